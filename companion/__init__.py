@@ -1,0 +1,1 @@
+"""The process on the vehicle: reads ArduSub's telemetry, holds the vehicle, answers with thrust."""

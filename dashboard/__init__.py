@@ -1,0 +1,1 @@
+"""What people look at: subscribes over Zenoh, never in the control process."""
