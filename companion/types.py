@@ -1,0 +1,362 @@
+"""The frozen records that pass between rooms.
+
+Frames: NED, depth z positive down; psi is the heading, clockwise from north. DOF order is always
+x, y, z, psi (inertial) or surge, sway, heave, yaw (body, Fossen's X, Y, Z, N). SI units and radians.
+Times: `t_s` is this machine's monotonic clock, `boot_s` the autopilot's clock.
+"""
+
+from dataclasses import dataclass, field
+from enum import IntEnum, IntFlag, StrEnum, auto
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+DOFS = ("x", "y", "z", "psi")
+AXES = ("surge", "sway", "heave", "yaw")
+X, Y, Z, PSI = range(4)
+
+
+# --- What came from the vehicle ---------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Heartbeat:
+    """The autopilot's own heartbeat. `mode` is ArduSub's custom_mode, `system_status` MAV_STATE."""
+
+    t_s: float
+    armed: bool
+    mode: int
+    system_status: int
+
+
+@dataclass(frozen=True, slots=True)
+class Attitude:
+    """Euler angles (rad) and body rates (rad/s), stamped by the autopilot."""
+
+    t_s: float
+    boot_s: float
+    roll: float
+    pitch: float
+    yaw: float
+    p: float
+    q: float
+    r: float
+
+
+@dataclass(frozen=True, slots=True)
+class Depth:
+    """Depth in metres, positive down. `boot_s` is None where the message carries no stamp."""
+
+    t_s: float
+    boot_s: float | None
+    z_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class DepthRate:
+    """Depth rate in m/s, positive down."""
+
+    t_s: float
+    boot_s: float | None
+    w_mps: float
+
+
+@dataclass(frozen=True, slots=True)
+class Position:
+    """Horizontal position (m) and velocity (m/s), north and east, from a DVL or another position source."""
+
+    t_s: float
+    boot_s: float
+    x_m: float
+    y_m: float
+    vx_mps: float
+    vy_mps: float
+
+
+@dataclass(frozen=True, slots=True)
+class ServoOutput:
+    """Motor outputs as the autopilot reports them (µs), first servo first: the echo of our commands."""
+
+    t_s: float
+    boot_s: float
+    pwm_us: tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class TimeSync:
+    """Answer to our TIMESYNC: we sent at `sent_s` (our clock), the autopilot's clock then read `boot_s`."""
+
+    t_s: float
+    sent_s: float
+    boot_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Battery:
+    """Battery voltage in volts."""
+
+    t_s: float
+    voltage_v: float
+
+
+@dataclass(frozen=True, slots=True)
+class PilotGain:
+    """The live stick gain (0..1) that ArduSub applies to MANUAL_CONTROL."""
+
+    t_s: float
+    gain: float
+
+
+@dataclass(frozen=True, slots=True)
+class PilotInput:
+    """Somebody else steers this vehicle: largest stick deflection, 0..1."""
+
+    t_s: float
+    deflection: float
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """A parameter's value, as the autopilot reports it."""
+
+    t_s: float
+    name: str
+    value: float
+
+
+@dataclass(frozen=True, slots=True)
+class CommandAck:
+    """The autopilot's answer to a command; `result` is MAV_RESULT. It can lie: the heartbeat is the truth."""
+
+    t_s: float
+    command: int
+    result: int
+
+
+@dataclass(frozen=True, slots=True)
+class StatusText:
+    """A line the autopilot wants a human to read; `severity` is MAV_SEVERITY."""
+
+    t_s: float
+    severity: int
+    text: str
+
+
+Event = (
+    Heartbeat
+    | Attitude
+    | Depth
+    | DepthRate
+    | Position
+    | ServoOutput
+    | TimeSync
+    | Battery
+    | PilotGain
+    | PilotInput
+    | Parameter
+    | CommandAck
+    | StatusText
+)
+
+
+@dataclass(slots=True)
+class LinkCounters:
+    """What became of the bytes that came in. Counted, never raised."""
+
+    datagrams: int = 0
+    messages: int = 0
+    garbage: int = 0
+    foreign: int = 0
+    implausible: int = 0
+
+
+# --- What the operator wants ------------------------------------------------------------------------------
+
+
+class Request(IntEnum):
+    """What an operator can ask for."""
+
+    ENGAGE = auto()
+    STOP = auto()
+    CLEAR_FAULT = auto()
+
+
+@dataclass(frozen=True, slots=True)
+class Setpoint:
+    """Where to be. Arrays of shape (4,) in DOF order; a NaN target means: where it is when engaged.
+
+    `eta_d_dot` and `eta_d_ddot` make a moving target a path; they are zero for a fixed one.
+    """
+
+    eta_d: Array
+    eta_d_dot: Array = field(default_factory=lambda: np.zeros(4))
+    eta_d_ddot: Array = field(default_factory=lambda: np.zeros(4))
+
+
+# --- What the rooms tell each other -----------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Ages:
+    """Seconds since each signal last came; infinite before the first."""
+
+    link_s: float
+    depth_s: float
+    attitude_s: float
+    position_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Delays:
+    """What was measured of the loop's delays, seconds; `*_known` tells a measurement from a start value.
+
+    `telemetry_s` runs from the autopilot's stamp to arrival, `command_s` from sending to the motor's PWM.
+    """
+
+    telemetry_s: float
+    command_s: float
+    telemetry_known: bool
+    command_known: bool
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleState:
+    """What the estimator believes. Arrays of shape (4,) in DOF order, NED.
+
+    `eta`, `eta_dot` are now; `eta_ahead`, `eta_dot_ahead` are where a command sent now will find the vehicle.
+    `disturbance` is the observer's d in the paper's sign: m x'' = tau - h - d.
+    """
+
+    t_s: float
+    boot_s: float
+    eta: Array
+    eta_dot: Array
+    eta_ahead: Array
+    eta_dot_ahead: Array
+    disturbance: Array
+    roll: float
+    pitch: float
+    p: float
+    q: float
+    armed: bool
+    mode: int
+    system_status: int
+    voltage_v: float
+    pilot_gain: float
+    ages: Ages
+    delays: Delays
+
+
+@dataclass(frozen=True, slots=True)
+class Wrench:
+    """Body forces tau = X, Y, Z (N) and N (N·m), shape (4,)."""
+
+    tau: Array
+
+
+@dataclass(frozen=True, slots=True)
+class AxisCommand:
+    """Normalised demands, -1..1: forward, right, down, clockwise. Down, not up: ardusub.py flips it."""
+
+    surge: float = 0.0
+    sway: float = 0.0
+    heave: float = 0.0
+    yaw: float = 0.0
+
+
+NEUTRAL = AxisCommand()
+
+
+class State(StrEnum):
+    """The supervisor's states."""
+
+    IDLE = "IDLE"
+    READY = "READY"
+    ACTIVE = "ACTIVE"
+    RAMP_DOWN = "RAMP_DOWN"
+    PILOT = "PILOT"
+    FAULT = "FAULT"
+
+
+class Condition(IntFlag):
+    """What the supervisor looks at, a bit each."""
+
+    LINK_LOST = auto()
+    DEPTH_STALE = auto()
+    ATTITUDE_STALE = auto()
+    POSITION_STALE = auto()
+    DISARMED = auto()
+    WRONG_MODE = auto()
+    FAILSAFE_UNSAFE = auto()
+    NON_FINITE = auto()
+    TICK_LATE = auto()
+    PILOT_TAKEOVER = auto()
+    OPERATOR_STOP = auto()
+    ENGAGE_ASKED = auto()
+    CLEAR_ASKED = auto()
+    RAMPED_DOWN = auto()
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """The supervisor's word for this tick. `authority` 0..1 scales the command: 0 is neutral."""
+
+    state: State
+    conditions: Condition
+    authority: float
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class DofSample:
+    """The law's inside for all four DOFs, shape (4,) each; NED, at the time a command sent now takes effect.
+
+    tau = feedforward + feedback + d_hat, before saturation; `e`, `e_dot` are measured minus desired.
+    """
+
+    x_d: Array
+    x_d_dot: Array
+    x_d_ddot: Array
+    x: Array
+    x_dot: Array
+    e: Array
+    e_dot: Array
+    eps: Array
+    tau: Array
+    feedforward: Array
+    feedback: Array
+    d_hat: Array
+    d_observer: Array
+    weight_norm: Array
+    saturated: Flags
+    adapting: Flags
+    engaged: Flags
+
+
+@dataclass(frozen=True, slots=True)
+class LoopHealth:
+    """How the process itself is doing."""
+
+    tick: int
+    rate_hz: float
+    lateness_ms: float
+    compute_us: float
+    late_ticks: int
+    samples_dropped: int
+
+
+@dataclass(frozen=True, slots=True)
+class ControlSample:
+    """Everything of one tick, as it leaves for telemetry."""
+
+    state: VehicleState
+    dofs: DofSample
+    command: AxisCommand
+    requested: Wrench
+    delivered: Wrench
+    verdict: Verdict
+    counters: LinkCounters
+    loop: LoopHealth
