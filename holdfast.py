@@ -33,7 +33,7 @@ def _help(commands: dict[str, EntryPoint]) -> str:
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Dispatch to the subcommand that a room registered under `holdfast.commands`; returns its exit status."""
+    """Dispatch to the subcommand that a room registered as `holdfast.commands`; return its exit status."""
     arguments = sys.argv[1:] if argv is None else argv
     commands = _commands()
     if not arguments or arguments[0] in ("-h", "--help"):

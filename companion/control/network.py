@@ -1,0 +1,90 @@
+"""The three-layer network that learns the disturbance on-line (eq. ann), one for each degree of freedom.
+
+d̂ = Wᵀ σ(Vᵀ θ): V feeds the hidden layer and W the output (the paper's text swaps the two), σ is the logistic
+function. Back-propagation of the combined error ε, with leak, dead zone, projection and freeze:
+
+    Ẇ = −η ε σ − ℓ W                    V̇ = −η_V ε θ (W ∘ σ')ᵀ − ℓ V
+
+The sign follows from m ε̇ = −m κ ε + d̂ − d*: a positive ε asks for a smaller d̂.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from companion.types import Array, Flags
+
+
+@dataclass(frozen=True, slots=True)
+class Learning:
+    """How the weights move; each of the shape of ε or a scalar.
+
+    `eta` is η, N/(m·s⁻¹·s) in heave; `eta_v` is η_V (0 freezes the hidden layer); `leak` is ℓ, 1/s;
+    `dead_zone` is the |ε| below which nothing is learnt; `d_max` bounds |d̂|, N or N·m.
+    """
+
+    eta: Array
+    eta_v: Array
+    leak: Array
+    dead_zone: Array
+    d_max: Array
+
+
+class Network:
+    """Weights and their on-line back-propagation; `shape` is that of ε: (4,), or (dives, 4) in the lab.
+
+    W starts at zero, so that an untrained network is the plain law; V ~ N(0, 1) from `seed`, the same for
+    every member of `shape`.
+    """
+
+    def __init__(
+        self, learning: Learning, shape: tuple[int, ...], inputs: int, units: int, seed: int
+    ) -> None:
+        self.learning = learning
+        self._V_start = np.random.default_rng(seed).standard_normal((inputs, units))
+        self._shape = shape
+        self._deep = bool(np.any(np.asarray(learning.eta_v)))
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget what was learnt."""
+        self.W = np.zeros((*self._shape, self._V_start.shape[1]))
+        self.V = np.broadcast_to(self._V_start, (*self._shape, *self._V_start.shape)).copy()
+
+    def step(self, theta: Array, eps: Array, dt_s: float, adapt: Flags) -> tuple[Array, Flags]:
+        """Return (d_hat, adapting), having learnt from `eps` for `dt_s` where `adapt` allows it.
+
+        `theta` has shape (*shape, inputs). Where the projection holds and learning would push d̂ further
+        outward, learning stops as well.
+        """
+        gains = self.learning
+        sigma = 1.0 / (1.0 + np.exp(-np.clip((theta[..., None, :] @ self.V)[..., 0, :], -60.0, 60.0)))
+        raw = (self.W * sigma).sum(-1)
+        outward = (np.abs(raw) >= gains.d_max) & (raw * eps < 0.0)
+        adapting = adapt & ~outward
+        felt = np.where(adapting, np.sign(eps) * np.maximum(np.abs(eps) - gains.dead_zone, 0.0), 0.0)
+        keep = (1.0 - dt_s * np.where(adapting, gains.leak, 0.0))[..., None]
+        if self._deep:
+            slope = self.W * sigma * (1.0 - sigma)
+            step_v = (dt_s * gains.eta_v * felt)[..., None, None] * theta[..., :, None] * slope[..., None, :]
+            self.V = keep[..., None] * (self.V - self._V_start) + self._V_start - step_v
+        self.W = keep * self.W - (dt_s * gains.eta * felt)[..., None] * sigma
+        return np.clip((self.W * sigma).sum(-1), -gains.d_max, gains.d_max), adapting
+
+    @property
+    def weight_norm(self) -> Array:
+        """Euclidean norm of W, of the shape of ε."""
+        return np.asarray(np.sqrt((self.W * self.W).sum(-1)))
+
+
+def inputs(e: Array, e_dot: Array, x_dot: Array, x_d_dot: Array, x_d_ddot: Array) -> Array:
+    """Return θ = [1, 10 e, 5 ė, 5 ẋ, 5 ẋ_d, 5 ẍ_d] stacked on a new last axis.
+
+    The inputs that carry rates are what earns the network its place: a bias alone limit-cycles under delay.
+    """
+    return np.stack(
+        (np.ones_like(e), 10.0 * e, 5.0 * e_dot, 5.0 * x_dot, 5.0 * x_d_dot, 5.0 * x_d_ddot), axis=-1
+    )
+
+
+INPUTS = 6
