@@ -18,25 +18,26 @@ clock, and `boot_s`, the vehicle's, which lines it up with anything else the veh
 """
 
 import math
+from dataclasses import fields
 from functools import cache
 from typing import Any
 
 import msgspec
 
-from companion.types import DOFS, Condition, ControlSample
+from companion.types import DOFS, Condition, ControlSample, DofSample
 
 NEVER_S = 1e6
 
 
-class Record(msgspec.Struct, frozen=True, kw_only=True, gc=False):
+class Record(msgspec.Struct, frozen=True, kw_only=True):
     """What every schema has: companion's clock, vehicle's clock (s), and the fields that were not finite."""
 
     t_s: float
     boot_s: float
-    absent: list[str] = []
+    absent: tuple[str, ...] = ()
 
 
-class State(Record, frozen=True, kw_only=True, gc=False):
+class State(Record, frozen=True, kw_only=True):
     """What the estimator believes now. NED; heading clockwise from north; `mode` is ArduSub's number."""
 
     x_m: float
@@ -58,7 +59,7 @@ class State(Record, frozen=True, kw_only=True, gc=False):
     pilot_gain: float
 
 
-class Dof(Record, frozen=True, kw_only=True, gc=False):
+class Dof(Record, frozen=True, kw_only=True):
     """The law's inside for one degree of freedom, at the time a command sent now takes effect.
 
     `x*` and `e` are in `unit`, their derivatives in `unit` per s and per s²; `eps`, the combined error, is in
@@ -89,8 +90,8 @@ class Dof(Record, frozen=True, kw_only=True, gc=False):
     engaged: bool
 
 
-class Command(Record, frozen=True, kw_only=True, gc=False):
-    """Normalised demands (-1..1: forward, right, down, clockwise), the wrench asked for, the one delivered."""
+class Command(Record, frozen=True, kw_only=True):
+    """Normalised demands (-1..1: forward, right, down, clockwise), the wrench asked for and delivered."""
 
     surge: float
     sway: float
@@ -106,17 +107,17 @@ class Command(Record, frozen=True, kw_only=True, gc=False):
     yaw_delivered_nm: float
 
 
-class Supervisor(Record, frozen=True, kw_only=True, gc=False):
-    """State by name, conditions that hold by name, authority 0..1 over the command, and the reason in words."""
+class Supervisor(Record, frozen=True, kw_only=True):
+    """State and conditions by name, authority 0..1 over the command, and the reason in words."""
 
     state: str
-    conditions: list[str]
+    conditions: tuple[str, ...]
     authority: float
     reason: str
 
 
-class Loop(Record, frozen=True, kw_only=True, gc=False):
-    """How the process does. Ages are at most `NEVER_S`; a delay not `known` is a start value, not measured."""
+class Loop(Record, frozen=True, kw_only=True):
+    """How the process does. Ages are at most `NEVER_S`; a delay not `known` is only a start value."""
 
     tick: int
     rate_hz: float
@@ -149,7 +150,8 @@ _TAILS: dict[str, type[Schema]] = {
     "loop": Loop,
 }
 _UNITS = (("m", "N"), ("m", "N"), ("m", "N"), ("rad", "N·m"))
-_encoder = msgspec.json.Encoder()
+_DOF_COLUMNS = tuple(field.name for field in fields(DofSample))
+_encoder = msgspec.json.Encoder(enc_hook=lambda scalar: scalar.item())
 _decoders = {schema: msgspec.json.Decoder(schema) for schema in set(_TAILS.values())}
 
 
@@ -166,7 +168,7 @@ def keys(vehicle: str) -> dict[str, str]:
 
 
 def alive_key(vehicle: str) -> str:
-    """The key of the vehicle's liveliness token."""
+    """Return the key of the vehicle's liveliness token."""
     return f"{_root(vehicle)}/alive"
 
 
@@ -260,7 +262,10 @@ def records(sample: ControlSample) -> list[Schema]:
 
 
 def decode(key: str, payload: bytes) -> Schema:
-    """The record that came under a key of any vehicle. Raises ValueError for another key or another shape."""
+    """Return the record that came under a key of any vehicle.
+
+    Raises ValueError for another key or another shape.
+    """
     tail = key.split("/", 2)[2] if key.startswith("holdfast/") and key.count("/") > 1 else ""
     if tail not in _TAILS:
         raise ValueError(
@@ -283,13 +288,7 @@ def _root(vehicle: str) -> str:
 
 
 def _dofs(sample: ControlSample) -> list[Dof]:
-    s = sample.dofs
-    columns: Any = (
-        (s.x_d, s.x_d_dot, s.x_d_ddot, s.x, s.x_dot, s.e, s.e_dot, s.eps)
-        + (s.tau, s.feedforward, s.feedback, s.d_hat, s.d_observer, s.weight_norm)
-        + (s.saturated, s.adapting, s.engaged)
-    )
-    rows = zip(DOFS, _UNITS, *(column.tolist() for column in columns), strict=True)
+    columns: list[list[Any]] = [getattr(sample.dofs, name).tolist() for name in _DOF_COLUMNS]
     return [
         Dof(
             t_s=sample.state.t_s,
@@ -297,34 +296,15 @@ def _dofs(sample: ControlSample) -> list[Dof]:
             dof=dof,
             unit=unit,
             tau_unit=tau_unit,
-            x_d=x_d,
-            x_d_dot=x_d_dot,
-            x_d_ddot=x_d_ddot,
-            x=x,
-            x_dot=x_dot,
-            e=e,
-            e_dot=e_dot,
-            eps=eps,
-            tau=tau,
-            feedforward=feedforward,
-            feedback=feedback,
-            d_hat=d_hat,
-            d_observer=d_observer,
-            weight_norm=weight_norm,
-            saturated=saturated,
-            adapting=adapting,
-            engaged=engaged,
+            **dict(zip(_DOF_COLUMNS, row, strict=True)),
         )
-        for dof, (
-            unit,
-            tau_unit,
-        ), x_d, x_d_dot, x_d_ddot, x, x_dot, e, e_dot, eps, tau, feedforward, feedback, d_hat, d_observer, weight_norm, saturated, adapting, engaged in rows
+        for dof, (unit, tau_unit), *row in zip(DOFS, _UNITS, *columns, strict=True)
     ]
 
 
 @cache
-def _names(conditions: Condition) -> list[str]:
-    return [condition.name or "" for condition in conditions]
+def _names(conditions: Condition) -> tuple[str, ...]:
+    return tuple(condition.name or "" for condition in conditions)
 
 
 def _to_json(record: Schema) -> bytes:
@@ -333,9 +313,9 @@ def _to_json(record: Schema) -> bytes:
 
 
 def _without_nulls(record: Schema) -> Schema:
-    absent = [
+    absent = tuple(
         name
         for name in record.__struct_fields__
         if isinstance(value := getattr(record, name), float) and not math.isfinite(value)
-    ]
+    )
     return msgspec.structs.replace(record, absent=absent, **dict.fromkeys(absent, 0.0))
