@@ -1,0 +1,154 @@
+"""Bytes to MAVLink 2 messages and back, without I/O.
+
+Framing is done here and not by pymavlink's parser: after junk that parser waits for a bogus length and
+swallows the good frames within it, and on a stream its buffer may grow. Here a header that proves false costs
+one byte.
+"""
+
+from collections.abc import Container
+from typing import Any, Final, TypeAlias
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from companion.types import LinkCounters
+
+Message: TypeAlias = Any
+"""A pymavlink message: one of the classes `mavlink.MAVLink_*_message`."""
+
+MARKER: Final = 0xFD
+SIGNED: Final = 0x01
+HEADER_BYTES: Final = 10
+CHECKSUM_BYTES: Final = 2
+SIGNATURE_BYTES: Final = 13
+PARTIAL_TIMEOUT_S: Final = 0.2
+
+_STEERING: Final = frozenset(
+    {mavlink.MAVLINK_MSG_ID_MANUAL_CONTROL, mavlink.MAVLINK_MSG_ID_RC_CHANNELS_OVERRIDE}
+)
+
+
+class Codec:
+    """One link to one vehicle.
+
+    Every frame's checksum is tested. What fails, MAVLink 1 and ids that the dialect does not know are garbage,
+    a count for each stretch of it. Frames from others are foreign, except steering: MANUAL_CONTROL addressed
+    to the vehicle, and RC_CHANNELS_OVERRIDE, whose target the autopilot never looks at (ArduSub facts: 'Who
+    may steer').
+
+    A datagram holds whole frames: nothing is kept from one to the next, so several peers' datagrams may mix.
+    With `stream` the unfinished frame at the end (at most 279 bytes) waits for its rest, PARTIAL_TIMEOUT_S at
+    most: a false header in junk delays the good frames behind it, and never loses them.
+
+    `wanted` are the message ids worth unpacking, all if None: others are counted as messages and dropped.
+    """
+
+    def __init__(
+        self,
+        source_system: int,
+        source_component: int,
+        target_system: int,
+        target_component: int,
+        *,
+        stream: bool = False,
+        wanted: Container[int] | None = None,
+    ) -> None:
+        self.counters = LinkCounters()
+        self._mav = mavlink.MAVLink(None, source_system, source_component)
+        self._mav.robust_parsing = True
+        self._source = (source_system, source_component)
+        self._target = (target_system, target_component)
+        self._stream = stream
+        self._wanted = wanted
+        self._rest = b""
+        self._rest_since_s = 0.0
+        self._in_junk = False
+
+    def decode(self, t_s: float, data: bytes) -> list[Message]:
+        """Give the vehicle's messages in `data`, which came at `t_s`. Never raises: see `counters`."""
+        self.counters.datagrams += 1
+        old = len(self._rest)
+        data = self._rest + data
+        self._rest = b""
+        if not self._stream:
+            self._in_junk = False
+        messages: list[Message] = []
+        at, end = 0, len(data)
+        while at < end:
+            size = _frame_size(data, at)
+            if size > end - at and self._may_wait(t_s, at < old):
+                self._rest = data[at:]
+                if at >= old:
+                    self._rest_since_s = t_s
+                break
+            if 0 < size <= end - at and self._open(data[at : at + size], messages):
+                self._in_junk = False
+                at += size
+            else:
+                self._junk()
+                at = data.find(MARKER, at + 1)
+                if at < 0:
+                    break
+        return messages
+
+    def encode(self, message: Message) -> bytes:
+        """Pack `message` with the next sequence number."""
+        frame: bytes = message.pack(self._mav)
+        self._mav.seq = (self._mav.seq + 1) & 0xFF
+        return frame
+
+    def _may_wait(self, t_s: float, waited: bool) -> bool:
+        return self._stream and not (waited and t_s - self._rest_since_s > PARTIAL_TIMEOUT_S)
+
+    def _junk(self) -> None:
+        if not self._in_junk:
+            self.counters.garbage += 1
+        self._in_junk = True
+
+    def _open(self, frame: bytes, messages: list[Message]) -> bool:
+        """Append the frame's message if it is for us; False if it is no frame at all."""
+        sender = (frame[5], frame[6])
+        message_id = frame[7] | frame[8] << 8 | frame[9] << 16
+        from_vehicle = sender == self._target
+        rival = message_id in _STEERING and not from_vehicle and sender != self._source
+        if not rival and not (from_vehicle and (self._wanted is None or message_id in self._wanted)):
+            if not _is_sound(frame, message_id):
+                return False
+            if from_vehicle:
+                self.counters.messages += 1
+            else:
+                self.counters.foreign += 1
+            return True
+        if message_id not in mavlink.mavlink_map:
+            return False
+        try:
+            message = self._mav.decode(bytearray(frame))
+        except mavlink.MAVError:
+            return False
+        if rival and getattr(message, "target", self._target[0]) != self._target[0]:
+            self.counters.foreign += 1
+            return True
+        self.counters.messages += 1
+        messages.append(message)
+        return True
+
+
+def _frame_size(data: bytes, at: int) -> int:
+    """Give the bytes that the frame at `at` claims: more than there are if cut, 0 if it is none."""
+    if data[at] != MARKER:
+        return 0
+    if at + HEADER_BYTES > len(data):
+        return HEADER_BYTES + CHECKSUM_BYTES
+    flags = data[at + 2]
+    if flags & ~SIGNED:
+        return 0
+    return HEADER_BYTES + data[at + 1] + CHECKSUM_BYTES + (SIGNATURE_BYTES if flags else 0)
+
+
+def _is_sound(frame: bytes, message_id: int) -> bool:
+    """Tell whether the dialect knows the id and the checksum is right."""
+    kind = mavlink.mavlink_map.get(message_id)
+    if kind is None:
+        return False
+    end = HEADER_BYTES + frame[1]
+    checksum: int = mavlink.x25crc(frame[1:end] + bytes((kind.crc_extra,))).crc
+    return checksum == int.from_bytes(frame[end : end + CHECKSUM_BYTES], "little")
