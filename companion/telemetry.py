@@ -26,6 +26,7 @@ import msgspec
 
 from companion.types import DOFS, Condition, ControlSample, DofSample
 
+ENDPOINT = "tcp/127.0.0.1:7447"  # where Zenoh is looked for, and listened on where nobody does
 NEVER_S = 1e6
 
 

@@ -1,8 +1,8 @@
 """The schema: stable shapes, honest names, and never a null."""
 
 import json
-from dataclasses import fields, replace
-from typing import Any
+from collections.abc import Callable
+from dataclasses import replace
 
 import msgspec
 import numpy as np
@@ -11,62 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from companion import telemetry
-from companion.types import (
-    DOFS,
-    NEUTRAL,
-    Ages,
-    Condition,
-    ControlSample,
-    Delays,
-    DofSample,
-    LinkCounters,
-    LoopHealth,
-    State,
-    VehicleState,
-    Verdict,
-    Wrench,
-)
+from companion.types import DOFS, Ages, ControlSample
 
-
-def sample(**state: Any) -> ControlSample:
-    """A sample in which every number of `DofSample` is another, so that a swap cannot hide."""
-    numbers = iter(np.arange(1.0, 400.0))
-    columns: dict[str, Any] = {
-        column.name: np.array([next(numbers) for _ in DOFS]) for column in fields(DofSample)
-    }
-    columns["saturated"] = np.array([True, False, False, True])
-    columns["adapting"] = np.array([False, True, False, True])
-    columns["engaged"] = np.array([True, True, True, False])
-    believed = VehicleState(
-        t_s=12.0,
-        boot_s=34.0,
-        eta=np.array([1.0, 2.0, 5.0, 0.5]),
-        eta_dot=np.array([0.1, 0.2, 0.3, 0.4]),
-        eta_ahead=np.zeros(4),
-        eta_dot_ahead=np.zeros(4),
-        disturbance=np.zeros(4),
-        roll=0.01,
-        pitch=0.02,
-        p=0.03,
-        q=0.04,
-        armed=True,
-        mode=19,
-        system_status=4,
-        voltage_v=15.8,
-        pilot_gain=0.5,
-        ages=Ages(0.01, 0.02, 0.03, float("inf")),
-        delays=Delays(0.05, 0.06, True, False),
-    )
-    return ControlSample(
-        state=replace(believed, **state),
-        dofs=DofSample(**columns),
-        command=replace(NEUTRAL, heave=0.25),
-        requested=Wrench(np.array([1.0, 2.0, 40.0, 4.0])),
-        delivered=Wrench(np.array([1.0, 2.0, 30.0, 4.0])),
-        verdict=Verdict(State.ACTIVE, Condition.POSITION_STALE | Condition.ENGAGE_ASKED, 0.75, "holding"),
-        counters=LinkCounters(1, 2, 3, 4, 5),
-        loop=LoopHealth(600, 50.0, 0.08, 180.0, 2, 7),
-    )
+MakeSample = Callable[..., ControlSample]
 
 
 def test_keys_name_vehicle_and_schema() -> None:
@@ -89,17 +36,17 @@ def test_a_name_that_is_no_key_chunk_is_refused(name: str) -> None:
         telemetry.keys(name)
 
 
-def test_what_is_encoded_is_what_is_decoded() -> None:
+def test_what_is_encoded_is_what_is_decoded(make_sample: MakeSample) -> None:
     for (key, _, payload), record in zip(
-        telemetry.encode(sample(), "kelp"), telemetry.records(sample()), strict=True
+        telemetry.encode(make_sample(), "kelp"), telemetry.records(make_sample()), strict=True
     ):
         decoded = telemetry.decode(key, payload)
         assert type(decoded) is type(record)
         assert decoded == record
 
 
-def test_every_number_of_a_dof_keeps_its_name() -> None:
-    published = sample()
+def test_every_number_of_a_dof_keeps_its_name(make_sample: MakeSample) -> None:
+    published = make_sample()
     for index, name in enumerate(DOFS):
         record = telemetry.records(published)[1 + index]
         assert isinstance(record, telemetry.Dof)
@@ -112,39 +59,41 @@ def test_every_number_of_a_dof_keeps_its_name() -> None:
             assert getattr(record, column) == getattr(published.dofs, column)[index]
 
 
-def test_what_is_not_finite_is_zero_and_named() -> None:
-    broken = sample(roll=float("nan"), eta=np.array([np.nan, np.inf, 5.0, 0.5]))
+def test_what_is_not_finite_is_zero_and_named(make_sample: MakeSample) -> None:
+    broken = make_sample(roll=float("nan"), eta=np.array([np.nan, np.inf, 5.0, 0.5]))
     state = telemetry.decode(*_of(telemetry.encode(broken, "kelp"), "holdfast/kelp/state"))
     assert isinstance(state, telemetry.State)
     assert state.absent == ("x_m", "y_m", "roll_rad")
     assert (state.x_m, state.y_m, state.depth_m, state.roll_rad) == (0.0, 0.0, 5.0, 0.0)
 
 
-def test_an_age_before_the_first_signal_is_capped() -> None:
-    loop = telemetry.decode(*_of(telemetry.encode(sample(), "kelp"), "holdfast/kelp/loop"))
+def test_an_age_before_the_first_signal_is_capped(make_sample: MakeSample) -> None:
+    loop = telemetry.decode(*_of(telemetry.encode(make_sample(), "kelp"), "holdfast/kelp/loop"))
     assert isinstance(loop, telemetry.Loop)
     assert loop.position_age_s == telemetry.NEVER_S
     assert loop.absent == ()
 
 
-def test_conditions_leave_by_name() -> None:
-    supervisor = telemetry.records(sample())[6]
+def test_conditions_leave_by_name(make_sample: MakeSample) -> None:
+    supervisor = telemetry.records(make_sample())[6]
     assert isinstance(supervisor, telemetry.Supervisor)
     assert supervisor.state == "ACTIVE"
     assert supervisor.conditions == ("POSITION_STALE", "ENGAGE_ASKED")
 
 
-def test_numpy_scalars_are_numbers_too() -> None:
-    encoded = telemetry.encode(sample(voltage_v=np.float64(15.5), mode=np.int64(2)), "kelp")
+def test_numpy_scalars_are_numbers_too(make_sample: MakeSample) -> None:
+    encoded = telemetry.encode(make_sample(voltage_v=np.float64(15.5), mode=np.int64(2)), "kelp")
     state = telemetry.decode(*_of(encoded, "holdfast/kelp/state"))
     assert isinstance(state, telemetry.State)
     assert (state.voltage_v, state.mode) == (15.5, 2)
 
 
-@given(st.lists(st.floats(), min_size=4, max_size=4), st.floats(), st.text())
-def test_no_null_and_one_shape_whatever_comes(eta: list[float], age: float, reason: str) -> None:
-    usual = {key: set(json.loads(payload)) for key, _, payload in telemetry.encode(sample(), "kelp")}
-    wild = sample(eta=np.array(eta), voltage_v=age, ages=Ages(age, age, age, age))
+@given(eta=st.lists(st.floats(), min_size=4, max_size=4), age=st.floats(), reason=st.text())
+def test_no_null_and_one_shape_whatever_comes(
+    make_sample: MakeSample, eta: list[float], age: float, reason: str
+) -> None:
+    usual = {key: set(json.loads(payload)) for key, _, payload in telemetry.encode(make_sample(), "kelp")}
+    wild = make_sample(eta=np.array(eta), voltage_v=age, ages=Ages(age, age, age, age))
     wild = replace(wild, verdict=replace(wild.verdict, reason=reason))
     for key, _, payload in telemetry.encode(wild, "kelp"):
         fields = json.loads(payload)
@@ -153,8 +102,8 @@ def test_no_null_and_one_shape_whatever_comes(eta: list[float], age: float, reas
         telemetry.decode(key, payload)
 
 
-def test_a_newer_field_is_no_stumbling_block() -> None:
-    key, _, payload = telemetry.encode(sample(), "kelp")[0]
+def test_a_newer_field_is_no_stumbling_block(make_sample: MakeSample) -> None:
+    key, _, payload = telemetry.encode(make_sample(), "kelp")[0]
     longer = msgspec.json.encode({**json.loads(payload), "salinity_psu": 35.0})
     assert telemetry.decode(key, longer) == telemetry.decode(key, payload)
 

@@ -1,0 +1,42 @@
+# Everything here needs Python 3.11 or newer with venv, and make. Each target does its own set-up in .venv.
+
+PYTHONS := python3 python3.13 python3.12 python3.11
+BIN := .venv/bin
+STAMP := .venv/.installed
+
+.DEFAULT_GOAL := help
+.PHONY: help demo test check clean
+
+help:  ## list what there is
+	@sed -n 's/^\([a-z]*\):.*## \(.*\)/  make \1	\2/p' Makefile | expand -t 18
+
+demo: $(STAMP)  ## a dive in the simulator, about a minute; leaves out/demo.png and out/demo.json
+	$(BIN)/holdfast demo
+
+test: check  ## everything that must hold, `make check` included
+	$(BIN)/pytest
+
+check: $(STAMP)  ## style, types, and the walls between the rooms
+	$(BIN)/ruff check
+	$(BIN)/ruff format --check
+	$(BIN)/mypy
+	$(BIN)/lint-imports --no-timings
+
+clean:  ## remove .venv, caches and out/
+	rm -rf .venv out build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
+	find . -name __pycache__ -prune -exec rm -rf {} +
+
+$(STAMP): pyproject.toml constraints.txt
+	@python=$$(for name in $(PYTHONS); do \
+	    if $$name -c 'import sys, venv; sys.exit(sys.version_info < (3, 11))' 2>/dev/null; \
+	    then echo $$name; break; fi; \
+	done); \
+	if [ -z "$$python" ]; then \
+	    echo 'Holdfast needs Python 3.11 or newer with venv, and found none of: $(PYTHONS).' >&2; \
+	    echo 'On Debian or Ubuntu: sudo apt-get install python3-venv' >&2; \
+	    exit 1; \
+	fi; \
+	echo "Setting up .venv with $$python; the first time takes a minute."; \
+	$$python -m venv .venv
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
+	@touch $@

@@ -1,0 +1,71 @@
+"""What tests of several folders share."""
+
+from collections.abc import Callable
+from dataclasses import fields, replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from companion.types import (
+    DOFS,
+    NEUTRAL,
+    Ages,
+    Condition,
+    ControlSample,
+    Delays,
+    DofSample,
+    LinkCounters,
+    LoopHealth,
+    State,
+    VehicleState,
+    Verdict,
+    Wrench,
+)
+
+
+@pytest.fixture(scope="session")
+def make_sample() -> Callable[..., ControlSample]:
+    """One tick's record; keywords replace fields of its VehicleState."""
+    return _make_sample
+
+
+def _make_sample(**state: Any) -> ControlSample:
+    """A sample in which every number of `DofSample` is another, so that a swap cannot hide."""
+    numbers = iter(np.arange(1.0, 400.0))
+    columns: dict[str, Any] = {
+        column.name: np.array([next(numbers) for _ in DOFS]) for column in fields(DofSample)
+    }
+    columns["saturated"] = np.array([True, False, False, True])
+    columns["adapting"] = np.array([False, True, False, True])
+    columns["engaged"] = np.array([True, True, True, False])
+    believed = VehicleState(
+        t_s=12.0,
+        boot_s=34.0,
+        eta=np.array([1.0, 2.0, 5.0, 0.5]),
+        eta_dot=np.array([0.1, 0.2, 0.3, 0.4]),
+        eta_ahead=np.zeros(4),
+        eta_dot_ahead=np.zeros(4),
+        disturbance=np.zeros(4),
+        roll=0.01,
+        pitch=0.02,
+        p=0.03,
+        q=0.04,
+        armed=True,
+        mode=19,
+        system_status=4,
+        voltage_v=15.8,
+        pilot_gain=0.5,
+        ages=Ages(0.01, 0.02, 0.03, float("inf")),
+        delays=Delays(0.05, 0.06, True, False),
+    )
+    return ControlSample(
+        state=replace(believed, **state),
+        dofs=DofSample(**columns),
+        command=replace(NEUTRAL, heave=0.25),
+        requested=Wrench(np.array([1.0, 2.0, 40.0, 4.0])),
+        delivered=Wrench(np.array([1.0, 2.0, 30.0, 4.0])),
+        verdict=Verdict(State.ACTIVE, Condition.POSITION_STALE | Condition.ENGAGE_ASKED, 0.75, "holding"),
+        counters=LinkCounters(1, 2, 3, 4, 5),
+        loop=LoopHealth(600, 50.0, 0.08, 180.0, 2, 7),
+    )

@@ -1,0 +1,54 @@
+"""The front door tells what there is, and opens no room that is not asked for."""
+
+import subprocess
+import sys
+from importlib.metadata import entry_points
+
+import pytest
+
+import holdfast
+
+
+def test_help_is_a_screenful_that_lists_every_command(capsys: pytest.CaptureFixture[str]) -> None:
+    assert holdfast.main(["--help"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) <= 40
+    assert all(len(line) <= 100 for line in lines)
+    for command in entry_points(group="holdfast.commands"):
+        (line,) = [line for line in lines if line.startswith(f"  holdfast {command.name} ")]
+        assert line.split(maxsplit=2)[2:], f"{command.value} has no docstring to serve as its help"
+
+
+def test_no_arguments_is_a_question_for_help(capsys: pytest.CaptureFixture[str]) -> None:
+    assert holdfast.main([]) == 0
+    assert "holdfast demo" in capsys.readouterr().out
+
+
+def test_an_unknown_command_gets_advice(capsys: pytest.CaptureFixture[str]) -> None:
+    assert holdfast.main(["swim"]) == 2
+    complaint = capsys.readouterr().err
+    assert "no command 'swim'" in complaint
+    assert "watch" in complaint
+    assert "--help" in complaint
+
+
+def test_version(capsys: pytest.CaptureFixture[str]) -> None:
+    assert holdfast.main(["--version"]) == 0
+    assert capsys.readouterr().out.startswith("holdfast 0.")
+
+
+def test_a_command_gets_the_other_arguments_and_gives_the_status() -> None:
+    with pytest.raises(SystemExit) as leaving:
+        holdfast.main(["watch", "--no-such-option"])
+    assert leaving.value.code == 2
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["--version"]])
+def test_the_front_door_is_light(arguments: list[str]) -> None:
+    program = (
+        "import sys, holdfast\n"
+        f"assert holdfast.main({arguments}) == 0\n"
+        "heavy = {'numpy', 'zenoh', 'msgspec', 'rich', 'pymavlink', 'matplotlib', 'asyncio'} & set(sys.modules)\n"
+        "assert not heavy, heavy\n"
+    )
+    subprocess.run([sys.executable, "-c", program], check=True, stdout=subprocess.DEVNULL)
