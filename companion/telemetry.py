@@ -39,12 +39,19 @@ class Record(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class State(Record, frozen=True, kw_only=True):
-    """What the estimator believes now. NED; heading clockwise from north; `mode` is ArduSub's number."""
+    """What the estimator believes, and where the vehicle should be, now.
+
+    NED; heading clockwise from north; `mode` is ArduSub's number, `system_status` MAVLink's.
+    """
 
     x_m: float
     y_m: float
     depth_m: float
     heading_rad: float
+    x_desired_m: float
+    y_desired_m: float
+    depth_desired_m: float
+    heading_desired_rad: float
     x_rate_mps: float
     y_rate_mps: float
     depth_rate_mps: float
@@ -61,7 +68,7 @@ class State(Record, frozen=True, kw_only=True):
 
 
 class Dof(Record, frozen=True, kw_only=True):
-    """The law's inside for one degree of freedom, at the time a command sent now takes effect.
+    """The law's inside for one degree of freedom, `ahead_s` from now: when a command sent now acts.
 
     `x*` and `e` are in `unit`, their derivatives in `unit` per s and per s²; `eps`, the combined error, is in
     `unit` per s. `tau`, its parts (tau = feedforward + feedback + d_hat, before saturation) and the
@@ -72,6 +79,7 @@ class Dof(Record, frozen=True, kw_only=True):
     dof: str
     unit: str
     tau_unit: str
+    ahead_s: float
     x_d: float
     x_d_dot: float
     x_d_ddot: float
@@ -186,6 +194,7 @@ def records(sample: ControlSample) -> list[Schema]:
     state, verdict, loop, counters = sample.state, sample.verdict, sample.loop, sample.counters
     t_s, boot_s = state.t_s, state.boot_s
     x, y, z, psi = state.eta.tolist()
+    x_d, y_d, z_d, psi_d = sample.eta_d.tolist()
     x_rate, y_rate, z_rate, psi_rate = state.eta_dot.tolist()
     surge, sway, heave, yaw = sample.requested.tau.tolist()
     surge_out, sway_out, heave_out, yaw_out = sample.delivered.tau.tolist()
@@ -197,6 +206,10 @@ def records(sample: ControlSample) -> list[Schema]:
             y_m=y,
             depth_m=z,
             heading_rad=psi,
+            x_desired_m=x_d,
+            y_desired_m=y_d,
+            depth_desired_m=z_d,
+            heading_desired_rad=psi_d,
             x_rate_mps=x_rate,
             y_rate_mps=y_rate,
             depth_rate_mps=z_rate,
@@ -297,6 +310,7 @@ def _dofs(sample: ControlSample) -> list[Dof]:
             dof=dof,
             unit=unit,
             tau_unit=tau_unit,
+            ahead_s=sample.state.ahead_s,
             **dict(zip(_DOF_COLUMNS, row, strict=True)),
         )
         for dof, (unit, tau_unit), *row in zip(DOFS, _UNITS, *columns, strict=True)

@@ -44,6 +44,7 @@ def _make_sample(**state: Any) -> ControlSample:
         boot_s=34.0,
         eta=np.array([1.0, 2.0, 5.0, 0.5]),
         eta_dot=np.array([0.1, 0.2, 0.3, 0.4]),
+        ahead_s=0.09,
         eta_ahead=np.zeros(4),
         eta_dot_ahead=np.zeros(4),
         disturbance=np.zeros(4),
@@ -61,6 +62,7 @@ def _make_sample(**state: Any) -> ControlSample:
     )
     return ControlSample(
         state=replace(believed, **state),
+        eta_d=np.array([1.1, 2.1, 5.1, 0.6]),
         dofs=DofSample(**columns),
         command=replace(NEUTRAL, heave=0.25),
         requested=Wrench(np.array([1.0, 2.0, 40.0, 4.0])),
