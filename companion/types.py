@@ -226,7 +226,7 @@ class Delays:
 class VehicleState:
     """What the estimator believes. Arrays of shape (4,) in DOF order, NED.
 
-    `eta`, `eta_dot` are now; `eta_ahead`, `eta_dot_ahead` are where a command sent now will find the vehicle.
+    `eta`, `eta_dot` are now; `eta_ahead`, `eta_dot_ahead` are `ahead_s` later, when a command sent now acts.
     `disturbance` is the observer's d in the paper's sign: m x'' = tau - h - d.
     """
 
@@ -234,6 +234,7 @@ class VehicleState:
     boot_s: float
     eta: Array
     eta_dot: Array
+    ahead_s: float
     eta_ahead: Array
     eta_dot_ahead: Array
     disturbance: Array
@@ -312,7 +313,7 @@ class Verdict:
 
 @dataclass(frozen=True, slots=True)
 class DofSample:
-    """The law's inside for all four DOFs, shape (4,) each; NED, at the time a command sent now takes effect.
+    """The law's inside for all four DOFs, shape (4,) each; NED, `VehicleState.ahead_s` from now.
 
     tau = feedforward + feedback + d_hat, before saturation; `e`, `e_dot` are measured minus desired.
     """
@@ -353,6 +354,9 @@ class ControlSample:
     """Everything of one tick, as it leaves for telemetry."""
 
     state: VehicleState
+    eta_d: Array
+    """Where it should be now, shape (4,); `dofs` is about `state.ahead_s` later."""
+
     dofs: DofSample
     command: AxisCommand
     requested: Wrench

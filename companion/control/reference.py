@@ -8,7 +8,7 @@ target is followed with its own rate and acceleration as feedforward. δ returns
     acceleration  a_c = clip((v_c − δ') / T_v, ±a_max)              follows that rate
     jerk          a'  = (a_c − a) / T_a                             so a is continuous too
 
-with T_v = 4 T_a and ω T_v = 1/4, so that neither the rate nor the position overshoots (Fossen 2011, ch. 10.2).
+with T_v = 4 T_a and ω T_v = 1/4, so that neither rate nor position overshoots (Fossen 2011, ch. 10.2).
 """
 
 from dataclasses import dataclass

@@ -61,8 +61,8 @@ def streams(depth_source: DepthSource = "relative_alt", with_position: bool = Fa
 class Upkeep:
     """Keeps one autopilot talking, and doing what is wanted.
 
-    Nothing but our own heartbeat goes out before the autopilot's has come, or once it has not come for CONTACT_S.
-    A reboot (its clock runs back) and a new contact make everything be asked anew.
+    Before the autopilot's heartbeat has come, or once it has not come for CONTACT_S, nothing goes out but our
+    own. A reboot (its clock runs back) and a new contact make everything be asked anew.
     """
 
     def __init__(self, commands: Commands, rates_hz: Mapping[int, float] | None = None) -> None:
@@ -84,8 +84,8 @@ class Upkeep:
     ) -> list[Message]:
         """Take in what came and give what to send at `now_s`.
 
-        `want_mode` None leaves the mode alone. `want_armed` False leaves arming alone: to disarm is the pilot's
-        or the operator's decision (`Commands.arm`), and never a habit.
+        `want_mode` None leaves the mode alone. `want_armed` False leaves arming alone: to disarm is
+        somebody's decision (`Commands.arm`), and never a habit.
         """
         for event in events:
             self._take(event)

@@ -1,0 +1,192 @@
+"""TOML into validated, frozen records. Unknown keys, wrong types and values out of range stop the start.
+
+Units stand in the key names. The shipped file, `config/companion.toml`, explains every key.
+"""
+
+import tomllib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import msgspec
+
+DEFAULT_FILE = Path(__file__).parent.parent / "config" / "companion.toml"
+
+Fraction = Annotated[float, msgspec.Meta(gt=0.0, le=1.0)]
+Positive = Annotated[float, msgspec.Meta(gt=0.0, le=1e6)]
+NonNegative = Annotated[float, msgspec.Meta(ge=0.0, le=1e6)]
+Seconds = Annotated[float, msgspec.Meta(ge=0.0, le=60.0)]
+Name = Annotated[str, msgspec.Meta(pattern="^[A-Za-z0-9_-]{1,32}$")]
+SystemId = Annotated[int, msgspec.Meta(ge=1, le=255)]
+Compensator = Literal["none", "network", "observer"]
+
+
+class ConfigError(Exception):
+    """A configuration that cannot be used; says file, key, value and what is allowed."""
+
+
+class Section(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A table of the file: frozen, and no key beyond its own."""
+
+
+class Vehicle(Section, frozen=True):
+    """Who is steered, and by which messages."""
+
+    name: Name
+    frame: Literal["vectored", "vectored_6dof"]
+    thrust_path: Literal["rc_override", "manual_control"]
+    depth_source: Literal["relative_alt", "vfr_hud", "ahrs2", "pressure"]
+    rate_source: Literal["climb", "vz"]
+
+
+class Link(Section, frozen=True):
+    """Where the vehicle is found and who we say we are."""
+
+    endpoint: str
+    system: SystemId
+    component: SystemId
+    vehicle_system: SystemId
+    vehicle_component: SystemId
+
+
+class Loop(Section, frozen=True):
+    """The tick."""
+
+    rate_hz: Annotated[float, msgspec.Meta(ge=10.0, le=200.0)]
+
+
+class Axis(Section, frozen=True):
+    """One axis: what is believed of it (nominal model), how stiffly it is held and who compensates.
+
+    Units are m, N and kg; on the yaw axis rad, N·m and kg·m².
+    """
+
+    mass: Positive
+    linear_damping: NonNegative
+    quadratic_damping: NonNegative
+    max_force: Positive
+    lambda_per_s: Positive
+    kappa_per_s: Positive
+    max_rate: Positive
+    max_acceleration: Positive
+    compensator: Compensator
+    learning_rate: NonNegative
+    hidden_learning_rate: NonNegative
+    leak_per_s: NonNegative
+    dead_zone: NonNegative
+    max_disturbance: Positive
+    position_noise: Positive
+    rate_noise: Positive
+    position_noise_slow: NonNegative
+    rate_noise_slow: NonNegative
+    disturbance_noise: Positive
+    sensor_delay_s: Seconds
+
+
+class Thrusters(Section, frozen=True):
+    """What is believed of the thrusters."""
+
+    lag_s: Positive
+    lead_s: Seconds
+    max_axis: Fraction
+    max_slew_per_s: Positive
+
+
+class Network(Section, frozen=True):
+    """What the four networks share."""
+
+    units: Annotated[int, msgspec.Meta(ge=1, le=100)]
+    seed: Annotated[int, msgspec.Meta(ge=0)]
+    start_delay_s: Seconds
+
+
+class Delays(Section, frozen=True):
+    """What the loop's delays are taken for until they have been measured."""
+
+    telemetry_s: Seconds
+    command_s: Seconds
+    slow_noise_s: Positive
+
+
+class Supervisor(Section, frozen=True):
+    """When to refuse and when to give up."""
+
+    link_timeout_s: Positive
+    depth_timeout_s: Positive
+    attitude_timeout_s: Positive
+    position_timeout_s: Positive
+    late_tick_s: Positive
+    ramp_down_s: Positive
+    max_pilot_timeout_s: Annotated[float, msgspec.Meta(ge=0.1, le=3.0)]
+    pilot_deflection: Fraction
+
+
+class Telemetry(Section, frozen=True):
+    """Where the controller's state is published."""
+
+    endpoint: str
+
+
+class Config(Section, frozen=True):
+    """The whole file."""
+
+    vehicle: Vehicle
+    link: Link
+    loop: Loop
+    delays: Delays
+    thrusters: Thrusters
+    surge: Axis
+    sway: Axis
+    heave: Axis
+    yaw: Axis
+    network: Network
+    supervisor: Supervisor
+    telemetry: Telemetry
+
+    @property
+    def axes(self) -> tuple[Axis, Axis, Axis, Axis]:
+        """Surge, sway, heave, yaw."""
+        return (self.surge, self.sway, self.heave, self.yaw)
+
+
+def load_config(path: Path = DEFAULT_FILE, overrides: Sequence[str] = ()) -> Config:
+    """Read `path`, apply `section.key=value` overrides (TOML values) and validate.
+
+    Raises ConfigError naming file, key, value and the allowed range.
+    """
+    try:
+        table = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path}: is not TOML: {error}") from error
+    for override in overrides:
+        _apply(table, override)
+    try:
+        return msgspec.convert(table, Config)
+    except msgspec.ValidationError as error:
+        message, _, where = str(error).partition(" - at `$")
+        key = where.strip("`.") or "the file itself"
+        raise ConfigError(f"{path}: {key} = {_look_up(table, key)!r}: {message}") from error
+
+
+def _apply(table: dict[str, Any], override: str) -> None:
+    key, equals, text = override.partition("=")
+    if not equals:
+        raise ConfigError(f"--set {override}: write it as section.key=value")
+    try:
+        value = tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        value = text
+    *sections, last = key.strip().split(".")
+    for section in sections:
+        table = table.setdefault(section, {})
+        if not isinstance(table, dict):
+            raise ConfigError(f"--set {override}: {section} is a value, not a section")
+    table[last] = value
+
+
+def _look_up(table: Any, key: str) -> Any:
+    for part in key.split("."):
+        table = table.get(part) if isinstance(table, dict) else None
+    return table

@@ -1,0 +1,88 @@
+"""Reference, law and compensators of all four degrees of freedom, in the order in which they act."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from companion.control.law import rov_law
+from companion.control.network import Network, inputs
+from companion.control.positioning import Model, pose_error, rotate
+from companion.control.reference import ReferenceModel
+from companion.types import PSI, Array, DofSample, Flags, Setpoint, VehicleState
+
+
+@dataclass(frozen=True, slots=True)
+class Gains:
+    """λ and κ (1/s) of each DOF, who compensates it, and the bound on d̂ (N, N·m); arrays of shape (4,)."""
+
+    lam: Array
+    kappa: Array
+    by_network: Flags
+    by_observer: Flags
+    d_max: Array
+    start_delay_s: float
+
+
+class Controller:
+    """Steps the law; holds the reference, the networks and how long it has been engaged."""
+
+    def __init__(self, model: Model, gains: Gains, reference: ReferenceModel, network: Network) -> None:
+        self._model = model
+        self._gains = gains
+        self.reference = reference
+        self._network = network
+        self._engaged_s = 0.0
+
+    def rest(self, state: VehicleState) -> None:
+        """Stay where the vehicle is, with nothing learnt: engaging from here is no step."""
+        self.reference.reset(state.eta_ahead, state.eta_dot_ahead)
+        self._network.reset()
+        self._engaged_s = 0.0
+
+    def step(
+        self, state: VehicleState, target: Setpoint, engaged: Flags, free: Flags, dt_s: float
+    ) -> DofSample:
+        """Return the law's answer and its inside, NED; learn only where `engaged` and `free` of saturation."""
+        gains, reference = self._gains, self.reference
+        reference.step(target.eta_d, target.eta_d_dot, target.eta_d_ddot, dt_s)
+        self._engaged_s += dt_s
+
+        psi = float(state.eta_ahead[PSI])
+        nu = rotate(state.eta_dot_ahead, -psi)
+        e = pose_error(state.eta_ahead, reference.x_d)
+        e_dot = state.eta_dot_ahead - reference.x_d_dot
+        learnable = engaged & free & gains.by_network & (self._engaged_s >= gains.start_delay_s)
+        theta = inputs(e, e_dot, state.eta_dot_ahead, reference.x_d_dot, reference.x_d_ddot)
+        learnt, adapting = self._network.step(theta, e_dot + gains.lam * e, dt_s, learnable)
+        observed = np.clip(state.disturbance, -gains.d_max, gains.d_max)
+        d_hat = np.where(gains.by_network, learnt, np.where(gains.by_observer, observed, 0.0))
+
+        law = rov_law(
+            k_plus_h=self._model.coriolis_and_damping(nu, psi),
+            d_hat=d_hat,
+            m=self._model.inertia(psi),
+            x_d_ddot=reference.x_d_ddot,
+            e=e,
+            e_dot=e_dot,
+            lam=gains.lam,
+            kappa=gains.kappa,
+        )
+        return DofSample(
+            x_d=reference.x_d,
+            x_d_dot=reference.x_d_dot,
+            x_d_ddot=reference.x_d_ddot,
+            x=state.eta_ahead,
+            x_dot=state.eta_dot_ahead,
+            e=e,
+            e_dot=e_dot,
+            eps=law.eps,
+            tau=np.where(engaged, law.tau, 0.0),
+            feedforward=law.feedforward,
+            feedback=law.feedback,
+            d_hat=d_hat,
+            d_observer=state.disturbance,
+            weight_norm=self._network.weight_norm,
+            saturated=~free,
+            adapting=adapting,
+            engaged=engaged,
+        )

@@ -1,0 +1,108 @@
+"""How late the loop is: measured, because 50 ms of unknown delay each way is a full-power limit cycle.
+
+    telemetry delay = arrival − autopilot's stamp + offset     offset = autopilot clock − ours, from TIMESYNC
+    command delay   = lag at which the motors best repeat what we sent (SERVO_OUTPUT_RAW's echo)
+
+An error in the offset moves delay from one to the other; their sum, which is what destabilises, stays right.
+"""
+
+from collections import deque
+
+import numpy as np
+
+from companion.types import Array, Delays
+
+SYNCS = 120
+"""Answers kept, 30 s of them: the one with the shortest round trip gives the offset."""
+
+TELEMETRY_MEMORY_S = 1.0
+ECHO_MEMORY_S = 4.0
+ECHO_LAGS_S = np.arange(0.0, 0.405, 0.01)
+ECHO_CONTRAST = 0.5
+"""The best lag counts as found when it explains the echo this much better than the average lag does."""
+
+ECHO_EXCITATION = 0.01
+"""Commands that varied less than this (axis units, RMS) tell nothing about lag."""
+
+
+class DelayMeter:
+    """Measures both delays from events' times; starts from the configured values."""
+
+    def __init__(self, telemetry_s: float, command_s: float) -> None:
+        self._start = Delays(telemetry_s, command_s, telemetry_known=False, command_known=False)
+        self._syncs: deque[tuple[float, float]] = deque(maxlen=SYNCS)
+        self._offset_s: float | None = None
+        self._telemetry_s = telemetry_s
+        self._telemetry_t_s: float | None = None
+        self._first_offset_s: float | None = None
+        self._echo = np.zeros(len(ECHO_LAGS_S))
+        self._echo_t_s = -np.inf
+        self._command_s: float | None = None
+
+    def timesync(self, sent_s: float, arrived_s: float, boot_s: float) -> None:
+        """Take one TIMESYNC answer: sent and arrived on our clock, `boot_s` on the autopilot's in between."""
+        self._syncs.append((arrived_s - sent_s, boot_s - 0.5 * (sent_s + arrived_s)))
+        self._offset_s = min(self._syncs)[1]
+
+    def stamped(self, arrived_s: float, boot_s: float) -> None:
+        """Take one stamped message's arrival."""
+        if self._offset_s is None:
+            guess = boot_s - arrived_s + self._start.telemetry_s
+            best = self._first_offset_s
+            self._first_offset_s = guess if best is None else max(best, guess)
+            return
+        late_s = min(max(arrived_s - self.local(boot_s), 0.0), 1.0)
+        if self._telemetry_t_s is None:
+            self._telemetry_s = late_s
+        else:
+            passed = max(arrived_s - self._telemetry_t_s, 0.0)
+            self._telemetry_s += (late_s - self._telemetry_s) * passed / (passed + TELEMETRY_MEMORY_S)
+        self._telemetry_t_s = arrived_s
+
+    def echo(self, boot_s: float, axes: Array, sent_t_s: Array, sent_axes: Array) -> None:
+        """Compare what the motors did at `boot_s` with what was sent: times ascending, axes (n, 4)."""
+        at_s = self.local(boot_s)
+        when_s = at_s - ECHO_LAGS_S
+        if not len(sent_t_s) or sent_t_s[0] > when_s[-1]:
+            return
+        sent = sent_axes[np.searchsorted(sent_t_s, when_s, side="right") - 1]
+        if sent.std(0).max() < ECHO_EXCITATION:
+            return
+        miss = ((sent - axes) ** 2).sum(1)
+        passed = min(max(at_s - self._echo_t_s, 0.0), ECHO_MEMORY_S)
+        self._echo += (miss / miss.mean() - self._echo) * passed / (passed + ECHO_MEMORY_S)
+        self._echo_t_s = at_s
+        best = int(self._echo.argmin())
+        if self._echo[best] < ECHO_CONTRAST * self._echo.mean():
+            self._command_s = _vertex(self._echo, best)
+
+    def local(self, boot_s: float) -> float:
+        """Return when, on our clock, the autopilot's clock read `boot_s`."""
+        return boot_s - self.offset_s
+
+    @property
+    def offset_s(self) -> float:
+        """Autopilot clock minus ours; before the first TIMESYNC from the quickest message so far."""
+        if self._offset_s is not None:
+            return self._offset_s
+        return self._first_offset_s if self._first_offset_s is not None else 0.0
+
+    @property
+    def delays(self) -> Delays:
+        """What is known of the delays now."""
+        return Delays(
+            telemetry_s=self._telemetry_s,
+            command_s=self._start.command_s if self._command_s is None else self._command_s,
+            telemetry_known=self._telemetry_t_s is not None,
+            command_known=self._command_s is not None,
+        )
+
+
+def _vertex(miss: Array, best: int) -> float:
+    """Return the lag of the parabola through the smallest value and its neighbours."""
+    step = ECHO_LAGS_S[1]
+    if not 0 < best < len(miss) - 1:
+        return float(ECHO_LAGS_S[best])
+    left, here, right = miss[best - 1 : best + 2]
+    curve = left - 2.0 * here + right
+    return float(ECHO_LAGS_S[best] + (0.5 * step * (left - right) / curve if curve > 0.0 else 0.0))

@@ -1,0 +1,224 @@
+"""One tick on one screen: estimate, permit, law, allocate, guard, send. No clock, no socket, no thread."""
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from companion.config import Config
+from companion.control.controller import Controller, Gains
+from companion.control.network import INPUTS, Learning, Network
+from companion.control.positioning import Model, rotate, wrap
+from companion.control.reference import Limits, ReferenceModel
+from companion.estimation import Estimator
+from companion.mavlink.ardusub import Mode
+from companion.mavlink.autopilot import Autopilot
+from companion.supervisor import Envelope, Supervisor, assess, guard
+from companion.thrust import Thrusters
+from companion.types import (
+    NEUTRAL,
+    PSI,
+    Array,
+    AxisCommand,
+    Condition,
+    ControlSample,
+    Flags,
+    LoopHealth,
+    PilotInput,
+    Request,
+    Setpoint,
+    State,
+    VehicleState,
+    Verdict,
+    Wrench,
+)
+
+NEUTRAL_BURST_S = 0.5
+"""Neutral frames go out this long on first contact and after steering; then silence, so that the autopilot's
+own failsafe sees a lost pilot."""
+
+MAX_DT_TICKS = 3.0
+
+
+class Engine:
+    """The controller without its process: `step` once a tick, `farewell` on every way out."""
+
+    def __init__(self, config: Config, setpoint: Setpoint, *, arm: bool = False) -> None:
+        self._config = config
+        self._tick_s = 1.0 / config.loop.rate_hz
+        self._arm = arm
+        model = Model(*(_each(config, key) for key in ("mass", "linear_damping", "quadratic_damping")))
+        self._autopilot = Autopilot(config)
+        self._thrusters = Thrusters(config.vehicle.frame, _each(config, "max_force"))
+        self._estimator = Estimator(config, model, self._thrusters)
+        self._supervisor = Supervisor(config.supervisor.ramp_down_s)
+        self._envelope = Envelope(config.thrusters.max_axis, config.thrusters.max_slew_per_s)
+        self._controller = _controller(config, model)
+        self._setpoint = self._target = setpoint
+        self._engage_asked = False
+        self._engaged = np.zeros(4, bool)
+        self._saturated = np.zeros(4, bool)
+        self._finite = True
+        self._command = NEUTRAL
+        self._last_s: float | None = None
+        self._neutral_until_s: float | None = None
+        self._references: deque[Array] = deque(maxlen=64)
+        self.verdict = Verdict(State.IDLE, Condition(0), 0.0, "just started")
+
+    def step(
+        self,
+        now_s: float,
+        datagrams: Sequence[tuple[int, bytes]],
+        loop: LoopHealth,
+        requests: Sequence[Request] = (),
+    ) -> tuple[list[bytes], ControlSample]:
+        """Advance one tick: take what arrived (monotonic ns, bytes), return what to send and the record."""
+        dt_s = self._tick_s if self._last_s is None else now_s - self._last_s
+        self._last_s = now_s
+
+        events = self._autopilot.receive(datagrams)
+        state = self._estimator.step(now_s, events)
+        pilot = max((event.deflection for event in events if isinstance(event, PilotInput)), default=0.0)
+        verdict = self._permit(state, requests, pilot, dt_s)
+
+        dofs = self._controller.step(
+            state,
+            self._target,
+            self._engaged,
+            ~self._saturated,
+            min(max(dt_s, 0.0), MAX_DT_TICKS * self._tick_s),
+        )
+        psi = float(state.eta_ahead[PSI])
+        requested = rotate(dofs.tau, -psi)
+        self._finite = bool(np.isfinite(requested).all() and np.isfinite(state.eta_ahead).all())
+        reach = _axes(self._autopilot.reach(state.pilot_gain)) * self._envelope.max_axis
+        wanted = self._thrusters.allocate(requested, state.voltage_v, reach)
+        command = guard(
+            AxisCommand(*wanted.axes.tolist()), verdict, self._command, self._envelope, self._tick_s
+        )
+
+        applied = _axes(self._autopilot.applied(command, state.pilot_gain))
+        delivered = self._thrusters.delivered(applied, state.voltage_v)
+        self._estimator.sent(now_s, applied, rotate(delivered, psi))
+        self._saturated = _by_dof(wanted.saturated | (np.abs(applied - wanted.axes) > 0.01))
+        self._command = command
+
+        out = self._autopilot.upkeep(now_s, events, engage=self._engage_asked, arm=self._arm)
+        if self._steers(now_s, verdict):
+            out.append(self._autopilot.steer(command, state.pilot_gain))
+        return out, ControlSample(
+            state=state,
+            eta_d=self._reference_now(dofs.x_d, state),
+            dofs=dofs,
+            command=command,
+            requested=Wrench(requested),
+            delivered=Wrench(delivered),
+            verdict=verdict,
+            counters=self._autopilot.counters,
+            loop=loop,
+        )
+
+    def farewell(self) -> bytes:
+        """Return the neutral frame that every way out sends, whatever state the rest is in."""
+        return self._autopilot.neutral()
+
+    def aim(self, setpoint: Setpoint) -> None:
+        """Take a new setpoint; its NaN targets stay what they are."""
+        self._setpoint = setpoint
+        self._target = _filled(setpoint, self._target.eta_d)
+
+    def _permit(self, state: VehicleState, requests: Sequence[Request], pilot: float, dt_s: float) -> Verdict:
+        """Ask the supervisor; on engaging and while resting, set the controller to where the vehicle is."""
+        if Request.ENGAGE in requests:
+            self._engage_asked = True
+        if Request.STOP in requests:
+            self._engage_asked = False
+        before = self.verdict.state
+        conditions = assess(
+            state,
+            self._config.supervisor,
+            manual_mode=Mode.MANUAL,
+            parameters=self._autopilot.parameters,
+            holds_position=bool(self._engaged[0]),
+            finite=self._finite,
+            late_s=dt_s - self._tick_s,
+            pilot_deflection=pilot,
+            stop=Request.STOP in requests,
+            engage=self._engage_asked,
+            clear=Request.CLEAR_FAULT in requests,
+        )
+        self.verdict = self._supervisor.step(conditions, dt_s)
+        now = self.verdict.state
+        if now not in (State.ACTIVE, State.RAMP_DOWN):
+            self._engaged = np.zeros(4, bool)
+            self._controller.rest(state)
+        elif before not in (State.ACTIVE, State.RAMP_DOWN):
+            positioned = state.ages.position_s <= self._config.supervisor.position_timeout_s
+            self._engaged = np.array([positioned, positioned, True, True])
+            self._controller.rest(state)
+            self._target = _filled(self._setpoint, state.eta)
+        if before is State.ACTIVE and now is not State.ACTIVE:
+            self._engage_asked = False
+        return self.verdict
+
+    def _steers(self, now_s: float, verdict: Verdict) -> bool:
+        """Tell whether a steering frame goes out: with authority, and neutral for a while after and at first."""
+        if self._neutral_until_s is None and not self._autopilot.heard:
+            return False
+        if self._neutral_until_s is None or verdict.authority > 0.0:
+            self._neutral_until_s = now_s + NEUTRAL_BURST_S
+        return now_s <= self._neutral_until_s
+
+    def _reference_now(self, ahead: Array, state: VehicleState) -> Array:
+        """Return the reference for this moment: what was computed `ahead_s` ago."""
+        self._references.append(ahead)
+        back = min(state.ahead_s / self._tick_s, len(self._references) - 1.0)
+        whole = int(back)
+        late, early = self._references[-1 - whole], self._references[max(-2 - whole, -len(self._references))]
+        eta_d = late + (early - late) * (back - whole)
+        eta_d[PSI] = wrap(eta_d[PSI])
+        return eta_d
+
+
+def _controller(config: Config, model: Model) -> Controller:
+    """Build the control room from the configuration."""
+    choice = [axis.compensator for axis in config.axes]
+    learning = Learning(
+        eta=_each(config, "learning_rate"),
+        eta_v=_each(config, "hidden_learning_rate"),
+        leak=_each(config, "leak_per_s"),
+        dead_zone=_each(config, "dead_zone"),
+        d_max=_each(config, "max_disturbance"),
+    )
+    gains = Gains(
+        lam=_each(config, "lambda_per_s"),
+        kappa=_each(config, "kappa_per_s"),
+        by_network=np.array([name == "network" for name in choice]),
+        by_observer=np.array([name == "observer" for name in choice]),
+        d_max=learning.d_max,
+        start_delay_s=config.network.start_delay_s,
+    )
+    limits = Limits(_each(config, "max_rate"), _each(config, "max_acceleration"))
+    reference = ReferenceModel(limits, angular=np.array([False, False, False, True]))
+    network = Network(learning, (4,), INPUTS, config.network.units, config.network.seed)
+    return Controller(model, gains, reference, network)
+
+
+def _each(config: Config, key: str) -> Array:
+    return np.array([getattr(axis, key) for axis in config.axes])
+
+
+def _axes(command: AxisCommand) -> Array:
+    return np.array((command.surge, command.sway, command.heave, command.yaw))
+
+
+def _by_dof(by_axis: Flags) -> Flags:
+    """Surge and sway turn into x and y: what either lacks, both lack."""
+    horizontal = by_axis[0] | by_axis[1]
+    return np.array((horizontal, horizontal, by_axis[2], by_axis[3]))
+
+
+def _filled(setpoint: Setpoint, eta: Array) -> Setpoint:
+    """Return the setpoint with NaN targets replaced by `eta`."""
+    return replace(setpoint, eta_d=np.where(np.isnan(setpoint.eta_d), eta, setpoint.eta_d))

@@ -1,0 +1,85 @@
+"""The autopilot as the engine sees it: bytes in, events out; commands in, bytes out."""
+
+from collections.abc import Mapping, Sequence
+
+from companion.config import Config
+from companion.mavlink.ardusub import Commands, Converter, Mode, manual_control_reach, quantise
+from companion.mavlink.codec import Codec
+from companion.mavlink.upkeep import Upkeep, streams
+from companion.types import NEUTRAL, AxisCommand, Event, LinkCounters
+
+NS_PER_S = 1e9
+
+
+class Autopilot:
+    """One vehicle behind one link: decoding, steering by the configured path, and what is asked again."""
+
+    def __init__(self, config: Config) -> None:
+        link, vehicle = config.link, config.vehicle
+        counters = LinkCounters()
+        self._converter = Converter(
+            counters, depth_source=vehicle.depth_source, rate_source=vehicle.rate_source
+        )
+        self._codec = Codec(
+            link.system,
+            link.component,
+            link.vehicle_system,
+            link.vehicle_component,
+            wanted=self._converter.ids,
+            counters=counters,
+        )
+        self._commands = Commands(link.vehicle_system, link.vehicle_component)
+        self._upkeep = Upkeep(self._commands, streams(vehicle.depth_source, with_position=True))
+        self._path = vehicle.thrust_path
+        self.heard = False
+
+    def receive(self, datagrams: Sequence[tuple[int, bytes]]) -> list[Event]:
+        """Turn datagrams, each with its arrival in monotonic ns, into events. Never raises for any bytes."""
+        events: list[Event] = []
+        for t_ns, data in datagrams:
+            t_s = t_ns / NS_PER_S
+            for message in self._codec.decode(t_s, data):
+                events.extend(self._converter.to_events(message, t_s))
+        self.heard = self.heard or bool(events)
+        return events
+
+    def upkeep(self, now_s: float, events: Sequence[Event], *, engage: bool, arm: bool) -> list[bytes]:
+        """Return what has to be asked now; with `engage` also for MANUAL, with `arm` also for arming."""
+        asked = self._upkeep.step(
+            now_s, events, want_mode=Mode.MANUAL if engage else None, want_armed=engage and arm
+        )
+        return [self._codec.encode(message) for message in asked]
+
+    def steer(self, command: AxisCommand, pilot_gain: float) -> bytes:
+        """Return the frame that puts `command` on the vehicle's axes."""
+        if self._path == "rc_override":
+            return self._codec.encode(self._commands.rc_override(command))
+        return self._codec.encode(self._commands.manual_control(command, pilot_gain, self._throttle_gain))
+
+    def neutral(self, pilot_gain: float = 1.0) -> bytes:
+        """Return the frame that stops all thrust."""
+        return self.steer(NEUTRAL, pilot_gain)
+
+    def applied(self, command: AxisCommand, pilot_gain: float) -> AxisCommand:
+        """Return what the vehicle makes of `command` after rounding to the wire's integers."""
+        return quantise(command, self._path, pilot_gain, self._throttle_gain)
+
+    def reach(self, pilot_gain: float) -> AxisCommand:
+        """Return the largest demand the path can carry on each axis."""
+        if self._path == "rc_override":
+            return AxisCommand(1.0, 1.0, 1.0, 1.0)
+        return manual_control_reach(pilot_gain, self._throttle_gain)
+
+    @property
+    def parameters(self) -> Mapping[str, float]:
+        """The autopilot's parameters, as far as they were read."""
+        return self._upkeep.parameters
+
+    @property
+    def counters(self) -> LinkCounters:
+        """What became of the bytes."""
+        return self._codec.counters
+
+    @property
+    def _throttle_gain(self) -> float:
+        return self.parameters.get("JS_THR_GAIN", 1.0)

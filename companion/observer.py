@@ -1,0 +1,133 @@
+"""The delay-compensating observer: position, rate, thrust and disturbance of every degree of freedom.
+
+It lives in the past, at the moment the newest measurement was taken, runs there on the commands that were
+then in force, and predicts forward through the commands on their way. A stationary Kalman filter per DOF on
+
+    q' = v      v' = (f − c v − d)/m      f' = (u − f)/T      d' = 0      s' = −s/T_n      p' = −p/T_n
+
+measured as q + s and v + p, where s and p are the slow noise that an EKF's depth and climb carry.
+
+| symbol | meaning                                   | unit          | source                       |
+|--------|-------------------------------------------|---------------|------------------------------|
+| q, v   | position and rate (NED, heading)          | m, m/s; rad   |                              |
+| f, u   | thrust now, thrust commanded (NED)        | N; N·m        | first-order lag T            |
+| m, c   | inertia, drag coefficient at present rate | kg, N/(m/s)   | positioning.Model            |
+| d      | disturbance, the paper's sign             | N; N·m        | eq. rov: m ẍ = τ − k − h − d |
+| s, p   | slow noise of position and rate           | m, m/s; rad   | paper.md, measured telemetry |
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from companion.types import Array
+
+
+@dataclass(frozen=True, slots=True)
+class Noise:
+    """Standard deviations, each (4,): what the Kalman gains are computed from.
+
+    `position`, `rate`: white noise of one sample; `position_slow`, `rate_slow`: noise of `slow_time_s`
+    correlation; `disturbance`: random walk of d, N/√s or N·m/√s.
+    """
+
+    position: Array
+    rate: Array
+    position_slow: Array
+    rate_slow: Array
+    disturbance: Array
+    slow_time_s: float
+
+
+class Observer:
+    """Six states for each of (…, 4) degrees of freedom; time and commands are handed in."""
+
+    def __init__(self, m: Array, c: Array, thrust_lag_s: float, noise: Noise, dt_s: float) -> None:
+        """Compute gains for inertia `m`, drag `c` (4,) and one measurement of each kind every `dt_s`."""
+        self._lag_s = thrust_lag_s
+        self._slow_time_s = noise.slow_time_s
+        self._gain = _stationary_gain(m, c, thrust_lag_s, noise, dt_s)
+        self.x = np.zeros((*m.shape, 6))
+
+    def start(self, dof: int, position: float) -> None:
+        """Begin one degree of freedom anew at a known place, knowing nothing else of it."""
+        self.x[..., dof, :] = 0.0
+        self.x[..., dof, 0] = position
+
+    def advance(self, u: Array, m: Array, c: Array, dt_s: float) -> None:
+        """Run the model for `dt_s` under commanded thrust `u`."""
+        keep = np.exp(-dt_s / self._slow_time_s)
+        q, v, f, d, s, p = (self.x[..., i] for i in range(6))
+        q, v, f = _advance(q, v, f, d, u, m, c, self._lag_s, dt_s)
+        self.x = np.stack((q, v, f, d, keep * s, keep * p), axis=-1)
+
+    def correct(self, innovation: Array) -> None:
+        """Take in `innovation` (…, 4, 2): measured minus expected position and rate; zero where none came."""
+        self.x = self.x + (self._gain @ innovation[..., None])[..., 0]
+
+    @property
+    def expected(self) -> Array:
+        """What the sensors should show at the observer's time, (…, 4, 2)."""
+        return self.x[..., 0:2] + self.x[..., 4:6]
+
+    def acceleration(self, m: Array, c: Array) -> Array:
+        """Return v' at the observer's time, (…, 4)."""
+        return (self.x[..., 2] - c * self.x[..., 1] - self.x[..., 3]) / m
+
+    @property
+    def disturbance(self) -> Array:
+        """Return d, (…, 4)."""
+        return self.x[..., 3]
+
+    def predict(self, u: Array, m: Array, c: Array, dt_s: float) -> Array:
+        """Return q and v along the way, (steps + 1, …, 4, 2), under `u` (steps, …, 4), `dt_s` each."""
+        q, v, f, d = (self.x[..., i] for i in range(4))
+        way = np.empty((len(u) + 1, *q.shape, 2))
+        way[0, ..., 0], way[0, ..., 1] = q, v
+        for i, u_i in enumerate(u):
+            q, v, f = _advance(q, v, f, d, u_i, m, c, self._lag_s, dt_s)
+            way[i + 1, ..., 0], way[i + 1, ..., 1] = q, v
+        return way
+
+
+def _advance(
+    q: Array, v: Array, f: Array, d: Array, u: Array, m: Array, c: Array, lag_s: float, dt_s: float
+) -> tuple[Array, Array, Array]:
+    """One step, exact in the thrust lag, implicit in the drag, trapezoidal in position."""
+    f_next = u + (f - u) * np.exp(-dt_s / lag_s)
+    v_next = (m * v + dt_s * (0.5 * (f + f_next) - d)) / (m + dt_s * c)
+    return q + 0.5 * dt_s * (v + v_next), v_next, f_next
+
+
+def _stationary_gain(m: Array, c: Array, lag_s: float, noise: Noise, dt_s: float) -> Array:
+    """Return the Kalman gain (4, 6, 2) to which the Riccati recursion settles (Simon 2006, ch. 7.3)."""
+    A = np.zeros((len(m), 6, 6))
+    A[:, 0, 0] = A[:, 3, 3] = 1.0
+    A[:, 0, 1] = dt_s
+    A[:, 1, 1] = m / (m + dt_s * c)
+    A[:, 1, 2] = dt_s / (m + dt_s * c)
+    A[:, 1, 3] = -dt_s / (m + dt_s * c)
+    A[:, 2, 2] = np.exp(-dt_s / lag_s)
+    A[:, 4, 4] = A[:, 5, 5] = np.exp(-dt_s / noise.slow_time_s)
+    slow = 2.0 * dt_s / noise.slow_time_s
+    Q = np.zeros_like(A)
+    Q[:, 0, 0] = 1e-9 * dt_s
+    Q[:, 1, 1] = (0.002 * noise.disturbance / m) ** 2 * dt_s + 1e-9 * dt_s
+    Q[:, 2, 2] = (0.05 * noise.disturbance) ** 2 * dt_s
+    Q[:, 3, 3] = noise.disturbance**2 * dt_s
+    Q[:, 4, 4] = noise.position_slow**2 * slow
+    Q[:, 5, 5] = noise.rate_slow**2 * slow
+    R = np.zeros((len(m), 2, 2))
+    R[:, 0, 0], R[:, 1, 1] = noise.position**2, noise.rate**2
+    C = np.zeros((len(m), 2, 6))
+    C[:, 0, 0] = C[:, 0, 4] = C[:, 1, 1] = C[:, 1, 5] = 1.0
+    At, Ct = A.swapaxes(1, 2), C.swapaxes(1, 2)
+    P = Q + np.eye(6)
+    gain = np.zeros((len(m), 6, 2))
+    for _ in range(5000):
+        previous = gain
+        gain = P @ Ct @ np.linalg.inv(C @ P @ Ct + R)
+        if np.allclose(gain, previous, rtol=1e-7, atol=0.0):
+            break
+        P = A @ (P - gain @ C @ P) @ At + Q
+    return gain

@@ -1,0 +1,94 @@
+"""Newtons to normalised axis demands and back: thruster curve, dead band, voltage, shared saturation.
+
+ArduSub turns axis demands a (surge, sway, heave, yaw; -1..1) into motor demands t = M a, and motor demands
+linearly into PWM; what a motor then pushes is T(t), which is neither linear nor symmetric. So a wrench is
+shared out over the motors, the curve is inverted motor by motor, and the result is read back as axes:
+
+    f = B⁺ tau        t = T⁻¹(f)        a = M⁺ t        and what it really gives:  tau = B T(M a)
+
+M holds ArduSub's mixing factors and B = S Mᵀ the geometry, S the force or moment per newton on each axis.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from companion.types import Array, Flags
+
+# T200 at 16 V (ArduSub facts): motor demand t = (PWM - 1500)/400 against newtons.
+T200_PWM_US = np.array([1100, 1200, 1300, 1400, 1440, 1472, 1528, 1560, 1600, 1700, 1800, 1900], float)
+T200_N = np.array([-39.9, -26.6, -14.1, -4.7, -1.8, 0.0, 0.0, 2.2, 5.9, 17.9, 33.5, 51.5])
+T200_DEMAND = (T200_PWM_US - 1500.0) / 400.0
+T200_VOLTAGE_V = 16.0
+DEAD_BAND_N = 0.02
+"""Half-width, per motor, over which the inverted curve crosses the dead band: a slope instead of a jump."""
+
+_INVERSE_N = T200_N + np.where(T200_N == 0.0, np.sign(T200_DEMAND) * DEAD_BAND_N, 0.0)
+
+# Motor by motor: (yaw, throttle, forward, lateral) factors of ArduSub's frames, throttle up positive.
+_HORIZONTAL = [(1, 0, -1, 1), (-1, 0, -1, -1), (-1, 0, 1, 1), (1, 0, 1, -1)]
+_FACTORS = {
+    "vectored": [*_HORIZONTAL, *[(0, -1, 0, 0)] * 2],
+    "vectored_6dof": [*_HORIZONTAL, *[(0, -1, 0, 0)] * 4],
+}
+_PER_NEWTON = np.array([np.sqrt(0.5), np.sqrt(0.5), 1.0, np.sqrt(0.5) * (0.156 + 0.111)])
+
+
+@dataclass(frozen=True, slots=True)
+class Allocation:
+    """`axes` (4,) to send and, by DOF of the body frame, whether more was asked than they can give."""
+
+    axes: Array
+    saturated: Flags
+
+
+class Thrusters:
+    """One frame's thrusters. Arrays of shape (…, 4) in the order surge, sway, heave, yaw.
+
+    `frame` is "vectored" or "vectored_6dof"; `max_tau` (4,) bounds what is asked of each axis, N and N·m.
+    """
+
+    def __init__(self, frame: str, max_tau: Array) -> None:
+        factors = np.array(_FACTORS[frame], float)
+        yaw, throttle, forward, lateral = factors.T
+        self._M = np.stack([forward, lateral, -throttle, yaw], axis=-1)
+        self._B = _PER_NEWTON[:, None] * self._M.T
+        self._M_inverse = np.linalg.pinv(self._M)
+        self._B_inverse = np.linalg.pinv(self._B)
+        self._max_tau = max_tau
+        self._vertical = self._M[:, 2] != 0.0
+
+    def allocate(self, tau: Array, voltage_v: float, reach: Array) -> Allocation:
+        """Return the axes that give body wrench `tau`, each within ±`reach`, motors within ±1.
+
+        Where a motor group (horizontal, vertical) would exceed its reach, the whole group is scaled, as the
+        firmware does, so that the direction of the force is kept.
+        """
+        asked = np.clip(tau, -self._max_tau, self._max_tau)
+        motors = np.interp(asked @ self._B_inverse.T / _strength(voltage_v), _INVERSE_N, T200_DEMAND)
+        axes = motors @ self._M_inverse.T
+        motors = np.abs(axes @ self._M.T)
+        level = np.maximum(1.0, np.abs(axes[..., [0, 1, 3]] / reach[[0, 1, 3]]).max(-1))
+        level = np.maximum(level, motors[..., ~self._vertical].max(-1))
+        lift = np.maximum(1.0, np.abs(axes[..., 2]) / reach[2])
+        scale = np.stack((level, level, lift, level), axis=-1)
+        return Allocation(axes / scale, (scale > 1.0) | (asked != tau))
+
+    def delivered(self, axes: Array, voltage_v: float) -> Array:
+        """Return the body wrench (…, 4) that the axes really give, N and N·m, at the nominal curve."""
+        motors = np.clip(axes @ self._M.T, -1.0, 1.0)
+        return np.asarray(np.interp(motors, T200_DEMAND, T200_N) @ self._B.T * _strength(voltage_v))
+
+    def axes_from_motors(self, motors: Array) -> Array:
+        """Return the axes (…, 4) that make the firmware ask `motors` (…, n) of its thrusters: M⁺ t."""
+        return np.asarray(motors @ self._M_inverse.T)
+
+    @property
+    def count(self) -> int:
+        """How many motors the frame has."""
+        return len(self._M)
+
+
+def _strength(voltage_v: float) -> float:
+    """Thrust goes about with the square of the voltage (ArduSub facts)."""
+    return (voltage_v / T200_VOLTAGE_V) ** 2
