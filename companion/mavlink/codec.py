@@ -30,8 +30,8 @@ _STEERING: Final = frozenset(
 class Codec:
     """One link to one vehicle.
 
-    Every frame's checksum is tested. What fails, MAVLink 1 and ids that the dialect does not know are garbage,
-    a count for each stretch of it. Frames from others are foreign, except steering (ArduSub facts: 'Who may
+    Every frame's checksum is tested. What fails, MAVLink 1 and ids that the dialect does not know are garbage:
+    each stretch of it counts once. Frames from others are foreign, except steering (ArduSub facts: 'Who may
     steer'): MANUAL_CONTROL to this vehicle, and RC_CHANNELS_OVERRIDE, whose target ArduSub never looks at.
 
     A datagram holds whole frames: nothing is kept from one to the next, so several peers' datagrams may mix.

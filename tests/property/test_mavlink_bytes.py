@@ -1,0 +1,110 @@
+"""Whatever bytes come, the link neither raises nor loses what is good."""
+
+import math
+
+from hypothesis import given
+from hypothesis import strategies as st
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from companion.mavlink.ardusub import Converter
+from companion.mavlink.codec import Codec
+
+PACKER = Codec(1, 1, 255, 191)
+FRAMES = [
+    PACKER.encode(message)
+    for message in (
+        mavlink.MAVLink_heartbeat_message(12, 3, 209, 19, 4, 3),
+        mavlink.MAVLink_attitude_message(1000, 0.1, 0.2, 0.3, 0.01, 0.02, 0.03),
+        mavlink.MAVLink_statustext_message(4, b"253 \xfd\xfd\xfd", 0, 0),
+        mavlink.MAVLink_servo_output_raw_message(0xFDFDFDFD, 0, *(0xFDFD,) * 8),
+        mavlink.MAVLink_param_value_message(b"JS_THR_GAIN", 1.0, 9, 1370, 3),
+    )
+]
+
+
+def codec(stream):
+    return Codec(255, 191, 1, 1, stream=stream)
+
+
+@st.composite
+def damaged(draw):
+    """Valid frames, in any order, some with bits flipped, cut short or with junk between them."""
+    out = b""
+    for frame in draw(st.lists(st.sampled_from(FRAMES), max_size=6)):
+        match draw(st.sampled_from(("whole", "flip", "cut", "junk"))):
+            case "flip":
+                bit = draw(st.integers(0, 8 * len(frame) - 1))
+                frame = (int.from_bytes(frame, "little") ^ 1 << bit).to_bytes(len(frame), "little")
+            case "cut":
+                frame = frame[: draw(st.integers(0, len(frame)))]
+            case "junk":
+                frame = draw(st.binary(max_size=40)) + frame
+        out += frame
+    return out
+
+
+anything = st.one_of(st.binary(max_size=400), damaged())
+
+
+@given(st.lists(anything, max_size=5), st.booleans())
+def test_no_bytes_raise(chunks, stream):
+    link = codec(stream)
+    convert = Converter(link.counters)
+    for t_s, chunk in enumerate(chunks):
+        for message in link.decode(float(t_s), chunk):
+            convert.to_events(message, float(t_s))
+        assert len(link._rest) < 280
+
+
+@given(anything)
+def test_good_frames_behind_junk_in_a_datagram_are_found(junk):
+    (*_, last) = codec(stream=False).decode(0.0, junk + b"".join(FRAMES))
+    assert last.get_type() == "PARAM_VALUE"
+
+
+@given(anything)
+def test_a_stream_recovers_from_junk(junk):
+    link = codec(stream=True)
+    link.decode(0.0, junk)
+    tail = [message for n in range(60) for message in link.decode(0.02 * n, FRAMES[1])]
+    assert len(tail) >= 55
+    assert not link._rest
+
+
+@given(st.lists(st.sampled_from(FRAMES), max_size=10), st.data())
+def test_a_stream_gives_the_same_however_it_is_cut(frames, data):
+    whole = b"".join(frames)
+    cuts = sorted(data.draw(st.lists(st.integers(0, len(whole)), max_size=8)))
+    link = codec(stream=True)
+    parts = [whole[a:b] for a, b in zip([0, *cuts], [*cuts, len(whole)], strict=True)]
+    got = [message.get_type() for part in parts for message in link.decode(0.0, part)]
+    assert got == [message.get_type() for message in codec(stream=False).decode(0.0, whole)]
+    assert len(got) == len(frames)
+
+
+numbers = st.floats(width=32)
+stamps = st.integers(0, 2**32 - 1)
+
+
+@given(stamps, st.tuples(*[numbers] * 6), st.integers(-(2**31), 2**31 - 1), st.tuples(*[numbers] * 4))
+def test_events_are_finite(stamp, angles, millimetres, hud):
+    link = codec(stream=False)
+    convert = Converter(link.counters, rate_source="vz")
+    climb = Converter(link.counters, depth_source="vfr_hud")
+    data = b"".join(
+        map(
+            PACKER.encode,
+            (
+                mavlink.MAVLink_attitude_message(stamp, *angles),
+                mavlink.MAVLink_global_position_int_message(stamp, 0, 0, 0, millimetres, 0, 0, 32767, 0),
+                mavlink.MAVLink_vfr_hud_message(hud[0], hud[1], 0, 0, hud[2], hud[3]),
+                mavlink.MAVLink_local_position_ned_message(stamp, *angles),
+                mavlink.MAVLink_servo_output_raw_message(stamp, 0, *(1500,) * 8),
+                mavlink.MAVLink_timesync_message(stamp * 1000 - 5, 99_990_000_000),
+            ),
+        )
+    )
+    for message in link.decode(100.0, data):
+        for event in (*convert.to_events(message, 100.0), *climb.to_events(message, 100.0)):
+            values = [getattr(event, name) for name in event.__slots__]
+            assert all(math.isfinite(value) for value in values if isinstance(value, float))

@@ -1,0 +1,420 @@
+import math
+
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from companion.mavlink.ardusub import (
+    Commands,
+    Converter,
+    Mode,
+    manual_control_reach,
+    motor_demand,
+    quantise,
+)
+from companion.types import (
+    Attitude,
+    AxisCommand,
+    Battery,
+    CommandAck,
+    Depth,
+    DepthRate,
+    Heartbeat,
+    LinkCounters,
+    Parameter,
+    PilotGain,
+    PilotInput,
+    Position,
+    ServoOutput,
+    StatusText,
+    TimeSync,
+)
+
+T = 100.0
+NAN, INF = math.nan, math.inf
+COMMANDS = Commands(1, 1)
+
+
+@pytest.fixture
+def counters():
+    return LinkCounters()
+
+
+@pytest.fixture
+def converter(counters):
+    return Converter(counters)
+
+
+def as_received(message):
+    """Give the message as the codec does: decoded, with its header."""
+    mav = mavlink.MAVLink(None, 1, 1)
+    return mav.decode(bytearray(message.pack(mav)))
+
+
+def convert(converter, message, t_s=T):
+    return converter.to_events(as_received(message), t_s)
+
+
+def attitude(boot_ms=2500, roll=0.1, yaw=3.0, r=0.03):
+    return mavlink.MAVLink_attitude_message(boot_ms, roll, -0.2, yaw, 0.01, 0.02, r)
+
+
+def global_position(relative_alt=0, vz=0, boot_ms=2500):
+    return mavlink.MAVLink_global_position_int_message(boot_ms, 0, 0, 0, relative_alt, 0, 0, vz, 0)
+
+
+def vfr_hud(alt=0.0, climb=0.0):
+    return mavlink.MAVLink_vfr_hud_message(0.0, 0.0, 0, 0, alt, climb)
+
+
+def servo(time_us, port=0, first=1500):
+    return mavlink.MAVLink_servo_output_raw_message(time_us, port, first, *range(1501, 1508))
+
+
+def pressure(boot_ms, hpa):
+    return mavlink.MAVLink_scaled_pressure2_message(boot_ms, hpa, 0.0, 0)
+
+
+def statustext(text, key=0, chunk=0):
+    return mavlink.MAVLink_statustext_message(4, text, key, chunk)
+
+
+def battery(cells, key=0):
+    cells = [*cells, *[65535] * (10 - len(cells))]
+    return mavlink.MAVLink_battery_status_message(key, 0, 0, 0, cells, 0, 0, 0, 0)
+
+
+class TestSignsAndScales:
+    def test_heartbeat(self, converter):
+        beat = mavlink.MAVLink_heartbeat_message(12, 3, 209, 19, 4, 3)
+        assert convert(converter, beat) == (Heartbeat(T, True, Mode.MANUAL, 4),)
+        beat = mavlink.MAVLink_heartbeat_message(12, 3, 81, 0, 3, 3)
+        assert convert(converter, beat) == (Heartbeat(T, False, Mode.STABILIZE, 3),)
+
+    def test_attitude(self, converter):
+        (event,) = convert(converter, attitude())
+        assert isinstance(event, Attitude)
+        assert event.boot_s == 2.5
+        got = (event.roll, event.pitch, event.yaw, event.p, event.q, event.r)
+        assert got == pytest.approx((0.1, -0.2, 3.0, 0.01, 0.02, 0.03))
+
+    def test_altitude_up_is_depth_down(self, converter):
+        assert convert(converter, global_position(relative_alt=-5000)) == (Depth(T, 2.5, 5.0),)
+
+    def test_climb_up_is_depth_rate_down(self, converter):
+        (event,) = convert(converter, vfr_hud(alt=7.0, climb=-0.3))
+        assert event == DepthRate(T, None, pytest.approx(0.3))
+
+    def test_vz_is_down_already(self, counters):
+        converter = Converter(counters, rate_source="vz")
+        events = convert(converter, global_position(relative_alt=-1000, vz=30))
+        assert events == (Depth(T, 2.5, 1.0), DepthRate(T, 2.5, 0.3))
+        assert convert(converter, vfr_hud(climb=1.0)) == ()
+
+    def test_depth_of_vfr_hud(self, counters):
+        converter = Converter(counters, depth_source="vfr_hud")
+        assert convert(converter, vfr_hud(alt=-4.0)) == (Depth(T, None, 4.0), DepthRate(T, None, 0.0))
+        assert convert(converter, global_position(relative_alt=-9000)) == ()
+
+    def test_depth_of_ahrs2(self, counters):
+        converter = Converter(counters, depth_source="ahrs2")
+        ahrs2 = mavlink.MAVLink_ahrs2_message(0.0, 0.0, 0.0, -3.0, 0, 0)
+        assert convert(converter, ahrs2) == (Depth(T, None, 3.0),)
+
+    def test_depth_of_pressure(self, counters):
+        converter = Converter(counters, depth_source="pressure", surface_hpa=1000.0, specific_gravity=1.025)
+        (event,) = convert(converter, pressure(1000, 2000.0))
+        assert event == Depth(T, 1.0, pytest.approx(1e5 / (9800 * 1.025)))
+
+    def test_a_repeated_pressure_is_no_new_reading(self, counters):
+        converter = Converter(counters, depth_source="pressure")
+        stamps = (1000, 1020, 1040, 1210, 1230)
+        got = [len(convert(converter, pressure(ms, 1500.0))) for ms in stamps]
+        assert got == [1, 0, 0, 1, 0]
+
+    def test_position(self, converter):
+        message = mavlink.MAVLink_local_position_ned_message(3000, 1.0, -2.0, 9.0, 0.5, -0.25, 9.0)
+        assert convert(converter, message) == (Position(T, 3.0, 1.0, -2.0, 0.5, -0.25),)
+
+    def test_battery(self, converter):
+        assert convert(converter, battery([16000])) == (Battery(T, 16.0),)
+        assert convert(converter, battery([4000] * 4)) == (Battery(T, 16.0),)
+        assert convert(converter, battery([])) == ()
+        assert convert(converter, battery([0])) == ()
+        assert convert(converter, battery([5000], key=1)) == ()
+
+    def test_sys_status_voltage(self, converter):
+        def status(millivolts):
+            return mavlink.MAVLink_sys_status_message(0, 0, 0, 0, millivolts, *(0,) * 8)
+
+        assert convert(converter, status(15500)) == (Battery(T, 15.5),)
+        assert convert(converter, status(65535)) == ()
+        assert convert(converter, status(0)) == ()
+
+    def test_named_values(self, converter, counters):
+        def named(name, value):
+            return mavlink.MAVLink_named_value_float_message(0, name, value)
+
+        assert convert(converter, named(b"PilotGain", 0.5)) == (PilotGain(T, 0.5),)
+        assert convert(converter, named(b"InputHold", 1.0)) == ()
+        assert convert(converter, named(b"PilotGain", NAN)) == ()
+        assert counters.implausible == 1
+
+    def test_parameter_and_acknowledgement(self, converter):
+        value = mavlink.MAVLink_param_value_message(b"FS_PILOT_INPUT", 2.0, 2, 1370, 7)
+        assert convert(converter, value) == (Parameter(T, "FS_PILOT_INPUT", 2.0),)
+        ack = mavlink.MAVLink_command_ack_message(400, 4)
+        assert convert(converter, ack) == (CommandAck(T, 400, 4),)
+
+    def test_motor_demand(self):
+        assert motor_demand((1100, 1500, 1900, 1600, 0)) == (-1.0, 0.0, 1.0, 0.25, 0.0)
+
+
+class TestAbsurdity:
+    @pytest.mark.parametrize(
+        "message",
+        [
+            attitude(yaw=NAN),
+            attitude(yaw=INF),
+            attitude(roll=40.0),
+            attitude(r=-1e3),
+            global_position(relative_alt=-12_001_000),
+            global_position(relative_alt=12_001_000),
+            vfr_hud(climb=NAN),
+            vfr_hud(climb=-1e3),
+            mavlink.MAVLink_local_position_ned_message(0, NAN, 0.0, 0.0, 0.0, 0.0, 0.0),
+            mavlink.MAVLink_local_position_ned_message(0, 0.0, 0.0, 0.0, 0.0, INF, 0.0),
+            mavlink.MAVLink_param_value_message(b"X", NAN, 9, 1, 1),
+            mavlink.MAVLink_timesync_message(-5, round(T * 1e9)),
+        ],
+    )
+    def test_is_counted_and_says_nothing(self, converter, counters, message):
+        assert convert(converter, message) == ()
+        assert counters.implausible == 1
+
+    def test_an_absurd_attitude_does_not_move_the_clock(self, converter):
+        convert(converter, attitude(boot_ms=1000))
+        convert(converter, attitude(boot_ms=2_000_000_000, yaw=NAN))
+        assert convert(converter, servo(1_010_000))[0].boot_s == pytest.approx(1.01)
+
+    def test_messages_without_meaning_are_skipped(self, converter, counters):
+        assert convert(converter, mavlink.MAVLink_system_time_message(1, 2)) == ()
+        assert mavlink.MAVLINK_MSG_ID_SYSTEM_TIME not in converter.ids
+        assert counters.implausible == 0
+
+
+class TestBootClock:
+    def test_servo_output_waits_for_a_clock(self, converter):
+        assert convert(converter, servo(1_000_000)) == ()
+        convert(converter, attitude(boot_ms=1000))
+        (event,) = convert(converter, servo(1_000_000))
+        assert event == ServoOutput(T, 1.0, (1500, 1501, 1502, 1503, 1504, 1505, 1506, 1507))
+
+    def test_servo_output_of_port_1_and_absurd_pulses_are_dropped(self, converter, counters):
+        convert(converter, attitude(boot_ms=1000))
+        assert convert(converter, servo(1_000_000, port=1)) == ()
+        assert counters.implausible == 0
+        assert convert(converter, servo(1_000_000, first=65535)) == ()
+        assert counters.implausible == 1
+
+    def test_microseconds_that_wrapped_are_unwrapped(self, converter):
+        wrap_s = 2**32 / 1e6
+        for boot_s in (wrap_s - 0.02, wrap_s + 0.02, 3 * wrap_s - 0.001, 3 * wrap_s + 0.05):
+            convert(converter, attitude(boot_ms=round(boot_s * 1e3)))
+            (event,) = convert(converter, servo(round(boot_s * 1e6) % 2**32))
+            assert event.boot_s == pytest.approx(boot_s, abs=1e-5)
+
+    def test_milliseconds_that_wrap_go_on(self, converter):
+        wrap_s = 2**32 / 1e3
+        assert convert(converter, attitude(boot_ms=2**32 - 10))[0].boot_s == pytest.approx(wrap_s - 0.01)
+        assert convert(converter, attitude(boot_ms=10))[0].boot_s == pytest.approx(wrap_s + 0.01)
+
+    def test_a_reboot_goes_back(self, converter, counters):
+        convert(converter, attitude(boot_ms=3_000_000))
+        assert convert(converter, attitude(boot_ms=4000))[0].boot_s == 4.0
+        assert convert(converter, servo(4_010_000))[0].boot_s == pytest.approx(4.01)
+
+    def test_a_servo_stamp_far_from_the_clock_is_absurd(self, converter, counters):
+        convert(converter, attitude(boot_ms=3_000_000))
+        assert convert(converter, servo(5_000_000)) == ()
+        assert counters.implausible == 1
+
+    def test_timesync_answers_ours_alone(self, converter):
+        ours = round((T - 0.004) * 1e9)
+        boot_ns = 50 * 86_400 * 10**9
+        (event,) = convert(converter, mavlink.MAVLink_timesync_message(boot_ns, ours))
+        assert event == TimeSync(T, pytest.approx(T - 0.004), 50 * 86_400.0)
+        assert convert(converter, mavlink.MAVLink_timesync_message(0, 12345)) == ()
+        assert convert(converter, mavlink.MAVLink_timesync_message(7, round(1.7e18))) == ()
+        later_ms = (50 * 86_400_000 + 20) % 2**32
+        assert convert(converter, attitude(boot_ms=later_ms))[0].boot_s == pytest.approx(50 * 86_400 + 0.02)
+
+
+class TestStatusText:
+    def test_short(self, converter):
+        assert convert(converter, statustext(b"Arming motors")) == (StatusText(T, 4, "Arming motors"),)
+
+    def test_chunks_become_one(self, converter):
+        assert convert(converter, statustext(b"a" * 50, 7, 0)) == ()
+        assert convert(converter, statustext(b"b" * 50, 7, 1)) == ()
+        assert convert(converter, statustext(b"end", 7, 2)) == (
+            StatusText(T, 4, "a" * 50 + "b" * 50 + "end"),
+        )
+
+    def test_a_lost_chunk_cuts_the_text(self, converter):
+        convert(converter, statustext(b"a" * 50, 7, 0))
+        texts = [event.text for event in convert(converter, statustext(b"other", 8, 0))]
+        assert texts == ["a" * 50, "other"]
+
+    def test_an_endless_text_is_bounded(self, converter):
+        texts = [
+            event.text
+            for chunk in range(200)
+            for event in convert(converter, statustext(b"x" * 50, 7, chunk))
+        ]
+        assert texts
+        assert max(map(len, texts)) <= 400
+
+
+class TestPilotInput:
+    @pytest.mark.parametrize(
+        ("sticks", "deflection"),
+        [
+            ((0, 0, 500, 0), 0.0),
+            ((250, 0, 500, 0), 0.25),
+            ((0, -1000, 500, 0), 1.0),
+            ((0, 0, 0, 0), 1.0),
+            ((0, 0, 750, 0), 0.5),
+            ((0, 0, 500, -100), 0.1),
+            ((32767, 0, 500, 0), 1.0),
+        ],
+    )
+    def test_manual_control(self, converter, sticks, deflection):
+        message = mavlink.MAVLink_manual_control_message(1, *sticks, 0)
+        assert convert(converter, message) == (PilotInput(T, deflection),)
+
+    @pytest.mark.parametrize(
+        ("channels", "deflection"),
+        [
+            ((1500,) * 8, 0.0),
+            ((65535,) * 8, 0.0),
+            ((0,) * 8, 0.0),
+            ((1500, 1500, 1300, 1500, 1500, 1500, 1900, 1900), 0.5),
+            ((1500, 1500, 1500, 2000, 65535, 1500, 0, 0), 1.0),
+        ],
+    )
+    def test_override(self, converter, channels, deflection):
+        message = mavlink.MAVLink_rc_channels_override_message(1, 1, *channels)
+        assert convert(converter, message) == (PilotInput(T, deflection),)
+
+
+def channels(message):
+    return [getattr(message, f"chan{n}_raw") for n in range(1, 19)]
+
+
+class TestOverride:
+    @pytest.mark.parametrize(
+        ("command", "channel", "pwm_us"),
+        [
+            (AxisCommand(heave=0.5), 3, 1300),
+            (AxisCommand(heave=-0.5), 3, 1700),
+            (AxisCommand(yaw=0.5), 4, 1700),
+            (AxisCommand(surge=0.5), 5, 1700),
+            (AxisCommand(sway=0.5), 6, 1700),
+        ],
+    )
+    def test_signs(self, command, channel, pwm_us):
+        expected = {3: 1500, 4: 1500, 5: 1500, 6: 1500} | {channel: pwm_us}
+        got = channels(COMMANDS.rc_override(command))
+        assert {n: got[n - 1] for n in expected} == expected
+
+    def test_all_else_is_left_alone(self):
+        got = channels(as_received(COMMANDS.rc_override(AxisCommand(1.0, 1.0, 1.0, 1.0))))
+        assert [got[n - 1] for n in (1, 2, 7, 8)] == [65535] * 4
+        assert got[8:] == [0] * 10
+
+    def test_clamped_and_neutral_when_not_finite(self):
+        got = channels(COMMANDS.rc_override(AxisCommand(surge=9.0, sway=NAN, heave=9.0, yaw=INF)))
+        assert got[2:6] == [1100, 1500, 1900, 1500]
+
+    def test_release_is_neutral_not_zero(self):
+        got = channels(COMMANDS.rc_release())
+        assert got[:6] == [1500] * 6
+        assert got[6:8] == [65535] * 2
+
+
+class TestManualControl:
+    @pytest.mark.parametrize(
+        ("command", "axis", "value"),
+        [
+            (AxisCommand(surge=0.25), "x", 500),
+            (AxisCommand(sway=0.25), "y", 500),
+            (AxisCommand(heave=0.25), "z", 250),
+            (AxisCommand(heave=-0.25), "z", 750),
+            (AxisCommand(yaw=0.25), "r", 500),
+        ],
+    )
+    def test_signs_at_half_gain(self, command, axis, value):
+        message = COMMANDS.manual_control(command, 0.5, 1.0)
+        expected = {"x": 0, "y": 0, "z": 500, "r": 0} | {axis: value}
+        assert {name: getattr(message, name) for name in expected} == expected
+        assert (message.target, message.buttons, message.s, message.t) == (1, 0, 0, 0)
+
+    def test_throttle_gain_scales_heave_alone(self):
+        message = COMMANDS.manual_control(AxisCommand(surge=0.2, heave=0.2), 0.5, 2.0)
+        assert (message.x, message.z) == (400, 400)
+
+    def test_small_gain_clips_at_its_reach(self):
+        message = COMMANDS.manual_control(AxisCommand(1.0, -1.0, 1.0, 1.0), 0.3, 0.5)
+        assert (message.x, message.y, message.z, message.r) == (1000, -1000, 0, 1000)
+        assert manual_control_reach(0.3, 0.5) == AxisCommand(0.3, 0.3, 0.15, 0.3)
+        assert manual_control_reach(0.5, 4.0) == AxisCommand(0.5, 0.5, 1.0, 0.5)
+
+    @pytest.mark.parametrize("gain", [0.0, -1.0, NAN, INF])
+    def test_absurd_gain_is_neutral(self, gain):
+        message = COMMANDS.manual_control(AxisCommand(1.0, 1.0, 1.0, 1.0), gain, 1.0)
+        assert (message.x, message.y, message.z, message.r) == (0, 0, 500, 0)
+        assert manual_control_reach(gain, 1.0) == AxisCommand()
+
+
+class TestQuantise:
+    def test_override_knows_whole_microseconds(self):
+        assert quantise(AxisCommand(heave=0.5012, yaw=-0.3), "rc_override") == AxisCommand(
+            heave=0.5, yaw=-0.3
+        )
+
+    def test_manual_control_knows_the_clipping(self):
+        got = quantise(AxisCommand(surge=1.0, heave=1.0), "manual_control", 0.5, 0.5)
+        assert got == AxisCommand(surge=0.5, heave=0.25)
+
+    @pytest.mark.parametrize("gain", [0.1, 0.25, 0.35, 0.5, 0.62500001, 1.0])
+    def test_neutral_stays_neutral(self, gain):
+        assert quantise(AxisCommand(), "manual_control", gain, 1.0) == AxisCommand()
+
+
+class TestRequests:
+    def test_heartbeat_of_an_onboard_controller(self):
+        beat = COMMANDS.heartbeat()
+        assert (beat.type, beat.autopilot) == (18, 8)
+
+    @pytest.mark.parametrize(
+        ("message", "command", "param1", "param2"),
+        [
+            (COMMANDS.set_mode(Mode.MANUAL), 176, 1.0, 19.0),
+            (COMMANDS.arm(True), 400, 1.0, 0.0),
+            (COMMANDS.arm(False), 400, 0.0, 0.0),
+            (COMMANDS.message_interval(30, 50.0), 511, 30.0, 20_000.0),
+            (COMMANDS.message_interval(30, 0.0), 511, 30.0, -1.0),
+        ],
+    )
+    def test_commands(self, message, command, param1, param2):
+        got = as_received(message)
+        assert (got.command, got.param1, got.param2) == (command, param1, param2)
+        assert (got.target_system, got.target_component) == (1, 1)
+
+    def test_timesync_asks(self):
+        message = COMMANDS.timesync(1.5)
+        assert (message.tc1, message.ts1) == (0, 1_500_000_000)
+
+    def test_read_parameter(self):
+        message = as_received(COMMANDS.read_parameter("MOT_1_DIRECTION"))
+        assert (message.param_id, message.param_index) == ("MOT_1_DIRECTION", -1)

@@ -1,0 +1,127 @@
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from companion.mavlink.codec import PARTIAL_TIMEOUT_S, Codec
+
+VEHICLE = (1, 1)
+US = (255, 191)
+PILOT = (255, 190)
+FALSE_HEADER = bytes([0xFD, 0xFF, 0, 0])
+
+
+def frames(*messages, sender=VEHICLE):
+    packer = Codec(*sender, *US)
+    return [packer.encode(message) for message in messages]
+
+
+def attitude(boot_ms=1000):
+    return mavlink.MAVLink_attitude_message(boot_ms, 0.1, 0.2, 0.3, 0.01, 0.02, 0.03)
+
+
+def manual_control(target=1):
+    return mavlink.MAVLink_manual_control_message(target, 1, 0, 500, 0, 0)
+
+
+def override(target=1):
+    return mavlink.MAVLink_rc_channels_override_message(target, 1, *(1500,) * 8)
+
+
+def codec(**options):
+    return Codec(*US, *VEHICLE, **options)
+
+
+def names(messages):
+    return [message.get_type() for message in messages]
+
+
+def test_vehicle_messages_pass():
+    link = codec()
+    (message,) = link.decode(0.0, frames(attitude())[0])
+    assert message.get_type() == "ATTITUDE"
+    assert message.time_boot_ms == 1000
+    assert (link.counters.messages, link.counters.garbage, link.counters.foreign) == (1, 0, 0)
+
+
+def test_others_are_foreign():
+    link = codec()
+    for sender in ((2, 1), (1, 2), PILOT):
+        assert link.decode(0.0, frames(attitude(), sender=sender)[0]) == []
+    assert link.counters.foreign == 3
+
+
+def test_steering_of_others_passes():
+    link = codec()
+    (mine,) = frames(manual_control(), sender=PILOT)
+    (any_target,) = frames(override(target=9), sender=PILOT)
+    assert names(link.decode(0.0, mine + any_target)) == ["MANUAL_CONTROL", "RC_CHANNELS_OVERRIDE"]
+
+
+def test_steering_of_another_vehicle_and_our_own_echo_are_foreign():
+    link = codec()
+    (other,) = frames(manual_control(target=2), sender=PILOT)
+    (echo,) = frames(override(), sender=US)
+    assert link.decode(0.0, other + echo) == []
+    assert link.counters.foreign == 2
+
+
+def test_unwanted_ids_are_dropped_but_checked():
+    link = codec(wanted={mavlink.MAVLINK_MSG_ID_HEARTBEAT})
+    (frame,) = frames(attitude())
+    broken = frame[:-1] + bytes([frame[-1] ^ 1])
+    assert link.decode(0.0, frame) == []
+    assert link.decode(0.0, broken) == []
+    assert (link.counters.messages, link.counters.garbage) == (1, 1)
+
+
+def test_a_false_header_does_not_swallow_the_frames_behind_it():
+    for stream in (False, True):
+        link = codec(stream=stream)
+        data = FALSE_HEADER + b"".join(frames(*[attitude()] * 12))
+        assert len(link.decode(0.0, data)) == 12
+        assert link.counters.garbage == 1
+
+
+def test_a_datagram_leaves_nothing_behind():
+    link = codec()
+    (frame,) = frames(attitude())
+    assert link.decode(0.0, frame[:20]) == []
+    assert link.decode(0.0, frame[20:]) == []
+    assert len(link.decode(0.0, frame)) == 1
+    assert link.counters.garbage == 2
+
+
+def test_a_stream_may_be_cut_anywhere():
+    data = b"".join(frames(attitude(1), attitude(2)))
+    for size in range(1, len(data)):
+        link = codec(stream=True)
+        got = [m for at in range(0, len(data), size) for m in link.decode(0.0, data[at : at + size])]
+        assert [m.time_boot_ms for m in got] == [1, 2]
+        assert link.counters.garbage == 0
+
+
+def test_a_stream_gives_up_a_false_header_that_waits():
+    link = codec(stream=True)
+    data = FALSE_HEADER + frames(attitude())[0]
+    assert link.decode(0.0, data) == []
+    assert link.decode(PARTIAL_TIMEOUT_S, b"") == []
+    assert len(link.decode(PARTIAL_TIMEOUT_S + 0.01, b"")) == 1
+
+
+def test_mavlink_1_and_unknown_flags_are_garbage():
+    link = codec()
+    old = attitude().pack(mavlink.MAVLink(None, *VEHICLE), force_mavlink1=True)
+    assert link.decode(0.0, old) == []
+    (frame,) = frames(attitude())
+    assert link.decode(0.0, frame[:2] + b"\x02" + frame[3:]) == []
+    assert link.counters.garbage == 2
+
+
+def test_signed_frames_are_read():
+    packer = mavlink.MAVLink(None, *VEHICLE)
+    packer.signing.secret_key = bytes(32)
+    packer.signing.sign_outgoing = True
+    assert names(codec().decode(0.0, attitude().pack(packer))) == ["ATTITUDE"]
+
+
+def test_sequence_numbers_count_up_and_wrap():
+    link = codec()
+    assert [link.encode(attitude())[4] for _ in range(257)] == [*range(256), 0]

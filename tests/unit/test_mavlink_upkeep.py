@@ -1,0 +1,152 @@
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from companion.mavlink.ardusub import Commands, Mode
+from companion.mavlink.upkeep import PARAMETERS, Upkeep, streams
+from companion.types import Depth, Heartbeat, Parameter, TimeSync
+
+TICK_S = 0.02
+
+
+def beat(t_s, *, armed=False, mode=Mode.MANUAL):
+    return Heartbeat(t_s, armed, mode, 3)
+
+
+class Dive:
+    """Steps an Upkeep through time and keeps what it sent, each with its time."""
+
+    def __init__(self):
+        self.upkeep = Upkeep(Commands(1, 1))
+        self.now_s = 0.0
+        self.sent = []
+
+    def step(self, *events, want_mode=None, want_armed=False):
+        out = self.upkeep.step(self.now_s, events, want_mode=want_mode, want_armed=want_armed)
+        self.sent += [(self.now_s, message) for message in out]
+        return out
+
+    def run(self, seconds, *, heard=True, answer=None, **wants):
+        for _ in range(round(seconds / TICK_S)):
+            self.now_s += TICK_S
+            beats = (beat(self.now_s, **(answer or {})),) if heard else ()
+            self.step(*beats, **wants)
+
+    def times(self, kind, command=None):
+        return [
+            t_s
+            for t_s, message in self.sent
+            if message.get_type() == kind and command in (None, getattr(message, "command", None))
+        ]
+
+    def names(self):
+        return [m.param_id for _, m in self.sent if m.get_type() == "PARAM_REQUEST_READ"]
+
+
+@pytest.fixture
+def dive():
+    return Dive()
+
+
+def test_before_contact_only_our_heartbeat_goes_out_once_a_second(dive):
+    dive.run(10.0, heard=False, want_mode=Mode.STABILIZE, want_armed=True)
+    assert {message.get_type() for _, message in dive.sent} == {"HEARTBEAT"}
+    assert len(dive.times("HEARTBEAT")) == 10
+
+
+def test_first_contact_asks_for_every_stream_at_its_rate(dive):
+    asked = {
+        m.param1: m.param2
+        for m in dive.step(beat(0.0))
+        if m.get_type() == "COMMAND_LONG" and m.command == 511
+    }
+    assert asked[mavlink.MAVLINK_MSG_ID_ATTITUDE] == 20_000
+    assert asked[mavlink.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW] == 40_000
+    assert asked == {key: 1e6 / rate for key, rate in streams().items()}
+
+
+def test_streams_are_asked_again_every_10_s(dive):
+    dive.run(25.0)
+    assert sorted(set(dive.times("COMMAND_LONG", 511))) == pytest.approx([0.02, 10.02, 20.02], abs=0.05)
+
+
+def test_position_and_other_depth_sources_add_their_streams():
+    assert mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED not in streams()
+    assert mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED in streams(with_position=True)
+    assert mavlink.MAVLINK_MSG_ID_AHRS2 in streams("ahrs2")
+    assert mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE2 in streams("pressure")
+
+
+def test_a_reboot_makes_everything_be_asked_anew(dive):
+    dive.step(beat(0.0), Depth(0.0, 100.0, 1.0), Parameter(0.0, "FS_PILOT_INPUT", 2.0))
+    dive.now_s = 1.0
+    assert not [m for m in dive.step(Depth(1.0, 99.5, 1.0)) if m.get_type() == "COMMAND_LONG"]
+    assert dive.upkeep.parameters
+    out = dive.step(TimeSync(1.0, 0.99, 2.0))
+    assert [m for m in out if m.get_type() == "COMMAND_LONG"]
+    assert not dive.upkeep.parameters
+
+
+def test_a_vehicle_that_returns_is_asked_anew_and_a_lost_one_is_left_alone(dive):
+    dive.step(beat(0.0))
+    dive.run(20.0, heard=False)
+    assert max(dive.times("TIMESYNC")) <= 5.0
+    assert dive.times("COMMAND_LONG", 511)[-1] == 0.0
+    dive.run(0.02)
+    assert dive.times("COMMAND_LONG", 511)[-1] == dive.now_s
+
+
+def test_timesync_about_four_times_a_second(dive):
+    dive.run(10.0)
+    assert 38 <= len(dive.times("TIMESYNC")) <= 41
+
+
+def test_parameters_are_read_until_answered(dive):
+    dive.run(5.0)
+    assert set(dive.names()) == set(PARAMETERS)
+    assert dive.names().count("FS_PILOT_INPUT") >= 2
+    dive.step(Parameter(dive.now_s, "FS_PILOT_INPUT", 2.0))
+    dive.sent.clear()
+    dive.run(5.0)
+    assert "FS_PILOT_INPUT" not in dive.names()
+    assert dive.upkeep.parameters == {"FS_PILOT_INPUT": 2.0}
+
+
+def test_parameter_requests_are_bounded(dive):
+    dive.run(20.0)
+    assert len(dive.names()) <= 200
+    assert all(dive.names().count(name) <= 11 for name in PARAMETERS)
+
+
+def test_one_name_of_a_renamed_parameter_will_do(dive):
+    dive.run(0.1)
+    dive.step(Parameter(dive.now_s, "SYSID_MYGCS", 254.0))
+    dive.sent.clear()
+    dive.run(10.0)
+    assert not {"MAV_GCS_SYSID", "SYSID_MYGCS"} & set(dive.names())
+    assert dive.upkeep.parameters["MAV_GCS_SYSID"] == 254.0
+
+
+def test_other_parameters_are_not_kept(dive):
+    dive.step(*(Parameter(0.0, f"P{n}", 1.0) for n in range(100)))
+    assert dive.upkeep.parameters == {}
+
+
+def test_a_mode_is_asked_once_a_second_until_the_heartbeat_confirms(dive):
+    dive.run(5.0, want_mode=Mode.STABILIZE)
+    asked = dive.times("COMMAND_LONG", 176)
+    assert 4 <= len(asked) <= 5
+    dive.run(5.0, answer={"mode": Mode.STABILIZE}, want_mode=Mode.STABILIZE)
+    assert dive.times("COMMAND_LONG", 176) == asked
+
+
+def test_arming_is_asked_once_a_second_until_the_heartbeat_confirms(dive):
+    dive.run(5.0, want_armed=True)
+    asked = dive.times("COMMAND_LONG", 400)
+    assert 4 <= len(asked) <= 5
+    dive.run(5.0, answer={"armed": True}, want_armed=True)
+    assert dive.times("COMMAND_LONG", 400) == asked
+
+
+def test_what_is_not_wanted_is_left_alone(dive):
+    dive.run(5.0, answer={"armed": True})
+    assert dive.times("COMMAND_LONG", 176) == dive.times("COMMAND_LONG", 400) == []
