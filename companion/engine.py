@@ -163,7 +163,7 @@ class Engine:
         return self.verdict
 
     def _steers(self, now_s: float, verdict: Verdict) -> bool:
-        """Tell whether a steering frame goes out: with authority, and neutral for a while after and at first."""
+        """Tell whether a steering frame goes out: with authority; neutral at first and for a while after."""
         if self._neutral_until_s is None and not self._autopilot.heard:
             return False
         if self._neutral_until_s is None or verdict.authority > 0.0:

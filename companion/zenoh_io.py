@@ -19,9 +19,9 @@ from companion import telemetry
 from companion.types import ControlSample
 
 _QUEUE = 64  # samples: 1.3 s at 50 Hz
-_CONNECT_MS = 300
+_OPEN_MS = 1000  # for the handshake: somebody who is stopped still accepts a connection
 _RETRY_S = 0.2
-_ROUTER_GRACE = 10  # attempts to rejoin a router, about 5 s, before we take the port that it may want back
+_ROUTER_GRACE = 25  # attempts to rejoin a router, 5 s, before we take the port that it may want back
 _CLOSE_S = 0.5
 
 _log = logging.getLogger(__name__)
@@ -142,9 +142,10 @@ def _open(mode: str, *, connect: str = "", listen: str = "") -> zenoh.Session | 
     for name, value in {
         "mode": mode,
         "connect/endpoints": [connect] if connect else [],
-        "connect/timeout_ms": _CONNECT_MS,
+        "connect/timeout_ms": 0,
         "listen/endpoints": [listen] if listen else [],
         "listen/timeout_ms": 0,
+        "transport/unicast/open_timeout": _OPEN_MS,
         "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": False,
         "timestamping/enabled": True,

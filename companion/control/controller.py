@@ -42,7 +42,7 @@ class Controller:
     def step(
         self, state: VehicleState, target: Setpoint, engaged: Flags, free: Flags, dt_s: float
     ) -> DofSample:
-        """Return the law's answer and its inside, NED; learn only where `engaged` and `free` of saturation."""
+        """Return the law's inside, NED; learn only where `engaged` and `free` of saturation."""
         gains, reference = self._gains, self.reference
         reference.step(target.eta_d, target.eta_d_dot, target.eta_d_ddot, dt_s)
         self._engaged_s += dt_s

@@ -50,8 +50,9 @@ class Codec:
         *,
         stream: bool = False,
         wanted: Container[int] | None = None,
+        counters: LinkCounters | None = None,
     ) -> None:
-        self.counters = LinkCounters()
+        self.counters = counters or LinkCounters()
         self._mav = mavlink.MAVLink(None, source_system, source_component)
         self._mav.robust_parsing = True
         self._source = (source_system, source_component)
