@@ -11,7 +11,7 @@ import zenoh
 from companion import telemetry
 
 _RING = 4096  # messages: nine seconds of one vehicle
-_CONNECT_MS = 300
+_OPEN_MS = 1000  # for the handshake: somebody who is stopped still accepts a connection
 _RETRY_S = 0.2
 _CLOSE_S = 1.0
 
@@ -81,7 +81,7 @@ class Subscription:
         while not self._closing.is_set():
             with suppress(zenoh.ZError):
                 session = zenoh.open(_config(self._endpoint))
-                ring = zenoh.handlers.RingChannel[zenoh.Sample](_RING)
+                ring: zenoh.handlers.RingChannel[zenoh.Sample] = zenoh.handlers.RingChannel(_RING)
                 self._subscriber = session.declare_subscriber(self._key_expression, ring)
                 self._session = session
                 return
@@ -93,9 +93,10 @@ def _config(endpoint: str) -> zenoh.Config:
     for name, value in {
         "mode": "client",
         "connect/endpoints": [endpoint],
-        "connect/timeout_ms": _CONNECT_MS,
+        "connect/timeout_ms": 0,
         "connect/retry": {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 2},
         "listen/endpoints": [],
+        "transport/unicast/open_timeout": _OPEN_MS,
         "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": False,
         "transport/shared_memory/enabled": False,

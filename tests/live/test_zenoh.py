@@ -1,0 +1,272 @@
+"""Real sessions on loopback: whoever starts first, whoever leaves, the samples arrive."""
+
+import json
+import logging
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from itertools import pairwise
+
+import pytest
+import zenoh
+
+from companion import telemetry, zenoh_io
+from companion.types import ControlSample
+from companion.zenoh_io import Publisher
+from dashboard.zenoh_client import Message, Subscription
+
+PATIENCE_S = 15.0
+
+Feed = Callable[[Publisher], None]
+
+
+@pytest.fixture
+def endpoint() -> str:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+
+
+@pytest.fixture
+def feed(make_sample: Callable[..., ControlSample]) -> Iterator[Feed]:
+    """Feed a publisher at 50 Hz from a thread, to the end of the test."""
+    stop = threading.Event()
+    threads: list[threading.Thread] = []
+
+    def start(publisher: Publisher) -> None:
+        def run() -> None:
+            while not stop.wait(0.02):
+                publisher.offer(make_sample(t_s=time.monotonic()))
+
+        threads.append(threading.Thread(target=run))
+        threads[-1].start()
+
+    yield start
+    stop.set()
+    for thread in threads:
+        thread.join()
+
+
+def test_a_stranger_gets_every_key_with_its_encoding_and_stamp(endpoint: str, feed: Feed) -> None:
+    with Publisher("kelp", endpoint) as publisher, _stranger("client", endpoint) as session:
+        feed(publisher)
+        samples: dict[str, zenoh.Sample] = {}
+
+        def keep(sample: zenoh.Sample) -> None:
+            samples[str(sample.key_expr)] = sample
+
+        with session.declare_subscriber("holdfast/**", keep):
+            _until(lambda: samples.keys() == telemetry.keys("kelp").keys())
+    for key, encoding in telemetry.keys("kelp").items():
+        assert str(samples[key].encoding) == encoding
+        assert samples[key].congestion_control == zenoh.CongestionControl.DROP
+        assert samples[key].priority == zenoh.Priority.REAL_TIME
+        assert samples[key].timestamp is not None
+        telemetry.decode(key, samples[key].payload.to_bytes())
+
+
+def test_samples_come_in_order_and_lose_nobody(
+    endpoint: str, make_sample: Callable[..., ControlSample]
+) -> None:
+    with Publisher("kelp", endpoint) as publisher, Subscription("holdfast/kelp/state", endpoint) as seen:
+        came: list[Message] = []
+
+        def all_came() -> bool:
+            came.extend(seen.take())
+            return bool(came) and _t_s(came[-1]) == 99.0
+
+        _until(lambda: seen.connected)
+        for index in range(100):
+            publisher.offer(make_sample(t_s=float(index)))
+            time.sleep(0.005)
+        _until(all_came)
+    # The subscription may have been declared just after the first ones left.
+    assert all(_t_s(after) - _t_s(before) == 1.0 for before, after in pairwise(came))
+    assert publisher.dropped == 0
+
+
+@pytest.mark.parametrize("publisher_first", [True, False])
+def test_the_order_of_starting_does_not_matter(endpoint: str, feed: Feed, publisher_first: bool) -> None:
+    publisher, seen = Publisher("kelp", endpoint), Subscription("holdfast/kelp/**", endpoint)
+    first, second = (publisher, seen) if publisher_first else (seen, publisher)
+    feed(publisher)
+    with first:
+        time.sleep(0.5)
+        with second:
+            _until(lambda: bool(seen.take()))
+            assert seen.connected
+
+
+def test_a_dashboard_outlives_a_restart_of_the_companion(endpoint: str, feed: Feed) -> None:
+    with Subscription("holdfast/kelp/**", endpoint) as seen:
+        for _ in range(2):
+            with Publisher("kelp", endpoint) as publisher:
+                feed(publisher)
+                _until(lambda: bool(seen.take()))
+            _until(lambda: not seen.connected)
+            seen.take()
+
+
+def test_of_two_companions_the_one_that_stays_takes_over(endpoint: str, feed: Feed) -> None:
+    with Publisher("kelp", endpoint) as one, Subscription("holdfast/**", endpoint) as seen:
+        feed(one)
+        _until(lambda: bool(seen.take()))
+        with Publisher("wrack", endpoint) as two:
+            feed(two)
+            _until(lambda: {"kelp", "wrack"} <= _vehicles(seen))
+            one.close()
+            _until(lambda: _vehicles(seen) == {"wrack"})
+
+
+def test_a_router_is_joined_and_given_time_to_come_back(
+    endpoint: str, feed: Feed, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level(logging.INFO, logger=zenoh_io.__name__)
+    with _stranger("router", endpoint), Publisher("kelp", endpoint) as publisher:
+        feed(publisher)
+        with Subscription("holdfast/**", endpoint) as seen:
+            _until(lambda: bool(seen.take()))
+    assert caplog.messages == [f"zenoh: joined {endpoint}"]
+
+    with _stranger("router", endpoint) as router, Publisher("kelp", endpoint) as publisher:
+        feed(publisher)
+        _until(lambda: bool(router.info.transports()))
+        router.close()  # type: ignore[no-untyped-call]
+        time.sleep(1.0)
+        with _stranger("router", endpoint), Subscription("holdfast/**", endpoint) as seen:
+            _until(lambda: bool(seen.take()))
+    assert f"zenoh: listening on {endpoint}" not in caplog.messages
+
+
+def test_a_router_that_stays_away_is_replaced(
+    endpoint: str, feed: Feed, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(zenoh_io, "_ROUTER_GRACE", 2)
+    with _stranger("router", endpoint) as router, Publisher("kelp", endpoint) as publisher:
+        feed(publisher)
+        _until(lambda: bool(router.info.transports()))
+        router.close()  # type: ignore[no-untyped-call]
+        with Subscription("holdfast/**", endpoint) as seen:
+            _until(lambda: bool(seen.take()))
+
+
+def test_the_token_tells_who_lives(endpoint: str) -> None:
+    told: list[zenoh.SampleKind] = []
+    with Publisher("wrack", endpoint), _stranger("client", endpoint) as session:
+        watching = session.liveliness().declare_subscriber(
+            telemetry.alive_key("kelp"), lambda sample: told.append(sample.kind), history=True
+        )
+        with watching:
+            with Publisher("kelp", endpoint):
+                _until(lambda: told == [zenoh.SampleKind.PUT])
+            _until(lambda: told == [zenoh.SampleKind.PUT, zenoh.SampleKind.DELETE])
+
+
+def test_it_listens_on_loopback_only(endpoint: str, feed: Feed) -> None:
+    port = int(endpoint.rpartition(":")[2])
+    with Publisher("kelp", f"tcp/0.0.0.0:{port}") as publisher:
+        feed(publisher)
+        time.sleep(1.0)
+        with pytest.raises(ConnectionRefusedError):
+            socket.create_connection(("127.0.0.1", port))
+
+
+def test_a_stopped_subscriber_holds_nobody_up(
+    endpoint: str, feed: Feed, make_sample: Callable[..., ControlSample]
+) -> None:
+    program = (
+        "import sys, time\n"
+        "from dashboard.zenoh_client import Subscription\n"
+        "with Subscription('holdfast/**', sys.argv[1]) as seen:\n"
+        "    while not seen.take(): time.sleep(0.01)\n"
+        "    print('here', flush=True)\n"
+        "    time.sleep(60)\n"
+    )
+    with Publisher("kelp", endpoint) as publisher, Subscription("holdfast/kelp/state", endpoint) as seen:
+        feed(publisher)
+        stopped = subprocess.Popen([sys.executable, "-c", program, endpoint], stdout=subprocess.PIPE)
+        try:
+            assert stopped.stdout is not None
+            assert stopped.stdout.readline() == b"here\n"
+            stopped.send_signal(signal.SIGSTOP)
+            flood = make_sample(t_s=0.0)
+            for _ in range(2000):  # fills whatever buffers there are towards the one that reads no more
+                publisher.offer(flood)
+                time.sleep(0.001)
+            seen.take()
+            time.sleep(0.5)
+            fresh = [message for message in seen.take() if _t_s(message) > 0.0]
+            assert len(fresh) > 5
+            assert time.monotonic() - _t_s(fresh[-1]) < 1.0
+        finally:
+            stopped.kill()
+            stopped.communicate()
+
+
+def test_it_closes_from_any_state_and_ignores_what_comes_after(
+    endpoint: str, make_sample: Callable[..., ControlSample]
+) -> None:
+    never_started = Publisher("kelp", endpoint)
+    just_started = Publisher("kelp", endpoint)
+    just_started.start()
+    nobody_there = Publisher("kelp", "tcp/0.0.0.0:1")
+    nobody_there.start()
+    mute = socket.create_server(("127.0.0.1", 0))
+    waiting = Publisher("kelp", f"tcp/127.0.0.1:{mute.getsockname()[1]}")
+    waiting.start()
+    for publisher in (never_started, just_started, nobody_there, waiting):
+        start = time.perf_counter()
+        publisher.close()
+        publisher.close()
+        assert time.perf_counter() - start < 2.0
+        for _ in range(200):
+            publisher.offer(make_sample())
+    mute.close()
+
+
+def test_the_oldest_gives_way(endpoint: str, make_sample: Callable[..., ControlSample]) -> None:
+    publisher = Publisher("kelp", endpoint)
+    for index in range(100):
+        publisher.offer(make_sample(t_s=float(index)))
+    assert publisher.dropped == 100 - 64
+
+
+def test_an_impossible_key_is_refused(endpoint: str) -> None:
+    with pytest.raises(ValueError, match="vehicle name"):
+        Publisher("kelp/1", endpoint)
+    with pytest.raises(ValueError, match="key expression"):
+        Subscription("holdfast//x", endpoint)
+
+
+@contextmanager
+def _stranger(mode: str, endpoint: str) -> Iterator[zenoh.Session]:
+    """Somebody who knows Zenoh and nothing of ours."""
+    config = zenoh.Config()
+    config.insert_json5("mode", json.dumps(mode))
+    config.insert_json5("scouting/multicast/enabled", "false")
+    config.insert_json5("connect/endpoints", json.dumps([endpoint] if mode == "client" else []))
+    config.insert_json5("listen/endpoints", json.dumps([endpoint] if mode == "router" else []))
+    config.insert_json5("connect/timeout_ms", "5000")
+    with zenoh.open(config) as session:
+        yield session
+
+
+def _until(holds: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + PATIENCE_S
+    while not holds():
+        assert time.monotonic() < deadline, "waited in vain"
+        time.sleep(0.02)
+
+
+def _t_s(message: Message) -> float:
+    return telemetry.decode(message.key, message.payload).t_s
+
+
+def _vehicles(seen: Subscription) -> set[str]:
+    time.sleep(0.2)
+    return {message.key.split("/")[1] for message in seen.take()}
