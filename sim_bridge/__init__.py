@@ -1,1 +1,16 @@
-"""The stand-in vehicle: a 6-DOF ROV and an ArduSub double behind a MAVLink port. Shares no code with companion."""
+"""The stand-in vehicle: an ArduSub ROV in the water, seen from its MAVLink wire.
+
+One step of `vehicle.Vehicle` (5 ms), read from left to right:
+
+    bytes in -> links -> autopilot (pilot, modes, mixer) -> PWM -> thrusters -> plant -> sensors -> messages -> bytes out
+                  ^            ^                                       ^          ^         |
+                faults       params                                 battery  environment    +-> Truth
+
+- `plant`, `thrusters`, `environment`, `sensors`: the water and what floats in it. Fossen's notation, NED, SI.
+- `autopilot` and its parts `params`, `pilot`, `modes`, `mixer`, `streams`, `messages`: the firmware's habits.
+- `faults`: what breaks, when, as data. `config`: TOML into frozen records.
+- `vehicle`: composes the above; pure, seeded, steps in virtual time.
+- `app` and `zenoh_truth`: the only sockets, clocks and threads. `commands`: the `holdfast sim` command.
+
+Nothing here is shared with `companion`: only MAVLink and the facts about the vehicle are.
+"""

@@ -1,0 +1,214 @@
+"""Sockets and the clock around a `Vehicle`: UDP both ways, a TCP server, real-time pacing, clean exit."""
+
+import asyncio
+import contextlib
+import itertools
+import logging
+import signal
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from sim_bridge.config import SimConfig
+from sim_bridge.vehicle import Truth, Vehicle
+from sim_bridge.zenoh_truth import TruthPublisher
+
+LOG = logging.getLogger("holdfast.sim")
+
+Endpoint = tuple[str, int]
+
+MAX_CATCH_UP_STEPS = 40
+"""What is later than this is dropped from the clock, so that a stalled machine causes no burst."""
+MAX_UNSENT_BYTES = 1 << 18
+"""A TCP client that lags behind by more is cut off."""
+MAX_INBOX = 4096
+TRUTH_PERIOD_STEPS = 4
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Where the vehicle is found, and how fast its time runs."""
+
+    udp_connect: tuple[Endpoint, ...]
+    udp_listen: tuple[Endpoint, ...]
+    tcp: tuple[Endpoint, ...]
+    zenoh: str
+    """Endpoint of a Zenoh router or peer; empty for none."""
+    vehicle: str
+    speed: float
+
+
+class Links:
+    """Every peer's number, how to reach it, and what came in since the last step."""
+
+    def __init__(self, vehicle: Vehicle) -> None:
+        self._vehicle = vehicle
+        self._numbers = itertools.count()
+        self._senders: dict[int, Callable[[bytes], None]] = {}
+        self.inbox: list[tuple[int, bytes]] = []
+
+    def open(self, send: Callable[[bytes], None], name: str) -> int:
+        """Number a new peer and tell the vehicle."""
+        number = next(self._numbers)
+        self._senders[number] = send
+        self._vehicle.open_link(number)
+        LOG.info("link %d: %s", number, name)
+        return number
+
+    def close(self, number: int) -> None:
+        """Forget a peer."""
+        if self._senders.pop(number, None):
+            self._vehicle.close_link(number)
+            LOG.info("link %d: closed", number)
+
+    def receive(self, number: int, data: bytes) -> None:
+        """Queue bytes for the next step; a flood is cut off."""
+        if number in self._senders and len(self.inbox) < MAX_INBOX:
+            self.inbox.append((number, data))
+
+    def send(self, datagrams: list[tuple[int, bytes]]) -> None:
+        """Send what the vehicle says."""
+        for number, data in datagrams:
+            if sender := self._senders.get(number):
+                sender(data)
+
+
+class _UdpCaller(asyncio.DatagramProtocol):
+    """Calls one peer, as a BlueROV2 calls its topside computer, and hears whoever answers on that socket."""
+
+    def __init__(self, links: Links, name: str) -> None:
+        self._links, self._name = links, name
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        assert isinstance(transport, asyncio.DatagramTransport)
+        self._number = self._links.open(transport.sendto, f"udp, calling {self._name}")
+
+    def datagram_received(self, data: bytes, addr: object) -> None:
+        self._links.receive(self._number, data)
+
+    def error_received(self, exc: Exception) -> None:
+        """Nobody listens there yet; go on calling."""
+
+
+class _UdpListener(asyncio.DatagramProtocol):
+    """Every address that is heard becomes a link."""
+
+    def __init__(self, links: Links) -> None:
+        self._links = links
+        self._peers: dict[object, int] = {}
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        assert isinstance(transport, asyncio.DatagramTransport)
+        self._transport = transport
+
+    def datagram_received(self, data: bytes, addr: Endpoint) -> None:
+        if addr not in self._peers:
+            self._peers[addr] = self._links.open(
+                lambda reply: self._transport.sendto(reply, addr), f"udp from {addr[0]}:{addr[1]}"
+            )
+        self._links.receive(self._peers[addr], data)
+
+    def error_received(self, exc: Exception) -> None:
+        """A peer that went away is no reason to stop."""
+
+
+class _TcpClient(asyncio.Protocol):
+    """One client of the TCP server."""
+
+    def __init__(self, links: Links) -> None:
+        self._links = links
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        assert isinstance(transport, asyncio.Transport)
+        self._transport = transport
+        host, port = transport.get_extra_info("peername")[:2]
+        self._number = self._links.open(self._send, f"tcp from {host}:{port}")
+
+    def data_received(self, data: bytes) -> None:
+        self._links.receive(self._number, data)
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        self._links.close(self._number)
+
+    def _send(self, data: bytes) -> None:
+        if self._transport.get_write_buffer_size() > MAX_UNSENT_BYTES:
+            self._transport.abort()
+        else:
+            self._transport.write(data)
+
+
+async def _pace(
+    vehicle: Vehicle, links: Links, publish: Callable[[Truth], None] | None, speed: float, stop: asyncio.Event
+) -> None:
+    """Step the vehicle against the monotonic clock without drift; fall behind rather than burst."""
+    clock = asyncio.get_running_loop().time
+    period_s = vehicle.step_s / speed
+    start_s, done = clock(), 0
+    for step in itertools.count():
+        if done <= step:
+            behind = int((clock() - start_s) / period_s) - done
+            if behind > MAX_CATCH_UP_STEPS:
+                start_s += (behind - MAX_CATCH_UP_STEPS) * period_s
+        inbox, links.inbox = links.inbox, []
+        links.send(vehicle.step(inbox))
+        done += 1
+        if publish and done % TRUTH_PERIOD_STEPS == 0:
+            publish(vehicle.truth())
+        wait_s = start_s + done * period_s - clock()
+        if wait_s > 0:
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(stop.wait(), wait_s)
+        elif done % MAX_CATCH_UP_STEPS == 0:
+            await asyncio.sleep(0)
+        if stop.is_set():
+            return
+
+
+async def serve(vehicle: Vehicle, settings: Settings, stop: asyncio.Event) -> None:
+    """Open every endpoint, then run the vehicle until `stop` is set.
+
+    Raises:
+        OSError: an address is taken or does not exist.
+    """
+    loop = asyncio.get_running_loop()
+    links = Links(vehicle)
+    async with contextlib.AsyncExitStack() as stack:
+        for host, port in settings.tcp:
+            server = await loop.create_server(lambda: _TcpClient(links), host, port)
+            stack.callback(server.close)
+            LOG.info("listening on tcp %s:%d", host, port)
+        for endpoint in settings.udp_listen:
+            transport, _ = await loop.create_datagram_endpoint(
+                lambda: _UdpListener(links), local_addr=endpoint
+            )
+            stack.callback(transport.close)
+            LOG.info("listening on udp %s:%d", *endpoint)
+        for endpoint in settings.udp_connect:
+            name = f"{endpoint[0]}:{endpoint[1]}"
+            caller, _ = await loop.create_datagram_endpoint(
+                lambda name=name: _UdpCaller(links, name),  # type: ignore[misc]
+                remote_addr=endpoint,
+            )
+            stack.callback(caller.close)
+        publisher = TruthPublisher(settings.zenoh, settings.vehicle) if settings.zenoh else None
+        if publisher:
+            stack.callback(publisher.close)
+        await _pace(vehicle, links, publisher.put if publisher else None, settings.speed, stop)
+
+
+def run(config: SimConfig, seed: int, settings: Settings) -> int:
+    """Run until SIGINT or SIGTERM; returns the exit status."""
+    logging.basicConfig(stream=sys.stderr, level=logging.INFO, format="%(name)s: %(message)s")
+
+    async def main() -> None:
+        stop = asyncio.Event()
+        for number in (signal.SIGINT, signal.SIGTERM):
+            asyncio.get_running_loop().add_signal_handler(number, stop.set)
+        await serve(Vehicle(config, seed), settings, stop)
+
+    try:
+        asyncio.run(main())
+    except (OSError, ValueError) as error:
+        LOG.error("%s", error)
+        return 1
+    return 0

@@ -1,0 +1,113 @@
+"""`holdfast sim`. Imports nothing heavy before it is called."""
+
+import argparse
+import sys
+from pathlib import Path
+
+DEFAULT_CONFIG = Path(__file__).parent.parent / "config" / "sim.toml"
+
+EXAMPLES = """\
+examples:
+  holdfast sim                                    call udp 127.0.0.1:14550 and serve tcp 127.0.0.1:5760
+  holdfast sim --set waves.enabled=true --set sensors.depth_scale=1.025
+  holdfast sim --set 'load={enabled=true, weight_n=15, on_s=20, off_s=60}'
+  holdfast sim --set 'faults=[{kind="message_frozen", message="ATTITUDE", at_s=30, duration_s=5}]'
+  holdfast sim --config config/sim-bluerov2.toml --udp-listen 0.0.0.0:14551 --speed 4 --no-zenoh
+  mavproxy.py --master tcp:127.0.0.1:5760         any MAVLink ground station will do
+
+Endpoints may be repeated. Name any, and only those named are opened. The truth is published on the Zenoh
+key sim/VEHICLE/truth, in a key space that no companion reads. Times of a load count from the first arming,
+those of faults from the start.
+"""
+
+
+def sim(argv: list[str]) -> int:
+    """Simulate an ArduSub vehicle that speaks MAVLink."""
+    parser = argparse.ArgumentParser(
+        prog="holdfast sim",
+        description="Simulate an ArduSub vehicle in the water that speaks MAVLink over UDP and TCP, in real time.",
+        epilog=EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add = parser.add_argument
+    add(
+        "--udp-connect",
+        metavar="HOST:PORT",
+        type=_endpoint,
+        action="append",
+        default=[],
+        help="call a peer there",
+    )
+    add(
+        "--udp-listen",
+        metavar="HOST:PORT",
+        type=_endpoint,
+        action="append",
+        default=[],
+        help="answer whoever calls",
+    )
+    add("--tcp", metavar="HOST:PORT", type=_endpoint, action="append", default=[], help="serve TCP clients")
+    add(
+        "--config",
+        metavar="FILE",
+        type=Path,
+        default=DEFAULT_CONFIG,
+        help="the vehicle (default: %(default)s)",
+    )
+    add(
+        "--set",
+        metavar="KEY=VALUE",
+        action="append",
+        default=[],
+        help="override one key of it; VALUE is TOML",
+    )
+    add(
+        "--seed",
+        metavar="N",
+        type=int,
+        default=1,
+        help="the same seed gives the same sea (default: %(default)s)",
+    )
+    add("--speed", metavar="X", type=_speed, default=1.0, help="times real time (default: %(default)s)")
+    add(
+        "--zenoh",
+        metavar="ENDPOINT",
+        default="tcp/127.0.0.1:7447",
+        help="router or peer (default: %(default)s)",
+    )
+    add("--no-zenoh", action="store_true", help="publish no truth")
+    add("--vehicle", metavar="NAME", default="rov", help="in the truth's key (default: %(default)s)")
+    arguments = parser.parse_args(argv)
+
+    from sim_bridge.app import Settings, run
+    from sim_bridge.config import ConfigError, load_config
+
+    try:
+        config = load_config(arguments.config, arguments.set)
+    except ConfigError as error:
+        sys.stderr.write(f"holdfast sim: {error}\n")
+        return 2
+    named = arguments.udp_connect or arguments.udp_listen or arguments.tcp
+    settings = Settings(
+        udp_connect=tuple(arguments.udp_connect) if named else (("127.0.0.1", 14550),),
+        udp_listen=tuple(arguments.udp_listen),
+        tcp=tuple(arguments.tcp) if named else (("127.0.0.1", 5760),),
+        zenoh="" if arguments.no_zenoh else arguments.zenoh,
+        vehicle=arguments.vehicle,
+        speed=arguments.speed,
+    )
+    return run(config, arguments.seed, settings)
+
+
+def _endpoint(text: str) -> tuple[str, int]:
+    host, _, port = text.rpartition(":")
+    if not host or not port.isdigit() or not 0 <= int(port) <= 65535:
+        raise argparse.ArgumentTypeError(f"'{text}' is not HOST:PORT, such as 127.0.0.1:14550")
+    return host, int(port)
+
+
+def _speed(text: str) -> float:
+    value = float(text)
+    if not 0.0 < value <= 100.0:
+        raise argparse.ArgumentTypeError(f"'{text}' is not within 0..100")
+    return value

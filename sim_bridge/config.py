@@ -1,0 +1,297 @@
+"""TOML into frozen, validated records. Unknown keys are refused; errors name file, key, value and range."""
+
+import math
+import re
+import tomllib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Any, Literal, NoReturn
+
+import msgspec
+from msgspec import Meta, Struct
+
+Positive = Annotated[float, Meta(gt=0)]
+NonNegative = Annotated[float, Meta(ge=0)]
+Fraction = Annotated[float, Meta(ge=0, le=1)]
+Vector3 = tuple[float, float, float]
+Positive3 = tuple[Positive, Positive, Positive]
+NonNegative3 = tuple[NonNegative, NonNegative, NonNegative]
+NonNegative6 = tuple[NonNegative, NonNegative, NonNegative, NonNegative, NonNegative, NonNegative]
+Vector6 = tuple[float, float, float, float, float, float]
+
+
+class ConfigError(ValueError):
+    """A configuration that cannot be used; the message names file, key, value and what is allowed."""
+
+
+class _Record(Struct, frozen=True, forbid_unknown_fields=True):
+    pass
+
+
+class Hull(_Record, frozen=True):
+    """The rigid body in water. Six-vectors are in the order surge, sway, heave, roll, pitch, yaw."""
+
+    mass_kg: Positive
+    inertia_kg_m2: Positive3
+    added_mass: NonNegative6
+    """kg and kg·m²"""
+    linear_damping: NonNegative6
+    """N·s/m and N·m·s/rad"""
+    quadratic_damping: NonNegative6
+    """N·s²/m² and N·m·s²/rad²"""
+    net_buoyancy_n: float
+    """Buoyancy minus weight: positive floats."""
+    centre_of_buoyancy_up_m: float
+    """Height of the centre of buoyancy over the centre of gravity."""
+    height_m: Positive = 0.25
+    """Above the surface, buoyancy is lost over this height."""
+
+
+class ThrusterConfig(_Record, frozen=True):
+    """Where the thrusters sit and how they answer. Distances are magnitudes; signs follow from the frame."""
+
+    frame: Literal["vectored", "vectored_6dof"]
+    horizontal_m: NonNegative3
+    vertical_m: NonNegative3
+    lag_s: Positive = 0.15
+    dead_band_us: Annotated[float, Meta(ge=0, le=50)] = 28.0
+    gain: Annotated[tuple[NonNegative, ...], Meta(min_length=1, max_length=8)] = (1.0,)
+    """Thrust relative to the measured curve: one for all, or one for each thruster."""
+
+    def __post_init__(self) -> None:
+        count = 8 if self.frame == "vectored_6dof" else 6
+        if len(self.gain) not in (1, count):
+            raise ValueError(f"gain needs 1 or {count} values for frame {self.frame}")
+
+
+class Battery(_Record, frozen=True):
+    """An ideal source behind a resistance."""
+
+    voltage_v: Annotated[float, Meta(ge=8, le=26)] = 16.0
+    resistance_ohm: Annotated[float, Meta(ge=0, le=0.2)] = 0.0
+    capacity_ah: Positive = 18.0
+
+
+class Initial(_Record, frozen=True):
+    """State at boot."""
+
+    eta: Vector6 = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    """x, y, z (m, NED), phi, theta, psi (rad)"""
+
+
+class Current(_Record, frozen=True):
+    """A horizontal current: constant, plus a slow Ornstein-Uhlenbeck variation of each component."""
+
+    enabled: bool = False
+    speed_m_s: Annotated[float, Meta(ge=0, le=3)] = 0.1
+    direction_deg: float = 30.0
+    """Where the water flows to, from north, clockwise."""
+    sigma_m_s: Annotated[float, Meta(ge=0, le=1)] = 0.02
+    tau_s: Positive = 30.0
+
+
+class Waves(_Record, frozen=True):
+    """A long-crested JONSWAP sea over deep water."""
+
+    enabled: bool = False
+    height_m: Annotated[float, Meta(ge=0, le=5)] = 0.3
+    """Significant height Hs."""
+    period_s: Annotated[float, Meta(ge=1, le=20)] = 4.0
+    """Peak period Tp."""
+    direction_deg: float = 0.0
+    gamma: Annotated[float, Meta(ge=1, le=10)] = 3.3
+    components: Annotated[int, Meta(ge=1, le=200)] = 30
+
+
+class Tether(_Record, frozen=True):
+    """A random pull in NED, a constant one, and one that grows with depth."""
+
+    enabled: bool = False
+    sigma_n: NonNegative3 = (0.0, 0.0, 2.0)
+    tau_s: Positive = 2.0
+    pull_n: Vector3 = (0.0, 0.0, 0.0)
+    heave_n_per_m: float = 0.0
+    """Extra downward force for each metre of depth."""
+
+
+class Load(_Record, frozen=True):
+    """A weight (in water) hung on and dropped; times count from the first arming."""
+
+    enabled: bool = False
+    weight_n: float = 12.0
+    on_s: NonNegative = 20.0
+    off_s: NonNegative = 40.0
+
+
+class HeaveForce(_Record, frozen=True):
+    """A scripted vertical force, positive down: constant + sine + Ornstein-Uhlenbeck."""
+
+    enabled: bool = False
+    constant_n: float = 0.0
+    sine_n: float = 0.0
+    sine_period_s: Positive = 10.0
+    sigma_n: NonNegative = 0.0
+    tau_s: Positive = 2.0
+
+
+class SensorConfig(_Record, frozen=True):
+    """What the firmware's EKF reports. Each signal: delay, slow (correlated) and white noise, standard deviations."""
+
+    depth_scale: Annotated[float, Meta(ge=0.9, le=1.1)] = 1.0
+    """Water density over 1000 kg/m³: 1.025 makes BARO_SPEC_GRAV = 1 read 2.5 % deep."""
+    depth_delay_s: Annotated[float, Meta(ge=0, le=0.5)] = 0.012
+    depth_slow_m: NonNegative = 0.003
+    depth_white_m: NonNegative = 0.0005
+    climb_delay_s: Annotated[float, Meta(ge=0, le=0.5)] = 0.015
+    climb_slow_m_s: NonNegative = 0.004
+    climb_white_m_s: NonNegative = 0.0008
+    slow_tau_s: Positive = 0.8
+    drift_m: NonNegative = 0.001
+    drift_tau_s: Positive = 60.0
+    offset_m: NonNegative = 0.0
+    """Spread of the constant offsets that differ between depth fields; that of relative_alt moves on arming."""
+    attitude_delay_s: Annotated[float, Meta(ge=0, le=0.5)] = 0.01
+    attitude_slow_rad: NonNegative = 0.002
+    attitude_white_rad: NonNegative = 0.0003
+    gyro_white_rad_s: NonNegative = 0.002
+    accel_delay_s: Annotated[float, Meta(ge=0, le=0.5)] = 0.038
+    accel_white_m_s2: NonNegative = 0.004
+    pressure_delay_s: Annotated[float, Meta(ge=0, le=0.5)] = 0.065
+    pressure_white_m: NonNegative = 0.003
+    wave_pressure: bool = False
+    """Whether the depth sensor feels the pressure of the waves themselves."""
+    dvl: bool = False
+    """A position source: LOCAL_POSITION_NED exists and position modes are accepted."""
+    dvl_drift_m: NonNegative = 0.02
+    dvl_white_m: NonNegative = 0.003
+
+
+FaultKind = Literal[
+    "message_frozen",
+    "message_stopped",
+    "message_nan",
+    "message_extreme",
+    "link_cut",
+    "link_delayed",
+    "link_lossy",
+    "link_duplicating",
+    "reboot",
+    "disarm",
+    "mode",
+    "parameter",
+    "thruster",
+]
+
+
+class Fault(_Record, frozen=True):
+    """One scripted fault; `at_s` counts from the start of the simulation. `faults` tells what each kind does."""
+
+    kind: FaultKind
+    at_s: NonNegative = 0.0
+    duration_s: Positive = 1e9
+    message: str = ""
+    """message_*: the MAVLink name, or empty for every telemetry message."""
+    parameter: str = ""
+    thruster: Annotated[int, Meta(ge=1, le=8)] = 1
+    value: float = 0.0
+    """message_extreme: the value; link_delayed: s; link_lossy, link_duplicating: probability; mode: number;
+    parameter: its value; thruster: health 0..1."""
+
+    def __post_init__(self) -> None:
+        if self.kind == "parameter" and not self.parameter:
+            raise ValueError("a fault of kind 'parameter' needs its name in 'parameter'")
+        upper = {"link_delayed": 10.0, "link_lossy": 1.0, "link_duplicating": 1.0, "thruster": 1.0}.get(
+            self.kind
+        )
+        if upper is not None and not 0.0 <= self.value <= upper:
+            raise ValueError(f"value of a fault of kind '{self.kind}' must be within 0..{upper:g}")
+
+
+class SimConfig(_Record, frozen=True):
+    """Everything about a simulated vehicle except its seed."""
+
+    hull: Hull
+    thrusters: ThrusterConfig
+    battery: Battery = Battery()
+    initial: Initial = Initial()
+    current: Current = Current()
+    waves: Waves = Waves()
+    tether: Tether = Tether()
+    load: Load = Load()
+    heave_force: HeaveForce = HeaveForce()
+    sensors: SensorConfig = SensorConfig()
+    parameters: dict[str, float] = {}
+    """Values of autopilot parameters that differ from the firmware's defaults."""
+    faults: tuple[Fault, ...] = ()
+
+
+def load_config(path: Path | str, overrides: Sequence[str] = ()) -> SimConfig:
+    """Read a TOML file, then apply overrides such as `waves.enabled=true` (the value is TOML).
+
+    Raises:
+        ConfigError: naming the file, the key, its value and what is allowed.
+    """
+    path = Path(path)
+    try:
+        data = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path}: not valid TOML: {error}") from error
+    for override in overrides:
+        _apply(data, override)
+    _refuse_non_finite(path, data, "")
+    try:
+        return msgspec.convert(data, SimConfig)
+    except msgspec.ValidationError as error:
+        _explain(path, data, error)
+
+
+def _apply(data: dict[str, Any], override: str) -> None:
+    key, equals, text = override.partition("=")
+    parts = key.strip().split(".")
+    if not equals or not all(parts):
+        raise ConfigError(f"override '{override}': expected dotted.key=value, such as waves.enabled=true")
+    try:
+        value = tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigError(
+            f"override '{override}': '{text}' is not a TOML value (quote strings): {error}"
+        ) from error
+    table = data
+    for part in parts[:-1]:
+        table = table.setdefault(part, {})
+        if not isinstance(table, dict):
+            raise ConfigError(f"override '{override}': '{part}' is not a table")
+    table[parts[-1]] = value
+
+
+def _refuse_non_finite(path: Path, value: object, key: str) -> None:
+    if isinstance(value, float) and not math.isfinite(value):
+        raise ConfigError(f"{path}: {key} = {value}: must be a finite number")
+    if isinstance(value, dict):
+        for name, item in value.items():
+            _refuse_non_finite(path, item, f"{key}.{name}" if key else name)
+    elif isinstance(value, list):
+        for index, item in enumerate(value):
+            _refuse_non_finite(path, item, f"{key}[{index}]")
+
+
+def _explain(path: Path, data: dict[str, Any], error: msgspec.ValidationError) -> NoReturn:
+    """Turn msgspec's `Expected ... - at `$.a.b`` into file, key, value and range."""
+    text, _, where = str(error).partition(" - at ")
+    key = where.strip("`").removeprefix("$").removeprefix(".")
+    if field := re.search(r"(?:unknown|required) field `(.+)`", text):
+        name = f"{key}.{field[1]}" if key else field[1]
+        what = "unknown key" if "unknown" in text else "missing"
+        raise ConfigError(f"{path}: {name}: {what}") from error
+    value: Any = data
+    for part in re.findall(r"[^.\[\]]+", key):
+        value = (
+            value[int(part)]
+            if isinstance(value, list)
+            else value.get(part)
+            if isinstance(value, dict)
+            else None
+        )
+    raise ConfigError(f"{path}: {key} = {value!r}: {text[0].lower()}{text[1:]}") from error

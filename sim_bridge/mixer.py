@@ -1,0 +1,64 @@
+"""ArduSub's motor mixing (AP_Motors6DOF): six demands in -1..1 to motor outputs in -1..1."""
+
+from collections.abc import Sequence
+
+FACTORS: dict[str, tuple[tuple[int, int, int, int, int, int], ...]] = {
+    # roll, pitch, yaw, throttle, forward, lateral
+    "vectored": (
+        (0, 0, 1, 0, -1, 1),
+        (0, 0, -1, 0, -1, -1),
+        (0, 0, -1, 0, 1, 1),
+        (0, 0, 1, 0, 1, -1),
+        (1, 0, 0, -1, 0, 0),
+        (-1, 0, 0, -1, 0, 0),
+    ),
+    "vectored_6dof": (
+        (0, 0, 1, 0, -1, 1),
+        (0, 0, -1, 0, -1, -1),
+        (0, 0, -1, 0, 1, 1),
+        (0, 0, 1, 0, 1, -1),
+        (1, -1, 0, -1, 0, 0),
+        (-1, -1, 0, -1, 0, 0),
+        (1, 1, 0, -1, 0, 0),
+        (-1, 1, 0, -1, 0, 0),
+    ),
+}
+
+Demand = tuple[float, float, float, float, float, float]
+"""roll, pitch, yaw, throttle (up), forward, lateral; each -1..1."""
+
+
+def mix(frame: str, demand: Demand) -> list[float]:
+    """Motor outputs in -1..1, saturation shared as the frame shares it.
+
+    `vectored_6dof`: the vertical and the horizontal group are each divided by their largest output above 1.
+    `vectored`: summed and clipped per motor; heave limits surge on the pair that is rear in the direction of travel.
+    """
+    factors = FACTORS[frame]
+    if frame == "vectored_6dof":
+        vertical = [_dot(row, demand, (0, 1, 3)) for row in factors]
+        horizontal = [_dot(row, demand, (2, 4, 5)) for row in factors]
+        largest_v = max(1.0, *map(abs, vertical))
+        largest_h = max(1.0, *map(abs, horizontal))
+        return [_clip(v / largest_v + h / largest_h) for v, h in zip(vertical, horizontal, strict=True)]
+    forward = demand[4]
+    limit = max(0.0, 1.0 - abs(demand[3]))
+    outputs = []
+    for row in factors:
+        is_rear = row[4] * forward > 0
+        limited = max(-limit, min(limit, forward)) if is_rear else forward
+        outputs.append(_clip(_dot(row, (*demand[:4], limited, demand[5]), (0, 1, 2, 3, 4, 5))))
+    return outputs
+
+
+def motor_pwm(outputs: Sequence[float], directions: Sequence[float]) -> list[int]:
+    """PWM = 1500 + 400 · output (µs), with MOT_n_DIRECTION applied; no thrust-curve correction."""
+    return [int(1500 + 400 * output * way) for output, way in zip(outputs, directions, strict=True)]
+
+
+def _dot(row: Sequence[int], demand: Sequence[float], axes: Sequence[int]) -> float:
+    return sum(row[axis] * demand[axis] for axis in axes)
+
+
+def _clip(value: float) -> float:
+    return max(-1.0, min(1.0, value))

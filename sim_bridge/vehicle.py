@@ -1,0 +1,217 @@
+"""The whole vehicle: bytes in, one physics step, bytes out. Pure, seeded, in virtual time."""
+
+import math
+from collections.abc import Sequence
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from sim_bridge.autopilot import INPUT_PERIOD_S, Autopilot, Link
+from sim_bridge.config import Fault, SimConfig
+from sim_bridge.environment import Environment
+from sim_bridge.faults import Faults
+from sim_bridge.params import Parameters
+from sim_bridge.plant import Plant, euler, state_of
+from sim_bridge.sensors import Sensors
+from sim_bridge.thrusters import Thrusters
+
+STEP_S = 0.005
+BATTERY_PERIOD_STEPS = 20
+
+
+class Truth(msgspec.Struct, frozen=True):
+    """What really happens, which no companion ever sees. NED and body (Fossen), SI."""
+
+    t_s: float
+    eta: NDArray[np.float64]
+    """(6,) x, y, z, phi, theta, psi"""
+    nu: NDArray[np.float64]
+    """(6,) u, v, w, p, q, r"""
+    nu_dot: NDArray[np.float64]
+    """(6,) in the middle of the last step"""
+    thrust_n: NDArray[np.float64]
+    """(n,) of each thruster, along its direction"""
+    tau: NDArray[np.float64]
+    """(6,) body wrench that the thrusters deliver"""
+    disturbance: NDArray[np.float64]
+    """(6,) force in NED (N) and moment in the body frame (N·m) of waves, current, tether, load, scripted force and
+    net buoyancy: all that acts besides the thrusters and the still-water model of a neutrally buoyant vehicle. Its
+    heave entry is a force, positive down; see `plant.Plant.disturbance`."""
+    motor_pwm: tuple[int, ...]
+    armed: bool
+    mode: int
+    load_on: bool
+    voltage_v: float
+
+
+class Vehicle:
+    """An ArduSub vehicle in the water.
+
+    The same configuration, seed and datagrams give the same bytes. `step` never raises, whatever bytes it is given.
+    """
+
+    step_s: float = STEP_S
+    """One physics step."""
+
+    def __init__(self, config: SimConfig, seed: int) -> None:
+        """Boot at the configured place, disarmed, in MANUAL.
+
+        Raises:
+            ValueError: a parameter of the configuration is unknown.
+        """
+        environment_rng, sensor_rng, fault_rng, phase_rng = np.random.default_rng(seed).spawn(4)
+        self.time_s = 0.0
+        self._config = config
+        self._steps = 0
+        self._boot_steps = -int(phase_rng.integers(0, round(INPUT_PERIOD_S / STEP_S)))
+        self._first_armed_s: float | None = None
+        self._links: dict[int, Link] = {}
+        self._plant = Plant.of(config.hull)
+        self._thrusters = Thrusters(config.thrusters)
+        self._environment = Environment(config, STEP_S, environment_rng)
+        self._sensors = Sensors(config.sensors, STEP_S, sensor_rng)
+        self._faults = Faults(config.faults, fault_rng)
+        self._params = Parameters({"FRAME_CONFIG": 2 if config.thrusters.frame == "vectored_6dof" else 1})
+        for name, value in config.parameters.items():
+            if not self._params.set(name, value):
+                raise ValueError(f"parameters.{name} = {value}: unknown, or not fit for its type")
+        self._state = state_of(config.initial.eta, np.zeros(6))
+        self._nu_dot: tuple[float, ...] = (0.0,) * 6
+        self._force = (0.0, 0.0, 0.0)
+        self._flow = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        self._tau: tuple[float, ...] = (0.0,) * 6
+        self._voltage_v = config.battery.voltage_v
+        self._consumed_mah = 0.0
+        self._driven: tuple[list[int], float] = ([], 0.0)
+        self._static_thrust = np.zeros(self._thrusters.count)
+        self._sensors.record(self._state, self._nu_dot, 0.0)
+        self._autopilot = self._boot()
+
+    def open_link(self, link: int) -> None:
+        """Declare a link, so that telemetry goes there before anything was heard from it."""
+        self._links.setdefault(link, Link())
+
+    def close_link(self, link: int) -> None:
+        """Forget a link whose peer is gone."""
+        self._links.pop(link, None)
+
+    def inject(self, fault: Fault) -> None:
+        """Add a fault to the script while the simulation runs."""
+        self._faults.add(fault)
+        self._autopilot.alter = self._faults.alter if self._faults.falsifies_messages else None
+
+    def step(self, datagrams: Sequence[tuple[int, bytes]] = ()) -> list[tuple[int, bytes]]:
+        """Advance one physics step; `datagrams` are (link, bytes). Returns (link, bytes) to send.
+
+        A link is a small int; it exists once it has been heard or declared with `open_link`.
+        """
+        for fault in self._faults.advance(self.time_s):
+            self._begin(fault)
+        self._receive(datagrams)
+        if self._autopilot.reboot_requested:
+            self._reboot()
+
+        pwm = self._autopilot.update((self._steps - self._boot_steps) * STEP_S, STEP_S)
+        if self._autopilot.armed and self._first_armed_s is None:
+            self._first_armed_s = self.time_s
+        self._move(pwm)
+        self._drain()
+
+        self._steps += 1
+        self.time_s = self._steps * STEP_S
+        return self._faults.carry("out", self._autopilot.telemetry(), self.time_s)
+
+    def truth(self) -> Truth:
+        """The present truth."""
+        return Truth(
+            t_s=self.time_s,
+            eta=np.array([*self._state[:3], *euler(self._state)]),
+            nu=np.array(self._state[7:]),
+            nu_dot=np.array(self._nu_dot),
+            thrust_n=self._thrusters.thrust_n.copy(),
+            tau=np.array(self._tau),
+            disturbance=np.array(self._plant.disturbance(self._state, self._force, self._flow)),
+            motor_pwm=tuple(self._autopilot.motor_pwm),
+            armed=self._autopilot.armed,
+            mode=self._autopilot.mode,
+            load_on=self._environment.load_on,
+            voltage_v=self._voltage_v,
+        )
+
+    def _receive(self, datagrams: Sequence[tuple[int, bytes]]) -> None:
+        for link, data in self._faults.carry("in", datagrams, self.time_s):
+            self.open_link(link)
+            self._autopilot.receive(link, data)
+
+    def _move(self, pwm: list[int]) -> None:
+        """Water and thrusters act on the plant for one step; the sensors watch."""
+        thrusters = self._thrusters
+        if self._driven != (pwm, self._voltage_v):
+            self._driven = (pwm, self._voltage_v)
+            self._static_thrust = thrusters.static_thrust(pwm, self._voltage_v)
+        self._tau = tuple(thrusters.step(self._static_thrust, STEP_S).tolist())
+        since_arming = -1.0 if self._first_armed_s is None else self.time_s - self._first_armed_s
+        x, y, z = self._state[:3]
+        self._force, self._flow = self._environment.step(self.time_s, since_arming, x, y, z)
+        self._state, self._nu_dot = self._plant.step(self._state, self._tau, self._force, self._flow, STEP_S)
+        sea = self._environment.sea
+        wave_m = sea.elevation(self.time_s, x, y, z) if sea and self._config.sensors.wave_pressure else 0.0
+        self._sensors.record(self._state, self._nu_dot, wave_m)
+        self._autopilot.state = self._state
+
+    def _drain(self) -> None:
+        """The battery, ten times a second."""
+        if self._steps % BATTERY_PERIOD_STEPS:
+            return
+        battery = self._config.battery
+        current = 0.5 + float(self._thrusters.current_a())
+        self._voltage_v = max(6.0, battery.voltage_v - battery.resistance_ohm * current)
+        self._consumed_mah += current * 1000.0 * BATTERY_PERIOD_STEPS * STEP_S / 3600.0
+        autopilot = self._autopilot
+        autopilot.voltage_v, autopilot.current_a = self._voltage_v, current
+        autopilot.consumed_mah = self._consumed_mah
+        if self._faults_health_changed():
+            self._driven = ([], 0.0)
+
+    def _faults_health_changed(self) -> bool:
+        health = np.array(self._faults.health(self._thrusters.count))
+        changed = not np.array_equal(health, self._thrusters.health)
+        self._thrusters.health = health
+        return changed
+
+    def _begin(self, fault: Fault) -> None:
+        if fault.kind == "reboot":
+            self._reboot()
+        elif fault.kind == "disarm":
+            self._autopilot.disarm()
+        elif fault.kind == "mode":
+            self._autopilot.set_mode(int(fault.value))
+        elif fault.kind == "parameter":
+            self._params.set(fault.parameter, fault.value)
+
+    def _boot(self) -> Autopilot:
+        autopilot = Autopilot(
+            self._params, self._sensors, self._config.thrusters.frame, self._config.sensors.dvl, self._links
+        )
+        autopilot.capacity_mah = self._config.battery.capacity_ah * 1000.0
+        autopilot.voltage_v = self._voltage_v
+        autopilot.consumed_mah = self._consumed_mah
+        autopilot.state = self._state
+        autopilot.alter = self._faults.alter if self._faults.falsifies_messages else None
+        return autopilot
+
+    def _reboot(self) -> None:
+        """The firmware starts anew: parameters stay; origin, streams, mode and arming are lost."""
+        self._boot_steps = self._steps
+        for link in self._links:
+            self._links[link] = Link()
+        self._autopilot = self._boot()
+
+
+def is_finite(vehicle: Vehicle) -> bool:
+    """Whether the vehicle's state is made of finite numbers."""
+    truth = vehicle.truth()
+    return bool(
+        np.isfinite(truth.eta).all() and np.isfinite(truth.nu).all() and math.isfinite(truth.voltage_v)
+    )

@@ -1,0 +1,76 @@
+"""The vehicle's truth on Zenoh: `sim/{vehicle}/truth`, one JSON object a sample. No companion may read it."""
+
+import threading
+from collections import deque
+
+import msgspec
+import zenoh
+
+from sim_bridge.vehicle import Truth
+
+RETRY_S = 1.0
+SCHEMA = "application/json;holdfast.sim.Truth.v1"
+
+
+def encode(truth: Truth) -> bytes:
+    """One JSON object of a stable shape: the fields of `Truth`, arrays as lists, no nulls."""
+    return msgspec.json.encode(truth, enc_hook=lambda array: array.tolist())
+
+
+class TruthPublisher:
+    """A client of a Zenoh router or peer, in a thread of its own: connects with retries, drops what it cannot send."""
+
+    def __init__(self, endpoint: str, vehicle: str) -> None:
+        """Start to connect to `endpoint` (such as tcp/127.0.0.1:7447) in the background."""
+        self._endpoint = endpoint
+        self._key = f"sim/{vehicle}/truth"
+        self._samples: deque[bytes] = deque(maxlen=4)
+        self._wake = threading.Condition()
+        self._stopping = False
+        self._thread = threading.Thread(target=self._run, name="zenoh-truth", daemon=True)
+        self._thread.start()
+
+    def put(self, truth: Truth) -> None:
+        """Hand over one sample; never waits."""
+        with self._wake:
+            self._samples.append(encode(truth))
+            self._wake.notify()
+
+    def close(self) -> None:
+        """Stop and disconnect."""
+        with self._wake:
+            self._stopping = True
+            self._wake.notify()
+        self._thread.join(timeout=3.0)
+
+    def _run(self) -> None:
+        while not self._stopping:
+            try:
+                with zenoh.open(self._config()) as session:
+                    self._publish(session)
+            except zenoh.ZError:
+                with self._wake:
+                    self._wake.wait_for(lambda: self._stopping, timeout=RETRY_S)
+
+    def _publish(self, session: zenoh.Session) -> None:
+        publisher = session.declare_publisher(
+            self._key,
+            encoding=zenoh.Encoding(SCHEMA),
+            congestion_control=zenoh.CongestionControl.DROP,
+            express=True,
+        )
+        while True:
+            with self._wake:
+                self._wake.wait_for(lambda: self._stopping or self._samples)
+                if self._stopping:
+                    return
+                sample = self._samples.popleft()
+            publisher.put(sample)
+
+    def _config(self) -> zenoh.Config:
+        config = zenoh.Config()
+        config.insert_json5("mode", '"client"')
+        config.insert_json5("connect/endpoints", msgspec.json.encode([self._endpoint]).decode())
+        config.insert_json5("scouting/multicast/enabled", "false")
+        config.insert_json5("transport/shared_memory/enabled", "false")
+        return config
