@@ -510,4 +510,4 @@ def _deflection(demand: float, full_stick: float) -> float:
 
 
 def _clip(value: float) -> float:
-    return min(1.0, max(-1.0, value))
+    return -1.0 if value < -1.0 else 1.0 if value > 1.0 else value

@@ -30,7 +30,7 @@ _STEERING: Final = frozenset(
 class Codec:
     """One link to one vehicle.
 
-    Every frame's checksum is tested. What fails, MAVLink 1 and ids that the dialect does not know are garbage:
+    Every frame's checksum is tested. Garbage is what fails, MAVLink 1 and ids that the dialect does not know;
     each stretch of it counts once. Frames from others are foreign, except steering (ArduSub facts: 'Who may
     steer'): MANUAL_CONTROL to this vehicle, and RC_CHANNELS_OVERRIDE, whose target ArduSub never looks at.
 
