@@ -8,6 +8,7 @@ import signal
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import cast
 
 from sim_bridge.config import SimConfig
 from sim_bridge.vehicle import Truth, Vehicle
@@ -80,8 +81,9 @@ class _UdpCaller(asyncio.DatagramProtocol):
         self._links, self._name = links, name
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        assert isinstance(transport, asyncio.DatagramTransport)
-        self._number = self._links.open(transport.sendto, f"udp, calling {self._name}")
+        self._number = self._links.open(
+            cast(asyncio.DatagramTransport, transport).sendto, f"udp, calling {self._name}"
+        )
 
     def datagram_received(self, data: bytes, addr: object) -> None:
         self._links.receive(self._number, data)
@@ -98,8 +100,7 @@ class _UdpListener(asyncio.DatagramProtocol):
         self._peers: dict[object, int] = {}
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        assert isinstance(transport, asyncio.DatagramTransport)
-        self._transport = transport
+        self._transport = cast(asyncio.DatagramTransport, transport)
 
     def datagram_received(self, data: bytes, addr: Endpoint) -> None:
         if addr not in self._peers:
@@ -119,8 +120,7 @@ class _TcpClient(asyncio.Protocol):
         self._links = links
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        assert isinstance(transport, asyncio.Transport)
-        self._transport = transport
+        self._transport = cast(asyncio.Transport, transport)
         host, port = transport.get_extra_info("peername")[:2]
         self._number = self._links.open(self._send, f"tcp from {host}:{port}")
 
@@ -143,23 +143,16 @@ async def _pace(
     """Step the vehicle against the monotonic clock without drift; fall behind rather than burst."""
     clock = asyncio.get_running_loop().time
     period_s = vehicle.step_s / speed
-    start_s, done = clock(), 0
-    for step in itertools.count():
-        if done <= step:
-            behind = int((clock() - start_s) / period_s) - done
-            if behind > MAX_CATCH_UP_STEPS:
-                start_s += (behind - MAX_CATCH_UP_STEPS) * period_s
+    due_s = clock()
+    for count in itertools.count(1):
         inbox, links.inbox = links.inbox, []
         links.send(vehicle.step(inbox))
-        done += 1
-        if publish and done % TRUTH_PERIOD_STEPS == 0:
+        if publish and count % TRUTH_PERIOD_STEPS == 0:
             publish(vehicle.truth())
-        wait_s = start_s + done * period_s - clock()
-        if wait_s > 0:
-            with contextlib.suppress(TimeoutError):
-                await asyncio.wait_for(stop.wait(), wait_s)
-        elif done % MAX_CATCH_UP_STEPS == 0:
-            await asyncio.sleep(0)
+        due_s = max(due_s + period_s, clock() - MAX_CATCH_UP_STEPS * period_s)
+        wait_s = due_s - clock()
+        if wait_s > 0 or count % TRUTH_PERIOD_STEPS == 0:
+            await asyncio.sleep(max(0.0, wait_s))
         if stop.is_set():
             return
 
