@@ -87,6 +87,7 @@ class Autopilot:
         self._text_id = 0
         self._origin: Origin | None = None
         self._demand: tuple[float, ...] | None = None
+        self._input_is_new = True
         self._pilot_lost = True
         self._pilot_seen_s: float | None = None
         self._gcs_lost = False
@@ -142,11 +143,15 @@ class Autopilot:
         if boot_s >= self._next_input_s - 1e-9:
             self._next_input_s += INPUT_PERIOD_S
             self.pilot.input_loop()
+            self._input_is_new = True
             self._check_pilot()
             self._check_gcs()
         if not self.armed:
             self.motor_pwm, self._demand = self._idle, None
             return self.motor_pwm
+        if self.mode == modes.MANUAL and not self._input_is_new:
+            return self.motor_pwm
+        self._input_is_new = False
         estimate = None if self.mode == modes.MANUAL else self._estimate()
         demand = self.control.demand(self.pilot, estimate, boot_s, dt)
         if demand != self._demand:
@@ -209,7 +214,7 @@ class Autopilot:
             self._say(CRITICAL, f"Arm: {AXIS_NAMES[off_centre]} (RC{off_centre + 1}) is not neutral")
             return FAILED
         self._say(INFO, "Arming motors")
-        self.armed = True
+        self.armed = self._input_is_new = True
         self._sensors.rezero()
         self.control.reset(self._estimate(), self._boot_s)
         return ACCEPTED
@@ -234,10 +239,14 @@ class Autopilot:
         if number == modes.AUTO:
             self._say(WARNING, "Mode change failed: AUTO requires a mission")
             return FAILED
-        self.pilot.neutralise()
+        self._neutralise()
         self.control.enter(number, self._estimate(), self._boot_s)
         self._broadcast(messages.heartbeat(self.snapshot()))
         return ACCEPTED
+
+    def _neutralise(self) -> None:
+        self.pilot.neutralise()
+        self._input_is_new = True
 
     # Failsafes
 
@@ -249,7 +258,7 @@ class Autopilot:
         elif not self._pilot_lost:
             self._pilot_lost = True
             self._say(CRITICAL, "Lost manual control")
-            self.pilot.neutralise()
+            self._neutralise()
             if action == 2:
                 self.disarm()
 
@@ -417,7 +426,7 @@ class Autopilot:
         name = _text(message.param_id)
         if name in self.params:
             self.params.set(name, message.param_value)
-            self._demand = None
+            self._demand, self._input_is_new = None, True
             self._broadcast(self._param_value(name))
 
     def _param_value(self, name: str) -> Message:

@@ -1,5 +1,7 @@
 """Which telemetry message is due on one link, and when."""
 
+import math
+
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 ATTITUDE, AHRS2, VFR_HUD = (
@@ -53,7 +55,7 @@ TRANSFER_SLOWDOWN = 4.0
 
 
 class Streams:
-    """Intervals of one link. Times are seconds since boot."""
+    """Intervals of one link. Times are seconds since boot; messages of one rate share their slots."""
 
     def __init__(self) -> None:
         self._interval_s = {message: 1.0 / rate for message, rate in DEFAULT_RATE_HZ.items()}
@@ -95,8 +97,7 @@ class Streams:
             if due_s <= now_s + 1e-9:
                 ready.append(message)
                 interval = self._interval_s[message] * (1.0 if message == HEARTBEAT else slowdown)
-                following = due_s + interval
-                self._due_s[message] = following if following > now_s else now_s + interval
+                self._due_s[message] = due_s + interval * max(1, math.ceil((now_s - due_s) / interval))
         self._next_s = min(self._due_s.values(), default=now_s + 1.0) - 1e-9
         return ready
 
@@ -106,6 +107,7 @@ class Streams:
             self._due_s.pop(message, None)
             return
         if self._interval_s.get(message) != 1.0 / rate_hz:
-            self._interval_s[message] = 1.0 / rate_hz
-            self._due_s[message] = now_s
-            self._next_s = min(self._next_s, now_s)
+            interval = 1.0 / rate_hz
+            self._interval_s[message] = interval
+            self._due_s[message] = math.ceil(now_s / interval - 1e-6) * interval
+            self._next_s = min(self._next_s, self._due_s[message])
