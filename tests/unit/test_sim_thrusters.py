@@ -1,0 +1,112 @@
+"""Curve, lag and geometry of the thrusters; with the mixer, one test per axis pins the signs."""
+
+import math
+
+import numpy as np
+import pytest
+from sim_bridge.config import load_config
+from sim_bridge.mixer import FACTORS, mix, motor_pwm
+from sim_bridge.thrusters import Thrusters
+from sim_wire import CONFIG
+
+CONFIGS = {"vectored_6dof": CONFIG, "vectored": CONFIG.with_name("sim-bluerov2.toml")}
+
+
+def thrusters(frame="vectored_6dof", *overrides, shape=()):
+    return Thrusters(load_config(CONFIGS[frame], overrides).thrusters, shape)
+
+
+@pytest.mark.parametrize(("pwm", "newtons"), [(1100, -39.9), (1400, -4.7), (1500, 0), (1600, 5.9), (1900, 51.5)])
+def test_static_curve_at_16_v(pwm, newtons):
+    assert thrusters().static_thrust([pwm] * 8, 16.0) == pytest.approx([newtons] * 8)
+
+
+def test_thrust_goes_with_voltage_squared():
+    set_ = thrusters()
+    assert set_.static_thrust([1700] * 8, 14.0) == pytest.approx(
+        set_.static_thrust([1700] * 8, 16.0) * (14 / 16) ** 2
+    )
+
+
+def test_dead_band_is_dead_to_its_edges_and_configurable():
+    assert not thrusters().static_thrust([1472, 1528, 1473, 1527, 1490, 1510, 1500, 1500], 16.0).any()
+    narrow = thrusters("vectored_6dof", "thrusters.dead_band_us=10.0")
+    assert (narrow.static_thrust([1511] * 8, 16.0) > 0).all()
+    assert not narrow.static_thrust([1510] * 8, 16.0).any()
+
+
+def test_lag_is_first_order():
+    set_ = thrusters()
+    target = set_.static_thrust([1900] * 8, 16.0)
+    for _ in range(30):
+        set_.step(target, 0.005)
+    assert set_.thrust_n == pytest.approx(target * (1 - math.exp(-1)))
+
+
+def test_dead_thruster_gives_nothing_and_gain_scales():
+    set_ = thrusters("vectored_6dof", "thrusters.gain=[1.1, 1, 1, 1, 1, 1, 1, 1]")
+    set_.health = np.array([1, 1, 0, 1, 1, 1, 1, 1.0])
+    thrust = set_.static_thrust([1900] * 8, 16.0)
+    assert thrust[:4] == pytest.approx([51.5 * 1.1, 51.5, 0.0, 51.5])
+
+
+def test_batch_is_what_singles_are():
+    rng = np.random.default_rng(0)
+    pwm, voltage = rng.integers(1100, 1900, (5, 2, 8)), rng.uniform(13, 17, (5, 2))
+    batch = thrusters(shape=(5, 2))
+    target = batch.static_thrust(pwm, voltage[..., None])
+    wrench = batch.step(target, 0.005)
+    for index in np.ndindex(5, 2):
+        alone = thrusters()
+        np.testing.assert_allclose(
+            alone.step(alone.static_thrust(pwm[index], voltage[index]), 0.005), wrench[index], rtol=1e-12, atol=1e-12
+        )
+
+
+def wrench_of(frame, demand):
+    """Body wrench if motors pushed in proportion to their output: the mixer's and the geometry's signs alone."""
+    return np.array(mix(frame, demand)) @ thrusters(frame).wrench_of_thrust
+
+
+@pytest.mark.parametrize("frame", CONFIGS)
+@pytest.mark.parametrize(
+    ("demand", "entry", "sign"),
+    [
+        ((0.3, 0, 0, 0, 0, 0), 3, 1),
+        ((0, 0, 0.3, 0, 0, 0), 5, 1),
+        ((0, 0, 0, 0.3, 0, 0), 2, -1),
+        ((0, 0, 0, 0, 0.3, 0), 0, 1),
+        ((0, 0, 0, 0, 0, 0.3), 1, 1),
+    ],
+    ids=["roll", "yaw", "throttle up", "forward", "lateral"],
+)
+def test_each_axis_pushes_its_own_way(frame, demand, entry, sign):
+    wrench = wrench_of(frame, demand)
+    assert wrench[entry] * sign > 0.02
+    others = np.delete(wrench, [entry, 3, 4] if entry < 2 else [entry])
+    assert np.abs(others).max() < 1e-12
+
+
+def test_pitch_of_six_dof_frame_pushes_the_nose_up():
+    wrench = wrench_of("vectored_6dof", (0, 0.3, 0, 0, 0, 0))
+    assert wrench[4] > 0.02
+    assert np.abs(np.delete(wrench, 4)).max() < 1e-12
+
+
+def test_six_dof_groups_share_saturation_by_their_own_largest():
+    outputs = np.array(mix("vectored_6dof", (1, 1, 0.25, 1, 0, 0.5)))
+    wanted = np.array([(r * 1 + p * 1 + t * 1) for r, p, _, t, _, _ in FACTORS["vectored_6dof"]])
+    assert outputs[4:] == pytest.approx(wanted[4:] / np.abs(wanted).max())
+    assert outputs[:4] == pytest.approx([0.75, -0.75, 0.25, -0.25])
+
+
+def test_vectored_clips_each_motor_and_heave_takes_surge_from_the_rear_pair():
+    assert max(map(abs, mix("vectored", (1, 0, 1, 1, 1, 1)))) == 1.0
+    outputs = mix("vectored", (0, 0, 0, 1.0, 0.8, 0))
+    assert outputs[:4] == pytest.approx([-0.8, -0.8, 0.0, 0.0])
+    backwards = mix("vectored", (0, 0, 0, 1.0, -0.8, 0))
+    assert backwards[:4] == pytest.approx([0.0, 0.0, -0.8, -0.8])
+
+
+def test_motor_pwm_is_linear_and_obeys_direction():
+    assert motor_pwm([1.0, -1.0, 0.5, 0.0], [1, 1, -1, -1]) == [1900, 1100, 1300, 1500]
