@@ -25,6 +25,7 @@ class Autopilot:
             link.component,
             link.vehicle_system,
             link.vehicle_component,
+            stream=link.endpoint.startswith("tcp:"),
             wanted=self._converter.ids,
             counters=counters,
         )

@@ -1,0 +1,282 @@
+"""The companion's process: sockets, the tick, signals, systemd. Its only asyncio and its only clock.
+
+A datagram's arrival is stamped and it waits in a bounded inbox; the tick, a timerfd because an asyncio sleep
+is over a millisecond late, hands the inbox to the engine and sends its answer. Every way out sends neutral.
+"""
+
+import asyncio
+import ctypes
+import gc
+import logging
+import os
+import signal
+import socket
+import struct
+import time
+from collections import deque
+from collections.abc import Sequence
+from contextlib import suppress
+from math import degrees
+from typing import cast
+
+from companion.config import Config, ConfigError
+from companion.engine import Engine
+from companion.types import PSI, ControlSample, LoopHealth, Request, Setpoint, Z
+from companion.zenoh_io import Publisher
+
+INBOX = 1024
+FAREWELLS = 5
+PEER_SILENT_S = 1.0
+RECONNECT_S = (0.25, 4.0)
+STATUS_PERIOD_S = 5.0
+WATCHDOG_PERIOD_S = 0.5
+NS_PER_S = 1_000_000_000
+
+log = logging.getLogger("holdfast")
+
+
+class Link(asyncio.DatagramProtocol, asyncio.Protocol):
+    """The wire to the vehicle: `udp-listen:HOST:PORT`, `udp-connect:HOST:PORT` or `tcp:HOST:PORT`.
+
+    A UDP listener answers whoever was heard; it turns to another peer once the first is silent for a second.
+    TCP connects again with back-off. What cannot be sent is dropped: the next tick has newer commands.
+    """
+
+    def __init__(self, endpoint: str) -> None:
+        """Take the endpoint apart; raise ConfigError if it has another form."""
+        kind, _, address = endpoint.partition(":")
+        host, _, port = address.rpartition(":")
+        if kind not in ("udp-listen", "udp-connect", "tcp") or not host or not port.isdigit():
+            raise ConfigError(
+                f"link.endpoint = '{endpoint}': write udp-listen:HOST:PORT, "
+                "udp-connect:HOST:PORT or tcp:HOST:PORT"
+            )
+        self._kind, self._host, self._port = kind, host, int(port)
+        self._inbox: deque[tuple[int, bytes]] = deque(maxlen=INBOX)
+        self._stream: asyncio.Transport | None = None
+        self._datagrams: asyncio.DatagramTransport | None = None
+        self._peer: tuple[str, int] | None = None
+        self._peer_heard_ns = 0
+        self._lost = asyncio.Event()
+
+    async def run(self) -> None:
+        """Open, and open again whenever the connection is lost; raise OSError if our port is taken."""
+        loop = asyncio.get_running_loop()
+        wait_s = RECONNECT_S[0]
+        while True:
+            self._lost.clear()
+            try:
+                if self._kind == "tcp":
+                    await loop.create_connection(lambda: self, self._host, self._port)
+                elif self._kind == "udp-connect":
+                    await loop.create_datagram_endpoint(lambda: self, remote_addr=(self._host, self._port))
+                else:
+                    await loop.create_datagram_endpoint(lambda: self, local_addr=(self._host, self._port))
+            except OSError as error:
+                if self._kind == "udp-listen":
+                    raise
+                log.warning("%s:%d: %s; trying again in %.1f s", self._host, self._port, error, wait_s)
+            else:
+                wait_s = RECONNECT_S[0]
+                await self._lost.wait()
+            await asyncio.sleep(wait_s)
+            wait_s = min(2.0 * wait_s, RECONNECT_S[1])
+
+    def take(self) -> list[tuple[int, bytes]]:
+        """Return all that arrived since the last call: (monotonic ns, bytes)."""
+        datagrams = list(self._inbox)
+        self._inbox.clear()
+        return datagrams
+
+    def send(self, data: bytes) -> None:
+        """Send, or drop where nobody is there."""
+        if self._stream is not None:
+            self._stream.write(data)
+        elif self._datagrams is not None and (self._kind == "udp-connect" or self._peer is not None):
+            self._datagrams.sendto(data, self._peer)
+
+    def close(self) -> None:
+        """Close the socket."""
+        for transport in (self._stream, self._datagrams):
+            if transport is not None:
+                transport.close()
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """Keep the transport (asyncio calls this)."""
+        if self._kind == "tcp":
+            self._stream = cast(asyncio.Transport, transport)
+            transport.get_extra_info("socket").setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        else:
+            self._datagrams = cast(asyncio.DatagramTransport, transport)
+
+    def datagram_received(self, data: bytes, addr: tuple[str, int]) -> None:
+        """Stamp and keep a datagram (asyncio calls this)."""
+        now_ns = time.monotonic_ns()
+        if self._kind == "udp-listen" and addr[:2] != self._peer:
+            if self._peer is not None and now_ns - self._peer_heard_ns < PEER_SILENT_S * NS_PER_S:
+                return
+            log.info("vehicle link: heard %s:%d", *addr[:2])
+            self._peer = addr[:2]
+        self._peer_heard_ns = now_ns
+        self._inbox.append((now_ns, data))
+
+    def data_received(self, data: bytes) -> None:
+        """Stamp and keep a piece of the stream (asyncio calls this)."""
+        self._inbox.append((time.monotonic_ns(), data))
+
+    def error_received(self, exc: Exception) -> None:
+        """Nobody listens there yet (asyncio calls this): the next datagram tries again."""
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """Let `run` connect again (asyncio calls this)."""
+        self._stream = self._datagrams = None
+        self._lost.set()
+
+
+class Ticker:
+    """A periodic timerfd on the monotonic clock (os.timerfd_create is there from Python 3.13 only)."""
+
+    def __init__(self, period_ns: int) -> None:
+        self._libc = ctypes.CDLL(None, use_errno=True)
+        self.fd: int = self._libc.timerfd_create(time.CLOCK_MONOTONIC, os.O_NONBLOCK | os.O_CLOEXEC)
+        self.start_ns = time.monotonic_ns() + period_ns
+        spec = struct.pack("@4q", *divmod(period_ns, NS_PER_S), *divmod(self.start_ns, NS_PER_S))
+        absolute = 1
+        if self.fd < 0 or self._libc.timerfd_settime(self.fd, absolute, spec, None):
+            raise OSError(ctypes.get_errno(), "timerfd")
+
+    def read(self) -> int:
+        """Return how many periods have passed since the last call; 0 if woken for nothing."""
+        try:
+            return int.from_bytes(os.read(self.fd, 8), "little")
+        except BlockingIOError:
+            return 0
+
+    def close(self) -> None:
+        """Stop ticking."""
+        os.close(self.fd)
+
+
+class App:
+    """Link, engine and publisher joined by the tick."""
+
+    def __init__(self, config: Config, setpoint: Setpoint, *, arm: bool, requests: Sequence[Request]) -> None:
+        self._config = config
+        self._link = Link(config.link.endpoint)
+        self._engine = Engine(config, setpoint, arm=arm)
+        self._publisher = Publisher(config.vehicle.name, config.telemetry.endpoint)
+        self._requests = list(requests)
+        self._period_ns = round(NS_PER_S / config.loop.rate_hz)
+        self._periods = 0
+        self._ticks = 0
+        self._late_ticks = 0
+        self._compute_ns = 0
+        self._said = ""
+        self._said_ns = self._fed_ns = 0
+        self._failure: BaseException | None = None
+        self._stop = asyncio.Event()
+
+    async def run(self) -> int:
+        """Run until SIGINT, SIGTERM or an exception; leave the vehicle neutral; return the exit status."""
+        loop = asyncio.get_running_loop()
+        for number in (signal.SIGINT, signal.SIGTERM):
+            loop.add_signal_handler(number, self._stop.set)
+        link = loop.create_task(self._link.run())
+        link.add_done_callback(self._link_ended)
+        ticker = Ticker(self._period_ns)
+        self._publisher.start()
+        gc.collect()
+        gc.freeze()
+        loop.add_reader(ticker.fd, self._on_tick, ticker)
+        notify("READY=1")
+        try:
+            await self._stop.wait()
+        finally:
+            notify("STOPPING=1")
+            loop.remove_reader(ticker.fd)
+            ticker.close()
+            for _ in range(FAREWELLS):
+                self._link.send(self._engine.farewell())
+                await asyncio.sleep(self._period_ns / NS_PER_S)
+            link.cancel()
+            with suppress(asyncio.CancelledError, OSError):
+                await link
+            self._link.close()
+            self._publisher.close()
+        if self._failure is not None:
+            log.error("gave up: %s", self._failure, exc_info=self._failure)
+            return 1
+        log.info("stopped; the vehicle was left neutral")
+        return 0
+
+    def _on_tick(self, ticker: Ticker) -> None:
+        periods = ticker.read()
+        if not periods:
+            return
+        now_ns = time.monotonic_ns()
+        self._periods += periods
+        self._late_ticks += periods - 1
+        self._ticks += 1
+        lateness_ns = now_ns - (ticker.start_ns + (self._periods - 1) * self._period_ns)
+        health = LoopHealth(
+            tick=self._ticks,
+            rate_hz=self._ticks / ((now_ns - ticker.start_ns + self._period_ns) / NS_PER_S),
+            lateness_ms=lateness_ns / 1e6,
+            compute_us=self._compute_ns / 1e3,
+            late_ticks=self._late_ticks,
+            samples_dropped=self._publisher.dropped,
+        )
+        try:
+            requests, self._requests = self._requests, []
+            out, sample = self._engine.step(now_ns / NS_PER_S, self._link.take(), health, requests)
+            for data in out:
+                self._link.send(data)
+        except Exception as error:
+            self._failure = error
+            self._stop.set()
+            return
+        self._compute_ns = time.monotonic_ns() - now_ns
+        self._publisher.offer(sample)
+        self._report(now_ns, sample)
+
+    def _report(self, now_ns: int, sample: ControlSample) -> None:
+        """Feed the watchdog; say what changed, and every few seconds how it goes."""
+        verdict = sample.verdict
+        said = f"{verdict.state}: {verdict.reason}"
+        if said != self._said:
+            self._said = said
+            log.info("%s", said)
+            notify(f"STATUS={said}")
+        if now_ns - self._fed_ns > WATCHDOG_PERIOD_S * NS_PER_S:
+            self._fed_ns = now_ns
+            notify("WATCHDOG=1")
+        if now_ns - self._said_ns > STATUS_PERIOD_S * NS_PER_S:
+            self._said_ns = now_ns
+            eta, eta_d = sample.state.eta, sample.eta_d
+            log.info(
+                "depth %.3f m (wanted %.3f), heading %.1f° (wanted %.1f), delays %.0f + %.0f ms, %s",
+                *(eta[Z], eta_d[Z], degrees(eta[PSI]), degrees(eta_d[PSI])),
+                *(1e3 * sample.state.delays.telemetry_s, 1e3 * sample.state.delays.command_s, verdict.state),
+            )
+
+    def _link_ended(self, task: asyncio.Task[None]) -> None:
+        if not task.cancelled():
+            self._failure = task.exception()
+            self._stop.set()
+
+
+def notify(message: str) -> None:
+    """Tell systemd, if it started us (sd_notify(3))."""
+    address = os.environ.get("NOTIFY_SOCKET")
+    if address:
+        with suppress(OSError), socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as channel:
+            channel.sendto(message.encode(), "\0" + address[1:] if address.startswith("@") else address)
+
+
+def main(config: Config, setpoint: Setpoint, *, arm: bool, requests: Sequence[Request]) -> int:
+    """Run the companion; return its exit status."""
+
+    async def run() -> int:
+        return await App(config, setpoint, arm=arm, requests=requests).run()
+
+    return asyncio.run(run())

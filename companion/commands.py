@@ -1,0 +1,60 @@
+"""The companion's subcommands. Light to import: the rooms behind them are imported when called."""
+
+import argparse
+import logging
+import math
+import sys
+from pathlib import Path
+
+EXAMPLES = """\
+examples:
+  holdfast run                                  watch only: connect, publish, refuse to steer
+  holdfast run --engage                         hold the present depth and heading once the pilot has
+                                                armed the vehicle and put it into MANUAL
+  holdfast run --engage --arm --depth 5         the same, arming it ourselves, at 5 m
+  holdfast run --set link.endpoint=tcp:127.0.0.1:5760 --set heave.compensator=none
+
+Stop with Ctrl-C: the vehicle is left neutral. Look inside with `holdfast watch`.
+"""
+
+
+def run(argv: list[str]) -> int:
+    """Hold a vehicle: the controller itself."""
+    parser = argparse.ArgumentParser(
+        prog="holdfast run",
+        description="Connects to an ArduSub vehicle over MAVLink and holds it still, once told to engage.",
+        epilog=EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--config", type=Path, metavar="FILE", help="default: config/companion.toml")
+    parser.add_argument(
+        "--set", action="append", default=[], metavar="KEY=VALUE", help="override a key of the file"
+    )
+    parser.add_argument("--engage", action="store_true", help="take control as soon as it is permitted")
+    parser.add_argument("--arm", action="store_true", help="arm the vehicle when engaging")
+    parser.add_argument("--depth", type=float, metavar="M", help="depth to hold; default: the present one")
+    parser.add_argument(
+        "--heading", type=float, metavar="DEG", help="heading to hold; default: the present one"
+    )
+    arguments = parser.parse_args(argv)
+    logging.basicConfig(level=logging.INFO, format="%(asctime)s %(message)s", stream=sys.stderr)
+
+    import numpy as np
+
+    from companion.app import main
+    from companion.config import DEFAULT_FILE, ConfigError, load_config
+    from companion.types import Request, Setpoint
+
+    depth_m = math.nan if arguments.depth is None else arguments.depth
+    heading_rad = math.nan if arguments.heading is None else math.radians(arguments.heading)
+    requests = [Request.ENGAGE] if arguments.engage else []
+    try:
+        config = load_config(arguments.config or DEFAULT_FILE, arguments.set)
+        setpoint = Setpoint(np.array([math.nan, math.nan, depth_m, heading_rad]))
+        return main(config, setpoint, arm=arguments.arm, requests=requests)
+    except ConfigError as error:
+        sys.stderr.write(f"holdfast run: {error}\n")
+        return 2
+    except OSError as error:
+        sys.stderr.write(f"holdfast run: {error}\n")
+        return 1
