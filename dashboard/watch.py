@@ -1,0 +1,403 @@
+"""`holdfast watch`: one vehicle in a terminal. `Feed` gathers, `render` draws, `main` loops."""
+
+import argparse
+import math
+import sys
+import time
+from collections import deque
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import msgspec
+from rich import box
+from rich.console import Console, Group, RenderableType
+from rich.live import Live
+from rich.panel import Panel
+from rich.table import Table
+from rich.text import Text
+
+from companion import telemetry
+from companion.telemetry import Command, Dof, Loop, Schema, State, Supervisor
+from dashboard.zenoh_client import Message, Subscription
+
+STALE_S = 0.5
+PATIENCE_S = 5.0
+
+_REFRESH_S = 0.125
+_WIDTH = 80
+_BINS = 16
+_BIN_S = 1.0
+_RESTART_S = 1.0
+
+_BANNER = {
+    "IDLE": ("white on grey23", "hands off"),
+    "READY": ("black on white", "may engage"),
+    "ACTIVE": ("bold white on blue", "holding"),
+    "RAMP_DOWN": ("bold black on yellow", "letting go"),
+    "PILOT": ("bold black on yellow", "the pilot steers"),
+    "FAULT": ("bold white on red", "latched until the operator clears it"),
+}
+_DOFS = {"x": "north", "y": "east", "z": "depth", "psi": "heading"}
+_AXES = {"surge": "N", "sway": "N", "heave": "N", "yaw": "N·m"}
+_MODES = {0: "STABILIZE", 1: "ACRO", 2: "ALT_HOLD", 9: "SURFACE", 16: "POSHOLD", 19: "MANUAL", 21: "SURFTRAK"}
+_EIGHTHS = "▁▂▃▄▅▆▇█"
+_DASH = "–"
+
+
+@dataclass(frozen=True)
+class View:
+    """What is known of one vehicle at one moment. `latest` by the key's tail, such as dof/z.
+
+    `age_s` is infinite before the first sample. `errors` holds, per DOF, the largest |e| (m or rad) of each
+    of the last seconds, the newest last.
+    """
+
+    endpoint: str
+    connected: bool
+    vehicle: str
+    others: Sequence[str]
+    age_s: float
+    latest: Mapping[str, Schema]
+    errors: Mapping[str, Sequence[float]]
+    trouble: str
+
+    @property
+    def stale(self) -> bool:
+        """Whether this is the past."""
+        return self.age_s > STALE_S
+
+
+class Feed:
+    """Gathers the messages of the vehicle asked for or, where none was, of the first one heard."""
+
+    def __init__(self, vehicle: str, endpoint: str) -> None:
+        self._vehicle = vehicle
+        self._endpoint = endpoint
+        self._heard: set[str] = set()
+        self._latest: dict[str, Schema] = {}
+        self._errors: dict[str, deque[tuple[float, float]]] = {dof: deque(maxlen=_BINS) for dof in _DOFS}
+        self._t_s = -math.inf
+        self._clocks_apart_s = math.inf
+        self._trouble = ""
+
+    @property
+    def complete(self) -> bool:
+        """Whether something came under every key."""
+        return bool(self._vehicle) and len(self._latest) == len(telemetry.keys(self._vehicle))
+
+    @property
+    def empty(self) -> bool:
+        """Whether nothing came so far."""
+        return not self._latest
+
+    def take(self, messages: Iterable[Message], now_s: float) -> None:
+        """Take what arrived until `now_s`, a monotonic clock of this machine."""
+        for key, payload in messages:
+            try:
+                record = telemetry.decode(key, payload)
+            except ValueError as error:
+                self._trouble = str(error)
+                continue
+            _, vehicle, tail = key.split("/", 2)
+            self._heard.add(vehicle)
+            self._vehicle = self._vehicle or vehicle
+            if vehicle == self._vehicle:
+                self._latest[tail] = record
+                self._mark_time(record.t_s, now_s)
+                if isinstance(record, Dof):
+                    self._bin(record)
+
+    def view(self, now_s: float, connected: bool) -> View:
+        """Return what there is to see at `now_s`."""
+        return View(
+            endpoint=self._endpoint,
+            connected=connected,
+            vehicle=self._vehicle,
+            others=sorted(self._heard - {self._vehicle}),
+            age_s=math.inf if self.empty else max(0.0, now_s - self._t_s - self._clocks_apart_s),
+            latest=dict(self._latest),
+            errors={dof: [peak for _, peak in bins] for dof, bins in self._errors.items()},
+            trouble=self._trouble,
+        )
+
+    def _mark_time(self, t_s: float, now_s: float) -> None:
+        """Learn how far the two clocks are apart from the fastest message: then what was held up is old."""
+        if t_s < self._t_s - _RESTART_S:
+            self._t_s = self._clocks_apart_s = math.inf
+        self._t_s = t_s if math.isinf(self._t_s) else max(self._t_s, t_s)
+        self._clocks_apart_s = min(self._clocks_apart_s, now_s - t_s)
+
+    def _bin(self, record: Dof) -> None:
+        bins, start = self._errors[record.dof], record.t_s // _BIN_S
+        peak = abs(record.e) if record.engaged and "e" not in record.absent else 0.0
+        if bins and bins[-1][0] == start:
+            peak = max(peak, bins.pop()[1])
+        bins.append((start, peak))
+
+
+def render(view: View) -> RenderableType:
+    """Draw a view. Every colour has a word beside it; what is old is dim and says so."""
+    if not view.latest:
+        return Panel(_waiting(view), title="holdfast", title_align="left", box=box.ROUNDED)
+    past = Text(f" STALE: nothing new for {view.age_s:.1f} s; this is the past. ", "reverse")
+    body = Group(
+        _banner(view),
+        past if view.stale else Text(),
+        _degrees_of_freedom(view),
+        Text(),
+        _thrust(view),
+        Text(),
+        _health(view),
+    )
+    notes = [Text(f"also here: {', '.join(view.others)}; see --vehicle", "dim")] if view.others else []
+    if view.trouble:
+        notes.append(Text(view.trouble, "italic"))
+    return Panel(
+        Group(body, *notes),
+        title=f"[bold]holdfast[/] {view.vehicle}",
+        title_align="left",
+        subtitle=_freshness(view),
+        subtitle_align="right",
+        box=box.ROUNDED,
+        style="dim" if view.stale else "",
+        width=_WIDTH,
+    )
+
+
+def main(argv: list[str]) -> int:
+    """Run the command; returns 1 when nothing came in time."""
+    options = _parser().parse_args(argv)
+    console = Console()
+    feed = Feed(options.vehicle or "", options.connect)
+    once = options.once or not console.is_terminal
+    try:
+        with Subscription(f"holdfast/{options.vehicle or '*'}/**", options.connect) as seen:
+            view = _once(feed, seen) if once else _live(feed, seen, console)
+    except ValueError as error:
+        sys.stderr.write(f"holdfast watch: {error}\n")
+        return 2
+    if feed.empty:
+        sys.stderr.write(f"holdfast watch: {_waiting(view).plain}\n")
+        return 1
+    if once:
+        console.print(render(view))
+    if options.json:
+        options.json.write_bytes(msgspec.json.format(msgspec.json.encode(_figures(view))) + b"\n")
+    return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="holdfast watch",
+        description="Show a vehicle's state in the terminal, live over Zenoh; Ctrl-C ends it. "
+        "Where the output is no terminal, it is one snapshot as with --once.",
+    )
+    parser.add_argument("--vehicle", metavar="NAME", help="which one; without it, the first one heard")
+    parser.add_argument(
+        "--connect",
+        metavar="ENDPOINT",
+        default=telemetry.ENDPOINT,
+        help="where Zenoh listens: the companion or a router (default %(default)s)",
+    )
+    parser.add_argument(
+        "--once",
+        action="store_true",
+        help=f"print one snapshot; status 1 if nothing comes in {PATIENCE_S:.0f} s",
+    )
+    parser.add_argument("--json", metavar="FILE", type=Path, help="write the last snapshot to FILE")
+    return parser
+
+
+def _once(feed: Feed, seen: Subscription) -> View:
+    deadline_s = time.monotonic() + PATIENCE_S
+    while not feed.complete and time.monotonic() < deadline_s:
+        feed.take(seen.take(), time.monotonic())
+        time.sleep(0.02)
+    return feed.view(time.monotonic(), seen.connected)
+
+
+def _live(feed: Feed, seen: Subscription, console: Console) -> View:
+    view = feed.view(time.monotonic(), connected=False)
+    with Live(render(view), console=console, screen=True, auto_refresh=False) as live:
+        try:
+            while True:
+                now_s = time.monotonic()
+                feed.take(seen.take(), now_s)
+                view = feed.view(now_s, seen.connected)
+                live.update(render(view), refresh=True)
+                time.sleep(_REFRESH_S)
+        except KeyboardInterrupt:
+            return view
+
+
+def _figures(view: View) -> dict[str, object]:
+    latest = {tail: msgspec.to_builtins(record) for tail, record in sorted(view.latest.items())}
+    return {"vehicle": view.vehicle, "age_s": view.age_s, **latest}
+
+
+# --- The parts of the picture -----------------------------------------------------------------------------
+
+
+def _waiting(view: View) -> Text:
+    if not view.connected:
+        return Text(
+            f"nobody listens on {view.endpoint}. Is `holdfast run` up, or is it elsewhere? See --connect."
+        )
+    who = f"'{view.vehicle}'" if view.vehicle else "any vehicle"
+    return Text(f"{view.endpoint} answers, but nothing of {who} came so far. Is `holdfast run` up?")
+
+
+def _freshness(view: View) -> Text:
+    age = f"{view.age_s:.2f} s old"
+    link = "" if view.connected else ", not connected"
+    return Text(f" STALE, {age}{link} ", "reverse") if view.stale else Text(f"live, {age}{link}")
+
+
+def _banner(view: View) -> RenderableType:
+    supervisor, state = view.latest.get("supervisor"), view.latest.get("state")
+    lines: list[Text] = []
+    if isinstance(supervisor, Supervisor):
+        style, meaning = _BANNER.get(supervisor.state, ("reverse", ""))
+        name = supervisor.state.replace("_", " ")
+        lines.append(
+            Text.assemble((f"  {name}  ", style), f"  {meaning}, authority {supervisor.authority:.0%}")
+        )
+        conditions = " ".join(supervisor.conditions).lower().replace("_", "-")
+        lines.append(Text("; ".join(filter(None, (supervisor.reason, conditions))), "dim"))
+    if isinstance(state, State):
+        mode = _MODES.get(state.mode, f"mode {state.mode}")
+        volts = _DASH if "voltage_v" in state.absent else f"{state.voltage_v:.1f} V"
+        armed = Text("ARMED", "bold") if state.armed else Text("disarmed")
+        lines.append(
+            Text.assemble(
+                armed,
+                f" in {mode}   battery {volts}   stick gain {state.pilot_gain:.0%}",
+                f"   roll {math.degrees(state.roll_rad):+.0f}°   pitch {math.degrees(state.pitch_rad):+.0f}°",
+            )
+        )
+    return Group(*lines)
+
+
+def _degrees_of_freedom(view: View) -> Table:
+    table = _table("", "is", "should be", "error", f"|e| in {_BINS} s", "learnt", "")
+    for dof, name in _DOFS.items():
+        record = view.latest.get(f"dof/{dof}")
+        if not isinstance(record, Dof):
+            continue
+        known = not {"x", "e"} & set(record.absent)
+        place = _place(record.x, dof) if known else _DASH
+        if not record.engaged:
+            table.add_row(name, place, _DASH, _DASH, "", _DASH, "not held", style="dim")
+            continue
+        table.add_row(
+            Text(name, "bold"),
+            place,
+            _place(record.x_d, dof),
+            _error(record.e, dof) if known else _DASH,
+            _sparkline(view.errors.get(dof, [])),
+            f"{record.d_hat:+.1f} {record.tau_unit}",
+            _doing(record),
+        )
+    return table
+
+
+def _thrust(view: View) -> Table:
+    table = _table("", "-100 %    demand   +100 %", "%", "asked", "given", "")
+    command = view.latest.get("command")
+    if isinstance(command, Command):
+        for axis, unit in _AXES.items():
+            demand = getattr(command, axis)
+            suffix = "nm" if unit == "N·m" else "n"
+            asked = getattr(command, f"{axis}_requested_{suffix}")
+            given = getattr(command, f"{axis}_delivered_{suffix}")
+            limited = abs(asked - given) > 0.05 + 0.02 * abs(asked)
+            table.add_row(
+                axis,
+                _gauge(demand),
+                f"{100 * demand:+.0f}",
+                f"{asked:+.1f} {unit}",
+                f"{given:+.1f} {unit}",
+                Text("SATURATED", "bold yellow") if limited else "",
+            )
+    return table
+
+
+def _health(view: View) -> Table:
+    grid = Table.grid(padding=(0, 2))
+    grid.add_column(style="dim", no_wrap=True)
+    grid.add_column()
+    loop = view.latest.get("loop")
+    if isinstance(loop, Loop):
+        ages = (
+            ("link", loop.link_age_s),
+            ("depth", loop.depth_age_s),
+            ("attitude", loop.attitude_age_s),
+            ("position", loop.position_age_s),
+        )
+        grid.add_row("signals", Text("   ").join(_age(name, age_s) for name, age_s in ages))
+        grid.add_row(
+            "delays",
+            f"telemetry {_delay(loop.telemetry_delay_s, loop.telemetry_delay_known)}   "
+            f"command {_delay(loop.command_delay_s, loop.command_delay_known)}",
+        )
+        grid.add_row(
+            "loop",
+            f"{loop.rate_hz:.1f} Hz   {loop.lateness_ms:.2f} ms late   {loop.compute_us:.0f} µs a tick   "
+            f"{loop.late_ticks} late ticks   {loop.samples_dropped} dropped",
+        )
+        grid.add_row(
+            "mavlink",
+            f"{loop.messages} messages   {loop.garbage} garbage   {loop.foreign} foreign   "
+            f"{loop.implausible} implausible",
+        )
+    return grid
+
+
+def _table(*headings: str) -> Table:
+    table = Table(box=None, padding=(0, 1, 0, 0), header_style="dim", pad_edge=False)
+    for heading in headings:
+        number = heading in ("is", "should be", "error", "learnt", "asked", "given", "%")
+        table.add_column(
+            heading, justify="right" if number else "left", min_width=9 if number else 7, no_wrap=True
+        )
+    return table
+
+
+def _place(value: float, dof: str) -> str:
+    return f"{math.degrees(value) % 360:.1f}°" if dof == "psi" else f"{value:.3f} m"
+
+
+def _error(value: float, dof: str) -> str:
+    return f"{math.degrees(value):+.2f}°" if dof == "psi" else f"{1000 * value:+.0f} mm"
+
+
+def _doing(record: Dof) -> Text:
+    if record.saturated:
+        return Text("SATURATED", "bold yellow")
+    return Text("learning" if record.adapting else "held")
+
+
+def _sparkline(peaks: Sequence[float]) -> Text:
+    top = max(peaks, default=0.0)
+    columns = (_EIGHTHS[min(7, int(8 * peak / top))] if top > 0 else _EIGHTHS[0] for peak in peaks)
+    return Text("".join(columns).rjust(_BINS), "cyan")
+
+
+def _gauge(value: float, half: int = 12) -> Text:
+    """Draw -1..1 from the middle outwards, in half columns."""
+    halves = round(min(1.0, abs(value)) * 2 * half)
+    full, rest = divmod(halves, 2)
+    right = ("█" * full + "▌" * rest).ljust(half, "·") if value > 0 else "·" * half
+    left = ("▐" * rest + "█" * full).rjust(half, "·") if value < 0 else "·" * half
+    return Text(f"{left}│{right}", "bold yellow" if halves == 2 * half else "cyan")
+
+
+def _age(name: str, age_s: float) -> Text:
+    if age_s >= telemetry.NEVER_S:
+        return Text(f"{name} never", "dim")
+    return Text(f"{name} {age_s:.2f} s", "bold yellow" if age_s > STALE_S else "")
+
+
+def _delay(delay_s: float, known: bool) -> str:
+    return f"{1000 * delay_s:.0f} ms {'measured' if known else 'assumed'}"

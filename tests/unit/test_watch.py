@@ -1,0 +1,202 @@
+"""The terminal view: a pure picture of what came, and honest about what did not."""
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from io import StringIO
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+from rich.console import Console
+
+from companion import telemetry
+from companion.types import Condition, ControlSample, State, Wrench
+from dashboard import watch
+from dashboard.watch import Feed, View, render
+from dashboard.zenoh_client import Message
+
+MakeSample = Callable[..., ControlSample]
+
+
+def test_a_sample_is_on_the_screen_in_eighty_columns(make_sample: MakeSample) -> None:
+    screen = _screen(_view(make_sample()))
+    lines = screen.splitlines()
+    assert len(lines) <= 24
+    assert max(map(len, lines)) <= 80
+    for words in (
+        "holdfast kelp",
+        "ACTIVE",
+        "authority 75%",
+        "position-stale",
+        "ARMED in MANUAL",
+        "battery 15.8 V",
+        "telemetry 50 ms measured",
+        "command 60 ms assumed",
+        "position never",
+        "50.0 Hz",
+        "live",
+    ):
+        assert words in screen
+    assert "…" not in screen, "something was cut off"
+
+
+def test_each_degree_of_freedom_says_what_it_does(make_sample: MakeSample) -> None:
+    screen = _screen(_view(make_sample()))
+    (heading,) = _rows(screen, "heading")
+    assert "not held" in heading
+    (north,) = _rows(screen, "north")
+    assert "SATURATED" in north
+    (east,) = _rows(screen, "east")
+    assert "learning" in east
+
+
+def test_thrust_that_was_not_delivered_is_marked(make_sample: MakeSample) -> None:
+    screen = _screen(_view(make_sample()))
+    (heave,) = _rows(screen, "heave")
+    assert "+40.0 N" in heave
+    assert "+30.0 N" in heave
+    assert "SATURATED" in heave
+    (surge,) = _rows(screen, "surge")
+    assert "SATURATED" not in surge
+
+
+def test_what_never_came_is_no_zero(make_sample: MakeSample) -> None:
+    sample = make_sample(voltage_v=math.nan)
+    nowhere = np.array([np.nan, np.nan, 5.0, 0.5])
+    sample = replace(sample, dofs=replace(sample.dofs, x=nowhere))
+    screen = _screen(_view(sample))
+    assert "battery –" in screen
+    assert "0.000 m" not in _rows(screen, "north")[0]
+
+
+@pytest.mark.parametrize("state", list(State))
+def test_every_state_has_its_word(make_sample: MakeSample, state: State) -> None:
+    sample = make_sample()
+    sample = replace(sample, verdict=replace(sample.verdict, state=state, conditions=Condition(0), reason=""))
+    screen = _screen(_view(sample))
+    assert state.value.replace("_", " ") in screen
+    assert watch._BANNER[state.value][1] in screen
+
+
+def test_data_turn_stale_within_a_second(make_sample: MakeSample) -> None:
+    feed = Feed("kelp", "here")
+    feed.take(_messages(make_sample(t_s=100.0)), now_s=7.0)
+    assert "STALE" not in _screen(feed.view(7.2, connected=True))
+    late = _screen(feed.view(8.0, connected=False))
+    assert "STALE: nothing new for 1.0 s" in late
+    assert "not connected" in late
+
+
+def test_what_was_held_up_on_its_way_is_old(make_sample: MakeSample) -> None:
+    feed = Feed("kelp", "here")
+    feed.take(_messages(make_sample(t_s=100.0)), now_s=7.0)
+    feed.take(_messages(make_sample(t_s=101.0)), now_s=10.0)
+    assert feed.view(10.0, connected=True).age_s == pytest.approx(2.0)
+
+
+def test_a_vehicle_whose_clock_starts_again_is_not_stale(make_sample: MakeSample) -> None:
+    feed = Feed("kelp", "here")
+    feed.take(_messages(make_sample(t_s=5000.0)), now_s=7.0)
+    feed.take(_messages(make_sample(t_s=20.0)), now_s=9.0)
+    assert feed.view(9.1, connected=True).age_s == pytest.approx(0.1)
+
+
+def test_nothing_heard_tells_where_to_look() -> None:
+    feed = Feed("", "tcp/10.0.0.1:7447")
+    assert "nobody listens on tcp/10.0.0.1:7447" in _screen(feed.view(1.0, connected=False))
+    assert "nothing of any vehicle" in _screen(feed.view(1.0, connected=True))
+
+
+def test_the_first_vehicle_heard_is_shown_and_the_others_named(make_sample: MakeSample) -> None:
+    feed = Feed("", "here")
+    feed.take(_messages(make_sample()), now_s=1.0)
+    feed.take(_messages(make_sample(t_s=99.0), "wrack"), now_s=1.0)
+    screen = _screen(feed.view(1.0, connected=True))
+    assert "holdfast kelp" in screen
+    assert "also here: wrack" in screen
+
+
+def test_a_strange_message_is_told_and_passed_over(make_sample: MakeSample) -> None:
+    feed = Feed("kelp", "here")
+    feed.take([Message("holdfast/kelp/state", b"{}"), *_messages(make_sample())], now_s=1.0)
+    assert "holdfast.State.v1" in _screen(feed.view(1.0, connected=True))
+
+
+def test_errors_are_remembered_by_their_peaks(make_sample: MakeSample) -> None:
+    feed = Feed("kelp", "here")
+    for tick in range(2 * 50):
+        sample = make_sample(t_s=100.0 + tick / 50)
+        errors = np.full(4, -0.5 if tick == 30 else 0.01)
+        feed.take(_messages(replace(sample, dofs=replace(sample.dofs, e=errors))), now_s=tick / 50)
+    view = feed.view(2.0, connected=True)
+    assert view.errors["z"] == [0.5, 0.01]
+    assert view.errors["psi"] == [0.0, 0.0], "an error of what is not held is none"
+
+
+@pytest.mark.parametrize(
+    ("value", "drawn"),
+    [
+        (0.0, "····│····"),
+        (0.5, "····│██··"),
+        (-0.5, "··██│····"),
+        (0.125, "····│▌···"),
+        (-0.125, "···▐│····"),
+        (9.0, "····│████"),
+        (-1.0, "████│····"),
+    ],
+)
+def test_a_gauge_grows_from_the_middle(value: float, drawn: str) -> None:
+    assert watch._gauge(value, half=4).plain == drawn
+
+
+def test_a_wild_sample_is_drawn_too(make_sample: MakeSample) -> None:
+    nowhere = np.full(4, np.nan)
+    sample = make_sample(eta=nowhere, boot_s=math.nan, roll=math.inf, mode=77)
+    sample = replace(sample, requested=Wrench(nowhere), delivered=Wrench(nowhere))
+    assert "mode 77" in _screen(_view(sample))
+
+
+def test_a_snapshot_in_numbers(make_sample: MakeSample) -> None:
+    figures = msgspec.json.decode(msgspec.json.encode(watch._figures(_view(make_sample()))))
+    assert figures["vehicle"] == "kelp"
+    assert figures["state"]["depth_m"] == 5.0
+    assert figures["dof/z"]["unit"] == "m"
+
+
+def test_once_without_a_companion_is_a_failure(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    monkeypatch.setattr(watch, "PATIENCE_S", 0.1)
+    figures = tmp_path / "figures.json"
+    assert watch.main(["--once", "--connect", "tcp/127.0.0.1:1", "--json", str(figures)]) == 1
+    assert "nobody listens on tcp/127.0.0.1:1" in capsys.readouterr().err
+    assert not figures.exists()
+
+
+def test_a_name_that_cannot_be_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    assert watch.main(["--once", "--vehicle", "a//b"]) == 2
+    assert "key expression" in capsys.readouterr().err
+
+
+def _messages(sample: ControlSample, vehicle: str = "kelp") -> list[Message]:
+    return [Message(key, payload) for key, _, payload in telemetry.encode(sample, vehicle)]
+
+
+def _view(sample: ControlSample) -> View:
+    feed = Feed("kelp", "here")
+    feed.take(_messages(sample), now_s=1.0)
+    assert feed.complete
+    return feed.view(1.0, connected=True)
+
+
+def _screen(view: View) -> str:
+    console = Console(width=80, file=StringIO())
+    with console.capture() as captured:
+        console.print(render(view))
+    return captured.get()
+
+
+def _rows(screen: str, name: str) -> list[str]:
+    return [line for line in screen.splitlines() if line.startswith(f"│ {name} ")]
