@@ -20,7 +20,7 @@ check: $(STAMP)  ## style, types, and the walls between the rooms
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
-	$(BIN)/lint-imports --no-timings
+	$(BIN)/lint-imports --no-logo
 
 clean:  ## remove .venv, caches and out/
 	rm -rf .venv out build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
@@ -28,7 +28,7 @@ clean:  ## remove .venv, caches and out/
 
 $(STAMP): pyproject.toml constraints.txt
 	@python=$$(for name in $(PYTHONS); do \
-	    if $$name -c 'import sys, venv; sys.exit(sys.version_info < (3, 11))' 2>/dev/null; \
+	    if $$name -c 'import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))' 2>/dev/null; \
 	    then echo $$name; break; fi; \
 	done); \
 	if [ -z "$$python" ]; then \
