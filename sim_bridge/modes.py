@@ -53,8 +53,9 @@ THROTTLE_DEAD_US = 77
 MAX_LEAN_RAD = math.radians(45)
 MAX_YAW_RATE = math.radians(100)
 MAX_RATE = math.radians(90)
+MAX_HEADING_LEAD_RAD = math.radians(20)
 SPEED_UP_M_S = 0.5
-DIP_FROM_MANUAL = -0.55
+DIP_FROM_MANUAL = -0.8
 """Throttle that ALT_HOLD's integrator starts from after MANUAL: the dip of half a metre that the firmware shows."""
 
 
@@ -71,6 +72,7 @@ class FlightControl:
         self._throttle_integral = 0.0
         self._climbing = False
         self._position: tuple[float, float] | None = None
+        self._position_integral = (0.0, 0.0)
 
     def enter(self, mode: int, estimate: Estimate, t_s: float) -> None:
         """Start a mode at the present attitude, depth and place."""
@@ -104,26 +106,27 @@ class FlightControl:
             )
             throttle = 2.0 * max(0.0, throttle) - 1.0
         else:
-            rates = self._level(pilot, estimate, yaw_rate, t_s)
+            rates = self._level(pilot, estimate, yaw_rate, t_s, dt)
         if MODES[self.mode].holds_depth:
             throttle = self._depth(pilot, estimate, dt)
         if MODES[self.mode].needs_position:
-            forward, lateral = self._place(estimate, forward, lateral)
+            forward, lateral = self._place(estimate, forward, lateral, dt)
         roll, pitch, yaw = self._rates(rates, estimate, dt)
         return roll, pitch, yaw, throttle, forward, lateral
 
     def _level(
-        self, pilot: Pilot, estimate: Estimate, yaw_rate: float, t_s: float
+        self, pilot: Pilot, estimate: Estimate, yaw_rate: float, t_s: float, dt: float
     ) -> tuple[float, float, float]:
         """Body rates that hold roll and pitch, and the heading once the yaw stick has rested for 250 ms."""
         roll = _outside(pilot.channels[ROLL], STICK_DEAD_US) * MAX_LEAN_RAD
         pitch = _outside(pilot.channels[PITCH], STICK_DEAD_US) * MAX_LEAN_RAD
+        ahead = _wrap(self._heading - estimate.yaw)
         if yaw_rate:
             self._yaw_moved_s = t_s
-        if t_s < self._yaw_moved_s + YAW_SETTLE_S:
-            self._heading = estimate.yaw
-        else:
-            yaw_rate = self._params["ATC_ANG_YAW_P"] * _wrap(self._heading - estimate.yaw)
+            self._heading = estimate.yaw + _clip(ahead + yaw_rate * dt, MAX_HEADING_LEAD_RAD)
+        elif t_s < self._yaw_moved_s + YAW_SETTLE_S:
+            self._heading, ahead = estimate.yaw, 0.0
+        yaw_rate += self._params["ATC_ANG_YAW_P"] * ahead
         phi_rate = self._params["ATC_ANG_RLL_P"] * _wrap(roll - estimate.roll)
         theta_rate = self._params["ATC_ANG_PIT_P"] * (pitch - estimate.pitch)
         return _clip(phi_rate, MAX_RATE), _clip(theta_rate, MAX_RATE), _clip(yaw_rate, MAX_YAW_RATE)
@@ -155,20 +158,24 @@ class FlightControl:
             self.depth_target = estimate.depth_m - 0.15 * estimate.climb_m_s
         self._climbing = climb != 0.0
         params = self._params
-        target = climb + _clip(params["PSC_D_POS_P"] * (estimate.depth_m - self.depth_target), SPEED_UP_M_S)
+        to_target = params["PSC_D_POS_P"] * (estimate.depth_m - self.depth_target)
+        target = _clip(climb + to_target, 1.3 * SPEED_UP_M_S)
         acceleration = params["PSC_D_VEL_P"] * (target - estimate.climb_m_s)
         self._throttle_integral += 0.2 * params["PSC_D_ACC_I"] * acceleration * dt
         self._throttle_integral = _clip(self._throttle_integral, 1.0)
         return _clip(0.2 * params["PSC_D_ACC_P"] * acceleration + self._throttle_integral, 1.0)
 
-    def _place(self, estimate: Estimate, forward: float, lateral: float) -> tuple[float, float]:
+    def _place(self, estimate: Estimate, forward: float, lateral: float, dt: float) -> tuple[float, float]:
         """Hold x and y while the sticks rest."""
         x, y, vx, vy = estimate.position
         if self._position is None or abs(forward) > 0.05 or abs(lateral) > 0.05:
-            self._position = (x, y)
+            self._position, self._position_integral = (x, y), (0.0, 0.0)
             return forward, lateral
-        north = 0.6 * (self._position[0] - x) - 0.6 * vx
-        east = 0.6 * (self._position[1] - y) - 0.6 * vy
+        ex, ey = self._position[0] - x, self._position[1] - y
+        ix, iy = self._position_integral
+        ix, iy = _clip(ix + 0.1 * ex * dt, 0.5), _clip(iy + 0.1 * ey * dt, 0.5)
+        self._position_integral = ix, iy
+        north, east = 0.6 * ex - 0.6 * vx + ix, 0.6 * ey - 0.6 * vy + iy
         c, s = math.cos(estimate.yaw), math.sin(estimate.yaw)
         return _clip(c * north + s * east, 1.0), _clip(c * east - s * north, 1.0)
 

@@ -16,7 +16,9 @@ def thrusters(frame="vectored_6dof", *overrides, shape=()):
     return Thrusters(load_config(CONFIGS[frame], overrides).thrusters, shape)
 
 
-@pytest.mark.parametrize(("pwm", "newtons"), [(1100, -39.9), (1400, -4.7), (1500, 0), (1600, 5.9), (1900, 51.5)])
+@pytest.mark.parametrize(
+    ("pwm", "newtons"), [(1100, -39.9), (1400, -4.7), (1500, 0), (1600, 5.9), (1900, 51.5)]
+)
 def test_static_curve_at_16_v(pwm, newtons):
     assert thrusters().static_thrust([pwm] * 8, 16.0) == pytest.approx([newtons] * 8)
 
@@ -59,7 +61,10 @@ def test_batch_is_what_singles_are():
     for index in np.ndindex(5, 2):
         alone = thrusters()
         np.testing.assert_allclose(
-            alone.step(alone.static_thrust(pwm[index], voltage[index]), 0.005), wrench[index], rtol=1e-12, atol=1e-12
+            alone.step(alone.static_thrust(pwm[index], voltage[index]), 0.005),
+            wrench[index],
+            rtol=1e-12,
+            atol=1e-12,
         )
 
 

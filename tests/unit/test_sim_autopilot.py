@@ -1,0 +1,569 @@
+"""The ArduSub double does what the firmware was seen to do: steering, arming, modes, failsafes, commands."""
+
+import math
+
+import numpy as np
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from sim_wire import (
+    ALT_HOLD,
+    ARM,
+    GUIDED,
+    MANUAL,
+    POSHOLD,
+    REQUEST,
+    SET_INTERVAL,
+    SET_MODE,
+    STABILIZE,
+    SURFACE,
+    Station,
+    manual,
+    override,
+    vehicle,
+)
+
+DEEP = "initial.eta=[0, 0, 8, 0, 0, 0]"
+
+
+def channels(station):
+    station.command(REQUEST, mavlink.MAVLINK_MSG_ID_RC_CHANNELS)
+    heard = station.run(0.05)
+    return [getattr(heard.last("RC_CHANNELS"), f"chan{n}_raw") for n in range(1, 9)]
+
+
+def set_param(station, name, value):
+    station.say(mavlink.MAVLink_param_set_message(1, 1, name.encode(), value, 9))
+    return station.run(0.05)
+
+
+def set_mode(station, mode):
+    station.command(SET_MODE, 1, mode)
+    return station.run(0.05)
+
+
+# Who may steer
+
+
+@pytest.mark.parametrize("steering", [manual(x=1000), override(forward=400)], ids=["manual", "override"])
+def test_only_the_ground_stations_system_steers(steering):
+    rov = vehicle()
+    Station(rov, system=245).run(0.1, steering)
+    station = Station(rov)
+    assert channels(station)[4] == 1500
+    station.run(0.1, steering)
+    assert channels(station)[4] > 1500
+
+
+def test_the_component_id_is_never_looked_at():
+    station = Station(vehicle(), component=7)
+    station.run(0.1, override(forward=100))
+    assert channels(station)[4] == 1600
+
+
+def test_manual_control_for_another_vehicle_is_not_ours_but_an_override_is():
+    station = Station(vehicle())
+    station.run(0.1, manual(x=1000, target=2))
+    assert channels(station)[4] == 1500
+    other = override(forward=77)
+    other.target_system = 2
+    station.run(0.1, other)
+    assert channels(station)[4] == 1577
+
+
+def test_gcs_sysid_counts_at_once():
+    rov = vehicle()
+    set_param(Station(rov), "MAV_GCS_SYSID", 245)
+    station = Station(rov, system=245)
+    station.run(0.1, override(forward=100))
+    assert channels(station)[4] == 1600
+
+
+# MANUAL_CONTROL
+
+
+def test_manual_control_formulae_at_half_gain():
+    station = Station(vehicle())
+    station.run(0.1, manual(x=1000, y=-500, z=0, r=300))
+    pitch, roll, throttle, yaw, forward, lateral, pan, tilt = channels(station)
+    assert (forward, lateral, yaw) == (1700, 1400, 1560)
+    assert throttle == 1300
+    assert (pitch, roll, pan, tilt) == (1500, 1500, 1500, 1500)
+
+
+def test_extensions_are_raw_microseconds_s_to_pitch_t_to_roll():
+    station = Station(vehicle())
+    station.run(0.1, manual(s=123, t=-45))
+    assert channels(station)[:2] == [1623, 1455]
+
+
+def test_int16_max_is_full_deflection_not_ignored():
+    station = Station(vehicle())
+    station.run(0.1, manual(x=32767, y=32767, r=32767, z=32767))
+    assert channels(station)[2:6] == [1900, 1900, 1900, 1900]
+
+
+def test_manual_control_recentres_the_camera_and_override_leaves_it():
+    station = Station(vehicle())
+    camera = override()
+    camera.chan7_raw, camera.chan8_raw = 1700, 1200
+    station.run(0.1, camera)
+    assert channels(station)[6:8] == [1700, 1200]
+    station.run(0.1, override())
+    assert channels(station)[6:8] == [1700, 1200]
+    station.run(0.1, manual())
+    assert channels(station)[6:8] == [1500, 1500]
+
+
+def test_joystick_gain_is_read_at_boot_only_throttle_gain_at_once():
+    station = Station(vehicle())
+    set_param(station, "JS_GAIN_DEFAULT", 1.0)
+    set_param(station, "JS_THR_GAIN", 0.5)
+    station.run(0.1, manual(x=1000, z=1000))
+    assert channels(station)[4] == 1700
+    assert channels(station)[2] == 1600
+    station.command(246, 1)
+    station.run(0.1)
+    station.run(0.1, manual(x=1000))
+    assert channels(station)[4] == 1900
+
+
+def test_gain_buttons_act_on_the_edge_and_are_reported():
+    station = Station(vehicle())
+    heard = station.run(1.0, manual(buttons=1 << 11))
+    assert "#Gain is 75%" in heard.texts()
+    assert len([text for text in heard.texts() if text.startswith("#Gain")]) == 1
+    gains = [m.value for m in station.run(1.0).of("NAMED_VALUE_FLOAT") if m.name == "PilotGain"]
+    assert gains[-1] == 0.75
+    station.run(0.1, manual(x=1000))
+    assert channels(station)[4] == 1800
+
+
+def test_two_senders_of_buttons_make_phantom_edges():
+    station = Station(vehicle())
+    held = [manual(buttons=1 << 12), manual()]
+    heard = station.run(0.4, lambda t: held[round(t * 50) % 2])
+    assert len([text for text in heard.texts() if text.startswith("#Gain")]) >= 2
+
+
+def test_default_buttons_arm_disarm_and_change_mode():
+    station = Station(vehicle())
+    station.run(2.1)
+    station.run(0.05, manual(buttons=1 << 6))
+    assert station.rov.truth().armed
+    station.run(0.05, manual(buttons=1 << 3))
+    assert station.rov.truth().mode == STABILIZE
+    station.run(0.05, manual(buttons=1 << 4))
+    assert not station.rov.truth().armed
+
+
+def test_input_hold_adds_an_offset_until_pressed_again():
+    station = Station(vehicle())
+    station.run(0.1, manual(x=500))
+    heard = station.run(0.1, manual(x=500, buttons=1 << 8))
+    assert "#Input Hold Set" in heard.texts()
+    station.run(0.1, manual())
+    assert channels(station)[4] == 1600
+    station.run(0.1, manual(x=100))
+    assert channels(station)[4] == 1620
+
+
+def test_roll_pitch_toggle_reroutes_the_sticks():
+    station = Station(vehicle("parameters={BTN0_FUNCTION=49}"))
+    station.run(0.1, manual(buttons=1))
+    station.run(0.1, manual(x=500, y=500))
+    assert channels(station)[:2] == [1400, 1600]
+    assert channels(station)[4:6] == [1500, 1500]
+
+
+# RC_CHANNELS_OVERRIDE and latching
+
+
+def test_override_is_not_gain_scaled_and_65535_leaves_alone():
+    station = Station(vehicle())
+    station.run(0.1, override(forward=400, yaw=-100))
+    only_yaw = mavlink.MAVLink_rc_channels_override_message(
+        1, 1, *[65535] * 3, 1550, 65535, 65535, 65535, 65535
+    )
+    station.run(0.1, only_yaw)
+    assert channels(station)[2:6] == [1500, 1550, 1900, 1500]
+
+
+def test_zero_clears_the_override_but_the_last_value_stays():
+    station = Station(vehicle())
+    station.run(0.1, override(forward=200))
+    station.run(0.1, mavlink.MAVLink_rc_channels_override_message(1, 1, *[0] * 8))
+    assert channels(station)[4] == 1700
+
+
+def test_overrides_are_applied_by_the_50_hz_input_loop():
+    delays = []
+    for seed in range(8):
+        rov = vehicle(seed=seed)
+        station = Station(rov).arm()
+        station.say(override(forward=200))
+        steps = 0
+        while rov.truth().motor_pwm[2] == 1500:
+            station.run()
+            steps += 1
+        delays.append(steps)
+    assert min(delays) == 1
+    assert 1 < max(delays) <= 4
+
+
+def test_last_command_stays_in_force_for_ever_without_the_pilot_failsafe():
+    station = Station(vehicle(DEEP, "parameters={FS_PILOT_INPUT=0, FS_GCS_ENABLE=0}")).arm()
+    station.run(0.1, override(throttle=-100))
+    station.run(12.0)
+    assert station.rov.truth().armed
+    assert station.rov.truth().nu[2] > 0.2
+
+
+# Failsafes
+
+
+def test_pilot_failsafe_disarms_after_its_timeout_with_its_text():
+    station = Station(vehicle()).arm()
+    station.run(0.5, override(forward=200))
+    before = station.run(2.9)
+    assert station.rov.truth().armed
+    assert "Lost manual control" not in before.texts()
+    after = station.run(0.3)
+    assert after.texts() == ["Lost manual control", "Disarming motors"]
+    assert not station.rov.truth().armed
+    station.run(2.0, override())
+    assert not station.rov.truth().armed, "nothing re-arms by itself"
+
+
+def test_pilot_failsafe_may_warn_and_neutralise_only():
+    station = Station(vehicle("parameters={FS_PILOT_INPUT=1, FS_PILOT_TIMEOUT=0.5}")).arm()
+    station.run(0.2, override(forward=200))
+    heard = station.run(1.0)
+    assert heard.texts() == ["Lost manual control"]
+    assert station.rov.truth().armed
+    assert set(station.rov.truth().motor_pwm) == {1500}
+
+
+def test_steering_at_a_third_of_a_hertz_keeps_the_failsafe_quiet():
+    station = Station(vehicle()).arm()
+    heard = station.run(12.0, override(), every_s=1 / 0.36)
+    assert "Lost manual control" not in heard.texts()
+
+
+def test_arming_is_accepted_while_the_pilot_failsafe_is_latched():
+    station = Station(vehicle())
+    station.run(5.0)
+    station.command(ARM, 1).run(0.1)
+    station.run(4.0)
+    assert station.rov.truth().armed
+    station.run(0.1, override())
+    station.run(3.1)
+    assert not station.rov.truth().armed
+
+
+def heartbeat(station):
+    return mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)
+
+
+@pytest.mark.parametrize(("action", "mode"), [(3, ALT_HOLD), (4, SURFACE)])
+def test_gcs_failsafe_changes_mode(action, mode):
+    station = Station(vehicle(DEEP, f"parameters={{FS_GCS_ENABLE={action}, FS_PILOT_INPUT=0}}")).arm()
+    station.run(4.9)
+    assert station.rov.truth().mode == MANUAL
+    station.run(0.3)
+    assert station.rov.truth().mode == mode
+
+
+def test_gcs_failsafe_disarms_and_says_so_at_most_every_30_s():
+    station = Station(vehicle("parameters={FS_PILOT_INPUT=0}")).arm()
+    station.run(30.0, heartbeat(station), every_s=1.0)
+    heard = station.run(20.0)
+    assert not station.rov.truth().armed
+    assert heard.texts() == ["MYGCS: 255, heartbeat lost", "Disarming motors"]
+    heard = station.run(40.0)
+    assert heard.texts().count("MYGCS: 255, heartbeat lost") == 1
+
+
+def test_gcs_failsafe_never_fires_before_a_ground_station_was_seen():
+    station = Station(vehicle("parameters={FS_PILOT_INPUT=0}"), system=200)
+    station.run(2.1)
+    station.command(ARM, 1).run(20.0)
+    assert station.rov.truth().armed
+
+
+def test_steering_is_the_ground_stations_sign_of_life():
+    station = Station(vehicle()).arm()
+    station.run(15.0, override(), every_s=1.0)
+    assert station.rov.truth().armed
+
+
+def test_switching_the_gcs_failsafe_off_during_it_freezes_the_status_at_5():
+    station = Station(vehicle("parameters={FS_PILOT_INPUT=0}")).arm()
+    station.run(6.0)
+    set_param(station, "FS_GCS_ENABLE", 0)
+    assert station.run(2.0, override()).last("HEARTBEAT").system_status == 5
+
+
+# Arming and modes
+
+
+def test_arming_is_earliest_2_s_after_boot():
+    station = Station(vehicle())
+    station.run(1.5)
+    assert station.command(ARM, 1).run(0.1).result(ARM) == 4
+    station.run(0.5)
+    heard = station.command(ARM, 1).run(1.1)
+    assert heard.result(ARM) == 0
+    assert "Arming motors" in heard.texts()
+    assert heard.last("HEARTBEAT").base_mode == 209
+
+
+def test_arming_off_centre_is_refused_only_with_rc_options_32():
+    for option, result in ((0, 0), (32, 4)):
+        station = Station(vehicle(f"parameters={{RC_OPTIONS={option}}}"))
+        station.run(2.5, override(forward=200))
+        assert station.command(ARM, 1).run(0.1).result(ARM) == result
+
+
+def test_commands_are_obeyed_from_any_system():
+    station = Station(vehicle(), system=42)
+    station.run(2.1)
+    station.command(ARM, 1).run(0.1)
+    assert station.rov.truth().armed
+
+
+@pytest.mark.parametrize(("mode", "name"), [(POSHOLD, "POSHOLD"), (GUIDED, "GUIDED"), (3, "AUTO")])
+def test_position_modes_are_refused_without_a_position(mode, name):
+    heard = set_mode(Station(vehicle()), mode)
+    assert heard.result(SET_MODE) == 4
+    assert f"Mode change failed: {name} requires position" in heard.texts()
+
+
+def test_poshold_holds_with_a_dvl_and_an_origin():
+    station = Station(vehicle("sensors.dvl=true", "current.enabled=true", "current.speed_m_s=0.2", DEEP))
+    station.say(mavlink.MAVLink_set_gps_global_origin_message(1, 0, 0, 0))
+    station.arm(POSHOLD).run(60.0, override())
+    assert np.hypot(*station.rov.truth().eta[:2]) < 0.4
+    assert station.run(1.0, override()).last("HEARTBEAT").base_mode == 209 + 8
+    assert station.run(1.0, override()).of("LOCAL_POSITION_NED")
+
+
+@pytest.mark.parametrize("mode", [STABILIZE, ALT_HOLD, SURFACE, MANUAL, 1, 21])
+def test_modes_without_a_position_can_be_set_while_disarmed(mode):
+    station = Station(vehicle())
+    assert set_mode(station, mode).result(SET_MODE) == 0
+    assert station.rov.truth().mode == mode
+
+
+def test_an_unknown_mode_is_refused():
+    station = Station(vehicle())
+    assert set_mode(station, 77).result(SET_MODE) == 4
+    assert station.rov.truth().mode == MANUAL
+
+
+def test_a_mode_change_sends_a_heartbeat_at_once_and_neutralises():
+    station = Station(vehicle(DEEP)).arm()
+    station.run(0.5, override(forward=200))
+    station.run(0.03)
+    heard = station.command(SET_MODE, 1, STABILIZE).run()
+    assert heard.last("HEARTBEAT").custom_mode == STABILIZE
+    assert channels(station)[4] == 1500
+
+
+def test_a_steering_message_just_before_a_mode_change_undoes_the_neutral():
+    rov = vehicle(seed=1)
+    station = Station(rov).arm()
+    station.say(override(forward=200)).command(SET_MODE, 1, STABILIZE).run(0.05)
+    assert channels(station)[4] == 1700
+
+
+def test_manual_to_manual_does_nothing():
+    station = Station(vehicle()).arm()
+    station.run(0.2, override(forward=200))
+    station.run(0.03)
+    set_mode(station, MANUAL)
+    assert channels(station)[4] == 1700
+
+
+# What the modes do
+
+
+def motion(station, seconds, **axes):
+    start = station.rov.truth().eta
+    station.run(seconds, override(**axes))
+    return station.rov.truth().eta - start, station.rov.truth().nu
+
+
+@pytest.mark.parametrize(
+    ("axes", "index", "sign"),
+    [({"forward": 100}, 0, 1), ({"lateral": 100}, 1, 1), ({"throttle": 100}, 2, -1), ({"yaw": 60}, 5, 1)],
+    ids=["forward", "lateral", "up", "clockwise"],
+)
+@pytest.mark.parametrize("mode", [MANUAL, STABILIZE])
+def test_each_stick_moves_the_vehicle_its_way(mode, axes, index, sign):
+    station = Station(vehicle(DEEP)).arm(mode)
+    moved, _ = motion(station, 1.5, **axes)
+    assert moved[index] * sign > 0.05
+    other = [i for i in (0, 1, 2, 5) if i != index]
+    assert np.abs(moved[other]).max() < 0.5 * abs(moved[index])
+
+
+def test_manual_has_no_dead_band_of_its_own():
+    station = Station(vehicle()).arm()
+    station.run(0.1, override(forward=10))
+    assert station.rov.truth().motor_pwm[:4] == (1490, 1490, 1510, 1510)
+
+
+def test_stabilize_levels_and_holds_the_heading():
+    station = Station(vehicle("initial.eta=[0, 0, 8, 0.4, -0.3, 1.0]")).arm(STABILIZE)
+    station.run(20.0, override())
+    roll, pitch, yaw = station.rov.truth().eta[3:]
+    assert abs(roll) < 0.12
+    assert abs(pitch) < 0.12
+    assert abs(yaw - 1.0) < 0.15
+
+
+def test_a_pitch_offset_in_manual_tumbles_the_vehicle():
+    station = Station(vehicle(DEEP)).arm()
+    pitches = []
+    for _ in range(40):
+        station.run(0.1, override(pitch=200))
+        pitches.append(abs(station.rov.truth().eta[4]))
+    assert max(pitches) > math.radians(75)
+
+
+def test_alt_hold_keeps_depth_and_full_stick_climbs_at_its_speed():
+    station = Station(vehicle(DEEP, "hull.net_buoyancy_n=2.3")).arm(STABILIZE)
+    set_mode(station, ALT_HOLD)
+    moved, _ = motion(station, 10.0)
+    assert abs(moved[2]) < 0.1
+    _, nu = motion(station, 3.0, throttle=-400)
+    assert 0.42 < nu[2] < 0.52
+    moved, nu = motion(station, 5.0)
+    assert abs(nu[2]) < 0.05
+
+
+def test_alt_hold_ignores_a_small_stick():
+    station = Station(vehicle(DEEP, "parameters={JS_GAIN_DEFAULT=1.0}")).arm(STABILIZE)
+    set_mode(station, ALT_HOLD)
+    station.run(2.0, override())
+    start = station.rov.truth().eta[2]
+    station.run(6.0, manual(z=404))
+    assert abs(station.rov.truth().eta[2] - start) < 0.05
+    station.run(6.0, manual(z=330))
+    assert station.rov.truth().eta[2] - start > 0.2
+
+
+def test_alt_hold_entered_from_manual_dips_and_through_stabilize_does_not():
+    dips = []
+    for mode in (MANUAL, STABILIZE):
+        station = Station(vehicle(DEEP)).arm(STABILIZE)
+        set_mode(station, mode)
+        station.run(1.0, override())
+        start = station.rov.truth().eta[2]
+        set_mode(station, ALT_HOLD)
+        depths = []
+        for _ in range(100):
+            station.run(0.1, override())
+            depths.append(station.rov.truth().eta[2] - start)
+        dips.append(max(depths))
+        assert abs(depths[-1]) < 0.1
+    assert 0.3 < dips[0] < 0.7
+    assert dips[1] < 0.05
+
+
+def test_surface_climbs_to_the_surface():
+    station = Station(vehicle("initial.eta=[0, 0, 3, 0, 0, 0]")).arm(SURFACE)
+    station.run(12.0, override())
+    assert station.rov.truth().eta[2] < 0.15
+
+
+def test_a_depth_target_moves_alt_hold():
+    station = Station(vehicle(DEEP)).arm(STABILIZE)
+    set_mode(station, ALT_HOLD)
+    station.say(
+        mavlink.MAVLink_set_position_target_global_int_message(
+            0, 1, 1, 5, 0b110111111011, 0, 0, -7.0, 0, 0, 0, 0, 0, 0, 0, 0
+        )
+    )
+    station.run(10.0, override())
+    assert station.rov.truth().eta[2] == pytest.approx(7.0, abs=0.15)
+
+
+# Commands, time, parameters
+
+
+def test_unknown_command_gets_3_and_wrong_target_no_answer():
+    station = Station(vehicle())
+    assert station.command(31999).run(0.1).result(31999) == 3
+    assert not station.command(ARM, 1, target=9).run(0.1).of("COMMAND_ACK")
+
+
+def test_command_int_works():
+    station = Station(vehicle())
+    station.say(mavlink.MAVLink_command_int_message(1, 1, 0, SET_MODE, 0, 0, 1, STABILIZE, 0, 0, 0, 0, 0))
+    assert station.run(0.1).result(SET_MODE) == 0
+
+
+def test_timesync_is_answered_with_boot_time_and_our_stamp():
+    station = Station(vehicle())
+    station.run(1.0)
+    answer = station.say(mavlink.MAVLink_timesync_message(0, 123456789)).run(0.05).last("TIMESYNC")
+    assert answer.ts1 == 123456789
+    assert abs(answer.tc1 / 1e9 - 1.0) < 0.03
+
+
+def test_timesync_that_is_an_answer_is_not_answered():
+    station = Station(vehicle())
+    assert not station.say(mavlink.MAVLink_timesync_message(5, 6)).run(0.1).of("TIMESYNC")
+
+
+def test_parameters_list_read_set_and_survive_a_reboot():
+    station = Station(vehicle())
+    station.say(mavlink.MAVLink_param_request_list_message(1, 1))
+    values = station.run(1.0).of("PARAM_VALUE")
+    assert len(values) == values[0].param_count == len({v.param_id for v in values})
+    assert [v.param_index for v in values] == list(range(len(values)))
+    assert all(len(v.param_id) <= 16 for v in values)
+    set_param(station, "FS_PILOT_TIMEOUT", 0.7)
+    station.command(246, 1).run(0.5)
+    station.say(mavlink.MAVLink_param_request_read_message(1, 1, b"FS_PILOT_TIMEOUT", -1))
+    assert station.run(0.05).last("PARAM_VALUE").param_value == pytest.approx(0.7)
+
+
+def test_a_parameter_that_is_not_a_number_is_not_stored():
+    station = Station(vehicle())
+    assert set_param(station, "FS_PILOT_TIMEOUT", math.nan).last("PARAM_VALUE").param_value == 3.0
+
+
+def test_motor_direction_reverses_a_motor():
+    station = Station(vehicle("parameters={MOT_3_DIRECTION=-1}")).arm()
+    station.run(0.1, override(forward=100))
+    assert station.rov.truth().motor_pwm[:4] == (1400, 1400, 1400, 1600)
+
+
+def test_autopilot_version_and_home():
+    station = Station(vehicle())
+    assert station.command(REQUEST, 148).run(0.05).last("AUTOPILOT_VERSION").capabilities == 0xF9E7
+    assert station.command(520, 1).run(0.05).of("AUTOPILOT_VERSION")
+    assert station.command(REQUEST, 242).run(0.05).result(REQUEST) == 4
+    station.say(mavlink.MAVLink_set_gps_global_origin_message(1, 5, 6, 7)).run(0.05)
+    assert station.command(REQUEST, 242).run(0.05).last("HOME_POSITION").latitude == 5
+    assert station.command(REQUEST, 99999).run(0.05).result(REQUEST) == 4
+
+
+def test_an_empty_mission_counts_one():
+    station = Station(vehicle()).say(mavlink.MAVLink_mission_request_list_message(1, 1))
+    assert station.run(0.05).last("MISSION_COUNT").count == 1
+
+
+def test_a_reboot_forgets_arming_mode_origin_and_intervals():
+    station = Station(vehicle())
+    station.say(mavlink.MAVLink_set_gps_global_origin_message(1, 5, 6, 7))
+    station.command(SET_INTERVAL, 30, 20000).command(SET_MODE, 1, STABILIZE).run(3.0)
+    heard = station.command(246, 1).run(2.0)
+    assert heard.last("HEARTBEAT").custom_mode == MANUAL
+    assert heard.last("SYSTEM_TIME").time_boot_ms < 2100
+    assert len(heard.of("ATTITUDE")) == pytest.approx(20, abs=2)
+    assert station.command(REQUEST, 242).run(0.05).result(REQUEST) == 4
+    station.arm()
+    assert station.command(246, 1).run(0.05).result(246) == 4
