@@ -159,7 +159,7 @@ class FlightControl:
         self._climbing = climb != 0.0
         params = self._params
         to_target = params["PSC_D_POS_P"] * (estimate.depth_m - self.depth_target)
-        target = _clip(climb + to_target, 1.3 * SPEED_UP_M_S)
+        target = climb + _clip(to_target, (0.5 if climb else 1.0) * SPEED_UP_M_S)
         acceleration = params["PSC_D_VEL_P"] * (target - estimate.climb_m_s)
         self._throttle_integral += 0.2 * params["PSC_D_ACC_I"] * acceleration * dt
         self._throttle_integral = _clip(self._throttle_integral, 1.0)
