@@ -62,9 +62,10 @@ class Subscription:
         self._closing.set()
         if self._thread.is_alive():
             self._thread.join(_CLOSE_S)
+        self._subscriber = None
         if self._session is not None:
-            self._subscriber = None
             self._session.close()  # type: ignore[no-untyped-call]
+            self._session = None
 
     def __enter__(self) -> Self:
         """Start."""
