@@ -1,0 +1,165 @@
+"""Real sockets, real clock, real Zenoh: the shell around the vehicle."""
+
+import contextlib
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+
+import pytest
+import zenoh
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from sim_bridge.app import MAX_CATCH_UP_STEPS
+
+START_S = 15.0
+
+
+def free_port(kind=socket.SOCK_STREAM):
+    with socket.socket(socket.AF_INET, kind) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+@contextlib.contextmanager
+def simulator(*arguments):
+    command = "import sys; from sim_bridge.commands import sim; sys.exit(sim(sys.argv[1:]))"
+    process = subprocess.Popen(
+        [sys.executable, "-c", command, *arguments], stderr=subprocess.PIPE, text=True, env=os.environ
+    )
+    try:
+        yield process
+    finally:
+        process.send_signal(signal.SIGINT)
+        try:
+            _, errors = process.communicate(timeout=10)
+        finally:
+            process.kill()
+    assert process.returncode == 0, errors
+    assert "Traceback" not in errors
+
+
+def connect(port):
+    deadline = time.monotonic() + START_S
+    while True:
+        try:
+            return socket.create_connection(("127.0.0.1", port), timeout=5)
+        except OSError:
+            if time.monotonic() > deadline:
+                raise
+            time.sleep(0.05)
+
+
+def listen(read, seconds=1.5):
+    parser, heard = mavlink.MAVLink(None), []
+    parser.robust_parsing = True
+    deadline = time.monotonic() + seconds
+    while time.monotonic() < deadline:
+        heard += parser.parse_buffer(read()) or []
+    return heard
+
+
+def count(heard, name):
+    return sum(message.get_type() == name for message in heard)
+
+
+def test_tcp_and_udp_clients_at_once_and_a_clean_end():
+    port, listen_port = free_port(), free_port(socket.SOCK_DGRAM)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as called:
+        called.bind(("127.0.0.1", 0))
+        called.settimeout(START_S)
+        endpoints = (
+            f"--tcp=127.0.0.1:{port}",
+            f"--udp-connect=127.0.0.1:{called.getsockname()[1]}",
+            f"--udp-listen=127.0.0.1:{listen_port}",
+        )
+        with simulator(*endpoints, "--no-zenoh"), connect(port) as first, connect(port) as second:
+            data, vehicle_address = called.recvfrom(2048)
+            assert data[0] == 0xFD
+            heard = listen(lambda: first.recv(65536))
+            assert count(heard, "ATTITUDE") == pytest.approx(15, abs=6)
+            assert count(listen(lambda: second.recv(65536), 1.2), "HEARTBEAT") >= 1
+
+            packer = mavlink.MAVLink(None, 255, 190)
+            ask = mavlink.MAVLink_timesync_message(0, 4711).pack(packer)
+            called.sendto(ask, vehicle_address)
+            answers = listen(lambda: called.recvfrom(2048)[0], 1.0)
+            assert 4711 in [m.ts1 for m in answers if m.get_type() == "TIMESYNC"]
+
+            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as caller:
+                caller.settimeout(5)
+                caller.sendto(ask, ("127.0.0.1", listen_port))
+                answers = listen(lambda: caller.recv(2048), 1.0)
+                assert 4711 in [m.ts1 for m in answers if m.get_type() == "TIMESYNC"]
+            first.close()
+            assert count(listen(lambda: second.recv(65536), 1.0), "ATTITUDE") > 5
+
+
+def test_time_runs_at_the_speed_that_is_asked_for():
+    port = free_port()
+    with simulator(f"--tcp=127.0.0.1:{port}", "--no-zenoh", "--speed=5"), connect(port) as client:
+        heard = listen(lambda: client.recv(65536), 2.0)
+    boots = [m.time_boot_ms for m in heard if m.get_type() == "ATTITUDE"]
+    assert (boots[-1] - boots[0]) / 1000 == pytest.approx(10.0, rel=0.2)
+    assert MAX_CATCH_UP_STEPS * 0.005 <= 0.2
+
+
+def test_truth_on_zenoh_whoever_starts_first():
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    samples = []
+    with simulator(
+        f"--udp-connect=127.0.0.1:{free_port(socket.SOCK_DGRAM)}", f"--zenoh={endpoint}", "--vehicle=v7"
+    ):
+        time.sleep(1.0)
+        config = zenoh.Config()
+        config.insert_json5("mode", '"peer"')
+        config.insert_json5("listen/endpoints", json.dumps([endpoint]))
+        config.insert_json5("scouting/multicast/enabled", "false")
+        config.insert_json5("transport/shared_memory/enabled", "false")
+        with zenoh.open(config) as session:
+            session.declare_subscriber("sim/v7/truth", lambda sample: samples.append(sample))
+            deadline = time.monotonic() + START_S
+            while len(samples) < 60 and time.monotonic() < deadline:
+                time.sleep(0.05)
+            times = [json.loads(sample.payload.to_string())["t_s"] for sample in samples]
+            encoding = str(samples[0].encoding)
+            truth = json.loads(samples[-1].payload.to_string())
+    assert len(times) >= 60
+    assert times[-1] - times[0] == pytest.approx((len(times) - 1) / 50, rel=0.3)
+    assert encoding == "application/json;holdfast.sim.Truth.v1"
+    assert list(truth) == [
+        "t_s",
+        "eta",
+        "nu",
+        "nu_dot",
+        "thrust_n",
+        "tau",
+        "disturbance",
+        "motor_pwm",
+        "armed",
+        "mode",
+        "load_on",
+        "voltage_v",
+    ]
+    assert None not in truth.values()
+    assert [len(truth[key]) for key in ("eta", "nu", "tau", "disturbance", "thrust_n")] == [6, 6, 6, 6, 8]
+
+
+def test_a_taken_port_is_told_in_one_line():
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        command = "import sys; from sim_bridge.commands import sim; sys.exit(sim(sys.argv[1:]))"
+        result = subprocess.run(
+            [sys.executable, "-c", command, f"--tcp=127.0.0.1:{port}", "--no-zenoh"],
+            capture_output=True,
+            text=True,
+            timeout=30,
+            check=False,
+        )
+    assert result.returncode == 1
+    assert "address already in use" in result.stderr
+    assert "Traceback" not in result.stderr

@@ -1,0 +1,61 @@
+"""Bad configuration is refused by name, key, value and range; the shipped files are good."""
+
+import pytest
+from sim_bridge.config import ConfigError, load_config
+from sim_bridge.vehicle import Vehicle
+from sim_wire import CONFIG
+
+
+@pytest.mark.parametrize("name", ["sim.toml", "sim-bluerov2.toml"])
+def test_shipped_files_fly(name):
+    Vehicle(load_config(CONFIG.with_name(name)), 1).step()
+
+
+@pytest.mark.parametrize(
+    ("override", "words"),
+    [
+        ("hull.mass_kg=-1", ["hull.mass_kg", "-1", "> 0"]),
+        ("hull.colour='blue'", ["hull.colour", "unknown"]),
+        ("waves.height_m=9.0", ["waves.height_m", "9.0", "<= 5"]),
+        ("waves.height_m=nan", ["waves.height_m", "finite"]),
+        ("thrusters.frame='octopus'", ["thrusters.frame", "octopus"]),
+        ("thrusters.gain=[1.0, 1.0]", ["thrusters", "1 or 8"]),
+        ("hull.added_mass=[1, 2]", ["hull.added_mass"]),
+        ("sensors.depth_scale='deep'", ["sensors.depth_scale", "deep"]),
+        ("faults=[{kind='gremlin'}]", ["faults[0].kind", "gremlin"]),
+        ("faults=[{kind='parameter'}]", ["faults[0]", "parameter"]),
+        ("faults=[{kind='link_lossy', value=3}]", ["faults[0]", "0..1"]),
+        ("speed", ["speed", "dotted.key=value"]),
+        ("waves.enabled=yes", ["waves.enabled", "TOML"]),
+    ],
+)
+def test_errors_name_file_key_value_and_range(override, words):
+    with pytest.raises(ConfigError) as caught:
+        load_config(CONFIG, [override])
+    for word in words:
+        assert word in str(caught.value)
+    if "=" in override and "TOML" not in words:
+        assert "sim.toml" in str(caught.value)
+
+
+def test_missing_file_and_broken_toml(tmp_path):
+    with pytest.raises(ConfigError, match="cannot be read"):
+        load_config(tmp_path / "none.toml")
+    broken = tmp_path / "broken.toml"
+    broken.write_text("hull = [")
+    with pytest.raises(ConfigError, match="not valid TOML"):
+        load_config(broken)
+    broken.write_text("")
+    with pytest.raises(ConfigError, match="hull: missing"):
+        load_config(broken)
+
+
+def test_overrides_reach_their_place():
+    config = load_config(CONFIG, ["waves.enabled=true", "load={enabled=true, weight_n=15}"])
+    assert config.waves.enabled
+    assert config.load.weight_n == 15.0
+
+
+def test_unknown_autopilot_parameter_is_refused():
+    with pytest.raises(ValueError, match="FS_PILOT_TIMEOUTT"):
+        Vehicle(load_config(CONFIG, ["parameters.FS_PILOT_TIMEOUTT=1.0"]), 1)

@@ -1,0 +1,119 @@
+"""Water, tether and load are as strong as they claim, and reproducible."""
+
+import math
+
+import numpy as np
+import pytest
+from sim_bridge.config import Waves, load_config
+from sim_bridge.environment import Environment, JonswapSea, OrnsteinUhlenbeck
+from sim_bridge.plant import GRAVITY
+from sim_wire import ARM, CALM, CONFIG, Station, override, vehicle
+
+DT = 0.02
+
+
+def sea(seed=0, **changes):
+    return JonswapSea(Waves(enabled=True, **changes), np.random.default_rng(seed))
+
+
+def test_significant_height_is_four_standard_deviations():
+    surface = sea(height_m=0.3)
+    heights = [surface.elevation(t, 0.0, 0.0, 0.0) for t in np.arange(0, 2000, 0.5)]
+    assert 4 * np.std(heights) == pytest.approx(0.3, rel=0.05)
+
+
+def test_energy_peaks_at_the_peak_period():
+    surface = sea(period_s=4.0)
+    signal = [surface.elevation(t, 0, 0, 0) for t in np.arange(0, 1000, 0.25)]
+    spectrum = np.abs(np.fft.rfft(signal)) ** 2
+    frequency = np.fft.rfftfreq(len(signal), 0.25)
+    assert np.sum(spectrum * frequency) / np.sum(spectrum) == pytest.approx(0.28, abs=0.05)
+
+
+def test_flow_decays_with_depth_as_deep_water_does():
+    single = sea(components=1)
+    k = float(single._k[0])
+    shallow = np.hypot(*np.array(single.flow(3.0, 0, 0, 1.0))[[0, 2]])
+    deep = np.hypot(*np.array(single.flow(3.0, 0, 0, 3.0))[[0, 2]])
+    assert deep / shallow == pytest.approx(math.exp(-2 * k))
+    assert k == pytest.approx(float(single._omega[0]) ** 2 / GRAVITY)
+
+
+def test_acceleration_is_the_derivative_of_velocity():
+    surface = sea(direction_deg=40.0)
+    before, now, after = (np.array(surface.flow(t, 1.0, 2.0, 2.0)) for t in (4.999, 5.0, 5.001))
+    np.testing.assert_allclose((after[:3] - before[:3]) / 0.002, now[3:], atol=1e-5)
+
+
+def test_water_at_the_surface_moves_with_it():
+    surface = sea()
+    rise = (surface.elevation(5.001, 0, 0, 0) - surface.elevation(4.999, 0, 0, 0)) / 0.002
+    assert surface.flow(5.0, 0, 0, 0)[2] == pytest.approx(-rise, abs=1e-5)
+
+
+def test_ornstein_uhlenbeck_has_its_sigma_and_correlation_time():
+    signal = OrnsteinUhlenbeck(5.0, 2.0, DT, np.random.default_rng(1))
+    values = np.array([signal.step() for _ in range(200_000)])
+    assert values.std() == pytest.approx(5.0, rel=0.06)
+    lag = round(2.0 / DT)
+    assert np.corrcoef(values[:-lag], values[lag:])[0, 1] == pytest.approx(math.exp(-1), abs=0.06)
+
+
+def environment(*overrides, seed=0):
+    return Environment(load_config(CONFIG, [*CALM, *overrides]), DT, np.random.default_rng(seed))
+
+
+def test_calm_is_calm():
+    assert environment().step(3.0, 1.0, 0, 0, 5) == ((0, 0, 0), (0, 0, 0, 0, 0, 0))
+
+
+def test_current_flows_where_it_says():
+    water = environment("current={enabled=true, speed_m_s=0.2, direction_deg=90, sigma_m_s=0.0, tau_s=10}")
+    assert water.step(0, 0, 0, 0, 5)[1][:3] == pytest.approx((0.0, 0.2, 0.0))
+
+
+def test_load_hangs_from_on_to_off_after_the_first_arming():
+    water = environment("load={enabled=true, weight_n=12, on_s=2, off_s=4}")
+    assert [water.step(t, t - 10, 0, 0, 5)[0][2] for t in (5, 11.9, 12.0, 13.9, 14.0)] == [0, 0, 12, 12, 0]
+
+
+def test_load_waits_for_arming_and_shows_in_the_truth():
+    rov = vehicle("load={enabled=true, weight_n=12, on_s=1, off_s=2}", "initial.eta=[0,0,5,0,0,0]")
+    station = Station(rov)
+    station.run(4.0)
+    assert not rov.truth().load_on
+    station.command(ARM, 1).run(1.1, override())
+    assert rov.truth().load_on
+    assert rov.truth().disturbance[2] == pytest.approx(12.0, abs=0.1)
+    station.run(1.0, override())
+    assert not rov.truth().load_on
+
+
+def test_tether_pulls_and_grows_with_depth():
+    water = environment("tether={enabled=true, sigma_n=[0,0,0], pull_n=[1,-2,3], heave_n_per_m=0.5, tau_s=2}")
+    assert water.step(0, 0, 0, 0, 4)[0] == pytest.approx((1, -2, 5))
+
+
+def test_scripted_heave_force():
+    water = environment("heave_force={enabled=true, constant_n=5, sine_n=2, sine_period_s=8}")
+    assert water.step(2.0, 0, 0, 0, 5)[0] == pytest.approx((0, 0, 7))
+    noisy = environment("heave_force={enabled=true, sigma_n=8, tau_s=1}")
+    assert np.std([noisy.step(t, 0, 0, 0, 5)[0][2] for t in np.arange(0, 600, DT)]) == pytest.approx(
+        8, rel=0.15
+    )
+
+
+def test_switching_one_disturbance_leaves_the_others_as_they_were():
+    both = environment("waves.enabled=true", "tether.enabled=true")
+    one = environment("tether.enabled=true")
+    for t in np.arange(0, 2, DT):
+        assert both.step(t, 0, 0, 0, 3)[0] == one.step(t, 0, 0, 0, 3)[0]
+
+
+def test_waves_push_a_neutral_vehicle_about_at_depth():
+    rov = vehicle("waves.enabled=true", "initial.eta=[0,0,2.5,0,0,0]")
+    forces = []
+    for _ in range(4000):
+        rov.step()
+        forces.append(rov.truth().disturbance[2])
+    assert 1.0 < np.std(forces) < 20.0

@@ -1,0 +1,112 @@
+"""Each kind of fault does what its row of the table says, from its time, for its duration."""
+
+import math
+
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from sim_bridge.config import Fault
+from sim_wire import SET_INTERVAL, STABILIZE, Station, override, vehicle
+
+
+def station_with(*faults, **options):
+    rov = vehicle("initial.eta=[0,0,5,0,0,0]", **options)
+    station = Station(rov)
+    station.command(SET_INTERVAL, mavlink.MAVLINK_MSG_ID_ATTITUDE, 20000).run(0.98)
+    for fault in faults:
+        rov.inject(Fault(**fault))
+    return station
+
+
+def attitudes(station, seconds):
+    return station.run(seconds).of("ATTITUDE")
+
+
+def test_a_stopped_message_stops_and_comes_back_and_others_go_on():
+    station = station_with({"kind": "message_stopped", "message": "ATTITUDE", "at_s": 1.0, "duration_s": 2.0})
+    station.run(0.04)
+    heard = station.run(1.9)
+    assert not heard.of("ATTITUDE")
+    assert heard.of("VFR_HUD")
+    assert len(attitudes(station, 1.0)) > 40
+
+
+def test_a_frozen_message_repeats_itself():
+    station = station_with({"kind": "message_frozen", "message": "ATTITUDE", "at_s": 1.0, "duration_s": 1.0})
+    station.run(0.06)
+    frozen = attitudes(station, 0.8)
+    assert len(frozen) > 30
+    assert len({(m.time_boot_ms, m.roll) for m in frozen}) == 1
+    station.run(0.3)
+    assert len({m.time_boot_ms for m in attitudes(station, 0.5)}) > 20
+
+
+def test_nan_and_extreme_messages():
+    station = station_with({"kind": "message_nan", "message": "ATTITUDE", "at_s": 1.0, "duration_s": 0.5})
+    station.run(0.04)
+    assert all(math.isnan(m.roll) for m in attitudes(station, 0.4))
+    station = station_with(
+        {"kind": "message_extreme", "message": "GLOBAL_POSITION_INT", "at_s": 1.0, "value": 1e30}
+    )
+    assert station.run(1.0).last("GLOBAL_POSITION_INT").relative_alt == 2147483647
+    station = station_with({"kind": "message_extreme", "message": "VFR_HUD", "at_s": 1.0, "value": -1e6})
+    assert station.run(1.0).last("VFR_HUD").alt == -1e6
+
+
+def test_a_cut_link_is_deaf_and_dumb():
+    station = station_with({"kind": "link_cut", "at_s": 1.0, "duration_s": 1.0})
+    station.run(0.03)
+    assert not station.run(0.9, override(forward=100))
+    heard = station.run(1.0)
+    assert heard.of("ATTITUDE")
+    assert {m.chan5_raw for m in heard.of("RC_CHANNELS")} == {1500}
+
+
+def test_a_delayed_link_delays_both_ways():
+    station = station_with({"kind": "link_delayed", "at_s": 0.0, "value": 0.1})
+    start = station.rov.time_s
+    heard = station.say(mavlink.MAVLink_timesync_message(0, 7)).run(0.5)
+    answer = heard.times("TIMESYNC")[0] - start
+    assert answer == pytest.approx(0.2, abs=0.011)
+
+
+def test_a_lossy_link_loses_its_share():
+    station = station_with({"kind": "link_lossy", "at_s": 0.0, "value": 0.3})
+    assert len(attitudes(station, 20.0)) == pytest.approx(700, abs=70)
+
+
+def test_a_duplicating_link_says_things_twice():
+    station = station_with({"kind": "link_duplicating", "at_s": 0.0, "value": 1.0})
+    assert len(attitudes(station, 1.0)) == pytest.approx(100, abs=4)
+
+
+def test_reboot_disarm_mode_and_parameter_happen_once():
+    rov = vehicle("initial.eta=[0,0,5,0,0,0]")
+    station = Station(rov).arm()
+    now = rov.time_s
+    rov.inject(Fault("mode", at_s=now + 0.2, value=STABILIZE))
+    rov.inject(Fault("disarm", at_s=now + 0.5))
+    rov.inject(Fault("parameter", at_s=now + 0.8, parameter="FS_PILOT_INPUT", value=0))
+    rov.inject(Fault("reboot", at_s=now + 2.0))
+    station.run(0.3, override())
+    assert rov.truth().mode == STABILIZE
+    station.run(0.3, override())
+    assert not rov.truth().armed
+    station.run(0.3)
+    station.say(mavlink.MAVLink_param_request_read_message(1, 1, b"FS_PILOT_INPUT", -1))
+    assert station.run(0.1).last("PARAM_VALUE").param_value == 0
+    heard = station.run(2.0)
+    assert heard.last("HEARTBEAT").custom_mode == 19
+    assert heard.last("SYSTEM_TIME").time_boot_ms < 2000
+
+
+def test_a_dead_thruster_pushes_no_more():
+    rov = vehicle("initial.eta=[0,0,5,0,0,0]")
+    station = Station(rov).arm()
+    rov.inject(Fault("thruster", at_s=rov.time_s + 1.0, duration_s=2.0, thruster=6, value=0.0))
+    station.run(1.0, override(throttle=200))
+    assert rov.truth().thrust_n[5] < -8
+    station.run(1.2, override(throttle=200))
+    assert abs(rov.truth().thrust_n[5]) < 0.1
+    assert rov.truth().thrust_n[4] < -8
+    station.run(2.0, override(throttle=200))
+    assert rov.truth().thrust_n[5] < -8

@@ -1,0 +1,275 @@
+"""Rates, origins, links and noise of what the double tells."""
+
+import itertools
+
+import numpy as np
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from sim_bridge.messages import statustexts
+from sim_wire import ARM, REQUEST, SET_INTERVAL, SET_MODE, STABILIZE, Station, override, vehicle
+
+STEADY = "initial.eta=[0, 0, 5, 0, 0, 0]"
+QUIET = (
+    "sensors.depth_slow_m=0.0",
+    "sensors.depth_white_m=0.0",
+    "sensors.climb_slow_m_s=0.0",
+    "sensors.climb_white_m_s=0.0",
+    "sensors.drift_m=0.0",
+    "sensors.pressure_white_m=0.0",
+    "sensors.attitude_slow_rad=0.0",
+    "sensors.attitude_white_rad=0.0",
+    "sensors.gyro_white_rad_s=0.0",
+)
+ORIGIN = mavlink.MAVLink_set_gps_global_origin_message(1, 470000000, 80000000, 0)
+
+
+def rates(heard, seconds):
+    names = {message.get_type() for _, message in heard}
+    return {name: len(heard.of(name)) / seconds for name in names}
+
+
+def test_default_streams_with_nobody_asking():
+    station = Station(vehicle())
+    station.run(1.0)
+    found = rates(station.run(10.0), 10.0)
+    expected = (
+        dict.fromkeys(("ATTITUDE", "AHRS2", "VFR_HUD"), 10.0)
+        | dict.fromkeys(("GLOBAL_POSITION_INT", "SYSTEM_TIME", "BATTERY_STATUS", "EKF_STATUS_REPORT"), 3.0)
+        | dict.fromkeys(("SYS_STATUS", "RAW_IMU", "SCALED_PRESSURE", "SCALED_PRESSURE2", "RC_CHANNELS"), 2.0)
+        | {"SERVO_OUTPUT_RAW": 4.0, "NAMED_VALUE_FLOAT": 18.0, "HEARTBEAT": 1.0, "TIMESYNC": 0.1}
+    )
+    assert found == pytest.approx(expected, abs=0.11)
+
+
+def test_interval_that_is_asked_for_comes():
+    station = Station(vehicle())
+    for message in (30, 33, 74):
+        station.command(SET_INTERVAL, message, 20000)
+    assert station.run(1.0).result(SET_INTERVAL) == 0
+    heard = station.run(10.0)
+    for name in ("ATTITUDE", "GLOBAL_POSITION_INT", "VFR_HUD"):
+        assert len(heard.of(name)) == pytest.approx(500, abs=2)
+        assert np.diff(heard.times(name)).max() < 0.021
+
+
+def test_500_hz_and_unknown_messages_are_refused_with_2():
+    station = Station(vehicle())
+    assert station.command(SET_INTERVAL, 30, 2000).run(0.1).result(SET_INTERVAL) == 2
+    assert station.command(SET_INTERVAL, 9999, 20000).run(0.1).result(SET_INTERVAL) == 2
+
+
+def test_minus_one_stops_and_zero_restores():
+    station = Station(vehicle())
+    station.command(SET_INTERVAL, 30, -1).run(0.1)
+    assert not station.run(2.0).of("ATTITUDE")
+    station.command(SET_INTERVAL, 30, 0).run(0.1)
+    assert len(station.run(2.0).of("ATTITUDE")) == pytest.approx(20, abs=1)
+    interval = station.command(510, 30).run(0.05).last("MESSAGE_INTERVAL")
+    assert interval.interval_us == 100000
+
+
+def test_request_data_stream_overrides_intervals_set_before():
+    station = Station(vehicle())
+    station.command(SET_INTERVAL, 30, 20000).run(0.5)
+    station.say(mavlink.MAVLink_request_data_stream_message(1, 1, 10, 4, 1)).run(0.5)
+    assert len(station.run(5.0).of("ATTITUDE")) == pytest.approx(20, abs=1)
+    station.say(mavlink.MAVLink_request_data_stream_message(1, 1, 0, 4, 0)).run(0.5)
+    assert set(rates(station.run(2.0), 2.0)) == {"HEARTBEAT"}
+
+
+def test_intervals_belong_to_one_link():
+    rov = vehicle()
+    first, second = Station(rov, link=0), Station(rov, link=1)
+    first.command(SET_INTERVAL, 30, 20000).run(0.5)
+    for station, count in ((first, 50), (second, 10)):
+        assert len(station.run(1.0).of("ATTITUDE")) == pytest.approx(count, abs=1)
+
+
+def test_streams_slow_down_fourfold_during_a_parameter_transfer():
+    station = Station(vehicle())
+    station.command(SET_INTERVAL, 30, 5000).run(0.5)
+    for _ in range(3):
+        station.say(mavlink.MAVLink_param_request_list_message(1, 1)).run(0.02)
+    heard = station.run(0.5)
+    during = [t for t, m in heard if m.get_type() == "ATTITUDE" and t <= heard.times("PARAM_VALUE")[-1]]
+    assert np.diff(during).min() == pytest.approx(0.02)
+    assert np.diff(heard.times("ATTITUDE"))[-1] == pytest.approx(0.005)
+
+
+def test_both_links_forward_each_others_heartbeats_but_not_steering():
+    rov = vehicle()
+    first, second = Station(rov, link=0), Station(rov, link=1, system=200)
+    beat = mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)
+    second.say(beat).run(0.05)
+    seen = second.run(0.05)
+    out = []
+    message = beat.pack(first.packer)
+    for link, data in rov.step([(0, message), (0, override(yaw=5).pack(first.packer))]):
+        if link == 1:
+            out += second.parser.parse_buffer(data) or []
+    systems = [m.get_srcSystem() for m in out if m.get_type() == "HEARTBEAT"]
+    assert 255 in systems
+    assert not [m for m in [*out, *(m for _, m in seen)] if m.get_type() == "RC_CHANNELS_OVERRIDE"]
+
+
+def test_system_status_standby_active_and_failsafe():
+    station = Station(vehicle())
+    assert station.run(0.5).of("HEARTBEAT")[0].system_status == 5
+    assert station.run(2.0, override()).last("HEARTBEAT").system_status == 3
+    station.command(ARM, 1)
+    assert station.run(1.1, override()).last("HEARTBEAT").system_status == 4
+    beat = station.run(1.1, override()).last("HEARTBEAT")
+    assert (beat.type, beat.autopilot, beat.base_mode, beat.get_srcComponent()) == (12, 3, 209, 1)
+
+
+def test_without_an_origin_altitudes_are_zero_while_relative_alt_and_climb_are_right():
+    station = Station(vehicle(STEADY, *QUIET, "heave_force={enabled=true, constant_n=5}"))
+    heard = station.run(3.0)
+    assert {m.alt for m in heard.of("VFR_HUD")} == {0.0}
+    assert {m.alt for m in heard.of("GLOBAL_POSITION_INT")} == {0}
+    depth, sink = station.rov.truth().eta[2], station.rov.truth().nu[2]
+    position = heard.last("GLOBAL_POSITION_INT")
+    assert position.relative_alt / 1000 == pytest.approx(-depth, abs=0.06)
+    assert position.vz / 100 == pytest.approx(sink, abs=0.02)
+    assert heard.last("VFR_HUD").climb == pytest.approx(-sink, abs=0.01)
+    assert heard.last("AHRS2").altitude == pytest.approx(-depth, abs=0.06)
+
+
+def test_an_origin_repairs_the_altitudes_and_a_second_one_is_dropped():
+    station = Station(vehicle(*QUIET))
+    assert station.say(ORIGIN).run(0.1).of("GPS_GLOBAL_ORIGIN")
+    other = mavlink.MAVLink_set_gps_global_origin_message(1, 1, 2, 3)
+    assert not station.say(other).run(0.1).of("GPS_GLOBAL_ORIGIN")
+    position = station.run(1.0).last("GLOBAL_POSITION_INT")
+    assert (position.lat, position.lon) == (470000000, 80000000)
+    station.arm().run(4.0, override(throttle=-100))
+    heard = station.run(1.0, override())
+    depth = station.rov.truth().eta[2]
+    assert heard.last("VFR_HUD").alt == pytest.approx(-depth, abs=0.05)
+
+
+def test_an_origin_set_while_dived_leaves_relative_alt_off():
+    station = Station(vehicle(STEADY, *QUIET))
+    station.say(ORIGIN).run(0.1)
+    position = station.run(1.0).last("GLOBAL_POSITION_INT")
+    assert abs(position.relative_alt + 5000) == pytest.approx(100, abs=2)
+    assert position.alt == pytest.approx(-5000, abs=2)
+
+
+def test_depth_scale_and_its_cure():
+    station = Station(vehicle(STEADY, *QUIET, "sensors.depth_scale=1.025"))
+    assert station.run(1.0).last("GLOBAL_POSITION_INT").relative_alt == pytest.approx(-5125, abs=1)
+    pressure = station.run(1.0).last("SCALED_PRESSURE2").press_abs
+    assert (pressure - 1013.25) * 100 / 9800 == pytest.approx(5.125, abs=0.01)
+    station.say(mavlink.MAVLink_param_set_message(1, 1, b"BARO_SPEC_GRAV", 1.025, 9))
+    assert station.run(1.0).last("GLOBAL_POSITION_INT").relative_alt == pytest.approx(-5000, abs=1)
+
+
+def test_noise_is_what_was_measured_on_the_firmware():
+    station = Station(vehicle(STEADY, "sensors.drift_m=0.0"))
+    station.command(SET_INTERVAL, 33, 20000).command(SET_INTERVAL, 74, 20000).run(0.1)
+    heard = station.run(120.0)
+    depth = np.array([m.relative_alt for m in heard.of("GLOBAL_POSITION_INT")]) / 1000
+    climb = np.array([m.climb for m in heard.of("VFR_HUD")])
+    assert 0.002 < depth.std() < 0.004
+    assert 0.003 < climb.std() < 0.0052
+    assert 0.0005 < np.diff(depth).std() < 0.0015
+    correlation = np.corrcoef(climb[:-40], climb[40:])[0, 1]
+    assert correlation == pytest.approx(np.exp(-1), abs=0.2)
+
+
+def test_depth_is_late_by_its_delay():
+    late = []
+    for delay in (0.0, 0.1):
+        rov = vehicle(
+            STEADY, *QUIET, f"sensors.depth_delay_s={delay}", "heave_force={enabled=true, constant_n=20}"
+        )
+        station = Station(rov)
+        station.command(SET_INTERVAL, 33, 5000).run(4.0)
+        late.append(station.run(0.05).last("GLOBAL_POSITION_INT").relative_alt / 1000)
+    speed = rov.truth().nu[2]
+    assert late[1] - late[0] == pytest.approx(0.1 * speed, abs=0.003)
+
+
+def test_raw_pressure_has_ten_new_values_a_second_whatever_is_asked():
+    station = Station(vehicle(STEADY))
+    station.command(SET_INTERVAL, mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE2, 20000).run(0.1)
+    values = [m.press_abs for m in station.run(5.0).of("SCALED_PRESSURE2")]
+    assert len(values) == pytest.approx(250, abs=2)
+    assert len([key for key, _ in itertools.groupby(values)]) == pytest.approx(50, abs=2)
+
+
+def test_accelerometer_reads_gravity_at_rest():
+    imu = Station(vehicle(STEADY)).run(1.0).last("RAW_IMU")
+    assert (imu.xacc, imu.yacc, imu.zacc) == pytest.approx((0, 0, -1000), abs=2)
+
+
+def test_servo_output_comes_for_both_ports_in_turn():
+    station = Station(vehicle()).arm()
+    station.run(0.5, override(forward=100))
+    heard = station.run(2.0, override(forward=100)).of("SERVO_OUTPUT_RAW")
+    assert [m.port for m in heard] == [0, 1] * (len(heard) // 2)
+    assert (heard[0].servo3_raw, heard[0].servo1_raw) == (1600, 1400)
+
+
+def test_local_position_needs_a_dvl():
+    station = Station(vehicle())
+    station.say(ORIGIN).command(SET_INTERVAL, 32, 20000)
+    assert not station.run(1.0).of("LOCAL_POSITION_NED")
+    station = Station(vehicle("sensors.dvl=true", "initial.eta=[3, 4, 5, 0, 0, 0]"))
+    station.say(ORIGIN).command(SET_INTERVAL, 32, 20000)
+    position = station.run(1.0).last("LOCAL_POSITION_NED")
+    assert (position.x, position.y, position.z) == pytest.approx((3, 4, 5), abs=0.15)
+
+
+def test_sim_state_comes_on_request():
+    station = Station(vehicle("initial.eta=[0, 0, 5, 0.1, 0, 1.0]"))
+    assert not station.run(1.0).of("SIM_STATE")
+    state = station.command(REQUEST, mavlink.MAVLINK_MSG_ID_SIM_STATE).run(0.05).last("SIM_STATE")
+    assert state.alt == pytest.approx(-station.rov.truth().eta[2], abs=1e-3)
+    assert state.yaw == pytest.approx(1.0, abs=0.05)
+
+
+def test_battery_sags_under_load():
+    rov = vehicle("battery.resistance_ohm=0.02", STEADY)
+    station = Station(rov).arm()
+    rest = station.run(1.0).last("SYS_STATUS").voltage_battery
+    loaded = station.run(3.0, override(forward=400)).last("SYS_STATUS")
+    assert loaded.voltage_battery < rest - 500
+    assert loaded.current_battery > 4000
+    assert rov.truth().voltage_v < 15.6
+
+
+def test_long_texts_come_in_chunks_of_50_bytes():
+    chunks = statustexts(4, "x" * 120, 3)
+    assert [(len(c.text), c.id, c.chunk_seq) for c in chunks] == [(50, 3, 0), (50, 3, 1), (20, 3, 2)]
+    assert (statustexts(4, "short", 3)[0].id) == 0
+
+
+def test_same_seed_same_bytes_other_seed_others():
+    def dive(seed):
+        rov = vehicle("current.enabled=true", "waves.enabled=true", "tether.enabled=true", seed=seed)
+        rov.open_link(0)
+        station = Station(rov)
+        station.run(2.1)
+        station.command(SET_MODE, 1, STABILIZE).say(override(throttle=-80)).command(ARM, 1)
+        queue, station._queue = station._queue, []
+        sent = rov.step(queue)
+        for _ in range(600):
+            sent += rov.step()
+        return b"".join(data for _, data in sent)
+
+    assert dive(1) == dive(1)
+    assert dive(1) != dive(2)
+
+
+def test_bytes_do_not_depend_on_how_often_truth_is_read():
+    def depths(reads):
+        rov = vehicle("waves.enabled=true", STEADY)
+        for _ in range(100):
+            rov.step()
+            for _ in range(reads):
+                rov.truth()
+        return rov.truth().eta
+
+    assert (depths(0) == depths(3)).all()
