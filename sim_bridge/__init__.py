@@ -2,9 +2,11 @@
 
 One step of `vehicle.Vehicle` (5 ms), read from left to right:
 
-    bytes in -> links -> autopilot (pilot, modes, mixer) -> PWM -> thrusters -> plant -> sensors -> messages -> bytes out
-                  ^            ^                                       ^          ^         |
-                faults       params                                 battery  environment    +-> Truth
+    bytes in -> links -> autopilot (params, pilot, modes, mixer) -> PWM -> thrusters -> plant -> sensors
+                  ^                                                           ^           ^         |
+               faults                                                      battery   environment    v
+                  v                                                                                 |
+    bytes out <- links <- messages <- streams, autopilot <------------------------------------------+
 
 - `plant`, `thrusters`, `environment`, `sensors`: the water and what floats in it. Fossen's notation, NED, SI.
 - `autopilot` and its parts `params`, `pilot`, `modes`, `mixer`, `streams`, `messages`: the firmware's habits.

@@ -49,7 +49,7 @@ class Links:
         self.inbox: list[tuple[int, bytes]] = []
 
     def open(self, send: Callable[[bytes], None], name: str) -> int:
-        """Number a new peer and tell the vehicle."""
+        """Give a new peer its number and tell the vehicle."""
         number = next(self._numbers)
         self._senders[number] = send
         self._vehicle.open_link(number)
@@ -110,7 +110,7 @@ class _UdpListener(asyncio.DatagramProtocol):
         self._links.receive(self._peers[addr], data)
 
     def error_received(self, exc: Exception) -> None:
-        """A peer that went away is no reason to stop."""
+        """Go on: a peer that went away is no reason to stop."""
 
 
 class _TcpClient(asyncio.Protocol):
@@ -162,6 +162,7 @@ async def serve(vehicle: Vehicle, settings: Settings, stop: asyncio.Event) -> No
 
     Raises:
         OSError: an address is taken or does not exist.
+
     """
     loop = asyncio.get_running_loop()
     links = Links(vehicle)

@@ -1,4 +1,4 @@
-"""ArduSub as seen from its links: who may steer, arming, modes, failsafes, commands, parameters, telemetry."""
+"""ArduSub as seen from its links: who may steer, arming, modes, failsafes, commands, parameters."""
 
 import math
 from collections import deque
@@ -60,6 +60,7 @@ class Autopilot:
         frame: vectored or vectored_6dof.
         has_position: whether there is a DVL.
         links: link number to Link; the same dictionary that the vehicle fills.
+
     """
 
     def __init__(
@@ -181,7 +182,7 @@ class Autopilot:
         return out
 
     def snapshot(self) -> Snapshot:
-        """What telemetry would tell now."""
+        """Take down what telemetry would tell now."""
         return Snapshot(
             self._boot_s,
             self.armed,

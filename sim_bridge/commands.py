@@ -25,7 +25,7 @@ def sim(argv: list[str]) -> int:
     """Simulate an ArduSub vehicle that speaks MAVLink."""
     parser = argparse.ArgumentParser(
         prog="holdfast sim",
-        description="Simulate an ArduSub vehicle in the water that speaks MAVLink over UDP and TCP, in real time.",
+        description="Simulate an ArduSub vehicle in the water: MAVLink over UDP and TCP, in real time.",
         epilog=EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )

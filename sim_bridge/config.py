@@ -135,7 +135,7 @@ class HeaveForce(_Record, frozen=True):
 
 
 class SensorConfig(_Record, frozen=True):
-    """What the firmware's EKF reports. Each signal: delay, slow (correlated) and white noise, standard deviations."""
+    """What the firmware's EKF reports: of each signal its delay and the standard deviations of its noises."""
 
     depth_scale: Annotated[float, Meta(ge=0.9, le=1.1)] = 1.0
     """Water density over 1000 kg/m³: 1.025 makes BARO_SPEC_GRAV = 1 read 2.5 % deep."""
@@ -149,7 +149,7 @@ class SensorConfig(_Record, frozen=True):
     drift_m: NonNegative = 0.001
     drift_tau_s: Positive = 60.0
     offset_m: NonNegative = 0.0
-    """Spread of the constant offsets that differ between depth fields; that of relative_alt moves on arming."""
+    """Spread of the constant offsets between depth fields; that of relative_alt moves on arming."""
     attitude_delay_s: Annotated[float, Meta(ge=0, le=0.5)] = 0.01
     attitude_slow_rad: NonNegative = 0.002
     attitude_white_rad: NonNegative = 0.0003
@@ -184,7 +184,7 @@ FaultKind = Literal[
 
 
 class Fault(_Record, frozen=True):
-    """One scripted fault; `at_s` counts from the start of the simulation. `faults` tells what each kind does."""
+    """One scripted fault; `at_s` counts from the simulation's start. `faults` tells what each kind does."""
 
     kind: FaultKind
     at_s: NonNegative = 0.0
@@ -230,6 +230,7 @@ def load_config(path: Path | str, overrides: Sequence[str] = ()) -> SimConfig:
 
     Raises:
         ConfigError: naming the file, the key, its value and what is allowed.
+
     """
     path = Path(path)
     try:

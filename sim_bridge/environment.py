@@ -12,7 +12,7 @@ Flow = tuple[float, float, float, float, float, float]
 
 
 class OrnsteinUhlenbeck:
-    """A stationary random signal with standard deviation sigma and correlation time tau, exact for any step."""
+    """A stationary random signal of standard deviation sigma and correlation time tau; exact for any step."""
 
     def __init__(self, sigma: float, tau_s: float, step_s: float, rng: np.random.Generator) -> None:
         self._keep = math.exp(-step_s / tau_s)
@@ -22,7 +22,7 @@ class OrnsteinUhlenbeck:
         self.value = sigma * float(rng.standard_normal())
 
     def step(self) -> float:
-        """The next value."""
+        """Draw the next value."""
         if self._kick == 0.0:
             return self.value
         if not self._block:
@@ -32,7 +32,7 @@ class OrnsteinUhlenbeck:
 
 
 class JonswapSea:
-    """A long-crested irregular sea over deep water: a sum of seeded Airy waves (Fossen 8.2; JONSWAP, γ 3.3)."""
+    """A long-crested sea over deep water: a sum of seeded Airy waves (Fossen 8.2, JONSWAP spectrum)."""
 
     def __init__(self, config: Waves, rng: np.random.Generator) -> None:
         omega_p = 2 * math.pi / config.period_s
@@ -112,6 +112,7 @@ class Environment:
             x: north (m).
             y: east (m).
             z: depth (m).
+
         """
         flow = self.sea.flow(t_s, x, y, z) if self.sea else (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
         if self._current:

@@ -1,4 +1,4 @@
-"""Scripted faults: what breaks, when, for how long. They act between the autopilot and its links, or on the vehicle.
+"""Scripted faults: what breaks, when, for how long; between the autopilot and its links, or on the vehicle.
 
 | kind | what happens from at_s for duration_s |
 |---|---|
@@ -76,7 +76,7 @@ class Faults:
         return any(fault.kind.startswith("message") for fault in self._script)
 
     def alter(self, message: Message) -> Message | None:
-        """A telemetry message as the faults leave it; None if it is not sent."""
+        """Return a telemetry message as the faults leave it; None if it is not sent."""
         name = message.get_type()
         kinds = {
             fault.kind: fault

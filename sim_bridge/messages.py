@@ -150,12 +150,12 @@ def _raw_imu(s: Snapshot) -> Message:
 
 
 def _scaled_pressure(s: Snapshot) -> Message:
-    """The hull's own barometer, which sees no water."""
+    """Tell the hull's own barometer, which sees no water."""
     return mavlink.MAVLink_scaled_pressure_message(s.boot_ms, SURFACE_PRESSURE_HPA, 0.0, 2500)
 
 
 def _scaled_pressure2(s: Snapshot) -> Message:
-    """The depth sensor, as a BlueROV2 has it."""
+    """Tell the depth sensor, as a BlueROV2 has it."""
     return mavlink.MAVLink_scaled_pressure2_message(
         s.boot_ms, s.estimate.pressure_hpa, 0.0, WATER_CENTIDEGREES
     )
@@ -301,6 +301,7 @@ def build(message: int, snapshot: Snapshot) -> list[Message]:
 
     Raises:
         KeyError: the id is not one of ours.
+
     """
     built = BUILDERS[message](snapshot)
     if built is None:
@@ -309,7 +310,7 @@ def build(message: int, snapshot: Snapshot) -> list[Message]:
 
 
 def statustexts(severity: int, text: str, identity: int) -> list[Message]:
-    """A STATUSTEXT, in 50-byte chunks that share a non-zero id when it is longer."""
+    """Build a STATUSTEXT, in 50-byte chunks that share a non-zero id when it is longer."""
     raw = text.encode()
     if len(raw) <= 50:
         return [mavlink.MAVLink_statustext_message(severity, raw, 0, 0)]
@@ -320,12 +321,12 @@ def statustexts(severity: int, text: str, identity: int) -> list[Message]:
 
 
 def int16(value: float) -> int:
-    """Rounded and clamped."""
+    """Round and clamp."""
     return round(max(-32768.0, min(32767.0, value)))
 
 
 def int32(value: float) -> int:
-    """Rounded and clamped."""
+    """Round and clamp."""
     return round(max(-2147483648.0, min(2147483647.0, value)))
 
 

@@ -32,7 +32,7 @@ def mix(frame: str, demand: Demand) -> list[float]:
     """Motor outputs in -1..1, saturation shared as the frame shares it.
 
     `vectored_6dof`: the vertical and the horizontal group are each divided by their largest output above 1.
-    `vectored`: summed and clipped per motor; heave limits surge on the pair that is rear in the direction of travel.
+    `vectored`: summed and clipped per motor; heave limits surge on the pair at the rear of the travel.
     """
     factors = FACTORS[frame]
     if frame == "vectored_6dof":

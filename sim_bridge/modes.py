@@ -56,7 +56,7 @@ MAX_RATE = math.radians(90)
 MAX_HEADING_LEAD_RAD = math.radians(20)
 SPEED_UP_M_S = 0.5
 DIP_FROM_MANUAL = -0.8
-"""Throttle that ALT_HOLD's integrator starts from after MANUAL: the dip of half a metre that the firmware shows."""
+"""Where ALT_HOLD's integrator starts after MANUAL: the dip of half a metre that the firmware shows."""
 
 
 class FlightControl:

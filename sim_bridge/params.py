@@ -76,6 +76,7 @@ class Parameters:
 
         Raises:
             ValueError: an override names no known parameter, or does not fit its type.
+
         """
         self.names = tuple(DEFAULTS)
         self._values = {name: kind.default for name, kind in DEFAULTS.items()}

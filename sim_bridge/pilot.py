@@ -22,8 +22,9 @@ class Pilot:
 
     Args:
         params: read live, but for JS_GAIN_DEFAULT, which counts at boot only.
-        press: called with the function number of a button on the edge of its press, for what is not the pilot's own.
+        press: called on the edge of a button's press with its function number, if it is not the pilot's own.
         say: sends a STATUSTEXT of severity INFO.
+
     """
 
     def __init__(self, params: Parameters, press: Callable[[int], None], say: Callable[[str], None]) -> None:
@@ -43,7 +44,7 @@ class Pilot:
         self._centred_since_hold = True
 
     def override(self, channels: Sequence[int]) -> None:
-        """RC_CHANNELS_OVERRIDE: 65535 leaves a channel alone; 0 clears the override, which changes nothing by itself."""
+        """RC_CHANNELS_OVERRIDE: 65535 leaves a channel alone; 0 clears its override."""
         for index, value in enumerate(channels[:CHANNELS]):
             if value == 65535 or (index >= 8 and value in (0, 65534)):
                 continue
@@ -77,7 +78,7 @@ class Pilot:
         self._last = (x, y, z)
 
     def input_loop(self) -> None:
-        """The 50 Hz loop that puts new overrides in force. With none, the last values stay."""
+        """Put new overrides in force, 50 times a second. With none, the last values stay."""
         for index, value in self.pending.items():
             self.channels[index] = value
         self.pending.clear()
@@ -92,7 +93,7 @@ class Pilot:
         return max(-1.0, min(1.0, (self.channels[channel] - NEUTRAL) / 400.0))
 
     def off_centre(self) -> int | None:
-        """The first of the six axes that is off centre by more than the firmware's dead zone, or None."""
+        """Find the first of the six axes that is off centre by more than the dead zone, or None."""
         return next((index for index in range(6) if abs(self.channels[index] - NEUTRAL) > 30), None)
 
     def _handle_buttons(self, buttons: int, axes: tuple[int, int, int]) -> None:

@@ -12,9 +12,9 @@
 | W, B, zb | weight, buoyancy, height of the centre of buoyancy over that of gravity | N, N, m | 4.6 |
 | nu_r | velocity relative to the water, nu - nu_c | m/s | 8.6 |
 
-    M_RB nu' + C_RB(nu) nu + M_A nu_r' + C_A(nu_r) nu_r + D(nu_r) nu_r + g = tau + R^T f + B/g · R^T a_c     (8.8)
+    M_RB nu' + C_RB(nu) nu + M_A nu_r' + C_A(nu_r) nu_r + D(nu_r) nu_r + g = tau + R^T f + B/g R^T a_c  (8.8)
 
-The last term is the Froude-Krylov force of water that accelerates with a_c; rotation of the water is neglected.
+The last term is the Froude-Krylov force of water that accelerates with a_c; its rotation is neglected.
 Every component is a float (one vehicle) or an array (any number of dives): the same lines serve both.
 The attitude is a quaternion, so that a tumbling vehicle meets no singularity.
 """
@@ -44,12 +44,12 @@ def split(array: ArrayLike) -> tuple[Component, ...]:
 
 
 def join(components: Components) -> NDArray[np.float64]:
-    """The reverse of `split`: shape (..., n)."""
+    """Reverse `split`: shape (..., n)."""
     return np.stack(np.broadcast_arrays(*components), axis=-1).astype(np.float64)
 
 
 def state_of(eta: ArrayLike, nu: ArrayLike) -> tuple[Component, ...]:
-    """The 13 components x, y, z, q0..q3, u..r from eta (..., 6) and nu (..., 6)."""
+    """Make the 13 components x, y, z, q0..q3, u..r of eta (..., 6) and nu (..., 6)."""
     x, y, z, phi, theta, psi = split(eta)
     ch, sh = np.cos, np.sin
     c1, s1, c2, s2 = ch(phi / 2), sh(phi / 2), ch(theta / 2), sh(theta / 2)
@@ -145,10 +145,11 @@ class Plant:
             tau: X, Y, Z, K, M, N of the thrusters, body frame (N, N·m).
             force: external force at the centre of gravity, NED (N).
             flow: velocity and acceleration of the water, NED (m/s, m/s²).
+
         """
         _, _, z, q0, q1, q2, q3, u, v, w, p, q, r = state
         X, Y, Z, K, M, N = tau
-        Xa, Ya, Za, Ka, Ma, Na = self.added_mass
+        Xa, Ya, Za = self.added_mass[:3]
         Xl, Yl, Zl, Kl, Ml, Nl = self.linear
         Xq, Yq, Zq, Kq, Mq, Nq = self.quadratic
         Mx, My, Mz, Mk, Mm, Mn = self.M
@@ -210,11 +211,11 @@ class Plant:
         return (x, y, z, q0 * norm, q1 * norm, q2 * norm, q3 * norm, *nu), slope[7:]
 
     def disturbance(self, state: Components, force: Components, flow: Components) -> tuple[Component, ...]:
-        """What acts besides the thrusters and the still-water model: NED force (N), body moment (N·m).
+        """Tell what acts besides thrusters and still-water model: NED force (N), body moment (N·m).
 
-        The wrench of this water, these forces and the net buoyancy, less that of still water on a neutrally buoyant
-        vehicle at the same state (added mass, Coriolis, damping, righting moment). So for a level vehicle
-        (m + Za) z'' = Z - (Zl + Zq |z'|) z' + disturbance[2]; the paper's d is its negative.
+        The wrench of this water, these forces and the net buoyancy, less that of still water on a neutrally
+        buoyant vehicle at the same state (added mass, Coriolis, damping, righting moment).
+        Level: (m + Za) z'' = Z - (Zl + Zq |z'|) z' + disturbance[2]; the paper's d is its negative.
         """
         none = (0.0,) * 6
         neutral = (0.0, 0.0, self.buoyancy(state[2]) - self.W)

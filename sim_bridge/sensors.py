@@ -73,7 +73,7 @@ class Sensors:
         self._estimate: Estimate | None = None
 
     def record(self, state: tuple[float, ...], nu_dot: Components, wave_m: float) -> None:
-        """Take in the truth of one step. `wave_m`: dynamic wave pressure at the vehicle, in metres of water."""
+        """Take in the truth of one step. `wave_m`: dynamic wave pressure there, in metres of water."""
         if self._config.wave_pressure and wave_m:
             state = (*state[:2], state[2] + wave_m, *state[3:])
         u, v, w, p, q, r = state[7:]
@@ -96,12 +96,12 @@ class Sensors:
         self._estimate = None
 
     def shift_relative(self, offset_m: float) -> None:
-        """An origin that is set while dived leaves relative_alt off for good."""
+        """Put relative_alt off for good, as an origin that is set while dived does."""
         self._relative_offset += offset_m
         self._estimate = None
 
     def estimate(self, specific_gravity: float) -> Estimate:
-        """The present reading. `specific_gravity` is BARO_SPEC_GRAV: depths are divided by it."""
+        """Read everything. `specific_gravity` is BARO_SPEC_GRAV: depths are divided by it."""
         if self._estimate is None:
             self._estimate = self._read(specific_gravity)
         return self._estimate

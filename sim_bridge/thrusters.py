@@ -1,8 +1,8 @@
 """From motor PWM to a wrench: T200 curve, dead band, voltage, lag, gain, health and geometry.
 
-A motor that is driven above 1500 pushes the vehicle along its direction. Directions and positions are those for
-which ArduSub's mixing factors mean what they say: a positive forward, lateral, throttle (up), roll, pitch or yaw demand
-pushes to +X, +Y, -Z, +K, +M, +N. `mixer` holds the factors; a test per axis ties the two together.
+A motor that is driven above 1500 pushes the vehicle along its direction. Directions and positions are those
+for which ArduSub's mixing factors mean what they say: a positive forward, lateral, throttle (up), roll, pitch
+or yaw demand pushes to +X, +Y, -Z, +K, +M, +N. A test per axis ties it to `mixer`.
 """
 
 import math
@@ -55,7 +55,7 @@ class Thrusters:
         self._curve_n = np.array(CURVE_N)
 
     def static_thrust(self, pwm: ArrayLike, voltage_v: ArrayLike) -> NDArray[np.float64]:
-        """Steady thrust (N) of shape (..., n) at motor PWM (..., n) in µs and voltage (V), which broadcasts."""
+        """Steady thrust (N), (..., n), at motor PWM (..., n) in µs and a voltage (V) that broadcasts."""
         offset = np.asarray(pwm, dtype=np.float64) - 1500.0
         scale = (np.asarray(voltage_v) / CURVE_VOLTAGE_V) ** 2
         thrust: NDArray[np.float64] = (
@@ -69,7 +69,7 @@ class Thrusters:
         return self.wrench()
 
     def wrench(self) -> NDArray[np.float64]:
-        """The body wrench (..., 6) delivered now."""
+        """Sum up the body wrench (..., 6) delivered now."""
         wrench: NDArray[np.float64] = self.thrust_n @ self.wrench_of_thrust
         return wrench
 

@@ -35,9 +35,9 @@ class Truth(msgspec.Struct, frozen=True):
     tau: NDArray[np.float64]
     """(6,) body wrench that the thrusters deliver"""
     disturbance: NDArray[np.float64]
-    """(6,) force in NED (N) and moment in the body frame (N·m) of waves, current, tether, load, scripted force and
-    net buoyancy: all that acts besides the thrusters and the still-water model of a neutrally buoyant vehicle. Its
-    heave entry is a force, positive down; see `plant.Plant.disturbance`."""
+    """(6,) force in NED (N) and moment in the body frame (N·m) of waves, current, tether, load, scripted
+    force and net buoyancy: all but the thrusters and the still-water model of a neutrally buoyant vehicle.
+    The heave entry is a force, down: (m + Za) z'' = Z - (Zl + Zq |z'|) z' + disturbance[2] when level."""
     motor_pwm: tuple[int, ...]
     armed: bool
     mode: int
@@ -48,7 +48,7 @@ class Truth(msgspec.Struct, frozen=True):
 class Vehicle:
     """An ArduSub vehicle in the water.
 
-    The same configuration, seed and datagrams give the same bytes. `step` never raises, whatever bytes it is given.
+    The same configuration, seed and datagrams give the same bytes. `step` never raises, whatever the bytes.
     """
 
     step_s: float = STEP_S
@@ -59,6 +59,7 @@ class Vehicle:
 
         Raises:
             ValueError: a parameter of the configuration is unknown.
+
         """
         environment_rng, sensor_rng, fault_rng, phase_rng = np.random.default_rng(seed).spawn(4)
         self.time_s = 0.0
@@ -123,7 +124,7 @@ class Vehicle:
         return self._faults.carry("out", self._autopilot.telemetry(), self.time_s)
 
     def truth(self) -> Truth:
-        """The present truth."""
+        """Tell the present truth."""
         return Truth(
             t_s=self.time_s,
             eta=np.array([*self._state[:3], *euler(self._state)]),
@@ -161,7 +162,7 @@ class Vehicle:
         self._autopilot.state = self._state
 
     def _drain(self) -> None:
-        """The battery, ten times a second."""
+        """Drain the battery, ten times a second."""
         if self._steps % BATTERY_PERIOD_STEPS:
             return
         battery = self._config.battery
@@ -202,7 +203,7 @@ class Vehicle:
         return autopilot
 
     def _reboot(self) -> None:
-        """The firmware starts anew: parameters stay; origin, streams, mode and arming are lost."""
+        """Start the firmware anew: parameters stay; origin, streams, mode and arming are lost."""
         self._boot_steps = self._steps
         for link in self._links:
             self._links[link] = Link()

@@ -18,7 +18,7 @@ def encode(truth: Truth) -> bytes:
 
 
 class TruthPublisher:
-    """A client of a Zenoh router or peer, in a thread of its own: connects with retries, drops what it cannot send."""
+    """A client of a Zenoh router or peer in its own thread: retries to connect, drops what it cannot send."""
 
     def __init__(self, endpoint: str, vehicle: str) -> None:
         """Start to connect to `endpoint` (such as tcp/127.0.0.1:7447) in the background."""

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
 from sim_bridge.config import load_config
 from sim_bridge.vehicle import Vehicle
 
@@ -38,7 +39,7 @@ class Station:
         return self.say(mavlink.MAVLink_command_long_message(target, 1, number, 0, *params))
 
     def run(self, seconds=0.0, steering=None, every_s=0.02):
-        """At least one step. `steering` is a message, or a function of time that gives one, sent every `every_s`."""
+        """At least one step. `steering` is a message, or a function from time to a message."""
         heard = []
         period = max(1, round(every_s / self.rov.step_s))
         for count in range(max(1, round(seconds / self.rov.step_s))):

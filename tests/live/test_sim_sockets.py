@@ -12,6 +12,7 @@ import time
 import pytest
 import zenoh
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
 from sim_bridge.app import MAX_CATCH_UP_STEPS
 
 START_S = 15.0

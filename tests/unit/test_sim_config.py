@@ -1,9 +1,10 @@
 """Bad configuration is refused by name, key, value and range; the shipped files are good."""
 
 import pytest
+from sim_wire import CONFIG
+
 from sim_bridge.config import ConfigError, load_config
 from sim_bridge.vehicle import Vehicle
-from sim_wire import CONFIG
 
 
 @pytest.mark.parametrize("name", ["sim.toml", "sim-bluerov2.toml"])

@@ -4,10 +4,11 @@ import math
 
 import numpy as np
 import pytest
+from sim_wire import ARM, CALM, CONFIG, Station, override, vehicle
+
 from sim_bridge.config import Waves, load_config
 from sim_bridge.environment import Environment, JonswapSea, OrnsteinUhlenbeck
 from sim_bridge.plant import GRAVITY
-from sim_wire import ARM, CALM, CONFIG, Station, override, vehicle
 
 DT = 0.02
 

@@ -4,8 +4,9 @@ import math
 
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
-from sim_bridge.config import Fault
 from sim_wire import SET_INTERVAL, STABILIZE, Station, override, vehicle
+
+from sim_bridge.config import Fault
 
 
 def station_with(*faults, **options):

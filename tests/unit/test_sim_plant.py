@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+
 from sim_bridge.plant import GRAVITY, Plant, euler, join, split, state_of
 
 MASS, ADDED, LINEAR, QUADRATIC = 13.5, 18.68, 33.0, 190.0
@@ -140,7 +141,7 @@ def test_euler_angles_round_trip():
 def test_batch_is_what_singles_are():
     rng = np.random.default_rng(3)
     shape = (3, 4)
-    eta = rng.normal(0, 0.4, (*shape, 6)) + [0, 0, 5, 0, 0, 0]
+    eta = rng.normal(0, 0.4, (*shape, 6)) + np.array([0, 0, 5, 0, 0, 0])
     nu, tau = rng.normal(0, 0.4, (*shape, 6)), rng.normal(0, 5, (*shape, 6))
     force, flow = rng.normal(0, 5, (*shape, 3)), rng.normal(0, 0.2, (*shape, 6))
     mass = rng.uniform(10, 16, shape)

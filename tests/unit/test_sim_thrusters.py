@@ -4,10 +4,11 @@ import math
 
 import numpy as np
 import pytest
+from sim_wire import CONFIG
+
 from sim_bridge.config import load_config
 from sim_bridge.mixer import FACTORS, mix, motor_pwm
 from sim_bridge.thrusters import Thrusters
-from sim_wire import CONFIG
 
 CONFIGS = {"vectored_6dof": CONFIG, "vectored": CONFIG.with_name("sim-bluerov2.toml")}
 
@@ -69,7 +70,7 @@ def test_batch_is_what_singles_are():
 
 
 def wrench_of(frame, demand):
-    """Body wrench if motors pushed in proportion to their output: the mixer's and the geometry's signs alone."""
+    """Body wrench if motors pushed in proportion to their output: signs of mixer and geometry alone."""
     return np.array(mix(frame, demand)) @ thrusters(frame).wrench_of_thrust
 
 
