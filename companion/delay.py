@@ -16,8 +16,9 @@ SYNCS = 120
 """Answers kept, 30 s of them: the one with the shortest round trip gives the offset."""
 
 TELEMETRY_MEMORY_S = 1.0
+MAX_DELAY_S = 1.0
 ECHO_MEMORY_S = 4.0
-ECHO_LAGS_S = np.arange(0.0, 0.405, 0.01)
+ECHO_LAGS_S = np.arange(-0.02, 0.405, 0.01)
 ECHO_CONTRAST = 0.5
 """The best lag counts as found when it explains the echo this much better than the average lag does."""
 
@@ -51,7 +52,7 @@ class DelayMeter:
             best = self._first_offset_s
             self._first_offset_s = guess if best is None else max(best, guess)
             return
-        late_s = min(max(arrived_s - self.local(boot_s), 0.0), 1.0)
+        late_s = min(max(arrived_s - self.local(boot_s), -MAX_DELAY_S), MAX_DELAY_S)
         if self._telemetry_t_s is None:
             self._telemetry_s = late_s
         else:
@@ -100,7 +101,7 @@ class DelayMeter:
 
 def _vertex(miss: Array, best: int) -> float:
     """Return the lag of the parabola through the smallest value and its neighbours."""
-    step = ECHO_LAGS_S[1]
+    step = ECHO_LAGS_S[1] - ECHO_LAGS_S[0]
     if not 0 < best < len(miss) - 1:
         return float(ECHO_LAGS_S[best])
     left, here, right = miss[best - 1 : best + 2]

@@ -1,5 +1,6 @@
 """One tick on one screen: estimate, permit, law, allocate, guard, send. No clock, no socket, no thread."""
 
+import math
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import replace
@@ -7,9 +8,10 @@ from dataclasses import replace
 import numpy as np
 
 from companion.config import Config
+from companion.control.bounds import wrap
 from companion.control.controller import Controller, Gains
 from companion.control.network import INPUTS, Learning, Network
-from companion.control.positioning import Model, rotate, wrap
+from companion.control.positioning import Model, jacobian, to_body, to_inertial
 from companion.control.reference import Limits, ReferenceModel
 from companion.estimation import Estimator
 from companion.mavlink.ardusub import Mode
@@ -89,9 +91,9 @@ class Engine:
             ~self._saturated,
             min(max(dt_s, 0.0), MAX_DT_TICKS * self._tick_s),
         )
-        psi = float(state.eta_ahead[PSI])
-        requested = rotate(dofs.tau, -psi)
-        self._finite = bool(np.isfinite(requested).all() and np.isfinite(state.eta_ahead).all())
+        J = jacobian(state.eta_ahead[PSI])
+        requested = to_body(J, dofs.tau)
+        self._finite = math.isfinite(requested.sum())
         reach = _axes(self._autopilot.reach(state.pilot_gain)) * self._envelope.max_axis
         wanted = self._thrusters.allocate(requested, state.voltage_v, reach)
         command = guard(
@@ -100,7 +102,7 @@ class Engine:
 
         applied = _axes(self._autopilot.applied(command, state.pilot_gain))
         delivered = self._thrusters.delivered(applied, state.voltage_v)
-        self._estimator.sent(now_s, applied, rotate(delivered, psi))
+        self._estimator.sent(now_s, applied, to_inertial(J, delivered))
         self._saturated = _by_dof(wanted.saturated | (np.abs(applied - wanted.axes) > 0.01))
         self._command = command
 
@@ -115,7 +117,7 @@ class Engine:
             requested=Wrench(requested),
             delivered=Wrench(delivered),
             verdict=verdict,
-            counters=self._autopilot.counters,
+            counters=replace(self._autopilot.counters),
             loop=loop,
         )
 
@@ -153,6 +155,7 @@ class Engine:
         if now not in (State.ACTIVE, State.RAMP_DOWN):
             self._engaged = np.zeros(4, bool)
             self._controller.rest(state)
+            self._target = Setpoint(state.eta_ahead)
         elif before not in (State.ACTIVE, State.RAMP_DOWN):
             positioned = state.ages.position_s <= self._config.supervisor.position_timeout_s
             self._engaged = np.array([positioned, positioned, True, True])

@@ -5,12 +5,14 @@ telemetry delay, where a message has none) minus the sensor's own delay.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from companion.config import Config
-from companion.control.positioning import Model, rotate, wrap
+from companion.control.bounds import wrap
+from companion.control.positioning import Model, jacobian, to_body
 from companion.delay import DelayMeter
 from companion.observer import Noise, Observer
 from companion.thrust import T200_VOLTAGE_V, Thrusters
@@ -21,6 +23,7 @@ from companion.types import (
     Array,
     Attitude,
     Battery,
+    Delays,
     Depth,
     DepthRate,
     Event,
@@ -35,7 +38,7 @@ from companion.types import (
     Z,
 )
 
-PREDICTION_STEP_S = 0.025
+PREDICTION_STEP_S = 0.035
 MAX_GAP_S = 0.5
 """A degree of freedom that was not measured for longer starts anew with its next sample."""
 
@@ -61,7 +64,7 @@ class CommandHistory:
             self._t_s[i], self._axes[i], self._tau[i] = t_s, axes, tau
         self._next = (self._next + 1) % HISTORY
 
-    def tau_at(self, t_s: Array) -> Array:
+    def tau_at(self, t_s: Sequence[float]) -> Array:
         """Return the thrust in force at each of `t_s` (n,), as (n, 4); the newest one holds."""
         window = slice(self._next, self._next + HISTORY)
         at = np.searchsorted(self._t_s[window], t_s, side="right") - 1
@@ -73,6 +76,15 @@ class CommandHistory:
         window = slice(self._next, self._next + HISTORY)
         known = np.isfinite(self._t_s[window])
         return self._t_s[window][known], self._axes[window][known]
+
+
+class Measurement(NamedTuple):
+    """One sample of one degree of freedom: `kind` 0 is its position, 1 its rate; `at_s` when it was true."""
+
+    dof: int
+    kind: int
+    value: float
+    at_s: float
 
 
 class Estimator:
@@ -100,37 +112,49 @@ class Estimator:
         self._voltage_v = T200_VOLTAGE_V
         self._gain = 1.0
         self._link_t_s = -math.inf
-        self._restart()
+        self._handlers: dict[type, Callable[[Any], None]] = {
+            Attitude: self._on_attitude,
+            Depth: self._on_depth,
+            DepthRate: self._on_depth_rate,
+            Position: self._on_position,
+            ServoOutput: self._on_servo_output,
+            TimeSync: self._on_timesync,
+            Heartbeat: self._on_heartbeat,
+            Battery: self._on_battery,
+            PilotGain: self._on_pilot_gain,
+        }
+        self.restart()
 
-    def _restart(self) -> None:
+    def restart(self) -> None:
+        """Forget the motion, the clocks and the commands: a rebooted autopilot, or numbers gone bad."""
         self._meter = DelayMeter(self._delays.telemetry_s, self._delays.command_s)
         self._commands = CommandHistory()
         self._attitude = Attitude(-math.inf, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
         self._measured_t_s = [-math.inf] * len(DOFS)
-        self._rate_t_s = -math.inf
         self._boot_s = -math.inf
         self._observed_t_s: float | None = None
+        self._new: list[Measurement] = []
+        self._observer.x = np.zeros((4, 6))
 
     def step(self, now_s: float, events: Sequence[Event]) -> VehicleState:
         """Take in what came since the last tick; say where the vehicle is and where a command finds it."""
-        self._note(events)
+        for event in events:
+            self._take(event)
         delays = self._meter.delays
-        psi = float(self._observer.x[PSI, 0])
-        nu = rotate(self._observer.x[:, 1], -psi)
-        m, c = self._model.inertia(psi), self._model.drag_coefficient(nu, psi)
-        if not self._any_measured:
-            self._observed_t_s = None
-        else:
-            self._observe(now_s, events, m, c)
-        observed_s = now_s if self._observed_t_s is None else self._observed_t_s
+        observer = self._observer
+        J = jacobian(observer.x[PSI, 0])
+        m = self._model.inertia(J)
+        c = self._model.drag_coefficient(J, to_body(J, observer.x[:, 1]))
+        observed_s = self._observe(now_s, delays, m, c)
 
         ahead_s = delays.command_s + self._lead_s
         to_go_s = now_s - observed_s + ahead_s
         steps = max(1, math.ceil(to_go_s / PREDICTION_STEP_S))
         step_s = to_go_s / steps
-        middle_s = observed_s + step_s * (np.arange(steps, dtype=np.float64) + 0.5)
-        way = self._observer.predict(self._commands.tau_at(middle_s - delays.command_s), m, c, step_s)
-        now = way[min(round((now_s - observed_s) / step_s), steps)] if step_s else way[0]
+        middle_s = [observed_s - delays.command_s + step_s * (i + 0.5) for i in range(steps)]
+        way = observer.predict(self._commands.tau_at(middle_s), m, c, step_s)
+        now = way[min(round((now_s - observed_s) / step_s), steps)] if step_s > 0.0 else way[0]
+        ahead = way[-1]
         attitude = self._attitude
         return VehicleState(
             t_s=now_s,
@@ -138,9 +162,9 @@ class Estimator:
             eta=_wrapped(now[:, 0]),
             eta_dot=now[:, 1],
             ahead_s=ahead_s,
-            eta_ahead=_wrapped(way[-1, :, 0]),
-            eta_dot_ahead=way[-1, :, 1],
-            disturbance=self._observer.disturbance,
+            eta_ahead=_wrapped(ahead[:, 0]),
+            eta_dot_ahead=ahead[:, 1],
+            disturbance=observer.disturbance,
             roll=attitude.roll,
             pitch=attitude.pitch,
             p=attitude.p,
@@ -153,7 +177,7 @@ class Estimator:
             ages=Ages(
                 link_s=now_s - self._link_t_s,
                 depth_s=now_s - self._measured_t_s[Z],
-                attitude_s=now_s - self._attitude.t_s,
+                attitude_s=now_s - attitude.t_s,
                 position_s=now_s - self._measured_t_s[X],
             ),
             delays=delays,
@@ -163,93 +187,94 @@ class Estimator:
         """Note what was sent: axes and the thrust in NED that they really give, (4,) each."""
         self._commands.append(now_s, axes, tau_ned)
 
-    @property
-    def _any_measured(self) -> bool:
-        return max(self._measured_t_s) > -math.inf
+    def _observe(self, now_s: float, delays: Delays, m: Array, c: Array) -> float:
+        """Bring the observer to the time of the newest measurements, correct it by them, return that time."""
+        observer = self._observer
+        to_s = now_s - delays.telemetry_s - 0.5 * self._tick_s
+        from_s = self._observed_t_s
+        if from_s is None or to_s - from_s > MAX_GAP_S:
+            from_s = to_s
+        if to_s > from_s:
+            u = self._commands.tau_at([0.5 * (from_s + to_s) - delays.command_s])[0]
+            observer.advance(u, m, c, to_s - from_s)
+        self._observed_t_s = to_s = max(from_s, to_s)
+        if self._new:
+            expected = observer.expected.tolist()
+            rates = observer.rates(m, c).tolist()
+            innovation = [[0.0, 0.0] for _ in DOFS]
+            for dof, kind, value, at_s in self._new:
+                missed = value + rates[dof][kind] * (to_s - at_s) - expected[dof][kind]
+                innovation[dof][kind] = (
+                    math.remainder(missed, math.tau) if dof == PSI and not kind else missed
+                )
+            observer.correct(np.array(innovation))
+            self._new.clear()
+        return to_s
 
-    def _note(self, events: Sequence[Event]) -> None:
-        """Keep what is not for the observer."""
-        for event in events:
-            self._link_t_s = event.t_s
-            boot_s = getattr(event, "boot_s", None)
-            if boot_s is not None:
-                if boot_s < self._boot_s - REBOOT_S:
-                    self._restart()
-                self._boot_s = boot_s
-            match event:
-                case Attitude():
-                    self._attitude = event
-                    self._meter.stamped(event.t_s, event.boot_s)
-                case TimeSync():
-                    self._meter.timesync(event.sent_s, event.t_s, event.boot_s)
-                case ServoOutput() if len(event.pwm_us) >= self._thrusters.count:
-                    motors = (np.array(event.pwm_us[: self._thrusters.count]) - 1500.0) / 400.0
-                    self._meter.echo(
-                        event.boot_s, self._thrusters.axes_from_motors(motors), *self._commands.sent
-                    )
-                case Heartbeat():
-                    self._heartbeat = event
-                case Battery():
-                    self._voltage_v = min(max(event.voltage_v, MIN_VOLTAGE_V), MAX_VOLTAGE_V)
-                case PilotGain():
-                    self._gain = event.gain
-            self._measured(event)
+    def _take(self, event: Event) -> None:
+        self._link_t_s = event.t_s
+        boot_s: float | None = getattr(event, "boot_s", None)
+        if boot_s is not None:
+            if boot_s < self._boot_s - REBOOT_S:
+                self.restart()
+            self._boot_s = boot_s
+        handler = self._handlers.get(type(event))
+        if handler is not None:
+            handler(event)
 
-    def _measured(self, event: Event) -> None:
-        """Remember when each degree of freedom was measured; one not seen for long begins anew."""
-        match event:
-            case Attitude():
-                positions = {PSI: event.yaw}
-            case Depth():
-                positions = {Z: event.z_m}
-            case Position():
-                positions = {X: event.x_m, Y: event.y_m}
-            case _:
-                return
-        for dof, value in positions.items():
-            if event.t_s - self._measured_t_s[dof] > MAX_GAP_S:
-                self._observer.start(dof, value)
-            self._measured_t_s[dof] = event.t_s
+    def _sampled(self, event: Depth | DepthRate | Attitude | Position, dof: int) -> float:
+        """Return the time at which this sample of `dof` was true."""
+        stamp_s = (
+            event.t_s - self._meter.delays.telemetry_s
+            if event.boot_s is None
+            else self._meter.local(event.boot_s)
+        )
+        return stamp_s - self._sensor_delay_s[dof]
 
-    def _observe(self, now_s: float, events: Sequence[Event], m: Array, c: Array) -> None:
-        """Bring the observer to the time of the newest measurements and correct it by them."""
-        delays = self._meter.delays
-        wanted_t_s = now_s - delays.telemetry_s - 0.5 * self._tick_s
-        if self._observed_t_s is None or wanted_t_s - self._observed_t_s > MAX_GAP_S:
-            self._observed_t_s = wanted_t_s
-        passed_s = max(0.0, wanted_t_s - self._observed_t_s)
-        if passed_s > 0.0:
-            middle_s = np.array([self._observed_t_s + 0.5 * passed_s - delays.command_s])
-            self._observer.advance(self._commands.tau_at(middle_s)[0], m, c, passed_s)
-            self._observed_t_s = wanted_t_s
-        innovation = np.zeros((4, 2))
-        expected = self._observer.expected
-        rate = self._observer.x[:, 1]
-        acceleration = self._observer.acceleration(m, c)
+    def _position(self, dof: int, value: float, t_s: float, at_s: float) -> None:
+        """Keep a position sample; a degree of freedom that was not measured for long begins anew."""
+        if t_s - self._measured_t_s[dof] > MAX_GAP_S:
+            self._observer.start(dof, value)
+        self._measured_t_s[dof] = t_s
+        self._new.append(Measurement(dof, 0, value, at_s))
 
-        def take(dof: int, kind: int, value: float, t_s: float, boot_s: float | None) -> None:
-            stamp_s = t_s - delays.telemetry_s if boot_s is None else self._meter.local(boot_s)
-            later_s = wanted_t_s - (stamp_s - self._sensor_delay_s[dof])
-            moved = (rate if kind == 0 else acceleration)[dof] * later_s
-            missed = value + moved - expected[dof, kind]
-            innovation[dof, kind] = wrap(missed) if dof == PSI and kind == 0 else missed
+    def _on_attitude(self, event: Attitude) -> None:
+        self._attitude = event
+        self._meter.stamped(event.t_s, event.boot_s)
+        at_s = self._sampled(event, PSI)
+        self._position(PSI, event.yaw, event.t_s, at_s)
+        self._new.append(Measurement(PSI, 1, event.r, at_s))
 
-        for event in events:
-            match event:
-                case Attitude():
-                    take(PSI, 0, event.yaw, event.t_s, event.boot_s)
-                    take(PSI, 1, event.r, event.t_s, event.boot_s)
-                case Depth():
-                    take(Z, 0, event.z_m, event.t_s, event.boot_s)
-                case DepthRate():
-                    take(Z, 1, event.w_mps, event.t_s, event.boot_s)
-                case Position():
-                    take(X, 0, event.x_m, event.t_s, event.boot_s)
-                    take(X, 1, event.vx_mps, event.t_s, event.boot_s)
-                    take(Y, 0, event.y_m, event.t_s, event.boot_s)
-                    take(Y, 1, event.vy_mps, event.t_s, event.boot_s)
-        if innovation.any():
-            self._observer.correct(innovation)
+    def _on_depth(self, event: Depth) -> None:
+        self._position(Z, event.z_m, event.t_s, self._sampled(event, Z))
+
+    def _on_depth_rate(self, event: DepthRate) -> None:
+        self._new.append(Measurement(Z, 1, event.w_mps, self._sampled(event, Z)))
+
+    def _on_position(self, event: Position) -> None:
+        at_s = self._sampled(event, X)
+        self._position(X, event.x_m, event.t_s, at_s)
+        self._position(Y, event.y_m, event.t_s, at_s)
+        self._new.append(Measurement(X, 1, event.vx_mps, at_s))
+        self._new.append(Measurement(Y, 1, event.vy_mps, at_s))
+
+    def _on_servo_output(self, event: ServoOutput) -> None:
+        count = self._thrusters.count
+        if len(event.pwm_us) >= count:
+            motors = (np.array(event.pwm_us[:count]) - 1500.0) / 400.0
+            self._meter.echo(event.boot_s, self._thrusters.axes_from_motors(motors), *self._commands.sent)
+
+    def _on_timesync(self, event: TimeSync) -> None:
+        self._meter.timesync(event.sent_s, event.t_s, event.boot_s)
+
+    def _on_heartbeat(self, event: Heartbeat) -> None:
+        self._heartbeat = event
+
+    def _on_battery(self, event: Battery) -> None:
+        self._voltage_v = min(max(event.voltage_v, MIN_VOLTAGE_V), MAX_VOLTAGE_V)
+
+    def _on_pilot_gain(self, event: PilotGain) -> None:
+        self._gain = event.gain
 
 
 def _wrapped(eta: Array) -> Array:

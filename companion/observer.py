@@ -16,6 +16,7 @@ measured as q + s and v + p, where s and p are the slow noise that an EKF's dept
 | s, p   | slow noise of position and rate           | m, m/s; rad   | paper.md, measured telemetry |
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -56,47 +57,47 @@ class Observer:
 
     def advance(self, u: Array, m: Array, c: Array, dt_s: float) -> None:
         """Run the model for `dt_s` under commanded thrust `u`."""
-        keep = np.exp(-dt_s / self._slow_time_s)
-        q, v, f, d, s, p = (self.x[..., i] for i in range(6))
-        q, v, f = _advance(q, v, f, d, u, m, c, self._lag_s, dt_s)
-        self.x = np.stack((q, v, f, d, keep * s, keep * p), axis=-1)
+        self.x[..., 0:3] = self.predict(u[None], m, c, dt_s)[-1]
+        self.x[..., 4:6] *= math.exp(-dt_s / self._slow_time_s)
 
     def correct(self, innovation: Array) -> None:
         """Take in `innovation` (…, 4, 2): measured minus expected position and rate; zero where none came."""
-        self.x = self.x + (self._gain @ innovation[..., None])[..., 0]
+        self.x = self.x + np.matvec(self._gain, innovation)
 
     @property
     def expected(self) -> Array:
         """What the sensors should show at the observer's time, (…, 4, 2)."""
         return self.x[..., 0:2] + self.x[..., 4:6]
 
-    def acceleration(self, m: Array, c: Array) -> Array:
-        """Return v' at the observer's time, (…, 4)."""
-        return (self.x[..., 2] - c * self.x[..., 1] - self.x[..., 3]) / m
+    def rates(self, m: Array, c: Array) -> Array:
+        """Return q' and v' at the observer's time, (…, 4, 2)."""
+        rates = self.x[..., 1:3].copy()
+        rates[..., 1] = (self.x[..., 2] - c * self.x[..., 1] - self.x[..., 3]) / m
+        return rates
 
     @property
     def disturbance(self) -> Array:
         """Return d, (…, 4)."""
-        return self.x[..., 3]
+        return self.x[..., 3].copy()
 
     def predict(self, u: Array, m: Array, c: Array, dt_s: float) -> Array:
-        """Return q and v along the way, (steps + 1, …, 4, 2), under `u` (steps, …, 4), `dt_s` each."""
+        """Return q, v and f along the way, (steps + 1, …, 4, 3), under `u` (steps, …, 4), `dt_s` each.
+
+        A step is exact in the thrust lag, implicit in the drag, trapezoidal in position; `dt_s` above zero.
+        """
         q, v, f, d = (self.x[..., i] for i in range(4))
-        way = np.empty((len(u) + 1, *q.shape, 2))
-        way[0, ..., 0], way[0, ..., 1] = q, v
+        keep = math.exp(-dt_s / self._lag_s)
+        push = dt_s / (m + dt_s * c)
+        coast = push * m / dt_s
+        way = np.empty((len(u) + 1, *q.shape, 3))
+        way[0] = self.x[..., 0:3]
         for i, u_i in enumerate(u):
-            q, v, f = _advance(q, v, f, d, u_i, m, c, self._lag_s, dt_s)
-            way[i + 1, ..., 0], way[i + 1, ..., 1] = q, v
+            f_next = u_i + (f - u_i) * keep
+            v_next = coast * v + push * (0.5 * (f + f_next) - d)
+            q = q + (0.5 * dt_s) * (v + v_next)
+            v, f = v_next, f_next
+            way[i + 1, ..., 0], way[i + 1, ..., 1], way[i + 1, ..., 2] = q, v, f
         return way
-
-
-def _advance(
-    q: Array, v: Array, f: Array, d: Array, u: Array, m: Array, c: Array, lag_s: float, dt_s: float
-) -> tuple[Array, Array, Array]:
-    """One step, exact in the thrust lag, implicit in the drag, trapezoidal in position."""
-    f_next = u + (f - u) * np.exp(-dt_s / lag_s)
-    v_next = (m * v + dt_s * (0.5 * (f + f_next) - d)) / (m + dt_s * c)
-    return q + 0.5 * dt_s * (v + v_next), v_next, f_next
 
 
 def _stationary_gain(m: Array, c: Array, lag_s: float, noise: Noise, dt_s: float) -> Array:

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from companion.control.bounds import bounded
 from companion.types import Array, Flags
 
 # T200 at 16 V (ArduSub facts): motor demand t = (PWM - 1500)/400 against newtons.
@@ -56,7 +57,7 @@ class Thrusters:
         self._M_inverse = np.linalg.pinv(self._M)
         self._B_inverse = np.linalg.pinv(self._B)
         self._max_tau = max_tau
-        self._vertical = self._M[:, 2] != 0.0
+        self._M_horizontal = self._M[self._M[:, 2] == 0.0]
 
     def allocate(self, tau: Array, voltage_v: float, reach: Array) -> Allocation:
         """Return the axes that give body wrench `tau`, each within ±`reach`, motors within ±1.
@@ -64,19 +65,18 @@ class Thrusters:
         Where a motor group (horizontal, vertical) would exceed its reach, the whole group is scaled, as the
         firmware does, so that the direction of the force is kept.
         """
-        asked = np.clip(tau, -self._max_tau, self._max_tau)
+        asked = bounded(tau, self._max_tau)
         motors = np.interp(asked @ self._B_inverse.T / _strength(voltage_v), _INVERSE_N, T200_DEMAND)
         axes = motors @ self._M_inverse.T
-        motors = np.abs(axes @ self._M.T)
-        level = np.maximum(1.0, np.abs(axes[..., [0, 1, 3]] / reach[[0, 1, 3]]).max(-1))
-        level = np.maximum(level, motors[..., ~self._vertical].max(-1))
-        lift = np.maximum(1.0, np.abs(axes[..., 2]) / reach[2])
-        scale = np.stack((level, level, lift, level), axis=-1)
-        return Allocation(axes / scale, (scale > 1.0) | (asked != tau))
+        over = np.maximum(np.abs(axes) / reach, 1.0)
+        motors = np.abs(axes @ self._M_horizontal.T)
+        level = np.maximum(motors.max(-1), np.maximum(over[..., 0], np.maximum(over[..., 1], over[..., 3])))
+        over[..., 0] = over[..., 1] = over[..., 3] = level
+        return Allocation(axes / over, (over > 1.0) | (asked != tau))
 
     def delivered(self, axes: Array, voltage_v: float) -> Array:
         """Return the body wrench (…, 4) that the axes really give, N and N·m, at the nominal curve."""
-        motors = np.clip(axes @ self._M.T, -1.0, 1.0)
+        motors = axes @ self._M.T
         return np.asarray(np.interp(motors, T200_DEMAND, T200_N) @ self._B.T * _strength(voltage_v))
 
     def axes_from_motors(self, motors: Array) -> Array:

@@ -1,7 +1,7 @@
-"""The closed loop in virtual time: the companion's engine and the stand-in vehicle exchange real MAVLink bytes.
+"""The closed loop in virtual time: the companion's engine and the stand-in vehicle exchange MAVLink bytes.
 
-No clock and no socket: the vehicle steps, datagrams travel for as long as the link says, the engine ticks. The
-same seed gives the same samples, and an hour of diving takes a minute or so.
+No clock and no socket: the vehicle steps, datagrams travel for as long as the link says, the engine ticks.
+The same seed gives the same samples, and an hour of diving takes a minute or two.
 """
 
 import heapq
@@ -70,7 +70,9 @@ class Lockstep:
     The engine's period has to be a whole multiple of the vehicle's step, which the constructor checks.
     """
 
-    def __init__(self, vehicle: Vehicle, engine: Engine, link: Link, seed: int, rate_hz: float = 50.0) -> None:
+    def __init__(
+        self, vehicle: Vehicle, engine: Engine, link: Link, seed: int, rate_hz: float = 50.0
+    ) -> None:
         self.vehicle = vehicle
         self.engine = engine
         self._link = link

@@ -2,11 +2,10 @@
 
 from dataclasses import dataclass
 
-import numpy as np
-
+from companion.control.bounds import bounded
 from companion.control.law import rov_law
 from companion.control.network import Network, inputs
-from companion.control.positioning import Model, pose_error, rotate
+from companion.control.positioning import Model, jacobian, pose_error, to_body
 from companion.control.reference import ReferenceModel
 from companion.types import PSI, Array, DofSample, Flags, Setpoint, VehicleState
 
@@ -44,23 +43,30 @@ class Controller:
     ) -> DofSample:
         """Return the law's inside, NED; learn only where `engaged` and `free` of saturation."""
         gains, reference = self._gains, self.reference
-        reference.step(target.eta_d, target.eta_d_dot, target.eta_d_ddot, dt_s)
+        ahead_s = state.ahead_s
+        target_dot = target.eta_d_dot + ahead_s * target.eta_d_ddot
+        reference.step(
+            target.eta_d + (0.5 * ahead_s) * (target.eta_d_dot + target_dot),
+            target_dot,
+            target.eta_d_ddot,
+            dt_s,
+        )
         self._engaged_s += dt_s
 
-        psi = float(state.eta_ahead[PSI])
-        nu = rotate(state.eta_dot_ahead, -psi)
+        J = jacobian(state.eta_ahead[PSI])
+        nu = to_body(J, state.eta_dot_ahead)
         e = pose_error(state.eta_ahead, reference.x_d)
         e_dot = state.eta_dot_ahead - reference.x_d_dot
         learnable = engaged & free & gains.by_network & (self._engaged_s >= gains.start_delay_s)
         theta = inputs(e, e_dot, state.eta_dot_ahead, reference.x_d_dot, reference.x_d_ddot)
-        learnt, adapting = self._network.step(theta, e_dot + gains.lam * e, dt_s, learnable)
-        observed = np.clip(state.disturbance, -gains.d_max, gains.d_max)
-        d_hat = np.where(gains.by_network, learnt, np.where(gains.by_observer, observed, 0.0))
+        learnt = self._network.step(theta, e_dot + gains.lam * e, dt_s, learnable)
+        observed = bounded(state.disturbance, gains.d_max)
+        d_hat = learnt * gains.by_network + observed * gains.by_observer
 
         law = rov_law(
-            k_plus_h=self._model.coriolis_and_damping(nu, psi),
+            k_plus_h=self._model.coriolis_and_damping(J, nu),
             d_hat=d_hat,
-            m=self._model.inertia(psi),
+            m=self._model.inertia(J),
             x_d_ddot=reference.x_d_ddot,
             e=e,
             e_dot=e_dot,
@@ -76,13 +82,13 @@ class Controller:
             e=e,
             e_dot=e_dot,
             eps=law.eps,
-            tau=np.where(engaged, law.tau, 0.0),
+            tau=law.tau * engaged,
             feedforward=law.feedforward,
             feedback=law.feedback,
             d_hat=d_hat,
             d_observer=state.disturbance,
             weight_norm=self._network.weight_norm,
             saturated=~free,
-            adapting=adapting,
+            adapting=self._network.learning_now,
             engaged=engaged,
         )

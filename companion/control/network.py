@@ -3,7 +3,7 @@
 d̂ = Wᵀ σ(Vᵀ θ): V feeds the hidden layer and W the output (the paper's text swaps the two), σ is the logistic
 function. Back-propagation of the combined error ε, with leak, dead zone, projection and freeze:
 
-    Ẇ = −η ε σ − ℓ W                    V̇ = −η_V ε θ (W ∘ σ')ᵀ − ℓ V
+    Ẇ = −η ε σ − ℓ W                    V̇ = −η_V ε θ (W ∘ σ')ᵀ − ℓ (V − V(0))
 
 The sign follows from m ε̇ = −m κ ε + d̂ − d*: a positive ε asks for a smaller d̂.
 """
@@ -12,7 +12,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from companion.control.bounds import bounded
 from companion.types import Array, Flags
+
+INPUTS = 6
+SATURATED_SIGMOID = 40.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,42 +53,50 @@ class Network:
     def reset(self) -> None:
         """Forget what was learnt."""
         self.W = np.zeros((*self._shape, self._V_start.shape[1]))
-        self.V = np.broadcast_to(self._V_start, (*self._shape, *self._V_start.shape)).copy()
+        self.V = np.broadcast_to(self._V_start, (*self._shape, *self._V_start.shape))
+        self.learning_now = np.zeros(self._shape, bool)
 
-    def step(self, theta: Array, eps: Array, dt_s: float, adapt: Flags) -> tuple[Array, Flags]:
-        """Return (d_hat, adapting), having learnt from `eps` for `dt_s` where `adapt` allows it.
+    def step(self, theta: Array, eps: Array, dt_s: float, adapt: Flags) -> Array:
+        """Return d_hat, having learnt from `eps` for `dt_s` where `adapt` allows it.
 
         `theta` has shape (*shape, inputs). Where the projection holds and learning would push d̂ further
-        outward, learning stops as well.
+        outward, learning stops as well; `learning_now` tells where it went on.
         """
         gains = self.learning
-        sigma = 1.0 / (1.0 + np.exp(-np.clip((theta[..., None, :] @ self.V)[..., 0, :], -60.0, 60.0)))
-        raw = (self.W * sigma).sum(-1)
+        sigma = 1.0 / (1.0 + np.exp(np.minimum(-np.vecmat(theta, self.V), SATURATED_SIGMOID)))
+        raw = np.vecdot(self.W, sigma)
         outward = (np.abs(raw) >= gains.d_max) & (raw * eps < 0.0)
-        adapting = adapt & ~outward
-        felt = np.where(adapting, np.sign(eps) * np.maximum(np.abs(eps) - gains.dead_zone, 0.0), 0.0)
-        keep = (1.0 - dt_s * np.where(adapting, gains.leak, 0.0))[..., None]
-        if self._deep:
-            slope = self.W * sigma * (1.0 - sigma)
-            step_v = (dt_s * gains.eta_v * felt)[..., None, None] * theta[..., :, None] * slope[..., None, :]
-            self.V = keep[..., None] * (self.V - self._V_start) + self._V_start - step_v
-        self.W = keep * self.W - (dt_s * gains.eta * felt)[..., None] * sigma
-        return np.clip((self.W * sigma).sum(-1), -gains.d_max, gains.d_max), adapting
+        self.learning_now = adapt & ~outward
+        if self.learning_now.any():
+            felt = (eps - bounded(eps, gains.dead_zone)) * self.learning_now
+            keep = (1.0 - dt_s * gains.leak * self.learning_now)[..., None]
+            if self._deep:
+                slope = self.W * sigma * (1.0 - sigma)
+                step_v = (
+                    (dt_s * gains.eta_v * felt)[..., None, None] * theta[..., :, None] * slope[..., None, :]
+                )
+                self.V = keep[..., None] * (self.V - self._V_start) + self._V_start - step_v
+            self.W = keep * self.W - (dt_s * gains.eta * felt)[..., None] * sigma
+            raw = np.vecdot(self.W, sigma)
+        return bounded(raw, gains.d_max)
 
     @property
     def weight_norm(self) -> Array:
         """Euclidean norm of W, of the shape of ε."""
-        return np.asarray(np.sqrt((self.W * self.W).sum(-1)))
+        return np.asarray(np.sqrt(np.vecdot(self.W, self.W)))
 
 
 def inputs(e: Array, e_dot: Array, x_dot: Array, x_d_dot: Array, x_d_ddot: Array) -> Array:
-    """Return θ = [1, 10 e, 5 ė, 5 ẋ, 5 ẋ_d, 5 ẍ_d] stacked on a new last axis.
+    """Return θ = [1, 10 e, 5 ė, 5 ẋ, 5 ẋ_d, 5 ẍ_d] on a new last axis.
 
     The inputs that carry rates are what earns the network its place: a bias alone limit-cycles under delay.
     """
-    return np.stack(
-        (np.ones_like(e), 10.0 * e, 5.0 * e_dot, 5.0 * x_dot, 5.0 * x_d_dot, 5.0 * x_d_ddot), axis=-1
-    )
-
-
-INPUTS = 6
+    theta = np.empty((*e.shape, INPUTS))
+    theta[..., 0] = 0.2
+    theta[..., 1] = 2.0 * e
+    theta[..., 2] = e_dot
+    theta[..., 3] = x_dot
+    theta[..., 4] = x_d_dot
+    theta[..., 5] = x_d_ddot
+    theta *= 5.0
+    return theta

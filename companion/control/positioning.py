@@ -1,11 +1,11 @@
 """Four degrees of freedom: x, y, z, psi in the inertial frame, tau = X, Y, Z, N in the body's.
 
 ROVs keep roll and pitch level by their metacentric height, so the Jacobian J of eq. veli is a rotation by psi
-(the paper, sec. 3). All functions take arrays of shape (…, 4) and scalar or (…)-shaped psi.
+(the paper, sec. 3) and J⁻¹ = Jᵀ. All functions take arrays of shape (…, 4), J of shape (…, 4, 4).
 
 | symbol  | meaning                                     | unit           | source          |
 |---------|---------------------------------------------|----------------|-----------------|
-| eta_dot | ẋ of the paper: NED velocity and heading rate | m/s, rad/s   | eq. veli        |
+| eta_dot | ẋ of the paper: NED velocity, heading rate  | m/s, rad/s     | eq. veli        |
 | nu      | u, v, w, r: body velocity                   | m/s, rad/s     | eq. velb        |
 | m       | inertia with added mass, body diagonal      | kg, kg·m²      | eq. added       |
 | d1, d2  | linear and quadratic damping, body diagonal | N/(m/s), …     | eq. damp        |
@@ -17,12 +17,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from companion.control.bounds import wrap
 from companion.types import PSI, Array
-
-
-def wrap(angle: Array) -> Array:
-    """Return `angle` brought to [−π, π)."""
-    return (angle + np.pi) % (2.0 * np.pi) - np.pi
 
 
 def pose_error(eta: Array, eta_d: Array) -> Array:
@@ -32,22 +28,29 @@ def pose_error(eta: Array, eta_d: Array) -> Array:
     return e
 
 
-def rotate(vector: Array, psi: Array | float) -> Array:
-    """Turn the horizontal part of `vector` (…, 4) by `psi`: body to inertial; with −psi the way back."""
-    cos, sin = np.cos(psi), np.sin(psi)
-    turned = vector.copy()
-    turned[..., 0] = cos * vector[..., 0] - sin * vector[..., 1]
-    turned[..., 1] = sin * vector[..., 0] + cos * vector[..., 1]
-    return turned
+def jacobian(psi: Array | float) -> Array:
+    """Return J (eq. veli), shape (…, 4, 4): body to inertial."""
+    J = np.zeros((*np.shape(psi), 4, 4))
+    J[..., 0, 0] = J[..., 1, 1] = np.cos(psi)
+    J[..., 1, 0] = np.sin(psi)
+    J[..., 0, 1] = -J[..., 1, 0]
+    J[..., 2, 2] = J[..., 3, 3] = 1.0
+    return J
 
 
-def inertial_diagonal(body: Array, psi: Array | float) -> Array:
-    """Return the diagonal of R diag(body) Rᵀ (eq. movi), shape (…, 4); the rest is disturbance."""
-    cos2 = np.cos(psi) ** 2
-    turned = body.copy()
-    turned[..., 0] = cos2 * body[..., 0] + (1.0 - cos2) * body[..., 1]
-    turned[..., 1] = (1.0 - cos2) * body[..., 0] + cos2 * body[..., 1]
-    return turned
+def to_inertial(J: Array, body: Array) -> Array:
+    """Return J times a body vector, shape (…, 4)."""
+    return np.asarray(np.matvec(J, body))
+
+
+def to_body(J: Array, inertial: Array) -> Array:
+    """Return Jᵀ times an inertial vector, shape (…, 4)."""
+    return np.asarray(np.vecmat(inertial, J))
+
+
+def inertial_diagonal(J: Array, body: Array) -> Array:
+    """Return the diagonal of J diag(body) Jᵀ (eq. movi), shape (…, 4); the rest is disturbance."""
+    return np.asarray(np.matvec(J * J, body))
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,15 +61,15 @@ class Model:
     d1: Array
     d2: Array
 
-    def inertia(self, psi: Array | float) -> Array:
+    def inertia(self, J: Array) -> Array:
         """Return m_bar, shape (…, 4)."""
-        return inertial_diagonal(self.m, psi)
+        return inertial_diagonal(J, self.m)
 
-    def drag_coefficient(self, nu: Array, psi: Array | float) -> Array:
+    def drag_coefficient(self, J: Array, nu: Array) -> Array:
         """Return the inertial diagonal of the damping matrix at body velocity `nu`, shape (…, 4)."""
-        return inertial_diagonal(self.d1 + self.d2 * np.abs(nu), psi)
+        return inertial_diagonal(J, self.d1 + self.d2 * np.abs(nu))
 
-    def coriolis_and_damping(self, nu: Array, psi: Array | float) -> Array:
+    def coriolis_and_damping(self, J: Array, nu: Array) -> Array:
         """Return k + h in the inertial frame (eq. movi), shape (…, 4).
 
         k gathers C(ν)ν and M d(J⁻¹)/dt ẋ; for a diagonal M only (m_u − m_v) is left of both: what a vehicle
@@ -74,8 +77,8 @@ class Model:
         """
         u, v, r = nu[..., 0], nu[..., 1], nu[..., 3]
         unequal = self.m[..., 0] - self.m[..., 1]
-        force = self.d1 * nu + self.d2 * nu * np.abs(nu)
+        force = nu * (self.d1 + self.d2 * np.abs(nu))
         force[..., 0] += unequal * r * v
         force[..., 1] += unequal * r * u
         force[..., 3] -= unequal * u * v
-        return rotate(force, psi)
+        return to_inertial(J, force)

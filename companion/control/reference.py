@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from companion.control.positioning import wrap
+from companion.control.bounds import bounded, wrap
 from companion.types import Array, Flags
 
 ACCELERATION_LAG_S = 0.06
@@ -42,7 +42,7 @@ class ReferenceModel:
     def reset(self, x: Array, x_dot: Array) -> None:
         """Start from where the vehicle is and how it moves, so that engaging it is no step."""
         self.x_d = x.copy()
-        self.x_d_dot = np.clip(x_dot, -self.limits.rate, self.limits.rate)
+        self.x_d_dot = bounded(x_dot, self.limits.rate)
         self.x_d_ddot = np.zeros_like(x)
         self._target_dot = np.zeros_like(x)
         self._target_ddot = np.zeros_like(x)
@@ -58,14 +58,14 @@ class ReferenceModel:
         delta = np.where(self._angular, wrap(delta), delta)
         delta_dot = self.x_d_dot + 0.5 * dt_s * (self._target_ddot + target_ddot) - target_dot
         turn = target_ddot - self._target_ddot
-        delta_ddot = self.x_d_ddot - self._target_ddot - (turn - np.clip(turn, -jerk_dt, jerk_dt))
+        delta_ddot = self.x_d_ddot - self._target_ddot - (turn - bounded(turn, jerk_dt))
 
         distance = np.abs(delta)
         rate = np.minimum(np.minimum(limits.rate, APPROACH_PER_S * distance), np.sqrt(a_max * distance))
-        wanted = np.clip((-np.sign(delta) * rate - delta_dot) / RATE_LAG_S, -a_max, a_max)
+        wanted = bounded((-np.copysign(rate, delta) - delta_dot) / RATE_LAG_S, a_max)
         delta_ddot = delta_ddot + (wanted - delta_ddot) * (dt_s / (ACCELERATION_LAG_S + dt_s))
         bound = np.maximum(limits.rate, np.abs(delta_dot))
-        delta_dot = np.clip(delta_dot + dt_s * delta_ddot, -bound, bound)
+        delta_dot = bounded(delta_dot + dt_s * delta_ddot, bound)
 
         self.x_d = self.x_d + path_step + dt_s * delta_dot
         self.x_d_dot = target_dot + delta_dot
