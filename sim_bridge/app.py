@@ -23,6 +23,8 @@ MAX_CATCH_UP_STEPS = 40
 MAX_UNSENT_BYTES = 1 << 18
 """A TCP client that lags behind by more is cut off."""
 MAX_INBOX = 4096
+SILENT_S = 10.0
+"""A UDP peer that was not heard for so long makes room when another calls."""
 TRUTH_PERIOD_STEPS = 4
 
 
@@ -93,21 +95,27 @@ class _UdpCaller(asyncio.DatagramProtocol):
 
 
 class _UdpListener(asyncio.DatagramProtocol):
-    """Every address that is heard becomes a link."""
+    """Every address that is heard becomes a link; one that falls silent is forgotten."""
 
     def __init__(self, links: Links) -> None:
         self._links = links
-        self._peers: dict[object, int] = {}
+        self._peers: dict[Endpoint, tuple[int, float]] = {}
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         self._transport = cast(asyncio.DatagramTransport, transport)
 
     def datagram_received(self, data: bytes, addr: Endpoint) -> None:
-        if addr not in self._peers:
-            self._peers[addr] = self._links.open(
-                lambda reply: self._transport.sendto(reply, addr), f"udp from {addr[0]}:{addr[1]}"
-            )
-        self._links.receive(self._peers[addr], data)
+        now_s = asyncio.get_running_loop().time()
+        number = self._peers[addr][0] if addr in self._peers else self._welcome(addr, now_s)
+        self._peers[addr] = (number, now_s)
+        self._links.receive(number, data)
+
+    def _welcome(self, addr: Endpoint, now_s: float) -> int:
+        for silent in [peer for peer, (_, heard_s) in self._peers.items() if now_s - heard_s > SILENT_S]:
+            self._links.close(self._peers.pop(silent)[0])
+        return self._links.open(
+            lambda reply: self._transport.sendto(reply, addr), f"udp from {addr[0]}:{addr[1]}"
+        )
 
     def error_received(self, exc: Exception) -> None:
         """Go on: a peer that went away is no reason to stop."""

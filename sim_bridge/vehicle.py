@@ -1,6 +1,5 @@
 """The whole vehicle: bytes in, one physics step, bytes out. Pure, seeded, in virtual time."""
 
-import math
 from collections.abc import Sequence
 
 import msgspec
@@ -17,7 +16,8 @@ from sim_bridge.sensors import Sensors
 from sim_bridge.thrusters import Thrusters
 
 STEP_S = 0.005
-BATTERY_PERIOD_STEPS = 20
+SLOW_PERIOD_STEPS = 20
+IDLE_CURRENT_A = 0.5
 
 
 class Truth(msgspec.Struct, frozen=True):
@@ -84,7 +84,7 @@ class Vehicle:
         self._tau: tuple[float, ...] = (0.0,) * 6
         self._voltage_v = config.battery.voltage_v
         self._consumed_mah = 0.0
-        self._driven: tuple[list[int], float] = ([], 0.0)
+        self._driven: list[int] = []
         self._static_thrust = np.zeros(self._thrusters.count)
         self._sensors.record(self._state, self._nu_dot, 0.0)
         self._autopilot = self._boot()
@@ -117,7 +117,7 @@ class Vehicle:
         if self._autopilot.armed and self._first_armed_s is None:
             self._first_armed_s = self.time_s
         self._move(pwm)
-        self._drain()
+        self._change_slowly()
 
         self._steps += 1
         self.time_s = self._steps * STEP_S
@@ -148,8 +148,8 @@ class Vehicle:
     def _move(self, pwm: list[int]) -> None:
         """Water and thrusters act on the plant for one step; the sensors watch."""
         thrusters = self._thrusters
-        if self._driven != (pwm, self._voltage_v):
-            self._driven = (pwm, self._voltage_v)
+        if self._driven != pwm:
+            self._driven = pwm
             self._static_thrust = thrusters.static_thrust(pwm, self._voltage_v)
         self._tau = tuple(thrusters.step(self._static_thrust, STEP_S).tolist())
         since_arming = -1.0 if self._first_armed_s is None else self.time_s - self._first_armed_s
@@ -161,25 +161,18 @@ class Vehicle:
         self._sensors.record(self._state, self._nu_dot, wave_m)
         self._autopilot.state = self._state
 
-    def _drain(self) -> None:
-        """Drain the battery, ten times a second."""
-        if self._steps % BATTERY_PERIOD_STEPS:
+    def _change_slowly(self) -> None:
+        """Battery and health of the thrusters, ten times a second."""
+        if self._steps % SLOW_PERIOD_STEPS:
             return
-        battery = self._config.battery
-        current = 0.5 + float(self._thrusters.current_a())
+        battery, autopilot = self._config.battery, self._autopilot
+        current = IDLE_CURRENT_A + float(self._thrusters.current_a())
         self._voltage_v = max(6.0, battery.voltage_v - battery.resistance_ohm * current)
-        self._consumed_mah += current * 1000.0 * BATTERY_PERIOD_STEPS * STEP_S / 3600.0
-        autopilot = self._autopilot
+        self._consumed_mah += current * 1000.0 * SLOW_PERIOD_STEPS * STEP_S / 3600.0
         autopilot.voltage_v, autopilot.current_a = self._voltage_v, current
         autopilot.consumed_mah = self._consumed_mah
-        if self._faults_health_changed():
-            self._driven = ([], 0.0)
-
-    def _faults_health_changed(self) -> bool:
-        health = np.array(self._faults.health(self._thrusters.count))
-        changed = not np.array_equal(health, self._thrusters.health)
-        self._thrusters.health = health
-        return changed
+        self._thrusters.health = np.array(self._faults.health(self._thrusters.count))
+        self._driven = []
 
     def _begin(self, fault: Fault) -> None:
         if fault.kind == "reboot":
@@ -208,11 +201,3 @@ class Vehicle:
         for link in self._links:
             self._links[link] = Link()
         self._autopilot = self._boot()
-
-
-def is_finite(vehicle: Vehicle) -> bool:
-    """Whether the vehicle's state is made of finite numbers."""
-    truth = vehicle.truth()
-    return bool(
-        np.isfinite(truth.eta).all() and np.isfinite(truth.nu).all() and math.isfinite(truth.voltage_v)
-    )

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from sim_bridge.config import load_config
@@ -15,6 +16,11 @@ ARM, SET_MODE, SET_INTERVAL, REQUEST = 400, 176, 511, 512
 
 def vehicle(*overrides, seed=1, config=CONFIG):
     return Vehicle(load_config(config, [*CALM, *overrides]), seed)
+
+
+def is_finite(rov):
+    truth = rov.truth()
+    return bool(np.isfinite([*truth.eta, *truth.nu, *truth.thrust_n, truth.voltage_v]).all())
 
 
 class Station:

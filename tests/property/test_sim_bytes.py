@@ -5,9 +5,7 @@ import math
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
-from sim_wire import Station, manual, vehicle
-
-from sim_bridge.vehicle import is_finite
+from sim_wire import Station, is_finite, manual, vehicle
 
 PER_CASE = settings(max_examples=60, deadline=None)
 HOSTILE = settings(max_examples=150, deadline=None)
