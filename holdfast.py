@@ -49,3 +49,7 @@ def main(argv: list[str] | None = None) -> int:
         return 2
     status: int = commands[name].load()(rest)
     return status
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,6 +1,8 @@
 """What `holdfast` can do with both rooms at once. Imports nothing heavy before a command is called."""
 
+import argparse
 import sys
+from pathlib import Path
 
 
 def demo(argv: list[str]) -> int:
@@ -11,7 +13,16 @@ def demo(argv: list[str]) -> int:
 
 
 def bench(argv: list[str]) -> int:
-    """Measure what a tick costs, how late it comes, and how fast virtual time runs."""
-    del argv
-    sys.stderr.write("holdfast bench: being built\n")
-    return 1
+    """Measure how well it holds, over many vehicles and seas, and what it costs."""
+    parser = argparse.ArgumentParser(
+        prog="holdfast bench",
+        description="Dives four scenarios in virtual time with vehicles drawn from an ensemble, the "
+        "companion's engine and real MAVLink bytes; then measures the process itself against its bounds.",
+    )
+    parser.add_argument("what", nargs="?", choices=("dives", "process"), help="only one half; default: both")
+    parser.add_argument("--seeds", type=int, default=20, metavar="N", help="vehicles a scenario; default 20")
+    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="companion's config")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the same figures there")
+    from lab.bench_report import run
+
+    return run(parser.parse_args(argv))
