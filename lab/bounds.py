@@ -24,7 +24,7 @@ from companion.engine import Engine
 from companion.types import Request
 from dashboard.zenoh_client import Subscription
 from lab.lockstep import Link, Lockstep
-from lab.scenarios import Scenario, ensemble, hold
+from lab.scenarios import four
 from sim_bridge.config import SimConfig
 from sim_bridge.vehicle import Vehicle
 
@@ -54,7 +54,7 @@ class Bound:
 
 def virtual(config: Config, plant: SimConfig, duration_s: float = 60.0) -> list[Bound]:
     """Measure tick computing time and lockstep speed in one dive in waves, on this core."""
-    scenario = Scenario("waves", ensemble, hold(), duration_s)
+    scenario = four(0)[0]
     vehicle = Vehicle(scenario.plant(plant, 0), 0)
     engine = Engine(config, scenario.target(0.0), arm=True)
     loop = Lockstep(vehicle, engine, Link(), 0, config.loop.rate_hz)
