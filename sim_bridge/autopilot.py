@@ -59,12 +59,19 @@ class Autopilot:
         sensors: read when something needs them.
         frame: vectored or vectored_6dof.
         has_position: whether there is a DVL.
+        rc_receiver: whether the vehicle has an RC receiver, whose sticks rest.
         links: link number to Link; the same dictionary that the vehicle fills.
 
     """
 
     def __init__(
-        self, params: Parameters, sensors: Sensors, frame: str, has_position: bool, links: dict[int, Link]
+        self,
+        params: Parameters,
+        sensors: Sensors,
+        frame: str,
+        has_position: bool,
+        rc_receiver: bool,
+        links: dict[int, Link],
     ) -> None:
         self.params = params
         self.armed = False
@@ -80,6 +87,7 @@ class Autopilot:
         self._sensors = sensors
         self._frame = frame
         self._has_position = has_position
+        self._rc_receiver = rc_receiver
         self._links = links
         self._out: list[tuple[int, bytes]] = []
         self._boot_s = 0.0
@@ -91,6 +99,7 @@ class Autopilot:
         self._input_is_new = True
         self._pilot_lost = True
         self._pilot_seen_s: float | None = None
+        self._steered_s: float | None = None
         self._gcs_lost = False
         self._gcs_seen_s: float | None = None
         self._gcs_warned_s = 0.0
@@ -145,6 +154,8 @@ class Autopilot:
             self._next_input_s += INPUT_PERIOD_S
             self.pilot.input_loop()
             self._input_is_new = True
+            if self._rc_receiver:
+                self._hear_receiver()
             self._check_pilot()
             self._check_gcs()
         if not self.armed:
@@ -251,6 +262,14 @@ class Autopilot:
 
     # Failsafes
 
+    def _hear_receiver(self) -> None:
+        """A receiver is pilot input for ever; its resting sticks rule once an override has expired."""
+        steered_s = self._steered_s
+        if steered_s is not None and self._boot_s > steered_s + self.params["RC_OVERRIDE_TIME"]:
+            self._steered_s = None
+            self._neutralise()
+        self._pilot_seen_s = self._boot_s
+
     def _check_pilot(self) -> None:
         action = self.params["FS_PILOT_INPUT"]
         seen_s, timeout_s = self._pilot_seen_s, self.params["FS_PILOT_TIMEOUT"]
@@ -291,7 +310,7 @@ class Autopilot:
         """Whether the sender may steer; if so it is pilot input and the ground station's sign of life."""
         if message.get_srcSystem() != int(self.params["MAV_GCS_SYSID"]):
             return False
-        self._pilot_seen_s = self._gcs_seen_s = self._boot_s
+        self._steered_s = self._pilot_seen_s = self._gcs_seen_s = self._boot_s
         return True
 
     def _on_heartbeat(self, _: int, message: Message) -> None:

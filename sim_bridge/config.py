@@ -220,6 +220,8 @@ class SimConfig(_Record, frozen=True):
     load: Load = Load()
     heave_force: HeaveForce = HeaveForce()
     sensors: SensorConfig = SensorConfig()
+    rc_receiver: bool = False
+    """An RC receiver on the vehicle: the pilot failsafe never fires, overrides end after RC_OVERRIDE_TIME."""
     parameters: dict[str, float] = {}
     """Values of autopilot parameters that differ from the firmware's defaults."""
     faults: tuple[Fault, ...] = ()

@@ -185,10 +185,16 @@ class Vehicle:
             self._params.set(fault.parameter, fault.value)
 
     def _boot(self) -> Autopilot:
+        config = self._config
         autopilot = Autopilot(
-            self._params, self._sensors, self._config.thrusters.frame, self._config.sensors.dvl, self._links
+            self._params,
+            self._sensors,
+            config.thrusters.frame,
+            config.sensors.dvl,
+            config.rc_receiver,
+            self._links,
         )
-        autopilot.capacity_mah = self._config.battery.capacity_ah * 1000.0
+        autopilot.capacity_mah = config.battery.capacity_ah * 1000.0
         autopilot.voltage_v = self._voltage_v
         autopilot.consumed_mah = self._consumed_mah
         autopilot.state = self._state

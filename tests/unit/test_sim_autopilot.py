@@ -251,13 +251,25 @@ def test_steering_at_a_third_of_a_hertz_keeps_the_failsafe_quiet():
 
 def test_arming_is_accepted_while_the_pilot_failsafe_is_latched():
     station = Station(vehicle())
-    station.run(5.0)
+    heard = station.run(5.0)
+    assert heard.last("HEARTBEAT").system_status == 5
+    assert not heard.texts(), "latched from the start, so there was nothing to lose"
     station.command(ARM, 1).run(0.1)
     station.run(4.0)
     assert station.rov.truth().armed
     station.run(0.1, override())
     station.run(3.1)
     assert not station.rov.truth().armed
+
+
+def test_an_rc_receiver_silences_the_failsafe_and_only_the_override_time_neutralises():
+    station = Station(vehicle("rc_receiver=true")).arm()
+    station.run(0.5, override(forward=200))
+    assert not station.run(2.9).texts()
+    assert channels(station)[4] == 1700
+    assert not station.run(5.0).texts()
+    assert channels(station)[4] == 1500
+    assert station.rov.truth().armed
 
 
 def heartbeat(station):
@@ -338,8 +350,10 @@ def test_position_modes_are_refused_without_a_position(mode, name):
     assert f"Mode change failed: {name} requires position" in heard.texts()
 
 
-def test_poshold_holds_with_a_dvl_and_an_origin():
-    station = Station(vehicle("sensors.dvl=true", "current.enabled=true", "current.speed_m_s=0.2", DEEP))
+@pytest.mark.parametrize("heading", [0.0, 2.0])
+def test_poshold_holds_with_a_dvl_and_an_origin(heading):
+    place = f"initial.eta=[0, 0, 8, 0, 0, {heading}]"
+    station = Station(vehicle("sensors.dvl=true", "current.enabled=true", "current.speed_m_s=0.2", place))
     station.say(mavlink.MAVLink_set_gps_global_origin_message(1, 0, 0, 0))
     station.arm(POSHOLD).run(60.0, override())
     assert np.hypot(*station.rov.truth().eta[:2]) < 0.4
@@ -469,6 +483,13 @@ def test_alt_hold_entered_from_manual_dips_and_through_stabilize_does_not():
         assert abs(depths[-1]) < 0.1
     assert 0.3 < dips[0] < 0.7
     assert dips[1] < 0.05
+
+
+def test_acro_reads_a_neutral_throttle_as_full_down():
+    station = Station(vehicle(DEEP)).arm(1)
+    station.run(1.0, override())
+    assert station.rov.truth().nu[2] > 0.3
+    assert min(station.rov.truth().motor_pwm[4:]) > 1800
 
 
 def test_surface_climbs_to_the_surface():

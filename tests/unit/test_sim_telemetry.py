@@ -239,6 +239,10 @@ def test_battery_sags_under_load():
     assert loaded.voltage_battery < rest - 500
     assert loaded.current_battery > 4000
     assert rov.truth().voltage_v < 15.6
+    before = station.run(1.0, override(forward=400)).last("BATTERY_STATUS")
+    after = station.run(60.0, override(forward=400)).last("BATTERY_STATUS")
+    used = after.current_consumed - before.current_consumed
+    assert used == pytest.approx(after.current_battery / 100 * 60 / 3.6, rel=0.05)
 
 
 def test_long_texts_come_in_chunks_of_50_bytes():
