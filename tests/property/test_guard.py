@@ -1,0 +1,106 @@
+"""Whatever comes in, what leaves is finite, bounded and slow, and neutral unless permitted."""
+
+import math
+from dataclasses import astuple
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
+
+from companion.supervisor import Envelope, Supervisor, guard
+from companion.types import NEUTRAL, AxisCommand, Condition, State, Verdict
+
+C = Condition
+
+any_command = st.builds(AxisCommand, *[st.floats()] * 4)
+any_verdict = st.builds(Verdict, st.sampled_from(list(State)), st.just(C(0)), st.floats(), st.just(""))
+envelopes = st.builds(Envelope, st.floats(0.01, 1.0), st.floats(0.01, 100.0))
+EVERY_BIT = C(0)
+for bit in C:
+    EVERY_BIT |= bit
+any_conditions = st.integers(0, EVERY_BIT.value).map(C)
+few_conditions = st.one_of(st.just(C(0)), st.just(C.ENGAGE_ASKED), st.sampled_from(list(C)), any_conditions)
+UNFIT = (
+    C.LINK_LOST
+    | C.DEPTH_STALE
+    | C.ATTITUDE_STALE
+    | C.POSITION_STALE
+    | C.DISARMED
+    | C.WRONG_MODE
+    | C.FAILSAFE_UNSAFE
+    | C.NON_FINITE
+    | C.TICK_LATE
+)
+
+
+@settings(max_examples=300)
+@given(any_command, any_verdict, envelopes, st.floats(0.001, 0.1), st.data())
+def test_guard_is_finite_bounded_slow_and_neutral_unless_permitted(command, verdict, envelope, dt_s, data):
+    axis = st.floats(-envelope.max_axis, envelope.max_axis)
+    previous = data.draw(st.builds(AxisCommand, axis, axis, axis, axis))
+    sent = guard(command, verdict, previous, envelope, dt_s)
+    permitted = verdict.state in (State.ACTIVE, State.RAMP_DOWN) and 0.0 < verdict.authority <= 1.0
+    if not permitted or not all(map(math.isfinite, astuple(command))):
+        assert sent == NEUTRAL
+        return
+    for now, before in zip(astuple(sent), astuple(previous), strict=True):
+        assert math.isfinite(now)
+        assert abs(now) <= envelope.max_axis
+        assert abs(now - before) <= envelope.max_slew_per_s * dt_s + 1e-12
+
+
+class Permission(RuleBasedStateMachine):
+    """A supervisor under any sequence of conditions."""
+
+    @initialize(ramp_down_s=st.floats(0.01, 5.0))
+    def start(self, ramp_down_s):
+        self.supervisor = Supervisor(ramp_down_s)
+        self.verdict = Verdict(State.IDLE, C(0), 0.0, "")
+        self.conditions = C(0)
+        self.was = self.verdict
+
+    @rule(conditions=few_conditions, dt_s=st.sampled_from([0.0, 0.005, 0.02, 0.3, 10.0]))
+    def step(self, conditions, dt_s):
+        self.was, self.conditions = self.verdict, conditions
+        self.verdict = self.supervisor.step(conditions, dt_s)
+
+    @rule()
+    def approach(self):
+        """Tick until engaged, if that is possible: otherwise a random walk is rarely ACTIVE."""
+        for _ in range(4):
+            self.step(C.CLEAR_ASKED | C.ENGAGE_ASKED, 0.02)
+
+    @invariant()
+    def authority_goes_with_the_state(self):
+        state, authority = self.verdict.state, self.verdict.authority
+        assert 0.0 <= authority <= 1.0
+        assert authority == 0.0 or state in (State.ACTIVE, State.RAMP_DOWN)
+        assert state is not State.ACTIVE or authority == 1.0
+
+    @invariant()
+    def authority_never_grows_while_ramping_down(self):
+        if self.verdict.state is State.RAMP_DOWN:
+            assert self.verdict.authority <= self.was.authority
+
+    @invariant()
+    def engaging_was_asked_for_and_permitted(self):
+        if self.verdict.state is State.ACTIVE and self.was.state is not State.ACTIVE:
+            assert self.was.state is State.READY
+            assert self.conditions & C.ENGAGE_ASKED
+            assert not self.conditions & (UNFIT | C.PILOT_TAKEOVER | C.OPERATOR_STOP)
+
+    @invariant()
+    def active_ends_when_anything_needed_is_missing(self):
+        if self.verdict.state is State.ACTIVE:
+            assert not self.conditions & (UNFIT | C.PILOT_TAKEOVER | C.OPERATOR_STOP)
+
+    @invariant()
+    def a_fault_is_left_only_when_cleared(self):
+        if self.was.state is State.FAULT and self.verdict.state is not State.FAULT:
+            assert self.conditions & C.CLEAR_ASKED
+            assert not self.conditions & C.NON_FINITE
+            assert self.verdict.state is State.IDLE
+
+
+Permission.TestCase.settings = settings(max_examples=80, stateful_step_count=40, deadline=None)
+TestPermission = Permission.TestCase

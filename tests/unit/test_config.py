@@ -1,0 +1,186 @@
+import math
+
+import msgspec
+import pytest
+
+from companion.config import DEFAULT_FILE, ConfigError, load_config
+
+
+@pytest.fixture
+def edited(tmp_path):
+    """A copy of the shipped file with one line replaced."""
+
+    def edit(old, new):
+        text = DEFAULT_FILE.read_text(encoding="utf-8")
+        assert old in text
+        path = tmp_path / "mine.toml"
+        path.write_text(text.replace(old, new, 1), encoding="utf-8")
+        return path
+
+    return edit
+
+
+def refusal(path=DEFAULT_FILE, overrides=()):
+    with pytest.raises(ConfigError) as caught:
+        load_config(path, overrides)
+    return str(caught.value)
+
+
+def test_the_shipped_file_is_accepted():
+    config = load_config()
+    assert config.axes == (config.surge, config.sway, config.heave, config.yaw)
+    assert config.heave.compensator in ("none", "network", "observer")
+
+
+def test_the_nominal_model_is_wrong_on_purpose():
+    """At least 10 % in mass and 30 % in damping from the stand-in vehicle, so that no test flatters us."""
+    from sim_bridge.config import load_config as load_sim
+
+    heave, hull = load_config().heave, load_sim(DEFAULT_FILE.with_name("sim.toml")).hull
+    mass = hull.mass_kg + hull.added_mass[2]
+    assert abs(heave.mass / mass - 1.0) >= 0.10
+    assert abs(heave.linear_damping / hull.linear_damping[2] - 1.0) >= 0.30
+    assert abs(heave.quadratic_damping / hull.quadratic_damping[2] - 1.0) >= 0.30
+    assert hull.net_buoyancy_n != 0.0
+
+
+def test_the_record_is_frozen():
+    config = load_config()
+    with pytest.raises(AttributeError):
+        config.heave.mass = 1.0
+
+
+def test_every_key_of_the_file_is_a_field_and_every_field_a_key():
+    assert load_config() == msgspec.convert(msgspec.to_builtins(load_config()), type(load_config()))
+
+
+@pytest.mark.parametrize(
+    ("override", "said"),
+    [
+        ("heave.mass=0", ["heave.mass", "0", "> 0"]),
+        ("heave.mass=-3.5", ["heave.mass", "-3.5", "> 0"]),
+        ("heave.mass=nan", ["heave.mass", "nan"]),
+        ("heave.mass=inf", ["heave.mass", "inf"]),
+        ("heave.mass=1e9", ["heave.mass", "1000000000", "1000000"]),
+        ("heave.lambda_per_s=nan", ["heave.lambda_per_s", "nan"]),
+        ("yaw.leak_per_s=-0.1", ["yaw.leak_per_s", "-0.1", ">= 0"]),
+        ("yaw.leak_per_s=nan", ["yaw.leak_per_s", "nan"]),
+        ("delays.command_s=-inf", ["delays.command_s", "-inf"]),
+        ("delays.command_s=61", ["delays.command_s", "61", "60"]),
+        ("loop.rate_hz=5", ["loop.rate_hz", "5", "10"]),
+        ("loop.rate_hz=201", ["loop.rate_hz", "201", "200"]),
+        ("loop.rate_hz='fast'", ["loop.rate_hz", "fast", "float"]),
+        ("thrusters.max_axis=1.01", ["thrusters.max_axis", "1.01", "1.0"]),
+        ("thrusters.max_axis=0", ["thrusters.max_axis", "> 0"]),
+        ("supervisor.max_pilot_timeout_s=3.5", ["supervisor.max_pilot_timeout_s", "3.5", "3.0"]),
+        ("network.units=0", ["network.units", "0", "1"]),
+        ("network.units=2.5", ["network.units", "2.5", "int"]),
+        ("network.units=true", ["network.units", "True", "int"]),
+        ("link.system=256", ["link.system", "256", "255"]),
+        ("link.system=0", ["link.system", "0", "1"]),
+        ("vehicle.frame=octo", ["vehicle.frame", "octo"]),
+        ("vehicle.thrust_path=telepathy", ["vehicle.thrust_path", "telepathy"]),
+        ("vehicle.name='a/b'", ["vehicle.name", "a/b"]),
+        ("vehicle.name=''", ["vehicle.name"]),
+        ("heave.compensator=magic", ["heave.compensator", "magic"]),
+        ("heave=5", ["heave", "5"]),
+        ("heave.kapa_per_s=8", ["heave", "kapa_per_s", "unknown"]),
+        ("pitch.mass=8", ["pitch", "unknown"]),
+    ],
+)
+def test_a_bad_value_is_refused_by_name_value_and_range(override, said):
+    message = refusal(overrides=[override])
+    assert str(DEFAULT_FILE) in message
+    assert all(part in message for part in said), message
+
+
+def test_an_unknown_key_in_the_file_is_refused(edited):
+    path = edited("dead_zone = 0.001", "dead_zone = 0.001\ndeadband = 0.1")
+    message = refusal(path)
+    assert str(path) in message
+    assert "heave" in message
+    assert "deadband" in message
+
+
+def test_a_missing_key_is_named(edited):
+    path = edited("ramp_down_s = 0.5\n", "")
+    message = refusal(path)
+    assert str(path) in message
+    assert "supervisor" in message
+    assert "ramp_down_s" in message
+    assert "missing" in message
+
+
+def test_a_missing_section_is_named(edited):
+    message = refusal(edited("[telemetry]", "[telemetrie]"))
+    assert "telemetrie" in message or "telemetry" in message
+
+
+def test_a_file_that_is_not_there(tmp_path):
+    message = refusal(tmp_path / "nowhere.toml")
+    assert "nowhere.toml" in message
+    assert "cannot be read" in message
+    assert "No such file" in message
+
+
+def test_a_directory_is_no_file(tmp_path):
+    assert "cannot be read" in refusal(tmp_path)
+
+
+@pytest.mark.parametrize("data", [b"[heave\nmass = 1", b"mass = ", b"\xff\xfe\x00", b"a = 1\na = 2\n"])
+def test_bad_toml_names_the_file(tmp_path, data):
+    path = tmp_path / "broken.toml"
+    path.write_bytes(data)
+    message = refusal(path)
+    assert "broken.toml" in message
+    assert "TOML" in message
+
+
+def test_an_empty_file_says_what_is_missing(tmp_path):
+    path = tmp_path / "empty.toml"
+    path.write_text("")
+    message = refusal(path)
+    assert "empty.toml" in message
+    assert "vehicle" in message
+
+
+@pytest.mark.parametrize(
+    ("override", "section", "key", "value"),
+    [
+        ("heave.kappa_per_s=8.5", "heave", "kappa_per_s", 8.5),
+        ("heave.kappa_per_s=8", "heave", "kappa_per_s", 8.0),
+        ("heave.compensator=none", "heave", "compensator", "none"),
+        ("heave.compensator='observer'", "heave", "compensator", "observer"),
+        ("link.endpoint=tcp:127.0.0.1:5760", "link", "endpoint", "tcp:127.0.0.1:5760"),
+        (" network.seed = 7", "network", "seed", 7),
+    ],
+)
+def test_an_override_wins_over_the_file(override, section, key, value):
+    config = load_config(overrides=[override])
+    got = getattr(getattr(config, section), key)
+    assert got == value
+    assert type(got) is type(value)
+
+
+def test_the_last_of_two_overrides_wins_and_others_stay():
+    config = load_config(overrides=["heave.mass=30", "heave.mass=31.5"])
+    assert config.heave.mass == 31.5
+    assert config.surge == load_config().surge
+
+
+@pytest.mark.parametrize("override", ["heave.mass", "heave", ""])
+def test_an_override_without_a_value_says_how_to_write_it(override):
+    assert "section.key=value" in refusal(overrides=[override])
+
+
+def test_an_override_below_a_value_says_so():
+    assert "heave.mass.x" in refusal(overrides=["heave.mass.x=1"])
+
+
+def test_no_float_of_the_shipped_file_is_absurd():
+    def floats(value):
+        if isinstance(value, dict):
+            return [x for item in value.values() for x in floats(item)]
+        return [value] if isinstance(value, float) else []
+
+    assert all(math.isfinite(x) for x in floats(msgspec.to_builtins(load_config())))

@@ -1,0 +1,202 @@
+"""The law against closed forms: the theorem says exactly how the error dies."""
+
+import numpy as np
+import pytest
+
+from companion.control.law import combined_error, control_law, error_coefficients, rov_law
+
+LAM, KAPPA = 1.7, 4.0
+
+
+@pytest.mark.parametrize(
+    ("n", "expected"),
+    [
+        (1, [1.0]),
+        (2, [LAM, 1.0]),
+        (3, [LAM**2, 2.0 * LAM, 1.0]),
+        (4, [LAM**3, 3.0 * LAM**2, 3.0 * LAM, 1.0]),
+    ],
+)
+def test_coefficients_of_eq_2_written_out(n, expected):
+    np.testing.assert_allclose(error_coefficients(n, LAM), expected, rtol=1e-14)
+
+
+@pytest.mark.parametrize("n", [2, 3, 4, 5])
+def test_the_error_surface_has_all_its_roots_at_minus_lambda(n):
+    highest_first = error_coefficients(n, LAM)[::-1]
+    s = np.linspace(-3.0, 3.0, 13)
+    np.testing.assert_allclose(np.polyval(highest_first, s), (s + LAM) ** (n - 1), atol=1e-10)
+
+
+def test_combined_error_written_out():
+    x_tilde = np.array([[0.3, -0.2, 0.5], [-1.0, 2.0, 0.25]])
+    expected = LAM**2 * x_tilde[:, 0] + 2.0 * LAM * x_tilde[:, 1] + x_tilde[:, 2]
+    np.testing.assert_allclose(combined_error(x_tilde, LAM), expected, rtol=1e-14)
+
+
+F, B, D, X_D_N = 0.7, -2.5, 0.4, 1.3
+E0, E1, E2, E3 = 0.3, -0.2, 0.5, 0.9
+
+
+@pytest.mark.parametrize(
+    ("x_tilde", "u"),
+    [
+        ([E0], (-F - D + X_D_N - KAPPA * E0) / B),
+        ([E0, E1], (-F - D + X_D_N - LAM * E1 - KAPPA * (LAM * E0 + E1)) / B),
+        (
+            [E0, E1, E2],
+            (-F - D + X_D_N - LAM**2 * E1 - 2 * LAM * E2 - KAPPA * (LAM**2 * E0 + 2 * LAM * E1 + E2)) / B,
+        ),
+        (
+            [E0, E1, E2, E3],
+            (
+                *(-F - D + X_D_N - LAM**3 * E1 - 3 * LAM**2 * E2 - 3 * LAM * E3,),
+                -KAPPA * (LAM**3 * E0 + 3 * LAM**2 * E1 + 3 * LAM * E2 + E3),
+            ),
+        ),
+    ],
+)
+def test_eq_5_written_out(x_tilde, u):
+    expected = sum(u) / B if isinstance(u, tuple) else u
+    got = control_law(*map(np.float64, (F, B, D, X_D_N)), np.array(x_tilde), LAM, KAPPA)
+    assert got == pytest.approx(expected, rel=1e-12)
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 4, 5])
+def test_the_law_leaves_eps_dot_equal_to_minus_kappa_eps(n):
+    """Whatever f, b and d are: x~^(n) + c_bar^T x~ = -kappa eps (eqs. 4, 5 and the proof of the theorem)."""
+    rng = np.random.default_rng(n)
+    x_tilde = rng.normal(size=(200, n))
+    f, d, x_d_n = rng.normal(size=(3, 200)) * 10.0
+    b = rng.choice([-1.0, 1.0], 200) * rng.uniform(0.1, 5.0, 200)
+    u = control_law(f, b, d, x_d_n, x_tilde, LAM, KAPPA)
+    highest = f + b * u + d - x_d_n
+    derivatives = np.concatenate((x_tilde[:, 1:], highest[:, None]), axis=1)
+    eps_dot = combined_error(derivatives, LAM)
+    np.testing.assert_allclose(eps_dot, -KAPPA * combined_error(x_tilde, LAM), atol=1e-9)
+
+
+def nonlinear_third_order(duration_s=3.0, dt=0.002):
+    """Simulate x''' = f(x) + b(x) u + d(t) under the law and return t, x_tilde (steps, 3)."""
+
+    def path(t):
+        return np.array([np.sin(t), np.cos(t), -np.sin(t), -np.cos(t)])
+
+    def rate(t, x):
+        f = -(x[0] ** 3) - x[1] * abs(x[1]) + np.sin(x[2])
+        b = -(2.0 + np.cos(x[0]) + 0.3 * x[1] ** 2)
+        d = 0.8 * np.sin(3.0 * t)
+        desired = path(t)
+        u = control_law(f, b, d, desired[3], x - desired[:3], LAM, KAPPA)
+        return np.array([x[1], x[2], f + b * u + d])
+
+    x = path(0.0)[:3] + np.array([0.5, -1.0, 2.0])
+    times = np.arange(round(duration_s / dt) + 1) * dt
+    errors = []
+    for t in times:
+        errors.append(x - path(t)[:3])
+        k1 = rate(t, x)
+        k2 = rate(t + dt / 2, x + dt / 2 * k1)
+        k3 = rate(t + dt / 2, x + dt / 2 * k2)
+        k4 = rate(t + dt, x + dt * k3)
+        x = x + dt / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+    return times, np.array(errors)
+
+
+def test_theorem_on_a_nonlinear_third_order_system():
+    """The proof integrates d^2/dt^2 (x~ e^(lam t)) = eps(0) e^((lam - kappa) t): so does this."""
+    t, x_tilde = nonlinear_third_order()
+    eps = combined_error(x_tilde, LAM)
+    np.testing.assert_allclose(eps, eps[0] * np.exp(-KAPPA * t), atol=1e-7)
+    gap = LAM - KAPPA
+    start = x_tilde[0, 0] - eps[0] / gap**2
+    slope = x_tilde[0, 1] + LAM * x_tilde[0, 0] - eps[0] / gap
+    expected = (start + slope * t + eps[0] * np.exp(gap * t) / gap**2) * np.exp(-LAM * t)
+    np.testing.assert_allclose(x_tilde[:, 0], expected, atol=1e-7)
+    assert np.abs(x_tilde[-1]).max() < 0.02 * np.abs(x_tilde[0]).max()
+
+
+def test_lyapunov_function_falls_by_kappa_eps_squared():
+    t, x_tilde = nonlinear_third_order()
+    eps = combined_error(x_tilde, LAM)
+    v_dot = np.gradient(0.5 * eps**2, t)
+    np.testing.assert_allclose(v_dot[1:-1], -KAPPA * eps[1:-1] ** 2, atol=2e-4 * KAPPA * eps[0] ** 2)
+
+
+def random_terms(seed=3, shape=(50, 4)):
+    rng = np.random.default_rng(seed)
+    names = ("k_plus_h", "d_hat", "x_d_ddot", "e", "e_dot")
+    terms = {name: rng.normal(size=shape) * 3.0 for name in names}
+    return terms | {
+        "m": rng.uniform(0.2, 60.0, shape),
+        "lam": rng.uniform(0.5, 6.0, shape[-1:]),
+        "kappa": rng.uniform(0.5, 12.0, shape[-1:]),
+    }
+
+
+def test_rov_form_is_the_general_law_of_second_order():
+    """n = 2, f = -(k + h)/m, b = 1/m, and a force d_hat is met by d = -d_hat/m."""
+    terms = random_terms()
+    tau = rov_law(**terms).tau
+    m = terms["m"]
+    x_tilde = np.stack((terms["e"], terms["e_dot"]), axis=-1)
+    for i in range(4):
+        general = control_law(
+            f=-terms["k_plus_h"][:, i] / m[:, i],
+            b=1.0 / m[:, i],
+            d=-terms["d_hat"][:, i] / m[:, i],
+            x_d_n=terms["x_d_ddot"][:, i],
+            x_tilde=x_tilde[:, i],
+            lam=float(terms["lam"][i]),
+            kappa=float(terms["kappa"][i]),
+        )
+        np.testing.assert_allclose(tau[:, i], general, rtol=1e-10, atol=1e-10)
+
+
+def one(**changes):
+    zero = dict.fromkeys(("k_plus_h", "d_hat", "x_d_ddot", "e", "e_dot"), np.float64(0.0))
+    return rov_law(**(zero | {"m": 50.0, "lam": 2.0, "kappa": 3.0} | changes))
+
+
+@pytest.mark.parametrize(
+    ("changed", "tau"),
+    [
+        ({"k_plus_h": 7.0}, 7.0),
+        ({"d_hat": 7.0}, 7.0),
+        ({"x_d_ddot": 0.1}, 50.0 * 0.1),
+        ({"e": 0.1}, -50.0 * 3.0 * 2.0 * 0.1),
+        ({"e_dot": 0.1}, -50.0 * (2.0 + 3.0) * 0.1),
+    ],
+)
+def test_each_term_alone_sign_and_inertia(changed, tau):
+    """The gain is m kappa, not the kappa that lei1 and lei2 print."""
+    assert one(**changed).tau == pytest.approx(tau, rel=1e-12)
+
+
+def test_terms_add_up_and_eps_is_e_dot_plus_lambda_e():
+    terms = random_terms(5)
+    law = rov_law(**terms)
+    np.testing.assert_allclose(law.tau, law.feedforward + law.feedback + terms["d_hat"], rtol=1e-12)
+    np.testing.assert_allclose(law.eps, terms["e_dot"] + terms["lam"] * terms["e"], rtol=1e-12)
+
+
+@pytest.mark.parametrize("m", [0.5, 50.0])
+def test_eps_decays_at_kappa_whatever_the_mass(m):
+    """m z'' = tau - h z'|z'| - d with everything known: eps(t) = eps(0) e^(-kappa t), drag or not."""
+    h, d, lam, kappa, dt = 30.0, 4.0, 2.0, 3.0, 1e-3
+    z, w = 0.4, -0.3
+    eps0 = w + lam * z
+    for _ in range(1000):
+        tau = rov_law(h * w * abs(w), d, m, 0.0, z, w, lam, kappa).tau
+        w_dot = (tau - h * w * abs(w) - d) / m
+        z, w = z + dt * w + 0.5 * dt * dt * w_dot, w + dt * w_dot
+    assert (w + lam * z) / eps0 == pytest.approx(np.exp(-kappa), rel=0.01)
+
+
+def test_a_batch_of_dives_is_what_single_dives_are():
+    terms = random_terms(9)
+    batch = rov_law(**terms)
+    for i in range(50):
+        single = rov_law(**{key: value[i] if value.ndim == 2 else value for key, value in terms.items()})
+        for together, alone in zip(batch, single, strict=True):
+            np.testing.assert_array_equal(together[i], alone)

@@ -1,0 +1,160 @@
+"""Whatever the operator asks for, the path is one that a vehicle can follow and the law can differentiate."""
+
+import numpy as np
+import pytest
+
+from companion.control.reference import Limits as ReferenceLimits
+from companion.control.reference import ReferenceModel
+
+TICK_S = 0.02
+RATE = np.array([0.4, 0.4, 0.45, 0.8])
+ACCELERATION = np.array([0.3, 0.3, 0.4, 0.8])
+YAW = np.array([False, False, False, True])
+STILL = np.zeros(4)
+
+
+def model(x=STILL, x_dot=STILL):
+    reference = ReferenceModel(ReferenceLimits(RATE, ACCELERATION), YAW)
+    reference.reset(np.array(x, float), np.array(x_dot, float))
+    return reference
+
+
+def walk(reference, target, seconds, target_dot=STILL):
+    """Step toward a fixed target; return x, x_dot, x_ddot over time, each (ticks, 4)."""
+    seen = []
+    for _ in range(round(seconds / TICK_S)):
+        reference.step(np.array(target, float), np.array(target_dot, float), STILL, TICK_S)
+        seen.append((reference.x_d, reference.x_d_dot, reference.x_d_ddot))
+    return (np.array(column) for column in zip(*seen, strict=True))
+
+
+def test_at_rest_on_its_target_it_stays():
+    x, x_dot, x_ddot = walk(model([1.0, 2.0, 3.0, 0.5]), [1.0, 2.0, 3.0, 0.5], 2.0)
+    np.testing.assert_array_equal(x[-1], [1.0, 2.0, 3.0, 0.5])
+    assert not x_dot.any()
+    assert not x_ddot.any()
+
+
+@pytest.mark.parametrize("step", [0.01, 0.3, 2.0, 10.0])
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_it_arrives_without_overshoot_within_its_limits(step, sign):
+    target = sign * np.array([step, step, step, min(step, 3.0)])
+    x, x_dot, x_ddot = walk(model(), target, 12.0 + 3.0 * step)
+    np.testing.assert_allclose(x[-1], target, atol=1e-3)
+    np.testing.assert_allclose(x_dot[-1], 0.0, atol=1e-3)
+    assert (sign * x - np.abs(target) <= 1e-3 + 0.005 * np.abs(target)).all()
+    assert (np.abs(x_dot) <= RATE + 1e-9).all()
+    assert (np.abs(x_ddot) <= ACCELERATION + 1e-9).all()
+
+
+def test_a_long_way_is_gone_at_full_rate():
+    _, x_dot, _ = walk(model(), [0.0, 0.0, 10.0, 0.0], 10.0)
+    assert np.abs(x_dot[:, 2]).max() == pytest.approx(0.45, rel=0.01)
+    x, _, _ = walk(model(), [0.0, 0.0, 10.0, 0.0], 20.0)
+    assert x[-1, 2] > 8.0
+
+
+def test_rates_are_the_derivatives_of_what_they_belong_to():
+    x, x_dot, x_ddot = walk(model(), [1.0, -2.0, 3.0, 2.0], 15.0)
+    np.testing.assert_allclose(np.diff(x, axis=0) / TICK_S, x_dot[1:], atol=1e-9)
+    np.testing.assert_allclose(np.diff(x_dot, axis=0) / TICK_S, x_ddot[1:], atol=0.02)
+
+
+def test_degrees_of_freedom_do_not_mix():
+    alone, _, _ = walk(model(), [0.0, 0.0, 1.0, 0.0], 8.0)
+    together, _, _ = walk(model(), [5.0, -1.0, 1.0, 2.0], 8.0)
+    np.testing.assert_array_equal(alone[:, 2], together[:, 2])
+    assert not alone[:, [0, 1, 3]].any()
+
+
+@pytest.mark.parametrize(
+    ("start", "target", "change"),
+    [
+        (3.0, -3.0, 2 * np.pi - 6.0),
+        (-3.0, 3.0, 6.0 - 2 * np.pi),
+        (0.5, 0.5 + 3.0, 3.0),
+        (0.1, 7.0, 6.9 - 2 * np.pi),
+    ],
+)
+def test_the_heading_takes_the_short_way(start, target, change):
+    x, _, _ = walk(model([0.0, 0.0, 0.0, start]), [0.0, 0.0, 0.0, target], 20.0)
+    gone = x[:, 3] - start
+    assert gone[-1] == pytest.approx(change, abs=2e-3)
+    assert np.abs(gone).max() <= abs(change) + 0.02
+
+
+def test_a_position_never_takes_the_short_way():
+    x, _, _ = walk(model(), [0.0, 0.0, 7.0, 0.0], 40.0)
+    assert x[-1, 2] == pytest.approx(7.0, abs=1e-3)
+
+
+def test_half_a_turn_is_made_one_way_or_the_other():
+    x, _, _ = walk(model(), [0.0, 0.0, 0.0, np.pi], 20.0)
+    assert abs(x[-1, 3]) == pytest.approx(np.pi, abs=2e-3)
+    assert (np.diff(np.abs(x[:, 3])) >= -1e-9).all()
+
+
+def paths(t):
+    """The paper's z_d = 0.5 (1 - cos 0.1 pi t), and a faster one, with their derivatives."""
+    w = np.array([0.1 * np.pi, 1.0, 0.1 * np.pi, 0.5])
+    size = np.array([0.3, 0.1, 0.5, 0.6])
+    return size * (1 - np.cos(w * t)), size * w * np.sin(w * t), size * w**2 * np.cos(w * t)
+
+
+def test_a_path_from_rest_is_followed_exactly():
+    """Started on the path: x_d is the path (to the trapezoid's error), x_d' and x_d'' are its own."""
+    reference = model()
+    worst = np.zeros(3)
+    for k in range(1, 2000):
+        eta, eta_dot, eta_ddot = paths(k * TICK_S)
+        reference.step(eta, eta_dot, eta_ddot, TICK_S)
+        if k * TICK_S > 4.0:
+            found = (reference.x_d, reference.x_d_dot, reference.x_d_ddot)
+            errors = [np.abs(a - b).max() for a, b in zip(found, (eta, eta_dot, eta_ddot), strict=True)]
+            worst = np.maximum(worst, errors)
+    assert (worst < [1e-4, 1e-3, 5e-3]).all()
+
+
+def test_the_first_tick_of_a_reset_is_no_step():
+    reference = model([1.0, 2.0, 3.0, 0.4], [0.1, -0.1, 0.2, 0.3])
+    np.testing.assert_array_equal(reference.x_d, [1.0, 2.0, 3.0, 0.4])
+    np.testing.assert_array_equal(reference.x_d_dot, [0.1, -0.1, 0.2, 0.3])
+    reference.step(np.array([9.0, 9.0, 9.0, -2.0]), STILL, STILL, TICK_S)
+    np.testing.assert_allclose(reference.x_d, [1.0, 2.0, 3.0, 0.4], atol=0.8 * TICK_S)
+    assert (np.abs(reference.x_d_dot - [0.1, -0.1, 0.2, 0.3]) <= ACCELERATION * TICK_S + 1e-12).all()
+
+
+def test_a_reset_faster_than_allowed_is_brought_within_the_limits():
+    assert (np.abs(model(STILL, [5.0, -5.0, 5.0, -5.0]).x_d_dot) <= RATE).all()
+
+
+def test_a_reset_keeps_nothing_of_the_path_before():
+    reference = model()
+    for k in range(100):
+        reference.step(*paths(k * TICK_S), TICK_S)
+    reference.reset(STILL, STILL)
+    reference.step(STILL, STILL, STILL, TICK_S)
+    np.testing.assert_array_equal(reference.x_d, STILL)
+
+
+def test_the_callers_arrays_stay_as_they_were():
+    start, target = np.array([1.0, 2.0, 3.0, 3.1]), np.array([2.0, 2.0, 2.0, -3.1])
+    reference = model(start)
+    reference.step(target, STILL, STILL, TICK_S)
+    reference.step(target, STILL, STILL, TICK_S)
+    np.testing.assert_array_equal(target, [2.0, 2.0, 2.0, -3.1])
+    np.testing.assert_array_equal(start, [1.0, 2.0, 3.0, 3.1])
+
+
+def test_a_batch_of_dives_is_what_single_dives_are():
+    rng = np.random.default_rng(1)
+    starts, targets = rng.normal(size=(5, 4)), rng.normal(size=(5, 4)) * 3.0
+    limits = ReferenceLimits(np.tile(RATE, (5, 1)), np.tile(ACCELERATION, (5, 1)))
+    batch = ReferenceModel(limits, YAW)
+    batch.reset(starts, np.zeros((5, 4)))
+    singles = [model(start) for start in starts]
+    for _ in range(300):
+        batch.step(targets, np.zeros((5, 4)), np.zeros((5, 4)), TICK_S)
+        for i, single in enumerate(singles):
+            single.step(targets[i], STILL, STILL, TICK_S)
+            np.testing.assert_array_equal(batch.x_d[i], single.x_d)
