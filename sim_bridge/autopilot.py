@@ -263,7 +263,7 @@ class Autopilot:
     # Failsafes
 
     def _hear_receiver(self) -> None:
-        """A receiver is pilot input for ever; its resting sticks rule once an override has expired."""
+        """Take a receiver as pilot input; its resting sticks rule once an override has expired."""
         steered_s = self._steered_s
         if steered_s is not None and self._boot_s > steered_s + self.params["RC_OVERRIDE_TIME"]:
             self._steered_s = None

@@ -263,7 +263,7 @@ def test_arming_is_accepted_while_the_pilot_failsafe_is_latched():
 
 
 def test_an_rc_receiver_silences_the_failsafe_and_only_the_override_time_neutralises():
-    station = Station(vehicle("rc_receiver=true")).arm()
+    station = Station(vehicle("rc_receiver=true", "parameters={FS_GCS_ENABLE=0}")).arm()
     station.run(0.5, override(forward=200))
     assert not station.run(2.9).texts()
     assert channels(station)[4] == 1700
