@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from sim_wire import Station, is_finite, manual, vehicle
 
-PER_CASE = settings(max_examples=60, deadline=None)
-HOSTILE = settings(max_examples=150, deadline=None)
+PER_CASE = settings(max_examples=40, deadline=None)
+HOSTILE = settings(max_examples=100, deadline=None)
 
 floats = st.one_of(st.floats(width=32), st.sampled_from([math.nan, math.inf, -math.inf, 3e38, -1.0, 0.0]))
 uint16 = st.integers(0, 65535)
