@@ -2,14 +2,21 @@
 
 import argparse
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 
 def demo(argv: list[str]) -> int:
-    """Watch one dive twice, without and with the learning compensator: table and picture in a minute."""
-    del argv
-    sys.stderr.write("holdfast demo: being built\n")
-    return 1
+    """Watch a dive twice, without and with the learning compensator; takes a minute."""
+    missing = [name for name in ("rich", "matplotlib") if find_spec(name) is None]
+    if missing:
+        sys.stderr.write(
+            f"holdfast demo: needs {' and '.join(missing)}. Install the extra: pip install 'holdfast[lab]'\n"
+        )
+        return 1
+    from lab.demo import main
+
+    return main(argv)
 
 
 def bench(argv: list[str]) -> int:
