@@ -18,9 +18,13 @@ SYNCS = 120
 TELEMETRY_MEMORY_S = 1.0
 MAX_DELAY_S = 1.0
 ECHO_MEMORY_S = 4.0
-ECHO_LAGS_S = np.arange(-0.02, 0.405, 0.01)
+ECHO_LAGS_S = np.arange(-0.03, 0.405, 0.005)
 ECHO_CONTRAST = 0.5
 """The best lag counts as found when it explains the echo this much better than the average lag does."""
+
+ECHO_PLATEAU = 0.05
+"""Commands are steps of a tick's length, so neighbouring lags can fit alike: the middle of those within this
+share of the best is taken."""
 
 ECHO_EXCITATION = 0.01
 """Commands that varied less than this (axis units, RMS) tell nothing about lag."""
@@ -37,6 +41,7 @@ class DelayMeter:
         self._telemetry_t_s: float | None = None
         self._first_offset_s: float | None = None
         self._echo = np.zeros(len(ECHO_LAGS_S))
+        self._last_echo: tuple[float, Array] | None = None
         self._echo_t_s = -np.inf
         self._command_s: float | None = None
 
@@ -62,9 +67,13 @@ class DelayMeter:
 
     def echo(self, boot_s: float, axes: Array, sent_t_s: Array, sent_axes: Array) -> None:
         """Compare what the motors did at `boot_s` with what was sent: times ascending, axes (n, 4)."""
+        last, self._last_echo = self._last_echo, (boot_s, axes)
+        if last is None:
+            return
+        boot_s, axes = last  # by now all that was sent around then is known
         at_s = self.local(boot_s)
         when_s = at_s - ECHO_LAGS_S
-        if not len(sent_t_s) or sent_t_s[0] > when_s[-1]:
+        if not len(sent_t_s) or not sent_t_s[0] <= when_s[-1] or when_s[0] > sent_t_s[-1]:
             return
         sent = sent_axes[np.searchsorted(sent_t_s, when_s, side="right") - 1]
         if sent.std(0).max() < ECHO_EXCITATION:
@@ -73,9 +82,10 @@ class DelayMeter:
         passed = min(max(at_s - self._echo_t_s, 0.0), ECHO_MEMORY_S)
         self._echo += (miss / miss.mean() - self._echo) * passed / (passed + ECHO_MEMORY_S)
         self._echo_t_s = at_s
-        best = int(self._echo.argmin())
-        if self._echo[best] < ECHO_CONTRAST * self._echo.mean():
-            self._command_s = _vertex(self._echo, best)
+        least, mean = self._echo.min(), self._echo.mean()
+        if least < ECHO_CONTRAST * mean:
+            fits = self._echo <= least + ECHO_PLATEAU * (mean - least)
+            self._command_s = float(ECHO_LAGS_S[fits].mean())
 
     def local(self, boot_s: float) -> float:
         """Return when, on our clock, the autopilot's clock read `boot_s`."""
@@ -97,13 +107,3 @@ class DelayMeter:
             telemetry_known=self._telemetry_t_s is not None,
             command_known=self._command_s is not None,
         )
-
-
-def _vertex(miss: Array, best: int) -> float:
-    """Return the lag of the parabola through the smallest value and its neighbours."""
-    step = ECHO_LAGS_S[1] - ECHO_LAGS_S[0]
-    if not 0 < best < len(miss) - 1:
-        return float(ECHO_LAGS_S[best])
-    left, here, right = miss[best - 1 : best + 2]
-    curve = left - 2.0 * here + right
-    return float(ECHO_LAGS_S[best] + (0.5 * step * (left - right) / curve if curve > 0.0 else 0.0))

@@ -46,6 +46,7 @@ REBOOT_S = 1.0
 """An autopilot clock that falls back by more than this belongs to a rebooted autopilot."""
 
 MIN_VOLTAGE_V, MAX_VOLTAGE_V = 10.0, 20.0
+MIN_COS_PITCH = 0.1
 HISTORY = 128
 
 
@@ -243,7 +244,7 @@ class Estimator:
         self._meter.stamped(event.t_s, event.boot_s)
         at_s = self._sampled(event, PSI)
         self._position(PSI, event.yaw, event.t_s, at_s)
-        self._new.append(Measurement(PSI, 1, event.r, at_s))
+        self._new.append(Measurement(PSI, 1, _heading_rate(event), at_s))
 
     def _on_depth(self, event: Depth) -> None:
         self._position(Z, event.z_m, event.t_s, self._sampled(event, Z))
@@ -275,6 +276,12 @@ class Estimator:
 
     def _on_pilot_gain(self, event: PilotGain) -> None:
         self._gain = event.gain
+
+
+def _heading_rate(attitude: Attitude) -> float:
+    """Return ψ' = (q sin φ + r cos φ)/cos θ (Fossen 2011, eq. 2.28), θ kept off the singularity."""
+    cos_pitch = max(math.cos(attitude.pitch), MIN_COS_PITCH)
+    return (attitude.q * math.sin(attitude.roll) + attitude.r * math.cos(attitude.roll)) / cos_pitch
 
 
 def _wrapped(eta: Array) -> Array:

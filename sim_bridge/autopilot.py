@@ -94,7 +94,7 @@ class Autopilot:
         self._next_input_s = 0.0
         self._next_timesync_s = TIMESYNC_PERIOD_S
         self._text_id = 0
-        self._origin: Origin | None = None
+        self._origin = Origin(0, 0, 0) if has_position else None  # a DVL's driver sets it as it starts
         self._demand: tuple[float, ...] | None = None
         self._input_is_new = True
         self._pilot_lost = True

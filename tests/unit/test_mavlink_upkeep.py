@@ -60,7 +60,7 @@ def test_first_contact_asks_for_every_stream_at_its_rate(dive):
         if m.get_type() == "COMMAND_LONG" and m.command == 511
     }
     assert asked[mavlink.MAVLINK_MSG_ID_ATTITUDE] == 20_000
-    assert asked[mavlink.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW] == 100_000
+    assert asked[mavlink.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW] == pytest.approx(1e6 / 12.0)
     assert asked == {key: 1e6 / rate for key, rate in streams().items()}
 
 
