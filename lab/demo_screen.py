@@ -161,9 +161,7 @@ def _numbers(now: Now | None, inner: int) -> Table:
     grid.add_row(
         "heading", f"{degrees:.1f}°", f"wanted {wanted_deg:.1f}°, error {now.heading_error_deg:+.2f}°"
     )
-    thrust = _gauge(now.thrust_n, FULL_THRUST_N, half, "N down")
-    if now.saturated:
-        thrust.append("  SATURATED", "bold yellow")
+    thrust = _gauge(now.thrust_n, FULL_THRUST_N, half, "SATURATED" if now.saturated else "N down")
     grid.add_row("thrust", f"{now.thrust_n:+.1f} N", thrust)
     grid.add_row(
         "pushed",

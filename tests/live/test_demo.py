@@ -1,0 +1,158 @@
+"""The demo as people run it: real processes, real UDP, real Zenoh; and nothing of it stays behind."""
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+import uuid
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from lab import demo
+
+MARK = "HOLDFAST_TEST_DEMO"
+SHORT = demo.Story(depth_m=0.8, load_on_s=6.0, load_off_s=7.0, end_s=8.0, wave_height_m=0.1, heading_deg=0.0)
+PATIENCE_S = 15.0
+
+Start = Callable[[], subprocess.Popen[str]]
+
+
+@pytest.fixture
+def mark(monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
+    """What every process of the demo has in its environment, by which those left behind are found."""
+    name = uuid.uuid4().hex
+    monkeypatch.setenv(MARK, name)
+    yield name
+    for pid in _alive(name):
+        os.kill(pid, signal.SIGKILL)
+
+
+@pytest.fixture
+def start(mark: str, tmp_path: Path) -> Start:
+    """Start the demo in a process of its own, as a shell does."""
+
+    def run() -> subprocess.Popen[str]:
+        program = "import sys, holdfast; sys.exit(holdfast.main(['demo', '--out', sys.argv[1]]))"
+        return subprocess.Popen(
+            [sys.executable, "-c", program, str(tmp_path)],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+
+    return run
+
+
+def test_the_whole_story(tmp_path: Path, mark: str, capsys: pytest.CaptureFixture[str]) -> None:
+    png, json = tmp_path / "demo.png", tmp_path / "figures" / "demo.json"
+    assert demo.perform(SHORT, png, json) == 0, capsys.readouterr().err
+    assert _alive(mark) == []
+    content = msgspec.json.decode(json.read_bytes())
+    for name in ("off", "on"):
+        result = content[name]
+        assert 0.0 < result["depth_rms_mm"] < result["depth_peak_mm"] < 200.0
+        assert 0.0 < result["heading_rms_deg"] < 5.0
+        assert 0.0 < result["thrust_rms_n"] < 100.0
+        assert 0.0 < result["chatter_n"] < 20.0
+        assert result["disturbance_rms_n"] > 1.0
+        assert result["ticks"] > 20
+    begin_s, end_s = content["window_s"]
+    assert 1.0 < begin_s < 7.0 < end_s <= SHORT.end_s + 1.0
+    # The same seed gives the same sea, though no two starts take equally long.
+    off, on = (content[name]["disturbance_rms_n"] for name in ("off", "on"))
+    assert off == pytest.approx(on, rel=0.3)
+    assert png.read_bytes().startswith(b"\x89PNG")
+    said = capsys.readouterr().out
+    for words in (
+        "off ",
+        "on ",
+        "arming",
+        "diving to 0.8 m",
+        "a load of 12 N",
+        "depth error, RMS",
+        "off / on",
+    ):
+        assert words in said
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("after_s", [0.0, 0.3, 1.1, 3.7])
+def test_a_signal_leaves_nothing_behind(start: Start, mark: str, number: int, after_s: float) -> None:
+    process = start()
+    assert process.stdout is not None
+    process.stdout.readline()  # from here on it handles signals
+    time.sleep(after_s)
+    process.send_signal(number)
+    out, err = process.communicate(timeout=PATIENCE_S)
+    assert process.returncode == 128 + number, err
+    assert "nothing runs any more" in out
+    assert "Traceback" not in err
+    assert _alive(mark) == []
+
+
+def test_the_kernel_clears_up_after_a_demo_that_was_killed(start: Start, mark: str) -> None:
+    process = start()
+    _until(lambda: len(_alive(mark)) == 3)
+    process.kill()
+    process.communicate()
+    _until(lambda: not _alive(mark))
+
+
+@pytest.mark.parametrize("command", ["sim", "run"])
+def test_a_child_that_dies_is_told_with_its_last_words(start: Start, mark: str, command: str) -> None:
+    process = start()
+    _until(lambda: len(_alive(mark)) == 3)
+    time.sleep(1.0)
+    children = [pid for pid in _alive(mark) if command in _arguments(pid)]
+    assert len(children) == 1
+    os.kill(children[0], signal.SIGKILL)
+    _, err = process.communicate(timeout=PATIENCE_S)
+    assert process.returncode == 1
+    assert f"`holdfast {command}` ended by SIGKILL." in err
+    assert f"`holdfast {command}` last said:\n" in err
+    assert _alive(mark) == []
+
+
+def test_zenoh_that_cannot_start_is_told(
+    mark: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(demo, "PATIENCE_S", 4.0)
+    with socket.create_server(("127.0.0.1", 0)) as mute:
+        taken: int = mute.getsockname()[1]
+        free = demo._free_port
+        monkeypatch.setattr(
+            demo, "_free_port", lambda kind: taken if kind == socket.SOCK_STREAM else free(kind)
+        )
+        assert demo.perform(SHORT, tmp_path / "demo.png", tmp_path / "demo.json") == 1
+    assert f"nobody came to listen on Zenoh's tcp/127.0.0.1:{taken}" in capsys.readouterr().err
+    assert _alive(mark) == []
+
+
+def _alive(mark: str) -> list[int]:
+    """Processes, other than this one, that have the mark in their environment and are no zombies."""
+    found: list[int] = []
+    for entry in Path("/proc").iterdir():
+        if entry.name.isdigit() and int(entry.name) != os.getpid():
+            try:
+                marked = f"{MARK}={mark}".encode() in (entry / "environ").read_bytes()
+            except OSError:
+                continue
+            if marked:
+                found.append(int(entry.name))
+    return found
+
+
+def _arguments(pid: int) -> list[str]:
+    return Path(f"/proc/{pid}/cmdline").read_text().split("\0")
+
+
+def _until(holds: Callable[[], bool]) -> None:
+    deadline_s = time.monotonic() + PATIENCE_S
+    while not holds():
+        assert time.monotonic() < deadline_s, "waited in vain"
+        time.sleep(0.05)

@@ -1,0 +1,279 @@
+"""The demo's figures and pictures, from a dive whose answers are known."""
+
+import io
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+from rich.console import Console
+
+from companion import telemetry
+from companion.types import AxisCommand, ControlSample, Wrench, Z
+from lab import demo_screen
+from lab.demo import Story, _phase
+from lab.demo_dive import Dive, Recording, arrange, figures, spans, window
+from lab.demo_plot import ROWS, draw
+from lab.demo_screen import Now, View
+from sim_bridge import zenoh_truth
+from sim_bridge.vehicle import Truth
+
+VEHICLE = "demo"
+ARMED_S, END_S = 2.0, 22.0
+STEP_S = 0.02
+ERROR_M, WAVE_RADPS = 0.010, 2 * math.pi
+LOAD_N = 12.0
+
+Sampler = Callable[..., ControlSample]
+
+
+def _reference_m(t_s: float) -> float:
+    """0.5 m/s down to 5 m, from the arming on."""
+    return min(5.0, max(0.0, 0.5 * (t_s - ARMED_S)))
+
+
+def _loaded(t_s: float) -> bool:
+    return 16.0 <= t_s < 18.0
+
+
+def _truth(t_s: float) -> Truth:
+    """10 mm sine of depth error, 2° of heading error across the wrap, 12 N of load."""
+    eta = np.zeros(6)
+    eta[2] = _reference_m(t_s) + ERROR_M * math.sin(WAVE_RADPS * t_s)
+    eta[5] = -math.pi + math.radians(1.0)
+    disturbance = np.zeros(6)
+    disturbance[2] = LOAD_N if _loaded(t_s) else 0.0
+    return Truth(
+        t_s=t_s,
+        eta=eta,
+        nu=np.zeros(6),
+        nu_dot=np.zeros(6),
+        thrust_n=np.zeros(8),
+        tau=np.array([0.0, 0.0, -7.0, 0.0, 0.0, 0.0]),
+        disturbance=disturbance,
+        motor_pwm=(1500,) * 8,
+        armed=t_s >= ARMED_S,
+        mode=19,
+        load_on=_loaded(t_s),
+        voltage_v=16.0,
+    )
+
+
+def _sample(make_sample: Sampler, t_s: float, tick: int, **state: Any) -> ControlSample:
+    """The controller's word at the vehicle's time `t_s`; its own clock is another."""
+    sample = make_sample(t_s=1000.0 + t_s, boot_s=t_s, ahead_s=0.1, **state)
+    eta_d = np.array([0.0, 0.0, _reference_m(t_s), math.pi - math.radians(1.0)])
+    d_hat = np.zeros(4)
+    d_hat[Z] = -LOAD_N if _loaded(t_s + 0.1) else 0.0
+    saturated = np.zeros(4, bool)
+    saturated[Z] = 10.0 <= t_s < 11.0
+    delivered = np.zeros(4)
+    delivered[Z] = 3.0 * (-1) ** tick
+    return replace(
+        sample,
+        eta_d=eta_d,
+        dofs=replace(sample.dofs, d_hat=d_hat, saturated=saturated),
+        command=AxisCommand(),
+        delivered=Wrench(delivered),
+    )
+
+
+@pytest.fixture
+def recording(make_sample: Sampler) -> Recording:
+    """A dive as it comes over Zenoh, the controller's samples half-way between the simulator's."""
+    heard = Recording()
+    for tick in range(round(END_S / STEP_S) + 1):
+        t_s = tick * STEP_S
+        heard.add("sim/demo/truth", zenoh_truth.encode(_truth(t_s)))
+        for key, _, payload in telemetry.encode(_sample(make_sample, t_s + 0.5 * STEP_S, tick), VEHICLE):
+            heard.add(key, payload)
+    return heard
+
+
+@pytest.fixture
+def dive(recording: Recording) -> Dive:
+    return arrange(recording)
+
+
+def test_figures_are_those_of_the_dive(dive: Dive) -> None:
+    span = window([dive], 5.0)
+    assert span == pytest.approx((10.0, 20.0), abs=2 * STEP_S)
+    result = figures(dive, span)
+    assert result.depth_rms_mm == pytest.approx(1e3 * ERROR_M / math.sqrt(2), rel=0.01)
+    assert result.depth_peak_mm == pytest.approx(1e3 * ERROR_M, rel=0.01)
+    assert result.way_down_rms_mm == pytest.approx(1e3 * ERROR_M / math.sqrt(2), rel=0.02)
+    assert result.heading_rms_deg == pytest.approx(2.0)
+    assert result.thrust_rms_n == pytest.approx(7.0)
+    assert result.chatter_n == pytest.approx(6.0)
+    assert result.disturbance_rms_n == pytest.approx(LOAD_N * math.sqrt(0.2 * 0.8), rel=0.02)
+    assert result.saturated_percent == pytest.approx(5.0, rel=0.03)
+    assert result.ticks == pytest.approx(500, abs=2)
+    assert result.ticks_lost == 0
+
+
+def test_the_estimate_is_compared_when_it_acts_and_in_the_same_sign(dive: Dive) -> None:
+    assert dive.disturbance_n.min() == -LOAD_N  # the load pulls down, d is positive upwards
+    result = figures(dive, (10.0, 20.0))
+    # One sample in between at each of the two edges; 0.1 s late, it would be ten times as much.
+    assert result.d_hat_error_rms_n < 0.05 * LOAD_N
+
+
+def test_a_lost_tick_is_counted_and_makes_no_chatter(recording: Recording) -> None:
+    steady = [msgspec.structs.replace(c, heave_delivered_n=c.boot_s) for c in recording.command]
+    recording.command = steady[:700] + steady[710:]
+    result = figures(arrange(recording), (10.0, 20.0))
+    assert result.ticks_lost == 10
+    assert result.chatter_n == pytest.approx(STEP_S)
+
+
+def test_stamps_of_another_clock_are_left_out(recording: Recording, make_sample: Sampler) -> None:
+    """Before it has heard the vehicle's clock, the controller may stamp its own."""
+    clean = figures(arrange(recording), (10.0, 20.0))
+    for boot_s in (-1000.0, 1.0, 1000.0):
+        stray = replace(_sample(make_sample, 0.0, 0), eta_d=np.full(4, 77.0))
+        stray = replace(stray, state=replace(stray.state, boot_s=boot_s))
+        for key, _, payload in telemetry.encode(stray, VEHICLE):
+            recording.add(key, payload)
+    assert figures(arrange(recording), (10.0, 20.0)) == clean
+
+
+def test_the_window_suits_both_dives(dive: Dive) -> None:
+    later = replace(dive, depth_desired_m=np.minimum(5.0, 0.4 * dive.t_s), t_s=dive.t_s)
+    shorter = replace(dive, t_s=dive.t_s * 0.9)
+    assert window([dive, later, shorter], 5.0) == pytest.approx((12.49, 18.0), abs=0.05)
+    with pytest.raises(ValueError, match=r"never arrived at 6 m: it ended at 5\.00 m"):
+        window([dive], 6.0)
+
+
+def test_what_is_missing_is_named(recording: Recording) -> None:
+    with pytest.raises(ValueError, match="'truth'"):
+        arrange(Recording())
+    recording.heave.clear()
+    with pytest.raises(ValueError, match="'dof/z'"):
+        arrange(recording)
+
+
+def test_foreign_messages_are_refused() -> None:
+    with pytest.raises(ValueError, match="no key of holdfast"):
+        Recording().add("holdfast/demo/nonsense", b"{}")
+    with pytest.raises(ValueError, match="Expected"):
+        Recording().add("sim/demo/truth", b'{"t_s": "noon"}')
+
+
+def test_spans() -> None:
+    t_s = np.arange(5.0)
+    assert spans(t_s, np.array([True, False, True, True, True])) == [(0.0, 1.0), (2.0, 4.0)]
+    assert spans(t_s, np.zeros(5, bool)) == []
+
+
+def test_the_picture_shows_everything_with_units(dive: Dive) -> None:
+    span = window([dive], 5.0)
+    result = figures(dive, span)
+    better = msgspec.structs.replace(result, depth_rms_mm=1.25)
+    figure = draw({"off": dive, "on": dive}, {"off": result, "on": better}, span, "a calm pool")
+    *panels, numbers = [panel for panel in figure.axes if panel.axison] + [figure.axes[-1]]
+    assert [panel.get_ylabel().replace("\n", " ") for panel in panels] == [
+        "depth (m)",
+        "command (N, + down)",
+        "true depth minus reference (mm)",
+        "disturbance (N, + up)",
+        "true heading minus reference (°)",
+    ]
+    for panel in panels:
+        assert {"load on", "load off"} <= {text.get_text() for text in panel.texts}
+    assert (
+        figure.get_suptitle() == "Depth held to 1.2 mm RMS with the learning compensator, to 7.1 mm without"
+    )
+    assert "a calm pool" in figure.get_supxlabel()
+    # Off and on differ in colour and in dashes.
+    off, on = panels[2].get_lines()[:2]
+    assert off.get_color() != on.get_color()
+    assert off.is_dashed()
+    assert len(numbers.tables[0].get_celld()) == 3 * len(ROWS) + 2
+    image = io.BytesIO()
+    figure.savefig(image)
+    assert image.getvalue().startswith(b"\x89PNG")
+
+
+def test_saturation_is_shaded_only_where_it_was(dive: Dive) -> None:
+    span = window([dive], 5.0)
+    results = dict.fromkeys(("off", "on"), figures(dive, span))
+    dry = replace(dive, saturated=np.zeros_like(dive.saturated))
+    texts = [
+        draw({"off": off, "on": dry}, results, span, "").axes[1].get_legend().get_texts()[0].get_text()  # type: ignore[union-attr]
+        for off in (dive, dry)
+    ]
+    assert texts == ["saturated (off 5.0 %, on 0.0 %)", "never saturated"]
+
+
+NOW = Now(
+    depth_m=4.99,
+    depth_desired_m=5.0,
+    heading_rad=math.radians(-1.0),
+    heading_desired_rad=math.radians(359.5),
+    thrust_n=-50.0,
+    saturated=True,
+    disturbance_n=400.0,
+    d_hat_n=-20.0,
+)
+
+
+def _view(now: Now | None) -> View:
+    errors = {"off": [(t, 40.0) for t in np.arange(0.0, 20.0, 0.05)], "on": [(0.5, 5.0), (99.0, 1.0)]}
+    marks = {"armed": 0.0, "load on": 12.0, "off": 19.9}
+    return View("on", "diving to 5 m", 0.5, 20.0, now, errors, marks, "tcp/127.0.0.1:40000")
+
+
+@pytest.mark.parametrize("width", [80, 100, 140])
+@pytest.mark.parametrize("now", [None, NOW])
+def test_a_frame_fits_the_terminal(width: int, now: Now | None) -> None:
+    console = Console(width=width, file=io.StringIO(), force_terminal=True, color_system=None)
+    with console.capture() as capture:
+        console.print(demo_screen.render(_view(now), console.width))
+    lines = capture.get().splitlines()
+    assert len(lines) <= 22  # of the 24 that any terminal has
+    assert {len(text.rstrip()) for text in lines} == {min(width, demo_screen.WIDTH)}
+    assert "…" not in capture.get()
+    assert "dive 2 of 2" in lines[0]
+    assert ("SATURATED" in capture.get()) == (now is not None)
+
+
+def test_a_line_says_the_same() -> None:
+    assert demo_screen.line(_view(None)) == "on    0.5 s  diving to 5 m"
+    said = demo_screen.line(_view(NOW))
+    assert "error  -10.0 mm, heading error -0.50°, thrust  -50 N, pushed +400 N, learnt  -20 N" in said
+
+
+def test_the_table_sets_them_side_by_side(dive: Dive) -> None:
+    off = figures(dive, (10.0, 20.0))
+    on = msgspec.structs.replace(off, depth_rms_mm=0.5 * off.depth_rms_mm, chatter_n=0.0)
+    console = Console(width=80, file=io.StringIO())
+    with console.capture() as capture:
+        console.print(demo_screen.table(off, on, (10.0, 20.0), 5.0))
+    rows = [text.split() for text in capture.get().splitlines() if text.strip()]
+    assert rows[0] == ["Holding", "5", "m,", "10.0", "to", "20.0", "s", "after", "arming"]
+    assert rows[3][-3:] == ["7.1", "3.5", "2.00"]
+    assert all(len(text) <= 80 for text in capture.get().splitlines())
+
+
+def test_the_story_in_words(make_sample: Sampler) -> None:
+    story = Story(load_on_s=14.0)
+    assert _phase(Recording(), story) == "starting the controller"
+    heard, words = Recording(), list[str]()
+    for tick in range(0, round(END_S / STEP_S), 10):
+        t_s = tick * STEP_S
+        for key, _, payload in telemetry.encode(_sample(make_sample, t_s, tick), VEHICLE):
+            heard.add(key, payload)
+        heard.add("sim/demo/truth", zenoh_truth.encode(_truth(t_s)))
+        phase = _phase(heard, story)
+        if not words or words[-1] != phase:
+            words.append(phase)
+    assert words == [
+        "diving to 5 m",
+        "holding 5 m and 45° in current and waves",
+        "a load of 12 N hangs on it",
+        "the load is gone",
+    ]
