@@ -84,16 +84,13 @@ class Engine:
         pilot = max((event.deflection for event in events if isinstance(event, PilotInput)), default=0.0)
         verdict = self._permit(state, requests, pilot, dt_s)
 
-        dofs = self._controller.step(
-            state,
-            self._target,
-            self._engaged,
-            ~self._saturated,
-            min(max(dt_s, 0.0), MAX_DT_TICKS * self._tick_s),
-        )
         J = jacobian(state.eta_ahead[PSI])
+        control_dt_s = min(max(dt_s, 0.0), MAX_DT_TICKS * self._tick_s)
+        dofs = self._controller.step(state, J, self._target, self._engaged, ~self._saturated, control_dt_s)
         requested = to_body(J, dofs.tau)
         self._finite = math.isfinite(requested.sum())
+        if not self._finite:
+            self._estimator.restart()
         reach = _axes(self._autopilot.reach(state.pilot_gain)) * self._envelope.max_axis
         wanted = self._thrusters.allocate(requested, state.voltage_v, reach)
         command = guard(

@@ -11,7 +11,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from companion.config import Config
-from companion.control.bounds import wrap
 from companion.control.positioning import Model, jacobian, to_body
 from companion.delay import DelayMeter
 from companion.observer import Noise, Observer
@@ -154,17 +153,17 @@ class Estimator:
         step_s = to_go_s / steps
         middle_s = [observed_s - delays.command_s + step_s * (i + 0.5) for i in range(steps)]
         way = observer.predict(self._commands.tau_at(middle_s), m, c, step_s)
-        now = way[min(round((now_s - observed_s) / step_s), steps)] if step_s > 0.0 else way[0]
-        ahead = way[-1]
+        eta, eta_dot, _ = way[min(round((now_s - observed_s) / step_s), steps)] if step_s > 0.0 else way[0]
+        eta_ahead, eta_dot_ahead, _ = way[-1]
         attitude = self._attitude
         return VehicleState(
             t_s=now_s,
             boot_s=now_s + self._meter.offset_s,
-            eta=_wrapped(now[:, 0]),
-            eta_dot=now[:, 1],
+            eta=_wrapped(eta),
+            eta_dot=eta_dot,
             ahead_s=ahead_s,
-            eta_ahead=_wrapped(ahead[:, 0]),
-            eta_dot_ahead=ahead[:, 1],
+            eta_ahead=_wrapped(eta_ahead),
+            eta_dot_ahead=eta_dot_ahead,
             disturbance=observer.disturbance,
             roll=attitude.roll,
             pitch=attitude.pitch,
@@ -286,5 +285,5 @@ def _heading_rate(attitude: Attitude) -> float:
 
 def _wrapped(eta: Array) -> Array:
     eta = eta.copy()
-    eta[PSI] = wrap(eta[PSI])
+    eta[PSI] = math.remainder(eta[PSI], math.tau)
     return eta

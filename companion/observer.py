@@ -57,7 +57,7 @@ class Observer:
 
     def advance(self, u: Array, m: Array, c: Array, dt_s: float) -> None:
         """Run the model for `dt_s` under commanded thrust `u`."""
-        self.x[..., 0:3] = self.predict(u[None], m, c, dt_s)[-1]
+        _, (self.x[..., 0], self.x[..., 1], self.x[..., 2]) = self.predict(u[None], m, c, dt_s)
         self.x[..., 4:6] *= math.exp(-dt_s / self._slow_time_s)
 
     def correct(self, innovation: Array) -> None:
@@ -80,8 +80,8 @@ class Observer:
         """Return d, (…, 4)."""
         return self.x[..., 3].copy()
 
-    def predict(self, u: Array, m: Array, c: Array, dt_s: float) -> Array:
-        """Return q, v and f along the way, (steps + 1, …, 4, 3), under `u` (steps, …, 4), `dt_s` each.
+    def predict(self, u: Array, m: Array, c: Array, dt_s: float) -> list[tuple[Array, Array, Array]]:
+        """Return q, v and f, (…, 4) each, at the start and after each of `u` (steps, …, 4), `dt_s` long.
 
         A step is exact in the thrust lag, implicit in the drag, trapezoidal in position; `dt_s` above zero.
         """
@@ -89,14 +89,13 @@ class Observer:
         keep = math.exp(-dt_s / self._lag_s)
         push = dt_s / (m + dt_s * c)
         coast = push * m / dt_s
-        way = np.empty((len(u) + 1, *q.shape, 3))
-        way[0] = self.x[..., 0:3]
-        for i, u_i in enumerate(u):
+        way = [(q.copy(), v.copy(), f)]
+        for u_i in u:
             f_next = u_i + (f - u_i) * keep
             v_next = coast * v + push * (0.5 * (f + f_next) - d)
             q = q + (0.5 * dt_s) * (v + v_next)
             v, f = v_next, f_next
-            way[i + 1, ..., 0], way[i + 1, ..., 1], way[i + 1, ..., 2] = q, v, f
+            way.append((q, v, f))
         return way
 
 

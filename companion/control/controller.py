@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from companion.control.bounds import bounded
 from companion.control.law import rov_law
 from companion.control.network import Network, inputs
-from companion.control.positioning import Model, jacobian, pose_error, to_body
+from companion.control.positioning import Model, pose_error, to_body
 from companion.control.reference import ReferenceModel
-from companion.types import PSI, Array, DofSample, Flags, Setpoint, VehicleState
+from companion.types import Array, DofSample, Flags, Setpoint, VehicleState
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,9 +39,12 @@ class Controller:
         self._engaged_s = 0.0
 
     def step(
-        self, state: VehicleState, target: Setpoint, engaged: Flags, free: Flags, dt_s: float
+        self, state: VehicleState, J: Array, target: Setpoint, engaged: Flags, free: Flags, dt_s: float
     ) -> DofSample:
-        """Return the law's inside, NED; learn only where `engaged` and `free` of saturation."""
+        """Return the law's inside, NED; learn only where `engaged` and `free` of saturation.
+
+        J is the Jacobian at the heading where the command acts.
+        """
         gains, reference = self._gains, self.reference
         ahead_s = state.ahead_s
         target_dot = target.eta_d_dot + ahead_s * target.eta_d_ddot
@@ -53,7 +56,6 @@ class Controller:
         )
         self._engaged_s += dt_s
 
-        J = jacobian(state.eta_ahead[PSI])
         nu = to_body(J, state.eta_dot_ahead)
         e = pose_error(state.eta_ahead, reference.x_d)
         e_dot = state.eta_dot_ahead - reference.x_d_dot
