@@ -1,0 +1,232 @@
+"""Every condition of the supervisor in every state, through real bytes and the whole loop.
+
+`virtual.Tap` holds each tick to account: finite, bounded and slow commands, neutral frames alone without
+permission, never engaged unless asked. Here stands what comes of each fault, and how soon nothing pushes.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from virtual import Dive, Somebody, active, hold
+
+from companion.types import Request, State
+
+TICK_S = 0.02
+HEARTBEAT_S = 1.0
+RAMP_S = 0.5
+DEPTH_S = ATTITUDE_S = 0.5
+"""The shipped configuration's timeouts."""
+
+PILOT_TIMEOUT_S = 3.0
+"""ArduSub's own, after which it lets go of what it was last told."""
+
+
+def idle():
+    dive = Dive(arm=False, engage=False)
+    dive.run(2.5)
+    assert dive.state is State.IDLE
+    return dive
+
+
+def ready():
+    """Armed by somebody else, in a vehicle whose own failsafe does not disarm it for want of a pilot."""
+    dive = Dive("parameters.FS_PILOT_INPUT=1", arm=False, engage=False)
+    dive.run(2.5)
+    dive.tap.to_vehicle.append(Somebody().arm())
+    return dive.until(State.READY)
+
+
+def ramping_down():
+    dive = active(companion=["supervisor.ramp_down_s=4"])
+    dive.ask(Request.STOP)
+    return dive.until(State.RAMP_DOWN)
+
+
+def pilots():
+    dive = active()
+    dive.fault("mode", value=0)
+    dive.until(State.PILOT)
+    dive.fault("mode", value=19)
+    dive.run(1.2)
+    assert dive.state is State.PILOT
+    return dive
+
+
+def faulty():
+    dive = active()
+    dive.fault("message_stopped", 0.8, message="ATTITUDE")
+    dive.until(State.FAULT)
+    dive.run(0.6)
+    return dive
+
+
+STATES = {
+    State.IDLE: idle,
+    State.READY: ready,
+    State.ACTIVE: active,
+    State.RAMP_DOWN: ramping_down,
+    State.PILOT: pilots,
+    State.FAULT: faulty,
+}
+
+
+def link_lost(dive):
+    dive.fault("link_cut", 1.6)
+
+
+def depth_stale(dive):
+    dive.fault("message_stopped", 1.2, message="GLOBAL_POSITION_INT")
+
+
+def attitude_stale(dive):
+    dive.fault("message_stopped", 1.2, message="ATTITUDE")
+
+
+def disarmed(dive):
+    dive.fault("disarm")
+
+
+def wrong_mode(dive):
+    dive.fault("mode", value=0)
+
+
+def failsafe_unsafe(dive):
+    dive.tap.to_vehicle.append(Somebody().parameter("FS_PILOT_INPUT", 0.0))
+
+
+def non_finite(dive):
+    dive.tap.aim(replace(hold(), eta_d_dot=np.array([0.0, 0.0, np.nan, 0.0])))
+
+
+def tick_late(dive):
+    dive.tap.asleep_until_s = dive.t_s + 0.4
+
+
+def pilot_takes_over(dive):
+    somebody, since_s = Somebody(), dive.t_s
+
+    def stick(t_s, inbox):
+        if t_s - since_s < 1.0 and round(t_s / TICK_S) % 5 == 0:
+            inbox.append((round((1000.0 + t_s) * 1e9), somebody.stick()))
+        return inbox
+
+    dive.tap.spoil = stick
+
+
+def operator_stops(dive):
+    dive.ask(Request.STOP)
+
+
+# Condition: what ACTIVE comes to, and the longest that anything may push then.
+FROM_ACTIVE = {
+    link_lost: ([State.FAULT], DEPTH_S + 0.1),
+    depth_stale: ([State.FAULT], DEPTH_S + 0.1),
+    attitude_stale: ([State.FAULT], ATTITUDE_S + 0.1),
+    disarmed: ([State.IDLE], HEARTBEAT_S + 0.1),
+    wrong_mode: ([State.PILOT], HEARTBEAT_S + 0.1),
+    failsafe_unsafe: ([State.RAMP_DOWN, State.IDLE], RAMP_S + 0.2),
+    non_finite: ([State.FAULT], 0.04),
+    tick_late: ([State.RAMP_DOWN, State.IDLE, State.READY], 0.4 + RAMP_S + 0.1),
+    pilot_takes_over: ([State.PILOT], 0.2),
+    operator_stops: ([State.RAMP_DOWN, State.IDLE, State.READY], RAMP_S + 0.1),
+}
+# What a condition does in the other states, until after it has passed; elsewhere nothing changes.
+ELSEWHERE = {
+    (State.READY, link_lost): [State.IDLE, State.READY],
+    (State.READY, depth_stale): [State.IDLE, State.READY],
+    (State.READY, attitude_stale): [State.IDLE, State.READY],
+    (State.READY, disarmed): [State.IDLE],
+    (State.READY, wrong_mode): [State.IDLE],
+    (State.READY, failsafe_unsafe): [State.IDLE],
+    (State.READY, tick_late): [State.IDLE, State.READY],
+    (State.RAMP_DOWN, link_lost): [State.FAULT],
+    (State.RAMP_DOWN, depth_stale): [State.FAULT],
+    (State.RAMP_DOWN, attitude_stale): [State.FAULT],
+    (State.RAMP_DOWN, disarmed): [State.IDLE],
+    (State.RAMP_DOWN, wrong_mode): [State.PILOT],
+    (State.RAMP_DOWN, non_finite): [State.FAULT],
+    (State.RAMP_DOWN, pilot_takes_over): [State.PILOT],
+}
+
+
+def left(dive, state, since_s):
+    """The states that came after `state`."""
+    seen = dive.states_since(since_s)
+    return seen[1:] if seen[0] is state else seen
+
+
+@pytest.mark.parametrize("condition", FROM_ACTIVE, ids=lambda condition: condition.__name__)
+@pytest.mark.filterwarnings("ignore:invalid value:RuntimeWarning")
+def test_in_active_it_lets_go_in_time(condition):
+    expected, within_s = FROM_ACTIVE[condition]
+    dive = active()
+    since_s = dive.t_s
+    condition(dive)
+    dive.run(3.6 if condition is link_lost else 2.4)
+    assert left(dive, State.ACTIVE, since_s) == expected
+    assert dive.tap.last_thrust_s - since_s <= within_s
+    assert dive.motors_rest() or condition is wrong_mode
+
+
+@pytest.mark.filterwarnings("ignore:invalid value:RuntimeWarning")
+@pytest.mark.parametrize("condition", FROM_ACTIVE, ids=lambda condition: condition.__name__)
+@pytest.mark.parametrize("state", [state for state in State if state is not State.ACTIVE])
+def test_elsewhere_it_never_engages(state, condition):
+    dive = STATES[state]()
+    since_s = dive.t_s
+    condition(dive)
+    dive.run(2.4)
+    seen = left(dive, state, since_s)
+    assert State.ACTIVE not in seen
+    assert seen == ELSEWHERE.get((state, condition), [])
+    if state is not State.RAMP_DOWN:
+        assert dive.tap.last_thrust_s <= since_s
+        assert dive.motors_rest() or condition is wrong_mode
+
+
+def test_a_lost_position_source_ramps_down():
+    dive = Dive("sensors.dvl=true", setpoint=hold(x=0.1, y=0.1))
+    dive.tap.to_vehicle.append(Somebody().origin())
+    dive.until(State.ACTIVE)
+    dive.run(1.0)
+    assert dive.step.sample.dofs.engaged.all()
+    since_s = dive.t_s
+    dive.fault("message_stopped", message="LOCAL_POSITION_NED")
+    dive.run(2.4)
+    assert dive.states_since(since_s)[:2] == [State.ACTIVE, State.RAMP_DOWN]
+    assert dive.tap.last_thrust_s - since_s <= 1.0 + RAMP_S + 0.1
+    assert dive.motors_rest()
+
+
+def test_without_a_position_source_a_lost_one_is_none_of_our_business():
+    dive = active()
+    np.testing.assert_array_equal(dive.step.sample.dofs.engaged, [False, False, True, True])
+    np.testing.assert_array_equal(dive.step.sample.requested.tau[:2], 0.0)
+
+
+@pytest.mark.parametrize("state", list(State))
+def test_after_a_fault_the_operator_alone_brings_it_back(state):
+    """From wherever it is: cleared, asked, permitted, and not otherwise."""
+    dive = STATES[state]()
+    if state is State.IDLE:
+        dive.tap.to_vehicle.append(Somebody().arm())
+    if state is State.ACTIVE:
+        return
+    if state is State.RAMP_DOWN:
+        dive.until(State.READY)
+    if state is State.FAULT:
+        dive.ask(Request.ENGAGE)
+        dive.run(0.5)
+        assert dive.state is State.FAULT
+        dive.ask(Request.CLEAR_FAULT)
+    dive.ask(Request.ENGAGE)
+    dive.until(State.ACTIVE)
+
+
+def test_the_vehicles_own_failsafe_covers_a_companion_that_died():
+    """No frame at all: ArduSub lets go of the last one by itself."""
+    dive = active()
+    dive.tap.asleep_until_s = 1e9
+    dive.run(PILOT_TIMEOUT_S + 1.0)
+    assert dive.motors_rest()

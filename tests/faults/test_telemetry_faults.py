@@ -1,0 +1,204 @@
+"""Bytes gone bad: garbage, doubles, disorder, flipped bits, absurd numbers, a reboot in mid-dive."""
+
+import numpy as np
+import pytest
+from virtual import DEPTH_M, Dive, active
+
+from companion.types import Request, State
+from lab.lockstep import Link
+
+STREAMS = (
+    "HEARTBEAT",
+    "ATTITUDE",
+    "GLOBAL_POSITION_INT",
+    "VFR_HUD",
+    "SERVO_OUTPUT_RAW",
+    "TIMESYNC",
+    "BATTERY_STATUS",
+    "SYS_STATUS",
+    "NAMED_VALUE_FLOAT",
+    "PARAM_VALUE",
+    "",
+)
+
+
+def still_holds(dive, within_m=0.12):
+    """It went on holding all the time, and is where it should be."""
+    assert dive.state is State.ACTIVE
+    assert abs(dive.step.truth.eta[2] - DEPTH_M) < within_m
+
+
+def arrived(**arguments):
+    dive = active(seconds=6.0, **arguments)
+    still_holds(dive)
+    return dive
+
+
+def test_garbage_between_the_frames_changes_nothing():
+    dive, rng = arrived(), np.random.default_rng(1)
+
+    def spoil(t_s, inbox):
+        junk = rng.integers(0, 256, rng.integers(1, 300), dtype=np.uint8).tobytes()
+        return [(round((1000.0 + t_s) * 1e9), junk), *inbox, (round((1000.0 + t_s) * 1e9), b"\xfd" + junk)]
+
+    dive.tap.spoil = spoil
+    dive.run(3.0)
+    still_holds(dive)
+    assert dive.step.sample.counters.garbage >= 300
+
+
+def test_flipped_bits_are_dropped():
+    dive, rng = arrived(), np.random.default_rng(2)
+
+    def flip(data):
+        spoilt = bytearray(data)
+        spoilt[rng.integers(len(data))] ^= 1 << int(rng.integers(8))
+        return bytes(spoilt)
+
+    dive.tap.spoil = lambda t_s, inbox: [
+        (at, flip(data) if rng.random() < 0.3 else data) for at, data in inbox
+    ]
+    dive.run(4.0)
+    still_holds(dive)
+
+
+def test_every_datagram_flipped_is_a_dead_link():
+    dive, rng = arrived(), np.random.default_rng(3)
+    dive.tap.spoil = lambda t_s, inbox: [
+        (at, bytes(byte ^ int(rng.integers(1, 256)) for byte in data)) for at, data in inbox
+    ]
+    dive.run(1.5)
+    assert dive.state is State.FAULT
+
+
+def test_datagrams_that_come_twice_change_nothing():
+    dive = arrived()
+    dive.fault("link_duplicating", value=0.7)
+    dive.run(4.0)
+    still_holds(dive)
+
+
+def test_one_in_five_lost_either_way_is_borne():
+    dive = arrived()
+    dive.fault("link_lossy", value=0.2)
+    dive.run(5.0)
+    still_holds(dive)
+
+
+def test_datagrams_out_of_order_change_little():
+    """Held back by up to 80 ms, each for itself; arrival stamps are those of their real arrival."""
+    dive, rng = arrived(), np.random.default_rng(4)
+    waiting = []
+
+    def shuffle(t_s, inbox):
+        waiting.extend((t_s + 0.08 * rng.random(), data) for _, data in inbox)
+        here = [item for item in waiting if item[0] <= t_s]
+        waiting[:] = [item for item in waiting if item[0] > t_s]
+        rng.shuffle(here)
+        return [(round((1000.0 + t_s) * 1e9), data) for _, data in here]
+
+    dive.tap.spoil = shuffle
+    dive.run(5.0)
+    still_holds(dive)
+
+
+def test_all_of_it_at_once_ends_safe_one_way_or_the_other():
+    dive, rng = arrived(), np.random.default_rng(5)
+    dive.fault("link_lossy", value=0.3)
+    dive.fault("link_duplicating", value=0.3)
+    dive.fault("link_delayed", 1.0, value=0.1)
+
+    def spoil(t_s, inbox):
+        rng.shuffle(inbox)
+        return [
+            (at, data[: rng.integers(1, len(data) + 1)] if rng.random() < 0.1 else data) for at, data in inbox
+        ]
+
+    dive.tap.spoil = spoil
+    dive.run(5.0)
+    assert dive.state in (State.ACTIVE, State.FAULT)
+
+
+@pytest.mark.parametrize("message", STREAMS)
+@pytest.mark.parametrize("kind", ["message_nan", "message_extreme"])
+def test_absurd_numbers_in_any_stream_are_survived(kind, message):
+    """Through `Tap`: no exception, nothing absurd goes out; and it comes back once asked."""
+    dive = active(seconds=0.3)
+    dive.fault(kind, 0.7, message=message, value=3e38)
+    dive.run(1.4)
+    assert np.isfinite(dive.step.sample.requested.tau).all()
+    assert np.isfinite(dive.step.sample.state.eta).all()
+    if dive.state is not State.ACTIVE:
+        assert dive.tap.last_thrust_s < dive.t_s - 0.3
+
+
+def test_nan_for_long_is_a_stale_signal():
+    dive = active()
+    since_s = dive.t_s
+    dive.fault("message_nan", message="ATTITUDE")
+    dive.run(1.0)
+    assert dive.state is State.FAULT
+    assert dive.tap.last_thrust_s - since_s <= 0.6
+
+
+def test_an_autopilot_that_reboots_is_not_steered_and_not_armed_again():
+    """Even though told to arm: what ended a dive is for somebody to look at."""
+    dive = arrived()
+    since_s = dive.t_s
+    dive.fault("reboot")
+    dive.run(6.0)
+    assert dive.state in (State.IDLE, State.FAULT)
+    assert dive.tap.last_thrust_s - since_s <= 1.1
+    assert not dive.step.truth.armed
+    assert dive.motors_rest()
+
+
+def test_after_a_reboot_it_can_be_engaged_again():
+    dive = arrived()
+    dive.fault("reboot")
+    dive.run(4.0)
+    dive.ask(Request.CLEAR_FAULT)
+    dive.run(0.1)
+    dive.ask(Request.ENGAGE)
+    dive.until(State.ACTIVE, within_s=8.0)
+    dive.run(6.0)
+    still_holds(dive)
+
+
+def test_a_reboot_while_idle_is_followed():
+    dive = Dive(arm=False, engage=False)
+    dive.run(3.0)
+    dive.fault("reboot")
+    dive.run(3.0)
+    assert dive.step.sample.state.boot_s == pytest.approx(3.0, abs=0.2)
+    assert dive.state is State.IDLE
+    assert dive.step.sample.state.ages.depth_s < 0.2
+
+
+def test_a_link_that_comes_and_goes_is_not_engaged_through():
+    dive = active()
+    since_s = dive.t_s
+    for _ in range(3):
+        dive.fault("link_cut", 0.8)
+        dive.run(1.2)
+    assert dive.state is State.FAULT
+    assert dive.tap.last_thrust_s - since_s <= 0.7
+
+
+def test_a_vehicle_that_was_never_there():
+    dive = Dive()
+    dive.fault("link_cut")
+    dive.run(5.0)
+    assert dive.state is State.IDLE
+    assert not dive.tap.frames
+
+
+def test_a_delay_that_grows_while_it_holds_is_measured_and_borne():
+    """40 ms more each way from 8 s on: found by TIMESYNC and the echo, and no limit cycle."""
+    dive = active(seconds=4.0, link=Link(change_s=(8.0, 0.04)))
+    dive.run(16.0)
+    before = dive.step.sample.state.delays
+    assert before.telemetry_s + before.command_s > 0.08
+    depth = np.array([step.truth.eta[2] for step in dive.run(3.0)])
+    assert np.abs(depth - DEPTH_M).max() < 0.05
+    still_holds(dive)

@@ -1,0 +1,167 @@
+"""Both delays from synthetic clocks. Only their sum can destabilise, so only their sum has to be right."""
+
+import numpy as np
+import pytest
+
+from companion.delay import DelayMeter
+
+BOOT_S = -812.5
+"""Autopilot's clock minus ours."""
+
+TICK_S = 0.02
+AXES = np.array([0.3, -0.2, 0.5, 0.4])
+
+
+def meter():
+    return DelayMeter(0.010, 0.012)
+
+
+def exchange(meter, up_s, down_s, seconds=8.0, jitter_s=0.0, seed=1, start_s=1000.0):
+    """TIMESYNC at 4 Hz and attitude at 50 Hz through a link with these delays."""
+    rng = np.random.default_rng(seed)
+
+    def late(delay_s):
+        return delay_s + (rng.exponential(jitter_s) if jitter_s else 0.0)
+
+    for k in range(round(seconds / TICK_S)):
+        now_s = start_s + k * TICK_S
+        meter.stamped(now_s + late(up_s), now_s + BOOT_S)
+        if k % 12 == 0:
+            reached_s = now_s + late(down_s)
+            meter.timesync(now_s, reached_s + late(up_s), reached_s + BOOT_S)
+    return start_s + seconds
+
+
+def command(t_s):
+    """Some steering that never repeats itself within the lags looked at."""
+    wave = np.sin(2.3 * t_s) + np.sin(7.1 * t_s + 1.0) + 0.5 * np.sin(17.0 * t_s)
+    return 0.2 * wave * AXES
+
+
+def steer(meter, delay_s, seconds=12.0, start_s=1000.0, echo_hz=25.0, commands=command, noise=0.0, seed=2):
+    """Commands every tick; the motors follow `delay_s` later; their echo is stamped at its own pace."""
+    rng = np.random.default_rng(seed)
+    sent_t = start_s - 3.0 + np.arange(round((seconds + 3.0) / TICK_S)) * TICK_S
+    sent = np.array([commands(t) for t in sent_t])
+    for t_s in np.arange(start_s, start_s + seconds, 1.0 / echo_hz):
+        at_s = t_s + rng.uniform(0.0, 1.0 / echo_hz)
+        index = np.searchsorted(sent_t, at_s - delay_s, side="right") - 1
+        known = (sent_t <= at_s + 0.02) & (sent_t > at_s - 2.5)
+        axes = sent[index] + noise * rng.normal(size=4)
+        meter.echo(at_s + meter.offset_s, axes, sent_t[known], sent[known])
+    return start_s + seconds
+
+
+def test_before_anything_was_measured_the_start_values_hold():
+    delays = meter().delays
+    assert (delays.telemetry_s, delays.command_s) == (0.010, 0.012)
+    assert not delays.telemetry_known
+    assert not delays.command_known
+
+
+@pytest.mark.parametrize(("up_s", "down_s"), [(0.001, 0.001), (0.05, 0.05), (0.12, 0.12)])
+def test_equal_delays_are_found_whatever_the_clocks_offset(up_s, down_s):
+    m = meter()
+    exchange(m, up_s, down_s)
+    assert m.offset_s == pytest.approx(BOOT_S, abs=1e-6)
+    assert m.delays.telemetry_s == pytest.approx(up_s, abs=1e-4)
+    assert m.delays.telemetry_known
+
+
+@pytest.mark.parametrize(("up_s", "down_s"), [(0.08, 0.0), (0.0, 0.08), (0.03, 0.09)])
+def test_the_sum_is_right_when_the_ways_differ(up_s, down_s):
+    """An echo's stamp is read with the same offset: what one delay loses the other gains."""
+    m = meter()
+    end_s = exchange(m, up_s, down_s)
+    moved_s = m.offset_s - BOOT_S
+    assert m.delays.telemetry_s == pytest.approx(up_s + moved_s, abs=1e-4)
+    actuation_s = 0.05
+    steer(m, down_s + actuation_s - moved_s, start_s=end_s)
+    total = m.delays.telemetry_s + m.delays.command_s
+    assert total == pytest.approx(up_s + down_s + actuation_s, abs=0.006)
+
+
+def test_jitter_hardly_moves_offset_and_sum():
+    m = meter()
+    exchange(m, 0.02, 0.02, jitter_s=0.01, seconds=30.0)
+    assert m.offset_s == pytest.approx(BOOT_S, abs=0.003)
+    assert m.delays.telemetry_s == pytest.approx(0.03, abs=0.006)
+
+
+def test_local_undoes_the_offset():
+    m = meter()
+    exchange(m, 0.02, 0.02)
+    assert m.local(1234.0 + BOOT_S) == pytest.approx(1234.0, abs=1e-6)
+
+
+def test_before_the_first_timesync_stamps_are_read_with_the_start_value():
+    m = meter()
+    for t_s in np.arange(1000.0, 1001.0, 0.02):
+        m.stamped(t_s + 0.010, t_s + BOOT_S)
+    assert m.offset_s == pytest.approx(BOOT_S, abs=1e-6)
+    assert not m.delays.telemetry_known
+
+
+@pytest.mark.parametrize("lag_s", [0.0, 0.013, 0.04, 0.1, 0.25, 0.37])
+def test_the_echos_lag_is_found_within_five_milliseconds(lag_s):
+    m = meter()
+    steer(m, lag_s)
+    assert m.delays.command_known
+    assert m.delays.command_s == pytest.approx(lag_s, abs=0.005)
+
+
+@pytest.mark.parametrize("lag_s", [0.02, 0.15])
+def test_rounding_and_noise_do_not_hide_the_lag(lag_s):
+    m = meter()
+    steer(m, lag_s, noise=0.01)
+    assert m.delays.command_s == pytest.approx(lag_s, abs=0.005)
+
+
+def test_one_axis_is_enough():
+    m = meter()
+    steer(m, 0.08, commands=lambda t: command(t) * [0.0, 0.0, 1.0, 0.0])
+    assert m.delays.command_s == pytest.approx(0.08, abs=0.005)
+
+
+def test_constant_commands_tell_nothing():
+    m = meter()
+    steer(m, 0.08, commands=lambda t: AXES)
+    assert not m.delays.command_known
+    assert m.delays.command_s == 0.012
+
+
+def test_an_echo_of_somebody_else_tells_nothing():
+    """Motors that do what nobody asked for: no lag fits, none is found."""
+    m, rng = meter(), np.random.default_rng(3)
+    sent_t = 1000.0 + np.arange(500) * TICK_S
+    sent = np.array([command(t) for t in sent_t])
+    for k in range(140, 500, 2):
+        m.echo(sent_t[k], 0.1 * rng.normal(size=4), sent_t[k - 128 : k], sent[k - 128 : k])
+    assert not m.delays.command_known
+
+
+def test_too_short_a_history_tells_nothing():
+    m = meter()
+    sent_t = 1000.0 + np.arange(10) * TICK_S
+    m.echo(1000.2, command(1000.1), sent_t, np.array([command(t) for t in sent_t]))
+    m.echo(1000.2, AXES, np.zeros(0), np.zeros((0, 4)))
+    assert not m.delays.command_known
+
+
+@pytest.mark.parametrize(("before_s", "after_s"), [(0.04, 0.12), (0.15, 0.03)])
+def test_a_changed_command_delay_is_found(before_s, after_s):
+    m = meter()
+    end_s = steer(m, before_s)
+    assert m.delays.command_s == pytest.approx(before_s, abs=0.005)
+    steer(m, after_s, start_s=end_s, seconds=20.0)
+    assert m.delays.command_s == pytest.approx(after_s, abs=0.005)
+
+
+@pytest.mark.parametrize(("before_s", "after_s"), [(0.01, 0.09), (0.09, 0.01)])
+def test_a_changed_telemetry_delay_is_found_in_seconds(before_s, after_s):
+    """Seen at once, split between here and the echo until the offset is learnt anew."""
+    m = meter()
+    end_s = exchange(m, before_s, before_s)
+    exchange(m, after_s, after_s, start_s=end_s, seconds=6.0)
+    moved_s = m.offset_s - BOOT_S
+    assert m.delays.telemetry_s - moved_s == pytest.approx(after_s, abs=0.003)

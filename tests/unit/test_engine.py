@@ -1,0 +1,179 @@
+"""One tick, from outside: bytes in, bytes and records out."""
+
+import numpy as np
+import pytest
+from virtual import CALM, DEPTH_M, Dive, Somebody, active, hold, message_id, steering
+
+from companion.config import load_config
+from companion.engine import Engine
+from companion.types import NEUTRAL, LoopHealth, Request, Setpoint, State
+
+HEALTH = LoopHealth(1, 50.0, 0.0, 0.0, 0, 0)
+TICK_S = 0.02
+BURST_S = 0.5
+NAN = np.full(4, np.nan)
+PATHS = ("rc_override", "manual_control")
+
+
+def engine(*overrides, setpoint=NAN):
+    return Engine(load_config(overrides=overrides), Setpoint(setpoint))
+
+
+def test_nobody_heard_nobody_steered():
+    e = engine()
+    for k in range(100):
+        out, sample = e.step(1000.0 + k * TICK_S, [], HEALTH, [Request.ENGAGE])
+        assert all(steering(frame) is None for frame in out)
+        assert sample.verdict.state is State.IDLE
+        assert sample.command == NEUTRAL
+
+
+@pytest.mark.parametrize("path", PATHS)
+def test_on_first_contact_a_short_burst_of_neutral_and_then_silence(path):
+    dive = Dive(companion=[f"vehicle.thrust_path={path}"], arm=False, engage=False)
+    dive.run(3.0)
+    times = [t_s for t_s, _ in dive.tap.frames]
+    assert all(axes == (0.0, 0.0, 0.0, 0.0) for _, axes in dive.tap.frames)
+    assert BURST_S - 0.05 <= times[-1] - times[0] <= BURST_S + 0.05
+    assert len(times) == pytest.approx(BURST_S / TICK_S, abs=2)
+
+
+@pytest.mark.parametrize("path", PATHS)
+def test_farewell_is_neutral_whenever_it_is_asked_for(path):
+    override = f"vehicle.thrust_path={path}"
+    assert steering(engine(override).farewell()) == (0.0, 0.0, 0.0, 0.0)
+    dive = active(companion=[override])
+    assert any(dive.tap.frames[-1][1])
+    assert steering(dive.engine.farewell()) == (0.0, 0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("path", PATHS)
+def test_after_steering_neutral_goes_on_for_a_while(path):
+    dive = active(companion=[f"vehicle.thrust_path={path}"])
+    dive.ask(Request.STOP)
+    dive.run(2.0)
+    stopped = dive.tap.last_thrust_s
+    after = [(t_s, axes) for t_s, axes in dive.tap.frames if t_s > stopped + 0.001]
+    assert all(axes == (0.0, 0.0, 0.0, 0.0) for _, axes in after)
+    assert after[-1][0] - stopped == pytest.approx(BURST_S, abs=0.06)
+
+
+def test_steering_goes_out_every_tick_while_engaged():
+    dive = active()
+    before = len(dive.tap.frames)
+    dive.run(1.0)
+    assert len(dive.tap.frames) - before == 50
+
+
+def test_the_same_seed_gives_the_same_bytes_and_samples():
+    def record():
+        dive = Dive("current.enabled=true", "waves.enabled=true", seed=3)
+        steps = dive.run(5.0)
+        return dive.tap.frames, np.array([step.sample.dofs.tau for step in steps])
+
+    (frames, tau), (frames_again, tau_again) = record(), record()
+    assert frames == frames_again
+    np.testing.assert_array_equal(tau, tau_again)
+
+
+@pytest.mark.parametrize("depth_m", [1.0])
+def test_engaging_is_no_step(depth_m):
+    """Whatever the setpoint: the first tenth of a second asks for little, and nothing jumps afterwards."""
+    dive = Dive(f"initial.eta=[0,0,{depth_m},0,0,0.4]", setpoint=hold(z=3.0, psi=-1.0))
+    dive.until(State.ACTIVE)
+    steps = [dive.step, *dive.run(1.0)]
+    tau = np.array([step.sample.requested.tau for step in steps])
+    assert np.abs(tau[:5, 2]).max() < 12.0
+    assert np.abs(tau[:5, 3]).max() < 1.0
+    assert np.abs(np.diff(tau[:, 2])).max() < 12.0
+
+
+def test_nan_means_where_it_is_when_engaged():
+    dive = Dive("initial.eta=[0,0,2.5,0,0,1.2]", setpoint=Setpoint(NAN)).until(State.ACTIVE)
+    z, psi = dive.step.truth.eta[[2, 5]]
+    dive.run(8.0)
+    assert dive.step.truth.eta[2] == pytest.approx(z, abs=0.06)
+    assert dive.step.truth.eta[5] == pytest.approx(psi, abs=0.06)
+    assert dive.step.sample.eta_d[2] == pytest.approx(z, abs=0.05)
+    assert dive.step.sample.eta_d[3] == pytest.approx(psi, abs=0.05)
+
+
+def test_a_new_aim_moves_what_it_names_and_leaves_the_rest():
+    dive = active(seconds=6.0)
+    dive.loop.engine.aim(Setpoint(np.array([np.nan, np.nan, DEPTH_M + 1.0, np.nan])))
+    dive.run(8.0)
+    assert dive.step.truth.eta[2] == pytest.approx(DEPTH_M + 1.0, abs=0.06)
+    assert dive.step.truth.eta[5] == pytest.approx(0.3, abs=0.06)
+
+
+def test_an_aim_before_engaging_is_where_it_goes():
+    dive = Dive(setpoint=Setpoint(NAN))
+    dive.run(1.0)
+    dive.loop.engine.aim(hold(z=1.5, psi=0.0))
+    dive.until(State.ACTIVE)
+    dive.run(10.0)
+    assert dive.step.truth.eta[2] == pytest.approx(1.5, abs=0.06)
+
+
+def test_x_and_y_engage_with_a_position_source_and_are_held():
+    dive = Dive("sensors.dvl=true", *CALM, setpoint=hold(x=0.3, y=-0.2))
+    dive.tap.to_vehicle.append(Somebody().origin())
+    dive.until(State.ACTIVE)
+    assert dive.step.sample.dofs.engaged.all()
+    dive.run(10.0)
+    np.testing.assert_allclose(dive.step.truth.eta[:2], [0.3, -0.2], atol=0.12)
+
+
+def test_x_and_y_stay_free_without_one_whatever_the_setpoint():
+    dive = active(setpoint=hold(x=5.0, y=5.0))
+    np.testing.assert_array_equal(dive.step.sample.dofs.engaged, [False, False, True, True])
+    assert all(axes[0] == axes[1] == 0.0 for _, axes in dive.tap.frames)
+
+
+def test_before_engaging_nothing_in_the_sample_is_beyond_numbers():
+    dive = Dive(setpoint=Setpoint(NAN), engage=False)
+    for step in dive.run(2.0)[10:]:
+        sample = step.sample
+        for part in (
+            sample.eta_d,
+            sample.dofs.tau,
+            sample.dofs.x_d,
+            sample.requested.tau,
+            sample.delivered.tau,
+        ):
+            assert np.isfinite(part[2:]).all()
+
+
+def test_what_is_delivered_is_told_from_what_was_requested():
+    """A setpoint far away in a slow envelope: the law asks, the guard cuts, and learning stops meanwhile."""
+    dive = active(companion=["thrusters.max_axis=0.1"], setpoint=hold(z=8.0), seconds=4.0)
+    sample = dive.step.sample
+    assert sample.dofs.saturated[2]
+    assert not sample.dofs.adapting[2]
+    assert abs(sample.delivered.tau[2]) < abs(sample.requested.tau[2])
+    assert abs(sample.command.heave) <= 0.1
+
+
+def test_the_mode_is_asked_for_only_when_engaging():
+    """A vehicle that somebody flies in another mode is left in it."""
+    dive = Dive(arm=False, engage=False)
+    asked = []
+    dive.tap.spoil = lambda t_s, inbox: inbox
+    step = dive.engine.step
+
+    def listen(*arguments):
+        out, sample = step(*arguments)
+        asked.extend(
+            frame
+            for frame in out
+            if message_id(frame) == 76 and int.from_bytes(frame[38:40], "little") == 176
+        )
+        return out, sample
+
+    dive.tap.engine.step = listen
+    dive.fault("mode", value=2)
+    dive.run(3.0)
+    assert not asked
+    dive.ask(Request.ENGAGE)
+    dive.run(1.0)
+    assert asked

@@ -1,0 +1,271 @@
+"""The estimator against a known motion, whose telemetry is late and on another clock."""
+
+import math
+
+import numpy as np
+import pytest
+
+from companion.config import load_config
+from companion.control.positioning import Model
+from companion.estimation import CommandHistory, Estimator
+from companion.thrust import Thrusters
+from companion.types import (
+    PSI,
+    Attitude,
+    Battery,
+    Depth,
+    DepthRate,
+    Heartbeat,
+    PilotGain,
+    Position,
+    TimeSync,
+    X,
+    Y,
+    Z,
+)
+
+CONFIG = load_config()
+TICK_S = 0.02
+START_S = 1000.0
+BOOT_S = -977.0
+"""Autopilot's clock minus ours."""
+
+M = np.array([axis.mass for axis in CONFIG.axes])
+D1 = np.array([axis.linear_damping for axis in CONFIG.axes])
+D2 = np.array([axis.quadratic_damping for axis in CONFIG.axes])
+LAG_S = CONFIG.thrusters.lag_s
+D = np.array([2.0, -1.5, 6.0, -0.2])
+
+
+def estimator(**changes):
+    config = load_config(overrides=[f"{key}={value}" for key, value in changes.items()])
+    thrusters = Thrusters(config.vehicle.frame, np.array([axis.max_force for axis in config.axes]))
+    return Estimator(config, Model(M, D1, D2), thrusters)
+
+
+class Vehicle:
+    """The nominal vehicle, each DOF by its own (psi near 0), at 1 ms; commands act `command_s` late."""
+
+    def __init__(self, command_s):
+        self.t_s, self.q, self.v, self.f = START_S, np.zeros(4), np.zeros(4), D
+        self.sent = [(START_S, D)]
+        self.command_s = command_s
+        self.past = []
+
+    def until(self, t_s):
+        while self.t_s < t_s - 1e-9:
+            held = next(
+                u for at_s, u in reversed(self.sent) if at_s <= self.t_s - self.command_s or at_s == START_S
+            )
+            force = self.f - D1 * self.v - D2 * self.v * np.abs(self.v) - D
+            self.v = self.v + 1e-3 * force / M
+            self.q = self.q + 1e-3 * self.v
+            self.f = held + (self.f - held) * math.exp(-1e-3 / LAG_S)
+            self.t_s += 1e-3
+            self.past.append((self.t_s, self.q.copy(), self.v.copy()))
+
+    def at(self, t_s):
+        i = min(max(round((t_s - START_S) * 1e3) - 1, 0), len(self.past) - 1)
+        return self.past[i][1], self.past[i][2]
+
+
+def events_at(vehicle, t_s, up_s, sensor_s):
+    """Telemetry of t_s, which arrives `up_s` later; each axis's sensor shows what was `sensor_s` ago."""
+    arrives, boot = t_s + up_s, t_s + BOOT_S
+    (qx, vx), (qz, vz), (qp, vp) = (vehicle.at(t_s - sensor_s[dof]) for dof in (X, Z, PSI))
+    return [
+        Attitude(arrives, boot, 0.0, 0.0, qp[PSI], 0.0, 0.0, vp[PSI]),
+        Depth(arrives, boot, qz[Z]),
+        DepthRate(arrives, None, vz[Z]),
+        Position(arrives, boot, qx[X], qx[Y], vx[X], vx[Y]),
+    ]
+
+
+def dive(seconds=12.0, up_s=0.03, command_s=0.06, **changes):
+    """Run estimator and vehicle; return the last state and the vehicle, one second of truth beyond it."""
+    settings = {"delays.telemetry_s": up_s, "delays.command_s": command_s} | changes
+    est, vehicle = estimator(**settings), Vehicle(command_s)
+    sensor_s = [axis.sensor_delay_s for axis in CONFIG.axes]
+    flying, state = [], None
+    for k in range(1, round(seconds / TICK_S) + 1):
+        now_s = START_S + k * TICK_S
+        vehicle.until(now_s)
+        if k > 5:
+            flying += events_at(vehicle, now_s - 0.01, up_s, sensor_s)
+        if k % 12 == 0:
+            flying.append(TimeSync(now_s + up_s, now_s - up_s, now_s + BOOT_S))
+        flying.sort(key=lambda event: event.t_s)
+        here = [event for event in flying if event.t_s <= now_s]
+        flying = flying[len(here) :]
+        state = est.step(now_s, here)
+        u = np.array([6.0, 5.0, 15.0, 0.1]) * np.sin(np.array([0.8, 0.9, 1.1, 2.0]) * (now_s - START_S)) + D
+        est.sent(now_s, np.zeros(4), u)
+        vehicle.sent.append((now_s, u))
+        vehicle.sent = vehicle.sent[-40:]
+    return state, vehicle
+
+
+@pytest.mark.parametrize(("up_s", "command_s"), [(0.005, 0.01), (0.03, 0.06), (0.1, 0.12)])
+def test_late_telemetry_is_brought_up_to_now_and_ahead(up_s, command_s):
+    """Where it is now, and where a command sent now begins to act, through the commands on their way."""
+    state, vehicle = dive(up_s=up_s, command_s=command_s)
+    now_q, now_v = vehicle.at(state.t_s)
+    assert state.ahead_s == pytest.approx(command_s + CONFIG.thrusters.lead_s)
+    np.testing.assert_allclose(state.eta, now_q, atol=0.008)
+    np.testing.assert_allclose(state.eta_dot, now_v, atol=0.02)
+    vehicle.until(state.t_s + command_s)
+    u_now = vehicle.sent[-1][1]
+    vehicle.sent.append((state.t_s + TICK_S, u_now))
+    vehicle.until(state.t_s + state.ahead_s)
+    ahead_q, ahead_v = vehicle.at(state.t_s + state.ahead_s)
+    np.testing.assert_allclose(state.eta_ahead, ahead_q, atol=0.012)
+    np.testing.assert_allclose(state.eta_dot_ahead, ahead_v, atol=0.03)
+
+
+def test_looking_ahead_matters():
+    """Without it some DOF would be told wrong by more than 30 mm or mrad: the test above bites."""
+    state, vehicle = dive(up_s=0.1, command_s=0.12)
+    stale_q, _ = vehicle.at(state.t_s - 0.1)
+    ahead = np.abs(state.eta_ahead - stale_q)
+    assert (ahead > 0.03).any()
+
+
+def test_the_disturbance_is_found_in_the_papers_sign():
+    state, _ = dive(seconds=15.0)
+    assert (np.abs(state.disturbance - D) <= [0.6, 0.6, 1.0, 0.06]).all(), state.disturbance
+
+
+def test_both_clocks_are_joined():
+    state, _ = dive(seconds=5.0)
+    assert state.boot_s - state.t_s == pytest.approx(BOOT_S, abs=0.002)
+    assert state.delays.telemetry_known
+    assert not state.delays.command_known
+
+
+def attitude(t_s, yaw=0.0, r=0.0):
+    return Attitude(t_s, t_s + BOOT_S, 0.01, 0.02, yaw, 0.03, 0.04, r)
+
+
+def test_before_anything_came_all_ages_are_infinite_and_nothing_is_permitted():
+    state = estimator().step(START_S, [])
+    assert {state.ages.link_s, state.ages.depth_s, state.ages.attitude_s, state.ages.position_s} == {math.inf}
+    assert not state.armed
+    assert np.isfinite([state.eta, state.eta_dot, state.eta_ahead, state.eta_dot_ahead]).all()
+
+
+def test_ages_count_from_each_signals_own_arrival():
+    est = estimator()
+    est.step(START_S, [attitude(START_S), Position(START_S, START_S + BOOT_S, 0.0, 0.0, 0.0, 0.0)])
+    est.step(START_S + 0.2, [Depth(START_S + 0.19, None, 1.0)])
+    est.step(START_S + 0.3, [Heartbeat(START_S + 0.3, armed=True, mode=19, system_status=4)])
+    ages = est.step(START_S + 0.5, []).ages
+    assert ages.attitude_s == pytest.approx(0.5)
+    assert ages.position_s == pytest.approx(0.5)
+    assert ages.depth_s == pytest.approx(0.31)
+    assert ages.link_s == pytest.approx(0.2)
+
+
+def test_what_the_heartbeat_says_is_passed_on():
+    est = estimator()
+    state = est.step(START_S, [Heartbeat(START_S, armed=True, mode=19, system_status=4), attitude(START_S)])
+    assert (state.armed, state.mode, state.system_status) == (True, 19, 4)
+    assert (state.roll, state.pitch, state.p, state.q) == (0.01, 0.02, 0.03, 0.04)
+    state = est.step(START_S + 1.0, [Heartbeat(START_S + 1.0, armed=False, mode=0, system_status=3)])
+    assert (state.armed, state.mode, state.system_status) == (False, 0, 3)
+
+
+@pytest.mark.parametrize(("told", "believed"), [(14.8, 14.8), (2.0, 10.0), (90.0, 20.0)])
+def test_the_voltage_is_kept_within_reason(told, believed):
+    assert estimator().step(START_S, [Battery(START_S, told)]).voltage_v == believed
+
+
+def test_the_pilots_gain_is_passed_on():
+    assert estimator().step(START_S, [PilotGain(START_S, 0.3)]).pilot_gain == 0.3
+
+
+@pytest.mark.parametrize("turn", [-0.6, 0.6])
+def test_a_heading_that_crosses_south_does_not_swing_round(turn):
+    """Through +-pi at 0.6 rad/s: within a few hundredths of a radian and within the turn's own sign."""
+    est = estimator()
+    worst = 0.0
+    for k in range(400):
+        now_s = START_S + k * TICK_S
+        yaw = turn * (k * TICK_S - 5.0) + np.pi
+        wrapped = (yaw + np.pi) % (2 * np.pi) - np.pi
+        state = est.step(now_s, [attitude(now_s - 0.01, wrapped, turn)])
+        assert -np.pi <= state.eta[PSI] <= np.pi
+        if k > 100:
+            missed = abs((state.eta[PSI] - yaw + np.pi) % (2 * np.pi) - np.pi)
+            worst = max(worst, missed)
+            assert state.eta_dot[PSI] * turn > 0.0
+    assert worst < 0.05
+
+
+def still(est, since_s, seconds, z):
+    state = None
+    for k in range(round(seconds / TICK_S)):
+        now_s = since_s + k * TICK_S
+        state = est.step(
+            now_s, [attitude(now_s), Depth(now_s, now_s + BOOT_S, z), DepthRate(now_s, None, 0.0)]
+        )
+    return state
+
+
+def test_after_a_gap_a_degree_of_freedom_begins_anew():
+    est = estimator()
+    still(est, START_S, 2.0, 3.0)
+    for k in range(100):
+        est.step(START_S + 2.0 + k * TICK_S, [attitude(START_S + 2.0 + k * TICK_S)])
+    state = still(est, START_S + 4.0, 0.1, 8.0)
+    assert state.eta[Z] == pytest.approx(8.0, abs=0.05)
+    assert state.eta_dot[Z] == pytest.approx(0.0, abs=0.05)
+
+
+def test_a_rebooted_autopilots_clock_is_learnt_anew():
+    est = estimator()
+    still(est, START_S, 3.0, 3.0)
+    state = None
+    for k in range(100):
+        now_s = START_S + 3.0 + k * TICK_S
+        boot_s = 1.0 + k * TICK_S
+        state = est.step(
+            now_s,
+            [
+                Attitude(now_s, boot_s, 0.0, 0.0, 0.5, 0.0, 0.0, 0.0),
+                Depth(now_s, boot_s, 4.0),
+                DepthRate(now_s, None, 0.0),
+                TimeSync(now_s, now_s - 0.01, boot_s - 0.005),
+            ],
+        )
+    assert state.boot_s == pytest.approx(state.t_s - START_S - 3.0 + 1.0, abs=0.02)
+    assert state.eta[Z] == pytest.approx(4.0, abs=0.02)
+    assert state.eta[PSI] == pytest.approx(0.5, abs=0.02)
+
+
+def test_a_stall_of_our_own_does_not_throw_the_estimate():
+    est = estimator()
+    still(est, START_S, 3.0, 3.0)
+    state = still(est, START_S + 8.0, 0.5, 3.2)
+    assert state.eta[Z] == pytest.approx(3.2, abs=0.03)
+    assert np.isfinite(state.eta_ahead).all()
+
+
+def test_states_once_given_do_not_change_any_more():
+    est = estimator()
+    state = still(est, START_S, 1.0, 3.0)
+    kept = [array.copy() for array in (state.eta, state.eta_dot, state.eta_ahead, state.disturbance)]
+    still(est, START_S + 1.0, 1.0, 9.0)
+    for before, now in zip(kept, (state.eta, state.eta_dot, state.eta_ahead, state.disturbance), strict=True):
+        np.testing.assert_array_equal(before, now)
+
+
+def test_command_history_gives_what_was_in_force():
+    history = CommandHistory()
+    np.testing.assert_array_equal(history.tau_at([START_S]), np.zeros((1, 4)))
+    for k in range(300):
+        history.append(START_S + k * TICK_S, np.full(4, float(k)), np.full(4, 10.0 * k))
+    tau = history.tau_at([START_S + 299.5 * TICK_S, START_S + 250 * TICK_S, START_S + 249.9 * TICK_S])
+    np.testing.assert_array_equal(tau[:, 0], [2990.0, 2500.0, 2490.0])
+    t_s, axes = history.sent
+    assert (np.diff(t_s) > 0.0).all()
+    np.testing.assert_array_equal(axes[-1], 299.0)

@@ -1,0 +1,188 @@
+"""Dives in virtual time for the tests: engine and stand-in vehicle in lockstep, and somebody in between."""
+
+import struct
+from dataclasses import astuple
+from math import isfinite, nan
+from pathlib import Path
+
+import numpy as np
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from companion.config import load_config
+from companion.engine import Engine
+from companion.types import NEUTRAL, Request, Setpoint, State
+from lab.lockstep import START_S, Link, Lockstep
+from sim_bridge.config import Fault
+from sim_bridge.config import load_config as load_plant
+from sim_bridge.vehicle import Vehicle
+
+ROOT = Path(__file__).parent.parent
+CALM = ("current.enabled=false",)
+DEPTH_M, HEADING_RAD = 1.0, 0.3
+ARM = mavlink.MAV_CMD_COMPONENT_ARM_DISARM
+STEERING = {mavlink.MAVLINK_MSG_ID_MANUAL_CONTROL, mavlink.MAVLINK_MSG_ID_RC_CHANNELS_OVERRIDE}
+
+
+def hold(z=DEPTH_M, psi=HEADING_RAD, x=nan, y=nan):
+    return Setpoint(np.array([x, y, z, psi]))
+
+
+def message_id(frame):
+    return frame[7] | frame[8] << 8 | frame[9] << 16
+
+
+def steering(frame):
+    """Surge, sway, heave (up), yaw in -1..1, read from the bytes of a frame that steers; else None."""
+    payload = frame[10 : 10 + frame[1]].ljust(40, b"\0")
+    if message_id(frame) == mavlink.MAVLINK_MSG_ID_RC_CHANNELS_OVERRIDE:
+        channels = struct.unpack_from("<8H", payload)
+        assert set(channels[:2] + channels[6:8]) == {65535}, "pitch, roll and camera are to be left alone"
+        heave, yaw, surge, sway = ((us - 1500) / 400 for us in channels[2:6])
+        return surge, sway, heave, yaw
+    if message_id(frame) == mavlink.MAVLINK_MSG_ID_MANUAL_CONTROL:
+        x, y, z, r = struct.unpack_from("<4h", payload)
+        return x / 1000, y / 1000, (z - 500) / 500, r / 1000
+    return None
+
+
+class Somebody:
+    """Another MAVLink sender, such as a ground station with a joystick."""
+
+    def __init__(self, system=255, component=190):
+        self._mav = mavlink.MAVLink(None, system, component)
+
+    def frame(self, message):
+        return bytes(message.pack(self._mav))
+
+    def stick(self, us=1800):
+        """An override that moves the forward stick."""
+        channels = (65535, 65535, 1500, 1500, us, 1500, 65535, 65535)
+        return self.frame(mavlink.MAVLink_rc_channels_override_message(1, 1, *channels))
+
+    def arm(self):
+        return self.frame(mavlink.MAVLink_command_long_message(1, 1, ARM, 0, 1, 0, 0, 0, 0, 0, 0))
+
+    def origin(self):
+        """What a position source's driver sends, without which the EKF gives no position."""
+        return self.frame(mavlink.MAVLink_set_gps_global_origin_message(1, 473977418, 85455939, 0))
+
+    def parameter(self, name, value):
+        return self.frame(mavlink.MAVLink_param_set_message(1, 1, name.encode(), value, 9))
+
+
+class Tap:
+    """Stands where the engine is: spoils what comes, adds to what goes, holds every tick to account."""
+
+    def __init__(self, engine, config):
+        self.engine = engine
+        self.max_axis, self.slew = config.thrusters.max_axis, config.thrusters.max_slew_per_s
+        self.tick_s = 1.0 / config.loop.rate_hz
+        self.spoil = lambda now_s, inbox: inbox
+        self.to_vehicle = []
+        self.asleep_until_s = 0.0
+        self.may_engage = False
+        self.last_thrust_s = 0.0
+        self.frames = []
+        self.history = []
+        self._inbox, self._requests, self._sample = [], [], None
+        self._command = NEUTRAL
+
+    def aim(self, setpoint):
+        self.engine.aim(setpoint)
+
+    def step(self, now_s, inbox, health, requests):
+        t_s = now_s - START_S
+        self._inbox += self.spoil(t_s, list(inbox))
+        self._requests += requests
+        extra, self.to_vehicle = self.to_vehicle, []
+        if t_s < self.asleep_until_s and self._sample is not None:
+            return extra, self._sample
+        inbox, self._inbox = self._inbox, []
+        requests, self._requests = self._requests, []
+        self.may_engage |= Request.ENGAGE in requests
+        out, sample = self.engine.step(now_s, inbox, health, requests)
+        self._sample = sample
+        self.history.append((t_s, sample.verdict.state))
+        self._hold_to_account(t_s, out, sample)
+        return out + extra, sample
+
+    def _hold_to_account(self, t_s, out, sample):
+        state, command = sample.verdict.state, astuple(sample.command)
+        frames = [axes for axes in map(steering, out) if axes is not None]
+        self.frames += [(t_s, axes) for axes in frames]
+        assert all(isfinite(axis) and abs(axis) <= self.max_axis for axis in command)
+        assert all(abs(axis) <= 1.0 for axes in frames for axis in axes)
+        assert len(frames) <= 1
+        if state not in (State.ACTIVE, State.RAMP_DOWN):
+            assert sample.verdict.authority == 0.0
+            assert command == astuple(NEUTRAL)
+            assert not any(axis for axes in frames for axis in axes)
+        else:
+            assert self.may_engage
+            for now, before in zip(command, astuple(self._command), strict=True):
+                assert abs(now - before) <= self.slew * self.tick_s + 1e-9 or not any(command)
+        if any(axis for axes in frames for axis in axes):
+            self.last_thrust_s = t_s
+        self._command = sample.command
+
+
+class Dive:
+    """A vehicle and its companion from boot on."""
+
+    def __init__(
+        self, *plant, companion=(), setpoint=None, arm=True, engage=True, seed=1, link=None, base="sim.toml"
+    ):
+        config = load_config(overrides=companion)
+        self.vehicle = Vehicle(load_plant(ROOT / "config" / base, (*CALM, *plant)), seed)
+        self.engine = Engine(config, setpoint or hold(), arm=arm)
+        self.tap = Tap(self.engine, config)
+        self.loop = Lockstep(self.vehicle, self.tap, link or Link(), seed, config.loop.rate_hz)
+        self.step = None
+        if engage:
+            self.loop.requests.append(Request.ENGAGE)
+
+    @property
+    def t_s(self):
+        return self.vehicle.time_s
+
+    @property
+    def state(self):
+        return self.step.sample.verdict.state
+
+    def run(self, seconds):
+        """Let it run; return all steps."""
+        steps = list(self.loop.run(seconds))
+        self.step = steps[-1]
+        return steps
+
+    def until(self, state, within_s=6.0):
+        """Run until the supervisor is in `state`."""
+        for step in self.loop.run(within_s):
+            self.step = step
+            if self.state is state:
+                return self
+        raise AssertionError(
+            f"not {state} within {within_s} s but {self.state}: {step.sample.verdict.reason}"
+        )
+
+    def ask(self, request):
+        self.loop.requests.append(request)
+
+    def fault(self, kind, seconds=1e9, **what):
+        self.vehicle.inject(Fault(kind=kind, at_s=self.t_s, duration_s=seconds, **what))
+
+    def states_since(self, t_s):
+        """The states of the time after `t_s`, each change once."""
+        states = [state for at_s, state in self.tap.history if at_s > t_s + 1e-9]
+        return [now for i, now in enumerate(states) if i == 0 or states[i - 1] is not now]
+
+    def motors_rest(self):
+        return set(self.step.truth.motor_pwm) == {1500}
+
+
+def active(*plant, seconds=1.0, **arguments):
+    """A dive that has been holding for `seconds`."""
+    dive = Dive(*plant, **arguments).until(State.ACTIVE)
+    dive.run(seconds)
+    assert dive.state is State.ACTIVE
+    return dive
