@@ -93,7 +93,7 @@ def perform(story: Story, png: Path, json: Path) -> int:
             dives = _dive_twice(story, show, stop_asked)
         span = window(list(dives.values()), story.depth_m)
     except StoppedError as stopped:
-        console.print(f"{stopped}: the vehicle was left neutral, and nothing runs any more.")
+        console.print(f"{stopped}: stopped, and nothing runs any more.")
         return stopped.status
     except (DemoError, ChildError, ValueError) as error:
         sys.stderr.write(f"holdfast demo: {error}\n")
