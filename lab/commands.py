@@ -33,3 +33,21 @@ def bench(argv: list[str]) -> int:
     from lab.bench_report import run
 
     return run(parser.parse_args(argv))
+
+
+def paper(argv: list[str]) -> int:
+    """Dive the paper's simulations again: its figures, its claims, and how much the network is worth."""
+    parser = argparse.ArgumentParser(
+        prog="holdfast paper",
+        description="Repeats the paper's three simulations and a table of law, integrator and network over "
+        "five disturbances, four wrong models and ten draws of first weights, all dives at once. "
+        "Exit status 1 if something that must come out did not.",
+    )
+    parser.add_argument(
+        "--out", type=Path, default=Path("out/paper"), metavar="DIR", help="default %(default)s"
+    )
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the same records there")
+    arguments = parser.parse_args(argv)
+    from lab.paper_report import run
+
+    return run(arguments)

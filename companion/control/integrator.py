@@ -42,7 +42,7 @@ class Integrator:
         self.learning_now = np.zeros(self._shape, bool)
 
     def step(self, theta: Array, eps: Array, dt_s: float, adapt: Flags) -> Array:
-        """Return d_hat, having learnt from `eps` for `dt_s` where `adapt` allows it; `theta` is the network's.
+        """Return d_hat, having learnt from `eps` for `dt_s` where `adapt` allows it; `theta` is unused.
 
         Where the projection holds and learning would push d̂ further outward, learning stops as well;
         `learning_now` tells where it went on.
