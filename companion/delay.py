@@ -6,6 +6,7 @@
 An error in the offset moves delay from one to the other; their sum, which is what destabilises, stays right.
 """
 
+import math
 from collections import deque
 
 import numpy as np
@@ -18,6 +19,12 @@ SYNCS = 120
 TELEMETRY_MEMORY_S = 1.0
 MAX_DELAY_S = 1.0
 ECHO_MEMORY_S = 4.0
+ECHO_EVIDENCE_S = 1.5
+"""How long commands must have varied before an echo is believed."""
+
+ECHO_SLEW = 0.05
+"""Seconds of delay a second: the law's horizon moves, it does not jump."""
+
 ECHO_LAGS_S = np.arange(-0.03, 0.405, 0.005)
 ECHO_CONTRAST = 0.5
 """The best lag counts as found when it explains the echo this much better than the average lag does."""
@@ -43,7 +50,8 @@ class DelayMeter:
         self._echo = np.zeros(len(ECHO_LAGS_S))
         self._last_echo: tuple[float, Array] | None = None
         self._echo_t_s = -np.inf
-        self._command_s: float | None = None
+        self._echo_seen_s = 0.0
+        self._command_s = command_s
 
     def timesync(self, sent_s: float, arrived_s: float, boot_s: float) -> None:
         """Take one TIMESYNC answer: sent and arrived on our clock, `boot_s` on the autopilot's in between."""
@@ -82,10 +90,12 @@ class DelayMeter:
         passed = min(max(at_s - self._echo_t_s, 0.0), ECHO_MEMORY_S)
         self._echo += (miss / miss.mean() - self._echo) * passed / (passed + ECHO_MEMORY_S)
         self._echo_t_s = at_s
+        self._echo_seen_s += min(passed, 0.5)
         least, mean = self._echo.min(), self._echo.mean()
-        if least < ECHO_CONTRAST * mean:
+        if least < ECHO_CONTRAST * mean and self.command_known:
             fits = self._echo <= least + ECHO_PLATEAU * (mean - least)
-            self._command_s = float(ECHO_LAGS_S[fits].mean())
+            found_s, slew_s = float(ECHO_LAGS_S[fits].mean()), ECHO_SLEW * passed
+            self._command_s += min(max(found_s - self._command_s, -slew_s), slew_s)
 
     def local(self, boot_s: float) -> float:
         """Return when, on our clock, the autopilot's clock read `boot_s`."""
@@ -93,17 +103,22 @@ class DelayMeter:
 
     @property
     def offset_s(self) -> float:
-        """Autopilot clock minus ours; before the first TIMESYNC from the quickest message so far."""
+        """Autopilot clock minus ours; before the first TIMESYNC from the quickest message so far, or NaN."""
         if self._offset_s is not None:
             return self._offset_s
-        return self._first_offset_s if self._first_offset_s is not None else 0.0
+        return self._first_offset_s if self._first_offset_s is not None else math.nan
 
     @property
     def delays(self) -> Delays:
         """What is known of the delays now."""
         return Delays(
             telemetry_s=self._telemetry_s,
-            command_s=self._start.command_s if self._command_s is None else self._command_s,
+            command_s=self._command_s,
             telemetry_known=self._telemetry_t_s is not None,
-            command_known=self._command_s is not None,
+            command_known=self.command_known,
         )
+
+    @property
+    def command_known(self) -> bool:
+        """Whether the echo has been listened to for long enough."""
+        return self._echo_seen_s >= ECHO_EVIDENCE_S

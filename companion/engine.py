@@ -65,7 +65,7 @@ class Engine:
         self._command = NEUTRAL
         self._last_s: float | None = None
         self._neutral_until_s: float | None = None
-        self._references: deque[Array] = deque(maxlen=64)
+        self._references: deque[tuple[float, Array]] = deque()
         self.verdict = Verdict(State.IDLE, Condition(0), 0.0, "just started")
 
     def step(
@@ -150,6 +150,7 @@ class Engine:
         self.verdict = self._supervisor.step(conditions, dt_s)
         now = self.verdict.state
         if now not in (State.ACTIVE, State.RAMP_DOWN):
+            self._references.clear()
             self._engaged = np.zeros(4, bool)
             self._controller.rest(state)
             self._target = Setpoint(state.eta_ahead)
@@ -171,12 +172,14 @@ class Engine:
         return now_s <= self._neutral_until_s
 
     def _reference_now(self, ahead: Array, state: VehicleState) -> Array:
-        """Return the reference for this moment: what was computed `ahead_s` ago."""
-        self._references.append(ahead)
-        back = min(state.ahead_s / self._tick_s, len(self._references) - 1.0)
-        whole = int(back)
-        late, early = self._references[-1 - whole], self._references[max(-2 - whole, -len(self._references))]
-        eta_d = late + (early - late) * (back - whole)
+        """Return the reference for this moment, which was computed when it lay ahead."""
+        references = self._references
+        references.append((state.t_s + state.ahead_s, ahead))
+        while len(references) > 2 and references[1][0] <= state.t_s:
+            references.popleft()
+        (t_0, early), (t_1, late) = references[0], references[min(1, len(references) - 1)]
+        share = min(max((state.t_s - t_0) / (t_1 - t_0), 0.0), 1.0) if t_1 > t_0 else 0.0
+        eta_d = early + (late - early) * share
         eta_d[PSI] = wrap(eta_d[PSI])
         return eta_d
 

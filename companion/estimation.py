@@ -224,12 +224,11 @@ class Estimator:
 
     def _sampled(self, event: Depth | DepthRate | Attitude | Position, dof: int) -> float:
         """Return the time at which this sample of `dof` was true."""
-        stamp_s = (
-            event.t_s - self._meter.delays.telemetry_s
-            if event.boot_s is None
-            else self._meter.local(event.boot_s)
-        )
-        return stamp_s - self._sensor_delay_s[dof]
+        meter = self._meter
+        if event.boot_s is None:
+            return event.t_s - meter.delays.telemetry_s - self._sensor_delay_s[dof]
+        meter.stamped(event.t_s, event.boot_s)
+        return meter.local(event.boot_s) - self._sensor_delay_s[dof]
 
     def _position(self, dof: int, value: float, t_s: float, at_s: float) -> None:
         """Keep a position sample; a degree of freedom that was not measured for long begins anew."""
@@ -240,7 +239,6 @@ class Estimator:
 
     def _on_attitude(self, event: Attitude) -> None:
         self._attitude = event
-        self._meter.stamped(event.t_s, event.boot_s)
         at_s = self._sampled(event, PSI)
         self._position(PSI, event.yaw, event.t_s, at_s)
         self._new.append(Measurement(PSI, 1, _heading_rate(event), at_s))

@@ -40,7 +40,7 @@ AXES = ("surge", "sway", "heave", "yaw")
 class Story:
     """What happens in a dive; times in s since arming. The same seed gives the same sea."""
 
-    seed: int = 7
+    seed: int = 1
     depth_m: float = 5.0
     heading_deg: float = 45.0
     load_n: float = 12.0
