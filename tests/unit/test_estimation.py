@@ -81,7 +81,12 @@ def events_at(vehicle, t_s, up_s, sensor_s):
     ]
 
 
-def dive(seconds=12.0, up_s=0.03, command_s=0.06, **changes):
+def swing(t_s):
+    """Thrust that keeps changing, about what holds against D."""
+    return np.array([6.0, 5.0, 15.0, 0.1]) * np.sin(np.array([0.8, 0.9, 1.1, 2.0]) * t_s) + D
+
+
+def dive(seconds=12.0, up_s=0.03, command_s=0.06, commands=swing, **changes):
     """Run estimator and vehicle; return the last state and the vehicle, one second of truth beyond it."""
     settings = {"delays.telemetry_s": up_s, "delays.command_s": command_s} | changes
     est, vehicle = estimator(**settings), Vehicle(command_s)
@@ -98,7 +103,7 @@ def dive(seconds=12.0, up_s=0.03, command_s=0.06, **changes):
         here = [event for event in flying if event.t_s <= now_s]
         flying = flying[len(here) :]
         state = est.step(now_s, here)
-        u = np.array([6.0, 5.0, 15.0, 0.1]) * np.sin(np.array([0.8, 0.9, 1.1, 2.0]) * (now_s - START_S)) + D
+        u = commands(now_s - START_S)
         est.sent(now_s, np.zeros(4), u)
         vehicle.sent.append((now_s, u))
         vehicle.sent = vehicle.sent[-40:]
@@ -120,6 +125,21 @@ def test_late_telemetry_is_brought_up_to_now_and_ahead(up_s, command_s):
     ahead_q, ahead_v = vehicle.at(state.t_s + state.ahead_s)
     np.testing.assert_allclose(state.eta_ahead, ahead_q, atol=0.012)
     np.testing.assert_allclose(state.eta_dot_ahead, ahead_v, atol=0.03)
+
+
+@pytest.mark.parametrize("since_s", [0.04, 0.1, 0.16])
+def test_a_command_on_its_way_is_foreseen_and_not_felt_too_early(since_s):
+    """80 N of heave sent `since_s` ago, 120 ms of delay: now it moves as it does, ahead as it will."""
+
+    def kick(t_s):
+        return D + np.array([0.0, 0.0, 80.0 if t_s >= 8.0 else 0.0, 0.0])
+
+    state, vehicle = dive(seconds=8.0 + since_s, up_s=0.06, command_s=0.12, commands=kick)
+    assert state.eta_dot[Z] == pytest.approx(vehicle.at(state.t_s)[1][Z], abs=0.012)
+    vehicle.until(state.t_s + state.ahead_s)
+    will_be = vehicle.at(state.t_s + state.ahead_s)[1][Z]
+    assert will_be > 0.04
+    assert state.eta_dot_ahead[Z] == pytest.approx(will_be, abs=0.025)
 
 
 def test_looking_ahead_matters():
