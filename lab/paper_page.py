@@ -85,8 +85,8 @@ know.
 
 The tether's pull (Ornstein-Uhlenbeck, σ = 5 N, τ = 2 s) is chance: with ten different minutes of it the
 plain law has {tether_least:.1f} to {tether_most:.1f} mm, and 6.71 mm in theory for an endless one. The
-earlier simulation's 5.15 mm is a calm minute; the network's share of it, {tether_ratio:.2f} here and 0.59
-there, depends on the minute too.
+earlier simulation's 5.15 mm would be a calm minute; what the network leaves of it, {tether_ratio:.2f}
+here and 0.59 there, depends on the minute too.
 
 <details><summary>Each corner: RMS e / orbit (mm) / largest −ė (mm/s)</summary>
 
@@ -105,7 +105,7 @@ it then prints for one degree of freedom have −κε. With m̄ = 50 kg that mak
 **Figure 5.** Both forms without network. As printed, the law leaves {rms_law_printed:.2f} mm instead of
 {rms_law:.2f} and needs half a minute for the first 0.1 m. The network then brings the largest −ė from
 {rate_law_printed:.0f} to {rate_network_printed:.0f} mm/s, and a wait of 2 s does not cure it:
-{rate_late_printed:.0f} mm/s. The paper's figures, where it does, cannot have been made so. The vehicle
+{rate_late_printed:.0f} mm/s. The paper's figures, where it does, can hardly have been made so. The vehicle
 runs m̄κε; κε exists in this comparison alone.
 
 <details><summary>Both forms in every disturbance: κε as printed / m̄κε as derived</summary>
@@ -117,8 +117,9 @@ runs m̄κε; κε exists in this comparison alone.
 ## The n-th order law on something else
 
 The paper's theorem is for any order. An iron ball under an electromagnet that is driven by its voltage is
-of third order, with an input gain b(x) that is negative and changes with gap and pull
-(`lab/third_order.py`). The disturbance is known, as the theorem asks.
+of third order, with an input gain b(x) that is negative and changes with gap and pull, here by
+{b_least:.0f} to {b_most:.0f} m/s³ for a volt less (`lab/third_order.py`). The disturbance is known, as
+the theorem asks.
 
 ![A ball under a magnet](figure7.png)
 
@@ -145,6 +146,7 @@ def page(rows: Rows, found: list[Claim], orbit_exact_mm: float) -> str:
     draws = rows.values("rms_mm", compensator="network")
     tether = rows.values("rms_mm", compensator="none", disturbance="tether")
     behind = [100.0 * (_ratio(rows, water, "integrator", "network") - 1.0) for water in DISTURBANCES]
+    ball = third_order.converge()
     thrust = [rows.median("thrust_rms_n", compensator=which) for which in ("none", "network")]
     return PAGE.format(
         claims=_claims(found),
@@ -161,7 +163,9 @@ def page(rows: Rows, found: list[Claim], orbit_exact_mm: float) -> str:
         tether_least=min(tether),
         tether_most=max(tether),
         tether_ratio=_ratio(rows, "tether", "network", "none"),
-        ball_rate=third_order.converge().rate,
+        ball_rate=ball.rate,
+        b_least=-ball.b.max(),
+        b_most=-ball.b.min(),
         kappa=third_order.KAPPA,
         **by_controller("rms", "rms_mm"),
         **by_controller("orbit", "orbit_mm"),

@@ -194,7 +194,7 @@ def _ball(run: third_order.Convergence) -> Figure:
     path.plot(ms, 1000.0 * (run.x_d[:, None] + run.x_tilde[..., 0]), color=SKY, linewidth=0.8)
     path.plot(ms, 1000.0 * run.x_d, **LOOKS["desired"], label="desired x_d")
     path.plot([], [], color=SKY, label="x, twelve starts")
-    path.set(xlabel="time (ms)", ylabel="gap under the magnet (mm)", title="(a) Trajectory", ylim=(6.8, 14.2))
+    path.set(xlabel="time (ms)", ylabel="gap under the magnet (mm)", title="(a) Trajectory", ylim=(6.0, 15.5))
     path.legend(loc="upper right", ncols=2, fontsize=8)
     error.semilogy(ms, np.abs(run.eps / run.eps[0]), color=SKY, linewidth=2.5, alpha=0.8)
     error.semilogy(ms, np.abs(run.x_tilde[..., 0] / run.x_tilde[0, :, 0]), color="0.55", linewidth=0.5)

@@ -29,16 +29,16 @@ DURATION_S, STEP_S = 0.4, 1e-4
 
 @dataclass(frozen=True, slots=True)
 class Convergence:
-    """All starts at once, of shape (steps,), with x_tilde (steps, starts, 3), eps and u (steps, starts).
+    """All starts at once: t_s, x_d of shape (steps,), x_tilde (steps, starts, 3), the rest (steps, starts).
 
-    Units: t s; x_d m; x_tilde m, m/s, m/s²; eps m/s²; u V.
+    Units: t s; x_d m; x_tilde m, m/s, m/s²; eps m/s²; b m/(s³ V).
     """
 
     t_s: Array
     x_d: Array
     x_tilde: Array
     eps: Array
-    u: Array
+    b: Array
 
     @property
     def rate(self) -> float:
@@ -56,10 +56,10 @@ def system(x: Array) -> tuple[Array, Array]:
 
 
 def path(t_s: float) -> Array:
-    """Return [x_d, x_d', x_d'', x_d''']: 10 ± 2 mm, five times a second."""
-    omega = 2.0 * pi * 5.0
+    """Return [x_d, x_d', x_d'', x_d''']: 10 ± 3 mm, once in 0.4 s."""
+    omega = 2.0 * pi / 0.4
     turn = omega * t_s + np.arange(4) * pi / 2.0
-    return np.asarray(np.array([0.01, 0.0, 0.0, 0.0]) + 0.002 * omega ** np.arange(4) * np.sin(turn))
+    return np.asarray(np.array([0.01, 0.0, 0.0, 0.0]) + 0.003 * omega ** np.arange(4) * np.sin(turn))
 
 
 def converge(starts: int = 12, seed: int = 0) -> Convergence:
@@ -67,10 +67,10 @@ def converge(starts: int = 12, seed: int = 0) -> Convergence:
     spread = np.array([1e-3, 2e-2, 1.0])
     x = path(0.0)[:3] + spread * np.random.default_rng(seed).uniform(-1.0, 1.0, (starts, 3))
     t_s: Array = np.arange(round(DURATION_S / STEP_S) + 1, dtype=np.float64) * STEP_S
-    errors, voltages = [], []
+    errors, gains = [], []
     for t in t_s:
         errors.append(x - path(t)[:3])
-        voltages.append(_voltage(t, x))
+        gains.append(system(x)[1])
         k1 = _rate(t, x)
         k2 = _rate(t + STEP_S / 2, x + STEP_S / 2 * k1)
         k3 = _rate(t + STEP_S / 2, x + STEP_S / 2 * k2)
@@ -78,7 +78,7 @@ def converge(starts: int = 12, seed: int = 0) -> Convergence:
         x = x + STEP_S / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
     x_tilde = np.array(errors)
     x_d = np.array([path(t)[0] for t in t_s])
-    return Convergence(t_s, x_d, x_tilde, combined_error(x_tilde, LAM), np.array(voltages))
+    return Convergence(t_s, x_d, x_tilde, combined_error(x_tilde, LAM), np.array(gains))
 
 
 def _disturbance(t_s: float) -> Array:

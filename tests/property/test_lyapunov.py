@@ -1,0 +1,248 @@
+"""The proof of docs/theory.md, run: random plants, disturbances and references inside its assumptions.
+
+Each example is a batch of random dives through the law and the compensators that steer the vehicle. The names
+are those of the page: d* is what d_hat should be, W* weights that would give it up to delta.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from hypothesis import Phase, given, settings
+from hypothesis import strategies as st
+
+from companion.control.bounds import bounded
+from companion.control.integrator import Integration, Integrator
+from companion.control.law import rov_law
+from companion.control.network import INPUTS, Learning, Network, inputs
+
+DIVES, UNITS = 48, 6
+DT, STEPS = 1e-3, 6000
+seeds = st.integers(0, 2**32 - 1)
+NO_SHRINKING = (Phase.explicit, Phase.reuse, Phase.generate)  # a smaller seed is no simpler
+
+
+@dataclass
+class Setting:
+    """Random parameters, each of shape (DIVES,)."""
+
+    m: np.ndarray
+    h: np.ndarray
+    m_hat: np.ndarray
+    h_hat: np.ndarray
+    lam: np.ndarray
+    kappa: np.ndarray
+    eta: np.ndarray
+    leak: np.ndarray
+    dead_zone: np.ndarray
+    swing: np.ndarray  # of the reference, m
+    omega: np.ndarray  # rad/s
+    start: np.ndarray  # (2, DIVES): e(0), e_dot(0)
+
+
+def draw(rng):
+    def within(low, high, size=DIVES):
+        return rng.uniform(low, high, size)
+
+    m, h = within(10.0, 80.0), within(0.0, 300.0)
+    return Setting(
+        m=m,
+        h=h,
+        m_hat=m * within(0.7, 1.4),
+        h_hat=h * within(0.5, 1.5),
+        lam=within(1.0, 4.0),
+        kappa=within(1.5, 6.0),
+        eta=within(20.0, 300.0),
+        leak=within(0.02, 0.5),
+        dead_zone=rng.choice([0.0, 0.001, 0.02], DIVES),
+        swing=within(0.0, 0.5),
+        omega=within(0.2, 1.5),
+        start=within(-1.0, 1.0, (2, DIVES)),
+    )
+
+
+@dataclass
+class Dive:
+    """What happened, each of shape (STEPS, DIVES) but W, with a last axis more."""
+
+    eps: np.ndarray
+    W: np.ndarray
+    d_star: np.ndarray
+    needed: np.ndarray  # F: the thrust that would hold eps where it is
+    d_hat: np.ndarray
+    learning: np.ndarray
+    saturated: np.ndarray
+
+
+def dive(s, compensator, disturbance, tau_max, weights):
+    """Euler's steps of the closed loop; `disturbance(t, z, w, e, e_dot, r_ddot, theta)` is d."""
+    log = {name: [] for name in Dive.__dataclass_fields__}
+
+    def reference(t):
+        turn = s.omega * t
+        return (
+            s.swing * (1.0 - np.cos(turn)),
+            s.swing * s.omega * np.sin(turn),
+            s.swing * s.omega**2 * np.cos(turn),
+        )
+
+    z, w = s.start[0].copy(), s.start[1].copy()
+    free = np.ones(DIVES, bool)
+    for k in range(STEPS):
+        r, r_dot, r_ddot = reference(k * DT)
+        e, e_dot = z - r, w - r_dot
+        eps = e_dot + s.lam * e
+        theta = inputs(e, e_dot, w, r_dot, r_ddot)
+
+        def law(d_hat, w=w, r_ddot=r_ddot, e=e, e_dot=e_dot):
+            return rov_law(s.h_hat * w * np.abs(w), d_hat, s.m_hat, r_ddot, e, e_dot, s.lam, s.kappa).tau
+
+        before = np.copy(weights())
+        d_hat = compensator.step(theta, eps, DT, np.zeros(DIVES, bool))  # looks, learns nothing
+        free = np.abs(law(d_hat)) <= tau_max
+        d_hat = compensator.step(theta, eps, DT, free)
+        tau = bounded(law(d_hat), tau_max)
+
+        d = disturbance(k * DT, w, e, e_dot, r_ddot, theta)
+        needed = s.h * w * np.abs(w) + d + s.m * (r_ddot - s.lam * e_dot)
+        d_star = d + (s.h - s.h_hat) * w * np.abs(w) + (s.m - s.m_hat) * (r_ddot - s.lam * e_dot)
+        row = (eps, before, d_star, needed, d_hat, compensator.learning_now, ~free)
+        for name, value in zip(log, row, strict=True):
+            log[name].append(value)
+        z, w = z + DT * w, w + DT * (tau - s.h * w * np.abs(w) - d) / s.m
+    return Dive(**{name: np.array(values) for name, values in log.items()})
+
+
+def lyapunov(s, run, W_star, delta):
+    """Return V, the bound on its rate, b, and V_b outside which it must fall (theory, section 4)."""
+    felt = run.eps - bounded(run.eps, s.dead_zone)
+    gap = np.sum((run.W - W_star) ** 2, axis=-1)
+    star = np.sum(W_star**2, axis=-1)
+    V = 0.5 * s.m * felt**2 + gap / (2.0 * s.eta)
+    stiffness = s.m_hat * s.kappa
+    rho = np.maximum(0.0, delta - stiffness * s.dead_zone)
+    learning = rho * np.abs(felt) - s.leak / (2.0 * s.eta) * (gap - star)
+    rate = -stiffness * felt**2 + np.where(run.learning, learning, 0.0)
+    b = rho**2 / (2.0 * stiffness) + s.leak * star / (2.0 * s.eta)
+    return felt, V, rate, b, b * np.maximum(s.m / stiffness, 1.0 / s.leak)
+
+
+def assert_theorem(s, run, W_star, delta, d_max, tau_max):
+    """Sections 4 and 5 of the theory, for all dives whose thrust has the authority that they ask for."""
+    felt, V, rate, b, V_b = lyapunov(s, run, W_star, delta)
+    reach = np.abs(run.needed).max(axis=0) + 4.0 * d_max
+    able = reach <= tau_max
+    assert able.sum() >= DIVES // 6
+    rate = np.where(run.saturated, -(tau_max - np.abs(run.needed)) * np.abs(felt), rate)
+
+    # What a step of 1 ms adds to the continuous rate: its squares, and the reference's next derivative.
+    d_eps, d_W = np.diff(run.eps, axis=0), np.diff(run.W, axis=0)
+    squares = (0.5 * s.m * d_eps**2 + np.sum(d_W**2, axis=-1) / (2.0 * s.eta)) / DT
+    jerk = DT * s.m * np.abs(felt[:-1]) * s.swing * s.omega**2 * (s.omega + s.lam)
+    allowed = rate[:-1] + 1.01 * squares + jerk + 1e-9 * (1.0 + V[:-1] / DT)
+    excess = (np.diff(V, axis=0) / DT - allowed)[:, able]
+    assert excess.max() <= 1e-6
+
+    # V falls outside V_b, but where eps is inside the dead zone and learning rests: there it stays.
+    moving = run.learning | (felt != 0.0)
+    outside = ((1.02 * V_b < V) & moving)[:-1, able]
+    slack = (1.01 * squares + jerk)[:, able]
+    fall = np.diff(V, axis=0)[:, able] / DT
+    assert rate[:-1, able][outside].max(initial=-1.0) < 0.0
+    assert (fall[outside] < slack[outside] + 1e-9).all()
+    firm = outside & (-rate[:-1, able] > 2.0 * slack + 1e-6)
+    assert (fall[firm] < 0.0).all()
+
+    # So V stays below where it began or V_b, and eps with it.
+    ceiling = 1.02 * np.maximum(V[0], V_b) + 1e-6
+    assert (V[:, able] <= ceiling[able]).all()
+    bound = s.dead_zone + np.sqrt(2.0 * ceiling / s.m)
+    assert (np.abs(run.eps)[:, able] <= bound[able]).all()
+
+    # Mean square of what is felt, from the last saturated step on.
+    for i in np.flatnonzero(able):
+        late = np.flatnonzero(run.saturated[:, i])
+        first = late[-1] + 1 if late.size else 0
+        n = STEPS - first
+        if n > 1000:
+            mean = np.mean(felt[first:, i] ** 2)
+            most = 2.0 / (s.m_hat[i] * s.kappa[i]) * (b[i] + V[first, i] / (n * DT))
+            assert mean <= 1.02 * most + 1e-9
+    return able
+
+
+@settings(max_examples=8, deadline=None, phases=NO_SHRINKING)
+@given(seeds)
+def test_network_with_frozen_hidden_layer(seed):
+    """Every convention at once: leak, dead zone, projection, freeze under saturation, a wrong model."""
+    rng = np.random.default_rng(seed)
+    s = draw(rng)
+    W_star = rng.normal(size=(DIVES, UNITS)) * rng.uniform(0.5, 4.0, (DIVES, 1))
+    delta = rng.uniform(0.0, 3.0, DIVES) * rng.integers(0, 2, DIVES)
+    largest = np.maximum(np.maximum(W_star, 0.0).sum(-1), -np.minimum(W_star, 0.0).sum(-1))
+    d_max = (largest + delta) * rng.uniform(1.0, 1.3, DIVES)
+    tau_max = rng.uniform(40.0, 400.0, DIVES)
+    wave = rng.uniform(0.5, 8.0, DIVES)
+    learning = Learning(s.eta, np.zeros(DIVES), s.leak, s.dead_zone, d_max)
+    network = Network(learning, (DIVES,), INPUTS, UNITS, seed)
+    V_0 = np.random.default_rng(seed).standard_normal((INPUTS, UNITS))
+
+    def disturbance(t, w, e, e_dot, r_ddot, theta):
+        """Give d* = W*ᵀσ + a with |a| ≤ delta: assumption 2."""
+        sigma = 1.0 / (1.0 + np.exp(np.minimum(-theta @ V_0, 40.0)))
+        d_star = np.sum(W_star * sigma, axis=-1) + delta * np.sin(wave * t)
+        wrong_model = (s.h - s.h_hat) * w * np.abs(w) + (s.m - s.m_hat) * (r_ddot - s.lam * e_dot)
+        return d_star - wrong_model
+
+    run = dive(s, network, disturbance, tau_max, lambda: network.W)
+    assert_theorem(s, run, W_star, delta, d_max, tau_max)
+
+
+@settings(max_examples=4, deadline=None, phases=NO_SHRINKING)
+@given(seeds)
+def test_integrator_is_the_network_of_one_constant_unit(seed):
+    rng = np.random.default_rng(seed)
+    s = draw(rng)
+    W_star = rng.uniform(-15.0, 15.0, (DIVES, 1))
+    delta = rng.uniform(0.0, 3.0, DIVES)
+    d_max = (np.abs(W_star[:, 0]) + delta) * rng.uniform(1.0, 1.3, DIVES)
+    tau_max = rng.uniform(40.0, 400.0, DIVES)
+    integrator = Integrator(Integration(s.eta, s.leak, s.dead_zone, d_max), (DIVES,))
+
+    def disturbance(t, w, e, e_dot, r_ddot, theta):
+        wrong_model = (s.h - s.h_hat) * w * np.abs(w) + (s.m - s.m_hat) * (r_ddot - s.lam * e_dot)
+        return W_star[:, 0] + delta * np.sin(3.0 * t) - wrong_model
+
+    run = dive(s, integrator, disturbance, tau_max, lambda: integrator.d_hat[:, None])
+    assert_theorem(s, run, W_star, delta, d_max, tau_max)
+
+
+@settings(max_examples=6, deadline=None, phases=NO_SHRINKING)
+@given(seeds)
+def test_projection_alone_bounds_the_error_whatever_the_network_does(seed):
+    """Section 3: both layers learn, no weights fit, d_max is any, and still |eps| obeys (d_max + D)/(m̂κ)."""
+    rng = np.random.default_rng(seed)
+    s = draw(rng)
+    d_max = rng.uniform(0.0, 30.0, DIVES)
+    tau_max = rng.uniform(40.0, 600.0, DIVES)
+    pull, wave = rng.uniform(-15.0, 15.0, (2, DIVES))
+    learning = Learning(s.eta, rng.uniform(0.0, 5.0, DIVES), s.leak, s.dead_zone, d_max)
+    network = Network(learning, (DIVES,), INPUTS, UNITS, seed)
+    current = rng.uniform(-0.2, 0.2, DIVES)
+
+    def disturbance(t, w, e, e_dot, r_ddot, theta):
+        through_water = w - current * np.sin(0.7 * t)
+        return pull + wave * np.sin(2.0 * t) + s.h * (through_water * np.abs(through_water) - w * np.abs(w))
+
+    run = dive(s, network, disturbance, tau_max, lambda: network.W)
+    stiffness = s.m_hat * s.kappa
+    worst = d_max + np.abs(run.d_star).max(axis=0)
+    able = np.abs(run.needed).max(axis=0) < tau_max
+    assert able.sum() >= DIVES // 6
+    eps = np.abs(run.eps)
+    assert (np.abs(run.d_hat) <= d_max).all()
+    assert (eps[:, able] <= 1.001 * np.maximum(eps[0], worst / stiffness)[able] + 1e-4).all()
+
+    unsaturated = able & ~run.saturated.any(axis=0)
+    t = DT * np.arange(STEPS)[:, None]
+    decay = worst / stiffness + eps[0] * np.exp(-stiffness / s.m * t)
+    assert (eps[:, unsaturated] <= 1.001 * decay[:, unsaturated] + 1e-4).all()
