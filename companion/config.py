@@ -18,7 +18,7 @@ NonNegative = Annotated[float, msgspec.Meta(ge=0.0, le=1e6)]
 Seconds = Annotated[float, msgspec.Meta(ge=0.0, le=60.0)]
 Name = Annotated[str, msgspec.Meta(pattern="^[A-Za-z0-9_-]{1,32}$")]
 SystemId = Annotated[int, msgspec.Meta(ge=1, le=255)]
-Compensator = Literal["none", "network", "observer"]
+Compensator = Literal["none", "integrator", "regressor", "network", "observer", "network+observer"]
 
 
 class ConfigError(Exception):

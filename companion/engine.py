@@ -9,10 +9,13 @@ import numpy as np
 
 from companion.config import Config
 from companion.control.bounds import wrap
+from companion.control.compensator import INPUTS, Compensator
 from companion.control.controller import Controller, Gains
-from companion.control.network import INPUTS, Learning, Network
+from companion.control.integrator import Integration, Integrator
+from companion.control.network import Learning, Network
 from companion.control.positioning import Model, jacobian, to_body, to_inertial
 from companion.control.reference import Limits, ReferenceModel
+from companion.control.regressor import Regressor
 from companion.estimation import Estimator
 from companion.mavlink.ardusub import Mode
 from companion.mavlink.autopilot import Autopilot
@@ -186,26 +189,29 @@ class Engine:
 
 def _controller(config: Config, model: Model) -> Controller:
     """Build the control room from the configuration."""
-    choice = [axis.compensator for axis in config.axes]
-    learning = Learning(
-        eta=_each(config, "learning_rate"),
-        eta_v=_each(config, "hidden_learning_rate"),
-        leak=_each(config, "leak_per_s"),
-        dead_zone=_each(config, "dead_zone"),
-        d_max=_each(config, "max_disturbance"),
-    )
+    d_max = _each(config, "max_disturbance")
+    leak, dead_zone = _each(config, "leak_per_s"), _each(config, "dead_zone")
+    eta, eta_v = _each(config, "learning_rate"), _each(config, "hidden_learning_rate")
+    learning = Learning(eta=eta, eta_v=eta_v, leak=leak, dead_zone=dead_zone, d_max=d_max)
+    learners: dict[str, Compensator] = {
+        "network": Network(learning, (4,), INPUTS, config.network.units, config.network.seed),
+        "regressor": Regressor(learning, (4,)),
+        "integrator": Integrator(Integration(eta, leak, dead_zone, d_max), (4,)),
+    }
+    chosen = {
+        name: np.array([name in axis.compensator.split("+") for axis in config.axes]) for name in learners
+    }
     gains = Gains(
         lam=_each(config, "lambda_per_s"),
         kappa=_each(config, "kappa_per_s"),
-        by_network=np.array([name == "network" for name in choice]),
-        by_observer=np.array([name == "observer" for name in choice]),
-        d_max=learning.d_max,
+        by_observer=np.array(["observer" in axis.compensator for axis in config.axes]),
+        d_max=d_max,
         start_delay_s=config.network.start_delay_s,
     )
     limits = Limits(_each(config, "max_rate"), _each(config, "max_acceleration"))
     reference = ReferenceModel(limits, angular=np.array([False, False, False, True]))
-    network = Network(learning, (4,), INPUTS, config.network.units, config.network.seed)
-    return Controller(model, gains, reference, network)
+    serving = [(serves, learners[name]) for name, serves in chosen.items() if serves.any()]
+    return Controller(model, gains, reference, serving)
 
 
 def _each(config: Config, key: str) -> Array:

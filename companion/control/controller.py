@@ -1,10 +1,13 @@
 """Reference, law and compensators of all four degrees of freedom, in the order in which they act."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from companion.control.bounds import bounded
+from companion.control.compensator import Compensator, inputs
 from companion.control.law import rov_law
-from companion.control.network import Network, inputs
 from companion.control.positioning import Model, pose_error, to_body
 from companion.control.reference import ReferenceModel
 from companion.types import Array, DofSample, Flags, Setpoint, VehicleState
@@ -12,30 +15,39 @@ from companion.types import Array, DofSample, Flags, Setpoint, VehicleState
 
 @dataclass(frozen=True, slots=True)
 class Gains:
-    """λ and κ (1/s) of each DOF, who compensates it, and the bound on d̂ (N, N·m); arrays of shape (4,)."""
+    """λ and κ (1/s) of each DOF, where the observer's d is fed back, the bound on d̂ (N, N·m); shape (4,)."""
 
     lam: Array
     kappa: Array
-    by_network: Flags
     by_observer: Flags
     d_max: Array
     start_delay_s: float
 
 
 class Controller:
-    """Steps the law; holds the reference, the networks and how long it has been engaged."""
+    """Steps the law; holds the reference, the compensators and how long it has been engaged.
 
-    def __init__(self, model: Model, gains: Gains, reference: ReferenceModel, network: Network) -> None:
+    `compensators` are those that learn, each with the DOFs it serves; a DOF may have none or several.
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        gains: Gains,
+        reference: ReferenceModel,
+        compensators: Sequence[tuple[Flags, Compensator]],
+    ) -> None:
         self._model = model
         self._gains = gains
         self.reference = reference
-        self._network = network
+        self._compensators = compensators
         self._engaged_s = 0.0
 
     def rest(self, state: VehicleState) -> None:
         """Stay where the vehicle is, with nothing learnt: engaging from here is no step."""
         self.reference.reset(state.eta_ahead, state.eta_dot_ahead)
-        self._network.reset()
+        for _, compensator in self._compensators:
+            compensator.reset()
         self._engaged_s = 0.0
 
     def step(
@@ -59,11 +71,15 @@ class Controller:
         nu = to_body(J, state.eta_dot_ahead)
         e = pose_error(state.eta_ahead, reference.x_d)
         e_dot = state.eta_dot_ahead - reference.x_d_dot
-        learnable = engaged & free & gains.by_network & (self._engaged_s >= gains.start_delay_s)
+        eps = e_dot + gains.lam * e
         theta = inputs(e, e_dot, state.eta_dot_ahead, reference.x_d_dot, reference.x_d_ddot)
-        learnt = self._network.step(theta, e_dot + gains.lam * e, dt_s, learnable)
-        observed = bounded(state.disturbance, gains.d_max)
-        d_hat = learnt * gains.by_network + observed * gains.by_observer
+        may_learn = engaged & free & (self._engaged_s >= gains.start_delay_s)
+        d_hat = bounded(state.disturbance, gains.d_max) * gains.by_observer
+        adapting, weight_norm = np.zeros_like(engaged), np.zeros_like(e)
+        for serves, compensator in self._compensators:
+            d_hat = d_hat + serves * compensator.step(theta, eps, dt_s, may_learn & serves)
+            adapting = adapting | compensator.learning_now
+            weight_norm = weight_norm + serves * compensator.weight_norm
 
         law = rov_law(
             k_plus_h=self._model.coriolis_and_damping(J, nu),
@@ -89,8 +105,8 @@ class Controller:
             feedback=law.feedback,
             d_hat=d_hat,
             d_observer=state.disturbance,
-            weight_norm=self._network.weight_norm,
+            weight_norm=weight_norm,
             saturated=~free,
-            adapting=self._network.learning_now,
+            adapting=adapting,
             engaged=engaged,
         )

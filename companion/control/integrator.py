@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from companion.control.bounds import bounded
+from companion.control.compensator import felt_error
 from companion.types import Array, Flags
 
 
@@ -49,9 +50,7 @@ class Integrator:
         """
         del theta
         gains = self.integration
-        outward = (np.abs(self.d_hat) >= gains.d_max) & (self.d_hat * eps < 0.0)
-        self.learning_now = adapt & ~outward
-        felt = (eps - bounded(eps, gains.dead_zone)) * self.learning_now
+        self.learning_now, felt = felt_error(self.d_hat, eps, adapt, gains.dead_zone, gains.d_max)
         keep = 1.0 - dt_s * gains.leak * self.learning_now
         self.d_hat = bounded(keep * self.d_hat - dt_s * gains.k * felt, gains.d_max)
         return self.d_hat

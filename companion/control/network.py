@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from companion.control.bounds import bounded
+from companion.control.compensator import felt_error
 from companion.types import Array, Flags
 
-INPUTS = 6
 SATURATED_SIGMOID = 40.0
 
 
@@ -65,10 +65,8 @@ class Network:
         gains = self.learning
         sigma = 1.0 / (1.0 + np.exp(np.minimum(-np.vecmat(theta, self.V), SATURATED_SIGMOID)))
         raw = np.vecdot(self.W, sigma)
-        outward = (np.abs(raw) >= gains.d_max) & (raw * eps < 0.0)
-        self.learning_now = adapt & ~outward
+        self.learning_now, felt = felt_error(raw, eps, adapt, gains.dead_zone, gains.d_max)
         if self.learning_now.any():
-            felt = (eps - bounded(eps, gains.dead_zone)) * self.learning_now
             keep = (1.0 - dt_s * gains.leak * self.learning_now)[..., None]
             if self._deep:
                 slope = self.W * sigma * (1.0 - sigma)
@@ -84,19 +82,3 @@ class Network:
     def weight_norm(self) -> Array:
         """Euclidean norm of W, of the shape of ε."""
         return np.asarray(np.sqrt(np.vecdot(self.W, self.W)))
-
-
-def inputs(e: Array, e_dot: Array, x_dot: Array, x_d_dot: Array, x_d_ddot: Array) -> Array:
-    """Return θ = [1, 10 e, 5 ė, 5 ẋ, 5 ẋ_d, 5 ẍ_d] on a new last axis.
-
-    The inputs that carry rates are what earns the network its place: a bias alone limit-cycles under delay.
-    """
-    theta = np.empty((*e.shape, INPUTS))
-    theta[..., 0] = 0.2
-    theta[..., 1] = 2.0 * e
-    theta[..., 2] = e_dot
-    theta[..., 3] = x_dot
-    theta[..., 4] = x_d_dot
-    theta[..., 5] = x_d_ddot
-    theta *= 5.0
-    return theta

@@ -8,8 +8,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from companion.control.bounds import bounded, wrap
+from companion.control.compensator import INPUTS, inputs
 from companion.control.law import combined_error, control_law, rov_law
-from companion.control.network import INPUTS, Learning, Network, inputs
+from companion.control.network import Learning, Network
 from companion.control.positioning import Model, jacobian, pose_error, to_body, to_inertial
 
 finite = st.floats(-1e6, 1e6)

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from companion.control.compensator import INPUTS, inputs
 from companion.control.law import rov_law
-from companion.control.network import INPUTS, Learning, Network, inputs
+from companion.control.network import Learning, Network
 
 DT = 0.02
 UNITS = 10

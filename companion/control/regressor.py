@@ -1,0 +1,43 @@
+"""The linear regressor: a compensator that knows the shape of what it does not know.
+
+    d̂ = Wᵀ φ        φ = [1, e, ė, ẋ, ẋ|ẋ|, ẍ_d]        Ẇ = −η ε φ − ℓ W
+
+Its terms are those by which damping, mass and weight can be off; it is the network without a hidden layer.
+"""
+
+import numpy as np
+
+from companion.control.bounds import bounded
+from companion.control.compensator import INPUTS, felt_error
+from companion.control.network import Learning
+from companion.types import Array, Flags
+
+
+class Regressor:
+    """Weights W of shape (*shape, INPUTS), zero at the start: the plain law."""
+
+    def __init__(self, learning: Learning, shape: tuple[int, ...]) -> None:
+        self.learning = learning
+        self._shape = shape
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget what was learnt."""
+        self.W = np.zeros((*self._shape, INPUTS))
+        self.learning_now = np.zeros(self._shape, bool)
+
+    def step(self, theta: Array, eps: Array, dt_s: float, adapt: Flags) -> Array:
+        """Return d_hat, having learnt from `eps` for `dt_s` where `adapt` allows it."""
+        gains = self.learning
+        phi = theta.copy()
+        phi[..., 4] = theta[..., 3] * np.abs(theta[..., 3])
+        raw = np.vecdot(self.W, phi)
+        self.learning_now, felt = felt_error(raw, eps, adapt, gains.dead_zone, gains.d_max)
+        keep = (1.0 - dt_s * gains.leak * self.learning_now)[..., None]
+        self.W = keep * self.W - (dt_s * gains.eta * felt)[..., None] * phi
+        return bounded(np.vecdot(self.W, phi), gains.d_max)
+
+    @property
+    def weight_norm(self) -> Array:
+        """Euclidean norm of W, of the shape of ε."""
+        return np.asarray(np.sqrt(np.vecdot(self.W, self.W)))
