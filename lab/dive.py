@@ -1,5 +1,6 @@
 """Run a scenario through the full loop and measure it against the truth."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,11 +11,15 @@ from companion.control.bounds import wrap
 from companion.engine import Engine
 from companion.types import PSI, Request, State, Z
 from lab.lockstep import Link, Lockstep
+from lab.rivals.law import Law, RivalEngine
 from lab.scenarios import SETTLE_S, Scenario
 from sim_bridge.config import SimConfig
 from sim_bridge.vehicle import Vehicle
 
 PHI, THETA, TRUE_PSI = 3, 4, 5
+RECOVERED_M = 0.01
+RECOVERED_FOR_S = 2.0
+SMOOTHED_S = 0.5
 
 
 @dataclass(frozen=True)
@@ -26,9 +31,13 @@ class Dive:
     heading_error_rad: NDArray[np.float64]
     thrust_n: NDArray[np.float64]
     active: NDArray[np.bool_]
+    load_on: NDArray[np.bool_]
 
     def figures(self, since_s: float = SETTLE_S) -> dict[str, float]:
-        """Return depth error RMS and peak (mm), heading RMS (°), thrust RMS (N), chatter (N a tick)."""
+        """Return depth error RMS and peak (mm), heading RMS (°), thrust RMS (N), chatter (N a tick).
+
+        And how long a load took to be held (s), NaN without a load.
+        """
         on = self.t_s >= since_s
         depth, heading, thrust = self.depth_error_m[on], self.heading_error_rad[on], self.thrust_n[on]
         return {
@@ -37,13 +46,31 @@ class Dive:
             "heading_rms_deg": float(np.degrees(_rms(heading))),
             "thrust_rms_n": _rms(thrust),
             "chatter_n": _rms(np.diff(thrust)),
+            "recovery_s": self.recovery_s(),
         }
 
+    def recovery_s(self) -> float:
+        """Return the time from the load's coming on to two seconds within ±1 cm, averaged over 0.5 s.
 
-def dive(scenario: Scenario, config: Config, plant: SimConfig, link: Link) -> Dive:
-    """Dive `scenario` with the companion's real engine; `plant` is the base that the scenario disturbs."""
+        NaN without a load; the rest of the dive if it never came to that.
+        """
+        if not self.load_on.any():
+            return float("nan")
+        t_s = self.t_s[self.load_on]
+        ticks = [round(span_s / (t_s[1] - t_s[0])) for span_s in (SMOOTHED_S, RECOVERED_FOR_S)]
+        smooth = np.convolve(self.depth_error_m[self.load_on], np.full(ticks[0], 1.0 / ticks[0]), "valid")
+        held = np.convolve(np.abs(smooth) <= RECOVERED_M, np.ones(ticks[1]), "valid") > ticks[1] - 0.5
+        return float(t_s[np.argmax(held)] if held.any() else t_s[-1]) - float(t_s[0])
+
+
+def dive(scenario: Scenario, config: Config, plant: SimConfig, link: Link, rival: Law | None = None) -> Dive:
+    """Dive `scenario` with the companion's real engine; `plant` is the base that the scenario disturbs.
+
+    A `rival` takes the law's place in heave.
+    """
     vehicle = Vehicle(scenario.plant(plant, scenario.seed), scenario.seed)
-    engine = Engine(config, scenario.target(0.0), arm=True)
+    start = scenario.target(0.0)
+    engine = Engine(config, start, arm=True) if rival is None else RivalEngine(config, start, rival)
     loop = Lockstep(vehicle, engine, link, scenario.seed, config.loop.rate_hz)
     loop.requests = [Request.ENGAGE]
     rows = []
@@ -52,9 +79,15 @@ def dive(scenario: Scenario, config: Config, plant: SimConfig, link: Link) -> Di
         eta = step.truth.eta
         active = step.sample.verdict.state is State.ACTIVE
         thrust_n = step.sample.delivered.tau[Z]
-        rows.append((step.t_s, eta[Z] - wanted[Z], eta[TRUE_PSI] - wanted[PSI], thrust_n, active))
-    t_s, depth, heading, thrust, active_column = np.array(rows).T
-    return Dive(t_s, depth, wrap(heading), thrust, active_column.astype(bool))
+        depth_m, heading_rad = eta[Z] - wanted[Z], eta[TRUE_PSI] - wanted[PSI]
+        rows.append((step.t_s, depth_m, heading_rad, thrust_n, active, step.truth.load_on))
+    return recorded(rows)
+
+
+def recorded(rows: Sequence[tuple[float, float, float, float, bool, bool]]) -> Dive:
+    """Make a Dive of a row each tick: time, depth error, heading error (any turn), thrust, active, load."""
+    t_s, depth, heading, thrust, active, load = np.array(rows).T
+    return Dive(t_s, depth, wrap(heading), thrust, active.astype(bool), load.astype(bool))
 
 
 def _rms(x: NDArray[np.float64]) -> float:

@@ -1,0 +1,1 @@
+"""What Holdfast is measured against: other laws in its own engine, and ArduSub's depth hold on board."""

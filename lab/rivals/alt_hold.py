@@ -1,0 +1,92 @@
+"""ArduSub's own depth hold, on board and without any companion: what an owner has today.
+
+A ground station, which does not listen, arms in STABILIZE, sets ALT_HOLD (entered that way it does not dip),
+moves the target by SET_POSITION_TARGET_GLOBAL_INT at 50 Hz and rests its sticks. Its link is the companion's;
+the depth loop itself runs on board at the vehicle's step, with the EKF's depth and no link in between.
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+from msgspec.structs import replace
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from companion.thrust import Thrusters
+from companion.types import PSI, Z
+from lab.dive import TRUE_PSI, Dive, recorded
+from lab.lockstep import COMPANION_LINK, Link, Wire
+from lab.scenarios import Scenario
+from sim_bridge.config import SimConfig
+from sim_bridge.modes import ALT_HOLD, STABILIZE
+from sim_bridge.vehicle import Vehicle
+
+TICK_S = 0.02
+ARM_S = 2.6
+HOLD_S = 3.2
+VEHICLE = 1
+FRAME = mavlink.MAV_FRAME_GLOBAL_INT
+"""The frame in which ALT_HOLD takes a target."""
+Z_ONLY = 0b0000_1111_1111_1011
+"""The type mask: everything but the altitude is ignored."""
+
+
+class GroundStation:
+    """Bytes for each tick: heartbeats, arming, modes, resting sticks, and where to be."""
+
+    def __init__(self) -> None:
+        self._mavlink = mavlink.MAVLink(None, 255, mavlink.MAV_COMP_ID_MISSIONPLANNER)
+
+    def step(self, tick: int, depth_m: float) -> Iterator[bytes]:
+        """Give the datagrams of one tick; `depth_m` is where the vehicle has to be."""
+        t_s = tick * TICK_S
+        if tick % 50 == 0:
+            yield self._pack(mavlink.MAVLink_heartbeat_message(mavlink.MAV_TYPE_GCS, 8, 0, 0, 4, 3))
+            yield self._pack(mavlink.MAVLink_manual_control_message(VEHICLE, 0, 0, 500, 0, 0))
+        if tick == round(ARM_S / TICK_S):
+            yield self._command(mavlink.MAV_CMD_DO_SET_MODE, 1.0, STABILIZE)
+            yield self._command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1.0, 0.0)
+        if tick == round(HOLD_S / TICK_S):
+            yield self._command(mavlink.MAV_CMD_DO_SET_MODE, 1.0, ALT_HOLD)
+        if t_s > HOLD_S:
+            yield self._pack(
+                mavlink.MAVLink_set_position_target_global_int_message(
+                    round(t_s * 1e3), VEHICLE, 1, FRAME, Z_ONLY, 0, 0, -depth_m, 0, 0, 0, 0, 0, 0, 0, 0
+                )
+            )
+
+    def _command(self, command: int, first: float, second: float) -> bytes:
+        return self._pack(
+            mavlink.MAVLink_command_long_message(VEHICLE, 1, command, 0, first, second, 0, 0, 0, 0, 0)
+        )
+
+    def _pack(self, message: mavlink.MAVLink_message) -> bytes:
+        data: bytes = message.pack(self._mavlink)
+        self._mavlink.seq = (self._mavlink.seq + 1) % 256
+        return data
+
+
+def dive(scenario: Scenario, plant: SimConfig, link: Link, parameters: dict[str, float]) -> Dive:
+    """Dive `scenario` in ALT_HOLD with these autopilot parameters; thrust is that of the nominal curve."""
+    config = scenario.plant(plant, scenario.seed)
+    vehicle = Vehicle(replace(config, parameters=config.parameters | parameters), scenario.seed)
+    vehicle.open_link(COMPANION_LINK)
+    station, wire, last_s = GroundStation(), Wire(), 0.0
+    thrusters = Thrusters(config.thrusters.frame, np.full(4, np.inf))
+    jitter = np.random.default_rng(scenario.seed)
+    rows = []
+    for tick in range(round(scenario.duration_s / TICK_S)):
+        now_s = vehicle.time_s
+        for data in station.step(tick, scenario.target(now_s).eta_d[Z]):
+            delay_s = link.down_s + link.extra_s(now_s) + jitter.uniform(0.0, link.jitter_s)
+            last_s = max(last_s, now_s + delay_s)
+            wire.put(last_s, data)
+        for _ in range(round(TICK_S / vehicle.step_s)):
+            vehicle.step([(COMPANION_LINK, data) for _, data in wire.arrived(vehicle.time_s)])
+        truth = vehicle.truth()
+        wanted = scenario.target(truth.t_s).eta_d
+        motors = (np.array(truth.motor_pwm) - 1500.0) / 400.0
+        thrust_n = thrusters.delivered(thrusters.axes_from_motors(motors), truth.voltage_v)[Z]
+        depth_m, heading_rad = truth.eta[Z] - wanted[Z], truth.eta[TRUE_PSI] - wanted[PSI]
+        active = truth.armed and truth.mode == ALT_HOLD
+        rows.append((truth.t_s, depth_m, heading_rad, thrust_n, active, truth.load_on))
+    return recorded(rows)

@@ -1,0 +1,98 @@
+"""Where a rival sits: in heave, in place of the law; all else of the engine is what ships.
+
+So a rival has the same observer, the same predicted state, the same reference, the same inverted thruster
+curve and the same three other degrees of freedom. What differs is what it does with them.
+"""
+
+from dataclasses import replace
+from typing import NamedTuple, Protocol
+
+from companion.config import Config
+from companion.control.controller import Controller
+from companion.control.positioning import inertial_diagonal
+from companion.engine import Engine
+from companion.types import Array, DofSample, Flags, Setpoint, VehicleState, Z
+
+
+class Motion(NamedTuple):
+    """Heave where the next command acts; arrays of any one shape, SI, depth positive down.
+
+    `e`, `e_dot` are measured minus desired; `inertia` (kg) and `drag` (N) are the nominal model's; `free`
+    tells that the last command was not cut off.
+    """
+
+    e: Array
+    e_dot: Array
+    x_dot: Array
+    x_d_ddot: Array
+    inertia: Array
+    drag: Array
+    free: Flags
+
+
+class Forces(NamedTuple):
+    """The three parts of a rival's force, N down, of the shape of `Motion`'s arrays."""
+
+    feedforward: Array
+    feedback: Array
+    d_hat: Array
+
+
+class Law(Protocol):
+    """A rival's law in one degree of freedom, over arrays of any shape."""
+
+    def reset(self) -> None:
+        """Forget what was learnt."""
+
+    def step(self, motion: Motion, dt_s: float) -> Forces:
+        """Return the force for this tick, having learnt for `dt_s` from the motion."""
+
+
+class RivalController(Controller):
+    """The shipped controller with another law in heave; shape (…, 4) as its own."""
+
+    def __init__(self, shipped: Controller, law: Law) -> None:
+        super().__init__(shipped._model, shipped._gains, shipped.reference, shipped._compensators)
+        self._law = law
+
+    def rest(self, state: VehicleState) -> None:
+        """Stay where the vehicle is, with nothing learnt."""
+        super().rest(state)
+        self._law.reset()
+
+    def step(
+        self, state: VehicleState, J: Array, target: Setpoint, engaged: Flags, free: Flags, dt_s: float
+    ) -> DofSample:
+        """Return the shipped law's inside, heave replaced by the rival's."""
+        ours = super().step(state, J, target, engaged, free, dt_s)
+        m = inertial_diagonal(J, self._model.m)[..., Z]
+        motion = Motion(
+            e=ours.e[..., Z],
+            e_dot=ours.e_dot[..., Z],
+            x_dot=ours.x_dot[..., Z],
+            x_d_ddot=ours.x_d_ddot[..., Z],
+            inertia=m,
+            drag=ours.feedforward[..., Z] - m * ours.x_d_ddot[..., Z],
+            free=(free & engaged)[..., Z],
+        )
+        theirs = self._law.step(motion, dt_s)
+        feedforward, feedback, d_hat = (
+            _with_heave(own, rival)
+            for own, rival in zip((ours.feedforward, ours.feedback, ours.d_hat), theirs, strict=True)
+        )
+        tau = (feedforward + feedback + d_hat) * engaged
+        return replace(ours, tau=tau, feedforward=feedforward, feedback=feedback, d_hat=d_hat)
+
+
+class RivalEngine(Engine):
+    """The companion's engine, and a rival at its helm in heave."""
+
+    def __init__(self, config: Config, setpoint: Setpoint, law: Law) -> None:
+        super().__init__(config, setpoint, arm=True)
+        self._controller = RivalController(self._controller, law)
+
+
+def _with_heave(own: Array, rival: Array) -> Array:
+    mixed = own.copy()
+    mixed[..., Z] = rival
+    return mixed

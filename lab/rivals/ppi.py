@@ -1,0 +1,44 @@
+"""P-PI: what most autopilots fly. Position error to a wished velocity, velocity error to an acceleration.
+
+    v_t = ẋ_d − k_p e        τ = m (ẍ_d + k_v (v_t − ẋ) + i)        i' = k_i (v_t − ẋ)
+
+It knows the mass but not the drag, which its integral has to find.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from companion.control.bounds import bounded
+from companion.types import Array
+from lab.rivals.law import Forces, Motion
+
+
+@dataclass(frozen=True, slots=True)
+class PPIGains:
+    """k_p, k_v (1/s) and k_i (1/s²); `d_max` (N) bounds the integral. Scalars, or of the motion's shape."""
+
+    k_p: Array | float
+    k_v: Array | float
+    k_i: Array | float
+    d_max: float
+
+
+class PPI:
+    """The cascade; its integral stands where the command was cut off."""
+
+    def __init__(self, gains: PPIGains) -> None:
+        self._gains = gains
+        self.reset()
+
+    def reset(self) -> None:
+        """Empty the integral."""
+        self._integral: Array = np.zeros(())
+
+    def step(self, motion: Motion, dt_s: float) -> Forces:
+        """Return the force for this tick."""
+        gains, m = self._gains, motion.inertia
+        lacking = -(motion.e_dot + gains.k_p * motion.e)
+        grown = self._integral + dt_s * gains.k_i * m * lacking * motion.free
+        self._integral = bounded(grown, np.asarray(gains.d_max))
+        return Forces(m * motion.x_d_ddot, m * gains.k_v * lacking, self._integral)

@@ -1,0 +1,49 @@
+"""Super-twisting: a second-order sliding mode on the paper's ε, with a linear term (Moreno 2009).
+
+    τ = k + h + m (ẍ_d − λ ė − κ ε − k₁ φ(ε)) + w        w' = −m k₂ sgn(ε)
+
+Both roots of noise are rounded off within ±δ: φ(ε) = ε/√(|ε| + δ), sgn(ε) = ε/(|ε| + δ). With k₁ = k₂ = 0
+it is the plain law.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from companion.control.bounds import bounded
+from companion.types import Array
+from lab.rivals.law import Forces, Motion
+
+ROUNDING_M_S = 0.01
+
+
+@dataclass(frozen=True, slots=True)
+class TwistGains:
+    """λ, κ (1/s), k₁ (m^½/s^{3/2}), k₂ (m/s²), bound on w (N). Scalars, or of the motion's shape."""
+
+    lam: Array | float
+    kappa: Array | float
+    k_1: Array | float
+    k_2: Array | float
+    d_max: float
+
+
+class SuperTwisting:
+    """The law; w stands where the command was cut off."""
+
+    def __init__(self, gains: TwistGains) -> None:
+        self._gains = gains
+        self.reset()
+
+    def reset(self) -> None:
+        """Empty the integral of signs."""
+        self._w: Array = np.zeros(())
+
+    def step(self, motion: Motion, dt_s: float) -> Forces:
+        """Return the force for this tick."""
+        gains, m = self._gains, motion.inertia
+        eps = motion.e_dot + gains.lam * motion.e
+        near = np.abs(eps) + ROUNDING_M_S
+        self._w = bounded(self._w - dt_s * gains.k_2 * m * eps / near * motion.free, np.asarray(gains.d_max))
+        pull = gains.lam * motion.e_dot + gains.kappa * eps + gains.k_1 * eps / np.sqrt(near)
+        return Forces(motion.drag + m * motion.x_d_ddot, -m * pull, self._w)
