@@ -9,8 +9,8 @@ from pathlib import Path
 EXAMPLES = """\
 examples:
   holdfast run                                  watch only: connect, publish, refuse to steer
-  holdfast run --engage                         hold the present depth and heading once the pilot has
-                                                armed the vehicle and put it into MANUAL
+  holdfast run --engage                         put the vehicle into MANUAL and, once the pilot has armed
+                                                it, hold the present depth and heading
   holdfast run --engage --arm --depth 5         the same, arming it ourselves, at 5 m
   holdfast run --set link.endpoint=tcp:127.0.0.1:5760 --set heave.compensator=none
 
@@ -52,7 +52,7 @@ def run(argv: list[str]) -> int:
         config = load_config(arguments.config or DEFAULT_FILE, arguments.set)
         setpoint = Setpoint(np.array([math.nan, math.nan, depth_m, heading_rad]))
         return main(config, setpoint, arm=arguments.arm, requests=requests)
-    except ConfigError as error:
+    except (ConfigError, ValueError) as error:
         sys.stderr.write(f"holdfast run: {error}\n")
         return 2
     except OSError as error:

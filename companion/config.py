@@ -112,6 +112,7 @@ class Supervisor(Section, frozen=True):
     """When to refuse and when to give up."""
 
     link_timeout_s: Positive
+    heartbeat_timeout_s: Positive
     depth_timeout_s: Positive
     attitude_timeout_s: Positive
     position_timeout_s: Positive
@@ -119,6 +120,8 @@ class Supervisor(Section, frozen=True):
     ramp_down_s: Positive
     max_pilot_timeout_s: Annotated[float, msgspec.Meta(ge=0.1, le=3.0)]
     pilot_deflection: Fraction
+    pilot_hold_s: Positive
+    max_depth_m: Positive
 
 
 class Telemetry(Section, frozen=True):

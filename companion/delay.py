@@ -51,6 +51,7 @@ class DelayMeter:
         self._last_echo: tuple[float, Array] | None = None
         self._echo_t_s = -np.inf
         self._echo_seen_s = 0.0
+        self._echo_found = False
         self._command_s = command_s
 
     def timesync(self, sent_s: float, arrived_s: float, boot_s: float) -> None:
@@ -92,7 +93,8 @@ class DelayMeter:
         self._echo_t_s = at_s
         self._echo_seen_s += min(passed, 0.5)
         least, mean = self._echo.min(), self._echo.mean()
-        if least < ECHO_CONTRAST * mean and self.command_known:
+        if self._echo_seen_s >= ECHO_EVIDENCE_S and least < ECHO_CONTRAST * mean:
+            self._echo_found = True
             fits = self._echo <= least + ECHO_PLATEAU * (mean - least)
             found_s, slew_s = float(ECHO_LAGS_S[fits].mean()), ECHO_SLEW * passed
             self._command_s += min(max(found_s - self._command_s, -slew_s), slew_s)
@@ -115,10 +117,5 @@ class DelayMeter:
             telemetry_s=self._telemetry_s,
             command_s=self._command_s,
             telemetry_known=self._telemetry_t_s is not None,
-            command_known=self.command_known,
+            command_known=self._echo_found,
         )
-
-    @property
-    def command_known(self) -> bool:
-        """Whether the echo has been listened to for long enough."""
-        return self._echo_seen_s >= ECHO_EVIDENCE_S

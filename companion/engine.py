@@ -28,6 +28,7 @@ from companion.types import (
     AxisCommand,
     Condition,
     ControlSample,
+    Event,
     Flags,
     LoopHealth,
     PilotInput,
@@ -37,6 +38,7 @@ from companion.types import (
     VehicleState,
     Verdict,
     Wrench,
+    Z,
 )
 
 NEUTRAL_BURST_S = 0.5
@@ -60,7 +62,7 @@ class Engine:
         self._supervisor = Supervisor(config.supervisor.ramp_down_s)
         self._envelope = Envelope(config.thrusters.max_axis, config.thrusters.max_slew_per_s)
         self._controller = _controller(config, model)
-        self._setpoint = self._target = setpoint
+        self._setpoint = self._target = _checked(setpoint, config.supervisor.max_depth_m)
         self._engage_asked = False
         self._engaged = np.zeros(4, bool)
         self._saturated = np.zeros(4, bool)
@@ -68,6 +70,9 @@ class Engine:
         self._command = NEUTRAL
         self._last_s: float | None = None
         self._neutral_until_s: float | None = None
+        self._had_authority = False
+        self._pilot_t_s = -math.inf
+        self._pilot_deflection = 0.0
         self._references: deque[tuple[float, Array]] = deque()
         self.verdict = Verdict(State.IDLE, Condition(0), 0.0, "just started")
 
@@ -84,8 +89,7 @@ class Engine:
 
         events = self._autopilot.receive(datagrams)
         state = self._estimator.step(now_s, events)
-        pilot = max((event.deflection for event in events if isinstance(event, PilotInput)), default=0.0)
-        verdict = self._permit(state, requests, pilot, dt_s)
+        verdict = self._permit(state, requests, self._pilot(now_s, events), dt_s)
 
         J = jacobian(state.eta_ahead[PSI])
         control_dt_s = min(max(dt_s, 0.0), MAX_DT_TICKS * self._tick_s)
@@ -106,7 +110,7 @@ class Engine:
         self._saturated = _by_dof(wanted.saturated | (np.abs(applied - wanted.axes) > 0.01))
         self._command = command
 
-        out = self._autopilot.upkeep(now_s, events, engage=self._engage_asked, arm=self._arm)
+        out = self._autopilot.upkeep(now_s, events, engage=self._asks_mode(state), arm=self._arm)
         if self._steers(now_s, verdict):
             out.append(self._autopilot.steer(command, state.pilot_gain))
         return out, ControlSample(
@@ -126,8 +130,11 @@ class Engine:
         return self._autopilot.neutral()
 
     def aim(self, setpoint: Setpoint) -> None:
-        """Take a new setpoint; its NaN targets stay what they are."""
-        self._setpoint = setpoint
+        """Take a new setpoint; its NaN targets stay what they are.
+
+        Raises ValueError for one that is infinite, or deeper than `supervisor.max_depth_m`.
+        """
+        self._setpoint = _checked(setpoint, self._config.supervisor.max_depth_m)
         self._target = _filled(setpoint, self._target.eta_d)
 
     def _permit(self, state: VehicleState, requests: Sequence[Request], pilot: float, dt_s: float) -> Verdict:
@@ -162,7 +169,7 @@ class Engine:
             self._engaged = np.array([positioned, positioned, True, True])
             self._controller.rest(state)
             self._target = _filled(self._setpoint, state.eta)
-        if before is State.ACTIVE and now is not State.ACTIVE:
+        if now is State.FAULT or (before is State.ACTIVE and now is not State.ACTIVE):
             self._engage_asked = False
         return self.verdict
 
@@ -170,9 +177,22 @@ class Engine:
         """Tell whether a steering frame goes out: with authority; neutral at first and for a while after."""
         if self._neutral_until_s is None and not self._autopilot.heard:
             return False
-        if self._neutral_until_s is None or verdict.authority > 0.0:
+        if self._neutral_until_s is None or verdict.authority > 0.0 or self._had_authority:
             self._neutral_until_s = now_s + NEUTRAL_BURST_S
+        self._had_authority = verdict.authority > 0.0
         return now_s <= self._neutral_until_s
+
+    def _asks_mode(self, state: VehicleState) -> bool:
+        """Tell whether to ask for MANUAL and arming: before engaging, never against a failsafe's SURFACE."""
+        return self._engage_asked and state.mode != Mode.SURFACE
+
+    def _pilot(self, now_s: float, events: Sequence[Event]) -> float:
+        """Return how far the pilot deflected a stick, this tick or up to `pilot_hold_s` ago."""
+        limits = self._config.supervisor
+        for event in events:
+            if isinstance(event, PilotInput) and event.deflection > limits.pilot_deflection:
+                self._pilot_t_s, self._pilot_deflection = event.t_s, event.deflection
+        return self._pilot_deflection if now_s - self._pilot_t_s <= limits.pilot_hold_s else 0.0
 
     def _reference_now(self, ahead: Array, state: VehicleState) -> Array:
         """Return the reference for this moment, which was computed when it lay ahead."""
@@ -185,6 +205,16 @@ class Engine:
         eta_d = early + (late - early) * share
         eta_d[PSI] = wrap(eta_d[PSI])
         return eta_d
+
+
+def _checked(setpoint: Setpoint, max_depth_m: float) -> Setpoint:
+    motion = np.concatenate((setpoint.eta_d_dot, setpoint.eta_d_ddot))
+    if np.isinf(setpoint.eta_d).any() or not np.isfinite(motion).all() or setpoint.eta_d[Z] > max_depth_m:
+        raise ValueError(
+            f"setpoint {setpoint.eta_d.tolist()} (x, y, depth, heading): must be finite, "
+            f"and no deeper than supervisor.max_depth_m = {max_depth_m:g}"
+        )
+    return setpoint
 
 
 def _controller(config: Config, model: Model) -> Controller:

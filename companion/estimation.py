@@ -11,8 +11,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from companion.config import Config
+from companion.control.bounds import wrap
 from companion.control.positioning import Model, jacobian, to_body
 from companion.delay import DelayMeter
+from companion.mavlink.ardusub import motor_demand
 from companion.observer import Noise, Observer
 from companion.thrust import T200_VOLTAGE_V, Thrusters
 from companion.types import (
@@ -29,6 +31,7 @@ from companion.types import (
     Heartbeat,
     PilotGain,
     Position,
+    Reboot,
     ServoOutput,
     TimeSync,
     VehicleState,
@@ -40,9 +43,6 @@ from companion.types import (
 PREDICTION_STEP_S = 0.035
 MAX_GAP_S = 0.5
 """A degree of freedom that was not measured for longer starts anew with its next sample."""
-
-REBOOT_S = 1.0
-"""An autopilot clock that falls back by more than this belongs to a rebooted autopilot."""
 
 MIN_VOLTAGE_V, MAX_VOLTAGE_V = 10.0, 20.0
 MIN_COS_PITCH = 0.1
@@ -112,6 +112,7 @@ class Estimator:
         self._voltage_v = T200_VOLTAGE_V
         self._gain = 1.0
         self._link_t_s = -math.inf
+        self._heartbeat_t_s = -math.inf
         self._handlers: dict[type, Callable[[Any], None]] = {
             Attitude: self._on_attitude,
             Depth: self._on_depth,
@@ -122,6 +123,7 @@ class Estimator:
             Heartbeat: self._on_heartbeat,
             Battery: self._on_battery,
             PilotGain: self._on_pilot_gain,
+            Reboot: lambda _: self.restart(),
         }
         self.restart()
 
@@ -131,7 +133,6 @@ class Estimator:
         self._commands = CommandHistory()
         self._attitude = Attitude(-math.inf, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
         self._measured_t_s = [-math.inf] * len(DOFS)
-        self._boot_s = -math.inf
         self._observed_t_s: float | None = None
         self._new: list[Measurement] = []
         self._observer.x = np.zeros((4, 6))
@@ -143,8 +144,9 @@ class Estimator:
         delays = self._meter.delays
         observer = self._observer
         J = jacobian(observer.x[PSI, 0])
+        nu = to_body(J, observer.x[:, 1])
         m = self._model.inertia(J)
-        c = self._model.drag_coefficient(J, to_body(J, observer.x[:, 1]))
+        c = self._model.drag_coefficient(J, nu)
         observed_s = self._observe(now_s, delays, m, c)
 
         ahead_s = delays.command_s + self._lead_s
@@ -164,7 +166,7 @@ class Estimator:
             ahead_s=ahead_s,
             eta_ahead=_wrapped(eta_ahead),
             eta_dot_ahead=eta_dot_ahead,
-            disturbance=observer.disturbance,
+            disturbance=observer.disturbance - self._unmodelled(J, nu, c),
             roll=attitude.roll,
             pitch=attitude.pitch,
             p=attitude.p,
@@ -176,6 +178,7 @@ class Estimator:
             pilot_gain=self._gain,
             ages=Ages(
                 link_s=now_s - self._link_t_s,
+                heartbeat_s=now_s - self._heartbeat_t_s,
                 depth_s=now_s - self._measured_t_s[Z],
                 attitude_s=now_s - attitude.t_s,
                 position_s=now_s - self._measured_t_s[X],
@@ -186,6 +189,12 @@ class Estimator:
     def sent(self, now_s: float, axes: Array, tau_ned: Array) -> None:
         """Note what was sent: axes and the thrust in NED that they really give, (4,) each."""
         self._commands.append(now_s, axes, tau_ned)
+
+    def _unmodelled(self, J: Array, nu: Array, c: Array) -> Array | float:
+        """Return what of k + h the observer's diagonal drag leaves out and so takes for disturbance."""
+        if self._measured_t_s[X] == -math.inf:
+            return 0.0
+        return self._model.coriolis_and_damping(J, nu) - c * self._observer.x[:, 1]
 
     def _observe(self, now_s: float, delays: Delays, m: Array, c: Array) -> float:
         """Bring the observer to the time of the newest measurements, correct it by them, return that time."""
@@ -204,23 +213,18 @@ class Estimator:
             innovation = [[0.0, 0.0] for _ in DOFS]
             for dof, kind, value, at_s in self._new:
                 missed = value + rates[dof][kind] * (to_s - at_s) - expected[dof][kind]
-                innovation[dof][kind] = (
-                    math.remainder(missed, math.tau) if dof == PSI and not kind else missed
-                )
+                innovation[dof][kind] = wrap(missed) if dof == PSI and not kind else missed
             observer.correct(np.array(innovation))
             self._new.clear()
         return to_s
 
     def _take(self, event: Event) -> None:
+        kind = type(event)
+        handler = self._handlers.get(kind)
+        if handler is None:
+            return
         self._link_t_s = event.t_s
-        boot_s: float | None = getattr(event, "boot_s", None)
-        if boot_s is not None:
-            if boot_s < self._boot_s - REBOOT_S:
-                self.restart()
-            self._boot_s = boot_s
-        handler = self._handlers.get(type(event))
-        if handler is not None:
-            handler(event)
+        handler(event)
 
     def _sampled(self, event: Depth | DepthRate | Attitude | Position, dof: int) -> float:
         """Return the time at which this sample of `dof` was true."""
@@ -259,7 +263,7 @@ class Estimator:
     def _on_servo_output(self, event: ServoOutput) -> None:
         count = self._thrusters.count
         if len(event.pwm_us) >= count:
-            motors = (np.array(event.pwm_us[:count]) - 1500.0) / 400.0
+            motors = np.array(motor_demand(event.pwm_us[:count]))
             self._meter.echo(event.boot_s, self._thrusters.axes_from_motors(motors), *self._commands.sent)
 
     def _on_timesync(self, event: TimeSync) -> None:
@@ -267,6 +271,7 @@ class Estimator:
 
     def _on_heartbeat(self, event: Heartbeat) -> None:
         self._heartbeat = event
+        self._heartbeat_t_s = event.t_s
 
     def _on_battery(self, event: Battery) -> None:
         self._voltage_v = min(max(event.voltage_v, MIN_VOLTAGE_V), MAX_VOLTAGE_V)
@@ -283,5 +288,5 @@ def _heading_rate(attitude: Attitude) -> float:
 
 def _wrapped(eta: Array) -> Array:
     eta = eta.copy()
-    eta[PSI] = math.remainder(eta[PSI], math.tau)
+    eta[PSI] = wrap(eta[PSI])
     return eta

@@ -97,7 +97,7 @@ class Supervisor:
             authority = 1.0
         elif state is not State.RAMP_DOWN:
             authority = 0.0
-        if state is State.IDLE and (missing := conditions & UNFIT):
+        if state is before.state is State.IDLE and (missing := conditions & UNFIT):
             reason = "waiting for: " + names(missing)
         self._verdict = Verdict(state, conditions, authority, reason)
         return self._verdict
@@ -129,6 +129,8 @@ def guard(
         return NEUTRAL
     step = envelope.max_slew_per_s * dt_s
     last = (previous.surge, previous.sway, previous.heave, previous.yaw)
+    if not all(map(math.isfinite, last)):
+        last = (0.0, 0.0, 0.0, 0.0)
     bounded = (max(-envelope.max_axis, min(envelope.max_axis, verdict.authority * axis)) for axis in wanted)
     return AxisCommand(*(max(p - step, min(p + step, axis)) for p, axis in zip(last, bounded, strict=True)))
 
@@ -149,10 +151,11 @@ def assess(
 ) -> Condition:
     """Return the conditions that hold this tick; what is not known counts against permission."""
     ages = state.ages
+    lost = not (ages.link_s <= limits.link_timeout_s and ages.heartbeat_s <= limits.heartbeat_timeout_s)
     failsafe = parameters.get("FS_PILOT_INPUT", 0.0) >= 1.0
     failsafe &= parameters.get("FS_PILOT_TIMEOUT", math.inf) <= limits.max_pilot_timeout_s
     holds = (
-        (C.LINK_LOST, not ages.link_s <= limits.link_timeout_s),
+        (C.LINK_LOST, lost),
         (C.DEPTH_STALE, not ages.depth_s <= limits.depth_timeout_s),
         (C.ATTITUDE_STALE, not ages.attitude_s <= limits.attitude_timeout_s),
         (C.POSITION_STALE, holds_position and not ages.position_s <= limits.position_timeout_s),

@@ -135,6 +135,7 @@ class Loop(Record, frozen=True, kw_only=True):
     late_ticks: int
     samples_dropped: int
     link_age_s: float
+    heartbeat_age_s: float
     depth_age_s: float
     attitude_age_s: float
     position_age_s: float
@@ -259,6 +260,7 @@ def records(sample: ControlSample) -> list[Schema]:
             late_ticks=loop.late_ticks,
             samples_dropped=loop.samples_dropped,
             link_age_s=min(state.ages.link_s, NEVER_S),
+            heartbeat_age_s=min(state.ages.heartbeat_s, NEVER_S),
             depth_age_s=min(state.ages.depth_s, NEVER_S),
             attitude_age_s=min(state.ages.attitude_s, NEVER_S),
             position_age_s=min(state.ages.position_s, NEVER_S),

@@ -24,6 +24,10 @@ T200_VOLTAGE_V = 16.0
 DEAD_BAND_N = 0.02
 """Half-width, per motor, over which the inverted curve crosses the dead band: a slope instead of a jump."""
 
+MIN_REACH = 1e-6
+NEWTON_STEPS = 2
+SLOPE_STEP = 0.1
+
 _INVERSE_N = T200_N + np.where(T200_N == 0.0, np.sign(T200_DEMAND) * DEAD_BAND_N, 0.0)
 
 # Motor by motor: (yaw, throttle, forward, lateral) factors of ArduSub's frames, throttle up positive.
@@ -32,6 +36,7 @@ _FACTORS = {
     "vectored": [*_HORIZONTAL, *[(0, -1, 0, 0)] * 2],
     "vectored_6dof": [*_HORIZONTAL, *[(0, -1, 0, 0)] * 4],
 }
+HORIZONTAL = len(_HORIZONTAL)
 _PER_NEWTON = np.array([np.sqrt(0.5), np.sqrt(0.5), 1.0, np.sqrt(0.5) * (0.156 + 0.111)])
 
 
@@ -57,22 +62,45 @@ class Thrusters:
         self._M_inverse = np.linalg.pinv(self._M)
         self._B_inverse = np.linalg.pinv(self._B)
         self._max_tau = max_tau
-        self._M_horizontal = self._M[self._M[:, 2] == 0.0]
 
     def allocate(self, tau: Array, voltage_v: float, reach: Array) -> Allocation:
         """Return the axes that give body wrench `tau`, each within ±`reach`, motors within ±1.
 
-        Where a motor group (horizontal, vertical) would exceed its reach, the whole group is scaled, as the
-        firmware does, so that the direction of the force is kept.
+        Where a motor group (horizontal, vertical) would exceed the end of its curve or its reach, the whole
+        group is scaled, as the firmware does, so that the direction of the force is kept.
         """
         asked = bounded(tau, self._max_tau)
-        motors = np.interp(asked @ self._B_inverse.T / _strength(voltage_v), _INVERSE_N, T200_DEMAND)
-        axes = motors @ self._M_inverse.T
-        over = np.maximum(np.abs(axes) / reach, 1.0)
-        motors = np.abs(axes @ self._M_horizontal.T)
-        level = np.maximum(motors.max(-1), np.maximum(over[..., 0], np.maximum(over[..., 1], over[..., 3])))
+        forces = asked @ self._B_inverse.T / _strength(voltage_v)
+        load = np.maximum(forces / T200_N[-1], forces / T200_N[0])
+        across = np.maximum(load[..., :HORIZONTAL].max(-1), 1.0)
+        upright = np.maximum(load[..., HORIZONTAL:].max(-1), 1.0)
+        forces[..., :HORIZONTAL] /= across[..., None]
+        forces[..., HORIZONTAL:] /= upright[..., None]
+        axes = np.interp(forces, _INVERSE_N, T200_DEMAND) @ self._M_inverse.T
+        if asked[..., :2].any():
+            axes = self._refined(axes, forces)
+
+        over = np.maximum(np.abs(axes) / np.maximum(reach, MIN_REACH), 1.0)
+        level = np.abs(axes @ self._M.T)[..., :HORIZONTAL].max(-1)
+        level = np.maximum(level, np.maximum(over[..., 0], np.maximum(over[..., 1], over[..., 3])))
         over[..., 0] = over[..., 1] = over[..., 3] = level
-        return Allocation(axes / over, (over > 1.0) | (asked != tau))
+        short = (over > 1.0) | (asked != tau)
+        short[..., 2] |= upright > 1.0
+        for axis in (0, 1, 3):
+            short[..., axis] |= across > 1.0
+        return Allocation(axes / over, short)
+
+    def _refined(self, axes: Array, forces: Array) -> Array:
+        """Newton steps on B T(M a) = B f: mends what averaging motors of unequal curves costs."""
+        wanted = forces @ self._B.T
+        for _ in range(NEWTON_STEPS):
+            motors = axes @ self._M.T
+            missing = wanted - np.interp(motors, T200_DEMAND, _INVERSE_N) @ self._B.T
+            slope = np.interp(motors + SLOPE_STEP, T200_DEMAND, _INVERSE_N)
+            slope -= np.interp(motors - SLOPE_STEP, T200_DEMAND, _INVERSE_N)
+            J = (self._B * (slope / (2.0 * SLOPE_STEP))[..., None, :]) @ self._M
+            axes = axes + np.linalg.solve(J, missing[..., None])[..., 0]
+        return axes
 
     def delivered(self, axes: Array, voltage_v: float) -> Array:
         """Return the body wrench (…, 4) that the axes really give, N and N·m, at the nominal curve."""

@@ -145,6 +145,13 @@ class StatusText:
     text: str
 
 
+@dataclass(frozen=True, slots=True)
+class Reboot:
+    """The autopilot's clock started anew: all that was asked of it and learnt of its clock is void."""
+
+    t_s: float
+
+
 Event = (
     Heartbeat
     | Attitude
@@ -159,6 +166,7 @@ Event = (
     | Parameter
     | CommandAck
     | StatusText
+    | Reboot
 )
 
 
@@ -204,6 +212,7 @@ class Ages:
     """Seconds since each signal last came; infinite before the first."""
 
     link_s: float
+    heartbeat_s: float
     depth_s: float
     attitude_s: float
     position_s: float

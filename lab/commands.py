@@ -7,7 +7,7 @@ from pathlib import Path
 
 
 def demo(argv: list[str]) -> int:
-    """Watch a dive twice, without and with the learning compensator; takes a minute."""
+    """Watch a dive twice, without and with the compensator; takes a minute."""
     missing = [name for name in ("rich", "matplotlib") if find_spec(name) is None]
     if missing:
         sys.stderr.write(
@@ -36,7 +36,7 @@ def bench(argv: list[str]) -> int:
 
 
 def paper(argv: list[str]) -> int:
-    """Dive the paper's simulations again: its figures, its claims, and how much the network is worth."""
+    """Dive the paper's simulations again: its figures and its claims."""
     parser = argparse.ArgumentParser(
         prog="holdfast paper",
         description="Repeats the paper's three simulations and a table of law, integrator and network over "

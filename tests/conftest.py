@@ -57,7 +57,7 @@ def _make_sample(**state: Any) -> ControlSample:
         system_status=4,
         voltage_v=15.8,
         pilot_gain=0.5,
-        ages=Ages(0.01, 0.02, 0.03, float("inf")),
+        ages=Ages(0.01, 0.015, 0.02, 0.03, float("inf")),
         delays=Delays(0.05, 0.06, True, False),
     )
     return ControlSample(

@@ -1,14 +1,17 @@
 """Keeping numbers inside: angles inside a turn, values inside ±limit."""
 
 import math
+from typing import TypeVar
 
 import numpy as np
 
 from companion.types import Array
 
+AngleT = TypeVar("AngleT", float, Array)
 
-def wrap(angle: Array) -> Array:
-    """Return angles (rad) brought to [−π, π)."""
+
+def wrap(angle: AngleT) -> AngleT:
+    """Return an angle, or an array of them, brought to [−π, π) rad; NaN and infinity become NaN."""
     return (angle + math.pi) % (2.0 * math.pi) - math.pi
 
 

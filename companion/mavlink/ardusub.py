@@ -12,7 +12,8 @@ Source: ArduSub facts, sections 'Who may steer', 'MANUAL_CONTROL', 'RC_CHANNELS_
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from enum import IntEnum
 from typing import Final, Literal, TypeAlias
 
@@ -465,6 +466,17 @@ def quantise(
         sway=_demand(_whole_us(NEUTRAL_US + y * scale)),
         heave=-_demand(_whole_us(throttle_base + z * throttle_scale)),
         yaw=_demand(_whole_us(NEUTRAL_US + r * scale)),
+    )
+
+
+def unmirrored(event: ServoOutput, parameters: Mapping[str, float]) -> ServoOutput:
+    """Return what the outputs would be if no motor were reversed by MOT_n_DIRECTION = -1."""
+    return replace(
+        event,
+        pwm_us=tuple(
+            2 * NEUTRAL_US - pwm if pwm and parameters.get(f"MOT_{i}_DIRECTION", 1.0) < 0.0 else pwm
+            for i, pwm in enumerate(event.pwm_us, start=1)
+        ),
     )
 
 

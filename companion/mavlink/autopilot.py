@@ -3,10 +3,11 @@
 from collections.abc import Mapping, Sequence
 
 from companion.config import Config
-from companion.mavlink.ardusub import Commands, Converter, Mode, manual_control_reach, quantise
+from companion.mavlink.ardusub import Commands, Converter, Mode, manual_control_reach, quantise, unmirrored
 from companion.mavlink.codec import Codec
+from companion.mavlink.freshness import Freshness
 from companion.mavlink.upkeep import Upkeep, streams
-from companion.types import NEUTRAL, AxisCommand, Event, LinkCounters
+from companion.types import NEUTRAL, AxisCommand, Event, LinkCounters, PilotInput, ServoOutput
 
 NS_PER_S = 1e9
 
@@ -31,6 +32,7 @@ class Autopilot:
         )
         self._commands = Commands(link.vehicle_system, link.vehicle_component)
         self._upkeep = Upkeep(self._commands, streams(vehicle.depth_source, with_position=True))
+        self._freshness = Freshness()
         self._path = vehicle.thrust_path
         self.heard = False
 
@@ -40,8 +42,11 @@ class Autopilot:
         for t_ns, data in datagrams:
             t_s = t_ns / NS_PER_S
             for message in self._codec.decode(t_s, data):
-                events.extend(self._converter.to_events(message, t_s))
-        self.heard = self.heard or bool(events)
+                events.extend(self._freshness.sift(self._converter.to_events(message, t_s)))
+        for i, event in enumerate(events):
+            if isinstance(event, ServoOutput):
+                events[i] = unmirrored(event, self.parameters)
+            self.heard = self.heard or not isinstance(event, PilotInput)
         return events
 
     def upkeep(self, now_s: float, events: Sequence[Event], *, engage: bool, arm: bool) -> list[bytes]:

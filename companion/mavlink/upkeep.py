@@ -9,7 +9,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from companion.mavlink.ardusub import Commands, DepthSource, Mode
 from companion.mavlink.codec import Message
-from companion.types import Event, Heartbeat, Parameter
+from companion.types import Event, Heartbeat, Parameter, Reboot
 
 HEARTBEAT_S: Final = 1.0
 STREAMS_S: Final = 10.0
@@ -18,7 +18,6 @@ PARAMETER_S: Final = 0.1
 PARAMETER_AGAIN_S: Final = 2.0
 COMMAND_S: Final = 1.0
 CONTACT_S: Final = 5.0
-REBOOT_S: Final = 1.0
 
 RENAMED: Final = {"SYSID_MYGCS": "MAV_GCS_SYSID"}
 """Names before ArduSub 4.7 and since: either answer will do, and is known by the new name."""
@@ -62,7 +61,7 @@ class Upkeep:
     """Keeps one autopilot talking, and doing what is wanted.
 
     Before the autopilot's heartbeat has come, or once it has not come for CONTACT_S, nothing goes out but our
-    own. A reboot (its clock runs back) and a new contact make everything be asked anew.
+    own. A reboot and a new contact make everything be asked anew.
     """
 
     def __init__(self, commands: Commands, rates_hz: Mapping[int, float] | None = None) -> None:
@@ -70,7 +69,6 @@ class Upkeep:
         self._rates_hz = streams() if rates_hz is None else rates_hz
         self._parameters: dict[str, float] = {}
         self._last: Heartbeat | None = None
-        self._boot_s = 0.0
         self._heartbeat = _Timer(HEARTBEAT_S)
         self._forget()
 
@@ -121,11 +119,8 @@ class Upkeep:
         self._reading = _Timer(PARAMETER_S)
 
     def _take(self, event: Event) -> None:
-        boot_s = getattr(event, "boot_s", None)
-        if boot_s is not None:
-            if boot_s < self._boot_s - REBOOT_S:
-                self._forget()
-            self._boot_s = boot_s
+        if isinstance(event, Reboot):
+            self._forget()
         elif isinstance(event, Heartbeat):
             if self._last is None:
                 self._forget()

@@ -11,9 +11,10 @@ from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
 from companion.control.bounds import bounded
+from companion.control.compensator import INPUTS, inputs
 from companion.control.integrator import Integration, Integrator
 from companion.control.law import rov_law
-from companion.control.network import INPUTS, Learning, Network, inputs
+from companion.control.network import Learning, Network
 
 DIVES, UNITS = 48, 6
 DT, STEPS = 1e-3, 6000

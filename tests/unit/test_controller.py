@@ -31,7 +31,7 @@ def state(eta=(0.0, 0.0, 0.0, 0.0), eta_dot=(0.0, 0.0, 0.0, 0.0), disturbance=(0
         system_status=4,
         voltage_v=16.0,
         pilot_gain=1.0,
-        ages=Ages(0.0, 0.0, 0.0, 0.0),
+        ages=Ages(0.0, 0.0, 0.0, 0.0, 0.0),
         delays=Delays(0.01, 0.01, True, True),
     )
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from companion.config import load_config
-from companion.control.positioning import Model
+from companion.control.positioning import Model, jacobian, to_body
 from companion.estimation import CommandHistory, Estimator
 from companion.thrust import Thrusters
 from companion.types import (
@@ -18,6 +18,7 @@ from companion.types import (
     Heartbeat,
     PilotGain,
     Position,
+    Reboot,
     TimeSync,
     X,
     Y,
@@ -33,6 +34,7 @@ BOOT_S = -977.0
 M = np.array([axis.mass for axis in CONFIG.axes])
 D1 = np.array([axis.linear_damping for axis in CONFIG.axes])
 D2 = np.array([axis.quadratic_damping for axis in CONFIG.axes])
+MODEL = Model(M, D1, D2)
 LAG_S = CONFIG.thrusters.lag_s
 D = np.array([2.0, -1.5, 6.0, -0.2])
 
@@ -40,7 +42,7 @@ D = np.array([2.0, -1.5, 6.0, -0.2])
 def estimator(**changes):
     config = load_config(overrides=[f"{key}={value}" for key, value in changes.items()])
     thrusters = Thrusters(config.vehicle.frame, np.array([axis.max_force for axis in config.axes]))
-    return Estimator(config, Model(M, D1, D2), thrusters)
+    return Estimator(config, MODEL, thrusters)
 
 
 class Vehicle:
@@ -57,8 +59,9 @@ class Vehicle:
             held = next(
                 u for at_s, u in reversed(self.sent) if at_s <= self.t_s - self.command_s or at_s == START_S
             )
-            force = self.f - D1 * self.v - D2 * self.v * np.abs(self.v) - D
-            self.v = self.v + 1e-3 * force / M
+            J = jacobian(self.q[PSI])
+            force = self.f - MODEL.coriolis_and_damping(J, to_body(J, self.v)) - D
+            self.v = self.v + 1e-3 * force / MODEL.inertia(J)
             self.q = self.q + 1e-3 * self.v
             self.f = held + (self.f - held) * math.exp(-1e-3 / LAG_S)
             self.t_s += 1e-3
@@ -244,7 +247,7 @@ def test_after_a_gap_a_degree_of_freedom_begins_anew():
 def test_a_rebooted_autopilots_clock_is_learnt_anew():
     est = estimator()
     still(est, START_S, 3.0, 3.0)
-    state = None
+    state = est.step(START_S + 3.0, [Reboot(START_S + 3.0)])
     for k in range(100):
         now_s = START_S + 3.0 + k * TICK_S
         boot_s = 1.0 + k * TICK_S

@@ -3,7 +3,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from companion.mavlink.ardusub import Commands, Mode
 from companion.mavlink.upkeep import PARAMETERS, Upkeep, streams
-from companion.types import Depth, Heartbeat, Parameter, TimeSync
+from companion.types import Depth, Heartbeat, Parameter, Reboot
 
 TICK_S = 0.02
 
@@ -81,7 +81,7 @@ def test_a_reboot_makes_everything_be_asked_anew(dive):
     dive.now_s = 1.0
     assert not [m for m in dive.step(Depth(1.0, 99.5, 1.0)) if m.get_type() == "COMMAND_LONG"]
     assert dive.upkeep.parameters
-    out = dive.step(TimeSync(1.0, 0.99, 2.0))
+    out = dive.step(Reboot(1.0))
     assert [m for m in out if m.get_type() == "COMMAND_LONG"]
     assert not dive.upkeep.parameters
 

@@ -231,7 +231,7 @@ FINE_STATE = VehicleState(
     system_status=4,
     voltage_v=16.0,
     pilot_gain=0.5,
-    ages=Ages(0.0, 0.0, 0.0, 0.0),
+    ages=Ages(0.0, 0.0, 0.0, 0.0, 0.0),
     delays=Delays(0.01, 0.01, True, True),
 )
 SAFE = {"FS_PILOT_INPUT": 2.0, "FS_PILOT_TIMEOUT": 3.0}

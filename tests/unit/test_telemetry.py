@@ -93,7 +93,7 @@ def test_no_null_and_one_shape_whatever_comes(
     make_sample: MakeSample, eta: list[float], age: float, reason: str
 ) -> None:
     usual = {key: set(json.loads(payload)) for key, _, payload in telemetry.encode(make_sample(), "kelp")}
-    wild = make_sample(eta=np.array(eta), voltage_v=age, ages=Ages(age, age, age, age))
+    wild = make_sample(eta=np.array(eta), voltage_v=age, ages=Ages(age, age, age, age, age))
     wild = replace(wild, verdict=replace(wild.verdict, reason=reason))
     for key, _, payload in telemetry.encode(wild, "kelp"):
         fields = json.loads(payload)

@@ -1,0 +1,172 @@
+"""Promises that were once not kept: each test stands for a bug that a reviewer found."""
+
+import math
+
+import numpy as np
+import pytest
+from virtual import Dive, Somebody, active, hold
+
+from companion.supervisor import Envelope, guard
+from companion.thrust import Thrusters
+from companion.types import AxisCommand, Condition, Request, State, Verdict
+
+MAX_TAU = np.array([70.0, 70.0, 100.0, 12.0])
+START_S = 1000.0
+
+
+def stick_at_ten_hertz(dive):
+    """Somebody else steers, one deflected frame every fifth tick."""
+    somebody = Somebody()
+
+    def spoil(t_s, inbox):
+        if round(t_s / 0.02) % 5 == 0:
+            return [*inbox, (round((START_S + t_s) * 1e9), somebody.stick())]
+        return inbox
+
+    dive.tap.spoil = spoil
+
+
+def test_a_stall_longer_than_the_burst_still_ends_in_neutral_frames():
+    dive = active()
+    woke_s = dive.t_s + 0.8
+    dive.tap.asleep_until_s = woke_s
+    dive.run(1.6)
+    frames = [axes for t_s, axes in dive.tap.frames if t_s >= woke_s - 1e-6]
+    assert frames
+    assert not any(frames[-1])
+    assert dive.motors_rest()
+
+
+@pytest.mark.parametrize(
+    ("frame", "heave_n", "voltage_v"),
+    [("vectored", -100.0, 16.0), ("vectored_6dof", -100.0, 12.0), ("vectored", 100.0, 12.0)],
+)
+def test_a_motor_at_the_end_of_its_curve_is_reported(frame, heave_n, voltage_v):
+    thrusters = Thrusters(frame, MAX_TAU)
+    allocation = thrusters.allocate(np.array([0.0, 0.0, heave_n, 0.0]), voltage_v, np.ones(4))
+    assert abs(thrusters.delivered(allocation.axes, voltage_v)[2] - heave_n) > 2.0
+    assert allocation.saturated.tolist() == [False, False, True, False]
+
+
+def test_whatever_is_not_reported_as_saturated_is_delivered():
+    thrusters = Thrusters("vectored_6dof", MAX_TAU)
+    rng = np.random.default_rng(1)
+    kept = 0
+    for _ in range(2000):
+        tau = rng.uniform(-1.0, 1.0, 4) * MAX_TAU
+        allocation = thrusters.allocate(tau, 16.0, np.ones(4))
+        if not allocation.saturated.any():
+            kept += 1
+            assert (np.abs(thrusters.delivered(allocation.axes, 16.0) - tau) <= 0.04 * MAX_TAU).all()
+    assert kept > 500
+
+
+def test_a_pilot_who_steers_at_ten_hertz_is_never_engaged_against():
+    dive = Dive("parameters.FS_PILOT_INPUT=1")
+    stick_at_ten_hertz(dive)
+    dive.run(6.0)
+    assert State.ACTIVE not in dive.states_since(0.0)
+
+
+def test_pilot_is_not_left_while_he_steers():
+    dive = active()
+    stick_at_ten_hertz(dive)
+    dive.until(State.PILOT)
+    since_s = dive.t_s
+    dive.ask(Request.ENGAGE)
+    dive.run(1.0)
+    assert State.ACTIVE not in dive.states_since(since_s)
+
+
+def test_heartbeats_that_stop_end_permission():
+    dive = active()
+    dive.fault("message_stopped", message="HEARTBEAT")
+    dive.run(0.1)
+    dive.fault("mode", value=0)
+    dive.run(5.0)
+    assert dive.state is not State.ACTIVE
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_no_false_delay_is_believed(seed):
+    dive = Dive("current.enabled=true", setpoint=hold(z=2.0), seed=seed)
+    dive.until(State.ACTIVE)
+    delays = [step.sample.state.delays for step in dive.run(6.0)]
+    assert max(delay.command_s for delay in delays) < 0.06
+
+
+def test_frozen_depth_is_stale():
+    dive = active(seconds=4.0)
+    dive.fault("message_frozen", message="GLOBAL_POSITION_INT")
+    dive.run(5.0)
+    assert dive.state is State.FAULT
+    assert "no fresh depth" in dive.step.sample.verdict.reason
+
+
+def test_guard_with_a_bad_previous_command():
+    permitted = Verdict(State.ACTIVE, Condition(0), 1.0, "")
+    previous = AxisCommand(math.nan, 0.0, 0.0, 0.0)
+    sent = guard(AxisCommand(0.1, 0.1, 0.1, 0.1), permitted, previous, Envelope(1.0, 5.0), 0.02)
+    assert sent == AxisCommand(0.1, 0.1, 0.1, 0.1)
+
+
+def test_a_gain_that_leaves_no_reach_makes_no_nan():
+    allocation = Thrusters("vectored_6dof", MAX_TAU).allocate(
+        np.zeros(4), 16.0, np.array([1.0, 1.0, 0.0, 1.0])
+    )
+    assert np.isfinite(allocation.axes).all()
+
+
+def test_a_setpoint_out_of_bounds_is_refused():
+    dive = active()
+    with pytest.raises(ValueError, match="finite"):
+        dive.tap.aim(hold(z=np.inf))
+    with pytest.raises(ValueError, match="max_depth_m"):
+        dive.tap.aim(hold(z=1000.0))
+
+
+def test_engage_asked_in_fault_is_not_remembered():
+    dive = active()
+    dive.fault("message_stopped", 0.8, message="ATTITUDE")
+    dive.until(State.FAULT)
+    dive.run(1.0)
+    dive.ask(Request.ENGAGE)
+    dive.run(1.0)
+    dive.ask(Request.CLEAR_FAULT)
+    dive.run(2.0)
+    assert dive.state is not State.ACTIVE
+
+
+def test_the_reason_for_idle_is_told():
+    dive = active()
+    dive.fault("disarm")
+    dive.until(State.IDLE)
+    assert dive.step.sample.verdict.reason == "the vehicle was disarmed"
+
+
+def test_datagrams_from_a_routers_queue_are_no_reboot():
+    """Some datagrams 1.5 s late, one among the new ones of each tick."""
+    dive = active(seconds=4.0)
+    since_s = dive.t_s
+    kept = []
+
+    def late(t_s, inbox):
+        if t_s < since_s + 0.1:
+            kept.extend(data for _, data in inbox)
+        elif t_s > since_s + 1.6 and kept:
+            return [*inbox, (round((START_S + t_s) * 1e9), kept.pop(0))]
+        return inbox
+
+    dive.tap.spoil = late
+    dive.run(4.0)
+    assert dive.states_since(since_s) == [State.ACTIVE]
+
+
+def test_somebody_elses_frames_do_not_keep_our_link_alive():
+    dive = Dive(arm=False, engage=False)
+    dive.run(2.5)
+    somebody = Somebody()
+    dive.fault("link_cut")
+    dive.tap.spoil = lambda t_s, inbox: [*inbox, (round((START_S + t_s) * 1e9), somebody.stick(1500))]
+    dive.run(3.0)
+    assert dive.step.sample.state.ages.link_s > 2.0

@@ -1,0 +1,54 @@
+"""What is only late is dropped, what started anew is noticed, mirrored motors are read the right way."""
+
+import pytest
+
+from companion.mavlink.ardusub import unmirrored
+from companion.mavlink.freshness import MESSAGES, Freshness
+from companion.types import Attitude, Depth, DepthRate, Heartbeat, Reboot, ServoOutput
+
+
+def depth(boot_s: float) -> Depth:
+    return Depth(0.0, boot_s, 1.0)
+
+
+def attitude(boot_s: float) -> Attitude:
+    return Attitude(0.0, boot_s, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+def test_news_and_what_has_no_stamp_pass() -> None:
+    events = [depth(1.0), attitude(1.0), DepthRate(0.0, None, 0.1), Heartbeat(0.0, True, 19, 4), depth(1.02)]
+    assert list(Freshness().sift(events)) == events
+
+
+def test_a_repeated_or_overtaken_sample_is_no_news() -> None:
+    fresh = Freshness()
+    assert list(fresh.sift([depth(5.0), depth(5.0), depth(4.98), attitude(4.98)])) == [
+        depth(5.0),
+        attitude(4.98),
+    ]
+
+
+def test_late_datagrams_among_new_ones_are_no_reboot() -> None:
+    fresh = Freshness()
+    mixed = [
+        event
+        for i in range(200)
+        for event in (depth(100.0 + 0.02 * i), attitude(100.0 + 0.02 * i), depth(95.0))
+    ]
+    assert not [event for event in fresh.sift(mixed) if isinstance(event, Reboot) or event == depth(95.0)]
+
+
+def test_a_clock_that_stays_back_is_a_reboot() -> None:
+    fresh = Freshness()
+    list(fresh.sift([depth(500.0), attitude(500.0)]))
+    after = list(fresh.sift(depth(1.0 + 0.02 * i) for i in range(MESSAGES + 5)))
+    assert isinstance(after[0], Reboot)
+    assert after[1:] == [depth(1.0 + 0.02 * i) for i in range(MESSAGES - 1, MESSAGES + 5)]
+    assert list(fresh.sift([attitude(2.0)])) == [attitude(2.0)]
+
+
+@pytest.mark.parametrize("pwm", [1100, 1499, 1900, 0])
+def test_mirrored_motors_are_turned_round_and_silent_ones_left(pwm: int) -> None:
+    servo = ServoOutput(0.0, 1.0, (pwm, 1600))
+    turned = unmirrored(servo, {"MOT_1_DIRECTION": -1.0, "MOT_2_DIRECTION": 1.0})
+    assert turned.pwm_us == ((3000 - pwm) if pwm else 0, 1600)
