@@ -1,0 +1,228 @@
+"""Many companions at once: the controller's own observer, law and allocation over arrays (dives, 4).
+
+`companion.engine` and `companion.estimation` serve one vehicle and its messages; here is their order of
+things for many dives whose delays do not change, so that each tick looks up equally old commands.
+Observer, reference, law, compensators and thrusters are the vehicle's own code.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import cast
+
+import numpy as np
+
+from companion.config import Config
+from companion.control.bounds import wrap
+from companion.control.compensator import INPUTS, Compensator
+from companion.control.controller import Controller, Gains
+from companion.control.integrator import Integration, Integrator
+from companion.control.network import Learning, Network
+from companion.control.positioning import Model, jacobian, to_body, to_inertial
+from companion.control.reference import Limits, ReferenceModel
+from companion.control.regressor import Regressor
+from companion.estimation import PREDICTION_STEP_S
+from companion.observer import Noise, Observer
+from companion.thrust import Thrusters
+from companion.types import PSI, Array, Setpoint, VehicleState, Z
+from lab.batch_vehicle import OVERRIDE_SPAN_US, Readings, Timing
+
+SLIPPED = 0.01
+"""An axis that differs from what was wanted by more than this did not get it (engine.step)."""
+
+
+class Engines:
+    """The companions of many dives, engaged from the start in depth and heading; x and y are not measured."""
+
+    def __init__(self, configs: Sequence[Config], timing: Timing, voltage_v: Array) -> None:
+        """Take a configuration for each dive: they may differ in their axes and `lead_s`.
+
+        Raises ValueError where they differ in more.
+        """
+        _refuse(configs)
+        common = configs[0]
+        dives = len(configs)
+        self._tick_s = 1.0 / common.loop.rate_hz
+        self._voltage_v = voltage_v
+        self._max_axis, self._slew = common.thrusters.max_axis, common.thrusters.max_slew_per_s * self._tick_s
+        self._model = Model(*(_each(configs, key) for key in ("mass", "linear_damping", "quadratic_damping")))
+        self._thrusters = Thrusters(common.vehicle.frame, _each(configs, "max_force"))
+        self._controller = _controller(configs, self._model)
+        self._observer = _Observers(configs, self._tick_s)
+        self._engaged = np.broadcast_to([False, False, True, True], (dives, 4))
+        self._saturated = np.zeros((dives, 4), bool)
+        self._command = np.zeros((dives, 4))
+        self.pushed = np.zeros((dives, 4))
+        """The body wrench that the last command really gives at the nominal curve, N and N·m."""
+
+        lead_s = np.array([config.thrusters.lead_s for config in configs])
+        ahead_s = timing.command_s + lead_s
+        to_go_s = timing.telemetry_s + 0.5 * self._tick_s + ahead_s
+        self._ahead_s = ahead_s[:, None]
+        sensor_s = _each(configs, "sensor_delay_s")[:, [Z, PSI]]
+        late_s = timing.believed_age_s - timing.telemetry_s - 0.5 * self._tick_s
+        self._to_observer_s = (late_s[:, None] + sensor_s)[..., None]
+        self._look_up(timing, to_go_s)
+
+    def _look_up(self, timing: Timing, to_go_s: Array) -> None:
+        """Work out how many ticks ago each command was sent that the observer and the prediction need."""
+        steps = max(1, math.ceil(float(to_go_s.max()) / PREDICTION_STEP_S))
+        self._step_s = float(to_go_s.max()) / steps
+        place = to_go_s / self._step_s
+        self._last = np.minimum(place.astype(int), steps - 1)
+        self._share = (place - self._last)[:, None]
+        observed_s = timing.telemetry_s + 0.5 * self._tick_s
+        in_force_s = timing.command_s + observed_s
+        before = in_force_s + 0.5 * self._tick_s
+        during = in_force_s - self._step_s * (np.arange(steps)[:, None] + 0.5)
+        ago_s = np.concatenate([before[None], during])
+        self._ago = np.maximum(np.ceil(np.round(ago_s / self._tick_s, 9)), 1.0).astype(int)
+        self._every = np.arange(len(to_go_s))
+        self._sent = np.zeros((int(self._ago.max()) + 1, len(to_go_s), 4))
+        self._tick = 0
+
+    def start(self, readings: Readings) -> None:
+        """Engage: each controller rests where the first telemetry puts its vehicle."""
+        self._observer.x[:] = 0.0
+        self._observer.x[:, Z, 0] = readings.depth_m
+        self._observer.x[:, PSI, 0] = readings.heading_rad
+        self._held = self._observer.x[..., 0].copy()
+        self._controller.rest(_state(self._held, np.zeros_like(self._held), np.zeros_like(self._held), 0.0))
+
+    def step(self, setpoint: Setpoint, readings: Readings) -> Array:
+        """Return the axes (dives, 4) that go out, in whole µs; a NaN target means: where it began."""
+        J, state = self._estimate(readings)
+        target = Setpoint(
+            np.where(np.isnan(setpoint.eta_d), self._held, setpoint.eta_d),
+            setpoint.eta_d_dot,
+            setpoint.eta_d_ddot,
+        )
+        dofs = self._controller.step(state, J, target, self._engaged, ~self._saturated, self._tick_s)
+        reach = np.full(4, self._max_axis)
+        wanted = self._thrusters.allocate(to_body(J, dofs.tau), cast(float, self._voltage_v), reach)
+        within = np.clip(wanted.axes, -self._max_axis, self._max_axis)
+        self._command = self._command + np.clip(within - self._command, -self._slew, self._slew)
+        applied = np.rint(OVERRIDE_SPAN_US * self._command) / OVERRIDE_SPAN_US
+        self.pushed = self._thrusters.delivered(applied, cast(float, self._voltage_v))
+        self._sent[self._tick % len(self._sent)] = to_inertial(J, self.pushed)
+        self._tick += 1
+        self._saturated = wanted.saturated | (np.abs(applied - wanted.axes) > SLIPPED)
+        self._saturated[:, :2] = self._saturated[:, :1] | self._saturated[:, 1:2]
+        return applied
+
+    def _estimate(self, readings: Readings) -> tuple[Array, VehicleState]:
+        """Bring the observer forward, correct it, predict to where a command sent now acts."""
+        observer, model = self._observer, self._model
+        J = jacobian(observer.x[:, PSI, 0])
+        m = model.inertia(J)
+        c = model.drag_coefficient(J, to_body(J, observer.x[..., 1]))
+        u = self._sent[(self._tick - self._ago) % len(self._sent), self._every]
+        observer.advance(u[0], m, c, self._tick_s)
+        new = np.stack(
+            [readings.depth_m, readings.sink_mps, readings.heading_rad, readings.heading_rate_radps], axis=-1
+        ).reshape(-1, 2, 2)
+        expected, rates = observer.expected[:, [Z, PSI]], observer.rates(m, c)[:, [Z, PSI]]
+        missed = new + rates * self._to_observer_s - expected
+        missed[:, 1, 0] = wrap(missed[:, 1, 0])
+        innovation = np.zeros((len(new), 4, 2))
+        innovation[:, [Z, PSI]] = missed
+        observer.correct(innovation)
+
+        way = observer.predict(u[1:], m, c, self._step_s)
+        q, v = (np.stack([moment[i] for moment in way]) for i in (0, 1))
+        last, every, share = self._last, self._every, self._share
+        v_0, v_1 = v[last, every], v[last + 1, every]
+        eta_dot = v_0 + share * (v_1 - v_0)
+        eta = q[last, every] + (0.5 * self._step_s) * share * (v_0 + eta_dot)
+        eta[:, PSI] = wrap(eta[:, PSI])
+        return jacobian(eta[:, PSI]), _state(eta, eta_dot, observer.disturbance, self._ahead_s)
+
+
+@dataclass(frozen=True, slots=True)
+class _Foreseen:
+    """The part of a VehicleState that the controller reads, (dives, 4)."""
+
+    eta_ahead: Array
+    eta_dot_ahead: Array
+    disturbance: Array
+    ahead_s: Array | float
+
+
+def _state(eta: Array, eta_dot: Array, disturbance: Array, ahead_s: Array | float) -> VehicleState:
+    return cast(VehicleState, _Foreseen(eta, eta_dot, disturbance, ahead_s))
+
+
+class _Observers(Observer):
+    """The observer, with the gains of every different configuration handed to its dives."""
+
+    def __init__(self, configs: Sequence[Config], dt_s: float) -> None:
+        different = list(dict.fromkeys(configs))
+        index = {config: i for i, config in enumerate(different)}
+
+        def flat(key: str) -> Array:
+            return _each(different, key).reshape(-1)
+
+        noise = Noise(
+            position=flat("position_noise"),
+            rate=flat("rate_noise"),
+            position_slow=flat("position_noise_slow"),
+            rate_slow=flat("rate_noise_slow"),
+            disturbance=flat("disturbance_noise"),
+            slow_time_s=configs[0].delays.slow_noise_s,
+        )
+        drag = flat("linear_damping") + 0.1 * flat("quadratic_damping")
+        super().__init__(flat("mass"), drag, configs[0].thrusters.lag_s, noise, dt_s)
+        self._gain = self._gain.reshape(len(different), 4, 6, 2)[[index[config] for config in configs]]
+        self.x = np.zeros((len(configs), 4, 6))
+
+
+def _controller(configs: Sequence[Config], model: Model) -> Controller:
+    """Build the control room for many dives: engine._controller over arrays (dives, 4)."""
+    shape = model.m.shape
+    d_max = _each(configs, "max_disturbance")
+    leak, dead_zone = _each(configs, "leak_per_s"), _each(configs, "dead_zone")
+    eta, eta_v = _each(configs, "learning_rate"), _each(configs, "hidden_learning_rate")
+    learning = Learning(eta=eta, eta_v=eta_v, leak=leak, dead_zone=dead_zone, d_max=d_max)
+    network = configs[0].network
+    learners: dict[str, Compensator] = {
+        "network": Network(learning, shape, INPUTS, network.units, network.seed),
+        "regressor": Regressor(learning, shape),
+        "integrator": Integrator(Integration(eta, leak, dead_zone, d_max), shape),
+    }
+    named = np.array([[axis.compensator for axis in config.axes] for config in configs])
+    chosen = {name: np.char.find(named, name) >= 0 for name in (*learners, "observer")}
+    gains = Gains(
+        lam=_each(configs, "lambda_per_s"),
+        kappa=_each(configs, "kappa_per_s"),
+        by_observer=chosen["observer"],
+        d_max=d_max,
+        start_delay_s=network.start_delay_s,
+    )
+    limits = Limits(_each(configs, "max_rate"), _each(configs, "max_acceleration"))
+    reference = ReferenceModel(limits, angular=np.array([False, False, False, True]))
+    serving = [(chosen[name], learners[name]) for name in learners if chosen[name][:, [Z, PSI]].any()]
+    return Controller(model, gains, reference, serving)
+
+
+def _each(configs: Sequence[Config], key: str) -> Array:
+    """Return one key of all axes, (dives, 4)."""
+    return np.array([[getattr(axis, key) for axis in config.axes] for config in configs], float)
+
+
+def _refuse(configs: Sequence[Config]) -> None:
+    """Raise ValueError where configurations of one batch differ in more than axes and lead."""
+    first = configs[0]
+    if first.vehicle.thrust_path != "rc_override":
+        raise ValueError("a batch steers by rc_override: set vehicle.thrust_path")
+    for config in set(configs):
+        same = (
+            config.loop == first.loop
+            and config.network == first.network
+            and config.vehicle.frame == first.vehicle.frame
+            and config.delays.slow_noise_s == first.delays.slow_noise_s
+            and config.thrusters.lag_s == first.thrusters.lag_s
+            and config.thrusters.max_axis == first.thrusters.max_axis
+            and config.thrusters.max_slew_per_s == first.thrusters.max_slew_per_s
+        )
+        if not same:
+            raise ValueError("configurations of one batch may differ in their axes and thrusters.lead_s only")
