@@ -175,6 +175,7 @@ class App:
         self._said_ns = self._fed_ns = 0
         self._failure: BaseException | None = None
         self._stop = asyncio.Event()
+        self.left_zenoh = True
 
     async def run(self) -> int:
         """Run until SIGINT, SIGTERM or an exception; leave the vehicle neutral; return the exit status."""
@@ -202,7 +203,7 @@ class App:
             with suppress(asyncio.CancelledError, OSError):
                 await link
             self._link.close()
-            self._publisher.close()
+            self.left_zenoh = self._publisher.close()
         if self._failure is not None:
             log.error("gave up: %s", self._failure, exc_info=self._failure)
             return 1
@@ -276,7 +277,12 @@ def notify(message: str) -> None:
 def main(config: Config, setpoint: Setpoint, *, arm: bool, requests: Sequence[Request]) -> int:
     """Run the companion; return its exit status."""
 
-    async def run() -> int:
-        return await App(config, setpoint, arm=arm, requests=requests).run()
+    async def run() -> tuple[int, bool]:
+        app = App(config, setpoint, arm=arm, requests=requests)
+        return await app.run(), app.left_zenoh
 
-    return asyncio.run(run())
+    status, left_zenoh = asyncio.run(run())
+    if not left_zenoh:
+        logging.shutdown()
+        os._exit(status)
+    return status

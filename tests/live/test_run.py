@@ -1,0 +1,198 @@
+"""`holdfast run` as a process, over real UDP and TCP: every way out leaves the vehicle neutral."""
+
+import asyncio
+import signal
+import socket
+import subprocess
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from companion.app import App
+from companion.config import load_config
+from companion.engine import Engine
+from companion.types import Request, Setpoint
+from lab.bounds import HOLDFAST, free_port, running
+
+NEUTRAL = (1500, 1500, 1500, 1500)
+
+
+class Tap(threading.Thread):
+    """Sits on the wire between `holdfast sim` and `holdfast run` and remembers what passed."""
+
+    def __init__(self) -> None:
+        super().__init__(daemon=True)
+        self.to_sim = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.to_run = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.to_sim.bind(("127.0.0.1", 0))
+        self.run_port = free_port(socket.SOCK_DGRAM)
+        self.steering: list[tuple[int, int, int, int]] = []
+        self.armed = False
+        self._parser = mavlink.MAVLink(None, 1, 1)
+        self._parser.robust_parsing = True
+        self._done = threading.Event()
+
+    @property
+    def sim_port(self) -> int:
+        return int(self.to_sim.getsockname()[1])
+
+    def run(self) -> None:
+        self.to_sim.settimeout(0.02)
+        self.to_run.settimeout(0.0)
+        sim = None
+        while not self._done.is_set():
+            try:
+                data, sim = self.to_sim.recvfrom(4096)
+                self._note(data)
+                self.to_run.sendto(data, ("127.0.0.1", self.run_port))
+            except (TimeoutError, ConnectionError):
+                pass
+            try:
+                while sim:
+                    data = self.to_run.recv(4096)
+                    self._note(data)
+                    self.to_sim.sendto(data, sim)
+            except (BlockingIOError, ConnectionError):
+                pass
+
+    def close(self) -> None:
+        self._done.set()
+        self.join()
+        self.to_sim.close()
+        self.to_run.close()
+
+    def until(self, what: str, timeout_s: float = 20.0) -> None:
+        """Wait for `pushing`: a command that is not neutral; `armed` or `disarmed`."""
+        until_s = time.monotonic() + timeout_s
+        while time.monotonic() < until_s:
+            if {
+                "pushing": bool(self.steering) and self.steering[-1] != NEUTRAL,
+                "armed": self.armed,
+                "disarmed": not self.armed,
+            }[what]:
+                return
+            time.sleep(0.02)
+        raise AssertionError(f"never {what}")
+
+    def _note(self, data: bytes) -> None:
+        for message in self._parser.parse_buffer(data) or ():
+            if message.get_type() == "RC_CHANNELS_OVERRIDE":
+                channels = (message.chan3_raw, message.chan4_raw, message.chan5_raw, message.chan6_raw)
+                self.steering.append(channels)
+            elif message.get_type() == "HEARTBEAT" and message.get_srcComponent() == 1:
+                self.armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
+
+
+@contextmanager
+def diving() -> Iterator[tuple[Tap, "subprocess.Popen[str]"]]:
+    tap = Tap()
+    tap.start()
+    simulator = (
+        "sim",
+        "--udp-connect",
+        f"127.0.0.1:{tap.sim_port}",
+        "--no-zenoh",
+        "--set",
+        "waves.enabled=true",
+    )
+    companion = (
+        *("run", "--engage", "--arm", "--depth", "3"),
+        *("--set", f"link.endpoint=udp-listen:127.0.0.1:{tap.run_port}"),
+        *("--set", f"telemetry.endpoint=tcp/127.0.0.1:{free_port()}"),
+    )
+    try:
+        with running(*HOLDFAST, *simulator), running(*HOLDFAST, *companion) as run:
+            tap.until("pushing")
+            time.sleep(0.3)
+            yield tap, run
+    finally:
+        tap.close()
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_leaves_the_vehicle_neutral(number: signal.Signals) -> None:
+    with diving() as (tap, run):
+        run.send_signal(number)
+        assert run.wait(3.0) == 0
+        time.sleep(0.1)
+        assert tap.steering[-5:] == [NEUTRAL] * 5
+
+
+def test_after_sigkill_the_firmwares_failsafe_disarms() -> None:
+    with diving() as (tap, run):
+        assert tap.armed
+        run.kill()
+        run.wait()
+        tap.until("disarmed", timeout_s=6.0)
+
+
+def test_an_exception_in_the_tick_sends_neutral_and_fails(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whatever breaks inside the engine: neutral frames go out and the exit status says so."""
+    step = Engine.step
+    ticks = 0
+
+    def breaks(self: Engine, *arguments: object, **more: object) -> object:
+        nonlocal ticks
+        ticks += 1
+        if ticks > 20:
+            raise ZeroDivisionError("planted")
+        return step(self, *arguments, **more)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(Engine, "step", breaks)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as vehicle:
+        vehicle.bind(("127.0.0.1", 0))
+        vehicle.settimeout(1.0)
+        endpoint = f"udp-connect:127.0.0.1:{vehicle.getsockname()[1]}"
+        zenoh = f"tcp/127.0.0.1:{free_port()}"
+        config = load_config(overrides=[f"link.endpoint={endpoint}", f"telemetry.endpoint={zenoh}"])
+        setpoint = Setpoint(np.full(4, np.nan))
+
+        async def run() -> int:
+            return await App(config, setpoint, arm=False, requests=[Request.ENGAGE]).run()
+
+        assert asyncio.run(run()) == 1
+        parser = mavlink.MAVLink(None, 1, 1)
+        overrides = []
+        vehicle.settimeout(0.1)
+        try:
+            while True:
+                for message in parser.parse_buffer(vehicle.recv(4096)) or ():
+                    if message.get_type() == "RC_CHANNELS_OVERRIDE":
+                        overrides.append(message.chan3_raw)
+        except TimeoutError:
+            pass
+        assert overrides == [1500] * 5
+
+
+def test_tcp_dives_and_comes_back_after_a_restart_of_the_vehicle() -> None:
+    port, zenoh = free_port(), f"tcp/127.0.0.1:{free_port()}"
+    simulator = ("sim", "--tcp", f"127.0.0.1:{port}", "--no-zenoh", "--set", "initial.eta=[0,0,1,0,0,0]")
+    command = (
+        *HOLDFAST,
+        *("run", "--set", f"link.endpoint=tcp:127.0.0.1:{port}", "--set", f"telemetry.endpoint={zenoh}"),
+    )
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as run:
+        try:
+            assert run.stderr is not None
+            with running(*HOLDFAST, *simulator):
+                _read_until(run.stderr, "waiting for: disarmed\n")
+            _read_until(run.stderr, "link lost")
+            with running(*HOLDFAST, *simulator):
+                _read_until(run.stderr, "waiting for: disarmed\n")
+        finally:
+            run.send_signal(signal.SIGINT)
+            run.communicate(timeout=5.0)
+
+
+def _read_until(stream: "object", text: str, timeout_s: float = 30.0) -> None:
+    until_s = time.monotonic() + timeout_s
+    while time.monotonic() < until_s:
+        line = stream.readline()  # type: ignore[attr-defined]
+        if text in line:
+            return
+    raise AssertionError(f"'{text}' was never said")
