@@ -32,6 +32,7 @@ ARMED_S, ENGAGED_S = 2.04, 3.04
 NORMALS = 13
 BLOCK = 64
 OVERRIDE_SPAN_US = 400.0
+WIRE_PER_M = 1000.0
 MIN_COS_SQUARED = 0.01
 KNEE_US, DEAD_BAND_US = 60.0, 28.0
 """Of the measured curve (thrusters.CURVE_US): its first point beyond the dead band, and the dead band."""
@@ -185,7 +186,7 @@ class Vehicles:
         seen = newer + self._part * turn
         depth, sink, heading, rate = self._water.noise()
         return Readings(
-            self._water.depth_scale * seen[0] + depth,
+            np.trunc(WIRE_PER_M * (self._water.depth_scale * seen[0] + depth)) / WIRE_PER_M,
             self._water.depth_scale * seen[1] + sink,
             seen[2] + heading,
             seen[3] + rate,
