@@ -14,6 +14,7 @@ from companion.control.bounds import wrap
 from companion.types import PSI, Array, Setpoint, Z
 from lab.batch_engine import Engines
 from lab.batch_vehicle import ENGAGED_S, Links, Vehicles
+from lab.rivals.law import Law
 from lab.scenarios import SETTLE_S, Scenario
 from sim_bridge.config import SimConfig
 
@@ -32,6 +33,7 @@ def simulate(
     *,
     since_s: float = SETTLE_S,
     watch: Callable[[float, Array, Array], None] | None = None,
+    rival: Law | None = None,
 ) -> dict[str, Array]:
     """Dive once with each of `plants` and return figures, (dives,) each.
 
@@ -43,6 +45,7 @@ def simulate(
         seeds: of each dive's sea, noise and the phase of its autopilot's input loop; as in the full loop.
         links: delays, known to the controller except for what `untold_*` says.
         since_s: figures count from here.
+        rival: takes the law's place in heave; its gains are scalars or (dives,).
         watch: called each tick with the time, depth error (m) and thrust asked for in heave (N), (dives,).
 
     Returns `Dive.figures`' depth_rms_mm, depth_peak_mm, heading_rms_deg, thrust_rms_n, chatter_n, and
@@ -52,7 +55,7 @@ def simulate(
     """
     configs = [config] * len(plants) if isinstance(config, Config) else list(config)
     vehicles = Vehicles(plants, seeds, links or Links(), 1.0 / configs[0].loop.rate_hz)
-    engines = Engines(configs, vehicles.timing, vehicles.voltage_v)
+    engines = Engines(configs, vehicles.timing, vehicles.voltage_v, rival)
     figures = _Figures(len(plants))
     tick_s = 1.0 / configs[0].loop.rate_hz
     first, last = round(ENGAGED_S / tick_s), round(duration_s / tick_s)

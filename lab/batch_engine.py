@@ -26,6 +26,7 @@ from companion.observer import Noise, Observer
 from companion.thrust import Thrusters
 from companion.types import PSI, Array, Setpoint, VehicleState, Z
 from lab.batch_vehicle import OVERRIDE_SPAN_US, Readings, Timing
+from lab.rivals.law import Law, RivalController
 
 SLIPPED = 0.01
 """An axis that differs from what was wanted by more than this did not get it (engine.step)."""
@@ -34,7 +35,9 @@ SLIPPED = 0.01
 class Engines:
     """The companions of many dives, engaged from the start in depth and heading; x and y are not measured."""
 
-    def __init__(self, configs: Sequence[Config], timing: Timing, voltage_v: Array) -> None:
+    def __init__(
+        self, configs: Sequence[Config], timing: Timing, voltage_v: Array, rival: Law | None = None
+    ) -> None:
         """Take a configuration for each dive: they may differ in their axes and `lead_s`.
 
         Raises ValueError where they differ in more.
@@ -48,6 +51,8 @@ class Engines:
         self._model = Model(*(_each(configs, key) for key in ("mass", "linear_damping", "quadratic_damping")))
         self._thrusters = Thrusters(common.vehicle.frame, _each(configs, "max_force"))
         self._controller = _controller(configs, self._model)
+        if rival is not None:
+            self._controller = RivalController(self._controller, rival)
         self._observer = _Observers(configs, self._tick_s)
         self._engaged = np.broadcast_to([False, False, True, True], (dives, 4))
         self._saturated = np.zeros((dives, 4), bool)
