@@ -105,6 +105,7 @@ class Delays(Section, frozen=True):
 
     telemetry_s: Seconds
     command_s: Seconds
+    gains_bear_s: Positive
     slow_noise_s: Positive
 
 

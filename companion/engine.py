@@ -237,6 +237,7 @@ def _controller(config: Config, model: Model) -> Controller:
         by_observer=np.array(["observer" in axis.compensator for axis in config.axes]),
         d_max=d_max,
         start_delay_s=config.network.start_delay_s,
+        delay_s=config.delays.gains_bear_s,
     )
     limits = Limits(_each(config, "max_rate"), _each(config, "max_acceleration"))
     reference = ReferenceModel(limits, angular=np.array([False, False, False, True]))

@@ -230,6 +230,11 @@ class Delays:
     telemetry_known: bool
     command_known: bool
 
+    @property
+    def total_s(self) -> float:
+        """Both together: what destabilises."""
+        return self.telemetry_s + self.command_s
+
 
 @dataclass(frozen=True, slots=True)
 class VehicleState:

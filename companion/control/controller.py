@@ -12,16 +12,28 @@ from companion.control.positioning import Model, pose_error, to_body
 from companion.control.reference import ReferenceModel
 from companion.types import Array, DofSample, Flags, Setpoint, VehicleState
 
+LAMBDA_POWER, KAPPA_POWER, LEARNING_POWER = 0.6, 1.4, 2.0
+
 
 @dataclass(frozen=True, slots=True)
 class Gains:
-    """λ and κ (1/s) of each DOF, where the observer's d is fed back, the bound on d̂ (N, N·m); shape (4,)."""
+    """λ and κ (1/s) of each DOF, where the observer's d is fed back, the bound on d̂ (N, N·m); shape (4,).
+
+    They bear a loop that is `delay_s` late in all. Where it is later they are drawn back, by the powers that
+    keep a gain margin of 2 (shared/paper.md, "Gains against a known total delay").
+    """
 
     lam: Array
     kappa: Array
     by_observer: Flags
     d_max: Array
     start_delay_s: float
+    delay_s: float
+
+    def softened(self, delay_s: float) -> tuple[Array, Array, float]:
+        """Return λ, κ and the share of its learning rate that a compensator keeps at a delay of `delay_s`."""
+        share = min(1.0, self.delay_s / max(delay_s, 1e-3))
+        return self.lam * share**LAMBDA_POWER, self.kappa * share**KAPPA_POWER, share**LEARNING_POWER
 
 
 class Controller:
@@ -71,13 +83,14 @@ class Controller:
         nu = to_body(J, state.eta_dot_ahead)
         e = pose_error(state.eta_ahead, reference.x_d)
         e_dot = state.eta_dot_ahead - reference.x_d_dot
-        eps = e_dot + gains.lam * e
+        lam, kappa, keenness = gains.softened(state.delays.total_s)
+        eps = e_dot + lam * e
         theta = inputs(e, e_dot, state.eta_dot_ahead, reference.x_d_dot, reference.x_d_ddot)
         may_learn = engaged & free & (self._engaged_s >= gains.start_delay_s)
         d_hat = bounded(state.disturbance, gains.d_max) * gains.by_observer
         adapting, weight_norm = np.zeros_like(engaged), np.zeros_like(e)
         for serves, compensator in self._compensators:
-            d_hat = d_hat + serves * compensator.step(theta, eps, dt_s, may_learn & serves)
+            d_hat = d_hat + serves * compensator.step(theta, eps, keenness * dt_s, may_learn & serves)
             adapting = adapting | compensator.learning_now
             weight_norm = weight_norm + serves * compensator.weight_norm
 
@@ -88,8 +101,8 @@ class Controller:
             x_d_ddot=reference.x_d_ddot,
             e=e,
             e_dot=e_dot,
-            lam=gains.lam,
-            kappa=gains.kappa,
+            lam=lam,
+            kappa=kappa,
         )
         return DofSample(
             x_d=reference.x_d,
