@@ -24,7 +24,7 @@ from companion.control.regressor import Regressor
 from companion.estimation import PREDICTION_STEP_S
 from companion.observer import Noise, Observer
 from companion.thrust import Thrusters
-from companion.types import PSI, Array, Setpoint, VehicleState, Z
+from companion.types import PSI, Array, Delays, Setpoint, VehicleState, Z
 from lab.batch_vehicle import OVERRIDE_SPAN_US, Readings, Timing
 from lab.rivals.law import Law, RivalController
 
@@ -50,7 +50,7 @@ class Engines:
         self._max_axis, self._slew = common.thrusters.max_axis, common.thrusters.max_slew_per_s * self._tick_s
         self._model = Model(*(_each(configs, key) for key in ("mass", "linear_damping", "quadratic_damping")))
         self._thrusters = Thrusters(common.vehicle.frame, _each(configs, "max_force"))
-        self._controller = _controller(configs, self._model)
+        self._controller = _controller(configs, self._model, timing.telemetry_s + timing.command_s)
         if rival is not None:
             self._controller = RivalController(self._controller, rival)
         self._observer = _Observers(configs, self._tick_s)
@@ -145,12 +145,13 @@ class Engines:
 
 @dataclass(frozen=True, slots=True)
 class _Foreseen:
-    """The part of a VehicleState that the controller reads, (dives, 4)."""
+    """The part of a VehicleState that the controller reads, (dives, 4); its gains know the delays already."""
 
     eta_ahead: Array
     eta_dot_ahead: Array
     disturbance: Array
     ahead_s: Array | float
+    delays: Delays = Delays(0.0, 0.0, telemetry_known=True, command_known=True)
 
 
 def _state(eta: Array, eta_dot: Array, disturbance: Array, ahead_s: Array | float) -> VehicleState:
@@ -181,12 +182,24 @@ class _Observers(Observer):
         self.x = np.zeros((len(configs), 4, 6))
 
 
-def _controller(configs: Sequence[Config], model: Model) -> Controller:
-    """Build the control room for many dives: engine._controller over arrays (dives, 4)."""
+def _controller(configs: Sequence[Config], model: Model, delay_s: Array) -> Controller:
+    """Build the control room for many dives: engine._controller over arrays (dives, 4).
+
+    Delays (dives,) do not change, so gains and learning rates are drawn back here, once.
+    """
     shape = model.m.shape
-    d_max = _each(configs, "max_disturbance")
-    leak, dead_zone = _each(configs, "leak_per_s"), _each(configs, "dead_zone")
-    eta, eta_v = _each(configs, "learning_rate"), _each(configs, "hidden_learning_rate")
+    d_max, dead_zone = _each(configs, "max_disturbance"), _each(configs, "dead_zone")
+    named = np.array([[axis.compensator for axis in config.axes] for config in configs])
+    by_observer = np.char.find(named, "observer") >= 0
+    start_delay_s = configs[0].network.start_delay_s
+    lam, kappa = _each(configs, "lambda_per_s"), _each(configs, "kappa_per_s")
+    keenness = np.ones((len(configs), 1))
+    for i, config in enumerate(configs):
+        full = Gains(lam[i], kappa[i], by_observer[i], d_max[i], start_delay_s, config.delays.gains_bear_s)
+        lam[i], kappa[i], keenness[i] = full.softened(float(delay_s[i]))
+    leak = keenness * _each(configs, "leak_per_s")
+    eta = keenness * _each(configs, "learning_rate")
+    eta_v = keenness * _each(configs, "hidden_learning_rate")
     learning = Learning(eta=eta, eta_v=eta_v, leak=leak, dead_zone=dead_zone, d_max=d_max)
     network = configs[0].network
     learners: dict[str, Compensator] = {
@@ -194,15 +207,8 @@ def _controller(configs: Sequence[Config], model: Model) -> Controller:
         "regressor": Regressor(learning, shape),
         "integrator": Integrator(Integration(eta, leak, dead_zone, d_max), shape),
     }
-    named = np.array([[axis.compensator for axis in config.axes] for config in configs])
-    chosen = {name: np.char.find(named, name) >= 0 for name in (*learners, "observer")}
-    gains = Gains(
-        lam=_each(configs, "lambda_per_s"),
-        kappa=_each(configs, "kappa_per_s"),
-        by_observer=chosen["observer"],
-        d_max=d_max,
-        start_delay_s=network.start_delay_s,
-    )
+    chosen = {name: np.char.find(named, name) >= 0 for name in learners}
+    gains = Gains(lam, kappa, by_observer, d_max, start_delay_s, delay_s=math.inf)
     limits = Limits(_each(configs, "max_rate"), _each(configs, "max_acceleration"))
     reference = ReferenceModel(limits, angular=np.array([False, False, False, True]))
     serving = [(chosen[name], learners[name]) for name in learners if chosen[name][:, [Z, PSI]].any()]
