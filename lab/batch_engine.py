@@ -32,6 +32,10 @@ SLIPPED = 0.01
 """An axis that differs from what was wanted by more than this did not get it (engine.step)."""
 
 
+SETTLED = Delays(0.0, 0.0, telemetry_known=True, command_known=True)
+"""What the controllers are told of the delays: `_controller` has already drawn their gains back."""
+
+
 class Engines:
     """The companions of many dives, engaged from the start in depth and heading; x and y are not measured."""
 
@@ -145,17 +149,17 @@ class Engines:
 
 @dataclass(frozen=True, slots=True)
 class _Foreseen:
-    """The part of a VehicleState that the controller reads, (dives, 4); its gains know the delays already."""
+    """The part of a VehicleState that the controller reads, (dives, 4)."""
 
     eta_ahead: Array
     eta_dot_ahead: Array
     disturbance: Array
     ahead_s: Array | float
-    delays: Delays = Delays(0.0, 0.0, telemetry_known=True, command_known=True)
+    delays: Delays
 
 
 def _state(eta: Array, eta_dot: Array, disturbance: Array, ahead_s: Array | float) -> VehicleState:
-    return cast(VehicleState, _Foreseen(eta, eta_dot, disturbance, ahead_s))
+    return cast(VehicleState, _Foreseen(eta, eta_dot, disturbance, ahead_s, SETTLED))
 
 
 class _Observers(Observer):
