@@ -97,11 +97,11 @@ def _load(base: SimConfig, seed: int) -> SimConfig:
     return replace(base, load=replace(base.load, enabled=True, weight_n=weight_n, on_s=DROP_S, off_s=1e4))
 
 
-def four(seed: int) -> tuple[Scenario, ...]:
-    """Return the waves, trajectory, load and calm dives of one seed, each with a vehicle of its own."""
+def four(seed: int, vary: Callable[[SimConfig, int], SimConfig] = ensemble) -> tuple[Scenario, ...]:
+    """Return the waves, trajectory, load and calm dives of one seed, each of a vehicle that `vary` draws."""
 
     def drawn(disturb: Callable[[SimConfig, int], SimConfig]) -> Callable[[SimConfig, int], SimConfig]:
-        return lambda base, seed: disturb(ensemble(base, seed), seed)
+        return lambda base, seed: disturb(vary(base, seed), seed)
 
     return (
         Scenario("waves", drawn(_waves), hold(), SETTLE_S + 60.0, seed),
