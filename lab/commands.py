@@ -51,3 +51,31 @@ def paper(argv: list[str]) -> int:
     from lab.paper_report import run
 
     return run(arguments)
+
+
+def tune(argv: list[str]) -> int:
+    """Search the gains of your own vehicle's depth, or of the bench's rows; takes a minute or two each."""
+    from companion.config import DEFAULT_FILE
+    from sim_bridge.commands import DEFAULT_CONFIG
+
+    parser = argparse.ArgumentParser(
+        prog="holdfast tune",
+        description="Searches (CMA-ES) the gains of heave over dives in virtual time, half with 40 ms "
+        "more delay each way and 15 % more thrust. Without ROW: those of your configuration on your vehicle, "
+        "written as a configuration. With ROW: those of `holdfast bench`, as lab/tuned.toml has them.",
+    )
+    parser.add_argument("rows", nargs="*", metavar="ROW", help="rows of the bench, or all")
+    parser.add_argument(
+        "--vehicle", type=Path, default=DEFAULT_CONFIG, metavar="FILE", help="the simulator's"
+    )
+    parser.add_argument("--config", type=Path, default=DEFAULT_FILE, metavar="FILE", help="the companion's")
+    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="companion's config")
+    parser.add_argument(
+        "--evaluations", type=int, default=100, metavar="N", help="of each; default %(default)s"
+    )
+    parser.add_argument("--seeds", type=int, default=4, metavar="N", help="vehicles; default %(default)s")
+    parser.add_argument("--out", type=Path, metavar="FILE", help="default: out/tune/")
+    arguments = parser.parse_args(argv)
+    from lab.tune_report import run
+
+    return run(arguments)

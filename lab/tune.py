@@ -1,0 +1,149 @@
+"""One search for every row of the bench: CMA-ES over the logarithms of its knobs, on training seeds.
+
+Every candidate dives the four scenarios, shortened to TRAINING_S, with TRAINING_SEEDS vehicles that no bench
+ever sees; every second vehicle has 40 ms more delay each way, which is measured as in the full loop, and
+15 % more thrust. What counts is the mean depth RMS (mm), and CHATTER_PRICE for each newton that the command
+moves by more than CHATTER_N a tick (RMS). All candidates of a generation dive at once (`lab.batch`).
+"""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import cma
+import numpy as np
+from msgspec.structs import replace
+
+from companion.config import Config
+from companion.types import Array, Setpoint
+from lab import batch
+from lab.batch_vehicle import Links
+from lab.floor import CHATTER_N
+from lab.lockstep import Link
+from lab.rivals import alt_hold_batch
+from lab.rows import WIDTH, Row
+from lab.scenarios import SETTLE_S, Scenario, ensemble, four, trajectory
+from sim_bridge.config import SimConfig
+
+TRAINING_SEEDS = 4
+TRAINING_S = 24.0
+EVALUATIONS = 100
+GENERATION = 10
+CHATTER_PRICE = 2.0
+LOST_MM = 1000.0
+LONGER_S, STRONGER = 0.04, 1.15
+FAST_AFTER_S = 12.0
+"""The shortened trajectory starts this long before the paper's path gives way to the fast one."""
+
+
+@dataclass(frozen=True)
+class Found:
+    """What a search found, its score and that of where it started (mm)."""
+
+    values: dict[str, float]
+    score: float
+    start_score: float
+    evaluations: int
+
+
+def search(
+    row: Row,
+    load: Callable[[Sequence[str]], Config],
+    base: SimConfig,
+    *,
+    evaluations: int = EVALUATIONS,
+    seeds: int = TRAINING_SEEDS,
+    vary: Callable[[SimConfig, int], SimConfig] = ensemble,
+    done: Callable[[int], None] = lambda count: None,
+) -> Found:
+    """Search the knobs of `row`; `load` makes a configuration of overrides, `vary` draws the vehicles.
+
+    Deterministic for the same arguments. `done` is told after each generation how many were evaluated.
+    """
+    dives = _training(seeds, vary)
+    keys, start = list(row.knobs), np.log(list(row.knobs.values()))
+
+    def judge(candidates: Sequence[Array]) -> list[float]:
+        values = [dict(zip(keys, np.exp(start + x).tolist(), strict=True)) for x in candidates]
+        return scores(row, values, load, base, dives)
+
+    width = math.log(WIDTH)
+    options = {"bounds": [-width, width], "seed": 1, "verbose": -9, "popsize": GENERATION}
+    strategy = cma.CMAEvolutionStrategy(np.zeros(len(keys)), width / 4.0, options)
+    best, best_x = judge([np.zeros(len(keys))])[0], np.zeros(len(keys))
+    start_score, spent = best, 1
+    while spent < evaluations:
+        candidates = strategy.ask()
+        judged = judge(candidates)
+        strategy.tell(candidates, judged)
+        if min(judged) < best:
+            best, best_x = min(judged), candidates[int(np.argmin(judged))]
+        spent += len(candidates)
+        done(len(candidates))
+    values = dict(zip(keys, (float(f"{value:.4g}") for value in np.exp(start + best_x)), strict=True))
+    return Found(values, best, start_score, spent)
+
+
+def scores(
+    row: Row,
+    values: Sequence[Mapping[str, float]],
+    load: Callable[[Sequence[str]], Config],
+    base: SimConfig,
+    dives: Sequence[tuple[Scenario, bool]],
+) -> list[float]:
+    """Return the score of each set of values, mm."""
+    total = np.zeros(len(values))
+    for name in {scenario.name: None for scenario, _ in dives}:
+        some = [(scenario, hard) for scenario, hard in dives if scenario.name == name]
+        figures = _dive(row, values, load, base, some)
+        rms = np.where(np.isnan(figures["depth_rms_mm"]), LOST_MM, figures["depth_rms_mm"])
+        price = CHATTER_PRICE * np.maximum(figures["chatter_n"] - CHATTER_N, 0.0)
+        lost = ~np.isnan(figures.get("lost_s", np.full(len(rms), np.nan)))
+        total += np.where(lost, LOST_MM, rms + price).reshape(len(values), -1).sum(1)
+    return list(total / len(dives))
+
+
+def _dive(
+    row: Row,
+    values: Sequence[Mapping[str, float]],
+    load: Callable[[Sequence[str]], Config],
+    base: SimConfig,
+    dives: Sequence[tuple[Scenario, bool]],
+) -> dict[str, Array]:
+    """Dive all of one scenario with each of `values`: figures of shape (values · dives,)."""
+    of_one = [_stronger(scenario.plant(base, scenario.seed), hard) for scenario, hard in dives]
+    plants = of_one * len(values)
+    seeds = [scenario.seed for scenario, _ in dives] * len(values)
+    longer_s = np.array([LONGER_S * hard for _, hard in dives] * len(values))
+    gains = {key: np.repeat([value[key] for value in values], len(dives)) for key in row.knobs}
+    first, link = dives[0][0], Link()
+    if row.steers == "autopilot":
+        late_s = longer_s + link.down_s + 0.5 * link.jitter_s
+        return alt_hold_batch.simulate(plants, first.target, first.duration_s, seeds, late_s, gains)
+    configs = [load(row.overrides(value)) for value in values]
+    each = [config for config in configs for _ in dives]
+    links = Links(link.up_s + longer_s, link.down_s + longer_s)
+    rival = row.rival(gains, configs[0])
+    return batch.simulate(each, plants, first.target, first.duration_s, seeds, links, rival=rival)
+
+
+def _training(seeds: int, vary: Callable[[SimConfig, int], SimConfig]) -> list[tuple[Scenario, bool]]:
+    """Return the dives of a score, shortened, and whether each is a hard one."""
+    dives = []
+    for seed in range(seeds):
+        for whole in four(seed, vary):
+            target = _fast_trajectory if whole.name == "trajectory" else whole.target
+            short = Scenario(whole.name, whole.plant, target, SETTLE_S + TRAINING_S, seed)
+            dives.append((short, seed % 2 == 1))
+    return dives
+
+
+def _fast_trajectory(t_s: float) -> Setpoint:
+    return trajectory(t_s + 60.0 - FAST_AFTER_S)
+
+
+def _stronger(plant: SimConfig, hard: bool) -> SimConfig:
+    if not hard:
+        return plant
+    gain = tuple(STRONGER * one for one in plant.thrusters.gain)
+    return replace(plant, thrusters=replace(plant.thrusters, gain=gain))
