@@ -48,8 +48,8 @@ class Story:
     load_off_s: float = 23.0
     end_s: float = 26.5
     current_m_s: float = 0.3
-    wave_height_m: float = 0.5
-    wave_period_s: float = 7.0
+    wave_height_m: float = 0.3
+    wave_period_s: float = 5.0
 
 
 class DemoError(Exception):

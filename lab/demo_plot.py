@@ -49,10 +49,11 @@ def draw(
         _frame(panel, dives["on"], span)
     for panel in (heading, disturbance):
         panel.set_xlabel("time since arming (s)", fontsize=SMALL)
-    off, on = results["off"].depth_rms_mm, results["on"].depth_rms_mm
+    off, on = results["off"], results["on"]
     figure.suptitle(
-        f"Depth held to {on:.1f} mm RMS with the learning compensator, to {off:.1f} mm without",
-        fontsize=15,
+        f"On the way down {on.way_down_rms_mm:.1f} mm RMS with the learning compensator, "
+        f"{off.way_down_rms_mm:.1f} without; holding {on.depth_rms_mm:.1f} and {off.depth_rms_mm:.1f}",
+        fontsize=14,
         fontweight="bold",
     )
     figure.supxlabel(
