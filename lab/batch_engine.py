@@ -56,7 +56,9 @@ class Engines:
         self._thrusters = Thrusters(common.vehicle.frame, _each(configs, "max_force"))
         self._controller = _controller(configs, self._model, timing.telemetry_s + timing.command_s)
         if rival is not None:
-            self._controller = RivalController(self._controller, rival)
+            bears_s = np.array([config.delays.gains_bear_s for config in configs])
+            share = np.minimum(1.0, bears_s / (timing.telemetry_s + timing.command_s))
+            self._controller = RivalController(self._controller, rival, share)
         self._observer = _Observers(configs, self._tick_s)
         self._engaged = np.broadcast_to([False, False, True, True], (dives, 4))
         self._saturated = np.zeros((dives, 4), bool)

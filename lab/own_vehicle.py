@@ -1,4 +1,4 @@
-"""Tuning for one's own vehicle: what its file says of it, how far that may be off, and the config made of it."""
+"""Tuning for one's own vehicle: what its file says of it, how far that may be off, and the config so made."""
 
 import re
 from collections.abc import Mapping

@@ -92,15 +92,12 @@ def scores(
     dives: Sequence[tuple[Scenario, bool]],
 ) -> list[float]:
     """Return the score of each set of values, mm."""
-    total = np.zeros(len(values))
-    for name in {scenario.name: None for scenario, _ in dives}:
-        some = [(scenario, hard) for scenario, hard in dives if scenario.name == name]
-        figures = _dive(row, values, load, base, some)
-        rms = np.where(np.isnan(figures["depth_rms_mm"]), LOST_MM, figures["depth_rms_mm"])
-        price = CHATTER_PRICE * np.maximum(figures["chatter_n"] - CHATTER_N, 0.0)
-        lost = ~np.isnan(figures.get("lost_s", np.full(len(rms), np.nan)))
-        total += np.where(lost, LOST_MM, rms + price).reshape(len(values), -1).sum(1)
-    return list(total / len(dives))
+    figures = _dive(row, values, load, base, dives)
+    rms = np.where(np.isnan(figures["depth_rms_mm"]), LOST_MM, figures["depth_rms_mm"])
+    price = CHATTER_PRICE * np.maximum(figures["chatter_n"] - CHATTER_N, 0.0)
+    lost = ~np.isnan(figures.get("lost_s", np.full(len(rms), np.nan)))
+    each: list[float] = np.where(lost, LOST_MM, rms + price).reshape(len(values), -1).mean(1).tolist()
+    return each
 
 
 def _dive(
@@ -110,21 +107,38 @@ def _dive(
     base: SimConfig,
     dives: Sequence[tuple[Scenario, bool]],
 ) -> dict[str, Array]:
-    """Dive all of one scenario with each of `values`: figures of shape (values · dives,)."""
+    """Dive all with each of `values`: figures of shape (values · dives,)."""
     of_one = [_stronger(scenario.plant(base, scenario.seed), hard) for scenario, hard in dives]
     plants = of_one * len(values)
     seeds = [scenario.seed for scenario, _ in dives] * len(values)
     longer_s = np.array([LONGER_S * hard for _, hard in dives] * len(values))
     gains = {key: np.repeat([value[key] for value in values], len(dives)) for key in row.knobs}
-    first, link = dives[0][0], Link()
+    target = _together([scenario.target for scenario, _ in dives] * len(values))
+    duration_s, link = dives[0][0].duration_s, Link()
     if row.steers == "autopilot":
         late_s = longer_s + link.down_s + 0.5 * link.jitter_s
-        return alt_hold_batch.simulate(plants, first.target, first.duration_s, seeds, late_s, gains)
+        return alt_hold_batch.simulate(plants, target, duration_s, seeds, late_s, gains)
     configs = [load(row.overrides(value)) for value in values]
     each = [config for config in configs for _ in dives]
     links = Links(link.up_s + longer_s, link.down_s + longer_s)
     rival = row.rival(gains, configs[0])
-    return batch.simulate(each, plants, first.target, first.duration_s, seeds, links, rival=rival)
+    return batch.simulate(each, plants, target, duration_s, seeds, links, rival=rival)
+
+
+def _together(targets: Sequence[Callable[[float], Setpoint]]) -> Callable[[float], Setpoint]:
+    """Return the setpoints of many dives as one, (dives, 4)."""
+    different = list(dict.fromkeys(targets))
+    which = [different.index(target) for target in targets]
+
+    def together(t_s: float) -> Setpoint:
+        each = [target(t_s) for target in different]
+        return Setpoint(
+            np.array([one.eta_d for one in each])[which],
+            np.array([one.eta_d_dot for one in each])[which],
+            np.array([one.eta_d_ddot for one in each])[which],
+        )
+
+    return together
 
 
 def _training(seeds: int, vary: Callable[[SimConfig, int], SimConfig]) -> list[tuple[Scenario, bool]]:

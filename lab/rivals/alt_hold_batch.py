@@ -55,6 +55,7 @@ def simulate(
     keep = np.exp(-STEP_S / np.array([sensors.slow_tau_s, sensors.drift_tau_s, sensors.slow_tau_s]))[:, None]
     noise = slow * rng.standard_normal((3, len(plants)))
 
+    lates_s, which = np.unique(link_s, return_inverse=True)
     z = np.array([plant.initial.eta[2] for plant in plants])
     w, thrust, integral = np.zeros((3, len(plants)))
     past = np.tile(z, (round(KEPT_S / STEP_S), 2, 1)) * np.array([1.0, 0.0])[:, None]
@@ -67,8 +68,7 @@ def simulate(
                 one.step(t_s, t_s - ARMED_S, 0.0, 0.0, depth) for one, depth in zip(water, z, strict=True)
             ]
             force, speed, acceleration = np.array([(f[2], flow[2], flow[5]) for f, flow in acting]).T
-            wanted = np.array([target(t_s - late_s).eta_d[Z] for late_s in np.unique(link_s)])
-            wanted = wanted[np.searchsorted(np.unique(link_s), link_s)]
+            wanted = np.choose(which, [target(t_s - late_s).eta_d[..., Z] for late_s in lates_s])
         noise = keep * noise + slow * np.sqrt(1.0 - keep**2) * rng.standard_normal(noise.shape)
         white = rng.standard_normal((2, len(plants)))
         depth = past[(step - late[0]) % len(past), 0] + noise[0] + noise[1] + sensors.depth_white_m * white[0]
@@ -87,7 +87,7 @@ def simulate(
         past[(step + 1) % len(past)] = z, w
         if step % TICK_STEPS == TICK_STEPS - 1 and t_s >= SETTLE_S:
             asked = VERTICAL * np.interp(offset, CURVE_US, CURVE_N)
-            squares += (z - target(t_s + STEP_S).eta_d[Z]) ** 2
+            squares += (z - target(t_s + STEP_S).eta_d[..., Z]) ** 2
             changes += (asked - last) ** 2 if count else 0.0
             count, last = count + 1, asked
     return {

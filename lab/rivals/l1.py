@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from companion.control.bounds import bounded
+from companion.control.controller import KAPPA_POWER, LAMBDA_POWER, LEARNING_POWER
 from companion.types import Array
 from lab.rivals.law import Forces, Motion
 
@@ -64,11 +65,13 @@ class L1:
         keep = np.exp(-PREDICTOR_PER_S * dt_s)
         sigma = m * PREDICTOR_PER_S * ahead * (keep / (1.0 - keep) if dt_s > 0.0 else 0.0)
         self._v, self._pull = v_hat, -(motion.drag + sigma) / m - PREDICTOR_PER_S * ahead
-        let_in = (1.0 - np.exp(-gains.omega * dt_s)) * motion.free
+        omega = gains.omega * motion.share**LEARNING_POWER
+        let_in = (1.0 - np.exp(-omega * dt_s)) * motion.free
         self._d_hat = bounded(self._d_hat + let_in * (sigma - self._d_hat), np.asarray(gains.d_max))
 
-        eps = motion.e_dot + gains.lam * motion.e
+        lam, kappa = gains.lam * motion.share**LAMBDA_POWER, gains.kappa * motion.share**KAPPA_POWER
+        eps = motion.e_dot + lam * motion.e
         feedforward = motion.drag + m * motion.x_d_ddot
-        feedback = -m * (gains.lam * motion.e_dot + gains.kappa * eps)
+        feedback = -m * (lam * motion.e_dot + kappa * eps)
         self._asked = bounded(feedforward + feedback + self._d_hat, np.asarray(gains.max_force))
         return Forces(feedforward, feedback, self._d_hat)

@@ -18,7 +18,8 @@ class Motion(NamedTuple):
     """Heave where the next command acts; arrays of any one shape, SI, depth positive down.
 
     `e`, `e_dot` are measured minus desired; `inertia` (kg) and `drag` (N) are the nominal model's; `free`
-    tells that the last command was not cut off.
+    tells that the last command was not cut off. `share` is the delay that the gains bear over the delay that
+    there is, 1 at most: a rival draws its gains back by the same powers of it as the shipped law.
     """
 
     e: Array
@@ -28,6 +29,7 @@ class Motion(NamedTuple):
     inertia: Array
     drag: Array
     free: Flags
+    share: Array | float
 
 
 class Forces(NamedTuple):
@@ -51,9 +53,11 @@ class Law(Protocol):
 class RivalController(Controller):
     """The shipped controller with another law in heave; shape (…, 4) as its own."""
 
-    def __init__(self, shipped: Controller, law: Law) -> None:
+    def __init__(self, shipped: Controller, law: Law, share: Array | float = 1.0) -> None:
+        """Take the helm; `share` is that of delays which the shipped controller is not told (`lab.batch`)."""
         super().__init__(shipped._model, shipped._gains, shipped.reference, shipped._compensators)
         self._law = law
+        self._share = share
 
     def rest(self, state: VehicleState) -> None:
         """Stay where the vehicle is, with nothing learnt."""
@@ -74,6 +78,7 @@ class RivalController(Controller):
             inertia=m,
             drag=ours.feedforward[..., Z] - m * ours.x_d_ddot[..., Z],
             free=(free & engaged)[..., Z],
+            share=self._share * min(1.0, self._gains.delay_s / max(state.delays.total_s, 1e-3)),
         )
         theirs = self._law.step(motion, dt_s)
         feedforward, feedback, d_hat = (

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from companion.control.bounds import bounded
+from companion.control.controller import KAPPA_POWER, LAMBDA_POWER, LEARNING_POWER
 from companion.types import Array
 from lab.rivals.law import Forces, Motion
 
@@ -38,7 +39,9 @@ class PPI:
     def step(self, motion: Motion, dt_s: float) -> Forces:
         """Return the force for this tick."""
         gains, m = self._gains, motion.inertia
-        lacking = -(motion.e_dot + gains.k_p * motion.e)
-        grown = self._integral + dt_s * gains.k_i * m * lacking * motion.free
+        k_p, k_v = gains.k_p * motion.share**LAMBDA_POWER, gains.k_v * motion.share**KAPPA_POWER
+        k_i = gains.k_i * motion.share**LEARNING_POWER
+        lacking = -(motion.e_dot + k_p * motion.e)
+        grown = self._integral + dt_s * k_i * m * lacking * motion.free
         self._integral = bounded(grown, np.asarray(gains.d_max))
-        return Forces(m * motion.x_d_ddot, m * gains.k_v * lacking, self._integral)
+        return Forces(m * motion.x_d_ddot, m * k_v * lacking, self._integral)

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from companion.control.bounds import bounded
+from companion.control.controller import KAPPA_POWER, LAMBDA_POWER, LEARNING_POWER
 from companion.types import Array
 from lab.rivals.law import Forces, Motion
 
@@ -42,8 +43,10 @@ class SuperTwisting:
     def step(self, motion: Motion, dt_s: float) -> Forces:
         """Return the force for this tick."""
         gains, m = self._gains, motion.inertia
-        eps = motion.e_dot + gains.lam * motion.e
+        lam, harder = gains.lam * motion.share**LAMBDA_POWER, motion.share**KAPPA_POWER
+        eps = motion.e_dot + lam * motion.e
         near = np.abs(eps) + ROUNDING_M_S
-        self._w = bounded(self._w - dt_s * gains.k_2 * m * eps / near * motion.free, np.asarray(gains.d_max))
-        pull = gains.lam * motion.e_dot + gains.kappa * eps + gains.k_1 * eps / np.sqrt(near)
+        turned = dt_s * gains.k_2 * motion.share**LEARNING_POWER * m * eps / near * motion.free
+        self._w = bounded(self._w - turned, np.asarray(gains.d_max))
+        pull = lam * motion.e_dot + harder * (gains.kappa * eps + gains.k_1 * eps / np.sqrt(near))
         return Forces(motion.drag + m * motion.x_d_ddot, -m * pull, self._w)
