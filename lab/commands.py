@@ -79,3 +79,34 @@ def tune(argv: list[str]) -> int:
     from lab.tune_report import run
 
     return run(arguments)
+
+
+def campaign(argv: list[str]) -> int:
+    """Dive thousands of times with vehicles, links and seas that nobody tuned for."""
+    parser = argparse.ArgumentParser(
+        prog="holdfast campaign",
+        description="Every published vehicle set, varied in damping, mass and thrust, with delay, dead "
+        "thrusters and disturbances; a dive's number is its seed. Rows are appended to DIR/dives.csv, and the "
+        "same command continues where a run stopped. Exit status 1 if a dive inside the envelope did not hold.",
+    )
+    parser.add_argument("--dives", type=int, default=6000, metavar="N", help="default %(default)s")
+    parser.add_argument(
+        "--first", type=int, default=0, metavar="ID", help="number of the first dive; default 0"
+    )
+    parser.add_argument(
+        "--out", type=Path, default=Path("out/campaign"), metavar="DIR", help="default %(default)s"
+    )
+    parser.add_argument(
+        "--workers", type=int, metavar="N", help="processes on this machine; default: its cores"
+    )
+    parser.add_argument(
+        "--scheduler", metavar="ADDRESS", help="of a Dask cluster to dive on, tcp://HOST:PORT"
+    )
+    parser.add_argument(
+        "--replay", type=int, metavar="ID", help="only this dive, in the batch and the full loop"
+    )
+    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="companion's config")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write a summary there")
+    from lab.campaign_report import main
+
+    return main(parser.parse_args(argv))
