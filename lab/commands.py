@@ -86,8 +86,9 @@ def campaign(argv: list[str]) -> int:
     parser = argparse.ArgumentParser(
         prog="holdfast campaign",
         description="Every published vehicle set, varied in damping, mass and thrust, with delay, dead "
-        "thrusters and disturbances; a dive's number is its seed. Rows are appended to DIR/dives.csv, and the "
-        "same command continues where a run stopped. Exit status 1 if a dive inside the envelope did not hold.",
+        "thrusters and disturbances; a dive's number is its seed. Rows are appended to DIR/dives.csv, and "
+        "the same command continues where a run stopped. Exit status 1 if a dive inside the envelope did "
+        "not hold.",
     )
     parser.add_argument("--dives", type=int, default=6000, metavar="N", help="default %(default)s")
     parser.add_argument(
