@@ -30,8 +30,8 @@ DURATION_S = SETTLE_S + 40.0
 BATCH = 1000
 """Dives at once: fewer cost more of the interpreter's time, many more fall out of the processor's cache."""
 
-HELD_MM = 100.0
-"""Depth RMS of the last ten seconds above which a dive counts as swinging."""
+HELD_TAIL_MM, HELD_PEAK_MM = 100.0, 500.0
+"""A dive held if its depth RMS of the last ten seconds and its depth's peak stayed below these."""
 
 ENVELOPE = (
     "every published set of the vehicle; damping 0.5 to 1.5 and mass 1 to 1.3 times the set's",
@@ -91,7 +91,7 @@ class Case:
 
 @dataclass(frozen=True)
 class Row:
-    """A case and what came of it: figures of `batch.simulate`; `outcome` held, swings or lost."""
+    """A case and what came of it: figures of `batch.simulate`; `outcome` held, strays or lost."""
 
     case: Case
     outcome: str
@@ -232,7 +232,8 @@ def dive(
 def _outcome(figures: dict[str, float]) -> str:
     if not np.isnan(figures["lost_s"]):
         return "lost"
-    return "held" if figures["tail_rms_mm"] <= HELD_MM else "swings"
+    held = figures["tail_rms_mm"] <= HELD_TAIL_MM and figures["depth_peak_mm"] <= HELD_PEAK_MM
+    return "held" if held else "strays"
 
 
 def batches(numbers: Iterable[int]) -> list[list[int]]:

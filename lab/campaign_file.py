@@ -11,8 +11,6 @@ import msgspec
 from companion.config import Config
 from lab.campaign import Case, Row
 
-TYPES: dict[str, Any] = {"int": int, "float": float, "str": str}
-
 
 class CampaignError(Exception):
     """A folder that cannot be continued; says why and what to do."""
@@ -59,6 +57,11 @@ class CampaignFile:
 
 
 def _row(record: dict[str, str]) -> Row:
-    case = Case(**{field.name: TYPES[str(field.type)](record.pop(field.name)) for field in fields(Case)})
+    given = {field.name: _typed(field.type, record.pop(field.name)) for field in fields(Case)}
     outcome = record.pop("outcome")
-    return Row(case, outcome, {key: float(value) for key, value in record.items()})
+    return Row(Case(**given), outcome, {key: float(value) for key, value in record.items()})
+
+
+def _typed(kind: Any, text: str) -> Any:
+    """Return the text as a Case's int, float or str."""
+    return kind(text)

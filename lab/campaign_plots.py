@@ -8,14 +8,13 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from companion.types import Array
+from lab.batch import LOST_M
 from lab.campaign import Case, Row
 from lab.dive import Dive
 from lab.paper_plots import BLACK, BLUE, ORANGE, SKY, STYLE, VERMILLION
 from lab.scenarios import SETTLE_S
 
-LOOKS = {"held": (SKY, "."), "swings": (ORANGE, "^"), "lost": (VERMILLION, "x")}
-BARELY_MM = 300.0
-WRAP = 62
+LOOKS = {"held": (SKY, "."), "strays": (ORANGE, "^"), "lost": (VERMILLION, "x")}
 
 Trace = tuple[Array, Array, Array]
 """Time (s), depth error (m) and heave thrust (N) of one dive, a number each tick."""
@@ -61,7 +60,7 @@ def draw_replay(file: Path, case: Case, batch: Trace, full: Dive) -> None:
         lower.set_ylabel("heave thrust asked for (N)")
         lower.set_xlabel("time since boot (s)")
         upper.legend(loc="upper left")
-        _limit(upper, np.concatenate([error_m, full.depth_error_m[full.t_s > SETTLE_S]]), t_s)
+        _limit(upper, np.concatenate([error_m, full.depth_error_m]))
         figure.savefig(file)
         plt.close(figure)
 
@@ -78,7 +77,7 @@ def _scatter(axes: Axes, rows: Sequence[Row]) -> None:
             label=f"{outcome}: {len(of_it)}",
         )
     axes.set_yscale("log")
-    axes.set_ylim(1.0, 1e4)
+    axes.set_ylim(1.0, 5e4)
     axes.set_xlabel("delay of the link, both ways (ms)")
     axes.set_ylabel("depth error RMS (mm)")
     axes.legend(loc="upper left", ncols=3)
@@ -91,12 +90,10 @@ def _error(axes: Axes, row: Row, trace: Trace) -> None:
     axes.set_title(f"{row.case}\n$ {replay_command(row.case.number)}", fontsize=7, loc="left")
     axes.set_ylabel("depth error (mm)")
     axes.set_xlabel("time since boot (s)")
-    _limit(axes, error_m, t_s)
+    _limit(axes, error_m)
 
 
-def _limit(axes: Axes, error_m: Array, t_s: Array) -> None:
-    """Keep a lost vehicle from squeezing the rest; a bit of the way in may be cut off."""
-    del t_s
-    largest = 1e3 * float(np.nanmax(np.abs(error_m)))
-    if largest > 10.0 * BARELY_MM:
-        axes.set_ylim(-5.1e3, 5.1e3)
+def _limit(axes: Axes, error_m: Array) -> None:
+    """Keep a lost vehicle from squeezing the rest."""
+    if not np.nanmax(np.abs(error_m)) < LOST_M:
+        axes.set_ylim(-1.1e3 * LOST_M, 1.1e3 * LOST_M)

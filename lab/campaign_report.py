@@ -35,6 +35,7 @@ from lab.campaign import (
     ENVELOPE,
     VEHICLES,
     Row,
+    batches,
     case,
     configured,
     dive,
@@ -48,7 +49,7 @@ from lab.campaign_plots import Trace, draw_replay, draw_worst, replay_command
 
 DIVE_MIN = (DURATION_S - ENGAGED_S) / 60.0
 WORST = 3
-RANK = {"lost": 2, "swings": 1, "held": 0}
+RANK = {"lost": 2, "strays": 1, "held": 0}
 
 
 def main(arguments: argparse.Namespace) -> int:
@@ -71,10 +72,11 @@ def main(arguments: argparse.Namespace) -> int:
     rows = [row for row in file.rows if row.case.number in numbers]
     with console.status("diving the worst again, for the picture"):
         worst = {
-            within: _worst(config, [row for row in rows if row.case.inside is within])
-            for within in (True, False)
+            within: _worst([row for row in rows if row.case.inside is within]) for within in (True, False)
         }
-        draw_worst(arguments.out / "worst.png", rows, worst[True], worst[False])
+        traced = _traced(config, [row.case.number for found in worst.values() for row in found])
+        shown = [[traced[row.case.number] for row in worst[within]] for within in (True, False)]
+        draw_worst(arguments.out / "worst.png", rows, *shown)
     summary = _summary(rows, speed)
     console.print(_table(rows))
     console.print("[bold]The envelope[/bold], inside which every dive must hold:")
@@ -155,28 +157,37 @@ def _workers(scheduler: str | None, workers: int | None) -> Iterator[tuple[Execu
             yield executor, sum(client.nthreads().values())
 
 
-def _worst(config: Config, rows: Sequence[Row]) -> list[tuple[Row, Trace]]:
-    """Dive the worst rows again and keep their traces."""
-
+def _worst(rows: Sequence[Row]) -> list[Row]:
     def badness(row: Row) -> tuple[int, float]:
         return RANK[row.outcome], row.figures["depth_rms_mm"]
 
-    return [
-        (row, _trace(config, row.case.number)[1]) for row in sorted(rows, key=badness, reverse=True)[:WORST]
-    ]
+    return sorted(rows, key=badness, reverse=True)[:WORST]
 
 
-def _trace(config: Config, number: int) -> tuple[Row, Trace]:
-    seen: list[tuple[float, Array, Array]] = []
-    batch = dive(config, [number], lambda t_s, error_m, thrust_n: seen.append((t_s, error_m, thrust_n)))
-    t_s, error_m, thrust_n = (np.array([np.squeeze(moment[i]) for moment in seen]) for i in range(3))
-    return batch.rows[0], (t_s, error_m, thrust_n)
+def _traced(config: Config, numbers: Sequence[int]) -> dict[int, tuple[Row, Trace]]:
+    """Dive these again and keep their traces."""
+    found: dict[int, tuple[Row, Trace]] = {}
+    for part in batches(numbers):
+        times: list[float] = []
+        seen: list[Array] = []
+
+        def watch(
+            t_s: float, error_m: Array, thrust_n: Array, times: list[float] = times, seen: list[Array] = seen
+        ) -> None:
+            times.append(t_s)
+            seen.append(np.stack([error_m, thrust_n]))
+
+        rows = dive(config, part, watch).rows
+        t_s, traces = np.array(times), np.array(seen)
+        for i, row in enumerate(rows):
+            found[row.case.number] = (row, (t_s, traces[:, 0, i], traces[:, 1, i]))
+    return found
 
 
 def _replay(console: Console, config: Config, number: int, folder: Path) -> int:
     """Dive one number again, as the batch does and through the full loop; tell and draw both."""
     one = case(number)
-    row, trace = _trace(config, number)
+    row, trace = _traced(config, [number])[number]
     full = full_loop.dive(scenario(one), configured(config, one.vehicle), plant(one), link(one))
     folder.mkdir(parents=True, exist_ok=True)
     picture = folder / f"replay-{number}.png"
@@ -232,29 +243,27 @@ def _dead(row: Row) -> str:
 
 def _table(rows: Sequence[Row]) -> Table:
     table = Table(title=f"{len(rows)} dives of {DURATION_S - ENGAGED_S:.0f} s, from engaging on")
-    for title in ("vehicle", "dead thruster", "dives", "held", "swings", "lost", "median RMS mm", "99 % mm"):
+    for title in ("vehicle", "dead thruster", "dives", "held", "strays", "lost", "median RMS mm", "99 % mm"):
         table.add_column(title, justify="left" if title in ("vehicle", "dead thruster") else "right")
     groups = [*_groups(rows)]
     groups += [("inside", "", [row for row in rows if row.case.inside])]
     groups += [("outside", "", [row for row in rows if not row.case.inside])]
     for vehicle, dead, of_it in groups:
         counts = _counts(of_it)
-        cells = (counts[key] for key in ("dives", "held", "swings", "lost"))
+        cells = (counts[key] for key in ("dives", "held", "strays", "lost"))
         figures = (counts["held_depth_rms_mm_median"], counts["held_depth_rms_mm_p99"])
         table.add_row(vehicle, dead, *map(str, cells), *("" if x is None else f"{x:.1f}" for x in figures))
     return table
 
 
-def _tell(
-    console: Console, rows: Sequence[Row], worst: dict[bool, list[tuple[Row, Trace]]], folder: Path
-) -> None:
+def _tell(console: Console, rows: Sequence[Row], worst: dict[bool, list[Row]], folder: Path) -> None:
     failed = [row for row in rows if row.case.inside and row.outcome != "held"]
     console.print(
         f"[red]{len(failed)} dives inside it did not hold[/red]" if failed else "All dives inside it held."
     )
     for within, found in worst.items():
         console.print(f"Worst {'inside' if within else 'outside'}:")
-        for row, _ in found:
+        for row in found:
             figures = row.figures
             console.print(
                 f"  {row.case}: {row.outcome}, depth RMS {figures['depth_rms_mm']:.1f} mm, "
