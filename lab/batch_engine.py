@@ -21,7 +21,6 @@ from companion.control.network import Learning, Network
 from companion.control.positioning import Model, jacobian, to_body, to_inertial
 from companion.control.reference import Limits, ReferenceModel
 from companion.control.regressor import Regressor
-from companion.estimation import PREDICTION_STEP_S
 from companion.observer import Noise, Observer
 from companion.thrust import Thrusters
 from companion.types import PSI, Array, Delays, Setpoint, VehicleState, Z
@@ -76,10 +75,14 @@ class Engines:
         self._look_up(timing, to_go_s)
 
     def _look_up(self, timing: Timing, to_go_s: Array) -> None:
-        """Work out how many ticks ago each command was sent that the observer and the prediction need."""
-        steps = max(1, math.ceil(float(to_go_s.max()) / PREDICTION_STEP_S))
-        self._step_s = float(to_go_s.max()) / steps
+        """Work out how many ticks ago each command was sent that the observer and the prediction need.
+
+        All dives predict in the same steps, a tick each, and every one reads off its own moment in between;
+        the estimator makes whole steps of its one way.
+        """
+        self._step_s = self._tick_s
         place = to_go_s / self._step_s
+        steps = int(place.max()) + 1
         self._last = np.minimum(place.astype(int), steps - 1)
         self._share = (place - self._last)[:, None]
         observed_s = timing.telemetry_s + 0.5 * self._tick_s
