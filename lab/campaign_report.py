@@ -114,7 +114,7 @@ def _dive(
         TimeRemainingColumn(),
     )
     with (
-        _workers(arguments.scheduler, arguments.workers) as (executor, workers),
+        workforce(arguments.scheduler, arguments.workers) as (executor, workers),
         Progress(*columns, console=console) as progress,
     ):
         task = progress.add_task("diving", total=len(numbers))
@@ -135,7 +135,7 @@ def _dive(
 
 
 @contextmanager
-def _workers(scheduler: str | None, workers: int | None) -> Iterator[tuple[Executor, int]]:
+def workforce(scheduler: str | None, workers: int | None) -> Iterator[tuple[Executor, int]]:
     """Give an executor and how many dive at once: this machine's cores, or an existing Dask cluster's."""
     if scheduler is None:
         count = workers or os.cpu_count() or 1
@@ -148,7 +148,7 @@ def _workers(scheduler: str | None, workers: int | None) -> Iterator[tuple[Execu
 
     connect: Any = Client  # it carries no types that mypy --strict accepts
     try:
-        client = connect(scheduler, timeout=10)
+        client = connect(scheduler, timeout=5)
     except OSError as error:
         raise SystemExit(f"holdfast campaign: no Dask scheduler answers at {scheduler}: {error}") from error
     with client:
