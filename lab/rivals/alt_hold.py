@@ -11,13 +11,13 @@ import numpy as np
 from msgspec.structs import replace
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from companion.thrust import Thrusters
 from companion.types import PSI, Z
 from lab.dive import TRUE_PSI, Dive, recorded
 from lab.lockstep import COMPANION_LINK, Link, Wire
 from lab.scenarios import Scenario
 from sim_bridge.config import SimConfig
 from sim_bridge.modes import ALT_HOLD, STABILIZE
+from sim_bridge.thrusters import Thrusters
 from sim_bridge.vehicle import Vehicle
 
 TICK_S = 0.02
@@ -66,12 +66,12 @@ class GroundStation:
 
 
 def dive(scenario: Scenario, plant: SimConfig, link: Link, parameters: dict[str, float]) -> Dive:
-    """Dive `scenario` in ALT_HOLD with these autopilot parameters; thrust is that of the nominal curve."""
+    """Dive `scenario` in ALT_HOLD with these parameters; thrust is what `plant`'s curve makes of the PWM."""
     config = scenario.plant(plant, scenario.seed)
     vehicle = Vehicle(replace(config, parameters=config.parameters | parameters), scenario.seed)
     vehicle.open_link(COMPANION_LINK)
     station, wire, last_s = GroundStation(), Wire(), 0.0
-    thrusters = Thrusters(config.thrusters.frame, np.full(4, np.inf))
+    thrusters = Thrusters(plant.thrusters)
     jitter = np.random.default_rng(scenario.seed)
     rows = []
     for tick in range(round(scenario.duration_s / TICK_S)):
@@ -84,8 +84,9 @@ def dive(scenario: Scenario, plant: SimConfig, link: Link, parameters: dict[str,
             vehicle.step([(COMPANION_LINK, data) for _, data in wire.arrived(vehicle.time_s)])
         truth = vehicle.truth()
         wanted = scenario.target(truth.t_s).eta_d
-        motors = (np.array(truth.motor_pwm) - 1500.0) / 400.0
-        thrust_n = thrusters.delivered(thrusters.axes_from_motors(motors), truth.voltage_v)[Z]
+        thrust_n = (
+            thrusters.static_thrust(truth.motor_pwm, truth.voltage_v) @ thrusters.wrench_of_thrust[:, Z]
+        )
         depth_m, heading_rad = truth.eta[Z] - wanted[Z], truth.eta[TRUE_PSI] - wanted[PSI]
         active = truth.armed and truth.mode == ALT_HOLD
         rows.append((truth.t_s, depth_m, heading_rad, thrust_n, active, truth.load_on))

@@ -18,7 +18,7 @@ from companion.control.controller import KAPPA_POWER, LAMBDA_POWER, LEARNING_POW
 from companion.types import Array
 from lab.rivals.law import Forces, Motion
 
-PREDICTOR_PER_S = 20.0
+PREDICTOR_PER_S = 1.0
 
 
 @dataclass(frozen=True, slots=True)
