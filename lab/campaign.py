@@ -26,7 +26,9 @@ from sim_bridge.config import SimConfig, load_config
 HEAVY, BLUEROV2, ENSEMBLE = "heavy", "bluerov2", "ensemble"
 VEHICLES = (HEAVY, BLUEROV2, ENSEMBLE)
 DISTURBANCES = ("calm", "waves", "tether", "load", "current", "all")
-DURATION_S = SETTLE_S + 40.0
+SINCE_S, DURATION_S = SETTLE_S, SETTLE_S + 40.0
+"""Since boot: from when on figures count, and when a dive ends."""
+
 BATCH = 1000
 """Dives at once: fewer cost more of the interpreter's time, many more fall out of the processor's cache."""
 
@@ -220,6 +222,7 @@ def dive(
         DURATION_S,
         numbers,
         Links(up_s=0.5 * delay_s, down_s=0.5 * delay_s, jitter_s=0.004),
+        since_s=SINCE_S,
         watch=watch,
     )
     rows = []

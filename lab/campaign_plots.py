@@ -76,7 +76,8 @@ def _scatter(axes: Axes, rows: Sequence[Row]) -> None:
             markersize=3 if outcome == "held" else 4,
             label=f"{outcome}: {len(of_it)}",
         )
-    axes.set_yscale("log")
+    if rows:
+        axes.set_yscale("log")
     axes.set_ylim(1.0, 5e4)
     axes.set_xlabel("delay of the link, both ways (ms)")
     axes.set_ylabel("depth error RMS (mm)")

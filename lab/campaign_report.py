@@ -49,6 +49,7 @@ from lab.campaign_plots import Trace, draw_replay, draw_worst, replay_command
 
 DIVE_MIN = (DURATION_S - ENGAGED_S) / 60.0
 WORST = 3
+CONNECT_S = 5.0
 RANK = {"lost": 2, "strays": 1, "held": 0}
 
 
@@ -148,7 +149,7 @@ def workforce(scheduler: str | None, workers: int | None) -> Iterator[tuple[Exec
 
     connect: Any = Client  # it carries no types that mypy --strict accepts
     try:
-        client = connect(scheduler, timeout=5)
+        client = connect(scheduler, timeout=CONNECT_S)
     except OSError as error:
         raise SystemExit(f"holdfast campaign: no Dask scheduler answers at {scheduler}: {error}") from error
     with client:
