@@ -62,6 +62,7 @@ class Thrusters:
         self._M_inverse = np.linalg.pinv(self._M)
         self._B_inverse = np.linalg.pinv(self._B)
         self._max_tau = max_tau
+        self._groups = (HORIZONTAL, len(factors) - HORIZONTAL)
 
     def allocate(self, tau: Array, voltage_v: float, reach: Array) -> Allocation:
         """Return the axes that give body wrench `tau`, each within ±`reach`, motors within ±1.
@@ -70,25 +71,24 @@ class Thrusters:
         group is scaled, as the firmware does, so that the direction of the force is kept.
         """
         asked = bounded(tau, self._max_tau)
+        short = asked != tau
         forces = asked @ self._B_inverse.T / _strength(voltage_v)
         load = np.maximum(forces / T200_N[-1], forces / T200_N[0])
-        across = np.maximum(load[..., :HORIZONTAL].max(-1), 1.0)
-        upright = np.maximum(load[..., HORIZONTAL:].max(-1), 1.0)
-        forces[..., :HORIZONTAL] /= across[..., None]
-        forces[..., HORIZONTAL:] /= upright[..., None]
+        if load.max() > 1.0:
+            scale = _by_axis(load[..., :HORIZONTAL].max(-1), load[..., HORIZONTAL:].max(-1))
+            forces = forces / np.repeat(scale[..., [0, 2]], self._groups, axis=-1)
+            short |= scale > 1.0
         axes = np.interp(forces, _INVERSE_N, T200_DEMAND) @ self._M_inverse.T
         if asked[..., :2].any():
             axes = self._refined(axes, forces)
-
-        over = np.maximum(np.abs(axes) / np.maximum(reach, MIN_REACH), 1.0)
-        level = np.abs(axes @ self._M.T)[..., :HORIZONTAL].max(-1)
-        level = np.maximum(level, np.maximum(over[..., 0], np.maximum(over[..., 1], over[..., 3])))
-        over[..., 0] = over[..., 1] = over[..., 3] = level
-        short = (over > 1.0) | (asked != tau)
-        short[..., 2] |= upright > 1.0
-        for axis in (0, 1, 3):
-            short[..., axis] |= across > 1.0
-        return Allocation(axes / over, short)
+        over = np.abs(axes) / np.maximum(reach, MIN_REACH)
+        load = np.abs(axes @ self._M.T)
+        if over.max() > 1.0 or load.max() > 1.0:
+            across = np.maximum(over[..., [0, 1, 3]].max(-1), load[..., :HORIZONTAL].max(-1))
+            scale = _by_axis(across, over[..., 2])
+            axes = axes / scale
+            short |= scale > 1.0
+        return Allocation(axes, short)
 
     def _refined(self, axes: Array, forces: Array) -> Array:
         """Newton steps on B T(M a) = B f: mends what averaging motors of unequal curves costs."""
@@ -115,6 +115,12 @@ class Thrusters:
     def count(self) -> int:
         """How many motors the frame has."""
         return len(self._M)
+
+
+def _by_axis(across: Array, upright: Array) -> Array:
+    """Return by how much to divide each axis, at least 1: surge, sway and yaw share one group."""
+    across, upright = np.maximum(across, 1.0), np.maximum(upright, 1.0)
+    return np.stack((across, across, upright, across), axis=-1)
 
 
 def _strength(voltage_v: float) -> float:

@@ -88,7 +88,7 @@ class Controller:
         theta = inputs(e, e_dot, state.eta_dot_ahead, reference.x_d_dot, reference.x_d_ddot)
         may_learn = engaged & free & (self._engaged_s >= gains.start_delay_s)
         d_hat = bounded(state.disturbance, gains.d_max) * gains.by_observer
-        adapting, weight_norm = np.zeros_like(engaged), np.zeros_like(e)
+        adapting, weight_norm = np.zeros(e.shape, bool), np.zeros(e.shape)
         for serves, compensator in self._compensators:
             d_hat = d_hat + serves * compensator.step(theta, eps, keenness * dt_s, may_learn & serves)
             adapting = adapting | compensator.learning_now

@@ -53,6 +53,11 @@ def inertial_diagonal(J: Array, body: Array) -> Array:
     return np.asarray(np.matvec(J * J, body))
 
 
+# (m_u − m_v) times r v, r u, 0 and −u v: which velocities meet on which axis.
+_SIGN = np.array([1.0, 1.0, 0.0, -1.0])
+_FIRST, _SECOND = np.array([3, 3, 0, 0]), np.array([1, 0, 0, 1])
+
+
 @dataclass(frozen=True, slots=True)
 class Model:
     """What the controller believes of the vehicle: body diagonals in the order surge, sway, heave, yaw."""
@@ -75,10 +80,6 @@ class Model:
         k gathers C(ν)ν and M d(J⁻¹)/dt ẋ; for a diagonal M only (m_u − m_v) is left of both: what a vehicle
         of unequal inertia feels while it turns, and the Munk moment that turns it across its path.
         """
-        u, v, r = nu[..., 0], nu[..., 1], nu[..., 3]
-        unequal = self.m[..., 0] - self.m[..., 1]
-        force = nu * (self.d1 + self.d2 * np.abs(nu))
-        force[..., 0] += unequal * r * v
-        force[..., 1] += unequal * r * u
-        force[..., 3] -= unequal * u * v
-        return to_inertial(J, force)
+        damping = nu * (self.d1 + self.d2 * np.abs(nu))
+        unequal = (self.m[..., 0] - self.m[..., 1])[..., None] * _SIGN
+        return to_inertial(J, damping + unequal * nu[..., _FIRST] * nu[..., _SECOND])

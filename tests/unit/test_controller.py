@@ -103,9 +103,8 @@ def test_tau_is_the_sum_of_its_parts():
     for _ in range(5):
         sample = tick(c, s, Setpoint(np.array([1.0, 1.0, 2.0, -1.0])))
     np.testing.assert_allclose(sample.tau, sample.feedforward + sample.feedback + sample.d_hat, rtol=1e-12)
-    np.testing.assert_allclose(
-        sample.eps, sample.e_dot + np.array([1.5, 1.5, 4.7, 3.0]) * sample.e, rtol=1e-9
-    )
+    lam = np.array([axis.lambda_per_s for axis in load_config().axes])
+    np.testing.assert_allclose(sample.eps, sample.e_dot + lam * sample.e, rtol=1e-9)
     np.testing.assert_allclose(sample.e_dot, sample.x_dot - sample.x_d_dot, rtol=1e-12)
 
 
