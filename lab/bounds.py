@@ -25,6 +25,7 @@ from companion.engine import Engine
 from companion.types import LoopHealth, Request
 from dashboard.zenoh_client import Subscription
 from lab.lockstep import Link, Lockstep
+from lab.ports import free_port
 from lab.scenarios import four
 from sim_bridge.config import SimConfig
 from sim_bridge.vehicle import Vehicle
@@ -169,14 +170,6 @@ def start_to_neutral_s() -> float:
                     if message.get_type() == "RC_CHANNELS_OVERRIDE":
                         return time.monotonic() - begun_s
                 wire.sendto(heartbeat, peer)
-
-
-def free_port(kind: socket.SocketKind = socket.SOCK_STREAM) -> int:
-    """Return a loopback port that nobody uses just now."""
-    with socket.socket(socket.AF_INET, kind) as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-        return port
 
 
 @contextmanager

@@ -26,6 +26,7 @@ from lab import demo_screen
 from lab.demo_crew import ChildError, Crew
 from lab.demo_dive import ARRIVED_M, Dive, Figures, Recording, arrange, figures, window
 from lab.demo_screen import Now, View
+from lab.ports import free_port
 
 VEHICLE = "demo"
 LOOPBACK = "127.0.0.1"
@@ -144,8 +145,8 @@ def _dive_twice(story: Story, show: Show, stop_asked: Callable[[], int]) -> dict
 
 def _dive(story: Story, name: str, told: "_Teller", stop_asked: Callable[[], int]) -> Recording:
     """Dive once; return what was heard of it."""
-    endpoint = f"tcp/{LOOPBACK}:{_free_port(socket.SOCK_STREAM)}"
-    mavlink = f"{LOOPBACK}:{_free_port(socket.SOCK_DGRAM)}"
+    endpoint = f"tcp/{LOOPBACK}:{free_port(socket.SOCK_STREAM)}"
+    mavlink = f"{LOOPBACK}:{free_port(socket.SOCK_DGRAM)}"
     told.endpoint = endpoint
     heard = Recording()
     with (
@@ -222,13 +223,6 @@ def _refuse_trouble(heard: Recording, connected: bool, late: bool, endpoint: str
         raise DemoError(f"nothing of the simulator came over Zenoh's {endpoint}.\n{crew.last_lines()}")
     why = f"{supervisor.state}: {supervisor.reason}" if supervisor else "it says nothing over Zenoh"
     raise DemoError(f"the controller does not dive ({why}).\n{crew.last_lines()}")
-
-
-def _free_port(kind: socket.SocketKind) -> int:
-    with socket.socket(socket.AF_INET, kind) as probe:
-        probe.bind((LOOPBACK, 0))
-        port: int = probe.getsockname()[1]
-        return port
 
 
 @contextmanager

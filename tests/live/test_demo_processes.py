@@ -124,9 +124,11 @@ def test_zenoh_that_cannot_start_is_told(
     monkeypatch.setattr(demo, "PATIENCE_S", 4.0)
     with socket.create_server(("127.0.0.1", 0)) as mute:
         taken: int = mute.getsockname()[1]
-        free = demo._free_port
+        free = demo.free_port
         monkeypatch.setattr(
-            demo, "_free_port", lambda kind: taken if kind == socket.SOCK_STREAM else free(kind)
+            demo,
+            "free_port",
+            lambda kind=socket.SOCK_STREAM: taken if kind == socket.SOCK_STREAM else free(kind),
         )
         assert demo.perform(SHORT, tmp_path / "demo.png", tmp_path / "demo.json") == 1
     assert f"nobody came to listen on Zenoh's tcp/127.0.0.1:{taken}" in capsys.readouterr().err

@@ -17,7 +17,8 @@ from companion.app import App
 from companion.config import load_config
 from companion.engine import Engine
 from companion.types import Request, Setpoint
-from lab.bounds import HOLDFAST, free_port, running
+from lab.bounds import HOLDFAST, running
+from lab.ports import free_port
 
 NEUTRAL = (1500, 1500, 1500, 1500)
 

@@ -13,15 +13,10 @@ import pytest
 import zenoh
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from lab.ports import free_port
 from sim_bridge.app import MAX_CATCH_UP_STEPS
 
 START_S = 15.0
-
-
-def free_port(kind=socket.SOCK_STREAM):
-    with socket.socket(socket.AF_INET, kind) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
 
 
 @contextlib.contextmanager
