@@ -1,69 +1,150 @@
-"""`holdfast bench` in the terminal: progress while it dives, then tables, and the same figures as JSON."""
+"""`holdfast bench` in the terminal: progress while it dives, then tables, plots, and the same as JSON."""
 
 import argparse
 import json
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import asdict
+from typing import Any
 
+from rich import box
 from rich.console import Console
-from rich.progress import Progress
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
 from companion.config import load_config
-from lab.bench import PAPER_RMS_MM, SCENARIOS, Row, measure
+from lab.bench import CONFIDENCE, FIRST_SEED, FLOOR, LINKS, SCENARIOS, Summary, count, measure, summaries
+from lab.bench_plot import draw
 from lab.bounds import Bound, process, virtual
-from lab.lockstep import Link
+from lab.floor import CHATTER_N
+from lab.rows import DEFAULT, ROWS, selected
 from sim_bridge.commands import DEFAULT_CONFIG
 from sim_bridge.config import load_config as load_plant
 
+TITLES = {row.name: row.title for row in ROWS} | {FLOOR: "LQG floor"}
 COLUMNS = (
-    ("depth_rms_mm", "depth RMS mm"),
-    ("depth_peak_mm", "peak mm"),
-    ("heading_rms_deg", "heading RMS °"),
-    ("thrust_rms_n", "thrust RMS N"),
-    ("chatter_n", "chatter N/tick"),
+    ("depth_peak_mm", "peak\nmm", ".1f"),
+    ("recovery_s", "recov.\ns", ".1f"),
+    ("thrust_rms_n", "thrust\nN", ".1f"),
+    ("chatter_n", "chatter\nN/tick", ".2f"),
+    ("heading_rms_deg", "head.\n°", ".2f"),
 )
+SHORT = {"trajectory": "path"}
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Run what was asked for; the exit status is 1 if a bound was not held."""
     console = Console()
-    config, plant = load_config(overrides=arguments.set), load_plant(DEFAULT_CONFIG)
-    rows: list[Row] = []
+    plant = load_plant(DEFAULT_CONFIG)
+    rows = selected(arguments.rows or [row.name for row in ROWS])
+    cases: list[Summary] = []
     bounds: list[Bound] = []
-    with Progress(console=console) as progress:
+    runs = []
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=console) as progress:
         if arguments.what != "process":
-            task = progress.add_task("diving", total=arguments.seeds * len(SCENARIOS))
-            rows = measure(config, plant, Link(), arguments.seeds, lambda: progress.advance(task))
+            task = progress.add_task("diving", total=count(rows, arguments.seeds))
+            runs = measure(arguments.set, plant, rows, arguments.seeds, lambda: progress.advance(task))
+            cases = summaries(runs)
         if arguments.what != "dives":
             task = progress.add_task("measuring the process", total=2)
-            bounds += virtual(config, plant)
+            bounds += virtual(load_config(overrides=arguments.set), plant)
             progress.advance(task)
             bounds += process()
             progress.advance(task)
-    if rows:
-        console.print(_dives(rows, arguments.seeds))
+    if cases:
+        for scenario in SCENARIOS:
+            for delay_ms in LINKS:
+                console.print(_case([c for c in cases if (c.scenario, c.delay_ms) == (scenario, delay_ms)]))
+        console.print(_overview(cases, f"depth RMS, mm; ! chatter above {CHATTER_N} N a tick", _error))
+        console.print(_overview(cases, "depth RMS over that of the floor", _ratio))
+        console.print(f"plots: {', '.join(map(str, draw(runs, TITLES, arguments.out)))}", soft_wrap=True)
     if bounds:
         console.print(_bounds(bounds))
     if arguments.json:
-        figures = {
-            "seeds": arguments.seeds,
-            "dives": {row.scenario: row.mean | {"paper_rms_mm": PAPER_RMS_MM[row.scenario]} for row in rows},
-            "bounds": [asdict(bound) | {"held": bound.held} for bound in bounds],
-        }
-        arguments.json.write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")
+        arguments.json.write_text(
+            json.dumps(_json(arguments.seeds, cases, bounds), indent=2) + "\n", encoding="utf-8"
+        )
     return 0 if all(bound.held for bound in bounds) else 1
 
 
-def _dives(rows: list[Row], seeds: int) -> Table:
-    table = Table(title=f"Holding depth and heading, mean ± standard deviation of {seeds} vehicles")
-    table.add_column("scenario")
-    for _, title in COLUMNS:
-        table.add_column(title, justify="right")
-    table.add_column("paper.md RMS mm", justify="right")
-    for row in rows:
-        cells = [f"{row.mean[key]:.2f} ± {row.deviation[key]:.2f}" for key, _ in COLUMNS]
-        table.add_row(row.scenario, *cells, f"{PAPER_RMS_MM[row.scenario]:.1f}")
+def _case(cases: Sequence[Summary]) -> Table:
+    """Return the table of one case, a line for each row."""
+    first = cases[0]
+    table = _table(f"{first.scenario}, {_delay(first.delay_ms)}: mean of {first.seeds} vehicles")
+    for title in ("RMS\nmm", "×\nfloor", f"less default\nmm, {CONFIDENCE:.0%}"):
+        table.add_column(title, justify="right", no_wrap=True)
+    shown = [column for column in COLUMNS if any(not math.isnan(case.mean[column[0]]) for case in cases)]
+    for _, title, _ in shown:
+        table.add_column(title, justify="right", no_wrap=True)
+    for case in cases:
+        difference = ""
+        if case.row not in (DEFAULT, FLOOR) and not math.isnan(case.difference_mm):
+            difference = f"{case.difference_mm:+.2f} ± {case.high_mm - case.difference_mm:.2f}"
+        table.add_row(
+            TITLES[case.row] + (f" ({case.gave_up} lost)" if case.gave_up else ""),
+            f"{case.mean['depth_rms_mm']:.2f}",
+            f"{case.floor_ratio:.2f}",
+            difference,
+            *(_cell(case.mean[key], form) for key, _, form in shown),
+            style="bold" if case.row == DEFAULT else "dim" if case.row == FLOOR else "",
+        )
     return table
+
+
+def _overview(cases: Sequence[Summary], title: str, cell: Callable[[Summary], str]) -> Table:
+    """Return one figure of every row in every case."""
+    table = _table(title)
+    for delay_ms in LINKS:
+        for scenario in SCENARIOS:
+            heading = f"{SHORT.get(scenario, scenario)}\n{_delay(delay_ms)}"
+            table.add_column(heading, justify="right", no_wrap=True)
+    of = {(case.row, case.scenario, case.delay_ms): case for case in cases}
+    for name in dict.fromkeys(case.row for case in cases):
+        cells = [cell(of[name, scenario, delay_ms]) for delay_ms in LINKS for scenario in SCENARIOS]
+        table.add_row(TITLES[name], *cells, style="bold" if name == DEFAULT else "")
+    return table
+
+
+def _error(case: Summary) -> str:
+    return f"{case.mean['depth_rms_mm']:.1f}" + ("!" if case.mean["chatter_n"] > CHATTER_N else "")
+
+
+def _ratio(case: Summary) -> str:
+    return f"{case.floor_ratio:.2f}"
+
+
+def _table(title: str) -> Table:
+    table = Table(
+        title=title, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0)
+    )
+    table.add_column("", no_wrap=True)
+    return table
+
+
+def _delay(delay_ms: int) -> str:
+    return f"+{delay_ms} ms" if delay_ms else "as is"
+
+
+def _cell(value: float, form: str) -> str:
+    return "" if math.isnan(value) else f"{value:{form}}"
+
+
+def _json(seeds: int, cases: Sequence[Summary], bounds: Sequence[Bound]) -> dict[str, Any]:
+    """Return flat records; None where a row has no such figure."""
+    records = [
+        {key: value for key, value in asdict(case).items() if key != "mean"} | case.mean for case in cases
+    ]
+    return {
+        "seeds": seeds,
+        "first_seed": FIRST_SEED,
+        "rows": [{key: _plain(value) for key, value in record.items()} for record in records],
+        "bounds": [asdict(bound) | {"held": bound.held} for bound in bounds],
+    }
+
+
+def _plain(value: Any) -> Any:
+    return None if isinstance(value, float) and math.isnan(value) else value
 
 
 def _bounds(bounds: list[Bound]) -> Table:

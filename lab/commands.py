@@ -23,16 +23,24 @@ def bench(argv: list[str]) -> int:
     """Measure how well it holds, over many vehicles and seas, and what it costs."""
     parser = argparse.ArgumentParser(
         prog="holdfast bench",
-        description="Dives four scenarios in virtual time with vehicles drawn from an ensemble, the "
-        "companion's engine and real MAVLink bytes; then measures the process itself against its bounds.",
+        description="Dives four scenarios, without and with 80 ms more delay, in virtual time with vehicles "
+        "drawn from an ensemble, through real MAVLink bytes: the shipped default, other laws and "
+        "compensators in its place, ArduSub's own depth hold, and beside them the computed LQG floor. A "
+        "dive takes about 3 s of a core: all rows with 60 vehicles 5 core-hours, with --seeds 10 an hour. "
+        "Then measures the process itself against its bounds.",
     )
     parser.add_argument("what", nargs="?", choices=("dives", "process"), help="only one half; default: both")
-    parser.add_argument("--seeds", type=int, default=20, metavar="N", help="vehicles a scenario; default 20")
+    parser.add_argument("--seeds", type=int, default=60, metavar="N", help="vehicles; default %(default)s")
+    parser.add_argument("--rows", nargs="+", metavar="ROW", help="only these, such as default law ppi")
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="companion's config")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the same figures there")
+    parser.add_argument(
+        "--out", type=Path, default=Path("out/bench"), metavar="DIR", help="for plots; default %(default)s"
+    )
+    arguments = parser.parse_args(argv)
     from lab.bench_report import run
 
-    return run(parser.parse_args(argv))
+    return run(arguments)
 
 
 def paper(argv: list[str]) -> int:

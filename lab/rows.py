@@ -79,7 +79,7 @@ _AUTOPILOT = {"PSC_D_POS_P": 3.0, "PSC_D_VEL_P": 8.0, "PSC_D_ACC_P": 0.5, "PSC_D
 
 DEFAULT = "default"
 ROWS: tuple[Row, ...] = (
-    Row("alt_hold_stock", "ALT_HOLD, stock gains", "autopilot", {}),
+    Row("alt_hold_stock", "ALT_HOLD, stock", "autopilot", {}),
     Row("alt_hold", "ALT_HOLD, tuned", "autopilot", _AUTOPILOT),
     Row("ppi", "P-PI", "rival", {"k_p": 4.0, "k_v": 8.0, "k_i": 4.0} | _OBSERVED, "none", _ppi),
     Row("law", "law", "companion", _LAW, "none"),
@@ -87,7 +87,7 @@ ROWS: tuple[Row, ...] = (
     Row("regressor", "law + regressor", "companion", _LEARNING, "regressor"),
     Row("network", "law + network", "companion", _LEARNING, "network"),
     Row("observer", "law + observer", "companion", _LAW, "observer"),
-    Row("network+observer", "law + network + observer", "companion", _LEARNING, "network+observer"),
+    Row("network+observer", "law + network + obs.", "companion", _LEARNING, "network+observer"),
     Row("l1", "L1 adaptive", "rival", _RIVAL | {"omega": 3.0}, "none", _l1),
     Row("super_twisting", "super-twisting", "rival", _RIVAL | {"k_1": 0.3, "k_2": 0.6}, "none", _twist),
     Row(DEFAULT, "shipped default", "companion", {}),

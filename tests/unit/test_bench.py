@@ -1,0 +1,177 @@
+"""The bench's arithmetic, its rows and what a search found, and a search that is run."""
+
+import json
+import math
+import tomllib
+from collections.abc import Sequence
+from io import StringIO
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from companion.config import DEFAULT_FILE, Config, load_config
+from lab import bench, tune
+from lab.bench import FLOOR, LINKS, SCENARIOS, Run, interval, student, summaries
+from lab.bench_plot import draw
+from lab.bench_report import TITLES, _case, _error, _json, _overview
+from lab.floor import CHATTER_N
+from lab.own_vehicle import around, nominal, write_config
+from lab.rows import DEFAULT, ROWS, TUNED_FILE, WIDTH, selected, tuned, values_of
+from sim_bridge.commands import DEFAULT_CONFIG
+from sim_bridge.config import load_config as load_plant
+from sim_bridge.params import DEFAULTS
+
+BASE = load_plant(DEFAULT_CONFIG)
+SIX_THRUSTERS = load_plant(DEFAULT_CONFIG.parent / "sim-bluerov2.toml")
+
+
+@pytest.mark.parametrize(
+    ("freedom", "quantile"), [(1, 12.706), (2, 4.303), (3, 3.182), (4, 2.776), (9, 2.262), (59, 2.001)]
+)
+def test_students_quantile_is_that_of_the_table(freedom: int, quantile: float) -> None:
+    assert student(freedom) == pytest.approx(quantile, rel=0.006)
+
+
+def test_interval_covers_the_truth_as_often_as_it_says() -> None:
+    rng = np.random.default_rng(0)
+    covered = [low < 1.0 < high for low, high in (interval(rng.normal(1.0, 2.0, 6)) for _ in range(4000))]
+    assert np.mean(covered) == pytest.approx(0.95, abs=0.015)
+    assert all(math.isnan(end) for end in interval([1.0]))
+
+
+def configured(overrides: Sequence[str]) -> Config:
+    return load_config(overrides=overrides)
+
+
+def runs(rows: dict[str, float], seeds: int = 4) -> list[Run]:
+    """Every row off by its number from a floor of 2 mm plus the seed's own."""
+    return [
+        Run(row, scenario, delay_ms, seed, row != "ppi", figures(2.0 + seed + more))
+        for scenario in SCENARIOS
+        for delay_ms in LINKS
+        for row, more in rows.items()
+        for seed in range(seeds)
+    ]
+
+
+def figures(rms_mm: float) -> dict[str, float]:
+    return {
+        "depth_rms_mm": rms_mm,
+        "depth_peak_mm": 3 * rms_mm,
+        "recovery_s": math.nan,
+        "thrust_rms_n": 5.0,
+        "chatter_n": 4.0,
+        "heading_rms_deg": 0.2,
+    }
+
+
+def test_differences_are_taken_dive_by_dive() -> None:
+    made = runs({"law": 3.0, "ppi": 5.0, DEFAULT: 1.0, FLOOR: 0.0})
+    cases = summaries(made)
+    assert len(cases) == 4 * len(SCENARIOS) * len(LINKS)
+    law = next(case for case in cases if case.row == "law")
+    assert law.mean["depth_rms_mm"] == pytest.approx(6.5)
+    assert law.floor_ratio == pytest.approx(6.5 / 3.5)
+    assert (law.difference_mm, law.low_mm, law.high_mm) == pytest.approx((2.0, 2.0, 2.0))
+    assert cases[-1].row == FLOOR
+    assert {case.gave_up for case in cases if case.row == "ppi"} == {4}
+
+    console = Console(width=80, record=True, file=StringIO())
+    console.print(_case([case for case in cases if (case.scenario, case.delay_ms) == ("waves", 0)]))
+    console.print(_overview(cases, "RMS", _error))
+    text = console.export_text()
+    assert "+2.00 ± 0.00" in text
+    assert "6.5!" in text
+    assert "P-PI (4 lost)" in text
+    assert "…" not in text
+    record = json.loads(json.dumps(_json(4, cases, []), allow_nan=False))["rows"][0]
+    assert record["row"] == "law"
+    assert record["recovery_s"] is None
+    assert record["depth_rms_mm"] == pytest.approx(6.5)
+
+
+def test_a_picture_for_every_scenario(tmp_path: Path) -> None:
+    paths = draw(runs({"law": 3.0, DEFAULT: 1.0, FLOOR: 0.0}), TITLES, tmp_path / "new")
+    assert [path.name for path in paths] == [f"{scenario}.png" for scenario in SCENARIOS]
+    assert all(path.stat().st_size > 10_000 for path in paths)
+
+
+def test_without_the_default_there_is_no_difference() -> None:
+    assert math.isnan(summaries(runs({"law": 3.0, FLOOR: 0.0}))[0].difference_mm)
+
+
+def test_bench_seeds_are_none_that_a_search_sees() -> None:
+    assert bench.FIRST_SEED > 100 * tune.TRAINING_SEEDS
+    assert bench.SEEDS == 60
+
+
+def test_every_row_was_searched_within_the_same_width() -> None:
+    found = tuned()
+    about = tomllib.loads(TUNED_FILE.read_text())["search"]
+    assert about["bounds_factor"] == WIDTH
+    for row in ROWS:
+        assert set(found.get(row.name, {})) == set(row.knobs)
+        for key, value in values_of(row, found).items():
+            assert 1.0 / WIDTH <= value / row.knobs[key] <= WIDTH * 1.001
+
+
+def test_every_row_can_take_off() -> None:
+    found = tuned()
+    for row in ROWS:
+        values = values_of(row, found)
+        config = load_config(overrides=row.overrides(values))
+        assert (row.rival(values, config) is not None) == (row.steers == "rival")
+        if row.steers == "autopilot":
+            assert set(values) <= set(DEFAULTS)
+        if row.compensator is not None:
+            assert config.heave.compensator == row.compensator
+    with pytest.raises(ValueError, match="no such row: nonesuch; there are alt_hold_stock"):
+        selected(["law", "nonesuch"])
+
+
+def test_a_search_gets_better_and_prices_chatter_and_loss(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tune, "TRAINING_S", 12.0)
+    row = selected(["alt_hold"])[0]
+    found = tune.search(row, configured, BASE, evaluations=12, seeds=1)
+    assert found.score < 0.8 * found.start_score
+    assert set(found.values) == set(row.knobs)
+    wild = {"PSC_D_POS_P": 18.0, "PSC_D_VEL_P": 48.0, "PSC_D_ACC_P": 3.0, "PSC_D_ACC_I": 0.6}
+    dives = tune._training(1, around)
+    assert tune.scores(row, [wild], configured, BASE, dives)[0] > 3.0 * CHATTER_N + found.score
+
+
+def test_candidates_do_not_disturb_each_other(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tune, "TRAINING_S", 3.0)
+    row = selected(["ppi"])[0]
+    values = [dict(row.knobs), {key: 1.3 * value for key, value in row.knobs.items()}]
+    dives = [dive for dive in tune._training(2, around) if dive[0].name == "waves"]
+    together = tune.scores(row, values, configured, BASE, dives)
+    alone = [tune.scores(row, [one], configured, BASE, dives)[0] for one in values]
+    assert together == pytest.approx(alone, rel=0.02)
+    assert together[0] != pytest.approx(together[1], rel=1e-3)
+
+
+def test_own_vehicles_config_is_written_with_its_comments(tmp_path: Path) -> None:
+    values = nominal(SIX_THRUSTERS) | {"heave.kappa_per_s": 7.25}
+    write_config(DEFAULT_FILE, values, tmp_path / "new" / "mine.toml")
+    mine, text = load_config(tmp_path / "new" / "mine.toml"), (tmp_path / "new" / "mine.toml").read_text()
+    hull = SIX_THRUSTERS.hull
+    assert mine.vehicle.frame == "vectored"
+    assert mine.heave.kappa_per_s == 7.25
+    assert mine.heave.mass == pytest.approx(hull.mass_kg + hull.added_mass[2])
+    assert mine.yaw.mass == pytest.approx(hull.inertia_kg_m2[2] + hull.added_mass[5])
+    assert mine.surge.kappa_per_s == load_config().surge.kappa_per_s
+    assert text.count("#") == DEFAULT_FILE.read_text().count("#")
+    with pytest.raises(KeyError):
+        write_config(DEFAULT_FILE, {"heave.nonesuch": 1.0}, tmp_path / "other.toml")
+
+
+def test_vehicles_are_drawn_around_ones_own() -> None:
+    drawn = [around(SIX_THRUSTERS, seed) for seed in range(20)]
+    masses = [one.hull.mass_kg + one.hull.added_mass[2] for one in drawn]
+    own = SIX_THRUSTERS.hull.mass_kg + SIX_THRUSTERS.hull.added_mass[2]
+    assert 0.9 * own <= min(masses) < max(masses) <= 1.1 * own
+    assert len(set(masses)) == 20
+    assert around(SIX_THRUSTERS, 3) == around(SIX_THRUSTERS, 3)
