@@ -62,7 +62,7 @@ def paper(argv: list[str]) -> int:
 
 
 def tune(argv: list[str]) -> int:
-    """Search the gains of your own vehicle's depth, or of the bench's rows; takes a minute or two each."""
+    """Search the gains for your own vehicle, or for the rows of the bench."""
     from companion.config import DEFAULT_FILE
     from sim_bridge.commands import DEFAULT_CONFIG
 

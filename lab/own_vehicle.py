@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -66,11 +67,14 @@ def write_config(source: Path, values: Mapping[str, float | str], out: Path) -> 
     for key, value in values.items():
         section, name = key.split(".")
         shown = f'"{value}"' if isinstance(value, str) else repr(value)
-        found = re.compile(
-            rf"(^\[{section}\]\n(?:(?!\[).*\n)*?{name} = )[^#\n]*?([ ]*(?:#.*)?$)", re.MULTILINE
-        )
-        text, count = found.subn(lambda match, shown=shown: match[1] + shown + match[2], text)  # type: ignore[misc]
+        line = re.compile(rf"(^\[{section}\]\n(?:(?!\[).*\n)*?{name} = )([^#\n]*)(.*$)", re.MULTILINE)
+        text, count = line.subn(partial(_replaced, shown), text)
         if count != 1:
             raise KeyError(key)
-    out.parent.mkdir(parents=True, exist_ok=True)
     out.write_text(text, encoding="utf-8")
+
+
+def _replaced(shown: str, line: re.Match[str]) -> str:
+    """Return a line with another value; what follows stays in its column."""
+    value = shown.ljust(len(line[2]) - 1) + " " if line[3] else shown
+    return line[1] + value + line[3]

@@ -45,13 +45,13 @@ def run(arguments: argparse.Namespace) -> int:
                     progress.advance(task, arguments.evaluations)
         progress.update(task, completed=total)
     console.print(_table(rows, found))
+    out = arguments.out or Path("out/tune") / ("companion.toml" if own else "tuned.toml")
+    out.parent.mkdir(parents=True, exist_ok=True)
     if own:
-        write_config(
-            arguments.config, believed | found[0].values, arguments.out or Path("out/tune/companion.toml")
-        )
+        write_config(arguments.config, believed | found[0].values, out)
     else:
-        _write_tuned(arguments, rows, found)
-    console.print(f"written: {arguments.out or 'out/tune'}")
+        out.write_text(_tuned_text(arguments, rows, found), encoding="utf-8")
+    console.print(f"written: {out}", soft_wrap=True)
     return 0
 
 
@@ -87,7 +87,7 @@ def _own_row(config_file: Path, settings: Sequence[str]) -> Row:
     }
     if set(heave.compensator.split("+")) & set(LEARNERS):
         knobs["heave.learning_rate"] = heave.learning_rate
-    return replace(selected([DEFAULT])[0], knobs=knobs)
+    return replace(selected([DEFAULT])[0], title="your heave", knobs=knobs)
 
 
 def _searchable(names: Sequence[str]) -> list[str]:
@@ -105,8 +105,8 @@ def _table(rows: Sequence[Row], found: Sequence[Found]) -> Table:
     return table
 
 
-def _write_tuned(arguments: argparse.Namespace, rows: Sequence[Row], found: Sequence[Found]) -> None:
-    """Write values with the command, seeds and budget that produced them."""
+def _tuned_text(arguments: argparse.Namespace, rows: Sequence[Row], found: Sequence[Found]) -> str:
+    """Return values with the command, seeds and budget that produced them."""
     command = ["holdfast", "tune", *arguments.rows]
     command += ["--evaluations", str(arguments.evaluations), "--seeds", str(arguments.seeds)]
     command += [part for setting in arguments.set for part in ("--set", setting)]
@@ -127,9 +127,7 @@ def _write_tuned(arguments: argparse.Namespace, rows: Sequence[Row], found: Sequ
     ]
     for row, one in zip(rows, found, strict=True):
         lines += ["", f'[values."{row.name}"]', *_pairs(one.values)]
-    out = arguments.out or Path("out/tune/tuned.toml")
-    out.parent.mkdir(parents=True, exist_ok=True)
-    out.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return "\n".join(lines) + "\n"
 
 
 def _pairs(values: Mapping[str, float]) -> list[str]:
