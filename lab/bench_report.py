@@ -3,6 +3,7 @@
 import argparse
 import json
 import math
+import sys
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from typing import Any
@@ -36,7 +37,11 @@ def run(arguments: argparse.Namespace) -> int:
     """Run what was asked for; the exit status is 1 if a bound was not held."""
     console = Console()
     plant = load_plant(DEFAULT_CONFIG)
-    rows = selected(arguments.rows or [row.name for row in ROWS])
+    try:
+        rows = selected(arguments.rows or [row.name for row in ROWS])
+    except ValueError as error:
+        sys.stderr.write(f"holdfast bench: {error}\n")
+        return 2
     cases: list[Summary] = []
     bounds: list[Bound] = []
     runs = []

@@ -30,7 +30,9 @@ def bench(argv: list[str]) -> int:
         "Then measures the process itself against its bounds.",
     )
     parser.add_argument("what", nargs="?", choices=("dives", "process"), help="only one half; default: both")
-    parser.add_argument("--seeds", type=int, default=60, metavar="N", help="vehicles; default %(default)s")
+    parser.add_argument(
+        "--seeds", type=_positive, default=60, metavar="N", help="vehicles; default %(default)s"
+    )
     parser.add_argument("--rows", nargs="+", metavar="ROW", help="only these, such as default law ppi")
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="companion's config")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the same figures there")
@@ -79,9 +81,11 @@ def tune(argv: list[str]) -> int:
     parser.add_argument("--config", type=Path, default=DEFAULT_FILE, metavar="FILE", help="the companion's")
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="companion's config")
     parser.add_argument(
-        "--evaluations", type=int, default=100, metavar="N", help="of each; default %(default)s"
+        "--evaluations", type=_positive, default=100, metavar="N", help="of each; default %(default)s"
     )
-    parser.add_argument("--seeds", type=int, default=4, metavar="N", help="vehicles; default %(default)s")
+    parser.add_argument(
+        "--seeds", type=_positive, default=4, metavar="N", help="vehicles; default %(default)s"
+    )
     parser.add_argument("--out", type=Path, metavar="FILE", help="default: out/tune/")
     arguments = parser.parse_args(argv)
     from lab.tune_report import run
@@ -119,3 +123,10 @@ def campaign(argv: list[str]) -> int:
     from lab.campaign_report import main
 
     return main(parser.parse_args(argv))
+
+
+def _positive(text: str) -> int:
+    number = int(text)
+    if number < 1:
+        raise argparse.ArgumentTypeError(f"{text} is not 1 or more")
+    return number

@@ -3,6 +3,7 @@
 import argparse
 import os
 import shlex
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
@@ -13,7 +14,7 @@ from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
-from companion.config import load_config
+from companion.config import ConfigError, load_config
 from lab import tune
 from lab.own_vehicle import around, nominal, write_config
 from lab.rows import DEFAULT, ROWS, WIDTH, Row, selected
@@ -27,9 +28,13 @@ LEARNERS = ("integrator", "regressor", "network")
 def run(arguments: argparse.Namespace) -> int:
     """Search, print what was found and write it down."""
     own = not arguments.rows
-    believed = nominal(load_plant(arguments.vehicle)) if own else {}
-    settings = [f"{key}={value}" for key, value in believed.items()] + arguments.set
-    rows = [_own_row(arguments.config, settings)] if own else selected(_searchable(arguments.rows))
+    try:
+        believed = nominal(load_plant(arguments.vehicle)) if own else {}
+        settings = [f"{key}={value}" for key, value in believed.items()] + arguments.set
+        rows = [_own_row(arguments.config, settings)] if own else selected(_searchable(arguments.rows))
+    except (ConfigError, ValueError) as error:
+        sys.stderr.write(f"holdfast tune: {error}\n")
+        return 2
     job = partial(_job, arguments, settings, own)
     total = arguments.evaluations * len(rows)
     console = Console()
@@ -92,6 +97,9 @@ def _own_row(config_file: Path, settings: Sequence[str]) -> Row:
 
 def _searchable(names: Sequence[str]) -> list[str]:
     every = [row.name for row in ROWS if row.knobs]
+    fixed = {row.name for row in ROWS if not row.knobs} & set(names)
+    if fixed:
+        raise ValueError(f"{', '.join(sorted(fixed))}: nothing to search, it is what it is")
     return every if "all" in names else list(names)
 
 
