@@ -17,7 +17,7 @@ from collections import deque
 from collections.abc import Sequence
 from contextlib import suppress
 from math import degrees
-from typing import cast
+from typing import NoReturn, cast
 
 from companion.config import Config, ConfigError
 from companion.engine import Engine
@@ -175,7 +175,6 @@ class App:
         self._said_ns = self._fed_ns = 0
         self._failure: BaseException | None = None
         self._stop = asyncio.Event()
-        self.left_zenoh = True
 
     async def run(self) -> int:
         """Run until SIGINT, SIGTERM or an exception; leave the vehicle neutral; return the exit status."""
@@ -203,7 +202,7 @@ class App:
             with suppress(asyncio.CancelledError, OSError):
                 await link
             self._link.close()
-            self.left_zenoh = self._publisher.close()
+            self._publisher.close()
         if self._failure is not None:
             log.error("gave up: %s", self._failure, exc_info=self._failure)
             return 1
@@ -274,15 +273,16 @@ def notify(message: str) -> None:
             channel.sendto(message.encode(), "\0" + address[1:] if address.startswith("@") else address)
 
 
-def main(config: Config, setpoint: Setpoint, *, arm: bool, requests: Sequence[Request]) -> int:
-    """Run the companion; return its exit status."""
+def main(config: Config, setpoint: Setpoint, *, arm: bool, requests: Sequence[Request]) -> NoReturn:
+    """Run the companion and leave the process with its exit status.
 
-    async def run() -> tuple[int, bool]:
-        app = App(config, setpoint, arm=arm, requests=requests)
-        return await app.run(), app.left_zenoh
+    Everything is closed by then, and the interpreter's own tear-down is skipped: a thread of Zenoh's that
+    asks for the GIL just then is unwound through foreign frames, and aborts the process.
+    """
 
-    status, left_zenoh = asyncio.run(run())
-    if not left_zenoh:
-        logging.shutdown()
-        os._exit(status)
-    return status
+    async def run() -> int:
+        return await App(config, setpoint, arm=arm, requests=requests).run()
+
+    status = asyncio.run(run())
+    logging.shutdown()
+    os._exit(status)

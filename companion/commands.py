@@ -51,7 +51,7 @@ def run(argv: list[str]) -> int:
     try:
         config = load_config(arguments.config or DEFAULT_FILE, arguments.set)
         setpoint = Setpoint(np.array([math.nan, math.nan, depth_m, heading_rad]))
-        return main(config, setpoint, arm=arguments.arm, requests=requests)
+        main(config, setpoint, arm=arguments.arm, requests=requests)
     except (ConfigError, ValueError) as error:
         sys.stderr.write(f"holdfast run: {error}\n")
         return 2

@@ -3,10 +3,11 @@
 Units stand in the key names. The shipped file, `config/companion.toml`, explains every key.
 """
 
+import re
 import tomllib
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args, get_type_hints
 
 import msgspec
 
@@ -169,9 +170,7 @@ def load_config(path: Path = DEFAULT_FILE, overrides: Sequence[str] = ()) -> Con
     try:
         return msgspec.convert(table, Config)
     except msgspec.ValidationError as error:
-        message, _, where = str(error).partition(" - at `$")
-        key = where.strip("`.") or "the file itself"
-        raise ConfigError(f"{path}: {key} = {_look_up(table, key)!r}: {message}") from error
+        raise ConfigError(f"{path}: {_explained(table, str(error))}") from error
 
 
 def _apply(table: dict[str, Any], override: str) -> None:
@@ -190,7 +189,24 @@ def _apply(table: dict[str, Any], override: str) -> None:
     table[last] = value
 
 
-def _look_up(table: Any, key: str) -> Any:
-    for part in key.split("."):
-        table = table.get(part) if isinstance(table, dict) else None
-    return table
+def _explained(table: dict[str, Any], error: str) -> str:
+    """Turn msgspec's "Expected … - at `$.heave.mass`" into key, value and what is allowed."""
+    message, _, where = error.partition(" - at `$")
+    parts = [part for part in where.strip("`").split(".") if part]
+    if field := re.search(r"(unknown|required) field `(.+)`", message):
+        name = ".".join([*parts, field[2]])
+        known = ", ".join(getattr(_section(parts), "__struct_fields__", ()))
+        return f"{name}: unknown key; known here: {known}" if field[1] == "unknown" else f"{name}: missing"
+    value: Any = table
+    for part in parts:
+        value = value.get(part) if isinstance(value, dict) else None
+    choices = get_args(_section(parts)) if "enum" in message else ()
+    said = "must be one of " + ", ".join(choices) if choices else message[0].lower() + message[1:]
+    return f"{'.'.join(parts) or 'the file'} = {value!r}: {said}"
+
+
+def _section(parts: list[str]) -> Any:
+    section: Any = Config
+    for part in parts:
+        section = get_type_hints(section).get(part)
+    return section

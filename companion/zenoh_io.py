@@ -55,17 +55,12 @@ class Publisher:
                 self.dropped += 1
         self._queue.put(sample)
 
-    def close(self) -> bool:
-        """Leave, within `_CLOSE_S` and from any state; tell whether the thread has ended.
-
-        Offers are ignored from here on. A process whose thread is still inside Zenoh must not let the
-        interpreter tear itself down: that aborts it.
-        """
+    def close(self) -> None:
+        """Leave, within half a second and from any state. Offers are ignored from here on."""
         self._closing.set()
         self._queue.put(None)
         if self._thread.is_alive():
             self._thread.join(_CLOSE_S)
-        return not self._thread.is_alive()
 
     def __enter__(self) -> Self:
         """Start."""
