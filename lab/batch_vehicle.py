@@ -155,7 +155,8 @@ class Vehicles:
         self._whole, self._part = np.divmod((timing.age_s + np.array(own_s).T) / STEP_S, 1.0)
         self._whole = self._whole.astype(int)
         self._past = np.empty((int(self._whole.max()) + 2, 4, self._dives))
-        self._past[:] = self._seen()
+        self._see(self._past[0])
+        self._past[:] = self._past[0]
         self._tick = self._step = 0
 
     def tick(self, t_s: float, axes: Array) -> None:
@@ -172,7 +173,7 @@ class Vehicles:
             tau = np.ascontiguousarray(thrusters.wrench().T)
             self._state, _ = self._plant.step(self._state, list(tau), force, flow, STEP_S)
             self._step += 1
-            self._past[self._step % len(self._past)] = self._seen()
+            self._see(self._past[self._step % len(self._past)])
         self._tick += 1
 
     def read(self) -> Readings:
@@ -207,12 +208,14 @@ class Vehicles:
         """Cosine of the tilt, (dives,)."""
         return np.asarray(rotation(self._state)[8])
 
-    def _seen(self) -> Array:
-        """Return depth, sink rate, heading and its rate, (4, dives)."""
+    def _see(self, seen: Array) -> None:
+        """Write depth, sink rate, heading and its rate into `seen` (4, dives)."""
         r11, _, _, r21, _, _, r31, r32, r33 = rotation(self._state)
         u, v, w, _, q, r = self._state[7:]
-        rate = (q * r32 + r * r33) / np.maximum(r32 * r32 + r33 * r33, MIN_COS_SQUARED)
-        return np.stack([self._state[2], r31 * u + r32 * v + r33 * w, np.arctan2(r21, r11), rate])
+        seen[0] = self._state[2]
+        seen[1] = r31 * u + r32 * v + r33 * w
+        seen[2] = np.arctan2(r21, r11)
+        seen[3] = (q * r32 + r * r33) / np.maximum(r32 * r32 + r33 * r33, MIN_COS_SQUARED)
 
 
 class _Water:

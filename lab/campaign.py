@@ -29,7 +29,7 @@ DISTURBANCES = ("calm", "waves", "tether", "load", "current", "all")
 SINCE_S, DURATION_S = SETTLE_S, SETTLE_S + 40.0
 """Since boot: from when on figures count, and when a dive ends."""
 
-BATCH = 700
+BATCH = 1000
 """Dives at once at most: fewer cost more of the interpreter's time, more leave workers idle at the end."""
 
 HELD_TAIL_MM, HELD_PEAK_MM, HELD_TILT_DEG = 100.0, 500.0, 60.0

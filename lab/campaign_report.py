@@ -262,6 +262,7 @@ def _tell(console: Console, rows: Sequence[Row], worst: dict[bool, list[Row]], f
     console.print(
         f"[red]{len(failed)} dives inside it did not hold[/red]" if failed else "All dives inside it held."
     )
+    console.print("No supervisor dives along in a batch: what it does with a lost vehicle, --replay shows.")
     for within, found in worst.items():
         console.print(f"Worst {'inside' if within else 'outside'}:")
         for row in found:
