@@ -16,6 +16,9 @@ from companion.types import Array, Delays
 SYNCS = 120
 """Answers kept, 30 s of them: the one with the shortest round trip gives the offset."""
 
+CLOCK_JUMP_S = 0.05
+"""An answer further off than its round trip can explain, by this much, comes from a clock that was set anew."""
+
 TELEMETRY_MEMORY_S = 1.0
 MAX_DELAY_S = 1.0
 ECHO_MEMORY_S = 4.0
@@ -56,7 +59,12 @@ class DelayMeter:
 
     def timesync(self, sent_s: float, arrived_s: float, boot_s: float) -> None:
         """Take one TIMESYNC answer: sent and arrived on our clock, `boot_s` on the autopilot's in between."""
-        self._syncs.append((arrived_s - sent_s, boot_s - 0.5 * (sent_s + arrived_s)))
+        round_trip_s, offset_s = arrived_s - sent_s, boot_s - 0.5 * (sent_s + arrived_s)
+        if self._syncs:
+            best_s, known_s = min(self._syncs)
+            if abs(offset_s - known_s) > 0.5 * (round_trip_s + best_s) + CLOCK_JUMP_S:
+                self._syncs.clear()
+        self._syncs.append((round_trip_s, offset_s))
         self._offset_s = min(self._syncs)[1]
 
     def stamped(self, arrived_s: float, boot_s: float) -> None:

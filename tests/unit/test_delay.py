@@ -174,3 +174,14 @@ def test_a_changed_telemetry_delay_is_found_in_seconds(before_s, after_s):
     exchange(m, after_s, after_s, start_s=end_s, seconds=6.0)
     moved_s = m.offset_s - BOOT_S
     assert m.delays.telemetry_s - moved_s == pytest.approx(after_s, abs=0.003)
+
+
+def test_a_clock_that_was_set_anew_is_believed_at_once():
+    meter = DelayMeter(0.01, 0.012)
+    for k in range(40):
+        meter.timesync(1000.0 + k * 0.25, 1000.0 + k * 0.25 + 0.01, k * 0.25 + 0.005 + 500.0)
+    late_s = 1000.0 + 20.0
+    meter.timesync(late_s, late_s + 0.8, 20.0 + 0.7 + 500.0)  # slow, but its round trip explains it
+    assert meter.offset_s == pytest.approx(500.0 - 1000.0, abs=1e-6)
+    meter.timesync(late_s + 1.0, late_s + 1.03, 3.0)
+    assert meter.offset_s == pytest.approx(3.0 - late_s - 1.015, abs=1e-6)
