@@ -41,8 +41,8 @@ ENVELOPE = (
     "waves Hs 0.2 to 0.4 m, a tether of σ 1 to 4 N, a load of 5 to 20 N, a current of 0.1 to 0.5 m/s, or all",
     "any one horizontal thruster dead; a vertical one only in calm water or a current, for in MANUAL nothing "
     "keeps the vehicle level, and heave on an uneven set of thrusters turns it over",
-    "on the six-thruster BlueROV2 one disturbance at a time: all at once, one dive in thirty turned it over, "
-    "for it has only 2 N·m to right it",
+    "on the six-thruster BlueROV2 one disturbance at a time: all at once, one dive in fifty or so turned it "
+    "over, for it has only 2 N·m to right it",
 )
 """Where every dive must hold; `Case.inside` says the same."""
 
