@@ -17,7 +17,7 @@ SYNCS = 120
 """Answers kept, 30 s of them: the one with the shortest round trip gives the offset."""
 
 CLOCK_JUMP_S = 0.05
-"""An answer further off than its round trip can explain, by this much, comes from a clock that was set anew."""
+"""An answer that is off by this much more than its round trip explains comes from a clock set anew."""
 
 TELEMETRY_MEMORY_S = 1.0
 MAX_DELAY_S = 1.0
