@@ -124,6 +124,7 @@ class Supervisor(Section, frozen=True):
     pilot_deflection: Fraction
     pilot_hold_s: Positive
     max_depth_m: Positive
+    max_tilt_deg: Annotated[float, msgspec.Meta(gt=0.0, lt=90.0)]
 
 
 class Telemetry(Section, frozen=True):

@@ -15,7 +15,7 @@ from companion.types import NEUTRAL, AxisCommand, Condition, State, VehicleState
 C, S = Condition, State
 
 BLIND = C.LINK_LOST | C.DEPTH_STALE | C.ATTITUDE_STALE | C.POSITION_STALE
-UNFIT = BLIND | C.DISARMED | C.WRONG_MODE | C.FAILSAFE_UNSAFE | C.NON_FINITE | C.TICK_LATE
+UNFIT = BLIND | C.DISARMED | C.WRONG_MODE | C.FAILSAFE_UNSAFE | C.NON_FINITE | C.TICK_LATE | C.TILTED
 NOTHING = Condition(0)
 
 
@@ -46,6 +46,7 @@ TRANSITIONS = (
     Row(S.ACTIVE, C.FAILSAFE_UNSAFE, NOTHING, S.RAMP_DOWN, "the pilot-input failsafe was switched off"),
     Row(S.ACTIVE, C.POSITION_STALE, NOTHING, S.RAMP_DOWN, "no fresh position"),
     Row(S.ACTIVE, C.TICK_LATE, NOTHING, S.RAMP_DOWN, "this process does not keep time"),
+    Row(S.ACTIVE, C.TILTED, NOTHING, S.RAMP_DOWN, "it rolled or pitched too far"),
     Row(S.ACTIVE, C.OPERATOR_STOP, NOTHING, S.RAMP_DOWN, "the operator stopped it"),
     Row(S.RAMP_DOWN, C.NON_FINITE, NOTHING, S.FAULT, "a computed value was not finite"),
     Row(S.RAMP_DOWN, C.LINK_LOST, NOTHING, S.FAULT, "the vehicle fell silent"),
@@ -164,6 +165,7 @@ def assess(
         (C.FAILSAFE_UNSAFE, not failsafe),
         (C.NON_FINITE, not finite),
         (C.TICK_LATE, not late_s <= limits.late_tick_s),
+        (C.TILTED, not max(abs(state.roll), abs(state.pitch)) <= math.radians(limits.max_tilt_deg)),
         (C.PILOT_TAKEOVER, not pilot_deflection <= limits.pilot_deflection),
         (C.OPERATOR_STOP, stop),
         (C.ENGAGE_ASKED, engage),

@@ -308,6 +308,7 @@ class Condition(IntFlag):
     FAILSAFE_UNSAFE = auto()
     NON_FINITE = auto()
     TICK_LATE = auto()
+    TILTED = auto()
     PILOT_TAKEOVER = auto()
     OPERATOR_STOP = auto()
     ENGAGE_ASKED = auto()

@@ -67,8 +67,9 @@ def simulate(
             readings = vehicles.read()
             if tick == first:
                 engines.start(readings)
-            axes = engines.step(target(t_s), readings)
-            wanted = target(t_s + tick_s).eta_d
+            now = target(t_s + tick_s)
+            axes = engines.step(now, readings)
+            wanted = now.eta_d
             depth_error = vehicles.depth_m - wanted[..., Z]
             figures.check(t_s, depth_error)
             if t_s + tick_s >= since_s:

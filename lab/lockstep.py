@@ -112,7 +112,7 @@ class Lockstep:
         """Tick for `duration_s`; `aim` gives the setpoint at each simulated time."""
         for _ in range(round(duration_s * self._rate_hz)):
             if aim is not None:
-                self.engine.aim(aim(self.vehicle.time_s))
+                self.engine.aim(aim(self.vehicle.time_s + 1.0 / self._rate_hz))
             yield self.tick()
 
     def _jitter(self) -> float:

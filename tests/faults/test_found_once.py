@@ -170,3 +170,16 @@ def test_somebody_elses_frames_do_not_keep_our_link_alive():
     dive.tap.spoil = lambda t_s, inbox: [*inbox, (round((START_S + t_s) * 1e9), somebody.stick(1500))]
     dive.run(3.0)
     assert dive.step.sample.state.ages.link_s > 2.0
+
+
+def test_a_vehicle_that_turns_over_is_let_go():
+    """MANUAL, horizontal thrust below the centre of gravity, 0.35 m/s of current to stem: it tumbles."""
+    dive = Dive("sensors.dvl=true", "current.speed_m_s=0.6", "current.enabled=true", setpoint=hold(z=2.0))
+    dive.until(State.ACTIVE)
+    for _ in range(60):
+        dive.run(0.5)
+        if dive.state is not State.ACTIVE:
+            break
+    assert dive.state is not State.ACTIVE
+    dive.run(1.0)
+    assert dive.motors_rest()
