@@ -50,9 +50,10 @@ def draw(runs: Sequence[Run], titles: Mapping[str, str], folder: Path) -> list[P
         for axes, label in ((left, "depth error, RMS (mm)"), (right, "command's change, RMS (N a tick)")):
             axes.set_xscale("log")
             axes.set_xlabel(label)
+            axes.xaxis.set_major_locator(mpl.ticker.LogLocator(subs=(1.0, 2.0, 3.0, 5.0)))
             axes.xaxis.set_major_formatter(mpl.ticker.StrMethodFormatter("{x:g}"))
-            axes.xaxis.set_minor_formatter(mpl.ticker.LogFormatter(minor_thresholds=(1.5, 0.5)))
-            axes.grid(axis="x", which="both", color="0.92")
+            axes.xaxis.set_minor_formatter(mpl.ticker.NullFormatter())
+            axes.grid(axis="x", color="0.9")
             axes.spines[["top", "right"]].set_visible(False)
         seeds = len({run.seed for run in runs})
         figure.suptitle(
@@ -78,7 +79,7 @@ def _dots(axes: Axes, runs: Sequence[Run], names: Sequence[str], key: str, delay
         )
         low, high = interval(values)
         if len(values) > 1:
-            axes.plot([max(low, values.min()), high], [height, height], color=colour, linewidth=2.0)
+            axes.plot([max(low, 0.5 * values.min()), high], [height, height], color=colour, linewidth=2.0)
         label = (f"+{delay_ms} ms" if delay_ms else "delay as is") if y == 0 else None
         look: dict[str, Any] = {
             "color": colour,

@@ -28,7 +28,6 @@ COLUMNS = (
     ("recovery_s", "recov.\ns", ".1f"),
     ("thrust_rms_n", "thrust\nN", ".1f"),
     ("chatter_n", "chatter\nN/tick", ".2f"),
-    ("heading_rms_deg", "head.\n°", ".2f"),
 )
 SHORT = {"trajectory": "path"}
 
@@ -63,6 +62,7 @@ def run(arguments: argparse.Namespace) -> int:
                 console.print(_case([c for c in cases if (c.scenario, c.delay_ms) == (scenario, delay_ms)]))
         console.print(_overview(cases, f"depth RMS, mm; ! chatter above {CHATTER_N} N a tick", _error))
         console.print(_overview(cases, "depth RMS over that of the floor", _ratio))
+        console.print(_overview(cases, "heading RMS, °", _heading))
         console.print(f"plots: {', '.join(map(str, draw(runs, TITLES, arguments.out)))}", soft_wrap=True)
     if bounds:
         console.print(_bounds(bounds))
@@ -119,10 +119,12 @@ def _ratio(case: Summary) -> str:
     return f"{case.floor_ratio:.2f}"
 
 
+def _heading(case: Summary) -> str:
+    return _cell(case.mean["heading_rms_deg"], ".2f")
+
+
 def _table(title: str) -> Table:
-    table = Table(
-        title=title, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0)
-    )
+    table = Table(title=title, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD, padding=0)
     table.add_column("", no_wrap=True)
     return table
 

@@ -14,7 +14,8 @@ and it is ready for a load at any time, in every scenario, because nobody tells 
 that wanders by LOAD_N² in LOAD_PERIOD_S. Without that the best one could do in calm water is nothing at all.
 Its gain is the one that moves the command by at most CHATTER_N a tick (RMS) in what it is ready for. What is
 then reported is the error in the noise of the dive itself, which has no such wandering force, plus the answer
-to the dive's load.
+to the dive's load. So it is a floor for those that are as ready: who steers more softly than 3.5 N a tick can
+be a little below it in calm water, where there is nothing to be ready for.
 """
 
 import math

@@ -68,9 +68,9 @@ def figures(rms_mm: float) -> dict[str, float]:
 
 
 def test_differences_are_taken_dive_by_dive() -> None:
-    made = runs({"law": 3.0, "ppi": 5.0, DEFAULT: 1.0, FLOOR: 0.0})
+    made = runs({"law": 3.0, "ppi": 5.0, "network+observer": 99.0, DEFAULT: 1.0, FLOOR: 0.0})
     cases = summaries(made)
-    assert len(cases) == 4 * len(SCENARIOS) * len(LINKS)
+    assert len(cases) == 5 * len(SCENARIOS) * len(LINKS)
     law = next(case for case in cases if case.row == "law")
     assert law.mean["depth_rms_mm"] == pytest.approx(6.5)
     assert law.floor_ratio == pytest.approx(6.5 / 3.5)
