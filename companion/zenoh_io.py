@@ -117,6 +117,8 @@ class Publisher:
                 session.info.declare_transport_events_listener(on_transport),
                 session.liveliness().declare_token(telemetry.alive_key(self._vehicle)),
             ):
+                if joined and not session.info.transports():
+                    lost.set()  # gone before anybody listened for it
                 while not (self._closing.is_set() or lost.is_set()):
                     with suppress(queue.Empty):
                         sample = self._queue.get(timeout=_RETRY_S)
