@@ -183,10 +183,10 @@ class App:
             loop.add_signal_handler(number, self._stop.set)
         link = loop.create_task(self._link.run())
         link.add_done_callback(self._link_ended)
-        ticker = Ticker(self._period_ns)
         self._publisher.start()
         gc.collect()
         gc.freeze()
+        ticker = Ticker(self._period_ns)
         loop.add_reader(ticker.fd, self._on_tick, ticker)
         notify("READY=1")
         try:
