@@ -7,15 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from companion import assembly
 from companion.config import Config
 from companion.control.bounds import wrap
-from companion.control.compensator import INPUTS, Compensator
-from companion.control.controller import Controller, Gains
-from companion.control.integrator import Integration, Integrator
-from companion.control.network import Learning, Network
-from companion.control.positioning import Model, jacobian, to_body, to_inertial
-from companion.control.reference import Limits, ReferenceModel
-from companion.control.regressor import Regressor
+from companion.control.positioning import jacobian, to_body, to_inertial
 from companion.estimation import Estimator
 from companion.mavlink.ardusub import Mode
 from companion.mavlink.autopilot import Autopilot
@@ -55,13 +50,13 @@ class Engine:
         self._config = config
         self._tick_s = 1.0 / config.loop.rate_hz
         self._arm = arm
-        model = Model(*(_each(config, key) for key in ("mass", "linear_damping", "quadratic_damping")))
+        model = assembly.model(config)
         self._autopilot = Autopilot(config)
-        self._thrusters = Thrusters(config.vehicle.frame, _each(config, "max_force"))
+        self._thrusters = Thrusters(config.vehicle.frame, assembly.each(config, "max_force"))
         self._estimator = Estimator(config, model, self._thrusters)
         self._supervisor = Supervisor(config.supervisor.ramp_down_s)
         self._envelope = Envelope(config.thrusters.max_axis, config.thrusters.max_slew_per_s)
-        self._controller = _controller(config, model)
+        self._controller = assembly.controller(config, model)
         self._setpoint = self._target = _checked(setpoint, config.supervisor.max_depth_m)
         self._engage_asked = False
         self._engaged = np.zeros(4, bool)
@@ -215,38 +210,6 @@ def _checked(setpoint: Setpoint, max_depth_m: float) -> Setpoint:
             f"and no deeper than supervisor.max_depth_m = {max_depth_m:g}"
         )
     return setpoint
-
-
-def _controller(config: Config, model: Model) -> Controller:
-    """Build the control room from the configuration."""
-    d_max = _each(config, "max_disturbance")
-    leak, dead_zone = _each(config, "leak_per_s"), _each(config, "dead_zone")
-    eta, eta_v = _each(config, "learning_rate"), _each(config, "hidden_learning_rate")
-    learning = Learning(eta=eta, eta_v=eta_v, leak=leak, dead_zone=dead_zone, d_max=d_max)
-    learners: dict[str, Compensator] = {
-        "network": Network(learning, (4,), INPUTS, config.network.units, config.network.seed),
-        "regressor": Regressor(learning, (4,)),
-        "integrator": Integrator(Integration(eta, leak, dead_zone, d_max), (4,)),
-    }
-    chosen = {
-        name: np.array([name in axis.compensator.split("+") for axis in config.axes]) for name in learners
-    }
-    gains = Gains(
-        lam=_each(config, "lambda_per_s"),
-        kappa=_each(config, "kappa_per_s"),
-        by_observer=np.array(["observer" in axis.compensator for axis in config.axes]),
-        d_max=d_max,
-        start_delay_s=config.network.start_delay_s,
-        delay_s=config.delays.gains_bear_s,
-    )
-    limits = Limits(_each(config, "max_rate"), _each(config, "max_acceleration"))
-    reference = ReferenceModel(limits, angular=np.array([False, False, False, True]))
-    serving = [(serves, learners[name]) for name, serves in chosen.items() if serves.any()]
-    return Controller(model, gains, reference, serving)
-
-
-def _each(config: Config, key: str) -> Array:
-    return np.array([getattr(axis, key) for axis in config.axes])
 
 
 def _axes(command: AxisCommand) -> Array:

@@ -1,0 +1,51 @@
+"""From the configuration to the control room's objects: where words of the file become symbols of the law."""
+
+import numpy as np
+
+from companion.config import Config
+from companion.control.compensator import INPUTS, Compensator
+from companion.control.controller import Controller, Gains
+from companion.control.integrator import Integration, Integrator
+from companion.control.network import Learning, Network
+from companion.control.positioning import Model
+from companion.control.reference import Limits, ReferenceModel
+from companion.control.regressor import Regressor
+from companion.types import Array
+
+
+def model(config: Config) -> Model:
+    """Return the nominal model."""
+    return Model(each(config, "mass"), each(config, "linear_damping"), each(config, "quadratic_damping"))
+
+
+def controller(config: Config, nominal: Model) -> Controller:
+    """Return reference, law and the compensators that were chosen."""
+    d_max = each(config, "max_disturbance")
+    leak, dead_zone = each(config, "leak_per_s"), each(config, "dead_zone")
+    eta, eta_v = each(config, "learning_rate"), each(config, "hidden_learning_rate")
+    learning = Learning(eta=eta, eta_v=eta_v, leak=leak, dead_zone=dead_zone, d_max=d_max)
+    learners: dict[str, Compensator] = {
+        "network": Network(learning, (4,), INPUTS, config.network.units, config.network.seed),
+        "regressor": Regressor(learning, (4,)),
+        "integrator": Integrator(Integration(eta, leak, dead_zone, d_max), (4,)),
+    }
+    chosen = {
+        name: np.array([name in axis.compensator.split("+") for axis in config.axes]) for name in learners
+    }
+    gains = Gains(
+        lam=each(config, "lambda_per_s"),
+        kappa=each(config, "kappa_per_s"),
+        by_observer=np.array(["observer" in axis.compensator for axis in config.axes]),
+        d_max=d_max,
+        start_delay_s=config.network.start_delay_s,
+        delay_s=config.delays.gains_bear_s,
+    )
+    limits = Limits(each(config, "max_rate"), each(config, "max_acceleration"))
+    reference = ReferenceModel(limits, angular=np.array([False, False, False, True]))
+    serving = [(serves, learners[name]) for name, serves in chosen.items() if serves.any()]
+    return Controller(nominal, gains, reference, serving)
+
+
+def each(config: Config, key: str) -> Array:
+    """Return one key of all four axes, (4,): surge, sway, heave, yaw."""
+    return np.array([getattr(axis, key) for axis in config.axes])
