@@ -16,11 +16,15 @@ import time
 from collections import deque
 from collections.abc import Sequence
 from contextlib import suppress
+from importlib.metadata import version
 from math import degrees
 from typing import NoReturn, cast
 
+import msgspec
+
 from companion.config import Config, ConfigError
 from companion.engine import Engine
+from companion.telemetry import Raw, Start
 from companion.types import PSI, ControlSample, LoopHealth, Request, Setpoint, Z
 from companion.zenoh_io import Publisher
 
@@ -166,6 +170,7 @@ class App:
         self._engine = Engine(config, setpoint, arm=arm)
         self._publisher = Publisher(config.vehicle.name, config.telemetry.endpoint)
         self._requests = list(requests)
+        self._start = _start(config, setpoint, arm) if config.telemetry.raw else None
         self._period_ns = round(NS_PER_S / config.loop.rate_hz)
         self._periods = 0
         self._ticks = 0
@@ -228,7 +233,8 @@ class App:
         )
         try:
             requests, self._requests = self._requests, []
-            out, sample = self._engine.step(now_ns / NS_PER_S, self._link.take(), health, requests)
+            datagrams = self._link.take()
+            out, sample = self._engine.step(now_ns / NS_PER_S, datagrams, health, requests)
             for data in out:
                 self._link.send(data)
         except Exception as error:
@@ -236,8 +242,26 @@ class App:
             self._stop.set()
             return
         self._compute_ns = time.monotonic_ns() - now_ns
-        self._publisher.offer(sample)
+        self._publisher.offer(sample, self._raw(now_ns / NS_PER_S, datagrams, out, requests))
         self._report(now_ns, sample)
+
+    def _raw(
+        self,
+        now_s: float,
+        datagrams: Sequence[tuple[int, bytes]],
+        out: Sequence[bytes],
+        requests: Sequence[Request],
+    ) -> Raw | None:
+        if self._start is None:
+            return None
+        return Raw(
+            tick=self._ticks,
+            now_s=now_s,
+            heard=datagrams,
+            out=out,
+            requests=[request.name for request in requests],
+            start=self._start if self._ticks == 1 else None,
+        )
 
     def _report(self, now_ns: int, sample: ControlSample) -> None:
         """Feed the watchdog; say what changed, and every few seconds how it goes."""
@@ -263,6 +287,13 @@ class App:
         if not task.cancelled():
             self._failure = task.exception()
             self._stop.set()
+
+
+def _start(config: Config, setpoint: Setpoint, arm: bool) -> Start:
+    x, y, z, psi = setpoint.eta_d.tolist()
+    return Start(
+        config=msgspec.to_builtins(config), setpoint=(x, y, z, psi), arm=arm, version=version("holdfast")
+    )
 
 
 def notify(message: str) -> None:

@@ -128,9 +128,10 @@ class Supervisor(Section, frozen=True):
 
 
 class Telemetry(Section, frozen=True):
-    """Where the controller's state is published."""
+    """Where the controller's state is published, and whether the raw ticks are."""
 
     endpoint: str
+    raw: bool
 
 
 class Config(Section, frozen=True):

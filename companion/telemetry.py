@@ -8,16 +8,20 @@
 | holdfast/{vehicle}/supervisor    | Supervisor   | the permission, and why                                  |
 | holdfast/{vehicle}/loop          | Loop         | rate, lateness, ages, delays, counters                   |
 | holdfast/{vehicle}/alive         | (liveliness) | there as long as the companion lives                     |
+| holdfast/{vehicle}/raw           | Raw          | all that a tick took and gave; only with `telemetry.raw` |
+| holdfast/{vehicle}/recorder      | Recorder     | what `holdfast record` is doing, once a second           |
 
 One JSON object per key and tick, with every field always present and the encoding
 `application/json;holdfast.Dof.v1`. A version may gain fields; a changed meaning makes a new one.
 
 Never a null: a number that is not finite leaves as 0.0, and its field is named in `absent`. An age that
 is infinite (the signal never came) leaves as `NEVER_S`. Every object has `t_s`, the companion's monotonic
-clock, and `boot_s`, the vehicle's, which lines it up with anything else the vehicle stamped.
+clock, and `boot_s`, the vehicle's, which lines it up with anything else the vehicle stamped. `raw` alone is
+MessagePack.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import fields
 from functools import cache
 from typing import Any
@@ -150,7 +154,43 @@ class Loop(Record, frozen=True, kw_only=True):
     implausible: int
 
 
-Schema = State | Dof | Command | Supervisor | Loop
+class Recorder(Record, frozen=True, kw_only=True):
+    """What the recorder is doing. `dropped` messages came faster than the disk took them."""
+
+    recording: bool
+    file: str
+    size_bytes: int
+    messages: int
+    dropped: int
+    free_bytes: int
+    said: str
+
+
+class Start(msgspec.Struct, frozen=True, kw_only=True):
+    """What an engine is built from: configuration as a table, setpoint (4,) with NaN where none is set."""
+
+    config: dict[str, Any]
+    setpoint: tuple[float, float, float, float]
+    arm: bool
+    version: str
+
+
+class Raw(msgspec.Struct, frozen=True, kw_only=True):
+    """All that one tick took and gave, so that `holdfast rerun` can repeat it; MessagePack, no JSON.
+
+    `heard`, in the bytes "in": arrival in monotonic ns and the datagram. `requests` by name. The first tick
+    has the `start`.
+    """
+
+    tick: int
+    now_s: float
+    heard: Sequence[tuple[int, bytes]] = msgspec.field(name="in")
+    out: Sequence[bytes]
+    requests: Sequence[str] = ()
+    start: Start | None = None
+
+
+Schema = State | Dof | Command | Supervisor | Loop | Recorder
 
 _TAILS: dict[str, type[Schema]] = {
     "state": State,
@@ -162,7 +202,8 @@ _TAILS: dict[str, type[Schema]] = {
 _UNITS = (("m", "N"), ("m", "N"), ("m", "N"), ("rad", "N·m"))
 _DOF_COLUMNS = tuple(field.name for field in fields(DofSample))
 _encoder = msgspec.json.Encoder(enc_hook=lambda scalar: scalar.item())
-_decoders = {schema: msgspec.json.Decoder(schema) for schema in set(_TAILS.values())}
+_DECODED: dict[str, type[Schema]] = {**_TAILS, "recorder": Recorder}
+_decoders = {schema: msgspec.json.Decoder(schema) for schema in set(_DECODED.values())}
 
 
 @cache
@@ -180,6 +221,16 @@ def keys(vehicle: str) -> dict[str, str]:
 def alive_key(vehicle: str) -> str:
     """Return the key of the vehicle's liveliness token."""
     return f"{_root(vehicle)}/alive"
+
+
+def raw_key(vehicle: str) -> tuple[str, str]:
+    """Return key and encoding of the vehicle's `Raw`."""
+    return f"{_root(vehicle)}/raw", "application/msgpack;holdfast.Raw.v1"
+
+
+def recorder_key(vehicle: str) -> tuple[str, str]:
+    """Return key and encoding of the vehicle's `Recorder`."""
+    return f"{_root(vehicle)}/recorder", "application/json;holdfast.Recorder.v1"
 
 
 def encode(sample: ControlSample, vehicle: str) -> list[tuple[str, str, bytes]]:
@@ -283,15 +334,15 @@ def decode(key: str, payload: bytes) -> Schema:
     Raises ValueError for another key or another shape.
     """
     tail = key.split("/", 2)[2] if key.startswith("holdfast/") and key.count("/") > 1 else ""
-    if tail not in _TAILS:
+    if tail not in _DECODED:
         raise ValueError(
-            f"'{key}' is no key of holdfast. Those are holdfast/{{vehicle}}/ and {', '.join(_TAILS)}"
+            f"'{key}' is no key of holdfast. Those are holdfast/{{vehicle}}/ and {', '.join(_DECODED)}"
         )
     try:
-        record: Schema = _decoders[_TAILS[tail]].decode(payload)
+        record: Schema = _decoders[_DECODED[tail]].decode(payload)
     except msgspec.MsgspecError as error:
         raise ValueError(
-            f"{key} does not hold a holdfast.{_TAILS[tail].__name__}.v1: {error}. "
+            f"{key} does not hold a holdfast.{_DECODED[tail].__name__}.v1: {error}. "
             "Does another version of Holdfast, or somebody else, publish under this key?"
         ) from error
     return record

@@ -13,7 +13,9 @@ from contextlib import suppress
 from types import TracebackType
 from typing import Self
 
+import msgspec
 import zenoh
+from zenoh import ext
 
 from companion import telemetry
 from companion.types import ControlSample
@@ -23,15 +25,18 @@ _OPEN_MS = 1000  # for the handshake: somebody who is stopped still accepts a co
 _RETRY_S = 0.2
 _ROUTER_GRACE = 25  # attempts to rejoin a router, 5 s, before we take the port that it may want back
 _CLOSE_S = 0.5
+_RAW_KEPT = 3000  # ticks that a recorder gets after the event: a minute
 
 _log = logging.getLogger(__name__)
+_Offered = tuple[ControlSample, telemetry.Raw | None]
 
 
 class Publisher:
     """Publishes one vehicle's samples under the keys of `telemetry.keys`, and a liveliness token.
 
     `endpoint` is Zenoh's, such as tcp/127.0.0.1:7447. `dropped` counts the samples that nobody could take in
-    time. Raises ValueError for a vehicle name that is no key; trouble with the network is never raised.
+    time. Whoever subscribes to the raw ticks gets the last minute's as well: no recorder is there at the
+    first one. Raises ValueError for a vehicle name that is no key; trouble with the network is never raised.
     """
 
     def __init__(self, vehicle: str, endpoint: str = telemetry.ENDPOINT) -> None:
@@ -39,7 +44,7 @@ class Publisher:
         self._vehicle = vehicle
         self._keys = telemetry.keys(vehicle)
         self._endpoint = endpoint
-        self._queue: queue.SimpleQueue[ControlSample | None] = queue.SimpleQueue()
+        self._queue: queue.SimpleQueue[_Offered | None] = queue.SimpleQueue()
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._run, name="zenoh", daemon=True)
 
@@ -47,13 +52,13 @@ class Publisher:
         """Open and publish from now on, in the background."""
         self._thread.start()
 
-    def offer(self, sample: ControlSample) -> None:
-        """Hand over a sample, which nobody may change any more. Never blocks; the oldest gives way."""
+    def offer(self, sample: ControlSample, raw: telemetry.Raw | None = None) -> None:
+        """Hand over what nobody may change any more. Never blocks; the oldest gives way."""
         if self._queue.qsize() >= _QUEUE:
             with suppress(queue.Empty):
                 self._queue.get_nowait()
                 self.dropped += 1
-        self._queue.put(sample)
+        self._queue.put((sample, raw))
 
     def close(self) -> None:
         """Leave, within half a second and from any state. Offers are ignored from here on."""
@@ -111,6 +116,7 @@ class Publisher:
             if joined and event.kind == zenoh.SampleKind.DELETE:
                 lost.set()
 
+        raw_publisher: ext.AdvancedPublisher | None = None
         with suppress(zenoh.ZError):
             publishers = {key: _publisher(session, key, encoding) for key, encoding in self._keys.items()}
             with (
@@ -121,10 +127,15 @@ class Publisher:
                     lost.set()  # gone before anybody listened for it
                 while not (self._closing.is_set() or lost.is_set()):
                     with suppress(queue.Empty):
-                        sample = self._queue.get(timeout=_RETRY_S)
-                        if sample is not None:
-                            for key, _, payload in telemetry.encode(sample, self._vehicle):
-                                publishers[key].put(payload)
+                        offered = self._queue.get(timeout=_RETRY_S)
+                        if offered is None:
+                            continue
+                        sample, raw = offered
+                        for key, _, payload in telemetry.encode(sample, self._vehicle):
+                            publishers[key].put(payload)
+                        if raw is not None:
+                            raw_publisher = raw_publisher or _raw_publisher(session, self._vehicle)
+                            raw_publisher.put(msgspec.msgpack.encode(raw))
         if not self._closing.is_set():
             _log.warning("zenoh: lost %s, trying again", self._endpoint)
 
@@ -136,6 +147,20 @@ def _publisher(session: zenoh.Session, key: str, encoding: str) -> zenoh.Publish
         congestion_control=zenoh.CongestionControl.DROP,
         priority=zenoh.Priority.REAL_TIME,
         express=True,
+    )
+
+
+def _raw_publisher(session: zenoh.Session, vehicle: str) -> ext.AdvancedPublisher:
+    key, encoding = telemetry.raw_key(vehicle)
+    return ext.declare_advanced_publisher(
+        session,
+        key,
+        encoding=zenoh.Encoding(encoding),
+        congestion_control=zenoh.CongestionControl.DROP,
+        priority=zenoh.Priority.REAL_TIME,
+        express=True,
+        cache=ext.CacheConfig(_RAW_KEPT),
+        publisher_detection=True,
     )
 
 

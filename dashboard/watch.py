@@ -29,6 +29,7 @@ _WIDTH = 80
 _BINS = 16
 _BIN_S = 1.0
 _RESTART_S = 1.0
+_NOT_SHOWN = ("raw", "recorder")
 
 _BANNER = {
     "IDLE": ("white on grey23", "hands off"),
@@ -94,6 +95,8 @@ class Feed:
     def take(self, messages: Iterable[Message], now_s: float) -> None:
         """Take what arrived until `now_s`, a monotonic clock of this machine."""
         for key, payload in messages:
+            if key.rpartition("/")[2] in _NOT_SHOWN:
+                continue
             try:
                 record = telemetry.decode(key, payload)
             except ValueError as error:

@@ -12,8 +12,10 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from itertools import pairwise
 
+import msgspec
 import pytest
 import zenoh
+from zenoh import ext
 
 from companion import telemetry, zenoh_io
 from companion.types import ControlSample
@@ -271,3 +273,21 @@ def _t_s(message: Message) -> float:
 def _vehicles(seen: Subscription) -> set[str]:
     time.sleep(0.2)
     return {message.key.split("/")[1] for message in seen.take()}
+
+
+def test_a_recorder_that_comes_late_gets_the_raw_ticks_from_the_first(
+    endpoint: str, make_sample: Callable[..., ControlSample]
+) -> None:
+    with Publisher("kelp", endpoint) as publisher, _stranger("client", endpoint) as session:
+        for tick in range(1, 51):
+            raw = telemetry.Raw(tick=tick, now_s=float(tick), heard=[(tick, b"x")], out=[])
+            publisher.offer(make_sample(), raw)
+            time.sleep(0.002)
+        key, encoding = telemetry.raw_key("kelp")
+        came: list[zenoh.Sample] = []
+        history = ext.HistoryConfig(detect_late_publishers=True)
+        with ext.declare_advanced_subscriber(session, key, came.append, history=history):
+            _until(lambda: len(came) == 50)
+    ticks = [msgspec.msgpack.decode(sample.payload.to_bytes(), type=telemetry.Raw).tick for sample in came]
+    assert ticks == list(range(1, 51))
+    assert {str(sample.encoding) for sample in came} == {encoding}

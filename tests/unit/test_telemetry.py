@@ -125,3 +125,44 @@ def test_strange_keys_and_payloads_are_told(key: str, payload: bytes, says: str)
 
 def _of(encoded: list[tuple[str, str, bytes]], wanted: str) -> tuple[str, bytes]:
     return next((key, payload) for key, _, payload in encoded if key == wanted)
+
+
+def test_a_raw_tick_comes_back_as_it_left() -> None:
+    start = telemetry.Start(
+        config={"loop": {"rate_hz": 50.0}}, setpoint=(0.0, 1.0, 2.0, 3.0), arm=True, version="1"
+    )
+    raw = telemetry.Raw(
+        tick=1,
+        now_s=0.1 + 0.2,
+        heard=[(2**62 + 1, b"\xfd\x00")],
+        out=[b"a"],
+        requests=["ENGAGE"],
+        start=start,
+    )
+    payload = msgspec.msgpack.encode(raw)
+    back = msgspec.msgpack.decode(payload, type=telemetry.Raw)
+    assert (back.tick, back.now_s, list(back.heard), list(back.out)) == (
+        1,
+        0.1 + 0.2,
+        [(2**62 + 1, b"\xfd\x00")],
+        [b"a"],
+    )
+    assert (list(back.requests), back.start) == (["ENGAGE"], start)
+    assert "in" in msgspec.msgpack.decode(payload)
+
+
+def test_the_recorders_status_is_known_under_its_key() -> None:
+    key, encoding = telemetry.recorder_key("kelp")
+    assert (key, encoding) == ("holdfast/kelp/recorder", "application/json;holdfast.Recorder.v1")
+    said = telemetry.Recorder(
+        t_s=1.0,
+        boot_s=2.0,
+        recording=True,
+        file="a.mcap",
+        size_bytes=1,
+        messages=2,
+        dropped=0,
+        free_bytes=3,
+        said="ok",
+    )
+    assert telemetry.decode(key, msgspec.json.encode(said)) == said
