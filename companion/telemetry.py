@@ -1,18 +1,9 @@
 """What leaves the companion: the key space and its schemas. No Zenoh in here.
 
-| key                              | schema       | what                                                     |
-|----------------------------------|--------------|----------------------------------------------------------|
-| holdfast/{vehicle}/state         | State        | what the estimator believes                              |
-| holdfast/{vehicle}/dof/{dof}     | Dof          | the law's inside for one of x, y, z, psi                 |
-| holdfast/{vehicle}/command       | Command      | what is sent to the vehicle, and the wrench behind it    |
-| holdfast/{vehicle}/supervisor    | Supervisor   | the permission, and why                                  |
-| holdfast/{vehicle}/loop          | Loop         | rate, lateness, ages, delays, counters                   |
-| holdfast/{vehicle}/alive         | (liveliness) | there as long as the companion lives                     |
-| holdfast/{vehicle}/raw           | Raw          | all that a tick took and gave; only with `telemetry.raw` |
-| holdfast/{vehicle}/recorder      | Recorder     | what `holdfast record` is doing, once a second           |
+docs/telemetry.md lists every key, field, unit and rate, and is made from this file by `holdfast schema`.
 
-One JSON object per key and tick, with every field always present and the encoding
-`application/json;holdfast.Dof.v1`. A version may gain fields; a changed meaning makes a new one.
+One JSON object per key, with every field always present and the encoding `application/json;holdfast.Dof.v1`.
+A version may gain fields; a changed meaning makes a new one.
 
 Never a null: a number that is not finite leaves as 0.0, and its field is named in `absent`. An age that
 is infinite (the signal never came) leaves as `NEVER_S`. Every object has `t_s`, the companion's monotonic
@@ -24,7 +15,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import fields
 from functools import cache
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import msgspec
 
@@ -34,193 +25,230 @@ ENDPOINT = "tcp/127.0.0.1:7447"  # where Zenoh is looked for, and listened on wh
 NEVER_S = 1e6
 
 
-class Record(msgspec.Struct, frozen=True, kw_only=True):
-    """What every schema has: companion's clock, vehicle's clock (s), and the fields that were not finite."""
+def means(text: str) -> msgspec.Meta:
+    """Describe a field; its unit stands in its name."""
+    return msgspec.Meta(description=text)
 
-    t_s: float
-    boot_s: float
-    absent: tuple[str, ...] = ()
+
+class Record(msgspec.Struct, frozen=True, kw_only=True):
+    """What every schema has."""
+
+    t_s: Annotated[float, means("the companion's monotonic clock")]
+    boot_s: Annotated[float, means("the vehicle's clock since its boot")]
+    absent: Annotated[tuple[str, ...], means("fields that were not finite and are 0.0 here")] = ()
 
 
 class State(Record, frozen=True, kw_only=True):
-    """What the estimator believes, and where the vehicle should be, now.
+    """What the estimator believes, and where it should be, now. NED; heading clockwise from north."""
 
-    NED; heading clockwise from north; `mode` is ArduSub's number, `system_status` MAVLink's.
-    """
-
-    x_m: float
-    y_m: float
-    depth_m: float
-    heading_rad: float
-    x_desired_m: float
-    y_desired_m: float
-    depth_desired_m: float
-    heading_desired_rad: float
-    x_rate_mps: float
-    y_rate_mps: float
-    depth_rate_mps: float
-    heading_rate_radps: float
-    roll_rad: float
-    pitch_rad: float
-    roll_rate_radps: float
-    pitch_rate_radps: float
-    armed: bool
-    mode: int
-    system_status: int
-    voltage_v: float
-    pilot_gain: float
+    x_m: Annotated[float, means("north of where the position source started")]
+    y_m: Annotated[float, means("east of there")]
+    depth_m: Annotated[float, means("below the surface")]
+    heading_rad: Annotated[float, means("-pi..pi")]
+    x_desired_m: Annotated[float, means("where x should be")]
+    y_desired_m: Annotated[float, means("where y should be")]
+    depth_desired_m: Annotated[float, means("where the depth should be")]
+    heading_desired_rad: Annotated[float, means("where the heading should be")]
+    x_rate_mps: Annotated[float, means("velocity northward")]
+    y_rate_mps: Annotated[float, means("velocity eastward")]
+    depth_rate_mps: Annotated[float, means("velocity downward")]
+    heading_rate_radps: Annotated[float, means("turning clockwise")]
+    roll_rad: Annotated[float, means("right side down")]
+    pitch_rad: Annotated[float, means("bow up")]
+    roll_rate_radps: Annotated[float, means("body rate p")]
+    pitch_rate_radps: Annotated[float, means("body rate q")]
+    armed: Annotated[bool, means("by the vehicle's heartbeat")]
+    mode: Annotated[int, means("ArduSub's custom_mode: 19 is MANUAL")]
+    system_status: Annotated[int, means("MAV_STATE")]
+    voltage_v: Annotated[float, means("battery")]
+    pilot_gain: Annotated[float, means("ArduSub's live stick gain, 0..1")]
 
 
 class Dof(Record, frozen=True, kw_only=True):
     """The law's inside for one degree of freedom, `ahead_s` from now: when a command sent now acts.
 
-    `x*` and `e` are in `unit`, their derivatives in `unit` per s and per s²; `eps`, the combined error, is in
-    `unit` per s. `tau`, its parts (tau = feedforward + feedback + d_hat, before saturation) and the
-    observer's disturbance `d_observer` are in `tau_unit`. `e` is measured minus desired. What has no unit:
-    `weight_norm`, of the network's weights.
+    tau = feedforward + feedback + d_hat, before saturation.
     """
 
-    dof: str
-    unit: str
-    tau_unit: str
-    ahead_s: float
-    x_d: float
-    x_d_dot: float
-    x_d_ddot: float
-    x: float
-    x_dot: float
-    e: float
-    e_dot: float
-    eps: float
-    tau: float
-    feedforward: float
-    feedback: float
-    d_hat: float
-    d_observer: float
-    weight_norm: float
-    saturated: bool
-    adapting: bool
-    engaged: bool
+    dof: Annotated[str, means("x, y, z or psi")]
+    unit: Annotated[str, means("of x, x_d and e: m or rad; rates are per s and s²")]
+    tau_unit: Annotated[str, means("of tau, its parts and the disturbances: N or N·m")]
+    ahead_s: Annotated[float, means("how far ahead all this is")]
+    x_d: Annotated[float, means("desired, in unit")]
+    x_d_dot: Annotated[float, means("its rate, unit/s")]
+    x_d_ddot: Annotated[float, means("its acceleration, unit/s²")]
+    x: Annotated[float, means("believed, in unit")]
+    x_dot: Annotated[float, means("its rate, unit/s")]
+    e: Annotated[float, means("error, measured minus desired, in unit")]
+    e_dot: Annotated[float, means("its rate, unit/s")]
+    eps: Annotated[float, means("combined error e_dot + lambda e, unit/s")]
+    tau: Annotated[float, means("what the law asks for, NED, in tau_unit")]
+    feedforward: Annotated[float, means("its part from the model and the path, in tau_unit")]
+    feedback: Annotated[float, means("its part from the error, in tau_unit")]
+    d_hat: Annotated[float, means("its part against the disturbance, as learnt, in tau_unit")]
+    d_observer: Annotated[float, means("the observer's disturbance, in tau_unit")]
+    weight_norm: Annotated[float, means("Euclidean norm of what was learnt; no unit")]
+    saturated: Annotated[bool, means("the thrusters could not give it all")]
+    adapting: Annotated[bool, means("it learnt in this tick")]
+    engaged: Annotated[bool, means("this degree of freedom is held")]
 
 
 class Command(Record, frozen=True, kw_only=True):
-    """Normalised demands (-1..1: forward, right, down, clockwise), the wrench asked for and delivered."""
+    """Normalised demands (-1..1), the wrench asked for and the wrench delivered, of the body."""
 
-    surge: float
-    sway: float
-    heave: float
-    yaw: float
-    surge_requested_n: float
-    sway_requested_n: float
-    heave_requested_n: float
-    yaw_requested_nm: float
-    surge_delivered_n: float
-    sway_delivered_n: float
-    heave_delivered_n: float
-    yaw_delivered_nm: float
+    surge: Annotated[float, means("demand forward, -1..1")]
+    sway: Annotated[float, means("demand to the right, -1..1")]
+    heave: Annotated[float, means("demand downward, -1..1")]
+    yaw: Annotated[float, means("demand clockwise, -1..1")]
+    surge_requested_n: Annotated[float, means("force asked for, forward")]
+    sway_requested_n: Annotated[float, means("force asked for, to the right")]
+    heave_requested_n: Annotated[float, means("force asked for, downward")]
+    yaw_requested_nm: Annotated[float, means("torque asked for, clockwise")]
+    surge_delivered_n: Annotated[float, means("force that the demand gives, by the thruster model")]
+    sway_delivered_n: Annotated[float, means("the same, to the right")]
+    heave_delivered_n: Annotated[float, means("the same, downward")]
+    yaw_delivered_nm: Annotated[float, means("torque that the demand gives, clockwise")]
 
 
 class Supervisor(Record, frozen=True, kw_only=True):
-    """State and conditions by name, authority 0..1 over the command, and the reason in words."""
+    """The permission, and why."""
 
-    state: str
-    conditions: tuple[str, ...]
-    authority: float
-    reason: str
+    state: Annotated[str, means("IDLE, READY, ACTIVE, RAMP_DOWN, PILOT or FAULT")]
+    conditions: Annotated[tuple[str, ...], means("what holds now, by name")]
+    authority: Annotated[float, means("share of the command that may leave, 0..1")]
+    reason: Annotated[str, means("in words")]
 
 
 class Loop(Record, frozen=True, kw_only=True):
-    """How the process does. Ages are at most `NEVER_S`; a delay not `known` is only a start value."""
+    """How the process does. An age of 1e6 s: the signal never came. A delay not known is a start value."""
 
-    tick: int
-    rate_hz: float
-    lateness_ms: float
-    compute_us: float
-    late_ticks: int
-    samples_dropped: int
-    link_age_s: float
-    heartbeat_age_s: float
-    depth_age_s: float
-    attitude_age_s: float
-    position_age_s: float
-    telemetry_delay_s: float
-    telemetry_delay_known: bool
-    command_delay_s: float
-    command_delay_known: bool
-    datagrams: int
-    messages: int
-    garbage: int
-    foreign: int
-    implausible: int
+    tick: Annotated[int, means("number of this tick")]
+    rate_hz: Annotated[float, means("ticks per second since the start")]
+    lateness_ms: Annotated[float, means("how late this tick woke")]
+    compute_us: Annotated[float, means("what the tick before cost")]
+    late_ticks: Annotated[int, means("ticks left out since the start")]
+    samples_dropped: Annotated[int, means("samples that telemetry could not take in time")]
+    link_age_s: Annotated[float, means("since anything came from the vehicle")]
+    heartbeat_age_s: Annotated[float, means("since its heartbeat")]
+    depth_age_s: Annotated[float, means("since a depth")]
+    attitude_age_s: Annotated[float, means("since an attitude")]
+    position_age_s: Annotated[float, means("since a horizontal position")]
+    telemetry_delay_s: Annotated[float, means("from the vehicle's stamp to arrival")]
+    telemetry_delay_known: Annotated[bool, means("it was measured")]
+    command_delay_s: Annotated[float, means("from sending to the motors")]
+    command_delay_known: Annotated[bool, means("it was measured")]
+    datagrams: Annotated[int, means("received")]
+    messages: Annotated[int, means("MAVLink messages understood")]
+    garbage: Annotated[int, means("bytes that were no MAVLink")]
+    foreign: Annotated[int, means("messages of other systems")]
+    implausible: Annotated[int, means("messages with numbers that cannot be")]
 
 
 class Recorder(Record, frozen=True, kw_only=True):
-    """What the recorder is doing. `dropped` messages came faster than the disk took them."""
+    """What the recorder is doing."""
 
-    recording: bool
-    file: str
-    size_bytes: int
-    messages: int
-    dropped: int
-    free_bytes: int
-    said: str
+    recording: Annotated[bool, means("it writes a file")]
+    file: Annotated[str, means("its path on the recorder's machine")]
+    size_bytes: Annotated[int, means("of the file so far")]
+    messages: Annotated[int, means("written to it")]
+    dropped: Annotated[int, means("messages that came faster than the disk took them")]
+    free_bytes: Annotated[int, means("left on the disk")]
+    said: Annotated[str, means("how it goes, in words")]
 
 
 class Start(msgspec.Struct, frozen=True, kw_only=True):
-    """What an engine is built from: configuration as a table, setpoint (4,) with NaN where none is set."""
+    """What an engine is built from."""
 
-    config: dict[str, Any]
-    setpoint: tuple[float, float, float, float]
-    arm: bool
-    version: str
+    config: Annotated[dict[str, Any], means("the configuration as a table")]
+    setpoint: Annotated[
+        tuple[float, float, float, float], means("x, y, depth (m), heading (rad); NaN where none is set")
+    ]
+    arm: Annotated[bool, means("it may arm the vehicle")]
+    version: Annotated[str, means("of Holdfast")]
 
 
 class Raw(msgspec.Struct, frozen=True, kw_only=True):
-    """All that one tick took and gave, so that `holdfast rerun` can repeat it; MessagePack, no JSON.
+    """All that one tick took and gave, so that `holdfast rerun` can repeat it; MessagePack, no JSON."""
 
-    `heard`, in the bytes "in": arrival in monotonic ns and the datagram. `requests` by name. The first tick
-    has the `start`.
-    """
-
-    tick: int
-    now_s: float
-    heard: Sequence[tuple[int, bytes]] = msgspec.field(name="in")
-    out: Sequence[bytes]
-    requests: Sequence[str] = ()
-    start: Start | None = None
+    tick: Annotated[int, means("number of this tick")]
+    now_s: Annotated[float, means("the companion's monotonic clock")]
+    heard: Annotated[Sequence[tuple[int, bytes]], means("arrival in monotonic ns and the datagram")] = (
+        msgspec.field(name="in")
+    )
+    out: Annotated[Sequence[bytes], means("datagrams sent")]
+    requests: Annotated[Sequence[str], means("what the operator asked for, by name")] = ()
+    start: Annotated[Start | None, means("what the engine was built from, with the first tick only")] = None
 
 
-Schema = State | Dof | Command | Supervisor | Loop | Recorder
+class Event(Record, frozen=True, kw_only=True):
+    """Something happened."""
 
-_TAILS: dict[str, type[Schema]] = {
+    severity: Annotated[Literal["info", "warning", "fault"], means("how bad it is")]
+    kind: Annotated[
+        Literal["state", "command", "autopilot", "condition", "recording"],
+        means("whose: the supervisor's state or condition, an operator's command, the autopilot's words"),
+    ]
+    text: Annotated[str, means("what, in words")]
+
+
+class Reply(msgspec.Struct, frozen=True, kw_only=True):
+    """The answer to a command."""
+
+    done: Annotated[bool, means("it is in force now; otherwise nothing was changed")]
+    said: Annotated[str, means("what happened, or why not, in words")]
+    value: Annotated[dict[str, Any], means("what is now in force, read back")] = {}
+
+
+Schema = State | Dof | Command | Supervisor | Loop | Event | Recorder
+
+EVERY_TICK: dict[str, type[Schema]] = {
     "state": State,
     **{f"dof/{dof}": Dof for dof in DOFS},
     "command": Command,
     "supervisor": Supervisor,
     "loop": Loop,
 }
+NOW_AND_THEN: dict[str, type[Schema]] = {"event": Event, "recorder": Recorder}
+_DECODED = EVERY_TICK | NOW_AND_THEN
 _UNITS = (("m", "N"), ("m", "N"), ("m", "N"), ("rad", "N·m"))
 _DOF_COLUMNS = tuple(field.name for field in fields(DofSample))
 _encoder = msgspec.json.Encoder(enc_hook=lambda scalar: scalar.item())
-_DECODED: dict[str, type[Schema]] = {**_TAILS, "recorder": Recorder}
 _decoders = {schema: msgspec.json.Decoder(schema) for schema in set(_DECODED.values())}
 
 
 @cache
 def keys(vehicle: str) -> dict[str, str]:
-    """Every key of a vehicle with its encoding, in the order of `encode`.
+    """Every key that a vehicle publishes once a tick with its encoding, in the order of `encode`.
 
     Raises ValueError when the name cannot be one chunk of a Zenoh key.
     """
     root = _root(vehicle)
-    return {
-        f"{root}/{tail}": f"application/json;holdfast.{kind.__name__}.v1" for tail, kind in _TAILS.items()
-    }
+    return {f"{root}/{tail}": encoding(schema) for tail, schema in EVERY_TICK.items()}
 
 
-def alive_key(vehicle: str) -> str:
-    """Return the key of the vehicle's liveliness token."""
-    return f"{_root(vehicle)}/alive"
+def encoding(schema: type[msgspec.Struct]) -> str:
+    """Return the encoding under which a schema is published."""
+    return f"application/json;holdfast.{schema.__name__}.v1"
+
+
+def alive_key(vehicle: str, instance: str = "*") -> str:
+    """Return the key of a companion's liveliness token; without `instance` that of any of this vehicle."""
+    return f"{_root(vehicle)}/alive/{instance}"
+
+
+def event_key(vehicle: str) -> tuple[str, str]:
+    """Return key and encoding of the vehicle's `Event`."""
+    return f"{_root(vehicle)}/event", encoding(Event)
+
+
+def command_key(vehicle: str, command: str = "*") -> str:
+    """Return the key under which a command is taken as a query."""
+    return f"{_root(vehicle)}/command/{command}"
+
+
+def config_key(vehicle: str) -> str:
+    """Return the key that answers a query with the companion's present configuration."""
+    return f"{_root(vehicle)}/config"
 
 
 def raw_key(vehicle: str) -> tuple[str, str]:
@@ -230,13 +258,13 @@ def raw_key(vehicle: str) -> tuple[str, str]:
 
 def recorder_key(vehicle: str) -> tuple[str, str]:
     """Return key and encoding of the vehicle's `Recorder`."""
-    return f"{_root(vehicle)}/recorder", "application/json;holdfast.Recorder.v1"
+    return f"{_root(vehicle)}/recorder", encoding(Recorder)
 
 
 def encode(sample: ControlSample, vehicle: str) -> list[tuple[str, str, bytes]]:
     """One tick as (key, encoding, JSON) for each of `keys(vehicle)`."""
     return [
-        (key, encoding, _to_json(record))
+        (key, encoding, to_json(record))
         for (key, encoding), record in zip(keys(vehicle).items(), records(sample), strict=True)
     ]
 
@@ -375,7 +403,8 @@ def _names(conditions: Condition) -> tuple[str, ...]:
     return tuple(condition.name or "" for condition in conditions)
 
 
-def _to_json(record: Schema) -> bytes:
+def to_json(record: Schema) -> bytes:
+    """Return the record as JSON without a null."""
     payload = _encoder.encode(record)
     return payload if b":null" not in payload else _encoder.encode(_without_nulls(record))
 

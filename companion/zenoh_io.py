@@ -121,7 +121,7 @@ class Publisher:
             publishers = {key: _publisher(session, key, encoding) for key, encoding in self._keys.items()}
             with (
                 session.info.declare_transport_events_listener(on_transport),
-                session.liveliness().declare_token(telemetry.alive_key(self._vehicle)),
+                session.liveliness().declare_token(telemetry.alive_key(self._vehicle, str(session.zid()))),
             ):
                 if joined and not session.info.transports():
                     lost.set()  # gone before anybody listened for it

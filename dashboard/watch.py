@@ -29,7 +29,7 @@ _WIDTH = 80
 _BINS = 16
 _BIN_S = 1.0
 _RESTART_S = 1.0
-_NOT_SHOWN = ("raw", "recorder")
+_NOT_SHOWN = ("raw", "recorder", "event")
 
 _BANNER = {
     "IDLE": ("white on grey23", "hands off"),

@@ -27,7 +27,7 @@ def test_keys_name_vehicle_and_schema() -> None:
         "holdfast/kelp/supervisor": "application/json;holdfast.Supervisor.v1",
         "holdfast/kelp/loop": "application/json;holdfast.Loop.v1",
     }
-    assert telemetry.alive_key("kelp") == "holdfast/kelp/alive"
+    assert telemetry.alive_key("kelp", "7") == "holdfast/kelp/alive/7"
 
 
 @pytest.mark.parametrize("name", ["", "a/b", "*", "rov$1", "a?b", "a#b"])
