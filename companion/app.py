@@ -18,123 +18,25 @@ from collections.abc import Sequence
 from contextlib import suppress
 from importlib.metadata import version
 from math import degrees
-from typing import NoReturn, cast
+from typing import NoReturn
 
 import msgspec
 
-from companion.config import Config, ConfigError
+from companion.config import Config
+from companion.endpoint import Endpoint
 from companion.engine import Engine
+from companion.links import Link
 from companion.telemetry import Raw, Start
 from companion.types import PSI, ControlSample, LoopHealth, Request, Setpoint, Z
 from companion.zenoh_io import Publisher
 
 INBOX = 1024
 FAREWELLS = 5
-PEER_SILENT_S = 1.0
-RECONNECT_S = (0.25, 4.0)
 STATUS_PERIOD_S = 5.0
 WATCHDOG_PERIOD_S = 0.5
 NS_PER_S = 1_000_000_000
 
 log = logging.getLogger("holdfast")
-
-
-class Link(asyncio.DatagramProtocol, asyncio.Protocol):
-    """The wire to the vehicle: `udp-listen:HOST:PORT`, `udp-connect:HOST:PORT` or `tcp:HOST:PORT`.
-
-    A UDP listener answers whoever was heard; it turns to another peer once the first is silent for a second.
-    TCP connects again with back-off. What cannot be sent is dropped: the next tick has newer commands.
-    """
-
-    def __init__(self, endpoint: str) -> None:
-        """Take the endpoint apart; raise ConfigError if it has another form."""
-        kind, _, address = endpoint.partition(":")
-        host, _, port = address.rpartition(":")
-        if kind not in ("udp-listen", "udp-connect", "tcp") or not host or not port.isdigit():
-            raise ConfigError(
-                f"link.endpoint = '{endpoint}': write udp-listen:HOST:PORT, "
-                "udp-connect:HOST:PORT or tcp:HOST:PORT"
-            )
-        self._kind, self._host, self._port = kind, host, int(port)
-        self._inbox: deque[tuple[int, bytes]] = deque(maxlen=INBOX)
-        self._stream: asyncio.Transport | None = None
-        self._datagrams: asyncio.DatagramTransport | None = None
-        self._peer: tuple[str, int] | None = None
-        self._peer_heard_ns = 0
-        self._lost = asyncio.Event()
-
-    async def run(self) -> None:
-        """Open, and open again whenever the connection is lost; raise OSError if our port is taken."""
-        loop = asyncio.get_running_loop()
-        wait_s = RECONNECT_S[0]
-        while True:
-            self._lost.clear()
-            try:
-                if self._kind == "tcp":
-                    await loop.create_connection(lambda: self, self._host, self._port)
-                elif self._kind == "udp-connect":
-                    await loop.create_datagram_endpoint(lambda: self, remote_addr=(self._host, self._port))
-                else:
-                    await loop.create_datagram_endpoint(lambda: self, local_addr=(self._host, self._port))
-            except OSError as error:
-                if self._kind == "udp-listen":
-                    raise
-                log.warning("%s:%d: %s; trying again in %.1f s", self._host, self._port, error, wait_s)
-            else:
-                wait_s = RECONNECT_S[0]
-                await self._lost.wait()
-            await asyncio.sleep(wait_s)
-            wait_s = min(2.0 * wait_s, RECONNECT_S[1])
-
-    def take(self) -> list[tuple[int, bytes]]:
-        """Return all that arrived since the last call: (monotonic ns, bytes)."""
-        datagrams = list(self._inbox)
-        self._inbox.clear()
-        return datagrams
-
-    def send(self, data: bytes) -> None:
-        """Send, or drop where nobody is there."""
-        if self._stream is not None:
-            self._stream.write(data)
-        elif self._datagrams is not None and (self._kind == "udp-connect" or self._peer is not None):
-            self._datagrams.sendto(data, self._peer)
-
-    def close(self) -> None:
-        """Close the socket."""
-        for transport in (self._stream, self._datagrams):
-            if transport is not None:
-                transport.close()
-
-    def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Keep the transport (asyncio calls this)."""
-        if self._kind == "tcp":
-            self._stream = cast(asyncio.Transport, transport)
-            transport.get_extra_info("socket").setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        else:
-            self._datagrams = cast(asyncio.DatagramTransport, transport)
-
-    def datagram_received(self, data: bytes, addr: tuple[str, int]) -> None:
-        """Stamp and keep a datagram (asyncio calls this)."""
-        now_ns = time.monotonic_ns()
-        if self._kind == "udp-listen" and addr[:2] != self._peer:
-            if self._peer is not None and now_ns - self._peer_heard_ns < PEER_SILENT_S * NS_PER_S:
-                return
-            log.info("vehicle link: heard %s:%d", *addr[:2])
-            self._peer = addr[:2]
-        self._peer_heard_ns = now_ns
-        self._inbox.append((now_ns, data))
-
-    def data_received(self, data: bytes) -> None:
-        """Stamp and keep a piece of the stream (asyncio calls this)."""
-        self._inbox.append((time.monotonic_ns(), data))
-
-    def error_received(self, exc: Exception) -> None:
-        """Nobody listens there yet (asyncio calls this): the next datagram tries again."""
-
-    def connection_lost(self, exc: Exception | None) -> None:
-        """Let `run` connect again (asyncio calls this)."""
-        self._stream = self._datagrams = None
-        self._lost.set()
 
 
 class Ticker:
@@ -166,7 +68,8 @@ class App:
 
     def __init__(self, config: Config, setpoint: Setpoint, *, arm: bool, requests: Sequence[Request]) -> None:
         self._config = config
-        self._link = Link(config.link.endpoint)
+        self._inbox: deque[tuple[int, bytes]] = deque(maxlen=INBOX)
+        self._link = Link(Endpoint.parse(config.link.endpoint), "vehicle", self._heard)
         self._engine = Engine(config, setpoint, arm=arm)
         self._publisher = Publisher(config.vehicle.name, config.telemetry.endpoint)
         self._requests = list(requests)
@@ -214,6 +117,9 @@ class App:
         log.info("stopped; the vehicle was left neutral")
         return 0
 
+    def _heard(self, t_ns: int, data: bytes) -> None:
+        self._inbox.append((t_ns, data))
+
     def _on_tick(self, ticker: Ticker) -> None:
         periods = ticker.read()
         if not periods:
@@ -233,7 +139,8 @@ class App:
         )
         try:
             requests, self._requests = self._requests, []
-            datagrams = self._link.take()
+            datagrams = list(self._inbox)
+            self._inbox.clear()
             out, sample = self._engine.step(now_ns / NS_PER_S, datagrams, health, requests)
             for data in out:
                 self._link.send(data)

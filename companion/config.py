@@ -11,6 +11,8 @@ from typing import Annotated, Any, Literal, get_args, get_type_hints
 
 import msgspec
 
+from companion.endpoint import Endpoint
+
 DEFAULT_FILE = Path(__file__).parent.parent / "config" / "companion.toml"
 
 Fraction = Annotated[float, msgspec.Meta(gt=0.0, le=1.0)]
@@ -170,9 +172,14 @@ def load_config(path: Path = DEFAULT_FILE, overrides: Sequence[str] = ()) -> Con
     for override in overrides:
         _apply(table, override)
     try:
-        return msgspec.convert(table, Config)
+        config = msgspec.convert(table, Config)
     except msgspec.ValidationError as error:
         raise ConfigError(f"{path}: {_explained(table, str(error))}") from error
+    try:
+        Endpoint.parse(config.link.endpoint)
+    except ValueError as error:
+        raise ConfigError(f"{path}: link.endpoint = {config.link.endpoint!r}: {error}") from error
+    return config
 
 
 def _apply(table: dict[str, Any], override: str) -> None:

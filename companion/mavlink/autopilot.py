@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 
 from companion.config import Config
+from companion.endpoint import Endpoint
 from companion.mavlink.ardusub import Commands, Converter, Mode, manual_control_reach, quantise, unmirrored
 from companion.mavlink.codec import Codec
 from companion.mavlink.freshness import Freshness
@@ -26,7 +27,7 @@ class Autopilot:
             link.component,
             link.vehicle_system,
             link.vehicle_component,
-            stream=link.endpoint.startswith("tcp:"),
+            stream=Endpoint.parse(link.endpoint).is_stream,
             wanted=self._converter.ids,
             counters=counters,
         )

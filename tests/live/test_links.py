@@ -1,0 +1,219 @@
+"""The companion's wires over real sockets and pseudo-terminals: lost, refused, unplugged, and back again."""
+
+import asyncio
+import os
+import socket
+import time
+from contextlib import asynccontextmanager
+
+import pytest
+
+from companion import links
+from companion.endpoint import Endpoint
+from companion.links import Link
+from lab.ports import free_port
+
+WAIT_S = 5.0
+
+
+@pytest.fixture(autouse=True)
+def quick(monkeypatch):
+    monkeypatch.setattr(links, "RECONNECT_S", (0.02, 0.1))
+
+
+@asynccontextmanager
+async def linked(endpoint):
+    """A running link and the list of what arrived on it."""
+    heard = []
+    link = Link(Endpoint.parse(endpoint), "test", lambda t_ns, data: heard.append((t_ns, data)))
+    task = asyncio.create_task(link.run())
+    try:
+        yield link, heard
+    finally:
+        task.cancel()
+        link.close()
+        await asyncio.gather(task, return_exceptions=True)
+        await asyncio.sleep(0.01)  # the transports close one turn later
+
+
+async def until(done):
+    async with asyncio.timeout(WAIT_S):
+        while not done():
+            await asyncio.sleep(0.005)
+
+
+def received(heard):
+    return b"".join(data for _, data in heard)
+
+
+class Server:
+    """A TCP server that keeps what it hears and can hang up."""
+
+    def __init__(self, port):
+        self.port, self.heard, self.writers = port, b"", []
+
+    async def start(self):
+        self.server = await asyncio.start_server(self._client, "127.0.0.1", self.port)
+
+    async def _client(self, reader, writer):
+        self.writers.append(writer)
+        while data := await reader.read(1024):
+            self.heard += data
+
+    async def stop(self):
+        self.server.close()
+        for writer in self.writers:
+            writer.transport.abort()
+        self.writers.clear()
+        await asyncio.sleep(0.01)
+
+
+def test_tcp_is_tried_again_until_somebody_listens_and_again_after_a_hang_up():
+    async def main():
+        server = Server(free_port())
+        async with linked(f"tcp:127.0.0.1:{server.port}") as (link, heard):
+            await asyncio.sleep(0.1)
+            link.send(b"nobody hears this")
+            for number in (b"one", b"two"):
+                await server.start()
+                await until(lambda: server.writers)
+                server.writers[-1].write(b"vehicle " + number)
+                await until(lambda number=number: received(heard).endswith(number))
+                link.send(b"companion " + number)
+                await until(lambda number=number: server.heard.endswith(number))
+                await server.stop()
+            assert server.heard == b"companion onecompanion two"
+
+    asyncio.run(main())
+
+
+def test_a_tcp_peer_that_takes_nothing_costs_no_memory():
+    async def main():
+        port = free_port()
+        with socket.create_server(("127.0.0.1", port)) as server:
+            async with linked(f"tcp:127.0.0.1:{port}") as (link, _):
+                await until(lambda: link._stream is not None)
+                for _ in range(2000):
+                    link.send(bytes(8192))
+                assert link._stream.get_write_buffer_size() <= links.MAX_UNSENT_BYTES + 8192
+            server.close()
+
+    asyncio.run(main())
+
+
+class Line:
+    """A pseudo-terminal behind a name that survives being unplugged."""
+
+    def __init__(self, path):
+        self.path, self.name = path, str(path)
+        self.plug()
+
+    def plug(self):
+        self.master, slave = os.openpty()
+        os.set_blocking(self.master, False)
+        self.path.unlink(missing_ok=True)
+        self.path.symlink_to(os.ttyname(slave))
+        os.close(slave)
+
+    def unplug(self):
+        os.close(self.master)
+        self.path.unlink()
+
+    def read(self):
+        try:
+            return os.read(self.master, 4096)
+        except OSError:
+            return b""
+
+
+EVERY_BYTE = bytes(range(256))
+"""Among them those that a terminal would eat, turn round or echo: ^C, ^D, ^S, CR, LF."""
+
+
+def test_serial_carries_every_byte_both_ways_and_survives_being_unplugged(tmp_path):
+    async def main():
+        line = Line(tmp_path / "ttyROV")
+        async with linked(f"serial:{line.name}:115200") as (link, heard):
+            for _ in range(2):
+                heard.clear()
+                await until(lambda: link._stream is not None and link._reader is not None)
+                os.write(line.master, EVERY_BYTE)
+                await until(lambda: received(heard) == EVERY_BYTE)
+                link.send(EVERY_BYTE)
+                back = b""
+                async with asyncio.timeout(WAIT_S):
+                    while len(back) < 256:
+                        back += line.read()
+                        await asyncio.sleep(0.005)
+                assert back == EVERY_BYTE
+                line.unplug()
+                await until(lambda: link._stream is None)
+                link.send(b"into the void")
+                await asyncio.sleep(0.1)
+                line.plug()
+        line.unplug()
+
+    asyncio.run(main())
+
+
+def test_what_is_no_serial_line_is_said_and_tried_again(tmp_path, caplog):
+    async def main():
+        plain = tmp_path / "file"
+        plain.write_text("")
+        async with linked(f"serial:{plain}:115200"):
+            await until(lambda: "Inappropriate ioctl" in caplog.text)
+            await asyncio.sleep(0.2)
+
+    asyncio.run(main())
+    assert caplog.text.count("Inappropriate ioctl") == 1
+
+
+def test_a_udp_listener_turns_to_another_peer_only_when_the_first_falls_silent(monkeypatch):
+    monkeypatch.setattr(links, "PEER_SILENT_NS", 200_000_000)
+
+    async def main():
+        port = free_port(socket.SOCK_DGRAM)
+        with (
+            socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as first,
+            socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as second,
+        ):
+            for peer in (first, second):
+                peer.connect(("127.0.0.1", port))
+                peer.setblocking(False)
+            async with linked(f"udp-listen:127.0.0.1:{port}") as (link, heard):
+                await until(lambda: link._datagrams is not None)
+                link.send(b"to nobody")
+                began = time.monotonic_ns()
+                first.send(b"first")
+                await until(lambda: heard)
+                second.send(b"stranger")
+                link.send(b"answer")
+                await until(lambda: _got(first) == b"answer")
+                assert [data for _, data in heard] == [b"first"]
+                assert began <= heard[0][0] <= time.monotonic_ns()
+                await asyncio.sleep(0.25)
+                second.send(b"second")
+                await until(lambda: len(heard) == 2)
+                link.send(b"new answer")
+                await until(lambda: _got(second) == b"new answer")
+                assert _got(first) == b""
+
+    asyncio.run(main())
+
+
+def _got(peer):
+    try:
+        return peer.recv(4096)
+    except (BlockingIOError, ConnectionError):
+        return b""
+
+
+def test_a_port_that_is_taken_stops_the_process():
+    async def main():
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+            taken.bind(("127.0.0.1", 0))
+            endpoint = Endpoint.parse(f"udp-listen:127.0.0.1:{taken.getsockname()[1]}")
+            with pytest.raises(OSError, match="in use"):
+                await Link(endpoint, "test", lambda t_ns, data: None).run()
+
+    asyncio.run(main())
