@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from companion.config import Config
+from companion.config import Config, ConfigError
 from companion.control.compensator import INPUTS, Compensator
 from companion.control.controller import Controller, Gains
 from companion.control.integrator import Integration, Integrator
@@ -44,6 +44,23 @@ def controller(config: Config, nominal: Model) -> Controller:
     reference = ReferenceModel(limits, angular=np.array([False, False, False, True]))
     serving = [(serves, learners[name]) for name, serves in chosen.items() if serves.any()]
     return Controller(nominal, gains, reference, serving)
+
+
+LIVE = ("surge", "sway", "heave", "yaw", "supervisor")
+"""The sections that may change while running; the rest is built into links, clocks and sizes."""
+
+
+def changed(old: Config, new: Config) -> set[str]:
+    """Return the sections in which `new` differs, all of them LIVE.
+
+    Raises ConfigError naming the section that cannot change while running.
+    """
+    names = {name for name in Config.__struct_fields__ if getattr(old, name) != getattr(new, name)}
+    if fixed := names.difference(LIVE):
+        raise ConfigError(
+            f"{', '.join(sorted(fixed))}: cannot change while running; of the file only {', '.join(LIVE)} can"
+        )
+    return names
 
 
 def each(config: Config, key: str) -> Array:

@@ -124,6 +124,11 @@ class Engine:
         """Return the neutral frame that every way out sends, whatever state the rest is in."""
         return self._autopilot.neutral()
 
+    @property
+    def config(self) -> Config:
+        """What is in force now."""
+        return self._config
+
     def aim(self, setpoint: Setpoint) -> None:
         """Take a new setpoint; its NaN targets stay what they are.
 
@@ -131,6 +136,22 @@ class Engine:
         """
         self._setpoint = _checked(setpoint, self._config.supervisor.max_depth_m)
         self._target = _filled(setpoint, self._target.eta_d)
+
+    def retune(self, config: Config) -> None:
+        """Go on with `config` from the next tick, without a step in thrust; call it between ticks.
+
+        Raises ConfigError for a section that cannot change while running (`assembly.LIVE` can).
+        """
+        changed = assembly.changed(self._config, config)
+        _checked(self._setpoint, config.supervisor.max_depth_m)
+        if changed - {"supervisor"}:
+            model = assembly.model(config)
+            self._thrusters = Thrusters(config.vehicle.frame, assembly.each(config, "max_force"))
+            self._estimator.retune(config, model)
+            controller = assembly.controller(config, model)
+            controller.take_over(self._controller)
+            self._controller = controller
+        self._config = config
 
     def _permit(self, state: VehicleState, requests: Sequence[Request], pilot: float, dt_s: float) -> Verdict:
         """Ask the supervisor; on engaging and while resting, set the controller to where the vehicle is."""

@@ -96,18 +96,8 @@ class Estimator:
         self._delays = config.delays
         self._lead_s = config.thrusters.lead_s
         self._tick_s = 1.0 / config.loop.rate_hz
-        axes = config.axes
-        self._sensor_delay_s = [axis.sensor_delay_s for axis in axes]
-        noise = Noise(
-            position=np.array([axis.position_noise for axis in axes]),
-            rate=np.array([axis.rate_noise for axis in axes]),
-            position_slow=np.array([axis.position_noise_slow for axis in axes]),
-            rate_slow=np.array([axis.rate_noise_slow for axis in axes]),
-            disturbance=np.array([axis.disturbance_noise for axis in axes]),
-            slow_time_s=config.delays.slow_noise_s,
-        )
-        drag = model.d1 + 0.1 * model.d2
-        self._observer = Observer(model.m, drag, config.thrusters.lag_s, noise, self._tick_s)
+        self._sensor_delay_s = [axis.sensor_delay_s for axis in config.axes]
+        self._observer = _observer(config, model)
         self._heartbeat = Heartbeat(-math.inf, armed=False, mode=-1, system_status=0)
         self._voltage_v = T200_VOLTAGE_V
         self._gain = 1.0
@@ -126,6 +116,13 @@ class Estimator:
             Reboot: lambda _: self.restart(),
         }
         self.restart()
+
+    def retune(self, config: Config, model: Model) -> None:
+        """Go on from the present estimate with another model, other noises and sensor delays (30 ms)."""
+        observer = _observer(config, model)
+        observer.x = self._observer.x
+        self._observer, self._model = observer, model
+        self._sensor_delay_s = [axis.sensor_delay_s for axis in config.axes]
 
     def restart(self) -> None:
         """Forget the motion, the clocks and the commands: a rebooted autopilot, or numbers gone bad."""
@@ -278,6 +275,20 @@ class Estimator:
 
     def _on_pilot_gain(self, event: PilotGain) -> None:
         self._gain = event.gain
+
+
+def _observer(config: Config, model: Model) -> Observer:
+    axes = config.axes
+    noise = Noise(
+        position=np.array([axis.position_noise for axis in axes]),
+        rate=np.array([axis.rate_noise for axis in axes]),
+        position_slow=np.array([axis.position_noise_slow for axis in axes]),
+        rate_slow=np.array([axis.rate_noise_slow for axis in axes]),
+        disturbance=np.array([axis.disturbance_noise for axis in axes]),
+        slow_time_s=config.delays.slow_noise_s,
+    )
+    drag = model.d1 + 0.1 * model.d2
+    return Observer(model.m, drag, config.thrusters.lag_s, noise, 1.0 / config.loop.rate_hz)
 
 
 def _heading_rate(attitude: Attitude) -> float:

@@ -5,7 +5,7 @@ vehicle's state and needs no file. All follow the same conventions of learning, 
 leak, dead zone on ε, projection |d̂| ≤ d_max without pushing further outward, freeze where not allowed.
 """
 
-from typing import Protocol
+from typing import Protocol, Self
 
 import numpy as np
 
@@ -27,6 +27,12 @@ class Compensator(Protocol):
 
     def reset(self) -> None:
         """Forget what was learnt."""
+
+    def inherit(self, predecessor: Self, where: Flags) -> None:
+        """Know what `predecessor`, of the same kind and size, has learnt `where` it served."""
+
+    def seed(self, theta: Array, d_hat: Array, where: Flags) -> None:
+        """Answer `theta` with `d_hat` from now on, `where` asked, by the least change of what was learnt."""
 
     def step(self, theta: Array, eps: Array, dt_s: float, adapt: Flags) -> Array:
         """Return d̂ for inputs `theta` (…, INPUTS), having learnt from `eps` where `adapt` allows it."""

@@ -1,7 +1,9 @@
 """Reference, law and compensators of all four degrees of freedom, in the order in which they act."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
@@ -11,6 +13,9 @@ from companion.control.law import rov_law
 from companion.control.positioning import Model, pose_error, to_body
 from companion.control.reference import ReferenceModel
 from companion.types import Array, DofSample, Flags, Setpoint, VehicleState
+
+BLEND_S = 2.0
+"""How slowly the difference that a change of law made is let go."""
 
 LAMBDA_POWER, KAPPA_POWER, LEARNING_POWER = 0.6, 1.4, 2.0
 
@@ -54,6 +59,24 @@ class Controller:
         self.reference = reference
         self._compensators = compensators
         self._engaged_s = 0.0
+        self._carried = np.zeros(4)
+        self._heirs = np.zeros(4, bool)
+        self._predecessor: Self | None = None
+
+    def take_over(self, predecessor: Self) -> None:
+        """Go on where `predecessor` is, without a step in thrust.
+
+        Whoever learns goes on with what was learnt, or with the d̂ of whoever served before. What the new law
+        would still ask more or less than the old one did is carried along as d̂, and let go over BLEND_S.
+        """
+        self.reference.go_on(predecessor.reference)
+        self._engaged_s = predecessor._engaged_s
+        self._predecessor = predecessor
+        for serves, compensator in self._compensators:
+            for served, old in predecessor._compensators:
+                if type(old) is type(compensator):
+                    compensator.inherit(old, serves & served)
+                    self._heirs = self._heirs | (serves & served)
 
     def rest(self, state: VehicleState) -> None:
         """Stay where the vehicle is, with nothing learnt: engaging from here is no step."""
@@ -61,6 +84,8 @@ class Controller:
         for _, compensator in self._compensators:
             compensator.reset()
         self._engaged_s = 0.0
+        self._carried = np.zeros_like(state.eta)
+        self._predecessor = None
 
     def step(
         self, state: VehicleState, J: Array, target: Setpoint, engaged: Flags, free: Flags, dt_s: float
@@ -89,7 +114,13 @@ class Controller:
         may_learn = engaged & free & (self._engaged_s >= gains.start_delay_s)
         d_hat = bounded(state.disturbance, gains.d_max) * gains.by_observer
         adapting, weight_norm = np.zeros(e.shape, bool), np.zeros(e.shape)
+        before: DofSample | None = None
+        if self._predecessor is not None:
+            before = self._predecessor.step(state, J, target, engaged, free, dt_s)
+            self._predecessor = None
         for serves, compensator in self._compensators:
+            if before is not None:
+                compensator.seed(theta, before.d_hat - d_hat, serves & ~self._heirs)
             d_hat = d_hat + serves * compensator.step(theta, eps, keenness * dt_s, may_learn & serves)
             adapting = adapting | compensator.learning_now
             weight_norm = weight_norm + serves * compensator.weight_norm
@@ -104,6 +135,10 @@ class Controller:
             lam=lam,
             kappa=kappa,
         )
+        if before is not None:
+            self._carried = before.feedforward + before.feedback + before.d_hat - law.tau
+        else:
+            self._carried = self._carried * math.exp(-dt_s / BLEND_S)
         return DofSample(
             x_d=reference.x_d,
             x_d_dot=reference.x_d_dot,
@@ -113,10 +148,10 @@ class Controller:
             e=e,
             e_dot=e_dot,
             eps=law.eps,
-            tau=law.tau * engaged,
+            tau=(law.tau + self._carried) * engaged,
             feedforward=law.feedforward,
             feedback=law.feedback,
-            d_hat=d_hat,
+            d_hat=d_hat + self._carried,
             d_observer=state.disturbance,
             weight_norm=weight_norm,
             saturated=~free,

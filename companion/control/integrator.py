@@ -7,6 +7,7 @@ equilibrium a network of n logistic units is an integrator of gain η‖σ‖² 
 """
 
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
@@ -41,6 +42,15 @@ class Integrator:
         """Forget what was learnt."""
         self.d_hat = np.zeros(self._shape)
         self.learning_now = np.zeros(self._shape, bool)
+
+    def inherit(self, predecessor: Self, where: Flags) -> None:
+        """Take over what `predecessor` has piled up `where` it served."""
+        self.seed(np.empty(0), predecessor.d_hat, where)
+
+    def seed(self, theta: Array, d_hat: Array, where: Flags) -> None:
+        """Begin with `d_hat` `where` asked; `theta` is unused."""
+        del theta
+        self.d_hat = np.where(where, bounded(d_hat, self.integration.d_max), self.d_hat)
 
     def step(self, theta: Array, eps: Array, dt_s: float, adapt: Flags) -> Array:
         """Return d_hat, having learnt from `eps` for `dt_s` where `adapt` allows it; `theta` is unused.

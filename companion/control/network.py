@@ -9,6 +9,7 @@ The sign follows from m ε̇ = −m κ ε + d̂ − d*: a positive ε asks for a
 """
 
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
@@ -56,6 +57,17 @@ class Network:
         self.V = np.broadcast_to(self._V_start, (*self._shape, *self._V_start.shape))
         self.learning_now = np.zeros(self._shape, bool)
 
+    def inherit(self, predecessor: Self, where: Flags) -> None:
+        """Take over both layers of `predecessor`, of the same size and seed, `where` it served."""
+        self.W = np.where(where[..., None], predecessor.W, self.W)
+        self.V = np.where(where[..., None, None], predecessor.V, self.V)
+
+    def seed(self, theta: Array, d_hat: Array, where: Flags) -> None:
+        """Answer `theta` with `d_hat` `where` asked, by the smallest change of W."""
+        sigma = self._hidden(theta)
+        missing = (bounded(d_hat, self.learning.d_max) - np.vecdot(self.W, sigma)) * where
+        self.W = self.W + (missing / np.vecdot(sigma, sigma))[..., None] * sigma
+
     def step(self, theta: Array, eps: Array, dt_s: float, adapt: Flags) -> Array:
         """Return d_hat, having learnt from `eps` for `dt_s` where `adapt` allows it.
 
@@ -63,7 +75,7 @@ class Network:
         outward, learning stops as well; `learning_now` tells where it went on.
         """
         gains = self.learning
-        sigma = 1.0 / (1.0 + np.exp(np.minimum(-np.vecmat(theta, self.V), SATURATED_SIGMOID)))
+        sigma = self._hidden(theta)
         raw = np.vecdot(self.W, sigma)
         self.learning_now, felt = felt_error(raw, eps, adapt, gains.dead_zone, gains.d_max)
         if self.learning_now.any():
@@ -77,6 +89,9 @@ class Network:
             self.W = keep * self.W - (dt_s * gains.eta * felt)[..., None] * sigma
             raw = np.vecdot(self.W, sigma)
         return bounded(raw, gains.d_max)
+
+    def _hidden(self, theta: Array) -> Array:
+        return np.asarray(1.0 / (1.0 + np.exp(np.minimum(-np.vecmat(theta, self.V), SATURATED_SIGMOID))))
 
     @property
     def weight_norm(self) -> Array:

@@ -12,6 +12,7 @@ with T_v = 4 T_a and ω T_v = 1/4, so that neither rate nor position overshoots 
 """
 
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
@@ -46,6 +47,11 @@ class ReferenceModel:
         self.x_d_ddot = np.zeros_like(x)
         self._target_dot = np.zeros_like(x)
         self._target_ddot = np.zeros_like(x)
+
+    def go_on(self, other: Self) -> None:
+        """Stand where `other` stands, with the same rates and the same target."""
+        self.x_d, self.x_d_dot, self.x_d_ddot = other.x_d, other.x_d_dot, other.x_d_ddot
+        self._target_dot, self._target_ddot = other._target_dot, other._target_ddot
 
     def step(self, target: Array, target_dot: Array, target_ddot: Array, dt_s: float) -> None:
         """Advance by `dt_s` toward a target that moves by `target_dot`, `target_ddot`."""

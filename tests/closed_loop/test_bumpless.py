@@ -1,0 +1,97 @@
+"""No step in thrust where somebody changes the law: measured on the nominal newtons of what is sent."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from virtual import active, hold
+
+from companion.config import ConfigError, load_config
+
+STEP_N = np.array([2.0, 2.0, 2.0, 0.24])
+"""N and N·m from one tick to the next: 2 % of what heave and yaw can give."""
+
+COMPENSATORS = ("network", "observer", "none", "integrator", "regressor", "network+observer", "network")
+LEARNS = {"network": 160.0, "integrator": 400.0, "regressor": 100.0, "network+observer": 160.0}
+PULLED = ("heave_force.enabled=true", "heave_force.constant_n=12.0")
+
+
+def bump(before, act, seconds=1.0, **dive):
+    """The largest step by axis in what `act` makes of the thrust: beside the same dive without it.
+
+    Tick by tick at the switch, and averaged over 0.1 s later on, when the new law hears the noise in its own
+    way: that is 2 N a tick (RMS) of any law.
+    """
+    tau = []
+    for acts in (False, True):
+        one = before(**dive)
+        if acts:
+            act(one)
+        tau.append([step.sample.delivered.tau for step in one.run(seconds)])
+    made = np.array(tau[1]) - np.array(tau[0])
+    at_once = np.abs(np.diff(made[:3], axis=0, prepend=np.zeros((1, 4)))).max(0)
+    mean = np.array([np.convolve(axis, np.full(5, 0.2), "valid") for axis in made.T])
+    return np.maximum(at_once, np.abs(np.diff(mean)).max(1))
+
+
+def configured(compensator, *more):
+    learns = LEARNS.get(compensator, 0.0)
+    return load_config(
+        overrides=[f'heave.compensator="{compensator}"', f"heave.learning_rate={learns}", *more]
+    )
+
+
+@pytest.mark.parametrize(("old", "new"), list(pairwise(COMPENSATORS)))
+def test_another_compensator_goes_on_where_the_last_one_was(old, new):
+    def holding():
+        old_law = [f'heave.compensator="{old}"', f"heave.learning_rate={LEARNS.get(old, 0.0)}"]
+        return active(*PULLED, companion=old_law, seconds=8.0)
+
+    step_n = bump(holding, lambda dive: dive.engine.retune(configured(new)))
+    assert (step_n < STEP_N).all(), step_n
+
+
+def test_what_was_learnt_is_handed_on():
+    dive = active(*PULLED, companion=['heave.compensator="observer"'], seconds=8.0)
+    last = dive.step.sample.dofs
+    assert last.weight_norm[2] == 0.0
+    dive.engine.retune(configured("network"))
+    dive.run(10.0)
+    now = dive.step.sample.dofs
+    assert now.weight_norm[2] > 1.0
+    assert now.d_hat[2] == pytest.approx(last.d_hat[2], abs=3.0)
+
+
+def test_other_gains_act_without_a_step_and_what_was_learnt_is_kept():
+    """Amid a move, where error and rate are not zero."""
+    gains = configured("network", "heave.lambda_per_s=2.0", "heave.kappa_per_s=5.0", "yaw.mass=0.7")
+
+    def moving():
+        dive = active(*PULLED, seconds=8.0)
+        dive.loop.engine.aim(hold(z=2.5))
+        dive.run(1.0)
+        return dive
+
+    step_n = bump(moving, lambda dive: dive.engine.retune(gains))
+    assert (step_n < STEP_N).all(), step_n
+    dive = moving()
+    learnt = dive.step.sample.dofs.weight_norm[2]
+    dive.engine.retune(gains)
+    dive.run(0.1)
+    assert dive.step.sample.dofs.weight_norm[2] == pytest.approx(learnt, rel=0.1)
+    dive.run(10.0)
+    assert dive.step.truth.eta[2] == pytest.approx(2.5, abs=0.05)
+
+
+def test_the_difference_is_let_go_and_the_new_law_rules():
+    dive = active(*PULLED, seconds=8.0)
+    dive.engine.retune(configured("none"))
+    dive.run(10.0)
+    assert abs(dive.step.sample.dofs.d_hat[2]) < 0.5
+
+
+def test_what_is_built_in_cannot_change_while_running():
+    dive = active(seconds=0.1)
+    with pytest.raises(ConfigError, match=r"network.*cannot change"):
+        dive.engine.retune(load_config(overrides=["network.units=12"]))
+    assert dive.engine.config == load_config()
