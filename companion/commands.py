@@ -12,6 +12,8 @@ examples:
   holdfast run --engage                         put the vehicle into MANUAL and, once the pilot has armed
                                                 it, hold the present depth and heading
   holdfast run --engage --arm --depth 5         the same, arming it ourselves, at 5 m
+  holdfast run --engage --depth-only            in STABILIZE: the firmware keeps roll, pitch and heading; the
+                                                gentlest start for a first dive
   holdfast run --set link.endpoint=tcp:127.0.0.1:5760 --set heave.compensator=none
 
 Stop with Ctrl-C: the vehicle is left neutral. Look inside with `holdfast watch`.
@@ -32,6 +34,9 @@ def run(argv: list[str]) -> int:
     )
     parser.add_argument("--engage", action="store_true", help="take control as soon as it is permitted")
     parser.add_argument("--arm", action="store_true", help="arm the vehicle when engaging")
+    parser.add_argument(
+        "--depth-only", action="store_true", help="steer in STABILIZE, leave the heading to the firmware"
+    )
     parser.add_argument("--depth", type=float, metavar="M", help="depth to hold; default: the present one")
     parser.add_argument(
         "--heading", type=float, metavar="DEG", help="heading to hold; default: the present one"
@@ -48,8 +53,14 @@ def run(argv: list[str]) -> int:
     depth_m = math.nan if arguments.depth is None else arguments.depth
     heading_rad = math.nan if arguments.heading is None else math.radians(arguments.heading)
     requests = [Request.ENGAGE] if arguments.engage else []
+    overrides = [*arguments.set, *(['vehicle.steering_mode="stabilize"'] if arguments.depth_only else [])]
     try:
-        config = load_config(arguments.config or DEFAULT_FILE, arguments.set)
+        config = load_config(arguments.config or DEFAULT_FILE, overrides)
+        if arguments.heading is not None and not config.vehicle.holds_heading:
+            raise ConfigError(
+                "--heading: in STABILIZE the firmware keeps the heading; "
+                'leave it out, or steer in MANUAL: vehicle.steering_mode = "manual"'
+            )
         setpoint = Setpoint(np.array([math.nan, math.nan, depth_m, heading_rad]))
         main(config, setpoint, arm=arguments.arm, requests=requests)
     except (ConfigError, ValueError) as error:

@@ -37,9 +37,15 @@ class Vehicle(Section, frozen=True):
 
     name: Name
     frame: Literal["vectored", "vectored_6dof"]
+    steering_mode: Literal["manual", "stabilize"]
     thrust_path: Literal["rc_override", "manual_control"]
     depth_source: Literal["relative_alt", "vfr_hud", "ahrs2", "pressure"]
     rate_source: Literal["climb", "vz"]
+
+    @property
+    def holds_heading(self) -> bool:
+        """Whether the heading is ours to hold; in STABILIZE it is the firmware's."""
+        return self.steering_mode == "manual"
 
 
 class Link(Section, frozen=True):

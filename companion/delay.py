@@ -95,7 +95,8 @@ class DelayMeter:
         sent = sent_axes[np.searchsorted(sent_t_s, when_s, side="right") - 1]
         if sent.std(0).max() < ECHO_EXCITATION:
             return
-        miss = ((sent - axes) ** 2).sum(1)
+        ours = sent.any(0)  # an axis that we never move is somebody else's: in STABILIZE the firmware's yaw
+        miss = ((sent - axes)[:, ours] ** 2).sum(1)
         passed = min(max(at_s - self._echo_t_s, 0.0), ECHO_MEMORY_S)
         self._echo += (miss / miss.mean() - self._echo) * passed / (passed + ECHO_MEMORY_S)
         self._echo_t_s = at_s

@@ -12,9 +12,9 @@ from companion.config import Config
 from companion.control.bounds import wrap
 from companion.control.positioning import jacobian, to_body, to_inertial
 from companion.estimation import Estimator
-from companion.mavlink.ardusub import Mode
 from companion.mavlink.autopilot import Autopilot
-from companion.supervisor import Envelope, Supervisor, assess, guard
+from companion.steering_mode import STEERING_MODES, ModeKeeper
+from companion.supervisor import UNFIT, Envelope, Supervisor, assess, guard
 from companion.thrust import Thrusters
 from companion.types import (
     NEUTRAL,
@@ -57,6 +57,7 @@ class Engine:
         self._supervisor = Supervisor(config.supervisor.ramp_down_s)
         self._envelope = Envelope(config.thrusters.max_axis, config.thrusters.max_slew_per_s)
         self._controller = assembly.controller(config, model)
+        self._modes = ModeKeeper(STEERING_MODES[config.vehicle.steering_mode])
         self._setpoint = self._target = _checked(setpoint, config.supervisor.max_depth_m)
         self._engage_asked = False
         self._engaged = np.zeros(4, bool)
@@ -105,7 +106,8 @@ class Engine:
         self._saturated = _by_dof(wanted.saturated | (np.abs(applied - wanted.axes) > 0.01))
         self._command = command
 
-        out = self._autopilot.upkeep(now_s, events, engage=self._asks_mode(state), arm=self._arm)
+        mode = self._modes.wanted(now_s, state.mode, verdict.state, engage=self._engage_asked)
+        out = self._autopilot.upkeep(now_s, events, mode=mode, arm=self._asks_arming(verdict))
         if self._steers(now_s, verdict):
             out.append(self._autopilot.steer(command, state.pilot_gain))
         return out, ControlSample(
@@ -121,8 +123,9 @@ class Engine:
         )
 
     def farewell(self) -> bytes:
-        """Return the neutral frame that every way out sends, whatever state the rest is in."""
-        return self._autopilot.neutral()
+        """Return what every way out sends, whatever state the rest is in: neutral, and the mode of before."""
+        mode = self._modes.parting()
+        return self._autopilot.neutral() + (self._autopilot.set_mode(mode) if mode is not None else b"")
 
     @property
     def config(self) -> Config:
@@ -163,7 +166,7 @@ class Engine:
         conditions = assess(
             state,
             self._config.supervisor,
-            manual_mode=Mode.MANUAL,
+            steering_mode=self._modes.steering,
             parameters=self._autopilot.parameters,
             holds_position=bool(self._engaged[0]),
             finite=self._finite,
@@ -182,7 +185,7 @@ class Engine:
             self._target = Setpoint(state.eta_ahead)
         elif before not in (State.ACTIVE, State.RAMP_DOWN):
             positioned = state.ages.position_s <= self._config.supervisor.position_timeout_s
-            self._engaged = np.array([positioned, positioned, True, True])
+            self._engaged = np.array([positioned, positioned, True, self._config.vehicle.holds_heading])
             self._controller.rest(state)
             self._target = _filled(self._setpoint, state.eta)
         if now is State.FAULT or (before is State.ACTIVE and now is not State.ACTIVE):
@@ -198,9 +201,9 @@ class Engine:
         self._had_authority = verdict.authority > 0.0
         return now_s <= self._neutral_until_s
 
-    def _asks_mode(self, state: VehicleState) -> bool:
-        """Tell whether to ask for MANUAL and arming: before engaging, never against a failsafe's SURFACE."""
-        return self._engage_asked and state.mode != Mode.SURFACE
+    def _asks_arming(self, verdict: Verdict) -> bool:
+        """Tell whether to ask for arming: once nothing else is missing for engaging."""
+        return self._arm and self._engage_asked and not verdict.conditions & UNFIT & ~Condition.DISARMED
 
     def _pilot(self, now_s: float, events: Sequence[Event]) -> float:
         """Return how far the pilot deflected a stick, this tick or up to `pilot_hold_s` ago."""

@@ -50,12 +50,14 @@ class Autopilot:
             self.heard = self.heard or not isinstance(event, PilotInput)
         return events
 
-    def upkeep(self, now_s: float, events: Sequence[Event], *, engage: bool, arm: bool) -> list[bytes]:
-        """Return what has to be asked now; with `engage` also for MANUAL, with `arm` also for arming."""
-        asked = self._upkeep.step(
-            now_s, events, want_mode=Mode.MANUAL if engage else None, want_armed=engage and arm
-        )
+    def upkeep(self, now_s: float, events: Sequence[Event], *, mode: Mode | None, arm: bool) -> list[bytes]:
+        """Return what has to be asked now; unless it is None also for `mode`, with `arm` also for arming."""
+        asked = self._upkeep.step(now_s, events, want_mode=mode, want_armed=arm)
         return [self._codec.encode(message) for message in asked]
+
+    def set_mode(self, mode: Mode) -> bytes:
+        """Return the frame that asks for `mode` once, whatever the heartbeat says."""
+        return self._codec.encode(self._commands.set_mode(mode))
 
     def steer(self, command: AxisCommand, pilot_gain: float) -> bytes:
         """Return the frame that puts `command` on the vehicle's axes."""

@@ -241,7 +241,7 @@ SAFE = {"FS_PILOT_INPUT": 2.0, "FS_PILOT_TIMEOUT": 3.0}
 
 def assessed(state=FINE_STATE, **changes):
     arguments = {
-        "manual_mode": 19,
+        "steering_mode": 19,
         "parameters": SAFE,
         "holds_position": True,
         "finite": True,
