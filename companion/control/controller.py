@@ -84,7 +84,7 @@ class Controller:
         for _, compensator in self._compensators:
             compensator.reset()
         self._engaged_s = 0.0
-        self._carried = np.zeros_like(state.eta)
+        self._carried = np.zeros_like(self.reference.x_d)
         self._predecessor = None
 
     def step(
