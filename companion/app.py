@@ -18,6 +18,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from importlib.metadata import version
 from math import degrees
+from pathlib import Path
 from typing import NoReturn
 
 import msgspec
@@ -26,6 +27,7 @@ from companion.config import Config
 from companion.endpoint import Endpoint
 from companion.engine import Engine
 from companion.links import Link
+from companion.mavlink.signing import Signing, read_key
 from companion.telemetry import Raw, Start
 from companion.types import PSI, ControlSample, LoopHealth, Request, Setpoint, Z
 from companion.zenoh_io import Publisher
@@ -70,7 +72,7 @@ class App:
         self._config = config
         self._inbox: deque[tuple[int, bytes]] = deque(maxlen=INBOX)
         self._link = Link(Endpoint.parse(config.link.endpoint), "vehicle", self._heard)
-        self._engine = Engine(config, setpoint, arm=arm)
+        self._engine = Engine(config, setpoint, arm=arm, signing=_signing(config))
         self._publisher = Publisher(config.vehicle.name, config.telemetry.endpoint)
         self._requests = list(requests)
         self._start = _start(config, setpoint, arm) if config.telemetry.raw else None
@@ -194,6 +196,13 @@ class App:
         if not task.cancelled():
             self._failure = task.exception()
             self._stop.set()
+
+
+def _signing(config: Config) -> Signing | None:
+    link = config.link
+    if not link.signing_key_file:
+        return None
+    return Signing(read_key(Path(link.signing_key_file)), link.signing_link_id, time.time())
 
 
 def _start(config: Config, setpoint: Setpoint, arm: bool) -> Start:

@@ -56,6 +56,8 @@ class Link(Section, frozen=True):
     component: SystemId
     vehicle_system: SystemId
     vehicle_component: SystemId
+    signing_key_file: str
+    signing_link_id: Annotated[int, msgspec.Meta(ge=0, le=255)]
 
 
 class Loop(Section, frozen=True):

@@ -13,6 +13,7 @@ from companion.control.bounds import wrap
 from companion.control.positioning import jacobian, to_body, to_inertial
 from companion.estimation import Estimator
 from companion.mavlink.autopilot import Autopilot
+from companion.mavlink.signing import Signing
 from companion.steering_mode import STEERING_MODES, ModeKeeper
 from companion.supervisor import UNFIT, Envelope, Supervisor, assess, guard
 from companion.thrust import Thrusters
@@ -46,12 +47,14 @@ MAX_DT_TICKS = 3.0
 class Engine:
     """The controller without its process: `step` once a tick, `farewell` on every way out."""
 
-    def __init__(self, config: Config, setpoint: Setpoint, *, arm: bool = False) -> None:
+    def __init__(
+        self, config: Config, setpoint: Setpoint, *, arm: bool = False, signing: Signing | None = None
+    ) -> None:
         self._config = config
         self._tick_s = 1.0 / config.loop.rate_hz
         self._arm = arm
         model = assembly.model(config)
-        self._autopilot = Autopilot(config)
+        self._autopilot = Autopilot(config, signing)
         self._thrusters = Thrusters(config.vehicle.frame, assembly.each(config, "max_force"))
         self._estimator = Estimator(config, model, self._thrusters)
         self._supervisor = Supervisor(config.supervisor.ramp_down_s)

@@ -142,6 +142,7 @@ class Loop(Record, frozen=True, kw_only=True):
     garbage: Annotated[int, means("bytes that were no MAVLink")]
     foreign: Annotated[int, means("messages of other systems")]
     implausible: Annotated[int, means("messages with numbers that cannot be")]
+    refused: Annotated[int, means("frames whose MAVLink signature was bad, missing or replayed")] = 0
 
 
 class Recorder(Record, frozen=True, kw_only=True):
@@ -352,6 +353,7 @@ def records(sample: ControlSample) -> list[Schema]:
             garbage=counters.garbage,
             foreign=counters.foreign,
             implausible=counters.implausible,
+            refused=counters.refused,
         ),
     ]
 

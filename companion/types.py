@@ -179,6 +179,8 @@ class LinkCounters:
     garbage: int = 0
     foreign: int = 0
     implausible: int = 0
+    refused: int = 0
+    """Signature bad, missing or replayed."""
 
 
 # --- What the operator wants ------------------------------------------------------------------------------

@@ -14,6 +14,7 @@ from sim_bridge.modes import MODES, FlightControl
 from sim_bridge.params import DEFAULTS, Parameters
 from sim_bridge.pilot import FN_ARM, FN_ARM_TOGGLE, FN_DISARM, FN_MODES, NEUTRAL, Pilot
 from sim_bridge.sensors import Sensors
+from sim_bridge.signing import KeyStore
 from sim_bridge.streams import TRANSFER_SLOWDOWN, Streams
 
 COMPONENT = 1
@@ -43,9 +44,19 @@ class Link:
         self.parameters: deque[str] = deque()
         self.heard: set[int] = set()
 
+    def sign(self, keys: KeyStore, number: int) -> None:
+        """Sign, and demand signatures, from now on; neither where there is no key."""
+        for wire in (self.parser, self.packer):
+            wire.signing.secret_key = keys.key
+            wire.signing.timestamp = max(wire.signing.timestamp, keys.timestamp)
+        self.packer.signing.link_id = number & 0xFF
+        self.packer.signing.sign_outgoing = keys.key is not None
+
     def pack(self, message: Message, system: int) -> bytes:
         """Wire bytes of a message from our system, with this link's next sequence number."""
         self.packer.srcSystem = system
+        signing = self.packer.signing
+        signing.timestamp = max(signing.timestamp, self.parser.signing.timestamp)
         data: bytes = message.pack(self.packer)
         self.packer.seq = (self.packer.seq + 1) % 256
         return data
@@ -61,6 +72,7 @@ class Autopilot:
         has_position: whether there is a DVL.
         rc_receiver: whether the vehicle has an RC receiver, whose sticks rest.
         links: link number to Link; the same dictionary that the vehicle fills.
+        keys: the signing key, which survives reboots too.
 
     """
 
@@ -72,6 +84,7 @@ class Autopilot:
         has_position: bool,
         rc_receiver: bool,
         links: dict[int, Link],
+        keys: KeyStore,
     ) -> None:
         self.params = params
         self.armed = False
@@ -89,6 +102,7 @@ class Autopilot:
         self._has_position = has_position
         self._rc_receiver = rc_receiver
         self._links = links
+        self._keys = keys
         self._out: list[tuple[int, bytes]] = []
         self._boot_s = 0.0
         self._next_input_s = 0.0
@@ -120,6 +134,7 @@ class Autopilot:
             "SET_GPS_GLOBAL_ORIGIN": self._on_set_origin,
             "MISSION_REQUEST_LIST": self._on_mission_request_list,
             "SET_POSITION_TARGET_GLOBAL_INT": self._on_position_target,
+            "SETUP_SIGNING": self._on_setup_signing,
         }
 
     @property
@@ -426,6 +441,12 @@ class Autopilot:
                 message.get_srcSystem(), message.get_srcComponent(), 1 if kind == 0 else 0, kind
             ),
         )
+
+    def _on_setup_signing(self, _: int, message: Message) -> None:
+        """Take a key from whoever may speak; all zero takes it away. The firmware never tells it on."""
+        self._keys.set_up(bytes(message.secret_key), message.initial_timestamp)
+        for number, link in self._links.items():
+            link.sign(self._keys, number)
 
     # Parameters
 

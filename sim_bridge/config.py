@@ -222,6 +222,8 @@ class SimConfig(_Record, frozen=True):
     sensors: SensorConfig = SensorConfig()
     rc_receiver: bool = False
     """An RC receiver on the vehicle: the pilot failsafe never fires, overrides end after RC_OVERRIDE_TIME."""
+    signing_passphrase: str = ""
+    """Every link signs with its SHA-256 and refuses who does not; empty for none."""
     parameters: dict[str, float] = {}
     """Values of autopilot parameters that differ from the firmware's defaults."""
     faults: tuple[Fault, ...] = ()

@@ -13,6 +13,7 @@ from sim_bridge.faults import Faults
 from sim_bridge.params import Parameters
 from sim_bridge.plant import Plant, euler, state_of
 from sim_bridge.sensors import Sensors
+from sim_bridge.signing import KeyStore
 from sim_bridge.thrusters import Thrusters
 
 STEP_S = 0.005
@@ -68,6 +69,7 @@ class Vehicle:
         self._boot_steps = -int(phase_rng.integers(0, round(INPUT_PERIOD_S / STEP_S)))
         self._first_armed_s: float | None = None
         self._links: dict[int, Link] = {}
+        self._keys = KeyStore(config.signing_passphrase)
         self._plant = Plant.of(config.hull)
         self._thrusters = Thrusters(config.thrusters)
         self._environment = Environment(config, STEP_S, environment_rng)
@@ -91,7 +93,9 @@ class Vehicle:
 
     def open_link(self, link: int) -> None:
         """Declare a link, so that telemetry goes there before anything was heard from it."""
-        self._links.setdefault(link, Link())
+        if link not in self._links:
+            self._links[link] = Link()
+            self._links[link].sign(self._keys, link)
 
     def close_link(self, link: int) -> None:
         """Forget a link whose peer is gone."""
@@ -193,6 +197,7 @@ class Vehicle:
             config.sensors.dvl,
             config.rc_receiver,
             self._links,
+            self._keys,
         )
         autopilot.capacity_mah = config.battery.capacity_ah * 1000.0
         autopilot.voltage_v = self._voltage_v
@@ -206,4 +211,5 @@ class Vehicle:
         self._boot_steps = self._steps
         for link in self._links:
             self._links[link] = Link()
+            self._links[link].sign(self._keys, link)
         self._autopilot = self._boot()

@@ -130,11 +130,20 @@ class Dive:
     """A vehicle and its companion from boot on."""
 
     def __init__(
-        self, *plant, companion=(), setpoint=None, arm=True, engage=True, seed=1, link=None, base="sim.toml"
+        self,
+        *plant,
+        companion=(),
+        setpoint=None,
+        arm=True,
+        engage=True,
+        seed=1,
+        link=None,
+        base="sim.toml",
+        signing=None,
     ):
         config = load_config(overrides=companion)
         self.vehicle = Vehicle(load_plant(ROOT / "config" / base, (*CALM, *plant)), seed)
-        self.engine = Engine(config, setpoint or hold(), arm=arm)
+        self.engine = Engine(config, setpoint or hold(), arm=arm, signing=signing)
         self.tap = Tap(self.engine, config)
         self.loop = Lockstep(self.vehicle, self.tap, link or Link(), seed, config.loop.rate_hz)
         self.step = None

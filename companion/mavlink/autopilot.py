@@ -2,11 +2,14 @@
 
 from collections.abc import Mapping, Sequence
 
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
 from companion.config import Config
 from companion.endpoint import Endpoint
 from companion.mavlink.ardusub import Commands, Converter, Mode, manual_control_reach, quantise, unmirrored
-from companion.mavlink.codec import Codec
+from companion.mavlink.codec import Codec, Message, Packer
 from companion.mavlink.freshness import Freshness
+from companion.mavlink.signing import Signing
 from companion.mavlink.upkeep import Upkeep, streams
 from companion.types import NEUTRAL, AxisCommand, Event, LinkCounters, PilotInput, ServoOutput
 
@@ -16,7 +19,7 @@ NS_PER_S = 1e9
 class Autopilot:
     """One vehicle behind one link: decoding, steering by the configured path, and what is asked again."""
 
-    def __init__(self, config: Config) -> None:
+    def __init__(self, config: Config, signing: Signing | None = None) -> None:
         link, vehicle = config.link, config.vehicle
         counters = LinkCounters()
         self._converter = Converter(
@@ -30,7 +33,10 @@ class Autopilot:
             stream=Endpoint.parse(link.endpoint).is_stream,
             wanted=self._converter.ids,
             counters=counters,
+            signing=signing,
         )
+        self._onboard = Packer(link.vehicle_system, link.component, signing)
+        self._signing = signing
         self._commands = Commands(link.vehicle_system, link.vehicle_component)
         self._upkeep = Upkeep(self._commands, streams(vehicle.depth_source, with_position=True))
         self._freshness = Freshness()
@@ -52,8 +58,18 @@ class Autopilot:
 
     def upkeep(self, now_s: float, events: Sequence[Event], *, mode: Mode | None, arm: bool) -> list[bytes]:
         """Return what has to be asked now; unless it is None also for `mode`, with `arm` also for arming."""
+        if self._signing is not None:
+            self._signing.advance(now_s)
         asked = self._upkeep.step(now_s, events, want_mode=mode, want_armed=arm)
-        return [self._codec.encode(message) for message in asked]
+        return [self._encode(message) for message in asked]
+
+    def _encode(self, message: Message) -> bytes:
+        """Pack what is asked as the ground station that ArduSub obeys, our heartbeat as part of the vehicle.
+
+        A heartbeat under the ground station's id would hide from the firmware that the real one is lost.
+        """
+        onboard = message.get_msgId() == mavlink.MAVLINK_MSG_ID_HEARTBEAT
+        return (self._onboard if onboard else self._codec).encode(message)
 
     def set_mode(self, mode: Mode) -> bytes:
         """Return the frame that asks for `mode` once, whatever the heartbeat says."""

@@ -10,6 +10,7 @@ from typing import Any, Final, TypeAlias
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from companion.mavlink.signing import Signing
 from companion.types import LinkCounters
 
 Message: TypeAlias = Any
@@ -27,6 +28,26 @@ _STEERING: Final = frozenset(
 )
 
 
+class Packer:
+    """Packs one sender's messages with its sequence numbers, signed where there is a key."""
+
+    def __init__(self, system: int, component: int, signing: Signing | None = None) -> None:
+        self._mav = mavlink.MAVLink(None, system, component)
+        self._signing = signing
+        if signing is not None:
+            self._mav.signing.secret_key = signing.key
+            self._mav.signing.link_id = signing.link_id
+            self._mav.signing.sign_outgoing = True
+
+    def encode(self, message: Message) -> bytes:
+        """Pack `message` with the next sequence number."""
+        if self._signing is not None:
+            self._mav.signing.timestamp = self._signing.next_timestamp()
+        frame: bytes = message.pack(self._mav)
+        self._mav.seq = (self._mav.seq + 1) & 0xFF
+        return frame
+
+
 class Codec:
     """One link to one vehicle.
 
@@ -37,6 +58,8 @@ class Codec:
     A datagram holds whole frames: nothing is kept from one to the next, so several peers' datagrams may mix.
     With `stream` the unfinished frame at the end (at most 279 bytes) waits for its rest, PARTIAL_TIMEOUT_S at
     most: a false header in junk delays the good frames behind it, and never loses them.
+
+    With `signing`, what is not signed with its key, or is replayed, is refused; without, none is looked at.
 
     `wanted` are the message ids worth unpacking, all if None: others are counted as messages and dropped.
     """
@@ -51,10 +74,12 @@ class Codec:
         stream: bool = False,
         wanted: Container[int] | None = None,
         counters: LinkCounters | None = None,
+        signing: Signing | None = None,
     ) -> None:
         self.counters = counters or LinkCounters()
-        self._mav = mavlink.MAVLink(None, source_system, source_component)
-        self._mav.robust_parsing = True
+        self.encode = Packer(source_system, source_component, signing).encode
+        self._mav = mavlink.MAVLink(None)
+        self._signing = signing
         self._source = (source_system, source_component)
         self._target = (target_system, target_component)
         self._stream = stream
@@ -90,12 +115,6 @@ class Codec:
                     break
         return messages
 
-    def encode(self, message: Message) -> bytes:
-        """Pack `message` with the next sequence number."""
-        frame: bytes = message.pack(self._mav)
-        self._mav.seq = (self._mav.seq + 1) & 0xFF
-        return frame
-
     def _may_wait(self, t_s: float, waited: bool) -> bool:
         return self._stream and not (waited and t_s - self._rest_since_s > PARTIAL_TIMEOUT_S)
 
@@ -110,16 +129,17 @@ class Codec:
         message_id = frame[7] | frame[8] << 8 | frame[9] << 16
         from_vehicle = sender == self._target
         rival = message_id in _STEERING and not from_vehicle and sender != self._source
+        if not _is_sound(frame, message_id):
+            return False
+        if self._signing and (rival or from_vehicle) and not self._signing.accepts(frame):
+            self.counters.refused += 1
+            return True
         if not rival and not (from_vehicle and (self._wanted is None or message_id in self._wanted)):
-            if not _is_sound(frame, message_id):
-                return False
             if from_vehicle:
                 self.counters.messages += 1
             else:
                 self.counters.foreign += 1
             return True
-        if not _is_sound(frame, message_id):
-            return False
         message = self._unpacked(frame, mavlink.mavlink_map[message_id])
         if message is None:
             return False

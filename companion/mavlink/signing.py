@@ -1,0 +1,85 @@
+"""MAVLink 2 signing: who holds the key may speak (https://mavlink.io/en/guide/message_signing.html).
+
+A signed frame ends with the link's id, a timestamp and the first six bytes of SHA-256(key + all before). The
+timestamp counts 10 µs since 2015 and never goes back: that is what stops a replay. It need not be the time:
+whoever hears a later one, rightly signed, goes on from there, so a computer without a clock battery and one
+whose clock was set back both find their way to the present.
+"""
+
+import hashlib
+import hmac
+import logging
+import re
+from pathlib import Path
+
+from companion.config import ConfigError
+
+KEY_BYTES = 32
+EPOCH_S = 1_420_070_400
+UNITS_PER_S = 100_000
+NEW_STREAM_UNITS = 60 * UNITS_PER_S
+"""A sender not heard before may be so far behind our own timestamp."""
+
+log = logging.getLogger("holdfast")
+
+
+class Signing:
+    """One key and one clock: the timestamps that we sign with, and whom of the others to believe."""
+
+    def __init__(self, key: bytes, link_id: int = 0, utc_s: float = EPOCH_S) -> None:
+        self.key = key
+        self.link_id = link_id
+        self._start = self._timestamp = max(0, round((utc_s - EPOCH_S) * UNITS_PER_S))
+        self._start_s: float | None = None
+        self._seen: dict[tuple[int, int, int], int] = {}
+
+    def advance(self, now_s: float) -> None:
+        """Let the timestamp follow the monotonic clock; a UTC clock that is set meanwhile changes nothing."""
+        if self._start_s is None:
+            self._start_s = now_s
+        self._timestamp = max(self._timestamp, self._start + round((now_s - self._start_s) * UNITS_PER_S))
+
+    def next_timestamp(self) -> int:
+        """Return a timestamp later than all that were returned or believed before."""
+        self._timestamp += 1
+        return self._timestamp
+
+    def accepts(self, frame: bytes) -> bool:
+        """Tell whether a whole MAVLink 2 frame is signed with our key, and later than its sender's last."""
+        if len(frame) < 25 or not frame[2] & 1:
+            return False
+        stream = (frame[-13], frame[5], frame[6])
+        timestamp = int.from_bytes(frame[-12:-6], "little")
+        if timestamp <= self._seen.get(stream, self._timestamp - NEW_STREAM_UNITS):
+            return False
+        signature = hashlib.sha256(self.key + frame[:-6]).digest()[:6]
+        if not hmac.compare_digest(signature, frame[-6:]):
+            return False
+        self._seen[stream] = timestamp
+        self._timestamp = max(self._timestamp, timestamp)
+        return True
+
+
+def read_key(path: Path) -> bytes:
+    """Return the key in a file: 32 raw bytes, 64 hex digits, or a passphrase, whose SHA-256 is taken.
+
+    That is what QGroundControl and MAVProxy make of a passphrase too. Warns where others may read the
+    file; raises ConfigError for one that cannot be read or is empty.
+    """
+    try:
+        content = path.read_bytes()
+        mode = path.stat().st_mode
+    except OSError as error:
+        raise ConfigError(f"link.signing_key_file = '{path}': cannot be read: {error.strerror}") from error
+    if mode & 0o077:
+        log.warning("link.signing_key_file: others can read or change %s; mend it: chmod 600 %s", path, path)
+    text = content.strip()
+    if not text:
+        raise ConfigError(
+            f"link.signing_key_file = '{path}': is empty; put 64 hex digits or a passphrase there"
+        )
+    if len(content) == KEY_BYTES and not content.isascii():
+        return content
+    if re.fullmatch(rb"[0-9a-fA-F]{64}", text):
+        return bytes.fromhex(text.decode())
+    return hashlib.sha256(text).digest()

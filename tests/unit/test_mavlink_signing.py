@@ -1,0 +1,166 @@
+"""Our signatures against pymavlink's, which nobody here wrote, and the clock that must not go back."""
+
+import hashlib
+from itertools import pairwise
+
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from companion.config import ConfigError
+from companion.mavlink.codec import Codec, Packer
+from companion.mavlink.signing import EPOCH_S, UNITS_PER_S, Signing, read_key
+
+KEY = bytes(range(32))
+UTC_2026_S = 1_795_000_000.0
+YEAR_S = 365 * 86400.0
+VEHICLE, US = (1, 1), (255, 25)
+
+
+class Vehicle:
+    """Somebody else's implementation at the other end."""
+
+    def __init__(self, key=KEY, utc_s=UTC_2026_S, link_id=0):
+        self.mav = mavlink.MAVLink(None, *VEHICLE)
+        self.mav.robust_parsing = True
+        self.mav.signing.secret_key = key
+        self.mav.signing.sign_outgoing = key is not None
+        self.mav.signing.link_id = link_id
+        self.mav.signing.timestamp = round((utc_s - EPOCH_S) * UNITS_PER_S)
+
+    def says(self, boot_ms=1000):
+        frame = mavlink.MAVLink_attitude_message(boot_ms, 0.1, 0.2, 0.3, 0.01, 0.02, 0.03).pack(self.mav)
+        self.mav.seq = (self.mav.seq + 1) & 0xFF
+        return bytes(frame)
+
+    def takes(self, frame):
+        return [m.get_type() for m in self.mav.parse_buffer(frame)]
+
+
+def codec(signing):
+    return Codec(*US, *VEHICLE, signing=signing)
+
+
+def heartbeat():
+    return mavlink.MAVLink_heartbeat_message(18, 8, 0, 0, 4, 3)
+
+
+def test_what_we_sign_others_take_and_what_they_sign_we_take():
+    vehicle, ours = Vehicle(), codec(Signing(KEY, 7, UTC_2026_S))
+    for _ in range(5):
+        assert vehicle.takes(ours.encode(heartbeat())) == ["HEARTBEAT"]
+        assert len(ours.decode(0.0, vehicle.says())) == 1
+    assert ours.counters.refused == 0
+
+
+@pytest.mark.parametrize("key", [None, bytes(32)])
+def test_unsigned_and_wrongly_signed_are_refused_and_counted(key):
+    stranger, ours = Vehicle(key), codec(Signing(KEY, 7, UTC_2026_S))
+    assert ours.decode(0.0, stranger.says()) == []
+    assert (ours.counters.refused, ours.counters.messages, ours.counters.garbage) == (1, 0, 0)
+    assert stranger.takes(ours.encode(heartbeat())) == (["HEARTBEAT"] if key is None else ["BAD_DATA"])
+
+
+def test_a_replay_is_refused_and_so_is_a_changed_byte():
+    vehicle, ours = Vehicle(), codec(Signing(KEY, 7, UTC_2026_S))
+    first, second = vehicle.says(), vehicle.says()
+    for at in (-1, -6, -7, -12, -13):
+        assert ours.decode(0.0, second[:at] + bytes([second[at] ^ 1]) + second[len(second) + at + 1 :]) == []
+    assert len(ours.decode(0.0, first)) == 1
+    assert ours.decode(0.0, first) == []
+    assert len(ours.decode(0.0, second)) == 1
+    assert ours.decode(0.0, first) == []
+    assert ours.counters.refused == 7
+
+
+def test_a_forged_future_locks_nobody_out():
+    vehicle, ours = Vehicle(), Signing(KEY, 7, UTC_2026_S)
+    forged = bytearray(vehicle.says())
+    forged[-12:-6] = b"\xff" * 6
+    assert not ours.accepts(bytes(forged))
+    assert ours.accepts(vehicle.says())
+
+
+def test_steering_of_a_stranger_without_the_key_takes_nothing_over():
+    ours = codec(Signing(KEY, 7, UTC_2026_S))
+    sticks = Packer(255, 190).encode(mavlink.MAVLink_manual_control_message(1, 900, 0, 500, 0, 0))
+    assert ours.decode(0.0, sticks) == []
+    assert ours.counters.refused == 1
+
+
+def test_timestamps_follow_the_monotonic_clock_and_never_repeat():
+    signing = Signing(KEY, 7, UTC_2026_S)
+    signing.advance(100.0)
+    stamps = [signing.next_timestamp() for _ in range(3)]
+    signing.advance(101.0)
+    stamps.append(signing.next_timestamp())
+    signing.advance(50.0)  # cannot be, and changes nothing
+    stamps.append(signing.next_timestamp())
+    assert all(late > early for early, late in pairwise(stamps))
+    assert stamps[3] - stamps[0] == UNITS_PER_S
+
+
+@pytest.mark.parametrize("utc_s", [0.0, UTC_2026_S - YEAR_S], ids=["no clock battery", "clock set back"])
+def test_a_computer_whose_clock_is_behind_finds_to_the_present(utc_s):
+    """The vehicle heard us, rightly signed, before we were restarted with a worse clock."""
+    vehicle = Vehicle()
+    assert vehicle.takes(Packer(*US, Signing(KEY, 7, UTC_2026_S)).encode(heartbeat())) == ["HEARTBEAT"]
+    ours = codec(Signing(KEY, 7, utc_s))
+    assert vehicle.takes(ours.encode(heartbeat())) == ["BAD_DATA"]
+    assert len(ours.decode(0.0, vehicle.says())) == 1
+    assert vehicle.takes(ours.encode(heartbeat())) == ["HEARTBEAT"]
+
+
+def test_a_vehicle_whose_clock_is_behind_is_brought_to_the_present():
+    """An autopilot without GPS goes on from the day it was switched off."""
+    vehicle, ours = Vehicle(utc_s=UTC_2026_S - YEAR_S), codec(Signing(KEY, 7, UTC_2026_S))
+    assert ours.decode(0.0, vehicle.says()) == []
+    assert vehicle.takes(ours.encode(heartbeat())) == ["HEARTBEAT"]
+    assert len(ours.decode(0.0, vehicle.says())) == 1
+
+
+@pytest.fixture
+def key_file(tmp_path):
+    def write(content, mode=0o600):
+        path = tmp_path / "mavlink.key"
+        path.write_bytes(content)
+        path.chmod(mode)
+        return path
+
+    return write
+
+
+RAW = bytes(range(200, 232))
+
+
+@pytest.mark.parametrize(
+    ("content", "key"),
+    [
+        (RAW, RAW),
+        (RAW.hex().encode() + b"\n", RAW),
+        (RAW.hex().upper().encode(), RAW),
+        (b"kelp grips the rock\n", hashlib.sha256(b"kelp grips the rock").digest()),
+        (b"thirty-two printable characters!", hashlib.sha256(b"thirty-two printable characters!").digest()),
+    ],
+    ids=["raw", "hex", "HEX", "passphrase", "32 letters"],
+)
+def test_the_forms_of_a_key_file(key_file, content, key, caplog):
+    assert read_key(key_file(content)) == key
+    assert not caplog.text
+
+
+@pytest.mark.parametrize("mode", [0o640, 0o604, 0o666])
+def test_a_key_that_others_can_read_is_warned_of(key_file, mode, caplog):
+    path = key_file(b"kelp", mode)
+    read_key(path)
+    assert f"chmod 600 {path}" in caplog.text
+
+
+@pytest.mark.parametrize("content", [b"", b" \n"])
+def test_an_empty_key_is_refused_by_name(key_file, content):
+    with pytest.raises(ConfigError, match=r"signing_key_file.*empty"):
+        read_key(key_file(content))
+
+
+def test_a_key_that_is_not_there_is_refused_by_name(tmp_path):
+    with pytest.raises(ConfigError, match=r"signing_key_file.*nowhere.*cannot be read"):
+        read_key(tmp_path / "nowhere")
