@@ -44,6 +44,12 @@ PREDICTION_STEP_S = 0.035
 MAX_GAP_S = 0.5
 """A degree of freedom that was not measured for longer starts anew with its next sample."""
 
+LATER_S = {"pressure": 0.053, "ahrs2": 0.048}
+"""How much older than relative_alt and climb these depths are (ArduSub facts, depth signals against truth)."""
+
+ZERO_MOVED_M = 0.05
+"""A disarmed vehicle's depth that jumps by more is a new zero, as arming makes one: no motion to be learnt."""
+
 MIN_VOLTAGE_V, MAX_VOLTAGE_V = 10.0, 20.0
 MIN_COS_PITCH = 0.1
 HISTORY = 128
@@ -97,6 +103,7 @@ class Estimator:
         self._lead_s = config.thrusters.lead_s
         self._tick_s = 1.0 / config.loop.rate_hz
         self._sensor_delay_s = [axis.sensor_delay_s for axis in config.axes]
+        self._depth_later_s = LATER_S.get(config.vehicle.depth_source, 0.0)
         self._observer = _observer(config, model)
         self._heartbeat = Heartbeat(-math.inf, armed=False, mode=-1, system_status=0)
         self._voltage_v = T200_VOLTAGE_V
@@ -210,6 +217,9 @@ class Estimator:
             innovation = [[0.0, 0.0] for _ in DOFS]
             for dof, kind, value, at_s in self._new:
                 missed = value + rates[dof][kind] * (to_s - at_s) - expected[dof][kind]
+                if dof == Z and not kind and abs(missed) > ZERO_MOVED_M and not self._heartbeat.armed:
+                    observer.x[Z, 0] += missed
+                    continue
                 innovation[dof][kind] = wrap(missed) if dof == PSI and not kind else missed
             observer.correct(np.array(innovation))
             self._new.clear()
@@ -245,7 +255,7 @@ class Estimator:
         self._new.append(Measurement(PSI, 1, _heading_rate(event), at_s))
 
     def _on_depth(self, event: Depth) -> None:
-        self._position(Z, event.z_m, event.t_s, self._sampled(event, Z))
+        self._position(Z, event.z_m, event.t_s, self._sampled(event, Z) - self._depth_later_s)
 
     def _on_depth_rate(self, event: DepthRate) -> None:
         self._new.append(Measurement(Z, 1, event.w_mps, self._sampled(event, Z)))

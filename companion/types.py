@@ -30,6 +30,8 @@ class Heartbeat:
     armed: bool
     mode: int
     system_status: int
+    vehicle_type: int = 12
+    """MAV_TYPE; 12 is a submarine."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,6 +113,40 @@ class PilotGain:
 
 
 @dataclass(frozen=True, slots=True)
+class PilotToggle:
+    """What a pilot's button switched: "InputHold" adds to the sticks, "RollPitch" makes x, y pitch, roll."""
+
+    t_s: float
+    name: str
+    on: bool
+
+
+@dataclass(frozen=True, slots=True)
+class ReceiverChannels:
+    """How many channels the autopilot says an RC receiver gives it."""
+
+    t_s: float
+    count: int
+
+
+@dataclass(frozen=True, slots=True)
+class Firmware:
+    """The autopilot's version, such as "4.7.0 (dev)", and its (major, minor, patch)."""
+
+    t_s: float
+    text: str
+    version: tuple[int, int, int]
+
+
+@dataclass(frozen=True, slots=True)
+class EkfOrigin:
+    """Whether the EKF knows where on earth it is: without, VFR_HUD.alt stays exactly 0."""
+
+    t_s: float
+    known: bool
+
+
+@dataclass(frozen=True, slots=True)
 class PilotInput:
     """Somebody else steers this vehicle: largest stick deflection, 0..1."""
 
@@ -163,6 +199,10 @@ Event = (
     | Battery
     | PilotGain
     | PilotInput
+    | PilotToggle
+    | ReceiverChannels
+    | Firmware
+    | EkfOrigin
     | Parameter
     | CommandAck
     | StatusText

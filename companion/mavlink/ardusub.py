@@ -15,6 +15,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from enum import IntEnum
+from types import MappingProxyType
 from typing import Final, Literal, TypeAlias
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -27,13 +28,17 @@ from companion.types import (
     CommandAck,
     Depth,
     DepthRate,
+    EkfOrigin,
     Event,
+    Firmware,
     Heartbeat,
     LinkCounters,
     Parameter,
     PilotGain,
     PilotInput,
+    PilotToggle,
     Position,
+    ReceiverChannels,
     ServoOutput,
     StatusText,
     TimeSync,
@@ -65,9 +70,17 @@ MAX_VOLTAGE_V: Final = 1000.0
 MAX_ROUND_TRIP_S: Final = 5.0
 MAX_STAMP_SPREAD_S: Final = 10.0
 
-STANDARD_PRESSURE_HPA: Final = 1013.25
 PA_PER_M: Final = 9800.0
+PA_PER_HPA: Final = 100.0
 PRESSURE_REPEAT_S: Final = 0.2
+PRESSURES: Final = (
+    mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE,
+    mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE2,
+    mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE3,
+)
+"""By barometer: BARO_PRIMARY, where ArduSub notes which one is in the water, counts from 0."""
+
+RELEASES: Final = {0: "dev", 64: "alpha", 128: "beta", 192: "rc"}
 
 CHUNK_CHARS: Final = 50
 MAX_CHUNKS: Final = 8
@@ -129,7 +142,8 @@ class Converter:
     that mean something here: give them to the codec as `wanted`.
 
     depth_source   "relative_alt" GLOBAL_POSITION_INT.relative_alt; "vfr_hud" .alt; "ahrs2" .altitude;
-                   "pressure" SCALED_PRESSURE2 against `surface_hpa` in water of `specific_gravity`
+                   "pressure" that SCALED_PRESSURE which BARO_PRIMARY names, against BAROn_GND_PRESS in water
+                   of BARO_SPEC_GRAV; no depth before `parameters` tells them
     rate_source    "climb" VFR_HUD.climb; "vz" GLOBAL_POSITION_INT.vz
     """
 
@@ -139,14 +153,13 @@ class Converter:
         *,
         depth_source: DepthSource = "relative_alt",
         rate_source: RateSource = "climb",
-        surface_hpa: float = STANDARD_PRESSURE_HPA,
-        specific_gravity: float = 1.0,
+        parameters: Mapping[str, float] = MappingProxyType({}),
     ) -> None:
         self._counters = counters
         self._depth_source = depth_source
         self._rate_source = rate_source
-        self._surface_hpa = surface_hpa
-        self._m_per_hpa = 100.0 / (PA_PER_M * specific_gravity)
+        self._parameters = parameters
+        self._origin_known = False
         self._clock = BootClock()
         self._texts = _TextAssembler()
         self._last_pressure = (-math.inf, math.nan)
@@ -156,7 +169,7 @@ class Converter:
             mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: self._global_position,
             mavlink.MAVLINK_MSG_ID_VFR_HUD: self._vfr_hud,
             mavlink.MAVLINK_MSG_ID_AHRS2: self._ahrs2,
-            mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE2: self._pressure,
+            **dict.fromkeys(PRESSURES, self._pressure),
             mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED: self._local_position,
             mavlink.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW: self._servo_output,
             mavlink.MAVLINK_MSG_ID_TIMESYNC: self._timesync,
@@ -165,6 +178,8 @@ class Converter:
             mavlink.MAVLINK_MSG_ID_NAMED_VALUE_FLOAT: self._named_value,
             mavlink.MAVLINK_MSG_ID_PARAM_VALUE: self._param_value,
             mavlink.MAVLINK_MSG_ID_COMMAND_ACK: self._command_ack,
+            mavlink.MAVLINK_MSG_ID_RC_CHANNELS: self._rc_channels,
+            mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION: self._autopilot_version,
             mavlink.MAVLINK_MSG_ID_STATUSTEXT: self._statustext,
             mavlink.MAVLINK_MSG_ID_MANUAL_CONTROL: self._manual_control,
             mavlink.MAVLINK_MSG_ID_RC_CHANNELS_OVERRIDE: self._rc_channels_override,
@@ -172,7 +187,8 @@ class Converter:
         if depth_source != "ahrs2":
             del handlers[mavlink.MAVLINK_MSG_ID_AHRS2]
         if depth_source != "pressure":
-            del handlers[mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE2]
+            for message_id in PRESSURES:
+                del handlers[message_id]
         self._handlers = handlers
         self.ids = frozenset(handlers)
 
@@ -201,7 +217,7 @@ class Converter:
         return (Battery(t_s, voltage_v),) if voltage_v > 0.0 else ()
 
     def _heartbeat(self, m: Message, t_s: float) -> tuple[Event, ...]:
-        return (Heartbeat(t_s, bool(m.base_mode & ARMED), m.custom_mode, m.system_status),)
+        return (Heartbeat(t_s, bool(m.base_mode & ARMED), m.custom_mode, m.system_status, m.type),)
 
     def _attitude(self, m: Message, t_s: float) -> tuple[Event, ...]:
         roll, pitch, yaw, p, q, r = m.roll, m.pitch, m.yaw, m.rollspeed, m.pitchspeed, m.yawspeed
@@ -224,6 +240,9 @@ class Converter:
             events = self._depth(t_s, boot_s, -m.relative_alt / 1e3)
         if self._rate_source == "vz":
             events += self._depth_rate(t_s, boot_s, m.vz / 1e2)
+        if self._origin_known is not (known := bool(m.lat or m.lon or m.alt)):
+            self._origin_known = known
+            events += (EkfOrigin(t_s, known),)
         return events
 
     def _vfr_hud(self, m: Message, t_s: float) -> tuple[Event, ...]:
@@ -239,12 +258,18 @@ class Converter:
 
     def _pressure(self, m: Message, t_s: float) -> tuple[Event, ...]:
         """Drop the repeats of a reading: the sensor is slower than its stream."""
+        parameters = self._parameters
+        primary = int(parameters.get("BARO_PRIMARY", -1.0))
+        surface_pa = parameters.get(f"BARO{primary + 1}_GND_PRESS", 0.0)
+        gravity = parameters.get("BARO_SPEC_GRAV", 0.0)
+        if m.get_msgId() != dict(enumerate(PRESSURES)).get(primary) or surface_pa <= 0.0 or gravity <= 0.0:
+            return ()
         boot_s = self._clock.from_ms(m.time_boot_ms)
         read_s, reading = self._last_pressure
         if m.press_abs == reading and 0.0 <= boot_s - read_s < PRESSURE_REPEAT_S:
             return ()
         self._last_pressure = (boot_s, m.press_abs)
-        return self._depth(t_s, boot_s, (m.press_abs - self._surface_hpa) * self._m_per_hpa)
+        return self._depth(t_s, boot_s, (m.press_abs * PA_PER_HPA - surface_pa) / (PA_PER_M * gravity))
 
     def _local_position(self, m: Message, t_s: float) -> tuple[Event, ...]:
         x, y, vx, vy = m.x, m.y, m.vx, m.vy
@@ -302,6 +327,8 @@ class Converter:
         return self._voltage(t_s, m.voltage_battery / 1e3)
 
     def _named_value(self, m: Message, t_s: float) -> tuple[Event, ...]:
+        if m.name in ("InputHold", "RollPitch"):
+            return (PilotToggle(t_s, m.name, m.value != 0.0),)
         if m.name != "PilotGain":
             return ()
         if not 0.0 <= m.value <= 1.0:
@@ -312,6 +339,14 @@ class Converter:
         if not math.isfinite(m.param_value):
             return self._implausible()
         return (Parameter(t_s, m.param_id, m.param_value),)
+
+    def _rc_channels(self, m: Message, t_s: float) -> tuple[Event, ...]:
+        return (ReceiverChannels(t_s, m.chancount),)
+
+    def _autopilot_version(self, m: Message, t_s: float) -> tuple[Event, ...]:
+        major, minor, patch, release = m.flight_sw_version.to_bytes(4, "big")
+        kind = f" ({RELEASES[release]})" if release in RELEASES else ""
+        return (Firmware(t_s, f"{major}.{minor}.{patch}{kind}", (major, minor, patch)),)
 
     def _command_ack(self, m: Message, t_s: float) -> tuple[Event, ...]:
         return (CommandAck(t_s, m.command, m.result),)
@@ -420,6 +455,16 @@ class Commands:
         """Ask for a message `rate_hz` times a second; 0 stops it."""
         interval_us = 1e6 / rate_hz if rate_hz > 0.0 else -1.0
         return self._command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, float(message_id), interval_us)
+
+    def request_message(self, message_id: int) -> Message:
+        """Ask for one message, once."""
+        return self._command(mavlink.MAV_CMD_REQUEST_MESSAGE, float(message_id))
+
+    def set_origin(self, latitude_deg: float, longitude_deg: float) -> Message:
+        """Tell the EKF where on earth it is, at sea level; dropped silently if it knows already."""
+        return mavlink.MAVLink_set_gps_global_origin_message(
+            self._system, round(latitude_deg * 1e7), round(longitude_deg * 1e7), 0
+        )
 
     def timesync(self, now_s: float) -> Message:
         """Ask for the autopilot's clock; the answer carries our `now_s` back."""

@@ -10,8 +10,9 @@ from companion.mavlink.ardusub import Commands, Converter, Mode, manual_control_
 from companion.mavlink.codec import Codec, Message, Packer
 from companion.mavlink.freshness import Freshness
 from companion.mavlink.signing import Signing
-from companion.mavlink.upkeep import Upkeep, streams
-from companion.types import NEUTRAL, AxisCommand, Event, LinkCounters, PilotInput, ServoOutput
+from companion.mavlink.streams import streams
+from companion.mavlink.upkeep import Upkeep
+from companion.types import NEUTRAL, AxisCommand, Event, Firmware, LinkCounters, PilotInput, ServoOutput
 
 NS_PER_S = 1e9
 
@@ -22,8 +23,13 @@ class Autopilot:
     def __init__(self, config: Config, signing: Signing | None = None) -> None:
         link, vehicle = config.link, config.vehicle
         counters = LinkCounters()
+        self._commands = Commands(link.vehicle_system, link.vehicle_component)
+        self._upkeep = Upkeep(self._commands, streams(vehicle.depth_source, with_position=True))
         self._converter = Converter(
-            counters, depth_source=vehicle.depth_source, rate_source=vehicle.rate_source
+            counters,
+            depth_source=vehicle.depth_source,
+            rate_source=vehicle.rate_source,
+            parameters=self._upkeep.parameters,
         )
         self._codec = Codec(
             link.system,
@@ -37,8 +43,6 @@ class Autopilot:
         )
         self._onboard = Packer(link.vehicle_system, link.component, signing)
         self._signing = signing
-        self._commands = Commands(link.vehicle_system, link.vehicle_component)
-        self._upkeep = Upkeep(self._commands, streams(vehicle.depth_source, with_position=True))
         self._freshness = Freshness()
         self._path = vehicle.thrust_path
         self.heard = False
@@ -49,6 +53,7 @@ class Autopilot:
         for t_ns, data in datagrams:
             t_s = t_ns / NS_PER_S
             for message in self._codec.decode(t_s, data):
+                self._upkeep.heard(message.get_msgId())
                 events.extend(self._freshness.sift(self._converter.to_events(message, t_s)))
         for i, event in enumerate(events):
             if isinstance(event, ServoOutput):
@@ -99,6 +104,16 @@ class Autopilot:
     def parameters(self) -> Mapping[str, float]:
         """The autopilot's parameters, as far as they were read."""
         return self._upkeep.parameters
+
+    @property
+    def firmware(self) -> Firmware | None:
+        """The autopilot's version, once it has told it."""
+        return self._upkeep.firmware
+
+    @property
+    def measured_hz(self) -> Mapping[int, float]:
+        """How often each stream comes, by message id, where that was measured."""
+        return self._upkeep.measured_hz
 
     @property
     def counters(self) -> LinkCounters:

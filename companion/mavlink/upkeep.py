@@ -1,21 +1,24 @@
 """What must be asked of the autopilot, and asked again: streams, clock, parameters, mode, arming."""
 
-from collections import deque
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from companion.mavlink.ardusub import Commands, DepthSource, Mode
+from companion.mavlink.ardusub import Commands, Mode
 from companion.mavlink.codec import Message
-from companion.types import Event, Heartbeat, Parameter, Reboot
+from companion.mavlink.streams import Streams, streams
+from companion.types import Event, Firmware, Heartbeat, Parameter, Reboot
 
 HEARTBEAT_S: Final = 1.0
-STREAMS_S: Final = 10.0
 TIMESYNC_S: Final = 0.25
+VERSION_S: Final = 5.0
 PARAMETER_S: Final = 0.1
-PARAMETER_AGAIN_S: Final = 2.0
+PARAMETER_AGAIN_S: Final = (2.0, 60.0)
+"""A parameter that was not answered is asked for again, ever later: a firmware may not have it."""
+
+VOLATILE_S: Final = 10.0
 COMMAND_S: Final = 1.0
 CONTACT_S: Final = 5.0
 
@@ -26,35 +29,22 @@ PARAMETERS: Final = (
     "FS_PILOT_INPUT",
     "FS_PILOT_TIMEOUT",
     "FRAME_CONFIG",
+    *RENAMED.values(),
     "JS_THR_GAIN",
     "JS_GAIN_DEFAULT",
     *(f"MOT_{motor}_DIRECTION" for motor in range(1, 9)),
     "RC_OPTIONS",
-    *RENAMED.values(),
+    "RC_OVERRIDE_TIME",
+    "RC_PROTOCOLS",
+    "BARO_PRIMARY",
+    "BARO_SPEC_GRAV",
+    "BARO1_GND_PRESS",
+    "BARO2_GND_PRESS",
     *RENAMED.keys(),
 )
 
-_RATES_HZ: Final = {
-    mavlink.MAVLINK_MSG_ID_ATTITUDE: 50.0,
-    mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 50.0,
-    mavlink.MAVLINK_MSG_ID_VFR_HUD: 50.0,
-    mavlink.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW: 12.0,
-    mavlink.MAVLINK_MSG_ID_NAMED_VALUE_FLOAT: 2.0,
-    mavlink.MAVLINK_MSG_ID_BATTERY_STATUS: 1.0,
-    mavlink.MAVLINK_MSG_ID_SYS_STATUS: 1.0,
-}
-
-
-def streams(depth_source: DepthSource = "relative_alt", with_position: bool = False) -> dict[int, float]:
-    """Rates in Hz by message id."""
-    rates_hz = dict(_RATES_HZ)
-    if depth_source == "ahrs2":
-        rates_hz[mavlink.MAVLINK_MSG_ID_AHRS2] = 50.0
-    if depth_source == "pressure":
-        rates_hz[mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE2] = 50.0
-    if with_position:
-        rates_hz[mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED] = 50.0
-    return rates_hz
+VOLATILE: Final = frozenset({"BARO1_GND_PRESS", "BARO2_GND_PRESS"})
+"""The autopilot sets these anew at the surface and tells nobody: read again and again."""
 
 
 class Upkeep:
@@ -66,16 +56,30 @@ class Upkeep:
 
     def __init__(self, commands: Commands, rates_hz: Mapping[int, float] | None = None) -> None:
         self._commands = commands
-        self._rates_hz = streams() if rates_hz is None else rates_hz
+        self._streams = Streams(streams() if rates_hz is None else rates_hz)
         self._parameters: dict[str, float] = {}
         self._last: Heartbeat | None = None
         self._heartbeat = _Timer(HEARTBEAT_S)
         self._forget()
 
     @property
+    def firmware(self) -> Firmware | None:
+        """The autopilot's version, once it has told it."""
+        return self._firmware
+
+    @property
     def parameters(self) -> Mapping[str, float]:
         """What was answered of PARAMETERS since first contact or the last reboot, by today's names."""
         return MappingProxyType(self._parameters)
+
+    def heard(self, message_id: int) -> None:
+        """Count a message of a stream."""
+        self._streams.heard(message_id)
+
+    @property
+    def measured_hz(self) -> Mapping[int, float]:
+        """Return how often each stream comes, by message id, where that was measured."""
+        return self._streams.measured_hz
 
     def step(
         self, now_s: float, events: Sequence[Event], *, want_mode: Mode | None, want_armed: bool
@@ -95,24 +99,30 @@ class Upkeep:
         if now_s - self._last.t_s > CONTACT_S:
             self._last = None
             return out
-        if self._streams.due(now_s):
-            out += [self._commands.message_interval(key, rate) for key, rate in self._rates_hz.items()]
+        asked = self._streams.due(now_s)
+        out += [self._commands.message_interval(key, rate) for key, rate in asked.items()]
+        if self._firmware is None and self._version.due(now_s):
+            out.append(self._commands.request_message(mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION))
         if self._timesync.due(now_s):
             out.append(self._commands.timesync(now_s))
         if want_mode is not None and self._last.mode != want_mode and self._mode.due(now_s):
             out.append(self._commands.set_mode(want_mode))
         if want_armed and not self._last.armed and self._arming.due(now_s):
             out.append(self._commands.arm(True))
-        if self._missing and now_s >= self._missing[0][0] and self._reading.due(now_s):
-            name = self._missing.popleft()[1]
-            self._missing.append((now_s + PARAMETER_AGAIN_S, name))
+        due = [name for name, (due_s, _) in self._missing.items() if now_s >= due_s]
+        if due and self._reading.due(now_s):
+            name = min(due, key=lambda name: self._missing[name][0])
+            wait_s = self._missing[name][1]
+            self._missing[name] = (now_s + wait_s, min(2.0 * wait_s, PARAMETER_AGAIN_S[1]))
             out.append(self._commands.read_parameter(name))
         return out
 
     def _forget(self) -> None:
         self._parameters.clear()
-        self._missing = deque((float("-inf"), name) for name in PARAMETERS)
-        self._streams = _Timer(STREAMS_S)
+        self._missing = {name: (float("-inf"), PARAMETER_AGAIN_S[0]) for name in PARAMETERS}
+        self._streams.restart()
+        self._firmware: Firmware | None = None
+        self._version = _Timer(VERSION_S)
         self._timesync = _Timer(TIMESYNC_S)
         self._mode = _Timer(COMMAND_S)
         self._arming = _Timer(COMMAND_S)
@@ -124,15 +134,27 @@ class Upkeep:
         elif isinstance(event, Heartbeat):
             if self._last is None:
                 self._forget()
+            elif event.armed and not self._last.armed:
+                self._read_again(event.t_s)
             self._last = event
         elif isinstance(event, Parameter):
-            self._answer(event.name, event.value)
+            self._answer(event)
+        elif isinstance(event, Firmware):
+            self._firmware = event
 
-    def _answer(self, name: str, value: float) -> None:
-        if name in PARAMETERS:
-            name = RENAMED.get(name, name)
-            self._parameters[name] = value
-            self._missing = deque(entry for entry in self._missing if RENAMED.get(entry[1], entry[1]) != name)
+    def _answer(self, event: Parameter) -> None:
+        if event.name not in PARAMETERS:
+            return
+        known = RENAMED.get(event.name, event.name)
+        self._parameters[known] = event.value
+        for name in (known, *(old for old, new in RENAMED.items() if new == known)):
+            self._missing.pop(name, None)
+        if known in VOLATILE:
+            self._missing[known] = (event.t_s + VOLATILE_S, PARAMETER_AGAIN_S[0])
+
+    def _read_again(self, now_s: float) -> None:
+        """Read at once what arming sets anew."""
+        self._missing |= {name: (now_s, PARAMETER_AGAIN_S[0]) for name in VOLATILE & self._parameters.keys()}
 
 
 class _Timer:

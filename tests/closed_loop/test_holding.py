@@ -102,6 +102,9 @@ CASES = {
     "across the wrap of the heading": Case(
         goal=(FREE, FREE, 2.0, -3.0), vehicle=("initial.eta=[0,0,1,0,0,3.0]",), heading_rms_deg=0.3
     ),
+    "depth from the raw pressure": Case(
+        companion=('vehicle.depth_source="pressure"',), vehicle=("waves.enabled=true",)
+    ),
     "sea water read as fresh": Case(
         vehicle=("sensors.depth_scale=1.025",),
         goal=(FREE, FREE, 3.075, 0.5),

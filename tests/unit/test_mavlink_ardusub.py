@@ -18,12 +18,16 @@ from companion.types import (
     CommandAck,
     Depth,
     DepthRate,
+    EkfOrigin,
+    Firmware,
     Heartbeat,
     LinkCounters,
     Parameter,
     PilotGain,
     PilotInput,
+    PilotToggle,
     Position,
+    ReceiverChannels,
     ServoOutput,
     StatusText,
     TimeSync,
@@ -32,6 +36,7 @@ from companion.types import (
 T = 100.0
 NAN, INF = math.nan, math.inf
 COMMANDS = Commands(1, 1)
+PRESSURE_PARAMETERS = ("BARO_PRIMARY", "BARO2_GND_PRESS", "BARO_SPEC_GRAV")
 
 
 @pytest.fixture
@@ -121,12 +126,27 @@ class TestSignsAndScales:
         assert convert(converter, ahrs2) == (Depth(T, None, 3.0),)
 
     def test_depth_of_pressure(self, counters):
-        converter = Converter(counters, depth_source="pressure", surface_hpa=1000.0, specific_gravity=1.025)
+        """Of the barometer that is in the water, against the surface and the water that the autopilot knows."""
+        told = dict(zip(PRESSURE_PARAMETERS, (1.0, 1e5, 1.025), strict=True))
+        converter = Converter(counters, depth_source="pressure", parameters=told)
         (event,) = convert(converter, pressure(1000, 2000.0))
         assert event == Depth(T, 1.0, pytest.approx(1e5 / (9800 * 1.025)))
+        hull = mavlink.MAVLink_scaled_pressure_message(1010, 2100.0, 0.0, 0)
+        assert convert(converter, hull) == ()
+        told |= {"BARO_PRIMARY": 0.0, "BARO1_GND_PRESS": 1.1e5}
+        (event,) = convert(converter, hull)
+        assert event.z_m == pytest.approx(1e5 / (9800 * 1.025))
+
+    @pytest.mark.parametrize("unknown", range(3))
+    def test_pressure_is_no_depth_before_the_autopilot_has_told_its_zero(self, counters, unknown):
+        told = dict(zip(PRESSURE_PARAMETERS, (1.0, 1e5, 1.025), strict=True))
+        del told[PRESSURE_PARAMETERS[unknown]]
+        converter = Converter(counters, depth_source="pressure", parameters=told)
+        assert convert(converter, pressure(1000, 2000.0)) == ()
 
     def test_a_repeated_pressure_is_no_new_reading(self, counters):
-        converter = Converter(counters, depth_source="pressure")
+        told = dict(zip(PRESSURE_PARAMETERS, (1.0, 1e5, 1.0), strict=True))
+        converter = Converter(counters, depth_source="pressure", parameters=told)
         stamps = (1000, 1020, 1040, 1210, 1230)
         got = [len(convert(converter, pressure(ms, 1500.0))) for ms in stamps]
         assert got == [1, 0, 0, 1, 0]
@@ -155,7 +175,9 @@ class TestSignsAndScales:
             return mavlink.MAVLink_named_value_float_message(0, name, value)
 
         assert convert(converter, named(b"PilotGain", 0.5)) == (PilotGain(T, 0.5),)
-        assert convert(converter, named(b"InputHold", 1.0)) == ()
+        assert convert(converter, named(b"InputHold", 1.0)) == (PilotToggle(T, "InputHold", True),)
+        assert convert(converter, named(b"RollPitch", 0.0)) == (PilotToggle(T, "RollPitch", False),)
+        assert convert(converter, named(b"Lights1", 1.0)) == ()
         assert convert(converter, named(b"PilotGain", NAN)) == ()
         assert counters.implausible == 1
 
@@ -164,6 +186,26 @@ class TestSignsAndScales:
         assert convert(converter, value) == (Parameter(T, "FS_PILOT_INPUT", 2.0),)
         ack = mavlink.MAVLink_command_ack_message(400, 4)
         assert convert(converter, ack) == (CommandAck(T, 400, 4),)
+
+    @pytest.mark.parametrize(
+        ("version", "text"), [(0x04070000, "4.7.0 (dev)"), (0x040501FF, "4.5.1"), (0x040601C0, "4.6.1 (rc)")]
+    )
+    def test_version(self, converter, version, text):
+        none = [0] * 8
+        message = mavlink.MAVLink_autopilot_version_message(0, version, 0, 0, 0, none, none, none, 0, 0, 1)
+        (event,) = convert(converter, message)
+        assert event == Firmware(T, text, tuple(version.to_bytes(4, "big")[:3]))
+
+    def test_receiver_channels(self, converter):
+        message = mavlink.MAVLink_rc_channels_message(0, 16, *[1500] * 18, 255)
+        assert convert(converter, message) == (ReceiverChannels(T, 16),)
+
+    def test_the_origin_is_told_when_it_changes(self, converter):
+        def at(lat, boot_ms):
+            return mavlink.MAVLink_global_position_int_message(boot_ms, lat, 0, 0, -1000, 0, 0, 0, 0)
+
+        told = [convert(converter, at(lat, ms))[1:] for ms, lat in enumerate((0, 0, 471234567, 471234567, 0))]
+        assert told == [(), (), (EkfOrigin(T, True),), (), (EkfOrigin(T, False),)]
 
     def test_motor_demand(self):
         assert motor_demand((1100, 1500, 1900, 1600, 0)) == (-1.0, 0.0, 1.0, 0.25, 0.0)

@@ -2,8 +2,9 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from companion.mavlink.ardusub import Commands, Mode
-from companion.mavlink.upkeep import PARAMETERS, Upkeep, streams
-from companion.types import Depth, Heartbeat, Parameter, Reboot
+from companion.mavlink.streams import streams
+from companion.mavlink.upkeep import PARAMETERS, Upkeep
+from companion.types import Depth, Firmware, Heartbeat, Parameter, Reboot
 
 TICK_S = 0.02
 
@@ -25,9 +26,14 @@ class Dive:
         self.sent += [(self.now_s, message) for message in out]
         return out
 
-    def run(self, seconds, *, heard=True, answer=None, **wants):
+    def run(self, seconds, *, heard=True, answer=None, share=1.0, only=None, **wants):
+        """Let heartbeats come and every stream, or `only` those, at `share` of its rate."""
         for _ in range(round(seconds / TICK_S)):
-            self.now_s += TICK_S
+            before_s, self.now_s = self.now_s, self.now_s + TICK_S
+            for key, rate_hz in streams().items() if heard else ():
+                hz = rate_hz * (share if only in (None, key) else 1.0)
+                for _ in range(int(self.now_s * hz + 1e-6) - int(before_s * hz + 1e-6)):
+                    self.upkeep.heard(key)
             beats = (beat(self.now_s, **(answer or {})),) if heard else ()
             self.step(*beats, **wants)
 
@@ -69,17 +75,59 @@ def test_streams_are_asked_again_every_10_s(dive):
     assert sorted(set(dive.times("COMMAND_LONG", 511))) == pytest.approx([0.02, 10.02, 20.02], abs=0.05)
 
 
+def test_a_stream_that_slows_down_is_asked_for_again_and_the_others_are_not(dive):
+    attitude = mavlink.MAVLINK_MSG_ID_ATTITUDE
+    dive.run(5.0)
+    dive.sent.clear()
+    dive.run(4.0, share=0.25, only=attitude)
+    asked = [m.param1 for _, m in dive.sent if m.get_type() == "COMMAND_LONG" and m.command == 511]
+    assert set(asked) == {attitude}
+    assert dive.upkeep.measured_hz[attitude] == pytest.approx(12.5, abs=1.5)
+    assert dive.upkeep.measured_hz[mavlink.MAVLINK_MSG_ID_VFR_HUD] == pytest.approx(50.0, abs=1.5)
+    dive.run(3.0)
+    assert dive.upkeep.measured_hz[attitude] == pytest.approx(50.0, abs=1.5)
+
+
+def test_asking_does_not_press(dive):
+    """A parameter transfer of the ground station slows every stream fourfold, however often one asks."""
+    dive.run(5.0)
+    dive.sent.clear()
+    dive.run(60.0, share=0.25)
+    assert len(dive.times("COMMAND_LONG", 511)) <= 20 * len(streams())
+
+
+def test_a_stream_that_never_came_is_asked_for_again_within_seconds(dive):
+    dive.run(3.5, share=0.0, only=mavlink.MAVLINK_MSG_ID_ATTITUDE)
+    asked = [m.param1 for _, m in dive.sent if m.get_type() == "COMMAND_LONG" and m.command == 511]
+    assert asked.count(mavlink.MAVLINK_MSG_ID_ATTITUDE) >= 2
+
+
+def test_the_version_is_asked_for_until_it_is_told_and_again_after_a_reboot(dive):
+    dive.run(12.0)
+    assert len(dive.times("COMMAND_LONG", 512)) == 3
+    firmware = Firmware(dive.now_s, "4.7.0 (dev)", (4, 7, 0))
+    dive.step(firmware)
+    assert dive.upkeep.firmware is firmware
+    dive.sent.clear()
+    dive.run(12.0)
+    assert not dive.times("COMMAND_LONG", 512)
+    dive.step(Reboot(dive.now_s))
+    assert dive.upkeep.firmware is None
+    assert dive.times("COMMAND_LONG", 512)
+
+
 def test_position_and_other_depth_sources_add_their_streams():
     assert mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED not in streams()
     assert mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED in streams(with_position=True)
     assert mavlink.MAVLINK_MSG_ID_AHRS2 in streams("ahrs2")
     assert mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE2 in streams("pressure")
+    assert mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE in streams("pressure")
 
 
 def test_a_reboot_makes_everything_be_asked_anew(dive):
     dive.step(beat(0.0), Depth(0.0, 100.0, 1.0), Parameter(0.0, "FS_PILOT_INPUT", 2.0))
-    dive.now_s = 1.0
-    assert not [m for m in dive.step(Depth(1.0, 99.5, 1.0)) if m.get_type() == "COMMAND_LONG"]
+    dive.now_s = 0.5
+    assert not [m for m in dive.step(Depth(0.5, 99.5, 1.0)) if m.get_type() == "COMMAND_LONG"]
     assert dive.upkeep.parameters
     out = dive.step(Reboot(1.0))
     assert [m for m in out if m.get_type() == "COMMAND_LONG"]
@@ -90,7 +138,7 @@ def test_a_vehicle_that_returns_is_asked_anew_and_a_lost_one_is_left_alone(dive)
     dive.step(beat(0.0))
     dive.run(20.0, heard=False)
     assert max(dive.times("TIMESYNC")) <= 5.0
-    assert dive.times("COMMAND_LONG", 511)[-1] == 0.0
+    assert dive.times("COMMAND_LONG", 511)[-1] <= 5.0
     dive.run(0.02)
     assert dive.times("COMMAND_LONG", 511)[-1] == dive.now_s
 
@@ -111,10 +159,28 @@ def test_parameters_are_read_until_answered(dive):
     assert dive.upkeep.parameters == {"FS_PILOT_INPUT": 2.0}
 
 
-def test_parameter_requests_are_bounded(dive):
-    dive.run(20.0)
-    assert len(dive.names()) <= 200
-    assert all(dive.names().count(name) <= 11 for name in PARAMETERS)
+def test_parameters_that_nobody_answers_are_asked_for_ever_more_rarely(dive):
+    dive.run(600.0)
+    asked = [t_s for t_s, m in dive.sent if getattr(m, "param_id", "") == "RC_OPTIONS"]
+    waits = [b - a for a, b in zip(asked, asked[1:], strict=False)]
+    assert waits[0] == pytest.approx(2.0, abs=1.5)
+    assert all(b > a - 1.5 for a, b in zip(waits, waits[1:], strict=False))
+    assert 55.0 < waits[-1] < 65.0
+    assert all(dive.names().count(name) <= 16 for name in PARAMETERS)
+
+
+def test_the_surface_pressure_is_read_again_and_at_once_after_arming(dive):
+    """The autopilot sets it anew at the surface and on arming, and tells nobody."""
+    dive.run(0.1)
+    for name in PARAMETERS:
+        dive.step(Parameter(dive.now_s, name, 1.0))
+    dive.sent.clear()
+    dive.run(25.0)
+    assert set(dive.names()) == {"BARO1_GND_PRESS", "BARO2_GND_PRESS"}
+    dive.step(*(Parameter(dive.now_s, name, 1.0) for name in ("BARO1_GND_PRESS", "BARO2_GND_PRESS")))
+    dive.sent.clear()
+    dive.run(0.4, answer={"armed": True})
+    assert sorted(dive.names()) == ["BARO1_GND_PRESS", "BARO2_GND_PRESS"]
 
 
 def test_one_name_of_a_renamed_parameter_will_do(dive):

@@ -1,0 +1,113 @@
+"""The streams we need: what is asked, what really comes, and what has to be asked again.
+
+Every stream is asked for at first contact and every ASK_S from then on, because a router shares one link
+with the ground station; one that was measured slow is asked for sooner, with back-off. A parameter transfer
+slows all of them fourfold and asking does not help, so it does not press.
+"""
+
+from collections.abc import Mapping
+from typing import Final
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from companion.mavlink.ardusub import PRESSURES, DepthSource
+
+ASK_S: Final = 10.0
+WINDOW_S: Final = 1.0
+WINDOW_MESSAGES: Final = 4.0
+SLOW_SHARE: Final = 0.7
+"""A stream that comes at less than this share of its rate has slowed down."""
+
+AGAIN_S: Final = (1.0, 8.0)
+
+_RATES_HZ: Final = {
+    mavlink.MAVLINK_MSG_ID_ATTITUDE: 50.0,
+    mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 50.0,
+    mavlink.MAVLINK_MSG_ID_VFR_HUD: 50.0,
+    mavlink.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW: 12.0,
+    mavlink.MAVLINK_MSG_ID_NAMED_VALUE_FLOAT: 2.0,
+    mavlink.MAVLINK_MSG_ID_BATTERY_STATUS: 1.0,
+    mavlink.MAVLINK_MSG_ID_SYS_STATUS: 1.0,
+    mavlink.MAVLINK_MSG_ID_RC_CHANNELS: 1.0,
+}
+
+
+def streams(depth_source: DepthSource = "relative_alt", with_position: bool = False) -> dict[int, float]:
+    """Rates in Hz by message id."""
+    rates_hz = dict(_RATES_HZ)
+    if depth_source == "ahrs2":
+        rates_hz[mavlink.MAVLINK_MSG_ID_AHRS2] = 50.0
+    if depth_source == "pressure":
+        rates_hz |= dict.fromkeys(PRESSURES, 50.0)
+    if with_position:
+        rates_hz[mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED] = 50.0
+    return rates_hz
+
+
+class _Stream:
+    """One message's rate, measured window by window."""
+
+    def __init__(self, rate_hz: float) -> None:
+        self.rate_hz = rate_hz
+        self.window_s = max(WINDOW_S, WINDOW_MESSAGES / rate_hz)
+        self.count = 0
+        self.since_s = float("-inf")
+        self.measured_hz: float | None = None
+        self.again_s = AGAIN_S[0]
+        self.not_before_s = float("-inf")
+
+
+class Streams:
+    """Counts what comes (`heard`) and says what to ask for (`due`)."""
+
+    def __init__(self, rates_hz: Mapping[int, float]) -> None:
+        self._rates_hz = rates_hz
+        self.restart()
+
+    def restart(self) -> None:
+        """Ask for everything anew: first contact, or a rebooted autopilot."""
+        self._streams = {key: _Stream(rate_hz) for key, rate_hz in self._rates_hz.items()}
+        self._ask_s = float("-inf")
+
+    def heard(self, message_id: int) -> None:
+        """Count one message."""
+        stream = self._streams.get(message_id)
+        if stream is not None:
+            stream.count += 1
+
+    def due(self, now_s: float) -> dict[int, float]:
+        """Return what to ask for now: rates in Hz by message id."""
+        everything = now_s >= self._ask_s
+        if everything:
+            self._ask_s = now_s + ASK_S
+        return {
+            key: stream.rate_hz
+            for key, stream in self._streams.items()
+            if self._has_slowed(stream, now_s) or everything
+        }
+
+    @property
+    def measured_hz(self) -> dict[int, float]:
+        """Return how often each message comes, where that was measured."""
+        return {
+            key: stream.measured_hz for key, stream in self._streams.items() if stream.measured_hz is not None
+        }
+
+    def _has_slowed(self, stream: _Stream, now_s: float) -> bool:
+        passed_s = now_s - stream.since_s
+        if passed_s < stream.window_s:
+            return False
+        begun = stream.since_s > float("-inf")
+        if begun:
+            stream.measured_hz = stream.count / passed_s
+        stream.since_s, stream.count = now_s, 0
+        if not begun or stream.measured_hz is None:
+            return False
+        if stream.measured_hz >= SLOW_SHARE * stream.rate_hz:
+            stream.again_s = AGAIN_S[0]
+            return False
+        if now_s < stream.not_before_s:
+            return False
+        stream.not_before_s = now_s + stream.again_s
+        stream.again_s = min(2.0 * stream.again_s, AGAIN_S[1])
+        return True
