@@ -26,16 +26,19 @@ import msgspec
 from companion.config import Config
 from companion.endpoint import Endpoint
 from companion.engine import Engine
+from companion.events import Chronicle
 from companion.links import Link
 from companion.mavlink.signing import Signing, read_key
+from companion.operator import Desk, Handed
 from companion.telemetry import Raw, Start
 from companion.types import PSI, ControlSample, LoopHealth, Request, Setpoint, Z
-from companion.zenoh_io import Publisher
+from companion.zenoh_io import NameTakenError, Publisher
 
 INBOX = 1024
 FAREWELLS = 5
 STATUS_PERIOD_S = 5.0
 WATCHDOG_PERIOD_S = 0.5
+NAME_PATIENCE_S = 3.0
 NS_PER_S = 1_000_000_000
 
 log = logging.getLogger("holdfast")
@@ -73,7 +76,13 @@ class App:
         self._inbox: deque[tuple[int, bytes]] = deque(maxlen=INBOX)
         self._link = Link(Endpoint.parse(config.link.endpoint), "vehicle", self._heard)
         self._engine = Engine(config, setpoint, arm=arm, signing=_signing(config))
-        self._publisher = Publisher(config.vehicle.name, config.telemetry.endpoint)
+        telemetry = config.telemetry
+        self._desk = Desk(config, setpoint.eta_d, allowed=telemetry.allow_control)
+        self._chronicle = Chronicle()
+        self._publisher = Publisher(
+            config.vehicle.name, telemetry.endpoint, telemetry.mode, on_order=self._desk.take
+        )
+        self._publisher.config = msgspec.json.encode(config)
         self._requests = list(requests)
         self._start = _start(config, setpoint, arm) if config.telemetry.raw else None
         self._period_ns = round(NS_PER_S / config.loop.rate_hz)
@@ -89,11 +98,16 @@ class App:
     async def run(self) -> int:
         """Run until SIGINT, SIGTERM or an exception; leave the vehicle neutral; return the exit status."""
         loop = asyncio.get_running_loop()
+        self._publisher.start()
+        try:
+            self._publisher.claim(NAME_PATIENCE_S)
+        except NameTakenError as error:
+            log.error("refused to start: %s", error)
+            return 1
         for number in (signal.SIGINT, signal.SIGTERM):
             loop.add_signal_handler(number, self._stop.set)
         link = loop.create_task(self._link.run())
         link.add_done_callback(self._link_ended)
-        self._publisher.start()
         gc.collect()
         gc.freeze()
         ticker = Ticker(self._period_ns)
@@ -139,20 +153,34 @@ class App:
             late_ticks=self._late_ticks,
             samples_dropped=self._publisher.dropped,
         )
+        now_s = now_ns / NS_PER_S
+        engine, desk = self._engine, self._desk
         try:
-            requests, self._requests = self._requests, []
+            handed = desk.before(engine, now_s)
+            requests, self._requests = [*self._requests, *handed.requests], []
             datagrams = list(self._inbox)
             self._inbox.clear()
-            out, sample = self._engine.step(now_ns / NS_PER_S, datagrams, health, requests)
+            out, sample = engine.step(now_s, datagrams, health, requests)
             for data in out:
                 self._link.send(data)
+            desk.after(engine, sample, now_s)
         except Exception as error:
             self._failure = error
             self._stop.set()
             return
         self._compute_ns = time.monotonic_ns() - now_ns
-        self._publisher.offer(sample, self._raw(now_ns / NS_PER_S, datagrams, out, requests))
+        if handed.config is not None:
+            self._publisher.config = msgspec.json.encode(handed.config)
+        events = self._chronicle.step(sample, self._desk.taken, self._rivals())
+        self._publisher.offer(sample, self._raw(now_s, datagrams, out, requests, handed), events)
+        for event in events:
+            if event.kind != "state":
+                log.info("%s: %s", event.kind, event.text)
         self._report(now_ns, sample)
+
+    def _rivals(self) -> list[str]:
+        rivals = self._publisher.rivals
+        return [rivals.popleft() for _ in range(len(rivals))]
 
     def _raw(
         self,
@@ -160,6 +188,7 @@ class App:
         datagrams: Sequence[tuple[int, bytes]],
         out: Sequence[bytes],
         requests: Sequence[Request],
+        handed: Handed,
     ) -> Raw | None:
         if self._start is None:
             return None
@@ -169,6 +198,8 @@ class App:
             heard=datagrams,
             out=out,
             requests=[request.name for request in requests],
+            setpoint=None if handed.setpoint is None else handed.setpoint.eta_d.tolist(),
+            config=None if handed.config is None else msgspec.to_builtins(handed.config),
             start=self._start if self._ticks == 1 else None,
         )
 

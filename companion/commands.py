@@ -37,6 +37,9 @@ def run(argv: list[str]) -> int:
     parser.add_argument(
         "--depth-only", action="store_true", help="steer in STABILIZE, leave the heading to the firmware"
     )
+    parser.add_argument(
+        "--allow-control", action="store_true", help="take commands over Zenoh, see `holdfast tell`"
+    )
     parser.add_argument("--depth", type=float, metavar="M", help="depth to hold; default: the present one")
     parser.add_argument(
         "--heading", type=float, metavar="DEG", help="heading to hold; default: the present one"
@@ -53,7 +56,11 @@ def run(argv: list[str]) -> int:
     depth_m = math.nan if arguments.depth is None else arguments.depth
     heading_rad = math.nan if arguments.heading is None else math.radians(arguments.heading)
     requests = [Request.ENGAGE] if arguments.engage else []
-    overrides = [*arguments.set, *(['vehicle.steering_mode="stabilize"'] if arguments.depth_only else [])]
+    overrides = [
+        *arguments.set,
+        *(["telemetry.allow_control=true"] if arguments.allow_control else []),
+        *(['vehicle.steering_mode="stabilize"'] if arguments.depth_only else []),
+    ]
     try:
         config = load_config(arguments.config or DEFAULT_FILE, overrides)
         if arguments.heading is not None and not config.vehicle.holds_heading:

@@ -138,10 +138,12 @@ class Supervisor(Section, frozen=True):
 
 
 class Telemetry(Section, frozen=True):
-    """Where the controller's state is published, and whether the raw ticks are."""
+    """Where the controller's state is published, whether the raw ticks are, and who may command."""
 
+    mode: Literal["peer", "client", "file"]
     endpoint: str
     raw: bool
+    allow_control: bool
 
 
 class Config(Section, frozen=True):

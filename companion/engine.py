@@ -31,6 +31,7 @@ from companion.types import (
     Request,
     Setpoint,
     State,
+    StatusText,
     VehicleState,
     Verdict,
     Wrench,
@@ -123,6 +124,7 @@ class Engine:
             verdict=verdict,
             counters=replace(self._autopilot.counters),
             loop=loop,
+            texts=tuple(event for event in events if isinstance(event, StatusText)),
         )
 
     def farewell(self) -> bytes:
@@ -134,6 +136,11 @@ class Engine:
     def config(self) -> Config:
         """What is in force now."""
         return self._config
+
+    @property
+    def target(self) -> Array:
+        """Where it is held, or is while it is not: x, y, z, psi."""
+        return self._target.eta_d
 
     def aim(self, setpoint: Setpoint) -> None:
         """Take a new setpoint; its NaN targets stay what they are.

@@ -178,6 +178,12 @@ class Raw(msgspec.Struct, frozen=True, kw_only=True):
     )
     out: Annotated[Sequence[bytes], means("datagrams sent")]
     requests: Annotated[Sequence[str], means("what the operator asked for, by name")] = ()
+    setpoint: Annotated[
+        Sequence[float] | None, means("given before this tick: x, y, depth (m), heading (rad); NaN stays")
+    ] = None
+    config: Annotated[dict[str, Any] | None, means("retuned before this tick: the whole configuration")] = (
+        None
+    )
     start: Annotated[Start | None, means("what the engine was built from, with the first tick only")] = None
 
 

@@ -421,3 +421,5 @@ class ControlSample:
     verdict: Verdict
     counters: LinkCounters
     loop: LoopHealth
+    texts: tuple[StatusText, ...] = ()
+    """What the autopilot said since the tick before."""

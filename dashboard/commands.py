@@ -6,3 +6,10 @@ def watch(argv: list[str]) -> int:
     from dashboard.watch import main
 
     return main(argv)
+
+
+def tell(argv: list[str]) -> int:
+    """Give a vehicle a command over Zenoh, and say what came of it."""
+    from dashboard.tell import main
+
+    return main(argv)

@@ -2,11 +2,15 @@
 
 import json
 import threading
+from collections.abc import Mapping
 from contextlib import suppress
+from pathlib import Path
 from types import TracebackType
 from typing import NamedTuple, Self
 
+import msgspec
 import zenoh
+from zenoh import ext
 
 from companion import telemetry
 
@@ -14,6 +18,8 @@ _RING = 4096  # messages: nine seconds of one vehicle
 _OPEN_MS = 1000  # for the handshake: somebody who is stopped still accepts a connection
 _RETRY_S = 0.2
 _CLOSE_S = 1.0
+_ANSWER_S = 8.0  # an engaging takes five
+_EVENTS = 100  # that happened before we came
 
 
 class Message(NamedTuple):
@@ -26,7 +32,9 @@ class Message(NamedTuple):
 class Subscription:
     """Everything that is published under a key expression, from whenever somebody listens on `endpoint`.
 
-    Raises ValueError for a key expression that is none; trouble with the network is never raised.
+    Of events also the last ones before that. `endpoint` is Zenoh's, such as tcp/127.0.0.1:7447, or the path
+    of a Zenoh configuration, such as `holdfast keys` makes. Raises ValueError for a key expression or a
+    configuration that is none; trouble with the network is never raised.
     """
 
     def __init__(self, key_expression: str, endpoint: str = telemetry.ENDPOINT) -> None:
@@ -34,9 +42,17 @@ class Subscription:
             self._key_expression = zenoh.KeyExpr(key_expression)
         except zenoh.ZError as error:
             raise ValueError(f"'{key_expression}' is no Zenoh key expression: {error}") from error
+        try:
+            client_config(endpoint)
+        except zenoh.ZError as error:
+            raise ValueError(f"{endpoint} is no Zenoh configuration: {error}") from error
+        first, _, rest = key_expression.partition("/")
+        vehicle = rest.partition("/")[0] if first == "holdfast" else "*"
+        self._event_keys = zenoh.KeyExpr(f"holdfast/{vehicle if vehicle != '**' else '*'}/event")
         self._endpoint = endpoint
         self._session: zenoh.Session | None = None
         self._subscriber: zenoh.Subscriber[zenoh.handlers.Handler[zenoh.Sample]] | None = None
+        self._events: ext.AdvancedSubscriber[zenoh.handlers.Handler[zenoh.Sample]] | None = None
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._open, name="zenoh-client", daemon=True)
 
@@ -48,10 +64,38 @@ class Subscription:
     def take(self) -> list[Message]:
         """Return what came since the last call, oldest first. Never blocks."""
         messages: list[Message] = []
+        if self._events is not None:
+            while (sample := self._events.try_recv()) is not None:
+                messages.append(Message(str(sample.key_expr), sample.payload.to_bytes()))
         if self._subscriber is not None:
             while len(messages) < _RING and (sample := self._subscriber.try_recv()) is not None:
-                messages.append(Message(str(sample.key_expr), sample.payload.to_bytes()))
+                key = str(sample.key_expr)
+                if self._events is None or not key.endswith("/event"):
+                    messages.append(Message(key, sample.payload.to_bytes()))
         return messages
+
+    def ask(self, key: str, payload: bytes = b"", timeout_s: float = _ANSWER_S) -> bytes | None:
+        """Return the answer to a query; None if nobody gave one in time. Blocks."""
+        session = self._session
+        if session is None:
+            return None
+        with suppress(zenoh.ZError):
+            for reply in session.get(key, payload=payload, timeout=timeout_s):
+                if reply.ok is not None:
+                    return reply.ok.payload.to_bytes()
+        return None
+
+    def tell(self, vehicle: str, command: str, what: Mapping[str, object]) -> telemetry.Reply:
+        """Give a vehicle a command and return what came of it; `done` is false if nobody answered. Blocks."""
+        answer = self.ask(telemetry.command_key(vehicle, command), msgspec.json.encode(what))
+        if answer is None:
+            return telemetry.Reply(done=False, said=f"nobody answered '{command}' for '{vehicle}'")
+        try:
+            return msgspec.json.decode(answer, type=telemetry.Reply)
+        except msgspec.MsgspecError as error:
+            return telemetry.Reply(
+                done=False, said=f"'{vehicle}' answered '{command}' with no Reply: {error}"
+            )
 
     def start(self) -> None:
         """Connect, in the background, as soon and as often as it takes."""
@@ -62,7 +106,7 @@ class Subscription:
         self._closing.set()
         if self._thread.is_alive():
             self._thread.join(_CLOSE_S)
-        self._subscriber = None
+        self._subscriber = self._events = None
         if self._session is not None:
             self._session.close()  # type: ignore[no-untyped-call]
             self._session = None
@@ -81,7 +125,13 @@ class Subscription:
     def _open(self) -> None:
         while not self._closing.is_set():
             with suppress(zenoh.ZError):
-                session = zenoh.open(_config(self._endpoint))
+                session = zenoh.open(client_config(self._endpoint))
+                if self._event_keys.intersects(self._key_expression):
+                    events: zenoh.handlers.RingChannel[zenoh.Sample] = zenoh.handlers.RingChannel(_EVENTS)
+                    history = ext.HistoryConfig(detect_late_publishers=True, max_samples=_EVENTS)
+                    self._events = ext.declare_advanced_subscriber(
+                        session, self._event_keys, events, history=history
+                    )
                 ring: zenoh.handlers.RingChannel[zenoh.Sample] = zenoh.handlers.RingChannel(_RING)
                 self._subscriber = session.declare_subscriber(self._key_expression, ring)
                 self._session = session
@@ -89,7 +139,13 @@ class Subscription:
             self._closing.wait(_RETRY_S)
 
 
-def _config(endpoint: str) -> zenoh.Config:
+def client_config(endpoint: str) -> zenoh.Config:
+    """Return the configuration of a client that comes back to whoever listens on `endpoint`.
+
+    Raises zenoh.ZError for a file that is no Zenoh configuration.
+    """
+    if Path(endpoint).is_file():
+        return zenoh.Config.from_file(endpoint)
     config = zenoh.Config()
     for name, value in {
         "mode": "client",

@@ -1,0 +1,370 @@
+"""What an operator may ask for while it dives: checked like the configuration, and answered with the truth.
+
+An `Order` comes from any thread and waits. Between ticks the desk turns at most one into what the engine
+takes anyway, a `Request`, a setpoint or a retuned configuration, so that nothing passes the supervisor by;
+after the tick it answers with what came of it. No Zenoh and no clock in here.
+"""
+
+import math
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Annotated, Any, Literal, NamedTuple, Protocol, get_args, get_origin, get_type_hints
+
+import msgspec
+import numpy as np
+
+from companion.config import Compensator as Choice
+from companion.config import Config, ConfigError, NonNegative, Positive, Section
+from companion.telemetry import Reply, means
+from companion.types import PSI, Array, ControlSample, Request, Setpoint, State, X, Y, Z
+
+AxisName = Literal["surge", "sway", "heave", "yaw"]
+Metres = Annotated[float, msgspec.Meta(ge=-1e5, le=1e5)]
+Optional = msgspec.UnsetType
+
+WAITING = 8
+MAX_BYTES = 4096
+ENGAGE_S = 5.0
+SETTLE_S = 2.0
+FACTOR = 4.0
+"""Gains may move this far, up or down, from those that the companion was started with."""
+
+
+class Engage(Section, frozen=True):
+    """Take control and hold. Refused, and the wish withdrawn, if that is not permitted within 5 s."""
+
+
+class Release(Section, frozen=True):
+    """Let go of the vehicle; a wish to engage is withdrawn."""
+
+
+class ClearFault(Section, frozen=True):
+    """Reset a latched fault; engages nothing."""
+
+
+class Aim(Section, frozen=True):
+    """Where to be; what is not named stays. Kept for when it engages if it is not engaged now."""
+
+    depth_m: Annotated[float, msgspec.Meta(ge=0.0, le=1e4), means("below the surface")] | Optional = (
+        msgspec.UNSET
+    )
+    heading_deg: (
+        Annotated[float, msgspec.Meta(ge=-360.0, le=360.0), means("clockwise from north")] | Optional
+    ) = msgspec.UNSET
+    x_m: Annotated[Metres, means("north; held only with a position source")] | Optional = msgspec.UNSET
+    y_m: Annotated[Metres, means("east; held only with a position source")] | Optional = msgspec.UNSET
+
+
+class Compensator(Section, frozen=True):
+    """Who compensates on one axis what the model does not know."""
+
+    axis: AxisName
+    compensator: Choice
+
+
+class Gains(Section, frozen=True):
+    """Gains of one axis, as in the configuration; lambda and kappa at most 4 times more or less."""
+
+    axis: AxisName
+    lambda_per_s: Positive | Optional = msgspec.UNSET
+    kappa_per_s: Positive | Optional = msgspec.UNSET
+    learning_rate: NonNegative | Optional = msgspec.UNSET
+    hidden_learning_rate: NonNegative | Optional = msgspec.UNSET
+    leak_per_s: NonNegative | Optional = msgspec.UNSET
+    dead_zone: NonNegative | Optional = msgspec.UNSET
+    max_disturbance: Positive | Optional = msgspec.UNSET
+
+
+class Estimator(Section, frozen=True):
+    """What the observer of one axis believes of the noise, as in the configuration."""
+
+    axis: AxisName
+    position_noise: Positive | Optional = msgspec.UNSET
+    rate_noise: Positive | Optional = msgspec.UNSET
+    position_noise_slow: NonNegative | Optional = msgspec.UNSET
+    rate_noise_slow: NonNegative | Optional = msgspec.UNSET
+    disturbance_noise: Positive | Optional = msgspec.UNSET
+
+
+COMMANDS: dict[str, type[Section]] = {
+    "engage": Engage,
+    "release": Release,
+    "setpoint": Aim,
+    "compensator": Compensator,
+    "gains": Gains,
+    "estimator": Estimator,
+    "clear_fault": ClearFault,
+}
+
+
+class Order(NamedTuple):
+    """A command's name and payload as they came, and where the answer goes. `answer` is called once."""
+
+    name: str
+    payload: bytes
+    answer: Callable[[Reply], None]
+
+
+class Handed(NamedTuple):
+    """What the engine got before a tick."""
+
+    requests: list[Request]
+    setpoint: Setpoint | None = None
+    config: Config | None = None
+
+
+class Controllable(Protocol):
+    """What the desk needs of the engine."""
+
+    @property
+    def config(self) -> Config:
+        """What is in force."""
+
+    @property
+    def target(self) -> Array:
+        """Where it is held, or is while it is not: x, y, z, psi."""
+
+    def aim(self, setpoint: Setpoint) -> None:
+        """Take a setpoint; raise ValueError for one that is not permitted."""
+
+    def retune(self, config: Config) -> None:
+        """Take gains, compensators and noises, without a jump; raise ConfigError for what needs a restart."""
+
+
+@dataclass
+class _Waiting:
+    """An order that the engine has and has not answered. `withdrawn`: it gives up in this tick."""
+
+    order: Order
+    command: Section
+    until_s: float
+    was: State
+    old: Config
+    withdrawn: str = ""
+
+
+@dataclass(frozen=True)
+class Taken:
+    """For the log and the event key: an order with its answer."""
+
+    order: Order
+    reply: Reply
+
+    @property
+    def text(self) -> str:
+        """The order and what came of it, in words."""
+        asked = self.order.payload[:200].decode(errors="replace") if len(self.order.payload) > 2 else ""
+        return f"{self.order.name}{' ' if asked else ''}{asked}: {self.reply.said}"
+
+
+@dataclass
+class Desk:
+    """Takes orders between ticks, hands them to the engine, answers after the tick.
+
+    `setpoint` is what was asked for at the start, (4,) with NaN where nothing was.
+    """
+
+    started_with: Config
+    setpoint: Array
+    allowed: bool
+    taken: list[Taken] = field(default_factory=list)
+    """Answered in this tick."""
+
+    _inbox: deque[Order] = field(default_factory=deque)
+    _waiting: list[_Waiting] = field(default_factory=list)
+    _withdraw: bool = False
+    _state: State = State.IDLE
+
+    def take(self, order: Order) -> None:
+        """Take an order, from any thread; answer at once where there are too many."""
+        if len(self._inbox) >= WAITING:
+            order.answer(Reply(done=False, said=f"busy: {WAITING} commands wait already; ask again"))
+        else:
+            self._inbox.append(order)
+
+    def before(self, engine: Controllable, now_s: float) -> Handed:
+        """Hand the next order to the engine; return what it got, requests to be asked in this tick."""
+        self.taken = []
+        handed = Handed([Request.STOP] if self._withdraw else [])
+        self._withdraw = False
+        if not self._inbox:
+            return handed
+        order = self._inbox.popleft()
+        old = engine.config
+        try:
+            command = self._checked(order)
+            if isinstance(command, Aim):
+                handed = handed._replace(setpoint=self._aim(engine, command))
+            elif isinstance(command, Compensator | Gains | Estimator):
+                engine.retune(self._retuned(old, command))
+                handed = handed._replace(config=engine.config)
+            else:
+                handed.requests.append(self._asked(command))
+        except (ConfigError, ValueError) as error:
+            self._answer(order, done=False, said=f"refused: {error}")
+            return handed
+        wait_s = ENGAGE_S if order.name == "engage" else SETTLE_S
+        self._waiting.append(_Waiting(order, command, now_s + wait_s, self._state, old))
+        return handed
+
+    def after(self, engine: Controllable, sample: ControlSample, now_s: float) -> None:
+        """Answer what has been settled by this tick."""
+        self._state = sample.verdict.state
+        waiting, self._waiting = self._waiting, []
+        for one in waiting:
+            answer = self._settled(one, engine, sample, now_s)
+            if answer is None:
+                self._waiting.append(one)
+            else:
+                self._answer(one.order, **answer)
+
+    def _checked(self, order: Order) -> Section:
+        if not self.allowed:
+            raise ValueError(
+                "this companion is read-only. Start it with `holdfast run --allow-control`, "
+                "or set telemetry.allow_control"
+            )
+        known = COMMANDS.get(order.name)
+        if known is None:
+            raise ValueError(f"there is no command '{order.name}'. There are {', '.join(COMMANDS)}")
+        if len(order.payload) > MAX_BYTES:
+            raise ValueError(f"{len(order.payload)} bytes are too many; {MAX_BYTES} at most")
+        try:
+            return msgspec.json.decode(order.payload, type=known)
+        except (msgspec.MsgspecError, RecursionError) as error:
+            raise ValueError(f"{error}. {order.name} takes {_form(known)}") from error
+
+    def _aim(self, engine: Controllable, aim: Aim) -> Setpoint:
+        named = _named(aim)
+        if not named:
+            raise ValueError(f"name at least one of {', '.join(aim.__struct_fields__)}")
+        wanted = self.setpoint.copy()
+        for index, key in ((X, "x_m"), (Y, "y_m"), (Z, "depth_m")):
+            wanted[index] = named.get(key, wanted[index])
+        if "heading_deg" in named:
+            if not engine.config.vehicle.holds_heading:
+                raise ValueError("heading_deg: in STABILIZE the firmware keeps the heading")
+            wanted[PSI] = math.remainder(math.radians(named["heading_deg"]), math.tau)
+        max_depth_m = engine.config.supervisor.max_depth_m
+        if wanted[Z] > max_depth_m:
+            raise ValueError(f"depth_m = {wanted[Z]:g}: supervisor.max_depth_m is {max_depth_m:g}")
+        setpoint = Setpoint(wanted)
+        engine.aim(setpoint)
+        self.setpoint = wanted
+        return setpoint
+
+    def _retuned(self, config: Config, command: Compensator | Gains | Estimator) -> Config:
+        named = _named(command)
+        axis = named.pop("axis")
+        if not named:
+            known = ", ".join(command.__struct_fields__[1:])
+            raise ValueError(f"name at least one of {known} for {axis}")
+        begun = getattr(self.started_with, axis)
+        for key in {"lambda_per_s", "kappa_per_s"} & set(named):
+            first = getattr(begun, key)
+            if not first / FACTOR <= named[key] <= first * FACTOR:
+                raise ValueError(
+                    f"{axis}.{key} = {named[key]:g}: while diving it may be {first / FACTOR:g} to "
+                    f"{first * FACTOR:g}; for more, set it in the configuration and restart"
+                )
+        changed = msgspec.structs.replace(getattr(config, axis), **named)
+        return msgspec.structs.replace(config, **{axis: changed})
+
+    def _asked(self, command: Section) -> Request:
+        if isinstance(command, Engage):
+            if self._state is State.FAULT:
+                raise ValueError("a fault is latched; clear_fault first")
+            return Request.ENGAGE
+        if isinstance(command, Release):
+            for one in self._waiting:
+                if one.order.name == "engage":
+                    one.withdrawn = "withdrawn: it was released meanwhile"
+            return Request.STOP
+        if self._state is not State.FAULT:
+            raise ValueError(f"no fault is latched; the state is {self._state}")
+        return Request.CLEAR_FAULT
+
+    def _settled(
+        self, one: _Waiting, engine: Controllable, sample: ControlSample, now_s: float
+    ) -> dict[str, Any] | None:
+        """Return the answer, or None while there is none yet."""
+        verdict = sample.verdict
+        is_now = f"{verdict.state}: {verdict.reason}"
+        conditions = [condition.name for condition in verdict.conditions]
+        value: dict[str, Any] = {
+            "state": str(verdict.state),
+            "reason": verdict.reason,
+            "conditions": conditions,
+        }
+        late = now_s >= one.until_s
+        name = one.order.name
+        if name == "engage":
+            if verdict.state is State.ACTIVE:
+                return {
+                    "done": True,
+                    "said": f"engaged; it was {one.was}",
+                    "value": value | self._aimed(engine, sample),
+                }
+            if one.withdrawn or verdict.state is State.FAULT:
+                holds = f" ({', '.join(map(str, conditions))})" if conditions else ""
+                said = f"{one.withdrawn or 'refused'}. {is_now}{holds}"
+                return {"done": False, "said": said, "value": value}
+            if late:
+                one.withdrawn = f"refused: not permitted within {ENGAGE_S:.0f} s, and the wish is withdrawn"
+                self._withdraw = True
+            return None
+        if name == "release":
+            if verdict.authority > 0.0 and not late:
+                return None
+            held = one.was in (State.ACTIVE, State.RAMP_DOWN)
+            said = "released" if held else "it was not engaged; a wish to engage, if any, is withdrawn"
+            return {"done": verdict.authority == 0.0, "said": f"{said}. {is_now}", "value": value}
+        if name == "clear_fault":
+            if verdict.state is State.FAULT and not late:
+                return None
+            done = verdict.state is not State.FAULT
+            return {"done": done, "said": f"{'cleared' if done else 'refused'}. {is_now}", "value": value}
+        if isinstance(one.command, Aim):
+            return {"done": True, "said": self._way(sample), "value": self._aimed(engine, sample)}
+        changed = _named(one.command)
+        axis = changed.pop("axis")
+        new = msgspec.to_builtins(getattr(engine.config, axis))
+        said = ", ".join(f"{key} {new[key]} (was {getattr(getattr(one.old, axis), key)})" for key in changed)
+        return {"done": True, "said": f"{axis}: {said}", "value": {"axis": axis, **new}}
+
+    def _way(self, sample: ControlSample) -> str:
+        engaged = sample.dofs.engaged
+        if not engaged.any():
+            return f"kept for when it engages; the state is {sample.verdict.state}"
+        if np.isfinite(self.setpoint[:2]).any() and not engaged[X]:
+            return "on its way; x and y are not held, because it engaged without a position"
+        return "on its way"
+
+    def _aimed(self, engine: Controllable, sample: ControlSample) -> dict[str, Any]:
+        """Return the target, read back; while it is not engaged, what is kept for then."""
+        engaged = sample.dofs.engaged
+        aimed = np.where(engaged, engine.target, math.nan) if engaged.any() else self.setpoint
+        x, y, z, psi = aimed.tolist()
+        values = {"depth_m": z, "heading_deg": math.degrees(psi) % 360.0, "x_m": x, "y_m": y}
+        return {key: value for key, value in values.items() if math.isfinite(value)}
+
+    def _answer(self, order: Order, *, done: bool, said: str, value: dict[str, Any] | None = None) -> None:
+        reply = Reply(done=done, said=said, value=value or {})
+        self.taken.append(Taken(order, reply))
+        order.answer(reply)
+
+
+def _named(command: Section) -> dict[str, Any]:
+    values = ((key, getattr(command, key)) for key in command.__struct_fields__)
+    return {key: value for key, value in values if value is not msgspec.UNSET}
+
+
+def _form(command: type[Section]) -> str:
+    """Return what a command takes, in words."""
+    hints = get_type_hints(command)
+    fields = (
+        f"{key} ({', '.join(get_args(hint))})" if get_origin(hint) is Literal else key
+        for key, hint in hints.items()
+    )
+    return f"a JSON object with {', '.join(fields) or 'nothing in it: {}'}"

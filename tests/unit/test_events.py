@@ -1,0 +1,56 @@
+"""What the event key tells of a dive: what changed, once, in words."""
+
+from virtual import Dive, active
+
+from companion.events import Chronicle
+from companion.operator import Order, Taken
+from companion.telemetry import Reply
+from companion.types import State
+
+
+def told(dive, seconds, chronicle=None, **first):
+    """Return (severity, kind, text) of what happens in the coming seconds."""
+    chronicle = chronicle or Chronicle()
+    events = [event for step in dive.run(seconds) for event in chronicle.step(step.sample, **first)]
+    return [(event.severity, event.kind, event.text) for event in events]
+
+
+def test_a_start_tells_the_way_to_active_and_what_the_autopilot_says():
+    events = told(Dive(), 4.0)
+    assert events[0][:2] == ("info", "state")
+    assert events[0][2].startswith("IDLE: waiting for")
+    assert ("info", "state", "ACTIVE: engaged") in events
+    assert ("info", "autopilot", "Arming motors") in events
+    assert ("info", "condition", "no longer disarmed") in events
+
+
+def test_a_quiet_tick_tells_nothing():
+    dive, chronicle = active(), Chronicle()
+    told(dive, 0.1, chronicle)
+    assert told(dive, 2.0, chronicle) == []
+
+
+def test_a_fault_is_told_with_its_condition_once():
+    dive, chronicle = active(), Chronicle()
+    told(dive, 0.1, chronicle)
+    dive.fault("link_cut", 1.5)
+    events = told(dive, 1.4, chronicle)
+    assert ("warning", "condition", "link lost") in events
+    assert [event for event in events if event[0] == "fault"] == [
+        ("fault", "state", f"FAULT: {dive.step.sample.verdict.reason}")
+    ]
+    assert dive.state is State.FAULT
+
+
+def test_commands_are_told_with_their_answer():
+    taken = [
+        Taken(Order("setpoint", b'{"depth_m":5}', print), Reply(done=True, said="on its way")),
+        Taken(Order("engage", b"{}", print), Reply(done=False, said="refused: no")),
+    ]
+    dive = active()
+    events = Chronicle().step(dive.run(0.02)[-1].sample, taken, ["4711"])
+    assert [(event.severity, event.kind, event.text) for event in events[:3]] == [
+        ("info", "command", 'setpoint {"depth_m":5}: on its way'),
+        ("warning", "command", "engage: refused: no"),
+        ("warning", "condition", "another companion of this name came: instance 4711"),
+    ]

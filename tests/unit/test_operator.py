@@ -1,0 +1,289 @@
+"""What an operator asks for: done only when it is so, refused with a reason, never past the supervisor."""
+
+import json
+import math
+
+import msgspec
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from virtual import Dive, Somebody, hold
+
+from companion.config import Axis, Config, load_config
+from companion.operator import (
+    COMMANDS,
+    ENGAGE_S,
+    MAX_BYTES,
+    WAITING,
+    Compensator,
+    Desk,
+    Estimator,
+    Gains,
+    Order,
+)
+from companion.telemetry import Reply
+from companion.types import State
+
+
+class Console:
+    """Stands before the engine of a virtual dive as the companion's process does, with an operator at it."""
+
+    def __init__(self, dive, allowed=True):
+        self._tap = dive.tap
+        self.engine = dive.engine
+        self.desk = Desk(dive.engine.config, hold().eta_d, allowed)
+        self.handed = []
+        self.taken = []
+        dive.loop.engine = self
+        self._dive = dive
+
+    def step(self, now_s, inbox, health, requests):
+        handed = self.desk.before(self.engine, now_s)
+        self.handed.append(handed)
+        out, sample = self._tap.step(now_s, inbox, health, [*requests, *handed.requests])
+        self.desk.after(self.engine, sample, now_s)
+        self.taken += self.desk.taken
+        return out, sample
+
+    def ask(self, name, **what):
+        """Give an order; return where its answers will be."""
+        answers = []
+        self.desk.take(Order(name, json.dumps(what).encode(), answers.append))
+        return answers
+
+    def tell(self, name, within_s=ENGAGE_S + 1.0, **what):
+        """Give an order, dive on until it is answered, and return the answer."""
+        answers = self.ask(name, **what)
+        for step in self._dive.loop.run(within_s):
+            self._dive.step = step
+            if answers:
+                (reply,) = answers
+                return reply
+        raise AssertionError("no answer")
+
+
+def at_console(*plant, allowed=True, **arguments):
+    dive = Dive(*plant, engage=False, **arguments)
+    return dive, Console(dive, allowed)
+
+
+def test_engage_is_answered_when_it_is_so_and_release_when_thrust_is_gone():
+    dive, console = at_console()
+    dive.run(2.0)
+    reply = console.tell("engage")
+    assert (reply.done, reply.value["state"]) == (True, "ACTIVE")
+    assert dive.state is State.ACTIVE
+    assert reply.value["depth_m"] == pytest.approx(1.0)
+    reply = console.tell("release")
+    assert (reply.done, dive.step.sample.verdict.authority) == (True, 0.0)
+    assert dive.state is not State.ACTIVE
+
+
+def test_an_engage_that_is_not_permitted_says_why_and_leaves_no_wish_behind():
+    dive, console = at_console(arm=False)
+    dive.run(2.0)
+    reply = console.tell("engage")
+    assert not reply.done
+    assert "disarmed" in reply.said
+    dive.tap.to_vehicle.append(Somebody().arm())  # the pilot, later: it must not take off with him
+    dive.run(3.0)
+    assert dive.step.sample.state.armed
+    assert dive.state is not State.ACTIVE
+
+
+def test_a_release_withdraws_an_engage_that_waits():
+    dive, console = at_console(arm=False)
+    dive.run(2.0)
+    waiting = console.ask("engage")
+    dive.run(0.5)
+    assert not waiting
+    assert console.tell("release").done
+    assert not waiting[0].done
+    assert "released" in waiting[0].said
+
+
+def test_a_setpoint_moves_what_it_names_and_is_read_back():
+    dive, console = at_console()
+    dive.run(2.0)
+    kept = console.tell("setpoint", depth_m=1.5)
+    assert kept.done
+    assert "when it engages" in kept.said
+    assert kept.value["depth_m"] == 1.5
+    console.tell("engage")
+    reply = console.tell("setpoint", heading_deg=-90.0)
+    assert reply.done
+    assert (reply.value["depth_m"], reply.value["heading_deg"]) == (1.5, pytest.approx(270.0))
+    assert "x_m" not in reply.value, "it is not held"
+    dive.run(12.0)
+    assert dive.step.truth.eta[2] == pytest.approx(1.5, abs=0.06)
+    assert math.remainder(dive.step.truth.eta[5] + math.pi / 2, math.tau) == pytest.approx(0.0, abs=0.06)
+
+
+def test_x_without_a_position_is_kept_and_said_to_be_idle():
+    dive, console = at_console()
+    dive.run(2.0)
+    console.tell("engage")
+    reply = console.tell("setpoint", x_m=3.0)
+    assert reply.done
+    assert "not held" in reply.said
+
+
+@pytest.mark.parametrize(
+    ("name", "what", "axis", "key"),
+    [
+        ("gains", {"axis": "heave", "kappa_per_s": 8.0}, "heave", "kappa_per_s"),
+        ("gains", {"axis": "yaw", "lambda_per_s": 1.5, "leak_per_s": 0.0}, "yaw", "lambda_per_s"),
+        ("compensator", {"axis": "heave", "compensator": "observer"}, "heave", "compensator"),
+        ("estimator", {"axis": "heave", "disturbance_noise": 4.0}, "heave", "disturbance_noise"),
+    ],
+)
+def test_a_retune_is_in_force_and_read_back_while_it_goes_on_holding(name, what, axis, key):
+    dive, console = at_console()
+    dive.run(2.0)
+    console.tell("engage")
+    reply = console.tell(name, **what)
+    assert reply.done
+    assert reply.value[key] == what[key] == getattr(getattr(dive.engine.config, axis), key)
+    assert "was" in reply.said
+    assert console.handed[-1].config is dive.engine.config
+    dive.run(2.0)
+    assert dive.state is State.ACTIVE
+
+
+def test_a_latched_fault_is_cleared_only_when_there_is_one():
+    dive, console = at_console()
+    dive.run(2.0)
+    assert "no fault" in console.tell("clear_fault").said
+    console.tell("engage")
+    dive.fault("link_cut", 2.0)
+    dive.until(State.FAULT)
+    assert "clear_fault first" in console.tell("engage").said
+    dive.run(3.0)
+    assert console.tell("clear_fault").done
+    assert dive.state is not State.FAULT
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_without_permission_nothing_happens(name):
+    dive, console = at_console(allowed=False)
+    dive.run(1.0)
+    before = dive.engine.config
+    reply = console.tell(name, axis="heave", kappa_per_s=8.0, depth_m=3.0)
+    assert not reply.done
+    assert "--allow-control" in reply.said
+    assert console.handed[-1] == ([], None, None)
+    assert dive.engine.config is before
+
+
+@pytest.mark.parametrize(
+    ("name", "what", "says"),
+    [
+        ("fly", {}, "there is no command 'fly'"),
+        ("setpoint", {}, "at least one"),
+        ("setpoint", {"depth_m": -1.0}, ">= 0"),
+        ("setpoint", {"depth_m": 101.0}, "max_depth_m"),
+        ("setpoint", {"depth_m": "3"}, "depth_m"),
+        ("gains", {"axis": "roll", "kappa_per_s": 1.0}, "surge, sway, heave, yaw"),
+        ("gains", {"axis": "heave"}, "at least one"),
+        ("gains", {"axis": "heave", "kappa_per_s": 100.0}, "2.75 to 44"),
+        ("gains", {"axis": "heave", "learning_rate": -1.0}, ">= 0"),
+        ("gains", {"axis": "heave", "mass": 20.0}, "unknown field"),
+        ("compensator", {"axis": "heave", "compensator": "magic"}, "network+observer"),
+        ("engage", {"now": True}, "unknown field"),
+    ],
+)
+def test_what_is_refused_says_what_is_allowed(name, what, says):
+    dive, console = at_console()
+    dive.run(0.2)
+    reply = console.tell(name, **what)
+    assert not reply.done
+    assert says in reply.said
+
+
+def test_live_limits_are_the_configurations():
+    for command in (Compensator, Gains, Estimator):
+        for field in command.__struct_fields__[1:]:
+            here = json.dumps(_limits(command, field), sort_keys=True)
+            assert here == json.dumps(_limits(Axis, field), sort_keys=True)
+
+
+def test_too_many_orders_are_told_so_at_once():
+    _, console = at_console()
+    waiting = [console.ask("release") for _ in range(WAITING)]
+    assert not any(waiting)
+    (reply,) = console.ask("release")
+    assert not reply.done
+    assert "busy" in reply.said
+
+
+def test_the_log_line_is_bounded_whatever_came():
+    desk = Desk(load_config(), hold().eta_d, allowed=True)
+    desk.take(Order("setpoint", b"\xff" * 10 * MAX_BYTES, lambda _: None))
+    desk.before(_Untouchable(), 0.0)
+    assert len(desk.taken[0].text) < 1000
+
+
+json_values = st.recursive(
+    st.none() | st.booleans() | st.floats() | st.integers() | st.text(max_size=20),
+    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=20), inner, max_size=4),
+    max_leaves=12,
+)
+likely = st.dictionaries(
+    st.sampled_from(sorted({field for command in COMMANDS.values() for field in command.__struct_fields__})),
+    st.sampled_from(["heave", "yaw", "observer", 0.0, 8.0, -3, 1e9, math.nan, math.inf, None]),
+    max_size=4,
+)
+payloads = st.binary(max_size=60) | (json_values | likely).map(lambda value: json.dumps(value).encode())
+
+
+@settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(name=st.sampled_from([*COMMANDS, "config", "", "*"]), payload=payloads)
+def test_whatever_comes_is_answered_once_and_changes_nothing_unless_done(name, payload):
+    engine = _Recorder()
+    desk = Desk(engine.config, hold().eta_d, allowed=True)
+    answers: list[Reply] = []
+    desk.take(Order(name, payload, answers.append))
+    handed = desk.before(engine, 0.0)
+    if answers:
+        assert not answers[0].done
+        assert answers[0].said
+        assert handed == ([], None, None)
+        assert not engine.got
+    else:
+        assert len(handed.requests) + len(engine.got) == 1
+        for thing in engine.got:
+            if isinstance(thing, Config):
+                assert thing == msgspec.convert(msgspec.to_builtins(thing), Config), "as at the start"
+            else:
+                assert not np.isinf(thing.eta_d).any()
+                assert not thing.eta_d[2] > engine.config.supervisor.max_depth_m
+
+
+def _limits(struct, field):
+    schema = msgspec.json.schema(struct)
+    found = schema["$defs"][struct.__name__]["properties"][field]
+    return {key: value for key, value in found.items() if key not in ("description", "default")}
+
+
+class _Untouchable:
+    config = load_config()
+
+    def __getattr__(self, name):
+        raise AssertionError(f"{name} was touched")
+
+
+class _Recorder:
+    """An engine that only notes what it gets."""
+
+    config = load_config()
+    target = np.zeros(4)
+
+    def __init__(self):
+        self.got = []
+
+    def aim(self, setpoint):
+        self.got.append(setpoint)
+
+    def retune(self, config):
+        self.got.append(config)
