@@ -45,10 +45,10 @@ MAX_GAP_S = 0.5
 """A degree of freedom that was not measured for longer starts anew with its next sample."""
 
 LATER_S = {"pressure": 0.053, "ahrs2": 0.048}
-"""How much older than relative_alt and climb these depths are (ArduSub facts, depth signals against truth)."""
+"""How much older than relative_alt and climb these depths are (ArduSub facts)."""
 
 ZERO_MOVED_M = 0.05
-"""A disarmed vehicle's depth that jumps by more is a new zero, as arming makes one: no motion to be learnt."""
+"""A disarmed vehicle whose depth jumps by more has a new zero, as arming makes one: that is no motion."""
 
 MIN_VOLTAGE_V, MAX_VOLTAGE_V = 10.0, 20.0
 MIN_COS_PITCH = 0.1

@@ -154,7 +154,7 @@ class Upkeep:
 
     def _read_again(self, now_s: float) -> None:
         """Read at once what arming sets anew."""
-        self._missing |= {name: (now_s, PARAMETER_AGAIN_S[0]) for name in VOLATILE & self._parameters.keys()}
+        self._missing |= dict.fromkeys(VOLATILE & self._parameters.keys(), (now_s, PARAMETER_AGAIN_S[0]))
 
 
 class _Timer:

@@ -126,7 +126,7 @@ class TestSignsAndScales:
         assert convert(converter, ahrs2) == (Depth(T, None, 3.0),)
 
     def test_depth_of_pressure(self, counters):
-        """Of the barometer that is in the water, against the surface and the water that the autopilot knows."""
+        """Of the barometer in the water, against the surface and the water that the autopilot knows."""
         told = dict(zip(PRESSURE_PARAMETERS, (1.0, 1e5, 1.025), strict=True))
         converter = Converter(counters, depth_source="pressure", parameters=told)
         (event,) = convert(converter, pressure(1000, 2000.0))

@@ -1,3 +1,5 @@
+import itertools
+
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
@@ -162,9 +164,9 @@ def test_parameters_are_read_until_answered(dive):
 def test_parameters_that_nobody_answers_are_asked_for_ever_more_rarely(dive):
     dive.run(600.0)
     asked = [t_s for t_s, m in dive.sent if getattr(m, "param_id", "") == "RC_OPTIONS"]
-    waits = [b - a for a, b in zip(asked, asked[1:], strict=False)]
+    waits = [b - a for a, b in itertools.pairwise(asked)]
     assert waits[0] == pytest.approx(2.0, abs=1.5)
-    assert all(b > a - 1.5 for a, b in zip(waits, waits[1:], strict=False))
+    assert all(b > a - 1.5 for a, b in itertools.pairwise(waits))
     assert 55.0 < waits[-1] < 65.0
     assert all(dive.names().count(name) <= 16 for name in PARAMETERS)
 
