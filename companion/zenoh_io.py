@@ -181,13 +181,13 @@ class Publisher:
             if joined and event.kind == zenoh.SampleKind.DELETE:
                 lost.set()
 
-        raw: ext.AdvancedPublisher | None = None
         instance = str(session.zid())
         with suppress(zenoh.ZError):
             if not self._looked.is_set() and self._found(self._others(session, instance)):
                 return
             publishers = {key: _publisher(session, key, encoding) for key, encoding in self._keys.items()}
             events = _history(session, *telemetry.event_key(self._vehicle), _EVENTS_KEPT)
+            raw = _history(session, *telemetry.raw_key(self._vehicle), _RAW_KEPT, recover=True)
             with (
                 session.info.declare_transport_events_listener(on_transport),
                 session.liveliness().declare_token(telemetry.alive_key(self._vehicle, instance)),
@@ -211,7 +211,6 @@ class Publisher:
                         for key, _, payload in telemetry.encode(offered[0], self._vehicle):
                             publishers[key].put(payload)
                         if offered[1] is not None:
-                            raw = raw or _history(session, *telemetry.raw_key(self._vehicle), _RAW_KEPT)
                             raw.put(msgspec.msgpack.encode(offered[1]))
         if not self._closing.is_set():
             _log.warning("zenoh: lost %s, trying again", self._endpoint)
@@ -285,16 +284,23 @@ def _publisher(session: zenoh.Session, key: str, encoding: str) -> zenoh.Publish
     )
 
 
-def _history(session: zenoh.Session, key: str, encoding: str, kept: int) -> ext.AdvancedPublisher:
-    """Return a publisher whose last `kept` samples a late subscriber gets as well."""
+def _history(
+    session: zenoh.Session, key: str, encoding: str, kept: int, *, recover: bool = False
+) -> ext.AdvancedPublisher:
+    """Return a publisher whose last `kept` samples a late subscriber gets as well.
+
+    With `recover` a subscriber can ask again for one that was dropped; such samples stay behind the others.
+    """
+    missed = ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=None)
     return ext.declare_advanced_publisher(
         session,
         key,
         encoding=zenoh.Encoding(encoding),
         congestion_control=zenoh.CongestionControl.DROP,
-        priority=zenoh.Priority.REAL_TIME,
-        express=True,
+        priority=zenoh.Priority.DATA if recover else zenoh.Priority.REAL_TIME,
+        express=not recover,
         cache=ext.CacheConfig(kept),
+        sample_miss_detection=missed if recover else None,
         publisher_detection=True,
     )
 

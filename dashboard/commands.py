@@ -1,5 +1,8 @@
 """What the dashboard adds to the front door."""
 
+import sys
+from importlib.util import find_spec
+
 
 def watch(argv: list[str]) -> int:
     """Show a vehicle's state in the terminal, live over Zenoh."""
@@ -13,3 +16,39 @@ def tell(argv: list[str]) -> int:
     from dashboard.tell import main
 
     return main(argv)
+
+
+def record(argv: list[str]) -> int:
+    """Record all that a vehicle publishes, as MCAP."""
+    if not _has_mcap("record"):
+        return 1
+    from dashboard.record import main
+
+    return main(argv)
+
+
+def recover(argv: list[str]) -> int:
+    """Repair a recording that was cut."""
+    if not _has_mcap("recover"):
+        return 1
+    from dashboard.recover import main
+
+    return main(argv)
+
+
+def replay(argv: list[str]) -> int:
+    """Play a recording over Zenoh again, for a dashboard."""
+    if not _has_mcap("replay"):
+        return 1
+    from dashboard.replay import main
+
+    return main(argv)
+
+
+def _has_mcap(command: str) -> bool:
+    if find_spec("mcap") is None:
+        sys.stderr.write(
+            f"holdfast {command}: needs mcap. Install the extra: pip install 'holdfast[recording]'\n"
+        )
+        return False
+    return True

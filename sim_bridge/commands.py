@@ -76,7 +76,7 @@ def sim(argv: list[str]) -> int:
         help="router or peer (default: %(default)s)",
     )
     add("--no-zenoh", action="store_true", help="publish no truth")
-    add("--vehicle", metavar="NAME", default="rov", help="in the truth's key (default: %(default)s)")
+    add("--vehicle", metavar="NAME", default="bluerov2", help="in the truth's key (default: %(default)s)")
     arguments = parser.parse_args(argv)
 
     from sim_bridge.app import Settings, run

@@ -1,0 +1,342 @@
+"""A recording keeps what came, plots as it is, and gives back all but a cut end."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+from mcap.reader import make_reader
+from mcap.records import Chunk
+from mcap.stream_reader import StreamReader
+
+from companion import telemetry
+from companion.types import ControlSample
+from dashboard.json_schema import schema_of
+from dashboard.recorder import Limits, Recorder
+from dashboard.recording import Disk, Item, Reader, Recording
+from dashboard.recover import main as recover_main
+from dashboard.recover import recover
+
+MakeSample = Callable[..., ControlSample]
+UTC_NS = 1_795_000_000_000_000_000
+PLENTY = 10**12
+
+
+@pytest.fixture(scope="module")
+def ticks(make_sample: MakeSample) -> list[list[tuple[str, str, bytes]]]:
+    """Ten seconds of all keys."""
+    return [telemetry.encode(make_sample(t_s=100.0 + 0.02 * i), "kelp") for i in range(500)]
+
+
+@pytest.fixture
+def written(tmp_path: Path, ticks: list[list[tuple[str, str, bytes]]]) -> Path:
+    """A whole recording of them, put on the disk once a second."""
+    path = tmp_path / "kelp.mcap"
+    recording = Recording(path)
+    recording.describe("config", {"heave.kappa_per_s": "11.0"})
+    for i, tick in enumerate(ticks):
+        for key, encoding, payload in tick:
+            stamp = UTC_NS + i * 20_000_000
+            recording.add(Item(key, encoding, payload, stamp, stamp + 1000))
+        if i % 50 == 49:
+            recording.sync()
+    recording.close()
+    return path
+
+
+def recorder(directory: Path, **limits: Any) -> Recorder:
+    return Recorder("kelp", Limits(directory, **limits), {"git": "abc"}, free_bytes=lambda _: PLENTY)
+
+
+def feed(recorder: Recorder, ticks: list[list[tuple[str, str, bytes]]], begin: int = 0) -> None:
+    for i, tick in enumerate(ticks, begin):
+        for key, encoding, payload in tick:
+            recorder.take(key, encoding, payload, UTC_NS + i * 20_000_000, 0.02 * i)
+
+
+# --- What is in the file ----------------------------------------------------------------------------------
+
+
+def test_all_comes_back_as_it_was(written: Path, ticks: list[list[tuple[str, str, bytes]]]) -> None:
+    reader = Reader(written)
+    assert [(item.key, item.encoding, item.payload) for item in reader] == [
+        sample for tick in ticks for sample in tick
+    ]
+    assert reader.whole
+    assert reader.metadata == {"config": {"heave.kappa_per_s": "11.0"}}
+
+
+def test_strangers_read_it_with_its_index(written: Path) -> None:
+    with written.open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    assert summary.statistics is not None
+    assert summary.statistics.message_count == 500 * 8
+    assert {channel.message_encoding for channel in summary.channels.values()} == {"json"}
+    assert {schema.encoding for schema in summary.schemas.values()} == {"jsonschema"}
+    assert {schema.name for schema in summary.schemas.values()} == {
+        f"holdfast.{name}.v1" for name in ("State", "Dof", "Command", "Supervisor", "Loop")
+    }
+
+
+def test_no_chunk_is_larger_than_64_kb(written: Path) -> None:
+    with written.open("rb") as file:
+        sizes = [
+            record.uncompressed_size
+            for record in StreamReader(file, emit_chunks=True).records
+            if isinstance(record, Chunk)
+        ]
+    assert len(sizes) > 10
+    assert max(sizes) <= 64_000
+
+
+@pytest.mark.parametrize("name", ["State", "Dof", "Command", "Supervisor", "Loop", "Event", "Recorder"])
+def test_foxglove_understands_every_schema(name: str) -> None:
+    said, schema = schema_of(f"application/json;holdfast.{name}.v1", b"")
+    assert said == f"holdfast.{name}.v1"
+    plotted(json.loads(schema))
+    assert {"t_s", "boot_s"} <= json.loads(schema)["properties"].keys()
+
+
+def test_a_stranger_s_object_gets_the_schema_it_shows() -> None:
+    payload = b'{"t_s": 1.5, "eta": [1.0, 2], "armed": true, "mode": 19, "who": "x", "in": {"a": []}}'
+    name, schema = schema_of("application/json;holdfast.sim.Truth.v1", payload)
+    assert name == "holdfast.sim.Truth.v1"
+    plotted(json.loads(schema))
+    assert json.loads(schema)["properties"]["eta"] == {"type": "array", "items": {"type": "number"}}
+
+
+@pytest.mark.parametrize("payload", [b"", b"\xff", b"[1]", b"3", b"{"])
+def test_what_is_no_object_is_kept_without_a_schema(tmp_path: Path, payload: bytes) -> None:
+    recording = Recording(tmp_path / "a.mcap")
+    recording.add(Item("holdfast/kelp/odd", "application/json", payload, 1, 1))
+    recording.close()
+    assert [item.payload for item in Reader(tmp_path / "a.mcap")] == [payload]
+
+
+def plotted(schema: dict[str, Any]) -> None:
+    """Fail where the parser of Foxglove and Lichtblick does: it knows no $ref, and wants types."""
+    assert schema["type"] == "object"
+    for field in schema["properties"].values():
+        if field["type"] == "object":
+            plotted(field)
+        elif field["type"] == "array":
+            assert field["items"]["type"] in ("boolean", "string", "number", "integer")
+        else:
+            assert field["type"] in ("boolean", "string", "number", "integer")
+
+
+# --- A cut file -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kept", [0.999, 0.7, 0.31])
+def test_a_cut_file_gives_all_whole_chunks(written: Path, tmp_path: Path, kept: float) -> None:
+    whole = list(Reader(written))
+    data = written.read_bytes()
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(data[: int(kept * len(data))])
+    count, reader = recover(cut, tmp_path / "again.mcap")
+    again = Reader(tmp_path / "again.mcap")
+    assert list(again) == whole[:count]
+    assert again.whole
+    assert again.metadata["config"] == {"heave.kappa_per_s": "11.0"}
+    assert again.metadata["recovered"]["lost_bytes"] == str(reader.lost_bytes)
+    assert not reader.whole
+    assert count > 0.9 * kept * len(whole) - 200
+    with (tmp_path / "again.mcap").open("rb") as file:
+        assert make_reader(file).get_summary() is not None
+
+
+def test_the_beginning_of_a_cut_chunk_is_had_where_it_is_not_packed(
+    written: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("dashboard.recording.COMPRESSION", "NONE")
+    path = tmp_path / "plain.mcap"
+    recording = Recording(path)
+    items = list(Reader(written))[:80]
+    for item in items:
+        recording.add(item)
+    recording.close()
+    data = path.read_bytes()
+    path.write_bytes(data[: data.index(items[50].payload) + 20])
+    assert list(Reader(path)) == items[:50]
+
+
+def test_zeros_at_the_end_are_no_samples(written: Path, tmp_path: Path) -> None:
+    data = written.read_bytes()
+    cut = tmp_path / "zeros.mcap"
+    cut.write_bytes(data[: len(data) // 2] + bytes(100_000))
+    reader = Reader(cut)
+    assert 0 < len(list(reader)) < 4000
+    assert not reader.whole
+    assert reader.lost_bytes > 90_000
+
+
+def test_a_chunk_with_a_flipped_bit_is_left_out(written: Path, tmp_path: Path) -> None:
+    data = bytearray(written.read_bytes())
+    data[len(data) // 2] ^= 0x10
+    broken = tmp_path / "broken.mcap"
+    broken.write_bytes(data)
+    reader = Reader(broken)
+    assert 3500 < len(list(reader)) < 4000
+    assert reader.broken_chunks == 1
+
+
+def test_recover_leaves_the_original_alone_unless_told(
+    written: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    data = written.read_bytes()[:-2000]
+    written.write_bytes(data)
+    assert recover_main([str(written)]) == 0
+    assert written.read_bytes() == data
+    assert recover_main([str(written)]) == 1  # what was recovered is there
+    assert "exists" in capsys.readouterr().err
+    written.with_suffix(".recovered.mcap").unlink()
+    assert recover_main(["--in-place", str(written)]) == 0
+    assert sum(1 for _ in Reader(written)) > 3500
+    assert recover_main([str(written)]) == 0
+    assert "is whole" in capsys.readouterr().out
+
+
+def test_what_is_no_recording_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "x.mcap").write_bytes(b"hello")
+    assert recover_main([str(tmp_path / "x.mcap"), str(tmp_path / "none.mcap")]) == 1
+    said = capsys.readouterr().err
+    assert "is no MCAP file" in said
+    assert "none.mcap" in said
+
+
+# --- The recorder -----------------------------------------------------------------------------------------
+
+
+def test_the_log_time_is_the_sample_s_own(tmp_path: Path, ticks: list[list[tuple[str, str, bytes]]]) -> None:
+    kept = recorder(tmp_path)
+    assert kept.start(UTC_NS, 0.0)
+    delay_ns = iter([0, 5, 400, 3, 2, 70] * 1000)
+    for i, tick in enumerate(ticks[:100]):
+        for key, encoding, payload in tick:
+            late_ns = next(delay_ns) * 1_000_000 if i else 0
+            kept.take(key, encoding, payload, UTC_NS + i * 20_000_000 + late_ns, 0.02 * i)
+    kept.stop()
+    (path,) = tmp_path.glob("*.mcap")
+    times = [item.log_ns for item in Reader(path)]
+    wanted = [UTC_NS + i * 20_000_000 for i in range(100) for _ in range(8)]
+    assert max(abs(time - want) for time, want in zip(times, wanted, strict=True)) < 1000
+    assert path.name.startswith("kelp-2026")
+
+
+def test_a_companion_that_starts_anew_gets_new_times(tmp_path: Path, make_sample: MakeSample) -> None:
+    kept = recorder(tmp_path)
+    kept.start(UTC_NS, 0.0)
+    for i, t_s in enumerate((1000.0, 1000.02, 3.0, 3.02)):
+        for key, encoding, payload in telemetry.encode(make_sample(t_s=t_s), "kelp")[:1]:
+            kept.take(key, encoding, payload, UTC_NS + i * 1_000_000_000, 0.0)
+    kept.stop()
+    (path,) = tmp_path.glob("*.mcap")
+    times = [(item.log_ns - UTC_NS) / 1e9 for item in Reader(path)]
+    assert times == pytest.approx([0.0, 0.02, 2.0, 2.02], abs=1e-3)
+
+
+def test_a_raw_tick_that_comes_twice_is_kept_once_and_logged_as_tlog(tmp_path: Path) -> None:
+    kept = recorder(tmp_path, tlog=True)
+    kept.start(UTC_NS, 0.0)
+    key, encoding = telemetry.raw_key("kelp")
+    frame = b"\xfd\x02\x00\x00\x07\x01\x01\x00\x00\x00ab\x00\x00"
+    for tick in (1, 2, 3, 1, 2, 3, 4):
+        raw = telemetry.Raw(tick=tick, now_s=0.02 * tick, heard=[(tick, frame)], out=[frame])
+        kept.take(key, encoding, msgspec.msgpack.encode(raw), UTC_NS + tick, 0.0)
+    kept.stop()
+    (path,) = tmp_path.glob("*.mcap")
+    assert len(list(Reader(path))) == 4
+    assert path.with_suffix(".tlog").stat().st_size == 4 * 2 * (8 + len(frame))
+
+
+def test_a_new_file_begins_by_size_and_by_age(
+    tmp_path: Path, ticks: list[list[tuple[str, str, bytes]]]
+) -> None:
+    kept = recorder(tmp_path, max_bytes=30_000, max_age_s=1000.0)
+    kept.describe("config", {"a": "1"})
+    kept.start(UTC_NS, 0.0)
+    for second in range(10):
+        feed(kept, ticks[50 * second : 50 * second + 50], 50 * second)
+        kept.each_second(UTC_NS + second * 1_000_000_000, float(second))
+    kept.stop()
+    files = sorted(tmp_path.glob("*.mcap"))
+    assert len(files) >= 3
+    readers = [Reader(file) for file in files]
+    assert sum(sum(1 for _ in reader) for reader in readers) == 4000
+    assert all(reader.whole for reader in readers)
+    assert all(reader.metadata["config"] == {"a": "1"} for reader in readers)
+    assert all(reader.metadata["holdfast"]["git"] == "abc" for reader in readers)
+
+    aged = recorder(tmp_path / "aged", max_age_s=3.0)
+    aged.start(UTC_NS, 0.0)
+    for second in range(10):
+        aged.each_second(UTC_NS + second * 1_000_000_000, float(second))
+    aged.stop()
+    assert len(list((tmp_path / "aged").glob("*.mcap"))) == 4
+
+
+class FullDisk(Disk):
+    """Has no room after so many bytes."""
+
+    room = 40_000
+
+    def write(self, data: bytes) -> int:
+        if self.tell() + len(data) > self.room:
+            raise OSError(28, "No space left on device")
+        return super().write(data)
+
+
+def test_a_full_disk_ends_the_recording_and_nothing_else(
+    tmp_path: Path, ticks: list[list[tuple[str, str, bytes]]]
+) -> None:
+    kept = Recorder("kelp", Limits(tmp_path, tlog=True), {}, free_bytes=lambda _: PLENTY, disk=FullDisk)
+    kept.start(UTC_NS, 0.0)
+    for second in range(10):
+        feed(kept, ticks[50 * second : 50 * second + 50], 50 * second)
+        kept.each_second(0, float(second))
+    assert not kept.recording
+    assert "No space left on device" in kept.said
+    assert "recover" in kept.said
+    status = kept.status(10.0, 0)
+    assert not status.recording
+    assert status.said == kept.said
+    kept.stop()
+    (path,) = tmp_path.glob("*.mcap")
+    reader = Reader(path)
+    assert 400 <= len(list(reader)) < 4000
+    assert reader.lost_bytes == 0
+
+
+def test_a_reserve_stays_free(tmp_path: Path, ticks: list[list[tuple[str, str, bytes]]]) -> None:
+    free = 1_000_000_000
+    kept = Recorder("kelp", Limits(tmp_path), {}, free_bytes=lambda _: free)
+    assert kept.start(UTC_NS, 0.0)
+    feed(kept, ticks)
+    free = 499_000_000
+    kept.each_second(UTC_NS, 1.0)
+    assert "499 MB free, and 500 MB stay free" in kept.said
+    (path,) = tmp_path.glob("*.mcap")
+    reader = Reader(path)
+    assert len(list(reader)) == 4000
+    assert reader.whole  # there was room for its index
+    assert not kept.start(UTC_NS, 2.0)
+    assert "not recording" in kept.said
+
+
+def test_a_directory_that_cannot_be_made_is_said(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    kept = recorder(tmp_path / "file" / "dives")
+    assert not kept.start(UTC_NS, 0.0)
+    assert "not recording" in kept.said
+
+
+def test_the_status_tells_the_vehicle_s_time(tmp_path: Path, make_sample: MakeSample) -> None:
+    kept = recorder(tmp_path)
+    key, encoding, payload = telemetry.encode(make_sample(t_s=500.0), "kelp")[0]
+    kept.take(key, encoding, payload, UTC_NS, 7.0)
+    status = kept.status(7.5, 3)
+    assert (status.t_s, status.boot_s, status.dropped) == (500.5, 34.5, 3)
