@@ -1,6 +1,7 @@
 """The companion's subcommands. Light to import: the rooms behind them are imported when called."""
 
 import argparse
+import datetime
 import logging
 import math
 import sys
@@ -17,6 +18,15 @@ examples:
   holdfast run --set link.endpoint=tcp:127.0.0.1:5760 --set heave.compensator=none
 
 Stop with Ctrl-C: the vehicle is left neutral. Look inside with `holdfast watch`.
+"""
+
+KEYS_EXAMPLES = """\
+examples:
+  holdfast keys keys --host 192.168.2.2                       look, and subscribe
+  holdfast keys keys --host 192.168.2.2 --host blueos.local --allow-control
+
+The authority's own key is never written: nobody can issue another certificate, and for a second laptop
+all are made anew. They last a year.
 """
 
 
@@ -76,3 +86,51 @@ def run(argv: list[str]) -> int:
     except OSError as error:
         sys.stderr.write(f"holdfast run: {error}\n")
         return 1
+
+
+def keys(argv: list[str]) -> int:
+    """Make certificates that let a laptop look in over the network."""
+    parser = argparse.ArgumentParser(
+        prog="holdfast keys",
+        description="Makes a throw-away certificate authority and two Zenoh configurations: "
+        "DIR/vehicle.json5, which listens on loopback as before and on the network by TLS for that laptop "
+        "alone, and DIR/laptop.json5. Each holds its private key: copy it as you would a password.",
+        epilog=KEYS_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("directory", type=Path, metavar="DIR", help="where to write the two files")
+    parser.add_argument(
+        "--host",
+        action="append",
+        required=True,
+        metavar="NAME",
+        help="the vehicle's address or name, as the laptop calls it; several: give it again",
+    )
+    parser.add_argument(
+        "--allow-control",
+        action="store_true",
+        help="let the laptop command; the companion must allow it as well",
+    )
+    arguments = parser.parse_args(argv)
+    try:
+        from companion.keys import make
+
+        now = datetime.datetime.now(datetime.UTC)
+        vehicle, laptop = make(
+            arguments.directory, arguments.host, allow_control=arguments.allow_control, now=now
+        )
+    except ModuleNotFoundError as error:
+        sys.stderr.write(
+            f"holdfast keys: needs {error.name}. Install the extra: pip install 'holdfast[keys]'\n"
+        )
+        return 1
+    except FileExistsError as error:
+        sys.stderr.write(
+            f"holdfast keys: {error.filename} is there already; remove it or choose another DIR\n"
+        )
+        return 1
+    sys.stdout.write(
+        f"on the vehicle:  holdfast run --set telemetry.mode=file --set telemetry.endpoint={vehicle}\n"
+        f"on the laptop:   holdfast watch --connect {laptop}\n"
+    )
+    return 0

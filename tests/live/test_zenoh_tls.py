@@ -1,0 +1,154 @@
+"""The files of `holdfast keys`, live on loopback: who has the certificate gets in, and gets what it may."""
+
+import datetime
+import json
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+import zenoh
+
+from companion import keys, telemetry
+from companion.operator import Order
+from companion.telemetry import Reply
+from companion.types import ControlSample
+from companion.zenoh_io import Publisher
+from dashboard.zenoh_client import Subscription, client_config
+from lab.ports import free_port
+
+NOW = datetime.datetime.now(datetime.UTC)
+
+
+class Vehicle:
+    """A companion's publisher by vehicle.json5, and the commands that reached it."""
+
+    def __init__(self, directory: Path, *, allow_control: bool) -> None:
+        self.local = f"tcp/127.0.0.1:{free_port()}"
+        self.file, self.laptop = keys.make(
+            directory,
+            ["127.0.0.1"],
+            allow_control=allow_control,
+            now=NOW,
+            port=free_port(),
+            local=self.local,
+        )
+        self.orders: list[str] = []
+        self.publisher = Publisher("kelp", str(self.file), "file", self._take)
+
+    def _take(self, order: Order) -> None:
+        self.orders.append(order.name)
+        order.answer(Reply(done=True, said="aye"))
+
+
+@pytest.fixture
+def diving(make_sample: Callable[..., ControlSample], tmp_path: Path) -> Iterator[Callable[..., Vehicle]]:
+    vehicles: list[Vehicle] = []
+
+    def start(*, allow_control: bool) -> Vehicle:
+        vehicle = Vehicle(tmp_path / "keys", allow_control=allow_control)
+        vehicle.publisher.start()
+        vehicle.publisher.claim(5.0)
+        vehicles.append(vehicle)
+        return vehicle
+
+    yield start
+    for vehicle in vehicles:
+        vehicle.publisher.close()
+
+
+def comes(seen: Subscription, vehicle: Vehicle, sample: ControlSample, within_s: float) -> bool:
+    until_s = time.monotonic() + within_s
+    while time.monotonic() < until_s:
+        vehicle.publisher.offer(sample)
+        if seen.take():
+            return True
+        time.sleep(0.02)
+    return False
+
+
+def tell(seen: Subscription, vehicle: Vehicle) -> Reply:
+    """Tell while the publisher is being fed, as it always is."""
+    return seen.tell("kelp", "setpoint", {"depth_m": 3.0})
+
+
+def test_the_laptop_sees_and_may_not_command(
+    diving: Callable[..., Vehicle], make_sample: Callable[..., ControlSample]
+) -> None:
+    vehicle = diving(allow_control=False)
+    with Subscription("holdfast/**", str(vehicle.laptop)) as seen:
+        assert comes(seen, vehicle, make_sample(), 10.0)
+        assert seen.ask(telemetry.config_key("kelp"), timeout_s=2.0) == b"{}"
+        answer = seen.ask(telemetry.command_key("kelp", "setpoint"), b"{}", timeout_s=1.0)
+        assert answer is None
+    assert vehicle.orders == []
+
+
+def test_the_laptop_commands_where_it_was_allowed_and_publishes_nothing(
+    diving: Callable[..., Vehicle], make_sample: Callable[..., ControlSample]
+) -> None:
+    vehicle = diving(allow_control=True)
+    with Subscription("holdfast/**", str(vehicle.laptop)) as seen:
+        assert comes(seen, vehicle, make_sample(), 10.0)
+        assert tell(seen, vehicle).done
+    assert vehicle.orders == ["setpoint"]
+    with (
+        Subscription("holdfast/other/**", vehicle.local) as local,
+        zenoh.open(client_config(str(vehicle.laptop))) as laptop,
+    ):
+        assert not _put_seen(laptop, local), "a laptop must not pretend to be a vehicle"
+    with (
+        Subscription("holdfast/other/**", vehicle.local) as local,
+        zenoh.open(client_config(vehicle.local)) as neighbour,
+    ):
+        assert _put_seen(neighbour, local), "processes on the vehicle may publish"
+
+
+def test_another_authoritys_certificate_and_none_are_refused(
+    diving: Callable[..., Vehicle], make_sample: Callable[..., ControlSample], tmp_path: Path
+) -> None:
+    vehicle = diving(allow_control=True)
+    right = json.loads(vehicle.laptop.read_text())
+    tls = right["transport"]["link"]["tls"]
+    _, strangers = keys.make(tmp_path / "stranger", ["127.0.0.1"], allow_control=True, now=NOW)
+    wrong = json.loads(strangers.read_text())["transport"]["link"]["tls"]
+    authority = "root_ca_certificate_base64"
+    for name, presented in {
+        "other": {**wrong, authority: tls[authority]},
+        "none": {authority: tls[authority]},
+    }.items():
+        right["transport"]["link"]["tls"] = presented
+        file = tmp_path / f"{name}.json5"
+        file.write_text(json.dumps(right))
+        with Subscription("holdfast/**", str(file)) as seen:
+            assert not comes(seen, vehicle, make_sample(), 2.0), name
+
+
+def test_a_vehicle_that_is_not_the_one_meant_is_refused(
+    diving: Callable[..., Vehicle], make_sample: Callable[..., ControlSample], tmp_path: Path
+) -> None:
+    vehicle = diving(allow_control=True)
+    laptop = json.loads(vehicle.laptop.read_text())
+    laptop["connect"]["endpoints"] = [laptop["connect"]["endpoints"][0].replace("127.0.0.1", "localhost")]
+    file = tmp_path / "elsewhere.json5"
+    file.write_text(json.dumps(laptop))
+    with Subscription("holdfast/**", str(file)) as seen:
+        assert not comes(seen, vehicle, make_sample(), 2.0)
+
+
+def test_keys_in_use_are_not_written_over(tmp_path: Path) -> None:
+    files = keys.make(tmp_path, ["rov.local", "fe80::1"], allow_control=False, now=NOW)
+    assert all(file.stat().st_mode & 0o777 == 0o600 for file in files)
+    assert "tls/[fe80::1]:7448" in files[1].read_text()
+    with pytest.raises(FileExistsError):
+        keys.make(tmp_path, ["rov.local"], allow_control=False, now=NOW)
+
+
+def _put_seen(session: zenoh.Session, seen: Subscription) -> bool:
+    until_s = time.monotonic() + 1.0
+    while time.monotonic() < until_s:
+        session.put("holdfast/other/state", b"{}")
+        time.sleep(0.05)
+        if seen.take():
+            return True
+    return False
