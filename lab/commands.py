@@ -8,11 +8,7 @@ from pathlib import Path
 
 def demo(argv: list[str]) -> int:
     """Watch a dive twice, without and with the compensator; takes a minute."""
-    missing = [name for name in ("rich", "matplotlib") if find_spec(name) is None]
-    if missing:
-        sys.stderr.write(
-            f"holdfast demo: needs {' and '.join(missing)}. Install the extra: pip install 'holdfast[lab]'\n"
-        )
+    if not _has("demo", "rich", "matplotlib"):
         return 1
     from lab.demo import main
 
@@ -123,6 +119,25 @@ def campaign(argv: list[str]) -> int:
     from lab.campaign_report import main
 
     return main(parser.parse_args(argv))
+
+
+def rerun(argv: list[str]) -> int:
+    """Run a recorded dive through today's engine and compare its commands."""
+    if not _has("rerun", "mcap", "matplotlib"):
+        return 2
+    from lab.rerun import main
+
+    return main(argv)
+
+
+def _has(command: str, *needed: str) -> bool:
+    missing = [name for name in needed if find_spec(name) is None]
+    if missing:
+        needed_too = " and ".join(missing)
+        sys.stderr.write(
+            f"holdfast {command}: needs {needed_too}. Install the extra: pip install 'holdfast[lab]'\n"
+        )
+    return not missing
 
 
 def _positive(text: str) -> int:

@@ -8,15 +8,16 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.transforms import Bbox
 
+from lab import style
 from lab.demo_dive import Array, Dive, Figures, spans
+from lab.style import SMALL
 
-# Okabe and Ito's colours, which colour-blind people tell apart; dashes tell the two dives apart once more.
-COLOURS = {"off": "#D55E00", "on": "#0072B2"}
+# Dashes tell the two dives apart once more.
+COLOURS = {"off": style.ORANGE, "on": style.BLUE}
 DASHES = {"off": (4.0, 1.5), "on": (1.0, 0.0)}
-TRUE, SATURATED, EVENT, WINDOW = "#000000", "#F0E442", "0.55", "0.94"
+TRUE, SATURATED = style.BLACK, style.YELLOW
 LABELS = {"off": "compensator off", "on": "compensator on"}
 SIZE_IN, DPI = (12.8, 7.2), 150
-SMALL = 9
 
 ROWS = (
     ("depth error, RMS", "depth_rms_mm", "{:.1f} mm"),
@@ -72,23 +73,23 @@ def _depth(panel: Axes, dives: Mapping[str, Dive]) -> None:
         reference.t_s, reference.depth_desired_m, color=TRUE, linewidth=1.2, linestyle=":", label="reference"
     )
     panel.invert_yaxis()
-    _name(panel, "Depth", "depth (m)")
+    style.name(panel, "Depth", "depth (m)")
     panel.legend(frameon=False, loc="upper right", fontsize=SMALL)
 
 
 def _error(panel: Axes, dives: Mapping[str, Dive]) -> None:
     for name, dive in dives.items():
         _line(panel, name, dive.t_s, 1e3 * dive.depth_error_m)
-    _zero(panel)
-    _name(panel, "Depth error", "true depth minus\nreference (mm)")
+    style.zero(panel)
+    style.name(panel, "Depth error", "true depth minus\nreference (mm)")
     panel.legend(frameon=False, loc="lower right", fontsize=SMALL)
 
 
 def _heading(panel: Axes, dives: Mapping[str, Dive]) -> None:
     for name, dive in dives.items():
         _line(panel, name, dive.t_s, np.degrees(dive.heading_error_rad))
-    _zero(panel)
-    _name(panel, "Heading error", "true heading minus\nreference (°)")
+    style.zero(panel)
+    style.name(panel, "Heading error", "true heading minus\nreference (°)")
 
 
 def _thrust(panel: Axes, dives: Mapping[str, Dive]) -> None:
@@ -98,8 +99,8 @@ def _thrust(panel: Axes, dives: Mapping[str, Dive]) -> None:
         half = 0.5 * list(dives).index(name)
         for begin_s, end_s in spans(dive.d_hat_t_s, dive.saturated):
             panel.axvspan(begin_s, end_s, half, half + 0.5, color=SATURATED, linewidth=0, zorder=-5)
-    _zero(panel)
-    _name(panel, "Heave thrust", "command (N, + down)")
+    style.zero(panel)
+    style.name(panel, "Heave thrust", "command (N, + down)")
     if any(dive.saturated.any() for dive in dives.values()):
         share = ", ".join(f"{name} {100 * dive.saturated.mean():.1f} %" for name, dive in dives.items())
         handle, text = Patch(color=SATURATED), f"saturated ({share})"
@@ -113,8 +114,8 @@ def _disturbance(panel: Axes, dives: Mapping[str, Dive]) -> None:
     panel.plot(on.t_s, on.disturbance_n, color=TRUE, linewidth=3.5, alpha=0.3, label="true $d$")
     for name, dive in dives.items():
         _line(panel, name, dive.d_hat_t_s, dive.d_hat_n, label=rf"$\hat d$, {LABELS[name]}")
-    _zero(panel)
-    _name(panel, "Heave disturbance", "disturbance (N, + up)")
+    style.zero(panel)
+    style.name(panel, "Heave disturbance", "disturbance (N, + up)")
     panel.legend(frameon=False, loc="upper right", fontsize=SMALL)
     panel.text(
         *(0.99, 0.03, r"on the way down $\hat d$ also makes up for damping that the nominal model lacks"),
@@ -158,21 +159,12 @@ def _line(
     )
 
 
-def _zero(panel: Axes) -> None:
-    panel.axhline(0.0, color=TRUE, linewidth=0.7, zorder=0)
-
-
-def _name(panel: Axes, title: str, unit: str) -> None:
-    panel.set_title(title, loc="left", fontweight="bold", fontsize=11)
-    panel.set_ylabel(unit, fontsize=SMALL)
-
-
 def _frame(panel: Axes, dive: Dive, span: tuple[float, float]) -> None:
     """Mark the window and the load's coming and going."""
-    panel.axvspan(*span, color=WINDOW, linewidth=0, zorder=-10)
+    panel.axvspan(*span, color=style.WINDOW, linewidth=0, zorder=-10)
     for begin_s, end_s in spans(dive.t_s, dive.load_on):
         for t_s, text in ((begin_s, "load on"), (end_s, "load off")):
-            panel.axvline(t_s, color=EVENT, linewidth=1.0, linestyle="-.", zorder=-1)
+            panel.axvline(t_s, color=style.EVENT, linewidth=1.0, linestyle="-.", zorder=-1)
             panel.text(
                 *(t_s, 1.015, text),
                 transform=panel.get_xaxis_transform(),
@@ -182,6 +174,4 @@ def _frame(panel: Axes, dive: Dive, span: tuple[float, float]) -> None:
                 color="0.35",
             )
     panel.set_xlim(0.0, float(dive.t_s[-1]))
-    panel.grid(color="0.88", linewidth=0.6)
-    panel.spines[["top", "right"]].set_visible(False)
-    panel.tick_params(labelsize=SMALL)
+    style.plain(panel)

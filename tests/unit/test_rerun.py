@@ -1,0 +1,168 @@
+"""A recorded dive goes through the engine again: the same code and configuration give the same bytes."""
+
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+from virtual import ROOT, hold
+
+from companion import telemetry
+from companion.config import Config, load_config
+from companion.engine import Engine
+from companion.types import Request
+from dashboard.record import flat
+from dashboard.recording import Item, Recording
+from lab.lockstep import Link, Lockstep
+from lab.rerun import RerunError, configured, load, main, rerun
+from sim_bridge.config import load_config as load_plant
+from sim_bridge.vehicle import Vehicle
+
+
+class Scribe(Engine):
+    """An engine that notes every tick as `holdfast run` does."""
+
+    ticks: list[telemetry.Raw]
+
+    def step(self, now_s, datagrams, loop, requests=()):  # type: ignore[no-untyped-def]
+        out, sample = super().step(now_s, datagrams, loop, requests)
+        raw = telemetry.Raw(
+            tick=loop.tick,
+            now_s=now_s,
+            heard=datagrams,
+            out=out,
+            requests=[request.name for request in requests],
+            **self.handed,
+        )
+        self.handed = {}
+        self.ticks.append(raw)
+        return out, sample
+
+
+@pytest.fixture(scope="module")
+def dive() -> list[telemetry.Raw]:
+    """Eight seconds: engage, a setpoint, a retune."""
+    config = load_config()
+    setpoint = hold(1.0)
+    engine = Scribe(config, setpoint, arm=True)
+    engine.ticks = []
+    engine.handed = {
+        "start": telemetry.Start(
+            config=msgspec.to_builtins(config),
+            setpoint=tuple(setpoint.eta_d.tolist()),
+            arm=True,
+            version="0",
+        )
+    }
+    plant = load_plant(ROOT / "config" / "sim.toml", ["waves.enabled=true"])
+    loop = Lockstep(Vehicle(plant, 3), engine, Link(), 3)
+    loop.requests = [Request.ENGAGE]
+    for tick in range(400):
+        if tick == 200:
+            engine.aim(hold(1.5))
+            engine.handed = {"setpoint": hold(1.5).eta_d.tolist()}
+        if tick == 300:
+            heave = msgspec.structs.replace(config.heave, kappa_per_s=8.0, compensator="observer")
+            tuned = msgspec.structs.replace(config, heave=heave)
+            engine.retune(tuned)
+            engine.handed = {"config": msgspec.to_builtins(tuned)}
+        loop.tick()
+    return engine.ticks
+
+
+def written(path: Path, ticks: list[telemetry.Raw], config: Config | None = None) -> Path:
+    recording = Recording(path)
+    if config is not None:
+        recording.describe("config", flat(msgspec.json.encode(config)))
+    key, encoding = telemetry.raw_key("kelp")
+    for raw in ticks:
+        recording.add(Item(key, encoding, msgspec.msgpack.encode(raw), raw.tick, raw.tick))
+    recording.close()
+    return path
+
+
+def test_the_same_code_sends_the_same_bytes(
+    dive: list[telemetry.Raw], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert any(len(raw.out) for raw in dive[300:])
+    one, two = written(tmp_path / "1.mcap", dive[:250]), written(tmp_path / "2.mcap", dive[240:])
+    assert main([str(two), str(one)]) == 0
+    said = capsys.readouterr().out
+    assert "400 ticks" in said
+    assert "1 requests, 1 setpoints and 1 retunes" in said
+    assert "every byte sent is the same" in said
+
+
+@pytest.mark.parametrize("lost", ["setpoint", "config", "start"])
+def test_what_the_operator_did_matters(dive: list[telemetry.Raw], tmp_path: Path, lost: str) -> None:
+    """Without the live setpoint, the retune or the start the commands are others: so all are repeated."""
+    ticks = [msgspec.structs.replace(raw, **{lost: None}) for raw in dive]
+    tape = load([written(tmp_path / "x.mcap", ticks, load_config())])
+    first = {"setpoint": 200, "config": 300, "start": 1}[lost]
+    different = rerun(tape, configured(tape)).different
+    assert different
+    assert first <= different[0] <= first + 60
+
+
+def test_one_datagram_less_is_seen(dive: list[telemetry.Raw], tmp_path: Path) -> None:
+    ticks = [msgspec.structs.replace(raw, heard=()) if raw.tick == 150 else raw for raw in dive]
+    tape = load([written(tmp_path / "x.mcap", ticks)])
+    assert rerun(tape, configured(tape)).different[0] == 150
+
+
+def test_other_gains_are_a_table_and_a_picture(
+    dive: list[telemetry.Raw], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = written(tmp_path / "x.mcap", dive)
+    picture = tmp_path / "out" / "x.png"
+    assert main([str(path), "--set", "heave.kappa_per_s=9", "--out", str(picture)]) == 1
+    said = capsys.readouterr().out
+    assert "1 retunes of the dive were left out" in said
+    assert "heave" in said
+    assert picture.stat().st_size > 10_000
+
+
+def test_what_is_missing_is_said(dive: list[telemetry.Raw], tmp_path: Path) -> None:
+    path = written(tmp_path / "x.mcap", [*dive[50:100], *dive[110:]], load_config())
+    path.write_bytes(path.read_bytes()[:-500])
+    tape = load([path])
+    configured(tape)
+    notes = "\n".join(tape.notes)
+    assert "begins with tick 51" in notes
+    assert "ticks 101 to 110 are missing" in notes
+    assert "was cut" in notes
+
+
+def test_a_configuration_of_another_day_is_laid_on_todays(dive: list[telemetry.Raw], tmp_path: Path) -> None:
+    old = msgspec.to_builtins(load_config())
+    old["heave"]["flux_capacity"] = 1.21
+    del old["yaw"]["dead_zone"]
+    old["heave"]["kappa_per_s"] = 7.5
+    start = msgspec.structs.replace(dive[0].start, config=old)
+    tape = load([written(tmp_path / "x.mcap", [msgspec.structs.replace(dive[0], start=start)])])
+    config = configured(tape)
+    assert config.heave.kappa_per_s == 7.5
+    assert any("heave.flux_capacity = 1.21" in note for note in tape.notes)
+    assert any("yaw.dead_zone is newer" in note for note in tape.notes)
+
+
+def test_a_dive_without_raw_ticks_cannot_be_run_again(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    recording = Recording(tmp_path / "x.mcap")
+    recording.close()
+    with pytest.raises(RerunError, match=r"telemetry\.raw=true"):
+        load([tmp_path / "x.mcap"])
+    assert main([str(tmp_path / "x.mcap")]) == 2
+    assert main([str(tmp_path / "none.mcap")]) == 2
+    assert "none.mcap" in capsys.readouterr().err
+
+
+def test_the_command_is_read_from_the_bytes(dive: list[telemetry.Raw], tmp_path: Path) -> None:
+    tape = load([written(tmp_path / "x.mcap", dive)])
+    outcome = rerun(tape, configured(tape))
+    assert outcome.different == []
+    steered = np.isfinite(outcome.was[:, 2])
+    assert steered.sum() > 200
+    assert np.abs(outcome.was[steered]).max() <= 1.0
+    assert outcome.was[steered, 2].max() > 0.05  # it dived
