@@ -248,7 +248,7 @@ def event_key(vehicle: str) -> tuple[str, str]:
     return f"{_root(vehicle)}/event", encoding(Event)
 
 
-def command_key(vehicle: str, command: str = "*") -> str:
+def command_key(vehicle: str, command: str) -> str:
     """Return the key under which a command is taken as a query."""
     return f"{_root(vehicle)}/command/{command}"
 

@@ -22,7 +22,7 @@ import zenoh
 from zenoh import ext
 
 from companion import telemetry
-from companion.operator import Order
+from companion.operator import COMMANDS, Order
 from companion.types import ControlSample
 
 _QUEUE = 64  # samples: 1.3 s at 50 Hz
@@ -32,6 +32,7 @@ _RETRY_S = 0.2
 _ROUTER_GRACE = 25  # attempts to rejoin a router, 5 s, before we take the port that it may want back
 _CLOSE_S = 0.5
 _LOOK_S = 1.0  # for the network to name the companions there are
+_GIVE_WAY_S = 0.5  # to one that started at the same moment
 _RAW_KEPT = 3000  # ticks that a recorder gets after the event: a minute
 _EVENTS_KEPT = 100  # for those who come later
 
@@ -195,9 +196,13 @@ class Publisher:
                 if joined and not session.info.transports():
                     lost.set()  # gone before anybody listened for it
                 if not self._looked.is_set():
-                    # Of two that declared at the same moment, the one with the greater id gives way.
-                    seniors = [other for other in self._others(session, instance) if other < instance]
-                    if self._found(seniors):
+                    # Of two that declared at the same moment the one with the greater id gives way, if it
+                    # saw the other: who stays has not seen us.
+                    others = self._others(session, instance)
+                    if others and min(others) > instance:
+                        self._closing.wait(_GIVE_WAY_S)
+                        others = self._others(session, instance)
+                    if self._found(others):
                         return
                     self._looked.set()
                 self._answer_from(session)
@@ -236,7 +241,8 @@ class Publisher:
             if sample.kind == zenoh.SampleKind.PUT and other != instance:
                 self.rivals.append(other)
 
-        session.liveliness().declare_subscriber(telemetry.alive_key(self._vehicle), on_token)
+        tokens = telemetry.alive_key(self._vehicle)
+        session.liveliness().declare_subscriber(tokens, on_token, history=True)
 
     def _answer_from(self, session: zenoh.Session) -> None:
         """Take commands, and answer for the configuration, as long as the session lasts."""
@@ -256,7 +262,8 @@ class Publisher:
             take(Order(key.rpartition("/")[2], payload, lambda reply: self._reply(query, reply)))
 
         session.declare_queryable(telemetry.config_key(self._vehicle), on_config)
-        session.declare_queryable(telemetry.command_key(self._vehicle), on_command)
+        for name in COMMANDS:
+            session.declare_queryable(telemetry.command_key(self._vehicle, name), on_command)
 
     def _reply(self, query: zenoh.Query, reply: telemetry.Reply) -> None:
         self._mail.append((query, reply))

@@ -49,7 +49,7 @@ class Subscription:
         first, _, rest = key_expression.partition("/")
         vehicle = rest.partition("/")[0] if first == "holdfast" else "*"
         self._event_keys = zenoh.KeyExpr(f"holdfast/{vehicle if vehicle != '**' else '*'}/event")
-        self._endpoint = endpoint
+        self.endpoint = endpoint
         self._session: zenoh.Session | None = None
         self._subscriber: zenoh.Subscriber[zenoh.handlers.Handler[zenoh.Sample]] | None = None
         self._events: ext.AdvancedSubscriber[zenoh.handlers.Handler[zenoh.Sample]] | None = None
@@ -89,7 +89,7 @@ class Subscription:
         """Give a vehicle a command and return what came of it; `done` is false if nobody answered. Blocks."""
         answer = self.ask(telemetry.command_key(vehicle, command), msgspec.json.encode(what))
         if answer is None:
-            return telemetry.Reply(done=False, said=f"nobody answered '{command}' for '{vehicle}'")
+            return telemetry.Reply(done=False, said=f"nobody takes '{command}' for '{vehicle}'")
         try:
             return msgspec.json.decode(answer, type=telemetry.Reply)
         except msgspec.MsgspecError as error:
@@ -125,7 +125,7 @@ class Subscription:
     def _open(self) -> None:
         while not self._closing.is_set():
             with suppress(zenoh.ZError):
-                session = zenoh.open(client_config(self._endpoint))
+                session = zenoh.open(client_config(self.endpoint))
                 if self._event_keys.intersects(self._key_expression):
                     events: zenoh.handlers.RingChannel[zenoh.Sample] = zenoh.handlers.RingChannel(_EVENTS)
                     history = ext.HistoryConfig(detect_late_publishers=True, max_samples=_EVENTS)

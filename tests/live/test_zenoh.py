@@ -19,7 +19,7 @@ from zenoh import ext
 
 from companion import telemetry, zenoh_io
 from companion.types import ControlSample
-from companion.zenoh_io import Publisher
+from companion.zenoh_io import NameTakenError, Publisher
 from dashboard.zenoh_client import Message, Subscription
 
 PATIENCE_S = 15.0
@@ -170,6 +170,37 @@ def test_the_token_tells_who_lives(endpoint: str) -> None:
             _until(lambda: told == [zenoh.SampleKind.PUT, zenoh.SampleKind.DELETE])
 
 
+@pytest.mark.parametrize("attempt", range(3))
+def test_of_two_that_start_at_once_under_one_name_one_gives_way(endpoint: str, attempt: int) -> None:
+    with _stranger("router", endpoint):
+        two = [Publisher("kelp", endpoint) for _ in range(2)]
+        for publisher in two:
+            publisher.start()
+        assert sorted(_claims(publisher) for publisher in two) == [False, True]
+        for publisher in two:
+            publisher.close()
+
+
+def test_a_rival_that_comes_later_is_noticed_and_nobody_leaves(endpoint: str, feed: Feed) -> None:
+    with Publisher("kelp", endpoint) as publisher, _stranger("client", endpoint) as session:
+        publisher.claim(5.0)
+        feed(publisher)
+        with (
+            Subscription("holdfast/**", endpoint) as seen,
+            session.liveliness().declare_token(telemetry.alive_key("kelp", "4711")),
+        ):
+            _until(lambda: "4711" in publisher.rivals)
+            _until(lambda: bool(seen.take()))
+
+
+def test_a_client_listens_nowhere_and_joins_who_comes(endpoint: str, feed: Feed) -> None:
+    with Publisher("kelp", endpoint, "client") as publisher:
+        publisher.claim(5.0)
+        feed(publisher)
+        with _stranger("router", endpoint), Subscription("holdfast/**", endpoint) as seen:
+            _until(lambda: bool(seen.take()))
+
+
 def test_it_listens_on_loopback_only(endpoint: str, feed: Feed) -> None:
     port = int(endpoint.rpartition(":")[2])
     with Publisher("kelp", f"tcp/0.0.0.0:{port}") as publisher:
@@ -264,6 +295,14 @@ def _until(holds: Callable[[], bool]) -> None:
     while not holds():
         assert time.monotonic() < deadline, "waited in vain"
         time.sleep(0.02)
+
+
+def _claims(publisher: Publisher) -> bool:
+    try:
+        publisher.claim(5.0)
+    except NameTakenError:
+        return False
+    return True
 
 
 def _t_s(message: Message) -> float:

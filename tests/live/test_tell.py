@@ -1,0 +1,143 @@
+"""Commands to `holdfast run` over Zenoh, diving in `holdfast sim`; and two companions of one name."""
+
+import signal
+import socket
+import subprocess
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+
+import msgspec
+import pytest
+
+from companion import telemetry
+from companion.config import load_config
+from dashboard import tell
+from dashboard.zenoh_client import Subscription
+from lab.bounds import HOLDFAST, running
+from lab.ports import free_port
+
+VEHICLE = load_config().vehicle.name
+PATIENCE_S = 15.0
+
+
+def companion(endpoint: str, *arguments: str, link: str = "") -> tuple[str, ...]:
+    link = link or f"127.0.0.1:{free_port(socket.SOCK_DGRAM)}"
+    options = ("--set", f"link.endpoint=udp-listen:{link}", "--set", f"telemetry.endpoint={endpoint}")
+    return (*HOLDFAST, "run", *options, *arguments)
+
+
+@contextmanager
+def diving(*arguments: str) -> Iterator[Subscription]:
+    """Let sim and run dive, and be a client of theirs that has heard from them."""
+    link, endpoint = f"127.0.0.1:{free_port(socket.SOCK_DGRAM)}", f"tcp/127.0.0.1:{free_port()}"
+    simulator = ("sim", "--udp-connect", link, "--tcp", f"127.0.0.1:{free_port()}", "--no-zenoh")
+    with ExitStack() as stack:
+        stack.enter_context(running(*HOLDFAST, *simulator))
+        stack.enter_context(running(*companion(endpoint, *arguments, link=link)))
+        seen = stack.enter_context(Subscription(f"holdfast/{VEHICLE}/**", endpoint))
+        until(lambda: _ready(seen))
+        yield seen
+
+
+def test_every_command_is_answered_and_told_as_an_event(capsys: pytest.CaptureFixture[str]) -> None:
+    with diving("--allow-control", "--arm") as seen:
+        assert seen.tell(VEHICLE, "engage", {}).value["state"] == "ACTIVE"
+        assert seen.tell(VEHICLE, "setpoint", {"depth_m": 1.5}).value["depth_m"] == 1.5
+        gains = {"axis": "heave", "kappa_per_s": 9.0}
+        assert seen.tell(VEHICLE, "gains", gains).value["kappa_per_s"] == 9.0
+        choice = {"axis": "heave", "compensator": "observer"}
+        assert seen.tell(VEHICLE, "compensator", choice).value["compensator"] == "observer"
+        noise = {"axis": "yaw", "disturbance_noise": 0.4}
+        assert seen.tell(VEHICLE, "estimator", noise).value["disturbance_noise"] == 0.4
+        assert "no fault" in seen.tell(VEHICLE, "clear_fault", {}).said
+        in_force = msgspec.json.decode(seen.ask(telemetry.config_key(VEHICLE)) or b"null")
+        assert in_force["heave"]["kappa_per_s"] == 9.0
+        assert in_force["heave"]["compensator"] == "observer"
+
+        command = ["--connect", seen.endpoint, VEHICLE]
+        assert tell.main([*command, "setpoint", "depth_m=500"]) == 1
+        assert "max_depth_m" in capsys.readouterr().out
+        assert tell.main([*command, "release"]) == 0
+        assert "done: released" in capsys.readouterr().out
+        assert tell.main([*command, "config"]) == 0
+        assert '"kappa_per_s": 9.0' in capsys.readouterr().out
+
+        with Subscription(f"holdfast/{VEHICLE}/event", seen.endpoint) as later:
+            told: list[str] = []
+            until(lambda: "released" in " ".join(told) or told.extend(_texts(later)))
+        assert any(text.startswith("gains") for text in told), "a late subscriber gets what was before"
+        assert any("ACTIVE: engaged" in text for text in told)
+
+
+def test_without_permission_and_by_wildcard_nothing_is_taken() -> None:
+    with diving("--arm") as seen:
+        reply = seen.tell(VEHICLE, "engage", {})
+        assert not reply.done
+        assert "--allow-control" in reply.said
+        assert seen.ask(f"holdfast/{VEHICLE}/command/*", b"{}", timeout_s=1.0) is None
+        assert seen.ask(telemetry.config_key(VEHICLE)) is not None, "reading is free"
+        assert _states(seen) == {"IDLE"}
+
+
+def test_a_wildcard_engages_no_fleet() -> None:
+    with diving("--arm", "--allow-control") as seen:
+        assert seen.ask("holdfast/*/command/engage", b"{}", timeout_s=1.0) is None
+        assert seen.ask("**", timeout_s=1.0) is not None, "the configuration may be asked for so"
+        time.sleep(0.5)
+        assert _states(seen) == {"IDLE"}
+
+
+def test_a_second_companion_of_one_name_refuses_to_start_until_the_first_is_gone() -> None:
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    with running(*companion(endpoint)) as first, Subscription("holdfast/**", endpoint) as seen:
+        until(lambda: bool(seen.take()))
+        said = refused(companion(endpoint))
+        assert f"another companion is '{VEHICLE}' already" in said
+        assert seen.take(), "the first goes on"
+        with running(*companion(endpoint, "--set", "vehicle.name=another")):
+            until(lambda: any(message.key.startswith("holdfast/another/") for message in seen.take()))
+
+        first.send_signal(signal.SIGSTOP)
+        assert "does not answer" in refused(companion(endpoint))
+        first.kill()
+        first.wait()
+        with running(*companion(endpoint)):
+            seen.take()
+            until(lambda: bool(seen.take()))
+
+
+def refused(command: tuple[str, ...]) -> str:
+    done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
+    assert done.returncode == 1
+    assert "refused to start" in done.stderr
+    return done.stderr
+
+
+def until(holds: Callable[[], object]) -> None:
+    until_s = time.monotonic() + PATIENCE_S
+    while not holds():
+        assert time.monotonic() < until_s, "waited in vain"
+        time.sleep(0.05)
+
+
+def _ready(seen: Subscription) -> str:
+    """Return the newest state once only arming is missing."""
+    records = [
+        telemetry.decode(message.key, message.payload)
+        for message in seen.take()
+        if message.key.endswith("/supervisor")
+    ]
+    newest = records[-1] if records else None
+    ready = isinstance(newest, telemetry.Supervisor) and set(newest.conditions) <= {"DISARMED"}
+    return newest.state if ready and isinstance(newest, telemetry.Supervisor) else ""
+
+
+def _states(seen: Subscription) -> set[str]:
+    records = (telemetry.decode(m.key, m.payload) for m in seen.take() if m.key.endswith("/supervisor"))
+    return {record.state for record in records if isinstance(record, telemetry.Supervisor)}
+
+
+def _texts(seen: Subscription) -> list[str]:
+    events = (telemetry.decode(message.key, message.payload) for message in seen.take())
+    return [event.text for event in events if isinstance(event, telemetry.Event)]
