@@ -75,7 +75,7 @@ class App:
         self._config = config
         self._inbox: deque[tuple[int, bytes]] = deque(maxlen=INBOX)
         self._link = Link(Endpoint.parse(config.link.endpoint), "vehicle", self._heard)
-        self._engine = Engine(config, setpoint, arm=arm, signing=_signing(config))
+        self._engine = Engine(config, setpoint, arm=arm, signing=signing_of(config))
         telemetry = config.telemetry
         self._desk = Desk(config, setpoint.eta_d, allowed=telemetry.allow_control)
         self._chronicle = Chronicle()
@@ -229,7 +229,8 @@ class App:
             self._stop.set()
 
 
-def _signing(config: Config) -> Signing | None:
+def signing_of(config: Config) -> Signing | None:
+    """Return what signs and judges frames; None without a key file."""
     link = config.link
     if not link.signing_key_file:
         return None

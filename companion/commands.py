@@ -29,6 +29,18 @@ The authority's own key is never written: nobody can issue another certificate, 
 all are made anew. They last a year.
 """
 
+CHECK_EXAMPLES = """\
+examples:
+  holdfast check                                listen for about five seconds, then print the list
+  holdfast check --set-origin 47.40,8.55        at the surface: also tell the EKF where it is
+  holdfast check --thrusters                    armed and dived: small pulses on each axis, eight seconds
+  holdfast check --json --set link.endpoint=tcp:127.0.0.1:5760
+
+exit status: 0 all rows good; 1 warnings; 2 refusals, for which `holdfast run` will not engage, or no vehicle
+or a wrong configuration. A disarmed vehicle is put into MANUAL and STABILIZE and back. Nothing is steered
+without --thrusters.
+"""
+
 
 def run(argv: list[str]) -> int:
     """Hold a vehicle: the controller itself."""
@@ -134,3 +146,53 @@ def keys(argv: list[str]) -> int:
         f"on the laptop:   holdfast watch --connect {laptop}\n"
     )
     return 0
+
+
+def check(argv: list[str]) -> int:
+    """Go through the pre-dive list of a connected vehicle."""
+    parser = argparse.ArgumentParser(
+        prog="holdfast check",
+        description="Looks at the connected vehicle and says, row by row, whether it is fit to be held.",
+        epilog=CHECK_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--config", type=Path, metavar="FILE", help="default: config/companion.toml")
+    parser.add_argument(
+        "--set", action="append", default=[], metavar="KEY=VALUE", help="override a key of the file"
+    )
+    parser.add_argument("--json", action="store_true", help="for a script")
+    parser.add_argument(
+        "--set-origin", type=_position, metavar="LAT,LON", help="degrees; set the EKF origin, at the surface"
+    )
+    parser.add_argument(
+        "--thrusters", action="store_true", help="pulse each axis: the vehicle MOVES; armed and dived only"
+    )
+    arguments = parser.parse_args(argv)
+
+    from companion.check_app import inspect
+    from companion.check_table import as_json, show, worst
+    from companion.config import DEFAULT_FILE, ConfigError, load_config
+
+    try:
+        config = load_config(arguments.config or DEFAULT_FILE, arguments.set)
+        rows, notes = inspect(config, origin=arguments.set_origin, thrusters=arguments.thrusters)
+    except (ConfigError, OSError, ValueError) as error:
+        sys.stderr.write(f"holdfast check: {error}\n")
+        return 2
+    except KeyboardInterrupt:
+        return 130
+    if arguments.json:
+        sys.stdout.write(as_json(rows, notes) + "\n")
+    else:
+        show(rows, notes)
+    return int(worst(rows))
+
+
+def _position(text: str) -> tuple[float, float]:
+    try:
+        latitude, longitude = (float(part) for part in text.split(","))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"'{text}' is not LAT,LON, such as 47.40,8.55") from None
+    if not (abs(latitude) <= 90.0 and abs(longitude) <= 180.0):
+        raise argparse.ArgumentTypeError(f"'{text}': want degrees within ±90,±180")
+    return latitude, longitude

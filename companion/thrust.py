@@ -30,14 +30,17 @@ SLOPE_STEP = 0.1
 
 _INVERSE_N = T200_N + np.where(T200_N == 0.0, np.sign(T200_DEMAND) * DEAD_BAND_N, 0.0)
 
-# Motor by motor: (yaw, throttle, forward, lateral) factors of ArduSub's frames, throttle up positive.
-_HORIZONTAL = [(1, 0, -1, 1), (-1, 0, -1, -1), (-1, 0, 1, 1), (1, 0, 1, -1)]
+# Motor by motor: surge, sway, heave (down), yaw, roll and pitch factors of ArduSub's frames.
+_HORIZONTAL = [(-1, 1, 0, 1, 0, 0), (-1, -1, 0, -1, 0, 0), (1, 1, 0, -1, 0, 0), (1, -1, 0, 1, 0, 0)]
 _FACTORS = {
-    "vectored": [*_HORIZONTAL, *[(0, -1, 0, 0)] * 2],
-    "vectored_6dof": [*_HORIZONTAL, *[(0, -1, 0, 0)] * 4],
+    "vectored": [*_HORIZONTAL, (0, 0, 1, 0, 1, 0), (0, 0, 1, 0, -1, 0)],
+    "vectored_6dof": [
+        *_HORIZONTAL,
+        *((0, 0, 1, 0, roll, pitch) for roll, pitch in ((1, -1), (-1, -1), (1, 1), (-1, 1))),
+    ],
 }
 HORIZONTAL = len(_HORIZONTAL)
-_PER_NEWTON = np.array([np.sqrt(0.5), np.sqrt(0.5), 1.0, np.sqrt(0.5) * (0.156 + 0.111)])
+_PER_NEWTON = np.array([np.sqrt(0.5), np.sqrt(0.5), 1.0, np.sqrt(0.5) * (0.156 + 0.111), 0.218, 0.12])
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,14 +58,15 @@ class Thrusters:
     """
 
     def __init__(self, frame: str, max_tau: Array) -> None:
-        factors = np.array(_FACTORS[frame], float)
-        yaw, throttle, forward, lateral = factors.T
-        self._M = np.stack([forward, lateral, -throttle, yaw], axis=-1)
-        self._B = _PER_NEWTON[:, None] * self._M.T
+        self.factors = np.array(_FACTORS[frame], float)
+        """(n, 6): what each motor does for a demand on surge, sway, heave, yaw, roll, pitch."""
+        self.levers = _PER_NEWTON[:, None] * self.factors.T
+        """(6, n): the wrench of one newton of each motor; N, and N·m for yaw, roll, pitch."""
+        self._M, self._B = self.factors[:, :4], self.levers[:4]
         self._M_inverse = np.linalg.pinv(self._M)
         self._B_inverse = np.linalg.pinv(self._B)
         self._max_tau = max_tau
-        self._groups = (HORIZONTAL, len(factors) - HORIZONTAL)
+        self._groups = (HORIZONTAL, len(self.factors) - HORIZONTAL)
 
     def allocate(self, tau: Array, voltage_v: float, reach: Array) -> Allocation:
         """Return the axes that give body wrench `tau`, each within ±`reach`, motors within ±1.
@@ -106,6 +110,10 @@ class Thrusters:
         """Return the body wrench (…, 4) that the axes really give, N and N·m, at the nominal curve."""
         motors = axes @ self._M.T
         return np.asarray(np.interp(motors, T200_DEMAND, T200_N) @ self._B.T * _strength(voltage_v))
+
+    def motors(self, axes: Array) -> Array:
+        """Return the demand (…, n) on each motor that the firmware makes of axes (…, 4)."""
+        return np.asarray(axes @ self._M.T)
 
     def axes_from_motors(self, motors: Array) -> Array:
         """Return the axes (…, 4) that make the firmware ask `motors` (…, n) of its thrusters: M⁺ t."""

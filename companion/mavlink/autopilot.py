@@ -10,7 +10,7 @@ from companion.mavlink.ardusub import Commands, Converter, Mode, manual_control_
 from companion.mavlink.codec import Codec, Message, Packer
 from companion.mavlink.freshness import Freshness
 from companion.mavlink.signing import Signing
-from companion.mavlink.streams import streams
+from companion.mavlink.streams import message_name, streams
 from companion.mavlink.upkeep import Upkeep
 from companion.types import NEUTRAL, AxisCommand, Event, Firmware, LinkCounters, PilotInput, ServoOutput
 
@@ -24,7 +24,8 @@ class Autopilot:
         link, vehicle = config.link, config.vehicle
         counters = LinkCounters()
         self._commands = Commands(link.vehicle_system, link.vehicle_component)
-        self._upkeep = Upkeep(self._commands, streams(vehicle.depth_source, with_position=True))
+        self._rates_hz = streams(vehicle.depth_source, with_position=True)
+        self._upkeep = Upkeep(self._commands, self._rates_hz)
         self._converter = Converter(
             counters,
             depth_source=vehicle.depth_source,
@@ -111,9 +112,23 @@ class Autopilot:
         return self._upkeep.firmware
 
     @property
-    def measured_hz(self) -> Mapping[int, float]:
-        """How often each stream comes, by message id, where that was measured."""
-        return self._upkeep.measured_hz
+    def measured_hz(self) -> dict[str, float]:
+        """How often each stream comes, by MAVLink name, where that was measured."""
+        return {message_name(key): hz for key, hz in self._upkeep.measured_hz.items()}
+
+    @property
+    def asked_hz(self) -> dict[str, float]:
+        """How often each stream is wanted, by MAVLink name."""
+        return {message_name(key): hz for key, hz in self._rates_hz.items()}
+
+    @property
+    def all_parameters_known(self) -> bool:
+        """Whether all that was asked for has been answered."""
+        return self._upkeep.all_parameters_known
+
+    def set_origin(self, latitude_deg: float, longitude_deg: float) -> bytes:
+        """Return the frame that tells the EKF where on earth it is."""
+        return self._codec.encode(self._commands.set_origin(latitude_deg, longitude_deg))
 
     @property
     def counters(self) -> LinkCounters:

@@ -68,6 +68,11 @@ class Upkeep:
         return self._firmware
 
     @property
+    def all_parameters_known(self) -> bool:
+        """Whether every one of PARAMETERS was answered."""
+        return {RENAMED.get(name, name) for name in PARAMETERS} <= self._parameters.keys()
+
+    @property
     def parameters(self) -> Mapping[str, float]:
         """What was answered of PARAMETERS since first contact or the last reboot, by today's names."""
         return MappingProxyType(self._parameters)

@@ -1,0 +1,59 @@
+"""`holdfast check` as a process: a wire, a clock and an `Inspection`; it ends by itself."""
+
+import asyncio
+import logging
+import time
+from collections import deque
+
+from companion.app import INBOX, NS_PER_S, signing_of
+from companion.check import Grade, Row
+from companion.config import Config
+from companion.endpoint import Endpoint
+from companion.inspection import Inspection
+from companion.links import Link
+
+
+def inspect(
+    config: Config, *, origin: tuple[float, float] | None, thrusters: bool
+) -> tuple[list[Row], list[str]]:
+    """Look at the vehicle behind `link.endpoint`; return the list and what was done beside looking.
+
+    Raises OSError when our own port is taken.
+    """
+    logging.getLogger("holdfast").setLevel(logging.WARNING)
+    return asyncio.run(_inspect(config, origin, thrusters))
+
+
+async def _inspect(
+    config: Config, origin: tuple[float, float] | None, thrusters: bool
+) -> tuple[list[Row], list[str]]:
+    inbox: deque[tuple[int, bytes]] = deque(maxlen=INBOX)
+    inspection = Inspection(config, origin=origin, thrusters=thrusters, signing=signing_of(config))
+    link = Link(
+        Endpoint.parse(config.link.endpoint), "vehicle", lambda t_ns, data: inbox.append((t_ns, data))
+    )
+    wire = asyncio.create_task(link.run())
+    try:
+        while not inspection.done and not wire.done():
+            datagrams = list(inbox)
+            inbox.clear()
+            for data in inspection.step(time.monotonic_ns() / NS_PER_S, datagrams):
+                link.send(data)
+            await asyncio.sleep(1.0 / config.loop.rate_hz)
+        if wire.done():
+            wire.result()
+    finally:
+        for data in inspection.farewell():
+            link.send(data)
+        wire.cancel()
+        link.close()
+    if not inspection.contact:
+        return [_nobody(config)], []
+    return inspection.rows, inspection.notes
+
+
+def _nobody(config: Config) -> Row:
+    link = config.link
+    found = f"no heartbeat of system {link.vehicle_system}, component {link.vehicle_component}"
+    mend = "link.endpoint, link.vehicle_system; is it switched on?"
+    return Row("link", Grade.REFUSED, f"{found} at {link.endpoint}", "nothing else can be looked at", mend)

@@ -1,0 +1,152 @@
+"""`holdfast check` against the stand-in vehicle, in virtual time: what it finds; that it moves nothing."""
+
+from pathlib import Path
+
+import pytest
+from virtual import ROOT, Somebody, load_config, load_plant, steering
+
+from companion.check import Grade
+from companion.inspection import Inspection
+from lab.lockstep import COMPANION_LINK, START_S
+from sim_bridge.vehicle import Vehicle
+
+OTHERS_LINK = 2
+STEPS_A_TICK = 4
+DIVED = "initial.eta=[0,0,2,0,0,0]"
+HEAVY, SIX = ROOT / "config" / "sim.toml", ROOT / "config" / "sim-bluerov2.toml"
+ORIGIN = (47.4, 8.5)
+STABILIZE, ALT_HOLD, MANUAL = 0, 2, 19
+
+
+class Look:
+    """One inspection of one vehicle, to its end."""
+
+    def __init__(self, *plant, arm=False, companion=(), base: Path = HEAVY, mode=None, **asked):
+        self.vehicle = Vehicle(load_plant(base, ("current.enabled=false", *plant)), 1)
+        self.inspection = Inspection(load_config(overrides=companion), **asked)
+        for link in (COMPANION_LINK, OTHERS_LINK):
+            self.vehicle.open_link(link)
+        self.sent, self.modes = [], []
+        self.pushed = False
+        somebody, out, armed = Somebody(254, 1), [], False
+        while not self.inspection.done and self.vehicle.time_s < 60.0:
+            orders = [(COMPANION_LINK, data) for data in out]
+            if arm and not armed and self.vehicle.time_s > 2.2:
+                armed = True
+                orders.append((OTHERS_LINK, somebody.arm()))
+            inbox = []
+            for step in range(STEPS_A_TICK):
+                for link, data in self.vehicle.step(orders if step == 0 else []):
+                    if link == COMPANION_LINK:
+                        inbox.append((round((START_S + self.vehicle.time_s) * 1e9), data))
+            truth = self.vehicle.truth()
+            self.pushed |= any(pwm != 1500 for pwm in truth.motor_pwm)
+            if not self.modes or self.modes[-1] != truth.mode:
+                self.modes.append(truth.mode)
+            out = self.inspection.step(START_S + self.vehicle.time_s, inbox)
+            self.sent += out
+
+    @property
+    def steered(self):
+        return [axes for axes in map(steering, self.sent) if axes is not None]
+
+    def row(self, name):
+        (found,) = [row for row in self.inspection.rows if row.name == name]
+        return found
+
+
+def test_a_sound_vehicle_is_found_good_and_nothing_is_steered():
+    look = Look(origin=ORIGIN)
+    assert {row.grade for row in look.inspection.rows} == {Grade.GOOD}
+    assert look.inspection.notes == ["the EKF origin was set"]
+    assert look.vehicle.time_s < 8.0
+    assert not look.steered
+
+
+def test_the_modes_are_tried_and_given_back():
+    look = Look()
+    assert look.modes == [MANUAL, STABILIZE, MANUAL]
+    assert look.row("mode").grade is Grade.GOOD
+
+
+def test_a_vehicle_that_somebody_has_armed_is_left_in_its_mode():
+    look = Look(DIVED, arm=True)
+    assert look.modes == [MANUAL]
+    assert "not tried" in look.row("mode").found
+    assert not look.steered
+    assert not look.pushed
+
+
+@pytest.mark.parametrize(
+    ("plant", "arm", "why"),
+    [
+        ((DIVED,), False, "not armed"),
+        ((), True, "not in the water"),
+        ((DIVED, 'faults=[{kind="message_stopped", message="GLOBAL_POSITION_INT"}]'), True, "no depth"),
+    ],
+)
+def test_thrusters_are_not_tried_where_they_must_not_be(plant, arm, why):
+    look = Look(*plant, arm=arm, thrusters=True)
+    assert why in look.row("thrusters").found
+    assert not look.steered
+    assert not look.pushed
+
+
+def test_asked_for_armed_and_dived_it_tries_every_motor_and_ends_neutral():
+    look = Look(DIVED, "waves.enabled=true", arm=True, thrusters=True)
+    assert look.row("thrusters").grade is Grade.GOOD
+    assert "all 8 push the right way" in look.row("thrusters").found
+    assert "100 %" in look.row("steering id").found
+    assert look.steered[-1] == (0.0, 0.0, 0.0, 0.0)
+    assert max(abs(axis) for axes in look.steered for axis in axes) <= 0.2
+    assert abs(look.vehicle.truth().eta[3:]).max() < 0.5
+
+
+@pytest.mark.parametrize("motor", range(1, 9))
+def test_a_reversed_motor_is_named(motor):
+    look = Look(DIVED, f"parameters.MOT_{motor}_DIRECTION=-1", arm=True, thrusters=True)
+    found = look.row("thrusters")
+    assert found.grade is Grade.REFUSED
+    assert f"motor {motor} pushes the wrong way" in found.found
+    assert f"MOT_{motor}_DIRECTION" in found.mend
+
+
+@pytest.mark.parametrize("motor", [None, 2, 6])
+def test_the_six_thruster_frame(motor):
+    reversed_ = () if motor is None else (f"parameters.MOT_{motor}_DIRECTION=-1",)
+    frame = ('vehicle.frame="vectored"',)
+    look = Look(DIVED, *reversed_, arm=True, thrusters=True, companion=frame, base=SIX)
+    assert look.row("frame").grade is Grade.GOOD
+    wanted = "all 6 push the right way" if motor is None else f"motor {motor} pushes the wrong way"
+    assert wanted in look.row("thrusters").found
+
+
+def test_a_dead_motor_is_named():
+    look = Look(DIVED, "thrusters.gain=[1,1,1,0.05,1,1,1,1]", arm=True, thrusters=True)
+    assert "motor 4 hardly pushes" in look.row("thrusters").found
+
+
+def test_somebody_who_obeys_another_id_is_refused_and_seen_by_the_echo():
+    look = Look(DIVED, "parameters.MAV_GCS_SYSID=254", arm=True, thrusters=True)
+    assert look.row("steering id").grade is Grade.REFUSED
+    assert not look.pushed
+
+
+def test_dived_it_does_not_set_the_origin():
+    look = Look(DIVED, origin=ORIGIN)
+    assert "it is dived" in look.inspection.notes[0]
+    assert look.row("EKF origin").grade is Grade.WARNING
+
+
+def test_a_receiver_is_told_from_none():
+    assert "did fire" in Look().row("RC receiver").found
+    look = Look("rc_receiver=true")
+    assert look.row("RC receiver").grade is Grade.WARNING
+    look = Look("rc_receiver=true", "parameters.RC_OVERRIDE_TIME=-1")
+    assert look.row("RC receiver").grade is Grade.REFUSED
+
+
+def test_nobody_there():
+    look = Look('faults=[{kind="link_cut"}]')
+    assert look.inspection.done
+    assert not look.inspection.contact

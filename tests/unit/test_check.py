@@ -1,0 +1,253 @@
+"""Every row of the pre-dive list, good and bad: a row that cannot say no is no row."""
+
+from dataclasses import replace
+
+import pytest
+
+from companion.check import Grade, refusals, rows
+from companion.check_table import as_json, show, worst
+from companion.config import load_config
+from companion.survey import Directions, Observed, Survey
+from companion.types import (
+    Ages,
+    Battery,
+    Delays,
+    Depth,
+    EkfOrigin,
+    Firmware,
+    Heartbeat,
+    PilotGain,
+    PilotToggle,
+    Reboot,
+    ReceiverChannels,
+    TimeSync,
+)
+
+GOOD, WARNING, REFUSED = Grade
+PARAMETERS = {
+    "FRAME_CONFIG": 2.0,
+    "MAV_GCS_SYSID": 255.0,
+    "FS_PILOT_INPUT": 2.0,
+    "FS_PILOT_TIMEOUT": 3.0,
+    "JS_THR_GAIN": 1.0,
+    "RC_PROTOCOLS": 1.0,
+    "RC_OVERRIDE_TIME": 3.0,
+    "BARO_PRIMARY": 1.0,
+    "BARO_SPEC_GRAV": 1.0,
+    "BARO2_GND_PRESS": 101325.0,
+}
+STICKS = ('vehicle.thrust_path="manual_control"',)
+PRESSURE = ('vehicle.depth_source="pressure"',)
+HUD = ('vehicle.depth_source="vfr_hud"',)
+BLIND = Ages(0.01, 0.01, float("inf"), 0.01, float("inf"))
+
+
+@pytest.fixture
+def good(make_sample):
+    state = make_sample(delays=Delays(0.01, 0.02, True, True)).state
+    return Observed(
+        state=state,
+        parameters=PARAMETERS,
+        measured_hz={"ATTITUDE": 49.8, "VFR_HUD": 50.0, "LOCAL_POSITION_NED": 0.0},
+        asked_hz={"ATTITUDE": 50.0, "VFR_HUD": 50.0, "LOCAL_POSITION_NED": 50.0},
+        heartbeat=Heartbeat(0.0, False, 19, 3),
+        firmware=Firmware(0.0, "4.7.0", (4, 7, 0)),
+        pilot_gain=0.5,
+        toggles={"InputHold": False, "RollPitch": False},
+        receiver_channels=16,
+        failsafe_seen=True,
+        origin_known=True,
+        voltage_v=16.0,
+        depth_hz=50.0,
+        syncs=16,
+        round_trip_s=0.002,
+        modes={"MANUAL": True, "STABILIZE": True},
+        directions=Directions(motors=(1.0,) * 8, echo=1.0),
+    )
+
+
+def row(name, seen, *overrides):
+    (found,) = [row for row in rows(seen, load_config(overrides=overrides)) if row.name == name]
+    return found
+
+
+def told(seen, **parameters):
+    """The same with other parameters; None: not told."""
+    changed = {**seen.parameters, **parameters}
+    return replace(seen, parameters={key: value for key, value in changed.items() if value is not None})
+
+
+def test_all_good(good):
+    listed = rows(good, load_config())
+    assert {row.grade for row in listed} == {GOOD}
+    assert len(listed) == 14
+    assert all(row.found and row.why for row in listed)
+    assert refusals(listed) == ""
+    assert worst(listed) == 0
+
+
+# Row, what is changed, overrides of our configuration, the grade, and words that have to be there.
+BAD = [
+    ("firmware", {"heartbeat": Heartbeat(0.0, False, 19, 3, 2)}, (), REFUSED, ["type 2"]),
+    ("firmware", {"firmware": None}, (), WARNING, ["not told"]),
+    ("firmware", {"firmware": Firmware(0.0, "4.1.2", (4, 1, 2))}, (), WARNING, ["4.1.2"]),
+    ("steering id", {"directions": Directions((1.0,) * 8, 0.1)}, (), REFUSED, ["10 %"]),
+    ("pilot gain", {"pilot_gain": 0.25}, STICKS, WARNING, ["25 %"]),
+    ("pilot gain", {"pilot_gain": None}, STICKS, REFUSED, ["PilotGain"]),
+    ("input hold", {"toggles": {"InputHold": True, "RollPitch": False}}, (), REFUSED, ["InputHold on"]),
+    ("input hold", {"toggles": {"InputHold": False, "RollPitch": True}}, (), REFUSED, ["RollPitch on"]),
+    ("input hold", {"toggles": {}}, (), WARNING, ["not told"]),
+    ("RC receiver", {"failsafe_seen": False}, (), WARNING, ["after 3 s"]),
+    ("streams", {"measured_hz": {"ATTITUDE": 12.5}}, (), WARNING, ["ATTITUDE 12 of 50 Hz"]),
+    ("streams", {"measured_hz": {}}, (), WARNING, ["not measured"]),
+    ("depth", {"depth_hz": 3.0}, (), WARNING, ["3 Hz"]),
+    ("depth", {"origin_known": False}, HUD, REFUSED, ["stays exactly 0"]),
+    ("EKF origin", {"origin_known": False}, (), WARNING, ["not set"]),
+    ("mode", {"modes": {"MANUAL": False, "STABILIZE": True}}, (), REFUSED, ["MANUAL did not come"]),
+    ("mode", {"modes": {"MANUAL": True, "STABILIZE": False}}, (), WARNING, ["STABILIZE did not come"]),
+    ("battery", {"voltage_v": 13.5}, (), WARNING, ["13.5 V"]),
+    ("battery", {"voltage_v": 12.0}, (), REFUSED, ["12.0 V"]),
+    ("battery", {"voltage_v": None}, (), WARNING, ["no voltage"]),
+    ("clock", {"syncs": 0}, (), WARNING, ["not answered"]),
+    ("clock", {"clock_jumps": 1}, (), WARNING, ["1 jumps"]),
+    ("clock", {"round_trip_s": 0.3}, (), WARNING, ["300.0 ms"]),
+    ("thrusters", {"directions": Directions((1, 1, -0.5, 1, 1, 1, 1, 1), 1.0)}, (), REFUSED, ["motor 3 "]),
+    (
+        "thrusters",
+        {"directions": Directions((1, 1, 1, 1, 0.1, 1, 1, 1), 1.0)},
+        (),
+        REFUSED,
+        ["motor 5 hardly"],
+    ),
+    ("thrusters", {"directions": Directions(refused="it is not armed")}, (), WARNING, ["not armed"]),
+]
+
+
+@pytest.mark.parametrize(
+    ("name", "changes", "overrides", "grade", "words"), BAD, ids=[f"{row[0]}-{row[4][0]}" for row in BAD]
+)
+def test_a_bad_row_says_what_and_what_mends_it(good, name, changes, overrides, grade, words):
+    found = row(name, replace(good, **changes), *overrides)
+    assert found.grade is grade
+    assert all(word in found.found for word in words), found.found
+    assert found.mend or name == "streams"
+    assert (name in refusals(rows(replace(good, **changes), load_config(overrides=overrides)))) == (
+        grade is REFUSED
+    )
+
+
+# Row, parameters, overrides of our configuration, grade, and words in `found` or `mend`.
+BY_PARAMETER = [
+    ("frame", {"FRAME_CONFIG": 1.0}, (), REFUSED, "vectored, we expect vectored_6dof"),
+    ("frame", {"FRAME_CONFIG": 1.0}, ('vehicle.frame="vectored"',), GOOD, "vectored"),
+    ("frame", {"FRAME_CONFIG": 5.0}, (), REFUSED, "number 5"),
+    ("frame", {"FRAME_CONFIG": None}, (), REFUSED, "FRAME_CONFIG was not told"),
+    ("steering id", {"MAV_GCS_SYSID": 254.0}, (), REFUSED, "obeys 254"),
+    ("steering id", {"MAV_GCS_SYSID": 254.0}, ("link.system=254",), REFUSED, ""),
+    ("steering id", {"MAV_GCS_SYSID": None}, (), REFUSED, "was not told"),
+    ("pilot failsafe", {"FS_PILOT_INPUT": 0.0}, (), REFUSED, "FS_PILOT_INPUT = 2"),
+    ("pilot failsafe", {"FS_PILOT_INPUT": 1.0}, (), GOOD, "neutral"),
+    ("pilot failsafe", {"FS_PILOT_TIMEOUT": 3.0}, ("supervisor.max_pilot_timeout_s=1.0",), REFUSED, "<= 1"),
+    ("pilot failsafe", {"FS_PILOT_TIMEOUT": None}, (), REFUSED, "FS_PILOT_TIMEOUT was not told"),
+    ("pilot gain", {"JS_THR_GAIN": 0.5}, STICKS, WARNING, "25 %"),
+    ("pilot gain", {"JS_THR_GAIN": None}, STICKS, REFUSED, "JS_THR_GAIN"),
+    ("pilot gain", {"JS_THR_GAIN": None}, (), GOOD, "not in the way"),
+    ("RC receiver", {"RC_OVERRIDE_TIME": -1.0}, (), GOOD, "did fire"),
+]
+
+
+@pytest.mark.parametrize(("name", "parameters", "overrides", "grade", "words"), BY_PARAMETER)
+def test_rows_by_parameter(good, name, parameters, overrides, grade, words):
+    seen = told(good, **parameters)
+    if name == "steering id" and overrides:
+        seen = replace(seen, directions=None)
+        grade = GOOD
+    elif name == "steering id":
+        seen = replace(seen, directions=None)
+    found = row(name, seen, *overrides)
+    assert found.grade is grade
+    assert words in found.found + found.mend
+
+
+def test_a_receiver_and_overrides_that_never_end_are_refused(good):
+    """Nothing at all would stop the thrusters then."""
+    seen = told(replace(good, failsafe_seen=False), RC_OVERRIDE_TIME=-1.0)
+    assert row("RC receiver", seen).grade is REFUSED
+    assert row("RC receiver", replace(seen, receiver_channels=0)).grade is GOOD
+    assert row("RC receiver", told(seen, RC_PROTOCOLS=0.0)).grade is GOOD
+
+
+def test_without_depth_the_row_says_what_is_missing(good):
+    blind = replace(good, state=replace(good.state, ages=BLIND))
+    assert row("depth", blind).grade is REFUSED
+    lacking = told(blind, BARO2_GND_PRESS=None)
+    assert "BARO2_GND_PRESS" in row("depth", lacking, *PRESSURE).mend
+    on_the_first = told(lacking, BARO_PRIMARY=0.0)
+    assert "BARO1_GND_PRESS" in row("depth", on_the_first, *PRESSURE).mend
+
+
+def test_delays_beyond_the_gains_are_a_warning(good):
+    late = replace(good, state=replace(good.state, delays=Delays(0.08, 0.08, True, True)))
+    assert row("clock", late).grade is WARNING
+    assert "160 ms" in row("clock", late).found
+
+
+def test_what_was_not_tried_has_no_row(good):
+    names = [row.name for row in rows(replace(good, modes=None, directions=None), load_config())]
+    assert "mode" not in names
+    assert "thrusters" not in names
+    assert "not tried" in row("mode", replace(good, modes={})).found
+
+
+def test_refusals_name_the_row_and_the_worst_is_the_status(good):
+    bad = told(replace(good, origin_known=False), FRAME_CONFIG=1.0, FS_PILOT_INPUT=0.0)
+    listed = rows(bad, load_config())
+    assert refusals(listed).startswith("frame: vectored, we expect vectored_6dof; pilot failsafe: ")
+    assert worst(listed) == 2
+    assert worst(rows(replace(good, origin_known=False), load_config())) == 1
+    assert worst([]) == 2
+
+
+def test_the_table_and_the_json_tell_all(good, capsys):
+    import json
+
+    listed = rows(told(good, FRAME_CONFIG=1.0), load_config())
+    show(listed, ["a note"])
+    out = capsys.readouterr().out
+    assert "REFUSED" in out
+    assert "a note" in out
+    assert "vehicle.frame" in out.replace("\n", "")
+    answer = json.loads(as_json(listed, ["a note"]))
+    assert answer["grade"] == "REFUSED"
+    assert [entry["name"] for entry in answer["rows"]] == [row.name for row in listed]
+    assert answer["notes"] == ["a note"]
+
+
+class TestSurvey:
+    def test_it_knows_what_came(self, make_sample):
+        survey = Survey()
+        survey.take([Heartbeat(0.0, False, 19, 5), Battery(0.0, 15.5), PilotGain(0.0, 0.7)])
+        survey.take([PilotToggle(0.0, "InputHold", True), ReceiverChannels(0.0, 8), EkfOrigin(0.0, True)])
+        survey.take([Depth(0.02 * k, 0.02 * k, 1.0) for k in range(120)])
+        seen = survey.observed(make_sample().state)
+        assert (seen.voltage_v, seen.pilot_gain, seen.receiver_channels) == (15.5, 0.7, 8)
+        assert seen.origin_known
+        assert seen.failsafe_seen
+        assert seen.toggles == {"InputHold": True}
+        assert seen.depth_hz == pytest.approx(50.0, rel=0.02)
+        survey.take([Reboot(3.0)])
+        seen = survey.observed(make_sample().state)
+        assert seen.voltage_v is None
+        assert not seen.origin_known
+        assert not seen.toggles
+
+    def test_a_clock_that_is_set_anew_is_a_jump_and_a_slow_answer_none(self, make_sample):
+        survey = Survey()
+        survey.take([TimeSync(10.0 + k, 9.998 + k, 110.0 + k) for k in range(5)])
+        survey.take([TimeSync(20.4, 20.0, 120.38)])
+        assert survey.observed(make_sample().state).clock_jumps == 0
+        survey.take([TimeSync(21.0, 20.998, 121.2)])
+        seen = survey.observed(make_sample().state)
+        assert seen.clock_jumps == 1
+        assert seen.round_trip_s == pytest.approx(0.002)
+        assert seen.syncs == 7
