@@ -134,6 +134,20 @@ class Supervisor(Section, frozen=True):
     pilot_deflection: Fraction
     pilot_hold_s: Positive
     max_depth_m: Positive
+    ramp_up_s: Positive
+    depth_margin_m: NonNegative
+    max_depth_jump_m: Positive
+    max_ekf_variance: Positive
+    min_voltage_v: Positive
+    battery_low_s: Seconds
+    saturated_s: Seconds
+    max_error_m: Positive
+    max_error_deg: Annotated[float, msgspec.Meta(gt=0.0, le=180.0)]
+    off_track_s: Seconds
+    max_delay_s: Positive
+    max_surprise_m: Positive
+    max_surprise_deg: Positive
+    keep_alt_hold_s: Annotated[float, msgspec.Meta(ge=0.0, le=3600.0)]
     max_tilt_deg: Annotated[float, msgspec.Meta(gt=0.0, lt=90.0)]
 
 

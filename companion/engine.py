@@ -8,14 +8,16 @@ from dataclasses import replace
 import numpy as np
 
 from companion import assembly
+from companion.conditions import assess
 from companion.config import Config
 from companion.control.bounds import wrap
 from companion.control.positioning import jacobian, to_body, to_inertial
 from companion.estimation import Estimator
+from companion.handover import KEEP_ALIVE_S, HandOver
 from companion.mavlink.autopilot import Autopilot
 from companion.mavlink.signing import Signing
 from companion.steering_mode import STEERING_MODES, ModeKeeper
-from companion.supervisor import UNFIT, Envelope, Supervisor, assess, guard
+from companion.supervisor import UNFIT, Envelope, Supervisor, guard
 from companion.thrust import Thrusters
 from companion.types import (
     NEUTRAL,
@@ -24,10 +26,10 @@ from companion.types import (
     AxisCommand,
     Condition,
     ControlSample,
+    DofSample,
     Event,
     Flags,
     LoopHealth,
-    PilotInput,
     Request,
     Setpoint,
     State,
@@ -37,6 +39,7 @@ from companion.types import (
     Wrench,
     Z,
 )
+from companion.watch import Watch
 
 NEUTRAL_BURST_S = 0.5
 """Neutral frames go out this long on first contact and after steering; then silence, so that the autopilot's
@@ -58,11 +61,15 @@ class Engine:
         self._autopilot = Autopilot(config, signing)
         self._thrusters = Thrusters(config.vehicle.frame, assembly.each(config, "max_force"))
         self._estimator = Estimator(config, model, self._thrusters)
-        self._supervisor = Supervisor(config.supervisor.ramp_down_s)
+        self._supervisor = Supervisor(config.supervisor.ramp_down_s, config.supervisor.ramp_up_s)
+        self._watch = Watch()
+        self._hand_over = HandOver()
         self._envelope = Envelope(config.thrusters.max_axis, config.thrusters.max_slew_per_s)
         self._controller = assembly.controller(config, model)
         self._modes = ModeKeeper(STEERING_MODES[config.vehicle.steering_mode])
         self._setpoint = self._target = _checked(setpoint, config.supervisor.max_depth_m)
+        self._engaged_at = self._target
+        """Where it stays until it may push with all authority."""
         self._engage_asked = False
         self._engaged = np.zeros(4, bool)
         self._saturated = np.zeros(4, bool)
@@ -71,8 +78,8 @@ class Engine:
         self._last_s: float | None = None
         self._neutral_until_s: float | None = None
         self._had_authority = False
-        self._pilot_t_s = -math.inf
-        self._pilot_deflection = 0.0
+        self._kept_alive_s = -math.inf
+        self._dofs: DofSample | None = None
         self._references: deque[tuple[float, Array]] = deque()
         self.verdict = Verdict(State.IDLE, Condition(0), 0.0, "just started")
 
@@ -89,17 +96,21 @@ class Engine:
 
         events = self._autopilot.receive(datagrams)
         state = self._estimator.step(now_s, events)
-        verdict = self._permit(state, requests, self._pilot(now_s, events), dt_s)
+        verdict = self._permit(state, events, requests, loop, dt_s)
 
         J = jacobian(state.eta_ahead[PSI])
         control_dt_s = min(max(dt_s, 0.0), MAX_DT_TICKS * self._tick_s)
-        dofs = self._controller.step(state, J, self._target, self._engaged, ~self._saturated, control_dt_s)
+        self._controller.frozen = verdict.freeze or verdict.authority < 1.0
+        rising = verdict.state is State.ACTIVE and verdict.authority < 1.0
+        target = self._engaged_at if rising else self._target
+        dofs = self._controller.step(state, J, target, self._engaged, ~self._saturated, control_dt_s)
+        self._dofs = dofs
         requested = to_body(J, dofs.tau)
         self._finite = math.isfinite(requested.sum())
         if not self._finite:
             self._estimator.restart()
         reach = _axes(self._autopilot.reach(state.pilot_gain)) * self._envelope.max_axis
-        wanted = self._thrusters.allocate(requested, state.voltage_v, reach)
+        wanted = self._thrusters.allocate(verdict.authority * requested, state.voltage_v, reach)
         command = guard(
             AxisCommand(*wanted.axes.tolist()), verdict, self._command, self._envelope, self._tick_s
         )
@@ -111,6 +122,8 @@ class Engine:
         self._command = command
 
         mode = self._modes.wanted(now_s, state.mode, verdict.state, engage=self._engage_asked)
+        if verdict.state is State.HAND_OVER:
+            mode = self._hand_over.wanted
         out = self._autopilot.upkeep(now_s, events, mode=mode, arm=self._asks_arming(verdict))
         if self._steers(now_s, verdict):
             out.append(self._autopilot.steer(command, state.pilot_gain))
@@ -164,46 +177,84 @@ class Engine:
             controller = assembly.controller(config, model)
             controller.take_over(self._controller)
             self._controller = controller
+        limits = config.supervisor
+        self._supervisor.ramp_up_s, self._supervisor.ramp_down_s = limits.ramp_up_s, limits.ramp_down_s
+        self._estimator.max_depth_jump_m = limits.max_depth_jump_m
         self._config = config
+        if changed:
+            self._watch.config_changed()
 
-    def _permit(self, state: VehicleState, requests: Sequence[Request], pilot: float, dt_s: float) -> Verdict:
+    def _permit(
+        self,
+        state: VehicleState,
+        events: Sequence[Event],
+        requests: Sequence[Request],
+        loop: LoopHealth,
+        dt_s: float,
+    ) -> Verdict:
         """Ask the supervisor; on engaging and while resting, set the controller to where the vehicle is."""
         if Request.ENGAGE in requests:
             self._engage_asked = True
         if Request.STOP in requests:
             self._engage_asked = False
-        before = self.verdict.state
-        conditions = assess(
+        before, limits = self.verdict, self._config.supervisor
+        handing_over, steered = before.state is State.HAND_OVER, before.authority > 0.0
+        conditions = Condition(0)
+        if handing_over:
+            conditions |= self._hand_over.step(
+                state.t_s,
+                state.mode,
+                thrusting=steered,
+                pilot_heard_s=self._watch.pilot_heard_s,
+                keep_s=limits.keep_alt_hold_s,
+            )
+        seen = self._watch.step(
+            dt_s,
+            dt_s - self._tick_s,
+            events,
             state,
-            self._config.supervisor,
-            steering_mode=self._modes.steering,
-            parameters=self._autopilot.parameters,
-            holds_position=bool(self._engaged[0]),
+            limits,
+            dofs=self._dofs,
+            engaged=self._engaged,
             finite=self._finite,
-            late_s=dt_s - self._tick_s,
-            pilot_deflection=pilot,
-            stop=Request.STOP in requests,
+            steering=steered,
+            mode_right=self._hand_over.allows(state.mode)
+            if handing_over
+            else state.mode == self._modes.steering,
+            parameters=self._autopilot.parameters,
+            requests=requests,
             engage=self._engage_asked,
-            clear=Request.CLEAR_FAULT in requests,
+            loop=loop,
         )
-        self.verdict = self._supervisor.step(conditions, dt_s)
+        self.verdict = self._supervisor.step(conditions | assess(seen, limits), dt_s)
         now = self.verdict.state
-        if now not in (State.ACTIVE, State.RAMP_DOWN):
+        if now is State.HAND_OVER and not handing_over:
+            self._hand_over.begin(state.t_s, state.mode)
+        if self.verdict.authority == 0.0:
             self._references.clear()
             self._engaged = np.zeros(4, bool)
             self._controller.rest(state)
             self._target = Setpoint(state.eta_ahead)
-        elif before not in (State.ACTIVE, State.RAMP_DOWN):
-            positioned = state.ages.position_s <= self._config.supervisor.position_timeout_s
+        elif not steered:
+            positioned = state.ages.position_s <= limits.position_timeout_s
             self._engaged = np.array([positioned, positioned, True, self._config.vehicle.holds_heading])
             self._controller.rest(state)
+            self._engaged_at = Setpoint(state.eta)
             self._target = _filled(self._setpoint, state.eta)
-        if now is State.FAULT or (before is State.ACTIVE and now is not State.ACTIVE):
+        if now is State.FAULT or (before.state is State.ACTIVE and now is not State.ACTIVE):
             self._engage_asked = False
         return self.verdict
 
     def _steers(self, now_s: float, verdict: Verdict) -> bool:
-        """Tell whether a steering frame goes out: with authority; neutral at first and for a while after."""
+        """Tell whether a steering frame goes out: with authority; neutral at first and for a while after.
+
+        While handing over neutral goes on, and slowly once ALT_HOLD has the vehicle.
+        """
+        if verdict.state is State.HAND_OVER and verdict.authority == 0.0:
+            kept_alive = self._hand_over.held and now_s - self._kept_alive_s < KEEP_ALIVE_S
+            self._kept_alive_s = self._kept_alive_s if kept_alive else now_s
+            self._neutral_until_s, self._had_authority = now_s, False
+            return not kept_alive
         if self._neutral_until_s is None and not self._autopilot.heard:
             return False
         if self._neutral_until_s is None or verdict.authority > 0.0 or self._had_authority:
@@ -214,14 +265,6 @@ class Engine:
     def _asks_arming(self, verdict: Verdict) -> bool:
         """Tell whether to ask for arming: once nothing else is missing for engaging."""
         return self._arm and self._engage_asked and not verdict.conditions & UNFIT & ~Condition.DISARMED
-
-    def _pilot(self, now_s: float, events: Sequence[Event]) -> float:
-        """Return how far the pilot deflected a stick, this tick or up to `pilot_hold_s` ago."""
-        limits = self._config.supervisor
-        for event in events:
-            if isinstance(event, PilotInput) and event.deflection > limits.pilot_deflection:
-                self._pilot_t_s, self._pilot_deflection = event.t_s, event.deflection
-        return self._pilot_deflection if now_s - self._pilot_t_s <= limits.pilot_hold_s else 0.0
 
     def _reference_now(self, ahead: Array, state: VehicleState) -> Array:
         """Return the reference for this moment, which was computed when it lay ahead."""

@@ -50,6 +50,9 @@ LATER_S = {"pressure": 0.053, "ahrs2": 0.048}
 ZERO_MOVED_M = 0.05
 """A disarmed vehicle whose depth jumps by more has a new zero, as arming makes one: that is no motion."""
 
+JUMP_BELIEVED_S = 2.0
+"""A depth that jumped is left out, and so is stale soon; after this long it is where the vehicle is."""
+
 MIN_VOLTAGE_V, MAX_VOLTAGE_V = 10.0, 20.0
 MIN_COS_PITCH = 0.1
 HISTORY = 128
@@ -104,6 +107,7 @@ class Estimator:
         self._tick_s = 1.0 / config.loop.rate_hz
         self._sensor_delay_s = [axis.sensor_delay_s for axis in config.axes]
         self._depth_later_s = LATER_S.get(config.vehicle.depth_source, 0.0)
+        self.max_depth_jump_m = config.supervisor.max_depth_jump_m
         self._observer = _observer(config, model)
         self._heartbeat = Heartbeat(-math.inf, armed=False, mode=-1, system_status=0)
         self._voltage_v = T200_VOLTAGE_V
@@ -140,9 +144,12 @@ class Estimator:
         self._observed_t_s: float | None = None
         self._new: list[Measurement] = []
         self._observer.x = np.zeros((4, 6))
+        self._refusing = False
 
     def step(self, now_s: float, events: Sequence[Event]) -> VehicleState:
         """Take in what came since the last tick; say where the vehicle is and where a command finds it."""
+        self._depth_refused = False
+        self._innovation = np.zeros((4, 2))
         for event in events:
             self._take(event)
         delays = self._meter.delays
@@ -188,6 +195,8 @@ class Estimator:
                 position_s=now_s - self._measured_t_s[X],
             ),
             delays=delays,
+            innovation=self._innovation[:, 0],
+            depth_refused=self._depth_refused,
         )
 
     def sent(self, now_s: float, axes: Array, tau_ned: Array) -> None:
@@ -221,7 +230,8 @@ class Estimator:
                     observer.x[Z, 0] += missed
                     continue
                 innovation[dof][kind] = wrap(missed) if dof == PSI and not kind else missed
-            observer.correct(np.array(innovation))
+            self._innovation = np.array(innovation)
+            observer.correct(self._innovation)
             self._new.clear()
         return to_s
 
@@ -255,7 +265,15 @@ class Estimator:
         self._new.append(Measurement(PSI, 1, _heading_rate(event), at_s))
 
     def _on_depth(self, event: Depth) -> None:
-        self._position(Z, event.z_m, event.t_s, self._sampled(event, Z) - self._depth_later_s)
+        at_s = self._sampled(event, Z) - self._depth_later_s
+        missed = abs(event.z_m - float(self._observer.expected[Z, 0]))
+        known_s = event.t_s - self._measured_t_s[Z]
+        believed_s = JUMP_BELIEVED_S if self._refusing else MAX_GAP_S
+        if missed > self.max_depth_jump_m and known_s <= believed_s and self._heartbeat.armed:
+            self._depth_refused = self._refusing = True
+            return
+        self._refusing = False
+        self._position(Z, event.z_m, event.t_s, at_s)
 
     def _on_depth_rate(self, event: DepthRate) -> None:
         self._new.append(Measurement(Z, 1, event.w_mps, self._sampled(event, Z)))

@@ -8,6 +8,7 @@ from companion.telemetry import Event
 from companion.types import Condition, ControlSample, State
 
 ASKED = Condition.OPERATOR_STOP | Condition.ENGAGE_ASKED | Condition.CLEAR_ASKED | Condition.RAMPED_DOWN
+ASKED |= Condition.HANDED_OVER | Condition.HAND_OVER_REFUSED
 """What somebody asked for or the supervisor says to itself: told as a command or a state."""
 
 MAV_SEVERITY_ERROR, MAV_SEVERITY_WARNING = 3, 4
@@ -16,6 +17,7 @@ _Severity = Literal["info", "warning", "fault"]
 _SEVERITY: dict[State, _Severity] = {
     State.FAULT: "fault",
     State.RAMP_DOWN: "warning",
+    State.HAND_OVER: "warning",
     State.PILOT: "warning",
 }
 

@@ -35,7 +35,7 @@ class ModeKeeper:
     def wanted(self, now_s: float, mode: int, state: State, *, engage: bool) -> Mode | None:
         """Return the mode to ask for at `now_s`, None for leave it; `mode` is the heartbeat's."""
         self._mode = mode
-        if state in (State.PILOT, State.FAULT):
+        if state in (State.PILOT, State.FAULT, State.HAND_OVER):
             self._before = None
             return None
         if engage or state in (State.ACTIVE, State.RAMP_DOWN):

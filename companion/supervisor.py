@@ -1,21 +1,26 @@
-"""Who may steer: conditions as bits, transitions as a table, and `guard`, the last word on every command.
+"""Who may steer: transitions as a table, what is only told as another, and `guard`, the last word.
 
 Permission comes before the law (`Supervisor.step`), and again last before the bytes (`guard`). The default is
-to refuse: only ACTIVE and RAMP_DOWN carry authority, and what TRANSITIONS does not list changes nothing.
+to refuse: only ACTIVE, RAMP_DOWN and the start of HAND_OVER carry authority, and what TRANSITIONS does not
+list changes nothing. What the conditions mean stands in `conditions.py`; docs/supervisor.md is made of both.
+
+Three ways of giving up. FAULT, at once: nothing that we believe can be relied on. RAMP_DOWN: what we believe
+holds for another second, but the autopilot could do no better with the same sensors or failsafe. HAND_OVER:
+we are the ones who cannot go on, and the autopilot's depth hold can.
 """
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from companion.config import Supervisor as Limits
-from companion.types import NEUTRAL, AxisCommand, Condition, State, VehicleState, Verdict
+from companion.types import NEUTRAL, AxisCommand, Condition, State, Verdict
 
 C, S = Condition, State
 
 BLIND = C.LINK_LOST | C.DEPTH_STALE | C.ATTITUDE_STALE | C.POSITION_STALE
-UNFIT = BLIND | C.DISARMED | C.WRONG_MODE | C.FAILSAFE_UNSAFE | C.NON_FINITE | C.TICK_LATE | C.TILTED
+SICK = C.EKF_UNHEALTHY | C.DEPTH_JUMPED | C.DEPTH_OUT_OF_BOUNDS | C.SURPRISED | C.DELAY_TOO_LONG | C.TILTED
+UNFIT = BLIND | SICK | C.DISARMED | C.WRONG_MODE | C.FAILSAFE_UNSAFE | C.NON_FINITE | C.TICK_LATE
+UNFIT |= C.LEAK | C.BATTERY_LOW | C.REBOOTED
 NOTHING = Condition(0)
 
 
@@ -38,27 +43,67 @@ TRANSITIONS = (
     Row(S.READY, C.ENGAGE_ASKED, C.PILOT_TAKEOVER | C.OPERATOR_STOP, S.ACTIVE, "engaged"),
     Row(S.ACTIVE, C.NON_FINITE, NOTHING, S.FAULT, "a computed value was not finite"),
     Row(S.ACTIVE, C.LINK_LOST, NOTHING, S.FAULT, "the vehicle fell silent"),
+    Row(S.ACTIVE, C.REBOOTED, NOTHING, S.FAULT, "the autopilot started anew"),
     Row(S.ACTIVE, C.DEPTH_STALE, NOTHING, S.FAULT, "no fresh depth"),
     Row(S.ACTIVE, C.ATTITUDE_STALE, NOTHING, S.FAULT, "no fresh attitude"),
     Row(S.ACTIVE, C.DISARMED, NOTHING, S.IDLE, "the vehicle was disarmed"),
     Row(S.ACTIVE, C.WRONG_MODE, NOTHING, S.PILOT, "the pilot changed the mode"),
     Row(S.ACTIVE, C.PILOT_TAKEOVER, NOTHING, S.PILOT, "the pilot moved the sticks"),
     Row(S.ACTIVE, C.FAILSAFE_UNSAFE, NOTHING, S.RAMP_DOWN, "the pilot-input failsafe was switched off"),
-    Row(S.ACTIVE, C.POSITION_STALE, NOTHING, S.RAMP_DOWN, "no fresh position"),
-    Row(S.ACTIVE, C.TICK_LATE, NOTHING, S.RAMP_DOWN, "this process does not keep time"),
+    Row(S.ACTIVE, C.EKF_UNHEALTHY, NOTHING, S.RAMP_DOWN, "the autopilot doubts its own estimate"),
+    Row(S.ACTIVE, C.DEPTH_OUT_OF_BOUNDS, NOTHING, S.RAMP_DOWN, "it is where it may not be"),
     Row(S.ACTIVE, C.TILTED, NOTHING, S.RAMP_DOWN, "it rolled or pitched too far"),
+    Row(S.ACTIVE, C.TICK_LATE, NOTHING, S.RAMP_DOWN, "this process does not keep time"),
+    Row(S.ACTIVE, C.LEAK, NOTHING, S.HAND_OVER, "there is water inside"),
+    Row(S.ACTIVE, C.AUTOPILOT_FAILSAFE, NOTHING, S.RAMP_DOWN, "a failsafe of the autopilot's acts"),
     Row(S.ACTIVE, C.OPERATOR_STOP, NOTHING, S.RAMP_DOWN, "the operator stopped it"),
+    Row(S.ACTIVE, C.POSITION_STALE, NOTHING, S.HAND_OVER, "no fresh position"),
+    Row(S.ACTIVE, C.DELAY_TOO_LONG, NOTHING, S.HAND_OVER, "the link is too slow for any gains"),
+    Row(S.ACTIVE, C.SURPRISED, NOTHING, S.HAND_OVER, "our estimate keeps being wrong"),
+    Row(S.ACTIVE, C.OFF_TRACK, NOTHING, S.HAND_OVER, "it is not where it should be"),
     Row(S.RAMP_DOWN, C.NON_FINITE, NOTHING, S.FAULT, "a computed value was not finite"),
     Row(S.RAMP_DOWN, C.LINK_LOST, NOTHING, S.FAULT, "the vehicle fell silent"),
+    Row(S.RAMP_DOWN, C.REBOOTED, NOTHING, S.FAULT, "the autopilot started anew"),
     Row(S.RAMP_DOWN, C.DEPTH_STALE | C.ATTITUDE_STALE, NOTHING, S.FAULT, "blind while ramping down"),
     Row(S.RAMP_DOWN, C.WRONG_MODE | C.PILOT_TAKEOVER, NOTHING, S.PILOT, "the pilot took over"),
     Row(S.RAMP_DOWN, C.DISARMED, NOTHING, S.IDLE, "the vehicle was disarmed"),
     Row(S.RAMP_DOWN, C.RAMPED_DOWN, NOTHING, S.IDLE, "ramped down to neutral"),
+    Row(S.HAND_OVER, C.NON_FINITE, NOTHING, S.FAULT, "a computed value was not finite"),
+    Row(S.HAND_OVER, C.LINK_LOST, NOTHING, S.FAULT, "the vehicle fell silent"),
+    Row(S.HAND_OVER, C.REBOOTED, NOTHING, S.FAULT, "the autopilot started anew"),
+    Row(S.HAND_OVER, C.WRONG_MODE | C.PILOT_TAKEOVER, NOTHING, S.PILOT, "the pilot took over"),
+    Row(S.HAND_OVER, C.DISARMED, NOTHING, S.IDLE, "the vehicle was disarmed"),
+    Row(S.HAND_OVER, C.OPERATOR_STOP, NOTHING, S.PILOT, "the operator stopped handing over"),
+    Row(S.HAND_OVER, C.HAND_OVER_REFUSED, NOTHING, S.FAULT, "the autopilot did not take ALT_HOLD"),
+    Row(S.HAND_OVER, C.HANDED_OVER, NOTHING, S.PILOT, "the autopilot holds the depth"),
     Row(S.PILOT, C.NON_FINITE, NOTHING, S.FAULT, "a computed value was not finite"),
     Row(S.PILOT, C.CLEAR_ASKED | C.ENGAGE_ASKED, C.PILOT_TAKEOVER, S.IDLE, "the operator takes it back"),
     Row(S.FAULT, C.CLEAR_ASKED, C.NON_FINITE, S.IDLE, "the operator cleared the fault"),
 )
 
+
+class Notice(NamedTuple):
+    """What is told, and with `freeze` stops learning, while ACTIVE goes on."""
+
+    when: Condition
+    freeze: bool
+
+
+NOTICES = (
+    Notice(C.DEPTH_JUMPED, freeze=True),
+    Notice(C.SATURATED, freeze=True),
+    Notice(C.BATTERY_LOW, freeze=False),
+    Notice(C.QUEUE_FULL, freeze=False),
+    Notice(C.CONFIG_CHANGED, freeze=False),
+)
+WARNS = NOTHING
+FREEZES = NOTHING
+for _notice in NOTICES:
+    WARNS |= _notice.when
+    FREEZES |= _notice.when if _notice.freeze else NOTHING
+
+
+CARRY_AUTHORITY = (S.ACTIVE, S.RAMP_DOWN, S.HAND_OVER)
 
 # The same as plain integers by state: enum arithmetic costs a microsecond a row.
 _ROWS = {
@@ -77,30 +122,34 @@ def transition(state: State, conditions: Condition) -> Row | None:
 
 
 class Supervisor:
-    """The state, its reason and the authority that goes with it."""
+    """The state, its reason and the authority that goes with it; `ramp_up_s` 0 gives all of it at once."""
 
-    def __init__(self, ramp_down_s: float) -> None:
-        self._ramp_down_s = ramp_down_s
+    def __init__(self, ramp_down_s: float, ramp_up_s: float = 0.0) -> None:
+        self.ramp_down_s = ramp_down_s
+        self.ramp_up_s = ramp_up_s
         self._verdict = Verdict(State.IDLE, NOTHING, 0.0, "just started")
 
     def step(self, conditions: Condition, dt_s: float) -> Verdict:
         """Take one tick's conditions and give the verdict.
 
-        Authority is 1 in ACTIVE, falls to 0 over `ramp_down_s` in RAMP_DOWN, and is 0 everywhere else.
+        Authority rises to 1 over `ramp_up_s` in ACTIVE, falls to 0 over `ramp_down_s` in RAMP_DOWN and
+        HAND_OVER, and is 0 everywhere else.
         """
         before = self._verdict
-        authority = max(0.0, before.authority - dt_s / self._ramp_down_s)
+        authority = max(0.0, before.authority - dt_s / self.ramp_down_s)
         if before.state is State.RAMP_DOWN and authority == 0.0:
             conditions |= Condition.RAMPED_DOWN
         row = transition(before.state, conditions)
         state, reason = (row.to, row.because) if row else (before.state, before.reason)
         if state is State.ACTIVE:
-            authority = 1.0
-        elif state is not State.RAMP_DOWN:
+            authority = min(1.0, before.authority + dt_s / self.ramp_up_s) if self.ramp_up_s > 0.0 else 1.0
+        elif state not in CARRY_AUTHORITY:
             authority = 0.0
         if state is before.state is State.IDLE and (missing := conditions & UNFIT):
             reason = "waiting for: " + names(missing)
-        self._verdict = Verdict(state, conditions, authority, reason)
+        self._verdict = Verdict(
+            state, conditions, authority, reason, conditions & WARNS, bool(conditions & FREEZES)
+        )
         return self._verdict
 
 
@@ -120,55 +169,18 @@ class Envelope:
 def guard(
     command: AxisCommand, verdict: Verdict, previous: AxisCommand, envelope: Envelope, dt_s: float
 ) -> AxisCommand:
-    """Return what may be sent: finite, bounded, slew-limited, scaled by authority; neutral unless permitted.
+    """Return what may be sent: finite, bounded, slew-limited; neutral unless permitted.
 
-    Losing permission is not slew-limited: neutral at once.
+    Losing permission is not slew-limited: neutral at once. Authority scales newtons, so it is applied where
+    those are (`Engine.step`): on an axis, which a thruster curve bends, a ramp would not be even.
     """
     wanted = (command.surge, command.sway, command.heave, command.yaw)
-    permitted = verdict.state in (State.ACTIVE, State.RAMP_DOWN) and 0.0 < verdict.authority <= 1.0
+    permitted = verdict.state in CARRY_AUTHORITY and 0.0 < verdict.authority <= 1.0
     if not (permitted and all(map(math.isfinite, wanted))):
         return NEUTRAL
     step = envelope.max_slew_per_s * dt_s
     last = (previous.surge, previous.sway, previous.heave, previous.yaw)
     if not all(map(math.isfinite, last)):
         last = (0.0, 0.0, 0.0, 0.0)
-    bounded = (max(-envelope.max_axis, min(envelope.max_axis, verdict.authority * axis)) for axis in wanted)
+    bounded = (max(-envelope.max_axis, min(envelope.max_axis, axis)) for axis in wanted)
     return AxisCommand(*(max(p - step, min(p + step, axis)) for p, axis in zip(last, bounded, strict=True)))
-
-
-def assess(
-    state: VehicleState,
-    limits: Limits,
-    *,
-    steering_mode: int,
-    parameters: Mapping[str, float],
-    holds_position: bool,
-    finite: bool,
-    late_s: float,
-    pilot_deflection: float,
-    stop: bool,
-    engage: bool,
-    clear: bool,
-) -> Condition:
-    """Return the conditions that hold this tick; what is not known counts against permission."""
-    ages = state.ages
-    lost = not (ages.link_s <= limits.link_timeout_s and ages.heartbeat_s <= limits.heartbeat_timeout_s)
-    failsafe = parameters.get("FS_PILOT_INPUT", 0.0) >= 1.0
-    failsafe &= parameters.get("FS_PILOT_TIMEOUT", math.inf) <= limits.max_pilot_timeout_s
-    holds = (
-        (C.LINK_LOST, lost),
-        (C.DEPTH_STALE, not ages.depth_s <= limits.depth_timeout_s),
-        (C.ATTITUDE_STALE, not ages.attitude_s <= limits.attitude_timeout_s),
-        (C.POSITION_STALE, holds_position and not ages.position_s <= limits.position_timeout_s),
-        (C.DISARMED, not state.armed),
-        (C.WRONG_MODE, state.mode != steering_mode),
-        (C.FAILSAFE_UNSAFE, not failsafe),
-        (C.NON_FINITE, not finite),
-        (C.TICK_LATE, not late_s <= limits.late_tick_s),
-        (C.TILTED, not max(abs(state.roll), abs(state.pitch)) <= math.radians(limits.max_tilt_deg)),
-        (C.PILOT_TAKEOVER, not pilot_deflection <= limits.pilot_deflection),
-        (C.OPERATOR_STOP, stop),
-        (C.ENGAGE_ASKED, engage),
-        (C.CLEAR_ASKED, clear),
-    )
-    return Condition(sum(bit.value for bit, holding in holds if holding))

@@ -188,6 +188,23 @@ class Reboot:
     t_s: float
 
 
+@dataclass(frozen=True, slots=True)
+class EkfStatus:
+    """What the autopilot's estimator says of itself: what it has, and its worst test ratio."""
+
+    t_s: float
+    attitude: bool
+    depth: bool
+    variance: float
+
+
+@dataclass(frozen=True, slots=True)
+class Leak:
+    """The autopilot's leak detector is wet."""
+
+    t_s: float
+
+
 Event = (
     Heartbeat
     | Attitude
@@ -207,6 +224,8 @@ Event = (
     | CommandAck
     | StatusText
     | Reboot
+    | EkfStatus
+    | Leak
 )
 
 
@@ -283,7 +302,8 @@ class VehicleState:
     """What the estimator believes. Arrays of shape (4,) in DOF order, NED.
 
     `eta`, `eta_dot` are now; `eta_ahead`, `eta_dot_ahead` are `ahead_s` later, when a command sent now acts.
-    `disturbance` is the observer's d in the paper's sign: m x'' = tau - h - d.
+    `disturbance` is the observer's d in the paper's sign: m x'' = tau - h - d. `innovation` is by how much
+    the newest positions missed what was expected; a depth that missed by too much was refused.
     """
 
     t_s: float
@@ -305,6 +325,8 @@ class VehicleState:
     pilot_gain: float
     ages: Ages
     delays: Delays
+    innovation: Array = field(default_factory=lambda: np.zeros(4))
+    depth_refused: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -334,6 +356,7 @@ class State(StrEnum):
     READY = "READY"
     ACTIVE = "ACTIVE"
     RAMP_DOWN = "RAMP_DOWN"
+    HAND_OVER = "HAND_OVER"
     PILOT = "PILOT"
     FAULT = "FAULT"
 
@@ -356,16 +379,36 @@ class Condition(IntFlag):
     ENGAGE_ASKED = auto()
     CLEAR_ASKED = auto()
     RAMPED_DOWN = auto()
+    DEPTH_JUMPED = auto()
+    DEPTH_OUT_OF_BOUNDS = auto()
+    EKF_UNHEALTHY = auto()
+    LEAK = auto()
+    BATTERY_LOW = auto()
+    AUTOPILOT_FAILSAFE = auto()
+    REBOOTED = auto()
+    SATURATED = auto()
+    OFF_TRACK = auto()
+    DELAY_TOO_LONG = auto()
+    SURPRISED = auto()
+    QUEUE_FULL = auto()
+    CONFIG_CHANGED = auto()
+    HANDED_OVER = auto()
+    HAND_OVER_REFUSED = auto()
 
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """The supervisor's word for this tick. `authority` 0..1 scales the command: 0 is neutral."""
+    """The supervisor's word for this tick. `authority` 0..1 scales the wrench: 0 is neutral.
+
+    `warnings` are those of the conditions that are only told; with `freeze` nothing may be learnt.
+    """
 
     state: State
     conditions: Condition
     authority: float
     reason: str
+    warnings: Condition = field(default_factory=lambda: Condition(0))
+    freeze: bool = False
 
 
 @dataclass(frozen=True, slots=True)

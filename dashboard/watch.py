@@ -36,7 +36,8 @@ _BANNER = {
     "READY": ("black on white", "may engage"),
     "ACTIVE": ("bold white on blue", "holding"),
     "RAMP_DOWN": ("bold black on yellow", "letting go"),
-    "PILOT": ("bold black on yellow", "the pilot steers"),
+    "HAND_OVER": ("bold black on yellow", "giving it to ALT_HOLD"),
+    "PILOT": ("bold black on yellow", "the pilot, or ALT_HOLD, has it"),
     "FAULT": ("bold white on red", "latched until the operator clears it"),
 }
 _DOFS = {"x": "north", "y": "east", "z": "depth", "psi": "heading"}

@@ -210,7 +210,7 @@ def _sim_options(story: Story, endpoint: str, mavlink: str) -> list[str]:
 def _refuse_trouble(heard: Recording, connected: bool, late: bool, endpoint: str, crew: Crew) -> None:
     """Raise DemoError if the controller let go, or if nothing comes of it."""
     supervisor = heard.supervisor
-    if supervisor and supervisor.state in ("RAMP_DOWN", "PILOT", "FAULT"):
+    if supervisor and supervisor.state in ("RAMP_DOWN", "HAND_OVER", "PILOT", "FAULT"):
         raise DemoError(
             f"the controller let go of the vehicle: {supervisor.reason} ({supervisor.state}). "
             f"Where this machine is very busy, try again later.\n{crew.last_lines()}"

@@ -20,6 +20,7 @@ ROOT = Path(__file__).parent.parent
 CALM = ("current.enabled=false",)
 DEPTH_M, HEADING_RAD = 1.0, 0.3
 ARM = mavlink.MAV_CMD_COMPONENT_ARM_DISARM
+CARRY_AUTHORITY = (State.ACTIVE, State.RAMP_DOWN, State.HAND_OVER)
 STEERING = {mavlink.MAVLINK_MSG_ID_MANUAL_CONTROL, mavlink.MAVLINK_MSG_ID_RC_CHANNELS_OVERRIDE}
 
 
@@ -113,7 +114,7 @@ class Tap:
         assert all(isfinite(axis) and abs(axis) <= self.max_axis for axis in command)
         assert all(abs(axis) <= 1.0 for axes in frames for axis in axes)
         assert len(frames) <= 1
-        if state not in (State.ACTIVE, State.RAMP_DOWN):
+        if sample.verdict.authority == 0.0 or state not in CARRY_AUTHORITY:
             assert sample.verdict.authority == 0.0
             assert command == astuple(NEUTRAL)
             assert not any(axis for axes in frames for axis in axes)

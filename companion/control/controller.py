@@ -58,6 +58,8 @@ class Controller:
         self._gains = gains
         self.reference = reference
         self._compensators = compensators
+        self.frozen = False
+        """Whether nothing may be learnt for the time being."""
         self._engaged_s = 0.0
         self._carried = np.zeros(4)
         self._heirs = np.zeros(4, bool)
@@ -111,7 +113,7 @@ class Controller:
         lam, kappa, keenness = gains.softened(state.delays.total_s)
         eps = e_dot + lam * e
         theta = inputs(e, e_dot, state.eta_dot_ahead, reference.x_d_dot, reference.x_d_ddot)
-        may_learn = engaged & free & (self._engaged_s >= gains.start_delay_s)
+        may_learn = engaged & free & (not self.frozen) & (self._engaged_s >= gains.start_delay_s)
         d_hat = bounded(state.disturbance, gains.d_max) * gains.by_observer
         adapting, weight_norm = np.zeros(e.shape, bool), np.zeros(e.shape)
         before: DofSample | None = None

@@ -29,9 +29,11 @@ from companion.types import (
     Depth,
     DepthRate,
     EkfOrigin,
+    EkfStatus,
     Event,
     Firmware,
     Heartbeat,
+    Leak,
     LinkCounters,
     Parameter,
     PilotGain,
@@ -81,6 +83,12 @@ PRESSURES: Final = (
 """By barometer: BARO_PRIMARY, where ArduSub notes which one is in the water, counts from 0."""
 
 RELEASES: Final = {0: "dev", 64: "alpha", 128: "beta", 192: "rc"}
+
+EKF_ATTITUDE: Final = mavlink.EKF_ATTITUDE
+EKF_DEPTH: Final = mavlink.EKF_VELOCITY_VERT | mavlink.EKF_POS_VERT_ABS
+EKF_UNINITIALIZED: Final = mavlink.EKF_UNINITIALIZED
+LEAK_TEXT: Final = "leak detected"
+"""ArduSub says so every 20 s while a detector is wet and FS_LEAK_ENABLE is not 0 (failsafe_leak_check)."""
 
 CHUNK_CHARS: Final = 50
 MAX_CHUNKS: Final = 8
@@ -175,6 +183,7 @@ class Converter:
             mavlink.MAVLINK_MSG_ID_TIMESYNC: self._timesync,
             mavlink.MAVLINK_MSG_ID_BATTERY_STATUS: self._battery_status,
             mavlink.MAVLINK_MSG_ID_SYS_STATUS: self._sys_status,
+            mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT: self._ekf_status,
             mavlink.MAVLINK_MSG_ID_NAMED_VALUE_FLOAT: self._named_value,
             mavlink.MAVLINK_MSG_ID_PARAM_VALUE: self._param_value,
             mavlink.MAVLINK_MSG_ID_COMMAND_ACK: self._command_ack,
@@ -326,6 +335,13 @@ class Converter:
             return ()
         return self._voltage(t_s, m.voltage_battery / 1e3)
 
+    def _ekf_status(self, m: Message, t_s: float) -> tuple[Event, ...]:
+        variance = max(m.velocity_variance, m.pos_vert_variance, m.compass_variance)
+        if not math.isfinite(m.velocity_variance + m.pos_vert_variance + m.compass_variance):
+            return self._implausible()
+        depth = m.flags & EKF_DEPTH == EKF_DEPTH and not m.flags & EKF_UNINITIALIZED
+        return (EkfStatus(t_s, bool(m.flags & EKF_ATTITUDE), depth, variance),)
+
     def _named_value(self, m: Message, t_s: float) -> tuple[Event, ...]:
         if m.name in ("InputHold", "RollPitch"):
             return (PilotToggle(t_s, m.name, m.value != 0.0),)
@@ -352,7 +368,12 @@ class Converter:
         return (CommandAck(t_s, m.command, m.result),)
 
     def _statustext(self, m: Message, t_s: float) -> tuple[Event, ...]:
-        return tuple(StatusText(t_s, severity, text) for severity, text in self._texts.add(m))
+        events: tuple[Event, ...] = ()
+        for severity, text in self._texts.add(m):
+            events += (StatusText(t_s, severity, text),)
+            if LEAK_TEXT in text.lower():
+                events += (Leak(t_s),)
+        return events
 
     def _manual_control(self, m: Message, t_s: float) -> tuple[Event, ...]:
         sticks = max(abs(m.x), abs(m.y), abs(m.r)) / STICK

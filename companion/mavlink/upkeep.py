@@ -59,6 +59,7 @@ class Upkeep:
         self._streams = Streams(streams() if rates_hz is None else rates_hz)
         self._parameters: dict[str, float] = {}
         self._last: Heartbeat | None = None
+        self._wanted_mode: Mode | None = None
         self._heartbeat = _Timer(HEARTBEAT_S)
         self._forget()
 
@@ -110,6 +111,8 @@ class Upkeep:
             out.append(self._commands.request_message(mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION))
         if self._timesync.due(now_s):
             out.append(self._commands.timesync(now_s))
+        if want_mode != self._wanted_mode:
+            self._wanted_mode, self._mode = want_mode, _Timer(COMMAND_S)
         if want_mode is not None and self._last.mode != want_mode and self._mode.due(now_s):
             out.append(self._commands.set_mode(want_mode))
         if want_armed and not self._last.armed and self._arming.due(now_s):

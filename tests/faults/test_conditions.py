@@ -14,10 +14,11 @@ from companion.types import Request, State
 
 TICK_S = 0.02
 HEARTBEAT_S = 1.0
-RAMP_S = 0.5
+RAMP_S = 1.0
 DEPTH_S = ATTITUDE_S = 0.5
 """The shipped configuration's timeouts."""
 
+ALT_HOLD = 2
 PILOT_TIMEOUT_S = 3.0
 """ArduSub's own, after which it lets go of what it was last told."""
 
@@ -43,6 +44,16 @@ def ramping_down():
     return dive.until(State.RAMP_DOWN)
 
 
+def handing_over():
+    """It has lost the position that it was told to hold."""
+    dive = Dive("sensors.dvl=true", setpoint=hold(x=0.1, y=0.1))
+    dive.tap.to_vehicle.append(Somebody().origin())
+    dive.until(State.ACTIVE)
+    dive.run(1.0)
+    dive.fault("message_stopped", message="LOCAL_POSITION_NED")
+    return dive.until(State.HAND_OVER)
+
+
 def pilots():
     dive = active()
     dive.fault("mode", value=0)
@@ -66,6 +77,7 @@ STATES = {
     State.READY: ready,
     State.ACTIVE: active,
     State.RAMP_DOWN: ramping_down,
+    State.HAND_OVER: handing_over,
     State.PILOT: pilots,
     State.FAULT: faulty,
 }
@@ -141,6 +153,11 @@ ELSEWHERE = {
     (State.READY, wrong_mode): [State.IDLE],
     (State.READY, failsafe_unsafe): [State.IDLE],
     (State.READY, tick_late): [State.IDLE, State.READY],
+    (State.HAND_OVER, link_lost): [State.FAULT],
+    (State.HAND_OVER, disarmed): [State.IDLE],
+    (State.HAND_OVER, non_finite): [State.FAULT],
+    (State.HAND_OVER, pilot_takes_over): [State.PILOT],
+    (State.HAND_OVER, operator_stops): [State.PILOT],
     (State.RAMP_DOWN, link_lost): [State.FAULT],
     (State.RAMP_DOWN, depth_stale): [State.FAULT],
     (State.RAMP_DOWN, attitude_stale): [State.FAULT],
@@ -181,23 +198,25 @@ def test_elsewhere_it_never_engages(state, condition):
     seen = left(dive, state, since_s)
     assert State.ACTIVE not in seen
     assert seen == ELSEWHERE.get((state, condition), [])
-    if state is not State.RAMP_DOWN:
+    if state not in (State.RAMP_DOWN, State.HAND_OVER):
         assert dive.tap.last_thrust_s <= since_s
         assert dive.motors_rest() or condition is wrong_mode
 
 
-def test_a_lost_position_source_ramps_down():
+def test_a_lost_position_source_hands_over():
     dive = Dive("sensors.dvl=true", setpoint=hold(x=0.1, y=0.1))
     dive.tap.to_vehicle.append(Somebody().origin())
     dive.until(State.ACTIVE)
-    dive.run(1.0)
+    dive.run(6.0)
     assert dive.step.sample.dofs.engaged.all()
     since_s = dive.t_s
     dive.fault("message_stopped", message="LOCAL_POSITION_NED")
-    dive.run(2.4)
-    assert dive.states_since(since_s)[:2] == [State.ACTIVE, State.RAMP_DOWN]
+    depth_m = dive.step.truth.eta[2]
+    steps = dive.run(10.0)
+    assert dive.states_since(since_s) == [State.ACTIVE, State.HAND_OVER]
     assert dive.tap.last_thrust_s - since_s <= 1.0 + RAMP_S + 0.1
-    assert dive.motors_rest()
+    assert dive.step.truth.mode == ALT_HOLD
+    assert max(abs(step.truth.eta[2] - depth_m) for step in steps) < 0.1
 
 
 def test_without_a_position_source_a_lost_one_is_none_of_our_business():
@@ -216,6 +235,10 @@ def test_after_a_fault_the_operator_alone_brings_it_back(state):
         return
     if state is State.RAMP_DOWN:
         dive.until(State.READY)
+    if state is State.HAND_OVER:
+        dive.run(4.0)
+        dive.ask(Request.STOP)
+        dive.until(State.PILOT)
     if state is State.FAULT:
         dive.ask(Request.ENGAGE)
         dive.run(0.5)

@@ -11,6 +11,7 @@ from companion.supervisor import Envelope, Supervisor, guard
 from companion.types import NEUTRAL, AxisCommand, Condition, State, Verdict
 
 C = Condition
+CARRY_AUTHORITY = (State.ACTIVE, State.RAMP_DOWN, State.HAND_OVER)
 
 any_command = st.builds(AxisCommand, *[st.floats()] * 4)
 any_verdict = st.builds(Verdict, st.sampled_from(list(State)), st.just(C(0)), st.floats(), st.just(""))
@@ -39,7 +40,7 @@ def test_guard_is_finite_bounded_slow_and_neutral_unless_permitted(command, verd
     axis = st.floats(-envelope.max_axis, envelope.max_axis)
     previous = data.draw(st.builds(AxisCommand, axis, axis, axis, axis))
     sent = guard(command, verdict, previous, envelope, dt_s)
-    permitted = verdict.state in (State.ACTIVE, State.RAMP_DOWN) and 0.0 < verdict.authority <= 1.0
+    permitted = verdict.state in CARRY_AUTHORITY and 0.0 < verdict.authority <= 1.0
     if not permitted or not all(map(math.isfinite, astuple(command))):
         assert sent == NEUTRAL
         return
@@ -74,12 +75,11 @@ class Permission(RuleBasedStateMachine):
     def authority_goes_with_the_state(self):
         state, authority = self.verdict.state, self.verdict.authority
         assert 0.0 <= authority <= 1.0
-        assert authority == 0.0 or state in (State.ACTIVE, State.RAMP_DOWN)
-        assert state is not State.ACTIVE or authority == 1.0
+        assert authority == 0.0 or state in CARRY_AUTHORITY
 
     @invariant()
     def authority_never_grows_while_ramping_down(self):
-        if self.verdict.state is State.RAMP_DOWN:
+        if self.verdict.state in (State.RAMP_DOWN, State.HAND_OVER):
             assert self.verdict.authority <= self.was.authority
 
     @invariant()

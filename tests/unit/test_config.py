@@ -103,11 +103,11 @@ def test_an_unknown_key_in_the_file_is_refused(edited):
 
 
 def test_a_missing_key_is_named(edited):
-    path = edited("ramp_down_s = 0.5\n", "")
+    path = edited("saturated_s = 5.0 ", "# ")
     message = refusal(path)
     assert str(path) in message
     assert "supervisor" in message
-    assert "ramp_down_s" in message
+    assert "saturated_s" in message
     assert "missing" in message
 
 

@@ -7,14 +7,16 @@ from dataclasses import astuple, replace
 import numpy as np
 import pytest
 
+from companion.conditions import CONDITIONS, Observation, assess
 from companion.config import load_config
-from companion.supervisor import TRANSITIONS, Envelope, Supervisor, assess, guard, names, transition
+from companion.supervisor import TRANSITIONS, Envelope, Supervisor, guard, names, transition
 from companion.types import (
     NEUTRAL,
     Ages,
     AxisCommand,
     Condition,
     Delays,
+    EkfStatus,
     State,
     VehicleState,
     Verdict,
@@ -36,7 +38,16 @@ UNFIT = (
     C.NON_FINITE,
     C.TICK_LATE,
     C.TILTED,
+    C.DEPTH_JUMPED,
+    C.DEPTH_OUT_OF_BOUNDS,
+    C.EKF_UNHEALTHY,
+    C.SURPRISED,
+    C.DELAY_TOO_LONG,
+    C.LEAK,
+    C.BATTERY_LOW,
+    C.REBOOTED,
 )
+ONLY_TOLD = (C.SATURATED, C.QUEUE_FULL, C.CONFIG_CHANGED)
 FORBIDS_ENGAGING = (*UNFIT, C.PILOT_TAKEOVER, C.OPERATOR_STOP)
 
 # What one condition alone leads to; what is not listed changes nothing.
@@ -49,7 +60,8 @@ EXPECTED = {
         C.OPERATOR_STOP: State.READY,
         C.ENGAGE_ASKED: State.READY,
         C.CLEAR_ASKED: State.READY,
-        C.RAMPED_DOWN: State.READY,
+        **dict.fromkeys((C.RAMPED_DOWN, C.HANDED_OVER, C.HAND_OVER_REFUSED), State.READY),
+        **dict.fromkeys((*ONLY_TOLD, C.OFF_TRACK, C.AUTOPILOT_FAILSAFE), State.READY),
     },
     State.READY: {
         **dict.fromkeys(UNFIT, State.IDLE),
@@ -60,7 +72,15 @@ EXPECTED = {
         C.LINK_LOST: State.FAULT,
         C.DEPTH_STALE: State.FAULT,
         C.ATTITUDE_STALE: State.FAULT,
-        C.POSITION_STALE: State.RAMP_DOWN,
+        C.REBOOTED: State.FAULT,
+        C.POSITION_STALE: State.HAND_OVER,
+        C.LEAK: State.HAND_OVER,
+        C.DELAY_TOO_LONG: State.HAND_OVER,
+        C.SURPRISED: State.HAND_OVER,
+        C.OFF_TRACK: State.HAND_OVER,
+        C.EKF_UNHEALTHY: State.RAMP_DOWN,
+        C.DEPTH_OUT_OF_BOUNDS: State.RAMP_DOWN,
+        C.AUTOPILOT_FAILSAFE: State.RAMP_DOWN,
         C.DISARMED: State.IDLE,
         C.WRONG_MODE: State.PILOT,
         C.FAILSAFE_UNSAFE: State.RAMP_DOWN,
@@ -79,6 +99,18 @@ EXPECTED = {
         C.NON_FINITE: State.FAULT,
         C.PILOT_TAKEOVER: State.PILOT,
         C.RAMPED_DOWN: State.IDLE,
+        C.REBOOTED: State.FAULT,
+    },
+    State.HAND_OVER: {
+        C.LINK_LOST: State.FAULT,
+        C.REBOOTED: State.FAULT,
+        C.NON_FINITE: State.FAULT,
+        C.HAND_OVER_REFUSED: State.FAULT,
+        C.WRONG_MODE: State.PILOT,
+        C.PILOT_TAKEOVER: State.PILOT,
+        C.OPERATOR_STOP: State.PILOT,
+        C.HANDED_OVER: State.PILOT,
+        C.DISARMED: State.IDLE,
     },
     State.PILOT: {
         C.NON_FINITE: State.FAULT,
@@ -100,6 +132,7 @@ def brought_to(state):
         State.READY: [NOTHING],
         State.ACTIVE: [NOTHING, C.ENGAGE_ASKED],
         State.RAMP_DOWN: [NOTHING, C.ENGAGE_ASKED, C.OPERATOR_STOP],
+        State.HAND_OVER: [NOTHING, C.ENGAGE_ASKED, C.OFF_TRACK],
         State.PILOT: [NOTHING, C.ENGAGE_ASKED, C.PILOT_TAKEOVER],
         State.FAULT: [NOTHING, C.ENGAGE_ASKED, C.LINK_LOST],
     }[state]
@@ -117,7 +150,7 @@ def test_every_condition_alone_in_every_state(state, condition):
     verdict = brought_to(state).step(condition, TICK_S)
     assert verdict.state is expected
     assert verdict.conditions & condition == condition
-    assert (verdict.authority > 0.0) == (expected in (State.ACTIVE, State.RAMP_DOWN))
+    assert (verdict.authority > 0.0) == (expected in (State.ACTIVE, State.RAMP_DOWN, State.HAND_OVER))
 
 
 @pytest.mark.parametrize("row", TRANSITIONS, ids=lambda row: f"{row.at}-{row.to}-{row.because}")
@@ -236,26 +269,57 @@ FINE_STATE = VehicleState(
     ages=Ages(0.0, 0.0, 0.0, 0.0, 0.0),
     delays=Delays(0.01, 0.01, True, True),
 )
+SOUND = EkfStatus(9.9, attitude=True, depth=True, variance=0.1)
 SAFE = {"FS_PILOT_INPUT": 2.0, "FS_PILOT_TIMEOUT": 3.0}
 
 
 def assessed(state=FINE_STATE, **changes):
-    arguments = {
-        "steering_mode": 19,
-        "parameters": SAFE,
-        "holds_position": True,
-        "finite": True,
-        "late_s": 0.0,
-        "pilot_deflection": 0.0,
-        "stop": False,
-        "engage": False,
-        "clear": False,
-    }
-    return assess(state, LIMITS, **(arguments | changes))
+    state = changes.pop("state", state)
+    arguments = {"mode_right": True, "parameters": SAFE, "ekf": SOUND, "holds_position": True}
+    return assess(Observation(state=state, **(arguments | changes)), LIMITS)
 
 
 def aged(**ages):
     return replace(FINE_STATE, ages=replace(FINE_STATE.ages, **ages))
+
+
+def at_depth(z):
+    return replace(FINE_STATE, eta=np.array([0.0, 0.0, z, 0.0]))
+
+
+def delayed(total_s):
+    return replace(FINE_STATE, delays=Delays(0.5 * total_s, 0.5 * total_s, True, True))
+
+
+@pytest.mark.parametrize("look", CONDITIONS, ids=lambda look: look.condition.name)
+def test_every_key_that_decides_is_in_the_configuration(look):
+    assert all(hasattr(LIMITS, key) for key in look.keys)
+    assert look.means
+    assert look.do
+
+
+def test_every_condition_has_its_look_or_is_made_by_the_sequence_itself():
+    made = {C.RAMPED_DOWN, C.HANDED_OVER, C.HAND_OVER_REFUSED}
+    assert {look.condition for look in CONDITIONS} == set(C) - made
+
+
+def test_what_is_only_told_is_told_and_freezes_where_it_should():
+    supervisor = brought_to(State.ACTIVE)
+    for condition in (*ONLY_TOLD, C.BATTERY_LOW, C.DEPTH_JUMPED):
+        verdict = supervisor.step(condition, TICK_S)
+        assert verdict.state is State.ACTIVE
+        assert verdict.warnings == condition
+        assert verdict.freeze == (condition in (C.SATURATED, C.DEPTH_JUMPED))
+    calm = supervisor.step(NOTHING, TICK_S)
+    assert (calm.warnings, calm.freeze) == (NOTHING, False)
+
+
+def test_authority_rises_evenly_on_engaging():
+    supervisor = Supervisor(RAMP_S, ramp_up_s=0.4)
+    supervisor.step(NOTHING, TICK_S)
+    authorities = [supervisor.step(C.ENGAGE_ASKED, TICK_S).authority for _ in range(25)]
+    np.testing.assert_allclose(authorities[:20], np.arange(1, 21) * TICK_S / 0.4, atol=1e-12)
+    assert authorities[20:] == [1.0] * 5
 
 
 def test_nothing_holds_when_all_is_well():
@@ -271,7 +335,28 @@ def test_nothing_holds_when_all_is_well():
         (aged(position_s=LIMITS.position_timeout_s + 0.01), {}, C.POSITION_STALE),
         (aged(position_s=math.inf), {"holds_position": False}, NOTHING),
         (replace(FINE_STATE, armed=False), {}, C.DISARMED),
-        (replace(FINE_STATE, mode=0), {}, C.WRONG_MODE),
+        (FINE_STATE, {"mode_right": False}, C.WRONG_MODE),
+        (FINE_STATE, {"ekf": None}, C.EKF_UNHEALTHY),
+        (FINE_STATE, {"ekf": replace(SOUND, attitude=False)}, C.EKF_UNHEALTHY),
+        (FINE_STATE, {"ekf": replace(SOUND, depth=False)}, C.EKF_UNHEALTHY),
+        (FINE_STATE, {"ekf": replace(SOUND, variance=LIMITS.max_ekf_variance + 0.01)}, C.EKF_UNHEALTHY),
+        (aged(heartbeat_s=LIMITS.heartbeat_timeout_s + 0.01), {}, C.LINK_LOST),
+        (replace(FINE_STATE, roll=math.radians(LIMITS.max_tilt_deg) + 0.01), {}, C.TILTED),
+        (replace(FINE_STATE, pitch=-math.radians(LIMITS.max_tilt_deg) - 0.01), {}, C.TILTED),
+        (at_depth(LIMITS.max_depth_m + LIMITS.depth_margin_m + 0.01), {}, C.DEPTH_OUT_OF_BOUNDS),
+        (at_depth(-LIMITS.depth_margin_m - 0.01), {}, C.DEPTH_OUT_OF_BOUNDS),
+        (replace(FINE_STATE, depth_refused=True), {}, C.DEPTH_JUMPED),
+        (delayed(LIMITS.max_delay_s + 0.001), {}, C.DELAY_TOO_LONG),
+        (FINE_STATE, {"leaking": True}, C.LEAK),
+        (FINE_STATE, {"rebooted": True}, C.REBOOTED),
+        (FINE_STATE, {"failsafe": True}, C.AUTOPILOT_FAILSAFE),
+        (FINE_STATE, {"battery_low_s": LIMITS.battery_low_s + 0.01}, C.BATTERY_LOW),
+        (FINE_STATE, {"saturated_s": LIMITS.saturated_s + 0.01}, C.SATURATED),
+        (FINE_STATE, {"off_track_s": LIMITS.off_track_s + 0.01}, C.OFF_TRACK),
+        (FINE_STATE, {"surprise_m": LIMITS.max_surprise_m + 0.001}, C.SURPRISED),
+        (FINE_STATE, {"surprise_deg": LIMITS.max_surprise_deg + 0.01}, C.SURPRISED),
+        (FINE_STATE, {"samples_dropped": True}, C.QUEUE_FULL),
+        (FINE_STATE, {"config_changed": True}, C.CONFIG_CHANGED),
         (FINE_STATE, {"parameters": {}}, C.FAILSAFE_UNSAFE),
         (FINE_STATE, {"parameters": SAFE | {"FS_PILOT_INPUT": 0.0}}, C.FAILSAFE_UNSAFE),
         (FINE_STATE, {"parameters": SAFE | {"FS_PILOT_TIMEOUT": 3.1}}, C.FAILSAFE_UNSAFE),
@@ -299,6 +384,13 @@ def test_an_age_that_is_not_known_counts_against_permission(signal, age):
     [
         {"late_s": math.nan},
         {"pilot_deflection": math.nan},
+        {"surprise_m": math.nan},
+        {"surprise_deg": math.nan},
+        {"off_track_s": math.nan},
+        {"state": at_depth(math.nan)},
+        {"state": delayed(math.nan)},
+        {"state": replace(FINE_STATE, roll=math.nan)},
+        {"ekf": replace(SOUND, variance=math.nan)},
         {"parameters": SAFE | {"FS_PILOT_INPUT": math.nan}},
     ],
 )
@@ -348,10 +440,3 @@ def test_guard_is_neutral_at_an_absurd_authority(authority):
 def test_one_axis_that_is_not_finite_makes_all_neutral(axis, value):
     command = replace(AxisCommand(0.1, 0.1, 0.1, 0.1), **{axis: value})
     assert guard(command, FULL, AxisCommand(0.1, 0.1, 0.1, 0.1), ENVELOPE, TICK_S) == NEUTRAL
-
-
-def test_authority_scales_the_command():
-    verdict = Verdict(State.RAMP_DOWN, NOTHING, 0.25, "")
-    was = AxisCommand(0.1, -0.1, 0.1, -0.1)
-    got = guard(AxisCommand(0.4, -0.4, 0.4, -0.4), verdict, was, ENVELOPE, TICK_S)
-    np.testing.assert_allclose(astuple(got), (0.1, -0.1, 0.1, -0.1), atol=1e-12)

@@ -1,0 +1,261 @@
+"""What the supervisor looks at: every condition with its test, what it means and what an operator does.
+
+`docs/supervisor.md` is made from this table and from `supervisor.TRANSITIONS`.
+"""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from companion.config import Supervisor as Limits
+from companion.types import Condition, EkfStatus, VehicleState, Z
+
+C = Condition
+
+
+@dataclass(frozen=True, slots=True)
+class Observation:
+    """What one tick saw, beside the vehicle's state. Times and counts are for how long something has held."""
+
+    state: VehicleState
+    mode_right: bool
+    """Whether the flight mode is one that our present state steers or hands over in."""
+    parameters: Mapping[str, float]
+    ekf: EkfStatus | None
+    """The newest report, None before the first."""
+    holds_position: bool = False
+    finite: bool = True
+    late_s: float = 0.0
+    pilot_deflection: float = 0.0
+    stop: bool = False
+    engage: bool = False
+    clear: bool = False
+    rebooted: bool = False
+    leaking: bool = False
+    failsafe: bool = False
+    """Whether the autopilot reports a failsafe that our steering should have ended."""
+    battery_low_s: float = 0.0
+    saturated_s: float = 0.0
+    off_track_s: float = 0.0
+    surprise_m: float = 0.0
+    surprise_deg: float = 0.0
+    """By how much measurements missed what was expected, averaged."""
+    samples_dropped: bool = False
+    config_changed: bool = False
+
+
+class Look(NamedTuple):
+    """One condition: how it is seen, the keys of [supervisor] that decide, and words for people."""
+
+    condition: Condition
+    holds: Callable[[Observation, Limits], bool]
+    keys: tuple[str, ...]
+    means: str
+    do: str
+
+
+def _link_lost(o: Observation, limits: Limits) -> bool:
+    ages = o.state.ages
+    return not (ages.link_s <= limits.link_timeout_s and ages.heartbeat_s <= limits.heartbeat_timeout_s)
+
+
+def _failsafe_unsafe(o: Observation, limits: Limits) -> bool:
+    acts = o.parameters.get("FS_PILOT_INPUT", 0.0) >= 1.0
+    return not (acts and o.parameters.get("FS_PILOT_TIMEOUT", math.inf) <= limits.max_pilot_timeout_s)
+
+
+def _ekf_unhealthy(o: Observation, limits: Limits) -> bool:
+    ekf = o.ekf
+    return not (ekf and ekf.attitude and ekf.depth and ekf.variance <= limits.max_ekf_variance)
+
+
+def _out_of_bounds(o: Observation, limits: Limits) -> bool:
+    margin_m = limits.depth_margin_m
+    return not -margin_m <= o.state.eta[Z] <= limits.max_depth_m + margin_m
+
+
+def _surprised(o: Observation, limits: Limits) -> bool:
+    return not (o.surprise_m <= limits.max_surprise_m and o.surprise_deg <= limits.max_surprise_deg)
+
+
+def _tilted(o: Observation, limits: Limits) -> bool:
+    return not max(abs(o.state.roll), abs(o.state.pitch)) <= math.radians(limits.max_tilt_deg)
+
+
+# What is not known counts against permission: hence `not x <= limit`, which a NaN meets.
+CONDITIONS = (
+    Look(
+        C.LINK_LOST,
+        _link_lost,
+        ("link_timeout_s", "heartbeat_timeout_s"),
+        "nothing, or no heartbeat, came from the autopilot",
+        "look at cable, router and link.endpoint; then clear the fault",
+    ),
+    Look(
+        C.DEPTH_STALE,
+        lambda o, limits: not o.state.ages.depth_s <= limits.depth_timeout_s,
+        ("depth_timeout_s",),
+        "no new, believable depth came",
+        "look whether vehicle.depth_source streams and moves; then clear the fault",
+    ),
+    Look(
+        C.ATTITUDE_STALE,
+        lambda o, limits: not o.state.ages.attitude_s <= limits.attitude_timeout_s,
+        ("attitude_timeout_s",),
+        "no new attitude came",
+        "look whether ATTITUDE streams; then clear the fault",
+    ),
+    Look(
+        C.POSITION_STALE,
+        lambda o, limits: o.holds_position and not o.state.ages.position_s <= limits.position_timeout_s,
+        ("position_timeout_s",),
+        "position is held, and no new one came",
+        "look at the DVL; engage again without it to hold depth and heading",
+    ),
+    Look(
+        C.DEPTH_JUMPED,
+        lambda o, limits: o.state.depth_refused,
+        ("max_depth_jump_m",),
+        "a depth lay so far from the expected one that it was left out; if it stays there, depth is stale",
+        "look at the depth sensor",
+    ),
+    Look(
+        C.DEPTH_OUT_OF_BOUNDS,
+        _out_of_bounds,
+        ("max_depth_m", "depth_margin_m"),
+        "the depth is above the surface or below what was allowed",
+        "take over; look at the sensor's zero, and at max_depth_m",
+    ),
+    Look(
+        C.TILTED,
+        _tilted,
+        ("max_tilt_deg",),
+        "it rolled or pitched so far that thrust does not go where the law means it",
+        "let it right itself; engage again slower, or in STABILIZE",
+    ),
+    Look(
+        C.EKF_UNHEALTHY,
+        _ekf_unhealthy,
+        ("max_ekf_variance",),
+        "the autopilot's estimator has no attitude or no depth, or doubts its compass or depth",
+        "wait until it has settled; calibrate the compass, look at the depth sensor",
+    ),
+    Look(
+        C.LEAK,
+        lambda o, limits: o.leaking,
+        (),
+        "the autopilot said Leak Detected, less than 25 s ago (it repeats itself every 20 s)",
+        "bring it up",
+    ),
+    Look(
+        C.BATTERY_LOW,
+        lambda o, limits: not o.battery_low_s <= limits.battery_low_s,
+        ("min_voltage_v", "battery_low_s"),
+        "the battery is nearly empty",
+        "bring it up",
+    ),
+    Look(
+        C.AUTOPILOT_FAILSAFE,
+        lambda o, limits: o.failsafe,
+        (),
+        "a failsafe of the autopilot's own is latched (system status 5) though we steer",
+        "read the autopilot's messages",
+    ),
+    Look(
+        C.REBOOTED,
+        lambda o, limits: o.rebooted,
+        (),
+        "the autopilot's clock went backwards: it started anew",
+        "find out why (power?); then clear the fault",
+    ),
+    Look(C.DISARMED, lambda o, limits: not o.state.armed, (), "the motors are off", "arm it"),
+    Look(
+        C.WRONG_MODE,
+        lambda o, limits: not o.mode_right,
+        (),
+        "the flight mode is another than vehicle.steering_mode: somebody changed it",
+        "engage again, which asks for the mode",
+    ),
+    Look(
+        C.FAILSAFE_UNSAFE,
+        _failsafe_unsafe,
+        ("max_pilot_timeout_s",),
+        "FS_PILOT_INPUT is 0 or not known, or FS_PILOT_TIMEOUT too long: nothing would stop the thrusters if "
+        "this computer died",
+        "set FS_PILOT_INPUT to 2",
+    ),
+    Look(
+        C.SATURATED,
+        lambda o, limits: not o.saturated_s <= limits.saturated_s,
+        ("saturated_s",),
+        "an axis has given all it can for long: it is about to be carried off",
+        "less current, a slower path, or more max_force",
+    ),
+    Look(
+        C.OFF_TRACK,
+        lambda o, limits: not o.off_track_s <= limits.off_track_s,
+        ("max_error_m", "max_error_deg", "off_track_s"),
+        "it is far from where it should be, and stays there",
+        "look for what holds or drives it: tether, current, a dead thruster",
+    ),
+    Look(
+        C.DELAY_TOO_LONG,
+        lambda o, limits: not o.state.delays.total_s <= limits.max_delay_s,
+        ("max_delay_s",),
+        "telemetry and commands are later than any gains bear",
+        "look at the link's load; run on the vehicle instead of topside",
+    ),
+    Look(
+        C.SURPRISED,
+        _surprised,
+        ("max_surprise_m", "max_surprise_deg"),
+        "measurements keep missing what the estimator expects: sensor, model or clock is wrong",
+        "look at the depth's and heading's noise and at the delays",
+    ),
+    Look(
+        C.NON_FINITE,
+        lambda o, limits: not o.finite,
+        (),
+        "a computed value was not finite: a bug",
+        "keep the recording and tell us; then clear the fault",
+    ),
+    Look(
+        C.TICK_LATE,
+        lambda o, limits: not o.late_s <= limits.late_tick_s,
+        ("late_tick_s",),
+        "this process did not run in time",
+        "look at the computer's load",
+    ),
+    Look(
+        C.QUEUE_FULL,
+        lambda o, limits: o.samples_dropped,
+        (),
+        "telemetry was dropped, because nobody took it in time",
+        "look at whoever subscribes; holding is not affected",
+    ),
+    Look(
+        C.CONFIG_CHANGED,
+        lambda o, limits: o.config_changed,
+        (),
+        "our configuration or a parameter of the autopilot changed while running, less than 2 s ago",
+        "see that it was you",
+    ),
+    Look(
+        C.PILOT_TAKEOVER,
+        lambda o, limits: not o.pilot_deflection <= limits.pilot_deflection,
+        ("pilot_deflection", "pilot_hold_s"),
+        "somebody else moves a stick",
+        "let go of the stick; engage again",
+    ),
+    Look(C.OPERATOR_STOP, lambda o, limits: o.stop, (), "the operator asked to stop", "nothing"),
+    Look(C.ENGAGE_ASKED, lambda o, limits: o.engage, (), "the operator asked to engage", "nothing"),
+    Look(C.CLEAR_ASKED, lambda o, limits: o.clear, (), "the operator cleared the fault", "nothing"),
+)
+
+_LOOKS = tuple((look.condition.value, look.holds) for look in CONDITIONS)
+
+
+def assess(seen: Observation, limits: Limits) -> Condition:
+    """Return the conditions that hold this tick; what is not known counts against permission."""
+    return Condition(sum(bit for bit, holds in _LOOKS if holds(seen, limits)))

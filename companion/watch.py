@@ -1,0 +1,151 @@
+"""What takes a while to be seen: how long something has lasted, and what was said some time ago."""
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from companion.conditions import Observation
+from companion.config import Supervisor as Limits
+from companion.types import (
+    PSI,
+    DofSample,
+    EkfStatus,
+    Event,
+    Flags,
+    Heartbeat,
+    Leak,
+    LoopHealth,
+    Parameter,
+    PilotInput,
+    Reboot,
+    Request,
+    VehicleState,
+)
+
+FAILSAFE = 5
+"""MAV_STATE_CRITICAL: what ArduSub reports while any failsafe is latched."""
+
+FAILSAFE_SETTLE_S = 1.5
+"""A silent companion latches the pilot failsafe; the first heartbeat of its steering may still tell of it."""
+
+LEAK_REPEAT_S = 25.0
+ANNOUNCED_S = 2.0
+SURPRISE_MEMORY_S = 0.5
+
+
+class Watch:
+    """Takes in every tick and gives the supervisor's Observation of it."""
+
+    def __init__(self) -> None:
+        self._ekf: EkfStatus | None = None
+        self._config_changed = False
+        self._pilot_t_s = self._leak_t_s = self._changed_t_s = self._dropped_t_s = -math.inf
+        self._pilot_deflection = 0.0
+        self._heartbeat: Heartbeat | None = None
+        self._steering_since_s: float | None = None
+        self._dropped = 0
+        self._battery_low_s = self._saturated_s = self._off_track_s = 0.0
+        self._surprise = np.zeros(4)
+        self.pilot_heard_s = -math.inf
+        """When somebody else last sent a steering message, deflected or not."""
+
+    def config_changed(self) -> None:
+        """Take note that our own configuration changed."""
+        self._config_changed = True
+
+    def step(
+        self,
+        dt_s: float,
+        late_s: float,
+        events: Sequence[Event],
+        state: VehicleState,
+        limits: Limits,
+        *,
+        dofs: DofSample | None,
+        engaged: Flags,
+        finite: bool,
+        steering: bool,
+        mode_right: bool,
+        parameters: Mapping[str, float],
+        requests: Sequence[Request],
+        engage: bool,
+        loop: LoopHealth,
+    ) -> Observation:
+        """Return what this tick sees; `dofs` are the last tick's, `parameters` those before `events`."""
+        now_s = state.t_s
+        rebooted = False
+        if self._config_changed:
+            self._config_changed, self._changed_t_s = False, now_s
+        for event in events:
+            match event:
+                case Heartbeat():
+                    self._heartbeat = event
+                case PilotInput():
+                    self.pilot_heard_s = event.t_s
+                    if event.deflection > limits.pilot_deflection:
+                        self._pilot_t_s, self._pilot_deflection = event.t_s, event.deflection
+                case EkfStatus():
+                    self._ekf = event
+                case Leak():
+                    self._leak_t_s = event.t_s
+                case Parameter() if parameters.get(event.name, event.value) != event.value:
+                    self._changed_t_s = event.t_s
+                case Reboot():
+                    rebooted, self._ekf = True, None
+        if not steering:
+            self._steering_since_s = None
+        elif self._steering_since_s is None:
+            self._steering_since_s = now_s
+        if loop.samples_dropped > self._dropped:
+            self._dropped, self._dropped_t_s = loop.samples_dropped, now_s
+        self._battery_low_s = _lasting(self._battery_low_s, dt_s, state.voltage_v < limits.min_voltage_v)
+        saturated = off_track = False
+        if dofs is not None and steering:
+            saturated = bool((dofs.saturated & engaged).any())
+            off_track = bool((~(np.abs(dofs.e) <= _max_error(limits)) & engaged).any())
+        self._saturated_s = _lasting(self._saturated_s, dt_s, saturated)
+        self._off_track_s = _lasting(self._off_track_s, dt_s, off_track)
+        missed = np.abs(state.innovation) - self._surprise
+        self._surprise = self._surprise + missed * (dt_s / (dt_s + SURPRISE_MEMORY_S))
+        if not np.isfinite(self._surprise).all():
+            self._surprise = np.zeros(4)
+        return Observation(
+            state=state,
+            mode_right=mode_right,
+            parameters=parameters,
+            ekf=self._ekf,
+            holds_position=bool(engaged[0]),
+            finite=finite,
+            late_s=late_s,
+            pilot_deflection=(
+                self._pilot_deflection if now_s - self._pilot_t_s <= limits.pilot_hold_s else 0.0
+            ),
+            stop=Request.STOP in requests,
+            engage=engage,
+            clear=Request.CLEAR_FAULT in requests,
+            rebooted=rebooted,
+            leaking=now_s - self._leak_t_s <= LEAK_REPEAT_S,
+            failsafe=self._failsafe(),
+            battery_low_s=self._battery_low_s,
+            saturated_s=self._saturated_s,
+            off_track_s=self._off_track_s,
+            surprise_m=float(self._surprise[:PSI].max()),
+            surprise_deg=math.degrees(self._surprise[PSI]),
+            samples_dropped=now_s - self._dropped_t_s <= ANNOUNCED_S,
+            config_changed=now_s - self._changed_t_s <= ANNOUNCED_S,
+        )
+
+    def _failsafe(self) -> bool:
+        beat, since_s = self._heartbeat, self._steering_since_s
+        if beat is None or since_s is None or beat.system_status != FAILSAFE:
+            return False
+        return beat.t_s - since_s > FAILSAFE_SETTLE_S
+
+
+def _lasting(so_far_s: float, dt_s: float, holds: bool) -> float:
+    return so_far_s + dt_s if holds else 0.0
+
+
+def _max_error(limits: Limits) -> list[float]:
+    return [limits.max_error_m] * PSI + [math.radians(limits.max_error_deg)]
