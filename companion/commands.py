@@ -196,3 +196,27 @@ def _position(text: str) -> tuple[float, float]:
     if not (abs(latitude) <= 90.0 and abs(longitude) <= 180.0):
         raise argparse.ArgumentTypeError(f"'{text}': want degrees within ±90,±180")
     return latitude, longitude
+
+
+def schema(argv: list[str]) -> int:
+    """Print every key, field, unit and command; with --write into docs/."""
+    parser = argparse.ArgumentParser(
+        prog="holdfast schema",
+        description="Prints what the companion publishes and takes, as docs/telemetry.md has it.",
+    )
+    parser.add_argument(
+        "--write", action="store_true", help="renew docs/telemetry.md and docs/schemas/ in a checkout"
+    )
+    arguments = parser.parse_args(argv)
+    from companion.schema import page, write
+
+    if not arguments.write:
+        sys.stdout.write(page())
+        return 0
+    try:
+        changed = write()
+    except FileNotFoundError as error:
+        sys.stderr.write(f"holdfast schema: {error.filename} is not there; --write needs a checkout\n")
+        return 1
+    sys.stdout.write("".join(f"{path}\n" for path in changed) or "nothing was stale\n")
+    return 0

@@ -188,7 +188,7 @@ class Raw(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Event(Record, frozen=True, kw_only=True):
-    """Something happened."""
+    """Something that happened."""
 
     severity: Annotated[Literal["info", "warning", "fault"], means("how bad it is")]
     kind: Annotated[
