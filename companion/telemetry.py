@@ -113,10 +113,12 @@ class Command(Record, frozen=True, kw_only=True):
 class Supervisor(Record, frozen=True, kw_only=True):
     """The permission, and why."""
 
-    state: Annotated[str, means("IDLE, READY, ACTIVE, RAMP_DOWN, PILOT or FAULT")]
+    state: Annotated[str, means("IDLE, READY, ACTIVE, RAMP_DOWN, HAND_OVER, PILOT or FAULT")]
     conditions: Annotated[tuple[str, ...], means("what holds now, by name")]
     authority: Annotated[float, means("share of the command that may leave, 0..1")]
     reason: Annotated[str, means("in words")]
+    warnings: Annotated[tuple[str, ...], means("those of the conditions that are only told")] = ()
+    freeze: Annotated[bool, means("nothing may be learnt for the time being")] = False
 
 
 class Loop(Record, frozen=True, kw_only=True):
@@ -335,6 +337,8 @@ def records(sample: ControlSample) -> list[Schema]:
             conditions=_names(verdict.conditions),
             authority=verdict.authority,
             reason=verdict.reason,
+            warnings=_names(verdict.warnings),
+            freeze=verdict.freeze,
         ),
         Loop(
             t_s=t_s,

@@ -22,6 +22,7 @@ INPUT_PERIOD_S = 0.02
 EARLIEST_ARMING_S = 2.0
 TIMESYNC_PERIOD_S = 10.0
 GCS_WARNING_PERIOD_S = 30.0
+LEAK_WARNING_PERIOD_S = 20.0
 PARAMETERS_PER_STEP = 10
 RC_OPTION_ARM_CENTRED = 32
 ORIGIN_SHIFT_M = 0.1
@@ -114,6 +115,12 @@ class Autopilot:
         self._pilot_lost = True
         self._pilot_seen_s: float | None = None
         self._steered_s: float | None = None
+        self.leaking = False
+        """Whether a leak detector is wet."""
+        self.ekf_doubt: float | None = None
+        """The EKF's variance while it has no solution."""
+        self._leak = False
+        self._leak_said_s = -math.inf
         self._gcs_lost = False
         self._gcs_seen_s: float | None = None
         self._gcs_warned_s = 0.0
@@ -173,6 +180,7 @@ class Autopilot:
                 self._hear_receiver()
             self._check_pilot()
             self._check_gcs()
+            self._check_leak()
         if not self.armed:
             self.motor_pwm, self._demand = self._idle, None
             return self.motor_pwm
@@ -227,6 +235,7 @@ class Autopilot:
             self.consumed_mah,
             self.capacity_mah,
             self.state,
+            self.ekf_doubt,
         )
 
     def arm(self) -> int:
@@ -314,8 +323,21 @@ class Autopilot:
         if action == 2 or (wanted is not None and self.set_mode(wanted) != ACCEPTED):
             self.disarm()
 
+    def _check_leak(self) -> None:
+        """Say it every 20 s, act once: FS_LEAK_ENABLE 1 warns, 2 surfaces, and 0 looks at no detector."""
+        action = self.params["FS_LEAK_ENABLE"]
+        if not self.leaking or action == 0:
+            self._leak = False
+            return
+        if self._boot_s > self._leak_said_s + LEAK_WARNING_PERIOD_S:
+            self._leak_said_s = self._boot_s
+            self._say(CRITICAL, "Leak Detected")
+        if not self._leak and action == 2 and self.armed:
+            self.set_mode(modes.SURFACE)
+        self._leak = True
+
     def _system_status(self) -> int:
-        if self._pilot_lost or self._gcs_lost:
+        if self._pilot_lost or self._gcs_lost or self._leak:
             return FAILSAFE
         return ACTIVE if self.armed else STANDBY
 

@@ -180,6 +180,10 @@ FaultKind = Literal[
     "mode",
     "parameter",
     "thruster",
+    "leak",
+    "ekf",
+    "depth_shifted",
+    "voltage",
 ]
 
 
@@ -195,7 +199,7 @@ class Fault(_Record, frozen=True):
     thruster: Annotated[int, Meta(ge=1, le=8)] = 1
     value: float = 0.0
     """message_extreme: the value; link_delayed: s; link_lossy, link_duplicating: probability; mode: number;
-    parameter: its value; thruster: health 0..1."""
+    parameter: its value; thruster: health 0..1; ekf: variance; depth_shifted: m; voltage: V."""
 
     def __post_init__(self) -> None:
         if self.kind == "parameter" and not self.parameter:

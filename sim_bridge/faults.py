@@ -12,6 +12,10 @@
 | link_duplicating | each datagram comes twice with probability `value`, either way |
 | reboot, disarm | once, at at_s |
 | mode, parameter | once: flight mode `value`; `parameter` = `value` |
+| depth_shifted | once: relative_alt reads `value` m deeper from now on |
+| leak | a leak detector is wet |
+| ekf | the EKF has no solution, and reports `value` as its variance |
+| voltage | the battery has `value` V |
 | thruster | number `thruster` keeps only `value` of its thrust |
 """
 
@@ -69,6 +73,10 @@ class Faults:
             if fault.kind == "thruster" and fault.thruster <= count:
                 health[fault.thruster - 1] = fault.value
         return health
+
+    def holds(self, kind: str) -> Fault | None:
+        """Return the fault of this kind that holds now."""
+        return next((fault for fault in self._active if fault.kind == kind), None)
 
     @property
     def falsifies_messages(self) -> bool:

@@ -20,6 +20,7 @@ M_PER_DEGREE = 111_319.5
 WATER_CENTIDEGREES = 1500
 EKF_WITHOUT_POSITION = 1 | 4 | 32 | 128
 EKF_WITH_POSITION = 1 | 2 | 4 | 8 | 16 | 32 | 256 | 512
+EKF_UNINITIALIZED = 1024
 SENSORS = 0x0120_802F
 LIGHTS_PWM, CAMERA_PWM = 1100, 1500
 
@@ -53,6 +54,8 @@ class Snapshot(NamedTuple):
     capacity_mah: float
     state: tuple[float, ...]
     """The plant's 13 components: for SIM_STATE alone."""
+    ekf_doubt: float | None
+    """The EKF's variance where it has no solution."""
 
     @property
     def boot_ms(self) -> int:
@@ -198,6 +201,11 @@ def _system_time(s: Snapshot) -> Message:
 
 
 def _ekf_status_report(s: Snapshot) -> Message:
+    if s.ekf_doubt is not None:
+        doubt = s.ekf_doubt
+        return mavlink.MAVLink_ekf_status_report_message(
+            EKF_UNINITIALIZED, doubt, doubt, doubt, doubt, 0.0, 0.0
+        )
     flags = EKF_WITH_POSITION if s.has_position else EKF_WITHOUT_POSITION
     return mavlink.MAVLink_ekf_status_report_message(flags, 0.05, 0.0, 0.02, 0.03, 0.0, 0.0)
 

@@ -171,7 +171,11 @@ class Vehicle:
             return
         battery, autopilot = self._config.battery, self._autopilot
         current = IDLE_CURRENT_A + float(self._thrusters.current_a())
-        self._voltage_v = max(6.0, battery.voltage_v - battery.resistance_ohm * current)
+        drained, doubt = self._faults.holds("voltage"), self._faults.holds("ekf")
+        source_v = battery.voltage_v if drained is None else drained.value
+        self._voltage_v = max(6.0, source_v - battery.resistance_ohm * current)
+        autopilot.leaking = self._faults.holds("leak") is not None
+        autopilot.ekf_doubt = None if doubt is None else doubt.value
         self._consumed_mah += current * 1000.0 * SLOW_PERIOD_STEPS * STEP_S / 3600.0
         autopilot.voltage_v, autopilot.current_a = self._voltage_v, current
         autopilot.consumed_mah = self._consumed_mah
@@ -187,6 +191,8 @@ class Vehicle:
             self._autopilot.set_mode(int(fault.value))
         elif fault.kind == "parameter":
             self._params.set(fault.parameter, fault.value)
+        elif fault.kind == "depth_shifted":
+            self._sensors.shift_relative(fault.value)
 
     def _boot(self) -> Autopilot:
         config = self._config

@@ -1,0 +1,111 @@
+"""Writes docs/supervisor.md from the supervisor's own tables: `python -m lab.supervisor_page`."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from companion.conditions import CONDITIONS
+from companion.config import Supervisor as Limits
+from companion.config import load_config
+from companion.handover import KEEP_ALIVE_S, REFUSED_S, SETTLE_S
+from companion.supervisor import FREEZES, NOTHING, TRANSITIONS, UNFIT, WARNS, transition
+from companion.types import Condition, State
+
+PAGE = Path(__file__).parent.parent / "docs" / "supervisor.md"
+
+MADE = {
+    Condition.RAMPED_DOWN: "authority has come down to nothing",
+    Condition.HANDED_OVER: "ALT_HOLD has the vehicle, and a pilot steers or `keep_alt_hold_s` is over",
+    Condition.HAND_OVER_REFUSED: f"ALT_HOLD was not there {REFUSED_S:g} s after handing over began",
+}
+"""Conditions that the supervisor's own sequences make; they need no look at the vehicle."""
+
+HEAD = """\
+# The supervisor
+
+<!-- Made by `python -m lab.supervisor_page` from companion/conditions.py and companion/supervisor.py. -->
+
+It looks at every condition in every tick, and says who may steer. Thrust leaves in ACTIVE, RAMP_DOWN and at
+the start of HAND_OVER, scaled by the *authority*: it rises over `ramp_up_s` on engaging and falls over
+`ramp_down_s` on letting go. A fault, a pilot or a disarmed vehicle ends it at once. The default is to
+refuse.
+"""
+
+HAND_OVER = f"""\
+## Handing over to ALT_HOLD
+
+Where we are the ones who cannot go on, and the autopilot's own depth is good, it gets the vehicle. Entered
+straight from MANUAL, ALT_HOLD dips by half a metre; so: ramp down over `ramp_down_s`, ask for STABILIZE
+until the heartbeat says so, {SETTLE_S:g} s of neutral, ask for ALT_HOLD until the heartbeat says so. If
+that takes longer than {REFUSED_S:g} s, we are silent and in FAULT: neutral was sent, and the pilot-input
+failsafe follows.
+
+ALT_HOLD alone would not last: FS_PILOT_INPUT acts 3 s after the last steering message, and as shipped it
+disarms. So one neutral frame every {KEEP_ALIVE_S:g} s keeps it alive, for `keep_alt_hold_s`, or until
+somebody else's steering is seen; then we are silent, the state is PILOT, and the autopilot's failsafes rule
+as if we were not there. A stick that is moved, another mode or a stop ends it at once.
+
+Not handed over: what the autopilot could not do better either, because it has the same sensors (EKF, depth
+out of bounds) or acts already (its failsafe); a vehicle that lies on its side; a process that does not keep
+time, which could not see the sequence through. These ramp down to neutral. Without link, depth or attitude
+there is nothing to ramp by: neutral at once.
+"""
+
+
+def page() -> str:
+    """Return the whole page."""
+    limits = load_config().supervisor
+    parts = [HEAD, "## States\n", *_diagram(), "## What each condition does\n", *_matrix()]
+    parts += ["## What each means\n", *_meanings(limits), HAND_OVER]
+    return "\n".join(parts)
+
+
+def _diagram() -> Iterator[str]:
+    ways: dict[tuple[State, State], list[str]] = {}
+    for row in TRANSITIONS:
+        ways.setdefault((row.at, row.to), []).append(row.because)
+    lines = ["```mermaid", "stateDiagram-v2", "    [*] --> IDLE"]
+    for (at, to), reasons in ways.items():
+        lines.append(f"    {at} --> {to}: {'<br/>'.join(dict.fromkeys(reasons))}")
+    yield "\n".join([*lines, "```", ""])
+
+
+def _matrix() -> Iterator[str]:
+    yield (
+        "The condition alone, in each state; a dot changes nothing. Of several, the first row of "
+        "`TRANSITIONS` that fits counts.\n"
+    )
+    lines = ["| condition | " + " | ".join(State) + " |", "|---" * (len(State) + 1) + "|"]
+    for condition in Condition:
+        cells = (_cell(state, condition) for state in State)
+        lines.append(f"| {_words(condition)} | " + " | ".join(cells) + " |")
+    yield "\n".join([*lines, ""])
+
+
+def _cell(state: State, condition: Condition) -> str:
+    row = transition(state, condition)
+    if state is State.IDLE and row is transition(State.IDLE, NOTHING):
+        return "·"
+    if row is not None:
+        return str(row.to)
+    if state is State.IDLE and condition & UNFIT:
+        return "waits"
+    if state is State.ACTIVE and condition & WARNS:
+        return "warns, freezes learning" if condition & FREEZES else "warns"
+    return "·"
+
+
+def _meanings(limits: Limits) -> Iterator[str]:
+    lines = ["| condition | it means | [supervisor] | what to do |", "|---|---|---|---|"]
+    for look in CONDITIONS:
+        keys = ", ".join(f"`{key}` = {getattr(limits, key):g}" for key in look.keys) or "–"
+        lines.append(f"| {_words(look.condition)} | {look.means} | {keys} | {look.do} |")
+    lines += [f"| {_words(condition)} | {means} | – | nothing |" for condition, means in MADE.items()]
+    yield "\n".join([*lines, ""])
+
+
+def _words(condition: Condition) -> str:
+    return (condition.name or "").replace("_", " ")
+
+
+if __name__ == "__main__":
+    PAGE.write_text(page(), encoding="utf-8")

@@ -1,0 +1,18 @@
+"""The supervisor's page is what its tables say."""
+
+from companion.conditions import CONDITIONS
+from companion.types import Condition, State
+from lab.supervisor_page import MADE, PAGE, page
+
+
+def test_the_page_is_not_stale():
+    assert PAGE.read_text(encoding="utf-8") == page(), "run: python -m lab.supervisor_page"
+
+
+def test_every_condition_and_state_is_on_it():
+    assert {look.condition for look in CONDITIONS} | set(MADE) == set(Condition)
+    text = page()
+    for state in State:
+        assert f" {state} " in text
+    for condition in Condition:
+        assert text.count(f"\n| {(condition.name or '').replace('_', ' ')} |") == 2
