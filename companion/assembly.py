@@ -6,16 +6,34 @@ from companion.config import Config, ConfigError
 from companion.control.compensator import INPUTS, Compensator
 from companion.control.controller import Controller, Gains
 from companion.control.integrator import Integration, Integrator
+from companion.control.levelling import Levelling
 from companion.control.network import Learning, Network
 from companion.control.positioning import Model
 from companion.control.reference import Limits, ReferenceModel
 from companion.control.regressor import Regressor
+from companion.thrust import Thrusters
 from companion.types import Array
 
 
 def model(config: Config) -> Model:
     """Return the nominal model."""
     return Model(each(config, "mass"), each(config, "linear_damping"), each(config, "quadratic_damping"))
+
+
+def thrusters(config: Config) -> Thrusters:
+    """Return the frame's thrusters with the axes that are ours: roll and pitch only while levelling."""
+    tilts = (2 if config.vehicle.frame == "vectored_6dof" else 1) if config.levels else 0
+    max_tau = np.append(each(config, "max_force"), np.full(tilts, config.levelling.max_moment_nm))
+    return Thrusters(config.vehicle.frame, max_tau)
+
+
+def levelling(config: Config) -> Levelling | None:
+    """Return what keeps roll and pitch level; None where that is not ours."""
+    if not config.levels:
+        return None
+    chosen = config.levelling
+    inertia = np.array([chosen.roll_inertia, chosen.pitch_inertia])
+    return Levelling(inertia, chosen.frequency_radps, chosen.lever_m, chosen.max_moment_nm)
 
 
 def controller(config: Config, nominal: Model) -> Controller:

@@ -103,6 +103,18 @@ class Thrusters(Section, frozen=True):
     max_slew_per_s: Positive
 
 
+class Levelling(Section, frozen=True):
+    """Whether roll and pitch are held level in MANUAL, and what is believed of them."""
+
+    enabled: bool
+    frequency_radps: Annotated[float, msgspec.Meta(gt=0.0, le=20.0)]
+    roll_inertia: Positive
+    pitch_inertia: Positive
+    lever_m: Annotated[float, msgspec.Meta(ge=-1.0, le=1.0)]
+    max_moment_nm: Positive
+    max_axis: Annotated[float, msgspec.Meta(gt=0.0, le=0.49)]
+
+
 class Network(Section, frozen=True):
     """What the four networks share."""
 
@@ -168,6 +180,7 @@ class Config(Section, frozen=True):
     loop: Loop
     delays: Delays
     thrusters: Thrusters
+    levelling: Levelling
     surge: Axis
     sway: Axis
     heave: Axis
@@ -180,6 +193,11 @@ class Config(Section, frozen=True):
     def axes(self) -> tuple[Axis, Axis, Axis, Axis]:
         """Surge, sway, heave, yaw."""
         return (self.surge, self.sway, self.heave, self.yaw)
+
+    @property
+    def levels(self) -> bool:
+        """Whether roll and pitch are ours to hold level; in STABILIZE they are the firmware's."""
+        return self.levelling.enabled and self.vehicle.steering_mode == "manual"
 
 
 def load_config(path: Path = DEFAULT_FILE, overrides: Sequence[str] = ()) -> Config:

@@ -10,7 +10,7 @@ import numpy as np
 from companion import assembly
 from companion.conditions import assess
 from companion.config import Config
-from companion.control.bounds import wrap
+from companion.control.bounds import bounded, wrap
 from companion.control.positioning import jacobian, to_body, to_inertial
 from companion.estimation import Estimator
 from companion.handover import KEEP_ALIVE_S, HandOver
@@ -18,7 +18,6 @@ from companion.mavlink.autopilot import Autopilot
 from companion.mavlink.signing import Signing
 from companion.steering_mode import STEERING_MODES, ModeKeeper
 from companion.supervisor import UNFIT, Envelope, Supervisor, guard
-from companion.thrust import Thrusters
 from companion.types import (
     NEUTRAL,
     PSI,
@@ -59,12 +58,15 @@ class Engine:
         self._arm = arm
         model = assembly.model(config)
         self._autopilot = Autopilot(config, signing)
-        self._thrusters = Thrusters(config.vehicle.frame, assembly.each(config, "max_force"))
+        self._thrusters = assembly.thrusters(config)
         self._estimator = Estimator(config, model, self._thrusters)
         self._supervisor = Supervisor(config.supervisor.ramp_down_s, config.supervisor.ramp_up_s)
         self._watch = Watch()
         self._hand_over = HandOver()
-        self._envelope = Envelope(config.thrusters.max_axis, config.thrusters.max_slew_per_s)
+        self._levelling = assembly.levelling(config)
+        limits = config.thrusters
+        max_tilt_axis = config.levelling.max_axis if self._levelling else 0.0
+        self._envelope = Envelope(limits.max_axis, limits.max_slew_per_s, max_tilt_axis)
         self._controller = assembly.controller(config, model)
         self._modes = ModeKeeper(STEERING_MODES[config.vehicle.steering_mode])
         self._setpoint = self._target = _checked(setpoint, config.supervisor.max_depth_m)
@@ -109,15 +111,16 @@ class Engine:
         self._finite = math.isfinite(requested.sum())
         if not self._finite:
             self._estimator.restart()
-        reach = _axes(self._autopilot.reach(state.pilot_gain)) * self._envelope.max_axis
-        wanted = self._thrusters.allocate(verdict.authority * requested, state.voltage_v, reach)
+        reach = self._ours(self._autopilot.reach(state.pilot_gain)) * self._envelope.max_axis
+        asked = verdict.authority * self._levelled(requested, state)
+        wanted = self._thrusters.allocate(asked, state.voltage_v, reach)
         command = guard(
             AxisCommand(*wanted.axes.tolist()), verdict, self._command, self._envelope, self._tick_s
         )
 
-        applied = _axes(self._autopilot.applied(command, state.pilot_gain))
-        delivered = self._thrusters.delivered(applied, state.voltage_v)
-        self._estimator.sent(now_s, applied, to_inertial(J, delivered))
+        applied = self._ours(self._autopilot.applied(command, state.pilot_gain))
+        delivered = self._thrusters.delivered(applied, state.voltage_v)[:4]
+        self._estimator.sent(now_s, applied[:4], to_inertial(J, delivered))
         self._saturated = _by_dof(wanted.saturated | (np.abs(applied - wanted.axes) > 0.01))
         self._command = command
 
@@ -172,7 +175,7 @@ class Engine:
         _checked(self._setpoint, config.supervisor.max_depth_m)
         if changed - {"supervisor"}:
             model = assembly.model(config)
-            self._thrusters = Thrusters(config.vehicle.frame, assembly.each(config, "max_force"))
+            self._thrusters = assembly.thrusters(config)
             self._estimator.retune(config, model)
             controller = assembly.controller(config, model)
             controller.take_over(self._controller)
@@ -245,6 +248,24 @@ class Engine:
             self._engage_asked = False
         return self.verdict
 
+    def _levelled(self, requested: Array, state: VehicleState) -> Array:
+        """Return the wrench with the moments that keep it level, where those are ours."""
+        if self._levelling is None:
+            return requested
+        limits = np.array((self._config.surge.max_force, self._config.sway.max_force))
+        moments = self._levelling.moments(
+            np.array((state.roll, state.pitch)),
+            np.array((state.p, state.q)),
+            bounded(requested[:2], limits),
+            state.ahead_s,
+        )
+        return np.append(requested, moments[: self._thrusters.axes - 4])
+
+    def _ours(self, command: AxisCommand) -> Array:
+        """Return the axes that are ours: the first four, and while levelling roll and pitch."""
+        axes = (command.surge, command.sway, command.heave, command.yaw, command.roll, command.pitch)
+        return np.array(axes[: self._thrusters.axes])
+
     def _steers(self, now_s: float, verdict: Verdict) -> bool:
         """Tell whether a steering frame goes out: with authority; neutral at first and for a while after.
 
@@ -287,10 +308,6 @@ def _checked(setpoint: Setpoint, max_depth_m: float) -> Setpoint:
             f"and no deeper than supervisor.max_depth_m = {max_depth_m:g}"
         )
     return setpoint
-
-
-def _axes(command: AxisCommand) -> Array:
-    return np.array((command.surge, command.sway, command.heave, command.yaw))
 
 
 def _by_dof(by_axis: Flags) -> Flags:

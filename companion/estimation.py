@@ -289,7 +289,7 @@ class Estimator:
         count = self._thrusters.count
         if len(event.pwm_us) >= count:
             motors = np.array(motor_demand(event.pwm_us[:count]))
-            self._meter.echo(event.boot_s, self._thrusters.axes_from_motors(motors), *self._commands.sent)
+            self._meter.echo(event.boot_s, self._thrusters.axes_from_motors(motors)[:4], *self._commands.sent)
 
     def _on_timesync(self, event: TimeSync) -> None:
         self._meter.timesync(event.sent_s, event.t_s, event.boot_s)

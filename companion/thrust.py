@@ -40,6 +40,9 @@ _FACTORS = {
     ],
 }
 HORIZONTAL = len(_HORIZONTAL)
+_UPRIGHT = np.array([False, False, True, False, True, True])
+"""Which axes the vertical motors serve."""
+
 _PER_NEWTON = np.array([np.sqrt(0.5), np.sqrt(0.5), 1.0, np.sqrt(0.5) * (0.156 + 0.111), 0.218, 0.12])
 
 
@@ -52,9 +55,10 @@ class Allocation:
 
 
 class Thrusters:
-    """One frame's thrusters. Arrays of shape (…, 4) in the order surge, sway, heave, yaw.
+    """One frame's thrusters. Arrays of shape (…, axes) in the order surge, sway, heave, yaw, roll, pitch.
 
-    `frame` is "vectored" or "vectored_6dof"; `max_tau` (4,) bounds what is asked of each axis, N and N·m.
+    `frame` is "vectored" or "vectored_6dof"; `max_tau` bounds what is asked of each axis, N and N·m, and its
+    length says how many axes are ours: 4, with roll 5, with roll and pitch 6 (which `vectored` cannot).
     """
 
     def __init__(self, frame: str, max_tau: Array) -> None:
@@ -62,9 +66,12 @@ class Thrusters:
         """(n, 6): what each motor does for a demand on surge, sway, heave, yaw, roll, pitch."""
         self.levers = _PER_NEWTON[:, None] * self.factors.T
         """(6, n): the wrench of one newton of each motor; N, and N·m for yaw, roll, pitch."""
-        self._M, self._B = self.factors[:, :4], self.levers[:4]
+        self.axes = axes = max_tau.shape[-1]
+        self._M, self._B = self.factors[:, :axes], self.levers[:axes]
         self._M_inverse = np.linalg.pinv(self._M)
         self._B_inverse = np.linalg.pinv(self._B)
+        self._upright = _UPRIGHT[:axes]
+        self._tilts = axes > 4
         self._max_tau = max_tau
         self._groups = (HORIZONTAL, len(self.factors) - HORIZONTAL)
 
@@ -79,17 +86,18 @@ class Thrusters:
         forces = asked @ self._B_inverse.T / _strength(voltage_v)
         load = np.maximum(forces / T200_N[-1], forces / T200_N[0])
         if load.max() > 1.0:
-            scale = _by_axis(load[..., :HORIZONTAL].max(-1), load[..., HORIZONTAL:].max(-1))
+            scale = self._by_axis(load[..., :HORIZONTAL].max(-1), load[..., HORIZONTAL:].max(-1))
             forces = forces / np.repeat(scale[..., [0, 2]], self._groups, axis=-1)
             short |= scale > 1.0
         axes = np.interp(forces, _INVERSE_N, T200_DEMAND) @ self._M_inverse.T
-        if asked[..., :2].any():
+        if self._tilts or asked[..., :2].any():
             axes = self._refined(axes, forces)
         over = np.abs(axes) / np.maximum(reach, MIN_REACH)
         load = np.abs(axes @ self._M.T)
         if over.max() > 1.0 or load.max() > 1.0:
-            across = np.maximum(over[..., [0, 1, 3]].max(-1), load[..., :HORIZONTAL].max(-1))
-            scale = _by_axis(across, over[..., 2])
+            across = np.maximum(over[..., ~self._upright].max(-1), load[..., :HORIZONTAL].max(-1))
+            upright = np.maximum(over[..., self._upright].max(-1), load[..., HORIZONTAL:].max(-1))
+            scale = self._by_axis(across, upright)
             axes = axes / scale
             short |= scale > 1.0
         return Allocation(axes, short)
@@ -107,16 +115,16 @@ class Thrusters:
         return axes
 
     def delivered(self, axes: Array, voltage_v: float) -> Array:
-        """Return the body wrench (…, 4) that the axes really give, N and N·m, at the nominal curve."""
+        """Return the body wrench (…, axes) that the axes really give, N and N·m, at the nominal curve."""
         motors = axes @ self._M.T
         return np.asarray(np.interp(motors, T200_DEMAND, T200_N) @ self._B.T * _strength(voltage_v))
 
     def motors(self, axes: Array) -> Array:
-        """Return the demand (…, n) on each motor that the firmware makes of axes (…, 4)."""
+        """Return the demand (…, n) on each motor that the firmware makes of axes (…, axes)."""
         return np.asarray(axes @ self._M.T)
 
     def axes_from_motors(self, motors: Array) -> Array:
-        """Return the axes (…, 4) that make the firmware ask `motors` (…, n) of its thrusters: M⁺ t."""
+        """Return the axes (…, axes) that make the firmware ask `motors` (…, n) of its thrusters: M⁺ t."""
         return np.asarray(motors @ self._M_inverse.T)
 
     @property
@@ -124,11 +132,10 @@ class Thrusters:
         """How many motors the frame has."""
         return len(self._M)
 
-
-def _by_axis(across: Array, upright: Array) -> Array:
-    """Return by how much to divide each axis, at least 1: surge, sway and yaw share one group."""
-    across, upright = np.maximum(across, 1.0), np.maximum(upright, 1.0)
-    return np.stack((across, across, upright, across), axis=-1)
+    def _by_axis(self, across: Array, upright: Array) -> Array:
+        """Return by how much to divide each axis, at least 1: the axes of a group share their motors."""
+        by_group = np.stack((np.maximum(across, 1.0), np.maximum(upright, 1.0)), axis=-1)
+        return np.asarray(by_group[..., self._upright.astype(int)])
 
 
 def _strength(voltage_v: float) -> float:

@@ -338,12 +338,17 @@ class Wrench:
 
 @dataclass(frozen=True, slots=True)
 class AxisCommand:
-    """Normalised demands, -1..1: forward, right, down, clockwise. Down, not up: ardusub.py flips it."""
+    """Normalised demands, -1..1: forward, right, down, clockwise, starboard down, bow up.
+
+    Down, not up: ardusub.py flips it. Roll and pitch are ours only while levelling.
+    """
 
     surge: float = 0.0
     sway: float = 0.0
     heave: float = 0.0
     yaw: float = 0.0
+    roll: float = 0.0
+    pitch: float = 0.0
 
 
 NEUTRAL = AxisCommand()

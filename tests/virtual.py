@@ -37,7 +37,8 @@ def steering(frame):
     payload = frame[10 : 10 + frame[1]].ljust(40, b"\0")
     if message_id(frame) == mavlink.MAVLINK_MSG_ID_RC_CHANNELS_OVERRIDE:
         channels = struct.unpack_from("<8H", payload)
-        assert set(channels[:2] + channels[6:8]) == {65535}, "pitch, roll and camera are to be left alone"
+        assert set(channels[6:8]) == {65535}, "the camera is to be left alone"
+        assert set(channels[:2]) == {65535} or all(abs(us - 1500) < 200 for us in channels[:2])
         heave, yaw, surge, sway = ((us - 1500) / 400 for us in channels[2:6])
         return surge, sway, heave, yaw
     if message_id(frame) == mavlink.MAVLINK_MSG_ID_MANUAL_CONTROL:

@@ -436,13 +436,13 @@ class Commands:
             3,
         )
 
-    def rc_override(self, command: AxisCommand) -> Message:
-        """Four axes as PWM; pitch, roll, camera and all further channels are left alone."""
+    def rc_override(self, command: AxisCommand, *, tilts: bool = False) -> Message:
+        """Four axes as PWM, with `tilts` all six; camera and all further channels are left alone."""
         return mavlink.MAVLink_rc_channels_override_message(
             self._system,
             self._component,
-            LEAVE_ALONE,
-            LEAVE_ALONE,
+            _pwm_us(command.pitch) if tilts else LEAVE_ALONE,
+            _pwm_us(command.roll) if tilts else LEAVE_ALONE,
             _pwm_us(-command.heave),
             _pwm_us(command.yaw),
             _pwm_us(command.surge),
@@ -458,9 +458,13 @@ class Commands:
         )
 
     def manual_control(self, command: AxisCommand, gain: float, throttle_gain: float) -> Message:
-        """Four axes as sticks that undo the pilot's `gain` and JS_THR_GAIN, within `manual_control_reach`."""
+        """Axes as sticks that undo the pilot's `gain` and JS_THR_GAIN, within `manual_control_reach`.
+
+        Pitch and roll go as s and t, which ArduSub adds in µs.
+        """
         x, y, z, r = _sticks(command, gain, throttle_gain)
-        return mavlink.MAVLink_manual_control_message(self._system, x, y, z, r, 0)
+        s, t = _pwm_us(command.pitch) - NEUTRAL_US, _pwm_us(command.roll) - NEUTRAL_US
+        return mavlink.MAVLink_manual_control_message(self._system, x, y, z, r, 0, 0, 0, s, t)
 
     def set_mode(self, mode: Mode) -> Message:
         """Ask for a flight mode; HEARTBEAT tells whether it was granted."""
@@ -521,6 +525,8 @@ def quantise(
             sway=_demand(_pwm_us(command.sway)),
             heave=-_demand(_pwm_us(-command.heave)),
             yaw=_demand(_pwm_us(command.yaw)),
+            roll=_demand(_pwm_us(command.roll)),
+            pitch=_demand(_pwm_us(command.pitch)),
         )
     x, y, z, r = _sticks(command, gain, throttle_gain)
     level, throttle = _full_stick(gain, throttle_gain)
@@ -532,6 +538,8 @@ def quantise(
         sway=_demand(_whole_us(NEUTRAL_US + y * scale)),
         heave=-_demand(_whole_us(throttle_base + z * throttle_scale)),
         yaw=_demand(_whole_us(NEUTRAL_US + r * scale)),
+        roll=_demand(_pwm_us(command.roll)),
+        pitch=_demand(_pwm_us(command.pitch)),
     )
 
 

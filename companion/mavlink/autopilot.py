@@ -1,6 +1,7 @@
 """The autopilot as the engine sees it: bytes in, events out; commands in, bytes out."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
@@ -46,6 +47,7 @@ class Autopilot:
         self._signing = signing
         self._freshness = Freshness()
         self._path = vehicle.thrust_path
+        self._tilts = config.levels
         self.heard = False
 
     def receive(self, datagrams: Sequence[tuple[int, bytes]]) -> list[Event]:
@@ -84,7 +86,7 @@ class Autopilot:
     def steer(self, command: AxisCommand, pilot_gain: float) -> bytes:
         """Return the frame that puts `command` on the vehicle's axes."""
         if self._path == "rc_override":
-            return self._codec.encode(self._commands.rc_override(command))
+            return self._codec.encode(self._commands.rc_override(command, tilts=self._tilts))
         return self._codec.encode(self._commands.manual_control(command, pilot_gain, self._throttle_gain))
 
     def neutral(self, pilot_gain: float = 1.0) -> bytes:
@@ -98,8 +100,9 @@ class Autopilot:
     def reach(self, pilot_gain: float) -> AxisCommand:
         """Return the largest demand the path can carry on each axis."""
         if self._path == "rc_override":
-            return AxisCommand(1.0, 1.0, 1.0, 1.0)
-        return manual_control_reach(pilot_gain, self._throttle_gain)
+            return AxisCommand(1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
+        reach = manual_control_reach(pilot_gain, self._throttle_gain)
+        return replace(reach, roll=1.0, pitch=1.0)
 
     @property
     def parameters(self) -> Mapping[str, float]:

@@ -1,0 +1,116 @@
+"""What keeps roll and pitch level: signs, bounds, and the vertical group that heave shares."""
+
+import math
+
+import numpy as np
+import pytest
+
+from companion import assembly
+from companion.config import DEFAULT_FILE, load_config
+from companion.control.levelling import Levelling
+from companion.mavlink.ardusub import Commands
+from companion.supervisor import Envelope, guard
+from companion.thrust import Thrusters
+from companion.types import NEUTRAL, AxisCommand, Condition, State, Verdict
+from sim_bridge.config import load_config as load_plant
+from sim_bridge.mixer import mix, motor_pwm
+from sim_bridge.thrusters import Thrusters as TrueThrusters
+
+LEVEL = Levelling(np.array([0.4, 0.3]), 5.0, 0.085, 4.0)
+REST = np.zeros(2)
+MAX_TAU = np.array([70.0, 70.0, 100.0, 12.0, 5.0, 5.0])
+ACTIVE = Verdict(State.ACTIVE, Condition(0), 1.0, "")
+REACH = np.ones(6)
+TILTS = ("levelling.enabled=true",)
+
+
+def test_level_and_at_rest_it_does_nothing():
+    np.testing.assert_array_equal(LEVEL.moments(REST, REST, REST, 0.1), 0.0)
+
+
+def test_it_turns_back_and_brakes():
+    assert (LEVEL.moments(np.array([0.1, -0.1]), REST, REST, 0.0) * [1, -1] < 0.0).all()
+    assert (LEVEL.moments(REST, np.array([0.1, -0.1]), REST, 0.0) * [1, -1] < 0.0).all()
+    K = LEVEL.moments(np.array([0.1, 0.0]), REST, REST, 0.0)[0]
+    assert pytest.approx(-0.4 * 25.0 * 0.1) == K
+
+
+def test_it_looks_ahead():
+    late = LEVEL.moments(REST, np.array([0.2, 0.0]), REST, 0.1)[0]
+    assert late == pytest.approx(-0.4 * (25.0 * 0.02 + 10.0 * 0.2))
+
+
+def test_it_cancels_what_the_horizontal_thrusters_tilt():
+    """They sit below the centre of gravity: (0, 0, z) x (X, Y, 0) = (-z Y, z X, 0)."""
+    X, Y = 20.0, -10.0
+    tilts = np.cross([0.0, 0.0, 0.085], [X, Y, 0.0])[:2]
+    np.testing.assert_allclose(LEVEL.moments(REST, REST, np.array([X, Y]), 0.0) + tilts, 0.0, atol=1e-12)
+
+
+def test_it_is_bounded():
+    moments = LEVEL.moments(np.array([3.0, -3.0]), np.array([9.0, -9.0]), np.array([1e3, 1e3]), 0.1)
+    assert np.abs(moments).max() <= 4.0
+
+
+@pytest.mark.parametrize("frame", ["vectored_6dof", "vectored"])
+def test_the_true_vehicle_gets_the_moment_and_heave_keeps_its_force(frame):
+    """Through ArduSub's mixer and the stand-in's own geometry."""
+    axes = 6 if frame == "vectored_6dof" else 5
+    thrusters = Thrusters(frame, MAX_TAU[:axes])
+    wanted = np.array([0.0, 0.0, 20.0, 0.0, 2.0, -1.5])[:axes]
+    a = np.append(thrusters.allocate(wanted, 16.0, REACH[:axes]).axes, [0.0] * (6 - axes))
+    np.testing.assert_allclose(thrusters.delivered(a[:axes], 16.0), wanted, rtol=0.03, atol=0.02)
+    surge, sway, heave, yaw, roll, pitch = a
+    pwm = motor_pwm(mix(frame, (roll, pitch, yaw, -heave, surge, sway)), [1.0] * thrusters.count)
+    name = "sim.toml" if frame == "vectored_6dof" else "sim-bluerov2.toml"
+    vehicle = TrueThrusters(load_plant(DEFAULT_FILE.with_name(name)).thrusters)
+    true = vehicle.static_thrust(pwm, 16.0) @ vehicle.wrench_of_thrust
+    assert true[2] == pytest.approx(20.0, abs=0.8)
+    lever = vehicle.wrench_of_thrust[4, 3] / 0.218
+    assert true[3] == pytest.approx(2.0 * lever, abs=0.2)
+    if axes == 6:
+        assert true[4] == pytest.approx(-1.5, abs=0.15)
+
+
+def test_heave_and_tilt_share_their_motors_and_say_so():
+    thrusters = Thrusters("vectored_6dof", np.array([70.0, 70.0, 300.0, 12.0, 5.0, 5.0]))
+    allocation = thrusters.allocate(np.array([0.0, 0.0, 290.0, 0.0, 4.0, 0.0]), 16.0, REACH)
+    assert np.abs(thrusters.motors(allocation.axes)).max() <= 1.0 + 1e-9
+    assert allocation.saturated[[2, 4]].all()
+    assert not allocation.saturated[[0, 1, 3]].any()
+
+
+def test_guard_keeps_roll_and_pitch_below_what_tumbles_it_and_at_zero_unless_levelling():
+    wild = AxisCommand(heave=1.0, roll=1.0, pitch=-1.0)
+    sent = guard(wild, ACTIVE, NEUTRAL, Envelope(1.0, 1e6, 0.4), 0.02)
+    assert (sent.heave, sent.roll, sent.pitch) == (1.0, 0.4, -0.4)
+    sent = guard(wild, ACTIVE, NEUTRAL, Envelope(1.0, 1e6), 0.02)
+    assert (sent.heave, sent.roll, sent.pitch) == (1.0, 0.0, 0.0)
+    assert guard(AxisCommand(roll=math.nan), ACTIVE, NEUTRAL, Envelope(1.0, 1.0, 0.4), 0.02) == NEUTRAL
+    assert guard(wild, ACTIVE, NEUTRAL, Envelope(1.0, 5.0, 0.4), 0.02).roll == pytest.approx(0.1)
+
+
+def test_on_the_wire_they_are_channels_1_and_2_or_s_and_t():
+    command = AxisCommand(roll=0.1, pitch=-0.2)
+    override = Commands().rc_override(command, tilts=True)
+    assert (override.chan1_raw, override.chan2_raw) == (1420, 1540)
+    untouched = Commands().rc_override(command)
+    assert (untouched.chan1_raw, untouched.chan2_raw) == (65535, 65535)
+    sticks = Commands().manual_control(command, 0.5, 1.0)
+    assert (sticks.s, sticks.t) == (-80, 40)
+
+
+@pytest.mark.parametrize(
+    ("overrides", "axes"),
+    [
+        ((), 4),
+        (TILTS, 6),
+        ((*TILTS, 'vehicle.frame="vectored"'), 5),
+        ((*TILTS, 'vehicle.steering_mode="stabilize"'), 4),
+    ],
+)
+def test_which_axes_are_ours(overrides, axes):
+    """Off by default; never where the firmware keeps it level itself."""
+    config = load_config(overrides=overrides)
+    assert assembly.thrusters(config).axes == axes
+    assert (assembly.levelling(config) is not None) == (axes > 4)
