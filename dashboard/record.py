@@ -2,6 +2,7 @@
 
 import argparse
 import logging
+import os
 import platform
 import signal
 import subprocess
@@ -14,7 +15,7 @@ from contextlib import ExitStack
 from importlib.metadata import version
 from pathlib import Path
 from types import FrameType, TracebackType
-from typing import NamedTuple, Self
+from typing import NamedTuple, NoReturn, Self
 
 import msgspec
 import zenoh
@@ -381,7 +382,15 @@ def main(argv: list[str]) -> int:
         allow_control=options.allow_control,
     ):
         ended.wait()
-    return 0
+    leave(0)
+
+
+def leave(status: int) -> NoReturn:
+    """Leave the process when all is closed: Zenoh's threads can abort the interpreter's own tear-down."""
+    logging.shutdown()
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(status)
 
 
 def _positive(text: str) -> float:

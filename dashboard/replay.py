@@ -13,6 +13,7 @@ from types import FrameType
 import zenoh
 
 from companion import telemetry
+from dashboard.record import leave
 from dashboard.recording import Item, Reader
 from dashboard.zenoh_server import open_session
 
@@ -64,10 +65,11 @@ def main(argv: list[str]) -> int:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, end)
     try:
-        return _replay(options, ended)
+        status = _replay(options, ended)
     except (OSError, ValueError) as error:
         sys.stderr.write(f"holdfast replay: {error}\n")
-        return 1
+        status = 1
+    leave(status)
 
 
 def renamed(key: str, suffix: str) -> tuple[str, str]:

@@ -130,6 +130,15 @@ def rerun(argv: list[str]) -> int:
     return main(argv)
 
 
+def report(argv: list[str]) -> int:
+    """Make the page after the dive: what was held, how well, and what to change."""
+    if not _has("report", "mcap", "matplotlib"):
+        return 1
+    from lab.report import main
+
+    return main(argv)
+
+
 def _has(command: str, *needed: str) -> bool:
     missing = [name for name in needed if find_spec(name) is None]
     if missing:

@@ -1,0 +1,254 @@
+"""The page after the dive says what the dive was: checked against dives of which we know."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+from virtual import ROOT, hold
+
+from companion import telemetry
+from companion.config import load_config
+from companion.engine import Engine
+from companion.types import ControlSample, LoopHealth, Request
+from dashboard.record import flat
+from dashboard.recording import Item, Recording
+from lab.identify import identify
+from lab.lockstep import Link, Lockstep, Step
+from lab.report import main
+from lab.report_advice import advice
+from lab.report_figures import figures
+from lab.report_log import Log, load
+from lab.report_plot import POINTS, thinned
+from sim_bridge.config import load_config as load_plant
+from sim_bridge.vehicle import Vehicle
+from sim_bridge.zenoh_truth import SCHEMA, encode
+
+UTC_NS = 1_795_000_000_000_000_000
+Change = Callable[[float, ControlSample], ControlSample]
+
+
+def steps(sea: str) -> list[Step]:
+    """Dive: down to 2 m, at 25 s to 3 m, released at 40 s."""
+    plant = load_plant(ROOT / "config" / "sim.toml", [sea])
+    engine = Engine(load_config(), hold(2.0), arm=True)
+    loop = Lockstep(Vehicle(plant, 5), engine, Link(), 5)
+    loop.requests = [Request.ENGAGE]
+    done = []
+    for step in loop.run(45.0):
+        if step.sample.loop.tick == 25 * 50:
+            engine.aim(hold(3.0))
+        if step.sample.loop.tick == 40 * 50:
+            loop.requests = [Request.STOP]
+        done.append(step)
+    return done
+
+
+def written(path: Path, dive: list[Step], change: Change | None = None) -> Path:
+    """Record a dive; `change` spoils the samples."""
+    recording = Recording(path)
+    recording.describe("holdfast", {"holdfast": "0.1.0", "git": "abc<script>", "vehicle": "kelp"})
+    recording.describe("config", flat(msgspec.json.encode(load_config())))
+    for step in dive:
+        sample = step.sample if change is None else change(step.t_s, step.sample)
+        stamp = UTC_NS + round(step.t_s * 1e9)
+        for key, encoding, payload in telemetry.encode(sample, "kelp"):
+            recording.add(Item(key, encoding, payload, stamp, stamp))
+        recording.add(Item("sim/kelp/truth", SCHEMA, encode(step.truth), stamp, stamp))
+    event = telemetry.Event(t_s=0.0, boot_s=0.0, severity="warning", kind="autopilot", text="<b>leak</b>")
+    key, encoding = telemetry.event_key("kelp")
+    recording.add(Item(key, encoding, msgspec.json.encode(event), stamp, stamp))
+    recording.close()
+    return path
+
+
+@pytest.fixture(scope="module")
+def in_waves() -> list[Step]:
+    return steps("waves.enabled=true")
+
+
+@pytest.fixture(scope="module")
+def dive(in_waves: list[Step], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return written(tmp_path_factory.mktemp("dive") / "kelp.mcap", in_waves)
+
+
+@pytest.fixture
+def log(dive: Path) -> Log:
+    return load([dive])
+
+
+def test_the_figures_are_those_of_the_samples(log: Log) -> None:
+    found = figures(log)
+    (phase,) = found.phases
+    assert 1.0 < phase.begin_s < 4.0
+    assert phase.end_s == pytest.approx(40.0, abs=0.1)
+    assert phase.ended == "RAMP_DOWN: the operator stopped it"
+    depth, heading = phase.held
+    assert (depth.dof, heading.dof) == ("z", "psi")
+    assert depth.unit == "mm"
+
+    state = log.keys["state"].between(phase.begin_s + 3.0, phase.end_s)
+    apart = 1e3 * (state["depth_m"] - state["depth_desired_m"])
+    law = log.keys["dof/z"].between(phase.begin_s + 3.0, phase.end_s)
+    resting = apart[np.abs(law["x_d_dot"]) <= 0.005]
+    assert depth.rms == pytest.approx(np.sqrt(np.mean(resting**2)))
+    assert depth.peak == pytest.approx(np.abs(resting).max())
+    assert 1.0 < depth.rms < depth.p95 < depth.peak < 40.0
+    assert depth.moving_rms > depth.rms
+    assert depth.true_rms == pytest.approx(depth.rms, rel=0.6)
+    command = log.keys["command"].between(phase.begin_s, phase.end_s)
+    assert depth.chatter == pytest.approx(np.sqrt(np.mean(np.diff(command["heave_delivered_n"]) ** 2)))
+    assert found.loop.ticks == 45 * 50
+    assert found.loop.ticks_missing == 0
+    assert found.depth_max_m == pytest.approx(3.0, abs=0.1)
+
+
+def test_a_good_dive_gets_no_advice_about_what_is_well(log: Log) -> None:
+    said = " ".join(advice(log, figures(log)))
+    for word in ("fault", "late", "chatters", "saturated", "delays", "battery", "lost", "bias"):
+        assert word not in said
+
+
+def test_in_calm_water_the_mass_is_that_of_the_vehicle_and_in_waves_it_says_that_it_cannot_tell(
+    log: Log, tmp_path: Path
+) -> None:
+    """The true one: 13.5 + 18.68 kg. The nominal model has 28.5."""
+    calm = load([written(tmp_path / "kelp.mcap", steps("current.enabled=false"))])
+    model, drowned = figures(calm).models["z"], figures(log).models["z"]
+    assert model is not None
+    assert drowned is not None
+    assert model.mass.told
+    assert model.mass.value == pytest.approx(32.2, rel=0.15)
+    assert model.mass.sigma < 2.0
+    assert not drowned.mass.told
+
+
+def test_mass_comes_back_from_numbers_that_are_known() -> None:
+    rng = np.random.default_rng(1)
+    dt_s, mass, linear, quadratic = 0.02, 30.0, 20.0, 110.0
+    t_s = dt_s * np.arange(4000)
+    tau = np.convolve(rng.normal(0.0, 60.0, t_s.size), np.ones(40) / 40, "same")
+    acting, rate, v = np.zeros(t_s.size), np.zeros(t_s.size), 0.0
+    for i in range(1, t_s.size):
+        acting[i] = acting[i - 1] + (tau[i - 1] - acting[i - 1]) * dt_s / 0.15
+        v += dt_s * (acting[i] - 5.0 - linear * v - quadratic * abs(v) * v) / mass
+        rate[i] = v
+    model = identify(t_s, rate + rng.normal(0.0, 0.002, t_s.size), rate, tau, 0.0, 0.15)
+    assert model is not None
+    for found, true in ((model.mass, mass), (model.bias, 5.0)):
+        assert found.value == pytest.approx(true, abs=max(3.0 * found.sigma, 0.04 * true))
+    assert model.mass.sigma < 0.05 * mass
+    assert model.damping_at.value == pytest.approx(
+        linear * model.speed + quadratic * model.speed**2, abs=3.0 * model.damping_at.sigma + 0.2
+    )
+
+
+def test_a_vehicle_that_rests_tells_no_mass() -> None:
+    rng = np.random.default_rng(2)
+    t_s = 0.02 * np.arange(3000)
+    noise = rng.normal(0.0, 0.002, t_s.size)
+    model = identify(t_s, noise, 0.0 * noise, rng.normal(8.0, 0.5, t_s.size), 0.01, 0.15)
+    assert model is None or not model.mass.told
+    assert identify(t_s[:100], t_s[:100], t_s[:100], t_s[:100], 0.0, 0.1) is None
+
+
+def saturated(t_s: float, sample: ControlSample) -> ControlSample:
+    on = sample.dofs.engaged & (int(t_s * 10) % 5 == 0)
+    return replace(sample, dofs=replace(sample.dofs, saturated=on))
+
+
+def chattering(t_s: float, sample: ControlSample) -> ControlSample:
+    tau = sample.delivered.tau + (6.0 if sample.loop.tick % 2 else -6.0)
+    return replace(sample, delivered=replace(sample.delivered, tau=tau))
+
+
+def biased(t_s: float, sample: ControlSample) -> ControlSample:
+    return replace(sample, eta_d=sample.eta_d - np.array([0.0, 0.0, 0.03, 0.0]))
+
+
+def sinking(t_s: float, sample: ControlSample) -> ControlSample:
+    tau = sample.delivered.tau - np.array([0.0, 0.0, 25.0, 0.0])
+    return replace(sample, delivered=replace(sample.delivered, tau=tau))
+
+
+def late(t_s: float, sample: ControlSample) -> ControlSample:
+    health = LoopHealth(sample.loop.tick, 50.0, 12.0, 900.0, sample.loop.tick // 10, 0)
+    return replace(sample, loop=health)
+
+
+def delayed(t_s: float, sample: ControlSample) -> ControlSample:
+    delays = replace(
+        sample.state.delays, telemetry_s=0.08, command_s=0.07, telemetry_known=True, command_known=True
+    )
+    return replace(sample, state=replace(sample.state, delays=delays))
+
+
+def flat_battery(t_s: float, sample: ControlSample) -> ControlSample:
+    return replace(sample, state=replace(sample.state, voltage_v=13.2))
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (saturated, "Depth was saturated 20%"),
+        (chattering, "Heave thrust chatters: 12"),
+        (biased, "mm is left in depth"),
+        (sinking, "N up on average. If that was no load, remove"),
+        (late, "The loop was late: p99 12.0 ms"),
+        (delayed, "Both delays together are 150 ms"),
+        (flat_battery, "The battery fell to 13.2 V"),
+    ],
+)
+def test_each_rule_speaks_when_it_should(
+    tmp_path: Path, in_waves: list[Step], change: Change, words: str
+) -> None:
+    log = load([written(tmp_path / "kelp.mcap", in_waves[: 22 * 50], change)])
+    assert any(words in line for line in advice(log, figures(log))), advice(log, figures(log))
+
+
+def test_the_page_is_one_file_with_everything_and_nothing_from_elsewhere(
+    dive: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([str(dive), "--out", str(tmp_path / "out")]) == 0
+    html = (tmp_path / "out" / "kelp.html").read_text()
+    assert "data:image/png;base64," in html
+    assert "http" not in html.replace("http-equiv", "")
+    assert "&lt;b&gt;leak&lt;/b&gt;" in html
+    assert "abc&lt;script&gt;" in html
+    assert "RAMP_DOWN: the operator stopped it" in html
+    assert (tmp_path / "out" / "kelp.png").stat().st_size > 50_000
+    assert "phase 1" in capsys.readouterr().out
+
+
+def test_a_cut_file_is_reported_and_said_to_be_cut(dive: Path, tmp_path: Path) -> None:
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(dive.read_bytes()[: dive.stat().st_size // 2])
+    log = load([cut])
+    assert 15.0 < log.duration_s < 30.0
+    assert any("was cut" in note for note in log.notes)
+    assert figures(log).phases[0].ended == "the recording ended"
+
+
+def test_a_dive_that_never_engaged_is_a_page_too(tmp_path: Path, in_waves: list[Step]) -> None:
+    path = written(tmp_path / "idle.mcap", in_waves[:50])
+    assert main([str(path)]) == 0
+    assert "It never engaged" in path.with_suffix(".html").read_text()
+
+
+def test_what_holds_no_dive_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    Recording(tmp_path / "x.mcap").close()
+    assert main([str(tmp_path / "x.mcap")]) == 1
+    assert main([str(tmp_path / "none.mcap")]) == 1
+    assert "no dive in it" in capsys.readouterr().err
+
+
+def test_thinning_keeps_every_peak() -> None:
+    rng = np.random.default_rng(3)
+    at_s, values = np.arange(200_000.0), rng.normal(size=200_000)
+    values[123_456] = 99.0
+    x, y = thinned(at_s, values)
+    assert x.size <= 2.1 * POINTS
+    assert y.max() == 99.0
+    assert (np.diff(x) >= 0.0).all()
