@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 WINDOW_S = 1.0
 BLOCK_S = 5.0
 DRAWS = 200
-TRUSTED = 0.25
+TRUSTED = 0.1
 """A standard deviation above this share of the value says that the dive does not tell."""
 
 
