@@ -1,4 +1,4 @@
-"""`holdfast watch`: one vehicle in a terminal. `Feed` gathers, `render` draws, `main` loops."""
+"""`holdfast watch`: a vehicle, or a fleet, in a terminal. `Feed` gathers, `render` draws, `main` loops."""
 
 import argparse
 import math
@@ -18,7 +18,7 @@ from rich.table import Table
 from rich.text import Text
 
 from companion import telemetry
-from companion.telemetry import Command, Dof, Loop, Schema, State, Supervisor
+from companion.telemetry import Command, Dof, Event, Loop, Schema, State, Supervisor
 from dashboard.zenoh_client import Message, Subscription
 
 STALE_S = 0.5
@@ -29,7 +29,9 @@ _WIDTH = 80
 _BINS = 16
 _BIN_S = 1.0
 _RESTART_S = 1.0
-_NOT_SHOWN = ("raw", "recorder", "event")
+_NOT_SHOWN = ("raw", "recorder")
+_EVENTS = 2
+_VEHICLES = 32
 
 _BANNER = {
     "IDLE": ("white on grey23", "hands off"),
@@ -49,7 +51,7 @@ _DASH = "–"
 
 @dataclass(frozen=True)
 class View:
-    """What is known of one vehicle at one moment. `latest` by the key's tail, such as dof/z.
+    """What is known of one vehicle at one moment, `now_s` on its own clock. `latest` by the key's tail.
 
     `age_s` is infinite before the first sample. `errors` holds, per DOF, the largest |e| (m or rad) of each
     of the last seconds, the newest last.
@@ -58,10 +60,11 @@ class View:
     endpoint: str
     connected: bool
     vehicle: str
-    others: Sequence[str]
     age_s: float
     latest: Mapping[str, Schema]
     errors: Mapping[str, Sequence[float]]
+    events: Sequence[Event]
+    now_s: float
     trouble: str
 
     @property
@@ -71,14 +74,14 @@ class View:
 
 
 class Feed:
-    """Gathers the messages of the vehicle asked for or, where none was, of the first one heard."""
+    """Gathers the messages of one vehicle."""
 
     def __init__(self, vehicle: str, endpoint: str) -> None:
         self._vehicle = vehicle
         self._endpoint = endpoint
-        self._heard: set[str] = set()
         self._latest: dict[str, Schema] = {}
         self._errors: dict[str, deque[tuple[float, float]]] = {dof: deque(maxlen=_BINS) for dof in _DOFS}
+        self._events: deque[Event] = deque(maxlen=_EVENTS)
         self._t_s = -math.inf
         self._clocks_apart_s = math.inf
         self._trouble = ""
@@ -86,7 +89,7 @@ class Feed:
     @property
     def complete(self) -> bool:
         """Whether something came under every key."""
-        return bool(self._vehicle) and len(self._latest) == len(telemetry.keys(self._vehicle))
+        return len(self._latest) == len(telemetry.EVERY_TICK)
 
     @property
     def empty(self) -> bool:
@@ -103,25 +106,26 @@ class Feed:
             except ValueError as error:
                 self._trouble = str(error)
                 continue
-            _, vehicle, tail = key.split("/", 2)
-            self._heard.add(vehicle)
-            self._vehicle = self._vehicle or vehicle
-            if vehicle == self._vehicle:
-                self._latest[tail] = record
-                self._mark_time(record.t_s, now_s)
-                if isinstance(record, Dof):
-                    self._bin(record)
+            if isinstance(record, Event):
+                self._events.append(record)
+                continue
+            self._latest[key.split("/", 2)[2]] = record
+            self._mark_time(record.t_s, now_s)
+            if isinstance(record, Dof):
+                self._bin(record)
 
     def view(self, now_s: float, connected: bool) -> View:
         """Return what there is to see at `now_s`."""
+        age_s = math.inf if self.empty else max(0.0, now_s - self._t_s - self._clocks_apart_s)
         return View(
             endpoint=self._endpoint,
             connected=connected,
             vehicle=self._vehicle,
-            others=sorted(self._heard - {self._vehicle}),
-            age_s=math.inf if self.empty else max(0.0, now_s - self._t_s - self._clocks_apart_s),
+            age_s=age_s,
             latest=dict(self._latest),
             errors={dof: [peak for _, peak in bins] for dof, bins in self._errors.items()},
+            events=list(self._events),
+            now_s=self._t_s + age_s,
             trouble=self._trouble,
         )
 
@@ -140,6 +144,72 @@ class Feed:
         bins.append((start, peak))
 
 
+class Fleet:
+    """A feed for the vehicle asked for or, where none was, for each that is heard."""
+
+    def __init__(self, vehicle: str, endpoint: str) -> None:
+        self._endpoint = endpoint
+        self._feeds = {vehicle: Feed(vehicle, endpoint)} if vehicle else {}
+        self._nobody = Feed(vehicle, endpoint)
+
+    @property
+    def complete(self) -> bool:
+        """Whether somebody was heard, and everybody under every key."""
+        return bool(self._feeds) and all(feed.complete for feed in self._feeds.values())
+
+    def take(self, messages: Iterable[Message], now_s: float) -> None:
+        """Take what arrived until `now_s`, a monotonic clock of this machine."""
+        by_vehicle: dict[str, list[Message]] = {}
+        for message in messages:
+            chunks = message.key.split("/", 2)
+            if len(chunks) == 3:
+                by_vehicle.setdefault(chunks[1], []).append(message)
+        for vehicle, theirs in by_vehicle.items():
+            if vehicle not in self._feeds and len(self._feeds) < _VEHICLES:
+                self._feeds[vehicle] = Feed(vehicle, self._endpoint)
+            if vehicle in self._feeds:
+                self._feeds[vehicle].take(theirs, now_s)
+
+    def views(self, now_s: float, connected: bool) -> list[View]:
+        """Return what there is to see of each at `now_s`; a single empty view where nobody was heard."""
+        heard = [feed for _, feed in sorted(self._feeds.items()) if not feed.empty]
+        return [feed.view(now_s, connected) for feed in heard or [self._nobody]]
+
+
+def picture(views: Sequence[View]) -> RenderableType:
+    """Draw one vehicle wholly, several as a line each."""
+    return render(views[0]) if len(views) == 1 else render_fleet(views)
+
+
+def render_fleet(views: Sequence[View]) -> RenderableType:
+    """Draw a line per vehicle. What is old is dim and says so."""
+    table = Table(box=None, padding=(0, 1, 0, 0), header_style="dim", pad_edge=False)
+    for heading in ("vehicle", "state", "depth", "heading", "vehicle is", "battery", "data"):
+        table.add_column(
+            heading, no_wrap=True, justify="right" if heading in ("depth", "heading") else "left"
+        )
+    for view in views:
+        supervisor = view.latest.get("supervisor")
+        name = supervisor.state if isinstance(supervisor, Supervisor) else _DASH
+        style, _ = _BANNER.get(name, ("", ""))
+        table.add_row(
+            Text(view.vehicle, "bold"),
+            Text(f" {name.replace('_', ' ')} ", "" if view.stale else style),
+            *_whereabouts(view.latest.get("state")),
+            Text(f"STALE {view.age_s:.0f} s", "reverse") if view.stale else Text("live"),
+            style="dim" if view.stale else "",
+        )
+    events = [_event(view.events[-1], view.now_s, f"{view.vehicle}: ") for view in views if view.events]
+    hint = Text("one of them wholly: holdfast watch --vehicle NAME", "dim")
+    return Panel(
+        Group(table, Text(), *events, hint),
+        title=f"[bold]holdfast[/] {len(views)} vehicles",
+        title_align="left",
+        box=box.ROUNDED,
+        width=_WIDTH,
+    )
+
+
 def render(view: View) -> RenderableType:
     """Draw a view. Every colour has a word beside it; what is old is dim and says so."""
     if not view.latest:
@@ -154,7 +224,7 @@ def render(view: View) -> RenderableType:
         Text(),
         _health(view),
     )
-    notes = [Text(f"also here: {', '.join(view.others)}; see --vehicle", "dim")] if view.others else []
+    notes = [_event(event, view.now_s) for event in view.events]
     if view.trouble:
         notes.append(Text(view.trouble, "italic"))
     return Panel(
@@ -173,36 +243,38 @@ def main(argv: list[str]) -> int:
     """Run the command; returns 1 when nothing came in time."""
     options = _parser().parse_args(argv)
     console = Console()
-    feed = Feed(options.vehicle or "", options.connect)
+    fleet = Fleet(options.vehicle or "", options.connect)
     once = options.once or not console.is_terminal
     try:
         with Subscription(f"holdfast/{options.vehicle or '*'}/**", options.connect) as seen:
-            view = _once(feed, seen) if once else _live(feed, seen, console)
+            views = _once(fleet, seen) if once else _live(fleet, seen, console)
     except ValueError as error:
         sys.stderr.write(f"holdfast watch: {error}\n")
         return 2
-    if feed.empty:
-        sys.stderr.write(f"holdfast watch: {_waiting(view).plain}\n")
+    if not views[0].latest:
+        sys.stderr.write(f"holdfast watch: {_waiting(views[0]).plain}\n")
         return 1
     if once:
-        console.print(render(view))
+        console.print(picture(views))
     if options.json:
-        options.json.write_bytes(msgspec.json.format(msgspec.json.encode(_figures(view))) + b"\n")
+        figures = _figures(views[0]) if len(views) == 1 else {"vehicles": [_figures(view) for view in views]}
+        options.json.write_bytes(msgspec.json.format(msgspec.json.encode(figures)) + b"\n")
     return 0
 
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="holdfast watch",
-        description="Show a vehicle's state in the terminal, live over Zenoh; Ctrl-C ends it. "
-        "Where the output is no terminal, it is one snapshot as with --once.",
+        description="Show a vehicle's state in the terminal, live over Zenoh, or a line per vehicle where "
+        "there are several; Ctrl-C ends it. Where the output is no terminal, it is one snapshot, as with "
+        "--once.",
     )
-    parser.add_argument("--vehicle", metavar="NAME", help="which one; without it, the first one heard")
+    parser.add_argument("--vehicle", metavar="NAME", help="only this one, wholly")
     parser.add_argument(
         "--connect",
         metavar="ENDPOINT",
         default=telemetry.ENDPOINT,
-        help="where Zenoh listens: the companion or a router (default %(default)s)",
+        help="a companion, a router, or a file of `holdfast keys` (default %(default)s)",
     )
     parser.add_argument(
         "--once",
@@ -213,26 +285,26 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _once(feed: Feed, seen: Subscription) -> View:
+def _once(fleet: Fleet, seen: Subscription) -> list[View]:
     deadline_s = time.monotonic() + PATIENCE_S
-    while not feed.complete and time.monotonic() < deadline_s:
-        feed.take(seen.take(), time.monotonic())
+    while not fleet.complete and time.monotonic() < deadline_s:
+        fleet.take(seen.take(), time.monotonic())
         time.sleep(0.02)
-    return feed.view(time.monotonic(), seen.connected)
+    return fleet.views(time.monotonic(), seen.connected)
 
 
-def _live(feed: Feed, seen: Subscription, console: Console) -> View:
-    view = feed.view(time.monotonic(), connected=False)
-    with Live(render(view), console=console, screen=True, auto_refresh=False) as live:
+def _live(fleet: Fleet, seen: Subscription, console: Console) -> list[View]:
+    views = fleet.views(time.monotonic(), connected=False)
+    with Live(picture(views), console=console, screen=True, auto_refresh=False) as live:
         try:
             while True:
                 now_s = time.monotonic()
-                feed.take(seen.take(), now_s)
-                view = feed.view(now_s, seen.connected)
-                live.update(render(view), refresh=True)
+                fleet.take(seen.take(), now_s)
+                views = fleet.views(now_s, seen.connected)
+                live.update(picture(views), refresh=True)
                 time.sleep(_REFRESH_S)
         except KeyboardInterrupt:
-            return view
+            return views
 
 
 def _figures(view: View) -> dict[str, object]:
@@ -256,6 +328,26 @@ def _freshness(view: View) -> Text:
     age = f"{view.age_s:.2f} s old"
     link = "" if view.connected else ", not connected"
     return Text(f" STALE, {age}{link} ", "reverse") if view.stale else Text(f"live, {age}{link}")
+
+
+def _whereabouts(state: Schema | None) -> tuple[str, str, str, str]:
+    """Return depth, heading, armed or not, and battery; a dash for what is not known."""
+    if not isinstance(state, State):
+        return _DASH, _DASH, _DASH, _DASH
+    return (
+        _DASH if "depth_m" in state.absent else _place(state.depth_m, "z"),
+        _DASH if "heading_rad" in state.absent else _place(state.heading_rad, "psi"),
+        "ARMED" if state.armed else "disarmed",
+        _DASH if "voltage_v" in state.absent else f"{state.voltage_v:.1f} V",
+    )
+
+
+def _event(event: Event, now_s: float, whose: str = "") -> Text:
+    """Draw an event in one line, with its age."""
+    style = {"fault": "bold red", "warning": "yellow"}.get(event.severity, "")
+    line = Text(f"{max(0.0, now_s - event.t_s):4.0f} s ago  {whose}{event.severity}: {event.text}", style)
+    line.truncate(_WIDTH - 4, overflow="ellipsis")
+    return line
 
 
 def _banner(view: View) -> RenderableType:

@@ -9,12 +9,12 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
-from rich.console import Console
+from rich.console import Console, RenderableType
 
 from companion import telemetry
 from companion.types import Condition, ControlSample, State, Wrench
 from dashboard import watch
-from dashboard.watch import Feed, View, render
+from dashboard.watch import Feed, Fleet, View, picture, render
 from dashboard.zenoh_client import Message
 
 MakeSample = Callable[..., ControlSample]
@@ -109,13 +109,43 @@ def test_nothing_heard_tells_where_to_look() -> None:
     assert "nothing of any vehicle" in _screen(feed.view(1.0, connected=True))
 
 
-def test_the_first_vehicle_heard_is_shown_and_the_others_named(make_sample: MakeSample) -> None:
-    feed = Feed("", "here")
-    feed.take(_messages(make_sample()), now_s=1.0)
-    feed.take(_messages(make_sample(t_s=99.0), "wrack"), now_s=1.0)
+def test_one_vehicle_is_shown_wholly_and_several_as_a_line_each(make_sample: MakeSample) -> None:
+    fleet = Fleet("", "here")
+    assert not fleet.complete
+    fleet.take(_messages(make_sample()), now_s=1.0)
+    assert fleet.complete
+    assert "holdfast kelp" in _drawn(picture(fleet.views(1.0, connected=True)))
+    fleet.take(_messages(make_sample(t_s=99.0, voltage_v=math.nan), "wrack"), now_s=1.5)
+    fleet.take([Message("holdfast/wrack/event", _event("the tether tugs"))], now_s=1.5)
+    screen = _drawn(picture(fleet.views(1.6, connected=True)))
+    assert "holdfast 2 vehicles" in screen
+    assert max(map(len, screen.splitlines())) <= 80
+    (kelp,) = [line for line in screen.splitlines() if " kelp " in line]
+    (wrack,) = [line for line in screen.splitlines() if " wrack " in line]
+    assert "89 s ago  wrack: fault: the tether tugs" in screen
+    assert "…" not in screen
+    assert "STALE 1 s" in kelp
+    for words in ("ACTIVE", "5.000 m", "28.6°", "ARMED", "–", "live"):
+        assert words in wrack
+
+
+def test_only_the_vehicle_asked_for_is_shown(make_sample: MakeSample) -> None:
+    fleet = Fleet("kelp", "here")
+    fleet.take([*_messages(make_sample()), Message("holdfast/kelp", b"")], now_s=1.0)
+    assert [view.vehicle for view in fleet.views(1.0, connected=True)] == ["kelp"]
+
+
+def test_the_last_events_are_shown_with_their_age_and_all_fits(make_sample: MakeSample) -> None:
+    feed = Feed("kelp", "here")
+    feed.take(_messages(make_sample(t_s=15.0)), now_s=1.0)
+    for text in ("first", "second", "FAULT: " + 90 * "x"):
+        feed.take([Message("holdfast/kelp/event", _event(text))], now_s=1.0)
     screen = _screen(feed.view(1.0, connected=True))
-    assert "holdfast kelp" in screen
-    assert "also here: wrack" in screen
+    lines = screen.splitlines()
+    assert len(lines) <= 24
+    assert max(map(len, lines)) <= 80
+    assert "first" not in screen
+    assert "   5 s ago  fault: second" in screen
 
 
 def test_a_strange_message_is_told_and_passed_over(make_sample: MakeSample) -> None:
@@ -191,10 +221,18 @@ def _view(sample: ControlSample) -> View:
     return feed.view(1.0, connected=True)
 
 
+def _event(text: str) -> bytes:
+    return telemetry.to_json(telemetry.Event(t_s=10.0, boot_s=1.0, severity="fault", kind="state", text=text))
+
+
 def _screen(view: View) -> str:
+    return _drawn(render(view))
+
+
+def _drawn(what: RenderableType) -> str:
     console = Console(width=80, file=StringIO())
     with console.capture() as captured:
-        console.print(render(view))
+        console.print(what)
     return captured.get()
 
 
