@@ -28,6 +28,7 @@ from companion.endpoint import Endpoint
 from companion.engine import Engine
 from companion.events import Chronicle
 from companion.links import Link
+from companion.mavlink.relay import Relay
 from companion.mavlink.signing import Signing, read_key
 from companion.operator import Desk, Handed
 from companion.telemetry import Raw, Start
@@ -74,8 +75,13 @@ class App:
     def __init__(self, config: Config, setpoint: Setpoint, *, arm: bool, requests: Sequence[Request]) -> None:
         self._config = config
         self._inbox: deque[tuple[int, bytes]] = deque(maxlen=INBOX)
-        self._link = Link(Endpoint.parse(config.link.endpoint), "vehicle", self._heard)
+        self._link = Link(Endpoint.parse(config.link.endpoint), "vehicle", self._from_vehicle)
         self._engine = Engine(config, setpoint, arm=arm, signing=signing_of(config))
+        self._ground: Link | None = None
+        if config.ground_station.endpoint:
+            self._relay = Relay(config, signing_of(config))
+            endpoint = Endpoint.parse(config.ground_station.endpoint)
+            self._ground = Link(endpoint, "ground station", self._from_ground)
         telemetry = config.telemetry
         self._desk = Desk(config, setpoint.eta_d, allowed=telemetry.allow_control)
         self._chronicle = Chronicle()
@@ -106,8 +112,10 @@ class App:
             return 1
         for number in (signal.SIGINT, signal.SIGTERM):
             loop.add_signal_handler(number, self._stop.set)
-        link = loop.create_task(self._link.run())
-        link.add_done_callback(self._link_ended)
+        links = [link for link in (self._link, self._ground) if link is not None]
+        running = [loop.create_task(link.run()) for link in links]
+        for task in running:
+            task.add_done_callback(self._link_ended)
         gc.collect()
         gc.freeze()
         ticker = Ticker(self._period_ns)
@@ -122,10 +130,11 @@ class App:
             for _ in range(FAREWELLS):
                 self._link.send(self._engine.farewell())
                 await asyncio.sleep(self._period_ns / NS_PER_S)
-            link.cancel()
-            with suppress(asyncio.CancelledError, OSError):
-                await link
-            self._link.close()
+            for task in running:
+                task.cancel()
+            await asyncio.gather(*running, return_exceptions=True)
+            for link in links:
+                link.close()
             self._publisher.close()
         if self._failure is not None:
             log.error("gave up: %s", self._failure, exc_info=self._failure)
@@ -133,8 +142,15 @@ class App:
         log.info("stopped; the vehicle was left neutral")
         return 0
 
-    def _heard(self, t_ns: int, data: bytes) -> None:
+    def _from_vehicle(self, t_ns: int, data: bytes) -> None:
+        if self._ground is not None:
+            for piece in self._relay.to_ground(t_ns, data):
+                self._ground.send(piece)
         self._inbox.append((t_ns, data))
+
+    def _from_ground(self, t_ns: int, data: bytes) -> None:
+        for piece in self._relay.to_vehicle(t_ns, data):
+            self._link.send(piece)
 
     def _on_tick(self, ticker: Ticker) -> None:
         periods = ticker.read()
@@ -160,9 +176,12 @@ class App:
             requests, self._requests = [*self._requests, *handed.requests], []
             datagrams = list(self._inbox)
             self._inbox.clear()
-            out, sample = engine.step(now_s, datagrams, health, requests)
+            ground = self._relay.take() if self._ground is not None else []
+            out, sample = engine.step(now_s, datagrams, health, requests, ground)
             for data in out:
                 self._link.send(data)
+            if self._ground is not None:
+                self._relay.withhold = engine.steering
             desk.after(engine, sample, now_s)
         except Exception as error:
             self._failure = error
@@ -172,7 +191,7 @@ class App:
         if handed.config is not None:
             self._publisher.config = msgspec.json.encode(handed.config)
         events = self._chronicle.step(sample, self._desk.taken, self._rivals())
-        self._publisher.offer(sample, self._raw(now_s, datagrams, out, requests, handed), events)
+        self._publisher.offer(sample, self._raw(now_s, datagrams, ground, out, requests, handed), events)
         for event in events:
             if event.kind != "state":
                 log.info("%s: %s", event.kind, event.text)
@@ -186,6 +205,7 @@ class App:
         self,
         now_s: float,
         datagrams: Sequence[tuple[int, bytes]],
+        ground: Sequence[tuple[int, bytes]],
         out: Sequence[bytes],
         requests: Sequence[Request],
         handed: Handed,
@@ -196,6 +216,7 @@ class App:
             tick=self._ticks,
             now_s=now_s,
             heard=datagrams,
+            ground=ground,
             out=out,
             requests=[request.name for request in requests],
             setpoint=None if handed.setpoint is None else handed.setpoint.eta_d.tolist(),

@@ -28,6 +28,9 @@ class Observation:
     finite: bool = True
     late_s: float = 0.0
     pilot_deflection: float = 0.0
+    pilot_timeout_s: float = math.inf
+    """How old the ground station's heartbeat may be: infinite where none is needed."""
+    surface_on_loss: bool = False
     stop: bool = False
     engage: bool = False
     clear: bool = False
@@ -81,6 +84,10 @@ def _surprised(o: Observation, limits: Limits) -> bool:
 
 def _tilted(o: Observation, limits: Limits) -> bool:
     return not max(abs(o.state.roll), abs(o.state.pitch)) <= math.radians(limits.max_tilt_deg)
+
+
+def _pilot_lost(o: Observation, _: Limits) -> bool:
+    return not o.state.ages.pilot_s <= o.pilot_timeout_s
 
 
 # What is not known counts against permission: hence `not x <= limit`, which a NaN meets.
@@ -247,6 +254,20 @@ CONDITIONS = (
         ("pilot_deflection", "pilot_hold_s"),
         "somebody else moves a stick",
         "let go of the stick; engage again",
+    ),
+    Look(
+        C.PILOT_LOST,
+        _pilot_lost,
+        (),
+        "no heartbeat came from the ground station for ground_station.timeout_s",
+        "look at the tether and the ground station; its sticks have the vehicle again at once",
+    ),
+    Look(
+        C.PILOT_LOST_SURFACE,
+        lambda o, limits: o.surface_on_loss and _pilot_lost(o, limits),
+        (),
+        "the same, and ground_station.on_loss says to surface",
+        "the same",
     ),
     Look(C.OPERATOR_STOP, lambda o, limits: o.stop, (), "the operator asked to stop", "nothing"),
     Look(C.ENGAGE_ASKED, lambda o, limits: o.engage, (), "the operator asked to engage", "nothing"),

@@ -60,6 +60,17 @@ class Link(Section, frozen=True):
     signing_link_id: Annotated[int, msgspec.Meta(ge=0, le=255)]
 
 
+class GroundStation(Section, frozen=True):
+    """The pilot's ground station, whose frames pass through us."""
+
+    endpoint: str
+    timeout_s: Positive
+    on_loss: Literal["hold", "surface", "silence"]
+    full_deflection: Fraction
+    full_deflection_s: Seconds
+    release_button: Annotated[int, msgspec.Meta(ge=-1, le=15)]
+
+
 class Loop(Section, frozen=True):
     """The tick."""
 
@@ -177,6 +188,7 @@ class Config(Section, frozen=True):
 
     vehicle: Vehicle
     link: Link
+    ground_station: GroundStation
     loop: Loop
     delays: Delays
     thrusters: Thrusters
@@ -217,10 +229,20 @@ def load_config(path: Path = DEFAULT_FILE, overrides: Sequence[str] = ()) -> Con
         config = msgspec.convert(table, Config)
     except msgspec.ValidationError as error:
         raise ConfigError(f"{path}: {_explained(table, str(error))}") from error
-    try:
-        Endpoint.parse(config.link.endpoint)
-    except ValueError as error:
-        raise ConfigError(f"{path}: link.endpoint = {config.link.endpoint!r}: {error}") from error
+    for key, endpoint in (
+        ("link.endpoint", config.link.endpoint),
+        ("ground_station.endpoint", config.ground_station.endpoint),
+    ):
+        try:
+            if endpoint or key == "link.endpoint":
+                Endpoint.parse(endpoint)
+        except ValueError as error:
+            raise ConfigError(f"{path}: {key} = {endpoint!r}: {error}") from error
+    if config.ground_station.endpoint and config.vehicle.thrust_path != "manual_control":
+        raise ConfigError(
+            f"{path}: vehicle.thrust_path = {config.vehicle.thrust_path!r}: must be 'manual_control' with a "
+            "ground_station.endpoint: overrides would wipe out the pilot's MANUAL_CONTROL"
+        )
     return config
 
 

@@ -14,8 +14,11 @@ from companion.control.bounds import bounded, wrap
 from companion.control.positioning import jacobian, to_body, to_inertial
 from companion.estimation import Estimator
 from companion.handover import KEEP_ALIVE_S, HandOver
+from companion.mavlink.ardusub import Mode
 from companion.mavlink.autopilot import Autopilot
+from companion.mavlink.relay import pilot_events
 from companion.mavlink.signing import Signing
+from companion.pilot import Pilot, Wish
 from companion.steering_mode import STEERING_MODES, ModeKeeper
 from companion.supervisor import UNFIT, Envelope, Supervisor, guard
 from companion.types import (
@@ -82,6 +85,10 @@ class Engine:
         self._had_authority = False
         self._kept_alive_s = -math.inf
         self._dofs: DofSample | None = None
+        self._pilot = Pilot(config)
+        self._handed_back = np.zeros(4, bool)
+        self.steering = False
+        """Whether the last tick sent a steering frame: nobody else's should reach the vehicle meanwhile."""
         self._references: deque[tuple[float, Array]] = deque()
         self.verdict = Verdict(State.IDLE, Condition(0), 0.0, "just started")
 
@@ -91,16 +98,24 @@ class Engine:
         datagrams: Sequence[tuple[int, bytes]],
         loop: LoopHealth,
         requests: Sequence[Request] = (),
+        ground: Sequence[tuple[int, bytes]] = (),
     ) -> tuple[list[bytes], ControlSample]:
-        """Advance one tick: take what arrived (monotonic ns, bytes), return what to send and the record."""
+        """Advance one tick: take what arrived (monotonic ns, bytes), return what to send and the record.
+
+        `ground` are the pilot's frames as `Relay.take` gives them.
+        """
         dt_s = self._tick_s if self._last_s is None else now_s - self._last_s
         self._last_s = now_s
 
-        events = self._autopilot.receive(datagrams)
+        events = [*self._autopilot.receive(datagrams), *pilot_events(ground)]
         state = self._estimator.step(now_s, events)
-        verdict = self._permit(state, events, requests, loop, dt_s)
+        wish = self._pilot.step(now_s, dt_s, events, self._engaged, self.target[Z])
+        taken = self._engaged & _by_dof(wish.taken)
+        gone = wish.all or bool(taken.any() and not (self._engaged & ~taken).any())
+        verdict = self._permit(state, events, requests, loop, dt_s, taken_back=gone)
 
         J = jacobian(state.eta_ahead[PSI])
+        self._heed(wish, taken, J, dt_s)
         control_dt_s = min(max(dt_s, 0.0), MAX_DT_TICKS * self._tick_s)
         self._controller.frozen = verdict.freeze or verdict.authority < 1.0
         rising = verdict.state is State.ACTIVE and verdict.authority < 1.0
@@ -118,18 +133,22 @@ class Engine:
             AxisCommand(*wanted.axes.tolist()), verdict, self._command, self._envelope, self._tick_s
         )
 
-        applied = self._ours(self._autopilot.applied(command, state.pilot_gain))
+        self.steering = self._steers(now_s, verdict)
+        pilot = wish.sticks if self.steering else None
+        sent = self._autopilot.blended(command, self._engaged, pilot, state.pilot_gain)
+        applied = self._ours(self._autopilot.applied(sent, state.pilot_gain))
         delivered = self._thrusters.delivered(applied, state.voltage_v)[:4]
         self._estimator.sent(now_s, applied[:4], to_inertial(J, delivered))
-        self._saturated = _by_dof(wanted.saturated | (np.abs(applied - wanted.axes) > 0.01))
+        short = (np.abs(applied - wanted.axes) > 0.01) | self._thrusters.overloaded(applied)
+        self._saturated = _by_dof(wanted.saturated | short)
         self._command = command
 
         mode = self._modes.wanted(now_s, state.mode, verdict.state, engage=self._engage_asked)
         if verdict.state is State.HAND_OVER:
             mode = self._hand_over.wanted
         out = self._autopilot.upkeep(now_s, events, mode=mode, arm=self._asks_arming(verdict))
-        if self._steers(now_s, verdict):
-            out.append(self._autopilot.steer(command, state.pilot_gain))
+        if self.steering:
+            out.append(self._autopilot.steer(sent, state.pilot_gain, pilot))
         return out, ControlSample(
             state=state,
             eta_d=self._reference_now(dofs.x_d, state),
@@ -183,6 +202,7 @@ class Engine:
         limits = config.supervisor
         self._supervisor.ramp_up_s, self._supervisor.ramp_down_s = limits.ramp_up_s, limits.ramp_down_s
         self._estimator.max_depth_jump_m = limits.max_depth_jump_m
+        self._pilot.retune(config)
         self._config = config
         if changed:
             self._watch.config_changed()
@@ -194,6 +214,8 @@ class Engine:
         requests: Sequence[Request],
         loop: LoopHealth,
         dt_s: float,
+        *,
+        taken_back: bool,
     ) -> Verdict:
         """Ask the supervisor; on engaging and while resting, set the controller to where the vehicle is."""
         if Request.ENGAGE in requests:
@@ -203,13 +225,16 @@ class Engine:
         before, limits = self.verdict, self._config.supervisor
         handing_over, steered = before.state is State.HAND_OVER, before.authority > 0.0
         conditions = Condition(0)
+        ground, ages = self._config.ground_station, state.ages
         if handing_over:
+            surfacing = self._hand_over.goal is Mode.SURFACE
+            back_s = state.t_s - ages.pilot_s if surfacing else -math.inf
             conditions |= self._hand_over.step(
                 state.t_s,
                 state.mode,
                 thrusting=steered,
-                pilot_heard_s=self._watch.pilot_heard_s,
-                keep_s=limits.keep_alt_hold_s,
+                pilot_heard_s=max(self._watch.pilot_heard_s, back_s),
+                keep_s=math.inf if surfacing else limits.keep_alt_hold_s,
             )
         seen = self._watch.step(
             dt_s,
@@ -226,13 +251,17 @@ class Engine:
             else state.mode == self._modes.steering,
             parameters=self._autopilot.parameters,
             requests=requests,
+            taken_back=taken_back,
+            pilot_timeout_s=ground.timeout_s if ground.endpoint and ground.on_loss != "hold" else math.inf,
+            surface_on_loss=ground.on_loss == "surface",
             engage=self._engage_asked,
             loop=loop,
         )
         self.verdict = self._supervisor.step(conditions | assess(seen, limits), dt_s)
         now = self.verdict.state
         if now is State.HAND_OVER and not handing_over:
-            self._hand_over.begin(state.t_s, state.mode)
+            up = Condition.PILOT_LOST_SURFACE in self.verdict.conditions
+            self._hand_over.begin(state.t_s, state.mode, Mode.SURFACE if up else Mode.ALT_HOLD)
         if self.verdict.authority == 0.0:
             self._references.clear()
             self._engaged = np.zeros(4, bool)
@@ -244,6 +273,12 @@ class Engine:
             self._controller.rest(state)
             self._engaged_at = Setpoint(state.eta)
             self._target = _filled(self._setpoint, state.eta)
+            self._handed_back = np.zeros(4, bool)
+        elif Request.ENGAGE in requests and now is State.ACTIVE:
+            back, self._handed_back = self._handed_back, np.zeros(4, bool)
+            self._controller.reference.catch_up(state.eta_ahead, state.eta_dot_ahead, back)
+            self._target = replace(self._target, eta_d=np.where(back, state.eta, self._target.eta_d))
+            self._engaged = self._engaged | back
         if now is State.FAULT or (before.state is State.ACTIVE and now is not State.ACTIVE):
             self._engage_asked = False
         return self.verdict
@@ -265,6 +300,16 @@ class Engine:
         """Return the axes that are ours: the first four, and while levelling roll and pitch."""
         axes = (command.surge, command.sway, command.heave, command.yaw, command.roll, command.pitch)
         return np.array(axes[: self._thrusters.axes])
+
+    def _heed(self, wish: Wish, taken: Flags, J: Array, dt_s: float) -> None:
+        """Let go of the DOFs that the pilot takes back, and move the setpoint as the sticks say."""
+        self._engaged = self._engaged & ~taken
+        self._handed_back = self._handed_back | taken
+        x_d = self._controller.reference.x_d
+        self._target, moved = self._pilot.move(self._target, wish, J, self._engaged, x_d, dt_s)
+        if moved.any() or taken.any():
+            eta_d = np.where(moved | taken, np.nan, self._setpoint.eta_d)
+            self._setpoint = replace(self._setpoint, eta_d=eta_d)
 
     def _steers(self, now_s: float, verdict: Verdict) -> bool:
         """Tell whether a steering frame goes out: with authority; neutral at first and for a while after.

@@ -30,6 +30,7 @@ from companion.types import (
     Event,
     Heartbeat,
     PilotGain,
+    PilotHeartbeat,
     Position,
     Reboot,
     ServoOutput,
@@ -114,6 +115,7 @@ class Estimator:
         self._gain = 1.0
         self._link_t_s = -math.inf
         self._heartbeat_t_s = -math.inf
+        self._pilot_t_s = -math.inf
         self._handlers: dict[type, Callable[[Any], None]] = {
             Attitude: self._on_attitude,
             Depth: self._on_depth,
@@ -193,6 +195,7 @@ class Estimator:
                 depth_s=now_s - self._measured_t_s[Z],
                 attitude_s=now_s - attitude.t_s,
                 position_s=now_s - self._measured_t_s[X],
+                pilot_s=now_s - self._pilot_t_s,
             ),
             delays=delays,
             innovation=self._innovation[:, 0],
@@ -237,6 +240,8 @@ class Estimator:
 
     def _take(self, event: Event) -> None:
         kind = type(event)
+        if kind is PilotHeartbeat:
+            self._pilot_t_s = event.t_s
         handler = self._handlers.get(kind)
         if handler is None:
             return

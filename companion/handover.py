@@ -1,4 +1,4 @@
-"""From our thrust to the autopilot's own depth hold, and how long we keep that alive.
+"""From our thrust to the autopilot's own depth hold, or its way up, and how long we keep that alive.
 
 ALT_HOLD entered straight from MANUAL dips by half a metre; entered through STABILIZE, with the throttle at
 neutral, it does not (ArduSub facts). So: ramp down, STABILIZE, a second of neutral, ALT_HOLD. Each mode is
@@ -18,13 +18,14 @@ KEEP_ALIVE_S = 1.0
 
 
 class HandOver:
-    """The steps of one hand-over; `begin` starts anew."""
+    """The steps of one hand-over to `goal`, ALT_HOLD or SURFACE; `begin` starts anew."""
 
     def __init__(self) -> None:
-        self.begin(0.0, Mode.MANUAL)
+        self.begin(0.0, Mode.MANUAL, Mode.ALT_HOLD)
 
-    def begin(self, now_s: float, mode: int) -> None:
+    def begin(self, now_s: float, mode: int, goal: Mode) -> None:
         """Start from flight mode `mode`."""
+        self.goal = goal
         self._came_from = mode
         self._since_s = now_s
         self._stable_s: float | None = None
@@ -36,7 +37,7 @@ class HandOver:
         self, now_s: float, mode: int, *, thrusting: bool, pilot_heard_s: float, keep_s: float
     ) -> Condition:
         """Go on at `now_s` with the heartbeat's `mode`; return HANDED_OVER, HAND_OVER_REFUSED or nothing."""
-        if mode == Mode.ALT_HOLD:
+        if mode == self.goal:
             self._held_s = now_s if self._held_s is None else self._held_s
             self.wanted = None
             relieved = pilot_heard_s > self._held_s or now_s - self._held_s >= keep_s
@@ -48,18 +49,18 @@ class HandOver:
         if mode == Mode.STABILIZE and self._stable_s is None:
             self._stable_s = now_s
         settled = self._stable_s is not None and now_s - self._stable_s >= SETTLE_S
-        self.wanted = Mode.ALT_HOLD if settled else Mode.STABILIZE
+        self.wanted = self.goal if settled else Mode.STABILIZE
         return Condition(0)
 
     def allows(self, mode: int) -> bool:
         """Tell whether `mode` is one on our way: another one is somebody's choice."""
         if self._held_s is not None:
-            return mode == Mode.ALT_HOLD
+            return mode == self.goal
         if self._stable_s is not None:
-            return mode in (Mode.STABILIZE, Mode.ALT_HOLD)
-        return mode in (self._came_from, Mode.STABILIZE, Mode.ALT_HOLD)
+            return mode in (Mode.STABILIZE, self.goal)
+        return mode in (self._came_from, Mode.STABILIZE, self.goal)
 
     @property
     def held(self) -> bool:
-        """Whether ALT_HOLD has the vehicle."""
+        """Whether `goal` has the vehicle."""
         return self._held_s is not None

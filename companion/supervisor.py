@@ -20,7 +20,7 @@ C, S = Condition, State
 BLIND = C.LINK_LOST | C.DEPTH_STALE | C.ATTITUDE_STALE | C.POSITION_STALE
 SICK = C.EKF_UNHEALTHY | C.DEPTH_JUMPED | C.DEPTH_OUT_OF_BOUNDS | C.SURPRISED | C.DELAY_TOO_LONG | C.TILTED
 UNFIT = BLIND | SICK | C.DISARMED | C.WRONG_MODE | C.FAILSAFE_UNSAFE | C.NON_FINITE | C.TICK_LATE
-UNFIT |= C.LEAK | C.BATTERY_LOW | C.REBOOTED
+UNFIT |= C.LEAK | C.BATTERY_LOW | C.REBOOTED | C.PILOT_LOST
 NOTHING = Condition(0)
 
 
@@ -56,6 +56,8 @@ TRANSITIONS = (
     Row(S.ACTIVE, C.TICK_LATE, NOTHING, S.RAMP_DOWN, "this process does not keep time"),
     Row(S.ACTIVE, C.LEAK, NOTHING, S.HAND_OVER, "there is water inside"),
     Row(S.ACTIVE, C.AUTOPILOT_FAILSAFE, NOTHING, S.RAMP_DOWN, "a failsafe of the autopilot's acts"),
+    Row(S.ACTIVE, C.PILOT_LOST_SURFACE, NOTHING, S.HAND_OVER, "the ground station fell silent: up it goes"),
+    Row(S.ACTIVE, C.PILOT_LOST, NOTHING, S.RAMP_DOWN, "the ground station fell silent"),
     Row(S.ACTIVE, C.OPERATOR_STOP, NOTHING, S.RAMP_DOWN, "the operator stopped it"),
     Row(S.ACTIVE, C.POSITION_STALE, NOTHING, S.HAND_OVER, "no fresh position"),
     Row(S.ACTIVE, C.DELAY_TOO_LONG, NOTHING, S.HAND_OVER, "the link is too slow for any gains"),
@@ -74,8 +76,8 @@ TRANSITIONS = (
     Row(S.HAND_OVER, C.WRONG_MODE | C.PILOT_TAKEOVER, NOTHING, S.PILOT, "the pilot took over"),
     Row(S.HAND_OVER, C.DISARMED, NOTHING, S.IDLE, "the vehicle was disarmed"),
     Row(S.HAND_OVER, C.OPERATOR_STOP, NOTHING, S.PILOT, "the operator stopped handing over"),
-    Row(S.HAND_OVER, C.HAND_OVER_REFUSED, NOTHING, S.FAULT, "the autopilot did not take ALT_HOLD"),
-    Row(S.HAND_OVER, C.HANDED_OVER, NOTHING, S.PILOT, "the autopilot holds the depth"),
+    Row(S.HAND_OVER, C.HAND_OVER_REFUSED, NOTHING, S.FAULT, "the autopilot did not take the mode"),
+    Row(S.HAND_OVER, C.HANDED_OVER, NOTHING, S.PILOT, "the autopilot has the vehicle"),
     Row(S.PILOT, C.NON_FINITE, NOTHING, S.FAULT, "a computed value was not finite"),
     Row(S.PILOT, C.CLEAR_ASKED | C.ENGAGE_ASKED, C.PILOT_TAKEOVER, S.IDLE, "the operator takes it back"),
     Row(S.FAULT, C.CLEAR_ASKED, C.NON_FINITE, S.IDLE, "the operator cleared the fault"),

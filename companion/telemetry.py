@@ -144,6 +144,7 @@ class Loop(Record, frozen=True, kw_only=True):
     garbage: Annotated[int, means("bytes that were no MAVLink")]
     foreign: Annotated[int, means("messages of other systems")]
     implausible: Annotated[int, means("messages with numbers that cannot be")]
+    pilot_age_s: Annotated[float, means("since the ground station's heartbeat")] = NEVER_S
     refused: Annotated[int, means("frames whose MAVLink signature was bad, missing or replayed")] = 0
 
 
@@ -178,6 +179,9 @@ class Raw(msgspec.Struct, frozen=True, kw_only=True):
     heard: Annotated[Sequence[tuple[int, bytes]], means("arrival in monotonic ns and the datagram")] = (
         msgspec.field(name="in")
     )
+    ground: Annotated[
+        Sequence[tuple[int, bytes]], means("arrival in monotonic ns and frame, of the ground station")
+    ] = ()
     out: Annotated[Sequence[bytes], means("datagrams sent")]
     requests: Annotated[Sequence[str], means("what the operator asked for, by name")] = ()
     setpoint: Annotated[
@@ -364,6 +368,7 @@ def records(sample: ControlSample) -> list[Schema]:
             foreign=counters.foreign,
             implausible=counters.implausible,
             refused=counters.refused,
+            pilot_age_s=min(state.ages.pilot_s, NEVER_S),
         ),
     ]
 

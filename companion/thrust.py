@@ -123,6 +123,11 @@ class Thrusters:
         """Return the demand (…, n) on each motor that the firmware makes of axes (…, axes)."""
         return np.asarray(axes @ self._M.T)
 
+    def overloaded(self, axes: Array) -> Flags:
+        """Tell by axis (axes,) whether its motor group is asked more than a motor can give."""
+        load = np.abs(self.motors(axes)) > 1.01
+        return np.where(self._upright, load[HORIZONTAL:].any(), load[:HORIZONTAL].any())
+
     def axes_from_motors(self, motors: Array) -> Array:
         """Return the axes (…, axes) that make the firmware ask `motors` (…, n) of its thrusters: M⁺ t."""
         return np.asarray(motors @ self._M_inverse.T)

@@ -5,6 +5,7 @@ x, y, z, psi (inertial) or surge, sway, heave, yaw (body, Fossen's X, Y, Z, N). 
 Times: `t_s` is this machine's monotonic clock, `boot_s` the autopilot's clock.
 """
 
+import math
 from dataclasses import dataclass, field
 from enum import IntEnum, IntFlag, StrEnum, auto
 
@@ -17,6 +18,24 @@ Flags = NDArray[np.bool_]
 DOFS = ("x", "y", "z", "psi")
 AXES = ("surge", "sway", "heave", "yaw")
 X, Y, Z, PSI = range(4)
+
+
+@dataclass(frozen=True, slots=True)
+class AxisCommand:
+    """Normalised demands, -1..1: forward, right, down, clockwise, starboard down, bow up.
+
+    Down, not up: ardusub.py flips it. Roll and pitch are ours only while levelling.
+    """
+
+    surge: float = 0.0
+    sway: float = 0.0
+    heave: float = 0.0
+    yaw: float = 0.0
+    roll: float = 0.0
+    pitch: float = 0.0
+
+
+NEUTRAL = AxisCommand()
 
 
 # --- What came from the vehicle ---------------------------------------------------------------------------
@@ -155,6 +174,28 @@ class PilotInput:
 
 
 @dataclass(frozen=True, slots=True)
+class PilotHeartbeat:
+    """The ground station on our own second link is alive."""
+
+    t_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class PilotSticks:
+    """The pilot's MANUAL_CONTROL, which came through our relay.
+
+    `sticks` are fractions of full stick, -1..1, down positive. The further fields, to be passed on as they
+    came, are (buttons2, enabled_extensions) and aux1..aux6.
+    """
+
+    t_s: float
+    sticks: AxisCommand
+    buttons: int
+    extensions: tuple[int, int]
+    aux: tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class Parameter:
     """A parameter's value, as the autopilot reports it."""
 
@@ -216,6 +257,8 @@ Event = (
     | Battery
     | PilotGain
     | PilotInput
+    | PilotHeartbeat
+    | PilotSticks
     | PilotToggle
     | ReceiverChannels
     | Firmware
@@ -277,6 +320,8 @@ class Ages:
     depth_s: float
     attitude_s: float
     position_s: float
+    pilot_s: float = math.inf
+    """The ground station's heartbeat."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -336,24 +381,6 @@ class Wrench:
     tau: Array
 
 
-@dataclass(frozen=True, slots=True)
-class AxisCommand:
-    """Normalised demands, -1..1: forward, right, down, clockwise, starboard down, bow up.
-
-    Down, not up: ardusub.py flips it. Roll and pitch are ours only while levelling.
-    """
-
-    surge: float = 0.0
-    sway: float = 0.0
-    heave: float = 0.0
-    yaw: float = 0.0
-    roll: float = 0.0
-    pitch: float = 0.0
-
-
-NEUTRAL = AxisCommand()
-
-
 class State(StrEnum):
     """The supervisor's states."""
 
@@ -399,6 +426,8 @@ class Condition(IntFlag):
     CONFIG_CHANGED = auto()
     HANDED_OVER = auto()
     HAND_OVER_REFUSED = auto()
+    PILOT_LOST = auto()
+    PILOT_LOST_SURFACE = auto()
 
 
 @dataclass(frozen=True, slots=True)

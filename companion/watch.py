@@ -18,6 +18,7 @@ from companion.types import (
     LoopHealth,
     Parameter,
     PilotInput,
+    PilotSticks,
     Reboot,
     Request,
     VehicleState,
@@ -69,10 +70,16 @@ class Watch:
         mode_right: bool,
         parameters: Mapping[str, float],
         requests: Sequence[Request],
+        taken_back: bool,
+        pilot_timeout_s: float,
+        surface_on_loss: bool,
         engage: bool,
         loop: LoopHealth,
     ) -> Observation:
-        """Return what this tick sees; `dofs` are the last tick's, `parameters` those before `events`."""
+        """Return what this tick sees; `dofs` are the last tick's, `parameters` those before `events`.
+
+        `taken_back`: the pilot takes everything, by the sticks or a button of our own second link.
+        """
         now_s = state.t_s
         rebooted = False
         if self._config_changed:
@@ -81,6 +88,8 @@ class Watch:
             match event:
                 case Heartbeat():
                     self._heartbeat = event
+                case PilotSticks():
+                    self.pilot_heard_s = event.t_s
                 case PilotInput():
                     self.pilot_heard_s = event.t_s
                     if event.deflection > limits.pilot_deflection:
@@ -118,9 +127,9 @@ class Watch:
             holds_position=bool(engaged[0]),
             finite=finite,
             late_s=late_s,
-            pilot_deflection=(
-                self._pilot_deflection if now_s - self._pilot_t_s <= limits.pilot_hold_s else 0.0
-            ),
+            pilot_deflection=self._deflection(now_s, limits, taken_back),
+            pilot_timeout_s=pilot_timeout_s,
+            surface_on_loss=surface_on_loss,
             stop=Request.STOP in requests,
             engage=engage,
             clear=Request.CLEAR_FAULT in requests,
@@ -135,6 +144,11 @@ class Watch:
             samples_dropped=now_s - self._dropped_t_s <= ANNOUNCED_S,
             config_changed=now_s - self._changed_t_s <= ANNOUNCED_S,
         )
+
+    def _deflection(self, now_s: float, limits: Limits, taken_back: bool) -> float:
+        if taken_back:
+            return 1.0
+        return self._pilot_deflection if now_s - self._pilot_t_s <= limits.pilot_hold_s else 0.0
 
     def _failsafe(self) -> bool:
         beat, since_s = self._heartbeat, self._steering_since_s

@@ -10,6 +10,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from companion.config import load_config
 from companion.engine import Engine
+from companion.mavlink.relay import Relay
 from companion.types import NEUTRAL, Request, Setpoint, State
 from lab.lockstep import START_S, Link, Lockstep
 from sim_bridge.config import Fault
@@ -21,6 +22,7 @@ CALM = ("current.enabled=false",)
 DEPTH_M, HEADING_RAD = 1.0, 0.3
 ARM = mavlink.MAV_CMD_COMPONENT_ARM_DISARM
 CARRY_AUTHORITY = (State.ACTIVE, State.RAMP_DOWN, State.HAND_OVER)
+WITH_PILOT = ("ground_station.endpoint=udp-listen:127.0.0.1:14551", "vehicle.thrust_path=manual_control")
 STEERING = {mavlink.MAVLINK_MSG_ID_MANUAL_CONTROL, mavlink.MAVLINK_MSG_ID_RC_CHANNELS_OVERRIDE}
 
 
@@ -72,11 +74,51 @@ class Somebody:
         return self.frame(mavlink.MAVLink_param_set_message(1, 1, name.encode(), value, 9))
 
 
+class Cockpit(Somebody):
+    """A pilot at a ground station on the companion's second link: heartbeats, and sticks if any are set.
+
+    `sent` is all that it said, `passed` what the relay let through to the vehicle, `heard` what came back.
+    """
+
+    def __init__(self, config, signing=None):
+        super().__init__()
+        self.relay = Relay(config, signing)
+        self.sticks = None
+        self.alive = True
+        self.extra = []
+        self.sent, self.passed, self.heard = b"", b"", b""
+
+    def push(self, surge=0.0, sway=0.0, heave=0.0, yaw=0.0, buttons=0, **rest):
+        """Move the sticks and leave them there; fractions of full stick, heave down."""
+        axes = (round(1000 * surge), round(1000 * sway), 500 - round(500 * heave), round(1000 * yaw))
+        self.sticks = mavlink.MAVLink_manual_control_message(1, *axes, buttons, **rest)
+
+    def says(self, tick):
+        """What it says in this tick: MANUAL_CONTROL at 25 Hz, as QGroundControl does."""
+        out, self.extra = self.extra, []
+        if self.alive and tick % 50 == 0:
+            out.append(self.frame(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)))
+        if self.sticks is not None and tick % 2 == 0:
+            out.append(self.frame(self.sticks))
+        return out
+
+    def exchange(self, t_ns, inbox, tick):
+        """Relay both ways; return what goes to the vehicle at once, and the pilot's frames for the engine."""
+        passed = []
+        for data in self.says(tick):
+            self.sent += data
+            passed += self.relay.to_vehicle(t_ns, data)
+        self.passed += b"".join(passed)
+        self.heard += b"".join(piece for at, data in inbox for piece in self.relay.to_ground(at, data))
+        return passed, self.relay.take()
+
+
 class Tap:
     """Stands where the engine is: spoils what comes, adds to what goes, holds every tick to account."""
 
     def __init__(self, engine, config):
         self.engine = engine
+        self.cockpit = None
         self.max_axis, self.slew = config.thrusters.max_axis, config.thrusters.max_slew_per_s
         self.tick_s = 1.0 / config.loop.rate_hz
         self.spoil = lambda now_s, inbox: inbox
@@ -102,11 +144,17 @@ class Tap:
         inbox, self._inbox = self._inbox, []
         requests, self._requests = self._requests, []
         self.may_engage |= Request.ENGAGE in requests
-        out, sample = self.engine.step(now_s, inbox, health, requests)
+        passed = []
+        if self.cockpit is None:
+            out, sample = self.engine.step(now_s, inbox, health, requests)
+        else:
+            passed, ground = self.cockpit.exchange(round(now_s * 1e9), inbox, health.tick)
+            out, sample = self.engine.step(now_s, inbox, health, requests, ground)
+            self.cockpit.relay.withhold = self.engine.steering
         self._sample = sample
         self.history.append((t_s, sample.verdict.state))
         self._hold_to_account(t_s, out, sample)
-        return out + extra, sample
+        return passed + out + extra, sample
 
     def _hold_to_account(self, t_s, out, sample):
         state, command = sample.verdict.state, astuple(sample.command)
@@ -118,7 +166,7 @@ class Tap:
         if sample.verdict.authority == 0.0 or state not in CARRY_AUTHORITY:
             assert sample.verdict.authority == 0.0
             assert command == astuple(NEUTRAL)
-            assert not any(axis for axes in frames for axis in axes)
+            assert self.cockpit or not any(axis for axes in frames for axis in axes)
         else:
             assert self.may_engage
             for now, before in zip(command, astuple(self._command), strict=True):
@@ -142,11 +190,14 @@ class Dive:
         link=None,
         base="sim.toml",
         signing=None,
+        pilot=False,
     ):
-        config = load_config(overrides=companion)
+        config = load_config(overrides=(*companion, *(WITH_PILOT if pilot else ())))
         self.vehicle = Vehicle(load_plant(ROOT / "config" / base, (*CALM, *plant)), seed)
         self.engine = Engine(config, setpoint or hold(), arm=arm, signing=signing)
         self.tap = Tap(self.engine, config)
+        if pilot:
+            self.cockpit = self.tap.cockpit = Cockpit(config, signing)
         self.loop = Lockstep(self.vehicle, self.tap, link or Link(), seed, config.loop.rate_hz)
         self.step = None
         if engage:

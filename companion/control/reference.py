@@ -48,6 +48,15 @@ class ReferenceModel:
         self._target_dot = np.zeros_like(x)
         self._target_ddot = np.zeros_like(x)
 
+    def catch_up(self, x: Array, x_dot: Array, where: Flags) -> None:
+        """Start anew `where` asked, from how the vehicle is and moves."""
+        kept = self.x_d, self.x_d_dot, self.x_d_ddot, self._target_dot, self._target_ddot
+        self.reset(x, x_dot)
+        anew = self.x_d, self.x_d_dot, self.x_d_ddot, self._target_dot, self._target_ddot
+        self.x_d, self.x_d_dot, self.x_d_ddot, self._target_dot, self._target_ddot = (
+            np.where(where, new, old) for new, old in zip(anew, kept, strict=True)
+        )
+
     def go_on(self, other: Self) -> None:
         """Stand where `other` stands, with the same rates and the same target."""
         self.x_d, self.x_d_dot, self.x_d_ddot = other.x_d, other.x_d_dot, other.x_d_ddot

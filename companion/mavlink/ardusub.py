@@ -38,6 +38,7 @@ from companion.types import (
     Parameter,
     PilotGain,
     PilotInput,
+    PilotSticks,
     PilotToggle,
     Position,
     ReceiverChannels,
@@ -58,6 +59,7 @@ SPAN_US: Final = 400
 LEAVE_ALONE: Final = UINT16_MAX
 STICK: Final = 1000
 STICK_NEUTRAL_Z: Final = 500
+INT16_MAX: Final = 0x7FFF
 MAX_GAIN: Final = 10.0
 FLOAT32_HALF_STEP_US: Final = 6e-5
 """The firmware computes PWM in float32: what is nearer than this to a whole µs is that µs."""
@@ -382,9 +384,7 @@ class Converter:
         return (PilotInput(t_s, min(1.0, max(sticks, throttle, tilt))),)
 
     def _rc_channels_override(self, m: Message, t_s: float) -> tuple[Event, ...]:
-        channels = (m.chan1_raw, m.chan2_raw, m.chan3_raw, m.chan4_raw, m.chan5_raw, m.chan6_raw)
-        offsets = [abs(us - NEUTRAL_US) for us in channels if us not in (0, LEAVE_ALONE)]
-        return (PilotInput(t_s, min(1.0, max(offsets, default=0) / SPAN_US)),)
+        return (PilotInput(t_s, override_deflection(m) or 0.0),)
 
 
 class _TextAssembler:
@@ -457,14 +457,20 @@ class Commands:
             self._system, self._component, *(NEUTRAL_US,) * 6, LEAVE_ALONE, LEAVE_ALONE
         )
 
-    def manual_control(self, command: AxisCommand, gain: float, throttle_gain: float) -> Message:
+    def manual_control(
+        self, command: AxisCommand, gain: float, throttle_gain: float, pilot: PilotSticks | None = None
+    ) -> Message:
         """Axes as sticks that undo the pilot's `gain` and JS_THR_GAIN, within `manual_control_reach`.
 
-        Pitch and roll go as s and t, which ArduSub adds in µs.
+        Pitch and roll go as s and t, which ArduSub adds in µs. Buttons and all further fields are those of
+        the pilot, where there is one.
         """
         x, y, z, r = _sticks(command, gain, throttle_gain)
         s, t = _pwm_us(command.pitch) - NEUTRAL_US, _pwm_us(command.roll) - NEUTRAL_US
-        return mavlink.MAVLink_manual_control_message(self._system, x, y, z, r, 0, 0, 0, s, t)
+        buttons, extensions, aux = (pilot.buttons, pilot.extensions, pilot.aux) if pilot else (0, (0, 0), ())
+        return mavlink.MAVLink_manual_control_message(
+            self._system, x, y, z, r, buttons, *extensions, s, t, *aux
+        )
 
     def set_mode(self, mode: Mode) -> Message:
         """Ask for a flight mode; HEARTBEAT tells whether it was granted."""
@@ -502,6 +508,44 @@ class Commands:
     def _command(self, command: int, *params: float) -> Message:
         padded = (*params, *(0.0,) * (7 - len(params)))
         return mavlink.MAVLink_command_long_message(self._system, self._component, command, 0, *padded)
+
+
+def pilot_sticks(m: Message, t_s: float) -> PilotSticks:
+    """Convert the pilot's MANUAL_CONTROL; INT16_MAX, MAVLink's word for an axis that is not there, rests."""
+    return PilotSticks(
+        t_s,
+        AxisCommand(
+            surge=_fraction(m.x),
+            sway=_fraction(m.y),
+            heave=0.0 if m.z == INT16_MAX else _clip((STICK_NEUTRAL_Z - m.z) / STICK_NEUTRAL_Z),
+            yaw=_fraction(m.r),
+            roll=_clip(m.t / SPAN_US),
+            pitch=_clip(m.s / SPAN_US),
+        ),
+        m.buttons,
+        (m.buttons2, m.enabled_extensions),
+        (m.aux1, m.aux2, m.aux3, m.aux4, m.aux5, m.aux6),
+    )
+
+
+def override_deflection(m: Message) -> float | None:
+    """Return how far an RC_CHANNELS_OVERRIDE moves the six axes, 0..1; None if it leaves them all alone."""
+    channels = (m.chan1_raw, m.chan2_raw, m.chan3_raw, m.chan4_raw, m.chan5_raw, m.chan6_raw)
+    offsets = [abs(us - NEUTRAL_US) for us in channels if us not in (0, LEAVE_ALONE)]
+    return min(1.0, max(offsets) / SPAN_US) if offsets else None
+
+
+def stick_demand(sticks: AxisCommand, gain: float, throttle_gain: float) -> AxisCommand:
+    """Return what the vehicle makes of the pilot's sticks: demands as `AxisCommand` counts them."""
+    reach = manual_control_reach(gain, throttle_gain)
+    return AxisCommand(
+        surge=sticks.surge * reach.surge,
+        sway=sticks.sway * reach.sway,
+        heave=sticks.heave * reach.heave,
+        yaw=sticks.yaw * reach.yaw,
+        roll=sticks.roll,
+        pitch=sticks.pitch,
+    )
 
 
 def manual_control_reach(gain: float, throttle_gain: float) -> AxisCommand:
@@ -593,6 +637,10 @@ def _deflection(demand: float, full_stick: float) -> float:
     if not math.isfinite(demand) or full_stick == 0.0:
         return 0.0
     return _clip(_clip(demand) / full_stick)
+
+
+def _fraction(stick: int) -> float:
+    return 0.0 if stick == INT16_MAX else _clip(stick / STICK)
 
 
 def _clip(value: float) -> float:

@@ -1,19 +1,38 @@
 """The autopilot as the engine sees it: bytes in, events out; commands in, bytes out."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import astuple, replace
 
+import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from companion.config import Config
 from companion.endpoint import Endpoint
-from companion.mavlink.ardusub import Commands, Converter, Mode, manual_control_reach, quantise, unmirrored
+from companion.mavlink.ardusub import (
+    Commands,
+    Converter,
+    Mode,
+    manual_control_reach,
+    quantise,
+    stick_demand,
+    unmirrored,
+)
 from companion.mavlink.codec import Codec, Message, Packer
 from companion.mavlink.freshness import Freshness
 from companion.mavlink.signing import Signing
 from companion.mavlink.streams import message_name, streams
 from companion.mavlink.upkeep import Upkeep
-from companion.types import NEUTRAL, AxisCommand, Event, Firmware, LinkCounters, PilotInput, ServoOutput
+from companion.types import (
+    NEUTRAL,
+    AxisCommand,
+    Event,
+    Firmware,
+    Flags,
+    LinkCounters,
+    PilotInput,
+    PilotSticks,
+    ServoOutput,
+)
 
 NS_PER_S = 1e9
 
@@ -83,11 +102,26 @@ class Autopilot:
         """Return the frame that asks for `mode` once, whatever the heartbeat says."""
         return self._codec.encode(self._commands.set_mode(mode))
 
-    def steer(self, command: AxisCommand, pilot_gain: float) -> bytes:
-        """Return the frame that puts `command` on the vehicle's axes."""
+    def blended(
+        self, command: AxisCommand, held: Flags, pilot: PilotSticks | None, pilot_gain: float
+    ) -> AxisCommand:
+        """Return `command` on the axes that are `held` (4,), what the pilot's sticks demand on the others.
+
+        Roll and pitch are held where they are levelled, as long as anything is.
+        """
+        if pilot is None:
+            return command
+        theirs = stick_demand(pilot.sticks, pilot_gain, self._throttle_gain)
+        ours = [*held, *[self._tilts and held.any()] * 2]
+        return AxisCommand(*np.where(ours, astuple(command), astuple(theirs)).tolist())
+
+    def steer(self, command: AxisCommand, pilot_gain: float, pilot: PilotSticks | None = None) -> bytes:
+        """Return the frame that puts `command` on the vehicle's axes, with the pilot's buttons."""
         if self._path == "rc_override":
             return self._codec.encode(self._commands.rc_override(command, tilts=self._tilts))
-        return self._codec.encode(self._commands.manual_control(command, pilot_gain, self._throttle_gain))
+        return self._codec.encode(
+            self._commands.manual_control(command, pilot_gain, self._throttle_gain, pilot)
+        )
 
     def neutral(self, pilot_gain: float = 1.0) -> bytes:
         """Return the frame that stops all thrust."""

@@ -2,7 +2,7 @@
 
 import itertools
 import math
-from dataclasses import astuple, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -46,6 +46,7 @@ UNFIT = (
     C.LEAK,
     C.BATTERY_LOW,
     C.REBOOTED,
+    C.PILOT_LOST,
 )
 ONLY_TOLD = (C.SATURATED, C.QUEUE_FULL, C.CONFIG_CHANGED)
 FORBIDS_ENGAGING = (*UNFIT, C.PILOT_TAKEOVER, C.OPERATOR_STOP)
@@ -61,7 +62,7 @@ EXPECTED = {
         C.ENGAGE_ASKED: State.READY,
         C.CLEAR_ASKED: State.READY,
         **dict.fromkeys((C.RAMPED_DOWN, C.HANDED_OVER, C.HAND_OVER_REFUSED), State.READY),
-        **dict.fromkeys((*ONLY_TOLD, C.OFF_TRACK, C.AUTOPILOT_FAILSAFE), State.READY),
+        **dict.fromkeys((*ONLY_TOLD, C.OFF_TRACK, C.AUTOPILOT_FAILSAFE, C.PILOT_LOST_SURFACE), State.READY),
     },
     State.READY: {
         **dict.fromkeys(UNFIT, State.IDLE),
@@ -88,6 +89,8 @@ EXPECTED = {
         C.TICK_LATE: State.RAMP_DOWN,
         C.TILTED: State.RAMP_DOWN,
         C.PILOT_TAKEOVER: State.PILOT,
+        C.PILOT_LOST: State.RAMP_DOWN,
+        C.PILOT_LOST_SURFACE: State.HAND_OVER,
         C.OPERATOR_STOP: State.RAMP_DOWN,
     },
     State.RAMP_DOWN: {
@@ -266,7 +269,7 @@ FINE_STATE = VehicleState(
     system_status=4,
     voltage_v=16.0,
     pilot_gain=0.5,
-    ages=Ages(0.0, 0.0, 0.0, 0.0, 0.0),
+    ages=Ages(0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
     delays=Delays(0.01, 0.01, True, True),
 )
 SOUND = EkfStatus(9.9, attitude=True, depth=True, variance=0.1)
@@ -334,6 +337,15 @@ def test_nothing_holds_when_all_is_well():
         (aged(attitude_s=LIMITS.attitude_timeout_s + 0.01), {}, C.ATTITUDE_STALE),
         (aged(position_s=LIMITS.position_timeout_s + 0.01), {}, C.POSITION_STALE),
         (aged(position_s=math.inf), {"holds_position": False}, NOTHING),
+        (aged(pilot_s=3.01), {"pilot_timeout_s": 3.0}, C.PILOT_LOST),
+        (aged(pilot_s=math.inf), {"pilot_timeout_s": 3.0}, C.PILOT_LOST),
+        (aged(pilot_s=math.inf), {}, NOTHING),
+        (
+            aged(pilot_s=3.01),
+            {"pilot_timeout_s": 3.0, "surface_on_loss": True},
+            C.PILOT_LOST | C.PILOT_LOST_SURFACE,
+        ),
+        (aged(pilot_s=2.9), {"pilot_timeout_s": 3.0, "surface_on_loss": True}, NOTHING),
         (replace(FINE_STATE, armed=False), {}, C.DISARMED),
         (FINE_STATE, {"mode_right": False}, C.WRONG_MODE),
         (FINE_STATE, {"ekf": None}, C.EKF_UNHEALTHY),

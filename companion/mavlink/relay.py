@@ -1,0 +1,216 @@
+"""Between the ground station and the vehicle: every byte passes as and when it came, but for one thing.
+
+While the engine steers, the pilot's steering does not reach the vehicle by itself: MANUAL_CONTROL and
+RC_CHANNELS_OVERRIDE overwrite each other in ArduSub, and two senders make phantom button presses. It goes to
+the engine, which sends one message for both. Frames may be MAVLink 1 or 2, signed or not; they keep their
+signatures. Where there is a key the engine gets only what is signed with it: else anybody could steer by us.
+"""
+
+import re
+from collections import deque
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Any, Final, NamedTuple
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from companion.config import Config
+from companion.endpoint import Endpoint
+from companion.mavlink.ardusub import override_deflection, pilot_sticks
+from companion.mavlink.codec import PARTIAL_TIMEOUT_S
+from companion.mavlink.signing import Signing
+from companion.types import Event, PilotHeartbeat, PilotInput
+
+NS_PER_S: Final = 1e9
+MAX_DATAGRAM: Final = 1400
+MAX_BYTES_A_TICK: Final = 1 << 14
+"""More than this from the ground station in one tick is a flood: it is dropped, and the control goes on."""
+
+MAX_FRAMES_A_TICK: Final = 64
+
+HEARTBEAT: Final = mavlink.MAVLINK_MSG_ID_HEARTBEAT
+MANUAL_CONTROL: Final = mavlink.MAVLINK_MSG_ID_MANUAL_CONTROL
+OVERRIDE: Final = mavlink.MAVLINK_MSG_ID_RC_CHANNELS_OVERRIDE
+
+_MARKERS: Final = re.compile(rb"[\xfd\xfe]")
+_V1, _V2 = 0xFE, 0xFD
+
+
+class Frame(NamedTuple):
+    """A whole frame with a good checksum."""
+
+    version: int
+    system: int
+    id: int
+    payload: bytes
+
+    def message(self) -> Any:
+        """Return the message, cut-off zeros filled in."""
+        kind: Any = mavlink.mavlink_map[self.id]
+        size = kind.unpacker.size
+        values = kind.unpacker.unpack(self.payload.ljust(size, b"\0")[:size])
+        return kind(*[values[i] for i in kind.orders])
+
+
+def frame_at(data: bytes, at: int) -> tuple[int, Frame | None]:
+    """Return the size that a frame at `at` claims, 0 if it is none, and the frame if whole and sound."""
+    if data[at] == _V1:
+        header, size = 6, 8
+    elif data[at] == _V2:
+        header, size = 10, 12
+    else:
+        return 0, None
+    left = len(data) - at
+    if left < header:
+        return size, None
+    length = data[at + 1]
+    size += length
+    if header == 6:
+        system, message_id = data[at + 3], data[at + 5]
+    else:
+        if data[at + 2] & ~1:
+            return 0, None
+        size += 13 * data[at + 2]
+        system, message_id = data[at + 5], data[at + 7] | data[at + 8] << 8 | data[at + 9] << 16
+    kind = mavlink.mavlink_map.get(message_id)
+    if kind is None or length > kind.unpacker.size:
+        return 0, None
+    if left < size:
+        return size, None
+    end = at + header + length
+    checksum = mavlink.x25crc(data[at + 1 : end] + bytes((kind.crc_extra,))).crc
+    if checksum != data[end] | data[end + 1] << 8:
+        return 0, None
+    return size, Frame(1 if header == 6 else 2, system, message_id, data[at + header : end])
+
+
+class Splitter:
+    """Cuts what arrives into whole frames and junk; `rest` is the beginning of a frame that is still to come.
+
+    A datagram holds whole frames; of a stream the rest waits, PARTIAL_TIMEOUT_S at most.
+    """
+
+    def __init__(self, stream: bool) -> None:
+        self._stream = stream
+        self._since_s = 0.0
+        self.rest = b""
+
+    def cut(self, t_s: float, data: bytes) -> Iterator[tuple[Frame | None, bytes]]:
+        """Give the pieces in order, each with its frame; together with `rest` they are all that came."""
+        old = len(self.rest)
+        data = self.rest + data
+        self.rest = b""
+        at, end = 0, len(data)
+        while at < end:
+            size, frame = frame_at(data, at)
+            if frame is None and size > end - at and self._stream:
+                waited = at < old
+                if not (waited and t_s - self._since_s > PARTIAL_TIMEOUT_S):
+                    self.rest = data[at:]
+                    if not waited:
+                        self._since_s = t_s
+                    return
+            if frame is None:
+                marker = _MARKERS.search(data, at + 1)
+                size = (marker.start() if marker else end) - at
+            yield frame, data[at : at + size]
+            at += size
+
+
+class Relay:
+    """Both ways between two links. `withhold` is set while the engine steers."""
+
+    def __init__(self, config: Config, signing: Signing | None = None) -> None:
+        vehicle, ground = Endpoint.parse(config.link.endpoint), Endpoint.parse(config.ground_station.endpoint)
+        self.withhold = False
+        self.dropped = 0
+        self._link = config.link
+        self._signing = signing
+        self._up, self._down = Splitter(vehicle.is_stream), Splitter(ground.is_stream)
+        self._reframes_up = vehicle.is_stream and not ground.is_stream
+        self._reframes_down = ground.is_stream and not vehicle.is_stream
+        self._passed = 0
+        self._heard: deque[tuple[int, bytes]] = deque(maxlen=MAX_FRAMES_A_TICK)
+        self._bytes = 0
+
+    def to_ground(self, t_ns: int, data: bytes) -> Sequence[bytes]:
+        """Return what goes to the ground station of what came from the vehicle: all, in whole frames."""
+        if not self._reframes_up:
+            return (data,)
+        return _packed(piece for _, piece in self._up.cut(t_ns / NS_PER_S, data))
+
+    def to_vehicle(self, t_ns: int, data: bytes) -> Sequence[bytes]:
+        """Return what goes to the vehicle of what came from the ground station."""
+        self._bytes += len(data)
+        if self._bytes > MAX_BYTES_A_TICK:
+            self.dropped += 1
+            return ()
+        out: list[bytes] = []
+        at = -self._passed  # of the piece, seen from the first byte that the vehicle does not have yet
+        for frame, piece in self._down.cut(t_ns / NS_PER_S, data):
+            withheld = frame is not None and self._concerns_us(t_ns, frame, piece) and self.withhold
+            if not withheld or at < 0:
+                out.append(piece[max(0, -at) :])
+            at += len(piece)
+        self._passed = max(0, -at)
+        if not (self.withhold or self._reframes_down):
+            out.append(self._down.rest[self._passed :])
+            self._passed = len(self._down.rest)
+        return _packed(out) if self._reframes_down else [b"".join(out)] if any(out) else ()
+
+    def take(self) -> list[tuple[int, bytes]]:
+        """Return the pilot's frames since the last tick: arrival (monotonic ns) and bytes."""
+        heard = list(self._heard)
+        self._heard.clear()
+        self._bytes = 0
+        return heard
+
+    def _concerns_us(self, t_ns: int, frame: Frame, data: bytes) -> bool:
+        """Keep the pilot's heartbeat and steering for the engine; tell whether it is steering."""
+        if frame.id == HEARTBEAT:
+            heeded, steering = frame.message().type == mavlink.MAV_TYPE_GCS, False
+        else:
+            link = self._link
+            heeded = steering = frame.system == link.system and _steers(frame, link.vehicle_system)
+        if heeded and self._believed(frame, data):
+            self._heard.append((t_ns, data))
+        return steering
+
+    def _believed(self, frame: Frame, data: bytes) -> bool:
+        return self._signing is None or (frame.version == 2 and self._signing.accepts(data))
+
+
+def _steers(frame: Frame, vehicle: int) -> bool:
+    """Tell whether ArduSub would be steered by it: overrides that touch none of the six axes pass."""
+    if frame.id == MANUAL_CONTROL:
+        return bool(frame.message().target == vehicle)
+    return frame.id == OVERRIDE and override_deflection(frame.message()) is not None
+
+
+def pilot_events(heard: Iterable[tuple[int, bytes]]) -> list[Event]:
+    """Convert what `Relay.take` gave. Never raises for any bytes: what is no frame is no event."""
+    events: list[Event] = []
+    for t_ns, data in heard:
+        frame = frame_at(data, 0)[1] if data else None
+        if frame is None:
+            continue
+        t_s = t_ns / NS_PER_S
+        if frame.id == HEARTBEAT:
+            events.append(PilotHeartbeat(t_s))
+        elif frame.id == MANUAL_CONTROL:
+            events.append(pilot_sticks(frame.message(), t_s))
+        elif frame.id == OVERRIDE:
+            events.append(PilotInput(t_s, override_deflection(frame.message()) or 0.0))
+    return events
+
+
+def _packed(pieces: Iterable[bytes]) -> list[bytes]:
+    """Join pieces to datagrams, as few as there can be without cutting a piece that fits into one."""
+    datagrams: list[bytes] = []
+    for piece in pieces:
+        for at in range(0, len(piece), MAX_DATAGRAM):
+            part = piece[at : at + MAX_DATAGRAM]
+            if datagrams and len(datagrams[-1]) + len(part) <= MAX_DATAGRAM:
+                datagrams[-1] += part
+            else:
+                datagrams.append(part)
+    return datagrams

@@ -1,0 +1,455 @@
+"""A pilot at the sticks while the companion holds, through the relay and real bytes, in virtual time.
+
+`Cockpit` stands at the ground station's link; the truth is what the stand-in vehicle makes of all the frames.
+"""
+
+import hashlib
+import math
+
+import numpy as np
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from virtual import Dive, Somebody, active, hold
+
+from companion.mavlink.signing import Signing
+from companion.types import Request, State
+
+HEAVE, YAW = 2, 3
+PITCH, ROLL, THROTTLE, TURN, FORWARD, LATERAL = range(6)
+"""Channels of the stand-in vehicle."""
+
+GAIN = 0.5
+"""ArduSub's own at boot."""
+
+LIGHTS_UP = 14
+SURFACE, ALT_HOLD, STABILIZE, MANUAL = 9, 2, 0, 19
+
+
+def channels(dive):
+    return dive.vehicle._autopilot.pilot.channels
+
+
+KEY = hashlib.sha256(b"kelp").digest()
+
+
+def holding(*plant, seconds=3.0, depth_m=1.0, **arguments):
+    start = f"initial.eta=[0,0,{depth_m},0,0,0.3]"
+    return active(start, *plant, pilot=True, seconds=seconds, setpoint=hold(z=depth_m), **arguments)
+
+
+def engaged(dive):
+    return dive.step.sample.dofs.engaged.tolist()
+
+
+def steering_bytes(data):
+    """How many steering frames are in a stretch of whole frames."""
+    parser = mavlink.MAVLink(None)
+    kinds = [m.get_type() for m in parser.parse_buffer(data) or ()]
+    return kinds.count("MANUAL_CONTROL") + kinds.count("RC_CHANNELS_OVERRIDE")
+
+
+@pytest.mark.parametrize("axis", ["surge", "sway"])
+@pytest.mark.parametrize("push", [0.3, -0.3])
+def test_axes_that_are_not_held_are_the_pilots_own(axis, push):
+    dive = holding()
+    dive.cockpit.push(**{axis: push})
+    dive.run(3.0)
+    assert dive.state is State.ACTIVE
+    assert channels(dive)[FORWARD if axis == "surge" else LATERAL] == round(1500 + 400 * GAIN * push)
+    nu = dive.step.truth.nu
+    assert math.copysign(1.0, nu[0 if axis == "surge" else 1]) == math.copysign(1.0, push)
+    assert dive.step.truth.eta[2] == pytest.approx(1.0, abs=0.15)
+    assert dive.step.truth.eta[5] == pytest.approx(0.3, abs=0.15)
+
+
+def test_while_it_holds_the_vehicle_hears_one_sender_only():
+    dive = holding()
+    dive.cockpit.push(surge=0.3)
+    before = len(dive.cockpit.passed)
+    dive.run(2.0)
+    assert steering_bytes(dive.cockpit.passed[before:]) == 0
+    assert len(dive.cockpit.passed) > before, "heartbeats pass"
+    dive.ask(Request.STOP)
+    dive.until(State.IDLE)
+    dive.run(2.0)
+    assert steering_bytes(dive.cockpit.passed[before:]) > 20
+
+
+@pytest.mark.parametrize("push", [0.5, -0.5])
+def test_a_stick_on_heave_moves_the_depth_and_leaves_it_where_it_is_let_go(push):
+    dive = holding(depth_m=5.0)
+    before = dive.step.truth.eta[2]
+    dive.cockpit.push(heave=push)
+    steps = dive.run(4.0)
+    rate = np.mean([step.truth.nu[2] for step in steps[100:]])
+    assert rate == pytest.approx(0.45 * math.copysign((abs(push) - 0.1) / 0.9, push), abs=0.04)
+    dive.cockpit.push()
+    dive.run(1.0)
+    wanted = dive.step.sample.eta_d[2]
+    steps = dive.run(3.0)
+    assert math.copysign(1.0, wanted - before) == math.copysign(1.0, push)
+    assert abs(wanted - before) > 0.5
+    np.testing.assert_allclose([step.truth.eta[2] for step in steps], wanted, atol=0.06)
+    assert engaged(dive)[HEAVE]
+
+
+@pytest.mark.parametrize("push", [0.5, -0.5])
+def test_a_stick_on_yaw_turns_the_heading_and_leaves_it(push):
+    dive = holding()
+    dive.cockpit.push(yaw=push)
+    dive.run(2.0)
+    dive.cockpit.push()
+    dive.run(1.5)
+    wanted = dive.step.sample.eta_d[3]
+    dive.run(2.0)
+    assert math.copysign(1.0, wanted - 0.3) == math.copysign(1.0, push)
+    assert dive.step.truth.eta[5] == pytest.approx(wanted, abs=0.06)
+    assert dive.step.sample.eta_d[3] == pytest.approx(wanted, abs=0.02)
+
+
+def test_the_setpoint_stops_at_the_surface_and_at_the_deepest_allowed():
+    dive = holding(companion=["supervisor.max_depth_m=1.5"])
+    for push, depth_m in ((0.6, 1.5), (-0.6, 0.0)):
+        dive.cockpit.push(heave=push)
+        dive.run(8.0)
+        assert dive.step.sample.eta_d[2] == pytest.approx(depth_m, abs=0.05)
+    assert dive.state is State.ACTIVE
+
+
+def test_a_stick_stops_a_way_that_has_only_begun():
+    """Holding at 1 m, told to go to 9 m: a pilot who pulls up goes up from here, not from there."""
+    dive = holding()
+    dive.loop.engine.aim(hold(z=9.0))
+    dive.run(3.0)
+    z = dive.step.truth.eta[2]
+    dive.cockpit.push(heave=-0.5)
+    dive.run(2.0)
+    assert dive.step.truth.eta[2] < z + 0.2
+    assert dive.step.sample.eta_d[2] < z + 0.2
+
+
+def test_a_stick_within_the_dead_zone_moves_nothing():
+    dive = holding()
+    dive.cockpit.push(heave=0.09, yaw=-0.09)
+    wanted = dive.step.sample.eta_d
+    dive.run(2.0)
+    np.testing.assert_allclose(dive.step.sample.eta_d[2:], wanted[2:], atol=0.01)
+
+
+def test_full_deflection_takes_its_axis_back_and_no_other():
+    dive = holding(depth_m=5.0)
+    dive.cockpit.push(heave=-1.0)
+    dive.run(0.5)
+    assert dive.state is State.ACTIVE
+    assert engaged(dive) == [False, False, False, True]
+    assert channels(dive)[THROTTLE] == 1500 + 400 * GAIN
+    dive.cockpit.push(heave=0.2)
+    dive.run(1.0)
+    assert engaged(dive) == [False, False, False, True]
+    assert channels(dive)[THROTTLE] == 1500 - 400 * GAIN * 0.2
+    assert dive.step.truth.eta[5] == pytest.approx(0.3, abs=0.05)
+
+
+def test_the_operator_can_have_the_axis_held_again_where_it_is():
+    dive = holding(depth_m=5.0)
+    dive.cockpit.push(heave=-1.0)
+    dive.run(3.0)
+    dive.cockpit.push()
+    dive.run(2.0)
+    z = dive.step.truth.eta[2]
+    assert z < 4.6
+    dive.ask(Request.ENGAGE)
+    dive.run(3.0)
+    assert engaged(dive) == [False, False, True, True]
+    assert dive.step.truth.eta[2] == pytest.approx(z, abs=0.1)
+
+
+def test_a_short_knock_at_the_stick_takes_nothing():
+    dive = holding()
+    dive.cockpit.push(heave=1.0)
+    dive.run(0.2)
+    dive.cockpit.push()
+    dive.run(1.0)
+    assert engaged(dive)[HEAVE]
+
+
+def test_the_last_axis_taken_makes_it_the_pilots():
+    dive = holding()
+    dive.cockpit.push(heave=-1.0, yaw=1.0, surge=0.5)
+    dive.until(State.PILOT)
+    dive.run(1.0)
+    assert (channels(dive)[THROTTLE], channels(dive)[TURN]) == (1700, 1700)
+    assert channels(dive)[FORWARD] == 1600
+    before = len(dive.cockpit.passed), len(dive.cockpit.sent)
+    dive.run(1.0)
+    assert dive.cockpit.passed[before[0] :] == dive.cockpit.sent[before[1] :]
+
+
+@pytest.mark.parametrize("by", ["button", "input hold", "override"])
+def test_what_takes_everything_back_at_once(by):
+    dive = holding(companion=["ground_station.release_button=3"])
+    since_s = dive.t_s
+    if by == "button":
+        dive.cockpit.push(buttons=1 << 3)
+    elif by == "input hold":
+        dive.tap.spoil = toggled_on
+    else:
+        dive.cockpit.extra.append(dive.cockpit.stick(us=1700))
+    dive.until(State.PILOT)
+    assert dive.t_s - since_s <= 0.061
+
+
+def toggled_on(t_s, inbox):
+    packer = mavlink.MAVLink(None, 1, 1)
+    toggle = mavlink.MAVLink_named_value_float_message(round(1e3 * t_s), b"InputHold", 1.0)
+    return [*inbox, (round((1000.0 + t_s) * 1e9), toggle.pack(packer))]
+
+
+def test_an_override_without_deflection_is_withheld_and_one_that_touches_no_axis_passes():
+    dive = holding()
+    channels_7_up = mavlink.MAVLink_rc_channels_override_message(1, 1, *[65535] * 6, 1700, 65535)
+    neutral, camera = dive.cockpit.stick(us=1500), dive.cockpit.frame(channels_7_up)
+    dive.cockpit.extra += [neutral, camera]
+    dive.run(0.5)
+    assert dive.state is State.ACTIVE
+    assert neutral not in dive.cockpit.passed
+    assert camera in dive.cockpit.passed
+
+
+def test_buttons_reach_the_vehicle_even_pressed_between_two_ticks_and_count_once():
+    dive = holding("parameters.BTN14_FUNCTION=32")
+    lights = channels(dive)[8]
+    for _ in range(3):
+        dive.cockpit.push(buttons=1 << LIGHTS_UP)
+        pressed = dive.cockpit.frame(dive.cockpit.sticks)
+        dive.cockpit.push()
+        dive.cockpit.extra += [pressed, dive.cockpit.frame(dive.cockpit.sticks)]
+        dive.run(0.3)
+    assert channels(dive)[8] == lights + 300
+    assert dive.state is State.ACTIVE
+
+
+def test_pitch_roll_and_further_fields_pass():
+    dive = holding()
+    dive.cockpit.push(s=40, t=-30, enabled_extensions=3)
+    dive.run(0.2)
+    assert (channels(dive)[PITCH], channels(dive)[ROLL]) == (1540, 1470)
+
+
+def test_a_mode_change_by_a_button_gives_the_pilot_everything():
+    dive = holding()
+    dive.cockpit.push(buttons=1 << 2)  # ArduSub's default for button 2: depth hold
+    assert dive.until(State.PILOT).step.truth.mode == ALT_HOLD
+
+
+def test_sticks_that_stop_coming_are_released():
+    dive = holding()
+    dive.cockpit.push(surge=0.3, buttons=1 << LIGHTS_UP)
+    dive.run(1.0)
+    dive.cockpit.sticks = None
+    dive.run(0.7)
+    assert channels(dive)[FORWARD] == 1500
+    assert dive.state is State.ACTIVE
+
+
+@pytest.mark.parametrize("gain_steps", [0, 2])
+def test_what_the_law_wants_arrives_whatever_the_pilots_gain(gain_steps):
+    """The same depth is held at every gain; what cannot be reached is told as saturated."""
+    dive = holding("load={enabled=true, weight_n=10, on_s=0, off_s=1e6}")
+    for _ in range(gain_steps):  # button 10 with shift unset: the default gain up
+        dive.cockpit.push(buttons=1 << 10)
+        dive.run(0.3)
+        dive.cockpit.push()
+        dive.run(0.3)
+    dive.run(4.0)
+    assert dive.step.truth.eta[2] == pytest.approx(1.0, abs=0.03)
+
+
+# --- Idle -------------------------------------------------------------------------------------------------
+
+
+def test_while_it_only_watches_every_byte_passes_and_nothing_is_added():
+    dive = Dive("parameters.FS_PILOT_INPUT=1", pilot=True, arm=False, engage=False)
+    dive.cockpit.push(surge=0.4)
+    dive.cockpit.extra.append(b"\xfd\xfe no MAVLink at all \x00")
+    dive.run(2.5)
+    frames, passed, sent = len(dive.tap.frames), len(dive.cockpit.passed), len(dive.cockpit.sent)
+    dive.cockpit.extra += [dive.cockpit.arm(), b"\xfe\xfd", b""]
+    dive.run(4.0)
+    assert len(dive.tap.frames) == frames
+    assert dive.cockpit.passed[passed:] == dive.cockpit.sent[sent:]
+    assert dive.step.truth.armed
+    assert channels(dive)[FORWARD] == 1580
+
+
+def test_the_first_neutral_frames_do_not_cut_into_a_pilots_flight():
+    dive = Dive(pilot=True, arm=False, engage=False)
+    dive.cockpit.push(surge=0.5)
+    seen = set()
+    for step in dive.loop.run(1.5):
+        dive.step = step
+        seen.add(channels(dive)[FORWARD])
+    assert seen == {1500, 1600}
+    assert channels(dive)[FORWARD] == 1600
+    assert [axes[0] for _, axes in dive.tap.frames].count(0.0) <= 2
+
+
+def test_what_the_vehicle_says_reaches_the_ground_station_unchanged():
+    dive = Dive(pilot=True)
+    heard = []
+    dive.tap.spoil = lambda t_s, inbox: heard.extend(inbox) or inbox
+    dive.run(2.0)
+    assert dive.cockpit.heard == b"".join(data for _, data in heard)
+
+
+def test_our_heartbeat_does_not_hide_from_the_vehicle_that_its_ground_station_is_lost():
+    dive = Dive("parameters.FS_PILOT_INPUT=0", arm=False, engage=False)
+    dive.run(3.0)
+    station = Somebody()
+    dive.tap.to_vehicle += [
+        station.frame(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)),
+        station.arm(),
+    ]
+    dive.run(1.0)
+    assert dive.step.truth.armed
+    dive.run(5.0)
+    assert not dive.step.truth.armed
+
+
+# --- The pilot is lost ------------------------------------------------------------------------------------
+
+
+def test_without_a_ground_station_it_does_not_engage():
+    dive = Dive(pilot=True)
+    dive.cockpit.alive = False
+    dive.run(5.0)
+    assert dive.state is State.IDLE
+    assert "pilot lost" in dive.step.sample.verdict.reason
+
+
+def lost(on_loss, *plant, depth_m=1.0):
+    dive = holding(*plant, companion=[f"ground_station.on_loss={on_loss}"], depth_m=depth_m)
+    dive.cockpit.alive = False
+    dive.cockpit.sticks = None
+    return dive
+
+
+def test_lost_and_told_to_hold_it_holds():
+    dive = lost("hold")
+    dive.run(8.0)
+    assert dive.state is State.ACTIVE
+    assert dive.step.sample.state.ages.pilot_s > 7.0
+    assert dive.step.truth.eta[2] == pytest.approx(1.0, abs=0.05)
+
+
+def test_lost_and_told_to_fall_silent_the_firmwares_own_failsafe_acts():
+    dive = lost("silence")
+    since_s = dive.t_s
+    dive.run(4.6)
+    assert dive.states_since(since_s)[:3] == [State.ACTIVE, State.RAMP_DOWN, State.IDLE]
+    assert dive.tap.last_thrust_s - since_s <= 4.0 + 0.6
+    frames = len(dive.tap.frames)
+    dive.run(4.0)
+    assert len(dive.tap.frames) - frames <= 5
+    assert not dive.step.truth.armed
+
+
+def test_lost_and_told_to_surface_it_comes_up_on_its_own():
+    dive = lost("surface", "hull.net_buoyancy_n=-2.0", depth_m=3.0)
+    dive.run(8.0)
+    assert dive.step.truth.mode == SURFACE
+    dive.run(12.0)
+    assert dive.step.truth.armed
+    assert dive.step.truth.mode == SURFACE
+    assert dive.step.truth.eta[2] < 0.3
+    assert not any(axis for t_s, axes in dive.tap.frames if t_s > dive.t_s - 10.0 for axis in axes)
+
+
+def test_a_pilot_who_comes_back_gets_the_vehicle():
+    dive = lost("surface", depth_m=6.0)
+    dive.run(8.0)
+    assert dive.step.truth.mode == SURFACE
+    dive.cockpit.alive = True
+    dive.cockpit.push(surge=0.5)
+    dive.run(2.0)
+    frames = len(dive.tap.frames)
+    dive.run(1.0)
+    assert len(dive.tap.frames) == frames
+    assert channels(dive)[FORWARD] == 1600
+    assert dive.step.truth.mode == SURFACE
+    assert dive.state is State.PILOT
+
+
+def test_surfacing_that_somebody_ends_is_not_begun_again():
+    dive = lost("surface", depth_m=6.0)
+    dive.run(8.0)
+    dive.fault("mode", value=ALT_HOLD)
+    dive.run(2.0)
+    assert dive.step.truth.mode == ALT_HOLD
+    assert dive.state is State.PILOT
+
+
+def test_a_vehicle_that_does_not_surface_is_left_to_its_own_failsafe():
+    dive = lost("surface")
+    dive.loop.vehicle._autopilot.set_mode = lambda number: 4
+    dive.run(17.0)
+    assert not dive.step.truth.armed
+
+
+# --- Trouble from the ground station ----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("flood", [b"\xfe" * 4000, b"\xfd\x09\x00\x00" * 900, bytes(60_000)])
+def test_a_flood_is_cut_off_and_the_control_goes_on(flood):
+    dive = holding(seconds=1.0)
+    for _ in range(25):
+        dive.cockpit.extra += [flood] * 20
+        dive.run(0.02)
+    assert dive.state is State.ACTIVE
+    assert dive.cockpit.relay.dropped > 100
+    dive.run(1.0)
+    assert dive.step.truth.eta[2] == pytest.approx(1.0, abs=0.05)
+
+
+def test_thousands_of_sticks_in_one_tick_are_no_more_than_the_last():
+    dive = holding(seconds=1.0)
+    dive.cockpit.push(surge=0.2)
+    frame = dive.cockpit.frame(dive.cockpit.sticks)
+    dive.cockpit.extra += [frame * 300]
+    dive.run(0.1)
+    assert channels(dive)[FORWARD] == 1540
+
+
+def test_sticks_of_another_system_and_for_another_vehicle_are_none_of_our_business():
+    dive = holding()
+    frames = [
+        Somebody(system=245).frame(mavlink.MAVLink_manual_control_message(1, 900, 0, 500, 0, 0)),
+        Somebody().frame(mavlink.MAVLink_manual_control_message(2, 900, 0, 500, 0, 0)),
+    ]
+    dive.cockpit.extra += frames
+    dive.run(0.5)
+    assert channels(dive)[FORWARD] == 1500
+    assert all(frame in dive.cockpit.passed for frame in frames)
+    assert dive.state is State.ACTIVE
+
+
+def test_sticks_in_mavlink_1_are_blended_too():
+    dive = holding()
+    message = mavlink.MAVLink_manual_control_message(1, 400, 0, 500, 0, 0)
+    dive.cockpit.extra.append(message.pack(mavlink.MAVLink(None, 255, 190), force_mavlink1=True))
+    dive.run(0.1)
+    assert channels(dive)[FORWARD] == 1580
+    assert steering_bytes(dive.cockpit.passed) == 0
+
+
+def test_where_there_is_a_key_unsigned_sticks_are_neither_obeyed_nor_passed_while_it_holds():
+    dive = holding(
+        'signing_passphrase="kelp"',
+        signing=Signing(KEY, 25, 1.8e9),
+        companion=["ground_station.on_loss=hold"],
+    )
+    dive.cockpit.push(surge=0.8)
+    dive.run(1.0)
+    assert dive.state is State.ACTIVE
+    assert channels(dive)[FORWARD] == 1500
+    assert steering_bytes(dive.cockpit.passed) == 0
