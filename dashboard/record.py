@@ -216,10 +216,12 @@ class RecorderThread:
         while self._replies:
             if table := flat(self._replies.popleft()):
                 recorder.describe("config", table)
-        while self._queries:
-            self._answer(self._queries.popleft(), recorder)
         for _ in range(len(self._queue)):
             recorder.take(*self._queue.popleft())
+            if self._queries:  # whoever waits for an answer does not wait for a slow disk
+                break
+        while self._queries:
+            self._answer(self._queries.popleft(), recorder)
 
     def _answer(self, query: zenoh.Query, recorder: Recorder) -> None:
         now_s = time.monotonic()

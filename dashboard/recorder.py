@@ -59,14 +59,14 @@ class Recorder:
         limits: Limits,
         about: Mapping[str, str],
         free_bytes: Callable[[Path], int] | None = None,
-        disk: Callable[[Path], Disk] = Disk,
+        disk: Callable[[Path], Disk] | None = None,
     ) -> None:
         self.vehicle = vehicle
         self.said = "not recording"
         self._limits = limits
         self._about = {**about, "vehicle": vehicle}
         self._free = free_bytes or _free_bytes
-        self._disk = disk
+        self._disk = disk or Disk
         self._file: Recording | None = None
         self._tlog: Disk | None = None
         self._frames = (tlog.Frames(), tlog.Frames())

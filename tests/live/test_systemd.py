@@ -8,20 +8,21 @@ from pathlib import Path
 
 import pytest
 
-UNIT = Path(__file__).parents[2] / "systemd" / "holdfast.service"
+UNITS = Path(__file__).parents[2] / "systemd"
+COMMANDS = {"holdfast.service": "run --config ", "holdfast-record.service": "record --out /var/lib/"}
 MOST_EXPOSURE = 1.5  # systemd's scale: 0 is sealed, 10 is open
 
 if shutil.which("systemd-analyze") is None and not os.environ.get("CI"):
     pytest.skip("systemd-analyze is not installed: .ci/apt brings it", allow_module_level=True)
 
 
-@pytest.fixture
-def unit(tmp_path: Path) -> Path:
-    """The unit with a program that exists here in place of the one that exists on the vehicle."""
+@pytest.fixture(params=COMMANDS)
+def unit(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
+    """A unit with a program that exists here in place of the one that exists on the vehicle."""
     installed = "/opt/holdfast/.venv/bin/holdfast"
-    text = UNIT.read_text()
-    assert f"ExecStart={installed} run --config " in text
-    copy = tmp_path / UNIT.name
+    text = (UNITS / request.param).read_text()
+    assert f"ExecStart={installed} {COMMANDS[request.param]}" in text
+    copy = tmp_path / request.param
     copy.write_text(text.replace(f"ExecStart={installed}", "ExecStart=/bin/true"))
     return copy
 

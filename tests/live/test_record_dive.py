@@ -1,0 +1,208 @@
+"""One dive as a user would have it: recorded, the recorder killed, and everything that a recording is for."""
+
+import json
+import signal
+import socket
+import subprocess
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+from mcap.reader import make_reader
+from pymavlink import mavutil
+
+from companion import telemetry
+from companion.types import ControlSample
+from companion.zenoh_io import Publisher
+from dashboard.record import RecorderThread
+from dashboard.recorder import Limits
+from dashboard.recording import Disk, Reader
+from dashboard.zenoh_client import Subscription
+from lab.bounds import HOLDFAST, running
+from lab.ports import free_port
+
+PATIENCE_S = 20.0
+RESERVE = ("--reserve-mb", "1")
+
+
+@contextmanager
+def diving(zenoh: str) -> Iterator[None]:
+    link = f"127.0.0.1:{free_port(socket.SOCK_DGRAM)}"
+    simulator = ("sim", "--udp-connect", link, "--zenoh", zenoh, "--vehicle", "kelp")
+    companion = (
+        *("run", "--engage", "--arm", "--depth", "1", "--set", "vehicle.name=kelp"),
+        *("--set", f"link.endpoint=udp-listen:{link}", "--set", f"telemetry.endpoint={zenoh}"),
+        *("--set", "telemetry.raw=true", "--set", "telemetry.allow_control=true"),
+    )
+    with running(*HOLDFAST, *simulator), running(*HOLDFAST, *companion):
+        yield
+
+
+def test_a_dive_whose_recorder_was_killed(tmp_path: Path) -> None:
+    zenoh = f"tcp/127.0.0.1:{free_port()}"
+    command = (*HOLDFAST, "record", "--connect", zenoh, "--out", str(tmp_path), *RESERVE, "--tlog")
+    recorder = subprocess.Popen(command, stderr=subprocess.DEVNULL)
+    try:
+        with diving(zenoh), Subscription("holdfast/kelp/**", zenoh) as seen:
+            latest: dict[str, telemetry.Schema] = {}
+
+            def holding() -> bool:
+                for key, payload in seen.take():
+                    if not key.endswith("/raw"):
+                        latest[key.split("/", 2)[2]] = telemetry.decode(key, payload)
+                supervisor, status = latest.get("supervisor"), latest.get("recorder")
+                return (
+                    isinstance(supervisor, telemetry.Supervisor)
+                    and supervisor.state == "ACTIVE"
+                    and isinstance(status, telemetry.Recorder)
+                    and status.recording
+                )
+
+            until(holding)
+            told = seen.tell("kelp", "setpoint", {"depth_m": 1.5})
+            assert told.done, told.said
+            retuned = seen.tell("kelp", "gains", {"axis": "heave", "kappa_per_s": 9.0})
+            assert retuned.done, retuned.said
+            refused = seen.tell("kelp", "record", {"on": False})
+            assert not refused.done
+            assert "--allow-control" in refused.said
+            time.sleep(6.0)
+            recorder.kill()
+            killed_s = time.monotonic()
+            recorder.wait()
+            live = replayed(tmp_path, zenoh, "--suffix", "")
+            assert live.returncode == 1
+            assert "kelp is alive" in live.stderr
+    finally:
+        recorder.kill()
+        recorder.wait()
+
+    (path,) = tmp_path.glob("*.mcap")
+    reader = Reader(path)
+    items = list(reader)
+    last_s = {item.key: json.loads(item.payload)["t_s"] for item in items if item.key.endswith("/state")}
+    assert not reader.whole
+    assert killed_s - last_s["holdfast/kelp/state"] < 1.2  # a second, and the tick's way to the file
+    tails = {item.key for item in items}
+    assert {f"holdfast/kelp/{tail}" for tail in (*telemetry.EVERY_TICK, "raw", "event", "recorder")} <= tails
+    assert "sim/kelp/truth" in tails
+    assert reader.metadata["config"]["vehicle.name"] == '"kelp"'
+    assert reader.metadata["holdfast"]["vehicle"] == "kelp"
+
+    assert holdfast("recover", str(path)).returncode == 0
+    whole = path.with_suffix(".recovered.mcap")
+    with whole.open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    assert summary.statistics is not None
+    assert summary.statistics.message_count == len(items)
+
+    frames = mavutil.mavlink_connection(str(path.with_suffix(".tlog")))
+    kinds = set()
+    while (message := frames.recv_match()) is not None:
+        kinds.add(message.get_type())
+        assert message._timestamp == pytest.approx(items[0].log_ns / 1e9, abs=120.0)
+    frames.close()
+    assert {"ATTITUDE", "RC_CHANNELS_OVERRIDE", "HEARTBEAT"} <= kinds
+    assert "BAD_DATA" not in kinds
+
+    again = holdfast("rerun", str(path))
+    assert again.returncode == 0, again.stdout + again.stderr
+    assert "1 setpoints and 1 retunes" in again.stdout
+    assert "every byte sent is the same" in again.stdout
+
+    report = holdfast("report", str(path))
+    assert report.returncode == 0, report.stderr
+    assert "phase 1" in report.stdout
+    assert path.with_suffix(".html").stat().st_size > 100_000
+
+    here = f"tcp/127.0.0.1:{free_port()}"
+    with Subscription("holdfast/**", here) as seen:
+        command = (*HOLDFAST, "replay", str(path), "--connect", here, "--speed", "4", "--loop")
+        with subprocess.Popen(command, stderr=subprocess.DEVNULL) as player:
+            heard: dict[str, bytes] = {}
+
+            def all_heard() -> bool:
+                heard.update(seen.take())
+                return {f"holdfast/kelp-replay/{tail}" for tail in telemetry.EVERY_TICK} <= heard.keys()
+
+            until(all_heard)
+            twin = replayed(tmp_path, here)
+            assert twin.returncode == 1  # two replays of one name
+            player.send_signal(signal.SIGINT)
+            assert player.wait(5.0) == 0
+    payloads = {item.payload for item in items}
+    assert {heard["holdfast/kelp-replay/state"], heard["holdfast/kelp-replay/dof/z"]} <= payloads
+
+
+class SlowDisk(Disk):
+    """Takes a tenth of a second for every write: as slow as the data, about."""
+
+    def write(self, data: bytes) -> int:
+        time.sleep(0.1)
+        return super().write(data)
+
+
+def test_a_slow_recorder_delays_nobody_and_obeys_where_allowed(
+    tmp_path: Path, make_sample: Callable[..., ControlSample], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("dashboard.recorder.Disk", SlowDisk)
+    zenoh = f"tcp/127.0.0.1:{free_port()}"
+    stop = threading.Event()
+    offered: list[float] = []
+
+    def tick(publisher: Publisher) -> None:
+        while not stop.wait(0.02):
+            begun_s = time.perf_counter()
+            publisher.offer(make_sample(t_s=time.monotonic()))
+            offered.append(time.perf_counter() - begun_s)
+
+    limits = Limits(tmp_path, reserve_bytes=1)
+    recorder = RecorderThread("kelp", zenoh, limits, allow_control=True)
+    with Publisher("kelp", zenoh) as publisher:
+        ticking = threading.Thread(target=tick, args=(publisher,))
+        ticking.start()
+        try:
+            with recorder, Subscription("holdfast/kelp/loop", zenoh) as seen:
+                until(lambda: "recording to" in recorder.said)
+                seen.take()
+                time.sleep(3.0)
+                came = seen.take()
+                assert len(came) > 0.8 * 3.0 / 0.02  # the others get theirs
+                assert publisher.dropped == 0
+                assert sorted(offered)[len(offered) // 2] < 0.001
+                stopped = seen.tell("kelp", "record", {"on": False})
+                assert stopped.done, stopped.said
+                assert "is complete" in stopped.said
+                assert not seen.tell("kelp", "record", {"onn": 1}).done
+                begun = seen.tell("kelp", "record", {"on": True})
+                assert begun.done, begun.said
+                assert begun.value["recording"]
+        finally:
+            stop.set()
+            ticking.join()
+    files = sorted(tmp_path.glob("*.mcap"))
+    assert len(files) == 2
+    for file in files:
+        reader = Reader(file)
+        assert len(list(reader)) > 0
+        assert reader.whole
+
+
+def holdfast(*arguments: str) -> "subprocess.CompletedProcess[str]":
+    return subprocess.run([*HOLDFAST, *arguments], capture_output=True, text=True, timeout=60.0, check=False)
+
+
+def replayed(directory: Path, zenoh: str, *more: str) -> "subprocess.CompletedProcess[str]":
+    (path,) = (file for file in directory.glob("*.mcap") if "recovered" not in file.name)
+    return holdfast("replay", str(path), "--connect", zenoh, *more)
+
+
+def until(holds: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + PATIENCE_S
+    while not holds():
+        assert time.monotonic() < deadline, "waited in vain"
+        time.sleep(0.02)
