@@ -11,6 +11,25 @@ def watch(argv: list[str]) -> int:
     return main(argv)
 
 
+def dashboard(argv: list[str]) -> int:
+    """Show it all in a browser: plots, horizon, events, tuning."""
+    if find_spec("aiohttp") is None:
+        sys.stderr.write(
+            "holdfast dashboard: needs aiohttp. Install the extra: pip install 'holdfast[dashboard]'\n"
+        )
+        return 1
+    from dashboard.options import settings
+
+    try:
+        wanted = settings(argv)
+    except ValueError as error:
+        sys.stderr.write(f"holdfast dashboard: {error}\n")
+        return 2
+    from dashboard.app import main
+
+    return main(wanted)
+
+
 def tell(argv: list[str]) -> int:
     """Give a vehicle a command over Zenoh, and say what came of it."""
     from dashboard.tell import main

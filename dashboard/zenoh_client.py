@@ -29,6 +29,14 @@ class Message(NamedTuple):
     payload: bytes
 
 
+class Stamped(NamedTuple):
+    """What came, and when its sender sent it (s, the sender's clock; None where nobody stamps)."""
+
+    key: str
+    payload: bytes
+    stamp_s: float | None
+
+
 class Subscription:
     """Everything that is published under a key expression, from whenever somebody listens on `endpoint`.
 
@@ -63,15 +71,19 @@ class Subscription:
 
     def take(self) -> list[Message]:
         """Return what came since the last call, oldest first. Never blocks."""
-        messages: list[Message] = []
+        return [Message(key, payload) for key, payload, _ in self.take_stamped()]
+
+    def take_stamped(self) -> list[Stamped]:
+        """Return the same with the senders' stamps."""
+        messages: list[Stamped] = []
         if self._events is not None:
             while (sample := self._events.try_recv()) is not None:
-                messages.append(Message(str(sample.key_expr), sample.payload.to_bytes()))
+                messages.append(_stamped(str(sample.key_expr), sample))
         if self._subscriber is not None:
             while len(messages) < _RING and (sample := self._subscriber.try_recv()) is not None:
                 key = str(sample.key_expr)
                 if self._events is None or not key.endswith("/event"):
-                    messages.append(Message(key, sample.payload.to_bytes()))
+                    messages.append(_stamped(key, sample))
         return messages
 
     def ask(self, key: str, payload: bytes = b"", timeout_s: float = _ANSWER_S) -> bytes | None:
@@ -137,6 +149,12 @@ class Subscription:
                 self._session = session
                 return
             self._closing.wait(_RETRY_S)
+
+
+def _stamped(key: str, sample: zenoh.Sample) -> Stamped:
+    stamp = sample.timestamp
+    sent_s = None if stamp is None else stamp.get_time_as_ntp64().as_secs_f64()
+    return Stamped(key, sample.payload.to_bytes(), sent_s)
 
 
 def client_config(endpoint: str) -> zenoh.Config:

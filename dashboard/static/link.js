@@ -1,0 +1,85 @@
+// The WebSocket: comes back by itself, and knows how old what it brings is.
+
+const SILENT_MS = 1500;
+const RETRY_MS = [200, 2000];
+
+const nowS = () => performance.now() / 1000;
+
+export class Link {
+  constructor(handlers) {
+    this.handlers = handlers;
+    this.vehicle = "";
+    this.status = null;
+    this.wait = RETRY_MS[0];
+    this.open();
+    setInterval(() => this.watch(), 250);
+  }
+
+  choose(vehicle) {
+    this.vehicle = vehicle;
+    this.open();
+  }
+
+  // Seconds since the newest sample left the companion, whatever held it up on the way.
+  get age() {
+    if (!this.status || this.status.age_s === null || this.status.age_s === undefined) return Infinity;
+    return Math.max(this.status.age_s, this.status.lag_s) + this.late + (nowS() - this.statusAt);
+  }
+
+  // Seconds since the dashboard's own server was heard.
+  get silence() {
+    return this.heard === undefined ? Infinity : nowS() - this.heard;
+  }
+
+  open() {
+    this.abandon();
+    clearTimeout(this.timer);
+    const scheme = location.protocol === "https:" ? "wss" : "ws";
+    const socket = new WebSocket(`${scheme}://${location.host}/ws?vehicle=${encodeURIComponent(this.vehicle)}`);
+    socket.binaryType = "arraybuffer";
+    this.socket = socket;
+    this.opened = nowS();
+    this.fastest = Infinity;
+    socket.onmessage = ({ data }) => this.take(data);
+    socket.onclose = () => this.retry();
+  }
+
+  abandon() {
+    if (!this.socket) return;
+    this.socket.onmessage = this.socket.onclose = null;
+    this.socket.close();
+    this.socket = null;
+  }
+
+  retry() {
+    clearTimeout(this.timer);
+    this.timer = setTimeout(() => this.open(), this.wait);
+    this.wait = Math.min(2 * this.wait, RETRY_MS[1]);
+  }
+
+  // A half-open connection closes nothing: who is silent too long is left.
+  watch() {
+    if (this.socket && nowS() - Math.max(this.heard ?? 0, this.opened) > SILENT_MS / 1000 && this.socket.readyState !== WebSocket.CLOSED) {
+      this.abandon();
+      this.retry();
+    }
+  }
+
+  take(data) {
+    this.heard = nowS();
+    this.wait = RETRY_MS[0];
+    if (typeof data !== "string") {
+      this.handlers.rows(data);
+      return;
+    }
+    const message = JSON.parse(data);
+    if (message.status) {
+      const apart = this.heard - message.status.now_s;
+      this.fastest = Math.min(this.fastest, apart);
+      this.late = apart - this.fastest;
+      this.status = message.status;
+      this.statusAt = this.heard;
+    }
+    for (const [name, content] of Object.entries(message)) this.handlers[name]?.(content);
+  }
+}

@@ -1,0 +1,248 @@
+// The page: what comes is stored, what is stored is drawn, what is pressed changes the view.
+import { Banner } from "./banner.js";
+import { $, colours, el, mark, readColours, say } from "./dom.js";
+import { Ages, Attitude, Events, Phase } from "./instruments.js";
+import { Link } from "./link.js";
+import { PLOTS } from "./panels.js";
+import { Plot } from "./plots.js";
+import { Store } from "./store.js";
+import { Tuning } from "./tuning.js";
+import { SPANS, View } from "./view.js";
+import { DOFS, STATES } from "./words.js";
+
+const READ_MS = 100;
+const solo = location.pathname.match(/^\/panel\/(\w+)/)?.[1] ?? "";
+if (solo) document.body.dataset.solo = solo;
+
+const asked = new URLSearchParams(location.search);
+const view = new View();
+if (DOFS[asked.get("dof")]) view.dof = asked.get("dof");
+if (SPANS.includes(Number(asked.get("span")))) view.span = Number(asked.get("span"));
+const events = [];
+const banner = new Banner();
+const count = { frames: 0, rows: 0, firstPlot: null, drawMs: 0 };
+let store = null;
+let config = null;
+let panels = [];
+let dirty = true;
+let wall = 0; // the wall clock less the data's clock, s
+
+const link = new Link({
+  hello(hello) {
+    if (!store) {
+      store = new Store(hello.columns);
+      build();
+    } else if (hello.columns.join() !== store.columns.join()) location.reload();
+    tuning?.hello(hello);
+  },
+  rows(buffer) {
+    const { epoch } = store;
+    if (!store.take(buffer)) return;
+    if (epoch !== -1 && epoch !== store.epoch) forget();
+    count.rows++;
+    dirty = true;
+  },
+  events(fresh) {
+    const newest = events.at(-1)?.t_s ?? -Infinity;
+    const seen = new Set(events.slice(-300).map((event) => event.t_s + event.text));
+    for (const event of fresh) if (!seen.has(event.t_s + event.text)) events.push(event);
+    events.sort((one, other) => one.t_s - other.t_s);
+    events.splice(0, events.length - 500);
+    if (fresh.length) listed = false;
+    if (fresh.some((event) => event.t_s > newest)) dirty = true;
+  },
+  config(fresh) {
+    config = fresh;
+    tuning?.show(config);
+  },
+  status(status) {
+    if (status.t_s !== null && status.t_s !== undefined && status.age_s !== null) {
+      const fresh = Date.now() / 1000 - status.age_s - status.t_s;
+      wall = Math.abs(fresh - wall) > 1 ? fresh : Math.min(fresh, wall + 1e-3);
+    }
+    vehicles(status);
+  },
+});
+const tuning = solo ? null : new Tuning(view, link);
+let listed = false;
+
+function forget() {
+  events.length = 0;
+  listed = false;
+  view.live();
+}
+
+function build() {
+  readColours();
+  const rail = document.querySelector(".rail");
+  const plots = document.querySelector(".plots");
+  const all = [
+    ...PLOTS.map((definition) => [definition.name, definition.rail ? rail : plots, () => new Plot(definition, view, store, events)]),
+    ["attitude", rail, () => new Attitude(view, store)],
+    ["phase", rail, () => new Phase(view, store)],
+    ["ages", rail, () => new Ages(view, store)],
+    ["events", rail, () => new Events(view, store, events)],
+  ].filter(([name]) => !solo || name === solo);
+  for (const [name, place, make] of all) {
+    const panel = make();
+    panel.name = name;
+    (solo ? plots : place).append(panel.node);
+    panels.push(panel);
+  }
+  for (const panel of panels) panel.start?.();
+}
+
+// λ from what came, where the configuration is not known: eps - e_dot = λ e.
+function slope() {
+  const known = config?.[DOFS[view.dof].axis]?.lambda_per_s;
+  if (known) return known;
+  let above = 0;
+  let below = 0;
+  const [e, rate, eps] = ["e", "e_dot", "eps"].map((name) => store.of[`${view.dof}.${name}`]);
+  for (let i = Math.max(store.start, store.end - 500); i < store.end; i++) {
+    if (!Number.isFinite(e[i] + rate[i] + eps[i])) continue;
+    above += (eps[i] - rate[i]) * e[i];
+    below += e[i] * e[i];
+  }
+  return below > 0 ? above / below : NaN;
+}
+
+let readAt = 0;
+let readCursor = null;
+
+function frame(now) {
+  requestAnimationFrame(frame);
+  if (!store || store.empty) return;
+  const context = { store, config, status: link.status, lambda: slope(), age: link.age };
+  if (dirty) {
+    dirty = false;
+    count.frames++;
+    const begun = performance.now();
+    if (!view.paused || !drawn) for (const panel of panels) panel.draw?.(context);
+    drawn = view.paused;
+    count.drawMs += performance.now() - begun;
+    if (count.firstPlot === null) count.firstPlot = performance.now();
+  }
+  if (now - readAt > READ_MS || view.cursor !== readCursor) {
+    readAt = now;
+    readCursor = view.cursor;
+    for (const panel of panels) panel.read?.(context);
+    const at = view.cursor;
+    say($("cursor"), at === null ? "" : `${clock(at, 2)}  (${(at - view.head(store.last)).toFixed(2)} s)`);
+    for (const panel of panels) if (panel.name === "attitude") panel.draw(context);
+    if (!listed) {
+      listed = true;
+      for (const panel of panels) panel.show?.((t) => clock(t, 0));
+    }
+  }
+}
+let drawn = false; // and paused: nothing changes till the view does
+
+function clock(t, digits) {
+  const date = new Date((t + wall) * 1000);
+  const seconds = (date.getSeconds() + date.getMilliseconds() / 1000).toFixed(digits);
+  return `${String(date.getHours()).padStart(2, "0")}:${String(date.getMinutes()).padStart(2, "0")}:${digits ? seconds.padStart(3 + digits, "0") : String(date.getSeconds()).padStart(2, "0")}`;
+}
+
+// --- The toolbar and the keys ---
+
+function group(node, items) {
+  node.replaceChildren(...items.map(([title, active, act, extra]) => el("button", { "aria-pressed": String(active), onclick: act, ...extra }, title)));
+}
+
+const short = (span) => (span < 60 ? `${span} s` : `${span / 60} min`);
+
+function controls() {
+  group($("dofs"), Object.entries(DOFS).map(([dof, { name, key }]) => [name, view.dof === dof, () => view.set({ dof }), { title: `key ${key}` }]));
+  group($("spans"), SPANS.map((span) => [short(span), view.span === span && !view.zoom, () => view.set({ span, zoom: null })]));
+  $("pause").setAttribute("aria-pressed", String(view.paused));
+  say($("pause"), view.paused ? "Paused" : "Pause");
+  $("unzoom").hidden = !view.paused && !view.zoom;
+}
+
+let known = "";
+function vehicles({ vehicles: all, vehicle }) {
+  const state = JSON.stringify([all.map(({ name, state: is, age_s: age }) => [name, is, age === null || age > 2]), vehicle]);
+  if (state === known) return;
+  known = state;
+  document.title = vehicle ? `${vehicle} · Holdfast` : "Holdfast";
+  group($("vehicles"), all.map(({ name, state: is, age_s: age }) => [name, name === vehicle, () => choose(name),
+    { class: "vehicle", "data-state": age === null || age > 2 ? "NONE" : is, title: `${STATES[is] ?? is}; v: the next one` }]));
+}
+
+function choose(name) {
+  if (name === link.status?.vehicle) return;
+  store?.clear();
+  if (store) store.epoch = -1;
+  config = null;
+  link.status = null;
+  forget();
+  link.choose(name);
+}
+
+function nextVehicle() {
+  const all = link.status?.vehicles ?? [];
+  if (all.length < 2) return;
+  choose(all[(all.findIndex(({ name }) => name === link.status.vehicle) + 1) % all.length].name);
+}
+
+function theme() {
+  const root = document.documentElement;
+  const dark = root.dataset.theme ? root.dataset.theme === "dark" : matchMedia("(prefers-color-scheme: dark)").matches;
+  root.dataset.theme = dark ? "light" : "dark";
+  try { localStorage.setItem("holdfast-theme", root.dataset.theme); } catch { /* for this page alone */ }
+  repaint();
+}
+
+function repaint() {
+  readColours();
+  for (const panel of panels) panel.uplot?.redraw(false);
+  drawn = false;
+  dirty = true;
+}
+
+const pause = () => view.pause(store?.last ?? NaN);
+const KEYS = [
+  [" ", "space", "pause, go on", pause],
+  ["+", "+", "shorter time window", () => view.step(-1)],
+  ["-", "−", "longer time window", () => view.step(1)],
+  ["Escape", "Esc", "back to the present", () => view.live()],
+  ...Object.entries(DOFS).map(([dof, { key, name }]) => [key, key, name.toLowerCase(), () => view.set({ dof })]),
+  ["v", "v", "next vehicle", nextVehicle],
+  ["g", "g", "tuning", () => tuning?.toggle()],
+  ["t", "t", "dark or light", theme],
+  ["?", "?", "this help", () => help()],
+];
+
+function help() {
+  if ($("help").open) $("help").close();
+  else $("help").showModal();
+}
+
+$("keys").append(...KEYS.flatMap(([, shown, what]) => [el("dt", {}, el("kbd", {}, shown)), el("dd", {}, what)]));
+addEventListener("keydown", (event) => {
+  if (event.ctrlKey || event.altKey || event.metaKey || event.target.closest?.("input, select, textarea")) return;
+  if ($("help").open && event.key !== "?") return;
+  const key = KEYS.find(([name]) => name === (event.key === "=" ? "+" : event.key));
+  if (!key || (event.key === " " && event.target.closest?.("button"))) return;
+  event.preventDefault();
+  key[3]();
+});
+$("pause").addEventListener("click", pause);
+$("unzoom").addEventListener("click", () => view.live());
+$("theme").addEventListener("click", theme);
+$("ask").addEventListener("click", help);
+$("tune").addEventListener("click", () => tuning?.toggle());
+view.addEventListener("change", () => {
+  controls();
+  drawn = false;
+  dirty = true;
+});
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", repaint);
+new ResizeObserver(() => { drawn = false; dirty = true; }).observe($("board"));
+setInterval(() => banner.show(link, store), 100);
+controls();
+requestAnimationFrame(frame);
+
+// For measuring and for tests.
+globalThis.holdfast = { count, view, link, get store() { return store; }, get events() { return events; }, colours, mark };

@@ -1,0 +1,253 @@
+// Changing things, with what is really in force read back. Only with a token.
+import { $, el, mark, say } from "./dom.js";
+import { DOFS } from "./words.js";
+
+const TOKEN = "holdfast-token";
+const COMPENSATORS = ["none", "integrator", "regressor", "network", "observer", "network+observer"];
+const GAINS = {
+  lambda_per_s: ["λ", "1/s: slope of the error's decay"],
+  kappa_per_s: ["κ", "1/s: decay of the combined error"],
+  learning_rate: ["learning rate", "of the compensator"],
+  hidden_learning_rate: ["hidden rate", "learning rate of the hidden layer"],
+  leak_per_s: ["leak", "1/s: forgetting"],
+  dead_zone: ["dead zone", "of ε, in which nothing is learnt"],
+  max_disturbance: ["limit of d̂", "N or N·m"],
+};
+const NOISES = {
+  position_noise: ["position noise", "of one sample"],
+  rate_noise: ["rate noise", "of one sample"],
+  position_noise_slow: ["slow position noise", ""],
+  rate_noise_slow: ["slow rate noise", ""],
+  disturbance_noise: ["disturbance noise", "per √s"],
+};
+
+export class Tuning {
+  constructor(view, link) {
+    Object.assign(this, { view, link });
+    this.node = $("tuning");
+    this.allowed = false;
+    this.token = sessionStorageGet() || "";
+    const given = new URLSearchParams(location.hash.slice(1)).get("token");
+    if (given) {
+      this.keep(given);
+      history.replaceState(null, "", location.pathname + location.search);
+    }
+    this.unlocked = false;
+    this.config = null;
+    this.before = {};
+    this.build();
+    $("release").addEventListener("click", () => this.send("release", {}));
+    view.addEventListener("change", () => this.refresh());
+  }
+
+  build() {
+    this.said = el("output", { id: "said", "aria-live": "polite" });
+    this.lock = el("section", { class: "lock" });
+    this.axisName = el("h3");
+    this.inputs = {};
+    const field = (group) => ([name, [title, hint]]) => {
+      const input = el("input", { type: "number", step: "any", min: "0", id: `set-${name}`, inputmode: "decimal", oninput: () => this.changed() });
+      const now = el("span", { class: "now", title: "in force" });
+      this.inputs[name] = { group, input, now };
+      return el("label", { title: hint }, el("span", {}, title), now, input);
+    };
+    this.compensator = el("select", { id: "set-compensator", onchange: () => this.changed() }, ...COMPENSATORS.map((name) => el("option", { value: name }, name)));
+    this.compensatorNow = el("span", { class: "now" });
+    const gains = Object.entries(GAINS).map(field("gains"));
+    const noises = Object.entries(NOISES).map(field("estimator"));
+    this.apply = el("button", { id: "apply", class: "primary", onclick: () => this.applyAll() }, "Apply");
+    this.revert = el("button", { id: "revert", onclick: () => this.revertAll() }, "Revert");
+    this.depth = el("input", { type: "number", step: "any", min: "0", id: "aim-depth", placeholder: "m" });
+    this.heading = el("input", { type: "number", step: "any", min: "-360", max: "360", id: "aim-heading", placeholder: "°" });
+    this.engage = el("button", { id: "engage", class: "primary", onclick: () => this.ask(this.engage, "Engage", () => this.send("engage", {})) }, "Engage");
+    this.controls = el("fieldset", {},
+      el("div", { class: "row" }, this.engage,
+        el("button", { id: "let-go", class: "danger", onclick: () => this.send("release", {}) }, "Release"),
+        el("button", { id: "clear", onclick: () => this.send("clear_fault", {}) }, "Clear fault")),
+      el("h3", {}, "Where to be"),
+      el("form", { class: "row", onsubmit: (event) => this.aim(event) }, el("label", {}, "depth", this.depth), el("label", {}, "heading", this.heading), el("button", { id: "aim" }, "Go")),
+      el("div", { class: "row" }, el("button", { onclick: () => this.send("record", { on: true }) }, "Record"), el("button", { onclick: () => this.send("record", { on: false }) }, "Stop recording")),
+      this.axisName,
+      el("div", { class: "fields" }, el("div", { class: "legend" }, el("span", {}, ""), el("span", {}, "in force"), el("span", {}, "new")),
+        el("label", {}, el("span", {}, "compensator"), this.compensatorNow, this.compensator), ...gains),
+      el("details", {}, el("summary", {}, "Estimator"), el("div", { class: "fields" }, ...noises)),
+      el("div", { class: "row" }, this.apply, this.revert));
+    this.node.append(el("header", {}, el("h2", {}, "Tuning"), el("button", { "aria-label": "close", onclick: () => this.toggle(false) }, "×")), this.lock, this.said, this.controls);
+  }
+
+  toggle(open = this.node.hidden) {
+    this.node.hidden = !open;
+    $("tune").setAttribute("aria-pressed", String(open));
+    mark(document.body, "tuning", open ? "yes" : "no");
+    this.refresh();
+  }
+
+  hello({ control }) {
+    this.allowed = control;
+    if (control && this.token && !this.unlocked) this.unlock(this.token);
+    this.refresh();
+  }
+
+  show(config) {
+    this.config = config;
+    this.refresh();
+  }
+
+  get axis() {
+    return DOFS[this.view.dof].axis;
+  }
+
+  // What is in force, and what is typed where nothing was changed.
+  refresh() {
+    const open = this.allowed && this.unlocked;
+    this.controls.disabled = !open;
+    $("release").hidden = !open;
+    this.showLock(open);
+    say(this.axisName, `${DOFS[this.view.dof].name}: gains of ${this.axis}`);
+    const now = this.config?.[this.axis];
+    for (const [name, { input, now: shown }] of Object.entries(this.inputs)) {
+      say(shown, now ? text(now[name]) : "–");
+      if (this.touched !== this.axis && now) input.value = text(now[name]);
+    }
+    say(this.compensatorNow, now?.compensator ?? "–");
+    if (this.touched !== this.axis && now) this.compensator.value = now.compensator;
+    this.changed(false);
+  }
+
+  showLock(open) {
+    const kind = !this.allowed ? "read-only" : open ? "open" : "locked";
+    if (this.lock.dataset.kind === kind) return;
+    mark(this.lock, "kind", kind);
+    if (kind === "read-only") this.lock.replaceChildren(el("p", {}, "This dashboard only looks. To tune from here, start it with ", el("code", {}, "--allow-control"), "."));
+    else if (kind === "locked") {
+      const input = el("input", { type: "password", id: "token", autocomplete: "off", placeholder: "token" });
+      this.lock.replaceChildren(el("form", { class: "row", onsubmit: (event) => { event.preventDefault(); this.unlock(input.value.trim()); } }, input, el("button", { id: "unlock" }, "Unlock")),
+        el("p", {}, "The token was printed when the dashboard started."));
+    } else this.lock.replaceChildren(el("p", {}, "Unlocked. The companion checks, answers and logs each command; its supervisor has the last word."));
+  }
+
+  async unlock(token) {
+    const { ok, reply } = await this.post("/api/token", {}, token);
+    this.unlocked = ok;
+    if (ok) this.keep(token);
+    this.tell(ok ? "" : reply.said, !ok);
+    this.refresh();
+  }
+
+  keep(token) {
+    this.token = token;
+    try { sessionStorage.setItem(TOKEN, token); } catch { /* kept for this page alone */ }
+  }
+
+  changes(group) {
+    const now = this.config?.[this.axis] ?? {};
+    return Object.fromEntries(Object.entries(this.inputs)
+      .filter(([name, field]) => field.group === group && field.input.value !== "" && Number(field.input.value) !== now[name])
+      .map(([name, field]) => [name, Number(field.input.value)]));
+  }
+
+  changed(byHand = true) {
+    if (byHand) this.touched = this.axis;
+    const now = this.config?.[this.axis] ?? {};
+    for (const [name, { input }] of Object.entries(this.inputs)) mark(input, "changed", Number(input.value) !== now[name] && input.value !== "" ? "yes" : "no");
+    mark(this.compensator, "changed", this.compensator.value !== now.compensator ? "yes" : "no");
+    this.apply.disabled = !this.config;
+    this.revert.disabled = !this.before[this.axis] && this.touched !== this.axis;
+  }
+
+  async applyAll() {
+    const now = this.config?.[this.axis];
+    if (!now) return;
+    const { axis } = this;
+    const orders = [["gains", this.changes("gains")], ["estimator", this.changes("estimator")]].filter(([, what]) => Object.keys(what).length);
+    if (this.compensator.value !== now.compensator) orders.unshift(["compensator", { compensator: this.compensator.value }]);
+    if (!orders.length) return void this.tell("Nothing was changed.");
+    const before = { ...now };
+    const heard = [];
+    let good = true;
+    for (const [name, what] of orders) {
+      const reply = await this.send(name, { axis, ...what });
+      heard.push(reply.said);
+      good &&= reply.done;
+      if (!reply.done) break;
+    }
+    this.touched = null;
+    if (good) this.before[axis] = before;
+    this.tell(heard.join("; "), !good);
+    this.refresh();
+  }
+
+  // Undo typing; where nothing is typed, go back to what was in force before the last apply.
+  async revertAll() {
+    const { axis } = this;
+    const before = this.before[axis];
+    if (this.touched === axis || !before) {
+      this.touched = null;
+      return void this.refresh();
+    }
+    for (const [name, { input }] of Object.entries(this.inputs)) input.value = text(before[name]);
+    this.compensator.value = before.compensator;
+    await this.applyAll();
+    delete this.before[axis];
+    this.refresh();
+  }
+
+  aim(event) {
+    event.preventDefault();
+    const what = {};
+    if (this.depth.value !== "") what.depth_m = Number(this.depth.value);
+    if (this.heading.value !== "") what.heading_deg = Number(this.heading.value);
+    if (Object.keys(what).length) this.send("setpoint", what);
+    else this.tell("Give a depth or a heading.", true);
+  }
+
+  // Twice within three seconds.
+  ask(button, title, act) {
+    if (button.dataset.sure === "yes") {
+      mark(button, "sure", "no");
+      say(button, title);
+      act();
+      return;
+    }
+    mark(button, "sure", "yes");
+    say(button, `${title}: sure?`);
+    setTimeout(() => { mark(button, "sure", "no"); say(button, title); }, 3000);
+  }
+
+  async send(command, what) {
+    const vehicle = this.link.status?.vehicle;
+    if (!vehicle) return { done: false, said: "no vehicle is heard" };
+    this.tell(`${command} …`);
+    const { reply } = await this.post(`/api/${encodeURIComponent(vehicle)}/${command}`, what, this.token);
+    if (reply.done && what.axis && this.config?.[what.axis]) {
+      const known = Object.entries(reply.value).filter(([name]) => name in this.config[what.axis]);
+      this.config = { ...this.config, [what.axis]: { ...this.config[what.axis], ...Object.fromEntries(known) } };
+    }
+    this.tell(`${command}: ${reply.said}`, !reply.done);
+    return reply;
+  }
+
+  async post(path, body, token) {
+    try {
+      const response = await fetch(path, { method: "POST", headers: { "Content-Type": "application/json", Authorization: `Bearer ${token}` }, body: JSON.stringify(body) });
+      if (response.status === 401) {
+        this.unlocked = false;
+        this.refresh();
+      }
+      return { ok: response.ok, reply: await response.json() };
+    } catch (error) {
+      return { ok: false, reply: { done: false, said: `the dashboard's server did not answer (${error.message})`, value: {} } };
+    }
+  }
+
+  tell(words, bad = false) {
+    say(this.said, words);
+    mark(this.said, "level", bad ? "bad" : "good");
+  }
+}
+
+const text = (value) => (value === undefined ? "" : String(+Number(value).toPrecision(6)));
+
+function sessionStorageGet() {
+  try { return sessionStorage.getItem(TOKEN); } catch { return null; }
+}

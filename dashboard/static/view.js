@@ -1,0 +1,45 @@
+// Which piece of time is shown, of which degree of freedom; where the cursor is.
+
+export const SPANS = [10, 30, 60, 120, 300, 600];
+
+export class View extends EventTarget {
+  span = 30;
+  dof = "z";
+  zoom = null; // [from, to] in the data's time
+  stopped = null; // the data's time when paused
+  cursor = null; // the data's time under the pointer
+
+  get paused() {
+    return this.stopped !== null;
+  }
+
+  head(last) {
+    return this.stopped ?? last;
+  }
+
+  range(last) {
+    return this.zoom ?? [this.head(last) - this.span, this.head(last)];
+  }
+
+  set(changes) {
+    Object.assign(this, changes);
+    this.dispatchEvent(new Event("change"));
+  }
+
+  pause(last) {
+    this.set(this.paused ? { stopped: null, zoom: null } : { stopped: last });
+  }
+
+  zoomTo(from, to, last) {
+    this.set({ zoom: [from, to], stopped: this.head(last) });
+  }
+
+  live() {
+    this.set({ zoom: null, stopped: null });
+  }
+
+  step(direction) {
+    const index = SPANS.indexOf(this.span) + direction;
+    if (SPANS[index]) this.set({ span: SPANS[index], zoom: null });
+  }
+}

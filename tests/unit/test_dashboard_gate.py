@@ -1,0 +1,154 @@
+"""Who may look, who may command, and what may be sent at all."""
+
+from pathlib import Path
+
+import pytest
+
+from dashboard import gate
+from dashboard.options import settings
+from dashboard.orders import ORDERS, checked
+
+NAMES = ("localhost", "blueos.local")
+
+
+@pytest.mark.parametrize(
+    "host", ["127.0.0.1:8600", "192.168.2.2", "[::1]:8600", "localhost:1", "blueos.local:8600"]
+)
+def test_a_number_or_a_name_of_ours_is_us(host: str) -> None:
+    assert gate.host_is_ours(host, NAMES)
+
+
+@pytest.mark.parametrize(
+    "host", ["", "evil.example", "127.0.0.1.evil.example", "evil.example:8600", "[", "1", "local"]
+)
+def test_another_name_is_a_rebound_one(host: str) -> None:
+    assert not gate.host_is_ours(host, NAMES)
+
+
+@pytest.mark.parametrize(
+    ("origin", "same"),
+    [
+        ("http://127.0.0.1:8600", True),
+        ("https://127.0.0.1:8600", True),
+        ("http://127.0.0.1:8601", False),
+        ("http://127.0.0.1", False),
+        ("http://evil.example", False),
+        ("http://127.0.0.1:8600.evil.example", False),
+        ("http://evil@127.0.0.1:8600", False),
+        ("null", False),
+        ("file://127.0.0.1:8600", False),
+        ("http://[", False),
+        ("", False),
+        (None, False),
+    ],
+)
+def test_only_our_own_pages_have_our_origin(origin: str | None, same: bool) -> None:
+    assert gate.same_origin(origin, "127.0.0.1:8600") is same
+
+
+@pytest.mark.parametrize(
+    ("header", "right"),
+    [
+        ("Bearer secret", True),
+        ("Bearer Secret", False),
+        ("Bearer", False),
+        ("bearer secret", False),
+        ("Basic secret", False),
+        ("Bearer sécret", False),
+        ("", False),
+        (None, False),
+    ],
+)
+def test_only_the_token_unlocks(header: str | None, right: bool) -> None:
+    assert gate.token_is_right(header, "secret") is right
+
+
+def test_no_token_is_unlocked_by_nothing() -> None:
+    assert not gate.token_is_right("Bearer ", "")
+
+
+def test_the_policy_lets_nothing_in_from_elsewhere() -> None:
+    policy = gate.headers(framed=False)["Content-Security-Policy"]
+    assert "default-src 'none'" in policy
+    assert "frame-ancestors 'none'" in policy
+    assert "unsafe" not in policy
+    assert "frame-ancestors *" in gate.headers(framed=True)["Content-Security-Policy"]
+
+
+@pytest.mark.parametrize(
+    ("name", "body", "payload"),
+    [
+        ("engage", b"", b"{}"),
+        ("release", b"{}", b"{}"),
+        ("setpoint", b'{"depth_m": 3, "heading_deg": -90}', b'{"depth_m":3.0,"heading_deg":-90.0}'),
+        ("gains", b'{"axis": "heave", "kappa_per_s": 8}', b'{"axis":"heave","kappa_per_s":8.0}'),
+        ("estimator", b'{"axis":"yaw","rate_noise":0.1}', b'{"axis":"yaw","rate_noise":0.1}'),
+        ("compensator", b'{"axis":"sway","compensator":"none"}', b'{"axis":"sway","compensator":"none"}'),
+        ("record", b'{"on":true}', b'{"on":true}'),
+    ],
+)
+def test_a_command_leaves_as_the_contract_says(name: str, body: bytes, payload: bytes) -> None:
+    assert checked(name, body) == payload
+
+
+@pytest.mark.parametrize(
+    ("name", "body", "says"),
+    [
+        ("arm", b"{}", "there is no command 'arm'"),
+        ("engage", b'{"now":true}', "unknown field `now`"),
+        ("setpoint", b"{}", "name what is to change"),
+        ("setpoint", b'{"depth_m":-1}', ">= 0"),
+        ("setpoint", b'{"depth_m":1e999}', "out of range"),
+        ("setpoint", b'{"depth_m":NaN}', "malformed"),
+        ("setpoint", b'{"depth_m":"3"}', "Expected `float"),
+        ("gains", b'{"axis":"heave"}', "name what is to change"),
+        ("gains", b'{"axis":"roll","kappa_per_s":1}', "Invalid enum value 'roll'"),
+        ("gains", b'{"kappa_per_s":1}', "missing required field `axis`"),
+        ("record", b"{}", "missing required field `on`"),
+        ("release", b"[" * 4000, "release: "),
+    ],
+)
+def test_what_is_no_command_never_leaves(name: str, body: bytes, says: str) -> None:
+    with pytest.raises(ValueError, match=says):
+        checked(name, body)
+
+
+def test_every_command_is_known_by_the_companion() -> None:
+    from companion.operator import COMMANDS
+
+    assert set(ORDERS) == {*COMMANDS, "record"}
+    for name, kind in COMMANDS.items():
+        assert set(ORDERS[name].__struct_fields__) == set(kind.__struct_fields__), name
+
+
+def test_control_has_to_be_asked_for(tmp_path: Path) -> None:
+    assert settings([]).token == ""
+    assert settings([]).host == "127.0.0.1"
+    one, other = settings(["--allow-control"]).token, settings(["--allow-control"]).token
+    assert len(one) >= 16
+    assert one != other
+    file = tmp_path / "token"
+    file.write_text("0123456789abcdef\n")
+    assert settings(["--allow-control", "--token-file", str(file)]).token == "0123456789abcdef"
+    assert settings(["--listen", "[::1]:80"]).host == "::1"
+
+
+@pytest.mark.parametrize(
+    ("argv", "says"),
+    [
+        (["--listen", "8600"], "write HOST:PORT"),
+        (["--listen", "a:99999"], "write HOST:PORT"),
+        (["--token-file", "x"], "nothing to unlock"),
+        (["--allow-control", "--token-file", "/nowhere/x"], "cannot be read"),
+    ],
+)
+def test_a_wrong_option_is_explained(argv: list[str], says: str) -> None:
+    with pytest.raises(ValueError, match=says):
+        settings(argv)
+
+
+def test_a_short_token_is_refused(tmp_path: Path) -> None:
+    file = tmp_path / "token"
+    file.write_text("short")
+    with pytest.raises(ValueError, match="16 or more"):
+        settings(["--allow-control", "--token-file", str(file)])

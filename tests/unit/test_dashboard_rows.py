@@ -1,0 +1,191 @@
+"""What the web page gets: rows in a ring, the present for who is slow, ages that tell the truth."""
+
+import math
+import struct
+from collections.abc import Callable
+from dataclasses import replace
+
+import msgspec
+import numpy as np
+import pytest
+
+from companion import telemetry
+from companion.types import ControlSample, State, Verdict
+from dashboard import fleet
+from dashboard.columns import COLUMNS
+from dashboard.fleet import Fleet, Lag
+from dashboard.ring import Ring, next_row
+from dashboard.zenoh_client import Stamped
+
+MakeSample = Callable[..., ControlSample]
+
+
+def test_a_ring_keeps_the_newest_rows_in_order_and_numbers_them_on() -> None:
+    ring = Ring(4, 2)
+    assert ring.frame(0) is None
+    for number in range(11):
+        ring.append(float(number), [number, -number])
+        epoch, first, t_s, rows = _unpack(ring.frame(0))
+        kept = range(max(0, number - 3), number + 1)
+        assert (epoch, first) == (0, kept[0])
+        assert t_s.tolist() == list(kept)
+        assert rows.tolist() == [[n, -n] for n in kept]
+    assert _unpack(ring.frame(9))[1] == 9
+    assert ring.frame(ring.end) is None
+    ring.restart()
+    assert ring.frame(0) is None
+    ring.append(0.0, [1.0, 2.0])
+    assert _unpack(ring.frame(0))[:2] == (1, 11)
+
+
+@pytest.mark.parametrize(("cursor", "first"), [(100, 100), (90, 90), (89, 99), (0, 99)])
+def test_who_falls_too_far_behind_gets_the_present(cursor: int, first: int) -> None:
+    assert next_row(cursor, end=100, most_behind=10) == first
+
+
+def test_a_tick_becomes_one_row_of_what_it_said(make_sample: MakeSample) -> None:
+    seen = Fleet()
+    seen.take(_messages(make_sample()), now_s=5.0)
+    epoch, first, t_s, rows = _unpack(seen.vehicles["kelp"].ring.frame(0))
+    assert (epoch, first, t_s.tolist()) == (0, 0, [12.0])
+    row = dict(zip(COLUMNS, rows[0].tolist(), strict=True))
+    for record, prefix in zip(telemetry.records(make_sample()), _PREFIXES, strict=True):
+        for name in record.__struct_fields__:
+            if prefix + name in row and prefix + name != "position_age_s":
+                assert row[prefix + name] == pytest.approx(float(getattr(record, name))), prefix + name
+    assert math.isnan(row["position_age_s"])  # it never came
+    assert math.isnan(row["true.z.d"])
+    assert row["x.saturated"] == 1.0
+    assert row["psi.engaged"] == 0.0
+
+
+def test_what_is_lost_on_the_way_leaves_holes_not_wrong_numbers(make_sample: MakeSample) -> None:
+    seen = Fleet()
+    for t_s in (1.0, 2.0, 3.0):
+        messages = _messages(make_sample(t_s=t_s))
+        seen.take([m for m in messages if t_s != 2.0 or m.key.endswith("/state")], now_s=t_s)
+    _, _, t_s_of, rows = _unpack(seen.vehicles["kelp"].ring.frame(0))
+    assert t_s_of.tolist() == [1.0, 2.0, 3.0]
+    assert np.isnan(rows[:, COLUMNS.index("z.e")]).tolist() == [False, True, False]
+    assert np.isnan(rows[:, COLUMNS.index("depth_m")]).tolist() == [False, False, False]
+
+
+def test_a_number_that_was_not_finite_is_absent(make_sample: MakeSample) -> None:
+    seen = Fleet()
+    seen.take(_messages(make_sample(voltage_v=math.nan)), now_s=1.0)
+    row = _unpack(seen.vehicles["kelp"].ring.frame(0))[3][0]
+    assert math.isnan(row[COLUMNS.index("voltage_v")])
+
+
+def test_time_that_begins_anew_begins_an_epoch(make_sample: MakeSample) -> None:
+    seen = Fleet()
+    seen.take(_messages(make_sample(t_s=1000.0)), now_s=1.0)
+    seen.take(_messages(make_sample(t_s=3.0)), now_s=2.0)
+    epoch, _, t_s, _ = _unpack(seen.vehicles["kelp"].ring.frame(0))
+    assert (epoch, t_s.tolist()) == (1, [3.0])
+
+
+def test_ages_are_of_arrival_and_of_the_way(make_sample: MakeSample) -> None:
+    seen = Fleet()
+    seen.take(_messages(make_sample(t_s=1.0), stamp_s=100.0), now_s=10.0)
+    vehicle = seen.vehicles["kelp"]
+    assert vehicle.status(10.3)["age_s"] == pytest.approx(0.3)
+    assert vehicle.status(10.3)["lag_s"] == 0.0
+    seen.take(_messages(make_sample(t_s=2.0), stamp_s=101.0), now_s=19.0)
+    assert vehicle.status(19.0)["lag_s"] == pytest.approx(8.0)
+    # A replay at half speed is as fresh as its messages, however slowly its clock goes.
+    seen.take(_messages(make_sample(t_s=2.1), stamp_s=110.0), now_s=20.0)
+    assert vehicle.status(20.0)["lag_s"] == pytest.approx(0.0)
+
+
+def test_a_lag_forgets_the_clocks_of_before() -> None:
+    lag = Lag()
+    assert lag.add(0.0, 10.0) == 0.0
+    assert lag.add(1.0, 12.0) == 1.0
+    assert lag.add(90.0, 101.0) == 0.0
+
+
+def test_a_change_of_state_is_an_event_unless_the_companion_tells(make_sample: MakeSample) -> None:
+    seen = Fleet()
+    for t_s, state in ((1.0, State.READY), (2.0, State.ACTIVE), (3.0, State.ACTIVE), (4.0, State.FAULT)):
+        seen.take(_messages(_in_state(make_sample(t_s=t_s), state)), now_s=t_s)
+    vehicle = seen.vehicles["kelp"]
+    told = vehicle.events_from(0)
+    assert [(event["t_s"], event["severity"]) for event in told] == [(2.0, "info"), (4.0, "fault")]
+    assert told[1]["text"] == "ACTIVE to FAULT: because"
+    event = telemetry.Event(t_s=4.0, boot_s=0.0, severity="fault", kind="state", text="told")
+    seen.take([Stamped("holdfast/kelp/event", msgspec.json.encode(event), None)], now_s=4.1)
+    seen.take(_messages(_in_state(make_sample(t_s=5.0), State.IDLE)), now_s=5.0)
+    assert [event["text"] for event in vehicle.events_from(1)] == ["told"]
+
+
+def test_the_truth_joins_the_tick_of_its_moment_with_the_papers_sign(make_sample: MakeSample) -> None:
+    seen = Fleet()
+    seen.take(_messages(make_sample(t_s=1.0)), now_s=1.0)  # who is not heard has no truth
+    for t_s in (33.9, 34.0, 34.1):
+        truth = {"t_s": t_s, "disturbance": [1.0, 2.0, t_s, 0.0, 0.0, 4.0], "armed": True}
+        seen.take([Stamped("sim/kelp/truth", msgspec.json.encode(truth), None)], now_s=1.0)
+    seen.take(_messages(make_sample(t_s=2.0, boot_s=34.02)), now_s=1.1)
+    seen.take(_messages(make_sample(t_s=3.0, boot_s=99.0)), now_s=1.2)
+    rows = _unpack(seen.vehicles["kelp"].ring.frame(0))[3]
+    true = rows[:, [COLUMNS.index(f"true.{dof}.d") for dof in ("x", "y", "z", "psi")]]
+    assert true[1].tolist() == pytest.approx([-1.0, -2.0, -34.0, -4.0])
+    assert np.isnan(true[[0, 2]]).all()
+
+
+def test_bad_bytes_are_told_and_change_nothing(make_sample: MakeSample) -> None:
+    seen = Fleet()
+    seen.take(
+        [
+            Stamped("holdfast/kelp/state", b"{}", None),
+            Stamped("sim/kelp/truth", b"[", None),
+            Stamped("holdfast/kelp/raw", b"\xff", None),
+            Stamped("holdfast", b"", None),
+        ],
+        now_s=1.0,
+    )
+    assert "holdfast/kelp/state" in seen.trouble
+    assert seen.vehicles == {}
+    seen.take(_messages(make_sample()), now_s=1.0)
+    seen.take([Stamped("sim/kelp/truth", b"[" * 100_000, None)], now_s=1.0)
+    assert seen.vehicles["kelp"].ring.end == 1
+
+
+def test_there_is_an_end_to_vehicles(make_sample: MakeSample, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(fleet, "MOST_VEHICLES", 2)
+    seen = Fleet()
+    for name in ("kelp", "wrack", "dulse"):
+        seen.take(_messages(make_sample(), vehicle=name), now_s=1.0)
+    assert list(seen.vehicles) == ["kelp", "wrack"]
+    assert "'dulse' is one vehicle too many" in seen.trouble
+    found = seen.get("")
+    assert found is not None
+    assert found.name == "kelp"
+    assert seen.get("dulse") is None
+
+
+_PREFIXES = ("", "x.", "y.", "z.", "psi.", "", "", "")
+
+
+def _messages(sample: ControlSample, vehicle: str = "kelp", stamp_s: float | None = None) -> list[Stamped]:
+    return [Stamped(key, payload, stamp_s) for key, _, payload in telemetry.encode(sample, vehicle)]
+
+
+def _in_state(sample: ControlSample, state: State) -> ControlSample:
+    return replace(sample, verdict=Verdict(state, sample.verdict.conditions, 0.0, "because"))
+
+
+def _unpack(
+    frame: bytes | None,
+) -> tuple[
+    int,
+    float,
+    "np.ndarray[tuple[int], np.dtype[np.float64]]",
+    "np.ndarray[tuple[int, int], np.dtype[np.float32]]",
+]:
+    assert frame is not None
+    kind, epoch, first, rows, columns = struct.unpack_from("<IIdII", frame)
+    assert kind == 1
+    t_s = np.frombuffer(frame, "<f8", rows, 24)
+    numbers = np.frombuffer(frame, "<f4", rows * columns, 24 + 8 * rows)
+    return epoch, first, t_s, numbers.reshape(rows, columns)
