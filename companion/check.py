@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 from companion.config import Config
+from companion.mavlink.ardusub import FRAMES
 from companion.survey import Observed
 
-FRAMES = {"bluerov1": 0.0, "vectored": 1.0, "vectored_6dof": 2.0}
 SUBMARINE = 12
 OLDEST = (4, 5, 0)
 MIN_REACH = 0.3
@@ -20,7 +20,6 @@ MIN_REACH = 0.3
 
 SLOW_SHARE = 0.7
 MIN_DEPTH_HZ = 8.0
-LOW_V = 13.0
 FULL_CELL_SHARE = 1.08
 """A dive wants a battery this far above the voltage at which it is called low."""
 
@@ -52,9 +51,14 @@ def rows(seen: Observed, config: Config) -> list[Row]:
     return [row for look in _LOOKS if (row := look(seen, config)) is not None]
 
 
+WATCHED = frozenset({"pilot failsafe", "depth", "battery"})
+"""Rows that the supervisor has conditions of its own for, and looks at in every tick."""
+
+
 def refusals(listed: Sequence[Row]) -> str:
-    """Return the rows that forbid engaging, in words; empty if none does."""
-    return "; ".join(f"{row.name}: {row.found}" for row in listed if row.grade is Grade.REFUSED)
+    """Return the rows that forbid engaging, in words; empty if none does. Not those that are WATCHED."""
+    refused = [row for row in listed if row.grade is Grade.REFUSED and row.name not in WATCHED]
+    return "; ".join(f"{row.name}: {row.found}" for row in refused)
 
 
 def _firmware(seen: Observed, config: Config) -> Row:
@@ -74,9 +78,10 @@ def _frame(seen: Observed, config: Config) -> Row:
     wanted, value = config.vehicle.frame, seen.parameters.get("FRAME_CONFIG")
     if value is None:
         return _untold("frame", "FRAME_CONFIG", why)
-    has = next((name for name, number in FRAMES.items() if number == value), f"number {value:g}")
+    has = FRAMES.get(value, f"number {value:g}")
     grade = Grade.GOOD if has == wanted else Grade.REFUSED
-    mend = f'vehicle.frame = "{has}" here, or FRAME_CONFIG = {FRAMES[wanted]:g} there'
+    number = next(number for number, name in FRAMES.items() if name == wanted)
+    mend = f'vehicle.frame = "{has}" here, or FRAME_CONFIG = {number:g} there'
     return Row("frame", grade, f"{has}, we expect {wanted}" if grade else has, why, mend)
 
 
@@ -177,14 +182,7 @@ def _depth(seen: Observed, config: Config) -> Row:
         if source == "pressure":
             lacking = [name for name in _pressure_parameters(seen) if name not in seen.parameters]
             mend = f"it needs {', '.join(lacking)}, which were not told" if lacking else mend
-        if source == "vfr_hud" and not seen.origin_known:
-            mend = "set the EKF origin"
         return Row("depth", Grade.REFUSED, f"nothing fresh from {source}", why, mend)
-    if source == "vfr_hud" and not seen.origin_known:
-        found = "VFR_HUD.alt stays exactly 0 without an EKF origin"
-        return Row(
-            "depth", Grade.REFUSED, found, why, 'vehicle.depth_source = "relative_alt", or --set-origin'
-        )
     delays = state.delays
     late = f"{1e3 * max(0.0, delays.telemetry_s):.0f} ms" if delays.telemetry_known else "not measured"
     gravity = seen.parameters.get("BARO_SPEC_GRAV", math.nan)
@@ -204,6 +202,9 @@ def _origin(seen: Observed, config: Config) -> Row:
     if seen.origin_known:
         return Row("EKF origin", Grade.GOOD, "set", why)
     mend = "at the surface: holdfast check --set-origin LAT,LON"
+    if config.vehicle.depth_source == "vfr_hud":
+        found = "not set: VFR_HUD.alt stays exactly 0"
+        return Row("EKF origin", Grade.REFUSED, found, why, mend)
     return Row("EKF origin", Grade.WARNING, "not set", why, mend)
 
 
@@ -223,7 +224,7 @@ def _mode(seen: Observed, config: Config) -> Row | None:
 
 def _battery(seen: Observed, config: Config) -> Row:
     why = "thrust goes with the square of the voltage, and a dive has to end with some"
-    low_v = LOW_V
+    low_v = config.supervisor.min_voltage_v
     if seen.voltage_v is None:
         return Row("battery", Grade.WARNING, "no voltage", why, "BATT_MONITOR")
     grade = Grade.WARNING if seen.voltage_v < FULL_CELL_SHARE * low_v else Grade.GOOD

@@ -24,6 +24,8 @@ class Observation:
     parameters: Mapping[str, float]
     ekf: EkfStatus | None
     """The newest report, None before the first."""
+    unfit: str = ""
+    """The rows of `check` that forbid engaging, in words."""
     holds_position: bool = False
     finite: bool = True
     late_s: float = 0.0
@@ -191,6 +193,13 @@ CONDITIONS = (
         "FS_PILOT_INPUT is 0 or not known, or FS_PILOT_TIMEOUT too long: nothing would stop the thrusters if "
         "this computer died",
         "set FS_PILOT_INPUT to 2",
+    ),
+    Look(
+        C.NOT_FIT,
+        lambda o, limits: bool(o.unfit),
+        (),
+        "a row of the pre-dive list is refused (frame, steering id, InputHold...); the reason names it",
+        "`holdfast check` says what mends it",
     ),
     Look(
         C.SATURATED,

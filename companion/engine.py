@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from companion import assembly
+from companion.check import Row, refusals, rows
 from companion.conditions import assess
 from companion.config import Config
 from companion.control.bounds import bounded, wrap
@@ -21,6 +22,7 @@ from companion.mavlink.signing import Signing
 from companion.pilot import Pilot, Wish
 from companion.steering_mode import STEERING_MODES, ModeKeeper
 from companion.supervisor import UNFIT, Envelope, Supervisor, guard
+from companion.survey import Survey
 from companion.types import (
     NEUTRAL,
     PSI,
@@ -48,6 +50,8 @@ NEUTRAL_BURST_S = 0.5
 own failsafe sees a lost pilot."""
 
 MAX_DT_TICKS = 3.0
+CHECK_S = 0.25
+MAV_SEVERITY_INFO = 6
 
 
 class Engine:
@@ -65,6 +69,10 @@ class Engine:
         self._estimator = Estimator(config, model, self._thrusters)
         self._supervisor = Supervisor(config.supervisor.ramp_down_s, config.supervisor.ramp_up_s)
         self._watch = Watch()
+        self._survey = Survey()
+        self._unfit = ""
+        self._checked_s = -math.inf
+        self._about = ""
         self._hand_over = HandOver()
         self._levelling = assembly.levelling(config)
         limits = config.thrusters
@@ -159,7 +167,7 @@ class Engine:
             verdict=verdict,
             counters=replace(self._autopilot.counters),
             loop=loop,
-            texts=tuple(event for event in events if isinstance(event, StatusText)),
+            texts=(*self._introduced(now_s), *(event for event in events if isinstance(event, StatusText))),
         )
 
     def farewell(self) -> bytes:
@@ -236,6 +244,9 @@ class Engine:
                 pilot_heard_s=max(self._watch.pilot_heard_s, back_s),
                 keep_s=math.inf if surfacing else limits.keep_alt_hold_s,
             )
+        self._survey.take(events)
+        if state.t_s - self._checked_s >= CHECK_S:
+            self._checked_s, self._unfit = state.t_s, refusals(self.checked(state))
         seen = self._watch.step(
             dt_s,
             dt_s - self._tick_s,
@@ -250,6 +261,7 @@ class Engine:
             if handing_over
             else state.mode == self._modes.steering,
             parameters=self._autopilot.parameters,
+            unfit=self._unfit,
             requests=requests,
             taken_back=taken_back,
             pilot_timeout_s=ground.timeout_s if ground.endpoint and ground.on_loss != "hold" else math.inf,
@@ -257,7 +269,7 @@ class Engine:
             engage=self._engage_asked,
             loop=loop,
         )
-        self.verdict = self._supervisor.step(conditions | assess(seen, limits), dt_s)
+        self.verdict = self._supervisor.step(conditions | assess(seen, limits), dt_s, self._unfit)
         now = self.verdict.state
         if now is State.HAND_OVER and not handing_over:
             up = Condition.PILOT_LOST_SURFACE in self.verdict.conditions
@@ -282,6 +294,25 @@ class Engine:
         if now is State.FAULT or (before.state is State.ACTIVE and now is not State.ACTIVE):
             self._engage_asked = False
         return self.verdict
+
+    def checked(self, state: VehicleState) -> list[Row]:
+        """Return the pre-dive list as far as it is known without trying anything."""
+        autopilot = self._autopilot
+        seen = self._survey.observed(
+            state,
+            parameters=autopilot.parameters,
+            measured_hz=autopilot.measured_hz,
+            asked_hz=autopilot.asked_hz,
+        )
+        return rows(seen, self._config)
+
+    def _introduced(self, now_s: float) -> tuple[StatusText, ...]:
+        """Say, once it is known and whenever it changes, which autopilot this is."""
+        about = self._autopilot.about
+        if about == self._about:
+            return ()
+        self._about = about
+        return (StatusText(now_s, MAV_SEVERITY_INFO, about),) if about else ()
 
     def _levelled(self, requested: Array, state: VehicleState) -> Array:
         """Return the wrench with the moments that keep it level, where those are ours."""

@@ -20,7 +20,7 @@ C, S = Condition, State
 BLIND = C.LINK_LOST | C.DEPTH_STALE | C.ATTITUDE_STALE | C.POSITION_STALE
 SICK = C.EKF_UNHEALTHY | C.DEPTH_JUMPED | C.DEPTH_OUT_OF_BOUNDS | C.SURPRISED | C.DELAY_TOO_LONG | C.TILTED
 UNFIT = BLIND | SICK | C.DISARMED | C.WRONG_MODE | C.FAILSAFE_UNSAFE | C.NON_FINITE | C.TICK_LATE
-UNFIT |= C.LEAK | C.BATTERY_LOW | C.REBOOTED | C.PILOT_LOST
+UNFIT |= C.NOT_FIT | C.LEAK | C.BATTERY_LOW | C.REBOOTED | C.PILOT_LOST
 NOTHING = Condition(0)
 
 
@@ -50,6 +50,7 @@ TRANSITIONS = (
     Row(S.ACTIVE, C.WRONG_MODE, NOTHING, S.PILOT, "the pilot changed the mode"),
     Row(S.ACTIVE, C.PILOT_TAKEOVER, NOTHING, S.PILOT, "the pilot moved the sticks"),
     Row(S.ACTIVE, C.FAILSAFE_UNSAFE, NOTHING, S.RAMP_DOWN, "the pilot-input failsafe was switched off"),
+    Row(S.ACTIVE, C.NOT_FIT, NOTHING, S.RAMP_DOWN, "the vehicle is no longer fit to be held"),
     Row(S.ACTIVE, C.EKF_UNHEALTHY, NOTHING, S.RAMP_DOWN, "the autopilot doubts its own estimate"),
     Row(S.ACTIVE, C.DEPTH_OUT_OF_BOUNDS, NOTHING, S.RAMP_DOWN, "it is where it may not be"),
     Row(S.ACTIVE, C.TILTED, NOTHING, S.RAMP_DOWN, "it rolled or pitched too far"),
@@ -131,8 +132,8 @@ class Supervisor:
         self.ramp_up_s = ramp_up_s
         self._verdict = Verdict(State.IDLE, NOTHING, 0.0, "just started")
 
-    def step(self, conditions: Condition, dt_s: float) -> Verdict:
-        """Take one tick's conditions and give the verdict.
+    def step(self, conditions: Condition, dt_s: float, unfit: str = "") -> Verdict:
+        """Take one tick's conditions and give the verdict; `unfit` says in words what NOT_FIT is about.
 
         Authority rises to 1 over `ramp_up_s` in ACTIVE, falls to 0 over `ramp_down_s` in RAMP_DOWN and
         HAND_OVER, and is 0 everywhere else.
@@ -148,7 +149,9 @@ class Supervisor:
         elif state not in CARRY_AUTHORITY:
             authority = 0.0
         if state is before.state is State.IDLE and (missing := conditions & UNFIT):
-            reason = "waiting for: " + names(missing)
+            reason = "waiting for: " + names(missing) + (f" ({unfit})" if unfit else "")
+        elif row and row.when is Condition.NOT_FIT:
+            reason = f"{row.because} ({unfit})"
         self._verdict = Verdict(
             state, conditions, authority, reason, conditions & WARNS, bool(conditions & FREEZES)
         )

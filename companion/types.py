@@ -403,6 +403,7 @@ class Condition(IntFlag):
     DISARMED = auto()
     WRONG_MODE = auto()
     FAILSAFE_UNSAFE = auto()
+    NOT_FIT = auto()
     NON_FINITE = auto()
     TICK_LATE = auto()
     TILTED = auto()

@@ -84,6 +84,9 @@ PRESSURES: Final = (
 )
 """By barometer: BARO_PRIMARY, where ArduSub notes which one is in the water, counts from 0."""
 
+FRAMES: Final = {0.0: "bluerov1", 1.0: "vectored", 2.0: "vectored_6dof"}
+"""Names of FRAME_CONFIG's values."""
+
 RELEASES: Final = {0: "dev", 64: "alpha", 128: "beta", 192: "rc"}
 
 EKF_ATTITUDE: Final = mavlink.EKF_ATTITUDE
@@ -346,7 +349,9 @@ class Converter:
 
     def _named_value(self, m: Message, t_s: float) -> tuple[Event, ...]:
         if m.name in ("InputHold", "RollPitch"):
-            return (PilotToggle(t_s, m.name, m.value != 0.0),)
+            if m.value not in (0.0, 1.0):
+                return self._implausible()
+            return (PilotToggle(t_s, m.name, m.value == 1.0),)
         if m.name != "PilotGain":
             return ()
         if not 0.0 <= m.value <= 1.0:

@@ -9,6 +9,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from companion.config import Config
 from companion.endpoint import Endpoint
 from companion.mavlink.ardusub import (
+    FRAMES,
     Commands,
     Converter,
     Mode,
@@ -35,6 +36,7 @@ from companion.types import (
 )
 
 NS_PER_S = 1e9
+ABOUT = {"FRAME_CONFIG", "FS_PILOT_INPUT", "FS_PILOT_TIMEOUT", "MAV_GCS_SYSID"}
 
 
 class Autopilot:
@@ -147,6 +149,17 @@ class Autopilot:
     def firmware(self) -> Firmware | None:
         """The autopilot's version, once it has told it."""
         return self._upkeep.firmware
+
+    @property
+    def about(self) -> str:
+        """Who it is and what protects it, in a line; empty until that is known."""
+        told, firmware = self.parameters, self.firmware
+        if firmware is None or not told.keys() >= ABOUT:
+            return ""
+        frame = FRAMES.get(told["FRAME_CONFIG"], f"frame {told['FRAME_CONFIG']:g}")
+        return f"ArduSub {firmware.text}, {frame}, " + ", ".join(
+            f"{name} {told[name]:g}" for name in sorted(ABOUT - {"FRAME_CONFIG"})
+        )
 
     @property
     def measured_hz(self) -> dict[str, float]:

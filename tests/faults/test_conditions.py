@@ -107,6 +107,10 @@ def failsafe_unsafe(dive):
     dive.tap.to_vehicle.append(Somebody().parameter("FS_PILOT_INPUT", 0.0))
 
 
+def not_fit(dive):
+    dive.tap.to_vehicle.append(Somebody().parameter("FRAME_CONFIG", 1.0))
+
+
 def non_finite(dive):
     engine = dive.tap.engine  # the only way in: setpoints and telemetry that are not finite are refused
     engine._target = replace(hold(), eta_d_dot=np.array([0.0, 0.0, np.nan, 0.0]))
@@ -139,6 +143,7 @@ FROM_ACTIVE = {
     disarmed: ([State.IDLE], HEARTBEAT_S + 0.1),
     wrong_mode: ([State.PILOT], HEARTBEAT_S + 0.1),
     failsafe_unsafe: ([State.RAMP_DOWN, State.IDLE], RAMP_S + 0.2),
+    not_fit: ([State.RAMP_DOWN, State.IDLE], RAMP_S + 0.5),
     non_finite: ([State.FAULT], 0.04),
     tick_late: ([State.RAMP_DOWN, State.IDLE, State.READY], 0.4 + RAMP_S + 0.1),
     pilot_takes_over: ([State.PILOT], 0.2),
@@ -152,6 +157,7 @@ ELSEWHERE = {
     (State.READY, disarmed): [State.IDLE],
     (State.READY, wrong_mode): [State.IDLE],
     (State.READY, failsafe_unsafe): [State.IDLE],
+    (State.READY, not_fit): [State.IDLE],
     (State.READY, tick_late): [State.IDLE, State.READY],
     (State.HAND_OVER, link_lost): [State.FAULT],
     (State.HAND_OVER, disarmed): [State.IDLE],

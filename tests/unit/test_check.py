@@ -3,8 +3,10 @@
 from dataclasses import replace
 
 import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from virtual import Dive, Somebody, active
 
-from companion.check import Grade, refusals, rows
+from companion.check import WATCHED, Grade, refusals, rows
 from companion.check_table import as_json, show, worst
 from companion.config import load_config
 from companion.survey import Directions, Observed, Survey
@@ -20,6 +22,7 @@ from companion.types import (
     PilotToggle,
     Reboot,
     ReceiverChannels,
+    State,
     TimeSync,
 )
 
@@ -101,7 +104,7 @@ BAD = [
     ("streams", {"measured_hz": {"ATTITUDE": 12.5}}, (), WARNING, ["ATTITUDE 12 of 50 Hz"]),
     ("streams", {"measured_hz": {}}, (), WARNING, ["not measured"]),
     ("depth", {"depth_hz": 3.0}, (), WARNING, ["3 Hz"]),
-    ("depth", {"origin_known": False}, HUD, REFUSED, ["stays exactly 0"]),
+    ("EKF origin", {"origin_known": False}, HUD, REFUSED, ["stays exactly 0"]),
     ("EKF origin", {"origin_known": False}, (), WARNING, ["not set"]),
     ("mode", {"modes": {"MANUAL": False, "STABILIZE": True}}, (), REFUSED, ["MANUAL did not come"]),
     ("mode", {"modes": {"MANUAL": True, "STABILIZE": False}}, (), WARNING, ["STABILIZE did not come"]),
@@ -132,7 +135,7 @@ def test_a_bad_row_says_what_and_what_mends_it(good, name, changes, overrides, g
     assert all(word in found.found for word in words), found.found
     assert found.mend or name == "streams"
     assert (name in refusals(rows(replace(good, **changes), load_config(overrides=overrides)))) == (
-        grade is REFUSED
+        grade is REFUSED and name not in WATCHED
     )
 
 
@@ -200,9 +203,9 @@ def test_what_was_not_tried_has_no_row(good):
 
 
 def test_refusals_name_the_row_and_the_worst_is_the_status(good):
-    bad = told(replace(good, origin_known=False), FRAME_CONFIG=1.0, FS_PILOT_INPUT=0.0)
+    bad = told(replace(good, origin_known=False, directions=None), FRAME_CONFIG=1.0, MAV_GCS_SYSID=1.0)
     listed = rows(bad, load_config())
-    assert refusals(listed).startswith("frame: vectored, we expect vectored_6dof; pilot failsafe: ")
+    assert refusals(listed).startswith("frame: vectored, we expect vectored_6dof; steering id: ")
     assert worst(listed) == 2
     assert worst(rows(replace(good, origin_known=False), load_config())) == 1
     assert worst([]) == 2
@@ -251,3 +254,48 @@ class TestSurvey:
         assert seen.clock_jumps == 1
         assert seen.round_trip_s == pytest.approx(0.002)
         assert seen.syncs == 7
+
+
+@pytest.mark.parametrize(
+    ("plant", "companion", "words"),
+    [
+        (("parameters.MAV_GCS_SYSID=254",), (), "steering id: it obeys 254, we are 255"),
+        (("parameters.FRAME_CONFIG=1",), (), "frame: vectored, we expect vectored_6dof"),
+        ((), HUD, "EKF origin: not set"),
+        (("rc_receiver=true", "parameters.RC_OVERRIDE_TIME=-1"), (), "RC receiver: "),
+    ],
+)
+def test_run_refuses_to_engage_or_arm_and_names_the_row(plant, companion, words):
+    dive = Dive(*plant, companion=companion)
+    dive.run(5.0)
+    assert dive.state is State.IDLE
+    assert words in dive.step.sample.verdict.reason
+    assert not dive.step.truth.armed
+
+
+@pytest.mark.parametrize(("button", "name"), [(8, "InputHold on"), (7, "RollPitch on")])
+def test_a_pilots_toggle_forbids_engaging(button, name):
+    """BTN8 is InputHold by default; RollPitch is put on another button. NAMED_VALUE_FLOAT tells of both."""
+    dive = Dive("parameters.BTN7_FUNCTION=49", arm=False, engage=False)
+    station = Somebody()
+    dive.run(1.0)
+    for buttons in (0, 1 << button, 0):
+        stick = mavlink.MAVLink_manual_control_message(1, 400, 0, 500, 0, buttons)
+        dive.tap.to_vehicle.append(station.frame(stick))
+        dive.run(0.1)
+    dive.run(3.0)
+    assert name in dive.step.sample.verdict.reason
+
+
+def test_a_steering_id_that_changes_while_holding_ramps_down_and_says_why():
+    dive = active()
+    dive.tap.to_vehicle.append(Somebody().parameter("MAV_GCS_SYSID", 254.0))
+    dive.until(State.RAMP_DOWN, within_s=1.0)
+    assert "steering id: it obeys 254" in dive.step.sample.verdict.reason
+
+
+def test_run_says_once_who_the_autopilot_is():
+    dive = Dive(engage=False)
+    texts = [text.text for step in dive.run(6.0) for text in step.sample.texts]
+    (about,) = [text for text in texts if text.startswith("ArduSub")]
+    assert about.startswith("ArduSub 4.7.0 (dev), vectored_6dof, FS_PILOT_INPUT 2, FS_PILOT_TIMEOUT 3")

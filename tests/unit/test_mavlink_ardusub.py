@@ -180,6 +180,8 @@ class TestSignsAndScales:
         assert convert(converter, named(b"Lights1", 1.0)) == ()
         assert convert(converter, named(b"PilotGain", NAN)) == ()
         assert counters.implausible == 1
+        assert convert(converter, named(b"InputHold", NAN)) == ()
+        assert counters.implausible == 2
 
     def test_parameter_and_acknowledgement(self, converter):
         value = mavlink.MAVLink_param_value_message(b"FS_PILOT_INPUT", 2.0, 2, 1370, 7)
