@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from datetime import UTC, datetime
 from html import escape
 
-from lab.report_figures import NAMES, Figures, Held
+from lab.report_figures import AXIS_OF, NAMES, Figures, Held
 from lab.report_log import Log
 
 STYLE = """
@@ -55,7 +55,10 @@ def page(log: Log, figures: Figures, advice: Sequence[str], picture: bytes) -> s
 {_held(figures)}
 <p class="under">Errors are measured minus desired, now. RMS, p95 and peak while the reference rested, from
 3 s after engaging; <i>moving</i> is the RMS while it did not. <i>True</i> is the simulator's, less its mean:
-a sensor's zero is no error of the controller. Chatter is the RMS change of thrust from tick to tick.</p>
+a sensor's zero is no error of the controller.</p>
+<h2>What it took</h2>
+{_took(figures)}
+<p class="under">Delivered thrust, as the thruster curve has it; chatter is its RMS change a tick.</p>
 <h2>States</h2>
 {
         _table(
@@ -132,29 +135,33 @@ def lines(figures: Figures, advice: Sequence[str]) -> list[str]:
 
 
 def _held(figures: Figures) -> str:
-    head = (
-        *("phase", "from", "for", "", "held", "RMS", "p95", "peak", "bias", "moving", "true RMS"),
-        *("thrust RMS", "mean", "chatter", "saturated", "ended"),
-    )
     rows: list[Sequence[str]] = []
     for phase in figures.phases:
         for i, one in enumerate(phase.held):
             first = (str(phase.number), _time(phase.begin_s), _time(phase.end_s - phase.begin_s))
+            errors = (_with(value, one.unit) for value in _errors(one))
             rows.append(
                 (
                     *(first if i == 0 else ("", "", "")),
-                    NAMES[one.dof],
-                    _time(one.hold_s),
-                    *(_with(value, one.unit) for value in _errors(one)),
-                    *(
-                        _with(value, one.thrust_unit)
-                        for value in (one.thrust_rms, one.thrust_mean, one.chatter)
-                    ),
-                    f"{one.saturated:.1%}",
-                    phase.ended if i == 0 else "",
+                    *(NAMES[one.dof], _time(one.hold_s), *errors, phase.ended if i == 0 else ""),
                 )
             )
-    return _table(head, rows, text=(3, 15)) if rows else "<p>It never engaged.</p>"
+    head = ("phase", "from", "for", "", "held", "RMS", "p95", "peak", "bias", "moving", "true", "ended")
+    return _table(head, rows, text=(3, 11)) if rows else "<p>It never engaged.</p>"
+
+
+def _took(figures: Figures) -> str:
+    rows = (
+        (
+            str(phase.number),
+            AXIS_OF[one.dof],
+            *(_with(value, one.thrust_unit) for value in (one.thrust_rms, one.thrust_mean, one.chatter)),
+            f"{one.saturated:.1%}",
+        )
+        for phase in figures.phases
+        for one in phase.held
+    )
+    return _table(("phase", "", "thrust, RMS", "mean", "chatter", "saturated"), rows, text=(1,))
 
 
 def _errors(one: Held) -> tuple[float, ...]:
@@ -229,7 +236,9 @@ def _time(seconds: float) -> str:
 
 
 def _number(value: float) -> str:
-    return "–" if math.isnan(value) else f"{value:.3g}" if abs(value) < 10.0 else f"{value:.1f}"
+    if math.isnan(value):
+        return "–"
+    return f"{value:.3f}" if abs(value) < 0.1 else f"{value:.2f}" if abs(value) < 10.0 else f"{value:.1f}"
 
 
 def _with(value: float, unit: str) -> str:
