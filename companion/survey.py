@@ -51,7 +51,8 @@ class Observed:
     toggles: Mapping[str, bool] = field(default_factory=dict)
     receiver_channels: int | None = None
     failsafe_seen: bool = False
-    """Whether the autopilot said that a failsafe is latched: then nothing keeps the pilot's from firing."""
+    """Whether the autopilot said twice running that a failsafe is latched (once it says so at every boot):
+    then nothing keeps the pilot's from firing."""
     origin_known: bool = False
     voltage_v: float | None = None
     depth_hz: float = 0.0
@@ -116,9 +117,10 @@ class Survey:
         self._seen["firmware"] = event
 
     def _on_heartbeat(self, event: Heartbeat) -> None:
-        self._seen["heartbeat"] = event
-        if event.system_status == FAILSAFE_STATUS:
+        before = self._seen.get("heartbeat")
+        if before is not None and before.system_status == event.system_status == FAILSAFE_STATUS:
             self._seen["failsafe_seen"] = True
+        self._seen["heartbeat"] = event
 
     def _on_gain(self, event: PilotGain) -> None:
         self._seen["pilot_gain"] = event.gain

@@ -230,6 +230,8 @@ class TestSurvey:
     def test_it_knows_what_came(self, make_sample):
         survey = Survey()
         survey.take([Heartbeat(0.0, False, 19, 5), Battery(0.0, 15.5), PilotGain(0.0, 0.7)])
+        assert not survey.observed(make_sample().state).failsafe_seen, "the first heartbeat always says so"
+        survey.take([Heartbeat(1.0, False, 19, 5)])
         survey.take([PilotToggle(0.0, "InputHold", True), ReceiverChannels(0.0, 8), EkfOrigin(0.0, True)])
         survey.take([Depth(0.02 * k, 0.02 * k, 1.0) for k in range(120)])
         seen = survey.observed(make_sample().state)

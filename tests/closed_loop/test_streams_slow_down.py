@@ -1,0 +1,40 @@
+"""A ground station on the same link takes the streams away while we hold: they come back."""
+
+import numpy as np
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from virtual import Somebody, active
+
+from companion.types import State
+
+ATTITUDE = "ATTITUDE"
+
+
+def test_a_ground_stations_parameter_transfer_is_borne():
+    """It slows every stream fourfold for as long as it lasts."""
+    dive = active("waves.enabled=true", seconds=8.0)
+    station = Somebody()
+    ask = station.frame(mavlink.MAVLink_param_request_list_message(1, 1))
+    rates = []
+    for _ in range(200):
+        dive.tap.to_vehicle.append(ask)
+        step = dive.run(0.02)[-1]
+        assert step.sample.verdict.state is State.ACTIVE
+        rates.append(dive.engine._autopilot.measured_hz[ATTITUDE])
+    assert min(rates) < 20.0, "else nothing slowed down"
+    steps = dive.run(4.0)
+    assert dive.state is State.ACTIVE
+    assert dive.engine._autopilot.measured_hz[ATTITUDE] > 45.0
+    assert np.abs([step.truth.eta[2] - 1.0 for step in steps]).max() < 0.05
+
+
+def test_streams_that_another_station_turned_down_are_asked_for_again():
+    dive = active("waves.enabled=true", seconds=3.0)
+    slow = mavlink.MAVLink_request_data_stream_message(1, 1, 0, 4, 1)
+    dive.tap.to_vehicle.append(Somebody().frame(slow))
+    rates = []
+    for _ in range(200):
+        dive.run(0.02)
+        rates.append(dive.engine._autopilot.measured_hz[ATTITUDE])
+    assert min(rates) < 30.0, "else nothing slowed down"
+    assert rates[-1] > 45.0
+    assert dive.state is State.ACTIVE
