@@ -6,7 +6,7 @@ import socket
 import sys
 import time
 from collections.abc import Awaitable, Callable
-from contextlib import suppress
+from contextlib import AbstractContextManager, nullcontext, suppress
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -334,8 +334,18 @@ async def _serve(settings: Settings) -> None:
 def main(settings: Settings) -> int:
     """Serve until SIGINT or SIGTERM; return the exit status."""
     try:
-        asyncio.run(_serve(settings))
+        with _recorder(settings):
+            asyncio.run(_serve(settings))
     except OSError as error:
         sys.stderr.write(f"holdfast dashboard: {settings.host}:{settings.port}: {error.strerror}\n")
         return 1
     return 0
+
+
+def _recorder(settings: Settings) -> AbstractContextManager[object]:
+    if settings.record is None:
+        return nullcontext()
+    from dashboard.record import RecorderThread
+    from dashboard.recorder import Limits
+
+    return RecorderThread("", settings.endpoint, Limits(settings.record), allow_control=bool(settings.token))

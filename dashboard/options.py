@@ -13,6 +13,7 @@ EXAMPLES = """\
 examples:
   holdfast dashboard                            then open http://127.0.0.1:8600/
   holdfast dashboard --allow-control            also engage, release, aim and tune, with the token it prints
+  holdfast dashboard --record dives             and keep what it sees
   holdfast dashboard --connect tcp/192.168.2.2:7447
                                                 the vehicle's Zenoh, seen from a laptop on its tether
   holdfast dashboard --listen 0.0.0.0:8600 --name blueos.local
@@ -28,13 +29,14 @@ Control needs three consents: `--allow-control` here, the token in the browser, 
 
 @dataclass(frozen=True)
 class Settings:
-    """What the command line says. An empty `token` means that nothing can be sent."""
+    """What the command line says. Without `token` nothing can be sent, without `record` nothing is kept."""
 
     host: str
     port: int
     names: tuple[str, ...]
     endpoint: str
     token: str
+    record: Path | None = None
 
 
 def settings(argv: list[str]) -> Settings:
@@ -74,6 +76,12 @@ def settings(argv: list[str]) -> Settings:
         type=Path,
         help=f"take the token from there, {SHORTEST_TOKEN} characters or more; else it is new each time",
     )
+    parser.add_argument(
+        "--record",
+        metavar="DIR",
+        type=Path,
+        help="also record the first vehicle heard, there, as `holdfast record` does",
+    )
     options = parser.parse_args(argv)
     host, _, port = options.listen.rpartition(":")
     if not host or not port.isdigit() or int(port) > 65535:
@@ -83,7 +91,7 @@ def settings(argv: list[str]) -> Settings:
     token = ""
     if options.allow_control:
         token = _token(options.token_file) if options.token_file else secrets.token_urlsafe(18)
-    return Settings(host.strip("[]"), int(port), tuple(options.name), options.connect, token)
+    return Settings(host.strip("[]"), int(port), tuple(options.name), options.connect, token, options.record)
 
 
 def _token(file: Path) -> str:

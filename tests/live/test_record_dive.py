@@ -192,6 +192,24 @@ def test_a_slow_recorder_delays_nobody_and_obeys_where_allowed(
         assert reader.whole
 
 
+def test_the_dashboard_records_what_it_shows(
+    tmp_path: Path, make_sample: Callable[..., ControlSample]
+) -> None:
+    zenoh = f"tcp/127.0.0.1:{free_port()}"
+    command = ("dashboard", "--connect", zenoh, "--listen", f"127.0.0.1:{free_port()}", "--record")
+    with Publisher("kelp", zenoh) as publisher, running(*HOLDFAST, *command, str(tmp_path)):
+
+        def much() -> bool:
+            publisher.offer(make_sample(t_s=time.monotonic()))
+            return any(file.stat().st_size > 10_000 for file in tmp_path.glob("kelp-*.mcap"))
+
+        until(much)
+    (path,) = tmp_path.glob("*.mcap")
+    reader = Reader(path)
+    assert len(list(reader)) > 100
+    assert reader.whole  # Ctrl-C finishes the file
+
+
 def holdfast(*arguments: str) -> "subprocess.CompletedProcess[str]":
     return subprocess.run([*HOLDFAST, *arguments], capture_output=True, text=True, timeout=60.0, check=False)
 

@@ -152,3 +152,8 @@ def test_a_short_token_is_refused(tmp_path: Path) -> None:
     file.write_text("short")
     with pytest.raises(ValueError, match="16 or more"):
         settings(["--allow-control", "--token-file", str(file)])
+
+
+def test_it_records_only_where_told(tmp_path: Path) -> None:
+    assert settings([]).record is None
+    assert settings(["--record", str(tmp_path)]).record == tmp_path
