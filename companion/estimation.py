@@ -131,7 +131,7 @@ class Estimator:
         self.restart()
 
     def retune(self, config: Config, model: Model) -> None:
-        """Go on from the present estimate with another model, other noises and sensor delays (30 ms)."""
+        """Go on from the present estimate with another model, other noises and sensor delays."""
         observer = _observer(config, model)
         observer.x = self._observer.x
         self._observer, self._model = observer, model

@@ -19,6 +19,7 @@ from lab.bench_plot import draw
 from lab.bounds import Bound, process, virtual
 from lab.floor import CHATTER_N
 from lab.rows import DEFAULT, ROWS, selected
+from lab.subscribers import ROUNDS, subscriber_bounds
 from sim_bridge.commands import DEFAULT_CONFIG
 from sim_bridge.config import load_config as load_plant
 
@@ -46,11 +47,14 @@ def run(arguments: argparse.Namespace) -> int:
     runs = []
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console) as progress:
-        if arguments.what != "process":
+        if arguments.what in (None, "dives"):
             task = progress.add_task("diving", total=count(rows, arguments.seeds))
             runs = measure(arguments.set, plant, rows, arguments.seeds, lambda: progress.advance(task))
             cases = summaries(runs)
-        if arguments.what != "dives":
+        if arguments.what == "zenoh":
+            task = progress.add_task("measuring subscribers", total=ROUNDS)
+            bounds += subscriber_bounds(lambda: progress.advance(task))
+        if arguments.what in (None, "process"):
             task = progress.add_task("measuring the process", total=2)
             bounds += virtual(load_config(overrides=arguments.set), plant)
             progress.advance(task)
