@@ -217,6 +217,7 @@ class Recorder:
             return
         heard, sent = self._frames
         frames = [(t_ns / NS_PER_S, frame) for t_ns, data in raw.heard for frame in heard.take(data)]
+        frames += [(t_ns / NS_PER_S, frame) for t_ns, frame in raw.ground]
         frames += [(raw.now_s, frame) for data in raw.out for frame in sent.take(data)]
         log.write(b"".join(tlog.stamped(self._clock.utc_ns(t_s), frame) for t_s, frame in frames))
 

@@ -133,7 +133,8 @@ def rerun(tape: Tape, config: Config, *, follow: bool = True) -> Outcome:
             engine.retune(msgspec.structs.replace(tuned, link=unsigned))
         health = LoopHealth(raw.tick, config.loop.rate_hz, 0.0, 0.0, 0, 0)
         heard = [(t_ns, data) for t_ns, data in raw.heard]
-        out, _ = engine.step(raw.now_s, heard, health, [Request[name] for name in raw.requests])
+        ground = [(t_ns, frame) for t_ns, frame in raw.ground]
+        out, _ = engine.step(raw.now_s, heard, health, [Request[name] for name in raw.requests], ground)
         if [*map(_bare, out)] != [*map(_bare, raw.out)]:
             different.append(raw.tick)
         was.append(_command(raw.out))

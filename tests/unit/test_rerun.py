@@ -5,7 +5,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
-from virtual import ROOT, hold
+from virtual import ROOT, Somebody, hold
 
 from companion import telemetry
 from companion.config import Config, load_config
@@ -23,13 +23,16 @@ class Scribe(Engine):
     """An engine that notes every tick as `holdfast run` does."""
 
     ticks: list[telemetry.Raw]
+    ground: list[tuple[int, bytes]]
 
     def step(self, now_s, datagrams, loop, requests=()):  # type: ignore[no-untyped-def]
-        out, sample = super().step(now_s, datagrams, loop, requests)
+        ground, self.ground = self.ground, []
+        out, sample = super().step(now_s, datagrams, loop, requests, ground)
         raw = telemetry.Raw(
             tick=loop.tick,
             now_s=now_s,
             heard=datagrams,
+            ground=ground,
             out=out,
             requests=[request.name for request in requests],
             **self.handed,
@@ -41,11 +44,11 @@ class Scribe(Engine):
 
 @pytest.fixture(scope="module")
 def dive() -> list[telemetry.Raw]:
-    """Eight seconds: engage, a setpoint, a retune."""
+    """Eight seconds: engage, a setpoint, a retune, and at last the pilot takes over from the ground."""
     config = load_config()
     setpoint = hold(1.0)
     engine = Scribe(config, setpoint, arm=True)
-    engine.ticks = []
+    engine.ticks, engine.ground = [], []
     engine.handed = {
         "start": telemetry.Start(
             config=msgspec.to_builtins(config),
@@ -66,6 +69,8 @@ def dive() -> list[telemetry.Raw]:
             tuned = msgspec.structs.replace(config, heave=heave)
             engine.retune(tuned)
             engine.handed = {"config": msgspec.to_builtins(tuned)}
+        if tick == 380:
+            engine.ground = [(round(engine.ticks[-1].now_s * 1e9), Somebody().stick())]
         loop.tick()
     return engine.ticks
 
@@ -93,15 +98,15 @@ def test_the_same_code_sends_the_same_bytes(
     assert "every byte sent is the same" in said
 
 
-@pytest.mark.parametrize("lost", ["setpoint", "config", "start"])
+@pytest.mark.parametrize("lost", ["setpoint", "config", "start", "ground"])
 def test_what_the_operator_did_matters(dive: list[telemetry.Raw], tmp_path: Path, lost: str) -> None:
-    """Without the live setpoint, the retune or the start the commands are others: so all are repeated."""
-    ticks = [msgspec.structs.replace(raw, **{lost: None}) for raw in dive]
+    """Without the setpoint, the retune, the start or the sticks the commands are others: all are repeated."""
+    ticks = [msgspec.structs.replace(raw, **{lost: () if lost == "ground" else None}) for raw in dive]
     tape = load([written(tmp_path / "x.mcap", ticks, load_config())])
-    first = {"setpoint": 200, "config": 300, "start": 1}[lost]
+    first = {"setpoint": 200, "config": 300, "start": 1, "ground": 380}[lost]
     different = rerun(tape, configured(tape)).different
     assert different
-    assert first <= different[0] <= first + 60
+    assert first <= different[0] <= first + 120
 
 
 def test_one_datagram_less_is_seen(dive: list[telemetry.Raw], tmp_path: Path) -> None:
