@@ -52,7 +52,7 @@ class Publisher:
     that nobody could take in time. Whoever subscribes by `zenoh.ext` gets the last events and raw ticks as
     well: nobody is there at the first one. Without `on_order` there are no commands; it is called with each,
     on a thread of Zenoh's. `config` is what a query for it is answered with. Raises ValueError for a vehicle
-    name that is no key; trouble with the network is never raised.
+    name that is no key and an endpoint that is none; trouble with the network is never raised.
     """
 
     def __init__(
@@ -68,6 +68,7 @@ class Publisher:
         """Instances of this vehicle's name that came after us: whoever reads them takes them out."""
         self._vehicle = vehicle
         self._keys = telemetry.keys(vehicle)
+        _check(endpoint, mode)
         self._endpoint = endpoint
         self._mode = mode
         self._on_order = on_order
@@ -110,8 +111,7 @@ class Publisher:
         self._mail.extend(events)
         if self._queue.qsize() >= _QUEUE:
             with suppress(queue.Empty):
-                self._queue.get_nowait()
-                self.dropped += 1
+                self.dropped += self._queue.get_nowait() is not None
         self._queue.put((sample, raw))
 
     def close(self) -> None:
@@ -332,6 +332,20 @@ def _open(mode: str, *, connect: str = "", listen: str = "") -> zenoh.Session | 
     except zenoh.ZError as error:
         _log.debug("zenoh: %s", error)
         return None
+
+
+def _check(endpoint: str, mode: str) -> None:
+    """Raise ValueError for an endpoint that could never work."""
+    try:
+        if mode == "file":
+            zenoh.Config.from_file(endpoint)
+        else:
+            zenoh.Config().insert_json5("connect/endpoints", json.dumps([endpoint]))
+    except zenoh.ZError as error:
+        what = "the path of a Zenoh configuration" if mode == "file" else "one such as tcp/127.0.0.1:7447"
+        raise ValueError(
+            f"telemetry.endpoint = '{endpoint}': telemetry.mode is {mode}, want {what}"
+        ) from error
 
 
 def _is_loopback(endpoint: str) -> bool:

@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from itertools import pairwise
+from pathlib import Path
 
 import msgspec
 import pytest
@@ -275,6 +276,18 @@ def test_an_impossible_key_is_refused(endpoint: str) -> None:
         Publisher("kelp/1", endpoint)
     with pytest.raises(ValueError, match="key expression"):
         Subscription("holdfast//x", endpoint)
+
+
+def test_an_endpoint_that_can_never_work_is_refused(tmp_path: Path) -> None:
+    nonsense = tmp_path / "nonsense.json5"
+    nonsense.write_text("{ mode: 'submarine' }")
+    with pytest.raises(ValueError, match=r"telemetry\.endpoint = 'localhost'"):
+        Publisher("kelp", "localhost")
+    for path in (nonsense, tmp_path / "missing.json5"):
+        with pytest.raises(ValueError, match="mode is file"):
+            Publisher("kelp", str(path), "file")
+    with pytest.raises(ValueError, match="no Zenoh configuration"):
+        Subscription("holdfast/**", str(nonsense))
 
 
 @contextmanager
