@@ -52,6 +52,7 @@ own failsafe sees a lost pilot."""
 MAX_DT_TICKS = 3.0
 CHECK_S = 0.25
 MAV_SEVERITY_INFO = 6
+LETS_GO = (State.RAMP_DOWN, State.HAND_OVER)
 
 
 class Engine:
@@ -91,6 +92,8 @@ class Engine:
         self._last_s: float | None = None
         self._neutral_until_s: float | None = None
         self._had_authority = False
+        self._last_wrench = np.zeros(4)
+        """What the law last asked while ACTIVE: this is let go, evenly, whatever it would say by then."""
         self._kept_alive_s = -math.inf
         self._dofs: DofSample | None = None
         self._pilot = Pilot(config)
@@ -134,8 +137,11 @@ class Engine:
         self._finite = math.isfinite(requested.sum())
         if not self._finite:
             self._estimator.restart()
+        if verdict.state is State.ACTIVE:
+            self._last_wrench = requested
+        pushed = self._last_wrench if verdict.state in LETS_GO else requested
         reach = self._ours(self._autopilot.reach(state.pilot_gain)) * self._envelope.max_axis
-        asked = verdict.authority * self._levelled(requested, state)
+        asked = verdict.authority * self._levelled(pushed, state)
         wanted = self._thrusters.allocate(asked, state.voltage_v, reach)
         command = guard(
             AxisCommand(*wanted.axes.tolist()), verdict, self._command, self._envelope, self._tick_s

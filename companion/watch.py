@@ -41,7 +41,9 @@ class Watch:
     def __init__(self) -> None:
         self._ekf: EkfStatus | None = None
         self._config_changed = False
-        self._pilot_t_s = self._leak_t_s = self._changed_t_s = self._dropped_t_s = -math.inf
+        self._pilot_t_s = self._leak_t_s = self._rebooted_t_s = self._changed_t_s = (
+            self._dropped_t_s
+        ) = -math.inf
         self._pilot_deflection = 0.0
         self._heartbeat: Heartbeat | None = None
         self._steering_since_s: float | None = None
@@ -82,7 +84,6 @@ class Watch:
         `taken_back`: the pilot takes everything, by the sticks or a button of our own second link.
         """
         now_s = state.t_s
-        rebooted = False
         if self._config_changed:
             self._config_changed, self._changed_t_s = False, now_s
         for event in events:
@@ -102,7 +103,7 @@ class Watch:
                 case Parameter() if parameters.get(event.name, event.value) != event.value:
                     self._changed_t_s = event.t_s
                 case Reboot():
-                    rebooted, self._ekf = True, None
+                    self._rebooted_t_s, self._ekf = event.t_s, None
         if not steering:
             self._steering_since_s = None
         elif self._steering_since_s is None:
@@ -135,7 +136,7 @@ class Watch:
             stop=Request.STOP in requests,
             engage=engage,
             clear=Request.CLEAR_FAULT in requests,
-            rebooted=rebooted,
+            rebooted=now_s - self._rebooted_t_s <= ANNOUNCED_S,
             leaking=now_s - self._leak_t_s <= LEAK_REPEAT_S,
             failsafe=self._failsafe(),
             battery_low_s=self._battery_low_s,

@@ -1,37 +1,48 @@
-"""No step in thrust where somebody changes the law: measured on the nominal newtons of what is sent."""
+"""No step in thrust where somebody engages, lets go or changes the law: in nominal newtons of what is sent.
+
+With sensors that carry no noise: that alone makes 2 N a tick (RMS) of any law.
+"""
 
 from itertools import pairwise
 
 import numpy as np
 import pytest
-from virtual import active, hold
+from virtual import Dive, Somebody, active, hold
 
 from companion.config import ConfigError, load_config
+from companion.types import Request, Setpoint, State
 
 STEP_N = np.array([2.0, 2.0, 2.0, 0.24])
 """N and N·m from one tick to the next: 2 % of what heave and yaw can give."""
 
 COMPENSATORS = ("network", "observer", "none", "integrator", "regressor", "network+observer", "network")
 LEARNS = {"network": 160.0, "integrator": 400.0, "regressor": 100.0, "network+observer": 160.0}
-PULLED = ("heave_force.enabled=true", "heave_force.constant_n=12.0")
+QUIET = tuple(
+    f"sensors.{noise}=0.0"
+    for noise in (
+        "depth_slow_m",
+        "depth_white_m",
+        "climb_slow_m_s",
+        "climb_white_m_s",
+        "drift_m",
+        "attitude_slow_rad",
+        "attitude_white_rad",
+        "gyro_white_rad_s",
+    )
+)
+PULLED = (*QUIET, "heave_force.enabled=true", "heave_force.constant_n=12.0")
 
 
-def bump(before, act, seconds=1.0, **dive):
-    """The largest step by axis in what `act` makes of the thrust: beside the same dive without it.
-
-    Tick by tick at the switch, and averaged over 0.1 s later on, when the new law hears the noise in its own
-    way: that is 2 N a tick (RMS) of any law.
-    """
+def bump(before, act, seconds=1.0):
+    """The largest step by axis in what `act` makes of the thrust: beside the same dive without it."""
     tau = []
     for acts in (False, True):
-        one = before(**dive)
+        one = before()
         if acts:
             act(one)
         tau.append([step.sample.delivered.tau for step in one.run(seconds)])
     made = np.array(tau[1]) - np.array(tau[0])
-    at_once = np.abs(np.diff(made[:3], axis=0, prepend=np.zeros((1, 4)))).max(0)
-    mean = np.array([np.convolve(axis, np.full(5, 0.2), "valid") for axis in made.T])
-    return np.maximum(at_once, np.abs(np.diff(mean)).max(1))
+    return np.abs(np.diff(made, axis=0, prepend=np.zeros((1, 4)))).max(0)
 
 
 def configured(compensator, *more):
@@ -95,3 +106,26 @@ def test_what_is_built_in_cannot_change_while_running():
     with pytest.raises(ConfigError, match=r"network.*cannot change"):
         dive.engine.retune(load_config(overrides=["network.units=12"]))
     assert dive.engine.config == load_config()
+
+
+STAY = Setpoint(np.full(4, np.nan))
+PULLED_HARD = (*QUIET, "heave_force.enabled=true", "heave_force.constant_n=40.0")
+
+
+@pytest.mark.parametrize(("vehicle", "seconds"), [(QUIET, 1.5), (PULLED, 0.12)], ids=["at rest", "sinking"])
+def test_engaging_starts_from_nothing(vehicle, seconds):
+    """And rises as smoothly as the law asks: what sinks at 15 cm/s is braked within half a second."""
+
+    def ready():
+        dive = Dive("parameters.FS_PILOT_INPUT=1", *vehicle, arm=False, engage=False, seed=2, setpoint=STAY)
+        dive.run(2.5)
+        dive.tap.to_vehicle.append(Somebody().arm())
+        return dive.until(State.READY)
+
+    step_n = bump(ready, lambda dive: dive.ask(Request.ENGAGE), seconds)
+    assert (step_n < STEP_N).all(), step_n
+
+
+def test_letting_go_is_a_ramp():
+    step_n = bump(lambda: active(*PULLED_HARD, seconds=8.0), lambda dive: dive.ask(Request.STOP), 1.2)
+    assert (step_n < STEP_N).all(), step_n

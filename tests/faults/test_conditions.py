@@ -222,7 +222,7 @@ def test_a_lost_position_source_hands_over():
     assert dive.states_since(since_s) == [State.ACTIVE, State.HAND_OVER]
     assert dive.tap.last_thrust_s - since_s <= 1.0 + RAMP_S + 0.1
     assert dive.step.truth.mode == ALT_HOLD
-    assert max(abs(step.truth.eta[2] - depth_m) for step in steps) < 0.1
+    assert max(abs(step.truth.eta[2] - depth_m) for step in steps) < 0.15
 
 
 def test_without_a_position_source_a_lost_one_is_none_of_our_business():

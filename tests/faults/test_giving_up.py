@@ -1,0 +1,281 @@
+"""Each reason to warn, to ramp down and to hand over, from the vehicle's bytes to what becomes of it."""
+
+import numpy as np
+import pytest
+from virtual import DEPTH_M, Dive, Somebody, active
+
+from companion.handover import KEEP_ALIVE_S, REFUSED_S
+from companion.types import Condition, Request, State
+
+STABILIZE, ALT_HOLD, SURFACE, POSHOLD, MANUAL = 0, 2, 9, 16, 19
+RAMP_S, HEARTBEAT_S = 1.0, 1.0
+PILOT_TIMEOUT_S = 3.0
+
+
+def leak(dive):
+    dive.fault("leak")
+
+
+def too_late(dive):
+    dive.fault("link_delayed", value=0.25)
+
+
+def carried_off(dive):
+    for thruster in range(5, 9):
+        dive.fault("thruster", thruster=thruster, value=0.0)
+
+
+def surprised(dive):
+    """A depth that is 20 cm wrong either way, sample by sample."""
+    rng = np.random.default_rng(1)
+
+    def spoil(t_s, inbox):
+        dive.vehicle._sensors.shift_relative(float(rng.choice([-0.4, 0.4])) - shifted[0])
+        return inbox
+
+    shifted = [0.0]
+    dive.tap.spoil = spoil
+
+
+def ekf_bad(dive):
+    dive.fault("ekf", value=2.0)
+
+
+def _with(section, **changes):
+    values = {name: getattr(section, name) for name in section.__struct_fields__}
+    return type(section)(**(values | changes))
+
+
+def own_failsafe(dive):
+    """One that warns alone: the ground station's, while the pilot's is kept quiet by our steering."""
+    dive.vehicle._autopilot._gcs_lost = True
+    dive.vehicle._autopilot._check_gcs = lambda: None
+
+
+def rebooted(dive):
+    dive.fault("reboot")
+
+
+HANDED_OVER = {leak: (Condition.LEAK, 0.5), too_late: (Condition.DELAY_TOO_LONG | Condition.SURPRISED, 8.0)}
+HANDED_OVER |= {carried_off: (Condition.OFF_TRACK, 25.0)}
+RAMPED = {ekf_bad: (Condition.EKF_UNHEALTHY, 0.6), own_failsafe: (Condition.AUTOPILOT_FAILSAFE, 2.1)}
+
+
+def what_ended(dive, act, within_s):
+    """Do it; return the conditions with which ACTIVE was left."""
+    act(dive)
+    for step in dive.loop.run(within_s):
+        dive.step = step
+        if dive.state is not State.ACTIVE:
+            return step.sample.verdict.conditions
+    raise AssertionError(f"still ACTIVE: {dive.step.sample.verdict.conditions}")
+
+
+@pytest.mark.parametrize("act", RAMPED, ids=lambda act: act.__name__)
+def test_it_ramps_down_and_rests(act):
+    condition, within_s = RAMPED[act]
+    dive = active(seconds=3.0)
+    conditions = what_ended(dive, act, within_s)
+    assert dive.state is State.RAMP_DOWN
+    assert conditions & condition
+    left_s = dive.t_s
+    dive.run(RAMP_S + 0.2)
+    assert dive.state in (State.IDLE, State.READY)
+    assert dive.tap.last_thrust_s - left_s <= RAMP_S + 0.05
+    assert dive.motors_rest()
+
+
+def test_too_deep_ramps_down():
+    shallow = ["supervisor.max_depth_m=1.1", "supervisor.depth_margin_m=0.1"]
+    dive = active("heave_force.enabled=true", "heave_force.constant_n=20", companion=shallow, seconds=3.0)
+    assert what_ended(dive, carried_off, 3.0) & Condition.DEPTH_OUT_OF_BOUNDS
+    assert dive.state is State.RAMP_DOWN
+
+
+@pytest.mark.parametrize("act", HANDED_OVER, ids=lambda act: act.__name__)
+def test_it_hands_over_through_stabilize(act):
+    condition, within_s = HANDED_OVER[act]
+    dive = active("heave_force.enabled=true", "heave_force.constant_n=20", seconds=3.0)
+    conditions = what_ended(dive, act, within_s)
+    assert dive.state is State.HAND_OVER
+    assert conditions & condition
+    left_s = dive.t_s
+    modes = [step.truth.mode for step in dive.run(6.0)]
+    assert [mode for i, mode in enumerate(modes) if not i or modes[i - 1] != mode] == [
+        MANUAL,
+        STABILIZE,
+        ALT_HOLD,
+    ]
+    assert modes.count(STABILIZE) * 0.02 >= 1.0
+    assert dive.tap.last_thrust_s - left_s <= RAMP_S + 0.05
+    assert dive.state is State.HAND_OVER
+
+
+def test_a_reboot_ends_it():
+    """By its disarmed heartbeat, or by its clock, whichever comes first."""
+    dive = active(seconds=3.0)
+    since_s = dive.t_s
+    rebooted(dive)
+    steps = dive.run(2.0)
+    assert dive.state in (State.IDLE, State.FAULT)
+    assert any(step.sample.verdict.conditions & Condition.REBOOTED for step in steps)
+    assert dive.tap.last_thrust_s - since_s <= 1.1
+
+
+def test_alt_hold_holds_the_depth_is_kept_alive_and_then_left_alone():
+    dive = active(companion=["supervisor.keep_alt_hold_s=8"], seconds=6.0)
+    depth_m = dive.step.truth.eta[2]
+    leak(dive)
+    dive.until(State.HAND_OVER)
+    steps = dive.run(10.0)
+    assert max(abs(step.truth.eta[2] - depth_m) for step in steps) < 0.15
+    held_s = next(step.t_s for step in steps if step.truth.mode == ALT_HOLD)
+    kept = [t_s for t_s, _ in dive.tap.frames if t_s > held_s + 0.5]
+    assert np.diff(kept).max() <= KEEP_ALIVE_S + 0.05
+    assert np.diff(kept).min() >= 0.9
+    assert dive.step.truth.armed
+    dive.until(State.PILOT)
+    silent_s = dive.t_s
+    dive.run(PILOT_TIMEOUT_S + 1.5)
+    assert max(t_s for t_s, _ in dive.tap.frames) <= silent_s + 0.1
+    assert not dive.step.truth.armed
+
+
+def test_a_pilot_who_steers_relieves_it():
+    dive = active(seconds=3.0)
+    leak(dive)
+    dive.until(State.HAND_OVER)
+    dive.run(5.0)
+    somebody = Somebody()
+    dive.tap.spoil = lambda t_s, inbox: [*inbox, (round((1000.0 + t_s) * 1e9), somebody.stick(1500))]
+    dive.run(0.2)
+    assert dive.state is State.PILOT
+    relieved_s = dive.t_s
+    dive.run(2.0)
+    assert max(t_s for t_s, _ in dive.tap.frames) <= relieved_s
+
+
+def test_refused_is_a_fault_and_silence():
+    """An autopilot that does not change its mode."""
+    dive = active(seconds=3.0)
+    dive.vehicle._autopilot.set_mode = lambda number: 4
+    leak(dive)
+    dive.until(State.HAND_OVER)
+    dive.until(State.FAULT, within_s=REFUSED_S + 0.2)
+    assert "ALT_HOLD" in dive.step.sample.verdict.reason
+    silent_s = dive.t_s
+    dive.run(PILOT_TIMEOUT_S + 1.5)
+    assert max(t_s for t_s, _ in dive.tap.frames) <= silent_s + 0.6
+    assert dive.motors_rest()
+
+
+@pytest.mark.parametrize("mode", [SURFACE, 1])
+@pytest.mark.parametrize("after_s", [0.3, 1.5, 5.0])
+def test_somebody_elses_mode_ends_it(mode, after_s):
+    dive = active(seconds=3.0)
+    leak(dive)
+    dive.until(State.HAND_OVER)
+    dive.run(after_s)
+    dive.fault("mode", value=mode)
+    dive.run(0.2)
+    assert dive.state is State.PILOT
+    dive.run(3.0)
+    assert dive.step.truth.mode == mode or not dive.step.truth.armed
+
+
+def test_the_autopilots_own_leak_action_is_not_steered_against():
+    dive = active("parameters.FS_LEAK_ENABLE=2", seconds=3.0)
+    leak(dive)
+    dive.run(2.0)
+    assert dive.step.truth.mode == SURFACE
+    assert dive.state is State.PILOT
+
+
+def test_stop_while_handing_over_is_the_pilots():
+    dive = active(seconds=3.0)
+    leak(dive)
+    dive.until(State.HAND_OVER)
+    dive.ask(Request.STOP)
+    dive.run(0.1)
+    assert dive.state is State.PILOT
+    assert not any(dive.tap.frames[-1][1])
+
+
+def warned(dive, condition, seconds):
+    """Whether it was told at some time, while ACTIVE went on."""
+    steps = dive.run(seconds)
+    assert {step.sample.verdict.state for step in steps} == {State.ACTIVE}
+    return [step for step in steps if step.sample.verdict.warnings & condition]
+
+
+def test_a_low_battery_is_told_and_held_on():
+    dive = active(seconds=2.0)
+    dive.fault("voltage", value=12.5)
+    assert warned(dive, Condition.BATTERY_LOW, 7.0)[-1] is dive.step
+
+
+def test_a_low_battery_is_not_engaged_with():
+    dive = Dive("battery.voltage_v=12.5")
+    dive.run(4.0)
+    dive.ask(Request.STOP)
+    dive.run(4.0)
+    dive.ask(Request.ENGAGE)
+    dive.run(3.0)
+    assert dive.state is State.IDLE
+    assert "battery low" in dive.step.sample.verdict.reason
+
+
+def test_a_single_depth_that_cannot_be_is_left_out():
+    dive = active(seconds=6.0)
+    dive.vehicle._sensors.shift_relative(3.0)
+    one = dive.run(0.06)
+    dive.vehicle._sensors.shift_relative(-3.0)
+    steps = [*one, *dive.run(1.0)]
+    told = [step for step in steps if step.sample.verdict.conditions & Condition.DEPTH_JUMPED]
+    assert told
+    assert all(step.sample.verdict.freeze for step in told)
+    assert {step.sample.verdict.state for step in steps} == {State.ACTIVE}
+    assert max(abs(step.truth.eta[2] - DEPTH_M) for step in steps) < 0.03
+
+
+def test_a_depth_that_jumped_for_good_is_no_fresh_depth():
+    dive = active(seconds=6.0)
+    since_s = dive.t_s
+    dive.fault("depth_shifted", value=3.0)
+    dive.run(0.7)
+    assert dive.state is State.FAULT
+    assert "no fresh depth" in dive.step.sample.verdict.reason
+    assert dive.tap.last_thrust_s - since_s <= 0.6
+    assert max(abs(axes[2]) for t_s, axes in dive.tap.frames if t_s > since_s) < 0.4
+    dive.run(3.0)
+    assert dive.step.sample.state.eta[2] - DEPTH_M > 2.0
+
+
+def test_thrust_at_its_end_for_long_is_told_and_nothing_is_learnt():
+    dive = active(
+        "heave_force.enabled=true",
+        "heave_force.constant_n=25",
+        companion=["thrusters.max_axis=0.25", "supervisor.off_track_s=60"],
+        seconds=1.0,
+    )
+    told = warned(dive, Condition.SATURATED, 9.0)
+    assert told
+    assert not any(step.sample.dofs.adapting.any() for step in told)
+
+
+def test_a_parameter_that_somebody_changes_is_told_for_a_while():
+    dive = active(seconds=4.0)
+    dive.tap.to_vehicle.append(Somebody().parameter("FS_PILOT_TIMEOUT", 2.0))
+    told = warned(dive, Condition.CONFIG_CHANGED, 5.0)
+    assert 1.8 <= len(told) * 0.02 <= 2.2
+
+
+def test_our_own_change_is_told_too():
+    dive = active(seconds=1.0)
+    config = dive.engine.config
+    dive.engine.retune(type(config)(**{**_fields(config), "heave": _with(config.heave, kappa_per_s=10.0)}))
+    assert warned(dive, Condition.CONFIG_CHANGED, 1.0)
+
+
+def _fields(config):
+    return {name: getattr(config, name) for name in config.__struct_fields__}
