@@ -1,0 +1,411 @@
+"""The dashboard in a real Chromium, beside a real companion that dives a simulated vehicle."""
+
+import http.client
+import json
+import os
+import re
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+import pytest
+from playwright.sync_api import Browser, Page, sync_playwright
+
+from companion import telemetry
+from dashboard.zenoh_client import Subscription
+from lab.ports import free_port
+
+PATIENCE_S = 30.0
+STALE_WITHIN_S = 1.0
+PAGE_BYTES = 300_000
+TOKEN = "a-token-of-the-test"
+PROGRAM = "import sys, holdfast; sys.exit(holdfast.main(sys.argv[1:]))"
+CHROMIUM = shutil.which("chromium") or ""
+ARGUMENTS = ["--no-sandbox", "--headless", "--disable-gpu", "--disable-background-networking"]
+
+if not CHROMIUM and not os.environ.get("CI"):
+    pytest.skip("chromium is not installed: .ci/apt brings it", allow_module_level=True)
+
+
+class Dive:
+    """A vehicle, its companion and two dashboards: one that may command, one that only looks."""
+
+    def __init__(self, folder: Path) -> None:
+        self.zenoh = f"tcp/127.0.0.1:{free_port()}"
+        self._mavlink = free_port(socket.SOCK_DGRAM)
+        self._folder = folder
+        self._all: list[subprocess.Popen[bytes]] = []
+        token = folder / "token"
+        token.write_text(TOKEN)
+        self.port, self.looking_port = free_port(), free_port()
+        self._dashboard = ("dashboard", "--connect", self.zenoh, "--listen")
+        self._control = ("--allow-control", "--token-file", str(token))
+        self.companion = self.start_companion()
+        self.server = self.start_dashboard()
+        self._start(*self._dashboard, f"127.0.0.1:{self.looking_port}")
+        link = ("--udp-connect", f"127.0.0.1:{self._mavlink}", "--zenoh", self.zenoh)
+        self._start("sim", *link, "--vehicle", "kelp", "--set", "waves.enabled=true")
+
+    def start_companion(self) -> subprocess.Popen[bytes]:
+        self.companion = self._start(
+            *("run", "--engage", "--arm", "--depth", "1", "--heading", "20", "--allow-control"),
+            *("--set", f"link.endpoint=udp-listen:127.0.0.1:{self._mavlink}", "--set", "vehicle.name=kelp"),
+            *("--set", f"telemetry.endpoint={self.zenoh}"),
+        )
+        return self.companion
+
+    def start_dashboard(self) -> subprocess.Popen[bytes]:
+        self.server = self._start(*self._dashboard, f"127.0.0.1:{self.port}", *self._control)
+        return self.server
+
+    def close(self) -> None:
+        for process in self._all:
+            with suppress(ProcessLookupError):
+                process.send_signal(signal.SIGCONT)
+                process.terminate()
+        for process in self._all:
+            with suppress(subprocess.TimeoutExpired):
+                process.wait(4.0)
+            process.kill()
+            process.wait()
+
+    def _start(self, *arguments: str) -> subprocess.Popen[bytes]:
+        with (self._folder / f"{len(self._all)}-{arguments[0]}.log").open("wb") as log:
+            line = [sys.executable, "-c", PROGRAM, *arguments]
+            self._all.append(subprocess.Popen(line, stdin=subprocess.DEVNULL, stdout=log, stderr=log))
+        return self._all[-1]
+
+
+@pytest.fixture(scope="module")
+def dive(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Dive]:
+    assert CHROMIUM, "chromium is missing, and CI wants these tests: .ci/apt brings it"
+    dive = Dive(tmp_path_factory.mktemp("dive"))
+    try:
+        for port in (dive.port, dive.looking_port):
+            _until(lambda port=port: _answers(port))  # type: ignore[misc]
+        yield dive
+    finally:
+        dive.close()
+
+
+@pytest.fixture(scope="module")
+def browser(dive: Dive) -> Iterator[Browser]:
+    with sync_playwright() as play:
+        yield play.chromium.launch(executable_path=CHROMIUM, args=ARGUMENTS)
+
+
+@pytest.fixture
+def opened(browser: Browser, dive: Dive) -> Iterator[Callable[..., Page]]:
+    """Open a page of the dashboard; at the end nothing may have been said on its console."""
+    said: list[str] = []
+    pages: list[Page] = []
+
+    def go(path: str = "/", port: int = 0, live: bool = True) -> Page:
+        page = browser.new_page(viewport={"width": 1440, "height": 900})
+        page.on("pageerror", lambda error: said.append(str(error)))
+        page.on(
+            "console",
+            lambda m: said.append(m.text) if m.type != "log" and not _network(m.text) else None,
+        )
+        page.goto(f"http://127.0.0.1:{port or dive.port}{path}")
+        pages.append(page)
+        if live:
+            _active(page)
+        return page
+
+    yield go
+    for page in pages:
+        page.close()
+    assert said == []
+
+
+def test_a_live_dive(opened: Callable[..., Page]) -> None:
+    page = opened()
+    titles = page.locator(".panel h2").all_text_contents()
+    assert len(titles) == 13
+    assert page.locator("#fact-mode").text_content() == "MANUAL"
+    assert page.locator("#fact-armed").text_content() == "ARMED"
+    assert page.locator("#reason").text_content() == "engaged"
+    frames, last = _get(page, "[holdfast.count.frames, holdfast.store.last]")
+    _wait(page, f"holdfast.count.frames > {frames + 20} && holdfast.store.last > {last + 1.0}")
+    assert abs(_get(page, "holdfast.store.value('depth_m')") - 1.0) < 1.5
+    assert _get(page, "holdfast.store.value('z.engaged')") == 1.0
+    _wait(page, "Number.isFinite(holdfast.store.value('true.z.d'))")  # the simulator's
+    _wait(page, "document.querySelector('#panel-depth .measured b').textContent.match(/^-?\\d\\.\\d{3}$/)")
+    painted = "[...document.querySelectorAll('.plot canvas')].map((c) => c.toDataURL().length)"
+    assert all(size > 2000 for size in _get(page, painted))
+    weight = "performance.getEntriesByType('resource').concat(performance.getEntriesByType('navigation'))"
+    assert _get(page, f"{weight}.reduce((sum, e) => sum + e.encodedBodySize, 0)") < PAGE_BYTES
+    hosts = _get(page, f"[...new Set({weight}.map((e) => new URL(e.name).hostname))]")
+    assert hosts == ["127.0.0.1"]  # no internet
+
+
+def test_a_new_page_shows_the_past_at_once(opened: Callable[..., Page]) -> None:
+    page = opened()
+    kept = "holdfast.store.last - holdfast.store.t[holdfast.store.start]"
+    assert _get(page, kept) > 2.0
+    assert "engaged" in (page.locator("#panel-events").text_content() or "")
+
+
+def test_pause_zoom_cursor_and_keys(opened: Callable[..., Page]) -> None:
+    page = opened()
+    page.keyboard.press("Space")
+    assert _get(page, "holdfast.view.paused")
+    box = page.locator("#panel-error .u-over").bounding_box()
+    assert box
+    page.mouse.move(box["x"] + 0.5 * box["width"], box["y"] + 20)
+    at = page.locator("#cursor")
+    _wait(page, "document.querySelector('#cursor').textContent.includes('-15.0')")
+    lines = "[...document.querySelectorAll('.plots .u-cursor-x')].map((e) => e.getBoundingClientRect().x)"
+    assert max(map(abs, _get(page, lines))) > 0
+    assert at.text_content()
+    page.mouse.down()
+    page.mouse.move(box["x"] + 0.75 * box["width"], box["y"] + 40, steps=4)
+    page.mouse.up()
+    begin, end = _get(page, "holdfast.view.zoom")
+    assert 5.0 < end - begin < 10.0
+    page.keyboard.press("Escape")
+    assert not _get(page, "holdfast.view.paused || holdfast.view.zoom")
+    page.keyboard.press("2")
+    _wait(page, "document.querySelector('#panel-error h2').textContent === 'Heading error'")
+    page.keyboard.press("-")
+    assert _get(page, "holdfast.view.span") == 60
+    page.keyboard.press("?")
+    assert page.locator("#help").is_visible()
+    page.keyboard.press("Escape")
+    before = _get(page, "getComputedStyle(document.body).backgroundColor")
+    page.keyboard.press("t")
+    assert _get(page, "getComputedStyle(document.body).backgroundColor") != before
+
+
+@pytest.mark.parametrize("panel", ["depth", "attitude", "phase", "status"])
+def test_a_panel_stands_alone(opened: Callable[..., Page], panel: str) -> None:
+    page = opened(f"/panel/{panel}")
+    assert page.locator("#banner").is_visible()
+    assert page.locator("#tuning").is_hidden()
+    assert page.locator(".panel").count() == (panel != "status")
+
+
+def test_two_browsers_and_one_that_never_reads(dive: Dive, opened: Callable[..., Page]) -> None:
+    one = opened()
+    other = opened(port=dive.looking_port)
+    with _deaf(dive.port):
+        for page in (one, other, one):
+            last = _get(page, "holdfast.store.last")
+            _wait(page, f"holdfast.store.last > {last + 1.0}")
+            assert _get(page, "document.body.dataset.stale") == "no"
+
+
+def test_a_bad_token_is_refused(dive: Dive, opened: Callable[..., Page]) -> None:
+    page = opened("/#token=another")
+    page.keyboard.press("g")
+    _wait(page, "document.querySelector('#said').dataset.level === 'bad'")
+    assert page.locator("#engage").is_disabled()
+    assert page.locator("#release").is_hidden()
+    for port, token, status in (
+        (dive.port, "another", 401),
+        (dive.port, "", 401),
+        (dive.looking_port, TOKEN, 403),
+        (dive.looking_port, "", 403),
+    ):
+        assert _post(port, "/api/kelp/release", token)[0] == status
+    assert _get(page, "document.querySelector('#banner').dataset.state") == "ACTIVE"
+    assert _post(dive.port, "/api/token", TOKEN)[0] == 200
+    assert _post(dive.port, "/api/kelp/arm", TOKEN)[0] == 400
+    assert _post(dive.port, "/api/dulse/release", TOKEN)[0] == 404
+    assert _post(dive.port, "/api/kelp/release", TOKEN, origin="http://evil.example")[0] == 403
+    assert _post(dive.port, "/api/kelp/release", TOKEN, origin=None)[0] == 403
+    looking = opened(port=dive.looking_port)
+    looking.keyboard.press("g")
+    assert "only looks" in (looking.locator("#tuning .lock").text_content() or "")
+    assert looking.locator("#engage").is_disabled()
+
+
+def test_strangers_are_kept_out(dive: Dive) -> None:
+    ours = f"127.0.0.1:{dive.port}"
+    assert _request(dive.port, "GET", "/", {"Host": "rebound.example"})[0] == 421
+    assert _request(dive.port, "GET", "/../app.py", {"Host": ours})[0] == 404
+    assert _request(dive.port, "GET", "/static/../app.py", {"Host": ours})[0] == 404
+    assert _request(dive.port, "GET", "/panel/nothing", {"Host": ours})[0] == 404
+    upgrade = {
+        "Host": ours,
+        "Upgrade": "websocket",
+        "Connection": "Upgrade",
+        "Sec-WebSocket-Version": "13",
+        "Sec-WebSocket-Key": "dGhlIHNhbXBsZSBub25jZQ==",
+    }
+    assert _request(dive.port, "GET", "/ws", upgrade)[0] == 403
+    assert _request(dive.port, "GET", "/ws", upgrade | {"Origin": "http://evil.example"})[0] == 403
+    assert _request(dive.port, "GET", "/ws", upgrade | {"Origin": f"http://{ours}"})[0] == 101
+    status, text = _request(dive.port, "GET", "/cockpit_extras.json", {"Host": ours})
+    assert status == 200
+    for widget in json.loads(text)["widgets"]:
+        assert _request(dive.port, "GET", widget["iframe_url"], {"Host": ours})[0] == 200
+    assert json.loads(_request(dive.port, "GET", "/register_service", {"Host": ours})[1])["extras"]
+
+
+def test_tuning_there_and_back(dive: Dive, opened: Callable[..., Page]) -> None:
+    page = opened(f"/#token={TOKEN}")
+    assert TOKEN not in page.url
+    page.keyboard.press("g")
+    _wait(page, "!document.querySelector('#apply').matches(':disabled')")
+    gain = page.locator("#set-kappa_per_s")
+    now = page.locator("label:has(#set-kappa_per_s) .now")
+    before = float(now.text_content() or "nan")
+    gain.fill(str(before - 2.0))
+    page.locator("#apply").click()
+    _wait(
+        page,
+        "((said) => said.dataset.level === 'good' && /^gains: /.test(said.textContent))(document.querySelector('#said'))",
+    )
+    assert float(now.text_content() or "nan") == before - 2.0
+    assert _config(dive)["heave"]["kappa_per_s"] == before - 2.0
+    gain.fill(str(before * 100.0))
+    page.locator("#apply").click()
+    _wait(page, "document.querySelector('#said').dataset.level === 'bad'")
+    assert float(now.text_content() or "nan") == before - 2.0
+    page.locator("#revert").click()
+    _until(lambda: _config(dive)["heave"]["kappa_per_s"] == before)
+    _wait(page, f"document.querySelector('label:has(#set-kappa_per_s) .now').textContent == {before:g}")
+    page.locator("#aim-depth").fill("1.2")
+    page.locator("#aim").click()
+    _wait(page, "holdfast.store.value('depth_desired_m') > 1.15")
+    page.locator("#release").click()
+    _wait(page, "document.querySelector('#banner').dataset.state !== 'ACTIVE'")
+    page.locator("#engage").click()  # asks
+    page.locator("#engage").click()
+    _active(page)
+
+
+def test_a_silent_server_is_seen_and_a_new_one_found(dive: Dive, opened: Callable[..., Page]) -> None:
+    page = opened()
+    _watch_stale(page)
+    dive.server.send_signal(signal.SIGSTOP)  # the connection stays: half open
+    assert _stale_after(page) < STALE_WITHIN_S
+    assert "server is silent" in (page.locator("#reason").text_content() or "")
+    dive.server.send_signal(signal.SIGCONT)
+    _fresh(page)
+    _watch_stale(page)
+    dive.server.kill()
+    dive.server.wait()
+    assert _stale_after(page) < STALE_WITHIN_S
+    dive.start_dashboard()
+    _fresh(page)
+
+
+def test_a_dead_companion_is_seen_and_a_new_one_found(dive: Dive, opened: Callable[..., Page]) -> None:
+    page = opened()
+    _watch_stale(page)
+    dive.companion.kill()
+    dive.companion.wait()
+    assert _stale_after(page) < STALE_WITHIN_S
+    _wait(page, "/Nothing new of kelp|Nobody listens/.test(document.querySelector('#reason').textContent)")
+    assert (page.locator("#fact-age").text_content() or "").startswith("STALE")
+    dive.start_companion()
+    _fresh(page)
+    _active(page)
+
+
+def _active(page: Page) -> None:
+    _wait(
+        page,
+        "document.querySelector('#banner').dataset.state === 'ACTIVE' && document.body.dataset.stale === 'no'"
+        " && holdfast.count.frames > 2",
+    )
+
+
+def _fresh(page: Page) -> None:
+    _wait(page, "document.body.dataset.stale === 'no'")
+
+
+def _watch_stale(page: Page) -> None:
+    """Note how old the data is, by the page's own clock, when the page begins to look stale."""
+    page.evaluate(
+        "() => { window.staleAt = null; new MutationObserver((_, self) => {"
+        " if (document.body.dataset.stale !== 'yes') return;"
+        " window.staleAt = holdfast.link.age; self.disconnect();"
+        " }).observe(document.body, { attributes: true }); }"
+    )
+
+
+def _stale_after(page: Page) -> float:
+    _wait(page, "window.staleAt !== null")
+    assert float(_get(page, "getComputedStyle(document.querySelector('#board')).opacity")) < 0.6
+    return float(_get(page, "window.staleAt"))
+
+
+def _get(page: Page, expression: str) -> Any:
+    return page.evaluate(expression)
+
+
+def _wait(page: Page, expression: str) -> None:
+    """Wait until it is true. Not Playwright's own: it evaluates strings, which the page's policy refuses."""
+    _until(lambda: bool(page.evaluate(expression)))
+
+
+def _network(text: str) -> bool:
+    """Tell whether the console says only that the server was away, which some tests see to."""
+    return bool(re.search(r"WebSocket connection to|Failed to load resource", text))
+
+
+def _config(dive: Dive) -> dict[str, Any]:
+    with Subscription("holdfast/kelp/config", dive.zenoh) as seen:
+        _until(lambda: seen.connected)
+        answer: dict[str, Any] = json.loads(seen.ask(telemetry.config_key("kelp")) or b"{}")
+        return answer
+
+
+def _answers(port: int) -> bool:
+    try:
+        return _request(port, "GET", "/", {"Host": f"127.0.0.1:{port}"})[0] == 200
+    except OSError:
+        return False
+
+
+def _post(port: int, path: str, token: str, origin: str | None = "") -> tuple[int, str]:
+    own = f"http://127.0.0.1:{port}"
+    headers = {"Host": own[7:], "Authorization": f"Bearer {token}", "Content-Length": "2"}
+    if origin is not None:
+        headers["Origin"] = origin or own
+    return _request(port, "POST", path, headers, b"{}")
+
+
+def _request(
+    port: int, method: str, path: str, headers: dict[str, str], body: bytes | None = None
+) -> tuple[int, str]:
+    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=10)
+    try:
+        connection.putrequest(method, path, skip_host=True, skip_accept_encoding=True)
+        for name, value in headers.items():
+            connection.putheader(name, value)
+        connection.endheaders(body)
+        answer = connection.getresponse()
+        return answer.status, "" if answer.status == 101 else answer.read().decode()
+    finally:
+        connection.close()
+
+
+@contextmanager
+def _deaf(port: int) -> Iterator[None]:
+    """A browser that opened the WebSocket and reads nothing of it."""
+    with socket.create_connection(("127.0.0.1", port)) as line:
+        line.sendall(
+            f"GET /ws HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nOrigin: http://127.0.0.1:{port}\r\n"
+            "Upgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\n"
+            "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n\r\n".encode()
+        )
+        yield
+
+
+def _until(holds: Callable[[], bool]) -> None:
+    deadline_s = time.monotonic() + PATIENCE_S
+    while not holds():
+        assert time.monotonic() < deadline_s, "waited in vain"
+        time.sleep(0.05)
