@@ -25,7 +25,7 @@ _SAME_EVENT_S = 0.5
 _TRUTHS = 64
 _TRUTH_APART_S = 0.5
 _FORGET_S = 60.0
-_SEVERITY = {"FAULT": "fault", "PILOT": "warning", "RAMP_DOWN": "warning"}
+_SEVERITY = {"FAULT": "fault", "PILOT": "warning", "RAMP_DOWN": "warning", "HAND_OVER": "warning"}
 
 
 class Truth(msgspec.Struct, frozen=True):

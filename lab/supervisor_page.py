@@ -1,5 +1,9 @@
-"""Writes docs/supervisor.md from the supervisor's own tables: `python -m lab.supervisor_page`."""
+"""Writes docs/supervisor.md, and the dashboard's words, from the supervisor's own tables.
 
+`python -m lab.supervisor_page` does.
+"""
+
+import json
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -11,6 +15,7 @@ from companion.supervisor import FREEZES, NOTHING, TRANSITIONS, UNFIT, WARNS, tr
 from companion.types import Condition, State
 
 PAGE = Path(__file__).parent.parent / "docs" / "supervisor.md"
+SCRIPT = Path(__file__).parent.parent / "dashboard" / "static" / "conditions.js"
 
 MADE = {
     Condition.RAMPED_DOWN: "authority has come down to nothing",
@@ -107,5 +112,14 @@ def _words(condition: Condition) -> str:
     return (condition.name or "").replace("_", " ")
 
 
+def script() -> str:
+    """Return what the dashboard knows of conditions: a JavaScript module of name: [meaning, what to do]."""
+    words = {look.condition.name: [look.means, look.do] for look in CONDITIONS}
+    words |= {condition.name: [means, "nothing"] for condition, means in MADE.items()}
+    head = "// Made from companion/conditions.py by `python -m lab.supervisor_page`."
+    return f"{head}\nexport default {json.dumps(words, indent=2, ensure_ascii=False)};\n"
+
+
 if __name__ == "__main__":
+    SCRIPT.write_text(script(), encoding="utf-8")
     PAGE.write_text(page(), encoding="utf-8")

@@ -1,4 +1,5 @@
 // What numbers and names mean to people.
+import CONDITIONS from "./conditions.js";
 
 export const MODES = { 0: "STABILIZE", 1: "ACRO", 2: "ALT HOLD", 3: "AUTO", 4: "GUIDED", 7: "CIRCLE", 9: "SURFACE", 16: "POSHOLD", 19: "MANUAL", 20: "MOTOR DETECT", 21: "SURFTRAK" };
 
@@ -7,6 +8,7 @@ export const STATES = {
   READY: "may engage",
   ACTIVE: "holding",
   RAMP_DOWN: "letting go",
+  HAND_OVER: "handing over to ALT HOLD",
   PILOT: "the pilot steers",
   FAULT: "latched",
 };
@@ -18,48 +20,32 @@ export const DOFS = {
   y: { name: "East", key: "4", axis: "sway", force: "N", e: { unit: "mm", scale: 1e3, span: 20 }, rate: { unit: "mm/s", scale: 1e3, span: 20 } },
 };
 
-// What is wrong in words, and what to do. Names that are not here are shown as they are.
-const CONDITIONS = {
-  LINK_LOST: ["the vehicle is silent", "check tether, power and link.endpoint"],
-  DEPTH_STALE: ["no fresh depth", "check the depth sensor and the message rates"],
-  ATTITUDE_STALE: ["no fresh attitude", "check the autopilot's message rates"],
-  POSITION_STALE: ["no fresh position", "check the DVL; depth and heading can be held without"],
-  DISARMED: ["the motors are disarmed", "arm the vehicle"],
-  WRONG_MODE: ["the flight mode is another", "switch the vehicle to MANUAL"],
-  FAILSAFE_UNSAFE: ["the pilot-input failsafe is off or slow", "set FS_PILOT_INPUT to 1 or 2 and FS_PILOT_TIMEOUT to 3 s or less"],
-  NON_FINITE: ["a computed value was not finite", "look at the last events, then clear the fault"],
-  TICK_LATE: ["the companion does not keep time", "see what else loads its computer"],
-  TILTED: ["it rolled or pitched too far", "level the vehicle; check trim and tether"],
-  PILOT_TAKEOVER: ["a stick is moved", "let go of the sticks"],
-  OPERATOR_STOP: ["the operator stopped it", ""],
-  ENGAGE_ASKED: ["asked to engage", ""],
-};
-
 const plain = (name) => name.toLowerCase().replaceAll("_", " ");
 
-function remedies(conditions) {
-  const known = conditions.filter((name) => CONDITIONS[name]?.[1]);
-  const words = known.map((name) => `${CONDITIONS[name][0]}: ${CONDITIONS[name][1]}`);
-  const strange = conditions.filter((name) => !CONDITIONS[name] && !["CLEAR_ASKED", "RAMPED_DOWN"].includes(name)).map(plain);
-  return [...words, ...strange].join("; ");
+// What holds, and what to do about it. Names that are not known are shown as they are.
+function remedies(names) {
+  return names.filter((name) => CONDITIONS[name]?.[1] !== "nothing")
+    .map((name) => (CONDITIONS[name] ? sentence(`${plain(name)}: ${CONDITIONS[name][1]}`) : sentence(plain(name))))
+    .join(" ");
 }
 
 // The reason and what to do about it, for the supervisor's message.
-export function explain({ state, conditions, reason }) {
-  const todo = remedies(conditions.filter((name) => name !== "POSITION_STALE" || state === "FAULT" || reason.includes("position")));
+export function explain({ state, conditions, reason, warnings = [] }) {
+  const todo = remedies(conditions);
   switch (state) {
     case "ACTIVE":
-      return [reason, "A stick, a mode change or disarming takes it back at once."];
+      return [reason, warnings.length ? remedies(warnings) : "A stick, a mode change or disarming takes it back at once."];
     case "READY":
-      return [reason, "Engage: `holdfast tell VEHICLE engage`, or Tune."];
-    case "RAMP_DOWN":
-      return [reason, todo || "The command fades to neutral."];
-    case "PILOT":
-      return [reason, todo || "Engage again when the sticks are at rest and the mode is MANUAL."];
+      return [reason, "Engage with `holdfast tell`, or under Tune."];
     case "FAULT":
-      return [reason, `${todo ? `${sentence(todo)} ` : ""}Then clear the fault: \`holdfast tell VEHICLE clear_fault\`, or Tune.`];
+      return [reason, todo || "Clear the fault with `holdfast tell`, or under Tune."];
+    case "PILOT":
+      return [reason, todo || "Engage again once the sticks are at rest."];
+    case "RAMP_DOWN":
+    case "HAND_OVER":
+      return [reason, todo || "Thrust fades to neutral."];
     default:
-      return [reason, todo ? sentence(todo) : "Not engaged: the pilot steers."];
+      return [reason, todo || "Not engaged: the pilot steers."];
   }
 }
 
