@@ -214,7 +214,7 @@ def test_two_browsers_and_one_that_never_reads(dive: Dive, opened: Callable[...,
         for page in (one, other, one):
             last = _get(page, "holdfast.store.last")
             _wait(page, f"holdfast.store.last > {last + 1.0}")
-            assert _get(page, "document.body.dataset.stale") == "no"
+            _fresh(page)
 
 
 def test_a_bad_token_is_refused(dive: Dive, opened: Callable[..., Page]) -> None:
