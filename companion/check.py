@@ -150,7 +150,9 @@ def _receiver(seen: Observed, config: Config) -> Row:
         return Row("RC receiver", Grade.GOOD, "none", why)
     if seen.failsafe_seen:
         return Row("RC receiver", Grade.GOOD, "none: the pilot failsafe did fire", why)
-    override_s = seen.parameters.get("RC_OVERRIDE_TIME", math.inf)
+    override_s = seen.parameters.get("RC_OVERRIDE_TIME")
+    if override_s is None:
+        return _untold("RC receiver", "RC_OVERRIDE_TIME", why)
     limit_s = config.supervisor.max_pilot_timeout_s
     safe = 0.0 < override_s <= limit_s
     ends = f"overrides end after {override_s:g} s" if safe else f"RC_OVERRIDE_TIME is {override_s:g}"

@@ -176,6 +176,7 @@ def test_a_receiver_and_overrides_that_never_end_are_refused(good):
     """Nothing at all would stop the thrusters then."""
     seen = told(replace(good, failsafe_seen=False), RC_OVERRIDE_TIME=-1.0)
     assert row("RC receiver", seen).grade is REFUSED
+    assert "not told" in row("RC receiver", told(seen, RC_OVERRIDE_TIME=None)).found
     assert row("RC receiver", replace(seen, receiver_channels=0)).grade is GOOD
     assert row("RC receiver", told(seen, RC_PROTOCOLS=0.0)).grade is GOOD
 

@@ -52,3 +52,9 @@ def test_the_front_door_is_light(arguments: list[str]) -> None:
         "assert not rooms & set(sys.modules), rooms & set(sys.modules)\n"
     )
     subprocess.run([sys.executable, "-c", program], check=True, stdout=subprocess.DEVNULL)
+
+
+def test_a_heading_for_a_depth_only_dive_is_refused_before_anything_starts(capsys):
+    """In STABILIZE the firmware keeps the heading: to take one and not hold it would be a lie."""
+    assert holdfast.main(["run", "--depth-only", "--heading", "90"]) == 2
+    assert "the firmware keeps the heading" in capsys.readouterr().err
