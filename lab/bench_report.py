@@ -16,7 +16,7 @@ from rich.table import Table
 from companion.config import load_config
 from lab.bench import CONFIDENCE, FIRST_SEED, FLOOR, LINKS, SCENARIOS, Summary, count, measure, summaries
 from lab.bench_plot import draw
-from lab.bounds import Bound, process, virtual
+from lab.bounds import Bound, latency, process, virtual
 from lab.floor import CHATTER_N
 from lab.rows import DEFAULT, ROWS, selected
 from lab.subscribers import ROUNDS, subscriber_bounds
@@ -58,7 +58,7 @@ def run(arguments: argparse.Namespace) -> int:
             task = progress.add_task("measuring the process", total=2)
             bounds += virtual(load_config(overrides=arguments.set), plant)
             progress.advance(task)
-            bounds += process()
+            bounds += [*process(), *latency()]
             progress.advance(task)
     if cases:
         for scenario in SCENARIOS:

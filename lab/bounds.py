@@ -24,6 +24,7 @@ from companion.config import Config
 from companion.engine import Engine
 from companion.types import LoopHealth, Request
 from dashboard.zenoh_client import Subscription
+from lab.latency import Wire, percentiles_ms
 from lab.lockstep import Link, Lockstep
 from lab.ports import free_port
 from lab.scenarios import four
@@ -139,6 +140,38 @@ def process(duration_s: float = 20.0) -> list[Bound]:
         Bound("tick lateness, p99", lateness_ms, "ms", 2.0 * empty_ms),
         Bound("resident memory of holdfast run", rss_mb, "MB", 80.0),
     ]
+
+
+def latency(duration_s: float = 20.0) -> list[Bound]:
+    """Measure the relay and the way from sensor to command in `holdfast run`, engaged in the simulator."""
+    wire = Wire()
+    vehicle, link, ground = wire.endpoints()
+    simulator = ("sim", "--udp-connect", vehicle, "--tcp", f"127.0.0.1:{free_port()}", "--no-zenoh")
+    companion = (
+        *("run", "--engage", "--arm", "--depth", "3"),
+        *("--set", f"link.endpoint={link}", "--set", f"ground_station.endpoint={ground}"),
+        *("--set", "vehicle.thrust_path=manual_control"),
+        *("--set", f"telemetry.endpoint=tcp/127.0.0.1:{free_port()}"),
+    )
+    port = free_port(socket.SOCK_DGRAM)
+    nothing = f"from lab.latency import echo; echo({port})"
+    with (
+        running(*HOLDFAST, *simulator),
+        running(sys.executable, "-c", nothing),
+        running(*HOLDFAST, *companion),
+    ):
+        wire.run(WARM_UP_S + duration_s, WARM_UP_S, port)
+    wire.close()
+    bounds: list[Bound] = []
+    for name, delays_s, limit in (
+        ("a process that only sends back", wire.echo_s, None),
+        ("relay, vehicle to ground station", wire.up_s, 1.0),
+        ("relay, ground station to vehicle", wire.down_s, 1.0),
+        ("sensor to command", wire.command_s, None),
+    ):
+        p50, p99 = percentiles_ms(delays_s)
+        bounds += [Bound(f"{name}, median", p50, "ms", limit), Bound(f"{name}, p99", p99, "ms")]
+    return bounds
 
 
 def empty_loop(duration_s: float) -> None:
