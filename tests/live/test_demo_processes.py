@@ -131,7 +131,7 @@ def test_zenoh_that_cannot_start_is_told(
             lambda kind=socket.SOCK_STREAM: taken if kind == socket.SOCK_STREAM else free(kind),
         )
         assert demo.perform(SHORT, tmp_path / "demo.png", tmp_path / "demo.json") == 1
-    assert f"nobody came to listen on Zenoh's tcp/127.0.0.1:{taken}" in capsys.readouterr().err
+    assert f"refused to start: somebody holds tcp/127.0.0.1:{taken}" in capsys.readouterr().err
     assert _alive(mark) == []
 
 
