@@ -317,7 +317,7 @@ class Desk:
         if name == "release":
             if verdict.authority > 0.0 and not late:
                 return None
-            held = one.was in (State.ACTIVE, State.RAMP_DOWN)
+            held = one.was in (State.ACTIVE, State.RAMP_DOWN, State.HAND_OVER)
             said = "released" if held else "it was not engaged; a wish to engage, if any, is withdrawn"
             return {"done": verdict.authority == 0.0, "said": f"{said}. {is_now}", "value": value}
         if name == "clear_fault":
