@@ -239,15 +239,14 @@ class Engine:
         before, limits = self.verdict, self._config.supervisor
         handing_over, steered = before.state is State.HAND_OVER, before.authority > 0.0
         conditions = Condition(0)
-        ground, ages = self._config.ground_station, state.ages
+        ground = self._config.ground_station
         if handing_over:
             surfacing = self._hand_over.goal is Mode.SURFACE
-            back_s = state.t_s - ages.pilot_s if surfacing else -math.inf
             conditions |= self._hand_over.step(
                 state.t_s,
                 state.mode,
                 thrusting=steered,
-                pilot_heard_s=max(self._watch.pilot_heard_s, back_s),
+                pilot_heard_s=self._watch.pilot_heard_s,
                 keep_s=math.inf if surfacing else limits.keep_alt_hold_s,
             )
         self._survey.take(events)

@@ -6,7 +6,8 @@ asked for until the heartbeat says it.
 
 Then ALT_HOLD holds only as long as somebody steers: 3 s after the last steering message the pilot-input
 failsafe, as shipped, disarms. So neutral frames go on, one a second (0.36 Hz is enough), until a pilot steers
-or `keep_s` is over; from there on we are silent and the autopilot's failsafes rule.
+or `keep_s` is over; from there on we are silent and the autopilot's failsafes rule. On the way up
+it never is.
 """
 
 from companion.mavlink.ardusub import Mode

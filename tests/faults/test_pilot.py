@@ -380,6 +380,18 @@ def test_a_pilot_who_comes_back_gets_the_vehicle():
     assert dive.state is State.PILOT
 
 
+def test_a_ground_station_that_comes_back_without_sticks_lets_it_surface():
+    """Nobody else steers: were we silent now, it would be disarmed on its way."""
+    dive = lost("surface", depth_m=6.0)
+    dive.run(8.0)
+    dive.cockpit.alive = True
+    dive.run(5.0)
+    assert dive.state is State.HAND_OVER
+    assert dive.step.truth.armed
+    dive.ask(Request.STOP)
+    assert dive.until(State.PILOT)
+
+
 def test_surfacing_that_somebody_ends_is_not_begun_again():
     dive = lost("surface", depth_m=6.0)
     dive.run(8.0)

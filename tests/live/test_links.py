@@ -187,6 +187,7 @@ def test_a_udp_listener_turns_to_another_peer_only_when_the_first_falls_silent(m
                 first.send(b"first")
                 await until(lambda: heard)
                 second.send(b"stranger")
+                await asyncio.sleep(0.05)
                 link.send(b"answer")
                 await until(lambda: _got(first) == b"answer")
                 assert [data for _, data in heard] == [b"first"]
