@@ -133,7 +133,7 @@ def test_a_stick_within_the_dead_zone_moves_nothing():
     dive.cockpit.push(heave=0.09, yaw=-0.09)
     wanted = dive.step.sample.eta_d
     dive.run(2.0)
-    np.testing.assert_allclose(dive.step.sample.eta_d[2:], wanted[2:], atol=0.01)
+    np.testing.assert_allclose(dive.step.sample.eta_d[2:], wanted[2:], atol=0.03)
 
 
 def test_full_deflection_takes_its_axis_back_and_no_other():
