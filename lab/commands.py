@@ -124,6 +124,13 @@ def campaign(argv: list[str]) -> int:
     return main(parser.parse_args(argv))
 
 
+def faults(argv: list[str]) -> int:
+    """Break something in thousands of dives, and hold every tick to account."""
+    from lab.faults_report import main
+
+    return main(argv)
+
+
 def rerun(argv: list[str]) -> int:
     """Run a recorded dive through today's engine and compare its commands."""
     if not _has("rerun", "mcap", "matplotlib"):

@@ -43,8 +43,11 @@ PARAMETERS: Final = (
     *RENAMED.keys(),
 )
 
-VOLATILE: Final = frozenset({"BARO1_GND_PRESS", "BARO2_GND_PRESS"})
-"""The autopilot sets these anew at the surface and tells nobody: read again and again."""
+VOLATILE: Final = frozenset(
+    {"BARO1_GND_PRESS", "BARO2_GND_PRESS", "FS_PILOT_INPUT", "FS_PILOT_TIMEOUT", "JS_THR_GAIN"}
+)
+"""Read again and again: the autopilot sets the pressures anew at the surface and tells nobody; safety and
+thrust depend on the rest, and the notice of a change may be lost."""
 
 
 class Upkeep:

@@ -279,3 +279,11 @@ def test_our_own_change_is_told_too():
 
 def _fields(config):
     return {name: getattr(config, name) for name in config.__struct_fields__}
+
+
+def test_a_failsafe_switched_off_is_seen_even_if_the_notice_of_it_was_lost():
+    dive = active(seconds=2.0)
+    dive.fault("message_stopped", 0.5, message="PARAM_VALUE")
+    dive.tap.to_vehicle.append(Somebody().parameter("FS_PILOT_INPUT", 0.0))
+    dive.until(State.RAMP_DOWN, within_s=12.0)
+    assert "failsafe" in dive.step.sample.verdict.reason

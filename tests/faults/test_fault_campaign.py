@@ -1,0 +1,64 @@
+"""A few hundred of the campaign's dives, and that it would notice."""
+
+import pytest
+from rich.console import Console
+
+from companion.types import Condition, State, Verdict
+from lab import faults
+from lab.faults import FAULTS, VARIANTS, Broken, Case, Diving, case, dive_group
+from lab.faults_report import dived
+
+DIVES = 204
+
+
+def test_every_promise_is_kept():
+    rows = dived(Console(quiet=True), range(DIVES), 2)
+    assert [(row.number, row.broken) for row in rows if row.broken] == []
+    assert len(rows) == DIVES
+
+
+def test_the_numbers_draw_everything():
+    cases = [case(number) for number in range(2000)]
+    assert {fault.kind for one in cases for fault in one.faults} == set(FAULTS)
+    assert {one.state for one in cases} == set(State)
+    assert {one.variant for one in cases} == set(range(len(VARIANTS)))
+
+
+@pytest.fixture(scope="module")
+def diving():
+    return Diving(0, State.ACTIVE)
+
+
+def noticed(diving, kind, value=0.5):
+    """What is said of one more dive of the same vehicle."""
+    one = Case(1, 0, State.ACTIVE, (Broken(kind, 0.0, "", value),), fingers=False)
+    return faults._forked(diving, one).broken
+
+
+def test_it_would_notice_thrust_that_goes_on(diving, monkeypatch):
+    monkeypatch.setitem(FAULTS, "disarmed", FAULTS["disarmed"]._replace(begin=lambda *_: None))
+    assert "still pushing" in noticed(diving, "disarmed")
+
+
+def test_it_would_notice_thrust_without_authority(diving, monkeypatch):
+    monkeypatch.setattr("companion.engine.guard", lambda command, *_: command)
+    monkeypatch.setattr("companion.supervisor.Supervisor.step", _powerless)
+    assert "authority" in noticed(diving, "leak") or "thrust" in noticed(diving, "leak")
+
+
+def _powerless(self, conditions, dt_s, unfit=""):
+    return Verdict(State.FAULT, Condition(0), 0.5, "")
+
+
+def test_it_would_notice_an_exception(diving, monkeypatch):
+    monkeypatch.setattr("companion.engine.guard", lambda *_: 1 / 0)
+    assert "ZeroDivisionError" in noticed(diving, "leak")
+
+
+def test_it_would_notice_engaging_unasked(diving, monkeypatch):
+    monkeypatch.setattr(diving.engine, "_was", State.IDLE)
+    assert "engaged from" in noticed(diving, "doubled")
+
+
+def test_a_dive_is_its_number():
+    assert dive_group([7])[0] == dive_group([7])[0]
