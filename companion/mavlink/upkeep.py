@@ -43,11 +43,11 @@ PARAMETERS: Final = (
     *RENAMED.keys(),
 )
 
-VOLATILE: Final = frozenset(
-    {"BARO1_GND_PRESS", "BARO2_GND_PRESS", "FS_PILOT_INPUT", "FS_PILOT_TIMEOUT", "JS_THR_GAIN"}
-)
-"""Read again and again: the autopilot sets the pressures anew at the surface and tells nobody; safety and
-thrust depend on the rest, and the notice of a change may be lost."""
+ZEROES: Final = frozenset({"BARO1_GND_PRESS", "BARO2_GND_PRESS"})
+"""The autopilot sets these anew at the surface and on arming, and tells nobody."""
+
+VOLATILE: Final = ZEROES | {"FS_PILOT_INPUT", "FS_PILOT_TIMEOUT", "JS_THR_GAIN"}
+"""Read again and again: safety and thrust depend on them, and the notice of a change may be lost."""
 
 
 class Upkeep:
@@ -165,7 +165,7 @@ class Upkeep:
 
     def _read_again(self, now_s: float) -> None:
         """Read at once what arming sets anew."""
-        self._missing |= dict.fromkeys(VOLATILE & self._parameters.keys(), (now_s, PARAMETER_AGAIN_S[0]))
+        self._missing |= dict.fromkeys(ZEROES & self._parameters.keys(), (now_s, PARAMETER_AGAIN_S[0]))
 
 
 class _Timer:
