@@ -58,6 +58,7 @@ const link = new Link({
   status(status) {
     if (status.t_s !== null && status.t_s !== undefined && status.age_s !== null) {
       const fresh = Date.now() / 1000 - status.age_s - status.t_s;
+      if (Math.abs(fresh - wall) > 1) listed = false;
       wall = Math.abs(fresh - wall) > 1 ? fresh : Math.min(fresh, wall + 1e-3);
     }
     vehicles(status);
@@ -130,7 +131,7 @@ function frame(now) {
     const at = view.cursor;
     say($("cursor"), at === null ? "" : `${clock(at, 2)}  (${(at - view.head(store.last)).toFixed(2)} s)`);
     for (const panel of panels) if (panel.name === "attitude") panel.draw(context);
-    if (!listed) {
+    if (!listed && wall) {
       listed = true;
       for (const panel of panels) panel.show?.((t) => clock(t, 0));
     }

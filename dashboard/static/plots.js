@@ -3,6 +3,7 @@ import { colours, el, mark, say } from "./dom.js";
 import { GAP_S } from "./store.js";
 
 const SHRINK = 0.08; // of the surplus, a frame: scales grow at once and shrink gently
+const POINTS = 0.55; // a pixel: more costs frames without a graphics card, and shows no more
 
 export class Plot {
   constructor(definition, view, store, events) {
@@ -65,7 +66,7 @@ export class Plot {
     const { store, view, definition } = this;
     const [from, to] = view.range(store.last);
     const zero = view.head(store.last);
-    const window = store.window(definition.columns(view.dof), from, to, zero, Math.max(200, this.canvas.clientWidth));
+    const window = store.window(definition.columns(view.dof), from, to, zero, Math.max(150, POINTS * this.canvas.clientWidth));
     const made = definition.make(window.values, view.dof, { ...context, x: window.x });
     this.shades = made.shades ?? [];
     this.x = window.x;
@@ -173,6 +174,7 @@ export class Plot {
     const { ctx, bbox } = u;
     const zero = this.view.head(this.store.last);
     const ratio = devicePixelRatio;
+    ctx.setLineDash([]);
     for (const event of this.events) {
       const x = u.valToPos(event.t_s - zero, "x", true);
       if (!(x >= bbox.left && x <= bbox.left + bbox.width)) continue;

@@ -165,7 +165,9 @@ def test_a_new_page_shows_the_past_at_once(opened: Callable[..., Page]) -> None:
     page = opened()
     kept = "holdfast.store.last - holdfast.store.t[holdfast.store.start]"
     assert _get(page, kept) > 2.0
-    assert "engaged" in (page.locator("#panel-events").text_content() or "")
+    _wait(page, "document.querySelector('#panel-events').textContent.includes('engaged')")
+    when = page.locator("#panel-events time").first.text_content() or ""
+    assert abs(_get(page, f"Date.now() - new Date(new Date().toDateString() + ' {when}')")) < 600_000
 
 
 def test_pause_zoom_cursor_and_keys(opened: Callable[..., Page]) -> None:
