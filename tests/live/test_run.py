@@ -132,6 +132,49 @@ def test_after_sigkill_the_firmwares_failsafe_disarms() -> None:
         tap.until("disarmed", timeout_s=6.0)
 
 
+def test_stopped_for_a_second_it_lets_go_when_it_wakes() -> None:
+    with diving() as (tap, run):
+        run.send_signal(signal.SIGSTOP)
+        time.sleep(1.0)
+        before = len(tap.steering)
+        run.send_signal(signal.SIGCONT)
+        time.sleep(2.0)
+        assert len(tap.steering) > before
+        assert tap.steering[-5:] == [NEUTRAL] * 5
+
+
+def test_stopped_for_long_the_firmware_disarms_and_it_does_not_arm_again() -> None:
+    with diving() as (tap, run):
+        run.send_signal(signal.SIGSTOP)
+        try:
+            tap.until("disarmed", timeout_s=8.0)
+        finally:
+            run.send_signal(signal.SIGCONT)
+        time.sleep(3.0)
+        assert not tap.armed
+        assert tap.steering[-1] == NEUTRAL
+
+
+def test_started_twice_the_second_says_so_and_leaves_the_first_alone() -> None:
+    with diving() as (tap, run):
+        telemetry = f"telemetry.endpoint=tcp/127.0.0.1:{free_port()}"
+        link = f"link.endpoint=udp-listen:127.0.0.1:{tap.run_port}"
+        second = subprocess.run(
+            [*HOLDFAST, "run", "--engage", "--set", link, "--set", telemetry],
+            capture_output=True,
+            text=True,
+            timeout=20.0,
+            check=False,
+        )
+        assert second.returncode == 1
+        assert "address already in use" in second.stderr.lower()
+        assert run.poll() is None
+        before = len(tap.steering)
+        time.sleep(0.5)
+        assert len(tap.steering) > before
+        assert tap.armed
+
+
 def test_an_exception_in_the_tick_sends_neutral_and_fails(monkeypatch: pytest.MonkeyPatch) -> None:
     """Whatever breaks inside the engine: neutral frames go out and the exit status says so."""
     step = Engine.step
