@@ -1,0 +1,263 @@
+"""What lasts, what was said a while ago, and the steps of a hand-over."""
+
+from dataclasses import replace
+from math import inf, nan, radians
+
+import numpy as np
+import pytest
+from test_supervisor import FINE_STATE, LIMITS, SAFE
+
+from companion.handover import REFUSED_S, SETTLE_S, HandOver
+from companion.mavlink.ardusub import Mode
+from companion.types import (
+    Condition,
+    EkfStatus,
+    Heartbeat,
+    Leak,
+    LoopHealth,
+    Parameter,
+    PilotInput,
+    Reboot,
+    Request,
+)
+from companion.watch import ANNOUNCED_S, FAILSAFE_SETTLE_S, LEAK_REPEAT_S, Watch
+
+TICK_S = 0.02
+ALL = np.ones(4, bool)
+
+
+class Seen:
+    """A watch and its time."""
+
+    def __init__(self):
+        self.watch, self.now_s = Watch(), 100.0
+
+    def step(self, *events, dt_s=TICK_S, dofs=None, state=FINE_STATE, dropped=0, **changes):
+        self.now_s += dt_s
+        given = {
+            "engaged": ALL,
+            "finite": True,
+            "steering": True,
+            "mode_right": True,
+            "unfit": "",
+            "taken_back": False,
+            "pilot_timeout_s": inf,
+            "surface_on_loss": False,
+            "parameters": SAFE,
+            "requests": (),
+            "engage": False,
+        }
+        events = [replace(event, t_s=self.now_s) for event in events]
+        health = LoopHealth(1, 50.0, 0.0, 0.0, 0, dropped)
+        state = replace(state, t_s=self.now_s)
+        return self.watch.step(dt_s, 0.0, events, state, LIMITS, dofs=dofs, loop=health, **(given | changes))
+
+    def later(self, seconds, **changes):
+        """After a gap without ticks."""
+        return self.step(dt_s=seconds, **changes)
+
+
+class Dofs:
+    def __init__(self, saturated=(False,) * 4, e=(0.0,) * 4):
+        self.saturated, self.e = np.array(saturated), np.array(e)
+
+
+@pytest.fixture
+def seen():
+    return Seen()
+
+
+def test_nothing_is_seen_where_nothing_is(seen):
+    o = seen.step()
+    assert (o.leaking, o.failsafe, o.rebooted, o.samples_dropped, o.config_changed) == (False,) * 5
+    assert (o.battery_low_s, o.saturated_s, o.off_track_s, o.surprise_m, o.surprise_deg) == (0.0,) * 5
+    assert o.ekf is None
+    assert o.holds_position
+
+
+@pytest.mark.parametrize(
+    ("event", "field", "for_s"),
+    [(Leak(0.0), "leaking", LEAK_REPEAT_S), (Reboot(0.0), "rebooted", ANNOUNCED_S)],
+)
+def test_what_was_said_holds_for_its_time(seen, event, field, for_s):
+    assert getattr(seen.step(event), field)
+    assert getattr(seen.later(for_s - 0.01), field)
+    assert not getattr(seen.later(0.02), field)
+
+
+def test_a_reboot_makes_the_ekf_unknown(seen):
+    sound = EkfStatus(0.0, True, True, 0.1)
+    assert seen.step(sound).ekf.variance == 0.1
+    assert seen.step().ekf is not None
+    assert seen.step(Reboot(0.0)).ekf is None
+
+
+def test_dropped_samples_are_told_for_a_while_each_time(seen):
+    assert seen.step(dropped=3).samples_dropped
+    assert seen.later(ANNOUNCED_S - 0.01, dropped=3).samples_dropped
+    assert not seen.later(0.02, dropped=3).samples_dropped
+    assert seen.step(dropped=4).samples_dropped
+
+
+def test_changes_are_told_reading_is_not_one(seen):
+    assert not seen.step(Parameter(0.0, "NEW", 1.0), Parameter(0.0, "FS_PILOT_INPUT", 2.0)).config_changed
+    assert seen.step(Parameter(0.0, "FS_PILOT_INPUT", 1.0)).config_changed
+    assert seen.later(ANNOUNCED_S - 0.01).config_changed
+    assert not seen.later(0.02).config_changed
+    seen.watch.config_changed()
+    assert seen.step().config_changed
+    assert not seen.later(ANNOUNCED_S + 0.01).config_changed
+
+
+@pytest.mark.parametrize("field", ["battery_low_s", "saturated_s", "off_track_s"])
+def test_how_long_it_lasts_starts_anew_after_a_break(seen, field):
+    low = replace(FINE_STATE, voltage_v=LIMITS.min_voltage_v - 0.1)
+    far = Dofs((False, False, True, False), (0.0, 0.0, LIMITS.max_error_m + 0.1, 0.0))
+    assert getattr(seen.step(state=low, dofs=far), field) == pytest.approx(TICK_S)
+    assert getattr(seen.step(state=low, dofs=far), field) == pytest.approx(2 * TICK_S)
+    assert getattr(seen.step(dofs=Dofs()), field) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("e", "counts"),
+    [
+        ((0.0, 0.0, LIMITS.max_error_m + 0.01, 0.0), True),
+        ((0.0, -LIMITS.max_error_m - 0.01, 0.0, 0.0), True),
+        ((0.0, 0.0, 0.0, -radians(LIMITS.max_error_deg) - 0.01), True),
+        ((0.0, 0.0, LIMITS.max_error_m - 0.01, radians(LIMITS.max_error_deg) - 0.01), False),
+        ((0.0, 0.0, nan, 0.0), True),
+    ],
+)
+def test_off_track_by_metres_and_by_degrees(seen, e, counts):
+    assert (seen.step(dofs=Dofs(e=e)).off_track_s > 0.0) == counts
+    assert seen.step(dofs=Dofs(e=e), engaged=~ALL).off_track_s == 0.0
+    assert seen.step(dofs=Dofs(e=e), steering=False).off_track_s == 0.0
+
+
+def test_saturation_counts_where_it_is_engaged(seen):
+    heave = Dofs((False, False, True, False))
+    assert seen.step(dofs=heave, engaged=np.array([True, True, False, True])).saturated_s == 0.0
+    assert seen.step(dofs=heave, engaged=np.array([False, False, True, True])).saturated_s > 0.0
+
+
+def test_a_failsafe_counts_once_our_steering_should_have_ended_it(seen):
+    latched, calm = Heartbeat(0.0, True, 19, 5), Heartbeat(0.0, True, 19, 4)
+    assert not seen.step(latched).failsafe
+    assert not seen.later(FAILSAFE_SETTLE_S - 0.1).failsafe
+    seen.step(latched)
+    assert not seen.step().failsafe
+    seen.later(0.3)
+    assert seen.step(latched).failsafe
+    assert not seen.step(calm).failsafe
+    seen.step(latched)
+    assert not seen.step(latched, steering=False).failsafe
+    assert not seen.step(latched).failsafe
+
+
+def test_surprise_is_an_average_and_forgets_what_is_not_finite(seen):
+    missed = replace(FINE_STATE, innovation=np.array([0.0, 0.0, -0.4, radians(20.0)]))
+    assert seen.step(state=missed).surprise_m < LIMITS.max_surprise_m
+    for _ in range(200):
+        o = seen.step(state=missed)
+    assert o.surprise_m == pytest.approx(0.4, rel=0.01)
+    assert o.surprise_deg == pytest.approx(20.0, rel=0.01)
+    for _ in range(200):
+        o = seen.step()
+    assert o.surprise_m < 0.01
+    assert seen.step(state=replace(FINE_STATE, innovation=np.full(4, nan))).surprise_m == 0.0
+
+
+def test_a_pilot_counts_as_steering_for_a_while(seen):
+    assert seen.step(PilotInput(0.0, 0.8)).pilot_deflection == 0.8
+    assert seen.step(PilotInput(0.0, 0.0)).pilot_deflection == 0.8
+    assert seen.later(LIMITS.pilot_hold_s - 0.05).pilot_deflection == 0.8
+    assert seen.later(0.1).pilot_deflection == 0.0
+    assert seen.step(PilotInput(0.0, LIMITS.pilot_deflection)).pilot_deflection == 0.0
+    assert seen.watch.pilot_heard_s == seen.now_s
+    assert seen.step(taken_back=True).pilot_deflection == 1.0
+
+
+def test_what_is_asked_is_passed_on(seen):
+    o = seen.step(requests=(Request.STOP, Request.CLEAR_FAULT), engage=True, finite=False, mode_right=False)
+    assert (o.stop, o.clear, o.engage, o.finite, o.mode_right) == (True, True, True, False, False)
+    assert not seen.step().stop
+
+
+# --- Handing over -------------------------------------------------------------------------------------------
+
+NOTHING = Condition(0)
+
+
+class Handing:
+    """A hand-over and its time; nobody steers unless told."""
+
+    def __init__(self, mode=Mode.MANUAL, goal=Mode.ALT_HOLD):
+        self.hand_over, self.now_s = HandOver(), 50.0
+        self.hand_over.begin(self.now_s, mode, goal)
+
+    def step(self, mode, seconds=TICK_S, *, thrusting=False, heard_s=-inf, keep_s=30.0):
+        self.now_s += seconds
+        return self.hand_over.step(
+            self.now_s, mode, thrusting=thrusting, pilot_heard_s=heard_s, keep_s=keep_s
+        )
+
+    @property
+    def wanted(self):
+        return self.hand_over.wanted
+
+
+@pytest.mark.parametrize("goal", [Mode.ALT_HOLD, Mode.SURFACE])
+def test_ramp_stabilize_a_second_and_then_the_goal(goal):
+    handing = Handing(goal=goal)
+    assert handing.step(Mode.MANUAL, thrusting=True) == NOTHING
+    assert handing.wanted is None
+    handing.step(Mode.MANUAL)
+    assert handing.wanted is Mode.STABILIZE
+    handing.step(Mode.STABILIZE)
+    handing.step(Mode.STABILIZE, SETTLE_S - 0.01)
+    assert handing.wanted is Mode.STABILIZE
+    handing.step(Mode.STABILIZE, 0.02)
+    assert handing.wanted is goal
+    assert not handing.hand_over.held
+    assert handing.step(goal) == NOTHING
+    assert handing.wanted is None
+    assert handing.hand_over.held
+
+
+def test_it_is_kept_until_its_time_is_over_or_a_pilot_is_heard():
+    handing = Handing()
+    assert handing.step(Mode.ALT_HOLD) == NOTHING
+    held_s = handing.now_s
+    assert handing.step(Mode.ALT_HOLD, heard_s=held_s) == NOTHING
+    assert handing.step(Mode.ALT_HOLD, heard_s=held_s + 0.01) == Condition.HANDED_OVER
+    assert handing.step(Mode.ALT_HOLD, 29.9) == NOTHING
+    assert handing.step(Mode.ALT_HOLD, 0.1) == Condition.HANDED_OVER
+
+
+def test_refused_after_its_time_and_not_before():
+    handing = Handing()
+    assert handing.step(Mode.MANUAL, REFUSED_S - 0.01) == NOTHING
+    assert handing.step(Mode.MANUAL, 0.02) == Condition.HAND_OVER_REFUSED
+    assert handing.step(Mode.ALT_HOLD) == NOTHING
+
+
+def test_from_stabilize_the_second_of_neutral_is_kept_too():
+    handing = Handing(Mode.STABILIZE)
+    handing.step(Mode.STABILIZE, thrusting=True)
+    assert handing.wanted is None
+    handing.step(Mode.STABILIZE)
+    assert handing.wanted is Mode.STABILIZE
+    handing.step(Mode.STABILIZE, SETTLE_S)
+    assert handing.wanted is Mode.ALT_HOLD
+
+
+def test_only_the_modes_on_the_way_are_ours():
+    handing = Handing()
+    allows = handing.hand_over.allows
+    assert [mode for mode in Mode if allows(mode)] == [Mode.STABILIZE, Mode.ALT_HOLD, Mode.MANUAL]
+    handing.step(Mode.STABILIZE)
+    assert [mode for mode in Mode if allows(mode)] == [Mode.STABILIZE, Mode.ALT_HOLD]
+    handing.step(Mode.ALT_HOLD)
+    assert [mode for mode in Mode if allows(mode)] == [Mode.ALT_HOLD]
+    handing.hand_over.begin(60.0, Mode.MANUAL, Mode.SURFACE)
+    assert [mode for mode in Mode if allows(mode)] == [Mode.STABILIZE, Mode.SURFACE, Mode.MANUAL]
