@@ -15,27 +15,12 @@ C = Condition
 
 
 @dataclass(frozen=True, slots=True)
-class Observation:
-    """What one tick saw, beside the vehicle's state. Times and counts are for how long something has held."""
+class Watched:
+    """What takes a while to be seen (`watch.py`): how long something has held, or was said a while ago."""
 
-    state: VehicleState
-    mode_right: bool
-    """Whether the flight mode is one that our present state steers or hands over in."""
-    parameters: Mapping[str, float]
-    ekf: EkfStatus | None
+    ekf: EkfStatus | None = None
     """The newest report, None before the first."""
-    unfit: str = ""
-    """The rows of `check` that forbid engaging, in words."""
-    holds_position: bool = False
-    finite: bool = True
-    late_s: float = 0.0
     pilot_deflection: float = 0.0
-    pilot_timeout_s: float = math.inf
-    """How old the ground station's heartbeat may be: infinite where none is needed."""
-    surface_on_loss: bool = False
-    stop: bool = False
-    engage: bool = False
-    clear: bool = False
     rebooted: bool = False
     leaking: bool = False
     failsafe: bool = False
@@ -48,6 +33,30 @@ class Observation:
     """By how much measurements missed what was expected, averaged."""
     samples_dropped: bool = False
     config_changed: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Observation:
+    """What one tick saw, beside the vehicle's state."""
+
+    state: VehicleState
+    mode_right: bool
+    """Whether the flight mode is one that our present state steers or hands over in."""
+    parameters: Mapping[str, float]
+    watched: Watched
+    unfit: str = ""
+    """The rows of `check` that forbid engaging, in words."""
+    holds_position: bool = False
+    finite: bool = True
+    late_s: float = 0.0
+    taken_back: bool = False
+    """Whether the pilot takes everything, by the sticks or a button of our own second link."""
+    pilot_timeout_s: float = math.inf
+    """How old the ground station's heartbeat may be: infinite where none is needed."""
+    surface_on_loss: bool = False
+    stop: bool = False
+    engage: bool = False
+    clear: bool = False
 
 
 class Look(NamedTuple):
@@ -71,7 +80,7 @@ def _failsafe_unsafe(o: Observation, limits: Limits) -> bool:
 
 
 def _ekf_unhealthy(o: Observation, limits: Limits) -> bool:
-    ekf = o.ekf
+    ekf = o.watched.ekf
     return not (ekf and ekf.attitude and ekf.depth and ekf.variance <= limits.max_ekf_variance)
 
 
@@ -81,7 +90,8 @@ def _out_of_bounds(o: Observation, limits: Limits) -> bool:
 
 
 def _surprised(o: Observation, limits: Limits) -> bool:
-    return not (o.surprise_m <= limits.max_surprise_m and o.surprise_deg <= limits.max_surprise_deg)
+    seen = o.watched
+    return not (seen.surprise_m <= limits.max_surprise_m and seen.surprise_deg <= limits.max_surprise_deg)
 
 
 def _tilted(o: Observation, limits: Limits) -> bool:
@@ -152,28 +162,28 @@ CONDITIONS = (
     ),
     Look(
         C.LEAK,
-        lambda o, limits: o.leaking,
+        lambda o, limits: o.watched.leaking,
         (),
         "the autopilot said Leak Detected, less than 25 s ago (it repeats itself every 20 s)",
         "bring it up",
     ),
     Look(
         C.BATTERY_LOW,
-        lambda o, limits: not o.battery_low_s <= limits.battery_low_s,
+        lambda o, limits: not o.watched.battery_low_s <= limits.battery_low_s,
         ("min_voltage_v", "battery_low_s"),
         "the battery is nearly empty",
         "bring it up",
     ),
     Look(
         C.AUTOPILOT_FAILSAFE,
-        lambda o, limits: o.failsafe,
+        lambda o, limits: o.watched.failsafe,
         (),
         "a failsafe of the autopilot's own is latched (system status 5) though we steer",
         "read the autopilot's messages",
     ),
     Look(
         C.REBOOTED,
-        lambda o, limits: o.rebooted,
+        lambda o, limits: o.watched.rebooted,
         (),
         "the autopilot's clock went backwards: it started anew",
         "find out why (power?); then clear the fault",
@@ -203,14 +213,14 @@ CONDITIONS = (
     ),
     Look(
         C.SATURATED,
-        lambda o, limits: not o.saturated_s <= limits.saturated_s,
+        lambda o, limits: not o.watched.saturated_s <= limits.saturated_s,
         ("saturated_s",),
         "an axis has given all it can for long: it is about to be carried off",
         "less current, a slower path, or more max_force",
     ),
     Look(
         C.OFF_TRACK,
-        lambda o, limits: not o.off_track_s <= limits.off_track_s,
+        lambda o, limits: not o.watched.off_track_s <= limits.off_track_s,
         ("max_error_m", "max_error_deg", "off_track_s"),
         "it is far from where it should be, and stays there",
         "look for what holds or drives it: tether, current, a dead thruster",
@@ -245,21 +255,21 @@ CONDITIONS = (
     ),
     Look(
         C.QUEUE_FULL,
-        lambda o, limits: o.samples_dropped,
+        lambda o, limits: o.watched.samples_dropped,
         (),
         "telemetry was dropped, because nobody took it in time",
         "look at whoever subscribes; holding is not affected",
     ),
     Look(
         C.CONFIG_CHANGED,
-        lambda o, limits: o.config_changed,
+        lambda o, limits: o.watched.config_changed,
         (),
         "our configuration or a parameter of the autopilot changed while running, less than 2 s ago",
         "see that it was you",
     ),
     Look(
         C.PILOT_TAKEOVER,
-        lambda o, limits: not o.pilot_deflection <= limits.pilot_deflection,
+        lambda o, limits: o.taken_back or not o.watched.pilot_deflection <= limits.pilot_deflection,
         ("pilot_deflection", "pilot_hold_s"),
         "somebody else moves a stick",
         "let go of the stick; engage again",

@@ -9,7 +9,7 @@ import numpy as np
 
 from companion import assembly
 from companion.check import Row, refusals, rows
-from companion.conditions import assess
+from companion.conditions import Observation, assess
 from companion.config import Config
 from companion.control.bounds import bounded, wrap
 from companion.control.positioning import jacobian, to_body, to_inertial
@@ -252,27 +252,33 @@ class Engine:
         self._survey.take(events)
         if state.t_s - self._checked_s >= CHECK_S:
             self._checked_s, self._unfit = state.t_s, refusals(self.checked(state))
-        seen = self._watch.step(
+        watched = self._watch.step(
             dt_s,
-            dt_s - self._tick_s,
             events,
             state,
             limits,
+            loop,
             dofs=self._dofs,
             engaged=self._engaged,
-            finite=self._finite,
             steering=steered,
-            mode_right=self._hand_over.allows(state.mode)
-            if handing_over
-            else state.mode == self._modes.steering,
             parameters=self._autopilot.parameters,
+        )
+        right = self._hand_over.allows(state.mode) if handing_over else state.mode == self._modes.steering
+        seen = Observation(
+            state=state,
+            mode_right=right,
+            parameters=self._autopilot.parameters,
+            watched=watched,
             unfit=self._unfit,
-            requests=requests,
+            holds_position=bool(self._engaged[0]),
+            finite=self._finite,
+            late_s=dt_s - self._tick_s,
             taken_back=taken_back,
             pilot_timeout_s=ground.timeout_s if ground.endpoint and ground.on_loss != "hold" else math.inf,
             surface_on_loss=ground.on_loss == "surface",
+            stop=Request.STOP in requests,
             engage=self._engage_asked,
-            loop=loop,
+            clear=Request.CLEAR_FAULT in requests,
         )
         self.verdict = self._supervisor.step(conditions | assess(seen, limits), dt_s, self._unfit)
         now = self.verdict.state

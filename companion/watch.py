@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from companion.conditions import Observation
+from companion.conditions import Watched
 from companion.config import Supervisor as Limits
 from companion.types import (
     PSI,
@@ -20,7 +20,6 @@ from companion.types import (
     PilotInput,
     PilotSticks,
     Reboot,
-    Request,
     VehicleState,
 )
 
@@ -36,7 +35,7 @@ SURPRISE_MEMORY_S = 0.5
 
 
 class Watch:
-    """Takes in every tick and gives the supervisor's Observation of it."""
+    """Takes in every tick and tells what has lasted or was said."""
 
     def __init__(self) -> None:
         self._ekf: EkfStatus | None = None
@@ -60,29 +59,17 @@ class Watch:
     def step(
         self,
         dt_s: float,
-        late_s: float,
         events: Sequence[Event],
         state: VehicleState,
         limits: Limits,
+        loop: LoopHealth,
         *,
         dofs: DofSample | None,
         engaged: Flags,
-        finite: bool,
         steering: bool,
-        mode_right: bool,
         parameters: Mapping[str, float],
-        unfit: str,
-        requests: Sequence[Request],
-        taken_back: bool,
-        pilot_timeout_s: float,
-        surface_on_loss: bool,
-        engage: bool,
-        loop: LoopHealth,
-    ) -> Observation:
-        """Return what this tick sees; `dofs` are the last tick's, `parameters` those before `events`.
-
-        `taken_back`: the pilot takes everything, by the sticks or a button of our own second link.
-        """
+    ) -> Watched:
+        """Take in one tick; `dofs` are the last tick's, `parameters` those before `events`."""
         now_s = state.t_s
         if self._config_changed:
             self._config_changed, self._changed_t_s = False, now_s
@@ -121,21 +108,11 @@ class Watch:
         self._surprise = self._surprise + missed * (dt_s / (dt_s + SURPRISE_MEMORY_S))
         if not np.isfinite(self._surprise).all():
             self._surprise = np.zeros(4)
-        return Observation(
-            state=state,
-            mode_right=mode_right,
-            parameters=parameters,
-            unfit=unfit,
+        return Watched(
             ekf=self._ekf,
-            holds_position=bool(engaged[0]),
-            finite=finite,
-            late_s=late_s,
-            pilot_deflection=self._deflection(now_s, limits, taken_back),
-            pilot_timeout_s=pilot_timeout_s,
-            surface_on_loss=surface_on_loss,
-            stop=Request.STOP in requests,
-            engage=engage,
-            clear=Request.CLEAR_FAULT in requests,
+            pilot_deflection=self._pilot_deflection
+            if now_s - self._pilot_t_s <= limits.pilot_hold_s
+            else 0.0,
             rebooted=now_s - self._rebooted_t_s <= ANNOUNCED_S,
             leaking=now_s - self._leak_t_s <= LEAK_REPEAT_S,
             failsafe=self._failsafe(),
@@ -147,11 +124,6 @@ class Watch:
             samples_dropped=now_s - self._dropped_t_s <= ANNOUNCED_S,
             config_changed=now_s - self._changed_t_s <= ANNOUNCED_S,
         )
-
-    def _deflection(self, now_s: float, limits: Limits, taken_back: bool) -> float:
-        if taken_back:
-            return 1.0
-        return self._pilot_deflection if now_s - self._pilot_t_s <= limits.pilot_hold_s else 0.0
 
     def _failsafe(self) -> bool:
         beat, since_s = self._heartbeat, self._steering_since_s

@@ -2,12 +2,12 @@
 
 import itertools
 import math
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
 
-from companion.conditions import CONDITIONS, Observation, assess
+from companion.conditions import CONDITIONS, Observation, Watched, assess
 from companion.config import load_config
 from companion.supervisor import TRANSITIONS, Envelope, Supervisor, guard, names, transition
 from companion.types import (
@@ -280,7 +280,9 @@ SAFE = {"FS_PILOT_INPUT": 2.0, "FS_PILOT_TIMEOUT": 3.0}
 
 def assessed(state=FINE_STATE, **changes):
     state = changes.pop("state", state)
-    arguments = {"mode_right": True, "parameters": SAFE, "ekf": SOUND, "holds_position": True}
+    lasting = {field.name for field in fields(Watched)} & changes.keys()
+    watched = Watched(**({"ekf": SOUND} | {name: changes.pop(name) for name in lasting}))
+    arguments = {"mode_right": True, "parameters": SAFE, "watched": watched, "holds_position": True}
     return assess(Observation(state=state, **(arguments | changes)), LIMITS)
 
 
@@ -378,6 +380,7 @@ def test_nothing_holds_when_all_is_well():
         (FINE_STATE, {"finite": False}, C.NON_FINITE),
         (FINE_STATE, {"late_s": LIMITS.late_tick_s + 0.01}, C.TICK_LATE),
         (FINE_STATE, {"pilot_deflection": LIMITS.pilot_deflection + 0.01}, C.PILOT_TAKEOVER),
+        (FINE_STATE, {"taken_back": True}, C.PILOT_TAKEOVER),
         (FINE_STATE, {"stop": True}, C.OPERATOR_STOP),
         (FINE_STATE, {"engage": True}, C.ENGAGE_ASKED),
         (FINE_STATE, {"clear": True}, C.CLEAR_ASKED),

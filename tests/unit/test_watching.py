@@ -18,7 +18,6 @@ from companion.types import (
     Parameter,
     PilotInput,
     Reboot,
-    Request,
 )
 from companion.watch import ANNOUNCED_S, FAILSAFE_SETTLE_S, LEAK_REPEAT_S, Watch
 
@@ -34,23 +33,11 @@ class Seen:
 
     def step(self, *events, dt_s=TICK_S, dofs=None, state=FINE_STATE, dropped=0, **changes):
         self.now_s += dt_s
-        given = {
-            "engaged": ALL,
-            "finite": True,
-            "steering": True,
-            "mode_right": True,
-            "unfit": "",
-            "taken_back": False,
-            "pilot_timeout_s": inf,
-            "surface_on_loss": False,
-            "parameters": SAFE,
-            "requests": (),
-            "engage": False,
-        }
+        given = {"engaged": ALL, "steering": True, "parameters": SAFE}
         events = [replace(event, t_s=self.now_s) for event in events]
         health = LoopHealth(1, 50.0, 0.0, 0.0, 0, dropped)
         state = replace(state, t_s=self.now_s)
-        return self.watch.step(dt_s, 0.0, events, state, LIMITS, dofs=dofs, loop=health, **(given | changes))
+        return self.watch.step(dt_s, events, state, LIMITS, health, dofs=dofs, **(given | changes))
 
     def later(self, seconds, **changes):
         """After a gap without ticks."""
@@ -72,7 +59,6 @@ def test_nothing_is_seen_where_nothing_is(seen):
     assert (o.leaking, o.failsafe, o.rebooted, o.samples_dropped, o.config_changed) == (False,) * 5
     assert (o.battery_low_s, o.saturated_s, o.off_track_s, o.surprise_m, o.surprise_deg) == (0.0,) * 5
     assert o.ekf is None
-    assert o.holds_position
 
 
 @pytest.mark.parametrize(
@@ -174,13 +160,6 @@ def test_a_pilot_counts_as_steering_for_a_while(seen):
     assert seen.later(0.1).pilot_deflection == 0.0
     assert seen.step(PilotInput(0.0, LIMITS.pilot_deflection)).pilot_deflection == 0.0
     assert seen.watch.pilot_heard_s == seen.now_s
-    assert seen.step(taken_back=True).pilot_deflection == 1.0
-
-
-def test_what_is_asked_is_passed_on(seen):
-    o = seen.step(requests=(Request.STOP, Request.CLEAR_FAULT), engage=True, finite=False, mode_right=False)
-    assert (o.stop, o.clear, o.engage, o.finite, o.mode_right) == (True, True, True, False, False)
-    assert not seen.step().stop
 
 
 # --- Handing over -------------------------------------------------------------------------------------------
