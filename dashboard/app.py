@@ -22,7 +22,7 @@ from dashboard.options import Settings
 from dashboard.ring import next_row
 from dashboard.zenoh_client import Subscription
 
-BEAT_S = 0.03
+BEAT_S = 0.025
 STATUS_S = 0.15
 CONFIG_S = 10.0
 MOST_BROWSERS = 32
