@@ -245,8 +245,9 @@ def test_authority_is_one_when_engaged_again_after_a_ramp():
 def test_waiting_says_for_what():
     verdict = Supervisor(RAMP_S).step(C.DISARMED | C.DEPTH_STALE, TICK_S)
     assert verdict.state is State.IDLE
-    assert "disarmed" in verdict.reason
-    assert "depth stale" in verdict.reason
+    assert verdict.reason == "waiting for: depth stale, disarmed"
+    told = Supervisor(RAMP_S).step(C.DISARMED | C.SATURATED | C.NOT_FIT, TICK_S, "the frame")
+    assert told.reason == "waiting for: disarmed, not fit (the frame)"
     assert names(C.LINK_LOST | C.TICK_LATE) == "link lost, tick late"
 
 
