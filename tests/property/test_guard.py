@@ -21,7 +21,7 @@ for bit in C:
     EVERY_BIT |= bit
 any_conditions = st.integers(0, EVERY_BIT.value).map(C)
 few_conditions = st.one_of(st.just(C(0)), st.just(C.ENGAGE_ASKED), st.sampled_from(list(C)), any_conditions)
-UNFIT = (
+ENDS_ACTIVE = (
     C.LINK_LOST
     | C.DEPTH_STALE
     | C.ATTITUDE_STALE
@@ -31,7 +31,21 @@ UNFIT = (
     | C.FAILSAFE_UNSAFE
     | C.NON_FINITE
     | C.TICK_LATE
+    | C.TILTED
+    | C.DEPTH_OUT_OF_BOUNDS
+    | C.EKF_UNHEALTHY
+    | C.LEAK
+    | C.REBOOTED
+    | C.DELAY_TOO_LONG
+    | C.SURPRISED
+    | C.NOT_FIT
+    | C.PILOT_LOST
+    | C.PILOT_TAKEOVER
+    | C.OPERATOR_STOP
 )
+FORBIDS_ENGAGING = ENDS_ACTIVE | C.BATTERY_LOW | C.DEPTH_JUMPED
+ONLY_WHILE_IT_LASTS = C.OFF_TRACK | C.AUTOPILOT_FAILSAFE
+"""What can come only of steering: nothing to forbid engaging for."""
 
 
 @settings(max_examples=200, deadline=None)
@@ -87,12 +101,28 @@ class Permission(RuleBasedStateMachine):
         if self.verdict.state is State.ACTIVE and self.was.state is not State.ACTIVE:
             assert self.was.state is State.READY
             assert self.conditions & C.ENGAGE_ASKED
-            assert not self.conditions & (UNFIT | C.PILOT_TAKEOVER | C.OPERATOR_STOP)
+            assert not self.conditions & FORBIDS_ENGAGING
 
     @invariant()
     def active_ends_when_anything_needed_is_missing(self):
         if self.verdict.state is State.ACTIVE:
-            assert not self.conditions & (UNFIT | C.PILOT_TAKEOVER | C.OPERATOR_STOP)
+            assert not self.conditions & ENDS_ACTIVE
+            assert self.was.state is not State.ACTIVE or not self.conditions & ONLY_WHILE_IT_LASTS
+
+    @invariant()
+    def it_hands_over_only_what_it_held_and_ends_with_the_pilot_a_fault_or_idle(self):
+        was, now = self.was.state, self.verdict.state
+        if now is State.HAND_OVER:
+            assert was in (State.ACTIVE, State.HAND_OVER)
+        if was is State.HAND_OVER:
+            assert now in (State.HAND_OVER, State.PILOT, State.FAULT, State.IDLE)
+        if was in (State.PILOT, State.FAULT):
+            assert now in (was, State.FAULT, State.IDLE)
+
+    @invariant()
+    def what_is_told_holds(self):
+        assert self.verdict.warnings & self.conditions == self.verdict.warnings
+        assert not self.verdict.freeze or self.verdict.warnings
 
     @invariant()
     def a_fault_is_left_only_when_cleared(self):

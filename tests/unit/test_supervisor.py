@@ -391,6 +391,28 @@ def test_each_condition_is_seen(state, changes, expected):
     assert assessed(state, **changes) == expected
 
 
+@pytest.mark.parametrize(
+    ("state", "changes"),
+    [
+        (aged(link_s=LIMITS.link_timeout_s, heartbeat_s=LIMITS.heartbeat_timeout_s), {}),
+        (aged(depth_s=LIMITS.depth_timeout_s, attitude_s=LIMITS.attitude_timeout_s), {}),
+        (aged(position_s=LIMITS.position_timeout_s), {}),
+        (at_depth(LIMITS.max_depth_m + LIMITS.depth_margin_m), {}),
+        (at_depth(-LIMITS.depth_margin_m), {}),
+        (replace(FINE_STATE, roll=math.radians(LIMITS.max_tilt_deg)), {}),
+        (delayed(LIMITS.max_delay_s), {}),
+        (FINE_STATE, {"ekf": replace(SOUND, variance=LIMITS.max_ekf_variance)}),
+        (FINE_STATE, {"surprise_m": LIMITS.max_surprise_m, "surprise_deg": LIMITS.max_surprise_deg}),
+        (FINE_STATE, {"battery_low_s": LIMITS.battery_low_s, "saturated_s": LIMITS.saturated_s}),
+        (FINE_STATE, {"off_track_s": LIMITS.off_track_s, "late_s": LIMITS.late_tick_s}),
+        (FINE_STATE, {"pilot_deflection": LIMITS.pilot_deflection}),
+        (FINE_STATE, {"parameters": {"FS_PILOT_INPUT": 1.0, "FS_PILOT_TIMEOUT": LIMITS.max_pilot_timeout_s}}),
+    ],
+)
+def test_what_reaches_a_limit_is_within_it(state, changes):
+    assert assessed(state, **changes) == NOTHING
+
+
 @pytest.mark.parametrize("signal", ["link_s", "depth_s", "attitude_s", "position_s"])
 @pytest.mark.parametrize("age", [math.inf, math.nan])
 def test_an_age_that_is_not_known_counts_against_permission(signal, age):

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from test_supervisor import FINE_STATE, LIMITS, SAFE
 
+from companion.conditions import Watched
 from companion.handover import REFUSED_S, SETTLE_S, HandOver
 from companion.mavlink.ardusub import Mode
 from companion.types import (
@@ -56,6 +57,7 @@ def seen():
 
 def test_nothing_is_seen_where_nothing_is(seen):
     o = seen.step()
+    assert o == Watched()
     assert (o.leaking, o.failsafe, o.rebooted, o.samples_dropped, o.config_changed) == (False,) * 5
     assert (o.battery_low_s, o.saturated_s, o.off_track_s, o.surprise_m, o.surprise_deg) == (0.0,) * 5
     assert o.ekf is None
