@@ -72,6 +72,8 @@ OPERATORS = {
 def sites(tree: ast.AST) -> Iterator[ast.AST]:
     """Give the nodes that may be changed, in the order of the source."""
     for node in ast.iter_child_nodes(tree):
+        if isinstance(tree, ast.AnnAssign) and node is tree.annotation:
+            continue
         if isinstance(node, ast.AnnAssign):
             if node.value is not None:
                 yield from sites(ast.Expression(node.value))

@@ -10,6 +10,7 @@ from companion.mavlink.ardusub import (
     manual_control_reach,
     motor_demand,
     quantise,
+    unmirrored,
 )
 from companion.types import (
     Attitude,
@@ -21,6 +22,7 @@ from companion.types import (
     EkfOrigin,
     Firmware,
     Heartbeat,
+    Leak,
     LinkCounters,
     Parameter,
     PilotGain,
@@ -462,3 +464,81 @@ class TestRequests:
     def test_read_parameter(self):
         message = as_received(COMMANDS.read_parameter("MOT_1_DIRECTION"))
         assert (message.param_id, message.param_index) == ("MOT_1_DIRECTION", -1)
+
+
+def ekf_report(flags, velocity=0.1, depth=0.2, compass=0.3):
+    return mavlink.MAVLink_ekf_status_report_message(flags, velocity, 9.0, depth, compass, 9.0, 9.0)
+
+
+SOUND_EKF = mavlink.EKF_ATTITUDE | mavlink.EKF_VELOCITY_VERT | mavlink.EKF_POS_VERT_ABS
+
+
+@pytest.mark.parametrize(
+    ("flags", "attitude", "depth"),
+    [
+        (SOUND_EKF, True, True),
+        (SOUND_EKF | mavlink.EKF_CONST_POS_MODE, True, True),
+        (SOUND_EKF & ~mavlink.EKF_ATTITUDE, False, True),
+        (SOUND_EKF & ~mavlink.EKF_VELOCITY_VERT, True, False),
+        (SOUND_EKF & ~mavlink.EKF_POS_VERT_ABS, True, False),
+        (SOUND_EKF | mavlink.EKF_UNINITIALIZED, True, False),
+        (0, False, False),
+    ],
+)
+def test_what_the_ekf_says_it_has(converter, flags, attitude, depth):
+    (event,) = convert(converter, ekf_report(flags))
+    assert (event.attitude, event.depth) == (attitude, depth)
+
+
+@pytest.mark.parametrize("worst", ["velocity", "depth", "compass"])
+def test_the_ekfs_worst_variance_counts_but_not_the_horizontal_ones(converter, worst):
+    (event,) = convert(converter, ekf_report(SOUND_EKF, **{worst: 0.7}))
+    assert event.variance == pytest.approx(0.7)
+
+
+@pytest.mark.parametrize("which", ["velocity", "depth", "compass"])
+@pytest.mark.parametrize("value", [NAN, INF])
+def test_an_ekf_without_numbers_says_nothing(converter, counters, which, value):
+    assert convert(converter, ekf_report(SOUND_EKF, **{which: value})) == ()
+    assert counters.implausible == 1
+
+
+@pytest.mark.parametrize(
+    ("text", "leak"), [("Leak Detected", True), ("LEAK DETECTED", True), ("No leak", False)]
+)
+def test_a_leak_is_told_from_other_texts(converter, text, leak):
+    events = convert(converter, mavlink.MAVLink_statustext_message(2, text.encode(), 0, 0))
+    assert events[0] == StatusText(T, 2, text)
+    assert (Leak(T) in events) == leak
+
+
+@pytest.mark.parametrize(
+    ("pwm_us", "direction", "expected"),
+    [(1600, -1.0, 1400), (1600, 1.0, 1600), (1600, 0.0, 1600), (0, -1.0, 0), (1100, -1.0, 1900)],
+)
+def test_a_reversed_motor_is_turned_round_and_an_idle_one_stays_idle(pwm_us, direction, expected):
+    event = unmirrored(ServoOutput(T, 2.5, (pwm_us, 1550)), {"MOT_1_DIRECTION": direction})
+    assert event.pwm_us == (expected, 1550)
+
+
+def test_the_origin_is_sent_in_ten_millionths_of_a_degree():
+    message = as_received(COMMANDS.set_origin(47.3977, -8.5456))
+    assert (message.latitude, message.longitude) == (473977000, -85456000)
+    assert message.target_system == 1
+
+
+@pytest.mark.parametrize(("gain", "events"), [(1.0, 1), (1.01, 0), (0.0, 1), (-0.01, 0)])
+def test_a_pilot_gain_beyond_one_is_none(converter, gain, events):
+    message = mavlink.MAVLink_named_value_float_message(0, b"PilotGain", gain)
+    assert len(convert(converter, message)) == events
+
+
+@pytest.mark.parametrize(("speed", "events"), [(20.0, 1), (21.0, 0), (-20.0, 1), (-21.0, 0)])
+def test_no_rov_climbs_faster_than_twenty_metres_a_second(converter, speed, events):
+    assert len(convert(converter, vfr_hud(climb=speed))) == events
+
+
+@pytest.mark.parametrize(("angle", "events"), [(6.29, 1), (6.4, 0)])
+def test_no_angle_is_more_than_a_turn(converter, angle, events):
+    assert len(convert(converter, attitude(yaw=angle))) == events
+    assert len(convert(converter, attitude(roll=-angle))) == events

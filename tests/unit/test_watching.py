@@ -8,7 +8,7 @@ import pytest
 from test_supervisor import FINE_STATE, LIMITS, SAFE
 
 from companion.conditions import Watched
-from companion.handover import REFUSED_S, SETTLE_S, HandOver
+from companion.handover import KEEP_ALIVE_S, REFUSED_S, SETTLE_S, HandOver
 from companion.mavlink.ardusub import Mode
 from companion.types import (
     Condition,
@@ -71,6 +71,14 @@ def test_what_was_said_holds_for_its_time(seen, event, field, for_s):
     assert getattr(seen.step(event), field)
     assert getattr(seen.later(for_s - 0.01), field)
     assert not getattr(seen.later(0.02), field)
+
+
+def test_times_fit_what_the_firmware_does():
+    """It repeats a leak every 20 s, beats once a second, needs 0.36 Hz of steering; a mode takes seconds."""
+    assert 20.0 < LEAK_REPEAT_S < 30.0
+    assert 1.0 < FAILSAFE_SETTLE_S < 2.0
+    assert 2.0 * 0.36 < 1.0 / KEEP_ALIVE_S < 2.0
+    assert 5.0 < REFUSED_S < 10.0
 
 
 def test_a_reboot_makes_the_ekf_unknown(seen):
