@@ -6,6 +6,7 @@ telemetry delay, where a message has none) minus the sensor's own delay.
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,6 +15,7 @@ from companion.config import Config
 from companion.control.bounds import wrap
 from companion.control.positioning import Model, jacobian, to_body
 from companion.delay import DelayMeter
+from companion.hidden_delay import HiddenDelay
 from companion.mavlink.ardusub import motor_demand
 from companion.observer import Noise, Observer
 from companion.thrust import T200_VOLTAGE_V, Thrusters
@@ -57,6 +59,8 @@ JUMP_BELIEVED_S = 2.0
 MIN_VOLTAGE_V, MAX_VOLTAGE_V = 10.0, 20.0
 MIN_COS_PITCH = 0.1
 HISTORY = 128
+QUIET_N = 1.0
+"""Disturbance noise, N/√s, of the observer that looks for hidden delay: it leans on the model."""
 
 
 class CommandHistory:
@@ -110,6 +114,7 @@ class Estimator:
         self._depth_later_s = LATER_S.get(config.vehicle.depth_source, 0.0)
         self.max_depth_jump_m = config.supervisor.max_depth_jump_m
         self._observer = _observer(config, model)
+        self._hidden = _hidden_delay(config, model)
         self._heartbeat = Heartbeat(-math.inf, armed=False, mode=-1, system_status=0)
         self._voltage_v = T200_VOLTAGE_V
         self._gain = 1.0
@@ -154,7 +159,7 @@ class Estimator:
         self._innovation = np.zeros((4, 2))
         for event in events:
             self._take(event)
-        delays = self._meter.delays
+        delays = replace(self._meter.delays, hidden_s=float(self._hidden.hidden_s))
         observer = self._observer
         J = jacobian(observer.x[PSI, 0])
         nu = to_body(J, observer.x[:, 1])
@@ -219,23 +224,30 @@ class Estimator:
         from_s = self._observed_t_s
         if from_s is None or to_s - from_s > MAX_GAP_S:
             from_s = to_s
+        u = self._commands.tau_at([0.5 * (from_s + to_s) - delays.command_s])[0]
         if to_s > from_s:
-            u = self._commands.tau_at([0.5 * (from_s + to_s) - delays.command_s])[0]
             observer.advance(u, m, c, to_s - from_s)
         self._observed_t_s = to_s = max(from_s, to_s)
+        heave = [math.nan, math.nan]
         if self._new:
             expected = observer.expected.tolist()
             rates = observer.rates(m, c).tolist()
             innovation = [[0.0, 0.0] for _ in DOFS]
             for dof, kind, value, at_s in self._new:
-                missed = value + rates[dof][kind] * (to_s - at_s) - expected[dof][kind]
+                now = value + rates[dof][kind] * (to_s - at_s)
+                missed = now - expected[dof][kind]
                 if dof == Z and not kind and abs(missed) > ZERO_MOVED_M and not self._heartbeat.armed:
                     observer.x[Z, 0] += missed
+                    self._hidden.restart(now)
                     continue
                 innovation[dof][kind] = wrap(missed) if dof == PSI and not kind else missed
+                if dof == Z:
+                    heave[kind] = now
             self._innovation = np.array(innovation)
             observer.correct(self._innovation)
             self._new.clear()
+        if to_s > from_s:
+            self._hidden.step(u[Z], m[Z], c[Z], to_s - from_s, np.array(heave))
         return to_s
 
     def _take(self, event: Event) -> None:
@@ -260,6 +272,8 @@ class Estimator:
         """Keep a position sample; a degree of freedom that was not measured for long begins anew."""
         if t_s - self._measured_t_s[dof] > MAX_GAP_S:
             self._observer.start(dof, value)
+            if dof == Z:
+                self._hidden.restart(value)
         self._measured_t_s[dof] = t_s
         self._new.append(Measurement(dof, 0, value, at_s))
 
@@ -270,7 +284,7 @@ class Estimator:
         self._new.append(Measurement(PSI, 1, _heading_rate(event), at_s))
 
     def _on_depth(self, event: Depth) -> None:
-        at_s = self._sampled(event, Z) - self._depth_later_s
+        at_s = self._sampled(event, Z) - self._depth_later_s - float(self._hidden.hidden_s)
         missed = abs(event.z_m - float(self._observer.expected[Z, 0]))
         known_s = event.t_s - self._measured_t_s[Z]
         believed_s = JUMP_BELIEVED_S if self._refusing else MAX_GAP_S
@@ -281,7 +295,8 @@ class Estimator:
         self._position(Z, event.z_m, event.t_s, at_s)
 
     def _on_depth_rate(self, event: DepthRate) -> None:
-        self._new.append(Measurement(Z, 1, event.w_mps, self._sampled(event, Z)))
+        at_s = self._sampled(event, Z) - float(self._hidden.hidden_s)
+        self._new.append(Measurement(Z, 1, event.w_mps, at_s))
 
     def _on_position(self, event: Position) -> None:
         at_s = self._sampled(event, X)
@@ -311,8 +326,20 @@ class Estimator:
 
 
 def _observer(config: Config, model: Model) -> Observer:
+    drag = model.d1 + 0.1 * model.d2
+    return Observer(model.m, drag, config.thrusters.lag_s, _noise(config), 1.0 / config.loop.rate_hz)
+
+
+def _hidden_delay(config: Config, model: Model) -> HiddenDelay:
+    heave = slice(Z, Z + 1)
+    drag = (model.d1 + 0.1 * model.d2)[heave]
+    quiet = _noise(config).of(Z, QUIET_N)
+    return HiddenDelay(model.m[heave], drag, config.thrusters.lag_s, quiet, 1.0 / config.loop.rate_hz)
+
+
+def _noise(config: Config) -> Noise:
     axes = config.axes
-    noise = Noise(
+    return Noise(
         position=np.array([axis.position_noise for axis in axes]),
         rate=np.array([axis.rate_noise for axis in axes]),
         position_slow=np.array([axis.position_noise_slow for axis in axes]),
@@ -320,8 +347,6 @@ def _observer(config: Config, model: Model) -> Observer:
         disturbance=np.array([axis.disturbance_noise for axis in axes]),
         slow_time_s=config.delays.slow_noise_s,
     )
-    drag = model.d1 + 0.1 * model.d2
-    return Observer(model.m, drag, config.thrusters.lag_s, noise, 1.0 / config.loop.rate_hz)
 
 
 def _heading_rate(attitude: Attitude) -> float:

@@ -41,6 +41,18 @@ class Noise:
     disturbance: Array
     slow_time_s: float
 
+    def of(self, dof: int, disturbance: float) -> "Noise":
+        """Return one degree of freedom's, (1,) each, with another noise of the disturbance."""
+        one = slice(dof, dof + 1)
+        return Noise(
+            self.position[one],
+            self.rate[one],
+            self.position_slow[one],
+            self.rate_slow[one],
+            np.array([disturbance]),
+            self.slow_time_s,
+        )
+
 
 class Observer:
     """Six states for each of (…, 4) degrees of freedom; time and commands are handed in."""

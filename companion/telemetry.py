@@ -139,6 +139,7 @@ class Loop(Record, frozen=True, kw_only=True):
     telemetry_delay_known: Annotated[bool, means("it was measured")]
     command_delay_s: Annotated[float, means("from sending to the motors")]
     command_delay_known: Annotated[bool, means("it was measured")]
+    hidden_delay_s: Annotated[float, means("delay that no stamp shows, found in the innovations")]
     datagrams: Annotated[int, means("received")]
     messages: Annotated[int, means("MAVLink messages understood")]
     garbage: Annotated[int, means("bytes that were no MAVLink")]
@@ -362,6 +363,7 @@ def records(sample: ControlSample) -> list[Schema]:
             telemetry_delay_known=state.delays.telemetry_known,
             command_delay_s=state.delays.command_s,
             command_delay_known=state.delays.command_known,
+            hidden_delay_s=state.delays.hidden_s,
             datagrams=counters.datagrams,
             messages=counters.messages,
             garbage=counters.garbage,

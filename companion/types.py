@@ -328,18 +328,20 @@ class Ages:
 class Delays:
     """What was measured of the loop's delays, seconds; `*_known` tells a measurement from a start value.
 
-    `telemetry_s` runs from the autopilot's stamp to arrival, `command_s` from sending to the motor's PWM.
+    `telemetry_s` runs from the autopilot's stamp to arrival, `command_s` from sending to the motor's PWM;
+    `hidden_s` is what no stamp shows (companion.hidden_delay).
     """
 
     telemetry_s: float
     command_s: float
     telemetry_known: bool
     command_known: bool
+    hidden_s: float = 0.0
 
     @property
     def total_s(self) -> float:
-        """Both together: what destabilises."""
-        return self.telemetry_s + self.command_s
+        """All together: what destabilises."""
+        return self.telemetry_s + self.command_s + self.hidden_s
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,7 +5,6 @@ things for many dives whose delays do not change, so that each tick looks up equ
 Observer, reference, law, compensators and thrusters are the vehicle's own code.
 """
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import cast
@@ -21,18 +20,16 @@ from companion.control.network import Learning, Network
 from companion.control.positioning import Model, jacobian, to_body, to_inertial
 from companion.control.reference import Limits, ReferenceModel
 from companion.control.regressor import Regressor
+from companion.estimation import QUIET_N
+from companion.hidden_delay import HiddenDelay
 from companion.observer import Noise, Observer
 from companion.thrust import Thrusters
-from companion.types import PSI, Array, Delays, Setpoint, VehicleState, Z
+from companion.types import PSI, Array, Setpoint, VehicleState, Z
 from lab.batch_vehicle import OVERRIDE_SPAN_US, Readings, Timing
 from lab.rivals.law import Law, RivalController
 
 SLIPPED = 0.01
 """An axis that differs from what was wanted by more than this did not get it (engine.step)."""
-
-
-SETTLED = Delays(0.0, 0.0, telemetry_known=True, command_known=True)
-"""What the controllers are told of the delays: `_controller` has already drawn their gains back."""
 
 
 class Engines:
@@ -53,12 +50,12 @@ class Engines:
         self._max_axis, self._slew = common.thrusters.max_axis, common.thrusters.max_slew_per_s * self._tick_s
         self._model = Model(*(_each(configs, key) for key in ("mass", "linear_damping", "quadratic_damping")))
         self._thrusters = Thrusters(common.vehicle.frame, _each(configs, "max_force"))
-        self._controller = _controller(configs, self._model, timing.telemetry_s + timing.command_s)
+        self._controller = _controller(configs, self._model)
         if rival is not None:
-            bears_s = np.array([config.delays.gains_bear_s for config in configs])
-            share = np.minimum(1.0, bears_s / (timing.telemetry_s + timing.command_s))
-            self._controller = RivalController(self._controller, rival, share)
+            self._controller = RivalController(self._controller, rival)
         self._observer = _Observers(configs, self._tick_s)
+        self._hidden = _HiddenDelays(configs, self._tick_s)
+        self._stamped_s = timing.telemetry_s + timing.command_s
         self._engaged = np.broadcast_to([False, False, True, True], (dives, 4))
         self._saturated = np.zeros((dives, 4), bool)
         self._command = np.zeros((dives, 4))
@@ -100,8 +97,11 @@ class Engines:
         self._observer.x[:] = 0.0
         self._observer.x[:, Z, 0] = readings.depth_m
         self._observer.x[:, PSI, 0] = readings.heading_rad
+        self._hidden.restart(readings.depth_m)
         self._held = self._observer.x[..., 0].copy()
-        self._controller.rest(_state(self._held, np.zeros_like(self._held), np.zeros_like(self._held), 0.0))
+        still = np.zeros_like(self._held)
+        delays = _Delays(self._stamped_s[:, None])
+        self._controller.rest(_state(self._held, still, still, 0.0, delays))
 
     def step(self, setpoint: Setpoint, readings: Readings) -> Array:
         """Return the axes (dives, 4) that go out, in whole µs; a NaN target means: where it began."""
@@ -136,7 +136,11 @@ class Engines:
             [readings.depth_m, readings.sink_mps, readings.heading_rad, readings.heading_rate_radps], axis=-1
         ).reshape(-1, 2, 2)
         expected, rates = observer.expected[:, [Z, PSI]], observer.rates(m, c)[:, [Z, PSI]]
-        missed = new + rates * self._to_observer_s - expected
+        late_s = self._to_observer_s.copy()
+        late_s[:, 0, 0] += self._hidden.hidden_s
+        now = new + rates * late_s
+        self._hidden.step(u[0][:, Z], m[..., Z], c[..., Z], self._tick_s, now[:, 0])
+        missed = now - expected
         missed[:, 1, 0] = wrap(missed[:, 1, 0])
         innovation = np.zeros((len(new), 4, 2))
         innovation[:, [Z, PSI]] = missed
@@ -149,7 +153,8 @@ class Engines:
         eta_dot = v_0 + share * (v_1 - v_0)
         eta = q[last, every] + (0.5 * self._step_s) * share * (v_0 + eta_dot)
         eta[:, PSI] = wrap(eta[:, PSI])
-        return jacobian(eta[:, PSI]), _state(eta, eta_dot, observer.disturbance, self._ahead_s)
+        delays = _Delays((self._stamped_s + self._hidden.hidden_s)[:, None])
+        return jacobian(eta[:, PSI]), _state(eta, eta_dot, observer.disturbance, self._ahead_s, delays)
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,55 +165,84 @@ class _Foreseen:
     eta_dot_ahead: Array
     disturbance: Array
     ahead_s: Array | float
-    delays: Delays
+    delays: "_Delays"
 
 
-def _state(eta: Array, eta_dot: Array, disturbance: Array, ahead_s: Array | float) -> VehicleState:
-    return cast(VehicleState, _Foreseen(eta, eta_dot, disturbance, ahead_s, SETTLED))
+@dataclass(frozen=True, slots=True)
+class _Delays:
+    """What the controller reads of `Delays`, (dives, 1)."""
+
+    total_s: Array
+
+
+def _state(
+    eta: Array, eta_dot: Array, disturbance: Array, ahead_s: Array | float, delays: "_Delays"
+) -> VehicleState:
+    return cast(VehicleState, _Foreseen(eta, eta_dot, disturbance, ahead_s, delays))
 
 
 class _Observers(Observer):
     """The observer, with the gains of every different configuration handed to its dives."""
 
     def __init__(self, configs: Sequence[Config], dt_s: float) -> None:
-        different = list(dict.fromkeys(configs))
-        index = {config: i for i, config in enumerate(different)}
-
-        def flat(key: str) -> Array:
-            return _each(different, key).reshape(-1)
-
-        noise = Noise(
-            position=flat("position_noise"),
-            rate=flat("rate_noise"),
-            position_slow=flat("position_noise_slow"),
-            rate_slow=flat("rate_noise_slow"),
-            disturbance=flat("disturbance_noise"),
-            slow_time_s=configs[0].delays.slow_noise_s,
-        )
-        drag = flat("linear_damping") + 0.1 * flat("quadratic_damping")
-        super().__init__(flat("mass"), drag, configs[0].thrusters.lag_s, noise, dt_s)
-        self._gain = self._gain.reshape(len(different), 4, 6, 2)[[index[config] for config in configs]]
+        different, which = _different(configs)
+        noise = _noise(different)
+        mass, drag = (_flat(different, key) for key in ("mass", "linear_damping"))
+        drag = drag + 0.1 * _flat(different, "quadratic_damping")
+        super().__init__(mass, drag, configs[0].thrusters.lag_s, noise, dt_s)
+        self._gain = self._gain.reshape(len(different), 4, 6, 2)[which]
         self.x = np.zeros((len(configs), 4, 6))
 
 
-def _controller(configs: Sequence[Config], model: Model, delay_s: Array) -> Controller:
-    """Build the control room for many dives: engine._controller over arrays (dives, 4).
+class _HiddenDelays(HiddenDelay):
+    """The search for hidden delay in heave, each dive with the gains of its configuration."""
 
-    Delays (dives,) do not change, so gains and learning rates are drawn back here, once.
-    """
+    def __init__(self, configs: Sequence[Config], dt_s: float) -> None:
+        different, which = _different(configs)
+        lag_s = configs[0].thrusters.lag_s
+        each = []
+        for config in different:
+            heave = config.heave
+            m, c = np.array([heave.mass]), np.array([heave.linear_damping + 0.1 * heave.quadratic_damping])
+            each.append(Observer(m, c, lag_s, _noise([config]).of(Z, QUIET_N), dt_s))
+        super().__init__(m, c, lag_s, _noise([config]).of(Z, QUIET_N), dt_s)
+        self._observer._gain = np.stack([observer._gain for observer in each])[which]
+
+
+def _noise(configs: Sequence[Config]) -> Noise:
+    """Return the noise of all configurations' axes, flat: (configs · 4,)."""
+    return Noise(
+        position=_flat(configs, "position_noise"),
+        rate=_flat(configs, "rate_noise"),
+        position_slow=_flat(configs, "position_noise_slow"),
+        rate_slow=_flat(configs, "rate_noise_slow"),
+        disturbance=_flat(configs, "disturbance_noise"),
+        slow_time_s=configs[0].delays.slow_noise_s,
+    )
+
+
+def _different(configs: Sequence[Config]) -> tuple[list[Config], list[int]]:
+    """Return the different configurations, and which of them each dive has."""
+    different = list(dict.fromkeys(configs))
+    index = {config: i for i, config in enumerate(different)}
+    return different, [index[config] for config in configs]
+
+
+def _flat(configs: Sequence[Config], key: str) -> Array:
+    return _each(configs, key).reshape(-1)
+
+
+def _controller(configs: Sequence[Config], model: Model) -> Controller:
+    """Build the control room for many dives: assembly.controller over arrays (dives, 4)."""
     shape = model.m.shape
     d_max, dead_zone = _each(configs, "max_disturbance"), _each(configs, "dead_zone")
     named = np.array([[axis.compensator for axis in config.axes] for config in configs])
     by_observer = np.char.find(named, "observer") >= 0
     start_delay_s = configs[0].network.start_delay_s
     lam, kappa = _each(configs, "lambda_per_s"), _each(configs, "kappa_per_s")
-    keenness = np.ones((len(configs), 1))
-    for i, config in enumerate(configs):
-        full = Gains(lam[i], kappa[i], by_observer[i], d_max[i], start_delay_s, config.delays.gains_bear_s)
-        lam[i], kappa[i], keenness[i] = full.softened(float(delay_s[i]))
-    leak = keenness * _each(configs, "leak_per_s")
-    eta = keenness * _each(configs, "learning_rate")
-    eta_v = keenness * _each(configs, "hidden_learning_rate")
+    bears_s = np.array([[config.delays.gains_bear_s] for config in configs])
+    leak = _each(configs, "leak_per_s")
+    eta, eta_v = _each(configs, "learning_rate"), _each(configs, "hidden_learning_rate")
     learning = Learning(eta=eta, eta_v=eta_v, leak=leak, dead_zone=dead_zone, d_max=d_max)
     network = configs[0].network
     learners: dict[str, Compensator] = {
@@ -217,7 +251,7 @@ def _controller(configs: Sequence[Config], model: Model, delay_s: Array) -> Cont
         "integrator": Integrator(Integration(eta, leak, dead_zone, d_max), shape),
     }
     chosen = {name: np.char.find(named, name) >= 0 for name in learners}
-    gains = Gains(lam, kappa, by_observer, d_max, start_delay_s, delay_s=math.inf)
+    gains = Gains(lam, kappa, by_observer, d_max, start_delay_s, bears_s)
     limits = Limits(_each(configs, "max_rate"), _each(configs, "max_acceleration"))
     reference = ReferenceModel(limits, angular=np.array([False, False, False, True]))
     serving = [(chosen[name], learners[name]) for name in learners if chosen[name][:, [Z, PSI]].any()]

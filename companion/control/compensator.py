@@ -34,7 +34,7 @@ class Compensator(Protocol):
     def seed(self, theta: Array, d_hat: Array, where: Flags) -> None:
         """Answer `theta` with `d_hat` from now on, `where` asked, by the least change of what was learnt."""
 
-    def step(self, theta: Array, eps: Array, dt_s: float, adapt: Flags) -> Array:
+    def step(self, theta: Array, eps: Array, dt_s: Array | float, adapt: Flags) -> Array:
         """Return d̂ for inputs `theta` (…, INPUTS), having learnt from `eps` where `adapt` allows it."""
 
 

@@ -33,11 +33,11 @@ class Gains:
     by_observer: Flags
     d_max: Array
     start_delay_s: float
-    delay_s: float
+    delay_s: Array | float
 
-    def softened(self, delay_s: float) -> tuple[Array, Array, float]:
+    def softened(self, delay_s: Array | float) -> tuple[Array, Array, Array]:
         """Return λ, κ and the share of its learning rate that a compensator keeps at a delay of `delay_s`."""
-        share = min(1.0, self.delay_s / max(delay_s, 1e-3))
+        share = np.minimum(1.0, self.delay_s / np.maximum(delay_s, 1e-3))
         return self.lam * share**LAMBDA_POWER, self.kappa * share**KAPPA_POWER, share**LEARNING_POWER
 
 

@@ -52,7 +52,7 @@ class Integrator:
         del theta
         self.d_hat = np.where(where, bounded(d_hat, self.integration.d_max), self.d_hat)
 
-    def step(self, theta: Array, eps: Array, dt_s: float, adapt: Flags) -> Array:
+    def step(self, theta: Array, eps: Array, dt_s: Array | float, adapt: Flags) -> Array:
         """Return d_hat, having learnt from `eps` for `dt_s` where `adapt` allows it; `theta` is unused.
 
         Where the projection holds and learning would push d̂ further outward, learning stops as well;

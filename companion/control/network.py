@@ -68,7 +68,7 @@ class Network:
         missing = (bounded(d_hat, self.learning.d_max) - np.vecdot(self.W, sigma)) * where
         self.W = self.W + (missing / np.vecdot(sigma, sigma))[..., None] * sigma
 
-    def step(self, theta: Array, eps: Array, dt_s: float, adapt: Flags) -> Array:
+    def step(self, theta: Array, eps: Array, dt_s: Array | float, adapt: Flags) -> Array:
         """Return d_hat, having learnt from `eps` for `dt_s` where `adapt` allows it.
 
         `theta` has shape (*shape, inputs). Where the projection holds and learning would push d̂ further

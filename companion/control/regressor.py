@@ -38,7 +38,7 @@ class Regressor:
         missing = (bounded(d_hat, self.learning.d_max) - np.vecdot(self.W, phi)) * where
         self.W = self.W + (missing / np.vecdot(phi, phi))[..., None] * phi
 
-    def step(self, theta: Array, eps: Array, dt_s: float, adapt: Flags) -> Array:
+    def step(self, theta: Array, eps: Array, dt_s: Array | float, adapt: Flags) -> Array:
         """Return d_hat, having learnt from `eps` for `dt_s` where `adapt` allows it."""
         gains = self.learning
         phi = _terms(theta)

@@ -7,6 +7,8 @@ curve and the same three other degrees of freedom. What differs is what it does 
 from dataclasses import replace
 from typing import NamedTuple, Protocol
 
+import numpy as np
+
 from companion.config import Config
 from companion.control.controller import Controller
 from companion.control.positioning import inertial_diagonal
@@ -53,11 +55,9 @@ class Law(Protocol):
 class RivalController(Controller):
     """The shipped controller with another law in heave; shape (…, 4) as its own."""
 
-    def __init__(self, shipped: Controller, law: Law, share: Array | float = 1.0) -> None:
-        """Take the helm; `share` is that of delays which the shipped controller is not told (`lab.batch`)."""
+    def __init__(self, shipped: Controller, law: Law) -> None:
         super().__init__(shipped._model, shipped._gains, shipped.reference, shipped._compensators)
         self._law = law
-        self._share = share
 
     def rest(self, state: VehicleState) -> None:
         """Stay where the vehicle is, with nothing learnt."""
@@ -70,6 +70,7 @@ class RivalController(Controller):
         """Return the shipped law's inside, heave replaced by the rival's."""
         ours = super().step(state, J, target, engaged, free, dt_s)
         m = inertial_diagonal(J, self._model.m)[..., Z]
+        share = np.minimum(1.0, self._gains.delay_s / np.maximum(state.delays.total_s, 1e-3))
         motion = Motion(
             e=ours.e[..., Z],
             e_dot=ours.e_dot[..., Z],
@@ -78,7 +79,7 @@ class RivalController(Controller):
             inertia=m,
             drag=ours.feedforward[..., Z] - m * ours.x_d_ddot[..., Z],
             free=(free & engaged)[..., Z],
-            share=self._share * min(1.0, self._gains.delay_s / max(state.delays.total_s, 1e-3)),
+            share=np.broadcast_to(share, ours.e.shape)[..., Z],
         )
         theirs = self._law.step(motion, dt_s)
         feedforward, feedback, d_hat = (

@@ -1,0 +1,73 @@
+"""The delay that no stamp shows: found where it is, not found where it is not, and never at rest."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from companion.config import load_config
+from companion.hidden_delay import LARGEST_S, HiddenDelay
+from companion.observer import Noise
+from lab.batch import simulate_scenarios
+from lab.batch_engine import Engines
+from lab.batch_vehicle import Links
+from lab.scenarios import four
+from sim_bridge.config import load_config as load_plant
+
+CONFIG = load_config()
+PLANT = load_plant(Path(__file__).parents[2] / "config" / "sim.toml")
+M, DRAG, LAG_S, DT_S = 28.0, 30.0, 0.15, 0.02
+NOISE = Noise(*(np.array([s]) for s in (0.0006, 0.0008, 0.003, 0.004, 1.0)), slow_time_s=0.8)
+
+
+def finder():
+    return HiddenDelay(np.array([M]), np.array([DRAG]), LAG_S, NOISE, DT_S)
+
+
+def found(hidden_s, seconds=60.0, force_n=5.0, noise_m=0.0005):
+    """Drive a vehicle open loop by a random force; its measurements lie `hidden_s` further back than said."""
+    rng = np.random.default_rng(1)
+    per_tick, late = 10, round(hidden_s / (DT_S / 10))
+    search, z, w, f, past = finder(), 0.0, 0.0, 0.0, [(0.0, 0.0)] * (late + 2)
+    u = 0.0
+    for _ in range(round(seconds / DT_S)):
+        u = 0.98 * u + 0.4 * force_n * rng.standard_normal()
+        for _ in range(per_tick):
+            f += (u - f) * DT_S / per_tick / LAG_S
+            w += (f - DRAG * w) / M * DT_S / per_tick
+            z += w * DT_S / per_tick
+            past.append((z, w))
+        seen, before = np.array(past[-1 - late]), np.array(past[-2 - late])
+        brought_up = seen + (seen - before) * per_tick / DT_S * search.hidden_s  # as the estimator does
+        measured = brought_up + noise_m * rng.standard_normal(2)
+        search.step(np.array(u), np.array(M), np.array(DRAG), DT_S, measured)
+    return float(search.hidden_s)
+
+
+@pytest.mark.parametrize("hidden_s", [0.0, 0.02, 0.04])
+def test_open_loop_it_finds_what_is_there(hidden_s):
+    assert found(hidden_s) == pytest.approx(hidden_s, abs=0.006)
+
+
+def test_it_stays_within_its_bounds():
+    assert found(0.3) == LARGEST_S
+
+
+def test_without_commands_it_learns_nothing():
+    assert found(0.08, force_n=0.0, noise_m=0.01) == 0.0
+
+
+def test_what_was_not_measured_teaches_nothing():
+    search = finder()
+    for tick in range(200):
+        search.step(np.array(10.0 * (tick % 2)), np.array(M), np.array(DRAG), DT_S, np.full(2, np.nan))
+    assert search.hidden_s == 0.0
+
+
+@pytest.mark.parametrize(("hidden_s", "least_s", "most_s"), [(0.0, 0.0, 0.006), (0.04, 0.01, 0.04)])
+def test_in_the_loop_it_finds_part_of_it_and_nothing_where_nothing_is(monkeypatch, hidden_s, least_s, most_s):
+    engines = []
+    monkeypatch.setattr("lab.batch.Engines", lambda *a: engines.append(Engines(*a)) or engines[-1])
+    dives = [four(seed)[1] for seed in range(8)]
+    simulate_scenarios(CONFIG, dives, PLANT, Links(up_s=0.001 + hidden_s, untold_up_s=hidden_s))
+    assert least_s <= engines[0]._hidden.hidden_s.mean() <= most_s
