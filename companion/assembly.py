@@ -8,11 +8,15 @@ from companion.control.controller import Controller, Gains
 from companion.control.integrator import Integration, Integrator
 from companion.control.levelling import Levelling
 from companion.control.network import Learning, Network
+from companion.control.oscillation import Oscillation
 from companion.control.positioning import Model
 from companion.control.reference import Limits, ReferenceModel
 from companion.control.regressor import Regressor
 from companion.thrust import Thrusters
 from companion.types import Array
+
+OSCILLATION_SHARE = 0.12
+"""Of an axis' largest force: faster demand than any sea's, above this RMS, is the loop's own swinging."""
 
 
 def model(config: Config) -> Model:
@@ -61,7 +65,8 @@ def controller(config: Config, nominal: Model) -> Controller:
     limits = Limits(each(config, "max_rate"), each(config, "max_acceleration"))
     reference = ReferenceModel(limits, angular=np.array([False, False, False, True]))
     serving = [(serves, learners[name]) for name, serves in chosen.items() if serves.any()]
-    return Controller(nominal, gains, reference, serving)
+    swing = Oscillation(OSCILLATION_SHARE * each(config, "max_force"))
+    return Controller(nominal, gains, reference, serving, swing)
 
 
 LIVE = ("surge", "sway", "heave", "yaw", "supervisor")

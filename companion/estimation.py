@@ -59,6 +59,7 @@ JUMP_BELIEVED_S = 2.0
 MIN_VOLTAGE_V, MAX_VOLTAGE_V = 10.0, 20.0
 MIN_COS_PITCH = 0.1
 HISTORY = 128
+EACH = np.arange(4)
 QUIET_N = 1.0
 """Disturbance noise, N/√s, of the observer that looks for hidden delay: it leans on the model."""
 
@@ -78,11 +79,11 @@ class CommandHistory:
             self._t_s[i], self._axes[i], self._tau[i] = t_s, axes, tau
         self._next = (self._next + 1) % HISTORY
 
-    def tau_at(self, t_s: Sequence[float]) -> Array:
-        """Return the thrust in force at each of `t_s` (n,), as (n, 4); the newest one holds."""
+    def tau_at(self, t_s: Array) -> Array:
+        """Return the thrust of each DOF in force at its own `t_s` (…, 4); the newest one holds."""
         window = slice(self._next, self._next + HISTORY)
         at = np.searchsorted(self._t_s[window], t_s, side="right") - 1
-        return self._tau[window][np.maximum(at, 0)]
+        return self._tau[window][np.maximum(at, 0), EACH]
 
     @property
     def sent(self) -> tuple[Array, Array]:
@@ -110,7 +111,7 @@ class Estimator:
         self._delays = config.delays
         self._lead_s = config.thrusters.lead_s
         self._tick_s = 1.0 / config.loop.rate_hz
-        self._sensor_delay_s = [axis.sensor_delay_s for axis in config.axes]
+        self._sensor_delay_s = _sensor_delay_s(config)
         self._depth_later_s = LATER_S.get(config.vehicle.depth_source, 0.0)
         self.max_depth_jump_m = config.supervisor.max_depth_jump_m
         self._observer = _observer(config, model)
@@ -140,7 +141,7 @@ class Estimator:
         observer = _observer(config, model)
         observer.x = self._observer.x
         self._observer, self._model = observer, model
-        self._sensor_delay_s = [axis.sensor_delay_s for axis in config.axes]
+        self._sensor_delay_s = _sensor_delay_s(config)
 
     def restart(self) -> None:
         """Forget the motion, the clocks and the commands: a rebooted autopilot, or numbers gone bad."""
@@ -148,7 +149,7 @@ class Estimator:
         self._commands = CommandHistory()
         self._attitude = Attitude(-math.inf, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
         self._measured_t_s = [-math.inf] * len(DOFS)
-        self._observed_t_s: float | None = None
+        self._observed_t_s: Array | None = None
         self._new: list[Measurement] = []
         self._observer.x = np.zeros((4, 6))
         self._refusing = False
@@ -169,11 +170,12 @@ class Estimator:
 
         ahead_s = delays.command_s + self._lead_s
         to_go_s = now_s - observed_s + ahead_s
-        steps = max(1, math.ceil(to_go_s / PREDICTION_STEP_S))
+        steps = max(1, math.ceil(to_go_s.max() / PREDICTION_STEP_S))
         step_s = to_go_s / steps
-        middle_s = [observed_s - delays.command_s + step_s * (i + 0.5) for i in range(steps)]
+        middle_s = observed_s - delays.command_s + step_s * (np.arange(steps)[:, None] + 0.5)
         way = observer.predict(self._commands.tau_at(middle_s), m, c, step_s)
-        eta, eta_dot, _ = way[min(round((now_s - observed_s) / step_s), steps)] if step_s > 0.0 else way[0]
+        here = [min(round(part * steps), steps) for part in ((now_s - observed_s) / to_go_s).tolist()]
+        eta, eta_dot = (np.array([way[at][i][dof] for dof, at in enumerate(here)]) for i in (0, 1))
         eta_ahead, eta_dot_ahead, _ = way[-1]
         attitude = self._attitude
         return VehicleState(
@@ -217,24 +219,26 @@ class Estimator:
             return 0.0
         return self._model.coriolis_and_damping(J, nu) - c * self._observer.x[:, 1]
 
-    def _observe(self, now_s: float, delays: Delays, m: Array, c: Array) -> float:
-        """Bring the observer to the time of the newest measurements, correct it by them, return that time."""
+    def _observe(self, now_s: float, delays: Delays, m: Array, c: Array) -> Array:
+        """Bring each DOF to when its newest measurements were true, correct it, return when that was."""
         observer = self._observer
-        to_s = now_s - delays.telemetry_s - 0.5 * self._tick_s
+        to_s = now_s - delays.telemetry_s - 0.5 * self._tick_s - self._sensor_delay_s
+        to_s[Z] -= delays.hidden_s
         from_s = self._observed_t_s
-        if from_s is None or to_s - from_s > MAX_GAP_S:
+        if from_s is None or to_s[Z] - from_s[Z] > MAX_GAP_S:
             from_s = to_s
-        u = self._commands.tau_at([0.5 * (from_s + to_s) - delays.command_s])[0]
-        if to_s > from_s:
-            observer.advance(u, m, c, to_s - from_s)
-        self._observed_t_s = to_s = max(from_s, to_s)
+        to_s = np.maximum(from_s, to_s)
+        u = self._commands.tau_at(0.5 * (from_s + to_s) - delays.command_s)
+        dt_s = to_s - from_s
+        observer.advance(u, m, c, dt_s)
+        self._observed_t_s = to_s
         heave = [math.nan, math.nan]
         if self._new:
             expected = observer.expected.tolist()
             rates = observer.rates(m, c).tolist()
             innovation = [[0.0, 0.0] for _ in DOFS]
             for dof, kind, value, at_s in self._new:
-                now = value + rates[dof][kind] * (to_s - at_s)
+                now = value + rates[dof][kind] * (to_s[dof] - at_s)
                 missed = now - expected[dof][kind]
                 if dof == Z and not kind and abs(missed) > ZERO_MOVED_M and not self._heartbeat.armed:
                     observer.x[Z, 0] += missed
@@ -246,8 +250,8 @@ class Estimator:
             self._innovation = np.array(innovation)
             observer.correct(self._innovation)
             self._new.clear()
-        if to_s > from_s:
-            self._hidden.step(u[Z], m[Z], c[Z], to_s - from_s, np.array(heave))
+        if dt_s[Z] > 0.0:
+            self._hidden.step(u[Z], m[Z], c[Z], dt_s[Z], np.array(heave))
         return to_s
 
     def _take(self, event: Event) -> None:
@@ -264,9 +268,9 @@ class Estimator:
         """Return the time at which this sample of `dof` was true."""
         meter = self._meter
         if event.boot_s is None:
-            return event.t_s - meter.delays.telemetry_s - self._sensor_delay_s[dof]
+            return event.t_s - meter.delays.telemetry_s - float(self._sensor_delay_s[dof])
         meter.stamped(event.t_s, event.boot_s)
-        return meter.local(event.boot_s) - self._sensor_delay_s[dof]
+        return meter.local(event.boot_s) - float(self._sensor_delay_s[dof])
 
     def _position(self, dof: int, value: float, t_s: float, at_s: float) -> None:
         """Keep a position sample; a degree of freedom that was not measured for long begins anew."""
@@ -323,6 +327,10 @@ class Estimator:
 
     def _on_pilot_gain(self, event: PilotGain) -> None:
         self._gain = event.gain
+
+
+def _sensor_delay_s(config: Config) -> Array:
+    return np.array([axis.sensor_delay_s for axis in config.axes])
 
 
 def _observer(config: Config, model: Model) -> Observer:

@@ -10,8 +10,6 @@ A slower thruster than believed looks alike, and does the same harm. It tends to
 rather than too much: noise that went around the loop pulls it down (docs/theory.md).
 """
 
-import math
-
 import numpy as np
 
 from companion.observer import Noise, Observer
@@ -53,24 +51,26 @@ class HiddenDelay:
         if self.hidden_s.shape != start.shape:
             self.hidden_s = np.zeros(start.shape)
 
-    def step(self, u: Array, m: Array, c: Array, dt_s: float, measured: Array) -> None:
-        """Go on by `dt_s`, above zero, under thrust `u` (…) to position and rate `measured` (…, 2) there.
+    def step(self, u: Array, m: Array, c: Array, dt_s: Array, measured: Array) -> None:
+        """Go on by `dt_s` (…), above zero, under thrust `u` (…) to position and rate `measured` (…, 2) there.
 
         Inertia `m` and drag `c` are (…); what was not measured is NaN.
         """
         u = np.asarray(u)
-        slope = (u if self._u is None else self._u) - u
+        slope = ((u if self._u is None else self._u) - u) / dt_s
         self._u = u
         observer = self._observer
-        observer.advance(np.stack((u, slope / dt_s))[..., None], m[..., None], c[..., None], dt_s)
+        observer.advance(np.stack((u, slope))[..., None], m[..., None], c[..., None], dt_s[..., None])
         error = -observer.expected
         error[0] += measured[..., None, :]
         error = np.where(np.isnan(error[0]), 0.0, error)
         observer.correct(error)
         nu, psi = error[..., 0, :]
-        self._variance = self._variance + (nu != 0.0) * (nu * nu - self._variance) * (dt_s / SPREAD_MEMORY_S)
+        self._variance = (
+            self._variance + (nu != 0.0) * (nu * nu - self._variance) * (dt_s / SPREAD_MEMORY_S)[..., None]
+        )
         weighed = psi / self._variance
-        self._information = self._information * math.exp(-dt_s / MEMORY_S) + np.vecdot(weighed, psi)
+        self._information = self._information * np.exp(-dt_s / MEMORY_S) + np.vecdot(weighed, psi)
         wanted = -np.vecdot(weighed, nu) / (self._information + PRIOR_S**-2)
         change = np.minimum(np.maximum(wanted, -SLEW * dt_s), SLEW * dt_s)
         self.hidden_s = np.minimum(np.maximum(self.hidden_s + change, 0.0), LARGEST_S)

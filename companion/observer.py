@@ -1,6 +1,6 @@
 """The delay-compensating observer: position, rate, thrust and disturbance of every degree of freedom.
 
-It lives in the past, at the moment the newest measurement was taken, runs there on the commands that were
+Each lives in the past, at the moment its newest measurement was true, runs there on the commands that were
 then in force, and predicts forward through the commands on their way. A stationary Kalman filter per DOF on
 
     q' = v      v' = (f − c v − d)/m      f' = (u − f)/T      d' = 0      s' = −s/T_n      p' = −p/T_n
@@ -16,7 +16,6 @@ measured as q + s and v + p, where s and p are the slow noise that an EKF's dept
 | s, p   | slow noise of position and rate           | m, m/s; rad   | paper.md, measured telemetry |
 """
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -69,10 +68,10 @@ class Observer:
         self.x[..., dof, :] = 0.0
         self.x[..., dof, 0] = position
 
-    def advance(self, u: Array, m: Array, c: Array, dt_s: float) -> None:
-        """Run the model for `dt_s` under commanded thrust `u`."""
+    def advance(self, u: Array, m: Array, c: Array, dt_s: Array | float) -> None:
+        """Run the model for `dt_s`, one or (…, 4), under commanded thrust `u`."""
         _, (self.x[..., 0], self.x[..., 1], self.x[..., 2]) = self.predict(u[None], m, c, dt_s)
-        self.x[..., 4:6] *= math.exp(-dt_s / self._slow_time_s)
+        self.x[..., 4:6] *= np.exp(-np.asarray(dt_s) / self._slow_time_s)[..., None]
 
     def correct(self, innovation: Array) -> None:
         """Take in `innovation` (…, 4, 2): measured minus expected position and rate; zero where none came."""
@@ -94,15 +93,17 @@ class Observer:
         """Return d, (…, 4)."""
         return self.x[..., 3].copy()
 
-    def predict(self, u: Array, m: Array, c: Array, dt_s: float) -> list[tuple[Array, Array, Array]]:
-        """Return q, v and f, (…, 4) each, at the start and after each of `u` (steps, …, 4), `dt_s` long.
+    def predict(self, u: Array, m: Array, c: Array, dt_s: Array | float) -> list[tuple[Array, Array, Array]]:
+        """Return q, v and f, (…, 4) each, at the start and after each of `u` (steps, …, 4).
 
-        A step is exact in the thrust lag, implicit in the drag, trapezoidal in position; `dt_s` above zero.
+        A step of `dt_s`, one or (…, 4), is exact in the thrust lag, implicit in the drag, trapezoidal in
+        position.
         """
         q, v, f, d = (self.x[..., i] for i in range(4))
-        keep = math.exp(-dt_s / self._lag_s)
-        push = dt_s / (m + dt_s * c)
-        coast = push * m / dt_s
+        keep = np.exp(-np.asarray(dt_s) / self._lag_s)
+        coast = 1.0 / (m + dt_s * c)
+        push = dt_s * coast
+        coast = coast * m
         way = [(q.copy(), v.copy(), f)]
         for u_i in u:
             f_next = u_i + (f - u_i) * keep

@@ -11,17 +11,19 @@ from typing import cast
 
 import numpy as np
 
+from companion.assembly import OSCILLATION_SHARE
 from companion.config import Config
 from companion.control.bounds import wrap
 from companion.control.compensator import INPUTS, Compensator
 from companion.control.controller import Controller, Gains
 from companion.control.integrator import Integration, Integrator
 from companion.control.network import Learning, Network
+from companion.control.oscillation import Oscillation
 from companion.control.positioning import Model, jacobian, to_body, to_inertial
 from companion.control.reference import Limits, ReferenceModel
 from companion.control.regressor import Regressor
-from companion.estimation import QUIET_N
-from companion.hidden_delay import HiddenDelay
+from companion.estimation import EACH, QUIET_N
+from companion.hidden_delay import LARGEST_S, HiddenDelay
 from companion.observer import Noise, Observer
 from companion.thrust import Thrusters
 from companion.types import PSI, Array, Setpoint, VehicleState, Z
@@ -55,7 +57,9 @@ class Engines:
             self._controller = RivalController(self._controller, rival)
         self._observer = _Observers(configs, self._tick_s)
         self._hidden = _HiddenDelays(configs, self._tick_s)
+        self._hidden_s = np.zeros(dives)
         self._stamped_s = timing.telemetry_s + timing.command_s
+        self._every = np.arange(dives)[:, None]
         self._engaged = np.broadcast_to([False, False, True, True], (dives, 4))
         self._saturated = np.zeros((dives, 4), bool)
         self._command = np.zeros((dives, 4))
@@ -64,33 +68,28 @@ class Engines:
 
         lead_s = np.array([config.thrusters.lead_s for config in configs])
         ahead_s = timing.command_s + lead_s
-        to_go_s = timing.telemetry_s + 0.5 * self._tick_s + ahead_s
         self._ahead_s = ahead_s[:, None]
-        sensor_s = _each(configs, "sensor_delay_s")[:, [Z, PSI]]
-        late_s = timing.believed_age_s - timing.telemetry_s - 0.5 * self._tick_s
-        self._to_observer_s = (late_s[:, None] + sensor_s)[..., None]
-        self._look_up(timing, to_go_s)
+        observed_s = timing.telemetry_s + 0.5 * self._tick_s
+        self._to_observer_s = (timing.believed_age_s - observed_s)[:, None, None]
+        self._late_s = observed_s[:, None] + _each(configs, "sensor_delay_s")
+        self._command_s = timing.command_s[:, None]
+        most_s = self._late_s.max() + LARGEST_S + ahead_s.max()
+        self._steps = int(most_s / self._tick_s) + 1
+        self._sent = np.zeros((self._steps + 3, dives, 4))
+        self._tick = 0
+        self._ago = np.zeros((self._steps + 1, dives, 4), int)
+        self._look_up(slice(None), self._tick_s)
 
-    def _look_up(self, timing: Timing, to_go_s: Array) -> None:
+    def _look_up(self, dofs: slice, dt_s: Array | float) -> None:
         """Work out how many ticks ago each command was sent that the observer and the prediction need.
 
-        All dives predict in the same steps, a tick each, and every one reads off its own moment in between;
-        the estimator makes whole steps of its one way.
+        All predict in the same steps, a tick each, and everyone reads off its own moment in between; the
+        estimator makes whole steps of its one way.
         """
-        self._step_s = self._tick_s
-        place = to_go_s / self._step_s
-        steps = int(place.max()) + 1
-        self._last = np.minimum(place.astype(int), steps - 1)
-        self._share = (place - self._last)[:, None]
-        observed_s = timing.telemetry_s + 0.5 * self._tick_s
-        in_force_s = timing.command_s + observed_s
-        before = in_force_s + 0.5 * self._tick_s
-        during = in_force_s - self._step_s * (np.arange(steps)[:, None] + 0.5)
-        ago_s = np.concatenate([before[None], during])
-        self._ago = np.maximum(np.ceil(np.round(ago_s / self._tick_s, 9)), 1.0).astype(int)
-        self._every = np.arange(len(to_go_s))
-        self._sent = np.zeros((int(self._ago.max()) + 1, len(to_go_s), 4))
-        self._tick = 0
+        in_force_s = self._command_s + self._late_s[:, dofs]
+        during = in_force_s - self._tick_s * (np.arange(self._steps)[:, None, None] + 0.5)
+        for place, ago_s in ((slice(1), in_force_s + 0.5 * dt_s), (slice(1, None), during)):
+            self._ago[place, :, dofs] = np.maximum(np.ceil(np.round(ago_s / self._tick_s, 9)), 1.0)
 
     def start(self, readings: Readings) -> None:
         """Engage: each controller rests where the first telemetry puts its vehicle."""
@@ -130,28 +129,34 @@ class Engines:
         J = jacobian(observer.x[:, PSI, 0])
         m = model.inertia(J)
         c = model.drag_coefficient(J, to_body(J, observer.x[..., 1]))
-        u = self._sent[(self._tick - self._ago) % len(self._sent), self._every]
-        observer.advance(u[0], m, c, self._tick_s)
+        dt_s = np.full(self._late_s.shape, self._tick_s)
+        dt_s[:, Z] += self._hidden_s - self._hidden.hidden_s
+        self._late_s[:, Z] += self._hidden.hidden_s - self._hidden_s
+        self._hidden_s = self._hidden.hidden_s
+        heave = slice(Z, Z + 1)
+        self._look_up(heave, dt_s[:, heave])
+        u = self._sent[(self._tick - self._ago) % len(self._sent), self._every, EACH]
+        observer.advance(u[0], m, c, dt_s)
         new = np.stack(
             [readings.depth_m, readings.sink_mps, readings.heading_rad, readings.heading_rate_radps], axis=-1
         ).reshape(-1, 2, 2)
         expected, rates = observer.expected[:, [Z, PSI]], observer.rates(m, c)[:, [Z, PSI]]
-        late_s = self._to_observer_s.copy()
-        late_s[:, 0, 0] += self._hidden.hidden_s
-        now = new + rates * late_s
-        self._hidden.step(u[0][:, Z], m[..., Z], c[..., Z], self._tick_s, now[:, 0])
+        now = new + rates * self._to_observer_s
+        self._hidden.step(u[0][:, Z], m[..., Z], c[..., Z], dt_s[:, Z], now[:, 0])
         missed = now - expected
         missed[:, 1, 0] = wrap(missed[:, 1, 0])
         innovation = np.zeros((len(new), 4, 2))
         innovation[:, [Z, PSI]] = missed
         observer.correct(innovation)
 
-        way = observer.predict(u[1:], m, c, self._step_s)
+        way = observer.predict(u[1:], m, c, self._tick_s)
         q, v = (np.stack([moment[i] for moment in way]) for i in (0, 1))
-        last, every, share = self._last, self._every, self._share
-        v_0, v_1 = v[last, every], v[last + 1, every]
+        place = (self._late_s + self._ahead_s) / self._tick_s
+        last = np.minimum(place.astype(int), self._steps - 1)
+        share = place - last
+        v_0, v_1 = v[last, self._every, EACH], v[last + 1, self._every, EACH]
         eta_dot = v_0 + share * (v_1 - v_0)
-        eta = q[last, every] + (0.5 * self._step_s) * share * (v_0 + eta_dot)
+        eta = q[last, self._every, EACH] + (0.5 * self._tick_s) * share * (v_0 + eta_dot)
         eta[:, PSI] = wrap(eta[:, PSI])
         delays = _Delays((self._stamped_s + self._hidden.hidden_s)[:, None])
         return jacobian(eta[:, PSI]), _state(eta, eta_dot, observer.disturbance, self._ahead_s, delays)
@@ -255,7 +260,8 @@ def _controller(configs: Sequence[Config], model: Model) -> Controller:
     limits = Limits(_each(configs, "max_rate"), _each(configs, "max_acceleration"))
     reference = ReferenceModel(limits, angular=np.array([False, False, False, True]))
     serving = [(chosen[name], learners[name]) for name in learners if chosen[name][:, [Z, PSI]].any()]
-    return Controller(model, gains, reference, serving)
+    swing = Oscillation(OSCILLATION_SHARE * _each(configs, "max_force"))
+    return Controller(model, gains, reference, serving, swing)
 
 
 def _each(configs: Sequence[Config], key: str) -> Array:

@@ -10,6 +10,7 @@ import numpy as np
 from companion.control.bounds import bounded
 from companion.control.compensator import Compensator, inputs
 from companion.control.law import rov_law
+from companion.control.oscillation import Oscillation
 from companion.control.positioning import Model, pose_error, to_body
 from companion.control.reference import ReferenceModel
 from companion.types import Array, DofSample, Flags, Setpoint, VehicleState
@@ -35,9 +36,12 @@ class Gains:
     start_delay_s: float
     delay_s: Array | float
 
-    def softened(self, delay_s: Array | float) -> tuple[Array, Array, Array]:
-        """Return λ, κ and the share of its learning rate that a compensator keeps at a delay of `delay_s`."""
-        share = np.minimum(1.0, self.delay_s / np.maximum(delay_s, 1e-3))
+    def softened(self, delay_s: Array | float, calm: Array | float = 1.0) -> tuple[Array, Array, Array]:
+        """Return λ, κ and the share of its learning rate that a compensator keeps at a delay of `delay_s`.
+
+        `calm` is what `Oscillation` leaves of them.
+        """
+        share = calm * np.minimum(1.0, self.delay_s / np.maximum(delay_s, 1e-3))
         return self.lam * share**LAMBDA_POWER, self.kappa * share**KAPPA_POWER, share**LEARNING_POWER
 
 
@@ -53,6 +57,7 @@ class Controller:
         gains: Gains,
         reference: ReferenceModel,
         compensators: Sequence[tuple[Flags, Compensator]],
+        oscillation: Oscillation,
     ) -> None:
         self._model = model
         self._gains = gains
@@ -60,6 +65,7 @@ class Controller:
         self._compensators = compensators
         self.frozen = False
         """Whether nothing may be learnt for the time being."""
+        self._oscillation = oscillation
         self._engaged_s = 0.0
         self._carried = np.zeros(4)
         self._heirs = np.zeros(4, bool)
@@ -73,6 +79,7 @@ class Controller:
         """
         self.reference.go_on(predecessor.reference)
         self._engaged_s = predecessor._engaged_s
+        self._oscillation = predecessor._oscillation
         self._predecessor = predecessor
         for serves, compensator in self._compensators:
             for served, old in predecessor._compensators:
@@ -85,6 +92,7 @@ class Controller:
         self.reference.reset(state.eta_ahead, state.eta_dot_ahead)
         for _, compensator in self._compensators:
             compensator.reset()
+        self._oscillation.reset()
         self._engaged_s = 0.0
         self._carried = np.zeros_like(self.reference.x_d)
         self._predecessor = None
@@ -110,7 +118,7 @@ class Controller:
         nu = to_body(J, state.eta_dot_ahead)
         e = pose_error(state.eta_ahead, reference.x_d)
         e_dot = state.eta_dot_ahead - reference.x_d_dot
-        lam, kappa, keenness = gains.softened(state.delays.total_s)
+        lam, kappa, keenness = gains.softened(state.delays.total_s, self._oscillation.calm)
         eps = e_dot + lam * e
         theta = inputs(e, e_dot, state.eta_dot_ahead, reference.x_d_dot, reference.x_d_ddot)
         may_learn = engaged & free & (not self.frozen) & (self._engaged_s >= gains.start_delay_s)
@@ -141,6 +149,8 @@ class Controller:
             self._carried = before.feedforward + before.feedback + before.d_hat - law.tau
         else:
             self._carried = self._carried * math.exp(-dt_s / BLEND_S)
+        tau = (law.tau + self._carried) * engaged
+        self._oscillation.step(tau, dt_s)
         return DofSample(
             x_d=reference.x_d,
             x_d_dot=reference.x_d_dot,
@@ -150,7 +160,7 @@ class Controller:
             e=e,
             e_dot=e_dot,
             eps=law.eps,
-            tau=(law.tau + self._carried) * engaged,
+            tau=tau,
             feedforward=law.feedforward,
             feedback=law.feedback,
             d_hat=d_hat + self._carried,

@@ -11,6 +11,7 @@ import numpy as np
 
 from companion.config import Config
 from companion.control.controller import Controller
+from companion.control.oscillation import Oscillation
 from companion.control.positioning import inertial_diagonal
 from companion.engine import Engine
 from companion.types import Array, DofSample, Flags, Setpoint, VehicleState, Z
@@ -56,12 +57,15 @@ class RivalController(Controller):
     """The shipped controller with another law in heave; shape (…, 4) as its own."""
 
     def __init__(self, shipped: Controller, law: Law) -> None:
-        super().__init__(shipped._model, shipped._gains, shipped.reference, shipped._compensators)
+        never = Oscillation(np.array(np.inf))  # of the shipped law's demand, which goes nowhere in heave
+        super().__init__(shipped._model, shipped._gains, shipped.reference, shipped._compensators, never)
+        self._swings = shipped._oscillation
         self._law = law
 
     def rest(self, state: VehicleState) -> None:
         """Stay where the vehicle is, with nothing learnt."""
         super().rest(state)
+        self._swings.reset()
         self._law.reset()
 
     def step(
@@ -71,6 +75,7 @@ class RivalController(Controller):
         ours = super().step(state, J, target, engaged, free, dt_s)
         m = inertial_diagonal(J, self._model.m)[..., Z]
         share = np.minimum(1.0, self._gains.delay_s / np.maximum(state.delays.total_s, 1e-3))
+        share = share * self._swings.calm
         motion = Motion(
             e=ours.e[..., Z],
             e_dot=ours.e_dot[..., Z],
@@ -87,6 +92,7 @@ class RivalController(Controller):
             for own, rival in zip((ours.feedforward, ours.feedback, ours.d_hat), theirs, strict=True)
         )
         tau = (feedforward + feedback + d_hat) * engaged
+        self._swings.step(tau, dt_s)
         return replace(ours, tau=tau, feedforward=feedforward, feedback=feedback, d_hat=d_hat)
 
 
