@@ -60,6 +60,7 @@ MIN_VOLTAGE_V, MAX_VOLTAGE_V = 10.0, 20.0
 MIN_COS_PITCH = 0.1
 HISTORY = 128
 EACH = np.arange(4)
+LONG_AGO_S = -1e6
 QUIET_N = 1.0
 """Disturbance noise, N/√s, of the observer that looks for hidden delay: it leans on the model."""
 
@@ -68,28 +69,38 @@ class CommandHistory:
     """The last commands: when each was sent, its axes and its thrust in NED, both (4,)."""
 
     def __init__(self) -> None:
-        self._t_s = np.full(2 * HISTORY, -np.inf)
+        self._t_s = np.full(2 * HISTORY, LONG_AGO_S)
         self._axes = np.zeros((2 * HISTORY, 4))
         self._tau = np.zeros((2 * HISTORY, 4))
+        self._impulse = np.zeros((2 * HISTORY, 4))
         self._next = 0
 
     def append(self, t_s: float, axes: Array, tau: Array) -> None:
         """Add what was sent at `t_s`, later than all before."""
+        last = self._next + HISTORY - 1
+        impulse = self._impulse[last] + self._tau[last] * (t_s - self._t_s[last])
         for i in (self._next, self._next + HISTORY):
-            self._t_s[i], self._axes[i], self._tau[i] = t_s, axes, tau
+            self._t_s[i], self._axes[i], self._tau[i], self._impulse[i] = t_s, axes, tau, impulse
         self._next = (self._next + 1) % HISTORY
 
-    def tau_at(self, t_s: Array) -> Array:
-        """Return the thrust of each DOF in force at its own `t_s` (…, 4); the newest one holds."""
+    def mean_tau(self, t_s: Array) -> Array:
+        """Return the mean thrust of each DOF between its own ascending `t_s` (n + 1, 4), as (n, 4).
+
+        The newest command holds; zero where no time passes.
+        """
         window = slice(self._next, self._next + HISTORY)
-        at = np.searchsorted(self._t_s[window], t_s, side="right") - 1
-        return self._tau[window][np.maximum(at, 0), EACH]
+        at = np.maximum(np.searchsorted(self._t_s[window], t_s, side="right") - 1, 0)
+        since_s = t_s - self._t_s[window][at]
+        impulse = self._impulse[window][at, EACH] + self._tau[window][at, EACH] * since_s
+        spans_s = t_s[1:] - t_s[:-1]
+        mean: Array = (impulse[1:] - impulse[:-1]) / np.where(spans_s > 0.0, spans_s, np.inf)
+        return mean
 
     @property
     def sent(self) -> tuple[Array, Array]:
         """Times (n,) and axes (n, 4) of all that is kept, oldest first."""
         window = slice(self._next, self._next + HISTORY)
-        known = np.isfinite(self._t_s[window])
+        known = self._t_s[window] > LONG_AGO_S
         return self._t_s[window][known], self._axes[window][known]
 
 
@@ -172,10 +183,9 @@ class Estimator:
         to_go_s = now_s - observed_s + ahead_s
         steps = max(1, math.ceil(to_go_s.max() / PREDICTION_STEP_S))
         step_s = to_go_s / steps
-        middle_s = observed_s - delays.command_s + step_s * (np.arange(steps)[:, None] + 0.5)
-        way = observer.predict(self._commands.tau_at(middle_s), m, c, step_s)
-        here = [min(round(part * steps), steps) for part in ((now_s - observed_s) / to_go_s).tolist()]
-        eta, eta_dot = (np.array([way[at][i][dof] for dof, at in enumerate(here)]) for i in (0, 1))
+        edges_s = observed_s - delays.command_s + step_s * np.arange(steps + 1)[:, None]
+        way = observer.predict(self._commands.mean_tau(edges_s), m, c, step_s)
+        eta, eta_dot = _along(way, steps * (now_s - observed_s) / to_go_s)
         eta_ahead, eta_dot_ahead, _ = way[-1]
         attitude = self._attitude
         return VehicleState(
@@ -228,7 +238,7 @@ class Estimator:
         if from_s is None or to_s[Z] - from_s[Z] > MAX_GAP_S:
             from_s = to_s
         to_s = np.maximum(from_s, to_s)
-        u = self._commands.tau_at(0.5 * (from_s + to_s) - delays.command_s)
+        u = self._commands.mean_tau(np.stack((from_s, to_s)) - delays.command_s)[0]
         dt_s = to_s - from_s
         observer.advance(u, m, c, dt_s)
         self._observed_t_s = to_s
@@ -327,6 +337,17 @@ class Estimator:
 
     def _on_pilot_gain(self, event: PilotGain) -> None:
         self._gain = event.gain
+
+
+def _along(way: Sequence[tuple[Array, Array, Array]], place: Array) -> tuple[Array, Array]:
+    """Return position and rate of each DOF at its own `place` (4,), counted in steps of the way."""
+    q, v = np.zeros(4), np.zeros(4)
+    for dof, at in enumerate(place.tolist()):
+        i = min(int(at), len(way) - 2)
+        (q_0, v_0, _), (q_1, v_1, _) = way[i], way[i + 1]
+        q[dof] = q_0[dof] + (at - i) * (q_1[dof] - q_0[dof])
+        v[dof] = v_0[dof] + (at - i) * (v_1[dof] - v_0[dof])
+    return q, v
 
 
 def _sensor_delay_s(config: Config) -> Array:

@@ -284,11 +284,12 @@ def test_states_once_given_do_not_change_any_more():
 
 def test_command_history_gives_what_was_in_force():
     history = CommandHistory()
-    np.testing.assert_array_equal(history.tau_at([START_S]), np.zeros((1, 4)))
+    np.testing.assert_array_equal(history.mean_tau(START_S + np.zeros((2, 4))), np.zeros((1, 4)))
     for k in range(300):
         history.append(START_S + k * TICK_S, np.full(4, float(k)), np.full(4, 10.0 * k))
-    tau = history.tau_at([START_S + 299.5 * TICK_S, START_S + 250 * TICK_S, START_S + 249.9 * TICK_S])
-    np.testing.assert_array_equal(tau[:, 0], [2990.0, 2500.0, 2490.0])
+    edges_s = START_S + TICK_S * np.repeat([[249.0], [250.0], [251.5], [299.0], [310.0]], 4, axis=1)
+    between = np.array([2490.0, (2500.0 + 0.5 * 2510.0) / 1.5, 2747.7, 2990.0])
+    np.testing.assert_allclose(history.mean_tau(edges_s)[:, 0], between, rtol=1e-4)
     t_s, axes = history.sent
     assert (np.diff(t_s) > 0.0).all()
     np.testing.assert_array_equal(axes[-1], 299.0)
