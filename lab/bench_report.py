@@ -14,6 +14,8 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from companion.config import load_config
+from lab.ablation import Result
+from lab.ablation_report import report
 from lab.bench import CONFIDENCE, FIRST_SEED, FLOOR, LINKS, SCENARIOS, Summary, count, measure, summaries
 from lab.bench_plot import draw
 from lab.bounds import Bound, latency, process, virtual
@@ -60,6 +62,9 @@ def run(arguments: argparse.Namespace) -> int:
             progress.advance(task)
             bounds += [*process(), *latency()]
             progress.advance(task)
+    variants = []
+    if arguments.what == "ablation":
+        variants = report(console, plant, arguments.set, arguments.seeds, arguments.out)
     if cases:
         for scenario in SCENARIOS:
             for delay_ms in LINKS:
@@ -72,7 +77,8 @@ def run(arguments: argparse.Namespace) -> int:
         console.print(_bounds(bounds))
     if arguments.json:
         arguments.json.write_text(
-            json.dumps(_json(arguments.seeds, cases, bounds), indent=2) + "\n", encoding="utf-8"
+            json.dumps(_json(arguments.seeds, cases, bounds, variants), indent=2) + "\n",
+            encoding="utf-8",
         )
     return 0 if all(bound.held for bound in bounds) else 1
 
@@ -141,7 +147,9 @@ def _cell(value: float, form: str) -> str:
     return "" if math.isnan(value) else f"{value:{form}}"
 
 
-def _json(seeds: int, cases: Sequence[Summary], bounds: Sequence[Bound]) -> dict[str, Any]:
+def _json(
+    seeds: int, cases: Sequence[Summary], bounds: Sequence[Bound], variants: Sequence[Result]
+) -> dict[str, Any]:
     """Return flat records; None where a row has no such figure."""
     records = [
         {key: value for key, value in asdict(case).items() if key != "mean"} | case.mean for case in cases
@@ -150,6 +158,9 @@ def _json(seeds: int, cases: Sequence[Summary], bounds: Sequence[Bound]) -> dict
         "seeds": seeds,
         "first_seed": FIRST_SEED,
         "rows": [{key: _plain(value) for key, value in record.items()} for record in records],
+        "ablation": [
+            {key: value for key, value in asdict(one).items() if key != "each_mm"} for one in variants
+        ],
         "bounds": [asdict(bound) | {"held": bound.held} for bound in bounds],
     }
 

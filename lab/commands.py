@@ -23,11 +23,15 @@ def bench(argv: list[str]) -> int:
         "drawn from an ensemble, through real MAVLink bytes: the shipped default, other laws and "
         "compensators in its place, ArduSub's own depth hold, and beside them the computed LQG floor. A "
         "dive takes about 3 s of a core: all rows with 60 vehicles 5 core-hours, with --seeds 10 an hour. "
-        "Then measures the process itself against its bounds. `zenoh`, only when named, measures what "
-        "slow, stopped and killed subscribers do to the tick, in six minutes.",
+        "Then measures the process itself against its bounds. Only when named: `zenoh` measures what "
+        "slow, stopped and killed subscribers do to the tick, in six minutes; `ablation` takes away one part "
+        "of the controller after the other, and asks where the network beats an observer.",
     )
     parser.add_argument(
-        "what", nargs="?", choices=("dives", "process", "zenoh"), help="only this; default: dives and process"
+        "what",
+        nargs="?",
+        choices=("dives", "process", "zenoh", "ablation"),
+        help="only this; default: dives and process",
     )
     parser.add_argument(
         "--seeds", type=_positive, default=60, metavar="N", help="vehicles; default %(default)s"
