@@ -86,7 +86,7 @@ def test_differences_are_taken_dive_by_dive() -> None:
     assert "6.5!" in text
     assert "P-PI (4 lost)" in text
     assert "…" not in text
-    record = json.loads(json.dumps(_json(4, cases, []), allow_nan=False))["rows"][0]
+    record = json.loads(json.dumps(_json(4, cases, [], []), allow_nan=False))["rows"][0]
     assert record["row"] == "law"
     assert record["recovery_s"] is None
     assert record["depth_rms_mm"] == pytest.approx(6.5)
