@@ -20,6 +20,7 @@ class Watched:
 
     ekf: EkfStatus | None = None
     """The newest report, None before the first."""
+    ekf_doubt_s: float = 0.0
     pilot_deflection: float = 0.0
     rebooted: bool = False
     leaking: bool = False
@@ -81,7 +82,7 @@ def _failsafe_unsafe(o: Observation, limits: Limits) -> bool:
 
 def _ekf_unhealthy(o: Observation, limits: Limits) -> bool:
     ekf = o.watched.ekf
-    return not (ekf and ekf.attitude and ekf.depth and ekf.variance <= limits.max_ekf_variance)
+    return not (ekf and ekf.attitude and ekf.depth and o.watched.ekf_doubt_s <= limits.ekf_doubt_s)
 
 
 def _out_of_bounds(o: Observation, limits: Limits) -> bool:
@@ -156,8 +157,9 @@ CONDITIONS = (
     Look(
         C.EKF_UNHEALTHY,
         _ekf_unhealthy,
-        ("max_ekf_variance",),
-        "the autopilot's estimator has no attitude or no depth, or doubts its compass or depth",
+        ("max_ekf_variance", "ekf_doubt_s"),
+        "the autopilot's estimator has no attitude or no depth, or has doubted compass, velocity or depth for "
+        "a while",
         "wait until it has settled; calibrate the compass, look at the depth sensor",
     ),
     Look(

@@ -161,6 +161,7 @@ class Supervisor(Section, frozen=True):
     depth_margin_m: NonNegative
     max_depth_jump_m: Positive
     max_ekf_variance: Positive
+    ekf_doubt_s: Seconds
     min_voltage_v: Positive
     battery_low_s: Seconds
     saturated_s: Seconds

@@ -47,7 +47,7 @@ class Watch:
         self._heartbeat: Heartbeat | None = None
         self._steering_since_s: float | None = None
         self._dropped = 0
-        self._battery_low_s = self._saturated_s = self._off_track_s = 0.0
+        self._ekf_doubt_s = self._battery_low_s = self._saturated_s = self._off_track_s = 0.0
         self._surprise = np.zeros(4)
         self.pilot_heard_s = -math.inf
         """When somebody else last sent a steering message, deflected or not."""
@@ -97,6 +97,8 @@ class Watch:
             self._steering_since_s = now_s
         if loop.samples_dropped > self._dropped:
             self._dropped, self._dropped_t_s = loop.samples_dropped, now_s
+        doubtful = self._ekf is not None and not self._ekf.variance <= limits.max_ekf_variance
+        self._ekf_doubt_s = _lasting(self._ekf_doubt_s, dt_s, doubtful)
         self._battery_low_s = _lasting(self._battery_low_s, dt_s, state.voltage_v < limits.min_voltage_v)
         saturated = off_track = False
         if dofs is not None and steering:
@@ -110,6 +112,7 @@ class Watch:
             self._surprise = np.zeros(4)
         return Watched(
             ekf=self._ekf,
+            ekf_doubt_s=self._ekf_doubt_s,
             pilot_deflection=self._pilot_deflection
             if now_s - self._pilot_t_s <= limits.pilot_hold_s
             else 0.0,

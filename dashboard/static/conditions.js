@@ -29,7 +29,7 @@ export default {
     "let it right itself; engage again slower, or in STABILIZE"
   ],
   "EKF_UNHEALTHY": [
-    "the autopilot's estimator has no attitude or no depth, or doubts its compass or depth",
+    "the autopilot's estimator has no attitude or no depth, or has doubted compass, velocity or depth for a while",
     "wait until it has settled; calibrate the compass, look at the depth sensor"
   ],
   "LEAK": [

@@ -151,15 +151,15 @@ class Swap(ast.NodeTransformer):
         return self._new if node is self._old else super().visit(node)
 
 
-def mutants(path: str) -> list[tuple[str, int]]:
+def mutants(workshop: Path, path: str) -> list[tuple[str, int]]:
     """Return every mutant of a file as (path, index)."""
-    tree = ast.parse((ROOT / path).read_text(encoding="utf-8"))
+    tree = ast.parse((workshop / path).read_text(encoding="utf-8"))
     return [(path, i) for i in range(sum(len(changes(node)) for node in sites(tree)))]
 
 
-def mutant(path: str, index: int) -> tuple[str, str]:
+def mutant(workshop: Path, path: str, index: int) -> tuple[str, str]:
     """Return the mutant's source and what was changed."""
-    tree = ast.parse((ROOT / path).read_text(encoding="utf-8"))
+    tree = ast.parse((workshop / path).read_text(encoding="utf-8"))
     every = [(node, change) for node in sites(tree) for change in changes(node)]
     node, change = every[index]
     new = changed(node, change)
@@ -212,19 +212,19 @@ def main() -> int:
     arguments = parser.parse_args()
     files, tests = GROUPS[arguments.group]
     tests = [f"tests/{test}" for test in tests if (ROOT / "tests" / test).exists()]
-    every = [one for path in files if arguments.file in (None, path) for one in mutants(path)]
-    picked = np.random.default_rng(arguments.seed).permutation(len(every))[: arguments.sample]
-    chosen = [every[i] for i in sorted(picked)]
     with tempfile.TemporaryDirectory() as folder:
         workshop = Path(folder) / "repository"
         kept = shutil.ignore_patterns(".git", ".venv", "out", "__pycache__", ".*_cache", ".hypothesis")
         shutil.copytree(ROOT, workshop, ignore=kept)
+        every = [one for path in files if arguments.file in (None, path) for one in mutants(workshop, path)]
+        picked = np.random.default_rng(arguments.seed).permutation(len(every))[: arguments.sample]
+        chosen = [every[i] for i in sorted(picked)]
         if not pass_all(workshop, tests):
             say("the tests fail without any mutant")
             return 2
         survivors = []
         for count, (path, index) in enumerate(chosen, 1):
-            source, said = mutant(path, index)
+            source, said = mutant(workshop, path, index)
             if survives(workshop, path, source, tests):
                 survivors.append(said)
                 say(f"[{count}/{len(chosen)}] survived: {said}")

@@ -88,6 +88,13 @@ def test_a_reboot_makes_the_ekf_unknown(seen):
     assert seen.step(Reboot(0.0)).ekf is None
 
 
+@pytest.mark.parametrize(("over", "doubt"), [(0.0, False), (0.01, True), (nan, True)])
+def test_the_ekf_may_doubt_itself_for_a_moment(seen, over, doubt):
+    seen.step(EkfStatus(0.0, True, True, LIMITS.max_ekf_variance + over))
+    assert seen.step().ekf_doubt_s == pytest.approx(2 * TICK_S if doubt else 0.0)
+    assert seen.step(EkfStatus(0.0, True, True, 0.1)).ekf_doubt_s == 0.0
+
+
 def test_dropped_samples_are_told_for_a_while_each_time(seen):
     assert seen.step(dropped=3).samples_dropped
     assert seen.later(ANNOUNCED_S - 0.01, dropped=3).samples_dropped
