@@ -158,8 +158,8 @@ CONDITIONS = (
         C.EKF_UNHEALTHY,
         _ekf_unhealthy,
         ("max_ekf_variance", "ekf_doubt_s"),
-        "the autopilot's estimator has no attitude or no depth, or has doubted compass, velocity or depth for "
-        "a while",
+        "the autopilot's estimator has no attitude or no depth, or has doubted compass, velocity or depth "
+        "for a while",
         "wait until it has settled; calibrate the compass, look at the depth sensor",
     ),
     Look(
