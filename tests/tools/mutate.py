@@ -25,7 +25,16 @@ TIMEOUT_S = 180.0
 SUPERVISOR = ("unit/test_supervisor.py", "unit/test_watching.py", "property/test_guard.py")
 CONTROL = tuple(
     f"unit/test_{name}.py"
-    for name in ("law", "network", "integrator", "regressor", "positioning", "reference", "controller")
+    for name in (
+        "levelling",
+        "law",
+        "network",
+        "integrator",
+        "regressor",
+        "positioning",
+        "reference",
+        "controller",
+    )
 )
 GROUPS = {
     "supervisor": (

@@ -9,6 +9,7 @@ from companion.mavlink.ardusub import (
     Mode,
     manual_control_reach,
     motor_demand,
+    pilot_sticks,
     quantise,
     unmirrored,
 )
@@ -542,3 +543,53 @@ def test_no_rov_climbs_faster_than_twenty_metres_a_second(converter, speed, even
 def test_no_angle_is_more_than_a_turn(converter, angle, events):
     assert len(convert(converter, attitude(yaw=angle))) == events
     assert len(convert(converter, attitude(roll=-angle))) == events
+
+
+def test_the_modes_have_the_firmwares_numbers():
+    numbers = {"STABILIZE": 0, "ACRO": 1, "ALT_HOLD": 2, "AUTO": 3, "GUIDED": 4, "SURFACE": 9}
+    assert {mode.name: mode.value for mode in Mode} == numbers | {"POSHOLD": 16, "MANUAL": 19, "SURFTRAK": 21}
+
+
+INT16_MAX = 32767
+
+
+def sticks(x=0, y=0, z=500, r=0, buttons=0, s=0, t=0):
+    message = mavlink.MAVLink_manual_control_message(1, x, y, z, r, buttons, 0, 3, s, t)
+    return pilot_sticks(as_received(message), T).sticks
+
+
+@pytest.mark.parametrize(
+    ("moved", "expected"),
+    [
+        ({"x": 500}, AxisCommand(surge=0.5)),
+        ({"y": -250}, AxisCommand(sway=-0.25)),
+        ({"z": 750}, AxisCommand(heave=-0.5)),
+        ({"z": 0}, AxisCommand(heave=1.0)),
+        ({"r": 1000}, AxisCommand(yaw=1.0)),
+        ({"s": 200}, AxisCommand(pitch=0.5)),
+        ({"t": -100}, AxisCommand(roll=-0.25)),
+        ({"x": -32768, "r": 5000, "s": 4000}, AxisCommand(surge=-1.0, yaw=1.0, pitch=1.0)),
+        ({"x": INT16_MAX, "y": INT16_MAX, "z": INT16_MAX, "r": INT16_MAX}, AxisCommand()),
+    ],
+)
+def test_the_pilots_sticks_in_our_axes(moved, expected):
+    assert sticks(**moved) == expected
+
+
+@pytest.mark.parametrize(("rate_hz", "interval_us"), [(50.0, 20_000.0), (0.5, 2_000_000.0), (0.0, -1.0)])
+def test_a_slow_stream_is_asked_for_and_none_is_stopped(rate_hz, interval_us):
+    assert COMMANDS.message_interval(30, rate_hz).param2 == interval_us
+
+
+def chunk(text, identity, number):
+    return mavlink.MAVLink_statustext_message(4, text, identity, number)
+
+
+def test_chunks_of_another_text_do_not_go_on_with_this_one(converter):
+    """Another id, or a gap in the numbers, begins anew."""
+    convert(converter, chunk(b"a" * 50, 1, 0))
+    (cut, whole) = convert(converter, chunk(b"b", 2, 1))
+    assert (cut.text, whole.text) == ("a" * 50, "b")
+    convert(converter, chunk(b"c" * 50, 3, 0))
+    (cut, whole) = convert(converter, chunk(b"d", 3, 2))
+    assert (cut.text, whole.text) == ("c" * 50, "d")

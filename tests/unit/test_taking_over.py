@@ -140,3 +140,26 @@ def test_a_seed_changes_the_weights_no_more_than_it_must(kind):
         along = np.vecdot(other, direction)[:, None] * direction
         on_the_plane = other - along + least
         assert (np.linalg.norm(on_the_plane, axis=-1) >= np.linalg.norm(least, axis=-1) - 1e-9).all()
+
+
+def test_a_degree_of_freedom_that_this_kind_did_not_serve_is_seeded():
+    """Heave was the network's, yaw the observer's; now both are the network's."""
+    before, last = learnt("network")
+    new = after(before, *heave("network", 'yaw.compensator="network"', "yaw.learning_rate=1"))
+    sample = tick(new, PUSHED, TARGET)
+    assert abs(last.d_hat[3]) > 0.1
+    assert sample.weight_norm[3] > 0.01
+    for _ in range(round(6 * BLEND_S / TICK_S)):
+        sample = tick(new, replace(PUSHED, eta_ahead=sample.x_d, eta_dot_ahead=sample.x_d_dot), TARGET)
+    assert sample.d_hat[3] == pytest.approx(last.d_hat[3], rel=0.2)
+
+
+def test_an_accelerating_path_is_met_where_the_command_acts():
+    c = at_rest()
+    a = np.array([0.0, 0.0, 0.1, 0.0])
+    for k in range(200):
+        t_s = k * TICK_S
+        sample = tick(c, state(), Setpoint(0.5 * a * t_s**2, a * t_s, a))
+    ahead_s = t_s + state().ahead_s
+    assert sample.x_d_dot[2] == pytest.approx(0.1 * ahead_s, abs=2e-3)
+    assert sample.x_d[2] == pytest.approx(0.05 * ahead_s**2, abs=2e-3)
