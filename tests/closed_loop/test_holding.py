@@ -160,7 +160,7 @@ def test_the_compensator_takes_a_load_off_the_law() -> None:
         )
         return 1e3 * float(np.mean([step.truth.eta[2] - 3.0 for step in fly(case) if step.t_s > 30.0]))
 
-    assert steady_mm("none") > 6.0
+    assert steady_mm("none") > 3.0  # the load over m λ κ
     assert abs(steady_mm("network")) < 2.0
     assert abs(steady_mm("observer")) < 2.0
 
