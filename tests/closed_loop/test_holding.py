@@ -195,6 +195,22 @@ def test_delay_that_cannot_be_measured_is_found_in_the_innovations() -> None:
     assert thrust_rms(hidden) < 1.3 * thrust_rms(known)
 
 
+@pytest.mark.parametrize("seed", [1, 2])
+def test_eighty_milliseconds_more_in_mid_dive_are_no_limit_cycle(seed: int) -> None:
+    """40 ms more each way from 20 s on, in waves: mostly known within 3 s, and held as well as ever after."""
+    case = Case(vehicle=("waves.enabled=true",), link=Link(change_s=(20.0, 0.04)), duration_s=45.0)
+    steps = fly(case, seed)
+    thrust = np.array([step.sample.delivered.tau[Z] for step in steps if step.t_s >= 20.0])
+    delay_s = {at_s: steps[round(50 * at_s)].sample.state.delays.total_s for at_s in (19.9, 23.0, 40.0)}
+    assert delay_s[23.0] > delay_s[19.9] + 0.05
+    assert delay_s[40.0] == pytest.approx(delay_s[19.9] + 0.08, abs=0.02)
+    assert rms(np.diff(thrust)) < 4.0
+    error_m = np.array([step.truth.eta[2] - 3.0 for step in steps])
+    times_s = np.array([step.t_s for step in steps])
+    assert np.abs(error_m[times_s >= 20.0]).max() < 0.03
+    assert rms(error_m[times_s >= 32.0]) < 0.006
+
+
 def test_same_seed_same_samples() -> None:
     case = Case(vehicle=("waves.enabled=true",), duration_s=8.0)
     first, second, other = fly(case), fly(case), fly(case, seed=2)
