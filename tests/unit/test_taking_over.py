@@ -163,3 +163,14 @@ def test_an_accelerating_path_is_met_where_the_command_acts():
     ahead_s = t_s + state().ahead_s
     assert sample.x_d_dot[2] == pytest.approx(0.1 * ahead_s, abs=2e-3)
     assert sample.x_d[2] == pytest.approx(0.05 * ahead_s**2, abs=2e-3)
+
+
+def test_gains_are_drawn_back_by_their_powers_and_never_drawn_out():
+    gains = controller()._gains
+    lam, kappa, keenness = gains.softened(2.0 * gains.delay_s)
+    np.testing.assert_allclose(lam, gains.lam * 0.5**0.6)
+    np.testing.assert_allclose(kappa, gains.kappa * 0.5**1.4)
+    assert keenness == pytest.approx(0.25)
+    lam, kappa, keenness = gains.softened(0.0)
+    np.testing.assert_array_equal((lam, kappa), (gains.lam, gains.kappa))
+    assert keenness == 1.0
