@@ -476,7 +476,8 @@ def _forked(prepared: Diving, one: Case) -> Row:
     os.waitpid(child, 0)
     if not said:
         return Row(one.number, tuple(f.kind for f in one.faults), one.state, "", nan, "the process died")
-    return Row(*json.loads(said))
+    number, kinds, *rest = json.loads(said)
+    return Row(number, tuple(kinds), *rest)
 
 
 def dive(dive: Diving, one: Case) -> Row:
