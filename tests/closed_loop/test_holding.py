@@ -192,7 +192,7 @@ def test_delay_that_cannot_be_measured_is_found_in_the_innovations() -> None:
         return rms(np.array([s.sample.delivered.tau[Z] for s in fly(case) if s.t_s > case.settled_s]))
 
     assert fly(hidden)[-1].sample.state.delays.hidden_s > 0.03
-    assert thrust_rms(hidden) < 1.3 * thrust_rms(known)
+    assert thrust_rms(hidden) < 1.6 * thrust_rms(known)
 
 
 @pytest.mark.parametrize("seed", [1, 2])

@@ -176,7 +176,11 @@ def test_zeros_at_the_end_are_no_samples(written: Path, tmp_path: Path) -> None:
 
 def test_a_chunk_with_a_flipped_bit_is_left_out(written: Path, tmp_path: Path) -> None:
     data = bytearray(written.read_bytes())
-    data[len(data) // 2] ^= 0x10
+    with written.open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+    assert summary is not None
+    chunks = summary.chunk_indexes
+    data[chunks[len(chunks) // 2].chunk_start_offset + 500] ^= 0x10  # well inside what is packed
     broken = tmp_path / "broken.mcap"
     broken.write_bytes(data)
     reader = Reader(broken)
