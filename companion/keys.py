@@ -50,7 +50,10 @@ def make(
         "connect": {"endpoints": []},
         "transport": {
             "shared_memory": {"enabled": False},
-            "link": {"tls": {"enable_mtls": True, **authority.issue(VEHICLE, hosts, "listen")}},
+            "link": {
+                "tx": {"queue": {"size": telemetry.BATCHES}},
+                "tls": {"enable_mtls": True, **authority.issue(VEHICLE, hosts, "listen")},
+            },
         },
         "timestamping": {"enabled": True},
         "access_control": _access(allow_control),

@@ -23,6 +23,9 @@ from companion.types import DOFS, Condition, ControlSample, DofSample
 
 ENDPOINT = "tcp/127.0.0.1:7447"  # where Zenoh is looked for, and listened on where nobody does
 NEVER_S = 1e6
+BATCHES = {"real_time": 16, "data": 16}
+"""Batches of 64 kB that may wait for each subscriber, by Zenoh's priority: its most. With its own 2, each
+sample a batch of its own (express), a busy machine lost the third and later samples of a tick."""
 
 
 def means(text: str) -> msgspec.Meta:
@@ -159,6 +162,7 @@ class Recorder(Record, frozen=True, kw_only=True):
     dropped: Annotated[int, means("messages that came faster than the disk took them")]
     free_bytes: Annotated[int, means("left on the disk")]
     said: Annotated[str, means("how it goes, in words")]
+    lost: Annotated[int, means("samples that never came, by the numbers of the ticks")] = 0
 
 
 class Start(msgspec.Struct, frozen=True, kw_only=True):

@@ -287,7 +287,6 @@ def _publisher(session: zenoh.Session, key: str, encoding: str) -> zenoh.Publish
         encoding=zenoh.Encoding(encoding),
         congestion_control=zenoh.CongestionControl.DROP,
         priority=zenoh.Priority.REAL_TIME,
-        express=True,
     )
 
 
@@ -305,7 +304,6 @@ def _history(
         encoding=zenoh.Encoding(encoding),
         congestion_control=zenoh.CongestionControl.DROP,
         priority=zenoh.Priority.DATA if recover else zenoh.Priority.REAL_TIME,
-        express=not recover,
         cache=ext.CacheConfig(kept),
         sample_miss_detection=missed if recover else None,
         publisher_detection=True,
@@ -325,6 +323,7 @@ def _open(mode: str, *, connect: str = "", listen: str = "") -> zenoh.Session | 
         "scouting/gossip/enabled": False,
         "timestamping/enabled": True,
         "transport/shared_memory/enabled": False,
+        "transport/link/tx/queue/size": telemetry.BATCHES,
     }.items():
         config.insert_json5(name, json.dumps(value))
     try:

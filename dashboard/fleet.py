@@ -11,6 +11,7 @@ import msgspec
 from companion import telemetry
 from companion.telemetry import Event, Loop, Recorder, Schema, State, Supervisor
 from dashboard.columns import COLUMNS, empty_row, fill, fill_truth
+from dashboard.losses import Losses
 from dashboard.ring import Ring
 from dashboard.zenoh_client import Stamped
 
@@ -65,6 +66,7 @@ class Vehicle:
         self.event_count = 0
         self.config: dict[str, Any] | None = None
         self.config_version = 0
+        self.losses = Losses()
         self._row = empty_row()
         self._row_t_s = math.nan
         self._t_s = -math.inf
@@ -136,6 +138,7 @@ class Vehicle:
             "vehicle": self.name,
             "age_s": _finite(self.age_s(now_s)),
             "lag_s": self._lag_s,
+            "lost": self.losses.lost,
             "t_s": _finite(self._t_s),
             "armed": state.armed if state else None,
             "mode": state.mode if state else None,
@@ -216,6 +219,7 @@ class Fleet:
                 continue
             vehicle = self._vehicle(name)
             if vehicle is not None:
+                vehicle.losses.take(tail, record.tick if isinstance(record, Loop) else 0)
                 vehicle.take(record, now_s, stamp_s)
 
     def get(self, name: str) -> Vehicle | None:

@@ -16,6 +16,7 @@ import msgspec
 
 from companion import telemetry
 from dashboard import tlog
+from dashboard.losses import Losses
 from dashboard.recording import Disk, Item, Recording
 
 RESTART_S = 5.0
@@ -32,6 +33,7 @@ class _Times(msgspec.Struct):
     t_s: float = float("nan")
     boot_s: float = float("nan")
     now_s: float = float("nan")
+    tick: int = 0
 
 
 _json_times = msgspec.json.Decoder(_Times)
@@ -73,6 +75,7 @@ class Recorder:
         self._tables: dict[str, Mapping[str, str]] = {}
         self._began_s = 0.0
         self._messages = 0
+        self._losses = Losses()
         self._clock = _Clock()
         self._raw_s = -math.inf
         self._events: deque[bytes] = deque(maxlen=EVENTS_KEPT)
@@ -88,7 +91,7 @@ class Recorder:
     def start(self, utc_ns: int, now_s: float) -> bool:
         """Begin a file, unless one is open; tell whether one is open now, and in `said` why not."""
         if self._file is None:
-            self._messages = 0
+            self._messages, self._losses = 0, Losses()
             self._open(utc_ns, now_s)
         return self._file is not None
 
@@ -118,7 +121,9 @@ class Recorder:
 
     def take(self, key: str, encoding: str, payload: bytes, publish_ns: int, now_s: float) -> None:
         """Keep a sample that was published at `publish_ns` (UTC) and came at `now_s`."""
-        t_s, boot_s = self._times(key, payload)
+        t_s, boot_s, tick = self._times(key, payload)
+        if key.startswith(self._own):
+            self._losses.take(key.removeprefix(self._own), tick)
         log_ns = self._clock.log_ns(t_s, boot_s, publish_ns, now_s)
         if self._file is None or self._came_before(key, t_s, payload):
             return
@@ -162,6 +167,7 @@ class Recorder:
             dropped=dropped,
             free_bytes=self._free(self._limits.directory),
             said=self.said,
+            lost=self._losses.lost,
         )
 
     def _came_before(self, key: str, t_s: float, payload: bytes) -> bool:
@@ -176,17 +182,17 @@ class Recorder:
             self._events.append(payload)
         return False
 
-    def _times(self, key: str, payload: bytes) -> tuple[float, float]:
-        """Return the companion's and the vehicle's clock in a sample, NaN for what it has not."""
+    def _times(self, key: str, payload: bytes) -> tuple[float, float, int]:
+        """Return the companion's clock, the vehicle's (NaN for what is not there) and the tick."""
         try:
             if key == self._raw_key:
-                return _raw_times.decode(payload).now_s, math.nan
+                return _raw_times.decode(payload).now_s, math.nan, 0
             if key.startswith(self._own):
                 times = _json_times.decode(payload)
-                return times.t_s, times.boot_s
+                return times.t_s, times.boot_s, times.tick
         except msgspec.MsgspecError:
             pass
-        return math.nan, math.nan
+        return math.nan, math.nan, 0
 
     def _open(self, utc_ns: int, now_s: float) -> None:
         limits = self._limits

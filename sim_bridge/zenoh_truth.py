@@ -57,7 +57,6 @@ class TruthPublisher:
             self._key,
             encoding=zenoh.Encoding(SCHEMA),
             congestion_control=zenoh.CongestionControl.DROP,
-            express=True,
         )
         while True:
             with self._wake:

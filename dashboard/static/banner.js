@@ -27,8 +27,9 @@ export class Banner {
     say($("fact-battery"), Number.isFinite(volts) ? `${volts.toFixed(1)} V` : "–");
     const recorder = status?.recorder;
     const text = !recorder ? "off" : recorder.recording ? `REC ${bytesText(recorder.size_bytes)}` : recorder.said || "stopped";
-    fact("fact-recording", text, recorder?.recording ? (recorder.dropped ? "warn" : "rec") : recorder ? "warn" : "");
-    $("fact-recording").title = recorder ? `${recorder.said} ${recorder.file}` : "no recorder is heard: holdfast record";
+    fact("fact-recording", text, recorder?.recording ? (recorder.dropped + recorder.lost ? "warn" : "rec") : recorder ? "warn" : "");
+    const missing = recorder?.lost || recorder?.dropped ? `, ${recorder.lost} samples lost on the way, ${recorder.dropped} at the disk` : "";
+    $("fact-recording").title = recorder ? `${recorder.said} ${recorder.file}${missing}` : "no recorder is heard: holdfast record";
   }
 }
 

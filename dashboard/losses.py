@@ -1,0 +1,24 @@
+"""How many samples never came, by the numbers of the ticks. No clock, no socket."""
+
+from companion.telemetry import EVERY_TICK
+
+
+class Losses:
+    """Counts the samples of every tick: whoever takes one says so, and then its number if it is a `Loop`.
+
+    A tick that starts anew, with a companion or a replay, loses nothing.
+    """
+
+    def __init__(self) -> None:
+        self.lost = 0
+        self._came = 0
+        self._last: int | None = None
+
+    def take(self, tail: str, tick: int) -> None:
+        """Take the sample of a key's `tail`; `tick` matters with that of `loop` alone, the last of a tick."""
+        self._came += tail in EVERY_TICK
+        if tail != "loop":
+            return
+        if self._last is not None and tick > self._last:
+            self.lost += max(0, (tick - self._last) * len(EVERY_TICK) - self._came)
+        self._last, self._came = tick, 0

@@ -1,0 +1,54 @@
+"""Samples that never came are counted by the ticks' numbers, for the recorder's status and the page."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from companion import telemetry
+from companion.types import ControlSample
+from dashboard.fleet import Fleet
+from dashboard.losses import Losses
+from dashboard.recorder import Limits, Recorder
+from dashboard.zenoh_client import Stamped
+
+MakeSample = Callable[..., ControlSample]
+KEYS = len(telemetry.EVERY_TICK)
+TOLD = [
+    pytest.param([1, 2, 3, 4], {}, 0, id="all"),
+    pytest.param([900, 901, 1, 2, 3], {}, 0, id="a companion that starts anew"),
+    pytest.param([1, 2, 5], {}, 2 * KEYS, id="two whole ticks"),
+    pytest.param([1, 2, 3], {2: {"dof/x", "dof/psi"}}, 2, id="two keys"),
+    pytest.param([1, 2, 3], {2: {"loop"}}, 1, id="the last key"),
+    pytest.param([1, 2, 3], {1: {"state", "command"}}, 0, id="what left before we were there"),
+]
+
+
+@pytest.mark.parametrize(("ticks", "missing", "lost"), TOLD)
+def test_they_are_counted(ticks: list[int], missing: dict[int, set[str]], lost: int) -> None:
+    losses = Losses()
+    for tick in ticks:
+        for tail in (*telemetry.EVERY_TICK, "event"):  # an event belongs to no tick
+            if tail not in missing.get(tick, set()):
+                losses.take(tail, tick if tail == "loop" else 0)
+    assert losses.lost == lost
+
+
+@pytest.mark.parametrize(("ticks", "missing", "lost"), TOLD)
+def test_they_are_told(
+    ticks: list[int], missing: dict[int, set[str]], lost: int, tmp_path: Path, make_sample: MakeSample
+) -> None:
+    recorder = Recorder("kelp", Limits(tmp_path, reserve_bytes=1), {})
+    recorder.start(0, 0.0)
+    fleet = Fleet()
+    for tick in ticks:
+        sample = make_sample()
+        sample = replace(sample, loop=replace(sample.loop, tick=tick))
+        for key, encoding, payload in telemetry.encode(sample, "kelp"):
+            if key.split("/", 2)[2] not in missing.get(tick, set()):
+                recorder.take(key, encoding, payload, 0, 0.0)
+                fleet.take([Stamped(key, payload, None)], 0.0)
+    assert recorder.status(0.0, 0).lost == lost
+    assert fleet.vehicles["kelp"].status(0.0)["lost"] == lost
+    recorder.stop()
