@@ -19,7 +19,7 @@ from companion.mavlink.ardusub import Mode
 from companion.mavlink.autopilot import Autopilot
 from companion.mavlink.relay import pilot_events
 from companion.mavlink.signing import Signing
-from companion.pilot import Pilot, Wish
+from companion.pilot import NOTHING, Pilot, Wish
 from companion.steering_mode import STEERING_MODES, ModeKeeper
 from companion.supervisor import UNFIT, Envelope, Supervisor, guard
 from companion.survey import Survey
@@ -319,6 +319,8 @@ class Engine:
 
     def _introduced(self, now_s: float) -> tuple[StatusText, ...]:
         """Say, once it is known and whenever it changes, which autopilot this is."""
+        if now_s != self._checked_s:
+            return ()
         about = self._autopilot.about
         if about == self._about:
             return ()
@@ -345,6 +347,8 @@ class Engine:
 
     def _heed(self, wish: Wish, taken: Flags, J: Array, dt_s: float) -> None:
         """Let go of the DOFs that the pilot takes back, and move the setpoint as the sticks say."""
+        if wish is NOTHING:
+            return
         self._engaged = self._engaged & ~taken
         self._handed_back = self._handed_back | taken
         x_d = self._controller.reference.x_d

@@ -122,7 +122,7 @@ class Estimator:
         self._delays = config.delays
         self._lead_s = config.thrusters.lead_s
         self._tick_s = 1.0 / config.loop.rate_hz
-        self._sensor_delay_s = _sensor_delay_s(config)
+        self._sensor_delay_s = [axis.sensor_delay_s for axis in config.axes]
         self._depth_later_s = LATER_S.get(config.vehicle.depth_source, 0.0)
         self.max_depth_jump_m = config.supervisor.max_depth_jump_m
         self._observer = _observer(config, model)
@@ -152,7 +152,7 @@ class Estimator:
         observer = _observer(config, model)
         observer.x = self._observer.x
         self._observer, self._model = observer, model
-        self._sensor_delay_s = _sensor_delay_s(config)
+        self._sensor_delay_s = [axis.sensor_delay_s for axis in config.axes]
 
     def restart(self) -> None:
         """Forget the motion, the clocks and the commands: a rebooted autopilot, or numbers gone bad."""
@@ -177,14 +177,16 @@ class Estimator:
         nu = to_body(J, observer.x[:, 1])
         m = self._model.inertia(J)
         c = self._model.drag_coefficient(J, nu)
-        observed_s = self._observe(now_s, delays, m, c)
 
+        from_s, observed_s = self._moments(now_s, delays)
         ahead_s = delays.command_s + self._lead_s
         to_go_s = now_s - observed_s + ahead_s
-        steps = max(1, math.ceil(to_go_s.max() / PREDICTION_STEP_S))
+        steps = max(1, math.ceil(max(to_go_s.tolist()) / PREDICTION_STEP_S))
         step_s = to_go_s / steps
-        edges_s = observed_s - delays.command_s + step_s * np.arange(steps + 1)[:, None]
-        way = observer.predict(self._commands.mean_tau(edges_s), m, c, step_s)
+        edges_s = np.concatenate((from_s[None], observed_s + step_s * np.arange(steps + 1)[:, None]))
+        u = self._commands.mean_tau(edges_s - delays.command_s)
+        self._observe(u[0], m, c, from_s, observed_s)
+        way = observer.predict(u[1:], m, c, step_s)
         eta, eta_dot = _along(way, steps * (now_s - observed_s) / to_go_s)
         eta_ahead, eta_dot_ahead, _ = way[-1]
         attitude = self._attitude
@@ -229,26 +231,29 @@ class Estimator:
             return 0.0
         return self._model.coriolis_and_damping(J, nu) - c * self._observer.x[:, 1]
 
-    def _observe(self, now_s: float, delays: Delays, m: Array, c: Array) -> Array:
-        """Bring each DOF to when its newest measurements were true, correct it, return when that was."""
-        observer = self._observer
-        to_s = now_s - delays.telemetry_s - 0.5 * self._tick_s - self._sensor_delay_s
+    def _moments(self, now_s: float, delays: Delays) -> tuple[Array, Array]:
+        """Return when each DOF was last observed, and when its newest measurements were true."""
+        newest_s = now_s - delays.telemetry_s - 0.5 * self._tick_s
+        to_s = np.array([newest_s - later_s for later_s in self._sensor_delay_s])
         to_s[Z] -= delays.hidden_s
         from_s = self._observed_t_s
         if from_s is None or to_s[Z] - from_s[Z] > MAX_GAP_S:
             from_s = to_s
-        to_s = np.maximum(from_s, to_s)
-        u = self._commands.mean_tau(np.stack((from_s, to_s)) - delays.command_s)[0]
+        self._observed_t_s = np.maximum(from_s, to_s)
+        return from_s, self._observed_t_s
+
+    def _observe(self, u: Array, m: Array, c: Array, from_s: Array, to_s: Array) -> None:
+        """Bring each DOF on under the thrust `u` that was in force, and correct it."""
+        observer = self._observer
         dt_s = to_s - from_s
         observer.advance(u, m, c, dt_s)
-        self._observed_t_s = to_s
         heave = [math.nan, math.nan]
         if self._new:
             expected = observer.expected.tolist()
-            rates = observer.rates(m, c).tolist()
+            rates, moments_s = observer.rates(m, c).tolist(), to_s.tolist()
             innovation = [[0.0, 0.0] for _ in DOFS]
             for dof, kind, value, at_s in self._new:
-                now = value + rates[dof][kind] * (to_s[dof] - at_s)
+                now = value + rates[dof][kind] * (moments_s[dof] - at_s)
                 missed = now - expected[dof][kind]
                 if dof == Z and not kind and abs(missed) > ZERO_MOVED_M and not self._heartbeat.armed:
                     observer.x[Z, 0] += missed
@@ -262,7 +267,6 @@ class Estimator:
             self._new.clear()
         if dt_s[Z] > 0.0:
             self._hidden.step(u[Z], m[Z], c[Z], dt_s[Z], np.array(heave))
-        return to_s
 
     def _take(self, event: Event) -> None:
         kind = type(event)
@@ -278,9 +282,9 @@ class Estimator:
         """Return the time at which this sample of `dof` was true."""
         meter = self._meter
         if event.boot_s is None:
-            return event.t_s - meter.delays.telemetry_s - float(self._sensor_delay_s[dof])
+            return event.t_s - meter.delays.telemetry_s - self._sensor_delay_s[dof]
         meter.stamped(event.t_s, event.boot_s)
-        return meter.local(event.boot_s) - float(self._sensor_delay_s[dof])
+        return meter.local(event.boot_s) - self._sensor_delay_s[dof]
 
     def _position(self, dof: int, value: float, t_s: float, at_s: float) -> None:
         """Keep a position sample; a degree of freedom that was not measured for long begins anew."""
@@ -348,10 +352,6 @@ def _along(way: Sequence[tuple[Array, Array, Array]], place: Array) -> tuple[Arr
         q[dof] = q_0[dof] + (at - i) * (q_1[dof] - q_0[dof])
         v[dof] = v_0[dof] + (at - i) * (v_1[dof] - v_0[dof])
     return q, v
-
-
-def _sensor_delay_s(config: Config) -> Array:
-    return np.array([axis.sensor_delay_s for axis in config.axes])
 
 
 def _observer(config: Config, model: Model) -> Observer:

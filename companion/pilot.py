@@ -36,6 +36,9 @@ class Wish:
     all: bool
 
 
+NOTHING = Wish(None, nu=np.zeros(4), nu_dot=np.zeros(4), taken=np.zeros(4, bool), all=False)
+
+
 class Pilot:
     """Turns the pilot's frames into wishes, a tick at a time."""
 
@@ -48,6 +51,7 @@ class Pilot:
         self._nu = np.zeros(4)
         self._moving = np.zeros(4, bool)
         self._pushed_s = np.zeros(4)
+        self._busy = False
 
     def retune(self, config: Config) -> None:
         """Take limits and dead zone that were changed while running."""
@@ -71,6 +75,9 @@ class Pilot:
         else:
             sticks = replace(sticks, buttons=sticks.buttons | buttons)
             deflection = np.array(astuple(sticks.sticks)[:4])
+            self._busy = True
+        if not (self._busy or toggled):
+            return NOTHING
         dt_s = max(dt_s, 0.0)
         beyond = (deflection - bounded(deflection, self._dead_zone)) / (1.0 - self._dead_zone)
         wanted = beyond * self._max_rate * held
@@ -80,6 +87,7 @@ class Pilot:
             wanted[Z] = math.copysign(min(abs(wanted[Z]), brakes_in_time), wanted[Z])
         before = self._nu
         self._nu = (before + bounded(wanted - before, self._max_acceleration * dt_s)) * held
+        self._busy = sticks is not None or bool(self._nu.any())
         self._pushed_s = np.where(held & (np.abs(deflection) >= self._full), self._pushed_s + dt_s, 0.0)
         return Wish(
             sticks,
@@ -96,6 +104,8 @@ class Pilot:
 
         A way that has only begun is given up: the first push counts from where the reference is.
         """
+        if wish is NOTHING:
+            return target, wish.taken
         rate = to_inertial(J, wish.nu) * held
         moving = rate != 0.0
         moving[[X, Y]] = moving[[X, Y]].any()
