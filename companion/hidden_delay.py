@@ -60,7 +60,7 @@ class HiddenDelay:
         slope = ((u if self._u is None else self._u) - u) / dt_s
         self._u = u
         observer = self._observer
-        observer.advance(np.stack((u, slope))[..., None], m[..., None], c[..., None], dt_s[..., None])
+        observer.advance(np.array((u, slope))[..., None], m[..., None], c[..., None], dt_s[..., None])
         error = -observer.expected
         error[0] += measured[..., None, :]
         error = np.where(np.isnan(error[0]), 0.0, error)

@@ -71,7 +71,7 @@ class Observer:
     def advance(self, u: Array, m: Array, c: Array, dt_s: Array | float) -> None:
         """Run the model for `dt_s`, one or (…, 4), under commanded thrust `u`."""
         _, (self.x[..., 0], self.x[..., 1], self.x[..., 2]) = self.predict(u[None], m, c, dt_s)
-        self.x[..., 4:6] *= np.exp(-np.asarray(dt_s) / self._slow_time_s)[..., None]
+        self.x[..., 4:6] *= np.exp(np.asarray(dt_s) / -self._slow_time_s)[..., None]
 
     def correct(self, innovation: Array) -> None:
         """Take in `innovation` (…, 4, 2): measured minus expected position and rate; zero where none came."""
@@ -99,16 +99,17 @@ class Observer:
         A step of `dt_s`, one or (…, 4), is exact in the thrust lag, implicit in the drag, trapezoidal in
         position.
         """
-        q, v, f, d = (self.x[..., i] for i in range(4))
-        keep = np.exp(-np.asarray(dt_s) / self._lag_s)
-        coast = 1.0 / (m + dt_s * c)
-        push = dt_s * coast
-        coast = coast * m
+        q, v, f, d = self.x[..., 0], self.x[..., 1], self.x[..., 2], self.x[..., 3]
+        keep = np.exp(dt_s / -self._lag_s)
+        half_s = 0.5 * dt_s
+        push = half_s / (m + dt_s * c)
+        coast = m / (m + dt_s * c)
+        drift = 2.0 * d
         way = [(q.copy(), v.copy(), f)]
         for u_i in u:
             f_next = u_i + (f - u_i) * keep
-            v_next = coast * v + push * (0.5 * (f + f_next) - d)
-            q = q + (0.5 * dt_s) * (v + v_next)
+            v_next = coast * v + push * (f + f_next - drift)
+            q = q + half_s * (v + v_next)
             v, f = v_next, f_next
             way.append((q, v, f))
         return way

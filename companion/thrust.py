@@ -125,8 +125,8 @@ class Thrusters:
 
     def overloaded(self, axes: Array) -> Flags:
         """Tell by axis (axes,) whether its motor group is asked more than a motor can give."""
-        load = np.abs(self.motors(axes)) > 1.01
-        return np.where(self._upright, load[HORIZONTAL:].any(), load[:HORIZONTAL].any())
+        load = [abs(motor) > 1.01 for motor in self.motors(axes).tolist()]
+        return np.where(self._upright, any(load[HORIZONTAL:]), any(load[:HORIZONTAL]))
 
     def axes_from_motors(self, motors: Array) -> Array:
         """Return the axes (…, axes) that make the firmware ask `motors` (…, n) of its thrusters: M⁺ t."""

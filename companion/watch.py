@@ -103,7 +103,8 @@ class Watch:
         saturated = off_track = False
         if dofs is not None and steering:
             saturated = bool((dofs.saturated & engaged).any())
-            off_track = bool((~(np.abs(dofs.e) <= _max_error(limits)) & engaged).any())
+            misses = zip(dofs.e.tolist(), engaged.tolist(), _max_error(limits), strict=True)
+            off_track = any(held and not abs(e) <= most for e, held, most in misses)
         self._saturated_s = _lasting(self._saturated_s, dt_s, saturated)
         self._off_track_s = _lasting(self._off_track_s, dt_s, off_track)
         missed = np.abs(state.innovation) - self._surprise
