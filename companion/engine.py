@@ -43,11 +43,11 @@ from companion.types import (
     Wrench,
     Z,
 )
-from companion.watch import Watch
+from companion.watch import FAILSAFE, Watch
 
 NEUTRAL_BURST_S = 0.5
-"""Neutral frames go out this long on first contact and after steering; then silence, so that the autopilot's
-own failsafe sees a lost pilot."""
+"""Neutral frames go out this long after steering, ours or that of a companion that died; then silence, so
+that the autopilot's own failsafe sees a lost pilot."""
 
 MAX_DT_TICKS = 3.0
 CHECK_S = 0.25
@@ -90,7 +90,8 @@ class Engine:
         self._finite = True
         self._command = NEUTRAL
         self._last_s: float | None = None
-        self._neutral_until_s: float | None = None
+        self._met = False
+        self._neutral_until_s = -math.inf
         self._had_authority = False
         self._last_wrench = np.zeros(4)
         """What the law last asked while ACTIVE: this is let go, evenly, whatever it would say by then."""
@@ -147,7 +148,7 @@ class Engine:
             AxisCommand(*wanted.axes.tolist()), verdict, self._command, self._envelope, self._tick_s
         )
 
-        self.steering = self._steers(now_s, verdict)
+        self.steering = self._steers(state, verdict)
         pilot = wish.sticks if self.steering else None
         sent = self._autopilot.blended(command, self._engaged, pilot, state.pilot_gain)
         applied = self._ours(self._autopilot.applied(sent, state.pilot_gain))
@@ -357,22 +358,30 @@ class Engine:
             eta_d = np.where(moved | taken, np.nan, self._setpoint.eta_d)
             self._setpoint = replace(self._setpoint, eta_d=eta_d)
 
-    def _steers(self, now_s: float, verdict: Verdict) -> bool:
-        """Tell whether a steering frame goes out: with authority; neutral at first and for a while after.
+    def _steers(self, state: VehicleState, verdict: Verdict) -> bool:
+        """Tell whether a steering frame goes out: with authority, and neutral for a while after.
 
         While handing over neutral goes on, and slowly once ALT_HOLD has the vehicle.
         """
+        now_s = state.t_s
         if verdict.state is State.HAND_OVER and verdict.authority == 0.0:
             kept_alive = self._hand_over.held and now_s - self._kept_alive_s < KEEP_ALIVE_S
             self._kept_alive_s = self._kept_alive_s if kept_alive else now_s
             self._neutral_until_s, self._had_authority = now_s, False
             return not kept_alive
-        if self._neutral_until_s is None and not self._autopilot.heard:
-            return False
-        if self._neutral_until_s is None or verdict.authority > 0.0 or self._had_authority:
+        if verdict.authority > 0.0 or self._had_authority or self._finds_it_steered(state):
             self._neutral_until_s = now_s + NEUTRAL_BURST_S
         self._had_authority = verdict.authority > 0.0
         return now_s <= self._neutral_until_s
+
+    def _finds_it_steered(self, state: VehicleState) -> bool:
+        """Tell, at the first heartbeat, whether somebody's commands are in force: perhaps of one who died.
+
+        Where nobody steers nothing may be sent: it would count as a pilot, and our silence then as his loss,
+        for which the autopilot disarms whoever has armed meanwhile.
+        """
+        met, self._met = self._met, self._met or math.isfinite(state.ages.heartbeat_s)
+        return self._met and not met and state.armed and state.system_status != FAILSAFE
 
     def _asks_arming(self, verdict: Verdict) -> bool:
         """Tell whether to ask for arming: once nothing else is missing for engaging."""

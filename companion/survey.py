@@ -18,8 +18,8 @@ from companion.types import (
     TimeSync,
     VehicleState,
 )
+from companion.watch import FAILSAFE
 
-FAILSAFE_STATUS = 5
 DEPTH_WINDOW_S = 2.0
 CLOCK_JUMP_S = 0.05
 """An offset that moves by more than its round trip explains and this is a clock that was set anew."""
@@ -118,7 +118,7 @@ class Survey:
 
     def _on_heartbeat(self, event: Heartbeat) -> None:
         before = self._seen.get("heartbeat")
-        if before is not None and before.system_status == event.system_status == FAILSAFE_STATUS:
+        if before is not None and before.system_status == event.system_status == FAILSAFE:
             self._seen["failsafe_seen"] = True
         self._seen["heartbeat"] = event
 

@@ -30,7 +30,6 @@ from companion.types import (
     Firmware,
     Flags,
     LinkCounters,
-    PilotInput,
     PilotSticks,
     ServoOutput,
 )
@@ -69,7 +68,6 @@ class Autopilot:
         self._freshness = Freshness()
         self._path = vehicle.thrust_path
         self._tilts = config.levels
-        self.heard = False
 
     def receive(self, datagrams: Sequence[tuple[int, bytes]]) -> list[Event]:
         """Turn datagrams, each with its arrival in monotonic ns, into events. Never raises for any bytes."""
@@ -82,7 +80,6 @@ class Autopilot:
         for i, event in enumerate(events):
             if isinstance(event, ServoOutput):
                 events[i] = unmirrored(event, self.parameters)
-            self.heard = self.heard or not isinstance(event, PilotInput)
         return events
 
     def upkeep(self, now_s: float, events: Sequence[Event], *, mode: Mode | None, arm: bool) -> list[bytes]:

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from virtual import CALM, DEPTH_M, Dive, Somebody, active, hold, message_id, steering
 
 from companion.config import load_config
@@ -11,6 +12,7 @@ from companion.types import NEUTRAL, LoopHealth, Request, Setpoint, State
 HEALTH = LoopHealth(1, 50.0, 0.0, 0.0, 0, 0)
 TICK_S = 0.02
 BURST_S = 0.5
+MANUAL = Somebody().frame(mavlink.MAVLink_command_long_message(1, 1, 176, 0, 1, 19, 0, 0, 0, 0, 0))
 NAN = np.full(4, np.nan)
 PATHS = ("rc_override", "manual_control")
 
@@ -28,14 +30,44 @@ def test_nobody_heard_nobody_steered():
         assert sample.command == NEUTRAL
 
 
-@pytest.mark.parametrize("path", PATHS)
-def test_on_first_contact_a_short_burst_of_neutral_and_then_silence(path):
-    dive = Dive(companion=[f"vehicle.thrust_path={path}"], arm=False, engage=False)
-    dive.run(3.0)
+def boarded(*messages, after_s=2.5):
+    """A dive whose companion starts when the vehicle has long been up and has heard `messages`."""
+    dive = Dive(arm=False, engage=False)
+    dive.vehicle.open_link(0)
+    while dive.t_s < after_s:
+        dive.vehicle.step([])
+    dive.vehicle.step([(0, message) for message in messages])
+    return dive
+
+
+@pytest.mark.parametrize("contact_s", [0.0, 2.0, 4.0])
+def test_whoever_arms_soon_after_first_contact_stays_armed(contact_s):
+    """Neutral frames would count as a pilot, and their end as his loss: FS_PILOT_INPUT would disarm."""
+    dive = boarded(after_s=contact_s)
+    dive.run(2.1)
+    dive.tap.to_vehicle.append(Somebody().arm())
+    dive.run(5.0)
+    assert dive.step.truth.armed
+    assert dive.tap.frames == []
+
+
+def test_an_armed_vehicle_that_nobody_steers_is_left_armed():
+    dive = boarded(Somebody().arm())
+    dive.run(5.0)
+    assert dive.step.truth.armed
+    assert dive.tap.frames == []
+
+
+def test_what_a_dead_companion_left_in_force_is_neutral_soon_after_the_next_one_starts():
+    dive = boarded(MANUAL, Somebody().arm(), Somebody().stick())
+    dive.vehicle.step([])
+    assert not set(dive.vehicle.truth().motor_pwm) <= {1500}
+    dive.run(2.0)
+    assert dive.step.truth.armed, "its own failsafe is still to come"
+    assert dive.motors_rest()
     times = [t_s for t_s, _ in dive.tap.frames]
     assert all(axes == (0.0, 0.0, 0.0, 0.0) for _, axes in dive.tap.frames)
-    assert BURST_S - 0.05 <= times[-1] - times[0] <= BURST_S + 0.05
-    assert len(times) == pytest.approx(BURST_S / TICK_S, abs=2)
+    assert times[-1] - times[0] == pytest.approx(BURST_S, abs=0.05)
 
 
 @pytest.mark.parametrize("path", PATHS)
