@@ -260,7 +260,7 @@ class Engine:
             limits,
             loop,
             dofs=self._dofs,
-            engaged=self._engaged,
+            held=self._engaged if steered else self._holdable(state),
             steering=steered,
             parameters=self._autopilot.parameters,
         )
@@ -292,8 +292,7 @@ class Engine:
             self._controller.rest(state)
             self._target = Setpoint(state.eta_ahead)
         elif not steered:
-            positioned = state.ages.position_s <= limits.position_timeout_s
-            self._engaged = np.array([positioned, positioned, True, self._config.vehicle.holds_heading])
+            self._engaged = self._holdable(state)
             self._controller.rest(state)
             self._engaged_at = Setpoint(state.eta)
             self._target = _filled(self._setpoint, state.eta)
@@ -306,6 +305,11 @@ class Engine:
         if now is State.FAULT or (before.state is State.ACTIVE and now is not State.ACTIVE):
             self._engage_asked = False
         return self.verdict
+
+    def _holdable(self, state: VehicleState) -> Flags:
+        """Return the degrees of freedom that would be held if it engaged now."""
+        positioned = state.ages.position_s <= self._config.supervisor.position_timeout_s
+        return np.array((positioned, positioned, True, self._config.vehicle.holds_heading))
 
     def checked(self, state: VehicleState) -> list[Row]:
         """Return the pre-dive list as far as it is known without trying anything."""

@@ -65,11 +65,14 @@ class Watch:
         loop: LoopHealth,
         *,
         dofs: DofSample | None,
-        engaged: Flags,
+        held: Flags,
         steering: bool,
         parameters: Mapping[str, float],
     ) -> Watched:
-        """Take in one tick; `dofs` are the last tick's, `parameters` those before `events`."""
+        """Take in one tick; `dofs` are the last tick's, `parameters` those before `events`.
+
+        `held` are the degrees of freedom that are engaged, or while we do not steer those that would be.
+        """
         now_s = state.t_s
         if self._config_changed:
             self._config_changed, self._changed_t_s = False, now_s
@@ -102,15 +105,16 @@ class Watch:
         self._battery_low_s = _lasting(self._battery_low_s, dt_s, state.voltage_v < limits.min_voltage_v)
         saturated = off_track = False
         if dofs is not None and steering:
-            saturated = bool((dofs.saturated & engaged).any())
-            misses = zip(dofs.e.tolist(), engaged.tolist(), _max_error(limits), strict=True)
-            off_track = any(held and not abs(e) <= most for e, held, most in misses)
+            saturated = bool((dofs.saturated & held).any())
+            misses = zip(dofs.e.tolist(), held.tolist(), _max_error(limits), strict=True)
+            off_track = any(ours and not abs(e) <= most for e, ours, most in misses)
         self._saturated_s = _lasting(self._saturated_s, dt_s, saturated)
         self._off_track_s = _lasting(self._off_track_s, dt_s, off_track)
         missed = np.abs(state.innovation) - self._surprise
         self._surprise = self._surprise + missed * (dt_s / (dt_s + SURPRISE_MEMORY_S))
         if not np.isfinite(self._surprise).all():
             self._surprise = np.zeros(4)
+        surprise = self._surprise * held
         return Watched(
             ekf=self._ekf,
             ekf_doubt_s=self._ekf_doubt_s,
@@ -123,8 +127,8 @@ class Watch:
             battery_low_s=self._battery_low_s,
             saturated_s=self._saturated_s,
             off_track_s=self._off_track_s,
-            surprise_m=float(self._surprise[:PSI].max()),
-            surprise_deg=math.degrees(self._surprise[PSI]),
+            surprise_m=float(surprise[:PSI].max()),
+            surprise_deg=math.degrees(surprise[PSI]),
             samples_dropped=now_s - self._dropped_t_s <= ANNOUNCED_S,
             config_changed=now_s - self._changed_t_s <= ANNOUNCED_S,
         )

@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from virtual import DEPTH_M, Dive, Somebody, active
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from virtual import DEPTH_M, Dive, Somebody, active, hold
 
 from companion.handover import KEEP_ALIVE_S, REFUSED_S
 from companion.types import Condition, Request, State
@@ -25,16 +26,18 @@ def carried_off(dive):
         dive.fault("thruster", thruster=thruster, value=0.0)
 
 
-def surprised(dive):
-    """A depth that is 20 cm wrong either way, sample by sample."""
-    rng = np.random.default_rng(1)
+def compass_jumps(dive):
+    """A heading that is half a radian wrong either way, sample by sample."""
+    rng, wire = np.random.default_rng(1), mavlink.MAVLink(None, 1, 1)
 
-    def spoil(t_s, inbox):
-        dive.vehicle._sensors.shift_relative(float(rng.choice([-0.4, 0.4])) - shifted[0])
-        return inbox
+    def spoilt(data):
+        messages = wire.parse_buffer(data)
+        for message in messages:
+            if message.get_type() == "ATTITUDE":
+                message.yaw += float(rng.choice([-0.5, 0.5]))
+        return b"".join(message.pack(wire) for message in messages)
 
-    shifted = [0.0]
-    dive.tap.spoil = spoil
+    dive.tap.spoil = lambda t_s, inbox: [(at, spoilt(data)) for at, data in inbox]
 
 
 def ekf_bad(dive):
@@ -109,6 +112,16 @@ def test_it_hands_over_through_stabilize(act):
     assert modes.count(STABILIZE) * 0.02 >= 1.0
     assert dive.tap.last_thrust_s - left_s <= RAMP_S + 0.05
     assert dive.state is State.HAND_OVER
+
+
+def test_surprise_about_a_heading_ends_it_where_the_heading_is_ours():
+    dive = active(companion=["supervisor.off_track_s=60"], seconds=3.0)
+    assert what_ended(dive, compass_jumps, 3.0) & Condition.SURPRISED
+    assert dive.state is State.HAND_OVER
+    dive = active(companion=["vehicle.steering_mode=stabilize"], setpoint=hold(psi=np.nan), seconds=3.0)
+    compass_jumps(dive)
+    assert {step.sample.verdict.state for step in dive.run(3.0)} == {State.ACTIVE}
+    assert not dive.step.sample.verdict.conditions & Condition.SURPRISED
 
 
 def test_a_reboot_ends_it():

@@ -34,7 +34,7 @@ class Seen:
 
     def step(self, *events, dt_s=TICK_S, dofs=None, state=FINE_STATE, dropped=0, **changes):
         self.now_s += dt_s
-        given = {"engaged": ALL, "steering": True, "parameters": SAFE}
+        given = {"held": ALL, "steering": True, "parameters": SAFE}
         events = [replace(event, t_s=self.now_s) for event in events]
         health = LoopHealth(1, 50.0, 0.0, 0.0, 0, dropped)
         state = replace(state, t_s=self.now_s)
@@ -133,14 +133,14 @@ def test_how_long_it_lasts_starts_anew_after_a_break(seen, field):
 )
 def test_off_track_by_metres_and_by_degrees(seen, e, counts):
     assert (seen.step(dofs=Dofs(e=e)).off_track_s > 0.0) == counts
-    assert seen.step(dofs=Dofs(e=e), engaged=~ALL).off_track_s == 0.0
+    assert seen.step(dofs=Dofs(e=e), held=~ALL).off_track_s == 0.0
     assert seen.step(dofs=Dofs(e=e), steering=False).off_track_s == 0.0
 
 
 def test_saturation_counts_where_it_is_engaged(seen):
     heave = Dofs((False, False, True, False))
-    assert seen.step(dofs=heave, engaged=np.array([True, True, False, True])).saturated_s == 0.0
-    assert seen.step(dofs=heave, engaged=np.array([False, False, True, True])).saturated_s > 0.0
+    assert seen.step(dofs=heave, held=np.array([True, True, False, True])).saturated_s == 0.0
+    assert seen.step(dofs=heave, held=np.array([False, False, True, True])).saturated_s > 0.0
 
 
 def test_a_failsafe_counts_once_our_steering_should_have_ended_it(seen):
@@ -168,6 +168,15 @@ def test_surprise_is_an_average_and_forgets_what_is_not_finite(seen):
         o = seen.step()
     assert o.surprise_m < 0.01
     assert seen.step(state=replace(FINE_STATE, innovation=np.full(4, nan))).surprise_m == 0.0
+
+
+def test_surprise_counts_where_it_is_held(seen):
+    missed = replace(FINE_STATE, innovation=np.array([0.4, 0.0, 0.1, radians(20.0)]))
+    for _ in range(200):
+        o = seen.step(state=missed, held=np.array([False, False, True, False]))
+    assert (o.surprise_m, o.surprise_deg) == (pytest.approx(0.1, rel=0.01), 0.0)
+    o = seen.step(state=missed)
+    assert (o.surprise_m, o.surprise_deg) == (pytest.approx(0.4, rel=0.01), pytest.approx(20.0, rel=0.01))
 
 
 def test_a_pilot_counts_as_steering_for_a_while(seen):
