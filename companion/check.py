@@ -234,6 +234,18 @@ def _battery(seen: Observed, config: Config) -> Row:
     return Row("battery", grade, f"{seen.voltage_v:.1f} V, low is {low_v:g}", why, "charge it")
 
 
+def _leak(seen: Observed, config: Config) -> Row:
+    why = "we hand over on the autopilot's word of a leak, and hear of none that it does not look for"
+    action = seen.parameters.get("FS_LEAK_ENABLE")
+    if action is None:
+        return Row("leak", Grade.WARNING, "FS_LEAK_ENABLE was not told", why, "look at the link's load")
+    if action == 0.0:
+        mend = "FS_LEAK_ENABLE = 1 to be warned, 2 to surface by itself"
+        return Row("leak", Grade.WARNING, "not looked for: FS_LEAK_ENABLE is 0", why, mend)
+    does = {1.0: "it warns", 2.0: "it surfaces"}.get(action, f"action {action:g}")
+    return Row("leak", Grade.GOOD, f"looked for; {does}", why)
+
+
 def _clock(seen: Observed, config: Config) -> Row:
     why = "delays are measured by it, and a delay that is not known makes the loop swing"
     if not seen.syncs:
@@ -289,6 +301,7 @@ _LOOKS: tuple[Callable[[Observed, Config], Row | None], ...] = (
     _origin,
     _mode,
     _battery,
+    _leak,
     _clock,
     _thrusters,
 )

@@ -24,7 +24,6 @@ FIT_S: Final = 1.0
 """How long after a pulse's start its answer is looked at."""
 
 DEMANDS: Final = {"surge": 0.2, "sway": 0.2, "heave": 0.2, "yaw": 0.12}
-MEASURED: Final = ("p", "q", "r", "w")
 INERTIA_TILT: Final = (0.45, 0.37)
 """Roll and pitch of a BlueROV2 with its added mass, kg m² (ArduSub facts): only signs and sizes matter."""
 

@@ -456,12 +456,6 @@ class Commands:
             LEAVE_ALONE,
         )
 
-    def rc_release(self) -> Message:
-        """All six axes at neutral: a 0 would leave the last value in force."""
-        return mavlink.MAVLink_rc_channels_override_message(
-            self._system, self._component, *(NEUTRAL_US,) * 6, LEAVE_ALONE, LEAVE_ALONE
-        )
-
     def manual_control(
         self, command: AxisCommand, gain: float, throttle_gain: float, pilot: PilotSticks | None = None
     ) -> Message:

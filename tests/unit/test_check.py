@@ -33,6 +33,7 @@ PARAMETERS = {
     "FS_PILOT_INPUT": 2.0,
     "FS_PILOT_TIMEOUT": 3.0,
     "JS_THR_GAIN": 1.0,
+    "FS_LEAK_ENABLE": 1.0,
     "RC_PROTOCOLS": 1.0,
     "RC_OVERRIDE_TIME": 3.0,
     "BARO_PRIMARY": 1.0,
@@ -83,7 +84,7 @@ def told(seen, **parameters):
 def test_all_good(good):
     listed = rows(good, load_config())
     assert {row.grade for row in listed} == {GOOD}
-    assert len(listed) == 14
+    assert len(listed) == 15
     assert all(row.found and row.why for row in listed)
     assert refusals(listed) == ""
     assert worst(listed) == 0
@@ -155,6 +156,9 @@ BY_PARAMETER = [
     ("pilot gain", {"JS_THR_GAIN": 0.5}, STICKS, WARNING, "25 %"),
     ("pilot gain", {"JS_THR_GAIN": None}, STICKS, REFUSED, "JS_THR_GAIN"),
     ("pilot gain", {"JS_THR_GAIN": None}, (), GOOD, "not in the way"),
+    ("leak", {"FS_LEAK_ENABLE": 0.0}, (), WARNING, "FS_LEAK_ENABLE = 1"),
+    ("leak", {"FS_LEAK_ENABLE": None}, (), WARNING, "FS_LEAK_ENABLE was not told"),
+    ("leak", {"FS_LEAK_ENABLE": 2.0}, (), GOOD, "surfaces"),
     ("RC receiver", {"RC_OVERRIDE_TIME": -1.0}, (), GOOD, "did fire"),
 ]
 

@@ -383,11 +383,6 @@ class TestOverride:
         got = channels(COMMANDS.rc_override(AxisCommand(surge=9.0, sway=NAN, heave=9.0, yaw=INF)))
         assert got[2:6] == [1100, 1500, 1900, 1500]
 
-    def test_release_is_neutral_not_zero(self):
-        got = channels(COMMANDS.rc_release())
-        assert got[:6] == [1500] * 6
-        assert got[6:8] == [65535] * 2
-
 
 class TestManualControl:
     @pytest.mark.parametrize(

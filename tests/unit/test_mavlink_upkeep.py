@@ -163,7 +163,7 @@ def test_parameters_are_read_until_answered(dive):
 
 def test_parameters_that_nobody_answers_are_asked_for_ever_more_rarely(dive):
     dive.run(600.0)
-    asked = [t_s for t_s, m in dive.sent if getattr(m, "param_id", "") == "RC_OPTIONS"]
+    asked = [t_s for t_s, m in dive.sent if getattr(m, "param_id", "") == "FRAME_CONFIG"]
     waits = [b - a for a, b in itertools.pairwise(asked)]
     assert waits[0] == pytest.approx(2.0, abs=1.5)
     assert all(b > a - 1.5 for a, b in itertools.pairwise(waits))
