@@ -186,10 +186,10 @@ def empty_loop(duration_s: float) -> None:
 
 
 def start_to_neutral_s() -> float:
-    """Return the time from starting `holdfast run` to its first neutral frame at a vehicle that answers."""
+    """Return the time from starting `holdfast run` to its first neutral frame at a vehicle that is steered."""
     vehicle = mavlink.MAVLink(None, 1, 1)
     vehicle.robust_parsing = True
-    heartbeat = mavlink.MAVLink_heartbeat_message(12, 3, 81, 19, 3, 3).pack(vehicle)
+    heartbeat = mavlink.MAVLink_heartbeat_message(12, 3, 209, 19, 4, 3).pack(vehicle)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as wire:
         wire.bind(("127.0.0.1", 0))
         wire.settimeout(20.0)
