@@ -19,6 +19,11 @@ MIN_REACH = 0.3
 """A pilot gain below this leaves MANUAL_CONTROL less than a third of the thrust."""
 
 SLOW_SHARE = 0.7
+NOT_ON_EVERY_VEHICLE = frozenset(
+    {"LOCAL_POSITION_NED", "SCALED_PRESSURE", "SCALED_PRESSURE2", "SCALED_PRESSURE3"}
+)
+"""Streams that may stay away: another row says so where one of them is needed."""
+
 MIN_DEPTH_HZ = 8.0
 FULL_CELL_SHARE = 1.08
 """A dive wants a battery this far above the voltage at which it is called low."""
@@ -71,6 +76,17 @@ def _firmware(seen: Observed, config: Config) -> Row:
         return Row("firmware", Grade.WARNING, "its version was not told", why, "look at the link's load")
     grade = Grade.GOOD if seen.firmware.version >= OLDEST else Grade.WARNING
     return Row("firmware", grade, f"ArduSub {seen.firmware.text}", why, "update to ArduSub 4.5 or newer")
+
+
+def _signing(seen: Observed, config: Config) -> Row | None:
+    if not config.link.signing_key_file:
+        return None
+    why = "what is not signed with link.signing_key_file is not believed, and counts as silence"
+    if seen.messages or not seen.refused:
+        found = "the vehicle signs with our key" if seen.messages else "nothing came yet"
+        return Row("signing", Grade.GOOD, found, why)
+    found, mend = "no frame is signed with our key", "give both the same key: docs/wiring.md"
+    return Row("signing", Grade.REFUSED, found, why, mend)
 
 
 def _frame(seen: Observed, config: Config) -> Row:
@@ -165,7 +181,7 @@ def _streams(seen: Observed, config: Config) -> Row:
     why = "the estimate is as good as what comes; a parameter transfer slows it fourfold for a while"
     asked, came = seen.asked_hz, seen.measured_hz
     slow = [name for name, hz in asked.items() if name in came and came[name] < SLOW_SHARE * hz]
-    slow = [name for name in slow if name != "LOCAL_POSITION_NED"]
+    slow = [name for name in slow if came[name] > 0.0 or name not in NOT_ON_EVERY_VEHICLE]
     if not came:
         return Row("streams", Grade.WARNING, "not measured yet", why)
     if slow:
@@ -285,10 +301,12 @@ def _thrusters(seen: Observed, config: Config) -> Row | None:
 
 
 def _untold(name: str, parameter: str, why: str) -> Row:
-    return Row(name, Grade.REFUSED, f"{parameter} was not told", why, "wait, or look at the link's load")
+    mend = "wait; or look at the link's load, and whether the vehicle demands signatures"
+    return Row(name, Grade.REFUSED, f"{parameter} was not told", why, mend)
 
 
 _LOOKS: tuple[Callable[[Observed, Config], Row | None], ...] = (
+    _signing,
     _firmware,
     _frame,
     _steering_id,

@@ -48,7 +48,7 @@ async def _inspect(
         wire.cancel()
         link.close()
     if not inspection.contact:
-        return [_nobody(config)], []
+        return [_nobody(config), *(row for row in inspection.rows if row.name == "signing")], []
     return inspection.rows, inspection.notes
 
 

@@ -319,6 +319,8 @@ class Engine:
             parameters=autopilot.parameters,
             measured_hz=autopilot.measured_hz,
             asked_hz=autopilot.asked_hz,
+            messages=autopilot.counters.messages,
+            refused=autopilot.counters.refused,
         )
         return rows(seen, self._config)
 

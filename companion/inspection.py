@@ -88,6 +88,8 @@ class Inspection:
                 parameters=self._autopilot.parameters,
                 measured_hz=self._autopilot.measured_hz,
                 asked_hz=self._autopilot.asked_hz,
+                messages=self._autopilot.counters.messages,
+                refused=self._autopilot.counters.refused,
                 modes=self._modes,
                 directions=self._directions,
             ),

@@ -45,6 +45,9 @@ class Observed:
     parameters: Mapping[str, float] = field(default_factory=dict)
     measured_hz: Mapping[str, float] = field(default_factory=dict)
     asked_hz: Mapping[str, float] = field(default_factory=dict)
+    messages: int = 0
+    refused: int = 0
+    """Frames that were believed, and those that were not rightly signed."""
     heartbeat: Heartbeat | None = None
     firmware: Firmware | None = None
     pilot_gain: float | None = None

@@ -37,7 +37,8 @@ def test_with_one_key_it_dives(utc_s):
     ids=["another key", "we do not sign", "the vehicle does not sign"],
 )
 def test_without_one_key_nobody_obeys(plant, signing):
-    dive = Dive(*plant, signing=signing)
+    key = [] if signing is None else ["link.signing_key_file=/etc/holdfast/mavlink.key"]
+    dive = Dive(*plant, companion=key, signing=signing)
     dive.run(4.0)
     assert dive.state is State.IDLE
     assert not dive.step.truth.armed
@@ -45,6 +46,7 @@ def test_without_one_key_nobody_obeys(plant, signing):
     if signing is not None:
         assert dive.step.sample.counters.refused > 100
         assert dive.step.sample.counters.messages == 0
+        assert "signing: no frame" in dive.step.sample.verdict.reason
 
 
 def test_a_strangers_unsigned_disarm_and_stick_change_nothing():

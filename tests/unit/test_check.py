@@ -176,6 +176,24 @@ def test_rows_by_parameter(good, name, parameters, overrides, grade, words):
     assert words in found.found + found.mend
 
 
+def test_frames_that_are_not_signed_with_our_key_are_told_where_there_is_one(good):
+    assert all(row.name != "signing" for row in rows(good, load_config()))
+    key = "link.signing_key_file=/etc/holdfast/mavlink.key"
+    assert row("signing", replace(good, messages=1, refused=20), key).grade is GOOD, "a stranger's flood"
+    assert row("signing", replace(good, messages=0, refused=0), key).grade is GOOD
+    found = row("signing", replace(good, messages=0, refused=1), key)
+    assert found.grade is REFUSED
+    assert "docs/wiring.md" in found.mend
+
+
+def test_streams_that_not_every_vehicle_has_may_stay_away_but_not_slow_down(good):
+    asked = {**good.asked_hz, "SCALED_PRESSURE3": 50.0}
+    seen = replace(good, asked_hz=asked, measured_hz={**good.measured_hz, "SCALED_PRESSURE3": 0.0})
+    assert row("streams", seen).grade is GOOD
+    slow = replace(seen, measured_hz={**good.measured_hz, "SCALED_PRESSURE3": 12.0})
+    assert "SCALED_PRESSURE3 12 of 50 Hz" in row("streams", slow).found
+
+
 def test_a_receiver_and_overrides_that_never_end_are_refused(good):
     """Nothing at all would stop the thrusters then."""
     seen = told(replace(good, failsafe_seen=False), RC_OVERRIDE_TIME=-1.0)
