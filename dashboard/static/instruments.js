@@ -4,6 +4,7 @@ import { proved } from "./panels.js";
 import { ageText, DOFS } from "./words.js";
 
 const DEG = 180 / Math.PI;
+const APART_MS = 35; // a turned SVG costs a layout and a repaint, as much as three plots
 
 export class Attitude {
   name = "attitude";
@@ -42,22 +43,29 @@ export class Attitude {
       el("header", {}, el("h2", {}, "Attitude"), el("span", { class: "readouts" }, el("span", { class: "key" }, this.heading))), picture);
   }
 
-  draw() {
+  draw({ now }) {
+    if (now - this.drawnAt < APART_MS && this.view.cursor === null) return;
+    this.drawnAt = now;
     const { store } = this;
     const at = this.view.cursor ?? (this.view.paused ? this.view.range(store.last)[1] : null);
     const index = at === null ? store.end - 1 : Math.min(store.end - 1, store.find(at));
     const value = (name) => store.value(name, index);
     const [roll, pitch, heading, wanted] = ["roll_rad", "pitch_rad", "heading_rad", "heading_desired_rad"].map((name) => value(name) * DEG);
     if (!Number.isFinite(heading + roll + pitch)) return;
-    this.roll.setAttribute("transform", `rotate(${(-roll).toFixed(2)})`);
-    this.pitch.setAttribute("transform", `translate(0 ${pitch.toFixed(2)})`);
-    this.card.setAttribute("transform", `rotate(${(-heading).toFixed(2)})`);
-    this.bug.setAttribute("transform", `rotate(${wanted.toFixed(2)})`);
+    move(this.roll, `rotate(${(-roll).toFixed(1)})`);
+    move(this.pitch, `translate(0 ${pitch.toFixed(1)})`);
+    move(this.card, `rotate(${(-heading).toFixed(1)})`);
+    move(this.bug, `rotate(${wanted.toFixed(1)})`);
     this.bug.style.display = value("psi.engaged") > 0 ? "" : "none";
     say(this.heading, `${((heading + 360) % 360).toFixed(1).padStart(5, "0")}°`);
     say(this.rolled, `roll ${signed(roll)}°`);
     say(this.pitched, `pitch ${signed(pitch)}°`);
   }
+}
+
+// To a tenth of a degree, and only when it moved: a pixel here is more, and a picture drawn anew costs a layout.
+function move(node, transform) {
+  if (node.getAttribute("transform") !== transform) node.setAttribute("transform", transform);
 }
 
 const signed = (value) => `${value < 0 ? "−" : "+"}${Math.abs(value).toFixed(1)}`;

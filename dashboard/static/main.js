@@ -114,7 +114,7 @@ let readCursor = null;
 function frame(now) {
   requestAnimationFrame(frame);
   if (!store || store.empty) return;
-  const context = { store, config, status: link.status, lambda: slope(), age: link.age };
+  const context = { store, config, now, status: link.status, lambda: slope(), age: link.age };
   if (dirty) {
     dirty = false;
     count.frames++;

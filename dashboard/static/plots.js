@@ -3,7 +3,7 @@ import { colours, el, mark, say } from "./dom.js";
 import { GAP_S } from "./store.js";
 
 const SHRINK = 0.08; // of the surplus, a frame: scales grow at once and shrink gently
-const POINTS = 0.55; // a pixel: more costs frames without a graphics card, and shows no more
+const POINTS = 0.45; // a pixel: more costs frames without a graphics card, and shows no more
 
 export class Plot {
   constructor(definition, view, store, events) {
@@ -31,7 +31,7 @@ export class Plot {
       width: 300, height: 100, padding: [6, 16, 0, 0], pxAlign: 0,
       legend: { show: false },
       cursor: {
-        sync: { key: "holdfast" }, drag: { x: true, y: false, setScale: false }, points: { size: 6 },
+        sync: { key: "holdfast" }, drag: { x: true, y: false, setScale: false }, points: { size: 6 }, dataIdx: (_, __, index) => index,
         bind: { dblclick: () => () => { view.live(); return null; } },
       },
       scales: { x: { time: false }, y: { auto: false, dir: definition.downward ? -1 : 1 } },
@@ -58,6 +58,7 @@ export class Plot {
 
   fit() {
     const { clientWidth: width, clientHeight: height } = this.canvas;
+    this.width = width; // asking the page for it in every frame costs a layout
     if (width && height) this.uplot.setSize({ width, height });
   }
 
@@ -66,7 +67,7 @@ export class Plot {
     const { store, view, definition } = this;
     const [from, to] = view.range(store.last);
     const zero = view.head(store.last);
-    const window = store.window(definition.columns(view.dof), from, to, zero, Math.max(150, POINTS * this.canvas.clientWidth));
+    const window = store.window(definition.columns(view.dof), from, to, zero, Math.max(150, POINTS * this.width));
     const made = definition.make(window.values, view.dof, { ...context, x: window.x });
     this.shades = made.shades ?? [];
     this.x = window.x;
@@ -221,6 +222,12 @@ function broken(line, x) {
       if (missing < i && x[i] - x[i - missing - 1] < GAP_S) out.fill(undefined, i - missing, i);
       missing = 0;
     }
+  }
+  // The inner points of a level piece: most of what drawing costs is the number of points.
+  for (let i = out.length - 2, next = out.at(-1); i > 0; i--) {
+    const value = out[i];
+    if (value === next && value === out[i - 1] && Number.isFinite(value)) out[i] = undefined;
+    next = value;
   }
   return out;
 }
