@@ -21,7 +21,7 @@ from lab.bench_plot import draw
 from lab.bounds import Bound, latency, process, virtual
 from lab.floor import CHATTER_N
 from lab.rows import DEFAULT, ROWS, selected
-from lab.subscribers import ROUNDS, subscriber_bounds
+from lab.subscribers import ROUNDS, NoReaderError, subscriber_bounds
 from sim_bridge.commands import DEFAULT_CONFIG
 from sim_bridge.config import load_config as load_plant
 
@@ -55,7 +55,11 @@ def run(arguments: argparse.Namespace) -> int:
             cases = summaries(runs)
         if arguments.what == "zenoh":
             task = progress.add_task("measuring subscribers", total=ROUNDS)
-            bounds += subscriber_bounds(lambda: progress.advance(task))
+            try:
+                bounds += subscriber_bounds(lambda: progress.advance(task))
+            except NoReaderError as error:
+                sys.stderr.write(f"holdfast bench: no figures: {error}\n")
+                return 1
         if arguments.what in (None, "process"):
             task = progress.add_task("measuring the process", total=2)
             bounds += virtual(load_config(overrides=arguments.set), plant)

@@ -10,6 +10,7 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -19,6 +20,7 @@ from typing import Any
 import numpy as np
 import zenoh
 
+from companion import telemetry
 from companion.app import App
 from companion.config import load_config
 from companion.types import Array, Request, Setpoint
@@ -29,6 +31,7 @@ from lab.ports import free_port
 NOBODY = "nobody"
 CASES = (NOBODY, "reading", "50 ms a sample", "stopped", "killed")
 SLOW_S = 0.05
+KEYS_PER_S = 50 * len(telemetry.EVERY_TICK)
 SETTLE_S = 1.0
 FILL_S = 20.0
 """Until the sockets' buffers towards one that does not read are full, and Zenoh has to drop."""
@@ -36,6 +39,10 @@ FILL_S = 20.0
 ROUNDS = 3
 WINDOW_S = 10.0
 P99_RATIO = 1.1
+TELL_S = 0.5
+HERE_S = 30.0
+"""A reader that has nothing to read for so long is none."""
+
 COMPANION = "from lab.subscribers import companion; companion({link!r}, {endpoint!r}, {file!r})"
 READER = "from lab.subscribers import read; read({endpoint!r}, {pause_s})"
 
@@ -83,44 +90,92 @@ def companion(link: str, endpoint: str, file: str) -> None:
     os._exit(0)
 
 
+class NoReaderError(Exception):
+    """Nobody read where a reader was to be measured."""
+
+
 def read(endpoint: str, pause_s: float) -> None:
-    """Take everything, with a pause after each sample; say so after the first."""
-    with zenoh.open(client_config(endpoint)) as session:
-        samples = session.declare_subscriber("holdfast/**", zenoh.handlers.FifoChannel(16))
-        for index, _ in enumerate(samples):
-            if not index:
-                sys.stdout.write("here\n")
-                sys.stdout.flush()
-            time.sleep(pause_s)
+    """Take everything, as soon as somebody is there, with a pause after each sample; print the count."""
+    told_s = 0.0
+    while True:
+        with suppress(zenoh.ZError), zenoh.open(client_config(endpoint)) as session:
+            samples = session.declare_subscriber("holdfast/**", zenoh.handlers.FifoChannel(16))
+            for count, _ in enumerate(samples, 1):
+                if time.monotonic() - told_s > TELL_S:
+                    told_s = time.monotonic()
+                    sys.stdout.write(f"{count}\n")
+                    sys.stdout.flush()
+                time.sleep(pause_s)
+        time.sleep(0.2)
+
+
+class _Reader:
+    """A child that reads. Its count is drained by a thread of ours, so that only SIGSTOP stops it."""
+
+    def __init__(self, endpoint: str, pause_s: float) -> None:
+        program = READER.format(endpoint=endpoint, pause_s=pause_s)
+        self.child = subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, text=True)
+        self.count = 0
+        self._first = threading.Event()
+        self._drainer = threading.Thread(target=self._drain, daemon=True)
+        self._drainer.start()
+        if not self._first.wait(HERE_S):
+            self.end()
+            raise NoReaderError(f"the reader took nothing from {endpoint} for {HERE_S:g} s")
+
+    def end(self) -> None:
+        self.child.kill()
+        self.child.wait()
+        self._drainer.join()
+
+    def _drain(self) -> None:
+        assert self.child.stdout is not None
+        with self.child.stdout as lines:
+            for line in lines:
+                self.count = int(line)
+                self._first.set()
 
 
 @contextmanager
-def _reader(endpoint: str, pause_s: float) -> Iterator["subprocess.Popen[str]"]:
-    program = READER.format(endpoint=endpoint, pause_s=pause_s)
-    child = subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, text=True)
+def _reader(endpoint: str, pause_s: float) -> Iterator[_Reader]:
+    reader = _Reader(endpoint, pause_s)
     try:
-        assert child.stdout is not None
-        child.stdout.readline()
-        yield child
+        yield reader
     finally:
-        child.kill()
-        child.communicate()
+        reader.end()
 
 
 def _window(case: str, endpoint: str) -> tuple[float, float]:
-    """Bring the case about and return when it began and ended, by the monotonic clock."""
+    """Bring the case about and return when it began and ended, by the monotonic clock.
+
+    Raises NoReaderError if the reader is not what the case says.
+    """
     if case == NOBODY:
         time.sleep(SETTLE_S)
         return _wait()
-    with _reader(endpoint, SLOW_S if case == "50 ms a sample" else 0.0) as child:
+    with _reader(endpoint, SLOW_S if case == "50 ms a sample" else 0.0) as reader:
         time.sleep(SETTLE_S)
         if case in ("stopped", "killed"):
-            child.send_signal(signal.SIGSTOP)
+            reader.child.send_signal(signal.SIGSTOP)
         if case != "reading":
             time.sleep(FILL_S)
         if case == "killed":
-            child.kill()
-        return _wait()
+            reader.child.kill()
+        before = reader.count
+        begun_s, ended_s = _wait()
+        _as_told(case, reader.count - before, ended_s - begun_s, alive=reader.child.poll() is None)
+        return begun_s, ended_s
+
+
+def _as_told(case: str, taken: int, during_s: float, *, alive: bool) -> None:
+    """Raise NoReaderError unless so many samples are what a reader of this case takes."""
+    least, most = {
+        "reading": (0.5 * KEYS_PER_S * during_s, np.inf),
+        "50 ms a sample": (0.3 * during_s / SLOW_S, (during_s + 2.0 * TELL_S) / SLOW_S),
+    }.get(case, (0.0, 0.0))
+    if alive == (case == "killed") or not least <= taken <= most:
+        state = "lived" if alive else "was dead"
+        raise NoReaderError(f"'{case}': the reader {state} and took {taken} samples in {during_s:.0f} s")
 
 
 def _wait() -> tuple[float, float]:

@@ -22,6 +22,7 @@ from companion import telemetry, zenoh_io
 from companion.types import ControlSample
 from companion.zenoh_io import NameTakenError, Publisher
 from dashboard.zenoh_client import Message, Subscription
+from lab.subscribers import _Reader
 
 PATIENCE_S = 15.0
 
@@ -241,6 +242,21 @@ def test_a_stopped_subscriber_holds_nobody_up(
         finally:
             stopped.kill()
             stopped.communicate()
+
+
+def test_the_benchs_reader_waits_for_a_companion(endpoint: str, feed: Feed) -> None:
+    publisher = Publisher("kelp", endpoint)
+    feed(publisher)
+    late = threading.Timer(1.5, publisher.start)
+    late.start()
+    try:
+        reader = _Reader(endpoint, 0.0)
+        _until(lambda: reader.count > 100)
+        assert reader.child.poll() is None
+        reader.end()
+    finally:
+        late.join()
+        publisher.close()
 
 
 def test_it_closes_from_any_state_and_ignores_what_comes_after(

@@ -1,8 +1,9 @@
 """The measurement of bad subscribers: its own sums."""
 
 import numpy as np
+import pytest
 
-from lab.subscribers import CASES, NOBODY, P99_RATIO, _bounds
+from lab.subscribers import CASES, NOBODY, P99_RATIO, NoReaderError, _as_told, _bounds
 
 
 def test_each_cases_p99_is_set_over_that_with_nobody() -> None:
@@ -20,3 +21,15 @@ def test_each_cases_p99_is_set_over_that_with_nobody() -> None:
     assert bounds[f"p99, {CASES[1]} over {NOBODY}"].value == 1.0
     assert bounds[f"p99, {CASES[1]} over {NOBODY}"].limit == P99_RATIO
     assert bounds[f"tick lateness, {CASES[-1]}: p99 of 1000"].value == 2.0
+
+
+@pytest.mark.parametrize(
+    ("case", "taken", "alive"),
+    [("reading", 4000, True), ("50 ms a sample", 200, True), ("stopped", 0, True), ("killed", 0, False)],
+)
+def test_a_reader_that_is_not_what_its_case_says_gives_no_figures(case: str, taken: int, alive: bool) -> None:
+    _as_told(case, taken, 10.0, alive=alive)
+    with pytest.raises(NoReaderError, match=case):
+        _as_told(case, taken, 10.0, alive=not alive)
+    with pytest.raises(NoReaderError, match=f"took {1000 - taken % 1000} samples"):
+        _as_told(case, 1000 - taken % 1000, 10.0, alive=alive)
