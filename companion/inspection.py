@@ -30,6 +30,7 @@ AGAIN_S = 0.5
 SURFACE_M = 0.3
 NEUTRAL_S = 0.5
 ECHO_SETTLED_S = 0.1
+DISARM = 2.0
 
 
 class Inspection:
@@ -205,6 +206,8 @@ class Inspection:
             self._out.append(self._autopilot.steer(NEUTRAL, self._seen.pilot_gain))
             yield
         self._pushing = False
+        if self._autopilot.parameters.get("FS_PILOT_INPUT") == DISARM:
+            self.notes.append("nobody steers it now: FS_PILOT_INPUT disarms it, unless a pilot does")
 
     def _may_push(self) -> bool:
         return not self._why_not()

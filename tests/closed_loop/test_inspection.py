@@ -100,6 +100,7 @@ def test_asked_for_armed_and_dived_it_tries_every_motor_and_ends_neutral():
     assert look.steered[-1] == (0.0, 0.0, 0.0, 0.0)
     assert max(abs(axis) for axes in look.steered for axis in axes) <= 0.2
     assert abs(look.vehicle.truth().eta[3:]).max() < 0.5
+    assert look.inspection.notes == ["nobody steers it now: FS_PILOT_INPUT disarms it, unless a pilot does"]
 
 
 @pytest.mark.parametrize("motor", range(1, 9))
