@@ -238,7 +238,7 @@ CONDITIONS = (
         C.SURPRISED,
         _surprised,
         ("max_surprise_m", "max_surprise_deg"),
-        "measurements keep missing what the estimator expects: sensor, model or clock is wrong",
+        "where it is held, it keeps not being where the estimator expects: sensor, model or clock is wrong",
         "look at the depth's and heading's noise and at the delays",
     ),
     Look(

@@ -186,7 +186,7 @@ def empty_loop(duration_s: float) -> None:
 
 
 def start_to_neutral_s() -> float:
-    """Return the time from starting `holdfast run` to its first neutral frame at a vehicle that is steered."""
+    """Return the time from starting `holdfast run` to its first neutral frame at a steered vehicle."""
     vehicle = mavlink.MAVLink(None, 1, 1)
     vehicle.robust_parsing = True
     heartbeat = mavlink.MAVLink_heartbeat_message(12, 3, 209, 19, 4, 3).pack(vehicle)

@@ -77,7 +77,7 @@ export default {
     "look at the link's load; run on the vehicle instead of topside"
   ],
   "SURPRISED": [
-    "measurements keep missing what the estimator expects: sensor, model or clock is wrong",
+    "where it is held, it keeps not being where the estimator expects: sensor, model or clock is wrong",
     "look at the depth's and heading's noise and at the delays"
   ],
   "NON_FINITE": [
