@@ -73,11 +73,15 @@ def main(argv: list[str]) -> int:
 
 
 def renamed(key: str, suffix: str) -> tuple[str, str]:
-    """Return a key under the name that a replay has, and the name; ("", "") for what has no vehicle in it."""
+    """Return a key under the name that a replay has, and the name; ("", "") for what is not played.
+
+    That is what has no vehicle in it, and the recorder's status: nobody records now.
+    """
     root, _, rest = key.partition("/")
     vehicle, _, tail = rest.partition("/")
     name = vehicle + suffix
-    return (f"{root}/{name}/{tail}", name) if root in ("holdfast", "sim") and tail else ("", "")
+    played = root in ("holdfast", "sim") and tail not in ("", "recorder")
+    return (f"{root}/{name}/{tail}", name) if played else ("", "")
 
 
 def paced(items: Iterator[Item], from_s: float, speed: float) -> Iterator[tuple[float, Item]]:

@@ -76,9 +76,9 @@ def companion(link: str, endpoint: str, file: str) -> None:
         app = App(config, Setpoint(np.array([np.nan, np.nan, 3.0, 0.0])), arm=True, requests=[Request.ENGAGE])
         step = app._engine.step
 
-        def noted(now_s: float, inbox: Any, health: Any, requests: Any) -> Any:
+        def noted(now_s: float, inbox: Any, health: Any, *more: Any) -> Any:
             ticks.append((now_s, health.lateness_ms))
-            return step(now_s, inbox, health, requests)
+            return step(now_s, inbox, health, *more)
 
         app._engine.step = noted  # type: ignore[method-assign, assignment]
         await app.run()

@@ -137,6 +137,7 @@ def test_a_dive_whose_recorder_was_killed(tmp_path: Path) -> None:
             assert twin.returncode == 1  # two replays of one name
             player.send_signal(signal.SIGINT)
             assert player.wait(5.0) == 0
+    assert "holdfast/kelp-replay/recorder" not in heard  # nobody records now
     payloads = {item.payload for item in items}
     assert {heard["holdfast/kelp-replay/state"], heard["holdfast/kelp-replay/dof/z"]} <= payloads
 

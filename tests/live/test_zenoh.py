@@ -14,6 +14,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import msgspec
+import numpy as np
 import pytest
 import zenoh
 from zenoh import ext
@@ -22,7 +23,9 @@ from companion import telemetry, zenoh_io
 from companion.types import ControlSample
 from companion.zenoh_io import NameTakenError, Publisher
 from dashboard.zenoh_client import Message, Subscription
-from lab.subscribers import _Reader
+from lab.bounds import running
+from lab.ports import free_port
+from lab.subscribers import COMPANION, _Reader
 
 PATIENCE_S = 15.0
 
@@ -244,19 +247,15 @@ def test_a_stopped_subscriber_holds_nobody_up(
             stopped.communicate()
 
 
-def test_the_benchs_reader_waits_for_a_companion(endpoint: str, feed: Feed) -> None:
-    publisher = Publisher("kelp", endpoint)
-    feed(publisher)
-    late = threading.Timer(1.5, publisher.start)
-    late.start()
-    try:
+def test_the_benchs_reader_waits_for_its_companion(endpoint: str, tmp_path: Path) -> None:
+    link, file = f"127.0.0.1:{free_port(socket.SOCK_DGRAM)}", f"{tmp_path}/ticks.npy"
+    program = COMPANION.format(link=link, endpoint=endpoint, file=file)
+    late = f"import time; time.sleep(1.0); {program}"
+    with running(sys.executable, "-c", late):
         reader = _Reader(endpoint, 0.0)
-        _until(lambda: reader.count > 100)
-        assert reader.child.poll() is None
+        _until(lambda: reader.count > 400)
         reader.end()
-    finally:
-        late.join()
-        publisher.close()
+    assert len(np.load(file)) > 50
 
 
 def test_it_closes_from_any_state_and_ignores_what_comes_after(
