@@ -95,6 +95,8 @@ class Engine:
         self._had_authority = False
         self._last_wrench = np.zeros(4)
         """What the law last asked while ACTIVE: this is let go, evenly, whatever it would say by then."""
+        self._delivered = np.zeros(4)
+        """What the last command, with the pilot's share, should have given."""
         self._kept_alive_s = -math.inf
         self._dofs: DofSample | None = None
         self._pilot = Pilot(config)
@@ -152,7 +154,7 @@ class Engine:
         pilot = wish.sticks if self.steering else None
         sent = self._autopilot.blended(command, self._engaged, pilot, state.pilot_gain)
         applied = self._ours(self._autopilot.applied(sent, state.pilot_gain))
-        delivered = self._thrusters.delivered(applied, state.voltage_v)[:4]
+        self._delivered = delivered = self._thrusters.delivered(applied, state.voltage_v)[:4]
         self._estimator.sent(now_s, applied[:4], to_inertial(J, delivered))
         short = (np.abs(applied - wanted.axes) > 0.01) | self._thrusters.overloaded(applied)
         self._saturated = _by_dof(wanted.saturated | short)
@@ -335,14 +337,17 @@ class Engine:
         return (StatusText(now_s, MAV_SEVERITY_INFO, about),) if about else ()
 
     def _levelled(self, requested: Array, state: VehicleState) -> Array:
-        """Return the wrench with the moments that keep it level, where those are ours."""
+        """Return the wrench with the moments that keep it level, where those are ours.
+
+        Beside what the law pushes on the axes that are held goes what the pilot pushes on the others.
+        """
         if self._levelling is None:
             return requested
         limits = np.array((self._config.surge.max_force, self._config.sway.max_force))
         moments = self._levelling.moments(
             np.array((state.roll, state.pitch)),
             np.array((state.p, state.q)),
-            bounded(requested[:2], limits),
+            bounded(np.where(self._engaged[:2], requested[:2], self._delivered[:2]), limits),
             state.ahead_s,
         )
         return np.append(requested, moments[: self._thrusters.axes - 4])

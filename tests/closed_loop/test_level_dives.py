@@ -37,6 +37,23 @@ def test_levelling_keeps_it_level_and_its_depth(path):
     assert np.ptp(tilts) > 0.05
 
 
+def test_a_pilot_who_drives_at_full_stick_stays_level_and_at_his_depth():
+    """His surge passes us by, and would turn the Heavy over."""
+    dive = Dive("initial.eta=[0,0,2,0,0,0.3]", companion=LEVEL, setpoint=hold(z=2.0), pilot=True)
+    dive.until(State.ACTIVE)
+    dive.cockpit.push()
+    dive.run(2.0)
+    dive.cockpit.push(surge=1.0, sway=0.5)
+    steps = dive.run(3.0)
+    dive.cockpit.push(surge=-1.0)
+    steps += dive.run(3.0)
+    assert {step.sample.verdict.state for step in steps} == {State.ACTIVE}
+    eta = np.array([step.truth.eta for step in steps])
+    assert np.ptp(eta[:, 0]) > 1.0, "else he did not drive"
+    assert np.degrees(np.abs(eta[:, 3:5]).max()) < 8.0
+    assert np.abs(eta[:, 2] - 2.0).max() < 0.05
+
+
 def test_every_way_out_leaves_roll_and_pitch_neutral():
     """An override stays in force: so neutral has to name them."""
     dive = Dive(*SEA, companion=LEVEL, setpoint=hold(x=0.5, y=-0.3)).until(State.ACTIVE)
