@@ -7,7 +7,7 @@ import pytest
 
 from companion.config import load_config
 from companion.control.positioning import Model, jacobian, to_body
-from companion.estimation import CommandHistory, Estimator
+from companion.estimation import BROUGHT_S, CommandHistory, Estimator
 from companion.thrust import Thrusters
 from companion.types import (
     PSI,
@@ -271,6 +271,41 @@ def test_a_stall_of_our_own_does_not_throw_the_estimate():
     state = still(est, START_S + 8.0, 0.5, 3.2)
     assert state.eta[Z] == pytest.approx(3.2, abs=0.03)
     assert np.isfinite(state.eta_ahead).all()
+
+
+@pytest.mark.parametrize("stray_s", [-0.4, -0.15, 0.15, 0.4])
+def test_stamps_that_stray_do_not_set_it_swinging(stray_s):
+    """Samples much older or younger than where the observer stands, as after a stall; the heading is 0."""
+    est = estimator()
+    still(est, START_S, 3.0, 3.0)
+    for k in range(150):
+        now_s = START_S + 3.0 + k * TICK_S
+        strayed_s = now_s + BOOT_S + (stray_s if k % 3 else 0.0)
+        state = est.step(now_s, [Attitude(now_s, strayed_s, 0.0, 0.0, 1e-3 * (-1) ** k, 0.0, 0.0, 0.02)])
+        assert abs(state.eta_dot[PSI]) < 0.1
+        assert abs(state.eta[PSI]) < 0.05
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_as_far_as_a_sample_is_brought_its_error_does_not_feed_itself(side):
+    """Error of the observer from tick to tick, (I - K H) A, H with the rates by which samples are brought."""
+    observer = estimator()._observer
+    for speed in (0.0, 0.1, 0.5, 1.0, 2.0):
+        drag = D1 + speed * D2
+        A = np.empty((4, 6, 6))
+        for k in range(6):
+            observer.x = np.zeros((4, 6))
+            observer.x[:, k] = 1.0
+            observer.advance(np.zeros(4), M, drag, TICK_S)
+            A[:, :, k] = observer.x
+        H = np.zeros((4, 2, 6))
+        for k in range(6):
+            observer.x = np.zeros((4, 6))
+            observer.x[:, k] = 1.0
+            brought = observer.rates(M, drag) * side * np.array(BROUGHT_S)[:, None]
+            H[:, :, k] = observer.expected - brought
+        closed = (np.eye(6) - observer._gain @ H) @ A
+        assert np.abs(np.linalg.eigvals(closed)).max() < 1.0
 
 
 def test_states_once_given_do_not_change_any_more():
