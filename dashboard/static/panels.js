@@ -91,7 +91,7 @@ export const PLOTS = [
   {
     name: "eps", title: "Combined error ε = ė + λe", held: true,
     series: [
-      { label: "ε", colour: "feedback", width: 1.5 },
+      { label: "ε", colour: "feedback" },
       { colour: "wanted", dash: [3, 5], width: 1, unscaled: true }, { colour: "wanted", dash: [3, 5], width: 1, unscaled: true },
     ],
     columns: (dof) => of(dof, "eps", "engaged"),
@@ -108,7 +108,7 @@ export const PLOTS = [
     heading: (dof) => `Thrust, ${{ z: "down", psi: "clockwise", x: "north", y: "east" }[dof]}`,
     series: [
       { label: "model", colour: "model" }, { label: "feedback", colour: "feedback" }, { label: "learnt", colour: "learnt" },
-      { label: "given", colour: "given", width: 3 }, { label: "asked", colour: "measured", width: 1.5 },
+      { label: "given", colour: "given", width: 3 }, { label: "asked", colour: "measured" },
     ],
     columns: (dof) => [
       ...of(dof, "feedforward", "feedback", "d_hat", "tau", "saturated", "engaged"), "heading_rad",
@@ -126,7 +126,7 @@ export const PLOTS = [
   {
     name: "disturbance", title: "Disturbance d", held: true,
     series: [
-      { label: "true", colour: "truth", width: 1.5 }, { label: "observer", colour: "model", width: 1 }, { label: "learnt", colour: "learnt", width: 2 },
+      { label: "true", colour: "truth" }, { label: "observer", colour: "model", width: 1 }, { label: "learnt", colour: "learnt", width: 2 },
     ],
     columns: (dof) => [...of(dof, "d_hat", "d_observer", "engaged"), `true.${dof}.d`],
     make: ([learnt, observer, engaged, truth]) => ({ lines: [truth, held(observer, engaged), held(learnt, engaged)] }),
@@ -145,7 +145,7 @@ export const PLOTS = [
   },
   {
     name: "loop", title: "Loop", fromZero: true,
-    series: [{ label: "late", colour: "measured", width: 1.5 }, { label: "computing", colour: "model", width: 1 }],
+    series: [{ label: "late", colour: "measured" }, { label: "computing", colour: "model", width: 1 }],
     columns: () => ["lateness_ms", "compute_us"],
     make: ([late, compute]) => ({ lines: [late, scaled(compute, 1e-3)] }),
     span: () => 1, read: (value) => value.toFixed(2),
@@ -153,7 +153,7 @@ export const PLOTS = [
   },
   {
     name: "battery", title: "Battery", rail: true,
-    series: [{ label: "", colour: "measured", width: 1.5 }],
+    series: [{ label: "", colour: "measured" }],
     columns: () => ["voltage_v"],
     make: ([volts]) => ({ lines: [volts] }),
     span: () => 0.6,

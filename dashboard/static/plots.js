@@ -40,7 +40,7 @@ export class Plot {
         axis({ size: 50, gap: 4, space: 26, values: (_, ticks, __, ___, step) => ticks.map((tick) => (definition.format ?? plainNumber)(tick, step)) }),
       ],
       series: [{}, ...definition.series.map((series) => ({
-        stroke: series.colour === "band" ? undefined : () => colours[series.colour], width: series.width ?? 1.5,
+        stroke: series.colour === "band" ? undefined : () => colours[series.colour], width: series.width ?? 1,
         dash: series.dash, points: { show: false }, pxAlign: 0, spanGaps: false,
       }))],
       bands: definition.bands?.map((pair) => ({ series: pair, fill: () => colours.band })),
