@@ -22,6 +22,7 @@ from companion.hidden_delay import HiddenDelay
 from companion.types import Array, Setpoint
 from lab.batch import simulate
 from lab.batch_vehicle import Links
+from lab.rows import selected, tuned, values_of
 from lab.scenarios import DEPTH_M, SETTLE_S, Scenario, ensemble, four, hold
 from sim_bridge.config import SimConfig
 
@@ -55,17 +56,18 @@ def _no_damping() -> AbstractContextManager[object]:
 
 PARTS = (
     Part("shipped default"),
+    Part("no network", ("heave.compensator='observer'",)),
+    Part("observer's d not fed back", ("heave.compensator='network'",)),
     Part("no compensator", ("heave.compensator='none'",)),
-    Part("integrator for the network", ("heave.compensator='integrator'",)),
-    Part("observer's d for the network", ("heave.compensator='observer'",)),
-    Part("network and observer's d", ("heave.compensator='network+observer'",)),
+    Part("integrator for both", ("heave.compensator='integrator'",)),
     Part("thrusters' lag not undone", ("thrusters.lead_s=0.0",)),
     Part("gains not drawn back", ("delays.gains_bear_s=1.0",)),
     Part("hidden delay not looked for", (), _no_hidden),
     Part("oscillation not damped", (), _no_damping),
     Part("neither of the two", ("delays.gains_bear_s=1.0",), _no_hidden),
 )
-LAWS = ("none", "integrator", "regressor", "observer", "network", "network+observer")
+LAWS = ("law", "integrator", "regressor", "observer", "network", "network+observer")
+"""Rows of the bench: each with the gains that the search found for it."""
 
 
 @dataclass(frozen=True)
@@ -97,11 +99,11 @@ def wrong_models(
     base: SimConfig, settings: Sequence[str], seeds: int, done: Callable[[], None]
 ) -> list[Result]:
     """Return every law of LAWS in every case of `wrong`."""
-    results = []
+    results, found = [], tuned()
     for case, scenarios in wrong(seeds).items():
-        for law in LAWS:
-            config = load_config(overrides=[*settings, f"heave.compensator={law!r}"])
-            results.append(_result(law, case, [_dive(config, scenarios, base, Links())]))
+        for row in selected(LAWS):
+            config = load_config(overrides=[*settings, *row.overrides(values_of(row, found))])
+            results.append(_result(row.name, case, [_dive(config, scenarios, base, Links())]))
             done()
     return results
 

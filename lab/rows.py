@@ -71,7 +71,7 @@ def _twist(values: Gains, config: Config) -> Law:
     return SuperTwisting(TwistGains(values["lam"], values["kappa"], values["k_1"], values["k_2"], d_max))
 
 
-_OBSERVED = {"heave.disturbance_noise": 6.0, "thrusters.lead_s": 0.06}
+_OBSERVED = {"heave.disturbance_noise": 6.0, "thrusters.lead_s": 0.04, "delays.gains_bear_s": 0.1}
 _LAW = {"heave.lambda_per_s": 4.0, "heave.kappa_per_s": 8.0} | _OBSERVED
 _LEARNING = _LAW | {"heave.learning_rate": 100.0}
 _RIVAL = {"lam": 4.0, "kappa": 8.0} | _OBSERVED

@@ -1,6 +1,7 @@
 """`holdfast tune` in the terminal: a search for the rows of the bench, or for one's own vehicle."""
 
 import argparse
+import json
 import os
 import shlex
 import sys
@@ -89,6 +90,7 @@ def _own_row(config_file: Path, settings: Sequence[str]) -> Row:
         "heave.kappa_per_s": heave.kappa_per_s,
         "heave.disturbance_noise": heave.disturbance_noise,
         "thrusters.lead_s": config.thrusters.lead_s,
+        "delays.gains_bear_s": config.delays.gains_bear_s,
     }
     if set(heave.compensator.split("+")) & set(LEARNERS):
         knobs["heave.learning_rate"] = heave.learning_rate
@@ -125,7 +127,8 @@ def _tuned_text(arguments: argparse.Namespace, rows: Sequence[Row], found: Seque
         f'command = "{shlex.join(command)}"',
         'optimiser = "CMA-ES (cma), seed 1"',
         f"evaluations_each = {max(one.evaluations for one in found)}",
-        f'training_seeds = "0..{arguments.seeds - 1}, odd ones with +40 ms each way and +15 % thrust"',
+        f'training_seeds = "0..{arguments.seeds - 1}"',
+        f"cases = {json.dumps([str(case) for case in tune.CASES])}",
         f"dives_an_evaluation = {4 * arguments.seeds}",
         f"seconds_a_dive = {tune.TRAINING_S}",
         f"bounds_factor = {WIDTH}",
