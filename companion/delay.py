@@ -1,7 +1,8 @@
 """How late the loop is: measured, because 50 ms of unknown delay each way is a full-power limit cycle.
 
     telemetry delay = arrival − autopilot's stamp + offset     offset = autopilot clock − ours, from TIMESYNC
-    command delay   = lag at which the motors best repeat what we sent (SERVO_OUTPUT_RAW's echo)
+    command delay   = lag at which the motors best repeat what we sent (SERVO_OUTPUT_RAW's echo);
+                      before there was an echo, the configured one and half of TIMESYNC's round trip
 
 An error in the offset moves delay from one to the other; their sum, which is what destabilises, stays right.
 """
@@ -65,7 +66,9 @@ class DelayMeter:
             if abs(offset_s - known_s) > 0.5 * (round_trip_s + best_s) + CLOCK_JUMP_S:
                 self._syncs.clear()
         self._syncs.append((round_trip_s, offset_s))
-        self._offset_s = min(self._syncs)[1]
+        best_s, self._offset_s = min(self._syncs)
+        if not self._echo_found:
+            self._command_s = self._start.command_s + 0.5 * best_s
 
     def stamped(self, arrived_s: float, boot_s: float) -> None:
         """Take one stamped message's arrival."""

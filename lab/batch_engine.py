@@ -75,21 +75,22 @@ class Engines:
         self._command_s = timing.command_s[:, None]
         most_s = self._late_s.max() + LARGEST_S + ahead_s.max()
         self._steps = int(most_s / self._tick_s) + 1
-        self._sent = np.zeros((self._steps + 3, dives, 4))
+        self._sent = np.zeros((self._steps + 4, dives, 4))
         self._tick = 0
-        self._ago = np.zeros((self._steps + 1, dives, 4), int)
-        self._look_up(slice(None), self._tick_s)
+        self._ago = np.zeros((self._steps + 2, dives, 4), int)
+        self._share = np.zeros((dives, 4))
+        self._look_up(slice(None))
 
-    def _look_up(self, dofs: slice, dt_s: Array | float) -> None:
-        """Work out how many ticks ago each command was sent that the observer and the prediction need.
+    def _look_up(self, dofs: slice) -> None:
+        """Work out how many ticks ago the commands were sent that the observer and the prediction need.
 
-        All predict in the same steps, a tick each, and everyone reads off its own moment in between; the
-        estimator makes whole steps of its one way.
+        All step by a tick, in which two commands were in force one after the other, the second for `_share`
+        of it. Everyone reads off its own moment in between; the estimator makes whole steps of its one way.
         """
-        in_force_s = self._command_s + self._late_s[:, dofs]
-        during = in_force_s - self._tick_s * (np.arange(self._steps)[:, None, None] + 0.5)
-        for place, ago_s in ((slice(1), in_force_s + 0.5 * dt_s), (slice(1, None), during)):
-            self._ago[place, :, dofs] = np.maximum(np.ceil(np.round(ago_s / self._tick_s, 9)), 1.0)
+        began = (self._command_s + self._late_s[:, dofs]) / self._tick_s + 1.0
+        first = np.ceil(np.round(began, 9))
+        self._share[:, dofs] = first - began
+        self._ago[:, :, dofs] = np.maximum(first - np.arange(self._steps + 2)[:, None, None], 1.0)
 
     def start(self, readings: Readings) -> None:
         """Engage: each controller rests where the first telemetry puts its vehicle."""
@@ -134,8 +135,9 @@ class Engines:
         self._late_s[:, Z] += self._hidden.hidden_s - self._hidden_s
         self._hidden_s = self._hidden.hidden_s
         heave = slice(Z, Z + 1)
-        self._look_up(heave, dt_s[:, heave])
-        u = self._sent[(self._tick - self._ago) % len(self._sent), self._every, EACH]
+        self._look_up(heave)
+        sent = self._sent[(self._tick - self._ago) % len(self._sent), self._every, EACH]
+        u = sent[:-1] + self._share * (sent[1:] - sent[:-1])
         observer.advance(u[0], m, c, dt_s)
         new = np.stack(
             [readings.depth_m, readings.sink_mps, readings.heading_rad, readings.heading_rate_radps], axis=-1

@@ -286,7 +286,7 @@ def test_a_parameter_that_somebody_changes_is_told_for_a_while():
 def test_our_own_change_is_told_too():
     dive = active(seconds=1.0)
     config = dive.engine.config
-    dive.engine.retune(type(config)(**{**_fields(config), "heave": _with(config.heave, kappa_per_s=10.0)}))
+    dive.engine.retune(type(config)(**{**_fields(config), "heave": _with(config.heave, kappa_per_s=9.0)}))
     assert warned(dive, Condition.CONFIG_CHANGED, 1.0)
 
 

@@ -23,6 +23,10 @@ def synced():
     return m
 
 
+BEFORE_ECHO_S = 0.012 + 0.01
+"""What `synced` takes for the command delay: the configured one, and half of the round trip."""
+
+
 def exchange(meter, up_s, down_s, seconds=8.0, jitter_s=0.0, seed=1, start_s=1000.0):
     """TIMESYNC at 4 Hz and attitude at 50 Hz through a link with these delays."""
     rng = np.random.default_rng(seed)
@@ -130,11 +134,21 @@ def test_one_axis_is_enough():
     assert m.delays.command_s == pytest.approx(0.08, abs=0.005)
 
 
+def test_before_an_echo_a_long_way_is_known_by_its_round_trip():
+    m = meter()
+    exchange(m, 0.05, 0.03, jitter_s=0.002)
+    assert not m.delays.command_known
+    assert m.delays.command_s == pytest.approx(0.012 + 0.04, abs=0.002)
+    steer(m, 0.06)
+    exchange(m, 0.09, 0.09, seconds=1.0, start_s=1020.0)
+    assert m.delays.command_s == pytest.approx(0.06, abs=0.005)  # an echo knows better
+
+
 def test_constant_commands_tell_nothing():
     m = synced()
     steer(m, 0.08, commands=lambda t: AXES)
     assert not m.delays.command_known
-    assert m.delays.command_s == 0.012
+    assert m.delays.command_s == pytest.approx(BEFORE_ECHO_S)
 
 
 def test_an_echo_of_somebody_else_changes_nothing():
@@ -146,7 +160,7 @@ def test_an_echo_of_somebody_else_changes_nothing():
         m.echo(
             sent_t[k] + m.offset_s, 0.1 * rng.normal(size=4), sent_t[k - 128 : k + 2], sent[k - 128 : k + 2]
         )
-    assert m.delays.command_s == 0.012
+    assert m.delays.command_s == pytest.approx(BEFORE_ECHO_S)
 
 
 def test_too_short_a_history_tells_nothing():

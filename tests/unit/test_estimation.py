@@ -90,8 +90,11 @@ def swing(t_s):
 
 
 def dive(seconds=12.0, up_s=0.03, command_s=0.06, commands=swing, **changes):
-    """Run estimator and vehicle; return the last state and the vehicle, one second of truth beyond it."""
-    settings = {"delays.telemetry_s": up_s, "delays.command_s": command_s} | changes
+    """Run estimator and vehicle; return the last state and the vehicle, one second of truth beyond it.
+
+    There is no echo: half the round trip, `up_s`, counts as part of the command's way.
+    """
+    settings = {"delays.telemetry_s": up_s, "delays.command_s": command_s - up_s} | changes
     est, vehicle = estimator(**settings), Vehicle(command_s)
     sensor_s = [axis.sensor_delay_s for axis in CONFIG.axes]
     flying, state = [], None
