@@ -3,8 +3,6 @@
 import math
 from collections.abc import Mapping, Sequence
 
-import numpy as np
-
 from companion.conditions import Watched
 from companion.config import Supervisor as Limits
 from companion.types import (
@@ -48,7 +46,7 @@ class Watch:
         self._steering_since_s: float | None = None
         self._dropped = 0
         self._ekf_doubt_s = self._battery_low_s = self._saturated_s = self._off_track_s = 0.0
-        self._surprise = np.zeros(4)
+        self._surprise = [0.0] * 4
         self.pilot_heard_s = -math.inf
         """When somebody else last sent a steering message, deflected or not."""
 
@@ -110,11 +108,11 @@ class Watch:
             off_track = any(ours and not abs(e) <= most for e, ours, most in misses)
         self._saturated_s = _lasting(self._saturated_s, dt_s, saturated)
         self._off_track_s = _lasting(self._off_track_s, dt_s, off_track)
-        missed = np.abs(state.innovation) - self._surprise
-        self._surprise = self._surprise + missed * (dt_s / (dt_s + SURPRISE_MEMORY_S))
-        if not np.isfinite(self._surprise).all():
-            self._surprise = np.zeros(4)
-        surprise = self._surprise * held
+        new = dt_s / (dt_s + SURPRISE_MEMORY_S)
+        missed = zip(self._surprise, state.innovation.tolist(), strict=True)
+        surprise = [before + new * (abs(innovation) - before) for before, innovation in missed]
+        self._surprise = surprise if all(map(math.isfinite, surprise)) else [0.0] * 4
+        surprise = [one * ours for one, ours in zip(self._surprise, held.tolist(), strict=True)]
         return Watched(
             ekf=self._ekf,
             ekf_doubt_s=self._ekf_doubt_s,
@@ -127,7 +125,7 @@ class Watch:
             battery_low_s=self._battery_low_s,
             saturated_s=self._saturated_s,
             off_track_s=self._off_track_s,
-            surprise_m=float(surprise[:PSI].max()),
+            surprise_m=max(surprise[:PSI]),
             surprise_deg=math.degrees(surprise[PSI]),
             samples_dropped=now_s - self._dropped_t_s <= ANNOUNCED_S,
             config_changed=now_s - self._changed_t_s <= ANNOUNCED_S,
