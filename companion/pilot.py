@@ -104,8 +104,6 @@ class Pilot:
 
         A way that has only begun is given up: the first push counts from where the reference is.
         """
-        if wish is NOTHING:
-            return target, wish.taken
         rate = to_inertial(J, wish.nu) * held
         moving = rate != 0.0
         moving[[X, Y]] = moving[[X, Y]].any()
