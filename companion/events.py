@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import Literal
 
 from companion.operator import Taken
-from companion.telemetry import Event
+from companion.telemetry import Event, printable
 from companion.types import Condition, ControlSample, State
 
 ASKED = Condition.OPERATOR_STOP | Condition.ENGAGE_ASKED | Condition.CLEAR_ASKED | Condition.RAMPED_DOWN
@@ -42,7 +42,7 @@ class Chronicle:
             ("info" if one.reply.done else "warning", "command", one.text) for one in taken
         ]
         happened += [
-            ("warning", "condition", f"another companion of this name came: instance {rival}")
+            ("warning", "condition", f"another companion of this name came: instance {printable(rival)}")
             for rival in rivals
         ]
         for text in sample.texts:

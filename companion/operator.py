@@ -16,7 +16,7 @@ import numpy as np
 
 from companion.config import Compensator as Choice
 from companion.config import Config, ConfigError, NonNegative, Positive, Section
-from companion.telemetry import Reply, means
+from companion.telemetry import Reply, means, printable
 from companion.types import PSI, Array, ControlSample, Request, Setpoint, State, X, Y, Z
 
 AxisName = Literal["surge", "sway", "heave", "yaw"]
@@ -153,9 +153,9 @@ class Taken:
 
     @property
     def text(self) -> str:
-        """The order and what came of it, in words."""
+        """The order and what came of it, in words, with control characters escaped."""
         asked = self.order.payload[:200].decode(errors="replace") if len(self.order.payload) > 2 else ""
-        return f"{self.order.name}{' ' if asked else ''}{asked}: {self.reply.said}"
+        return printable(f"{self.order.name}{' ' if asked else ''}{asked}: {self.reply.said}")
 
 
 @dataclass

@@ -399,6 +399,18 @@ def decode(key: str, payload: bytes) -> Schema:
     return record
 
 
+def printable(text: str) -> str:
+    """Return what somebody else wrote with its control characters escaped: for a log line or a terminal.
+
+    Raw, a line feed forges a line of the log, and an escape sequence writes over what a terminal shows.
+    """
+    if text.isprintable():
+        return text
+    return "".join(
+        char if char.isprintable() else char.encode("unicode_escape", "replace").decode() for char in text
+    )
+
+
 def _root(vehicle: str) -> str:
     if not vehicle or set(vehicle) & set("/*$?#"):
         raise ValueError(f"vehicle name '{vehicle}': want one or more characters, none of / * $ ? #")

@@ -8,6 +8,7 @@ from typing import Any
 import msgspec
 
 from companion import telemetry
+from companion.telemetry import printable
 from dashboard.zenoh_client import Subscription
 
 PATIENCE_S = 5.0
@@ -60,11 +61,11 @@ def main(argv: list[str]) -> int:
     except ValueError as error:
         sys.stderr.write(f"holdfast tell: {error}\n")
         return 2
-    sys.stdout.write(f"{'done' if reply.done else 'NOT done'}: {reply.said}\n")
+    sys.stdout.write(f"{'done' if reply.done else 'NOT done'}: {printable(reply.said)}\n")
     for name, value in reply.value.items():
         if what and name not in what:
             continue
-        sys.stdout.write(f"  {name} = {_shown(value)}\n")
+        sys.stdout.write(f"  {printable(name)} = {printable(_shown(value))}\n")
     return 0 if reply.done else 1
 
 
@@ -92,7 +93,8 @@ def _config(seen: Subscription, vehicle: str) -> int:
     if answer is None:
         sys.stderr.write(f"holdfast tell: nobody answered for '{vehicle}'\n")
         return 1
-    sys.stdout.write(msgspec.json.format(answer).decode() + "\n")
+    shown = msgspec.json.format(answer).decode(errors="replace")
+    sys.stdout.write("".join(f"{printable(line)}\n" for line in shown.split("\n")))
     return 0
 
 

@@ -18,7 +18,7 @@ from rich.table import Table
 from rich.text import Text
 
 from companion import telemetry
-from companion.telemetry import Command, Dof, Event, Loop, Schema, State, Supervisor
+from companion.telemetry import Command, Dof, Event, Loop, Schema, State, Supervisor, printable
 from dashboard.zenoh_client import Message, Subscription
 
 STALE_S = 0.5
@@ -102,9 +102,9 @@ class Feed:
             if key.rpartition("/")[2] in _NOT_SHOWN:
                 continue
             try:
-                record = telemetry.decode(key, payload)
+                record = _printable(telemetry.decode(key, payload))
             except ValueError as error:
-                self._trouble = str(error)
+                self._trouble = printable(str(error))
                 continue
             if isinstance(record, Event):
                 self._events.append(record)
@@ -120,7 +120,7 @@ class Feed:
         return View(
             endpoint=self._endpoint,
             connected=connected,
-            vehicle=self._vehicle,
+            vehicle=printable(self._vehicle),
             age_s=age_s,
             latest=dict(self._latest),
             errors={dof: [peak for _, peak in bins] for dof, bins in self._errors.items()},
@@ -229,7 +229,7 @@ def render(view: View) -> RenderableType:
         notes.append(Text(view.trouble, "italic"))
     return Panel(
         Group(body, *notes),
-        title=f"[bold]holdfast[/] {view.vehicle}",
+        title=Text.assemble(("holdfast", "bold"), f" {view.vehicle}"),
         title_align="left",
         subtitle=_freshness(view),
         subtitle_align="right",
@@ -310,6 +310,17 @@ def _live(fleet: Fleet, seen: Subscription, console: Console) -> list[View]:
 def _figures(view: View) -> dict[str, object]:
     latest = {tail: msgspec.to_builtins(record) for tail, record in sorted(view.latest.items())}
     return {"vehicle": view.vehicle, "age_s": view.age_s, **latest}
+
+
+def _printable(record: Schema) -> Schema:
+    """Return the record with all texts safe for a terminal: anybody may publish under these keys."""
+    for name in record.__struct_fields__:
+        value = getattr(record, name)
+        if isinstance(value, str) and not value.isprintable():
+            record = msgspec.structs.replace(record, **{name: printable(value)})
+        elif isinstance(value, tuple) and not all(map(str.isprintable, value)):
+            record = msgspec.structs.replace(record, **{name: tuple(map(printable, value))})
+    return record
 
 
 # --- The parts of the picture -----------------------------------------------------------------------------

@@ -21,6 +21,7 @@ from typing import Final, Literal, TypeAlias
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from companion.mavlink.codec import Message
+from companion.telemetry import printable
 from companion.types import (
     Attitude,
     AxisCommand,
@@ -395,7 +396,8 @@ class Converter:
 class _TextAssembler:
     """Puts STATUSTEXT's 50-character chunks together, one text at a time and at most MAX_CHUNKS long.
 
-    A text whose next chunk is lost comes out cut, when another text begins.
+    A text whose next chunk is lost comes out cut, when another text begins. Control characters come out
+    escaped.
     """
 
     def __init__(self) -> None:
@@ -415,7 +417,7 @@ class _TextAssembler:
         return done
 
     def _finish(self) -> tuple[int, str]:
-        text = "".join(self._chunks)
+        text = printable("".join(self._chunks))
         self._chunks.clear()
         return self._severity, text
 

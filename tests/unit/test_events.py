@@ -48,9 +48,9 @@ def test_commands_are_told_with_their_answer():
         Taken(Order("engage", b"{}", print), Reply(done=False, said="refused: no")),
     ]
     dive = active()
-    events = Chronicle().step(dive.run(0.02)[-1].sample, taken, ["4711"])
+    events = Chronicle().step(dive.run(0.02)[-1].sample, taken, ["47\n11"])
     assert [(event.severity, event.kind, event.text) for event in events[:3]] == [
         ("info", "command", 'setpoint {"depth_m":5}: on its way'),
         ("warning", "command", "engage: refused: no"),
-        ("warning", "condition", "another companion of this name came: instance 4711"),
+        ("warning", "condition", "another companion of this name came: instance 47\\n11"),
     ]

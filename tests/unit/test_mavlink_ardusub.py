@@ -499,6 +499,15 @@ def test_an_ekf_without_numbers_says_nothing(converter, counters, which, value):
     assert counters.implausible == 1
 
 
+def test_a_text_cannot_forge_a_line_of_the_log_or_steer_a_terminal(converter):
+    """Control and format characters come out escaped; a chunk is still judged by its own length."""
+    (forged,) = convert(converter, statustext(b"ok\n2026 ACTIVE: engaged\x1b[2J\x7f\t"))
+    assert forged.text == "ok\\n2026 ACTIVE: engaged\\x1b[2J\\x7f\\t"
+    assert convert(converter, statustext(b"\r" * 50, 7, 0)) == ()
+    (joined,) = convert(converter, statustext(b"end", 7, 1))
+    assert joined.text == "\\r" * 50 + "end"
+
+
 @pytest.mark.parametrize(
     ("text", "leak"), [("Leak Detected", True), ("LEAK DETECTED", True), ("No leak", False)]
 )

@@ -222,6 +222,14 @@ def test_the_log_line_is_bounded_whatever_came():
     assert len(desk.taken[0].text) < 1000
 
 
+@pytest.mark.parametrize("payload", [b'{"a\n2026 forged\x1b[2J": 1}', b"\n2026 forged", b'{"\\n\\u202e": 1}'])
+def test_an_order_forges_no_line_of_the_log(payload):
+    desk = Desk(load_config(), hold().eta_d, allowed=True)
+    desk.take(Order("setpoint", payload, lambda _: None))
+    desk.before(_Untouchable(), 0.0)
+    assert desk.taken[0].text.isprintable()
+
+
 json_values = st.recursive(
     st.none() | st.booleans() | st.floats() | st.integers() | st.text(max_size=20),
     lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=20), inner, max_size=4),

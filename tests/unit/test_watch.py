@@ -154,6 +154,22 @@ def test_a_strange_message_is_told_and_passed_over(make_sample: MakeSample) -> N
     assert "holdfast.State.v1" in _screen(feed.view(1.0, connected=True))
 
 
+def test_nothing_that_is_published_reaches_the_terminal_as_a_control_character(
+    make_sample: MakeSample,
+) -> None:
+    """Anybody may publish under our keys. A word in brackets is no style either."""
+    evil = "[/x]\x1b[2J\n\x9b1m\u202e"
+    sample = make_sample()
+    sample = replace(sample, verdict=replace(sample.verdict, reason=evil))
+    feed = Feed(f"kelp{evil}", "here")
+    feed.take(_messages(sample), now_s=1.0)
+    feed.take([Message("holdfast/kelp/event", _event(evil)), Message(f"holdfast/k/{evil}", b"{}")], now_s=1.0)
+    view = feed.view(1.0, connected=True)
+    for screen in (_screen(view), _drawn(picture([view, view]))):
+        assert all(line.isprintable() for line in screen.split("\n"))
+        assert "\\x1b[2J" in screen
+
+
 def test_errors_are_remembered_by_their_peaks(make_sample: MakeSample) -> None:
     feed = Feed("kelp", "here")
     for tick in range(2 * 50):
