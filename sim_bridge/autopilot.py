@@ -15,7 +15,7 @@ from sim_bridge.params import DEFAULTS, Parameters
 from sim_bridge.pilot import FN_ARM, FN_ARM_TOGGLE, FN_DISARM, FN_MODES, NEUTRAL, Pilot
 from sim_bridge.sensors import Sensors
 from sim_bridge.signing import KeyStore
-from sim_bridge.streams import TRANSFER_SLOWDOWN, Streams
+from sim_bridge.streams import SUPPORTED, TRANSFER_SLOWDOWN, Streams
 
 COMPONENT = 1
 INPUT_PERIOD_S = 0.02
@@ -407,6 +407,8 @@ class Autopilot:
         if command == mavlink.MAV_CMD_DO_SET_MODE:
             return self.set_mode(int(p[1])) if int(p[0]) & 1 else DENIED
         if command == mavlink.MAV_CMD_SET_MESSAGE_INTERVAL:
+            if int(p[0]) not in SUPPORTED:
+                self._say(INFO, f"No ap_message for mavlink id ({int(p[0])})")
             return ACCEPTED if streams.set_interval(int(p[0]), p[1], self._boot_s) else DENIED
         if command == mavlink.MAV_CMD_GET_MESSAGE_INTERVAL:
             number = int(p[0]) & 0xFFFF

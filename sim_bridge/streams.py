@@ -48,7 +48,11 @@ GROUPS: dict[int, tuple[float, tuple[int, ...]]] = {
 DEFAULT_RATE_HZ = {message: rate for rate, messages in GROUPS.values() for message in messages} | {
     HEARTBEAT: 1.0
 }
-SUPPORTED = frozenset(DEFAULT_RATE_HZ) | {mavlink.MAVLINK_MSG_ID_SIM_STATE}
+SUPPORTED = frozenset(DEFAULT_RATE_HZ) - {mavlink.MAVLINK_MSG_ID_NAMED_VALUE_FLOAT} | {
+    mavlink.MAVLINK_MSG_ID_SIM_STATE
+}
+"""What SET_MESSAGE_INTERVAL takes. NAMED_VALUE_FLOAT streams with its group and takes no interval."""
+
 FASTEST_INTERVAL_US = 3125
 """0.8 of the firmware's 400 Hz loop; what is asked faster is refused."""
 TRANSFER_SLOWDOWN = 4.0

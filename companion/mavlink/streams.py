@@ -3,8 +3,12 @@
 Every stream is asked for at first contact and every ASK_S from then on, because a router shares one link
 with the ground station; one that was measured slow is asked for sooner, with back-off. A parameter transfer
 slows all of them fourfold and asking does not help, so it does not press.
+
+NAMED_VALUE_FLOAT is not among them: ArduSub sends it at 2 Hz and takes no interval for it. The firmware's own
+simulator says to every ground station which message it has refused; that one is not asked for again.
 """
 
+import re
 from collections.abc import Mapping
 from typing import Final
 
@@ -19,13 +23,14 @@ SLOW_SHARE: Final = 0.7
 """A stream that comes at less than this share of its rate has slowed down."""
 
 AGAIN_S: Final = (1.0, 8.0)
+REFUSAL: Final = re.compile(r"No ap_message for mavlink id \((\d+)\)")
+"""What the firmware says of an interval for a message that it does not stream; its COMMAND_ACK names none."""
 
 _RATES_HZ: Final = {
     mavlink.MAVLINK_MSG_ID_ATTITUDE: 50.0,
     mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 50.0,
     mavlink.MAVLINK_MSG_ID_VFR_HUD: 50.0,
     mavlink.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW: 12.0,
-    mavlink.MAVLINK_MSG_ID_NAMED_VALUE_FLOAT: 2.0,
     mavlink.MAVLINK_MSG_ID_BATTERY_STATUS: 1.0,
     mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT: 4.0,
     mavlink.MAVLINK_MSG_ID_SYS_STATUS: 1.0,
@@ -74,6 +79,11 @@ class Streams:
         """Ask for everything anew: first contact, or a rebooted autopilot."""
         self._streams = {key: _Stream(rate_hz) for key, rate_hz in self._rates_hz.items()}
         self._ask_s = float("-inf")
+
+    def said(self, text: str) -> None:
+        """Read a text of the autopilot: what it has refused is not asked for again, until `restart`."""
+        if refused := REFUSAL.fullmatch(text):
+            self._streams.pop(int(refused[1]), None)
 
     def heard(self, message_id: int) -> None:
         """Count one message."""

@@ -9,7 +9,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from companion.mavlink.ardusub import Commands, Mode
 from companion.mavlink.codec import Message
 from companion.mavlink.streams import Streams, streams
-from companion.types import Event, Firmware, Heartbeat, Parameter, Reboot
+from companion.types import Event, Firmware, Heartbeat, Parameter, Reboot, StatusText
 
 HEARTBEAT_S: Final = 1.0
 TIMESYNC_S: Final = 0.25
@@ -151,6 +151,8 @@ class Upkeep:
             self._answer(event)
         elif isinstance(event, Firmware):
             self._firmware = event
+        elif isinstance(event, StatusText):
+            self._streams.said(event.text)
 
     def _answer(self, event: Parameter) -> None:
         if event.name not in PARAMETERS:

@@ -1,9 +1,10 @@
-"""A ground station on the same link takes the streams away while we hold: they come back."""
+"""Streams of a real dive: what is refused is not asked for again, what a ground station takes comes back."""
 
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
-from virtual import Somebody, active
+from virtual import Dive, Somebody, active
 
+from companion.mavlink import autopilot
 from companion.types import State
 
 ATTITUDE = "ATTITUDE"
@@ -38,3 +39,23 @@ def test_streams_that_another_station_turned_down_are_asked_for_again():
     assert min(rates) < 30.0, "else nothing slowed down"
     assert rates[-1] > 45.0
     assert dive.state is State.ACTIVE
+
+
+def texts_of(dive, seconds):
+    return [text.text for step in dive.run(seconds) for text in step.sample.texts]
+
+
+def test_the_autopilot_refuses_nothing_that_we_ask_for():
+    said = texts_of(Dive(arm=False, engage=False), 60.0)
+    assert not [text for text in said if text.startswith("No ap_message")]
+
+
+def test_a_refusal_is_said_once(monkeypatch):
+    """A firmware that does not stream messages which we ask for: every ground station is told, but once."""
+    unknown = {mavlink.MAVLINK_MSG_ID_VIBRATION: 50.0, mavlink.MAVLINK_MSG_ID_WIND: 1.0}
+    rates_hz = autopilot.streams
+    monkeypatch.setattr(autopilot, "streams", lambda *args, **names: rates_hz(*args, **names) | unknown)
+    dive = Dive(arm=False, engage=False)
+    said = texts_of(dive, 60.0)
+    for message in unknown:
+        assert said.count(f"No ap_message for mavlink id ({message})") == 1

@@ -6,7 +6,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from companion.mavlink.ardusub import Commands, Mode
 from companion.mavlink.streams import streams
 from companion.mavlink.upkeep import PARAMETERS, VOLATILE, Upkeep
-from companion.types import Depth, Firmware, Heartbeat, Parameter, Reboot
+from companion.types import Depth, Firmware, Heartbeat, Parameter, Reboot, StatusText
 
 TICK_S = 0.02
 
@@ -102,6 +102,21 @@ def test_a_stream_that_never_came_is_asked_for_again_within_seconds(dive):
     dive.run(3.5, share=0.0, only=mavlink.MAVLINK_MSG_ID_ATTITUDE)
     asked = [m.param1 for _, m in dive.sent if m.get_type() == "COMMAND_LONG" and m.command == 511]
     assert asked.count(mavlink.MAVLINK_MSG_ID_ATTITUDE) >= 2
+
+
+def test_what_the_firmware_has_refused_is_not_asked_for_again_until_it_reboots(dive):
+    battery = mavlink.MAVLINK_MSG_ID_BATTERY_STATUS
+    dive.run(1.0)
+    dive.step(StatusText(dive.now_s, 6, f"No ap_message for mavlink id ({battery})"))
+    dive.step(StatusText(dive.now_s, 6, "No ap_message for mavlink id (77777)"))
+    dive.sent.clear()
+    dive.run(60.0, share=0.0, only=battery)
+    asked = [m.param1 for _, m in dive.sent if m.get_type() == "COMMAND_LONG" and m.command == 511]
+    assert battery not in asked
+    assert mavlink.MAVLINK_MSG_ID_ATTITUDE in asked
+    dive.sent.clear()
+    dive.step(Reboot(dive.now_s))
+    assert battery in [m.param1 for _, m in dive.sent if m.get_type() == "COMMAND_LONG"]
 
 
 def test_the_version_is_asked_for_until_it_is_told_and_again_after_a_reboot(dive):
