@@ -22,9 +22,9 @@ from sim_bridge.autopilot import INPUT_PERIOD_S
 from sim_bridge.config import SimConfig
 from sim_bridge.environment import Environment
 from sim_bridge.mixer import FACTORS
+from sim_bridge.physics import STEP_S
 from sim_bridge.plant import Component, Components, Plant, rotation, state_of
 from sim_bridge.thrusters import Thrusters
-from sim_bridge.vehicle import STEP_S
 
 ARMED_S, ENGAGED_S = 2.04, 3.04
 """When the full loop arms and engages, from boot: a batch begins engaged; its load counts from the arming."""

@@ -29,8 +29,8 @@ from lab.lockstep import Link
 from lab.lqg import LQG, Plant
 from lab.scenarios import SETTLE_S, Scenario
 from sim_bridge.config import SimConfig, Waves
+from sim_bridge.physics import STEP_S
 from sim_bridge.plant import GRAVITY
-from sim_bridge.vehicle import STEP_S
 
 CHATTER_N = 3.5
 TICK_S = 0.02

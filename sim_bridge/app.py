@@ -1,4 +1,7 @@
-"""Sockets and the clock around a `Vehicle`: UDP both ways, a TCP server, real-time pacing, clean exit."""
+"""Sockets and the clock around a `Vehicle`: UDP both ways, a TCP server, real-time pacing, clean exit.
+
+And the socket of `--physics-only`, whose clock is the firmware's.
+"""
 
 import asyncio
 import contextlib
@@ -11,7 +14,9 @@ from dataclasses import dataclass
 from typing import cast
 
 from sim_bridge.config import SimConfig
-from sim_bridge.vehicle import Truth, Vehicle
+from sim_bridge.json_physics import DrivenBody, Responder
+from sim_bridge.physics import STEP_S, Physics
+from sim_bridge.vehicle import Truth, Vehicle, truth_of
 from sim_bridge.zenoh_truth import TruthPublisher
 
 LOG = logging.getLogger("holdfast.sim")
@@ -26,6 +31,8 @@ MAX_INBOX = 4096
 SILENT_S = 10.0
 """A UDP peer that was not heard for so long makes room when another calls."""
 TRUTH_PERIOD_STEPS = 4
+UNKNOWN_MODE = -1
+"""In the truth of `--physics-only`: the firmware does not tell its physics the mode."""
 
 
 @dataclass(frozen=True)
@@ -39,6 +46,8 @@ class Settings:
     """Endpoint of a Zenoh router or peer; empty for none."""
     vehicle: str
     speed: float
+    physics: Endpoint | None = None
+    """Where the real firmware sends its frames; then there is no vehicle of ours, and no other endpoint."""
 
 
 class Links:
@@ -198,6 +207,60 @@ async def serve(vehicle: Vehicle, settings: Settings, stop: asyncio.Event) -> No
         await _pace(vehicle, links, publisher.put if publisher else None, settings.speed, stop)
 
 
+class _Physics(asyncio.DatagramProtocol):
+    """Answers the frames of the real firmware; whoever sends one gets the reply."""
+
+    def __init__(self, body: DrivenBody, publish: Callable[[Truth], None] | None) -> None:
+        self._body, self._publish = body, publish
+        self._responder = Responder(body.move)
+        self._published_s = 0.0
+        self._restarts = -1
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        self._transport = cast(asyncio.DatagramTransport, transport)
+
+    def datagram_received(self, data: bytes, addr: Endpoint) -> None:
+        responder, body = self._responder, self._body
+        reply = responder.answer(data)
+        if reply is None:
+            if responder.bad == 1:
+                LOG.warning("%s:%d sends what is no frame of the JSON backend; ignored", *addr)
+            return
+        self._transport.sendto(reply, addr)
+        if responder.restarts != self._restarts:
+            self._restarts = responder.restarts
+            LOG.info("firmware at %s:%d%s", *addr, ", started anew" if responder.restarts else "")
+        time_s = body.physics.time_s
+        if self._publish and time_s - self._published_s >= TRUTH_PERIOD_STEPS * STEP_S - 1e-9:
+            self._published_s = time_s
+            self._publish(truth_of(body.physics, time_s, body.pwm, body.turned_s is not None, UNKNOWN_MODE))
+
+    def error_received(self, exc: Exception) -> None:
+        """Go on: the firmware was stopped; another may start."""
+
+
+async def serve_physics(
+    config: SimConfig, seed: int, endpoint: Endpoint, settings: Settings, stop: asyncio.Event
+) -> None:
+    """Be the external physics of an ArduSub that sends its frames to `endpoint`, until `stop` is set.
+
+    Raises:
+        OSError: the address is taken or does not exist.
+
+    """
+    body = DrivenBody(Physics(config, seed), config.battery.voltage_v)
+    async with contextlib.AsyncExitStack() as stack:
+        publisher = TruthPublisher(settings.zenoh, settings.vehicle) if settings.zenoh else None
+        if publisher:
+            stack.callback(publisher.close)
+        transport, _ = await asyncio.get_running_loop().create_datagram_endpoint(
+            lambda: _Physics(body, publisher.put if publisher else None), local_addr=endpoint
+        )
+        stack.callback(transport.close)
+        LOG.info("physics for ArduSub's JSON backend on udp %s:%d", *endpoint)
+        await stop.wait()
+
+
 def run(config: SimConfig, seed: int, settings: Settings) -> int:
     """Run until SIGINT or SIGTERM; returns the exit status."""
     logging.basicConfig(stream=sys.stderr, level=logging.INFO, format="%(name)s: %(message)s")
@@ -206,7 +269,10 @@ def run(config: SimConfig, seed: int, settings: Settings) -> int:
         stop = asyncio.Event()
         for number in (signal.SIGINT, signal.SIGTERM):
             asyncio.get_running_loop().add_signal_handler(number, stop.set)
-        await serve(Vehicle(config, seed), settings, stop)
+        if settings.physics:
+            await serve_physics(config, seed, settings.physics, settings, stop)
+        else:
+            await serve(Vehicle(config, seed), settings, stop)
 
     try:
         asyncio.run(main())

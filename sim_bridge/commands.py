@@ -14,10 +14,15 @@ examples:
   holdfast sim --set 'faults=[{kind="message_frozen", message="ATTITUDE", at_s=30, duration_s=5}]'
   holdfast sim --config config/sim-bluerov2.toml --udp-listen 0.0.0.0:14551 --speed 4 --no-zenoh
   mavproxy.py --master tcp:127.0.0.1:5760         any MAVLink ground station will do
+  holdfast sim --physics-only                     water and thrusters for ArduSub's own simulator, started
+                                                  with `--model JSON:127.0.0.1`; it asks udp 127.0.0.1:9002
 
 Endpoints may be repeated. Name any, and only those named are opened. The truth is published on the Zenoh
 key sim/VEHICLE/truth, in a key space that no companion reads. Times of a load count from the first arming,
-those of faults from the start.
+those of faults from the start. With --physics-only the firmware is ArduSub itself: MAVLink, parameters,
+sensors, faults and speed are the firmware's; hull, thrusters, battery, current, waves, tether, load and
+heave_force are ours. Time follows its frames. A load's times count from the first turn of a motor. If the
+firmware restarts, the vehicle stays where it is.
 """
 
 
@@ -77,6 +82,15 @@ def sim(argv: list[str]) -> int:
     )
     add("--no-zenoh", action="store_true", help="publish no truth")
     add("--vehicle", metavar="NAME", default="bluerov2", help="in the truth's key (default: %(default)s)")
+    add(
+        "--physics-only",
+        metavar="HOST:PORT",
+        nargs="?",
+        type=_endpoint,
+        const=("127.0.0.1", 9002),
+        help="be external physics for the real ArduSub (JSON backend), which asks there "
+        "(default: 127.0.0.1:9002, of its instance 0)",
+    )
     arguments = parser.parse_args(argv)
 
     from sim_bridge.app import Settings, run
@@ -88,6 +102,12 @@ def sim(argv: list[str]) -> int:
         sys.stderr.write(f"holdfast sim: {error}\n")
         return 2
     named = arguments.udp_connect or arguments.udp_listen or arguments.tcp
+    if arguments.physics_only and (named or arguments.speed != 1.0 or config.faults):
+        sys.stderr.write(
+            "holdfast sim: --physics-only takes no endpoint, --speed or faults: MAVLink and time are the "
+            "firmware's (its --serial0, --speedup)\n"
+        )
+        return 2
     settings = Settings(
         udp_connect=tuple(arguments.udp_connect) if named else (("127.0.0.1", 14550),),
         udp_listen=tuple(arguments.udp_listen),
@@ -95,6 +115,7 @@ def sim(argv: list[str]) -> int:
         zenoh="" if arguments.no_zenoh else arguments.zenoh,
         vehicle=arguments.vehicle,
         speed=arguments.speed,
+        physics=arguments.physics_only,
     )
     return run(config, arguments.seed, settings)
 

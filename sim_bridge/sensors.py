@@ -7,7 +7,7 @@ import numpy as np
 
 from sim_bridge.config import SensorConfig
 from sim_bridge.environment import OrnsteinUhlenbeck
-from sim_bridge.plant import GRAVITY, Components, euler, rotation
+from sim_bridge.plant import GRAVITY, euler, rotation
 
 SURFACE_PRESSURE_HPA = 1013.25
 PA_PER_M = 9800.0
@@ -72,13 +72,20 @@ class Sensors:
         self._raw_depth = 0.0
         self._estimate: Estimate | None = None
 
-    def record(self, state: tuple[float, ...], nu_dot: Components, wave_m: float) -> None:
-        """Take in the truth of one step. `wave_m`: dynamic wave pressure there, in metres of water."""
+    def record(
+        self, state: tuple[float, ...], acceleration: tuple[float, float, float], wave_m: float
+    ) -> None:
+        """Take in the truth of one step.
+
+        Args:
+            state: x, y, z, quaternion, nu (SI, NED and body).
+            acceleration: over the ground, in body axes (m/s²).
+            wave_m: dynamic wave pressure there, in metres of water.
+
+        """
         if self._config.wave_pressure and wave_m:
             state = (*state[:2], state[2] + wave_m, *state[3:])
-        u, v, w, p, q, r = state[7:]
-        accel = (nu_dot[0] + q * w - r * v, nu_dot[1] + r * u - p * w, nu_dot[2] + p * v - q * u)
-        self._history.append((state, accel))
+        self._history.append((state, acceleration))
         self._estimate = None
         if self._count % self._noise_steps == 0:
             for signal in self._slow:

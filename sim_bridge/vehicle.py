@@ -8,17 +8,13 @@ from numpy.typing import NDArray
 
 from sim_bridge.autopilot import INPUT_PERIOD_S, Autopilot, Link
 from sim_bridge.config import Fault, SimConfig
-from sim_bridge.environment import Environment
 from sim_bridge.faults import Faults
 from sim_bridge.params import Parameters
-from sim_bridge.plant import Plant, euler, state_of
+from sim_bridge.physics import STEP_S, Physics
 from sim_bridge.sensors import Sensors
 from sim_bridge.signing import KeyStore
-from sim_bridge.thrusters import Thrusters
 
-STEP_S = 0.005
 SLOW_PERIOD_STEPS = 20
-IDLE_CURRENT_A = 0.5
 
 
 class Truth(msgspec.Struct, frozen=True):
@@ -46,6 +42,24 @@ class Truth(msgspec.Struct, frozen=True):
     voltage_v: float
 
 
+def truth_of(physics: Physics, t_s: float, pwm: Sequence[int], armed: bool, mode: int) -> Truth:
+    """Tell the truth of a body whose autopilot drives its motors with `pwm`."""
+    return Truth(
+        t_s=t_s,
+        eta=physics.eta(),
+        nu=np.array(physics.state[7:]),
+        nu_dot=np.array(physics.nu_dot),
+        thrust_n=physics.thrusters.thrust_n.copy(),
+        tau=np.array(physics.tau),
+        disturbance=physics.disturbance(),
+        motor_pwm=tuple(pwm),
+        armed=armed,
+        mode=mode,
+        load_on=physics.environment.load_on,
+        voltage_v=physics.voltage_v,
+    )
+
+
 class Vehicle:
     """An ArduSub vehicle in the water.
 
@@ -62,7 +76,7 @@ class Vehicle:
             ValueError: a parameter of the configuration is unknown.
 
         """
-        environment_rng, sensor_rng, fault_rng, phase_rng = np.random.default_rng(seed).spawn(4)
+        _, sensor_rng, fault_rng, phase_rng = np.random.default_rng(seed).spawn(4)
         self.time_s = 0.0
         self._config = config
         self._steps = 0
@@ -70,25 +84,14 @@ class Vehicle:
         self._first_armed_s: float | None = None
         self._links: dict[int, Link] = {}
         self._keys = KeyStore(config.signing_passphrase)
-        self._plant = Plant.of(config.hull)
-        self._thrusters = Thrusters(config.thrusters)
-        self._environment = Environment(config, STEP_S, environment_rng)
+        self._physics = Physics(config, seed)
         self._sensors = Sensors(config.sensors, STEP_S, sensor_rng)
         self._faults = Faults(config.faults, fault_rng)
         self._params = Parameters({"FRAME_CONFIG": 2 if config.thrusters.frame == "vectored_6dof" else 1})
         for name, value in config.parameters.items():
             if not self._params.set(name, value):
                 raise ValueError(f"parameters.{name} = {value}: unknown, or not fit for its type")
-        self._state = state_of(config.initial.eta, np.zeros(6))
-        self._nu_dot: tuple[float, ...] = (0.0,) * 6
-        self._force = (0.0, 0.0, 0.0)
-        self._flow = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-        self._tau: tuple[float, ...] = (0.0,) * 6
-        self._voltage_v = config.battery.voltage_v
-        self._consumed_mah = 0.0
-        self._driven: list[int] = []
-        self._static_thrust = np.zeros(self._thrusters.count)
-        self._sensors.record(self._state, self._nu_dot, 0.0)
+        self._sensors.record(self._physics.state, self._physics.acceleration(), 0.0)
         self._autopilot = self._boot()
 
     def open_link(self, link: int) -> None:
@@ -129,19 +132,8 @@ class Vehicle:
 
     def truth(self) -> Truth:
         """Tell the present truth."""
-        return Truth(
-            t_s=self.time_s,
-            eta=np.array([*self._state[:3], *euler(self._state)]),
-            nu=np.array(self._state[7:]),
-            nu_dot=np.array(self._nu_dot),
-            thrust_n=self._thrusters.thrust_n.copy(),
-            tau=np.array(self._tau),
-            disturbance=np.array(self._plant.disturbance(self._state, self._force, self._flow)),
-            motor_pwm=tuple(self._autopilot.motor_pwm),
-            armed=self._autopilot.armed,
-            mode=self._autopilot.mode,
-            load_on=self._environment.load_on,
-            voltage_v=self._voltage_v,
+        return truth_of(
+            self._physics, self.time_s, self._autopilot.motor_pwm, self._autopilot.armed, self._autopilot.mode
         )
 
     def _receive(self, datagrams: Sequence[tuple[int, bytes]]) -> None:
@@ -151,36 +143,33 @@ class Vehicle:
 
     def _move(self, pwm: list[int]) -> None:
         """Water and thrusters act on the plant for one step; the sensors watch."""
-        thrusters = self._thrusters
-        if self._driven != pwm:
-            self._driven = pwm
-            self._static_thrust = thrusters.static_thrust(pwm, self._voltage_v)
-        self._tau = tuple(thrusters.step(self._static_thrust, STEP_S).tolist())
-        since_arming = -1.0 if self._first_armed_s is None else self.time_s - self._first_armed_s
-        x, y, z = self._state[:3]
-        self._force, self._flow = self._environment.step(self.time_s, since_arming, x, y, z)
-        self._state, self._nu_dot = self._plant.step(self._state, self._tau, self._force, self._flow, STEP_S)
-        sea = self._environment.sea
+        physics = self._physics
+        since_arming_s = -1.0 if self._first_armed_s is None else self.time_s - self._first_armed_s
+        x, y, z = physics.state[:3]
+        physics.step(pwm, since_arming_s)
+        sea = physics.environment.sea
         wave_m = sea.elevation(self.time_s, x, y, z) if sea and self._config.sensors.wave_pressure else 0.0
-        self._sensors.record(self._state, self._nu_dot, wave_m)
-        self._autopilot.state = self._state
+        self._sensors.record(physics.state, physics.acceleration(), wave_m)
+        self._autopilot.state = physics.state
 
     def _change_slowly(self) -> None:
         """Battery and health of the thrusters, ten times a second."""
         if self._steps % SLOW_PERIOD_STEPS:
             return
-        battery, autopilot = self._config.battery, self._autopilot
-        current = IDLE_CURRENT_A + float(self._thrusters.current_a())
+        physics, autopilot = self._physics, self._autopilot
         drained, doubt = self._faults.holds("voltage"), self._faults.holds("ekf")
-        source_v = battery.voltage_v if drained is None else drained.value
-        self._voltage_v = max(6.0, source_v - battery.resistance_ohm * current)
+        physics.drain(
+            self._config.battery.voltage_v if drained is None else drained.value, SLOW_PERIOD_STEPS * STEP_S
+        )
         autopilot.leaking = self._faults.holds("leak") is not None
         autopilot.ekf_doubt = None if doubt is None else doubt.value
-        self._consumed_mah += current * 1000.0 * SLOW_PERIOD_STEPS * STEP_S / 3600.0
-        autopilot.voltage_v, autopilot.current_a = self._voltage_v, current
-        autopilot.consumed_mah = self._consumed_mah
-        self._thrusters.health = np.array(self._faults.health(self._thrusters.count))
-        self._driven = []
+        self._supply(autopilot)
+        physics.thrusters.health = np.array(self._faults.health(physics.thrusters.count))
+
+    def _supply(self, autopilot: Autopilot) -> None:
+        physics = self._physics
+        autopilot.voltage_v, autopilot.current_a = physics.voltage_v, physics.current_a
+        autopilot.consumed_mah = physics.consumed_mah
 
     def _begin(self, fault: Fault) -> None:
         if fault.kind == "reboot":
@@ -206,9 +195,8 @@ class Vehicle:
             self._keys,
         )
         autopilot.capacity_mah = config.battery.capacity_ah * 1000.0
-        autopilot.voltage_v = self._voltage_v
-        autopilot.consumed_mah = self._consumed_mah
-        autopilot.state = self._state
+        self._supply(autopilot)
+        autopilot.state = self._physics.state
         autopilot.alter = self._faults.alter if self._faults.falsifies_messages else None
         return autopilot
 

@@ -15,9 +15,9 @@ from lab.scenarios import SETTLE_S
 from sim_bridge.config import SimConfig
 from sim_bridge.environment import Environment
 from sim_bridge.modes import SPEED_UP_M_S
+from sim_bridge.physics import STEP_S
 from sim_bridge.plant import GRAVITY
 from sim_bridge.thrusters import CURVE_N, CURVE_US
-from sim_bridge.vehicle import STEP_S
 
 VERTICAL = 4
 TICK_STEPS = 4

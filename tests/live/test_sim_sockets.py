@@ -5,6 +5,7 @@ import json
 import os
 import signal
 import socket
+import struct
 import subprocess
 import sys
 import time
@@ -159,3 +160,29 @@ def test_a_taken_port_is_told_in_one_line():
     assert result.returncode == 1
     assert "address already in use" in result.stderr
     assert "Traceback" not in result.stderr
+
+
+def test_physics_only_answers_the_frames_of_the_real_firmware_and_nothing_else():
+    port = free_port()
+    with (
+        simulator("--physics-only", f"127.0.0.1:{port}", "--no-zenoh"),
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as firmware,
+    ):
+        firmware.settimeout(0.2)
+        frame = struct.pack("<HHI16H", 18458, 400, 0, *(1500,) * 16)
+        deadline, reply = time.monotonic() + START_S, None
+        while reply is None and time.monotonic() < deadline:
+            with contextlib.suppress(OSError):
+                firmware.sendto(b"junk", ("127.0.0.1", port))
+                firmware.sendto(frame, ("127.0.0.1", port))
+                reply = json.loads(firmware.recv(2000))
+        assert reply["timestamp"] == pytest.approx(0.0025)
+        assert reply["imu"]["accel_body"][2] == pytest.approx(-9.8, abs=0.2)
+
+
+def test_physics_only_refuses_endpoints_of_our_own_vehicle():
+    command = "import sys; from sim_bridge.commands import sim; sys.exit(sim(sys.argv[1:]))"
+    arguments = ("--physics-only", "--tcp", "127.0.0.1:5760")
+    done = subprocess.run([sys.executable, "-c", command, *arguments], capture_output=True, text=True)
+    assert done.returncode == 2
+    assert "--serial0" in done.stderr
