@@ -1,7 +1,8 @@
 """The companion's process: sockets, the tick, signals, systemd. Its only asyncio and its only clock.
 
 A datagram's arrival is stamped and it waits in a bounded inbox; the tick, a timerfd because an asyncio sleep
-is over a millisecond late, hands the inbox to the engine and sends its answer. Every way out sends neutral.
+is over a millisecond late, hands the inbox to the engine and sends its answer. Every way out leaves neutral
+what we steer.
 """
 
 import asyncio
@@ -102,7 +103,7 @@ class App:
         self._stop = asyncio.Event()
 
     async def run(self) -> int:
-        """Run until SIGINT, SIGTERM or an exception; leave the vehicle neutral; return the exit status."""
+        """Run until SIGINT, SIGTERM or an exception; leave neutral what we steer; return the exit status."""
         loop = asyncio.get_running_loop()
         self._publisher.start()
         try:
@@ -128,7 +129,8 @@ class App:
             loop.remove_reader(ticker.fd)
             ticker.close()
             for _ in range(FAREWELLS):
-                self._link.send(self._engine.farewell())
+                if farewell := self._engine.farewell():
+                    self._link.send(farewell)
                 await asyncio.sleep(self._period_ns / NS_PER_S)
             for task in running:
                 task.cancel()
@@ -139,7 +141,8 @@ class App:
         if self._failure is not None:
             log.error("gave up: %s", self._failure, exc_info=self._failure)
             return 1
-        log.info("stopped; the vehicle was left neutral")
+        left = "the vehicle was left neutral" if self._engine.steering else "it did not steer"
+        log.info("stopped; %s", left)
         return 0
 
     def _from_vehicle(self, t_ns: int, data: bytes) -> None:

@@ -180,9 +180,15 @@ class Engine:
         )
 
     def farewell(self) -> bytes:
-        """Return what every way out sends, whatever state the rest is in: neutral, and the mode of before."""
+        """Return what every way out sends, whatever state the rest is in; nothing where nothing is ours.
+
+        Neutral while the vehicle follows our frames, and the mode of before where we changed it. Frames of
+        one who does not steer would count as a pilot, and the silence after them as his loss: FS_PILOT_INPUT
+        would then disarm somebody else's vehicle.
+        """
         mode = self._modes.parting()
-        return self._autopilot.neutral() + (self._autopilot.set_mode(mode) if mode is not None else b"")
+        neutral = self._autopilot.neutral() if self.steering else b""
+        return neutral + (self._autopilot.set_mode(mode) if mode is not None else b"")
 
     @property
     def config(self) -> Config:

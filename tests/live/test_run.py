@@ -7,7 +7,7 @@ import subprocess
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 import numpy as np
 import pytest
@@ -175,7 +175,10 @@ def test_started_twice_the_second_says_so_and_leaves_the_first_alone() -> None:
         assert tap.armed
 
 
-def test_an_exception_in_the_tick_sends_neutral_and_fails(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("steering", [True, False])
+def test_an_exception_in_the_tick_sends_neutral_if_it_steered_and_fails(
+    monkeypatch: pytest.MonkeyPatch, steering: bool
+) -> None:
     """Whatever breaks inside the engine: neutral frames go out and the exit status says so."""
     step = Engine.step
     ticks = 0
@@ -184,6 +187,7 @@ def test_an_exception_in_the_tick_sends_neutral_and_fails(monkeypatch: pytest.Mo
         nonlocal ticks
         ticks += 1
         if ticks > 20:
+            self.steering = steering
             raise ZeroDivisionError("planted")
         return step(self, *arguments, **more)  # type: ignore[arg-type]
 
@@ -210,7 +214,38 @@ def test_an_exception_in_the_tick_sends_neutral_and_fails(monkeypatch: pytest.Mo
                         overrides.append(message.chan3_raw)
         except TimeoutError:
             pass
-        assert overrides == [1500] * 5
+        assert overrides == ([1500] * 5 if steering else [])
+
+
+def test_who_only_watched_leaves_without_a_word() -> None:
+    """A vehicle that somebody armed and nobody steers: neutral frames would get it disarmed 3 s later."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as vehicle:
+        vehicle.bind(("127.0.0.1", 0))
+        station = mavlink.MAVLink(None, 1, 1)
+        beat = mavlink.MAVLink_heartbeat_message(12, 3, 209, 19, 5, 3).pack(station)
+        companion = (
+            *("run", "--set", f"link.endpoint=udp-connect:127.0.0.1:{vehicle.getsockname()[1]}"),
+            *("--set", f"telemetry.endpoint=tcp/127.0.0.1:{free_port()}"),
+        )
+        with subprocess.Popen([*HOLDFAST, *companion], stderr=subprocess.PIPE, text=True) as run:
+            try:
+                vehicle.settimeout(10.0)
+                _, address = vehicle.recvfrom(4096)
+                vehicle.settimeout(0.1)
+                vehicle.sendto(beat, address)
+                time.sleep(1.0)
+            finally:
+                run.send_signal(signal.SIGTERM)
+            _, said = run.communicate(timeout=5.0)
+        assert run.returncode == 0
+        heard = []
+        with suppress(TimeoutError):
+            while True:
+                heard += station.parse_buffer(vehicle.recv(4096)) or ()
+    assert heard, "it asked for its streams"
+    assert not {"RC_CHANNELS_OVERRIDE", "MANUAL_CONTROL"} & {message.get_type() for message in heard}
+    assert "stopped" in said
+    assert "neutral" not in said
 
 
 def test_tcp_dives_and_comes_back_after_a_restart_of_the_vehicle() -> None:

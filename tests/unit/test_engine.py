@@ -1,5 +1,7 @@
 """One tick, from outside: bytes in, bytes and records out."""
 
+import math
+
 import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -71,11 +73,58 @@ def test_what_a_dead_companion_left_in_force_is_neutral_soon_after_the_next_one_
 
 
 @pytest.mark.parametrize("path", PATHS)
-def test_farewell_is_neutral_whenever_it_is_asked_for(path):
-    override = f"vehicle.thrust_path={path}"
-    assert steering(engine(override).farewell()) == (0.0, 0.0, 0.0, 0.0)
-    dive = active(companion=[override])
+def test_farewell_is_neutral_while_it_steers(path):
+    dive = active(companion=[f"vehicle.thrust_path={path}"])
     assert any(dive.tap.frames[-1][1])
+    assert steering(dive.engine.farewell()) == (0.0, 0.0, 0.0, 0.0)
+
+
+def watched(dive, seconds):
+    """Let it run while a ground station is there and does not steer."""
+    beat = Somebody().frame(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
+    for _ in range(seconds):
+        dive.tap.to_vehicle.append(beat)
+        dive.run(1.0)
+
+
+def leaves(dive):
+    """Let the companion leave, and the vehicle go on without it for longer than its failsafes wait."""
+    for _ in range(5):
+        dive.tap.to_vehicle.append(dive.engine.farewell())
+        dive.tap.asleep_until_s = math.inf
+        dive.run(0.02)
+    watched(dive, 8)
+
+
+def test_who_never_steered_leaves_in_silence():
+    """Neutral frames would count as a pilot, and the silence after them as his loss."""
+    assert engine().farewell() == b""
+    dive = boarded(Somebody().arm())
+    watched(dive, 3)
+    assert dive.step.truth.armed
+    leaves(dive)
+    assert dive.step.truth.armed
+
+
+def test_who_steered_and_let_go_long_ago_leaves_in_silence():
+    """It is the pilot's by then: armed anew, and left alone by us."""
+    dive = active(arm=True)
+    dive.ask(Request.STOP)
+    watched(dive, 8)
+    assert not dive.step.truth.armed, "the pilot-input failsafe, after our last frame"
+    dive.tap.to_vehicle.append(Somebody().arm())
+    watched(dive, 2)
+    assert dive.step.truth.armed
+    leaves(dive)
+    assert dive.step.truth.armed
+
+
+def test_who_crashes_leaves_neutral_if_it_steered(monkeypatch):
+    """Whatever breaks within a tick: what the vehicle was told in the tick before is still in force."""
+    dive = active()
+    monkeypatch.setattr(dive.engine._controller, "step", None)
+    with pytest.raises(TypeError):
+        dive.run(0.02)
     assert steering(dive.engine.farewell()) == (0.0, 0.0, 0.0, 0.0)
 
 
