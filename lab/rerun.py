@@ -2,7 +2,8 @@
 
 What came and went is taken from the raw ticks (`telemetry.raw = true`), the configuration from the first of
 them. The vehicle's answers stay those of the dive: where the commands differ, it is what today's code would
-have sent at that moment, not where the vehicle would have gone.
+have sent at that moment, not where the vehicle would have gone. Of a ground station's .tlog it tells what
+Holdfast would have thought of the vehicle (lab/tlog.py).
 """
 
 import argparse
@@ -32,6 +33,7 @@ examples:
   holdfast run --set telemetry.raw=true          and `holdfast record`: then the dive can be run again
   holdfast rerun dives/kelp-*.mcap               the files of one dive, in any order
   holdfast rerun FILE --set heave.kappa_per_s=8  what other gains would have commanded
+  holdfast rerun FILE.tlog                       what Holdfast would have thought of a dive without it
 
 Exit status: 0 every byte is the same, 1 something differs, 2 the dive cannot be run again.
 """
@@ -149,7 +151,8 @@ def main(argv: list[str]) -> int:
     parser = argparse.ArgumentParser(
         prog="holdfast rerun",
         description="Feeds the datagrams of a recorded dive through today's engine, with the configuration, "
-        "the operator's requests and the retunes of that dive, and compares what it sends, byte by byte.",
+        "the operator's requests and the retunes of that dive, and compares what it sends, byte by byte. "
+        "Of a ground station's .tlog it tells the states, their reasons and the pre-dive list.",
         epilog=EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -160,6 +163,8 @@ def main(argv: list[str]) -> int:
         "--out", type=Path, default=Path("out/rerun.png"), metavar="FILE", help="default %(default)s"
     )
     options = parser.parse_args(argv)
+    if any(file.suffix == ".tlog" for file in options.files):
+        return _think(options.files, options.set, options.out)
     try:
         tape = load(options.files)
         config = configured(tape, options.set, options.config)
@@ -183,6 +188,26 @@ def main(argv: list[str]) -> int:
         draw(outcome).savefig(options.out)
         sys.stdout.write(f"the difference over time: {options.out}\n")
     return 1
+
+
+def _think(files: Sequence[Path], overrides: Sequence[str], out: Path) -> int:
+    """Say and draw what Holdfast would have thought of telemetry logs, one after the other."""
+    from companion.check_table import show
+    from lab import tlog
+    from lab.tlog_plot import draw
+
+    out.parent.mkdir(parents=True, exist_ok=True)
+    for file in files:
+        try:
+            thoughts = tlog.think(tlog.read(file), overrides)
+        except (tlog.TlogError, ConfigError, OSError) as error:
+            sys.stderr.write(f"holdfast rerun: {error}\n")
+            return 2
+        picture = out.with_stem(file.stem) if len(files) > 1 else out
+        draw(thoughts, file.name).savefig(picture)
+        sys.stdout.write("\n".join([f"{file.name}:", *tlog.lines(thoughts), ""]))
+        show(thoughts.checked, [f"picture: {picture}"])
+    return 0
 
 
 def report(tape: Tape, outcome: Outcome) -> Iterator[str]:
