@@ -15,7 +15,7 @@ import socket
 import struct
 import time
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from importlib.metadata import version
 from math import degrees
@@ -42,6 +42,18 @@ STATUS_PERIOD_S = 5.0
 WATCHDOG_PERIOD_S = 0.5
 NAME_PATIENCE_S = 3.0
 NS_PER_S = 1_000_000_000
+
+STOPPING = {signal.SIGTSTP, signal.SIGTTIN, signal.SIGTTOU}
+UNANSWERED = {
+    *(signal.SIGKILL, signal.SIGSTOP),
+    *(signal.SIGCHLD, signal.SIGCONT, signal.SIGURG, signal.SIGWINCH),
+    *(signal.SIGPIPE, signal.SIGXFSZ),
+    *(signal.SIGSEGV, signal.SIGBUS, signal.SIGFPE, signal.SIGILL, signal.SIGTRAP, signal.SIGSYS),
+    signal.SIGABRT,
+}
+"""Signals that are left alone. Nobody can answer the first two; the next four do nothing by default; Python
+makes the next two an error of the call. The others tell that this process cannot go on, so that a handler of
+Python's would never run; systemd ends a loop that hangs by SIGABRT."""
 
 log = logging.getLogger("holdfast")
 
@@ -103,7 +115,7 @@ class App:
         self._stop = asyncio.Event()
 
     async def run(self) -> int:
-        """Run until SIGINT, SIGTERM or an exception; leave neutral what we steer; return the exit status."""
+        """Run until a signal or an exception ends it; leave neutral what we steer; return the exit status."""
         loop = asyncio.get_running_loop()
         self._publisher.start()
         try:
@@ -111,8 +123,7 @@ class App:
         except NameTakenError as error:
             log.error("refused to start: %s", error)
             return 1
-        for number in (signal.SIGINT, signal.SIGTERM):
-            loop.add_signal_handler(number, self._stop.set)
+        on_ending_signal(loop, self._stop.set)
         links = [link for link in (self._link, self._ground) if link is not None]
         running = [loop.create_task(link.run()) for link in links]
         for task in running:
@@ -251,6 +262,19 @@ class App:
         if not task.cancelled():
             self._failure = task.exception()
             self._stop.set()
+
+
+def on_ending_signal(loop: asyncio.AbstractEventLoop, leave: Callable[[], object]) -> None:
+    """Let `leave` answer every signal that would end this process, and ignore those that would stop it.
+
+    A process that ends, or stops (Ctrl-Z), without a word leaves the thrusters running until the autopilot's
+    failsafe acts. A SIGHUP that `nohup` has switched off stays so.
+    """
+    for number in STOPPING:
+        signal.signal(number, signal.SIG_IGN)
+    for number in signal.valid_signals() - UNANSWERED - STOPPING:
+        if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:
+            loop.add_signal_handler(number, leave)
 
 
 def signing_of(config: Config) -> Signing | None:

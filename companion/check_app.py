@@ -5,7 +5,7 @@ import logging
 import time
 from collections import deque
 
-from companion.app import INBOX, NS_PER_S, signing_of
+from companion.app import INBOX, NS_PER_S, on_ending_signal, signing_of
 from companion.check import Grade, Row
 from companion.config import Config
 from companion.endpoint import Endpoint
@@ -18,10 +18,13 @@ def inspect(
 ) -> tuple[list[Row], list[str]]:
     """Look at the vehicle behind `link.endpoint`; return the list and what was done beside looking.
 
-    Raises OSError when our own port is taken.
+    Raises OSError when our own port is taken, KeyboardInterrupt when a signal breaks it off.
     """
     logging.getLogger("holdfast").setLevel(logging.WARNING)
-    return asyncio.run(_inspect(config, origin, thrusters))
+    try:
+        return asyncio.run(_inspect(config, origin, thrusters))
+    except asyncio.CancelledError:
+        raise KeyboardInterrupt from None
 
 
 async def _inspect(
@@ -33,6 +36,9 @@ async def _inspect(
         Endpoint.parse(config.link.endpoint), "vehicle", lambda t_ns, data: inbox.append((t_ns, data))
     )
     wire = asyncio.create_task(link.run())
+    here = asyncio.current_task()
+    assert here is not None
+    on_ending_signal(asyncio.get_running_loop(), here.cancel)
     try:
         while not inspection.done and not wire.done():
             datagrams = list(inbox)

@@ -2,7 +2,6 @@
 
 import argparse
 import datetime
-import logging
 import math
 import sys
 from pathlib import Path
@@ -67,12 +66,12 @@ def run(argv: list[str]) -> int:
         "--heading", type=float, metavar="DEG", help="heading to hold; default: the present one"
     )
     arguments = parser.parse_args(argv)
-    logging.basicConfig(level=logging.INFO, format="%(asctime)s %(message)s", stream=sys.stderr)
 
     import numpy as np
 
     from companion.app import main
     from companion.config import DEFAULT_FILE, ConfigError, load_config
+    from companion.logs import log_to
     from companion.types import Request, Setpoint
 
     depth_m = math.nan if arguments.depth is None else arguments.depth
@@ -83,6 +82,7 @@ def run(argv: list[str]) -> int:
         *(["telemetry.allow_control=true"] if arguments.allow_control else []),
         *(['vehicle.steering_mode="stabilize"'] if arguments.depth_only else []),
     ]
+    log_to(sys.stderr)
     try:
         config = load_config(arguments.config or DEFAULT_FILE, overrides)
         if arguments.heading is not None and not config.vehicle.holds_heading:

@@ -206,12 +206,14 @@ def start_to_neutral_s() -> float:
 
 
 @contextmanager
-def running(*command: str, output: bool = False) -> Iterator[subprocess.Popen[str]]:
+def running(
+    *command: str, output: bool = False, errors: int = subprocess.DEVNULL
+) -> Iterator[subprocess.Popen[str]]:
     """Keep a child process for as long as the block lasts, and end it as a user would, with SIGINT."""
     child = subprocess.Popen(
         command,
         stdout=subprocess.PIPE if output else subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
+        stderr=errors,
         text=True,
     )
     try:

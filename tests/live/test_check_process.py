@@ -1,6 +1,8 @@
 """`holdfast check` as a process against `holdfast sim`, over TCP: its list and its exit status."""
 
 import json
+import signal
+import socket
 import subprocess
 
 import pytest
@@ -37,6 +39,18 @@ def test_warnings_then_all_good_then_a_refusal(port):
     (row,) = [row for row in json.loads(done.stdout)["rows"] if row["grade"] == "REFUSED"]
     assert row["name"] == "steering id"
     assert "255" in row["found"]
+
+
+def test_a_signal_breaks_it_off_in_order():
+    """Killed without a word it could leave a thruster of `--thrusters` running."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as vehicle:
+        vehicle.bind(("127.0.0.1", 0))
+        vehicle.settimeout(30.0)
+        endpoint = f"link.endpoint=udp-connect:127.0.0.1:{vehicle.getsockname()[1]}"
+        with running(*HOLDFAST, "check", "--set", endpoint) as looking:
+            vehicle.recv(4096)
+            looking.send_signal(signal.SIGHUP)
+            assert looking.wait(5.0) == 130
 
 
 def test_a_wrong_configuration_is_said_and_refused():

@@ -1,6 +1,7 @@
 """`holdfast run` as a process, over real UDP and TCP: every way out leaves the vehicle neutral."""
 
 import asyncio
+import os
 import signal
 import socket
 import subprocess
@@ -21,6 +22,7 @@ from lab.bounds import HOLDFAST, running
 from lab.ports import free_port
 
 NEUTRAL = (1500, 1500, 1500, 1500)
+REST_S = 0.3
 
 
 class Tap(threading.Thread):
@@ -34,6 +36,8 @@ class Tap(threading.Thread):
         self.run_port = free_port(socket.SOCK_DGRAM)
         self.steering: list[tuple[int, int, int, int]] = []
         self.armed = False
+        self.motors: list[tuple[float, bool]] = []
+        """When (monotonic seconds) the vehicle said of its motors whether they all rest."""
         self._parser = mavlink.MAVLink(None, 1, 1)
         self._parser.robust_parsing = True
         self._done = threading.Event()
@@ -85,12 +89,15 @@ class Tap(threading.Thread):
             if message.get_type() == "RC_CHANNELS_OVERRIDE":
                 channels = (message.chan3_raw, message.chan4_raw, message.chan5_raw, message.chan6_raw)
                 self.steering.append(channels)
+            elif message.get_type() == "SERVO_OUTPUT_RAW" and message.port == 0:
+                pwm_us = {getattr(message, f"servo{motor}_raw") for motor in range(1, 9)}
+                self.motors.append((time.monotonic(), pwm_us == {1500}))
             elif message.get_type() == "HEARTBEAT" and message.get_srcComponent() == 1:
                 self.armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
 
 
 @contextmanager
-def diving() -> Iterator[tuple[Tap, "subprocess.Popen[str]"]]:
+def diving(errors: int = subprocess.DEVNULL) -> Iterator[tuple[Tap, "subprocess.Popen[str]"]]:
     tap = Tap()
     tap.start()
     simulator = (
@@ -107,7 +114,7 @@ def diving() -> Iterator[tuple[Tap, "subprocess.Popen[str]"]]:
         *("--set", f"telemetry.endpoint=tcp/127.0.0.1:{free_port()}"),
     )
     try:
-        with running(*HOLDFAST, *simulator), running(*HOLDFAST, *companion) as run:
+        with running(*HOLDFAST, *simulator), running(*HOLDFAST, *companion, errors=errors) as run:
             tap.until("pushing")
             time.sleep(0.3)
             yield tap, run
@@ -115,13 +122,67 @@ def diving() -> Iterator[tuple[Tap, "subprocess.Popen[str]"]]:
         tap.close()
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def leaves_it_neutral(tap: Tap, run: "subprocess.Popen[str]", number: signal.Signals) -> None:
+    """End the companion by a signal: 0.3 s later the motors rest, and never turn again."""
+    sent_s = time.monotonic()
+    run.send_signal(number)
+    assert run.wait(3.0) == 0
+    time.sleep(0.5)
+    assert tap.steering[-5:] == [NEUTRAL] * 5
+    after = [rest for at_s, rest in tap.motors if at_s > sent_s + REST_S]
+    assert after
+    assert all(after)
+
+
+@pytest.mark.parametrize(
+    "number", [signal.SIGHUP, signal.SIGINT, signal.SIGQUIT, signal.SIGTERM, signal.SIGUSR1, signal.SIGALRM]
+)
 def test_a_signal_leaves_the_vehicle_neutral(number: signal.Signals) -> None:
     with diving() as (tap, run):
-        run.send_signal(number)
-        assert run.wait(3.0) == 0
-        time.sleep(0.1)
-        assert tap.steering[-5:] == [NEUTRAL] * 5
+        leaves_it_neutral(tap, run, number)
+
+
+def test_a_second_ctrl_c_does_not_cut_the_neutral_frames_short() -> None:
+    with diving() as (tap, run):
+        for _ in range(4):
+            run.send_signal(signal.SIGINT)
+            time.sleep(0.01)
+        leaves_it_neutral(tap, run, signal.SIGINT)
+
+
+def test_ctrl_z_does_not_leave_the_thrusters_running() -> None:
+    with diving() as (tap, run):
+        run.send_signal(signal.SIGTSTP)
+        before = len(tap.steering)
+        time.sleep(0.5)
+        assert len(tap.steering) > before
+        leaves_it_neutral(tap, run, signal.SIGTERM)
+
+
+def test_a_closed_terminal_leaves_the_vehicle_neutral() -> None:
+    """The terminal's end: nobody reads the log any more, and SIGHUP comes."""
+    with diving(subprocess.PIPE) as (tap, run):
+        assert run.stderr is not None
+        run.stderr.close()
+        time.sleep(5.5)  # it says every five seconds how it goes
+        assert run.poll() is None
+        leaves_it_neutral(tap, run, signal.SIGHUP)
+
+
+def test_a_terminal_that_takes_nothing_does_not_stop_the_tick() -> None:
+    """Ctrl-S, or a pager: the first line that is logged would wait for ever."""
+    reader, writer = os.pipe()
+    os.set_blocking(writer, False)
+    with suppress(BlockingIOError):
+        while True:
+            os.write(writer, bytes(4096))
+    os.set_blocking(writer, True)
+    try:
+        with diving(writer) as (tap, run):
+            leaves_it_neutral(tap, run, signal.SIGTERM)
+    finally:
+        os.close(reader)
+        os.close(writer)
 
 
 def test_after_sigkill_the_firmwares_failsafe_disarms() -> None:
