@@ -152,7 +152,7 @@ class App:
         if self._failure is not None:
             log.error("gave up: %s", self._failure, exc_info=self._failure)
             return 1
-        left = "the vehicle was left neutral" if self._engine.steering else "it did not steer"
+        left = "the vehicle was left neutral" if self._engine.steering else "it was not steering"
         log.info("stopped; %s", left)
         return 0
 
@@ -241,7 +241,7 @@ class App:
     def _report(self, now_ns: int, sample: ControlSample) -> None:
         """Feed the watchdog; say what changed, and every few seconds how it goes."""
         verdict = sample.verdict
-        said = f"{verdict.state}: {verdict.reason}"
+        said = f"{verdict.state}: {verdict.reason}; to do: {verdict.remedy}"
         if said != self._said:
             self._said = said
             log.info("%s", said)

@@ -104,27 +104,28 @@ def _pilot_lost(o: Observation, _: Limits) -> bool:
 
 
 # What is not known counts against permission: hence `not x <= limit`, which a NaN meets.
+# Of several that hold, the first one's `do` is what an operator is told (`supervisor.remedy`).
 CONDITIONS = (
     Look(
         C.LINK_LOST,
         _link_lost,
         ("link_timeout_s", "heartbeat_timeout_s"),
         "nothing, or no heartbeat, came from the autopilot",
-        "look at cable, router and link.endpoint; then clear the fault",
+        "look at cable, router and link.endpoint",
     ),
     Look(
         C.DEPTH_STALE,
         lambda o, limits: not o.state.ages.depth_s <= limits.depth_timeout_s,
         ("depth_timeout_s",),
         "no new, believable depth came",
-        "look whether vehicle.depth_source streams and moves; then clear the fault",
+        "look whether vehicle.depth_source streams and moves",
     ),
     Look(
         C.ATTITUDE_STALE,
         lambda o, limits: not o.state.ages.attitude_s <= limits.attitude_timeout_s,
         ("attitude_timeout_s",),
         "no new attitude came",
-        "look whether ATTITUDE streams; then clear the fault",
+        "look whether ATTITUDE streams",
     ),
     Look(
         C.POSITION_STALE,
@@ -188,15 +189,7 @@ CONDITIONS = (
         lambda o, limits: o.watched.rebooted,
         (),
         "the autopilot's clock went backwards: it started anew",
-        "find out why (power?); then clear the fault",
-    ),
-    Look(C.DISARMED, lambda o, limits: not o.state.armed, (), "the motors are off", "arm it"),
-    Look(
-        C.WRONG_MODE,
-        lambda o, limits: not o.mode_right,
-        (),
-        "the flight mode is another than vehicle.steering_mode: somebody changed it",
-        "engage again, which asks for the mode",
+        "find out why (power?)",
     ),
     Look(
         C.FAILSAFE_UNSAFE,
@@ -246,7 +239,7 @@ CONDITIONS = (
         lambda o, limits: not o.finite,
         (),
         "a computed value was not finite: a bug",
-        "keep the recording and tell us; then clear the fault",
+        "keep the recording and tell us",
     ),
     Look(
         C.TICK_LATE,
@@ -289,6 +282,14 @@ CONDITIONS = (
         (),
         "the same, and ground_station.on_loss says to surface",
         "the same",
+    ),
+    Look(C.DISARMED, lambda o, limits: not o.state.armed, (), "the motors are off", "arm it"),
+    Look(
+        C.WRONG_MODE,
+        lambda o, limits: not o.mode_right,
+        (),
+        "the flight mode is another than vehicle.steering_mode: somebody changed it",
+        "engage, which asks for the mode",
     ),
     Look(C.OPERATOR_STOP, lambda o, limits: o.stop, (), "the operator asked to stop", "nothing"),
     Look(C.ENGAGE_ASKED, lambda o, limits: o.engage, (), "the operator asked to engage", "nothing"),

@@ -296,6 +296,7 @@ class Desk:
             "state": str(verdict.state),
             "reason": verdict.reason,
             "conditions": conditions,
+            "remedy": verdict.remedy,
         }
         late = now_s >= one.until_s
         name = one.order.name

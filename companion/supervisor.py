@@ -11,8 +11,10 @@ we are the ones who cannot go on, and the autopilot's depth hold can.
 
 import math
 from dataclasses import dataclass
+from functools import cache
 from typing import NamedTuple
 
+from companion.conditions import CONDITIONS
 from companion.types import NEUTRAL, AxisCommand, Condition, State, Verdict
 
 C, S = Condition, State
@@ -124,6 +126,40 @@ def transition(state: State, conditions: Condition) -> Row | None:
     return None
 
 
+FAULT_CAUSES = NOTHING
+for _row in TRANSITIONS:
+    FAULT_CAUSES |= _row.when if _row.to is S.FAULT else NOTHING
+
+_BY = "(`holdfast tell`, button or dashboard)"
+CLEAR = f"clear the fault {_BY}"
+
+_REMEDIES: dict[State, tuple[Condition, str]] = {
+    S.IDLE: (UNFIT, f"engage {_BY}"),
+    S.READY: (C.PILOT_TAKEOVER, f"engage {_BY}"),
+    S.ACTIVE: (WARNS, "nothing; a stick, a mode change or disarming takes it back at once"),
+    S.RAMP_DOWN: (UNFIT, "wait until the thrust has faded"),
+    S.HAND_OVER: (UNFIT | C.OFF_TRACK, "wait, or take it with a stick"),
+    S.PILOT: (UNFIT | C.PILOT_TAKEOVER, f"engage again {_BY}"),
+    S.FAULT: (FAULT_CAUSES, CLEAR),
+}
+"""For each state: the conditions that have something to be done about, and what to do if none holds."""
+
+
+@cache
+def remedy(state: State, conditions: Condition) -> str:
+    """Return the one thing to do that gets the operator on; everybody who shows a remedy shows this one.
+
+    Of several conditions the first of CONDITIONS counts, LINK_LOST before all. A latched fault has to be
+    cleared, whatever else is missing, but after its cause has gone.
+    """
+    matters, otherwise = _REMEDIES[state]
+    held = conditions & (matters | C.LINK_LOST)
+    todo = next((look.do for look in CONDITIONS if look.condition & held and look.do != "nothing"), "")
+    if state is S.FAULT and todo:
+        return f"{todo}; then {CLEAR}"
+    return todo or otherwise
+
+
 class Supervisor:
     """The state, its reason and the authority that goes with it; `ramp_up_s` 0 gives all of it at once."""
 
@@ -153,7 +189,13 @@ class Supervisor:
         elif row and row.when is Condition.NOT_FIT:
             reason = f"{row.because} ({unfit})"
         self._verdict = Verdict(
-            state, conditions, authority, reason, conditions & WARNS, bool(conditions & FREEZES)
+            state,
+            conditions,
+            authority,
+            reason,
+            conditions & WARNS,
+            bool(conditions & FREEZES),
+            remedy(state, conditions),
         )
         return self._verdict
 

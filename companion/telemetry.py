@@ -122,6 +122,7 @@ class Supervisor(Record, frozen=True, kw_only=True):
     reason: Annotated[str, means("in words")]
     warnings: Annotated[tuple[str, ...], means("those of the conditions that are only told")] = ()
     freeze: Annotated[bool, means("nothing may be learnt for the time being")] = False
+    remedy: Annotated[str, means("the one thing to do that gets the operator on, in words")] = ""
 
 
 class Loop(Record, frozen=True, kw_only=True):
@@ -348,6 +349,7 @@ def records(sample: ControlSample) -> list[Schema]:
             reason=verdict.reason,
             warnings=_names(verdict.warnings),
             freeze=verdict.freeze,
+            remedy=verdict.remedy,
         ),
         Loop(
             t_s=t_s,

@@ -438,6 +438,7 @@ class Verdict:
     """The supervisor's word for this tick. `authority` 0..1 scales the wrench: 0 is neutral.
 
     `warnings` are those of the conditions that are only told; with `freeze` nothing may be learnt.
+    `remedy` is the one thing to do that gets the operator on.
     """
 
     state: State
@@ -446,6 +447,7 @@ class Verdict:
     reason: str
     warnings: Condition = field(default_factory=lambda: Condition(0))
     freeze: bool = False
+    remedy: str = ""
 
 
 @dataclass(frozen=True, slots=True)

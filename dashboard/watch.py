@@ -367,11 +367,15 @@ def _banner(view: View) -> RenderableType:
     if isinstance(supervisor, Supervisor):
         style, meaning = _BANNER.get(supervisor.state, ("reverse", ""))
         name = supervisor.state.replace("_", " ")
+        if "LINK_LOST" in supervisor.conditions:
+            meaning = "LINK LOST"
         lines.append(
             Text.assemble((f"  {name}  ", style), f"  {meaning}, authority {supervisor.authority:.0%}")
         )
         conditions = " ".join(supervisor.conditions).lower().replace("_", "-")
         lines.append(Text("; ".join(filter(None, (supervisor.reason, conditions))), "dim"))
+        if supervisor.remedy:
+            lines.append(Text(f"to do: {supervisor.remedy}"))
     if isinstance(state, State):
         mode = _MODES.get(state.mode, f"mode {state.mode}")
         volts = _DASH if "voltage_v" in state.absent else f"{state.voltage_v:.1f} V"

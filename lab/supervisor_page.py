@@ -1,9 +1,8 @@
-"""Writes docs/supervisor.md, and the dashboard's words, from the supervisor's own tables.
+"""Writes docs/supervisor.md from the supervisor's own tables.
 
 `python -m lab.supervisor_page` does.
 """
 
-import json
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -11,11 +10,10 @@ from companion.conditions import CONDITIONS
 from companion.config import Supervisor as Limits
 from companion.config import load_config
 from companion.handover import KEEP_ALIVE_S, REFUSED_S, SETTLE_S
-from companion.supervisor import FREEZES, NOTHING, TRANSITIONS, UNFIT, WARNS, transition
+from companion.supervisor import FAULT_CAUSES, FREEZES, NOTHING, TRANSITIONS, UNFIT, WARNS, transition
 from companion.types import Condition, State
 
 PAGE = Path(__file__).parent.parent / "docs" / "supervisor.md"
-SCRIPT = Path(__file__).parent.parent / "dashboard" / "static" / "conditions.js"
 
 MADE = {
     Condition.RAMPED_DOWN: "authority has come down to nothing",
@@ -100,10 +98,15 @@ def _cell(state: State, condition: Condition) -> str:
 
 
 def _meanings(limits: Limits) -> Iterator[str]:
+    yield (
+        "Of several, an operator is told what to do about the first one of this table. What has led to FAULT "
+        "is cleared afterwards, in one of [these ways](wiring.md#how-to-engage-release-and-clear-a-fault).\n"
+    )
     lines = ["| condition | it means | [supervisor] | what to do |", "|---|---|---|---|"]
     for look in CONDITIONS:
         keys = ", ".join(f"`{key}` = {getattr(limits, key):g}" for key in look.keys) or "–"
-        lines.append(f"| {_words(look.condition)} | {look.means} | {keys} | {look.do} |")
+        do = f"{look.do}; then clear the fault" if look.condition & FAULT_CAUSES else look.do
+        lines.append(f"| {_words(look.condition)} | {look.means} | {keys} | {do} |")
     lines += [f"| {_words(condition)} | {means} | – | nothing |" for condition, means in MADE.items()]
     yield "\n".join([*lines, ""])
 
@@ -112,14 +115,5 @@ def _words(condition: Condition) -> str:
     return (condition.name or "").replace("_", " ")
 
 
-def script() -> str:
-    """Return what the dashboard knows of conditions: a JavaScript module of name: [meaning, what to do]."""
-    words = {look.condition.name: [look.means, look.do] for look in CONDITIONS}
-    words |= {condition.name: [means, "nothing"] for condition, means in MADE.items()}
-    head = "// Made from companion/conditions.py by `python -m lab.supervisor_page`."
-    return f"{head}\nexport default {json.dumps(words, indent=2, ensure_ascii=False)};\n"
-
-
 if __name__ == "__main__":
-    SCRIPT.write_text(script(), encoding="utf-8")
     PAGE.write_text(page(), encoding="utf-8")

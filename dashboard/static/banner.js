@@ -1,6 +1,6 @@
 // The strip that is always there: state, what is wrong, what to do, how fresh it all is.
 import { $, mark, say } from "./dom.js";
-import { ageText, bytesText, explain, MODES, STATES } from "./words.js";
+import { ageText, bytesText, MODES, sentence, STATES } from "./words.js";
 
 export const STALE_S = 0.5;
 
@@ -14,8 +14,9 @@ export class Banner {
     const state = supervisor?.state ?? "NONE";
     mark($("banner"), "state", state);
     say($("state"), supervisor ? state.replace("_", " ") : "–");
-    say($("meaning"), stale ? (supervisor ? "was so: this is the past" : "no data") : STATES[state] ?? "");
-    const [reason, advice] = stale ? silence(link, age) : explain(supervisor);
+    const meaning = supervisor?.conditions.includes("LINK_LOST") ? "LINK LOST" : STATES[state] ?? "";
+    say($("meaning"), stale ? (supervisor ? "was so: this is the past" : "no data") : meaning);
+    const [reason, advice] = stale ? silence(link, age) : [supervisor.reason, sentence(supervisor.remedy ?? "")];
     say($("reason"), reason);
     say($("advice"), advice);
     say($("fact-mode"), status?.mode === null || status?.mode === undefined ? "–" : MODES[status.mode] ?? `mode ${status.mode}`);

@@ -1,6 +1,4 @@
 // What numbers and names mean to people.
-import CONDITIONS from "./conditions.js";
-
 export const MODES = { 0: "STABILIZE", 1: "ACRO", 2: "ALT HOLD", 3: "AUTO", 4: "GUIDED", 7: "CIRCLE", 9: "SURFACE", 16: "POSHOLD", 19: "MANUAL", 20: "MOTOR DETECT", 21: "SURFTRAK" };
 
 export const STATES = {
@@ -19,35 +17,6 @@ export const DOFS = {
   x: { name: "North", key: "3", axis: "surge", force: "N", e: { unit: "mm", scale: 1e3, span: 20 }, rate: { unit: "mm/s", scale: 1e3, span: 20 } },
   y: { name: "East", key: "4", axis: "sway", force: "N", e: { unit: "mm", scale: 1e3, span: 20 }, rate: { unit: "mm/s", scale: 1e3, span: 20 } },
 };
-
-const plain = (name) => name.toLowerCase().replaceAll("_", " ");
-
-// What holds, and what to do about it. Names that are not known are shown as they are.
-function remedies(names) {
-  return names.filter((name) => CONDITIONS[name]?.[1] !== "nothing")
-    .map((name) => (CONDITIONS[name] ? sentence(`${plain(name)}: ${CONDITIONS[name][1]}`) : sentence(plain(name))))
-    .join(" ");
-}
-
-// The reason and what to do about it, for the supervisor's message.
-export function explain({ state, conditions, reason, warnings = [] }) {
-  const todo = remedies(conditions);
-  switch (state) {
-    case "ACTIVE":
-      return [reason, warnings.length ? remedies(warnings) : "A stick, a mode change or disarming takes it back at once."];
-    case "READY":
-      return [reason, "Engage with `holdfast tell`, or under Tune."];
-    case "FAULT":
-      return [reason, todo || "Clear the fault with `holdfast tell`, or under Tune."];
-    case "PILOT":
-      return [reason, todo || "Engage again once the sticks are at rest."];
-    case "RAMP_DOWN":
-    case "HAND_OVER":
-      return [reason, todo || "Thrust fades to neutral."];
-    default:
-      return [reason, todo || "Not engaged: the pilot steers."];
-  }
-}
 
 export const sentence = (text) => (text ? `${text[0].toUpperCase()}${text.slice(1)}${text.endsWith(".") ? "" : "."}` : "");
 

@@ -9,7 +9,7 @@ import pytest
 
 from companion.conditions import CONDITIONS, Observation, Watched, assess
 from companion.config import load_config
-from companion.supervisor import TRANSITIONS, Envelope, Supervisor, guard, names, transition
+from companion.supervisor import CLEAR, TRANSITIONS, Envelope, Supervisor, guard, names, remedy, transition
 from companion.types import (
     NEUTRAL,
     Ages,
@@ -249,6 +249,60 @@ def test_waiting_says_for_what():
     told = Supervisor(RAMP_S).step(C.DISARMED | C.SATURATED | C.NOT_FIT, TICK_S, "the frame")
     assert told.reason == "waiting for: disarmed, not fit (the frame)"
     assert names(C.LINK_LOST | C.TICK_LATE) == "link lost, tick late"
+
+
+# --- What to do --------------------------------------------------------------------------------------------
+
+
+def todo(state, *conditions):
+    held = NOTHING
+    for condition in conditions:
+        held |= condition
+    return remedy(state, held)
+
+
+@pytest.mark.parametrize("state", list(State))
+def test_a_lost_link_outranks_everything(state):
+    for other in C:
+        assert todo(state, C.LINK_LOST, other).startswith("look at cable, router and link.endpoint")
+
+
+def test_a_latched_fault_is_to_be_cleared_whatever_else_is_missing():
+    for other in (NOTHING, C.DISARMED, C.WRONG_MODE, C.DISARMED | C.WRONG_MODE | C.NOT_FIT, C.PILOT_TAKEOVER):
+        assert todo(State.FAULT, other) == CLEAR
+    assert "clear the fault" in CLEAR
+
+
+@pytest.mark.parametrize("cause", [C.LINK_LOST, C.DEPTH_STALE, C.ATTITUDE_STALE, C.REBOOTED, C.NON_FINITE])
+def test_a_fault_whose_cause_still_holds_names_the_cause_first(cause):
+    text = todo(State.FAULT, cause, C.DISARMED, C.WRONG_MODE)
+    own = next(look.do for look in CONDITIONS if look.condition is cause)
+    assert text == f"{own}; then {CLEAR}"
+
+
+@pytest.mark.parametrize("state", [State.IDLE, State.PILOT])
+def test_without_a_fault_nothing_is_to_be_cleared(state):
+    for condition in (NOTHING, *C):
+        assert "clear" not in todo(state, condition)
+
+
+def test_what_keeps_it_from_engaging_comes_in_an_order_that_gets_on():
+    disarmed = (C.DISARMED, C.WRONG_MODE)
+    assert todo(State.IDLE, C.NOT_FIT, C.DEPTH_STALE, *disarmed) == todo(State.IDLE, C.DEPTH_STALE)
+    assert "holdfast check" in todo(State.IDLE, C.NOT_FIT, *disarmed)
+    assert todo(State.IDLE, *disarmed) == "arm it"
+    assert todo(State.IDLE, C.WRONG_MODE).startswith("engage")
+    assert todo(State.READY).startswith("engage")
+    assert "let go of the stick" in todo(State.READY, C.PILOT_TAKEOVER)
+    assert todo(State.PILOT).startswith("engage again")
+    assert "surface" not in todo(State.ACTIVE)
+    assert todo(State.ACTIVE, C.BATTERY_LOW, C.DISARMED) == "bring it up"
+
+
+def test_the_verdict_tells_it():
+    supervisor = brought_to(State.FAULT)
+    assert supervisor.step(C.LINK_LOST, TICK_S).remedy == todo(State.FAULT, C.LINK_LOST)
+    assert supervisor.step(C.DISARMED, TICK_S).remedy == CLEAR
 
 
 # --- What holds --------------------------------------------------------------------------------------------

@@ -80,6 +80,17 @@ def test_every_state_has_its_word(make_sample: MakeSample, state: State) -> None
     assert watch._BANNER[state.value][1] in screen
 
 
+def test_the_remedy_is_shown_and_a_lost_link_outranks_the_state(make_sample: MakeSample) -> None:
+    sample = make_sample()
+    lost = replace(
+        sample.verdict, state=State.PILOT, conditions=Condition.LINK_LOST, remedy="look at cable and router"
+    )
+    screen = _screen(_view(replace(sample, verdict=lost)))
+    assert "to do: look at cable and router" in screen
+    assert "LINK LOST" in screen
+    assert watch._BANNER["PILOT"][1] not in screen
+
+
 def test_data_turn_stale_within_a_second(make_sample: MakeSample) -> None:
     feed = Feed("kelp", "here")
     feed.take(_messages(make_sample(t_s=100.0)), now_s=7.0)
