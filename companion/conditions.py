@@ -13,6 +13,9 @@ from companion.types import Condition, EkfStatus, VehicleState, Z
 
 C = Condition
 
+CLOCK_DOUBT_S = 2.0
+"""A clock that is set anew contradicts itself until the second answer to TIMESYNC; two autopilots go on."""
+
 
 @dataclass(frozen=True, slots=True)
 class Watched:
@@ -21,6 +24,8 @@ class Watched:
     ekf: EkfStatus | None = None
     """The newest report, None before the first."""
     ekf_doubt_s: float = 0.0
+    clock_doubt_s: float = 0.0
+    """How long stamps and TIMESYNC have kept contradicting each other."""
     pilot_deflection: float = 0.0
     rebooted: bool = False
     leaking: bool = False
@@ -226,6 +231,20 @@ CONDITIONS = (
         ("max_delay_s",),
         "telemetry and commands are later than any gains bear",
         "look at the link's load; run on the vehicle instead of topside",
+    ),
+    Look(
+        C.CLOCK_JUMPED,
+        lambda o, limits: not o.watched.clock_doubt_s <= 0.0,
+        (),
+        "a stamp or an answer to TIMESYNC contradicted the autopilot's clock, less than 1 s ago",
+        "nothing if it was once; if it goes on, look for a second autopilot with this system id",
+    ),
+    Look(
+        C.CLOCK_INCONSISTENT,
+        lambda o, limits: not o.watched.clock_doubt_s <= CLOCK_DOUBT_S,
+        (),
+        f"stamps and answers to TIMESYNC have contradicted each other for {CLOCK_DOUBT_S:g} s",
+        "look for a second autopilot with this system id on the link, and at what relays TIMESYNC",
     ),
     Look(
         C.SURPRISED,

@@ -4,21 +4,34 @@
     command delay   = lag at which the motors best repeat what we sent (SERVO_OUTPUT_RAW's echo);
                       before there was an echo, the configured one and half of TIMESYNC's round trip
 
-An error in the offset moves delay from one to the other; their sum, which is what destabilises, stays right.
+Nothing arrives before it was sent. So each answer to TIMESYNC, and each stamped message, bounds the offset:
+
+    stamp − arrival ≤ offset ≤ answer's stamp − when we asked
+
+The offset is the middle of the narrowest bounds of the last 30 s, and never below the lower one: no telemetry
+delay is negative. An error in the offset moves delay from one to the other; their sum, which is what
+destabilises, stays right. Bounds that exclude each other come from a clock that was set anew, or from two.
 """
 
 import math
 from collections import deque
+from typing import NamedTuple
 
 import numpy as np
 
 from companion.types import Array, Delays
 
 SYNCS = 120
-"""Answers kept, 30 s of them: the one with the shortest round trip gives the offset."""
+"""Answers kept, 30 s of them."""
 
 CLOCK_JUMP_S = 0.05
-"""An answer that is off by this much more than its round trip explains comes from a clock set anew."""
+"""Bounds that exclude each other by more than this contradict each other: drift and rounding make less."""
+
+MAX_ROUND_TRIP_S = 1.0
+"""An answer that took longer says nothing of the clock."""
+
+ANSWERED_S = 5.0
+"""So long after the last answer its clock may be held against a stamp; later the clocks have drifted."""
 
 TELEMETRY_MEMORY_S = 1.0
 MAX_DELAY_S = 1.0
@@ -41,16 +54,32 @@ ECHO_EXCITATION = 0.01
 """Commands that varied less than this (axis units, RMS) tell nothing about lag."""
 
 
+class Bounds(NamedTuple):
+    """Between what the offset lies, seconds."""
+
+    lower_s: float = -math.inf
+    upper_s: float = math.inf
+
+    def admits(self, other: "Bounds") -> bool:
+        """Tell whether one clock can have made both."""
+        least_s = max(self.lower_s, other.lower_s)
+        return least_s <= min(self.upper_s, other.upper_s) + CLOCK_JUMP_S
+
+
 class DelayMeter:
     """Measures both delays from events' times; starts from the configured values."""
 
     def __init__(self, telemetry_s: float, command_s: float) -> None:
         self._start = Delays(telemetry_s, command_s, telemetry_known=False, command_known=False)
-        self._syncs: deque[tuple[float, float]] = deque(maxlen=SYNCS)
-        self._offset_s: float | None = None
+        self._answers: deque[Bounds] = deque(maxlen=SYNCS)
+        self._bounds = Bounds()
+        self._stamped_s = -math.inf
+        """The lower bound from messages since the newest answer."""
+        self._odd: Bounds | None = None
+        """The newest answer, if it contradicted those before."""
+        self._answered_s = -math.inf
         self._telemetry_s = telemetry_s
         self._telemetry_t_s: float | None = None
-        self._first_offset_s: float | None = None
         self._echo = np.zeros(len(ECHO_LAGS_S))
         self._last_echo: tuple[float, Array] | None = None
         self._echo_t_s = -np.inf
@@ -58,32 +87,50 @@ class DelayMeter:
         self._echo_found = False
         self._command_s = command_s
 
-    def timesync(self, sent_s: float, arrived_s: float, boot_s: float) -> None:
-        """Take one TIMESYNC answer: sent and arrived on our clock, `boot_s` on the autopilot's in between."""
-        round_trip_s, offset_s = arrived_s - sent_s, boot_s - 0.5 * (sent_s + arrived_s)
-        if self._syncs:
-            best_s, known_s = min(self._syncs)
-            if abs(offset_s - known_s) > 0.5 * (round_trip_s + best_s) + CLOCK_JUMP_S:
-                self._syncs.clear()
-        self._syncs.append((round_trip_s, offset_s))
-        best_s, self._offset_s = min(self._syncs)
-        if not self._echo_found:
-            self._command_s = self._start.command_s + 0.5 * best_s
+    def timesync(self, sent_s: float, arrived_s: float, boot_s: float) -> bool:
+        """Take one TIMESYNC answer: sent and arrived on our clock, `boot_s` on the autopilot's in between.
 
-    def stamped(self, arrived_s: float, boot_s: float) -> None:
-        """Take one stamped message's arrival."""
-        if self._offset_s is None:
-            guess = boot_s - arrived_s + self._start.telemetry_s
-            best = self._first_offset_s
-            self._first_offset_s = guess if best is None else max(best, guess)
-            return
-        late_s = min(max(arrived_s - self.local(boot_s), -MAX_DELAY_S), MAX_DELAY_S)
+        Return False if it contradicts the clock as it is known. A second answer that agrees with it, with
+        none in between that does not, sets the clock anew.
+        """
+        if not 0.0 <= arrived_s - sent_s <= MAX_ROUND_TRIP_S:
+            return True
+        answer = Bounds(boot_s - arrived_s, boot_s - sent_s)
+        odd, self._odd = self._odd, None
+        agrees = self._bounds.admits(answer)
+        if not agrees:
+            if odd is None or not odd.admits(answer):
+                self._odd = answer
+                return False
+            self._answers.clear()
+            self._answers.append(odd)
+            self._stamped_s = -math.inf
+        self._answers.append(Bounds(max(answer.lower_s, self._stamped_s), answer.upper_s))
+        self._answered_s, self._stamped_s = arrived_s, -math.inf
+        lower, upper = zip(*self._answers, strict=True)
+        self._bounds = Bounds(max(lower), min(upper))
+        if not self._echo_found:
+            self._command_s = self._start.command_s + max(self._bounds.upper_s - self.offset_s, 0.0)
+        return agrees
+
+    def stamped(self, arrived_s: float, boot_s: float) -> bool:
+        """Take one stamped message's arrival; return False if it contradicts the clock as it is known."""
+        bound_s, known = boot_s - arrived_s, self._bounds
+        agrees = bound_s <= known.upper_s + CLOCK_JUMP_S
+        if not agrees and arrived_s - self._answered_s <= ANSWERED_S:
+            return False
+        self._stamped_s = max(self._stamped_s, bound_s)
+        self._bounds = Bounds(max(known.lower_s, bound_s), known.upper_s)
+        if not self._answers:
+            return True
+        late_s = min(self.offset_s - bound_s, MAX_DELAY_S)
         if self._telemetry_t_s is None:
             self._telemetry_s = late_s
         else:
             passed = max(arrived_s - self._telemetry_t_s, 0.0)
             self._telemetry_s += (late_s - self._telemetry_s) * passed / (passed + TELEMETRY_MEMORY_S)
         self._telemetry_t_s = arrived_s
+        return True
 
     def echo(self, boot_s: float, axes: Array, sent_t_s: Array, sent_axes: Array) -> None:
         """Compare what the motors did at `boot_s` with what was sent: times ascending, axes (n, 4)."""
@@ -118,9 +165,10 @@ class DelayMeter:
     @property
     def offset_s(self) -> float:
         """Autopilot clock minus ours; before the first TIMESYNC from the quickest message so far, or NaN."""
-        if self._offset_s is not None:
-            return self._offset_s
-        return self._first_offset_s if self._first_offset_s is not None else math.nan
+        lower_s, upper_s = self._bounds
+        if self._answers:
+            return max(lower_s, 0.5 * (lower_s + upper_s))
+        return lower_s + self._start.telemetry_s if lower_s > -math.inf else math.nan
 
     @property
     def delays(self) -> Delays:

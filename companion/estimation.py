@@ -44,6 +44,7 @@ from companion.types import (
 )
 
 PREDICTION_STEP_S = 0.035
+SHORTEST_S = 1e-9
 MAX_GAP_S = 0.5
 """A degree of freedom that was not measured for longer starts anew with its next sample."""
 
@@ -170,7 +171,7 @@ class Estimator:
 
     def step(self, now_s: float, events: Sequence[Event]) -> VehicleState:
         """Take in what came since the last tick; say where the vehicle is and where a command finds it."""
-        self._depth_refused = False
+        self._depth_refused = self._clock_contradicted = False
         self._innovation = np.zeros((4, 2))
         for event in events:
             self._take(event)
@@ -183,14 +184,14 @@ class Estimator:
 
         from_s, observed_s = self._moments(now_s, delays)
         ahead_s = delays.command_s + self._lead_s
-        to_go_s = now_s - observed_s + ahead_s
+        to_go_s = np.maximum(now_s - observed_s + ahead_s, 0.0)
         steps = max(1, math.ceil(max(to_go_s.tolist()) / PREDICTION_STEP_S))
         step_s = to_go_s / steps
         edges_s = np.concatenate((from_s[None], observed_s + step_s * np.arange(steps + 1)[:, None]))
         u = self._commands.mean_tau(edges_s - delays.command_s)
         self._observe(u[0], m, c, from_s, observed_s)
         way = observer.predict(u[1:], m, c, step_s)
-        eta, eta_dot = _along(way, steps * (now_s - observed_s) / to_go_s)
+        eta, eta_dot = _along(way, (now_s - observed_s) / np.maximum(step_s, SHORTEST_S))
         eta_ahead, eta_dot_ahead, _ = way[-1]
         attitude = self._attitude
         return VehicleState(
@@ -222,6 +223,7 @@ class Estimator:
             delays=delays,
             innovation=self._innovation[:, 0],
             depth_refused=self._depth_refused,
+            clock_contradicted=self._clock_contradicted,
         )
 
     def sent(self, now_s: float, axes: Array, tau_ned: Array) -> None:
@@ -242,7 +244,7 @@ class Estimator:
         from_s = self._observed_t_s
         if from_s is None or to_s[Z] - from_s[Z] > MAX_GAP_S:
             from_s = to_s
-        self._observed_t_s = np.maximum(from_s, to_s)
+        self._observed_t_s = np.minimum(np.maximum(from_s, to_s), now_s)
         return from_s, self._observed_t_s
 
     def _observe(self, u: Array, m: Array, c: Array, from_s: Array, to_s: Array) -> None:
@@ -287,7 +289,7 @@ class Estimator:
         meter = self._meter
         if event.boot_s is None:
             return event.t_s - meter.delays.telemetry_s - self._sensor_delay_s[dof]
-        meter.stamped(event.t_s, event.boot_s)
+        self._clock_contradicted |= not meter.stamped(event.t_s, event.boot_s)
         return meter.local(event.boot_s) - self._sensor_delay_s[dof]
 
     def _position(self, dof: int, value: float, t_s: float, at_s: float) -> None:
@@ -334,7 +336,8 @@ class Estimator:
             self._meter.echo(event.boot_s, self._thrusters.axes_from_motors(motors)[:4], *self._commands.sent)
 
     def _on_timesync(self, event: TimeSync) -> None:
-        self._meter.timesync(event.sent_s, event.t_s, event.boot_s)
+        agrees = self._meter.timesync(event.sent_s, event.t_s, event.boot_s)
+        self._clock_contradicted |= not agrees
 
     def _on_heartbeat(self, event: Heartbeat) -> None:
         self._heartbeat = event
@@ -351,7 +354,7 @@ def _along(way: Sequence[tuple[Array, Array, Array]], place: Array) -> tuple[Arr
     """Return position and rate of each DOF at its own `place` (4,), counted in steps of the way."""
     q, v = np.zeros(4), np.zeros(4)
     for dof, at in enumerate(place.tolist()):
-        i = min(int(at), len(way) - 2)
+        i = min(max(int(at), 0), len(way) - 2)
         (q_0, v_0, _), (q_1, v_1, _) = way[i], way[i + 1]
         q[dof] = q_0[dof] + (at - i) * (q_1[dof] - q_0[dof])
         v[dof] = v_0[dof] + (at - i) * (v_1[dof] - v_0[dof])

@@ -21,6 +21,7 @@ C, S = Condition, State
 
 BLIND = C.LINK_LOST | C.DEPTH_STALE | C.ATTITUDE_STALE | C.POSITION_STALE
 SICK = C.EKF_UNHEALTHY | C.DEPTH_JUMPED | C.DEPTH_OUT_OF_BOUNDS | C.SURPRISED | C.DELAY_TOO_LONG | C.TILTED
+SICK |= C.CLOCK_JUMPED | C.CLOCK_INCONSISTENT
 UNFIT = BLIND | SICK | C.DISARMED | C.WRONG_MODE | C.FAILSAFE_UNSAFE | C.NON_FINITE | C.TICK_LATE
 UNFIT |= C.NOT_FIT | C.LEAK | C.BATTERY_LOW | C.REBOOTED | C.PILOT_LOST
 NOTHING = Condition(0)
@@ -64,6 +65,7 @@ TRANSITIONS = (
     Row(S.ACTIVE, C.OPERATOR_STOP, NOTHING, S.RAMP_DOWN, "the operator stopped it"),
     Row(S.ACTIVE, C.POSITION_STALE, NOTHING, S.HAND_OVER, "no fresh position"),
     Row(S.ACTIVE, C.DELAY_TOO_LONG, NOTHING, S.HAND_OVER, "the link is too slow for any gains"),
+    Row(S.ACTIVE, C.CLOCK_INCONSISTENT, NOTHING, S.HAND_OVER, "the autopilot's clocks contradict each other"),
     Row(S.ACTIVE, C.SURPRISED, NOTHING, S.HAND_OVER, "our estimate keeps being wrong"),
     Row(S.ACTIVE, C.OFF_TRACK, NOTHING, S.HAND_OVER, "it is not where it should be"),
     Row(S.RAMP_DOWN, C.NON_FINITE, NOTHING, S.FAULT, "a computed value was not finite"),
@@ -96,6 +98,7 @@ class Notice(NamedTuple):
 
 NOTICES = (
     Notice(C.DEPTH_JUMPED, freeze=True),
+    Notice(C.CLOCK_JUMPED, freeze=True),
     Notice(C.SATURATED, freeze=True),
     Notice(C.BATTERY_LOW, freeze=False),
     Notice(C.QUEUE_FULL, freeze=False),

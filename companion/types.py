@@ -374,6 +374,8 @@ class VehicleState:
     delays: Delays
     innovation: Array = field(default_factory=lambda: np.zeros(4))
     depth_refused: bool = False
+    clock_contradicted: bool = False
+    """Whether a stamp or an answer to TIMESYNC contradicted the autopilot's clock as it was known."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -431,6 +433,8 @@ class Condition(IntFlag):
     HAND_OVER_REFUSED = auto()
     PILOT_LOST = auto()
     PILOT_LOST_SURFACE = auto()
+    CLOCK_JUMPED = auto()
+    CLOCK_INCONSISTENT = auto()
 
 
 @dataclass(frozen=True, slots=True)

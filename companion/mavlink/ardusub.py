@@ -74,6 +74,7 @@ MAX_PWM_US: Final = 3000
 MAX_VOLTAGE_V: Final = 1000.0
 MAX_ROUND_TRIP_S: Final = 5.0
 MAX_STAMP_SPREAD_S: Final = 10.0
+FAR_STAMPS: Final = 20
 
 PA_PER_M: Final = 9800.0
 PA_PER_HPA: Final = 100.0
@@ -121,7 +122,8 @@ class BootClock:
     """The autopilot's clock in seconds since boot, from stamps that wrap.
 
     A stamp stands for the time nearest to the last one known: a wrap goes on counting, a reboot goes back.
-    Only TIMESYNC (64 bits) and milliseconds move the clock: microseconds wrap too early to be trusted alone.
+    Only milliseconds move the clock: microseconds wrap too early to be trusted alone. A stamp far from the
+    others moves it only when FAR_STAMPS of them have come in a row.
     """
 
     WRAP_MS_S: Final = 2**32 / 1e3
@@ -129,14 +131,21 @@ class BootClock:
 
     def __init__(self) -> None:
         self.last_s: float | None = None
+        self._far = 0
 
-    def set(self, boot_s: float) -> None:
-        """Take a time that cannot have wrapped."""
-        self.last_s = boot_s
+    def from_ns(self, stamp: int) -> float:
+        """Seconds since boot of an int64 in ns; before any other stamp, its count of wraps is taken."""
+        if self.last_s is None:
+            self.last_s = stamp / 1e9
+        return self._nearest(stamp / 1e9 % self.WRAP_MS_S, self.WRAP_MS_S)
 
     def from_ms(self, stamp: int) -> float:
         """Seconds since boot of a uint32 in ms."""
-        self.last_s = boot_s = self._nearest(stamp / 1e3, self.WRAP_MS_S)
+        boot_s = self._nearest(stamp / 1e3, self.WRAP_MS_S)
+        near = self.last_s is None or abs(boot_s - self.last_s) <= MAX_STAMP_SPREAD_S
+        self._far = 0 if near else self._far + 1
+        if near or self._far >= FAR_STAMPS:
+            self.last_s, self._far = boot_s, 0
         return boot_s
 
     def from_us(self, stamp: int) -> float:
@@ -325,9 +334,7 @@ class Converter:
             return ()
         if m.tc1 < 0:
             return self._implausible()
-        boot_s = m.tc1 / 1e9
-        self._clock.set(boot_s)
-        return (TimeSync(t_s, sent_s, boot_s),)
+        return (TimeSync(t_s, sent_s, self._clock.from_ns(m.tc1)),)
 
     def _battery_status(self, m: Message, t_s: float) -> tuple[Event, ...]:
         """Sum the cells of the first battery; without cell sensing the first cell carries it all."""

@@ -1,35 +1,49 @@
 """Tells news from what was only late, and a late datagram from an autopilot that started anew."""
 
+import math
 from collections.abc import Iterable, Iterator
 
-from companion.types import Event, Reboot
+from companion.types import Event, Reboot, TimeSync
 
-BACK_S = 1.0
+BACK_S = AHEAD_S = 1.0
 MESSAGES = 20
-"""So many stamps in a row that lie back by more than BACK_S are a new clock; a late datagram stands alone."""
+"""So many stamps in a row that lie back by more than BACK_S, or are ahead of the clock by more than AHEAD_S,
+are a new clock. A late datagram and an absurd stamp stand alone."""
 
 
 class Freshness:
-    """Lets through what has no stamp, and of what has one only what is newer than the last of its kind."""
+    """Lets through what has no stamp, and of what has one only what is newer than the last of its kind.
+
+    Answers to TIMESYNC pass as well: the meter of delays judges clocks, and has to see two of them.
+    """
 
     def __init__(self) -> None:
         self._last_s: dict[type[Event], float] = {}
-        self._back = 0
+        self._strange: dict[type[Event], int] = {}
+        """Of each kind, how many in a row."""
+        self._offset_s = math.inf
+        """The most by which a stamp was ahead of our clock; infinite before the first."""
 
     def sift(self, events: Iterable[Event]) -> Iterator[Event]:
         """Give the fresh ones of `events`, and a Reboot before the first of a new clock."""
         for event in events:
             boot_s: float | None = getattr(event, "boot_s", None)
-            if boot_s is None:
+            if boot_s is None or isinstance(event, TimeSync):
                 yield event
                 continue
-            last_s = self._last_s.get(type(event), boot_s - 1.0)
-            self._back = self._back + 1 if boot_s < last_s - BACK_S else 0
-            if self._back >= MESSAGES:
+            kind, offset_s = type(event), boot_s - event.t_s
+            last_s = self._last_s.get(kind, -math.inf)
+            if boot_s < last_s - BACK_S or offset_s > self._offset_s + AHEAD_S:
+                self._strange[kind] = self._strange.get(kind, 0) + 1
+                if sum(self._strange.values()) < MESSAGES:
+                    continue
                 self._last_s.clear()
-                self._back = 0
+                self._strange.clear()
+                self._offset_s = math.inf
                 yield Reboot(event.t_s)
             elif boot_s <= last_s:
                 continue
-            self._last_s[type(event)] = boot_s
+            self._strange.pop(kind, None)
+            self._last_s[kind] = boot_s
+            self._offset_s = offset_s if self._offset_s == math.inf else max(self._offset_s, offset_s)
             yield event

@@ -190,12 +190,53 @@ def test_a_changed_telemetry_delay_is_found_in_seconds(before_s, after_s):
     assert m.delays.telemetry_s - moved_s == pytest.approx(after_s, abs=0.003)
 
 
-def test_a_clock_that_was_set_anew_is_believed_at_once():
+def test_a_clock_that_was_set_anew_is_believed_by_its_second_answer():
     meter = DelayMeter(0.01, 0.012)
     for k in range(40):
         meter.timesync(1000.0 + k * 0.25, 1000.0 + k * 0.25 + 0.01, k * 0.25 + 0.005 + 500.0)
     late_s = 1000.0 + 20.0
     meter.timesync(late_s, late_s + 0.8, 20.0 + 0.7 + 500.0)  # slow, but its round trip explains it
     assert meter.offset_s == pytest.approx(500.0 - 1000.0, abs=1e-6)
-    meter.timesync(late_s + 1.0, late_s + 1.03, 3.0)
+    assert not meter.timesync(late_s + 1.0, late_s + 1.03, 3.0)
+    assert meter.offset_s == pytest.approx(500.0 - 1000.0, abs=1e-6)
+    assert not meter.timesync(late_s + 1.25, late_s + 1.28, 3.25)
     assert meter.offset_s == pytest.approx(3.0 - late_s - 1.015, abs=1e-6)
+    assert meter.timesync(late_s + 1.5, late_s + 1.53, 3.5)
+
+
+@pytest.mark.parametrize("late_s", [0.1, 0.2])
+def test_one_late_answer_does_not_move_the_offset(late_s):
+    """Stamped messages came sooner than it: half of its delay is not taken for offset."""
+    m = meter()
+    m.timesync(1000.0, 1000.005 + late_s, 1000.002 + BOOT_S)
+    for t_s in np.arange(1000.3, 1001.3, 0.02):
+        assert m.stamped(t_s + 0.003, t_s + BOOT_S)
+        assert 0.0 <= m.delays.telemetry_s < 0.01
+    assert m.offset_s == pytest.approx(BOOT_S, abs=0.003)
+
+
+def test_a_stamp_from_the_future_contradicts_the_clock_and_tells_nothing():
+    m = synced()
+    before = m.delays
+    assert not m.stamped(1001.0, 1001.3 + BOOT_S)
+    assert (m.offset_s, m.delays) == (pytest.approx(BOOT_S), before)
+
+
+def test_two_clocks_are_not_taken_for_one_that_was_set_anew():
+    m = synced()
+    for k in range(1, 40):
+        t_s = 1001.0 + 0.25 * k
+        assert m.timesync(t_s, t_s + 0.02, t_s + 0.01 + BOOT_S)
+        assert not m.timesync(t_s, t_s + 0.021, t_s + 0.01 + BOOT_S + 0.4)
+    assert m.offset_s == pytest.approx(BOOT_S, abs=1e-6)
+
+
+def test_a_frozen_or_absurd_answer_tells_nothing():
+    m = synced()
+    for k in range(1, 40):
+        t_s = 1001.0 + 0.25 * k
+        m.timesync(t_s, t_s + 0.02, 1001.01 + BOOT_S)  # the clock stands still
+        m.timesync(1001.0, t_s + 0.02, 1001.01 + BOOT_S)  # all of the answer does
+        m.timesync(t_s, t_s - 0.02, t_s + 7.0)  # it came before we asked
+        m.timesync(t_s, t_s + 0.02, 9e9)
+        assert m.offset_s == pytest.approx(BOOT_S, abs=1e-6)

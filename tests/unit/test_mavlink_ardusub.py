@@ -263,9 +263,10 @@ class TestBootClock:
         assert convert(converter, servo(1_000_000, first=65535)) == ()
         assert counters.implausible == 1
 
-    def test_microseconds_that_wrapped_are_unwrapped(self, converter):
+    @pytest.mark.parametrize("wraps", [1, 3])
+    def test_microseconds_that_wrapped_are_unwrapped(self, converter, wraps):
         wrap_s = 2**32 / 1e6
-        for boot_s in (wrap_s - 0.02, wrap_s + 0.02, 3 * wrap_s - 0.001, 3 * wrap_s + 0.05):
+        for boot_s in (wraps * wrap_s - 0.02, wraps * wrap_s + 0.02):
             convert(converter, attitude(boot_ms=round(boot_s * 1e3)))
             (event,) = convert(converter, servo(round(boot_s * 1e6) % 2**32))
             assert event.boot_s == pytest.approx(boot_s, abs=1e-5)
@@ -277,8 +278,21 @@ class TestBootClock:
 
     def test_a_reboot_goes_back(self, converter, counters):
         convert(converter, attitude(boot_ms=3_000_000))
-        assert convert(converter, attitude(boot_ms=4000))[0].boot_s == 4.0
-        assert convert(converter, servo(4_010_000))[0].boot_s == pytest.approx(4.01)
+        for boot_ms in range(4000, 4400, 20):
+            assert convert(converter, attitude(boot_ms))[0].boot_s == pytest.approx(1e-3 * boot_ms)
+        assert convert(converter, servo(4_410_000))[0].boot_s == pytest.approx(4.41)
+
+    @pytest.mark.parametrize("absurd", [2**32 - 1, 2**31])
+    def test_an_absurd_stamp_counts_no_wrap(self, converter, absurd):
+        convert(converter, attitude(boot_ms=4000))
+        convert(converter, attitude(boot_ms=absurd))
+        assert convert(converter, attitude(boot_ms=4020))[0].boot_s == pytest.approx(4.02)
+        assert convert(converter, servo(4_030_000))[0].boot_s == pytest.approx(4.03)
+
+    def test_an_absurd_timesync_does_not_move_the_clock(self, converter):
+        convert(converter, attitude(boot_ms=4000))
+        convert(converter, mavlink.MAVLink_timesync_message(2**63 - 1, round((T - 0.004) * 1e9)))
+        assert convert(converter, attitude(boot_ms=4020))[0].boot_s == pytest.approx(4.02)
 
     def test_a_servo_stamp_far_from_the_clock_is_absurd(self, converter, counters):
         convert(converter, attitude(boot_ms=3_000_000))

@@ -4,7 +4,7 @@ import pytest
 
 from companion.mavlink.ardusub import unmirrored
 from companion.mavlink.freshness import MESSAGES, Freshness
-from companion.types import Attitude, Depth, DepthRate, Heartbeat, Reboot, ServoOutput
+from companion.types import Attitude, Depth, DepthRate, Heartbeat, Reboot, ServoOutput, TimeSync
 
 
 def depth(boot_s: float) -> Depth:
@@ -36,6 +36,29 @@ def test_late_datagrams_among_new_ones_are_no_reboot() -> None:
         for event in (depth(100.0 + 0.02 * i), attitude(100.0 + 0.02 * i), depth(95.0))
     ]
     assert not [event for event in fresh.sift(mixed) if isinstance(event, Reboot) or event == depth(95.0)]
+
+
+def test_an_absurd_first_stamp_does_not_silence_its_kind_for_ever() -> None:
+    fresh = Freshness()
+    events = [depth(4e6)]
+    events += [event for i in range(100) for event in (depth(5.0 + 0.02 * i), attitude(5.0 + 0.02 * i))]
+    assert depth(5.0 + 0.02 * 99) in list(fresh.sift(events))
+
+
+def test_stamps_ahead_of_the_clock_are_dropped_unless_they_go_on() -> None:
+    fresh = Freshness()
+    own = [Attitude(0.02 * i, 5.0 + 0.02 * i, *[0.0] * 6) for i in range(200)]
+    twin = [Attitude(0.02 * i, 705.0 + 0.02 * i, *[0.0] * 6) for i in range(200)]
+    mixed = [event for pair in zip(own, twin, strict=True) for event in pair]
+    assert list(fresh.sift(mixed)) == own  # and the last of the twin counts already
+    after = list(fresh.sift(Attitude(4.0 + 0.02 * i, 905.0 + 0.02 * i, *[0.0] * 6) for i in range(30)))
+    assert isinstance(after[0], Reboot)
+    assert len(after) == 1 + 30 - (MESSAGES - 2)
+
+
+def test_every_answer_to_timesync_passes() -> None:
+    answers = [TimeSync(1.0, 0.9, 50.0), TimeSync(1.0, 0.9, 20.0), TimeSync(1.0, 0.9, 20.0)]
+    assert list(Freshness().sift(answers)) == answers
 
 
 def test_a_clock_that_stays_back_is_a_reboot() -> None:

@@ -7,7 +7,7 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from companion.conditions import CONDITIONS, Observation, Watched, assess
+from companion.conditions import CLOCK_DOUBT_S, CONDITIONS, Observation, Watched, assess
 from companion.config import load_config
 from companion.supervisor import CLEAR, TRANSITIONS, Envelope, Supervisor, guard, names, remedy, transition
 from companion.types import (
@@ -48,6 +48,8 @@ UNFIT = (
     C.BATTERY_LOW,
     C.REBOOTED,
     C.PILOT_LOST,
+    C.CLOCK_JUMPED,
+    C.CLOCK_INCONSISTENT,
 )
 ONLY_TOLD = (C.SATURATED, C.QUEUE_FULL, C.CONFIG_CHANGED)
 FORBIDS_ENGAGING = (*UNFIT, C.PILOT_TAKEOVER, C.OPERATOR_STOP)
@@ -78,6 +80,7 @@ EXPECTED = {
         C.POSITION_STALE: State.HAND_OVER,
         C.LEAK: State.HAND_OVER,
         C.DELAY_TOO_LONG: State.HAND_OVER,
+        C.CLOCK_INCONSISTENT: State.HAND_OVER,
         C.SURPRISED: State.HAND_OVER,
         C.OFF_TRACK: State.HAND_OVER,
         C.EKF_UNHEALTHY: State.RAMP_DOWN,
@@ -367,11 +370,11 @@ def test_every_condition_has_its_look_or_is_made_by_the_sequence_itself():
 
 def test_what_is_only_told_is_told_and_freezes_where_it_should():
     supervisor = brought_to(State.ACTIVE)
-    for condition in (*ONLY_TOLD, C.BATTERY_LOW, C.DEPTH_JUMPED):
+    for condition in (*ONLY_TOLD, C.BATTERY_LOW, C.DEPTH_JUMPED, C.CLOCK_JUMPED):
         verdict = supervisor.step(condition, TICK_S)
         assert verdict.state is State.ACTIVE
         assert verdict.warnings == condition
-        assert verdict.freeze == (condition in (C.SATURATED, C.DEPTH_JUMPED))
+        assert verdict.freeze == (condition in (C.SATURATED, C.DEPTH_JUMPED, C.CLOCK_JUMPED))
     calm = supervisor.step(NOTHING, TICK_S)
     assert (calm.warnings, calm.freeze) == (NOTHING, False)
 
@@ -418,6 +421,8 @@ def test_nothing_holds_when_all_is_well():
         (at_depth(-LIMITS.depth_margin_m - 0.01), {}, C.DEPTH_OUT_OF_BOUNDS),
         (replace(FINE_STATE, depth_refused=True), {}, C.DEPTH_JUMPED),
         (delayed(LIMITS.max_delay_s + 0.001), {}, C.DELAY_TOO_LONG),
+        (FINE_STATE, {"clock_doubt_s": 0.02}, C.CLOCK_JUMPED),
+        (FINE_STATE, {"clock_doubt_s": CLOCK_DOUBT_S + 0.01}, C.CLOCK_JUMPED | C.CLOCK_INCONSISTENT),
         (FINE_STATE, {"leaking": True}, C.LEAK),
         (FINE_STATE, {"rebooted": True}, C.REBOOTED),
         (FINE_STATE, {"failsafe": True}, C.AUTOPILOT_FAILSAFE),

@@ -1,0 +1,153 @@
+"""Clocks that contradict each other: two autopilots with one system id, clocks that jump, answers that lie.
+
+Whatever they say nothing raises, predictions run forward, and what lasts is handed over.
+"""
+
+import copy
+import itertools
+
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from virtual import START_S, Dive, active
+
+from companion.types import Condition, State
+
+TIMESYNC = "TIMESYNC"
+DOUBT_S = 2.0
+"""How long contradictions last before the vehicle is handed over."""
+
+
+class Liar:
+    """Rewrites what the autopilot says: its stamps, its answers to TIMESYNC, when they arrive."""
+
+    def __init__(self):
+        self._in, self._out = mavlink.MAVLink(None), mavlink.MAVLink(None, 1, 1)
+        self.stamps_s = self.answers_s = self.late_s = 0.0
+        self.twin_s = None
+        self.deaf = False
+        self._waiting = []
+
+    def __call__(self, t_s, inbox):
+        told = []
+        for t_ns, data in inbox:
+            for message in self._in.parse_buffer(bytearray(data)) or ():
+                answer = message.get_type() == TIMESYNC
+                if answer and self.deaf:
+                    continue
+                if answer and self.late_s:
+                    self._waiting.append((t_s + self.late_s, self._told(message, 0.0, self.answers_s)))
+                    self.late_s = 0.0
+                    continue
+                told.append((t_ns, self._told(message, self.stamps_s, self.answers_s)))
+                if self.twin_s is not None:
+                    told.append((t_ns, self._told(message, self.twin_s, self.twin_s)))
+        due = [data for at_s, data in self._waiting if at_s <= t_s]
+        self._waiting = [(at_s, data) for at_s, data in self._waiting if at_s > t_s]
+        return told + [(round((START_S + t_s) * 1e9), data) for data in due]
+
+    def _told(self, message, stamps_s, answers_s):
+        message = copy.copy(message)
+        if message.get_type() == TIMESYNC:
+            message.tc1 = max(message.tc1 + round(answers_s * 1e9), 1)
+        elif hasattr(message, "time_boot_ms"):
+            message.time_boot_ms = max(message.time_boot_ms + round(stamps_s * 1e3), 0)
+        elif message.get_type() == "SERVO_OUTPUT_RAW":
+            message.time_usec = max(message.time_usec + round(stamps_s * 1e6), 0)
+        return bytes(message.pack(self._out))
+
+
+def lied_to(**arguments):
+    dive = active(seconds=4.0, **arguments)
+    liar = dive.tap.spoil = Liar()
+    dive.run(0.5)
+    assert dive.state is State.ACTIVE
+    return dive, liar
+
+
+def told(steps, condition):
+    return [step.t_s for step in steps if step.sample.verdict.conditions & condition]
+
+
+def forward(steps):
+    return all(
+        step.sample.state.delays.telemetry_s >= 0.0 and step.sample.state.ahead_s >= 0.0 for step in steps
+    )
+
+
+@pytest.mark.parametrize("late_s", [0.1, 0.15, 0.2])
+def test_a_late_first_answer_while_engaged_changes_nothing(late_s):
+    """Only then is the clocks' offset known at all, and half of the delay would be taken for offset."""
+    dive = Dive()
+    liar = dive.tap.spoil = Liar()
+    liar.deaf = True
+    dive.until(State.ACTIVE)
+    dive.run(2.0)
+    liar.deaf, liar.late_s = False, late_s
+    steps = dive.run(6.0)
+    assert {step.sample.verdict.state for step in steps} == {State.ACTIVE}
+    assert forward(steps)
+    assert not told(steps, Condition.CLOCK_JUMPED)
+    assert max(step.sample.state.delays.total_s for step in steps) < 0.15
+    assert abs(steps[-1].sample.state.eta[2] - 1.0) < 0.02
+
+
+@pytest.mark.parametrize("jump_s", [0.3, -0.3])
+def test_a_clock_that_jumps_is_told_and_followed(jump_s):
+    dive, liar = lied_to()
+    liar.stamps_s = liar.answers_s = jump_s
+    steps = dive.run(6.0)
+    assert {step.sample.verdict.state for step in steps} == {State.ACTIVE}
+    assert forward(steps)
+    jumped = told(steps, Condition.CLOCK_JUMPED)
+    assert 0.5 < max(jumped) - steps[0].t_s < 2.0
+    assert steps[-1].sample.state.delays.total_s < 0.06
+
+
+@pytest.mark.parametrize(
+    ("what", "value_s"),
+    [("stamps_s", 0.3), ("answers_s", -0.2), ("twin_s", 0.3), ("twin_s", -0.3), ("twin_s", 700.0)],
+)
+@pytest.mark.parametrize("plant", [(), ("sensors.dvl=true",)])
+def test_clocks_that_go_on_contradicting_each_other_are_handed_over(what, value_s, plant):
+    """Stamps ahead of the answers, answers behind the stamps, two autopilots with one system id."""
+    dive, liar = lied_to(companion=("supervisor.max_tilt_deg=80",) if plant else (), setpoint=None)
+    setattr(liar, what, value_s)
+    steps = dive.run(DOUBT_S + 0.5)
+    assert forward(steps)
+    inconsistent = told(steps, Condition.CLOCK_INCONSISTENT)
+    assert inconsistent
+    assert inconsistent[0] - steps[0].t_s == pytest.approx(DOUBT_S, abs=0.4)
+    assert [state for state, _ in itertools.groupby(step.sample.verdict.state for step in steps)] == [
+        State.ACTIVE,
+        State.HAND_OVER,
+    ]
+    assert "clock" in dive.step.sample.verdict.reason
+
+
+def test_two_autopilots_are_not_engaged():
+    dive = Dive("parameters.FS_PILOT_INPUT=1")
+    liar = dive.tap.spoil = Liar()
+    liar.twin_s = 0.4
+    dive.run(8.0)
+    assert State.ACTIVE not in dive.states_since(0.0)
+    assert "clock" in dive.step.sample.verdict.reason
+
+
+@pytest.mark.parametrize("boot_ms", [2**32 - 1, 2**31, 0])
+@pytest.mark.parametrize("count", [1, 5])
+def test_a_few_absurd_stamps_change_nothing(boot_ms, count):
+    dive, _ = lied_to()
+    clean, left = dive.tap.spoil, [count]
+
+    def spoil(t_s, inbox):
+        inbox = clean(t_s, inbox)
+        if left[0]:
+            left[0] -= 1
+            absurd = mavlink.MAVLink_attitude_message(boot_ms, 0.0, 0.0, 0.3, 0.0, 0.0, 0.0)
+            inbox = [*inbox, (round((START_S + t_s) * 1e9), bytes(absurd.pack(clean._out)))]
+        return inbox
+
+    dive.tap.spoil = spoil
+    steps = dive.run(3.0)
+    assert {step.sample.verdict.state for step in steps} == {State.ACTIVE}
+    assert forward(steps)
