@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 
+from companion.conditions import RESET_SETTLE_S
 from companion.config import Config
 from companion.mavlink.ardusub import FRAMES
 from companion.survey import Observed
@@ -60,9 +61,17 @@ WATCHED = frozenset({"pilot failsafe", "depth", "battery"})
 """Rows that the supervisor has conditions of its own for, and looks at in every tick."""
 
 
-def refusals(listed: Sequence[Row]) -> str:
-    """Return the rows that forbid engaging, in words; empty if none does. Not those that are WATCHED."""
-    refused = [row for row in listed if row.grade is Grade.REFUSED and row.name not in WATCHED]
+SETTLES = frozenset({"EKF", "compass"})
+"""Rows that forbid engaging and nothing more: while it holds, the supervisor has conditions of its own."""
+
+
+def refusals(listed: Sequence[Row], *, holding: bool = False) -> str:
+    """Return the rows that forbid engaging, in words; empty if none does. Not those that are WATCHED.
+
+    While it is `holding`, those that only had to settle before are left out.
+    """
+    ignored = WATCHED | SETTLES if holding else WATCHED
+    refused = [row for row in listed if row.grade is Grade.REFUSED and row.name not in ignored]
     return "; ".join(f"{row.name}: {row.found}" for row in refused)
 
 
@@ -226,6 +235,37 @@ def _origin(seen: Observed, config: Config) -> Row:
     return Row("EKF origin", Grade.WARNING, "not set", why, mend)
 
 
+def _ekf(seen: Observed, config: Config) -> Row:
+    why = "attitude, heading and depth are those of the autopilot's EKF, which settles after boot"
+    ekf, limits = seen.ekf, config.supervisor
+    if ekf is None:
+        return Row("EKF", Grade.REFUSED, "no EKF_STATUS_REPORT came", why, "wait; look at the link's load")
+    lacks = [name for name, has in (("attitude", ekf.attitude), ("depth", ekf.depth)) if not has]
+    if seen.state.ages.position_s <= limits.position_timeout_s and not ekf.position:
+        lacks.append("position, though one is sent")
+    found = f"it has no {' and no '.join(lacks)}" if lacks else ""
+    if not ekf.initialised:
+        found = "not initialised"
+    elif not lacks and not ekf.variance <= limits.max_ekf_variance:
+        found = f"it doubts itself: variance {ekf.variance:.2f} of at most {limits.max_ekf_variance:g}"
+    if found:
+        mend = "wait until it has settled, the vehicle at rest; calibrate the compass if it does not"
+        return Row("EKF", Grade.REFUSED, f"{found}: wait", why, mend)
+    has = "and position" if ekf.position else "no position: x and y are not held"
+    return Row("EKF", Grade.GOOD, f"attitude, depth, {has}", why)
+
+
+def _compass(seen: Observed, config: Config) -> Row:
+    why = "while the EKF aligns its yaw to the compass, the heading jumps"
+    state = seen.state
+    aligned_s = min(state.ages.yaw_reset_s, state.t_s - seen.yaw_aligned_t_s)
+    if aligned_s <= RESET_SETTLE_S:
+        found = f"the EKF aligned its yaw {max(0.0, aligned_s):.1f} s ago: wait"
+        mend = f"wait {RESET_SETTLE_S:g} s; calibrate the compass if it does not end"
+        return Row("compass", Grade.REFUSED, found, why, mend)
+    return Row("compass", Grade.GOOD, "yaw is steady", why)
+
+
 def _mode(seen: Observed, config: Config) -> Row | None:
     if seen.modes is None:
         return None
@@ -317,6 +357,8 @@ _LOOKS: tuple[Callable[[Observed, Config], Row | None], ...] = (
     _streams,
     _depth,
     _origin,
+    _ekf,
+    _compass,
     _mode,
     _battery,
     _leak,

@@ -16,6 +16,9 @@ C = Condition
 CLOCK_DOUBT_S = 2.0
 """A clock that is set anew contradicts itself until the second answer to TIMESYNC; two autopilots go on."""
 
+RESET_SETTLE_S = 3.0
+"""So long after a reset of the autopilot's estimate another one may follow."""
+
 
 @dataclass(frozen=True, slots=True)
 class Watched:
@@ -145,6 +148,22 @@ CONDITIONS = (
         ("max_depth_jump_m",),
         "a depth lay so far from the expected one that it was left out; if it stays there, depth is stale",
         "look at the depth sensor",
+    ),
+    Look(
+        C.YAW_RESET,
+        lambda o, limits: o.state.ages.yaw_reset_s <= RESET_SETTLE_S,
+        (),
+        "the autopilot's EKF corrected its yaw at once, less than 3 s ago; the heading that is held turned "
+        "with it, and the vehicle stays where it points",
+        "give the heading anew if it shall be another; calibrate the compass if this comes again and again",
+    ),
+    Look(
+        C.POSITION_RESET,
+        lambda o, limits: o.state.ages.position_reset_s <= RESET_SETTLE_S,
+        (),
+        "the autopilot's EKF corrected its position at once, less than 3 s ago; the place that is held moved "
+        "with it, and the vehicle stays where it is",
+        "give the place anew if it shall be another; look at the DVL if this comes again and again",
     ),
     Look(
         C.DEPTH_OUT_OF_BOUNDS,

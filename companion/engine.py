@@ -12,6 +12,7 @@ from companion.check import Row, refusals, rows
 from companion.conditions import Observation, assess
 from companion.config import Config
 from companion.control.bounds import bounded, wrap
+from companion.control.frame import shifted, turned
 from companion.control.positioning import jacobian, to_body, to_inertial
 from companion.estimation import Estimator
 from companion.handover import KEEP_ALIVE_S, HandOver
@@ -33,6 +34,7 @@ from companion.types import (
     DofSample,
     Event,
     Flags,
+    FrameShift,
     LoopHealth,
     Request,
     Setpoint,
@@ -123,6 +125,8 @@ class Engine:
 
         events = [*self._autopilot.receive(datagrams), *pilot_events(ground)]
         state = self._estimator.step(now_s, events)
+        if state.frame_shift is not None:
+            self._shift(state.frame_shift)
         wish = self._pilot.step(now_s, dt_s, events, self._engaged, self.target[Z])
         taken = self._engaged & _by_dof(wish.taken)
         gone = wish.all or bool(taken.any() and not (self._engaged & ~taken).any())
@@ -260,7 +264,8 @@ class Engine:
             )
         self._survey.take(events)
         if state.t_s - self._checked_s >= CHECK_S:
-            self._checked_s, self._unfit = state.t_s, refusals(self.checked(state))
+            self._checked_s = state.t_s
+            self._unfit = refusals(self.checked(state), holding=steered)
         watched = self._watch.step(
             dt_s,
             events,
@@ -313,6 +318,16 @@ class Engine:
         if now is State.FAULT or (before.state is State.ACTIVE and now is not State.ACTIVE):
             self._engage_asked = False
         return self.verdict
+
+    def _shift(self, shift: FrameShift) -> None:
+        """Hold the same physical place and direction in the frame of a reset estimate."""
+        self._controller.shift(shift)
+        self._target, self._engaged_at = _shifted(shift, self._target), _shifted(shift, self._engaged_at)
+        asked = self._engaged & np.isfinite(self._setpoint.eta_d)
+        self._setpoint = replace(
+            self._setpoint, eta_d=np.where(asked, self._target.eta_d, self._setpoint.eta_d)
+        )
+        self._references = deque((t_s, shifted(shift, eta_d)) for t_s, eta_d in self._references)
 
     def _holdable(self, state: VehicleState) -> Flags:
         """Return the degrees of freedom that would be held if it engaged now."""
@@ -425,6 +440,12 @@ def _checked(setpoint: Setpoint, max_depth_m: float) -> Setpoint:
             f"and no deeper than supervisor.max_depth_m = {max_depth_m:g}"
         )
     return setpoint
+
+
+def _shifted(shift: FrameShift, setpoint: Setpoint) -> Setpoint:
+    return Setpoint(
+        shifted(shift, setpoint.eta_d), turned(shift, setpoint.eta_d_dot), turned(shift, setpoint.eta_d_ddot)
+    )
 
 
 def _by_dof(by_axis: Flags) -> Flags:

@@ -13,11 +13,13 @@ import numpy as np
 
 from companion.config import Config
 from companion.control.bounds import wrap
+from companion.control.frame import joined, shifted, turn_about, turned
 from companion.control.positioning import Model, jacobian, to_body
 from companion.delay import DelayMeter
 from companion.hidden_delay import HiddenDelay
 from companion.mavlink.ardusub import motor_demand
 from companion.observer import Noise, Observer
+from companion.resets import MAX_GAP_S, position_resets, yaw_resets
 from companion.thrust import T200_VOLTAGE_V, Thrusters
 from companion.types import (
     DOFS,
@@ -30,6 +32,7 @@ from companion.types import (
     Depth,
     DepthRate,
     Event,
+    FrameShift,
     Heartbeat,
     PilotGain,
     PilotHeartbeat,
@@ -45,8 +48,6 @@ from companion.types import (
 
 PREDICTION_STEP_S = 0.035
 SHORTEST_S = 1e-9
-MAX_GAP_S = 0.5
-"""A degree of freedom that was not measured for longer starts anew with its next sample."""
 
 LATER_S = {"pressure": 0.053, "ahrs2": 0.048}
 """How much older than relative_alt and climb these depths are (ArduSub facts)."""
@@ -99,6 +100,10 @@ class CommandHistory:
         spans_s = t_s[1:] - t_s[:-1]
         mean: Array = (impulse[1:] - impulse[:-1]) / np.where(spans_s > 0.0, spans_s, np.inf)
         return mean
+
+    def turn(self, shift: FrameShift) -> None:
+        """Go on in a frame that has turned."""
+        self._tau, self._impulse = turned(shift, self._tau), turned(shift, self._impulse)
 
     @property
     def sent(self) -> tuple[Array, Array]:
@@ -168,10 +173,14 @@ class Estimator:
         self._new: list[Measurement] = []
         self._observer.x = np.zeros((4, 6))
         self._refusing = False
+        self._yaw_resets, self._x_resets, self._y_resets = yaw_resets(), position_resets(), position_resets()
+        self._yaw_reset_t_s = self._position_reset_t_s = -math.inf
+        self._frame_shift: FrameShift | None = None
 
     def step(self, now_s: float, events: Sequence[Event]) -> VehicleState:
         """Take in what came since the last tick; say where the vehicle is and where a command finds it."""
         self._depth_refused = self._clock_contradicted = False
+        self._frame_shift = None
         self._innovation = np.zeros((4, 2))
         for event in events:
             self._take(event)
@@ -219,11 +228,14 @@ class Estimator:
                 attitude_s=now_s - attitude.t_s,
                 position_s=now_s - self._measured_t_s[X],
                 pilot_s=now_s - self._pilot_t_s,
+                yaw_reset_s=now_s - self._yaw_reset_t_s,
+                position_reset_s=now_s - self._position_reset_t_s,
             ),
             delays=delays,
             innovation=self._innovation[:, 0],
             depth_refused=self._depth_refused,
             clock_contradicted=self._clock_contradicted,
+            frame_shift=self._frame_shift,
         )
 
     def sent(self, now_s: float, axes: Array, tau_ned: Array) -> None:
@@ -301,9 +313,24 @@ class Estimator:
         self._measured_t_s[dof] = t_s
         self._new.append(Measurement(dof, 0, value, at_s))
 
+    def _shift(self, shift: FrameShift) -> None:
+        """Go on in the frame of a reset estimate; samples of this tick from before it are left out."""
+        observer = self._observer
+        observer.x = turned(shift, observer.x.T).T
+        observer.x[:, 0] = shifted(replace(shift, turn_rad=0.0), observer.x[:, 0])
+        observer.x[PSI, 0] += shift.turn_rad
+        self._commands.turn(shift)
+        self._new = [one for one in self._new if one.dof == Z]
+        self._frame_shift = joined(self._frame_shift, shift)
+
     def _on_attitude(self, event: Attitude) -> None:
         self._attitude = event
         at_s = self._sampled(event, PSI)
+        turn_rad = self._yaw_resets.step(event.boot_s, event.yaw, _heading_rate(event))
+        if turn_rad:
+            self._yaw_reset_t_s = event.t_s
+            x_m, y_m = self._observer.x[:2, 0].tolist()
+            self._shift(turn_about(turn_rad, x_m, y_m))
         self._position(PSI, event.yaw, event.t_s, at_s)
         self._new.append(Measurement(PSI, 1, _heading_rate(event), at_s))
 
@@ -324,6 +351,11 @@ class Estimator:
 
     def _on_position(self, event: Position) -> None:
         at_s = self._sampled(event, X)
+        north_m = self._x_resets.step(event.boot_s, event.x_m, event.vx_mps)
+        east_m = self._y_resets.step(event.boot_s, event.y_m, event.vy_mps)
+        if north_m or east_m:
+            self._position_reset_t_s = event.t_s
+            self._shift(FrameShift(0.0, north_m, east_m))
         self._position(X, event.x_m, event.t_s, at_s)
         self._position(Y, event.y_m, event.t_s, at_s)
         self._new.append(Measurement(X, 1, event.vx_mps, at_s))

@@ -1,16 +1,18 @@
 """What happened in a tick, in words: for the `event` key, whoever watches, and the record of the dive."""
 
+import math
 from collections.abc import Sequence
 from typing import Literal
 
 from companion.operator import Taken
 from companion.telemetry import Event, printable
-from companion.types import Condition, ControlSample, State
+from companion.types import Condition, ControlSample, FrameShift, State
 
 ASKED = Condition.OPERATOR_STOP | Condition.ENGAGE_ASKED | Condition.CLEAR_ASKED | Condition.RAMPED_DOWN
 ASKED |= Condition.HANDED_OVER | Condition.HAND_OVER_REFUSED
 """What somebody asked for or the supervisor says to itself: told as a command or a state."""
 
+RESETS = Condition.YAW_RESET | Condition.POSITION_RESET
 MAV_SEVERITY_ERROR, MAV_SEVERITY_WARNING = 3, 4
 
 _Severity = Literal["info", "warning", "fault"]
@@ -28,6 +30,8 @@ class Chronicle:
     def __init__(self) -> None:
         self._state: State | None = None
         self._conditions = Condition(0)
+        self._resets = 0
+        self._turned_rad = 0.0
 
     def step(
         self, sample: ControlSample, taken: Sequence[Taken] = (), rivals: Sequence[str] = ()
@@ -58,6 +62,7 @@ class Chronicle:
                 ("info", "condition", f"no longer {_words(one)}") for one in self._conditions & ~conditions
             ]
             self._conditions = conditions
+        happened += self._reset(sample)
         if verdict.state is not self._state:
             self._state = verdict.state
             severity = _SEVERITY.get(verdict.state, "info")
@@ -69,6 +74,28 @@ class Chronicle:
             Event(t_s=state.t_s, boot_s=state.boot_s, severity=severity, kind=kind, text=text)
             for severity, kind, text in happened
         ]
+
+    def _reset(self, sample: ControlSample) -> list[tuple[_Severity, Literal["condition"], str]]:
+        """Tell of the first reset of the autopilot's estimate, and of all together once they have ended."""
+        shift, happened = sample.state.frame_shift, list[tuple[_Severity, Literal["condition"], str]]()
+        if shift is not None:
+            self._resets += 1
+            self._turned_rad += shift.turn_rad
+            if self._resets == 1:
+                happened.append(("warning", "condition", f"the EKF was reset: {_shift_words(shift)}"))
+        elif self._resets and not sample.verdict.conditions & RESETS:
+            if self._resets > 1:
+                text = f"{self._resets} resets of the EKF, yaw {math.degrees(self._turned_rad):+.1f}° in all"
+                happened.append(("warning", "condition", text))
+            self._resets, self._turned_rad = 0, 0.0
+        return happened
+
+
+def _shift_words(shift: FrameShift) -> str:
+    if shift.turn_rad:
+        return f"yaw {math.degrees(shift.turn_rad):+.1f}°; the heading that is held turns with it"
+    moved = f"position {shift.north_m:+.2f} m north, {shift.east_m:+.2f} m east"
+    return f"{moved}; the place that is held moves with it"
 
 
 def _words(condition: Condition) -> str:

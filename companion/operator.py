@@ -211,6 +211,9 @@ class Desk:
     def after(self, engine: Controllable, sample: ControlSample, now_s: float) -> None:
         """Answer what has been settled by this tick."""
         self._state = sample.verdict.state
+        if sample.state.frame_shift is not None:
+            held = sample.dofs.engaged & np.isfinite(self.setpoint)
+            self.setpoint = np.where(held, engine.target, self.setpoint)
         waiting, self._waiting = self._waiting, []
         for one in waiting:
             answer = self._settled(one, engine, sample, now_s)

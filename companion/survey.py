@@ -1,5 +1,6 @@
 """What was seen of the vehicle that no control loop needs: the ground on which `check` judges it."""
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -8,6 +9,7 @@ from companion.types import (
     Battery,
     Depth,
     EkfOrigin,
+    EkfStatus,
     Event,
     Firmware,
     Heartbeat,
@@ -15,12 +17,15 @@ from companion.types import (
     PilotToggle,
     Reboot,
     ReceiverChannels,
+    StatusText,
     TimeSync,
     VehicleState,
 )
 from companion.watch import FAILSAFE
 
 DEPTH_WINDOW_S = 2.0
+YAW_ALIGNMENT = "yaw alignment complete"
+"""EKF3 says so of the first yaw it finds ("initial"), and of each that it corrects while it moves."""
 CLOCK_JUMP_S = 0.05
 """An offset that moves by more than its round trip explains and this is a clock that was set anew."""
 
@@ -57,6 +62,9 @@ class Observed:
     """Whether the autopilot said twice running that a failsafe is latched (once it says so at every boot):
     then nothing keeps the pilot's from firing."""
     origin_known: bool = False
+    ekf: EkfStatus | None = None
+    yaw_aligned_t_s: float = -math.inf
+    """When the autopilot last said that its EKF aligned its yaw."""
     voltage_v: float | None = None
     depth_hz: float = 0.0
     syncs: int = 0
@@ -75,12 +83,14 @@ class Survey:
             Battery: self._on_battery,
             Depth: self._on_depth,
             EkfOrigin: self._on_origin,
+            EkfStatus: self._on_ekf,
             Firmware: self._on_firmware,
             Heartbeat: self._on_heartbeat,
             PilotGain: self._on_gain,
             PilotToggle: self._on_toggle,
             Reboot: lambda _: self.restart(),
             ReceiverChannels: self._on_receiver,
+            StatusText: self._on_text,
             TimeSync: self._on_timesync,
         }
         self.restart()
@@ -115,6 +125,13 @@ class Survey:
 
     def _on_origin(self, event: EkfOrigin) -> None:
         self._seen["origin_known"] = event.known
+
+    def _on_ekf(self, event: EkfStatus) -> None:
+        self._seen["ekf"] = event
+
+    def _on_text(self, event: StatusText) -> None:
+        if YAW_ALIGNMENT in event.text:
+            self._seen["yaw_aligned_t_s"] = event.t_s
 
     def _on_firmware(self, event: Firmware) -> None:
         self._seen["firmware"] = event

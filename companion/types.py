@@ -237,6 +237,9 @@ class EkfStatus:
     attitude: bool
     depth: bool
     variance: float
+    position: bool = False
+    """Horizontal position and velocity."""
+    initialised: bool = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -312,6 +315,18 @@ class Setpoint:
 
 
 @dataclass(frozen=True, slots=True)
+class FrameShift:
+    """How the frame of all poses moved when the autopilot reset its estimate: turned clockwise, then shifted.
+
+    What was at (x, y, psi) is now at (R(turn) (x, y) + (north, east), psi + turn).
+    """
+
+    turn_rad: float
+    north_m: float
+    east_m: float
+
+
+@dataclass(frozen=True, slots=True)
 class Ages:
     """Seconds since each signal last came; infinite before the first."""
 
@@ -322,6 +337,9 @@ class Ages:
     position_s: float
     pilot_s: float = math.inf
     """The ground station's heartbeat."""
+    yaw_reset_s: float = math.inf
+    position_reset_s: float = math.inf
+    """Since the autopilot's estimate was last reset."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -351,6 +369,7 @@ class VehicleState:
     `eta`, `eta_dot` are now; `eta_ahead`, `eta_dot_ahead` are `ahead_s` later, when a command sent now acts.
     `disturbance` is the observer's d in the paper's sign: m x'' = tau - h - d. `innovation` is by how much
     the newest positions missed what was expected; a depth that missed by too much was refused.
+    `frame_shift` is what the autopilot's estimate was reset by since the tick before.
     """
 
     t_s: float
@@ -376,6 +395,7 @@ class VehicleState:
     depth_refused: bool = False
     clock_contradicted: bool = False
     """Whether a stamp or an answer to TIMESYNC contradicted the autopilot's clock as it was known."""
+    frame_shift: FrameShift | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -435,6 +455,8 @@ class Condition(IntFlag):
     PILOT_LOST_SURFACE = auto()
     CLOCK_JUMPED = auto()
     CLOCK_INCONSISTENT = auto()
+    YAW_RESET = auto()
+    POSITION_RESET = auto()
 
 
 @dataclass(frozen=True, slots=True)

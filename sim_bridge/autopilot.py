@@ -280,6 +280,11 @@ class Autopilot:
         self._broadcast(messages.heartbeat(self.snapshot()))
         return ACCEPTED
 
+    def yaw_was_reset(self, turn_rad: float) -> None:
+        """Say so, and hold the same true heading and place."""
+        self._say(CRITICAL, "EKF3 IMU0 MAG0 in-flight yaw alignment complete")
+        self.control.yaw_was_reset(turn_rad)
+
     def _neutralise(self) -> None:
         self.pilot.neutralise()
         self._input_is_new = True

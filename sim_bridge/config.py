@@ -183,6 +183,8 @@ FaultKind = Literal[
     "leak",
     "ekf",
     "depth_shifted",
+    "yaw_reset",
+    "position_reset",
     "voltage",
 ]
 
@@ -197,9 +199,12 @@ class Fault(_Record, frozen=True):
     """message_*: the MAVLink name, or empty for every telemetry message."""
     parameter: str = ""
     thruster: Annotated[int, Meta(ge=1, le=8)] = 1
+    count: Annotated[int, Meta(ge=1, le=1000)] = 1
+    """yaw_reset, position_reset: how many, spread over duration_s."""
     value: float = 0.0
     """message_extreme: the value; link_delayed: s; link_lossy, link_duplicating: probability; mode: number;
-    parameter: its value; thruster: health 0..1; ekf: variance; depth_shifted: m; voltage: V."""
+    parameter: its value; thruster: health 0..1; ekf: variance; depth_shifted: m; yaw_reset: degrees;
+    position_reset: m; voltage: V."""
 
     def __post_init__(self) -> None:
         if self.kind == "parameter" and not self.parameter:

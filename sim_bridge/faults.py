@@ -13,6 +13,9 @@
 | reboot, disarm | once, at at_s |
 | mode, parameter | once: flight mode `value`; `parameter` = `value` |
 | depth_shifted | once: relative_alt reads `value` m deeper from now on |
+| yaw_reset | `count` times over duration_s: the EKF turns its yaw by `value` degrees, and with it the
+  directions of all further motion over ground |
+| position_reset | likewise: the EKF's position is `value` m further north |
 | leak | a leak detector is wet |
 | ekf | the EKF has no solution, and reports `value` as its variance |
 | voltage | the battery has `value` V |
@@ -24,6 +27,7 @@ import heapq
 import math
 from collections.abc import Iterable, Sequence
 
+import msgspec
 import numpy as np
 
 from sim_bridge.config import Fault
@@ -38,7 +42,7 @@ class Faults:
     """The script and its progress. Times are seconds of the simulation."""
 
     def __init__(self, script: Iterable[Fault], rng: np.random.Generator) -> None:
-        self._script = list(script)
+        self._script = [one for fault in script for one in _each(fault)]
         self._pending = sorted(self._script, key=lambda fault: fault.at_s)
         self._active: list[Fault] = []
         self._change_s = self._pending[0].at_s if self._pending else math.inf
@@ -49,8 +53,9 @@ class Faults:
 
     def add(self, fault: Fault) -> None:
         """Put one more fault on the script, while the simulation runs."""
-        self._script.append(fault)
-        self._pending = sorted([*self._pending, fault], key=lambda item: item.at_s)
+        each = _each(fault)
+        self._script += each
+        self._pending = sorted([*self._pending, *each], key=lambda item: item.at_s)
         self._change_s = min(self._change_s, fault.at_s)
 
     def advance(self, t_s: float) -> list[Fault]:
@@ -121,6 +126,14 @@ class Faults:
 
     def _chance(self, probability: float) -> bool:
         return probability > 0.0 and bool(self._rng.random() < probability)
+
+
+def _each(fault: Fault) -> list[Fault]:
+    """Return the single events of a fault that happens `count` times."""
+    apart_s = fault.duration_s / fault.count
+    return [
+        msgspec.structs.replace(fault, count=1, at_s=fault.at_s + n * apart_s) for n in range(fault.count)
+    ]
 
 
 def _falsified(message: Message, value: float, integers: bool) -> Message:

@@ -91,6 +91,11 @@ class FlightControl:
         self._climbing = False
         self._position = None
 
+    def yaw_was_reset(self, turn_rad: float) -> None:
+        """Go on holding the same true heading; a place is held anew."""
+        self._heading += turn_rad
+        self._position = None
+
     def demand(self, pilot: Pilot, estimate: Estimate | None, t_s: float, dt: float) -> Demand:
         """Six demands in -1..1. `estimate` may be None in MANUAL, which looks at no sensor."""
         forward, lateral = pilot.stick(FORWARD), pilot.stick(LATERAL)

@@ -1,5 +1,6 @@
 """What the firmware's EKF and raw sensors report of the true motion: delay, slow and white noise, scale."""
 
+import math
 from collections import deque
 from typing import NamedTuple
 
@@ -69,6 +70,7 @@ class Sensors:
         self._relative_offset, self._altitude_offset, self._raw_offset = (
             config.offset_m * float(n) for n in offset_rng.standard_normal(3)
         )
+        self._turned_rad, self._north_m, self._east_m = 0.0, 0.0, 0.0
         self._raw_depth = 0.0
         self._estimate: Estimate | None = None
 
@@ -107,6 +109,24 @@ class Sensors:
         self._relative_offset += offset_m
         self._estimate = None
 
+    def reset_yaw(self, turn_rad: float, x_m: float, y_m: float) -> None:
+        """Turn yaw and all further motion over ground; where it is, truly (x, y), stays what it was."""
+        x_before, y_before = self._turned(x_m, y_m)
+        self._turned_rad += turn_rad
+        x_after, y_after = self._turned(x_m, y_m)
+        self._north_m += x_before - x_after
+        self._east_m += y_before - y_after
+        self._estimate = None
+
+    def reset_position(self, north_m: float) -> None:
+        """Put the estimated position further north."""
+        self._north_m += north_m
+        self._estimate = None
+
+    def _turned(self, north: float, east: float) -> tuple[float, float]:
+        c, s = math.cos(self._turned_rad), math.sin(self._turned_rad)
+        return c * north - s * east, s * north + c * east
+
     def estimate(self, specific_gravity: float) -> Estimate:
         """Read everything. `specific_gravity` is BARO_SPEC_GRAV: depths are divided by it."""
         if self._estimate is None:
@@ -124,6 +144,7 @@ class Sensors:
             angle + slow.value + config.attitude_white_rad * normal()
             for angle, slow in zip(euler(attitude), self._angles, strict=True)
         )
+        yaw = math.remainder(yaw + self._turned_rad, math.tau)
         rollspeed, pitchspeed, yawspeed = (
             rate + config.gyro_white_rad_s * normal() for rate in attitude[10:13]
         )
@@ -139,11 +160,13 @@ class Sensors:
         )
         position = (0.0, 0.0, 0.0, 0.0)
         if config.dvl:
+            x, y = self._turned(height[0], height[1])
+            vx, vy = self._turned(r[0] * u + r[1] * v + r[2] * w, r[3] * u + r[4] * v + r[5] * w)
             position = (
-                height[0] + self._position[0].value + config.dvl_white_m * normal(),
-                height[1] + self._position[1].value + config.dvl_white_m * normal(),
-                r[0] * u + r[1] * v + r[2] * w + config.dvl_white_m * normal(),
-                r[3] * u + r[4] * v + r[5] * w + config.dvl_white_m * normal(),
+                x + self._north_m + self._position[0].value + config.dvl_white_m * normal(),
+                y + self._east_m + self._position[1].value + config.dvl_white_m * normal(),
+                vx + config.dvl_white_m * normal(),
+                vy + config.dvl_white_m * normal(),
             )
         return Estimate(
             roll=roll,

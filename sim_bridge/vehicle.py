@@ -1,5 +1,6 @@
 """The whole vehicle: bytes in, one physics step, bytes out. Pure, seeded, in virtual time."""
 
+import math
 from collections.abc import Sequence
 
 import msgspec
@@ -182,6 +183,12 @@ class Vehicle:
             self._params.set(fault.parameter, fault.value)
         elif fault.kind == "depth_shifted":
             self._sensors.shift_relative(fault.value)
+        elif fault.kind == "yaw_reset":
+            turn_rad = math.radians(fault.value)
+            self._sensors.reset_yaw(turn_rad, *self._physics.state[:2])
+            self._autopilot.yaw_was_reset(turn_rad)
+        elif fault.kind == "position_reset":
+            self._sensors.reset_position(fault.value)
 
     def _boot(self) -> Autopilot:
         config = self._config

@@ -9,11 +9,12 @@ import numpy as np
 
 from companion.control.bounds import bounded
 from companion.control.compensator import Compensator, inputs
+from companion.control.frame import turned
 from companion.control.law import rov_law
 from companion.control.oscillation import Oscillation
 from companion.control.positioning import Model, pose_error, to_body
 from companion.control.reference import ReferenceModel
-from companion.types import Array, DofSample, Flags, Setpoint, VehicleState
+from companion.types import PSI, Array, DofSample, Flags, FrameShift, Setpoint, VehicleState
 
 BLEND_S = 2.0
 """How slowly the difference that a change of law made is let go."""
@@ -70,6 +71,8 @@ class Controller:
         self._carried = np.zeros(4)
         self._heirs = np.zeros(4, bool)
         self._predecessor: Self | None = None
+        self._d_hat = np.zeros(4)
+        self._turned_d_hat: Array | None = None
 
     def take_over(self, predecessor: Self) -> None:
         """Go on where `predecessor` is, without a step in thrust.
@@ -96,6 +99,19 @@ class Controller:
         self._engaged_s = 0.0
         self._carried = np.zeros_like(self.reference.x_d)
         self._predecessor = None
+        self._turned_d_hat = None
+
+    def shift(self, shift: FrameShift) -> None:
+        """Go on in the frame of a reset estimate, without a step in thrust.
+
+        What was learnt along north and east is another direction now. The difference is carried along and let
+        go over BLEND_S, as after a change of law.
+        """
+        self.reference.shift(shift)
+        if shift.turn_rad:
+            self._turned_d_hat = turned(shift, self._d_hat)
+        if self._predecessor is not None:
+            self._predecessor.shift(shift)
 
     def step(
         self, state: VehicleState, J: Array, target: Setpoint, engaged: Flags, free: Flags, dt_s: float
@@ -135,6 +151,10 @@ class Controller:
             adapting = adapting | compensator.learning_now
             weight_norm = weight_norm + serves * compensator.weight_norm
 
+        carried = self._carried * math.exp(-dt_s / BLEND_S)
+        if self._turned_d_hat is not None:
+            carried[..., :PSI] = (self._turned_d_hat - d_hat)[..., :PSI]
+            self._turned_d_hat = None
         law = rov_law(
             k_plus_h=self._model.coriolis_and_damping(J, nu),
             d_hat=d_hat,
@@ -148,7 +168,8 @@ class Controller:
         if before is not None:
             self._carried = before.feedforward + before.feedback + before.d_hat - law.tau
         else:
-            self._carried = self._carried * math.exp(-dt_s / BLEND_S)
+            self._carried = carried
+        self._d_hat = d_hat + self._carried
         tau = (law.tau + self._carried) * engaged
         self._oscillation.step(tau, dt_s)
         return DofSample(
@@ -163,7 +184,7 @@ class Controller:
             tau=tau,
             feedforward=law.feedforward,
             feedback=law.feedback,
-            d_hat=d_hat + self._carried,
+            d_hat=self._d_hat,
             d_observer=state.disturbance,
             weight_norm=weight_norm,
             saturated=~free,

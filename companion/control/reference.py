@@ -17,7 +17,8 @@ from typing import Self
 import numpy as np
 
 from companion.control.bounds import bounded, wrap
-from companion.types import Array, Flags
+from companion.control.frame import shifted, turned
+from companion.types import Array, Flags, FrameShift
 
 ACCELERATION_LAG_S = 0.06
 RATE_LAG_S = 4.0 * ACCELERATION_LAG_S
@@ -61,6 +62,15 @@ class ReferenceModel:
         """Stand where `other` stands, with the same rates and the same target."""
         self.x_d, self.x_d_dot, self.x_d_ddot = other.x_d, other.x_d_dot, other.x_d_ddot
         self._target_dot, self._target_ddot = other._target_dot, other._target_ddot
+
+    def shift(self, shift: FrameShift) -> None:
+        """Stay at the same physical place and motion in the frame of a reset estimate."""
+        self.x_d = shifted(shift, self.x_d)
+        self.x_d_dot, self.x_d_ddot = turned(shift, self.x_d_dot), turned(shift, self.x_d_ddot)
+        self._target_dot, self._target_ddot = (
+            turned(shift, self._target_dot),
+            turned(shift, self._target_ddot),
+        )
 
     def step(self, target: Array, target_dot: Array, target_ddot: Array, dt_s: float) -> None:
         """Advance by `dt_s` toward a target that moves by `target_dot`, `target_ddot`."""

@@ -94,6 +94,7 @@ RELEASES: Final = {0: "dev", 64: "alpha", 128: "beta", 192: "rc"}
 EKF_ATTITUDE: Final = mavlink.EKF_ATTITUDE
 EKF_DEPTH: Final = mavlink.EKF_VELOCITY_VERT | mavlink.EKF_POS_VERT_ABS
 EKF_UNINITIALIZED: Final = mavlink.EKF_UNINITIALIZED
+EKF_PLACE: Final = mavlink.EKF_POS_HORIZ_REL | mavlink.EKF_POS_HORIZ_ABS
 LEAK_TEXT: Final = "leak detected"
 """ArduSub says so every 20 s while a detector is wet and FS_LEAK_ENABLE is not 0 (failsafe_leak_check)."""
 
@@ -352,8 +353,11 @@ class Converter:
         variance = max(m.velocity_variance, m.pos_vert_variance, m.compass_variance)
         if not math.isfinite(m.velocity_variance + m.pos_vert_variance + m.compass_variance):
             return self._implausible()
-        depth = m.flags & EKF_DEPTH == EKF_DEPTH and not m.flags & EKF_UNINITIALIZED
-        return (EkfStatus(t_s, bool(m.flags & EKF_ATTITUDE), depth, variance),)
+        initialised = not m.flags & EKF_UNINITIALIZED
+        depth = m.flags & EKF_DEPTH == EKF_DEPTH and initialised
+        moves = m.flags & mavlink.EKF_VELOCITY_HORIZ and not m.flags & mavlink.EKF_CONST_POS_MODE
+        position = bool(moves and m.flags & EKF_PLACE)
+        return (EkfStatus(t_s, bool(m.flags & EKF_ATTITUDE), depth, variance, position, initialised),)
 
     def _named_value(self, m: Message, t_s: float) -> tuple[Event, ...]:
         if m.name in ("InputHold", "RollPitch"):

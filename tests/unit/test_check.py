@@ -16,6 +16,7 @@ from companion.types import (
     Delays,
     Depth,
     EkfOrigin,
+    EkfStatus,
     Firmware,
     Heartbeat,
     PilotGain,
@@ -61,6 +62,7 @@ def good(make_sample):
         receiver_channels=16,
         failsafe_seen=True,
         origin_known=True,
+        ekf=EkfStatus(0.0, attitude=True, depth=True, variance=0.05, position=True),
         voltage_v=16.0,
         depth_hz=50.0,
         syncs=16,
@@ -84,7 +86,7 @@ def told(seen, **parameters):
 def test_all_good(good):
     listed = rows(good, load_config())
     assert {row.grade for row in listed} == {GOOD}
-    assert len(listed) == 15
+    assert len(listed) == 17
     assert all(row.found and row.why for row in listed)
     assert refusals(listed) == ""
     assert worst(listed) == 0
@@ -107,6 +109,12 @@ BAD = [
     ("depth", {"depth_hz": 3.0}, (), WARNING, ["3 Hz"]),
     ("EKF origin", {"origin_known": False}, HUD, REFUSED, ["stays exactly 0"]),
     ("EKF origin", {"origin_known": False}, (), WARNING, ["not set"]),
+    ("EKF", {"ekf": None}, (), REFUSED, ["no EKF_STATUS_REPORT"]),
+    ("EKF", {"ekf": EkfStatus(0.0, False, False, 0.0, False, False)}, (), REFUSED, ["not init", "wait"]),
+    ("EKF", {"ekf": EkfStatus(0.0, False, True, 0.0, True)}, (), REFUSED, ["no attitude", "wait"]),
+    ("EKF", {"ekf": EkfStatus(0.0, True, False, 0.0, True)}, (), REFUSED, ["no depth", "wait"]),
+    ("EKF", {"ekf": EkfStatus(0.0, True, True, 0.9, True)}, (), REFUSED, ["variance 0.90", "wait"]),
+    ("compass", {"yaw_aligned_t_s": 10.0}, (), REFUSED, ["aligned its yaw 2.0 s ago", "wait"]),
     ("mode", {"modes": {"MANUAL": False, "STABILIZE": True}}, (), REFUSED, ["MANUAL did not come"]),
     ("mode", {"modes": {"MANUAL": True, "STABILIZE": False}}, (), WARNING, ["STABILIZE did not come"]),
     ("battery", {"voltage_v": 13.5}, (), WARNING, ["13.5 V"]),
@@ -324,3 +332,18 @@ def test_run_says_once_who_the_autopilot_is():
     texts = [text.text for step in dive.run(6.0) for text in step.sample.texts]
     (about,) = [text for text in texts if text.startswith("ArduSub")]
     assert about.startswith("ArduSub 4.7.0 (dev), vectored_6dof, FS_PILOT_INPUT 2, FS_PILOT_TIMEOUT 3")
+
+
+def test_a_position_that_the_ekf_does_not_vouch_for_is_waited_for(good):
+    ekf = EkfStatus(0.0, attitude=True, depth=True, variance=0.0)
+    assert row("EKF", replace(good, ekf=ekf)).grade is GOOD
+    positioned = replace(good.state, ages=replace(good.state.ages, position_s=0.01))
+    found = row("EKF", replace(good, ekf=ekf, state=positioned))
+    assert found.grade is REFUSED
+    assert "no position, though one is sent: wait" in found.found
+
+
+def test_what_has_to_settle_before_engaging_ends_no_hold(good):
+    listed = rows(replace(good, ekf=None, yaw_aligned_t_s=good.state.t_s), load_config())
+    assert refusals(listed).startswith("EKF: no EKF_STATUS_REPORT came; compass: ")
+    assert refusals(listed, holding=True) == ""

@@ -111,3 +111,35 @@ def test_a_dead_thruster_pushes_no_more():
     assert rov.truth().thrust_n[4] < -8
     station.run(2.0, override(throttle=200))
     assert rov.truth().thrust_n[5] < -8
+
+
+def test_a_yaw_reset_turns_yaw_and_motion_over_ground_but_no_rate_and_no_place():
+    rov = vehicle("initial.eta=[2,1,5,0,0,0]", "sensors.dvl=true")
+    station = Station(rov)
+    station.command(SET_INTERVAL, mavlink.MAVLINK_MSG_ID_ATTITUDE, 20000)
+    station.command(SET_INTERVAL, mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED, 20000).run(1.0)
+    rov.inject(Fault("yaw_reset", at_s=rov.time_s, duration_s=0.2, value=45.0, count=2))
+    heard = station.run(0.5)
+    assert heard.last("ATTITUDE").yaw == pytest.approx(math.pi / 2, abs=0.02)
+    assert abs(heard.last("ATTITUDE").yawspeed) < 0.02
+    place = heard.last("LOCAL_POSITION_NED")
+    assert (place.x, place.y) == pytest.approx((2.0, 1.0), abs=0.1)
+    assert [m.text for m in heard.of("STATUSTEXT")].count(
+        "EKF3 IMU0 MAG0 in-flight yaw alignment complete"
+    ) == 2
+    station.arm()
+    for _ in range(20):
+        station.run(0.2, override(forward=300))
+    place = station.run(0.1).last("LOCAL_POSITION_NED")
+    north, east = rov.truth().eta[:2]
+    assert north > 2.4
+    assert (place.x, place.y) == pytest.approx((2.0 - (east - 1.0), 1.0 + (north - 2.0)), abs=0.15)
+
+
+def test_a_position_reset_is_a_step_north():
+    rov = vehicle("initial.eta=[2,1,5,0,0,0]", "sensors.dvl=true")
+    station = Station(rov)
+    station.command(SET_INTERVAL, mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED, 20000).run(1.0)
+    rov.inject(Fault("position_reset", at_s=rov.time_s, value=3.0))
+    place = station.run(0.5).last("LOCAL_POSITION_NED")
+    assert (place.x, place.y) == pytest.approx((5.0, 1.0), abs=0.1)

@@ -7,7 +7,14 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from companion.conditions import CLOCK_DOUBT_S, CONDITIONS, Observation, Watched, assess
+from companion.conditions import (
+    CLOCK_DOUBT_S,
+    CONDITIONS,
+    RESET_SETTLE_S,
+    Observation,
+    Watched,
+    assess,
+)
 from companion.config import load_config
 from companion.supervisor import CLEAR, TRANSITIONS, Envelope, Supervisor, guard, names, remedy, transition
 from companion.types import (
@@ -51,7 +58,7 @@ UNFIT = (
     C.CLOCK_JUMPED,
     C.CLOCK_INCONSISTENT,
 )
-ONLY_TOLD = (C.SATURATED, C.QUEUE_FULL, C.CONFIG_CHANGED)
+ONLY_TOLD = (C.SATURATED, C.QUEUE_FULL, C.CONFIG_CHANGED, C.YAW_RESET, C.POSITION_RESET)
 FORBIDS_ENGAGING = (*UNFIT, C.PILOT_TAKEOVER, C.OPERATOR_STOP)
 
 # What one condition alone leads to; what is not listed changes nothing.
@@ -420,6 +427,9 @@ def test_nothing_holds_when_all_is_well():
         (at_depth(LIMITS.max_depth_m + LIMITS.depth_margin_m + 0.01), {}, C.DEPTH_OUT_OF_BOUNDS),
         (at_depth(-LIMITS.depth_margin_m - 0.01), {}, C.DEPTH_OUT_OF_BOUNDS),
         (replace(FINE_STATE, depth_refused=True), {}, C.DEPTH_JUMPED),
+        (aged(yaw_reset_s=RESET_SETTLE_S), {}, C.YAW_RESET),
+        (aged(position_reset_s=RESET_SETTLE_S), {}, C.POSITION_RESET),
+        (aged(yaw_reset_s=RESET_SETTLE_S + 0.1, position_reset_s=RESET_SETTLE_S + 0.1), {}, NOTHING),
         (delayed(LIMITS.max_delay_s + 0.001), {}, C.DELAY_TOO_LONG),
         (FINE_STATE, {"clock_doubt_s": 0.02}, C.CLOCK_JUMPED),
         (FINE_STATE, {"clock_doubt_s": CLOCK_DOUBT_S + 0.01}, C.CLOCK_JUMPED | C.CLOCK_INCONSISTENT),

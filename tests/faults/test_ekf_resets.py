@@ -1,0 +1,146 @@
+"""The EKF corrects its yaw or position while it is held: the vehicle stays, no thrust comes of it.
+
+The sensors are almost without noise here, so that a step in thrust is the reset's alone.
+"""
+
+from math import nan
+
+import numpy as np
+import pytest
+from virtual import Dive, active, hold
+
+from companion.events import Chronicle
+from companion.operator import Desk, Order
+from companion.types import Condition, Request, State
+
+QUIET = (
+    *(f"sensors.{name}=0.0001" for name in ("depth_slow_m", "depth_white_m", "climb_slow_m_s")),
+    *(f"sensors.{name}=0.0001" for name in ("climb_white_m_s", "drift_m", "dvl_drift_m", "dvl_white_m")),
+    *(f"sensors.{name}=0.00001" for name in ("attitude_slow_rad", "attitude_white_rad", "gyro_white_rad_s")),
+)
+DVL = ("sensors.dvl=true", "current.enabled=true")
+MOST_STEP = np.array([0.3, 0.3, 2.0, 0.03])
+"""N and N·m a tick at most. Depth, which no reset here concerns, comes in whole millimetres."""
+
+FORTY = {"kind": "yaw_reset", "value": 40.0}
+BURST = {"kind": "yaw_reset", "value": 3.0, "seconds": 2.0, "count": 48}
+TREMBLING = {"kind": "yaw_reset", "value": 0.8, "seconds": 2.0, "count": 48}
+AROUND = {"kind": "yaw_reset", "value": 170.0}
+NORTH = {"kind": "position_reset", "value": 3.0}
+
+
+def heading_errors_deg(steps, psi):
+    """How far the true heading is from `psi`."""
+    turned = np.array([step.truth.eta[5] for step in steps]) - psi
+    return np.degrees(np.abs((turned + np.pi) % (2.0 * np.pi) - np.pi))
+
+
+@pytest.mark.parametrize(
+    ("plant", "fault"),
+    [
+        ((), FORTY),
+        ((), BURST),
+        ((), TREMBLING),
+        ((), AROUND),
+        (DVL, FORTY),
+        (DVL, BURST),
+        (DVL, AROUND),
+        (DVL, NORTH),
+        (DVL, {"kind": "position_reset", "value": -0.5, "seconds": 2.0, "count": 10}),
+    ],
+    ids=["40", "burst", "trembling", "170", "dvl-40", "dvl-burst", "dvl-170", "dvl-3m", "dvl-series"],
+)
+def test_a_reset_moves_nothing(plant, fault):
+    dive = active(*QUIET, *plant, seconds=20.0)
+    before, began_s = dive.step.truth.eta, dive.t_s
+    last = dive.step.sample.requested.tau
+    dive.fault(**fault)
+    steps = dive.run(8.0)
+    assert dive.states_since(began_s) == [State.ACTIVE]
+    assert any(step.sample.state.frame_shift for step in steps)
+    thrust = np.array([last, *(step.sample.requested.tau for step in steps)])
+    assert (np.abs(np.diff(thrust, axis=0)) <= MOST_STEP).all()
+    assert heading_errors_deg(steps, before[5]).max() < 2.0
+    if plant:
+        moved = np.array([step.truth.eta[:2] for step in steps]) - before[:2]
+        assert np.abs(moved).max() < 0.03
+
+
+def test_the_setpoint_turns_with_the_frame_and_the_next_one_is_in_the_new_frame():
+    dive = active(*QUIET, setpoint=hold(psi=0.5), seconds=10.0)
+    dive.fault(**FORTY)
+    dive.run(3.0)
+    psi = dive.step.truth.eta[5]
+    assert dive.engine.target[3] == pytest.approx(0.5 + np.radians(40.0), abs=0.01)
+    dive.tap.aim(hold(z=1.5, psi=nan))
+    assert heading_errors_deg(dive.run(6.0), psi).max() < 2.0
+
+
+def test_a_new_depth_after_a_reset_turns_nothing_back():
+    """The operator's last heading was given in the old frame."""
+    dive = active(*QUIET, setpoint=hold(psi=0.5), seconds=10.0)
+    desk = Desk(dive.engine.config, hold(psi=0.5).eta_d, allowed=True)
+    dive.fault(**FORTY)
+    for step in dive.run(3.0):
+        desk.after(dive.engine, step.sample, dive.t_s)
+    desk.take(Order("setpoint", b'{"depth_m": 1.4}', lambda reply: None))
+    desk.before(dive.engine, dive.t_s)
+    psi = dive.step.truth.eta[5]
+    assert heading_errors_deg(dive.run(6.0), psi).max() < 2.0
+    assert dive.step.truth.eta[2] == pytest.approx(1.4, abs=0.05)
+
+
+def test_a_blow_that_turns_it_is_no_reset_and_is_brought_back():
+    """The rates show it: 40° within about 0.3 s."""
+    dive = active(*QUIET, seconds=10.0)
+    psi = dive.step.truth.eta[5]
+    dive.vehicle._physics.state = (*dive.vehicle._physics.state[:12], 4.0)
+    steps = dive.run(8.0)
+    assert heading_errors_deg(steps[:16], psi).max() > 30.0
+    assert not any(step.sample.state.frame_shift for step in steps)
+    assert heading_errors_deg(steps[-50:], psi).max() < 4.0
+
+
+def test_a_vehicle_that_turns_behind_a_gap_in_the_telemetry_was_not_reset():
+    dive = active(*QUIET, seconds=10.0)
+    psi = dive.step.truth.eta[5]
+    dive.fault("message_stopped", 0.4, message="ATTITUDE")
+    dive.vehicle._physics.state = (*dive.vehicle._physics.state[:12], 3.0)
+    steps = dive.run(8.0)
+    assert not any(step.sample.state.frame_shift for step in steps)
+    assert heading_errors_deg(steps[-50:], psi).max() < 2.0
+
+
+def test_the_operator_is_told_of_one_and_of_a_burst():
+    dive, chronicle = active(*QUIET), Chronicle()
+    dive.fault(**FORTY)
+    steps = dive.run(0.5)
+    texts = [event.text for step in steps for event in chronicle.step(step.sample)]
+    assert "the EKF was reset: yaw +40.0°; the heading that is held turns with it" in texts
+    assert Condition.YAW_RESET in dive.step.sample.verdict.warnings
+    dive.fault(**BURST)
+    texts = [event.text for step in dive.run(6.0) for event in chronicle.step(step.sample)]
+    assert "49 resets of the EKF, yaw +184.0° in all" in texts
+    assert "no longer yaw reset" in texts
+    assert Condition.YAW_RESET not in dive.step.sample.verdict.conditions
+
+
+def test_a_position_reset_is_told():
+    dive, chronicle = active(*QUIET, *DVL), Chronicle()
+    dive.fault(**NORTH)
+    texts = [event.text for step in dive.run(0.5) for event in chronicle.step(step.sample)]
+    assert any(text.startswith("the EKF was reset: position +3.00 m north, ") for text in texts)
+    assert dive.step.sample.verdict.warnings == Condition.POSITION_RESET
+
+
+def test_while_the_compass_aligns_it_does_not_engage_and_says_wait():
+    dive = Dive(*QUIET, engage=False)
+    dive.run(6.0)
+    dive.fault(**BURST)
+    dive.run(1.0)
+    dive.ask(Request.ENGAGE)
+    dive.run(1.5)
+    assert dive.state is State.IDLE
+    assert "compass: the EKF aligned its yaw" in dive.step.sample.verdict.reason
+    assert "wait" in dive.step.sample.verdict.reason
+    dive.until(State.ACTIVE, within_s=6.0)
