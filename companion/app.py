@@ -96,7 +96,7 @@ class App:
             endpoint = Endpoint.parse(config.ground_station.endpoint)
             self._ground = Link(endpoint, "ground station", self._from_ground)
         telemetry = config.telemetry
-        self._desk = Desk(config, setpoint.eta_d, allowed=telemetry.allow_control)
+        self._desk = Desk(config, setpoint.eta_d)
         self._chronicle = Chronicle()
         self._publisher = Publisher(
             config.vehicle.name, telemetry.endpoint, telemetry.mode, on_order=self._desk.take

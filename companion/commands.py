@@ -59,7 +59,9 @@ def run(argv: list[str]) -> int:
         "--depth-only", action="store_true", help="steer in STABILIZE, leave the heading to the firmware"
     )
     parser.add_argument(
-        "--allow-control", action="store_true", help="take commands over Zenoh, see `holdfast tell`"
+        "--allow-control",
+        action="store_true",
+        help="take commands over Zenoh from other machines too, see `holdfast tell`",
     )
     parser.add_argument("--depth", type=float, metavar="M", help="depth to hold; default: the present one")
     parser.add_argument(
@@ -79,7 +81,7 @@ def run(argv: list[str]) -> int:
     requests = [Request.ENGAGE] if arguments.engage else []
     overrides = [
         *arguments.set,
-        *(["telemetry.allow_control=true"] if arguments.allow_control else []),
+        *(["telemetry.allow_control=always"] if arguments.allow_control else []),
         *(['vehicle.steering_mode="stabilize"'] if arguments.depth_only else []),
     ]
     log_to(sys.stderr)
@@ -141,8 +143,9 @@ def keys(argv: list[str]) -> int:
             f"holdfast keys: {error.filename} is there already; remove it or choose another DIR\n"
         )
         return 1
+    run = "holdfast run --allow-control" if arguments.allow_control else "holdfast run"
     sys.stdout.write(
-        f"on the vehicle:  holdfast run --set telemetry.mode=file --set telemetry.endpoint={vehicle}\n"
+        f"on the vehicle:  {run} --set telemetry.mode=file --set telemetry.endpoint={vehicle}\n"
         f"on the laptop:   holdfast watch --connect {laptop}\n"
     )
     return 0

@@ -181,7 +181,7 @@ class Telemetry(Section, frozen=True):
     mode: Literal["peer", "client", "file"]
     endpoint: str
     raw: bool
-    allow_control: bool
+    allow_control: Literal["local", "always", "never"]
 
 
 class Config(Section, frozen=True):

@@ -2,8 +2,8 @@
 
 The vehicle keeps listening on loopback for its own processes, and on the network for whoever shows a
 certificate of this authority: TLS both ways. A laptop may see and subscribe; it may command only if it was
-allowed to here, and the companion to be commanded. The authority's own key is never written: for another
-laptop, make all anew.
+allowed to here, and the companion to be commanded (`holdfast run --allow-control`). The authority's own key
+is never written: for another laptop, make all anew.
 """
 
 import base64

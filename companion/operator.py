@@ -99,11 +99,15 @@ COMMANDS: dict[str, type[Section]] = {
 
 
 class Order(NamedTuple):
-    """A command's name and payload as they came, and where the answer goes. `answer` is called once."""
+    """A command's name and payload as they came, and where the answer goes. `answer` is called once.
+
+    `local` if it can only have come from this machine, where everybody can speak to the vehicle anyway.
+    """
 
     name: str
     payload: bytes
     answer: Callable[[Reply], None]
+    local: bool = False
 
 
 class Handed(NamedTuple):
@@ -167,7 +171,6 @@ class Desk:
 
     started_with: Config
     setpoint: Array
-    allowed: bool
     taken: list[Taken] = field(default_factory=list)
     """Answered in this tick."""
 
@@ -223,10 +226,14 @@ class Desk:
                 self._answer(one.order, **answer)
 
     def _checked(self, order: Order) -> Section:
-        if not self.allowed:
+        allowed = self.started_with.telemetry.allow_control
+        if allowed == "never":
+            raise ValueError('this companion is read-only: telemetry.allow_control = "never"')
+        if allowed == "local" and not order.local:
             raise ValueError(
-                "this companion is read-only. Start it with `holdfast run --allow-control`, "
-                "or set telemetry.allow_control"
+                "it may have come from another machine: through a router, from a network or by a Zenoh file. "
+                "Start the companion with `holdfast run --allow-control`, or set "
+                'telemetry.allow_control = "always"'
             )
         known = COMMANDS.get(order.name)
         if known is None:

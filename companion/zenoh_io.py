@@ -14,6 +14,7 @@ import threading
 from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from ipaddress import ip_address
 from types import TracebackType
 from typing import Literal, Self
 
@@ -176,9 +177,13 @@ class Publisher:
 
     def _publish(self, session: zenoh.Session, joined: bool) -> None:
         """Publish until closed or, where we joined somebody, until that one has gone."""
-        lost = threading.Event()
+        lost, routed = threading.Event(), threading.Event()
+        if session.info.routers_zid():
+            routed.set()
 
         def on_transport(event: zenoh.TransportEvent) -> None:
+            if event.kind == zenoh.SampleKind.PUT and event.transport.whatami == zenoh.WhatAmI.ROUTER:
+                routed.set()
             if joined and event.kind == zenoh.SampleKind.DELETE:
                 lost.set()
 
@@ -205,7 +210,7 @@ class Publisher:
                     if self._found(others):
                         return
                     self._looked.set()
-                self._answer_from(session)
+                self._answer_from(session, routed)
                 self._watch_for_rivals(session, instance)
                 while not (self._closing.is_set() or lost.is_set()):
                     with suppress(queue.Empty):
@@ -244,9 +249,13 @@ class Publisher:
         tokens = telemetry.alive_key(self._vehicle)
         session.liveliness().declare_subscriber(tokens, on_token, history=True)
 
-    def _answer_from(self, session: zenoh.Session) -> None:
-        """Take commands, and answer for the configuration, as long as the session lasts."""
+    def _answer_from(self, session: zenoh.Session, routed: threading.Event) -> None:
+        """Take commands, and answer for the configuration, as long as the session lasts.
+
+        A command is local where only loopback is open, and no router, once `routed`, forwards from elsewhere.
+        """
         take = self._on_order
+        here = self._mode == "peer" and _is_loopback(self._endpoint)
 
         def on_config(query: zenoh.Query) -> None:
             with query:
@@ -259,7 +268,8 @@ class Publisher:
                 query.drop()  # type: ignore[no-untyped-call]
                 return
             payload = query.payload.to_bytes() if query.payload is not None else b""
-            take(Order(key.rpartition("/")[2], payload, lambda reply: self._reply(query, reply)))
+            local = here and not routed.is_set()
+            take(Order(key.rpartition("/")[2], payload, lambda reply: self._reply(query, reply), local))
 
         session.declare_queryable(telemetry.config_key(self._vehicle), on_config)
         for name in COMMANDS:
@@ -349,4 +359,6 @@ def _check(endpoint: str, mode: str) -> None:
 
 def _is_loopback(endpoint: str) -> bool:
     host = endpoint.partition("/")[2].rpartition(":")[0]
-    return host in ("localhost", "[::1]") or host.startswith("127.")
+    with suppress(ValueError):
+        return host == "localhost" or ip_address(host.strip("[]")).is_loopback
+    return False

@@ -21,9 +21,9 @@ examples:
 In a browser on the laptop it needs no internet. Press ? there for the keys. Each panel also stands alone, as
 /panel/depth; Cockpit finds them as widgets by /register_service.
 
-Control needs three consents: `--allow-control` here, the token in the browser, and a companion started with
-`holdfast run --allow-control`. The token travels unencrypted: keep a dashboard with --allow-control on
-127.0.0.1 or on a network that is yours.
+Control needs `--allow-control` here, the token in the browser and, unless this runs on the companion's own
+machine, a companion started with `holdfast run --allow-control`. The token travels unencrypted: keep a
+dashboard with --allow-control on 127.0.0.1 or on a network that is yours.
 """
 
 

@@ -34,8 +34,9 @@ examples:
   holdfast tell bluerov2 gains axis=heave kappa_per_s=8
   holdfast tell bluerov2 config
 
-A companion takes commands only if it was started with `holdfast run --allow-control`. Nothing here passes its
-supervisor by. Status: 0 done, 1 refused or no answer.
+A companion takes commands from the machine that it runs on, as it comes; through a router or from a network
+only with `holdfast run --allow-control`. Nothing here passes its supervisor by.
+Status: 0 done, 1 refused or no answer.
 """
 
 

@@ -38,7 +38,7 @@ def diving(zenoh: str) -> Iterator[None]:
     companion = (
         *("run", "--engage", "--arm", "--depth", "1", "--set", "vehicle.name=kelp"),
         *("--set", f"link.endpoint=udp-listen:{link}", "--set", f"telemetry.endpoint={zenoh}"),
-        *("--set", "telemetry.raw=true", "--set", "telemetry.allow_control=true"),
+        *("--set", "telemetry.raw=true"),
     )
     with running(*HOLDFAST, *simulator), running(*HOLDFAST, *companion):
         yield

@@ -41,7 +41,7 @@ def diving(*arguments: str) -> Iterator[Subscription]:
 
 
 def test_every_command_is_answered_and_told_as_an_event(capsys: pytest.CaptureFixture[str]) -> None:
-    with diving("--allow-control", "--arm") as seen:
+    with diving("--arm") as seen:
         assert seen.tell(VEHICLE, "engage", {}).value["state"] == "ACTIVE"
         assert seen.tell(VEHICLE, "setpoint", {"depth_m": 1.5}).value["depth_m"] == 1.5
         gains = {"axis": "heave", "kappa_per_s": 9.0}
@@ -71,17 +71,17 @@ def test_every_command_is_answered_and_told_as_an_event(capsys: pytest.CaptureFi
 
 
 def test_without_permission_and_by_wildcard_nothing_is_taken() -> None:
-    with diving("--arm") as seen:
+    with diving("--arm", "--set", "telemetry.allow_control=never") as seen:
         reply = seen.tell(VEHICLE, "engage", {})
         assert not reply.done
-        assert "--allow-control" in reply.said
+        assert "read-only" in reply.said
         assert seen.ask(f"holdfast/{VEHICLE}/command/*", b"{}", timeout_s=1.0) is None
         assert seen.ask(telemetry.config_key(VEHICLE)) is not None, "reading is free"
         assert _states(seen) == {"IDLE"}
 
 
 def test_a_wildcard_engages_no_fleet() -> None:
-    with diving("--arm", "--allow-control") as seen:
+    with diving("--arm") as seen:
         assert seen.ask("holdfast/*/command/engage", b"{}", timeout_s=1.0) is None
         assert seen.ask("**", timeout_s=1.0) is not None, "the configuration may be asked for so"
         time.sleep(0.5)

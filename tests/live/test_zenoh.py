@@ -20,6 +20,7 @@ import zenoh
 from zenoh import ext
 
 from companion import telemetry, zenoh_io
+from companion.operator import Order
 from companion.types import ControlSample
 from companion.zenoh_io import NameTakenError, Publisher
 from dashboard.zenoh_client import Message, Subscription
@@ -161,6 +162,61 @@ def test_a_router_that_stays_away_is_replaced(
         router.close()  # type: ignore[no-untyped-call]
         with Subscription("holdfast/**", endpoint) as seen:
             _until(lambda: bool(seen.take()))
+
+
+def test_a_command_is_local_unless_a_router_or_another_way_in_is_there(
+    endpoint: str, feed: Feed, tmp_path: Path
+) -> None:
+    """A router forwards from wherever it listens: what comes through it may come from anywhere."""
+
+    def asked(publisher: Publisher) -> bool:
+        feed(publisher)
+        orders.clear()
+        with Subscription("holdfast/**", endpoint) as seen:
+            _until(lambda: bool(seen.take()))
+            assert seen.tell("kelp", "setpoint", {"depth_m": 3.0}).done
+        (order,) = orders
+        return order.local
+
+    def take(order: Order) -> None:
+        orders.append(order)
+        order.answer(telemetry.Reply(done=True, said="aye"))
+
+    orders: list[Order] = []
+    with Publisher("kelp", endpoint, on_order=take) as listens:
+        assert asked(listens)
+    with Publisher("other", endpoint) as other, Publisher("kelp", endpoint, on_order=take) as joins:
+        feed(other)
+        assert asked(joins)
+    with _stranger("router", endpoint), Publisher("kelp", endpoint, on_order=take) as routed:
+        assert not asked(routed)
+    with _stranger("router", endpoint), Publisher("kelp", endpoint, "client", take) as client:
+        assert not asked(client)
+    file = tmp_path / "zenoh.json5"
+    zenoh_file = {"mode": "peer", "listen": {"endpoints": [endpoint]}, "timestamping": {"enabled": True}}
+    file.write_text(json.dumps(zenoh_file))
+    with Publisher("kelp", str(file), "file", take) as opened:
+        assert not asked(opened)
+
+
+@pytest.mark.parametrize(
+    ("endpoint_", "loopback"),
+    [
+        ("tcp/127.0.0.1:7447", True),
+        ("tcp/127.1.2.3:7447", True),
+        ("tcp/[::1]:7447", True),
+        ("tcp/localhost:7447", True),
+        ("tcp/127.evil.example:7447", False),
+        ("tcp/localhost.example:7447", False),
+        ("tcp/0.0.0.0:7447", False),
+        ("tcp/[::]:7447", False),
+        ("tcp/192.168.2.2:7447", False),
+        ("unixsock-stream//tmp/x", False),
+        ("nonsense", False),
+    ],
+)
+def test_only_loopback_is_this_machine(endpoint_: str, loopback: bool) -> None:
+    assert zenoh_io._is_loopback(endpoint_) is loopback
 
 
 def test_the_token_tells_who_lives(endpoint: str) -> None:

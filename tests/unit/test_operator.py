@@ -29,10 +29,11 @@ from companion.types import Condition, State
 class Console:
     """Stands before the engine of a virtual dive as the companion's process does, with an operator at it."""
 
-    def __init__(self, dive, allowed=True):
+    def __init__(self, dive, local=True):
         self._tap = dive.tap
         self.engine = dive.engine
-        self.desk = Desk(dive.engine.config, hold().eta_d, allowed)
+        self.desk = Desk(dive.engine.config, hold().eta_d)
+        self._local = local
         self.handed = []
         self.taken = []
         dive.loop.engine = self
@@ -49,7 +50,7 @@ class Console:
     def ask(self, name, **what):
         """Give an order; return where its answers will be."""
         answers = []
-        self.desk.take(Order(name, json.dumps(what).encode(), answers.append))
+        self.desk.take(Order(name, json.dumps(what).encode(), answers.append, self._local))
         return answers
 
     def tell(self, name, within_s=ENGAGE_S + 1.0, **what):
@@ -63,9 +64,9 @@ class Console:
         raise AssertionError("no answer")
 
 
-def at_console(*plant, allowed=True, **arguments):
+def at_console(*plant, local=True, **arguments):
     dive = Dive(*plant, engage=False, **arguments)
-    return dive, Console(dive, allowed)
+    return dive, Console(dive, local)
 
 
 def test_engage_is_answered_when_it_is_so_and_release_when_thrust_is_gone():
@@ -163,15 +164,26 @@ def test_a_latched_fault_is_cleared_only_when_there_is_one():
 
 
 @pytest.mark.parametrize("name", COMMANDS)
-def test_without_permission_nothing_happens(name):
-    dive, console = at_console(allowed=False)
-    dive.run(1.0)
+@pytest.mark.parametrize(
+    ("allow", "local", "says"),
+    [("local", False, "--allow-control"), ("never", True, "read-only"), ("never", False, "read-only")],
+)
+def test_without_permission_nothing_happens(name, allow, local, says):
+    dive, console = at_console(local=local, companion=[f"telemetry.allow_control={allow}"])
+    dive.run(0.1)
     before = dive.engine.config
     reply = console.tell(name, axis="heave", kappa_per_s=8.0, depth_m=3.0)
     assert not reply.done
-    assert "--allow-control" in reply.said
+    assert says in reply.said
     assert console.handed[-1] == ([], None, None)
     assert dive.engine.config is before
+
+
+@pytest.mark.parametrize(("allow", "local"), [("local", True), ("always", False), ("always", True)])
+def test_with_permission_it_is_done(allow, local):
+    dive, console = at_console(local=local, companion=[f"telemetry.allow_control={allow}"])
+    dive.run(0.1)
+    assert console.tell("setpoint", depth_m=2.0).done
 
 
 @pytest.mark.parametrize(
@@ -216,16 +228,16 @@ def test_too_many_orders_are_told_so_at_once():
 
 
 def test_the_log_line_is_bounded_whatever_came():
-    desk = Desk(load_config(), hold().eta_d, allowed=True)
-    desk.take(Order("setpoint", b"\xff" * 10 * MAX_BYTES, lambda _: None))
+    desk = Desk(load_config(), hold().eta_d)
+    desk.take(Order("setpoint", b"\xff" * 10 * MAX_BYTES, lambda _: None, True))
     desk.before(_Untouchable(), 0.0)
     assert len(desk.taken[0].text) < 1000
 
 
 @pytest.mark.parametrize("payload", [b'{"a\n2026 forged\x1b[2J": 1}', b"\n2026 forged", b'{"\\n\\u202e": 1}'])
 def test_an_order_forges_no_line_of_the_log(payload):
-    desk = Desk(load_config(), hold().eta_d, allowed=True)
-    desk.take(Order("setpoint", payload, lambda _: None))
+    desk = Desk(load_config(), hold().eta_d)
+    desk.take(Order("setpoint", payload, lambda _: None, True))
     desk.before(_Untouchable(), 0.0)
     assert desk.taken[0].text.isprintable()
 
@@ -247,9 +259,9 @@ payloads = st.binary(max_size=60) | (json_values | likely).map(lambda value: jso
 @given(name=st.sampled_from([*COMMANDS, "config", "", "*"]), payload=payloads)
 def test_whatever_comes_is_answered_once_and_changes_nothing_unless_done(name, payload):
     engine = _Recorder()
-    desk = Desk(engine.config, hold().eta_d, allowed=True)
+    desk = Desk(engine.config, hold().eta_d)
     answers: list[Reply] = []
-    desk.take(Order(name, payload, answers.append))
+    desk.take(Order(name, payload, answers.append, True))
     handed = desk.before(engine, 0.0)
     if answers:
         assert not answers[0].done
