@@ -1,22 +1,39 @@
-"""The closed loop in virtual time: the companion's engine and the stand-in vehicle exchange MAVLink bytes.
+"""The closed loop in virtual time: the companion's engine and a vehicle exchange MAVLink bytes.
 
-No clock and no socket: the vehicle steps, datagrams travel for as long as the link says, the engine ticks.
+The vehicle is our stand-in (`sim_bridge.vehicle`) or the real firmware (`lab.firmware`). It steps, datagrams travel for as long as the link says, the engine ticks.
 The same seed gives the same samples, and an hour of diving takes a minute or two.
 """
 
 import heapq
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from typing import Protocol
 
 import numpy as np
 
 from companion.engine import Engine
 from companion.types import ControlSample, LoopHealth, Request, Setpoint
-from sim_bridge.vehicle import Truth, Vehicle
+from sim_bridge.vehicle import Truth
 
 COMPANION_LINK = 1
 START_S = 1000.0
 """The companion's clock when the vehicle boots: the two clocks are never equal."""
+
+
+class SteppedVehicle(Protocol):
+    """What the loop needs of a vehicle: `sim_bridge.vehicle.Vehicle` and `lab.firmware.Firmware` have it."""
+
+    step_s: float
+    time_s: float
+
+    def open_link(self, link: int) -> None:
+        """Declare a link."""
+
+    def step(self, datagrams: Sequence[tuple[int, bytes]] = ()) -> list[tuple[int, bytes]]:
+        """Advance `step_s`; take and return (link, bytes)."""
+
+    def truth(self) -> Truth:
+        """Tell the present truth."""
 
 
 @dataclass(frozen=True)
@@ -71,7 +88,7 @@ class Lockstep:
     """
 
     def __init__(
-        self, vehicle: Vehicle, engine: Engine, link: Link, seed: int, rate_hz: float = 50.0
+        self, vehicle: SteppedVehicle, engine: Engine, link: Link, seed: int, rate_hz: float = 50.0
     ) -> None:
         self.vehicle = vehicle
         self.engine = engine

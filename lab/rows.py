@@ -75,7 +75,7 @@ _OBSERVED = {"heave.disturbance_noise": 6.0, "thrusters.lead_s": 0.04, "delays.g
 _LAW = {"heave.lambda_per_s": 4.0, "heave.kappa_per_s": 8.0} | _OBSERVED
 _LEARNING = _LAW | {"heave.learning_rate": 100.0}
 _RIVAL = {"lam": 4.0, "kappa": 8.0} | _OBSERVED
-_AUTOPILOT = {"PSC_D_POS_P": 3.0, "PSC_D_VEL_P": 8.0, "PSC_D_ACC_P": 0.5, "PSC_D_ACC_I": 0.1}
+_AUTOPILOT = {"PSC_POSZ_P": 3.0, "PSC_VELZ_P": 8.0, "PSC_ACCZ_P": 0.5, "PSC_ACCZ_I": 0.1}
 
 DEFAULT = "default"
 ROWS: tuple[Row, ...] = (

@@ -221,9 +221,10 @@ class _Physics(asyncio.DatagramProtocol):
 
     def datagram_received(self, data: bytes, addr: Endpoint) -> None:
         responder, body = self._responder, self._body
-        reply = responder.answer(data)
+        bad = responder.bad
+        reply = responder.answer(data, asyncio.get_running_loop().time())
         if reply is None:
-            if responder.bad == 1:
+            if responder.bad == 1 > bad:
                 LOG.warning("%s:%d sends what is no frame of the JSON backend; ignored", *addr)
             return
         self._transport.sendto(reply, addr)

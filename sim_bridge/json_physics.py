@@ -21,6 +21,7 @@ its time. Its barometer, compass and GPS are simulated by itself from this state
 SIM_BATT_VOLTAGE.
 """
 
+import math
 import struct
 from collections.abc import Callable
 from typing import NamedTuple
@@ -36,6 +37,8 @@ RATES_HZ = (20, 5000)
 STAMP_MARGIN = 1.0 + 1e-9
 """The firmware truncates the step to whole µs: a hair more keeps rounding from making 2500 µs into 2499."""
 NEUTRAL_US = 1500
+LOST_AFTER_S = 0.5
+"""A frame that comes again so long after its answer did not get it: the firmware waits a second."""
 
 
 class Frame(NamedTuple):
@@ -88,41 +91,61 @@ def _array(*values: float) -> str:
 
 
 class Responder:
-    """Answers the frames of one firmware: a new frame moves the body, a repeated one gets the same answer.
+    """Answers the frames of one firmware: each new frame moves the body once.
+
+    The firmware sends a frame again when it has waited a second. If its first copy was only read late, both
+    copies are here before the answer: the second one is left alone, because an answer too many would be taken
+    for that of the next frame, and put the physics a frame behind for good. If the answer was lost, it is
+    sent again.
 
     A firmware that starts anew (its frame count goes back) finds the body where it is, as a vehicle whose
     autopilot reboots in the water; its time starts at 0 again. Whatever the bytes, nothing raises.
     """
 
-    def __init__(self, move: Callable[[Frame, float], Motion], *, time_sync: bool = True) -> None:
-        """`move` advances the body by a time (s) under a frame's outputs."""
+    def __init__(self, move: Callable[[Frame, float], Motion], step_s: float | None = None) -> None:
+        """Prepare to answer.
+
+        Args:
+            move: advances the body by a time (s) under a frame's outputs.
+            step_s: that time; the firmware then does not wait for the wall clock. None: 1/frame_rate.
+
+        """
         self._move = move
-        self._time_sync = time_sync
+        self._step_s = step_s
         self._last: Frame | None = None
         self._answer = b""
+        self._answered_s = -math.inf
         self._time_s = 0.0
         self.steps = 0
         self.repeated = 0
         self.restarts = 0
         self.bad = 0
 
-    def answer(self, packet: bytes) -> bytes | None:
-        """Return the reply to a packet; None for what is no frame."""
+    def is_repeated(self, packet: bytes) -> bool:
+        """Whether `packet` is a copy of the frame that was answered last."""
         frame = parse(packet)
+        return frame is not None and self._last is not None and frame.number == self._last.number
+
+    def answer(self, packet: bytes, now_s: float) -> bytes | None:
+        """Return the reply to a packet that is read at `now_s` of a real clock; None if it gets none."""
+        frame, last = parse(packet), self._last
         if frame is None:
             self.bad += 1
             return None
-        if self._last is not None and frame.number == self._last.number:
+        if last is not None and frame.number == last.number:
             self.repeated += 1
-            return self._answer
-        if self._last is not None and frame.number < self._last.number:
-            self.restarts += 1
-            self._time_s = 0.0
-        self._last = frame
-        dt_s = 1.0 / min(max(frame.rate_hz, RATES_HZ[0]), RATES_HZ[1])
-        self._time_s += dt_s
-        self._answer = reply(self._time_s, self._move(frame, dt_s), time_sync=self._time_sync)
-        self.steps += 1
+            if now_s - self._answered_s < LOST_AFTER_S:
+                return None
+        else:
+            if last is not None and frame.number < last.number:
+                self.restarts += 1
+                self._time_s = 0.0
+            self._last = frame
+            dt_s = self._step_s or 1.0 / min(max(frame.rate_hz, RATES_HZ[0]), RATES_HZ[1])
+            self._time_s += dt_s
+            self._answer = reply(self._time_s, self._move(frame, dt_s), time_sync=self._step_s is None)
+            self.steps += 1
+        self._answered_s = now_s
         return self._answer
 
 
@@ -138,10 +161,10 @@ class DrivenBody:
     def __init__(self, physics: Physics, source_v: float) -> None:
         """Put the motors on the first outputs; `source_v` is the battery's open-circuit voltage."""
         self.physics = physics
+        self.source_v = source_v
         self.pwm: tuple[int, ...] = (NEUTRAL_US,) * physics.thrusters.count
         self.turned_s: float | None = None
         """Physics time at which a motor first turned."""
-        self._source_v = source_v
         self._undrained_s = 0.0
 
     def move(self, frame: Frame, dt_s: float) -> Motion:
@@ -153,6 +176,6 @@ class DrivenBody:
         physics.step(self.pwm, -1.0 if self.turned_s is None else physics.time_s - self.turned_s, dt_s)
         self._undrained_s += dt_s
         if self._undrained_s >= self.DRAIN_PERIOD_S - 1e-9:
-            physics.drain(self._source_v, self._undrained_s)
+            physics.drain(self.source_v, self._undrained_s)
             self._undrained_s = 0.0
         return Motion(physics.state, physics.acceleration())

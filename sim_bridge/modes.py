@@ -163,12 +163,12 @@ class FlightControl:
             self.depth_target = estimate.depth_m - 0.15 * estimate.climb_m_s
         self._climbing = climb != 0.0
         params = self._params
-        to_target = params["PSC_D_POS_P"] * (estimate.depth_m - self.depth_target)
+        to_target = params["PSC_POSZ_P"] * (estimate.depth_m - self.depth_target)
         target = climb + _clip(to_target, (0.5 if climb else 1.0) * SPEED_UP_M_S)
-        acceleration = params["PSC_D_VEL_P"] * (target - estimate.climb_m_s)
-        self._throttle_integral += 0.2 * params["PSC_D_ACC_I"] * acceleration * dt
+        acceleration = params["PSC_VELZ_P"] * (target - estimate.climb_m_s)
+        self._throttle_integral += 0.2 * params["PSC_ACCZ_I"] * acceleration * dt
         self._throttle_integral = _clip(self._throttle_integral, 1.0)
-        return _clip(0.2 * params["PSC_D_ACC_P"] * acceleration + self._throttle_integral, 1.0)
+        return _clip(0.2 * params["PSC_ACCZ_P"] * acceleration + self._throttle_integral, 1.0)
 
     def _place(self, estimate: Estimate, forward: float, lateral: float, dt: float) -> tuple[float, float]:
         """Hold x and y while the sticks rest."""

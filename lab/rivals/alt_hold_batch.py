@@ -73,10 +73,10 @@ def simulate(
         white = rng.standard_normal((2, len(plants)))
         depth = past[(step - late[0]) % len(past), 0] + noise[0] + noise[1] + sensors.depth_white_m * white[0]
         climb = -past[(step - late[1]) % len(past), 1] + noise[2] + sensors.climb_white_m_s * white[1]
-        rate = np.clip(gains["PSC_D_POS_P"] * (depth - wanted), -SPEED_UP_M_S, SPEED_UP_M_S)
-        lacking = gains["PSC_D_VEL_P"] * (rate - climb)
-        integral = np.clip(integral + 0.2 * gains["PSC_D_ACC_I"] * lacking * STEP_S, -1.0, 1.0)
-        up = np.clip(0.2 * gains["PSC_D_ACC_P"] * lacking + integral, -1.0, 1.0)
+        rate = np.clip(gains["PSC_POSZ_P"] * (depth - wanted), -SPEED_UP_M_S, SPEED_UP_M_S)
+        lacking = gains["PSC_VELZ_P"] * (rate - climb)
+        integral = np.clip(integral + 0.2 * gains["PSC_ACCZ_I"] * lacking * STEP_S, -1.0, 1.0)
+        up = np.clip(0.2 * gains["PSC_ACCZ_P"] * lacking + integral, -1.0, 1.0)
         offset = np.trunc(-400.0 * up)
         static = np.array([np.interp(x, points, CURVE_N) for x, points in zip(offset, curve, strict=True)])
         thrust += follow * (strength * static - thrust)

@@ -29,11 +29,11 @@ def finite(value):
     return all(map(finite, value)) if isinstance(value, list) else math.isfinite(value)
 
 
-@given(st.lists(st.one_of(st.binary(max_size=100), FRAMES), max_size=40))
+@given(st.lists(st.tuples(st.one_of(st.binary(max_size=100), FRAMES), st.floats(0, 5)), max_size=40))
 def test_no_bytes_raise_and_every_reply_is_finite(packets):
     body = DrivenBody(Physics(CONFIG, 1), CONFIG.battery.voltage_v)
     responder = Responder(body.move)
-    for packet in packets:
-        reply = responder.answer(packet)
+    for packet, now_s in packets:
+        reply = responder.answer(packet, now_s)
         assert reply is None or finite(json.loads(reply))
     assert responder.steps + responder.repeated + responder.bad == len(packets)

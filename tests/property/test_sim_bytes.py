@@ -29,7 +29,7 @@ overrides = st.lists(uint16, min_size=18, max_size=18).map(
 )
 manuals = st.builds(manual, int16, int16, int16, int16, uint16, int16, int16, target)
 names = st.sampled_from(
-    [b"FS_PILOT_TIMEOUT", b"JS_THR_GAIN", b"ATC_ANG_YAW_P", b"PSC_D_VEL_P", b"BARO_SPEC_GRAV", b"MAV_SYSID"]
+    [b"FS_PILOT_TIMEOUT", b"JS_THR_GAIN", b"ATC_ANG_YAW_P", b"PSC_VELZ_P", b"BARO_SPEC_GRAV", b"MAV_SYSID"]
 )
 sets = st.builds(
     mavlink.MAVLink_param_set_message,

@@ -137,7 +137,7 @@ def test_a_search_gets_better_and_prices_chatter_and_loss(monkeypatch: pytest.Mo
     found = tune.search(row, configured, BASE, evaluations=12, seeds=1)
     assert found.score < 0.8 * found.start_score
     assert set(found.values) == set(row.knobs)
-    wild = {"PSC_D_POS_P": 18.0, "PSC_D_VEL_P": 48.0, "PSC_D_ACC_P": 3.0, "PSC_D_ACC_I": 0.6}
+    wild = {"PSC_POSZ_P": 18.0, "PSC_VELZ_P": 48.0, "PSC_ACCZ_P": 3.0, "PSC_ACCZ_I": 0.6}
     dives = tune._training(1, around)
     assert tune.scores(row, [wild], configured, BASE, dives)[0] > 3.0 * CHATTER_N + found.score
 

@@ -132,7 +132,7 @@ def test_a_rival_replaces_the_law_in_heave_alone() -> None:
 
 def test_alt_hold_keeps_depth_and_heading_and_takes_its_target_from_the_station() -> None:
     scenario = Scenario("deeper", lambda base, seed: _calm(base), hold(3.0), 16.0, 5)
-    dived = alt_hold.dive(scenario, BASE, Link(), {"PSC_D_POS_P": 4.0})
+    dived = alt_hold.dive(scenario, BASE, Link(), {"PSC_POSZ_P": 4.0})
     late = dived.t_s > 12.0
     assert dived.active[dived.t_s > 5.0].all()
     assert abs(dived.depth_error_m[dived.t_s < 3.0] + 0.5).max() < 0.2  # not armed yet: it floats up
@@ -143,7 +143,7 @@ def test_alt_hold_keeps_depth_and_heading_and_takes_its_target_from_the_station(
 
 @pytest.mark.parametrize("scenario", [0, 2])
 def test_fast_alt_hold_agrees_with_the_whole_double(scenario: int) -> None:
-    gains = {"PSC_D_POS_P": 5.0, "PSC_D_VEL_P": 20.0, "PSC_D_ACC_P": 1.0, "PSC_D_ACC_I": 0.3}
+    gains = {"PSC_POSZ_P": 5.0, "PSC_VELZ_P": 20.0, "PSC_ACCZ_P": 1.0, "PSC_ACCZ_I": 0.3}
     dives = [four(seed)[scenario] for seed in (1, 2)]
     duration_s = 32.0
     short = [Scenario(one.name, one.plant, one.target, duration_s, one.seed) for one in dives]

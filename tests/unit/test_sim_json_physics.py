@@ -58,7 +58,7 @@ def test_frames_of_16_and_of_32_outputs_are_read():
 )
 def test_what_is_no_frame_is_counted_and_not_answered(data):
     responder = Responder(lambda frame, dt_s: motion())
-    assert responder.answer(data) is None
+    assert responder.answer(data, 0.0) is None
     assert (responder.bad, responder.steps) == (1, 0)
 
 
@@ -94,20 +94,21 @@ def test_arrays_follow_their_colon_at_once_because_the_firmware_reads_no_space_t
 def test_the_firmware_never_truncates_a_step_to_one_microsecond_less():
     responder, before, lost = Responder(lambda frame, dt_s: motion()), 0.0, 0
     for number in range(20_000):
-        stamp = read(responder.answer(packet(number, 400)))["timestamp"]
+        stamp = read(responder.answer(packet(number, 400), 0.0))["timestamp"]
         lost += int((stamp - before) * 1e6) != 2500
         before = stamp
     assert lost == 0
     assert before == pytest.approx(50.0, abs=1e-6)
 
 
-def test_a_repeated_frame_gets_the_same_answer_and_moves_nothing():
+def test_a_repeated_frame_moves_nothing_and_is_answered_only_when_the_answer_was_lost():
     one = body()
     responder = Responder(one.move)
-    dived = (*(1500,) * 4, *(1400,) * 4, *(1500,) * 8)
-    first = responder.answer(packet(0, 400, dived))
-    assert responder.answer(packet(0, 400, dived)) == first
-    assert (responder.steps, responder.repeated) == (1, 1)
+    again = packet(0, 400, (*(1500,) * 4, *(1400,) * 4, *(1500,) * 8))
+    first = responder.answer(again, 10.0)
+    assert responder.answer(again, 10.1) is None, "a copy that was sent while the first one waited here"
+    assert responder.answer(again, 11.0) == first, "the firmware waits a second before it asks again"
+    assert (responder.steps, responder.repeated) == (1, 2)
     assert one.physics.time_s == pytest.approx(0.0025)
 
 
@@ -115,8 +116,8 @@ def test_after_a_restart_the_time_starts_anew_and_the_body_stays_where_it_is():
     one = body("initial.eta=[0,0,3,0,0,0]")
     responder = Responder(one.move)
     for number in range(400):
-        before = read(responder.answer(packet(number)))
-    after = read(responder.answer(packet(0)))
+        before = read(responder.answer(packet(number), 0.0))
+    after = read(responder.answer(packet(0), 0.0))
     assert responder.restarts == 1
     assert after["timestamp"] == pytest.approx(0.0025)
     assert after["position"] == pytest.approx(before["position"], abs=1e-3)
@@ -131,7 +132,7 @@ def test_the_sea_is_the_same_at_every_frame_rate():
         )
         responder = Responder(one.move)
         for number in range(5 * rate_hz):
-            responder.answer(packet(number, rate_hz))
+            responder.answer(packet(number, rate_hz), 0.0)
         depths.append(one.physics.state[2])
     assert np.ptp(depths) < 2e-3
     assert abs(depths[0] - 2.0) > 0.01, "the sea does move it"
@@ -162,4 +163,4 @@ def test_a_loads_time_counts_from_the_first_turn_of_a_motor():
 def test_a_slow_frame_rate_still_moves_the_firmwares_time():
     """The firmware ignores steps of 0.1 s and more."""
     responder = Responder(lambda frame, dt_s: motion())
-    assert read(responder.answer(packet(0, 1)))["timestamp"] < 0.1
+    assert read(responder.answer(packet(0, 1), 0.0))["timestamp"] < 0.1
