@@ -1,7 +1,8 @@
 """The closed loop in virtual time: the companion's engine and a vehicle exchange MAVLink bytes.
 
-The vehicle is our stand-in (`sim_bridge.vehicle`) or the real firmware (`lab.firmware`). It steps, datagrams travel for as long as the link says, the engine ticks.
-The same seed gives the same samples, and an hour of diving takes a minute or two.
+The vehicle is our stand-in (`sim_bridge.vehicle`) or the real firmware (`lab.firmware`). It steps,
+datagrams travel for as long as the link says, the engine ticks. The same seed gives the same samples, and an
+hour of diving with our stand-in takes a minute or two.
 """
 
 import heapq
