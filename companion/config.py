@@ -68,6 +68,7 @@ class GroundStation(Section, frozen=True):
     on_loss: Literal["hold", "surface", "silence"]
     full_deflection: Fraction
     full_deflection_s: Seconds
+    engage_button: Annotated[int, msgspec.Meta(ge=-1, le=15)]
     release_button: Annotated[int, msgspec.Meta(ge=-1, le=15)]
 
 
@@ -239,6 +240,12 @@ def load_config(path: Path = DEFAULT_FILE, overrides: Sequence[str] = ()) -> Con
                 Endpoint.parse(endpoint)
         except ValueError as error:
             raise ConfigError(f"{path}: {key} = {endpoint!r}: {error}") from error
+    ground = config.ground_station
+    if ground.engage_button == ground.release_button != -1:
+        raise ConfigError(
+            f"{path}: ground_station.engage_button = {ground.engage_button}: release_button is the same; "
+            "want two different ones, or -1 for none"
+        )
     if config.ground_station.endpoint and config.vehicle.thrust_path != "manual_control":
         raise ConfigError(
             f"{path}: vehicle.thrust_path = {config.vehicle.thrust_path!r}: must be 'manual_control' with a "

@@ -22,9 +22,10 @@ from companion.mavlink.relay import pilot_events
 from companion.mavlink.signing import Signing
 from companion.pilot import NOTHING, Pilot, Wish
 from companion.steering_mode import STEERING_MODES, ModeKeeper
-from companion.supervisor import UNFIT, Envelope, Supervisor, guard
+from companion.supervisor import FAULT_CAUSES, UNFIT, Envelope, Supervisor, guard
 from companion.survey import Survey
 from companion.types import (
+    ENGAGE_S,
     NEUTRAL,
     PSI,
     Array,
@@ -87,6 +88,8 @@ class Engine:
         self._engaged_at = self._target
         """Where it stays until it may push with all authority."""
         self._engage_asked = False
+        self._engage_until_s = math.inf
+        """When the wish to engage ends if it was not granted."""
         self._engaged = np.zeros(4, bool)
         self._saturated = np.zeros(4, bool)
         self._finite = True
@@ -130,6 +133,7 @@ class Engine:
         wish = self._pilot.step(now_s, dt_s, events, self._engaged, self.target[Z])
         taken = self._engaged & _by_dof(wish.taken)
         gone = wish.all or bool(taken.any() and not (self._engaged & ~taken).any())
+        requests = [*requests, *self._pressed(wish, requests, now_s)]
         verdict = self._permit(state, events, requests, loop, dt_s, taken_back=gone)
 
         J = jacobian(state.eta_ahead[PSI])
@@ -234,6 +238,21 @@ class Engine:
         if changed:
             self._watch.config_changed()
 
+    def _pressed(self, wish: Wish, requests: Sequence[Request], now_s: float) -> list[Request]:
+        """Return what the pilot's buttons ask for, beside `requests`.
+
+        To engage clears a fault first, but not while its cause holds.
+        """
+        if Request.ENGAGE in requests:
+            self._engage_until_s = math.inf
+        if wish.release:
+            return [Request.STOP]
+        faulty = self.verdict.state is State.FAULT
+        if not wish.engage or (faulty and self.verdict.conditions & FAULT_CAUSES):
+            return []
+        self._engage_until_s = now_s + ENGAGE_S
+        return [Request.CLEAR_FAULT, Request.ENGAGE] if faulty else [Request.ENGAGE]
+
     def _permit(
         self,
         state: VehicleState,
@@ -247,7 +266,7 @@ class Engine:
         """Ask the supervisor; on engaging and while resting, set the controller to where the vehicle is."""
         if Request.ENGAGE in requests:
             self._engage_asked = True
-        if Request.STOP in requests:
+        if Request.STOP in requests or state.t_s > self._engage_until_s:
             self._engage_asked = False
         before, limits = self.verdict, self._config.supervisor
         handing_over, steered = before.state is State.HAND_OVER, before.authority > 0.0

@@ -17,7 +17,7 @@ import numpy as np
 from companion.config import Compensator as Choice
 from companion.config import Config, ConfigError, NonNegative, Positive, Section
 from companion.telemetry import Reply, means, printable
-from companion.types import PSI, Array, ControlSample, Request, Setpoint, State, X, Y, Z
+from companion.types import ENGAGE_S, PSI, Array, ControlSample, Request, Setpoint, State, X, Y, Z
 
 AxisName = Literal["surge", "sway", "heave", "yaw"]
 Metres = Annotated[float, msgspec.Meta(ge=-1e5, le=1e5)]
@@ -25,7 +25,6 @@ Optional = msgspec.UnsetType
 
 WAITING = 8
 MAX_BYTES = 4096
-ENGAGE_S = 5.0
 SETTLE_S = 2.0
 FACTOR = 4.0
 """Gains may move this far, up or down, from those that the companion was started with."""

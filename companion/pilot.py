@@ -2,6 +2,7 @@
 
 A stick on an axis that we hold is a rate, as fast as the axis' `max_rate` at most; released, it leaves the
 new depth or heading to be held. Held at full deflection it takes the axis back; so does a button, for all.
+Another button engages.
 """
 
 import math
@@ -26,7 +27,7 @@ class Wish:
 
     `sticks` is what to pass on, None if none came of late. `nu` and `nu_dot` are how the setpoint is to move
     (m/s, rad/s), zero where nothing is held. `taken` are held axes that the pilot takes back, `all` with a
-    button.
+    button. `engage` and `release` are those buttons: the one just pressed, the other down.
     """
 
     sticks: PilotSticks | None
@@ -34,6 +35,8 @@ class Wish:
     nu_dot: Array
     taken: Flags
     all: bool
+    engage: bool = False
+    release: bool = False
 
 
 NOTHING = Wish(None, nu=np.zeros(4), nu_dot=np.zeros(4), taken=np.zeros(4, bool), all=False)
@@ -45,7 +48,10 @@ class Pilot:
     def __init__(self, config: Config) -> None:
         ground = config.ground_station
         self._full, self._full_s = ground.full_deflection, ground.full_deflection_s
-        self._button = 1 << ground.release_button if ground.release_button >= 0 else 0
+        self._release = 1 << ground.release_button if ground.release_button >= 0 else 0
+        self._engage = 1 << ground.engage_button if ground.engage_button >= 0 else 0
+        self._engage_down = True
+        """A button that is down when it is first heard of was not pressed."""
         self.retune(config)
         self._sticks: PilotSticks | None = None
         self._nu = np.zeros(4)
@@ -62,11 +68,14 @@ class Pilot:
 
     def step(self, now_s: float, dt_s: float, events: Sequence[Event], held: Flags, depth_m: float) -> Wish:
         """Take what came since the last tick, which axes are held, and the depth that is wanted now."""
-        buttons, toggled = 0, False
+        buttons, toggled, engage = 0, False, False
         for event in events:
             if isinstance(event, PilotSticks):
                 self._sticks = event
                 buttons |= event.buttons
+                down = bool(event.buttons & self._engage)
+                engage |= down and not self._engage_down
+                self._engage_down = down
             elif isinstance(event, PilotToggle):
                 toggled |= event.on
         sticks = self._sticks
@@ -94,7 +103,9 @@ class Pilot:
             nu=self._nu,
             nu_dot=(self._nu - before) * held / dt_s if dt_s > 0.0 else np.zeros(4),
             taken=self._pushed_s > self._full_s,
-            all=bool(buttons & self._button) or toggled,
+            all=bool(buttons & self._release) or toggled,
+            engage=engage,
+            release=bool(buttons & self._release),
         )
 
     def move(

@@ -290,6 +290,9 @@ class LinkCounters:
 
 # --- What the operator wants ------------------------------------------------------------------------------
 
+ENGAGE_S = 5.0
+"""So long a command or a button asks to engage: permitted later than that, it would come as a surprise."""
+
 
 class Request(IntEnum):
     """What an operator can ask for."""

@@ -12,7 +12,8 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from virtual import Dive, Somebody, active, hold
 
 from companion.mavlink.signing import Signing
-from companion.types import Request, State
+from companion.supervisor import CLEAR
+from companion.types import Condition, Request, State
 
 HEAVE, YAW = 2, 3
 PITCH, ROLL, THROTTLE, TURN, FORWARD, LATERAL = range(6)
@@ -197,6 +198,116 @@ def test_what_takes_everything_back_at_once(by):
         dive.cockpit.extra.append(dive.cockpit.stick(us=1700))
     dive.until(State.PILOT)
     assert dive.t_s - since_s <= 0.061
+
+
+BUTTONS = ["ground_station.engage_button=0", "ground_station.release_button=15"]
+ENGAGE, RELEASE = 1 << 0, 1 << 15
+
+
+def at_the_stick(*plant, arm=True, depth_m=1.0, **arguments):
+    """A companion as the service starts it, that only watches, and a pilot who has armed."""
+    start = f"initial.eta=[0,0,{depth_m},0,0,0.3]"
+    dive = Dive(start, *plant, pilot=True, companion=BUTTONS, arm=False, engage=False, **arguments)
+    dive.tap.may_engage = True
+    dive.cockpit.push()
+    dive.run(2.5)
+    if arm:
+        dive.cockpit.extra.append(dive.cockpit.arm())
+    dive.run(1.5)
+    assert dive.step.truth.armed is arm
+    return dive
+
+
+def press(dive, button, seconds=0.2):
+    dive.cockpit.push(buttons=button)
+    dive.run(seconds)
+    dive.cockpit.push()
+    dive.run(0.1)
+
+
+def test_a_button_engages_and_another_releases():
+    dive = at_the_stick()
+    assert dive.state is not State.ACTIVE
+    press(dive, ENGAGE)
+    dive.until(State.ACTIVE)
+    dive.run(2.0)
+    assert engaged(dive) == [False, False, True, True]
+    press(dive, RELEASE)
+    assert dive.state is State.PILOT
+    press(dive, ENGAGE)
+    dive.until(State.ACTIVE)
+
+
+def test_a_press_engages_once_and_holding_the_button_does_not_engage_again():
+    dive = at_the_stick()
+    dive.cockpit.push(buttons=ENGAGE)
+    dive.until(State.ACTIVE)
+    dive.ask(Request.STOP)
+    dive.run(3.0)
+    assert dive.state is State.READY
+
+
+def test_a_button_that_was_down_before_it_was_heard_of_engages_nothing():
+    dive = Dive(pilot=True, companion=BUTTONS, arm=False, engage=False)
+    dive.cockpit.push(buttons=ENGAGE)
+    dive.run(2.5)
+    dive.cockpit.extra.append(dive.cockpit.arm())
+    dive.run(3.0)
+    assert dive.step.truth.armed
+    assert Condition.ENGAGE_ASKED not in dive.step.sample.verdict.conditions
+
+
+@pytest.mark.parametrize("withdrawn", [False, True])
+def test_a_press_that_is_not_permitted_leaves_no_wish_behind(withdrawn):
+    """Armed later, it would take off. The other button withdraws it at once."""
+    dive = at_the_stick(arm=False)
+    press(dive, ENGAGE)
+    assert Condition.ENGAGE_ASKED in dive.step.sample.verdict.conditions
+    if withdrawn:
+        press(dive, RELEASE)
+    else:
+        dive.run(5.5)
+    dive.cockpit.extra.append(dive.cockpit.arm())
+    dive.run(3.0)
+    assert dive.step.truth.armed
+    assert dive.state is not State.ACTIVE
+
+
+def test_a_wish_of_the_start_is_withdrawn_by_the_release_button_alone():
+    dive = Dive(pilot=True, companion=BUTTONS, arm=False)
+    dive.cockpit.push()
+    dive.run(8.0)
+    assert Condition.ENGAGE_ASKED in dive.step.sample.verdict.conditions
+    press(dive, RELEASE)
+    assert Condition.ENGAGE_ASKED not in dive.step.sample.verdict.conditions
+
+
+def test_the_button_clears_a_fault_whose_cause_has_gone_and_engages():
+    dive = at_the_stick()
+    press(dive, ENGAGE)
+    dive.until(State.ACTIVE)
+    dive.fault("link_cut", 2.0)
+    dive.until(State.FAULT)
+    dive.run(0.7)
+    press(dive, ENGAGE)
+    assert dive.state is State.FAULT
+    assert "look at cable" in dive.step.sample.verdict.remedy
+    dive.run(3.0)
+    assert dive.state is State.FAULT
+    assert dive.step.sample.verdict.remedy == CLEAR
+    press(dive, ENGAGE)
+    dive.until(State.ACTIVE)
+
+
+def test_where_no_button_is_chosen_none_engages():
+    dive = Dive(pilot=True, arm=False, engage=False)
+    dive.cockpit.push()
+    dive.run(2.5)
+    dive.cockpit.extra.append(dive.cockpit.arm())
+    dive.run(1.5)
+    dive.cockpit.push(buttons=ENGAGE | RELEASE)
+    dive.run(2.0)
+    assert Condition.ENGAGE_ASKED not in dive.step.sample.verdict.conditions
 
 
 def toggled_on(t_s, inbox):

@@ -83,6 +83,9 @@ def test_every_key_of_the_file_is_a_field_and_every_field_a_key():
         ("vehicle.name='a/b'", ["vehicle.name", "a/b"]),
         ("vehicle.name=''", ["vehicle.name"]),
         ("heave.compensator=magic", ["heave.compensator", "magic"]),
+        ("telemetry.allow_control=true", ["telemetry.allow_control", "True"]),
+        ("telemetry.allow_control=yes", ["telemetry.allow_control", "yes", "local", "always", "never"]),
+        ("ground_station.engage_button=16", ["ground_station.engage_button", "16", "15"]),
         ("heave=5", ["heave", "5"]),
         ("heave.kapa_per_s=8", ["heave", "kapa_per_s", "unknown"]),
         ("pitch.mass=8", ["pitch", "unknown"]),
@@ -92,6 +95,11 @@ def test_a_bad_value_is_refused_by_name_value_and_range(override, said):
     message = refusal(overrides=[override])
     assert str(DEFAULT_FILE) in message
     assert all(part in message for part in said), message
+
+
+def test_one_button_cannot_engage_and_release():
+    buttons = ["ground_station.engage_button=3", "ground_station.release_button=3"]
+    assert "ground_station.engage_button = 3" in refusal(overrides=buttons)
 
 
 def test_an_unknown_key_in_the_file_is_refused(edited):

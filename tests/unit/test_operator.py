@@ -13,7 +13,6 @@ from virtual import Dive, hold
 from companion.config import Axis, Config, load_config
 from companion.operator import (
     COMMANDS,
-    ENGAGE_S,
     MAX_BYTES,
     WAITING,
     Compensator,
@@ -23,7 +22,7 @@ from companion.operator import (
     Order,
 )
 from companion.telemetry import Reply
-from companion.types import Condition, State
+from companion.types import ENGAGE_S, Condition, State
 
 
 class Console:
