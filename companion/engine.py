@@ -232,7 +232,7 @@ class Engine:
             self._controller = controller
         limits = config.supervisor
         self._supervisor.ramp_up_s, self._supervisor.ramp_down_s = limits.ramp_up_s, limits.ramp_down_s
-        self._estimator.max_depth_jump_m = limits.max_depth_jump_m
+        self._estimator.limit(limits)
         self._pilot.retune(config)
         self._config = config
         if changed:

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from companion.config import Config
+from companion.config import Supervisor as Limits
 from companion.control.bounds import wrap
 from companion.control.frame import joined, shifted, turn_about, turned
 from companion.control.positioning import Model, jacobian, to_body
@@ -133,7 +134,7 @@ class Estimator:
         self._tick_s = 1.0 / config.loop.rate_hz
         self._sensor_delay_s = [axis.sensor_delay_s for axis in config.axes]
         self._depth_later_s = LATER_S.get(config.vehicle.depth_source, 0.0)
-        self.max_depth_jump_m = config.supervisor.max_depth_jump_m
+        self.limit(config.supervisor)
         self._observer = _observer(config, model)
         self._hidden = _hidden_delay(config, model)
         self._heartbeat = Heartbeat(-math.inf, armed=False, mode=-1, system_status=0)
@@ -163,6 +164,14 @@ class Estimator:
         self._observer, self._model = observer, model
         self._sensor_delay_s = [axis.sensor_delay_s for axis in config.axes]
 
+    def limit(self, limits: Limits) -> None:
+        """Take what the supervisor's configuration says of jumps and ages."""
+        self.max_depth_jump_m = limits.max_depth_jump_m
+        position_s = limits.position_timeout_s
+        self._timeout_s = np.array(
+            (position_s, position_s, limits.depth_timeout_s, limits.attitude_timeout_s)
+        )
+
     def restart(self) -> None:
         """Forget the motion, the clocks and the commands: a rebooted autopilot, or numbers gone bad."""
         self._meter = DelayMeter(self._delays.telemetry_s, self._delays.command_s)
@@ -172,6 +181,7 @@ class Estimator:
         self._observed_t_s: Array | None = None
         self._new: list[Measurement] = []
         self._observer.x = np.zeros((4, 6))
+        self._eta = np.zeros(4)
         self._refusing = False
         self._yaw_resets, self._x_resets, self._y_resets = yaw_resets(), position_resets(), position_resets()
         self._yaw_reset_t_s = self._position_reset_t_s = -math.inf
@@ -186,6 +196,10 @@ class Estimator:
             self._take(event)
         delays = replace(self._meter.delays, hidden_s=float(self._hidden.hidden_s))
         observer = self._observer
+        stale = now_s - np.array(self._measured_t_s) > self._timeout_s
+        if stale.any():
+            observer.x[stale] = 0.0
+            observer.x[stale, 0] = self._eta[stale]
         J = jacobian(observer.x[PSI, 0])
         nu = to_body(J, observer.x[:, 1])
         m = self._model.inertia(J)
@@ -202,6 +216,11 @@ class Estimator:
         way = observer.predict(u[1:], m, c, step_s)
         eta, eta_dot = _along(way, (now_s - observed_s) / np.maximum(step_s, SHORTEST_S))
         eta_ahead, eta_dot_ahead, _ = way[-1]
+        disturbance = observer.disturbance - self._unmodelled(J, nu, c)
+        if stale.any():
+            eta[stale] = eta_ahead[stale] = self._eta[stale]
+            eta_dot[stale] = eta_dot_ahead[stale] = disturbance[stale] = 0.0
+        self._eta = eta
         attitude = self._attitude
         return VehicleState(
             t_s=now_s,
@@ -211,11 +230,11 @@ class Estimator:
             ahead_s=ahead_s,
             eta_ahead=_wrapped(eta_ahead),
             eta_dot_ahead=eta_dot_ahead,
-            disturbance=observer.disturbance - self._unmodelled(J, nu, c),
+            disturbance=disturbance,
             roll=attitude.roll,
             pitch=attitude.pitch,
-            p=attitude.p,
-            q=attitude.q,
+            p=0.0 if stale[PSI] else attitude.p,
+            q=0.0 if stale[PSI] else attitude.q,
             armed=self._heartbeat.armed,
             mode=self._heartbeat.mode,
             system_status=self._heartbeat.system_status,
@@ -236,6 +255,7 @@ class Estimator:
             depth_refused=self._depth_refused,
             clock_contradicted=self._clock_contradicted,
             frame_shift=self._frame_shift,
+            stale=stale,
         )
 
     def sent(self, now_s: float, axes: Array, tau_ned: Array) -> None:
@@ -306,7 +326,7 @@ class Estimator:
 
     def _position(self, dof: int, value: float, t_s: float, at_s: float) -> None:
         """Keep a position sample; a degree of freedom that was not measured for long begins anew."""
-        if t_s - self._measured_t_s[dof] > MAX_GAP_S:
+        if t_s - self._measured_t_s[dof] > min(MAX_GAP_S, self._timeout_s[dof]):
             self._observer.start(dof, value)
             if dof == Z:
                 self._hidden.restart(value)
@@ -319,6 +339,7 @@ class Estimator:
         observer.x = turned(shift, observer.x.T).T
         observer.x[:, 0] = shifted(replace(shift, turn_rad=0.0), observer.x[:, 0])
         observer.x[PSI, 0] += shift.turn_rad
+        self._eta = shifted(shift, self._eta)
         self._commands.turn(shift)
         self._new = [one for one in self._new if one.dof == Z]
         self._frame_shift = joined(self._frame_shift, shift)

@@ -5,10 +5,11 @@ docs/telemetry.md lists every key, field, unit and rate, and is made from this f
 One JSON object per key, with every field always present and the encoding `application/json;holdfast.Dof.v1`.
 A version may gain fields; a changed meaning makes a new one.
 
-Never a null: a number that is not finite leaves as 0.0, and its field is named in `absent`. An age that
-is infinite (the signal never came) leaves as `NEVER_S`. Every object has `t_s`, the companion's monotonic
-clock, and `boot_s`, the vehicle's, which lines it up with anything else the vehicle stamped. `raw` alone is
-MessagePack.
+Never a null: a number that is not finite leaves as 0.0, and its field is named in `absent`. What is stale is
+named there too: its source was silent for longer than the supervisor's timeout; it keeps its last value, and
+its rate is zero. An age that is infinite (the signal never came) leaves as `NEVER_S`. Every object has `t_s`,
+the companion's monotonic clock, and `boot_s`, the vehicle's, which lines it up with anything else the vehicle
+stamped. `raw` alone is MessagePack.
 """
 
 import math
@@ -38,7 +39,9 @@ class Record(msgspec.Struct, frozen=True, kw_only=True):
 
     t_s: Annotated[float, means("the companion's monotonic clock")]
     boot_s: Annotated[float, means("the vehicle's clock since its boot")]
-    absent: Annotated[tuple[str, ...], means("fields that were not finite and are 0.0 here")] = ()
+    absent: Annotated[
+        tuple[str, ...], means("fields not known now: stale, with their last value, or not finite and 0.0")
+    ] = ()
 
 
 class State(Record, frozen=True, kw_only=True):
@@ -229,6 +232,17 @@ EVERY_TICK: dict[str, type[Schema]] = {
 }
 NOW_AND_THEN: dict[str, type[Schema]] = {"event": Event, "recorder": Recorder}
 _DECODED = EVERY_TICK | NOW_AND_THEN
+_MEASURED = ("x", "x_dot", "e", "e_dot", "eps", "d_observer")
+_ANGLES = ("roll_rad", "pitch_rad", "roll_rate_radps", "pitch_rate_radps")
+_SOURCES = (
+    ("x_m", "x_rate_mps"),
+    ("y_m", "y_rate_mps"),
+    ("depth_m", "depth_rate_mps"),
+    ("heading_rad", "heading_rate_radps", *_ANGLES),
+    ("armed", "mode", "system_status", "voltage_v", "pilot_gain"),
+)
+"""Fields of State by their source: position (two), depth, attitude, and the vehicle as a whole."""
+
 _UNITS = (("m", "N"), ("m", "N"), ("m", "N"), ("rad", "N·m"))
 _DOF_COLUMNS = tuple(field.name for field in fields(DofSample))
 _encoder = msgspec.json.Encoder(enc_hook=lambda scalar: scalar.item())
@@ -297,10 +311,13 @@ def records(sample: ControlSample) -> list[Schema]:
     x_rate, y_rate, z_rate, psi_rate = state.eta_dot.tolist()
     surge, sway, heave, yaw = sample.requested.tau.tolist()
     surge_out, sway_out, heave_out, yaw_out = sample.delivered.tau.tolist()
+    stale = state.stale.tolist()
+    silent = Condition.LINK_LOST in verdict.conditions
     return [
         State(
             t_s=t_s,
             boot_s=boot_s,
+            absent=_stale_state(*stale, silent),
             x_m=x,
             y_m=y,
             depth_m=z,
@@ -429,10 +446,20 @@ def _dofs(sample: ControlSample) -> list[Dof]:
             unit=unit,
             tau_unit=tau_unit,
             ahead_s=sample.state.ahead_s,
+            absent=_MEASURED if stale else (),
             **dict(zip(_DOF_COLUMNS, row, strict=True)),
         )
-        for dof, (unit, tau_unit), *row in zip(DOFS, _UNITS, *columns, strict=True)
+        for dof, (unit, tau_unit), stale, *row in zip(
+            DOFS, _UNITS, sample.state.stale.tolist(), *columns, strict=True
+        )
     ]
+
+
+@cache
+def _stale_state(x: bool, y: bool, z: bool, psi: bool, silent: bool) -> tuple[str, ...]:
+    """Return the fields of State that are stale: those of each DOF, and all others if it is `silent`."""
+    flags = (x, y, z, psi, silent)
+    return tuple(name for stale, names in zip(flags, _SOURCES, strict=True) if stale for name in names)
 
 
 @cache
@@ -447,9 +474,10 @@ def to_json(record: Schema) -> bytes:
 
 
 def _without_nulls(record: Schema) -> Schema:
-    absent = tuple(
+    broken = [
         name
         for name in record.__struct_fields__
         if isinstance(value := getattr(record, name), float) and not math.isfinite(value)
-    )
-    return msgspec.structs.replace(record, absent=absent, **dict.fromkeys(absent, 0.0))
+    ]
+    absent = tuple(dict.fromkeys((*record.absent, *broken)))
+    return msgspec.structs.replace(record, absent=absent, **dict.fromkeys(broken, 0.0))

@@ -372,7 +372,9 @@ class VehicleState:
     `eta`, `eta_dot` are now; `eta_ahead`, `eta_dot_ahead` are `ahead_s` later, when a command sent now acts.
     `disturbance` is the observer's d in the paper's sign: m x'' = tau - h - d. `innovation` is by how much
     the newest positions missed what was expected; a depth that missed by too much was refused.
-    `frame_shift` is what the autopilot's estimate was reset by since the tick before.
+    `frame_shift` is what the autopilot's estimate was reset by since the tick before. A degree of freedom
+    that was not measured for longer than its timeout, or never, is `stale`: `eta` stays what it was last,
+    the rates and the disturbance are zero.
     """
 
     t_s: float
@@ -399,6 +401,7 @@ class VehicleState:
     clock_contradicted: bool = False
     """Whether a stamp or an answer to TIMESYNC contradicted the autopilot's clock as it was known."""
     frame_shift: FrameShift | None = None
+    stale: Flags = field(default_factory=lambda: np.zeros(4, bool))
 
 
 @dataclass(frozen=True, slots=True)

@@ -43,6 +43,7 @@ _BANNER = {
     "FAULT": ("bold white on red", "latched until the operator clears it"),
 }
 _DOFS = {"x": "north", "y": "east", "z": "depth", "psi": "heading"}
+_AGES = {"x": "position_age_s", "y": "position_age_s", "z": "depth_age_s", "psi": "attitude_age_s"}
 _AXES = {"surge": "N", "sway": "N", "heave": "N", "yaw": "N·m"}
 _MODES = {0: "STABILIZE", 1: "ACRO", 2: "ALT_HOLD", 9: "SURFACE", 16: "POSHOLD", 19: "MANUAL", 21: "SURFTRAK"}
 _EIGHTHS = "▁▂▃▄▅▆▇█"
@@ -348,7 +349,7 @@ def _whereabouts(state: Schema | None) -> tuple[str, str, str, str]:
     return (
         _DASH if "depth_m" in state.absent else _place(state.depth_m, "z"),
         _DASH if "heading_rad" in state.absent else _place(state.heading_rad, "psi"),
-        "ARMED" if state.armed else "disarmed",
+        _DASH if "armed" in state.absent else "ARMED" if state.armed else "disarmed",
         _DASH if "voltage_v" in state.absent else f"{state.voltage_v:.1f} V",
     )
 
@@ -377,14 +378,17 @@ def _banner(view: View) -> RenderableType:
         if supervisor.remedy:
             lines.append(Text(f"to do: {supervisor.remedy}"))
     if isinstance(state, State):
-        mode = _MODES.get(state.mode, f"mode {state.mode}")
+        known = "armed" not in state.absent
+        mode = _MODES.get(state.mode, f"mode {state.mode}") if known else "mode unknown"
         volts = _DASH if "voltage_v" in state.absent else f"{state.voltage_v:.1f} V"
         armed = Text("ARMED", "bold") if state.armed else Text("disarmed")
+        armed = armed if known else Text("armed or not: unknown", "bold yellow")
         lines.append(
             Text.assemble(
                 armed,
-                f" in {mode}   battery {volts}   stick gain {state.pilot_gain:.0%}",
-                f"   roll {math.degrees(state.roll_rad):+.0f}°   pitch {math.degrees(state.pitch_rad):+.0f}°",
+                f" in {mode}   battery {volts}   stick gain ",
+                f"{state.pilot_gain:.0%}" if known else _DASH,
+                f"   roll {_angle(state, 'roll_rad')}   pitch {_angle(state, 'pitch_rad')}",
             )
         )
     return Group(*lines)
@@ -392,12 +396,20 @@ def _banner(view: View) -> RenderableType:
 
 def _degrees_of_freedom(view: View) -> Table:
     table = _table("", "is", "should be", "error", f"|e| in {_BINS} s", "learnt", "")
+    loop = view.latest.get("loop")
     for dof, name in _DOFS.items():
         record = view.latest.get(f"dof/{dof}")
         if not isinstance(record, Dof):
             continue
         known = not {"x", "e"} & set(record.absent)
         place = _place(record.x, dof) if known else _DASH
+        if not known and isinstance(loop, Loop):
+            age_s = getattr(loop, _AGES[dof])
+            silent = "never came" if age_s >= telemetry.NEVER_S else f"STALE {age_s:.0f} s"
+            last = _DASH if age_s >= telemetry.NEVER_S else _place(record.x, dof)
+            style = "dim" if age_s >= telemetry.NEVER_S else "dim yellow"
+            table.add_row(name, last, _DASH, _DASH, "", _DASH, silent, style=style)
+            continue
         if not record.engaged:
             table.add_row(name, place, _DASH, _DASH, "", _DASH, "not held", style="dim")
             continue
@@ -477,6 +489,10 @@ def _table(*headings: str) -> Table:
 
 def _place(value: float, dof: str) -> str:
     return f"{math.degrees(value) % 360:.1f}°" if dof == "psi" else f"{value:.3f} m"
+
+
+def _angle(state: State, name: str) -> str:
+    return _DASH if name in state.absent else f"{math.degrees(getattr(state, name)):+.0f}°"
 
 
 def _error(value: float, dof: str) -> str:

@@ -51,7 +51,12 @@ export class Attitude {
     const index = at === null ? store.end - 1 : Math.min(store.end - 1, store.find(at));
     const value = (name) => store.value(name, index);
     const [roll, pitch, heading, wanted] = ["roll_rad", "pitch_rad", "heading_rad", "heading_desired_rad"].map((name) => value(name) * DEG);
-    if (!Number.isFinite(heading + roll + pitch)) return;
+    const known = Number.isFinite(heading + roll + pitch);
+    mark(this.node, "known", known ? "yes" : "no");
+    if (!known) {
+      say(this.heading, `no attitude for ${ageText(value("attitude_age_s"))}`);
+      return;
+    }
     move(this.roll, `rotate(${(-roll).toFixed(1)})`);
     move(this.pitch, `translate(0 ${pitch.toFixed(1)})`);
     move(this.card, `rotate(${(-heading).toFixed(1)})`);

@@ -55,6 +55,7 @@ export const PLOTS = [
     columns: (dof) => [...PLACES[place(dof)], `${place(dof)}.engaged`],
     make: ([is, wanted, engaged]) => ({ lines: [held(wanted, engaged), is] }),
     span: () => 0.05, read: (value) => value.toFixed(3), unit: () => "m",
+    source: (dof) => (place(dof) === "z" ? "depth_age_s" : "position_age_s"),
   },
   {
     name: "heading", title: "Heading",
@@ -64,7 +65,7 @@ export const PLOTS = [
       const line = unwrapped(is);
       return { lines: [held(line.map((value, i) => value + wrap(wanted[i] * DEG - value)), engaged), line] };
     },
-    span: () => 4, format: compass, unit: () => "°",
+    span: () => 4, format: compass, unit: () => "°", source: () => "attitude_age_s",
   },
   {
     name: "error", title: "Error", held: true,

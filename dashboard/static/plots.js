@@ -1,6 +1,7 @@
 // A panel with a plot: uPlot, a line of readouts, shades and marks.
 import { colours, el, mark, say } from "./dom.js";
 import { GAP_S } from "./store.js";
+import { ageText } from "./words.js";
 
 const SHRINK = 0.08; // of the surplus, a frame: scales grow at once and shrink gently
 const POINTS = 0.45; // a pixel: more costs frames without a graphics card, and shows no more
@@ -142,7 +143,11 @@ export class Plot {
       const value = definition.series[i].drawn ? this.drawn(i, at) : line[0];
       say(this.values[i], Number.isFinite(value) ? format(value, 0) : "–");
     });
-    say(this.note, definition.note?.(view.dof, { ...this.context, ...context }) ?? definition.unit?.(view.dof) ?? "");
+    const silent = definition.source && at === null && !made.lines.some(([value]) => Number.isFinite(value));
+    const age = silent ? store.value(definition.source(view.dof), index) : NaN;
+    mark(this.node, "known", age > GAP_S ? "no" : "yes");
+    if (age > GAP_S) say(this.note, `nothing new for ${ageText(age)}`);
+    else say(this.note, definition.note?.(view.dof, { ...this.context, ...context }) ?? definition.unit?.(view.dof) ?? "");
     if (definition.heading) say(this.title, definition.heading(view.dof));
     mark(this.node, "held", definition.held && !(store.value(`${view.dof}.engaged`, index) > 0) ? "no" : "yes");
   }

@@ -12,7 +12,7 @@ import pytest
 from rich.console import Console, RenderableType
 
 from companion import telemetry
-from companion.types import Condition, ControlSample, State, Wrench
+from companion.types import Ages, Condition, ControlSample, State, Wrench
 from dashboard import watch
 from dashboard.watch import Feed, Fleet, View, picture, render
 from dashboard.zenoh_client import Message
@@ -50,6 +50,18 @@ def test_each_degree_of_freedom_says_what_it_does(make_sample: MakeSample) -> No
     assert "SATURATED" in north
     (east,) = _rows(screen, "east")
     assert "learning" in east
+
+
+def test_what_is_stale_is_told_with_its_age(make_sample: MakeSample) -> None:
+    sample = make_sample(stale=np.array([True, True, True, False]), ages=Ages(4.0, 4.0, 3.0, 0.02, math.inf))
+    sample = replace(sample, verdict=replace(sample.verdict, conditions=Condition.LINK_LOST))
+    screen = _screen(_view(sample))
+    (depth,) = _rows(screen, "depth")
+    assert "STALE 3 s" in depth
+    assert f"{sample.dofs.x[2]:.3f} m" in depth
+    assert "never came" in _rows(screen, "north")[0]
+    assert "armed or not: unknown in mode unknown" in screen
+    assert max(map(len, screen.splitlines())) <= 80
 
 
 def test_thrust_that_was_not_delivered_is_marked(make_sample: MakeSample) -> None:
