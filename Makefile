@@ -14,7 +14,8 @@ demo: $(STAMP)  ## a dive in the simulator, about a minute; leaves out/demo.png 
 	$(BIN)/holdfast demo
 
 test: check  ## everything that must hold, `make check` included
-	$(BIN)/pytest
+	$(BIN)/pytest -n auto --dist worksteal --ignore tests/live
+	$(BIN)/pytest tests/live  # alone: real clocks and real processes want the machine for themselves
 
 check: $(STAMP)  ## style, types, and the walls between the rooms
 	$(BIN)/ruff check

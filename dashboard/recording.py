@@ -7,7 +7,7 @@ import os
 import struct
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from io import BytesIO
 from pathlib import Path
 from typing import BinaryIO, NamedTuple, cast
@@ -27,6 +27,12 @@ CHUNK_BYTES = 48_000
 
 COMPRESSION = "ZSTD"  # half the size of LZ4 on these samples, at the same cost
 MAGIC = b"\x89MCAP0\r\n"
+MAX_TIME_NS = 2**63 - 1
+"""No sample is later: whoever computes with times does so in signed 64 bits."""
+
+FREE_BYTES, MAX_RATIO = 16 << 20, 30
+"""A file may unpack to this, and to so many times what was read of it: ours take six times."""
+
 _HEAD = struct.Struct("<BQ")
 _CHUNK_HEAD = struct.Struct("<QQQII")
 _BROKEN = (McapError, CRCValidationError, RuntimeError, zstandard.ZstdError, struct.error, ValueError)
@@ -157,7 +163,8 @@ class Reader:
 
     What was found on the way stands in the attributes, complete after the last sample: `metadata` by name (of
     several tables with one name the first), `whole` if the file ends as it should, `broken_chunks` that did
-    not fit their checksum, and `lost_bytes` at the end that nothing could be made of.
+    not fit their checksum or would unpack to more than a recording does, and `lost_bytes` at the end that
+    nothing could be made of.
     Raises ValueError for what is no MCAP file at all, OSError for what cannot be read.
     """
 
@@ -166,10 +173,12 @@ class Reader:
     whole: bool = False
     broken_chunks: int = 0
     lost_bytes: int = 0
+    unpacked_bytes: int = 0
 
     def __iter__(self) -> Iterator[Item]:
         """Read from the start."""
         self.metadata, self.whole, self.broken_chunks, self.lost_bytes = {}, False, 0, 0
+        self.unpacked_bytes = 0
         channels: dict[int, Channel] = {}
         with self.path.open("rb") as file:
             if file.read(len(MAGIC)) != MAGIC:
@@ -179,7 +188,11 @@ class Reader:
                     channels[record.id] = record
                 elif isinstance(record, Metadata):
                     self.metadata.setdefault(record.name, record.metadata)
-                elif isinstance(record, Message) and record.channel_id in channels:
+                elif (
+                    isinstance(record, Message)
+                    and record.channel_id in channels
+                    and max(record.log_time, record.publish_time) <= MAX_TIME_NS
+                ):
                     channel = channels[record.channel_id]
                     encoding = channel.metadata.get("zenoh", f"application/{channel.message_encoding}")
                     yield Item(channel.topic, encoding, record.data, record.log_time, record.publish_time)
@@ -200,30 +213,44 @@ class Reader:
             body = file.read(min(length, 2**31))
             if len(body) < length:
                 self.lost_bytes = _HEAD.size + len(body)
-                yield from self._rest(opcode, body)
+                yield from self._rest(opcode, body, file.tell())
                 return
-            yield from self._whole(opcode, body)
+            yield from self._whole(opcode, body, file.tell())
 
-    def _whole(self, opcode: int, body: bytes) -> list[McapRecord]:
+    def _whole(self, opcode: int, body: bytes, read_bytes: int) -> list[McapRecord]:
         stream = ReadDataStream(BytesIO(body))
         try:
             if opcode == Opcode.CHUNK:
-                return breakup_chunk(Chunk.read(stream), validate_crc=True)
+                chunk = Chunk.read(stream)
+                self._admit(chunk.uncompressed_size, read_bytes)
+                if chunk.compression == "zstd":
+                    data = _unpacked(chunk.data, chunk.uncompressed_size)
+                    chunk = replace(chunk, compression="", data=data)
+                return breakup_chunk(chunk, validate_crc=True)
             if opcode == Opcode.METADATA:
                 return [Metadata.read(stream)]
         except _BROKEN:
             self.broken_chunks += opcode == Opcode.CHUNK
         return []
 
-    def _rest(self, opcode: int, body: bytes) -> Iterator[McapRecord]:
+    def _admit(self, size: int, read_bytes: int) -> None:
+        """Count a chunk that unpacks to `size`; raise ValueError where that is more than a recording has."""
+        self.unpacked_bytes += size
+        if self.unpacked_bytes > FREE_BYTES + MAX_RATIO * read_bytes:
+            self.unpacked_bytes -= size
+            raise ValueError("a chunk unpacks to more than a recording has")
+
+    def _rest(self, opcode: int, body: bytes, read_bytes: int) -> Iterator[McapRecord]:
         """Give the whole samples at the beginning of a cut chunk: few, for it is compressed as one block."""
         if opcode != Opcode.CHUNK or len(body) < _CHUNK_HEAD.size:
             return
-        name_end = _CHUNK_HEAD.size + _CHUNK_HEAD.unpack_from(body)[4]
+        *_, size, _, name_bytes = _CHUNK_HEAD.unpack_from(body)
+        name_end = _CHUNK_HEAD.size + name_bytes
         compression, data = body[_CHUNK_HEAD.size : name_end], body[name_end + 8 :]
         if compression == b"zstd":
-            with suppress(zstandard.ZstdError):
-                data = zstandard.ZstdDecompressor().decompressobj().decompress(data)
+            with suppress(ValueError, zstandard.ZstdError):
+                self._admit(size, read_bytes)
+                data = _unpacked(data, size)
         at = 0
         while at + _HEAD.size <= len(data):
             opcode, length = _HEAD.unpack_from(data, at)
@@ -238,3 +265,9 @@ class Reader:
                 yield Schema.read(stream)
             elif opcode == Opcode.MESSAGE:
                 yield Message.read(stream, length)
+
+
+def _unpacked(data: bytes, size: int) -> bytes:
+    """Return what zstd made `data` of, all that can be had of it, `size` bytes at most."""
+    with zstandard.ZstdDecompressor().stream_reader(data) as reader:
+        return reader.read(size)

@@ -14,6 +14,8 @@ from dashboard.recording import Reader
 
 Array = NDArray[np.float64]
 GAP_S = 2.0
+ABSURD = 1e12
+"""No number of a dive is larger: it was spoiled, and counts as absent."""
 
 
 class Truth(msgspec.Struct):
@@ -105,8 +107,8 @@ def load(files: Sequence[Path]) -> Log:
         metadata = {**reader.metadata, **metadata}
         if not reader.whole:
             notes.append(f"{file.name} was cut: {reader.lost_bytes} bytes at its end are lost")
-    if not rows.get("state") or not rows.get("supervisor"):
-        raise ValueError(f"{', '.join(map(str, files))}: no dive in it")
+    if lacking := [tail for tail in telemetry.EVERY_TICK if not rows.get(tail)]:
+        raise ValueError(f"{', '.join(map(str, files))}: no dive in it, for there is no {lacking[0]}")
     began_ns = rows["state"][0][0]
     keys = {
         tail: _columns(samples, began_ns)
@@ -146,6 +148,8 @@ def _columns(samples: list[tuple[int, Record]], began_ns: int) -> Columns:
         for name in record.absent:
             if name in columns:
                 columns[name][place[row]] = np.nan
+    for column in columns.values():
+        column[np.abs(column) > ABSURD] = np.nan
     return Columns(at_s[order], columns)
 
 

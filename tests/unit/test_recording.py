@@ -1,6 +1,7 @@
 """A recording keeps what came, plots as it is, and gives back all but a cut end."""
 
 import json
+import struct
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,7 @@ from companion import telemetry
 from companion.types import ControlSample
 from dashboard.json_schema import schema_of
 from dashboard.recorder import Limits, Recorder
-from dashboard.recording import Disk, Item, Reader, Recording
+from dashboard.recording import FREE_BYTES, MAGIC, MAX_RATIO, Disk, Item, Reader, Recording
 from dashboard.recover import main as recover_main
 from dashboard.recover import recover
 
@@ -344,3 +345,45 @@ def test_the_status_tells_the_vehicle_s_time(tmp_path: Path, make_sample: MakeSa
     kept.take(key, encoding, payload, UTC_NS, 7.0)
     status = kept.status(7.5, 3)
     assert (status.t_s, status.boot_s, status.dropped) == (500.5, 34.5, 3)
+
+
+# --- What a stranger's file may cost ----------------------------------------------------------------------
+
+
+def bomb(path: Path, chunks: int, chunk_bytes: int) -> Path:
+    """A small file whose chunks unpack to a great many zeros."""
+    import zstandard
+
+    plain = bytes(chunk_bytes)
+    packed = zstandard.compress(plain)
+    body = struct.pack("<QQQII", 0, 0, chunk_bytes, 0, 4) + b"zstd" + struct.pack("<Q", len(packed)) + packed
+    record = struct.pack("<BQ", 0x06, len(body)) + body
+    path.write_bytes(MAGIC + record * chunks)
+    return path
+
+
+def test_a_file_may_not_unpack_to_more_than_a_recording_does(tmp_path: Path) -> None:
+    path = bomb(tmp_path / "bomb.mcap", chunks=256, chunk_bytes=4 << 20)
+    reader = Reader(path)
+    assert list(reader) == []
+    assert reader.unpacked_bytes <= FREE_BYTES + MAX_RATIO * path.stat().st_size < 50 << 20
+
+
+def test_a_chunk_that_says_less_than_it_holds_is_broken(tmp_path: Path, written: Path) -> None:
+    data = bytearray(written.read_bytes())
+    at = data.index(b"zstd", data.index(b"zstd") + 4) - 16  # of the second chunk
+    (size,) = struct.unpack_from("<Q", data, at)
+    struct.pack_into("<Q", data, at, size // 2)
+    written.write_bytes(data)
+    reader = Reader(written)
+    assert len(list(reader)) > 0
+    assert reader.broken_chunks == 1
+
+
+def test_a_sample_of_a_time_that_cannot_be_is_left_out(tmp_path: Path) -> None:
+    path = tmp_path / "late.mcap"
+    recording = Recording(path)
+    for stamp in (UTC_NS, 2**63, 2**64 - 1, UTC_NS + 1):
+        recording.add(Item("holdfast/kelp/note", "application/octet-stream", b"x", stamp, stamp))
+    recording.close()
+    assert [item.log_ns for item in Reader(path)] == [UTC_NS, UTC_NS + 1]
