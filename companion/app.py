@@ -28,7 +28,7 @@ from companion.config import Config
 from companion.endpoint import Endpoint
 from companion.engine import Engine
 from companion.events import Chronicle
-from companion.links import Link
+from companion.links import Admission, Link
 from companion.mavlink.relay import Relay
 from companion.mavlink.signing import Signing, read_key
 from companion.operator import Desk, Handed
@@ -88,13 +88,18 @@ class App:
     def __init__(self, config: Config, setpoint: Setpoint, *, arm: bool, requests: Sequence[Request]) -> None:
         self._config = config
         self._inbox: deque[tuple[int, bytes]] = deque(maxlen=INBOX)
-        self._link = Link(Endpoint.parse(config.link.endpoint), "vehicle", self._from_vehicle)
-        self._engine = Engine(config, setpoint, arm=arm, signing=signing_of(config))
+        engine = self._engine = Engine(config, setpoint, arm=arm, signing=signing_of(config))
+        endpoint = Endpoint.parse(config.link.endpoint)
+        admission = Admission(engine.sender, engine.hello, config.link.allow)
+        self._link = Link(endpoint, "vehicle", self._from_vehicle, admission)
         self._ground: Link | None = None
         if config.ground_station.endpoint:
             self._relay = Relay(config, signing_of(config))
             endpoint = Endpoint.parse(config.ground_station.endpoint)
-            self._ground = Link(endpoint, "ground station", self._from_ground)
+            admission = Admission(self._relay.sender, engine.hello, config.ground_station.allow)
+            self._ground = Link(endpoint, "ground station", self._from_ground, admission)
+        self._links = [link for link in (self._link, self._ground) if link is not None]
+        self._peer_changes = 0
         telemetry = config.telemetry
         self._desk = Desk(config, setpoint.eta_d)
         self._chronicle = Chronicle()
@@ -124,8 +129,7 @@ class App:
             log.error("refused to start: %s", error)
             return 1
         on_ending_signal(loop, self._stop.set)
-        links = [link for link in (self._link, self._ground) if link is not None]
-        running = [loop.create_task(link.run()) for link in links]
+        running = [loop.create_task(link.run()) for link in self._links]
         for task in running:
             task.add_done_callback(self._link_ended)
         gc.collect()
@@ -146,7 +150,7 @@ class App:
             for task in running:
                 task.cancel()
             await asyncio.gather(*running, return_exceptions=True)
-            for link in links:
+            for link in self._links:
                 link.close()
             self._publisher.close()
         if self._failure is not None:
@@ -175,6 +179,8 @@ class App:
         self._late_ticks += periods - 1
         self._ticks += 1
         lateness_ns = now_ns - (ticker.start_ns + (self._periods - 1) * self._period_ns)
+        peers = _drained(*(link.changes for link in self._links))
+        self._peer_changes += len(peers)
         health = LoopHealth(
             tick=self._ticks,
             rate_hz=self._ticks / ((now_ns - ticker.start_ns + self._period_ns) / NS_PER_S),
@@ -182,6 +188,8 @@ class App:
             compute_us=self._compute_ns / 1e3,
             late_ticks=self._late_ticks,
             samples_dropped=self._publisher.dropped,
+            strangers=sum(link.strangers for link in self._links),
+            peer_changes=self._peer_changes,
         )
         now_s = now_ns / NS_PER_S
         engine, desk = self._engine, self._desk
@@ -204,16 +212,12 @@ class App:
         self._compute_ns = time.monotonic_ns() - now_ns
         if handed.config is not None:
             self._publisher.config = msgspec.json.encode(handed.config)
-        events = self._chronicle.step(sample, self._desk.taken, self._rivals())
+        events = self._chronicle.step(sample, self._desk.taken, _drained(self._publisher.rivals), peers)
         self._publisher.offer(sample, self._raw(now_s, datagrams, ground, out, requests, handed), events)
         for event in events:
             if event.kind != "state":
                 log.info("%s: %s", event.kind, event.text)
         self._report(now_ns, sample)
-
-    def _rivals(self) -> list[str]:
-        rivals = self._publisher.rivals
-        return [rivals.popleft() for _ in range(len(rivals))]
 
     def _raw(
         self,
@@ -275,6 +279,11 @@ def on_ending_signal(loop: asyncio.AbstractEventLoop, leave: Callable[[], object
     for number in signal.valid_signals() - UNANSWERED - STOPPING:
         if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:
             loop.add_signal_handler(number, leave)
+
+
+def _drained(*queues: deque[str]) -> list[str]:
+    """Return what waits in queues that others fill, and leave them empty."""
+    return [queue.popleft() for queue in queues for _ in range(len(queue))]
 
 
 def signing_of(config: Config) -> Signing | None:

@@ -10,7 +10,7 @@ from companion.check import Grade, Row
 from companion.config import Config
 from companion.endpoint import Endpoint
 from companion.inspection import Inspection
-from companion.links import Link
+from companion.links import Admission, Link
 
 
 def inspect(
@@ -33,7 +33,10 @@ async def _inspect(
     inbox: deque[tuple[int, bytes]] = deque(maxlen=INBOX)
     inspection = Inspection(config, origin=origin, thrusters=thrusters, signing=signing_of(config))
     link = Link(
-        Endpoint.parse(config.link.endpoint), "vehicle", lambda t_ns, data: inbox.append((t_ns, data))
+        Endpoint.parse(config.link.endpoint),
+        "vehicle",
+        lambda t_ns, data: inbox.append((t_ns, data)),
+        Admission(inspection.sender, inspection.hello, config.link.allow),
     )
     wire = asyncio.create_task(link.run())
     here = asyncio.current_task()

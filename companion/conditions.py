@@ -42,6 +42,7 @@ class Watched:
     """By how much measurements missed what was expected, averaged."""
     samples_dropped: bool = False
     config_changed: bool = False
+    peer_changed: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -299,6 +300,13 @@ CONDITIONS = (
         (),
         "our configuration or a parameter of the autopilot changed while running, less than 2 s ago",
         "see that it was you",
+    ),
+    Look(
+        C.PEER_CHANGED,
+        lambda o, limits: o.watched.peer_changed,
+        (),
+        "a link that listens turned to another sender less than 2 s ago: the one before had fallen silent",
+        "see that it was you; list the addresses in link.allow or ground_station.allow, or set a signing key",
     ),
     Look(
         C.PILOT_TAKEOVER,

@@ -6,6 +6,7 @@ Units stand in the key names. The shipped file, `config/companion.toml`, explain
 import re
 import tomllib
 from collections.abc import Sequence
+from ipaddress import ip_network
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args, get_type_hints
 
@@ -58,6 +59,7 @@ class Link(Section, frozen=True):
     vehicle_component: SystemId
     signing_key_file: str
     signing_link_id: Annotated[int, msgspec.Meta(ge=0, le=255)]
+    allow: tuple[str, ...]
 
 
 class GroundStation(Section, frozen=True):
@@ -70,6 +72,7 @@ class GroundStation(Section, frozen=True):
     full_deflection_s: Seconds
     engage_button: Annotated[int, msgspec.Meta(ge=-1, le=15)]
     release_button: Annotated[int, msgspec.Meta(ge=-1, le=15)]
+    allow: tuple[str, ...]
 
 
 class Loop(Section, frozen=True):
@@ -246,6 +249,17 @@ def load_config(path: Path = DEFAULT_FILE, overrides: Sequence[str] = ()) -> Con
             f"{path}: ground_station.engage_button = {ground.engage_button}: release_button is the same; "
             "want two different ones, or -1 for none"
         )
+    for key, allow in (
+        ("link.allow", config.link.allow),
+        ("ground_station.allow", config.ground_station.allow),
+    ):
+        try:
+            for text in allow:
+                ip_network(text)
+        except ValueError as error:
+            raise ConfigError(
+                f'{path}: {key}: {error}; list addresses and networks, such as "192.168.2.0/24"'
+            ) from error
     if config.ground_station.endpoint and config.vehicle.thrust_path != "manual_control":
         raise ConfigError(
             f"{path}: vehicle.thrust_path = {config.vehicle.thrust_path!r}: must be 'manual_control' with a "

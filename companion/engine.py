@@ -38,6 +38,7 @@ from companion.types import (
     FrameShift,
     LoopHealth,
     Request,
+    Sender,
     Setpoint,
     State,
     StatusText,
@@ -197,6 +198,14 @@ class Engine:
         mode = self._modes.parting()
         neutral = self._autopilot.neutral() if self.steering else b""
         return neutral + (self._autopilot.set_mode(mode) if mode is not None else b"")
+
+    def sender(self, datagram: bytes) -> Sender:
+        """Tell whether a datagram is our vehicle's, for a link that listens (`Autopilot.sender`)."""
+        return self._autopilot.sender(datagram)
+
+    def hello(self) -> bytes:
+        """Return a heartbeat for whoever is not yet our peer (`Autopilot.hello`)."""
+        return self._autopilot.hello()
 
     @property
     def config(self) -> Config:

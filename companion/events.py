@@ -34,11 +34,16 @@ class Chronicle:
         self._turned_rad = 0.0
 
     def step(
-        self, sample: ControlSample, taken: Sequence[Taken] = (), rivals: Sequence[str] = ()
+        self,
+        sample: ControlSample,
+        taken: Sequence[Taken] = (),
+        rivals: Sequence[str] = (),
+        peers: Sequence[str] = (),
     ) -> list[Event]:
         """Return what happened in this tick.
 
-        `taken` are the commands that were answered, `rivals` other companions of this vehicle's name.
+        `taken` are the commands that were answered, `rivals` other companions of this vehicle's name, `peers`
+        says which link turned to whom.
         """
         verdict = sample.verdict
         conditions = verdict.conditions & ~ASKED
@@ -49,6 +54,7 @@ class Chronicle:
             ("warning", "condition", f"another companion of this name came: instance {printable(rival)}")
             for rival in rivals
         ]
+        happened += [("warning", "condition", change) for change in peers]
         for text in sample.texts:
             severity: _Severity = "info"
             if text.severity <= MAV_SEVERITY_WARNING:

@@ -17,7 +17,16 @@ from companion.mavlink.autopilot import Autopilot
 from companion.mavlink.signing import Signing
 from companion.survey import Directions, Survey
 from companion.thrust import Thrusters
-from companion.types import NEUTRAL, Attitude, AxisCommand, DepthRate, Event, ServoOutput, VehicleState
+from companion.types import (
+    NEUTRAL,
+    Attitude,
+    AxisCommand,
+    DepthRate,
+    Event,
+    Sender,
+    ServoOutput,
+    VehicleState,
+)
 
 CONTACT_S = 10.0
 LISTEN_S = 12.0
@@ -75,6 +84,14 @@ class Inspection:
         if not self.done:
             self.done = next(self._script, True) is True
         return self._out
+
+    def sender(self, datagram: bytes) -> Sender:
+        """Tell whether a datagram is our vehicle's, for a link that listens (`Autopilot.sender`)."""
+        return self._autopilot.sender(datagram)
+
+    def hello(self) -> bytes:
+        """Return a heartbeat for whoever is not yet our peer (`Autopilot.hello`)."""
+        return self._autopilot.hello()
 
     def farewell(self) -> list[bytes]:
         """Return what ends a look that was broken off: neutral where a thruster may turn."""

@@ -11,13 +11,19 @@ import socket
 import termios
 import time
 import tty
-from collections.abc import Callable
+from collections import deque
+from collections.abc import Callable, Sequence
 from io import FileIO
-from typing import cast
+from ipaddress import ip_address, ip_network
+from typing import NamedTuple, cast
 
 from companion.endpoint import Endpoint
+from companion.types import Sender
 
-PEER_SILENT_NS = 1_000_000_000
+PEER_SILENT_NS = 2_500_000_000
+"""Of a vehicle or a ground station that says nothing else, two heartbeats may be late or lost."""
+PEER_LOOK_NS = 100_000_000
+"""A peer's datagrams are looked at once in this time, to see that it is still the one it was."""
 RECONNECT_S = (0.25, 4.0)
 MAX_DATAGRAM = 65507
 MAX_UNSENT_BYTES = 1 << 16
@@ -28,17 +34,47 @@ TCP_GIVE_UP_MS = 5000
 log = logging.getLogger("holdfast")
 
 
+class Admission(NamedTuple):
+    """Who may become the peer of a link that listens.
+
+    `sender` says whose a datagram is; whoever is BEHIND is told the time by `hello`; `allow` lists addresses
+    and networks, any if empty.
+    """
+
+    sender: Callable[[bytes], Sender]
+    hello: Callable[[], bytes]
+    allow: Sequence[str] = ()
+
+    def allows(self, host: str) -> bool:
+        """Tell whether an address is within `allow`."""
+        address = ip_address(host)
+        address = getattr(address, "ipv4_mapped", None) or address
+        return not self.allow or any(address in ip_network(network) for network in self.allow)
+
+
 class Link(asyncio.DatagramProtocol, asyncio.Protocol):
     """One wire to a peer. `arrived` gets (arrival in monotonic ns, bytes), a datagram or a piece of a stream.
 
-    A UDP listener answers whoever was heard; it turns to another peer once the first is silent for a second.
+    A UDP listener has one peer at a time. A sender becomes and stays the peer by datagrams that are EXPECTED,
+    from an address that `admission` allows. Another can become it once no such datagram has come for
+    PEER_SILENT_NS; `changes` then says so. What others send is dropped and counted in `strangers`.
+
     What cannot be sent is dropped: the next tick has newer commands.
     """
 
-    def __init__(self, endpoint: Endpoint, name: str, arrived: Callable[[int, bytes], None]) -> None:
+    def __init__(
+        self,
+        endpoint: Endpoint,
+        name: str,
+        arrived: Callable[[int, bytes], None],
+        admission: Admission,
+    ) -> None:
         self.endpoint = endpoint
+        self.strangers = 0
+        self.changes: deque[str] = deque(maxlen=8)
         self._name = name
         self._arrived = arrived
+        self._admission = admission
         self._stream: asyncio.WriteTransport | None = None
         self._reader: asyncio.BaseTransport | None = None
         self._datagrams: asyncio.DatagramTransport | None = None
@@ -114,13 +150,33 @@ class Link(asyncio.DatagramProtocol, asyncio.Protocol):
     def datagram_received(self, data: bytes, addr: tuple[str, int]) -> None:
         """Stamp a datagram and hand it on (asyncio calls this)."""
         now_ns = time.monotonic_ns()
-        if self.endpoint.kind == "udp-listen" and addr[:2] != self._peer:
-            if self._peer is not None and now_ns - self._peer_heard_ns < PEER_SILENT_NS:
-                return
-            log.info("%s link: heard %s:%d", self._name, *addr[:2])
-            self._peer = addr[:2]
-        self._peer_heard_ns = now_ns
+        if self.endpoint.kind == "udp-listen" and not self._is_from_peer(now_ns, data, addr[:2]):
+            self.strangers += 1
+            return
         self._arrived(now_ns, data)
+
+    def _is_from_peer(self, now_ns: int, data: bytes, address: tuple[str, int]) -> bool:
+        """Tell whether a datagram is the peer's; take its sender as the peer where there is none."""
+        silent_ns = now_ns - self._peer_heard_ns
+        if address == self._peer:
+            if silent_ns > PEER_LOOK_NS and self._admission.sender(data) is Sender.EXPECTED:
+                self._peer_heard_ns = now_ns
+            return True
+        taken = self._peer is not None and silent_ns < PEER_SILENT_NS
+        if taken or not self._admission.allows(address[0]):
+            return False
+        sender = self._admission.sender(data)
+        if sender is not Sender.EXPECTED:
+            if sender is Sender.BEHIND and self._datagrams is not None:
+                self._datagrams.sendto(self._admission.hello(), address)
+            return False
+        if self._peer is None:
+            log.info("%s link: heard %s", self._name, _shown(address))
+        else:
+            change = f"{_shown(address)} speaks now, {_shown(self._peer)} no more"
+            self.changes.append(f"{self._name} link: {change}")
+        self._peer, self._peer_heard_ns = address, now_ns
+        return True
 
     def data_received(self, data: bytes) -> None:
         """Stamp a piece of the stream and hand it on (asyncio calls this)."""
@@ -134,6 +190,10 @@ class Link(asyncio.DatagramProtocol, asyncio.Protocol):
         self.close()
         self._stream = self._reader = self._datagrams = None
         self._lost.set()
+
+
+def _shown(address: tuple[str, int]) -> str:
+    return f"{address[0]}:{address[1]}"
 
 
 def open_serial(device: str, baud: int) -> FileIO:

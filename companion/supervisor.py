@@ -105,6 +105,7 @@ NOTICES = (
     Notice(C.BATTERY_LOW, freeze=False),
     Notice(C.QUEUE_FULL, freeze=False),
     Notice(C.CONFIG_CHANGED, freeze=False),
+    Notice(C.PEER_CHANGED, freeze=False),
 )
 WARNS = NOTHING
 FREEZES = NOTHING

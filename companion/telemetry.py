@@ -150,7 +150,7 @@ class Loop(Record, frozen=True, kw_only=True):
     datagrams: Annotated[int, means("received")]
     messages: Annotated[int, means("MAVLink messages understood")]
     garbage: Annotated[int, means("bytes that were no MAVLink")]
-    foreign: Annotated[int, means("messages of other systems")]
+    foreign: Annotated[int, means("messages of other systems, and datagrams of others than a link's peer")]
     implausible: Annotated[int, means("messages with numbers that cannot be")]
     pilot_age_s: Annotated[float, means("since the ground station's heartbeat")] = NEVER_S
     refused: Annotated[int, means("frames whose MAVLink signature was bad, missing or replayed")] = 0
@@ -390,7 +390,7 @@ def records(sample: ControlSample) -> list[Schema]:
             datagrams=counters.datagrams,
             messages=counters.messages,
             garbage=counters.garbage,
-            foreign=counters.foreign,
+            foreign=counters.foreign + loop.strangers,
             implausible=counters.implausible,
             refused=counters.refused,
             pilot_age_s=min(state.ages.pilot_s, NEVER_S),

@@ -7,7 +7,7 @@ Times: `t_s` is this machine's monotonic clock, `boot_s` the autopilot's clock.
 
 import math
 from dataclasses import dataclass, field
-from enum import IntEnum, IntFlag, StrEnum, auto
+from enum import Enum, IntEnum, IntFlag, StrEnum, auto
 
 import numpy as np
 from numpy.typing import NDArray
@@ -275,6 +275,15 @@ Event = (
 )
 
 
+class Sender(Enum):
+    """Whose a datagram is, for a link that listens."""
+
+    STRANGER = auto()
+    BEHIND = auto()
+    """Rightly signed, and not new: a replay, or a sender whose clock has to learn the time from us."""
+    EXPECTED = auto()
+
+
 @dataclass(slots=True)
 class LinkCounters:
     """What became of the bytes that came in. Counted, never raised."""
@@ -463,6 +472,7 @@ class Condition(IntFlag):
     CLOCK_INCONSISTENT = auto()
     YAW_RESET = auto()
     POSITION_RESET = auto()
+    PEER_CHANGED = auto()
 
 
 @dataclass(frozen=True, slots=True)
@@ -518,6 +528,9 @@ class LoopHealth:
     compute_us: float
     late_ticks: int
     samples_dropped: int
+    strangers: int = 0
+    """Datagrams of others than the links' peers."""
+    peer_changes: int = 0
 
 
 @dataclass(frozen=True, slots=True)

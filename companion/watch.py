@@ -46,9 +46,10 @@ class Watch:
         self._pilot_deflection = 0.0
         self._heartbeat: Heartbeat | None = None
         self._steering_since_s: float | None = None
-        self._dropped = 0
         self._clock_t_s = -math.inf
         self._clock_doubt_s = 0.0
+        self._dropped = self._peer_changes = 0
+        self._peer_t_s = -math.inf
         self._ekf_doubt_s = self._battery_low_s = self._saturated_s = self._off_track_s = 0.0
         self._surprise = [0.0] * 4
         self.pilot_heard_s = -math.inf
@@ -100,6 +101,8 @@ class Watch:
             self._steering_since_s = None
         elif self._steering_since_s is None:
             self._steering_since_s = now_s
+        if loop.peer_changes > self._peer_changes:
+            self._peer_changes, self._peer_t_s = loop.peer_changes, now_s
         if loop.samples_dropped > self._dropped:
             self._dropped, self._dropped_t_s = loop.samples_dropped, now_s
         doubtful = self._ekf is not None and not self._ekf.variance <= limits.max_ekf_variance
@@ -137,6 +140,7 @@ class Watch:
             surprise_m=max(surprise[:PSI]),
             surprise_deg=math.degrees(surprise[PSI]),
             samples_dropped=now_s - self._dropped_t_s <= ANNOUNCED_S,
+            peer_changed=now_s - self._peer_t_s <= ANNOUNCED_S,
             config_changed=now_s - self._changed_t_s <= ANNOUNCED_S,
         )
 

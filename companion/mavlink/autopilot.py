@@ -31,6 +31,7 @@ from companion.types import (
     Flags,
     LinkCounters,
     PilotSticks,
+    Sender,
     ServoOutput,
 )
 
@@ -64,10 +65,20 @@ class Autopilot:
             signing=signing,
         )
         self._onboard = Packer(link.vehicle_system, link.component, signing)
+        self._hello = Packer(link.vehicle_system, link.component, signing)
+        """Beside the ticks: it must not shift the sequence numbers of what they send."""
         self._signing = signing
         self._freshness = Freshness()
         self._path = vehicle.thrust_path
         self._tilts = config.levels
+
+    def sender(self, datagram: bytes) -> Sender:
+        """Tell whether a datagram is our vehicle's: with a key, by a frame that is signed and new."""
+        return self._codec.sender(datagram)
+
+    def hello(self) -> bytes:
+        """Return a heartbeat for whoever is not yet our peer; signed, it tells the time."""
+        return self._hello.encode(self._commands.heartbeat())
 
     def receive(self, datagrams: Sequence[tuple[int, bytes]]) -> list[Event]:
         """Turn datagrams, each with its arrival in monotonic ns, into events. Never raises for any bytes."""

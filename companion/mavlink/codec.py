@@ -11,7 +11,7 @@ from typing import Any, Final, TypeAlias
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from companion.mavlink.signing import Signing
-from companion.types import LinkCounters
+from companion.types import LinkCounters, Sender
 
 Message: TypeAlias = Any
 """A pymavlink message: one of the classes `mavlink.MAVLink_*_message`."""
@@ -22,6 +22,8 @@ HEADER_BYTES: Final = 10
 CHECKSUM_BYTES: Final = 2
 SIGNATURE_BYTES: Final = 13
 PARTIAL_TIMEOUT_S: Final = 0.2
+MAX_FRAMES_LOOKED_AT: Final = 32
+"""Of a datagram, before it is known whose it is."""
 
 _STEERING: Final = frozenset(
     {mavlink.MAVLINK_MSG_ID_MANUAL_CONTROL, mavlink.MAVLINK_MSG_ID_RC_CHANNELS_OVERRIDE}
@@ -115,6 +117,25 @@ class Codec:
                     break
         return messages
 
+    def sender(self, data: bytes) -> Sender:
+        """Tell whose a datagram is. The vehicle's begins with sound frames, one of which is its own.
+
+        With `signing` that must be signed and new as well; `decode` will still find it new. Junk costs one
+        checksum.
+        """
+        at = 0
+        for _ in range(MAX_FRAMES_LOOKED_AT):
+            size = _frame_size(data, at) if at < len(data) else 0
+            frame = data[at : at + size]
+            if len(frame) < max(size, 1) or not _is_sound(frame, _message_id(frame)):
+                break
+            if (frame[5], frame[6]) == self._target:
+                sender = Sender.EXPECTED if self._signing is None else self._signing.sender(frame)
+                self.counters.refused += sender is not Sender.EXPECTED
+                return sender
+            at += size
+        return Sender.STRANGER
+
     def _may_wait(self, t_s: float, waited: bool) -> bool:
         return self._stream and not (waited and t_s - self._rest_since_s > PARTIAL_TIMEOUT_S)
 
@@ -126,7 +147,7 @@ class Codec:
     def _open(self, frame: bytes, messages: list[Message]) -> bool:
         """Append the frame's message if it is for us; False if it is no frame at all."""
         sender = (frame[5], frame[6])
-        message_id = frame[7] | frame[8] << 8 | frame[9] << 16
+        message_id = _message_id(frame)
         from_vehicle = sender == self._target
         rival = message_id in _STEERING and not from_vehicle and sender != self._source
         if not _is_sound(frame, message_id):
@@ -161,6 +182,10 @@ class Codec:
             return self._mav.decode(bytearray(frame))
         except mavlink.MAVError:
             return None
+
+
+def _message_id(frame: bytes) -> int:
+    return frame[7] | frame[8] << 8 | frame[9] << 16
 
 
 def _frame_size(data: bytes, at: int) -> int:

@@ -16,9 +16,9 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from companion.config import Config
 from companion.endpoint import Endpoint
 from companion.mavlink.ardusub import override_deflection, pilot_sticks
-from companion.mavlink.codec import PARTIAL_TIMEOUT_S
+from companion.mavlink.codec import MAX_FRAMES_LOOKED_AT, PARTIAL_TIMEOUT_S
 from companion.mavlink.signing import Signing
-from companion.types import Event, PilotHeartbeat, PilotInput
+from companion.types import Event, PilotHeartbeat, PilotInput, Sender
 
 NS_PER_S: Final = 1e9
 MAX_DATAGRAM: Final = 1400
@@ -164,16 +164,36 @@ class Relay:
         self._bytes = 0
         return heard
 
+    def sender(self, data: bytes) -> Sender:
+        """Tell whose a datagram is. The pilot's begins with sound frames, one of which the engine would get.
+
+        Where there is a key that must be signed and new as well; `to_vehicle` will still find it new.
+        """
+        at = 0
+        for _ in range(MAX_FRAMES_LOOKED_AT):
+            size, frame = frame_at(data, at) if at < len(data) else (0, None)
+            if frame is None:
+                break
+            if self._is_beacon(frame) or self._is_steering(frame):
+                if self._signing is None:
+                    return Sender.EXPECTED
+                return self._signing.sender(data[at : at + size]) if frame.version == 2 else Sender.STRANGER
+            at += size
+        return Sender.STRANGER
+
     def _concerns_us(self, t_ns: int, frame: Frame, data: bytes) -> bool:
         """Keep the pilot's heartbeat and steering for the engine; tell whether it is steering."""
-        if frame.id == HEARTBEAT:
-            heeded, steering = frame.message().type == mavlink.MAV_TYPE_GCS, False
-        else:
-            link = self._link
-            heeded = steering = frame.system == link.system and _steers(frame, link.vehicle_system)
-        if heeded and self._believed(frame, data):
+        steering = self._is_steering(frame)
+        if (steering or self._is_beacon(frame)) and self._believed(frame, data):
             self._heard.append((t_ns, data))
         return steering
+
+    def _is_beacon(self, frame: Frame) -> bool:
+        """Tell whether it is a ground station's heartbeat."""
+        return frame.id == HEARTBEAT and bool(frame.message().type == mavlink.MAV_TYPE_GCS)
+
+    def _is_steering(self, frame: Frame) -> bool:
+        return frame.system == self._link.system and _steers(frame, self._link.vehicle_system)
 
     def _believed(self, frame: Frame, data: bytes) -> bool:
         return self._signing is None or (frame.version == 2 and self._signing.accepts(data))

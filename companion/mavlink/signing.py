@@ -13,8 +13,10 @@ import re
 from pathlib import Path
 
 from companion.config import ConfigError
+from companion.types import Sender
 
 KEY_BYTES = 32
+MIN_SIGNED_BYTES = 25
 EPOCH_S = 1_420_070_400
 UNITS_PER_S = 100_000
 NEW_STREAM_UNITS = 60 * UNITS_PER_S
@@ -45,19 +47,37 @@ class Signing:
         return self._timestamp
 
     def accepts(self, frame: bytes) -> bool:
-        """Tell whether a whole MAVLink 2 frame is signed with our key, and later than its sender's last."""
-        if len(frame) < 25 or not frame[2] & 1:
+        """Tell whether a whole MAVLink 2 frame is signed with our key, and later than its sender's last.
+
+        It is remembered: the same frame is refused next time.
+        """
+        if not (
+            len(frame) >= MIN_SIGNED_BYTES and frame[2] & 1 and self._is_new(frame) and self._is_signed(frame)
+        ):
             return False
-        stream = (frame[-13], frame[5], frame[6])
-        timestamp = int.from_bytes(frame[-12:-6], "little")
-        if timestamp <= self._seen.get(stream, self._timestamp - NEW_STREAM_UNITS):
-            return False
-        signature = hashlib.sha256(self.key + frame[:-6]).digest()[:6]
-        if not hmac.compare_digest(signature, frame[-6:]):
-            return False
+        stream, timestamp = _stamp(frame)
         self._seen[stream] = timestamp
         self._timestamp = max(self._timestamp, timestamp)
         return True
+
+    def sender(self, frame: bytes) -> Sender:
+        """Tell whether a frame's sender has our key. Nothing is remembered: `accepts` still finds it new."""
+        if not (len(frame) >= MIN_SIGNED_BYTES and frame[2] & 1 and self._is_signed(frame)):
+            return Sender.STRANGER
+        return Sender.EXPECTED if self._is_new(frame) else Sender.BEHIND
+
+    def _is_new(self, frame: bytes) -> bool:
+        stream, timestamp = _stamp(frame)
+        return timestamp > self._seen.get(stream, self._timestamp - NEW_STREAM_UNITS)
+
+    def _is_signed(self, frame: bytes) -> bool:
+        signature = hashlib.sha256(self.key + frame[:-6]).digest()[:6]
+        return hmac.compare_digest(signature, frame[-6:])
+
+
+def _stamp(frame: bytes) -> tuple[tuple[int, int, int], int]:
+    """Return a signed frame's stream (link id, system, component) and its timestamp."""
+    return (frame[-13], frame[5], frame[6]), int.from_bytes(frame[-12:-6], "little")
 
 
 def read_key(path: Path) -> bytes:

@@ -9,11 +9,14 @@ import math
 import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
-from virtual import Dive, Somebody, active, hold
+from virtual import WITH_PILOT, Dive, Somebody, active, hold
 
+from companion.config import load_config
+from companion.mavlink.codec import Packer
+from companion.mavlink.relay import Relay
 from companion.mavlink.signing import Signing
 from companion.supervisor import CLEAR
-from companion.types import Condition, Request, State
+from companion.types import Condition, Request, Sender, State
 
 HEAVE, YAW = 2, 3
 PITCH, ROLL, THROTTLE, TURN, FORWARD, LATERAL = range(6)
@@ -576,3 +579,25 @@ def test_where_there_is_a_key_unsigned_sticks_are_neither_obeyed_nor_passed_whil
     assert dive.state is State.ACTIVE
     assert channels(dive)[FORWARD] == 1500
     assert steering_bytes(dive.cockpit.passed) == 0
+
+
+def test_the_pilots_link_is_taken_by_what_the_engine_would_heed_alone():
+    """A ground station's heartbeat, or steering; signed where there is a key, and not used up by looking."""
+    somebody, autopilot = Somebody(), Somebody(1, 1)
+    beat = somebody.frame(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
+    sticks = somebody.frame(mavlink.MAVLink_manual_control_message(1, 1, 0, 500, 0, 0))
+    foreign = autopilot.frame(mavlink.MAVLink_heartbeat_message(12, 3, 0, 0, 4, 3))
+    relay = Relay(load_config(overrides=WITH_PILOT))
+    for data in (beat, sticks, foreign + beat):
+        assert relay.sender(data) is Sender.EXPECTED
+    for data in (b"", b"\0", b"\xfd", foreign, beat[:-1], b"\0" + beat):
+        assert relay.sender(data) is Sender.STRANGER
+    keyed = Relay(load_config(overrides=WITH_PILOT), Signing(KEY))
+    assert keyed.sender(beat) is Sender.STRANGER
+    packer = Packer(255, 190, Signing(KEY, 1))
+    signed = packer.encode(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
+    assert keyed.sender(signed) is Sender.EXPECTED
+    assert keyed.sender(signed) is Sender.EXPECTED
+    keyed.to_vehicle(0, signed)
+    assert len(keyed.take()) == 1
+    assert keyed.sender(signed) is Sender.BEHIND, "a replay"

@@ -4,13 +4,14 @@ import asyncio
 import os
 import socket
 import time
-from contextlib import asynccontextmanager
+from contextlib import ExitStack, asynccontextmanager
 
 import pytest
 
 from companion import links
 from companion.endpoint import Endpoint
-from companion.links import Link
+from companion.links import Admission, Link
+from companion.types import Sender
 from lab.ports import free_port
 
 WAIT_S = 5.0
@@ -21,11 +22,20 @@ def quick(monkeypatch):
     monkeypatch.setattr(links, "RECONNECT_S", (0.02, 0.1))
 
 
+def sender(data):
+    """Whose a datagram is, in these tests."""
+    said = {b"vehicle": Sender.EXPECTED, b"lagging": Sender.BEHIND}
+    return said.get(data[:7], Sender.STRANGER)
+
+
+ANYBODY = Admission(sender, lambda: b"hello")
+
+
 @asynccontextmanager
-async def linked(endpoint):
+async def linked(endpoint, admission=ANYBODY):
     """A running link and the list of what arrived on it."""
     heard = []
-    link = Link(Endpoint.parse(endpoint), "test", lambda t_ns, data: heard.append((t_ns, data)))
+    link = Link(Endpoint.parse(endpoint), "test", lambda t_ns, data: heard.append((t_ns, data)), admission)
     task = asyncio.create_task(link.run())
     try:
         yield link, heard
@@ -168,36 +178,127 @@ def test_what_is_no_serial_line_is_said_and_tried_again(tmp_path, caplog):
     assert caplog.text.count("Inappropriate ioctl") == 1
 
 
-def test_a_udp_listener_turns_to_another_peer_only_when_the_first_falls_silent(monkeypatch):
+@pytest.fixture
+def senders():
+    """Three senders, each with an address of its own, to a free port: (port, senders)."""
+    port = free_port(socket.SOCK_DGRAM)
+    with ExitStack() as stack:
+        sockets = [stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) for _ in range(3)]
+        for number, peer in enumerate(sockets, start=1):
+            peer.bind((f"127.0.0.{number}", 0))
+            peer.connect(("127.0.0.1", port))
+            peer.setblocking(False)
+        yield port, sockets
+
+
+def test_a_udp_listener_turns_to_another_peer_only_when_the_first_falls_silent(monkeypatch, senders):
     monkeypatch.setattr(links, "PEER_SILENT_NS", 200_000_000)
+    port, (first, second, _) = senders
 
     async def main():
-        port = free_port(socket.SOCK_DGRAM)
-        with (
-            socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as first,
-            socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as second,
-        ):
-            for peer in (first, second):
-                peer.connect(("127.0.0.1", port))
-                peer.setblocking(False)
-            async with linked(f"udp-listen:127.0.0.1:{port}") as (link, heard):
-                await until(lambda: link._datagrams is not None)
-                link.send(b"to nobody")
-                began = time.monotonic_ns()
-                first.send(b"first")
-                await until(lambda: heard)
-                second.send(b"stranger")
-                await asyncio.sleep(0.05)
-                link.send(b"answer")
-                await until(lambda: _got(first) == b"answer")
-                assert [data for _, data in heard] == [b"first"]
-                assert began <= heard[0][0] <= time.monotonic_ns()
-                await asyncio.sleep(0.25)
-                second.send(b"second")
-                await until(lambda: len(heard) == 2)
-                link.send(b"new answer")
-                await until(lambda: _got(second) == b"new answer")
-                assert _got(first) == b""
+        async with linked(f"udp-listen:127.0.0.1:{port}") as (link, heard):
+            await until(lambda: link._datagrams is not None)
+            link.send(b"to nobody")
+            began = time.monotonic_ns()
+            first.send(b"vehicle 1")
+            await until(lambda: heard)
+            second.send(b"vehicle 2")
+            await until(lambda: link.strangers == 1)
+            link.send(b"answer")
+            await until(lambda: _got(first) == b"answer")
+            assert [data for _, data in heard] == [b"vehicle 1"]
+            assert began <= heard[0][0] <= time.monotonic_ns()
+            assert not link.changes
+            await asyncio.sleep(0.25)
+            second.send(b"vehicle 2")
+            await until(lambda: len(heard) == 2)
+            link.send(b"new answer")
+            await until(lambda: _got(second) == b"new answer")
+            assert _got(first) == b""
+            (change,) = link.changes
+            assert f"127.0.0.2:{second.getsockname()[1]} speaks now" in change
+            assert f"127.0.0.1:{first.getsockname()[1]} no more" in change
+
+    asyncio.run(main())
+
+
+def test_no_byte_of_a_stranger_takes_the_link_and_none_arrives(senders):
+    """Before the vehicle calls anybody may send anything; it is counted, and the vehicle is heard at once."""
+    port, (stranger, vehicle, _) = senders
+
+    async def main():
+        async with linked(f"udp-listen:127.0.0.1:{port}") as (link, heard):
+            await until(lambda: link._datagrams is not None)
+            stranger.send(b"\0")
+            await until(lambda: link.strangers == 1)
+            link.send(b"to nobody")
+            vehicle.send(b"vehicle")
+            stranger.send(b"\0")
+            await until(lambda: link.strangers == 2 and heard)
+            assert received(heard) == b"vehicle"
+            link.send(b"answer")
+            await until(lambda: _got(vehicle) == b"answer")
+            assert _got(stranger) == b""
+
+    asyncio.run(main())
+
+
+def test_whose_clock_is_behind_is_told_the_time_and_does_not_take_the_link(senders):
+    """A replay gets no more than that heartbeat."""
+    port, (lagging, vehicle, _) = senders
+
+    async def main():
+        async with linked(f"udp-listen:127.0.0.1:{port}") as (link, heard):
+            await until(lambda: link._datagrams is not None)
+            lagging.send(b"lagging")
+            await until(lambda: _got(lagging) == b"hello")
+            assert not heard
+            vehicle.send(b"vehicle")
+            await until(lambda: heard)
+            lagging.send(b"lagging")
+            await until(lambda: link.strangers == 2)
+            await asyncio.sleep(0.05)
+            assert _got(lagging) == b""
+
+    asyncio.run(main())
+
+
+def test_a_peer_that_only_makes_noise_loses_the_link(monkeypatch, senders):
+    monkeypatch.setattr(links, "PEER_SILENT_NS", 200_000_000)
+    port, (first, second, _) = senders
+
+    async def main():
+        async with linked(f"udp-listen:127.0.0.1:{port}") as (link, heard):
+            await until(lambda: link._datagrams is not None)
+            first.send(b"vehicle")
+            await until(lambda: heard)
+            async with asyncio.timeout(WAIT_S):
+                while not link.changes:
+                    first.send(b"\0")
+                    second.send(b"vehicle")
+                    await asyncio.sleep(0.02)
+            count = len(heard)
+            first.send(b"\0")
+            second.send(b"vehicle")
+            await until(lambda: len(heard) > count)
+            assert heard[-1][1] == b"vehicle"
+
+    asyncio.run(main())
+
+
+def test_addresses_that_are_not_allowed_never_take_the_link(senders):
+    port, (first, second, third) = senders
+
+    async def main():
+        admission = ANYBODY._replace(allow=["127.0.0.2/31", "10.0.0.0/8"])
+        async with linked(f"udp-listen:127.0.0.1:{port}", admission) as (link, heard):
+            await until(lambda: link._datagrams is not None)
+            first.send(b"vehicle 1")
+            await until(lambda: link.strangers == 1)
+            third.send(b"vehicle 3")
+            second.send(b"vehicle 2")
+            await until(lambda: link.strangers == 2)
+            assert received(heard) == b"vehicle 3"
 
     asyncio.run(main())
 
@@ -215,6 +316,6 @@ def test_a_port_that_is_taken_stops_the_process():
             taken.bind(("127.0.0.1", 0))
             endpoint = Endpoint.parse(f"udp-listen:127.0.0.1:{taken.getsockname()[1]}")
             with pytest.raises(OSError, match="in use"):
-                await Link(endpoint, "test", lambda t_ns, data: None).run()
+                await Link(endpoint, "test", lambda t_ns, data: None, ANYBODY).run()
 
     asyncio.run(main())

@@ -89,6 +89,9 @@ def test_every_key_of_the_file_is_a_field_and_every_field_a_key():
         ("heave=5", ["heave", "5"]),
         ("heave.kapa_per_s=8", ["heave", "kapa_per_s", "unknown"]),
         ("pitch.mass=8", ["pitch", "unknown"]),
+        ('link.allow=["192.168.2.1/24"]', ["link.allow", "192.168.2.1/24", "host bits"]),
+        ('ground_station.allow=["topside"]', ["ground_station.allow", "topside", "192.168.2.0/24"]),
+        ("link.allow=192.168.2.1", ["link.allow", "192.168.2.1", "array"]),
     ],
 )
 def test_a_bad_value_is_refused_by_name_value_and_range(override, said):
@@ -161,6 +164,7 @@ def test_an_empty_file_says_what_is_missing(tmp_path):
         ("heave.compensator='observer'", "heave", "compensator", "observer"),
         ("link.endpoint=tcp:127.0.0.1:5760", "link", "endpoint", "tcp:127.0.0.1:5760"),
         (" network.seed = 7", "network", "seed", 7),
+        ('link.allow=["192.168.2.0/24", "::1"]', "link", "allow", ("192.168.2.0/24", "::1")),
     ],
 )
 def test_an_override_wins_over_the_file(override, section, key, value):

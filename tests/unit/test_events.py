@@ -54,3 +54,11 @@ def test_commands_are_told_with_their_answer():
         ("warning", "command", "engage: refused: no"),
         ("warning", "condition", "another companion of this name came: instance 47\\n11"),
     ]
+
+
+def test_a_link_that_turned_to_another_sender_is_told():
+    dive = active()
+    events = Chronicle().step(dive.run(0.02)[-1].sample, peers=["vehicle link: 10.0.0.2:14550 speaks now"])
+    assert ("warning", "condition", "vehicle link: 10.0.0.2:14550 speaks now") in [
+        (event.severity, event.kind, event.text) for event in events
+    ]

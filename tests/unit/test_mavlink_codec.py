@@ -1,10 +1,12 @@
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from companion.mavlink.codec import PARTIAL_TIMEOUT_S, Codec
+from companion.types import Sender
 
 VEHICLE = (1, 1)
 US = (255, 191)
 PILOT = (255, 190)
+EXPECTED, STRANGER = Sender.EXPECTED, Sender.STRANGER
 FALSE_HEADER = bytes([0xFD, 0xFF, 0, 0])
 
 
@@ -125,3 +127,24 @@ def test_signed_frames_are_read():
 def test_sequence_numbers_count_up_and_wrap():
     link = codec()
     assert [link.encode(attitude())[4] for _ in range(257)] == [*range(256), 0]
+
+
+def test_the_vehicle_is_recognised_by_a_sound_frame_of_its_own():
+    link = codec()
+    (ours,) = frames(attitude())
+    (others,) = frames(attitude(), sender=(1, 2))
+    broken = ours[:-1] + bytes([ours[-1] ^ 1])
+    assert EXPECTED is link.sender(ours)
+    assert EXPECTED is link.sender(others + ours)
+    for data in (b"", b"\0", b"\0" + ours, others, broken, ours[:-1], b"\xfd", broken + ours):
+        assert STRANGER is link.sender(data)
+    assert (link.counters.datagrams, link.counters.refused) == (0, 0)
+
+
+def test_to_recognise_the_vehicle_takes_few_checksums(monkeypatch):
+    """Anybody may send anything before the link is taken."""
+    looked_at = []
+    monkeypatch.setattr("companion.mavlink.codec._is_sound", lambda *frame: looked_at.append(1) or True)
+    (others,) = frames(attitude(), sender=(1, 2))
+    assert codec().sender(1000 * others) is STRANGER
+    assert len(looked_at) <= 32

@@ -9,6 +9,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from companion.config import ConfigError
 from companion.mavlink.codec import Codec, Packer
 from companion.mavlink.signing import EPOCH_S, UNITS_PER_S, Signing, read_key
+from companion.types import Sender
 
 KEY = bytes(range(32))
 UTC_2026_S = 1_795_000_000.0
@@ -116,6 +117,20 @@ def test_a_vehicle_whose_clock_is_behind_is_brought_to_the_present():
     assert ours.decode(0.0, vehicle.says()) == []
     assert vehicle.takes(ours.encode(heartbeat())) == ["HEARTBEAT"]
     assert len(ours.decode(0.0, vehicle.says())) == 1
+
+
+def test_who_may_take_the_link_is_judged_without_using_the_frame_up():
+    """The link looks first, the engine decodes the same frame after it."""
+    vehicle, ours = Vehicle(), codec(Signing(KEY, 7, UTC_2026_S))
+    frame = vehicle.says()
+    assert ours.sender(frame) is Sender.EXPECTED
+    assert ours.sender(frame) is Sender.EXPECTED
+    assert len(ours.decode(0.0, frame)) == 1
+    assert ours.sender(frame) is Sender.BEHIND, "a replay"
+    assert ours.sender(Vehicle(utc_s=UTC_2026_S - YEAR_S).says()) is Sender.BEHIND
+    assert ours.sender(Vehicle(bytes(32)).says()) is Sender.STRANGER
+    assert ours.sender(Vehicle(None).says()) is Sender.STRANGER
+    assert ours.counters.refused == 4
 
 
 @pytest.fixture

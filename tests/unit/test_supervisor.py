@@ -58,7 +58,7 @@ UNFIT = (
     C.CLOCK_JUMPED,
     C.CLOCK_INCONSISTENT,
 )
-ONLY_TOLD = (C.SATURATED, C.QUEUE_FULL, C.CONFIG_CHANGED, C.YAW_RESET, C.POSITION_RESET)
+ONLY_TOLD = (C.SATURATED, C.QUEUE_FULL, C.CONFIG_CHANGED, C.YAW_RESET, C.POSITION_RESET, C.PEER_CHANGED)
 FORBIDS_ENGAGING = (*UNFIT, C.PILOT_TAKEOVER, C.OPERATOR_STOP)
 
 # What one condition alone leads to; what is not listed changes nothing.
@@ -443,6 +443,7 @@ def test_nothing_holds_when_all_is_well():
         (FINE_STATE, {"surprise_deg": LIMITS.max_surprise_deg + 0.01}, C.SURPRISED),
         (FINE_STATE, {"samples_dropped": True}, C.QUEUE_FULL),
         (FINE_STATE, {"config_changed": True}, C.CONFIG_CHANGED),
+        (FINE_STATE, {"peer_changed": True}, C.PEER_CHANGED),
         (FINE_STATE, {"parameters": {}}, C.FAILSAFE_UNSAFE),
         (FINE_STATE, {"parameters": SAFE | {"FS_PILOT_INPUT": 0.0}}, C.FAILSAFE_UNSAFE),
         (FINE_STATE, {"parameters": SAFE | {"FS_PILOT_TIMEOUT": 3.1}}, C.FAILSAFE_UNSAFE),

@@ -32,11 +32,11 @@ class Seen:
     def __init__(self):
         self.watch, self.now_s = Watch(), 100.0
 
-    def step(self, *events, dt_s=TICK_S, dofs=None, state=FINE_STATE, dropped=0, **changes):
+    def step(self, *events, dt_s=TICK_S, dofs=None, state=FINE_STATE, dropped=0, peers=0, **changes):
         self.now_s += dt_s
         given = {"held": ALL, "steering": True, "parameters": SAFE}
         events = [replace(event, t_s=self.now_s) for event in events]
-        health = LoopHealth(1, 50.0, 0.0, 0.0, 0, dropped)
+        health = LoopHealth(1, 50.0, 0.0, 0.0, 0, dropped, peer_changes=peers)
         state = replace(state, t_s=self.now_s)
         return self.watch.step(dt_s, events, state, LIMITS, health, dofs=dofs, **(given | changes))
 
@@ -93,6 +93,15 @@ def test_the_ekf_may_doubt_itself_for_a_moment(seen, over, doubt):
     seen.step(EkfStatus(0.0, True, True, LIMITS.max_ekf_variance + over))
     assert seen.step().ekf_doubt_s == pytest.approx(2 * TICK_S if doubt else 0.0)
     assert seen.step(EkfStatus(0.0, True, True, 0.1)).ekf_doubt_s == 0.0
+
+
+def test_a_new_peer_is_told_for_a_while():
+    seen = Seen()
+    assert not seen.step().peer_changed
+    assert seen.step(peers=1).peer_changed
+    assert seen.later(ANNOUNCED_S - 0.01, peers=1).peer_changed
+    assert not seen.later(0.02, peers=1).peer_changed
+    assert seen.step(peers=2).peer_changed
 
 
 def test_dropped_samples_are_told_for_a_while_each_time(seen):
