@@ -2,7 +2,7 @@
 
     telemetry delay = arrival − autopilot's stamp + offset     offset = autopilot clock − ours, from TIMESYNC
     command delay   = lag at which the motors best repeat what we sent (SERVO_OUTPUT_RAW's echo);
-                      before there was an echo, the configured one and half of TIMESYNC's round trip
+                      before there was an echo, the configured one and TIMESYNC's way to the autopilot
 
 Nothing arrives before it was sent. So each answer to TIMESYNC, and each stamped message, bounds the offset:
 
@@ -11,6 +11,9 @@ Nothing arrives before it was sent. So each answer to TIMESYNC, and each stamped
 The offset is the middle of the narrowest bounds of the last 30 s, and never below the lower one: no telemetry
 delay is negative. An error in the offset moves delay from one to the other; their sum, which is what
 destabilises, stays right. Bounds that exclude each other come from a clock that was set anew, or from two.
+
+A command that repeats itself fits its echo at several lags: then nothing is learnt. And a command takes as
+long as TIMESYNC's question took, plus what the autopilot needs to act: at most COMMAND_SPREAD_S.
 """
 
 import math
@@ -42,6 +45,9 @@ ECHO_EVIDENCE_S = 1.5
 ECHO_SLEW = 0.05
 """Seconds of delay a second: the law's horizon moves, it does not jump."""
 
+STALL_S = 0.5
+"""A longer gap in what is measured counts as this long."""
+
 ECHO_LAGS_S = np.arange(-0.03, 0.405, 0.005)
 ECHO_CONTRAST = 0.5
 """The best lag counts as found when it explains the echo this much better than the average lag does."""
@@ -49,6 +55,12 @@ ECHO_CONTRAST = 0.5
 ECHO_PLATEAU = 0.05
 """Commands are steps of a tick's length, so neighbouring lags can fit alike: the middle of those within this
 share of the best is taken."""
+
+QUESTIONS_S = 1.0
+"""The quickest TIMESYNC question of this time tells how long commands travel now."""
+
+COMMAND_SPREAD_S = 0.05
+"""The firmware's input loop of 20 ms (ArduSub facts), and 30 ms for what a router and a tick may add."""
 
 ECHO_EXCITATION = 0.01
 """Commands that varied less than this (axis units, RMS) tell nothing about lag."""
@@ -78,6 +90,8 @@ class DelayMeter:
         self._odd: Bounds | None = None
         """The newest answer, if it contradicted those before."""
         self._answered_s = -math.inf
+        self._questions: deque[tuple[float, float]] = deque()
+        """When the newest answers arrived, and the upper bounds that they gave."""
         self._telemetry_s = telemetry_s
         self._telemetry_t_s: float | None = None
         self._echo = np.zeros(len(ECHO_LAGS_S))
@@ -86,6 +100,7 @@ class DelayMeter:
         self._echo_seen_s = 0.0
         self._echo_found = False
         self._command_s = command_s
+        self._moved_s = -math.inf
 
     def timesync(self, sent_s: float, arrived_s: float, boot_s: float) -> bool:
         """Take one TIMESYNC answer: sent and arrived on our clock, `boot_s` on the autopilot's in between.
@@ -109,8 +124,13 @@ class DelayMeter:
         self._answered_s, self._stamped_s = arrived_s, -math.inf
         lower, upper = zip(*self._answers, strict=True)
         self._bounds = Bounds(max(lower), min(upper))
-        if not self._echo_found:
-            self._command_s = self._start.command_s + max(self._bounds.upper_s - self.offset_s, 0.0)
+        if not agrees:
+            self._questions.clear()
+        self._questions.append((arrived_s, answer.upper_s))
+        if self._echo_found:
+            self._approach(self._command_s, arrived_s)
+        else:
+            self._command_s = self._start.command_s + self._command_bounds(arrived_s)[0]
         return agrees
 
     def stamped(self, arrived_s: float, boot_s: float) -> bool:
@@ -150,13 +170,31 @@ class DelayMeter:
         passed = min(max(at_s - self._echo_t_s, 0.0), ECHO_MEMORY_S)
         self._echo += (miss / miss.mean() - self._echo) * passed / (passed + ECHO_MEMORY_S)
         self._echo_t_s = at_s
-        self._echo_seen_s += min(passed, 0.5)
+        self._echo_seen_s += min(passed, STALL_S)
         least, mean = self._echo.min(), self._echo.mean()
-        if self._echo_seen_s >= ECHO_EVIDENCE_S and least < ECHO_CONTRAST * mean:
+        alike = np.flatnonzero(self._echo < ECHO_CONTRAST * mean)
+        unique = len(alike) > 0 and alike[-1] - alike[0] + 1 == len(alike)
+        if self._echo_seen_s >= ECHO_EVIDENCE_S and unique:
             self._echo_found = True
             fits = self._echo <= least + ECHO_PLATEAU * (mean - least)
-            found_s, slew_s = float(ECHO_LAGS_S[fits].mean()), ECHO_SLEW * passed
-            self._command_s += min(max(found_s - self._command_s, -slew_s), slew_s)
+            self._approach(float(ECHO_LAGS_S[fits].mean()), at_s)
+
+    def _command_bounds(self, now_s: float) -> tuple[float, float]:
+        """Return the shortest and the longest command delay that TIMESYNC allows now."""
+        while self._questions and now_s - self._questions[0][0] > QUESTIONS_S:
+            self._questions.popleft()
+        if not self._questions:
+            return -math.inf, math.inf
+        least_s = max(min(upper_s for _, upper_s in self._questions) - self.offset_s, 0.0)
+        return least_s, least_s + COMMAND_SPREAD_S
+
+    def _approach(self, found_s: float, now_s: float) -> None:
+        """Move the command delay towards what was found, within what TIMESYNC allows."""
+        least_s, most_s = self._command_bounds(now_s)
+        slew_s = ECHO_SLEW * min(max(now_s - self._moved_s, 0.0), STALL_S)
+        self._moved_s = max(now_s, self._moved_s)
+        change_s = min(max(found_s, least_s), most_s) - self._command_s
+        self._command_s += min(max(change_s, -slew_s), slew_s)
 
     def local(self, boot_s: float) -> float:
         """Return when, on our clock, the autopilot's clock read `boot_s`."""

@@ -1,18 +1,24 @@
-"""Clocks that contradict each other: two autopilots with one system id, clocks that jump, answers that lie.
+"""Clocks that contradict each other: two autopilots with one system id, clocks that jump, answers that lie;
+and commands that repeat themselves, whose delay their echo does not tell.
 
 Whatever they say nothing raises, predictions run forward, and what lasts is handed over.
 """
 
 import copy
 import itertools
+import math
+from dataclasses import replace
 
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from virtual import START_S, Dive, active
 
-from companion.types import Condition, State
+from companion.types import PSI, Condition, State, Z
 
 TIMESYNC = "TIMESYNC"
+TRUE_COMMAND_S = 0.0155
+"""1 ms of link, 2 ms of its mean jitter, and what the input loop of the stand-in adds on average."""
+
 DOUBT_S = 2.0
 """How long contradictions last before the vehicle is handed over."""
 
@@ -151,3 +157,23 @@ def test_a_few_absurd_stamps_change_nothing(boot_ms, count):
     steps = dive.run(3.0)
     assert {step.sample.verdict.state for step in steps} == {State.ACTIVE}
     assert forward(steps)
+
+
+@pytest.mark.parametrize("period_s", [0.1, 0.2, 0.3, 0.4])
+@pytest.mark.parametrize(("dof", "amplitude"), [(Z, 90.0), (PSI, 10.0)])
+def test_a_limit_cycle_does_not_change_the_command_delay(dof, amplitude, period_s):
+    """N and N m, from engaging on: the believed delay was 120 ms where it is 15."""
+    dive = Dive().until(State.ACTIVE)
+    controller = dive.engine._controller
+    law = controller.step
+
+    def cycling(state, *rest):
+        dofs = law(state, *rest)
+        tau = dofs.tau.copy()
+        tau[dof] += amplitude * math.sin(2.0 * math.pi * state.t_s / period_s)
+        return replace(dofs, tau=tau)
+
+    controller.step = cycling
+    command_s = [step.sample.state.delays.command_s for step in dive.run(20.0)]
+    assert max(command_s) < TRUE_COMMAND_S + 0.015
+    assert min(command_s) > TRUE_COMMAND_S - 0.015

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from companion.delay import DelayMeter
+from companion.delay import ECHO_SLEW, DelayMeter
 
 BOOT_S = -812.5
 """Autopilot's clock minus ours."""
@@ -140,8 +140,50 @@ def test_before_an_echo_a_long_way_is_known_by_its_round_trip():
     assert not m.delays.command_known
     assert m.delays.command_s == pytest.approx(0.012 + 0.04, abs=0.002)
     steer(m, 0.06)
-    exchange(m, 0.09, 0.09, seconds=1.0, start_s=1020.0)
+    exchange(m, 0.05, 0.03, seconds=1.0, start_s=1020.0)
     assert m.delays.command_s == pytest.approx(0.06, abs=0.005)  # an echo knows better
+
+
+def test_a_longer_way_is_followed_without_an_echo_and_without_a_jump():
+    m = meter()
+    exchange(m, 0.03, 0.03)
+    end_s = steer(m, 0.04)
+    moved = []
+    for k in range(16):
+        exchange(m, 0.08, 0.08, seconds=0.25, start_s=end_s + 0.25 * k)
+        moved.append(m.delays.command_s)
+    assert max(np.diff([0.04, *moved])) <= 0.5 * ECHO_SLEW
+    assert moved[-1] == pytest.approx(0.08, abs=0.005)
+
+
+@pytest.mark.parametrize("period_s", [0.04, 0.06, 0.1, 0.16, 0.2, 0.3, 0.4])
+@pytest.mark.parametrize("noise", [0.0, 0.02])
+@pytest.mark.parametrize("bend", [np.sin, lambda phase: np.sign(np.sin(phase + 0.1))])
+def test_a_command_that_repeats_itself_teaches_nothing_false(period_s, noise, bend):
+    """A limit cycle fits its echo at every period: 15 ms were taken for 115 or 165."""
+    m = synced()
+    steer(m, 0.015, commands=lambda t: 0.3 * bend(2.0 * np.pi * t / period_s) * AXES, noise=noise)
+    assert m.delays.command_s == pytest.approx(0.015, abs=0.008)
+
+
+def test_a_command_that_begins_to_repeat_itself_does_not_move_what_is_known():
+    m = synced()
+    end_s = steer(m, 0.015)
+    steer(
+        m, 0.015, commands=lambda t: 0.3 * np.sin(2.0 * np.pi * t / 0.2) * AXES, start_s=end_s, seconds=40.0
+    )
+    assert m.delays.command_s == pytest.approx(0.015, abs=0.005)
+
+
+@pytest.mark.parametrize(("lag_s", "found_s"), [(0.3, 0.06), (0.0, 0.01), (0.03, 0.03)])
+def test_what_the_echo_says_is_bounded_by_what_timesync_allows(lag_s, found_s):
+    """10 ms to the autopilot, 20 ms of its input loop, 30 ms beside."""
+    m = synced()
+    end_s = 1001.0
+    for _ in range(48):
+        exchange(m, 0.01, 0.01, seconds=0.25, start_s=end_s)
+        end_s = steer(m, lag_s, start_s=end_s, seconds=0.25)
+    assert m.delays.command_s == pytest.approx(found_s, abs=0.005)
 
 
 def test_constant_commands_tell_nothing():
