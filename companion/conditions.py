@@ -32,6 +32,8 @@ class Watched:
     pilot_deflection: float = 0.0
     rebooted: bool = False
     leaking: bool = False
+    failsafe_surfaces: bool = False
+    """Whether one took the vehicle to SURFACE: mode and failsafe came with the same heartbeat."""
     failsafe: bool = False
     """Whether the autopilot reports a failsafe that our steering should have ended."""
     battery_low_s: float = 0.0
@@ -207,6 +209,13 @@ CONDITIONS = (
         lambda o, limits: o.watched.failsafe,
         (),
         "a failsafe of the autopilot's own is latched (system status 5) though we steer",
+        "read the autopilot's messages",
+    ),
+    Look(
+        C.FAILSAFE_SURFACES,
+        lambda o, limits: o.watched.failsafe_surfaces and not o.mode_right,
+        (),
+        "a failsafe of the autopilot's own (leak, battery) changed the flight mode to SURFACE",
         "read the autopilot's messages",
     ),
     Look(

@@ -15,7 +15,7 @@ from companion.control.bounds import bounded, wrap
 from companion.control.frame import shifted, turned
 from companion.control.positioning import jacobian, to_body, to_inertial
 from companion.estimation import Estimator
-from companion.handover import KEEP_ALIVE_S, HandOver
+from companion.handover import AT_SURFACE_M, KEEP_ALIVE_S, HandOver
 from companion.mavlink.ardusub import Mode
 from companion.mavlink.autopilot import Autopilot
 from companion.mavlink.relay import pilot_events
@@ -282,13 +282,14 @@ class Engine:
         conditions = Condition(0)
         ground = self._config.ground_station
         if handing_over:
-            surfacing = self._hand_over.goal is Mode.SURFACE
+            surface_m = -0.01 * self._autopilot.parameters.get("SURFACE_DEPTH", -10.0)
             conditions |= self._hand_over.step(
                 state.t_s,
                 state.mode,
                 thrusting=steered,
                 pilot_heard_s=self._watch.pilot_heard_s,
-                keep_s=math.inf if surfacing else limits.keep_alt_hold_s,
+                keep_s=limits.keep_alt_hold_s,
+                at_surface=bool(state.eta[Z] <= surface_m + AT_SURFACE_M),
             )
         self._survey.take(events)
         if state.t_s - self._checked_s >= CHECK_S:
@@ -324,8 +325,9 @@ class Engine:
         )
         self.verdict = self._supervisor.step(conditions | assess(seen, limits), dt_s, self._unfit)
         now = self.verdict.state
-        if now is State.HAND_OVER and not handing_over:
-            up = Condition.PILOT_LOST_SURFACE in self.verdict.conditions
+        surfaces = Condition.FAILSAFE_SURFACES in self.verdict.conditions
+        if now is State.HAND_OVER and (not handing_over or surfaces):
+            up = surfaces or Condition.PILOT_LOST_SURFACE in self.verdict.conditions
             self._hand_over.begin(state.t_s, state.mode, Mode.SURFACE if up else Mode.ALT_HOLD)
         if self.verdict.authority == 0.0:
             self._references.clear()

@@ -9,7 +9,7 @@ from companion.telemetry import Event, printable
 from companion.types import Condition, ControlSample, FrameShift, State
 
 ASKED = Condition.OPERATOR_STOP | Condition.ENGAGE_ASKED | Condition.CLEAR_ASKED | Condition.RAMPED_DOWN
-ASKED |= Condition.HANDED_OVER | Condition.HAND_OVER_REFUSED
+ASKED |= Condition.HANDED_OVER | Condition.HAND_OVER_REFUSED | Condition.SURFACED
 """What somebody asked for or the supervisor says to itself: told as a command or a state."""
 
 RESETS = Condition.YAW_RESET | Condition.POSITION_RESET
@@ -69,7 +69,7 @@ class Chronicle:
             ]
             self._conditions = conditions
         happened += self._reset(sample)
-        if verdict.state is not self._state:
+        if verdict.state is not self._state or Condition.SURFACED in verdict.conditions:
             self._state = verdict.state
             severity = _SEVERITY.get(verdict.state, "info")
             happened.append((severity, "state", f"{verdict.state}: {verdict.reason}"))

@@ -6,8 +6,9 @@ asked for until the heartbeat says it.
 
 Then ALT_HOLD holds only as long as somebody steers: 3 s after the last steering message the pilot-input
 failsafe, as shipped, disarms. So neutral frames go on, one a second (0.36 Hz is enough), until a pilot steers
-or `keep_s` is over; from there on we are silent and the autopilot's failsafes rule. On the way up
-it never is.
+or `keep_s` is over; from there on we are silent and the autopilot's failsafes rule. On the way up, and at the
+surface, it never is. There the firmware itself changes from SURFACE to ALT_HOLD (ArduSub's SURFACE mode,
+barometer above SURFACE_DEPTH).
 """
 
 from companion.mavlink.ardusub import Mode
@@ -16,6 +17,8 @@ from companion.types import Condition
 SETTLE_S = 1.0
 REFUSED_S = 8.0
 KEEP_ALIVE_S = 1.0
+AT_SURFACE_M = 0.5
+"""So far below SURFACE_DEPTH, by our own zero of depth, the firmware may find itself at the surface."""
 
 
 class HandOver:
@@ -27,6 +30,7 @@ class HandOver:
     def begin(self, now_s: float, mode: int, goal: Mode) -> None:
         """Start from flight mode `mode`."""
         self.goal = goal
+        self.surfacing = goal is Mode.SURFACE
         self._came_from = mode
         self._since_s = now_s
         self._stable_s: float | None = None
@@ -35,13 +39,27 @@ class HandOver:
         """The flight mode to ask for."""
 
     def step(
-        self, now_s: float, mode: int, *, thrusting: bool, pilot_heard_s: float, keep_s: float
+        self,
+        now_s: float,
+        mode: int,
+        *,
+        thrusting: bool,
+        pilot_heard_s: float,
+        keep_s: float,
+        at_surface: bool = False,
     ) -> Condition:
-        """Go on at `now_s` with the heartbeat's `mode`; return HANDED_OVER, HAND_OVER_REFUSED or nothing."""
+        """Go on at `now_s` with the heartbeat's `mode`.
+
+        Return HANDED_OVER, HAND_OVER_REFUSED, SURFACED or nothing.
+        """
+        if self.goal is Mode.SURFACE and self.held and mode == Mode.ALT_HOLD and at_surface:
+            self.goal = Mode.ALT_HOLD
+            return Condition.SURFACED
         if mode == self.goal:
             self._held_s = now_s if self._held_s is None else self._held_s
             self.wanted = None
-            relieved = pilot_heard_s > self._held_s or now_s - self._held_s >= keep_s
+            kept = now_s - self._held_s < keep_s or self.surfacing
+            relieved = pilot_heard_s > self._held_s or not kept
             return Condition.HANDED_OVER if relieved else Condition(0)
         if now_s - self._since_s > REFUSED_S:
             return Condition.HAND_OVER_REFUSED

@@ -50,7 +50,8 @@ TRANSITIONS = (
     Row(S.ACTIVE, C.DEPTH_STALE, NOTHING, S.FAULT, "no fresh depth"),
     Row(S.ACTIVE, C.ATTITUDE_STALE, NOTHING, S.FAULT, "no fresh attitude"),
     Row(S.ACTIVE, C.DISARMED, NOTHING, S.IDLE, "the vehicle was disarmed"),
-    Row(S.ACTIVE, C.WRONG_MODE, NOTHING, S.PILOT, "the pilot changed the mode"),
+    Row(S.ACTIVE, C.FAILSAFE_SURFACES, NOTHING, S.HAND_OVER, "a failsafe of the autopilot's surfaces"),
+    Row(S.ACTIVE, C.WRONG_MODE, NOTHING, S.PILOT, "the flight mode was changed"),
     Row(S.ACTIVE, C.PILOT_TAKEOVER, NOTHING, S.PILOT, "the pilot moved the sticks"),
     Row(S.ACTIVE, C.FAILSAFE_UNSAFE, NOTHING, S.RAMP_DOWN, "the pilot-input failsafe was switched off"),
     Row(S.ACTIVE, C.NOT_FIT, NOTHING, S.RAMP_DOWN, "the vehicle is no longer fit to be held"),
@@ -72,17 +73,22 @@ TRANSITIONS = (
     Row(S.RAMP_DOWN, C.LINK_LOST, NOTHING, S.FAULT, "the vehicle fell silent"),
     Row(S.RAMP_DOWN, C.REBOOTED, NOTHING, S.FAULT, "the autopilot started anew"),
     Row(S.RAMP_DOWN, C.DEPTH_STALE | C.ATTITUDE_STALE, NOTHING, S.FAULT, "blind while ramping down"),
-    Row(S.RAMP_DOWN, C.WRONG_MODE | C.PILOT_TAKEOVER, NOTHING, S.PILOT, "the pilot took over"),
+    Row(S.RAMP_DOWN, C.FAILSAFE_SURFACES, NOTHING, S.HAND_OVER, "a failsafe of the autopilot's surfaces"),
+    Row(S.RAMP_DOWN, C.WRONG_MODE, NOTHING, S.PILOT, "the flight mode was changed"),
+    Row(S.RAMP_DOWN, C.PILOT_TAKEOVER, NOTHING, S.PILOT, "the pilot took over"),
     Row(S.RAMP_DOWN, C.DISARMED, NOTHING, S.IDLE, "the vehicle was disarmed"),
     Row(S.RAMP_DOWN, C.RAMPED_DOWN, NOTHING, S.IDLE, "ramped down to neutral"),
     Row(S.HAND_OVER, C.NON_FINITE, NOTHING, S.FAULT, "a computed value was not finite"),
     Row(S.HAND_OVER, C.LINK_LOST, NOTHING, S.FAULT, "the vehicle fell silent"),
     Row(S.HAND_OVER, C.REBOOTED, NOTHING, S.FAULT, "the autopilot started anew"),
-    Row(S.HAND_OVER, C.WRONG_MODE | C.PILOT_TAKEOVER, NOTHING, S.PILOT, "the pilot took over"),
+    Row(S.HAND_OVER, C.FAILSAFE_SURFACES, NOTHING, S.HAND_OVER, "a failsafe of the autopilot's surfaces"),
+    Row(S.HAND_OVER, C.WRONG_MODE, NOTHING, S.PILOT, "the flight mode was changed"),
+    Row(S.HAND_OVER, C.PILOT_TAKEOVER, NOTHING, S.PILOT, "the pilot took over"),
     Row(S.HAND_OVER, C.DISARMED, NOTHING, S.IDLE, "the vehicle was disarmed"),
     Row(S.HAND_OVER, C.OPERATOR_STOP, NOTHING, S.PILOT, "the operator stopped handing over"),
     Row(S.HAND_OVER, C.HAND_OVER_REFUSED, NOTHING, S.FAULT, "the autopilot did not take the mode"),
     Row(S.HAND_OVER, C.HANDED_OVER, NOTHING, S.PILOT, "the autopilot has the vehicle"),
+    Row(S.HAND_OVER, C.SURFACED, NOTHING, S.HAND_OVER, "surfaced; the autopilot holds depth"),
     Row(S.PILOT, C.NON_FINITE, NOTHING, S.FAULT, "a computed value was not finite"),
     Row(S.PILOT, C.CLEAR_ASKED | C.ENGAGE_ASKED, C.PILOT_TAKEOVER, S.IDLE, "the operator takes it back"),
     Row(S.FAULT, C.CLEAR_ASKED, C.NON_FINITE, S.IDLE, "the operator cleared the fault"),
@@ -188,7 +194,7 @@ class Supervisor:
         state, reason = (row.to, row.because) if row else (before.state, before.reason)
         if state is State.ACTIVE:
             authority = min(1.0, before.authority + dt_s / self.ramp_up_s) if self.ramp_up_s > 0.0 else 1.0
-        elif state not in CARRY_AUTHORITY:
+        elif state not in CARRY_AUTHORITY or C.FAILSAFE_SURFACES in conditions:
             authority = 0.0
         if state is before.state is State.IDLE and (missing := conditions & UNFIT):
             reason = "waiting for: " + names(missing) + (f" ({unfit})" if unfit else "")

@@ -473,6 +473,8 @@ class Condition(IntFlag):
     YAW_RESET = auto()
     POSITION_RESET = auto()
     PEER_CHANGED = auto()
+    FAILSAFE_SURFACES = auto()
+    SURFACED = auto()
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 
 from companion.conditions import Watched
 from companion.config import Supervisor as Limits
+from companion.mavlink.ardusub import Mode
 from companion.types import (
     PSI,
     DofSample,
@@ -45,6 +46,7 @@ class Watch:
         ) = -math.inf
         self._pilot_deflection = 0.0
         self._heartbeat: Heartbeat | None = None
+        self._surfaces = False
         self._steering_since_s: float | None = None
         self._clock_t_s = -math.inf
         self._clock_doubt_s = 0.0
@@ -82,6 +84,7 @@ class Watch:
         for event in events:
             match event:
                 case Heartbeat():
+                    self._surfaces = event.mode == Mode.SURFACE and (self._surfaces or self._latches(event))
                     self._heartbeat = event
                 case PilotSticks():
                     self.pilot_heard_s = event.t_s
@@ -132,6 +135,7 @@ class Watch:
             else 0.0,
             rebooted=now_s - self._rebooted_t_s <= ANNOUNCED_S,
             leaking=now_s - self._leak_t_s <= LEAK_REPEAT_S,
+            failsafe_surfaces=self._surfaces,
             failsafe=self._failsafe(),
             clock_doubt_s=self._clock_doubt_s,
             battery_low_s=self._battery_low_s,
@@ -143,6 +147,15 @@ class Watch:
             peer_changed=now_s - self._peer_t_s <= ANNOUNCED_S,
             config_changed=now_s - self._changed_t_s <= ANNOUNCED_S,
         )
+
+    def _latches(self, event: Heartbeat) -> bool:
+        """Tell whether a failsafe changed the mode: it is latched before the firmware does so.
+
+        One that was latched before has done what it does; the mode is somebody's choice then.
+        """
+        before = self._heartbeat
+        changed = before is not None and before.mode != event.mode and before.system_status != FAILSAFE
+        return changed and event.system_status == FAILSAFE
 
     def _failsafe(self) -> bool:
         beat, since_s = self._heartbeat, self._steering_since_s

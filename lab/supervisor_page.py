@@ -18,6 +18,7 @@ PAGE = Path(__file__).parent.parent / "docs" / "supervisor.md"
 MADE = {
     Condition.RAMPED_DOWN: "authority has come down to nothing",
     Condition.HANDED_OVER: "ALT_HOLD has the vehicle, and a pilot steers or `keep_alt_hold_s` is over",
+    Condition.SURFACED: "on reaching the surface the firmware changed from SURFACE to ALT_HOLD",
     Condition.HAND_OVER_REFUSED: f"ALT_HOLD was not there {REFUSED_S:g} s after handing over began",
 }
 """Conditions that the supervisor's own sequences make; they need no look at the vehicle."""
@@ -46,6 +47,10 @@ ALT_HOLD alone would not last: FS_PILOT_INPUT acts 3 s after the last steering m
 disarms. So one neutral frame every {KEEP_ALIVE_S:g} s keeps it alive, for `keep_alt_hold_s`, or until
 somebody else's steering is seen; then we are silent, the state is PILOT, and the autopilot's failsafes rule
 as if we were not there. A stick that is moved, another mode or a stop ends it at once.
+
+On the way up, because the pilot was lost or a failsafe of the autopilot's own surfaces, neutral goes on
+without that limit. At the surface the firmware itself changes from SURFACE to ALT_HOLD: the state stays
+HAND_OVER, and neutral goes on until a pilot steers.
 
 Not handed over: what the autopilot could not do better either, because it has the same sensors (EKF, depth
 out of bounds) or acts already (its failsafe); a vehicle that lies on its side; a process that does not keep

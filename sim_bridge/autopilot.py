@@ -184,6 +184,8 @@ class Autopilot:
         if not self.armed:
             self.motor_pwm, self._demand = self._idle, None
             return self.motor_pwm
+        if self.mode == modes.SURFACE and self._estimate().depth_m < -self.params["SURFACE_DEPTH"] / 100.0:
+            self.set_mode(modes.ALT_HOLD)
         if self.mode == modes.MANUAL and not self._input_is_new:
             return self.motor_pwm
         self._input_is_new = False
@@ -337,9 +339,9 @@ class Autopilot:
         if self._boot_s > self._leak_said_s + LEAK_WARNING_PERIOD_S:
             self._leak_said_s = self._boot_s
             self._say(CRITICAL, "Leak Detected")
-        if not self._leak and action == 2 and self.armed:
+        known, self._leak = self._leak, True
+        if not known and action == 2 and self.armed:
             self.set_mode(modes.SURFACE)
-        self._leak = True
 
     def _system_status(self) -> int:
         if self._pilot_lost or self._gcs_lost or self._leak:

@@ -148,7 +148,7 @@ class FlightControl:
 
     def _depth(self, pilot: Pilot, estimate: Estimate, dt: float) -> float:
         if self.mode == SURFACE:
-            climb = SPEED_UP_M_S if estimate.depth_m > -self._params["SURFACE_DEPTH"] / 100.0 else 0.0
+            climb = SPEED_UP_M_S
         else:
             up = self._params["PILOT_SPEED_UP"] / 100.0
             down = self._params["PILOT_SPEED_DN"] / 100.0 or up

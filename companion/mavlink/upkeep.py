@@ -34,6 +34,7 @@ PARAMETERS: Final = (
     "RC_PROTOCOLS",
     "JS_THR_GAIN",
     "FS_LEAK_ENABLE",
+    "SURFACE_DEPTH",
     *(f"MOT_{motor}_DIRECTION" for motor in range(1, 9)),
     "BARO_PRIMARY",
     "BARO_SPEC_GRAV",

@@ -182,9 +182,9 @@ def test_refused_is_a_fault_and_silence():
     assert dive.motors_rest()
 
 
-@pytest.mark.parametrize("mode", [SURFACE, 1])
-@pytest.mark.parametrize("after_s", [0.3, 1.5, 5.0])
+@pytest.mark.parametrize(("mode", "after_s"), [(SURFACE, 1.5), (SURFACE, 5.0), (1, 0.3), (1, 1.5), (1, 5.0)])
 def test_somebody_elses_mode_ends_it(mode, after_s):
+    """SURFACE before any heartbeat told of the leak's failsafe looks like that failsafe's own doing."""
     dive = active(seconds=3.0)
     leak(dive)
     dive.until(State.HAND_OVER)
@@ -197,11 +197,29 @@ def test_somebody_elses_mode_ends_it(mode, after_s):
 
 
 def test_the_autopilots_own_leak_action_is_not_steered_against():
-    dive = active("parameters.FS_LEAK_ENABLE=2", seconds=3.0)
+    depth = "initial.eta=[0,0,4,0,0,0.3]"
+    dive = active("parameters.FS_LEAK_ENABLE=2", depth, setpoint=hold(z=4.0), seconds=3.0)
     leak(dive)
-    dive.run(2.0)
+    steps = dive.run(2.0)
     assert dive.step.truth.mode == SURFACE
-    assert dive.state is State.PILOT
+    assert dive.state is State.HAND_OVER
+    assert "failsafe" in dive.step.sample.verdict.reason
+    changed_s = next(step.t_s for step in steps if step.truth.mode == SURFACE)
+    assert not any(axis for t_s, axes in dive.tap.frames if t_s > changed_s + 0.05 for axis in axes)
+    dive.run(10.0)
+    assert dive.step.truth.armed, "disarmed, it would go down with the water in it"
+    assert dive.step.truth.eta[2] < 0.5
+
+
+def test_a_failsafe_that_surfaces_while_handing_over_goes_first():
+    dive = active("parameters.FS_LEAK_ENABLE=2", "initial.eta=[0,0,4,0,0,0.3]", setpoint=hold(z=4.0))
+    dive.fault("link_delayed", value=0.3)
+    dive.until(State.HAND_OVER, 30.0)
+    leak(dive)
+    dive.run(3.0)
+    assert dive.step.truth.mode == SURFACE
+    assert dive.state is State.HAND_OVER
+    assert dive.step.truth.armed
 
 
 def test_stop_while_handing_over_is_the_pilots():

@@ -474,7 +474,12 @@ def test_lost_and_told_to_surface_it_comes_up_on_its_own():
     assert dive.step.truth.mode == SURFACE
     dive.run(12.0)
     assert dive.step.truth.armed
-    assert dive.step.truth.mode == SURFACE
+    assert dive.step.truth.mode == ALT_HOLD, "at the surface the firmware leaves SURFACE by itself"
+    assert dive.state is State.HAND_OVER
+    assert dive.step.sample.verdict.reason == "surfaced; the autopilot holds depth"
+    assert dive.step.truth.eta[2] < 0.3
+    dive.run(70.0)
+    assert dive.step.truth.armed, "nobody has it: without our neutral frames it would be disarmed"
     assert dive.step.truth.eta[2] < 0.3
     assert not any(axis for t_s, axes in dive.tap.frames if t_s > dive.t_s - 10.0 for axis in axes)
 

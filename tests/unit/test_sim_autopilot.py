@@ -493,9 +493,13 @@ def test_acro_reads_a_neutral_throttle_as_full_down():
 
 
 def test_surface_climbs_to_the_surface():
+    """And holds there, in ALT_HOLD: the firmware leaves SURFACE by itself, and says so by its heartbeat."""
     station = Station(vehicle("initial.eta=[0, 0, 3, 0, 0, 0]")).arm(SURFACE)
-    station.run(12.0, override())
-    assert station.rov.truth().eta[2] < 0.15
+    heard = station.run(12.0, override())
+    assert station.rov.truth().eta[2] < 0.3
+    assert station.rov.truth().mode == ALT_HOLD
+    modes = [m.custom_mode for m in heard.of("HEARTBEAT")]
+    assert list(dict.fromkeys(modes)) == [SURFACE, ALT_HOLD]
 
 
 def test_a_depth_target_moves_alt_hold():

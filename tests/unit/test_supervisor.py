@@ -71,7 +71,8 @@ EXPECTED = {
         C.OPERATOR_STOP: State.READY,
         C.ENGAGE_ASKED: State.READY,
         C.CLEAR_ASKED: State.READY,
-        **dict.fromkeys((C.RAMPED_DOWN, C.HANDED_OVER, C.HAND_OVER_REFUSED), State.READY),
+        **dict.fromkeys((C.RAMPED_DOWN, C.HANDED_OVER, C.HAND_OVER_REFUSED, C.SURFACED), State.READY),
+        C.FAILSAFE_SURFACES: State.READY,
         **dict.fromkeys((*ONLY_TOLD, C.OFF_TRACK, C.AUTOPILOT_FAILSAFE, C.PILOT_LOST_SURFACE), State.READY),
     },
     State.READY: {
@@ -94,6 +95,7 @@ EXPECTED = {
         C.DEPTH_OUT_OF_BOUNDS: State.RAMP_DOWN,
         C.AUTOPILOT_FAILSAFE: State.RAMP_DOWN,
         C.DISARMED: State.IDLE,
+        C.FAILSAFE_SURFACES: State.HAND_OVER,
         C.WRONG_MODE: State.PILOT,
         C.FAILSAFE_UNSAFE: State.RAMP_DOWN,
         C.NOT_FIT: State.RAMP_DOWN,
@@ -110,6 +112,7 @@ EXPECTED = {
         C.DEPTH_STALE: State.FAULT,
         C.ATTITUDE_STALE: State.FAULT,
         C.DISARMED: State.IDLE,
+        C.FAILSAFE_SURFACES: State.HAND_OVER,
         C.WRONG_MODE: State.PILOT,
         C.NON_FINITE: State.FAULT,
         C.PILOT_TAKEOVER: State.PILOT,
@@ -165,7 +168,9 @@ def test_every_condition_alone_in_every_state(state, condition):
     verdict = brought_to(state).step(condition, TICK_S)
     assert verdict.state is expected
     assert verdict.conditions & condition == condition
-    assert (verdict.authority > 0.0) == (expected in (State.ACTIVE, State.RAMP_DOWN, State.HAND_OVER))
+    carries = expected in (State.ACTIVE, State.RAMP_DOWN, State.HAND_OVER)
+    surfaces = condition is C.FAILSAFE_SURFACES and expected is State.HAND_OVER
+    assert (verdict.authority > 0.0) == (carries and not surfaces), "who surfaces gets no thrust of ours"
 
 
 @pytest.mark.parametrize("row", TRANSITIONS, ids=lambda row: f"{row.at}-{row.to}-{row.because}")
@@ -371,7 +376,7 @@ def test_every_key_that_decides_is_in_the_configuration(look):
 
 
 def test_every_condition_has_its_look_or_is_made_by_the_sequence_itself():
-    made = {C.RAMPED_DOWN, C.HANDED_OVER, C.HAND_OVER_REFUSED}
+    made = {C.RAMPED_DOWN, C.HANDED_OVER, C.HAND_OVER_REFUSED, C.SURFACED}
     assert {look.condition for look in CONDITIONS} == set(C) - made
 
 
@@ -436,6 +441,8 @@ def test_nothing_holds_when_all_is_well():
         (FINE_STATE, {"leaking": True}, C.LEAK),
         (FINE_STATE, {"rebooted": True}, C.REBOOTED),
         (FINE_STATE, {"failsafe": True}, C.AUTOPILOT_FAILSAFE),
+        (FINE_STATE, {"failsafe_surfaces": True}, NOTHING),
+        (FINE_STATE, {"failsafe_surfaces": True, "mode_right": False}, C.FAILSAFE_SURFACES | C.WRONG_MODE),
         (FINE_STATE, {"battery_low_s": LIMITS.battery_low_s + 0.01}, C.BATTERY_LOW),
         (FINE_STATE, {"saturated_s": LIMITS.saturated_s + 0.01}, C.SATURATED),
         (FINE_STATE, {"off_track_s": LIMITS.off_track_s + 0.01}, C.OFF_TRACK),

@@ -209,10 +209,15 @@ class Handing:
         self.hand_over, self.now_s = HandOver(), 50.0
         self.hand_over.begin(self.now_s, mode, goal)
 
-    def step(self, mode, seconds=TICK_S, *, thrusting=False, heard_s=-inf, keep_s=30.0):
+    def step(self, mode, seconds=TICK_S, *, thrusting=False, heard_s=-inf, keep_s=30.0, at_surface=False):
         self.now_s += seconds
         return self.hand_over.step(
-            self.now_s, mode, thrusting=thrusting, pilot_heard_s=heard_s, keep_s=keep_s
+            self.now_s,
+            mode,
+            thrusting=thrusting,
+            pilot_heard_s=heard_s,
+            keep_s=keep_s,
+            at_surface=at_surface,
         )
 
     @property
@@ -263,6 +268,22 @@ def test_from_stabilize_the_second_of_neutral_is_kept_too():
     assert handing.wanted is Mode.STABILIZE
     handing.step(Mode.STABILIZE, SETTLE_S)
     assert handing.wanted is Mode.ALT_HOLD
+
+
+def test_at_the_surface_alt_hold_is_the_firmwares_own_and_deeper_it_is_somebodys():
+    for at_surface in (True, False):
+        handing = Handing(goal=Mode.SURFACE)
+        handing.step(Mode.STABILIZE)
+        assert handing.step(Mode.SURFACE) == NOTHING
+        assert handing.step(Mode.SURFACE, 3600.0) == NOTHING, "on its way it is kept alive for ever"
+        said = handing.step(Mode.ALT_HOLD, at_surface=at_surface)
+        assert (said == Condition.SURFACED) is at_surface
+        assert handing.hand_over.allows(Mode.ALT_HOLD) is at_surface
+    handing = Handing(goal=Mode.SURFACE)
+    handing.step(Mode.SURFACE)
+    handing.step(Mode.ALT_HOLD, at_surface=True)
+    assert handing.step(Mode.ALT_HOLD, 3600.0, at_surface=True) == NOTHING
+    assert handing.step(Mode.ALT_HOLD, heard_s=handing.now_s) == Condition.HANDED_OVER
 
 
 def test_only_the_modes_on_the_way_are_ours():
