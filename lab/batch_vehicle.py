@@ -351,6 +351,8 @@ def _refuse(configs: Sequence[SimConfig], tick_s: float) -> None:
         thrusters, sensors = config.thrusters, config.sensors
         if (thrusters.frame, thrusters.horizontal_m, thrusters.vertical_m) != shape:
             raise ValueError("the vehicles of a batch need one frame and geometry: make a batch of each")
+        if thrusters.curve != "t200" or thrusters.lag_s == 0.0:
+            raise ValueError("thrusters without lag, or of another curve than t200, need the full loop")
         if config.faults or config.heave_force.enabled or sensors.dvl or sensors.wave_pressure:
             raise ValueError("faults, scripted heave forces, a DVL and wave pressure need the full loop")
 

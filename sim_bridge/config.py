@@ -53,10 +53,12 @@ class ThrusterConfig(_Record, frozen=True):
     frame: Literal["vectored", "vectored_6dof"]
     horizontal_m: NonNegative3
     vertical_m: NonNegative3
-    lag_s: Positive = 0.15
+    curve: Literal["t200", "quadratic"] = "t200"
+    """Thrust over PWM: as measured of a T200, or u|u| with the same full thrust ahead in both directions."""
+    lag_s: NonNegative = 0.15
     dead_band_us: Annotated[float, Meta(ge=0, le=50)] = 28.0
     gain: Annotated[tuple[NonNegative, ...], Meta(min_length=1, max_length=8)] = (1.0,)
-    """Thrust relative to the measured curve: one for all, or one for each thruster."""
+    """Thrust relative to that curve: one for all, or one for each thruster."""
 
     def __post_init__(self) -> None:
         count = 8 if self.frame == "vectored_6dof" else 6

@@ -1,4 +1,4 @@
-"""From motor PWM to a wrench: T200 curve, dead band, voltage, lag, gain, health and geometry.
+"""From motor PWM to a wrench: thrust curve, dead band, voltage, lag, gain, health and geometry.
 
 A motor that is driven above 1500 pushes the vehicle along its direction. Directions and positions are those
 for which ArduSub's mixing factors mean what they say: a positive forward, lateral, throttle (up), roll, pitch
@@ -17,6 +17,7 @@ CURVE_US = (-400, -300, -200, -100, -60, -28, 28, 60, 100, 200, 300, 400)
 CURVE_N = (-39.9, -26.6, -14.1, -4.7, -1.8, 0.0, 0.0, 2.2, 5.9, 17.9, 33.5, 51.5)
 """Static thrust of a T200 at 16 V."""
 CURVE_VOLTAGE_V = 16.0
+FULL_SPAN_US, FULL_N = 400.0, 51.5
 FULL_CURRENT_A = 24.0
 
 
@@ -50,6 +51,8 @@ class Thrusters:
         self.health = np.ones((*shape, self.count))
         self._gain = np.array(config.gain)
         self._lag_s = config.lag_s
+        self._quadratic = config.curve == "quadratic"
+        self._dead_band_us = config.dead_band_us
         self._curve_us = np.array(CURVE_US, dtype=np.float64)
         self._curve_us[[5, 6]] = (-config.dead_band_us, config.dead_band_us)
         self._curve_n = np.array(CURVE_N)
@@ -58,14 +61,18 @@ class Thrusters:
         """Steady thrust (N), (..., n), at motor PWM (..., n) in µs and a voltage (V) that broadcasts."""
         offset = np.asarray(pwm, dtype=np.float64) - 1500.0
         scale = (np.asarray(voltage_v) / CURVE_VOLTAGE_V) ** 2
-        thrust: NDArray[np.float64] = (
-            np.interp(offset, self._curve_us, self._curve_n) * self._gain * self.health * scale
-        )
+        if self._quadratic:
+            u = np.where(np.abs(offset) > self._dead_band_us, offset / FULL_SPAN_US, 0.0)
+            newtons = FULL_N * u * np.abs(u)
+        else:
+            newtons = np.interp(offset, self._curve_us, self._curve_n)
+        thrust: NDArray[np.float64] = newtons * self._gain * self.health * scale
         return thrust
 
     def step(self, static_thrust: NDArray[np.float64], dt: float) -> NDArray[np.float64]:
         """First-order lag towards `static_thrust` (..., n); returns the body wrench (..., 6)."""
-        self.thrust_n = self.thrust_n + (1.0 - math.exp(-dt / self._lag_s)) * (static_thrust - self.thrust_n)
+        follow = 1.0 - math.exp(-dt / self._lag_s) if self._lag_s > 0.0 else 1.0
+        self.thrust_n = self.thrust_n + follow * (static_thrust - self.thrust_n)
         return self.wrench()
 
     def wrench(self) -> NDArray[np.float64]:

@@ -11,7 +11,7 @@ from companion.control.bounds import bounded
 from companion.control.compensator import Compensator, inputs
 from companion.control.frame import turned
 from companion.control.law import rov_law
-from companion.control.oscillation import Oscillation
+from companion.control.oscillation import Oscillation, slowed
 from companion.control.positioning import Model, pose_error, to_body
 from companion.control.reference import ReferenceModel
 from companion.types import PSI, Array, DofSample, Flags, FrameShift, Setpoint, VehicleState
@@ -37,12 +37,12 @@ class Gains:
     start_delay_s: float
     delay_s: Array | float
 
-    def softened(self, delay_s: Array | float, calm: Array | float = 1.0) -> tuple[Array, Array, Array]:
+    def softened(self, delay_s: Array | float, gain_scale: Array | float = 1.0) -> tuple[Array, Array, Array]:
         """Return λ, κ and the share of its learning rate that a compensator keeps at a delay of `delay_s`.
 
-        `calm` is what `Oscillation` leaves of them.
+        `gain_scale` is what `Oscillation` leaves of them.
         """
-        share = calm * np.minimum(1.0, self.delay_s / np.maximum(delay_s, 1e-3))
+        share = gain_scale * np.minimum(1.0, self.delay_s / np.maximum(delay_s, 1e-3))
         return self.lam * share**LAMBDA_POWER, self.kappa * share**KAPPA_POWER, share**LEARNING_POWER
 
 
@@ -69,6 +69,8 @@ class Controller:
         self._oscillation = oscillation
         self._engaged_s = 0.0
         self._carried = np.zeros(4)
+        self._slowed = np.zeros(4)
+        """The estimated disturbance as it becomes thrust: slowed while the loop oscillates."""
         self._heirs = np.zeros(4, bool)
         self._predecessor: Self | None = None
         self._d_hat = np.zeros(4)
@@ -83,6 +85,7 @@ class Controller:
         self.reference.go_on(predecessor.reference)
         self._engaged_s = predecessor._engaged_s
         self._oscillation = predecessor._oscillation
+        self._slowed = predecessor._slowed
         self._predecessor = predecessor
         for serves, compensator in self._compensators:
             for served, old in predecessor._compensators:
@@ -98,6 +101,7 @@ class Controller:
         self._oscillation.reset()
         self._engaged_s = 0.0
         self._carried = np.zeros_like(self.reference.x_d)
+        self._slowed = np.zeros_like(self.reference.x_d)
         self._predecessor = None
         self._turned_d_hat = None
 
@@ -110,6 +114,7 @@ class Controller:
         self.reference.shift(shift)
         if shift.turn_rad:
             self._turned_d_hat = turned(shift, self._d_hat)
+            self._slowed = turned(shift, self._slowed)
         if self._predecessor is not None:
             self._predecessor.shift(shift)
 
@@ -131,10 +136,11 @@ class Controller:
         )
         self._engaged_s += dt_s
 
-        nu = to_body(J, state.eta_dot_ahead)
+        scale = self._oscillation.gain_scale
         e = pose_error(state.eta_ahead, reference.x_d)
         e_dot = state.eta_dot_ahead - reference.x_d_dot
-        lam, kappa, keenness = gains.softened(state.delays.total_s, self._oscillation.calm)
+        nu = to_body(J, state.eta_dot_ahead - (1.0 - scale) * e_dot)
+        lam, kappa, keenness = gains.softened(state.delays.total_s, scale)
         eps = e_dot + lam * e
         theta = inputs(e, e_dot, state.eta_dot_ahead, reference.x_d_dot, reference.x_d_ddot)
         may_learn = engaged & free & (not self.frozen) & (self._engaged_s >= gains.start_delay_s)
@@ -151,6 +157,7 @@ class Controller:
             adapting = adapting | compensator.learning_now
             weight_norm = weight_norm + serves * compensator.weight_norm
 
+        self._slowed = d_hat = slowed(self._slowed, d_hat, scale, dt_s)
         carried = self._carried * math.exp(-dt_s / BLEND_S)
         if self._turned_d_hat is not None:
             carried[..., :PSI] = (self._turned_d_hat - d_hat)[..., :PSI]

@@ -75,7 +75,7 @@ class RivalController(Controller):
         ours = super().step(state, J, target, engaged, free, dt_s)
         m = inertial_diagonal(J, self._model.m)[..., Z]
         share = np.minimum(1.0, self._gains.delay_s / np.maximum(state.delays.total_s, 1e-3))
-        share = share * self._swings.calm
+        share = share * self._swings.gain_scale
         motion = Motion(
             e=ours.e[..., Z],
             e_dot=ours.e_dot[..., Z],

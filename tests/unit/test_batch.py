@@ -83,6 +83,9 @@ def test_what_a_batch_cannot_do_it_refuses():
     broken = replace(BASE, faults=(Fault("link_cut"),))
     with pytest.raises(ValueError, match="full loop"):
         simulate(CONFIG, [broken], seeds=[1], **SHORT)
+    prompt = replace(BASE, thrusters=replace(BASE.thrusters, lag_s=0.0))
+    with pytest.raises(ValueError, match="full loop"):
+        simulate(CONFIG, [prompt], seeds=[1], **SHORT)
     other = replace(CONFIG, thrusters=replace(CONFIG.thrusters, lag_s=0.3))
     with pytest.raises(ValueError, match="axes"):
         simulate([CONFIG, other], [BASE, BASE], seeds=[1, 2], **SHORT)

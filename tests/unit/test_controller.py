@@ -120,6 +120,23 @@ def test_the_observers_disturbance_is_met_where_it_is_chosen_and_bounded():
     np.testing.assert_array_equal(sample.d_observer, d)
 
 
+def test_while_the_loop_swings_an_estimate_becomes_thrust_slowly_and_in_the_end_wholly():
+    """Its oscillation is drawn back; its mean stays compensated, or a load would sink the vehicle."""
+    c = at_rest(*each("observer"))
+    c._oscillation.gain_scale[:] = 0.2
+    load = np.array([5.0, -3.0, 15.0, 2.0])
+    swinging = []
+    for i in range(1000):
+        c._oscillation.gain_scale[:] = 0.2
+        swing = 0.5 * load * np.sin(2.0 * np.pi * 1.5 * i * TICK_S)
+        swinging.append(tick(c, state(disturbance=load + swing), Setpoint(np.zeros(4))).d_hat)
+    settled = np.array(swinging)[-500:]
+    assert (np.ptp(settled, axis=0) < 0.15 * np.abs(load)).all()
+    np.testing.assert_allclose(settled.mean(0), load, rtol=0.02)
+    c._oscillation.gain_scale[:] = 1.0
+    np.testing.assert_array_equal(tick(c, state(disturbance=-load), Setpoint(np.zeros(4))).d_hat, -load)
+
+
 def test_without_a_compensator_there_is_none():
     c = at_rest(*each("none"))
     for _ in range(200):

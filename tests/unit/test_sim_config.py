@@ -7,7 +7,7 @@ from sim_bridge.config import ConfigError, load_config
 from sim_bridge.vehicle import Vehicle
 
 
-@pytest.mark.parametrize("name", ["sim.toml", "sim-bluerov2.toml"])
+@pytest.mark.parametrize("name", ["sim.toml", "sim-bluerov2.toml", "sim-ardusub.toml"])
 def test_shipped_files_fly(name):
     Vehicle(load_config(CONFIG.with_name(name)), 1).step()
 

@@ -46,6 +46,37 @@ def test_lag_is_first_order():
     assert set_.thrust_n == pytest.approx(target * (1 - math.exp(-1)))
 
 
+def test_without_lag_it_pushes_at_once():
+    set_ = thrusters("vectored_6dof", "thrusters.lag_s=0.0")
+    target = set_.static_thrust([1700] * 8, 16.0)
+    set_.step(target, 0.005)
+    assert (set_.thrust_n == target).all()
+
+
+def test_quadratic_curve_is_symmetric_with_a_dead_band_of_its_own():
+    set_ = thrusters("vectored_6dof", "thrusters.curve='quadratic'", "thrusters.dead_band_us=25.0")
+    thrust = set_.static_thrust([1900, 1100, 1700, 1300, 1525, 1475, 1526, 1474], 16.0)
+    edge = 51.5 * (26 / 400) ** 2
+    assert thrust == pytest.approx([51.5, -51.5, 51.5 / 4, -51.5 / 4, 0.0, 0.0, edge, -edge])
+
+
+def test_the_vehicle_of_the_firmware_s_simulator_has_its_accelerations():
+    """By the ArduSub facts: horizontal thrusters add up without √½, and turn it at 0.25 m."""
+    config = load_config(CONFIG.with_name("sim-ardusub.toml"))
+    set_ = Thrusters(config.thrusters)
+    full_n = 51.5
+
+    def wrench(*demand):
+        motors = motor_pwm(mix("vectored_6dof", demand), [1] * 8)
+        return set_.step(set_.static_thrust(motors, 16.0), 0.005)
+
+    assert wrench(0, 0, 0, 0, 1, 0)[0] == pytest.approx(4 * full_n, rel=1e-3)
+    assert wrench(0, 0, 0, 0, 0, 1)[1] == pytest.approx(4 * full_n, rel=1e-3)
+    assert wrench(0, 0, 0, -1, 0, 0)[2] == pytest.approx(4 * full_n, rel=1e-3)
+    assert wrench(0, 0, 1, 0, 0, 0)[5] == pytest.approx(4 * full_n * 0.25, rel=1e-3)
+    assert wrench(1, 0, 0, 0, 0, 0)[3] == pytest.approx(4 * full_n * 0.25, rel=1e-3)
+
+
 def test_dead_thruster_gives_nothing_and_gain_scales():
     set_ = thrusters("vectored_6dof", "thrusters.gain=[1.1, 1, 1, 1, 1, 1, 1, 1]")
     set_.health = np.array([1, 1, 0, 1, 1, 1, 1, 1.0])
