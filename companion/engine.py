@@ -140,7 +140,7 @@ class Engine:
         J = jacobian(state.eta_ahead[PSI])
         self._heed(wish, taken, J, dt_s)
         control_dt_s = min(max(dt_s, 0.0), MAX_DT_TICKS * self._tick_s)
-        self._controller.frozen = verdict.freeze or verdict.authority < 1.0
+        self._controller.frozen, self._controller.authority = verdict.freeze, verdict.authority
         rising = verdict.state is State.ACTIVE and verdict.authority < 1.0
         target = self._engaged_at if rising else self._target
         dofs = self._controller.step(state, J, target, self._engaged, ~self._saturated, control_dt_s)

@@ -66,6 +66,8 @@ class Controller:
         self._compensators = compensators
         self.frozen = False
         """Whether nothing may be learnt for the time being."""
+        self.authority = 1.0
+        """What share of the demand becomes thrust: while it grows, nothing is learnt and nothing watched."""
         self._oscillation = oscillation
         self._engaged_s = 0.0
         self._carried = np.zeros(4)
@@ -143,7 +145,8 @@ class Controller:
         lam, kappa, keenness = gains.softened(state.delays.total_s, scale)
         eps = e_dot + lam * e
         theta = inputs(e, e_dot, state.eta_dot_ahead, reference.x_d_dot, reference.x_d_ddot)
-        may_learn = engaged & free & (not self.frozen) & (self._engaged_s >= gains.start_delay_s)
+        frozen = self.frozen or self.authority < 1.0
+        may_learn = engaged & free & (not frozen) & (self._engaged_s >= gains.start_delay_s)
         d_hat = bounded(state.disturbance, gains.d_max) * gains.by_observer
         adapting, weight_norm = np.zeros(e.shape, bool), np.zeros(e.shape)
         before: DofSample | None = None
@@ -178,7 +181,8 @@ class Controller:
             self._carried = carried
         self._d_hat = d_hat + self._carried
         tau = (law.tau + self._carried) * engaged
-        self._oscillation.step(tau, dt_s)
+        if self.authority >= 1.0:
+            self._oscillation.step(tau, dt_s)
         return DofSample(
             x_d=reference.x_d,
             x_d_dot=reference.x_d_dot,

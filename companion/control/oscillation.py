@@ -1,22 +1,25 @@
 """Notices that the loop oscillates by itself, and says how far to draw back what an estimate may ask.
 
 A loop that is later, or a vehicle that answers more strongly, than the gains bear oscillates faster than any
-sea or path. What of the demand is faster than HIGH_PASS_S tells it: by its RMS of late, and by turning back
-REVERSALS times within REVERSALS_S, which a load, a setpoint or engaging does not do. Then the gains shrink to
-a fraction within a second; once it is quiet they come back slowly, so that they do not hunt.
+sea or path, and does not die away. So what of the demand is faster than HIGH_PASS_S is cut into half-swings:
+HALF_SWINGS of them in a row, each larger than the limit and hardly smaller than the one before, are a limit
+cycle. Engaging, a load or a setpoint make no such row. Each one more shrinks the gains, by as much as it
+lasts; they come back slowly, so that they do not hunt.
 """
 
 import math
 
 import numpy as np
 
-from companion.types import Array, Flags
+from companion.types import Array
 
 HIGH_PASS_S = 0.15
-MEMORY_S = 0.5
-REVERSALS, REVERSALS_S = 3, 1.5
-REVERSAL_SHARE = 0.5
-"""Of the limit: fast demand that goes beyond it on one side and then on the other has turned back."""
+HALF_SWINGS = 3
+LONGEST_S = 1.5
+"""A half-swing that lasts longer is the sea's, or a setpoint's."""
+
+KEPT = 0.7
+"""A half-swing is no smaller than this beside the one before: else it is a transient that dies away."""
 
 SHRINK_S = 0.5
 RECOVER_S = 30.0
@@ -29,39 +32,42 @@ class Oscillation:
 
     def __init__(self, limit: Array) -> None:
         """Take the RMS of fast demand above which it counts as oscillating, N or N·m, (4,)."""
-        self._limit = limit
+        self._amplitude = math.sqrt(2.0) * limit
         self.reset()
 
     def reset(self) -> None:
         """Begin anew, with full gains."""
-        self.gain_scale: Array = np.ones_like(self._limit)
+        none = np.zeros_like(self._amplitude)
+        self.gain_scale: Array = np.ones_like(none)
         self._slow: Array | None = None
-        self._power: Array = np.zeros_like(self._limit)
-        self._side: Array = np.zeros_like(self._limit)
-        self._since_s: Array = np.full((REVERSALS, *self._limit.shape), math.inf)
-        """Ages of the last reversals, the newest first."""
+        self._peak, self._peak_before, self._count, self._lasts_s = none, none, none, none
 
     def step(self, tau: Array, dt_s: float) -> None:
         """Take one tick's demand."""
         slow = tau if self._slow is None else self._slow
         self._slow = slow + (tau - slow) * (1.0 - math.exp(-dt_s / HIGH_PASS_S))
         fast = tau - self._slow
-        self._power = self._power + (fast * fast - self._power) * (1.0 - math.exp(-dt_s / MEMORY_S))
-        swings = (self._power > self._limit * self._limit) & self._turns_back(fast, dt_s)
-        scale = np.where(
-            swings, self.gain_scale * math.exp(-dt_s / SHRINK_S), self.gain_scale + dt_s / RECOVER_S
-        )
+        swung_s = self._half_swing_s(fast, dt_s)
+        scale = self.gain_scale * np.exp(-swung_s / SHRINK_S) + dt_s / RECOVER_S
         self.gain_scale = np.minimum(np.maximum(scale, LEAST), 1.0)
 
-    def _turns_back(self, fast: Array, dt_s: float) -> Flags:
-        """Tell where the fast demand has turned back REVERSALS times within REVERSALS_S."""
-        beyond = np.abs(fast) > REVERSAL_SHARE * self._limit
-        turned = beyond & (fast * self._side < 0.0)
-        self._side = np.where(beyond, np.sign(fast), self._side)
-        aged = self._since_s + dt_s
-        newer = np.concatenate((np.zeros_like(aged[:1]), aged[:-1]))
-        self._since_s = np.where(turned, newer, aged)
-        return np.asarray(self._since_s[-1] < REVERSALS_S)
+    def _half_swing_s(self, fast: Array, dt_s: float) -> Array:
+        """Return how long the half-swing lasted that ends now, s, where it is one of a limit cycle; else 0.
+
+        `_peak` is the largest of the present half-swing, with its sign. It ends where as much again lies
+        on the other side.
+        """
+        ends = (fast * self._peak < 0.0) & (np.abs(fast) > 0.5 * self._amplitude)
+        size, lasts_s = np.abs(self._peak), self._lasts_s + dt_s
+        goes_on = (size > self._amplitude) & (size > KEPT * self._peak_before) & (lasts_s < LONGEST_S)
+        count = np.where(ends, (self._count + 1.0) * goes_on, self._count)
+        swung_s = np.where(ends & (count >= HALF_SWINGS), lasts_s, 0.0)
+        self._peak_before = np.where(ends, size, self._peak_before)
+        larger = ends | (np.abs(fast) > size)
+        self._peak = np.where(larger, fast, self._peak)
+        self._lasts_s = np.where(ends, 0.0, lasts_s)
+        self._count = count
+        return swung_s
 
 
 def slowed(before: Array, d_hat: Array, gain_scale: Array, dt_s: float) -> Array:

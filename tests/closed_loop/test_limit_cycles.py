@@ -8,7 +8,7 @@ from companion.types import State, Z
 
 FIRMWARE = "sim-ardusub.toml"
 SETTLED_S = 20.0
-TRUE_PSI, SINK, YAW_RATE = 5, 9, 12
+TRUE_PSI, YAW_RATE = 5, 12
 QUIET, ROUGH = (), ("waves.enabled=true",)
 
 
@@ -18,9 +18,8 @@ def dived(*plant, seconds=60.0, knock=0.0, depth_m=3.0, **arguments):
         State.ACTIVE
     )
     steps = dive.run(0.5)
-    state = list(dive.vehicle._state)
-    state[YAW_RATE] += knock
-    dive.vehicle._state = tuple(state)
+    body = dive.vehicle._physics
+    body.state = (*body.state[:YAW_RATE], body.state[YAW_RATE] + knock)
     return dive, steps + dive.run(seconds - 0.5)
 
 

@@ -1,6 +1,7 @@
 """A loop that swings by itself is noticed, and a sea, a load or a setpoint is not taken for it."""
 
 import numpy as np
+import pytest
 
 from companion.control.oscillation import LEAST, Oscillation
 
@@ -20,7 +21,7 @@ def watched(demand, seconds=20.0):
 def test_a_limit_cycle_draws_the_gains_back_within_two_seconds():
     scale = watched(lambda t_s: 60.0 * np.sign(np.sin(2.0 * np.pi * 1.2 * t_s)))
     assert scale[round(2.0 / DT_S), 2] < 0.4
-    assert scale[-1, 2] == LEAST
+    assert scale[-1, 2] == pytest.approx(LEAST, abs=0.02)
     assert (scale[:, [0, 1, 3]] == 1.0).all()
 
 
@@ -42,7 +43,7 @@ def test_engaging_or_a_setpoint_is_no_limit_cycle():
 
 def test_the_gains_come_back_when_it_is_quiet():
     scale = watched(lambda t_s: 60.0 * np.sign(np.sin(8.0 * t_s)) * (t_s < 5.0), seconds=40.0)[:, 2]
-    assert scale.min() == LEAST
+    assert scale.min() == pytest.approx(LEAST, abs=0.02)
     assert scale[-1] == 1.0
 
 
