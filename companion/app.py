@@ -29,6 +29,7 @@ from companion.endpoint import Endpoint
 from companion.engine import Engine
 from companion.events import Chronicle
 from companion.links import Admission, Link
+from companion.mavlink.inbox import Inbox
 from companion.mavlink.relay import Relay
 from companion.mavlink.signing import Signing, read_key
 from companion.operator import Desk, Handed
@@ -36,7 +37,6 @@ from companion.telemetry import Raw, Start
 from companion.types import PSI, ControlSample, LoopHealth, Request, Setpoint, Z
 from companion.zenoh_io import NameTakenError, Publisher
 
-INBOX = 1024
 FAREWELLS = 5
 STATUS_PERIOD_S = 5.0
 WATCHDOG_PERIOD_S = 0.5
@@ -87,9 +87,9 @@ class App:
 
     def __init__(self, config: Config, setpoint: Setpoint, *, arm: bool, requests: Sequence[Request]) -> None:
         self._config = config
-        self._inbox: deque[tuple[int, bytes]] = deque(maxlen=INBOX)
         engine = self._engine = Engine(config, setpoint, arm=arm, signing=signing_of(config))
         endpoint = Endpoint.parse(config.link.endpoint)
+        self._inbox = Inbox(endpoint.is_stream)
         admission = Admission(engine.sender, engine.hello, config.link.allow)
         self._link = Link(endpoint, "vehicle", self._from_vehicle, admission)
         self._ground: Link | None = None
@@ -164,7 +164,7 @@ class App:
         if self._ground is not None:
             for piece in self._relay.to_ground(t_ns, data):
                 self._ground.send(piece)
-        self._inbox.append((t_ns, data))
+        self._inbox.add(t_ns, data)
 
     def _from_ground(self, t_ns: int, data: bytes) -> None:
         for piece in self._relay.to_vehicle(t_ns, data):
@@ -190,14 +190,14 @@ class App:
             samples_dropped=self._publisher.dropped,
             strangers=sum(link.strangers for link in self._links),
             peer_changes=self._peer_changes,
+            left_out_bytes=self._inbox.left_out + (self._relay.left_out if self._ground is not None else 0),
         )
         now_s = now_ns / NS_PER_S
         engine, desk = self._engine, self._desk
         try:
             handed = desk.before(engine, now_s)
             requests, self._requests = [*self._requests, *handed.requests], []
-            datagrams = list(self._inbox)
-            self._inbox.clear()
+            datagrams = self._inbox.take()
             ground = self._relay.take() if self._ground is not None else []
             out, sample = engine.step(now_s, datagrams, health, requests, ground)
             for data in out:

@@ -3,14 +3,14 @@
 import asyncio
 import logging
 import time
-from collections import deque
 
-from companion.app import INBOX, NS_PER_S, on_ending_signal, signing_of
+from companion.app import NS_PER_S, on_ending_signal, signing_of
 from companion.check import Grade, Row
 from companion.config import Config
 from companion.endpoint import Endpoint
 from companion.inspection import Inspection
 from companion.links import Admission, Link
+from companion.mavlink.inbox import Inbox
 
 
 def inspect(
@@ -30,12 +30,13 @@ def inspect(
 async def _inspect(
     config: Config, origin: tuple[float, float] | None, thrusters: bool
 ) -> tuple[list[Row], list[str]]:
-    inbox: deque[tuple[int, bytes]] = deque(maxlen=INBOX)
+    endpoint = Endpoint.parse(config.link.endpoint)
+    inbox = Inbox(endpoint.is_stream)
     inspection = Inspection(config, origin=origin, thrusters=thrusters, signing=signing_of(config))
     link = Link(
-        Endpoint.parse(config.link.endpoint),
+        endpoint,
         "vehicle",
-        lambda t_ns, data: inbox.append((t_ns, data)),
+        inbox.add,
         Admission(inspection.sender, inspection.hello, config.link.allow),
     )
     wire = asyncio.create_task(link.run())
@@ -44,9 +45,7 @@ async def _inspect(
     on_ending_signal(asyncio.get_running_loop(), here.cancel)
     try:
         while not inspection.done and not wire.done():
-            datagrams = list(inbox)
-            inbox.clear()
-            for data in inspection.step(time.monotonic_ns() / NS_PER_S, datagrams):
+            for data in inspection.step(time.monotonic_ns() / NS_PER_S, inbox.take()):
                 link.send(data)
             await asyncio.sleep(1.0 / config.loop.rate_hz)
         if wire.done():

@@ -153,6 +153,7 @@ class Loop(Record, frozen=True, kw_only=True):
     foreign: Annotated[int, means("messages of other systems, and datagrams of others than a link's peer")]
     implausible: Annotated[int, means("messages with numbers that cannot be")]
     pilot_age_s: Annotated[float, means("since the ground station's heartbeat")] = NEVER_S
+    left_out_bytes: Annotated[int, means("bytes of a flood that nobody looked at")] = 0
     refused: Annotated[int, means("frames whose MAVLink signature was bad, missing or replayed")] = 0
 
 
@@ -394,6 +395,7 @@ def records(sample: ControlSample) -> list[Schema]:
             implausible=counters.implausible,
             refused=counters.refused,
             pilot_age_s=min(state.ages.pilot_s, NEVER_S),
+            left_out_bytes=loop.left_out_bytes,
         ),
     ]
 

@@ -533,6 +533,8 @@ class LoopHealth:
     strangers: int = 0
     """Datagrams of others than the links' peers."""
     peer_changes: int = 0
+    left_out_bytes: int = 0
+    """Of floods on the links."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -469,10 +469,11 @@ def _health(view: View) -> Table:
             f"{loop.rate_hz:.1f} Hz   {loop.lateness_ms:.2f} ms late   {loop.compute_us:.0f} µs a tick   "
             f"{loop.late_ticks} late ticks   {loop.samples_dropped} dropped",
         )
+        flood = f"   {loop.left_out_bytes} bytes of a flood left out" if loop.left_out_bytes else ""
         grid.add_row(
             "mavlink",
             f"{loop.messages} messages   {loop.garbage} garbage   {loop.foreign} foreign   "
-            f"{loop.implausible} implausible",
+            f"{loop.implausible} implausible{flood}",
         )
     return grid
 

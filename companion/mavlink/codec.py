@@ -5,6 +5,7 @@ swallows the good frames within it, and on a stream its buffer may grow. Here a 
 one byte.
 """
 
+import re
 from collections.abc import Container
 from typing import Any, Final, TypeAlias
 
@@ -17,6 +18,8 @@ Message: TypeAlias = Any
 """A pymavlink message: one of the classes `mavlink.MAVLink_*_message`."""
 
 MARKER: Final = 0xFD
+HEADERS: Final = re.compile(rb"\xfd(?=.[\x00\x01]|.?\Z)", re.DOTALL)
+"""Where a frame may begin: the marker, and flags that we know, unless those are cut off."""
 SIGNED: Final = 0x01
 HEADER_BYTES: Final = 10
 CHECKSUM_BYTES: Final = 2
@@ -112,9 +115,10 @@ class Codec:
                 at += size
             else:
                 self._junk()
-                at = data.find(MARKER, at + 1)
-                if at < 0:
+                header = HEADERS.search(data, at + 1)
+                if header is None:
                     break
+                at = header.start()
         return messages
 
     def sender(self, data: bytes) -> Sender:

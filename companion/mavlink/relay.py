@@ -16,22 +16,25 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from companion.config import Config
 from companion.endpoint import Endpoint
 from companion.mavlink.ardusub import override_deflection, pilot_sticks
-from companion.mavlink.codec import MAX_FRAMES_LOOKED_AT, PARTIAL_TIMEOUT_S
+from companion.mavlink.codec import HEADERS, MAX_FRAMES_LOOKED_AT, PARTIAL_TIMEOUT_S
 from companion.mavlink.signing import Signing
 from companion.types import Event, PilotHeartbeat, PilotInput, Sender
 
 NS_PER_S: Final = 1e9
 MAX_DATAGRAM: Final = 1400
 MAX_BYTES_A_TICK: Final = 1 << 14
-"""More than this from the ground station in one tick is a flood: it is dropped, and the control goes on."""
+MAX_LOOKS_A_TICK: Final = 512
+"""More bytes than this either way in one tick, or more beginnings of frames in them, are a flood. It is
+dropped, and the control goes on."""
 
 MAX_FRAMES_A_TICK: Final = 64
+"""Of the pilot's, for the engine."""
 
 HEARTBEAT: Final = mavlink.MAVLINK_MSG_ID_HEARTBEAT
 MANUAL_CONTROL: Final = mavlink.MAVLINK_MSG_ID_MANUAL_CONTROL
 OVERRIDE: Final = mavlink.MAVLINK_MSG_ID_RC_CHANNELS_OVERRIDE
 
-_MARKERS: Final = re.compile(rb"[\xfd\xfe]")
+_HEADERS: Final = re.compile(rb"\xfe|" + HEADERS.pattern, re.DOTALL)
 _V1, _V2 = 0xFE, 0xFD
 
 
@@ -110,10 +113,24 @@ class Splitter:
                         self._since_s = t_s
                     return
             if frame is None:
-                marker = _MARKERS.search(data, at + 1)
-                size = (marker.start() if marker else end) - at
+                header = _HEADERS.search(data, at + 1)
+                size = (header.start() if header else end) - at
             yield frame, data[at : at + size]
             at += size
+
+
+class _Budget:
+    """What may still pass one way in this tick."""
+
+    def __init__(self) -> None:
+        self._bytes, self._looks = MAX_BYTES_A_TICK, MAX_LOOKS_A_TICK
+
+    def allows(self, data: bytes) -> bool:
+        """Take `data` from what is left; tell whether it was enough."""
+        self._bytes -= len(data)
+        if self._bytes >= 0:
+            self._looks -= len(_HEADERS.findall(data))
+        return self._bytes >= 0 and self._looks >= 0
 
 
 class Relay:
@@ -122,7 +139,8 @@ class Relay:
     def __init__(self, config: Config, signing: Signing | None = None) -> None:
         vehicle, ground = Endpoint.parse(config.link.endpoint), Endpoint.parse(config.ground_station.endpoint)
         self.withhold = False
-        self.dropped = 0
+        self.left_out = 0
+        """Bytes of floods."""
         self._link = config.link
         self._signing = signing
         self._up, self._down = Splitter(vehicle.is_stream), Splitter(ground.is_stream)
@@ -130,19 +148,21 @@ class Relay:
         self._reframes_down = ground.is_stream and not vehicle.is_stream
         self._passed = 0
         self._heard: deque[tuple[int, bytes]] = deque(maxlen=MAX_FRAMES_A_TICK)
-        self._bytes = 0
+        self._up_budget, self._down_budget = _Budget(), _Budget()
 
     def to_ground(self, t_ns: int, data: bytes) -> Sequence[bytes]:
         """Return what goes to the ground station of what came from the vehicle: all, in whole frames."""
+        if not self._up_budget.allows(data):
+            self.left_out += len(data)
+            return ()
         if not self._reframes_up:
             return (data,)
         return _packed(piece for _, piece in self._up.cut(t_ns / NS_PER_S, data))
 
     def to_vehicle(self, t_ns: int, data: bytes) -> Sequence[bytes]:
         """Return what goes to the vehicle of what came from the ground station."""
-        self._bytes += len(data)
-        if self._bytes > MAX_BYTES_A_TICK:
-            self.dropped += 1
+        if not self._down_budget.allows(data):
+            self.left_out += len(data)
             return ()
         out: list[bytes] = []
         at = -self._passed  # of the piece, seen from the first byte that the vehicle does not have yet
@@ -161,7 +181,7 @@ class Relay:
         """Return the pilot's frames since the last tick: arrival (monotonic ns) and bytes."""
         heard = list(self._heard)
         self._heard.clear()
-        self._bytes = 0
+        self._up_budget, self._down_budget = _Budget(), _Budget()
         return heard
 
     def sender(self, data: bytes) -> Sender:

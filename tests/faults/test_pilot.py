@@ -537,7 +537,7 @@ def test_a_flood_is_cut_off_and_the_control_goes_on(flood):
         dive.cockpit.extra += [flood] * 20
         dive.run(0.02)
     assert dive.state is State.ACTIVE
-    assert dive.cockpit.relay.dropped > 100
+    assert dive.cockpit.relay.left_out > 100
     dive.run(1.0)
     assert dive.step.truth.eta[2] == pytest.approx(1.0, abs=0.05)
 

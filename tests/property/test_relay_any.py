@@ -1,12 +1,20 @@
 """The relay loses no byte, adds none and changes none; what it withholds is steering, in whole frames."""
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from companion.config import load_config
-from companion.mavlink.relay import MAX_BYTES_A_TICK, MAX_DATAGRAM, Relay, pilot_events
+from companion.mavlink.relay import (
+    MAX_BYTES_A_TICK,
+    MAX_DATAGRAM,
+    MAX_LOOKS_A_TICK,
+    Relay,
+    frame_at,
+    pilot_events,
+)
 from companion.types import PilotHeartbeat, PilotInput, PilotSticks
 
 ENDPOINTS = {True: "tcp:127.0.0.1:5760", False: "udp-connect:127.0.0.1:14550"}
@@ -154,6 +162,23 @@ def test_a_flood_is_dropped_until_the_next_tick():
     wire = relay()
     assert wire.to_vehicle(0, bytes(MAX_BYTES_A_TICK)) != ()
     assert wire.to_vehicle(0, b"more") == ()
-    assert wire.dropped == 1
+    assert wire.left_out == len(b"more")
+    assert wire.to_ground(0, bytes(MAX_BYTES_A_TICK + 1)) == ()
     wire.take()
     assert list(wire.to_vehicle(0, b"again")) == [b"again"]
+    assert list(wire.to_ground(0, b"again")) == [b"again"]
+
+
+@pytest.mark.parametrize(
+    "junk", [b"\xfe", b"\xfd", b"\xfd\xff\x00", b"\xfd\xff\x00\x00\x00\x01\x01\x1e\x00\x00"]
+)
+@pytest.mark.parametrize("way", ["to_vehicle", "to_ground"])
+def test_a_flood_costs_a_bounded_number_of_looks_a_tick(monkeypatch, junk, way):
+    """Each look at what may be a frame's beginning may take a checksum."""
+    looks = []
+    monkeypatch.setattr("companion.mavlink.relay.frame_at", lambda *at: looks.append(at) or frame_at(*at))
+    wire = relay(vehicle_is_stream=way == "to_ground", ground_is_stream=way == "to_vehicle")
+    for _ in range(400):
+        getattr(wire, way)(0, (1400 * junk)[:1400])
+    assert len(looks) <= MAX_LOOKS_A_TICK + 40
+    assert wire.left_out > 300 * 1400

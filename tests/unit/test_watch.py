@@ -74,6 +74,13 @@ def test_thrust_that_was_not_delivered_is_marked(make_sample: MakeSample) -> Non
     assert "SATURATED" not in surge
 
 
+def test_a_flood_is_shown_where_there_was_one(make_sample: MakeSample) -> None:
+    sample = make_sample()
+    assert "flood" not in _screen(_view(sample))
+    sample = replace(sample, loop=replace(sample.loop, left_out_bytes=4711))
+    assert "4711 bytes of" in _screen(_view(sample))
+
+
 def test_what_never_came_is_no_zero(make_sample: MakeSample) -> None:
     sample = make_sample(voltage_v=math.nan)
     nowhere = np.array([np.nan, np.nan, 5.0, 0.5])

@@ -1,0 +1,91 @@
+"""What a flood on the link may cost a tick, in looks and not in seconds."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from companion.mavlink import codec
+from companion.mavlink.codec import Codec
+from companion.mavlink.inbox import MAX_BYTES, MAX_LOOKS, Inbox
+
+VEHICLE, US = (1, 1), (255, 25)
+SAYS = Codec(*VEHICLE, *US)
+
+
+def attitude(boot_ms):
+    return SAYS.encode(mavlink.MAVLink_attitude_message(boot_ms, 0.1, 0.2, 0.3, 0.01, 0.02, 0.03))
+
+
+ATTITUDE = attitude(1000)
+FLOODS = {
+    "markers": b"\xfd",
+    "headers": b"\xfd\xff\x00",
+    "headers of a known message": b"\xfd\xff\x00\x00\x00\x01\x01\x1e\x00\x00",
+    "headers that ask for a checksum each": ATTITUDE[:10],
+    "messages": ATTITUDE,
+    "zeros": b"\0",
+}
+
+
+@pytest.mark.parametrize("flood", FLOODS.values(), ids=FLOODS)
+@pytest.mark.parametrize("stream", [False, True])
+@pytest.mark.parametrize("size", [1, 12, 1400, 60_000])
+def test_a_tick_takes_a_bounded_number_of_looks_whatever_comes(monkeypatch, flood, stream, size):
+    looks = []
+    frame_size = codec._frame_size
+    monkeypatch.setattr(codec, "_frame_size", lambda *at: looks.append(at) or frame_size(*at))
+    inbox, link, sent = Inbox(stream), Codec(*US, *VEHICLE, stream=stream), 0
+    for _ in range(3):
+        for k in range(400):
+            data = (flood * (size // len(flood) + 1))[:size]
+            inbox.add(k, data)
+            sent += len(data)
+        looks.clear()
+        taken = inbox.take()
+        for _, data in taken:
+            link.decode(0.0, data)
+        sent -= sum(len(data) for _, data in taken)
+        assert inbox.left_out == sent, "every byte is looked at or counted"
+        assert sum(len(data) for _, data in taken) <= MAX_BYTES
+        assert len(looks) <= 2 * MAX_LOOKS + 40  # a piece may begin with what is no header
+
+
+def test_what_a_vehicle_says_passes_untouched_in_its_order():
+    """A second of telemetry at once, as after a tick that was late by that much."""
+    inbox = Inbox(stream=False)
+    said = [(k, attitude(20 * k)) for k in range(250)]
+    for t_ns, frame in said:
+        inbox.add(t_ns, frame)
+    assert inbox.take() == said
+    assert inbox.take() == []
+    assert inbox.left_out == 0
+
+
+@pytest.mark.parametrize("stream", [False, True])
+def test_the_newest_gets_through_a_flood(stream):
+    """On a stream a false header holds up what is behind it, 0.2 s at most, as without a flood."""
+    inbox, link, heard = Inbox(stream), Codec(*US, *VEHICLE, stream=stream), []
+    for tick in range(50):
+        for _ in range(400):
+            inbox.add(tick, (FLOODS["headers"] * 500)[:1400])
+            inbox.add(tick, attitude(tick))
+        heard += [(tick, m.time_boot_ms) for _, data in inbox.take() for m in link.decode(0.02 * tick, data)]
+    assert heard[-1][0] == 49
+    assert all(tick - said <= 11 for tick, said in heard)
+
+
+def test_junk_that_does_not_fit_leaves_room_for_datagrams_before_it():
+    inbox = Inbox(stream=False)
+    inbox.add(1, ATTITUDE)
+    inbox.add(2, FLOODS["headers"] * (MAX_LOOKS + 1))
+    assert inbox.take() == [(1, ATTITUDE)]
+    assert inbox.left_out == 3 * (MAX_LOOKS + 1)
+
+
+@given(st.lists(st.binary(max_size=60), max_size=30), st.booleans())
+def test_little_passes_as_it_is(pieces, stream):
+    inbox = Inbox(stream)
+    for k, piece in enumerate(pieces):
+        inbox.add(k, piece)
+    assert inbox.take() == [(k, piece) for k, piece in enumerate(pieces) if piece]
