@@ -9,9 +9,13 @@ Batches of dives without MAVLink bytes (`lab.batch`), on vehicles that no search
 """
 
 import math
+import os
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
 from unittest.mock import patch
 
 import numpy as np
@@ -22,11 +26,15 @@ from companion.hidden_delay import HiddenDelay
 from companion.types import Array, Setpoint
 from lab.batch import simulate
 from lab.batch_vehicle import Links
+from lab.dive import dive
+from lab.lockstep import Link
 from lab.rows import selected, tuned, values_of
 from lab.scenarios import DEPTH_M, SETTLE_S, Scenario, ensemble, four, hold
 from sim_bridge.config import SimConfig
 
 FIRST_SEED = 1000
+HELD_FROM_S = 5.0
+BENCH_LINKS = {"as is": Link(), "+80 ms measured": Link(up_s=0.041, down_s=0.041)}
 DELAYS: Mapping[str, Links] = {
     "as is": Links(),
     "+80 ms measured": Links(up_s=0.041, down_s=0.041),
@@ -66,6 +74,9 @@ PARTS = (
     Part("oscillation not damped", (), _no_damping),
     Part("neither of the two", ("delays.gains_bear_s=1.0",), _no_hidden),
 )
+HEADLINES = tuple(part for part in PARTS if part.without is nullcontext)
+"""What `--firmware` dives."""
+
 LAWS = ("law", "integrator", "regressor", "observer", "network", "network+observer")
 """Rows of the bench: each with the gains that the search found for it."""
 
@@ -92,6 +103,33 @@ def parts(base: SimConfig, settings: Sequence[str], seeds: int, done: Callable[[
                 figures = [_dive(config, four_of(seeds, i), base, links) for i in range(4)]
             results.append(_result(part.name, case, figures))
             done()
+    return results
+
+
+def parts_on_firmware(
+    base: SimConfig, settings: Sequence[str], seeds: int, firmware: Path, done: Callable[[], None]
+) -> list[Result]:
+    """Return the variants that are configuration alone, over the bench's four scenarios, in the full loop.
+
+    Those are HEADLINES, under BENCH_LINKS; the others patch the engine, which is left whole before the real
+    firmware.
+    """
+    results = []
+    with ProcessPoolExecutor(os.cpu_count()) as pool:
+        for part in HEADLINES:
+            config = load_config(overrides=[*settings, *part.overrides])
+            for case, link in BENCH_LINKS.items():
+                jobs = [(config, which, FIRST_SEED + seed) for which in range(4) for seed in range(seeds)]
+                dived = list(pool.map(partial(_dive_firmware, base, link, firmware), jobs))
+                figures = [
+                    {
+                        key: np.array([one[key] for one in dived[i * seeds : (i + 1) * seeds]])
+                        for key in dived[0]
+                    }
+                    for i in range(4)
+                ]
+                results.append(_result(part.name, case, figures))
+                done()
     return results
 
 
@@ -176,6 +214,18 @@ def _dive(config: Config, scenarios: Sequence[Scenario], base: SimConfig, links:
     plants = [scenario.plant(base, scenario.seed) for scenario in scenarios]
     first, seeds = scenarios[0], [scenario.seed for scenario in scenarios]
     return simulate(config, plants, first.target, first.duration_s, seeds, links)
+
+
+def _dive_firmware(
+    base: SimConfig, link: Link, firmware: Path, job: tuple[Config, int, int]
+) -> dict[str, float]:
+    """Return RMS, chatter, and when the supervisor gave up (s), NaN if it did not."""
+    config, which, seed = job
+    dived = dive(four(seed)[which], config, base, link, None, firmware)
+    figures = dived.figures()
+    given_up = ~dived.active & (dived.t_s > HELD_FROM_S)
+    lost_s = float(dived.t_s[np.argmax(given_up)]) if given_up.any() else math.nan
+    return {key: figures[key] for key in ("depth_rms_mm", "chatter_n")} | {"lost_s": lost_s}
 
 
 def _result(variant: str, case: str, figures: Sequence[dict[str, Array]]) -> Result:

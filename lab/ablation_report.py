@@ -11,7 +11,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from lab import style
-from lab.ablation import Result, count, parts, wrong_models
+from lab.ablation import BENCH_LINKS, HEADLINES, Result, count, parts, parts_on_firmware, wrong_models
 from lab.bench import interval
 from lab.floor import CHATTER_N
 from sim_bridge.config import SimConfig
@@ -23,15 +23,30 @@ EARNED = 0.20
 """The share by which the network has to beat the observer alone, to earn its place there."""
 
 
-def report(console: Console, base: SimConfig, settings: Sequence[str], seeds: int, out: Path) -> list[Result]:
-    """Dive both questions, print their tables, draw their picture; return all results."""
+def report(
+    console: Console,
+    base: SimConfig,
+    settings: Sequence[str],
+    seeds: int,
+    out: Path,
+    firmware: Path | None = None,
+) -> list[Result]:
+    """Dive both questions, print their tables, draw their picture; return all results.
+
+    With the real `firmware` only the headline rows of the first question, and no picture.
+    """
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console) as progress:
-        task = progress.add_task("diving variants", total=count())
+        total = count() if firmware is None else len(HEADLINES) * len(BENCH_LINKS)
+        task = progress.add_task("diving variants", total=total)
 
         def done() -> None:
             progress.advance(task)
 
+        if firmware is not None:
+            less = parts_on_firmware(base, settings, seeds, firmware, done)
+            console.print(_table(f"The real firmware: mean of four scenarios × {seeds} vehicles, mm", less))
+            return less
         less = parts(base, settings, seeds, done)
         wrong = wrong_models(base, settings, seeds, done)
     console.print(_table(f"One part less: mean depth RMS of four scenarios × {seeds} vehicles, mm", less))

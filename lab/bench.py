@@ -12,12 +12,13 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 from itertools import chain
+from pathlib import Path
 from statistics import NormalDist
 
 import numpy as np
 
 from companion.config import Config, load_config
-from lab.dive import dive
+from lab.dive import FIGURES, dive
 from lab.floor import floor
 from lab.lockstep import Link
 from lab.rivals import alt_hold
@@ -65,23 +66,25 @@ class Summary:
 
 
 def measure(
-    settings: Sequence[str], plant: SimConfig, rows: Sequence[Row], seeds: int, done: Callable[[], None]
+    settings: Sequence[str],
+    plant: SimConfig,
+    rows: Sequence[Row],
+    seeds: int,
+    done: Callable[[], None],
+    firmware: Path | None = None,
 ) -> list[Run]:
     """Dive every case with `seeds` vehicles and every row on all cores, and compute the floors.
 
     `done` is called after each dive and floor; `settings` are overrides of the companion's configuration, for
-    all rows.
+    all rows. With a `firmware` the vehicles are the real ArduSub's.
     """
-    found = tuned()
-    values = {row.name: values_of(row, found) for row in rows}
-    configs = {row.name: load_config(overrides=[*settings, *row.overrides(values[row.name])]) for row in rows}
     cases = [
         (scenario, delay_ms, FIRST_SEED + seed)
         for scenario in SCENARIOS
         for delay_ms in LINKS
         for seed in range(seeds)
     ]
-    jobs = [(row, configs[row.name], values[row.name], *case) for case in cases for row in rows]
+    jobs = [(firmware, *made, *case) for case in cases for made in _made(settings, rows)]
     runs = []
     with ProcessPoolExecutor(os.cpu_count()) as pool:
         dives, floors = pool.map(partial(_dive, plant), jobs), pool.map(partial(_floor, plant), cases)
@@ -89,6 +92,43 @@ def measure(
             runs.append(result)
             done()
     return runs
+
+
+def measure_both(
+    settings: Sequence[str],
+    plant: SimConfig,
+    rows: Sequence[Row],
+    seeds: int,
+    done: Callable[[], None],
+    firmware: Path,
+) -> tuple[list[Run], list[Run]]:
+    """Dive the same vehicles and seas with our stand-in and with the real firmware, without added delay.
+
+    `done` is called after each of the dives.
+    """
+    jobs = [
+        (vehicle, *made, scenario, 0, FIRST_SEED + seed)
+        for vehicle in (None, firmware)
+        for made in _made(settings, rows)
+        for scenario in SCENARIOS
+        for seed in range(seeds)
+    ]
+    runs = []
+    with ProcessPoolExecutor(os.cpu_count()) as pool:
+        for result in pool.map(partial(_dive, plant), jobs):
+            runs.append(result)
+            done()
+    return runs[: len(runs) // 2], runs[len(runs) // 2 :]
+
+
+def _made(settings: Sequence[str], rows: Sequence[Row]) -> list[tuple[Row, Config, dict[str, float]]]:
+    """Return each row with its companion's configuration and its values."""
+    found = tuned()
+    values = [values_of(row, found) for row in rows]
+    return [
+        (row, load_config(overrides=[*settings, *row.overrides(one)]), one)
+        for row, one in zip(rows, values, strict=True)
+    ]
 
 
 def count(rows: Sequence[Row], seeds: int) -> int:
@@ -155,13 +195,13 @@ def student(freedom: int, confidence: float = CONFIDENCE) -> float:
     return z + sum(term / n**i for i, term in enumerate(terms, 1))
 
 
-def _dive(plant: SimConfig, job: tuple[Row, Config, dict[str, float], str, int, int]) -> Run:
-    row, config, values, name, delay_ms, seed = job
+def _dive(plant: SimConfig, job: tuple[Path | None, Row, Config, dict[str, float], str, int, int]) -> Run:
+    firmware, row, config, values, name, delay_ms, seed = job
     scenario, link = four(seed)[SCENARIOS.index(name)], LINKS[delay_ms]
     if row.steers == "autopilot":
-        dived = alt_hold.dive(scenario, plant, link, values)
+        dived = alt_hold.dive(scenario, plant, link, values, firmware)
     else:
-        dived = dive(scenario, config, plant, link, row.rival(values, config))
+        dived = dive(scenario, config, plant, link, row.rival(values, config), firmware)
     held = bool(dived.active[dived.t_s > HELD_FROM_S].all())
     return Run(row.name, name, delay_ms, seed, held, dived.figures())
 
@@ -169,7 +209,7 @@ def _dive(plant: SimConfig, job: tuple[Row, Config, dict[str, float], str, int, 
 def _floor(plant: SimConfig, case: tuple[str, int, int]) -> Run:
     name, delay_ms, seed = case
     reached = floor(four(seed)[SCENARIOS.index(name)], plant, LINKS[delay_ms])
-    none = dict.fromkeys(("depth_peak_mm", "heading_rms_deg", "thrust_rms_n", "recovery_s"), math.nan)
+    none = dict.fromkeys(FIGURES, math.nan)
     figures = {"depth_rms_mm": reached.depth_rms_mm, "chatter_n": reached.chatter_n}
     return Run(FLOOR, name, delay_ms, seed, True, none | figures)
 

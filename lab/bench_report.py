@@ -16,9 +16,22 @@ from rich.table import Table
 from companion.config import load_config
 from lab.ablation import Result
 from lab.ablation_report import report
-from lab.bench import CONFIDENCE, FIRST_SEED, FLOOR, LINKS, SCENARIOS, Summary, count, measure, summaries
+from lab.bench import (
+    CONFIDENCE,
+    FIRST_SEED,
+    FLOOR,
+    LINKS,
+    SCENARIOS,
+    Summary,
+    count,
+    measure,
+    measure_both,
+    summaries,
+)
 from lab.bench_plot import draw
 from lab.bounds import Bound, latency, process, virtual
+from lab.firmware import FirmwareError
+from lab.firmware_report import Pair, as_records, pairs, side_by_side
 from lab.floor import CHATTER_N
 from lab.rows import DEFAULT, ROWS, selected
 from lab.subscribers import ROUNDS, NoReaderError, subscriber_bounds
@@ -33,26 +46,56 @@ COLUMNS = (
     ("chatter_n", "chatter\nN/tick", ".2f"),
 )
 SHORT = {"trajectory": "path"}
+BESIDE = ("alt_hold_stock", "alt_hold", DEFAULT)
+"""What `bench firmware` dives when no row is named."""
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run what was asked for; the exit status is 1 if a bound was not held."""
+    """Run what was asked for; the exit status is 1 if a bound was not held, or the firmware stopped."""
+    try:
+        return _run(arguments)
+    except FirmwareError as error:
+        sys.stderr.write(f"holdfast bench: {error}\n")
+        return 1
+
+
+def _run(arguments: argparse.Namespace) -> int:
     console = Console()
     plant = load_plant(DEFAULT_CONFIG)
     try:
-        rows = selected(arguments.rows or [row.name for row in ROWS])
+        chosen = BESIDE if arguments.what == "firmware" else tuple(row.name for row in ROWS)
+        rows = selected(arguments.rows or chosen)
     except ValueError as error:
         sys.stderr.write(f"holdfast bench: {error}\n")
         return 2
     cases: list[Summary] = []
+    beside: list[Pair] = []
     bounds: list[Bound] = []
     runs = []
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console) as progress:
         if arguments.what in (None, "dives"):
             task = progress.add_task("diving", total=count(rows, arguments.seeds))
-            runs = measure(arguments.set, plant, rows, arguments.seeds, lambda: progress.advance(task))
+            runs = measure(
+                arguments.set,
+                plant,
+                rows,
+                arguments.seeds,
+                lambda: progress.advance(task),
+                arguments.firmware,
+            )
             cases = summaries(runs)
+        if arguments.what == "firmware":
+            task = progress.add_task("diving", total=2 * len(rows) * len(SCENARIOS) * arguments.seeds)
+            both = measure_both(
+                arguments.set,
+                plant,
+                rows,
+                arguments.seeds,
+                lambda: progress.advance(task),
+                arguments.firmware,
+            )
+            beside = pairs(*both)
         if arguments.what == "zenoh":
             task = progress.add_task("measuring subscribers", total=ROUNDS)
             try:
@@ -68,7 +111,7 @@ def run(arguments: argparse.Namespace) -> int:
             progress.advance(task)
     variants = []
     if arguments.what == "ablation":
-        variants = report(console, plant, arguments.set, arguments.seeds, arguments.out)
+        variants = report(console, plant, arguments.set, arguments.seeds, arguments.out, arguments.firmware)
     if cases:
         for scenario in SCENARIOS:
             for delay_ms in LINKS:
@@ -77,11 +120,13 @@ def run(arguments: argparse.Namespace) -> int:
         console.print(_overview(cases, "depth RMS over that of the floor", _ratio))
         console.print(_overview(cases, "heading RMS, °", _heading))
         console.print(f"plots: {', '.join(map(str, draw(runs, TITLES, arguments.out)))}", soft_wrap=True)
+    if beside:
+        console.print(side_by_side(beside))
     if bounds:
         console.print(_bounds(bounds))
     if arguments.json:
         arguments.json.write_text(
-            json.dumps(_json(arguments.seeds, cases, bounds, variants), indent=2) + "\n",
+            json.dumps(_json(arguments.seeds, cases, bounds, variants, beside), indent=2) + "\n",
             encoding="utf-8",
         )
     return 0 if all(bound.held for bound in bounds) else 1
@@ -152,7 +197,11 @@ def _cell(value: float, form: str) -> str:
 
 
 def _json(
-    seeds: int, cases: Sequence[Summary], bounds: Sequence[Bound], variants: Sequence[Result]
+    seeds: int,
+    cases: Sequence[Summary],
+    bounds: Sequence[Bound],
+    variants: Sequence[Result],
+    beside: Sequence[Pair],
 ) -> dict[str, Any]:
     """Return flat records; None where a row has no such figure."""
     records = [
@@ -165,6 +214,7 @@ def _json(
         "ablation": [
             {key: value for key, value in asdict(one).items() if key != "each_mm"} for one in variants
         ],
+        "firmware": as_records(beside),
         "bounds": [asdict(bound) | {"held": bound.held} for bound in bounds],
     }
 

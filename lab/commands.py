@@ -25,12 +25,13 @@ def bench(argv: list[str]) -> int:
         "dive takes about 3 s of a core: all rows with 60 vehicles 5 core-hours, with --seeds 10 an hour. "
         "Then measures the process itself against its bounds. Only when named: `zenoh` measures what "
         "slow, stopped and killed subscribers do to the tick, in six minutes; `ablation` takes away one part "
-        "of the controller after the other, and asks where the network beats an observer.",
+        "of the controller after the other, and asks where the network beats an observer; `firmware` dives "
+        "the default and ALT_HOLD with our stand-in and with the real ArduSub, side by side.",
     )
     parser.add_argument(
         "what",
         nargs="?",
-        choices=("dives", "process", "zenoh", "ablation"),
+        choices=("dives", "process", "zenoh", "ablation", "firmware"),
         help="only this; default: dives and process",
     )
     parser.add_argument(
@@ -42,7 +43,14 @@ def bench(argv: list[str]) -> int:
     parser.add_argument(
         "--out", type=Path, default=Path("out/bench"), metavar="DIR", help="for plots; default %(default)s"
     )
+    _add_firmware(parser)
     arguments = parser.parse_args(argv)
+    if arguments.firmware is not None and arguments.what not in ("dives", "ablation", "firmware"):
+        parser.error("--firmware goes with dives, ablation or firmware")
+    if arguments.what == "firmware" and arguments.firmware is None:
+        arguments.firmware = ""
+    if not _find_firmware("bench", arguments):
+        return 2
     from lab.bench_report import run
 
     return run(arguments)
@@ -162,6 +170,31 @@ def _has(command: str, *needed: str) -> bool:
             f"holdfast {command}: needs {needed_too}. Install the extra: pip install 'holdfast[lab]'\n"
         )
     return not missing
+
+
+def _add_firmware(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--firmware",
+        nargs="?",
+        const="",
+        metavar="PATH",
+        help="dive the real ArduSub: its program for sitl; without PATH the one that HOLDFAST_ARDUSUB names. "
+        "Default: our stand-in",
+    )
+
+
+def _find_firmware(command: str, arguments: argparse.Namespace) -> bool:
+    """Put the program's path, or None, into `arguments.firmware`; say what is wrong and return False."""
+    if arguments.firmware is None:
+        return True
+    from lab.firmware import FirmwareError, program
+
+    try:
+        arguments.firmware = program(arguments.firmware)
+    except FirmwareError as error:
+        sys.stderr.write(f"holdfast {command}: {error}\n")
+        return False
+    return True
 
 
 def _positive(text: str) -> int:

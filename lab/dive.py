@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,16 +11,28 @@ from companion.config import Config
 from companion.control.bounds import wrap
 from companion.engine import Engine
 from companion.types import PSI, Request, State, Z
+from lab.firmware import vehicle_of
 from lab.lockstep import Link, Lockstep
 from lab.rivals.law import Law, RivalEngine
 from lab.scenarios import SETTLE_S, Scenario
 from sim_bridge.config import SimConfig
-from sim_bridge.vehicle import Vehicle
 
 PHI, THETA, TRUE_PSI = 3, 4, 5
 RECOVERED_M = 0.01
 RECOVERED_FOR_S = 2.0
 SMOOTHED_S = 0.5
+FIGURES = (
+    "depth_rms_mm",
+    "depth_mean_mm",
+    "depth_sd_mm",
+    "depth_peak_mm",
+    "heading_rms_deg",
+    "heading_sd_deg",
+    "thrust_rms_n",
+    "chatter_n",
+    "recovery_s",
+)
+"""RMS, mean, standard deviation, peak; RMS of thrust and of its change in a tick; recovery from a load."""
 
 
 @dataclass(frozen=True)
@@ -34,20 +47,21 @@ class Dive:
     load_on: NDArray[np.bool_]
 
     def figures(self, since_s: float = SETTLE_S) -> dict[str, float]:
-        """Return depth error RMS and peak (mm), heading RMS (°), thrust RMS (N), chatter (N a tick).
-
-        And how long a load took to be held (s), NaN without a load.
-        """
+        """Return FIGURES; a load took `recovery_s` to be held, NaN without one."""
         on = self.t_s >= since_s
         depth, heading, thrust = self.depth_error_m[on], self.heading_error_rad[on], self.thrust_n[on]
-        return {
-            "depth_rms_mm": 1e3 * _rms(depth),
-            "depth_peak_mm": 1e3 * float(np.abs(depth).max()),
-            "heading_rms_deg": float(np.degrees(_rms(heading))),
-            "thrust_rms_n": _rms(thrust),
-            "chatter_n": _rms(np.diff(thrust)),
-            "recovery_s": self.recovery_s(),
-        }
+        figures = (
+            1e3 * _rms(depth),
+            1e3 * float(depth.mean()),
+            1e3 * float(depth.std()),
+            1e3 * float(np.abs(depth).max()),
+            float(np.degrees(_rms(heading))),
+            float(np.degrees(heading.std())),
+            _rms(thrust),
+            _rms(np.diff(thrust)),
+            self.recovery_s(),
+        )
+        return dict(zip(FIGURES, figures, strict=True))
 
     def recovery_s(self) -> float:
         """Return the time from the load's coming on to two seconds within ±1 cm, averaged over 0.5 s.
@@ -63,24 +77,31 @@ class Dive:
         return float(t_s[np.argmax(held)] if held.any() else t_s[-1]) - float(t_s[0])
 
 
-def dive(scenario: Scenario, config: Config, plant: SimConfig, link: Link, rival: Law | None = None) -> Dive:
+def dive(
+    scenario: Scenario,
+    config: Config,
+    plant: SimConfig,
+    link: Link,
+    rival: Law | None = None,
+    firmware: Path | None = None,
+) -> Dive:
     """Dive `scenario` with the companion's real engine; `plant` is the base that the scenario disturbs.
 
-    A `rival` takes the law's place in heave.
+    A `rival` takes the law's place in heave, the real `firmware` that of our stand-in.
     """
-    vehicle = Vehicle(scenario.plant(plant, scenario.seed), scenario.seed)
     start = scenario.target(0.0)
     engine = Engine(config, start, arm=True) if rival is None else RivalEngine(config, start, rival)
-    loop = Lockstep(vehicle, engine, link, scenario.seed, config.loop.rate_hz)
-    loop.requests = [Request.ENGAGE]
     rows = []
-    for step in loop.run(scenario.duration_s, scenario.target):
-        wanted = scenario.target(step.t_s).eta_d
-        eta = step.truth.eta
-        active = step.sample.verdict.state is State.ACTIVE
-        thrust_n = step.sample.delivered.tau[Z]
-        depth_m, heading_rad = eta[Z] - wanted[Z], eta[TRUE_PSI] - wanted[PSI]
-        rows.append((step.t_s, depth_m, heading_rad, thrust_n, active, step.truth.load_on))
+    with vehicle_of(scenario.plant(plant, scenario.seed), scenario.seed, firmware) as vehicle:
+        loop = Lockstep(vehicle, engine, link, scenario.seed, config.loop.rate_hz)
+        loop.requests = [Request.ENGAGE]
+        for step in loop.run(scenario.duration_s, scenario.target):
+            wanted = scenario.target(step.t_s).eta_d
+            eta = step.truth.eta
+            active = step.sample.verdict.state is State.ACTIVE
+            thrust_n = step.sample.delivered.tau[Z]
+            depth_m, heading_rad = eta[Z] - wanted[Z], eta[TRUE_PSI] - wanted[PSI]
+            rows.append((step.t_s, depth_m, heading_rad, thrust_n, active, step.truth.load_on))
     return recorded(rows)
 
 

@@ -34,8 +34,8 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -48,7 +48,7 @@ from sim_bridge.faults import Datagram, Faults
 from sim_bridge.json_physics import DrivenBody, Frame, Motion, Responder
 from sim_bridge.physics import Physics
 from sim_bridge.plant import state_of
-from sim_bridge.vehicle import Truth, truth_of
+from sim_bridge.vehicle import Truth, Vehicle, truth_of
 
 VARIABLE = "HOLDFAST_ARDUSUB"
 STEP_S = 0.0025
@@ -74,8 +74,9 @@ FRAME_WAIT_S = 60.0
 """Real time without a frame after which the firmware is given up; a reboot takes a second or two."""
 POLL_MS = 500
 LAST_LINES = 15
-HOME = "47.3977418,8.5455939,0,0"
-ORIGIN_DEG_E7 = (473977418, 85455939)
+HOME = "47.5,-2.571,0,0"
+ORIGIN_DEG_E7 = (475000000, -25710000)
+"""A place without declination: before it has a position, the firmware takes the compass for true north."""
 START_TIME = "1700000000"
 """UTC of the firmware's clock at its start (s): the same in each dive."""
 
@@ -86,6 +87,8 @@ NEEDED: dict[str, float] = {
     "SIM_RATE_HZ": 1.0 / STEP_S,
     "SIM_SPEEDUP": 1,
     "SIM_BARO_RND": 0.01,  # m: with it relative_alt errs by 3 mm, as our stand-in's and a Bar30's
+    "SIM_BARO_DELAY": 60,  # ms: what the EKF allows for (EK3_HGT_DELAY); without, relative_alt leads by 35 ms
+    "SIM_DRIFT_SPEED": 0,  # the simulated gyro drifts by up to 0.2 °/s, which turns the EKF's heading by 2°
     "LOG_BACKEND_TYPE": 0,
     "BATT_MONITOR": 4,
     "SIM_GPS1_ENABLE": 0,
@@ -434,6 +437,16 @@ class Firmware:
             self._set("SIM_BATT_VOLTAGE", fault.value)
         elif fault.kind == "depth_shifted":
             self._set("SIM_BARO_GLITCH", -fault.value)
+
+
+@contextmanager
+def vehicle_of(config: SimConfig, seed: int, firmware: Path | None) -> Iterator[Vehicle | Firmware]:
+    """Give the vehicle of a dive: the real firmware in `firmware`, or our stand-in if that is None."""
+    if firmware is None:
+        yield Vehicle(config, seed)
+        return
+    with Firmware(firmware, config, seed) as vehicle:
+        yield vehicle
 
 
 def held(eta: Sequence[float], lowered_s: float) -> Motion:

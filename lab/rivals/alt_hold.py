@@ -6,6 +6,7 @@ the depth loop itself runs on board at the vehicle's step, with the EKF's depth 
 """
 
 from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 from msgspec.structs import replace
@@ -13,12 +14,12 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from companion.types import PSI, Z
 from lab.dive import TRUE_PSI, Dive, recorded
+from lab.firmware import vehicle_of
 from lab.lockstep import COMPANION_LINK, Link, Wire
 from lab.scenarios import Scenario
 from sim_bridge.config import SimConfig
 from sim_bridge.modes import ALT_HOLD, STABILIZE
 from sim_bridge.thrusters import Thrusters
-from sim_bridge.vehicle import Vehicle
 
 TICK_S = 0.02
 ARM_S = 2.6
@@ -65,29 +66,39 @@ class GroundStation:
         return data
 
 
-def dive(scenario: Scenario, plant: SimConfig, link: Link, parameters: dict[str, float]) -> Dive:
-    """Dive `scenario` in ALT_HOLD with these parameters; thrust is what `plant`'s curve makes of the PWM."""
+def dive(
+    scenario: Scenario,
+    plant: SimConfig,
+    link: Link,
+    parameters: dict[str, float],
+    firmware: Path | None = None,
+) -> Dive:
+    """Dive `scenario` in ALT_HOLD with these parameters; thrust is what `plant`'s curve makes of the PWM.
+
+    The ALT_HOLD is that of the real `firmware`, or our stand-in's if that is None.
+    """
     config = scenario.plant(plant, scenario.seed)
-    vehicle = Vehicle(replace(config, parameters=config.parameters | parameters), scenario.seed)
-    vehicle.open_link(COMPANION_LINK)
+    config = replace(config, parameters=config.parameters | parameters)
     station, wire, last_s = GroundStation(), Wire(), 0.0
     thrusters = Thrusters(plant.thrusters)
     jitter = np.random.default_rng(scenario.seed)
     rows = []
-    for tick in range(round(scenario.duration_s / TICK_S)):
-        now_s = vehicle.time_s
-        for data in station.step(tick, scenario.target(now_s).eta_d[Z]):
-            delay_s = link.down_s + link.extra_s(now_s) + jitter.uniform(0.0, link.jitter_s)
-            last_s = max(last_s, now_s + delay_s)
-            wire.put(last_s, data)
-        for _ in range(round(TICK_S / vehicle.step_s)):
-            vehicle.step([(COMPANION_LINK, data) for _, data in wire.arrived(vehicle.time_s)])
-        truth = vehicle.truth()
-        wanted = scenario.target(truth.t_s).eta_d
-        thrust_n = (
-            thrusters.static_thrust(truth.motor_pwm, truth.voltage_v) @ thrusters.wrench_of_thrust[:, Z]
-        )
-        depth_m, heading_rad = truth.eta[Z] - wanted[Z], truth.eta[TRUE_PSI] - wanted[PSI]
-        active = truth.armed and truth.mode == ALT_HOLD
-        rows.append((truth.t_s, depth_m, heading_rad, thrust_n, active, truth.load_on))
+    with vehicle_of(config, scenario.seed, firmware) as vehicle:
+        vehicle.open_link(COMPANION_LINK)
+        for tick in range(round(scenario.duration_s / TICK_S)):
+            now_s = vehicle.time_s
+            for data in station.step(tick, scenario.target(now_s).eta_d[Z]):
+                delay_s = link.down_s + link.extra_s(now_s) + jitter.uniform(0.0, link.jitter_s)
+                last_s = max(last_s, now_s + delay_s)
+                wire.put(last_s, data)
+            for _ in range(round(TICK_S / vehicle.step_s)):
+                vehicle.step([(COMPANION_LINK, data) for _, data in wire.arrived(vehicle.time_s)])
+            truth = vehicle.truth()
+            wanted = scenario.target(truth.t_s).eta_d
+            thrust_n = (
+                thrusters.static_thrust(truth.motor_pwm, truth.voltage_v) @ thrusters.wrench_of_thrust[:, Z]
+            )
+            depth_m, heading_rad = truth.eta[Z] - wanted[Z], truth.eta[TRUE_PSI] - wanted[PSI]
+            active = truth.armed and truth.mode == ALT_HOLD
+            rows.append((truth.t_s, depth_m, heading_rad, thrust_n, active, truth.load_on))
     return recorded(rows)

@@ -12,10 +12,12 @@ import pytest
 from rich.console import Console
 
 from companion.config import DEFAULT_FILE, Config, load_config
-from lab import bench, tune
+from lab import bench, commands, tune
 from lab.bench import FLOOR, LINKS, SCENARIOS, Run, interval, student, summaries
 from lab.bench_plot import draw
 from lab.bench_report import TITLES, _case, _error, _json, _overview
+from lab.dive import FIGURES
+from lab.firmware_report import as_records, pairs, side_by_side
 from lab.floor import CHATTER_N
 from lab.own_vehicle import around, nominal, write_config
 from lab.rows import DEFAULT, ROWS, TUNED_FILE, WIDTH, selected, tuned, values_of
@@ -86,7 +88,7 @@ def test_differences_are_taken_dive_by_dive() -> None:
     assert "6.5!" in text
     assert "P-PI (4 lost)" in text
     assert "…" not in text
-    record = json.loads(json.dumps(_json(4, cases, [], []), allow_nan=False))["rows"][0]
+    record = json.loads(json.dumps(_json(4, cases, [], [], []), allow_nan=False))["rows"][0]
     assert record["row"] == "law"
     assert record["recovery_s"] is None
     assert record["depth_rms_mm"] == pytest.approx(6.5)
@@ -176,3 +178,35 @@ def test_vehicles_are_drawn_around_ones_own() -> None:
     assert 0.9 * own <= min(masses) < max(masses) <= 1.1 * own
     assert len(set(masses)) == 20
     assert around(SIX_THRUSTERS, 3) == around(SIX_THRUSTERS, 3)
+
+
+def test_the_stand_in_beside_the_firmware_is_marked_where_they_differ() -> None:
+    def run(scenario: str, seed: int, sd_mm: float, held: bool = True) -> Run:
+        figures = dict.fromkeys(FIGURES, 1.0) | {"depth_sd_mm": sd_mm, "depth_mean_mm": -5.0}
+        return Run(DEFAULT, scenario, 0, seed, held, figures)
+
+    ours = [run(scenario, seed, 3.0) for scenario in SCENARIOS for seed in (1, 2)]
+    theirs = [
+        run(scenario, seed, 5.0 if scenario == "load" else 3.3, held=scenario != "load")
+        for scenario in SCENARIOS
+        for seed in (1, 2)
+    ]
+    measured = pairs(ours, theirs)
+    assert [pair.scenario for pair in measured if not pair.alike] == ["load"]
+    assert measured[0].sd_mm == pytest.approx((3.0, 3.3))
+    console = Console(width=120, record=True, file=StringIO())
+    console.print(side_by_side(measured))
+    text = console.export_text()
+    assert "3.0 | 5.0 (2)" in text
+    assert "1.67*" in text
+    assert "1.10 " in text
+    assert json.loads(json.dumps(as_records(measured)))[2]["alike"] is False
+
+
+def test_without_a_firmware_the_command_says_what_to_set(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.delenv("HOLDFAST_ARDUSUB", raising=False)
+    assert commands.bench(["firmware"]) == 2
+    assert commands.bench(["dives", "--firmware"]) == 2
+    assert "set HOLDFAST_ARDUSUB" in capsys.readouterr().err
