@@ -64,7 +64,7 @@ class Dive:
         self.server = self.start_dashboard()
         self._start(*self._dashboard, f"127.0.0.1:{self.looking_port}")
         link = ("--udp-connect", f"127.0.0.1:{self._mavlink}", "--zenoh", self.zenoh)
-        self._start("sim", *link, "--vehicle", "kelp", "--set", "waves.enabled=true")
+        self.vehicle = self._start("sim", *link, "--vehicle", "kelp", "--set", "waves.enabled=true")
 
     def start_companion(self) -> subprocess.Popen[bytes]:
         self.companion = self._start(
@@ -328,6 +328,22 @@ def test_a_dead_companion_is_seen_and_a_new_one_found(dive: Dive, opened: Callab
     dive.start_companion()
     _fresh(page)
     _active(dive, page)
+
+
+def test_a_vehicle_that_fell_silent_leaves_gaps_and_no_live_picture(
+    dive: Dive, opened: Callable[..., Page]
+) -> None:
+    """The last test of this file: the vehicle does not come back."""
+    page = opened()
+    dive.vehicle.kill()
+    for panel in ("depth", "heading", "attitude"):
+        _wait(page, f"document.querySelector('#panel-{panel}').dataset.known === 'no'")
+    assert "no attitude for" in (page.locator("#panel-attitude header").text_content() or "")
+    assert "nothing new for" in (page.locator("#panel-depth header").text_content() or "")
+    assert page.locator("#meaning").text_content() == "LINK LOST"
+    assert page.locator("#fact-armed").text_content() == "–"
+    assert _get(page, "Number.isNaN(holdfast.store.of['depth_m'][holdfast.store.end - 1])")
+    assert _get(page, "document.body.dataset.stale") == "no"  # the companion itself goes on
 
 
 def _active(dive: Dive, page: Page) -> None:
