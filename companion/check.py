@@ -260,8 +260,8 @@ def _compass(seen: Observed, config: Config) -> Row:
     state = seen.state
     aligned_s = min(state.ages.yaw_reset_s, state.t_s - seen.yaw_aligned_t_s)
     if aligned_s <= RESET_SETTLE_S:
-        found = f"the EKF aligned its yaw {max(0.0, aligned_s):.1f} s ago: wait"
-        mend = f"wait {RESET_SETTLE_S:g} s; calibrate the compass if it does not end"
+        found = f"the EKF aligned its yaw less than {RESET_SETTLE_S:g} s ago: wait"
+        mend = "wait; calibrate the compass if it does not end"
         return Row("compass", Grade.REFUSED, found, why, mend)
     return Row("compass", Grade.GOOD, "yaw is steady", why)
 

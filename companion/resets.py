@@ -20,7 +20,8 @@ MAX_ACCELERATION = 5.0
 """m/s², likewise."""
 
 MEMORY_S = 1.0
-"""Resets that are each too small to be told from motion are added up over this time."""
+"""Resets that are each too small are added up over this time. So a yaw that is corrected in many small steps
+by more than about 1 °/s counts as reset as well; a slower correction is followed."""
 
 MAX_GAP_S = 0.5
 """Over a longer gap nothing is known: the first sample after it starts anew."""
@@ -31,7 +32,8 @@ class ResetDetector:
 
     Between two samples the rate is taken as a straight line. What a rate that does not follow this line can
     add is no reset: at most half of its change times the gap, and what `max_acceleration` gives and takes
-    back in the gap. So a gap in the telemetry while the vehicle really turns is none.
+    back in the gap. So a gap in the telemetry while the vehicle really turns is none, and where this doubt is
+    larger than the threshold, what does not exceed it is not added up.
     """
 
     def __init__(self, threshold: float, max_acceleration: float, *, angular: bool) -> None:
@@ -57,7 +59,7 @@ class ResetDetector:
         missed = wrap(moved - expected) if self._angular else moved - expected
         doubt = 0.5 * abs(turn) * gap_s + 0.25 * self._max_acceleration * gap_s**2
         self._unexplained *= math.exp(-gap_s / MEMORY_S)
-        if abs(missed) > doubt:
+        if doubt < self._threshold or abs(missed) > doubt:
             self._unexplained += missed
         if not abs(self._unexplained) > self._threshold + doubt:
             return 0.0

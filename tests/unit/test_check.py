@@ -114,7 +114,7 @@ BAD = [
     ("EKF", {"ekf": EkfStatus(0.0, False, True, 0.0, True)}, (), REFUSED, ["no attitude", "wait"]),
     ("EKF", {"ekf": EkfStatus(0.0, True, False, 0.0, True)}, (), REFUSED, ["no depth", "wait"]),
     ("EKF", {"ekf": EkfStatus(0.0, True, True, 0.9, True)}, (), REFUSED, ["variance 0.90", "wait"]),
-    ("compass", {"yaw_aligned_t_s": 10.0}, (), REFUSED, ["aligned its yaw 2.0 s ago", "wait"]),
+    ("compass", {"yaw_aligned_t_s": 10.0}, (), REFUSED, ["aligned its yaw less than 3 s ago: wait"]),
     ("mode", {"modes": {"MANUAL": False, "STABILIZE": True}}, (), REFUSED, ["MANUAL did not come"]),
     ("mode", {"modes": {"MANUAL": True, "STABILIZE": False}}, (), WARNING, ["STABILIZE did not come"]),
     ("battery", {"voltage_v": 13.5}, (), WARNING, ["13.5 V"]),

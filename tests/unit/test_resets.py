@@ -68,6 +68,15 @@ def test_small_resets_are_added_up():
     assert max(map(abs, found)) < radians(2.0)
 
 
+@pytest.mark.parametrize(("rate_deg", "counts"), [(5.0, True), (2.0, True), (0.8, False)])
+def test_a_yaw_that_slides_is_reset_only_if_it_is_fast(rate_deg, counts):
+    """As the firmware's EKF does after boot: by 0.1° with each sample, the gyro at rest."""
+    samples = [(t, radians(rate_deg) * t, 0.0) for t in np.arange(0.0, 10.0, 0.02)]
+    found = resets(yaw_resets(), samples)
+    assert bool(found) == counts
+    assert all(abs(reset) < radians(1.5) for reset in found)
+
+
 def test_noise_and_the_drift_of_a_compass_are_none():
     rng = np.random.default_rng(2)
     times = np.arange(0.0, 600.0, 0.02)
