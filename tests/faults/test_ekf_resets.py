@@ -79,11 +79,11 @@ def test_the_setpoint_turns_with_the_frame_and_the_next_one_is_in_the_new_frame(
 def test_a_new_depth_after_a_reset_turns_nothing_back():
     """The operator's last heading was given in the old frame."""
     dive = active(*QUIET, setpoint=hold(psi=0.5), seconds=10.0)
-    desk = Desk(dive.engine.config, hold(psi=0.5).eta_d, allowed=True)
+    desk = Desk(dive.engine.config, hold(psi=0.5).eta_d)
     dive.fault(**FORTY)
     for step in dive.run(3.0):
         desk.after(dive.engine, step.sample, dive.t_s)
-    desk.take(Order("setpoint", b'{"depth_m": 1.4}', lambda reply: None))
+    desk.take(Order("setpoint", b'{"depth_m": 1.4}', lambda reply: None, local=True))
     desk.before(dive.engine, dive.t_s)
     psi = dive.step.truth.eta[5]
     assert heading_errors_deg(dive.run(6.0), psi).max() < 2.0
