@@ -12,6 +12,7 @@ from companion.control.oscillation import Oscillation
 from companion.control.positioning import Model
 from companion.control.reference import Limits, ReferenceModel
 from companion.control.regressor import Regressor
+from companion.control.tilt import ALARM_RAD, UNLEVELLED_ALARM_RAD, UNLEVELLED_N, TiltLimit
 from companion.thrust import Thrusters
 from companion.types import Array
 
@@ -37,7 +38,17 @@ def levelling(config: Config) -> Levelling | None:
         return None
     chosen = config.levelling
     inertia = np.array([chosen.roll_inertia, chosen.pitch_inertia])
-    return Levelling(inertia, chosen.frequency_radps, chosen.lever_m, chosen.max_moment_nm)
+    return Levelling(
+        inertia, chosen.frequency_radps, chosen.lever_m, chosen.max_moment_nm, config.thrusters.lag_s
+    )
+
+
+def tilt_limit(config: Config) -> TiltLimit:
+    """Return what bounds the horizontal force: from the start where the frame cannot pitch by itself."""
+    most_n = max(config.surge.max_force, config.sway.max_force) * 2.0**0.5
+    if config.vehicle.frame == "vectored_6dof":
+        return TiltLimit(most_n, most_n, ALARM_RAD)
+    return TiltLimit(UNLEVELLED_N, most_n, UNLEVELLED_ALARM_RAD)
 
 
 def controller(config: Config, nominal: Model) -> Controller:

@@ -39,6 +39,7 @@ class Watched:
     battery_low_s: float = 0.0
     saturated_s: float = 0.0
     off_track_s: float = 0.0
+    tilted_s: float = 0.0
     surprise_m: float = 0.0
     surprise_deg: float = 0.0
     """By how much measurements missed what was expected, averaged."""
@@ -106,8 +107,9 @@ def _surprised(o: Observation, limits: Limits) -> bool:
     return not (seen.surprise_m <= limits.max_surprise_m and seen.surprise_deg <= limits.max_surprise_deg)
 
 
-def _tilted(o: Observation, limits: Limits) -> bool:
-    return not max(abs(o.state.roll), abs(o.state.pitch)) <= math.radians(limits.max_tilt_deg)
+def tilted(state: VehicleState, limits: Limits) -> bool:
+    """Tell whether it rolls or pitches too far; an attitude that is not known counts as such."""
+    return not max(abs(state.roll), abs(state.pitch)) <= math.radians(limits.max_tilt_deg)
 
 
 def _pilot_lost(o: Observation, _: Limits) -> bool:
@@ -177,10 +179,17 @@ CONDITIONS = (
     ),
     Look(
         C.TILTED,
-        _tilted,
+        lambda o, limits: tilted(o.state, limits),
         ("max_tilt_deg",),
-        "it rolled or pitched so far that thrust does not go where the law means it",
-        "let it right itself; engage again slower, or in STABILIZE",
+        "it rolls or pitches so far that only heave and levelling are left: x, y and heading are let go",
+        "slower, less current, or a heading that meets it; look for a thruster that is dead or reversed",
+    ),
+    Look(
+        C.TILT_PERSISTS,
+        lambda o, limits: not o.watched.tilted_s <= limits.off_track_s,
+        ("max_tilt_deg", "off_track_s"),
+        "it stays tilted, so we cannot right it: the autopilot tries, in STABILIZE and then ALT_HOLD",
+        "look for what tilts it: a load beside the centre, a snagged tether, a dead or reversed thruster",
     ),
     Look(
         C.EKF_UNHEALTHY,

@@ -119,9 +119,8 @@ class Thrusters(Section, frozen=True):
 
 
 class Levelling(Section, frozen=True):
-    """Whether roll and pitch are held level in MANUAL, and what is believed of them."""
+    """What is believed of roll and pitch, which are held level in MANUAL."""
 
-    enabled: bool
     frequency_radps: Annotated[float, msgspec.Meta(gt=0.0, le=20.0)]
     roll_inertia: Positive
     pitch_inertia: Positive
@@ -214,7 +213,7 @@ class Config(Section, frozen=True):
     @property
     def levels(self) -> bool:
         """Whether roll and pitch are ours to hold level; in STABILIZE they are the firmware's."""
-        return self.levelling.enabled and self.vehicle.steering_mode == "manual"
+        return self.vehicle.steering_mode == "manual"
 
 
 def load_config(path: Path = DEFAULT_FILE, overrides: Sequence[str] = ()) -> Config:

@@ -13,7 +13,17 @@ from companion.conditions import Observation, assess
 from companion.config import Config
 from companion.control.bounds import bounded, wrap
 from companion.control.frame import shifted, turned
+from companion.control.pace import Pace
 from companion.control.positioning import jacobian, to_body, to_inertial
+from companion.control.tilt import (
+    FOLLOWS_M,
+    YAW_LEVEL_RAD,
+    YAW_STEEP_RAD,
+    coming_tilt,
+    cos_tilt,
+    heave_per_newton,
+    share,
+)
 from companion.estimation import Estimator
 from companion.handover import AT_SURFACE_M, KEEP_ALIVE_S, HandOver
 from companion.mavlink.ardusub import Mode
@@ -107,6 +117,8 @@ class Engine:
         self._dofs: DofSample | None = None
         self._pilot = Pilot(config)
         self._handed_back = np.zeros(4, bool)
+        self._pace = Pace()
+        self._tilt_limit = assembly.tilt_limit(config)
         self.steering = False
         """Whether the last tick sent a steering frame: nobody else's should reach the vehicle meanwhile."""
         self._references: deque[tuple[float, Array]] = deque()
@@ -151,9 +163,13 @@ class Engine:
             self._estimator.restart()
         if verdict.state is State.ACTIVE:
             self._last_wrench = requested
+        borne = self._borne(state, control_dt_s)
         pushed = self._last_wrench if verdict.state in LETS_GO else requested
         reach = self._ours(self._autopilot.reach(state.pilot_gain)) * self._envelope.max_axis
-        asked = verdict.authority * self._levelled(pushed, state)
+        upright = cos_tilt(state.roll, state.pitch)
+        limited = borne < 1.0
+        borne = borne * (1.0, 1.0, heave_per_newton(upright), 1.0)
+        asked = verdict.authority * self._levelled(borne * pushed, state, control_dt_s)
         wanted = self._thrusters.allocate(asked, state.voltage_v, reach)
         command = guard(
             AxisCommand(*wanted.axes.tolist()), verdict, self._command, self._envelope, self._tick_s
@@ -164,9 +180,9 @@ class Engine:
         sent = self._autopilot.blended(command, self._engaged, pilot, state.pilot_gain)
         applied = self._ours(self._autopilot.applied(sent, state.pilot_gain))
         self._delivered = delivered = self._thrusters.delivered(applied, state.voltage_v)[:4]
-        self._estimator.sent(now_s, applied[:4], to_inertial(J, delivered))
+        self._estimator.sent(now_s, applied[:4], to_inertial(J, delivered * (1.0, 1.0, upright, 1.0)))
         short = (np.abs(applied - wanted.axes) > 0.01) | self._thrusters.overloaded(applied)
-        self._saturated = _by_dof(wanted.saturated | short)
+        self._saturated = _by_dof((wanted.saturated | short)[:4] | limited)
         self._command = command
 
         mode = self._modes.wanted(now_s, state.mode, verdict.state, engage=self._engage_asked)
@@ -328,7 +344,9 @@ class Engine:
         surfaces = Condition.FAILSAFE_SURFACES in self.verdict.conditions
         if now is State.HAND_OVER and (not handing_over or surfaces):
             up = surfaces or Condition.PILOT_LOST_SURFACE in self.verdict.conditions
-            self._hand_over.begin(state.t_s, state.mode, Mode.SURFACE if up else Mode.ALT_HOLD)
+            tilted = Condition.TILT_PERSISTS in self.verdict.conditions
+            goal = Mode.SURFACE if up else Mode.ALT_HOLD
+            self._hand_over.begin(state.t_s, state.mode, goal, for_good=tilted)
         if self.verdict.authority == 0.0:
             self._references.clear()
             self._engaged = np.zeros(4, bool)
@@ -387,7 +405,28 @@ class Engine:
         self._about = about
         return (StatusText(now_s, MAV_SEVERITY_INFO, about),) if about else ()
 
-    def _levelled(self, requested: Array, state: VehicleState) -> Array:
+    def _borne(self, state: VehicleState, dt_s: float) -> Array:
+        """Return the share (4,) of the law's force that the tilt leaves; what is let go is not pulled at.
+
+        Heave is always ours. While the horizontal force is limited the reference stays near the vehicle.
+        """
+        tilt = coming_tilt(state.roll, state.pitch, state.p, state.q)
+        pushed, asked = (math.hypot(*tau[:2].tolist()) for tau in (self._delivered, self._last_wrench))
+        if self.verdict.authority == 0.0:
+            self._tilt_limit.reset()
+        most_n = self._tilt_limit.step(tilt, pushed, dt_s)
+        level = most_n / asked if asked > most_n else 1.0
+        yaw = share(tilt, YAW_LEVEL_RAD, YAW_STEEP_RAD)
+        reference = self._controller.reference
+        reference.pace = self._pace.step(share(tilt), self._saturated, dt_s)
+        if level < 1.0:
+            astray = math.hypot(*(state.eta_ahead - reference.x_d)[:2].tolist()) > FOLLOWS_M
+            gone = np.array((astray, astray, False, yaw == 0.0))
+            if gone.any():
+                reference.catch_up(state.eta_ahead, state.eta_dot_ahead, gone)
+        return np.array((level, level, 1.0, yaw))
+
+    def _levelled(self, requested: Array, state: VehicleState, dt_s: float) -> Array:
         """Return the wrench with the moments that keep it level, where those are ours.
 
         Beside what the law pushes on the axes that are held goes what the pilot pushes on the others.
@@ -395,11 +434,15 @@ class Engine:
         if self._levelling is None:
             return requested
         limits = np.array((self._config.surge.max_force, self._config.sway.max_force))
-        moments = self._levelling.moments(
+        if self.verdict.authority == 0.0:
+            self._levelling.reset()
+        moments = self._levelling.step(
             np.array((state.roll, state.pitch)),
             np.array((state.p, state.q)),
             bounded(np.where(self._engaged[:2], requested[:2], self._delivered[:2]), limits),
-            state.ahead_s,
+            state.delays.total_s,
+            dt_s,
+            learn=self.verdict.authority == 1.0,
         )
         return np.append(requested, moments[: self._thrusters.axes - 4])
 

@@ -6,9 +6,10 @@ asked for until the heartbeat says it.
 
 Then ALT_HOLD holds only as long as somebody steers: 3 s after the last steering message the pilot-input
 failsafe, as shipped, disarms. So neutral frames go on, one a second (0.36 Hz is enough), until a pilot steers
-or `keep_s` is over; from there on we are silent and the autopilot's failsafes rule. On the way up, and at the
-surface, it never is. There the firmware itself changes from SURFACE to ALT_HOLD (ArduSub's SURFACE mode,
-barometer above SURFACE_DEPTH).
+or `keep_s` is over; from there on we are silent and the autopilot's failsafes rule. It never is over on the
+way up and at the surface, nor where the vehicle was handed over because it stays tilted: disarmed it would
+sink with what tilts it. At the surface the firmware itself changes from SURFACE to ALT_HOLD (ArduSub's
+SURFACE mode, barometer above SURFACE_DEPTH).
 """
 
 from companion.mavlink.ardusub import Mode
@@ -27,10 +28,10 @@ class HandOver:
     def __init__(self) -> None:
         self.begin(0.0, Mode.MANUAL, Mode.ALT_HOLD)
 
-    def begin(self, now_s: float, mode: int, goal: Mode) -> None:
-        """Start from flight mode `mode`."""
+    def begin(self, now_s: float, mode: int, goal: Mode, *, for_good: bool = False) -> None:
+        """Start from flight mode `mode`; `for_good` keeps the goal alive until somebody steers."""
         self.goal = goal
-        self.surfacing = goal is Mode.SURFACE
+        self._for_good = for_good or goal is Mode.SURFACE
         self._came_from = mode
         self._since_s = now_s
         self._stable_s: float | None = None
@@ -58,7 +59,7 @@ class HandOver:
         if mode == self.goal:
             self._held_s = now_s if self._held_s is None else self._held_s
             self.wanted = None
-            kept = now_s - self._held_s < keep_s or self.surfacing
+            kept = now_s - self._held_s < keep_s or self._for_good
             relieved = pilot_heard_s > self._held_s or not kept
             return Condition.HANDED_OVER if relieved else Condition(0)
         if now_s - self._since_s > REFUSED_S:

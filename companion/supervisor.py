@@ -57,7 +57,6 @@ TRANSITIONS = (
     Row(S.ACTIVE, C.NOT_FIT, NOTHING, S.RAMP_DOWN, "the vehicle is no longer fit to be held"),
     Row(S.ACTIVE, C.EKF_UNHEALTHY, NOTHING, S.RAMP_DOWN, "the autopilot doubts its own estimate"),
     Row(S.ACTIVE, C.DEPTH_OUT_OF_BOUNDS, NOTHING, S.RAMP_DOWN, "it is where it may not be"),
-    Row(S.ACTIVE, C.TILTED, NOTHING, S.RAMP_DOWN, "it rolled or pitched too far"),
     Row(S.ACTIVE, C.TICK_LATE, NOTHING, S.RAMP_DOWN, "this process does not keep time"),
     Row(S.ACTIVE, C.LEAK, NOTHING, S.HAND_OVER, "there is water inside"),
     Row(S.ACTIVE, C.AUTOPILOT_FAILSAFE, NOTHING, S.RAMP_DOWN, "a failsafe of the autopilot's acts"),
@@ -68,6 +67,7 @@ TRANSITIONS = (
     Row(S.ACTIVE, C.DELAY_TOO_LONG, NOTHING, S.HAND_OVER, "the link is too slow for any gains"),
     Row(S.ACTIVE, C.CLOCK_INCONSISTENT, NOTHING, S.HAND_OVER, "the autopilot's clocks contradict each other"),
     Row(S.ACTIVE, C.SURPRISED, NOTHING, S.HAND_OVER, "our estimate keeps being wrong"),
+    Row(S.ACTIVE, C.TILT_PERSISTS, NOTHING, S.HAND_OVER, "it stays tilted"),
     Row(S.ACTIVE, C.OFF_TRACK, NOTHING, S.HAND_OVER, "it is not where it should be"),
     Row(S.RAMP_DOWN, C.NON_FINITE, NOTHING, S.FAULT, "a computed value was not finite"),
     Row(S.RAMP_DOWN, C.LINK_LOST, NOTHING, S.FAULT, "the vehicle fell silent"),
@@ -105,6 +105,7 @@ class Notice(NamedTuple):
 NOTICES = (
     Notice(C.DEPTH_JUMPED, freeze=True),
     Notice(C.CLOCK_JUMPED, freeze=True),
+    Notice(C.TILTED, freeze=True),
     Notice(C.SATURATED, freeze=True),
     Notice(C.YAW_RESET, freeze=False),
     Notice(C.POSITION_RESET, freeze=False),
@@ -150,7 +151,7 @@ _REMEDIES: dict[State, tuple[Condition, str]] = {
     S.READY: (C.PILOT_TAKEOVER, f"engage {_BY}"),
     S.ACTIVE: (WARNS, "nothing; a stick, a mode change or disarming takes it back at once"),
     S.RAMP_DOWN: (UNFIT, "wait until the thrust has faded"),
-    S.HAND_OVER: (UNFIT | C.OFF_TRACK, "wait, or take it with a stick"),
+    S.HAND_OVER: (UNFIT | C.OFF_TRACK | C.TILT_PERSISTS, "wait, or take it with a stick"),
     S.PILOT: (UNFIT | C.PILOT_TAKEOVER, f"engage again {_BY}"),
     S.FAULT: (FAULT_CAUSES, CLEAR),
 }

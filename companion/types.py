@@ -475,6 +475,7 @@ class Condition(IntFlag):
     PEER_CHANGED = auto()
     FAILSAFE_SURFACES = auto()
     SURFACED = auto()
+    TILT_PERSISTS = auto()
 
 
 @dataclass(frozen=True, slots=True)

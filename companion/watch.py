@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 
-from companion.conditions import Watched
+from companion.conditions import Watched, tilted
 from companion.config import Supervisor as Limits
 from companion.mavlink.ardusub import Mode
 from companion.types import (
@@ -53,6 +53,7 @@ class Watch:
         self._dropped = self._peer_changes = 0
         self._peer_t_s = -math.inf
         self._ekf_doubt_s = self._battery_low_s = self._saturated_s = self._off_track_s = 0.0
+        self._tilted_s = 0.0
         self._surprise = [0.0] * 4
         self.pilot_heard_s = -math.inf
         """When somebody else last sent a steering message, deflected or not."""
@@ -122,6 +123,7 @@ class Watch:
             off_track = any(ours and not abs(e) <= most for e, ours, most in misses)
         self._saturated_s = _lasting(self._saturated_s, dt_s, saturated)
         self._off_track_s = _lasting(self._off_track_s, dt_s, off_track)
+        self._tilted_s = _lasting(self._tilted_s, dt_s, tilted(state, limits))
         new = dt_s / (dt_s + SURPRISE_MEMORY_S)
         missed = zip(self._surprise, state.innovation.tolist(), strict=True)
         surprise = [before + new * (abs(innovation) - before) for before, innovation in missed]
@@ -141,6 +143,7 @@ class Watch:
             battery_low_s=self._battery_low_s,
             saturated_s=self._saturated_s,
             off_track_s=self._off_track_s,
+            tilted_s=self._tilted_s,
             surprise_m=max(surprise[:PSI]),
             surprise_deg=math.degrees(surprise[PSI]),
             samples_dropped=now_s - self._dropped_t_s <= ANNOUNCED_S,

@@ -49,7 +49,7 @@ VARIANTS: tuple[tuple[str, tuple[str, ...], tuple[str, ...]], ...] = (
     ("heavy", (), ()),
     ("heavy in waves", ("waves.enabled=true",), ()),
     ("heavy, sticks", (), ('vehicle.thrust_path="manual_control"',)),
-    ("heavy with DVL", ("sensors.dvl=true",), ("supervisor.max_tilt_deg=80",)),
+    ("heavy with DVL", ("sensors.dvl=true",), ()),
     ("heavy, STABILIZE", (), ('vehicle.steering_mode="stabilize"',)),
     ("six thrusters", (), ('vehicle.frame="vectored"',)),
 )

@@ -4,7 +4,7 @@ The law needs the desired path to be twice differentiable with known bounds (the
 model works on δ = x_d − x_target: when the target steps, δ steps the other way and x_d does not, and a moving
 target is followed with its own rate and acceleration as feedforward. δ returns to zero by
 
-    rate wanted   v_c = −sign(δ) min(v_max, ω |δ|, √(a_max |δ|))    brakes before it arrives
+    rate wanted   v_c = −sign(δ) min(s v_max, ω |δ|, √(a_max |δ|))  brakes before it arrives
     acceleration  a_c = clip((v_c − δ') / T_v, ±a_max)              follows that rate
     jerk          a'  = (a_c − a) / T_a                             so a is continuous too
 
@@ -38,6 +38,8 @@ class ReferenceModel:
 
     def __init__(self, limits: Limits, angular: Flags) -> None:
         self.limits = limits
+        self.pace: Array | float = 1.0
+        """The share of `limits.rate` that may be used now: less where the vehicle does not follow."""
         self._angular = angular
         self.reset(np.zeros_like(limits.rate), np.zeros_like(limits.rate))
 
@@ -86,7 +88,8 @@ class ReferenceModel:
         delta_ddot = self.x_d_ddot - self._target_ddot - (turn - bounded(turn, jerk_dt))
 
         distance = np.abs(delta)
-        rate = np.minimum(np.minimum(limits.rate, APPROACH_PER_S * distance), np.sqrt(a_max * distance))
+        most = self.pace * limits.rate
+        rate = np.minimum(np.minimum(most, APPROACH_PER_S * distance), np.sqrt(a_max * distance))
         wanted = bounded((-np.copysign(rate, delta) - delta_dot) / RATE_LAG_S, a_max)
         delta_ddot = delta_ddot + (wanted - delta_ddot) * (dt_s / (ACCELERATION_LAG_S + dt_s))
         bound = np.maximum(limits.rate, np.abs(delta_dot))

@@ -25,8 +25,12 @@ export default {
     "take over; look at the sensor's zero, and at max_depth_m"
   ],
   "TILTED": [
-    "it rolled or pitched so far that thrust does not go where the law means it",
-    "let it right itself; engage again slower, or in STABILIZE"
+    "it rolls or pitches so far that only heave and levelling are left: x, y and heading are let go",
+    "slower, less current, or a heading that meets it; look for a thruster that is dead or reversed"
+  ],
+  "TILT_PERSISTS": [
+    "it stayed tilted for so long that we cannot right it: the autopilot's STABILIZE, then ALT_HOLD, tries",
+    "look for what tilts it: a load beside the centre, a snagged tether, a dead or reversed thruster"
   ],
   "EKF_UNHEALTHY": [
     "the autopilot's estimator has no attitude or no depth, or has doubted compass, velocity or depth for a while",

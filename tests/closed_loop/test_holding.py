@@ -98,7 +98,6 @@ CASES = {
     ),
     "all four, turned round": Case(
         goal=(-0.5, 0.4, 2.0, 2.8),
-        companion=("supervisor.max_tilt_deg=80",),  # with nobody levelling it, it tips by 50 to 66° at first
         vehicle=("sensors.dvl=true",),
         settled_s=20.0,
         position_rms_m=0.06,

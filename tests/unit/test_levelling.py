@@ -7,7 +7,7 @@ import pytest
 
 from companion import assembly
 from companion.config import DEFAULT_FILE, load_config
-from companion.control.levelling import Levelling
+from companion.control.levelling import FILTER_S, INTEGRAL, Levelling
 from companion.mavlink.ardusub import Commands
 from companion.supervisor import Envelope, guard
 from companion.thrust import Thrusters
@@ -16,40 +16,81 @@ from sim_bridge.config import load_config as load_plant
 from sim_bridge.mixer import mix, motor_pwm
 from sim_bridge.thrusters import Thrusters as TrueThrusters
 
-LEVEL = Levelling(np.array([0.4, 0.3]), 5.0, 0.085, 4.0)
+LAG_S, OMEGA, TICK_S = 0.15, 5.0, 0.02
+NEAR_S = 0.0
 REST = np.zeros(2)
 MAX_TAU = np.array([70.0, 70.0, 100.0, 12.0, 5.0, 5.0])
 ACTIVE = Verdict(State.ACTIVE, Condition(0), 1.0, "")
 REACH = np.ones(6)
-TILTS = ("levelling.enabled=true",)
+
+
+def level(max_nm=4.0):
+    return Levelling(np.array([0.4, 0.3]), OMEGA, 0.085, max_nm, LAG_S)
+
+
+def moments(angles=REST, rates=REST, force=REST, delay_s=NEAR_S, *, of=None, learn=False):
+    return (of or level()).step(angles, rates, force, delay_s, TICK_S, learn=learn)
 
 
 def test_level_and_at_rest_it_does_nothing():
-    np.testing.assert_array_equal(LEVEL.moments(REST, REST, REST, 0.1), 0.0)
+    np.testing.assert_array_equal(moments(delay_s=0.1), 0.0)
 
 
 def test_it_turns_back_and_brakes():
-    assert (LEVEL.moments(np.array([0.1, -0.1]), REST, REST, 0.0) * [1, -1] < 0.0).all()
-    assert (LEVEL.moments(REST, np.array([0.1, -0.1]), REST, 0.0) * [1, -1] < 0.0).all()
-    K = LEVEL.moments(np.array([0.1, 0.0]), REST, REST, 0.0)[0]
-    assert pytest.approx(-0.4 * 25.0 * 0.1) == K
+    assert (moments(np.array([0.1, -0.1])) * [1, -1] < 0.0).all()
+    assert (moments(rates=np.array([0.1, -0.1])) * [1, -1] < 0.0).all()
+    assert moments(np.array([0.1, 0.0]))[0] == pytest.approx(-0.4 * OMEGA**2 * 0.1)
 
 
-def test_it_looks_ahead():
-    late = LEVEL.moments(REST, np.array([0.2, 0.0]), REST, 0.1)[0]
-    assert late == pytest.approx(-0.4 * (25.0 * 0.02 + 10.0 * 0.2))
+def test_it_leads_the_thrusters_lag():
+    """A tilt that grows is answered before it is there: the step of a and then its decay to a itself."""
+    one = level(100.0)
+    assert moments(of=one).tolist() == [0.0, 0.0]
+    answers = [moments(np.array([0.1, 0.0]), of=one)[0] for _ in range(50)]
+    settled = -0.4 * OMEGA**2 * 0.1
+    led = 1.0 + (LAG_S / FILTER_S - 1.0) * np.exp(-TICK_S / FILTER_S)
+    assert answers[0] == pytest.approx(settled * led)
+    assert answers[-1] == pytest.approx(settled, rel=1e-3)
+
+
+def test_a_late_loop_is_a_softer_one():
+    """At 0.1 s of delay 5 rad/s would swing: what is left of the stiffness is that of 1.8 rad/s."""
+    near, late = (moments(np.array([0.1, 0.0]), delay_s=delay_s)[0] for delay_s in (0.03, 0.1))
+    assert late == pytest.approx(-0.4 * 1.8**2 * 0.1)
+    assert near == pytest.approx(-0.4 * OMEGA**2 * 0.1)
+
+
+def test_what_tilts_it_for_good_is_found():
+    one = level()
+    for _ in range(50):
+        found = moments(np.array([0.02, 0.0]), of=one, learn=True)
+    assert found[0] == pytest.approx(-0.4 * 0.02 * (OMEGA**2 + INTEGRAL * OMEGA**3 * 50 * TICK_S))
+    for _ in range(200):
+        moments(of=one, learn=False)
+    assert moments(of=one)[0] == pytest.approx(-0.4 * 0.02 * INTEGRAL * OMEGA**3 * 50 * TICK_S)
+    one.reset()
+    assert moments(of=one)[0] == 0.0
+
+
+def test_nothing_is_learnt_beyond_the_bound():
+    one = level(1.0)
+    for _ in range(500):
+        moments(np.array([0.5, 0.0]), of=one, learn=True)
+    for _ in range(100):
+        rest = moments(of=one)
+    assert rest[0] == pytest.approx(0.0, abs=1e-9)
 
 
 def test_it_cancels_what_the_horizontal_thrusters_tilt():
     """They sit below the centre of gravity: (0, 0, z) x (X, Y, 0) = (-z Y, z X, 0)."""
     X, Y = 20.0, -10.0
     tilts = np.cross([0.0, 0.0, 0.085], [X, Y, 0.0])[:2]
-    np.testing.assert_allclose(LEVEL.moments(REST, REST, np.array([X, Y]), 0.0) + tilts, 0.0, atol=1e-12)
+    np.testing.assert_allclose(moments(force=np.array([X, Y])) + tilts, 0.0, atol=1e-12)
 
 
 def test_it_is_bounded():
-    moments = LEVEL.moments(np.array([3.0, -3.0]), np.array([9.0, -9.0]), np.array([1e3, 1e3]), 0.1)
-    assert np.abs(moments).max() <= 4.0
+    wild = moments(np.array([3.0, -3.0]), np.array([9.0, -9.0]), np.array([1e3, 1e3]), 0.1, learn=True)
+    assert np.abs(wild).max() <= 4.0
 
 
 @pytest.mark.parametrize("frame", ["vectored_6dof", "vectored"])
@@ -103,14 +144,13 @@ def test_on_the_wire_they_are_channels_1_and_2_or_s_and_t():
 @pytest.mark.parametrize(
     ("overrides", "axes"),
     [
-        ((), 4),
-        (TILTS, 6),
-        ((*TILTS, 'vehicle.frame="vectored"'), 5),
-        ((*TILTS, 'vehicle.steering_mode="stabilize"'), 4),
+        ((), 6),
+        (('vehicle.frame="vectored"',), 5),
+        (('vehicle.steering_mode="stabilize"',), 4),
     ],
 )
 def test_which_axes_are_ours(overrides, axes):
-    """Off by default; never where the firmware keeps it level itself."""
+    """Those that the frame can move, but for those that the firmware keeps level itself."""
     config = load_config(overrides=overrides)
     assert assembly.thrusters(config).axes == axes
     assert (assembly.levelling(config) is not None) == (axes > 4)

@@ -1,0 +1,97 @@
+"""What a tilt leaves of thrust that the law means level: functions of the measured tilt.
+
+The horizontal thrusters push below the centre of gravity, and a vehicle that moves through the water at u
+is turned by the Munk moment (Za − Xa) u w (Fossen 2011, 6.3). Both grow with speed; the moment that rights an
+ROV is 1 to 2 N·m/rad. A BlueROV2 with six thrusters, which nobody keeps from pitching, is unstable head-on
+above 0.46 m/s, and at 0.22 m/s waves with w = 0.2 m/s pitch it by 15°. So horizontal force and speed shrink
+with the tilt: what is left is a vehicle that drifts level and keeps its depth and heading. Where roll and
+pitch are levelled this is hardly ever felt.
+"""
+
+import math
+
+LEVEL_RAD, STEEP_RAD = math.radians(8.0), math.radians(20.0)
+"""Horizontal force and the reference's speed are whole up to here, nothing from there on."""
+
+YAW_LEVEL_RAD, YAW_STEEP_RAD = math.radians(40.0), math.radians(60.0)
+"""The same for yaw, whose thrust stays level for longer."""
+
+ALARM_RAD, UNLEVELLED_ALARM_RAD, CALM = math.radians(15.0), math.radians(9.0), 0.6
+"""A tilt above it says that more is pushed than the vehicle bears; below CALM times that it is over."""
+
+CUT, MEMORY_S, LEAST_N = 0.6, 2.0, 1.0
+FAST_N_PER_S, SLOW_N_PER_S = 2.0, 0.05
+UNLEVELLED_N = 4.0
+"""What is tried first where nobody keeps the vehicle from pitching."""
+
+FOLLOWS_M = 0.5
+"""So far the reference may be away while horizontal force is limited: it comes along, nothing is given up."""
+
+AHEAD_S = 0.3
+"""A tilt is looked at so long before it is there: the thrusters' lag and the way to them, twice."""
+
+LEAST_PACE = 0.2
+"""The reference never stands still: a vehicle that hangs askew for good still comes up."""
+
+MIN_COS = 0.5
+
+
+def cos_tilt(roll: float, pitch: float) -> float:
+    """Return the cosine of the angle between the body's z axis and the vertical; angles in rad."""
+    return math.cos(roll) * math.cos(pitch)
+
+
+def coming_tilt(roll: float, pitch: float, p: float, q: float) -> float:
+    """Return the larger of the tilt now and AHEAD_S later, rad; angles in rad, body rates in rad/s."""
+    later = cos_tilt(roll + AHEAD_S * p, pitch + AHEAD_S * q)
+    return math.acos(max(-1.0, min(1.0, later, cos_tilt(roll, pitch))))
+
+
+def share(tilt: float, level: float = LEVEL_RAD, steep: float = STEEP_RAD) -> float:
+    """Return 1 up to `level`, 0 from `steep` on, smooth between (rad); 0 for a tilt that is not known."""
+    if not tilt < steep:
+        return 0.0
+    if tilt <= level:
+        return 1.0
+    s = (tilt - level) / (steep - level)
+    return 1.0 - s * s * (3.0 - 2.0 * s)
+
+
+def heave_per_newton(cos: float) -> float:
+    """Return the force along the body's z axis that pushes one newton down: 1/cos, no more than 2.
+
+    On its side it is 0 and beyond negative: an overturned vehicle pushes the other way round.
+    """
+    return cos / max(cos * cos, MIN_COS * MIN_COS)
+
+
+class TiltLimit:
+    """The most horizontal force (N) that a vehicle bears, found as it tilts.
+
+    `start_n` and from there FAST_N_PER_S up to `most_n`, until the tilt alarms: then the limit is a share of
+    what was pushed of late, and rises slowly. So waves, which tilt it again and again, find it drifting and
+    not pitching.
+    """
+
+    def __init__(self, start_n: float, most_n: float, alarm_rad: float) -> None:
+        self._start_n, self._most_n, self._alarm_rad = start_n, most_n, alarm_rad
+        self.reset()
+
+    def reset(self) -> None:
+        """Begin anew: nothing is known of what it bears."""
+        self._limit_n = self._start_n
+        self._borne_n = math.inf
+        self._pushed_n = 0.0
+        self._alarmed = False
+
+    def step(self, tilt: float, pushed_n: float, dt_s: float) -> float:
+        """Take one tick's tilt (rad) and the force that was pushed; return the largest force allowed, N."""
+        self._pushed_n += (pushed_n - self._pushed_n) * dt_s / (dt_s + MEMORY_S)
+        if tilt > self._alarm_rad and not self._alarmed:
+            self._borne_n = CUT * min(self._limit_n, max(self._pushed_n, LEAST_N))
+            self._limit_n = self._borne_n
+        self._alarmed = tilt > self._alarm_rad * (CALM if self._alarmed else 1.0)
+        if not self._alarmed:
+            rise = FAST_N_PER_S if self._limit_n < self._borne_n else SLOW_N_PER_S
+            self._limit_n = min(self._limit_n + rise * dt_s, self._most_n)
+        return self._limit_n * share(tilt)
