@@ -34,6 +34,7 @@ from companion.mavlink.relay import Relay
 from companion.mavlink.signing import Signing, read_key
 from companion.operator import Desk, Handed
 from companion.telemetry import Raw, Start
+from companion.timestamps import TimestampFile, timestamp_path
 from companion.types import PSI, ControlSample, LoopHealth, Request, Setpoint, Z
 from companion.zenoh_io import NameTakenError, Publisher
 
@@ -87,14 +88,16 @@ class App:
 
     def __init__(self, config: Config, setpoint: Setpoint, *, arm: bool, requests: Sequence[Request]) -> None:
         self._config = config
-        engine = self._engine = Engine(config, setpoint, arm=arm, signing=signing_of(config))
+        signing, ground_signing = signing_of(config), signing_of(config)
+        self._timestamps = timestamps_of(config, vehicle=signing, ground=ground_signing)
+        engine = self._engine = Engine(config, setpoint, arm=arm, signing=signing)
         endpoint = Endpoint.parse(config.link.endpoint)
         self._inbox = Inbox(endpoint.is_stream)
         admission = Admission(engine.sender, engine.hello, config.link.allow)
         self._link = Link(endpoint, "vehicle", self._from_vehicle, admission)
         self._ground: Link | None = None
         if config.ground_station.endpoint:
-            self._relay = Relay(config, signing_of(config))
+            self._relay = Relay(config, ground_signing)
             endpoint = Endpoint.parse(config.ground_station.endpoint)
             admission = Admission(self._relay.sender, engine.hello, config.ground_station.allow)
             self._ground = Link(endpoint, "ground station", self._from_ground, admission)
@@ -129,6 +132,8 @@ class App:
             log.error("refused to start: %s", error)
             return 1
         on_ending_signal(loop, self._stop.set)
+        if self._timestamps is not None:
+            self._timestamps.start()
         running = [loop.create_task(link.run()) for link in self._links]
         for task in running:
             task.add_done_callback(self._link_ended)
@@ -152,6 +157,8 @@ class App:
             await asyncio.gather(*running, return_exceptions=True)
             for link in self._links:
                 link.close()
+            if self._timestamps is not None:
+                self._timestamps.close()
             self._publisher.close()
         if self._failure is not None:
             log.error("gave up: %s", self._failure, exc_info=self._failure)
@@ -292,6 +299,12 @@ def signing_of(config: Config) -> Signing | None:
     if not link.signing_key_file:
         return None
     return Signing(read_key(Path(link.signing_key_file)), link.signing_link_id, time.time())
+
+
+def timestamps_of(config: Config, **signings: Signing | None) -> TimestampFile | None:
+    """Return what keeps the timestamps of `signings` over restarts, by link; None without a key."""
+    signed = {link: signing for link, signing in signings.items() if signing is not None}
+    return TimestampFile(timestamp_path(config.vehicle.name), signed) if signed else None
 
 
 def _start(config: Config, setpoint: Setpoint, arm: bool) -> Start:

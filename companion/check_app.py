@@ -4,7 +4,7 @@ import asyncio
 import logging
 import time
 
-from companion.app import NS_PER_S, on_ending_signal, signing_of
+from companion.app import NS_PER_S, on_ending_signal, signing_of, timestamps_of
 from companion.check import Grade, Row
 from companion.config import Config
 from companion.endpoint import Endpoint
@@ -32,13 +32,17 @@ async def _inspect(
 ) -> tuple[list[Row], list[str]]:
     endpoint = Endpoint.parse(config.link.endpoint)
     inbox = Inbox(endpoint.is_stream)
-    inspection = Inspection(config, origin=origin, thrusters=thrusters, signing=signing_of(config))
+    signing = signing_of(config)
+    timestamps = timestamps_of(config, vehicle=signing)
+    inspection = Inspection(config, origin=origin, thrusters=thrusters, signing=signing)
     link = Link(
         endpoint,
         "vehicle",
         inbox.add,
         Admission(inspection.sender, inspection.hello, config.link.allow),
     )
+    if timestamps is not None:
+        timestamps.start()
     wire = asyncio.create_task(link.run())
     here = asyncio.current_task()
     assert here is not None
@@ -55,6 +59,8 @@ async def _inspect(
             link.send(data)
         wire.cancel()
         link.close()
+        if timestamps is not None:
+            timestamps.close()
     if not inspection.contact:
         return [_nobody(config), *(row for row in inspection.rows if row.name == "signing")], []
     return inspection.rows, inspection.notes

@@ -10,7 +10,9 @@ import hashlib
 import hmac
 import logging
 import re
+from collections.abc import Mapping
 from pathlib import Path
+from typing import TypeAlias
 
 from companion.config import ConfigError
 from companion.types import Sender
@@ -19,8 +21,12 @@ KEY_BYTES = 32
 MIN_SIGNED_BYTES = 25
 EPOCH_S = 1_420_070_400
 UNITS_PER_S = 100_000
+MAX_TIMESTAMP = (1 << 48) - 1
 NEW_STREAM_UNITS = 60 * UNITS_PER_S
 """A sender not heard before may be so far behind our own timestamp."""
+
+Stream: TypeAlias = tuple[int, int, int]
+"""Link id, system, component."""
 
 log = logging.getLogger("holdfast")
 
@@ -33,7 +39,26 @@ class Signing:
         self.link_id = link_id
         self._start = self._timestamp = max(0, round((utc_s - EPOCH_S) * UNITS_PER_S))
         self._start_s: float | None = None
-        self._seen: dict[tuple[int, int, int], int] = {}
+        self._seen: dict[Stream, int] = {}
+
+    @property
+    def key_name(self) -> str:
+        """What tells our key from another, and does not give it away."""
+        return hashlib.sha256(b"holdfast key name" + self.key).hexdigest()[:16]
+
+    @property
+    def timestamp(self) -> int:
+        """The latest that was returned or believed."""
+        return self._timestamp
+
+    def seen(self) -> dict[Stream, int]:
+        """Return the latest timestamp of each stream; another thread may ask."""
+        return dict(self._seen)
+
+    def recall(self, timestamp: int, seen: Mapping[Stream, int]) -> None:
+        """Go on from what an earlier process returned or believed."""
+        self._timestamp = max(self._timestamp, timestamp)
+        self._seen.update(seen)
 
     def advance(self, now_s: float) -> None:
         """Let the timestamp follow the monotonic clock; a UTC clock that is set meanwhile changes nothing."""
@@ -75,8 +100,8 @@ class Signing:
         return hmac.compare_digest(signature, frame[-6:])
 
 
-def _stamp(frame: bytes) -> tuple[tuple[int, int, int], int]:
-    """Return a signed frame's stream (link id, system, component) and its timestamp."""
+def _stamp(frame: bytes) -> tuple[Stream, int]:
+    """Return a signed frame's stream and its timestamp."""
     return (frame[-13], frame[5], frame[6]), int.from_bytes(frame[-12:-6], "little")
 
 

@@ -96,7 +96,8 @@ def test_a_foreign_ground_station_reads_arms_and_moves_the_depth_that_is_held():
             flight.until(lambda m: True, seconds=1.0)
 
 
-def test_signed_from_end_to_end_with_a_foreign_ground_station(tmp_path):
+def test_signed_from_end_to_end_with_a_foreign_ground_station(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
     key_file = tmp_path / "mavlink.key"
     key_file.write_text("kelp\n")
     key_file.chmod(0o600)

@@ -1,6 +1,7 @@
 """`holdfast run` as a process, over real UDP and TCP: every way out leaves the vehicle neutral."""
 
 import asyncio
+import hashlib
 import os
 import signal
 import socket
@@ -9,6 +10,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,6 +19,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from companion.app import App
 from companion.config import load_config
 from companion.engine import Engine
+from companion.mavlink.signing import EPOCH_S, UNITS_PER_S
 from companion.types import Request, Setpoint
 from lab.bounds import HOLDFAST, running
 from lab.ports import free_port
@@ -237,6 +240,62 @@ def test_started_twice_the_second_says_so_and_leaves_the_first_alone() -> None:
 
 
 @pytest.mark.parametrize("steering", [True, False])
+class SignedVehicle:
+    """Says signed heartbeats, and listens to what is answered: one heartbeat, or all that a link asks for."""
+
+    def __init__(self, port: int) -> None:
+        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.socket.connect(("127.0.0.1", port))
+        self.socket.setblocking(False)
+        self._mav = mavlink.MAVLink(None, 1, 1)
+        self._mav.signing.secret_key = hashlib.sha256(b"kelp").digest()
+        self._mav.signing.sign_outgoing = True
+
+    def beat(self) -> bytes:
+        self._mav.signing.timestamp = round((time.time() - EPOCH_S) * UNITS_PER_S)
+        return bytes(mavlink.MAVLink_heartbeat_message(12, 3, 0, 0, 4, 3).pack(self._mav))
+
+    def is_asked(self, frame: bytes) -> bool | None:
+        """Say it; tell whether anything but heartbeats came, None if nothing at all."""
+        with suppress(ConnectionError):
+            self.socket.send(frame)
+        time.sleep(0.1)
+        ids = set()
+        with suppress(BlockingIOError, ConnectionError):
+            while True:
+                ids.add(self.socket.recv(4096)[7])
+        return bool(ids - {mavlink.MAVLINK_MSG_ID_HEARTBEAT}) if ids else None
+
+
+def test_signed_frames_of_before_a_crash_do_not_take_the_link_after_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("STATE_DIRECTORY", str(tmp_path))
+    key = tmp_path / "mavlink.key"
+    key.write_text("kelp")
+    key.chmod(0o600)
+    port = free_port(socket.SOCK_DGRAM)
+    command = (
+        *(*HOLDFAST, "run", "--set", f"link.signing_key_file={key}"),
+        *("--set", f"link.endpoint=udp-listen:127.0.0.1:{port}"),
+        *("--set", f"telemetry.endpoint=tcp/127.0.0.1:{free_port()}"),
+    )
+    vehicle, patience = SignedVehicle(port), range(200)
+    with running(*command) as run:
+        assert any(vehicle.is_asked(vehicle.beat()) for _ in patience)
+        heard = []
+        for _ in range(15):  # it writes once a second
+            heard.append(vehicle.beat())
+            vehicle.is_asked(heard[-1])
+        run.kill()
+        run.wait()
+    with running(*command):
+        assert next(asked for _ in patience if (asked := vehicle.is_asked(heard[0])) is not None) is False
+        assert not any(vehicle.is_asked(frame) for frame in heard)
+        assert any(vehicle.is_asked(vehicle.beat()) for _ in patience)
+    vehicle.socket.close()
+
+
 def test_an_exception_in_the_tick_sends_neutral_if_it_steered_and_fails(
     monkeypatch: pytest.MonkeyPatch, steering: bool
 ) -> None:

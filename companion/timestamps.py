@@ -1,0 +1,132 @@
+"""Signing timestamps that outlast the process: what was believed before a restart is a replay after it.
+
+A thread writes them once a second, so that no disk holds up the tick. What it writes is ahead of what was
+believed by then: after a crash nothing can be replayed that was believed since the last write.
+"""
+
+import logging
+import os
+import threading
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated
+
+import msgspec
+
+from companion.mavlink.signing import MAX_TIMESTAMP, UNITS_PER_S, Signing, Stream
+
+PERIOD_S = 1.0
+AHEAD = round(2.0 * UNITS_PER_S)
+"""Written on top, unless the process ends in order. After a crash it takes about as long to start again."""
+
+LAST_WRITE_S = 0.5
+
+Timestamp = Annotated[int, msgspec.Meta(ge=0, le=MAX_TIMESTAMP)]
+
+log = logging.getLogger("holdfast")
+
+
+class Seen(msgspec.Struct, forbid_unknown_fields=True):
+    """The last timestamp of one stream on one of our links."""
+
+    link: str
+    stream: Stream
+    timestamp: Timestamp
+
+
+class Content(msgspec.Struct, forbid_unknown_fields=True):
+    """What the file holds. `key` tells one key from another, `timestamp` is our own last."""
+
+    key: str
+    timestamp: Timestamp
+    seen: list[Seen]
+
+
+class TimestampFile:
+    """Brings the timestamps of `signings`, by link, back from `path`, and keeps them there from `start` on.
+
+    Trouble with the file is logged, once, and never raised.
+    """
+
+    def __init__(self, path: Path, signings: Mapping[str, Signing]) -> None:
+        self._path = path
+        self._signings = signings
+        self._key = next(iter(signings.values())).key_name
+        self._others: list[Seen] = []
+        """Of links that are not ours: `holdfast check` has no ground station."""
+        self._said = ""
+        self._closing = threading.Event()
+        self._thread = threading.Thread(target=self._keep, name="timestamps", daemon=True)
+        self._recall()
+
+    def start(self) -> None:
+        """Write once a second from now on."""
+        self._thread.start()
+
+    def close(self) -> None:
+        """Write the last ones as they are, if the disk takes them in time."""
+        self._closing.set()
+        self._thread.join(LAST_WRITE_S)
+
+    def _keep(self) -> None:
+        while not self._closing.wait(PERIOD_S):
+            self._write(AHEAD)
+        self._write(0)
+
+    def _recall(self) -> None:
+        without = "a signed frame less than a minute old could be replayed now"
+        try:
+            content = msgspec.json.decode(self._path.read_bytes(), type=Content)
+        except FileNotFoundError:
+            log.info("signing: %s is not there, as at the first start: %s", self._path, without)
+        except (OSError, msgspec.MsgspecError) as error:
+            log.warning("signing: %s cannot be used (%s) and is made anew: %s", self._path, error, without)
+        else:
+            if content.key != self._key:
+                log.info("signing: %s is of another key and is made anew", self._path)
+                return
+            self._others = [one for one in content.seen if one.link not in self._signings]
+            for link, signing in self._signings.items():
+                seen = {one.stream: one.timestamp for one in content.seen if one.link == link}
+                signing.recall(content.timestamp, seen)
+
+    def _write(self, ahead: int) -> None:
+        """Put a whole file in the place of the old one; not synced, as that wears a memory card out."""
+        content = Content(
+            key=self._key,
+            timestamp=_later(max(one.timestamp for one in self._signings.values()), ahead),
+            seen=self._others
+            + [
+                Seen(link, stream, _later(timestamp, ahead))
+                for link, signing in self._signings.items()
+                for stream, timestamp in signing.seen().items()
+            ],
+        )
+        new = self._path.with_suffix(".new")
+        try:
+            self._path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+            new.write_bytes(msgspec.json.encode(content))
+            new.replace(self._path)
+        except OSError as error:
+            if str(error) != self._said:
+                self._said = str(error)
+                log.warning(
+                    "signing: timestamps cannot be kept: %s; signed frames less than a minute old could be "
+                    "replayed after a restart. Make the folder writable; a service: StateDirectory=holdfast",
+                    error,
+                )
+
+
+def timestamp_path(vehicle: str) -> Path:
+    """Return where the timestamps of a vehicle's links are kept: systemd's state directory, or the user's."""
+    systemd = os.environ.get("STATE_DIRECTORY", "").partition(":")[0]
+    if systemd:
+        directory = Path(systemd)
+    else:
+        home = Path(os.environ.get("HOME", "/")) / ".local" / "state"
+        directory = Path(os.environ.get("XDG_STATE_HOME") or home) / "holdfast"
+    return directory / f"signing-{vehicle}.json"
+
+
+def _later(timestamp: int, ahead: int) -> int:
+    return min(timestamp + ahead, MAX_TIMESTAMP)
