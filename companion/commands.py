@@ -71,6 +71,7 @@ def run(argv: list[str]) -> int:
 
     import numpy as np
 
+    from companion import ranges
     from companion.app import main
     from companion.config import DEFAULT_FILE, ConfigError, load_config
     from companion.logs import log_to
@@ -86,6 +87,12 @@ def run(argv: list[str]) -> int:
     ]
     log_to(sys.stderr)
     try:
+        for name, value, kind in (
+            ("--depth", arguments.depth, ranges.Depth),
+            ("--heading", arguments.heading, ranges.HeadingDeg),
+        ):
+            if value is not None and (refused := ranges.refusal(name, value, kind)):
+                raise ConfigError(refused)
         config = load_config(arguments.config or DEFAULT_FILE, overrides)
         if arguments.heading is not None and not config.vehicle.holds_heading:
             raise ConfigError(

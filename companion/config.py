@@ -12,16 +12,12 @@ from typing import Annotated, Any, Literal, get_args, get_type_hints
 
 import msgspec
 
+from companion import ranges
 from companion.endpoint import Endpoint
 
 DEFAULT_FILE = Path(__file__).parent.parent / "config" / "companion.toml"
 
-Fraction = Annotated[float, msgspec.Meta(gt=0.0, le=1.0)]
-Positive = Annotated[float, msgspec.Meta(gt=0.0, le=1e6)]
-NonNegative = Annotated[float, msgspec.Meta(ge=0.0, le=1e6)]
-Seconds = Annotated[float, msgspec.Meta(ge=0.0, le=60.0)]
 Name = Annotated[str, msgspec.Meta(pattern="^[A-Za-z0-9_-]{1,32}$")]
-SystemId = Annotated[int, msgspec.Meta(ge=1, le=255)]
 Compensator = Literal["none", "integrator", "regressor", "network", "observer", "network+observer"]
 
 
@@ -53,12 +49,12 @@ class Link(Section, frozen=True):
     """Where the vehicle is found and who we say we are."""
 
     endpoint: str
-    system: SystemId
-    component: SystemId
-    vehicle_system: SystemId
-    vehicle_component: SystemId
+    system: ranges.SystemId
+    component: ranges.SystemId
+    vehicle_system: ranges.SystemId
+    vehicle_component: ranges.SystemId
     signing_key_file: str
-    signing_link_id: Annotated[int, msgspec.Meta(ge=0, le=255)]
+    signing_link_id: ranges.LinkId
     allow: tuple[str, ...]
 
 
@@ -66,19 +62,19 @@ class GroundStation(Section, frozen=True):
     """The pilot's ground station, whose frames pass through us."""
 
     endpoint: str
-    timeout_s: Positive
+    timeout_s: ranges.PilotTimeout
     on_loss: Literal["hold", "surface", "silence"]
-    full_deflection: Fraction
-    full_deflection_s: Seconds
-    engage_button: Annotated[int, msgspec.Meta(ge=-1, le=15)]
-    release_button: Annotated[int, msgspec.Meta(ge=-1, le=15)]
+    full_deflection: ranges.FullDeflection
+    full_deflection_s: ranges.Patience
+    engage_button: ranges.Button
+    release_button: ranges.Button
     allow: tuple[str, ...]
 
 
 class Loop(Section, frozen=True):
     """The tick."""
 
-    rate_hz: Annotated[float, msgspec.Meta(ge=10.0, le=200.0)]
+    rate_hz: ranges.TickRate
 
 
 class Axis(Section, frozen=True):
@@ -87,95 +83,95 @@ class Axis(Section, frozen=True):
     Units are m, N and kg; on the yaw axis rad, N·m and kg·m².
     """
 
-    mass: Positive
-    linear_damping: NonNegative
-    quadratic_damping: NonNegative
-    max_force: Positive
-    lambda_per_s: Positive
-    kappa_per_s: Positive
-    max_rate: Positive
-    max_acceleration: Positive
+    mass: ranges.Mass
+    linear_damping: ranges.LinearDamping
+    quadratic_damping: ranges.QuadraticDamping
+    max_force: ranges.Force
+    lambda_per_s: ranges.Lambda
+    kappa_per_s: ranges.Kappa
+    max_rate: ranges.MaxRate
+    max_acceleration: ranges.MaxAcceleration
     compensator: Compensator
-    learning_rate: NonNegative
-    hidden_learning_rate: NonNegative
-    leak_per_s: NonNegative
-    dead_zone: NonNegative
-    max_disturbance: Positive
-    position_noise: Positive
-    rate_noise: Positive
-    position_noise_slow: NonNegative
-    rate_noise_slow: NonNegative
-    disturbance_noise: Positive
-    sensor_delay_s: Seconds
+    learning_rate: ranges.LearningRate
+    hidden_learning_rate: ranges.HiddenLearningRate
+    leak_per_s: ranges.Leak
+    dead_zone: ranges.DeadZone
+    max_disturbance: ranges.Force
+    position_noise: ranges.Noise
+    rate_noise: ranges.Noise
+    position_noise_slow: ranges.SlowNoise
+    rate_noise_slow: ranges.SlowNoise
+    disturbance_noise: ranges.DisturbanceNoise
+    sensor_delay_s: ranges.Delay
 
 
 class Thrusters(Section, frozen=True):
     """What is believed of the thrusters."""
 
-    lag_s: Positive
-    lead_s: Seconds
-    max_axis: Fraction
-    max_slew_per_s: Positive
+    lag_s: ranges.Lag
+    lead_s: ranges.Lead
+    max_axis: ranges.Share
+    max_slew_per_s: ranges.Slew
 
 
 class Levelling(Section, frozen=True):
     """What is believed of roll and pitch, which are held level in MANUAL."""
 
-    frequency_radps: Annotated[float, msgspec.Meta(gt=0.0, le=20.0)]
-    roll_inertia: Positive
-    pitch_inertia: Positive
-    lever_m: Annotated[float, msgspec.Meta(ge=-1.0, le=1.0)]
-    max_moment_nm: Positive
-    max_axis: Annotated[float, msgspec.Meta(gt=0.0, le=0.49)]
+    frequency_radps: ranges.LevellingFrequency
+    roll_inertia: ranges.Mass
+    pitch_inertia: ranges.Mass
+    lever_m: ranges.Lever
+    max_moment_nm: ranges.Force
+    max_axis: ranges.TiltShare
 
 
 class Network(Section, frozen=True):
     """What the four networks share."""
 
-    units: Annotated[int, msgspec.Meta(ge=1, le=100)]
-    seed: Annotated[int, msgspec.Meta(ge=0)]
-    start_delay_s: Seconds
+    units: ranges.Units
+    seed: ranges.Seed
+    start_delay_s: ranges.Patience
 
 
 class Delays(Section, frozen=True):
     """What the loop's delays are taken for until they have been measured."""
 
-    telemetry_s: Seconds
-    command_s: Seconds
-    gains_bear_s: Positive
-    slow_noise_s: Positive
+    telemetry_s: ranges.Delay
+    command_s: ranges.Delay
+    gains_bear_s: ranges.BorneDelay
+    slow_noise_s: ranges.Correlation
 
 
 class Supervisor(Section, frozen=True):
     """When to refuse and when to give up."""
 
-    link_timeout_s: Positive
-    heartbeat_timeout_s: Positive
-    depth_timeout_s: Positive
-    attitude_timeout_s: Positive
-    position_timeout_s: Positive
-    late_tick_s: Positive
-    ramp_down_s: Positive
-    max_pilot_timeout_s: Annotated[float, msgspec.Meta(ge=0.1, le=3.0)]
-    pilot_deflection: Fraction
-    pilot_hold_s: Positive
-    max_depth_m: Positive
-    ramp_up_s: Positive
-    depth_margin_m: NonNegative
-    max_depth_jump_m: Positive
-    max_ekf_variance: Positive
-    ekf_doubt_s: Seconds
-    min_voltage_v: Positive
-    battery_low_s: Seconds
-    saturated_s: Seconds
-    max_error_m: Positive
-    max_error_deg: Annotated[float, msgspec.Meta(gt=0.0, le=180.0)]
-    off_track_s: Seconds
-    max_delay_s: Positive
-    max_surprise_m: Positive
-    max_surprise_deg: Positive
-    keep_alt_hold_s: Annotated[float, msgspec.Meta(ge=0.0, le=3600.0)]
-    max_tilt_deg: Annotated[float, msgspec.Meta(gt=0.0, lt=90.0)]
+    link_timeout_s: ranges.Timeout
+    heartbeat_timeout_s: ranges.Timeout
+    depth_timeout_s: ranges.Timeout
+    attitude_timeout_s: ranges.Timeout
+    position_timeout_s: ranges.Timeout
+    late_tick_s: ranges.Timeout
+    ramp_down_s: ranges.Ramp
+    max_pilot_timeout_s: ranges.FailsafeTimeout
+    pilot_deflection: ranges.PilotDeflection
+    pilot_hold_s: ranges.Ramp
+    max_depth_m: ranges.MaxDepth
+    ramp_up_s: ranges.Ramp
+    depth_margin_m: ranges.DepthMargin
+    max_depth_jump_m: ranges.Distance
+    max_ekf_variance: ranges.EkfVariance
+    ekf_doubt_s: ranges.Patience
+    min_voltage_v: ranges.Voltage
+    battery_low_s: ranges.Patience
+    saturated_s: ranges.Patience
+    max_error_m: ranges.Distance
+    max_error_deg: ranges.AngleDeg
+    off_track_s: ranges.Patience
+    max_delay_s: ranges.BorneDelay
+    max_surprise_m: ranges.Distance
+    max_surprise_deg: ranges.AngleDeg
+    keep_alt_hold_s: ranges.Hour
+    max_tilt_deg: ranges.TiltDeg
 
 
 class Telemetry(Section, frozen=True):
@@ -232,7 +228,7 @@ def load_config(path: Path = DEFAULT_FILE, overrides: Sequence[str] = ()) -> Con
     try:
         config = msgspec.convert(table, Config)
     except msgspec.ValidationError as error:
-        raise ConfigError(f"{path}: {_explained(table, str(error))}") from error
+        raise ConfigError(f"{path}: {explained(table, str(error), Config)}") from error
     for key, endpoint in (
         ("link.endpoint", config.link.endpoint),
         ("ground_station.endpoint", config.ground_station.endpoint),
@@ -283,24 +279,30 @@ def _apply(table: dict[str, Any], override: str) -> None:
     table[last] = value
 
 
-def _explained(table: dict[str, Any], error: str) -> str:
-    """Turn msgspec's "Expected … - at `$.heave.mass`" into key, value and what is allowed."""
+def explained(table: Any, error: str, kind: type[Section]) -> str:
+    """Turn msgspec's "Expected … - at `$.heave.mass`" into key, value and what is allowed.
+
+    `table` is what was to become a `kind`.
+    """
     message, _, where = error.partition(" - at `$")
     parts = [part for part in where.strip("`").split(".") if part]
+    hint = _hint(kind, parts)
     if field := re.search(r"(unknown|required) field `(.+)`", message):
         name = ".".join([*parts, field[2]])
-        known = ", ".join(getattr(_section(parts), "__struct_fields__", ()))
+        known = ", ".join(getattr(hint, "__struct_fields__", ()))
         return f"{name}: unknown key; known here: {known}" if field[1] == "unknown" else f"{name}: missing"
     value: Any = table
     for part in parts:
         value = value.get(part) if isinstance(value, dict) else None
-    choices = get_args(_section(parts)) if "enum" in message else ()
+    name = ".".join(parts) or "all of it"
+    if type(value) in (int, float) and (refused := ranges.refusal(name, value, hint)):
+        return refused
+    choices = get_args(hint) if "enum" in message else ()
     said = "must be one of " + ", ".join(choices) if choices else message[0].lower() + message[1:]
-    return f"{'.'.join(parts) or 'the file'} = {value!r}: {said}"
+    return f"{name} = {value!r:.80}: {said}"
 
 
-def _section(parts: list[str]) -> Any:
-    section: Any = Config
+def _hint(hint: Any, parts: list[str]) -> Any:
     for part in parts:
-        section = get_type_hints(section).get(part)
-    return section
+        hint = get_type_hints(hint, include_extras=True).get(part)
+    return hint

@@ -14,20 +14,20 @@ from typing import Annotated, Any, Literal, NamedTuple, Protocol, get_args, get_
 import msgspec
 import numpy as np
 
+from companion import ranges
 from companion.config import Compensator as Choice
-from companion.config import Config, ConfigError, NonNegative, Positive, Section
+from companion.config import Config, ConfigError, Section, explained
 from companion.telemetry import Reply, means, printable
 from companion.types import ENGAGE_S, PSI, Array, ControlSample, Request, Setpoint, State, X, Y, Z
 
 AxisName = Literal["surge", "sway", "heave", "yaw"]
-Metres = Annotated[float, msgspec.Meta(ge=-1e5, le=1e5)]
 Optional = msgspec.UnsetType
 
 WAITING = 8
 MAX_BYTES = 4096
 SETTLE_S = 2.0
-FACTOR = 4.0
-"""Gains may move this far, up or down, from those that the companion was started with."""
+STEP = 2.0
+"""One command may make a value this many times larger or smaller; for more it has to be confirmed."""
 
 
 class Engage(Section, frozen=True):
@@ -45,14 +45,10 @@ class ClearFault(Section, frozen=True):
 class Aim(Section, frozen=True):
     """Where to be; what is not named stays. Kept for when it engages if it is not engaged now."""
 
-    depth_m: Annotated[float, msgspec.Meta(ge=0.0, le=1e4), means("below the surface")] | Optional = (
-        msgspec.UNSET
-    )
-    heading_deg: (
-        Annotated[float, msgspec.Meta(ge=-360.0, le=360.0), means("clockwise from north")] | Optional
-    ) = msgspec.UNSET
-    x_m: Annotated[Metres, means("north; held only with a position source")] | Optional = msgspec.UNSET
-    y_m: Annotated[Metres, means("east; held only with a position source")] | Optional = msgspec.UNSET
+    depth_m: Annotated[ranges.Depth, means("below the surface")] | Optional = msgspec.UNSET
+    heading_deg: Annotated[ranges.HeadingDeg, means("clockwise from north")] | Optional = msgspec.UNSET
+    x_m: Annotated[ranges.Metres, means("north; held only with a position source")] | Optional = msgspec.UNSET
+    y_m: Annotated[ranges.Metres, means("east; held only with a position source")] | Optional = msgspec.UNSET
 
 
 class Compensator(Section, frozen=True):
@@ -62,28 +58,33 @@ class Compensator(Section, frozen=True):
     compensator: Choice
 
 
+Confirmed = Annotated[bool, means("more than twofold is meant; zero, to or from, is more than twofold")]
+
+
 class Gains(Section, frozen=True):
-    """Gains of one axis, as in the configuration; lambda and kappa at most 4 times more or less."""
+    """Gains of one axis, as in the configuration; more than twofold at once only with `confirm`."""
 
     axis: AxisName
-    lambda_per_s: Positive | Optional = msgspec.UNSET
-    kappa_per_s: Positive | Optional = msgspec.UNSET
-    learning_rate: NonNegative | Optional = msgspec.UNSET
-    hidden_learning_rate: NonNegative | Optional = msgspec.UNSET
-    leak_per_s: NonNegative | Optional = msgspec.UNSET
-    dead_zone: NonNegative | Optional = msgspec.UNSET
-    max_disturbance: Positive | Optional = msgspec.UNSET
+    lambda_per_s: ranges.Lambda | Optional = msgspec.UNSET
+    kappa_per_s: ranges.Kappa | Optional = msgspec.UNSET
+    learning_rate: ranges.LearningRate | Optional = msgspec.UNSET
+    hidden_learning_rate: ranges.HiddenLearningRate | Optional = msgspec.UNSET
+    leak_per_s: ranges.Leak | Optional = msgspec.UNSET
+    dead_zone: ranges.DeadZone | Optional = msgspec.UNSET
+    max_disturbance: ranges.Force | Optional = msgspec.UNSET
+    confirm: Confirmed = False
 
 
 class Estimator(Section, frozen=True):
-    """What the observer of one axis believes of the noise, as in the configuration."""
+    """What the observer of one axis believes of the noise; more than twofold at once only with `confirm`."""
 
     axis: AxisName
-    position_noise: Positive | Optional = msgspec.UNSET
-    rate_noise: Positive | Optional = msgspec.UNSET
-    position_noise_slow: NonNegative | Optional = msgspec.UNSET
-    rate_noise_slow: NonNegative | Optional = msgspec.UNSET
-    disturbance_noise: Positive | Optional = msgspec.UNSET
+    position_noise: ranges.Noise | Optional = msgspec.UNSET
+    rate_noise: ranges.Noise | Optional = msgspec.UNSET
+    position_noise_slow: ranges.SlowNoise | Optional = msgspec.UNSET
+    rate_noise_slow: ranges.SlowNoise | Optional = msgspec.UNSET
+    disturbance_noise: ranges.DisturbanceNoise | Optional = msgspec.UNSET
+    confirm: Confirmed = False
 
 
 COMMANDS: dict[str, type[Section]] = {
@@ -239,8 +240,13 @@ class Desk:
             raise ValueError(f"there is no command '{order.name}'. There are {', '.join(COMMANDS)}")
         if len(order.payload) > MAX_BYTES:
             raise ValueError(f"{len(order.payload)} bytes are too many; {MAX_BYTES} at most")
+        table = None
         try:
-            return msgspec.json.decode(order.payload, type=known)
+            table = msgspec.json.decode(order.payload)
+            return msgspec.convert(table, known)
+        except msgspec.ValidationError as error:
+            said = explained(table, str(error), known)
+            raise ValueError(f"{said}. {order.name} takes {_form(known)}") from error
         except (msgspec.MsgspecError, RecursionError) as error:
             raise ValueError(f"{error}. {order.name} takes {_form(known)}") from error
 
@@ -264,21 +270,20 @@ class Desk:
         return setpoint
 
     def _retuned(self, config: Config, command: Compensator | Gains | Estimator) -> Config:
-        named = _named(command)
-        axis = named.pop("axis")
-        if not named:
-            known = ", ".join(command.__struct_fields__[1:])
+        axis, wanted = _changes(command)
+        if not wanted:
+            known = ", ".join(key for key in command.__struct_fields__ if key not in ("axis", "confirm"))
             raise ValueError(f"name at least one of {known} for {axis}")
-        begun = getattr(self.started_with, axis)
-        for key in {"lambda_per_s", "kappa_per_s"} & set(named):
-            first = getattr(begun, key)
-            if not first / FACTOR <= named[key] <= first * FACTOR:
-                raise ValueError(
-                    f"{axis}.{key} = {named[key]:g}: while diving it may be {first / FACTOR:g} to "
-                    f"{first * FACTOR:g}; for more, set it in the configuration and restart"
-                )
-        changed = msgspec.structs.replace(getattr(config, axis), **named)
-        return msgspec.structs.replace(config, **{axis: changed})
+        old = getattr(config, axis)
+        if not getattr(command, "confirm", True):
+            for key, value in wanted.items():
+                now = getattr(old, key)
+                if not now / STEP <= value <= now * STEP:
+                    raise ValueError(
+                        f"{axis}.{key} = {value:g}: it is {now:g}, and one step may take it to "
+                        f"{now / STEP:g} to {now * STEP:g}; if it is meant, add confirm=true"
+                    )
+        return msgspec.structs.replace(config, **{axis: msgspec.structs.replace(old, **wanted)})
 
     def _asked(self, command: Section) -> Request:
         if isinstance(command, Engage):
@@ -337,8 +342,7 @@ class Desk:
             return {"done": done, "said": f"{'cleared' if done else 'refused'}. {is_now}", "value": value}
         if isinstance(one.command, Aim):
             return {"done": True, "said": self._way(sample), "value": self._aimed(engine, sample)}
-        changed = _named(one.command)
-        axis = changed.pop("axis")
+        axis, changed = _changes(one.command)
         new = msgspec.to_builtins(getattr(engine.config, axis))
         said = ", ".join(f"{key} {new[key]} (was {getattr(getattr(one.old, axis), key)})" for key in changed)
         return {"done": True, "said": f"{axis}: {said}", "value": {"axis": axis, **new}}
@@ -368,6 +372,13 @@ class Desk:
 def _named(command: Section) -> dict[str, Any]:
     values = ((key, getattr(command, key)) for key in command.__struct_fields__)
     return {key: value for key, value in values if value is not msgspec.UNSET}
+
+
+def _changes(command: Section) -> tuple[str, dict[str, Any]]:
+    """Return the axis that a tuning command is about, and what it changes there."""
+    named = _named(command)
+    named.pop("confirm", None)
+    return named.pop("axis"), named
 
 
 def _form(command: type[Section]) -> str:

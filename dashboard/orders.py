@@ -1,12 +1,12 @@
 """The commands that the page may send, checked before they leave. The companion checks them again."""
 
-from typing import Annotated, Literal
+from typing import Literal
 
 import msgspec
 
+from companion import ranges
+
 Axis = Literal["surge", "sway", "heave", "yaw"]
-Number = Annotated[float, msgspec.Meta(ge=-1e6, le=1e6)]
-NotNegative = Annotated[float, msgspec.Meta(ge=0.0, le=1e6)]
 Unset = msgspec.UnsetType
 
 
@@ -17,10 +17,10 @@ class Order(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
 class Aim(Order, frozen=True):
     """Where to be; what is not named stays."""
 
-    depth_m: Annotated[float, msgspec.Meta(ge=0.0, le=1e4)] | Unset = msgspec.UNSET
-    heading_deg: Annotated[float, msgspec.Meta(ge=-360.0, le=360.0)] | Unset = msgspec.UNSET
-    x_m: Number | Unset = msgspec.UNSET
-    y_m: Number | Unset = msgspec.UNSET
+    depth_m: ranges.Depth | Unset = msgspec.UNSET
+    heading_deg: ranges.HeadingDeg | Unset = msgspec.UNSET
+    x_m: ranges.Metres | Unset = msgspec.UNSET
+    y_m: ranges.Metres | Unset = msgspec.UNSET
 
 
 class Compensator(Order, frozen=True):
@@ -34,24 +34,26 @@ class Gains(Order, frozen=True):
     """Gains of an axis; what is not named stays."""
 
     axis: Axis
-    lambda_per_s: NotNegative | Unset = msgspec.UNSET
-    kappa_per_s: NotNegative | Unset = msgspec.UNSET
-    learning_rate: NotNegative | Unset = msgspec.UNSET
-    hidden_learning_rate: NotNegative | Unset = msgspec.UNSET
-    leak_per_s: NotNegative | Unset = msgspec.UNSET
-    dead_zone: NotNegative | Unset = msgspec.UNSET
-    max_disturbance: NotNegative | Unset = msgspec.UNSET
+    lambda_per_s: ranges.Lambda | Unset = msgspec.UNSET
+    kappa_per_s: ranges.Kappa | Unset = msgspec.UNSET
+    learning_rate: ranges.LearningRate | Unset = msgspec.UNSET
+    hidden_learning_rate: ranges.HiddenLearningRate | Unset = msgspec.UNSET
+    leak_per_s: ranges.Leak | Unset = msgspec.UNSET
+    dead_zone: ranges.DeadZone | Unset = msgspec.UNSET
+    max_disturbance: ranges.Force | Unset = msgspec.UNSET
+    confirm: bool | Unset = msgspec.UNSET
 
 
 class Estimator(Order, frozen=True):
     """The noises that the observer of an axis believes in; what is not named stays."""
 
     axis: Axis
-    position_noise: NotNegative | Unset = msgspec.UNSET
-    rate_noise: NotNegative | Unset = msgspec.UNSET
-    position_noise_slow: NotNegative | Unset = msgspec.UNSET
-    rate_noise_slow: NotNegative | Unset = msgspec.UNSET
-    disturbance_noise: NotNegative | Unset = msgspec.UNSET
+    position_noise: ranges.Noise | Unset = msgspec.UNSET
+    rate_noise: ranges.Noise | Unset = msgspec.UNSET
+    position_noise_slow: ranges.SlowNoise | Unset = msgspec.UNSET
+    rate_noise_slow: ranges.SlowNoise | Unset = msgspec.UNSET
+    disturbance_noise: ranges.DisturbanceNoise | Unset = msgspec.UNSET
+    confirm: bool | Unset = msgspec.UNSET
 
 
 class Record(Order, frozen=True):
@@ -82,6 +84,6 @@ def checked(name: str, body: bytes) -> bytes:
     except (msgspec.MsgspecError, RecursionError) as error:
         raise ValueError(f"{name}: {error}") from error
     named = msgspec.to_builtins(order)
-    if kind is not Order and not named.keys() - {"axis"}:
+    if kind is not Order and not named.keys() - {"axis", "confirm"}:
         raise ValueError(f"{name}: name what is to change: {', '.join(kind.__struct_fields__)}")
     return msgspec.json.encode(order)

@@ -19,14 +19,14 @@ commands (KEY=VALUE; the vehicle answers what is allowed, and with what is in fo
   release                     let go of the vehicle
   setpoint                    depth_m=  heading_deg=  x_m=  y_m=        what is not named stays
   gains                       axis=  lambda_per_s=  kappa_per_s=  learning_rate=  hidden_learning_rate=
-                              leak_per_s=  dead_zone=  max_disturbance=
+                              leak_per_s=  dead_zone=  max_disturbance=  confirm=
   compensator                 axis=  compensator=none|integrator|regressor|network|observer|network+observer
   estimator                   axis=  position_noise=  rate_noise=  position_noise_slow=  rate_noise_slow=
-                              disturbance_noise=
+                              disturbance_noise=  confirm=
   clear_fault                 reset a latched fault
   record                      on=true|false    start or stop the recorder (`holdfast record`)
   config                      only read what is in force; needs no permission
-An axis is surge, sway, heave or yaw.
+An axis is surge, sway, heave or yaw. A change of more than twofold at once needs confirm=true.
 
 examples:
   holdfast tell bluerov2 engage

@@ -16,7 +16,7 @@ import cma
 import numpy as np
 from msgspec.structs import replace
 
-from companion.config import Config
+from companion.config import Config, ConfigError
 from companion.types import Array, Setpoint
 from lab import batch
 from lab.batch_vehicle import Links
@@ -108,19 +108,42 @@ def scores(
     base: SimConfig,
     dives: Sequence[tuple[Scenario, Case]],
 ) -> list[float]:
-    """Return the score of each set of values, mm."""
-    figures = _dive(row, values, load, base, dives)
+    """Return the score of each set of values, mm; one that the companion would refuse counts as lost."""
+    configs = [_configured(load, row.overrides(value)) for value in values]
+    taken = [i for i, config in enumerate(configs) if config is not None]
+    found = np.full(len(values), LOST_MM)
+    if taken:
+        sound = [config for config in configs if config is not None]
+        found[taken] = _scores(row, [values[i] for i in taken], sound, base, dives)
+    return [float(score) for score in found]
+
+
+def _configured(load: Callable[[Sequence[str]], Config], overrides: Sequence[str]) -> Config | None:
+    try:
+        return load(overrides)
+    except ConfigError:
+        return None
+
+
+def _scores(
+    row: Row,
+    values: Sequence[Mapping[str, float]],
+    configs: Sequence[Config],
+    base: SimConfig,
+    dives: Sequence[tuple[Scenario, Case]],
+) -> Array:
+    figures = _dive(row, values, configs, base, dives)
     rms = np.where(np.isnan(figures["depth_rms_mm"]), LOST_MM, figures["depth_rms_mm"])
     price = CHATTER_PRICE * np.maximum(figures["chatter_n"] - CHATTER_N, 0.0)
     lost = ~np.isnan(figures.get("lost_s", np.full(len(rms), np.nan)))
-    each: list[float] = np.where(lost, LOST_MM, rms + price).reshape(len(values), -1).mean(1).tolist()
-    return each
+    mean: Array = np.where(lost, LOST_MM, rms + price).reshape(len(values), -1).mean(1)
+    return mean
 
 
 def _dive(
     row: Row,
     values: Sequence[Mapping[str, float]],
-    load: Callable[[Sequence[str]], Config],
+    configs: Sequence[Config],
     base: SimConfig,
     dives: Sequence[tuple[Scenario, Case]],
 ) -> dict[str, Array]:
@@ -135,7 +158,6 @@ def _dive(
     if row.steers == "autopilot":
         late_s = longer_s + link.down_s + 0.5 * link.jitter_s
         return alt_hold_batch.simulate(plants, target, duration_s, seeds, late_s, gains)
-    configs = [load(row.overrides(value)) for value in values]
     each = [config for config in configs for _ in dives]
     up_s = link.up_s + longer_s + hidden_s
     links = Links(up_s, link.down_s + longer_s, untold_up_s=hidden_s)

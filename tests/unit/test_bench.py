@@ -20,7 +20,7 @@ from lab.dive import FIGURES
 from lab.firmware_report import as_records, pairs, side_by_side
 from lab.floor import CHATTER_N
 from lab.own_vehicle import around, nominal, write_config
-from lab.rows import DEFAULT, ROWS, TUNED_FILE, WIDTH, selected, tuned, values_of
+from lab.rows import DEFAULT, ROWS, TUNED_FILE, WIDTH, Row, selected, tuned, values_of
 from sim_bridge.commands import DEFAULT_CONFIG
 from sim_bridge.config import load_config as load_plant
 from sim_bridge.params import DEFAULTS
@@ -210,3 +210,20 @@ def test_without_a_firmware_the_command_says_what_to_set(
     assert commands.bench(["firmware"]) == 2
     assert commands.bench(["dives", "--firmware"]) == 2
     assert "set HOLDFAST_ARDUSUB" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("row", [row for row in ROWS if row.knobs], ids=lambda row: row.name)
+def test_what_a_search_may_try_is_within_the_ranges(row: Row) -> None:
+    for factor in (1.0 / WIDTH, WIDTH):
+        configured(row.overrides({key: factor * start for key, start in row.knobs.items()}))
+
+
+def test_published_vehicles_are_within_the_ranges() -> None:
+    for path in DEFAULT_CONFIG.parent.glob("sim*.toml"):
+        configured([f"{key}={value}" for key, value in nominal(load_plant(path)).items()])
+
+
+def test_a_candidate_that_the_companion_refuses_is_lost() -> None:
+    row = selected(["law"])[0]
+    refused = dict(row.knobs) | {"heave.kappa_per_s": 1e6}
+    assert tune.scores(row, [refused], configured, BASE, tune._training(1, around)) == [tune.LOST_MM]

@@ -1,8 +1,11 @@
 import math
+from typing import get_type_hints
 
 import msgspec
+import numpy as np
 import pytest
 
+from companion import ranges
 from companion.config import DEFAULT_FILE, ConfigError, load_config
 
 
@@ -57,22 +60,23 @@ def test_every_key_of_the_file_is_a_field_and_every_field_a_key():
 @pytest.mark.parametrize(
     ("override", "said"),
     [
-        ("heave.mass=0", ["heave.mass", "0", "> 0"]),
-        ("heave.mass=-3.5", ["heave.mass", "-3.5", "> 0"]),
-        ("heave.mass=nan", ["heave.mass", "nan"]),
-        ("heave.mass=inf", ["heave.mass", "inf"]),
-        ("heave.mass=1e9", ["heave.mass", "1000000000", "1000000"]),
+        ("heave.mass=0", ["heave.mass = 0:", "0.01 to 1000"]),
+        ("heave.mass=-3.5", ["heave.mass = -3.5", "0.01 to 1000"]),
+        ("heave.mass=nan", ["heave.mass = nan", "0.01 to 1000"]),
+        ("heave.mass=inf", ["heave.mass = inf", "0.01 to 1000"]),
+        ("heave.mass=1e9", ["heave.mass = 1e+09", "0.01 to 1000"]),
+        ("heave.kappa_per_s=1e6", ["heave.kappa_per_s = 1e+06", "0.05 to 50"]),
         ("heave.lambda_per_s=nan", ["heave.lambda_per_s", "nan"]),
-        ("yaw.leak_per_s=-0.1", ["yaw.leak_per_s", "-0.1", ">= 0"]),
+        ("yaw.leak_per_s=-0.1", ["yaw.leak_per_s", "-0.1", "0 to 1"]),
         ("yaw.leak_per_s=nan", ["yaw.leak_per_s", "nan"]),
         ("delays.command_s=-inf", ["delays.command_s", "-inf"]),
-        ("delays.command_s=61", ["delays.command_s", "61", "60"]),
+        ("delays.command_s=61", ["delays.command_s", "61", "0 to 1"]),
         ("loop.rate_hz=5", ["loop.rate_hz", "5", "10"]),
         ("loop.rate_hz=201", ["loop.rate_hz", "201", "200"]),
         ("loop.rate_hz='fast'", ["loop.rate_hz", "fast", "float"]),
-        ("thrusters.max_axis=1.01", ["thrusters.max_axis", "1.01", "1.0"]),
-        ("thrusters.max_axis=0", ["thrusters.max_axis", "> 0"]),
-        ("supervisor.max_pilot_timeout_s=3.5", ["supervisor.max_pilot_timeout_s", "3.5", "3.0"]),
+        ("thrusters.max_axis=1.01", ["thrusters.max_axis", "1.01", "0.05 to 1"]),
+        ("thrusters.max_axis=0", ["thrusters.max_axis = 0", "0.05 to 1"]),
+        ("supervisor.max_pilot_timeout_s=3.5", ["supervisor.max_pilot_timeout_s", "3.5", "0.1 to 3"]),
         ("network.units=0", ["network.units", "0", "1"]),
         ("network.units=2.5", ["network.units", "2.5", "int"]),
         ("network.units=true", ["network.units", "True", "int"]),
@@ -103,6 +107,32 @@ def test_a_bad_value_is_refused_by_name_value_and_range(override, said):
 def test_one_button_cannot_engage_and_release():
     buttons = ["ground_station.engage_button=3", "ground_station.release_button=3"]
     assert "ground_station.engage_button = 3" in refusal(overrides=buttons)
+
+
+NUMBERS = [
+    (f"{section}.{key}", value)
+    for section, table in msgspec.to_builtins(load_config()).items()
+    for key, value in table.items()
+    if type(value) in (int, float)
+]
+
+
+@pytest.mark.parametrize(("key", "shipped"), NUMBERS)
+def test_every_number_has_a_range_whose_ends_are_the_last_that_are_taken(key, shipped):
+    section, name = key.split(".")
+    table = get_type_hints(type(getattr(load_config(), section)), include_extras=True)
+    least, most = ranges.bounds(table[name])
+    assert least <= shipped <= most
+    for end in (least, most):
+        load_config(overrides=[f"{key}={end!r}"])
+    beyond = (
+        (least - 1, most + 1) if type(shipped) is int else (np.nextafter(least, -9), np.nextafter(most, 1e9))
+    )
+    for value in (*map(float if type(shipped) is float else int, beyond), math.nan, math.inf, -1e300, 1e300):
+        message = refusal(overrides=[f"{key}={value!r}"])
+        assert str(DEFAULT_FILE) in message
+        assert f"{key} = " in message
+        assert f"{least:g} to {most:g}" in message or "int" in message
 
 
 def test_an_unknown_key_in_the_file_is_refused(edited):

@@ -1,9 +1,11 @@
 """Who may look, who may command, and what may be sent at all."""
 
 from pathlib import Path
+from typing import get_type_hints
 
 import pytest
 
+from companion import ranges
 from dashboard import gate
 from dashboard.options import settings
 from dashboard.orders import ORDERS, checked
@@ -102,6 +104,8 @@ def test_a_command_leaves_as_the_contract_says(name: str, body: bytes, payload: 
         ("setpoint", b'{"depth_m":NaN}', "malformed"),
         ("setpoint", b'{"depth_m":"3"}', "Expected `float"),
         ("gains", b'{"axis":"heave"}', "name what is to change"),
+        ("gains", b'{"axis":"heave","confirm":true}', "name what is to change"),
+        ("gains", b'{"axis":"heave","kappa_per_s":51}', "<= 50"),
         ("gains", b'{"axis":"roll","kappa_per_s":1}', "Invalid enum value 'roll'"),
         ("gains", b'{"kappa_per_s":1}', "missing required field `axis`"),
         ("record", b"{}", "missing required field `on`"),
@@ -119,6 +123,12 @@ def test_every_command_is_known_by_the_companion() -> None:
     assert set(ORDERS) == {*COMMANDS, "record"}
     for name, kind in COMMANDS.items():
         assert set(ORDERS[name].__struct_fields__) == set(kind.__struct_fields__), name
+        here, there = (
+            get_type_hints(ORDERS[name], include_extras=True),
+            get_type_hints(kind, include_extras=True),
+        )
+        for field in here:
+            assert ranges.bounds(here[field]) == ranges.bounds(there[field]), f"{name}.{field}"
 
 
 def test_control_has_to_be_asked_for(tmp_path: Path) -> None:

@@ -58,3 +58,25 @@ def test_a_heading_for_a_depth_only_dive_is_refused_before_anything_starts(capsy
     """In STABILIZE the firmware keeps the heading: to take one and not hold it would be a lie."""
     assert holdfast.main(["run", "--depth-only", "--heading", "90"]) == 2
     assert "the firmware keeps the heading" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["--depth", "-5"], "--depth = -5: must be 0 to 1000"),
+        (["--depth", "nan"], "--depth = nan: must be 0 to 1000"),
+        (["--depth", "inf"], "--depth = inf: must be 0 to 1000"),
+        (["--depth", "150"], "max_depth_m"),
+        (["--heading", "400"], "--heading = 400: must be -360 to 360"),
+        (["--heading", "nan"], "--heading = nan: must be -360 to 360"),
+        (
+            ["--set", "supervisor.depth_timeout_s=1e6"],
+            "supervisor.depth_timeout_s = 1e+06: must be 0.05 to 10",
+        ),
+        (["--set", "heave.kappa_per_s=1e6"], "heave.kappa_per_s = 1e+06: must be 0.05 to 50"),
+    ],
+)
+def test_an_absurd_value_is_refused_in_one_line_before_anything_starts(capsys, arguments, says):
+    assert holdfast.main(["run", *arguments]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert says in line

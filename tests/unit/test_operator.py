@@ -131,7 +131,7 @@ def test_x_without_a_position_is_kept_and_said_to_be_idle():
     ("name", "what", "axis", "key"),
     [
         ("gains", {"axis": "heave", "kappa_per_s": 8.0}, "heave", "kappa_per_s"),
-        ("gains", {"axis": "yaw", "lambda_per_s": 1.5, "leak_per_s": 0.0}, "yaw", "lambda_per_s"),
+        ("gains", {"axis": "yaw", "lambda_per_s": 1.5, "leak_per_s": 0.001}, "yaw", "lambda_per_s"),
         ("compensator", {"axis": "heave", "compensator": "observer"}, "heave", "compensator"),
         ("estimator", {"axis": "heave", "disturbance_noise": 4.0}, "heave", "disturbance_noise"),
     ],
@@ -190,16 +190,20 @@ def test_with_permission_it_is_done(allow, local):
     [
         ("fly", {}, "there is no command 'fly'"),
         ("setpoint", {}, "at least one"),
-        ("setpoint", {"depth_m": -1.0}, ">= 0"),
+        ("setpoint", {"depth_m": -1.0}, "depth_m = -1: must be 0 to 1000"),
         ("setpoint", {"depth_m": 101.0}, "max_depth_m"),
         ("setpoint", {"depth_m": "3"}, "depth_m"),
         ("gains", {"axis": "roll", "kappa_per_s": 1.0}, "surge, sway, heave, yaw"),
         ("gains", {"axis": "heave"}, "at least one"),
-        ("gains", {"axis": "heave", "kappa_per_s": 100.0}, "2.5 to 40"),
-        ("gains", {"axis": "heave", "learning_rate": -1.0}, ">= 0"),
-        ("gains", {"axis": "heave", "mass": 20.0}, "unknown field"),
+        ("gains", {"axis": "heave", "kappa_per_s": 100.0}, "kappa_per_s = 100: must be 0.05 to 50"),
+        ("gains", {"axis": "heave", "learning_rate": 1e6, "max_disturbance": 1e6}, "0 to 1000"),
+        ("gains", {"axis": "heave", "max_disturbance": 1e6, "confirm": True}, "0.1 to 1000"),
+        ("estimator", {"axis": "heave", "rate_noise": 1e-160, "confirm": True}, "1e-05 to 1"),
+        ("estimator", {"axis": "heave", "confirm": True}, "at least one"),
+        ("gains", {"axis": "heave", "learning_rate": -1.0}, "learning_rate = -1: must be 0 to 1000"),
+        ("gains", {"axis": "heave", "mass": 20.0}, "mass: unknown key"),
         ("compensator", {"axis": "heave", "compensator": "magic"}, "network+observer"),
-        ("engage", {"now": True}, "unknown field"),
+        ("engage", {"now": True}, "now: unknown key"),
     ],
 )
 def test_what_is_refused_says_what_is_allowed(name, what, says):
@@ -210,9 +214,40 @@ def test_what_is_refused_says_what_is_allowed(name, what, says):
     assert says in reply.said
 
 
+@pytest.mark.parametrize(
+    ("name", "key", "now", "wanted"),
+    [
+        ("gains", "kappa_per_s", 10.0, 20.1),
+        ("gains", "lambda_per_s", 7.0, 3.4),
+        ("gains", "leak_per_s", 0.002, 0.0),
+        ("gains", "hidden_learning_rate", 0.0, 0.1),
+        ("estimator", "rate_noise", 0.0008, 0.01),
+    ],
+)
+def test_more_than_twofold_at_once_has_to_be_confirmed(name, key, now, wanted):
+    dive, console = at_console()
+    dive.run(0.2)
+    assert getattr(dive.engine.config.heave, key) == now
+    reply = console.tell(name, axis="heave", **{key: wanted})
+    assert not reply.done
+    assert f"heave.{key} = {wanted:g}: it is {now:g}" in reply.said
+    assert "confirm=true" in reply.said
+    assert getattr(dive.engine.config.heave, key) == now
+    assert console.tell(name, axis="heave", confirm=True, **{key: wanted}).done
+    assert getattr(dive.engine.config.heave, key) == wanted
+
+
+def test_twofold_and_twofold_again_needs_no_confirmation():
+    dive, console = at_console()
+    dive.run(0.2)
+    for kappa in (5.0, 2.5):
+        assert console.tell("gains", axis="heave", kappa_per_s=kappa).done
+    assert dive.engine.config.heave.kappa_per_s == 2.5
+
+
 def test_live_limits_are_the_configurations():
     for command in (Compensator, Gains, Estimator):
-        for field in command.__struct_fields__[1:]:
+        for field in set(command.__struct_fields__) - {"axis", "confirm"}:
             here = json.dumps(_limits(command, field), sort_keys=True)
             assert here == json.dumps(_limits(Axis, field), sort_keys=True)
 
@@ -248,7 +283,7 @@ json_values = st.recursive(
 )
 likely = st.dictionaries(
     st.sampled_from(sorted({field for command in COMMANDS.values() for field in command.__struct_fields__})),
-    st.sampled_from(["heave", "yaw", "observer", 0.0, 8.0, -3, 1e9, math.nan, math.inf, None]),
+    st.sampled_from(["heave", "yaw", "observer", 0.0, 8.0, -3, 1e9, 10**400, math.nan, math.inf, None, True]),
     max_size=4,
 )
 payloads = st.binary(max_size=60) | (json_values | likely).map(lambda value: json.dumps(value).encode())

@@ -1,0 +1,99 @@
+"""What each quantity that a user may set can meaningfully be.
+
+One table for the configuration's file, `--set`, the command line, live commands and the dashboard.
+A range ends where a value says nothing of a vehicle that these thrusters can hold: it takes in what is
+shipped, what `holdfast tune` searches and the published BlueROV2 models with room to spare, and leaves out
+what switches a protection off. Units are m, N and kg; on the yaw axis rad, N·m and kg·m².
+"""
+
+from collections.abc import Iterator
+from typing import Annotated, Any, get_args
+
+from msgspec import Meta
+
+# The nominal model of an axis.
+Mass = Annotated[float, Meta(ge=0.01, le=1000.0)]
+LinearDamping = Annotated[float, Meta(ge=0.0, le=500.0)]
+QuadraticDamping = Annotated[float, Meta(ge=0.0, le=5000.0)]
+Force = Annotated[float, Meta(ge=0.1, le=1000.0)]
+MaxRate = Annotated[float, Meta(ge=0.01, le=3.0)]
+MaxAcceleration = Annotated[float, Meta(ge=0.01, le=5.0)]
+
+# Gains: `holdfast tune` searches λ up to 24, κ up to 48 and learning rates up to 600.
+Lambda = Annotated[float, Meta(ge=0.05, le=30.0)]
+Kappa = Annotated[float, Meta(ge=0.05, le=50.0)]
+LearningRate = Annotated[float, Meta(ge=0.0, le=1000.0)]
+HiddenLearningRate = Annotated[float, Meta(ge=0.0, le=100.0)]
+Leak = Annotated[float, Meta(ge=0.0, le=1.0)]
+DeadZone = Annotated[float, Meta(ge=0.0, le=0.5)]
+
+# Noise of a sample (never exactly none: the Kalman gain divides by it), and of the disturbance per √s.
+Noise = Annotated[float, Meta(ge=1e-5, le=1.0)]
+SlowNoise = Annotated[float, Meta(ge=0.0, le=1.0)]
+DisturbanceNoise = Annotated[float, Meta(ge=0.01, le=100.0)]
+
+# Times, seconds.
+Delay = Annotated[float, Meta(ge=0.0, le=1.0)]
+BorneDelay = Annotated[float, Meta(ge=0.01, le=1.0)]
+Lag = Annotated[float, Meta(ge=0.02, le=1.0)]
+Lead = Annotated[float, Meta(ge=0.0, le=0.3)]
+Correlation = Annotated[float, Meta(ge=0.05, le=60.0)]
+Timeout = Annotated[float, Meta(ge=0.05, le=10.0)]
+PilotTimeout = Annotated[float, Meta(ge=0.5, le=60.0)]
+FailsafeTimeout = Annotated[float, Meta(ge=0.1, le=3.0)]
+Ramp = Annotated[float, Meta(ge=0.1, le=10.0)]
+Patience = Annotated[float, Meta(ge=0.0, le=60.0)]
+Hour = Annotated[float, Meta(ge=0.0, le=3600.0)]
+
+# Thrusters, sticks and levelling.
+Share = Annotated[float, Meta(ge=0.05, le=1.0)]
+PilotDeflection = Annotated[float, Meta(ge=0.02, le=0.5)]
+FullDeflection = Annotated[float, Meta(ge=0.5, le=1.0)]
+Slew = Annotated[float, Meta(ge=0.5, le=100.0)]
+TickRate = Annotated[float, Meta(ge=10.0, le=200.0)]
+LevellingFrequency = Annotated[float, Meta(ge=0.2, le=20.0)]
+Lever = Annotated[float, Meta(ge=-1.0, le=1.0)]
+TiltShare = Annotated[float, Meta(ge=0.01, le=0.49)]
+
+# Places and what bounds them.
+Depth = Annotated[float, Meta(ge=0.0, le=1000.0)]
+MaxDepth = Annotated[float, Meta(ge=0.5, le=1000.0)]
+Metres = Annotated[float, Meta(ge=-1e4, le=1e4)]
+HeadingDeg = Annotated[float, Meta(ge=-360.0, le=360.0)]
+DepthMargin = Annotated[float, Meta(ge=0.0, le=20.0)]
+Distance = Annotated[float, Meta(ge=0.01, le=10.0)]
+AngleDeg = Annotated[float, Meta(ge=0.5, le=180.0)]
+TiltDeg = Annotated[float, Meta(ge=10.0, le=89.0)]
+EkfVariance = Annotated[float, Meta(ge=0.05, le=10.0)]
+Voltage = Annotated[float, Meta(ge=6.0, le=30.0)]
+
+# Whole numbers.
+SystemId = Annotated[int, Meta(ge=1, le=255)]
+LinkId = Annotated[int, Meta(ge=0, le=255)]
+Button = Annotated[int, Meta(ge=-1, le=15)]
+Units = Annotated[int, Meta(ge=1, le=100)]
+Seed = Annotated[int, Meta(ge=0, le=2**63 - 1)]
+
+
+def bounds(hint: Any) -> tuple[float, float] | None:
+    """Return the least and the largest of a quantity's type; None where it has no range."""
+    for meta in _metas(hint):
+        if meta.ge is not None and meta.le is not None:
+            return meta.ge, meta.le
+    return None
+
+
+def refusal(name: str, value: float, hint: Any) -> str | None:
+    """Return why `value` may not be `name`, or None where it may. NaN and infinities never may."""
+    found = bounds(hint)
+    if found is None or found[0] <= value <= found[1]:
+        return None
+    return f"{name} = {value:g}: must be {found[0]:g} to {found[1]:g}"
+
+
+def _metas(hint: Any) -> Iterator[Meta]:
+    """Go through an annotated type, one of a union too."""
+    if isinstance(hint, Meta):
+        yield hint
+    for part in (*getattr(hint, "__metadata__", ()), *get_args(hint)):
+        yield from _metas(part)
