@@ -8,7 +8,11 @@ from pathlib import Path
 import numpy as np
 from msgspec.structs import replace
 
+from companion import ranges
 from sim_bridge.config import SimConfig
+
+LEAST_LAG_S, _ = ranges.bounds(ranges.Lag) or (0.0, 0.0)
+"""Thrusters that answer at once, as those of ArduSub's own simulated vehicle, are believed to lag by this."""
 
 AXES = {"surge": 0, "sway": 1, "heave": 2, "yaw": 5}
 
@@ -18,7 +22,7 @@ def nominal(plant: SimConfig) -> dict[str, float | str]:
     hull = plant.hull
     believed: dict[str, float | str] = {
         "vehicle.frame": plant.thrusters.frame,
-        "thrusters.lag_s": plant.thrusters.lag_s,
+        "thrusters.lag_s": max(plant.thrusters.lag_s, LEAST_LAG_S),
     }
     for axis, i in AXES.items():
         inertia = hull.mass_kg if i < 3 else hull.inertia_kg_m2[2]
