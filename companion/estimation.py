@@ -50,6 +50,9 @@ from companion.types import (
 PREDICTION_STEP_S = 0.035
 SHORTEST_S = 1e-9
 
+RESET_SURPRISE = np.array([1.0, 1.0, 0.0, 1.0])
+"""m, rad: so much of a reset counts as innovation. One is no surprise; one with every sample is."""
+
 LATER_S = {"pressure": 0.053, "ahrs2": 0.048}
 """How much older than relative_alt and climb these depths are (ArduSub facts)."""
 
@@ -191,6 +194,7 @@ class Estimator:
         """Take in what came since the last tick; say where the vehicle is and where a command finds it."""
         self._depth_refused = self._clock_contradicted = False
         self._frame_shift = None
+        self._reset_by = np.zeros(4)
         self._innovation = np.zeros((4, 2))
         for event in events:
             self._take(event)
@@ -251,7 +255,7 @@ class Estimator:
                 position_reset_s=now_s - self._position_reset_t_s,
             ),
             delays=delays,
-            innovation=self._innovation[:, 0],
+            innovation=self._innovation[:, 0] + np.minimum(self._reset_by, RESET_SURPRISE),
             depth_refused=self._depth_refused,
             clock_contradicted=self._clock_contradicted,
             frame_shift=self._frame_shift,
@@ -350,6 +354,7 @@ class Estimator:
         turn_rad = self._yaw_resets.step(event.boot_s, event.yaw, _heading_rate(event))
         if turn_rad:
             self._yaw_reset_t_s = event.t_s
+            self._reset_by[PSI] += abs(turn_rad)
             x_m, y_m = self._observer.x[:2, 0].tolist()
             self._shift(turn_about(turn_rad, x_m, y_m))
         self._position(PSI, event.yaw, event.t_s, at_s)
@@ -376,6 +381,7 @@ class Estimator:
         east_m = self._y_resets.step(event.boot_s, event.y_m, event.vy_mps)
         if north_m or east_m:
             self._position_reset_t_s = event.t_s
+            self._reset_by[:2] += (abs(north_m), abs(east_m))
             self._shift(FrameShift(0.0, north_m, east_m))
         self._position(X, event.x_m, event.t_s, at_s)
         self._position(Y, event.y_m, event.t_s, at_s)

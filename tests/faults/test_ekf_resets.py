@@ -144,3 +144,11 @@ def test_while_the_compass_aligns_it_does_not_engage_and_says_wait():
     assert "compass: the EKF aligned its yaw" in dive.step.sample.verdict.reason
     assert "wait" in dive.step.sample.verdict.reason
     dive.until(State.ACTIVE, within_s=6.0)
+
+
+def test_a_position_that_is_reset_with_every_sample_is_not_believed():
+    dive = active(*QUIET, *DVL)
+    dive.fault("position_reset", 4.0, value=0.6, count=200)
+    dive.run(2.0)
+    assert dive.state is State.HAND_OVER
+    assert Condition.SURPRISED in dive.step.sample.verdict.conditions
