@@ -1,0 +1,566 @@
+"""Semantic fuzzing of the engine: `python -m tests.tools.fuzz_engine --ticks 1000000`.
+
+A stand-in vehicle dives with the engine in virtual time. Storms come upon its telemetry: every message type
+that the companion decodes, any value in any field, NaN and extremes, any stamp, two clocks; what is lost,
+late, repeated and out of order; other senders and a ground station; an operator who presses every button.
+Between storms it is calm, and the engine is asked to engage again, so that storms meet it while it steers.
+Every fifth dive has no vehicle: messages alone, wholly random.
+
+Held in every tick: nothing raises; the command is finite and inside the envelope; at most one steering frame,
+and none with thrust unless the verdict permits it; the authority is in 0..1; the telemetry is JSON without
+NaN. Held after a long calm: the estimator has found depth and heading again.
+
+A dive's number is its seed: `--first N --dives 1` repeats it.
+"""
+
+import argparse
+import contextlib
+import math
+import re
+import struct
+import sys
+import time
+import traceback
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import astuple, dataclass
+from pathlib import Path
+from random import Random
+from typing import Any
+
+import numpy as np
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from companion.config import load_config
+from companion.engine import Engine
+from companion.mavlink.ardusub import Converter
+from companion.mavlink.relay import Relay
+from companion.mavlink.upkeep import PARAMETERS
+from companion.supervisor import CARRY_AUTHORITY
+from companion.telemetry import encode
+from companion.types import NEUTRAL, PSI, ControlSample, LinkCounters, LoopHealth, Request, Setpoint, State, Z
+from lab.faults import steering
+from lab.lockstep import START_S, Link, Lockstep
+from sim_bridge.config import load_config as load_plant
+from sim_bridge.vehicle import Vehicle
+
+CONFIG = Path(__file__).parents[2] / "config"
+TICK_S = 0.02
+DIVE_TICKS = 1500
+STORM_TICKS = (25, 200)
+CALM_TICKS = 250
+RECOVERED_TICKS = 400
+"""After so long a calm depth and heading have to be found again."""
+
+NEAR_M, NEAR_RAD = 0.2, 0.1
+VEHICLE, US, GROUND = (1, 1), (255, 25), (255, 190)
+
+Inbox = list[tuple[int, bytes]]
+HEAVY, SIX = "sim.toml", "sim-bluerov2.toml"
+VARIANTS: tuple[tuple[str, tuple[str, ...], tuple[str, ...]], ...] = (
+    (HEAVY, (), ()),
+    (HEAVY, ("waves.enabled=true",), ()),
+    (HEAVY, (), ('vehicle.thrust_path="manual_control"',)),
+    (HEAVY, ("sensors.dvl=true",), ("supervisor.max_tilt_deg=80",)),
+    (HEAVY, (), ('vehicle.steering_mode="stabilize"',)),
+    (HEAVY, (), ('vehicle.rate_source="vz"', "levelling.enabled=true")),
+    (HEAVY, (), ('vehicle.depth_source="pressure"',)),
+    (HEAVY, (), ('vehicle.depth_source="ahrs2"',)),
+    (SIX, (), ('vehicle.frame="vectored"',)),
+)
+WITH_GROUND = ('ground_station.endpoint="udp-listen:127.0.0.1:14551"', 'vehicle.thrust_path="manual_control"')
+
+
+class BrokenPromiseError(AssertionError):
+    """Something happened that must never happen."""
+
+
+def promise(kept: bool, said: str) -> None:
+    """Raise BrokenPromiseError unless kept."""
+    if not kept:
+        raise BrokenPromiseError(said)
+
+
+# --- Messages ---------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A message type: the struct of its payload, and of each of its values field and format character."""
+
+    id: int
+    layout: struct.Struct
+    crc_extra: int
+    fields: tuple[str, ...]
+    codes: tuple[str, ...]
+
+
+def _kind(message_id: int) -> Kind:
+    known = mavlink.mavlink_map[message_id]
+    fields, codes = [], []
+    parts = re.findall(r"(\d*)([a-zA-Z])", known.unpacker.format)
+    for name, length, (count, code) in zip(known.ordered_fieldnames, known.lengths, parts, strict=True):
+        fields += [name] * length
+        codes += [count + code] if code == "s" else [code] * length
+    return Kind(message_id, known.unpacker, known.crc_extra, tuple(fields), tuple(codes))
+
+
+KINDS = {
+    message_id: _kind(message_id)
+    for message_id in sorted(
+        Converter(LinkCounters(), depth_source="pressure").ids
+        | Converter(LinkCounters(), depth_source="ahrs2").ids
+    )
+}
+STEERING = (mavlink.MAVLINK_MSG_ID_MANUAL_CONTROL, mavlink.MAVLINK_MSG_ID_RC_CHANNELS_OVERRIDE)
+TIMESYNC = mavlink.MAVLINK_MSG_ID_TIMESYNC
+STAMPS = {"time_boot_ms": 1e3, "time_usec": 1e6, "tc1": 1e9}
+NAMES = [name.encode() for name in (*PARAMETERS, "InputHold", "RollPitch", "PilotGain", "Leak detected!")]
+RANGES = {"b": 8, "B": 8, "h": 16, "H": 16, "i": 32, "I": 32, "q": 64, "Q": 64}
+FLOATS = (math.nan, math.inf, -math.inf, 0.0, -0.0, 1e30, -1e30, 1e-30, 3.4e38, -3.4e38, 1e-45, 1.0, -1.0)
+FLOATS += (100.0, -1000.0, math.pi, -6.3, 49.0)
+
+
+def frame(kind: Kind, values: Sequence[Any], sender: tuple[int, int]) -> bytes:
+    """Return a sound MAVLink 2 frame."""
+    payload = kind.layout.pack(*values).rstrip(b"\0") or b"\0"
+    head = bytes((len(payload), 0, 0, 7, *sender)) + kind.id.to_bytes(3, "little")
+    checksum = mavlink.x25crc(head + payload + bytes((kind.crc_extra,))).crc
+    return b"\xfd" + head + payload + checksum.to_bytes(2, "little")
+
+
+def opened(data: bytes) -> tuple[Kind, list[Any]] | None:
+    """Return type and values of a datagram that is one frame of a type we know."""
+    kind = KINDS.get(data[7] | data[8] << 8 | data[9] << 16) if len(data) >= 12 else None
+    if kind is None or data[0] != 0xFD or len(data) != 12 + data[1]:
+        return None
+    return kind, list(kind.layout.unpack(data[10:-2].ljust(kind.layout.size, b"\0")[: kind.layout.size]))
+
+
+def absurd(rng: Random, code: str, value: Any) -> Any:
+    """Return anything that fits the format, now and then near `value`."""
+    if code.endswith("s"):
+        size = int(code[:-1])
+        text = rng.choice(NAMES) if rng.random() < 0.7 else rng.randbytes(rng.randrange(size + 1))
+        return text[:size]
+    if code in "fd":
+        draw = rng.random()
+        if draw < 0.5:
+            return rng.choice(FLOATS)
+        number = value if math.isfinite(value) else 0.0
+        if draw < 0.7:
+            return _float32(number + rng.gauss(0.0, 10.0 ** rng.uniform(-3.0, 3.0)))
+        return _float32(rng.uniform(-1.0, 1.0) * 10.0 ** rng.uniform(-38.0, 38.0))
+    bits = RANGES[code]
+    low, high = (-(1 << bits - 1), (1 << bits - 1) - 1) if code.islower() else (0, (1 << bits) - 1)
+    draw = rng.random()
+    if draw < 0.4:
+        return rng.choice((low, high, 0, 1, high - 1, high // 2, low // 2))
+    if draw < 0.7:
+        return min(max(int(value) + rng.randint(-1, 1) * 10 ** rng.randrange(1 + bits // 4), low), high)
+    return rng.randint(low, high)
+
+
+def _float32(value: float) -> float:
+    return value if abs(value) < 3.4e38 else math.inf
+
+
+def anything(rng: Random, now_s: float, known: dict[int, list[Any]]) -> tuple[Kind, list[Any]]:
+    """Return a message of any type: like the last of its type or not at all, its stamp near or not."""
+    kind = KINDS[rng.choice(tuple(KINDS))]
+    like = known.get(kind.id)
+    share = rng.choice((0.1, 0.3, 1.0)) if like else 1.0
+    values = like or [b"" if code.endswith("s") else 0 for code in kind.codes]
+    values = [
+        absurd(rng, code, value) if rng.random() < share else value
+        for code, value in zip(kind.codes, values, strict=True)
+    ]
+    if rng.random() < 0.7:
+        for i, name in enumerate(kind.fields):
+            if name in STAMPS:
+                values[i] = round((now_s - START_S + rng.choice((0.0, 0.0, 0.3, -0.3, 5.0))) * STAMPS[name])
+                values[i] = max(values[i], 0) % (1 << 32 if name != "tc1" else 1 << 62)
+    if kind.id == TIMESYNC and rng.random() < 0.8:
+        values[1] = round((now_s - rng.choice((0.0, 0.004, 0.15, 0.9, 3.0))) * 1e9)
+    return kind, values
+
+
+# --- Storms -----------------------------------------------------------------------------------------------
+
+Spoil = Callable[[float, Inbox], Inbox]
+
+
+def altered(change: Callable[[Kind, list[Any]], None]) -> Spoil:
+    """Return a spoil that changes the values of each message we know."""
+
+    def spoil(now_s: float, inbox: Inbox) -> Inbox:
+        out = []
+        for t_ns, data in inbox:
+            known = opened(data)
+            if known is not None and data[5:7] == bytes(VEHICLE):
+                change(*known)
+                out.append((t_ns, frame(*known, VEHICLE)))
+            else:
+                out.append((t_ns, data))
+        return out
+
+    return spoil
+
+
+def one_field(rng: Random, _: "Fuzzed") -> Spoil:
+    """One field of one type goes mad: to one value, to ever another, or now and then."""
+    kind = KINDS[rng.choice(tuple(KINDS))]
+    at, often, fixed = rng.randrange(len(kind.codes)), rng.choice((1.0, 1.0, 0.3, 0.03)), rng.random() < 0.5
+    kept: list[Any] = []
+
+    def change(found: Kind, values: list[Any]) -> None:
+        if found is kind and rng.random() < often:
+            value = kept[0] if fixed and kept else absurd(rng, kind.codes[at], values[at])
+            kept[:] = [value]
+            values[at] = value
+
+    return altered(change)
+
+
+def all_fields(rng: Random, _: "Fuzzed") -> Spoil:
+    """Any field of any type, now and then."""
+    often = rng.choice((0.3, 0.05, 0.005))
+
+    def change(kind: Kind, values: list[Any]) -> None:
+        for i, code in enumerate(kind.codes):
+            if rng.random() < often:
+                values[i] = absurd(rng, code, values[i])
+
+    return altered(change)
+
+
+def clocks(rng: Random, _: "Fuzzed") -> Spoil:
+    """Stamps and answers to TIMESYNC are off, stand still or run at another pace."""
+    which = rng.choice((set(STAMPS), {"tc1"}, {"time_boot_ms", "time_usec"}, {"time_usec"}, {"ts1"}))
+    off_s = rng.choice((-1.0, 1.0)) * 10.0 ** rng.uniform(-2.0, 10.0)
+    pace, since = rng.choice((0.0, 0.0, 1e-3, -1.0, 1.0)), [math.nan]
+
+    def change(kind: Kind, values: list[Any]) -> None:
+        for i, name in enumerate(kind.fields):
+            if name in which:
+                scale = STAMPS.get(name, 1e9)
+                if math.isnan(since[0]):
+                    since[0] = values[i] / scale
+                stamp = round(values[i] + (off_s + pace * (values[i] / scale - since[0])) * scale)
+                values[i] = min(max(stamp, 0), (1 << (32 if kind.codes[i] == "I" else 63)) - 1)
+
+    return altered(change)
+
+
+def twin(rng: Random, _: "Fuzzed") -> Spoil:
+    """A second autopilot with the same system id and another clock, elsewhere."""
+    off_s, off = rng.choice((-1.0, 1.0)) * 10.0 ** rng.uniform(-2.0, 6.0), rng.gauss(0.0, 2.0)
+
+    def spoil(now_s: float, inbox: Inbox) -> Inbox:
+        out = []
+        for t_ns, data in inbox:
+            out.append((t_ns, data))
+            known = opened(data)
+            if known is None:
+                continue
+            kind, values = known
+            for i, (name, code) in enumerate(zip(kind.fields, kind.codes, strict=True)):
+                if name in STAMPS:
+                    top = (1 << (32 if code == "I" else 63)) - 1
+                    values[i] = min(max(round(values[i] + off_s * STAMPS[name]), 0), top)
+                elif code == "f":
+                    values[i] = values[i] + off
+            out.append((t_ns, frame(kind, values, VEHICLE)))
+        return out
+
+    return spoil
+
+
+def carried(rng: Random, _: "Fuzzed") -> Spoil:
+    """A bad link: datagrams are lost, late, repeated and overtake each other."""
+    lost, again, late = (rng.choice((0.0, 0.1, 0.5, 0.95)) for _ in range(3))
+    late_s = 10.0 ** rng.uniform(-2.0, 0.7)
+    waiting: list[tuple[float, bytes]] = []
+
+    def spoil(now_s: float, inbox: Inbox) -> Inbox:
+        out = []
+        for t_ns, data in inbox:
+            for _ in range(1 + (rng.random() < again)):
+                if rng.random() < lost:
+                    continue
+                if rng.random() < late:
+                    waiting.append((now_s + rng.uniform(0.0, late_s), data))
+                else:
+                    out.append((t_ns, data))
+        out += [(round(now_s * 1e9), data) for at_s, data in waiting if at_s <= now_s]
+        waiting[:] = [(at_s, data) for at_s, data in waiting if at_s > now_s]
+        rng.shuffle(out)
+        return out
+
+    return spoil
+
+
+def insertion(rng: Random, dive: "Fuzzed") -> Spoil:
+    """Messages of any type beside the true ones, of the vehicle or of somebody else."""
+    often = rng.choice((0.05, 0.5, 3.0))
+    senders = rng.choice(((VEHICLE,), ((254, 190), GROUND, (1, 0), (2, 1), US)))
+
+    def spoil(now_s: float, inbox: Inbox) -> Inbox:
+        out = list(inbox)
+        for _ in range(_count(rng, often)):
+            said = anything(rng, now_s, dive.heard)
+            out.append((round(now_s * 1e9), frame(*said, rng.choice(senders))))
+        rng.shuffle(out)
+        return out
+
+    return spoil
+
+
+def ground_station(rng: Random, dive: "Fuzzed") -> Spoil:
+    """A ground station that says anything, and sticks above all."""
+    often = rng.choice((0.2, 1.0, 3.0))
+
+    def spoil(now_s: float, inbox: Inbox) -> Inbox:
+        for _ in range(_count(rng, often)):
+            kind, values = anything(rng, now_s, dive.heard)
+            if rng.random() < 0.5:
+                kind = KINDS[rng.choice((mavlink.MAVLINK_MSG_ID_MANUAL_CONTROL, 0))]
+                values = [absurd(rng, code, 0) for code in kind.codes]
+                if kind.id and rng.random() < 0.8:
+                    values[kind.fields.index("target")] = 1
+            sender = GROUND if rng.random() < 0.9 else (rng.randrange(256), rng.randrange(256))
+            dive.ground.append((round(now_s * 1e9), frame(kind, values, sender)))
+        return inbox
+
+    return spoil
+
+
+def buttons(rng: Random, dive: "Fuzzed") -> Spoil:
+    """An operator who presses every button and gives every setpoint that is not refused."""
+
+    def spoil(now_s: float, inbox: Inbox) -> Inbox:
+        if rng.random() < 0.1:
+            dive.presses.append(rng.choice(tuple(Request)))
+        if rng.random() < 0.1:
+            draw = [rng.choice((math.nan, 0.0, rng.gauss(0.0, 1.0), rng.gauss(0.0, 1e3))) for _ in range(4)]
+            rates = np.array([rng.choice((0.0, 0.0, rng.gauss(0.0, 1.0), 1e30)) for _ in range(8)])
+            with contextlib.suppress(ValueError):
+                dive.engine.aim(Setpoint(np.array(draw), rates[:4], rates[4:]))
+        return inbox
+
+    return spoil
+
+
+def stalls(rng: Random, dive: "Fuzzed") -> Spoil:
+    """The process does not run for a while, and finds all that came meanwhile."""
+
+    def spoil(now_s: float, inbox: Inbox) -> Inbox:
+        if rng.random() < 0.02:
+            dive.asleep_ticks = rng.choice((1, 2, 10, 60))
+        return inbox
+
+    return spoil
+
+
+STORMS = (one_field, one_field, one_field, all_fields, clocks, clocks, twin, carried, insertion, insertion)
+STORMS += (buttons, stalls, ground_station)
+
+
+def _count(rng: Random, mean: float) -> int:
+    return int(mean) + (rng.random() < mean % 1.0)
+
+
+# --- Dives ------------------------------------------------------------------------------------------------
+
+
+class Fuzzed:
+    """Stands where the engine is: spoils what comes, holds every tick to account."""
+
+    def __init__(self, rng: Random, companion: Sequence[str], *, ground: bool) -> None:
+        config = load_config(overrides=(*companion, *(WITH_GROUND if ground else ())))
+        self.engine = Engine(config, Setpoint(np.array([math.nan, math.nan, 1.0, 0.3])), arm=True)
+        self.spoils: list[Spoil] = []
+        self.heard: dict[int, list[Any]] = {}
+        self.ground: Inbox = []
+        self.presses: list[Request] = []
+        self.asleep_ticks = 0
+        self.states: Counter[State] = Counter()
+        self._relay = Relay(config) if ground else None
+        self._rng = rng
+        self._kept: Inbox = []
+        self._sample: ControlSample | None = None
+        self._command = NEUTRAL
+        limits = config.thrusters
+        tilt = config.levelling.max_axis if config.levels else 0.0
+        self._most = (limits.max_axis,) * 4 + (tilt,) * 2
+        self._step = limits.max_slew_per_s / config.loop.rate_hz + 1e-9
+
+    def step(
+        self, now_s: float, datagrams: Inbox, loop: LoopHealth, requests: Sequence[Request] = ()
+    ) -> tuple[list[bytes], ControlSample]:
+        """Advance one tick, unless asleep; raise BrokenPromiseError."""
+        inbox = list(datagrams)
+        if not self.spoils:
+            self.heard |= {known[0].id: known[1] for _, data in inbox if (known := opened(data))}
+        for spoil in self.spoils:
+            inbox = spoil(now_s, inbox)
+        self._kept += inbox
+        if self.asleep_ticks and self._sample is not None:
+            self.asleep_ticks -= 1
+            return [], self._sample
+        inbox, self._kept = self._kept, []
+        presses, self.presses = [*requests, *self.presses], []
+        pilot, passed = self._heard_from_ground()
+        out, sample = self.engine.step(now_s, inbox, loop, presses, pilot)
+        if self._relay is not None:
+            self._relay.withhold = self.engine.steering
+        self.states[sample.verdict.state] += 1
+        self._hold_to_account(out, sample)
+        self._sample = sample
+        return [*passed, *out], sample
+
+    def _heard_from_ground(self) -> tuple[Inbox, list[bytes]]:
+        said, self.ground = self.ground, []
+        if self._relay is None:
+            return [], []
+        passed = [data for t_ns, frame in said for data in self._relay.to_vehicle(t_ns, frame)]
+        return self._relay.take(), passed
+
+    def _hold_to_account(self, out: Sequence[bytes], sample: ControlSample) -> None:
+        verdict, command = sample.verdict, astuple(sample.command)
+        promise(all(map(math.isfinite, command)), f"a command that is not finite: {command}")
+        inside = all(abs(axis) <= most for axis, most in zip(command, self._most, strict=True))
+        promise(inside, f"a command outside the envelope: {command}")
+        steps = [abs(now - last) for now, last in zip(command, astuple(self._command), strict=True)]
+        promise(not any(command) or max(steps) <= self._step, f"a command that jumps by {max(steps)}")
+        promise(0.0 <= verdict.authority <= 1.0, f"an authority of {verdict.authority}")
+        permitted = verdict.state in CARRY_AUTHORITY and verdict.authority > 0.0
+        promise(permitted or not any(command), "a command without permission")
+        frames = [axes for axes in map(steering, out) if axes is not None]
+        promise(len(frames) <= 1, "two steering frames in a tick")
+        promise(all(abs(axis) <= 1.0 for axes in frames for axis in axes), f"a frame out of range: {frames}")
+        pushes = any(axis for axes in frames for axis in axes)
+        promise(permitted or self._relay is not None or not pushes, "thrust without permission")
+        for key, _, payload in encode(sample, "fuzzed"):
+            promise(
+                not (b"NaN" in payload or b"Infinity" in payload or b":null" in payload),
+                f"telemetry that is no number: {key} {payload!r}",
+            )
+        self._command = sample.command
+
+
+@dataclass
+class Tally:
+    """What came of all dives so far."""
+
+    ticks: int = 0
+    dives: int = 0
+    recovered: int = 0
+    broken: int = 0
+
+
+def storm(rng: Random, dive: Fuzzed) -> list[Spoil]:
+    """Return one to three things that go wrong at once."""
+    return [rng.choice(STORMS)(rng, dive) for _ in range(rng.choice((1, 1, 1, 2, 3)))]
+
+
+def fuzz(number: int, tally: Tally, states: Counter[State]) -> None:
+    """Dive number `number`; raises whatever goes wrong."""
+    rng = Random(number)
+    plant, sea, companion = VARIANTS[rng.randrange(len(VARIANTS))]
+    ground = rng.random() < 0.3 and not companion
+    fuzzed = Fuzzed(rng, companion, ground=ground)
+    try:
+        if rng.random() < 0.2:
+            _messages_alone(rng, fuzzed, tally)
+        else:
+            vehicle = Vehicle(load_plant(CONFIG / plant, ("current.enabled=false", *sea)), number)
+            _dive(rng, fuzzed, Lockstep(vehicle, fuzzed, Link(), number), tally)  # type: ignore[arg-type]
+    finally:
+        states.update(fuzzed.states)
+        tally.dives += 1
+
+
+def _messages_alone(rng: Random, fuzzed: Fuzzed, tally: Tally) -> None:
+    """No vehicle: any messages at any time, an operator too."""
+    fuzzed.spoils = [
+        insertion(rng, fuzzed),
+        insertion(rng, fuzzed),
+        *storm(rng, fuzzed),
+        buttons(rng, fuzzed),
+    ]
+    now_s = START_S
+    for tick in range(DIVE_TICKS):
+        now_s += rng.choice((TICK_S,) * 20 + (0.0, 1e-6, 0.3, 10.0))
+        fuzzed.step(now_s, [], LoopHealth(tick, 50.0, 0.0, 0.0, 0, 0))
+        tally.ticks += 1
+
+
+def _dive(rng: Random, fuzzed: Fuzzed, loop: Lockstep, tally: Tally) -> None:
+    """Storms and calms in turn."""
+    calm, left = 0, CALM_TICKS
+    for _ in range(DIVE_TICKS):
+        if left == 0 and not fuzzed.spoils:
+            fuzzed.spoils, left = storm(rng, fuzzed), rng.randint(*STORM_TICKS)
+        elif left == 0:
+            fuzzed.spoils, left = [], rng.choice((CALM_TICKS, RECOVERED_TICKS + 10))
+        left -= 1
+        calm = 0 if fuzzed.spoils or fuzzed.asleep_ticks else calm + 1
+        if calm % 50 == 20 and fuzzed.engine.verdict.state is not State.ACTIVE:
+            loop.requests.append(rng.choice((Request.CLEAR_FAULT, Request.ENGAGE)))
+        step = loop.tick()
+        tally.ticks += 1
+        if calm == RECOVERED_TICKS:
+            believed, true = step.sample.state.eta, step.truth.eta
+            missed_m, missed_rad = (
+                abs(believed[Z] - true[2]),
+                abs(math.remainder(believed[PSI] - true[5], math.tau)),
+            )
+            tally.recovered += 1
+            promise(
+                bool(missed_m <= NEAR_M),
+                f"depth {believed[Z]} m where it is {true[2]} m, long after the storm",
+            )
+            promise(bool(missed_rad <= NEAR_RAD), f"heading {believed[PSI]} rad where it is {true[5]} rad")
+
+
+def tell(text: str) -> None:
+    """Write a line at once."""
+    sys.stdout.write(text + "\n")
+    sys.stdout.flush()
+
+
+def main() -> int:
+    """Fuzz until so many ticks are done; say what came of it."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("--ticks", type=int, default=20_000)
+    parser.add_argument("--first", type=int, default=1)
+    parser.add_argument("--dives", type=int, default=sys.maxsize)
+    chosen = parser.parse_args()
+    tally, states, since_s = Tally(), Counter[State](), time.monotonic()
+    for number in range(chosen.first, chosen.first + chosen.dives):
+        if tally.ticks >= chosen.ticks:
+            break
+        at = tally.ticks
+        try:
+            fuzz(number, tally, states)
+        except Exception as error:  # the finding is told, and the next dive begins
+            tally.broken += 1
+            where = traceback.extract_tb(error.__traceback__)[-1]
+            tell(
+                f"dive {number}, tick {tally.ticks - at}: {type(error).__name__}: {str(error)[:300]} "
+                f"({Path(where.filename).name}:{where.lineno})"
+            )
+            if chosen.dives == 1:
+                traceback.print_exception(error)
+    shares = ", ".join(f"{state} {states[state]}" for state in State if states[state])
+    took_s = time.monotonic() - since_s
+    tell(
+        f"{tally.dives} dives from {chosen.first}, {tally.ticks} ticks in {took_s:.0f} s: {shares}; "
+        f"looked {tally.recovered} times for depth and heading after a storm; {tally.broken} promises broken"
+    )
+    return int(tally.broken > 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
