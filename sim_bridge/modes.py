@@ -55,6 +55,11 @@ MAX_YAW_RATE = math.radians(100)
 MAX_RATE = math.radians(90)
 MAX_HEADING_LEAD_RAD = math.radians(20)
 SPEED_UP_M_S = 0.5
+CLIMB_FILTER_HZ, RISE_FILTER_HZ, THROTTLE_FILTER_HZ = 5.0, 20.0, 2.0
+"""Low-passes of the depth loop: the errors of climb rate (PSC_VELZ_FLTE) and of acceleration (PSC_ACCZ_FLTE),
+and the throttle behind them (a constant of the firmware)."""
+MAX_ACCELERATION_M_S2 = 1.0
+"""PILOT_ACCEL_Z."""
 DIP_FROM_MANUAL = -0.8
 """Where ALT_HOLD's integrator starts after MANUAL: the dip of half a metre that the firmware shows."""
 
@@ -70,6 +75,7 @@ class FlightControl:
         self._yaw_moved_s = 0.0
         self._rate_integral = [0.0, 0.0, 0.0]
         self._throttle_integral = 0.0
+        self._climb_error = self._rise_error = self._throttle = 0.0
         self._climbing = False
         self._position: tuple[float, float] | None = None
         self._position_integral = (0.0, 0.0)
@@ -88,6 +94,7 @@ class FlightControl:
         self._yaw_moved_s = t_s
         self._rate_integral = [0.0, 0.0, 0.0]
         self._throttle_integral = 0.0
+        self._climb_error = self._rise_error = self._throttle = 0.0
         self._climbing = False
         self._position = None
 
@@ -163,12 +170,16 @@ class FlightControl:
             self.depth_target = estimate.depth_m - 0.15 * estimate.climb_m_s
         self._climbing = climb != 0.0
         params = self._params
-        to_target = params["PSC_POSZ_P"] * (estimate.depth_m - self.depth_target)
-        target = climb + _clip(to_target, (0.5 if climb else 1.0) * SPEED_UP_M_S)
-        acceleration = params["PSC_VELZ_P"] * (target - estimate.climb_m_s)
-        self._throttle_integral += 0.2 * params["PSC_ACCZ_I"] * acceleration * dt
+        to_target = approach(params["PSC_POSZ_P"], estimate.depth_m - self.depth_target)
+        lacking = climb + _clip(to_target, (0.5 if climb else 1.0) * SPEED_UP_M_S) - estimate.climb_m_s
+        self._climb_error += smoothing(CLIMB_FILTER_HZ, dt) * (lacking - self._climb_error)
+        excess = params["PSC_VELZ_P"] * self._climb_error - estimate.rise_m_s2
+        self._rise_error += smoothing(RISE_FILTER_HZ, dt) * (excess - self._rise_error)
+        self._throttle_integral += 0.2 * params["PSC_ACCZ_I"] * self._rise_error * dt
         self._throttle_integral = _clip(self._throttle_integral, 1.0)
-        return _clip(0.2 * params["PSC_ACCZ_P"] * acceleration + self._throttle_integral, 1.0)
+        throttle = _clip(0.2 * params["PSC_ACCZ_P"] * self._rise_error + self._throttle_integral, 1.0)
+        self._throttle += smoothing(THROTTLE_FILTER_HZ, dt) * (throttle - self._throttle)
+        return self._throttle
 
     def _place(self, estimate: Estimate, forward: float, lateral: float, dt: float) -> tuple[float, float]:
         """Hold x and y while the sticks rest."""
@@ -183,6 +194,22 @@ class FlightControl:
         north, east = 0.6 * ex - 0.6 * vx + ix, 0.6 * ey - 0.6 * vy + iy
         c, s = math.cos(estimate.yaw), math.sin(estimate.yaw)
         return _clip(c * north + s * east, 1.0), _clip(c * east - s * north, 1.0)
+
+
+def approach(gain_per_s: float, error_m: float) -> float:
+    """Speed (m/s) towards a target that is `error_m` away: proportional near it, farther off as if it braked.
+
+    The firmware's square-root controller, with MAX_ACCELERATION_M_S2.
+    """
+    near_m = MAX_ACCELERATION_M_S2 / gain_per_s**2
+    if abs(error_m) <= near_m:
+        return gain_per_s * error_m
+    return math.copysign(math.sqrt(2.0 * MAX_ACCELERATION_M_S2 * (abs(error_m) - 0.5 * near_m)), error_m)
+
+
+def smoothing(cutoff_hz: float, dt: float) -> float:
+    """Share of the way that the firmware's first-order low-pass goes in one step of `dt` (s)."""
+    return dt / (dt + 1.0 / (2.0 * math.pi * cutoff_hz))
 
 
 def _outside(pwm: int, dead_us: int) -> float:

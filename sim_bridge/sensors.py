@@ -16,6 +16,8 @@ PA_PER_M = 9800.0
 NOISE_PERIOD_S = 0.01
 PRESSURE_PERIOD_S = 0.1
 HISTORY_S = 0.6
+ACCEL_FILTER_DELAY_S = 0.01
+"""Of the accelerometer inside the firmware: INS_ACCEL_FILTER, 20 Hz."""
 
 
 class Estimate(NamedTuple):
@@ -40,6 +42,8 @@ class Estimate(NamedTuple):
     """Specific force, body (m/s²)."""
     position: tuple[float, float, float, float]
     """x, y, vx, vy (NED), meaningful with a DVL only."""
+    rise_m_s2: float
+    """Acceleration upwards over the ground, from the filtered accelerometer, as the depth loop sees it."""
 
 
 class Sensors:
@@ -153,6 +157,8 @@ class Sensors:
         sink = r[6] * u + r[7] * v + r[8] * w
         depth = scale * height[2] + self._depth.value + self._drift.value + config.depth_white_m * normal()
         climb = -scale * sink + self._climb.value + config.climb_white_m_s * normal()
+        felt, push = self._delayed(ACCEL_FILTER_DELAY_S)
+        rise = -sum(a * down for a, down in zip(push, rotation(felt)[6:], strict=True))
         tilt = rotation(shaken)
         specific = tuple(
             a - GRAVITY * down + config.accel_white_m_s2 * normal()
@@ -182,6 +188,7 @@ class Sensors:
             pressure_hpa=SURFACE_PRESSURE_HPA + PA_PER_M * self._raw_depth / 100.0,
             accel=(specific[0], specific[1], specific[2]),
             position=position,
+            rise_m_s2=rise,
         )
 
     def _delayed(self, delay_s: float) -> tuple[tuple[float, ...], tuple[float, float, float]]:

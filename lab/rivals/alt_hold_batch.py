@@ -14,9 +14,17 @@ from lab.batch_vehicle import ARMED_S
 from lab.scenarios import SETTLE_S
 from sim_bridge.config import SimConfig
 from sim_bridge.environment import Environment
-from sim_bridge.modes import SPEED_UP_M_S
+from sim_bridge.modes import (
+    CLIMB_FILTER_HZ,
+    MAX_ACCELERATION_M_S2,
+    RISE_FILTER_HZ,
+    SPEED_UP_M_S,
+    THROTTLE_FILTER_HZ,
+    smoothing,
+)
 from sim_bridge.physics import STEP_S
 from sim_bridge.plant import GRAVITY
+from sim_bridge.sensors import ACCEL_FILTER_DELAY_S
 from sim_bridge.thrusters import CURVE_N, CURVE_US
 
 VERTICAL = 4
@@ -57,8 +65,10 @@ def simulate(
 
     lates_s, which = np.unique(link_s, return_inverse=True)
     z = np.array([plant.initial.eta[2] for plant in plants])
-    w, thrust, integral = np.zeros((3, len(plants)))
-    past = np.tile(z, (round(KEPT_S / STEP_S), 2, 1)) * np.array([1.0, 0.0])[:, None]
+    w, thrust, integral, lacking, excess, up = np.zeros((6, len(plants)))
+    soft = [smoothing(hz, STEP_S) for hz in (CLIMB_FILTER_HZ, RISE_FILTER_HZ, THROTTLE_FILTER_HZ)]
+    past = np.tile(z, (round(KEPT_S / STEP_S), 3, 1)) * np.array([1.0, 0.0, 0.0])[:, None]
+    felt = round(ACCEL_FILTER_DELAY_S / STEP_S)
     late = [round(delay / STEP_S) for delay in (sensors.depth_delay_s, sensors.climb_delay_s)]
     squares, changes, count, last = np.zeros(len(plants)), np.zeros(len(plants)), 0, np.zeros(len(plants))
     for step in range(round(START_S / STEP_S), round(duration_s / STEP_S)):
@@ -73,18 +83,24 @@ def simulate(
         white = rng.standard_normal((2, len(plants)))
         depth = past[(step - late[0]) % len(past), 0] + noise[0] + noise[1] + sensors.depth_white_m * white[0]
         climb = -past[(step - late[1]) % len(past), 1] + noise[2] + sensors.climb_white_m_s * white[1]
-        rate = np.clip(gains["PSC_POSZ_P"] * (depth - wanted), -SPEED_UP_M_S, SPEED_UP_M_S)
-        lacking = gains["PSC_VELZ_P"] * (rate - climb)
-        integral = np.clip(integral + 0.2 * gains["PSC_ACCZ_I"] * lacking * STEP_S, -1.0, 1.0)
-        up = np.clip(0.2 * gains["PSC_ACCZ_P"] * lacking + integral, -1.0, 1.0)
+        off, near = depth - wanted, MAX_ACCELERATION_M_S2 / gains["PSC_POSZ_P"] ** 2
+        braking = np.sqrt(2.0 * MAX_ACCELERATION_M_S2 * np.maximum(np.abs(off) - 0.5 * near, 0.0))
+        rate = np.where(np.abs(off) <= near, gains["PSC_POSZ_P"] * off, np.copysign(braking, off))
+        rate = np.clip(rate, -SPEED_UP_M_S, SPEED_UP_M_S)
+        lacking += soft[0] * (rate - climb - lacking)
+        rise = -past[(step - felt) % len(past), 2]
+        excess += soft[1] * (gains["PSC_VELZ_P"] * lacking - rise - excess)
+        integral = np.clip(integral + 0.2 * gains["PSC_ACCZ_I"] * excess * STEP_S, -1.0, 1.0)
+        up += soft[2] * (np.clip(0.2 * gains["PSC_ACCZ_P"] * excess + integral, -1.0, 1.0) - up)
         offset = np.trunc(-400.0 * up)
         static = np.array([np.interp(x, points, CURVE_N) for x, points in zip(offset, curve, strict=True)])
         thrust += follow * (strength * static - thrust)
         relative = w - speed
         push = thrust - buoyancy + force + (displaced + added) * acceleration
-        w = w + STEP_S / mass * (push - (linear + quadratic * np.abs(relative)) * relative)
+        w_dot = (push - (linear + quadratic * np.abs(relative)) * relative) / mass
+        w = w + STEP_S * w_dot
         z = z + STEP_S * w
-        past[(step + 1) % len(past)] = z, w
+        past[(step + 1) % len(past)] = z, w, w_dot
         if step % TICK_STEPS == TICK_STEPS - 1 and t_s >= SETTLE_S:
             asked = VERTICAL * np.interp(offset, CURVE_US, CURVE_N)
             squares += (z - target(t_s + STEP_S).eta_d[..., Z]) ** 2
