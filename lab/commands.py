@@ -43,13 +43,13 @@ def bench(argv: list[str]) -> int:
     parser.add_argument(
         "--out", type=Path, default=Path("out/bench"), metavar="DIR", help="for plots; default %(default)s"
     )
-    _add_firmware(parser)
+    add_firmware(parser)
     arguments = parser.parse_args(argv)
     if arguments.firmware is not None and arguments.what not in ("dives", "ablation", "firmware"):
         parser.error("--firmware goes with dives, ablation or firmware")
     if arguments.what == "firmware" and arguments.firmware is None:
         arguments.firmware = ""
-    if not _find_firmware("bench", arguments):
+    if not find_firmware("bench", arguments):
         return 2
     from lab.bench_report import run
 
@@ -172,7 +172,8 @@ def _has(command: str, *needed: str) -> bool:
     return not missing
 
 
-def _add_firmware(parser: argparse.ArgumentParser) -> None:
+def add_firmware(parser: argparse.ArgumentParser) -> None:
+    """Add `--firmware [PATH]`."""
     parser.add_argument(
         "--firmware",
         nargs="?",
@@ -183,7 +184,7 @@ def _add_firmware(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def _find_firmware(command: str, arguments: argparse.Namespace) -> bool:
+def find_firmware(command: str, arguments: argparse.Namespace) -> bool:
     """Put the program's path, or None, into `arguments.firmware`; say what is wrong and return False."""
     if arguments.firmware is None:
         return True

@@ -9,7 +9,8 @@ operator who presses every button. Whatever happens:
 - ACTIVE is entered from READY alone, after somebody asked, with nothing against it;
 - after a fault that must end steering, thrust is neutral within the time that `FAULTS` states.
 
-A prepared vehicle is forked for each of its dives, so that only what follows the fault is computed anew.
+A prepared vehicle is forked for each of its dives, so that only what follows the fault is computed anew. With
+the real firmware each dive has a process of its own, and what cannot be done to it is left out: ON_FIRMWARE.
 """
 
 import json
@@ -29,6 +30,7 @@ from companion.config import load_config
 from companion.engine import Engine
 from companion.supervisor import CARRY_AUTHORITY, UNFIT
 from companion.types import Condition, ControlSample, LoopHealth, Request, Setpoint, State
+from lab.firmware import Firmware
 from lab.lockstep import START_S, Link, Lockstep
 from sim_bridge.config import Fault
 from sim_bridge.config import load_config as load_plant
@@ -199,7 +201,7 @@ def steering(frame: bytes) -> tuple[float, ...] | None:
 class Diving:
     """A vehicle and its companion in virtual time."""
 
-    def __init__(self, variant: int, state: State) -> None:
+    def __init__(self, variant: int, state: State, firmware: Path | None = None) -> None:
         _, plant, companion = VARIANTS[variant]
         extra = {
             State.READY: ("parameters.FS_PILOT_INPUT=1",),
@@ -207,13 +209,23 @@ class Diving:
         }.get(state, ())
         ramp = ("supervisor.ramp_down_s=4",) if state is State.RAMP_DOWN else ()
         file = PLANT / ("sim-bluerov2.toml" if 'vehicle.frame="vectored"' in companion else "sim.toml")
-        self.vehicle = Vehicle(load_plant(file, ("current.enabled=false", *plant, *extra)), variant)
+        config = load_plant(file, ("current.enabled=false", *plant, *extra))
+        self.vehicle = Vehicle(config, variant) if firmware is None else Firmware(firmware, config, variant)
         self.engine = Watched(*companion, *ramp)
         self.loop = Lockstep(self.vehicle, self.engine, Link(), variant)
         self._variant = variant
         self.outsider = mavlink.MAVLink(None, 255, 190)
         self.ramp_s = 4.0 if ramp else RAMP_S
-        self._reach(state)
+        try:
+            self._reach(state)
+        except BaseException:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        """End the firmware, if it is a process."""
+        if isinstance(self.vehicle, Firmware):
+            self.vehicle.close()
 
     @property
     def t_s(self) -> float:
@@ -260,6 +272,8 @@ class Diving:
             self.fault("leak")
         elif state is State.PILOT:
             self.fault("mode", 1.0)
+        elif state is State.FAULT and isinstance(self.vehicle, Firmware):
+            self.fault("link_cut", seconds=0.8)
         elif state is State.FAULT:
             self.fault("message_stopped", message="ATTITUDE", seconds=0.8)
         self.until(state)
@@ -419,19 +433,28 @@ FAULTS: dict[str, Kind] = {
 }
 
 
+ON_FIRMWARE = tuple(
+    kind for kind in FAULTS if not FAULTS[kind].on_stream and kind not in ("leak", "EKF lost", "depth jumps")
+)
+"""Left out: what falsifies single messages, a leak (no pin), and what the EKF would have to take part in."""
+STATES_ON_FIRMWARE = tuple(state for state in STATES if state is not State.HAND_OVER)
+"""Left out: HAND_OVER, which the dives begin with a leak."""
+
+
 # --- Dives --------------------------------------------------------------------------------------------------
 
 
-def case(number: int) -> Case:
-    """Return what dive `number` draws."""
+def case(number: int, *, firmware: bool = False) -> Case:
+    """Return what dive `number` draws, for our stand-in or the real firmware."""
     rng = np.random.default_rng((number, 4))
-    group = number // 12
+    group = number if firmware else number // 12
+    states, known = (STATES_ON_FIRMWARE, ON_FIRMWARE) if firmware else (STATES, tuple(FAULTS))
     picked = np.random.default_rng((group, 5))
-    kinds = rng.choice(list(FAULTS), size=1 if rng.random() < 0.5 else int(rng.integers(2, 4)), replace=False)
+    kinds = rng.choice(list(known), size=1 if rng.random() < 0.5 else int(rng.integers(2, 4)), replace=False)
     return Case(
         number,
         variant=int(picked.integers(len(VARIANTS))),
-        state=STATES[int(picked.integers(len(STATES)))],
+        state=states[int(picked.integers(len(states)))],
         faults=tuple(_broken(str(kind), rng) for kind in kinds),
         fingers=bool(rng.random() < 0.25),
     )
@@ -455,11 +478,26 @@ def groups(numbers: Sequence[int]) -> Iterator[list[int]]:
     yield from together.values()
 
 
-def dive_group(numbers: Sequence[int]) -> list[Row]:
-    """Prepare one vehicle in one state, and fork it for each of these dives."""
+def dive_group(numbers: Sequence[int], firmware: Path | None = None) -> list[Row]:
+    """Prepare one vehicle in one state, and fork it for each of these dives.
+
+    A `firmware` cannot be forked: it is started for each.
+    """
+    if firmware is not None:
+        return [_dive_firmware(number, firmware) for number in numbers]
     first = case(numbers[0])
     prepared = Diving(first.variant, first.state)
     return [_forked(prepared, case(number)) for number in numbers]
+
+
+def _dive_firmware(number: int, firmware: Path) -> Row:
+    """Dive once with the real firmware."""
+    one = case(number, firmware=True)
+    diving = Diving(one.variant, one.state, firmware)
+    try:
+        return dive(diving, one)
+    finally:
+        diving.close()
 
 
 def _forked(prepared: Diving, one: Case) -> Row:

@@ -14,6 +14,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
+from lab.commands import add_firmware, find_firmware
 from lab.faults import AFTER_S, FAULTS, VARIANTS, Row, case, dive_group, groups, told
 
 
@@ -28,18 +29,21 @@ def main(argv: list[str]) -> int:
     parser.add_argument("--first", type=int, default=0, metavar="ID", help="number of the first dive")
     parser.add_argument("--workers", type=int, metavar="N", help="processes; default: the cores")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write what became of each dive there")
+    add_firmware(parser)
     arguments = parser.parse_args(argv)
+    if not find_firmware("faults", arguments):
+        return 2
+    firmware: Path | None = arguments.firmware
     console = Console()
     numbers = range(arguments.first, arguments.first + arguments.dives)
-    rows = dived(console, numbers, arguments.workers or os.cpu_count() or 1)
+    rows = dived(console, numbers, arguments.workers or os.cpu_count() or 1, firmware)
     console.print(_table(rows))
     states = Counter(row.state for row in rows)
     console.print("Begun in " + ", ".join(f"{state} {count}" for state, count in states.most_common()))
     bad = [row for row in rows if row.broken]
     for row in bad:
-        console.print(
-            f"[red]{row.broken}[/red]: {VARIANTS[case(row.number).variant][0]}, {told(case(row.number))}"
-        )
+        one = case(row.number, firmware=firmware is not None)
+        console.print(f"[red]{row.broken}[/red]: {VARIANTS[one.variant][0]}, {told(one)}")
     console.print(
         f"{len(rows)} dives of {AFTER_S:g} s after the state was reached; {len(bad)} broke a promise."
     )
@@ -49,7 +53,7 @@ def main(argv: list[str]) -> int:
     return 1 if bad else 0
 
 
-def dived(console: Console, numbers: range, workers: int) -> list[Row]:
+def dived(console: Console, numbers: range, workers: int, firmware: Path | None = None) -> list[Row]:
     """Return what became of these dives, a process for each group of them."""
     rows: list[Row] = []
     columns = (TextColumn("diving"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
@@ -58,7 +62,8 @@ def dived(console: Console, numbers: range, workers: int) -> list[Row]:
         Progress(*columns, console=console, disable=not sys.stderr.isatty()) as progress,
     ):
         task = progress.add_task("diving", total=len(numbers))
-        for future in as_completed([pool.submit(dive_group, group) for group in groups(numbers)]):
+        jobs = [pool.submit(dive_group, group, firmware) for group in groups(numbers)]
+        for future in as_completed(jobs):
             rows += future.result()
             progress.advance(task, len(future.result()))
     return sorted(rows)
@@ -82,6 +87,8 @@ def _table(rows: list[Row]) -> Table:
         table.add_column(title, justify="left" if title == "fault" else "right")
     for kind in FAULTS:
         of_it = by_kind[kind]
+        if not of_it:
+            continue
         active = [row for row in of_it if row.state == "ACTIVE"]
         alone = sorted(row.neutral_s for row in active if row.kinds == (kind,) and isfinite(row.neutral_s))
         held = sum(row.ended == "ACTIVE" for row in active)

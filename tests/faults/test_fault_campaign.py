@@ -5,7 +5,7 @@ from rich.console import Console
 
 from companion.types import Condition, State, Verdict
 from lab import faults
-from lab.faults import FAULTS, VARIANTS, Broken, Case, Diving, case, dive_group
+from lab.faults import FAULTS, ON_FIRMWARE, VARIANTS, Broken, Case, Diving, case, dive_group
 from lab.faults_report import dived
 
 DIVES = 204
@@ -22,6 +22,13 @@ def test_the_numbers_draw_everything():
     assert {fault.kind for one in cases for fault in one.faults} == set(FAULTS)
     assert {one.state for one in cases} == set(State)
     assert {one.variant for one in cases} == set(range(len(VARIANTS)))
+
+
+def test_with_the_real_firmware_only_what_can_be_done_to_it_is_drawn():
+    cases = [case(number, firmware=True) for number in range(2000)]
+    assert {fault.kind for one in cases for fault in one.faults} == set(ON_FIRMWARE)
+    assert {one.state for one in cases} == set(State) - {State.HAND_OVER}
+    assert not any(fault.message for one in cases for fault in one.faults)
 
 
 @pytest.fixture(scope="module")

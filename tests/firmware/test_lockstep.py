@@ -7,6 +7,7 @@ import numpy as np
 from companion.config import load_config
 from companion.engine import Engine
 from companion.types import Request, Setpoint, State
+from lab.faults import dive_group
 from lab.firmware import Firmware
 from lab.lockstep import Link, Lockstep
 from sim_bridge.commands import DEFAULT_CONFIG
@@ -53,3 +54,8 @@ def test_a_reboot_in_mid_dive_is_survived(ardusub):
     assert not after[-1].truth.armed
     depths = np.array([step.truth.eta[2] for step in steps])
     assert np.abs(np.diff(depths)).max() < 0.02, "the body stays where it was"
+
+
+def test_a_dozen_dives_in_which_something_breaks_keep_every_promise(ardusub):
+    rows = dive_group(range(12), ardusub)
+    assert [(row.number, row.broken) for row in rows if row.broken] == []
