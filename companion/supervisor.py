@@ -146,12 +146,16 @@ for _row in TRANSITIONS:
 _BY = "(`holdfast tell`, button or dashboard)"
 CLEAR = f"clear the fault {_BY}"
 
+_LETTING_GO = (
+    UNFIT & ~(WARNS | C.DISARMED | C.WRONG_MODE) | C.OFF_TRACK | C.FAILSAFE_SURFACES | C.TILT_PERSISTS
+)
+
 _REMEDIES: dict[State, tuple[Condition, str]] = {
     S.IDLE: (UNFIT, f"engage {_BY}"),
     S.READY: (C.PILOT_TAKEOVER, f"engage {_BY}"),
     S.ACTIVE: (WARNS, "nothing; a stick, a mode change or disarming takes it back at once"),
-    S.RAMP_DOWN: (UNFIT, "wait until the thrust has faded"),
-    S.HAND_OVER: (UNFIT | C.OFF_TRACK | C.TILT_PERSISTS, "wait, or take it with a stick"),
+    S.RAMP_DOWN: (_LETTING_GO, "wait until the thrust has faded"),
+    S.HAND_OVER: (_LETTING_GO, "wait, or take it with a stick"),
     S.PILOT: (UNFIT | C.PILOT_TAKEOVER, f"engage again {_BY}"),
     S.FAULT: (FAULT_CAUSES, CLEAR),
 }

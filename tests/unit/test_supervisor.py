@@ -311,7 +311,10 @@ def test_what_keeps_it_from_engaging_comes_in_an_order_that_gets_on():
     assert todo(State.READY).startswith("engage")
     assert "let go of the stick" in todo(State.READY, C.PILOT_TAKEOVER)
     assert todo(State.PILOT).startswith("engage again")
-    assert "surface" not in todo(State.ACTIVE)
+    for state in (State.RAMP_DOWN, State.HAND_OVER):
+        for passing in (C.WRONG_MODE, C.DISARMED, C.CLOCK_JUMPED):
+            assert todo(state, passing).startswith("wait")
+            assert "tether" in todo(state, passing, C.PILOT_LOST)
     assert todo(State.ACTIVE, C.BATTERY_LOW, C.DISARMED) == "bring it up"
 
 
