@@ -27,8 +27,6 @@ class Watched:
     ekf: EkfStatus | None = None
     """The newest report, None before the first."""
     ekf_doubt_s: float = 0.0
-    clock_doubt_s: float = 0.0
-    """How long stamps and TIMESYNC have kept contradicting each other."""
     pilot_deflection: float = 0.0
     rebooted: bool = False
     leaking: bool = False
@@ -272,14 +270,14 @@ CONDITIONS = (
     ),
     Look(
         C.CLOCK_JUMPED,
-        lambda o, limits: not o.watched.clock_doubt_s <= 0.0,
+        lambda o, limits: not o.state.clock_doubt_s <= 0.0,
         (),
-        "a stamp or an answer to TIMESYNC contradicted the autopilot's clock, less than 1 s ago",
+        "a stamp or an answer to TIMESYNC contradicts the autopilot's clock, and none has set it anew yet",
         "nothing if it was once; if it goes on, look for a second autopilot with this system id",
     ),
     Look(
         C.CLOCK_INCONSISTENT,
-        lambda o, limits: not o.watched.clock_doubt_s <= CLOCK_DOUBT_S,
+        lambda o, limits: not o.state.clock_doubt_s <= CLOCK_DOUBT_S,
         (),
         f"stamps and answers to TIMESYNC have contradicted each other for {CLOCK_DOUBT_S:g} s",
         "look for a second autopilot with this system id on the link, and at what relays TIMESYNC",

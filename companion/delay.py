@@ -36,6 +36,9 @@ MAX_ROUND_TRIP_S = 1.0
 ANSWERED_S = 5.0
 """So long after the last answer its clock may be held against a stamp; later the clocks have drifted."""
 
+SETTLED_S = 1.0
+"""So long after the last contradiction the clock is believed again."""
+
 TELEMETRY_MEMORY_S = 1.0
 MAX_DELAY_S = 1.0
 ECHO_MEMORY_S = 4.0
@@ -89,6 +92,10 @@ class DelayMeter:
         """The lower bound from messages since the newest answer."""
         self._odd: Bounds | None = None
         """The newest answer, if it contradicted those before."""
+        self._former = (Bounds(math.inf, -math.inf), 0.0)
+        """The clock before it was set anew, and how long it had been in doubt."""
+        self._doubted_s = (math.inf, -math.inf)
+        """Since when contradictions have come, and when the newest came."""
         self._answered_s = -math.inf
         self._questions: deque[tuple[float, float]] = deque()
         """When the newest answers arrived, and the upper bounds that they gave."""
@@ -102,21 +109,25 @@ class DelayMeter:
         self._command_s = command_s
         self._moved_s = -math.inf
 
-    def timesync(self, sent_s: float, arrived_s: float, boot_s: float) -> bool:
+    def timesync(self, sent_s: float, arrived_s: float, boot_s: float) -> None:
         """Take one TIMESYNC answer: sent and arrived on our clock, `boot_s` on the autopilot's in between.
 
-        Return False if it contradicts the clock as it is known. A second answer that agrees with it, with
+        One that contradicts the clock as it is known is not believed. A second one that agrees with it, with
         none in between that does not, sets the clock anew.
         """
         if not 0.0 <= arrived_s - sent_s <= MAX_ROUND_TRIP_S:
-            return True
+            return
         answer = Bounds(boot_s - arrived_s, boot_s - sent_s)
         odd, self._odd = self._odd, None
         agrees = self._bounds.admits(answer)
         if not agrees:
+            former, doubted_s = self._former
+            self._contradicted(arrived_s, arrived_s - (doubted_s if former.admits(answer) else 0.0))
             if odd is None or not odd.admits(answer):
                 self._odd = answer
-                return False
+                return
+            self._former = (self._bounds, self.doubt_s(arrived_s))
+            self._doubted_s = (math.inf, -math.inf)
             self._answers.clear()
             self._answers.append(odd)
             self._stamped_s = -math.inf
@@ -131,18 +142,18 @@ class DelayMeter:
             self._approach(self._command_s, arrived_s)
         else:
             self._command_s = self._start.command_s + self._command_bounds(arrived_s)[0]
-        return agrees
 
-    def stamped(self, arrived_s: float, boot_s: float) -> bool:
-        """Take one stamped message's arrival; return False if it contradicts the clock as it is known."""
+    def stamped(self, arrived_s: float, boot_s: float) -> None:
+        """Take one stamped message's arrival; one that contradicts the clock as it is known tells nothing."""
         bound_s, known = boot_s - arrived_s, self._bounds
         agrees = bound_s <= known.upper_s + CLOCK_JUMP_S
         if not agrees and arrived_s - self._answered_s <= ANSWERED_S:
-            return False
+            self._contradicted(arrived_s, arrived_s)
+            return
         self._stamped_s = max(self._stamped_s, bound_s)
         self._bounds = Bounds(max(known.lower_s, bound_s), known.upper_s)
         if not self._answers:
-            return True
+            return
         late_s = min(self.offset_s - bound_s, MAX_DELAY_S)
         if self._telemetry_t_s is None:
             self._telemetry_s = late_s
@@ -150,7 +161,6 @@ class DelayMeter:
             passed = max(arrived_s - self._telemetry_t_s, 0.0)
             self._telemetry_s += (late_s - self._telemetry_s) * passed / (passed + TELEMETRY_MEMORY_S)
         self._telemetry_t_s = arrived_s
-        return True
 
     def echo(self, boot_s: float, axes: Array, sent_t_s: Array, sent_axes: Array) -> None:
         """Compare what the motors did at `boot_s` with what was sent: times ascending, axes (n, 4)."""
@@ -195,6 +205,19 @@ class DelayMeter:
         self._moved_s = max(now_s, self._moved_s)
         change_s = min(max(found_s, least_s), most_s) - self._command_s
         self._command_s += min(max(change_s, -slew_s), slew_s)
+
+    def _contradicted(self, now_s: float, since_s: float) -> None:
+        first_s, newest_s = self._doubted_s
+        lasts = now_s - newest_s <= SETTLED_S
+        self._doubted_s = (min(first_s, since_s) if lasts else since_s, now_s)
+
+    def doubt_s(self, now_s: float) -> float:
+        """Return how long stamps and answers have kept contradicting each other; zero where they do not.
+
+        A clock that was set anew is not in doubt, unless the former one goes on: then there are two.
+        """
+        first_s, newest_s = self._doubted_s
+        return max(now_s - first_s, math.ulp(0.0)) if now_s - newest_s <= SETTLED_S else 0.0
 
     def local(self, boot_s: float) -> float:
         """Return when, on our clock, the autopilot's clock read `boot_s`."""

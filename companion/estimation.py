@@ -192,7 +192,7 @@ class Estimator:
 
     def step(self, now_s: float, events: Sequence[Event]) -> VehicleState:
         """Take in what came since the last tick; say where the vehicle is and where a command finds it."""
-        self._depth_refused = self._clock_contradicted = False
+        self._depth_refused = False
         self._frame_shift = None
         self._reset_by = np.zeros(4)
         self._innovation = np.zeros((4, 2))
@@ -257,7 +257,7 @@ class Estimator:
             delays=delays,
             innovation=self._innovation[:, 0] + np.minimum(self._reset_by, RESET_SURPRISE),
             depth_refused=self._depth_refused,
-            clock_contradicted=self._clock_contradicted,
+            clock_doubt_s=self._meter.doubt_s(now_s),
             frame_shift=self._frame_shift,
             stale=stale,
         )
@@ -325,7 +325,7 @@ class Estimator:
         meter = self._meter
         if event.boot_s is None:
             return event.t_s - meter.delays.telemetry_s - self._sensor_delay_s[dof]
-        self._clock_contradicted |= not meter.stamped(event.t_s, event.boot_s)
+        meter.stamped(event.t_s, event.boot_s)
         return meter.local(event.boot_s) - self._sensor_delay_s[dof]
 
     def _position(self, dof: int, value: float, t_s: float, at_s: float) -> None:
@@ -395,8 +395,7 @@ class Estimator:
             self._meter.echo(event.boot_s, self._thrusters.axes_from_motors(motors)[:4], *self._commands.sent)
 
     def _on_timesync(self, event: TimeSync) -> None:
-        agrees = self._meter.timesync(event.sent_s, event.t_s, event.boot_s)
-        self._clock_contradicted |= not agrees
+        self._meter.timesync(event.sent_s, event.t_s, event.boot_s)
 
     def _on_heartbeat(self, event: Heartbeat) -> None:
         self._heartbeat = event

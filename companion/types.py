@@ -407,8 +407,8 @@ class VehicleState:
     delays: Delays
     innovation: Array = field(default_factory=lambda: np.zeros(4))
     depth_refused: bool = False
-    clock_contradicted: bool = False
-    """Whether a stamp or an answer to TIMESYNC contradicted the autopilot's clock as it was known."""
+    clock_doubt_s: float = 0.0
+    """How long stamps and answers to TIMESYNC have kept contradicting each other; 0 where they do not."""
     frame_shift: FrameShift | None = None
     stale: Flags = field(default_factory=lambda: np.zeros(4, bool))
 

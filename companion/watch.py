@@ -31,8 +31,6 @@ FAILSAFE_SETTLE_S = 1.5
 LEAK_REPEAT_S = 25.0
 ANNOUNCED_S = 2.0
 SURPRISE_MEMORY_S = 0.5
-CLOCK_SETTLE_S = 1.0
-"""So long after the last contradiction the autopilot's clock is believed again."""
 
 
 class Watch:
@@ -48,8 +46,6 @@ class Watch:
         self._heartbeat: Heartbeat | None = None
         self._surfaces = False
         self._steering_since_s: float | None = None
-        self._clock_t_s = -math.inf
-        self._clock_doubt_s = 0.0
         self._dropped = self._peer_changes = 0
         self._peer_t_s = -math.inf
         self._ekf_doubt_s = self._battery_low_s = self._saturated_s = self._off_track_s = 0.0
@@ -111,10 +107,6 @@ class Watch:
             self._dropped, self._dropped_t_s = loop.samples_dropped, now_s
         doubtful = self._ekf is not None and not self._ekf.variance <= limits.max_ekf_variance
         self._ekf_doubt_s = _lasting(self._ekf_doubt_s, dt_s, doubtful)
-        if state.clock_contradicted:
-            self._clock_t_s = now_s
-        doubted = now_s - self._clock_t_s <= CLOCK_SETTLE_S
-        self._clock_doubt_s = _lasting(self._clock_doubt_s, dt_s, doubted)
         self._battery_low_s = _lasting(self._battery_low_s, dt_s, state.voltage_v < limits.min_voltage_v)
         saturated = off_track = False
         if dofs is not None and steering:
@@ -139,7 +131,6 @@ class Watch:
             leaking=now_s - self._leak_t_s <= LEAK_REPEAT_S,
             failsafe_surfaces=self._surfaces,
             failsafe=self._failsafe(),
-            clock_doubt_s=self._clock_doubt_s,
             battery_low_s=self._battery_low_s,
             saturated_s=self._saturated_s,
             off_track_s=self._off_track_s,

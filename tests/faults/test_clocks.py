@@ -105,7 +105,7 @@ def test_a_clock_that_jumps_is_told_and_followed(jump_s):
     assert {step.sample.verdict.state for step in steps} == {State.ACTIVE}
     assert forward(steps)
     jumped = told(steps, Condition.CLOCK_JUMPED)
-    assert 0.5 < max(jumped) - steps[0].t_s < 2.0
+    assert 0.0 < max(jumped) - steps[0].t_s < 1.0
     assert steps[-1].sample.state.delays.total_s < 0.06
 
 

@@ -63,7 +63,7 @@ VARIANTS: tuple[tuple[str, tuple[str, ...], tuple[str, ...]], ...] = (
     (HEAVY, (), ('vehicle.thrust_path="manual_control"',)),
     (HEAVY, ("sensors.dvl=true",), ("supervisor.max_tilt_deg=80",)),
     (HEAVY, (), ('vehicle.steering_mode="stabilize"',)),
-    (HEAVY, (), ('vehicle.rate_source="vz"', "levelling.enabled=true")),
+    (HEAVY, (), ('vehicle.rate_source="vz"',)),
     (HEAVY, (), ('vehicle.depth_source="pressure"',)),
     (HEAVY, (), ('vehicle.depth_source="ahrs2"',)),
     (SIX, (), ('vehicle.frame="vectored"',)),
