@@ -23,14 +23,20 @@ from rich.live import Live
 
 from dashboard.zenoh_client import Subscription
 from lab import demo_screen
+from lab.commands import add_firmware, find_firmware
 from lab.demo_crew import ChildError, Crew
 from lab.demo_dive import ARRIVED_M, Dive, Figures, Recording, arrange, figures, window
 from lab.demo_screen import Now, View
+from lab.firmware import command_line
 from lab.ports import free_port
+from sim_bridge.commands import DEFAULT_CONFIG
+from sim_bridge.config import load_config as load_plant
 
 VEHICLE = "demo"
 LOOPBACK = "127.0.0.1"
 PATIENCE_S = 20.0
+FIRMWARE_PATIENCE_S = 60.0
+"""The real firmware's EKF has to settle first."""
 LOOK_S = 0.05
 FRAME_S = 0.125
 LINE_S = 2.0
@@ -77,21 +83,23 @@ def main(argv: list[str]) -> int:
     options = _parser().parse_args(argv)
     story = Story() if options.seed is None else Story(seed=options.seed)
     json = options.json or options.out / "demo.json"
+    if not find_firmware("demo", options):
+        return 2
     try:
         options.out.mkdir(parents=True, exist_ok=True)
-        return perform(story, options.out / "demo.png", json)
+        return perform(story, options.out / "demo.png", json, options.firmware)
     except OSError as error:
         sys.stderr.write(f"holdfast demo: {error}\n")
         return 1
 
 
-def perform(story: Story, png: Path, json: Path) -> int:
+def perform(story: Story, png: Path, json: Path, firmware: Path | None = None) -> int:
     """Dive twice, then print the table and write picture and figures; return the exit status."""
     console = Console()
     began_s = time.monotonic()
     try:
         with _signals() as stop_asked, _show(console) as show:
-            dives = _dive_twice(story, show, stop_asked)
+            dives = _dive_twice(story, show, stop_asked, firmware)
         span = window(list(dives.values()), story.depth_m)
     except StoppedError as stopped:
         console.print(f"{stopped}: stopped, and nothing runs any more.")
@@ -128,22 +136,27 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--seed", metavar="N", type=int, help=f"of waves and noise, for both dives (default: {Story.seed})"
     )
+    add_firmware(parser)
     return parser
 
 
 # --- The dives --------------------------------------------------------------------------------------------
 
 
-def _dive_twice(story: Story, show: Show, stop_asked: Callable[[], int]) -> dict[str, Dive]:
+def _dive_twice(
+    story: Story, show: Show, stop_asked: Callable[[], int], firmware: Path | None
+) -> dict[str, Dive]:
     told = _Teller(story, show)
     dives: dict[str, Dive] = {}
     for name in ("off", "on"):
         told.begin(name)
-        dives[name] = arrange(_dive(story, name, told, stop_asked))
+        dives[name] = arrange(_dive(story, name, told, stop_asked, firmware))
     return dives
 
 
-def _dive(story: Story, name: str, told: "_Teller", stop_asked: Callable[[], int]) -> Recording:
+def _dive(
+    story: Story, name: str, told: "_Teller", stop_asked: Callable[[], int], firmware: Path | None
+) -> Recording:
     """Dive once; return what was heard of it."""
     endpoint = f"tcp/{LOOPBACK}:{free_port(socket.SOCK_STREAM)}"
     mavlink = f"{LOOPBACK}:{free_port(socket.SOCK_DGRAM)}"
@@ -156,14 +169,14 @@ def _dive(story: Story, name: str, told: "_Teller", stop_asked: Callable[[], int
     ):
         # The controller first: whoever is there when the vehicle boots loses nothing of its dive.
         crew.start("run", *_companion_options(story, name, endpoint, mavlink))
-        deadline_s = time.monotonic() + PATIENCE_S
+        deadline_s = time.monotonic() + (PATIENCE_S if firmware is None else FIRMWARE_PATIENCE_S)
         vehicle_started = False
         while heard.since_arming_s < story.end_s:
             if number := stop_asked():
                 raise StoppedError(number)
             crew.check()
             if not vehicle_started and seen.connected:
-                crew.start("sim", *_sim_options(story, endpoint, mavlink))
+                _start_vehicle(crew, story, endpoint, mavlink, firmware, Path(logs))
                 vehicle_started = True
             for key, payload in seen.take():
                 heard.add(key, payload)
@@ -189,8 +202,29 @@ def _companion_options(story: Story, name: str, endpoint: str, mavlink: str) -> 
     return options
 
 
-def _sim_options(story: Story, endpoint: str, mavlink: str) -> list[str]:
-    options = ["--udp-connect", mavlink, "--zenoh", endpoint, "--vehicle", VEHICLE, "--seed", str(story.seed)]
+def _start_vehicle(
+    crew: Crew, story: Story, endpoint: str, mavlink: str, firmware: Path | None, directory: Path
+) -> None:
+    """Start our stand-in, or the real firmware with our physics, in real time."""
+    if firmware is None:
+        crew.start("sim", "--udp-connect", mavlink, *_sim_options(story, endpoint))
+        return
+    port = free_port(socket.SOCK_DGRAM)
+    plant = load_plant(DEFAULT_CONFIG, _sea(story))
+    crew.start("sim", "--physics-only", f"{LOOPBACK}:{port}", *_sim_options(story, endpoint))
+    serial = int(mavlink.rpartition(":")[2])
+    crew.run("ardusub", command_line(firmware, plant, directory, port, [serial]), directory)
+
+
+def _sim_options(story: Story, endpoint: str) -> list[str]:
+    options = ["--zenoh", endpoint, "--vehicle", VEHICLE, "--seed", str(story.seed)]
+    for setting in _sea(story):
+        options += ["--set", setting]
+    return options
+
+
+def _sea(story: Story) -> list[str]:
+    """Return the overrides of the simulator's configuration."""
     settings: dict[str, object] = {
         "current.enabled": "true",
         "current.speed_m_s": story.current_m_s,
@@ -202,9 +236,7 @@ def _sim_options(story: Story, endpoint: str, mavlink: str) -> list[str]:
         "load.on_s": story.load_on_s,
         "load.off_s": story.load_off_s,
     }
-    for key, value in settings.items():
-        options += ["--set", f"{key}={value}"]
-    return options
+    return [f"{key}={value}" for key, value in settings.items()]
 
 
 def _refuse_trouble(heard: Recording, connected: bool, late: bool, endpoint: str, crew: Crew) -> None:

@@ -36,12 +36,20 @@ class Crew:
 
     def start(self, command: str, *arguments: str) -> None:
         """Start `holdfast COMMAND ARGUMENTS`; what it says goes to a log."""
-        line = [sys.executable, "-P", "-c", _PROGRAM, str(os.getpid()), command, *arguments]
-        with self._log(command).open("wb") as log:
+        self.run(command, [sys.executable, "-P", "-c", _PROGRAM, str(os.getpid()), command, *arguments])
+
+    def run(self, name: str, line: list[str], directory: Path | None = None) -> None:
+        """Start a program in `directory`; what it says goes to a log."""
+        with self._log(name).open("wb") as log:
             child = subprocess.Popen(
-                line, stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True
+                line,
+                cwd=directory,
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=log,
+                start_new_session=True,
             )
-        self._children.append((command, child))
+        self._children.append((name, child))
 
     def check(self) -> None:
         """Raise ChildError if one has ended."""

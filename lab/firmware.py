@@ -167,6 +167,31 @@ def parameters_of(config: SimConfig) -> dict[str, float]:
     return NEEDED | (DVL if sensors.dvl else {}) | own | given
 
 
+def command_line(
+    program: Path, config: SimConfig, directory: Path, frames_port: int, serial_ports: Sequence[int]
+) -> list[str]:
+    """Return what starts the firmware with external physics on loopback; its parameters go to `directory`.
+
+    It sends its frames to UDP `frames_port`, and SERIAL0 and following to the UDP `serial_ports`.
+    """
+    defaults = directory / "holdfast.parm"
+    lines = [f"{name} {value:.9g}" for name, value in parameters_of(config).items()]
+    defaults.write_text("\n".join(lines) + "\n", encoding="ascii")
+    arguments = [
+        *("--model", "JSON:127.0.0.1"),
+        *("--sim-port-out", str(frames_port)),
+        *("--rc-in-port", "0"),
+        *("--home", HOME),
+        *("--start-time", START_TIME),
+        *("--defaults", str(defaults)),
+    ]
+    for number, port in enumerate(serial_ports):
+        arguments += [f"--serial{number}", f"udpclient:127.0.0.1:{port}"]
+    if config.sensors.dvl:
+        arguments += ["--serial5", "sim:vicon:"]
+    return [sys.executable, "-I", "-S", "-c", _START, str(os.getpid()), str(program), *arguments]
+
+
 class Firmware:
     """An ArduSub process in virtual time, with the interface of `sim_bridge.vehicle.Vehicle`."""
 
@@ -342,28 +367,11 @@ class Firmware:
     # --- Process ------------------------------------------------------------------------------------------
 
     def _start(self, program: Path) -> None:
-        defaults = self._directory / "holdfast.parm"
-        lines = [f"{name} {value:.9g}" for name, value in parameters_of(self._config).items()]
-        defaults.write_text("\n".join(lines) + "\n", encoding="ascii")
-        arguments = [
-            *("--model", "JSON:127.0.0.1"),
-            *("--sim-port-out", str(self._frames.getsockname()[1])),
-            *("--rc-in-port", "0"),
-            *("--home", HOME),
-            *("--start-time", START_TIME),
-            *("--defaults", str(defaults)),
-        ]
-        for link, ours in self._links.items():
-            arguments += [f"--serial{link - 1}", f"udpclient:127.0.0.1:{ours.getsockname()[1]}"]
-        if self._config.sensors.dvl:
-            arguments += ["--serial5", "sim:vicon:"]
+        ports = [ours.getsockname()[1] for ours in self._links.values()]
+        command = command_line(program, self._config, self._directory, self._frames.getsockname()[1], ports)
         with self._log.open("wb") as log:
             self._process = subprocess.Popen(
-                [sys.executable, "-I", "-S", "-c", _START, str(os.getpid()), program, *arguments],
-                cwd=self._directory,
-                stdin=subprocess.DEVNULL,
-                stdout=log,
-                stderr=log,
+                command, cwd=self._directory, stdin=subprocess.DEVNULL, stdout=log, stderr=log
             )
 
     @property
