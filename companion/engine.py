@@ -19,9 +19,9 @@ from companion.control.tilt import (
     FOLLOWS_M,
     YAW_LEVEL_RAD,
     YAW_STEEP_RAD,
+    body_force,
     coming_tilt,
-    cos_tilt,
-    heave_per_newton,
+    level_force,
     share,
 )
 from companion.estimation import Estimator
@@ -163,13 +163,13 @@ class Engine:
             self._estimator.restart()
         if verdict.state is State.ACTIVE:
             self._last_wrench = requested
-        borne = self._borne(state, control_dt_s)
         pushed = self._last_wrench if verdict.state in LETS_GO else requested
+        tilt = coming_tilt(state.roll, state.pitch, state.p, state.q)
+        borne = self._borne(tilt, state, control_dt_s)
+        pushed = borne * pushed
+        pushed[:3] = body_force(state.roll, state.pitch, tilt, tuple(pushed[:3].tolist()))
         reach = self._ours(self._autopilot.reach(state.pilot_gain)) * self._envelope.max_axis
-        upright = cos_tilt(state.roll, state.pitch)
-        limited = borne < 1.0
-        borne = borne * (1.0, 1.0, heave_per_newton(upright), 1.0)
-        asked = verdict.authority * self._levelled(borne * pushed, state, control_dt_s)
+        asked = verdict.authority * self._levelled(pushed, state, control_dt_s)
         wanted = self._thrusters.allocate(asked, state.voltage_v, reach)
         command = guard(
             AxisCommand(*wanted.axes.tolist()), verdict, self._command, self._envelope, self._tick_s
@@ -180,9 +180,10 @@ class Engine:
         sent = self._autopilot.blended(command, self._engaged, pilot, state.pilot_gain)
         applied = self._ours(self._autopilot.applied(sent, state.pilot_gain))
         self._delivered = delivered = self._thrusters.delivered(applied, state.voltage_v)[:4]
-        self._estimator.sent(now_s, applied[:4], to_inertial(J, delivered * (1.0, 1.0, upright, 1.0)))
+        level = level_force(state.roll, state.pitch, tuple(delivered[:3].tolist()))
+        self._estimator.sent(now_s, applied[:4], to_inertial(J, np.array((*level, delivered[3]))))
         short = (np.abs(applied - wanted.axes) > 0.01) | self._thrusters.overloaded(applied)
-        self._saturated = _by_dof((wanted.saturated | short)[:4] | limited)
+        self._saturated = _by_dof((wanted.saturated | short)[:4] | (borne < 1.0))
         self._command = command
 
         mode = self._modes.wanted(now_s, state.mode, verdict.state, engage=self._engage_asked)
@@ -405,12 +406,11 @@ class Engine:
         self._about = about
         return (StatusText(now_s, MAV_SEVERITY_INFO, about),) if about else ()
 
-    def _borne(self, state: VehicleState, dt_s: float) -> Array:
+    def _borne(self, tilt: float, state: VehicleState, dt_s: float) -> Array:
         """Return the share (4,) of the law's force that the tilt leaves; what is let go is not pulled at.
 
         Heave is always ours. While the horizontal force is limited the reference stays near the vehicle.
         """
-        tilt = coming_tilt(state.roll, state.pitch, state.p, state.q)
         pushed, asked = (math.hypot(*tau[:2].tolist()) for tau in (self._delivered, self._last_wrench))
         if self.verdict.authority == 0.0:
             self._tilt_limit.reset()

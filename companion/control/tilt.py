@@ -10,18 +10,20 @@ pitch are levelled this is hardly ever felt.
 
 import math
 
+Vector = tuple[float, float, float]
+
 LEVEL_RAD, STEEP_RAD = math.radians(8.0), math.radians(20.0)
 """Horizontal force and the reference's speed are whole up to here, nothing from there on."""
 
 YAW_LEVEL_RAD, YAW_STEEP_RAD = math.radians(40.0), math.radians(60.0)
 """The same for yaw, whose thrust stays level for longer."""
 
-ALARM_RAD, UNLEVELLED_ALARM_RAD, CALM = math.radians(15.0), math.radians(9.0), 0.6
+ALARM_RAD, UNLEVELLED_ALARM_RAD, CALM = math.radians(15.0), math.radians(7.0), 0.6
 """A tilt above it says that more is pushed than the vehicle bears; below CALM times that it is over."""
 
 CUT, MEMORY_S, LEAST_N = 0.6, 2.0, 1.0
-FAST_N_PER_S, SLOW_N_PER_S = 2.0, 0.05
-UNLEVELLED_N = 4.0
+FAST_N_PER_S, SLOW_N_PER_S = 1.0, 0.05
+UNLEVELLED_N = 2.0
 """What is tried first where nobody keeps the vehicle from pitching."""
 
 FOLLOWS_M = 0.5
@@ -33,6 +35,7 @@ AHEAD_S = 0.3
 LEAST_PACE = 0.2
 """The reference never stands still: a vehicle that hangs askew for good still comes up."""
 
+PART_FROM_RAD, PART_WHOLE_RAD = math.radians(4.0), math.radians(10.0)
 MIN_COS = 0.5
 
 
@@ -57,12 +60,35 @@ def share(tilt: float, level: float = LEVEL_RAD, steep: float = STEEP_RAD) -> fl
     return 1.0 - s * s * (3.0 - 2.0 * s)
 
 
-def heave_per_newton(cos: float) -> float:
-    """Return the force along the body's z axis that pushes one newton down: 1/cos, no more than 2.
+def body_force(roll: float, pitch: float, tilt: float, force: Vector) -> Vector:
+    """Return what to push along the body's axes for a level `force`: forward, right, down (N).
 
-    On its side it is 0 and beyond negative: an overturned vehicle pushes the other way round.
+    Along a tilted body's z axis heave also pushes sideways, and a load then drags it the same way: it glides,
+    and gliding it is tilted further (Munk). So the horizontal thrusters take their part of heave, except at a
+    small tilt, where they would only chatter in their dead band, and at a large one. The rest goes along z:
+    divided by the cosine, up to twofold; on its side nothing, overturned the other way round.
     """
-    return cos / max(cos * cos, MIN_COS * MIN_COS)
+    X, Y, Z = force
+    sin_roll, sin_pitch = math.sin(roll), math.sin(pitch)
+    part = (1.0 - share(tilt, PART_FROM_RAD, PART_WHOLE_RAD)) * share(tilt, YAW_LEVEL_RAD, YAW_STEEP_RAD)
+    X = X - part * sin_pitch * Z
+    Y = Y + part * sin_roll * Z
+    cos = math.cos(roll) * math.cos(pitch)
+    along_z = Z + sin_pitch * X - sin_roll * math.cos(pitch) * Y
+    return X, Y, along_z * cos / max(cos * cos, MIN_COS * MIN_COS)
+
+
+def level_force(roll: float, pitch: float, force: Vector) -> Vector:
+    """Return what `force` along the body's axes pushes in the level frame of the heading (Fossen 2.18), N."""
+    X, Y, Z = force
+    sin_roll, cos_roll = math.sin(roll), math.cos(roll)
+    sin_pitch, cos_pitch = math.sin(pitch), math.cos(pitch)
+    upright = sin_roll * Y + cos_roll * Z
+    return (
+        cos_pitch * X + sin_pitch * upright,
+        cos_roll * Y - sin_roll * Z,
+        cos_pitch * upright - sin_pitch * X,
+    )
 
 
 class TiltLimit:
