@@ -59,7 +59,7 @@ def simulate(
     figures = _Figures(len(plants))
     tick_s = 1.0 / configs[0].loop.rate_hz
     first, last = round(ENGAGED_S / tick_s), round(duration_s / tick_s)
-    axes = np.zeros((len(plants), 4))
+    axes = np.zeros((len(plants), engines.axes))
     with np.errstate(all="ignore"):  # a lost vehicle may overflow; its figures have stopped by then
         for tick in range(first, last):
             t_s = tick * tick_s

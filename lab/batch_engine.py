@@ -11,7 +11,7 @@ from typing import cast
 
 import numpy as np
 
-from companion.assembly import OSCILLATION_SHARE
+from companion.assembly import OSCILLATION_SHARE, levelling, thrusters
 from companion.config import Config
 from companion.control.bounds import wrap
 from companion.control.compensator import INPUTS, Compensator
@@ -19,6 +19,7 @@ from companion.control.controller import Controller, Gains
 from companion.control.integrator import Integration, Integrator
 from companion.control.network import Learning, Network
 from companion.control.oscillation import Oscillation
+from companion.control.pace import Pace
 from companion.control.positioning import Model, jacobian, to_body, to_inertial
 from companion.control.reference import Limits, ReferenceModel
 from companion.control.regressor import Regressor
@@ -51,8 +52,11 @@ class Engines:
         self._voltage_v = voltage_v
         self._max_axis, self._slew = common.thrusters.max_axis, common.thrusters.max_slew_per_s * self._tick_s
         self._model = Model(*(_each(configs, key) for key in ("mass", "linear_damping", "quadratic_damping")))
-        self._thrusters = Thrusters(common.vehicle.frame, _each(configs, "max_force"))
+        self._levelling = levelling(common)
+        self._max_force = _each(configs, "max_force")
+        self._thrusters = Thrusters(common.vehicle.frame, _max_tau(common, self._max_force))
         self._controller = _controller(configs, self._model)
+        self._reference, self._pace = self._controller.reference, Pace()
         if rival is not None:
             self._controller = RivalController(self._controller, rival)
         self._observer = _Observers(configs, self._tick_s)
@@ -62,7 +66,9 @@ class Engines:
         self._every = np.arange(dives)[:, None]
         self._engaged = np.broadcast_to([False, False, True, True], (dives, 4))
         self._saturated = np.zeros((dives, 4), bool)
-        self._command = np.zeros((dives, 4))
+        self._reach = np.full(self.axes, self._max_axis)
+        self._reach[4:] = common.levelling.max_axis
+        self._command = np.zeros((dives, self.axes))
         self.pushed = np.zeros((dives, 4))
         """The body wrench that the last command really gives at the nominal curve, N and N·m."""
 
@@ -104,25 +110,46 @@ class Engines:
         self._controller.rest(_state(self._held, still, still, 0.0, delays))
 
     def step(self, setpoint: Setpoint, readings: Readings) -> Array:
-        """Return the axes (dives, 4) that go out, in whole µs; a NaN target means: where it began."""
+        """Return the axes (dives, `axes`) that go out, in whole µs; a NaN target means: where it began."""
         J, state = self._estimate(readings)
+        self._reference.pace = self._pace.step(1.0, self._saturated, self._tick_s)
         target = Setpoint(
             np.where(np.isnan(setpoint.eta_d), self._held, setpoint.eta_d),
             setpoint.eta_d_dot,
             setpoint.eta_d_ddot,
         )
         dofs = self._controller.step(state, J, target, self._engaged, ~self._saturated, self._tick_s)
-        reach = np.full(4, self._max_axis)
-        wanted = self._thrusters.allocate(to_body(J, dofs.tau), cast(float, self._voltage_v), reach)
-        within = np.clip(wanted.axes, -self._max_axis, self._max_axis)
+        reach = self._reach
+        asked = self._levelled(to_body(J, dofs.tau), readings)
+        wanted = self._thrusters.allocate(asked, cast(float, self._voltage_v), reach)
+        within = np.clip(wanted.axes, -reach, reach)
         self._command = self._command + np.clip(within - self._command, -self._slew, self._slew)
         applied = np.rint(OVERRIDE_SPAN_US * self._command) / OVERRIDE_SPAN_US
-        self.pushed = self._thrusters.delivered(applied, cast(float, self._voltage_v))
+        self.pushed = self._thrusters.delivered(applied, cast(float, self._voltage_v))[:, :4]
         self._sent[self._tick % len(self._sent)] = to_inertial(J, self.pushed)
         self._tick += 1
-        self._saturated = wanted.saturated | (np.abs(applied - wanted.axes) > SLIPPED)
+        self._saturated = (wanted.saturated | (np.abs(applied - wanted.axes) > SLIPPED))[:, :4]
         self._saturated[:, :2] = self._saturated[:, :1] | self._saturated[:, 1:2]
         return applied
+
+    @property
+    def axes(self) -> int:
+        """How many axes are steered."""
+        return int(self._thrusters.axes)
+
+    def _levelled(self, pushed: Array, readings: Readings) -> Array:
+        """Return the wrench (dives, `axes`) with the moments that keep it level (engine.py)."""
+        if self._levelling is None:
+            return pushed
+        moments = self._levelling.step(
+            readings.angles_rad,
+            readings.rates_radps,
+            np.clip(self.pushed[:, :2], -self._max_force[:, :2], self._max_force[:, :2]),
+            self._stamped_s[:, None],
+            self._tick_s,
+            learn=True,
+        )
+        return np.concatenate((pushed, moments[:, : self.axes - 4]), axis=-1)
 
     def _estimate(self, readings: Readings) -> tuple[Array, VehicleState]:
         """Bring the observer forward, correct it, predict to where a command sent now acts."""
@@ -271,6 +298,12 @@ def _each(configs: Sequence[Config], key: str) -> Array:
     return np.array([[getattr(axis, key) for axis in config.axes] for config in configs], float)
 
 
+def _max_tau(common: Config, max_force: Array) -> Array:
+    """Return the largest wrench, (dives, axes): with roll and pitch where they are ours."""
+    tilts = thrusters(common).axes - 4
+    return np.pad(max_force, ((0, 0), (0, tilts)), constant_values=common.levelling.max_moment_nm)
+
+
 def _refuse(configs: Sequence[Config]) -> None:
     """Raise ValueError where configurations of one batch differ in more than axes and lead."""
     first = configs[0]
@@ -280,7 +313,8 @@ def _refuse(configs: Sequence[Config]) -> None:
         same = (
             config.loop == first.loop
             and config.network == first.network
-            and config.vehicle.frame == first.vehicle.frame
+            and config.vehicle == first.vehicle
+            and config.levelling == first.levelling
             and config.delays.slow_noise_s == first.delays.slow_noise_s
             and config.thrusters.lag_s == first.thrusters.lag_s
             and config.thrusters.max_axis == first.thrusters.max_axis

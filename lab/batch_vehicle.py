@@ -30,6 +30,7 @@ ARMED_S, ENGAGED_S = 2.04, 3.04
 """When the full loop arms and engages, from boot: a batch begins engaged; its load counts from the arming."""
 
 NORMALS = 13
+SIGNALS = 8
 BLOCK = 64
 OVERRIDE_SPAN_US = 400.0
 WIRE_PER_M = 1000.0
@@ -90,6 +91,10 @@ class Readings:
     sink_mps: Array
     heading_rad: Array
     heading_rate_radps: Array
+    angles_rad: Array
+    """Roll and pitch, (dives, 2)."""
+    rates_radps: Array
+    """Their body rates, (dives, 2)."""
 
 
 class Vehicles:
@@ -131,7 +136,7 @@ class Vehicles:
         lags_s = np.array([config.thrusters.lag_s for config in configs])
         self._follow = (1.0 - np.exp(-STEP_S / lags_s))[:, None]
         self._dead_band_us = np.array([config.thrusters.dead_band_us for config in configs])[:, None]
-        self._mix = np.array(FACTORS[frame], float)[:, [4, 5, 3, 2]] * (1.0, 1.0, -1.0, 1.0)
+        self._mix = np.array(FACTORS[frame], float)[:, [4, 5, 3, 2, 0, 1]] * (1.0, 1.0, -1.0, 1.0, 1.0, 1.0)
 
         start = np.array([config.initial.eta for config in configs])
         self._state: Components = [
@@ -151,17 +156,18 @@ class Vehicles:
         self._static = np.zeros((self._dives, self._thrusters.count))
 
         sensors = [config.sensors for config in configs]
-        own_s = [(s.depth_delay_s, s.climb_delay_s, s.attitude_delay_s, s.attitude_delay_s) for s in sensors]
+        own_s = [(s.depth_delay_s, s.climb_delay_s, *[s.attitude_delay_s] * 6) for s in sensors]
         self._whole, self._part = np.divmod((timing.age_s + np.array(own_s).T) / STEP_S, 1.0)
         self._whole = self._whole.astype(int)
-        self._past = np.empty((int(self._whole.max()) + 2, 4, self._dives))
+        self._past = np.empty((int(self._whole.max()) + 2, SIGNALS, self._dives))
         self._see(self._past[0])
         self._past[:] = self._past[0]
         self._tick = self._step = 0
 
     def tick(self, t_s: float, axes: Array) -> None:
-        """Advance from `t_s` by one tick; `axes` (dives, 4), on the wire's grid, leave at its beginning."""
-        offset = np.rint(OVERRIDE_SPAN_US * np.clip(axes @ self._mix.T, -1.0, 1.0))
+        """Advance from `t_s` by one tick; `axes` (dives, 4..6), on the wire's grid, leave at its start."""
+        mix = self._mix[:, : axes.shape[-1]]
+        offset = np.rint(OVERRIDE_SPAN_US * np.clip(axes @ mix.T, -1.0, 1.0))
         flying, thrusters = self._flying, self._thrusters
         flying[self._tick % len(flying)] = thrusters.static_thrust(
             1500.0 + _on_nominal_curve(offset, self._dead_band_us), self.voltage_v
@@ -179,7 +185,7 @@ class Vehicles:
     def read(self) -> Readings:
         """Return what the telemetry that the present tick takes in reports."""
         past = self._past
-        signals = np.arange(4)[:, None]
+        signals = np.arange(SIGNALS)[:, None]
         newer = past[(self._step - self._whole) % len(past), signals, self._every]
         older = past[(self._step - self._whole - 1) % len(past), signals, self._every]
         turn = older - newer
@@ -191,6 +197,8 @@ class Vehicles:
             self._water.depth_scale * seen[1] + sink,
             seen[2] + heading,
             seen[3] + rate,
+            seen[4:6].T,
+            seen[6:8].T,
         )
 
     @property
@@ -209,13 +217,16 @@ class Vehicles:
         return np.asarray(rotation(self._state)[8])
 
     def _see(self, seen: Array) -> None:
-        """Write depth, sink rate, heading and its rate into `seen` (4, dives)."""
+        """Write depth and heading with their rates, roll, pitch and theirs into `seen` (SIGNALS, dives)."""
         r11, _, _, r21, _, _, r31, r32, r33 = rotation(self._state)
-        u, v, w, _, q, r = self._state[7:]
+        u, v, w, p, q, r = self._state[7:]
         seen[0] = self._state[2]
         seen[1] = r31 * u + r32 * v + r33 * w
         seen[2] = np.arctan2(r21, r11)
         seen[3] = (q * r32 + r * r33) / np.maximum(r32 * r32 + r33 * r33, MIN_COS_SQUARED)
+        seen[4] = np.arctan2(r32, r33)
+        seen[5] = -np.arcsin(np.clip(r31, -1.0, 1.0))
+        seen[6], seen[7] = p, q
 
 
 class _Water:

@@ -55,13 +55,20 @@ class Levelling:
         self._slow: Array | None = None
 
     def step(
-        self, angles: Array, rates: Array, level_force: Array, delay_s: float, dt_s: float, *, learn: bool
+        self,
+        angles: Array,
+        rates: Array,
+        level_force: Array,
+        delay_s: Array | float,
+        dt_s: float,
+        *,
+        learn: bool,
     ) -> Array:
         """Return K, M (…, 2) for roll and pitch (…, 2) beside X, Y (…, 2), `delay_s` from sensor to motor.
 
         `learn` allows the integral to move; it stands where the moment is at its bound.
         """
-        omega = min(self._frequency_radps, DELAY_BEARS / max(delay_s, 1e-3))
+        omega = np.minimum(self._frequency_radps, DELAY_BEARS / np.maximum(delay_s, 1e-3))
         ahead = angles + delay_s * rates
         a = omega * omega * ahead + 2.0 * omega * rates
         slow = a if self._slow is None else self._slow
