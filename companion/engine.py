@@ -161,6 +161,7 @@ class Engine:
         self._finite = math.isfinite(requested.sum())
         if not self._finite:
             self._estimator.restart()
+            self._pace = Pace()
         if verdict.state is State.ACTIVE:
             self._last_wrench = requested
         pushed = self._last_wrench if verdict.state in LETS_GO else requested
@@ -245,15 +246,16 @@ class Engine:
     def retune(self, config: Config) -> None:
         """Go on with `config` from the next tick, without a step in thrust; call it between ticks.
 
-        Raises ConfigError for a section that cannot change while running (`assembly.LIVE` can).
+        Raises ConfigError, and goes on with what was in force, for a section that cannot change while running
+        (`assembly.LIVE` can) and for values from which no finite gain follows.
         """
         changed = assembly.changed(self._config, config)
         _checked(self._setpoint, config.supervisor.max_depth_m)
         if changed - {"supervisor"}:
             model = assembly.model(config)
-            self._thrusters = assembly.thrusters(config)
-            self._estimator.retune(config, model)
             controller = assembly.controller(config, model)
+            self._estimator.retune(config, model)
+            self._thrusters = assembly.thrusters(config)
             controller.take_over(self._controller)
             self._controller = controller
         limits = config.supervisor

@@ -184,6 +184,7 @@ class Estimator:
         self._observed_t_s: Array | None = None
         self._new: list[Measurement] = []
         self._observer.x = np.zeros((4, 6))
+        self._hidden.restart(0.0)
         self._eta = np.zeros(4)
         self._refusing = False
         self._yaw_resets, self._x_resets, self._y_resets = yaw_resets(), position_resets(), position_resets()
@@ -199,6 +200,9 @@ class Estimator:
         for event in events:
             self._take(event)
         delays = replace(self._meter.delays, hidden_s=float(self._hidden.hidden_s))
+        if not math.isfinite(delays.total_s):
+            self.restart()
+            delays = self._meter.delays
         observer = self._observer
         stale = now_s - np.array(self._measured_t_s) > self._timeout_s
         if stale.any():

@@ -41,14 +41,14 @@ class HiddenDelay:
         self.restart(0.0)
 
     def restart(self, position: Array | float) -> None:
-        """Observe anew from a known place (…); what was found stays where the shape does."""
+        """Observe anew from a known place (…); what was found stays where it is finite and the shape does."""
         start = np.asarray(position, float)
         self._observer.x = np.zeros((2, *start.shape, 1, 6))  # the observer, and its derivative by x
         self._observer.x[0, ..., 0, 0] = start
         self._u: Array | None = None
         self._information = np.zeros(start.shape)
         self._variance = np.broadcast_to(np.square(START_SPREAD), (*start.shape, 2))
-        if self.hidden_s.shape != start.shape:
+        if self.hidden_s.shape != start.shape or not np.isfinite(self.hidden_s).all():
             self.hidden_s = np.zeros(start.shape)
 
     def step(self, u: Array, m: Array, c: Array, dt_s: Array, measured: Array) -> None:

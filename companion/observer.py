@@ -20,6 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from companion.config import ConfigError
 from companion.types import Array
 
 DOUBLINGS = 40
@@ -116,6 +117,24 @@ class Observer:
 
 
 def _stationary_gain(m: Array, c: Array, lag_s: float, noise: Noise, dt_s: float) -> Array:
+    """Return the Kalman gain (4, 6, 2) of `_riccati`.
+
+    Raises ConfigError where it is not finite: no estimate would be from then on.
+    """
+    try:
+        with np.errstate(all="ignore"):
+            gain = _riccati(m, c, lag_s, noise, dt_s)
+    except np.linalg.LinAlgError:
+        gain = np.full((1, 1, 1), np.nan)
+    if not np.isfinite(gain).all():
+        raise ConfigError(
+            "the observer: no finite Kalman gain follows from these noises, masses and damping: "
+            f"position {noise.position}, rate {noise.rate}, disturbance {noise.disturbance}, mass {m}"
+        )
+    return gain
+
+
+def _riccati(m: Array, c: Array, lag_s: float, noise: Noise, dt_s: float) -> Array:
     """Return the Kalman gain (4, 6, 2) to which the Riccati recursion settles (Simon 2006, ch. 7.3); 1 ms."""
     A = np.zeros((len(m), 6, 6))
     A[:, 0, 0] = A[:, 3, 3] = 1.0

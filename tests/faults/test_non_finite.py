@@ -1,0 +1,92 @@
+"""A number that is not finite is refused where it is computed; a fault that one made can be cleared."""
+
+from operator import attrgetter
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+from virtual import Dive, active
+
+from companion.config import ConfigError, load_config
+from companion.engine import Engine
+from companion.types import Condition, Request, Setpoint, State
+
+DEADLY = (
+    {"rate_noise": 1e-160},
+    {"position_noise": 0.0},
+    {"rate_noise": float("nan")},
+    {"disturbance_noise": 1e200},
+    {"mass": 0.0},
+)
+"""Beyond the ranges, as a program of one's own could hand them over."""
+
+WITHIN = (
+    "_estimator._observer.x",
+    "_estimator._hidden._observer.x",
+    "_estimator._hidden._variance",
+    "_estimator._hidden.hidden_s",
+    "_estimator._meter._command_s",
+    "_controller.reference.x_d",
+    "_controller._carried",
+    "_controller._oscillation._slow",
+    "_levelling._integral",
+    "_pace._pace",
+)
+
+
+def with_heave(config, **changes):
+    return replace(config, heave=replace(config.heave, **changes))
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("changes", DEADLY)
+def test_a_gain_that_is_not_finite_starts_nothing(changes):
+    with pytest.raises(ConfigError, match="no finite Kalman gain"):
+        Engine(with_heave(load_config(), **changes), Setpoint(np.zeros(4)))
+
+
+@pytest.mark.parametrize("changes", DEADLY)
+def test_a_gain_that_is_not_finite_changes_nothing_while_it_holds(changes):
+    dive, untouched = active(), active()
+    with pytest.raises(ConfigError, match="no finite Kalman gain"):
+        dive.engine.retune(with_heave(dive.engine.config, max_force=10.0, kappa_per_s=9.0, **changes))
+    assert dive.engine.config == untouched.engine.config
+    same = [one.run(1.0)[-1].sample for one in (dive, untouched)]
+    assert same[0].command == same[1].command
+    assert dive.state is State.ACTIVE
+
+
+@pytest.mark.filterwarnings("ignore:invalid value")
+@pytest.mark.parametrize("path", WITHIN)
+def test_a_fault_of_a_number_that_is_not_finite_can_be_cleared(path):
+    dive = active()
+    owner, _, name = path.rpartition(".")
+    part = attrgetter(owner)(dive.engine)
+    setattr(part, name, getattr(part, name) * np.float64(np.nan))
+    dive.run(5.0)
+    if dive.state is State.FAULT:
+        assert Condition.NON_FINITE not in dive.step.sample.verdict.conditions
+        dive.ask(Request.CLEAR_FAULT)
+        dive.run(0.5)
+    dive.ask(Request.ENGAGE)
+    dive.until(State.ACTIVE)
+    dive.run(1.0)
+    assert dive.state is State.ACTIVE
+    assert np.isfinite(dive.step.sample.dofs.tau).all()
+
+
+def test_a_fault_that_lasts_as_long_as_its_cause_ends_with_it():
+    dive: Dive = active()
+    observer = dive.engine._estimator._observer
+    sound, observer._gain = observer._gain, np.full_like(observer._gain, np.nan)
+    with np.errstate(all="ignore"):
+        dive.until(State.FAULT)
+        dive.ask(Request.CLEAR_FAULT)
+        dive.run(1.0)
+    assert dive.state is State.FAULT
+    observer._gain = sound
+    dive.run(5.0)
+    dive.ask(Request.CLEAR_FAULT)
+    dive.run(0.5)
+    dive.ask(Request.ENGAGE)
+    dive.until(State.ACTIVE)
