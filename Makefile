@@ -3,9 +3,11 @@
 PYTHONS := python3 python3.13 python3.12 python3.11
 BIN := .venv/bin
 STAMP := .venv/.installed
+INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps
+COMPILE := uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --no-annotate
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test check clean
+.PHONY: help demo test check clean lock
 
 help:  ## list what there is
 	@sed -n 's/^\([a-z]*\):.*## \(.*\)/  make \1	\2/p' Makefile | expand -t 18
@@ -23,11 +25,15 @@ check: $(STAMP)  ## style, types, and the walls between the rooms
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-logo
 
+lock:  ## refresh what is missing in the locks, of all platforms, with hashes (needs uv)
+	$(COMPILE) pyproject.toml --extra dev -o requirements-dev.lock
+	echo 'hatchling>=1.27' | $(COMPILE) pyproject.toml - --extra recording -c requirements-dev.lock -o requirements.lock
+
 clean:  ## remove .venv, caches and out/
 	rm -rf .venv out build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
 	find . -name __pycache__ -prune -exec rm -rf {} +
 
-$(STAMP): pyproject.toml constraints.txt
+$(STAMP): pyproject.toml requirements-dev.lock
 	@python=$$(for name in $(PYTHONS); do \
 	    if $$name -c 'import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))' 2>/dev/null; \
 	    then echo $$name; break; fi; \
@@ -39,5 +45,6 @@ $(STAMP): pyproject.toml constraints.txt
 	fi; \
 	echo "Setting up .venv with $$python; the first time takes a minute."; \
 	$$python -m venv .venv
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
+	$(INSTALL) --require-hashes --only-binary :all: -r requirements-dev.lock
+	$(INSTALL) --no-build-isolation -e .
 	@touch $@

@@ -1,0 +1,48 @@
+"""The locks: every file that is installed is known by its hash, and none by an address."""
+
+import re
+import tomllib
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+LOCKS = ("requirements.lock", "requirements-dev.lock")
+
+
+def pins(lock):
+    """Versions by name, and how many hashes each has."""
+    entries = re.split(r"\n(?=\S)", (ROOT / lock).read_text().strip())
+    return {
+        re.match(r"[\w.-]+", entry)[0]: (re.search(r"==([^\s;]+)", entry)[1], entry.count("--hash=sha256:"))
+        for entry in entries
+    }
+
+
+def wanted(*extras):
+    """What pyproject.toml names, by name."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    texts = [
+        *project["dependencies"],
+        *(t for extra in extras for t in project["optional-dependencies"][extra]),
+    ]
+    return {re.match(r"[\w.-]+", text)[0] for text in texts} - {"holdfast"}
+
+
+@pytest.mark.parametrize("lock", LOCKS)
+def test_every_version_is_pinned_with_its_hashes_and_nothing_else_is_there(lock):
+    assert all(count > 0 for _, count in pins(lock).values())
+    rest = re.sub(r"--hash=sha256:[0-9a-f]{64}", "", (ROOT / lock).read_text())
+    assert not re.search(r"/|--|@", rest), "an address, an option"
+
+
+def test_all_that_the_project_names_is_there():
+    assert (
+        wanted("dashboard", "lab", "cluster", "keys", "recording", "dev")
+        <= pins("requirements-dev.lock").keys()
+    )
+    assert wanted("recording") | {"hatchling"} <= pins("requirements.lock").keys()
+
+
+def test_a_vehicle_gets_the_versions_that_were_tested():
+    assert pins("requirements.lock").items() <= pins("requirements-dev.lock").items()
