@@ -427,6 +427,8 @@ FAULTS: dict[str, Kind] = {
     "leak": Kind(_in_simulator("leak"), _after(RAMP_S + 2.0 * LATE_S)),
     "EKF lost": Kind(_in_simulator("ekf"), _after(RAMP_S + 0.6), (1.0, 3.0)),
     "depth jumps": Kind(_in_simulator("depth_shifted"), _after(DEPTH_STALE_S), (1.0, 9.0)),
+    "yaw reset": Kind(_in_simulator("yaw_reset"), _never, (-180.0, 180.0)),
+    "position reset": Kind(_in_simulator("position_reset"), _never, (-9.0, 9.0)),
     "battery flat": Kind(_in_simulator("voltage"), _never, (6.0, 12.0)),
     "thruster dead": Kind(_thruster, _never),
     "companion stalls": Kind(_stall, lambda broken: 0.35 + 2.0 * broken.value + RAMP_S + LATE_S),
