@@ -12,7 +12,7 @@ from companion.check import Row, refusals, rows
 from companion.conditions import Observation, assess
 from companion.config import Config
 from companion.control.bounds import bounded, wrap
-from companion.control.frame import shifted, turned
+from companion.control.frame import shifted, shifted_along
 from companion.control.pace import Pace
 from companion.control.positioning import jacobian, to_body, to_inertial
 from companion.control.tilt import (
@@ -142,7 +142,7 @@ class Engine:
         events = [*self._autopilot.receive(datagrams), *pilot_events(ground)]
         state = self._estimator.step(now_s, events)
         if state.frame_shift is not None:
-            self._shift(state.frame_shift)
+            self._shift(state.frame_shift, state)
         wish = self._pilot.step(now_s, dt_s, events, self._engaged, self.target[Z])
         taken = self._engaged & _by_dof(wish.taken)
         gone = wish.all or bool(taken.any() and not (self._engaged & ~taken).any())
@@ -370,15 +370,18 @@ class Engine:
             self._engage_asked = False
         return self.verdict
 
-    def _shift(self, shift: FrameShift) -> None:
+    def _shift(self, shift: FrameShift, state: VehicleState) -> None:
         """Hold the same physical place and direction in the frame of a reset estimate."""
-        self._controller.shift(shift)
-        self._target, self._engaged_at = _shifted(shift, self._target), _shifted(shift, self._engaged_at)
+        self._controller.shift(shift, state.eta_ahead)
+        self._target = replace(self._target, eta_d=shifted(shift, self._target.eta_d))
+        self._engaged_at = replace(self._engaged_at, eta_d=shifted(shift, self._engaged_at.eta_d))
         asked = self._engaged & np.isfinite(self._setpoint.eta_d)
         self._setpoint = replace(
             self._setpoint, eta_d=np.where(asked, self._target.eta_d, self._setpoint.eta_d)
         )
-        self._references = deque((t_s, shifted(shift, eta_d)) for t_s, eta_d in self._references)
+        self._references = deque(
+            (t_s, shifted_along(shift, eta_d, state.eta)) for t_s, eta_d in self._references
+        )
 
     def _holdable(self, state: VehicleState) -> Flags:
         """Return the degrees of freedom that would be held if it engaged now."""
@@ -515,12 +518,6 @@ def _checked(setpoint: Setpoint, max_depth_m: float) -> Setpoint:
             f"and no deeper than supervisor.max_depth_m = {max_depth_m:g}"
         )
     return setpoint
-
-
-def _shifted(shift: FrameShift, setpoint: Setpoint) -> Setpoint:
-    return Setpoint(
-        shifted(shift, setpoint.eta_d), turned(shift, setpoint.eta_d_dot), turned(shift, setpoint.eta_d_ddot)
-    )
 
 
 def _by_dof(by_axis: Flags) -> Flags:

@@ -14,7 +14,7 @@ import numpy as np
 from companion.config import Config
 from companion.config import Supervisor as Limits
 from companion.control.bounds import wrap
-from companion.control.frame import joined, shifted, turn_about, turned
+from companion.control.frame import joined, shifted, turned
 from companion.control.positioning import Model, jacobian, to_body
 from companion.delay import DelayMeter
 from companion.hidden_delay import HiddenDelay
@@ -344,9 +344,9 @@ class Estimator:
     def _shift(self, shift: FrameShift) -> None:
         """Go on in the frame of a reset estimate; samples of this tick from before it are left out."""
         observer = self._observer
+        place = observer.x[:, 0]
         observer.x = turned(shift, observer.x.T).T
-        observer.x[:, 0] = shifted(replace(shift, turn_rad=0.0), observer.x[:, 0])
-        observer.x[PSI, 0] += shift.turn_rad
+        observer.x[:, 0] = shifted(shift, place)
         self._eta = shifted(shift, self._eta)
         self._commands.turn(shift)
         self._new = [one for one in self._new if one.dof == Z]
@@ -359,8 +359,7 @@ class Estimator:
         if turn_rad:
             self._yaw_reset_t_s = event.t_s
             self._reset_by[PSI] += abs(turn_rad)
-            x_m, y_m = self._observer.x[:2, 0].tolist()
-            self._shift(turn_about(turn_rad, x_m, y_m))
+            self._shift(FrameShift(turn_rad, 0.0, 0.0))
         self._position(PSI, event.yaw, event.t_s, at_s)
         self._new.append(Measurement(PSI, 1, _heading_rate(event), at_s))
 

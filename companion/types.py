@@ -328,10 +328,7 @@ class Setpoint:
 
 @dataclass(frozen=True, slots=True)
 class FrameShift:
-    """How the frame of all poses moved when the autopilot reset its estimate: turned clockwise, then shifted.
-
-    What was at (x, y, psi) is now at (R(turn) (x, y) + (north, east), psi + turn).
-    """
+    """By how much the autopilot reset its estimate: yaw, clockwise, and horizontal position."""
 
     turn_rad: float
     north_m: float

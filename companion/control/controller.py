@@ -107,18 +107,18 @@ class Controller:
         self._predecessor = None
         self._turned_d_hat = None
 
-    def shift(self, shift: FrameShift) -> None:
-        """Go on in the frame of a reset estimate, without a step in thrust.
+    def shift(self, shift: FrameShift, vehicle: Array) -> None:
+        """Go on in the frame of a reset estimate, without a step in thrust; `vehicle` is its pose there.
 
         What was learnt along north and east is another direction now. The difference is carried along and let
         go over BLEND_S, as after a change of law.
         """
-        self.reference.shift(shift)
+        self.reference.shift(shift, vehicle)
         if shift.turn_rad:
             self._turned_d_hat = turned(shift, self._d_hat)
             self._slowed = turned(shift, self._slowed)
         if self._predecessor is not None:
-            self._predecessor.shift(shift)
+            self._predecessor.shift(shift, vehicle)
 
     def step(
         self, state: VehicleState, J: Array, target: Setpoint, engaged: Flags, free: Flags, dt_s: float

@@ -2,45 +2,43 @@
 
 import math
 
-import numpy as np
-
-from companion.types import PSI, Array, FrameShift
-
-
-def turn_about(turn_rad: float, x_m: float, y_m: float) -> FrameShift:
-    """Return the shift of a yaw reset: the frame turns, and the vehicle's own place (x, y) stays what it is.
-
-    A position that is integrated from body velocities (DVL) goes on from there in the new direction.
-    """
-    c, s = math.cos(turn_rad), math.sin(turn_rad)
-    return FrameShift(turn_rad, x_m - (c * x_m - s * y_m), y_m - (s * x_m + c * y_m))
+from companion.types import PSI, Array, FrameShift, X, Y
 
 
 def joined(first: FrameShift | None, second: FrameShift) -> FrameShift:
-    """Return `first` followed by `second`."""
+    """Return both together; either may come first."""
     if first is None:
         return second
-    c, s = math.cos(second.turn_rad), math.sin(second.turn_rad)
     return FrameShift(
-        first.turn_rad + second.turn_rad,
-        c * first.north_m - s * first.east_m + second.north_m,
-        s * first.north_m + c * first.east_m + second.east_m,
+        first.turn_rad + second.turn_rad, first.north_m + second.north_m, first.east_m + second.east_m
     )
 
 
 def turned(shift: FrameShift, vectors: Array) -> Array:
-    """Return velocities, forces or the like, (…, 4) in DOF order, in the frame after the shift."""
+    """Return velocities, forces or the like, (…, 4) in DOF order, after the frame has turned."""
     out = vectors.copy()
     if shift.turn_rad:
         c, s = math.cos(shift.turn_rad), math.sin(shift.turn_rad)
-        out[..., 0] = c * vectors[..., 0] - s * vectors[..., 1]
-        out[..., 1] = s * vectors[..., 0] + c * vectors[..., 1]
+        out[..., X] = c * vectors[..., X] - s * vectors[..., Y]
+        out[..., Y] = s * vectors[..., X] + c * vectors[..., Y]
     return out
 
 
 def shifted(shift: FrameShift, eta: Array) -> Array:
-    """Return poses, (…, 4) in DOF order, in the frame after the shift; psi is not wrapped."""
-    out = turned(shift, eta)
-    out += np.array((shift.north_m, shift.east_m, 0.0, 0.0))
+    """Return poses, (…, 4) in DOF order, by as much further as the vehicle's own; psi is not wrapped.
+
+    A place that was asked for keeps its numbers when yaw alone is reset: they are north and east of a frame
+    that the new yaw knows better.
+    """
+    out = eta.copy()
+    out[..., X] += shift.north_m
+    out[..., Y] += shift.east_m
     out[..., PSI] += shift.turn_rad
+    return out
+
+
+def shifted_along(shift: FrameShift, eta: Array, vehicle: Array) -> Array:
+    """Return poses that lie where they lay as seen from `vehicle`, its pose after the shift."""
+    out = shifted(shift, eta)
+    out[..., :PSI] = vehicle[..., :PSI] + turned(shift, out - vehicle)[..., :PSI]
     return out

@@ -17,7 +17,7 @@ from typing import Self
 import numpy as np
 
 from companion.control.bounds import bounded, wrap
-from companion.control.frame import shifted, turned
+from companion.control.frame import shifted_along, turned
 from companion.types import Array, Flags, FrameShift
 
 ACCELERATION_LAG_S = 0.06
@@ -65,9 +65,9 @@ class ReferenceModel:
         self.x_d, self.x_d_dot, self.x_d_ddot = other.x_d, other.x_d_dot, other.x_d_ddot
         self._target_dot, self._target_ddot = other._target_dot, other._target_ddot
 
-    def shift(self, shift: FrameShift) -> None:
-        """Stay at the same physical place and motion in the frame of a reset estimate."""
-        self.x_d = shifted(shift, self.x_d)
+    def shift(self, shift: FrameShift, vehicle: Array) -> None:
+        """Stay where it is as seen from the vehicle (its pose after the shift), with the same motion."""
+        self.x_d = shifted_along(shift, self.x_d, vehicle)
         self.x_d_dot, self.x_d_ddot = turned(shift, self.x_d_dot), turned(shift, self.x_d_ddot)
         self._target_dot, self._target_ddot = (
             turned(shift, self._target_dot),

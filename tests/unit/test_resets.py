@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from companion.control.bounds import wrap
-from companion.control.frame import joined, shifted, turn_about, turned
+from companion.control.frame import joined, shifted, shifted_along, turned
 from companion.resets import POSITION_RESET_M, ResetDetector, position_resets, yaw_resets
 from companion.types import FrameShift
 
@@ -110,24 +110,31 @@ def test_a_detector_that_is_restarted_knows_nothing():
     assert detector.step(0.02, 5.0, 0.0) == 0.0
 
 
-def test_a_yaw_reset_turns_all_about_the_vehicle():
-    """It stays where it is; what lay 2 m ahead of it lies 2 m ahead of it."""
+def test_a_yaw_reset_turns_what_is_near_about_the_vehicle():
+    """What lay 2 m ahead of it lies 2 m ahead of it. A place that was asked for keeps its numbers."""
     x, y, psi, turn = 5.0, -3.0, 0.4, radians(40.0)
-    shift = turn_about(turn, x, y)
-    here = np.array([x, y, 1.0, psi])
-    ahead = np.array([x + 2.0 * cos(psi), y + 2.0 * sin(psi), 1.0, psi])
-    np.testing.assert_allclose(shifted(shift, here), [x, y, 1.0, psi + turn], atol=1e-12)
+    shift = FrameShift(turn, 0.0, 0.0)
+    here, now = np.array([x, y, 1.0, psi]), np.array([x, y, 1.0, psi + turn])
+    ahead = np.array([x + 2.0 * cos(psi), y + 2.0 * sin(psi), 1.5, psi])
+    np.testing.assert_allclose(shifted_along(shift, here, now), now, atol=1e-12)
     np.testing.assert_allclose(
-        shifted(shift, ahead), [x + 2.0 * cos(psi + turn), y + 2.0 * sin(psi + turn), 1.0, psi + turn]
+        shifted_along(shift, ahead, now),
+        [x + 2.0 * cos(psi + turn), y + 2.0 * sin(psi + turn), 1.5, psi + turn],
     )
+    np.testing.assert_allclose(shifted(shift, ahead), [*ahead[:3], psi + turn])
     forward = np.array([cos(psi), sin(psi), 0.3, 0.1])
     np.testing.assert_allclose(turned(shift, forward), [cos(psi + turn), sin(psi + turn), 0.3, 0.1])
 
 
-def test_two_shifts_joined_are_one_after_the_other():
-    one, other = turn_about(0.5, 1.0, 2.0), FrameShift(-0.2, 3.0, -4.0)
-    eta = np.array([7.0, 8.0, 9.0, 1.0])
-    np.testing.assert_allclose(shifted(joined(one, other), eta), shifted(other, shifted(one, eta)))
+def test_a_position_reset_moves_all_alike():
+    shift, eta = FrameShift(0.0, 3.0, -4.0), np.array([7.0, 8.0, 9.0, 1.0])
+    np.testing.assert_allclose(shifted(shift, eta), [10.0, 4.0, 9.0, 1.0])
+    np.testing.assert_allclose(shifted_along(shift, eta, np.zeros(4)), [10.0, 4.0, 9.0, 1.0])
+
+
+def test_two_shifts_joined_are_both():
+    one, other = FrameShift(0.5, 1.0, 2.0), FrameShift(-0.2, 3.0, -4.0)
+    assert joined(one, other) == FrameShift(0.3, 4.0, -2.0)
     assert joined(None, one) is one
 
 
