@@ -81,7 +81,7 @@ START_TIME = "1700000000"
 """UTC of the firmware's clock at its start (s): the same in each dive."""
 
 SEA_WATER = 1.024 * 9.80665 / 9.8
-"""What the firmware's simulated pressure is of at BARO_SPEC_GRAV 1: water of 1024 kg/m³."""
+"""BARO_SPEC_GRAV of the water in which the firmware simulates its barometer, 1024 kg/m³."""
 
 NEEDED: dict[str, float] = {
     "SIM_RATE_HZ": 1.0 / STEP_S,
@@ -106,7 +106,8 @@ DVL: dict[str, float] = {
     "SERIAL5_PROTOCOL": 2,
     "SIM_VICON_TMASK": 3,
 }
-"""A DVL reaches the EKF as external navigation; the firmware's simulated one reads our position."""
+"""A DVL reaches the EKF as external navigation (VISION_POSITION_ESTIMATE, VISION_SPEED_ESTIMATE); the simulated
+source of it, the firmware's own, reads our position, 25 to 124 ms late."""
 
 # The kernel kills the firmware when this process is gone, however it went: PR_SET_PDEATHSIG is 1.
 _START = """\
@@ -156,14 +157,18 @@ def program(given: str | None) -> Path:
 
 
 def parameters_of(config: SimConfig) -> dict[str, float]:
-    """Return what the firmware's parameters have to be for this vehicle; the configuration's own win."""
-    sensors = config.sensors
+    """Return what the firmware's parameters have to be for this vehicle; the configuration's own win.
+
+    Its simulated water is salt: BARO_SPEC_GRAV is that of the configuration on top of SEA_WATER.
+    """
+    sensors, given = config.sensors, dict(config.parameters)
     own = {
+        "SIM_VICON_P_SD": sensors.dvl_white_m,
+        "SIM_VICON_V_SD": sensors.dvl_white_m,
         "FRAME_CONFIG": 2 if config.thrusters.frame == "vectored_6dof" else 1,
         "SIM_BATT_VOLTAGE": config.battery.voltage_v,
-        "BARO_SPEC_GRAV": SEA_WATER * config.parameters.get("BARO_SPEC_GRAV", 1.0) / sensors.depth_scale,
+        "BARO_SPEC_GRAV": SEA_WATER * given.pop("BARO_SPEC_GRAV", 1.0) / sensors.depth_scale,
     }
-    given = {name: value for name, value in config.parameters.items() if name not in own}
     return NEEDED | (DVL if sensors.dvl else {}) | own | given
 
 

@@ -56,6 +56,13 @@ def test_a_reboot_in_mid_dive_is_survived(ardusub):
     assert np.abs(np.diff(depths)).max() < 0.02, "the body stays where it was"
 
 
+def test_a_dvl_gives_it_a_place_which_it_holds_in_a_current(ardusub):
+    steps = dived(ardusub, 30.0, "sensors.dvl=true", "current.enabled=true", "current.speed_m_s=0.2")
+    assert steps[-1].sample.verdict.state is State.ACTIVE
+    place = np.array([step.truth.eta[:2] for step in steps if step.t_s > 12.0])
+    assert place.std(axis=0).max() < 0.02
+
+
 def test_a_dozen_dives_in_which_something_breaks_keep_every_promise(ardusub):
     rows = dive_group(range(12), ardusub)
     assert [(row.number, row.broken) for row in rows if row.broken] == []
