@@ -106,8 +106,8 @@ DVL: dict[str, float] = {
     "SERIAL5_PROTOCOL": 2,
     "SIM_VICON_TMASK": 3,
 }
-"""A DVL reaches the EKF as external navigation (VISION_POSITION_ESTIMATE, VISION_SPEED_ESTIMATE); the simulated
-source of it, the firmware's own, reads our position, 25 to 124 ms late."""
+"""A DVL reaches the EKF as external navigation, by VISION_POSITION_ESTIMATE and VISION_SPEED_ESTIMATE; their
+simulated source, the firmware's own, reads our position, 25 to 124 ms late."""
 
 # The kernel kills the firmware when this process is gone, however it went: PR_SET_PDEATHSIG is 1.
 _START = """\
