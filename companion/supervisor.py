@@ -6,7 +6,8 @@ list changes nothing. What the conditions mean stands in `conditions.py`; docs/s
 
 Three ways of giving up. FAULT, at once: nothing that we believe can be relied on. RAMP_DOWN: what we believe
 holds for another second, but the autopilot could do no better with the same sensors or failsafe. HAND_OVER:
-we are the ones who cannot go on, and the autopilot's depth hold can.
+we are the ones who cannot go on, and the autopilot's depth hold can. A tilt alone is no reason to give up:
+`control.tilt` takes what makes it worse, heave and levelling stay, and only if it lasts it is handed over.
 """
 
 import math

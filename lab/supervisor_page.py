@@ -3,17 +3,34 @@
 `python -m lab.supervisor_page` does.
 """
 
+import math
 from collections.abc import Iterator
 from pathlib import Path
 
 from companion.conditions import CONDITIONS
 from companion.config import Supervisor as Limits
 from companion.config import load_config
+from companion.control.tilt import (
+    AHEAD_S,
+    FAST_N_PER_S,
+    LEVEL_RAD,
+    PART_FROM_RAD,
+    STEEP_RAD,
+    UNLEVELLED_ALARM_RAD,
+    UNLEVELLED_N,
+    YAW_LEVEL_RAD,
+    YAW_STEEP_RAD,
+)
 from companion.handover import KEEP_ALIVE_S, REFUSED_S, SETTLE_S
 from companion.supervisor import FAULT_CAUSES, FREEZES, NOTHING, TRANSITIONS, UNFIT, WARNS, transition
 from companion.types import Condition, State
 
 PAGE = Path(__file__).parent.parent / "docs" / "supervisor.md"
+
+
+def _deg(rad: float) -> str:
+    return f"{math.degrees(rad):g}"
+
 
 MADE = {
     Condition.RAMPED_DOWN: "authority has come down to nothing",
@@ -53,9 +70,38 @@ without that limit. At the surface the firmware itself changes from SURFACE to A
 HAND_OVER, and neutral goes on until a pilot steers.
 
 Not handed over: what the autopilot could not do better either, because it has the same sensors (EKF, depth
-out of bounds) or acts already (its failsafe); a vehicle that lies on its side; a process that does not keep
-time, which could not see the sequence through. These ramp down to neutral. Without link, depth or attitude
-there is nothing to ramp by: neutral at once.
+out of bounds) or acts already (its failsafe); a process that does not keep time, which could not see the
+sequence through. These ramp down to neutral. Without link, depth or attitude there is nothing to ramp by:
+neutral at once.
+"""
+
+TILT = f"""\
+## When it tilts
+
+A vehicle is not let go because it tilts. What tilts it may also sink it: a load, a tether, a dead thruster;
+and 3 s after our last frame it would be disarmed. So what makes a tilt worse goes first, and what keeps the
+depth stays:
+
+| largest tilt now and {AHEAD_S:g} s ahead | what is left |
+|---|---|
+| up to {_deg(LEVEL_RAD)}° | everything |
+| {_deg(LEVEL_RAD)} to {_deg(STEEP_RAD)}° | \
+less and less of the horizontal force and of every setpoint's speed |
+| {_deg(STEEP_RAD)} to {_deg(YAW_STEEP_RAD)}° | \
+x and y are let go: the place that is held goes along; from {_deg(YAW_LEVEL_RAD)}° also less and less yaw |
+| beyond `max_tilt_deg` | heave and levelling alone: TILTED warns, nothing is learnt, and nobody can engage |
+| the same for `off_track_s` | TILT PERSISTS: we cannot right it; STABILIZE and then ALT_HOLD get it |
+
+From {_deg(PART_FROM_RAD)}° on the horizontal thrusters take their part of heave, so that it pushes straight
+down or up.
+
+The frame with six thrusters cannot pitch by itself. There the horizontal force begins at
+{UNLEVELLED_N:g} N and rises by {FAST_N_PER_S:g} N/s until the vehicle tilts by {_deg(UNLEVELLED_ALARM_RAD)}°,
+and then stays below what tilted it: rather than capsize it drifts, level, and keeps depth and heading.
+SATURATED says so. Across a current it holds where it cannot head-on.
+
+After a hand-over because of a tilt the neutral frames go on until somebody steers, changes the mode or says
+stop, without the limit of `keep_alt_hold_s`: silence would disarm it, and it would sink with what tilts it.
 """
 
 
@@ -63,7 +109,7 @@ def page() -> str:
     """Return the whole page."""
     limits = load_config().supervisor
     parts = [HEAD, "## States\n", *_diagram(), "## What each condition does\n", *_matrix()]
-    parts += ["## What each means\n", *_meanings(limits), HAND_OVER]
+    parts += ["## What each means\n", *_meanings(limits), TILT, HAND_OVER]
     return "\n".join(parts)
 
 
