@@ -5,6 +5,7 @@ import signal
 import socket
 import sys
 import time
+from collections import Counter
 from collections.abc import Awaitable, Callable
 from contextlib import AbstractContextManager, nullcontext, suppress
 from importlib.metadata import version
@@ -26,6 +27,7 @@ BEAT_S = 0.025
 STATUS_S = 0.15
 CONFIG_S = 10.0
 MOST_BROWSERS = 32
+CLOSE_S = 1.0
 MOST_BEHIND = 150
 """Rows: a browser that is 3 s behind gets the present instead."""
 SEND_BUFFER = 65536
@@ -63,9 +65,11 @@ class Dashboard:
         self._telemetry = Subscription("holdfast/*/**", settings.endpoint)
         self._truth = Subscription("sim/*/truth", settings.endpoint)
         self._beat = asyncio.Event()
-        self._browsers: set[web.WebSocketResponse] = set()
+        self._browsers: dict[web.WebSocketResponse, str] = {}
+        """With the address of each, the oldest first."""
         self._config_asked_s: dict[str, float] = {}
         self._asking: set[asyncio.Task[None]] = set()
+        self._leaving: set[asyncio.Task[bool]] = set()
 
     def application(self) -> web.Application:
         """Return the web application; it listens to Zenoh as long as it runs."""
@@ -141,25 +145,35 @@ class Dashboard:
     async def _socket(self, request: web.Request) -> web.StreamResponse:
         """Feed one browser until it leaves; nothing that it says is listened to."""
         if len(self._browsers) >= MOST_BROWSERS:
-            return web.Response(status=503, text=f"{MOST_BROWSERS} browsers look already.")
-        socket_ = web.WebSocketResponse(heartbeat=5.0, compress=False, max_msg_size=1024)
+            self._make_room()
+        socket_ = web.WebSocketResponse(heartbeat=5.0, compress=False, max_msg_size=1024, timeout=CLOSE_S)
         await socket_.prepare(request)
         transport = request.transport
         if transport is not None:
             raw: socket.socket | None = transport.get_extra_info("socket")
             if raw is not None:
                 raw.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER)
-        self._browsers.add(socket_)
+        self._browsers[socket_] = request.remote or ""
         feeding = asyncio.create_task(self._feed(socket_, request.query.get("vehicle", "")))
         try:
             async for _ in socket_:
                 pass
         finally:
-            self._browsers.discard(socket_)
+            self._browsers.pop(socket_, None)
             feeding.cancel()
             with suppress(asyncio.CancelledError, ConnectionError):
                 await feeding
         return socket_
+
+    def _make_room(self) -> None:
+        """Close the oldest of the address that has the most, so that nobody locks others out."""
+        held = Counter(self._browsers.values())
+        most = max(held.values())
+        oldest = next(browser for browser, address in self._browsers.items() if held[address] == most)
+        del self._browsers[oldest]
+        task = asyncio.create_task(oldest.close(code=WSCloseCode.TRY_AGAIN_LATER))
+        self._leaving.add(task)
+        task.add_done_callback(self._leaving.discard)
 
     async def _feed(self, socket_: web.WebSocketResponse, name: str) -> None:
         """Send what is new, as fast as the browser takes it: what it missed for too long it never gets."""

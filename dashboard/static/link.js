@@ -2,6 +2,8 @@
 
 const SILENT_MS = 1500;
 const RETRY_MS = [200, 2000];
+const TRY_AGAIN_LATER = 1013; // others took our place
+const LATER_MS = 30000;
 
 const nowS = () => performance.now() / 1000;
 
@@ -41,7 +43,7 @@ export class Link {
     this.opened = nowS();
     this.fastest = Infinity;
     socket.onmessage = ({ data }) => this.take(data);
-    socket.onclose = () => this.retry();
+    socket.onclose = ({ code }) => this.retry(code === TRY_AGAIN_LATER ? LATER_MS : this.wait);
   }
 
   abandon() {
@@ -51,9 +53,9 @@ export class Link {
     this.socket = null;
   }
 
-  retry() {
+  retry(wait = this.wait) {
     clearTimeout(this.timer);
-    this.timer = setTimeout(() => this.open(), this.wait);
+    this.timer = setTimeout(() => this.open(), wait);
     this.wait = Math.min(2 * this.wait, RETRY_MS[1]);
   }
 
