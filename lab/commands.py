@@ -35,7 +35,7 @@ def bench(argv: list[str]) -> int:
         help="only this; default: dives and process",
     )
     parser.add_argument(
-        "--seeds", type=_positive, default=60, metavar="N", help="vehicles; default %(default)s"
+        "--seeds", type=_positive, metavar="N", help="vehicles; default 60, with a firmware 4"
     )
     parser.add_argument("--rows", nargs="+", metavar="ROW", help="only these, such as default law ppi")
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="companion's config")
@@ -49,6 +49,8 @@ def bench(argv: list[str]) -> int:
         parser.error("--firmware goes with dives, ablation or firmware")
     if arguments.what == "firmware" and arguments.firmware is None:
         arguments.firmware = ""
+    if arguments.seeds is None:
+        arguments.seeds = 60 if arguments.firmware is None else 4
     if not find_firmware("bench", arguments):
         return 2
     from lab.bench_report import run

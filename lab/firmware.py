@@ -7,7 +7,7 @@
 
 The program is ArduSub built for `sitl`; HOLDFAST_ARDUSUB names it. It runs in a directory of its own, on
 loopback, and its ports are found, so that any number of them run at once. It is killed on leaving the
-context, at exit, and by the kernel if this process dies.
+context, at exit, and by the kernel if the thread that started it ends.
 
 How time is kept: the firmware sends a physics frame and blocks until it is answered. Before a frame is
 answered, what goes to the firmware is written to its serial links; when its next frame has come, it has
