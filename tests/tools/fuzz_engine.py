@@ -385,6 +385,8 @@ class Fuzzed:
         self.presses: list[Request] = []
         self.asleep_ticks = 0
         self.states: Counter[State] = Counter()
+        self.by_pressure = config.vehicle.depth_source == "pressure"
+        """Then a forged parameter moves the zero of depth for good."""
         self._relay = Relay(config) if ground else None
         self._rng = rng
         self._kept: Inbox = []
@@ -510,7 +512,7 @@ def _dive(rng: Random, fuzzed: Fuzzed, loop: Lockstep, tally: Tally) -> None:
             loop.requests.append(rng.choice((Request.CLEAR_FAULT, Request.ENGAGE)))
         step = loop.tick()
         tally.ticks += 1
-        if calm == RECOVERED_TICKS:
+        if calm == RECOVERED_TICKS and not fuzzed.by_pressure:
             believed, true = step.sample.state.eta, step.truth.eta
             missed_m, missed_rad = (
                 abs(believed[Z] - true[2]),
