@@ -51,6 +51,49 @@ def tilt_limit(config: Config) -> TiltLimit:
     return TiltLimit(UNLEVELLED_N, most_n, UNLEVELLED_ALARM_RAD)
 
 
+def gains(config: Config) -> Gains:
+    """Return λ, κ and what goes with them."""
+    return Gains(
+        lam=each(config, "lambda_per_s"),
+        kappa=each(config, "kappa_per_s"),
+        by_observer=np.array(["observer" in axis.compensator for axis in config.axes]),
+        d_max=each(config, "max_disturbance"),
+        start_delay_s=config.network.start_delay_s,
+        delay_s=config.delays.gains_bear_s,
+    )
+
+
+def refuse_fast_gains(config: Config, delay_s: float | None = None, old: Config | None = None) -> None:
+    """Raise ConfigError for an axis whose λ and κ a loop that is `delay_s` late cannot be trusted with.
+
+    The law's q'' = −(λ + κ) q' − λκ q behind a lag T is T s³ + s² + (λ + κ) s + λκ = 0: stable if and only if
+    1/λ + 1/κ > T (Routh-Hurwitz). T is all that is late, the delay and what `thrusters.lead_s` leaves of the
+    thrusters' lag, as if nothing were predicted. λ and κ are those drawn back for that delay. The gains that
+    keep a gain margin of 2 at a known delay (shared/paper.md) have 1.9 to 3.8 times that.
+
+    Without `delay_s` it is the one believed until it has been measured. Gains that are no faster than those
+    of `old`, which are in force, always pass.
+    """
+    if delay_s is None:
+        delay_s = config.delays.telemetry_s + config.delays.command_s
+    late_s = delay_s + max(config.thrusters.lag_s - config.thrusters.lead_s, 0.0)
+    slow_s = _slowness_s(config, delay_s)
+    least_s = np.full(4, late_s) if old is None else np.minimum(late_s, _slowness_s(old, delay_s))
+    for name, axis, found_s, wanted_s in zip(AXES, config.axes, slow_s, least_s, strict=True):
+        if found_s < wanted_s:
+            raise ConfigError(
+                f"{name}.lambda_per_s = {axis.lambda_per_s:g}, {name}.kappa_per_s = {axis.kappa_per_s:g}: "
+                f"1/lambda + 1/kappa is {found_s:.3f} s and must be over {late_s:.3f} s, which the loop is "
+                f"late: {delay_s:.3f} s of delay, the rest the thrusters' lag; lower one of them"
+            )
+
+
+def _slowness_s(config: Config, delay_s: float) -> Array:
+    """Return 1/λ + 1/κ (4,), drawn back for `delay_s`."""
+    lam, kappa, _ = gains(config).softened(delay_s)
+    return 1.0 / lam + 1.0 / kappa
+
+
 def controller(config: Config, nominal: Model) -> Controller:
     """Return reference, law and the compensators that were chosen."""
     d_max = each(config, "max_disturbance")
@@ -65,22 +108,15 @@ def controller(config: Config, nominal: Model) -> Controller:
     chosen = {
         name: np.array([name in axis.compensator.split("+") for axis in config.axes]) for name in learners
     }
-    gains = Gains(
-        lam=each(config, "lambda_per_s"),
-        kappa=each(config, "kappa_per_s"),
-        by_observer=np.array(["observer" in axis.compensator for axis in config.axes]),
-        d_max=d_max,
-        start_delay_s=config.network.start_delay_s,
-        delay_s=config.delays.gains_bear_s,
-    )
     limits = Limits(each(config, "max_rate"), each(config, "max_acceleration"))
     reference = ReferenceModel(limits, angular=np.array([False, False, False, True]))
     serving = [(serves, learners[name]) for name, serves in chosen.items() if serves.any()]
     swing = Oscillation(OSCILLATION_SHARE * each(config, "max_force"))
-    return Controller(nominal, gains, reference, serving, swing)
+    return Controller(nominal, gains(config), reference, serving, swing)
 
 
-LIVE = ("surge", "sway", "heave", "yaw", "supervisor")
+AXES = ("surge", "sway", "heave", "yaw")
+LIVE = (*AXES, "supervisor")
 """The sections that may change while running; the rest is built into links, clocks and sizes."""
 
 

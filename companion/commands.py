@@ -179,12 +179,14 @@ def check(argv: list[str]) -> int:
     )
     arguments = parser.parse_args(argv)
 
+    from companion.assembly import refuse_fast_gains
     from companion.check_app import inspect
     from companion.check_table import as_json, show, worst
     from companion.config import DEFAULT_FILE, ConfigError, load_config
 
     try:
         config = load_config(arguments.config or DEFAULT_FILE, arguments.set)
+        refuse_fast_gains(config)
         rows, notes = inspect(config, origin=arguments.set_origin, thrusters=arguments.thrusters)
     except (ConfigError, OSError, ValueError) as error:
         sys.stderr.write(f"holdfast check: {error}\n")

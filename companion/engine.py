@@ -78,7 +78,9 @@ class Engine:
         self._config = config
         self._tick_s = 1.0 / config.loop.rate_hz
         self._arm = arm
+        assembly.refuse_fast_gains(config)
         model = assembly.model(config)
+        self._delay_s: float | None = None
         self._autopilot = Autopilot(config, signing)
         self._thrusters = assembly.thrusters(config)
         self._estimator = Estimator(config, model, self._thrusters)
@@ -141,6 +143,7 @@ class Engine:
 
         events = [*self._autopilot.receive(datagrams), *pilot_events(ground)]
         state = self._estimator.step(now_s, events)
+        self._delay_s = state.delays.total_s
         if state.frame_shift is not None:
             self._shift(state.frame_shift, state)
         wish = self._pilot.step(now_s, dt_s, events, self._engaged, self.target[Z])
@@ -247,10 +250,12 @@ class Engine:
         """Go on with `config` from the next tick, without a step in thrust; call it between ticks.
 
         Raises ConfigError, and goes on with what was in force, for a section that cannot change while running
-        (`assembly.LIVE` can) and for values from which no finite gain follows.
+        (`assembly.LIVE` can), for values from which no finite gain follows and for gains that are too fast
+        for the measured delay.
         """
         changed = assembly.changed(self._config, config)
         _checked(self._setpoint, config.supervisor.max_depth_m)
+        assembly.refuse_fast_gains(config, self._delay_s, self._config)
         if changed - {"supervisor"}:
             model = assembly.model(config)
             controller = assembly.controller(config, model)

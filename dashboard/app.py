@@ -183,6 +183,7 @@ class Dashboard:
                     "columns": COLUMNS,
                     "history_s": HISTORY_S,
                     "control": bool(self._settings.token),
+                    "ranges": orders.RANGES,
                     "version": version("holdfast"),
                 }
             )

@@ -1,6 +1,6 @@
 """The commands that the page may send, checked before they leave. The companion checks them again."""
 
-from typing import Literal
+from typing import Literal, get_type_hints
 
 import msgspec
 
@@ -72,6 +72,14 @@ ORDERS: dict[str, type[Order]] = {
     "estimator": Estimator,
     "record": Record,
 }
+
+RANGES = {
+    name: found
+    for order in ORDERS.values()
+    for name, hint in get_type_hints(order, include_extras=True).items()
+    if (found := ranges.bounds(hint))
+}
+"""The least and the largest of each number that a command may carry, for the page's fields."""
 
 
 def checked(name: str, body: bytes) -> bytes:

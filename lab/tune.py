@@ -16,6 +16,7 @@ import cma
 import numpy as np
 from msgspec.structs import replace
 
+from companion.assembly import refuse_fast_gains
 from companion.config import Config, ConfigError
 from companion.types import Array, Setpoint
 from lab import batch
@@ -120,9 +121,11 @@ def scores(
 
 def _configured(load: Callable[[Sequence[str]], Config], overrides: Sequence[str]) -> Config | None:
     try:
-        return load(overrides)
+        config = load(overrides)
+        refuse_fast_gains(config)
     except ConfigError:
         return None
+    return config
 
 
 def _scores(

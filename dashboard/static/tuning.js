@@ -46,7 +46,7 @@ export class Tuning {
     this.axisName = el("h3");
     this.inputs = {};
     const field = (group) => ([name, [title, hint]]) => {
-      const input = el("input", { type: "number", step: "any", min: "0", id: `set-${name}`, inputmode: "decimal", oninput: () => this.changed() });
+      const input = el("input", { type: "number", step: "any", id: `set-${name}`, inputmode: "decimal", oninput: () => this.changed() });
       const now = el("span", { class: "now", title: "in force" });
       this.inputs[name] = { group, input, now };
       return el("label", { title: hint }, el("span", {}, title), now, input);
@@ -55,10 +55,10 @@ export class Tuning {
     this.compensatorNow = el("span", { class: "now" });
     const gains = Object.entries(GAINS).map(field("gains"));
     const noises = Object.entries(NOISES).map(field("estimator"));
-    this.apply = el("button", { id: "apply", class: "primary", onclick: () => this.applyAll() }, "Apply");
+    this.apply = el("button", { id: "apply", class: "primary", onclick: () => this.applyAsked() }, "Apply");
     this.revert = el("button", { id: "revert", onclick: () => this.revertAll() }, "Revert");
-    this.depth = el("input", { type: "number", step: "any", min: "0", id: "aim-depth", placeholder: "m" });
-    this.heading = el("input", { type: "number", step: "any", min: "-360", max: "360", id: "aim-heading", placeholder: "°" });
+    this.depth = el("input", { type: "number", step: "any", id: "aim-depth", placeholder: "m" });
+    this.heading = el("input", { type: "number", step: "any", id: "aim-heading", placeholder: "°" });
     this.engage = el("button", { id: "engage", class: "primary", onclick: () => this.ask(this.engage, "Engage", () => this.send("engage", {})) }, "Engage");
     this.controls = el("fieldset", {},
       el("div", { class: "row" }, this.engage,
@@ -82,8 +82,11 @@ export class Tuning {
     this.refresh();
   }
 
-  hello({ control }) {
+  hello({ control, ranges }) {
     this.allowed = control;
+    const fields = { depth_m: this.depth, heading_deg: this.heading };
+    for (const [name, { input }] of Object.entries(this.inputs)) fields[name] = input;
+    for (const [name, input] of Object.entries(fields)) if (ranges[name]) [input.min, input.max] = ranges[name];
     if (control && this.token && !this.unlocked) this.unlock(this.token);
     this.refresh();
   }
@@ -155,11 +158,32 @@ export class Tuning {
     this.revert.disabled = !this.before[this.axis] && this.touched !== this.axis;
   }
 
-  async applyAll() {
+  // What takes a step that the companion wants confirmed: more than twofold, or to or from zero.
+  large() {
+    const now = this.config?.[this.axis] ?? {};
+    return Object.entries({ ...this.changes("gains"), ...this.changes("estimator") })
+      .filter(([name, value]) => !(now[name] / 2 <= value && value <= now[name] * 2)).map(([name]) => name);
+  }
+
+  applyAsked() {
+    const outside = Object.entries(this.inputs).find(([, { input }]) => !input.checkValidity());
+    if (outside) {
+      this.tell(`${outside[0]}: must be ${outside[1].input.min} to ${outside[1].input.max}.`, true);
+      this.touched = null;
+      return void this.refresh();
+    }
+    const large = this.large();
+    if (!large.length) return void this.applyAll();
+    this.tell(`More than twofold at once: ${large.join(", ")}. Press Apply again if that is meant.`, true);
+    this.ask(this.apply, "Apply", () => this.applyAll(true));
+  }
+
+  async applyAll(confirm = false) {
     const now = this.config?.[this.axis];
     if (!now) return;
     const { axis } = this;
-    const orders = [["gains", this.changes("gains")], ["estimator", this.changes("estimator")]].filter(([, what]) => Object.keys(what).length);
+    const orders = ["gains", "estimator"].map((group) => [group, this.changes(group)])
+      .filter(([, what]) => Object.keys(what).length).map(([group, what]) => [group, confirm ? { ...what, confirm } : what]);
     if (this.compensator.value !== now.compensator) orders.unshift(["compensator", { compensator: this.compensator.value }]);
     if (!orders.length) return void this.tell("Nothing was changed.");
     const before = { ...now };
@@ -187,7 +211,7 @@ export class Tuning {
     }
     for (const [name, { input }] of Object.entries(this.inputs)) input.value = text(before[name]);
     this.compensator.value = before.compensator;
-    await this.applyAll();
+    await this.applyAll(true);
     delete this.before[axis];
     this.refresh();
   }

@@ -288,9 +288,20 @@ def test_tuning_there_and_back(dive: Dive, opened: Callable[..., Page]) -> None:
     page.locator("#apply").click()
     _wait(page, "document.querySelector('#said').dataset.level === 'bad'")
     assert float(now.text_content() or "nan") == before - 2.0
+    assert "must be 0.05 to 50" in (page.locator("#said").text_content() or "")
+    gain.fill(str(before / 4.0))
+    page.locator("#apply").click()  # asks
+    assert "More than twofold" in (page.locator("#said").text_content() or "")
+    assert _config(dive)["heave"]["kappa_per_s"] == before - 2.0
+    page.locator("#apply").click()
+    _until(lambda: _config(dive)["heave"]["kappa_per_s"] == before / 4.0)
+    _wait(page, f"document.querySelector('label:has(#set-kappa_per_s) .now').textContent == {before / 4.0:g}")
     page.locator("#revert").click()
+    _until(lambda: _config(dive)["heave"]["kappa_per_s"] == before - 2.0)
+    _wait(page, f"document.querySelector('label:has(#set-kappa_per_s) .now').textContent == {before - 2.0:g}")
+    gain.fill(str(before))
+    page.locator("#apply").click()
     _until(lambda: _config(dive)["heave"]["kappa_per_s"] == before)
-    _wait(page, f"document.querySelector('label:has(#set-kappa_per_s) .now').textContent == {before:g}")
     page.locator("#aim-depth").fill("1.2")
     page.locator("#aim").click()
     _wait(page, "holdfast.store.value('depth_desired_m') > 1.15")

@@ -6,9 +6,10 @@ from typing import get_type_hints
 import pytest
 
 from companion import ranges
+from companion.config import Axis
 from dashboard import gate
 from dashboard.options import settings
-from dashboard.orders import ORDERS, checked
+from dashboard.orders import ORDERS, RANGES, checked
 
 NAMES = ("localhost", "blueos.local")
 
@@ -167,3 +168,14 @@ def test_a_short_token_is_refused(tmp_path: Path) -> None:
 def test_it_records_only_where_told(tmp_path: Path) -> None:
     assert settings([]).record is None
     assert settings(["--record", str(tmp_path)]).record == tmp_path
+
+
+def test_the_pages_fields_have_the_ranges_of_the_configuration() -> None:
+    page = (Path(gate.__file__).parent / "static" / "tuning.js").read_text(encoding="utf-8")
+    fields = get_type_hints(Axis, include_extras=True)
+    tuned = [name for name in RANGES if name in fields]
+    assert len(tuned) == 12
+    for name in tuned:
+        assert RANGES[name] == ranges.bounds(fields[name])
+        assert f"  {name}: [" in page, "no field for it"
+    assert RANGES["depth_m"][0] == 0.0

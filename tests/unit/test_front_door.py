@@ -80,3 +80,11 @@ def test_an_absurd_value_is_refused_in_one_line_before_anything_starts(capsys, a
     assert holdfast.main(["run", *arguments]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert says in line
+
+
+@pytest.mark.parametrize("command", ["run", "check"])
+def test_gains_that_the_believed_delay_does_not_bear_are_refused_in_one_line(capsys, command):
+    assert holdfast.main([command, "--set", "yaw.lambda_per_s=25", "--set", "yaw.kappa_per_s=25"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "yaw.lambda_per_s = 25, yaw.kappa_per_s = 25: 1/lambda + 1/kappa is 0.080 s" in line
+    assert "over 0.160 s" in line

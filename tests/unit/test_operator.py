@@ -23,6 +23,7 @@ from companion.operator import (
 )
 from companion.telemetry import Reply
 from companion.types import ENGAGE_S, Condition, State
+from lab.lockstep import Link
 
 
 class Console:
@@ -243,6 +244,20 @@ def test_twofold_and_twofold_again_needs_no_confirmation():
     for kappa in (5.0, 2.5):
         assert console.tell("gains", axis="heave", kappa_per_s=kappa).done
     assert dive.engine.config.heave.kappa_per_s == 2.5
+
+
+@pytest.mark.parametrize(("delay_s", "done"), [(0.0, True), (0.04, False)])
+def test_gains_are_held_against_the_measured_delay(delay_s, done):
+    """1/14 + 1/10 = 0.171 s: more than 0.026 + 0.138 s, less than with 80 ms more delay."""
+    usual = Link()
+    dive, console = at_console(link=Link(up_s=usual.up_s + delay_s, down_s=usual.down_s + delay_s))
+    dive.run(6.0)
+    reply = console.tell("gains", axis="heave", lambda_per_s=14.0)
+    assert reply.done is done, reply.said
+    if not done:
+        assert "1/lambda + 1/kappa" in reply.said
+        assert dive.engine.config.heave.lambda_per_s == 7.0
+    assert console.tell("gains", axis="heave", kappa_per_s=9.9).done, "less is always taken"
 
 
 def test_live_limits_are_the_configurations():
