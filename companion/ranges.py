@@ -88,7 +88,8 @@ def refusal(name: str, value: float, hint: Any) -> str | None:
     found = bounds(hint)
     if found is None or found[0] <= value <= found[1]:
         return None
-    return f"{name} = {value:g}: must be {found[0]:g} to {found[1]:g}"
+    shown = f"{value:g}" if isinstance(value, float) else str(value)[:20]
+    return f"{name} = {shown}: must be {found[0]:g} to {found[1]:g}"
 
 
 def _metas(hint: Any) -> Iterator[Meta]:
