@@ -239,7 +239,6 @@ def test_started_twice_the_second_says_so_and_leaves_the_first_alone() -> None:
         assert tap.armed
 
 
-@pytest.mark.parametrize("steering", [True, False])
 class SignedVehicle:
     """Says signed heartbeats, and listens to what is answered: one heartbeat, or all that a link asks for."""
 
@@ -296,6 +295,7 @@ def test_signed_frames_of_before_a_crash_do_not_take_the_link_after_it(
     vehicle.socket.close()
 
 
+@pytest.mark.parametrize("steering", [True, False])
 def test_an_exception_in_the_tick_sends_neutral_if_it_steered_and_fails(
     monkeypatch: pytest.MonkeyPatch, steering: bool
 ) -> None:
@@ -379,10 +379,10 @@ def test_tcp_dives_and_comes_back_after_a_restart_of_the_vehicle() -> None:
         try:
             assert run.stderr is not None
             with running(*HOLDFAST, *simulator):
-                _read_until(run.stderr, "waiting for: disarmed\n")
+                _read_until(run.stderr, "waiting for: disarmed; to do: arm it\n")
             _read_until(run.stderr, "link lost")
             with running(*HOLDFAST, *simulator):
-                _read_until(run.stderr, "waiting for: disarmed\n")
+                _read_until(run.stderr, "waiting for: disarmed; to do: arm it\n")
         finally:
             run.send_signal(signal.SIGINT)
             run.communicate(timeout=5.0)
