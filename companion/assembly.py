@@ -12,7 +12,14 @@ from companion.control.oscillation import Oscillation
 from companion.control.positioning import Model
 from companion.control.reference import Limits, ReferenceModel
 from companion.control.regressor import Regressor
-from companion.control.tilt import ALARM_RAD, UNLEVELLED_ALARM_RAD, UNLEVELLED_N, TiltLimit
+from companion.control.tilt import (
+    ALARM_RAD,
+    FAST_N_PER_S,
+    SLOW_N_PER_S,
+    UNLEVELLED_ALARM_RAD,
+    UNLEVELLED_N,
+    TiltLimit,
+)
 from companion.thrust import Thrusters
 from companion.types import Array
 
@@ -47,8 +54,8 @@ def tilt_limit(config: Config) -> TiltLimit:
     """Return what bounds the horizontal force: from the start where the frame cannot pitch by itself."""
     most_n = max(config.surge.max_force, config.sway.max_force) * 2.0**0.5
     if config.vehicle.frame == "vectored_6dof":
-        return TiltLimit(most_n, most_n, ALARM_RAD)
-    return TiltLimit(UNLEVELLED_N, most_n, UNLEVELLED_ALARM_RAD)
+        return TiltLimit(most_n, most_n, ALARM_RAD, FAST_N_PER_S)
+    return TiltLimit(UNLEVELLED_N, most_n, UNLEVELLED_ALARM_RAD, SLOW_N_PER_S)
 
 
 def gains(config: Config) -> Gains:

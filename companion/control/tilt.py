@@ -95,12 +95,14 @@ class TiltLimit:
     """The most horizontal force (N) that a vehicle bears, found as it tilts.
 
     `start_n` and from there FAST_N_PER_S up to `most_n`, until the tilt alarms: then the limit is a share of
-    what was pushed of late, and rises slowly. So waves, which tilt it again and again, find it drifting and
-    not pitching.
+    what was pushed of late, and rises by `again_n_per_s`. Where nobody levels the vehicle that is slow: so
+    waves, which tilt it again and again, find it drifting and not pitching. Where it is levelled a tilt is a
+    transient, such as stopping a drift on engaging: then the place is soon held again.
     """
 
-    def __init__(self, start_n: float, most_n: float, alarm_rad: float) -> None:
+    def __init__(self, start_n: float, most_n: float, alarm_rad: float, again_n_per_s: float) -> None:
         self._start_n, self._most_n, self._alarm_rad = start_n, most_n, alarm_rad
+        self._again_n_per_s = again_n_per_s
         self.reset()
 
     def reset(self) -> None:
@@ -118,6 +120,6 @@ class TiltLimit:
             self._limit_n = self._borne_n
         self._alarmed = tilt > self._alarm_rad * (CALM if self._alarmed else 1.0)
         if not self._alarmed:
-            rise = FAST_N_PER_S if self._limit_n < self._borne_n else SLOW_N_PER_S
+            rise = FAST_N_PER_S if self._limit_n < self._borne_n else self._again_n_per_s
             self._limit_n = min(self._limit_n + rise * dt_s, self._most_n)
         return self._limit_n * share(tilt)

@@ -13,6 +13,7 @@ from companion.control.tilt import (
     FAST_N_PER_S,
     LEAST_PACE,
     LEVEL_RAD,
+    SLOW_N_PER_S,
     STEEP_RAD,
     TiltLimit,
     body_force,
@@ -84,7 +85,7 @@ def after(limit, seconds, tilt=0.0, pushed_n=8.0):
 
 
 def test_the_force_rises_until_the_vehicle_tilts_and_then_stays_below_that():
-    limit = TiltLimit(2.0, 100.0, 0.1)
+    limit = TiltLimit(2.0, 100.0, 0.1, SLOW_N_PER_S)
     assert after(limit, 6.0) == pytest.approx(2.0 + 6.0 * FAST_N_PER_S)
     assert after(limit, TICK_S, tilt=0.12) == pytest.approx(CUT * 8.0, rel=0.1)
     borne = after(limit, 1.0)
@@ -94,7 +95,7 @@ def test_the_force_rises_until_the_vehicle_tilts_and_then_stays_below_that():
 
 
 def test_one_tilt_cuts_once():
-    limit = TiltLimit(50.0, 50.0, 0.1)
+    limit = TiltLimit(50.0, 50.0, 0.1, SLOW_N_PER_S)
     after(limit, 10.0, pushed_n=50.0)
     once = after(limit, TICK_S, tilt=0.12, pushed_n=50.0)
     assert after(limit, 3.0, tilt=0.12, pushed_n=50.0) == once
@@ -102,7 +103,7 @@ def test_one_tilt_cuts_once():
 
 
 def test_a_levelled_vehicle_has_all_its_force_from_the_start():
-    assert TiltLimit(99.0, 99.0, 0.2).step(0.05, 90.0, TICK_S) == 99.0
+    assert TiltLimit(99.0, 99.0, 0.2, FAST_N_PER_S).step(0.05, 90.0, TICK_S) == 99.0
 
 
 def test_who_saturates_is_slowed_and_comes_back():
@@ -119,3 +120,11 @@ def test_who_saturates_is_slowed_and_comes_back():
 def test_a_tilt_slows_all_but_the_heading_and_stops_nothing():
     assert Pace().step(0.5, NEITHER, TICK_S).tolist() == [0.5, 0.5, 0.5, 1.0]
     assert Pace().step(0.0, NEITHER, TICK_S).tolist() == [LEAST_PACE] * 3 + [1.0]
+
+
+def test_a_levelled_vehicle_that_tilted_once_soon_pushes_against_a_current_again():
+    """On the firmware it tilted while it stopped a drift, and then drifted off for minutes."""
+    limit = TiltLimit(99.0, 99.0, 0.26, FAST_N_PER_S)
+    after(limit, 10.0, tilt=0.05, pushed_n=25.0)
+    assert after(limit, TICK_S, tilt=0.3, pushed_n=25.0) < 25.0
+    assert after(limit, 20.0, tilt=0.05, pushed_n=25.0) > 25.0
