@@ -12,6 +12,7 @@ from companion.config import load_config
 from companion.engine import Engine
 from companion.mavlink.relay import Relay
 from companion.types import NEUTRAL, Request, Setpoint, State
+from lab.firmware import Firmware
 from lab.lockstep import START_S, Link, Lockstep
 from sim_bridge.config import Fault
 from sim_bridge.config import load_config as load_plant
@@ -191,9 +192,11 @@ class Dive:
         base="sim.toml",
         signing=None,
         pilot=False,
+        firmware=None,
     ):
         config = load_config(overrides=(*companion, *(WITH_PILOT if pilot else ())))
-        self.vehicle = Vehicle(load_plant(ROOT / "config" / base, (*CALM, *plant)), seed)
+        body = load_plant(ROOT / "config" / base, (*CALM, *plant))
+        self.vehicle = Firmware(firmware, body, seed) if firmware else Vehicle(body, seed)
         self.engine = Engine(config, setpoint or hold(), arm=arm, signing=signing)
         self.tap = Tap(self.engine, config)
         if pilot:

@@ -1,0 +1,248 @@
+"""Dives with the real ArduSub in virtual time: hold, take over, give up, come back."""
+
+import math
+
+import numpy as np
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from virtual import Dive, Somebody, hold
+
+from companion.config import load_config
+from companion.types import Condition, Request, State
+from lab.dive import dive as scenario_dive
+from lab.lockstep import Link
+from lab.scenarios import four
+from sim_bridge.commands import DEFAULT_CONFIG
+from sim_bridge.config import load_config as load_plant
+
+DEPTH_M = 2.0
+DIVED = (f"initial.eta=[0,0,{DEPTH_M},0,0,0.3]",)
+STABILIZE, ALT_HOLD, SURFACE, MANUAL = 0, 2, 9, 19
+FAILSAFE_S = 3.0
+
+
+@pytest.fixture
+def dived(ardusub):
+    """Make dives with the firmware that are closed after the test."""
+    opened = []
+
+    def make(*plant, **arguments):
+        arguments.setdefault("setpoint", hold(DEPTH_M))
+        one = Dive(*DIVED, *plant, firmware=ardusub, **arguments)
+        opened.append(one.vehicle)
+        return one
+
+    yield make
+    for vehicle in opened:
+        vehicle.close()
+
+
+@pytest.fixture
+def holding(dived):
+    """Make dives that have held for three seconds."""
+
+    def make(*plant, **arguments):
+        one = dived(*plant, **arguments).until(State.ACTIVE, 12.0)
+        one.run(3.0)
+        assert one.state is State.ACTIVE, one.step.sample.verdict.reason
+        return one
+
+    return make
+
+
+def errors_mm(steps):
+    return 1e3 * np.array([step.truth.eta[2] - DEPTH_M for step in steps])
+
+
+# --- It holds ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["waves", "trajectory", "load", "calm"])
+def test_it_holds_its_depth_to_what_the_sensor_shows(ardusub, name):
+    """The firmware's depth errs by 3 to 5 mm; its zero moves on arming, so the mean does not count."""
+    scenario = next(one for one in four(3, vary=lambda base, seed: base) if one.name == name)
+    recorded = scenario_dive(scenario, load_config(), load_plant(DEFAULT_CONFIG), Link(), firmware=ardusub)
+    held = recorded.t_s > 12.0
+    assert recorded.active[held].all()
+    assert 1e3 * recorded.depth_error_m[held].std() < 9.0
+    assert math.degrees(recorded.heading_error_rad[held].std()) < 1.0
+
+
+def test_the_firmwares_own_vehicle_is_held_though_it_answers_so_strongly(holding):
+    dive = holding(base="sim-ardusub.toml")
+    dive.run(20.0)
+    steps = dive.run(30.0)
+    assert dive.state is State.ACTIVE
+    assert errors_mm(steps).std() < 10.0
+    assert math.degrees(np.std([step.truth.eta[5] for step in steps])) < 1.0
+
+
+def test_depth_only_leaves_the_heading_to_the_firmware(holding):
+    dive = holding(
+        "waves.enabled=true",
+        companion=['vehicle.steering_mode="stabilize"'],
+        setpoint=hold(DEPTH_M, math.nan),
+    )
+    steps = dive.run(20.0)
+    assert {step.truth.mode for step in steps} == {STABILIZE}
+    assert errors_mm(steps[250:]).std() < 10.0
+    assert all(axes[3] == 0.0 for _, axes in dive.tap.frames)
+
+
+def test_a_place_is_held_with_a_dvl_in_current_and_waves(holding):
+    dive = holding(
+        *("sensors.dvl=true", "waves.enabled=true", "current.enabled=true", "current.speed_m_s=0.4"),
+        setpoint=hold(DEPTH_M, 0.3, 0.0, 0.0),
+    )
+    steps = dive.run(45.0)
+    assert dive.state is State.ACTIVE
+    tilts = np.degrees(np.abs([step.truth.eta[3:5] for step in steps]))
+    places = np.array([step.truth.eta[:2] for step in steps[-1000:]])
+    assert tilts.max() < 15.0
+    assert np.abs(places).max() < 0.25
+    assert errors_mm(steps[500:]).std() < 15.0
+
+
+# --- The pilot --------------------------------------------------------------------------------------------
+
+
+def test_a_stick_of_somebody_else_takes_over_at_once(holding):
+    dive = holding()
+    began_s = dive.t_s
+    dive.tap.spoil = lambda now_s, inbox: [*inbox, (round((1000.0 + now_s) * 1e9), Somebody().stick())]
+    dive.run(1.0)
+    assert dive.state is State.PILOT
+    assert dive.tap.last_thrust_s - began_s < 0.1
+
+
+def test_another_mode_takes_over_at_once(holding):
+    dive = holding()
+    dive.fault("mode", value=ALT_HOLD)
+    dive.run(1.5)
+    assert dive.state is State.PILOT
+    assert dive.step.truth.mode == ALT_HOLD
+    assert dive.step.truth.armed
+
+
+def test_the_pilots_stick_moves_the_depth_and_full_deflection_takes_the_axis_back(holding):
+    dive = holding(pilot=True)
+    dive.cockpit.push()
+    dive.run(1.0)
+    dive.cockpit.push(heave=0.5)
+    dive.run(3.0)
+    dive.cockpit.push()
+    steps = dive.run(5.0)
+    assert dive.state is State.ACTIVE
+    assert dive.step.truth.eta[2] > DEPTH_M + 0.3
+    assert errors_mm(steps[150:]).std() < 12.0
+    dive.cockpit.push(yaw=1.0)
+    steps = dive.run(2.0)
+    assert not dive.step.sample.dofs.engaged[3]
+    assert dive.state is State.ACTIVE
+    assert abs(steps[-1].truth.eta[5] - steps[0].truth.eta[5]) > 0.2
+
+
+def test_release_gives_the_mode_back_and_the_vehicle_is_neutral(dived):
+    dive = dived(arm=True, engage=False)
+    dive.run(1.0)
+    dive.fault("mode", value=STABILIZE)
+    dive.run(1.0)
+    dive.ask(Request.ENGAGE)
+    dive.until(State.ACTIVE, 12.0).run(4.0)
+    assert dive.step.truth.mode == MANUAL
+    dive.ask(Request.STOP)
+    dive.run(3.0)
+    assert dive.step.truth.mode == STABILIZE
+    assert dive.step.sample.verdict.authority == 0.0
+
+
+# --- Giving up --------------------------------------------------------------------------------------------
+
+
+def test_after_our_death_the_firmware_disarms_within_its_timeout(holding):
+    dive = holding()
+    vehicle, began_s = dive.vehicle, dive.t_s
+    while vehicle.truth().armed and vehicle.time_s - began_s < 8.0:
+        vehicle.step([])
+    assert FAILSAFE_S - 0.5 < vehicle.time_s - began_s < FAILSAFE_S + 1.5
+    assert set(vehicle.truth().motor_pwm) == {1500}
+
+
+def test_after_the_farewell_the_motors_rest_at_once(holding):
+    dive = holding("waves.enabled=true")
+    for _ in range(5):
+        for _ in range(8):
+            dive.vehicle.step([(1, dive.engine.farewell())])
+    for _ in range(40):
+        dive.vehicle.step([])
+    assert set(dive.vehicle.truth().motor_pwm) == {1500}
+    assert dive.vehicle.truth().armed
+
+
+def test_who_never_steered_leaves_somebody_elses_vehicle_armed(dived):
+    dive = dived(engage=False)
+    dive.run(2.0)
+    pilot = Somebody()
+    sticks = pilot.frame(mavlink.MAVLink_manual_control_message(1, 0, 0, 500, 0, 0))
+    vehicle = dive.vehicle
+    vehicle.step([(1, pilot.arm())])
+    assert dive.engine.farewell() == b""
+    for step in range(round(8.0 / vehicle.step_s)):
+        vehicle.step([(1, sticks)] if step % 40 == 0 else [])
+    assert vehicle.truth().armed
+
+
+def test_after_a_reboot_it_waits_to_be_asked_again(holding):
+    """The firmware disarms before it reboots, and says so: no fault is left to be cleared."""
+    dive = holding()
+    dive.fault("reboot")
+    steps = dive.run(40.0)
+    assert not any(step.truth.armed for step in steps[100:])
+    assert dive.state is State.IDLE
+    dive.ask(Request.ENGAGE)
+    dive.until(State.ACTIVE, 30.0)
+    assert dive.step.truth.armed
+
+
+def test_a_pilot_failsafe_that_is_switched_off_ends_the_hold(holding):
+    dive = holding()
+    dive.fault("parameter", parameter="FS_PILOT_INPUT", value=0.0)
+    dive.run(4.0)
+    assert State.RAMP_DOWN in dive.states_since(0.0)
+    assert Condition.FAILSAFE_UNSAFE in dive.step.sample.verdict.conditions
+
+
+def test_a_link_that_is_cut_ends_in_silence_and_the_firmware_disarms(holding):
+    dive = holding()
+    dive.fault("link_cut")
+    dive.run(6.0)
+    assert dive.state is State.FAULT
+    assert not dive.step.truth.armed
+
+
+def test_disarmed_by_somebody_it_stays_disarmed(holding):
+    dive = holding()
+    dive.fault("disarm")
+    dive.run(5.0)
+    assert dive.state is State.IDLE
+    assert not dive.step.truth.armed
+
+
+def test_handing_over_goes_through_stabilize_and_does_not_dip(holding):
+    dive = holding()
+    began_s, depth_m = dive.t_s, dive.step.truth.eta[2]
+    dive.fault("link_delayed", value=0.25)
+    steps = dive.run(20.0)
+    assert State.HAND_OVER in dive.states_since(began_s)
+    modes = [step.truth.mode for step in steps]
+    assert modes.index(STABILIZE) < modes.index(ALT_HOLD)
+    entered = modes.index(ALT_HOLD)
+    assert max(abs(step.truth.eta[2] - depth_m) for step in steps[entered:]) < 0.25
+    assert dive.step.truth.armed
+
+
+def test_a_drained_battery_is_told(holding):
+    dive = holding()
+    dive.fault("voltage", value=12.0)
+    dive.run(12.0)
+    assert Condition.BATTERY_LOW in dive.step.sample.verdict.conditions
