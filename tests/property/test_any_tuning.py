@@ -1,0 +1,91 @@
+"""Within the ranges any configuration, and any live tuning, stays finite and inside the envelope."""
+
+import json
+import math
+from typing import get_type_hints
+
+import numpy as np
+from hypothesis import HealthCheck, Phase, event, given, settings
+from hypothesis import strategies as st
+from virtual import Dive, hold
+
+from companion import ranges
+from companion.config import Config, ConfigError
+from companion.operator import COMMANDS, Desk, Order
+from companion.types import Condition
+
+SECTIONS = ("loop", "delays", "thrusters", "levelling", "surge", "heave", "yaw", "network", "supervisor")
+LASTS_S = 6
+COMPENSATORS = ("none", "integrator", "regressor", "network", "observer", "network+observer")
+
+
+def numbers(kind):
+    """Return each key of a section or a command with its range."""
+    hints = get_type_hints(kind, include_extras=True)
+    found = ((key, ranges.bounds(hint)) for key, hint in hints.items())
+    return {key: ends for key, ends in found if ends}
+
+
+def within(least, most):
+    """Return any number of a range: its ends, evenly, or evenly by its logarithm."""
+    if least < 0.0:
+        return st.floats(least, most)
+    low = max(least, 1e-6 * most)
+    by_size = st.floats(math.log(low), math.log(most)).map(lambda x: min(max(math.exp(x), least), most))
+    return st.sampled_from((least, most)) | st.floats(least, most) | by_size
+
+
+def settable():
+    """Return any `section.key=value` that the table allows, as `--set` takes it."""
+    one = []
+    for section in SECTIONS:
+        kind = get_type_hints(Config)[section]
+        for key, (least, most) in numbers(kind).items():
+            if key == "rate_hz":
+                one.append(st.sampled_from((10, 20, 50, 100)).map("loop.rate_hz={}".format))
+                continue
+            whole = get_type_hints(kind)[key] is int
+            values = st.integers(least, min(most, 2**31)) if whole else within(least, most)
+            one.append(values.map(f"{section}.{key}={{!r}}".format))
+        if "compensator" in kind.__struct_fields__:
+            one.append(st.sampled_from(COMPENSATORS).map(f"{section}.compensator={{!r}}".format))
+    return st.one_of(one)
+
+
+def orders():
+    """Return any tuning command whose values are inside the ranges."""
+    axis = st.sampled_from(("surge", "heave", "heave", "yaw"))
+    compensator = st.fixed_dictionaries({"axis": axis, "compensator": st.sampled_from(COMPENSATORS)})
+    kinds = [st.tuples(st.just("compensator"), compensator)]
+    for name in ("gains", "estimator"):
+        wanted = {key: within(*ends) for key, ends in numbers(COMMANDS[name]).items()}
+        what = st.fixed_dictionaries({"axis": axis, "confirm": st.booleans()}, optional=wanted)
+        kinds.append(st.tuples(st.just(name), what))
+    return st.one_of(kinds)
+
+
+@settings(
+    max_examples=12,
+    deadline=None,
+    phases=(Phase.explicit, Phase.reuse, Phase.generate),  # to shrink a dive takes minutes
+    suppress_health_check=list(HealthCheck),
+)
+@given(st.lists(settable(), max_size=8), st.lists(orders(), max_size=5), st.booleans())
+def test_what_the_ranges_allow_stays_finite_and_inside_the_envelope(overrides, asked, positioned):
+    """The dive itself holds every tick's command to its envelope; see virtual.Tap."""
+    try:
+        dive = Dive("waves.enabled=true", f"sensors.dvl={str(positioned).lower()}", companion=overrides)
+    except ConfigError as refused:
+        event(str(refused).partition(":")[2][:20])
+        return
+    desk = Desk(dive.engine.config, hold().eta_d)
+    for i in range(LASTS_S):
+        for step in dive.loop.run(1.0):
+            sample = step.sample
+            assert Condition.NON_FINITE not in sample.verdict.conditions
+            assert np.isfinite(sample.dofs.tau).all()
+        if i < len(asked):
+            name, what = asked[i]
+            desk.take(Order(name, json.dumps(what).encode(), lambda _: None, True))
+            desk.before(dive.engine, dive.t_s)
+    event(f"ended {sample.verdict.state}")
