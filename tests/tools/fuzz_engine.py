@@ -49,8 +49,9 @@ TICK_S = 0.02
 DIVE_TICKS = 1500
 STORM_TICKS = (25, 200)
 CALM_TICKS = 250
-RECOVERED_TICKS = 400
-"""After so long a calm depth and heading have to be found again."""
+RECOVERED_TICKS = 700
+"""After so long a calm depth and heading have to be found again: the observer lets go of an error of half
+a turn, which rates of 26 rad/s made, with a time constant of 2.6 s."""
 
 NEAR_M, NEAR_RAD = 0.2, 0.1
 VEHICLE, US, GROUND = (1, 1), (255, 25), (255, 190)
@@ -505,7 +506,7 @@ def _dive(rng: Random, fuzzed: Fuzzed, loop: Lockstep, tally: Tally) -> None:
         if left == 0 and not fuzzed.spoils:
             fuzzed.spoils, left = storm(rng, fuzzed), rng.randint(*STORM_TICKS)
         elif left == 0:
-            fuzzed.spoils, left = [], rng.choice((CALM_TICKS, RECOVERED_TICKS + 10))
+            fuzzed.spoils, left = [], rng.choice((CALM_TICKS, CALM_TICKS, RECOVERED_TICKS + 10))
         left -= 1
         calm = 0 if fuzzed.spoils or fuzzed.asleep_ticks else calm + 1
         if calm % 50 == 20 and fuzzed.engine.verdict.state is not State.ACTIVE:
