@@ -39,8 +39,8 @@ ENVELOPE = (
     "every published set of the vehicle; damping 0.5 to 1.5 and mass 1 to 1.3 times the set's",
     "thrust 0.7 to 1.1 times the measured curve; a link of 20 to 150 ms, which the companion measures",
     "waves Hs 0.2 to 0.4 m, a tether of σ 1 to 4 N, a load of 5 to 20 N, a current of 0.1 to 0.5 m/s, or all",
-    "any one horizontal thruster dead; a vertical one only in calm water or a current, for in MANUAL nothing "
-    "keeps the vehicle level, and heave on an uneven set of thrusters turns it over",
+    "any one horizontal thruster dead; a vertical one only in calm water or a current, for "
+    "heave on an uneven set of thrusters tilts the vehicle more than the others can right",
     "on the six-thruster BlueROV2 one disturbance at a time: all at once, one dive in fifty or so turned it "
     "over, for it has only 2 N·m to right it",
 )
