@@ -23,9 +23,6 @@ from companion.control.tilt import (
 from companion.thrust import Thrusters
 from companion.types import Array
 
-OSCILLATION_SHARE = 0.12
-"""Of an axis' largest force: faster demand than any sea's, above this RMS, is the loop's own swinging."""
-
 
 def model(config: Config) -> Model:
     """Return the nominal model."""
@@ -118,7 +115,7 @@ def controller(config: Config, nominal: Model) -> Controller:
     limits = Limits(each(config, "max_rate"), each(config, "max_acceleration"))
     reference = ReferenceModel(limits, angular=np.array([False, False, False, True]))
     serving = [(serves, learners[name]) for name, serves in chosen.items() if serves.any()]
-    swing = Oscillation(OSCILLATION_SHARE * each(config, "max_force"))
+    swing = Oscillation(each(config, "max_force"))
     return Controller(nominal, gains(config), reference, serving, swing)
 
 

@@ -142,7 +142,7 @@ class Engine:
         self._last_s = now_s
 
         events = [*self._autopilot.receive(datagrams), *pilot_events(ground)]
-        state = self._estimator.step(now_s, events)
+        state = self._estimator.step(now_s, events, self._controller.gain_scale)
         self._delay_s = state.delays.total_s
         if state.frame_shift is not None:
             self._shift(state.frame_shift, state)

@@ -15,6 +15,7 @@ from companion.config import Config
 from companion.config import Supervisor as Limits
 from companion.control.bounds import wrap
 from companion.control.frame import joined, shifted, turned
+from companion.control.oscillation import DrawnBack
 from companion.control.positioning import Model, jacobian, to_body
 from companion.delay import DelayMeter
 from companion.hidden_delay import HiddenDelay
@@ -66,6 +67,7 @@ MIN_VOLTAGE_V, MAX_VOLTAGE_V = 10.0, 20.0
 MIN_COS_PITCH = 0.1
 HISTORY = 128
 EACH = np.arange(4)
+FULL = np.ones(4)
 LONG_AGO_S = -1e6
 BROUGHT_S = (0.06, 0.06, 0.045, 0.03)
 """How far, s, samples of each DOF are brought to the observer's moment by its own rates. Further, its error
@@ -185,14 +187,18 @@ class Estimator:
         self._new: list[Measurement] = []
         self._observer.x = np.zeros((4, 6))
         self._hidden.restart(0.0)
+        self._drawn_back = DrawnBack(np.zeros(4))
         self._eta = np.zeros(4)
         self._refusing = False
         self._yaw_resets, self._x_resets, self._y_resets = yaw_resets(), position_resets(), position_resets()
         self._yaw_reset_t_s = self._position_reset_t_s = -math.inf
         self._frame_shift: FrameShift | None = None
 
-    def step(self, now_s: float, events: Sequence[Event]) -> VehicleState:
-        """Take in what came since the last tick; say where the vehicle is and where a command finds it."""
+    def step(self, now_s: float, events: Sequence[Event], gain_scale: Array = FULL) -> VehicleState:
+        """Take in what came since the last tick; say where the vehicle is and where a command finds it.
+
+        `gain_scale` (4,) is what the controller has left of its gains: the predicted d is drawn back alike.
+        """
         self._depth_refused = False
         self._frame_shift = None
         self._reset_by = np.zeros(4)
@@ -221,7 +227,8 @@ class Estimator:
         edges_s = np.concatenate((from_s[None], observed_s + step_s * np.arange(steps + 1)[:, None]))
         u = self._commands.mean_tau(edges_s - delays.command_s)
         self._observe(u[0], m, c, from_s, observed_s)
-        way = observer.predict(u[1:], m, c, step_s)
+        d_hat = self._drawn_back.step(observer.disturbance, gain_scale, self._tick_s)
+        way = observer.predict(u[1:], m, c, step_s, d_hat)
         eta, eta_dot = _along(way, (now_s - observed_s) / np.maximum(step_s, SHORTEST_S))
         eta_ahead, eta_dot_ahead, _ = way[-1]
         disturbance = observer.disturbance - self._unmodelled(J, nu, c)
@@ -347,6 +354,7 @@ class Estimator:
         place = observer.x[:, 0]
         observer.x = turned(shift, observer.x.T).T
         observer.x[:, 0] = shifted(shift, place)
+        self._drawn_back.mean = turned(shift, self._drawn_back.mean)
         self._eta = shifted(shift, self._eta)
         self._commands.turn(shift)
         self._new = [one for one in self._new if one.dof == Z]

@@ -94,13 +94,16 @@ class Observer:
         """Return d, (…, 4)."""
         return self.x[..., 3].copy()
 
-    def predict(self, u: Array, m: Array, c: Array, dt_s: Array | float) -> list[tuple[Array, Array, Array]]:
+    def predict(
+        self, u: Array, m: Array, c: Array, dt_s: Array | float, d: Array | None = None
+    ) -> list[tuple[Array, Array, Array]]:
         """Return q, v and f, (…, 4) each, at the start and after each of `u` (steps, …, 4).
 
         A step of `dt_s`, one or (…, 4), is exact in the thrust lag, implicit in the drag, trapezoidal in
-        position.
+        position. `d` takes the place of the estimated disturbance.
         """
-        q, v, f, d = self.x[..., 0], self.x[..., 1], self.x[..., 2], self.x[..., 3]
+        q, v, f = self.x[..., 0], self.x[..., 1], self.x[..., 2]
+        d = self.x[..., 3] if d is None else d
         keep = np.exp(dt_s / -self._lag_s)
         half_s = 0.5 * dt_s
         push = half_s / (m + dt_s * c)

@@ -59,7 +59,7 @@ def _no_hidden() -> AbstractContextManager[object]:
 
 
 def _no_damping() -> AbstractContextManager[object]:
-    return patch("lab.batch_engine.OSCILLATION_SHARE", math.inf)
+    return patch("companion.control.oscillation.SHARE", math.inf)
 
 
 PARTS = (

@@ -11,14 +11,14 @@ from typing import cast
 
 import numpy as np
 
-from companion.assembly import OSCILLATION_SHARE, levelling, thrusters
+from companion.assembly import levelling, thrusters
 from companion.config import Config
 from companion.control.bounds import wrap
 from companion.control.compensator import INPUTS, Compensator
 from companion.control.controller import Controller, Gains
 from companion.control.integrator import Integration, Integrator
 from companion.control.network import Learning, Network
-from companion.control.oscillation import Oscillation
+from companion.control.oscillation import DrawnBack, Oscillation
 from companion.control.pace import Pace
 from companion.control.positioning import Model, jacobian, to_body, to_inertial
 from companion.control.reference import Limits, ReferenceModel
@@ -69,6 +69,7 @@ class Engines:
         self._reach = np.full(self.axes, self._max_axis)
         self._reach[4:] = common.levelling.max_axis
         self._command = np.zeros((dives, self.axes))
+        self._drawn_back = DrawnBack(np.zeros((dives, 4)))
         self.pushed = np.zeros((dives, 4))
         """The body wrench that the last command really gives at the nominal curve, N and N·m."""
 
@@ -178,7 +179,9 @@ class Engines:
         innovation[:, [Z, PSI]] = missed
         observer.correct(innovation)
 
-        way = observer.predict(u[1:], m, c, self._tick_s)
+        scale = self._controller.gain_scale
+        d_hat = self._drawn_back.step(observer.disturbance, scale, self._tick_s)
+        way = observer.predict(u[1:], m, c, self._tick_s, d_hat)
         q, v = (np.stack([moment[i] for moment in way]) for i in (0, 1))
         place = (self._late_s + self._ahead_s) / self._tick_s
         last = np.minimum(place.astype(int), self._steps - 1)
@@ -289,7 +292,7 @@ def _controller(configs: Sequence[Config], model: Model) -> Controller:
     limits = Limits(_each(configs, "max_rate"), _each(configs, "max_acceleration"))
     reference = ReferenceModel(limits, angular=np.array([False, False, False, True]))
     serving = [(chosen[name], learners[name]) for name in learners if chosen[name][:, [Z, PSI]].any()]
-    swing = Oscillation(OSCILLATION_SHARE * _each(configs, "max_force"))
+    swing = Oscillation(_each(configs, "max_force"))
     return Controller(model, gains, reference, serving, swing)
 
 

@@ -11,7 +11,7 @@ from companion.control.bounds import bounded
 from companion.control.compensator import Compensator, inputs
 from companion.control.frame import turned
 from companion.control.law import rov_law
-from companion.control.oscillation import Oscillation, slowed
+from companion.control.oscillation import DrawnBack, Oscillation
 from companion.control.positioning import Model, pose_error, to_body
 from companion.control.reference import ReferenceModel
 from companion.types import PSI, Array, DofSample, Flags, FrameShift, Setpoint, VehicleState
@@ -71,8 +71,7 @@ class Controller:
         self._oscillation = oscillation
         self._engaged_s = 0.0
         self._carried = np.zeros(4)
-        self._slowed = np.zeros(4)
-        """The estimated disturbance as it becomes thrust: slowed while the loop oscillates."""
+        self._drawn_back = DrawnBack(np.zeros(4))
         self._heirs = np.zeros(4, bool)
         self._predecessor: Self | None = None
         self._d_hat = np.zeros(4)
@@ -87,13 +86,18 @@ class Controller:
         self.reference.go_on(predecessor.reference)
         self._engaged_s = predecessor._engaged_s
         self._oscillation = predecessor._oscillation
-        self._slowed = predecessor._slowed
+        self._drawn_back = predecessor._drawn_back
         self._predecessor = predecessor
         for serves, compensator in self._compensators:
             for served, old in predecessor._compensators:
                 if type(old) is type(compensator):
                     compensator.inherit(old, serves & served)
                     self._heirs = self._heirs | (serves & served)
+
+    @property
+    def gain_scale(self) -> Array:
+        """What is left of the gains, (…, 4): less than 1 while the loop oscillates."""
+        return self._oscillation.gain_scale
 
     def rest(self, state: VehicleState) -> None:
         """Stay where the vehicle is, with nothing learnt: engaging from here is no step."""
@@ -103,7 +107,7 @@ class Controller:
         self._oscillation.reset()
         self._engaged_s = 0.0
         self._carried = np.zeros_like(self.reference.x_d)
-        self._slowed = np.zeros_like(self.reference.x_d)
+        self._drawn_back.mean = self._observed(state)
         self._predecessor = None
         self._turned_d_hat = None
 
@@ -116,7 +120,7 @@ class Controller:
         self.reference.shift(shift, vehicle)
         if shift.turn_rad:
             self._turned_d_hat = turned(shift, self._d_hat)
-            self._slowed = turned(shift, self._slowed)
+            self._drawn_back.mean = turned(shift, self._drawn_back.mean)
         if self._predecessor is not None:
             self._predecessor.shift(shift, vehicle)
 
@@ -138,7 +142,7 @@ class Controller:
         )
         self._engaged_s += dt_s
 
-        scale = self._oscillation.gain_scale
+        scale = self.gain_scale
         e = pose_error(state.eta_ahead, reference.x_d)
         e_dot = state.eta_dot_ahead - reference.x_d_dot
         nu = to_body(J, state.eta_dot_ahead - (1.0 - scale) * e_dot)
@@ -147,7 +151,7 @@ class Controller:
         theta = inputs(e, e_dot, state.eta_dot_ahead, reference.x_d_dot, reference.x_d_ddot)
         frozen = self.frozen or self.authority < 1.0
         may_learn = engaged & free & (not frozen) & (self._engaged_s >= gains.start_delay_s)
-        d_hat = bounded(state.disturbance, gains.d_max) * gains.by_observer
+        d_hat = self._observed(state)
         adapting, weight_norm = np.zeros(e.shape, bool), np.zeros(e.shape)
         before: DofSample | None = None
         if self._predecessor is not None:
@@ -160,7 +164,7 @@ class Controller:
             adapting = adapting | compensator.learning_now
             weight_norm = weight_norm + serves * compensator.weight_norm
 
-        self._slowed = d_hat = slowed(self._slowed, d_hat, scale, dt_s)
+        d_hat = self._drawn_back.step(d_hat, scale, dt_s)
         carried = self._carried * math.exp(-dt_s / BLEND_S)
         if self._turned_d_hat is not None:
             carried[..., :PSI] = (self._turned_d_hat - d_hat)[..., :PSI]
@@ -202,3 +206,7 @@ class Controller:
             adapting=adapting,
             engaged=engaged,
         )
+
+    def _observed(self, state: VehicleState) -> Array:
+        """Return the observer's d̂ where it is fed back."""
+        return bounded(state.disturbance, self._gains.d_max) * self._gains.by_observer

@@ -10,7 +10,7 @@
 | φ, θ    | roll, pitch where the command acts                   | rad        |
 | p, q    | their body rates                                     | rad/s      |
 | I       | inertia with the added mass                          | kg m²      |
-| ω       | frequency, as high as the delay bears                | rad/s      |
+| ω       | frequency, as high as the delay and the guard bear   | rad/s      |
 | τ, τ_f  | the thrusters' lag, and what of it is left           | s          |
 | z       | how far below the centre of gravity X and Y push     | m          |
 | X, Y    | forces of the horizontal thrusters, forward, right   | N          |
@@ -26,6 +26,7 @@ import math
 import numpy as np
 
 from companion.control.bounds import bounded
+from companion.control.oscillation import Oscillation
 from companion.types import Array
 
 FILTER_S = 0.05
@@ -47,12 +48,14 @@ class Levelling:
         self._lever_m = lever_m
         self._max_moment = np.full(2, max_moment_nm)
         self._lead = max(lag_s / FILTER_S - 1.0, 0.0)
+        self._oscillation = Oscillation(self._max_moment)
         self.reset()
 
     def reset(self) -> None:
         """Begin anew: no integral, and no rate of change known."""
         self._integral: Array = np.zeros(2)
         self._slow: Array | None = None
+        self._oscillation.reset()
 
     def step(
         self,
@@ -66,16 +69,21 @@ class Levelling:
     ) -> Array:
         """Return K, M (…, 2) for roll and pitch (…, 2) beside X, Y (…, 2), `delay_s` from sensor to motor.
 
-        `learn` allows the integral to move; it stands where the moment is at its bound.
+        `learn` allows the integral to move; it stands where the moment is at its bound. A roll or pitch that
+        oscillates by itself lowers ω.
         """
         omega = np.minimum(self._frequency_radps, DELAY_BEARS / np.maximum(delay_s, 1e-3))
+        omega = omega * self._oscillation.gain_scale
         ahead = angles + delay_s * rates
         a = omega * omega * ahead + 2.0 * omega * rates
         slow = a if self._slow is None else self._slow
         self._slow = slow + (a - slow) * (1.0 - math.exp(-dt_s / FILTER_S))
         trim = INTEGRAL * omega**3 * dt_s * ahead if learn else np.zeros(2)
         force = np.stack((level_force[..., 1], level_force[..., 0]), axis=-1)
-        wanted = self._lever_m * force * _SIGNS - self._inertia * (a + self._lead * (a - self._slow))
+        feedback = -self._inertia * (a + self._lead * (a - self._slow))
+        if learn:
+            self._oscillation.step(feedback, dt_s)
+        wanted = self._lever_m * force * _SIGNS + feedback
         moments = wanted - self._inertia * (self._integral + trim)
         self._integral = np.where(np.abs(moments) <= self._max_moment, self._integral + trim, self._integral)
         return bounded(moments, self._max_moment)

@@ -62,6 +62,11 @@ class RivalController(Controller):
         self._swings = shipped._oscillation
         self._law = law
 
+    @property
+    def gain_scale(self) -> Array:
+        """What is left of the gains, the rival's in heave."""
+        return self._swings.gain_scale
+
     def rest(self, state: VehicleState) -> None:
         """Stay where the vehicle is, with nothing learnt."""
         super().rest(state)
@@ -75,7 +80,7 @@ class RivalController(Controller):
         ours = super().step(state, J, target, engaged, free, dt_s)
         m = inertial_diagonal(J, self._model.m)[..., Z]
         share = np.minimum(1.0, self._gains.delay_s / np.maximum(state.delays.total_s, 1e-3))
-        share = share * self._swings.gain_scale
+        share = share * self.gain_scale
         motion = Motion(
             e=ours.e[..., Z],
             e_dot=ours.e_dot[..., Z],
