@@ -1,10 +1,10 @@
 """Notices that the loop oscillates by itself, and says how far to draw back what an estimate may ask.
 
 A loop that is later, or a vehicle that answers more strongly, than the gains bear oscillates faster than any
-sea or path, and does not die away. So what of the demand is faster than HIGH_PASS_S is cut into half-swings:
-HALF_SWINGS of them in a row, each larger than the limit and hardly smaller than the one before, are a limit
-cycle. Engaging, a load or a setpoint make no such row. Each one more shrinks the gains, by as much as it
-lasts; they come back slowly, so that they do not hunt.
+sea or path, and does not die away. So demand that is faster than HIGH_PASS_S, and by its RMS above a share of
+the largest force for longer than any transient, is a limit cycle: engaging, a load or a setpoint ring for a
+second at most. The gains then shrink until it is gone. They come back slowly, and less far than where the
+cycle began, so that they do not hunt.
 """
 
 import math
@@ -15,18 +15,13 @@ from companion.control.bounds import bounded
 from companion.types import Array
 
 SHARE = 0.12
-"""Of an axis' largest force: the RMS of fast demand above which it may be a limit cycle."""
+"""Of an axis' largest force: an RMS of fast demand above it is a limit cycle, if it lasts."""
 
 HIGH_PASS_S = 0.15
-HALF_SWINGS = 3
-LONGEST_S = 1.5
-"""A half-swing that lasts longer is the sea's, or a setpoint's."""
-
-KEPT = 0.7
-"""A half-swing is no smaller than this beside the one before: else it is a transient that dies away."""
-
-SHRINK_S = 0.4
-RECOVER_S = 30.0
+MEMORY_S = 0.2
+TRANSIENT_S = 1.1
+SHRINK_S = 0.3
+RECOVER_S = 10.0
 LEAST = 0.1
 RELAPSE_SHARE = 0.7
 """Of the scale at which a limit cycle began: so far the gains come back within RECOVER_S."""
@@ -43,16 +38,16 @@ class Oscillation:
     def __init__(self, max_force: Array) -> None:
         """Take the largest force that is asked of each axis, N or N·m, (4,): more than that moves nothing."""
         self._max_force = max_force
-        self._amplitude = math.sqrt(2.0) * SHARE * max_force
+        self._limit = SHARE * max_force
         self.reset()
 
     def reset(self) -> None:
         """Begin anew, with full gains."""
-        none = np.zeros_like(self._amplitude)
-        self.gain_scale: Array = np.ones_like(none)
-        self._ceiling: Array = np.ones_like(none)
+        self.gain_scale: Array = np.ones_like(self._limit)
+        self._ceiling: Array = np.ones_like(self._limit)
         self._slow: Array | None = None
-        self._peak, self._peak_before, self._count, self._lasts_s = none, none, none, none
+        self._power: Array = np.zeros_like(self._limit)
+        self._lasts_s: Array = np.zeros_like(self._limit)
 
     def step(self, tau: Array, dt_s: float) -> None:
         """Take one tick's demand."""
@@ -60,32 +55,16 @@ class Oscillation:
         slow = tau if self._slow is None else self._slow
         self._slow = slow + (tau - slow) * (1.0 - math.exp(-dt_s / HIGH_PASS_S))
         fast = tau - self._slow
-        counted = self._count
-        swung_s = self._half_swing_s(fast, dt_s)
-        begins = (swung_s > 0.0) & (counted < HALF_SWINGS)
-        ceiling = np.where(begins, RELAPSE_SHARE * self.gain_scale, self._ceiling + dt_s / FORGET_S)
+        self._power = self._power + (fast * fast - self._power) * (1.0 - math.exp(-dt_s / MEMORY_S))
+        above = self._power > self._limit * self._limit
+        lasted_s, self._lasts_s = self._lasts_s, np.where(above, self._lasts_s + dt_s, 0.0)
+        cycles = self._lasts_s > TRANSIENT_S
+        begins = cycles & (lasted_s <= TRANSIENT_S)
+        scale, ceiling = self.gain_scale, self._ceiling
+        ceiling = np.where(begins, RELAPSE_SHARE * scale, ceiling + dt_s / FORGET_S)
+        scale = np.where(cycles, scale * math.exp(-dt_s / SHRINK_S), scale + dt_s / RECOVER_S)
         self._ceiling = np.minimum(np.maximum(ceiling, LEAST), 1.0)
-        scale = self.gain_scale * np.exp(-swung_s / SHRINK_S) + dt_s / RECOVER_S
         self.gain_scale = np.minimum(np.maximum(scale, LEAST), self._ceiling)
-
-    def _half_swing_s(self, fast: Array, dt_s: float) -> Array:
-        """Return how long the half-swing lasted that ends now, s, where it is one of a limit cycle; else 0.
-
-        `_peak` is the largest of the present half-swing, with its sign. It ends where as much again lies
-        on the other side.
-        """
-        ends = (fast * self._peak < 0.0) & (np.abs(fast) > 0.5 * self._amplitude)
-        size, lasts_s = np.abs(self._peak), self._lasts_s + dt_s
-        stays = (size > KEPT * self._peak_before) | (self._count >= HALF_SWINGS)
-        goes_on = (size > self._amplitude) & stays & (lasts_s < LONGEST_S)
-        count = np.where(ends, (self._count + 1.0) * goes_on, self._count)
-        swung_s = np.where(ends & (count >= HALF_SWINGS), lasts_s, 0.0)
-        self._peak_before = np.where(ends, size, self._peak_before)
-        larger = ends | (np.abs(fast) > size)
-        self._peak = np.where(larger, fast, self._peak)
-        self._lasts_s = np.where(ends, 0.0, lasts_s)
-        self._count = count
-        return swung_s
 
 
 class DrawnBack:
