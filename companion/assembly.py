@@ -67,35 +67,52 @@ def gains(config: Config) -> Gains:
     )
 
 
+DYNAMIC = ("lambda_per_s", "kappa_per_s", "learning_rate")
+
+
 def refuse_fast_gains(config: Config, delay_s: float | None = None, old: Config | None = None) -> None:
-    """Raise ConfigError for an axis whose λ and κ a loop that is `delay_s` late cannot be trusted with.
+    """Raise ConfigError for an axis whose gains a loop that is `delay_s` late cannot be trusted with.
 
-    The law's q'' = −(λ + κ) q' − λκ q behind a lag T is T s³ + s² + (λ + κ) s + λκ = 0: stable if and only if
-    1/λ + 1/κ > T (Routh-Hurwitz). T is all that is late, the delay and what `thrusters.lead_s` leaves of the
-    thrusters' lag, as if nothing were predicted. λ and κ are those drawn back for that delay. The gains that
-    keep a gain margin of 2 at a known delay (shared/paper.md) have 1.9 to 3.8 times that.
+    Routh-Hurwitz, with a lag T for all that is late: the delay and what `thrusters.lead_s` leaves of the
+    thrusters' lag, as if nothing were predicted.
 
-    Without `delay_s` it is the one believed until it has been measured. Gains that are no faster than those
-    of `old`, which are in force, always pass.
+        the law        T s³ + s² + (λ + κ) s + λκ = 0   is stable if and only if   1/λ + 1/κ > T
+        what learns    T s³ + s² + κ s + K/m = 0        (ε, integrated by K)       m κ/K > T
+
+    K is the learning rate, n/4 times as large for a network of n units (its outputs are ½ at rest). All are
+    drawn back for that delay. The λ and κ that keep a gain margin of 2 at a known delay (shared/paper.md)
+    have 1.9 to 3.8 times that T.
+
+    Without `delay_s` it is the one believed until it has been measured. What is no faster than in `old`,
+    which is in force, always passes.
     """
     if delay_s is None:
         delay_s = config.delays.telemetry_s + config.delays.command_s
     late_s = delay_s + max(config.thrusters.lag_s - config.thrusters.lead_s, 0.0)
-    slow_s = _slowness_s(config, delay_s)
-    least_s = np.full(4, late_s) if old is None else np.minimum(late_s, _slowness_s(old, delay_s))
-    for name, axis, found_s, wanted_s in zip(AXES, config.axes, slow_s, least_s, strict=True):
-        if found_s < wanted_s:
-            raise ConfigError(
-                f"{name}.lambda_per_s = {axis.lambda_per_s:g}, {name}.kappa_per_s = {axis.kappa_per_s:g}: "
-                f"1/lambda + 1/kappa is {found_s:.3f} s and must be over {late_s:.3f} s, which the loop is "
-                f"late: {delay_s:.3f} s of delay, the rest the thrusters' lag; lower one of them"
-            )
+    now = _times_s(config, delay_s)
+    before = now if old is None else _times_s(old, delay_s)
+    for what, found_s in now.items():
+        least_s = np.full(4, late_s) if old is None else np.minimum(late_s, before[what])
+        for name, axis, one_s, wanted_s in zip(AXES, config.axes, found_s, least_s, strict=True):
+            if one_s < wanted_s:
+                values = ", ".join(f"{name}.{key} = {getattr(axis, key):g}" for key in DYNAMIC)
+                raise ConfigError(
+                    f"{values}: {what} is {one_s:.3f} s and must be over {late_s:.3f} s, which the loop is "
+                    f"late: {delay_s:.3f} s of delay, the rest the thrusters' lag"
+                )
 
 
-def _slowness_s(config: Config, delay_s: float) -> Array:
-    """Return 1/λ + 1/κ (4,), drawn back for `delay_s`."""
-    lam, kappa, _ = gains(config).softened(delay_s)
-    return 1.0 / lam + 1.0 / kappa
+def _times_s(config: Config, delay_s: float) -> dict[str, Array]:
+    """Return for each axis (4,) the times that have to exceed what is late, by what they are."""
+    lam, kappa, learning = gains(config).softened(delay_s)
+    strength = {"network": 0.25 * config.network.units, "regressor": 1.0, "integrator": 1.0}
+    learners = np.array(
+        [sum(strength.get(name, 0.0) for name in a.compensator.split("+")) for a in config.axes]
+    )
+    K = learners * each(config, "learning_rate") * learning
+    settles_s = np.full(4, np.inf)
+    np.divide(each(config, "mass") * kappa, K, out=settles_s, where=K > 0.0)
+    return {"1/lambda + 1/kappa": 1.0 / lam + 1.0 / kappa, "mass kappa / learning rate": settles_s}
 
 
 def controller(config: Config, nominal: Model) -> Controller:

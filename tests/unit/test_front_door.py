@@ -86,5 +86,13 @@ def test_an_absurd_value_is_refused_in_one_line_before_anything_starts(capsys, a
 def test_gains_that_the_believed_delay_does_not_bear_are_refused_in_one_line(capsys, command):
     assert holdfast.main([command, "--set", "yaw.lambda_per_s=25", "--set", "yaw.kappa_per_s=25"]) == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert "yaw.lambda_per_s = 25, yaw.kappa_per_s = 25: 1/lambda + 1/kappa is 0.080 s" in line
-    assert "over 0.160 s" in line
+    assert "yaw.lambda_per_s = 25, yaw.kappa_per_s = 25, " in line
+    assert "1/lambda + 1/kappa is 0.080 s and must be over 0.160 s" in line
+
+
+def test_learning_that_outruns_the_law_is_refused_in_one_line(capsys):
+    """Yaw with the units of heave: at 1000 it turned by 134 degrees before it was handed over."""
+    learns = ("--set", "yaw.learning_rate=1000", "--set", "yaw.compensator=network+observer")
+    assert holdfast.main(["run", *learns]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "yaw.learning_rate = 1000: mass kappa / learning rate is 0.001 s" in line
