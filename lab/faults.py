@@ -30,9 +30,10 @@ from companion.config import load_config
 from companion.engine import Engine
 from companion.supervisor import CARRY_AUTHORITY, UNFIT
 from companion.types import Condition, ControlSample, LoopHealth, Request, Setpoint, State
+from lab.firmware import FAULTS as CAN_INJECT
 from lab.firmware import Firmware
 from lab.lockstep import START_S, Link, Lockstep
-from sim_bridge.config import Fault
+from sim_bridge.config import Fault, FaultKind
 from sim_bridge.config import load_config as load_plant
 from sim_bridge.vehicle import Vehicle
 
@@ -282,12 +283,15 @@ class Diving:
 # --- What breaks --------------------------------------------------------------------------------------------
 
 
-def _in_simulator(kind: str) -> Callable[["Diving", Broken, np.random.Generator], None]:
-    def begin(dive: Diving, broken: Broken, rng: np.random.Generator) -> None:
-        del rng
-        dive.fault(kind, broken.value, broken.message)
+@dataclass(frozen=True)
+class InSimulator:
+    """A fault of the vehicle's script."""
 
-    return begin
+    kind: FaultKind
+
+    def __call__(self, dive: Diving, broken: Broken, rng: np.random.Generator) -> None:
+        """Begin it."""
+        dive.fault(self.kind, broken.value, broken.message)
 
 
 def _spoilt(change: Callable[[bytes, np.random.Generator], Sequence[bytes]], most: float = 1.0) -> "Begin":
@@ -403,42 +407,46 @@ FAULTS: dict[str, Kind] = {
     "all lost": Kind(_spoilt(lambda data, rng: ()), _after(DEPTH_STALE_S), (1.0, 1.0)),
     "doubled": Kind(_spoilt(lambda data, rng: (data, data)), _never),
     "reordered": Kind(_shuffled, _never),
-    "delayed": Kind(_in_simulator("link_delayed"), _never, (0.0, 0.4)),
+    "delayed": Kind(InSimulator("link_delayed"), _never, (0.0, 0.4)),
     "cut short": Kind(_spoilt(lambda data, rng: (data[: rng.integers(1, len(data) + 1)],)), _never),
     "bits flipped": Kind(_spoilt(_flipped), _never),
     "every one flipped": Kind(_spoilt(_flipped), _after(DEPTH_STALE_S), (1.0, 1.0)),
     "junk between": Kind(_junk, _never),
     "strangers and wrong components": Kind(_stranger, _never),
-    "link cut both ways": Kind(_in_simulator("link_cut"), _after(DEPTH_STALE_S)),
-    "frozen but sent": Kind(_in_simulator("message_frozen"), _stale, on_stream=True),
-    "stopped": Kind(_in_simulator("message_stopped"), _stale, on_stream=True),
-    "NaN": Kind(_in_simulator("message_nan"), _never, on_stream=True),
-    "infinite": Kind(_in_simulator("message_extreme"), _never, (np.inf, np.inf), on_stream=True),
+    "link cut both ways": Kind(InSimulator("link_cut"), _after(DEPTH_STALE_S)),
+    "frozen but sent": Kind(InSimulator("message_frozen"), _stale, on_stream=True),
+    "stopped": Kind(InSimulator("message_stopped"), _stale, on_stream=True),
+    "NaN": Kind(InSimulator("message_nan"), _never, on_stream=True),
+    "infinite": Kind(InSimulator("message_extreme"), _never, (np.inf, np.inf), on_stream=True),
     "integers and floats at their largest": Kind(
-        _in_simulator("message_extreme"), _never, (3e38, 3e38), on_stream=True
+        InSimulator("message_extreme"), _never, (3e38, 3e38), on_stream=True
     ),
-    "reboot": Kind(_in_simulator("reboot"), _after(HEARTBEAT_S)),
-    "disarmed": Kind(_in_simulator("disarm"), _after(HEARTBEAT_S)),
-    "mode changed": Kind(_in_simulator("mode"), _after(HEARTBEAT_S), (2.0, 2.0)),
+    "reboot": Kind(InSimulator("reboot"), _after(HEARTBEAT_S)),
+    "disarmed": Kind(InSimulator("disarm"), _after(HEARTBEAT_S)),
+    "mode changed": Kind(InSimulator("mode"), _after(HEARTBEAT_S), (2.0, 2.0)),
     "a stick moved": Kind(_pilots_stick, _after(LATE_S)),
     "failsafe switched off": Kind(_parameter("FS_PILOT_INPUT", 0.0), _after(RAMP_S + LATE_S)),
     "parameters changed": Kind(_parameter("JS_GAIN_DEFAULT"), _never),
     "throttle gain changed": Kind(_parameter("JS_THR_GAIN"), _never),
-    "leak": Kind(_in_simulator("leak"), _after(RAMP_S + 2.0 * LATE_S)),
-    "EKF lost": Kind(_in_simulator("ekf"), _after(RAMP_S + 0.6), (1.0, 3.0)),
-    "depth jumps": Kind(_in_simulator("depth_shifted"), _after(DEPTH_STALE_S), (1.0, 9.0)),
-    "yaw reset": Kind(_in_simulator("yaw_reset"), _never, (-180.0, 180.0)),
-    "position reset": Kind(_in_simulator("position_reset"), _never, (-9.0, 9.0)),
-    "battery flat": Kind(_in_simulator("voltage"), _never, (6.0, 12.0)),
+    "leak": Kind(InSimulator("leak"), _after(RAMP_S + 2.0 * LATE_S)),
+    "EKF lost": Kind(InSimulator("ekf"), _after(RAMP_S + 0.6), (1.0, 3.0)),
+    "depth jumps": Kind(InSimulator("depth_shifted"), _after(DEPTH_STALE_S), (1.0, 9.0)),
+    "yaw reset": Kind(InSimulator("yaw_reset"), _never, (-180.0, 180.0)),
+    "position reset": Kind(InSimulator("position_reset"), _never, (-9.0, 9.0)),
+    "battery flat": Kind(InSimulator("voltage"), _never, (6.0, 12.0)),
     "thruster dead": Kind(_thruster, _never),
     "companion stalls": Kind(_stall, lambda broken: 0.35 + 2.0 * broken.value + RAMP_S + LATE_S),
 }
 
 
 ON_FIRMWARE = tuple(
-    kind for kind in FAULTS if not FAULTS[kind].on_stream and kind not in ("leak", "EKF lost", "depth jumps")
+    name
+    for name, kind in FAULTS.items()
+    if not (isinstance(kind.begin, InSimulator) and kind.begin.kind not in CAN_INJECT)
+    and name != "depth jumps"
 )
-"""Left out: what falsifies single messages, a leak (no pin), and what the EKF would have to take part in."""
+"""Left out: what would change the firmware's own messages, a leak (no pin), losses and resets of its EKF, and
+a jump of its pressure, which its EKF may well reject."""
 STATES_ON_FIRMWARE = tuple(state for state in STATES if state is not State.HAND_OVER)
 """Left out: HAND_OVER, which the dives begin with a leak."""
 

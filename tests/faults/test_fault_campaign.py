@@ -5,8 +5,9 @@ from rich.console import Console
 
 from companion.types import Condition, State, Verdict
 from lab import faults
-from lab.faults import FAULTS, ON_FIRMWARE, VARIANTS, Broken, Case, Diving, case, dive_group
+from lab.faults import FAULTS, ON_FIRMWARE, VARIANTS, Broken, Case, Diving, InSimulator, case, dive_group
 from lab.faults_report import dived
+from lab.firmware import FAULTS as CAN_INJECT
 
 DIVES = 204
 
@@ -29,6 +30,8 @@ def test_with_the_real_firmware_only_what_can_be_done_to_it_is_drawn():
     assert {fault.kind for one in cases for fault in one.faults} == set(ON_FIRMWARE)
     assert {one.state for one in cases} == set(State) - {State.HAND_OVER}
     assert not any(fault.message for one in cases for fault in one.faults)
+    asked = [FAULTS[kind].begin for kind in ON_FIRMWARE]
+    assert {begin.kind for begin in asked if isinstance(begin, InSimulator)} <= set(CAN_INJECT)
 
 
 @pytest.fixture(scope="module")
