@@ -112,14 +112,16 @@ def test_a_limit_cycle_of_a_vehicle_unlike_the_model_dies_within_three_seconds(g
 
 
 def test_a_delay_that_grows_by_80_ms_at_once_makes_no_lasting_limit_cycle():
-    steps = dived(seconds=20.0, link=Link(change_s=(12.0, 0.04)))
+    """Of a vehicle twice as strong: without the guard it lasts 12 s."""
+    steps = dived("thrusters.gain=[2.0]", seconds=20.0, link=Link(change_s=(12.0, 0.04)))
     assert {step.sample.verdict.state for step in steps} == {State.ACTIVE}
     assert (cycles_s(steps) < DIES_WITHIN_S).all()
 
 
 def test_a_compensator_that_learns_too_fast_makes_no_lasting_limit_cycle():
-    eager = ('heave.compensator="network"', "heave.learning_rate=500.0")
-    steps = dived(seconds=20.0, companion=eager)
+    """Behind 150 ms that draw no gains back: without the guard it lasts for good."""
+    eager = ('heave.compensator="network"', "heave.learning_rate=1000.0", "delays.gains_bear_s=0.5")
+    steps = dived(seconds=20.0, link=Link(up_s=0.075, down_s=0.075), companion=eager)
     assert {step.sample.verdict.state for step in steps} == {State.ACTIVE}
     assert (cycles_s(steps) < DIES_WITHIN_S).all()
 
