@@ -172,14 +172,12 @@ def test_somebody_elses_frames_do_not_keep_our_link_alive():
     assert dive.step.sample.state.ages.link_s > 2.0
 
 
-def test_a_vehicle_that_turns_over_is_let_go():
-    """MANUAL, horizontal thrust below the centre of gravity, 0.35 m/s of current to stem: it tumbles."""
+def test_a_vehicle_that_used_to_turn_over_stays_level_and_is_held():
+    """MANUAL, horizontal thrust below the centre of gravity, 0.6 m/s of current to stem: it tumbled."""
     dive = Dive("sensors.dvl=true", "current.speed_m_s=0.6", "current.enabled=true", setpoint=hold(z=2.0))
     dive.until(State.ACTIVE)
-    for _ in range(60):
-        dive.run(0.5)
-        if dive.state is not State.ACTIVE:
-            break
-    assert dive.state is not State.ACTIVE
-    dive.run(1.0)
-    assert dive.motors_rest()
+    steps = dive.run(30.0)
+    assert {step.sample.verdict.state for step in steps} == {State.ACTIVE}
+    tilt_rad = [max(abs(step.truth.eta[3]), abs(step.truth.eta[4])) for step in steps]
+    assert max(tilt_rad) < 0.3
+    assert abs(steps[-1].truth.eta[2] - 2.0) < 0.05
