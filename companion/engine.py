@@ -175,6 +175,7 @@ class Engine:
         reach = self._ours(self._autopilot.reach(state.pilot_gain)) * self._envelope.max_axis
         asked = verdict.authority * self._levelled(pushed, state, control_dt_s)
         wanted = self._thrusters.allocate(asked, state.voltage_v, reach)
+        wanted.axes[PSI] *= self._engaged[PSI]  # unequal curves ask for a little, of a heading not ours
         command = guard(
             AxisCommand(*wanted.axes.tolist()), verdict, self._command, self._envelope, self._tick_s
         )

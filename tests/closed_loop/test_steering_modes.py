@@ -16,9 +16,9 @@ def rms(x):
     return float(np.sqrt(np.mean(np.square(x))))
 
 
-def in_mode(mode, **arguments):
+def in_mode(mode, depth_m=0.0, **arguments):
     """A dive whose pilot had the vehicle in `mode` when engaging was asked for."""
-    dive = Dive(engage=False, **arguments)
+    dive = Dive(f"initial.eta=[0,0,{depth_m},0,0,0]", engage=False, **arguments)
     dive.fault("mode", value=mode)
     dive.run(2.5)
     dive.ask(Request.ENGAGE)
@@ -90,7 +90,8 @@ def test_a_pilot_who_changed_the_mode_keeps_it():
 
 
 def test_after_release_a_mode_that_the_pilot_chose_is_left_alone():
-    dive = in_mode(ALT_HOLD)
+    """Deep enough that the way up outlasts our asking for the former mode."""
+    dive = in_mode(ALT_HOLD, setpoint=hold(z=math.nan), depth_m=8.0)
     dive.run(1.0)
     dive.ask(Request.STOP)
     dive.run(0.3)

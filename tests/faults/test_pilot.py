@@ -343,10 +343,16 @@ def test_buttons_reach_the_vehicle_even_pressed_between_two_ticks_and_count_once
     assert dive.state is State.ACTIVE
 
 
-def test_pitch_roll_and_further_fields_pass():
+def test_pitch_and_roll_are_levelled_while_it_holds_and_the_pilots_once_he_has_everything():
     dive = holding()
     dive.cockpit.push(s=40, t=-30, enabled_extensions=3)
     dive.run(0.2)
+    assert abs(channels(dive)[PITCH] - 1500) < 20
+    assert abs(channels(dive)[ROLL] - 1500) < 20
+    dive.cockpit.push(s=40, t=-30, enabled_extensions=3, surge=1.0, yaw=1.0, heave=1.0)
+    dive.until(State.PILOT)
+    dive.cockpit.push(s=40, t=-30, enabled_extensions=3)
+    dive.run(1.0)
     assert (channels(dive)[PITCH], channels(dive)[ROLL]) == (1540, 1470)
 
 
