@@ -186,7 +186,7 @@ class Controller:
         self._d_hat = d_hat + self._carried
         tau = (law.tau + self._carried) * engaged
         if self.authority >= 1.0:
-            self._oscillation.step(tau, dt_s)
+            self._oscillation.step(tau, dt_s, state.delays.total_s)
         return DofSample(
             x_d=reference.x_d,
             x_d_dot=reference.x_d_dot,

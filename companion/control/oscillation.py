@@ -4,7 +4,7 @@ A loop that is later, or a vehicle that answers more strongly, than the gains be
 sea or path, and does not die away. So demand that is faster than HIGH_PASS_S, and by its RMS above a share of
 the largest force for longer than any transient, is a limit cycle: engaging, a load or a setpoint ring for a
 second at most. The gains then shrink until it is gone. They come back slowly, and less far than where the
-cycle began, so that they do not hunt.
+cycle began, so that they do not hunt; but whole, where the cycle came of a delay that is known by then.
 """
 
 import math
@@ -29,6 +29,9 @@ RELAPSE_SHARE = 0.7
 FORGET_S = 600.0
 """Beyond that they come back as slowly as this, from nothing to all of them."""
 
+EXPLAINED_S = 0.02
+"""A delay believed so much longer than when the cycle began explains it: the gains allow for it now."""
+
 MEAN_S = 1.0
 
 
@@ -48,9 +51,11 @@ class Oscillation:
         self._slow: Array | None = None
         self._power: Array = np.zeros_like(self._limit)
         self._lasts_s: Array = np.zeros_like(self._limit)
+        self._delay_s: Array = np.full_like(self._limit, np.inf)
+        """What the loop's delay was believed to be when the last cycle began."""
 
-    def step(self, tau: Array, dt_s: float) -> None:
-        """Take one tick's demand."""
+    def step(self, tau: Array, dt_s: float, delay_s: Array | float = 0.0) -> None:
+        """Take one tick's demand, and the delay that the gains allow for."""
         tau = bounded(tau, self._max_force)
         slow = tau if self._slow is None else self._slow
         self._slow = slow + (tau - slow) * (1.0 - math.exp(-dt_s / HIGH_PASS_S))
@@ -61,7 +66,10 @@ class Oscillation:
         cycles = self._lasts_s > TRANSIENT_S
         begins = cycles & (lasted_s <= TRANSIENT_S)
         scale, ceiling = self.gain_scale, self._ceiling
+        explained = delay_s > self._delay_s + EXPLAINED_S
+        self._delay_s = np.where(begins, delay_s, np.where(explained, np.inf, self._delay_s))
         ceiling = np.where(begins, RELAPSE_SHARE * scale, ceiling + dt_s / FORGET_S)
+        ceiling = np.where(explained & ~begins, 1.0, ceiling)
         scale = np.where(cycles, scale * math.exp(-dt_s / SHRINK_S), scale + dt_s / RECOVER_S)
         self._ceiling = np.minimum(np.maximum(ceiling, LEAST), 1.0)
         self.gain_scale = np.minimum(np.maximum(scale, LEAST), self._ceiling)

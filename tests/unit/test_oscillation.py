@@ -9,11 +9,11 @@ DT_S = 0.02
 MAX_N = 100.0
 
 
-def watched(demand, seconds=20.0):
+def watched(demand, seconds=20.0, delay_s=lambda t_s: 0.02):
     swing = Oscillation(np.full(4, MAX_N))
     scale = []
     for i in range(round(seconds / DT_S)):
-        swing.step(np.array([0.0, 0.0, demand(i * DT_S), 0.0]), DT_S)
+        swing.step(np.array([0.0, 0.0, demand(i * DT_S), 0.0]), DT_S, delay_s(i * DT_S))
         scale.append(swing.gain_scale.copy())
     return np.array(scale)
 
@@ -91,3 +91,15 @@ def test_reset_gives_full_gains():
     assert swing.gain_scale.max() < 1.0
     swing.reset()
     assert (swing.gain_scale == 1.0).all()
+
+
+@pytest.mark.parametrize(("measured_s", "back"), [(0.10, 1.0), (0.03, RELAPSE_SHARE)])
+def test_a_cycle_that_a_delay_explains_leaves_no_mark_once_the_delay_is_known(measured_s, back):
+    """Unknown, 80 ms make it swing; known, the gains allow for them."""
+    scale = watched(
+        lambda t_s: 60.0 * np.sign(np.sin(2.0 * np.pi * 1.2 * t_s)) * (t_s < 2.5),
+        seconds=14.0,
+        delay_s=lambda t_s: 0.02 if t_s < 2.0 else measured_s,
+    )[:, 2]
+    assert scale.min() < 0.4
+    assert scale[-1] == pytest.approx(back, abs=0.05)
