@@ -44,8 +44,8 @@ ENDS_ACTIVE = (
     | C.OPERATOR_STOP
 )
 FORBIDS_ENGAGING = ENDS_ACTIVE | C.BATTERY_LOW | C.DEPTH_JUMPED | C.TILTED
-ONLY_WHILE_IT_LASTS = C.OFF_TRACK | C.AUTOPILOT_FAILSAFE
-"""What can come only of steering: nothing to forbid engaging for."""
+ONLY_WHILE_IT_LASTS = C.OFF_TRACK | C.AUTOPILOT_FAILSAFE | C.FAILSAFE_SURFACES | C.TILT_PERSISTS
+"""Need not forbid engaging: they come only of steering, or with WRONG_MODE or TILTED, which forbid it."""
 
 
 @settings(max_examples=200, deadline=None)
@@ -112,8 +112,10 @@ class Permission(RuleBasedStateMachine):
     @invariant()
     def it_hands_over_only_what_it_held_and_ends_with_the_pilot_a_fault_or_idle(self):
         was, now = self.was.state, self.verdict.state
+        surfaces = C.FAILSAFE_SURFACES in self.conditions
         if now is State.HAND_OVER:
-            assert was in (State.ACTIVE, State.HAND_OVER)
+            assert was in (State.ACTIVE, State.HAND_OVER) or (was is State.RAMP_DOWN and surfaces)
+            assert not surfaces or self.verdict.authority == 0.0
         if was is State.HAND_OVER:
             assert now in (State.HAND_OVER, State.PILOT, State.FAULT, State.IDLE)
         if was in (State.PILOT, State.FAULT):
