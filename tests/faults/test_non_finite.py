@@ -16,9 +16,10 @@ DEADLY = (
     {"position_noise": 0.0},
     {"rate_noise": float("nan")},
     {"disturbance_noise": 1e200},
-    {"mass": 0.0},
+    {"mass": 0.0, "learning_rate": 0.0},
 )
-"""Beyond the ranges, as a program of one's own could hand them over."""
+"""Beyond the ranges, as a program of one's own could hand them over. No mass bears no learning at any delay,
+which is refused before the Kalman gain is computed: that case learns nothing."""
 
 WITHIN = (
     "_estimator._observer.x",
