@@ -5,12 +5,12 @@ import math
 from typing import get_type_hints
 
 import numpy as np
-from hypothesis import HealthCheck, Phase, event, given, settings
+from hypothesis import HealthCheck, Phase, event, example, given, settings
 from hypothesis import strategies as st
-from virtual import Dive, hold
+from virtual import DEPTH_M, Dive, hold
 
 from companion import ranges
-from companion.config import Config, ConfigError
+from companion.config import Config, ConfigError, load_config
 from companion.operator import COMMANDS, Desk, Order
 from companion.types import Condition
 
@@ -71,14 +71,18 @@ def orders():
     suppress_health_check=list(HealthCheck),
 )
 @given(st.lists(settable(), max_size=8), st.lists(orders(), max_size=5), st.booleans())
+@example(["supervisor.max_depth_m=0.5"], [], False).via("no deeper than the default setpoint")
 def test_what_the_ranges_allow_stays_finite_and_inside_the_envelope(overrides, asked, positioned):
     """The dive itself holds every tick's command to its envelope; see virtual.Tap."""
+    plant = ("waves.enabled=true", f"sensors.dvl={str(positioned).lower()}")
     try:
-        dive = Dive("waves.enabled=true", f"sensors.dvl={str(positioned).lower()}", companion=overrides)
+        limits = load_config(overrides=overrides).supervisor
+        setpoint = hold(min(DEPTH_M, limits.max_depth_m))
+        dive = Dive(*plant, companion=overrides, setpoint=setpoint)
     except ConfigError as refused:
         event(str(refused).partition(":")[2][:20])
         return
-    desk = Desk(dive.engine.config, hold().eta_d)
+    desk = Desk(dive.engine.config, setpoint.eta_d)
     for i in range(LASTS_S):
         for step in dive.loop.run(1.0):
             sample = step.sample
