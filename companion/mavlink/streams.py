@@ -17,7 +17,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from companion.mavlink.ardusub import PRESSURES, DepthSource
 
 ASK_S: Final = 10.0
-WINDOW_S: Final = 1.0
+WINDOW_S: Final = 0.4
 WINDOW_MESSAGES: Final = 4.0
 SLOW_SHARE: Final = 0.7
 """A stream that comes at less than this share of its rate has slowed down."""

@@ -2,7 +2,7 @@
 
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
-from virtual import Dive, Somebody, active
+from virtual import HEADING_RAD, Dive, Somebody, active
 
 from companion.mavlink import autopilot
 from companion.types import State
@@ -38,6 +38,19 @@ def test_streams_that_another_station_turned_down_are_asked_for_again():
         rates.append(dive.engine._autopilot.measured_hz[ATTITUDE])
     assert min(rates) < 30.0, "else nothing slowed down"
     assert rates[-1] > 45.0
+    assert dive.state is State.ACTIVE
+
+
+def test_a_ground_station_that_keeps_turning_streams_down_does_not_turn_the_vehicle():
+    """MAVProxy sets all streams of its port to 4 Hz every 15 s; seen live, the heading swung with each."""
+    dive = active("waves.enabled=true", seconds=10.0)
+    slow = mavlink.MAVLink_request_data_stream_message(1, 1, 0, 4, 1)
+    steps = []
+    for _ in range(2):
+        dive.tap.to_vehicle.append(Somebody().frame(slow))
+        steps += dive.run(8.0)
+    assert np.degrees(np.abs([step.truth.eta[5] - HEADING_RAD for step in steps])).max() < 2.0
+    assert np.std([step.truth.eta[2] for step in steps]) < 0.010
     assert dive.state is State.ACTIVE
 
 

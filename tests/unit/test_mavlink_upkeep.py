@@ -143,8 +143,8 @@ def test_position_and_other_depth_sources_add_their_streams():
 
 def test_a_reboot_makes_everything_be_asked_anew(dive):
     dive.step(beat(0.0), Depth(0.0, 100.0, 1.0), Parameter(0.0, "FS_PILOT_INPUT", 2.0))
-    dive.now_s = 0.5
-    assert not [m for m in dive.step(Depth(0.5, 99.5, 1.0)) if m.get_type() == "COMMAND_LONG"]
+    dive.now_s = 0.3
+    assert not [m for m in dive.step(Depth(0.3, 99.7, 1.0)) if m.get_type() == "COMMAND_LONG"]
     assert dive.upkeep.parameters
     out = dive.step(Reboot(1.0))
     assert [m for m in out if m.get_type() == "COMMAND_LONG"]
