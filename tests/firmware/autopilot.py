@@ -10,7 +10,13 @@ from pathlib import Path
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-PARAMETERS = {"FRAME_CONFIG": 2, "BATT_MONITOR": 4, "SIM_BATT_VOLTAGE": 16, "LOG_BACKEND_TYPE": 0}
+PARAMETERS = {
+    "FRAME_CONFIG": 2,
+    "BATT_MONITOR": 4,
+    "SIM_BATT_VOLTAGE": 16,
+    "SIM_BARO_RND": 0.02,  # as ArduPilot's own parameter files for this vehicle have it
+    "LOG_BACKEND_TYPE": 0,
+}
 HOME = "33.8103,-118.3939,0,180"
 """Off a beach, at sea level: elsewhere the depth jumps by the height of the place when GPS comes."""
 
