@@ -34,8 +34,8 @@ examples:
   holdfast tell bluerov2 gains axis=heave kappa_per_s=8
   holdfast tell bluerov2 config
 
-A companion takes commands from the machine that it runs on, as it comes; through a router or from a network
-only with `holdfast run --allow-control`. Nothing here passes its supervisor by.
+As shipped, a companion takes commands from its own machine only. Commands through a router or a network
+need `holdfast run --allow-control`. Every command goes through its supervisor.
 Status: 0 done, 1 refused or no answer.
 """
 
