@@ -25,18 +25,18 @@ from typing import NoReturn
 import msgspec
 
 from companion.config import Config
-from companion.endpoint import Endpoint
 from companion.engine import Engine
-from companion.events import Chronicle
-from companion.links import Admission, Link
+from companion.io.command_queue import Desk, Handed
+from companion.io.endpoint import Endpoint
+from companion.io.links import Admission, Link
+from companion.io.zenoh_publisher import NameTakenError, Publisher
 from companion.mavlink.inbox import Inbox
 from companion.mavlink.relay import Relay
 from companion.mavlink.signing import Signing, read_key
-from companion.operator import Desk, Handed
-from companion.telemetry import Raw, Start
-from companion.timestamps import TimestampFile, timestamp_path
-from companion.types import PSI, ControlSample, LoopHealth, Request, Setpoint, Z
-from companion.zenoh_io import NameTakenError, Publisher
+from companion.mavlink.timestamps import TimestampFile, timestamp_path
+from companion.records import PSI, ControlSample, LoopHealth, Request, Setpoint, Z
+from companion.telemetry.event_log import Chronicle
+from companion.telemetry.schemas import Raw, Start
 
 FAREWELLS = 5
 STATUS_PERIOD_S = 5.0

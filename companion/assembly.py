@@ -3,6 +3,7 @@
 import numpy as np
 
 from companion.config import Config, ConfigError
+from companion.control.allocation import Thrusters
 from companion.control.compensator import INPUTS, Compensator
 from companion.control.controller import Controller, Gains
 from companion.control.integrator import Integration, Integrator
@@ -20,8 +21,7 @@ from companion.control.tilt import (
     UNLEVELLED_N,
     TiltLimit,
 )
-from companion.thrust import Thrusters
-from companion.types import Array
+from companion.records import Array
 
 
 def model(config: Config) -> Model:

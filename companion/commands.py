@@ -71,11 +71,11 @@ def run(argv: list[str]) -> int:
 
     import numpy as np
 
-    from companion import ranges
     from companion.app import main
     from companion.config import DEFAULT_FILE, ConfigError, load_config
-    from companion.logs import log_to
-    from companion.types import Request, Setpoint
+    from companion.io.logs import log_to
+    from companion.records import Request, Setpoint
+    from companion.telemetry import ranges
 
     depth_m = math.nan if arguments.depth is None else arguments.depth
     heading_rad = math.nan if arguments.heading is None else math.radians(arguments.heading)
@@ -134,7 +134,7 @@ def keys(argv: list[str]) -> int:
     )
     arguments = parser.parse_args(argv)
     try:
-        from companion.keys import make
+        from companion.io.certificates import make
 
         now = datetime.datetime.now(datetime.UTC)
         vehicle, laptop = make(
@@ -180,9 +180,9 @@ def check(argv: list[str]) -> int:
     arguments = parser.parse_args(argv)
 
     from companion.assembly import refuse_fast_gains
-    from companion.check_app import inspect
-    from companion.check_table import as_json, show, worst
     from companion.config import DEFAULT_FILE, ConfigError, load_config
+    from companion.predive.app import inspect
+    from companion.predive.table import as_json, show, worst
 
     try:
         config = load_config(arguments.config or DEFAULT_FILE, arguments.set)
@@ -220,7 +220,7 @@ def schema(argv: list[str]) -> int:
         "--write", action="store_true", help="renew docs/telemetry.md and docs/schemas/ in a checkout"
     )
     arguments = parser.parse_args(argv)
-    from companion.schema import page, write
+    from companion.telemetry.documents import page, write
 
     if not arguments.write:
         sys.stdout.write(page())

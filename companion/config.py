@@ -12,8 +12,8 @@ from typing import Annotated, Any, Literal, get_args, get_type_hints
 
 import msgspec
 
-from companion import ranges
-from companion.endpoint import Endpoint
+from companion.io.endpoint import Endpoint
+from companion.telemetry import ranges
 
 DEFAULT_FILE = Path(__file__).parent.parent / "config" / "companion.toml"
 

@@ -8,11 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from companion import assembly
-from companion.check import Row, refusals, rows
-from companion.conditions import Observation, assess
 from companion.config import Config
 from companion.control.bounds import bounded, wrap
-from companion.control.frame import shifted, shifted_along
+from companion.control.frames import shifted, shifted_along
 from companion.control.pace import Pace
 from companion.control.positioning import jacobian, to_body, to_inertial
 from companion.control.tilt import (
@@ -24,17 +22,15 @@ from companion.control.tilt import (
     level_force,
     share,
 )
-from companion.estimation import Estimator
-from companion.handover import AT_SURFACE_M, KEEP_ALIVE_S, HandOver
+from companion.estimation.estimator import Estimator
+from companion.guidance.pilot import NOTHING, Pilot, Wish
 from companion.mavlink.ardusub import Mode
 from companion.mavlink.autopilot import Autopilot
 from companion.mavlink.relay import pilot_events
 from companion.mavlink.signing import Signing
-from companion.pilot import NOTHING, Pilot, Wish
-from companion.steering_mode import STEERING_MODES, ModeKeeper
-from companion.supervisor import FAULT_CAUSES, UNFIT, Envelope, Supervisor, guard
-from companion.survey import Survey
-from companion.types import (
+from companion.predive.check import Row, refusals, rows
+from companion.predive.survey import Survey
+from companion.records import (
     ENGAGE_S,
     NEUTRAL,
     PSI,
@@ -57,7 +53,11 @@ from companion.types import (
     Wrench,
     Z,
 )
-from companion.watch import FAILSAFE, Watch
+from companion.supervision.conditions import Observation, assess
+from companion.supervision.handover import AT_SURFACE_M, KEEP_ALIVE_S, HandOver
+from companion.supervision.monitor import FAILSAFE, Watch
+from companion.supervision.steering_mode import STEERING_MODES, ModeKeeper
+from companion.supervision.supervisor import FAULT_CAUSES, UNFIT, Envelope, Supervisor, guard
 
 NEUTRAL_BURST_S = 0.5
 """Neutral frames go out this long after steering, ours or that of a companion that died; then silence, so

@@ -6,7 +6,7 @@ from importlib.util import find_spec
 
 def watch(argv: list[str]) -> int:
     """Show a vehicle's state in the terminal, live over Zenoh."""
-    from dashboard.watch import main
+    from dashboard.terminal.watch import main
 
     return main(argv)
 
@@ -18,21 +18,21 @@ def dashboard(argv: list[str]) -> int:
             "holdfast dashboard: needs aiohttp. Install the extra: pip install 'holdfast[dashboard]'\n"
         )
         return 1
-    from dashboard.options import settings
+    from dashboard.web.options import settings
 
     try:
         wanted = settings(argv)
     except ValueError as error:
         sys.stderr.write(f"holdfast dashboard: {error}\n")
         return 2
-    from dashboard.app import main
+    from dashboard.web.app import main
 
     return main(wanted)
 
 
 def tell(argv: list[str]) -> int:
     """Give a vehicle a command over Zenoh, and say what came of it."""
-    from dashboard.tell import main
+    from dashboard.terminal.tell import main
 
     return main(argv)
 
@@ -41,7 +41,7 @@ def record(argv: list[str]) -> int:
     """Record all that a vehicle publishes, as MCAP."""
     if not _has_mcap("record"):
         return 1
-    from dashboard.record import main
+    from dashboard.recording.record import main
 
     return main(argv)
 
@@ -50,7 +50,7 @@ def recover(argv: list[str]) -> int:
     """Repair a recording that was cut."""
     if not _has_mcap("recover"):
         return 1
-    from dashboard.recover import main
+    from dashboard.recording.recover import main
 
     return main(argv)
 
@@ -59,7 +59,7 @@ def replay(argv: list[str]) -> int:
     """Play a recording over Zenoh again, for a dashboard."""
     if not _has_mcap("replay"):
         return 1
-    from dashboard.replay import main
+    from dashboard.recording.replay import main
 
     return main(argv)
 

@@ -1,6 +1,6 @@
 """How many samples never came, by the numbers of the ticks. No clock, no socket."""
 
-from companion.telemetry import EVERY_TICK
+from companion.telemetry.schemas import EVERY_TICK
 
 
 class Losses:

@@ -12,7 +12,7 @@ import msgspec
 import zenoh
 from zenoh import ext
 
-from companion import telemetry
+from companion.telemetry import schemas as telemetry
 
 _RING = 4096  # messages: nine seconds of one vehicle
 _OPEN_MS = 1000  # for the handshake: somebody who is stopped still accepts a connection

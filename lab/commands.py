@@ -10,7 +10,7 @@ def demo(argv: list[str]) -> int:
     """Watch a dive twice, without and with the compensator; takes a minute."""
     if not _has("demo", "rich", "matplotlib"):
         return 1
-    from lab.demo import main
+    from lab.demo.demo import main
 
     return main(argv)
 
@@ -53,7 +53,7 @@ def bench(argv: list[str]) -> int:
         arguments.seeds = 60 if arguments.firmware is None else 4
     if not find_firmware("bench", arguments):
         return 2
-    from lab.bench_report import run
+    from lab.bench.report import run
 
     return run(arguments)
 
@@ -71,7 +71,7 @@ def paper(argv: list[str]) -> int:
     )
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the same records there")
     arguments = parser.parse_args(argv)
-    from lab.paper_report import run
+    from lab.paper.report import run
 
     return run(arguments)
 
@@ -102,7 +102,7 @@ def tune(argv: list[str]) -> int:
     )
     parser.add_argument("--out", type=Path, metavar="FILE", help="default: out/tune/")
     arguments = parser.parse_args(argv)
-    from lab.tune_report import run
+    from lab.tuning.report import run
 
     return run(arguments)
 
@@ -134,14 +134,14 @@ def campaign(argv: list[str]) -> int:
     )
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="companion's config")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write a summary there")
-    from lab.campaign_report import main
+    from lab.campaign.report import main
 
     return main(parser.parse_args(argv))
 
 
 def faults(argv: list[str]) -> int:
     """Break something in thousands of dives, and hold every tick to account."""
-    from lab.faults_report import main
+    from lab.faults.report import main
 
     return main(argv)
 
@@ -150,7 +150,7 @@ def rerun(argv: list[str]) -> int:
     """Run a recorded dive through today's engine and compare its commands."""
     if not _has("rerun", "mcap", "matplotlib"):
         return 2
-    from lab.rerun import main
+    from lab.rerun.rerun import main
 
     return main(argv)
 
@@ -159,7 +159,7 @@ def report(argv: list[str]) -> int:
     """Make the page after the dive: what was held, how well, and what to change."""
     if not _has("report", "mcap", "matplotlib"):
         return 1
-    from lab.report import main
+    from lab.report.report import main
 
     return main(argv)
 
@@ -190,7 +190,7 @@ def find_firmware(command: str, arguments: argparse.Namespace) -> bool:
     """Put the program's path, or None, into `arguments.firmware`; say what is wrong and return False."""
     if arguments.firmware is None:
         return True
-    from lab.firmware import FirmwareError, program
+    from lab.loop.firmware import FirmwareError, program
 
     try:
         arguments.firmware = program(arguments.firmware)

@@ -7,7 +7,6 @@ import math
 from collections.abc import Iterator
 from pathlib import Path
 
-from companion.conditions import CONDITIONS
 from companion.config import Supervisor as Limits
 from companion.config import load_config
 from companion.control.tilt import (
@@ -21,9 +20,18 @@ from companion.control.tilt import (
     YAW_LEVEL_RAD,
     YAW_STEEP_RAD,
 )
-from companion.handover import KEEP_ALIVE_S, REFUSED_S, SETTLE_S
-from companion.supervisor import FAULT_CAUSES, FREEZES, NOTHING, TRANSITIONS, UNFIT, WARNS, transition
-from companion.types import Condition, State
+from companion.records import Condition, State
+from companion.supervision.conditions import CONDITIONS
+from companion.supervision.handover import KEEP_ALIVE_S, REFUSED_S, SETTLE_S
+from companion.supervision.supervisor import (
+    FAULT_CAUSES,
+    FREEZES,
+    NOTHING,
+    TRANSITIONS,
+    UNFIT,
+    WARNS,
+    transition,
+)
 
 PAGE = Path(__file__).parent.parent / "docs" / "supervisor.md"
 
@@ -43,7 +51,7 @@ MADE = {
 HEAD = """\
 # The supervisor
 
-<!-- Made by `python -m lab.supervisor_page` from companion/conditions.py and companion/supervisor.py. -->
+<!-- Made by `python -m lab.supervisor_page` from companion/supervision/. -->
 
 It looks at every condition in every tick, and says who may steer. Thrust leaves in ACTIVE, RAMP_DOWN and at
 the start of HAND_OVER, scaled by the *authority*: it rises over `ramp_up_s` on engaging and falls over

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from typing import cast
 
 from sim_bridge.config import SimConfig
-from sim_bridge.json_physics import DrivenBody, Responder
-from sim_bridge.physics import STEP_S, Physics
+from sim_bridge.physics.body import STEP_S, Physics
+from sim_bridge.physics.json_physics import DrivenBody, Responder
 from sim_bridge.vehicle import Truth, Vehicle, truth_of
 from sim_bridge.zenoh_truth import TruthPublisher
 

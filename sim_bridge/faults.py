@@ -31,7 +31,7 @@ import msgspec
 import numpy as np
 
 from sim_bridge.config import Fault
-from sim_bridge.messages import Message
+from sim_bridge.firmware.messages import Message
 
 Datagram = tuple[int, bytes]
 

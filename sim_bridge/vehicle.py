@@ -7,13 +7,13 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_bridge.autopilot import INPUT_PERIOD_S, Autopilot, Link
 from sim_bridge.config import Fault, SimConfig
 from sim_bridge.faults import Faults
-from sim_bridge.params import Parameters
-from sim_bridge.physics import STEP_S, Physics
-from sim_bridge.sensors import Sensors
-from sim_bridge.signing import KeyStore
+from sim_bridge.firmware.autopilot import INPUT_PERIOD_S, Autopilot, Link
+from sim_bridge.firmware.params import Parameters
+from sim_bridge.firmware.signing import KeyStore
+from sim_bridge.physics.body import STEP_S, Physics
+from sim_bridge.physics.sensors import Sensors
 
 SLOW_PERIOD_STEPS = 20
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from companion.types import (
+from companion.records import (
     DOFS,
     NEUTRAL,
     Ages,

@@ -16,12 +16,12 @@ from pathlib import Path
 
 import numpy as np
 
-from sim_bridge.autopilot import Autopilot, Link
 from sim_bridge.config import SensorConfig
-from sim_bridge.params import Parameters
-from sim_bridge.plant import GRAVITY, rotation
-from sim_bridge.sensors import Sensors
-from sim_bridge.signing import KeyStore
+from sim_bridge.firmware.autopilot import Autopilot, Link
+from sim_bridge.firmware.params import Parameters
+from sim_bridge.firmware.signing import KeyStore
+from sim_bridge.physics.plant import GRAVITY, rotation
+from sim_bridge.physics.sensors import Sensors
 
 STEP_S = 0.0025
 WRONG = os.environ.get("FAKE_ARDUSUB", "")

@@ -11,9 +11,9 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from companion.config import load_config
 from companion.engine import Engine
 from companion.mavlink.relay import Relay
-from companion.types import NEUTRAL, Request, Setpoint, State
-from lab.firmware import Firmware
-from lab.lockstep import START_S, Link, Lockstep
+from companion.records import NEUTRAL, Request, Setpoint, State
+from lab.loop.firmware import Firmware
+from lab.loop.lockstep import START_S, Link, Lockstep
 from sim_bridge.config import Fault
 from sim_bridge.config import load_config as load_plant
 from sim_bridge.vehicle import Vehicle

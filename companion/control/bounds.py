@@ -5,7 +5,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from companion.types import Array
+from companion.records import Array
 
 AngleT = TypeVar("AngleT", float, Array)
 

@@ -10,7 +10,7 @@ from typing import Protocol, Self
 import numpy as np
 
 from companion.control.bounds import bounded
-from companion.types import Array, Flags
+from companion.records import Array, Flags
 
 INPUTS = 6
 

@@ -9,12 +9,12 @@ import numpy as np
 
 from companion.control.bounds import bounded
 from companion.control.compensator import Compensator, inputs
-from companion.control.frame import turned
+from companion.control.frames import turned
 from companion.control.law import rov_law
 from companion.control.oscillation import DrawnBack, Oscillation
 from companion.control.positioning import Model, pose_error, to_body
 from companion.control.reference import ReferenceModel
-from companion.types import PSI, Array, DofSample, Flags, FrameShift, Setpoint, VehicleState
+from companion.records import PSI, Array, DofSample, Flags, FrameShift, Setpoint, VehicleState
 
 BLEND_S = 2.0
 """How slowly the difference that a change of law made is let go."""

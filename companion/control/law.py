@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from companion.types import Array
+from companion.records import Array
 
 
 def error_coefficients(n: int, lam: float) -> Array:

@@ -27,7 +27,7 @@ import numpy as np
 
 from companion.control.bounds import bounded
 from companion.control.oscillation import Oscillation
-from companion.types import Array
+from companion.records import Array
 
 FILTER_S = 0.05
 INTEGRAL = 0.2

@@ -15,7 +15,7 @@ import numpy as np
 
 from companion.control.bounds import bounded
 from companion.control.compensator import felt_error
-from companion.types import Array, Flags
+from companion.records import Array, Flags
 
 SATURATED_SIGMOID = 40.0
 

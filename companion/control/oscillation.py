@@ -12,7 +12,7 @@ import math
 import numpy as np
 
 from companion.control.bounds import bounded
-from companion.types import Array
+from companion.records import Array
 
 SHARE = 0.12
 """Of an axis' largest force: an RMS of fast demand above it is a limit cycle, if it lasts."""

@@ -9,7 +9,7 @@ import math
 import numpy as np
 
 from companion.control.tilt import LEAST_PACE
-from companion.types import Array, Flags
+from companion.records import Array, Flags
 
 SLOW_DOWN_S, RECOVER_S = 0.5, 4.0
 

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from companion.control.bounds import wrap
-from companion.types import PSI, Array
+from companion.records import PSI, Array
 
 
 def pose_error(eta: Array, eta_d: Array) -> Array:

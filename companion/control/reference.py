@@ -17,8 +17,8 @@ from typing import Self
 import numpy as np
 
 from companion.control.bounds import bounded, wrap
-from companion.control.frame import shifted_along, turned
-from companion.types import Array, Flags, FrameShift
+from companion.control.frames import shifted_along, turned
+from companion.records import Array, Flags, FrameShift
 
 ACCELERATION_LAG_S = 0.06
 RATE_LAG_S = 4.0 * ACCELERATION_LAG_S

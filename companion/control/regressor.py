@@ -12,7 +12,7 @@ import numpy as np
 from companion.control.bounds import bounded
 from companion.control.compensator import INPUTS, felt_error
 from companion.control.network import Learning
-from companion.types import Array, Flags
+from companion.records import Array, Flags
 
 
 class Regressor:

@@ -21,8 +21,7 @@ from typing import Final, Literal, TypeAlias
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from companion.mavlink.codec import Message
-from companion.telemetry import printable
-from companion.types import (
+from companion.records import (
     Attitude,
     AxisCommand,
     Battery,
@@ -47,6 +46,7 @@ from companion.types import (
     StatusText,
     TimeSync,
 )
+from companion.telemetry.schemas import printable
 
 DepthSource: TypeAlias = Literal["relative_alt", "vfr_hud", "ahrs2", "pressure"]
 RateSource: TypeAlias = Literal["climb", "vz"]

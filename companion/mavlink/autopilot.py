@@ -7,7 +7,7 @@ import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from companion.config import Config
-from companion.endpoint import Endpoint
+from companion.io.endpoint import Endpoint
 from companion.mavlink.ardusub import (
     FRAMES,
     Commands,
@@ -20,10 +20,10 @@ from companion.mavlink.ardusub import (
 )
 from companion.mavlink.codec import Codec, Message, Packer
 from companion.mavlink.freshness import Freshness
+from companion.mavlink.link_maintenance import Upkeep
 from companion.mavlink.signing import Signing
 from companion.mavlink.streams import message_name, streams
-from companion.mavlink.upkeep import Upkeep
-from companion.types import (
+from companion.records import (
     NEUTRAL,
     AxisCommand,
     Event,

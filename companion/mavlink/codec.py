@@ -12,7 +12,7 @@ from typing import Any, Final, TypeAlias
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from companion.mavlink.signing import Signing
-from companion.types import LinkCounters, Sender
+from companion.records import LinkCounters, Sender
 
 Message: TypeAlias = Any
 """A pymavlink message: one of the classes `mavlink.MAVLink_*_message`."""

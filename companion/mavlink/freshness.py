@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterable, Iterator
 
-from companion.types import Event, Reboot, TimeSync
+from companion.records import Event, Reboot, TimeSync
 
 BACK_S = AHEAD_S = 1.0
 MESSAGES = 20

@@ -14,11 +14,11 @@ from typing import Any, Final, NamedTuple
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from companion.config import Config
-from companion.endpoint import Endpoint
+from companion.io.endpoint import Endpoint
 from companion.mavlink.ardusub import override_deflection, pilot_sticks
 from companion.mavlink.codec import HEADERS, MAX_FRAMES_LOOKED_AT, PARTIAL_TIMEOUT_S
 from companion.mavlink.signing import Signing
-from companion.types import Event, PilotHeartbeat, PilotInput, Sender
+from companion.records import Event, PilotHeartbeat, PilotInput, Sender
 
 NS_PER_S: Final = 1e9
 MAX_DATAGRAM: Final = 1400

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TypeAlias
 
 from companion.config import ConfigError
-from companion.types import Sender
+from companion.records import Sender
 
 KEY_BYTES = 32
 MIN_SIGNED_BYTES = 25

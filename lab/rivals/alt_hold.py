@@ -12,14 +12,14 @@ import numpy as np
 from msgspec.structs import replace
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from companion.types import PSI, Z
-from lab.dive import TRUE_PSI, Dive, recorded
-from lab.firmware import vehicle_of
-from lab.lockstep import COMPANION_LINK, Link, Wire
-from lab.scenarios import Scenario
+from companion.records import PSI, Z
+from lab.loop.dive import TRUE_PSI, Dive, recorded
+from lab.loop.firmware import vehicle_of
+from lab.loop.lockstep import COMPANION_LINK, Link, Wire
+from lab.loop.scenarios import Scenario
 from sim_bridge.config import SimConfig
-from sim_bridge.modes import ALT_HOLD, STABILIZE
-from sim_bridge.thrusters import Thrusters
+from sim_bridge.firmware.modes import ALT_HOLD, STABILIZE
+from sim_bridge.physics.thrusters import Thrusters
 
 TICK_S = 0.02
 ARM_S = 2.6

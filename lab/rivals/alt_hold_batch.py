@@ -9,12 +9,11 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from companion.types import Array, Setpoint, Z
-from lab.batch_vehicle import ARMED_S
-from lab.scenarios import SETTLE_S
+from companion.records import Array, Setpoint, Z
+from lab.batch.vehicle import ARMED_S
+from lab.loop.scenarios import SETTLE_S
 from sim_bridge.config import SimConfig
-from sim_bridge.environment import Environment
-from sim_bridge.modes import (
+from sim_bridge.firmware.modes import (
     CLIMB_FILTER_HZ,
     MAX_ACCELERATION_M_S2,
     RISE_FILTER_HZ,
@@ -22,10 +21,11 @@ from sim_bridge.modes import (
     THROTTLE_FILTER_HZ,
     smoothing,
 )
-from sim_bridge.physics import STEP_S
-from sim_bridge.plant import GRAVITY
-from sim_bridge.sensors import ACCEL_FILTER_DELAY_S
-from sim_bridge.thrusters import CURVE_N, CURVE_US
+from sim_bridge.physics.body import STEP_S
+from sim_bridge.physics.environment import Environment
+from sim_bridge.physics.plant import GRAVITY
+from sim_bridge.physics.sensors import ACCEL_FILTER_DELAY_S
+from sim_bridge.physics.thrusters import CURVE_N, CURVE_US
 
 VERTICAL = 4
 TICK_STEPS = 4

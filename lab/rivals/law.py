@@ -14,7 +14,7 @@ from companion.control.controller import Controller
 from companion.control.oscillation import Oscillation
 from companion.control.positioning import inertial_diagonal
 from companion.engine import Engine
-from companion.types import Array, DofSample, Flags, Setpoint, VehicleState, Z
+from companion.records import Array, DofSample, Flags, Setpoint, VehicleState, Z
 
 
 class Motion(NamedTuple):

@@ -12,7 +12,7 @@ import numpy as np
 
 from companion.control.bounds import bounded
 from companion.control.controller import KAPPA_POWER, LAMBDA_POWER, LEARNING_POWER
-from companion.types import Array
+from companion.records import Array
 from lab.rivals.law import Forces, Motion
 
 ROUNDING_M_S = 0.01

@@ -10,10 +10,10 @@ import json
 import numpy as np
 from virtual import Dive, hold
 
-from companion import telemetry
-from companion.events import Chronicle
-from companion.operator import Order, Taken
-from companion.types import ControlSample, Request, State
+from companion.io.command_queue import Order, Taken
+from companion.records import ControlSample, Request, State
+from companion.telemetry import schemas as telemetry
+from companion.telemetry.event_log import Chronicle
 
 
 def inferred(value):

@@ -10,7 +10,7 @@ import pytest
 from virtual import Dive, Somebody, active, hold
 
 from companion.config import ConfigError, load_config
-from companion.types import Request, Setpoint, State
+from companion.records import Request, Setpoint, State
 
 STEP_N = np.array([2.0, 2.0, 2.0, 0.24])
 """N and N·m from one tick to the next: 2 % of what heave and yaw can give."""

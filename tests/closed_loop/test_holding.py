@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 from companion.config import Config, load_config
 from companion.control.bounds import wrap
 from companion.engine import Engine
-from companion.types import PSI, Request, Setpoint, State, X, Y, Z
-from lab.dive import Dive, dive
-from lab.lockstep import Link, Lockstep, Step
-from lab.scenarios import SETTLE_S, four
+from companion.records import PSI, Request, Setpoint, State, X, Y, Z
+from lab.loop.dive import Dive, dive
+from lab.loop.lockstep import Link, Lockstep, Step
+from lab.loop.scenarios import SETTLE_S, four
 from sim_bridge.config import load_config as load_plant
 from sim_bridge.vehicle import Vehicle
 

@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 from virtual import ROOT, Somebody, load_config, load_plant, steering
 
-from companion.check import Grade
-from companion.inspection import Inspection
-from lab.lockstep import COMPANION_LINK, START_S
+from companion.predive.check import Grade
+from companion.predive.inspection import Inspection
+from lab.loop.lockstep import COMPANION_LINK, START_S
 from sim_bridge.vehicle import Vehicle
 
 OTHERS_LINK = 2

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from virtual import Dive, Somebody, hold
 
-from companion.types import Condition, Setpoint, State
+from companion.records import Condition, Setpoint, State
 
 SEA = ("sensors.dvl=true", "waves.enabled=true", "waves.height_m=0.3")
 HEAVY = {"base": "sim.toml"}

@@ -11,8 +11,8 @@ from virtual import Dive, Somebody, hold
 from companion.config import load_config
 from companion.control import levelling
 from companion.control.oscillation import HIGH_PASS_S, SHARE
-from companion.types import State, Z
-from lab.lockstep import Link
+from companion.records import State, Z
+from lab.loop.lockstep import Link
 
 FIRMWARE = "sim-ardusub.toml"
 SETTLED_S = 20.0

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from virtual import Dive, Somebody, active, hold
 
-from companion.types import PSI, Request, State
+from companion.records import PSI, Request, State
 
 STABILIZE, ALT_HOLD, SURFACE, MANUAL = 0, 2, 9, 19
 DEPTH_ONLY = ('vehicle.steering_mode="stabilize"',)

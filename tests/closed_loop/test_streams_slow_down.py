@@ -5,7 +5,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from virtual import HEADING_RAD, Dive, Somebody, active
 
 from companion.mavlink import autopilot
-from companion.types import State
+from companion.records import State
 
 ATTITUDE = "ATTITUDE"
 

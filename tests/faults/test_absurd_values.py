@@ -10,7 +10,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from tools.fuzz_engine import altered
 from virtual import START_S, active
 
-from companion.types import PSI, State, Z
+from companion.records import PSI, State, Z
 
 ABSURD = [
     ("ATTITUDE", "time_boot_ms", 2**32 - 1),

@@ -13,7 +13,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from virtual import START_S, Dive, active
 
-from companion.types import PSI, Condition, State, Z
+from companion.records import PSI, Condition, State, Z
 
 TIMESYNC = "TIMESYNC"
 TRUE_COMMAND_S = 0.0155

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from virtual import Dive, Somebody, active, hold
 
-from companion.types import Request, State
+from companion.records import Request, State
 
 TICK_S = 0.02
 HEARTBEAT_S = 1.0

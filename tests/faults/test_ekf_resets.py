@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from virtual import Dive, active, hold
 
-from companion.events import Chronicle
-from companion.operator import Desk, Order
-from companion.types import Condition, Request, State
+from companion.io.command_queue import Desk, Order
+from companion.records import Condition, Request, State
+from companion.telemetry.event_log import Chronicle
 
 QUIET = (
     *(f"sensors.{name}=0.0001" for name in ("depth_slow_m", "depth_white_m", "climb_slow_m_s")),

@@ -3,11 +3,21 @@
 import pytest
 from rich.console import Console
 
-from companion.types import Condition, State, Verdict
-from lab import faults
-from lab.faults import FAULTS, ON_FIRMWARE, VARIANTS, Broken, Case, Diving, InSimulator, case, dive_group
-from lab.faults_report import dived
-from lab.firmware import FAULTS as CAN_INJECT
+from companion.records import Condition, State, Verdict
+from lab.faults import faults
+from lab.faults.faults import (
+    FAULTS,
+    ON_FIRMWARE,
+    VARIANTS,
+    Broken,
+    Case,
+    Diving,
+    InSimulator,
+    case,
+    dive_group,
+)
+from lab.faults.report import dived
+from lab.loop.firmware import FAULTS as CAN_INJECT
 
 DIVES = 204
 
@@ -52,7 +62,7 @@ def test_it_would_notice_thrust_that_goes_on(diving, monkeypatch):
 
 def test_it_would_notice_thrust_without_authority(diving, monkeypatch):
     monkeypatch.setattr("companion.engine.guard", lambda command, *_: command)
-    monkeypatch.setattr("companion.supervisor.Supervisor.step", _powerless)
+    monkeypatch.setattr("companion.supervision.supervisor.Supervisor.step", _powerless)
     assert "authority" in noticed(diving, "leak") or "thrust" in noticed(diving, "leak")
 
 

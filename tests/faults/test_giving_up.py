@@ -5,8 +5,8 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from virtual import DEPTH_M, Dive, Somebody, active, hold
 
-from companion.handover import KEEP_ALIVE_S, REFUSED_S
-from companion.types import Condition, Request, State
+from companion.records import Condition, Request, State
+from companion.supervision.handover import KEEP_ALIVE_S, REFUSED_S
 
 STABILIZE, ALT_HOLD, SURFACE, POSHOLD, MANUAL = 0, 2, 9, 16, 19
 RAMP_S, HEARTBEAT_S = 1.0, 1.0

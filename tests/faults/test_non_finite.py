@@ -9,7 +9,7 @@ from virtual import Dive, active
 
 from companion.config import ConfigError, load_config
 from companion.engine import Engine
-from companion.types import Condition, Request, Setpoint, State
+from companion.records import Condition, Request, Setpoint, State
 
 DEADLY = (
     {"rate_noise": 1e-160},

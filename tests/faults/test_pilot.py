@@ -15,8 +15,8 @@ from companion.config import load_config
 from companion.mavlink.codec import Packer
 from companion.mavlink.relay import Relay
 from companion.mavlink.signing import Signing
-from companion.supervisor import CLEAR
-from companion.types import Condition, Request, Sender, State
+from companion.records import Condition, Request, Sender, State
+from companion.supervision.supervisor import CLEAR
 
 HEAVE, YAW = 2, 3
 PITCH, ROLL, THROTTLE, TURN, FORWARD, LATERAL = range(6)

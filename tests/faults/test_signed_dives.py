@@ -6,7 +6,7 @@ import pytest
 from virtual import Dive, Somebody, active
 
 from companion.mavlink.signing import Signing
-from companion.types import State
+from companion.records import State
 
 PASSPHRASE = "kelp"
 KEY = hashlib.sha256(PASSPHRASE.encode()).digest()

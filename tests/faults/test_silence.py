@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from virtual import active
 
-from companion import telemetry
-from companion.types import PSI, Request, State, X, Z
+from companion.records import PSI, Request, State, X, Z
+from companion.telemetry import schemas as telemetry
 
 DVL = ("sensors.dvl=true",)
 ALL = ("depth_m", "depth_rate_mps", "heading_rad", "heading_rate_radps", "roll_rad", "pitch_rad")

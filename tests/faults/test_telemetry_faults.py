@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from virtual import DEPTH_M, Dive, active
 
-from companion.types import Request, State
-from lab.lockstep import Link
+from companion.records import Request, State
+from lab.loop.lockstep import Link
 
 STREAMS = (
     "HEARTBEAT",

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from lab.firmware import VARIABLE, program
+from lab.loop.firmware import VARIABLE, program
 
 HERE = Path(__file__).parent
 

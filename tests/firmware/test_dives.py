@@ -8,10 +8,10 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from virtual import Dive, Somebody, hold
 
 from companion.config import load_config
-from companion.types import Condition, Request, State
-from lab.dive import dive as scenario_dive
-from lab.lockstep import Link
-from lab.scenarios import four
+from companion.records import Condition, Request, State
+from lab.loop.dive import dive as scenario_dive
+from lab.loop.lockstep import Link
+from lab.loop.scenarios import four
 from sim_bridge.commands import DEFAULT_CONFIG
 from sim_bridge.config import load_config as load_plant
 

@@ -6,10 +6,10 @@ import numpy as np
 
 from companion.config import load_config
 from companion.engine import Engine
-from companion.types import Request, Setpoint, State
-from lab.faults import dive_group
-from lab.firmware import Firmware
-from lab.lockstep import Link, Lockstep
+from companion.records import Request, Setpoint, State
+from lab.faults.faults import dive_group
+from lab.loop.firmware import Firmware
+from lab.loop.lockstep import Link, Lockstep
 from sim_bridge.commands import DEFAULT_CONFIG
 from sim_bridge.config import load_config as load_plant
 

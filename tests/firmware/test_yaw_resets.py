@@ -5,9 +5,9 @@ import pytest
 
 from companion.config import load_config
 from companion.engine import Engine
-from companion.types import Condition, Request, Setpoint, State
-from lab.firmware import Firmware
-from lab.lockstep import Link, Lockstep
+from companion.records import Condition, Request, Setpoint, State
+from lab.loop.firmware import Firmware
+from lab.loop.lockstep import Link, Lockstep
 from sim_bridge.commands import DEFAULT_CONFIG
 from sim_bridge.config import load_config as load_plant
 

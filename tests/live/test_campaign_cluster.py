@@ -7,9 +7,9 @@ import sys
 import pytest
 
 from companion.config import load_config
-from lab import campaign
-from lab.campaign import run
-from lab.campaign_report import workforce
+from lab.campaign import campaign
+from lab.campaign.campaign import run
+from lab.campaign.report import workforce
 
 distributed = pytest.importorskip("distributed")
 pytestmark = pytest.mark.filterwarnings("default")  # Dask's own
@@ -69,6 +69,6 @@ def test_a_scheduler_and_a_worker_started_by_hand(tmp_path):
 
 
 def test_no_scheduler_is_said_in_a_sentence(monkeypatch):
-    monkeypatch.setattr("lab.campaign_report.CONNECT_S", 0.5)
+    monkeypatch.setattr("lab.campaign.report.CONNECT_S", 0.5)
     with pytest.raises(SystemExit, match="no Dask scheduler answers"), workforce("tcp://127.0.0.1:9", None):
         pass

@@ -7,7 +7,7 @@ import subprocess
 
 import pytest
 
-from lab.bounds import HOLDFAST, running
+from lab.bench.process import HOLDFAST, running
 from lab.ports import free_port
 
 

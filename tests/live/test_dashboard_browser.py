@@ -18,7 +18,7 @@ from typing import Any
 import pytest
 from playwright.sync_api import Browser, Page, sync_playwright
 
-from companion import telemetry
+from companion.telemetry import schemas as telemetry
 from dashboard.zenoh_client import Subscription
 from lab.ports import free_port
 

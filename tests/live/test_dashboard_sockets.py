@@ -7,8 +7,8 @@ from contextlib import AsyncExitStack, asynccontextmanager
 import aiohttp
 from aiohttp import WSCloseCode, WSMsgType, test_utils
 
-from dashboard import app
-from dashboard.options import Settings
+from dashboard.web import app
+from dashboard.web.options import Settings
 from lab.ports import free_port
 
 WAIT_S = 10.0

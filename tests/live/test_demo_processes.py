@@ -13,7 +13,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from lab import demo
+from lab.demo import demo
 
 MARK = "HOLDFAST_TEST_DEMO"
 SHORT = demo.Story(depth_m=0.8, load_on_s=6.0, load_off_s=7.0, end_s=8.0, wave_height_m=0.1, heading_deg=0.0)

@@ -8,10 +8,10 @@ from contextlib import ExitStack, asynccontextmanager
 
 import pytest
 
-from companion import links
-from companion.endpoint import Endpoint
-from companion.links import Admission, Link
-from companion.types import Sender
+from companion.io import links
+from companion.io.endpoint import Endpoint
+from companion.io.links import Admission, Link
+from companion.records import Sender
 from lab.ports import free_port
 
 WAIT_S = 5.0

@@ -17,14 +17,14 @@ import pytest
 from mcap.reader import make_reader
 from pymavlink import mavutil
 
-from companion import telemetry
-from companion.types import ControlSample
-from companion.zenoh_io import Publisher
-from dashboard.record import RecorderThread
-from dashboard.recorder import Limits
-from dashboard.recording import Disk, Reader
+from companion.io.zenoh_publisher import Publisher
+from companion.records import ControlSample
+from companion.telemetry import schemas as telemetry
+from dashboard.recording.mcap_file import Disk, Reader
+from dashboard.recording.record import RecorderThread
+from dashboard.recording.recorder import Limits
 from dashboard.zenoh_client import Subscription
-from lab.bounds import HOLDFAST, running
+from lab.bench.process import HOLDFAST, running
 from lab.ports import free_port
 
 PATIENCE_S = 20.0
@@ -153,7 +153,7 @@ class SlowDisk(Disk):
 def test_a_slow_recorder_delays_nobody_and_obeys_where_allowed(
     tmp_path: Path, make_sample: Callable[..., ControlSample], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("dashboard.recorder.Disk", SlowDisk)
+    monkeypatch.setattr("dashboard.recording.recorder.Disk", SlowDisk)
     zenoh = f"tcp/127.0.0.1:{free_port()}"
     stop = threading.Event()
     offered: list[float] = []

@@ -21,8 +21,8 @@ from companion.app import App
 from companion.config import load_config
 from companion.engine import Engine
 from companion.mavlink.signing import EPOCH_S, UNITS_PER_S
-from companion.types import Request, Setpoint
-from lab.bounds import HOLDFAST, running
+from companion.records import Request, Setpoint
+from lab.bench.process import HOLDFAST, running
 from lab.ports import free_port
 
 NEUTRAL = (1500, 1500, 1500, 1500)

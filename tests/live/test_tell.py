@@ -10,11 +10,11 @@ from contextlib import ExitStack, contextmanager
 import msgspec
 import pytest
 
-from companion import telemetry
 from companion.config import load_config
-from dashboard import tell
+from companion.telemetry import schemas as telemetry
+from dashboard.terminal import tell
 from dashboard.zenoh_client import Subscription
-from lab.bounds import HOLDFAST, running
+from lab.bench.process import HOLDFAST, running
 from lab.ports import free_port
 
 VEHICLE = load_config().vehicle.name

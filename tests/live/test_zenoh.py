@@ -19,14 +19,15 @@ import pytest
 import zenoh
 from zenoh import ext
 
-from companion import telemetry, zenoh_io
-from companion.operator import Order
-from companion.types import ControlSample
-from companion.zenoh_io import NameTakenError, Publisher
+from companion.io import zenoh_publisher as zenoh_io
+from companion.io.command_queue import Order
+from companion.io.zenoh_publisher import NameTakenError, Publisher
+from companion.records import ControlSample
+from companion.telemetry import schemas as telemetry
 from dashboard.zenoh_client import Message, Subscription
-from lab.bounds import running
+from lab.bench.process import running
+from lab.bench.subscribers import COMPANION, _Reader
 from lab.ports import free_port
-from lab.subscribers import COMPANION, _Reader
 
 PATIENCE_S = 15.0
 

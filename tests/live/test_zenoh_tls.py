@@ -9,11 +9,12 @@ from pathlib import Path
 import pytest
 import zenoh
 
-from companion import keys, telemetry
-from companion.operator import Order
-from companion.telemetry import Reply
-from companion.types import ControlSample
-from companion.zenoh_io import Publisher
+from companion.io import certificates as keys
+from companion.io.command_queue import Order
+from companion.io.zenoh_publisher import Publisher
+from companion.records import ControlSample
+from companion.telemetry import schemas as telemetry
+from companion.telemetry.schemas import Reply
 from dashboard.zenoh_client import Subscription, client_config
 from lab.ports import free_port
 

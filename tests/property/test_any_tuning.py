@@ -9,10 +9,10 @@ from hypothesis import HealthCheck, Phase, event, example, given, settings
 from hypothesis import strategies as st
 from virtual import DEPTH_M, Dive, hold
 
-from companion import ranges
 from companion.config import Config, ConfigError, load_config
-from companion.operator import COMMANDS, Desk, Order
-from companion.types import Condition
+from companion.io.command_queue import COMMANDS, Desk, Order
+from companion.records import Condition
+from companion.telemetry import ranges
 
 SECTIONS = ("loop", "delays", "thrusters", "levelling", "surge", "heave", "yaw", "network", "supervisor")
 LASTS_S = 6

@@ -11,9 +11,9 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from companion.config import load_config
 from companion.mavlink.ardusub import pilot_sticks, quantise
 from companion.mavlink.autopilot import Autopilot
-from companion.types import AxisCommand
-from sim_bridge.params import Parameters
-from sim_bridge.pilot import Pilot
+from companion.records import AxisCommand
+from sim_bridge.firmware.params import Parameters
+from sim_bridge.firmware.pilot import Pilot
 
 FORWARD, LATERAL, THROTTLE, YAW = 4, 5, 2, 3
 CHANNELS = (FORWARD, LATERAL, THROTTLE, YAW)

@@ -5,7 +5,7 @@ from collections import Counter
 import pytest
 from tools.fuzz_engine import DIVE_TICKS, Tally, fuzz
 
-from companion.types import State
+from companion.records import State
 
 DIVES = 2
 

@@ -7,8 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
-from companion.supervisor import Envelope, Supervisor, guard
-from companion.types import NEUTRAL, AxisCommand, Condition, State, Verdict
+from companion.records import NEUTRAL, AxisCommand, Condition, State, Verdict
+from companion.supervision.supervisor import Envelope, Supervisor, guard
 
 C = Condition
 CARRY_AUTHORITY = (State.ACTIVE, State.RAMP_DOWN, State.HAND_OVER)

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from companion.mavlink.ardusub import Commands, manual_control_reach, quantise
 from companion.mavlink.codec import Codec
-from companion.types import AxisCommand
+from companion.records import AxisCommand
 
 COMMANDS = Commands(1, 1)
 CODEC = Codec(255, 191, 1, 1)

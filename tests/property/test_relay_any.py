@@ -15,7 +15,7 @@ from companion.mavlink.relay import (
     frame_at,
     pilot_events,
 )
-from companion.types import PilotHeartbeat, PilotInput, PilotSticks
+from companion.records import PilotHeartbeat, PilotInput, PilotSticks
 
 ENDPOINTS = {True: "tcp:127.0.0.1:5760", False: "udp-connect:127.0.0.1:14550"}
 

@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from companion.thrust import Thrusters
+from companion.control.allocation import Thrusters
 
 frames = st.sampled_from(["vectored", "vectored_6dof"])
 part = st.floats(-1.0, 1.0)

@@ -34,13 +34,23 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from companion.config import load_config
 from companion.engine import Engine
 from companion.mavlink.ardusub import Converter
+from companion.mavlink.link_maintenance import PARAMETERS
 from companion.mavlink.relay import Relay
-from companion.mavlink.upkeep import PARAMETERS
-from companion.supervisor import CARRY_AUTHORITY
-from companion.telemetry import encode
-from companion.types import NEUTRAL, PSI, ControlSample, LinkCounters, LoopHealth, Request, Setpoint, State, Z
-from lab.faults import steering
-from lab.lockstep import START_S, Link, Lockstep
+from companion.records import (
+    NEUTRAL,
+    PSI,
+    ControlSample,
+    LinkCounters,
+    LoopHealth,
+    Request,
+    Setpoint,
+    State,
+    Z,
+)
+from companion.supervision.supervisor import CARRY_AUTHORITY
+from companion.telemetry.schemas import encode
+from lab.faults.faults import steering
+from lab.loop.lockstep import START_S, Link, Lockstep
 from sim_bridge.config import load_config as load_plant
 from sim_bridge.vehicle import Vehicle
 

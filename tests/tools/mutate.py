@@ -38,7 +38,12 @@ CONTROL = tuple(
 )
 GROUPS = {
     "supervisor": (
-        ("companion/supervisor.py", "companion/conditions.py", "companion/watch.py", "companion/handover.py"),
+        (
+            "companion/supervision/supervisor.py",
+            "companion/supervision/conditions.py",
+            "companion/supervision/monitor.py",
+            "companion/supervision/handover.py",
+        ),
         SUPERVISOR,
     ),
     "control": (

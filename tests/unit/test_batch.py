@@ -7,11 +7,11 @@ import pytest
 from msgspec.structs import replace
 
 from companion.config import load_config
-from lab.batch import simulate, simulate_scenarios
-from lab.batch_vehicle import Links
-from lab.dive import dive
-from lab.lockstep import Link
-from lab.scenarios import SETTLE_S, four, hold
+from lab.batch.dives import simulate, simulate_scenarios
+from lab.batch.vehicle import Links
+from lab.loop.dive import dive
+from lab.loop.lockstep import Link
+from lab.loop.scenarios import SETTLE_S, four, hold
 from sim_bridge.commands import DEFAULT_CONFIG
 from sim_bridge.config import Fault
 from sim_bridge.config import load_config as load_plant

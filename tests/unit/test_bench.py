@@ -12,18 +12,20 @@ import pytest
 from rich.console import Console
 
 from companion.config import DEFAULT_FILE, Config, load_config
-from lab import bench, commands, tune
-from lab.bench import FLOOR, LINKS, SCENARIOS, Run, interval, student, summaries
-from lab.bench_plot import draw
-from lab.bench_report import TITLES, _case, _error, _json, _overview
-from lab.dive import FIGURES
-from lab.firmware_report import as_records, pairs, side_by_side
-from lab.floor import CHATTER_N
-from lab.own_vehicle import around, nominal, write_config
-from lab.rows import DEFAULT, ROWS, TUNED_FILE, WIDTH, Row, selected, tuned, values_of
+from lab import commands
+from lab.bench import bench
+from lab.bench.bench import FLOOR, LINKS, SCENARIOS, Run, interval, student, summaries
+from lab.bench.firmware_report import as_records, pairs, side_by_side
+from lab.bench.floor import CHATTER_N
+from lab.bench.plot import draw
+from lab.bench.report import TITLES, _case, _error, _json, _overview
+from lab.bench.rows import DEFAULT, ROWS, TUNED_FILE, WIDTH, Row, selected, tuned, values_of
+from lab.loop.dive import FIGURES
+from lab.tuning import search as tune
+from lab.tuning.own_vehicle import around, nominal, write_config
 from sim_bridge.commands import DEFAULT_CONFIG
 from sim_bridge.config import load_config as load_plant
-from sim_bridge.params import DEFAULTS
+from sim_bridge.firmware.params import DEFAULTS
 
 BASE = load_plant(DEFAULT_CONFIG)
 SIX_THRUSTERS = load_plant(DEFAULT_CONFIG.parent / "sim-bluerov2.toml")

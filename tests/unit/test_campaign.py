@@ -8,9 +8,10 @@ import pytest
 from msgspec.structs import replace
 
 from companion.config import load_config
-from lab import campaign, commands
-from lab.campaign import BLUEROV2, DISTURBANCES, VEHICLES, Row, batches, case, plant, run
-from lab.campaign_file import CampaignError, CampaignFile
+from lab import commands
+from lab.campaign import campaign
+from lab.campaign.campaign import BLUEROV2, DISTURBANCES, VEHICLES, Row, batches, case, plant, run
+from lab.campaign.file import CampaignError, CampaignFile
 
 CONFIG = load_config()
 CASES = [case(number) for number in range(360)]
@@ -101,7 +102,7 @@ def test_every_dive_comes_back_once():
 @pytest.mark.usefixtures("brief")
 def test_the_command_continues_where_it_stopped(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(
-        "lab.campaign_report.ProcessPoolExecutor", lambda count, mp_context: ThreadPoolExecutor(count)
+        "lab.campaign.report.ProcessPoolExecutor", lambda count, mp_context: ThreadPoolExecutor(count)
     )
     arguments = ["--out", str(tmp_path), "--workers", "1"]
     assert commands.campaign([*arguments, "--dives", "3"]) == 0

@@ -6,11 +6,11 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from virtual import Dive, Somebody, active
 
-from companion.check import WATCHED, Grade, refusals, rows
-from companion.check_table import as_json, show, worst
 from companion.config import load_config
-from companion.survey import Directions, Observed, Survey
-from companion.types import (
+from companion.predive.check import WATCHED, Grade, refusals, rows
+from companion.predive.survey import Directions, Observed, Survey
+from companion.predive.table import as_json, show, worst
+from companion.records import (
     Ages,
     Battery,
     Delays,

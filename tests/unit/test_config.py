@@ -5,8 +5,8 @@ import msgspec
 import numpy as np
 import pytest
 
-from companion import ranges
 from companion.config import DEFAULT_FILE, ConfigError, load_config
+from companion.telemetry import ranges
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ import pytest
 from companion.config import load_config
 from companion.control.positioning import jacobian
 from companion.engine import Engine
-from companion.types import Ages, Delays, Setpoint, VehicleState
+from companion.records import Ages, Delays, Setpoint, VehicleState
 
 
 def state(eta=(0.0, 0.0, 0.0, 0.0), eta_dot=(0.0, 0.0, 0.0, 0.0), disturbance=(0.0, 0.0, 0.0, 0.0)):

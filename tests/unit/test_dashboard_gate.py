@@ -5,11 +5,11 @@ from typing import get_type_hints
 
 import pytest
 
-from companion import ranges
 from companion.config import Axis
-from dashboard import gate
-from dashboard.options import settings
-from dashboard.orders import ORDERS, RANGES, checked
+from companion.telemetry import ranges
+from dashboard.web import gate
+from dashboard.web.options import settings
+from dashboard.web.orders import ORDERS, RANGES, checked
 
 NAMES = ("localhost", "blueos.local")
 
@@ -119,7 +119,7 @@ def test_what_is_no_command_never_leaves(name: str, body: bytes, says: str) -> N
 
 
 def test_every_command_is_known_by_the_companion() -> None:
-    from companion.operator import COMMANDS
+    from companion.io.command_queue import COMMANDS
 
     assert set(ORDERS) == {*COMMANDS, "record"}
     for name, kind in COMMANDS.items():

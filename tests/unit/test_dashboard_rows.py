@@ -9,12 +9,12 @@ import msgspec
 import numpy as np
 import pytest
 
-from companion import telemetry
-from companion.types import ControlSample, State, Verdict
-from dashboard import fleet
-from dashboard.columns import COLUMNS
-from dashboard.fleet import Fleet, Lag
-from dashboard.ring import Ring, next_row
+from companion.records import ControlSample, State, Verdict
+from companion.telemetry import schemas as telemetry
+from dashboard.web import fleet
+from dashboard.web.columns import COLUMNS
+from dashboard.web.fleet import Fleet, Lag
+from dashboard.web.ring import Ring, next_row
 from dashboard.zenoh_client import Stamped
 
 MakeSample = Callable[..., ControlSample]

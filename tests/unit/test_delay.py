@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from companion.delay import ECHO_SLEW, DelayMeter
+from companion.estimation.delay import ECHO_SLEW, DelayMeter
 
 BOOT_S = -812.5
 """Autopilot's clock minus ours."""

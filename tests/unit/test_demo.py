@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from companion import telemetry
-from companion.types import AxisCommand, ControlSample, Wrench, Z
-from lab import demo_screen
-from lab.demo import Story, _phase
-from lab.demo_dive import Dive, Recording, arrange, figures, spans, window
-from lab.demo_plot import ROWS, draw
-from lab.demo_screen import Now, View
+from companion.records import AxisCommand, ControlSample, Wrench, Z
+from companion.telemetry import schemas as telemetry
+from lab.demo import screen as demo_screen
+from lab.demo.demo import Story, _phase
+from lab.demo.dive import Dive, Recording, arrange, figures, spans, window
+from lab.demo.plot import ROWS, draw
+from lab.demo.screen import Now, View
 from sim_bridge import zenoh_truth
 from sim_bridge.vehicle import Truth
 

@@ -9,7 +9,7 @@ from virtual import CALM, DEPTH_M, Dive, Somebody, active, hold, message_id, ste
 
 from companion.config import load_config
 from companion.engine import Engine
-from companion.types import NEUTRAL, LoopHealth, Request, Setpoint, State
+from companion.records import NEUTRAL, LoopHealth, Request, Setpoint, State
 
 HEALTH = LoopHealth(1, 50.0, 0.0, 0.0, 0, 0)
 TICK_S = 0.02

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from companion.config import load_config
+from companion.control.allocation import Thrusters
 from companion.control.positioning import Model, jacobian, to_body
-from companion.estimation import BROUGHT_S, CommandHistory, Estimator
-from companion.thrust import Thrusters
-from companion.types import (
+from companion.estimation.estimator import BROUGHT_S, CommandHistory, Estimator
+from companion.records import (
     PSI,
     Attitude,
     Battery,

@@ -2,10 +2,10 @@
 
 from virtual import Dive, active
 
-from companion.events import Chronicle
-from companion.operator import Order, Taken
-from companion.telemetry import Reply
-from companion.types import State
+from companion.io.command_queue import Order, Taken
+from companion.records import State
+from companion.telemetry.event_log import Chronicle
+from companion.telemetry.schemas import Reply
 
 
 def told(dive, seconds, chronicle=None, **first):

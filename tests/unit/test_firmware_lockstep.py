@@ -10,14 +10,14 @@ import pytest
 
 from companion.config import load_config
 from companion.engine import Engine
-from companion.types import Request, Setpoint, State
-from lab import firmware
-from lab.firmware import Firmware, FirmwareError, held, parameters_of, program
-from lab.lockstep import Link, Lockstep
+from companion.records import Request, Setpoint, State
+from lab.loop import firmware
+from lab.loop.firmware import Firmware, FirmwareError, held, parameters_of, program
+from lab.loop.lockstep import Link, Lockstep
 from sim_bridge.commands import DEFAULT_CONFIG
 from sim_bridge.config import Fault
 from sim_bridge.config import load_config as load_plant
-from sim_bridge.plant import GRAVITY
+from sim_bridge.physics.plant import GRAVITY
 
 TESTS = Path(__file__).parents[1]
 

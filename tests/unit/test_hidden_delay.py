@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from companion.config import load_config
-from companion.hidden_delay import LARGEST_S, HiddenDelay
-from companion.observer import Noise
-from lab.batch import simulate_scenarios
-from lab.batch_engine import Engines
-from lab.batch_vehicle import Links
-from lab.scenarios import four
+from companion.estimation.hidden_delay import LARGEST_S, HiddenDelay
+from companion.estimation.observer import Noise
+from lab.batch.dives import simulate_scenarios
+from lab.batch.engine import Engines
+from lab.batch.vehicle import Links
+from lab.loop.scenarios import four
 from sim_bridge.config import load_config as load_plant
 
 CONFIG = load_config()
@@ -69,7 +69,7 @@ def test_what_was_not_measured_teaches_nothing():
 @pytest.mark.parametrize(("hidden_s", "least_s", "most_s"), [(0.0, 0.0, 0.015), (0.04, 0.02, 0.05)])
 def test_in_the_loop_it_finds_part_of_it_and_nothing_where_nothing_is(monkeypatch, hidden_s, least_s, most_s):
     engines = []
-    monkeypatch.setattr("lab.batch.Engines", lambda *a: engines.append(Engines(*a)) or engines[-1])
+    monkeypatch.setattr("lab.batch.dives.Engines", lambda *a: engines.append(Engines(*a)) or engines[-1])
     dives = [four(seed)[1] for seed in range(8)]
     simulate_scenarios(CONFIG, dives, PLANT, Links(up_s=0.001 + hidden_s, untold_up_s=hidden_s))
     assert least_s <= engines[0]._hidden.hidden_s.mean() <= most_s

@@ -7,14 +7,14 @@ import pytest
 
 from companion import assembly
 from companion.config import DEFAULT_FILE, load_config
+from companion.control.allocation import Thrusters
 from companion.control.levelling import FILTER_S, INTEGRAL, Levelling
 from companion.mavlink.ardusub import Commands
-from companion.supervisor import Envelope, guard
-from companion.thrust import Thrusters
-from companion.types import NEUTRAL, AxisCommand, Condition, State, Verdict
+from companion.records import NEUTRAL, AxisCommand, Condition, State, Verdict
+from companion.supervision.supervisor import Envelope, guard
 from sim_bridge.config import load_config as load_plant
-from sim_bridge.mixer import mix, motor_pwm
-from sim_bridge.thrusters import Thrusters as TrueThrusters
+from sim_bridge.firmware.mixer import mix, motor_pwm
+from sim_bridge.physics.thrusters import Thrusters as TrueThrusters
 
 LAG_S, OMEGA, TICK_S = 0.15, 5.0, 0.02
 NEAR_S = 0.0

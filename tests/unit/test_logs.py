@@ -6,8 +6,8 @@ import threading
 
 import pytest
 
-from companion import logs
-from companion.logs import MOST_LINES, ThreadHandler
+from companion.io import logs
+from companion.io.logs import MOST_LINES, ThreadHandler
 
 
 @pytest.fixture

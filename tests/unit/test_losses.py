@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from companion import telemetry
-from companion.types import ControlSample
-from dashboard.fleet import Fleet
+from companion.records import ControlSample
+from companion.telemetry import schemas as telemetry
 from dashboard.losses import Losses
-from dashboard.recorder import Limits, Recorder
+from dashboard.recording.recorder import Limits, Recorder
+from dashboard.web.fleet import Fleet
 from dashboard.zenoh_client import Stamped
 
 MakeSample = Callable[..., ControlSample]

@@ -5,13 +5,13 @@ import math
 import numpy as np
 import pytest
 
-from lab.floor import CHATTER_N, floor, loop_delay_s, sea_speed
-from lab.lockstep import Link
-from lab.lqg import LQG, Plant, discrete, expm, riccati, stationary
-from lab.scenarios import four
+from lab.bench.floor import CHATTER_N, floor, loop_delay_s, sea_speed
+from lab.bench.lqg import LQG, Plant, discrete, expm, riccati, stationary
+from lab.loop.lockstep import Link
+from lab.loop.scenarios import four
 from sim_bridge.commands import DEFAULT_CONFIG
 from sim_bridge.config import load_config
-from sim_bridge.environment import JonswapSea
+from sim_bridge.physics.environment import JonswapSea
 
 BASE = load_config(DEFAULT_CONFIG)
 TICK_S = 0.02

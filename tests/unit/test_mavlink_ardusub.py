@@ -13,7 +13,7 @@ from companion.mavlink.ardusub import (
     quantise,
     unmirrored,
 )
-from companion.types import (
+from companion.records import (
     Attitude,
     AxisCommand,
     Battery,

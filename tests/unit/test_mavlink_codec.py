@@ -1,7 +1,7 @@
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from companion.mavlink.codec import PARTIAL_TIMEOUT_S, Codec
-from companion.types import Sender
+from companion.records import Sender
 
 VEHICLE = (1, 1)
 US = (255, 191)

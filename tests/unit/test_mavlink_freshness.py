@@ -4,7 +4,7 @@ import pytest
 
 from companion.mavlink.ardusub import unmirrored
 from companion.mavlink.freshness import MESSAGES, Freshness
-from companion.types import Attitude, Depth, DepthRate, Heartbeat, Reboot, ServoOutput, TimeSync
+from companion.records import Attitude, Depth, DepthRate, Heartbeat, Reboot, ServoOutput, TimeSync
 
 
 def depth(boot_s: float) -> Depth:

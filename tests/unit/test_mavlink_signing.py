@@ -9,7 +9,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from companion.config import ConfigError
 from companion.mavlink.codec import Codec, Packer
 from companion.mavlink.signing import EPOCH_S, UNITS_PER_S, Signing, read_key
-from companion.types import Sender
+from companion.records import Sender
 
 KEY = bytes(range(32))
 UTC_2026_S = 1_795_000_000.0

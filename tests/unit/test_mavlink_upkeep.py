@@ -4,9 +4,9 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from companion.mavlink.ardusub import Commands, Mode
+from companion.mavlink.link_maintenance import PARAMETERS, VOLATILE, Upkeep
 from companion.mavlink.streams import streams
-from companion.mavlink.upkeep import PARAMETERS, VOLATILE, Upkeep
-from companion.types import Depth, Firmware, Heartbeat, Parameter, Reboot, StatusText
+from companion.records import Depth, Firmware, Heartbeat, Parameter, Reboot, StatusText
 
 TICK_S = 0.02
 

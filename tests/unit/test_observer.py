@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from companion.observer import Noise, Observer
+from companion.estimation.observer import Noise, Observer
 
 M = np.array([17.5, 18.0, 28.5, 0.5])
 C = np.array([18.0, 19.0, 30.0, 0.2])

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from virtual import Dive, hold
 
 from companion.config import Axis, Config, load_config
-from companion.operator import (
+from companion.io.command_queue import (
     COMMANDS,
     MAX_BYTES,
     WAITING,
@@ -21,9 +21,9 @@ from companion.operator import (
     Gains,
     Order,
 )
-from companion.telemetry import Reply
-from companion.types import ENGAGE_S, Condition, State
-from lab.lockstep import Link
+from companion.records import ENGAGE_S, Condition, State
+from companion.telemetry.schemas import Reply
+from lab.loop.lockstep import Link
 
 
 class Console:

@@ -8,11 +8,11 @@ from statistics import median
 import numpy as np
 import pytest
 
-from lab import third_order
 from lab.commands import paper
-from lab.delay_margin import linear_ms
-from lab.paper import Case, dive
-from lab.paper_rows import STUDY
+from lab.paper import third_order
+from lab.paper.delay_margin import linear_ms
+from lab.paper.rows import STUDY
+from lab.paper.simulation import Case, dive
 
 FIELDS = {
     "disturbance": {"none", "constant", "sine", "tether", "current"},

@@ -12,13 +12,13 @@ from mcap.reader import make_reader
 from mcap.records import Chunk
 from mcap.stream_reader import StreamReader
 
-from companion import telemetry
-from companion.types import ControlSample
-from dashboard.json_schema import schema_of
-from dashboard.recorder import Limits, Recorder
-from dashboard.recording import FREE_BYTES, MAGIC, MAX_RATIO, Disk, Item, Reader, Recording
-from dashboard.recover import main as recover_main
-from dashboard.recover import recover
+from companion.records import ControlSample
+from companion.telemetry import schemas as telemetry
+from dashboard.recording.json_schema import schema_of
+from dashboard.recording.mcap_file import FREE_BYTES, MAGIC, MAX_RATIO, Disk, Item, Reader, Recording
+from dashboard.recording.recorder import Limits, Recorder
+from dashboard.recording.recover import main as recover_main
+from dashboard.recording.recover import recover
 
 MakeSample = Callable[..., ControlSample]
 UTC_NS = 1_795_000_000_000_000_000
@@ -153,7 +153,7 @@ def test_a_cut_file_gives_all_whole_chunks(written: Path, tmp_path: Path, kept: 
 def test_the_beginning_of_a_cut_chunk_is_had_where_it_is_not_packed(
     written: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("dashboard.recording.COMPRESSION", "NONE")
+    monkeypatch.setattr("dashboard.recording.mcap_file.COMPRESSION", "NONE")
     path = tmp_path / "plain.mcap"
     recording = Recording(path)
     items = list(Reader(written))[:80]

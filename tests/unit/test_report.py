@@ -9,19 +9,19 @@ import numpy as np
 import pytest
 from virtual import ROOT, hold
 
-from companion import telemetry
 from companion.config import load_config
 from companion.engine import Engine
-from companion.types import ControlSample, LoopHealth, Request
-from dashboard.record import flat
-from dashboard.recording import Item, Recording
-from lab.identify import identify
-from lab.lockstep import Link, Lockstep, Step
-from lab.report import main
-from lab.report_advice import advice
-from lab.report_figures import figures
-from lab.report_log import Log, load
-from lab.report_plot import POINTS, thinned
+from companion.records import ControlSample, LoopHealth, Request
+from companion.telemetry import schemas as telemetry
+from dashboard.recording.mcap_file import Item, Recording
+from dashboard.recording.record import flat
+from lab.loop.lockstep import Link, Lockstep, Step
+from lab.report.advice import advice
+from lab.report.figures import figures
+from lab.report.identify import identify
+from lab.report.log import Log, load
+from lab.report.plot import POINTS, thinned
+from lab.report.report import main
 from sim_bridge.config import load_config as load_plant
 from sim_bridge.vehicle import Vehicle
 from sim_bridge.zenoh_truth import SCHEMA, encode

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from virtual import ROOT, Somebody, hold
 
-from companion import telemetry
 from companion.config import Config, load_config
 from companion.engine import Engine
-from companion.types import Request
-from dashboard.record import flat
-from dashboard.recording import Item, Recording
-from lab.lockstep import Link, Lockstep
-from lab.rerun import RerunError, configured, load, main, rerun
+from companion.records import Request
+from companion.telemetry import schemas as telemetry
+from dashboard.recording.mcap_file import Item, Recording
+from dashboard.recording.record import flat
+from lab.loop.lockstep import Link, Lockstep
+from lab.rerun.rerun import RerunError, configured, load, main, rerun
 from sim_bridge.config import load_config as load_plant
 from sim_bridge.vehicle import Vehicle
 

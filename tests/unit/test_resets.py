@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from companion.control.bounds import wrap
-from companion.control.frame import joined, shifted, shifted_along, turned
-from companion.resets import POSITION_RESET_M, ResetDetector, position_resets, yaw_resets
-from companion.types import FrameShift
+from companion.control.frames import joined, shifted, shifted_along, turned
+from companion.estimation.resets import POSITION_RESET_M, ResetDetector, position_resets, yaw_resets
+from companion.records import FrameShift
 
 
 def resets(detector, samples):

@@ -8,14 +8,14 @@ import pytest
 from msgspec.structs import replace
 
 from companion.config import load_config
-from companion.types import DofSample, Setpoint, Z
-from lab.lockstep import Link, Lockstep
+from companion.records import DofSample, Setpoint, Z
+from lab.loop.lockstep import Link, Lockstep
+from lab.loop.scenarios import Scenario, four, hold
 from lab.rivals import alt_hold, alt_hold_batch
 from lab.rivals.l1 import L1, L1Gains
 from lab.rivals.law import Forces, Law, Motion, RivalEngine
 from lab.rivals.ppi import PPI, PPIGains
 from lab.rivals.super_twisting import SuperTwisting, TwistGains
-from lab.scenarios import Scenario, four, hold
 from sim_bridge.commands import DEFAULT_CONFIG
 from sim_bridge.config import SimConfig
 from sim_bridge.config import load_config as load_plant

@@ -3,9 +3,10 @@
 import json
 from collections.abc import Callable
 
-from companion import schema, telemetry
 from companion.commands import schema as command
-from companion.types import ControlSample
+from companion.records import ControlSample
+from companion.telemetry import documents as schema
+from companion.telemetry import schemas as telemetry
 
 
 def test_the_page_is_not_stale() -> None:

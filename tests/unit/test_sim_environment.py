@@ -7,8 +7,8 @@ import pytest
 from sim_wire import ARM, CALM, CONFIG, Station, override, vehicle
 
 from sim_bridge.config import Waves, load_config
-from sim_bridge.environment import Environment, JonswapSea, OrnsteinUhlenbeck
-from sim_bridge.plant import GRAVITY
+from sim_bridge.physics.environment import Environment, JonswapSea, OrnsteinUhlenbeck
+from sim_bridge.physics.plant import GRAVITY
 
 DT = 0.02
 

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from sim_bridge.config import load_config
-from sim_bridge.json_physics import DrivenBody, Frame, Motion, Responder, parse, reply
-from sim_bridge.physics import Physics
-from sim_bridge.plant import GRAVITY, state_of
+from sim_bridge.physics.body import Physics
+from sim_bridge.physics.json_physics import DrivenBody, Frame, Motion, Responder, parse, reply
+from sim_bridge.physics.plant import GRAVITY, state_of
 
 HEAVY = Path(__file__).parents[2] / "config" / "sim.toml"
 REST = (1500,) * 16

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from sim_bridge.plant import GRAVITY, Plant, euler, join, split, state_of
+from sim_bridge.physics.plant import GRAVITY, Plant, euler, join, split, state_of
 
 MASS, ADDED, LINEAR, QUADRATIC = 13.5, 18.68, 33.0, 190.0
 STILL = (0.0,) * 6

@@ -7,7 +7,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from sim_wire import ARM, REQUEST, SET_INTERVAL, SET_MODE, STABILIZE, Station, override, vehicle
 
-from sim_bridge.messages import statustexts
+from sim_bridge.firmware.messages import statustexts
 
 STEADY = "initial.eta=[0, 0, 5, 0, 0, 0]"
 QUIET = (

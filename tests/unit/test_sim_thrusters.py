@@ -7,8 +7,8 @@ import pytest
 from sim_wire import CONFIG
 
 from sim_bridge.config import load_config
-from sim_bridge.mixer import FACTORS, mix, motor_pwm
-from sim_bridge.thrusters import Thrusters
+from sim_bridge.firmware.mixer import FACTORS, mix, motor_pwm
+from sim_bridge.physics.thrusters import Thrusters
 
 CONFIGS = {"vectored_6dof": CONFIG, "vectored": CONFIG.with_name("sim-bluerov2.toml")}
 

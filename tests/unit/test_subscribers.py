@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lab.subscribers import CASES, NOBODY, P99_RATIO, NoReaderError, _as_told, _bounds
+from lab.bench.subscribers import CASES, NOBODY, P99_RATIO, NoReaderError, _as_told, _bounds
 
 
 def test_each_cases_p99_is_set_over_that_with_nobody() -> None:

@@ -7,17 +7,8 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from companion.conditions import (
-    CLOCK_DOUBT_S,
-    CONDITIONS,
-    RESET_SETTLE_S,
-    Observation,
-    Watched,
-    assess,
-)
 from companion.config import load_config
-from companion.supervisor import CLEAR, TRANSITIONS, Envelope, Supervisor, guard, names, remedy, transition
-from companion.types import (
+from companion.records import (
     NEUTRAL,
     Ages,
     AxisCommand,
@@ -27,6 +18,24 @@ from companion.types import (
     State,
     VehicleState,
     Verdict,
+)
+from companion.supervision.conditions import (
+    CLOCK_DOUBT_S,
+    CONDITIONS,
+    RESET_SETTLE_S,
+    Observation,
+    Watched,
+    assess,
+)
+from companion.supervision.supervisor import (
+    CLEAR,
+    TRANSITIONS,
+    Envelope,
+    Supervisor,
+    guard,
+    names,
+    remedy,
+    transition,
 )
 
 C = Condition

@@ -10,7 +10,7 @@ from companion.control.controller import BLEND_S
 from companion.control.integrator import Integration, Integrator
 from companion.control.network import Learning, Network
 from companion.control.regressor import Regressor
-from companion.types import Setpoint
+from companion.records import Setpoint
 
 LEARNERS = ("network", "integrator", "regressor")
 PUSHED = state((0.0, 0.0, 0.02, 0.0), (0.0, 0.0, 0.01, 0.0), (0.0, 0.0, -7.0, 0.2))

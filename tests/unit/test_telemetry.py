@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion import telemetry
-from companion.types import DOFS, Ages, Condition, ControlSample
+from companion.records import DOFS, Ages, Condition, ControlSample
+from companion.telemetry import schemas as telemetry
 
 MakeSample = Callable[..., ControlSample]
 

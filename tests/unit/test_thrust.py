@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from companion.thrust import T200_DEMAND, T200_N, Thrusters
+from companion.control.allocation import T200_DEMAND, T200_N, Thrusters
 from sim_bridge.config import load_config
-from sim_bridge.mixer import mix, motor_pwm
-from sim_bridge.thrusters import Thrusters as TrueThrusters
+from sim_bridge.firmware.mixer import mix, motor_pwm
+from sim_bridge.physics.thrusters import Thrusters as TrueThrusters
 
 FRAMES = {"vectored_6dof": "config/sim.toml", "vectored": "config/sim-bluerov2.toml"}
 UNBOUNDED = np.full(4, 1e6)

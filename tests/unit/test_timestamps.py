@@ -7,7 +7,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from companion.mavlink.codec import Codec
 from companion.mavlink.signing import EPOCH_S, UNITS_PER_S, Signing
-from companion.timestamps import AHEAD, TimestampFile, timestamp_path
+from companion.mavlink.timestamps import AHEAD, TimestampFile, timestamp_path
 
 KEY = bytes(range(32))
 UTC_S = 1_795_000_000.0

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from rich.console import Console, RenderableType
 
-from companion import telemetry
-from companion.types import Ages, Condition, ControlSample, State, Wrench
-from dashboard import watch
-from dashboard.watch import Feed, Fleet, View, picture, render
+from companion.records import Ages, Condition, ControlSample, State, Wrench
+from companion.telemetry import schemas as telemetry
+from dashboard.terminal import watch
+from dashboard.terminal.watch import Feed, Fleet, View, picture, render
 from dashboard.zenoh_client import Message
 
 MakeSample = Callable[..., ControlSample]

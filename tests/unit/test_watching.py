@@ -7,10 +7,8 @@ import numpy as np
 import pytest
 from test_supervisor import FINE_STATE, LIMITS, SAFE
 
-from companion.conditions import Watched
-from companion.handover import KEEP_ALIVE_S, REFUSED_S, SETTLE_S, HandOver
 from companion.mavlink.ardusub import Mode
-from companion.types import (
+from companion.records import (
     Condition,
     EkfStatus,
     Heartbeat,
@@ -20,7 +18,9 @@ from companion.types import (
     PilotInput,
     Reboot,
 )
-from companion.watch import ANNOUNCED_S, FAILSAFE_SETTLE_S, LEAK_REPEAT_S, Watch
+from companion.supervision.conditions import Watched
+from companion.supervision.handover import KEEP_ALIVE_S, REFUSED_S, SETTLE_S, HandOver
+from companion.supervision.monitor import ANNOUNCED_S, FAILSAFE_SETTLE_S, LEAK_REPEAT_S, Watch
 
 TICK_S = 0.02
 ALL = np.ones(4, bool)

@@ -1,0 +1,1 @@
+"""Where the vehicle is, and how late everything is."""

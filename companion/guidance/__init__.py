@@ -1,0 +1,1 @@
+"""What is wanted: the setpoint, and what the pilot asks for."""

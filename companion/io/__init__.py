@@ -1,0 +1,1 @@
+"""Links, Zenoh, logs: where bytes enter and leave the process."""

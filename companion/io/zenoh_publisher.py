@@ -1,0 +1,364 @@
+"""ControlSamples and events to whoever listens, commands from whoever asks. The companion's only zenoh.
+
+The tick only offers; a thread of its own encodes, publishes, replies and cares for the session. As "peer" it
+joins the router or peer that listens on the endpoint, if one is there, and otherwise listens there itself, on
+loopback only: so on one host somebody always listens, whoever started first, and everybody else is a client.
+As "client" it only joins: a router that starts after us finds its port free. As "file" it opens what a Zenoh
+configuration file says, such as one of `holdfast keys`.
+"""
+
+import json
+import logging
+import queue
+import threading
+from collections import deque
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from ipaddress import ip_address
+from types import TracebackType
+from typing import Literal, Self
+
+import msgspec
+import zenoh
+from zenoh import ext
+
+from companion.io.command_queue import COMMANDS, Order
+from companion.records import ControlSample
+from companion.telemetry import schemas as telemetry
+
+_QUEUE = 64  # samples: 1.3 s at 50 Hz
+_MAIL = 256  # events and answers
+_OPEN_MS = 1000  # for the handshake: somebody who is stopped still accepts a connection
+_RETRY_S = 0.2
+_ROUTER_GRACE = 25  # attempts to rejoin a router, 5 s, before we take the port that it may want back
+_CLOSE_S = 0.5
+_LOOK_S = 1.0  # for the network to name the companions there are
+_GIVE_WAY_S = 0.5  # to one that started at the same moment
+_RAW_KEPT = 3000  # ticks that a recorder gets after the event: a minute
+_EVENTS_KEPT = 100  # for those who come later
+
+_log = logging.getLogger(__name__)
+_Offered = tuple[ControlSample, telemetry.Raw | None]
+_Answer = tuple[zenoh.Query, telemetry.Reply]
+
+
+class NameTakenError(Exception):
+    """Another companion has this vehicle's name, or may have it."""
+
+
+class Publisher:
+    """Publishes one vehicle's samples under the keys of `telemetry.keys`, events, and a liveliness token.
+
+    `endpoint` is Zenoh's, such as tcp/127.0.0.1:7447, or in mode "file" a path. `dropped` counts the samples
+    that nobody could take in time. Whoever subscribes by `zenoh.ext` gets the last events and raw ticks as
+    well: nobody is there at the first one. Without `on_order` there are no commands; it is called with each,
+    on a thread of Zenoh's. `config` is what a query for it is answered with. Raises ValueError for a vehicle
+    name that is no key and an endpoint that is none; trouble with the network is never raised.
+    """
+
+    def __init__(
+        self,
+        vehicle: str,
+        endpoint: str = telemetry.ENDPOINT,
+        mode: Literal["peer", "client", "file"] = "peer",
+        on_order: Callable[[Order], None] | None = None,
+    ) -> None:
+        self.dropped = 0
+        self.config = b"{}"
+        self.rivals: deque[str] = deque(maxlen=8)
+        """Instances of this vehicle's name that came after us: whoever reads them takes them out."""
+        self._vehicle = vehicle
+        self._keys = telemetry.keys(vehicle)
+        _check(endpoint, mode)
+        self._endpoint = endpoint
+        self._mode = mode
+        self._on_order = on_order
+        self._queue: queue.SimpleQueue[_Offered | None] = queue.SimpleQueue()
+        self._mail: deque[telemetry.Event | _Answer] = deque(maxlen=_MAIL)
+        self._closing = threading.Event()
+        self._looked = threading.Event()
+        self._senior = ""
+        self._thread = threading.Thread(target=self._run, name="zenoh", daemon=True)
+
+    def start(self) -> None:
+        """Open and publish from now on, in the background."""
+        self._thread.start()
+
+    def claim(self, patience_s: float) -> None:
+        """Wait until it is known that no other companion has this vehicle's name.
+
+        Raises NameTakenError if one has, or if nobody can tell because whoever holds our endpoint is mute.
+        Where there is no network to ask, the name is ours.
+        """
+        known = self._looked.wait(patience_s)
+        if self._senior:
+            raise NameTakenError(
+                f"another companion is '{self._vehicle}' already: instance {self._senior}, at "
+                f"{self._endpoint}. End that one, or give this one another vehicle.name"
+            )
+        if not known and self._mode == "peer" and _is_loopback(self._endpoint):
+            raise NameTakenError(
+                f"somebody holds {self._endpoint} and does not answer: a stopped companion? "
+                "End that process, or choose another telemetry.endpoint"
+            )
+
+    def offer(
+        self,
+        sample: ControlSample,
+        raw: telemetry.Raw | None = None,
+        events: Sequence[telemetry.Event] = (),
+    ) -> None:
+        """Hand over what nobody may change any more. Never blocks; the oldest gives way."""
+        self._mail.extend(events)
+        if self._queue.qsize() >= _QUEUE:
+            with suppress(queue.Empty):
+                self.dropped += self._queue.get_nowait() is not None
+        self._queue.put((sample, raw))
+
+    def close(self) -> None:
+        """Leave, within half a second and from any state. Offers are ignored from here on."""
+        self._closing.set()
+        self._queue.put(None)
+        if self._thread.is_alive():
+            self._thread.join(_CLOSE_S)
+
+    def __enter__(self) -> Self:
+        """Start."""
+        self.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close."""
+        self.close()
+
+    def _run(self) -> None:
+        attempts_before_listening = 0
+        while not self._closing.is_set():
+            session = self._read() if self._mode == "file" else self._join()
+            joined = session is not None and self._mode != "file"
+            if session is None and self._mode == "peer" and attempts_before_listening == 0:
+                session = self._listen()
+            attempts_before_listening = max(0, attempts_before_listening - 1)
+            if session is None:
+                if self._mode != "peer" or not _is_loopback(self._endpoint):
+                    self._looked.set()  # there is nobody to ask
+                self._closing.wait(_RETRY_S)
+                continue
+            with session:
+                if joined and session.info.routers_zid():
+                    attempts_before_listening = _ROUTER_GRACE
+                self._publish(session, joined)
+
+    def _join(self) -> zenoh.Session | None:
+        session = _open("client", connect=self._endpoint)
+        if session:
+            _log.info("zenoh: joined %s", self._endpoint)
+        return session
+
+    def _listen(self) -> zenoh.Session | None:
+        if not _is_loopback(self._endpoint):
+            return None
+        session = _open("peer", listen=self._endpoint)
+        if session:
+            _log.info("zenoh: listening on %s", self._endpoint)
+        return session
+
+    def _read(self) -> zenoh.Session | None:
+        try:
+            session = zenoh.open(zenoh.Config.from_file(self._endpoint))
+        except zenoh.ZError as error:
+            if not self._looked.is_set():
+                _log.warning("zenoh: %s: %s", self._endpoint, error)
+            return None
+        _log.info("zenoh: open by %s", self._endpoint)
+        return session
+
+    def _publish(self, session: zenoh.Session, joined: bool) -> None:
+        """Publish until closed or, where we joined somebody, until that one has gone."""
+        lost, routed = threading.Event(), threading.Event()
+        if session.info.routers_zid():
+            routed.set()
+
+        def on_transport(event: zenoh.TransportEvent) -> None:
+            if event.kind == zenoh.SampleKind.PUT and event.transport.whatami == zenoh.WhatAmI.ROUTER:
+                routed.set()
+            if joined and event.kind == zenoh.SampleKind.DELETE:
+                lost.set()
+
+        instance = str(session.zid())
+        with suppress(zenoh.ZError):
+            if not self._looked.is_set() and self._found(self._others(session, instance)):
+                return
+            publishers = {key: _publisher(session, key, encoding) for key, encoding in self._keys.items()}
+            events = _history(session, *telemetry.event_key(self._vehicle), _EVENTS_KEPT)
+            raw = _history(session, *telemetry.raw_key(self._vehicle), _RAW_KEPT, recover=True)
+            with (
+                session.info.declare_transport_events_listener(on_transport),
+                session.liveliness().declare_token(telemetry.alive_key(self._vehicle, instance)),
+            ):
+                if joined and not session.info.transports():
+                    lost.set()  # gone before anybody listened for it
+                if not self._looked.is_set():
+                    # Of two that declared at the same moment the one with the greater id gives way, if it
+                    # saw the other: who stays has not seen us.
+                    others = self._others(session, instance)
+                    if others and min(others) > instance:
+                        self._closing.wait(_GIVE_WAY_S)
+                        others = self._others(session, instance)
+                    if self._found(others):
+                        return
+                    self._looked.set()
+                self._answer_from(session, routed)
+                self._watch_for_rivals(session, instance)
+                while not (self._closing.is_set() or lost.is_set()):
+                    with suppress(queue.Empty):
+                        offered = self._queue.get(timeout=_RETRY_S)
+                        self._deliver(events)
+                        if offered is None:
+                            continue
+                        for key, _, payload in telemetry.encode(offered[0], self._vehicle):
+                            publishers[key].put(payload)
+                        if offered[1] is not None:
+                            raw.put(msgspec.msgpack.encode(offered[1]))
+        if not self._closing.is_set():
+            _log.warning("zenoh: lost %s, trying again", self._endpoint)
+
+    def _others(self, session: zenoh.Session, instance: str) -> list[str]:
+        """Return the instances of companions with our name."""
+        found = session.liveliness().get(telemetry.alive_key(self._vehicle), timeout=_LOOK_S)
+        keys = [str(reply.ok.key_expr) for reply in found if reply.ok is not None]
+        return [key.rpartition("/")[2] for key in keys if not key.endswith(f"/{instance}")]
+
+    def _found(self, seniors: Sequence[str]) -> bool:
+        """Remember who has our name, and end; or return False."""
+        if not seniors:
+            return False
+        self._senior = seniors[0]
+        self._closing.set()
+        self._looked.set()
+        return True
+
+    def _watch_for_rivals(self, session: zenoh.Session, instance: str) -> None:
+        def on_token(sample: zenoh.Sample) -> None:
+            other = str(sample.key_expr).rpartition("/")[2]
+            if sample.kind == zenoh.SampleKind.PUT and other != instance:
+                self.rivals.append(other)
+
+        tokens = telemetry.alive_key(self._vehicle)
+        session.liveliness().declare_subscriber(tokens, on_token, history=True)
+
+    def _answer_from(self, session: zenoh.Session, routed: threading.Event) -> None:
+        """Take commands, and answer for the configuration, as long as the session lasts.
+
+        A command is local where only loopback is open, and no router, once `routed`, forwards from elsewhere.
+        """
+        take = self._on_order
+        here = self._mode == "peer" and _is_loopback(self._endpoint)
+
+        def on_config(query: zenoh.Query) -> None:
+            with query:
+                key = telemetry.config_key(self._vehicle)
+                query.reply(key, self.config, encoding=zenoh.Encoding("application/json;holdfast.Config.v1"))
+
+        def on_command(query: zenoh.Query) -> None:
+            key = str(query.key_expr)
+            if take is None or "*" in key:
+                query.drop()  # type: ignore[no-untyped-call]
+                return
+            payload = query.payload.to_bytes() if query.payload is not None else b""
+            local = here and not routed.is_set()
+            take(Order(key.rpartition("/")[2], payload, lambda reply: self._reply(query, reply), local))
+
+        session.declare_queryable(telemetry.config_key(self._vehicle), on_config)
+        for name in COMMANDS:
+            session.declare_queryable(telemetry.command_key(self._vehicle, name), on_command)
+
+    def _reply(self, query: zenoh.Query, reply: telemetry.Reply) -> None:
+        self._mail.append((query, reply))
+        self._queue.put(None)
+
+    def _deliver(self, events: ext.AdvancedPublisher) -> None:
+        while self._mail:
+            item = self._mail.popleft()
+            if isinstance(item, telemetry.Event):
+                events.put(telemetry.to_json(item))
+            else:
+                query, reply = item
+                with suppress(zenoh.ZError), query:
+                    encoding = zenoh.Encoding(telemetry.encoding(telemetry.Reply))
+                    query.reply(str(query.key_expr), msgspec.json.encode(reply), encoding=encoding)
+
+
+def _publisher(session: zenoh.Session, key: str, encoding: str) -> zenoh.Publisher:
+    return session.declare_publisher(
+        key,
+        encoding=zenoh.Encoding(encoding),
+        congestion_control=zenoh.CongestionControl.DROP,
+        priority=zenoh.Priority.REAL_TIME,
+    )
+
+
+def _history(
+    session: zenoh.Session, key: str, encoding: str, kept: int, *, recover: bool = False
+) -> ext.AdvancedPublisher:
+    """Return a publisher whose last `kept` samples a late subscriber gets as well.
+
+    With `recover` a subscriber can ask again for one that was dropped; such samples stay behind the others.
+    """
+    missed = ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=None)
+    return ext.declare_advanced_publisher(
+        session,
+        key,
+        encoding=zenoh.Encoding(encoding),
+        congestion_control=zenoh.CongestionControl.DROP,
+        priority=zenoh.Priority.DATA if recover else zenoh.Priority.REAL_TIME,
+        cache=ext.CacheConfig(kept),
+        sample_miss_detection=missed if recover else None,
+        publisher_detection=True,
+    )
+
+
+def _open(mode: str, *, connect: str = "", listen: str = "") -> zenoh.Session | None:
+    config = zenoh.Config()
+    for name, value in {
+        "mode": mode,
+        "connect/endpoints": [connect] if connect else [],
+        "connect/timeout_ms": 0,
+        "listen/endpoints": [listen] if listen else [],
+        "listen/timeout_ms": 0,
+        "transport/unicast/open_timeout": _OPEN_MS,
+        "scouting/multicast/enabled": False,
+        "scouting/gossip/enabled": False,
+        "timestamping/enabled": True,
+        "transport/shared_memory/enabled": False,
+        "transport/link/tx/queue/size": telemetry.BATCHES,
+    }.items():
+        config.insert_json5(name, json.dumps(value))
+    try:
+        return zenoh.open(config)
+    except zenoh.ZError as error:
+        _log.debug("zenoh: %s", error)
+        return None
+
+
+def _check(endpoint: str, mode: str) -> None:
+    """Raise ValueError for an endpoint that could never work."""
+    try:
+        if mode == "file":
+            zenoh.Config.from_file(endpoint)
+        else:
+            zenoh.Config().insert_json5("connect/endpoints", json.dumps([endpoint]))
+    except zenoh.ZError as error:
+        what = "the path of a Zenoh configuration" if mode == "file" else "one such as tcp/127.0.0.1:7447"
+        raise ValueError(
+            f"telemetry.endpoint = '{endpoint}': telemetry.mode is {mode}, want {what}"
+        ) from error
+
+
+def _is_loopback(endpoint: str) -> bool:
+    host = endpoint.partition("/")[2].rpartition(":")[0]
+    with suppress(ValueError):
+        return host == "localhost" or ip_address(host.strip("[]")).is_loopback
+    return False

@@ -1,0 +1,184 @@
+"""What must be asked of the autopilot, and asked again: streams, clock, parameters, mode, arming."""
+
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
+from typing import Final
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from companion.mavlink.ardusub import Commands, Mode
+from companion.mavlink.codec import Message
+from companion.mavlink.streams import Streams, streams
+from companion.records import Event, Firmware, Heartbeat, Parameter, Reboot, StatusText
+
+HEARTBEAT_S: Final = 1.0
+TIMESYNC_S: Final = 0.25
+VERSION_S: Final = 5.0
+PARAMETER_S: Final = 0.1
+PARAMETER_AGAIN_S: Final = (2.0, 60.0)
+"""A parameter that was not answered is asked for again, ever later: a firmware may not have it."""
+
+VOLATILE_S: Final = 10.0
+COMMAND_S: Final = 1.0
+CONTACT_S: Final = 5.0
+
+RENAMED: Final = {"SYSID_MYGCS": "MAV_GCS_SYSID"}
+"""Names before ArduSub 4.7 and since: either answer will do, and is known by the new name."""
+
+PARAMETERS: Final = (
+    "FS_PILOT_INPUT",
+    "FS_PILOT_TIMEOUT",
+    "FRAME_CONFIG",
+    *RENAMED.values(),
+    "RC_OVERRIDE_TIME",
+    "RC_PROTOCOLS",
+    "JS_THR_GAIN",
+    "FS_LEAK_ENABLE",
+    "SURFACE_DEPTH",
+    *(f"MOT_{motor}_DIRECTION" for motor in range(1, 9)),
+    "BARO_PRIMARY",
+    "BARO_SPEC_GRAV",
+    "BARO1_GND_PRESS",
+    "BARO2_GND_PRESS",
+    *RENAMED.keys(),
+)
+
+ZEROES: Final = frozenset({"BARO1_GND_PRESS", "BARO2_GND_PRESS"})
+"""The autopilot sets these anew at the surface and on arming, and tells nobody."""
+
+VOLATILE: Final = ZEROES | {"FS_PILOT_INPUT", "FS_PILOT_TIMEOUT", "JS_THR_GAIN"}
+"""Read again and again: safety and thrust depend on them, and the notice of a change may be lost."""
+
+
+class Upkeep:
+    """Keeps one autopilot talking, and doing what is wanted.
+
+    Before the autopilot's heartbeat has come, or once it has not come for CONTACT_S, nothing goes out but our
+    own. A reboot and a new contact make everything be asked anew.
+    """
+
+    def __init__(self, commands: Commands, rates_hz: Mapping[int, float] | None = None) -> None:
+        self._commands = commands
+        self._streams = Streams(streams() if rates_hz is None else rates_hz)
+        self._parameters: dict[str, float] = {}
+        self._last: Heartbeat | None = None
+        self._wanted_mode: Mode | None = None
+        self._heartbeat = _Timer(HEARTBEAT_S)
+        self._forget()
+
+    @property
+    def firmware(self) -> Firmware | None:
+        """The autopilot's version, once it has told it."""
+        return self._firmware
+
+    @property
+    def all_parameters_known(self) -> bool:
+        """Whether every one of PARAMETERS was answered."""
+        return {RENAMED.get(name, name) for name in PARAMETERS} <= self._parameters.keys()
+
+    @property
+    def parameters(self) -> Mapping[str, float]:
+        """What was answered of PARAMETERS since first contact or the last reboot, by today's names."""
+        return MappingProxyType(self._parameters)
+
+    def heard(self, message_id: int) -> None:
+        """Count a message of a stream."""
+        self._streams.heard(message_id)
+
+    @property
+    def measured_hz(self) -> Mapping[int, float]:
+        """Return how often each stream comes, by message id, where that was measured."""
+        return self._streams.measured_hz
+
+    def step(
+        self, now_s: float, events: Sequence[Event], *, want_mode: Mode | None, want_armed: bool
+    ) -> list[Message]:
+        """Take in what came and give what to send at `now_s`.
+
+        `want_mode` None leaves the mode alone. `want_armed` False leaves arming alone: to disarm is
+        somebody's decision (`Commands.arm`), and never a habit.
+        """
+        for event in events:
+            self._take(event)
+        out: list[Message] = []
+        if self._heartbeat.due(now_s):
+            out.append(self._commands.heartbeat())
+        if self._last is None:
+            return out
+        if now_s - self._last.t_s > CONTACT_S:
+            self._last = None
+            return out
+        asked = self._streams.due(now_s)
+        out += [self._commands.message_interval(key, rate) for key, rate in asked.items()]
+        if self._firmware is None and self._version.due(now_s):
+            out.append(self._commands.request_message(mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION))
+        if self._timesync.due(now_s):
+            out.append(self._commands.timesync(now_s))
+        if want_mode != self._wanted_mode:
+            self._wanted_mode, self._mode = want_mode, _Timer(COMMAND_S)
+        if want_mode is not None and self._last.mode != want_mode and self._mode.due(now_s):
+            out.append(self._commands.set_mode(want_mode))
+        if want_armed and not self._last.armed and self._arming.due(now_s):
+            out.append(self._commands.arm(True))
+        due = [name for name, (due_s, _) in self._missing.items() if now_s >= due_s]
+        if due and self._reading.due(now_s):
+            name = min(due, key=lambda name: self._missing[name][0])
+            wait_s = self._missing[name][1]
+            self._missing[name] = (now_s + wait_s, min(2.0 * wait_s, PARAMETER_AGAIN_S[1]))
+            out.append(self._commands.read_parameter(name))
+        return out
+
+    def _forget(self) -> None:
+        self._parameters.clear()
+        self._missing = {name: (float("-inf"), PARAMETER_AGAIN_S[0]) for name in PARAMETERS}
+        self._streams.restart()
+        self._firmware: Firmware | None = None
+        self._version = _Timer(VERSION_S)
+        self._timesync = _Timer(TIMESYNC_S)
+        self._mode = _Timer(COMMAND_S)
+        self._arming = _Timer(COMMAND_S)
+        self._reading = _Timer(PARAMETER_S)
+
+    def _take(self, event: Event) -> None:
+        if isinstance(event, Reboot):
+            self._forget()
+        elif isinstance(event, Heartbeat):
+            if self._last is None:
+                self._forget()
+            elif event.armed and not self._last.armed:
+                self._read_again(event.t_s)
+            self._last = event
+        elif isinstance(event, Parameter):
+            self._answer(event)
+        elif isinstance(event, Firmware):
+            self._firmware = event
+        elif isinstance(event, StatusText):
+            self._streams.said(event.text)
+
+    def _answer(self, event: Parameter) -> None:
+        if event.name not in PARAMETERS:
+            return
+        known = RENAMED.get(event.name, event.name)
+        self._parameters[known] = event.value
+        for name in (known, *(old for old, new in RENAMED.items() if new == known)):
+            self._missing.pop(name, None)
+        if known in VOLATILE:
+            self._missing[known] = (event.t_s + VOLATILE_S, PARAMETER_AGAIN_S[0])
+
+    def _read_again(self, now_s: float) -> None:
+        """Read at once what arming sets anew."""
+        self._missing |= dict.fromkeys(ZEROES & self._parameters.keys(), (now_s, PARAMETER_AGAIN_S[0]))
+
+
+class _Timer:
+    """Says yes at most once a period, and at once the first time."""
+
+    def __init__(self, period_s: float) -> None:
+        self._period_s = period_s
+        self._next_s = float("-inf")
+
+    def due(self, now_s: float) -> bool:
+        if now_s < self._next_s:
+            return False
+        self._next_s = now_s + self._period_s
+        return True

@@ -1,0 +1,73 @@
+"""`holdfast check` as a process: a wire, a clock and an `Inspection`; it ends by itself."""
+
+import asyncio
+import logging
+import time
+
+from companion.app import NS_PER_S, on_ending_signal, signing_of, timestamps_of
+from companion.config import Config
+from companion.io.endpoint import Endpoint
+from companion.io.links import Admission, Link
+from companion.mavlink.inbox import Inbox
+from companion.predive.check import Grade, Row
+from companion.predive.inspection import Inspection
+
+
+def inspect(
+    config: Config, *, origin: tuple[float, float] | None, thrusters: bool
+) -> tuple[list[Row], list[str]]:
+    """Look at the vehicle behind `link.endpoint`; return the list and what was done beside looking.
+
+    Raises OSError when our own port is taken, KeyboardInterrupt when a signal breaks it off.
+    """
+    logging.getLogger("holdfast").setLevel(logging.WARNING)
+    try:
+        return asyncio.run(_inspect(config, origin, thrusters))
+    except asyncio.CancelledError:
+        raise KeyboardInterrupt from None
+
+
+async def _inspect(
+    config: Config, origin: tuple[float, float] | None, thrusters: bool
+) -> tuple[list[Row], list[str]]:
+    endpoint = Endpoint.parse(config.link.endpoint)
+    inbox = Inbox(endpoint.is_stream)
+    signing = signing_of(config)
+    timestamps = timestamps_of(config, vehicle=signing)
+    inspection = Inspection(config, origin=origin, thrusters=thrusters, signing=signing)
+    link = Link(
+        endpoint,
+        "vehicle",
+        inbox.add,
+        Admission(inspection.sender, inspection.hello, config.link.allow),
+    )
+    if timestamps is not None:
+        timestamps.start()
+    wire = asyncio.create_task(link.run())
+    here = asyncio.current_task()
+    assert here is not None
+    on_ending_signal(asyncio.get_running_loop(), here.cancel)
+    try:
+        while not inspection.done and not wire.done():
+            for data in inspection.step(time.monotonic_ns() / NS_PER_S, inbox.take()):
+                link.send(data)
+            await asyncio.sleep(1.0 / config.loop.rate_hz)
+        if wire.done():
+            wire.result()
+    finally:
+        for data in inspection.farewell():
+            link.send(data)
+        wire.cancel()
+        link.close()
+        if timestamps is not None:
+            timestamps.close()
+    if not inspection.contact:
+        return [_nobody(config), *(row for row in inspection.rows if row.name == "signing")], []
+    return inspection.rows, inspection.notes
+
+
+def _nobody(config: Config) -> Row:
+    link = config.link
+    found = f"no heartbeat of system {link.vehicle_system}, component {link.vehicle_component}"
+    mend = "link.endpoint, link.vehicle_system; is it switched on?"
+    return Row("link", Grade.REFUSED, f"{found} at {link.endpoint}", "nothing else can be looked at", mend)

@@ -1,0 +1,117 @@
+"""Which way each motor pushes: from turning and sinking after small pulses on the axes, one after the other.
+
+A pulse goes one way for PULSE_S, then the other, so that the vehicle comes back. Each measured rate is fitted
+by what the pulse would make of it, a constant and a drift; what is left is linear in the motors' shares:
+
+    g_jm = Σ_k s_k B_mk M_kj        j: axis pulsed, m: rate measured, k: motor
+
+There are fewer equations than motors where the frame has more motors than axes: of all shares that explain
+the answers, those nearest to 1 are taken, which still names a single motor that is reversed or dead.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from companion.control.allocation import HORIZONTAL, T200_DEMAND, T200_N, Thrusters
+from companion.control.bounds import bounded
+from companion.records import Array, AxisCommand
+
+PULSE_S: Final = 0.3
+REST_S: Final = 1.2
+FIT_S: Final = 1.0
+"""How long after a pulse's start its answer is looked at."""
+
+DEMANDS: Final = {"surge": 0.2, "sway": 0.2, "heave": 0.2, "yaw": 0.12}
+INERTIA_TILT: Final = (0.45, 0.37)
+"""Roll and pitch of a BlueROV2 with its added mass, kg m² (ArduSub facts): only signs and sizes matter."""
+
+ANSWERS: Final = {"surge": ("r",), "sway": ("r",), "yaw": ("r",), "heave": ("p", "q", "w")}
+MAX_SHARE: Final = 2.0
+
+
+class Sample(NamedTuple):
+    """Body rates (rad/s) and depth rate (m/s, down) that came at `t_s`."""
+
+    t_s: float
+    name: str
+    value: float
+
+
+def command(axis: str, since_s: float) -> AxisCommand:
+    """Return what is sent `since_s` after a pulse on `axis` began."""
+    if since_s >= 2.0 * PULSE_S:
+        return AxisCommand()
+    return AxisCommand(**{axis: DEMANDS[axis] if since_s < PULSE_S else -DEMANDS[axis]})
+
+
+def shares(
+    thrusters: Thrusters,
+    samples: Mapping[str, Sequence[Sample]],
+    starts_s: Mapping[str, float],
+    *,
+    inertia: Mapping[str, float],
+    lag_s: float,
+    delay_s: float,
+) -> tuple[float, ...]:
+    """Return each motor's share of the push it should give: 1 right, -1 reversed, 0 dead; NaN if not told.
+
+    `samples` and `starts_s` by pulsed axis; `inertia` (kg, kg m²) of "w" and "r"; `delay_s` from sending to
+    the motors and back.
+    """
+    factors, levers = thrusters.factors, thrusters.levers
+    inertias = {"p": INERTIA_TILT[0], "q": INERTIA_TILT[1], **inertia}
+    told = np.full(len(factors), np.nan)
+    for group in (slice(0, HORIZONTAL), slice(HORIZONTAL, len(factors))):
+        A, g = [], []
+        for axis, measured in ANSWERS.items():
+            pushes = factors[group, _AXES.index(axis)]
+            if not pushes.any():
+                continue
+            for name in measured:
+                row = levers[_RATES[name], group] * pushes
+                answer = _answer(samples.get(axis, ()), name, starts_s.get(axis), axis, lag_s, delay_s)
+                if answer is None or not levers[_RATES[name], group].any():
+                    continue
+                scale = np.abs(row).sum()
+                A.append(row / scale)
+                g.append(answer * inertias[name] / scale)
+        if A:
+            missing = np.array(g) - np.array(A).sum(-1)
+            found = 1.0 + np.linalg.lstsq(np.array(A), missing, rcond=1e-6)[0]
+            told[group] = bounded(found, np.full(found.shape, MAX_SHARE))
+    return tuple(told.tolist())
+
+
+_AXES = ("surge", "sway", "heave", "yaw")
+_RATES = {"w": 2, "r": 3, "p": 4, "q": 5}
+
+
+def _answer(
+    samples: Sequence[Sample], name: str, start_s: float | None, axis: str, lag_s: float, delay_s: float
+) -> float | None:
+    """Return the moment (N·m) or force (N) behind one rate, per unit of inertia and newton of one motor."""
+    if start_s is None:
+        return None
+    told = [(s.t_s - start_s, s.value) for s in samples if s.name == name and s.t_s - start_s <= FIT_S]
+    if len(told) < 8:
+        return None
+    t_s, y = np.array(told).T
+    shape = _impulse(t_s - delay_s, DEMANDS[axis], lag_s)
+    X = np.stack((shape, np.ones_like(t_s), t_s), axis=-1)
+    return float(np.linalg.lstsq(X, y, rcond=None)[0][0])
+
+
+def _impulse(t_s: Array, demand: float, lag_s: float) -> Array:
+    """Return the integral up to `t_s` of the force of one motor that follows a pulse with a lag, N s."""
+    newtons = 0.5 * float(np.interp(demand, T200_DEMAND, T200_N) - np.interp(-demand, T200_DEMAND, T200_N))
+    step = sum(
+        weight * (late - lag_s * (1.0 - np.exp(-late / lag_s)))
+        for weight, late in (
+            (1.0, np.maximum(t_s, 0.0)),
+            (-2.0, np.maximum(t_s - PULSE_S, 0.0)),
+            (1.0, np.maximum(t_s - 2.0 * PULSE_S, 0.0)),
+        )
+    )
+    return np.asarray(newtons * step)

@@ -1,0 +1,257 @@
+"""What `holdfast check` does with a vehicle: listen, try what may be tried, and fill in the list. No clock.
+
+It never steers unless asked to try the thrusters, and then an armed vehicle in the water alone.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+
+import numpy as np
+
+from companion import assembly
+from companion.config import Config
+from companion.control.allocation import Thrusters
+from companion.estimation.estimator import Estimator
+from companion.mavlink.ardusub import Mode, motor_demand
+from companion.mavlink.autopilot import Autopilot
+from companion.mavlink.signing import Signing
+from companion.predive import directions
+from companion.predive.check import Row, rows
+from companion.predive.directions import Sample
+from companion.predive.survey import Directions, Survey
+from companion.records import (
+    NEUTRAL,
+    Attitude,
+    AxisCommand,
+    DepthRate,
+    Event,
+    Sender,
+    ServoOutput,
+    VehicleState,
+)
+
+CONTACT_S = 10.0
+LISTEN_S = 12.0
+SETTLE_S = 4.0
+"""Least time to listen: rates, delays and the clock are measured over seconds."""
+
+SYNCS = 8
+TRY_S = 2.0
+AGAIN_S = 0.5
+SURFACE_M = 0.3
+NEUTRAL_S = 0.5
+ECHO_SETTLED_S = 0.1
+DISARM = 2.0
+
+
+class Inspection:
+    """One look at one vehicle: `step` it at the loop's rate until `done`, then read `rows`."""
+
+    def __init__(
+        self,
+        config: Config,
+        *,
+        origin: tuple[float, float] | None = None,
+        thrusters: bool = False,
+        signing: Signing | None = None,
+    ) -> None:
+        model = assembly.model(config)
+        self._config = config
+        self._autopilot = Autopilot(config, signing)
+        self._thrusters = Thrusters(config.vehicle.frame, assembly.each(config, "max_force"))
+        self._estimator = Estimator(config, model, self._thrusters)
+        self._survey = Survey()
+        self._origin = origin
+        self._tries_thrusters = thrusters
+        self._modes: dict[str, bool] | None = None
+        self._directions: Directions | None = None
+        self._pushing = False
+        self._events: list[Event] = []
+        self._out: list[bytes] = []
+        self._now_s = 0.0
+        self._state: VehicleState | None = None
+        self._script = self._inspect()
+        self.done = False
+        self.contact = False
+        self.notes: list[str] = []
+        """What was done beside looking, for people."""
+
+    def step(self, now_s: float, datagrams: Sequence[tuple[int, bytes]]) -> list[bytes]:
+        """Advance one tick: take what arrived (monotonic ns, bytes), return what to send."""
+        self._now_s = now_s
+        self._events = self._autopilot.receive(datagrams)
+        self._state = self._estimator.step(now_s, self._events)
+        self._survey.take(self._events)
+        self._out = self._autopilot.upkeep(now_s, self._events, mode=None, arm=False)
+        if not self.done:
+            self.done = next(self._script, True) is True
+        return self._out
+
+    def sender(self, datagram: bytes) -> Sender:
+        """Tell whether a datagram is our vehicle's, for a link that listens (`Autopilot.sender`)."""
+        return self._autopilot.sender(datagram)
+
+    def hello(self) -> bytes:
+        """Return a heartbeat for whoever is not yet our peer (`Autopilot.hello`)."""
+        return self._autopilot.hello()
+
+    def farewell(self) -> list[bytes]:
+        """Return what ends a look that was broken off: neutral where a thruster may turn."""
+        return [self._autopilot.neutral()] if self._pushing else []
+
+    @property
+    def rows(self) -> list[Row]:
+        """The list as far as it is known."""
+        return rows(
+            self._survey.observed(
+                self._seen,
+                parameters=self._autopilot.parameters,
+                measured_hz=self._autopilot.measured_hz,
+                asked_hz=self._autopilot.asked_hz,
+                messages=self._autopilot.counters.messages,
+                refused=self._autopilot.counters.refused,
+                modes=self._modes,
+                directions=self._directions,
+            ),
+            self._config,
+        )
+
+    @property
+    def _seen(self) -> VehicleState:
+        assert self._state is not None
+        return self._state
+
+    def _inspect(self) -> Iterator[None]:
+        yield from self._wait(CONTACT_S, lambda: self._seen.ages.heartbeat_s < CONTACT_S)
+        self.contact = self._seen.ages.heartbeat_s < CONTACT_S
+        if not self.contact:
+            return
+        began_s = self._now_s
+        yield from self._wait(LISTEN_S, lambda: self._now_s - began_s > SETTLE_S and self._heard_enough())
+        if self._origin is not None:
+            yield from self._set_origin(*self._origin)
+        yield from self._try_modes()
+        if self._tries_thrusters:
+            yield from self._try_thrusters()
+
+    def _wait(self, seconds: float, until: Callable[[], bool]) -> Iterator[None]:
+        end_s = self._now_s + seconds
+        while self._now_s < end_s and not until():
+            yield
+
+    def _heard_enough(self) -> bool:
+        seen = self._survey.observed(self._seen)
+        return (
+            seen.firmware is not None
+            and seen.syncs >= SYNCS
+            and seen.depth_hz > 0.0
+            and bool(seen.toggles)
+            and self._autopilot.all_parameters_known
+        )
+
+    def _set_origin(self, latitude_deg: float, longitude_deg: float) -> Iterator[None]:
+        if self._survey.observed(self._seen).origin_known:
+            self.notes.append("the EKF origin was set already, and stays")
+        elif not self._seen.eta[2] < SURFACE_M:
+            self.notes.append(
+                f"the EKF origin was not set: it is dived ({self._seen.eta[2]:.1f} m); come up first"
+            )
+        else:
+            self._out.append(self._autopilot.set_origin(latitude_deg, longitude_deg))
+            yield from self._wait(TRY_S, lambda: self._survey.observed(self._seen).origin_known)
+            known = self._survey.observed(self._seen).origin_known
+            self.notes.append(f"the EKF origin {'was set' if known else 'was asked for and did not come'}")
+
+    def _try_modes(self) -> Iterator[None]:
+        """Ask a disarmed vehicle for each mode that we need, and then for the one it had."""
+        if self._seen.armed:
+            self._modes = {}
+            return
+        before = self._seen.mode
+        tried = {}
+        for mode in (Mode.MANUAL, Mode.STABILIZE):
+            yield from self._ask_mode(mode)
+            tried[mode.name] = self._seen.mode == mode
+        if before in tuple(Mode):
+            yield from self._ask_mode(Mode(before))
+        self._modes = tried
+
+    def _ask_mode(self, mode: Mode) -> Iterator[None]:
+        for _ in range(round(TRY_S / AGAIN_S)):
+            if self._seen.mode == mode:
+                return
+            self._out.append(self._autopilot.set_mode(mode))
+            yield from self._wait(AGAIN_S, lambda: self._seen.mode == mode)
+
+    def _try_thrusters(self) -> Iterator[None]:
+        if not self._may_push():
+            self._directions = Directions(refused=self._why_not())
+            return
+        before = self._seen.mode
+        yield from self._ask_mode(Mode.MANUAL)
+        self._directions, self._pushing = Directions(refused="it was broken off"), True
+        samples: dict[str, list[Sample]] = {}
+        starts_s: dict[str, float] = {}
+        echoes: list[tuple[float, float]] = []
+        for axis in directions.DEMANDS:
+            starts_s[axis], samples[axis] = self._now_s, []
+            while (since_s := self._now_s - starts_s[axis]) < 2.0 * directions.PULSE_S + directions.REST_S:
+                if not self._may_push() or self._seen.mode != Mode.MANUAL:
+                    self._directions = Directions(refused=self._why_not() or "the mode was changed")
+                    yield from self._rest()
+                    return
+                command = directions.command(axis, since_s)
+                self._note(samples[axis], echoes, command, since_s)
+                self._out.append(self._autopilot.steer(command, self._seen.pilot_gain))
+                yield
+        yield from self._rest()
+        if before != Mode.MANUAL and before in tuple(Mode):
+            yield from self._ask_mode(Mode(before))
+        delays = self._seen.delays
+        motors = directions.shares(
+            self._thrusters,
+            samples,
+            starts_s,
+            inertia={"w": self._config.heave.mass, "r": self._config.yaw.mass},
+            lag_s=self._config.thrusters.lag_s,
+            delay_s=delays.total_s,
+        )
+        asked, came = np.array(echoes or [(1.0, 0.0)]).T
+        self._directions = Directions(motors=motors, echo=float(asked @ came / (asked @ asked)))
+
+    def _rest(self) -> Iterator[None]:
+        end_s = self._now_s + NEUTRAL_S
+        while self._now_s < end_s:
+            self._out.append(self._autopilot.steer(NEUTRAL, self._seen.pilot_gain))
+            yield
+        self._pushing = False
+        if self._autopilot.parameters.get("FS_PILOT_INPUT") == DISARM:
+            self.notes.append("nobody steers it now: FS_PILOT_INPUT disarms it, unless a pilot does")
+
+    def _may_push(self) -> bool:
+        return not self._why_not()
+
+    def _why_not(self) -> str:
+        state = self._seen
+        if not state.armed:
+            return "it is not armed"
+        if not state.ages.depth_s < 1.0:
+            return "there is no depth, so nobody knows whether it is in the water"
+        if not state.eta[2] >= SURFACE_M:
+            return f"it is not in the water ({state.eta[2]:.1f} m deep, {SURFACE_M:g} m are wanted)"
+        return ""
+
+    def _note(
+        self, samples: list[Sample], echoes: list[tuple[float, float]], command: AxisCommand, since_s: float
+    ) -> None:
+        """Keep the rates that came, and beside each motor's demand what the autopilot says it got."""
+        settled = since_s % directions.PULSE_S > ECHO_SETTLED_S and since_s < 2.0 * directions.PULSE_S
+        asked = self._thrusters.motors(
+            np.array((command.surge, command.sway, command.heave, command.yaw))
+        ).tolist()
+        for event in self._events:
+            if isinstance(event, Attitude):
+                samples += [Sample(event.t_s, name, getattr(event, name)) for name in ("p", "q", "r")]
+            elif isinstance(event, DepthRate):
+                samples.append(Sample(event.t_s, "w", event.w_mps))
+            elif isinstance(event, ServoOutput) and settled:
+                echoes += zip(asked, motor_demand(event.pwm_us[: len(asked)]), strict=True)

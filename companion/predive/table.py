@@ -1,0 +1,49 @@
+"""The pre-dive list for people and for scripts: `holdfast check` alone prints it, the controller never."""
+
+import json
+import sys
+from collections.abc import Sequence
+
+from companion.predive.check import Grade, Row
+
+MARKS = {Grade.GOOD: "good", Grade.WARNING: "warning", Grade.REFUSED: "REFUSED"}
+COLOURS = {Grade.GOOD: "green", Grade.WARNING: "yellow", Grade.REFUSED: "bold red"}
+
+
+def as_json(rows: Sequence[Row], notes: Sequence[str]) -> str:
+    """Return {"grade", "rows": [{name, grade, found, why, mend}], "notes"}."""
+    told = [
+        {"name": row.name, "grade": row.grade.name, "found": row.found, "why": row.why, "mend": row.mend}
+        for row in rows
+    ]
+    return json.dumps({"grade": worst(rows).name, "rows": told, "notes": list(notes)}, indent=1)
+
+
+def show(rows: Sequence[Row], notes: Sequence[str]) -> None:
+    """Print the list: a table where rich is there, lines where it is not (a vehicle needs no rich)."""
+    try:
+        from rich import box
+        from rich.console import Console
+        from rich.table import Table
+        from rich.text import Text
+    except ImportError:
+        for row in rows:
+            sys.stdout.write(f"{MARKS[row.grade]:>8}  {row.name}: {row.found}\n")
+            if row.grade is not Grade.GOOD:
+                sys.stdout.write(f"          {row.why}. Mend: {row.mend}\n")
+    else:
+        table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+        for column in ("", "row", "found", "why it matters", "what mends it"):
+            table.add_column(column, overflow="fold")
+        for row in rows:
+            mark = Text(MARKS[row.grade], COLOURS[row.grade])
+            mend = "" if row.grade is Grade.GOOD else row.mend
+            table.add_row(mark, *(Text(text) for text in (row.name, row.found, row.why, mend)))
+        Console(width=None if sys.stdout.isatty() else 140).print(table)
+    for note in notes:
+        sys.stdout.write(f"{note}\n")
+
+
+def worst(rows: Sequence[Row]) -> Grade:
+    """Return the worst grade, which is the exit status."""
+    return max((row.grade for row in rows), default=Grade.REFUSED)

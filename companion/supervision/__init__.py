@@ -1,0 +1,1 @@
+"""Who may steer: conditions, transitions, flight mode, guard."""

@@ -1,0 +1,86 @@
+"""From our thrust to the autopilot's own depth hold, or its way up, and how long we keep that alive.
+
+ALT_HOLD entered straight from MANUAL dips by half a metre; entered through STABILIZE, with the throttle at
+neutral, it does not (ArduSub facts). So: ramp down, STABILIZE, a second of neutral, ALT_HOLD. Each mode is
+asked for until the heartbeat says it.
+
+Then ALT_HOLD holds only as long as somebody steers: 3 s after the last steering message the pilot-input
+failsafe, as shipped, disarms. So neutral frames go on, one a second (0.36 Hz is enough), until a pilot steers
+or `keep_s` is over; from there on we are silent and the autopilot's failsafes rule. It never is over on the
+way up and at the surface, nor where the vehicle was handed over because it stays tilted: disarmed it would
+sink with what tilts it. At the surface the firmware itself changes from SURFACE to ALT_HOLD (ArduSub's
+SURFACE mode, barometer above SURFACE_DEPTH).
+"""
+
+from companion.mavlink.ardusub import Mode
+from companion.records import Condition
+
+SETTLE_S = 1.0
+REFUSED_S = 8.0
+KEEP_ALIVE_S = 1.0
+AT_SURFACE_M = 0.5
+"""So far below SURFACE_DEPTH, by our own zero of depth, the firmware may find itself at the surface."""
+
+
+class HandOver:
+    """The steps of one hand-over to `goal`, ALT_HOLD or SURFACE; `begin` starts anew."""
+
+    def __init__(self) -> None:
+        self.begin(0.0, Mode.MANUAL, Mode.ALT_HOLD)
+
+    def begin(self, now_s: float, mode: int, goal: Mode, *, for_good: bool = False) -> None:
+        """Start from flight mode `mode`; `for_good` keeps the goal alive until somebody steers."""
+        self.goal = goal
+        self._for_good = for_good or goal is Mode.SURFACE
+        self._came_from = mode
+        self._since_s = now_s
+        self._stable_s: float | None = None
+        self._held_s: float | None = None
+        self.wanted: Mode | None = None
+        """The flight mode to ask for."""
+
+    def step(
+        self,
+        now_s: float,
+        mode: int,
+        *,
+        thrusting: bool,
+        pilot_heard_s: float,
+        keep_s: float,
+        at_surface: bool = False,
+    ) -> Condition:
+        """Go on at `now_s` with the heartbeat's `mode`.
+
+        Return HANDED_OVER, HAND_OVER_REFUSED, SURFACED or nothing.
+        """
+        if self.goal is Mode.SURFACE and self.held and mode == Mode.ALT_HOLD and at_surface:
+            self.goal = Mode.ALT_HOLD
+            return Condition.SURFACED
+        if mode == self.goal:
+            self._held_s = now_s if self._held_s is None else self._held_s
+            self.wanted = None
+            kept = now_s - self._held_s < keep_s or self._for_good
+            relieved = pilot_heard_s > self._held_s or not kept
+            return Condition.HANDED_OVER if relieved else Condition(0)
+        if now_s - self._since_s > REFUSED_S:
+            return Condition.HAND_OVER_REFUSED
+        if thrusting:
+            return Condition(0)
+        if mode == Mode.STABILIZE and self._stable_s is None:
+            self._stable_s = now_s
+        settled = self._stable_s is not None and now_s - self._stable_s >= SETTLE_S
+        self.wanted = self.goal if settled else Mode.STABILIZE
+        return Condition(0)
+
+    def allows(self, mode: int) -> bool:
+        """Tell whether `mode` is one on our way: another one is somebody's choice."""
+        if self._held_s is not None:
+            return mode == self.goal
+        if self._stable_s is not None:
+            return mode in (Mode.STABILIZE, self.goal)
+        return mode in (self._came_from, Mode.STABILIZE, self.goal)
+
+    @property
+    def held(self) -> bool:
+        """Whether `goal` has the vehicle."""
+        return self._held_s is not None

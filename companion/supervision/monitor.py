@@ -1,0 +1,166 @@
+"""What takes a while to be seen: how long something has lasted, and what was said some time ago."""
+
+import math
+from collections.abc import Mapping, Sequence
+
+from companion.config import Supervisor as Limits
+from companion.mavlink.ardusub import Mode
+from companion.records import (
+    PSI,
+    DofSample,
+    EkfStatus,
+    Event,
+    Flags,
+    Heartbeat,
+    Leak,
+    LoopHealth,
+    Parameter,
+    PilotInput,
+    PilotSticks,
+    Reboot,
+    VehicleState,
+)
+from companion.supervision.conditions import Watched, tilted
+
+FAILSAFE = 5
+"""MAV_STATE_CRITICAL: what ArduSub reports while any failsafe is latched."""
+
+FAILSAFE_SETTLE_S = 1.5
+"""A silent companion latches the pilot failsafe; the first heartbeat of its steering may still tell of it."""
+
+LEAK_REPEAT_S = 25.0
+ANNOUNCED_S = 2.0
+SURPRISE_MEMORY_S = 0.5
+
+
+class Watch:
+    """Takes in every tick and tells what has lasted or was said."""
+
+    def __init__(self) -> None:
+        self._ekf: EkfStatus | None = None
+        self._config_changed = False
+        self._pilot_t_s = self._leak_t_s = self._rebooted_t_s = self._changed_t_s = (
+            self._dropped_t_s
+        ) = -math.inf
+        self._pilot_deflection = 0.0
+        self._heartbeat: Heartbeat | None = None
+        self._surfaces = False
+        self._steering_since_s: float | None = None
+        self._dropped = self._peer_changes = 0
+        self._peer_t_s = -math.inf
+        self._ekf_doubt_s = self._battery_low_s = self._saturated_s = self._off_track_s = 0.0
+        self._tilted_s = 0.0
+        self._surprise = [0.0] * 4
+        self.pilot_heard_s = -math.inf
+        """When somebody else last sent a steering message, deflected or not."""
+
+    def config_changed(self) -> None:
+        """Take note that our own configuration changed."""
+        self._config_changed = True
+
+    def step(
+        self,
+        dt_s: float,
+        events: Sequence[Event],
+        state: VehicleState,
+        limits: Limits,
+        loop: LoopHealth,
+        *,
+        dofs: DofSample | None,
+        held: Flags,
+        steering: bool,
+        parameters: Mapping[str, float],
+    ) -> Watched:
+        """Take in one tick; `dofs` are the last tick's, `parameters` those before `events`.
+
+        `held` are the degrees of freedom that are engaged, or while we do not steer those that would be.
+        """
+        now_s = state.t_s
+        if self._config_changed:
+            self._config_changed, self._changed_t_s = False, now_s
+        for event in events:
+            match event:
+                case Heartbeat():
+                    self._surfaces = event.mode == Mode.SURFACE and (self._surfaces or self._latches(event))
+                    self._heartbeat = event
+                case PilotSticks():
+                    self.pilot_heard_s = event.t_s
+                case PilotInput():
+                    self.pilot_heard_s = event.t_s
+                    if event.deflection > limits.pilot_deflection:
+                        self._pilot_t_s, self._pilot_deflection = event.t_s, event.deflection
+                case EkfStatus():
+                    self._ekf = event
+                case Leak():
+                    self._leak_t_s = event.t_s
+                case Parameter() if parameters.get(event.name, event.value) != event.value:
+                    self._changed_t_s = event.t_s
+                case Reboot():
+                    self._rebooted_t_s, self._ekf = event.t_s, None
+        if not steering:
+            self._steering_since_s = None
+        elif self._steering_since_s is None:
+            self._steering_since_s = now_s
+        if loop.peer_changes > self._peer_changes:
+            self._peer_changes, self._peer_t_s = loop.peer_changes, now_s
+        if loop.samples_dropped > self._dropped:
+            self._dropped, self._dropped_t_s = loop.samples_dropped, now_s
+        doubtful = self._ekf is not None and not self._ekf.variance <= limits.max_ekf_variance
+        self._ekf_doubt_s = _lasting(self._ekf_doubt_s, dt_s, doubtful)
+        self._battery_low_s = _lasting(self._battery_low_s, dt_s, state.voltage_v < limits.min_voltage_v)
+        saturated = off_track = False
+        if dofs is not None and steering:
+            saturated = bool((dofs.saturated & held).any())
+            misses = zip(dofs.e.tolist(), held.tolist(), _max_error(limits), strict=True)
+            off_track = any(ours and not abs(e) <= most for e, ours, most in misses)
+        self._saturated_s = _lasting(self._saturated_s, dt_s, saturated)
+        self._off_track_s = _lasting(self._off_track_s, dt_s, off_track)
+        self._tilted_s = _lasting(self._tilted_s, dt_s, tilted(state, limits))
+        new = dt_s / (dt_s + SURPRISE_MEMORY_S)
+        missed = zip(self._surprise, state.innovation.tolist(), strict=True)
+        surprise = [before + new * (abs(innovation) - before) for before, innovation in missed]
+        self._surprise = surprise if all(map(math.isfinite, surprise)) else [0.0] * 4
+        surprise = [one * ours for one, ours in zip(self._surprise, held.tolist(), strict=True)]
+        return Watched(
+            ekf=self._ekf,
+            ekf_doubt_s=self._ekf_doubt_s,
+            pilot_deflection=self._pilot_deflection
+            if now_s - self._pilot_t_s <= limits.pilot_hold_s
+            else 0.0,
+            rebooted=now_s - self._rebooted_t_s <= ANNOUNCED_S,
+            leaking=now_s - self._leak_t_s <= LEAK_REPEAT_S,
+            failsafe_surfaces=self._surfaces,
+            failsafe=self._failsafe(),
+            battery_low_s=self._battery_low_s,
+            saturated_s=self._saturated_s,
+            off_track_s=self._off_track_s,
+            tilted_s=self._tilted_s,
+            surprise_m=max(surprise[:PSI]),
+            surprise_deg=math.degrees(surprise[PSI]),
+            samples_dropped=now_s - self._dropped_t_s <= ANNOUNCED_S,
+            peer_changed=now_s - self._peer_t_s <= ANNOUNCED_S,
+            config_changed=now_s - self._changed_t_s <= ANNOUNCED_S,
+        )
+
+    def _latches(self, event: Heartbeat) -> bool:
+        """Tell whether a failsafe changed the mode: it is latched before the firmware does so.
+
+        One that was latched before has done what it does; the mode is somebody's choice then.
+        """
+        before = self._heartbeat
+        changed = before is not None and before.mode != event.mode and before.system_status != FAILSAFE
+        return changed and event.system_status == FAILSAFE
+
+    def _failsafe(self) -> bool:
+        beat, since_s = self._heartbeat, self._steering_since_s
+        if beat is None or since_s is None or beat.system_status != FAILSAFE:
+            return False
+        return beat.t_s - since_s > FAILSAFE_SETTLE_S
+
+
+def _lasting(so_far_s: float, dt_s: float, holds: bool) -> float:
+    return so_far_s + dt_s if holds else 0.0
+
+
+def _max_error(limits: Limits) -> list[float]:
+    return [limits.max_error_m] * PSI + [math.radians(limits.max_error_deg)]

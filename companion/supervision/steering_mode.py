@@ -1,0 +1,66 @@
+"""Which flight mode to ask for: the one we steer in while engaged, the former one on release."""
+
+from companion.mavlink.ardusub import Mode
+from companion.records import State
+
+STEERING_MODES = {"manual": Mode.MANUAL, "stabilize": Mode.STABILIZE}
+"""`vehicle.steering_mode`: in MANUAL yaw is ours, in STABILIZE the firmware keeps roll, pitch and heading."""
+
+GIVEN_BACK = frozenset({Mode.MANUAL, Mode.STABILIZE, Mode.ALT_HOLD, Mode.POSHOLD, Mode.SURFTRAK})
+"""Modes in which an unattended vehicle does nothing surprising."""
+
+HOLDS_DEPTH = frozenset({Mode.ALT_HOLD, Mode.POSHOLD, Mode.SURFTRAK})
+"""Entered straight from MANUAL these dip by half a metre, through STABILIZE they do not (ArduSub facts)."""
+
+GIVE_BACK_S = 5.0
+"""So long the former mode is asked for, then it is left at that."""
+
+VIA_STABILIZE_CALLS = 2
+
+
+class ModeKeeper:
+    """Remembers the mode that was there when engaging was asked for, and gives it back on release.
+
+    A pilot who changes the mode has the vehicle, and so has a latched fault: nothing is given back then. A
+    failsafe's SURFACE is never left.
+    """
+
+    def __init__(self, steering: Mode) -> None:
+        self.steering = steering
+        self._before: Mode | None = None
+        self._mode = -1
+        self._released_s: float | None = None
+        self._partings = 0
+
+    def wanted(self, now_s: float, mode: int, state: State, *, engage: bool) -> Mode | None:
+        """Return the mode to ask for at `now_s`, None for leave it; `mode` is the heartbeat's."""
+        self._mode = mode
+        if state in (State.PILOT, State.FAULT, State.HAND_OVER):
+            self._before = None
+            return None
+        if engage or state in (State.ACTIVE, State.RAMP_DOWN):
+            self._released_s = None
+            if mode in GIVEN_BACK and mode != self.steering:
+                self._before = Mode(mode)
+            return None if mode == Mode.SURFACE else self.steering
+        if self._released_s is None:
+            self._released_s = now_s
+        if now_s - self._released_s > GIVE_BACK_S or not self._is_ours(mode):
+            self._before = None
+        return self._next(mode)
+
+    def parting(self) -> Mode | None:
+        """Return the mode to ask for with each farewell, one after the other; None for leave it."""
+        if not self._is_ours(self._mode):
+            return None
+        self._partings += 1
+        via = self._partings <= VIA_STABILIZE_CALLS
+        return self._next(self._mode) if via else self._before
+
+    def _is_ours(self, mode: int) -> bool:
+        return mode != self._before and mode in (self.steering, Mode.STABILIZE)
+
+    def _next(self, mode: int) -> Mode | None:
+        if self._before in HOLDS_DEPTH and mode != Mode.STABILIZE:
+            return Mode.STABILIZE
+        return self._before

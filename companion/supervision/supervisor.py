@@ -1,0 +1,256 @@
+"""Who may steer: transitions as a table, what is only told as another, and `guard`, the last word.
+
+Permission comes before the law (`Supervisor.step`), and again last before the bytes (`guard`). The default is
+to refuse: only ACTIVE, RAMP_DOWN and the start of HAND_OVER carry authority, and what TRANSITIONS does not
+list changes nothing. What the conditions mean stands in `conditions.py`; docs/supervisor.md is made of both.
+
+Three ways of giving up. FAULT, at once: nothing that we believe can be relied on. RAMP_DOWN: what we believe
+holds for another second, but the autopilot could do no better with the same sensors or failsafe. HAND_OVER:
+we are the ones who cannot go on, and the autopilot's depth hold can. A tilt alone is no reason to give up:
+`control.tilt` takes what makes it worse, heave and levelling stay, and only if it lasts it is handed over.
+"""
+
+import math
+from dataclasses import dataclass
+from functools import cache
+from typing import NamedTuple
+
+from companion.records import NEUTRAL, AxisCommand, Condition, State, Verdict
+from companion.supervision.conditions import CONDITIONS
+
+C, S = Condition, State
+
+BLIND = C.LINK_LOST | C.DEPTH_STALE | C.ATTITUDE_STALE | C.POSITION_STALE
+SICK = C.EKF_UNHEALTHY | C.DEPTH_JUMPED | C.DEPTH_OUT_OF_BOUNDS | C.SURPRISED | C.DELAY_TOO_LONG | C.TILTED
+SICK |= C.CLOCK_INCONSISTENT
+UNFIT = BLIND | SICK | C.DISARMED | C.WRONG_MODE | C.FAILSAFE_UNSAFE | C.NON_FINITE | C.TICK_LATE
+UNFIT |= C.NOT_FIT | C.LEAK | C.BATTERY_LOW | C.REBOOTED | C.PILOT_LOST
+NOTHING = Condition(0)
+
+
+class Row(NamedTuple):
+    """In state `at`: if any bit of `when` is set, or, with `unless`, if none of those is: go `to`."""
+
+    at: State
+    when: Condition
+    unless: Condition
+    to: State
+    because: str
+
+
+# Read aloud from the top: the first row that fits is taken, one row a tick.
+TRANSITIONS = (
+    Row(S.IDLE, C.NON_FINITE, NOTHING, S.FAULT, "a computed value was not finite"),
+    Row(S.IDLE, NOTHING, UNFIT, S.READY, "everything needed is there"),
+    Row(S.READY, C.NON_FINITE, NOTHING, S.FAULT, "a computed value was not finite"),
+    Row(S.READY, UNFIT, NOTHING, S.IDLE, "something needed is missing"),
+    Row(S.READY, C.ENGAGE_ASKED, C.PILOT_TAKEOVER | C.OPERATOR_STOP, S.ACTIVE, "engaged"),
+    Row(S.ACTIVE, C.NON_FINITE, NOTHING, S.FAULT, "a computed value was not finite"),
+    Row(S.ACTIVE, C.LINK_LOST, NOTHING, S.FAULT, "the vehicle fell silent"),
+    Row(S.ACTIVE, C.REBOOTED, NOTHING, S.FAULT, "the autopilot started anew"),
+    Row(S.ACTIVE, C.DEPTH_STALE, NOTHING, S.FAULT, "no fresh depth"),
+    Row(S.ACTIVE, C.ATTITUDE_STALE, NOTHING, S.FAULT, "no fresh attitude"),
+    Row(S.ACTIVE, C.DISARMED, NOTHING, S.IDLE, "the vehicle was disarmed"),
+    Row(S.ACTIVE, C.FAILSAFE_SURFACES, NOTHING, S.HAND_OVER, "a failsafe of the autopilot's surfaces"),
+    Row(S.ACTIVE, C.WRONG_MODE, NOTHING, S.PILOT, "the flight mode was changed"),
+    Row(S.ACTIVE, C.PILOT_TAKEOVER, NOTHING, S.PILOT, "the pilot moved the sticks"),
+    Row(S.ACTIVE, C.FAILSAFE_UNSAFE, NOTHING, S.RAMP_DOWN, "the pilot-input failsafe was switched off"),
+    Row(S.ACTIVE, C.NOT_FIT, NOTHING, S.RAMP_DOWN, "the vehicle is no longer fit to be held"),
+    Row(S.ACTIVE, C.EKF_UNHEALTHY, NOTHING, S.RAMP_DOWN, "the autopilot doubts its own estimate"),
+    Row(S.ACTIVE, C.DEPTH_OUT_OF_BOUNDS, NOTHING, S.RAMP_DOWN, "it is where it may not be"),
+    Row(S.ACTIVE, C.TICK_LATE, NOTHING, S.RAMP_DOWN, "this process does not keep time"),
+    Row(S.ACTIVE, C.LEAK, NOTHING, S.HAND_OVER, "there is water inside"),
+    Row(S.ACTIVE, C.AUTOPILOT_FAILSAFE, NOTHING, S.RAMP_DOWN, "a failsafe of the autopilot's acts"),
+    Row(S.ACTIVE, C.PILOT_LOST_SURFACE, NOTHING, S.HAND_OVER, "the ground station fell silent: up it goes"),
+    Row(S.ACTIVE, C.PILOT_LOST, NOTHING, S.RAMP_DOWN, "the ground station fell silent"),
+    Row(S.ACTIVE, C.OPERATOR_STOP, NOTHING, S.RAMP_DOWN, "the operator stopped it"),
+    Row(S.ACTIVE, C.POSITION_STALE, NOTHING, S.HAND_OVER, "no fresh position"),
+    Row(S.ACTIVE, C.DELAY_TOO_LONG, NOTHING, S.HAND_OVER, "the link is too slow for any gains"),
+    Row(S.ACTIVE, C.CLOCK_INCONSISTENT, NOTHING, S.HAND_OVER, "the autopilot's clocks contradict each other"),
+    Row(S.ACTIVE, C.SURPRISED, NOTHING, S.HAND_OVER, "our estimate keeps being wrong"),
+    Row(S.ACTIVE, C.TILT_PERSISTS, NOTHING, S.HAND_OVER, "it stays tilted"),
+    Row(S.ACTIVE, C.OFF_TRACK, NOTHING, S.HAND_OVER, "it is not where it should be"),
+    Row(S.RAMP_DOWN, C.NON_FINITE, NOTHING, S.FAULT, "a computed value was not finite"),
+    Row(S.RAMP_DOWN, C.LINK_LOST, NOTHING, S.FAULT, "the vehicle fell silent"),
+    Row(S.RAMP_DOWN, C.REBOOTED, NOTHING, S.FAULT, "the autopilot started anew"),
+    Row(S.RAMP_DOWN, C.DEPTH_STALE | C.ATTITUDE_STALE, NOTHING, S.FAULT, "blind while ramping down"),
+    Row(S.RAMP_DOWN, C.FAILSAFE_SURFACES, NOTHING, S.HAND_OVER, "a failsafe of the autopilot's surfaces"),
+    Row(S.RAMP_DOWN, C.WRONG_MODE, NOTHING, S.PILOT, "the flight mode was changed"),
+    Row(S.RAMP_DOWN, C.PILOT_TAKEOVER, NOTHING, S.PILOT, "the pilot took over"),
+    Row(S.RAMP_DOWN, C.DISARMED, NOTHING, S.IDLE, "the vehicle was disarmed"),
+    Row(S.RAMP_DOWN, C.RAMPED_DOWN, NOTHING, S.IDLE, "ramped down to neutral"),
+    Row(S.HAND_OVER, C.NON_FINITE, NOTHING, S.FAULT, "a computed value was not finite"),
+    Row(S.HAND_OVER, C.LINK_LOST, NOTHING, S.FAULT, "the vehicle fell silent"),
+    Row(S.HAND_OVER, C.REBOOTED, NOTHING, S.FAULT, "the autopilot started anew"),
+    Row(S.HAND_OVER, C.FAILSAFE_SURFACES, NOTHING, S.HAND_OVER, "a failsafe of the autopilot's surfaces"),
+    Row(S.HAND_OVER, C.WRONG_MODE, NOTHING, S.PILOT, "the flight mode was changed"),
+    Row(S.HAND_OVER, C.PILOT_TAKEOVER, NOTHING, S.PILOT, "the pilot took over"),
+    Row(S.HAND_OVER, C.DISARMED, NOTHING, S.IDLE, "the vehicle was disarmed"),
+    Row(S.HAND_OVER, C.OPERATOR_STOP, NOTHING, S.PILOT, "the operator stopped handing over"),
+    Row(S.HAND_OVER, C.HAND_OVER_REFUSED, NOTHING, S.FAULT, "the autopilot did not take the mode"),
+    Row(S.HAND_OVER, C.HANDED_OVER, NOTHING, S.PILOT, "the autopilot has the vehicle"),
+    Row(S.HAND_OVER, C.SURFACED, NOTHING, S.HAND_OVER, "surfaced; the autopilot holds depth"),
+    Row(S.PILOT, C.NON_FINITE, NOTHING, S.FAULT, "a computed value was not finite"),
+    Row(S.PILOT, C.CLEAR_ASKED | C.ENGAGE_ASKED, C.PILOT_TAKEOVER, S.IDLE, "the operator takes it back"),
+    Row(S.FAULT, C.CLEAR_ASKED, C.NON_FINITE, S.IDLE, "the operator cleared the fault"),
+)
+
+
+class Notice(NamedTuple):
+    """What is told, and with `freeze` stops learning, while ACTIVE goes on."""
+
+    when: Condition
+    freeze: bool
+
+
+NOTICES = (
+    Notice(C.DEPTH_JUMPED, freeze=True),
+    Notice(C.CLOCK_JUMPED, freeze=True),
+    Notice(C.TILTED, freeze=True),
+    Notice(C.SATURATED, freeze=True),
+    Notice(C.YAW_RESET, freeze=False),
+    Notice(C.POSITION_RESET, freeze=False),
+    Notice(C.BATTERY_LOW, freeze=False),
+    Notice(C.QUEUE_FULL, freeze=False),
+    Notice(C.CONFIG_CHANGED, freeze=False),
+    Notice(C.PEER_CHANGED, freeze=False),
+)
+WARNS = NOTHING
+FREEZES = NOTHING
+for _notice in NOTICES:
+    WARNS |= _notice.when
+    FREEZES |= _notice.when if _notice.freeze else NOTHING
+
+
+CARRY_AUTHORITY = (S.ACTIVE, S.RAMP_DOWN, S.HAND_OVER)
+
+# The same as plain integers by state: enum arithmetic costs a microsecond a row.
+_ROWS = {
+    state: tuple((int(row.when), int(row.unless), row) for row in TRANSITIONS if row.at is state)
+    for state in State
+}
+
+
+def transition(state: State, conditions: Condition) -> Row | None:
+    """Return the first row that fits, or None: nothing changes."""
+    bits = int(conditions)
+    for when, unless, row in _ROWS[state]:
+        if (not when or when & bits) and not unless & bits:
+            return row
+    return None
+
+
+FAULT_CAUSES = NOTHING
+for _row in TRANSITIONS:
+    FAULT_CAUSES |= _row.when if _row.to is S.FAULT else NOTHING
+
+_BY = "(`holdfast tell`, button or dashboard)"
+CLEAR = f"clear the fault {_BY}"
+
+_LETTING_GO = (
+    UNFIT & ~(WARNS | C.DISARMED | C.WRONG_MODE) | C.OFF_TRACK | C.FAILSAFE_SURFACES | C.TILT_PERSISTS
+)
+
+_REMEDIES: dict[State, tuple[Condition, str]] = {
+    S.IDLE: (UNFIT, f"engage {_BY}"),
+    S.READY: (C.PILOT_TAKEOVER, f"engage {_BY}"),
+    S.ACTIVE: (WARNS, "nothing; a stick, a mode change or disarming takes it back at once"),
+    S.RAMP_DOWN: (_LETTING_GO, "wait until the thrust has faded"),
+    S.HAND_OVER: (_LETTING_GO, "wait, or take it with a stick"),
+    S.PILOT: (UNFIT | C.PILOT_TAKEOVER, f"engage again {_BY}"),
+    S.FAULT: (FAULT_CAUSES, CLEAR),
+}
+"""For each state: the conditions that have something to be done about, and what to do if none holds."""
+
+
+@cache
+def remedy(state: State, conditions: Condition) -> str:
+    """Return the one thing to do that gets the operator on; everybody who shows a remedy shows this one.
+
+    Of several conditions the first of CONDITIONS counts, LINK_LOST before all. A latched fault has to be
+    cleared, whatever else is missing, but after its cause has gone.
+    """
+    matters, otherwise = _REMEDIES[state]
+    held = conditions & (matters | C.LINK_LOST)
+    todo = next((look.do for look in CONDITIONS if look.condition & held and look.do != "nothing"), "")
+    if state is S.FAULT and todo:
+        return f"{todo}; then {CLEAR}"
+    return todo or otherwise
+
+
+class Supervisor:
+    """The state, its reason and the authority that goes with it; `ramp_up_s` 0 gives all of it at once."""
+
+    def __init__(self, ramp_down_s: float, ramp_up_s: float = 0.0) -> None:
+        self.ramp_down_s = ramp_down_s
+        self.ramp_up_s = ramp_up_s
+        self._verdict = Verdict(State.IDLE, NOTHING, 0.0, "just started")
+
+    def step(self, conditions: Condition, dt_s: float, unfit: str = "") -> Verdict:
+        """Take one tick's conditions and give the verdict; `unfit` says in words what NOT_FIT is about.
+
+        Authority rises to 1 over `ramp_up_s` in ACTIVE, falls to 0 over `ramp_down_s` in RAMP_DOWN and
+        HAND_OVER, and is 0 everywhere else.
+        """
+        before = self._verdict
+        authority = max(0.0, before.authority - dt_s / self.ramp_down_s)
+        if before.state is State.RAMP_DOWN and authority == 0.0:
+            conditions |= Condition.RAMPED_DOWN
+        row = transition(before.state, conditions)
+        state, reason = (row.to, row.because) if row else (before.state, before.reason)
+        if state is State.ACTIVE:
+            authority = min(1.0, before.authority + dt_s / self.ramp_up_s) if self.ramp_up_s > 0.0 else 1.0
+        elif state not in CARRY_AUTHORITY or C.FAILSAFE_SURFACES in conditions:
+            authority = 0.0
+        if state is before.state is State.IDLE and (missing := conditions & UNFIT):
+            reason = "waiting for: " + names(missing) + (f" ({unfit})" if unfit else "")
+        elif row and row.when is Condition.NOT_FIT:
+            reason = f"{row.because} ({unfit})"
+        self._verdict = Verdict(
+            state,
+            conditions,
+            authority,
+            reason,
+            conditions & WARNS,
+            bool(conditions & FREEZES),
+            remedy(state, conditions),
+        )
+        return self._verdict
+
+
+def names(conditions: Condition) -> str:
+    """Return the set bits in words, for people."""
+    return ", ".join((bit.name or "").lower().replace("_", " ") for bit in conditions)
+
+
+@dataclass(frozen=True, slots=True)
+class Envelope:
+    """What may leave this machine: |axis| at most `max_axis`, moving at most `max_slew_per_s`.
+
+    Roll and pitch at most `max_tilt_axis`: half of full stick tumbles the vehicle.
+    """
+
+    max_axis: float
+    max_slew_per_s: float
+    max_tilt_axis: float = 0.0
+
+
+def guard(
+    command: AxisCommand, verdict: Verdict, previous: AxisCommand, envelope: Envelope, dt_s: float
+) -> AxisCommand:
+    """Return what may be sent: finite, bounded, slew-limited; neutral unless permitted.
+
+    Losing permission is not slew-limited: neutral at once. Authority scales newtons, so it is applied where
+    those are (`Engine.step`): on an axis, which a thruster curve bends, a ramp would not be even.
+    """
+    wanted = (command.surge, command.sway, command.heave, command.yaw, command.roll, command.pitch)
+    permitted = verdict.state in CARRY_AUTHORITY and 0.0 < verdict.authority <= 1.0
+    if not (permitted and all(map(math.isfinite, wanted))):
+        return NEUTRAL
+    step = envelope.max_slew_per_s * dt_s
+    last = (previous.surge, previous.sway, previous.heave, previous.yaw, previous.roll, previous.pitch)
+    if not all(map(math.isfinite, last)):
+        last = (0.0,) * 6
+    most = (envelope.max_axis,) * 4 + (envelope.max_tilt_axis,) * 2
+    bounded = (max(-m, min(m, axis)) for m, axis in zip(most, wanted, strict=True))
+    return AxisCommand(*(max(p - step, min(p + step, axis)) for p, axis in zip(last, bounded, strict=True)))

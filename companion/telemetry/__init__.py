@@ -1,0 +1,1 @@
+"""What leaves the companion and what may be asked of it: keys, schemas, commands, ranges."""

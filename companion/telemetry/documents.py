@@ -1,0 +1,146 @@
+"""docs/telemetry.md and docs/schemas/*.json from the code: every key, field, unit, rate and command.
+
+The page's first part, up to MARK, is written by hand; what follows is made here, and a test fails when stale.
+"""
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from companion.io.command_queue import COMMANDS
+from companion.telemetry import schemas as telemetry
+from companion.telemetry.schemas import Raw, Reply
+
+DOCS = Path(__file__).parents[2] / "docs"
+PAGE = DOCS / "telemetry.md"
+MARK = "<!-- made by `holdfast schema --write`; write nothing below -->\n"
+
+RATES = {"event": "when something happens", "recorder": "1 Hz, by `holdfast record`"}
+UNITS = {
+    "m": "m",
+    "mps": "m/s",
+    "rad": "rad",
+    "radps": "rad/s",
+    "deg": "°",
+    "s": "s",
+    "ms": "ms",
+    "us": "µs",
+    "hz": "Hz",
+    "v": "V",
+    "n": "N",
+    "nm": "N·m",
+    "bytes": "B",
+}
+
+
+def schemas() -> dict[str, bytes]:
+    """Return every JSON Schema by file name."""
+    records = {*telemetry.EVERY_TICK.values(), *telemetry.NOW_AND_THEN.values(), Reply}
+    named: dict[str, type[msgspec.Struct]] = {record.__name__: record for record in records}
+    named |= {f"command.{name}": command for name, command in COMMANDS.items()}
+    return {f"{name}.json": _schema(name, struct) for name, struct in sorted(named.items())}
+
+
+def page() -> str:
+    """Return the generated part of docs/telemetry.md."""
+    return "\n".join(_lines()) + "\n"
+
+
+def write() -> list[Path]:
+    """Write page and schemas into docs/ and return what changed."""
+    head, mark, _ = PAGE.read_text(encoding="utf-8").partition(MARK)
+    wanted = {PAGE: (head + mark + page()).encode()}
+    wanted |= {DOCS / "schemas" / name: content for name, content in schemas().items()}
+    changed = [path for path, content in wanted.items() if not path.exists() or path.read_bytes() != content]
+    for path in changed:
+        path.parent.mkdir(exist_ok=True)
+        path.write_bytes(wanted[path])
+    for path in (DOCS / "schemas").glob("*.json"):
+        if path not in wanted:
+            path.unlink()
+            changed.append(path)
+    return changed
+
+
+def _schema(name: str, struct: type[msgspec.Struct]) -> bytes:
+    schema = msgspec.json.schema(struct)
+    root = {"$schema": "https://json-schema.org/draft/2020-12/schema", "$id": f"holdfast.{name}.v1"}
+    return msgspec.json.format(msgspec.json.encode(root | schema)) + b"\n"
+
+
+def _lines() -> Iterator[str]:
+    yield "\n## Published\n"
+    yield "| key | schema | rate | what |"
+    yield "|---|---|---|---|"
+    for tail, record in (telemetry.EVERY_TICK | telemetry.NOW_AND_THEN).items():
+        rate = RATES.get(tail, "every tick, `loop.rate_hz`: 50 Hz")
+        yield f"| `holdfast/{{vehicle}}/{tail}` | {_link(record)} | {rate} | {_first(record)} |"
+    raw = "every tick, only with `telemetry.raw`"
+    yield f"| `holdfast/{{vehicle}}/raw` | {_link(Raw)} | {raw} | {_first(Raw)} |"
+    alive = "`holdfast/{vehicle}/alive/{instance}`"
+    yield f"| {alive} | liveliness token | | there as long as the companion lives |"
+    every: list[type[msgspec.Struct]] = [
+        *telemetry.EVERY_TICK.values(),
+        *telemetry.NOW_AND_THEN.values(),
+        Raw,
+    ]
+    structs: dict[type[msgspec.Struct], None] = dict.fromkeys(every)
+    for struct in structs:
+        yield f"\n### {struct.__name__}\n"
+        what = "application/msgpack;holdfast.Raw.v1" if struct is Raw else telemetry.encoding(struct)
+        yield f"{_words(struct)}\n\nEncoding `{what}`.\n"
+        yield from _table(struct)
+    yield "\n## Commands\n"
+    yield "Queryables at `holdfast/{vehicle}/command/{name}`; the payload is a JSON object, `{}` where it"
+    yield "has no fields, the answer a Reply. `command/record`, `{on: bool}`, goes to `holdfast record`."
+    for name, command in COMMANDS.items():
+        yield f"\n### {name}\n\n{_words(command)}\n"
+        if command.__struct_fields__:
+            yield from _table(command)
+    yield "\n### Reply\n\n" + _words(Reply) + "\n"
+    yield from _table(Reply)
+
+
+def _table(struct: type[msgspec.Struct]) -> Iterator[str]:
+    fields: dict[str, dict[str, Any]] = msgspec.json.schema(struct)["$defs"][struct.__name__]["properties"]
+    yield "| field | type | unit | what |"
+    yield "|---|---|---|---|"
+    for name, field in fields.items():
+        yield f"| `{name}` | {_type(field)} | {_unit(name, field)} | {field.get('description', '')} |"
+
+
+def _type(field: Mapping[str, Any]) -> str:
+    if "enum" in field:
+        return ", ".join(f"`{choice}`" for choice in field["enum"])
+    if "anyOf" in field:
+        return " or ".join(_type(choice) for choice in field["anyOf"])
+    if "$ref" in field:
+        return str(field["$ref"]).rpartition("/")[2]
+    kind = str(field.get("type", "any"))
+    if kind == "array" and isinstance(field.get("items"), dict):
+        kind = f"array of {_type(field['items'])}"
+    signs = (("minimum", "≥"), ("exclusiveMinimum", ">"), ("maximum", "≤"), ("exclusiveMaximum", "<"))
+    limits = ", ".join(f"{sign} {field[key]:g}" for key, sign in signs if key in field)
+    return f"{kind}, {limits}" if limits else kind
+
+
+def _unit(name: str, field: Mapping[str, Any]) -> str:
+    if field.get("type") not in ("number", "integer"):
+        return ""
+    if name.endswith("_per_s"):
+        return "1/s"
+    return UNITS.get(name.rpartition("_")[2], "") if "_" in name else ""
+
+
+def _words(struct: type[msgspec.Struct]) -> str:
+    return " ".join((struct.__doc__ or "").split())
+
+
+def _first(struct: type[msgspec.Struct]) -> str:
+    return (struct.__doc__ or "").partition("\n")[0].rstrip(".")
+
+
+def _link(record: type[msgspec.Struct]) -> str:
+    return f"[{record.__name__}](#{record.__name__.lower()})"

@@ -1,0 +1,108 @@
+"""What happened in a tick, in words: for the `event` key, whoever watches, and the record of the dive."""
+
+import math
+from collections.abc import Sequence
+from typing import Literal
+
+from companion.io.command_queue import Taken
+from companion.records import Condition, ControlSample, FrameShift, State
+from companion.telemetry.schemas import Event, printable
+
+ASKED = Condition.OPERATOR_STOP | Condition.ENGAGE_ASKED | Condition.CLEAR_ASKED | Condition.RAMPED_DOWN
+ASKED |= Condition.HANDED_OVER | Condition.HAND_OVER_REFUSED | Condition.SURFACED
+"""What somebody asked for or the supervisor says to itself: told as a command or a state."""
+
+RESETS = Condition.YAW_RESET | Condition.POSITION_RESET
+MAV_SEVERITY_ERROR, MAV_SEVERITY_WARNING = 3, 4
+
+_Severity = Literal["info", "warning", "fault"]
+_SEVERITY: dict[State, _Severity] = {
+    State.FAULT: "fault",
+    State.RAMP_DOWN: "warning",
+    State.HAND_OVER: "warning",
+    State.PILOT: "warning",
+}
+
+
+class Chronicle:
+    """Compares each tick with the one before."""
+
+    def __init__(self) -> None:
+        self._state: State | None = None
+        self._conditions = Condition(0)
+        self._resets = 0
+        self._turned_rad = 0.0
+
+    def step(
+        self,
+        sample: ControlSample,
+        taken: Sequence[Taken] = (),
+        rivals: Sequence[str] = (),
+        peers: Sequence[str] = (),
+    ) -> list[Event]:
+        """Return what happened in this tick.
+
+        `taken` are the commands that were answered, `rivals` other companions of this vehicle's name, `peers`
+        says which link turned to whom.
+        """
+        verdict = sample.verdict
+        conditions = verdict.conditions & ~ASKED
+        happened: list[tuple[_Severity, Literal["state", "command", "autopilot", "condition"], str]] = [
+            ("info" if one.reply.done else "warning", "command", one.text) for one in taken
+        ]
+        happened += [
+            ("warning", "condition", f"another companion of this name came: instance {printable(rival)}")
+            for rival in rivals
+        ]
+        happened += [("warning", "condition", change) for change in peers]
+        for text in sample.texts:
+            severity: _Severity = "info"
+            if text.severity <= MAV_SEVERITY_WARNING:
+                severity = "fault" if text.severity <= MAV_SEVERITY_ERROR else "warning"
+            happened.append((severity, "autopilot", text.text))
+        if self._state is None:
+            self._conditions = conditions  # the first state's reason names them
+        elif conditions != self._conditions:
+            happened += [("warning", "condition", _words(one)) for one in conditions & ~self._conditions]
+            happened += [
+                ("info", "condition", f"no longer {_words(one)}") for one in self._conditions & ~conditions
+            ]
+            self._conditions = conditions
+        happened += self._reset(sample)
+        if verdict.state is not self._state or Condition.SURFACED in verdict.conditions:
+            self._state = verdict.state
+            severity = _SEVERITY.get(verdict.state, "info")
+            happened.append((severity, "state", f"{verdict.state}: {verdict.reason}"))
+        if not happened:
+            return []
+        state = sample.state
+        return [
+            Event(t_s=state.t_s, boot_s=state.boot_s, severity=severity, kind=kind, text=text)
+            for severity, kind, text in happened
+        ]
+
+    def _reset(self, sample: ControlSample) -> list[tuple[_Severity, Literal["condition"], str]]:
+        """Tell of the first reset of the autopilot's estimate, and of all together once they have ended."""
+        shift, happened = sample.state.frame_shift, list[tuple[_Severity, Literal["condition"], str]]()
+        if shift is not None:
+            self._resets += 1
+            self._turned_rad += shift.turn_rad
+            if self._resets == 1:
+                happened.append(("warning", "condition", f"the EKF was reset: {_shift_words(shift)}"))
+        elif self._resets and not sample.verdict.conditions & RESETS:
+            if self._resets > 1:
+                text = f"{self._resets} resets of the EKF, yaw {math.degrees(self._turned_rad):+.1f}° in all"
+                happened.append(("warning", "condition", text))
+            self._resets, self._turned_rad = 0, 0.0
+        return happened
+
+
+def _shift_words(shift: FrameShift) -> str:
+    if shift.turn_rad:
+        return f"yaw {math.degrees(shift.turn_rad):+.1f}°; the heading that is held turns with it"
+    moved = f"position {shift.north_m:+.2f} m north, {shift.east_m:+.2f} m east"
+    return f"{moved}; the place that is held moves with it"
+
+
+def _words(condition: Condition) -> str:
+    return (condition.name or "").lower().replace("_", " ")

@@ -1,0 +1,485 @@
+"""What leaves the companion: the key space and its schemas. No Zenoh in here.
+
+docs/telemetry.md lists every key, field, unit and rate, and is made from this file by `holdfast schema`.
+
+One JSON object per key, with every field always present and the encoding `application/json;holdfast.Dof.v1`.
+A version may gain fields; a changed meaning makes a new one.
+
+Never a null: a number that is not finite leaves as 0.0, and its field is named in `absent`. What is stale is
+named there too: its source was silent for longer than the supervisor's timeout; it keeps its last value, and
+its rate is zero. An age that is infinite (the signal never came) leaves as `NEVER_S`. Every object has `t_s`,
+the companion's monotonic clock, and `boot_s`, the vehicle's, which lines it up with anything else the vehicle
+stamped. `raw` alone is MessagePack.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import fields
+from functools import cache
+from typing import Annotated, Any, Literal
+
+import msgspec
+
+from companion.records import DOFS, Condition, ControlSample, DofSample
+
+ENDPOINT = "tcp/127.0.0.1:7447"  # where Zenoh is looked for, and listened on where nobody does
+NEVER_S = 1e6
+BATCHES = {"real_time": 16, "data": 16}
+"""Batches of 64 kB that may wait for each subscriber, by Zenoh's priority: its most. With its own 2, each
+sample a batch of its own (express), a busy machine lost the third and later samples of a tick."""
+
+
+def means(text: str) -> msgspec.Meta:
+    """Describe a field; its unit stands in its name."""
+    return msgspec.Meta(description=text)
+
+
+class Record(msgspec.Struct, frozen=True, kw_only=True):
+    """What every schema has."""
+
+    t_s: Annotated[float, means("the companion's monotonic clock")]
+    boot_s: Annotated[float, means("the vehicle's clock since its boot")]
+    absent: Annotated[
+        tuple[str, ...], means("fields not known now: stale, with their last value, or not finite and 0.0")
+    ] = ()
+
+
+class State(Record, frozen=True, kw_only=True):
+    """What the estimator believes, and where it should be, now. NED; heading clockwise from north."""
+
+    x_m: Annotated[float, means("north of where the position source started")]
+    y_m: Annotated[float, means("east of there")]
+    depth_m: Annotated[float, means("below the surface")]
+    heading_rad: Annotated[float, means("-pi..pi")]
+    x_desired_m: Annotated[float, means("where x should be")]
+    y_desired_m: Annotated[float, means("where y should be")]
+    depth_desired_m: Annotated[float, means("where the depth should be")]
+    heading_desired_rad: Annotated[float, means("where the heading should be")]
+    x_rate_mps: Annotated[float, means("velocity northward")]
+    y_rate_mps: Annotated[float, means("velocity eastward")]
+    depth_rate_mps: Annotated[float, means("velocity downward")]
+    heading_rate_radps: Annotated[float, means("turning clockwise")]
+    roll_rad: Annotated[float, means("right side down")]
+    pitch_rad: Annotated[float, means("bow up")]
+    roll_rate_radps: Annotated[float, means("body rate p")]
+    pitch_rate_radps: Annotated[float, means("body rate q")]
+    armed: Annotated[bool, means("by the vehicle's heartbeat")]
+    mode: Annotated[int, means("ArduSub's custom_mode: 19 is MANUAL")]
+    system_status: Annotated[int, means("MAV_STATE")]
+    voltage_v: Annotated[float, means("battery")]
+    pilot_gain: Annotated[float, means("ArduSub's live stick gain, 0..1")]
+
+
+class Dof(Record, frozen=True, kw_only=True):
+    """The law's inside for one degree of freedom, `ahead_s` from now: when a command sent now acts.
+
+    tau = feedforward + feedback + d_hat, before saturation.
+    """
+
+    dof: Annotated[str, means("x, y, z or psi")]
+    unit: Annotated[str, means("of x, x_d and e: m or rad; rates are per s and s²")]
+    tau_unit: Annotated[str, means("of tau, its parts and the disturbances: N or N·m")]
+    ahead_s: Annotated[float, means("how far ahead all this is")]
+    x_d: Annotated[float, means("desired, in unit")]
+    x_d_dot: Annotated[float, means("its rate, unit/s")]
+    x_d_ddot: Annotated[float, means("its acceleration, unit/s²")]
+    x: Annotated[float, means("believed, in unit")]
+    x_dot: Annotated[float, means("its rate, unit/s")]
+    e: Annotated[float, means("error, measured minus desired, in unit")]
+    e_dot: Annotated[float, means("its rate, unit/s")]
+    eps: Annotated[float, means("combined error e_dot + lambda e, unit/s")]
+    tau: Annotated[float, means("what the law asks for, NED, in tau_unit")]
+    feedforward: Annotated[float, means("its part from the model and the path, in tau_unit")]
+    feedback: Annotated[float, means("its part from the error, in tau_unit")]
+    d_hat: Annotated[float, means("its part against the disturbance, as learnt, in tau_unit")]
+    d_observer: Annotated[float, means("the observer's disturbance, in tau_unit")]
+    weight_norm: Annotated[float, means("Euclidean norm of what was learnt; no unit")]
+    saturated: Annotated[bool, means("the thrusters could not give it all")]
+    adapting: Annotated[bool, means("it learnt in this tick")]
+    engaged: Annotated[bool, means("this degree of freedom is held")]
+
+
+class Command(Record, frozen=True, kw_only=True):
+    """Normalised demands (-1..1), the wrench asked for and the wrench delivered, of the body."""
+
+    surge: Annotated[float, means("demand forward, -1..1")]
+    sway: Annotated[float, means("demand to the right, -1..1")]
+    heave: Annotated[float, means("demand downward, -1..1")]
+    yaw: Annotated[float, means("demand clockwise, -1..1")]
+    surge_requested_n: Annotated[float, means("force asked for, forward")]
+    sway_requested_n: Annotated[float, means("force asked for, to the right")]
+    heave_requested_n: Annotated[float, means("force asked for, downward")]
+    yaw_requested_nm: Annotated[float, means("torque asked for, clockwise")]
+    surge_delivered_n: Annotated[float, means("force that the demand gives, by the thruster model")]
+    sway_delivered_n: Annotated[float, means("the same, to the right")]
+    heave_delivered_n: Annotated[float, means("the same, downward")]
+    yaw_delivered_nm: Annotated[float, means("torque that the demand gives, clockwise")]
+
+
+class Supervisor(Record, frozen=True, kw_only=True):
+    """The permission, and why."""
+
+    state: Annotated[str, means("IDLE, READY, ACTIVE, RAMP_DOWN, HAND_OVER, PILOT or FAULT")]
+    conditions: Annotated[tuple[str, ...], means("what holds now, by name")]
+    authority: Annotated[float, means("share of the command that may leave, 0..1")]
+    reason: Annotated[str, means("in words")]
+    warnings: Annotated[tuple[str, ...], means("those of the conditions that are only told")] = ()
+    freeze: Annotated[bool, means("nothing may be learnt for the time being")] = False
+    remedy: Annotated[str, means("the one thing to do that gets the operator on, in words")] = ""
+
+
+class Loop(Record, frozen=True, kw_only=True):
+    """How the process does. An age of 1e6 s: the signal never came. A delay not known is a start value."""
+
+    tick: Annotated[int, means("number of this tick")]
+    rate_hz: Annotated[float, means("ticks per second since the start")]
+    lateness_ms: Annotated[float, means("how late this tick woke")]
+    compute_us: Annotated[float, means("what the tick before cost")]
+    late_ticks: Annotated[int, means("ticks left out since the start")]
+    samples_dropped: Annotated[int, means("samples that telemetry could not take in time")]
+    link_age_s: Annotated[float, means("since anything came from the vehicle")]
+    heartbeat_age_s: Annotated[float, means("since its heartbeat")]
+    depth_age_s: Annotated[float, means("since a depth")]
+    attitude_age_s: Annotated[float, means("since an attitude")]
+    position_age_s: Annotated[float, means("since a horizontal position")]
+    telemetry_delay_s: Annotated[float, means("from the vehicle's stamp to arrival")]
+    telemetry_delay_known: Annotated[bool, means("it was measured")]
+    command_delay_s: Annotated[float, means("from sending to the motors")]
+    command_delay_known: Annotated[bool, means("it was measured")]
+    hidden_delay_s: Annotated[float, means("delay that no stamp shows, found in the innovations")]
+    datagrams: Annotated[int, means("received")]
+    messages: Annotated[int, means("MAVLink messages understood")]
+    garbage: Annotated[int, means("bytes that were no MAVLink")]
+    foreign: Annotated[int, means("messages of other systems, and datagrams of others than a link's peer")]
+    implausible: Annotated[int, means("messages with numbers that cannot be")]
+    pilot_age_s: Annotated[float, means("since the ground station's heartbeat")] = NEVER_S
+    left_out_bytes: Annotated[int, means("bytes of a flood that nobody looked at")] = 0
+    refused: Annotated[int, means("frames whose MAVLink signature was bad, missing or replayed")] = 0
+
+
+class Recorder(Record, frozen=True, kw_only=True):
+    """What the recorder is doing."""
+
+    recording: Annotated[bool, means("it writes a file")]
+    file: Annotated[str, means("its path on the recorder's machine")]
+    size_bytes: Annotated[int, means("of the file so far")]
+    messages: Annotated[int, means("written to it")]
+    dropped: Annotated[int, means("messages that came faster than the disk took them")]
+    free_bytes: Annotated[int, means("left on the disk")]
+    said: Annotated[str, means("how it goes, in words")]
+    lost: Annotated[int, means("samples that never came, by the numbers of the ticks")] = 0
+
+
+class Start(msgspec.Struct, frozen=True, kw_only=True):
+    """What an engine is built from."""
+
+    config: Annotated[dict[str, Any], means("the configuration as a table")]
+    setpoint: Annotated[
+        tuple[float, float, float, float], means("x, y, depth (m), heading (rad); NaN where none is set")
+    ]
+    arm: Annotated[bool, means("it may arm the vehicle")]
+    version: Annotated[str, means("of Holdfast")]
+
+
+class Raw(msgspec.Struct, frozen=True, kw_only=True):
+    """All that one tick took and gave, so that `holdfast rerun` can repeat it; MessagePack, no JSON."""
+
+    tick: Annotated[int, means("number of this tick")]
+    now_s: Annotated[float, means("the companion's monotonic clock")]
+    heard: Annotated[Sequence[tuple[int, bytes]], means("arrival in monotonic ns and the datagram")] = (
+        msgspec.field(name="in")
+    )
+    ground: Annotated[
+        Sequence[tuple[int, bytes]], means("arrival in monotonic ns and frame, of the ground station")
+    ] = ()
+    out: Annotated[Sequence[bytes], means("datagrams sent")]
+    requests: Annotated[Sequence[str], means("what the operator asked for, by name")] = ()
+    setpoint: Annotated[
+        Sequence[float] | None, means("given before this tick: x, y, depth (m), heading (rad); NaN stays")
+    ] = None
+    config: Annotated[dict[str, Any] | None, means("retuned before this tick: the whole configuration")] = (
+        None
+    )
+    start: Annotated[Start | None, means("what the engine was built from, with the first tick only")] = None
+
+
+class Event(Record, frozen=True, kw_only=True):
+    """Something that happened."""
+
+    severity: Annotated[Literal["info", "warning", "fault"], means("how bad it is")]
+    kind: Annotated[
+        Literal["state", "command", "autopilot", "condition", "recording"],
+        means("whose: the supervisor's state or condition, an operator's command, the autopilot's words"),
+    ]
+    text: Annotated[str, means("what, in words")]
+
+
+class Reply(msgspec.Struct, frozen=True, kw_only=True):
+    """The answer to a command."""
+
+    done: Annotated[bool, means("it is in force now; otherwise nothing was changed")]
+    said: Annotated[str, means("what happened, or why not, in words")]
+    value: Annotated[dict[str, Any], means("what is now in force, read back")] = {}
+
+
+Schema = State | Dof | Command | Supervisor | Loop | Event | Recorder
+
+EVERY_TICK: dict[str, type[Schema]] = {
+    "state": State,
+    **{f"dof/{dof}": Dof for dof in DOFS},
+    "command": Command,
+    "supervisor": Supervisor,
+    "loop": Loop,
+}
+NOW_AND_THEN: dict[str, type[Schema]] = {"event": Event, "recorder": Recorder}
+_DECODED = EVERY_TICK | NOW_AND_THEN
+_MEASURED = ("x", "x_dot", "e", "e_dot", "eps", "d_observer")
+_ANGLES = ("roll_rad", "pitch_rad", "roll_rate_radps", "pitch_rate_radps")
+_SOURCES = (
+    ("x_m", "x_rate_mps"),
+    ("y_m", "y_rate_mps"),
+    ("depth_m", "depth_rate_mps"),
+    ("heading_rad", "heading_rate_radps", *_ANGLES),
+    ("armed", "mode", "system_status", "voltage_v", "pilot_gain"),
+)
+"""Fields of State by their source: position (two), depth, attitude, and the vehicle as a whole."""
+
+_UNITS = (("m", "N"), ("m", "N"), ("m", "N"), ("rad", "N·m"))
+_DOF_COLUMNS = tuple(field.name for field in fields(DofSample))
+_encoder = msgspec.json.Encoder(enc_hook=lambda scalar: scalar.item())
+_decoders = {schema: msgspec.json.Decoder(schema) for schema in set(_DECODED.values())}
+
+
+@cache
+def keys(vehicle: str) -> dict[str, str]:
+    """Every key that a vehicle publishes once a tick with its encoding, in the order of `encode`.
+
+    Raises ValueError when the name cannot be one chunk of a Zenoh key.
+    """
+    root = _root(vehicle)
+    return {f"{root}/{tail}": encoding(schema) for tail, schema in EVERY_TICK.items()}
+
+
+def encoding(schema: type[msgspec.Struct]) -> str:
+    """Return the encoding under which a schema is published."""
+    return f"application/json;holdfast.{schema.__name__}.v1"
+
+
+def alive_key(vehicle: str, instance: str = "*") -> str:
+    """Return the key of a companion's liveliness token; without `instance` that of any of this vehicle."""
+    return f"{_root(vehicle)}/alive/{instance}"
+
+
+def event_key(vehicle: str) -> tuple[str, str]:
+    """Return key and encoding of the vehicle's `Event`."""
+    return f"{_root(vehicle)}/event", encoding(Event)
+
+
+def command_key(vehicle: str, command: str) -> str:
+    """Return the key under which a command is taken as a query."""
+    return f"{_root(vehicle)}/command/{command}"
+
+
+def config_key(vehicle: str) -> str:
+    """Return the key that answers a query with the companion's present configuration."""
+    return f"{_root(vehicle)}/config"
+
+
+def raw_key(vehicle: str) -> tuple[str, str]:
+    """Return key and encoding of the vehicle's `Raw`."""
+    return f"{_root(vehicle)}/raw", "application/msgpack;holdfast.Raw.v1"
+
+
+def recorder_key(vehicle: str) -> tuple[str, str]:
+    """Return key and encoding of the vehicle's `Recorder`."""
+    return f"{_root(vehicle)}/recorder", encoding(Recorder)
+
+
+def encode(sample: ControlSample, vehicle: str) -> list[tuple[str, str, bytes]]:
+    """One tick as (key, encoding, JSON) for each of `keys(vehicle)`."""
+    return [
+        (key, encoding, to_json(record))
+        for (key, encoding), record in zip(keys(vehicle).items(), records(sample), strict=True)
+    ]
+
+
+def records(sample: ControlSample) -> list[Schema]:
+    """One tick as schema records, in the order of `keys`; here numbers may still be other than finite."""
+    state, verdict, loop, counters = sample.state, sample.verdict, sample.loop, sample.counters
+    t_s, boot_s = state.t_s, state.boot_s
+    x, y, z, psi = state.eta.tolist()
+    x_d, y_d, z_d, psi_d = sample.eta_d.tolist()
+    x_rate, y_rate, z_rate, psi_rate = state.eta_dot.tolist()
+    surge, sway, heave, yaw = sample.requested.tau.tolist()
+    surge_out, sway_out, heave_out, yaw_out = sample.delivered.tau.tolist()
+    stale = state.stale.tolist()
+    silent = Condition.LINK_LOST in verdict.conditions
+    return [
+        State(
+            t_s=t_s,
+            boot_s=boot_s,
+            absent=_stale_state(*stale, silent),
+            x_m=x,
+            y_m=y,
+            depth_m=z,
+            heading_rad=psi,
+            x_desired_m=x_d,
+            y_desired_m=y_d,
+            depth_desired_m=z_d,
+            heading_desired_rad=psi_d,
+            x_rate_mps=x_rate,
+            y_rate_mps=y_rate,
+            depth_rate_mps=z_rate,
+            heading_rate_radps=psi_rate,
+            roll_rad=state.roll,
+            pitch_rad=state.pitch,
+            roll_rate_radps=state.p,
+            pitch_rate_radps=state.q,
+            armed=state.armed,
+            mode=state.mode,
+            system_status=state.system_status,
+            voltage_v=state.voltage_v,
+            pilot_gain=state.pilot_gain,
+        ),
+        *_dofs(sample),
+        Command(
+            t_s=t_s,
+            boot_s=boot_s,
+            surge=sample.command.surge,
+            sway=sample.command.sway,
+            heave=sample.command.heave,
+            yaw=sample.command.yaw,
+            surge_requested_n=surge,
+            sway_requested_n=sway,
+            heave_requested_n=heave,
+            yaw_requested_nm=yaw,
+            surge_delivered_n=surge_out,
+            sway_delivered_n=sway_out,
+            heave_delivered_n=heave_out,
+            yaw_delivered_nm=yaw_out,
+        ),
+        Supervisor(
+            t_s=t_s,
+            boot_s=boot_s,
+            state=verdict.state.value,
+            conditions=_names(verdict.conditions),
+            authority=verdict.authority,
+            reason=verdict.reason,
+            warnings=_names(verdict.warnings),
+            freeze=verdict.freeze,
+            remedy=verdict.remedy,
+        ),
+        Loop(
+            t_s=t_s,
+            boot_s=boot_s,
+            tick=loop.tick,
+            rate_hz=loop.rate_hz,
+            lateness_ms=loop.lateness_ms,
+            compute_us=loop.compute_us,
+            late_ticks=loop.late_ticks,
+            samples_dropped=loop.samples_dropped,
+            link_age_s=min(state.ages.link_s, NEVER_S),
+            heartbeat_age_s=min(state.ages.heartbeat_s, NEVER_S),
+            depth_age_s=min(state.ages.depth_s, NEVER_S),
+            attitude_age_s=min(state.ages.attitude_s, NEVER_S),
+            position_age_s=min(state.ages.position_s, NEVER_S),
+            telemetry_delay_s=state.delays.telemetry_s,
+            telemetry_delay_known=state.delays.telemetry_known,
+            command_delay_s=state.delays.command_s,
+            command_delay_known=state.delays.command_known,
+            hidden_delay_s=state.delays.hidden_s,
+            datagrams=counters.datagrams,
+            messages=counters.messages,
+            garbage=counters.garbage,
+            foreign=counters.foreign + loop.strangers,
+            implausible=counters.implausible,
+            refused=counters.refused,
+            pilot_age_s=min(state.ages.pilot_s, NEVER_S),
+            left_out_bytes=loop.left_out_bytes,
+        ),
+    ]
+
+
+def decode(key: str, payload: bytes) -> Schema:
+    """Return the record that came under a key of any vehicle.
+
+    Raises ValueError for another key or another shape.
+    """
+    tail = key.split("/", 2)[2] if key.startswith("holdfast/") and key.count("/") > 1 else ""
+    if tail not in _DECODED:
+        raise ValueError(
+            f"'{key}' is no key of holdfast. Those are holdfast/{{vehicle}}/ and {', '.join(_DECODED)}"
+        )
+    try:
+        record: Schema = _decoders[_DECODED[tail]].decode(payload)
+    except msgspec.MsgspecError as error:
+        raise ValueError(
+            f"{key} does not hold a holdfast.{_DECODED[tail].__name__}.v1: {error}. "
+            "Does another version of Holdfast, or somebody else, publish under this key?"
+        ) from error
+    return record
+
+
+def printable(text: str) -> str:
+    """Return what somebody else wrote with its control characters escaped: for a log line or a terminal.
+
+    Raw, a line feed forges a line of the log, and an escape sequence writes over what a terminal shows.
+    """
+    if text.isprintable():
+        return text
+    return "".join(
+        char if char.isprintable() else char.encode("unicode_escape", "replace").decode() for char in text
+    )
+
+
+def _root(vehicle: str) -> str:
+    if not vehicle or set(vehicle) & set("/*$?#"):
+        raise ValueError(f"vehicle name '{vehicle}': want one or more characters, none of / * $ ? #")
+    return f"holdfast/{vehicle}"
+
+
+def _dofs(sample: ControlSample) -> list[Dof]:
+    columns: list[list[Any]] = [getattr(sample.dofs, name).tolist() for name in _DOF_COLUMNS]
+    return [
+        Dof(
+            t_s=sample.state.t_s,
+            boot_s=sample.state.boot_s,
+            dof=dof,
+            unit=unit,
+            tau_unit=tau_unit,
+            ahead_s=sample.state.ahead_s,
+            absent=_MEASURED if stale else (),
+            **dict(zip(_DOF_COLUMNS, row, strict=True)),
+        )
+        for dof, (unit, tau_unit), stale, *row in zip(
+            DOFS, _UNITS, sample.state.stale.tolist(), *columns, strict=True
+        )
+    ]
+
+
+@cache
+def _stale_state(x: bool, y: bool, z: bool, psi: bool, silent: bool) -> tuple[str, ...]:
+    """Return the fields of State that are stale: those of each DOF, and all others if it is `silent`."""
+    flags = (x, y, z, psi, silent)
+    return tuple(name for stale, names in zip(flags, _SOURCES, strict=True) if stale for name in names)
+
+
+@cache
+def _names(conditions: Condition) -> tuple[str, ...]:
+    return tuple(condition.name or "" for condition in conditions)
+
+
+def to_json(record: Schema) -> bytes:
+    """Return the record as JSON without a null."""
+    payload = _encoder.encode(record)
+    return payload if b":null" not in payload else _encoder.encode(_without_nulls(record))
+
+
+def _without_nulls(record: Schema) -> Schema:
+    broken = [
+        name
+        for name in record.__struct_fields__
+        if isinstance(value := getattr(record, name), float) and not math.isfinite(value)
+    ]
+    absent = tuple(dict.fromkeys((*record.absent, *broken)))
+    return msgspec.structs.replace(record, absent=absent, **dict.fromkeys(broken, 0.0))

@@ -1,0 +1,402 @@
+"""`holdfast record`: a thread that hears one vehicle over Zenoh and lets a Recorder keep it."""
+
+import argparse
+import logging
+import os
+import platform
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from contextlib import ExitStack
+from importlib.metadata import version
+from pathlib import Path
+from types import FrameType, TracebackType
+from typing import NamedTuple, NoReturn, Self
+
+import msgspec
+import zenoh
+from zenoh import ext
+
+from companion.telemetry import schemas as telemetry
+from dashboard.recording.recorder import Limits, Recorder
+from dashboard.zenoh_client import client_config
+
+QUEUE = 32_768
+"""Messages that may wait for the disk: over a minute of one vehicle. What comes when it is full is lost."""
+
+_DRAIN_S = 0.1
+_SYNC_S = 0.9
+_ASK_S = 5.0
+_RETRY_S = 0.2
+_CLOSE_S = 10.0
+_MB = 1_000_000
+
+_log = logging.getLogger(__name__)
+
+EXAMPLES = """\
+examples:
+  holdfast record                               everything the first vehicle heard publishes, into ./dives
+  holdfast record --vehicle kelp --out /data    a file anew every hour or 1000 MB, and 500 MB stay free
+  holdfast run --set telemetry.raw=true &       with every datagram, so that `holdfast rerun` can repeat
+  holdfast record --tlog                        the dive, and a .tlog beside for any ground station
+
+The files are MCAP: Foxglove and Lichtblick open and plot them as they are. Then:
+  holdfast report FILE    what was held and how well      holdfast replay FILE   show it on a dashboard
+  holdfast rerun FILE     what today's code would do      holdfast recover FILE  repair a cut file
+Ctrl-C finishes the file. After a power cut at most the last second is missing.
+"""
+
+
+class _Came(NamedTuple):
+    key: str
+    encoding: str
+    payload: bytes
+    publish_ns: int
+    now_s: float
+
+
+class RecorderThread:
+    """Records `vehicle`, or the first one heard where that is empty, from `start` to `close`.
+
+    Publishes its state once a second and, with `allow_control`, obeys `command/record`. Trouble with network
+    or disk is never raised: see `said`. The dashboard runs one of these; so does `holdfast record`.
+    """
+
+    def __init__(
+        self,
+        vehicle: str,
+        endpoint: str,
+        limits: Limits,
+        *,
+        recording: bool = True,
+        allow_control: bool = False,
+    ) -> None:
+        self._vehicle = vehicle
+        self._endpoint = endpoint
+        self._limits = limits
+        self._wanted = recording
+        self._allow_control = allow_control
+        self._queue: deque[_Came] = deque()
+        self._dropped = 0
+        self._queries: deque[zenoh.Query] = deque()
+        self._replies: deque[bytes] = deque()
+        self._alive = threading.Event()
+        self._appeared = threading.Event()
+        self._closing = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
+        self.said = ""
+
+    def start(self) -> None:
+        """Connect, as soon and as often as it takes, and record."""
+        self._thread.start()
+
+    def close(self) -> None:
+        """Finish the file and leave."""
+        self._closing.set()
+        if self._thread.is_alive():
+            self._thread.join(_CLOSE_S)
+
+    def __enter__(self) -> Self:
+        """Start."""
+        self.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close."""
+        self.close()
+
+    def _run(self) -> None:
+        self._say(f"waiting for {self._endpoint}")
+        while not self._closing.is_set():
+            try:
+                session = zenoh.open(client_config(self._endpoint))
+            except zenoh.ZError:
+                self._closing.wait(_RETRY_S)
+                continue
+            with session:
+                self._vehicle = self._vehicle or self._first_vehicle(session)
+                if self._vehicle:
+                    self._record(session)
+            return
+
+    def _first_vehicle(self, session: zenoh.Session) -> str:
+        self._say("waiting for a vehicle")
+        heard: deque[str] = deque()
+        with session.liveliness().declare_subscriber(
+            "holdfast/*/alive/**",
+            lambda sample: heard.append(str(sample.key_expr).split("/")[1]),
+            history=True,
+        ):
+            while not heard and not self._closing.wait(_DRAIN_S):
+                pass
+        return heard[0] if heard else ""
+
+    def _record(self, session: zenoh.Session) -> None:
+        """Serve one vehicle until closed: this thread alone touches the recorder."""
+        vehicle = self._vehicle
+        recorder = Recorder(vehicle, self._limits, about())
+        key, encoding = telemetry.recorder_key(vehicle)
+        remembered = (telemetry.raw_key(vehicle)[0], telemetry.event_key(vehicle)[0])
+
+        def keep(sample: zenoh.Sample) -> None:
+            if str(sample.key_expr) not in remembered:
+                self._keep(sample)
+
+        with ExitStack() as stack:
+            enter = stack.enter_context
+            enter(session.declare_subscriber(f"holdfast/{vehicle}/**", keep))
+            enter(session.declare_subscriber(f"sim/{vehicle}/truth", keep))
+            memories = [_Memory(session, remembered_key, self._keep) for remembered_key in remembered]
+            for memory in memories:
+                stack.callback(memory.close)
+            enter(
+                session.liveliness().declare_subscriber(
+                    telemetry.alive_key(vehicle), self._on_alive, history=True
+                )
+            )
+            enter(session.declare_queryable(telemetry.command_key(vehicle, "record"), self._queries.append))
+            publisher = enter(session.declare_publisher(key, encoding=zenoh.Encoding(encoding)))
+            ask_s = sync_s = 0.0
+            if self._wanted:
+                recorder.start(time.time_ns(), time.monotonic())
+            while not self._closing.wait(_DRAIN_S):
+                now_s = time.monotonic()
+                self._drain(recorder)
+                if self._appeared.is_set():
+                    self._appeared.clear()
+                    for memory in memories:
+                        memory.open()
+                if self._alive.is_set() and now_s >= ask_s:
+                    ask_s = now_s + _ASK_S
+                    session.get(telemetry.config_key(vehicle), self._on_config)
+                if now_s >= sync_s:
+                    sync_s = now_s + _SYNC_S
+                    recorder.each_second(time.time_ns(), now_s)
+                    publisher.put(msgspec.json.encode(recorder.status(now_s, self._dropped)))
+                self._say(recorder.said)
+            self._drain(recorder)
+            recorder.stop()
+            self._say(recorder.said)
+            publisher.put(msgspec.json.encode(recorder.status(time.monotonic(), self._dropped)))
+
+    def _keep(self, sample: zenoh.Sample) -> None:
+        """Take a sample from Zenoh's thread, which never waits."""
+        if len(self._queue) >= QUEUE:
+            self._dropped += 1
+            return
+        stamp = sample.timestamp
+        publish_ns = round(stamp.get_time().timestamp() * 1e9) if stamp else time.time_ns()
+        self._queue.append(
+            _Came(
+                str(sample.key_expr),
+                str(sample.encoding),
+                sample.payload.to_bytes(),
+                publish_ns,
+                time.monotonic(),
+            )
+        )
+
+    def _on_alive(self, sample: zenoh.Sample) -> None:
+        if sample.kind == zenoh.SampleKind.PUT:
+            self._alive.set()
+            self._appeared.set()
+
+    def _on_config(self, reply: zenoh.Reply) -> None:
+        if reply.ok is not None:
+            self._alive.clear()
+            self._replies.append(reply.ok.payload.to_bytes())
+
+    def _drain(self, recorder: Recorder) -> None:
+        while self._replies:
+            if table := flat(self._replies.popleft()):
+                recorder.describe("config", table)
+        for _ in range(len(self._queue)):
+            recorder.take(*self._queue.popleft())
+            if self._queries:  # whoever waits for an answer does not wait for a slow disk
+                break
+        while self._queries:
+            self._answer(self._queries.popleft(), recorder)
+
+    def _answer(self, query: zenoh.Query, recorder: Recorder) -> None:
+        now_s = time.monotonic()
+        try:
+            wanted = msgspec.json.decode(query.payload.to_bytes() if query.payload else b"", type=_Record).on
+        except msgspec.MsgspecError as error:
+            done, said = False, f'want {{"on": true}} or {{"on": false}}: {error}'
+        else:
+            if not self._allow_control:
+                done, said = False, "refused: `holdfast record` was started without --allow-control"
+            elif wanted:
+                done, said = recorder.start(time.time_ns(), now_s), recorder.said
+            else:
+                recorder.stop()
+                done, said = not recorder.recording, recorder.said
+        value = recorder.status(now_s, self._dropped)
+        query.reply(
+            query.key_expr,
+            msgspec.json.encode(telemetry.Reply(done=done, said=said, value=msgspec.to_builtins(value))),
+            encoding=zenoh.Encoding(telemetry.encoding(telemetry.Reply)),
+        )
+        query.drop()  # type: ignore[no-untyped-call]
+
+    def _say(self, said: str) -> None:
+        if said != self.said:
+            self.said = said
+            _log.info("%s", said)
+
+
+class _Memory:
+    """The subscription to a key whose publisher remembers, as with raw ticks and events, what was before us.
+
+    It has to be declared anew whenever a companion appears: what lies before the first sample that came by
+    itself is never asked for again. What comes twice, the Recorder leaves out.
+    """
+
+    def __init__(self, session: zenoh.Session, key: str, keep: Callable[[zenoh.Sample], None]) -> None:
+        self._session, self._key, self._keep = session, key, keep
+        self._subscriber: ext.AdvancedSubscriber[None] | None = None
+
+    def open(self) -> None:
+        """Subscribe, now that the companion's declarations are here."""
+        self.close()
+        self._subscriber = ext.declare_advanced_subscriber(
+            self._session,
+            self._key,
+            self._keep,
+            history=ext.HistoryConfig(detect_late_publishers=None, max_samples=None, max_age=None),
+            recovery=ext.RecoveryConfig(heartbeat=True, periodic_queries=None),
+        )
+
+    def close(self) -> None:
+        """Leave."""
+        if self._subscriber is not None:
+            self._subscriber.undeclare()  # type: ignore[no-untyped-call]
+            self._subscriber = None
+
+
+class _Record(msgspec.Struct, forbid_unknown_fields=True):
+    on: bool
+
+
+def about() -> dict[str, str]:
+    """Return what wrote the file: versions and git revision, "unknown" outside a checkout."""
+    packages = {name: version(name) for name in ("holdfast", "eclipse-zenoh", "mcap")}
+    return {**packages, "git": revision(), "python": platform.python_version(), "system": platform.platform()}
+
+
+def revision() -> str:
+    """Return the git revision of this code, with "-dirty" after it where it was changed since."""
+    command = ("git", "describe", "--always", "--abbrev=40", "--dirty", "--exclude=*")
+    try:
+        result = subprocess.run(
+            command, cwd=Path(__file__).parent, capture_output=True, text=True, timeout=5.0, check=True
+        )
+    except (OSError, subprocess.SubprocessError):
+        return "unknown"
+    return result.stdout.strip()
+
+
+def flat(payload: bytes) -> dict[str, str]:
+    """Return a JSON object of objects as section.key: JSON value; empty for anything else."""
+    try:
+        tree = msgspec.json.decode(payload)
+    except msgspec.DecodeError:
+        return {}
+    table: dict[str, str] = {}
+
+    def walk(node: object, path: str) -> None:
+        if isinstance(node, dict):
+            for name, value in node.items():
+                walk(value, f"{path}.{name}" if path else str(name))
+        else:
+            table[path] = msgspec.json.encode(node).decode()
+
+    walk(tree, "")
+    return table if isinstance(tree, dict) else {}
+
+
+def main(argv: list[str]) -> int:
+    """Run the command until SIGINT or SIGTERM."""
+    parser = argparse.ArgumentParser(
+        prog="holdfast record",
+        description="Records all that a vehicle publishes over Zenoh, and the simulator's truth where there "
+        "is one, as MCAP. A process of its own: whatever happens to the disk, the dive goes on.",
+        epilog=EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument(
+        "--vehicle", default="", metavar="NAME", help="which one; without it, the first heard"
+    )
+    parser.add_argument(
+        "--connect",
+        metavar="ENDPOINT",
+        default=telemetry.ENDPOINT,
+        help="where Zenoh listens: the companion or a router (default %(default)s)",
+    )
+    parser.add_argument(
+        "--out", type=Path, default=Path("dives"), metavar="DIR", help="default: ./%(default)s"
+    )
+    parser.add_argument("--tlog", action="store_true", help="raw MAVLink as .tlog too: see the examples")
+    parser.add_argument(
+        "--max-mb", type=_positive, default=1000.0, metavar="MB", help="a new file after; default %(default)g"
+    )
+    parser.add_argument(
+        "--max-minutes", type=_positive, default=60.0, metavar="MIN", help="and after; default %(default)g"
+    )
+    parser.add_argument(
+        "--reserve-mb",
+        type=_positive,
+        default=500.0,
+        metavar="MB",
+        help="stop when the disk has less; default %(default)g",
+    )
+    parser.add_argument(
+        "--allow-control", action="store_true", help="obey holdfast/{vehicle}/command/record, see docs"
+    )
+    parser.add_argument("--wait", action="store_true", help="record nothing until that command comes")
+    options = parser.parse_args(argv)
+    logging.basicConfig(level=logging.INFO, format="%(asctime)s %(message)s", stream=sys.stderr)
+    limits = Limits(
+        options.out,
+        round(options.max_mb * _MB),
+        60.0 * options.max_minutes,
+        round(options.reserve_mb * _MB),
+        options.tlog,
+    )
+    ended = threading.Event()
+
+    def end(number: int, frame: FrameType | None) -> None:
+        ended.set()
+
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, end)
+    with RecorderThread(
+        options.vehicle,
+        options.connect,
+        limits,
+        recording=not options.wait,
+        allow_control=options.allow_control,
+    ):
+        ended.wait()
+    leave(0)
+
+
+def leave(status: int) -> NoReturn:
+    """Leave the process when all is closed: Zenoh's threads can abort the interpreter's own tear-down."""
+    logging.shutdown()
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(status)
+
+
+def _positive(text: str) -> float:
+    number = float(text)
+    if not 0.0 < number < 1e9:
+        raise argparse.ArgumentTypeError(f"{text} is not above 0")
+    return number

@@ -1,0 +1,296 @@
+"""What to keep and for how long: rotation, free space, times, status. No Zenoh, no thread and no clock.
+
+Trouble with the disk ends the recording, never the process: `said` tells it.
+"""
+
+import math
+import os
+from collections import deque
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+
+import msgspec
+
+from companion.telemetry import schemas as telemetry
+from dashboard.losses import Losses
+from dashboard.recording import tlog
+from dashboard.recording.mcap_file import Disk, Item, Recording
+
+RESTART_S = 5.0
+"""A companion's clock that goes back by more was started anew."""
+RAW_KEPT_S = 90.0
+"""Raw ticks from so long ago come a second time when a companion is heard again; it keeps a minute."""
+EVENTS_KEPT = 1000
+NS_PER_S = 1e9
+
+_MB = 1_000_000
+
+
+class _Times(msgspec.Struct):
+    t_s: float = float("nan")
+    boot_s: float = float("nan")
+    now_s: float = float("nan")
+    tick: int = 0
+
+
+_json_times = msgspec.json.Decoder(_Times)
+_raw_times = msgspec.msgpack.Decoder(_Times)
+_raw = msgspec.msgpack.Decoder(telemetry.Raw)
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Where recordings go, when a new file begins (bytes, seconds), and what stays free on the disk."""
+
+    directory: Path
+    max_bytes: int = 1000 * _MB
+    max_age_s: float = 3600.0
+    reserve_bytes: int = 500 * _MB
+    tlog: bool = False
+
+
+class Recorder:
+    """Keeps one vehicle's samples in files. `utc_ns` and `now_s` are this machine's clocks when asked."""
+
+    def __init__(
+        self,
+        vehicle: str,
+        limits: Limits,
+        about: Mapping[str, str],
+        free_bytes: Callable[[Path], int] | None = None,
+        disk: Callable[[Path], Disk] | None = None,
+    ) -> None:
+        self.vehicle = vehicle
+        self.said = "not recording"
+        self._limits = limits
+        self._about = {**about, "vehicle": vehicle}
+        self._free = free_bytes or _free_bytes
+        self._disk = disk or Disk
+        self._file: Recording | None = None
+        self._tlog: Disk | None = None
+        self._frames = (tlog.Frames(), tlog.Frames())
+        self._tables: dict[str, Mapping[str, str]] = {}
+        self._began_s = 0.0
+        self._messages = 0
+        self._losses = Losses()
+        self._clock = _Clock()
+        self._raw_s = -math.inf
+        self._events: deque[bytes] = deque(maxlen=EVENTS_KEPT)
+        self._event_key = telemetry.event_key(vehicle)[0]
+        self._raw_key = telemetry.raw_key(vehicle)[0]
+        self._own = f"holdfast/{vehicle}/"
+
+    @property
+    def recording(self) -> bool:
+        """Whether a file is open."""
+        return self._file is not None
+
+    def start(self, utc_ns: int, now_s: float) -> bool:
+        """Begin a file, unless one is open; tell whether one is open now, and in `said` why not."""
+        if self._file is None:
+            self._messages, self._losses = 0, Losses()
+            self._open(utc_ns, now_s)
+        return self._file is not None
+
+    def stop(self, why: str = "stopped when asked") -> None:
+        """Finish the file."""
+        if self._file is None:
+            return
+        name = self._file.path.name
+        try:
+            self._file.close()
+            if self._tlog is not None:
+                self._tlog.close()
+        except OSError as error:
+            self._give_up(error)
+            return
+        self._file = self._tlog = None
+        self.said = f"{why}; {name} is complete"
+
+    def describe(self, name: str, table: Mapping[str, str]) -> None:
+        """Keep a table about the vehicle, in this file and in every later one."""
+        self._tables[name] = table
+        if self._file is not None:
+            try:
+                self._file.describe(name, table)
+            except OSError as error:
+                self._give_up(error)
+
+    def take(self, key: str, encoding: str, payload: bytes, publish_ns: int, now_s: float) -> None:
+        """Keep a sample that was published at `publish_ns` (UTC) and came at `now_s`."""
+        t_s, boot_s, tick = self._times(key, payload)
+        if key.startswith(self._own):
+            self._losses.take(key.removeprefix(self._own), tick)
+        log_ns = self._clock.log_ns(t_s, boot_s, publish_ns, now_s)
+        if self._file is None or self._came_before(key, t_s, payload):
+            return
+        try:
+            self._file.add(Item(key, encoding, payload, log_ns, publish_ns))
+            self._messages += 1
+            if self._tlog is not None and key == self._raw_key:
+                self._log(self._tlog, payload)
+        except OSError as error:
+            self._give_up(error)
+
+    def each_second(self, utc_ns: int, now_s: float) -> None:
+        """Put all on the disk, begin a new file where it is time, and stop where the disk is nearly full."""
+        if self._file is None:
+            return
+        try:
+            self._file.sync()
+            if self._tlog is not None:
+                self._tlog.sync()
+        except OSError as error:
+            self._give_up(error)
+            return
+        limits, free = self._limits, self._free(self._limits.directory)
+        if free < limits.reserve_bytes:
+            self.stop(f"stopped: {free // _MB} MB free, and {limits.reserve_bytes // _MB} MB stay free")
+        elif self._file.size_bytes >= limits.max_bytes or now_s - self._began_s >= limits.max_age_s:
+            self.stop()
+            self._open(utc_ns, now_s)
+
+    def status(self, now_s: float, dropped: int) -> telemetry.Recorder:
+        """Return what goes out once a second; `t_s` and `boot_s` are the vehicle's, as far as heard."""
+        t_s, boot_s = self._clock.vehicle_s(now_s)
+        file = self._file
+        return telemetry.Recorder(
+            t_s=t_s,
+            boot_s=boot_s,
+            recording=file is not None,
+            file=str(file.path) if file else "",
+            size_bytes=file.size_bytes if file else 0,
+            messages=self._messages,
+            dropped=dropped,
+            free_bytes=self._free(self._limits.directory),
+            said=self.said,
+            lost=self._losses.lost,
+        )
+
+    def _came_before(self, key: str, t_s: float, payload: bytes) -> bool:
+        """Tell whether a publisher that remembers told this already."""
+        if key == self._raw_key:
+            if self._raw_s - RAW_KEPT_S < t_s <= self._raw_s:
+                return True
+            self._raw_s = t_s
+        elif key == self._event_key:
+            if payload in self._events:
+                return True
+            self._events.append(payload)
+        return False
+
+    def _times(self, key: str, payload: bytes) -> tuple[float, float, int]:
+        """Return the companion's clock, the vehicle's (NaN for what is not there) and the tick."""
+        try:
+            if key == self._raw_key:
+                return _raw_times.decode(payload).now_s, math.nan, 0
+            if key.startswith(self._own):
+                times = _json_times.decode(payload)
+                return times.t_s, times.boot_s, times.tick
+        except msgspec.MsgspecError:
+            pass
+        return math.nan, math.nan, 0
+
+    def _open(self, utc_ns: int, now_s: float) -> None:
+        limits = self._limits
+        try:
+            limits.directory.mkdir(parents=True, exist_ok=True)
+            free = self._free(limits.directory)
+            if free < limits.reserve_bytes:
+                self.said = (
+                    f"not recording: {limits.directory} has {free // _MB} MB free, "
+                    f"and {limits.reserve_bytes // _MB} MB stay free"
+                )
+                return
+            path = _unused(limits.directory, self.vehicle, utc_ns)
+            self._file, self._began_s = Recording(path, self._disk(path)), now_s
+            self._file.describe("holdfast", {**self._about, "began_utc": _utc(utc_ns).isoformat()})
+            for name, table in self._tables.items():
+                self._file.describe(name, table)
+            if limits.tlog:
+                self._tlog = self._disk(path.with_suffix(".tlog"))
+            self.said = f"recording to {path.name}"
+        except OSError as error:
+            self._give_up(error)
+
+    def _log(self, log: Disk, payload: bytes) -> None:
+        try:
+            raw = _raw.decode(payload)
+        except msgspec.MsgspecError:
+            return
+        heard, sent = self._frames
+        frames = [(t_ns / NS_PER_S, frame) for t_ns, data in raw.heard for frame in heard.take(data)]
+        frames += [(t_ns / NS_PER_S, frame) for t_ns, frame in raw.ground]
+        frames += [(raw.now_s, frame) for data in raw.out for frame in sent.take(data)]
+        log.write(b"".join(tlog.stamped(self._clock.utc_ns(t_s), frame) for t_s, frame in frames))
+
+    def _give_up(self, error: OSError) -> None:
+        file, log = self._file, self._tlog
+        self._file = self._tlog = None
+        self.said = f"not recording: {error.strerror or error}: {error.filename or self._limits.directory}"
+        if file is not None:
+            self.said = f"stopped: {error.strerror or error}; {file.path.name} was cut: `holdfast recover` it"
+        for part in (file, log):
+            with suppress(OSError):
+                if part is not None:
+                    part.give_up()
+
+
+class _Clock:
+    """The companion's clock, laid on UTC once, so that steps of UTC tear nothing."""
+
+    def __init__(self) -> None:
+        self._offset_ns: int | None = None
+        self._last_s = self._boot_s = math.nan
+        self._came_s = 0.0
+
+    def log_ns(self, t_s: float, boot_s: float, publish_ns: int, now_s: float) -> int:
+        """Return when a sample was true, in UTC: by the companion's `t_s`, or else when it was published.
+
+        Only what has the vehicle's `boot_s` too can tell of a restart: raw ticks may come late.
+        """
+        if math.isfinite(t_s) and math.isfinite(boot_s):
+            if self._offset_ns is None or t_s < self._last_s - RESTART_S:
+                self._offset_ns = publish_ns - round(t_s * NS_PER_S)
+            self._last_s, self._boot_s, self._came_s = t_s, boot_s, now_s
+        if not math.isfinite(t_s) or self._offset_ns is None:
+            return publish_ns
+        log_ns = self.utc_ns(t_s)
+        return (
+            log_ns if math.isfinite(boot_s) or abs(log_ns - publish_ns) < RESTART_S * NS_PER_S else publish_ns
+        )
+
+    def vehicle_s(self, now_s: float) -> tuple[float, float]:
+        """Return what the companion's clock and the vehicle's read now, by the last that was heard."""
+        if math.isnan(self._last_s):
+            return now_s, 0.0
+        ago_s = now_s - self._came_s
+        return self._last_s + ago_s, self._boot_s + ago_s
+
+    def utc_ns(self, t_s: float) -> int:
+        """Return UTC at a time of the companion's clock."""
+        return round(t_s * NS_PER_S) + (self._offset_ns or 0)
+
+
+def _unused(directory: Path, vehicle: str, utc_ns: int) -> Path:
+    stem = f"{vehicle}-{_utc(utc_ns):%Y%m%dT%H%M%SZ}"
+    path, count = directory / f"{stem}.mcap", 1
+    while path.exists():
+        count += 1
+        path = directory / f"{stem}-{count}.mcap"
+    return path
+
+
+def _utc(utc_ns: int) -> datetime:
+    return datetime.fromtimestamp(utc_ns / 1e9, UTC)
+
+
+def _free_bytes(directory: Path) -> int:
+    try:
+        disk = os.statvfs(directory)
+    except OSError:
+        return 0
+    return disk.f_bavail * disk.f_frsize

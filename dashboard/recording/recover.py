@@ -1,0 +1,77 @@
+"""`holdfast recover`: what is left of a cut recording, as a whole file."""
+
+import argparse
+import sys
+from pathlib import Path
+
+from dashboard.recording.mcap_file import Reader, Recording
+
+EXAMPLES = """\
+examples:
+  holdfast recover dives/kelp-20261121T101500Z.mcap     writes ...Z.recovered.mcap beside it
+  holdfast recover --in-place dives/*.mcap              puts the repaired file in the place of a cut one
+
+A dead battery, kill -9 or a full disk cuts a recording. `holdfast report`, `replay` and `rerun` read cut
+files as they are; Foxglove and Lichtblick want the index that this command writes.
+"""
+
+
+def recover(source: Path, target: Path) -> tuple[int, Reader]:
+    """Write all that can be read of `source` to `target`; return how many samples, and how `source` was.
+
+    Raises ValueError for what is no recording, OSError from the disk, FileExistsError for a target that is
+    there.
+    """
+    reader = Reader(source)
+    samples = iter(reader)
+    first = next(samples, None)
+    recording = Recording(target)
+    try:
+        if first is not None:
+            recording.add(first)
+        for item in samples:
+            recording.add(item)
+        lost = {"lost_bytes": str(reader.lost_bytes), "broken_chunks": str(reader.broken_chunks)}
+        for name, table in {**reader.metadata, "recovered": {"from": source.name, **lost}}.items():
+            recording.describe(name, table)
+        recording.close()
+    except BaseException:
+        target.unlink(missing_ok=True)
+        raise
+    return recording.messages, reader
+
+
+def main(argv: list[str]) -> int:
+    """Run the command; returns 1 if a file could not be repaired."""
+    parser = argparse.ArgumentParser(
+        prog="holdfast recover",
+        description="Repairs recordings that were cut: writes all whole chunks, and what can be had of the "
+        "last one, into a new file with summary and index. The original stays as it is.",
+        epilog=EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("files", nargs="+", type=Path, metavar="FILE")
+    parser.add_argument("--in-place", action="store_true", help="replace the cut file by the repaired one")
+    options = parser.parse_args(argv)
+    status = 0
+    for source in options.files:
+        try:
+            sys.stdout.write(f"{source}: {_repair(source, options.in_place)}\n")
+        except (OSError, ValueError) as error:
+            sys.stderr.write(f"holdfast recover: {error}\n")
+            status = 1
+    return status
+
+
+def _repair(source: Path, in_place: bool) -> str:
+    reader = Reader(source)
+    for _ in reader:
+        pass
+    if reader.whole and not reader.broken_chunks:
+        return "is whole; nothing to do"
+    target = source.with_suffix(".recovered.mcap")
+    count, reader = recover(source, target)
+    if in_place:
+        target.replace(source)
+    lost = f"{reader.lost_bytes} bytes at the end and {reader.broken_chunks} broken chunks were lost"
+    return f"{count} samples, {lost}; now {'whole' if in_place else f'in {target}'}"

@@ -1,0 +1,168 @@
+"""`holdfast replay`: an old dive over Zenoh, under the keys of a vehicle that is not there."""
+
+import argparse
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from types import FrameType
+
+import zenoh
+
+from companion.telemetry import schemas as telemetry
+from dashboard.recording.mcap_file import Item, Reader
+from dashboard.recording.record import leave
+from dashboard.zenoh_server import open_session
+
+EXAMPLES = """\
+examples:
+  holdfast replay dives/kelp-20261121T101500Z.mcap        then: holdfast dashboard, and choose kelp-replay
+  holdfast replay FILE --speed 4 --from 600 --loop
+  holdfast replay FILE --speed max                        as fast as whoever listens takes it
+
+A dive is played under another name, so that nobody takes it for the live one: kelp becomes kelp-replay. Where
+that vehicle is alive, under its own name with --suffix '' or because another replay runs, it is refused.
+"""
+
+_LIVE_S = 0.5
+
+
+def main(argv: list[str]) -> int:
+    """Run the command; returns 1 when it was refused or nothing could be played, 0 at the end or Ctrl-C."""
+    parser = argparse.ArgumentParser(
+        prog="holdfast replay",
+        description="Plays a recording over Zenoh: the same keys but for the vehicle's name, the same bytes, "
+        "the same encodings. Joins who listens on the endpoint, or listens there itself.",
+        epilog=EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("file", type=Path, metavar="FILE")
+    parser.add_argument(
+        "--speed", type=_speed, default=1.0, metavar="X", help="times real time, or max; default 1"
+    )
+    parser.add_argument(
+        "--from", dest="from_s", type=float, default=0.0, metavar="S", help="begin S seconds into the file"
+    )
+    parser.add_argument("--loop", action="store_true", help="begin anew at the end")
+    parser.add_argument(
+        "--suffix", default="-replay", metavar="TEXT", help="after the vehicle's name; default %(default)s"
+    )
+    parser.add_argument(
+        "--connect",
+        metavar="ENDPOINT",
+        default=telemetry.ENDPOINT,
+        help="where Zenoh listens, or shall (default %(default)s)",
+    )
+    options = parser.parse_args(argv)
+    ended = threading.Event()
+
+    def end(number: int, frame: FrameType | None) -> None:
+        ended.set()
+
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, end)
+    try:
+        status = _replay(options, ended)
+    except (OSError, ValueError) as error:
+        sys.stderr.write(f"holdfast replay: {error}\n")
+        status = 1
+    leave(status)
+
+
+def renamed(key: str, suffix: str) -> tuple[str, str]:
+    """Return a key under the name that a replay has, and the name; ("", "") for what is not played.
+
+    That is what has no vehicle in it, and the recorder's status: nobody records now.
+    """
+    root, _, rest = key.partition("/")
+    vehicle, _, tail = rest.partition("/")
+    name = vehicle + suffix
+    played = root in ("holdfast", "sim") and tail not in ("", "recorder")
+    return (f"{root}/{name}/{tail}", name) if played else ("", "")
+
+
+def paced(items: Iterator[Item], from_s: float, speed: float) -> Iterator[tuple[float, Item]]:
+    """Give each sample from `from_s` into the recording on, with the time (s) at which to play it.
+
+    Samples play in the order in which they were recorded, which late ones may have left a little.
+    """
+    begin_ns: int | None = None
+    for item in items:
+        if begin_ns is None:
+            begin_ns = item.publish_ns
+        at_s = (item.publish_ns - begin_ns) / 1e9 - from_s
+        if at_s >= 0.0:
+            yield at_s / speed, item
+
+
+def _replay(options: argparse.Namespace, ended: threading.Event) -> int:
+    vehicle = _vehicle(options.file, options.suffix)
+    with open_session(options.connect) as session, ExitStack() as stack:
+        if _alive(session, vehicle):
+            sys.stderr.write(
+                f"holdfast replay: {vehicle} is alive on {options.connect}: "
+                "choose another name with --suffix, or another --connect\n"
+            )
+            return 1
+        stack.enter_context(session.liveliness().declare_token(telemetry.alive_key(vehicle, "replay")))
+        publishers: dict[tuple[str, str], zenoh.Publisher] = {}
+
+        def put(item: Item) -> None:
+            key, _ = renamed(item.key, options.suffix)
+            publisher = publishers.get((key, item.encoding))
+            if key and publisher is None:
+                publisher = publishers[key, item.encoding] = session.declare_publisher(
+                    key,
+                    encoding=zenoh.Encoding(item.encoding),
+                    congestion_control=zenoh.CongestionControl.BLOCK,
+                    priority=zenoh.Priority.REAL_TIME,
+                    express=True,
+                )
+            if publisher is not None:
+                publisher.put(item.payload)
+
+        sys.stderr.write(f"playing {options.file} as {vehicle} on {options.connect}; Ctrl-C ends it\n")
+        while True:
+            count = _once(paced(iter(Reader(options.file)), options.from_s, options.speed), put, ended)
+            if not count and not ended.is_set():
+                raise ValueError(f"{options.file}: nothing in it from {options.from_s:g} s on")
+            if ended.is_set() or not options.loop:
+                break
+        sys.stderr.write(f"played {count} samples\n")
+        for publisher in publishers.values():
+            publisher.undeclare()  # type: ignore[no-untyped-call]
+    return 0
+
+
+def _once(samples: Iterator[tuple[float, Item]], put: Callable[[Item], None], ended: threading.Event) -> int:
+    begun_s, count = time.monotonic(), 0
+    for at_s, item in samples:
+        wait_s = begun_s + at_s - time.monotonic()
+        if (wait_s > 0.0 and ended.wait(wait_s)) or ended.is_set():
+            break
+        put(item)
+        count += 1
+    return count
+
+
+def _vehicle(file: Path, suffix: str) -> str:
+    for item in Reader(file):
+        if name := renamed(item.key, suffix)[1]:
+            telemetry.keys(name)
+            return name
+    raise ValueError(f"{file}: no vehicle's samples in it")
+
+
+def _alive(session: zenoh.Session, vehicle: str) -> bool:
+    replies = session.liveliness().get(telemetry.alive_key(vehicle), timeout=_LIVE_S)
+    return any(reply.ok is not None for reply in replies)
+
+
+def _speed(text: str) -> float:
+    speed = float("inf") if text == "max" else float(text)
+    if not speed > 0.0:
+        raise argparse.ArgumentTypeError(f"{text} is neither above 0 nor max")
+    return speed

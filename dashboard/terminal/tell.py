@@ -1,0 +1,116 @@
+"""`holdfast tell`: one command to one vehicle from a terminal, and the vehicle's own words about it."""
+
+import argparse
+import sys
+import time
+from typing import Any
+
+import msgspec
+
+from companion.telemetry import schemas as telemetry
+from companion.telemetry.schemas import printable
+from dashboard.zenoh_client import Subscription
+
+PATIENCE_S = 5.0
+
+EXAMPLES = """\
+commands (KEY=VALUE; the vehicle answers what is allowed, and with what is in force afterwards):
+  engage                      take control and hold; refused, with the reason, if that is not permitted in 5 s
+  release                     let go of the vehicle
+  setpoint                    depth_m=  heading_deg=  x_m=  y_m=        what is not named stays
+  gains                       axis=  lambda_per_s=  kappa_per_s=  learning_rate=  hidden_learning_rate=
+                              leak_per_s=  dead_zone=  max_disturbance=  confirm=
+  compensator                 axis=  compensator=none|integrator|regressor|network|observer|network+observer
+  estimator                   axis=  position_noise=  rate_noise=  position_noise_slow=  rate_noise_slow=
+                              disturbance_noise=  confirm=
+  clear_fault                 reset a latched fault
+  record                      on=true|false    start or stop the recorder (`holdfast record`)
+  config                      only read what is in force; needs no permission
+An axis is surge, sway, heave or yaw. A change of more than twofold at once needs confirm=true.
+
+examples:
+  holdfast tell bluerov2 engage
+  holdfast tell bluerov2 setpoint depth_m=5 heading_deg=90
+  holdfast tell bluerov2 gains axis=heave kappa_per_s=8
+  holdfast tell bluerov2 config
+
+As shipped, a companion takes commands from its own machine only. Commands through a router or a network
+need `holdfast run --allow-control`. Every command goes through its supervisor.
+Status: 0 done, 1 refused or no answer.
+"""
+
+
+def main(argv: list[str]) -> int:
+    """Run the command; returns 1 if it was not done."""
+    options = _parser().parse_args(argv)
+    try:
+        what = dict(_pair(text) for text in options.what)
+        key = telemetry.command_key(options.vehicle, options.command)
+        with Subscription(key, options.connect) as seen:
+            until_s = time.monotonic() + PATIENCE_S
+            while not seen.connected and time.monotonic() < until_s:
+                time.sleep(0.02)
+            if not seen.connected:
+                sys.stderr.write(
+                    f"holdfast tell: nobody listens on {options.connect}. Is `holdfast run` up, or is it "
+                    "elsewhere? See --connect.\n"
+                )
+                return 1
+            if options.command == "config":
+                return _config(seen, options.vehicle)
+            reply = seen.tell(options.vehicle, options.command, what)
+    except ValueError as error:
+        sys.stderr.write(f"holdfast tell: {error}\n")
+        return 2
+    sys.stdout.write(f"{'done' if reply.done else 'NOT done'}: {printable(reply.said)}\n")
+    for name, value in reply.value.items():
+        if what and name not in what:
+            continue
+        sys.stdout.write(f"  {printable(name)} = {printable(_shown(value))}\n")
+    return 0 if reply.done else 1
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="holdfast tell",
+        description="Gives a vehicle a command over Zenoh and prints what came of it.",
+        epilog=EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("vehicle", metavar="VEHICLE", help="its vehicle.name; `holdfast watch` shows them")
+    parser.add_argument("command", metavar="COMMAND", help="one of those below")
+    parser.add_argument("what", nargs="*", metavar="KEY=VALUE")
+    parser.add_argument(
+        "--connect",
+        metavar="ENDPOINT",
+        default=telemetry.ENDPOINT,
+        help="where Zenoh listens, or a file of `holdfast keys` (default %(default)s)",
+    )
+    return parser
+
+
+def _config(seen: Subscription, vehicle: str) -> int:
+    answer = seen.ask(telemetry.config_key(vehicle))
+    if answer is None:
+        sys.stderr.write(f"holdfast tell: nobody answered for '{vehicle}'\n")
+        return 1
+    shown = msgspec.json.format(answer).decode(errors="replace")
+    sys.stdout.write("".join(f"{printable(line)}\n" for line in shown.split("\n")))
+    return 0
+
+
+def _pair(text: str) -> tuple[str, Any]:
+    """Take KEY=VALUE apart; a value that is no JSON is a word."""
+    key, equals, value = text.partition("=")
+    if not equals or not key:
+        raise ValueError(f"'{text}': write it as KEY=VALUE, such as depth_m=5")
+    try:
+        return key, msgspec.json.decode(value)
+    except msgspec.MsgspecError:
+        return key, value
+
+
+def _shown(value: object) -> str:
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    return ", ".join(map(str, value)) if isinstance(value, list) else str(value)

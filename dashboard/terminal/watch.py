@@ -1,0 +1,531 @@
+"""`holdfast watch`: a vehicle, or a fleet, in a terminal. `Feed` gathers, `render` draws, `main` loops."""
+
+import argparse
+import math
+import sys
+import time
+from collections import deque
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import msgspec
+from rich import box
+from rich.console import Console, Group, RenderableType
+from rich.live import Live
+from rich.panel import Panel
+from rich.table import Table
+from rich.text import Text
+
+from companion.telemetry import schemas as telemetry
+from companion.telemetry.schemas import Command, Dof, Event, Loop, Schema, State, Supervisor, printable
+from dashboard.zenoh_client import Message, Subscription
+
+STALE_S = 0.5
+PATIENCE_S = 5.0
+
+_REFRESH_S = 0.125
+_WIDTH = 80
+_BINS = 16
+_BIN_S = 1.0
+_RESTART_S = 1.0
+_NOT_SHOWN = ("raw", "recorder")
+_EVENTS = 2
+_VEHICLES = 32
+
+_BANNER = {
+    "IDLE": ("white on grey23", "hands off"),
+    "READY": ("black on white", "may engage"),
+    "ACTIVE": ("bold white on blue", "holding"),
+    "RAMP_DOWN": ("bold black on yellow", "letting go"),
+    "HAND_OVER": ("bold black on yellow", "giving it to ALT_HOLD"),
+    "PILOT": ("bold black on yellow", "the pilot, or ALT_HOLD, has it"),
+    "FAULT": ("bold white on red", "latched until the operator clears it"),
+}
+_DOFS = {"x": "north", "y": "east", "z": "depth", "psi": "heading"}
+_AGES = {"x": "position_age_s", "y": "position_age_s", "z": "depth_age_s", "psi": "attitude_age_s"}
+_AXES = {"surge": "N", "sway": "N", "heave": "N", "yaw": "N·m"}
+_MODES = {0: "STABILIZE", 1: "ACRO", 2: "ALT_HOLD", 9: "SURFACE", 16: "POSHOLD", 19: "MANUAL", 21: "SURFTRAK"}
+_EIGHTHS = "▁▂▃▄▅▆▇█"
+_DASH = "–"
+
+
+@dataclass(frozen=True)
+class View:
+    """What is known of one vehicle at one moment, `now_s` on its own clock. `latest` by the key's tail.
+
+    `age_s` is infinite before the first sample. `errors` holds, per DOF, the largest |e| (m or rad) of each
+    of the last seconds, the newest last.
+    """
+
+    endpoint: str
+    connected: bool
+    vehicle: str
+    age_s: float
+    latest: Mapping[str, Schema]
+    errors: Mapping[str, Sequence[float]]
+    events: Sequence[Event]
+    now_s: float
+    trouble: str
+
+    @property
+    def stale(self) -> bool:
+        """Whether this is the past."""
+        return self.age_s > STALE_S
+
+
+class Feed:
+    """Gathers the messages of one vehicle."""
+
+    def __init__(self, vehicle: str, endpoint: str) -> None:
+        self._vehicle = vehicle
+        self._endpoint = endpoint
+        self._latest: dict[str, Schema] = {}
+        self._errors: dict[str, deque[tuple[float, float]]] = {dof: deque(maxlen=_BINS) for dof in _DOFS}
+        self._events: deque[Event] = deque(maxlen=_EVENTS)
+        self._t_s = -math.inf
+        self._clocks_apart_s = math.inf
+        self._trouble = ""
+
+    @property
+    def complete(self) -> bool:
+        """Whether something came under every key."""
+        return len(self._latest) == len(telemetry.EVERY_TICK)
+
+    @property
+    def empty(self) -> bool:
+        """Whether nothing came so far."""
+        return not self._latest
+
+    def take(self, messages: Iterable[Message], now_s: float) -> None:
+        """Take what arrived until `now_s`, a monotonic clock of this machine."""
+        for key, payload in messages:
+            if key.rpartition("/")[2] in _NOT_SHOWN:
+                continue
+            try:
+                record = _printable(telemetry.decode(key, payload))
+            except ValueError as error:
+                self._trouble = printable(str(error))
+                continue
+            if isinstance(record, Event):
+                self._events.append(record)
+                continue
+            self._latest[key.split("/", 2)[2]] = record
+            self._mark_time(record.t_s, now_s)
+            if isinstance(record, Dof):
+                self._bin(record)
+
+    def view(self, now_s: float, connected: bool) -> View:
+        """Return what there is to see at `now_s`."""
+        age_s = math.inf if self.empty else max(0.0, now_s - self._t_s - self._clocks_apart_s)
+        return View(
+            endpoint=self._endpoint,
+            connected=connected,
+            vehicle=printable(self._vehicle),
+            age_s=age_s,
+            latest=dict(self._latest),
+            errors={dof: [peak for _, peak in bins] for dof, bins in self._errors.items()},
+            events=list(self._events),
+            now_s=self._t_s + age_s,
+            trouble=self._trouble,
+        )
+
+    def _mark_time(self, t_s: float, now_s: float) -> None:
+        """Learn how far the two clocks are apart from the fastest message: then what was held up is old."""
+        if t_s < self._t_s - _RESTART_S:
+            self._t_s = self._clocks_apart_s = math.inf
+        self._t_s = t_s if math.isinf(self._t_s) else max(self._t_s, t_s)
+        self._clocks_apart_s = min(self._clocks_apart_s, now_s - t_s)
+
+    def _bin(self, record: Dof) -> None:
+        bins, start = self._errors[record.dof], record.t_s // _BIN_S
+        peak = abs(record.e) if record.engaged and "e" not in record.absent else 0.0
+        if bins and bins[-1][0] == start:
+            peak = max(peak, bins.pop()[1])
+        bins.append((start, peak))
+
+
+class Fleet:
+    """A feed for the vehicle asked for or, where none was, for each that is heard."""
+
+    def __init__(self, vehicle: str, endpoint: str) -> None:
+        self._endpoint = endpoint
+        self._feeds = {vehicle: Feed(vehicle, endpoint)} if vehicle else {}
+        self._nobody = Feed(vehicle, endpoint)
+
+    @property
+    def complete(self) -> bool:
+        """Whether somebody was heard, and everybody under every key."""
+        return bool(self._feeds) and all(feed.complete for feed in self._feeds.values())
+
+    def take(self, messages: Iterable[Message], now_s: float) -> None:
+        """Take what arrived until `now_s`, a monotonic clock of this machine."""
+        by_vehicle: dict[str, list[Message]] = {}
+        for message in messages:
+            chunks = message.key.split("/", 2)
+            if len(chunks) == 3:
+                by_vehicle.setdefault(chunks[1], []).append(message)
+        for vehicle, theirs in by_vehicle.items():
+            if vehicle not in self._feeds and len(self._feeds) < _VEHICLES:
+                self._feeds[vehicle] = Feed(vehicle, self._endpoint)
+            if vehicle in self._feeds:
+                self._feeds[vehicle].take(theirs, now_s)
+
+    def views(self, now_s: float, connected: bool) -> list[View]:
+        """Return what there is to see of each at `now_s`; a single empty view where nobody was heard."""
+        heard = [feed for _, feed in sorted(self._feeds.items()) if not feed.empty]
+        return [feed.view(now_s, connected) for feed in heard or [self._nobody]]
+
+
+def picture(views: Sequence[View]) -> RenderableType:
+    """Draw one vehicle wholly, several as a line each."""
+    return render(views[0]) if len(views) == 1 else render_fleet(views)
+
+
+def render_fleet(views: Sequence[View]) -> RenderableType:
+    """Draw a line per vehicle. What is old is dim and says so."""
+    table = Table(box=None, padding=(0, 1, 0, 0), header_style="dim", pad_edge=False)
+    for heading in ("vehicle", "state", "depth", "heading", "vehicle is", "battery", "data"):
+        table.add_column(
+            heading, no_wrap=True, justify="right" if heading in ("depth", "heading") else "left"
+        )
+    for view in views:
+        supervisor = view.latest.get("supervisor")
+        name = supervisor.state if isinstance(supervisor, Supervisor) else _DASH
+        style, _ = _BANNER.get(name, ("", ""))
+        table.add_row(
+            Text(view.vehicle, "bold"),
+            Text(f" {name.replace('_', ' ')} ", "" if view.stale else style),
+            *_whereabouts(view.latest.get("state")),
+            Text(f"STALE {view.age_s:.0f} s", "reverse") if view.stale else Text("live"),
+            style="dim" if view.stale else "",
+        )
+    events = [_event(view.events[-1], view.now_s, f"{view.vehicle}: ") for view in views if view.events]
+    hint = Text("one of them wholly: holdfast watch --vehicle NAME", "dim")
+    return Panel(
+        Group(table, Text(), *events, hint),
+        title=f"[bold]holdfast[/] {len(views)} vehicles",
+        title_align="left",
+        box=box.ROUNDED,
+        width=_WIDTH,
+    )
+
+
+def render(view: View) -> RenderableType:
+    """Draw a view. Every colour has a word beside it; what is old is dim and says so."""
+    if not view.latest:
+        return Panel(_waiting(view), title="holdfast", title_align="left", box=box.ROUNDED)
+    past = Text(f" STALE: nothing new for {view.age_s:.1f} s; this is the past. ", "reverse")
+    body = Group(
+        _banner(view),
+        past if view.stale else Text(),
+        _degrees_of_freedom(view),
+        Text(),
+        _thrust(view),
+        Text(),
+        _health(view),
+    )
+    notes = [_event(event, view.now_s) for event in view.events]
+    if view.trouble:
+        notes.append(Text(view.trouble, "italic"))
+    return Panel(
+        Group(body, *notes),
+        title=Text.assemble(("holdfast", "bold"), f" {view.vehicle}"),
+        title_align="left",
+        subtitle=_freshness(view),
+        subtitle_align="right",
+        box=box.ROUNDED,
+        style="dim" if view.stale else "",
+        width=_WIDTH,
+    )
+
+
+def main(argv: list[str]) -> int:
+    """Run the command; returns 1 when nothing came in time."""
+    options = _parser().parse_args(argv)
+    console = Console()
+    fleet = Fleet(options.vehicle or "", options.connect)
+    once = options.once or not console.is_terminal
+    try:
+        with Subscription(f"holdfast/{options.vehicle or '*'}/**", options.connect) as seen:
+            views = _once(fleet, seen) if once else _live(fleet, seen, console)
+    except ValueError as error:
+        sys.stderr.write(f"holdfast watch: {error}\n")
+        return 2
+    if not views[0].latest:
+        sys.stderr.write(f"holdfast watch: {_waiting(views[0]).plain}\n")
+        return 1
+    if once:
+        console.print(picture(views))
+    if options.json:
+        figures = _figures(views[0]) if len(views) == 1 else {"vehicles": [_figures(view) for view in views]}
+        options.json.write_bytes(msgspec.json.format(msgspec.json.encode(figures)) + b"\n")
+    return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="holdfast watch",
+        description="Show a vehicle's state in the terminal, live over Zenoh, or a line per vehicle where "
+        "there are several; Ctrl-C ends it. Where the output is no terminal, it is one snapshot, as with "
+        "--once.",
+    )
+    parser.add_argument("--vehicle", metavar="NAME", help="only this one, wholly")
+    parser.add_argument(
+        "--connect",
+        metavar="ENDPOINT",
+        default=telemetry.ENDPOINT,
+        help="a companion, a router, or a file of `holdfast keys` (default %(default)s)",
+    )
+    parser.add_argument(
+        "--once",
+        action="store_true",
+        help=f"print one snapshot; status 1 if nothing comes in {PATIENCE_S:.0f} s",
+    )
+    parser.add_argument("--json", metavar="FILE", type=Path, help="write the last snapshot to FILE")
+    return parser
+
+
+def _once(fleet: Fleet, seen: Subscription) -> list[View]:
+    deadline_s = time.monotonic() + PATIENCE_S
+    while not fleet.complete and time.monotonic() < deadline_s:
+        fleet.take(seen.take(), time.monotonic())
+        time.sleep(0.02)
+    return fleet.views(time.monotonic(), seen.connected)
+
+
+def _live(fleet: Fleet, seen: Subscription, console: Console) -> list[View]:
+    views = fleet.views(time.monotonic(), connected=False)
+    with Live(picture(views), console=console, screen=True, auto_refresh=False) as live:
+        try:
+            while True:
+                now_s = time.monotonic()
+                fleet.take(seen.take(), now_s)
+                views = fleet.views(now_s, seen.connected)
+                live.update(picture(views), refresh=True)
+                time.sleep(_REFRESH_S)
+        except KeyboardInterrupt:
+            return views
+
+
+def _figures(view: View) -> dict[str, object]:
+    latest = {tail: msgspec.to_builtins(record) for tail, record in sorted(view.latest.items())}
+    return {"vehicle": view.vehicle, "age_s": view.age_s, **latest}
+
+
+def _printable(record: Schema) -> Schema:
+    """Return the record with all texts safe for a terminal: anybody may publish under these keys."""
+    for name in record.__struct_fields__:
+        value = getattr(record, name)
+        if isinstance(value, str) and not value.isprintable():
+            record = msgspec.structs.replace(record, **{name: printable(value)})
+        elif isinstance(value, tuple) and not all(map(str.isprintable, value)):
+            record = msgspec.structs.replace(record, **{name: tuple(map(printable, value))})
+    return record
+
+
+# --- The parts of the picture -----------------------------------------------------------------------------
+
+
+def _waiting(view: View) -> Text:
+    if not view.connected:
+        return Text(
+            f"nobody listens on {view.endpoint}. Is `holdfast run` up, or is it elsewhere? See --connect."
+        )
+    who = f"'{view.vehicle}'" if view.vehicle else "any vehicle"
+    return Text(f"{view.endpoint} answers, but nothing of {who} came so far. Is `holdfast run` up?")
+
+
+def _freshness(view: View) -> Text:
+    age = f"{view.age_s:.2f} s old"
+    link = "" if view.connected else ", not connected"
+    return Text(f" STALE, {age}{link} ", "reverse") if view.stale else Text(f"live, {age}{link}")
+
+
+def _whereabouts(state: Schema | None) -> tuple[str, str, str, str]:
+    """Return depth, heading, armed or not, and battery; a dash for what is not known."""
+    if not isinstance(state, State):
+        return _DASH, _DASH, _DASH, _DASH
+    return (
+        _DASH if "depth_m" in state.absent else _place(state.depth_m, "z"),
+        _DASH if "heading_rad" in state.absent else _place(state.heading_rad, "psi"),
+        _DASH if "armed" in state.absent else "ARMED" if state.armed else "disarmed",
+        _DASH if "voltage_v" in state.absent else f"{state.voltage_v:.1f} V",
+    )
+
+
+def _event(event: Event, now_s: float, whose: str = "") -> Text:
+    """Draw an event in one line, with its age."""
+    style = {"fault": "bold red", "warning": "yellow"}.get(event.severity, "")
+    line = Text(f"{max(0.0, now_s - event.t_s):4.0f} s ago  {whose}{event.severity}: {event.text}", style)
+    line.truncate(_WIDTH - 4, overflow="ellipsis")
+    return line
+
+
+def _banner(view: View) -> RenderableType:
+    supervisor, state = view.latest.get("supervisor"), view.latest.get("state")
+    lines: list[Text] = []
+    if isinstance(supervisor, Supervisor):
+        style, meaning = _BANNER.get(supervisor.state, ("reverse", ""))
+        name = supervisor.state.replace("_", " ")
+        if "LINK_LOST" in supervisor.conditions:
+            meaning = "LINK LOST"
+        lines.append(
+            Text.assemble((f"  {name}  ", style), f"  {meaning}, authority {supervisor.authority:.0%}")
+        )
+        conditions = " ".join(supervisor.conditions).lower().replace("_", "-")
+        lines.append(Text("; ".join(filter(None, (supervisor.reason, conditions))), "dim"))
+        if supervisor.remedy:
+            lines.append(Text(f"to do: {supervisor.remedy}"))
+    if isinstance(state, State):
+        known = "armed" not in state.absent
+        mode = _MODES.get(state.mode, f"mode {state.mode}") if known else "mode unknown"
+        volts = _DASH if "voltage_v" in state.absent else f"{state.voltage_v:.1f} V"
+        armed = Text("ARMED", "bold") if state.armed else Text("disarmed")
+        armed = armed if known else Text("armed or not: unknown", "bold yellow")
+        lines.append(
+            Text.assemble(
+                armed,
+                f" in {mode}   battery {volts}   stick gain ",
+                f"{state.pilot_gain:.0%}" if known else _DASH,
+                f"   roll {_angle(state, 'roll_rad')}   pitch {_angle(state, 'pitch_rad')}",
+            )
+        )
+    return Group(*lines)
+
+
+def _degrees_of_freedom(view: View) -> Table:
+    table = _table("", "is", "should be", "error", f"|e| in {_BINS} s", "learnt", "")
+    loop = view.latest.get("loop")
+    for dof, name in _DOFS.items():
+        record = view.latest.get(f"dof/{dof}")
+        if not isinstance(record, Dof):
+            continue
+        known = not {"x", "e"} & set(record.absent)
+        place = _place(record.x, dof) if known else _DASH
+        if not known and isinstance(loop, Loop):
+            age_s = getattr(loop, _AGES[dof])
+            silent = "never came" if age_s >= telemetry.NEVER_S else f"STALE {age_s:.0f} s"
+            last = _DASH if age_s >= telemetry.NEVER_S else _place(record.x, dof)
+            style = "dim" if age_s >= telemetry.NEVER_S else "dim yellow"
+            table.add_row(name, last, _DASH, _DASH, "", _DASH, silent, style=style)
+            continue
+        if not record.engaged:
+            table.add_row(name, place, _DASH, _DASH, "", _DASH, "not held", style="dim")
+            continue
+        table.add_row(
+            Text(name, "bold"),
+            place,
+            _place(record.x_d, dof),
+            _error(record.e, dof) if known else _DASH,
+            _sparkline(view.errors.get(dof, [])),
+            f"{record.d_hat:+.1f} {record.tau_unit}",
+            _doing(record),
+        )
+    return table
+
+
+def _thrust(view: View) -> Table:
+    table = _table("", "-100 %    demand   +100 %", "%", "asked", "given", "")
+    command = view.latest.get("command")
+    if isinstance(command, Command):
+        for axis, unit in _AXES.items():
+            demand = getattr(command, axis)
+            suffix = "nm" if unit == "N·m" else "n"
+            asked = getattr(command, f"{axis}_requested_{suffix}")
+            given = getattr(command, f"{axis}_delivered_{suffix}")
+            limited = abs(asked - given) > 0.05 + 0.02 * abs(asked)
+            table.add_row(
+                axis,
+                _gauge(demand),
+                f"{100 * demand:+.0f}",
+                f"{asked:+.1f} {unit}",
+                f"{given:+.1f} {unit}",
+                Text("SATURATED", "bold yellow") if limited else "",
+            )
+    return table
+
+
+def _health(view: View) -> Table:
+    grid = Table.grid(padding=(0, 2))
+    grid.add_column(style="dim", no_wrap=True)
+    grid.add_column()
+    loop = view.latest.get("loop")
+    if isinstance(loop, Loop):
+        ages = (
+            ("link", loop.link_age_s),
+            ("depth", loop.depth_age_s),
+            ("attitude", loop.attitude_age_s),
+            ("position", loop.position_age_s),
+        )
+        grid.add_row("signals", Text("   ").join(_age(name, age_s) for name, age_s in ages))
+        grid.add_row(
+            "delays",
+            f"telemetry {_delay(loop.telemetry_delay_s, loop.telemetry_delay_known)}   "
+            f"command {_delay(loop.command_delay_s, loop.command_delay_known)}",
+        )
+        grid.add_row(
+            "loop",
+            f"{loop.rate_hz:.1f} Hz   {loop.lateness_ms:.2f} ms late   {loop.compute_us:.0f} µs a tick   "
+            f"{loop.late_ticks} late ticks   {loop.samples_dropped} dropped",
+        )
+        flood = f"   {loop.left_out_bytes} bytes of a flood left out" if loop.left_out_bytes else ""
+        grid.add_row(
+            "mavlink",
+            f"{loop.messages} messages   {loop.garbage} garbage   {loop.foreign} foreign   "
+            f"{loop.implausible} implausible{flood}",
+        )
+    return grid
+
+
+def _table(*headings: str) -> Table:
+    table = Table(box=None, padding=(0, 1, 0, 0), header_style="dim", pad_edge=False)
+    for heading in headings:
+        number = heading in ("is", "should be", "error", "learnt", "asked", "given", "%")
+        table.add_column(
+            heading, justify="right" if number else "left", min_width=9 if number else 7, no_wrap=True
+        )
+    return table
+
+
+def _place(value: float, dof: str) -> str:
+    return f"{math.degrees(value) % 360:.1f}°" if dof == "psi" else f"{value:.3f} m"
+
+
+def _angle(state: State, name: str) -> str:
+    return _DASH if name in state.absent else f"{math.degrees(getattr(state, name)):+.0f}°"
+
+
+def _error(value: float, dof: str) -> str:
+    return f"{math.degrees(value):+.2f}°" if dof == "psi" else f"{1000 * value:+.0f} mm"
+
+
+def _doing(record: Dof) -> Text:
+    if record.saturated:
+        return Text("SATURATED", "bold yellow")
+    return Text("learning" if record.adapting else "held")
+
+
+def _sparkline(peaks: Sequence[float]) -> Text:
+    top = max(peaks, default=0.0)
+    columns = (_EIGHTHS[min(7, int(8 * peak / top))] if top > 0 else _EIGHTHS[0] for peak in peaks)
+    return Text("".join(columns).rjust(_BINS), "cyan")
+
+
+def _gauge(value: float, half: int = 12) -> Text:
+    """Draw -1..1 from the middle outwards, in half columns."""
+    halves = round(min(1.0, abs(value)) * 2 * half)
+    full, rest = divmod(halves, 2)
+    right = ("█" * full + "▌" * rest).ljust(half, "·") if value > 0 else "·" * half
+    left = ("▐" * rest + "█" * full).rjust(half, "·") if value < 0 else "·" * half
+    return Text(f"{left}│{right}", "bold yellow" if halves == 2 * half else "cyan")
+
+
+def _age(name: str, age_s: float) -> Text:
+    if age_s >= telemetry.NEVER_S:
+        return Text(f"{name} never", "dim")
+    return Text(f"{name} {age_s:.2f} s", "bold yellow" if age_s > STALE_S else "")
+
+
+def _delay(delay_s: float, known: bool) -> str:
+    return f"{1000 * delay_s:.0f} ms {'measured' if known else 'assumed'}"

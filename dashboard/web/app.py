@@ -1,0 +1,366 @@
+"""`holdfast dashboard`: one Zenoh client for any number of browsers. Its only asyncio and its only clock."""
+
+import asyncio
+import signal
+import socket
+import sys
+import time
+from collections import Counter
+from collections.abc import Awaitable, Callable
+from contextlib import AbstractContextManager, nullcontext, suppress
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import msgspec
+from aiohttp import WSCloseCode, web
+
+from companion.telemetry import schemas as telemetry
+from dashboard.web import gate, orders
+from dashboard.web.columns import COLUMNS
+from dashboard.web.fleet import HISTORY_S, Fleet, Vehicle
+from dashboard.web.options import Settings
+from dashboard.web.ring import next_row
+from dashboard.zenoh_client import Subscription
+
+BEAT_S = 0.025
+STATUS_S = 0.15
+CONFIG_S = 10.0
+MOST_BROWSERS = 32
+CLOSE_S = 1.0
+MOST_BEHIND = 150
+"""Rows: a browser that is 3 s behind gets the present instead."""
+SEND_BUFFER = 65536
+BODY_BYTES = 4096
+
+PANELS = {
+    "depth": "Depth and its reference",
+    "heading": "Heading and its reference",
+    "error": "Error within its bound",
+    "eps": "Combined error",
+    "thrust": "Thrust and its parts",
+    "disturbance": "Disturbance, as learnt",
+    "weights": "Weight norm, when it learns",
+    "loop": "Loop lateness",
+    "phase": "Phase portrait",
+    "attitude": "Horizon and compass",
+    "ages": "Telemetry ages",
+    "battery": "Battery",
+    "events": "Events",
+    "status": "State, and what to do",
+}
+_STATIC = Path(__file__).parent / "static"
+_READ_ONLY = "this dashboard only looks: it was started without --allow-control"
+
+Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
+
+
+class Dashboard:
+    """Zenoh in, web pages out."""
+
+    def __init__(self, settings: Settings) -> None:
+        self._settings = settings
+        self._names = ("localhost", *settings.names)
+        self._fleet = Fleet()
+        self._telemetry = Subscription("holdfast/*/**", settings.endpoint)
+        self._truth = Subscription("sim/*/truth", settings.endpoint)
+        self._beat = asyncio.Event()
+        self._browsers: dict[web.WebSocketResponse, str] = {}
+        """With the address of each, the oldest first."""
+        self._config_asked_s: dict[str, float] = {}
+        self._asking: set[asyncio.Task[None]] = set()
+        self._leaving: set[asyncio.Task[bool]] = set()
+
+    def application(self) -> web.Application:
+        """Return the web application; it listens to Zenoh as long as it runs."""
+        app = web.Application(middlewares=[self._guarded], client_max_size=BODY_BYTES)
+        app.router.add_get("/", _page)
+        app.router.add_get("/panel/{name}", _panel)
+        app.router.add_get("/ws", self._socket)
+        app.router.add_post("/api/token", self._token)
+        app.router.add_post("/api/{vehicle}/{command}", self._command)
+        app.router.add_get("/register_service", _register)
+        app.router.add_get("/cockpit_extras.json", _cockpit)
+        app.router.add_static("/static", _STATIC)
+        app.cleanup_ctx.append(self._run)
+        return app
+
+    async def _run(self, app: web.Application) -> Any:
+        with self._telemetry, self._truth:
+            pulse = asyncio.create_task(self._pulse())
+            yield
+            pulse.cancel()
+            with suppress(asyncio.CancelledError):
+                await pulse
+            for browser in tuple(self._browsers):
+                await browser.close(code=WSCloseCode.GOING_AWAY)
+
+    async def _pulse(self) -> None:
+        """Take what Zenoh brought, and wake whoever waits for it."""
+        while True:
+            now_s = time.monotonic()
+            self._fleet.take(self._truth.take_stamped(), now_s)
+            self._fleet.take(self._telemetry.take_stamped(), now_s)
+            for vehicle in self._fleet.vehicles.values():
+                self._keep_config(vehicle, now_s)
+            self._beat.set()
+            self._beat = asyncio.Event()
+            await asyncio.sleep(BEAT_S)
+
+    def _keep_config(self, vehicle: Vehicle, now_s: float) -> None:
+        if now_s - self._config_asked_s.get(vehicle.name, -CONFIG_S) >= CONFIG_S:
+            self._config_asked_s[vehicle.name] = now_s
+            task = asyncio.create_task(self._read_config(vehicle))
+            self._asking.add(task)
+            task.add_done_callback(self._asking.discard)
+
+    async def _read_config(self, vehicle: Vehicle) -> None:
+        answer = await asyncio.to_thread(
+            self._telemetry.ask, telemetry.config_key(vehicle.name), timeout_s=2.0
+        )
+        with suppress(msgspec.MsgspecError):
+            if answer is not None:
+                vehicle.take_config(msgspec.json.decode(answer, type=dict[str, Any]))
+
+    @web.middleware
+    async def _guarded(self, request: web.Request, handler: Handler) -> web.StreamResponse:
+        """Refuse strangers; put the headers on every answer."""
+        if not gate.host_is_ours(request.host, self._names):
+            return web.Response(
+                status=421,
+                text=f"This dashboard is not called {request.host!r}. Call it by number, or see its --name.",
+            )
+        protected = request.method != "GET" or request.path == "/ws"
+        if protected and not gate.same_origin(request.headers.get("Origin"), request.host):
+            return web.Response(status=403, text="Only this dashboard's own pages may do that.")
+        try:
+            response = await handler(request)
+        except web.HTTPException as error:
+            error.headers.update(gate.headers(framed=False))
+            raise
+        if not response.prepared:
+            response.headers.update(gate.headers(framed=request.path.startswith("/panel/")))
+        return response
+
+    async def _socket(self, request: web.Request) -> web.StreamResponse:
+        """Feed one browser until it leaves; nothing that it says is listened to."""
+        if len(self._browsers) >= MOST_BROWSERS:
+            self._make_room()
+        socket_ = web.WebSocketResponse(heartbeat=5.0, compress=False, max_msg_size=1024, timeout=CLOSE_S)
+        await socket_.prepare(request)
+        transport = request.transport
+        if transport is not None:
+            raw: socket.socket | None = transport.get_extra_info("socket")
+            if raw is not None:
+                raw.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER)
+        self._browsers[socket_] = request.remote or ""
+        feeding = asyncio.create_task(self._feed(socket_, request.query.get("vehicle", "")))
+        try:
+            async for _ in socket_:
+                pass
+        finally:
+            self._browsers.pop(socket_, None)
+            feeding.cancel()
+            with suppress(asyncio.CancelledError, ConnectionError):
+                await feeding
+        return socket_
+
+    def _make_room(self) -> None:
+        """Close the oldest of the address that has the most, so that nobody locks others out."""
+        held = Counter(self._browsers.values())
+        most = max(held.values())
+        oldest = next(browser for browser, address in self._browsers.items() if held[address] == most)
+        del self._browsers[oldest]
+        task = asyncio.create_task(oldest.close(code=WSCloseCode.TRY_AGAIN_LATER))
+        self._leaving.add(task)
+        task.add_done_callback(self._leaving.discard)
+
+    async def _feed(self, socket_: web.WebSocketResponse, name: str) -> None:
+        """Send what is new, as fast as the browser takes it: what it missed for too long it never gets."""
+        await socket_.send_str(
+            _text(
+                hello={
+                    "columns": COLUMNS,
+                    "history_s": HISTORY_S,
+                    "control": bool(self._settings.token),
+                    "ranges": orders.RANGES,
+                    "version": version("holdfast"),
+                }
+            )
+        )
+        row = event = 0
+        epoch = config = -1
+        status_s = 0.0
+        said = ""
+        vehicle: Vehicle | None = None
+        while True:
+            if vehicle is None:
+                vehicle = self._fleet.get(name)
+            now_s = time.monotonic()
+            if vehicle is not None:
+                ring = vehicle.ring
+                if ring.epoch != epoch:
+                    epoch, row, event = ring.epoch, 0, 0
+                elif row:
+                    row = next_row(row, ring.end, MOST_BEHIND)
+                frame = ring.frame(row)
+                if frame is not None:
+                    row = ring.end
+                    await socket_.send_bytes(frame)
+                if vehicle.event_count != event:
+                    events, event = vehicle.events_from(event), vehicle.event_count
+                    await socket_.send_str(_text(events=events))
+                if vehicle.config_version != config:
+                    config = vehicle.config_version
+                    await socket_.send_str(_text(config=vehicle.config))
+            state = vehicle.brief(now_s)["state"] if vehicle else ""
+            if now_s - status_s >= STATUS_S or state != said:
+                status_s, said = now_s, state
+                await socket_.send_str(self._status(vehicle, now_s))
+            await self._beat.wait()
+
+    def _status(self, vehicle: Vehicle | None, now_s: float) -> str:
+        return _text(
+            status={
+                "now_s": now_s,
+                "connected": self._telemetry.connected,
+                "endpoint": self._settings.endpoint,
+                **self._fleet.status(now_s),
+                **(vehicle.status(now_s) if vehicle else {"vehicle": None}),
+            }
+        )
+
+    def _refusal(self, request: web.Request) -> web.Response | None:
+        if not self._settings.token:
+            return _reply(403, _READ_ONLY)
+        if not gate.token_is_right(request.headers.get("Authorization"), self._settings.token):
+            return _reply(401, "the token is not the one that `holdfast dashboard` was started with")
+        return None
+
+    async def _token(self, request: web.Request) -> web.Response:
+        return self._refusal(request) or _reply(200, "the token is right", done=True)
+
+    async def _command(self, request: web.Request) -> web.Response:
+        """Pass a command on to the companion, and its answer back."""
+        refusal = self._refusal(request)
+        if refusal is not None:
+            return refusal
+        name, command = request.match_info["vehicle"], request.match_info["command"]
+        if name not in self._fleet.vehicles:
+            return _reply(404, f"nothing is heard of '{name}'")
+        try:
+            payload = orders.checked(command, await request.read())
+        except ValueError as error:
+            return _reply(400, str(error))
+        key = telemetry.command_key(name, command)
+        answer = await asyncio.to_thread(self._telemetry.ask, key, payload)
+        self._config_asked_s.pop(name, None)
+        if answer is None:
+            return _reply(504, f"nobody answered '{command}' for '{name}'")
+        try:
+            return _reply_as(200, msgspec.json.decode(answer, type=telemetry.Reply))
+        except msgspec.MsgspecError as error:
+            return _reply(502, f"'{name}' answered '{command}' with no Reply: {error}")
+
+
+async def _page(request: web.Request) -> web.StreamResponse:
+    return web.FileResponse(_STATIC / "index.html")
+
+
+async def _panel(request: web.Request) -> web.StreamResponse:
+    if request.match_info["name"] not in PANELS:
+        raise web.HTTPNotFound(text=f"There are {', '.join(PANELS)}.")
+    return web.FileResponse(_STATIC / "index.html")
+
+
+async def _register(request: web.Request) -> web.StreamResponse:
+    """Tell BlueOS what this is: https://blueos.cloud/docs, service registration."""
+    return _public(
+        {
+            "name": "Holdfast",
+            "description": "What the station-keeping controller is doing, live.",
+            "icon": "mdi-anchor",
+            "company": "Holdfast",
+            "version": version("holdfast"),
+            "new_page": True,
+            "webpage": "/",
+            "api": "",
+            "extras": {"cockpit": "/cockpit_extras.json"},
+        }
+    )
+
+
+async def _cockpit(request: web.Request) -> web.StreamResponse:
+    """Offer every panel to Cockpit as a widget."""
+    return _public(
+        {
+            "target_system": "Cockpit",
+            "target_cockpit_api_version": "1.0.0",
+            "widgets": [
+                {
+                    "name": f"Holdfast: {title}",
+                    "iframe_url": f"/panel/{name}",
+                    "config_iframe_url": None,
+                    "iframe_icon": "/static/icon.svg",
+                    "version": version("holdfast"),
+                }
+                for name, title in PANELS.items()
+            ],
+        }
+    )
+
+
+def _public(content: dict[str, Any]) -> web.Response:
+    return web.json_response(content, headers={"Access-Control-Allow-Origin": "*"})
+
+
+def _text(**message: Any) -> str:
+    return msgspec.json.encode(message).decode()
+
+
+def _reply(status: int, said: str, *, done: bool = False) -> web.Response:
+    return _reply_as(status, telemetry.Reply(done=done, said=said))
+
+
+def _reply_as(status: int, reply: telemetry.Reply) -> web.Response:
+    return web.Response(status=status, body=msgspec.json.encode(reply), content_type="application/json")
+
+
+async def _serve(settings: Settings) -> None:
+    stop = asyncio.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        asyncio.get_running_loop().add_signal_handler(number, stop.set)
+    runner = web.AppRunner(Dashboard(settings).application(), access_log=None, shutdown_timeout=1.0)
+    await runner.setup()
+    try:
+        site = web.TCPSite(runner, settings.host, settings.port)
+        await site.start()
+        port = runner.addresses[0][1]
+        shown = "127.0.0.1" if settings.host in ("0.0.0.0", "::") else settings.host
+        address = f"http://{f'[{shown}]' if ':' in shown else shown}:{port}/"
+        token = f"#token={settings.token}" if settings.token else ""
+        sys.stdout.write(f"dashboard: {address}{token}\n")
+        sys.stdout.flush()
+        await stop.wait()
+    finally:
+        await runner.cleanup()
+
+
+def main(settings: Settings) -> int:
+    """Serve until SIGINT or SIGTERM; return the exit status."""
+    try:
+        with _recorder(settings):
+            asyncio.run(_serve(settings))
+    except OSError as error:
+        sys.stderr.write(f"holdfast dashboard: {settings.host}:{settings.port}: {error.strerror}\n")
+        return 1
+    return 0
+
+
+def _recorder(settings: Settings) -> AbstractContextManager[object]:
+    if settings.record is None:
+        return nullcontext()
+    from dashboard.recording.record import RecorderThread
+    from dashboard.recording.recorder import Limits
+
+    return RecorderThread("", settings.endpoint, Limits(settings.record), allow_control=bool(settings.token))

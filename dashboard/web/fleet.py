@@ -1,0 +1,246 @@
+"""What is known of every vehicle that is heard, for the web page. No clock, no socket."""
+
+import math
+from bisect import bisect_left
+from collections import deque
+from collections.abc import Iterable
+from typing import Any
+
+import msgspec
+
+from companion.telemetry import schemas as telemetry
+from companion.telemetry.schemas import Event, Loop, Recorder, Schema, State, Supervisor
+from dashboard.losses import Losses
+from dashboard.web.columns import COLUMNS, empty_row, fill, fill_truth
+from dashboard.web.ring import Ring
+from dashboard.zenoh_client import Stamped
+
+HISTORY_S = 120.0
+ROWS = round(HISTORY_S * 50.0)
+EVENTS = 200
+MOST_VEHICLES = 16
+RECORDER_SILENT_S = 3.0
+
+_RESTART_S = 1.0
+_SAME_EVENT_S = 0.5
+_TRUTHS = 64
+_TRUTH_APART_S = 0.5
+_FORGET_S = 60.0
+_SEVERITY = {"FAULT": "fault", "PILOT": "warning", "RAMP_DOWN": "warning", "HAND_OVER": "warning"}
+
+
+class Truth(msgspec.Struct, frozen=True):
+    """What is used of the simulator's truth: its clock, and the disturbance (6,) in NED and body."""
+
+    t_s: float
+    disturbance: tuple[float, float, float, float, float, float]
+
+
+_truth = msgspec.json.Decoder(Truth)
+
+
+class Lag:
+    """How much later than the fastest of the last minute something came, by its sender's clock and ours."""
+
+    def __init__(self) -> None:
+        self._fastest: deque[tuple[float, float]] = deque()  # (when, apart), apart rising
+
+    def add(self, sent_s: float, now_s: float) -> float:
+        """Take one message; return its lag in s."""
+        apart = now_s - sent_s
+        while self._fastest and self._fastest[-1][1] >= apart:
+            self._fastest.pop()
+        self._fastest.append((now_s, apart))
+        while now_s - self._fastest[0][0] > _FORGET_S:
+            self._fastest.popleft()
+        return apart - self._fastest[0][1]
+
+
+class Vehicle:
+    """One vehicle: the last two minutes of rows, its events, and the newest of all that is no number."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.ring = Ring(ROWS, len(COLUMNS))
+        self.events: deque[dict[str, Any]] = deque(maxlen=EVENTS)
+        self.event_count = 0
+        self.config: dict[str, Any] | None = None
+        self.config_version = 0
+        self.losses = Losses()
+        self._row = empty_row()
+        self._row_t_s = math.nan
+        self._t_s = -math.inf
+        self._heard_s = -math.inf
+        self._lag = Lag()
+        self._lag_s = 0.0
+        self._state: State | None = None
+        self._supervisor: Supervisor | None = None
+        self._loop: Loop | None = None
+        self._recorder: Recorder | None = None
+        self._recorder_heard_s = -math.inf
+        self._tells_state = False
+        self._truths: deque[Truth] = deque(maxlen=_TRUTHS)
+
+    def take(self, record: Schema, now_s: float, stamp_s: float | None) -> None:
+        """Take a record that came at `now_s`, this machine's clock; `stamp_s` is when its sender sent it."""
+        if isinstance(record, Recorder):
+            self._recorder, self._recorder_heard_s = record, now_s
+            return
+        if isinstance(record, Event):
+            self._told(record)
+            return
+        if record.t_s < self._t_s - _RESTART_S:
+            self._restart()
+        self._t_s = max(self._t_s, record.t_s)
+        self._heard_s = now_s
+        if record.t_s != self._row_t_s:
+            self._flush()
+            self._row_t_s = record.t_s
+        fill(self._row, record)
+        if isinstance(record, State):
+            self._state = record
+        elif isinstance(record, Supervisor):
+            self._derive(record)
+            self._supervisor = record
+        elif isinstance(record, Loop):  # the last of a tick
+            self._loop = record
+            self._true(record.boot_s)
+            self._flush()
+            if stamp_s is not None:
+                self._lag_s = self._lag.add(stamp_s, now_s)
+
+    def take_truth(self, truth: Truth) -> None:
+        """Take a sample of the simulator's."""
+        if self._truths and truth.t_s < self._truths[-1].t_s:
+            self._truths.clear()
+        self._truths.append(truth)
+
+    def take_config(self, config: dict[str, Any]) -> None:
+        """Take the companion's present configuration."""
+        if config != self.config:
+            self.config = config
+            self.config_version += 1
+
+    def age_s(self, now_s: float) -> float:
+        """How old the newest tick is; infinite before the first."""
+        return now_s - self._heard_s
+
+    def brief(self, now_s: float) -> dict[str, Any]:
+        """Return the vehicle as it stands in a list of several."""
+        state = self._supervisor.state if self._supervisor else ""
+        return {"name": self.name, "state": state, "age_s": _finite(self.age_s(now_s))}
+
+    def status(self, now_s: float) -> dict[str, Any]:
+        """Return what there is to say beside the rows."""
+        state, supervisor, loop = self._state, self._supervisor, self._loop
+        recorder = self._recorder if now_s - self._recorder_heard_s < RECORDER_SILENT_S else None
+        return {
+            "vehicle": self.name,
+            "age_s": _finite(self.age_s(now_s)),
+            "lag_s": self._lag_s,
+            "lost": self.losses.lost,
+            "t_s": _finite(self._t_s),
+            "armed": state.armed if state and "armed" not in state.absent else None,
+            "mode": state.mode if state and "mode" not in state.absent else None,
+            "pilot_gain": state.pilot_gain if state else None,
+            "supervisor": supervisor,
+            "loop": loop,
+            "recorder": recorder,
+        }
+
+    def events_from(self, number: int) -> list[dict[str, Any]]:
+        """Return the events from the one numbered `number` on that are still kept."""
+        count = min(self.event_count - number, len(self.events))
+        return list(self.events)[len(self.events) - count :] if count > 0 else []
+
+    def _told(self, event: Event) -> None:
+        if event.kind == "state" and not self._tells_state:
+            self._tells_state = True
+            if self.events and self.events[-1]["t_s"] > event.t_s - _SAME_EVENT_S:
+                self.events.pop()
+                self.event_count -= 1
+        self._note(event.t_s, event.severity, event.kind, event.text)
+
+    def _derive(self, now: Supervisor) -> None:
+        """Note a change of state ourselves, for a companion that does not tell."""
+        before = self._supervisor
+        if before is not None and before.state != now.state and not self._tells_state:
+            text = f"{before.state} to {now.state}: {now.reason}"
+            self._note(now.t_s, _SEVERITY.get(now.state, "info"), "state", text)
+
+    def _note(self, t_s: float, severity: str, kind: str, text: str) -> None:
+        self.events.append({"t_s": t_s, "severity": severity, "kind": kind, "text": text[:500]})
+        self.event_count += 1
+
+    def _true(self, boot_s: float) -> None:
+        if self._truths:
+            index = bisect_left(self._truths, boot_s, key=lambda truth: truth.t_s)
+            near = [self._truths[i] for i in (index - 1, index) if 0 <= i < len(self._truths)]
+            nearest = min(near, key=lambda truth: abs(truth.t_s - boot_s))
+            if abs(nearest.t_s - boot_s) < _TRUTH_APART_S:
+                fill_truth(self._row, nearest.disturbance)
+
+    def _flush(self) -> None:
+        if not math.isnan(self._row_t_s):
+            self.ring.append(self._row_t_s, self._row)
+            self._row = empty_row()
+            self._row_t_s = math.nan
+
+    def _restart(self) -> None:
+        self.ring.restart()
+        self.events.clear()
+        self._row, self._row_t_s = empty_row(), math.nan
+        self._t_s = -math.inf
+        self._lag, self._lag_s = Lag(), 0.0
+        self.config, self.config_version = None, self.config_version + 1
+
+
+class Fleet:
+    """Every vehicle that was heard, at most `MOST_VEHICLES`. What cannot be read is told in `trouble`."""
+
+    def __init__(self) -> None:
+        self.vehicles: dict[str, Vehicle] = {}
+        self.trouble = ""
+
+    def take(self, messages: Iterable[Stamped], now_s: float) -> None:
+        """Take what arrived until `now_s`, a monotonic clock of this machine."""
+        for key, payload, stamp_s in messages:
+            root, name, tail = (*key.split("/", 2), "", "")[:3]
+            try:
+                if root == "sim":
+                    if tail == "truth" and name in self.vehicles:
+                        self.vehicles[name].take_truth(_truth.decode(payload))
+                    continue
+                if tail not in telemetry.EVERY_TICK and tail not in telemetry.NOW_AND_THEN:
+                    continue
+                record = telemetry.decode(key, payload)
+            except (ValueError, RecursionError) as error:
+                self.trouble = str(error)[:500]
+                continue
+            vehicle = self._vehicle(name)
+            if vehicle is not None:
+                vehicle.losses.take(tail, record.tick if isinstance(record, Loop) else 0)
+                vehicle.take(record, now_s, stamp_s)
+
+    def get(self, name: str) -> Vehicle | None:
+        """Return the vehicle of this name or, for no name, the first one."""
+        return self.vehicles.get(name) if name else next(iter(self.vehicles.values()), None)
+
+    def status(self, now_s: float) -> dict[str, Any]:
+        """Return what there is to say of all."""
+        return {
+            "vehicles": [vehicle.brief(now_s) for vehicle in self.vehicles.values()],
+            "trouble": self.trouble,
+        }
+
+    def _vehicle(self, name: str) -> Vehicle | None:
+        if name not in self.vehicles:
+            if len(self.vehicles) >= MOST_VEHICLES:
+                self.trouble = f"'{name}' is one vehicle too many: {MOST_VEHICLES} are shown"
+                return None
+            self.vehicles[name] = Vehicle(name)
+        return self.vehicles[name]
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None

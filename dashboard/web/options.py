@@ -1,0 +1,107 @@
+"""The command line of `holdfast dashboard`."""
+
+import argparse
+import secrets
+from dataclasses import dataclass
+from pathlib import Path
+
+from companion.telemetry import schemas as telemetry
+
+SHORTEST_TOKEN = 16
+
+EXAMPLES = """\
+examples:
+  holdfast dashboard                            then open http://127.0.0.1:8600/
+  holdfast dashboard --allow-control            also engage, release, aim and tune, with the token it prints
+  holdfast dashboard --record dives             and keep what it sees
+  holdfast dashboard --connect tcp/192.168.2.2:7447
+                                                the vehicle's Zenoh, seen from a laptop on its tether
+  holdfast dashboard --listen 0.0.0.0:8600 --name blueos.local
+                                                for others on the network too; by number or by that name
+In a browser on the laptop it needs no internet. Press ? there for the keys. Each panel also stands alone, as
+/panel/depth; Cockpit finds them as widgets by /register_service.
+
+Control needs `--allow-control` here, the token in the browser and, unless this runs on the companion's own
+machine, a companion started with `holdfast run --allow-control`. The token travels unencrypted: keep a
+dashboard with --allow-control on 127.0.0.1 or on a network that is yours.
+"""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What the command line says. Without `token` nothing can be sent, without `record` nothing is kept."""
+
+    host: str
+    port: int
+    names: tuple[str, ...]
+    endpoint: str
+    token: str
+    record: Path | None = None
+
+
+def settings(argv: list[str]) -> Settings:
+    """Read the command line; raise ValueError, in words, for what cannot be."""
+    parser = argparse.ArgumentParser(
+        prog="holdfast dashboard",
+        description="Serves a web page with all that a pilot and a control engineer want to see while "
+        "diving, live over Zenoh, of every vehicle that is heard.",
+        epilog=EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument(
+        "--listen",
+        metavar="HOST:PORT",
+        default="127.0.0.1:8600",
+        help="where the page is served (default %(default)s: this machine only)",
+    )
+    parser.add_argument(
+        "--name",
+        metavar="NAME",
+        action="append",
+        default=[],
+        help="a host name under which browsers may call it, beside numbers and localhost; may be repeated",
+    )
+    parser.add_argument(
+        "--connect",
+        metavar="ENDPOINT",
+        default=telemetry.ENDPOINT,
+        help="where Zenoh listens: the companion or a router, or a configuration file (default %(default)s)",
+    )
+    parser.add_argument(
+        "--allow-control", action="store_true", help="let who has the token command; else it only looks"
+    )
+    parser.add_argument(
+        "--token-file",
+        metavar="FILE",
+        type=Path,
+        help=f"take the token from there, {SHORTEST_TOKEN} characters or more; else it is new each time",
+    )
+    parser.add_argument(
+        "--record",
+        metavar="DIR",
+        type=Path,
+        help="also record the first vehicle heard, there, as `holdfast record` does",
+    )
+    options = parser.parse_args(argv)
+    host, _, port = options.listen.rpartition(":")
+    if not host or not port.isdigit() or int(port) > 65535:
+        raise ValueError(f"--listen {options.listen}: write HOST:PORT, such as 127.0.0.1:8600")
+    if options.token_file and not options.allow_control:
+        raise ValueError("--token-file: without --allow-control there is nothing to unlock")
+    token = ""
+    if options.allow_control:
+        token = _token(options.token_file) if options.token_file else secrets.token_urlsafe(18)
+    return Settings(host.strip("[]"), int(port), tuple(options.name), options.connect, token, options.record)
+
+
+def _token(file: Path) -> str:
+    try:
+        token = file.read_text(encoding="utf-8").strip()
+    except (OSError, UnicodeDecodeError) as error:
+        raise ValueError(f"--token-file {file}: cannot be read: {error}") from error
+    if len(token) < SHORTEST_TOKEN or not token.isascii() or not token.isprintable() or " " in token:
+        raise ValueError(
+            f"--token-file {file}: want {SHORTEST_TOKEN} or more plain characters without spaces; "
+            "`openssl rand -hex 16` makes some"
+        )
+    return token

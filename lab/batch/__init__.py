@@ -1,0 +1,1 @@
+"""Many dives at once, without MAVLink bytes."""

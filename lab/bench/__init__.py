@@ -1,0 +1,1 @@
+"""How well it holds beside its rivals, and what it costs."""

@@ -1,0 +1,119 @@
+"""What the dashboard costs, measured beside a simulated dive: `python -m lab.bench.dashboard_cost [SECONDS]`.
+
+Server: processor time of its process with 0, 1, 2, 4 browsers in turn, each turn `SECONDS` (10) long, twice.
+Page: bytes, time to the first plot and frames per second in Chromium, at 1440 and at 820 px.
+"""
+
+import asyncio
+import os
+import shutil
+import sys
+import tempfile
+import time
+from collections import defaultdict
+from pathlib import Path
+from typing import Any
+
+import aiohttp
+
+from lab.demo.crew import Crew
+from lab.ports import free_port
+
+TURNS = (0, 1, 2, 4)
+START_S = 15.0
+TICKS_PER_S = os.sysconf("SC_CLK_TCK")
+CHROMIUM = ("--no-sandbox", "--headless", "--disable-gpu", "--disable-background-networking")
+PAGE = """() => {
+  const parts = performance.getEntriesByType("resource").concat(performance.getEntriesByType("navigation"));
+  return [parts.reduce((sum, part) => sum + part.encodedBodySize, 0), holdfast.count.firstPlot];
+}"""
+FRAMES = "[holdfast.count.frames, performance.now(), holdfast.count.drawMs]"
+
+
+async def measure(seconds: float) -> None:
+    """Measure and print."""
+    zenoh, mavlink, port = free_port(), free_port(), free_port()
+    endpoint = f"tcp/127.0.0.1:{zenoh}"
+    with tempfile.TemporaryDirectory() as folder, Crew(Path(folder)) as crew:
+        settings = (f"link.endpoint=udp-listen:127.0.0.1:{mavlink}", f"telemetry.endpoint={endpoint}")
+        crew.start("run", "--engage", "--arm", "--depth", "2", *(f"--set={one}" for one in settings))
+        crew.start("dashboard", "--connect", endpoint, "--listen", f"127.0.0.1:{port}")
+        crew.start("sim", "--udp-connect", f"127.0.0.1:{mavlink}", "--zenoh", endpoint)
+        await asyncio.sleep(START_S)
+        crew.check()
+        pid = _pid(str(port))
+        costs: dict[int, list[float]] = defaultdict(list)
+        for _ in range(2):
+            for browsers in TURNS:
+                costs[browsers].append(await _turn(pid, port, browsers, seconds))
+        for browsers, shares in costs.items():
+            mean = sum(shares) / len(shares)
+            print(f"server with {browsers} browsers: {100 * mean:.2f} % of a core")  # noqa: T201
+        slope = (sum(costs[4]) - sum(costs[1])) / 2 / 3
+        print(f"each further browser: {100 * slope:.2f} % of a core")  # noqa: T201
+        await _pages(port, seconds)
+
+
+async def _turn(pid: int, port: int, browsers: int, seconds: float) -> float:
+    """Return the share of a core that the server takes while so many WebSockets are read."""
+    origin = f"http://127.0.0.1:{port}"
+    async with aiohttp.ClientSession(headers={"Origin": origin}) as session:
+        readers = [asyncio.create_task(_read(session, f"{origin}/ws")) for _ in range(browsers)]
+        await asyncio.sleep(1.0)  # the history is sent
+        begun, begun_s = _cpu_s(pid), time.monotonic()
+        await asyncio.sleep(seconds)
+        share = (_cpu_s(pid) - begun) / (time.monotonic() - begun_s)
+        for reader in readers:
+            reader.cancel()
+        await asyncio.gather(*readers, return_exceptions=True)
+    return share
+
+
+async def _read(session: aiohttp.ClientSession, url: str) -> None:
+    async with session.ws_connect(url, max_msg_size=0) as line:
+        async for _ in line:
+            pass
+
+
+async def _pages(port: int, seconds: float) -> None:
+    from playwright.async_api import async_playwright
+
+    chromium = shutil.which("chromium")
+    if chromium is None:
+        sys.stderr.write("no chromium here: nothing is said of the page. See .ci/apt\n")
+        return
+    async with async_playwright() as play:
+        browser = await play.chromium.launch(executable_path=chromium, args=CHROMIUM)
+        for width, height in ((1440, 900), (820, 1180)):
+            page = await browser.new_page(viewport={"width": width, "height": height})
+            await page.goto(f"http://127.0.0.1:{port}/")
+            await asyncio.sleep(2.0)
+            size, first_ms = await page.evaluate(PAGE)
+            before: list[Any] = await page.evaluate(FRAMES)
+            await asyncio.sleep(seconds)
+            after: list[Any] = await page.evaluate(FRAMES)
+            frames, ms, draw_ms = (late - early for late, early in zip(after, before, strict=True))
+            print(  # noqa: T201
+                f"page at {width} px: {size / 1000:.0f} kB, first plot after {first_ms:.0f} ms, "
+                f"{1000 * frames / ms:.1f} frames/s, {draw_ms / frames:.1f} ms to draw one"
+            )
+            await page.close()
+        await browser.close()
+
+
+def _pid(mark: str) -> int:
+    for entry in Path("/proc").iterdir():
+        if entry.name.isdigit():
+            words = (entry / "cmdline").read_text(errors="replace").split("\0")
+            if "dashboard" in words and any(word.endswith(f":{mark}") for word in words):
+                return int(entry.name)
+    raise RuntimeError("the dashboard's process is gone")
+
+
+def _cpu_s(pid: int) -> float:
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / TICKS_PER_S
+
+
+if __name__ == "__main__":
+    asyncio.run(measure(float(sys.argv[1]) if len(sys.argv) > 1 else 10.0))

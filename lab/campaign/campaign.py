@@ -1,0 +1,265 @@
+"""Robustness at scale: thousands of dives, each with a vehicle, a link and a sea drawn from its number.
+
+A dive's number is its seed: number 4711 is the same dive on any machine and in any batch.
+Published sets of the vehicle are varied beyond what was measured; `ENVELOPE` says where every dive must hold.
+"""
+
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
+from dataclasses import asdict, dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from msgspec.structs import replace
+
+from companion.config import Config
+from lab.batch.dives import simulate
+from lab.batch.vehicle import Links
+from lab.loop.lockstep import Link
+from lab.loop.scenarios import SETTLE_S, Scenario, ensemble, hold
+from sim_bridge.commands import DEFAULT_CONFIG
+from sim_bridge.config import SimConfig, load_config
+
+HEAVY, BLUEROV2, ENSEMBLE = "heavy", "bluerov2", "ensemble"
+VEHICLES = (HEAVY, BLUEROV2, ENSEMBLE)
+DISTURBANCES = ("calm", "waves", "tether", "load", "current", "all")
+SINCE_S, DURATION_S = SETTLE_S, SETTLE_S + 40.0
+"""Since boot: from when on figures count, and when a dive ends."""
+
+BATCH = 1000
+"""Dives at once at most: fewer cost more of the interpreter's time, more leave workers idle at the end."""
+
+HELD_TAIL_MM, HELD_PEAK_MM, HELD_TILT_DEG = 100.0, 500.0, 60.0
+"""A dive held if its depth RMS of the last ten seconds, its depth's peak and its tilt stayed below these."""
+
+ENVELOPE = (
+    "every published set of the vehicle; damping 0.5 to 1.5 and mass 1 to 1.3 times the set's",
+    "thrust 0.7 to 1.1 times the measured curve; a link of 20 to 150 ms, which the companion measures",
+    "waves Hs 0.2 to 0.4 m, a tether of σ 1 to 4 N, a load of 5 to 20 N, a current of 0.1 to 0.5 m/s, or all",
+    "any one horizontal thruster dead; a vertical one only in calm water or a current, for "
+    "heave on an uneven set of thrusters tilts the vehicle more than the others can right",
+    "on the six-thruster BlueROV2 one disturbance at a time: all at once, one dive in fifty or so turned it "
+    "over, for it has only 2 N·m to right it",
+)
+"""Where every dive must hold; `Case.inside` says the same."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """One dive. Factors multiply what the set says; `delay_ms` is the link's, both ways together, each half.
+
+    `dead` is the number of a thruster that does not push, or 0. Disturbances are zero where there is none:
+    significant height (m) and peak period (s) of the waves, σ (N) of the tether, weight (N) of the load,
+    speed (m/s) and direction (°) of the current.
+    """
+
+    number: int
+    vehicle: str
+    disturbance: str
+    damping: float
+    mass: float
+    thrust: float
+    delay_ms: float
+    dead: int
+    wave_height_m: float
+    wave_period_s: float
+    tether_n: float
+    load_n: float
+    current_m_s: float
+    current_deg: float
+
+    @property
+    def dead_vertical(self) -> bool:
+        """Whether it is a vertical thruster that is dead."""
+        return self.dead > 4
+
+    @property
+    def inside(self) -> bool:
+        """Whether the dive lies within ENVELOPE."""
+        if self.dead_vertical and self.disturbance not in ("calm", "current"):
+            return False
+        return not (self.vehicle == BLUEROV2 and self.disturbance == "all")
+
+    def __str__(self) -> str:
+        """Say it in a line."""
+        dead = f", thruster {self.dead} dead" if self.dead else ""
+        return (
+            f"{self.number}: {self.vehicle}, {self.disturbance}, damping ×{self.damping:.2f}, mass "
+            f"×{self.mass:.2f}, thrust ×{self.thrust:.2f}, {self.delay_ms:.0f} ms{dead}"
+        )
+
+
+@dataclass(frozen=True)
+class Row:
+    """A case and what came of it: figures of `batch.simulate`; `outcome` held, strays or lost."""
+
+    case: Case
+    outcome: str
+    figures: dict[str, float]
+
+    def record(self) -> dict[str, Any]:
+        """Return one flat record."""
+        return asdict(self.case) | {"outcome": self.outcome} | self.figures
+
+
+@dataclass(frozen=True)
+class Batch:
+    """What came back of one batch: its rows, the processor time (s) they took."""
+
+    rows: tuple[Row, ...]
+    cpu_s: float
+
+
+def case(number: int) -> Case:
+    """Draw the dive of this number: vehicles and disturbances in turn, the rest uniform."""
+    draw = np.random.default_rng((number, 4)).uniform
+    vehicle = VEHICLES[number % 3]
+    disturbance = DISTURBANCES[number // 3 % 6]
+    motors = 6 if vehicle == BLUEROV2 else 8
+    damping, mass, thrust, delay_ms = draw(0.5, 1.5), draw(1.0, 1.3), draw(0.7, 1.1), draw(20.0, 150.0)
+    dead = int(draw(1.0, motors + 1.0)) if draw(0.0, 1.0) < 0.5 else 0
+    height_m, period_s, tether_n = draw(0.2, 0.4), draw(3.5, 5.0), draw(1.0, 4.0)
+    load_n, current_m_s, current_deg = draw(5.0, 20.0), draw(0.1, 0.5), draw(0.0, 360.0)
+
+    def there(name: str) -> bool:
+        return disturbance in (name, "all")
+
+    return Case(
+        number=number,
+        vehicle=vehicle,
+        disturbance=disturbance,
+        damping=round(damping, 4),
+        mass=round(mass, 4),
+        thrust=round(thrust, 4),
+        delay_ms=round(delay_ms, 1),
+        dead=dead,
+        wave_height_m=round(height_m, 3) * there("waves"),
+        wave_period_s=round(period_s, 3) * there("waves"),
+        tether_n=round(tether_n, 2) * there("tether"),
+        load_n=round(load_n, 2) * there("load"),
+        current_m_s=round(current_m_s, 3) * there("current"),
+        current_deg=round(current_deg, 1) * there("current"),
+    )
+
+
+def plant(case: Case) -> SimConfig:
+    """Build the dive's vehicle and water."""
+    base = _base(case.vehicle)
+    if case.vehicle == ENSEMBLE:
+        base = ensemble(base, case.number)
+    hull, thrusters = base.hull, base.thrusters
+    gain = [case.thrust] * (6 if thrusters.frame == "vectored" else 8)
+    if case.dead:
+        gain[case.dead - 1] = 0.0
+    return replace(
+        base,
+        hull=replace(
+            hull,
+            mass_kg=hull.mass_kg * case.mass,
+            inertia_kg_m2=tuple(inertia * case.mass for inertia in hull.inertia_kg_m2),
+            linear_damping=tuple(damping * case.damping for damping in hull.linear_damping),
+            quadratic_damping=tuple(damping * case.damping for damping in hull.quadratic_damping),
+        ),
+        thrusters=replace(thrusters, gain=tuple(gain)),
+        battery=replace(base.battery, resistance_ohm=0.0),
+        initial=replace(base.initial, eta=(0.0, 0.0, 2.5, 0.0, 0.0, 0.0)),
+        waves=replace(
+            base.waves,
+            enabled=case.wave_height_m > 0.0,
+            height_m=case.wave_height_m,
+            period_s=case.wave_period_s or base.waves.period_s,
+        ),
+        tether=replace(
+            base.tether,
+            enabled=case.tether_n > 0.0,
+            sigma_n=(0.5 * case.tether_n, 0.5 * case.tether_n, case.tether_n),
+        ),
+        load=replace(base.load, enabled=case.load_n > 0.0, weight_n=case.load_n, on_s=20.0, off_s=1e4),
+        current=replace(
+            base.current,
+            enabled=case.current_m_s > 0.0,
+            speed_m_s=case.current_m_s,
+            direction_deg=case.current_deg,
+        ),
+    )
+
+
+def scenario(case: Case) -> Scenario:
+    """Return the same dive for the full loop, `lab.dive`."""
+    return Scenario(f"campaign {case.number}", lambda _, __: plant(case), hold(), DURATION_S, case.number)
+
+
+def link(case: Case) -> Link:
+    """Return the dive's link for the full loop."""
+    return Link(up_s=0.5e-3 * case.delay_ms, down_s=0.5e-3 * case.delay_ms, jitter_s=0.004)
+
+
+def configured(config: Config, vehicle: str) -> Config:
+    """Return the companion's configuration for a vehicle: its frame and nothing else is made to fit."""
+    frame = _base(vehicle).thrusters.frame
+    return replace(config, vehicle=replace(config.vehicle, frame=frame))
+
+
+@cache
+def _base(vehicle: str) -> SimConfig:
+    name = "sim-bluerov2.toml" if vehicle == BLUEROV2 else "sim.toml"
+    return load_config(Path(DEFAULT_CONFIG).with_name(name))
+
+
+def dive(
+    config: Config, numbers: Sequence[int], watch: Callable[[float, Any, Any], None] | None = None
+) -> Batch:
+    """Dive the cases of `numbers`, all of one frame, at once."""
+    started = time.thread_time()
+    cases = [case(number) for number in numbers]
+    delay_s = 1e-3 * np.array([case.delay_ms for case in cases])
+    found = simulate(
+        configured(config, cases[0].vehicle),
+        [plant(case) for case in cases],
+        hold(),
+        DURATION_S,
+        numbers,
+        Links(up_s=0.5 * delay_s, down_s=0.5 * delay_s, jitter_s=0.004),
+        since_s=SINCE_S,
+        watch=watch,
+    )
+    rows = []
+    for i, one in enumerate(cases):
+        figures = {key: round(float(values[i]), 4) for key, values in found.items()}
+        rows.append(Row(one, _outcome(figures), figures))
+    return Batch(tuple(rows), time.thread_time() - started)
+
+
+def _outcome(figures: dict[str, float]) -> str:
+    if not np.isnan(figures["lost_s"]):
+        return "lost"
+    near = figures["tail_rms_mm"] <= HELD_TAIL_MM and figures["depth_peak_mm"] <= HELD_PEAK_MM
+    return "held" if near and figures["tilt_deg"] <= HELD_TILT_DEG else "strays"
+
+
+def batches(numbers: Iterable[int]) -> list[list[int]]:
+    """Sort numbers into batches of one frame each, the shortest first."""
+    six: list[int] = []
+    eight: list[int] = []
+    for number in numbers:
+        (six if VEHICLES[number % 3] == BLUEROV2 else eight).append(number)
+    parts = []
+    for group in (six, eight):
+        count = -(-len(group) // BATCH)
+        parts += [group[i::count] for i in range(count)]
+    return sorted(parts, key=len)
+
+
+def run(executor: Executor, workers: int, config: Config, numbers: Iterable[int]) -> Iterator[Batch]:
+    """Dive on the executor's workers; give each batch as it comes back, keep two a worker on their way."""
+    waiting = batches(numbers)
+    flying: set[Future[Batch]] = set()
+    while waiting or flying:
+        while waiting and len(flying) < 2 * workers:
+            flying.add(executor.submit(dive, config, waiting.pop()))
+        done, flying = wait(flying, return_when=FIRST_COMPLETED)
+        for future in done:
+            yield future.result()

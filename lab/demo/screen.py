@@ -1,0 +1,213 @@
+"""What the demo shows in the terminal: frames of the dive, lines where there is no terminal, the table."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from rich import box
+from rich.console import Group, RenderableType
+from rich.panel import Panel
+from rich.progress_bar import ProgressBar
+from rich.table import Table
+from rich.text import Text
+
+from lab.demo.dive import Figures
+
+FULL_ERROR_MM = 40.0
+FULL_THRUST_N = 100.0
+FULL_DISTURBANCE_N = 40.0
+WIDTH = 100
+ROWS = 2
+"""Lines of the error's history for each dive."""
+
+_EIGHTHS = " ▁▂▃▄▅▆▇█"
+_STYLES = {"off": "bright_yellow", "on": "bright_cyan"}
+_MEANING = {"off": "compensator OFF: the plain law", "on": "compensator ON: it learns while it dives"}
+_LABEL = 10
+
+
+@dataclass(frozen=True)
+class Now:
+    """The newest numbers, as they came over Zenoh. Thrust is positive down; disturbances positive up."""
+
+    depth_m: float
+    depth_desired_m: float
+    heading_rad: float
+    heading_desired_rad: float
+    thrust_n: float
+    saturated: bool
+    disturbance_n: float
+    d_hat_n: float
+
+    @property
+    def error_mm(self) -> float:
+        """Depth minus reference."""
+        return 1e3 * (self.depth_m - self.depth_desired_m)
+
+    @property
+    def heading_error_deg(self) -> float:
+        """Heading minus reference, wrapped."""
+        return math.degrees(math.remainder(self.heading_rad - self.heading_desired_rad, 2 * math.pi))
+
+
+@dataclass(frozen=True)
+class View:
+    """One moment of the demo. `errors` holds (time since arming in s, depth error in mm), per dive."""
+
+    dive: str
+    phase: str
+    t_s: float
+    end_s: float
+    now: Now | None
+    errors: Mapping[str, Sequence[tuple[float, float]]]
+    marks: Mapping[str, float]
+    """What happens when, in s since arming."""
+    endpoint: str
+
+
+def render(view: View, width: int) -> RenderableType:
+    """Draw a frame for a terminal of `width` columns."""
+    width = min(width, WIDTH)
+    inner = width - 4
+    number = list(_MEANING).index(view.dive) + 1
+    banner = Text.assemble(
+        (f" {view.phase} ", f"bold black on {_STYLES[view.dive]}"), no_wrap=True, overflow="ellipsis"
+    )
+    clock = Table.grid(padding=(0, 1))
+    clock.add_row(
+        f"{max(0.0, view.t_s):4.1f} of {view.end_s:g} s",
+        ProgressBar(total=view.end_s, completed=max(0.0, view.t_s), width=inner - 17),
+    )
+    return Panel(
+        Group(
+            banner,
+            clock,
+            Text(),
+            _numbers(view.now, inner),
+            Text(),
+            Text(
+                f"depth error, largest in each column's time; a full column is {FULL_ERROR_MM:.0f} mm", "dim"
+            ),
+            *(_history(name, view, inner) for name in _MEANING),
+            _axis(view, inner),
+        ),
+        title=f"[bold]holdfast demo[/]  dive {number} of {len(_MEANING)}, {_MEANING[view.dive]}",
+        title_align="left",
+        subtitle=f"look in: holdfast watch --connect {view.endpoint}",
+        subtitle_align="right",
+        box=box.ROUNDED,
+        width=width,
+    )
+
+
+def line(view: View) -> str:
+    """Say the same in one line, for a log."""
+    head = f"{view.dive:<3} {max(0.0, view.t_s):5.1f} s  {view.phase:<42}"
+    if view.now is None:
+        return head.rstrip()
+    now = view.now
+    return (
+        f"{head}  depth {now.depth_m:5.2f} m, error {now.error_mm:+6.1f} mm, heading error "
+        f"{now.heading_error_deg:+5.2f}°, thrust {now.thrust_n:+4.0f} N, "
+        f"pushed {now.disturbance_n:+4.0f} N, learnt {now.d_hat_n:+4.0f} N"
+    )
+
+
+def table(off: Figures, on: Figures, span: tuple[float, float], depth_m: float) -> Table:
+    """Set the two dives side by side."""
+    grid = Table(
+        title=f"Holding {depth_m:g} m, {span[0]:.1f} to {span[1]:.1f} s after arming",
+        title_justify="left",
+        caption="Errors, thrust and disturbance from the simulator's truth; command and estimate from Zenoh.",
+        caption_justify="left",
+        box=box.SIMPLE_HEAD,
+        title_style="bold",
+    )
+    grid.add_column("")
+    grid.add_column("", style="dim")
+    grid.add_column("off", justify="right", style=_STYLES["off"])
+    grid.add_column("on", justify="right", style=_STYLES["on"])
+    grid.add_column("off / on", justify="right")
+    for name, unit, field, digits in (
+        ("depth error, RMS", "mm", "depth_rms_mm", 1),
+        ("depth error, peak", "mm", "depth_peak_mm", 1),
+        ("heading error, RMS", "°", "heading_rms_deg", 3),
+        ("heave thrust, RMS", "N", "thrust_rms_n", 1),
+        ("heave chatter, RMS", "N per tick", "chatter_n", 2),
+        ("true disturbance, RMS about its mean", "N", "disturbance_rms_n", 1),
+        ("disturbance estimate's error, RMS", "N", "d_hat_error_rms_n", 1),
+        ("depth error on the way down, RMS", "mm", "way_down_rms_mm", 1),
+        ("depth error on the way down, peak", "mm", "way_down_peak_mm", 1),
+    ):
+        a, b = getattr(off, field), getattr(on, field)
+        grid.add_row(name, unit, f"{a:.{digits}f}", f"{b:.{digits}f}", f"{a / b:.2f}" if b else "")
+    return grid
+
+
+def _numbers(now: Now | None, inner: int) -> Table:
+    grid = Table.grid(padding=(0, 1))
+    grid.add_column(style="dim", width=_LABEL - 1)
+    grid.add_column(justify="right", width=11)
+    grid.add_column(no_wrap=True)
+    half = (inner - 44) // 2
+    if now is None:
+        for name in ("depth", "error", "heading", "thrust", "pushed", "learnt"):
+            grid.add_row(name, "–", "")
+        return grid
+    wanted = f"wanted {now.depth_desired_m:.3f} m"
+    degrees, wanted_deg = (math.degrees(angle) % 360 for angle in (now.heading_rad, now.heading_desired_rad))
+    grid.add_row("depth", f"{now.depth_m:.3f} m", wanted)
+    grid.add_row("error", f"{now.error_mm:+.1f} mm", _gauge(now.error_mm, FULL_ERROR_MM, half, "mm"))
+    grid.add_row(
+        "heading", f"{degrees:.1f}°", f"wanted {wanted_deg:.1f}°, error {now.heading_error_deg:+.2f}°"
+    )
+    thrust = _gauge(now.thrust_n, FULL_THRUST_N, half, "SATURATED" if now.saturated else "N down")
+    grid.add_row("thrust", f"{now.thrust_n:+.1f} N", thrust)
+    grid.add_row(
+        "pushed",
+        f"{now.disturbance_n:+.1f} N",
+        _gauge(now.disturbance_n, FULL_DISTURBANCE_N, half, "N up, true"),
+    )
+    grid.add_row(
+        "learnt", f"{now.d_hat_n:+.1f} N", _gauge(now.d_hat_n, FULL_DISTURBANCE_N, half, "N up, learnt")
+    )
+    return grid
+
+
+def _gauge(value: float, full: float, half: int, unit: str) -> Text:
+    """Draw -full..full from the middle outwards."""
+    cells = min(half, round(half * abs(value) / full))
+    left, right = ("·" * half, "█" * cells + "·" * (half - cells))
+    if value < 0:
+        left, right = right[::-1], "·" * half
+    return Text.assemble(left, ("│", "bold"), right, (f" ±{full:.0f} {unit}", "dim"))
+
+
+def _history(name: str, view: View, inner: int) -> Text:
+    """Draw |error| over the dive, `ROWS` lines high."""
+    columns = inner - _LABEL
+    peaks = [-1.0] * columns
+    for t_s, error_mm in view.errors.get(name, ()):
+        if 0.0 <= t_s < view.end_s:
+            column = int(columns * t_s / view.end_s)
+            peaks[column] = max(peaks[column], abs(error_mm))
+    lines: list[Text] = []
+    for row in reversed(range(ROWS)):
+        cells = ""
+        for peak in peaks:
+            eighths = math.ceil(8 * ROWS * peak / FULL_ERROR_MM) - 8 * row
+            cells += _EIGHTHS[max(0, min(8, eighths))] if peak >= 0 else ("·" if row == 0 else " ")
+        label = name if row == 0 else ""
+        lines.append(Text.assemble((f"{label:<{_LABEL}}", "bold"), (cells, _STYLES[name])))
+    return Text("\n").join(lines)
+
+
+def _axis(view: View, inner: int) -> Text:
+    columns = inner - _LABEL
+    cells = [" "] * columns
+    for name, t_s in view.marks.items():
+        begin = int(columns * t_s / view.end_s)
+        for offset, letter in enumerate(f"▲{name}"):
+            if begin + offset < columns:
+                cells[begin + offset] = letter
+    return Text(" " * _LABEL + "".join(cells), "dim")

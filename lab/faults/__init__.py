@@ -1,0 +1,1 @@
+"""Dives in which something breaks."""

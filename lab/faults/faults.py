@@ -1,0 +1,578 @@
+"""Thousands of dives in which something breaks, and what must hold in every tick of each.
+
+A dive's number is its seed: it draws a vehicle, a state to be in, one to three faults and sometimes an
+operator who presses every button. Whatever happens:
+
+- nothing raises;
+- what is sent is finite, in range and at most one steering frame a tick;
+- without authority every frame is neutral, and authority goes only with ACTIVE, RAMP_DOWN and HAND_OVER;
+- ACTIVE is entered from READY alone, after somebody asked, with nothing against it;
+- after a fault that must end steering, thrust is neutral within the time that `FAULTS` states.
+
+A prepared vehicle is forked for each of its dives, so that only what follows the fault is computed anew. With
+the real firmware each dive has a process of its own, and what cannot be done to it is left out: ON_FIRMWARE.
+"""
+
+import json
+import os
+import struct
+import traceback
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, astuple, dataclass
+from math import isfinite, nan
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from companion.config import load_config
+from companion.engine import Engine
+from companion.records import Condition, ControlSample, LoopHealth, Request, Setpoint, State
+from companion.supervision.supervisor import CARRY_AUTHORITY, UNFIT
+from lab.loop.firmware import FAULTS as CAN_INJECT
+from lab.loop.firmware import Firmware
+from lab.loop.lockstep import START_S, Link, Lockstep
+from sim_bridge.config import Fault, FaultKind
+from sim_bridge.config import load_config as load_plant
+from sim_bridge.vehicle import Vehicle
+
+Inbox = list[tuple[int, bytes]]
+PLANT = Path(__file__).parents[2] / "config"
+AFTER_S = 4.0
+SLACK_S = 3.7
+"""A fault among others may be seen later: heartbeats that get lost are missed after 3.5 s."""
+
+RAMP_S = 1.0
+DEPTH_STALE_S = ATTITUDE_STALE_S = 0.6
+HEARTBEAT_S = 1.1
+LATE_S = 0.1
+
+VARIANTS: tuple[tuple[str, tuple[str, ...], tuple[str, ...]], ...] = (
+    ("heavy", (), ()),
+    ("heavy in waves", ("waves.enabled=true",), ()),
+    ("heavy, sticks", (), ('vehicle.thrust_path="manual_control"',)),
+    ("heavy with DVL", ("sensors.dvl=true",), ()),
+    ("heavy, STABILIZE", (), ('vehicle.steering_mode="stabilize"',)),
+    ("six thrusters", (), ('vehicle.frame="vectored"',)),
+)
+STATES = (
+    State.IDLE,
+    State.READY,
+    *[State.ACTIVE] * 6,
+    State.RAMP_DOWN,
+    State.HAND_OVER,
+    State.PILOT,
+    State.FAULT,
+)
+STREAMS: tuple[str, ...] = (
+    "ATTITUDE",
+    "GLOBAL_POSITION_INT",
+    "VFR_HUD",
+    "HEARTBEAT",
+    "SERVO_OUTPUT_RAW",
+    "TIMESYNC",
+)
+STREAMS += ("BATTERY_STATUS", "EKF_STATUS_REPORT", "NAMED_VALUE_FLOAT", "PARAM_VALUE", "")
+STALE_S = {"ATTITUDE": ATTITUDE_STALE_S, "GLOBAL_POSITION_INT": DEPTH_STALE_S, "": DEPTH_STALE_S}
+
+
+@dataclass(frozen=True)
+class Broken:
+    """One fault of a dive: its kind, when it begins (s after the state was reached) and what it draws."""
+
+    kind: str
+    at_s: float
+    message: str
+    value: float
+
+
+@dataclass(frozen=True)
+class Case:
+    """What a dive's number draws."""
+
+    number: int
+    variant: int
+    state: State
+    faults: tuple[Broken, ...]
+    fingers: bool
+
+
+class Row(NamedTuple):
+    """What became of a dive; `broken` says which promise was not kept, or nothing."""
+
+    number: int
+    kinds: tuple[str, ...]
+    state: str
+    ended: str
+    neutral_s: float
+    """From the first fault to the last thrust; NaN if it held on or never pushed."""
+    broken: str
+
+
+class PromiseBrokenError(AssertionError):
+    """Something happened that must never happen."""
+
+
+class Watched(Engine):
+    """The real engine between a spoilt inbox and somebody who checks every tick."""
+
+    def __init__(self, *overrides: str, depth_m: float = 1.0) -> None:
+        config = load_config(overrides=overrides)
+        super().__init__(config, Setpoint(np.array([nan, nan, depth_m, 0.3])), arm=True)
+        self.spoils: list[Callable[[float, Inbox], Inbox]] = []
+        self.to_vehicle: list[bytes] = []
+        self.asleep_until_s = 0.0
+        self.last_thrust_s = -1.0
+        self._asked = False
+        self._was = State.IDLE
+        self._kept: Inbox = []
+        self._wishes: list[Request] = []
+        self._sample: ControlSample | None = None
+
+    def step(
+        self,
+        now_s: float,
+        datagrams: Sequence[tuple[int, bytes]],
+        loop: LoopHealth,
+        requests: Sequence[Request] = (),
+        ground: Sequence[tuple[int, bytes]] = (),
+    ) -> tuple[list[bytes], ControlSample]:
+        """Advance one tick, unless asleep; raise PromiseBrokenError."""
+        t_s, inbox = now_s - START_S, list(datagrams)
+        for spoil in self.spoils:
+            inbox = spoil(t_s, inbox)
+        self._kept += inbox
+        self._wishes += requests
+        if t_s < self.asleep_until_s and self._sample is not None:
+            return [], self._sample
+        others, self.to_vehicle = self.to_vehicle, []
+        inbox, self._kept = self._kept, []
+        wishes, self._wishes = self._wishes, []
+        self._asked |= Request.ENGAGE in wishes
+        out, sample = super().step(now_s, inbox, loop, wishes, ground)
+        self._hold_to_account(t_s, out, sample)
+        if Request.STOP in wishes:
+            self._asked = False
+        self._sample = sample
+        return out + others, sample
+
+    def _hold_to_account(self, t_s: float, out: Sequence[bytes], sample: ControlSample) -> None:
+        verdict, command = sample.verdict, astuple(sample.command)
+        frames = [axes for axes in map(steering, out) if axes is not None]
+        promise(all(map(isfinite, command)), "a command that is not finite")
+        promise(all(abs(axis) <= 1.0 for axis in command), "a command out of range")
+        promise(all(abs(axis) <= 1.0 for axes in frames for axis in axes), "a frame out of range")
+        promise(len(frames) <= 1, "two steering frames in a tick")
+        promise(0.0 <= verdict.authority <= 1.0, "an absurd authority")
+        promise(verdict.authority == 0.0 or verdict.state in CARRY_AUTHORITY, "authority without permission")
+        pushing = any(axis for axes in frames for axis in axes)
+        promise(verdict.authority > 0.0 or not (pushing or any(command)), "thrust without authority")
+        if verdict.state is State.ACTIVE and self._was is not State.ACTIVE:
+            against = UNFIT | Condition.PILOT_TAKEOVER | Condition.OPERATOR_STOP
+            promise(self._was is State.READY, f"engaged from {self._was}")
+            promise(self._asked, "engaged without being asked")
+            promise(not verdict.conditions & against, f"engaged against {verdict.conditions & against!r}")
+        if self._was is State.ACTIVE and verdict.state is not State.ACTIVE:
+            self._asked = False
+        if pushing:
+            self.last_thrust_s = t_s
+        self._was = verdict.state
+
+
+def promise(kept: bool, said: str) -> None:
+    """Raise PromiseBrokenError unless kept."""
+    if not kept:
+        raise PromiseBrokenError(said)
+
+
+def steering(frame: bytes) -> tuple[float, ...] | None:
+    """Return what the bytes of a steering frame demand of each axis, -1..1; None for other frames."""
+    number = frame[7] | frame[8] << 8 | frame[9] << 16
+    payload = frame[10 : 10 + frame[1]].ljust(40, b"\0")
+    if number == mavlink.MAVLINK_MSG_ID_RC_CHANNELS_OVERRIDE:
+        channels = struct.unpack_from("<8H", payload)
+        return tuple((us - 1500) / 400 for us in channels if us != 65535)
+    if number == mavlink.MAVLINK_MSG_ID_MANUAL_CONTROL:
+        x, y, z, r = struct.unpack_from("<4h", payload)
+        return x / 1000, y / 1000, (z - 500) / 500, r / 1000
+    return None
+
+
+class Diving:
+    """A vehicle and its companion in virtual time."""
+
+    def __init__(self, variant: int, state: State, firmware: Path | None = None) -> None:
+        _, plant, companion = VARIANTS[variant]
+        extra = {
+            State.READY: ("parameters.FS_PILOT_INPUT=1",),
+            State.RAMP_DOWN: (),
+        }.get(state, ())
+        ramp = ("supervisor.ramp_down_s=4",) if state is State.RAMP_DOWN else ()
+        file = PLANT / ("sim-bluerov2.toml" if 'vehicle.frame="vectored"' in companion else "sim.toml")
+        config = load_plant(file, ("current.enabled=false", *plant, *extra))
+        self.vehicle = Vehicle(config, variant) if firmware is None else Firmware(firmware, config, variant)
+        self.engine = Watched(*companion, *ramp)
+        self.loop = Lockstep(self.vehicle, self.engine, Link(), variant)
+        self._variant = variant
+        self.outsider = mavlink.MAVLink(None, 255, 190)
+        self.ramp_s = 4.0 if ramp else RAMP_S
+        try:
+            self._reach(state)
+        except BaseException:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        """End the firmware, if it is a process."""
+        if isinstance(self.vehicle, Firmware):
+            self.vehicle.close()
+
+    @property
+    def t_s(self) -> float:
+        """Simulated time."""
+        return self.vehicle.time_s
+
+    def run(self, seconds: float) -> None:
+        """Let it run."""
+        for _ in self.loop.run(seconds):
+            pass
+
+    def fault(
+        self, kind: str, value: float = 0.0, message: str = "", seconds: float = 1e9, **more: str
+    ) -> None:
+        """Let the simulator break something from now on."""
+        told = {"kind": kind, "at_s": self.t_s, "duration_s": seconds, "value": value, "message": message}
+        self.vehicle.inject(Fault(**told, **more))  # type: ignore[arg-type]
+
+    def until(self, state: State, within_s: float = 8.0) -> None:
+        """Run until the supervisor is in `state`."""
+        for _ in self.loop.run(within_s):
+            if self.engine.verdict.state is state:
+                return
+        raise RuntimeError(f"never {state}, but {self.engine.verdict}")
+
+    def say(self, message: Any) -> None:
+        """Let another ground station say something."""
+        self.engine.to_vehicle.append(bytes(message.pack(self.outsider)))
+
+    def _reach(self, state: State) -> None:
+        if state in (State.IDLE, State.READY):
+            self.run(2.5)
+            if state is State.READY:
+                self.fault("mode", 0.0 if "STABILIZE" in VARIANTS[self._variant][0] else 19.0)
+                self.say(mavlink.MAVLink_command_long_message(1, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0))
+                self.until(state)
+            return
+        self.loop.requests.append(Request.ENGAGE)
+        self.until(State.ACTIVE)
+        self.run(2.0)
+        if state is State.RAMP_DOWN:
+            self.loop.requests.append(Request.STOP)
+        elif state is State.HAND_OVER:
+            self.fault("leak")
+        elif state is State.PILOT:
+            self.fault("mode", 1.0)
+        elif state is State.FAULT and isinstance(self.vehicle, Firmware):
+            self.fault("link_cut", seconds=0.8)
+        elif state is State.FAULT:
+            self.fault("message_stopped", message="ATTITUDE", seconds=0.8)
+        self.until(state)
+
+
+# --- What breaks --------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class InSimulator:
+    """A fault of the vehicle's script."""
+
+    kind: FaultKind
+
+    def __call__(self, dive: Diving, broken: Broken, rng: np.random.Generator) -> None:
+        """Begin it."""
+        dive.fault(self.kind, broken.value, broken.message)
+
+
+def _spoilt(change: Callable[[bytes, np.random.Generator], Sequence[bytes]], most: float = 1.0) -> "Begin":
+    """Return a fault that changes datagrams with a probability; each becomes none, one or several."""
+
+    def begin(dive: Diving, broken: Broken, rng: np.random.Generator) -> None:
+        def spoil(_: float, inbox: Inbox) -> Inbox:
+            return [
+                (at, new)
+                for at, data in inbox
+                for new in (change(data, rng) if rng.random() < most * broken.value else (data,))
+            ]
+
+        dive.engine.spoils.append(spoil)
+
+    return begin
+
+
+def _flipped(data: bytes, rng: np.random.Generator) -> Sequence[bytes]:
+    bits = bytearray(data)
+    bits[rng.integers(len(bits))] ^= 1 << int(rng.integers(8))
+    return (bytes(bits),)
+
+
+def _shuffled(dive: Diving, broken: Broken, rng: np.random.Generator) -> None:
+    waiting: list[tuple[float, bytes]] = []
+
+    def spoil(t_s: float, inbox: Inbox) -> Inbox:
+        waiting.extend((t_s + 0.1 * broken.value * rng.random(), data) for _, data in inbox)
+        here = [data for due_s, data in waiting if due_s <= t_s]
+        waiting[:] = [one for one in waiting if one[0] > t_s]
+        rng.shuffle(here)
+        return [(round((START_S + t_s) * 1e9), data) for data in here]
+
+    dive.engine.spoils.append(spoil)
+
+
+def _stranger(dive: Diving, broken: Broken, rng: np.random.Generator) -> None:
+    """Another vehicle on the same wire: disarmed, elsewhere, upside down; and another component of ours."""
+    packers = [mavlink.MAVLink(None, 2, 1), mavlink.MAVLink(None, 1, 100), mavlink.MAVLink(None, 77, 77)]
+
+    def spoil(t_s: float, inbox: Inbox) -> Inbox:
+        at, boot = round((START_S + t_s) * 1e9), int(rng.integers(2**32))
+        lies = (
+            mavlink.MAVLink_heartbeat_message(12, 3, 81, 0, 5, 3),
+            mavlink.MAVLink_attitude_message(boot, 3.0, 1.5, -2.0, 9.0, 9.0, 9.0),
+            mavlink.MAVLink_global_position_int_message(boot, 0, 0, 0, -99_000, 0, 0, 0, 0),
+            mavlink.MAVLink_statustext_message(2, b"Leak Detected", 0, 0),
+        )
+        lie = lies[int(rng.integers(len(lies)))]
+        return [*inbox, (at, bytes(lie.pack(packers[int(rng.integers(3))])))]
+
+    dive.engine.spoils.append(spoil)
+
+
+def _junk(dive: Diving, broken: Broken, rng: np.random.Generator) -> None:
+    def spoil(t_s: float, inbox: Inbox) -> Inbox:
+        junk = rng.integers(0, 256, int(rng.integers(1, 600)), dtype=np.uint8).tobytes()
+        at = round((START_S + t_s) * 1e9)
+        return [(at, b"\xfd" + junk), *inbox, (at, junk)]
+
+    dive.engine.spoils.append(spoil)
+
+
+def _stall(dive: Diving, broken: Broken, rng: np.random.Generator) -> None:
+    dive.engine.asleep_until_s = dive.t_s + 0.35 + 2.0 * broken.value
+
+
+def _parameter(name: str, value: float | None = None) -> "Begin":
+    def begin(dive: Diving, broken: Broken, rng: np.random.Generator) -> None:
+        new = float(rng.choice([0.0, 1.0, 2.0, 50.0])) if value is None else value
+        dive.say(mavlink.MAVLink_param_set_message(1, 1, name.encode(), new, 9))
+
+    return begin
+
+
+def _pilots_stick(dive: Diving, broken: Broken, rng: np.random.Generator) -> None:
+    channels = (65535, 65535, 1500, 1500, 1800, 1500, 65535, 65535)
+    frame = bytes(mavlink.MAVLink_rc_channels_override_message(1, 1, *channels).pack(dive.outsider))
+    dive.engine.spoils.append(lambda t_s, inbox: [*inbox, (round((START_S + t_s) * 1e9), frame)])
+
+
+def _thruster(dive: Diving, broken: Broken, rng: np.random.Generator) -> None:
+    dive.vehicle.inject(Fault(kind="thruster", at_s=dive.t_s, thruster=int(rng.integers(1, 7)), value=0.0))
+
+
+Begin = Callable[[Diving, Broken, np.random.Generator], None]
+
+
+class Kind(NamedTuple):
+    """How a fault begins, and how long ACTIVE may push afterwards; None where it may be borne."""
+
+    begin: Begin
+    within_s: Callable[[Broken], float | None]
+    value: tuple[float, float] = (0.0, 1.0)
+    on_stream: bool = False
+
+
+def _never(_: Broken) -> None:
+    return None
+
+
+def _after(seconds: float) -> Callable[[Broken], float]:
+    return lambda _: seconds
+
+
+def _stale(broken: Broken) -> float | None:
+    return STALE_S.get(broken.message)
+
+
+FAULTS: dict[str, Kind] = {
+    "datagrams lost": Kind(_spoilt(lambda data, rng: ()), _never),
+    "all lost": Kind(_spoilt(lambda data, rng: ()), _after(DEPTH_STALE_S), (1.0, 1.0)),
+    "doubled": Kind(_spoilt(lambda data, rng: (data, data)), _never),
+    "reordered": Kind(_shuffled, _never),
+    "delayed": Kind(InSimulator("link_delayed"), _never, (0.0, 0.4)),
+    "cut short": Kind(_spoilt(lambda data, rng: (data[: rng.integers(1, len(data) + 1)],)), _never),
+    "bits flipped": Kind(_spoilt(_flipped), _never),
+    "every one flipped": Kind(_spoilt(_flipped), _after(DEPTH_STALE_S), (1.0, 1.0)),
+    "junk between": Kind(_junk, _never),
+    "strangers and wrong components": Kind(_stranger, _never),
+    "link cut both ways": Kind(InSimulator("link_cut"), _after(DEPTH_STALE_S)),
+    "frozen but sent": Kind(InSimulator("message_frozen"), _stale, on_stream=True),
+    "stopped": Kind(InSimulator("message_stopped"), _stale, on_stream=True),
+    "NaN": Kind(InSimulator("message_nan"), _never, on_stream=True),
+    "infinite": Kind(InSimulator("message_extreme"), _never, (np.inf, np.inf), on_stream=True),
+    "integers and floats at their largest": Kind(
+        InSimulator("message_extreme"), _never, (3e38, 3e38), on_stream=True
+    ),
+    "reboot": Kind(InSimulator("reboot"), _after(HEARTBEAT_S)),
+    "disarmed": Kind(InSimulator("disarm"), _after(HEARTBEAT_S)),
+    "mode changed": Kind(InSimulator("mode"), _after(HEARTBEAT_S), (2.0, 2.0)),
+    "a stick moved": Kind(_pilots_stick, _after(LATE_S)),
+    "failsafe switched off": Kind(_parameter("FS_PILOT_INPUT", 0.0), _after(RAMP_S + LATE_S)),
+    "parameters changed": Kind(_parameter("JS_GAIN_DEFAULT"), _never),
+    "throttle gain changed": Kind(_parameter("JS_THR_GAIN"), _never),
+    "leak": Kind(InSimulator("leak"), _after(RAMP_S + 2.0 * LATE_S)),
+    "EKF lost": Kind(InSimulator("ekf"), _after(RAMP_S + 0.6), (1.0, 3.0)),
+    "depth jumps": Kind(InSimulator("depth_shifted"), _after(DEPTH_STALE_S), (1.0, 9.0)),
+    "yaw reset": Kind(InSimulator("yaw_reset"), _never, (-180.0, 180.0)),
+    "position reset": Kind(InSimulator("position_reset"), _never, (-9.0, 9.0)),
+    "battery flat": Kind(InSimulator("voltage"), _never, (6.0, 12.0)),
+    "thruster dead": Kind(_thruster, _never),
+    "companion stalls": Kind(_stall, lambda broken: 0.35 + 2.0 * broken.value + RAMP_S + LATE_S),
+}
+
+
+ON_FIRMWARE = tuple(
+    name
+    for name, kind in FAULTS.items()
+    if not (isinstance(kind.begin, InSimulator) and kind.begin.kind not in CAN_INJECT)
+    and name != "depth jumps"
+)
+"""Left out: what would change the firmware's own messages, a leak (no pin), losses and resets of its EKF, and
+a jump of its pressure, which its EKF may well reject."""
+STATES_ON_FIRMWARE = tuple(state for state in STATES if state is not State.HAND_OVER)
+"""Left out: HAND_OVER, which the dives begin with a leak."""
+
+
+# --- Dives --------------------------------------------------------------------------------------------------
+
+
+def case(number: int, *, firmware: bool = False) -> Case:
+    """Return what dive `number` draws, for our stand-in or the real firmware."""
+    rng = np.random.default_rng((number, 4))
+    group = number if firmware else number // 12
+    states, known = (STATES_ON_FIRMWARE, ON_FIRMWARE) if firmware else (STATES, tuple(FAULTS))
+    picked = np.random.default_rng((group, 5))
+    kinds = rng.choice(list(known), size=1 if rng.random() < 0.5 else int(rng.integers(2, 4)), replace=False)
+    return Case(
+        number,
+        variant=int(picked.integers(len(VARIANTS))),
+        state=states[int(picked.integers(len(states)))],
+        faults=tuple(_broken(str(kind), rng) for kind in kinds),
+        fingers=bool(rng.random() < 0.25),
+    )
+
+
+def _broken(kind: str, rng: np.random.Generator) -> Broken:
+    low, high = FAULTS[kind].value
+    return Broken(
+        kind,
+        at_s=round(float(rng.uniform(0.0, 0.8)), 2),
+        message=str(rng.choice(STREAMS)) if FAULTS[kind].on_stream else "",
+        value=low if low == high else float(rng.uniform(low, high)),
+    )
+
+
+def groups(numbers: Sequence[int]) -> Iterator[list[int]]:
+    """Split into those that share a vehicle and a state."""
+    together: dict[int, list[int]] = {}
+    for number in numbers:
+        together.setdefault(number // 12, []).append(number)
+    yield from together.values()
+
+
+def dive_group(numbers: Sequence[int], firmware: Path | None = None) -> list[Row]:
+    """Prepare one vehicle in one state, and fork it for each of these dives.
+
+    A `firmware` cannot be forked: it is started for each.
+    """
+    if firmware is not None:
+        return [_dive_firmware(number, firmware) for number in numbers]
+    first = case(numbers[0])
+    prepared = Diving(first.variant, first.state)
+    return [_forked(prepared, case(number)) for number in numbers]
+
+
+def _dive_firmware(number: int, firmware: Path) -> Row:
+    """Dive once with the real firmware."""
+    one = case(number, firmware=True)
+    diving = Diving(one.variant, one.state, firmware)
+    try:
+        return dive(diving, one)
+    finally:
+        diving.close()
+
+
+def _forked(prepared: Diving, one: Case) -> Row:
+    reading, writing = os.pipe()
+    child = os.fork()
+    if child == 0:
+        os.close(reading)
+        with os.fdopen(writing, "w") as pipe:
+            json.dump(dive(prepared, one), pipe)
+        os._exit(0)
+    os.close(writing)
+    with os.fdopen(reading) as pipe:
+        said = pipe.read()
+    os.waitpid(child, 0)
+    if not said:
+        return Row(one.number, tuple(f.kind for f in one.faults), one.state, "", nan, "the process died")
+    number, kinds, *rest = json.loads(said)
+    return Row(number, tuple(kinds), *rest)
+
+
+def dive(dive: Diving, one: Case) -> Row:
+    """Break what the case says, and hold every tick to account."""
+    rng = np.random.default_rng((one.number, 6))
+    since_s, broken = dive.t_s, ""
+    pending = sorted(one.faults, key=lambda fault: fault.at_s)
+    begun: list[tuple[float, Broken]] = []
+    try:
+        with np.errstate(all="ignore"):
+            for tick in range(round(AFTER_S * 50)):
+                while pending and pending[0].at_s <= tick / 50:
+                    begun.append((dive.t_s, pending[0]))
+                    FAULTS[pending[0].kind].begin(dive, pending.pop(0), rng)
+                if one.fingers and rng.random() < 0.05:
+                    dive.loop.requests.append(Request(int(rng.integers(1, 4))))
+                dive.run(0.02)
+            _in_time(dive, one, begun)
+    except PromiseBrokenError as error:
+        broken = str(error)
+    except Exception:
+        broken = "raised: " + traceback.format_exc().strip().splitlines()[-1]
+    ended, thrust_s = dive.engine.verdict.state, dive.engine.last_thrust_s
+    pushed = thrust_s > since_s and ended is not State.ACTIVE
+    return Row(
+        one.number,
+        tuple(fault.kind for fault in one.faults),
+        one.state,
+        ended,
+        thrust_s - begun[0][0] if begun and pushed else nan,
+        broken,
+    )
+
+
+def _in_time(dive: Diving, one: Case, begun: Sequence[tuple[float, Broken]]) -> None:
+    """Check that whatever had to end the steering did; whoever engaged again since is another matter."""
+    if one.fingers or one.state is not State.ACTIVE:
+        return
+    for at_s, fault in begun:
+        within_s = FAULTS[fault.kind].within_s(fault)
+        if within_s is None:
+            continue
+        allowed_s = within_s + (SLACK_S if len(begun) > 1 else 0.02)
+        took_s = dive.engine.last_thrust_s - at_s
+        promise(took_s <= allowed_s, f"{fault.kind}: still pushing {took_s:.2f} s later, not {allowed_s:.2f}")
+
+
+def told(one: Case) -> str:
+    """Return the case in words."""
+    return json.dumps(asdict(one))

@@ -1,0 +1,98 @@
+"""`holdfast faults`: dive, count, say what was promised and not kept."""
+
+import argparse
+import json
+import os
+import sys
+from collections import Counter, defaultdict
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from math import isfinite
+from multiprocessing import get_context
+from pathlib import Path
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+from lab.commands import add_firmware, find_firmware
+from lab.faults.faults import AFTER_S, FAULTS, VARIANTS, Row, case, dive_group, groups, told
+
+
+def main(argv: list[str]) -> int:
+    """Exit status 1 if a promise was broken."""
+    parser = argparse.ArgumentParser(
+        prog="holdfast faults",
+        description="Breaks something in every dive (bytes, telemetry, autopilot, process, vehicle), in "
+        "every state, in virtual time, and holds every tick to account. A dive's number is its seed.",
+    )
+    parser.add_argument("--dives", type=int, default=2000, metavar="N", help="default %(default)s")
+    parser.add_argument("--first", type=int, default=0, metavar="ID", help="number of the first dive")
+    parser.add_argument("--workers", type=int, metavar="N", help="processes; default: the cores")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write what became of each dive there")
+    add_firmware(parser)
+    arguments = parser.parse_args(argv)
+    if not find_firmware("faults", arguments):
+        return 2
+    firmware: Path | None = arguments.firmware
+    console = Console()
+    numbers = range(arguments.first, arguments.first + arguments.dives)
+    rows = dived(console, numbers, arguments.workers or os.cpu_count() or 1, firmware)
+    console.print(_table(rows))
+    states = Counter(row.state for row in rows)
+    console.print("Begun in " + ", ".join(f"{state} {count}" for state, count in states.most_common()))
+    bad = [row for row in rows if row.broken]
+    for row in bad:
+        one = case(row.number, firmware=firmware is not None)
+        console.print(f"[red]{row.broken}[/red]: {VARIANTS[one.variant][0]}, {told(one)}")
+    console.print(
+        f"{len(rows)} dives of {AFTER_S:g} s after the state was reached; {len(bad)} broke a promise."
+    )
+    if arguments.json:
+        arguments.json.parent.mkdir(parents=True, exist_ok=True)
+        arguments.json.write_text(json.dumps([row._asdict() for row in rows], indent=1), encoding="utf-8")
+    return 1 if bad else 0
+
+
+def dived(console: Console, numbers: range, workers: int, firmware: Path | None = None) -> list[Row]:
+    """Return what became of these dives, a process for each group of them."""
+    rows: list[Row] = []
+    columns = (TextColumn("diving"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with (
+        ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool,
+        Progress(*columns, console=console, disable=not sys.stderr.isatty()) as progress,
+    ):
+        task = progress.add_task("diving", total=len(numbers))
+        jobs = [pool.submit(dive_group, group, firmware) for group in groups(numbers)]
+        for future in as_completed(jobs):
+            rows += future.result()
+            progress.advance(task, len(future.result()))
+    return sorted(rows)
+
+
+def _table(rows: list[Row]) -> Table:
+    by_kind: dict[str, list[Row]] = defaultdict(list)
+    for row in rows:
+        for kind in row.kinds:
+            by_kind[kind].append(row)
+    table = Table(title=f"{len(rows)} dives by what broke in them, alone or among others")
+    for title in (
+        "fault",
+        "dives",
+        "held on",
+        "let go",
+        "neutral after s, median",
+        "worst",
+        "promises broken",
+    ):
+        table.add_column(title, justify="left" if title == "fault" else "right")
+    for kind in FAULTS:
+        of_it = by_kind[kind]
+        if not of_it:
+            continue
+        active = [row for row in of_it if row.state == "ACTIVE"]
+        alone = sorted(row.neutral_s for row in active if row.kinds == (kind,) and isfinite(row.neutral_s))
+        held = sum(row.ended == "ACTIVE" for row in active)
+        times = (f"{alone[len(alone) // 2]:.2f}", f"{alone[-1]:.2f}") if alone else ("", "")
+        broken = sum(bool(row.broken) for row in of_it)
+        table.add_row(kind, *map(str, (len(of_it), held, len(active) - held)), *times, str(broken))
+    return table

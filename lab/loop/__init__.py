@@ -1,0 +1,1 @@
+"""One dive in virtual time: the engine and a vehicle exchange MAVLink bytes."""

@@ -1,0 +1,115 @@
+"""Run a scenario through the full loop and measure it against the truth."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from companion.config import Config
+from companion.control.bounds import wrap
+from companion.engine import Engine
+from companion.records import PSI, Request, State, Z
+from lab.loop.firmware import vehicle_of
+from lab.loop.lockstep import Link, Lockstep
+from lab.loop.scenarios import SETTLE_S, Scenario
+from lab.rivals.law import Law, RivalEngine
+from sim_bridge.config import SimConfig
+
+PHI, THETA, TRUE_PSI = 3, 4, 5
+RECOVERED_M = 0.01
+RECOVERED_FOR_S = 2.0
+SMOOTHED_S = 0.5
+FIGURES = (
+    "depth_rms_mm",
+    "depth_mean_mm",
+    "depth_sd_mm",
+    "depth_peak_mm",
+    "heading_rms_deg",
+    "heading_sd_deg",
+    "thrust_rms_n",
+    "chatter_n",
+    "recovery_s",
+)
+"""RMS, mean, standard deviation, peak; RMS of thrust and of its change in a tick; recovery from a load."""
+
+
+@dataclass(frozen=True)
+class Dive:
+    """What was recorded, a row each tick: m, rad, N; errors are true − wanted."""
+
+    t_s: NDArray[np.float64]
+    depth_error_m: NDArray[np.float64]
+    heading_error_rad: NDArray[np.float64]
+    thrust_n: NDArray[np.float64]
+    active: NDArray[np.bool_]
+    load_on: NDArray[np.bool_]
+
+    def figures(self, since_s: float = SETTLE_S) -> dict[str, float]:
+        """Return FIGURES; a load took `recovery_s` to be held, NaN without one."""
+        on = self.t_s >= since_s
+        depth, heading, thrust = self.depth_error_m[on], self.heading_error_rad[on], self.thrust_n[on]
+        figures = (
+            1e3 * _rms(depth),
+            1e3 * float(depth.mean()),
+            1e3 * float(depth.std()),
+            1e3 * float(np.abs(depth).max()),
+            float(np.degrees(_rms(heading))),
+            float(np.degrees(heading.std())),
+            _rms(thrust),
+            _rms(np.diff(thrust)),
+            self.recovery_s(),
+        )
+        return dict(zip(FIGURES, figures, strict=True))
+
+    def recovery_s(self) -> float:
+        """Return the time from the load's coming on to two seconds within ±1 cm, averaged over 0.5 s.
+
+        NaN without a load; the rest of the dive if it never came to that.
+        """
+        if not self.load_on.any():
+            return float("nan")
+        t_s = self.t_s[self.load_on]
+        ticks = [round(span_s / (t_s[1] - t_s[0])) for span_s in (SMOOTHED_S, RECOVERED_FOR_S)]
+        smooth = np.convolve(self.depth_error_m[self.load_on], np.full(ticks[0], 1.0 / ticks[0]), "valid")
+        held = np.convolve(np.abs(smooth) <= RECOVERED_M, np.ones(ticks[1]), "valid") > ticks[1] - 0.5
+        return float(t_s[np.argmax(held)] if held.any() else t_s[-1]) - float(t_s[0])
+
+
+def dive(
+    scenario: Scenario,
+    config: Config,
+    plant: SimConfig,
+    link: Link,
+    rival: Law | None = None,
+    firmware: Path | None = None,
+) -> Dive:
+    """Dive `scenario` with the companion's real engine; `plant` is the base that the scenario disturbs.
+
+    A `rival` takes the law's place in heave, the real `firmware` that of our stand-in.
+    """
+    start = scenario.target(0.0)
+    engine = Engine(config, start, arm=True) if rival is None else RivalEngine(config, start, rival)
+    rows = []
+    with vehicle_of(scenario.plant(plant, scenario.seed), scenario.seed, firmware) as vehicle:
+        loop = Lockstep(vehicle, engine, link, scenario.seed, config.loop.rate_hz)
+        loop.requests = [Request.ENGAGE]
+        for step in loop.run(scenario.duration_s, scenario.target):
+            wanted = scenario.target(step.t_s).eta_d
+            eta = step.truth.eta
+            active = step.sample.verdict.state is State.ACTIVE
+            thrust_n = step.sample.delivered.tau[Z]
+            depth_m, heading_rad = eta[Z] - wanted[Z], eta[TRUE_PSI] - wanted[PSI]
+            rows.append((step.t_s, depth_m, heading_rad, thrust_n, active, step.truth.load_on))
+    return recorded(rows)
+
+
+def recorded(rows: Sequence[tuple[float, float, float, float, bool, bool]]) -> Dive:
+    """Make a Dive of a row each tick: time, depth error, heading error (any turn), thrust, active, load."""
+    t_s, depth, heading, thrust, active, load = np.array(rows).T
+    return Dive(t_s, depth, wrap(heading), thrust, active.astype(bool), load.astype(bool))
+
+
+def _rms(x: NDArray[np.float64]) -> float:
+    return float(np.sqrt(np.mean(x * x)))

@@ -1,0 +1,50 @@
+"""`holdfast report`: the page after the dive, from its recording."""
+
+import argparse
+import io
+import sys
+from pathlib import Path
+
+from lab.report.advice import advice
+from lab.report.figures import figures
+from lab.report.log import load
+from lab.report.page import lines, page
+from lab.report.plot import draw
+
+EXAMPLES = """\
+examples:
+  holdfast report dives/kelp-20261121T101500Z.mcap     writes ...Z.html and ...Z.png beside it
+  holdfast report dives/kelp-20261121*.mcap --out out  the files of one dive on one page
+
+A cut file needs no `holdfast recover` first. The HTML is one file with everything in it: mail it.
+"""
+
+
+def main(argv: list[str]) -> int:
+    """Run the command; returns 1 where there is no dive to report."""
+    parser = argparse.ArgumentParser(
+        prog="holdfast report",
+        description="Makes the page after the dive from its recording: what was held and how well, states, "
+        "events and faults, thrust and chatter, delays and loop, the model that the dive shows, and what to "
+        "change.",
+        epilog=EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("files", nargs="+", type=Path, metavar="FILE")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="default: beside the first file")
+    options = parser.parse_args(argv)
+    try:
+        log = load(options.files)
+        found = figures(log)
+        said = advice(log, found)
+        buffer = io.BytesIO()
+        draw(log, found).savefig(buffer, format="png")
+        stem = (options.out or options.files[0].parent) / options.files[0].stem
+        stem.parent.mkdir(parents=True, exist_ok=True)
+        stem.with_suffix(".png").write_bytes(buffer.getvalue())
+        stem.with_suffix(".html").write_text(page(log, found, said, buffer.getvalue()), encoding="utf-8")
+    except (OSError, ValueError) as error:
+        sys.stderr.write(f"holdfast report: {error}\n")
+        return 1
+    sys.stdout.write("\n".join([*lines(found, said), f"page: {stem.with_suffix('.html')}", ""]))
+    return 0

@@ -1,0 +1,1 @@
+"""Recorded dives and telemetry logs through today's engine."""

@@ -1,0 +1,294 @@
+"""`holdfast rerun`: a recorded dive's datagrams through today's engine, and its commands beside the dive's.
+
+What came and went is taken from the raw ticks (`telemetry.raw = true`), the configuration from the first of
+them. The vehicle's answers stay those of the dive: where the commands differ, it is what today's code would
+have sent at that moment, not where the vehicle would have gone. Of a ground station's .tlog it tells what
+Holdfast would have thought of the vehicle (lab/rerun/tlog.py).
+"""
+
+import argparse
+import math
+import sys
+import time
+import tomllib
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from companion.config import DEFAULT_FILE, Config, ConfigError, load_config
+from companion.engine import Engine
+from companion.records import AXES, LoopHealth, Request, Setpoint
+from companion.telemetry.schemas import Raw
+from dashboard.recording.mcap_file import Reader
+
+EXAMPLES = """\
+examples:
+  holdfast run --set telemetry.raw=true          and `holdfast record`: then the dive can be run again
+  holdfast rerun dives/kelp-*.mcap               the files of one dive, in any order
+  holdfast rerun FILE --set heave.kappa_per_s=8  what other gains would have commanded
+  holdfast rerun FILE.tlog                       what Holdfast would have thought of a dive without it
+
+Exit status: 0 every byte is the same, 1 something differs, 2 the dive cannot be run again.
+"""
+
+OVERRIDE, MANUAL = mavlink.MAVLINK_MSG_ID_RC_CHANNELS_OVERRIDE, mavlink.MAVLINK_MSG_ID_MANUAL_CONTROL
+HEADER, SIGNED = 10, 0x01
+
+
+class RerunError(Exception):
+    """The dive cannot be run again; says why."""
+
+
+@dataclass
+class Tape:
+    """What was recorded: raw ticks in order, each once, and what was seen amiss."""
+
+    ticks: list[Raw]
+    config: Mapping[str, Any]
+    notes: list[str] = field(default_factory=list)
+
+
+@dataclass
+class Outcome:
+    """What came of it. Commands (n, 4): surge, sway, heave, yaw, -1..1, NaN where none was sent."""
+
+    t_s: NDArray[np.float64]
+    was: NDArray[np.float64]
+    now: NDArray[np.float64]
+    different: list[int]
+    """Numbers of the ticks whose bytes are not the same."""
+    wall_s: float
+
+    @property
+    def speed(self) -> float:
+        """How many times real time."""
+        return float(self.t_s[-1] - self.t_s[0]) / self.wall_s
+
+
+def load(files: Sequence[Path]) -> Tape:
+    """Read the raw ticks of a dive's files. Raises RerunError where there are none, OSError, ValueError."""
+    ticks: dict[int, Raw] = {}
+    table: dict[str, str] = {}
+    decoder = msgspec.msgpack.Decoder(Raw)
+    notes: list[str] = []
+    for file in files:
+        reader = Reader(file)
+        for item in reader:
+            if item.key.startswith("holdfast/") and item.key.endswith("/raw"):
+                raw = decoder.decode(item.payload)
+                old = ticks.setdefault(raw.tick, raw)
+                if old.now_s != raw.now_s:
+                    raise RerunError(f"{file}: holds more than one run of the companion (tick {raw.tick})")
+        table = table or reader.metadata.get("config", {})
+        if not reader.whole:
+            notes.append(f"{file.name} was cut; what is whole of it was used")
+    if not ticks:
+        raise RerunError("no raw ticks in it: they are recorded with `holdfast run --set telemetry.raw=true`")
+    numbers = sorted(ticks)
+    gaps = [(before, after) for before, after in pairwise(numbers) if after != before + 1]
+    if numbers[0] != 1:
+        notes.append(
+            f"it begins with tick {numbers[0]}: the engine starts anew there, so the first seconds differ"
+        )
+    for before, after in gaps[:5]:
+        notes.append(f"ticks {before + 1} to {after - 1} are missing: what follows may differ by that")
+    return Tape([ticks[number] for number in numbers], _tree(table), notes)
+
+
+def configured(tape: Tape, overrides: Sequence[str] = (), file: Path | None = None) -> Config:
+    """Return the configuration of the dive, on today's for keys that it did not have.
+
+    Raises ConfigError where today's engine does not take it.
+    """
+    if file is not None:
+        return load_config(file, overrides)
+    start = tape.ticks[0].start
+    recorded = dict(start.config) if start is not None else dict(tape.config)
+    if not recorded:
+        tape.notes.append("no configuration was recorded: today's shipped one was used")
+    return load_config(DEFAULT_FILE, [*_overlay(recorded, tape.notes), *overrides])
+
+
+def rerun(tape: Tape, config: Config, *, follow: bool = True) -> Outcome:
+    """Step today's engine through the ticks; without `follow` live retunes are left out."""
+    start = tape.ticks[0].start
+    setpoint = Setpoint(np.array(start.setpoint if start is not None else [math.nan] * 4))
+    # The key is not in the recording: signatures are neither checked nor made, nor compared.
+    unsigned = msgspec.structs.replace(config.link, signing_key_file="")
+    engine = Engine(
+        msgspec.structs.replace(config, link=unsigned), setpoint, arm=start is not None and start.arm
+    )
+    was, now, different = [], [], []
+    begun_s = time.perf_counter()
+    for raw in tape.ticks:
+        if raw.setpoint is not None:
+            engine.aim(Setpoint(np.array(raw.setpoint)))
+        if raw.config is not None and follow:
+            tuned = load_config(DEFAULT_FILE, _overlay(raw.config, []))
+            engine.retune(msgspec.structs.replace(tuned, link=unsigned))
+        health = LoopHealth(raw.tick, config.loop.rate_hz, 0.0, 0.0, 0, 0)
+        heard = [(t_ns, data) for t_ns, data in raw.heard]
+        ground = [(t_ns, frame) for t_ns, frame in raw.ground]
+        out, _ = engine.step(raw.now_s, heard, health, [Request[name] for name in raw.requests], ground)
+        if [*map(_bare, out)] != [*map(_bare, raw.out)]:
+            different.append(raw.tick)
+        was.append(_command(raw.out))
+        now.append(_command(out))
+    wall_s = time.perf_counter() - begun_s
+    t_s = np.array([raw.now_s for raw in tape.ticks])
+    return Outcome(t_s, np.array(was), np.array(now), different, wall_s)
+
+
+def main(argv: list[str]) -> int:
+    """Run the command."""
+    parser = argparse.ArgumentParser(
+        prog="holdfast rerun",
+        description="Feeds the datagrams of a recorded dive through today's engine, with the configuration, "
+        "the operator's requests and the retunes of that dive, and compares what it sends, byte by byte. "
+        "Of a ground station's .tlog it tells the states, their reasons and the pre-dive list.",
+        epilog=EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("files", nargs="+", type=Path, metavar="FILE")
+    parser.add_argument("--config", type=Path, metavar="FILE", help="instead of the recorded configuration")
+    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="change a key of it")
+    parser.add_argument(
+        "--out", type=Path, default=Path("out/rerun.png"), metavar="FILE", help="default %(default)s"
+    )
+    options = parser.parse_args(argv)
+    if any(file.suffix == ".tlog" for file in options.files):
+        return _think(options.files, options.set, options.out)
+    try:
+        tape = load(options.files)
+        config = configured(tape, options.set, options.config)
+        changed = bool(options.set or options.config)
+        retuned = sum(raw.config is not None for raw in tape.ticks)
+        if changed and retuned:
+            tape.notes.append(
+                f"{retuned} retunes of the dive were left out, for the configuration is another"
+            )
+        outcome = rerun(tape, config, follow=not changed)
+    except (RerunError, ConfigError, OSError, ValueError, KeyError, tomllib.TOMLDecodeError) as error:
+        sys.stderr.write(f"holdfast rerun: {error}\n")
+        return 2
+    sys.stdout.write("\n".join(report(tape, outcome)) + "\n")
+    if not outcome.different:
+        return 0
+    if np.nan_to_num(outcome.was - outcome.now).any():
+        from lab.rerun.plot import draw
+
+        options.out.parent.mkdir(parents=True, exist_ok=True)
+        draw(outcome).savefig(options.out)
+        sys.stdout.write(f"the difference over time: {options.out}\n")
+    return 1
+
+
+def _think(files: Sequence[Path], overrides: Sequence[str], out: Path) -> int:
+    """Say and draw what Holdfast would have thought of telemetry logs, one after the other."""
+    from companion.predive.table import show
+    from lab.rerun import tlog
+    from lab.rerun.tlog_plot import draw
+
+    out.parent.mkdir(parents=True, exist_ok=True)
+    for file in files:
+        try:
+            thoughts = tlog.think(tlog.read(file), overrides)
+        except (tlog.TlogError, ConfigError, OSError) as error:
+            sys.stderr.write(f"holdfast rerun: {error}\n")
+            return 2
+        picture = out.with_stem(file.stem) if len(files) > 1 else out
+        draw(thoughts, file.name).savefig(picture)
+        sys.stdout.write("\n".join([f"{file.name}:", *tlog.lines(thoughts), ""]))
+        show(thoughts.checked, [f"picture: {picture}"])
+    return 0
+
+
+def report(tape: Tape, outcome: Outcome) -> Iterator[str]:
+    """Say in lines what came of it."""
+    count, different = len(tape.ticks), outcome.different
+    asked = sum(len(raw.requests) for raw in tape.ticks)
+    aimed = sum(raw.setpoint is not None for raw in tape.ticks)
+    retuned = sum(raw.config is not None for raw in tape.ticks)
+    yield (
+        f"{count} ticks, {outcome.t_s[-1] - outcome.t_s[0]:.1f} s of diving, "
+        f"at {outcome.speed:.0f} times real time; {asked} requests, {aimed} setpoints and {retuned} retunes "
+        "by the operator"
+    )
+    yield from (f"note: {note}" for note in tape.notes)
+    if not different:
+        yield "every byte sent is the same"
+        return
+    first = next(raw for raw in tape.ticks if raw.tick == different[0])
+    yield (
+        f"{len(different)} ticks ({len(different) / count:.1%}) sent other bytes, the first is tick "
+        f"{first.tick}, {first.now_s - tape.ticks[0].now_s:.2f} s into it"
+    )
+    steered = np.isfinite(outcome.was[:, 0]), np.isfinite(outcome.now[:, 0])
+    if (only := int(np.sum(steered[0] != steered[1]))) > 0:
+        yield f"in {only} ticks only one of the two steered"
+    yield f"{'command':8}{'ticks':>8}{'RMS':>10}{'largest':>10}   of full"
+    for axis, difference in zip(AXES, (outcome.now - outcome.was).T, strict=True):
+        known = difference[np.isfinite(difference)]
+        rms = math.sqrt(float(np.mean(known**2))) if known.size else 0.0
+        peak = float(np.abs(known).max()) if known.size else 0.0
+        yield f"{axis:8}{np.count_nonzero(known):8d}{rms:10.2%}{peak:10.2%}"
+
+
+def _command(frames: Iterable[bytes]) -> list[float]:
+    """Return surge, sway, heave (down) and yaw of the last frame that steers, NaN without one."""
+    found = [math.nan] * 4
+    for frame in frames:
+        size = frame[1]
+        payload = frame[HEADER : HEADER + size].ljust(40, b"\0")
+        number = int.from_bytes(frame[7:10], "little")
+        if number == OVERRIDE:
+            heave, yaw, surge, sway = np.frombuffer(payload[4:12], "<u2").astype(float)
+            found = [(surge - 1500) / 400, (sway - 1500) / 400, (1500 - heave) / 400, (yaw - 1500) / 400]
+        elif number == MANUAL:
+            x, y, z, r = np.frombuffer(payload[:8], "<i2").astype(float)
+            found = [x / 1000, y / 1000, (500 - z) / 500, r / 1000]
+    return found
+
+
+def _bare(frame: bytes) -> bytes:
+    """Return a frame; of a signed one what the signature does not touch."""
+    signed = len(frame) > HEADER and frame[2] & SIGNED
+    return frame[:2] + frame[3 : HEADER + frame[1]] if signed else frame
+
+
+def _tree(table: Mapping[str, str]) -> dict[str, Any]:
+    tree: dict[str, Any] = {}
+    for path, value in table.items():
+        *sections, key = path.split(".")
+        node = tree
+        for section in sections:
+            node = node.setdefault(section, {})
+        node[key] = msgspec.json.decode(value)
+    return tree
+
+
+def _overlay(recorded: Mapping[str, Any], notes: list[str]) -> list[str]:
+    """Return the recorded configuration as overrides of today's, without keys that are no more."""
+    known = tomllib.loads(DEFAULT_FILE.read_text(encoding="utf-8"))
+    overrides = []
+    for section, keys in recorded.items():
+        for key, value in keys.items():
+            if key in known.get(section, {}):
+                overrides.append(f"{section}.{key}={msgspec.json.encode(value).decode()}")
+            else:
+                notes.append(f"{section}.{key} = {value!r} of the dive is no key any more")
+    missing = [
+        f"{section}.{key}"
+        for section, keys in known.items()
+        for key in keys
+        if recorded and key not in recorded.get(section, {})
+    ]
+    notes += [f"{key} is newer than the dive: today's shipped value was used" for key in missing]
+    return overrides

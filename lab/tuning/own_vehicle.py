@@ -1,0 +1,84 @@
+"""Tuning for one's own vehicle: what its file says of it, how far that may be off, and the config so made."""
+
+import re
+from collections.abc import Mapping
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from msgspec.structs import replace
+
+from companion.telemetry import ranges
+from sim_bridge.config import SimConfig
+
+LEAST_LAG_S, _ = ranges.bounds(ranges.Lag) or (0.0, 0.0)
+"""Thrusters that answer at once, as those of ArduSub's own simulated vehicle, are believed to lag by this."""
+
+AXES = {"surge": 0, "sway": 1, "heave": 2, "yaw": 5}
+
+
+def nominal(plant: SimConfig) -> dict[str, float | str]:
+    """Return what the companion has to believe of this vehicle, as keys of its configuration."""
+    hull = plant.hull
+    believed: dict[str, float | str] = {
+        "vehicle.frame": plant.thrusters.frame,
+        "thrusters.lag_s": max(plant.thrusters.lag_s, LEAST_LAG_S),
+    }
+    for axis, i in AXES.items():
+        inertia = hull.mass_kg if i < 3 else hull.inertia_kg_m2[2]
+        believed[f"{axis}.mass"] = round(inertia + hull.added_mass[i], 4)
+        believed[f"{axis}.linear_damping"] = hull.linear_damping[i]
+        believed[f"{axis}.quadratic_damping"] = hull.quadratic_damping[i]
+    return believed
+
+
+def around(base: SimConfig, seed: int) -> SimConfig:
+    """Draw a vehicle near `base`: heave mass, damping, weight, thrust, lag and dead band are never known."""
+    draw = np.random.default_rng((seed, 1)).uniform
+    hull, thrusters = base.hull, base.thrusters
+    added = list(hull.added_mass)
+    linear, quadratic = list(hull.linear_damping), list(hull.quadratic_damping)
+    added[2] = max(0.0, (hull.mass_kg + added[2]) * draw(0.9, 1.1) - hull.mass_kg)
+    linear[2] *= draw(0.5, 1.5)
+    quadratic[2] *= draw(0.5, 1.5)
+    strength = draw(0.8, 1.1)
+    return replace(
+        base,
+        hull=replace(
+            hull,
+            added_mass=tuple(added),
+            linear_damping=tuple(linear),
+            quadratic_damping=tuple(quadratic),
+            net_buoyancy_n=hull.net_buoyancy_n + draw(-2.0, 2.0),
+        ),
+        thrusters=replace(
+            thrusters,
+            gain=tuple(strength * gain for gain in thrusters.gain),
+            lag_s=thrusters.lag_s * draw(0.7, 1.3),
+            dead_band_us=min(50.0, max(0.0, thrusters.dead_band_us + draw(-6.0, 6.0))),
+        ),
+        current=replace(base.current, enabled=False),
+        initial=replace(base.initial, eta=(0.0, 0.0, 2.5, 0.0, 0.0, 0.0)),
+    )
+
+
+def write_config(source: Path, values: Mapping[str, float | str], out: Path) -> None:
+    """Copy the companion's configuration with these values in place of its own; comments stay.
+
+    Raises KeyError for a key that the file does not have.
+    """
+    text = source.read_text(encoding="utf-8")
+    for key, value in values.items():
+        section, name = key.split(".")
+        shown = f'"{value}"' if isinstance(value, str) else repr(value)
+        line = re.compile(rf"(^\[{section}\]\n(?:(?!\[).*\n)*?{name} = )([^#\n]*)(.*$)", re.MULTILINE)
+        text, count = line.subn(partial(_replaced, shown), text)
+        if count != 1:
+            raise KeyError(key)
+    out.write_text(text, encoding="utf-8")
+
+
+def _replaced(shown: str, line: re.Match[str]) -> str:
+    """Return a line with another value; what follows stays in its column."""
+    value = shown.ljust(len(line[2]) - 1) + " " if line[3] else shown
+    return line[1] + value + line[3]

@@ -1,0 +1,204 @@
+"""One search for every row of the bench: CMA-ES over the logarithms of its knobs, on training seeds.
+
+Every candidate dives the four scenarios, shortened to TRAINING_S, with TRAINING_SEEDS vehicles that no bench
+ever sees, which bear the four CASES in turn: half of them 40 ms more delay each way, which is measured as in
+the full loop, half of them 15 % more thrust and 40 ms more in the autopilot's filter, which no stamp shows.
+What counts is the mean depth RMS (mm), and CHATTER_PRICE for each newton that the command moves by more than
+CHATTER_N a tick (RMS). All candidates of a generation dive at once (`lab.batch`).
+"""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import cma
+import numpy as np
+from msgspec.structs import replace
+
+from companion.assembly import refuse_fast_gains
+from companion.config import Config, ConfigError
+from companion.records import Array, Setpoint
+from lab.batch import dives as batch
+from lab.batch.vehicle import Links
+from lab.bench.floor import CHATTER_N
+from lab.bench.rows import WIDTH, Row
+from lab.loop.lockstep import Link
+from lab.loop.scenarios import SETTLE_S, Scenario, ensemble, four, trajectory
+from lab.rivals import alt_hold_batch
+from sim_bridge.config import SimConfig
+
+TRAINING_SEEDS = 8
+TRAINING_S = 24.0
+EVALUATIONS = 150
+GENERATION = 10
+CHATTER_PRICE = 2.0
+LOST_MM = 1000.0
+FAST_AFTER_S = 12.0
+"""The shortened trajectory starts this long before the paper's path gives way to the fast one."""
+
+
+class Case(NamedTuple):
+    """What a dive has to bear: more delay each way, delay that is hidden, and its thrust against nominal."""
+
+    longer_s: float
+    hidden_s: float
+    thrust: float
+
+    def __str__(self) -> str:
+        """Say it as `tuned.toml` does."""
+        longer_ms, hidden_ms = 1000.0 * self.longer_s, 1000.0 * self.hidden_s
+        return f"+{longer_ms:g} ms each way, {hidden_ms:g} ms hidden, thrust x {self.thrust:g}"
+
+
+CASES = (Case(0.0, 0.0, 1.0), Case(0.0, 0.04, 1.15), Case(0.04, 0.0, 1.0), Case(0.04, 0.04, 1.15))
+
+
+@dataclass(frozen=True)
+class Found:
+    """What a search found, its score and that of where it started (mm)."""
+
+    values: dict[str, float]
+    score: float
+    start_score: float
+    evaluations: int
+
+
+def search(
+    row: Row,
+    load: Callable[[Sequence[str]], Config],
+    base: SimConfig,
+    *,
+    evaluations: int = EVALUATIONS,
+    seeds: int = TRAINING_SEEDS,
+    vary: Callable[[SimConfig, int], SimConfig] = ensemble,
+    done: Callable[[int], None] = lambda count: None,
+) -> Found:
+    """Search the knobs of `row`; `load` makes a configuration of overrides, `vary` draws the vehicles.
+
+    Deterministic for the same arguments. `done` is told after each generation how many were evaluated.
+    """
+    dives = _training(seeds, vary)
+    keys, start = list(row.knobs), np.log(list(row.knobs.values()))
+
+    def judge(candidates: Sequence[Array]) -> list[float]:
+        values = [dict(zip(keys, np.exp(start + x).tolist(), strict=True)) for x in candidates]
+        return scores(row, values, load, base, dives)
+
+    width = math.log(WIDTH)
+    options = {"bounds": [-width, width], "seed": 1, "verbose": -9, "popsize": GENERATION}
+    strategy = cma.CMAEvolutionStrategy(np.zeros(len(keys)), width / 4.0, options)
+    best, best_x = judge([np.zeros(len(keys))])[0], np.zeros(len(keys))
+    start_score, spent = best, 1
+    while spent < evaluations:
+        candidates = strategy.ask()
+        judged = judge(candidates)
+        strategy.tell(candidates, judged)
+        if min(judged) < best:
+            best, best_x = min(judged), candidates[int(np.argmin(judged))]
+        spent += len(candidates)
+        done(len(candidates))
+    values = dict(zip(keys, (float(f"{value:.4g}") for value in np.exp(start + best_x)), strict=True))
+    return Found(values, best, start_score, spent)
+
+
+def scores(
+    row: Row,
+    values: Sequence[Mapping[str, float]],
+    load: Callable[[Sequence[str]], Config],
+    base: SimConfig,
+    dives: Sequence[tuple[Scenario, Case]],
+) -> list[float]:
+    """Return the score of each set of values, mm; one that the companion would refuse counts as lost."""
+    configs = [_configured(load, row.overrides(value)) for value in values]
+    taken = [i for i, config in enumerate(configs) if config is not None]
+    found = np.full(len(values), LOST_MM)
+    if taken:
+        sound = [config for config in configs if config is not None]
+        found[taken] = _scores(row, [values[i] for i in taken], sound, base, dives)
+    return [float(score) for score in found]
+
+
+def _configured(load: Callable[[Sequence[str]], Config], overrides: Sequence[str]) -> Config | None:
+    try:
+        config = load(overrides)
+        refuse_fast_gains(config)
+    except ConfigError:
+        return None
+    return config
+
+
+def _scores(
+    row: Row,
+    values: Sequence[Mapping[str, float]],
+    configs: Sequence[Config],
+    base: SimConfig,
+    dives: Sequence[tuple[Scenario, Case]],
+) -> Array:
+    figures = _dive(row, values, configs, base, dives)
+    rms = np.where(np.isnan(figures["depth_rms_mm"]), LOST_MM, figures["depth_rms_mm"])
+    price = CHATTER_PRICE * np.maximum(figures["chatter_n"] - CHATTER_N, 0.0)
+    lost = ~np.isnan(figures.get("lost_s", np.full(len(rms), np.nan)))
+    mean: Array = np.where(lost, LOST_MM, rms + price).reshape(len(values), -1).mean(1)
+    return mean
+
+
+def _dive(
+    row: Row,
+    values: Sequence[Mapping[str, float]],
+    configs: Sequence[Config],
+    base: SimConfig,
+    dives: Sequence[tuple[Scenario, Case]],
+) -> dict[str, Array]:
+    """Dive all with each of `values`: figures of shape (values · dives,)."""
+    of_one = [_stronger(scenario.plant(base, scenario.seed), case.thrust) for scenario, case in dives]
+    plants = of_one * len(values)
+    seeds = [scenario.seed for scenario, _ in dives] * len(values)
+    longer_s, hidden_s, _ = np.array([case for _, case in dives] * len(values)).T
+    gains = {key: np.repeat([value[key] for value in values], len(dives)) for key in row.knobs}
+    target = _together([scenario.target for scenario, _ in dives] * len(values))
+    duration_s, link = dives[0][0].duration_s, Link()
+    if row.steers == "autopilot":
+        late_s = longer_s + link.down_s + 0.5 * link.jitter_s
+        return alt_hold_batch.simulate(plants, target, duration_s, seeds, late_s, gains)
+    each = [config for config in configs for _ in dives]
+    up_s = link.up_s + longer_s + hidden_s
+    links = Links(up_s, link.down_s + longer_s, untold_up_s=hidden_s)
+    rival = row.rival(gains, configs[0])
+    return batch.simulate(each, plants, target, duration_s, seeds, links, rival=rival)
+
+
+def _together(targets: Sequence[Callable[[float], Setpoint]]) -> Callable[[float], Setpoint]:
+    """Return the setpoints of many dives as one, (dives, 4)."""
+    different = list(dict.fromkeys(targets))
+    which = [different.index(target) for target in targets]
+
+    def together(t_s: float) -> Setpoint:
+        each = [target(t_s) for target in different]
+        return Setpoint(
+            np.array([one.eta_d for one in each])[which],
+            np.array([one.eta_d_dot for one in each])[which],
+            np.array([one.eta_d_ddot for one in each])[which],
+        )
+
+    return together
+
+
+def _training(seeds: int, vary: Callable[[SimConfig, int], SimConfig]) -> list[tuple[Scenario, Case]]:
+    """Return the dives of a score, shortened, and what each has to bear."""
+    dives = []
+    for seed in range(seeds):
+        for whole in four(seed, vary):
+            target = _fast_trajectory if whole.name == "trajectory" else whole.target
+            short = Scenario(whole.name, whole.plant, target, SETTLE_S + TRAINING_S, seed)
+            dives.append((short, CASES[seed % len(CASES)]))
+    return dives
+
+
+def _fast_trajectory(t_s: float) -> Setpoint:
+    return trajectory(t_s + 60.0 - FAST_AFTER_S)
+
+
+def _stronger(plant: SimConfig, thrust: float) -> SimConfig:
+    gain = tuple(thrust * one for one in plant.thrusters.gain)
+    return replace(plant, thrusters=replace(plant.thrusters, gain=gain))

@@ -1,0 +1,1 @@
+"""ArduSub's behaviour."""

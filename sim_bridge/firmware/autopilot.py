@@ -1,0 +1,543 @@
+"""ArduSub as seen from its links: who may steer, arming, modes, failsafes, commands, parameters."""
+
+import math
+from collections import deque
+from collections.abc import Callable
+from typing import Any
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from sim_bridge.firmware import messages, modes
+from sim_bridge.firmware.messages import Message, Origin, Snapshot
+from sim_bridge.firmware.mixer import mix, motor_pwm
+from sim_bridge.firmware.modes import MODES, FlightControl
+from sim_bridge.firmware.params import DEFAULTS, Parameters
+from sim_bridge.firmware.pilot import FN_ARM, FN_ARM_TOGGLE, FN_DISARM, FN_MODES, NEUTRAL, Pilot
+from sim_bridge.firmware.signing import KeyStore
+from sim_bridge.firmware.streams import SUPPORTED, TRANSFER_SLOWDOWN, Streams
+from sim_bridge.physics.sensors import Sensors
+
+COMPONENT = 1
+INPUT_PERIOD_S = 0.02
+EARLIEST_ARMING_S = 2.0
+TIMESYNC_PERIOD_S = 10.0
+GCS_WARNING_PERIOD_S = 30.0
+LEAK_WARNING_PERIOD_S = 20.0
+PARAMETERS_PER_STEP = 10
+RC_OPTION_ARM_CENTRED = 32
+ORIGIN_SHIFT_M = 0.1
+"""How far relative_alt is off for good when the origin is set while dived."""
+
+ACCEPTED, DENIED, UNSUPPORTED, FAILED = 0, 2, 3, 4
+CRITICAL, WARNING, INFO = 2, 4, 6
+STANDBY, ACTIVE, FAILSAFE = 3, 4, 5
+AXIS_NAMES = ("Pitch", "Roll", "Throttle", "Yaw", "Forward", "Lateral")
+
+
+class Link:
+    """One MAVLink channel: its parser, sequence number, streams, and who has been heard on it."""
+
+    def __init__(self) -> None:
+        self.parser = mavlink.MAVLink(None)
+        self.parser.robust_parsing = True
+        self.packer = mavlink.MAVLink(None, srcComponent=COMPONENT)
+        self.streams = Streams()
+        self.parameters: deque[str] = deque()
+        self.heard: set[int] = set()
+
+    def sign(self, keys: KeyStore, number: int) -> None:
+        """Sign, and demand signatures, from now on; neither where there is no key."""
+        for wire in (self.parser, self.packer):
+            wire.signing.secret_key = keys.key
+            wire.signing.timestamp = max(wire.signing.timestamp, keys.timestamp)
+        self.packer.signing.link_id = number & 0xFF
+        self.packer.signing.sign_outgoing = keys.key is not None
+
+    def pack(self, message: Message, system: int) -> bytes:
+        """Wire bytes of a message from our system, with this link's next sequence number."""
+        self.packer.srcSystem = system
+        signing = self.packer.signing
+        signing.timestamp = max(signing.timestamp, self.parser.signing.timestamp)
+        data: bytes = message.pack(self.packer)
+        self.packer.seq = (self.packer.seq + 1) % 256
+        return data
+
+
+class Autopilot:
+    """The firmware's behaviour from one boot to the next. Time is seconds since boot and arrives as data.
+
+    Args:
+        params: survives reboots, so it comes from outside.
+        sensors: read when something needs them.
+        frame: vectored or vectored_6dof.
+        has_position: whether there is a DVL.
+        rc_receiver: whether the vehicle has an RC receiver, whose sticks rest.
+        links: link number to Link; the same dictionary that the vehicle fills.
+        keys: the signing key, which survives reboots too.
+
+    """
+
+    def __init__(
+        self,
+        params: Parameters,
+        sensors: Sensors,
+        frame: str,
+        has_position: bool,
+        rc_receiver: bool,
+        links: dict[int, Link],
+        keys: KeyStore,
+    ) -> None:
+        self.params = params
+        self.armed = False
+        self.reboot_requested = False
+        self.motor_pwm = self._idle = [NEUTRAL] * (8 if frame == "vectored_6dof" else 6)
+        self.voltage_v = 16.0
+        self.current_a = 0.0
+        self.consumed_mah = 0.0
+        self.capacity_mah = 1.0
+        self.state: tuple[float, ...] = ()
+        self.alter: Callable[[Message], Message | None] | None = None
+        """Set by the vehicle while a fault falsifies telemetry."""
+        self._sensors = sensors
+        self._frame = frame
+        self._has_position = has_position
+        self._rc_receiver = rc_receiver
+        self._links = links
+        self._keys = keys
+        self._out: list[tuple[int, bytes]] = []
+        self._boot_s = 0.0
+        self._next_input_s = 0.0
+        self._next_timesync_s = TIMESYNC_PERIOD_S
+        self._text_id = 0
+        self._origin = Origin(0, 0, 0) if has_position else None  # a DVL's driver sets it as it starts
+        self._demand: tuple[float, ...] | None = None
+        self._input_is_new = True
+        self._pilot_lost = True
+        self._pilot_seen_s: float | None = None
+        self._steered_s: float | None = None
+        self.leaking = False
+        """Whether a leak detector is wet."""
+        self.ekf_doubt: float | None = None
+        """The EKF's variance while it has no solution."""
+        self._leak = False
+        self._leak_said_s = -math.inf
+        self._gcs_lost = False
+        self._gcs_seen_s: float | None = None
+        self._gcs_warned_s = 0.0
+        self.pilot = Pilot(params, self._button, lambda text: self._say(INFO, text))
+        self.control = FlightControl(params)
+        self._handlers: dict[str, Callable[[int, Message], None]] = {
+            "HEARTBEAT": self._on_heartbeat,
+            "MANUAL_CONTROL": self._on_manual_control,
+            "RC_CHANNELS_OVERRIDE": self._on_override,
+            "COMMAND_LONG": self._on_command,
+            "COMMAND_INT": self._on_command,
+            "SET_MODE": self._on_set_mode,
+            "REQUEST_DATA_STREAM": self._on_request_data_stream,
+            "PARAM_REQUEST_READ": self._on_param_request_read,
+            "PARAM_REQUEST_LIST": self._on_param_request_list,
+            "PARAM_SET": self._on_param_set,
+            "TIMESYNC": self._on_timesync,
+            "SET_GPS_GLOBAL_ORIGIN": self._on_set_origin,
+            "MISSION_REQUEST_LIST": self._on_mission_request_list,
+            "SET_POSITION_TARGET_GLOBAL_INT": self._on_position_target,
+            "SETUP_SIGNING": self._on_setup_signing,
+        }
+
+    @property
+    def mode(self) -> int:
+        """The flight mode's number."""
+        return self.control.mode
+
+    @property
+    def system(self) -> int:
+        """Our MAVLink system id."""
+        return int(self.params["MAV_SYSID"]) & 0xFF
+
+    def receive(self, link: int, data: bytes) -> None:
+        """Take in bytes from a link. Garbage is skipped; messages for others are forwarded."""
+        for message in self._links[link].parser.parse_buffer(data) or ():
+            kind = message.get_type()
+            if kind == "BAD_DATA" or kind.startswith("UNKNOWN"):
+                continue
+            self._links[link].heard.add(message.get_srcSystem())
+            target = getattr(message, "target_system", getattr(message, "target", 0))
+            if target != self.system:
+                self._forward(link, target, message)
+            if (handler := self._handlers.get(kind)) and (
+                target in (0, self.system) or kind == "RC_CHANNELS_OVERRIDE"
+            ):
+                handler(link, message)
+
+    def update(self, boot_s: float, dt: float) -> list[int]:
+        """Input loop, failsafes and control of one step; returns the motors' PWM (µs)."""
+        self._boot_s = boot_s
+        if boot_s >= self._next_input_s - 1e-9:
+            self._next_input_s += INPUT_PERIOD_S
+            self.pilot.input_loop()
+            self._input_is_new = True
+            if self._rc_receiver:
+                self._hear_receiver()
+            self._check_pilot()
+            self._check_gcs()
+            self._check_leak()
+        if not self.armed:
+            self.motor_pwm, self._demand = self._idle, None
+            return self.motor_pwm
+        if self.mode == modes.SURFACE and self._estimate().depth_m < -self.params["SURFACE_DEPTH"] / 100.0:
+            self.set_mode(modes.ALT_HOLD)
+        if self.mode == modes.MANUAL and not self._input_is_new:
+            return self.motor_pwm
+        self._input_is_new = False
+        estimate = None if self.mode == modes.MANUAL else self._estimate()
+        demand = self.control.demand(self.pilot, estimate, boot_s, dt)
+        if demand != self._demand:
+            self._demand = demand
+            ways = [
+                -1.0 if self.params[f"MOT_{motor}_DIRECTION"] < 0 else 1.0
+                for motor in range(1, len(self._idle) + 1)
+            ]
+            self.motor_pwm = motor_pwm(mix(self._frame, demand), ways)
+        return self.motor_pwm
+
+    def telemetry(self) -> list[tuple[int, bytes]]:
+        """All that leaves after a step: answers first, then what the streams owe."""
+        snapshot: Snapshot | None = None
+        for number, link in self._links.items():
+            slowdown = TRANSFER_SLOWDOWN if link.parameters else 1.0
+            for message in link.streams.due(self._boot_s, slowdown):
+                snapshot = snapshot or self.snapshot()
+                for built in messages.build(message, snapshot):
+                    self._send(number, built)
+            for _ in range(min(PARAMETERS_PER_STEP, len(link.parameters))):
+                self._send(number, self._param_value(link.parameters.popleft()))
+        if self._boot_s >= self._next_timesync_s:
+            self._next_timesync_s += TIMESYNC_PERIOD_S
+            self._broadcast(mavlink.MAVLink_timesync_message(0, self._boot_ns()))
+        out, self._out = self._out, []
+        return out
+
+    def snapshot(self) -> Snapshot:
+        """Take down what telemetry would tell now."""
+        return Snapshot(
+            self._boot_s,
+            self.armed,
+            self.mode,
+            self._system_status(),
+            self.motor_pwm,
+            self.pilot.channels,
+            self.pilot.gain,
+            self.pilot.input_hold,
+            self.pilot.roll_pitch,
+            self._estimate(),
+            self._origin,
+            self._has_position,
+            self.voltage_v,
+            self.current_a,
+            self.consumed_mah,
+            self.capacity_mah,
+            self.state,
+            self.ekf_doubt,
+        )
+
+    def arm(self) -> int:
+        """Arm the motors; the MAV_RESULT."""
+        if self.armed:
+            return ACCEPTED
+        if self._boot_s < EARLIEST_ARMING_S:
+            self._say(CRITICAL, "Arm: System not initialised")
+            return FAILED
+        off_centre = self.pilot.off_centre()
+        if int(self.params["RC_OPTIONS"]) & RC_OPTION_ARM_CENTRED and off_centre is not None:
+            self._say(CRITICAL, f"Arm: {AXIS_NAMES[off_centre]} (RC{off_centre + 1}) is not neutral")
+            return FAILED
+        self._say(INFO, "Arming motors")
+        self.armed = self._input_is_new = True
+        self._sensors.rezero()
+        self.control.reset(self._estimate(), self._boot_s)
+        return ACCEPTED
+
+    def disarm(self) -> int:
+        """Stop the motors; never refused."""
+        if self.armed:
+            self._say(INFO, "Disarming motors")
+            self.armed = False
+        return ACCEPTED
+
+    def set_mode(self, number: int) -> int:
+        """Change the flight mode; the MAV_RESULT. The present mode again is a success that does nothing."""
+        if number == self.mode:
+            return ACCEPTED
+        if number not in MODES:
+            self._say(WARNING, f"Mode change failed: no such mode {number}")
+            return FAILED
+        if MODES[number].needs_position and not (self._has_position and self._origin):
+            self._say(WARNING, f"Mode change failed: {MODES[number].name} requires position")
+            return FAILED
+        if number == modes.AUTO:
+            self._say(WARNING, "Mode change failed: AUTO requires a mission")
+            return FAILED
+        self._neutralise()
+        self.control.enter(number, self._estimate(), self._boot_s)
+        self._broadcast(messages.heartbeat(self.snapshot()))
+        return ACCEPTED
+
+    def yaw_was_reset(self, turn_rad: float) -> None:
+        """Say so, and hold the same true heading and place."""
+        self._say(CRITICAL, "EKF3 IMU0 MAG0 in-flight yaw alignment complete")
+        self.control.yaw_was_reset(turn_rad)
+
+    def _neutralise(self) -> None:
+        self.pilot.neutralise()
+        self._input_is_new = True
+
+    # Failsafes
+
+    def _hear_receiver(self) -> None:
+        """Take a receiver as pilot input; its resting sticks rule once an override has expired."""
+        steered_s = self._steered_s
+        if steered_s is not None and self._boot_s > steered_s + self.params["RC_OVERRIDE_TIME"]:
+            self._steered_s = None
+            self._neutralise()
+        self._pilot_seen_s = self._boot_s
+
+    def _check_pilot(self) -> None:
+        action = self.params["FS_PILOT_INPUT"]
+        seen_s, timeout_s = self._pilot_seen_s, self.params["FS_PILOT_TIMEOUT"]
+        if action == 0 or (seen_s is not None and self._boot_s < seen_s + timeout_s):
+            self._pilot_lost = False
+        elif not self._pilot_lost:
+            self._pilot_lost = True
+            self._say(CRITICAL, "Lost manual control")
+            self._neutralise()
+            if action == 2:
+                self.disarm()
+
+    def _check_gcs(self) -> None:
+        action = self.params["FS_GCS_ENABLE"]
+        if action == 0 or self._gcs_seen_s is None:
+            return
+        if self._boot_s - self._gcs_seen_s < self.params["FS_GCS_TIMEOUT"]:
+            self._gcs_lost = False
+            return
+        if self._boot_s - self._gcs_warned_s > GCS_WARNING_PERIOD_S:
+            self._gcs_warned_s = self._boot_s
+            self._say(WARNING, f"MYGCS: {int(self.params['MAV_GCS_SYSID'])}, heartbeat lost")
+        if self._gcs_lost or not self.armed:
+            return
+        self._gcs_lost = True
+        wanted = {3: modes.ALT_HOLD, 4: modes.SURFACE}.get(int(action))
+        if action == 2 or (wanted is not None and self.set_mode(wanted) != ACCEPTED):
+            self.disarm()
+
+    def _check_leak(self) -> None:
+        """Say it every 20 s, act once: FS_LEAK_ENABLE 1 warns, 2 surfaces, and 0 looks at no detector."""
+        action = self.params["FS_LEAK_ENABLE"]
+        if not self.leaking or action == 0:
+            self._leak = False
+            return
+        if self._boot_s > self._leak_said_s + LEAK_WARNING_PERIOD_S:
+            self._leak_said_s = self._boot_s
+            self._say(CRITICAL, "Leak Detected")
+        known, self._leak = self._leak, True
+        if not known and action == 2 and self.armed:
+            self.set_mode(modes.SURFACE)
+
+    def _system_status(self) -> int:
+        if self._pilot_lost or self._gcs_lost or self._leak:
+            return FAILSAFE
+        return ACTIVE if self.armed else STANDBY
+
+    # Steering
+
+    def _steers(self, message: Message) -> bool:
+        """Whether the sender may steer; if so it is pilot input and the ground station's sign of life."""
+        if message.get_srcSystem() != int(self.params["MAV_GCS_SYSID"]):
+            return False
+        self._steered_s = self._pilot_seen_s = self._gcs_seen_s = self._boot_s
+        return True
+
+    def _on_heartbeat(self, _: int, message: Message) -> None:
+        if message.get_srcSystem() == int(self.params["MAV_GCS_SYSID"]):
+            self._gcs_seen_s = self._boot_s
+
+    def _on_manual_control(self, _: int, message: Message) -> None:
+        if message.target == self.system and self._steers(message):
+            self.pilot.manual_control(
+                message.x, message.y, message.z, message.r, message.buttons, message.s, message.t
+            )
+
+    def _on_override(self, _: int, message: Message) -> None:
+        if self._steers(message):
+            self.pilot.override([getattr(message, f"chan{channel}_raw") for channel in range(1, 19)])
+
+    def _on_position_target(self, _: int, message: Message) -> None:
+        """Frame 5, z only: moves the depth that ALT_HOLD keeps."""
+        ignores_all_but_z = message.type_mask & 0b111 == 0b011
+        if self.mode == modes.ALT_HOLD and message.coordinate_frame == 5 and ignores_all_but_z:
+            altitude_m = message.alt - (self._origin.alt_mm / 1000.0 if self._origin else 0.0)
+            if math.isfinite(altitude_m):
+                self.control.depth_target = max(0.0, min(1000.0, -altitude_m))
+
+    def _button(self, function: int) -> None:
+        if function == FN_ARM or (function == FN_ARM_TOGGLE and not self.armed):
+            self.arm()
+        elif function in (FN_DISARM, FN_ARM_TOGGLE):
+            self.disarm()
+        elif function in FN_MODES:
+            self.set_mode(FN_MODES[function])
+
+    # Commands
+
+    def _on_command(self, link: int, message: Message) -> None:
+        p = [getattr(message, f"param{n}") for n in range(1, 5)]
+        if not all(math.isfinite(value) for value in p):
+            result: int | None = DENIED
+        else:
+            result = self._obey(link, message.command, p)
+        if result is not None:
+            self._acknowledge(link, message, message.command, result)
+
+    def _acknowledge(self, link: int, message: Message, command: int, result: int) -> None:
+        self._send(
+            link,
+            mavlink.MAVLink_command_ack_message(
+                command, result, 0, 0, message.get_srcSystem(), message.get_srcComponent()
+            ),
+        )
+
+    def _obey(self, link: int, command: int, p: list[float]) -> int | None:
+        """Carry out a command; None if its answer is a message rather than an acknowledgement."""
+        streams = self._links[link].streams
+        if command == mavlink.MAV_CMD_COMPONENT_ARM_DISARM:
+            return self.arm() if p[0] == 1 else self.disarm() if p[0] == 0 else UNSUPPORTED
+        if command == mavlink.MAV_CMD_DO_SET_MODE:
+            return self.set_mode(int(p[1])) if int(p[0]) & 1 else DENIED
+        if command == mavlink.MAV_CMD_SET_MESSAGE_INTERVAL:
+            if int(p[0]) not in SUPPORTED:
+                self._say(INFO, f"No ap_message for mavlink id ({int(p[0])})")
+            return ACCEPTED if streams.set_interval(int(p[0]), p[1], self._boot_s) else DENIED
+        if command == mavlink.MAV_CMD_GET_MESSAGE_INTERVAL:
+            number = int(p[0]) & 0xFFFF
+            self._send(link, mavlink.MAVLink_message_interval_message(number, streams.interval_us(number)))
+            return ACCEPTED
+        if command == mavlink.MAV_CMD_REQUEST_MESSAGE:
+            return self._request(link, int(p[0]))
+        if command == mavlink.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES:
+            return self._request(link, mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
+        if command == mavlink.MAV_CMD_GET_HOME_POSITION:
+            return self._request(link, mavlink.MAVLINK_MSG_ID_HOME_POSITION)
+        if command == mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN:
+            if self.armed:
+                return FAILED
+            self.reboot_requested = p[0] == 1
+            return ACCEPTED if self.reboot_requested else UNSUPPORTED
+        if command == mavlink.MAV_CMD_PREFLIGHT_CALIBRATION:
+            return FAILED if self.armed else ACCEPTED
+        return UNSUPPORTED
+
+    def _request(self, link: int, number: int) -> int:
+        if number not in messages.BUILDERS:
+            return FAILED
+        built = messages.build(number, self.snapshot())
+        for message in built:
+            self._send(link, message)
+        return ACCEPTED if built else FAILED
+
+    def _on_set_mode(self, link: int, message: Message) -> None:
+        result = self.set_mode(message.custom_mode) if message.base_mode & 1 else DENIED
+        self._acknowledge(link, message, mavlink.MAVLINK_MSG_ID_SET_MODE, result)
+
+    def _on_request_data_stream(self, link: int, message: Message) -> None:
+        rate = float(message.req_message_rate) if message.start_stop else 0.0
+        self._links[link].streams.set_group(message.req_stream_id, rate, self._boot_s)
+
+    def _on_timesync(self, link: int, message: Message) -> None:
+        if message.tc1 == 0:
+            self._send(link, mavlink.MAVLink_timesync_message(self._boot_ns(), message.ts1))
+
+    def _on_set_origin(self, _: int, message: Message) -> None:
+        if self._origin is not None:
+            return
+        if self._estimate().depth_m > 0.2:
+            self._sensors.shift_relative(ORIGIN_SHIFT_M)
+        self._origin = Origin(message.latitude, message.longitude, message.altitude)
+        self._broadcast(mavlink.MAVLink_gps_global_origin_message(*self._origin, round(self._boot_s * 1e6)))
+
+    def _on_mission_request_list(self, link: int, message: Message) -> None:
+        kind = message.mission_type
+        self._send(
+            link,
+            mavlink.MAVLink_mission_count_message(
+                message.get_srcSystem(), message.get_srcComponent(), 1 if kind == 0 else 0, kind
+            ),
+        )
+
+    def _on_setup_signing(self, _: int, message: Message) -> None:
+        """Take a key from whoever may speak; all zero takes it away. The firmware never tells it on."""
+        self._keys.set_up(bytes(message.secret_key), message.initial_timestamp)
+        for number, link in self._links.items():
+            link.sign(self._keys, number)
+
+    # Parameters
+
+    def _on_param_request_read(self, link: int, message: Message) -> None:
+        if message.param_index < 0:
+            name = _text(message.param_id)
+        elif message.param_index < len(self.params.names):
+            name = self.params.names[message.param_index]
+        else:
+            return
+        if name in self.params:
+            self._send(link, self._param_value(name))
+
+    def _on_param_request_list(self, link: int, _: Message) -> None:
+        self._links[link].parameters = deque(self.params.names)
+
+    def _on_param_set(self, _: int, message: Message) -> None:
+        name = _text(message.param_id)
+        if name in self.params:
+            self.params.set(name, message.param_value)
+            self._demand, self._input_is_new = None, True
+            self._broadcast(self._param_value(name))
+
+    def _param_value(self, name: str) -> Message:
+        return mavlink.MAVLink_param_value_message(
+            name.encode(),
+            self.params[name],
+            DEFAULTS[name].type,
+            len(self.params.names),
+            self.params.names.index(name),
+        )
+
+    # Sending
+
+    def _say(self, severity: int, text: str) -> None:
+        self._text_id += 1
+        for message in messages.statustexts(severity, text, self._text_id):
+            self._broadcast(message)
+
+    def _broadcast(self, message: Message) -> None:
+        for number in self._links:
+            self._send(number, message)
+
+    def _send(self, link: int, message: Message) -> None:
+        altered = self.alter(message) if self.alter else message
+        if altered is not None:
+            self._out.append((link, self._links[link].pack(altered, self.system)))
+
+    def _forward(self, source: int, target: int, message: Message) -> None:
+        """To other links: broadcasts to all that have been heard, others to where their target was heard."""
+        for number, link in self._links.items():
+            if number != source and (link.heard if target == 0 else target in link.heard):
+                self._out.append((number, bytes(message.get_msgbuf())))
+
+    def _estimate(self) -> Any:
+        return self._sensors.estimate(max(0.1, self.params["BARO_SPEC_GRAV"]))
+
+    def _boot_ns(self) -> int:
+        return round(self._boot_s * 1e9)
+
+
+def _text(raw: str | bytes) -> str:
+    return raw.decode(errors="replace") if isinstance(raw, bytes) else raw

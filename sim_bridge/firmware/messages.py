@@ -1,0 +1,366 @@
+"""From a snapshot of the vehicle to MAVLink telemetry, with ArduSub's units, signs and gaps."""
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple, TypeAlias
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from sim_bridge.firmware.modes import GUIDED_FLAG_MODES
+from sim_bridge.physics.plant import GRAVITY, euler, rotation
+from sim_bridge.physics.sensors import SURFACE_PRESSURE_HPA, Estimate
+
+Message: TypeAlias = Any
+"""A pymavlink message object; the dialect carries no types that mypy --strict accepts."""
+
+AUTOPILOT_CAPABILITIES = 0xF9E7
+FLIGHT_VERSION_4_7_DEV = 0x04070000
+UTC_AT_BOOT_S = 1_760_000_000
+M_PER_DEGREE = 111_319.5
+WATER_CENTIDEGREES = 1500
+EKF_WITHOUT_POSITION = 1 | 4 | 32 | 128
+EKF_WITH_POSITION = 1 | 2 | 4 | 8 | 16 | 32 | 256 | 512
+EKF_UNINITIALIZED = 1024
+SENSORS = 0x0120_802F
+LIGHTS_PWM, CAMERA_PWM = 1100, 1500
+
+
+class Origin(NamedTuple):
+    """The EKF's origin: degrees·1e7 and mm above the sea."""
+
+    lat: int
+    lon: int
+    alt_mm: int
+
+
+class Snapshot(NamedTuple):
+    """All that telemetry tells, at one moment."""
+
+    boot_s: float
+    armed: bool
+    mode: int
+    system_status: int
+    motor_pwm: Sequence[int]
+    channels: Sequence[int]
+    gain: float
+    input_hold: bool
+    roll_pitch: bool
+    estimate: Estimate
+    origin: Origin | None
+    has_position: bool
+    voltage_v: float
+    current_a: float
+    consumed_mah: float
+    capacity_mah: float
+    state: tuple[float, ...]
+    """The plant's 13 components: for SIM_STATE alone."""
+    ekf_doubt: float | None
+    """The EKF's variance where it has no solution."""
+
+    @property
+    def boot_ms(self) -> int:
+        """Milliseconds since boot, as uint32."""
+        return round(self.boot_s * 1000) & 0xFFFFFFFF
+
+    @property
+    def boot_us(self) -> int:
+        """Microseconds since boot."""
+        return round(self.boot_s * 1e6)
+
+
+def heartbeat(boot: Snapshot) -> Message:
+    """base_mode 81 disarmed, 209 armed, +8 in the guided modes."""
+    base = 81 | (128 if boot.armed else 0) | (8 if boot.mode in GUIDED_FLAG_MODES else 0)
+    return mavlink.MAVLink_heartbeat_message(
+        mavlink.MAV_TYPE_SUBMARINE,
+        mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA,
+        base,
+        boot.mode,
+        boot.system_status,
+        3,
+    )
+
+
+def _attitude(s: Snapshot) -> Message:
+    e = s.estimate
+    return mavlink.MAVLink_attitude_message(
+        s.boot_ms, e.roll, e.pitch, e.yaw, e.rollspeed, e.pitchspeed, e.yawspeed
+    )
+
+
+def _ahrs2(s: Snapshot) -> Message:
+    e = s.estimate
+    lat, lon = _place(s)
+    return mavlink.MAVLink_ahrs2_message(e.roll, e.pitch, e.yaw, round(e.raw_altitude_m, 2), lat, lon)
+
+
+def _vfr_hud(s: Snapshot) -> Message:
+    e = s.estimate
+    speed = math.hypot(e.position[2], e.position[3])
+    throttle = round(abs(s.channels[2] - 1500) / 4.0) if s.armed else 0
+    return mavlink.MAVLink_vfr_hud_message(
+        speed, speed, _heading_cdeg(e.yaw) // 100, min(100, throttle), _absolute_m(s), e.climb_m_s
+    )
+
+
+def _global_position_int(s: Snapshot) -> Message:
+    e = s.estimate
+    lat, lon = _place(s)
+    return mavlink.MAVLink_global_position_int_message(
+        s.boot_ms,
+        lat,
+        lon,
+        int32(_absolute_m(s) * 1000),
+        int32(-e.depth_m * 1000),
+        int16(e.position[2] * 100),
+        int16(e.position[3] * 100),
+        int16(-e.climb_m_s * 100),
+        _heading_cdeg(e.yaw),
+    )
+
+
+def _local_position_ned(s: Snapshot) -> Message:
+    if not s.has_position or s.origin is None:
+        return None
+    x, y, vx, vy = s.estimate.position
+    return mavlink.MAVLink_local_position_ned_message(
+        s.boot_ms, x, y, -s.estimate.altitude_m, vx, vy, -s.estimate.climb_m_s
+    )
+
+
+def _servo_output_raw(s: Snapshot) -> list[Message]:
+    motors = [*s.motor_pwm, *[0] * (8 - len(s.motor_pwm))]
+    return [
+        mavlink.MAVLink_servo_output_raw_message(
+            s.boot_us & 0xFFFFFFFF, 0, *motors, s.channels[8], s.channels[7], 0, 0, 0, 0, 0, 0
+        ),
+        mavlink.MAVLink_servo_output_raw_message(s.boot_us & 0xFFFFFFFF, 1, *[0] * 16),
+    ]
+
+
+def _rc_channels(s: Snapshot) -> Message:
+    return mavlink.MAVLink_rc_channels_message(s.boot_ms, 16, *s.channels[:16], 0, 0, 0)
+
+
+def _raw_imu(s: Snapshot) -> Message:
+    e = s.estimate
+    accel = (int16(a / GRAVITY * 1000) for a in e.accel)
+    gyro = (int16(rate * 1000) for rate in (e.rollspeed, e.pitchspeed, e.yawspeed))
+    c, sn = math.cos(e.yaw), math.sin(e.yaw)
+    return mavlink.MAVLink_raw_imu_message(
+        s.boot_us, *accel, *gyro, round(200 * c), round(-200 * sn), 430, 0, WATER_CENTIDEGREES
+    )
+
+
+def _scaled_pressure(s: Snapshot) -> Message:
+    """Tell the hull's own barometer, which sees no water."""
+    return mavlink.MAVLink_scaled_pressure_message(s.boot_ms, SURFACE_PRESSURE_HPA, 0.0, 2500)
+
+
+def _scaled_pressure2(s: Snapshot) -> Message:
+    """Tell the depth sensor, as a BlueROV2 has it."""
+    return mavlink.MAVLink_scaled_pressure2_message(
+        s.boot_ms, s.estimate.pressure_hpa, 0.0, WATER_CENTIDEGREES
+    )
+
+
+def _sys_status(s: Snapshot) -> Message:
+    return mavlink.MAVLink_sys_status_message(
+        SENSORS,
+        SENSORS,
+        SENSORS,
+        250,
+        _uint16(s.voltage_v * 1000),
+        int16(s.current_a * 100),
+        _remaining(s),
+        0,
+        0,
+        0,
+        0,
+        0,
+        0,
+    )
+
+
+def _battery_status(s: Snapshot) -> Message:
+    return mavlink.MAVLink_battery_status_message(
+        0,
+        0,
+        0,
+        32767,
+        [_uint16(s.voltage_v * 1000), *[65535] * 9],
+        int16(s.current_a * 100),
+        int32(s.consumed_mah),
+        -1,
+        _remaining(s),
+    )
+
+
+def _system_time(s: Snapshot) -> Message:
+    return mavlink.MAVLink_system_time_message(UTC_AT_BOOT_S * 1_000_000 + s.boot_us, s.boot_ms)
+
+
+def _ekf_status_report(s: Snapshot) -> Message:
+    if s.ekf_doubt is not None:
+        doubt = s.ekf_doubt
+        return mavlink.MAVLink_ekf_status_report_message(
+            EKF_UNINITIALIZED, doubt, doubt, doubt, doubt, 0.0, 0.0
+        )
+    flags = EKF_WITH_POSITION if s.has_position else EKF_WITHOUT_POSITION
+    return mavlink.MAVLink_ekf_status_report_message(flags, 0.05, 0.0, 0.02, 0.03, 0.0, 0.0)
+
+
+def _named_value_floats(s: Snapshot) -> list[Message]:
+    values = (
+        (b"CamTilt", 1.0 - (s.channels[7] - 1100) / 800),
+        (b"CamPan", 1.0 - (s.channels[6] - 1100) / 800),
+        (b"TetherTrn", 0.0),
+        (b"Lights1", (s.channels[8] - 1100) / 800),
+        (b"Lights2", (s.channels[9] - 1100) / 800),
+        (b"PilotGain", s.gain),
+        (b"InputHold", float(s.input_hold)),
+        (b"RollPitch", float(s.roll_pitch)),
+        (b"RFTarget", 0.0),
+    )
+    return [mavlink.MAVLink_named_value_float_message(s.boot_ms, name, value) for name, value in values]
+
+
+def _sim_state(s: Snapshot) -> Message:
+    roll, pitch, yaw = euler(s.state)
+    r = rotation(s.state)
+    u, v, w, p, q, rate = s.state[7:]
+    velocity = (
+        r[0] * u + r[1] * v + r[2] * w,
+        r[3] * u + r[4] * v + r[5] * w,
+        r[6] * u + r[7] * v + r[8] * w,
+    )
+    origin = s.origin or Origin(0, 0, 0)
+    lat = origin.lat / 1e7 + s.state[0] / M_PER_DEGREE
+    lon = origin.lon / 1e7 + s.state[1] / M_PER_DEGREE
+    ax, ay, az = s.estimate.accel
+    return mavlink.MAVLink_sim_state_message(
+        *s.state[3:7],
+        roll,
+        pitch,
+        yaw,
+        ax,
+        ay,
+        az,
+        p,
+        q,
+        rate,
+        lat,
+        lon,
+        -s.state[2],
+        0.0,
+        0.0,
+        *velocity,
+        int32(lat * 1e7),
+        int32(lon * 1e7),
+    )
+
+
+def _autopilot_version(_: Snapshot) -> Message:
+    none = [0] * 8
+    return mavlink.MAVLink_autopilot_version_message(
+        AUTOPILOT_CAPABILITIES, FLIGHT_VERSION_4_7_DEV, 0, 0, 0, none, none, none, 0, 0, 1
+    )
+
+
+def _home_position(s: Snapshot) -> Message:
+    if s.origin is None:
+        return None
+    lat, lon, alt = s.origin
+    return mavlink.MAVLink_home_position_message(lat, lon, alt, 0, 0, 0, [1, 0, 0, 0], 0, 0, 0, s.boot_us)
+
+
+def _gps_global_origin(s: Snapshot) -> Message:
+    if s.origin is None:
+        return None
+    return mavlink.MAVLink_gps_global_origin_message(*s.origin, s.boot_us)
+
+
+BUILDERS: dict[int, Callable[[Snapshot], Message]] = {
+    mavlink.MAVLINK_MSG_ID_HEARTBEAT: heartbeat,
+    mavlink.MAVLINK_MSG_ID_ATTITUDE: _attitude,
+    mavlink.MAVLINK_MSG_ID_AHRS2: _ahrs2,
+    mavlink.MAVLINK_MSG_ID_VFR_HUD: _vfr_hud,
+    mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: _global_position_int,
+    mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED: _local_position_ned,
+    mavlink.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW: _servo_output_raw,
+    mavlink.MAVLINK_MSG_ID_RC_CHANNELS: _rc_channels,
+    mavlink.MAVLINK_MSG_ID_RAW_IMU: _raw_imu,
+    mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE: _scaled_pressure,
+    mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE2: _scaled_pressure2,
+    mavlink.MAVLINK_MSG_ID_SYS_STATUS: _sys_status,
+    mavlink.MAVLINK_MSG_ID_BATTERY_STATUS: _battery_status,
+    mavlink.MAVLINK_MSG_ID_SYSTEM_TIME: _system_time,
+    mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT: _ekf_status_report,
+    mavlink.MAVLINK_MSG_ID_NAMED_VALUE_FLOAT: _named_value_floats,
+    mavlink.MAVLINK_MSG_ID_SIM_STATE: _sim_state,
+    mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION: _autopilot_version,
+    mavlink.MAVLINK_MSG_ID_HOME_POSITION: _home_position,
+    mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: _gps_global_origin,
+}
+
+
+def build(message: int, snapshot: Snapshot) -> list[Message]:
+    """Messages of one id, in the order they are sent; empty if there is nothing to tell, such as no position.
+
+    Raises:
+        KeyError: the id is not one of ours.
+
+    """
+    built = BUILDERS[message](snapshot)
+    if built is None:
+        return []
+    return built if isinstance(built, list) else [built]
+
+
+def statustexts(severity: int, text: str, identity: int) -> list[Message]:
+    """Build a STATUSTEXT, in 50-byte chunks that share a non-zero id when it is longer."""
+    raw = text.encode()
+    if len(raw) <= 50:
+        return [mavlink.MAVLink_statustext_message(severity, raw, 0, 0)]
+    chunks = [raw[start : start + 50] for start in range(0, len(raw), 50)]
+    return [
+        mavlink.MAVLink_statustext_message(severity, chunk, identity, n) for n, chunk in enumerate(chunks)
+    ]
+
+
+def int16(value: float) -> int:
+    """Round and clamp."""
+    return round(max(-32768.0, min(32767.0, value)))
+
+
+def int32(value: float) -> int:
+    """Round and clamp."""
+    return round(max(-2147483648.0, min(2147483647.0, value)))
+
+
+def _uint16(value: float) -> int:
+    return round(max(0.0, min(65535.0, value)))
+
+
+def _heading_cdeg(yaw: float) -> int:
+    return round(math.degrees(yaw) * 100) % 36000
+
+
+def _remaining(s: Snapshot) -> int:
+    return round(max(0.0, 100.0 * (1.0 - s.consumed_mah / s.capacity_mah)))
+
+
+def _absolute_m(s: Snapshot) -> float:
+    """Altitude above the sea: exactly 0 until the EKF has an origin."""
+    return 0.0 if s.origin is None else s.origin.alt_mm / 1000.0 + s.estimate.altitude_m
+
+
+def _place(s: Snapshot) -> tuple[int, int]:
+    if s.origin is None:
+        return 0, 0
+    x, y = s.estimate.position[:2]
+    shrink = max(0.01, math.cos(math.radians(s.origin.lat / 1e7)))
+    return (
+        int32(s.origin.lat + x / M_PER_DEGREE * 1e7),
+        int32(s.origin.lon + y / (M_PER_DEGREE * shrink) * 1e7),
+    )
