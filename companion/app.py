@@ -26,7 +26,7 @@ import msgspec
 
 from companion.config import Config
 from companion.engine import Engine
-from companion.io.command_queue import Desk, Handed
+from companion.io.command_queue import CommandQueue, Handed
 from companion.io.endpoint import Endpoint
 from companion.io.links import Admission, Link
 from companion.io.zenoh_publisher import NameTakenError, Publisher
@@ -35,7 +35,7 @@ from companion.mavlink.relay import Relay
 from companion.mavlink.signing import Signing, read_key
 from companion.mavlink.timestamps import TimestampFile, timestamp_path
 from companion.records import PSI, ControlSample, LoopHealth, Request, Setpoint, Z
-from companion.telemetry.event_log import Chronicle
+from companion.telemetry.event_log import EventLog
 from companion.telemetry.schemas import Raw, Start
 
 FAREWELLS = 5
@@ -104,8 +104,8 @@ class App:
         self._links = [link for link in (self._link, self._ground) if link is not None]
         self._peer_changes = 0
         telemetry = config.telemetry
-        self._desk = Desk(config, setpoint.eta_d)
-        self._chronicle = Chronicle()
+        self._desk = CommandQueue(config, setpoint.eta_d)
+        self._chronicle = EventLog()
         self._publisher = Publisher(
             config.vehicle.name, telemetry.endpoint, telemetry.mode, on_order=self._desk.take
         )
@@ -149,8 +149,8 @@ class App:
             loop.remove_reader(ticker.fd)
             ticker.close()
             for _ in range(FAREWELLS):
-                if farewell := self._engine.farewell():
-                    self._link.send(farewell)
+                if shutdown_frames := self._engine.shutdown_frames():
+                    self._link.send(shutdown_frames)
                 await asyncio.sleep(self._period_ns / NS_PER_S)
             for task in running:
                 task.cancel()

@@ -104,7 +104,7 @@ def refuse_fast_gains(config: Config, delay_s: float | None = None, old: Config 
 
 def _times_s(config: Config, delay_s: float) -> dict[str, Array]:
     """Return for each axis (4,) the times that have to exceed what is late, by what they are."""
-    lam, kappa, learning = gains(config).softened(delay_s)
+    lam, kappa, learning = gains(config).scheduled(delay_s)
     strength = {"network": 0.25 * config.network.units, "regressor": 1.0, "integrator": 1.0}
     learners = np.array(
         [sum(strength.get(name, 0.0) for name in a.compensator.split("+")) for a in config.axes]

@@ -168,8 +168,8 @@ class Supervisor(Section, frozen=True):
     max_error_deg: ranges.AngleDeg
     off_track_s: ranges.Patience
     max_delay_s: ranges.BorneDelay
-    max_surprise_m: ranges.Distance
-    max_surprise_deg: ranges.AngleDeg
+    max_innovation_m: ranges.Distance
+    max_innovation_deg: ranges.AngleDeg
     keep_alt_hold_s: ranges.Hour
     max_tilt_deg: ranges.TiltDeg
 

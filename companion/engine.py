@@ -23,7 +23,7 @@ from companion.control.tilt import (
     share,
 )
 from companion.estimation.estimator import Estimator
-from companion.guidance.pilot import NOTHING, Pilot, Wish
+from companion.guidance.pilot import NOTHING, Pilot, PilotDemand
 from companion.mavlink.ardusub import Mode
 from companion.mavlink.autopilot import Autopilot
 from companion.mavlink.relay import pilot_events
@@ -57,7 +57,7 @@ from companion.supervision.conditions import Observation, assess
 from companion.supervision.handover import AT_SURFACE_M, KEEP_ALIVE_S, HandOver
 from companion.supervision.monitor import FAILSAFE, Watch
 from companion.supervision.steering_mode import STEERING_MODES, ModeKeeper
-from companion.supervision.supervisor import FAULT_CAUSES, UNFIT, Envelope, Supervisor, guard
+from companion.supervision.supervisor import BLOCKING, FAULT_CAUSES, Envelope, Supervisor, guard
 
 NEUTRAL_BURST_S = 0.5
 """Neutral frames go out this long after steering, ours or that of a companion that died; then silence, so
@@ -70,7 +70,7 @@ LETS_GO = (State.RAMP_DOWN, State.HAND_OVER)
 
 
 class Engine:
-    """The controller without its process: `step` once a tick, `farewell` on every way out."""
+    """The controller without its process: `step` once a tick, `shutdown_frames` on every way out."""
 
     def __init__(
         self, config: Config, setpoint: Setpoint, *, arm: bool = False, signing: Signing | None = None
@@ -87,7 +87,7 @@ class Engine:
         self._supervisor = Supervisor(config.supervisor.ramp_down_s, config.supervisor.ramp_up_s)
         self._watch = Watch()
         self._survey = Survey()
-        self._unfit = ""
+        self._preflight_failure = ""
         self._checked_s = -math.inf
         self._about = ""
         self._hand_over = HandOver()
@@ -210,14 +210,14 @@ class Engine:
             texts=(*self._introduced(now_s), *(event for event in events if isinstance(event, StatusText))),
         )
 
-    def farewell(self) -> bytes:
+    def shutdown_frames(self) -> bytes:
         """Return what every way out sends, whatever state the rest is in; nothing where nothing is ours.
 
         Neutral while the vehicle follows our frames, and the mode of before where we changed it. Frames of
         one who does not steer would count as a pilot, and the silence after them as his loss: FS_PILOT_INPUT
         would then disarm somebody else's vehicle.
         """
-        mode = self._modes.parting()
+        mode = self._modes.restore_mode()
         neutral = self._autopilot.neutral() if self.steering else b""
         return neutral + (self._autopilot.set_mode(mode) if mode is not None else b"")
 
@@ -262,7 +262,7 @@ class Engine:
             controller = assembly.controller(config, model)
             self._estimator.retune(config, model)
             self._thrusters = assembly.thrusters(config)
-            controller.take_over(self._controller)
+            controller.transfer_from(self._controller)
             self._controller = controller
         limits = config.supervisor
         self._supervisor.ramp_up_s, self._supervisor.ramp_down_s = limits.ramp_up_s, limits.ramp_down_s
@@ -272,7 +272,7 @@ class Engine:
         if changed:
             self._watch.config_changed()
 
-    def _pressed(self, wish: Wish, requests: Sequence[Request], now_s: float) -> list[Request]:
+    def _pressed(self, wish: PilotDemand, requests: Sequence[Request], now_s: float) -> list[Request]:
         """Return what the pilot's buttons ask for, beside `requests`.
 
         To engage clears a fault first, but not while its cause holds.
@@ -319,7 +319,7 @@ class Engine:
         self._survey.take(events)
         if state.t_s - self._checked_s >= CHECK_S:
             self._checked_s = state.t_s
-            self._unfit = refusals(self.checked(state), holding=steered)
+            self._preflight_failure = refusals(self.checked(state), holding=steered)
         watched = self._watch.step(
             dt_s,
             events,
@@ -337,7 +337,7 @@ class Engine:
             mode_right=right,
             parameters=self._autopilot.parameters,
             watched=watched,
-            unfit=self._unfit,
+            preflight_failure=self._preflight_failure,
             holds_position=bool(self._engaged[0]),
             finite=self._finite,
             late_s=dt_s - self._tick_s,
@@ -348,7 +348,7 @@ class Engine:
             engage=self._engage_asked,
             clear=Request.CLEAR_FAULT in requests,
         )
-        self.verdict = self._supervisor.step(conditions | assess(seen, limits), dt_s, self._unfit)
+        self.verdict = self._supervisor.step(conditions | assess(seen, limits), dt_s, self._preflight_failure)
         now = self.verdict.state
         surfaces = Condition.FAILSAFE_SURFACES in self.verdict.conditions
         if now is State.HAND_OVER and (not handing_over or surfaces):
@@ -462,7 +462,7 @@ class Engine:
         axes = (command.surge, command.sway, command.heave, command.yaw, command.roll, command.pitch)
         return np.array(axes[: self._thrusters.axes])
 
-    def _heed(self, wish: Wish, taken: Flags, J: Array, dt_s: float) -> None:
+    def _heed(self, wish: PilotDemand, taken: Flags, J: Array, dt_s: float) -> None:
         """Let go of the DOFs that the pilot takes back, and move the setpoint as the sticks say."""
         if wish is NOTHING:
             return
@@ -501,7 +501,7 @@ class Engine:
 
     def _asks_arming(self, verdict: Verdict) -> bool:
         """Tell whether to ask for arming: once nothing else is missing for engaging."""
-        return self._arm and self._engage_asked and not verdict.conditions & UNFIT & ~Condition.DISARMED
+        return self._arm and self._engage_asked and not verdict.conditions & BLOCKING & ~Condition.DISARMED
 
     def _reference_now(self, ahead: Array, state: VehicleState) -> Array:
         """Return the reference for this moment, which was computed when it lay ahead."""

@@ -24,11 +24,11 @@ from companion.records import Condition, State
 from companion.supervision.conditions import CONDITIONS
 from companion.supervision.handover import KEEP_ALIVE_S, REFUSED_S, SETTLE_S
 from companion.supervision.supervisor import (
+    BLOCKING,
     FAULT_CAUSES,
     FREEZES,
     NOTHING,
     TRANSITIONS,
-    UNFIT,
     WARNS,
     transition,
 )
@@ -149,7 +149,7 @@ def _cell(state: State, condition: Condition) -> str:
         return "·"
     if row is not None:
         return str(row.to)
-    if state is State.IDLE and condition & UNFIT:
+    if state is State.IDLE and condition & BLOCKING:
         return "waits"
     if state is State.ACTIVE and condition & WARNS:
         return "warns, freezes learning" if condition & FREEZES else "warns"

@@ -1,7 +1,7 @@
 """What a compensator is: it estimates the disturbance d̂ that the law then cancels.
 
 One file each: `integrator.py`, `regressor.py`, `network.py`; the extended-state observer's d comes with the
-vehicle's state and needs no file. All follow the same conventions of learning, which `felt_error` holds:
+vehicle's state and needs no file. All follow the same conventions of learning, which `dead_zone_error` holds:
 leak, dead zone on ε, projection |d̂| ≤ d_max without pushing further outward, freeze where not allowed.
 """
 
@@ -38,7 +38,9 @@ class Compensator(Protocol):
         """Return d̂ for inputs `theta` (…, INPUTS), having learnt from `eps` where `adapt` allows it."""
 
 
-def felt_error(d_hat: Array, eps: Array, adapt: Flags, dead_zone: Array, d_max: Array) -> tuple[Flags, Array]:
+def dead_zone_error(
+    d_hat: Array, eps: Array, adapt: Flags, dead_zone: Array, d_max: Array
+) -> tuple[Flags, Array]:
     """Return where learning goes on, and the ε that is learnt from, zero elsewhere.
 
     Learning stops where the projection holds and ε would push d̂ further outward.

@@ -11,7 +11,7 @@ from companion.control.bounds import bounded
 from companion.control.compensator import Compensator, inputs
 from companion.control.frames import turned
 from companion.control.law import rov_law
-from companion.control.oscillation import DrawnBack, Oscillation
+from companion.control.oscillation import Oscillation, ScaledDisturbance
 from companion.control.positioning import Model, pose_error, to_body
 from companion.control.reference import ReferenceModel
 from companion.records import PSI, Array, DofSample, Flags, FrameShift, Setpoint, VehicleState
@@ -37,7 +37,9 @@ class Gains:
     start_delay_s: float
     delay_s: Array | float
 
-    def softened(self, delay_s: Array | float, gain_scale: Array | float = 1.0) -> tuple[Array, Array, Array]:
+    def scheduled(
+        self, delay_s: Array | float, gain_scale: Array | float = 1.0
+    ) -> tuple[Array, Array, Array]:
         """Return λ, κ and the share of its learning rate that a compensator keeps at a delay of `delay_s`.
 
         `gain_scale` is what `Oscillation` leaves of them.
@@ -70,14 +72,14 @@ class Controller:
         """What share of the demand becomes thrust: while it grows, nothing is learnt and nothing watched."""
         self._oscillation = oscillation
         self._engaged_s = 0.0
-        self._carried = np.zeros(4)
-        self._drawn_back = DrawnBack(np.zeros(4))
-        self._heirs = np.zeros(4, bool)
+        self._bumpless_bias = np.zeros(4)
+        self._scaled_disturbance = ScaledDisturbance(np.zeros(4))
+        self._inherited = np.zeros(4, bool)
         self._predecessor: Self | None = None
         self._d_hat = np.zeros(4)
         self._turned_d_hat: Array | None = None
 
-    def take_over(self, predecessor: Self) -> None:
+    def transfer_from(self, predecessor: Self) -> None:
         """Go on where `predecessor` is, without a step in thrust.
 
         Whoever learns goes on with what was learnt, or with the d̂ of whoever served before. What the new law
@@ -86,13 +88,13 @@ class Controller:
         self.reference.go_on(predecessor.reference)
         self._engaged_s = predecessor._engaged_s
         self._oscillation = predecessor._oscillation
-        self._drawn_back = predecessor._drawn_back
+        self._scaled_disturbance = predecessor._scaled_disturbance
         self._predecessor = predecessor
         for serves, compensator in self._compensators:
             for served, old in predecessor._compensators:
                 if type(old) is type(compensator):
                     compensator.inherit(old, serves & served)
-                    self._heirs = self._heirs | (serves & served)
+                    self._inherited = self._inherited | (serves & served)
 
     @property
     def gain_scale(self) -> Array:
@@ -106,8 +108,8 @@ class Controller:
             compensator.reset()
         self._oscillation.reset()
         self._engaged_s = 0.0
-        self._carried = np.zeros_like(self.reference.x_d)
-        self._drawn_back.mean = self._observed(state)
+        self._bumpless_bias = np.zeros_like(self.reference.x_d)
+        self._scaled_disturbance.mean = self._observed(state)
         self._predecessor = None
         self._turned_d_hat = None
 
@@ -120,7 +122,7 @@ class Controller:
         self.reference.shift(shift, vehicle)
         if shift.turn_rad:
             self._turned_d_hat = turned(shift, self._d_hat)
-            self._drawn_back.mean = turned(shift, self._drawn_back.mean)
+            self._scaled_disturbance.mean = turned(shift, self._scaled_disturbance.mean)
         if self._predecessor is not None:
             self._predecessor.shift(shift, vehicle)
 
@@ -146,7 +148,7 @@ class Controller:
         e = pose_error(state.eta_ahead, reference.x_d)
         e_dot = state.eta_dot_ahead - reference.x_d_dot
         nu = to_body(J, state.eta_dot_ahead - (1.0 - scale) * e_dot)
-        lam, kappa, keenness = gains.softened(state.delays.total_s, scale)
+        lam, kappa, learning_scale = gains.scheduled(state.delays.total_s, scale)
         eps = e_dot + lam * e
         theta = inputs(e, e_dot, state.eta_dot_ahead, reference.x_d_dot, reference.x_d_ddot)
         frozen = self.frozen or self.authority < 1.0
@@ -159,13 +161,13 @@ class Controller:
             self._predecessor = None
         for serves, compensator in self._compensators:
             if before is not None:
-                compensator.seed(theta, before.d_hat - d_hat, serves & ~self._heirs)
-            d_hat = d_hat + serves * compensator.step(theta, eps, keenness * dt_s, may_learn & serves)
+                compensator.seed(theta, before.d_hat - d_hat, serves & ~self._inherited)
+            d_hat = d_hat + serves * compensator.step(theta, eps, learning_scale * dt_s, may_learn & serves)
             adapting = adapting | compensator.learning_now
             weight_norm = weight_norm + serves * compensator.weight_norm
 
-        d_hat = self._drawn_back.step(d_hat, scale, dt_s)
-        carried = self._carried * math.exp(-dt_s / BLEND_S)
+        d_hat = self._scaled_disturbance.step(d_hat, scale, dt_s)
+        carried = self._bumpless_bias * math.exp(-dt_s / BLEND_S)
         if self._turned_d_hat is not None:
             carried[..., :PSI] = (self._turned_d_hat - d_hat)[..., :PSI]
             self._turned_d_hat = None
@@ -180,11 +182,11 @@ class Controller:
             kappa=kappa,
         )
         if before is not None:
-            self._carried = before.feedforward + before.feedback + before.d_hat - law.tau
+            self._bumpless_bias = before.feedforward + before.feedback + before.d_hat - law.tau
         else:
-            self._carried = carried
-        self._d_hat = d_hat + self._carried
-        tau = (law.tau + self._carried) * engaged
+            self._bumpless_bias = carried
+        self._d_hat = d_hat + self._bumpless_bias
+        tau = (law.tau + self._bumpless_bias) * engaged
         if self.authority >= 1.0:
             self._oscillation.step(tau, dt_s, state.delays.total_s)
         return DofSample(

@@ -12,7 +12,7 @@ from typing import Self
 import numpy as np
 
 from companion.control.bounds import bounded
-from companion.control.compensator import felt_error
+from companion.control.compensator import dead_zone_error
 from companion.records import Array, Flags
 
 
@@ -60,7 +60,7 @@ class Integrator:
         """
         del theta
         gains = self.integration
-        self.learning_now, felt = felt_error(self.d_hat, eps, adapt, gains.dead_zone, gains.d_max)
+        self.learning_now, felt = dead_zone_error(self.d_hat, eps, adapt, gains.dead_zone, gains.d_max)
         keep = 1.0 - dt_s * gains.leak * self.learning_now
         self.d_hat = bounded(keep * self.d_hat - dt_s * gains.k * felt, gains.d_max)
         return self.d_hat

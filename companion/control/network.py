@@ -14,7 +14,7 @@ from typing import Self
 import numpy as np
 
 from companion.control.bounds import bounded
-from companion.control.compensator import felt_error
+from companion.control.compensator import dead_zone_error
 from companion.records import Array, Flags
 
 SATURATED_SIGMOID = 40.0
@@ -77,7 +77,7 @@ class Network:
         gains = self.learning
         sigma = self._hidden(theta)
         raw = np.vecdot(self.W, sigma)
-        self.learning_now, felt = felt_error(raw, eps, adapt, gains.dead_zone, gains.d_max)
+        self.learning_now, felt = dead_zone_error(raw, eps, adapt, gains.dead_zone, gains.d_max)
         if self.learning_now.any():
             keep = (1.0 - dt_s * gains.leak * self.learning_now)[..., None]
             if self._deep:

@@ -75,7 +75,7 @@ class Oscillation:
         self.gain_scale = np.minimum(np.maximum(scale, LEAST), self._ceiling)
 
 
-class DrawnBack:
+class ScaledDisturbance:
     """A disturbance as it may become thrust: its mean of MEAN_S, and of what differs from that gain_scale².
 
     At full gains it is the disturbance itself. A constant one stays compensated whatever the scale: what is

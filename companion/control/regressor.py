@@ -10,7 +10,7 @@ from typing import Self
 import numpy as np
 
 from companion.control.bounds import bounded
-from companion.control.compensator import INPUTS, felt_error
+from companion.control.compensator import INPUTS, dead_zone_error
 from companion.control.network import Learning
 from companion.records import Array, Flags
 
@@ -43,7 +43,7 @@ class Regressor:
         gains = self.learning
         phi = _terms(theta)
         raw = np.vecdot(self.W, phi)
-        self.learning_now, felt = felt_error(raw, eps, adapt, gains.dead_zone, gains.d_max)
+        self.learning_now, felt = dead_zone_error(raw, eps, adapt, gains.dead_zone, gains.d_max)
         keep = (1.0 - dt_s * gains.leak * self.learning_now)[..., None]
         self.W = keep * self.W - (dt_s * gains.eta * felt)[..., None] * phi
         return bounded(np.vecdot(self.W, phi), gains.d_max)

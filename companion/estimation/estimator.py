@@ -16,7 +16,7 @@ from companion.config import Supervisor as Limits
 from companion.control.allocation import T200_VOLTAGE_V, Thrusters
 from companion.control.bounds import wrap
 from companion.control.frames import joined, shifted, turned
-from companion.control.oscillation import DrawnBack
+from companion.control.oscillation import ScaledDisturbance
 from companion.control.positioning import Model, jacobian, to_body
 from companion.estimation.delay import DelayMeter
 from companion.estimation.hidden_delay import HiddenDelay
@@ -51,7 +51,7 @@ from companion.records import (
 PREDICTION_STEP_S = 0.035
 SHORTEST_S = 1e-9
 
-RESET_SURPRISE = np.array([1.0, 1.0, 0.0, 1.0])
+RESET_INNOVATION = np.array([1.0, 1.0, 0.0, 1.0])
 """m, rad: so much of a reset counts as innovation. One is no surprise; one with every sample is."""
 
 LATER_S = {"pressure": 0.053, "ahrs2": 0.048}
@@ -66,10 +66,10 @@ JUMP_BELIEVED_S = 2.0
 MIN_VOLTAGE_V, MAX_VOLTAGE_V = 10.0, 20.0
 MIN_COS_PITCH = 0.1
 HISTORY = 128
-EACH = np.arange(4)
+DOF_INDEX = np.arange(4)
 FULL = np.ones(4)
 LONG_AGO_S = -1e6
-BROUGHT_S = (0.06, 0.06, 0.045, 0.03)
+MAX_EXTRAPOLATION_S = (0.06, 0.06, 0.045, 0.03)
 """How far, s, samples of each DOF are brought to the observer's moment by its own rates. Further, its error
 would feed itself: with the shipped noises it grows from 0.06 s on, in yaw from 0.035 s."""
 QUIET_N = 1.0
@@ -102,7 +102,7 @@ class CommandHistory:
         window = slice(self._next, self._next + HISTORY)
         at = np.maximum(np.searchsorted(self._t_s[window], t_s, side="right") - 1, 0)
         since_s = t_s - self._t_s[window][at]
-        impulse = self._impulse[window][at, EACH] + self._tau[window][at, EACH] * since_s
+        impulse = self._impulse[window][at, DOF_INDEX] + self._tau[window][at, DOF_INDEX] * since_s
         spans_s = t_s[1:] - t_s[:-1]
         mean: Array = (impulse[1:] - impulse[:-1]) / np.where(spans_s > 0.0, spans_s, np.inf)
         return mean
@@ -187,7 +187,7 @@ class Estimator:
         self._new: list[Measurement] = []
         self._observer.x = np.zeros((4, 6))
         self._hidden.restart(0.0)
-        self._drawn_back = DrawnBack(np.zeros(4))
+        self._scaled_disturbance = ScaledDisturbance(np.zeros(4))
         self._eta = np.zeros(4)
         self._refusing = False
         self._yaw_resets, self._x_resets, self._y_resets = yaw_resets(), position_resets(), position_resets()
@@ -227,7 +227,7 @@ class Estimator:
         edges_s = np.concatenate((from_s[None], observed_s + step_s * np.arange(steps + 1)[:, None]))
         u = self._commands.mean_tau(edges_s - delays.command_s)
         self._observe(u[0], m, c, from_s, observed_s)
-        d_hat = self._drawn_back.step(observer.disturbance, gain_scale, self._tick_s)
+        d_hat = self._scaled_disturbance.step(observer.disturbance, gain_scale, self._tick_s)
         way = observer.predict(u[1:], m, c, step_s, d_hat)
         eta, eta_dot = _along(way, (now_s - observed_s) / np.maximum(step_s, SHORTEST_S))
         eta_ahead, eta_dot_ahead, _ = way[-1]
@@ -266,7 +266,7 @@ class Estimator:
                 position_reset_s=now_s - self._position_reset_t_s,
             ),
             delays=delays,
-            innovation=self._innovation[:, 0] + np.minimum(self._reset_by, RESET_SURPRISE),
+            innovation=self._innovation[:, 0] + np.minimum(self._reset_by, RESET_INNOVATION),
             depth_refused=self._depth_refused,
             clock_doubt_s=self._meter.doubt_s(now_s),
             frame_shift=self._frame_shift,
@@ -305,7 +305,7 @@ class Estimator:
             rates, moments_s = observer.rates(m, c).tolist(), to_s.tolist()
             innovation = [[0.0, 0.0] for _ in DOFS]
             for dof, kind, value, at_s in self._new:
-                later_s = min(max(moments_s[dof] - at_s, -BROUGHT_S[dof]), BROUGHT_S[dof])
+                later_s = min(max(moments_s[dof] - at_s, -MAX_EXTRAPOLATION_S[dof]), MAX_EXTRAPOLATION_S[dof])
                 now = value + rates[dof][kind] * later_s
                 missed = now - expected[dof][kind]
                 if dof == Z and not kind and abs(missed) > ZERO_MOVED_M and not self._heartbeat.armed:
@@ -354,7 +354,7 @@ class Estimator:
         place = observer.x[:, 0]
         observer.x = turned(shift, observer.x.T).T
         observer.x[:, 0] = shifted(shift, place)
-        self._drawn_back.mean = turned(shift, self._drawn_back.mean)
+        self._scaled_disturbance.mean = turned(shift, self._scaled_disturbance.mean)
         self._eta = shifted(shift, self._eta)
         self._commands.turn(shift)
         self._new = [one for one in self._new if one.dof == Z]

@@ -22,7 +22,7 @@ STALE_S = 0.5
 
 
 @dataclass(frozen=True, slots=True)
-class Wish:
+class PilotDemand:
     """What the pilot wants this tick, by axis (4,): surge, sway, heave, yaw.
 
     `sticks` is what to pass on, None if none came of late. `nu` and `nu_dot` are how the setpoint is to move
@@ -39,7 +39,7 @@ class Wish:
     release: bool = False
 
 
-NOTHING = Wish(None, nu=np.zeros(4), nu_dot=np.zeros(4), taken=np.zeros(4, bool), all=False)
+NOTHING = PilotDemand(None, nu=np.zeros(4), nu_dot=np.zeros(4), taken=np.zeros(4, bool), all=False)
 
 
 class Pilot:
@@ -66,7 +66,9 @@ class Pilot:
         self._max_rate = assembly.each(config, "max_rate")
         self._max_acceleration = assembly.each(config, "max_acceleration")
 
-    def step(self, now_s: float, dt_s: float, events: Sequence[Event], held: Flags, depth_m: float) -> Wish:
+    def step(
+        self, now_s: float, dt_s: float, events: Sequence[Event], held: Flags, depth_m: float
+    ) -> PilotDemand:
         """Take what came since the last tick, which axes are held, and the depth that is wanted now."""
         buttons, toggled, engage = 0, False, False
         for event in events:
@@ -98,7 +100,7 @@ class Pilot:
         self._nu = (before + bounded(wanted - before, self._max_acceleration * dt_s)) * held
         self._busy = sticks is not None or bool(self._nu.any())
         self._pushed_s = np.where(held & (np.abs(deflection) >= self._full), self._pushed_s + dt_s, 0.0)
-        return Wish(
+        return PilotDemand(
             sticks,
             nu=self._nu,
             nu_dot=(self._nu - before) * held / dt_s if dt_s > 0.0 else np.zeros(4),
@@ -109,7 +111,7 @@ class Pilot:
         )
 
     def move(
-        self, target: Setpoint, wish: Wish, J: Array, held: Flags, x_d: Array, dt_s: float
+        self, target: Setpoint, wish: PilotDemand, J: Array, held: Flags, x_d: Array, dt_s: float
     ) -> tuple[Setpoint, Flags]:
         """Return the target as the sticks move it, and which DOFs they move; J and `x_d` are the law's.
 

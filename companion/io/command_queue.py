@@ -149,7 +149,7 @@ class _Waiting:
 
 
 @dataclass(frozen=True)
-class Taken:
+class CommandResult:
     """For the log and the event key: an order with its answer."""
 
     order: Order
@@ -163,7 +163,7 @@ class Taken:
 
 
 @dataclass
-class Desk:
+class CommandQueue:
     """Takes orders between ticks, hands them to the engine, answers after the tick.
 
     `setpoint` is what was asked for at the start, (4,) with NaN where nothing was.
@@ -171,7 +171,7 @@ class Desk:
 
     started_with: Config
     setpoint: Array
-    taken: list[Taken] = field(default_factory=list)
+    taken: list[CommandResult] = field(default_factory=list)
     """Answered in this tick."""
 
     _inbox: deque[Order] = field(default_factory=deque)
@@ -365,7 +365,7 @@ class Desk:
 
     def _answer(self, order: Order, *, done: bool, said: str, value: dict[str, Any] | None = None) -> None:
         reply = Reply(done=done, said=said, value=value or {})
-        self.taken.append(Taken(order, reply))
+        self.taken.append(CommandResult(order, reply))
         order.answer(reply)
 
 

@@ -231,11 +231,11 @@ class Publisher:
         keys = [str(reply.ok.key_expr) for reply in found if reply.ok is not None]
         return [key.rpartition("/")[2] for key in keys if not key.endswith(f"/{instance}")]
 
-    def _found(self, seniors: Sequence[str]) -> bool:
+    def _found(self, existing_instances: Sequence[str]) -> bool:
         """Remember who has our name, and end; or return False."""
-        if not seniors:
+        if not existing_instances:
             return False
-        self._senior = seniors[0]
+        self._senior = existing_instances[0]
         self._closing.set()
         self._looked.set()
         return True

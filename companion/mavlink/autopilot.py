@@ -20,7 +20,7 @@ from companion.mavlink.ardusub import (
 )
 from companion.mavlink.codec import Codec, Message, Packer
 from companion.mavlink.freshness import Freshness
-from companion.mavlink.link_maintenance import Upkeep
+from companion.mavlink.link_maintenance import LinkMaintenance
 from companion.mavlink.signing import Signing
 from companion.mavlink.streams import message_name, streams
 from companion.records import (
@@ -47,12 +47,12 @@ class Autopilot:
         counters = LinkCounters()
         self._commands = Commands(link.vehicle_system, link.vehicle_component)
         self._rates_hz = streams(vehicle.depth_source, with_position=True)
-        self._upkeep = Upkeep(self._commands, self._rates_hz)
+        self._maintenance = LinkMaintenance(self._commands, self._rates_hz)
         self._converter = Converter(
             counters,
             depth_source=vehicle.depth_source,
             rate_source=vehicle.rate_source,
-            parameters=self._upkeep.parameters,
+            parameters=self._maintenance.parameters,
         )
         self._codec = Codec(
             link.system,
@@ -86,8 +86,8 @@ class Autopilot:
         for t_ns, data in datagrams:
             t_s = t_ns / NS_PER_S
             for message in self._codec.decode(t_s, data):
-                self._upkeep.heard(message.get_msgId())
-                events.extend(self._freshness.sift(self._converter.to_events(message, t_s)))
+                self._maintenance.heard(message.get_msgId())
+                events.extend(self._freshness.drop_stale(self._converter.to_events(message, t_s)))
         for i, event in enumerate(events):
             if isinstance(event, ServoOutput):
                 events[i] = unmirrored(event, self.parameters)
@@ -97,7 +97,7 @@ class Autopilot:
         """Return what has to be asked now; unless it is None also for `mode`, with `arm` also for arming."""
         if self._signing is not None:
             self._signing.advance(now_s)
-        asked = self._upkeep.step(now_s, events, want_mode=mode, want_armed=arm)
+        asked = self._maintenance.step(now_s, events, want_mode=mode, want_armed=arm)
         return [self._encode(message) for message in asked]
 
     def _encode(self, message: Message) -> bytes:
@@ -151,12 +151,12 @@ class Autopilot:
     @property
     def parameters(self) -> Mapping[str, float]:
         """The autopilot's parameters, as far as they were read."""
-        return self._upkeep.parameters
+        return self._maintenance.parameters
 
     @property
     def firmware(self) -> Firmware | None:
         """The autopilot's version, once it has told it."""
-        return self._upkeep.firmware
+        return self._maintenance.firmware
 
     @property
     def about(self) -> str:
@@ -172,7 +172,7 @@ class Autopilot:
     @property
     def measured_hz(self) -> dict[str, float]:
         """How often each stream comes, by MAVLink name, where that was measured."""
-        return {message_name(key): hz for key, hz in self._upkeep.measured_hz.items()}
+        return {message_name(key): hz for key, hz in self._maintenance.measured_hz.items()}
 
     @property
     def asked_hz(self) -> dict[str, float]:
@@ -182,7 +182,7 @@ class Autopilot:
     @property
     def all_parameters_known(self) -> bool:
         """Whether all that was asked for has been answered."""
-        return self._upkeep.all_parameters_known
+        return self._maintenance.all_parameters_known
 
     def set_origin(self, latitude_deg: float, longitude_deg: float) -> bytes:
         """Return the frame that tells the EKF where on earth it is."""

@@ -24,7 +24,7 @@ class Freshness:
         self._offset_s = math.inf
         """The most by which a stamp was ahead of our clock; infinite before the first."""
 
-    def sift(self, events: Iterable[Event]) -> Iterator[Event]:
+    def drop_stale(self, events: Iterable[Event]) -> Iterator[Event]:
         """Give the fresh ones of `events`, and a Reboot before the first of a new clock."""
         for event in events:
             boot_s: float | None = getattr(event, "boot_s", None)

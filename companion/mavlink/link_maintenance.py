@@ -50,7 +50,7 @@ VOLATILE: Final = ZEROES | {"FS_PILOT_INPUT", "FS_PILOT_TIMEOUT", "JS_THR_GAIN"}
 """Read again and again: safety and thrust depend on them, and the notice of a change may be lost."""
 
 
-class Upkeep:
+class LinkMaintenance:
     """Keeps one autopilot talking, and doing what is wanted.
 
     Before the autopilot's heartbeat has come, or once it has not come for CONTACT_S, nothing goes out but our

@@ -16,7 +16,7 @@ from companion.predive.inspection import Inspection
 def inspect(
     config: Config, *, origin: tuple[float, float] | None, thrusters: bool
 ) -> tuple[list[Row], list[str]]:
-    """Look at the vehicle behind `link.endpoint`; return the list and what was done beside looking.
+    """ConditionSpec at the vehicle behind `link.endpoint`; return the list and what was done beside looking.
 
     Raises OSError when our own port is taken, KeyboardInterrupt when a signal breaks it off.
     """
@@ -55,7 +55,7 @@ async def _inspect(
         if wire.done():
             wire.result()
     finally:
-        for data in inspection.farewell():
+        for data in inspection.shutdown_frames():
             link.send(data)
         wire.cancel()
         link.close()

@@ -94,7 +94,7 @@ class Inspection:
         """Return a heartbeat for whoever is not yet our peer (`Autopilot.hello`)."""
         return self._autopilot.hello()
 
-    def farewell(self) -> list[bytes]:
+    def shutdown_frames(self) -> list[bytes]:
         """Return what ends a look that was broken off: neutral where a thruster may turn."""
         return [self._autopilot.neutral()] if self._pushing else []
 

@@ -38,8 +38,8 @@ class Watched:
     saturated_s: float = 0.0
     off_track_s: float = 0.0
     tilted_s: float = 0.0
-    surprise_m: float = 0.0
-    surprise_deg: float = 0.0
+    innovation_m: float = 0.0
+    innovation_deg: float = 0.0
     """By how much measurements missed what was expected, averaged."""
     samples_dropped: bool = False
     config_changed: bool = False
@@ -55,7 +55,7 @@ class Observation:
     """Whether the flight mode is one that our present state steers or hands over in."""
     parameters: Mapping[str, float]
     watched: Watched
-    unfit: str = ""
+    preflight_failure: str = ""
     """The rows of `check` that forbid engaging, in words."""
     holds_position: bool = False
     finite: bool = True
@@ -70,7 +70,7 @@ class Observation:
     clear: bool = False
 
 
-class Look(NamedTuple):
+class ConditionSpec(NamedTuple):
     """One condition: how it is seen, the keys of [supervisor] that decide, and words for people."""
 
     condition: Condition
@@ -100,9 +100,11 @@ def _out_of_bounds(o: Observation, limits: Limits) -> bool:
     return not -margin_m <= o.state.eta[Z] <= limits.max_depth_m + margin_m
 
 
-def _surprised(o: Observation, limits: Limits) -> bool:
+def _innovation_large(o: Observation, limits: Limits) -> bool:
     seen = o.watched
-    return not (seen.surprise_m <= limits.max_surprise_m and seen.surprise_deg <= limits.max_surprise_deg)
+    return not (
+        seen.innovation_m <= limits.max_innovation_m and seen.innovation_deg <= limits.max_innovation_deg
+    )
 
 
 def tilted(state: VehicleState, limits: Limits) -> bool:
@@ -117,42 +119,42 @@ def _pilot_lost(o: Observation, _: Limits) -> bool:
 # What is not known counts against permission: hence `not x <= limit`, which a NaN meets.
 # Of several that hold, the first one's `do` is what an operator is told (`supervisor.remedy`).
 CONDITIONS = (
-    Look(
+    ConditionSpec(
         C.LINK_LOST,
         _link_lost,
         ("link_timeout_s", "heartbeat_timeout_s"),
         "nothing, or no heartbeat, came from the autopilot",
         "look at cable, router and link.endpoint",
     ),
-    Look(
+    ConditionSpec(
         C.DEPTH_STALE,
         lambda o, limits: not o.state.ages.depth_s <= limits.depth_timeout_s,
         ("depth_timeout_s",),
         "no new, believable depth came",
         "look whether vehicle.depth_source streams and moves",
     ),
-    Look(
+    ConditionSpec(
         C.ATTITUDE_STALE,
         lambda o, limits: not o.state.ages.attitude_s <= limits.attitude_timeout_s,
         ("attitude_timeout_s",),
         "no new attitude came",
         "look whether ATTITUDE streams",
     ),
-    Look(
+    ConditionSpec(
         C.POSITION_STALE,
         lambda o, limits: o.holds_position and not o.state.ages.position_s <= limits.position_timeout_s,
         ("position_timeout_s",),
         "position is held, and no new one came",
         "look at the DVL; engage again without it to hold depth and heading",
     ),
-    Look(
+    ConditionSpec(
         C.DEPTH_JUMPED,
         lambda o, limits: o.state.depth_refused,
         ("max_depth_jump_m",),
         "a depth lay so far from the expected one that it was left out; if it stays there, depth is stale",
         "look at the depth sensor",
     ),
-    Look(
+    ConditionSpec(
         C.YAW_RESET,
         lambda o, limits: o.state.ages.yaw_reset_s <= RESET_SETTLE_S,
         (),
@@ -160,7 +162,7 @@ CONDITIONS = (
         "with it, and the vehicle stays where it points",
         "give the heading anew if it shall be another; calibrate the compass if this comes again and again",
     ),
-    Look(
+    ConditionSpec(
         C.POSITION_RESET,
         lambda o, limits: o.state.ages.position_reset_s <= RESET_SETTLE_S,
         (),
@@ -168,28 +170,28 @@ CONDITIONS = (
         "with it, and the vehicle stays where it is",
         "give the place anew if it shall be another; look at the DVL if this comes again and again",
     ),
-    Look(
+    ConditionSpec(
         C.DEPTH_OUT_OF_BOUNDS,
         _out_of_bounds,
         ("max_depth_m", "depth_margin_m"),
         "the depth is above the surface or below what was allowed",
         "take over; look at the sensor's zero, and at max_depth_m",
     ),
-    Look(
+    ConditionSpec(
         C.TILTED,
         lambda o, limits: tilted(o.state, limits),
         ("max_tilt_deg",),
         "it rolls or pitches so far that only heave and levelling are left: x, y and heading are let go",
         "slower, less current, or a heading that meets it; look for a thruster that is dead or reversed",
     ),
-    Look(
+    ConditionSpec(
         C.TILT_PERSISTS,
         lambda o, limits: not o.watched.tilted_s <= limits.off_track_s,
         ("max_tilt_deg", "off_track_s"),
         "it stays tilted, so we cannot right it: the autopilot tries, in STABILIZE and then ALT_HOLD",
         "look for what tilts it: a load beside the centre, a snagged tether, a dead or reversed thruster",
     ),
-    Look(
+    ConditionSpec(
         C.EKF_UNHEALTHY,
         _ekf_unhealthy,
         ("max_ekf_variance", "ekf_doubt_s"),
@@ -197,42 +199,42 @@ CONDITIONS = (
         "for a while",
         "wait until it has settled; calibrate the compass, look at the depth sensor",
     ),
-    Look(
+    ConditionSpec(
         C.LEAK,
         lambda o, limits: o.watched.leaking,
         (),
         "the autopilot said Leak Detected, less than 25 s ago (it repeats itself every 20 s)",
         "bring it up",
     ),
-    Look(
+    ConditionSpec(
         C.BATTERY_LOW,
         lambda o, limits: not o.watched.battery_low_s <= limits.battery_low_s,
         ("min_voltage_v", "battery_low_s"),
         "the battery is nearly empty",
         "bring it up",
     ),
-    Look(
+    ConditionSpec(
         C.AUTOPILOT_FAILSAFE,
         lambda o, limits: o.watched.failsafe,
         (),
         "a failsafe of the autopilot's own is latched (system status 5) though we steer",
         "read the autopilot's messages",
     ),
-    Look(
+    ConditionSpec(
         C.FAILSAFE_SURFACES,
         lambda o, limits: o.watched.failsafe_surfaces and not o.mode_right,
         (),
         "a failsafe of the autopilot's own (leak, battery) changed the flight mode to SURFACE",
         "read the autopilot's messages",
     ),
-    Look(
+    ConditionSpec(
         C.REBOOTED,
         lambda o, limits: o.watched.rebooted,
         (),
         "the autopilot's clock went backwards: it started anew",
         "find out why (power?)",
     ),
-    Look(
+    ConditionSpec(
         C.FAILSAFE_UNSAFE,
         _failsafe_unsafe,
         ("max_pilot_timeout_s",),
@@ -240,122 +242,122 @@ CONDITIONS = (
         "this computer died",
         "set FS_PILOT_INPUT to 2",
     ),
-    Look(
-        C.NOT_FIT,
-        lambda o, limits: bool(o.unfit),
+    ConditionSpec(
+        C.PREFLIGHT_FAILURE,
+        lambda o, limits: bool(o.preflight_failure),
         (),
         "a row of the pre-dive list is refused (frame, steering id, InputHold...); the reason names it",
         "`holdfast check` says what mends it",
     ),
-    Look(
+    ConditionSpec(
         C.SATURATED,
         lambda o, limits: not o.watched.saturated_s <= limits.saturated_s,
         ("saturated_s",),
         "an axis has given all it can for long: it is about to be carried off",
         "less current, a slower path, or more max_force",
     ),
-    Look(
+    ConditionSpec(
         C.OFF_TRACK,
         lambda o, limits: not o.watched.off_track_s <= limits.off_track_s,
         ("max_error_m", "max_error_deg", "off_track_s"),
         "it is far from where it should be, and stays there",
         "look for what holds or drives it: tether, current, a dead thruster",
     ),
-    Look(
+    ConditionSpec(
         C.DELAY_TOO_LONG,
         lambda o, limits: not o.state.delays.total_s <= limits.max_delay_s,
         ("max_delay_s",),
         "telemetry and commands are later than any gains bear",
         "look at the link's load; run on the vehicle instead of topside",
     ),
-    Look(
+    ConditionSpec(
         C.CLOCK_JUMPED,
         lambda o, limits: not o.state.clock_doubt_s <= 0.0,
         (),
         "a stamp or an answer to TIMESYNC contradicts the autopilot's clock, and none has set it anew yet",
         "nothing if it was once; if it goes on, look for a second autopilot with this system id",
     ),
-    Look(
+    ConditionSpec(
         C.CLOCK_INCONSISTENT,
         lambda o, limits: not o.state.clock_doubt_s <= CLOCK_DOUBT_S,
         (),
         f"stamps and answers to TIMESYNC have contradicted each other for {CLOCK_DOUBT_S:g} s",
         "look for a second autopilot with this system id on the link, and at what relays TIMESYNC",
     ),
-    Look(
-        C.SURPRISED,
-        _surprised,
-        ("max_surprise_m", "max_surprise_deg"),
+    ConditionSpec(
+        C.INNOVATION_LARGE,
+        _innovation_large,
+        ("max_innovation_m", "max_innovation_deg"),
         "where it is held, it keeps not being where the estimator expects: sensor, model or clock is wrong",
         "look at the depth's and heading's noise and at the delays",
     ),
-    Look(
+    ConditionSpec(
         C.NON_FINITE,
         lambda o, limits: not o.finite,
         (),
         "a computed value was not finite: a bug",
         "keep the recording and tell us",
     ),
-    Look(
+    ConditionSpec(
         C.TICK_LATE,
         lambda o, limits: not o.late_s <= limits.late_tick_s,
         ("late_tick_s",),
         "this process did not run in time",
         "look at the computer's load",
     ),
-    Look(
+    ConditionSpec(
         C.QUEUE_FULL,
         lambda o, limits: o.watched.samples_dropped,
         (),
         "telemetry was dropped, because nobody took it in time",
         "look at whoever subscribes; holding is not affected",
     ),
-    Look(
+    ConditionSpec(
         C.CONFIG_CHANGED,
         lambda o, limits: o.watched.config_changed,
         (),
         "our configuration or a parameter of the autopilot changed while running, less than 2 s ago",
         "see that it was you",
     ),
-    Look(
+    ConditionSpec(
         C.PEER_CHANGED,
         lambda o, limits: o.watched.peer_changed,
         (),
         "a link that listens turned to another sender less than 2 s ago: the one before had fallen silent",
         "see that it was you; list the addresses in link.allow or ground_station.allow, or set a signing key",
     ),
-    Look(
+    ConditionSpec(
         C.PILOT_TAKEOVER,
         lambda o, limits: o.taken_back or not o.watched.pilot_deflection <= limits.pilot_deflection,
         ("pilot_deflection", "pilot_hold_s"),
         "somebody else moves a stick",
         "let go of the stick; engage again",
     ),
-    Look(
+    ConditionSpec(
         C.PILOT_LOST,
         _pilot_lost,
         (),
         "no heartbeat came from the ground station for ground_station.timeout_s",
         "look at the tether and the ground station; its sticks have the vehicle again at once",
     ),
-    Look(
+    ConditionSpec(
         C.PILOT_LOST_SURFACE,
         lambda o, limits: o.surface_on_loss and _pilot_lost(o, limits),
         (),
         "the same, and ground_station.on_loss says to surface",
         "the same",
     ),
-    Look(C.DISARMED, lambda o, limits: not o.state.armed, (), "the motors are off", "arm it"),
-    Look(
+    ConditionSpec(C.DISARMED, lambda o, limits: not o.state.armed, (), "the motors are off", "arm it"),
+    ConditionSpec(
         C.WRONG_MODE,
         lambda o, limits: not o.mode_right,
         (),
         "the flight mode is another than vehicle.steering_mode: somebody changed it",
         "engage, which asks for the mode",
     ),
-    Look(C.OPERATOR_STOP, lambda o, limits: o.stop, (), "the operator asked to stop", "nothing"),
-    Look(C.ENGAGE_ASKED, lambda o, limits: o.engage, (), "the operator asked to engage", "nothing"),
-    Look(C.CLEAR_ASKED, lambda o, limits: o.clear, (), "the operator cleared the fault", "nothing"),
+    ConditionSpec(C.OPERATOR_STOP, lambda o, limits: o.stop, (), "the operator asked to stop", "nothing"),
+    ConditionSpec(C.ENGAGE_ASKED, lambda o, limits: o.engage, (), "the operator asked to engage", "nothing"),
+    ConditionSpec(C.CLEAR_ASKED, lambda o, limits: o.clear, (), "the operator cleared the fault", "nothing"),
 )
 
 _LOOKS = tuple((look.condition.value, look.holds) for look in CONDITIONS)

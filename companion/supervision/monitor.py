@@ -30,7 +30,7 @@ FAILSAFE_SETTLE_S = 1.5
 
 LEAK_REPEAT_S = 25.0
 ANNOUNCED_S = 2.0
-SURPRISE_MEMORY_S = 0.5
+INNOVATION_MEMORY_S = 0.5
 
 
 class Watch:
@@ -50,7 +50,7 @@ class Watch:
         self._peer_t_s = -math.inf
         self._ekf_doubt_s = self._battery_low_s = self._saturated_s = self._off_track_s = 0.0
         self._tilted_s = 0.0
-        self._surprise = [0.0] * 4
+        self._mean_innovation = [0.0] * 4
         self.pilot_heard_s = -math.inf
         """When somebody else last sent a steering message, deflected or not."""
 
@@ -116,11 +116,11 @@ class Watch:
         self._saturated_s = _lasting(self._saturated_s, dt_s, saturated)
         self._off_track_s = _lasting(self._off_track_s, dt_s, off_track)
         self._tilted_s = _lasting(self._tilted_s, dt_s, tilted(state, limits))
-        new = dt_s / (dt_s + SURPRISE_MEMORY_S)
-        missed = zip(self._surprise, state.innovation.tolist(), strict=True)
-        surprise = [before + new * (abs(innovation) - before) for before, innovation in missed]
-        self._surprise = surprise if all(map(math.isfinite, surprise)) else [0.0] * 4
-        surprise = [one * ours for one, ours in zip(self._surprise, held.tolist(), strict=True)]
+        new = dt_s / (dt_s + INNOVATION_MEMORY_S)
+        missed = zip(self._mean_innovation, state.innovation.tolist(), strict=True)
+        mean = [before + new * (abs(innovation) - before) for before, innovation in missed]
+        self._mean_innovation = mean if all(map(math.isfinite, mean)) else [0.0] * 4
+        mean = [one * ours for one, ours in zip(self._mean_innovation, held.tolist(), strict=True)]
         return Watched(
             ekf=self._ekf,
             ekf_doubt_s=self._ekf_doubt_s,
@@ -135,8 +135,8 @@ class Watch:
             saturated_s=self._saturated_s,
             off_track_s=self._off_track_s,
             tilted_s=self._tilted_s,
-            surprise_m=max(surprise[:PSI]),
-            surprise_deg=math.degrees(surprise[PSI]),
+            innovation_m=max(mean[:PSI]),
+            innovation_deg=math.degrees(mean[PSI]),
             samples_dropped=now_s - self._dropped_t_s <= ANNOUNCED_S,
             peer_changed=now_s - self._peer_t_s <= ANNOUNCED_S,
             config_changed=now_s - self._changed_t_s <= ANNOUNCED_S,

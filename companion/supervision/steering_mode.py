@@ -49,8 +49,8 @@ class ModeKeeper:
             self._before = None
         return self._next(mode)
 
-    def parting(self) -> Mode | None:
-        """Return the mode to ask for with each farewell, one after the other; None for leave it."""
+    def restore_mode(self) -> Mode | None:
+        """Return the mode to ask for with each shutdown_frames, one after the other; None for leave it."""
         if not self._is_ours(self._mode):
             return None
         self._partings += 1

@@ -21,10 +21,17 @@ from companion.supervision.conditions import CONDITIONS
 C, S = Condition, State
 
 BLIND = C.LINK_LOST | C.DEPTH_STALE | C.ATTITUDE_STALE | C.POSITION_STALE
-SICK = C.EKF_UNHEALTHY | C.DEPTH_JUMPED | C.DEPTH_OUT_OF_BOUNDS | C.SURPRISED | C.DELAY_TOO_LONG | C.TILTED
+SICK = (
+    C.EKF_UNHEALTHY
+    | C.DEPTH_JUMPED
+    | C.DEPTH_OUT_OF_BOUNDS
+    | C.INNOVATION_LARGE
+    | C.DELAY_TOO_LONG
+    | C.TILTED
+)
 SICK |= C.CLOCK_INCONSISTENT
-UNFIT = BLIND | SICK | C.DISARMED | C.WRONG_MODE | C.FAILSAFE_UNSAFE | C.NON_FINITE | C.TICK_LATE
-UNFIT |= C.NOT_FIT | C.LEAK | C.BATTERY_LOW | C.REBOOTED | C.PILOT_LOST
+BLOCKING = BLIND | SICK | C.DISARMED | C.WRONG_MODE | C.FAILSAFE_UNSAFE | C.NON_FINITE | C.TICK_LATE
+BLOCKING |= C.PREFLIGHT_FAILURE | C.LEAK | C.BATTERY_LOW | C.REBOOTED | C.PILOT_LOST
 NOTHING = Condition(0)
 
 
@@ -41,9 +48,9 @@ class Row(NamedTuple):
 # Read aloud from the top: the first row that fits is taken, one row a tick.
 TRANSITIONS = (
     Row(S.IDLE, C.NON_FINITE, NOTHING, S.FAULT, "a computed value was not finite"),
-    Row(S.IDLE, NOTHING, UNFIT, S.READY, "everything needed is there"),
+    Row(S.IDLE, NOTHING, BLOCKING, S.READY, "everything needed is there"),
     Row(S.READY, C.NON_FINITE, NOTHING, S.FAULT, "a computed value was not finite"),
-    Row(S.READY, UNFIT, NOTHING, S.IDLE, "something needed is missing"),
+    Row(S.READY, BLOCKING, NOTHING, S.IDLE, "something needed is missing"),
     Row(S.READY, C.ENGAGE_ASKED, C.PILOT_TAKEOVER | C.OPERATOR_STOP, S.ACTIVE, "engaged"),
     Row(S.ACTIVE, C.NON_FINITE, NOTHING, S.FAULT, "a computed value was not finite"),
     Row(S.ACTIVE, C.LINK_LOST, NOTHING, S.FAULT, "the vehicle fell silent"),
@@ -55,7 +62,7 @@ TRANSITIONS = (
     Row(S.ACTIVE, C.WRONG_MODE, NOTHING, S.PILOT, "the flight mode was changed"),
     Row(S.ACTIVE, C.PILOT_TAKEOVER, NOTHING, S.PILOT, "the pilot moved the sticks"),
     Row(S.ACTIVE, C.FAILSAFE_UNSAFE, NOTHING, S.RAMP_DOWN, "the pilot-input failsafe was switched off"),
-    Row(S.ACTIVE, C.NOT_FIT, NOTHING, S.RAMP_DOWN, "the vehicle is no longer fit to be held"),
+    Row(S.ACTIVE, C.PREFLIGHT_FAILURE, NOTHING, S.RAMP_DOWN, "the vehicle is no longer fit to be held"),
     Row(S.ACTIVE, C.EKF_UNHEALTHY, NOTHING, S.RAMP_DOWN, "the autopilot doubts its own estimate"),
     Row(S.ACTIVE, C.DEPTH_OUT_OF_BOUNDS, NOTHING, S.RAMP_DOWN, "it is where it may not be"),
     Row(S.ACTIVE, C.TICK_LATE, NOTHING, S.RAMP_DOWN, "this process does not keep time"),
@@ -67,7 +74,7 @@ TRANSITIONS = (
     Row(S.ACTIVE, C.POSITION_STALE, NOTHING, S.HAND_OVER, "no fresh position"),
     Row(S.ACTIVE, C.DELAY_TOO_LONG, NOTHING, S.HAND_OVER, "the link is too slow for any gains"),
     Row(S.ACTIVE, C.CLOCK_INCONSISTENT, NOTHING, S.HAND_OVER, "the autopilot's clocks contradict each other"),
-    Row(S.ACTIVE, C.SURPRISED, NOTHING, S.HAND_OVER, "our estimate keeps being wrong"),
+    Row(S.ACTIVE, C.INNOVATION_LARGE, NOTHING, S.HAND_OVER, "our estimate keeps being wrong"),
     Row(S.ACTIVE, C.TILT_PERSISTS, NOTHING, S.HAND_OVER, "it stays tilted"),
     Row(S.ACTIVE, C.OFF_TRACK, NOTHING, S.HAND_OVER, "it is not where it should be"),
     Row(S.RAMP_DOWN, C.NON_FINITE, NOTHING, S.FAULT, "a computed value was not finite"),
@@ -148,16 +155,16 @@ _BY = "(`holdfast tell`, button or dashboard)"
 CLEAR = f"clear the fault {_BY}"
 
 _LETTING_GO = (
-    UNFIT & ~(WARNS | C.DISARMED | C.WRONG_MODE) | C.OFF_TRACK | C.FAILSAFE_SURFACES | C.TILT_PERSISTS
+    BLOCKING & ~(WARNS | C.DISARMED | C.WRONG_MODE) | C.OFF_TRACK | C.FAILSAFE_SURFACES | C.TILT_PERSISTS
 )
 
 _REMEDIES: dict[State, tuple[Condition, str]] = {
-    S.IDLE: (UNFIT, f"engage {_BY}"),
+    S.IDLE: (BLOCKING, f"engage {_BY}"),
     S.READY: (C.PILOT_TAKEOVER, f"engage {_BY}"),
     S.ACTIVE: (WARNS, "nothing; a stick, a mode change or disarming takes it back at once"),
     S.RAMP_DOWN: (_LETTING_GO, "wait until the thrust has faded"),
     S.HAND_OVER: (_LETTING_GO, "wait, or take it with a stick"),
-    S.PILOT: (UNFIT | C.PILOT_TAKEOVER, f"engage again {_BY}"),
+    S.PILOT: (BLOCKING | C.PILOT_TAKEOVER, f"engage again {_BY}"),
     S.FAULT: (FAULT_CAUSES, CLEAR),
 }
 """For each state: the conditions that have something to be done about, and what to do if none holds."""
@@ -186,8 +193,8 @@ class Supervisor:
         self.ramp_up_s = ramp_up_s
         self._verdict = Verdict(State.IDLE, NOTHING, 0.0, "just started")
 
-    def step(self, conditions: Condition, dt_s: float, unfit: str = "") -> Verdict:
-        """Take one tick's conditions and give the verdict; `unfit` says in words what NOT_FIT is about.
+    def step(self, conditions: Condition, dt_s: float, preflight_failure: str = "") -> Verdict:
+        """Take one tick's conditions and give the verdict; `preflight_failure` is its text.
 
         Authority rises to 1 over `ramp_up_s` in ACTIVE, falls to 0 over `ramp_down_s` in RAMP_DOWN and
         HAND_OVER, and is 0 everywhere else.
@@ -202,10 +209,12 @@ class Supervisor:
             authority = min(1.0, before.authority + dt_s / self.ramp_up_s) if self.ramp_up_s > 0.0 else 1.0
         elif state not in CARRY_AUTHORITY or C.FAILSAFE_SURFACES in conditions:
             authority = 0.0
-        if state is before.state is State.IDLE and (missing := conditions & UNFIT):
-            reason = "waiting for: " + names(missing) + (f" ({unfit})" if unfit else "")
-        elif row and row.when is Condition.NOT_FIT:
-            reason = f"{row.because} ({unfit})"
+        if state is before.state is State.IDLE and (missing := conditions & BLOCKING):
+            reason = (
+                "waiting for: " + names(missing) + (f" ({preflight_failure})" if preflight_failure else "")
+            )
+        elif row and row.when is Condition.PREFLIGHT_FAILURE:
+            reason = f"{row.because} ({preflight_failure})"
         self._verdict = Verdict(
             state,
             conditions,

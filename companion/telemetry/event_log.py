@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from typing import Literal
 
-from companion.io.command_queue import Taken
+from companion.io.command_queue import CommandResult
 from companion.records import Condition, ControlSample, FrameShift, State
 from companion.telemetry.schemas import Event, printable
 
@@ -24,7 +24,7 @@ _SEVERITY: dict[State, _Severity] = {
 }
 
 
-class Chronicle:
+class EventLog:
     """Compares each tick with the one before."""
 
     def __init__(self) -> None:
@@ -36,7 +36,7 @@ class Chronicle:
     def step(
         self,
         sample: ControlSample,
-        taken: Sequence[Taken] = (),
+        taken: Sequence[CommandResult] = (),
         rivals: Sequence[str] = (),
         peers: Sequence[str] = (),
     ) -> list[Event]:

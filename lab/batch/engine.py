@@ -19,12 +19,12 @@ from companion.control.compensator import INPUTS, Compensator
 from companion.control.controller import Controller, Gains
 from companion.control.integrator import Integration, Integrator
 from companion.control.network import Learning, Network
-from companion.control.oscillation import DrawnBack, Oscillation
+from companion.control.oscillation import Oscillation, ScaledDisturbance
 from companion.control.pace import Pace
 from companion.control.positioning import Model, jacobian, to_body, to_inertial
 from companion.control.reference import Limits, ReferenceModel
 from companion.control.regressor import Regressor
-from companion.estimation.estimator import EACH, QUIET_N
+from companion.estimation.estimator import DOF_INDEX, QUIET_N
 from companion.estimation.hidden_delay import LARGEST_S, HiddenDelay
 from companion.estimation.observer import Noise, Observer
 from companion.records import PSI, Array, Setpoint, VehicleState, Z
@@ -69,7 +69,7 @@ class Engines:
         self._reach = np.full(self.axes, self._max_axis)
         self._reach[4:] = common.levelling.max_axis
         self._command = np.zeros((dives, self.axes))
-        self._drawn_back = DrawnBack(np.zeros((dives, 4)))
+        self._scaled_disturbance = ScaledDisturbance(np.zeros((dives, 4)))
         self.pushed = np.zeros((dives, 4))
         """The body wrench that the last command really gives at the nominal curve, N and N·m."""
 
@@ -164,7 +164,7 @@ class Engines:
         self._hidden_s = self._hidden.hidden_s
         heave = slice(Z, Z + 1)
         self._look_up(heave)
-        sent = self._sent[(self._tick - self._ago) % len(self._sent), self._every, EACH]
+        sent = self._sent[(self._tick - self._ago) % len(self._sent), self._every, DOF_INDEX]
         u = sent[:-1] + self._share * (sent[1:] - sent[:-1])
         observer.advance(u[0], m, c, dt_s)
         new = np.stack(
@@ -180,15 +180,15 @@ class Engines:
         observer.correct(innovation)
 
         scale = self._controller.gain_scale
-        d_hat = self._drawn_back.step(observer.disturbance, scale, self._tick_s)
+        d_hat = self._scaled_disturbance.step(observer.disturbance, scale, self._tick_s)
         way = observer.predict(u[1:], m, c, self._tick_s, d_hat)
         q, v = (np.stack([moment[i] for moment in way]) for i in (0, 1))
         place = (self._late_s + self._ahead_s) / self._tick_s
         last = np.minimum(place.astype(int), self._steps - 1)
         share = place - last
-        v_0, v_1 = v[last, self._every, EACH], v[last + 1, self._every, EACH]
+        v_0, v_1 = v[last, self._every, DOF_INDEX], v[last + 1, self._every, DOF_INDEX]
         eta_dot = v_0 + share * (v_1 - v_0)
-        eta = q[last, self._every, EACH] + (0.5 * self._tick_s) * share * (v_0 + eta_dot)
+        eta = q[last, self._every, DOF_INDEX] + (0.5 * self._tick_s) * share * (v_0 + eta_dot)
         eta[:, PSI] = wrap(eta[:, PSI])
         delays = _Delays((self._stamped_s + self._hidden.hidden_s)[:, None])
         return jacobian(eta[:, PSI]), _state(eta, eta_dot, observer.disturbance, self._ahead_s, delays)

@@ -103,7 +103,7 @@ class LQG:
     def _loop(self, K: Array) -> tuple[Array, Array, Array]:
         """Return the matrices of (ξ, u, e): F, and how w and v enter."""
         n, late = self._n, len(self._F)
-        carried = self._carried() @ self._L
+        carried = self._bumpless_bias() @ self._L
         F = np.zeros((n + 1 + late, n + 1 + late))
         u = np.append(-K, np.zeros(late))
         u[n] += 1.0
@@ -117,13 +117,13 @@ class LQG:
         by_v = np.vstack([carried, np.zeros((1, len(self._C))), -self._L])
         return F, by_w, by_v
 
-    def _carried(self) -> Array:
+    def _bumpless_bias(self) -> Array:
         """Return Φ for the plant's part of the filter's state, (n, late)."""
         return np.pad(self._later, ((0, 0), (0, len(self._F) - self._n)))
 
     def _outcome(self) -> Array:
         """Return the row that makes x_0, when u acts, of (ξ, u, e)."""
-        return np.concatenate([np.eye(self._n)[0], [0.0], self._carried()[0]])
+        return np.concatenate([np.eye(self._n)[0], [0.0], self._bumpless_bias()[0]])
 
 
 def discrete(plant: Plant, tick_s: float) -> tuple[Array, Array, Array]:

@@ -29,7 +29,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from companion.config import load_config
 from companion.engine import Engine
 from companion.records import Condition, ControlSample, LoopHealth, Request, Setpoint, State
-from companion.supervision.supervisor import CARRY_AUTHORITY, UNFIT
+from companion.supervision.supervisor import BLOCKING, CARRY_AUTHORITY
 from lab.loop.firmware import FAULTS as CAN_INJECT
 from lab.loop.firmware import Firmware
 from lab.loop.lockstep import START_S, Link, Lockstep
@@ -169,7 +169,7 @@ class Watched(Engine):
         pushing = any(axis for axes in frames for axis in axes)
         promise(verdict.authority > 0.0 or not (pushing or any(command)), "thrust without authority")
         if verdict.state is State.ACTIVE and self._was is not State.ACTIVE:
-            against = UNFIT | Condition.PILOT_TAKEOVER | Condition.OPERATOR_STOP
+            against = BLOCKING | Condition.PILOT_TAKEOVER | Condition.OPERATOR_STOP
             promise(self._was is State.READY, f"engaged from {self._was}")
             promise(self._asked, "engaged without being asked")
             promise(not verdict.conditions & against, f"engaged against {verdict.conditions & against!r}")

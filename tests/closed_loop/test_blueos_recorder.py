@@ -10,10 +10,10 @@ import json
 import numpy as np
 from virtual import Dive, hold
 
-from companion.io.command_queue import Order, Taken
+from companion.io.command_queue import CommandResult, Order
 from companion.records import ControlSample, Request, State
 from companion.telemetry import schemas as telemetry
-from companion.telemetry.event_log import Chronicle
+from companion.telemetry.event_log import EventLog
 
 
 def inferred(value):
@@ -40,7 +40,7 @@ def follows(value, schema):
     return not isinstance(value, list) or all(follows(inner, schema["items"]) for inner in value)
 
 
-def published(sample: ControlSample, chronicle: Chronicle, taken=()):
+def published(sample: ControlSample, chronicle: EventLog, taken=()):
     """Return (key, encoding, payload) of all that leaves in a tick."""
     key, encoding = telemetry.event_key("kelp")
     events = [(key, encoding, telemetry.to_json(event)) for event in chronicle.step(sample, taken)]
@@ -67,8 +67,8 @@ def whole_dive():
 
 
 def test_it_keeps_every_sample_of_every_key_and_what_it_inferred_stays_true():
-    schemas, names, chronicle = {}, {}, Chronicle()
-    refused = Taken(Order("engage", b"{}", print), telemetry.Reply(done=False, said="no"))
+    schemas, names, chronicle = {}, {}, EventLog()
+    refused = CommandResult(Order("engage", b"{}", print), telemetry.Reply(done=False, said="no"))
     for index, step in enumerate(whole_dive()):
         for key, encoding, payload in published(step.sample, chronicle, [refused] if index == 99 else []):
             mime, _, name = encoding.partition(";")

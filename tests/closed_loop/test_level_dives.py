@@ -139,5 +139,5 @@ def test_every_way_out_leaves_roll_and_pitch_neutral():
     """An override stays in force: so neutral has to name them."""
     dive = engaged(*SEA, setpoint=hold(x=0.5, y=-0.3))
     dive.run(3.0)
-    frame = dive.engine.farewell()
+    frame = dive.engine.shutdown_frames()
     assert frame[10:14] == (1500).to_bytes(2, "little") * 2

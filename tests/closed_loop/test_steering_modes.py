@@ -103,7 +103,7 @@ def test_every_way_out_gives_the_mode_back():
     """What Ctrl-C sends: neutral frames, and with them the mode."""
     dive = in_mode(ALT_HOLD)
     dive.run(1.0)
-    farewells = [dive.engine.farewell() for _ in range(5)]
+    farewells = [dive.engine.shutdown_frames() for _ in range(5)]
     dive.tap.asleep_until_s = 1e9
     modes = []
     for frame in farewells:

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from virtual import Dive, active, hold
 
-from companion.io.command_queue import Desk, Order
+from companion.io.command_queue import CommandQueue, Order
 from companion.records import Condition, Request, State
-from companion.telemetry.event_log import Chronicle
+from companion.telemetry.event_log import EventLog
 
 QUIET = (
     *(f"sensors.{name}=0.0001" for name in ("depth_slow_m", "depth_white_m", "climb_slow_m_s")),
@@ -79,7 +79,7 @@ def test_the_setpoint_turns_with_the_frame_and_the_next_one_is_in_the_new_frame(
 def test_a_new_depth_after_a_reset_turns_nothing_back():
     """The operator's last heading was given in the old frame."""
     dive = active(*QUIET, setpoint=hold(psi=0.5), seconds=10.0)
-    desk = Desk(dive.engine.config, hold(psi=0.5).eta_d)
+    desk = CommandQueue(dive.engine.config, hold(psi=0.5).eta_d)
     dive.fault(**FORTY)
     for step in dive.run(3.0):
         desk.after(dive.engine, step.sample, dive.t_s)
@@ -112,7 +112,7 @@ def test_a_vehicle_that_turns_behind_a_gap_in_the_telemetry_was_not_reset():
 
 
 def test_the_operator_is_told_of_one_and_of_a_burst():
-    dive, chronicle = active(*QUIET), Chronicle()
+    dive, chronicle = active(*QUIET), EventLog()
     dive.fault(**FORTY)
     steps = dive.run(0.5)
     texts = [event.text for step in steps for event in chronicle.step(step.sample)]
@@ -126,7 +126,7 @@ def test_the_operator_is_told_of_one_and_of_a_burst():
 
 
 def test_a_position_reset_is_told():
-    dive, chronicle = active(*QUIET, *DVL), Chronicle()
+    dive, chronicle = active(*QUIET, *DVL), EventLog()
     dive.fault(**NORTH)
     texts = [event.text for step in dive.run(0.5) for event in chronicle.step(step.sample)]
     assert any(text.startswith("the EKF was reset: position +3.00 m north, ") for text in texts)
@@ -151,4 +151,4 @@ def test_a_position_that_is_reset_with_every_sample_is_not_believed():
     dive.fault("position_reset", 4.0, value=0.6, count=200)
     dive.run(2.0)
     assert dive.state is State.HAND_OVER
-    assert Condition.SURPRISED in dive.step.sample.verdict.conditions
+    assert Condition.INNOVATION_LARGE in dive.step.sample.verdict.conditions

@@ -66,7 +66,7 @@ def test_it_would_notice_thrust_without_authority(diving, monkeypatch):
     assert "authority" in noticed(diving, "leak") or "thrust" in noticed(diving, "leak")
 
 
-def _powerless(self, conditions, dt_s, unfit=""):
+def _powerless(self, conditions, dt_s, preflight_failure=""):
     return Verdict(State.FAULT, Condition(0), 0.5, "")
 
 

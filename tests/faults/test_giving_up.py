@@ -59,7 +59,10 @@ def rebooted(dive):
     dive.fault("reboot")
 
 
-HANDED_OVER = {leak: (Condition.LEAK, 0.5), too_late: (Condition.DELAY_TOO_LONG | Condition.SURPRISED, 8.0)}
+HANDED_OVER = {
+    leak: (Condition.LEAK, 0.5),
+    too_late: (Condition.DELAY_TOO_LONG | Condition.INNOVATION_LARGE, 8.0),
+}
 HANDED_OVER |= {carried_off: (Condition.OFF_TRACK, 25.0)}
 RAMPED = {ekf_bad: (Condition.EKF_UNHEALTHY, 0.6), own_failsafe: (Condition.AUTOPILOT_FAILSAFE, 2.1)}
 
@@ -116,12 +119,12 @@ def test_it_hands_over_through_stabilize(act):
 
 def test_surprise_about_a_heading_ends_it_where_the_heading_is_ours():
     dive = active(companion=["supervisor.off_track_s=60"], seconds=3.0)
-    assert what_ended(dive, compass_jumps, 3.0) & Condition.SURPRISED
+    assert what_ended(dive, compass_jumps, 3.0) & Condition.INNOVATION_LARGE
     assert dive.state is State.HAND_OVER
     dive = active(companion=["vehicle.steering_mode=stabilize"], setpoint=hold(psi=np.nan), seconds=3.0)
     compass_jumps(dive)
     assert {step.sample.verdict.state for step in dive.run(3.0)} == {State.ACTIVE}
-    assert not dive.step.sample.verdict.conditions & Condition.SURPRISED
+    assert not dive.step.sample.verdict.conditions & Condition.INNOVATION_LARGE
 
 
 def test_a_reboot_ends_it():

@@ -28,7 +28,7 @@ WITHIN = (
     "_estimator._hidden.hidden_s",
     "_estimator._meter._command_s",
     "_controller.reference.x_d",
-    "_controller._carried",
+    "_controller._bumpless_bias",
     "_controller._oscillation._slow",
     "_levelling._integral",
     "_pace._pace",

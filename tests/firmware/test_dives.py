@@ -172,7 +172,7 @@ def test_after_the_farewell_the_motors_rest_at_once(holding):
     dive = holding("waves.enabled=true")
     for _ in range(5):
         for _ in range(8):
-            dive.vehicle.step([(1, dive.engine.farewell())])
+            dive.vehicle.step([(1, dive.engine.shutdown_frames())])
     for _ in range(40):
         dive.vehicle.step([])
     assert set(dive.vehicle.truth().motor_pwm) == {1500}
@@ -186,7 +186,7 @@ def test_who_never_steered_leaves_somebody_elses_vehicle_armed(dived):
     sticks = pilot.frame(mavlink.MAVLink_manual_control_message(1, 0, 0, 500, 0, 0))
     vehicle = dive.vehicle
     vehicle.step([(1, pilot.arm())])
-    assert dive.engine.farewell() == b""
+    assert dive.engine.shutdown_frames() == b""
     for step in range(round(8.0 / vehicle.step_s)):
         vehicle.step([(1, sticks)] if step % 40 == 0 else [])
     assert vehicle.truth().armed

@@ -28,8 +28,8 @@ ENGAGE_S = 8.0
 PAGE_BYTES = 300_000
 PATIENT = (
     "late_tick_s=5",
-    "max_surprise_m=9",
-    "max_surprise_deg=90",
+    "max_innovation_m=9",
+    "max_innovation_deg=90",
     "depth_timeout_s=5",
     "attitude_timeout_s=5",
 )

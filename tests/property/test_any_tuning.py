@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from virtual import DEPTH_M, Dive, hold
 
 from companion.config import Config, ConfigError, load_config
-from companion.io.command_queue import COMMANDS, Desk, Order
+from companion.io.command_queue import COMMANDS, CommandQueue, Order
 from companion.records import Condition
 from companion.telemetry import ranges
 
@@ -82,7 +82,7 @@ def test_what_the_ranges_allow_stays_finite_and_inside_the_envelope(overrides, a
     except ConfigError as refused:
         event(str(refused).partition(":")[2][:20])
         return
-    desk = Desk(dive.engine.config, setpoint.eta_d)
+    desk = CommandQueue(dive.engine.config, setpoint.eta_d)
     for i in range(LASTS_S):
         for step in dive.loop.run(1.0):
             sample = step.sample

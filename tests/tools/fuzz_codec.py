@@ -52,7 +52,7 @@ def try_one(data: bytes) -> None:
             chunk = frame(message_id, source.ConsumeBytes(255), *sender)
         t_s += 0.02
         for message in codec.decode(t_s, chunk):
-            for event in fresh.sift(convert.to_events(message, t_s)):
+            for event in fresh.drop_stale(convert.to_events(message, t_s)):
                 values = [getattr(event, name) for name in event.__slots__]
                 assert all(math.isfinite(v) for v in values if isinstance(v, float)), event
         assert len(codec._rest) < LONGEST_FRAME

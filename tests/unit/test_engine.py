@@ -76,7 +76,7 @@ def test_what_a_dead_companion_left_in_force_is_neutral_soon_after_the_next_one_
 def test_farewell_is_neutral_while_it_steers(path):
     dive = active(companion=[f"vehicle.thrust_path={path}"])
     assert any(dive.tap.frames[-1][1])
-    assert steering(dive.engine.farewell()) == (0.0, 0.0, 0.0, 0.0)
+    assert steering(dive.engine.shutdown_frames()) == (0.0, 0.0, 0.0, 0.0)
 
 
 def watched(dive, seconds):
@@ -90,7 +90,7 @@ def watched(dive, seconds):
 def leaves(dive):
     """Let the companion leave, and the vehicle go on without it for longer than its failsafes wait."""
     for _ in range(5):
-        dive.tap.to_vehicle.append(dive.engine.farewell())
+        dive.tap.to_vehicle.append(dive.engine.shutdown_frames())
         dive.tap.asleep_until_s = math.inf
         dive.run(0.02)
     watched(dive, 8)
@@ -98,7 +98,7 @@ def leaves(dive):
 
 def test_who_never_steered_leaves_in_silence():
     """Neutral frames would count as a pilot, and the silence after them as his loss."""
-    assert engine().farewell() == b""
+    assert engine().shutdown_frames() == b""
     dive = boarded(Somebody().arm())
     watched(dive, 3)
     assert dive.step.truth.armed
@@ -125,7 +125,7 @@ def test_who_crashes_leaves_neutral_if_it_steered(monkeypatch):
     monkeypatch.setattr(dive.engine._controller, "step", None)
     with pytest.raises(TypeError):
         dive.run(0.02)
-    assert steering(dive.engine.farewell()) == (0.0, 0.0, 0.0, 0.0)
+    assert steering(dive.engine.shutdown_frames()) == (0.0, 0.0, 0.0, 0.0)
 
 
 @pytest.mark.parametrize("path", PATHS)

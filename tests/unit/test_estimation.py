@@ -8,7 +8,7 @@ import pytest
 from companion.config import load_config
 from companion.control.allocation import Thrusters
 from companion.control.positioning import Model, jacobian, to_body
-from companion.estimation.estimator import BROUGHT_S, CommandHistory, Estimator
+from companion.estimation.estimator import MAX_EXTRAPOLATION_S, CommandHistory, Estimator
 from companion.records import (
     PSI,
     Attitude,
@@ -305,7 +305,7 @@ def test_as_far_as_a_sample_is_brought_its_error_does_not_feed_itself(side):
         for k in range(6):
             observer.x = np.zeros((4, 6))
             observer.x[:, k] = 1.0
-            brought = observer.rates(M, drag) * side * np.array(BROUGHT_S)[:, None]
+            brought = observer.rates(M, drag) * side * np.array(MAX_EXTRAPOLATION_S)[:, None]
             H[:, :, k] = observer.expected - brought
         closed = (np.eye(6) - observer._gain @ H) @ A
         assert np.abs(np.linalg.eigvals(closed)).max() < 1.0

@@ -4,7 +4,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from companion.mavlink.ardusub import Commands, Mode
-from companion.mavlink.link_maintenance import PARAMETERS, VOLATILE, Upkeep
+from companion.mavlink.link_maintenance import PARAMETERS, VOLATILE, LinkMaintenance
 from companion.mavlink.streams import streams
 from companion.records import Depth, Firmware, Heartbeat, Parameter, Reboot, StatusText
 
@@ -16,10 +16,10 @@ def beat(t_s, *, armed=False, mode=Mode.MANUAL):
 
 
 class Dive:
-    """Steps an Upkeep through time and keeps what it sent, each with its time."""
+    """Steps an LinkMaintenance through time and keeps what it sent, each with its time."""
 
     def __init__(self):
-        self.upkeep = Upkeep(Commands(1, 1))
+        self.upkeep = LinkMaintenance(Commands(1, 1))
         self.now_s = 0.0
         self.sent = []
 

@@ -15,8 +15,8 @@ from companion.io.command_queue import (
     COMMANDS,
     MAX_BYTES,
     WAITING,
+    CommandQueue,
     Compensator,
-    Desk,
     Estimator,
     Gains,
     Order,
@@ -32,7 +32,7 @@ class Console:
     def __init__(self, dive, local=True):
         self._tap = dive.tap
         self.engine = dive.engine
-        self.desk = Desk(dive.engine.config, hold().eta_d)
+        self.desk = CommandQueue(dive.engine.config, hold().eta_d)
         self._local = local
         self.handed = []
         self.taken = []
@@ -278,7 +278,7 @@ def test_too_many_orders_are_told_so_at_once():
 
 
 def test_the_log_line_is_bounded_whatever_came():
-    desk = Desk(load_config(), hold().eta_d)
+    desk = CommandQueue(load_config(), hold().eta_d)
     desk.take(Order("setpoint", b"\xff" * 10 * MAX_BYTES, lambda _: None, True))
     desk.before(_Untouchable(), 0.0)
     assert len(desk.taken[0].text) < 1000
@@ -286,7 +286,7 @@ def test_the_log_line_is_bounded_whatever_came():
 
 @pytest.mark.parametrize("payload", [b'{"a\n2026 forged\x1b[2J": 1}', b"\n2026 forged", b'{"\\n\\u202e": 1}'])
 def test_an_order_forges_no_line_of_the_log(payload):
-    desk = Desk(load_config(), hold().eta_d)
+    desk = CommandQueue(load_config(), hold().eta_d)
     desk.take(Order("setpoint", payload, lambda _: None, True))
     desk.before(_Untouchable(), 0.0)
     assert desk.taken[0].text.isprintable()
@@ -309,7 +309,7 @@ payloads = st.binary(max_size=60) | (json_values | likely).map(lambda value: jso
 @given(name=st.sampled_from([*COMMANDS, "config", "", "*"]), payload=payloads)
 def test_whatever_comes_is_answered_once_and_changes_nothing_unless_done(name, payload):
     engine = _Recorder()
-    desk = Desk(engine.config, hold().eta_d)
+    desk = CommandQueue(engine.config, hold().eta_d)
     answers: list[Reply] = []
     desk.take(Order(name, payload, answers.append, True))
     handed = desk.before(engine, 0.0)

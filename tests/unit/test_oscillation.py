@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from companion.control.oscillation import LEAST, RELAPSE_SHARE, DrawnBack, Oscillation
+from companion.control.oscillation import LEAST, RELAPSE_SHARE, Oscillation, ScaledDisturbance
 
 DT_S = 0.02
 MAX_N = 100.0
@@ -75,7 +75,7 @@ def test_what_nobody_can_push_is_not_counted():
 
 def test_a_disturbance_drawn_back_keeps_its_mean_and_at_full_gains_is_untouched():
     load_n, none = np.array([15.0, -3.0]), np.zeros(2)
-    quick = DrawnBack(none)
+    quick = ScaledDisturbance(none)
     for i in range(500):
         d = load_n + 30.0 * np.sin(10.0 * i * DT_S)
         np.testing.assert_array_equal(quick.step(d, np.ones(2), DT_S), d)

@@ -43,7 +43,7 @@ TICK_S = 0.02
 RAMP_S = 0.5
 NOTHING = C(0)
 
-UNFIT = (
+BLOCKING = (
     C.LINK_LOST,
     C.DEPTH_STALE,
     C.ATTITUDE_STALE,
@@ -51,14 +51,14 @@ UNFIT = (
     C.DISARMED,
     C.WRONG_MODE,
     C.FAILSAFE_UNSAFE,
-    C.NOT_FIT,
+    C.PREFLIGHT_FAILURE,
     C.NON_FINITE,
     C.TICK_LATE,
     C.TILTED,
     C.DEPTH_JUMPED,
     C.DEPTH_OUT_OF_BOUNDS,
     C.EKF_UNHEALTHY,
-    C.SURPRISED,
+    C.INNOVATION_LARGE,
     C.DELAY_TOO_LONG,
     C.LEAK,
     C.BATTERY_LOW,
@@ -75,12 +75,12 @@ ONLY_TOLD = (
     C.POSITION_RESET,
     C.PEER_CHANGED,
 )
-FORBIDS_ENGAGING = (*UNFIT, C.PILOT_TAKEOVER, C.OPERATOR_STOP)
+FORBIDS_ENGAGING = (*BLOCKING, C.PILOT_TAKEOVER, C.OPERATOR_STOP)
 
 # What one condition alone leads to; what is not listed changes nothing.
 EXPECTED = {
     State.IDLE: {
-        **dict.fromkeys(UNFIT, State.IDLE),
+        **dict.fromkeys(BLOCKING, State.IDLE),
         C.NON_FINITE: State.FAULT,
         NOTHING: State.READY,
         C.PILOT_TAKEOVER: State.READY,
@@ -93,7 +93,7 @@ EXPECTED = {
         C.TILT_PERSISTS: State.READY,
     },
     State.READY: {
-        **dict.fromkeys(UNFIT, State.IDLE),
+        **dict.fromkeys(BLOCKING, State.IDLE),
         C.NON_FINITE: State.FAULT,
         C.ENGAGE_ASKED: State.ACTIVE,
     },
@@ -106,7 +106,7 @@ EXPECTED = {
         C.LEAK: State.HAND_OVER,
         C.DELAY_TOO_LONG: State.HAND_OVER,
         C.CLOCK_INCONSISTENT: State.HAND_OVER,
-        C.SURPRISED: State.HAND_OVER,
+        C.INNOVATION_LARGE: State.HAND_OVER,
         C.OFF_TRACK: State.HAND_OVER,
         C.EKF_UNHEALTHY: State.RAMP_DOWN,
         C.DEPTH_OUT_OF_BOUNDS: State.RAMP_DOWN,
@@ -115,7 +115,7 @@ EXPECTED = {
         C.FAILSAFE_SURFACES: State.HAND_OVER,
         C.WRONG_MODE: State.PILOT,
         C.FAILSAFE_UNSAFE: State.RAMP_DOWN,
-        C.NOT_FIT: State.RAMP_DOWN,
+        C.PREFLIGHT_FAILURE: State.RAMP_DOWN,
         C.NON_FINITE: State.FAULT,
         C.TICK_LATE: State.RAMP_DOWN,
         C.TILT_PERSISTS: State.HAND_OVER,
@@ -278,8 +278,8 @@ def test_waiting_says_for_what():
     verdict = Supervisor(RAMP_S).step(C.DISARMED | C.DEPTH_STALE, TICK_S)
     assert verdict.state is State.IDLE
     assert verdict.reason == "waiting for: depth stale, disarmed"
-    told = Supervisor(RAMP_S).step(C.DISARMED | C.SATURATED | C.NOT_FIT, TICK_S, "the frame")
-    assert told.reason == "waiting for: disarmed, not fit (the frame)"
+    told = Supervisor(RAMP_S).step(C.DISARMED | C.SATURATED | C.PREFLIGHT_FAILURE, TICK_S, "the frame")
+    assert told.reason == "waiting for: disarmed, preflight failure (the frame)"
     assert names(C.LINK_LOST | C.TICK_LATE) == "link lost, tick late"
 
 
@@ -300,7 +300,13 @@ def test_a_lost_link_outranks_everything(state):
 
 
 def test_a_latched_fault_is_to_be_cleared_whatever_else_is_missing():
-    for other in (NOTHING, C.DISARMED, C.WRONG_MODE, C.DISARMED | C.WRONG_MODE | C.NOT_FIT, C.PILOT_TAKEOVER):
+    for other in (
+        NOTHING,
+        C.DISARMED,
+        C.WRONG_MODE,
+        C.DISARMED | C.WRONG_MODE | C.PREFLIGHT_FAILURE,
+        C.PILOT_TAKEOVER,
+    ):
         assert todo(State.FAULT, other) == CLEAR
     assert "clear the fault" in CLEAR
 
@@ -320,8 +326,8 @@ def test_without_a_fault_nothing_is_to_be_cleared(state):
 
 def test_what_keeps_it_from_engaging_comes_in_an_order_that_gets_on():
     disarmed = (C.DISARMED, C.WRONG_MODE)
-    assert todo(State.IDLE, C.NOT_FIT, C.DEPTH_STALE, *disarmed) == todo(State.IDLE, C.DEPTH_STALE)
-    assert "holdfast check" in todo(State.IDLE, C.NOT_FIT, *disarmed)
+    assert todo(State.IDLE, C.PREFLIGHT_FAILURE, C.DEPTH_STALE, *disarmed) == todo(State.IDLE, C.DEPTH_STALE)
+    assert "holdfast check" in todo(State.IDLE, C.PREFLIGHT_FAILURE, *disarmed)
     assert todo(State.IDLE, *disarmed) == "arm it"
     assert todo(State.IDLE, C.WRONG_MODE).startswith("engage")
     assert todo(State.READY).startswith("engage")
@@ -471,8 +477,8 @@ def test_nothing_holds_when_all_is_well():
         (FINE_STATE, {"saturated_s": LIMITS.saturated_s + 0.01}, C.SATURATED),
         (FINE_STATE, {"off_track_s": LIMITS.off_track_s + 0.01}, C.OFF_TRACK),
         (FINE_STATE, {"tilted_s": LIMITS.off_track_s + 0.01}, C.TILT_PERSISTS),
-        (FINE_STATE, {"surprise_m": LIMITS.max_surprise_m + 0.001}, C.SURPRISED),
-        (FINE_STATE, {"surprise_deg": LIMITS.max_surprise_deg + 0.01}, C.SURPRISED),
+        (FINE_STATE, {"innovation_m": LIMITS.max_innovation_m + 0.001}, C.INNOVATION_LARGE),
+        (FINE_STATE, {"innovation_deg": LIMITS.max_innovation_deg + 0.01}, C.INNOVATION_LARGE),
         (FINE_STATE, {"samples_dropped": True}, C.QUEUE_FULL),
         (FINE_STATE, {"config_changed": True}, C.CONFIG_CHANGED),
         (FINE_STATE, {"peer_changed": True}, C.PEER_CHANGED),
@@ -505,7 +511,7 @@ def test_each_condition_is_seen(state, changes, expected):
         (replace(FINE_STATE, roll=math.radians(LIMITS.max_tilt_deg)), {}),
         (delayed(LIMITS.max_delay_s), {}),
         (FINE_STATE, {"ekf_doubt_s": LIMITS.ekf_doubt_s}),
-        (FINE_STATE, {"surprise_m": LIMITS.max_surprise_m, "surprise_deg": LIMITS.max_surprise_deg}),
+        (FINE_STATE, {"innovation_m": LIMITS.max_innovation_m, "innovation_deg": LIMITS.max_innovation_deg}),
         (FINE_STATE, {"battery_low_s": LIMITS.battery_low_s, "saturated_s": LIMITS.saturated_s}),
         (FINE_STATE, {"off_track_s": LIMITS.off_track_s, "late_s": LIMITS.late_tick_s}),
         (FINE_STATE, {"tilted_s": LIMITS.off_track_s}),
@@ -528,8 +534,8 @@ def test_an_age_that_is_not_known_counts_against_permission(signal, age):
     [
         {"late_s": math.nan},
         {"pilot_deflection": math.nan},
-        {"surprise_m": math.nan},
-        {"surprise_deg": math.nan},
+        {"innovation_m": math.nan},
+        {"innovation_deg": math.nan},
         {"off_track_s": math.nan},
         {"state": at_depth(math.nan)},
         {"state": delayed(math.nan)},

@@ -32,7 +32,7 @@ def learnt(compensator, ticks=400):
 
 def after(old, *overrides):
     new = controller(*overrides)
-    new.take_over(old)
+    new.transfer_from(old)
     return new
 
 
@@ -167,10 +167,10 @@ def test_an_accelerating_path_is_met_where_the_command_acts():
 
 def test_gains_are_drawn_back_by_their_powers_and_never_drawn_out():
     gains = controller()._gains
-    lam, kappa, keenness = gains.softened(2.0 * gains.delay_s)
+    lam, kappa, learning_scale = gains.scheduled(2.0 * gains.delay_s)
     np.testing.assert_allclose(lam, gains.lam * 0.5**0.6)
     np.testing.assert_allclose(kappa, gains.kappa * 0.5**1.4)
-    assert keenness == pytest.approx(0.25)
-    lam, kappa, keenness = gains.softened(0.0)
+    assert learning_scale == pytest.approx(0.25)
+    lam, kappa, learning_scale = gains.scheduled(0.0)
     np.testing.assert_array_equal((lam, kappa), (gains.lam, gains.kappa))
-    assert keenness == 1.0
+    assert learning_scale == 1.0

@@ -59,7 +59,7 @@ def test_nothing_is_seen_where_nothing_is(seen):
     o = seen.step()
     assert o == Watched()
     assert (o.leaking, o.failsafe, o.rebooted, o.samples_dropped, o.config_changed) == (False,) * 5
-    assert (o.battery_low_s, o.saturated_s, o.off_track_s, o.surprise_m, o.surprise_deg) == (0.0,) * 5
+    assert (o.battery_low_s, o.saturated_s, o.off_track_s, o.innovation_m, o.innovation_deg) == (0.0,) * 5
     assert o.ekf is None
 
 
@@ -168,24 +168,24 @@ def test_a_failsafe_counts_once_our_steering_should_have_ended_it(seen):
 
 def test_surprise_is_an_average_and_forgets_what_is_not_finite(seen):
     missed = replace(FINE_STATE, innovation=np.array([0.0, 0.0, -0.4, radians(20.0)]))
-    assert seen.step(state=missed).surprise_m < LIMITS.max_surprise_m
+    assert seen.step(state=missed).innovation_m < LIMITS.max_innovation_m
     for _ in range(200):
         o = seen.step(state=missed)
-    assert o.surprise_m == pytest.approx(0.4, rel=0.01)
-    assert o.surprise_deg == pytest.approx(20.0, rel=0.01)
+    assert o.innovation_m == pytest.approx(0.4, rel=0.01)
+    assert o.innovation_deg == pytest.approx(20.0, rel=0.01)
     for _ in range(200):
         o = seen.step()
-    assert o.surprise_m < 0.01
-    assert seen.step(state=replace(FINE_STATE, innovation=np.full(4, nan))).surprise_m == 0.0
+    assert o.innovation_m < 0.01
+    assert seen.step(state=replace(FINE_STATE, innovation=np.full(4, nan))).innovation_m == 0.0
 
 
 def test_surprise_counts_where_it_is_held(seen):
     missed = replace(FINE_STATE, innovation=np.array([0.4, 0.0, 0.1, radians(20.0)]))
     for _ in range(200):
         o = seen.step(state=missed, held=np.array([False, False, True, False]))
-    assert (o.surprise_m, o.surprise_deg) == (pytest.approx(0.1, rel=0.01), 0.0)
+    assert (o.innovation_m, o.innovation_deg) == (pytest.approx(0.1, rel=0.01), 0.0)
     o = seen.step(state=missed)
-    assert (o.surprise_m, o.surprise_deg) == (pytest.approx(0.4, rel=0.01), pytest.approx(20.0, rel=0.01))
+    assert (o.innovation_m, o.innovation_deg) == (pytest.approx(0.4, rel=0.01), pytest.approx(20.0, rel=0.01))
 
 
 def test_a_pilot_counts_as_steering_for_a_while(seen):

@@ -64,7 +64,7 @@ export default {
     "FS_PILOT_INPUT is 0 or not known, or FS_PILOT_TIMEOUT too long: nothing would stop the thrusters if this computer died",
     "set FS_PILOT_INPUT to 2"
   ],
-  "NOT_FIT": [
+  "PREFLIGHT_FAILURE": [
     "a row of the pre-dive list is refused (frame, steering id, InputHold...); the reason names it",
     "`holdfast check` says what mends it"
   ],
@@ -80,7 +80,7 @@ export default {
     "telemetry and commands are later than any gains bear",
     "look at the link's load; run on the vehicle instead of topside"
   ],
-  "SURPRISED": [
+  "INNOVATION_LARGE": [
     "where it is held, it keeps not being where the estimator expects: sensor, model or clock is wrong",
     "look at the depth's and heading's noise and at the delays"
   ],
