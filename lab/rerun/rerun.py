@@ -24,6 +24,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from companion.config import DEFAULT_FILE, Config, ConfigError, load_config
 from companion.engine import Engine
+from companion.mavlink.signing import Signing
 from companion.records import AXES, LoopHealth, Request, Setpoint
 from companion.telemetry.schemas import Raw
 from dashboard.recording.mcap_file import Reader
@@ -116,28 +117,34 @@ def configured(tape: Tape, overrides: Sequence[str] = (), file: Path | None = No
     return load_config(DEFAULT_FILE, [*_overlay(recorded, tape.notes), *overrides])
 
 
-def rerun(tape: Tape, config: Config, *, follow: bool = True) -> Outcome:
-    """Step today's engine through the ticks; without `follow` live retunes are left out."""
+def rerun(tape: Tape, config: Config, *, follow: bool = True, signing: Signing | None = None) -> Outcome:
+    """Step today's engine through the ticks; without `follow` live retunes are left out.
+
+    `signing` as the dive began with: without it signatures are neither checked nor made, nor compared.
+    """
     start = tape.ticks[0].start
     setpoint = Setpoint(np.array(start.setpoint if start is not None else [math.nan] * 4))
-    # The key is not in the recording: signatures are neither checked nor made, nor compared.
-    unsigned = msgspec.structs.replace(config.link, signing_key_file="")
+    link = config.link if signing else msgspec.structs.replace(config.link, signing_key_file="")
+    compared = bytes if signing else _bare
     engine = Engine(
-        msgspec.structs.replace(config, link=unsigned), setpoint, arm=start is not None and start.arm
+        msgspec.structs.replace(config, link=link),
+        setpoint,
+        arm=start is not None and start.arm,
+        signing=signing,
     )
     was, now, different = [], [], []
     begun_s = time.perf_counter()
     for raw in tape.ticks:
         if raw.setpoint is not None:
-            engine.aim(Setpoint(np.array(raw.setpoint)))
+            engine.aim(Setpoint(*np.reshape(raw.setpoint, (-1, 4))))
         if raw.config is not None and follow:
             tuned = load_config(DEFAULT_FILE, _overlay(raw.config, []))
-            engine.retune(msgspec.structs.replace(tuned, link=unsigned))
+            engine.retune(msgspec.structs.replace(tuned, link=link))
         health = LoopHealth(raw.tick, config.loop.rate_hz, 0.0, 0.0, 0, 0)
         heard = [(t_ns, data) for t_ns, data in raw.heard]
         ground = [(t_ns, frame) for t_ns, frame in raw.ground]
         out, _ = engine.step(raw.now_s, heard, health, [Request[name] for name in raw.requests], ground)
-        if [*map(_bare, out)] != [*map(_bare, raw.out)]:
+        if [*map(compared, out)] != [*map(compared, raw.out)]:
             different.append(raw.tick)
         was.append(_command(raw.out))
         now.append(_command(out))
