@@ -10,12 +10,14 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from companion.config import Config
-from companion.control.bounds import wrap
-from companion.records import PSI, Array, Setpoint, Z
+from companion.records import Setpoint
 from lab.batch.engine import Engines
+from lab.batch.legacy import records
+from lab.batch.legacy.bounds import wrap
+from lab.batch.legacy.records import PSI, Array, Z
+from lab.batch.legacy.rival_law import Law
 from lab.batch.vehicle import ENGAGED_S, Links, Vehicles
 from lab.loop.scenarios import SETTLE_S, Scenario
-from lab.rivals.law import Law
 from sim_bridge.config import SimConfig
 
 TAIL_S = 10.0
@@ -67,7 +69,7 @@ def simulate(
             readings = vehicles.read()
             if tick == first:
                 engines.start(readings)
-            now = target(t_s + tick_s)
+            now = _arrays(target(t_s + tick_s))
             axes = engines.step(now, readings)
             wanted = now.eta_d
             depth_error = vehicles.depth_m - wanted[..., Z]
@@ -91,6 +93,10 @@ def simulate_scenarios(
     plants = [scenario.plant(base, scenario.seed) for scenario in scenarios]
     seeds = [scenario.seed for scenario in scenarios]
     return simulate(config, plants, scenarios[0].target, scenarios[0].duration_s, seeds, links)
+
+
+def _arrays(wanted: Setpoint) -> records.Setpoint:
+    return records.Setpoint(*map(np.asarray, (wanted.eta_d, wanted.eta_d_dot, wanted.eta_d_ddot)))
 
 
 class _Figures:

@@ -11,25 +11,27 @@ from typing import cast
 
 import numpy as np
 
-from companion.assembly import levelling, thrusters
 from companion.config import Config
-from companion.control.allocation import Thrusters
-from companion.control.bounds import wrap
-from companion.control.compensator import INPUTS, Compensator
-from companion.control.controller import Controller, Gains
-from companion.control.integrator import Integration, Integrator
-from companion.control.network import Learning, Network
-from companion.control.oscillation import Oscillation, ScaledDisturbance
-from companion.control.pace import Pace
-from companion.control.positioning import Model, jacobian, to_body, to_inertial
-from companion.control.reference import Limits, ReferenceModel
-from companion.control.regressor import Regressor
-from companion.estimation.estimator import DOF_INDEX, QUIET_N
-from companion.estimation.hidden_delay import LARGEST_S, HiddenDelay
-from companion.estimation.observer import Noise, Observer
-from companion.records import PSI, Array, Setpoint, VehicleState, Z
+from lab.batch.legacy.allocation import Thrusters
+from lab.batch.legacy.assembly import levelling, thrusters
+from lab.batch.legacy.bounds import wrap
+from lab.batch.legacy.compensator import INPUTS, Compensator
+from lab.batch.legacy.controller import Controller, Gains
+from lab.batch.legacy.hidden_delay import LARGEST_S, HiddenDelay
+from lab.batch.legacy.integrator import Integration, Integrator
+from lab.batch.legacy.network import Learning, Network
+from lab.batch.legacy.observer import Noise, Observer
+from lab.batch.legacy.oscillation import Oscillation, ScaledDisturbance
+from lab.batch.legacy.pace import Pace
+from lab.batch.legacy.positioning import Model, jacobian, to_body, to_inertial
+from lab.batch.legacy.records import PSI, Array, Setpoint, VehicleState, Z
+from lab.batch.legacy.reference import Limits, ReferenceModel
+from lab.batch.legacy.regressor import Regressor
+from lab.batch.legacy.rival_law import Law, RivalController
 from lab.batch.vehicle import OVERRIDE_SPAN_US, Readings, Timing
-from lab.rivals.law import Law, RivalController
+
+DOF_INDEX = np.arange(4)
+QUIET_N = 1.0
 
 SLIPPED = 0.01
 """An axis that differs from what was wanted by more than this did not get it (engine.step)."""

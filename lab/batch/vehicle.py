@@ -16,8 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 from msgspec.structs import replace
 
-from companion.control.bounds import wrap
-from companion.records import Array
+from lab.batch.legacy.bounds import wrap
+from lab.batch.legacy.records import Array
 from sim_bridge.config import SimConfig
 from sim_bridge.firmware.autopilot import INPUT_PERIOD_S
 from sim_bridge.firmware.mixer import FACTORS

@@ -20,6 +20,7 @@ from companion.assembly import refuse_fast_gains
 from companion.config import Config, ConfigError
 from companion.records import Array, Setpoint
 from lab.batch import dives as batch
+from lab.batch.legacy.rivals import rival as array_rival
 from lab.batch.vehicle import Links
 from lab.bench.floor import CHATTER_N
 from lab.bench.rows import WIDTH, Row
@@ -164,7 +165,7 @@ def _dive(
     each = [config for config in configs for _ in dives]
     up_s = link.up_s + longer_s + hidden_s
     links = Links(up_s, link.down_s + longer_s, untold_up_s=hidden_s)
-    rival = row.rival(gains, configs[0])
+    rival = array_rival(row.name, gains, configs[0])
     return batch.simulate(each, plants, target, duration_s, seeds, links, rival=rival)
 
 
