@@ -1,0 +1,262 @@
+"""What the MAVLink links give: events from the vehicle and from the pilot, and what became of the bytes."""
+
+from dataclasses import dataclass
+from enum import Enum, auto
+
+from companion.records.control import AxisCommand
+
+
+@dataclass(frozen=True, slots=True)
+class Heartbeat:
+    """The autopilot's own heartbeat. `mode` is ArduSub's custom_mode, `system_status` MAV_STATE."""
+
+    t_s: float
+    armed: bool
+    mode: int
+    system_status: int
+    vehicle_type: int = 12
+    """MAV_TYPE; 12 is a submarine."""
+
+
+@dataclass(frozen=True, slots=True)
+class Attitude:
+    """Euler angles (rad) and body rates (rad/s), stamped by the autopilot."""
+
+    t_s: float
+    boot_s: float
+    roll: float
+    pitch: float
+    yaw: float
+    p: float
+    q: float
+    r: float
+
+
+@dataclass(frozen=True, slots=True)
+class Depth:
+    """Depth in metres, positive down. `boot_s` is None where the message carries no stamp."""
+
+    t_s: float
+    boot_s: float | None
+    z_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class DepthRate:
+    """Depth rate in m/s, positive down."""
+
+    t_s: float
+    boot_s: float | None
+    w_mps: float
+
+
+@dataclass(frozen=True, slots=True)
+class Position:
+    """Horizontal position (m) and velocity (m/s), north and east, from a DVL or another position source."""
+
+    t_s: float
+    boot_s: float
+    x_m: float
+    y_m: float
+    vx_mps: float
+    vy_mps: float
+
+
+@dataclass(frozen=True, slots=True)
+class ServoOutput:
+    """Motor outputs as the autopilot reports them (µs), first servo first: the echo of our commands."""
+
+    t_s: float
+    boot_s: float
+    pwm_us: tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class TimeSync:
+    """Answer to our TIMESYNC: we sent at `sent_s` (our clock), the autopilot's clock then read `boot_s`."""
+
+    t_s: float
+    sent_s: float
+    boot_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Battery:
+    """Battery voltage in volts."""
+
+    t_s: float
+    voltage_v: float
+
+
+@dataclass(frozen=True, slots=True)
+class PilotGain:
+    """The live stick gain (0..1) that ArduSub applies to MANUAL_CONTROL."""
+
+    t_s: float
+    gain: float
+
+
+@dataclass(frozen=True, slots=True)
+class PilotToggle:
+    """What a pilot's button switched: "InputHold" adds to the sticks, "RollPitch" makes x, y pitch, roll."""
+
+    t_s: float
+    name: str
+    on: bool
+
+
+@dataclass(frozen=True, slots=True)
+class ReceiverChannels:
+    """How many channels the autopilot says an RC receiver gives it."""
+
+    t_s: float
+    count: int
+
+
+@dataclass(frozen=True, slots=True)
+class Firmware:
+    """The autopilot's version, such as "4.7.0 (dev)", and its (major, minor, patch)."""
+
+    t_s: float
+    text: str
+    version: tuple[int, int, int]
+
+
+@dataclass(frozen=True, slots=True)
+class EkfOrigin:
+    """Whether the EKF knows where on earth it is: without, VFR_HUD.alt stays exactly 0."""
+
+    t_s: float
+    known: bool
+
+
+@dataclass(frozen=True, slots=True)
+class PilotInput:
+    """Somebody else steers this vehicle: largest stick deflection, 0..1."""
+
+    t_s: float
+    deflection: float
+
+
+@dataclass(frozen=True, slots=True)
+class PilotHeartbeat:
+    """The ground station on our own second link is alive."""
+
+    t_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class PilotSticks:
+    """The pilot's MANUAL_CONTROL, which came through our relay.
+
+    `sticks` are fractions of full stick, -1..1, down positive. The further fields, to be passed on as they
+    came, are (buttons2, enabled_extensions) and aux1..aux6.
+    """
+
+    t_s: float
+    sticks: AxisCommand
+    buttons: int
+    extensions: tuple[int, int]
+    aux: tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """A parameter's value, as the autopilot reports it."""
+
+    t_s: float
+    name: str
+    value: float
+
+
+@dataclass(frozen=True, slots=True)
+class CommandAck:
+    """The autopilot's answer to a command; `result` is MAV_RESULT. It can lie: the heartbeat is the truth."""
+
+    t_s: float
+    command: int
+    result: int
+
+
+@dataclass(frozen=True, slots=True)
+class StatusText:
+    """A line the autopilot wants a human to read; `severity` is MAV_SEVERITY."""
+
+    t_s: float
+    severity: int
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Reboot:
+    """The autopilot's clock started anew: all that was asked of it and learnt of its clock is void."""
+
+    t_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class EkfStatus:
+    """What the autopilot's estimator says of itself: what it has, and its worst test ratio."""
+
+    t_s: float
+    attitude: bool
+    depth: bool
+    variance: float
+    position: bool = False
+    """Horizontal position and velocity."""
+    initialised: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class Leak:
+    """The autopilot's leak detector is wet."""
+
+    t_s: float
+
+
+Event = (
+    Heartbeat
+    | Attitude
+    | Depth
+    | DepthRate
+    | Position
+    | ServoOutput
+    | TimeSync
+    | Battery
+    | PilotGain
+    | PilotInput
+    | PilotHeartbeat
+    | PilotSticks
+    | PilotToggle
+    | ReceiverChannels
+    | Firmware
+    | EkfOrigin
+    | Parameter
+    | CommandAck
+    | StatusText
+    | Reboot
+    | EkfStatus
+    | Leak
+)
+
+
+class Sender(Enum):
+    """Whose a datagram is, for a link that listens."""
+
+    STRANGER = auto()
+    BEHIND = auto()
+    """Rightly signed, and not new: a replay, or a sender whose clock has to learn the time from us."""
+    EXPECTED = auto()
+
+
+@dataclass(slots=True)
+class LinkCounters:
+    """What became of the bytes that came in. Counted, never raised."""
+
+    datagrams: int = 0
+    messages: int = 0
+    garbage: int = 0
+    foreign: int = 0
+    implausible: int = 0
+    refused: int = 0
+    """Signature bad, missing or replayed."""

@@ -1,0 +1,45 @@
+"""Everything of one tick, as it leaves for telemetry."""
+
+from dataclasses import dataclass
+
+from companion.records.control import AxisCommand, DofSample, Wrench
+from companion.records.dof import Array
+from companion.records.events import LinkCounters, StatusText
+from companion.records.state import VehicleState
+from companion.records.supervision import Verdict
+
+
+@dataclass(frozen=True, slots=True)
+class LoopHealth:
+    """How the process itself is doing."""
+
+    tick: int
+    rate_hz: float
+    lateness_ms: float
+    compute_us: float
+    late_ticks: int
+    samples_dropped: int
+    strangers: int = 0
+    """Datagrams of others than the links' peers."""
+    peer_changes: int = 0
+    left_out_bytes: int = 0
+    """Of floods on the links."""
+
+
+@dataclass(frozen=True, slots=True)
+class ControlSample:
+    """Everything of one tick, as it leaves for telemetry."""
+
+    state: VehicleState
+    eta_d: Array
+    """Where it should be now, shape (4,); `dofs` is about `state.ahead_s` later."""
+
+    dofs: DofSample
+    command: AxisCommand
+    requested: Wrench
+    delivered: Wrench
+    verdict: Verdict
+    counters: LinkCounters
+    loop: LoopHealth
+    texts: tuple[StatusText, ...] = ()
+    """What the autopilot said since the tick before."""

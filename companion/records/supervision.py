@@ -1,0 +1,79 @@
+"""What the supervisor looks at, and what it says."""
+
+from dataclasses import dataclass, field
+from enum import IntFlag, StrEnum, auto
+
+
+class State(StrEnum):
+    """The supervisor's states."""
+
+    IDLE = "IDLE"
+    READY = "READY"
+    ACTIVE = "ACTIVE"
+    RAMP_DOWN = "RAMP_DOWN"
+    HAND_OVER = "HAND_OVER"
+    PILOT = "PILOT"
+    FAULT = "FAULT"
+
+
+class Condition(IntFlag):
+    """What the supervisor looks at, a bit each."""
+
+    LINK_LOST = auto()
+    DEPTH_STALE = auto()
+    ATTITUDE_STALE = auto()
+    POSITION_STALE = auto()
+    DISARMED = auto()
+    WRONG_MODE = auto()
+    FAILSAFE_UNSAFE = auto()
+    PREFLIGHT_FAILURE = auto()
+    NON_FINITE = auto()
+    TICK_LATE = auto()
+    TILTED = auto()
+    PILOT_TAKEOVER = auto()
+    OPERATOR_STOP = auto()
+    ENGAGE_ASKED = auto()
+    CLEAR_ASKED = auto()
+    RAMPED_DOWN = auto()
+    DEPTH_JUMPED = auto()
+    DEPTH_OUT_OF_BOUNDS = auto()
+    EKF_UNHEALTHY = auto()
+    LEAK = auto()
+    BATTERY_LOW = auto()
+    AUTOPILOT_FAILSAFE = auto()
+    REBOOTED = auto()
+    SATURATED = auto()
+    OFF_TRACK = auto()
+    DELAY_TOO_LONG = auto()
+    INNOVATION_LARGE = auto()
+    QUEUE_FULL = auto()
+    CONFIG_CHANGED = auto()
+    HANDED_OVER = auto()
+    HAND_OVER_REFUSED = auto()
+    PILOT_LOST = auto()
+    PILOT_LOST_SURFACE = auto()
+    CLOCK_JUMPED = auto()
+    CLOCK_INCONSISTENT = auto()
+    YAW_RESET = auto()
+    POSITION_RESET = auto()
+    PEER_CHANGED = auto()
+    FAILSAFE_SURFACES = auto()
+    SURFACED = auto()
+    TILT_PERSISTS = auto()
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """The supervisor's word for this tick. `authority` 0..1 scales the wrench: 0 is neutral.
+
+    `warnings` are those of the conditions that are only told; with `freeze` nothing may be learnt.
+    `remedy` is the one thing to do that gets the operator on.
+    """
+
+    state: State
+    conditions: Condition
+    authority: float
+    reason: str
+    warnings: Condition = field(default_factory=lambda: Condition(0))
+    freeze: bool = False
+    remedy: str = ""
