@@ -1,0 +1,91 @@
+"""The lab compiles plain functions of other packages, and keeps what it compiled until a source changes."""
+
+import math
+from typing import NamedTuple
+
+import numba
+import numpy as np
+import pytest
+
+from lab.batch import compiled as subject
+from lab.batch.compiled import cached, compiled, digest, example, signature
+
+
+class Parameters(NamedTuple):
+    gain: float
+    steps: int
+    flags: tuple[bool, bool]
+
+
+class Motion(NamedTuple):
+    position: float
+    rate: float
+
+
+def limited(x: float, limit: float) -> float:
+    return max(-limit, min(limit, x))
+
+
+def step(parameters: Parameters, motion: Motion, dt_s: float) -> Motion:
+    rate = motion.rate
+    for _ in range(parameters.steps):
+        rate += limited(parameters.gain * motion.position, 1.0) if parameters.flags[0] else math.sin(rate)
+    return Motion(motion.position + dt_s * rate, rate)
+
+
+def quotient(a: float, b: float) -> float:
+    return a / b
+
+
+def text(name: str) -> int:
+    return len(name)
+
+
+@pytest.fixture
+def ours(monkeypatch):
+    monkeypatch.setattr(subject, "PACKAGES", (*subject.PACKAGES, __name__.partition(".")[0]))
+
+
+@pytest.mark.parametrize("flags", [(True, False), (False, True)])
+def test_compiled_function_and_its_callees_do_what_python_does(ours, flags):
+    arguments = Parameters(3.0, 4, flags), Motion(0.2, -0.1), 0.02
+    result = compiled(step)(*arguments)
+    assert isinstance(result, Motion)
+    assert result == pytest.approx(step(*arguments), rel=1e-15)
+
+
+def test_compiled_floats_do_not_raise():
+    assert compiled(quotient)(1.0, 0.0) == math.inf
+    assert math.isnan(compiled(quotient)(0.0, 0.0))
+
+
+def test_arguments_have_the_annotated_types():
+    assert signature(quotient) == (numba.float64, numba.float64)
+    assert example(Parameters) == Parameters(0.0, 0, (False, False))
+    assert example(np.ndarray[tuple[int, int], np.dtype[np.float64]]).shape == (1, 1)
+    assert len(compiled(quotient).signatures) == 1
+    assert compiled(quotient)(1, 2) == 0.5
+    with pytest.raises(TypeError, match="no type of an equation"):
+        signature(text)
+
+
+def test_compiled_code_is_taken_from_disk(ours, monkeypatch, tmp_path):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    subject._folder.cache_clear()
+    for hits in (0, 1):
+        subject._jit.cache_clear()
+        assert sum(cached(step).stats.cache_hits.values()) == hits
+    subject._folder.cache_clear()
+    subject._jit.cache_clear()
+
+
+def test_a_changed_or_new_source_changes_the_digest(tmp_path):
+    (tmp_path / "companion" / "control").mkdir(parents=True)
+    source = tmp_path / "companion" / "control" / "law.py"
+    source.write_text("k = 1\n")
+    seen = {digest(tmp_path)}
+    source.write_text("k = 2\n")
+    seen.add(digest(tmp_path))
+    (tmp_path / "companion" / "other.py").write_text("")
+    seen.add(digest(tmp_path))
+    assert len(seen) == 3
