@@ -360,16 +360,19 @@ class Engine:
             self._references.clear()
             self._engaged = np.zeros(4, bool)
             self._controller.rest(state)
-            self._target = Setpoint(state.eta_ahead)
+            self._target = Setpoint(np.array(state.eta_ahead))
         elif not steered:
             self._engaged = self._holdable(state)
             self._controller.rest(state)
-            self._engaged_at = Setpoint(state.eta)
-            self._target = _filled(self._setpoint, state.eta)
+            eta = np.array(state.eta)
+            self._engaged_at = Setpoint(eta)
+            self._target = _filled(self._setpoint, eta)
             self._handed_back = np.zeros(4, bool)
         elif Request.ENGAGE in requests and now is State.ACTIVE:
             back, self._handed_back = self._handed_back, np.zeros(4, bool)
-            self._controller.reference.catch_up(state.eta_ahead, state.eta_dot_ahead, back)
+            self._controller.reference.catch_up(
+                np.array(state.eta_ahead), np.array(state.eta_dot_ahead), back
+            )
             self._target = replace(self._target, eta_d=np.where(back, state.eta, self._target.eta_d))
             self._engaged = self._engaged | back
         if now is State.FAULT or (before.state is State.ACTIVE and now is not State.ACTIVE):
@@ -378,7 +381,7 @@ class Engine:
 
     def _shift(self, shift: FrameShift, state: VehicleState) -> None:
         """Hold the same physical place and direction in the frame of a reset estimate."""
-        self._controller.shift(shift, state.eta_ahead)
+        self._controller.shift(shift, np.array(state.eta_ahead))
         self._target = replace(self._target, eta_d=shifted(shift, self._target.eta_d))
         self._engaged_at = replace(self._engaged_at, eta_d=shifted(shift, self._engaged_at.eta_d))
         asked = self._engaged & np.isfinite(self._setpoint.eta_d)
@@ -386,7 +389,7 @@ class Engine:
             self._setpoint, eta_d=np.where(asked, self._target.eta_d, self._setpoint.eta_d)
         )
         self._references = deque(
-            (t_s, shifted_along(shift, eta_d, state.eta)) for t_s, eta_d in self._references
+            (t_s, shifted_along(shift, eta_d, np.array(state.eta))) for t_s, eta_d in self._references
         )
 
     def _holdable(self, state: VehicleState) -> Flags:
@@ -434,7 +437,7 @@ class Engine:
             astray = math.hypot(*(state.eta_ahead - reference.x_d)[:2].tolist()) > FOLLOWS_M
             gone = np.array((astray, astray, False, yaw == 0.0))
             if gone.any():
-                reference.catch_up(state.eta_ahead, state.eta_dot_ahead, gone)
+                reference.catch_up(np.array(state.eta_ahead), np.array(state.eta_dot_ahead), gone)
         return np.array((level, level, 1.0, yaw))
 
     def _levelled(self, requested: Array, state: VehicleState, dt_s: float) -> Array:

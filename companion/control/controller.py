@@ -103,7 +103,7 @@ class Controller:
 
     def rest(self, state: VehicleState) -> None:
         """Stay where the vehicle is, with nothing learnt: engaging from here is no step."""
-        self.reference.reset(state.eta_ahead, state.eta_dot_ahead)
+        self.reference.reset(np.array(state.eta_ahead), np.array(state.eta_dot_ahead))
         for _, compensator in self._compensators:
             compensator.reset()
         self._oscillation.reset()
@@ -145,12 +145,13 @@ class Controller:
         self._engaged_s += dt_s
 
         scale = self.gain_scale
-        e = pose_error(state.eta_ahead, reference.x_d)
-        e_dot = state.eta_dot_ahead - reference.x_d_dot
-        nu = to_body(J, state.eta_dot_ahead - (1.0 - scale) * e_dot)
+        x, x_dot = np.array(state.eta_ahead), np.array(state.eta_dot_ahead)
+        e = pose_error(x, reference.x_d)
+        e_dot = x_dot - reference.x_d_dot
+        nu = to_body(J, x_dot - (1.0 - scale) * e_dot)
         lam, kappa, learning_scale = gains.scheduled(state.delays.total_s, scale)
         eps = e_dot + lam * e
-        theta = inputs(e, e_dot, state.eta_dot_ahead, reference.x_d_dot, reference.x_d_ddot)
+        theta = inputs(e, e_dot, x_dot, reference.x_d_dot, reference.x_d_ddot)
         frozen = self.frozen or self.authority < 1.0
         may_learn = engaged & free & (not frozen) & (self._engaged_s >= gains.start_delay_s)
         d_hat = self._observed(state)
@@ -193,8 +194,8 @@ class Controller:
             x_d=reference.x_d,
             x_d_dot=reference.x_d_dot,
             x_d_ddot=reference.x_d_ddot,
-            x=state.eta_ahead,
-            x_dot=state.eta_dot_ahead,
+            x=x,
+            x_dot=x_dot,
             e=e,
             e_dot=e_dot,
             eps=law.eps,
@@ -202,7 +203,7 @@ class Controller:
             feedforward=law.feedforward,
             feedback=law.feedback,
             d_hat=self._d_hat,
-            d_observer=state.disturbance,
+            d_observer=np.array(state.disturbance),
             weight_norm=weight_norm,
             saturated=~free,
             adapting=adapting,
@@ -211,4 +212,4 @@ class Controller:
 
     def _observed(self, state: VehicleState) -> Array:
         """Return the observer's d̂ where it is fed back."""
-        return bounded(state.disturbance, self._gains.d_max) * self._gains.by_observer
+        return bounded(np.array(state.disturbance), self._gains.d_max) * self._gains.by_observer

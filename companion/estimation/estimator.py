@@ -42,6 +42,7 @@ from companion.records import (
     Reboot,
     ServoOutput,
     TimeSync,
+    Vector,
     VehicleState,
     X,
     Y,
@@ -241,11 +242,11 @@ class Estimator:
             t_s=now_s,
             boot_s=now_s + self._meter.offset_s,
             eta=_wrapped(eta),
-            eta_dot=eta_dot,
+            eta_dot=_vector(eta_dot),
             ahead_s=ahead_s,
             eta_ahead=_wrapped(eta_ahead),
-            eta_dot_ahead=eta_dot_ahead,
-            disturbance=disturbance,
+            eta_dot_ahead=_vector(eta_dot_ahead),
+            disturbance=_vector(disturbance),
             roll=attitude.roll,
             pitch=attitude.pitch,
             p=0.0 if stale[PSI] else attitude.p,
@@ -266,11 +267,11 @@ class Estimator:
                 position_reset_s=now_s - self._position_reset_t_s,
             ),
             delays=delays,
-            innovation=self._innovation[:, 0] + np.minimum(self._reset_by, RESET_INNOVATION),
+            innovation=_vector(self._innovation[:, 0] + np.minimum(self._reset_by, RESET_INNOVATION)),
             depth_refused=self._depth_refused,
             clock_doubt_s=self._meter.doubt_s(now_s),
             frame_shift=self._frame_shift,
-            stale=stale,
+            stale=(bool(stale[X]), bool(stale[Y]), bool(stale[Z]), bool(stale[PSI])),
         )
 
     def sent(self, now_s: float, axes: Array, tau_ned: Array) -> None:
@@ -460,7 +461,11 @@ def _heading_rate(attitude: Attitude) -> float:
     return (attitude.q * math.sin(attitude.roll) + attitude.r * math.cos(attitude.roll)) / cos_pitch
 
 
-def _wrapped(eta: Array) -> Array:
-    eta = eta.copy()
-    eta[PSI] = wrap(eta[PSI])
-    return eta
+def _wrapped(eta: Array) -> Vector:
+    x, y, z, psi = eta.tolist()
+    return x, y, z, wrap(psi)
+
+
+def _vector(array: Array) -> Vector:
+    x, y, z, psi = array.tolist()
+    return x, y, z, psi

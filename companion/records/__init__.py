@@ -6,7 +6,7 @@ Times: `t_s` is this machine's monotonic clock, `boot_s` the autopilot's clock.
 """
 
 from companion.records.control import NEUTRAL, AxisCommand, DofSample, Wrench
-from companion.records.dof import AXES, DOFS, PSI, Array, Flags, X, Y, Z
+from companion.records.dof import AXES, DOFS, PSI, ZERO, Array, Flags, Vector, X, Y, Z
 from companion.records.events import (
     Attitude,
     Battery,
@@ -45,6 +45,7 @@ __all__ = [
     "ENGAGE_S",
     "NEUTRAL",
     "PSI",
+    "ZERO",
     "Ages",
     "Array",
     "Attitude",
@@ -83,6 +84,7 @@ __all__ = [
     "State",
     "StatusText",
     "TimeSync",
+    "Vector",
     "VehicleState",
     "Verdict",
     "Wrench",

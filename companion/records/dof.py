@@ -1,10 +1,14 @@
-"""Degrees of freedom and axes: their names, their order, and the arrays that follow it."""
+"""Degrees of freedom and axes: their names, their order, and the vectors that follow it."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
+Vector = tuple[float, float, float, float]
+"""A number of each degree of freedom, or of each axis."""
+
+ZERO: Vector = (0.0, 0.0, 0.0, 0.0)
 
 DOFS = ("x", "y", "z", "psi")
 AXES = ("surge", "sway", "heave", "yaw")

@@ -1,11 +1,9 @@
 """What the estimator believes of the vehicle."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
-import numpy as np
-
-from companion.records.dof import Array, Flags
+from companion.records.dof import ZERO, Vector
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +36,7 @@ class Delays:
     """What was measured of the loop's delays, seconds; `*_known` tells a measurement from a start value.
 
     `telemetry_s` runs from the autopilot's stamp to arrival, `command_s` from sending to the motor's PWM;
-    `hidden_s` is what no stamp shows (companion.hidden_delay).
+    `hidden_s` is what no stamp shows (companion.estimation.hidden_delay).
     """
 
     telemetry_s: float
@@ -55,7 +53,7 @@ class Delays:
 
 @dataclass(frozen=True, slots=True)
 class VehicleState:
-    """What the estimator believes. Arrays of shape (4,) in DOF order, NED.
+    """What the estimator believes. Vectors in DOF order, NED.
 
     `eta`, `eta_dot` are now; `eta_ahead`, `eta_dot_ahead` are `ahead_s` later, when a command sent now acts.
     `disturbance` is the observer's d in the paper's sign: m x'' = tau - h - d. `innovation` is by how much
@@ -67,12 +65,12 @@ class VehicleState:
 
     t_s: float
     boot_s: float
-    eta: Array
-    eta_dot: Array
+    eta: Vector
+    eta_dot: Vector
     ahead_s: float
-    eta_ahead: Array
-    eta_dot_ahead: Array
-    disturbance: Array
+    eta_ahead: Vector
+    eta_dot_ahead: Vector
+    disturbance: Vector
     roll: float
     pitch: float
     p: float
@@ -84,9 +82,9 @@ class VehicleState:
     pilot_gain: float
     ages: Ages
     delays: Delays
-    innovation: Array = field(default_factory=lambda: np.zeros(4))
+    innovation: Vector = ZERO
     depth_refused: bool = False
     clock_doubt_s: float = 0.0
     """How long stamps and answers to TIMESYNC have kept contradicting each other; 0 where they do not."""
     frame_shift: FrameShift | None = None
-    stale: Flags = field(default_factory=lambda: np.zeros(4, bool))
+    stale: tuple[bool, bool, bool, bool] = (False, False, False, False)

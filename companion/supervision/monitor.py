@@ -117,7 +117,7 @@ class Watch:
         self._off_track_s = _lasting(self._off_track_s, dt_s, off_track)
         self._tilted_s = _lasting(self._tilted_s, dt_s, tilted(state, limits))
         new = dt_s / (dt_s + INNOVATION_MEMORY_S)
-        missed = zip(self._mean_innovation, state.innovation.tolist(), strict=True)
+        missed = zip(self._mean_innovation, state.innovation, strict=True)
         mean = [before + new * (abs(innovation) - before) for before, innovation in missed]
         self._mean_innovation = mean if all(map(math.isfinite, mean)) else [0.0] * 4
         mean = [one * ours for one, ours in zip(self._mean_innovation, held.tolist(), strict=True)]

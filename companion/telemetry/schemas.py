@@ -307,18 +307,17 @@ def records(sample: ControlSample) -> list[Schema]:
     """One tick as schema records, in the order of `keys`; here numbers may still be other than finite."""
     state, verdict, loop, counters = sample.state, sample.verdict, sample.loop, sample.counters
     t_s, boot_s = state.t_s, state.boot_s
-    x, y, z, psi = state.eta.tolist()
+    x, y, z, psi = state.eta
     x_d, y_d, z_d, psi_d = sample.eta_d.tolist()
-    x_rate, y_rate, z_rate, psi_rate = state.eta_dot.tolist()
+    x_rate, y_rate, z_rate, psi_rate = state.eta_dot
     surge, sway, heave, yaw = sample.requested.tau.tolist()
     surge_out, sway_out, heave_out, yaw_out = sample.delivered.tau.tolist()
-    stale = state.stale.tolist()
     silent = Condition.LINK_LOST in verdict.conditions
     return [
         State(
             t_s=t_s,
             boot_s=boot_s,
-            absent=_stale_state(*stale, silent),
+            absent=_stale_state(*state.stale, silent),
             x_m=x,
             y_m=y,
             depth_m=z,
@@ -451,9 +450,7 @@ def _dofs(sample: ControlSample) -> list[Dof]:
             absent=_MEASURED if stale else (),
             **dict(zip(_DOF_COLUMNS, row, strict=True)),
         )
-        for dof, (unit, tau_unit), stale, *row in zip(
-            DOFS, _UNITS, sample.state.stale.tolist(), *columns, strict=True
-        )
+        for dof, (unit, tau_unit), stale, *row in zip(DOFS, _UNITS, sample.state.stale, *columns, strict=True)
     ]
 
 

@@ -145,11 +145,11 @@ def think(records: Iterator[Record], overrides: Sequence[str] = ()) -> Thoughts:
         known = [
             value if age_s <= limit_s else np.nan
             for value, age_s, limit_s in (
-                (float(state.eta[Z]), state.ages.depth_s, config.supervisor.depth_timeout_s),
-                (float(state.eta[PSI]), state.ages.attitude_s, config.supervisor.attitude_timeout_s),
+                (state.eta[Z], state.ages.depth_s, config.supervisor.depth_timeout_s),
+                (state.eta[PSI], state.ages.attitude_s, config.supervisor.attitude_timeout_s),
             )
         ]
-        rows.append((t_s, *known, *state.innovation.tolist()))
+        rows.append((t_s, *known, *state.innovation))
         if tick % round(CHECK_S / tick_s) == 0 and state.ages.link_s < CHECK_S:
             checked = engine.checked(state)
         held.update(verdict.conditions)

@@ -8,11 +8,10 @@ import pytest
 from companion.config import load_config
 from companion.control.positioning import jacobian
 from companion.engine import Engine
-from companion.records import Ages, Delays, Setpoint, VehicleState
+from companion.records import ZERO, Ages, Delays, Setpoint, VehicleState
 
 
-def state(eta=(0.0, 0.0, 0.0, 0.0), eta_dot=(0.0, 0.0, 0.0, 0.0), disturbance=(0.0, 0.0, 0.0, 0.0)):
-    eta, eta_dot = np.array(eta), np.array(eta_dot)
+def state(eta=ZERO, eta_dot=ZERO, disturbance=ZERO):
     return VehicleState(
         t_s=10.0,
         boot_s=5.0,
@@ -21,7 +20,7 @@ def state(eta=(0.0, 0.0, 0.0, 0.0), eta_dot=(0.0, 0.0, 0.0, 0.0), disturbance=(0
         ahead_s=0.1,
         eta_ahead=eta,
         eta_dot_ahead=eta_dot,
-        disturbance=np.array(disturbance),
+        disturbance=disturbance,
         roll=0.0,
         pitch=0.0,
         p=0.0,

@@ -311,15 +311,6 @@ def test_as_far_as_a_sample_is_brought_its_error_does_not_feed_itself(side):
         assert np.abs(np.linalg.eigvals(closed)).max() < 1.0
 
 
-def test_states_once_given_do_not_change_any_more():
-    est = estimator()
-    state = still(est, START_S, 1.0, 3.0)
-    kept = [array.copy() for array in (state.eta, state.eta_dot, state.eta_ahead, state.disturbance)]
-    still(est, START_S + 1.0, 1.0, 9.0)
-    for before, now in zip(kept, (state.eta, state.eta_dot, state.eta_ahead, state.disturbance), strict=True):
-        np.testing.assert_array_equal(before, now)
-
-
 def test_command_history_gives_what_was_in_force():
     history = CommandHistory()
     np.testing.assert_array_equal(history.mean_tau(START_S + np.zeros((2, 4))), np.zeros((1, 4)))

@@ -10,6 +10,7 @@ import pytest
 from companion.config import load_config
 from companion.records import (
     NEUTRAL,
+    ZERO,
     Ages,
     AxisCommand,
     Condition,
@@ -352,12 +353,12 @@ LIMITS = load_config().supervisor
 FINE_STATE = VehicleState(
     t_s=10.0,
     boot_s=5.0,
-    eta=np.zeros(4),
-    eta_dot=np.zeros(4),
+    eta=ZERO,
+    eta_dot=ZERO,
     ahead_s=0.1,
-    eta_ahead=np.zeros(4),
-    eta_dot_ahead=np.zeros(4),
-    disturbance=np.zeros(4),
+    eta_ahead=ZERO,
+    eta_dot_ahead=ZERO,
+    disturbance=ZERO,
     roll=0.0,
     pitch=0.0,
     p=0.0,
@@ -387,7 +388,7 @@ def aged(**ages):
 
 
 def at_depth(z):
-    return replace(FINE_STATE, eta=np.array([0.0, 0.0, z, 0.0]))
+    return replace(FINE_STATE, eta=(0.0, 0.0, z, 0.0))
 
 
 def delayed(total_s):

@@ -1,6 +1,7 @@
 """The schema: stable shapes, honest names, and never a null."""
 
 import json
+import math
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -60,7 +61,7 @@ def test_every_number_of_a_dof_keeps_its_name(make_sample: MakeSample) -> None:
 
 
 def test_what_is_not_finite_is_zero_and_named(make_sample: MakeSample) -> None:
-    broken = make_sample(roll=float("nan"), eta=np.array([np.nan, np.inf, 5.0, 0.5]))
+    broken = make_sample(roll=float("nan"), eta=(math.nan, math.inf, 5.0, 0.5))
     state = telemetry.decode(*_of(telemetry.encode(broken, "kelp"), "holdfast/kelp/state"))
     assert isinstance(state, telemetry.State)
     assert state.absent == ("x_m", "y_m", "roll_rad")
@@ -68,7 +69,7 @@ def test_what_is_not_finite_is_zero_and_named(make_sample: MakeSample) -> None:
 
 
 def test_what_is_stale_keeps_its_last_value_and_is_named(make_sample: MakeSample) -> None:
-    silent = make_sample(stale=np.array([True, False, True, False]), voltage_v=float("nan"))
+    silent = make_sample(stale=(True, False, True, False), voltage_v=float("nan"))
     state = telemetry.decode(*_of(telemetry.encode(silent, "kelp"), "holdfast/kelp/state"))
     assert isinstance(state, telemetry.State)
     assert state.absent == ("x_m", "x_rate_mps", "depth_m", "depth_rate_mps", "voltage_v")
@@ -106,7 +107,7 @@ def test_no_null_and_one_shape_whatever_comes(
     make_sample: MakeSample, eta: list[float], age: float, reason: str
 ) -> None:
     usual = {key: set(json.loads(payload)) for key, _, payload in telemetry.encode(make_sample(), "kelp")}
-    wild = make_sample(eta=np.array(eta), voltage_v=age, ages=Ages(age, age, age, age, age))
+    wild = make_sample(eta=tuple(eta), voltage_v=age, ages=Ages(age, age, age, age, age))
     wild = replace(wild, verdict=replace(wild.verdict, reason=reason))
     for key, _, payload in telemetry.encode(wild, "kelp"):
         fields = json.loads(payload)

@@ -53,7 +53,7 @@ def test_each_degree_of_freedom_says_what_it_does(make_sample: MakeSample) -> No
 
 
 def test_what_is_stale_is_told_with_its_age(make_sample: MakeSample) -> None:
-    sample = make_sample(stale=np.array([True, True, True, False]), ages=Ages(4.0, 4.0, 3.0, 0.02, math.inf))
+    sample = make_sample(stale=(True, True, True, False), ages=Ages(4.0, 4.0, 3.0, 0.02, math.inf))
     sample = replace(sample, verdict=replace(sample.verdict, conditions=Condition.LINK_LOST))
     screen = _screen(_view(sample))
     (depth,) = _rows(screen, "depth")
@@ -229,7 +229,7 @@ def test_a_gauge_grows_from_the_middle(value: float, drawn: str) -> None:
 
 def test_a_wild_sample_is_drawn_too(make_sample: MakeSample) -> None:
     nowhere = np.full(4, np.nan)
-    sample = make_sample(eta=nowhere, boot_s=math.nan, roll=math.inf, mode=77)
+    sample = make_sample(eta=tuple(nowhere.tolist()), boot_s=math.nan, roll=math.inf, mode=77)
     sample = replace(sample, requested=Wrench(nowhere), delivered=Wrench(nowhere))
     assert "mode 77" in _screen(_view(sample))
 

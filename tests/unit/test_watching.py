@@ -167,7 +167,7 @@ def test_a_failsafe_counts_once_our_steering_should_have_ended_it(seen):
 
 
 def test_surprise_is_an_average_and_forgets_what_is_not_finite(seen):
-    missed = replace(FINE_STATE, innovation=np.array([0.0, 0.0, -0.4, radians(20.0)]))
+    missed = replace(FINE_STATE, innovation=(0.0, 0.0, -0.4, radians(20.0)))
     assert seen.step(state=missed).innovation_m < LIMITS.max_innovation_m
     for _ in range(200):
         o = seen.step(state=missed)
@@ -176,11 +176,11 @@ def test_surprise_is_an_average_and_forgets_what_is_not_finite(seen):
     for _ in range(200):
         o = seen.step()
     assert o.innovation_m < 0.01
-    assert seen.step(state=replace(FINE_STATE, innovation=np.full(4, nan))).innovation_m == 0.0
+    assert seen.step(state=replace(FINE_STATE, innovation=(nan,) * 4)).innovation_m == 0.0
 
 
 def test_surprise_counts_where_it_is_held(seen):
-    missed = replace(FINE_STATE, innovation=np.array([0.4, 0.0, 0.1, radians(20.0)]))
+    missed = replace(FINE_STATE, innovation=(0.4, 0.0, 0.1, radians(20.0)))
     for _ in range(200):
         o = seen.step(state=missed, held=np.array([False, False, True, False]))
     assert (o.innovation_m, o.innovation_deg) == (pytest.approx(0.1, rel=0.01), 0.0)
