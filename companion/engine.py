@@ -23,7 +23,7 @@ from companion.control.tilt import (
     share,
 )
 from companion.estimation.estimator import Estimator
-from companion.guidance.pilot import NOTHING, Pilot, PilotDemand
+from companion.guidance.pilot import NO_DEMAND, Pilot, PilotDemand
 from companion.mavlink.ardusub import Mode
 from companion.mavlink.autopilot import Autopilot
 from companion.mavlink.relay import pilot_events
@@ -146,14 +146,13 @@ class Engine:
         self._delay_s = state.delays.total_s
         if state.frame_shift is not None:
             self._shift(state.frame_shift, state)
-        wish = self._pilot.step(now_s, dt_s, events, self._engaged, self.target[Z])
-        taken = self._engaged & _by_dof(wish.taken)
-        gone = wish.all or bool(taken.any() and not (self._engaged & ~taken).any())
-        requests = [*requests, *self._pressed(wish, requests, now_s)]
-        verdict = self._permit(state, events, requests, loop, dt_s, taken_back=gone)
+        held = tuple(self._engaged.tolist())
+        demand = self._pilot.step(now_s, dt_s, events, held, self.target.item(Z))
+        requests = [*requests, *self._pressed(demand, requests, now_s)]
+        verdict = self._permit(state, events, requests, loop, dt_s, taken_back=demand.full_override)
 
         J = jacobian(state.eta_ahead[PSI])
-        self._heed(wish, taken, J, dt_s)
+        self._apply_pilot_demand(demand, state.eta_ahead[PSI], dt_s)
         control_dt_s = min(max(dt_s, 0.0), MAX_DT_TICKS * self._tick_s)
         self._controller.frozen, self._controller.authority = verdict.freeze, verdict.authority
         rising = verdict.state is State.ACTIVE and verdict.authority < 1.0
@@ -181,7 +180,7 @@ class Engine:
         )
 
         self.steering = self._steers(state, verdict)
-        pilot = wish.sticks if self.steering else None
+        pilot = demand.sticks if self.steering else None
         sent = self._autopilot.blended(command, self._engaged, pilot, state.pilot_gain)
         applied = self._ours(self._autopilot.applied(sent, state.pilot_gain))
         self._delivered = delivered = self._thrusters.delivered(applied, state.voltage_v)[:4]
@@ -272,17 +271,17 @@ class Engine:
         if changed:
             self._watch.config_changed()
 
-    def _pressed(self, wish: PilotDemand, requests: Sequence[Request], now_s: float) -> list[Request]:
+    def _pressed(self, demand: PilotDemand, requests: Sequence[Request], now_s: float) -> list[Request]:
         """Return what the pilot's buttons ask for, beside `requests`.
 
         To engage clears a fault first, but not while its cause holds.
         """
         if Request.ENGAGE in requests:
             self._engage_until_s = math.inf
-        if wish.release:
+        if demand.release:
             return [Request.STOP]
         faulty = self.verdict.state is State.FAULT
-        if not wish.engage or (faulty and self.verdict.conditions & FAULT_CAUSES):
+        if not demand.engage or (faulty and self.verdict.conditions & FAULT_CAUSES):
             return []
         self._engage_until_s = now_s + ENGAGE_S
         return [Request.CLEAR_FAULT, Request.ENGAGE] if faulty else [Request.ENGAGE]
@@ -465,16 +464,18 @@ class Engine:
         axes = (command.surge, command.sway, command.heave, command.yaw, command.roll, command.pitch)
         return np.array(axes[: self._thrusters.axes])
 
-    def _heed(self, wish: PilotDemand, taken: Flags, J: Array, dt_s: float) -> None:
-        """Let go of the DOFs that the pilot takes back, and move the setpoint as the sticks say."""
-        if wish is NOTHING:
+    def _apply_pilot_demand(self, demand: PilotDemand, psi: float, dt_s: float) -> None:
+        """Release the DOFs that the pilot overrides, and move the setpoint as the sticks say."""
+        if demand is NO_DEMAND:
             return
-        self._engaged = self._engaged & ~taken
-        self._handed_back = self._handed_back | taken
-        x_d = self._controller.reference.x_d
-        self._target, moved = self._pilot.move(self._target, wish, J, self._engaged, x_d, dt_s)
-        if moved.any() or taken.any():
-            eta_d = np.where(moved | taken, np.nan, self._setpoint.eta_d)
+        overridden = np.array(demand.overridden)
+        self._engaged = self._engaged & ~overridden
+        self._handed_back = self._handed_back | overridden
+        held, x_d = tuple(self._engaged.tolist()), tuple(self._controller.reference.x_d.tolist())
+        self._target, moved = self._pilot.move(self._target, demand, psi, held, x_d, dt_s)
+        let_go = np.array(moved) | overridden
+        if let_go.any():
+            eta_d = np.where(let_go, np.nan, self._setpoint.eta_d)
             self._setpoint = replace(self._setpoint, eta_d=eta_d)
 
     def _steers(self, state: VehicleState, verdict: Verdict) -> bool:

@@ -1,133 +1,216 @@
-"""The human at the ground station: where the sticks move the setpoint, and which axes are taken back.
+"""The pilot at the ground station: the sticks move the setpoint, or override an axis.
 
-A stick on an axis that we hold is a rate, as fast as the axis' `max_rate` at most; released, it leaves the
-new depth or heading to be held. Held at full deflection it takes the axis back; so does a button, for all.
-Another button engages.
+A stick on an axis that is held commands a rate, at most the axis' `max_rate`. Released, it leaves the new
+depth or heading to be held. A stick at full deflection overrides its axis after `full_deflection_s`; the
+release button and the firmware's toggles override all axes; the engage button engages.
 """
 
 import math
 from collections.abc import Sequence
-from dataclasses import astuple, dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
-from companion import assembly
 from companion.config import Config
-from companion.control.bounds import bounded, wrap
-from companion.control.positioning import to_inertial
-from companion.records import PSI, Array, Event, Flags, PilotSticks, PilotToggle, Setpoint, X, Y, Z
+from companion.control.bounds import limited, wrap
+from companion.records import (
+    PSI,
+    ZERO,
+    Event,
+    PilotSticks,
+    PilotToggle,
+    Setpoint,
+    Vector,
+    X,
+    Y,
+    Z,
+)
+
+Flags = tuple[bool, bool, bool, bool]
 
 STALE_S = 0.5
 """Sticks that came longer ago count as released."""
 
+NONE: Flags = (False, False, False, False)
 
-@dataclass(frozen=True, slots=True)
-class PilotDemand:
-    """What the pilot wants this tick, by axis (4,): surge, sway, heave, yaw.
 
-    `sticks` is what to pass on, None if none came of late. `nu` and `nu_dot` are how the setpoint is to move
-    (m/s, rad/s), zero where nothing is held. `taken` are held axes that the pilot takes back, `all` with a
-    button. `engage` and `release` are those buttons: the one just pressed, the other down.
+class PilotDemand(NamedTuple):
+    """What the pilot demands this tick. Vectors and flags in the order surge, sway, heave, yaw.
+
+    `sticks` is what to pass on, None where none came of late. `nu` and `nu_dot` say how the setpoint is to
+    move (m/s, rad/s), zero where nothing is held. `overridden` are degrees of freedom that were held until
+    now; after a `full_override` none is held. `engage` and `release` are the buttons: engage was just
+    pressed, release is down.
     """
 
-    sticks: PilotSticks | None
-    nu: Array
-    nu_dot: Array
-    taken: Flags
-    all: bool
+    sticks: PilotSticks | None = None
+    nu: Vector = ZERO
+    nu_dot: Vector = ZERO
+    overridden: Flags = NONE
+    full_override: bool = False
     engage: bool = False
     release: bool = False
 
 
-NOTHING = PilotDemand(None, nu=np.zeros(4), nu_dot=np.zeros(4), taken=np.zeros(4, bool), all=False)
+NO_DEMAND = PilotDemand()
 
 
 class Pilot:
-    """Turns the pilot's frames into wishes, a tick at a time."""
+    """Turns the pilot's frames into demands, one tick after the other."""
 
     def __init__(self, config: Config) -> None:
         ground = config.ground_station
-        self._full, self._full_s = ground.full_deflection, ground.full_deflection_s
-        self._release = 1 << ground.release_button if ground.release_button >= 0 else 0
-        self._engage = 1 << ground.engage_button if ground.engage_button >= 0 else 0
+        self._full_deflection, self._full_deflection_s = ground.full_deflection, ground.full_deflection_s
+        self._release_bit = 1 << ground.release_button if ground.release_button >= 0 else 0
+        self._engage_bit = 1 << ground.engage_button if ground.engage_button >= 0 else 0
         self._engage_down = True
-        """A button that is down when it is first heard of was not pressed."""
+        """A button that is down in the first frame was not pressed."""
         self.retune(config)
         self._sticks: PilotSticks | None = None
-        self._nu = np.zeros(4)
-        self._moving = np.zeros(4, bool)
-        self._pushed_s = np.zeros(4)
+        self._nu = ZERO
+        self._full_s = ZERO
+        """How long each stick has been at full deflection."""
+        self._moved = NONE
         self._busy = False
 
     def retune(self, config: Config) -> None:
         """Take limits and dead zone that were changed while running."""
-        self._dead_zone = np.full(4, config.supervisor.pilot_deflection)
+        self._dead_zone = config.supervisor.pilot_deflection
         self._max_depth_m = config.supervisor.max_depth_m
-        self._max_rate = assembly.each(config, "max_rate")
-        self._max_acceleration = assembly.each(config, "max_acceleration")
+        self._axes = config.axes
 
     def step(
         self, now_s: float, dt_s: float, events: Sequence[Event], held: Flags, depth_m: float
     ) -> PilotDemand:
-        """Take what came since the last tick, which axes are held, and the depth that is wanted now."""
+        """Take this tick's events, which axes are held, and the depth that is wanted now."""
+        buttons, toggled, engage = self._heard(events)
+        sticks = self._sticks
+        if sticks is None or now_s - sticks.t_s > STALE_S:
+            sticks, deflections = None, ZERO
+        else:
+            sticks = replace(sticks, buttons=sticks.buttons | buttons)
+            stick = sticks.sticks
+            deflections = (stick.surge, stick.sway, stick.heave, stick.yaw)
+            self._busy = True
+        if not (self._busy or toggled):
+            return NO_DEMAND
+        nu, nu_dot = self._rates(deflections, held, depth_m, max(dt_s, 0.0))
+        self._nu = nu
+        self._busy = sticks is not None or any(nu)
+        overridden = self._overridden(deflections, held, max(dt_s, 0.0))
+        release = bool(buttons & self._release_bit)
+        return PilotDemand(
+            sticks,
+            nu=nu,
+            nu_dot=nu_dot,
+            overridden=overridden,
+            full_override=release or toggled or (overridden != NONE and overridden == held),
+            engage=engage,
+            release=release,
+        )
+
+    def move(
+        self, target: Setpoint, demand: PilotDemand, psi: float, held: Flags, x_d: Vector, dt_s: float
+    ) -> tuple[Setpoint, Flags]:
+        """Return the target as the sticks move it, and the degrees of freedom that they move.
+
+        `psi` is the law's heading and `x_d` its reference. The first push counts from the reference: a target
+        that it has not reached yet is given up.
+        """
+        rate = _inertial(demand.nu, psi, held)
+        horizontal = rate[X] != 0.0 or rate[Y] != 0.0
+        moving = (horizontal, horizontal, rate[Z] != 0.0, rate[PSI] != 0.0)
+        before, self._moved = self._moved, moving
+        if moving == before == NONE:
+            return target, NONE
+        x, y, z, heading = (
+            (reached if moves and not moved else place) + speed * dt_s
+            for reached, place, speed, moves, moved in zip(
+                x_d, target.eta_d.tolist(), rate, moving, before, strict=True
+            )
+        )
+        changed = _either(moving, before)
+        return Setpoint(
+            np.array([x, y, min(z, self._max_depth_m), wrap(heading)]),
+            np.array([*_chosen(changed, rate, target.eta_d_dot.tolist())]),
+            np.array([*_chosen(changed, _inertial(demand.nu_dot, psi, moving), target.eta_d_ddot.tolist())]),
+        ), changed
+
+    def _heard(self, events: Sequence[Event]) -> tuple[int, bool, bool]:
+        """Return which buttons were down, whether a toggle went on, and whether engage was pressed."""
         buttons, toggled, engage = 0, False, False
         for event in events:
             if isinstance(event, PilotSticks):
                 self._sticks = event
                 buttons |= event.buttons
-                down = bool(event.buttons & self._engage)
+                down = bool(event.buttons & self._engage_bit)
                 engage |= down and not self._engage_down
                 self._engage_down = down
             elif isinstance(event, PilotToggle):
                 toggled |= event.on
-        sticks = self._sticks
-        if sticks is None or now_s - sticks.t_s > STALE_S:
-            sticks, deflection = None, np.zeros(4)
-        else:
-            sticks = replace(sticks, buttons=sticks.buttons | buttons)
-            deflection = np.array(astuple(sticks.sticks)[:4])
-            self._busy = True
-        if not (self._busy or toggled):
-            return NOTHING
-        dt_s = max(dt_s, 0.0)
-        beyond = (deflection - bounded(deflection, self._dead_zone)) / (1.0 - self._dead_zone)
-        wanted = beyond * self._max_rate * held
+        return buttons, toggled, engage
+
+    def _rates(self, deflections: Vector, held: Flags, depth_m: float, dt_s: float) -> tuple[Vector, Vector]:
+        """Return the setpoint's body velocity and its derivative: the sticks', within the axes' limits."""
+        wanted = [
+            _beyond(deflection, self._dead_zone) * axis.max_rate if is_held else 0.0
+            for deflection, axis, is_held in zip(deflections, self._axes, held, strict=True)
+        ]
         if wanted[Z]:
             room_m = depth_m if wanted[Z] < 0.0 else self._max_depth_m - depth_m
-            brakes_in_time = math.sqrt(2.0 * self._max_acceleration[Z] * max(room_m, 0.0))
+            brakes_in_time = math.sqrt(2.0 * self._axes[Z].max_acceleration * max(room_m, 0.0))
             wanted[Z] = math.copysign(min(abs(wanted[Z]), brakes_in_time), wanted[Z])
-        before = self._nu
-        self._nu = (before + bounded(wanted - before, self._max_acceleration * dt_s)) * held
-        self._busy = sticks is not None or bool(self._nu.any())
-        self._pushed_s = np.where(held & (np.abs(deflection) >= self._full), self._pushed_s + dt_s, 0.0)
-        return PilotDemand(
-            sticks,
-            nu=self._nu,
-            nu_dot=(self._nu - before) * held / dt_s if dt_s > 0.0 else np.zeros(4),
-            taken=self._pushed_s > self._full_s,
-            all=bool(buttons & self._release) or toggled,
-            engage=engage,
-            release=bool(buttons & self._release),
+        u, v, w, r = (
+            before + limited(rate - before, axis.max_acceleration * dt_s) if is_held else 0.0
+            for before, rate, axis, is_held in zip(self._nu, wanted, self._axes, held, strict=True)
         )
+        nu = (u, v, w, r)
+        if dt_s == 0.0:
+            return nu, ZERO
+        u_dot, v_dot, w_dot, r_dot = (
+            (now - before) / dt_s if is_held else 0.0
+            for now, before, is_held in zip(nu, self._nu, held, strict=True)
+        )
+        return nu, (u_dot, v_dot, w_dot, r_dot)
 
-    def move(
-        self, target: Setpoint, wish: PilotDemand, J: Array, held: Flags, x_d: Array, dt_s: float
-    ) -> tuple[Setpoint, Flags]:
-        """Return the target as the sticks move it, and which DOFs they move; J and `x_d` are the law's.
+    def _overridden(self, deflections: Vector, held: Flags, dt_s: float) -> Flags:
+        """Return the degrees of freedom whose stick has been at full deflection for long enough.
 
-        A way that has only begun is given up: the first push counts from where the reference is.
+        Surge and sway turn into x and y: either overrides both.
         """
-        rate = to_inertial(J, wish.nu) * held
-        moving = rate != 0.0
-        moving[[X, Y]] = moving[[X, Y]].any()
-        changed = moving | self._moving
-        begun = np.where(moving & ~self._moving, x_d, target.eta_d)
-        self._moving = moving
-        if not changed.any():
-            return target, changed
-        eta_d = begun + rate * dt_s
-        eta_d[Z] = min(eta_d[Z], self._max_depth_m)
-        eta_d[PSI] = wrap(eta_d[PSI])
-        turn = to_inertial(J, wish.nu_dot) * moving
-        rate, turn = np.where(changed, (rate, turn), (target.eta_d_dot, target.eta_d_ddot))
-        return Setpoint(eta_d, rate, turn), changed
+        u_s, v_s, w_s, r_s = (
+            full_s + dt_s if is_held and abs(deflection) >= self._full_deflection else 0.0
+            for full_s, deflection, is_held in zip(self._full_s, deflections, held, strict=True)
+        )
+        self._full_s = (u_s, v_s, w_s, r_s)
+        long_s = self._full_deflection_s
+        horizontal = max(u_s, v_s) > long_s
+        return (horizontal, horizontal, w_s > long_s, r_s > long_s)
+
+
+def _beyond(deflection: float, dead_zone: float) -> float:
+    """Return how far a stick is out of its dead zone, -1..1."""
+    return (deflection - limited(deflection, dead_zone)) / (1.0 - dead_zone)
+
+
+def _inertial(body: Vector, psi: float, where: Flags) -> Vector:
+    """Return a body velocity in the inertial frame, zero but `where` told."""
+    c, s = math.cos(psi), math.sin(psi)
+    x, y, z, heading = where
+    return (
+        c * body[X] - s * body[Y] if x else 0.0,
+        s * body[X] + c * body[Y] if y else 0.0,
+        body[Z] if z else 0.0,
+        body[PSI] if heading else 0.0,
+    )
+
+
+def _either(first: Flags, second: Flags) -> Flags:
+    return (first[0] or second[0], first[1] or second[1], first[2] or second[2], first[3] or second[3])
+
+
+def _chosen(where: Flags, chosen: Sequence[float], other: Sequence[float]) -> Vector:
+    """Return of each degree of freedom the first vector's number where told, else the second's."""
+    x, y, z, psi = (a if told else b for told, a, b in zip(where, chosen, other, strict=True))
+    return (x, y, z, psi)
