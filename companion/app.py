@@ -24,10 +24,10 @@ from typing import NoReturn
 
 import msgspec
 
-from companion.config import Config
+from companion.config import COMPENSATORS, Config
+from companion.endpoint import Endpoint
 from companion.engine import Engine
-from companion.io.command_queue import CommandQueue, Handed
-from companion.io.endpoint import Endpoint
+from companion.io.command_queue import CommandQueue, EngineInput
 from companion.io.links import Admission, Link
 from companion.io.zenoh_publisher import NameTakenError, Publisher
 from companion.mavlink.inbox import Inbox
@@ -36,7 +36,7 @@ from companion.mavlink.signing import Signing, read_key
 from companion.mavlink.timestamps import TimestampFile, timestamp_path
 from companion.records import PSI, ControlSample, LoopHealth, Request, Setpoint, Z
 from companion.telemetry.event_log import EventLog
-from companion.telemetry.schemas import Raw, Start
+from companion.telemetry.schemas import Choices, Raw, Start
 
 FAREWELLS = 5
 STATUS_PERIOD_S = 5.0
@@ -104,10 +104,14 @@ class App:
         self._links = [link for link in (self._link, self._ground) if link is not None]
         self._peer_changes = 0
         telemetry = config.telemetry
-        self._desk = CommandQueue(config, setpoint.eta_d)
-        self._chronicle = EventLog()
+        self._commands = CommandQueue(config, setpoint.eta_d)
+        self._event_log = EventLog()
         self._publisher = Publisher(
-            config.vehicle.name, telemetry.endpoint, telemetry.mode, on_order=self._desk.take
+            config.vehicle.name,
+            telemetry.endpoint,
+            telemetry.mode,
+            on_command=self._commands.put,
+            choices=Choices(compensator=COMPENSATORS),
         )
         self._publisher.config = msgspec.json.encode(config)
         self._requests = list(requests)
@@ -200,10 +204,10 @@ class App:
             left_out_bytes=self._inbox.left_out + (self._relay.left_out if self._ground is not None else 0),
         )
         now_s = now_ns / NS_PER_S
-        engine, desk = self._engine, self._desk
+        engine, commands = self._engine, self._commands
         try:
-            handed = desk.before(engine, now_s)
-            requests, self._requests = [*self._requests, *handed.requests], []
+            given = commands.before_tick(engine, now_s)
+            requests, self._requests = [*self._requests, *given.requests], []
             datagrams = self._inbox.take()
             ground = self._relay.take() if self._ground is not None else []
             out, sample = engine.step(now_s, datagrams, health, requests, ground)
@@ -211,16 +215,16 @@ class App:
                 self._link.send(data)
             if self._ground is not None:
                 self._relay.withhold = engine.steering
-            desk.after(engine, sample, now_s)
+            commands.after_tick(engine, sample, now_s)
         except Exception as error:
             self._failure = error
             self._stop.set()
             return
         self._compute_ns = time.monotonic_ns() - now_ns
-        if handed.config is not None:
-            self._publisher.config = msgspec.json.encode(handed.config)
-        events = self._chronicle.step(sample, self._desk.taken, _drained(self._publisher.rivals), peers)
-        self._publisher.offer(sample, self._raw(now_s, datagrams, ground, out, requests, handed), events)
+        if given.config is not None:
+            self._publisher.config = msgspec.json.encode(given.config)
+        events = self._event_log.step(sample, self._commands.results, _drained(self._publisher.rivals), peers)
+        self._publisher.offer(sample, self._raw(now_s, datagrams, ground, out, requests, given), events)
         for event in events:
             if event.kind != "state":
                 log.info("%s: %s", event.kind, event.text)
@@ -233,7 +237,7 @@ class App:
         ground: Sequence[tuple[int, bytes]],
         out: Sequence[bytes],
         requests: Sequence[Request],
-        handed: Handed,
+        given: EngineInput,
     ) -> Raw | None:
         if self._start is None:
             return None
@@ -244,8 +248,8 @@ class App:
             ground=ground,
             out=out,
             requests=[request.name for request in requests],
-            setpoint=None if handed.setpoint is None else handed.setpoint.eta_d.tolist(),
-            config=None if handed.config is None else msgspec.to_builtins(handed.config),
+            setpoint=None if given.setpoint is None else given.setpoint.eta_d.tolist(),
+            config=None if given.config is None else msgspec.to_builtins(given.config),
             start=self._start if self._ticks == 1 else None,
         )
 

@@ -3,22 +3,22 @@
 Units stand in the key names. The shipped file, `config/companion.toml`, explains every key.
 """
 
-import re
 import tomllib
 from collections.abc import Sequence
 from ipaddress import ip_network
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_args, get_type_hints
+from typing import Annotated, Any, Literal, get_args
 
 import msgspec
 
-from companion.io.endpoint import Endpoint
+from companion.endpoint import Endpoint
 from companion.telemetry import ranges
 
 DEFAULT_FILE = Path(__file__).parent.parent / "config" / "companion.toml"
 
 Name = Annotated[str, msgspec.Meta(pattern="^[A-Za-z0-9_-]{1,32}$")]
 Compensator = Literal["none", "integrator", "regressor", "network", "observer", "network+observer"]
+COMPENSATORS: tuple[str, ...] = get_args(Compensator)
 
 
 class ConfigError(Exception):
@@ -228,7 +228,7 @@ def load_config(path: Path = DEFAULT_FILE, overrides: Sequence[str] = ()) -> Con
     try:
         config = msgspec.convert(table, Config)
     except msgspec.ValidationError as error:
-        raise ConfigError(f"{path}: {explained(table, str(error), Config)}") from error
+        raise ConfigError(f"{path}: {ranges.explained(table, str(error), Config)}") from error
     for key, endpoint in (
         ("link.endpoint", config.link.endpoint),
         ("ground_station.endpoint", config.ground_station.endpoint),
@@ -277,32 +277,3 @@ def _apply(table: dict[str, Any], override: str) -> None:
         if not isinstance(table, dict):
             raise ConfigError(f"--set {override}: {section} is a value, not a section")
     table[last] = value
-
-
-def explained(table: Any, error: str, kind: type[Section]) -> str:
-    """Turn msgspec's "Expected … - at `$.heave.mass`" into key, value and what is allowed.
-
-    `table` is what was to become a `kind`.
-    """
-    message, _, where = error.partition(" - at `$")
-    parts = [part for part in where.strip("`").split(".") if part]
-    hint = _hint(kind, parts)
-    if field := re.search(r"(unknown|required) field `(.+)`", message):
-        name = ".".join([*parts, field[2]])
-        known = ", ".join(getattr(hint, "__struct_fields__", ()))
-        return f"{name}: unknown key; known here: {known}" if field[1] == "unknown" else f"{name}: missing"
-    value: Any = table
-    for part in parts:
-        value = value.get(part) if isinstance(value, dict) else None
-    name = ".".join(parts) or "all of it"
-    if type(value) in (int, float) and (refused := ranges.refusal(name, value, hint)):
-        return refused
-    choices = get_args(hint) if "enum" in message else ()
-    said = "must be one of " + ", ".join(choices) if choices else message[0].lower() + message[1:]
-    return f"{name} = {value!r:.80}: {said}"
-
-
-def _hint(hint: Any, parts: list[str]) -> Any:
-    for part in parts:
-        hint = get_type_hints(hint, include_extras=True).get(part)
-    return hint

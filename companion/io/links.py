@@ -17,7 +17,7 @@ from io import FileIO
 from ipaddress import ip_address, ip_network
 from typing import NamedTuple, cast
 
-from companion.io.endpoint import Endpoint
+from companion.endpoint import Endpoint
 from companion.records import Sender
 
 PEER_SILENT_NS = 2_500_000_000

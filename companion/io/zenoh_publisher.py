@@ -22,9 +22,11 @@ import msgspec
 import zenoh
 from zenoh import ext
 
-from companion.io.command_queue import COMMANDS, Order
+from companion.io.command_queue import ReceivedCommand
 from companion.records import ControlSample
 from companion.telemetry import schemas as telemetry
+from companion.telemetry.commands import COMMANDS
+from companion.telemetry.samples import encode
 
 _QUEUE = 64  # samples: 1.3 s at 50 Hz
 _MAIL = 256  # events and answers
@@ -51,9 +53,9 @@ class Publisher:
 
     `endpoint` is Zenoh's, such as tcp/127.0.0.1:7447, or in mode "file" a path. `dropped` counts the samples
     that nobody could take in time. Whoever subscribes by `zenoh.ext` gets the last events and raw ticks as
-    well: nobody is there at the first one. Without `on_order` there are no commands; it is called with each,
-    on a thread of Zenoh's. `config` is what a query for it is answered with. Raises ValueError for a vehicle
-    name that is no key and an endpoint that is none; trouble with the network is never raised.
+    well: nobody is there at the first one. `on_command` is called with each command, on a thread of Zenoh's;
+    without it there are none. Queries for them are answered with `config` and `choices`. Raises ValueError
+    for a vehicle name that is no key and an endpoint that is none; trouble with the network is never raised.
     """
 
     def __init__(
@@ -61,7 +63,8 @@ class Publisher:
         vehicle: str,
         endpoint: str = telemetry.ENDPOINT,
         mode: Literal["peer", "client", "file"] = "peer",
-        on_order: Callable[[Order], None] | None = None,
+        on_command: Callable[[ReceivedCommand], None] | None = None,
+        choices: telemetry.Choices | None = None,
     ) -> None:
         self.dropped = 0
         self.config = b"{}"
@@ -72,7 +75,8 @@ class Publisher:
         _check(endpoint, mode)
         self._endpoint = endpoint
         self._mode = mode
-        self._on_order = on_order
+        self._on_command = on_command
+        self._choices = choices or telemetry.Choices(compensator=())
         self._queue: queue.SimpleQueue[_Offered | None] = queue.SimpleQueue()
         self._mail: deque[telemetry.Event | _Answer] = deque(maxlen=_MAIL)
         self._closing = threading.Event()
@@ -218,7 +222,7 @@ class Publisher:
                         self._deliver(events)
                         if offered is None:
                             continue
-                        for key, _, payload in telemetry.encode(offered[0], self._vehicle):
+                        for key, _, payload in encode(offered[0], self._vehicle):
                             publishers[key].put(payload)
                         if offered[1] is not None:
                             raw.put(msgspec.msgpack.encode(offered[1]))
@@ -250,17 +254,19 @@ class Publisher:
         session.liveliness().declare_subscriber(tokens, on_token, history=True)
 
     def _answer_from(self, session: zenoh.Session, routed: threading.Event) -> None:
-        """Take commands, and answer for the configuration, as long as the session lasts.
+        """Take commands, and answer for the configuration and its choices, as long as the session lasts.
 
         A command is local where only loopback is open, and no router, once `routed`, forwards from elsewhere.
         """
-        take = self._on_order
+        take = self._on_command
         here = self._mode == "peer" and _is_loopback(self._endpoint)
 
-        def on_config(query: zenoh.Query) -> None:
-            with query:
-                key = telemetry.config_key(self._vehicle)
-                query.reply(key, self.config, encoding=zenoh.Encoding("application/json;holdfast.Config.v1"))
+        def answer(key: str, payload: Callable[[], bytes], encoding: str) -> None:
+            def on_query(query: zenoh.Query) -> None:
+                with query:
+                    query.reply(key, payload(), encoding=zenoh.Encoding(encoding))
+
+            session.declare_queryable(key, on_query)
 
         def on_command(query: zenoh.Query) -> None:
             key = str(query.key_expr)
@@ -269,9 +275,18 @@ class Publisher:
                 return
             payload = query.payload.to_bytes() if query.payload is not None else b""
             local = here and not routed.is_set()
-            take(Order(key.rpartition("/")[2], payload, lambda reply: self._reply(query, reply), local))
+            take(
+                ReceivedCommand(
+                    key.rpartition("/")[2], payload, lambda reply: self._reply(query, reply), local
+                )
+            )
 
-        session.declare_queryable(telemetry.config_key(self._vehicle), on_config)
+        answer(telemetry.config_key(self._vehicle), lambda: self.config, telemetry.CONFIG_ENCODING)
+        answer(
+            telemetry.choices_key(self._vehicle),
+            lambda: msgspec.json.encode(self._choices),
+            telemetry.encoding(telemetry.Choices),
+        )
         for name in COMMANDS:
             session.declare_queryable(telemetry.command_key(self._vehicle, name), on_command)
 

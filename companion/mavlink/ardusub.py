@@ -14,7 +14,6 @@ Source: ArduSub facts, sections 'Who may steer', 'MANUAL_CONTROL', 'RC_CHANNELS_
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from enum import IntEnum
 from types import MappingProxyType
 from typing import Final, Literal, TypeAlias
 
@@ -46,6 +45,7 @@ from companion.records import (
     StatusText,
     TimeSync,
 )
+from companion.telemetry.modes import Mode as Mode
 from companion.telemetry.schemas import printable
 
 DepthSource: TypeAlias = Literal["relative_alt", "vfr_hud", "ahrs2", "pressure"]
@@ -100,20 +100,6 @@ LEAK_TEXT: Final = "leak detected"
 
 CHUNK_CHARS: Final = 50
 MAX_CHUNKS: Final = 8
-
-
-class Mode(IntEnum):
-    """ArduSub's flight modes: HEARTBEAT.custom_mode (facts: 'Modes')."""
-
-    STABILIZE = 0
-    ACRO = 1
-    ALT_HOLD = 2
-    AUTO = 3
-    GUIDED = 4
-    SURFACE = 9
-    POSHOLD = 16
-    MANUAL = 19
-    SURFTRAK = 21
 
 
 # --- From the vehicle ---------------------------------------------------------------------------------------

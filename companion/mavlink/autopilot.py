@@ -7,7 +7,7 @@ import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from companion.config import Config
-from companion.io.endpoint import Endpoint
+from companion.endpoint import Endpoint
 from companion.mavlink.ardusub import (
     FRAMES,
     Commands,

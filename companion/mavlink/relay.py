@@ -14,7 +14,7 @@ from typing import Any, Final, NamedTuple
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from companion.config import Config
-from companion.io.endpoint import Endpoint
+from companion.endpoint import Endpoint
 from companion.mavlink.ardusub import override_deflection, pilot_sticks
 from companion.mavlink.codec import HEADERS, MAX_FRAMES_LOOKED_AT, PARTIAL_TIMEOUT_S
 from companion.mavlink.signing import Signing

@@ -6,7 +6,7 @@ import time
 
 from companion.app import NS_PER_S, on_ending_signal, signing_of, timestamps_of
 from companion.config import Config
-from companion.io.endpoint import Endpoint
+from companion.endpoint import Endpoint
 from companion.io.links import Admission, Link
 from companion.mavlink.inbox import Inbox
 from companion.predive.check import Grade, Row

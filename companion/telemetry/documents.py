@@ -9,9 +9,9 @@ from typing import Any
 
 import msgspec
 
-from companion.io.command_queue import COMMANDS
 from companion.telemetry import schemas as telemetry
-from companion.telemetry.schemas import Raw, Reply
+from companion.telemetry.commands import COMMANDS, RECORDER_COMMANDS
+from companion.telemetry.schemas import Choices, Raw, Reply
 
 DOCS = Path(__file__).parents[2] / "docs"
 PAGE = DOCS / "telemetry.md"
@@ -37,9 +37,9 @@ UNITS = {
 
 def schemas() -> dict[str, bytes]:
     """Return every JSON Schema by file name."""
-    records = {*telemetry.EVERY_TICK.values(), *telemetry.NOW_AND_THEN.values(), Reply}
+    records = {*telemetry.EVERY_TICK.values(), *telemetry.NOW_AND_THEN.values(), Choices, Reply}
     named: dict[str, type[msgspec.Struct]] = {record.__name__: record for record in records}
-    named |= {f"command.{name}": command for name, command in COMMANDS.items()}
+    named |= {f"command.{name}": command for name, command in (COMMANDS | RECORDER_COMMANDS).items()}
     return {f"{name}.json": _schema(name, struct) for name, struct in sorted(named.items())}
 
 
@@ -92,10 +92,15 @@ def _lines() -> Iterator[str]:
         what = "application/msgpack;holdfast.Raw.v1" if struct is Raw else telemetry.encoding(struct)
         yield f"{_words(struct)}\n\nEncoding `{what}`.\n"
         yield from _table(struct)
+    yield "\n## Answered\n"
+    yield "A query for `holdfast/{vehicle}/config` is answered with the configuration in force, a JSON object"
+    yield "with the sections of `config/companion.toml`; one for `holdfast/{vehicle}/choices` with Choices."
+    yield f"\n### Choices\n\n{_words(Choices)}\n"
+    yield from _table(Choices)
     yield "\n## Commands\n"
     yield "Queryables at `holdfast/{vehicle}/command/{name}`; the payload is a JSON object, `{}` where it"
-    yield "has no fields, the answer a Reply. `command/record`, `{on: bool}`, goes to `holdfast record`."
-    for name, command in COMMANDS.items():
+    yield "has no fields, the answer a Reply. `command/record` goes to `holdfast record`."
+    for name, command in (COMMANDS | RECORDER_COMMANDS).items():
         yield f"\n### {name}\n\n{_words(command)}\n"
         if command.__struct_fields__:
             yield from _table(command)

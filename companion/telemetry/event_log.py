@@ -4,24 +4,17 @@ import math
 from collections.abc import Sequence
 from typing import Literal
 
-from companion.io.command_queue import CommandResult
 from companion.records import Condition, ControlSample, FrameShift, State
+from companion.telemetry.commands import CommandResult
+from companion.telemetry.modes import SEVERITIES, Severity
 from companion.telemetry.schemas import Event, printable
 
 ASKED = Condition.OPERATOR_STOP | Condition.ENGAGE_ASKED | Condition.CLEAR_ASKED | Condition.RAMPED_DOWN
 ASKED |= Condition.HANDED_OVER | Condition.HAND_OVER_REFUSED | Condition.SURFACED
-"""What somebody asked for or the supervisor says to itself: told as a command or a state."""
+"""What somebody asked for, or the supervisor's own bookkeeping: reported as a command or a state."""
 
 RESETS = Condition.YAW_RESET | Condition.POSITION_RESET
 MAV_SEVERITY_ERROR, MAV_SEVERITY_WARNING = 3, 4
-
-_Severity = Literal["info", "warning", "fault"]
-_SEVERITY: dict[State, _Severity] = {
-    State.FAULT: "fault",
-    State.RAMP_DOWN: "warning",
-    State.HAND_OVER: "warning",
-    State.PILOT: "warning",
-}
 
 
 class EventLog:
@@ -36,27 +29,27 @@ class EventLog:
     def step(
         self,
         sample: ControlSample,
-        taken: Sequence[CommandResult] = (),
-        rivals: Sequence[str] = (),
-        peers: Sequence[str] = (),
+        results: Sequence[CommandResult] = (),
+        duplicate_instances: Sequence[str] = (),
+        peer_changes: Sequence[str] = (),
     ) -> list[Event]:
         """Return what happened in this tick.
 
-        `taken` are the commands that were answered, `rivals` other companions of this vehicle's name, `peers`
-        says which link turned to whom.
+        `results` are the commands that were answered, `duplicate_instances` the other companions of this
+        vehicle's name that came, `peer_changes` which link got another peer.
         """
         verdict = sample.verdict
         conditions = verdict.conditions & ~ASKED
-        happened: list[tuple[_Severity, Literal["state", "command", "autopilot", "condition"], str]] = [
-            ("info" if one.reply.done else "warning", "command", one.text) for one in taken
+        happened: list[tuple[Severity, Literal["state", "command", "autopilot", "condition"], str]] = [
+            ("info" if one.reply.done else "warning", "command", one.text) for one in results
         ]
         happened += [
-            ("warning", "condition", f"another companion of this name came: instance {printable(rival)}")
-            for rival in rivals
+            ("warning", "condition", f"another companion of this name came: instance {printable(instance)}")
+            for instance in duplicate_instances
         ]
-        happened += [("warning", "condition", change) for change in peers]
+        happened += [("warning", "condition", change) for change in peer_changes]
         for text in sample.texts:
-            severity: _Severity = "info"
+            severity: Severity = "info"
             if text.severity <= MAV_SEVERITY_WARNING:
                 severity = "fault" if text.severity <= MAV_SEVERITY_ERROR else "warning"
             happened.append((severity, "autopilot", text.text))
@@ -71,7 +64,7 @@ class EventLog:
         happened += self._reset(sample)
         if verdict.state is not self._state or Condition.SURFACED in verdict.conditions:
             self._state = verdict.state
-            severity = _SEVERITY.get(verdict.state, "info")
+            severity = SEVERITIES[verdict.state]
             happened.append((severity, "state", f"{verdict.state}: {verdict.reason}"))
         if not happened:
             return []
@@ -81,9 +74,9 @@ class EventLog:
             for severity, kind, text in happened
         ]
 
-    def _reset(self, sample: ControlSample) -> list[tuple[_Severity, Literal["condition"], str]]:
+    def _reset(self, sample: ControlSample) -> list[tuple[Severity, Literal["condition"], str]]:
         """Tell of the first reset of the autopilot's estimate, and of all together once they have ended."""
-        shift, happened = sample.state.frame_shift, list[tuple[_Severity, Literal["condition"], str]]()
+        shift, happened = sample.state.frame_shift, list[tuple[Severity, Literal["condition"], str]]()
         if shift is not None:
             self._resets += 1
             self._turned_rad += shift.turn_rad

@@ -6,10 +6,11 @@ shipped, what `holdfast tune` searches and the published BlueROV2 models with ro
 what switches a protection off. Units are m, N and kg; on the yaw axis rad, N·m and kg·m².
 """
 
+import re
 from collections.abc import Iterator
-from typing import Annotated, Any, get_args
+from typing import Annotated, Any, get_args, get_type_hints
 
-from msgspec import Meta
+from msgspec import Meta, Struct
 
 # The nominal model of an axis.
 Mass = Annotated[float, Meta(ge=0.01, le=1000.0)]
@@ -77,7 +78,7 @@ Seed = Annotated[int, Meta(ge=0, le=2**63 - 1)]
 
 def bounds(hint: Any) -> tuple[float, float] | None:
     """Return the least and the largest of a quantity's type; None where it has no range."""
-    for meta in _metas(hint):
+    for meta in metas(hint):
         if meta.ge is not None and meta.le is not None:
             return meta.ge, meta.le
     return None
@@ -92,9 +93,38 @@ def refusal(name: str, value: float, hint: Any) -> str | None:
     return f"{name} = {shown}: must be {found[0]:g} to {found[1]:g}"
 
 
-def _metas(hint: Any) -> Iterator[Meta]:
-    """Go through an annotated type, one of a union too."""
+def explained(table: Any, error: str, kind: type[Struct]) -> str:
+    """Turn msgspec's "Expected … - at `$.heave.mass`" into key, value and what is allowed.
+
+    `table` is what was to become a `kind`.
+    """
+    message, _, where = error.partition(" - at `$")
+    parts = [part for part in where.strip("`").split(".") if part]
+    hint = _hint_at(kind, parts)
+    if field := re.search(r"(unknown|required) field `(.+)`", message):
+        name = ".".join([*parts, field[2]])
+        known = ", ".join(getattr(hint, "__struct_fields__", ()))
+        return f"{name}: unknown key; known here: {known}" if field[1] == "unknown" else f"{name}: missing"
+    value: Any = table
+    for part in parts:
+        value = value.get(part) if isinstance(value, dict) else None
+    name = ".".join(parts) or "all of it"
+    if type(value) in (int, float) and (refused := refusal(name, value, hint)):
+        return refused
+    choices = get_args(hint) if "enum" in message else ()
+    said = "must be one of " + ", ".join(choices) if choices else message[0].lower() + message[1:]
+    return f"{name} = {value!r:.80}: {said}"
+
+
+def metas(hint: Any) -> Iterator[Meta]:
+    """Go through what annotates a type, and each part of a union."""
     if isinstance(hint, Meta):
         yield hint
     for part in (*getattr(hint, "__metadata__", ()), *get_args(hint)):
-        yield from _metas(part)
+        yield from metas(part)
+
+
+def _hint_at(hint: Any, parts: list[str]) -> Any:
+    for part in parts:
+        hint = get_type_hints(hint, include_extras=True).get(part)
+    return hint

@@ -14,24 +14,25 @@ stamped. `raw` alone is MessagePack.
 
 import math
 from collections.abc import Sequence
-from dataclasses import fields
 from functools import cache
 from typing import Annotated, Any, Literal
 
 import msgspec
 
-from companion.records import DOFS, Condition, ControlSample, DofSample
+from companion.records import DOFS
+from companion.telemetry.modes import MEANINGS, Severity
 
 ENDPOINT = "tcp/127.0.0.1:7447"  # where Zenoh is looked for, and listened on where nobody does
 NEVER_S = 1e6
+CONFIG_ENCODING = "application/json;holdfast.Config.v1"
 BATCHES = {"real_time": 16, "data": 16}
 """Batches of 64 kB that may wait for each subscriber, by Zenoh's priority: its most. With its own 2, each
 sample a batch of its own (express), a busy machine lost the third and later samples of a tick."""
 
 
-def means(text: str) -> msgspec.Meta:
-    """Describe a field; its unit stands in its name."""
-    return msgspec.Meta(description=text)
+def means(text: str, title: str | None = None) -> msgspec.Meta:
+    """Describe a field, whose unit stands in its name; `title` is what a form calls it."""
+    return msgspec.Meta(title=title, description=text)
 
 
 class Record(msgspec.Struct, frozen=True, kw_only=True):
@@ -119,7 +120,7 @@ class Command(Record, frozen=True, kw_only=True):
 class Supervisor(Record, frozen=True, kw_only=True):
     """The permission, and why."""
 
-    state: Annotated[str, means("IDLE, READY, ACTIVE, RAMP_DOWN, HAND_OVER, PILOT or FAULT")]
+    state: Annotated[str, means(f"one of {', '.join(MEANINGS)}")]
     conditions: Annotated[tuple[str, ...], means("what holds now, by name")]
     authority: Annotated[float, means("share of the command that may leave, 0..1")]
     reason: Annotated[str, means("in words")]
@@ -206,7 +207,7 @@ class Raw(msgspec.Struct, frozen=True, kw_only=True):
 class Event(Record, frozen=True, kw_only=True):
     """Something that happened."""
 
-    severity: Annotated[Literal["info", "warning", "fault"], means("how bad it is")]
+    severity: Annotated[Severity, means("how bad it is")]
     kind: Annotated[
         Literal["state", "command", "autopilot", "condition", "recording"],
         means("whose: the supervisor's state or condition, an operator's command, the autopilot's words"),
@@ -222,6 +223,12 @@ class Reply(msgspec.Struct, frozen=True, kw_only=True):
     value: Annotated[dict[str, Any], means("what is now in force, read back")] = {}
 
 
+class Choices(msgspec.Struct, frozen=True, kw_only=True):
+    """Which names a companion knows, for keys of its configuration that take a name."""
+
+    compensator: Annotated[tuple[str, ...], means("what an axis's `compensator` can be")]
+
+
 Schema = State | Dof | Command | Supervisor | Loop | Event | Recorder
 
 EVERY_TICK: dict[str, type[Schema]] = {
@@ -233,19 +240,6 @@ EVERY_TICK: dict[str, type[Schema]] = {
 }
 NOW_AND_THEN: dict[str, type[Schema]] = {"event": Event, "recorder": Recorder}
 _DECODED = EVERY_TICK | NOW_AND_THEN
-_MEASURED = ("x", "x_dot", "e", "e_dot", "eps", "d_observer")
-_ANGLES = ("roll_rad", "pitch_rad", "roll_rate_radps", "pitch_rate_radps")
-_SOURCES = (
-    ("x_m", "x_rate_mps"),
-    ("y_m", "y_rate_mps"),
-    ("depth_m", "depth_rate_mps"),
-    ("heading_rad", "heading_rate_radps", *_ANGLES),
-    ("armed", "mode", "system_status", "voltage_v", "pilot_gain"),
-)
-"""Fields of State by their source: position (two), depth, attitude, and the vehicle as a whole."""
-
-_UNITS = (("m", "N"), ("m", "N"), ("m", "N"), ("rad", "N·m"))
-_DOF_COLUMNS = tuple(field.name for field in fields(DofSample))
 _encoder = msgspec.json.Encoder(enc_hook=lambda scalar: scalar.item())
 _decoders = {schema: msgspec.json.Decoder(schema) for schema in set(_DECODED.values())}
 
@@ -285,6 +279,11 @@ def config_key(vehicle: str) -> str:
     return f"{_root(vehicle)}/config"
 
 
+def choices_key(vehicle: str) -> str:
+    """Return the key that answers a query with the companion's `Choices`."""
+    return f"{_root(vehicle)}/choices"
+
+
 def raw_key(vehicle: str) -> tuple[str, str]:
     """Return key and encoding of the vehicle's `Raw`."""
     return f"{_root(vehicle)}/raw", "application/msgpack;holdfast.Raw.v1"
@@ -293,110 +292,6 @@ def raw_key(vehicle: str) -> tuple[str, str]:
 def recorder_key(vehicle: str) -> tuple[str, str]:
     """Return key and encoding of the vehicle's `Recorder`."""
     return f"{_root(vehicle)}/recorder", encoding(Recorder)
-
-
-def encode(sample: ControlSample, vehicle: str) -> list[tuple[str, str, bytes]]:
-    """One tick as (key, encoding, JSON) for each of `keys(vehicle)`."""
-    return [
-        (key, encoding, to_json(record))
-        for (key, encoding), record in zip(keys(vehicle).items(), records(sample), strict=True)
-    ]
-
-
-def records(sample: ControlSample) -> list[Schema]:
-    """One tick as schema records, in the order of `keys`; here numbers may still be other than finite."""
-    state, verdict, loop, counters = sample.state, sample.verdict, sample.loop, sample.counters
-    t_s, boot_s = state.t_s, state.boot_s
-    x, y, z, psi = state.eta
-    x_d, y_d, z_d, psi_d = sample.eta_d.tolist()
-    x_rate, y_rate, z_rate, psi_rate = state.eta_dot
-    surge, sway, heave, yaw = sample.requested.tau.tolist()
-    surge_out, sway_out, heave_out, yaw_out = sample.delivered.tau.tolist()
-    silent = Condition.LINK_LOST in verdict.conditions
-    return [
-        State(
-            t_s=t_s,
-            boot_s=boot_s,
-            absent=_stale_state(*state.stale, silent),
-            x_m=x,
-            y_m=y,
-            depth_m=z,
-            heading_rad=psi,
-            x_desired_m=x_d,
-            y_desired_m=y_d,
-            depth_desired_m=z_d,
-            heading_desired_rad=psi_d,
-            x_rate_mps=x_rate,
-            y_rate_mps=y_rate,
-            depth_rate_mps=z_rate,
-            heading_rate_radps=psi_rate,
-            roll_rad=state.roll,
-            pitch_rad=state.pitch,
-            roll_rate_radps=state.p,
-            pitch_rate_radps=state.q,
-            armed=state.armed,
-            mode=state.mode,
-            system_status=state.system_status,
-            voltage_v=state.voltage_v,
-            pilot_gain=state.pilot_gain,
-        ),
-        *_dofs(sample),
-        Command(
-            t_s=t_s,
-            boot_s=boot_s,
-            surge=sample.command.surge,
-            sway=sample.command.sway,
-            heave=sample.command.heave,
-            yaw=sample.command.yaw,
-            surge_requested_n=surge,
-            sway_requested_n=sway,
-            heave_requested_n=heave,
-            yaw_requested_nm=yaw,
-            surge_delivered_n=surge_out,
-            sway_delivered_n=sway_out,
-            heave_delivered_n=heave_out,
-            yaw_delivered_nm=yaw_out,
-        ),
-        Supervisor(
-            t_s=t_s,
-            boot_s=boot_s,
-            state=verdict.state.value,
-            conditions=_names(verdict.conditions),
-            authority=verdict.authority,
-            reason=verdict.reason,
-            warnings=_names(verdict.warnings),
-            freeze=verdict.freeze,
-            remedy=verdict.remedy,
-        ),
-        Loop(
-            t_s=t_s,
-            boot_s=boot_s,
-            tick=loop.tick,
-            rate_hz=loop.rate_hz,
-            lateness_ms=loop.lateness_ms,
-            compute_us=loop.compute_us,
-            late_ticks=loop.late_ticks,
-            samples_dropped=loop.samples_dropped,
-            link_age_s=min(state.ages.link_s, NEVER_S),
-            heartbeat_age_s=min(state.ages.heartbeat_s, NEVER_S),
-            depth_age_s=min(state.ages.depth_s, NEVER_S),
-            attitude_age_s=min(state.ages.attitude_s, NEVER_S),
-            position_age_s=min(state.ages.position_s, NEVER_S),
-            telemetry_delay_s=state.delays.telemetry_s,
-            telemetry_delay_known=state.delays.telemetry_known,
-            command_delay_s=state.delays.command_s,
-            command_delay_known=state.delays.command_known,
-            hidden_delay_s=state.delays.hidden_s,
-            datagrams=counters.datagrams,
-            messages=counters.messages,
-            garbage=counters.garbage,
-            foreign=counters.foreign + loop.strangers,
-            implausible=counters.implausible,
-            refused=counters.refused,
-            pilot_age_s=min(state.ages.pilot_s, NEVER_S),
-            left_out_bytes=loop.left_out_bytes,
-        ),
-    ]
 
 
 def decode(key: str, payload: bytes) -> Schema:
@@ -435,35 +330,6 @@ def _root(vehicle: str) -> str:
     if not vehicle or set(vehicle) & set("/*$?#"):
         raise ValueError(f"vehicle name '{vehicle}': want one or more characters, none of / * $ ? #")
     return f"holdfast/{vehicle}"
-
-
-def _dofs(sample: ControlSample) -> list[Dof]:
-    columns: list[list[Any]] = [getattr(sample.dofs, name).tolist() for name in _DOF_COLUMNS]
-    return [
-        Dof(
-            t_s=sample.state.t_s,
-            boot_s=sample.state.boot_s,
-            dof=dof,
-            unit=unit,
-            tau_unit=tau_unit,
-            ahead_s=sample.state.ahead_s,
-            absent=_MEASURED if stale else (),
-            **dict(zip(_DOF_COLUMNS, row, strict=True)),
-        )
-        for dof, (unit, tau_unit), stale, *row in zip(DOFS, _UNITS, sample.state.stale, *columns, strict=True)
-    ]
-
-
-@cache
-def _stale_state(x: bool, y: bool, z: bool, psi: bool, silent: bool) -> tuple[str, ...]:
-    """Return the fields of State that are stale: those of each DOF, and all others if it is `silent`."""
-    flags = (x, y, z, psi, silent)
-    return tuple(name for stale, names in zip(flags, _SOURCES, strict=True) if stale for name in names)
-
-
-@cache
-def _names(conditions: Condition) -> tuple[str, ...]:
-    return tuple(condition.name or "" for condition in conditions)
 
 
 def to_json(record: Schema) -> bytes:

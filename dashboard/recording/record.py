@@ -22,6 +22,7 @@ import zenoh
 from zenoh import ext
 
 from companion.telemetry import schemas as telemetry
+from companion.telemetry.commands import SetRecording
 from dashboard.recording.recorder import Limits, Recorder
 from dashboard.zenoh_client import client_config
 
@@ -226,7 +227,8 @@ class RecorderThread:
     def _answer(self, query: zenoh.Query, recorder: Recorder) -> None:
         now_s = time.monotonic()
         try:
-            wanted = msgspec.json.decode(query.payload.to_bytes() if query.payload else b"", type=_Record).on
+            payload = query.payload.to_bytes() if query.payload else b"{}"
+            wanted = msgspec.json.decode(payload, type=SetRecording).on
         except msgspec.MsgspecError as error:
             done, said = False, f'want {{"on": true}} or {{"on": false}}: {error}'
         else:
@@ -278,10 +280,6 @@ class _Memory:
         if self._subscriber is not None:
             self._subscriber.undeclare()  # type: ignore[no-untyped-call]
             self._subscriber = None
-
-
-class _Record(msgspec.Struct, forbid_unknown_fields=True):
-    on: bool
 
 
 def about() -> dict[str, str]:

@@ -2,31 +2,23 @@
 
 import argparse
 import sys
+import textwrap
 import time
 from typing import Any
 
 import msgspec
 
 from companion.telemetry import schemas as telemetry
+from companion.telemetry.commands import COMMANDS, RECORDER_COMMANDS, fields
 from companion.telemetry.schemas import printable
 from dashboard.zenoh_client import Subscription
 
 PATIENCE_S = 5.0
 
+HEAD = "commands (KEY=VALUE; the vehicle answers what is allowed, and with what is in force afterwards):"
 EXAMPLES = """\
-commands (KEY=VALUE; the vehicle answers what is allowed, and with what is in force afterwards):
-  engage                      take control and hold; refused, with the reason, if that is not permitted in 5 s
-  release                     let go of the vehicle
-  setpoint                    depth_m=  heading_deg=  x_m=  y_m=        what is not named stays
-  gains                       axis=  lambda_per_s=  kappa_per_s=  learning_rate=  hidden_learning_rate=
-                              leak_per_s=  dead_zone=  max_disturbance=  confirm=
-  compensator                 axis=  compensator=none|integrator|regressor|network|observer|network+observer
-  estimator                   axis=  position_noise=  rate_noise=  position_noise_slow=  rate_noise_slow=
-                              disturbance_noise=  confirm=
-  clear_fault                 reset a latched fault
-  record                      on=true|false    start or stop the recorder (`holdfast record`)
-  config                      only read what is in force; needs no permission
-An axis is surge, sway, heave or yaw. A change of more than twofold at once needs confirm=true.
+  config                  only read what is in force; needs no permission
+A change of more than twofold at once needs confirm=true.
 
 examples:
   holdfast tell bluerov2 engage
@@ -74,7 +66,7 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="holdfast tell",
         description="Gives a vehicle a command over Zenoh and prints what came of it.",
-        epilog=EXAMPLES,
+        epilog=_epilog(),
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("vehicle", metavar="VEHICLE", help="its vehicle.name; `holdfast watch` shows them")
@@ -87,6 +79,17 @@ def _parser() -> argparse.ArgumentParser:
         help="where Zenoh listens, or a file of `holdfast keys` (default %(default)s)",
     )
     return parser
+
+
+def _epilog() -> str:
+    """Return the list of commands, made from their payloads, and the examples."""
+    lines = [HEAD]
+    for name, kind in (COMMANDS | RECORDER_COMMANDS).items():
+        purpose = (kind.__doc__ or "").partition("\n")[0]
+        lines += textwrap.wrap(f"{name:22}  {purpose}", 106, initial_indent="  ", subsequent_indent=" " * 26)
+        taken = "  ".join(f"{field.name}={'|'.join(field.choices)}" for field in fields(kind))
+        lines += textwrap.wrap(taken, 80, initial_indent=" " * 26, subsequent_indent=" " * 26)
+    return "\n".join([*lines, EXAMPLES])
 
 
 def _config(seen: Subscription, vehicle: str) -> int:

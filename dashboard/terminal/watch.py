@@ -18,6 +18,7 @@ from rich.table import Table
 from rich.text import Text
 
 from companion.telemetry import schemas as telemetry
+from companion.telemetry.modes import MEANINGS, MODE_NAMES
 from companion.telemetry.schemas import Command, Dof, Event, Loop, Schema, State, Supervisor, printable
 from dashboard.zenoh_client import Message, Subscription
 
@@ -33,19 +34,18 @@ _NOT_SHOWN = ("raw", "recorder")
 _EVENTS = 2
 _VEHICLES = 32
 
-_BANNER = {
-    "IDLE": ("white on grey23", "hands off"),
-    "READY": ("black on white", "may engage"),
-    "ACTIVE": ("bold white on blue", "holding"),
-    "RAMP_DOWN": ("bold black on yellow", "letting go"),
-    "HAND_OVER": ("bold black on yellow", "giving it to ALT_HOLD"),
-    "PILOT": ("bold black on yellow", "the pilot, or ALT_HOLD, has it"),
-    "FAULT": ("bold white on red", "latched until the operator clears it"),
+_STYLES = {
+    "IDLE": "white on grey23",
+    "READY": "black on white",
+    "ACTIVE": "bold white on blue",
+    "RAMP_DOWN": "bold black on yellow",
+    "HAND_OVER": "bold black on yellow",
+    "PILOT": "bold black on yellow",
+    "FAULT": "bold white on red",
 }
 _DOFS = {"x": "north", "y": "east", "z": "depth", "psi": "heading"}
 _AGES = {"x": "position_age_s", "y": "position_age_s", "z": "depth_age_s", "psi": "attitude_age_s"}
 _AXES = {"surge": "N", "sway": "N", "heave": "N", "yaw": "N·m"}
-_MODES = {0: "STABILIZE", 1: "ACRO", 2: "ALT_HOLD", 9: "SURFACE", 16: "POSHOLD", 19: "MANUAL", 21: "SURFTRAK"}
 _EIGHTHS = "▁▂▃▄▅▆▇█"
 _DASH = "–"
 
@@ -192,7 +192,7 @@ def render_fleet(views: Sequence[View]) -> RenderableType:
     for view in views:
         supervisor = view.latest.get("supervisor")
         name = supervisor.state if isinstance(supervisor, Supervisor) else _DASH
-        style, _ = _BANNER.get(name, ("", ""))
+        style = _STYLES.get(name, "")
         table.add_row(
             Text(view.vehicle, "bold"),
             Text(f" {name.replace('_', ' ')} ", "" if view.stale else style),
@@ -366,7 +366,7 @@ def _banner(view: View) -> RenderableType:
     supervisor, state = view.latest.get("supervisor"), view.latest.get("state")
     lines: list[Text] = []
     if isinstance(supervisor, Supervisor):
-        style, meaning = _BANNER.get(supervisor.state, ("reverse", ""))
+        style, meaning = _STYLES.get(supervisor.state, "reverse"), MEANINGS.get(supervisor.state, "")
         name = supervisor.state.replace("_", " ")
         if "LINK_LOST" in supervisor.conditions:
             meaning = "LINK LOST"
@@ -379,7 +379,7 @@ def _banner(view: View) -> RenderableType:
             lines.append(Text(f"to do: {supervisor.remedy}"))
     if isinstance(state, State):
         known = "armed" not in state.absent
-        mode = _MODES.get(state.mode, f"mode {state.mode}") if known else "mode unknown"
+        mode = MODE_NAMES.get(state.mode, f"mode {state.mode}") if known else "mode unknown"
         volts = _DASH if "voltage_v" in state.absent else f"{state.voltage_v:.1f} V"
         armed = Text("ARMED", "bold") if state.armed else Text("disarmed")
         armed = armed if known else Text("armed or not: unknown", "bold yellow")

@@ -16,7 +16,8 @@ import msgspec
 from aiohttp import WSCloseCode, web
 
 from companion.telemetry import schemas as telemetry
-from dashboard.web import gate, orders
+from companion.telemetry.commands import MAX_BYTES, parse
+from dashboard.web import gate, vocabulary
 from dashboard.web.columns import COLUMNS
 from dashboard.web.fleet import HISTORY_S, Fleet, Vehicle
 from dashboard.web.options import Settings
@@ -31,7 +32,6 @@ CLOSE_S = 1.0
 MOST_BEHIND = 150
 """Rows: a browser that is 3 s behind gets the present instead."""
 SEND_BUFFER = 65536
-BODY_BYTES = 4096
 
 PANELS = {
     "depth": "Depth and its reference",
@@ -73,7 +73,7 @@ class Dashboard:
 
     def application(self) -> web.Application:
         """Return the web application; it listens to Zenoh as long as it runs."""
-        app = web.Application(middlewares=[self._guarded], client_max_size=BODY_BYTES)
+        app = web.Application(middlewares=[self._guarded], client_max_size=MAX_BYTES)
         app.router.add_get("/", _page)
         app.router.add_get("/panel/{name}", _panel)
         app.router.add_get("/ws", self._socket)
@@ -81,6 +81,7 @@ class Dashboard:
         app.router.add_post("/api/{vehicle}/{command}", self._command)
         app.router.add_get("/register_service", _register)
         app.router.add_get("/cockpit_extras.json", _cockpit)
+        app.router.add_get("/static/vocabulary.js", _vocabulary)
         app.router.add_static("/static", _STATIC)
         app.cleanup_ctx.append(self._run)
         return app
@@ -115,12 +116,18 @@ class Dashboard:
             task.add_done_callback(self._asking.discard)
 
     async def _read_config(self, vehicle: Vehicle) -> None:
-        answer = await asyncio.to_thread(
-            self._telemetry.ask, telemetry.config_key(vehicle.name), timeout_s=2.0
+        config, choices = await asyncio.gather(
+            *(
+                asyncio.to_thread(self._telemetry.ask, key, timeout_s=2.0)
+                for key in (telemetry.config_key(vehicle.name), telemetry.choices_key(vehicle.name))
+            )
         )
         with suppress(msgspec.MsgspecError):
-            if answer is not None:
-                vehicle.take_config(msgspec.json.decode(answer, type=dict[str, Any]))
+            if config is not None:
+                known = telemetry.Choices(compensator=())
+                if choices is not None:
+                    known = msgspec.json.decode(choices, type=telemetry.Choices)
+                vehicle.take_config(msgspec.json.decode(config, type=dict[str, Any]), known)
 
     @web.middleware
     async def _guarded(self, request: web.Request, handler: Handler) -> web.StreamResponse:
@@ -183,7 +190,6 @@ class Dashboard:
                     "columns": COLUMNS,
                     "history_s": HISTORY_S,
                     "control": bool(self._settings.token),
-                    "ranges": orders.RANGES,
                     "version": version("holdfast"),
                 }
             )
@@ -212,6 +218,7 @@ class Dashboard:
                     await socket_.send_str(_text(events=events))
                 if vehicle.config_version != config:
                     config = vehicle.config_version
+                    await socket_.send_str(_text(choices=vehicle.choices))
                     await socket_.send_str(_text(config=vehicle.config))
             state = vehicle.brief(now_s)["state"] if vehicle else ""
             if now_s - status_s >= STATUS_S or state != said:
@@ -249,11 +256,11 @@ class Dashboard:
         if name not in self._fleet.vehicles:
             return _reply(404, f"nothing is heard of '{name}'")
         try:
-            payload = orders.checked(command, await request.read())
+            wanted = parse(command, await request.read() or b"{}", vocabulary.ALL_COMMANDS)
         except ValueError as error:
             return _reply(400, str(error))
         key = telemetry.command_key(name, command)
-        answer = await asyncio.to_thread(self._telemetry.ask, key, payload)
+        answer = await asyncio.to_thread(self._telemetry.ask, key, msgspec.json.encode(wanted))
         self._config_asked_s.pop(name, None)
         if answer is None:
             return _reply(504, f"nobody answered '{command}' for '{name}'")
@@ -271,6 +278,10 @@ async def _panel(request: web.Request) -> web.StreamResponse:
     if request.match_info["name"] not in PANELS:
         raise web.HTTPNotFound(text=f"There are {', '.join(PANELS)}.")
     return web.FileResponse(_STATIC / "index.html")
+
+
+async def _vocabulary(request: web.Request) -> web.StreamResponse:
+    return web.Response(text=vocabulary.module(), content_type="text/javascript")
 
 
 async def _register(request: web.Request) -> web.StreamResponse:

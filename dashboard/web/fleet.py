@@ -9,7 +9,8 @@ from typing import Any
 import msgspec
 
 from companion.telemetry import schemas as telemetry
-from companion.telemetry.schemas import Event, Loop, Recorder, Schema, State, Supervisor
+from companion.telemetry.modes import SEVERITIES
+from companion.telemetry.schemas import Choices, Event, Loop, Recorder, Schema, State, Supervisor
 from dashboard.losses import Losses
 from dashboard.web.columns import COLUMNS, empty_row, fill, fill_truth
 from dashboard.web.ring import Ring
@@ -26,7 +27,6 @@ _SAME_EVENT_S = 0.5
 _TRUTHS = 64
 _TRUTH_APART_S = 0.5
 _FORGET_S = 60.0
-_SEVERITY = {"FAULT": "fault", "PILOT": "warning", "RAMP_DOWN": "warning", "HAND_OVER": "warning"}
 
 
 class Truth(msgspec.Struct, frozen=True):
@@ -65,6 +65,7 @@ class Vehicle:
         self.events: deque[dict[str, Any]] = deque(maxlen=EVENTS)
         self.event_count = 0
         self.config: dict[str, Any] | None = None
+        self.choices = Choices(compensator=())
         self.config_version = 0
         self.losses = Losses()
         self._row = empty_row()
@@ -115,10 +116,10 @@ class Vehicle:
             self._truths.clear()
         self._truths.append(truth)
 
-    def take_config(self, config: dict[str, Any]) -> None:
-        """Take the companion's present configuration."""
-        if config != self.config:
-            self.config = config
+    def take_config(self, config: dict[str, Any], choices: Choices) -> None:
+        """Take the companion's present configuration, and which names it knows."""
+        if (config, choices) != (self.config, self.choices):
+            self.config, self.choices = config, choices
             self.config_version += 1
 
     def age_s(self, now_s: float) -> float:
@@ -166,7 +167,7 @@ class Vehicle:
         before = self._supervisor
         if before is not None and before.state != now.state and not self._tells_state:
             text = f"{before.state} to {now.state}: {now.reason}"
-            self._note(now.t_s, _SEVERITY.get(now.state, "info"), "state", text)
+            self._note(now.t_s, SEVERITIES.get(now.state, "info"), "state", text)
 
     def _note(self, t_s: float, severity: str, kind: str, text: str) -> None:
         self.events.append({"t_s": t_s, "severity": severity, "kind": kind, "text": text[:500]})

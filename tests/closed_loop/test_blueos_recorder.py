@@ -10,9 +10,10 @@ import json
 import numpy as np
 from virtual import Dive, hold
 
-from companion.io.command_queue import CommandResult, Order
 from companion.records import ControlSample, Request, State
+from companion.telemetry import samples
 from companion.telemetry import schemas as telemetry
+from companion.telemetry.commands import CommandResult
 from companion.telemetry.event_log import EventLog
 
 
@@ -40,11 +41,11 @@ def follows(value, schema):
     return not isinstance(value, list) or all(follows(inner, schema["items"]) for inner in value)
 
 
-def published(sample: ControlSample, chronicle: EventLog, taken=()):
+def published(sample: ControlSample, log: EventLog, results=()):
     """Return (key, encoding, payload) of all that leaves in a tick."""
     key, encoding = telemetry.event_key("kelp")
-    events = [(key, encoding, telemetry.to_json(event)) for event in chronicle.step(sample, taken)]
-    return telemetry.encode(sample, "kelp") + events
+    events = [(key, encoding, telemetry.to_json(event)) for event in log.step(sample, results)]
+    return samples.encode(sample, "kelp") + events
 
 
 def whole_dive():
@@ -67,10 +68,10 @@ def whole_dive():
 
 
 def test_it_keeps_every_sample_of_every_key_and_what_it_inferred_stays_true():
-    schemas, names, chronicle = {}, {}, EventLog()
-    refused = CommandResult(Order("engage", b"{}", print), telemetry.Reply(done=False, said="no"))
+    schemas, names, log = {}, {}, EventLog()
+    refused = CommandResult("engage", b"{}", telemetry.Reply(done=False, said="no"))
     for index, step in enumerate(whole_dive()):
-        for key, encoding, payload in published(step.sample, chronicle, [refused] if index == 99 else []):
+        for key, encoding, payload in published(step.sample, log, [refused] if index == 99 else []):
             mime, _, name = encoding.partition(";")
             value = json.loads(payload)
             assert mime == "application/json"

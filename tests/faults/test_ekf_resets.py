@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from virtual import Dive, active, hold
 
-from companion.io.command_queue import CommandQueue, Order
+from companion.io.command_queue import CommandQueue, ReceivedCommand
 from companion.records import Condition, Request, State
 from companion.telemetry.event_log import EventLog
 
@@ -79,12 +79,12 @@ def test_the_setpoint_turns_with_the_frame_and_the_next_one_is_in_the_new_frame(
 def test_a_new_depth_after_a_reset_turns_nothing_back():
     """The operator's last heading was given in the old frame."""
     dive = active(*QUIET, setpoint=hold(psi=0.5), seconds=10.0)
-    desk = CommandQueue(dive.engine.config, hold(psi=0.5).eta_d)
+    commands = CommandQueue(dive.engine.config, hold(psi=0.5).eta_d)
     dive.fault(**FORTY)
     for step in dive.run(3.0):
-        desk.after(dive.engine, step.sample, dive.t_s)
-    desk.take(Order("setpoint", b'{"depth_m": 1.4}', lambda reply: None, local=True))
-    desk.before(dive.engine, dive.t_s)
+        commands.after_tick(dive.engine, step.sample, dive.t_s)
+    commands.put(ReceivedCommand("setpoint", b'{"depth_m": 1.4}', lambda reply: None, local=True))
+    commands.before_tick(dive.engine, dive.t_s)
     psi = dive.step.truth.eta[5]
     assert heading_errors_deg(dive.run(6.0), psi).max() < 2.0
     assert dive.step.truth.eta[2] == pytest.approx(1.4, abs=0.05)
@@ -112,23 +112,23 @@ def test_a_vehicle_that_turns_behind_a_gap_in_the_telemetry_was_not_reset():
 
 
 def test_the_operator_is_told_of_one_and_of_a_burst():
-    dive, chronicle = active(*QUIET), EventLog()
+    dive, log = active(*QUIET), EventLog()
     dive.fault(**FORTY)
     steps = dive.run(0.5)
-    texts = [event.text for step in steps for event in chronicle.step(step.sample)]
+    texts = [event.text for step in steps for event in log.step(step.sample)]
     assert "the EKF was reset: yaw +40.0°; the heading that is held turns with it" in texts
     assert Condition.YAW_RESET in dive.step.sample.verdict.warnings
     dive.fault(**BURST)
-    texts = [event.text for step in dive.run(6.0) for event in chronicle.step(step.sample)]
+    texts = [event.text for step in dive.run(6.0) for event in log.step(step.sample)]
     assert "49 resets of the EKF, yaw +184.0° in all" in texts
     assert "no longer yaw reset" in texts
     assert Condition.YAW_RESET not in dive.step.sample.verdict.conditions
 
 
 def test_a_position_reset_is_told():
-    dive, chronicle = active(*QUIET, *DVL), EventLog()
+    dive, log = active(*QUIET, *DVL), EventLog()
     dive.fault(**NORTH)
-    texts = [event.text for step in dive.run(0.5) for event in chronicle.step(step.sample)]
+    texts = [event.text for step in dive.run(0.5) for event in log.step(step.sample)]
     assert any(text.startswith("the EKF was reset: position +3.00 m north, ") for text in texts)
     assert dive.step.sample.verdict.warnings == Condition.POSITION_RESET
 

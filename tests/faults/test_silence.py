@@ -5,6 +5,7 @@ import pytest
 from virtual import active
 
 from companion.records import PSI, ZERO, Request, State, X, Z
+from companion.telemetry import samples
 from companion.telemetry import schemas as telemetry
 
 DVL = ("sensors.dvl=true",)
@@ -13,7 +14,7 @@ ALL = ("depth_m", "depth_rate_mps", "heading_rad", "heading_rate_radps", "roll_r
 
 def told(step):
     """The telemetry's State of a step."""
-    state = telemetry.records(step.sample)[0]
+    state = samples.records(step.sample)[0]
     assert isinstance(state, telemetry.State)
     return state
 
@@ -33,7 +34,7 @@ def test_after_the_link_is_lost_nothing_is_invented():
         assert (state.p, state.q) == (0.0, 0.0)
     assert np.abs(np.subtract(frozen[0].sample.state.eta, last)).max() < 0.3
     assert set(told(dive.step).absent) >= {*ALL, "x_m", "y_m", "armed", "mode", "voltage_v"}
-    for record in telemetry.records(dive.step.sample)[1:5]:
+    for record in samples.records(dive.step.sample)[1:5]:
         assert {"x", "x_dot", "e", "e_dot"} <= set(record.absent)
 
 

@@ -8,8 +8,8 @@ from contextlib import ExitStack, asynccontextmanager
 
 import pytest
 
+from companion.endpoint import Endpoint
 from companion.io import links
-from companion.io.endpoint import Endpoint
 from companion.io.links import Admission, Link
 from companion.records import Sender
 from lab.ports import free_port

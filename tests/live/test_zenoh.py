@@ -20,7 +20,7 @@ import zenoh
 from zenoh import ext
 
 from companion.io import zenoh_publisher as zenoh_io
-from companion.io.command_queue import Order
+from companion.io.command_queue import ReceivedCommand
 from companion.io.zenoh_publisher import NameTakenError, Publisher
 from companion.records import ControlSample
 from companion.telemetry import schemas as telemetry
@@ -172,25 +172,25 @@ def test_a_command_is_local_unless_a_router_or_another_way_in_is_there(
 
     def asked(publisher: Publisher) -> bool:
         feed(publisher)
-        orders.clear()
+        commands.clear()
         with Subscription("holdfast/**", endpoint) as seen:
             _until(
                 lambda: seen.tell("kelp", "setpoint", {"depth_m": 3.0}).done
             )  # it is found in its own time
-        (order,) = orders
-        return order.local
+        (received,) = commands
+        return received.local
 
-    def take(order: Order) -> None:
-        orders.append(order)
-        order.answer(telemetry.Reply(done=True, said="aye"))
+    def take(received: ReceivedCommand) -> None:
+        commands.append(received)
+        received.answer(telemetry.Reply(done=True, said="aye"))
 
-    orders: list[Order] = []
-    with Publisher("kelp", endpoint, on_order=take) as listens:
+    commands: list[ReceivedCommand] = []
+    with Publisher("kelp", endpoint, on_command=take) as listens:
         assert asked(listens)
-    with Publisher("other", endpoint) as other, Publisher("kelp", endpoint, on_order=take) as joins:
+    with Publisher("other", endpoint) as other, Publisher("kelp", endpoint, on_command=take) as joins:
         feed(other)
         assert asked(joins)
-    with _stranger("router", endpoint), Publisher("kelp", endpoint, on_order=take) as routed:
+    with _stranger("router", endpoint), Publisher("kelp", endpoint, on_command=take) as routed:
         assert not asked(routed)
     with _stranger("router", endpoint), Publisher("kelp", endpoint, "client", take) as client:
         assert not asked(client)

@@ -10,7 +10,7 @@ import pytest
 import zenoh
 
 from companion.io import certificates as keys
-from companion.io.command_queue import Order
+from companion.io.command_queue import ReceivedCommand
 from companion.io.zenoh_publisher import Publisher
 from companion.records import ControlSample
 from companion.telemetry import schemas as telemetry
@@ -34,12 +34,12 @@ class Vehicle:
             port=free_port(),
             local=self.local,
         )
-        self.orders: list[str] = []
+        self.commands: list[str] = []
         self.publisher = Publisher("kelp", str(self.file), "file", self._take)
 
-    def _take(self, order: Order) -> None:
-        self.orders.append(order.name)
-        order.answer(Reply(done=True, said="aye"))
+    def _take(self, received: ReceivedCommand) -> None:
+        self.commands.append(received.name)
+        received.answer(Reply(done=True, said="aye"))
 
 
 @pytest.fixture
@@ -82,7 +82,7 @@ def test_the_laptop_sees_and_may_not_command(
         assert seen.ask(telemetry.config_key("kelp"), timeout_s=2.0) == b"{}"
         answer = seen.ask(telemetry.command_key("kelp", "setpoint"), b"{}", timeout_s=1.0)
         assert answer is None
-    assert vehicle.orders == []
+    assert vehicle.commands == []
 
 
 def test_the_laptop_commands_where_it_was_allowed_and_publishes_nothing(
@@ -92,7 +92,7 @@ def test_the_laptop_commands_where_it_was_allowed_and_publishes_nothing(
     with Subscription("holdfast/**", str(vehicle.laptop)) as seen:
         assert comes(seen, vehicle, make_sample(), 10.0)
         assert tell(seen, vehicle).done
-    assert vehicle.orders == ["setpoint"]
+    assert vehicle.commands == ["setpoint"]
     with (
         Subscription("holdfast/other/**", vehicle.local) as local,
         zenoh.open(client_config(str(vehicle.laptop))) as laptop,

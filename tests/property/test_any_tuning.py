@@ -10,9 +10,10 @@ from hypothesis import strategies as st
 from virtual import DEPTH_M, Dive, hold
 
 from companion.config import Config, ConfigError, load_config
-from companion.io.command_queue import COMMANDS, CommandQueue, Order
+from companion.io.command_queue import CommandQueue, ReceivedCommand
 from companion.records import Condition
 from companion.telemetry import ranges
+from companion.telemetry.commands import COMMANDS
 
 SECTIONS = ("loop", "delays", "thrusters", "levelling", "surge", "heave", "yaw", "network", "supervisor")
 LASTS_S = 6
@@ -52,7 +53,7 @@ def settable():
     return st.one_of(one)
 
 
-def orders():
+def retunes():
     """Return any tuning command whose values are inside the ranges."""
     axis = st.sampled_from(("surge", "heave", "heave", "yaw"))
     compensator = st.fixed_dictionaries({"axis": axis, "compensator": st.sampled_from(COMPENSATORS)})
@@ -70,7 +71,7 @@ def orders():
     phases=(Phase.explicit, Phase.reuse, Phase.generate),  # to shrink a dive takes minutes
     suppress_health_check=list(HealthCheck),
 )
-@given(st.lists(settable(), max_size=8), st.lists(orders(), max_size=5), st.booleans())
+@given(st.lists(settable(), max_size=8), st.lists(retunes(), max_size=5), st.booleans())
 @example(["supervisor.max_depth_m=0.5"], [], False).via("no deeper than the default setpoint")
 def test_what_the_ranges_allow_stays_finite_and_inside_the_envelope(overrides, asked, positioned):
     """The dive itself holds every tick's command to its envelope; see virtual.Tap."""
@@ -82,7 +83,7 @@ def test_what_the_ranges_allow_stays_finite_and_inside_the_envelope(overrides, a
     except ConfigError as refused:
         event(str(refused).partition(":")[2][:20])
         return
-    desk = CommandQueue(dive.engine.config, setpoint.eta_d)
+    queue = CommandQueue(dive.engine.config, setpoint.eta_d)
     for i in range(LASTS_S):
         for step in dive.loop.run(1.0):
             sample = step.sample
@@ -90,6 +91,6 @@ def test_what_the_ranges_allow_stays_finite_and_inside_the_envelope(overrides, a
             assert np.isfinite(sample.dofs.tau).all()
         if i < len(asked):
             name, what = asked[i]
-            desk.take(Order(name, json.dumps(what).encode(), lambda _: None, True))
-            desk.before(dive.engine, dive.t_s)
+            queue.put(ReceivedCommand(name, json.dumps(what).encode(), lambda _: None, True))
+            queue.before_tick(dive.engine, dive.t_s)
     event(f"ended {sample.verdict.state}")

@@ -48,7 +48,7 @@ from companion.records import (
     Z,
 )
 from companion.supervision.supervisor import CARRY_AUTHORITY
-from companion.telemetry.schemas import encode
+from companion.telemetry.samples import encode
 from lab.faults.faults import steering
 from lab.loop.lockstep import START_S, Link, Lockstep
 from sim_bridge.config import load_config as load_plant

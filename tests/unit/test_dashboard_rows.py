@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from companion.records import ControlSample, State, Verdict
+from companion.telemetry import samples
 from companion.telemetry import schemas as telemetry
 from dashboard.web import fleet
 from dashboard.web.columns import COLUMNS
@@ -49,7 +50,7 @@ def test_a_tick_becomes_one_row_of_what_it_said(make_sample: MakeSample) -> None
     epoch, first, t_s, rows = _unpack(seen.vehicles["kelp"].ring.frame(0))
     assert (epoch, first, t_s.tolist()) == (0, 0, [12.0])
     row = dict(zip(COLUMNS, rows[0].tolist(), strict=True))
-    for record, prefix in zip(telemetry.records(make_sample()), _PREFIXES, strict=True):
+    for record, prefix in zip(samples.records(make_sample()), _PREFIXES, strict=True):
         for name in record.__struct_fields__:
             if prefix + name in row and prefix + name != "position_age_s":
                 assert row[prefix + name] == pytest.approx(float(getattr(record, name))), prefix + name
@@ -168,7 +169,7 @@ _PREFIXES = ("", "x.", "y.", "z.", "psi.", "", "", "")
 
 
 def _messages(sample: ControlSample, vehicle: str = "kelp", stamp_s: float | None = None) -> list[Stamped]:
-    return [Stamped(key, payload, stamp_s) for key, _, payload in telemetry.encode(sample, vehicle)]
+    return [Stamped(key, payload, stamp_s) for key, _, payload in samples.encode(sample, vehicle)]
 
 
 def _in_state(sample: ControlSample, state: State) -> ControlSample:

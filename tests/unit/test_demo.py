@@ -12,7 +12,7 @@ import pytest
 from rich.console import Console
 
 from companion.records import AxisCommand, ControlSample, Wrench, Z
-from companion.telemetry import schemas as telemetry
+from companion.telemetry import samples
 from lab.demo import screen as demo_screen
 from lab.demo.demo import Story, _phase
 from lab.demo.dive import Dive, Recording, arrange, figures, spans, window
@@ -88,7 +88,7 @@ def recording(make_sample: Sampler) -> Recording:
     for tick in range(round(END_S / STEP_S) + 1):
         t_s = tick * STEP_S
         heard.add("sim/demo/truth", zenoh_truth.encode(_truth(t_s)))
-        for key, _, payload in telemetry.encode(_sample(make_sample, t_s + 0.5 * STEP_S, tick), VEHICLE):
+        for key, _, payload in samples.encode(_sample(make_sample, t_s + 0.5 * STEP_S, tick), VEHICLE):
             heard.add(key, payload)
     return heard
 
@@ -135,7 +135,7 @@ def test_stamps_of_another_clock_are_left_out(recording: Recording, make_sample:
     for boot_s in (-1000.0, 1.0, 1000.0):
         stray = replace(_sample(make_sample, 0.0, 0), eta_d=np.full(4, 77.0))
         stray = replace(stray, state=replace(stray.state, boot_s=boot_s))
-        for key, _, payload in telemetry.encode(stray, VEHICLE):
+        for key, _, payload in samples.encode(stray, VEHICLE):
             recording.add(key, payload)
     assert figures(arrange(recording), (10.0, 20.0)) == clean
 
@@ -263,7 +263,7 @@ def test_the_story_in_words(make_sample: Sampler) -> None:
     heard, words = Recording(), list[str]()
     for tick in range(0, round(END_S / STEP_S), 10):
         t_s = tick * STEP_S
-        for key, _, payload in telemetry.encode(_sample(make_sample, t_s, tick), VEHICLE):
+        for key, _, payload in samples.encode(_sample(make_sample, t_s, tick), VEHICLE):
             heard.add(key, payload)
         heard.add("sim/demo/truth", zenoh_truth.encode(_truth(t_s)))
         phase = _phase(heard, story)

@@ -1,7 +1,7 @@
 import pytest
 
 from companion.config import ConfigError, load_config
-from companion.io.endpoint import FORMS, Endpoint
+from companion.endpoint import FORMS, Endpoint
 
 
 @pytest.mark.parametrize(

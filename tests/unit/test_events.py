@@ -2,16 +2,16 @@
 
 from virtual import Dive, active
 
-from companion.io.command_queue import CommandResult, Order
 from companion.records import State
+from companion.telemetry.commands import CommandResult
 from companion.telemetry.event_log import EventLog
 from companion.telemetry.schemas import Reply
 
 
-def told(dive, seconds, chronicle=None, **first):
+def told(dive, seconds, log=None, **first):
     """Return (severity, kind, text) of what happens in the coming seconds."""
-    chronicle = chronicle or EventLog()
-    events = [event for step in dive.run(seconds) for event in chronicle.step(step.sample, **first)]
+    log = log or EventLog()
+    events = [event for step in dive.run(seconds) for event in log.step(step.sample, **first)]
     return [(event.severity, event.kind, event.text) for event in events]
 
 
@@ -25,16 +25,16 @@ def test_a_start_tells_the_way_to_active_and_what_the_autopilot_says():
 
 
 def test_a_quiet_tick_tells_nothing():
-    dive, chronicle = active(), EventLog()
-    told(dive, 0.1, chronicle)
-    assert told(dive, 2.0, chronicle) == []
+    dive, log = active(), EventLog()
+    told(dive, 0.1, log)
+    assert told(dive, 2.0, log) == []
 
 
 def test_a_fault_is_told_with_its_condition_once():
-    dive, chronicle = active(), EventLog()
-    told(dive, 0.1, chronicle)
+    dive, log = active(), EventLog()
+    told(dive, 0.1, log)
     dive.fault("link_cut", 1.5)
-    events = told(dive, 1.4, chronicle)
+    events = told(dive, 1.4, log)
     assert ("warning", "condition", "link lost") in events
     assert [event for event in events if event[0] == "fault"] == [
         ("fault", "state", f"FAULT: {dive.step.sample.verdict.reason}")
@@ -43,12 +43,12 @@ def test_a_fault_is_told_with_its_condition_once():
 
 
 def test_commands_are_told_with_their_answer():
-    taken = [
-        CommandResult(Order("setpoint", b'{"depth_m":5}', print), Reply(done=True, said="on its way")),
-        CommandResult(Order("engage", b"{}", print), Reply(done=False, said="refused: no")),
+    results = [
+        CommandResult("setpoint", b'{"depth_m":5}', Reply(done=True, said="on its way")),
+        CommandResult("engage", b"{}", Reply(done=False, said="refused: no")),
     ]
     dive = active()
-    events = EventLog().step(dive.run(0.02)[-1].sample, taken, ["47\n11"])
+    events = EventLog().step(dive.run(0.02)[-1].sample, results, ["47\n11"])
     assert [(event.severity, event.kind, event.text) for event in events[:3]] == [
         ("info", "command", 'setpoint {"depth_m":5}: on its way'),
         ("warning", "command", "engage: refused: no"),
@@ -58,7 +58,9 @@ def test_commands_are_told_with_their_answer():
 
 def test_a_link_that_turned_to_another_sender_is_told():
     dive = active()
-    events = EventLog().step(dive.run(0.02)[-1].sample, peers=["vehicle link: 10.0.0.2:14550 speaks now"])
+    events = EventLog().step(
+        dive.run(0.02)[-1].sample, peer_changes=["vehicle link: 10.0.0.2:14550 speaks now"]
+    )
     assert ("warning", "condition", "vehicle link: 10.0.0.2:14550 speaks now") in [
         (event.severity, event.kind, event.text) for event in events
     ]

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from companion.records import ControlSample
+from companion.telemetry import samples
 from companion.telemetry import schemas as telemetry
 from dashboard.losses import Losses
 from dashboard.recording.recorder import Limits, Recorder
@@ -45,7 +46,7 @@ def test_they_are_told(
     for tick in ticks:
         sample = make_sample()
         sample = replace(sample, loop=replace(sample.loop, tick=tick))
-        for key, encoding, payload in telemetry.encode(sample, "kelp"):
+        for key, encoding, payload in samples.encode(sample, "kelp"):
             if key.split("/", 2)[2] not in missing.get(tick, set()):
                 recorder.take(key, encoding, payload, 0, 0.0)
                 fleet.take([Stamped(key, payload, None)], 0.0)

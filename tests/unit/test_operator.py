@@ -11,17 +11,9 @@ from hypothesis import strategies as st
 from virtual import Dive, hold
 
 from companion.config import Axis, Config, load_config
-from companion.io.command_queue import (
-    COMMANDS,
-    MAX_BYTES,
-    WAITING,
-    CommandQueue,
-    Compensator,
-    Estimator,
-    Gains,
-    Order,
-)
+from companion.io.command_queue import MAX_WAITING, CommandQueue, ReceivedCommand
 from companion.records import ENGAGE_S, Condition, State
+from companion.telemetry.commands import COMMANDS, MAX_BYTES, SetEstimator, SetGains
 from companion.telemetry.schemas import Reply
 from lab.loop.lockstep import Link
 
@@ -32,29 +24,29 @@ class Console:
     def __init__(self, dive, local=True):
         self._tap = dive.tap
         self.engine = dive.engine
-        self.desk = CommandQueue(dive.engine.config, hold().eta_d)
+        self.commands = CommandQueue(dive.engine.config, hold().eta_d)
         self._local = local
-        self.handed = []
-        self.taken = []
+        self.given = []
+        self.results = []
         dive.loop.engine = self
         self._dive = dive
 
     def step(self, now_s, inbox, health, requests):
-        handed = self.desk.before(self.engine, now_s)
-        self.handed.append(handed)
-        out, sample = self._tap.step(now_s, inbox, health, [*requests, *handed.requests])
-        self.desk.after(self.engine, sample, now_s)
-        self.taken += self.desk.taken
+        given = self.commands.before_tick(self.engine, now_s)
+        self.given.append(given)
+        out, sample = self._tap.step(now_s, inbox, health, [*requests, *given.requests])
+        self.commands.after_tick(self.engine, sample, now_s)
+        self.results += self.commands.results
         return out, sample
 
     def ask(self, name, **what):
-        """Give an order; return where its answers will be."""
+        """Give a command; return where its answers will be."""
         answers = []
-        self.desk.take(Order(name, json.dumps(what).encode(), answers.append, self._local))
+        self.commands.put(ReceivedCommand(name, json.dumps(what).encode(), answers.append, self._local))
         return answers
 
     def tell(self, name, within_s=ENGAGE_S + 1.0, **what):
-        """Give an order, dive on until it is answered, and return the answer."""
+        """Give a command, dive on until it is answered, and return the answer."""
         answers = self.ask(name, **what)
         for step in self._dive.loop.run(within_s):
             self._dive.step = step
@@ -81,7 +73,7 @@ def test_engage_is_answered_when_it_is_so_and_release_when_thrust_is_gone():
     assert dive.state is not State.ACTIVE
 
 
-def test_an_engage_that_is_not_permitted_says_why_and_leaves_no_wish_behind():
+def test_an_engage_that_is_not_permitted_says_why_and_leaves_no_request_behind():
     dive, console = at_console(arm=False)
     dive.run(2.0)
     reply = console.tell("engage")
@@ -145,7 +137,7 @@ def test_a_retune_is_in_force_and_read_back_while_it_goes_on_holding(name, what,
     assert reply.done
     assert reply.value[key] == what[key] == getattr(getattr(dive.engine.config, axis), key)
     assert "was" in reply.said
-    assert console.handed[-1].config is dive.engine.config
+    assert console.given[-1].config is dive.engine.config
     dive.run(2.0)
     assert dive.state is State.ACTIVE
 
@@ -175,7 +167,7 @@ def test_without_permission_nothing_happens(name, allow, local, says):
     reply = console.tell(name, axis="heave", kappa_per_s=8.0, depth_m=3.0)
     assert not reply.done
     assert says in reply.said
-    assert console.handed[-1] == ([], None, None)
+    assert console.given[-1] == ([], None, None)
     assert dive.engine.config is before
 
 
@@ -262,15 +254,15 @@ def test_gains_are_held_against_the_measured_delay(delay_s, done):
 
 
 def test_live_limits_are_the_configurations():
-    for command in (Compensator, Gains, Estimator):
+    for command in (SetGains, SetEstimator):
         for field in set(command.__struct_fields__) - {"axis", "confirm"}:
             here = json.dumps(_limits(command, field), sort_keys=True)
             assert here == json.dumps(_limits(Axis, field), sort_keys=True)
 
 
-def test_too_many_orders_are_told_so_at_once():
+def test_too_many_commands_are_told_so_at_once():
     _, console = at_console()
-    waiting = [console.ask("release") for _ in range(WAITING)]
+    waiting = [console.ask("release") for _ in range(MAX_WAITING)]
     assert not any(waiting)
     (reply,) = console.ask("release")
     assert not reply.done
@@ -278,18 +270,18 @@ def test_too_many_orders_are_told_so_at_once():
 
 
 def test_the_log_line_is_bounded_whatever_came():
-    desk = CommandQueue(load_config(), hold().eta_d)
-    desk.take(Order("setpoint", b"\xff" * 10 * MAX_BYTES, lambda _: None, True))
-    desk.before(_Untouchable(), 0.0)
-    assert len(desk.taken[0].text) < 1000
+    commands = CommandQueue(load_config(), hold().eta_d)
+    commands.put(ReceivedCommand("setpoint", b"\xff" * 10 * MAX_BYTES, lambda _: None, True))
+    commands.before_tick(_Untouchable(), 0.0)
+    assert len(commands.results[0].text) < 1000
 
 
 @pytest.mark.parametrize("payload", [b'{"a\n2026 forged\x1b[2J": 1}', b"\n2026 forged", b'{"\\n\\u202e": 1}'])
 def test_an_order_forges_no_line_of_the_log(payload):
-    desk = CommandQueue(load_config(), hold().eta_d)
-    desk.take(Order("setpoint", payload, lambda _: None, True))
-    desk.before(_Untouchable(), 0.0)
-    assert desk.taken[0].text.isprintable()
+    commands = CommandQueue(load_config(), hold().eta_d)
+    commands.put(ReceivedCommand("setpoint", payload, lambda _: None, True))
+    commands.before_tick(_Untouchable(), 0.0)
+    assert commands.results[0].text.isprintable()
 
 
 json_values = st.recursive(
@@ -309,17 +301,17 @@ payloads = st.binary(max_size=60) | (json_values | likely).map(lambda value: jso
 @given(name=st.sampled_from([*COMMANDS, "config", "", "*"]), payload=payloads)
 def test_whatever_comes_is_answered_once_and_changes_nothing_unless_done(name, payload):
     engine = _Recorder()
-    desk = CommandQueue(engine.config, hold().eta_d)
+    commands = CommandQueue(engine.config, hold().eta_d)
     answers: list[Reply] = []
-    desk.take(Order(name, payload, answers.append, True))
-    handed = desk.before(engine, 0.0)
+    commands.put(ReceivedCommand(name, payload, answers.append, True))
+    given = commands.before_tick(engine, 0.0)
     if answers:
         assert not answers[0].done
         assert answers[0].said
-        assert handed == ([], None, None)
+        assert given == ([], None, None)
         assert not engine.got
     else:
-        assert len(handed.requests) + len(engine.got) == 1
+        assert len(given.requests) + len(engine.got) == 1
         for thing in engine.got:
             if isinstance(thing, Config):
                 assert thing == msgspec.convert(msgspec.to_builtins(thing), Config), "as at the start"
@@ -331,7 +323,7 @@ def test_whatever_comes_is_answered_once_and_changes_nothing_unless_done(name, p
 def _limits(struct, field):
     schema = msgspec.json.schema(struct)
     found = schema["$defs"][struct.__name__]["properties"][field]
-    return {key: value for key, value in found.items() if key not in ("description", "default")}
+    return {key: value for key, value in found.items() if key not in ("title", "description", "default")}
 
 
 class _Untouchable:

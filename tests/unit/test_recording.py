@@ -13,6 +13,7 @@ from mcap.records import Chunk
 from mcap.stream_reader import StreamReader
 
 from companion.records import ControlSample
+from companion.telemetry import samples
 from companion.telemetry import schemas as telemetry
 from dashboard.recording.json_schema import schema_of
 from dashboard.recording.mcap_file import FREE_BYTES, MAGIC, MAX_RATIO, Disk, Item, Reader, Recording
@@ -28,7 +29,7 @@ PLENTY = 10**12
 @pytest.fixture(scope="module")
 def ticks(make_sample: MakeSample) -> list[list[tuple[str, str, bytes]]]:
     """Ten seconds of all keys."""
-    return [telemetry.encode(make_sample(t_s=100.0 + 0.02 * i), "kelp") for i in range(500)]
+    return [samples.encode(make_sample(t_s=100.0 + 0.02 * i), "kelp") for i in range(500)]
 
 
 @pytest.fixture
@@ -236,7 +237,7 @@ def test_a_companion_that_starts_anew_gets_new_times(tmp_path: Path, make_sample
     kept = recorder(tmp_path)
     kept.start(UTC_NS, 0.0)
     for i, t_s in enumerate((1000.0, 1000.02, 3.0, 3.02)):
-        for key, encoding, payload in telemetry.encode(make_sample(t_s=t_s), "kelp")[:1]:
+        for key, encoding, payload in samples.encode(make_sample(t_s=t_s), "kelp")[:1]:
             kept.take(key, encoding, payload, UTC_NS + i * 1_000_000_000, 0.0)
     kept.stop()
     (path,) = tmp_path.glob("*.mcap")
@@ -341,7 +342,7 @@ def test_a_directory_that_cannot_be_made_is_said(tmp_path: Path) -> None:
 
 def test_the_status_tells_the_vehicle_s_time(tmp_path: Path, make_sample: MakeSample) -> None:
     kept = recorder(tmp_path)
-    key, encoding, payload = telemetry.encode(make_sample(t_s=500.0), "kelp")[0]
+    key, encoding, payload = samples.encode(make_sample(t_s=500.0), "kelp")[0]
     kept.take(key, encoding, payload, UTC_NS, 7.0)
     status = kept.status(7.5, 3)
     assert (status.t_s, status.boot_s, status.dropped) == (500.5, 34.5, 3)

@@ -12,6 +12,7 @@ from virtual import ROOT, hold
 from companion.config import load_config
 from companion.engine import Engine
 from companion.records import ControlSample, LoopHealth, Request
+from companion.telemetry import samples
 from companion.telemetry import schemas as telemetry
 from dashboard.recording.mcap_file import Item, Recording
 from dashboard.recording.record import flat
@@ -54,7 +55,7 @@ def written(path: Path, dive: list[Step], change: Change | None = None) -> Path:
     for step in dive:
         sample = step.sample if change is None else change(step.t_s, step.sample)
         stamp = UTC_NS + round(step.t_s * 1e9)
-        for key, encoding, payload in telemetry.encode(sample, "kelp"):
+        for key, encoding, payload in samples.encode(sample, "kelp"):
             recording.add(Item(key, encoding, payload, stamp, stamp))
         recording.add(Item("sim/kelp/truth", SCHEMA, encode(step.truth), stamp, stamp))
     event = telemetry.Event(t_s=0.0, boot_s=0.0, severity="warning", kind="autopilot", text="<b>leak</b>")

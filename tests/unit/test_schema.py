@@ -6,6 +6,7 @@ from collections.abc import Callable
 from companion.commands import schema as command
 from companion.records import ControlSample
 from companion.telemetry import documents as schema
+from companion.telemetry import samples
 from companion.telemetry import schemas as telemetry
 
 
@@ -30,7 +31,7 @@ def test_every_field_that_is_published_is_described() -> None:
 
 def test_what_is_published_follows_its_schema(make_sample: Callable[..., ControlSample]) -> None:
     types = {"string": str, "boolean": bool, "integer": int, "number": float, "array": list}
-    for key, encoding, payload in telemetry.encode(make_sample(), "kelp"):
+    for key, encoding, payload in samples.encode(make_sample(), "kelp"):
         name = encoding.split(".")[1]
         properties = json.loads(schema.schemas()[f"{name}.json"])["$defs"][name]["properties"]
         published = json.loads(payload)

@@ -12,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from companion.records import DOFS, Ages, Condition, ControlSample
+from companion.telemetry import samples
 from companion.telemetry import schemas as telemetry
 
 MakeSample = Callable[..., ControlSample]
@@ -39,7 +40,7 @@ def test_a_name_that_is_no_key_chunk_is_refused(name: str) -> None:
 
 def test_what_is_encoded_is_what_is_decoded(make_sample: MakeSample) -> None:
     for (key, _, payload), record in zip(
-        telemetry.encode(make_sample(), "kelp"), telemetry.records(make_sample()), strict=True
+        samples.encode(make_sample(), "kelp"), samples.records(make_sample()), strict=True
     ):
         decoded = telemetry.decode(key, payload)
         assert type(decoded) is type(record)
@@ -49,7 +50,7 @@ def test_what_is_encoded_is_what_is_decoded(make_sample: MakeSample) -> None:
 def test_every_number_of_a_dof_keeps_its_name(make_sample: MakeSample) -> None:
     published = make_sample()
     for index, name in enumerate(DOFS):
-        record = telemetry.records(published)[1 + index]
+        record = samples.records(published)[1 + index]
         assert isinstance(record, telemetry.Dof)
         assert record.dof == name
         assert (record.unit, record.tau_unit) == (("rad", "N·m") if name == "psi" else ("m", "N"))
@@ -62,7 +63,7 @@ def test_every_number_of_a_dof_keeps_its_name(make_sample: MakeSample) -> None:
 
 def test_what_is_not_finite_is_zero_and_named(make_sample: MakeSample) -> None:
     broken = make_sample(roll=float("nan"), eta=(math.nan, math.inf, 5.0, 0.5))
-    state = telemetry.decode(*_of(telemetry.encode(broken, "kelp"), "holdfast/kelp/state"))
+    state = telemetry.decode(*_of(samples.encode(broken, "kelp"), "holdfast/kelp/state"))
     assert isinstance(state, telemetry.State)
     assert state.absent == ("x_m", "y_m", "roll_rad")
     assert (state.x_m, state.y_m, state.depth_m, state.roll_rad) == (0.0, 0.0, 5.0, 0.0)
@@ -70,33 +71,33 @@ def test_what_is_not_finite_is_zero_and_named(make_sample: MakeSample) -> None:
 
 def test_what_is_stale_keeps_its_last_value_and_is_named(make_sample: MakeSample) -> None:
     silent = make_sample(stale=(True, False, True, False), voltage_v=float("nan"))
-    state = telemetry.decode(*_of(telemetry.encode(silent, "kelp"), "holdfast/kelp/state"))
+    state = telemetry.decode(*_of(samples.encode(silent, "kelp"), "holdfast/kelp/state"))
     assert isinstance(state, telemetry.State)
     assert state.absent == ("x_m", "x_rate_mps", "depth_m", "depth_rate_mps", "voltage_v")
     assert (state.x_m, state.depth_m, state.voltage_v) == (1.0, 5.0, 0.0)
-    heave = telemetry.decode(*_of(telemetry.encode(silent, "kelp"), "holdfast/kelp/dof/z"))
+    heave = telemetry.decode(*_of(samples.encode(silent, "kelp"), "holdfast/kelp/dof/z"))
     assert heave.absent == ("x", "x_dot", "e", "e_dot", "eps", "d_observer")
     lost = replace(silent, verdict=replace(silent.verdict, conditions=Condition.LINK_LOST))
-    state = telemetry.decode(*_of(telemetry.encode(lost, "kelp"), "holdfast/kelp/state"))
+    state = telemetry.decode(*_of(samples.encode(lost, "kelp"), "holdfast/kelp/state"))
     assert {"armed", "mode", "system_status", "pilot_gain"} < set(state.absent)
 
 
 def test_an_age_before_the_first_signal_is_capped(make_sample: MakeSample) -> None:
-    loop = telemetry.decode(*_of(telemetry.encode(make_sample(), "kelp"), "holdfast/kelp/loop"))
+    loop = telemetry.decode(*_of(samples.encode(make_sample(), "kelp"), "holdfast/kelp/loop"))
     assert isinstance(loop, telemetry.Loop)
     assert loop.position_age_s == telemetry.NEVER_S
     assert loop.absent == ()
 
 
 def test_conditions_leave_by_name(make_sample: MakeSample) -> None:
-    supervisor = telemetry.records(make_sample())[6]
+    supervisor = samples.records(make_sample())[6]
     assert isinstance(supervisor, telemetry.Supervisor)
     assert supervisor.state == "ACTIVE"
     assert supervisor.conditions == ("POSITION_STALE", "ENGAGE_ASKED")
 
 
 def test_numpy_scalars_are_numbers_too(make_sample: MakeSample) -> None:
-    encoded = telemetry.encode(make_sample(voltage_v=np.float64(15.5), mode=np.int64(2)), "kelp")
+    encoded = samples.encode(make_sample(voltage_v=np.float64(15.5), mode=np.int64(2)), "kelp")
     state = telemetry.decode(*_of(encoded, "holdfast/kelp/state"))
     assert isinstance(state, telemetry.State)
     assert (state.voltage_v, state.mode) == (15.5, 2)
@@ -106,10 +107,10 @@ def test_numpy_scalars_are_numbers_too(make_sample: MakeSample) -> None:
 def test_no_null_and_one_shape_whatever_comes(
     make_sample: MakeSample, eta: list[float], age: float, reason: str
 ) -> None:
-    usual = {key: set(json.loads(payload)) for key, _, payload in telemetry.encode(make_sample(), "kelp")}
+    usual = {key: set(json.loads(payload)) for key, _, payload in samples.encode(make_sample(), "kelp")}
     wild = make_sample(eta=tuple(eta), voltage_v=age, ages=Ages(age, age, age, age, age))
     wild = replace(wild, verdict=replace(wild.verdict, reason=reason))
-    for key, _, payload in telemetry.encode(wild, "kelp"):
+    for key, _, payload in samples.encode(wild, "kelp"):
         fields = json.loads(payload)
         assert None not in fields.values()
         assert set(fields) == usual[key]
@@ -117,7 +118,7 @@ def test_no_null_and_one_shape_whatever_comes(
 
 
 def test_a_newer_field_is_no_stumbling_block(make_sample: MakeSample) -> None:
-    key, _, payload = telemetry.encode(make_sample(), "kelp")[0]
+    key, _, payload = samples.encode(make_sample(), "kelp")[0]
     longer = msgspec.json.encode({**json.loads(payload), "salinity_psu": 35.0})
     assert telemetry.decode(key, longer) == telemetry.decode(key, payload)
 

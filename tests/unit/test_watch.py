@@ -12,7 +12,9 @@ import pytest
 from rich.console import Console, RenderableType
 
 from companion.records import Ages, Condition, ControlSample, State, Wrench
+from companion.telemetry import samples
 from companion.telemetry import schemas as telemetry
+from companion.telemetry.modes import MEANINGS
 from dashboard.terminal import watch
 from dashboard.terminal.watch import Feed, Fleet, View, picture, render
 from dashboard.zenoh_client import Message
@@ -96,7 +98,7 @@ def test_every_state_has_its_word(make_sample: MakeSample, state: State) -> None
     sample = replace(sample, verdict=replace(sample.verdict, state=state, conditions=Condition(0), reason=""))
     screen = _screen(_view(sample))
     assert state.value.replace("_", " ") in screen
-    assert watch._BANNER[state.value][1] in screen
+    assert MEANINGS[state] in screen
 
 
 def test_the_remedy_is_shown_and_a_lost_link_outranks_the_state(make_sample: MakeSample) -> None:
@@ -107,7 +109,7 @@ def test_the_remedy_is_shown_and_a_lost_link_outranks_the_state(make_sample: Mak
     screen = _screen(_view(replace(sample, verdict=lost)))
     assert "to do: look at cable and router" in screen
     assert "LINK LOST" in screen
-    assert watch._BANNER["PILOT"][1] not in screen
+    assert MEANINGS["PILOT"] not in screen
 
 
 def test_data_turn_stale_within_a_second(make_sample: MakeSample) -> None:
@@ -257,7 +259,7 @@ def test_a_name_that_cannot_be_is_refused(capsys: pytest.CaptureFixture[str]) ->
 
 
 def _messages(sample: ControlSample, vehicle: str = "kelp") -> list[Message]:
-    return [Message(key, payload) for key, _, payload in telemetry.encode(sample, vehicle)]
+    return [Message(key, payload) for key, _, payload in samples.encode(sample, vehicle)]
 
 
 def _view(sample: ControlSample) -> View:

@@ -1,6 +1,7 @@
 // The strip that is always there: state, what is wrong, what to do, how fresh it all is.
 import { $, mark, say } from "./dom.js";
-import { ageText, bytesText, MODES, sentence, STATES } from "./words.js";
+import { MODES, STATES } from "./vocabulary.js"; // made by the server: dashboard/web/vocabulary.py
+import { ageText, bytesText, sentence } from "./words.js";
 
 export const STALE_S = 0.5;
 

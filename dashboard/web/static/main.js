@@ -51,6 +51,9 @@ const link = new Link({
     if (fresh.length) listed = false;
     if (fresh.some((event) => event.t_s > newest)) dirty = true;
   },
+  choices(known) {
+    tuning?.choices(known);
+  },
   config(fresh) {
     config = fresh;
     tuning?.show(config);

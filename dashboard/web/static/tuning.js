@@ -1,25 +1,10 @@
 // Changing things, with what is really in force read back. Only with a token.
 import { $, el, mark, say } from "./dom.js";
+import { COMMANDS } from "./vocabulary.js"; // made by the server: dashboard/web/vocabulary.py
 import { DOFS } from "./words.js";
 
 const TOKEN = "holdfast-token";
-const COMPENSATORS = ["none", "integrator", "regressor", "network", "observer", "network+observer"];
-const GAINS = {
-  lambda_per_s: ["λ", "1/s: slope of the error's decay"],
-  kappa_per_s: ["κ", "1/s: decay of the combined error"],
-  learning_rate: ["learning rate", "of the compensator"],
-  hidden_learning_rate: ["hidden rate", "learning rate of the hidden layer"],
-  leak_per_s: ["leak", "1/s: forgetting"],
-  dead_zone: ["dead zone", "of ε, in which nothing is learnt"],
-  max_disturbance: ["limit of d̂", "N or N·m"],
-};
-const NOISES = {
-  position_noise: ["position noise", "of one sample"],
-  rate_noise: ["rate noise", "of one sample"],
-  position_noise_slow: ["slow position noise", ""],
-  rate_noise_slow: ["slow rate noise", ""],
-  disturbance_noise: ["disturbance noise", "per √s"],
-};
+const GROUPS = ["gains", "estimator"];
 
 export class Tuning {
   constructor(view, link) {
@@ -45,20 +30,20 @@ export class Tuning {
     this.lock = el("section", { class: "lock" });
     this.axisName = el("h3");
     this.inputs = {};
-    const field = (group) => ([name, [title, hint]]) => {
-      const input = el("input", { type: "number", step: "any", id: `set-${name}`, inputmode: "decimal", oninput: () => this.changed() });
+    const field = (group) => ({ name, title, description, least, most }) => {
+      const input = el("input", { type: "number", step: "any", min: least, max: most, id: `set-${name}`, inputmode: "decimal", oninput: () => this.changed() });
       const now = el("span", { class: "now", title: "in force" });
       this.inputs[name] = { group, input, now };
-      return el("label", { title: hint }, el("span", {}, title), now, input);
+      return el("label", { title: description }, el("span", {}, title), now, input);
     };
-    this.compensator = el("select", { id: "set-compensator", onchange: () => this.changed() }, ...COMPENSATORS.map((name) => el("option", { value: name }, name)));
+    this.compensator = el("select", { id: "set-compensator", onchange: () => this.changed() });
     this.compensatorNow = el("span", { class: "now" });
-    const gains = Object.entries(GAINS).map(field("gains"));
-    const noises = Object.entries(NOISES).map(field("estimator"));
+    const [gains, noises] = GROUPS.map((group) => Object.values(COMMANDS[group]).filter(({ least }) => least !== null).map(field(group)));
+    const within = ({ least, most }) => ({ min: least, max: most });
     this.apply = el("button", { id: "apply", class: "primary", onclick: () => this.applyAsked() }, "Apply");
     this.revert = el("button", { id: "revert", onclick: () => this.revertAll() }, "Revert");
-    this.depth = el("input", { type: "number", step: "any", id: "aim-depth", placeholder: "m" });
-    this.heading = el("input", { type: "number", step: "any", id: "aim-heading", placeholder: "°" });
+    this.depth = el("input", { type: "number", step: "any", id: "aim-depth", placeholder: "m", ...within(COMMANDS.setpoint.depth_m) });
+    this.heading = el("input", { type: "number", step: "any", id: "aim-heading", placeholder: "°", ...within(COMMANDS.setpoint.heading_deg) });
     this.engage = el("button", { id: "engage", class: "primary", onclick: () => this.ask(this.engage, "Engage", () => this.send("engage", {})) }, "Engage");
     this.controls = el("fieldset", {},
       el("div", { class: "row" }, this.engage,
@@ -82,12 +67,14 @@ export class Tuning {
     this.refresh();
   }
 
-  hello({ control, ranges }) {
+  hello({ control }) {
     this.allowed = control;
-    const fields = { depth_m: this.depth, heading_deg: this.heading };
-    for (const [name, { input }] of Object.entries(this.inputs)) fields[name] = input;
-    for (const [name, input] of Object.entries(fields)) if (ranges[name]) [input.min, input.max] = ranges[name];
     if (control && this.token && !this.unlocked) this.unlock(this.token);
+    this.refresh();
+  }
+
+  choices({ compensator }) {
+    this.compensator.replaceChildren(...compensator.map((name) => el("option", { value: name }, name)));
     this.refresh();
   }
 
@@ -182,14 +169,14 @@ export class Tuning {
     const now = this.config?.[this.axis];
     if (!now) return;
     const { axis } = this;
-    const orders = ["gains", "estimator"].map((group) => [group, this.changes(group)])
+    const commands = GROUPS.map((group) => [group, this.changes(group)])
       .filter(([, what]) => Object.keys(what).length).map(([group, what]) => [group, confirm ? { ...what, confirm } : what]);
-    if (this.compensator.value !== now.compensator) orders.unshift(["compensator", { compensator: this.compensator.value }]);
-    if (!orders.length) return void this.tell("Nothing was changed.");
+    if (this.compensator.value !== now.compensator) commands.unshift(["compensator", { compensator: this.compensator.value }]);
+    if (!commands.length) return void this.tell("Nothing was changed.");
     const before = { ...now };
     const heard = [];
     let good = true;
-    for (const [name, what] of orders) {
+    for (const [name, what] of commands) {
       const reply = await this.send(name, { axis, ...what });
       heard.push(reply.said);
       good &&= reply.done;

@@ -1,16 +1,4 @@
 // What numbers and names mean to people.
-export const MODES = { 0: "STABILIZE", 1: "ACRO", 2: "ALT HOLD", 3: "AUTO", 4: "GUIDED", 7: "CIRCLE", 9: "SURFACE", 16: "POSHOLD", 19: "MANUAL", 20: "MOTOR DETECT", 21: "SURFTRAK" };
-
-export const STATES = {
-  IDLE: "hands off",
-  READY: "may engage",
-  ACTIVE: "holding",
-  RAMP_DOWN: "letting go",
-  HAND_OVER: "handing over to ALT HOLD",
-  PILOT: "the pilot steers",
-  FAULT: "latched",
-};
-
 export const DOFS = {
   z: { name: "Depth", key: "1", axis: "heave", force: "N", e: { unit: "mm", scale: 1e3, span: 6 }, rate: { unit: "mm/s", scale: 1e3, span: 10 } },
   psi: { name: "Heading", key: "2", axis: "yaw", force: "N·m", e: { unit: "°", scale: 180 / Math.PI, span: 1 }, rate: { unit: "°/s", scale: 180 / Math.PI, span: 2 } },

@@ -1,0 +1,189 @@
+"""What may be asked of a vehicle while it dives: the payload of each command, checked the same everywhere.
+
+One table for the companion, which obeys, and for all that ask: the web page, `holdfast tell`, the documents.
+"""
+
+from collections.abc import Iterator, Mapping
+from typing import Annotated, Any, Literal, NamedTuple, get_args, get_origin, get_type_hints
+
+import msgspec
+
+from companion.telemetry import ranges
+from companion.telemetry.schemas import Reply, means, printable
+
+MAX_BYTES = 4096
+"""A longer payload is refused unread."""
+
+AxisName = Literal["surge", "sway", "heave", "yaw"]
+Optional = msgspec.UnsetType
+Confirmed = Annotated[bool, means("more than twofold is meant; zero, to or from, is more than twofold")]
+
+
+class Payload(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, omit_defaults=True):
+    """What every command has: no field beyond its own."""
+
+
+class Engage(Payload, frozen=True):
+    """Take control and hold. Refused, and the request withdrawn, if not permitted within 5 s."""
+
+
+class Release(Payload, frozen=True):
+    """Let go of the vehicle; a request to engage is withdrawn."""
+
+
+class ClearFault(Payload, frozen=True):
+    """Reset a latched fault; engages nothing."""
+
+
+class SetSetpoint(Payload, frozen=True):
+    """Where to be; what is not named stays. Kept for when it engages if it is not engaged now."""
+
+    depth_m: Annotated[ranges.Depth, means("below the surface")] | Optional = msgspec.UNSET
+    heading_deg: Annotated[ranges.HeadingDeg, means("clockwise from north")] | Optional = msgspec.UNSET
+    x_m: Annotated[ranges.Metres, means("north; held only with a position source")] | Optional = msgspec.UNSET
+    y_m: Annotated[ranges.Metres, means("east; held only with a position source")] | Optional = msgspec.UNSET
+
+
+class SetCompensator(Payload, frozen=True):
+    """Who compensates on one axis what the model does not know."""
+
+    axis: AxisName
+    compensator: Annotated[str, means("one of the names that the vehicle's `choices` lists")]
+
+
+class SetGains(Payload, frozen=True):
+    """Gains of one axis, as in the configuration; more than twofold at once only with `confirm`."""
+
+    axis: AxisName
+    lambda_per_s: Annotated[ranges.Lambda, means("decay of the error", "λ")] | Optional = msgspec.UNSET
+    kappa_per_s: Annotated[ranges.Kappa, means("decay of the combined error", "κ")] | Optional = msgspec.UNSET
+    learning_rate: Annotated[ranges.LearningRate, means("of the compensator", "learning rate")] | Optional = (
+        msgspec.UNSET
+    )
+    hidden_learning_rate: (
+        Annotated[ranges.HiddenLearningRate, means("of the network's hidden layer", "hidden rate")] | Optional
+    ) = msgspec.UNSET
+    leak_per_s: Annotated[ranges.Leak, means("forgetting", "leak")] | Optional = msgspec.UNSET
+    dead_zone: (
+        Annotated[ranges.DeadZone, means("combined error within which nothing is learnt", "dead zone")]
+        | Optional
+    ) = msgspec.UNSET
+    max_disturbance: (
+        Annotated[ranges.Force, means("bound of the estimated disturbance, N or N·m", "limit of d̂")]
+        | Optional
+    ) = msgspec.UNSET
+    confirm: Confirmed = False
+
+
+class SetEstimator(Payload, frozen=True):
+    """Noises that the observer of one axis expects; more than twofold at once only with `confirm`."""
+
+    axis: AxisName
+    position_noise: Annotated[ranges.Noise, means("of one sample, m or rad", "position noise")] | Optional = (
+        msgspec.UNSET
+    )
+    rate_noise: Annotated[ranges.Noise, means("of one sample, per s", "rate noise")] | Optional = (
+        msgspec.UNSET
+    )
+    position_noise_slow: (
+        Annotated[ranges.SlowNoise, means("slowly varying, m or rad", "slow position noise")] | Optional
+    ) = msgspec.UNSET
+    rate_noise_slow: (
+        Annotated[ranges.SlowNoise, means("slowly varying, per s", "slow rate noise")] | Optional
+    ) = msgspec.UNSET
+    disturbance_noise: (
+        Annotated[ranges.DisturbanceNoise, means("N or N·m, per √s", "disturbance noise")] | Optional
+    ) = msgspec.UNSET
+    confirm: Confirmed = False
+
+
+class SetRecording(Payload, frozen=True):
+    """Start or stop the recorder."""
+
+    on: Annotated[bool, means("true starts a file, false finishes it")]
+
+
+COMMANDS: dict[str, type[Payload]] = {
+    "engage": Engage,
+    "release": Release,
+    "setpoint": SetSetpoint,
+    "compensator": SetCompensator,
+    "gains": SetGains,
+    "estimator": SetEstimator,
+    "clear_fault": ClearFault,
+}
+"""The companion's commands by the last part of their key."""
+
+RECORDER_COMMANDS: dict[str, type[Payload]] = {"record": SetRecording}
+"""Those of `holdfast record`."""
+
+
+class CommandResult(NamedTuple):
+    """A command as it came, and the answer that it got."""
+
+    name: str
+    payload: bytes
+    reply: Reply
+
+    @property
+    def text(self) -> str:
+        """The command and what came of it, in words, with control characters escaped."""
+        asked = self.payload[:200].decode(errors="replace") if len(self.payload) > 2 else ""
+        return printable(f"{self.name}{' ' if asked else ''}{asked}: {self.reply.said}")
+
+
+class Field(NamedTuple):
+    """A field of a payload. `least` and `most` are None where it is no number."""
+
+    name: str
+    title: str
+    description: str
+    choices: tuple[str, ...]
+    least: float | None
+    most: float | None
+
+
+def parse(name: str, payload: bytes, known: Mapping[str, type[Payload]] = COMMANDS) -> Payload:
+    """Return the payload of a command; raise ValueError, in words, for what cannot be one."""
+    kind = known.get(name)
+    if kind is None:
+        raise ValueError(f"there is no command '{name}'. There are {', '.join(known)}")
+    if len(payload) > MAX_BYTES:
+        raise ValueError(f"{len(payload)} bytes are too many; {MAX_BYTES} at most")
+    try:
+        table = msgspec.json.decode(payload)
+    except (msgspec.MsgspecError, RecursionError) as error:
+        raise ValueError(f"{error}. {name} takes {_form(kind)}") from error
+    try:
+        command = msgspec.convert(table, kind)
+    except msgspec.ValidationError as error:
+        said = ranges.explained(table, str(error), kind)
+        raise ValueError(f"{said}. {name} takes {_form(kind)}") from error
+    settable = [field for field in kind.__struct_fields__ if field not in ("axis", "confirm")]
+    if settable and not named(command).keys() & set(settable):
+        axis = getattr(command, "axis", None)
+        raise ValueError(f"name at least one of {', '.join(settable)}{f' for {axis}' if axis else ''}")
+    return command
+
+
+def named(command: Payload) -> dict[str, Any]:
+    """Return the fields that a payload names, with their values."""
+    values = ((key, getattr(command, key)) for key in command.__struct_fields__)
+    return {key: value for key, value in values if value is not msgspec.UNSET}
+
+
+def fields(kind: type[Payload]) -> Iterator[Field]:
+    """Describe what a command takes."""
+    for name, hint in get_type_hints(kind, include_extras=True).items():
+        metas = list(ranges.metas(hint))
+        title = next((meta.title for meta in metas if meta.title), name)
+        description = next((meta.description for meta in metas if meta.description), "")
+        choices = get_args(hint) if get_origin(hint) is Literal else ()
+        least, most = ranges.bounds(hint) or (None, None)
+        yield Field(name, title, description, choices, least, most)
+
+
+def _form(kind: type[Payload]) -> str:
+    """Return what a command takes, in words."""
+    told = [f"{one.name} ({', '.join(one.choices)})" if one.choices else one.name for one in fields(kind)]
+    return f"a JSON object with {', '.join(told) or 'nothing in it: {}'}"

@@ -1,0 +1,20 @@
+"""What the page shares with the companion, as a JavaScript module: flight modes, states and commands."""
+
+import msgspec
+
+from companion.telemetry.commands import COMMANDS, RECORDER_COMMANDS, fields
+from companion.telemetry.modes import MEANINGS, MODE_NAMES
+
+ALL_COMMANDS = COMMANDS | RECORDER_COMMANDS
+"""What the page may send: to the companion, and to whoever records."""
+
+
+def module() -> str:
+    """Return the module: MODES by number, STATES by name, the fields of each of COMMANDS by name."""
+    commands = {
+        name: {field.name: field._asdict() for field in fields(kind)} for name, kind in ALL_COMMANDS.items()
+    }
+    return "".join(
+        f"export const {name} = {msgspec.json.encode(value).decode()};\n"
+        for name, value in (("MODES", MODE_NAMES), ("STATES", MEANINGS), ("COMMANDS", commands))
+    )
