@@ -139,9 +139,7 @@ def _dofs(sample: ControlSample) -> list[Dof]:
             absent=_MEASURED if stale else (),
             **dict(zip(_DOF_COLUMNS, row, strict=True)),
         )
-        for dof, (unit, tau_unit), stale, *row in zip(
-            DOFS, _UNITS, sample.state.stale, *columns, strict=True
-        )
+        for dof, (unit, tau_unit), stale, *row in zip(DOFS, _UNITS, sample.state.stale, *columns, strict=True)
     ]
 
 

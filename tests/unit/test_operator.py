@@ -6,7 +6,7 @@ import math
 import msgspec
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from virtual import Dive, hold
 
@@ -299,6 +299,7 @@ payloads = st.binary(max_size=60) | (json_values | likely).map(lambda value: jso
 
 @settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(name=st.sampled_from([*COMMANDS, "config", "", "*"]), payload=payloads)
+@example(name="setpoint", payload=b'{"depth_m":1e999}').via("the reason for refusing it raised TypeError")
 def test_whatever_comes_is_answered_once_and_changes_nothing_unless_done(name, payload):
     engine = _Recorder()
     commands = CommandQueue(engine.config, hold().eta_d)
