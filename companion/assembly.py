@@ -3,6 +3,7 @@
 import numpy as np
 
 from companion.config import Config, ConfigError
+from companion.control.actuation import Actuation
 from companion.control.allocation import Thrusters
 from companion.control.compensator import INPUTS, Compensator
 from companion.control.controller import Controller, Gains
@@ -21,7 +22,9 @@ from companion.control.tilt import (
     UNLEVELLED_N,
     TiltLimit,
 )
+from companion.estimation.estimator import Estimator
 from companion.records import Array
+from companion.supervision.guard import Envelope
 
 
 def model(config: Config) -> Model:
@@ -64,6 +67,29 @@ def gains(config: Config) -> Gains:
         d_max=each(config, "max_disturbance"),
         start_delay_s=config.network.start_delay_s,
         delay_s=config.delays.gains_bear_s,
+    )
+
+
+def estimator(config: Config) -> Estimator:
+    """Return what knows where the vehicle is."""
+    return Estimator(config, model(config), thrusters(config))
+
+
+def actuation(config: Config) -> Actuation:
+    """Return what makes axes of a wrench."""
+    return Actuation(thrusters(config), levelling(config), tilt_limit(config), max_horizontal_force(config))
+
+
+def max_horizontal_force(config: Config) -> Array:
+    """Return the largest force of surge and sway, (2,), N."""
+    return np.array((config.surge.max_force, config.sway.max_force))
+
+
+def envelope(config: Config) -> Envelope:
+    """Return what may leave this machine."""
+    limits = config.thrusters
+    return Envelope(
+        limits.max_axis, limits.max_slew_per_s, config.levelling.max_axis if config.levels else 0.0
     )
 
 

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from companion.control.bounds import wrap
-from companion.records import PSI, Array
+from companion.records import PSI, Array, Flags
 
 
 def pose_error(eta: Array, eta_d: Array) -> Array:
@@ -83,3 +83,9 @@ class Model:
         damping = nu * (self.d1 + self.d2 * np.abs(nu))
         unequal = (self.m[..., 0] - self.m[..., 1])[..., None] * _SIGN
         return to_inertial(J, damping + unequal * nu[..., _FIRST] * nu[..., _SECOND])
+
+
+def by_dof(by_axis: Flags) -> Flags:
+    """Surge and sway turn into x and y: what either lacks, both lack."""
+    horizontal = by_axis[0] | by_axis[1]
+    return np.array((horizontal, horizontal, by_axis[2], by_axis[3]))

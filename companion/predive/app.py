@@ -9,13 +9,13 @@ from companion.config import Config
 from companion.endpoint import Endpoint
 from companion.io.links import Admission, Link
 from companion.mavlink.inbox import Inbox
-from companion.predive.check import Grade, Row
+from companion.predive.check import CheckRow, Grade
 from companion.predive.inspection import Inspection
 
 
 def inspect(
     config: Config, *, origin: tuple[float, float] | None, thrusters: bool
-) -> tuple[list[Row], list[str]]:
+) -> tuple[list[CheckRow], list[str]]:
     """ConditionSpec at the vehicle behind `link.endpoint`; return the list and what was done beside looking.
 
     Raises OSError when our own port is taken, KeyboardInterrupt when a signal breaks it off.
@@ -29,7 +29,7 @@ def inspect(
 
 async def _inspect(
     config: Config, origin: tuple[float, float] | None, thrusters: bool
-) -> tuple[list[Row], list[str]]:
+) -> tuple[list[CheckRow], list[str]]:
     endpoint = Endpoint.parse(config.link.endpoint)
     inbox = Inbox(endpoint.is_stream)
     signing = signing_of(config)
@@ -66,8 +66,10 @@ async def _inspect(
     return inspection.rows, inspection.notes
 
 
-def _nobody(config: Config) -> Row:
+def _nobody(config: Config) -> CheckRow:
     link = config.link
     found = f"no heartbeat of system {link.vehicle_system}, component {link.vehicle_component}"
     mend = "link.endpoint, link.vehicle_system; is it switched on?"
-    return Row("link", Grade.REFUSED, f"{found} at {link.endpoint}", "nothing else can be looked at", mend)
+    return CheckRow(
+        "link", Grade.REFUSED, f"{found} at {link.endpoint}", "nothing else can be looked at", mend
+    )

@@ -42,7 +42,7 @@ class Grade(IntEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class CheckRow:
     """One line of the list: what was found, why it matters, what mends it."""
 
     name: str
@@ -52,7 +52,7 @@ class Row:
     mend: str = ""
 
 
-def rows(seen: Observed, config: Config) -> list[Row]:
+def rows(seen: Observed, config: Config) -> list[CheckRow]:
     """Return the list; rows about what was not tried are left out."""
     return [row for look in _LOOKS if (row := look(seen, config)) is not None]
 
@@ -65,7 +65,7 @@ SETTLES = frozenset({"EKF", "compass"})
 """Rows that forbid engaging and nothing more: while it holds, the supervisor has conditions of its own."""
 
 
-def refusals(listed: Sequence[Row], *, holding: bool = False) -> str:
+def refusals(listed: Sequence[CheckRow], *, holding: bool = False) -> str:
     """Return the rows that forbid engaging, in words; empty if none does. Not those that are WATCHED.
 
     While it is `holding`, those that only had to settle before are left out.
@@ -75,30 +75,32 @@ def refusals(listed: Sequence[Row], *, holding: bool = False) -> str:
     return "; ".join(f"{row.name}: {row.found}" for row in refused)
 
 
-def _firmware(seen: Observed, config: Config) -> Row:
+def _firmware(seen: Observed, config: Config) -> CheckRow:
     why = "signs, scales and failsafes here are those of ArduSub 4.5 and newer"
     kind = seen.heartbeat.vehicle_type if seen.heartbeat else None
     if kind is not None and kind != SUBMARINE:
         found = f"a vehicle of MAVLink type {kind}"
-        return Row("firmware", Grade.REFUSED, found, why, "steer an ArduSub vehicle: link.vehicle_system")
+        return CheckRow(
+            "firmware", Grade.REFUSED, found, why, "steer an ArduSub vehicle: link.vehicle_system"
+        )
     if seen.firmware is None:
-        return Row("firmware", Grade.WARNING, "its version was not told", why, "look at the link's load")
+        return CheckRow("firmware", Grade.WARNING, "its version was not told", why, "look at the link's load")
     grade = Grade.GOOD if seen.firmware.version >= OLDEST else Grade.WARNING
-    return Row("firmware", grade, f"ArduSub {seen.firmware.text}", why, "update to ArduSub 4.5 or newer")
+    return CheckRow("firmware", grade, f"ArduSub {seen.firmware.text}", why, "update to ArduSub 4.5 or newer")
 
 
-def _signing(seen: Observed, config: Config) -> Row | None:
+def _signing(seen: Observed, config: Config) -> CheckRow | None:
     if not config.link.signing_key_file:
         return None
     why = "what is not signed with link.signing_key_file is not believed, and counts as silence"
     if seen.messages or not seen.refused:
         found = "the vehicle signs with our key" if seen.messages else "nothing came yet"
-        return Row("signing", Grade.GOOD, found, why)
+        return CheckRow("signing", Grade.GOOD, found, why)
     found, mend = "no frame is signed with our key", "give both the same key: docs/wiring.md"
-    return Row("signing", Grade.REFUSED, found, why, mend)
+    return CheckRow("signing", Grade.REFUSED, found, why, mend)
 
 
-def _frame(seen: Observed, config: Config) -> Row:
+def _frame(seen: Observed, config: Config) -> CheckRow:
     why = "thrust is shared out over the motors of this frame"
     wanted, value = config.vehicle.frame, seen.parameters.get("FRAME_CONFIG")
     if value is None:
@@ -107,10 +109,10 @@ def _frame(seen: Observed, config: Config) -> Row:
     grade = Grade.GOOD if has == wanted else Grade.REFUSED
     number = next(number for number, name in FRAMES.items() if name == wanted)
     mend = f'vehicle.frame = "{has}" here, or FRAME_CONFIG = {number:g} there'
-    return Row("frame", grade, f"{has}, we expect {wanted}" if grade else has, why, mend)
+    return CheckRow("frame", grade, f"{has}, we expect {wanted}" if grade else has, why, mend)
 
 
-def _steering_id(seen: Observed, config: Config) -> Row:
+def _steering_id(seen: Observed, config: Config) -> CheckRow:
     why = "ArduSub silently refuses steering from any other system id"
     ours, value = config.link.system, seen.parameters.get("MAV_GCS_SYSID")
     if value is None:
@@ -120,16 +122,18 @@ def _steering_id(seen: Observed, config: Config) -> Row:
             f"it obeys {value:g}, we are {ours}",
             f"link.system = {value:g}, or MAV_GCS_SYSID = {ours}",
         )
-        return Row("steering id", Grade.REFUSED, found, why, mend)
+        return CheckRow("steering id", Grade.REFUSED, found, why, mend)
     tried = seen.directions
     if tried is None or tried.refused:
-        return Row("steering id", Grade.GOOD, f"MAV_GCS_SYSID is {value:g}, as we are", why)
+        return CheckRow("steering id", Grade.GOOD, f"MAV_GCS_SYSID is {value:g}, as we are", why)
     found = f"{100.0 * tried.echo:.0f} % of what we asked came out at the motors"
     grade = Grade.GOOD if tried.echo > 0.7 else Grade.REFUSED
-    return Row("steering id", grade, found, why, "look who else steers: two senders overwrite each other")
+    return CheckRow(
+        "steering id", grade, found, why, "look who else steers: two senders overwrite each other"
+    )
 
 
-def _pilot_failsafe(seen: Observed, config: Config) -> Row:
+def _pilot_failsafe(seen: Observed, config: Config) -> CheckRow:
     why = "if this computer dies, only FS_PILOT_INPUT stops the thrusters"
     action = seen.parameters.get("FS_PILOT_INPUT")
     timeout_s = seen.parameters.get("FS_PILOT_TIMEOUT")
@@ -139,13 +143,13 @@ def _pilot_failsafe(seen: Observed, config: Config) -> Row:
     found = f"{does} after {timeout_s:g} s"
     safe = action >= 1.0 and timeout_s <= config.supervisor.max_pilot_timeout_s
     mend = f"FS_PILOT_INPUT = 2, FS_PILOT_TIMEOUT <= {config.supervisor.max_pilot_timeout_s:g}"
-    return Row("pilot failsafe", Grade.GOOD if safe else Grade.REFUSED, found, why, mend)
+    return CheckRow("pilot failsafe", Grade.GOOD if safe else Grade.REFUSED, found, why, mend)
 
 
-def _pilot_gain(seen: Observed, config: Config) -> Row:
+def _pilot_gain(seen: Observed, config: Config) -> CheckRow:
     why = "MANUAL_CONTROL is scaled by it, and we undo that"
     if config.vehicle.thrust_path == "rc_override":
-        return Row("pilot gain", Grade.GOOD, "not in the way: RC_CHANNELS_OVERRIDE is not scaled", why)
+        return CheckRow("pilot gain", Grade.GOOD, "not in the way: RC_CHANNELS_OVERRIDE is not scaled", why)
     gain, throttle = seen.pilot_gain, seen.parameters.get("JS_THR_GAIN")
     if gain is None or throttle is None:
         name = "PilotGain" if gain is None else "JS_THR_GAIN"
@@ -155,26 +159,28 @@ def _pilot_gain(seen: Observed, config: Config) -> Row:
     )
     grade = Grade.GOOD if min(gain, gain * throttle) >= MIN_REACH else Grade.WARNING
     mend = 'gain up on the joystick, JS_GAIN_DEFAULT for the next boot, or thrust_path = "rc_override"'
-    return Row("pilot gain", grade, found, why, mend)
+    return CheckRow("pilot gain", grade, found, why, mend)
 
 
-def _input_hold(seen: Observed, config: Config) -> Row:
+def _input_hold(seen: Observed, config: Config) -> CheckRow:
     why = "both change what sticks do: one adds to them, the other makes x, y pitch and roll"
     on = [name for name, is_on in seen.toggles.items() if is_on]
     if on:
         mend = f"switch {' and '.join(on)} off with its joystick button"
-        return Row("input hold", Grade.REFUSED, f"{' and '.join(on)} on", why, mend)
+        return CheckRow("input hold", Grade.REFUSED, f"{' and '.join(on)} on", why, mend)
     if not seen.toggles:
-        return Row("input hold", Grade.WARNING, "not told", why, "look whether NAMED_VALUE_FLOAT streams")
-    return Row("input hold", Grade.GOOD, "InputHold and RollPitch off", why)
+        return CheckRow(
+            "input hold", Grade.WARNING, "not told", why, "look whether NAMED_VALUE_FLOAT streams"
+        )
+    return CheckRow("input hold", Grade.GOOD, "InputHold and RollPitch off", why)
 
 
-def _receiver(seen: Observed, config: Config) -> Row:
+def _receiver(seen: Observed, config: Config) -> CheckRow:
     why = "an RC receiver keeps the pilot failsafe from ever firing; RC_OVERRIDE_TIME is then all there is"
     if seen.parameters.get("RC_PROTOCOLS") == 0.0 or seen.receiver_channels == 0:
-        return Row("RC receiver", Grade.GOOD, "none", why)
+        return CheckRow("RC receiver", Grade.GOOD, "none", why)
     if seen.failsafe_seen:
-        return Row("RC receiver", Grade.GOOD, "none: the pilot failsafe did fire", why)
+        return CheckRow("RC receiver", Grade.GOOD, "none: the pilot failsafe did fire", why)
     override_s = seen.parameters.get("RC_OVERRIDE_TIME")
     if override_s is None:
         return _untold("RC receiver", "RC_OVERRIDE_TIME", why)
@@ -183,25 +189,25 @@ def _receiver(seen: Observed, config: Config) -> Row:
     ends = f"overrides end after {override_s:g} s" if safe else f"RC_OVERRIDE_TIME is {override_s:g}"
     found = f"perhaps one, or somebody steers; {ends}"
     mend = f"RC_PROTOCOLS = 0, or unplug it; and RC_OVERRIDE_TIME <= {limit_s:g}"
-    return Row("RC receiver", Grade.WARNING if safe else Grade.REFUSED, found, why, mend)
+    return CheckRow("RC receiver", Grade.WARNING if safe else Grade.REFUSED, found, why, mend)
 
 
-def _streams(seen: Observed, config: Config) -> Row:
+def _streams(seen: Observed, config: Config) -> CheckRow:
     why = "the estimate is as good as what comes; a parameter transfer slows it fourfold for a while"
     asked, came = seen.asked_hz, seen.measured_hz
     slow = [name for name, hz in asked.items() if name in came and came[name] < SLOW_SHARE * hz]
     slow = [name for name in slow if came[name] > 0.0 or name not in NOT_ON_EVERY_VEHICLE]
     if not came:
-        return Row("streams", Grade.WARNING, "not measured yet", why)
+        return CheckRow("streams", Grade.WARNING, "not measured yet", why)
     if slow:
         found = ", ".join(f"{name} {came[name]:.0f} of {asked[name]:.0f} Hz" for name in slow)
-        return Row("streams", Grade.WARNING, found, why, "look who else asks, and at the link's load")
-    return Row(
+        return CheckRow("streams", Grade.WARNING, found, why, "look who else asks, and at the link's load")
+    return CheckRow(
         "streams", Grade.GOOD, f"ATTITUDE {came.get('ATTITUDE', 0.0):.0f} Hz and the others as asked", why
     )
 
 
-def _depth(seen: Observed, config: Config) -> Row:
+def _depth(seen: Observed, config: Config) -> CheckRow:
     why = "depth is what is held"
     source, state = config.vehicle.depth_source, seen.state
     if not state.ages.depth_s <= config.supervisor.depth_timeout_s:
@@ -209,14 +215,14 @@ def _depth(seen: Observed, config: Config) -> Row:
         if source == "pressure":
             lacking = [name for name in _pressure_parameters(seen) if name not in seen.parameters]
             mend = f"it needs {', '.join(lacking)}, which were not told" if lacking else mend
-        return Row("depth", Grade.REFUSED, f"nothing fresh from {source}", why, mend)
+        return CheckRow("depth", Grade.REFUSED, f"nothing fresh from {source}", why, mend)
     delays = state.delays
     late = f"{1e3 * max(0.0, delays.telemetry_s):.0f} ms" if delays.telemetry_known else "not measured"
     gravity = seen.parameters.get("BARO_SPEC_GRAV", math.nan)
     found = f"{state.eta[2]:.2f} m from {source}, {seen.depth_hz:.0f} Hz, late by {late}; density {gravity:g}"
     mend = "BARO_SPEC_GRAV = 1.025 in sea water, where depth else reads 2.5 % deep"
     grade = Grade.GOOD if seen.depth_hz >= MIN_DEPTH_HZ else Grade.WARNING
-    return Row("depth", grade, found, why, mend)
+    return CheckRow("depth", grade, found, why, mend)
 
 
 def _pressure_parameters(seen: Observed) -> tuple[str, ...]:
@@ -224,22 +230,24 @@ def _pressure_parameters(seen: Observed) -> tuple[str, ...]:
     return "BARO_PRIMARY", f"BARO{primary + 1}_GND_PRESS", "BARO_SPEC_GRAV"
 
 
-def _origin(seen: Observed, config: Config) -> Row:
+def _origin(seen: Observed, config: Config) -> CheckRow:
     why = "relative_alt shifts by about 0.1 m, for good, if anybody sets it while dived"
     if seen.origin_known:
-        return Row("EKF origin", Grade.GOOD, "set", why)
+        return CheckRow("EKF origin", Grade.GOOD, "set", why)
     mend = "at the surface: holdfast check --set-origin LAT,LON"
     if config.vehicle.depth_source == "vfr_hud":
         found = "not set: VFR_HUD.alt stays exactly 0"
-        return Row("EKF origin", Grade.REFUSED, found, why, mend)
-    return Row("EKF origin", Grade.WARNING, "not set", why, mend)
+        return CheckRow("EKF origin", Grade.REFUSED, found, why, mend)
+    return CheckRow("EKF origin", Grade.WARNING, "not set", why, mend)
 
 
-def _ekf(seen: Observed, config: Config) -> Row:
+def _ekf(seen: Observed, config: Config) -> CheckRow:
     why = "attitude, heading and depth are those of the autopilot's EKF, which settles after boot"
     ekf, limits = seen.ekf, config.supervisor
     if ekf is None:
-        return Row("EKF", Grade.REFUSED, "no EKF_STATUS_REPORT came", why, "wait; look at the link's load")
+        return CheckRow(
+            "EKF", Grade.REFUSED, "no EKF_STATUS_REPORT came", why, "wait; look at the link's load"
+        )
     lacks = [name for name, has in (("attitude", ekf.attitude), ("depth", ekf.depth)) if not has]
     if seen.state.ages.position_s <= limits.position_timeout_s and not ekf.position:
         lacks.append("position, though one is sent")
@@ -250,81 +258,85 @@ def _ekf(seen: Observed, config: Config) -> Row:
         found = f"it doubts itself: variance {ekf.variance:.2f} of at most {limits.max_ekf_variance:g}"
     if found:
         mend = "wait until it has settled, the vehicle at rest; calibrate the compass if it does not"
-        return Row("EKF", Grade.REFUSED, f"{found}: wait", why, mend)
+        return CheckRow("EKF", Grade.REFUSED, f"{found}: wait", why, mend)
     has = "and position" if ekf.position else "no position: x and y are not held"
-    return Row("EKF", Grade.GOOD, f"attitude, depth, {has}", why)
+    return CheckRow("EKF", Grade.GOOD, f"attitude, depth, {has}", why)
 
 
-def _compass(seen: Observed, config: Config) -> Row:
+def _compass(seen: Observed, config: Config) -> CheckRow:
     why = "while the EKF aligns its yaw to the compass, the heading jumps"
     state = seen.state
     aligned_s = min(state.ages.yaw_reset_s, state.t_s - seen.yaw_aligned_t_s)
     if aligned_s <= RESET_SETTLE_S:
         found = f"the EKF aligned its yaw less than {RESET_SETTLE_S:g} s ago: wait"
         mend = "wait; calibrate the compass if it does not end"
-        return Row("compass", Grade.REFUSED, found, why, mend)
-    return Row("compass", Grade.GOOD, "yaw is steady", why)
+        return CheckRow("compass", Grade.REFUSED, found, why, mend)
+    return CheckRow("compass", Grade.GOOD, "yaw is steady", why)
 
 
-def _mode(seen: Observed, config: Config) -> Row | None:
+def _mode(seen: Observed, config: Config) -> CheckRow | None:
     if seen.modes is None:
         return None
     why = "we steer in vehicle.steering_mode, and hand over by way of STABILIZE"
     if not seen.modes:
-        return Row("mode", Grade.GOOD, "not tried: it is armed", why)
+        return CheckRow("mode", Grade.GOOD, "not tried: it is armed", why)
     missing = [name for name, came in seen.modes.items() if not came]
     if not missing:
-        return Row("mode", Grade.GOOD, f"{' and '.join(seen.modes)} answer; the former one is back", why)
+        return CheckRow("mode", Grade.GOOD, f"{' and '.join(seen.modes)} answer; the former one is back", why)
     wanted = config.vehicle.steering_mode.upper() in missing
     grade = Grade.REFUSED if wanted else Grade.WARNING
-    return Row("mode", grade, f"{' and '.join(missing)} did not come", why, "read the autopilot's messages")
+    return CheckRow(
+        "mode", grade, f"{' and '.join(missing)} did not come", why, "read the autopilot's messages"
+    )
 
 
-def _battery(seen: Observed, config: Config) -> Row:
+def _battery(seen: Observed, config: Config) -> CheckRow:
     why = "thrust goes with the square of the voltage, and a dive has to end with some"
     low_v = config.supervisor.min_voltage_v
     if seen.voltage_v is None:
-        return Row("battery", Grade.WARNING, "no voltage", why, "BATT_MONITOR")
+        return CheckRow("battery", Grade.WARNING, "no voltage", why, "BATT_MONITOR")
     grade = Grade.WARNING if seen.voltage_v < FULL_CELL_SHARE * low_v else Grade.GOOD
     grade = Grade.REFUSED if seen.voltage_v < low_v else grade
-    return Row("battery", grade, f"{seen.voltage_v:.1f} V, low is {low_v:g}", why, "charge it")
+    return CheckRow("battery", grade, f"{seen.voltage_v:.1f} V, low is {low_v:g}", why, "charge it")
 
 
-def _leak(seen: Observed, config: Config) -> Row:
+def _leak(seen: Observed, config: Config) -> CheckRow:
     why = "we hand over on the autopilot's word of a leak, and hear of none that it does not look for"
     action = seen.parameters.get("FS_LEAK_ENABLE")
     if action is None:
-        return Row("leak", Grade.WARNING, "FS_LEAK_ENABLE was not told", why, "look at the link's load")
+        return CheckRow("leak", Grade.WARNING, "FS_LEAK_ENABLE was not told", why, "look at the link's load")
     if action == 0.0:
         mend = "FS_LEAK_ENABLE = 1 to be warned, 2 to surface by itself"
-        return Row("leak", Grade.WARNING, "not looked for: FS_LEAK_ENABLE is 0", why, mend)
+        return CheckRow("leak", Grade.WARNING, "not looked for: FS_LEAK_ENABLE is 0", why, mend)
     does = {1.0: "it warns", 2.0: "it surfaces"}.get(action, f"action {action:g}")
-    return Row("leak", Grade.GOOD, f"looked for; {does}", why)
+    return CheckRow("leak", Grade.GOOD, f"looked for; {does}", why)
 
 
-def _clock(seen: Observed, config: Config) -> Row:
+def _clock(seen: Observed, config: Config) -> CheckRow:
     why = "delays are measured by it, and a delay that is not known makes the loop swing"
     if not seen.syncs:
-        return Row("clock", Grade.WARNING, "TIMESYNC is not answered", why, "look what filters the link")
+        return CheckRow("clock", Grade.WARNING, "TIMESYNC is not answered", why, "look what filters the link")
     found = f"round trip {1e3 * seen.round_trip_s:.1f} ms, {seen.clock_jumps} jumps in {seen.syncs} answers"
     total_s, bears_s = seen.state.delays.total_s, config.delays.gains_bear_s
     if seen.clock_jumps or seen.round_trip_s > MAX_ROUND_TRIP_S:
-        return Row("clock", Grade.WARNING, found, why, "a quicker link; look for a second autopilot on it")
+        return CheckRow(
+            "clock", Grade.WARNING, found, why, "a quicker link; look for a second autopilot on it"
+        )
     if total_s > bears_s:
         found += f"; {1e3 * total_s:.0f} ms late in all, the gains bear {1e3 * bears_s:.0f}"
-        return Row(
+        return CheckRow(
             "clock", Grade.WARNING, found, why, "gains are drawn back; run on the vehicle, not topside"
         )
-    return Row("clock", Grade.GOOD, found, why)
+    return CheckRow("clock", Grade.GOOD, found, why)
 
 
-def _thrusters(seen: Observed, config: Config) -> Row | None:
+def _thrusters(seen: Observed, config: Config) -> CheckRow | None:
     tried = seen.directions
     if tried is None:
         return None
     why = "one motor the wrong way round turns every push into a turn"
     if tried.refused:
-        return Row(
+        return CheckRow(
             "thrusters", Grade.WARNING, f"not tried: {tried.refused}", why, "dive it, arm it, ask again"
         )
     wrong = [str(n) for n, share in enumerate(tried.motors, start=1) if share < REVERSED]
@@ -333,19 +345,19 @@ def _thrusters(seen: Observed, config: Config) -> Row | None:
     if wrong:
         mend = " and ".join(f"MOT_{n}_DIRECTION" for n in wrong) + ": change the sign"
         found = f"motor {' and '.join(wrong)} pushes the wrong way; {answers}"
-        return Row("thrusters", Grade.REFUSED, found, why, mend)
+        return CheckRow("thrusters", Grade.REFUSED, found, why, mend)
     if weak:
         found = f"motor {' and '.join(weak)} hardly pushes; {answers}"
-        return Row("thrusters", Grade.REFUSED, found, why, "look at propeller, ESC and cable")
-    return Row("thrusters", Grade.GOOD, f"all {len(tried.motors)} push the right way; {answers}", why)
+        return CheckRow("thrusters", Grade.REFUSED, found, why, "look at propeller, ESC and cable")
+    return CheckRow("thrusters", Grade.GOOD, f"all {len(tried.motors)} push the right way; {answers}", why)
 
 
-def _untold(name: str, parameter: str, why: str) -> Row:
+def _untold(name: str, parameter: str, why: str) -> CheckRow:
     mend = "wait; or look at the link's load, and whether the vehicle demands signatures"
-    return Row(name, Grade.REFUSED, f"{parameter} was not told", why, mend)
+    return CheckRow(name, Grade.REFUSED, f"{parameter} was not told", why, mend)
 
 
-_LOOKS: tuple[Callable[[Observed, Config], Row | None], ...] = (
+_LOOKS: tuple[Callable[[Observed, Config], CheckRow | None], ...] = (
     _signing,
     _firmware,
     _frame,

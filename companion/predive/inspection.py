@@ -15,7 +15,7 @@ from companion.mavlink.ardusub import Mode, motor_demand
 from companion.mavlink.autopilot import Autopilot
 from companion.mavlink.signing import Signing
 from companion.predive import directions
-from companion.predive.check import Row, rows
+from companion.predive.check import CheckRow, rows
 from companion.predive.directions import Sample
 from companion.predive.survey import Directions, Survey
 from companion.records import (
@@ -99,7 +99,7 @@ class Inspection:
         return [self._autopilot.neutral()] if self._pushing else []
 
     @property
-    def rows(self) -> list[Row]:
+    def rows(self) -> list[CheckRow]:
         """The list as far as it is known."""
         return rows(
             self._survey.observed(

@@ -4,13 +4,13 @@ import json
 import sys
 from collections.abc import Sequence
 
-from companion.predive.check import Grade, Row
+from companion.predive.check import CheckRow, Grade
 
 MARKS = {Grade.GOOD: "good", Grade.WARNING: "warning", Grade.REFUSED: "REFUSED"}
 COLOURS = {Grade.GOOD: "green", Grade.WARNING: "yellow", Grade.REFUSED: "bold red"}
 
 
-def as_json(rows: Sequence[Row], notes: Sequence[str]) -> str:
+def as_json(rows: Sequence[CheckRow], notes: Sequence[str]) -> str:
     """Return {"grade", "rows": [{name, grade, found, why, mend}], "notes"}."""
     told = [
         {"name": row.name, "grade": row.grade.name, "found": row.found, "why": row.why, "mend": row.mend}
@@ -19,7 +19,7 @@ def as_json(rows: Sequence[Row], notes: Sequence[str]) -> str:
     return json.dumps({"grade": worst(rows).name, "rows": told, "notes": list(notes)}, indent=1)
 
 
-def show(rows: Sequence[Row], notes: Sequence[str]) -> None:
+def show(rows: Sequence[CheckRow], notes: Sequence[str]) -> None:
     """Print the list: a table where rich is there, lines where it is not (a vehicle needs no rich)."""
     try:
         from rich import box
@@ -44,6 +44,6 @@ def show(rows: Sequence[Row], notes: Sequence[str]) -> None:
         sys.stdout.write(f"{note}\n")
 
 
-def worst(rows: Sequence[Row]) -> Grade:
+def worst(rows: Sequence[CheckRow]) -> Grade:
     """Return the worst grade, which is the exit status."""
     return max((row.grade for row in rows), default=Grade.REFUSED)

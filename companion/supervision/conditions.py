@@ -60,7 +60,7 @@ class Observation:
     holds_position: bool = False
     finite: bool = True
     late_s: float = 0.0
-    taken_back: bool = False
+    full_override: bool = False
     """Whether the pilot takes everything, by the sticks or a button of our own second link."""
     pilot_timeout_s: float = math.inf
     """How old the ground station's heartbeat may be: infinite where none is needed."""
@@ -328,7 +328,7 @@ CONDITIONS = (
     ),
     ConditionSpec(
         C.PILOT_TAKEOVER,
-        lambda o, limits: o.taken_back or not o.watched.pilot_deflection <= limits.pilot_deflection,
+        lambda o, limits: o.full_override or not o.watched.pilot_deflection <= limits.pilot_deflection,
         ("pilot_deflection", "pilot_hold_s"),
         "somebody else moves a stick",
         "let go of the stick; engage again",

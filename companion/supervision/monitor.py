@@ -33,7 +33,7 @@ ANNOUNCED_S = 2.0
 INNOVATION_MEMORY_S = 0.5
 
 
-class Watch:
+class Monitor:
     """Takes in every tick and tells what has lasted or was said."""
 
     def __init__(self) -> None:

@@ -10,12 +10,10 @@ we are the ones who cannot go on, and the autopilot's depth hold can. A tilt alo
 `control.tilt` takes what makes it worse, heave and levelling stay, and only if it lasts it is handed over.
 """
 
-import math
-from dataclasses import dataclass
 from functools import cache
 from typing import NamedTuple
 
-from companion.records import NEUTRAL, AxisCommand, Condition, State, Verdict
+from companion.records import Condition, State, Verdict
 from companion.supervision.conditions import CONDITIONS
 
 C, S = Condition, State
@@ -35,7 +33,7 @@ BLOCKING |= C.PREFLIGHT_FAILURE | C.LEAK | C.BATTERY_LOW | C.REBOOTED | C.PILOT_
 NOTHING = Condition(0)
 
 
-class Row(NamedTuple):
+class Transition(NamedTuple):
     """In state `at`: if any bit of `when` is set, or, with `unless`, if none of those is: go `to`."""
 
     at: State
@@ -45,61 +43,63 @@ class Row(NamedTuple):
     because: str
 
 
+T = Transition
+
 # Read aloud from the top: the first row that fits is taken, one row a tick.
 TRANSITIONS = (
-    Row(S.IDLE, C.NON_FINITE, NOTHING, S.FAULT, "a computed value was not finite"),
-    Row(S.IDLE, NOTHING, BLOCKING, S.READY, "everything needed is there"),
-    Row(S.READY, C.NON_FINITE, NOTHING, S.FAULT, "a computed value was not finite"),
-    Row(S.READY, BLOCKING, NOTHING, S.IDLE, "something needed is missing"),
-    Row(S.READY, C.ENGAGE_ASKED, C.PILOT_TAKEOVER | C.OPERATOR_STOP, S.ACTIVE, "engaged"),
-    Row(S.ACTIVE, C.NON_FINITE, NOTHING, S.FAULT, "a computed value was not finite"),
-    Row(S.ACTIVE, C.LINK_LOST, NOTHING, S.FAULT, "the vehicle fell silent"),
-    Row(S.ACTIVE, C.REBOOTED, NOTHING, S.FAULT, "the autopilot started anew"),
-    Row(S.ACTIVE, C.DEPTH_STALE, NOTHING, S.FAULT, "no fresh depth"),
-    Row(S.ACTIVE, C.ATTITUDE_STALE, NOTHING, S.FAULT, "no fresh attitude"),
-    Row(S.ACTIVE, C.DISARMED, NOTHING, S.IDLE, "the vehicle was disarmed"),
-    Row(S.ACTIVE, C.FAILSAFE_SURFACES, NOTHING, S.HAND_OVER, "a failsafe of the autopilot's surfaces"),
-    Row(S.ACTIVE, C.WRONG_MODE, NOTHING, S.PILOT, "the flight mode was changed"),
-    Row(S.ACTIVE, C.PILOT_TAKEOVER, NOTHING, S.PILOT, "the pilot moved the sticks"),
-    Row(S.ACTIVE, C.FAILSAFE_UNSAFE, NOTHING, S.RAMP_DOWN, "the pilot-input failsafe was switched off"),
-    Row(S.ACTIVE, C.PREFLIGHT_FAILURE, NOTHING, S.RAMP_DOWN, "the vehicle is no longer fit to be held"),
-    Row(S.ACTIVE, C.EKF_UNHEALTHY, NOTHING, S.RAMP_DOWN, "the autopilot doubts its own estimate"),
-    Row(S.ACTIVE, C.DEPTH_OUT_OF_BOUNDS, NOTHING, S.RAMP_DOWN, "it is where it may not be"),
-    Row(S.ACTIVE, C.TICK_LATE, NOTHING, S.RAMP_DOWN, "this process does not keep time"),
-    Row(S.ACTIVE, C.LEAK, NOTHING, S.HAND_OVER, "there is water inside"),
-    Row(S.ACTIVE, C.AUTOPILOT_FAILSAFE, NOTHING, S.RAMP_DOWN, "a failsafe of the autopilot's acts"),
-    Row(S.ACTIVE, C.PILOT_LOST_SURFACE, NOTHING, S.HAND_OVER, "the ground station fell silent: up it goes"),
-    Row(S.ACTIVE, C.PILOT_LOST, NOTHING, S.RAMP_DOWN, "the ground station fell silent"),
-    Row(S.ACTIVE, C.OPERATOR_STOP, NOTHING, S.RAMP_DOWN, "the operator stopped it"),
-    Row(S.ACTIVE, C.POSITION_STALE, NOTHING, S.HAND_OVER, "no fresh position"),
-    Row(S.ACTIVE, C.DELAY_TOO_LONG, NOTHING, S.HAND_OVER, "the link is too slow for any gains"),
-    Row(S.ACTIVE, C.CLOCK_INCONSISTENT, NOTHING, S.HAND_OVER, "the autopilot's clocks contradict each other"),
-    Row(S.ACTIVE, C.INNOVATION_LARGE, NOTHING, S.HAND_OVER, "our estimate keeps being wrong"),
-    Row(S.ACTIVE, C.TILT_PERSISTS, NOTHING, S.HAND_OVER, "it stays tilted"),
-    Row(S.ACTIVE, C.OFF_TRACK, NOTHING, S.HAND_OVER, "it is not where it should be"),
-    Row(S.RAMP_DOWN, C.NON_FINITE, NOTHING, S.FAULT, "a computed value was not finite"),
-    Row(S.RAMP_DOWN, C.LINK_LOST, NOTHING, S.FAULT, "the vehicle fell silent"),
-    Row(S.RAMP_DOWN, C.REBOOTED, NOTHING, S.FAULT, "the autopilot started anew"),
-    Row(S.RAMP_DOWN, C.DEPTH_STALE | C.ATTITUDE_STALE, NOTHING, S.FAULT, "blind while ramping down"),
-    Row(S.RAMP_DOWN, C.FAILSAFE_SURFACES, NOTHING, S.HAND_OVER, "a failsafe of the autopilot's surfaces"),
-    Row(S.RAMP_DOWN, C.WRONG_MODE, NOTHING, S.PILOT, "the flight mode was changed"),
-    Row(S.RAMP_DOWN, C.PILOT_TAKEOVER, NOTHING, S.PILOT, "the pilot took over"),
-    Row(S.RAMP_DOWN, C.DISARMED, NOTHING, S.IDLE, "the vehicle was disarmed"),
-    Row(S.RAMP_DOWN, C.RAMPED_DOWN, NOTHING, S.IDLE, "ramped down to neutral"),
-    Row(S.HAND_OVER, C.NON_FINITE, NOTHING, S.FAULT, "a computed value was not finite"),
-    Row(S.HAND_OVER, C.LINK_LOST, NOTHING, S.FAULT, "the vehicle fell silent"),
-    Row(S.HAND_OVER, C.REBOOTED, NOTHING, S.FAULT, "the autopilot started anew"),
-    Row(S.HAND_OVER, C.FAILSAFE_SURFACES, NOTHING, S.HAND_OVER, "a failsafe of the autopilot's surfaces"),
-    Row(S.HAND_OVER, C.WRONG_MODE, NOTHING, S.PILOT, "the flight mode was changed"),
-    Row(S.HAND_OVER, C.PILOT_TAKEOVER, NOTHING, S.PILOT, "the pilot took over"),
-    Row(S.HAND_OVER, C.DISARMED, NOTHING, S.IDLE, "the vehicle was disarmed"),
-    Row(S.HAND_OVER, C.OPERATOR_STOP, NOTHING, S.PILOT, "the operator stopped handing over"),
-    Row(S.HAND_OVER, C.HAND_OVER_REFUSED, NOTHING, S.FAULT, "the autopilot did not take the mode"),
-    Row(S.HAND_OVER, C.HANDED_OVER, NOTHING, S.PILOT, "the autopilot has the vehicle"),
-    Row(S.HAND_OVER, C.SURFACED, NOTHING, S.HAND_OVER, "surfaced; the autopilot holds depth"),
-    Row(S.PILOT, C.NON_FINITE, NOTHING, S.FAULT, "a computed value was not finite"),
-    Row(S.PILOT, C.CLEAR_ASKED | C.ENGAGE_ASKED, C.PILOT_TAKEOVER, S.IDLE, "the operator takes it back"),
-    Row(S.FAULT, C.CLEAR_ASKED, C.NON_FINITE, S.IDLE, "the operator cleared the fault"),
+    T(S.IDLE, C.NON_FINITE, NOTHING, S.FAULT, "a computed value was not finite"),
+    T(S.IDLE, NOTHING, BLOCKING, S.READY, "everything needed is there"),
+    T(S.READY, C.NON_FINITE, NOTHING, S.FAULT, "a computed value was not finite"),
+    T(S.READY, BLOCKING, NOTHING, S.IDLE, "something needed is missing"),
+    T(S.READY, C.ENGAGE_ASKED, C.PILOT_TAKEOVER | C.OPERATOR_STOP, S.ACTIVE, "engaged"),
+    T(S.ACTIVE, C.NON_FINITE, NOTHING, S.FAULT, "a computed value was not finite"),
+    T(S.ACTIVE, C.LINK_LOST, NOTHING, S.FAULT, "the vehicle fell silent"),
+    T(S.ACTIVE, C.REBOOTED, NOTHING, S.FAULT, "the autopilot started anew"),
+    T(S.ACTIVE, C.DEPTH_STALE, NOTHING, S.FAULT, "no fresh depth"),
+    T(S.ACTIVE, C.ATTITUDE_STALE, NOTHING, S.FAULT, "no fresh attitude"),
+    T(S.ACTIVE, C.DISARMED, NOTHING, S.IDLE, "the vehicle was disarmed"),
+    T(S.ACTIVE, C.FAILSAFE_SURFACES, NOTHING, S.HAND_OVER, "a failsafe of the autopilot's surfaces"),
+    T(S.ACTIVE, C.WRONG_MODE, NOTHING, S.PILOT, "the flight mode was changed"),
+    T(S.ACTIVE, C.PILOT_TAKEOVER, NOTHING, S.PILOT, "the pilot moved the sticks"),
+    T(S.ACTIVE, C.FAILSAFE_UNSAFE, NOTHING, S.RAMP_DOWN, "the pilot-input failsafe was switched off"),
+    T(S.ACTIVE, C.PREFLIGHT_FAILURE, NOTHING, S.RAMP_DOWN, "the vehicle is no longer fit to be held"),
+    T(S.ACTIVE, C.EKF_UNHEALTHY, NOTHING, S.RAMP_DOWN, "the autopilot doubts its own estimate"),
+    T(S.ACTIVE, C.DEPTH_OUT_OF_BOUNDS, NOTHING, S.RAMP_DOWN, "it is where it may not be"),
+    T(S.ACTIVE, C.TICK_LATE, NOTHING, S.RAMP_DOWN, "this process does not keep time"),
+    T(S.ACTIVE, C.LEAK, NOTHING, S.HAND_OVER, "there is water inside"),
+    T(S.ACTIVE, C.AUTOPILOT_FAILSAFE, NOTHING, S.RAMP_DOWN, "a failsafe of the autopilot's acts"),
+    T(S.ACTIVE, C.PILOT_LOST_SURFACE, NOTHING, S.HAND_OVER, "the ground station fell silent: up it goes"),
+    T(S.ACTIVE, C.PILOT_LOST, NOTHING, S.RAMP_DOWN, "the ground station fell silent"),
+    T(S.ACTIVE, C.OPERATOR_STOP, NOTHING, S.RAMP_DOWN, "the operator stopped it"),
+    T(S.ACTIVE, C.POSITION_STALE, NOTHING, S.HAND_OVER, "no fresh position"),
+    T(S.ACTIVE, C.DELAY_TOO_LONG, NOTHING, S.HAND_OVER, "the link is too slow for any gains"),
+    T(S.ACTIVE, C.CLOCK_INCONSISTENT, NOTHING, S.HAND_OVER, "the autopilot's clocks contradict each other"),
+    T(S.ACTIVE, C.INNOVATION_LARGE, NOTHING, S.HAND_OVER, "our estimate keeps being wrong"),
+    T(S.ACTIVE, C.TILT_PERSISTS, NOTHING, S.HAND_OVER, "it stays tilted"),
+    T(S.ACTIVE, C.OFF_TRACK, NOTHING, S.HAND_OVER, "it is not where it should be"),
+    T(S.RAMP_DOWN, C.NON_FINITE, NOTHING, S.FAULT, "a computed value was not finite"),
+    T(S.RAMP_DOWN, C.LINK_LOST, NOTHING, S.FAULT, "the vehicle fell silent"),
+    T(S.RAMP_DOWN, C.REBOOTED, NOTHING, S.FAULT, "the autopilot started anew"),
+    T(S.RAMP_DOWN, C.DEPTH_STALE | C.ATTITUDE_STALE, NOTHING, S.FAULT, "blind while ramping down"),
+    T(S.RAMP_DOWN, C.FAILSAFE_SURFACES, NOTHING, S.HAND_OVER, "a failsafe of the autopilot's surfaces"),
+    T(S.RAMP_DOWN, C.WRONG_MODE, NOTHING, S.PILOT, "the flight mode was changed"),
+    T(S.RAMP_DOWN, C.PILOT_TAKEOVER, NOTHING, S.PILOT, "the pilot took over"),
+    T(S.RAMP_DOWN, C.DISARMED, NOTHING, S.IDLE, "the vehicle was disarmed"),
+    T(S.RAMP_DOWN, C.RAMPED_DOWN, NOTHING, S.IDLE, "ramped down to neutral"),
+    T(S.HAND_OVER, C.NON_FINITE, NOTHING, S.FAULT, "a computed value was not finite"),
+    T(S.HAND_OVER, C.LINK_LOST, NOTHING, S.FAULT, "the vehicle fell silent"),
+    T(S.HAND_OVER, C.REBOOTED, NOTHING, S.FAULT, "the autopilot started anew"),
+    T(S.HAND_OVER, C.FAILSAFE_SURFACES, NOTHING, S.HAND_OVER, "a failsafe of the autopilot's surfaces"),
+    T(S.HAND_OVER, C.WRONG_MODE, NOTHING, S.PILOT, "the flight mode was changed"),
+    T(S.HAND_OVER, C.PILOT_TAKEOVER, NOTHING, S.PILOT, "the pilot took over"),
+    T(S.HAND_OVER, C.DISARMED, NOTHING, S.IDLE, "the vehicle was disarmed"),
+    T(S.HAND_OVER, C.OPERATOR_STOP, NOTHING, S.PILOT, "the operator stopped handing over"),
+    T(S.HAND_OVER, C.HAND_OVER_REFUSED, NOTHING, S.FAULT, "the autopilot did not take the mode"),
+    T(S.HAND_OVER, C.HANDED_OVER, NOTHING, S.PILOT, "the autopilot has the vehicle"),
+    T(S.HAND_OVER, C.SURFACED, NOTHING, S.HAND_OVER, "surfaced; the autopilot holds depth"),
+    T(S.PILOT, C.NON_FINITE, NOTHING, S.FAULT, "a computed value was not finite"),
+    T(S.PILOT, C.CLEAR_ASKED | C.ENGAGE_ASKED, C.PILOT_TAKEOVER, S.IDLE, "the operator takes it back"),
+    T(S.FAULT, C.CLEAR_ASKED, C.NON_FINITE, S.IDLE, "the operator cleared the fault"),
 )
 
 
@@ -138,7 +138,7 @@ _ROWS = {
 }
 
 
-def transition(state: State, conditions: Condition) -> Row | None:
+def transition(state: State, conditions: Condition) -> Transition | None:
     """Return the first row that fits, or None: nothing changes."""
     bits = int(conditions)
     for when, unless, row in _ROWS[state]:
@@ -230,36 +230,3 @@ class Supervisor:
 def names(conditions: Condition) -> str:
     """Return the set bits in words, for people."""
     return ", ".join((bit.name or "").lower().replace("_", " ") for bit in conditions)
-
-
-@dataclass(frozen=True, slots=True)
-class Envelope:
-    """What may leave this machine: |axis| at most `max_axis`, moving at most `max_slew_per_s`.
-
-    Roll and pitch at most `max_tilt_axis`: half of full stick tumbles the vehicle.
-    """
-
-    max_axis: float
-    max_slew_per_s: float
-    max_tilt_axis: float = 0.0
-
-
-def guard(
-    command: AxisCommand, verdict: Verdict, previous: AxisCommand, envelope: Envelope, dt_s: float
-) -> AxisCommand:
-    """Return what may be sent: finite, bounded, slew-limited; neutral unless permitted.
-
-    Losing permission is not slew-limited: neutral at once. Authority scales newtons, so it is applied where
-    those are (`Engine.step`): on an axis, which a thruster curve bends, a ramp would not be even.
-    """
-    wanted = (command.surge, command.sway, command.heave, command.yaw, command.roll, command.pitch)
-    permitted = verdict.state in CARRY_AUTHORITY and 0.0 < verdict.authority <= 1.0
-    if not (permitted and all(map(math.isfinite, wanted))):
-        return NEUTRAL
-    step = envelope.max_slew_per_s * dt_s
-    last = (previous.surge, previous.sway, previous.heave, previous.yaw, previous.roll, previous.pitch)
-    if not all(map(math.isfinite, last)):
-        last = (0.0,) * 6
-    most = (envelope.max_axis,) * 4 + (envelope.max_tilt_axis,) * 2
-    bounded = (max(-m, min(m, axis)) for m, axis in zip(most, wanted, strict=True))
-    return AxisCommand(*(max(p - step, min(p + step, axis)) for p, axis in zip(last, bounded, strict=True)))

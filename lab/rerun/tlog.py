@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from companion.config import Config, load_config
 from companion.engine import Engine
 from companion.mavlink.relay import Relay, frame_at
-from companion.predive.check import Row
+from companion.predive.check import CheckRow
 from companion.records import PSI, Condition, LinkCounters, LoopHealth, Setpoint, Z
 
 START_S = 1000.0
@@ -78,7 +78,7 @@ class Thoughts:
     held_s: dict[str, float]
     """How long each condition held."""
 
-    checked: list[Row]
+    checked: list[CheckRow]
     """The pre-dive list as it stood when the vehicle was last heard."""
 
     counters: LinkCounters
@@ -123,7 +123,7 @@ def think(records: Iterator[Record], overrides: Sequence[str] = ()) -> Thoughts:
     held: Counter[Condition] = Counter()
     relayed = [0, 0]
     heard: list[tuple[int, bytes]] = []
-    checked: list[Row] = []
+    checked: list[CheckRow] = []
     sample = None
     pending = next(records, None)
     tick = 0

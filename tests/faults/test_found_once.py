@@ -8,7 +8,7 @@ from virtual import Dive, Somebody, active, hold
 
 from companion.control.allocation import Thrusters
 from companion.records import AxisCommand, Condition, Request, State, Verdict
-from companion.supervision.supervisor import Envelope, guard
+from companion.supervision.guard import Envelope, guard
 
 MAX_TAU = np.array([70.0, 70.0, 100.0, 12.0])
 START_S = 1000.0

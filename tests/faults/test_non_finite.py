@@ -30,8 +30,8 @@ WITHIN = (
     "_controller.reference.x_d",
     "_controller._bumpless_bias",
     "_controller._oscillation._slow",
-    "_levelling._integral",
-    "_pace._pace",
+    "_actuation._levelling._integral",
+    "_actuation._pace._pace",
 )
 
 

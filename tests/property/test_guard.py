@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
 from companion.records import NEUTRAL, AxisCommand, Condition, State, Verdict
-from companion.supervision.supervisor import Envelope, Supervisor, guard
+from companion.supervision.guard import Envelope, guard
+from companion.supervision.supervisor import Supervisor
 
 C = Condition
 CARRY_AUTHORITY = (State.ACTIVE, State.RAMP_DOWN, State.HAND_OVER)

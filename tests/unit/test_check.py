@@ -92,7 +92,7 @@ def test_all_good(good):
     assert worst(listed) == 0
 
 
-# Row, what is changed, overrides of our configuration, the grade, and words that have to be there.
+# CheckRow, what is changed, overrides of our configuration, the grade, and words that have to be there.
 BAD = [
     ("firmware", {"heartbeat": Heartbeat(0.0, False, 19, 3, 2)}, (), REFUSED, ["type 2"]),
     ("firmware", {"firmware": None}, (), WARNING, ["not told"]),
@@ -148,7 +148,7 @@ def test_a_bad_row_says_what_and_what_mends_it(good, name, changes, overrides, g
     )
 
 
-# Row, parameters, overrides of our configuration, grade, and words in `found` or `mend`.
+# CheckRow, parameters, overrides of our configuration, grade, and words in `found` or `mend`.
 BY_PARAMETER = [
     ("frame", {"FRAME_CONFIG": 1.0}, (), REFUSED, "vectored, we expect vectored_6dof"),
     ("frame", {"FRAME_CONFIG": 1.0}, ('vehicle.frame="vectored"',), GOOD, "vectored"),

@@ -11,7 +11,7 @@ from companion.control.allocation import Thrusters
 from companion.control.levelling import FILTER_S, INTEGRAL, Levelling
 from companion.mavlink.ardusub import Commands
 from companion.records import NEUTRAL, AxisCommand, Condition, State, Verdict
-from companion.supervision.supervisor import Envelope, guard
+from companion.supervision.guard import Envelope, guard
 from sim_bridge.config import load_config as load_plant
 from sim_bridge.firmware.mixer import mix, motor_pwm
 from sim_bridge.physics.thrusters import Thrusters as TrueThrusters

@@ -28,12 +28,11 @@ from companion.supervision.conditions import (
     Watched,
     assess,
 )
+from companion.supervision.guard import Envelope, guard
 from companion.supervision.supervisor import (
     CLEAR,
     TRANSITIONS,
-    Envelope,
     Supervisor,
-    guard,
     names,
     remedy,
     transition,
@@ -491,7 +490,7 @@ def test_nothing_holds_when_all_is_well():
         (FINE_STATE, {"finite": False}, C.NON_FINITE),
         (FINE_STATE, {"late_s": LIMITS.late_tick_s + 0.01}, C.TICK_LATE),
         (FINE_STATE, {"pilot_deflection": LIMITS.pilot_deflection + 0.01}, C.PILOT_TAKEOVER),
-        (FINE_STATE, {"taken_back": True}, C.PILOT_TAKEOVER),
+        (FINE_STATE, {"full_override": True}, C.PILOT_TAKEOVER),
         (FINE_STATE, {"stop": True}, C.OPERATOR_STOP),
         (FINE_STATE, {"engage": True}, C.ENGAGE_ASKED),
         (FINE_STATE, {"clear": True}, C.CLEAR_ASKED),

@@ -20,7 +20,7 @@ from companion.records import (
 )
 from companion.supervision.conditions import Watched
 from companion.supervision.handover import KEEP_ALIVE_S, REFUSED_S, SETTLE_S, HandOver
-from companion.supervision.monitor import ANNOUNCED_S, FAILSAFE_SETTLE_S, LEAK_REPEAT_S, Watch
+from companion.supervision.monitor import ANNOUNCED_S, FAILSAFE_SETTLE_S, LEAK_REPEAT_S, Monitor
 
 TICK_S = 0.02
 ALL = np.ones(4, bool)
@@ -30,7 +30,7 @@ class Seen:
     """A watch and its time."""
 
     def __init__(self):
-        self.watch, self.now_s = Watch(), 100.0
+        self.watch, self.now_s = Monitor(), 100.0
 
     def step(self, *events, dt_s=TICK_S, dofs=None, state=FINE_STATE, dropped=0, peers=0, **changes):
         self.now_s += dt_s

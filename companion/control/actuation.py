@@ -1,0 +1,139 @@
+"""From the law's wrench to the axes: what a tilt leaves of it, moments that level, the thrusters' curve."""
+
+import math
+
+import numpy as np
+
+from companion.control.allocation import Allocation, Thrusters
+from companion.control.bounds import bounded
+from companion.control.levelling import Levelling
+from companion.control.pace import Pace
+from companion.control.positioning import by_dof
+from companion.control.reference import ReferenceModel
+from companion.control.tilt import (
+    FOLLOWS_M,
+    YAW_LEVEL_RAD,
+    YAW_STEEP_RAD,
+    TiltLimit,
+    body_force,
+    coming_tilt,
+    level_force,
+    share,
+)
+from companion.records import PSI, Array, AxisCommand, Flags, State, VehicleState, Verdict
+
+RELEASING = (State.RAMP_DOWN, State.HAND_OVER)
+CUT_OFF = 0.01
+"""An axis that differs from what was wanted by more than this did not get it."""
+
+
+class Actuation:
+    """One tick: `step` gives the axes that are wanted, `sent` takes those that went out."""
+
+    def __init__(
+        self, thrusters: Thrusters, levelling: Levelling | None, tilt_limit: TiltLimit, max_force: Array
+    ) -> None:
+        """Take `max_force` (2,) of surge and sway, N."""
+        self._levelling = levelling
+        self._tilt_limit = tilt_limit
+        self.retune(thrusters, max_force)
+        self._pace = Pace()
+        self._active_wrench = np.zeros(4)
+        """What the law last asked while ACTIVE: this is let go, evenly, whatever it would say by then."""
+        self._wanted = Allocation(np.zeros(4), np.zeros(4, bool))
+        self._share = np.ones(4)
+        self.delivered = np.zeros(4)
+        """Body wrench that the last command, with the pilot's share, should have given, N and N·m."""
+        self.saturated = np.zeros(4, bool)
+        """By degree of freedom, whether the law did not get what it asked for."""
+
+    def retune(self, thrusters: Thrusters, max_force: Array) -> None:
+        """Go on with other limits."""
+        self.thrusters, self._max_force = thrusters, max_force
+
+    def restart(self) -> None:
+        """Forget how fast the reference could go: numbers gone bad."""
+        self._pace = Pace()
+
+    def ours(self, command: AxisCommand) -> Array:
+        """Return the axes that are ours: the first four, and while levelling roll and pitch."""
+        axes = (command.surge, command.sway, command.heave, command.yaw, command.roll, command.pitch)
+        return np.array(axes[: self.thrusters.axes])
+
+    def step(
+        self,
+        requested: Array,
+        verdict: Verdict,
+        state: VehicleState,
+        engaged: Flags,
+        reach: Array,
+        reference: ReferenceModel,
+        dt_s: float,
+    ) -> AxisCommand:
+        """Return the axes for the body wrench `requested` (4,), each within ±`reach`.
+
+        Where thrust or tilt leaves less, the reference is slowed and stays near the vehicle.
+        """
+        if verdict.state is State.ACTIVE:
+            self._active_wrench = requested
+        if verdict.authority == 0.0:
+            self._tilt_limit.reset()
+            if self._levelling is not None:
+                self._levelling.reset()
+        tilt = coming_tilt(state.roll, state.pitch, state.p, state.q)
+        self._share = self._tilt_share(tilt, state, reference, dt_s)
+        pushed = self._share * (self._active_wrench if verdict.state in RELEASING else requested)
+        pushed[:3] = body_force(state.roll, state.pitch, tilt, tuple(pushed[:3].tolist()))
+        asked = verdict.authority * self._levelled(pushed, verdict, state, engaged, dt_s)
+        wanted = self.thrusters.allocate(asked, state.voltage_v, reach)
+        wanted.axes[PSI] *= engaged[PSI]  # unequal curves ask for a little, of a heading not ours
+        self._wanted = wanted
+        return AxisCommand(*wanted.axes.tolist())
+
+    def sent(self, command: AxisCommand, state: VehicleState) -> tuple[Array, Array]:
+        """Take what the vehicle makes of the command that went out.
+
+        Return its axes, and the wrench (4,) that it gives in the level frame of the heading, N and N·m.
+        """
+        applied, wanted = self.ours(command), self._wanted
+        self.delivered = self.thrusters.delivered(applied, state.voltage_v)[:4]
+        level = level_force(state.roll, state.pitch, tuple(self.delivered[:3].tolist()))
+        short = (np.abs(applied - wanted.axes) > CUT_OFF) | self.thrusters.overloaded(applied)
+        self.saturated = by_dof((wanted.saturated | short)[:4] | (self._share < 1.0))
+        return applied[:4], np.array((*level, self.delivered[3]))
+
+    def _tilt_share(self, tilt: float, state: VehicleState, reference: ReferenceModel, dt_s: float) -> Array:
+        """Return the share (4,) of the law's force that the tilt leaves; what is let go is not pulled at.
+
+        Heave is always ours. While the horizontal force is limited the reference stays near the vehicle.
+        """
+        pushed, asked = (math.hypot(*tau[:2].tolist()) for tau in (self.delivered, self._active_wrench))
+        most_n = self._tilt_limit.step(tilt, pushed, dt_s)
+        level = most_n / asked if asked > most_n else 1.0
+        yaw = share(tilt, YAW_LEVEL_RAD, YAW_STEEP_RAD)
+        reference.pace = self._pace.step(share(tilt), self.saturated, dt_s)
+        if level < 1.0:
+            astray = math.hypot(*(state.eta_ahead - reference.x_d)[:2].tolist()) > FOLLOWS_M
+            gone = np.array((astray, astray, False, yaw == 0.0))
+            if gone.any():
+                reference.catch_up(np.array(state.eta_ahead), np.array(state.eta_dot_ahead), gone)
+        return np.array((level, level, 1.0, yaw))
+
+    def _levelled(
+        self, pushed: Array, verdict: Verdict, state: VehicleState, engaged: Flags, dt_s: float
+    ) -> Array:
+        """Return the wrench with the moments that keep it level, where those are ours.
+
+        Beside what the law pushes on the axes that are held goes what the pilot pushes on the others.
+        """
+        if self._levelling is None:
+            return pushed
+        moments = self._levelling.step(
+            np.array((state.roll, state.pitch)),
+            np.array((state.p, state.q)),
+            bounded(np.where(engaged[:2], pushed[:2], self.delivered[:2]), self._max_force),
+            state.delays.total_s,
+            dt_s,
+            learn=verdict.authority == 1.0,
+        )
+        return np.append(pushed, moments[: self.thrusters.axes - 4])

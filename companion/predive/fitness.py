@@ -1,0 +1,54 @@
+"""Whether the vehicle is fit to be held: the pre-dive list, looked at again and again while it runs."""
+
+import math
+from collections.abc import Sequence
+
+from companion.config import Config
+from companion.mavlink.autopilot import Autopilot
+from companion.predive.check import CheckRow, refusals, rows
+from companion.predive.survey import Survey
+from companion.records import Event, StatusText, VehicleState
+
+CHECK_S = 0.25
+MAV_SEVERITY_INFO = 6
+
+
+class Fitness:
+    """Keeps what was seen of the vehicle; every CHECK_S the list is made anew."""
+
+    def __init__(self, autopilot: Autopilot) -> None:
+        self._autopilot = autopilot
+        self._survey = Survey()
+        self._checked_s = -math.inf
+        self._about = ""
+        self.failure = ""
+        """The rows that forbid engaging, in words; empty where none does."""
+
+    def step(self, events: Sequence[Event], state: VehicleState, config: Config, *, holding: bool) -> str:
+        """Take one tick's events; return `failure`."""
+        self._survey.take(events)
+        if state.t_s - self._checked_s >= CHECK_S:
+            self._checked_s = state.t_s
+            self.failure = refusals(self.checked(state, config), holding=holding)
+        return self.failure
+
+    def checked(self, state: VehicleState, config: Config) -> list[CheckRow]:
+        """Return the pre-dive list as far as it is known without trying anything."""
+        autopilot = self._autopilot
+        seen = self._survey.observed(
+            state,
+            parameters=autopilot.parameters,
+            measured_hz=autopilot.measured_hz,
+            asked_hz=autopilot.asked_hz,
+            messages=autopilot.counters.messages,
+            refused=autopilot.counters.refused,
+        )
+        return rows(seen, config)
+
+    def introduced(self, now_s: float) -> tuple[StatusText, ...]:
+        """Say, once it is known and whenever it changes, which autopilot this is."""
+        about = self._autopilot.about
+        if now_s != self._checked_s or about == self._about:
+            return ()
+        self._about = about
+        return (StatusText(now_s, MAV_SEVERITY_INFO, about),) if about else ()

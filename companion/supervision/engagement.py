@@ -1,0 +1,50 @@
+"""The wish to engage: from commands and from the pilot's buttons, and how long it stands."""
+
+import math
+from collections.abc import Sequence
+
+from companion.records import ENGAGE_S, Condition, Request, State, Verdict
+from companion.supervision.supervisor import BLOCKING, FAULT_CAUSES
+
+
+class Engagement:
+    """Whether somebody asks to engage; a button's wish ends after ENGAGE_S if it was not granted."""
+
+    def __init__(self, *, arm: bool) -> None:
+        self._arm = arm
+        self._until_s = math.inf
+        self.asked = False
+
+    def with_buttons(
+        self, requests: Sequence[Request], verdict: Verdict, now_s: float, *, engage: bool, release: bool
+    ) -> list[Request]:
+        """Return `requests` and what the pilot's buttons ask for.
+
+        To engage clears a fault first, but not while its cause holds.
+        """
+        if Request.ENGAGE in requests:
+            self._until_s = math.inf
+        if release:
+            return [*requests, Request.STOP]
+        faulty = verdict.state is State.FAULT
+        if not engage or (faulty and verdict.conditions & FAULT_CAUSES):
+            return [*requests]
+        self._until_s = now_s + ENGAGE_S
+        return [*requests, *([Request.CLEAR_FAULT] if faulty else []), Request.ENGAGE]
+
+    def step(self, requests: Sequence[Request], now_s: float) -> None:
+        """Take this tick's requests."""
+        if Request.ENGAGE in requests:
+            self.asked = True
+        if Request.STOP in requests or now_s > self._until_s:
+            self.asked = False
+
+    def update(self, before: Verdict, verdict: Verdict) -> None:
+        """Forget the wish where it came to its end: a fault, or ACTIVE left."""
+        left = before.state is State.ACTIVE and verdict.state is not State.ACTIVE
+        if verdict.state is State.FAULT or left:
+            self.asked = False
+
+    def asks_arming(self, verdict: Verdict) -> bool:
+        """Tell whether to ask for arming: once nothing else is missing for engaging."""
+        return self._arm and self.asked and not verdict.conditions & BLOCKING & ~Condition.DISARMED

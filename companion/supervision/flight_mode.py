@@ -1,0 +1,98 @@
+"""The flight mode's only owner: steering in it, handing over by it, giving the former one back.
+
+It also says whether a steering frame goes out: with authority, and neutral for a while after, so that the
+autopilot's own failsafe does not see a lost pilot at once.
+"""
+
+import math
+from collections.abc import Mapping
+
+from companion.mavlink.ardusub import Mode
+from companion.records import Condition, State, VehicleState, Verdict, Z
+from companion.supervision.handover import AT_SURFACE_M, KEEP_ALIVE_S, HandOver
+from companion.supervision.monitor import FAILSAFE
+from companion.supervision.steering_mode import ModeKeeper
+
+NEUTRAL_FRAMES_S = 0.5
+"""Neutral frames go out this long after steering, ours or that of a companion that died; then silence, so
+that the autopilot's own failsafe sees a lost pilot."""
+
+
+class FlightMode:
+    """Asks for modes, and knows whether the vehicle follows our frames."""
+
+    def __init__(self, steering: Mode) -> None:
+        self._keeper = ModeKeeper(steering)
+        self._hand_over = HandOver()
+        self._neutral_until_s = self._kept_alive_s = -math.inf
+        self._had_authority = self._heard = False
+
+    def conditions(
+        self,
+        verdict: Verdict,
+        state: VehicleState,
+        parameters: Mapping[str, float],
+        pilot_heard_s: float,
+        keep_s: float,
+    ) -> Condition:
+        """Go on with a hand-over that `verdict`, the last tick's, is in; return the conditions it makes."""
+        if verdict.state is not State.HAND_OVER:
+            return Condition(0)
+        surface_m = -0.01 * parameters.get("SURFACE_DEPTH", -10.0)
+        return self._hand_over.step(
+            state.t_s,
+            state.mode,
+            thrusting=verdict.authority > 0.0,
+            pilot_heard_s=pilot_heard_s,
+            keep_s=keep_s,
+            at_surface=bool(state.eta[Z] <= surface_m + AT_SURFACE_M),
+        )
+
+    def is_right(self, verdict: Verdict, mode: int) -> bool:
+        """Tell whether `mode` is one that the state of `verdict` steers or hands over in."""
+        if verdict.state is State.HAND_OVER:
+            return self._hand_over.allows(mode)
+        return mode == self._keeper.steering
+
+    def update(self, before: Verdict, verdict: Verdict, state: VehicleState) -> None:
+        """Begin a hand-over where `verdict` says so."""
+        surfaces = Condition.FAILSAFE_SURFACES in verdict.conditions
+        if verdict.state is State.HAND_OVER and (before.state is not State.HAND_OVER or surfaces):
+            up = surfaces or Condition.PILOT_LOST_SURFACE in verdict.conditions
+            tilted = Condition.TILT_PERSISTS in verdict.conditions
+            goal = Mode.SURFACE if up else Mode.ALT_HOLD
+            self._hand_over.begin(state.t_s, state.mode, goal, for_good=tilted)
+
+    def wanted(self, verdict: Verdict, state: VehicleState, *, engage: bool) -> Mode | None:
+        """Return the mode to ask for now, None for leave it."""
+        mode = self._keeper.wanted(state.t_s, state.mode, verdict.state, engage=engage)
+        return self._hand_over.wanted if verdict.state is State.HAND_OVER else mode
+
+    def restore_mode(self) -> Mode | None:
+        """Return the mode to ask for with each of the shutdown frames; None for leave it."""
+        return self._keeper.restore_mode()
+
+    def steers(self, verdict: Verdict, state: VehicleState) -> bool:
+        """Tell whether a steering frame goes out: with authority, and neutral for a while after.
+
+        While handing over neutral goes on, and slowly once ALT_HOLD has the vehicle.
+        """
+        now_s = state.t_s
+        if verdict.state is State.HAND_OVER and verdict.authority == 0.0:
+            kept_alive = self._hand_over.held and now_s - self._kept_alive_s < KEEP_ALIVE_S
+            self._kept_alive_s = self._kept_alive_s if kept_alive else now_s
+            self._neutral_until_s, self._had_authority = now_s, False
+            return not kept_alive
+        if verdict.authority > 0.0 or self._had_authority or self._finds_it_steered(state):
+            self._neutral_until_s = now_s + NEUTRAL_FRAMES_S
+        self._had_authority = verdict.authority > 0.0
+        return now_s <= self._neutral_until_s
+
+    def _finds_it_steered(self, state: VehicleState) -> bool:
+        """Tell, at the first heartbeat, whether somebody's commands are in force: perhaps of one who died.
+
+        Where nobody steers nothing may be sent: it would count as a pilot, and our silence then as his loss,
+        for which the autopilot disarms whoever has armed meanwhile.
+        """
+        before, self._heard = self._heard, self._heard or math.isfinite(state.ages.heartbeat_s)
+        return self._heard and not before and state.armed and state.system_status != FAILSAFE

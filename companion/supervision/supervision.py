@@ -1,0 +1,133 @@
+"""Permission, a tick at a time: what is watched becomes conditions, conditions a verdict of the table.
+
+It alone knows states, flight modes and the wish to engage; what it decides reads `Verdict`.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+
+from companion.config import Config
+from companion.mavlink.ardusub import Mode
+from companion.records import (
+    Condition,
+    DofSample,
+    Event,
+    Flags,
+    LoopHealth,
+    Request,
+    State,
+    VehicleState,
+    Verdict,
+)
+from companion.supervision.conditions import Observation, assess
+from companion.supervision.engagement import Engagement
+from companion.supervision.flight_mode import FlightMode
+from companion.supervision.monitor import Monitor
+from companion.supervision.steering_mode import STEERING_MODES
+from companion.supervision.supervisor import Supervisor
+
+
+class Supervision:
+    """The only owner of state, permission and flight mode."""
+
+    def __init__(self, config: Config, *, arm: bool) -> None:
+        self._supervisor = Supervisor(config.supervisor.ramp_down_s, config.supervisor.ramp_up_s)
+        self._monitor = Monitor()
+        self._engagement = Engagement(arm=arm)
+        self._flight_mode = FlightMode(STEERING_MODES[config.vehicle.steering_mode])
+        self._config = config
+        self.before = self.verdict = Verdict(State.IDLE, Condition(0), 0.0, "just started")
+
+    def retune(self, config: Config, *, changed: bool) -> None:
+        """Go on with `config`."""
+        limits = config.supervisor
+        self._supervisor.ramp_up_s, self._supervisor.ramp_down_s = limits.ramp_up_s, limits.ramp_down_s
+        self._config = config
+        if changed:
+            self._monitor.config_changed()
+
+    def with_buttons(
+        self, requests: Sequence[Request], now_s: float, *, engage: bool, release: bool
+    ) -> list[Request]:
+        """Return `requests` and what the pilot's buttons ask for."""
+        return self._engagement.with_buttons(requests, self.verdict, now_s, engage=engage, release=release)
+
+    def step(
+        self,
+        state: VehicleState,
+        events: Sequence[Event],
+        requests: Sequence[Request],
+        loop: LoopHealth,
+        *,
+        dt_s: float,
+        late_s: float,
+        engaged: Flags,
+        holdable: Flags,
+        dofs: DofSample | None,
+        finite: bool,
+        full_override: bool,
+        parameters: Mapping[str, float],
+        preflight_failure: str,
+    ) -> Verdict:
+        """Return who may steer this tick.
+
+        `engaged` are the degrees of freedom that are held, `holdable` those that would be; `dofs` and
+        `finite` are the last tick's; `late_s` is by how much this tick came late; `parameters` are the
+        autopilot's; `preflight_failure` names the rows of the pre-dive list that forbid engaging.
+        """
+        limits, ground = self._config.supervisor, self._config.ground_station
+        before, mode = self.verdict, self._flight_mode
+        steered = before.authority > 0.0
+        self._engagement.step(requests, state.t_s)
+        conditions = mode.conditions(
+            before, state, parameters, self._monitor.pilot_heard_s, limits.keep_alt_hold_s
+        )
+        watched = self._monitor.step(
+            dt_s,
+            events,
+            state,
+            limits,
+            loop,
+            dofs=dofs,
+            held=engaged if steered else holdable,
+            steering=steered,
+            parameters=parameters,
+        )
+        seen = Observation(
+            state=state,
+            mode_right=mode.is_right(before, state.mode),
+            parameters=parameters,
+            watched=watched,
+            preflight_failure=preflight_failure,
+            holds_position=bool(engaged[0]),
+            finite=finite,
+            late_s=late_s,
+            full_override=full_override,
+            pilot_timeout_s=ground.timeout_s if ground.endpoint and ground.on_loss != "hold" else math.inf,
+            surface_on_loss=ground.on_loss == "surface",
+            stop=Request.STOP in requests,
+            engage=self._engagement.asked,
+            clear=Request.CLEAR_FAULT in requests,
+        )
+        verdict = self._supervisor.step(conditions | assess(seen, limits), dt_s, preflight_failure)
+        mode.update(before, verdict, state)
+        self._engagement.update(before, verdict)
+        self.before, self.verdict = before, verdict
+        return verdict
+
+    def steers(self, state: VehicleState) -> bool:
+        """Tell whether a steering frame goes out this tick."""
+        return self._flight_mode.steers(self.verdict, state)
+
+    def wanted_mode(self, state: VehicleState) -> Mode | None:
+        """Return the flight mode to ask for, None for leave it."""
+        return self._flight_mode.wanted(self.verdict, state, engage=self._engagement.asked)
+
+    @property
+    def asks_arming(self) -> bool:
+        """Whether to ask for arming."""
+        return self._engagement.asks_arming(self.verdict)
+
+    def restore_mode(self) -> Mode | None:
+        """Return the flight mode to ask for with each of the shutdown frames; None for leave it."""
+        return self._flight_mode.restore_mode()
