@@ -16,7 +16,7 @@ examples:
                                                 gentlest start for a first dive
   holdfast run --set link.endpoint=tcp:127.0.0.1:5760 --set heave.compensator=none
 
-Stop with Ctrl-C: a vehicle that is steered is left neutral. ConditionSpec inside with `holdfast watch`.
+Stop with Ctrl-C: a vehicle that is steered is left neutral. Look inside with `holdfast watch`.
 """
 
 KEYS_EXAMPLES = """\

@@ -29,7 +29,7 @@ MAX_DATAGRAM = 65507
 MAX_UNSENT_BYTES = 1 << 16
 """A stream that lags behind by more gets nothing until it has caught up: old commands are worse than none."""
 TCP_GIVE_UP_MS = 5000
-"""A TCP peer that acknowledges nothing for so long is gone: pulled cables send no shutdown_frames."""
+"""A TCP peer that acknowledges nothing for so long is gone: a pulled cable says nothing."""
 
 log = logging.getLogger("holdfast")
 

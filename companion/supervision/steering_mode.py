@@ -50,7 +50,7 @@ class ModeKeeper:
         return self._next(mode)
 
     def restore_mode(self) -> Mode | None:
-        """Return the mode to ask for with each shutdown_frames, one after the other; None for leave it."""
+        """Return the mode to ask for with each frame of shutdown, one after the other; None for leave it."""
         if not self._is_ours(self._mode):
             return None
         self._partings += 1

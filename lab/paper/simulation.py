@@ -189,7 +189,7 @@ class _Fleet:
         self._seen: list[tuple[float, float, Array, Array, Array]] = []
 
     def command(self, ms: int) -> None:
-        """ConditionSpec, learn, and set the thrust that is held for the next tick."""
+        """Look, learn, and set the thrust that is held for the next tick."""
         t_s = ms / 1000.0
         z_d, z_d_dot, z_d_ddot = reference(t_s)
         e, e_dot = self._z - z_d, self._w - z_d_dot

@@ -54,7 +54,7 @@ def _data(log: Log, figures: Figures) -> Iterator[str]:
     if loop.depth_age_p99_s > SILENT_S:
         yield (
             f"Depth was up to {loop.depth_age_p99_s:.2f} s old (p99): the vehicle sends too seldom, or the "
-            "link loses. ConditionSpec at the stream rates with `holdfast check`."
+            "link loses. Look at the stream rates with `holdfast check`."
         )
 
 

@@ -18,7 +18,7 @@ ORIGIN = (47.4, 8.5)
 STABILIZE, ALT_HOLD, MANUAL = 0, 2, 19
 
 
-class ConditionSpec:
+class VehicleInspection:
     """One inspection of one vehicle, to its end."""
 
     def __init__(self, *plant, arm=False, companion=(), base: Path = HEAVY, mode=None, **asked):
@@ -56,7 +56,7 @@ class ConditionSpec:
 
 
 def test_a_sound_vehicle_is_found_good_and_nothing_is_steered():
-    look = ConditionSpec(origin=ORIGIN)
+    look = VehicleInspection(origin=ORIGIN)
     assert {row.grade for row in look.inspection.rows} == {Grade.GOOD}
     assert look.inspection.notes == ["the EKF origin was set"]
     assert look.vehicle.time_s < 8.0
@@ -64,13 +64,13 @@ def test_a_sound_vehicle_is_found_good_and_nothing_is_steered():
 
 
 def test_the_modes_are_tried_and_given_back():
-    look = ConditionSpec()
+    look = VehicleInspection()
     assert look.modes == [MANUAL, STABILIZE, MANUAL]
     assert look.row("mode").grade is Grade.GOOD
 
 
 def test_a_vehicle_that_somebody_has_armed_is_left_in_its_mode():
-    look = ConditionSpec(DIVED, arm=True)
+    look = VehicleInspection(DIVED, arm=True)
     assert look.modes == [MANUAL]
     assert "not tried" in look.row("mode").found
     assert not look.steered
@@ -86,14 +86,14 @@ def test_a_vehicle_that_somebody_has_armed_is_left_in_its_mode():
     ],
 )
 def test_thrusters_are_not_tried_where_they_must_not_be(plant, arm, why):
-    look = ConditionSpec(*plant, arm=arm, thrusters=True)
+    look = VehicleInspection(*plant, arm=arm, thrusters=True)
     assert why in look.row("thrusters").found
     assert not look.steered
     assert not look.pushed
 
 
 def test_asked_for_armed_and_dived_it_tries_every_motor_and_ends_neutral():
-    look = ConditionSpec(DIVED, "waves.enabled=true", arm=True, thrusters=True)
+    look = VehicleInspection(DIVED, "waves.enabled=true", arm=True, thrusters=True)
     assert look.row("thrusters").grade is Grade.GOOD
     assert "all 8 push the right way" in look.row("thrusters").found
     assert "100 %" in look.row("steering id").found
@@ -105,7 +105,7 @@ def test_asked_for_armed_and_dived_it_tries_every_motor_and_ends_neutral():
 
 @pytest.mark.parametrize("motor", range(1, 9))
 def test_a_reversed_motor_is_named(motor):
-    look = ConditionSpec(DIVED, f"parameters.MOT_{motor}_DIRECTION=-1", arm=True, thrusters=True)
+    look = VehicleInspection(DIVED, f"parameters.MOT_{motor}_DIRECTION=-1", arm=True, thrusters=True)
     found = look.row("thrusters")
     assert found.grade is Grade.REFUSED
     assert f"motor {motor} pushes the wrong way" in found.found
@@ -116,38 +116,38 @@ def test_a_reversed_motor_is_named(motor):
 def test_the_six_thruster_frame(motor):
     reversed_ = () if motor is None else (f"parameters.MOT_{motor}_DIRECTION=-1",)
     frame = ('vehicle.frame="vectored"',)
-    look = ConditionSpec(DIVED, *reversed_, arm=True, thrusters=True, companion=frame, base=SIX)
+    look = VehicleInspection(DIVED, *reversed_, arm=True, thrusters=True, companion=frame, base=SIX)
     assert look.row("frame").grade is Grade.GOOD
     wanted = "all 6 push the right way" if motor is None else f"motor {motor} pushes the wrong way"
     assert wanted in look.row("thrusters").found
 
 
 def test_a_dead_motor_is_named():
-    look = ConditionSpec(DIVED, "thrusters.gain=[1,1,1,0.05,1,1,1,1]", arm=True, thrusters=True)
+    look = VehicleInspection(DIVED, "thrusters.gain=[1,1,1,0.05,1,1,1,1]", arm=True, thrusters=True)
     assert "motor 4 hardly pushes" in look.row("thrusters").found
 
 
 def test_somebody_who_obeys_another_id_is_refused_and_seen_by_the_echo():
-    look = ConditionSpec(DIVED, "parameters.MAV_GCS_SYSID=254", arm=True, thrusters=True)
+    look = VehicleInspection(DIVED, "parameters.MAV_GCS_SYSID=254", arm=True, thrusters=True)
     assert look.row("steering id").grade is Grade.REFUSED
     assert not look.pushed
 
 
 def test_dived_it_does_not_set_the_origin():
-    look = ConditionSpec(DIVED, origin=ORIGIN)
+    look = VehicleInspection(DIVED, origin=ORIGIN)
     assert "it is dived" in look.inspection.notes[0]
     assert look.row("EKF origin").grade is Grade.WARNING
 
 
 def test_a_receiver_is_told_from_none():
-    assert "did fire" in ConditionSpec().row("RC receiver").found
-    look = ConditionSpec("rc_receiver=true")
+    assert "did fire" in VehicleInspection().row("RC receiver").found
+    look = VehicleInspection("rc_receiver=true")
     assert look.row("RC receiver").grade is Grade.WARNING
-    look = ConditionSpec("rc_receiver=true", "parameters.RC_OVERRIDE_TIME=-1")
+    look = VehicleInspection("rc_receiver=true", "parameters.RC_OVERRIDE_TIME=-1")
     assert look.row("RC receiver").grade is Grade.REFUSED
 
 
 def test_nobody_there():
-    look = ConditionSpec('faults=[{kind="link_cut"}]')
+    look = VehicleInspection('faults=[{kind="link_cut"}]')
     assert look.inspection.done
     assert not look.inspection.contact
