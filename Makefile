@@ -3,11 +3,12 @@
 PYTHONS := python3 python3.13 python3.12 python3.11
 BIN := .venv/bin
 STAMP := .venv/.installed
-INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps
+PIP := python -m pip install --quiet --disable-pip-version-check --no-deps
+INSTALL := $(BIN)/$(PIP)
 COMPILE := uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --no-annotate
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test check clean lock
+.PHONY: help demo quick test check coverage wheel lock clean
 
 help:  ## list what there is
 	@sed -n 's/^\([a-z]*\):.*## \(.*\)/  make \1	\2/p' Makefile | expand -t 18
@@ -19,18 +20,34 @@ test: check  ## everything that must hold, `make check` included
 	$(BIN)/pytest -n auto --dist worksteal --ignore tests/live
 	$(BIN)/pytest tests/live  # alone: real clocks and real processes want the machine for themselves
 
+quick: $(STAMP)  ## unit and property tests, about a minute
+	$(BIN)/pytest -n auto --dist worksteal tests/unit tests/property
+
 check: $(STAMP)  ## style, types, and the walls between the rooms
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-logo
 
+coverage: $(STAMP)  ## which branches of companion/ the tests in virtual time take; a floor stands in pyproject.toml
+	$(BIN)/pytest -n auto --dist worksteal --ignore tests/live --cov
+
+wheel: $(STAMP)  ## build dist/*.whl, and try it in a venv of its own with the vehicle's packages alone
+	rm -rf dist build/wheel
+	$(BIN)/python -m hatchling build -t wheel
+	$(BIN)/python -m venv build/wheel
+	build/wheel/bin/$(PIP) --require-hashes --only-binary :all: -r requirements.lock
+	build/wheel/bin/$(PIP) dist/*.whl
+	build/wheel/bin/holdfast --help
+	timeout --preserve-status -s INT 3 build/wheel/bin/holdfast run \
+	    --set link.endpoint=udp-connect:127.0.0.1:14599 --set telemetry.endpoint=tcp/127.0.0.1:7459
+
 lock:  ## refresh what is missing in the locks, of all platforms, with hashes (needs uv)
 	$(COMPILE) pyproject.toml --extra dev -o requirements-dev.lock
 	echo 'hatchling>=1.27' | $(COMPILE) pyproject.toml - --extra recording -c requirements-dev.lock -o requirements.lock
 
 clean:  ## remove .venv, caches and out/
-	rm -rf .venv out build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
+	rm -rf .venv out build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache .coverage
 	find . -name __pycache__ -prune -exec rm -rf {} +
 
 $(STAMP): pyproject.toml requirements-dev.lock

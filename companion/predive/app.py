@@ -16,7 +16,7 @@ from companion.predive.inspection import Inspection
 def inspect(
     config: Config, *, origin: tuple[float, float] | None, thrusters: bool
 ) -> tuple[list[CheckRow], list[str]]:
-    """ConditionSpec at the vehicle behind `link.endpoint`; return the list and what was done beside looking.
+    """Look at the vehicle behind `link.endpoint`; return the list and what was done beside looking.
 
     Raises OSError when our own port is taken, KeyboardInterrupt when a signal breaks it off.
     """
