@@ -32,6 +32,7 @@ import numpy as np
 
 from sim_bridge.config import Fault
 from sim_bridge.firmware.messages import Message
+from sim_bridge.physics.thrusters import Eight
 
 Datagram = tuple[int, bytes]
 
@@ -71,13 +72,14 @@ class Faults:
         self._change_s = min([*ends, *(fault.at_s for fault in self._pending)], default=math.inf)
         return begun
 
-    def health(self, count: int) -> list[float]:
-        """Health 0..1 of each of `count` thrusters."""
-        health = [1.0] * count
+    def health(self) -> Eight:
+        """Health 0..1 of each thruster."""
+        health = [1.0] * 8
         for fault in self._active:
-            if fault.kind == "thruster" and fault.thruster <= count:
+            if fault.kind == "thruster":
                 health[fault.thruster - 1] = fault.value
-        return health
+        a, b, c, d, e, f, g, h = health
+        return a, b, c, d, e, f, g, h
 
     def holds(self, kind: str) -> Fault | None:
         """Return the fault of this kind that holds now."""

@@ -50,7 +50,7 @@ def truth_of(physics: Physics, t_s: float, pwm: Sequence[int], armed: bool, mode
         eta=physics.eta(),
         nu=np.array(physics.state[7:]),
         nu_dot=np.array(physics.nu_dot),
-        thrust_n=physics.thrusters.thrust_n.copy(),
+        thrust_n=np.array(physics.thrust_n[: physics.thrusters]),
         tau=np.array(physics.tau),
         disturbance=physics.disturbance(),
         motor_pwm=tuple(pwm),
@@ -165,7 +165,7 @@ class Vehicle:
         autopilot.leaking = self._faults.holds("leak") is not None
         autopilot.ekf_doubt = None if doubt is None else doubt.value
         self._supply(autopilot)
-        physics.thrusters.health = np.array(self._faults.health(physics.thrusters.count))
+        physics.health = self._faults.health()
 
     def _supply(self, autopilot: Autopilot) -> None:
         physics = self._physics

@@ -25,6 +25,9 @@ PACKAGES = ("companion", "sim_bridge", "lab")
 KEPT_FOLDERS = 4
 """Of compiled code; those of older sources are removed."""
 
+OPTIONS = {"error_model": "numpy", "fastmath": {"contract"}}
+"""Floats do not raise; a product and a sum may be one instruction, rounded once. NaN stays NaN."""
+
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 
@@ -86,14 +89,14 @@ def digest(root: Path) -> str:
 
 @functools.cache
 def _jit(function: Callable[..., Any], cache: bool) -> Any:
-    jit = numba.njit(signature(function), cache=cache, error_model="numpy")
+    jit = numba.njit(signature(function), cache=cache, **OPTIONS)
     return jit(_with_compiled_callees(function))
 
 
 @functools.cache
 def _callee(function: Callable[..., Any]) -> Any:
     """Return a function that numba compiles for the types with which it is called."""
-    return numba.njit(error_model="numpy")(_with_compiled_callees(function))
+    return numba.njit(**OPTIONS)(_with_compiled_callees(function))
 
 
 def _with_compiled_callees(function: Callable[..., Any]) -> FunctionType:

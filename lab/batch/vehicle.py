@@ -18,13 +18,13 @@ from msgspec.structs import replace
 
 from lab.batch.legacy.bounds import wrap
 from lab.batch.legacy.records import Array
+from lab.batch.legacy.sim_plant import Component, Components, Plant, rotation, state_of
+from lab.batch.legacy.sim_thrusters import Thrusters
 from sim_bridge.config import SimConfig
 from sim_bridge.firmware.autopilot import INPUT_PERIOD_S
 from sim_bridge.firmware.mixer import FACTORS
 from sim_bridge.physics.body import STEP_S
 from sim_bridge.physics.environment import Environment
-from sim_bridge.physics.plant import Component, Components, Plant, rotation, state_of
-from sim_bridge.physics.thrusters import Thrusters
 
 ARMED_S, ENGAGED_S = 2.04, 3.04
 """When the full loop arms and engages, from boot: a batch begins engaged; its load counts from the arming."""
@@ -322,7 +322,7 @@ class _Seas:
             return np.array([np.pad(row, (0, waves - len(row))) for row in rows]).T
 
         self._a, self._omega, self._k, self._phase = (
-            stacked(name) for name in ("_a", "_omega", "_k", "_phase")
+            stacked(name) for name in ("amplitude", "omega", "k", "phase")
         )
         direction = np.radians([config.waves.direction_deg for config in configs])
         self._north, self._east = np.cos(direction), np.sin(direction)

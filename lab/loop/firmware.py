@@ -301,7 +301,7 @@ class Firmware:
             self._begin(fault)
         body, drained = self._body, self._faults.holds("voltage")
         body.source_v = self._config.battery.voltage_v if drained is None else drained.value
-        body.physics.thrusters.health = np.array(self._faults.health(len(body.pwm)))
+        body.physics.health = self._faults.health()
         for link, data in self._faults.carry("in", datagrams, self.time_s):
             self.open_link(link)
             self._outbox.setdefault(link, []).append(data)

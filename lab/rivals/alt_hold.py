@@ -19,7 +19,7 @@ from lab.loop.lockstep import COMPANION_LINK, Link, Wire
 from lab.loop.scenarios import Scenario
 from sim_bridge.config import SimConfig
 from sim_bridge.firmware.modes import ALT_HOLD, STABILIZE
-from sim_bridge.physics.thrusters import Thrusters
+from sim_bridge.physics import thrusters
 
 TICK_S = 0.02
 ARM_S = 2.6
@@ -80,7 +80,7 @@ def dive(
     config = scenario.plant(plant, scenario.seed)
     config = replace(config, parameters=config.parameters | parameters)
     station, wire, last_s = GroundStation(), Wire(), 0.0
-    thrusters = Thrusters(plant.thrusters)
+    nominal = thrusters.thrusters_of(plant.thrusters)
     jitter = np.random.default_rng(scenario.seed)
     rows = []
     with vehicle_of(config, scenario.seed, firmware) as vehicle:
@@ -95,9 +95,9 @@ def dive(
                 vehicle.step([(COMPANION_LINK, data) for _, data in wire.arrived(vehicle.time_s)])
             truth = vehicle.truth()
             wanted = scenario.target(truth.t_s).eta_d
-            thrust_n = (
-                thrusters.static_thrust(truth.motor_pwm, truth.voltage_v) @ thrusters.wrench_of_thrust[:, Z]
-            )
+            pwm = thrusters.each_motor(truth.motor_pwm)
+            static = thrusters.static_thrust(nominal, thrusters.HEALTHY, pwm, truth.voltage_v)
+            thrust_n = thrusters.wrench(nominal, static)[Z]
             depth_m, heading_rad = truth.eta[Z] - wanted[Z], truth.eta[TRUE_PSI] - wanted[PSI]
             active = truth.armed and truth.mode == ALT_HOLD
             rows.append((truth.t_s, depth_m, heading_rad, thrust_n, active, truth.load_on))

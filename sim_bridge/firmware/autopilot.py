@@ -2,12 +2,13 @@
 
 import math
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from operator import attrgetter
 from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from sim_bridge.firmware import messages, modes
+from sim_bridge.firmware import frames, messages, modes
 from sim_bridge.firmware.messages import Message, Origin, Snapshot
 from sim_bridge.firmware.mixer import mix, motor_pwm
 from sim_bridge.firmware.modes import MODES, FlightControl
@@ -15,6 +16,7 @@ from sim_bridge.firmware.params import DEFAULTS, Parameters
 from sim_bridge.firmware.pilot import FN_ARM, FN_ARM_TOGGLE, FN_DISARM, FN_MODES, NEUTRAL, Pilot
 from sim_bridge.firmware.signing import KeyStore
 from sim_bridge.firmware.streams import SUPPORTED, TRANSFER_SLOWDOWN, Streams
+from sim_bridge.physics.plant import State, state_of
 from sim_bridge.physics.sensors import Sensors
 
 COMPONENT = 1
@@ -31,6 +33,8 @@ ORIGIN_SHIFT_M = 0.1
 ACCEPTED, DENIED, UNSUPPORTED, FAILED = 0, 2, 3, 4
 CRITICAL, WARNING, INFO = 2, 4, 6
 STANDBY, ACTIVE, FAILSAFE = 3, 4, 5
+DIRECTIONS = tuple(f"MOT_{motor}_DIRECTION" for motor in range(1, 9))
+CHANNELS_RAW = attrgetter(*(f"chan{channel}_raw" for channel in range(1, 19)))
 AXIS_NAMES = ("Pitch", "Roll", "Throttle", "Yaw", "Forward", "Lateral")
 
 
@@ -58,9 +62,20 @@ class Link:
         self.packer.srcSystem = system
         signing = self.packer.signing
         signing.timestamp = max(signing.timestamp, self.parser.signing.timestamp)
-        data: bytes = message.pack(self.packer)
+        data = None
+        if not signing.sign_outgoing:
+            data = frames.pack(message, self.packer.seq, system, COMPONENT)
+        if data is None:
+            data = bytes(message.pack(self.packer))
         self.packer.seq = (self.packer.seq + 1) % 256
         return data
+
+    def parse(self, data: bytes) -> Sequence[Message]:
+        """Return the messages that `data` completes; BAD_DATA where it is garbage."""
+        parser = self.parser
+        if not parser.buf and parser.signing.secret_key is None and (message := frames.parse(data)):
+            return (message,)
+        return parser.parse_buffer(data) or ()
 
 
 class Autopilot:
@@ -95,7 +110,7 @@ class Autopilot:
         self.current_a = 0.0
         self.consumed_mah = 0.0
         self.capacity_mah = 1.0
-        self.state: tuple[float, ...] = ()
+        self.state: State = state_of((0.0,) * 6, (0.0,) * 6)
         self.alter: Callable[[Message], Message | None] | None = None
         """Set by the vehicle while a fault falsifies telemetry."""
         self._sensors = sensors
@@ -156,7 +171,7 @@ class Autopilot:
 
     def receive(self, link: int, data: bytes) -> None:
         """Take in bytes from a link. Garbage is skipped; messages for others are forwarded."""
-        for message in self._links[link].parser.parse_buffer(data) or ():
+        for message in self._links[link].parse(data):
             kind = message.get_type()
             if kind == "BAD_DATA" or kind.startswith("UNKNOWN"):
                 continue
@@ -193,10 +208,7 @@ class Autopilot:
         demand = self.control.demand(self.pilot, estimate, boot_s, dt)
         if demand != self._demand:
             self._demand = demand
-            ways = [
-                -1.0 if self.params[f"MOT_{motor}_DIRECTION"] < 0 else 1.0
-                for motor in range(1, len(self._idle) + 1)
-            ]
+            ways = [-1.0 if self.params[name] < 0 else 1.0 for name in DIRECTIONS[: len(self._idle)]]
             self.motor_pwm = motor_pwm(mix(self._frame, demand), ways)
         return self.motor_pwm
 
@@ -369,7 +381,7 @@ class Autopilot:
 
     def _on_override(self, _: int, message: Message) -> None:
         if self._steers(message):
-            self.pilot.override([getattr(message, f"chan{channel}_raw") for channel in range(1, 19)])
+            self.pilot.override(CHANNELS_RAW(message))
 
     def _on_position_target(self, _: int, message: Message) -> None:
         """Frame 5, z only: moves the depth that ALT_HOLD keeps."""

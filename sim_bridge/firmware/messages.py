@@ -7,7 +7,7 @@ from typing import Any, NamedTuple, TypeAlias
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from sim_bridge.firmware.modes import GUIDED_FLAG_MODES
-from sim_bridge.physics.plant import GRAVITY, euler, rotation
+from sim_bridge.physics.plant import GRAVITY, State, euler, ned_velocity
 from sim_bridge.physics.sensors import SURFACE_PRESSURE_HPA, Estimate
 
 Message: TypeAlias = Any
@@ -52,7 +52,7 @@ class Snapshot(NamedTuple):
     current_a: float
     consumed_mah: float
     capacity_mah: float
-    state: tuple[float, ...]
+    state: State
     """The plant's 13 components: for SIM_STATE alone."""
     ekf_doubt: float | None
     """The EKF's variance where it has no solution."""
@@ -227,13 +227,7 @@ def _named_value_floats(s: Snapshot) -> list[Message]:
 
 def _sim_state(s: Snapshot) -> Message:
     roll, pitch, yaw = euler(s.state)
-    r = rotation(s.state)
-    u, v, w, p, q, rate = s.state[7:]
-    velocity = (
-        r[0] * u + r[1] * v + r[2] * w,
-        r[3] * u + r[4] * v + r[5] * w,
-        r[6] * u + r[7] * v + r[8] * w,
-    )
+    p, q, rate = s.state[10:]
     origin = s.origin or Origin(0, 0, 0)
     lat = origin.lat / 1e7 + s.state[0] / M_PER_DEGREE
     lon = origin.lon / 1e7 + s.state[1] / M_PER_DEGREE
@@ -254,7 +248,7 @@ def _sim_state(s: Snapshot) -> Message:
         -s.state[2],
         0.0,
         0.0,
-        *velocity,
+        *ned_velocity(s.state),
         int32(lat * 1e7),
         int32(lon * 1e7),
     )

@@ -35,29 +35,25 @@ def mix(frame: str, demand: Demand) -> list[float]:
     `vectored`: summed and clipped per motor; heave limits surge on the pair at the rear of the travel.
     """
     factors = FACTORS[frame]
+    roll, pitch, yaw, throttle, forward, lateral = demand
     if frame == "vectored_6dof":
-        vertical = [_dot(row, demand, (0, 1, 3)) for row in factors]
-        horizontal = [_dot(row, demand, (2, 4, 5)) for row in factors]
+        vertical = [r * roll + p * pitch + t * throttle for r, p, _, t, _, _ in factors]
+        horizontal = [y * yaw + f * forward + s * lateral for _, _, y, _, f, s in factors]
         largest_v = max(1.0, *map(abs, vertical))
         largest_h = max(1.0, *map(abs, horizontal))
         return [_clip(v / largest_v + h / largest_h) for v, h in zip(vertical, horizontal, strict=True)]
-    forward = demand[4]
-    limit = max(0.0, 1.0 - abs(demand[3]))
+    limit = max(0.0, 1.0 - abs(throttle))
     outputs = []
-    for row in factors:
-        is_rear = row[4] * forward > 0
-        limited = max(-limit, min(limit, forward)) if is_rear else forward
-        outputs.append(_clip(_dot(row, (*demand[:4], limited, demand[5]), (0, 1, 2, 3, 4, 5))))
+    for r, p, y, t, f, s in factors:
+        limited = max(-limit, min(limit, forward)) if f * forward > 0 else forward
+        turned = r * roll + p * pitch + y * yaw
+        outputs.append(_clip(turned + t * throttle + f * limited + s * lateral))
     return outputs
 
 
 def motor_pwm(outputs: Sequence[float], directions: Sequence[float]) -> list[int]:
     """PWM = 1500 + 400 · output (µs), with MOT_n_DIRECTION applied; no thrust-curve correction."""
     return [int(1500 + 400 * output * way) for output, way in zip(outputs, directions, strict=True)]
-
-
-def _dot(row: Sequence[int], demand: Sequence[float], axes: Sequence[int]) -> float:
-    return sum(row[axis] * demand[axis] for axis in axes)
 
 
 def _clip(value: float) -> float:

@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_bridge.config import SimConfig
-from sim_bridge.physics.environment import Environment, Flow, Force
-from sim_bridge.physics.plant import Plant, euler, state_of
-from sim_bridge.physics.thrusters import Thrusters
+from sim_bridge.physics import plant, thrusters
+from sim_bridge.physics.environment import Environment
+from sim_bridge.physics.plant import NO_WRENCH, STILL_WATER, Six, State, Three, euler, state_of
+from sim_bridge.physics.thrusters import HEALTHY, NO_THRUST, Eight
 
 STEP_S = 0.005
 """Longest step of the plant, and the period at which the sea and the tether change."""
@@ -29,24 +30,33 @@ class Physics:
 
     def __init__(self, config: SimConfig, seed: int) -> None:
         self.time_s = 0.0
-        self.state: tuple[float, ...] = state_of(config.initial.eta, np.zeros(6))
+        self.state: State = state_of(config.initial.eta, NO_WRENCH)
         """x, y, z (m, NED), unit quaternion body to NED, nu (m/s, rad/s, body)."""
-        self.nu_dot: tuple[float, ...] = (0.0,) * 6
+        self.nu_dot: Six = NO_WRENCH
         """In the middle of the last step (m/s², rad/s², body)."""
-        self.tau: tuple[float, ...] = (0.0,) * 6
+        self.tau: Six = NO_WRENCH
         """Wrench of the thrusters (N, N·m, body)."""
-        self.thrusters = Thrusters(config.thrusters)
+        self.thrust_n: Eight = NO_THRUST
+        """What each thruster delivers now; those that the frame does not have deliver nothing."""
+        self.health: Eight = HEALTHY
+        """Scales the thrust of each: 0 is a dead thruster."""
         self.environment = Environment(config, STEP_S, np.random.default_rng(seed).spawn(1)[0])
         self.voltage_v = config.battery.voltage_v
         self.current_a = 0.0
         self.consumed_mah = 0.0
         self._battery = config.battery
-        self._plant = Plant.of(config.hull)
+        self._body = plant.body_of(config.hull)
+        self._thrusters = thrusters.thrusters_of(config.thrusters)
         self._sea_steps = 0
-        self._force: Force = (0.0, 0.0, 0.0)
-        self._flow: Flow = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        self._force: Three = (0.0, 0.0, 0.0)
+        self._flow: Six = STILL_WATER
         self._driven: list[int] = []
-        self._static_thrust = np.zeros(self.thrusters.count)
+        self._static_thrust = NO_THRUST
+
+    @property
+    def thrusters(self) -> int:
+        """How many thrusters it has."""
+        return self._thrusters.number
 
     def step(self, pwm: Sequence[int], since_arming_s: float, dt_s: float = STEP_S) -> None:
         """Advance by `dt_s`, however long.
@@ -57,29 +67,36 @@ class Physics:
             dt_s: time to advance (s).
 
         """
-        thrusters = self.thrusters
-        driven = list(pwm[: thrusters.count])
-        if self._driven != driven:
-            self._driven = driven
-            self._static_thrust = thrusters.static_thrust(driven, self.voltage_v)
+        self._drive(pwm[: self.thrusters])
         parts = max(1, math.ceil(dt_s / STEP_S - 1e-6))
+        part_s = dt_s / parts
+        follow = thrusters.follow_of(self._thrusters.lag_s, part_s)
         for part in range(parts):
-            time_s = self.time_s + part * dt_s / parts
+            time_s = self.time_s + part * part_s
             if time_s > (self._sea_steps - 1e-6) * STEP_S:
                 x, y, z = self.state[:3]
                 self._force, self._flow = self.environment.step(
                     self._sea_steps * STEP_S, since_arming_s, x, y, z
                 )
                 self._sea_steps += 1
-            self.tau = tuple(thrusters.step(self._static_thrust, dt_s / parts).tolist())
-            self.state, self.nu_dot = self._plant.step(
-                self.state, self.tau, self._force, self._flow, dt_s / parts
+            self.thrust_n = thrusters.lagged(self.thrust_n, self._static_thrust, follow)
+            self.tau = thrusters.wrench(self._thrusters, self.thrust_n)
+            self.state, self.nu_dot = plant.step(
+                self._body, self.state, self.tau, self._force, self._flow, part_s
             )
         self.time_s += dt_s
 
+    def _drive(self, pwm: Sequence[int]) -> None:
+        """Put the motors' PWM (µs) in force."""
+        if self._driven != pwm:
+            self._driven = list(pwm)
+            self._static_thrust = thrusters.static_thrust(
+                self._thrusters, self.health, thrusters.each_motor(pwm), self.voltage_v
+            )
+
     def drain(self, source_v: float, dt_s: float) -> None:
         """Draw the current of the last `dt_s` from a battery whose open-circuit voltage is `source_v`."""
-        self.current_a = IDLE_CURRENT_A + float(self.thrusters.current_a())
+        self.current_a = IDLE_CURRENT_A + thrusters.current_a(self.thrust_n)
         self.voltage_v = max(MIN_VOLTAGE_V, source_v - self._battery.resistance_ohm * self.current_a)
         self.consumed_mah += self.current_a * 1000.0 * dt_s / 3600.0
         self._driven = []
@@ -89,8 +106,8 @@ class Physics:
         return np.array([*self.state[:3], *euler(self.state)])
 
     def disturbance(self) -> NDArray[np.float64]:
-        """(6,) all that acts besides the thrusters and still water: see `Plant.disturbance`."""
-        return np.array(self._plant.disturbance(self.state, self._force, self._flow))
+        """(6,) all that acts besides the thrusters and still water: see `plant.disturbance`."""
+        return np.array(plant.disturbance(self._body, self.state, self._force, self._flow))
 
     def acceleration(self) -> tuple[float, float, float]:
         """Acceleration of the centre of gravity over the ground, in body axes (m/s²): nu' + omega × v."""

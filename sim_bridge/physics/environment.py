@@ -5,10 +5,9 @@ import math
 import numpy as np
 
 from sim_bridge.config import Current, SimConfig, Waves
-from sim_bridge.physics.plant import GRAVITY
-
-Force = tuple[float, float, float]
-Flow = tuple[float, float, float, float, float, float]
+from sim_bridge.physics.plant import GRAVITY, STILL_WATER
+from sim_bridge.physics.plant import Six as Flow
+from sim_bridge.physics.plant import Three as Force
 
 
 class OrnsteinUhlenbeck:
@@ -20,6 +19,11 @@ class OrnsteinUhlenbeck:
         self._normals = rng
         self._block: list[float] = []
         self.value = sigma * float(rng.standard_normal())
+
+    @property
+    def varies(self) -> bool:
+        """Whether it is not constant."""
+        return self._kick != 0.0
 
     def step(self) -> float:
         """Draw the next value."""
@@ -44,33 +48,37 @@ class JonswapSea:
         spectrum = omega**-5 * np.exp(-1.25 * (omega_p / omega) ** 4) * peak
         amplitude = np.sqrt(2 * spectrum * width)
         amplitude *= config.height_m / 4 / math.sqrt(float(np.sum(amplitude**2)) / 2)
-        self._a = amplitude
-        self._omega = omega
-        self._k = omega**2 / GRAVITY
-        self._phase = rng.uniform(0, 2 * math.pi, config.components)
+        self.omega = omega
+        self.k = omega**2 / GRAVITY
+        self.phase = rng.uniform(0, 2 * math.pi, config.components)
+        self.amplitude = amplitude
         direction = math.radians(config.direction_deg)
-        self._north, self._east = math.cos(direction), math.sin(direction)
+        self.north, self.east = math.cos(direction), math.sin(direction)
+        speed = amplitude * omega * np.exp(1j * self.phase)
+        self._speeds = np.stack([speed, speed * omega])
+        self._j_omega = 1j * omega
 
     def flow(self, t_s: float, x: float, y: float, z: float) -> Flow:
-        """Orbital velocity and acceleration of the water in NED at time t and place x, y, z."""
-        angle = self._omega * t_s - self._k * (x * self._north + y * self._east) + self._phase
-        speed = self._a * self._omega * np.exp(-self._k * max(z, 0.0))
-        in_phase, quadrature = speed * np.cos(angle), speed * np.sin(angle)
-        along, down = float(in_phase.sum()), float(quadrature.sum())
-        d_along, d_down = -float(self._omega @ quadrature), float(self._omega @ in_phase)
+        """Orbital velocity and acceleration of the water in NED at time t and place x, y, z.
+
+        Each wave is a complex number, real along the sea, imaginary down: a ω exp(j (ω t - k s + φ) - k z).
+        """
+        along = x * self.north + y * self.east
+        waves = np.exp(self._j_omega * t_s - self.k * complex(max(z, 0.0), along))
+        velocity, acceleration = (self._speeds @ waves).tolist()
         return (
-            along * self._north,
-            along * self._east,
-            down,
-            d_along * self._north,
-            d_along * self._east,
-            d_down,
+            velocity.real * self.north,
+            velocity.real * self.east,
+            velocity.imag,
+            -acceleration.imag * self.north,
+            -acceleration.imag * self.east,
+            acceleration.real,
         )
 
     def elevation(self, t_s: float, x: float, y: float, z: float) -> float:
         """Dynamic pressure as metres of water (up) at depth z; at z = 0 the surface elevation."""
-        angle = self._omega * t_s - self._k * (x * self._north + y * self._east) + self._phase
-        return float(np.sum(self._a * np.exp(-self._k * max(z, 0.0)) * np.cos(angle)))
+        angle = self.omega * t_s - self.k * (x * self.north + y * self.east) + self.phase
+        return float(np.sum(self.amplitude * np.exp(-self.k * max(z, 0.0)) * np.cos(angle)))
 
 
 class SlowCurrent:
@@ -114,14 +122,15 @@ class Environment:
             z: depth (m).
 
         """
-        flow = self.sea.flow(t_s, x, y, z) if self.sea else (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        flow = self.sea.flow(t_s, x, y, z) if self.sea else STILL_WATER
         if self._current:
-            north, east = self._current.step()
-            flow = (flow[0] + north, flow[1] + east, *flow[2:])
+            v_north, v_east = self._current.step()
+            flow = (flow[0] + v_north, flow[1] + v_east, flow[2], flow[3], flow[4], flow[5])
         fx = fy = fz = 0.0
         if self._tether.enabled:
             static = self._tether.pull_n
-            fx, fy, fz = (static[i] + self._pull[i].step() for i in range(3))
+            north, east, down = self._pull
+            fx, fy, fz = static[0] + north.step(), static[1] + east.step(), static[2] + down.step()
             fz += self._tether.heave_n_per_m * z
         load = self._load
         self.load_on = load.enabled and load.on_s <= since_arming_s < load.off_s

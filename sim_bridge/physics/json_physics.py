@@ -27,7 +27,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from sim_bridge.physics.body import Physics
-from sim_bridge.physics.plant import GRAVITY, rotation
+from sim_bridge.physics.plant import GRAVITY, State, Three, down_axis, ned_velocity
 
 OUTPUTS = {18458: 16, 29569: 32}
 """Number of outputs by magic."""
@@ -54,9 +54,9 @@ class Frame(NamedTuple):
 class Motion(NamedTuple):
     """What the firmware's simulated sensors feel."""
 
-    state: tuple[float, ...]
+    state: State
     """x, y, z (m, NED), unit quaternion body to NED, nu (m/s, rad/s, body)."""
-    acceleration: tuple[float, float, float]
+    acceleration: Three
     """Of the body over the ground, body axes (m/s²); gravity is taken off in the reply."""
 
 
@@ -73,10 +73,9 @@ def parse(packet: bytes) -> Frame | None:
 
 def reply(time_s: float, motion: Motion, *, time_sync: bool = True) -> bytes:
     """Return the text that answers a frame; `time_s` is the time that the firmware is to see."""
-    x, y, z, q0, q1, q2, q3, u, v, w, p, q, r = motion.state
-    rows = rotation(motion.state)
-    north, east, down = (rows[i] * u + rows[i + 1] * v + rows[i + 2] * w for i in (0, 3, 6))
-    ax, ay, az = (a - GRAVITY * g for a, g in zip(motion.acceleration, rows[6:], strict=True))
+    x, y, z, q0, q1, q2, q3, _, _, _, p, q, r = motion.state
+    north, east, down = ned_velocity(motion.state)
+    ax, ay, az = (a - GRAVITY * g for a, g in zip(motion.acceleration, down_axis(motion.state), strict=True))
     text = (
         f'{{"timestamp":{time_s * STAMP_MARGIN:.12f},'
         f'"imu":{{"gyro":{_array(p, q, r)},"accel_body":{_array(ax, ay, az)}}},'
@@ -162,7 +161,7 @@ class DrivenBody:
         """Put the motors on the first outputs; `source_v` is the battery's open-circuit voltage."""
         self.physics = physics
         self.source_v = source_v
-        self.pwm: tuple[int, ...] = (NEUTRAL_US,) * physics.thrusters.count
+        self.pwm: tuple[int, ...] = (NEUTRAL_US,) * physics.thrusters
         self.turned_s: float | None = None
         """Physics time at which a motor first turned."""
         self._undrained_s = 0.0

@@ -8,7 +8,7 @@ import numpy as np
 
 from sim_bridge.config import SensorConfig
 from sim_bridge.physics.environment import OrnsteinUhlenbeck
-from sim_bridge.physics.plant import GRAVITY, euler, rotation
+from sim_bridge.physics.plant import GRAVITY, State, Three, between, down_axis, euler, ned_velocity
 
 SURFACE_PRESSURE_HPA = 1013.25
 PA_PER_M = 9800.0
@@ -38,7 +38,7 @@ class Estimate(NamedTuple):
     raw_altitude_m: float
     """Positive up, straight from the pressure (AHRS2)."""
     pressure_hpa: float
-    accel: tuple[float, float, float]
+    accel: Three
     """Specific force, body (m/s²)."""
     position: tuple[float, float, float, float]
     """x, y, vx, vy (NED), meaningful with a DVL only."""
@@ -54,9 +54,7 @@ class Sensors:
         self._step_s = step_s
         slow_rng, self._white_rng, offset_rng = rng.spawn(3)
         self._white: list[float] = []
-        self._history: deque[tuple[tuple[float, ...], tuple[float, float, float]]] = deque(
-            maxlen=int(HISTORY_S / step_s)
-        )
+        self._history: deque[tuple[State, Three]] = deque(maxlen=int(HISTORY_S / step_s))
 
         def noise(sigma: float, tau_s: float) -> OrnsteinUhlenbeck:
             return OrnsteinUhlenbeck(sigma, tau_s, NOISE_PERIOD_S, slow_rng)
@@ -66,7 +64,8 @@ class Sensors:
         self._drift = noise(config.drift_m, config.drift_tau_s)
         self._angles = [noise(config.attitude_slow_rad, 5.0) for _ in range(3)]
         self._position = [noise(config.dvl_drift_m, 60.0) for _ in range(2)]
-        self._slow = [self._depth, self._climb, self._drift, *self._angles, *self._position]
+        slow = [self._depth, self._climb, self._drift, *self._angles, *self._position]
+        self._slow = [signal for signal in slow if signal.varies]
         self._noise_steps = max(1, round(NOISE_PERIOD_S / step_s))
         self._pressure_steps = max(1, round(PRESSURE_PERIOD_S / step_s))
         self._count = 0
@@ -78,9 +77,7 @@ class Sensors:
         self._raw_depth = 0.0
         self._estimate: Estimate | None = None
 
-    def record(
-        self, state: tuple[float, ...], acceleration: tuple[float, float, float], wave_m: float
-    ) -> None:
+    def record(self, state: State, acceleration: Three, wave_m: float) -> None:
         """Take in the truth of one step.
 
         Args:
@@ -90,7 +87,8 @@ class Sensors:
 
         """
         if self._config.wave_pressure and wave_m:
-            state = (*state[:2], state[2] + wave_m, *state[3:])
+            x, y, z, q0, q1, q2, q3, u, v, w, p, q, r = state
+            state = (x, y, z + wave_m, q0, q1, q2, q3, u, v, w, p, q, r)
         self._history.append((state, acceleration))
         self._estimate = None
         if self._count % self._noise_steps == 0:
@@ -143,31 +141,24 @@ class Sensors:
         attitude, _ = self._delayed(config.attitude_delay_s)
         height, _ = self._delayed(config.depth_delay_s)
         motion, _ = self._delayed(config.climb_delay_s)
-        shaken, accel = self._delayed(config.accel_delay_s)
-        roll, pitch, yaw = (
-            angle + slow.value + config.attitude_white_rad * normal()
-            for angle, slow in zip(euler(attitude), self._angles, strict=True)
-        )
-        yaw = math.remainder(yaw + self._turned_rad, math.tau)
-        rollspeed, pitchspeed, yawspeed = (
-            rate + config.gyro_white_rad_s * normal() for rate in attitude[10:13]
-        )
-        r = rotation(motion)
-        u, v, w = motion[7:10]
-        sink = r[6] * u + r[7] * v + r[8] * w
+        roll, pitch, yaw = euler(attitude)
+        roll += self._angles[0].value + config.attitude_white_rad * normal()
+        pitch += self._angles[1].value + config.attitude_white_rad * normal()
+        yaw += self._angles[2].value + config.attitude_white_rad * normal()
+        rollspeed = attitude[10] + config.gyro_white_rad_s * normal()
+        pitchspeed = attitude[11] + config.gyro_white_rad_s * normal()
+        yawspeed = attitude[12] + config.gyro_white_rad_s * normal()
+        north, east, sink = ned_velocity(motion)
         depth = scale * height[2] + self._depth.value + self._drift.value + config.depth_white_m * normal()
         climb = -scale * sink + self._climb.value + config.climb_white_m_s * normal()
         felt, push = self._delayed(ACCEL_FILTER_DELAY_S)
-        rise = -sum(a * down for a, down in zip(push, rotation(felt)[6:], strict=True))
-        tilt = rotation(shaken)
-        specific = tuple(
-            a - GRAVITY * down + config.accel_white_m_s2 * normal()
-            for a, down in zip(accel, tilt[6:], strict=True)
-        )
+        down = down_axis(felt)
+        rise = -(push[0] * down[0] + push[1] * down[1] + push[2] * down[2])
+        accel = self._accelerometer()
         position = (0.0, 0.0, 0.0, 0.0)
         if config.dvl:
             x, y = self._turned(height[0], height[1])
-            vx, vy = self._turned(r[0] * u + r[1] * v + r[2] * w, r[3] * u + r[4] * v + r[5] * w)
+            vx, vy = self._turned(north, east)
             position = (
                 x + self._north_m + self._position[0].value + config.dvl_white_m * normal(),
                 y + self._east_m + self._position[1].value + config.dvl_white_m * normal(),
@@ -177,7 +168,7 @@ class Sensors:
         return Estimate(
             roll=roll,
             pitch=pitch,
-            yaw=yaw,
+            yaw=math.remainder(yaw + self._turned_rad, math.tau),
             rollspeed=rollspeed,
             pitchspeed=pitchspeed,
             yawspeed=yawspeed,
@@ -186,12 +177,23 @@ class Sensors:
             altitude_m=-depth + self._altitude_offset,
             raw_altitude_m=-self._raw_depth / specific_gravity + self._raw_offset,
             pressure_hpa=SURFACE_PRESSURE_HPA + PA_PER_M * self._raw_depth / 100.0,
-            accel=(specific[0], specific[1], specific[2]),
+            accel=accel,
             position=position,
             rise_m_s2=rise,
         )
 
-    def _delayed(self, delay_s: float) -> tuple[tuple[float, ...], tuple[float, float, float]]:
+    def _accelerometer(self) -> Three:
+        """Specific force, body (m/s²)."""
+        shaken, (ax, ay, az) = self._delayed(self._config.accel_delay_s)
+        forward, right, down = down_axis(shaken)
+        white, normal = self._config.accel_white_m_s2, self._normal
+        return (
+            ax - GRAVITY * forward + white * normal(),
+            ay - GRAVITY * right + white * normal(),
+            az - GRAVITY * down + white * normal(),
+        )
+
+    def _delayed(self, delay_s: float) -> tuple[State, Three]:
         """State and acceleration `delay_s` ago, between two steps of the history."""
         back = delay_s / self._step_s
         whole = int(back)
@@ -202,8 +204,10 @@ class Sensors:
         if part < 1e-9:
             return state, accel
         older, older_accel = history[max(0, newest - whole - 1)]
-        ax, ay, az = (a + part * (b - a) for a, b in zip(accel, older_accel, strict=True))
-        return tuple([a + part * (b - a) for a, b in zip(state, older, strict=True)]), (ax, ay, az)
+        ax, ay, az = accel
+        bx, by, bz = older_accel
+        mixed = (ax + part * (bx - ax), ay + part * (by - ay), az + part * (bz - az))
+        return between(state, older, part), mixed
 
     def _normal(self) -> float:
         if not self._white:

@@ -3,14 +3,17 @@
 A motor that is driven above 1500 pushes the vehicle along its direction. Directions and positions are those
 for which ArduSub's mixing factors mean what they say: a positive forward, lateral, throttle (up), roll, pitch
 or yaw demand pushes to +X, +Y, -Z, +K, +M, +N. A test per axis ties it to `mixer`.
+
+Thrusters 1 to 4 stand in the horizontal plane at 45°, front right, front left, rear right, rear left; 5 to 8
+push down at the same corners. The frame `vectored` has 5 and 6 alone, right and left: 7 and 8 push nothing.
 """
 
 import math
-
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from collections.abc import Sequence
+from typing import NamedTuple, TypeAlias
 
 from sim_bridge.config import ThrusterConfig
+from sim_bridge.physics.plant import Six
 
 CURVE_US = (-400, -300, -200, -100, -60, -28, 28, 60, 100, 200, 300, 400)
 """Offset from 1500 µs; the middle pair is the edge of the dead band."""
@@ -19,68 +22,126 @@ CURVE_N = (-39.9, -26.6, -14.1, -4.7, -1.8, 0.0, 0.0, 2.2, 5.9, 17.9, 33.5, 51.5
 CURVE_VOLTAGE_V = 16.0
 FULL_SPAN_US, FULL_N = 400.0, 51.5
 FULL_CURRENT_A = 24.0
+NEUTRAL_US = 1500.0
+DIAGONAL = math.sqrt(0.5)
+
+Eight: TypeAlias = tuple[float, float, float, float, float, float, float, float]
+"""One for each thruster."""
+Curve: TypeAlias = tuple[float, float, float, float, float, float, float, float, float, float, float, float]
+
+NO_THRUST: Eight = (0.0,) * 8
+HEALTHY: Eight = (1.0,) * 8
 
 
-def geometry(config: ThrusterConfig) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Positions and unit directions of the thrusters, each (n, 3), body frame."""
-    hx, hy, hz = config.horizontal_m
-    vx, vy, vz = config.vertical_m
-    c = math.sqrt(0.5)
-    positions = [(hx, hy, hz), (hx, -hy, hz), (-hx, hy, hz), (-hx, -hy, hz)]
-    directions = [(-c, c, 0.0), (-c, -c, 0.0), (c, c, 0.0), (c, -c, 0.0)]
-    if config.frame == "vectored_6dof":
-        positions += [(vx, vy, vz), (vx, -vy, vz), (-vx, vy, vz), (-vx, -vy, vz)]
-    else:
-        positions += [(vx, vy, vz), (vx, -vy, vz)]
-    directions += [(0.0, 0.0, 1.0)] * (len(positions) - 4)
-    return np.array(positions), np.array(directions)
+class Thrusters(NamedTuple):
+    """What the equations need to know of a set of thrusters."""
+
+    number: int
+    quadratic: bool
+    dead_band_us: float
+    curve_us: Curve
+    """CURVE_US with this dead band."""
+    lag_s: float
+    gain: Eight
+    horizontal_m: tuple[float, float, float]
+    vertical_m: tuple[float, float, float]
 
 
-class Thrusters:
-    """State and equations of a set of n thrusters, for any leading shape of dives.
+def thrusters_of(config: ThrusterConfig) -> Thrusters:
+    """Make the parameters of configured thrusters."""
+    count = 8 if config.frame == "vectored_6dof" else 6
+    gain = config.gain * count if len(config.gain) == 1 else config.gain
+    dead = config.dead_band_us
+    return Thrusters(
+        count,
+        config.curve == "quadratic",
+        dead,
+        (-400.0, -300.0, -200.0, -100.0, -60.0, -dead, dead, 60.0, 100.0, 200.0, 300.0, 400.0),
+        config.lag_s,
+        (*gain, *(0.0,) * (8 - count)),  # type: ignore[arg-type]
+        config.horizontal_m,
+        config.vertical_m,
+    )
 
-    `thrust_n` (..., n) is what each delivers now; `health` (..., n) scales it: 0 is a dead thruster.
-    """
 
-    def __init__(self, config: ThrusterConfig, shape: tuple[int, ...] = ()) -> None:
-        positions, directions = geometry(config)
-        self.count = len(positions)
-        self.wrench_of_thrust = np.concatenate([directions, np.cross(positions, directions)], axis=1)
-        """(n, 6): body wrench of one newton of each."""
-        self.thrust_n = np.zeros((*shape, self.count))
-        self.health = np.ones((*shape, self.count))
-        self._gain = np.array(config.gain)
-        self._lag_s = config.lag_s
-        self._quadratic = config.curve == "quadratic"
-        self._dead_band_us = config.dead_band_us
-        self._curve_us = np.array(CURVE_US, dtype=np.float64)
-        self._curve_us[[5, 6]] = (-config.dead_band_us, config.dead_band_us)
-        self._curve_n = np.array(CURVE_N)
+def each_motor(pwm: Sequence[int]) -> Eight:
+    """Return PWM (µs) for eight motors: neutral where the frame has none."""
+    a, b, c, d, e, f, g, h = (*pwm, 1500, 1500)[:8]
+    return float(a), float(b), float(c), float(d), float(e), float(f), float(g), float(h)
 
-    def static_thrust(self, pwm: ArrayLike, voltage_v: ArrayLike) -> NDArray[np.float64]:
-        """Steady thrust (N), (..., n), at motor PWM (..., n) in µs and a voltage (V) that broadcasts."""
-        offset = np.asarray(pwm, dtype=np.float64) - 1500.0
-        scale = (np.asarray(voltage_v) / CURVE_VOLTAGE_V) ** 2
-        if self._quadratic:
-            u = np.where(np.abs(offset) > self._dead_band_us, offset / FULL_SPAN_US, 0.0)
-            newtons = FULL_N * u * np.abs(u)
-        else:
-            newtons = np.interp(offset, self._curve_us, self._curve_n)
-        thrust: NDArray[np.float64] = newtons * self._gain * self.health * scale
-        return thrust
 
-    def step(self, static_thrust: NDArray[np.float64], dt: float) -> NDArray[np.float64]:
-        """First-order lag towards `static_thrust` (..., n); returns the body wrench (..., 6)."""
-        follow = 1.0 - math.exp(-dt / self._lag_s) if self._lag_s > 0.0 else 1.0
-        self.thrust_n = self.thrust_n + follow * (static_thrust - self.thrust_n)
-        return self.wrench()
+def static_thrust(thrusters: Thrusters, health: Eight, pwm: Eight, voltage_v: float) -> Eight:
+    """Steady thrust (N) at motor PWM (µs) and a voltage (V); `health` scales it: 0 is a dead thruster."""
+    scale = (voltage_v / CURVE_VOLTAGE_V) ** 2
+    a, b, c, d, e, f, g, h = thrusters.gain
+    return (
+        curve(thrusters, pwm[0]) * a * health[0] * scale,
+        curve(thrusters, pwm[1]) * b * health[1] * scale,
+        curve(thrusters, pwm[2]) * c * health[2] * scale,
+        curve(thrusters, pwm[3]) * d * health[3] * scale,
+        curve(thrusters, pwm[4]) * e * health[4] * scale,
+        curve(thrusters, pwm[5]) * f * health[5] * scale,
+        curve(thrusters, pwm[6]) * g * health[6] * scale,
+        curve(thrusters, pwm[7]) * h * health[7] * scale,
+    )
 
-    def wrench(self) -> NDArray[np.float64]:
-        """Sum up the body wrench (..., 6) delivered now."""
-        wrench: NDArray[np.float64] = self.thrust_n @ self.wrench_of_thrust
-        return wrench
 
-    def current_a(self) -> NDArray[np.float64]:
-        """Battery current (A) of shape (...): about |thrust|^1.5, 24 A each at full thrust."""
-        current: NDArray[np.float64] = np.sum((np.abs(self.thrust_n) / CURVE_N[-1]) ** 1.5, axis=-1)
-        return FULL_CURRENT_A * current
+def curve(thrusters: Thrusters, pwm: float) -> float:
+    """Steady thrust (N) of a healthy thruster of gain 1 at 16 V."""
+    offset_us, us = pwm - NEUTRAL_US, thrusters.curve_us
+    if abs(offset_us) <= thrusters.dead_band_us:
+        return 0.0
+    if thrusters.quadratic:
+        u = offset_us / FULL_SPAN_US
+        return FULL_N * u * abs(u)
+    if not us[0] < offset_us < us[11]:
+        return CURVE_N[0] if offset_us < 0.0 else CURVE_N[11]
+    i = 0
+    while offset_us > us[i + 1]:
+        i += 1
+    return CURVE_N[i] + (CURVE_N[i + 1] - CURVE_N[i]) / (us[i + 1] - us[i]) * (offset_us - us[i])
+
+
+def lagged(thrust: Eight, static: Eight, follow: float) -> Eight:
+    """One step of the first-order lag; `follow` is what `follow_of` gives for its length."""
+    a, b, c, d, e, f, g, h = thrust
+    return (
+        a + follow * (static[0] - a),
+        b + follow * (static[1] - b),
+        c + follow * (static[2] - c),
+        d + follow * (static[3] - d),
+        e + follow * (static[4] - e),
+        f + follow * (static[5] - f),
+        g + follow * (static[6] - g),
+        h + follow * (static[7] - h),
+    )
+
+
+def follow_of(lag_s: float, dt: float) -> float:
+    """Return the part of the way to its static value that a thruster goes in `dt` (s)."""
+    return 1.0 - math.exp(-dt / lag_s) if lag_s > 0.0 else 1.0
+
+
+def wrench(thrusters: Thrusters, thrust: Eight) -> Six:
+    """Sum up the body wrench (N, N·m)."""
+    hx, hy, hz = thrusters.horizontal_m
+    vx, vy, _ = thrusters.vertical_m
+    a, b, c, d, e, f, g, h = thrust
+    X = DIAGONAL * (-a - b + c + d)
+    Y = DIAGONAL * (a - b + c - d)
+    return (
+        X,
+        Y,
+        e + f + g + h,
+        vy * (e - f + g - h) - hz * Y,
+        vx * (g + h - e - f) + hz * X,
+        DIAGONAL * (hx + hy) * (a - b - c + d),
+    )
+
+
+def current_a(thrust: Eight) -> float:
+    """Battery current (A): about |thrust|^1.5, 24 A each at full thrust."""
+    total = 0.0
+    for newtons in thrust:
+        total += (abs(newtons) / FULL_N) ** 1.5
+    return FULL_CURRENT_A * total

@@ -14,7 +14,7 @@ from companion.records import NEUTRAL, AxisCommand, Condition, State, Verdict
 from companion.supervision.guard import Envelope, guard
 from sim_bridge.config import load_config as load_plant
 from sim_bridge.firmware.mixer import mix, motor_pwm
-from sim_bridge.physics.thrusters import Thrusters as TrueThrusters
+from sim_bridge.physics.thrusters import HEALTHY, each_motor, static_thrust, thrusters_of, wrench
 
 LAG_S, OMEGA, TICK_S = 0.15, 5.0, 0.02
 NEAR_S = 0.0
@@ -104,10 +104,10 @@ def test_the_true_vehicle_gets_the_moment_and_heave_keeps_its_force(frame):
     surge, sway, heave, yaw, roll, pitch = a
     pwm = motor_pwm(mix(frame, (roll, pitch, yaw, -heave, surge, sway)), [1.0] * thrusters.count)
     name = "sim.toml" if frame == "vectored_6dof" else "sim-bluerov2.toml"
-    vehicle = TrueThrusters(load_plant(DEFAULT_FILE.with_name(name)).thrusters)
-    true = vehicle.static_thrust(pwm, 16.0) @ vehicle.wrench_of_thrust
+    vehicle = thrusters_of(load_plant(DEFAULT_FILE.with_name(name)).thrusters)
+    true = wrench(vehicle, static_thrust(vehicle, HEALTHY, each_motor(pwm), 16.0))
     assert true[2] == pytest.approx(20.0, abs=0.8)
-    lever = vehicle.wrench_of_thrust[4, 3] / 0.218
+    lever = vehicle.vertical_m[1] / 0.218
     assert true[3] == pytest.approx(2.0 * lever, abs=0.2)
     if axes == 6:
         assert true[4] == pytest.approx(-1.5, abs=0.15)

@@ -33,11 +33,11 @@ def test_energy_peaks_at_the_peak_period():
 
 def test_flow_decays_with_depth_as_deep_water_does():
     single = sea(components=1)
-    k = float(single._k[0])
+    k = float(single.k[0])
     shallow = np.hypot(*np.array(single.flow(3.0, 0, 0, 1.0))[[0, 2]])
     deep = np.hypot(*np.array(single.flow(3.0, 0, 0, 3.0))[[0, 2]])
     assert deep / shallow == pytest.approx(math.exp(-2 * k))
-    assert k == pytest.approx(float(single._omega[0]) ** 2 / GRAVITY)
+    assert k == pytest.approx(float(single.omega[0]) ** 2 / GRAVITY)
 
 
 def test_acceleration_is_the_derivative_of_velocity():

@@ -8,101 +8,112 @@ from sim_wire import CONFIG
 
 from sim_bridge.config import load_config
 from sim_bridge.firmware.mixer import FACTORS, mix, motor_pwm
-from sim_bridge.physics.thrusters import Thrusters
+from sim_bridge.physics.thrusters import (
+    CURVE_N,
+    CURVE_US,
+    HEALTHY,
+    NO_THRUST,
+    each_motor,
+    follow_of,
+    lagged,
+    static_thrust,
+    thrusters_of,
+    wrench,
+)
 
 CONFIGS = {"vectored_6dof": CONFIG, "vectored": CONFIG.with_name("sim-bluerov2.toml")}
 
 
-def thrusters(frame="vectored_6dof", *overrides, shape=()):
-    return Thrusters(load_config(CONFIGS[frame], overrides).thrusters, shape)
+def thrusters(frame="vectored_6dof", *overrides):
+    return thrusters_of(load_config(CONFIGS[frame], overrides).thrusters)
+
+
+def steady(set_, pwm, voltage_v=16.0, health=HEALTHY):
+    return np.array(static_thrust(set_, health, each_motor(pwm), voltage_v))
 
 
 @pytest.mark.parametrize(
-    ("pwm", "newtons"), [(1100, -39.9), (1400, -4.7), (1500, 0), (1600, 5.9), (1900, 51.5)]
+    ("pwm", "newtons"), [(1000, -39.9), (1100, -39.9), (1400, -4.7), (1500, 0), (1600, 5.9), (1900, 51.5)]
 )
 def test_static_curve_at_16_v(pwm, newtons):
-    assert thrusters().static_thrust([pwm] * 8, 16.0) == pytest.approx([newtons] * 8)
+    assert steady(thrusters(), [pwm] * 8) == pytest.approx([newtons] * 8)
+
+
+def test_between_its_points_the_curve_is_straight():
+    assert steady(thrusters(), [1650, 1329, 1544, 1890, 1101, 1699, 1301, 1500]) == pytest.approx(
+        np.interp([150, -171, 44, 390, -399, 199, -199, 0], CURVE_US, CURVE_N)
+    )
 
 
 def test_thrust_goes_with_voltage_squared():
     set_ = thrusters()
-    assert set_.static_thrust([1700] * 8, 14.0) == pytest.approx(
-        set_.static_thrust([1700] * 8, 16.0) * (14 / 16) ** 2
-    )
+    assert steady(set_, [1700] * 8, 14.0) == pytest.approx(steady(set_, [1700] * 8) * (14 / 16) ** 2)
 
 
 def test_dead_band_is_dead_to_its_edges_and_configurable():
-    assert not thrusters().static_thrust([1472, 1528, 1473, 1527, 1490, 1510, 1500, 1500], 16.0).any()
+    assert not steady(thrusters(), [1472, 1528, 1473, 1527, 1490, 1510, 1500, 1500]).any()
     narrow = thrusters("vectored_6dof", "thrusters.dead_band_us=10.0")
-    assert (narrow.static_thrust([1511] * 8, 16.0) > 0).all()
-    assert not narrow.static_thrust([1510] * 8, 16.0).any()
+    assert (steady(narrow, [1511] * 8) > 0).all()
+    assert not steady(narrow, [1510] * 8).any()
 
 
 def test_lag_is_first_order():
-    set_ = thrusters()
-    target = set_.static_thrust([1900] * 8, 16.0)
+    target = tuple(steady(thrusters(), [1900] * 8))
+    thrust = NO_THRUST
     for _ in range(30):
-        set_.step(target, 0.005)
-    assert set_.thrust_n == pytest.approx(target * (1 - math.exp(-1)))
+        thrust = lagged(thrust, target, follow_of(0.15, 0.005))
+    assert thrust == pytest.approx(np.array(target) * (1 - math.exp(-1)))
 
 
 def test_without_lag_it_pushes_at_once():
-    set_ = thrusters("vectored_6dof", "thrusters.lag_s=0.0")
-    target = set_.static_thrust([1700] * 8, 16.0)
-    set_.step(target, 0.005)
-    assert (set_.thrust_n == target).all()
+    target = tuple(steady(thrusters(), [1700] * 8))
+    assert lagged(NO_THRUST, target, follow_of(0.0, 0.005)) == target
 
 
 def test_quadratic_curve_is_symmetric_with_a_dead_band_of_its_own():
     set_ = thrusters("vectored_6dof", "thrusters.curve='quadratic'", "thrusters.dead_band_us=25.0")
-    thrust = set_.static_thrust([1900, 1100, 1700, 1300, 1525, 1475, 1526, 1474], 16.0)
+    thrust = steady(set_, [1900, 1100, 1700, 1300, 1525, 1475, 1526, 1474])
     edge = 51.5 * (26 / 400) ** 2
     assert thrust == pytest.approx([51.5, -51.5, 51.5 / 4, -51.5 / 4, 0.0, 0.0, edge, -edge])
 
 
 def test_the_vehicle_of_the_firmware_s_simulator_has_its_accelerations():
     """By the ArduSub facts: horizontal thrusters add up without √½, and turn it at 0.25 m."""
-    config = load_config(CONFIG.with_name("sim-ardusub.toml"))
-    set_ = Thrusters(config.thrusters)
+    set_ = thrusters_of(load_config(CONFIG.with_name("sim-ardusub.toml")).thrusters)
     full_n = 51.5
 
-    def wrench(*demand):
-        motors = motor_pwm(mix("vectored_6dof", demand), [1] * 8)
-        return set_.step(set_.static_thrust(motors, 16.0), 0.005)
+    def pushed(*demand):
+        return wrench(set_, steady(set_, motor_pwm(mix("vectored_6dof", demand), [1] * 8)))
 
-    assert wrench(0, 0, 0, 0, 1, 0)[0] == pytest.approx(4 * full_n, rel=1e-3)
-    assert wrench(0, 0, 0, 0, 0, 1)[1] == pytest.approx(4 * full_n, rel=1e-3)
-    assert wrench(0, 0, 0, -1, 0, 0)[2] == pytest.approx(4 * full_n, rel=1e-3)
-    assert wrench(0, 0, 1, 0, 0, 0)[5] == pytest.approx(4 * full_n * 0.25, rel=1e-3)
-    assert wrench(1, 0, 0, 0, 0, 0)[3] == pytest.approx(4 * full_n * 0.25, rel=1e-3)
+    assert pushed(0, 0, 0, 0, 1, 0)[0] == pytest.approx(4 * full_n, rel=1e-3)
+    assert pushed(0, 0, 0, 0, 0, 1)[1] == pytest.approx(4 * full_n, rel=1e-3)
+    assert pushed(0, 0, 0, -1, 0, 0)[2] == pytest.approx(4 * full_n, rel=1e-3)
+    assert pushed(0, 0, 1, 0, 0, 0)[5] == pytest.approx(4 * full_n * 0.25, rel=1e-3)
+    assert pushed(1, 0, 0, 0, 0, 0)[3] == pytest.approx(4 * full_n * 0.25, rel=1e-3)
 
 
 def test_dead_thruster_gives_nothing_and_gain_scales():
     set_ = thrusters("vectored_6dof", "thrusters.gain=[1.1, 1, 1, 1, 1, 1, 1, 1]")
-    set_.health = np.array([1, 1, 0, 1, 1, 1, 1, 1.0])
-    thrust = set_.static_thrust([1900] * 8, 16.0)
+    thrust = steady(set_, [1900] * 8, health=(1.0, 1.0, 0.0, 1.0, 1.0, 1.0, 1.0, 1.0))
     assert thrust[:4] == pytest.approx([51.5 * 1.1, 51.5, 0.0, 51.5])
 
 
-def test_batch_is_what_singles_are():
-    rng = np.random.default_rng(0)
-    pwm, voltage = rng.integers(1100, 1900, (5, 2, 8)), rng.uniform(13, 17, (5, 2))
-    batch = thrusters(shape=(5, 2))
-    target = batch.static_thrust(pwm, voltage[..., None])
-    wrench = batch.step(target, 0.005)
-    for index in np.ndindex(5, 2):
-        alone = thrusters()
-        np.testing.assert_allclose(
-            alone.step(alone.static_thrust(pwm[index], voltage[index]), 0.005),
-            wrench[index],
-            rtol=1e-12,
-            atol=1e-12,
-        )
+@pytest.mark.parametrize("frame", CONFIGS)
+def test_the_wrench_is_that_of_forces_at_their_places(frame):
+    """Sum of directions, and of positions × directions."""
+    set_ = thrusters(frame)
+    (hx, hy, hz), (vx, vy, vz), c = set_.horizontal_m, set_.vertical_m, math.sqrt(0.5)
+    places = [(hx, hy, hz), (hx, -hy, hz), (-hx, hy, hz), (-hx, -hy, hz)]
+    places += [(vx, vy, vz), (vx, -vy, vz), (-vx, vy, vz), (-vx, -vy, vz)]
+    ways = [(-c, c, 0.0), (-c, -c, 0.0), (c, c, 0.0), (c, -c, 0.0), *[(0.0, 0.0, 1.0)] * 4]
+    thrust = np.arange(1.0, 9.0) ** 2 * (1, 1, 1, 1, 1, 1, set_.number == 8, set_.number == 8)
+    expected = thrust @ np.concatenate([ways, np.cross(places, ways)], axis=1)
+    assert wrench(set_, tuple(thrust)) == pytest.approx(expected)
 
 
 def wrench_of(frame, demand):
     """Body wrench if motors pushed in proportion to their output: signs of mixer and geometry alone."""
-    return np.array(mix(frame, demand)) @ thrusters(frame).wrench_of_thrust
+    return np.array(wrench(thrusters(frame), (*mix(frame, demand), 0.0, 0.0)[:8]))
 
 
 @pytest.mark.parametrize("frame", CONFIGS)

@@ -6,7 +6,7 @@ import pytest
 from companion.control.allocation import T200_DEMAND, T200_N, Thrusters
 from sim_bridge.config import load_config
 from sim_bridge.firmware.mixer import mix, motor_pwm
-from sim_bridge.physics.thrusters import Thrusters as TrueThrusters
+from sim_bridge.physics.thrusters import HEALTHY, each_motor, static_thrust, thrusters_of, wrench
 
 FRAMES = {"vectored_6dof": "config/sim.toml", "vectored": "config/sim-bluerov2.toml"}
 UNBOUNDED = np.full(4, 1e6)
@@ -33,9 +33,9 @@ def true_wrench(frame, axes, voltage_v, pytestconfig):
     pwm = motor_pwm(
         mix(frame, (0.0, 0.0, yaw, -heave, surge, sway)), [1.0] * 8 if "6" in frame else [1.0] * 6
     )
-    vehicle = TrueThrusters(config)
-    wrench = vehicle.step(vehicle.static_thrust(pwm, voltage_v), 100.0)
-    return wrench[[0, 1, 2, 5]]
+    vehicle = thrusters_of(config)
+    pushed = wrench(vehicle, static_thrust(vehicle, HEALTHY, each_motor(pwm), voltage_v))
+    return np.array(pushed)[[0, 1, 2, 5]]
 
 
 def test_the_curve_is_that_of_the_facts():
@@ -52,12 +52,12 @@ def test_each_axis_alone_has_its_sign_and_reaches_the_vehicle(frame, thrusters, 
     allocation = thrusters.allocate(tau, 16.0, FULL)
     assert np.sign(allocation.axes[axis]) == sign
     assert not allocation.saturated.any()
-    for wrench in (
+    for delivered in (
         thrusters.delivered(allocation.axes, 16.0),
         true_wrench(frame, allocation.axes, 16.0, pytestconfig),
     ):
-        assert wrench[axis] == pytest.approx(tau[axis], rel=0.05)
-        others = np.delete(wrench / ENVELOPE, axis)
+        assert delivered[axis] == pytest.approx(tau[axis], rel=0.05)
+        others = np.delete(delivered / ENVELOPE, axis)
         np.testing.assert_allclose(others, 0.0, atol=0.01)
 
 
