@@ -40,14 +40,6 @@ def _deg(rad: float) -> str:
     return f"{math.degrees(rad):g}"
 
 
-MADE = {
-    Condition.RAMPED_DOWN: "authority has come down to nothing",
-    Condition.HANDED_OVER: "ALT_HOLD has the vehicle, and a pilot steers or `keep_alt_hold_s` is over",
-    Condition.SURFACED: "on reaching the surface the firmware changed from SURFACE to ALT_HOLD",
-    Condition.HAND_OVER_REFUSED: f"ALT_HOLD was not there {REFUSED_S:g} s after handing over began",
-}
-"""Conditions that the supervisor's own sequences make; they need no look at the vehicle."""
-
 HEAD = """\
 # The supervisor
 
@@ -162,11 +154,11 @@ def _meanings(limits: Limits) -> Iterator[str]:
         "is cleared afterwards, in one of [these ways](wiring.md#how-to-engage-release-and-clear-a-fault).\n"
     )
     lines = ["| condition | it means | [supervisor] | what to do |", "|---|---|---|---|"]
-    for look in CONDITIONS:
-        keys = ", ".join(f"`{key}` = {getattr(limits, key):g}" for key in look.keys) or "–"
-        do = f"{look.do}; then clear the fault" if look.condition & FAULT_CAUSES else look.do
-        lines.append(f"| {_words(look.condition)} | {look.means} | {keys} | {do} |")
-    lines += [f"| {_words(condition)} | {means} | – | nothing |" for condition, means in MADE.items()]
+    for spec in CONDITIONS:
+        keys = ", ".join(f"`{key}` = {getattr(limits, key):g}" for key in spec.keys) or "–"
+        clears = spec.condition & FAULT_CAUSES and spec.remedy != "nothing"
+        remedy = f"{spec.remedy}; then clear the fault" if clears else spec.remedy
+        lines.append(f"| {_words(spec.condition)} | {spec.description} | {keys} | {remedy} |")
     yield "\n".join([*lines, ""])
 
 

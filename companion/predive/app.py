@@ -69,7 +69,7 @@ async def _inspect(
 def _nobody(config: Config) -> CheckRow:
     link = config.link
     found = f"no heartbeat of system {link.vehicle_system}, component {link.vehicle_component}"
-    mend = "link.endpoint, link.vehicle_system; is it switched on?"
+    fix = "link.endpoint, link.vehicle_system; is it switched on?"
     return CheckRow(
-        "link", Grade.REFUSED, f"{found} at {link.endpoint}", "nothing else can be looked at", mend
+        "link", Grade.REFUSED, f"{found} at {link.endpoint}", "nothing else can be looked at", fix
     )

@@ -12,7 +12,13 @@ from enum import IntEnum
 from companion.config import Config
 from companion.mavlink.ardusub import FRAMES
 from companion.predive.survey import Observed
-from companion.supervision.conditions import RESET_SETTLE_S
+from companion.supervision.conditions import (
+    RESET_SETTLE_S,
+    depth_is_fresh,
+    ekf_is_doubtful,
+    pilot_failsafe_acts,
+    voltage_is_low,
+)
 
 SUBMARINE = 12
 OLDEST = (4, 5, 0)
@@ -43,18 +49,18 @@ class Grade(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class CheckRow:
-    """One line of the list: what was found, why it matters, what mends it."""
+    """One line of the list: what was found, why it matters, how to fix it."""
 
     name: str
     grade: Grade
     found: str
     why: str
-    mend: str = ""
+    fix: str = ""
 
 
 def rows(seen: Observed, config: Config) -> list[CheckRow]:
     """Return the list; rows about what was not tried are left out."""
-    return [row for look in _LOOKS if (row := look(seen, config)) is not None]
+    return [row for make in _ROWS if (row := make(seen, config)) is not None]
 
 
 WATCHED = frozenset({"pilot failsafe", "depth", "battery"})
@@ -96,8 +102,8 @@ def _signing(seen: Observed, config: Config) -> CheckRow | None:
     if seen.messages or not seen.refused:
         found = "the vehicle signs with our key" if seen.messages else "nothing came yet"
         return CheckRow("signing", Grade.GOOD, found, why)
-    found, mend = "no frame is signed with our key", "give both the same key: docs/wiring.md"
-    return CheckRow("signing", Grade.REFUSED, found, why, mend)
+    found, fix = "no frame is signed with our key", "give both the same key: docs/wiring.md"
+    return CheckRow("signing", Grade.REFUSED, found, why, fix)
 
 
 def _frame(seen: Observed, config: Config) -> CheckRow:
@@ -108,8 +114,8 @@ def _frame(seen: Observed, config: Config) -> CheckRow:
     has = FRAMES.get(value, f"number {value:g}")
     grade = Grade.GOOD if has == wanted else Grade.REFUSED
     number = next(number for number, name in FRAMES.items() if name == wanted)
-    mend = f'vehicle.frame = "{has}" here, or FRAME_CONFIG = {number:g} there'
-    return CheckRow("frame", grade, f"{has}, we expect {wanted}" if grade else has, why, mend)
+    fix = f'vehicle.frame = "{has}" here, or FRAME_CONFIG = {number:g} there'
+    return CheckRow("frame", grade, f"{has}, we expect {wanted}" if grade else has, why, fix)
 
 
 def _steering_id(seen: Observed, config: Config) -> CheckRow:
@@ -118,11 +124,11 @@ def _steering_id(seen: Observed, config: Config) -> CheckRow:
     if value is None:
         return _untold("steering id", "MAV_GCS_SYSID", why)
     if value != ours:
-        found, mend = (
+        found, fix = (
             f"it obeys {value:g}, we are {ours}",
             f"link.system = {value:g}, or MAV_GCS_SYSID = {ours}",
         )
-        return CheckRow("steering id", Grade.REFUSED, found, why, mend)
+        return CheckRow("steering id", Grade.REFUSED, found, why, fix)
     tried = seen.directions
     if tried is None or tried.refused:
         return CheckRow("steering id", Grade.GOOD, f"MAV_GCS_SYSID is {value:g}, as we are", why)
@@ -141,9 +147,9 @@ def _pilot_failsafe(seen: Observed, config: Config) -> CheckRow:
         return _untold("pilot failsafe", "FS_PILOT_INPUT" if action is None else "FS_PILOT_TIMEOUT", why)
     does = {0.0: "does nothing", 1.0: "neutral", 2.0: "disarm"}.get(action, f"action {action:g}")
     found = f"{does} after {timeout_s:g} s"
-    safe = action >= 1.0 and timeout_s <= config.supervisor.max_pilot_timeout_s
-    mend = f"FS_PILOT_INPUT = 2, FS_PILOT_TIMEOUT <= {config.supervisor.max_pilot_timeout_s:g}"
-    return CheckRow("pilot failsafe", Grade.GOOD if safe else Grade.REFUSED, found, why, mend)
+    safe = pilot_failsafe_acts(seen.parameters, config.supervisor)
+    fix = f"FS_PILOT_INPUT = 2, FS_PILOT_TIMEOUT <= {config.supervisor.max_pilot_timeout_s:g}"
+    return CheckRow("pilot failsafe", Grade.GOOD if safe else Grade.REFUSED, found, why, fix)
 
 
 def _pilot_gain(seen: Observed, config: Config) -> CheckRow:
@@ -158,16 +164,16 @@ def _pilot_gain(seen: Observed, config: Config) -> CheckRow:
         f"{gain:g}, throttle x {throttle:g}: full stick is {100.0 * min(1.0, gain * throttle):.0f} % thrust"
     )
     grade = Grade.GOOD if min(gain, gain * throttle) >= MIN_REACH else Grade.WARNING
-    mend = 'gain up on the joystick, JS_GAIN_DEFAULT for the next boot, or thrust_path = "rc_override"'
-    return CheckRow("pilot gain", grade, found, why, mend)
+    fix = 'gain up on the joystick, JS_GAIN_DEFAULT for the next boot, or thrust_path = "rc_override"'
+    return CheckRow("pilot gain", grade, found, why, fix)
 
 
 def _input_hold(seen: Observed, config: Config) -> CheckRow:
     why = "both change what sticks do: one adds to them, the other makes x, y pitch and roll"
     on = [name for name, is_on in seen.toggles.items() if is_on]
     if on:
-        mend = f"switch {' and '.join(on)} off with its joystick button"
-        return CheckRow("input hold", Grade.REFUSED, f"{' and '.join(on)} on", why, mend)
+        fix = f"switch {' and '.join(on)} off with its joystick button"
+        return CheckRow("input hold", Grade.REFUSED, f"{' and '.join(on)} on", why, fix)
     if not seen.toggles:
         return CheckRow(
             "input hold", Grade.WARNING, "not told", why, "look whether NAMED_VALUE_FLOAT streams"
@@ -188,8 +194,8 @@ def _receiver(seen: Observed, config: Config) -> CheckRow:
     safe = 0.0 < override_s <= limit_s
     ends = f"overrides end after {override_s:g} s" if safe else f"RC_OVERRIDE_TIME is {override_s:g}"
     found = f"perhaps one, or somebody steers; {ends}"
-    mend = f"RC_PROTOCOLS = 0, or unplug it; and RC_OVERRIDE_TIME <= {limit_s:g}"
-    return CheckRow("RC receiver", Grade.WARNING if safe else Grade.REFUSED, found, why, mend)
+    fix = f"RC_PROTOCOLS = 0, or unplug it; and RC_OVERRIDE_TIME <= {limit_s:g}"
+    return CheckRow("RC receiver", Grade.WARNING if safe else Grade.REFUSED, found, why, fix)
 
 
 def _streams(seen: Observed, config: Config) -> CheckRow:
@@ -210,19 +216,19 @@ def _streams(seen: Observed, config: Config) -> CheckRow:
 def _depth(seen: Observed, config: Config) -> CheckRow:
     why = "depth is what is held"
     source, state = config.vehicle.depth_source, seen.state
-    if not state.ages.depth_s <= config.supervisor.depth_timeout_s:
-        mend = "look whether its message streams; another vehicle.depth_source"
+    if not depth_is_fresh(state, config.supervisor):
+        fix = "look whether its message streams; another vehicle.depth_source"
         if source == "pressure":
             lacking = [name for name in _pressure_parameters(seen) if name not in seen.parameters]
-            mend = f"it needs {', '.join(lacking)}, which were not told" if lacking else mend
-        return CheckRow("depth", Grade.REFUSED, f"nothing fresh from {source}", why, mend)
+            fix = f"it needs {', '.join(lacking)}, which were not told" if lacking else fix
+        return CheckRow("depth", Grade.REFUSED, f"nothing fresh from {source}", why, fix)
     delays = state.delays
     late = f"{1e3 * max(0.0, delays.telemetry_s):.0f} ms" if delays.telemetry_known else "not measured"
     gravity = seen.parameters.get("BARO_SPEC_GRAV", math.nan)
     found = f"{state.eta[2]:.2f} m from {source}, {seen.depth_hz:.0f} Hz, late by {late}; density {gravity:g}"
-    mend = "BARO_SPEC_GRAV = 1.025 in sea water, where depth else reads 2.5 % deep"
+    fix = "BARO_SPEC_GRAV = 1.025 in sea water, where depth else reads 2.5 % deep"
     grade = Grade.GOOD if seen.depth_hz >= MIN_DEPTH_HZ else Grade.WARNING
-    return CheckRow("depth", grade, found, why, mend)
+    return CheckRow("depth", grade, found, why, fix)
 
 
 def _pressure_parameters(seen: Observed) -> tuple[str, ...]:
@@ -234,11 +240,11 @@ def _origin(seen: Observed, config: Config) -> CheckRow:
     why = "relative_alt shifts by about 0.1 m, for good, if anybody sets it while dived"
     if seen.origin_known:
         return CheckRow("EKF origin", Grade.GOOD, "set", why)
-    mend = "at the surface: holdfast check --set-origin LAT,LON"
+    fix = "at the surface: holdfast check --set-origin LAT,LON"
     if config.vehicle.depth_source == "vfr_hud":
         found = "not set: VFR_HUD.alt stays exactly 0"
-        return CheckRow("EKF origin", Grade.REFUSED, found, why, mend)
-    return CheckRow("EKF origin", Grade.WARNING, "not set", why, mend)
+        return CheckRow("EKF origin", Grade.REFUSED, found, why, fix)
+    return CheckRow("EKF origin", Grade.WARNING, "not set", why, fix)
 
 
 def _ekf(seen: Observed, config: Config) -> CheckRow:
@@ -254,11 +260,11 @@ def _ekf(seen: Observed, config: Config) -> CheckRow:
     found = f"it has no {' and no '.join(lacks)}" if lacks else ""
     if not ekf.initialised:
         found = "not initialised"
-    elif not lacks and not ekf.variance <= limits.max_ekf_variance:
+    elif not lacks and ekf_is_doubtful(ekf, limits):
         found = f"it doubts itself: variance {ekf.variance:.2f} of at most {limits.max_ekf_variance:g}"
     if found:
-        mend = "wait until it has settled, the vehicle at rest; calibrate the compass if it does not"
-        return CheckRow("EKF", Grade.REFUSED, f"{found}: wait", why, mend)
+        fix = "wait until it has settled, the vehicle at rest; calibrate the compass if it does not"
+        return CheckRow("EKF", Grade.REFUSED, f"{found}: wait", why, fix)
     has = "and position" if ekf.position else "no position: x and y are not held"
     return CheckRow("EKF", Grade.GOOD, f"attitude, depth, {has}", why)
 
@@ -269,8 +275,8 @@ def _compass(seen: Observed, config: Config) -> CheckRow:
     aligned_s = min(state.ages.yaw_reset_s, state.t_s - seen.yaw_aligned_t_s)
     if aligned_s <= RESET_SETTLE_S:
         found = f"the EKF aligned its yaw less than {RESET_SETTLE_S:g} s ago: wait"
-        mend = "wait; calibrate the compass if it does not end"
-        return CheckRow("compass", Grade.REFUSED, found, why, mend)
+        fix = "wait; calibrate the compass if it does not end"
+        return CheckRow("compass", Grade.REFUSED, found, why, fix)
     return CheckRow("compass", Grade.GOOD, "yaw is steady", why)
 
 
@@ -296,7 +302,7 @@ def _battery(seen: Observed, config: Config) -> CheckRow:
     if seen.voltage_v is None:
         return CheckRow("battery", Grade.WARNING, "no voltage", why, "BATT_MONITOR")
     grade = Grade.WARNING if seen.voltage_v < FULL_CELL_SHARE * low_v else Grade.GOOD
-    grade = Grade.REFUSED if seen.voltage_v < low_v else grade
+    grade = Grade.REFUSED if voltage_is_low(seen.voltage_v, config.supervisor) else grade
     return CheckRow("battery", grade, f"{seen.voltage_v:.1f} V, low is {low_v:g}", why, "charge it")
 
 
@@ -306,8 +312,8 @@ def _leak(seen: Observed, config: Config) -> CheckRow:
     if action is None:
         return CheckRow("leak", Grade.WARNING, "FS_LEAK_ENABLE was not told", why, "look at the link's load")
     if action == 0.0:
-        mend = "FS_LEAK_ENABLE = 1 to be warned, 2 to surface by itself"
-        return CheckRow("leak", Grade.WARNING, "not looked for: FS_LEAK_ENABLE is 0", why, mend)
+        fix = "FS_LEAK_ENABLE = 1 to be warned, 2 to surface by itself"
+        return CheckRow("leak", Grade.WARNING, "not looked for: FS_LEAK_ENABLE is 0", why, fix)
     does = {1.0: "it warns", 2.0: "it surfaces"}.get(action, f"action {action:g}")
     return CheckRow("leak", Grade.GOOD, f"looked for; {does}", why)
 
@@ -343,9 +349,9 @@ def _thrusters(seen: Observed, config: Config) -> CheckRow | None:
     weak = [str(n) for n, share in enumerate(tried.motors, start=1) if REVERSED <= share < WEAK]
     answers = "answers " + ", ".join(f"{share:+.1f}" for share in tried.motors)
     if wrong:
-        mend = " and ".join(f"MOT_{n}_DIRECTION" for n in wrong) + ": change the sign"
+        fix = " and ".join(f"MOT_{n}_DIRECTION" for n in wrong) + ": change the sign"
         found = f"motor {' and '.join(wrong)} pushes the wrong way; {answers}"
-        return CheckRow("thrusters", Grade.REFUSED, found, why, mend)
+        return CheckRow("thrusters", Grade.REFUSED, found, why, fix)
     if weak:
         found = f"motor {' and '.join(weak)} hardly pushes; {answers}"
         return CheckRow("thrusters", Grade.REFUSED, found, why, "look at propeller, ESC and cable")
@@ -353,11 +359,11 @@ def _thrusters(seen: Observed, config: Config) -> CheckRow | None:
 
 
 def _untold(name: str, parameter: str, why: str) -> CheckRow:
-    mend = "wait; or look at the link's load, and whether the vehicle demands signatures"
-    return CheckRow(name, Grade.REFUSED, f"{parameter} was not told", why, mend)
+    fix = "wait; or look at the link's load, and whether the vehicle demands signatures"
+    return CheckRow(name, Grade.REFUSED, f"{parameter} was not told", why, fix)
 
 
-_LOOKS: tuple[Callable[[Observed, Config], CheckRow | None], ...] = (
+_ROWS: tuple[Callable[[Observed, Config], CheckRow | None], ...] = (
     _signing,
     _firmware,
     _frame,

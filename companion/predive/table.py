@@ -11,9 +11,9 @@ COLOURS = {Grade.GOOD: "green", Grade.WARNING: "yellow", Grade.REFUSED: "bold re
 
 
 def as_json(rows: Sequence[CheckRow], notes: Sequence[str]) -> str:
-    """Return {"grade", "rows": [{name, grade, found, why, mend}], "notes"}."""
+    """Return {"grade", "rows": [{name, grade, found, why, fix}], "notes"}."""
     told = [
-        {"name": row.name, "grade": row.grade.name, "found": row.found, "why": row.why, "mend": row.mend}
+        {"name": row.name, "grade": row.grade.name, "found": row.found, "why": row.why, "fix": row.fix}
         for row in rows
     ]
     return json.dumps({"grade": worst(rows).name, "rows": told, "notes": list(notes)}, indent=1)
@@ -30,15 +30,15 @@ def show(rows: Sequence[CheckRow], notes: Sequence[str]) -> None:
         for row in rows:
             sys.stdout.write(f"{MARKS[row.grade]:>8}  {row.name}: {row.found}\n")
             if row.grade is not Grade.GOOD:
-                sys.stdout.write(f"          {row.why}. Mend: {row.mend}\n")
+                sys.stdout.write(f"          {row.why}. Fix: {row.fix}\n")
     else:
         table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
-        for column in ("", "row", "found", "why it matters", "what mends it"):
+        for column in ("", "row", "found", "why it matters", "how to fix it"):
             table.add_column(column, overflow="fold")
         for row in rows:
             mark = Text(MARKS[row.grade], COLOURS[row.grade])
-            mend = "" if row.grade is Grade.GOOD else row.mend
-            table.add_row(mark, *(Text(text) for text in (row.name, row.found, row.why, mend)))
+            fix = "" if row.grade is Grade.GOOD else row.fix
+            table.add_row(mark, *(Text(text) for text in (row.name, row.found, row.why, fix)))
         Console(width=None if sys.stdout.isatty() else 140).print(table)
     for note in notes:
         sys.stdout.write(f"{note}\n")

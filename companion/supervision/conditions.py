@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 from companion.config import Supervisor as Limits
 from companion.records import Condition, EkfStatus, VehicleState, Z
+from companion.supervision.handover import REFUSED_S, HandOverStep
 
 C = Condition
 
@@ -65,6 +66,8 @@ class Observation:
     pilot_timeout_s: float = math.inf
     """How old the ground station's heartbeat may be: infinite where none is needed."""
     surface_on_loss: bool = False
+    hand_over: HandOverStep = HandOverStep.NONE
+    ramped_down: bool = False
     stop: bool = False
     engage: bool = False
     clear: bool = False
@@ -76,8 +79,8 @@ class ConditionSpec(NamedTuple):
     condition: Condition
     holds: Callable[[Observation, Limits], bool]
     keys: tuple[str, ...]
-    means: str
-    do: str
+    description: str
+    remedy: str
 
 
 def _link_lost(o: Observation, limits: Limits) -> bool:
@@ -85,9 +88,25 @@ def _link_lost(o: Observation, limits: Limits) -> bool:
     return not (ages.link_s <= limits.link_timeout_s and ages.heartbeat_s <= limits.heartbeat_timeout_s)
 
 
-def _failsafe_unsafe(o: Observation, limits: Limits) -> bool:
-    acts = o.parameters.get("FS_PILOT_INPUT", 0.0) >= 1.0
-    return not (acts and o.parameters.get("FS_PILOT_TIMEOUT", math.inf) <= limits.max_pilot_timeout_s)
+def pilot_failsafe_acts(parameters: Mapping[str, float], limits: Limits) -> bool:
+    """Tell whether the autopilot stops the thrusters in time when this computer dies."""
+    acts = parameters.get("FS_PILOT_INPUT", 0.0) >= 1.0
+    return acts and parameters.get("FS_PILOT_TIMEOUT", math.inf) <= limits.max_pilot_timeout_s
+
+
+def depth_is_fresh(state: VehicleState, limits: Limits) -> bool:
+    """Tell whether a believable depth came of late."""
+    return state.ages.depth_s <= limits.depth_timeout_s
+
+
+def ekf_is_doubtful(ekf: EkfStatus, limits: Limits) -> bool:
+    """Tell whether the autopilot's estimator doubts compass, velocity or depth now."""
+    return not ekf.variance <= limits.max_ekf_variance
+
+
+def voltage_is_low(voltage_v: float, limits: Limits) -> bool:
+    """Tell whether the battery is nearly empty, if this lasts."""
+    return voltage_v < limits.min_voltage_v
 
 
 def _ekf_unhealthy(o: Observation, limits: Limits) -> bool:
@@ -117,7 +136,7 @@ def _pilot_lost(o: Observation, _: Limits) -> bool:
 
 
 # What is not known counts against permission: hence `not x <= limit`, which a NaN meets.
-# Of several that hold, the first one's `do` is what an operator is told (`supervisor.remedy`).
+# Of several that hold, an operator is told the first one's remedy (`supervisor.remedy`).
 CONDITIONS = (
     ConditionSpec(
         C.LINK_LOST,
@@ -128,7 +147,7 @@ CONDITIONS = (
     ),
     ConditionSpec(
         C.DEPTH_STALE,
-        lambda o, limits: not o.state.ages.depth_s <= limits.depth_timeout_s,
+        lambda o, limits: not depth_is_fresh(o.state, limits),
         ("depth_timeout_s",),
         "no new, believable depth came",
         "look whether vehicle.depth_source streams and moves",
@@ -236,7 +255,7 @@ CONDITIONS = (
     ),
     ConditionSpec(
         C.FAILSAFE_UNSAFE,
-        _failsafe_unsafe,
+        lambda o, limits: not pilot_failsafe_acts(o.parameters, limits),
         ("max_pilot_timeout_s",),
         "FS_PILOT_INPUT is 0 or not known, or FS_PILOT_TIMEOUT too long: nothing would stop the thrusters if "
         "this computer died",
@@ -247,7 +266,7 @@ CONDITIONS = (
         lambda o, limits: bool(o.preflight_failure),
         (),
         "a row of the pre-dive list is refused (frame, steering id, InputHold...); the reason names it",
-        "`holdfast check` says what mends it",
+        "`holdfast check` says how to fix it",
     ),
     ConditionSpec(
         C.SATURATED,
@@ -355,14 +374,42 @@ CONDITIONS = (
         "the flight mode is another than vehicle.steering_mode: somebody changed it",
         "engage, which asks for the mode",
     ),
+    ConditionSpec(
+        C.RAMPED_DOWN,
+        lambda o, limits: o.ramped_down,
+        ("ramp_down_s",),
+        "authority has come down to nothing",
+        "nothing",
+    ),
+    ConditionSpec(
+        C.HANDED_OVER,
+        lambda o, limits: o.hand_over is HandOverStep.DONE,
+        ("keep_alt_hold_s",),
+        "ALT_HOLD has the vehicle, and a pilot steers or `keep_alt_hold_s` is over",
+        "nothing",
+    ),
+    ConditionSpec(
+        C.SURFACED,
+        lambda o, limits: o.hand_over is HandOverStep.SURFACED,
+        (),
+        "on reaching the surface the firmware changed from SURFACE to ALT_HOLD",
+        "nothing",
+    ),
+    ConditionSpec(
+        C.HAND_OVER_REFUSED,
+        lambda o, limits: o.hand_over is HandOverStep.REFUSED,
+        (),
+        f"ALT_HOLD was not there {REFUSED_S:g} s after handing over began",
+        "nothing",
+    ),
     ConditionSpec(C.OPERATOR_STOP, lambda o, limits: o.stop, (), "the operator asked to stop", "nothing"),
     ConditionSpec(C.ENGAGE_ASKED, lambda o, limits: o.engage, (), "the operator asked to engage", "nothing"),
     ConditionSpec(C.CLEAR_ASKED, lambda o, limits: o.clear, (), "the operator cleared the fault", "nothing"),
 )
 
-_LOOKS = tuple((look.condition.value, look.holds) for look in CONDITIONS)
+_TESTS = tuple((spec.condition.value, spec.holds) for spec in CONDITIONS)
 
 
 def assess(seen: Observation, limits: Limits) -> Condition:
     """Return the conditions that hold this tick; what is not known counts against permission."""
-    return Condition(sum(bit for bit, holds in _LOOKS if holds(seen, limits)))
+    return Condition(sum(bit for bit, holds in _TESTS if holds(seen, limits)))

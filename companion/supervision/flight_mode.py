@@ -9,7 +9,7 @@ from collections.abc import Mapping
 
 from companion.mavlink.ardusub import Mode
 from companion.records import Condition, State, VehicleState, Verdict, Z
-from companion.supervision.handover import AT_SURFACE_M, KEEP_ALIVE_S, HandOver
+from companion.supervision.handover import AT_SURFACE_M, KEEP_ALIVE_S, HandOver, HandOverStep
 from companion.supervision.monitor import FAILSAFE
 from companion.supervision.steering_mode import ModeKeeper
 
@@ -27,17 +27,17 @@ class FlightMode:
         self._neutral_until_s = self._kept_alive_s = -math.inf
         self._had_authority = self._heard = False
 
-    def conditions(
+    def step_hand_over(
         self,
         verdict: Verdict,
         state: VehicleState,
         parameters: Mapping[str, float],
         pilot_heard_s: float,
         keep_s: float,
-    ) -> Condition:
-        """Go on with a hand-over that `verdict`, the last tick's, is in; return the conditions it makes."""
+    ) -> HandOverStep:
+        """Go on with a hand-over that `verdict`, the last tick's, is in."""
         if verdict.state is not State.HAND_OVER:
-            return Condition(0)
+            return HandOverStep.NONE
         surface_m = -0.01 * parameters.get("SURFACE_DEPTH", -10.0)
         return self._hand_over.step(
             state.t_s,

@@ -12,14 +12,24 @@ sink with what tilts it. At the surface the firmware itself changes from SURFACE
 SURFACE mode, barometer above SURFACE_DEPTH).
 """
 
+from enum import Enum, auto
+
 from companion.mavlink.ardusub import Mode
-from companion.records import Condition
 
 SETTLE_S = 1.0
 REFUSED_S = 8.0
 KEEP_ALIVE_S = 1.0
 AT_SURFACE_M = 0.5
 """So far below SURFACE_DEPTH, by our own zero of depth, the firmware may find itself at the surface."""
+
+
+class HandOverStep(Enum):
+    """What came of a tick of handing over."""
+
+    NONE = auto()
+    DONE = auto()
+    REFUSED = auto()
+    SURFACED = auto()
 
 
 class HandOver:
@@ -48,29 +58,26 @@ class HandOver:
         pilot_heard_s: float,
         keep_s: float,
         at_surface: bool = False,
-    ) -> Condition:
-        """Go on at `now_s` with the heartbeat's `mode`.
-
-        Return HANDED_OVER, HAND_OVER_REFUSED, SURFACED or nothing.
-        """
+    ) -> HandOverStep:
+        """Go on at `now_s` with the heartbeat's `mode`."""
         if self.goal is Mode.SURFACE and self.held and mode == Mode.ALT_HOLD and at_surface:
             self.goal = Mode.ALT_HOLD
-            return Condition.SURFACED
+            return HandOverStep.SURFACED
         if mode == self.goal:
             self._held_s = now_s if self._held_s is None else self._held_s
             self.wanted = None
             kept = now_s - self._held_s < keep_s or self._for_good
             relieved = pilot_heard_s > self._held_s or not kept
-            return Condition.HANDED_OVER if relieved else Condition(0)
+            return HandOverStep.DONE if relieved else HandOverStep.NONE
         if now_s - self._since_s > REFUSED_S:
-            return Condition.HAND_OVER_REFUSED
+            return HandOverStep.REFUSED
         if thrusting:
-            return Condition(0)
+            return HandOverStep.NONE
         if mode == Mode.STABILIZE and self._stable_s is None:
             self._stable_s = now_s
         settled = self._stable_s is not None and now_s - self._stable_s >= SETTLE_S
         self.wanted = self.goal if settled else Mode.STABILIZE
-        return Condition(0)
+        return HandOverStep.NONE
 
     def allows(self, mode: int) -> bool:
         """Tell whether `mode` is one on our way: another one is somebody's choice."""

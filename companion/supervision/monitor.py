@@ -20,7 +20,7 @@ from companion.records import (
     Reboot,
     VehicleState,
 )
-from companion.supervision.conditions import Watched, tilted
+from companion.supervision.conditions import Watched, ekf_is_doubtful, tilted, voltage_is_low
 
 FAILSAFE = 5
 """MAV_STATE_CRITICAL: what ArduSub reports while any failsafe is latched."""
@@ -105,9 +105,9 @@ class Monitor:
             self._peer_changes, self._peer_t_s = loop.peer_changes, now_s
         if loop.samples_dropped > self._dropped:
             self._dropped, self._dropped_t_s = loop.samples_dropped, now_s
-        doubtful = self._ekf is not None and not self._ekf.variance <= limits.max_ekf_variance
+        doubtful = self._ekf is not None and ekf_is_doubtful(self._ekf, limits)
         self._ekf_doubt_s = _lasting(self._ekf_doubt_s, dt_s, doubtful)
-        self._battery_low_s = _lasting(self._battery_low_s, dt_s, state.voltage_v < limits.min_voltage_v)
+        self._battery_low_s = _lasting(self._battery_low_s, dt_s, voltage_is_low(state.voltage_v, limits))
         saturated = off_track = False
         if dofs is not None and steering:
             saturated = bool((dofs.saturated & held).any())

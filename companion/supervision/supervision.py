@@ -79,7 +79,7 @@ class Supervision:
         before, mode = self.verdict, self._flight_mode
         steered = before.authority > 0.0
         self._engagement.step(requests, state.t_s)
-        conditions = mode.conditions(
+        hand_over = mode.step_hand_over(
             before, state, parameters, self._monitor.pilot_heard_s, limits.keep_alt_hold_s
         )
         watched = self._monitor.step(
@@ -105,11 +105,13 @@ class Supervision:
             full_override=full_override,
             pilot_timeout_s=ground.timeout_s if ground.endpoint and ground.on_loss != "hold" else math.inf,
             surface_on_loss=ground.on_loss == "surface",
+            hand_over=hand_over,
+            ramped_down=self._supervisor.ramped_down(dt_s),
             stop=Request.STOP in requests,
             engage=self._engagement.asked,
             clear=Request.CLEAR_FAULT in requests,
         )
-        verdict = self._supervisor.step(conditions | assess(seen, limits), dt_s, preflight_failure)
+        verdict = self._supervisor.step(assess(seen, limits), dt_s, preflight_failure)
         mode.update(before, verdict, state)
         self._engagement.update(before, verdict)
         self.before, self.verdict = before, verdict

@@ -179,7 +179,7 @@ def remedy(state: State, conditions: Condition) -> str:
     """
     matters, otherwise = _REMEDIES[state]
     held = conditions & (matters | C.LINK_LOST)
-    todo = next((look.do for look in CONDITIONS if look.condition & held and look.do != "nothing"), "")
+    todo = next((s.remedy for s in CONDITIONS if s.condition & held and s.remedy != "nothing"), "")
     if state is S.FAULT and todo:
         return f"{todo}; then {CLEAR}"
     return todo or otherwise
@@ -193,6 +193,13 @@ class Supervisor:
         self.ramp_up_s = ramp_up_s
         self._verdict = Verdict(State.IDLE, NOTHING, 0.0, "just started")
 
+    def ramped_down(self, dt_s: float) -> bool:
+        """Tell whether the authority has come down to nothing, `dt_s` after the last step."""
+        return self._verdict.state is State.RAMP_DOWN and self._fallen(dt_s) == 0.0
+
+    def _fallen(self, dt_s: float) -> float:
+        return max(0.0, self._verdict.authority - dt_s / self.ramp_down_s)
+
     def step(self, conditions: Condition, dt_s: float, preflight_failure: str = "") -> Verdict:
         """Take one tick's conditions and give the verdict; `preflight_failure` is its text.
 
@@ -200,9 +207,7 @@ class Supervisor:
         HAND_OVER, and is 0 everywhere else.
         """
         before = self._verdict
-        authority = max(0.0, before.authority - dt_s / self.ramp_down_s)
-        if before.state is State.RAMP_DOWN and authority == 0.0:
-            conditions |= Condition.RAMPED_DOWN
+        authority = self._fallen(dt_s)
         row = transition(before.state, conditions)
         state, reason = (row.to, row.because) if row else (before.state, before.reason)
         if state is State.ACTIVE:

@@ -109,7 +109,7 @@ def test_a_reversed_motor_is_named(motor):
     found = look.row("thrusters")
     assert found.grade is Grade.REFUSED
     assert f"motor {motor} pushes the wrong way" in found.found
-    assert f"MOT_{motor}_DIRECTION" in found.mend
+    assert f"MOT_{motor}_DIRECTION" in found.fix
 
 
 @pytest.mark.parametrize("motor", [None, 2, 6])

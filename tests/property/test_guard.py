@@ -77,6 +77,7 @@ class Permission(RuleBasedStateMachine):
 
     @rule(conditions=few_conditions, dt_s=st.sampled_from([0.0, 0.005, 0.02, 0.3, 10.0]))
     def step(self, conditions, dt_s):
+        conditions |= C.RAMPED_DOWN if self.supervisor.ramped_down(dt_s) else C(0)
         self.was, self.conditions = self.verdict, conditions
         self.verdict = self.supervisor.step(conditions, dt_s)
 

@@ -142,13 +142,13 @@ def test_a_bad_row_says_what_and_what_mends_it(good, name, changes, overrides, g
     found = row(name, replace(good, **changes), *overrides)
     assert found.grade is grade
     assert all(word in found.found for word in words), found.found
-    assert found.mend or name == "streams"
+    assert found.fix or name == "streams"
     assert (name in refusals(rows(replace(good, **changes), load_config(overrides=overrides)))) == (
         grade is REFUSED and name not in WATCHED
     )
 
 
-# CheckRow, parameters, overrides of our configuration, grade, and words in `found` or `mend`.
+# CheckRow, parameters, overrides of our configuration, grade, and words in `found` or `fix`.
 BY_PARAMETER = [
     ("frame", {"FRAME_CONFIG": 1.0}, (), REFUSED, "vectored, we expect vectored_6dof"),
     ("frame", {"FRAME_CONFIG": 1.0}, ('vehicle.frame="vectored"',), GOOD, "vectored"),
@@ -181,7 +181,7 @@ def test_rows_by_parameter(good, name, parameters, overrides, grade, words):
         seen = replace(seen, directions=None)
     found = row(name, seen, *overrides)
     assert found.grade is grade
-    assert words in found.found + found.mend
+    assert words in found.found + found.fix
 
 
 def test_frames_that_are_not_signed_with_our_key_are_told_where_there_is_one(good):
@@ -191,7 +191,7 @@ def test_frames_that_are_not_signed_with_our_key_are_told_where_there_is_one(goo
     assert row("signing", replace(good, messages=0, refused=0), key).grade is GOOD
     found = row("signing", replace(good, messages=0, refused=1), key)
     assert found.grade is REFUSED
-    assert "docs/wiring.md" in found.mend
+    assert "docs/wiring.md" in found.fix
 
 
 def test_streams_that_not_every_vehicle_has_may_stay_away_but_not_slow_down(good):
@@ -215,9 +215,9 @@ def test_without_depth_the_row_says_what_is_missing(good):
     blind = replace(good, state=replace(good.state, ages=BLIND))
     assert row("depth", blind).grade is REFUSED
     lacking = told(blind, BARO2_GND_PRESS=None)
-    assert "BARO2_GND_PRESS" in row("depth", lacking, *PRESSURE).mend
+    assert "BARO2_GND_PRESS" in row("depth", lacking, *PRESSURE).fix
     on_the_first = told(lacking, BARO_PRIMARY=0.0)
-    assert "BARO1_GND_PRESS" in row("depth", on_the_first, *PRESSURE).mend
+    assert "BARO1_GND_PRESS" in row("depth", on_the_first, *PRESSURE).fix
 
 
 def test_delays_beyond_the_gains_are_a_warning(good):

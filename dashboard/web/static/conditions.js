@@ -66,7 +66,7 @@ export default {
   ],
   "PREFLIGHT_FAILURE": [
     "a row of the pre-dive list is refused (frame, steering id, InputHold...); the reason names it",
-    "`holdfast check` says what mends it"
+    "`holdfast check` says how to fix it"
   ],
   "SATURATED": [
     "an axis has given all it can for long: it is about to be carried off",
