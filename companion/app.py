@@ -6,20 +6,14 @@ what we steer.
 """
 
 import asyncio
-import ctypes
 import gc
 import logging
 import os
-import signal
-import socket
-import struct
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Sequence
 from importlib.metadata import version
 from math import degrees
-from pathlib import Path
 from typing import NoReturn
 
 import msgspec
@@ -29,58 +23,22 @@ from companion.endpoint import Endpoint
 from companion.engine import Engine
 from companion.io.command_queue import CommandQueue, EngineInput
 from companion.io.links import Admission, Link
+from companion.io.process import NS_PER_S, Ticker, notify, on_ending_signal
 from companion.io.zenoh_publisher import NameTakenError, Publisher
 from companion.mavlink.inbox import Inbox
 from companion.mavlink.relay import Relay
-from companion.mavlink.signing import Signing, read_key
-from companion.mavlink.timestamps import TimestampFile, timestamp_path
+from companion.mavlink.signing import signing_of
+from companion.mavlink.timestamps import timestamps_of
 from companion.records import PSI, ControlSample, LoopHealth, Request, Setpoint, Z
 from companion.telemetry.event_log import EventLog
 from companion.telemetry.schemas import Choices, Raw, Start
 
-FAREWELLS = 5
+SHUTDOWN_REPEATS = 5
 STATUS_PERIOD_S = 5.0
 WATCHDOG_PERIOD_S = 0.5
 NAME_PATIENCE_S = 3.0
-NS_PER_S = 1_000_000_000
-
-STOPPING = {signal.SIGTSTP, signal.SIGTTIN, signal.SIGTTOU}
-UNANSWERED = {
-    *(signal.SIGKILL, signal.SIGSTOP),
-    *(signal.SIGCHLD, signal.SIGCONT, signal.SIGURG, signal.SIGWINCH),
-    *(signal.SIGPIPE, signal.SIGXFSZ),
-    *(signal.SIGSEGV, signal.SIGBUS, signal.SIGFPE, signal.SIGILL, signal.SIGTRAP, signal.SIGSYS),
-    signal.SIGABRT,
-}
-"""Signals that are left alone. Nobody can answer the first two; the next four do nothing by default; Python
-makes the next two an error of the call. The others tell that this process cannot go on, so that a handler of
-Python's would never run; systemd ends a loop that hangs by SIGABRT."""
 
 log = logging.getLogger("holdfast")
-
-
-class Ticker:
-    """A periodic timerfd on the monotonic clock (os.timerfd_create is there from Python 3.13 only)."""
-
-    def __init__(self, period_ns: int) -> None:
-        self._libc = ctypes.CDLL(None, use_errno=True)
-        self.fd: int = self._libc.timerfd_create(time.CLOCK_MONOTONIC, os.O_NONBLOCK | os.O_CLOEXEC)
-        self.start_ns = time.monotonic_ns() + period_ns
-        spec = struct.pack("@4q", *divmod(period_ns, NS_PER_S), *divmod(self.start_ns, NS_PER_S))
-        absolute = 1
-        if self.fd < 0 or self._libc.timerfd_settime(self.fd, absolute, spec, None):
-            raise OSError(ctypes.get_errno(), "timerfd")
-
-    def read(self) -> int:
-        """Return how many periods have passed since the last call; 0 if woken for nothing."""
-        try:
-            return int.from_bytes(os.read(self.fd, 8), "little")
-        except BlockingIOError:
-            return 0
-
-    def close(self) -> None:
-        """Stop ticking."""
-        os.close(self.fd)
 
 
 class App:
@@ -88,7 +46,7 @@ class App:
 
     def __init__(self, config: Config, setpoint: Setpoint, *, arm: bool, requests: Sequence[Request]) -> None:
         self._config = config
-        signing, ground_signing = signing_of(config), signing_of(config)
+        signing, ground_signing = (signing_of(config, time.time()) for _ in range(2))
         self._timestamps = timestamps_of(config, vehicle=signing, ground=ground_signing)
         engine = self._engine = Engine(config, setpoint, arm=arm, signing=signing)
         endpoint = Endpoint.parse(config.link.endpoint)
@@ -152,7 +110,7 @@ class App:
             notify("STOPPING=1")
             loop.remove_reader(ticker.fd)
             ticker.close()
-            for _ in range(FAREWELLS):
+            for _ in range(SHUTDOWN_REPEATS):
                 if shutdown_frames := self._engine.shutdown_frames():
                     self._link.send(shutdown_frames)
                 await asyncio.sleep(self._period_ns / NS_PER_S)
@@ -279,36 +237,9 @@ class App:
             self._stop.set()
 
 
-def on_ending_signal(loop: asyncio.AbstractEventLoop, leave: Callable[[], object]) -> None:
-    """Let `leave` answer every signal that would end this process, and ignore those that would stop it.
-
-    A process that ends, or stops (Ctrl-Z), without a word leaves the thrusters running until the autopilot's
-    failsafe acts. A SIGHUP that `nohup` has switched off stays so.
-    """
-    for number in STOPPING:
-        signal.signal(number, signal.SIG_IGN)
-    for number in signal.valid_signals() - UNANSWERED - STOPPING:
-        if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:
-            loop.add_signal_handler(number, leave)
-
-
 def _drained(*queues: deque[str]) -> list[str]:
     """Return what waits in queues that others fill, and leave them empty."""
     return [queue.popleft() for queue in queues for _ in range(len(queue))]
-
-
-def signing_of(config: Config) -> Signing | None:
-    """Return what signs and judges frames; None without a key file."""
-    link = config.link
-    if not link.signing_key_file:
-        return None
-    return Signing(read_key(Path(link.signing_key_file)), link.signing_link_id, time.time())
-
-
-def timestamps_of(config: Config, **signings: Signing | None) -> TimestampFile | None:
-    """Return what keeps the timestamps of `signings` over restarts, by link; None without a key."""
-    signed = {link: signing for link, signing in signings.items() if signing is not None}
-    return TimestampFile(timestamp_path(config.vehicle.name), signed) if signed else None
 
 
 def _start(config: Config, setpoint: Setpoint, arm: bool) -> Start:
@@ -316,14 +247,6 @@ def _start(config: Config, setpoint: Setpoint, arm: bool) -> Start:
     return Start(
         config=msgspec.to_builtins(config), setpoint=(x, y, z, psi), arm=arm, version=version("holdfast")
     )
-
-
-def notify(message: str) -> None:
-    """Tell systemd, if it started us (sd_notify(3))."""
-    address = os.environ.get("NOTIFY_SOCKET")
-    if address:
-        with suppress(OSError), socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as channel:
-            channel.sendto(message.encode(), "\0" + address[1:] if address.startswith("@") else address)
 
 
 def main(config: Config, setpoint: Setpoint, *, arm: bool, requests: Sequence[Request]) -> NoReturn:

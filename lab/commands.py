@@ -5,6 +5,8 @@ import sys
 from importlib.util import find_spec
 from pathlib import Path
 
+from lab.options import add_firmware, find_firmware, positive
+
 
 def demo(argv: list[str]) -> int:
     """Watch a dive twice, without and with the compensator; takes a minute."""
@@ -34,9 +36,7 @@ def bench(argv: list[str]) -> int:
         choices=("dives", "process", "zenoh", "ablation", "firmware"),
         help="only this; default: dives and process",
     )
-    parser.add_argument(
-        "--seeds", type=_positive, metavar="N", help="vehicles; default 60, with a firmware 4"
-    )
+    parser.add_argument("--seeds", type=positive, metavar="N", help="vehicles; default 60, with a firmware 4")
     parser.add_argument("--rows", nargs="+", metavar="ROW", help="only these, such as default law ppi")
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="companion's config")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the same figures there")
@@ -95,10 +95,10 @@ def tune(argv: list[str]) -> int:
     parser.add_argument("--config", type=Path, default=DEFAULT_FILE, metavar="FILE", help="the companion's")
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="companion's config")
     parser.add_argument(
-        "--evaluations", type=_positive, default=150, metavar="N", help="of each; default %(default)s"
+        "--evaluations", type=positive, default=150, metavar="N", help="of each; default %(default)s"
     )
     parser.add_argument(
-        "--seeds", type=_positive, default=8, metavar="N", help="vehicles; default %(default)s"
+        "--seeds", type=positive, default=8, metavar="N", help="vehicles; default %(default)s"
     )
     parser.add_argument("--out", type=Path, metavar="FILE", help="default: out/tune/")
     arguments = parser.parse_args(argv)
@@ -150,7 +150,7 @@ def rerun(argv: list[str]) -> int:
     """Run a recorded dive through today's engine and compare its commands."""
     if not _has("rerun", "mcap", "matplotlib"):
         return 2
-    from lab.rerun.rerun import main
+    from lab.rerun.command import main
 
     return main(argv)
 
@@ -172,36 +172,3 @@ def _has(command: str, *needed: str) -> bool:
             f"holdfast {command}: needs {needed_too}. Install the extra: pip install 'holdfast[lab]'\n"
         )
     return not missing
-
-
-def add_firmware(parser: argparse.ArgumentParser) -> None:
-    """Add `--firmware [PATH]`."""
-    parser.add_argument(
-        "--firmware",
-        nargs="?",
-        const="",
-        metavar="PATH",
-        help="dive the real ArduSub: its program for sitl; without PATH the one that HOLDFAST_ARDUSUB names. "
-        "Default: our stand-in",
-    )
-
-
-def find_firmware(command: str, arguments: argparse.Namespace) -> bool:
-    """Put the program's path, or None, into `arguments.firmware`; say what is wrong and return False."""
-    if arguments.firmware is None:
-        return True
-    from lab.loop.firmware import FirmwareError, program
-
-    try:
-        arguments.firmware = program(arguments.firmware)
-    except FirmwareError as error:
-        sys.stderr.write(f"holdfast {command}: {error}\n")
-        return False
-    return True
-
-
-def _positive(text: str) -> int:
-    number = int(text)
-    if number < 1:
-        raise argparse.ArgumentTypeError(f"{text} is not 1 or more")
-    return number

@@ -1,11 +1,29 @@
-"""How the house draws: Okabe and Ito's colours, which colour-blind people tell apart, and quiet frames."""
+"""How all figures look: Okabe and Ito's colours, which colour-blind people tell apart, and quiet frames."""
 
+from typing import Any
+
+import matplotlib as mpl
 from matplotlib.axes import Axes
 
-ORANGE, BLUE, GREEN, SKY = "#D55E00", "#0072B2", "#009E73", "#56B4E9"
-BLACK, YELLOW = "#000000", "#F0E442"
+mpl.use("Agg")  # files, no screen
+
+BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"
+YELLOW, BLUE, VERMILLION = "#F0E442", "#0072B2", "#D55E00"
 EVENT, WINDOW, FAINT = "0.55", "0.94", "0.35"
 SMALL = 9
+PRINTED: dict[Any, Any] = {
+    "figure.dpi": 160,
+    "figure.constrained_layout.use": True,
+    "font.size": 9,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.alpha": 0.25,
+    "lines.linewidth": 1.2,
+    "legend.framealpha": 0.85,
+    "legend.edgecolor": "none",
+}
+"""Matplotlib's parameters for figures that stand in a document."""
 
 
 def zero(panel: Axes) -> None:

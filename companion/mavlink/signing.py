@@ -14,7 +14,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TypeAlias
 
-from companion.config import ConfigError
+from companion.config import Config, ConfigError
 from companion.records import Sender
 
 KEY_BYTES = 32
@@ -128,3 +128,11 @@ def read_key(path: Path) -> bytes:
     if re.fullmatch(rb"[0-9a-fA-F]{64}", text):
         return bytes.fromhex(text.decode())
     return hashlib.sha256(text).digest()
+
+
+def signing_of(config: Config, utc_s: float) -> Signing | None:
+    """Return what signs and judges frames; None without a key file."""
+    link = config.link
+    if not link.signing_key_file:
+        return None
+    return Signing(read_key(Path(link.signing_key_file)), link.signing_link_id, utc_s)

@@ -13,6 +13,7 @@ from typing import Annotated
 
 import msgspec
 
+from companion.config import Config
 from companion.mavlink.signing import MAX_TIMESTAMP, UNITS_PER_S, Signing, Stream
 
 PERIOD_S = 1.0
@@ -130,3 +131,9 @@ def timestamp_path(vehicle: str) -> Path:
 
 def _later(timestamp: int, ahead: int) -> int:
     return min(timestamp + ahead, MAX_TIMESTAMP)
+
+
+def timestamps_of(config: Config, **signings: Signing | None) -> TimestampFile | None:
+    """Return what keeps the timestamps of `signings` over restarts, by link; None without a key."""
+    signed = {link: signing for link, signing in signings.items() if signing is not None}
+    return TimestampFile(timestamp_path(config.vehicle.name), signed) if signed else None

@@ -4,11 +4,13 @@ import asyncio
 import logging
 import time
 
-from companion.app import NS_PER_S, on_ending_signal, signing_of, timestamps_of
 from companion.config import Config
 from companion.endpoint import Endpoint
 from companion.io.links import Admission, Link
+from companion.io.process import NS_PER_S, on_ending_signal
 from companion.mavlink.inbox import Inbox
+from companion.mavlink.signing import signing_of
+from companion.mavlink.timestamps import timestamps_of
 from companion.predive.check import CheckRow, Grade
 from companion.predive.inspection import Inspection
 
@@ -32,7 +34,7 @@ async def _inspect(
 ) -> tuple[list[CheckRow], list[str]]:
     endpoint = Endpoint.parse(config.link.endpoint)
     inbox = Inbox(endpoint.is_stream)
-    signing = signing_of(config)
+    signing = signing_of(config, time.time())
     timestamps = timestamps_of(config, vehicle=signing)
     inspection = Inspection(config, origin=origin, thrusters=thrusters, signing=signing)
     link = Link(

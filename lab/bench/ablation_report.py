@@ -5,6 +5,7 @@ from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
+from matplotlib import pyplot as plt
 from rich import box
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
@@ -15,9 +16,6 @@ from lab.bench.ablation import BENCH_LINKS, HEADLINES, Result, count, parts, par
 from lab.bench.bench import interval
 from lab.bench.floor import CHATTER_N
 from sim_bridge.config import SimConfig
-
-mpl.use("Agg")
-from matplotlib import pyplot as plt
 
 EARNED = 0.20
 """The share by which the network has to beat the observer alone, to earn its place there."""
@@ -91,7 +89,7 @@ def _cell(result: Result) -> str:
 def _draw(less: Sequence[Result], wrong: Sequence[Result], out: Path) -> Path:
     out.mkdir(parents=True, exist_ok=True)
     figure, panels = plt.subplots(1, 2, figsize=(13.0, 4.8), layout="constrained")
-    colours = (style.BLUE, style.ORANGE, style.GREEN, style.SKY, style.BLACK)
+    colours = (style.BLUE, style.VERMILLION, style.GREEN, style.SKY, style.BLACK)
     markers = "oDs^v"
     titles = ("shipped default, one part less", "wrong models: which compensator")
     for panel, results, title in zip(panels, (less, wrong), titles, strict=True):

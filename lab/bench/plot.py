@@ -6,15 +6,14 @@ from typing import Any
 
 import matplotlib as mpl
 import numpy as np
-
-from lab.bench.bench import FLOOR, LINKS, SCENARIOS, Run, interval
-from lab.bench.floor import CHATTER_N
-
-mpl.use("Agg")
 from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 
-COLOURS = {0: "#0072B2", 80: "#D55E00"}  # Okabe and Ito
+from lab.bench.bench import FLOOR, LINKS, SCENARIOS, Run, interval
+from lab.bench.floor import CHATTER_N
+from lab.style import BLUE, VERMILLION
+
+COLOURS = {0: BLUE, 80: VERMILLION}
 MARKERS = {0: "o", 80: "D"}
 SHIFT = 0.17
 

@@ -18,9 +18,9 @@ from typing import Any
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from companion.app import Ticker
 from companion.config import Config
 from companion.engine import Engine
+from companion.io.process import Ticker
 from companion.records import LoopHealth, Request
 from companion.telemetry import schemas as telemetry
 from dashboard.zenoh_client import Subscription

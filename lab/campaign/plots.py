@@ -12,7 +12,7 @@ from lab.batch.dives import LOST_M
 from lab.campaign.campaign import Case, Row
 from lab.loop.dive import Dive
 from lab.loop.scenarios import SETTLE_S
-from lab.paper.plots import BLACK, BLUE, ORANGE, SKY, STYLE, VERMILLION
+from lab.style import BLACK, BLUE, ORANGE, PRINTED, SKY, VERMILLION
 
 LOOKS = {"held": (SKY, "."), "strays": (ORANGE, "^"), "lost": (VERMILLION, "x")}
 
@@ -29,7 +29,7 @@ def draw_worst(
     file: Path, rows: Sequence[Row], inside: Sequence[tuple[Row, Trace]], outside: Sequence[tuple[Row, Trace]]
 ) -> None:
     """Draw depth RMS over delay for all dives, and the worst within and outside the envelope."""
-    with plt.rc_context(STYLE):
+    with plt.rc_context(PRINTED):
         figure = plt.figure(figsize=(10.5, 9.0))
         grid = figure.add_gridspec(4, 2, height_ratios=(1.25, 1, 1, 1))
         for column, within in enumerate((True, False)):
@@ -44,7 +44,7 @@ def draw_worst(
 
 def draw_replay(file: Path, case: Case, batch: Trace, full: Dive) -> None:
     """Draw one dive as the batch and as the full loop, MAVLink bytes and supervisor included, have it."""
-    with plt.rc_context(STYLE):
+    with plt.rc_context(PRINTED):
         figure, (upper, lower) = plt.subplots(2, 1, figsize=(8.6, 5.4), sharex=True)
         t_s, error_m, thrust_n = batch
         held = np.where(full.active, 1.0, np.nan)

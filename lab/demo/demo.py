@@ -22,12 +22,12 @@ from rich.console import Console
 from rich.live import Live
 
 from dashboard.zenoh_client import Subscription
-from lab.commands import add_firmware, find_firmware
 from lab.demo import screen as demo_screen
 from lab.demo.crew import ChildError, Crew
 from lab.demo.dive import ARRIVED_M, Dive, Figures, Recording, arrange, figures, window
 from lab.demo.screen import Now, View
 from lab.loop.firmware import command_line
+from lab.options import add_firmware, find_firmware
 from lab.ports import free_port
 from sim_bridge.commands import DEFAULT_CONFIG
 from sim_bridge.config import load_config as load_plant

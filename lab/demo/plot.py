@@ -13,7 +13,7 @@ from lab.demo.dive import Array, Dive, Figures, spans
 from lab.style import SMALL
 
 # Dashes tell the two dives apart once more.
-COLOURS = {"off": style.ORANGE, "on": style.BLUE}
+COLOURS = {"off": style.VERMILLION, "on": style.BLUE}
 DASHES = {"off": (4.0, 1.5), "on": (1.0, 0.0)}
 TRUE, SATURATED = style.BLACK, style.YELLOW
 LABELS = {"off": "compensator off", "on": "compensator on"}

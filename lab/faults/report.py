@@ -14,8 +14,8 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from lab.commands import add_firmware, find_firmware
 from lab.faults.faults import AFTER_S, FAULTS, VARIANTS, Row, case, dive_group, groups, told
+from lab.options import add_firmware, find_firmware
 
 
 def main(argv: list[str]) -> int:

@@ -12,9 +12,8 @@ from matplotlib.figure import Figure
 from lab.paper import third_order
 from lab.paper.rows import Rows
 from lab.paper.simulation import CANONICAL, CORNERS, DISTURBANCES, PERIOD_S, TICK_MS, Case, Trace
+from lab.style import BLACK, BLUE, GREEN, ORANGE, PRINTED, SKY, VERMILLION
 
-BLACK, ORANGE, SKY, GREEN, BLUE, VERMILLION = "#000000", "#E69F00", "#56B4E9", "#009E73", "#0072B2", "#D55E00"
-plt.switch_backend("Agg")  # no screen needed
 LOOKS: dict[str, dict[str, Any]] = {
     "law": {"color": BLACK, "linestyle": "-"},
     "integrator": {"color": ORANGE, "linestyle": "--"},
@@ -23,18 +22,6 @@ LOOKS: dict[str, dict[str, Any]] = {
     "desired": {"color": GREEN, "linestyle": "--"},
 }
 MARKS = dict(zip(CORNERS, "vs^D", strict=True))
-STYLE: dict[Any, Any] = {
-    "figure.dpi": 160,
-    "figure.constrained_layout.use": True,
-    "font.size": 9,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
-    "grid.alpha": 0.25,
-    "lines.linewidth": 1.2,
-    "legend.framealpha": 0.85,
-    "legend.edgecolor": "none",
-}
 WIDE = (8.6, 3.3)
 
 Traces = dict[Case, tuple[Trace, Trace]]
@@ -53,7 +40,7 @@ def watched(seeds: Sequence[int]) -> list[Case]:
 
 def draw(folder: Path, traces: Traces, rows: Rows) -> None:
     """Write figure1.png … figure7.png into `folder`."""
-    with plt.rc_context(STYLE):
+    with plt.rc_context(PRINTED):
         seed = rows.typical_seed()
         figures = (
             _tracking(traces, seed),

@@ -18,7 +18,7 @@ COLOURS = {
     "ACTIVE": style.BLUE,
     "RAMP_DOWN": style.YELLOW,
     "PILOT": style.SKY,
-    "FAULT": style.ORANGE,
+    "FAULT": style.VERMILLION,
 }
 HATCHES = {"FAULT": "////", "PILOT": "....", "RAMP_DOWN": "xxxx"}
 SEVERITY = {"warning": "v", "fault": "X"}
@@ -58,7 +58,7 @@ def draw(log: Log, figures: Figures) -> Figure:
         for phase in figures.phases:
             panel.axvspan(phase.begin_s, phase.end_s, color=style.WINDOW, linewidth=0, zorder=-10)
         for span in figures.faults:
-            panel.axvline(span.begin_s, color=style.ORANGE, linewidth=1.2, linestyle="--", zorder=-1)
+            panel.axvline(span.begin_s, color=style.VERMILLION, linewidth=1.2, linestyle="--", zorder=-1)
         if name in ("heading error", "loop"):
             panel.set_xlabel(f"time since the recording began ({unit[1]})", fontsize=style.SMALL)
     figure.suptitle(_title(log, figures), fontsize=14, fontweight="bold")
@@ -107,7 +107,7 @@ def _states(panel: Axes, log: Log, unit: tuple[float, str]) -> None:
             times,
             [LIMIT] * len(times),
             marker,
-            color=style.BLACK if severity == "fault" else style.ORANGE,
+            color=style.BLACK if severity == "fault" else style.VERMILLION,
             markersize=6,
             label=severity,
             linestyle="none",
@@ -211,7 +211,7 @@ def _loop(panel: Axes, log: Log, figures: Figures) -> None:
     loop = log.keys["loop"]
     for column, scale, colour, label, dash in (
         ("telemetry_delay_s", 1e3, style.GREEN, "telemetry delay", "--"),
-        ("command_delay_s", 1e3, style.ORANGE, "command delay", "-."),
+        ("command_delay_s", 1e3, style.VERMILLION, "command delay", "-."),
     ):
         _line(panel, loop.at_s, scale * loop[column], colour, label, 1.2, dash)
     at_s, late = _peaks(loop.at_s, loop["lateness_ms"])

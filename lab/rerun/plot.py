@@ -16,7 +16,7 @@ def draw(outcome: Outcome) -> Figure:
     axes = figure.subplots(len(rows), 2, squeeze=False, sharex=True)
     t_s = outcome.t_s - outcome.t_s[0]
     for (both, apart), i in zip(axes, rows, strict=True):
-        both.plot(t_s, 100 * outcome.was[:, i], color=style.ORANGE, linewidth=1.6, label="in the dive")
+        both.plot(t_s, 100 * outcome.was[:, i], color=style.VERMILLION, linewidth=1.6, label="in the dive")
         both.plot(
             t_s, 100 * outcome.now[:, i], color=style.BLUE, linewidth=0.9, dashes=(4, 1.5), label="today"
         )

@@ -1,14 +1,11 @@
-"""`holdfast rerun`: a recorded dive's datagrams through today's engine, and its commands beside the dive's.
+"""A recorded dive's datagrams through today's engine, and its commands beside the dive's.
 
 What came and went is taken from the raw ticks (`telemetry.raw = true`), the configuration from the first of
 them. The vehicle's answers stay those of the dive: where the commands differ, it is what today's code would
-have sent at that moment, not where the vehicle would have gone. Of a ground station's .tlog it tells what
-Holdfast would have thought of the vehicle (lab/rerun/tlog.py).
+have sent at that moment, not where the vehicle would have gone.
 """
 
-import argparse
 import math
-import sys
 import time
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -22,22 +19,12 @@ import numpy as np
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from companion.config import DEFAULT_FILE, Config, ConfigError, load_config
+from companion.config import DEFAULT_FILE, Config, load_config
 from companion.engine import Engine
 from companion.mavlink.signing import Signing
 from companion.records import AXES, LoopHealth, Request, Setpoint
 from companion.telemetry.schemas import Raw
 from dashboard.recording.mcap_file import Reader
-
-EXAMPLES = """\
-examples:
-  holdfast run --set telemetry.raw=true          and `holdfast record`: then the dive can be run again
-  holdfast rerun dives/kelp-*.mcap               the files of one dive, in any order
-  holdfast rerun FILE --set heave.kappa_per_s=8  what other gains would have commanded
-  holdfast rerun FILE.tlog                       what Holdfast would have thought of a dive without it
-
-Exit status: 0 every byte is the same, 1 something differs, 2 the dive cannot be run again.
-"""
 
 OVERRIDE, MANUAL = mavlink.MAVLINK_MSG_ID_RC_CHANNELS_OVERRIDE, mavlink.MAVLINK_MSG_ID_MANUAL_CONTROL
 HEADER, SIGNED = 10, 0x01
@@ -151,70 +138,6 @@ def rerun(tape: Tape, config: Config, *, follow: bool = True, signing: Signing |
     wall_s = time.perf_counter() - begun_s
     t_s = np.array([raw.now_s for raw in tape.ticks])
     return Outcome(t_s, np.array(was), np.array(now), different, wall_s)
-
-
-def main(argv: list[str]) -> int:
-    """Run the command."""
-    parser = argparse.ArgumentParser(
-        prog="holdfast rerun",
-        description="Feeds the datagrams of a recorded dive through today's engine, with the configuration, "
-        "the operator's requests and the retunes of that dive, and compares what it sends, byte by byte. "
-        "Of a ground station's .tlog it tells the states, their reasons and the pre-dive list.",
-        epilog=EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    parser.add_argument("files", nargs="+", type=Path, metavar="FILE")
-    parser.add_argument("--config", type=Path, metavar="FILE", help="instead of the recorded configuration")
-    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="change a key of it")
-    parser.add_argument(
-        "--out", type=Path, default=Path("out/rerun.png"), metavar="FILE", help="default %(default)s"
-    )
-    options = parser.parse_args(argv)
-    if any(file.suffix == ".tlog" for file in options.files):
-        return _think(options.files, options.set, options.out)
-    try:
-        tape = load(options.files)
-        config = configured(tape, options.set, options.config)
-        changed = bool(options.set or options.config)
-        retuned = sum(raw.config is not None for raw in tape.ticks)
-        if changed and retuned:
-            tape.notes.append(
-                f"{retuned} retunes of the dive were left out, for the configuration is another"
-            )
-        outcome = rerun(tape, config, follow=not changed)
-    except (RerunError, ConfigError, OSError, ValueError, KeyError, tomllib.TOMLDecodeError) as error:
-        sys.stderr.write(f"holdfast rerun: {error}\n")
-        return 2
-    sys.stdout.write("\n".join(report(tape, outcome)) + "\n")
-    if not outcome.different:
-        return 0
-    if np.nan_to_num(outcome.was - outcome.now).any():
-        from lab.rerun.plot import draw
-
-        options.out.parent.mkdir(parents=True, exist_ok=True)
-        draw(outcome).savefig(options.out)
-        sys.stdout.write(f"the difference over time: {options.out}\n")
-    return 1
-
-
-def _think(files: Sequence[Path], overrides: Sequence[str], out: Path) -> int:
-    """Say and draw what Holdfast would have thought of telemetry logs, one after the other."""
-    from companion.predive.table import show
-    from lab.rerun import tlog
-    from lab.rerun.tlog_plot import draw
-
-    out.parent.mkdir(parents=True, exist_ok=True)
-    for file in files:
-        try:
-            thoughts = tlog.think(tlog.read(file), overrides)
-        except (tlog.TlogError, ConfigError, OSError) as error:
-            sys.stderr.write(f"holdfast rerun: {error}\n")
-            return 2
-        picture = out.with_stem(file.stem) if len(files) > 1 else out
-        draw(thoughts, file.name).savefig(picture)
-        sys.stdout.write("\n".join([f"{file.name}:", *tlog.lines(thoughts), ""]))
-        show(thoughts.checked, [f"picture: {picture}"])
-    return 0
 
 
 def report(tape: Tape, outcome: Outcome) -> Iterator[str]:

@@ -28,7 +28,7 @@ def draw(thoughts: Thoughts, title: str) -> Figure:
         t_s[came],
         1e3 * thoughts.innovation[came, Z],
         ".",
-        color=style.ORANGE,
+        color=style.VERMILLION,
         markersize=2.0,
         rasterized=True,
     )

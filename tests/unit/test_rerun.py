@@ -14,7 +14,8 @@ from companion.telemetry import schemas as telemetry
 from dashboard.recording.mcap_file import Item, Recording
 from dashboard.recording.record import flat
 from lab.loop.lockstep import Link, Lockstep
-from lab.rerun.rerun import RerunError, configured, load, main, rerun
+from lab.rerun.command import main
+from lab.rerun.rerun import RerunError, configured, load, rerun
 from sim_bridge.config import load_config as load_plant
 from sim_bridge.vehicle import Vehicle
 

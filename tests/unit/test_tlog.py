@@ -8,7 +8,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from virtual import ROOT, Somebody
 
-from lab.rerun.rerun import main
+from lab.rerun.command import main
 from lab.rerun.tlog import MAX_GAP_S, TlogError, lines, read, think
 from sim_bridge.config import load_config as load_plant
 from sim_bridge.vehicle import Vehicle

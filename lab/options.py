@@ -1,0 +1,38 @@
+"""Options that several commands of the lab have. Imports nothing heavy before one is used."""
+
+import argparse
+import sys
+
+
+def add_firmware(parser: argparse.ArgumentParser) -> None:
+    """Add `--firmware [PATH]`."""
+    parser.add_argument(
+        "--firmware",
+        nargs="?",
+        const="",
+        metavar="PATH",
+        help="dive the real ArduSub: its program for sitl; without PATH the one that HOLDFAST_ARDUSUB names. "
+        "Default: our stand-in",
+    )
+
+
+def find_firmware(command: str, arguments: argparse.Namespace) -> bool:
+    """Put the program's path, or None, into `arguments.firmware`; say what is wrong and return False."""
+    if arguments.firmware is None:
+        return True
+    from lab.loop.firmware import FirmwareError, program
+
+    try:
+        arguments.firmware = program(arguments.firmware)
+    except FirmwareError as error:
+        sys.stderr.write(f"holdfast {command}: {error}\n")
+        return False
+    return True
+
+
+def positive(text: str) -> int:
+    """Read a whole number above zero."""
+    number = int(text)
+    if number < 1:
+        raise argparse.ArgumentTypeError(f"{text} is not 1 or more")
+    return number

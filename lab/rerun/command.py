@@ -1,0 +1,82 @@
+"""`holdfast rerun`: a recorded dive once more through today's engine, or a ground station's .tlog."""
+
+import argparse
+import sys
+import tomllib
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from companion.config import ConfigError
+from companion.predive.table import show
+from lab.rerun import plot, tlog, tlog_plot
+from lab.rerun.rerun import RerunError, configured, load, report, rerun
+
+EXAMPLES = """\
+examples:
+  holdfast run --set telemetry.raw=true          and `holdfast record`: then the dive can be run again
+  holdfast rerun dives/kelp-*.mcap               the files of one dive, in any order
+  holdfast rerun FILE --set heave.kappa_per_s=8  what other gains would have commanded
+  holdfast rerun FILE.tlog                       what Holdfast would have thought of a dive without it
+
+Exit status: 0 every byte is the same, 1 something differs, 2 the dive cannot be run again.
+"""
+
+
+def main(argv: list[str]) -> int:
+    """Run the command."""
+    parser = argparse.ArgumentParser(
+        prog="holdfast rerun",
+        description="Feeds the datagrams of a recorded dive through today's engine, with the configuration, "
+        "the operator's requests and the retunes of that dive, and compares what it sends, byte by byte. "
+        "Of a ground station's .tlog it tells the states, their reasons and the pre-dive list.",
+        epilog=EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("files", nargs="+", type=Path, metavar="FILE")
+    parser.add_argument("--config", type=Path, metavar="FILE", help="instead of the recorded configuration")
+    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="change a key of it")
+    parser.add_argument(
+        "--out", type=Path, default=Path("out/rerun.png"), metavar="FILE", help="default %(default)s"
+    )
+    options = parser.parse_args(argv)
+    if any(file.suffix == ".tlog" for file in options.files):
+        return _think(options.files, options.set, options.out)
+    try:
+        tape = load(options.files)
+        config = configured(tape, options.set, options.config)
+        changed = bool(options.set or options.config)
+        retuned = sum(raw.config is not None for raw in tape.ticks)
+        if changed and retuned:
+            tape.notes.append(
+                f"{retuned} retunes of the dive were left out, for the configuration is another"
+            )
+        outcome = rerun(tape, config, follow=not changed)
+    except (RerunError, ConfigError, OSError, ValueError, KeyError, tomllib.TOMLDecodeError) as error:
+        sys.stderr.write(f"holdfast rerun: {error}\n")
+        return 2
+    sys.stdout.write("\n".join(report(tape, outcome)) + "\n")
+    if not outcome.different:
+        return 0
+    if np.nan_to_num(outcome.was - outcome.now).any():
+        options.out.parent.mkdir(parents=True, exist_ok=True)
+        plot.draw(outcome).savefig(options.out)
+        sys.stdout.write(f"the difference over time: {options.out}\n")
+    return 1
+
+
+def _think(files: Sequence[Path], overrides: Sequence[str], out: Path) -> int:
+    """Say and draw what Holdfast would have thought of telemetry logs, one after the other."""
+    out.parent.mkdir(parents=True, exist_ok=True)
+    for file in files:
+        try:
+            thoughts = tlog.think(tlog.read(file), overrides)
+        except (tlog.TlogError, ConfigError, OSError) as error:
+            sys.stderr.write(f"holdfast rerun: {error}\n")
+            return 2
+        picture = out.with_stem(file.stem) if len(files) > 1 else out
+        tlog_plot.draw(thoughts, file.name).savefig(picture)
+        sys.stdout.write("\n".join([f"{file.name}:", *tlog.lines(thoughts), ""]))
+        show(thoughts.checked, [f"picture: {picture}"])
+    return 0
