@@ -29,6 +29,7 @@ from companion.records import (
     VehicleState,
     Verdict,
     Wrench,
+    vector,
 )
 from companion.supervision.guard import guard
 from companion.supervision.supervision import Supervision
@@ -79,7 +80,7 @@ class Engine:
         self._last_s = now_s
 
         events = [*autopilot.receive(datagrams), *pilot_events(ground)]
-        state = self._estimator.step(now_s, events, self._controller.gain_scale)
+        state = self._estimator.step(now_s, events, self._controller.gain_scale.tolist())
         self._delay_s = state.delays.total_s
         self._follow_frame(state)
         demand = guidance.pilot_demand(now_s, dt_s, events)
@@ -123,7 +124,7 @@ class Engine:
         pilot = demand.sticks if self.steering else None
         sent = autopilot.blended(command, guidance.engaged, pilot, state.pilot_gain)
         applied, level = actuation.sent(autopilot.applied(sent, state.pilot_gain), state)
-        self._estimator.sent(now_s, applied, to_inertial(J, level))
+        self._estimator.sent(now_s, vector(applied.tolist()), vector(to_inertial(J, level).tolist()))
         self._command, self._dofs = command, dofs
 
         mode, arm = self._supervision.wanted_mode(state), self._supervision.asks_arming

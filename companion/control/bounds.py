@@ -27,3 +27,12 @@ def limited(x: float, limit: float) -> float:
     if x < -limit:
         return -limit
     return x
+
+
+def clamped(x: float, low: float, high: float) -> float:
+    """Return a number within low..high; NaN stays NaN."""
+    if x > high:
+        return high
+    if x < low:
+        return low
+    return x

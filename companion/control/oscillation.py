@@ -90,3 +90,17 @@ class ScaledDisturbance:
         """Take one tick's disturbance, return what may be used of it."""
         self.mean = self.mean + (d - self.mean) * (1.0 - math.exp(-dt_s / MEAN_S))
         return d - (1.0 - gain_scale * gain_scale) * (d - self.mean)
+
+
+def mean_disturbance(mean: float, d: float, dt_s: float) -> float:
+    """Return the mean over MEAN_S of a disturbance, after one tick of it."""
+    return mean + (d - mean) * (1.0 - math.exp(-dt_s / MEAN_S))
+
+
+def scaled_disturbance(mean: float, d: float, gain_scale: float) -> float:
+    """Return a disturbance as it may become thrust: its mean, and of what differs from that gain_scale².
+
+    At full gains it is the disturbance itself. A constant one stays compensated whatever the scale: what is
+    drawn back is all that is faster than 1/MEAN_S.
+    """
+    return d - (1.0 - gain_scale * gain_scale) * (d - mean)

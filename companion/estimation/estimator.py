@@ -1,4 +1,4 @@
-"""Events to VehicleState: an age for every signal, one observer for all four degrees of freedom.
+"""Events to VehicleState: an age for every signal, an observer for each degree of freedom.
 
 A sample counts for the time at which it was true: the autopilot's stamp (or arrival minus the measured
 telemetry delay, where a message has none) minus the sensor's own delay.
@@ -14,20 +14,27 @@ import numpy as np
 from companion.config import Config
 from companion.config import Supervisor as Limits
 from companion.control.allocation import T200_VOLTAGE_V, Thrusters
-from companion.control.bounds import wrap
+from companion.control.bounds import clamped, wrap
 from companion.control.frames import joined, shifted, turned
-from companion.control.oscillation import ScaledDisturbance
+from companion.control.oscillation import mean_disturbance, scaled_disturbance
 from companion.control.positioning import Model, jacobian, to_body
+from companion.estimation import hidden_delay, observer
+from companion.estimation.command_history import CommandHistory
 from companion.estimation.delay import DelayMeter
-from companion.estimation.hidden_delay import HiddenDelay
-from companion.estimation.observer import Noise, Observer
+from companion.estimation.observer import (
+    Motion,
+    Noise,
+    ObserverParameters,
+    ObserverState,
+    observer_parameters,
+)
 from companion.estimation.resets import MAX_GAP_S, position_resets, yaw_resets
 from companion.mavlink.ardusub import motor_demand
 from companion.records import (
     DOFS,
     PSI,
+    ZERO,
     Ages,
-    Array,
     Attitude,
     Battery,
     Delays,
@@ -47,16 +54,17 @@ from companion.records import (
     X,
     Y,
     Z,
+    vector,
 )
 
 PREDICTION_STEP_S = 0.035
 SHORTEST_S = 1e-9
 
-RESET_INNOVATION = np.array([1.0, 1.0, 0.0, 1.0])
+RESET_INNOVATION = (1.0, 1.0, 0.0, 1.0)
 """m, rad: so much of a reset counts as innovation. One is no surprise; one with every sample is."""
 
 LATER_S = {"pressure": 0.053, "ahrs2": 0.048}
-"""How much older than relative_alt and climb these depths are (ArduSub facts)."""
+"""How much older than relative_alt and climb these depths are (docs/ardusub.md, "Telemetry")."""
 
 ZERO_MOVED_M = 0.05
 """A disarmed vehicle whose depth jumps by more has a new zero, as arming makes one: that is no motion."""
@@ -66,83 +74,48 @@ JUMP_BELIEVED_S = 2.0
 
 MIN_VOLTAGE_V, MAX_VOLTAGE_V = 10.0, 20.0
 MIN_COS_PITCH = 0.1
-HISTORY = 128
-DOF_INDEX = np.arange(4)
-FULL = np.ones(4)
-LONG_AGO_S = -1e6
 MAX_EXTRAPOLATION_S = (0.06, 0.06, 0.045, 0.03)
-"""How far, s, samples of each DOF are brought to the observer's moment by its own rates. Further, its error
-would feed itself: with the shipped noises it grows from 0.06 s on, in yaw from 0.035 s."""
+"""How far, s, samples of each DOF are extrapolated to the observer's moment by its own rates. Further, its
+error would feed itself: with the shipped noises it grows from 0.06 s on, in yaw from 0.035 s."""
+
+TYPICAL_RATE = 0.1
+"""m/s, rad/s: the rate at which the drag is taken for the Kalman gain."""
+
 QUIET_N = 1.0
 """Disturbance noise, N/√s, of the observer that looks for hidden delay: it leans on the model."""
 
 
-class CommandHistory:
-    """The last commands: when each was sent, its axes and its thrust in NED, both (4,)."""
-
-    def __init__(self) -> None:
-        self._t_s = np.full(2 * HISTORY, LONG_AGO_S)
-        self._axes = np.zeros((2 * HISTORY, 4))
-        self._tau = np.zeros((2 * HISTORY, 4))
-        self._impulse = np.zeros((2 * HISTORY, 4))
-        self._next = 0
-
-    def append(self, t_s: float, axes: Array, tau: Array) -> None:
-        """Add what was sent at `t_s`, later than all before."""
-        last = self._next + HISTORY - 1
-        impulse = self._impulse[last] + self._tau[last] * (t_s - self._t_s[last])
-        for i in (self._next, self._next + HISTORY):
-            self._t_s[i], self._axes[i], self._tau[i], self._impulse[i] = t_s, axes, tau, impulse
-        self._next = (self._next + 1) % HISTORY
-
-    def mean_tau(self, t_s: Array) -> Array:
-        """Return the mean thrust of each DOF between its own ascending `t_s` (n + 1, 4), as (n, 4).
-
-        The newest command holds; zero where no time passes.
-        """
-        window = slice(self._next, self._next + HISTORY)
-        at = np.maximum(np.searchsorted(self._t_s[window], t_s, side="right") - 1, 0)
-        since_s = t_s - self._t_s[window][at]
-        impulse = self._impulse[window][at, DOF_INDEX] + self._tau[window][at, DOF_INDEX] * since_s
-        spans_s = t_s[1:] - t_s[:-1]
-        mean: Array = (impulse[1:] - impulse[:-1]) / np.where(spans_s > 0.0, spans_s, np.inf)
-        return mean
-
-    def turn(self, shift: FrameShift) -> None:
-        """Go on in a frame that has turned."""
-        self._tau, self._impulse = turned(shift, self._tau), turned(shift, self._impulse)
-
-    @property
-    def sent(self) -> tuple[Array, Array]:
-        """Times (n,) and axes (n, 4) of all that is kept, oldest first."""
-        window = slice(self._next, self._next + HISTORY)
-        known = self._t_s[window] > LONG_AGO_S
-        return self._t_s[window][known], self._axes[window][known]
-
-
 class Measurement(NamedTuple):
-    """One sample of one degree of freedom: `kind` 0 is its position, 1 its rate; `at_s` when it was true."""
+    """One sample of a degree of freedom, of its position or its rate; `at_s` is when it was true."""
 
-    dof: int
-    kind: int
+    of_rate: bool
     value: float
     at_s: float
+
+
+class Estimate(NamedTuple):
+    """Position and rate of one degree of freedom now and `ahead_s` later, and its disturbance."""
+
+    q: float
+    v: float
+    q_ahead: float
+    v_ahead: float
+    d: float
 
 
 class Estimator:
     """What is known of the vehicle; `step` once a tick, `sent` after each command."""
 
     def __init__(self, config: Config, model: Model, thrusters: Thrusters) -> None:
-        self._model = model
         self._thrusters = thrusters
         self._delays = config.delays
         self._lead_s = config.thrusters.lead_s
         self._tick_s = 1.0 / config.loop.rate_hz
-        self._sensor_delay_s = [axis.sensor_delay_s for axis in config.axes]
         self._depth_later_s = LATER_S.get(config.vehicle.depth_source, 0.0)
+        self._hidden_parameters = _hidden_delay_parameters(config, model)
+        self._hidden = hidden_delay.start(0.0, 0.0)
         self.limit(config.supervisor)
-        self._observer = _observer(config, model)
-        self._hidden = _hidden_delay(config, model)
+        self.retune(config, model)
         self._heartbeat = Heartbeat(-math.inf, armed=False, mode=-1, system_status=0)
         self._voltage_v = T200_VOLTAGE_V
         self._gain = 1.0
@@ -165,18 +138,15 @@ class Estimator:
 
     def retune(self, config: Config, model: Model) -> None:
         """Go on from the present estimate with another model, other noises and sensor delays."""
-        observer = _observer(config, model)
-        observer.x = self._observer.x
-        self._observer, self._model = observer, model
+        self._parameters = _observer_parameters(config, model)
+        self._model = model
         self._sensor_delay_s = [axis.sensor_delay_s for axis in config.axes]
 
     def limit(self, limits: Limits) -> None:
         """Take what the supervisor's configuration says of jumps and ages."""
         self.max_depth_jump_m = limits.max_depth_jump_m
         position_s = limits.position_timeout_s
-        self._timeout_s = np.array(
-            (position_s, position_s, limits.depth_timeout_s, limits.attitude_timeout_s)
-        )
+        self._timeout_s = (position_s, position_s, limits.depth_timeout_s, limits.attitude_timeout_s)
 
     def restart(self) -> None:
         """Forget the motion, the clocks and the commands: a rebooted autopilot, or numbers gone bad."""
@@ -184,69 +154,49 @@ class Estimator:
         self._commands = CommandHistory()
         self._attitude = Attitude(-math.inf, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
         self._measured_t_s = [-math.inf] * len(DOFS)
-        self._observed_t_s: Array | None = None
-        self._new: list[Measurement] = []
-        self._observer.x = np.zeros((4, 6))
-        self._hidden.restart(0.0)
-        self._scaled_disturbance = ScaledDisturbance(np.zeros(4))
-        self._eta = np.zeros(4)
+        self._observed_t_s: list[float] | None = None
+        self._new: list[list[Measurement]] = [[] for _ in DOFS]
+        self._observers = [observer.at_rest(0.0) for _ in DOFS]
+        self._hidden = hidden_delay.start(0.0, self._hidden.hidden_s)
+        self._mean_disturbance: list[float] = [0.0] * len(DOFS)
+        self._eta = ZERO
         self._refusing = False
         self._yaw_resets, self._x_resets, self._y_resets = yaw_resets(), position_resets(), position_resets()
         self._yaw_reset_t_s = self._position_reset_t_s = -math.inf
         self._frame_shift: FrameShift | None = None
 
-    def step(self, now_s: float, events: Sequence[Event], gain_scale: Array = FULL) -> VehicleState:
+    def step(
+        self, now_s: float, events: Sequence[Event], gain_scale: Sequence[float] = (1.0, 1.0, 1.0, 1.0)
+    ) -> VehicleState:
         """Take in what came since the last tick; say where the vehicle is and where a command finds it.
 
-        `gain_scale` (4,) is what the controller has left of its gains: the predicted d is drawn back alike.
+        `gain_scale`, by DOF, is what the controller has left of its gains: the predicted d is scaled alike.
         """
         self._depth_refused = False
         self._frame_shift = None
-        self._reset_by = np.zeros(4)
-        self._innovation = np.zeros((4, 2))
+        self._reset_by = [0.0] * len(DOFS)
+        self._innovation = [0.0] * len(DOFS)
         for event in events:
             self._take(event)
-        delays = replace(self._meter.delays, hidden_s=float(self._hidden.hidden_s))
+        delays = replace(self._meter.delays, hidden_s=self._hidden.hidden_s)
         if not math.isfinite(delays.total_s):
             self.restart()
             delays = self._meter.delays
-        observer = self._observer
-        stale = now_s - np.array(self._measured_t_s) > self._timeout_s
-        if stale.any():
-            observer.x[stale] = 0.0
-            observer.x[stale, 0] = self._eta[stale]
-        J = jacobian(observer.x[PSI, 0])
-        nu = to_body(J, observer.x[:, 1])
-        m = self._model.inertia(J)
-        c = self._model.drag_coefficient(J, nu)
-
-        from_s, observed_s = self._moments(now_s, delays)
+        stale = self._stale(now_s)
         ahead_s = delays.command_s + self._lead_s
-        to_go_s = np.maximum(now_s - observed_s + ahead_s, 0.0)
-        steps = max(1, math.ceil(max(to_go_s.tolist()) / PREDICTION_STEP_S))
-        step_s = to_go_s / steps
-        edges_s = np.concatenate((from_s[None], observed_s + step_s * np.arange(steps + 1)[:, None]))
-        u = self._commands.mean_tau(edges_s - delays.command_s)
-        self._observe(u[0], m, c, from_s, observed_s)
-        d_hat = self._scaled_disturbance.step(observer.disturbance, gain_scale, self._tick_s)
-        way = observer.predict(u[1:], m, c, step_s, d_hat)
-        eta, eta_dot = _along(way, (now_s - observed_s) / np.maximum(step_s, SHORTEST_S))
-        eta_ahead, eta_dot_ahead, _ = way[-1]
-        disturbance = observer.disturbance - self._unmodelled(J, nu, c)
-        if stale.any():
-            eta[stale] = eta_ahead[stale] = self._eta[stale]
-            eta_dot[stale] = eta_dot_ahead[stale] = disturbance[stale] = 0.0
+        estimates = self._estimates(now_s, ahead_s, delays, stale, gain_scale)
+        eta, eta_dot, eta_ahead, eta_dot_ahead, disturbance = map(vector, zip(*estimates, strict=True))
         self._eta = eta
         attitude = self._attitude
         return VehicleState(
             t_s=now_s,
-            boot_s=now_s + self._meter.offset_s,
+            boot_s=now_s + self._meter.clock.offset_s,
             eta=_wrapped(eta),
-            eta_dot=_vector(eta_dot),
+            eta_dot=eta_dot,
             ahead_s=ahead_s,
             eta_ahead=_wrapped(eta_ahead),
-            eta_dot_ahead=_vector(eta_dot_ahead),
-            disturbance=_vector(disturbance),
+            eta_dot_ahead=eta_dot_ahead,
+            disturbance=disturbance,
             roll=attitude.roll,
             pitch=attitude.pitch,
             p=0.0 if stale[PSI] else attitude.p,
@@ -267,60 +217,118 @@ class Estimator:
                 position_reset_s=now_s - self._position_reset_t_s,
             ),
             delays=delays,
-            innovation=_vector(self._innovation[:, 0] + np.minimum(self._reset_by, RESET_INNOVATION)),
+            innovation=vector(
+                missed + min(reset_by, most)
+                for missed, reset_by, most in zip(
+                    self._innovation, self._reset_by, RESET_INNOVATION, strict=True
+                )
+            ),
             depth_refused=self._depth_refused,
-            clock_doubt_s=self._meter.doubt_s(now_s),
+            clock_doubt_s=self._meter.clock.doubt_s(now_s),
             frame_shift=self._frame_shift,
-            stale=(bool(stale[X]), bool(stale[Y]), bool(stale[Z]), bool(stale[PSI])),
+            stale=stale,
         )
 
-    def sent(self, now_s: float, axes: Array, tau_ned: Array) -> None:
-        """Note what was sent: axes and the thrust in NED that they really give, (4,) each."""
+    def sent(self, now_s: float, axes: Vector, tau_ned: Vector) -> None:
+        """Note what was sent: axes and the thrust in NED that they really give."""
         self._commands.append(now_s, axes, tau_ned)
 
-    def _unmodelled(self, J: Array, nu: Array, c: Array) -> Array | float:
-        """Return what of k + h the observer's diagonal drag leaves out and so takes for disturbance."""
-        if self._measured_t_s[X] == -math.inf:
-            return 0.0
-        return self._model.coriolis_and_damping(J, nu) - c * self._observer.x[:, 1]
+    def _stale(self, now_s: float) -> tuple[bool, bool, bool, bool]:
+        """Return which DOFs were not measured for longer than their timeouts; they rest where they were."""
+        ages = zip(self._measured_t_s, self._timeout_s, strict=True)
+        x, y, z, psi = (now_s - t_s > timeout_s for t_s, timeout_s in ages)
+        stale = (x, y, z, psi)
+        for dof, is_stale in enumerate(stale):
+            if is_stale:
+                self._observers[dof] = observer.at_rest(self._eta[dof])
+        return stale
 
-    def _moments(self, now_s: float, delays: Delays) -> tuple[Array, Array]:
+    def _estimates(
+        self,
+        now_s: float,
+        ahead_s: float,
+        delays: Delays,
+        stale: tuple[bool, bool, bool, bool],
+        gain_scale: Sequence[float],
+    ) -> list[Estimate]:
+        """Bring each observer on to the newest measurements and predict from there to now and ahead."""
+        psi = self._observers[PSI].q
+        v = np.array([one.v for one in self._observers])
+        J = jacobian(psi)
+        nu = to_body(J, v)
+        m = self._model.inertia(J).tolist()
+        c = self._model.drag_coefficient(J, nu).tolist()
+        forces = self._model.coriolis_and_damping(J, nu).tolist()
+
+        from_s, observed_s = self._moments(now_s, delays)
+        to_go_s = [max(now_s - at_s + ahead_s, 0.0) for at_s in observed_s]
+        steps = max(1, math.ceil(max(to_go_s) / PREDICTION_STEP_S))
+        estimates = []
+        for dof in range(len(DOFS)):
+            step_s, since_s = to_go_s[dof] / steps, observed_s[dof] - delays.command_s
+            edges_s = [from_s[dof] - delays.command_s, *[since_s + step_s * k for k in range(steps + 1)]]
+            thrust, *thrusts = self._commands.mean_thrusts(dof, edges_s)
+            state = self._observe(dof, thrust, m[dof], c[dof], from_s[dof], observed_s[dof])
+            mean = mean_disturbance(self._mean_disturbance[dof], state.d, self._tick_s)
+            self._mean_disturbance[dof] = mean
+            if stale[dof]:
+                estimates.append(Estimate(self._eta[dof], 0.0, self._eta[dof], 0.0, 0.0))
+                continue
+            model = observer.coefficients(self._parameters[dof], m[dof], c[dof], step_s)
+            d_hat = scaled_disturbance(mean, state.d, gain_scale[dof])
+            trajectory = observer.predict(model, state, thrusts, d_hat)
+            q, q_dot = interpolate(trajectory, (now_s - observed_s[dof]) / max(step_s, SHORTEST_S))
+            q_ahead, q_dot_ahead, _ = trajectory[-1]
+            # What of k + h the observer's diagonal drag leaves out it takes for disturbance.
+            left_out = forces[dof] - c[dof] * state.v if self._measured_t_s[X] > -math.inf else 0.0
+            estimates.append(Estimate(q, q_dot, q_ahead, q_dot_ahead, state.d - left_out))
+        return estimates
+
+    def _moments(self, now_s: float, delays: Delays) -> tuple[list[float], list[float]]:
         """Return when each DOF was last observed, and when its newest measurements were true."""
         newest_s = now_s - delays.telemetry_s - 0.5 * self._tick_s
-        to_s = np.array([newest_s - later_s for later_s in self._sensor_delay_s])
+        to_s = [newest_s - later_s for later_s in self._sensor_delay_s]
         to_s[Z] -= delays.hidden_s
         from_s = self._observed_t_s
         if from_s is None or to_s[Z] - from_s[Z] > MAX_GAP_S:
             from_s = to_s
-        self._observed_t_s = np.minimum(np.maximum(from_s, to_s), now_s)
-        return from_s, self._observed_t_s
+        from_s = [min(before_s, now_s) for before_s in from_s]
+        observed_s = [min(max(pair), now_s) for pair in zip(from_s, to_s, strict=True)]
+        self._observed_t_s = observed_s
+        return from_s, observed_s
 
-    def _observe(self, u: Array, m: Array, c: Array, from_s: Array, to_s: Array) -> None:
-        """Bring each DOF on under the thrust `u` that was in force, and correct it."""
-        observer = self._observer
-        dt_s = to_s - from_s
-        observer.advance(u, m, c, dt_s)
-        heave = [math.nan, math.nan]
-        if self._new:
-            expected = observer.expected.tolist()
-            rates, moments_s = observer.rates(m, c).tolist(), to_s.tolist()
-            innovation = [[0.0, 0.0] for _ in DOFS]
-            for dof, kind, value, at_s in self._new:
-                later_s = min(max(moments_s[dof] - at_s, -MAX_EXTRAPOLATION_S[dof]), MAX_EXTRAPOLATION_S[dof])
-                now = value + rates[dof][kind] * later_s
-                missed = now - expected[dof][kind]
-                if dof == Z and not kind and abs(missed) > ZERO_MOVED_M and not self._heartbeat.armed:
-                    observer.x[Z, 0] += missed
-                    self._hidden.restart(now)
+    def _observe(
+        self, dof: int, thrust: float, m: float, c: float, from_s: float, to_s: float
+    ) -> ObserverState:
+        """Bring a DOF's observer on under the thrust that was in force, correct it, return it."""
+        parameters, dt_s = self._parameters[dof], to_s - from_s
+        state = observer.advance(parameters, self._observers[dof], thrust, m, c, dt_s)
+        measured, innovation = [math.nan, math.nan], [0.0, 0.0]
+        if self._new[dof]:
+            expected, rates = observer.expected(state), observer.rates(state, m, c)
+            for of_rate, value, at_s in self._new[dof]:
+                most_s = MAX_EXTRAPOLATION_S[dof]
+                now = value + rates[of_rate] * clamped(to_s - at_s, -most_s, most_s)
+                missed = now - expected[of_rate]
+                if dof == PSI and not of_rate:
+                    missed = wrap(missed)
+                elif dof == Z and not of_rate and self._zero_moved(missed):
+                    state = state._replace(q=state.q + missed)
+                    self._hidden = hidden_delay.start(now, self._hidden.hidden_s)
                     continue
-                innovation[dof][kind] = wrap(missed) if dof == PSI and not kind else missed
-                if dof == Z:
-                    heave[kind] = now
-            self._innovation = np.array(innovation)
-            observer.correct(self._innovation)
-            self._new.clear()
-        if dt_s[Z] > 0.0:
-            self._hidden.step(u[Z], m[Z], c[Z], dt_s[Z], np.array(heave))
+                measured[of_rate], innovation[of_rate] = now, missed
+            self._new[dof].clear()
+            self._innovation[dof] = innovation[0]
+            state = observer.correct(parameters, state, *innovation)
+        if dof == Z and dt_s > 0.0:
+            self._hidden = hidden_delay.step(
+                self._hidden_parameters, self._hidden, thrust, m, c, dt_s, *measured
+            )
+        self._observers[dof] = state
+        return state
+
+    def _zero_moved(self, missed_m: float) -> bool:
+        return abs(missed_m) > ZERO_MOVED_M and not self._heartbeat.armed
 
     def _take(self, event: Event) -> None:
         kind = type(event)
@@ -336,45 +344,50 @@ class Estimator:
         """Return the time at which this sample of `dof` was true."""
         meter = self._meter
         if event.boot_s is None:
-            return event.t_s - meter.delays.telemetry_s - self._sensor_delay_s[dof]
+            return event.t_s - meter.telemetry_s - self._sensor_delay_s[dof]
         meter.stamped(event.t_s, event.boot_s)
-        return meter.local(event.boot_s) - self._sensor_delay_s[dof]
+        return meter.clock.local(event.boot_s) - self._sensor_delay_s[dof]
 
     def _position(self, dof: int, value: float, t_s: float, at_s: float) -> None:
         """Keep a position sample; a degree of freedom that was not measured for long begins anew."""
         if t_s - self._measured_t_s[dof] > min(MAX_GAP_S, self._timeout_s[dof]):
-            self._observer.start(dof, value)
+            self._observers[dof] = observer.at_rest(value)
             if dof == Z:
-                self._hidden.restart(value)
+                self._hidden = hidden_delay.start(value, self._hidden.hidden_s)
         self._measured_t_s[dof] = t_s
-        self._new.append(Measurement(dof, 0, value, at_s))
+        self._new[dof].append(Measurement(False, value, at_s))
+
+    def _rate(self, dof: int, value: float, at_s: float) -> None:
+        self._new[dof].append(Measurement(True, value, at_s))
 
     def _shift(self, shift: FrameShift) -> None:
         """Go on in the frame of a reset estimate; samples of this tick from before it are left out."""
-        observer = self._observer
-        place = observer.x[:, 0]
-        observer.x = turned(shift, observer.x.T).T
-        observer.x[:, 0] = shifted(shift, place)
-        self._scaled_disturbance.mean = turned(shift, self._scaled_disturbance.mean)
-        self._eta = shifted(shift, self._eta)
+        q, *others = (np.array(column) for column in zip(*self._observers, strict=True))
+        columns = [shifted(shift, q).tolist(), *(turned(shift, column).tolist() for column in others)]
+        self._observers = [ObserverState(*row) for row in zip(*columns, strict=True)]
+        self._mean_disturbance = turned(shift, np.array(self._mean_disturbance)).tolist()
+        self._eta = vector(shifted(shift, np.array(self._eta)).tolist())
         self._commands.turn(shift)
-        self._new = [one for one in self._new if one.dof == Z]
+        for dof in (X, Y, PSI):
+            self._new[dof].clear()
         self._frame_shift = joined(self._frame_shift, shift)
 
     def _on_attitude(self, event: Attitude) -> None:
         self._attitude = event
         at_s = self._sampled(event, PSI)
-        turn_rad = self._yaw_resets.step(event.boot_s, event.yaw, _heading_rate(event))
+        heading_rate = _heading_rate(event)
+        turn_rad = self._yaw_resets.step(event.boot_s, event.yaw, heading_rate)
         if turn_rad:
             self._yaw_reset_t_s = event.t_s
             self._reset_by[PSI] += abs(turn_rad)
             self._shift(FrameShift(turn_rad, 0.0, 0.0))
         self._position(PSI, event.yaw, event.t_s, at_s)
-        self._new.append(Measurement(PSI, 1, _heading_rate(event), at_s))
+        self._rate(PSI, heading_rate, at_s)
 
     def _on_depth(self, event: Depth) -> None:
-        at_s = self._sampled(event, Z) - self._depth_later_s - float(self._hidden.hidden_s)
-        missed = abs(event.z_m - float(self._observer.expected[Z, 0]))
+        at_s = self._sampled(event, Z) - self._depth_later_s - self._hidden.hidden_s
+        expected_m, _ = observer.expected(self._observers[Z])
+        missed = abs(event.z_m - expected_m)
         known_s = event.t_s - self._measured_t_s[Z]
         believed_s = JUMP_BELIEVED_S if self._refusing else MAX_GAP_S
         if missed > self.max_depth_jump_m and known_s <= believed_s and self._heartbeat.armed:
@@ -384,8 +397,8 @@ class Estimator:
         self._position(Z, event.z_m, event.t_s, at_s)
 
     def _on_depth_rate(self, event: DepthRate) -> None:
-        at_s = self._sampled(event, Z) - float(self._hidden.hidden_s)
-        self._new.append(Measurement(Z, 1, event.w_mps, at_s))
+        at_s = self._sampled(event, Z) - self._hidden.hidden_s
+        self._rate(Z, event.w_mps, at_s)
 
     def _on_position(self, event: Position) -> None:
         at_s = self._sampled(event, X)
@@ -393,18 +406,20 @@ class Estimator:
         east_m = self._y_resets.step(event.boot_s, event.y_m, event.vy_mps)
         if north_m or east_m:
             self._position_reset_t_s = event.t_s
-            self._reset_by[:2] += (abs(north_m), abs(east_m))
+            self._reset_by[X] += abs(north_m)
+            self._reset_by[Y] += abs(east_m)
             self._shift(FrameShift(0.0, north_m, east_m))
         self._position(X, event.x_m, event.t_s, at_s)
         self._position(Y, event.y_m, event.t_s, at_s)
-        self._new.append(Measurement(X, 1, event.vx_mps, at_s))
-        self._new.append(Measurement(Y, 1, event.vy_mps, at_s))
+        self._rate(X, event.vx_mps, at_s)
+        self._rate(Y, event.vy_mps, at_s)
 
     def _on_servo_output(self, event: ServoOutput) -> None:
         count = self._thrusters.count
         if len(event.pwm_us) >= count:
             motors = np.array(motor_demand(event.pwm_us[:count]))
-            self._meter.echo(event.boot_s, self._thrusters.axes_from_motors(motors)[:4], *self._commands.sent)
+            axes = vector(self._thrusters.axes_from_motors(motors)[:4].tolist())
+            self._meter.echo(event.boot_s, axes, self._commands.t_s, self._commands.axes)
 
     def _on_timesync(self, event: TimeSync) -> None:
         self._meter.timesync(event.sent_s, event.t_s, event.boot_s)
@@ -420,39 +435,35 @@ class Estimator:
         self._gain = event.gain
 
 
-def _along(way: Sequence[tuple[Array, Array, Array]], place: Array) -> tuple[Array, Array]:
-    """Return position and rate of each DOF at its own `place` (4,), counted in steps of the way."""
-    q, v = np.zeros(4), np.zeros(4)
-    for dof, at in enumerate(place.tolist()):
-        i = min(max(int(at), 0), len(way) - 2)
-        (q_0, v_0, _), (q_1, v_1, _) = way[i], way[i + 1]
-        q[dof] = q_0[dof] + (at - i) * (q_1[dof] - q_0[dof])
-        v[dof] = v_0[dof] + (at - i) * (v_1[dof] - v_0[dof])
-    return q, v
+def interpolate(trajectory: Sequence[Motion], step_index: float) -> tuple[float, float]:
+    """Return position and rate on a trajectory, `step_index` steps after its start."""
+    i = min(max(int(step_index), 0), len(trajectory) - 2)
+    (q_0, v_0, _), (q_1, v_1, _) = trajectory[i], trajectory[i + 1]
+    share = step_index - i
+    return q_0 + share * (q_1 - q_0), v_0 + share * (v_1 - v_0)
 
 
-def _observer(config: Config, model: Model) -> Observer:
-    drag = model.d1 + 0.1 * model.d2
-    return Observer(model.m, drag, config.thrusters.lag_s, _noise(config), 1.0 / config.loop.rate_hz)
+def _observer_parameters(config: Config, model: Model) -> list[ObserverParameters]:
+    return [_parameters(config, model, dof, axis.disturbance_noise) for dof, axis in enumerate(config.axes)]
 
 
-def _hidden_delay(config: Config, model: Model) -> HiddenDelay:
-    heave = slice(Z, Z + 1)
-    drag = (model.d1 + 0.1 * model.d2)[heave]
-    quiet = _noise(config).of(Z, QUIET_N)
-    return HiddenDelay(model.m[heave], drag, config.thrusters.lag_s, quiet, 1.0 / config.loop.rate_hz)
+def _hidden_delay_parameters(config: Config, model: Model) -> ObserverParameters:
+    return _parameters(config, model, Z, QUIET_N)
 
 
-def _noise(config: Config) -> Noise:
-    axes = config.axes
-    return Noise(
-        position=np.array([axis.position_noise for axis in axes]),
-        rate=np.array([axis.rate_noise for axis in axes]),
-        position_slow=np.array([axis.position_noise_slow for axis in axes]),
-        rate_slow=np.array([axis.rate_noise_slow for axis in axes]),
-        disturbance=np.array([axis.disturbance_noise for axis in axes]),
+def _parameters(config: Config, model: Model, dof: int, disturbance: float) -> ObserverParameters:
+    axis = config.axes[dof]
+    noise = Noise(
+        position=axis.position_noise,
+        rate=axis.rate_noise,
+        position_slow=axis.position_noise_slow,
+        rate_slow=axis.rate_noise_slow,
+        disturbance=disturbance,
         slow_time_s=config.delays.slow_noise_s,
     )
+    drag = float(model.d1[dof] + TYPICAL_RATE * model.d2[dof])
+    tick_s = 1.0 / config.loop.rate_hz
+    return observer_parameters(float(model.m[dof]), drag, config.thrusters.lag_s, noise, tick_s)
 
 
 def _heading_rate(attitude: Attitude) -> float:
@@ -461,11 +472,6 @@ def _heading_rate(attitude: Attitude) -> float:
     return (attitude.q * math.sin(attitude.roll) + attitude.r * math.cos(attitude.roll)) / cos_pitch
 
 
-def _wrapped(eta: Array) -> Vector:
-    x, y, z, psi = eta.tolist()
-    return x, y, z, wrap(psi)
-
-
-def _vector(array: Array) -> Vector:
-    x, y, z, psi = array.tolist()
-    return x, y, z, psi
+def _wrapped(eta: Vector) -> Vector:
+    x, y, z, psi = eta
+    return (x, y, z, wrap(psi))

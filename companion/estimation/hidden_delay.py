@@ -1,19 +1,28 @@
 """The delay that no stamp shows: what the autopilot's own filter adds, found in the observer's innovations.
 
-Recursive prediction error method (Ljung 1999, ch. 11) for one number, the delay x. An observer of its own,
-which believes in small disturbances and so leans on the model, predicts each measurement; the derivative of
-its error ν by x is the same observer driven by −u' and by no measurement. Where ν has that shape, x is off:
+Recursive prediction error method (Ljung 1999, ch. 11) for one number of one degree of freedom, the delay x.
+An observer of its own, which believes in small disturbances and so leans on the model, predicts each
+measurement. The derivative of its error ν by x is the same observer driven by −u' and by no measurement.
+Where ν has that shape, x is off:
 
-    ψ = ∂ν/∂x        I' = ψᵀ S⁻¹ ψ − I/T        x' = −ψᵀ S⁻¹ ν / (I + I₀)
+| symbol | meaning                                       | unit           | equation                        |
+|--------|-----------------------------------------------|----------------|---------------------------------|
+| x      | hidden delay                                  | s              | x' = −ψᵀ S⁻¹ ν / (I + 1/PRIOR²) |
+| ν      | innovation of position and rate               | m, m/s         | observer                        |
+| ψ      | its derivative by x                           | m/s, m/s²      | ψ = ∂ν/∂x                       |
+| S      | variance of ν, diagonal                       | m², m²/s²      | S' = (ν² − S)/SPREAD_MEMORY_S   |
+| I      | information on x, over MEMORY_S               | 1/s²           | I' = ψᵀ S⁻¹ ψ − I/MEMORY_S      |
+| u      | commanded thrust                              | N              | observer                        |
 
 A slower thruster than believed looks alike, and does the same harm. It tends to find half of what is there
 rather than too much: noise that went around the loop pulls it down (docs/theory.md).
 """
 
-import numpy as np
+import math
+from typing import NamedTuple
 
-from companion.estimation.observer import Noise, Observer
-from companion.records import Array
+from companion.control.bounds import clamped, limited
+from companion.estimation.observer import ObserverParameters, ObserverState, advance, at_rest, correct
 
 MEMORY_S = 20.0
 SPREAD_MEMORY_S = 10.0
@@ -28,49 +37,66 @@ START_SPREAD = (0.002, 0.004)
 """Innovations' standard deviation to begin with, m and m/s."""
 
 
-class HiddenDelay:
-    """Finds `hidden_s` of one degree of freedom, for vehicles of any leading shape (…).
+class HiddenDelayState(NamedTuple):
+    """What was found, `hidden_s`, 0..LARGEST_S; the two observers, and what they have shown so far."""
 
-    `hidden_s` stays between 0 and LARGEST_S; without commands that vary it stays as it is.
+    hidden_s: float
+    observer: ObserverState
+    slope: ObserverState
+    """The observer's derivative by x."""
+    u: float
+    """Thrust of the step before; NaN before the first."""
+    information: float
+    position_variance: float
+    rate_variance: float
+
+
+def start(position: float, hidden_s: float) -> HiddenDelayState:
+    """Observe from a known place; what was found before, `hidden_s`, stays if it is finite."""
+    return HiddenDelayState(
+        hidden_s=hidden_s if math.isfinite(hidden_s) else 0.0,
+        observer=at_rest(position),
+        slope=at_rest(0.0),
+        u=math.nan,
+        information=0.0,
+        position_variance=START_SPREAD[0] * START_SPREAD[0],
+        rate_variance=START_SPREAD[1] * START_SPREAD[1],
+    )
+
+
+def step(
+    parameters: ObserverParameters,
+    state: HiddenDelayState,
+    u: float,
+    m: float,
+    c: float,
+    dt_s: float,
+    position: float,
+    rate: float,
+) -> HiddenDelayState:
+    """Go on by `dt_s`, above zero, under thrust `u` to what was measured there; NaN where nothing was.
+
+    Without commands that vary `hidden_s` stays as it is.
     """
+    u_slope = 0.0 if math.isnan(state.u) else (state.u - u) / dt_s
+    observed = advance(parameters, state.observer, u, m, c, dt_s)
+    slope = advance(parameters, state.slope, u_slope, m, c, dt_s)
 
-    def __init__(self, m: Array, c: Array, thrust_lag_s: float, noise: Noise, dt_s: float) -> None:
-        """Take inertia, drag and noise of the degree of freedom, (1,) each, and the tick `dt_s`."""
-        self._observer = Observer(m, c, thrust_lag_s, noise, dt_s)
-        self.hidden_s: Array = np.zeros(())
-        self.restart(0.0)
+    nu_q, nu_v, psi_q, psi_v = 0.0, 0.0, 0.0, 0.0
+    if not math.isnan(position):
+        nu_q, psi_q = position - (observed.q + observed.s), -(slope.q + slope.s)
+    if not math.isnan(rate):
+        nu_v, psi_v = rate - (observed.v + observed.p), -(slope.v + slope.p)
+    observed = correct(parameters, observed, nu_q, nu_v)
+    slope = correct(parameters, slope, psi_q, psi_v)
 
-    def restart(self, position: Array | float) -> None:
-        """Observe anew from a known place (…); what was found stays where it is finite and the shape does."""
-        start = np.asarray(position, float)
-        self._observer.x = np.zeros((2, *start.shape, 1, 6))  # the observer, and its derivative by x
-        self._observer.x[0, ..., 0, 0] = start
-        self._u: Array | None = None
-        self._information = np.zeros(start.shape)
-        self._variance = np.broadcast_to(np.square(START_SPREAD), (*start.shape, 2))
-        if self.hidden_s.shape != start.shape or not np.isfinite(self.hidden_s).all():
-            self.hidden_s = np.zeros(start.shape)
-
-    def step(self, u: Array, m: Array, c: Array, dt_s: Array, measured: Array) -> None:
-        """Go on by `dt_s` (…), above zero, under thrust `u` (…) to position and rate `measured` (…, 2) there.
-
-        Inertia `m` and drag `c` are (…); what was not measured is NaN.
-        """
-        u = np.asarray(u)
-        slope = ((u if self._u is None else self._u) - u) / dt_s
-        self._u = u
-        observer = self._observer
-        observer.advance(np.array((u, slope))[..., None], m[..., None], c[..., None], dt_s[..., None])
-        error = -observer.expected
-        error[0] += measured[..., None, :]
-        error = np.where(np.isnan(error[0]), 0.0, error)
-        observer.correct(error)
-        nu, psi = error[..., 0, :]
-        self._variance = (
-            self._variance + (nu != 0.0) * (nu * nu - self._variance) * (dt_s / SPREAD_MEMORY_S)[..., None]
-        )
-        weighed = psi / self._variance
-        self._information = self._information * np.exp(-dt_s / MEMORY_S) + np.vecdot(weighed, psi)
-        wanted = -np.vecdot(weighed, nu) / (self._information + PRIOR_S**-2)
-        change = np.minimum(np.maximum(wanted, -SLEW * dt_s), SLEW * dt_s)
-        self.hidden_s = np.minimum(np.maximum(self.hidden_s + change, 0.0), LARGEST_S)
+    spread_q, spread_v = state.position_variance, state.rate_variance
+    if nu_q != 0.0:
+        spread_q = spread_q + (nu_q * nu_q - spread_q) * (dt_s / SPREAD_MEMORY_S)
+    if nu_v != 0.0:
+        spread_v = spread_v + (nu_v * nu_v - spread_v) * (dt_s / SPREAD_MEMORY_S)
+    weighed_q, weighed_v = psi_q / spread_q, psi_v / spread_v
+    information = state.information * math.exp(-dt_s / MEMORY_S) + (weighed_q * psi_q + weighed_v * psi_v)
+    wanted = -(weighed_q * nu_q + weighed_v * nu_v) / (information + 1.0 / (PRIOR_S * PRIOR_S))
+    hidden_s = clamped(state.hidden_s + limited(wanted, SLEW * dt_s), 0.0, LARGEST_S)
+    return HiddenDelayState(hidden_s, observed, slope, u, information, spread_q, spread_v)

@@ -6,7 +6,7 @@ Times: `t_s` is this machine's monotonic clock, `boot_s` the autopilot's clock.
 """
 
 from companion.records.control import NEUTRAL, AxisCommand, DofSample, Wrench
-from companion.records.dof import AXES, DOFS, PSI, ZERO, Array, Flags, Vector, X, Y, Z
+from companion.records.dof import AXES, DOFS, PSI, ZERO, Array, Flags, Vector, X, Y, Z, vector
 from companion.records.events import (
     Attitude,
     Battery,
@@ -91,4 +91,5 @@ __all__ = [
     "X",
     "Y",
     "Z",
+    "vector",
 ]

@@ -1,5 +1,7 @@
 """Degrees of freedom and axes: their names, their order, and the vectors that follow it."""
 
+from collections.abc import Iterable
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,3 +15,9 @@ ZERO: Vector = (0.0, 0.0, 0.0, 0.0)
 DOFS = ("x", "y", "z", "psi")
 AXES = ("surge", "sway", "heave", "yaw")
 X, Y, Z, PSI = range(4)
+
+
+def vector(values: Iterable[float]) -> Vector:
+    """Return four numbers as a vector."""
+    x, y, z, psi = values
+    return (x, y, z, psi)

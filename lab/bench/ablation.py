@@ -22,9 +22,9 @@ import numpy as np
 from msgspec.structs import replace
 
 from companion.config import Config, load_config
-from companion.estimation.hidden_delay import HiddenDelay
 from companion.records import Array, Setpoint
 from lab.batch.dives import simulate
+from lab.batch.legacy.hidden_delay import HiddenDelay
 from lab.batch.vehicle import Links
 from lab.bench.rows import selected, tuned, values_of
 from lab.loop.dive import dive

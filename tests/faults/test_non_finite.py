@@ -1,5 +1,6 @@
 """A number that is not finite is refused where it is computed; a fault that one made can be cleared."""
 
+import math
 from operator import attrgetter
 
 import numpy as np
@@ -22,10 +23,9 @@ DEADLY = (
 which is refused before the Kalman gain is computed: that case learns nothing."""
 
 WITHIN = (
-    "_estimator._observer.x",
-    "_estimator._hidden._observer.x",
-    "_estimator._hidden._variance",
-    "_estimator._hidden.hidden_s",
+    "_estimator._observers",
+    "_estimator._mean_disturbance",
+    "_estimator._hidden",
     "_estimator._meter._command_s",
     "_controller.reference.x_d",
     "_controller._bumpless_bias",
@@ -37,6 +37,16 @@ WITHIN = (
 
 def with_heave(config, **changes):
     return replace(config, heave=replace(config.heave, **changes))
+
+
+def spoiled(value):
+    """Return a number, an array, or a list or (named) tuple of these with NaN for each number."""
+    if isinstance(value, list):
+        return [spoiled(part) for part in value]
+    if isinstance(value, tuple):
+        parts = [spoiled(part) for part in value]
+        return type(value)(*parts) if hasattr(value, "_fields") else tuple(parts)
+    return value * math.nan
 
 
 @pytest.mark.filterwarnings("error")
@@ -63,7 +73,7 @@ def test_a_fault_of_a_number_that_is_not_finite_can_be_cleared(path):
     dive = active()
     owner, _, name = path.rpartition(".")
     part = attrgetter(owner)(dive.engine)
-    setattr(part, name, getattr(part, name) * np.float64(np.nan))
+    setattr(part, name, spoiled(getattr(part, name)))
     dive.run(5.0)
     if dive.state is State.FAULT:
         assert Condition.NON_FINITE not in dive.step.sample.verdict.conditions
@@ -78,14 +88,14 @@ def test_a_fault_of_a_number_that_is_not_finite_can_be_cleared(path):
 
 def test_a_fault_that_lasts_as_long_as_its_cause_ends_with_it():
     dive: Dive = active()
-    observer = dive.engine._estimator._observer
-    sound, observer._gain = observer._gain, np.full_like(observer._gain, np.nan)
+    estimator = dive.engine._estimator
+    sound, estimator._parameters = estimator._parameters, spoiled(estimator._parameters)
     with np.errstate(all="ignore"):
         dive.until(State.FAULT)
         dive.ask(Request.CLEAR_FAULT)
         dive.run(1.0)
     assert dive.state is State.FAULT
-    observer._gain = sound
+    estimator._parameters = sound
     dive.run(5.0)
     dive.ask(Request.CLEAR_FAULT)
     dive.run(0.5)

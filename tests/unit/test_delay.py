@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from companion.estimation.delay import ECHO_SLEW, DelayMeter
+from companion.estimation.delay import SLEW, DelayMeter
 
 BOOT_S = -812.5
 """Autopilot's clock minus ours."""
@@ -59,7 +59,7 @@ def steer(meter, delay_s, seconds=12.0, start_s=1000.0, echo_hz=25.0, commands=c
         index = np.searchsorted(sent_t, at_s - delay_s, side="right") - 1
         known = (sent_t <= at_s + 0.02) & (sent_t > at_s - 2.5)
         axes = sent[index] + noise * rng.normal(size=4)
-        meter.echo(at_s + meter.offset_s, axes, sent_t[known], sent[known])
+        meter.echo(at_s + meter.clock.offset_s, tuple(axes), sent_t[known].tolist(), sent[known].tolist())
     return start_s + seconds
 
 
@@ -74,7 +74,7 @@ def test_before_anything_was_measured_the_start_values_hold():
 def test_equal_delays_are_found_whatever_the_clocks_offset(up_s, down_s):
     m = meter()
     exchange(m, up_s, down_s)
-    assert m.offset_s == pytest.approx(BOOT_S, abs=1e-6)
+    assert m.clock.offset_s == pytest.approx(BOOT_S, abs=1e-6)
     assert m.delays.telemetry_s == pytest.approx(up_s, abs=1e-4)
     assert m.delays.telemetry_known
 
@@ -84,7 +84,7 @@ def test_the_sum_is_right_when_the_ways_differ(up_s, down_s):
     """An echo's stamp is read with the same offset: what one delay loses the other gains."""
     m = meter()
     end_s = exchange(m, up_s, down_s)
-    moved_s = m.offset_s - BOOT_S
+    moved_s = m.clock.offset_s - BOOT_S
     assert m.delays.telemetry_s == pytest.approx(up_s + moved_s, abs=1e-4)
     actuation_s = 0.05
     steer(m, down_s + actuation_s - moved_s, start_s=end_s)
@@ -95,21 +95,21 @@ def test_the_sum_is_right_when_the_ways_differ(up_s, down_s):
 def test_jitter_hardly_moves_offset_and_sum():
     m = meter()
     exchange(m, 0.02, 0.02, jitter_s=0.01, seconds=30.0)
-    assert m.offset_s == pytest.approx(BOOT_S, abs=0.003)
+    assert m.clock.offset_s == pytest.approx(BOOT_S, abs=0.003)
     assert m.delays.telemetry_s == pytest.approx(0.03, abs=0.006)
 
 
 def test_local_undoes_the_offset():
     m = meter()
     exchange(m, 0.02, 0.02)
-    assert m.local(1234.0 + BOOT_S) == pytest.approx(1234.0, abs=1e-6)
+    assert m.clock.local(1234.0 + BOOT_S) == pytest.approx(1234.0, abs=1e-6)
 
 
 def test_before_the_first_timesync_stamps_are_read_with_the_start_value():
     m = meter()
     for t_s in np.arange(1000.0, 1001.0, 0.02):
         m.stamped(t_s + 0.010, t_s + BOOT_S)
-    assert m.offset_s == pytest.approx(BOOT_S, abs=1e-6)
+    assert m.clock.offset_s == pytest.approx(BOOT_S, abs=1e-6)
     assert not m.delays.telemetry_known
 
 
@@ -152,7 +152,7 @@ def test_a_longer_way_is_followed_without_an_echo_and_without_a_jump():
     for k in range(16):
         exchange(m, 0.08, 0.08, seconds=0.25, start_s=end_s + 0.25 * k)
         moved.append(m.delays.command_s)
-    assert max(np.diff([0.04, *moved])) <= 0.5 * ECHO_SLEW
+    assert max(np.diff([0.04, *moved])) <= 0.5 * SLEW
     assert moved[-1] == pytest.approx(0.08, abs=0.005)
 
 
@@ -199,17 +199,19 @@ def test_an_echo_of_somebody_else_changes_nothing():
     sent_t = 1000.0 + np.arange(500) * TICK_S
     sent = np.array([command(t) for t in sent_t])
     for k in range(140, 498, 2):
-        m.echo(
-            sent_t[k] + m.offset_s, 0.1 * rng.normal(size=4), sent_t[k - 128 : k + 2], sent[k - 128 : k + 2]
-        )
+        known = slice(k - 128, k + 2)
+        motors = tuple(0.1 * rng.normal(size=4))
+        m.echo(sent_t[k] + m.clock.offset_s, motors, sent_t[known].tolist(), sent[known].tolist())
     assert m.delays.command_s == pytest.approx(BEFORE_ECHO_S)
 
 
 def test_too_short_a_history_tells_nothing():
     m = synced()
-    sent_t = 1000.0 + np.arange(10) * TICK_S
-    m.echo(1000.2 + m.offset_s, command(1000.1), sent_t, np.array([command(t) for t in sent_t]))
-    m.echo(1000.2 + m.offset_s, AXES, np.zeros(0), np.zeros((0, 4)))
+    sent_t = [1000.0 + k * TICK_S for k in range(10)]
+    boot_s = 1000.2 + m.clock.offset_s
+    m.echo(boot_s, tuple(command(1000.1)), sent_t, [tuple(command(t)) for t in sent_t])
+    m.echo(boot_s, tuple(AXES), sent_t, [tuple(command(t)) for t in sent_t])
+    m.echo(boot_s, tuple(AXES), [], [])
     assert not m.delays.command_known
 
 
@@ -228,7 +230,7 @@ def test_a_changed_telemetry_delay_is_found_in_seconds(before_s, after_s):
     m = meter()
     end_s = exchange(m, before_s, before_s)
     exchange(m, after_s, after_s, start_s=end_s, seconds=6.0)
-    moved_s = m.offset_s - BOOT_S
+    moved_s = m.clock.offset_s - BOOT_S
     assert m.delays.telemetry_s - moved_s == pytest.approx(after_s, abs=0.003)
 
 
@@ -238,14 +240,14 @@ def test_a_clock_that_was_set_anew_is_believed_by_its_second_answer():
         meter.timesync(1000.0 + k * 0.25, 1000.0 + k * 0.25 + 0.01, k * 0.25 + 0.005 + 500.0)
     late_s = 1000.0 + 20.0
     meter.timesync(late_s, late_s + 0.8, 20.0 + 0.7 + 500.0)  # slow, but its round trip explains it
-    assert meter.offset_s == pytest.approx(500.0 - 1000.0, abs=1e-6)
-    assert meter.doubt_s(late_s + 0.9) == 0.0
+    assert meter.clock.offset_s == pytest.approx(500.0 - 1000.0, abs=1e-6)
+    assert meter.clock.doubt_s(late_s + 0.9) == 0.0
     meter.timesync(late_s + 1.0, late_s + 1.03, 3.0)
-    assert meter.offset_s == pytest.approx(500.0 - 1000.0, abs=1e-6)
-    assert meter.doubt_s(late_s + 1.2) == pytest.approx(0.17)
+    assert meter.clock.offset_s == pytest.approx(500.0 - 1000.0, abs=1e-6)
+    assert meter.clock.doubt_s(late_s + 1.2) == pytest.approx(0.17)
     meter.timesync(late_s + 1.25, late_s + 1.28, 3.25)
-    assert meter.offset_s == pytest.approx(3.0 - late_s - 1.015, abs=1e-6)
-    assert meter.doubt_s(late_s + 1.28) == 0.0
+    assert meter.clock.offset_s == pytest.approx(3.0 - late_s - 1.015, abs=1e-6)
+    assert meter.clock.doubt_s(late_s + 1.28) == 0.0
 
 
 def test_a_clock_that_runs_slow_is_followed_and_does_not_pass_for_two():
@@ -254,8 +256,8 @@ def test_a_clock_that_runs_slow_is_followed_and_does_not_pass_for_two():
     for k in range(100):
         t_s = 1000.0 + 0.25 * k
         m.timesync(t_s, t_s + 0.01, 0.9 * 0.25 * k + 0.005)
-        doubts.append(m.doubt_s(t_s + 0.01))
-    assert m.offset_s == pytest.approx(0.9 * 0.25 * 99 - t_s, abs=0.1)
+        doubts.append(m.clock.doubt_s(t_s + 0.01))
+    assert m.clock.offset_s == pytest.approx(0.9 * 0.25 * 99 - t_s, abs=0.1)
     assert max(doubts) < 0.6
 
 
@@ -266,17 +268,17 @@ def test_one_late_answer_does_not_move_the_offset(late_s):
     m.timesync(1000.0, 1000.005 + late_s, 1000.002 + BOOT_S)
     for t_s in np.arange(1000.3, 1001.3, 0.02):
         m.stamped(t_s + 0.003, t_s + BOOT_S)
-        assert m.doubt_s(t_s) == 0.0
+        assert m.clock.doubt_s(t_s) == 0.0
         assert 0.0 <= m.delays.telemetry_s < 0.01
-    assert m.offset_s == pytest.approx(BOOT_S, abs=0.003)
+    assert m.clock.offset_s == pytest.approx(BOOT_S, abs=0.003)
 
 
 def test_a_stamp_from_the_future_contradicts_the_clock_and_tells_nothing():
     m = synced()
     before = m.delays
     m.stamped(1001.0, 1001.3 + BOOT_S)
-    assert m.doubt_s(1001.1) > 0.0
-    assert (m.offset_s, m.delays) == (pytest.approx(BOOT_S), before)
+    assert m.clock.doubt_s(1001.1) > 0.0
+    assert (m.clock.offset_s, m.delays) == (pytest.approx(BOOT_S), before)
 
 
 @pytest.mark.parametrize("shuffled", [False, True])
@@ -289,8 +291,8 @@ def test_two_clocks_are_not_taken_for_one_that_was_set_anew(shuffled):
             rng.shuffle(answers)
         for answer in answers:
             m.timesync(*answer)
-        assert m.doubt_s(t_s + 0.02) == pytest.approx(0.25 * (k - 1), abs=0.8) or k < 3
-    assert shuffled or m.offset_s == pytest.approx(BOOT_S, abs=1e-6)
+        assert m.clock.doubt_s(t_s + 0.02) == pytest.approx(0.25 * (k - 1), abs=0.8) or k < 3
+    assert shuffled or m.clock.offset_s == pytest.approx(BOOT_S, abs=1e-6)
 
 
 def test_a_frozen_or_absurd_answer_tells_nothing():
@@ -301,4 +303,4 @@ def test_a_frozen_or_absurd_answer_tells_nothing():
         m.timesync(1001.0, t_s + 0.02, 1001.01 + BOOT_S)  # all of the answer does
         m.timesync(t_s, t_s - 0.02, t_s + 7.0)  # it came before we asked
         m.timesync(t_s, t_s + 0.02, 9e9)
-        assert m.offset_s == pytest.approx(BOOT_S, abs=1e-6)
+        assert m.clock.offset_s == pytest.approx(BOOT_S, abs=1e-6)

@@ -8,13 +8,17 @@ import pytest
 from companion.config import load_config
 from companion.control.allocation import Thrusters
 from companion.control.positioning import Model, jacobian, to_body
-from companion.estimation.estimator import MAX_EXTRAPOLATION_S, CommandHistory, Estimator
+from companion.estimation.command_history import CommandHistory
+from companion.estimation.estimator import MAX_EXTRAPOLATION_S, Estimator, interpolate
+from companion.estimation.observer import ObserverState, advance, expected, rates
 from companion.records import (
     PSI,
+    ZERO,
     Attitude,
     Battery,
     Depth,
     DepthRate,
+    FrameShift,
     Heartbeat,
     PilotGain,
     Position,
@@ -23,6 +27,7 @@ from companion.records import (
     X,
     Y,
     Z,
+    vector,
 )
 
 CONFIG = load_config()
@@ -110,7 +115,7 @@ def dive(seconds=12.0, up_s=0.03, command_s=0.06, commands=swing, **changes):
         flying = flying[len(here) :]
         state = est.step(now_s, here)
         u = commands(now_s - START_S)
-        est.sent(now_s, np.zeros(4), u)
+        est.sent(now_s, ZERO, vector(u.tolist()))
         vehicle.sent.append((now_s, u))
         vehicle.sent = vehicle.sent[-40:]
     return state, vehicle
@@ -292,33 +297,39 @@ def test_stamps_that_stray_do_not_set_it_swinging(stray_s):
 @pytest.mark.parametrize("side", [-1.0, 1.0])
 def test_as_far_as_a_sample_is_brought_its_error_does_not_feed_itself(side):
     """Error of the observer from tick to tick, (I - K H) A, H with the rates by which samples are brought."""
-    observer = estimator()._observer
-    for speed in (0.0, 0.1, 0.5, 1.0, 2.0):
-        drag = D1 + speed * D2
-        A = np.empty((4, 6, 6))
-        for k in range(6):
-            observer.x = np.zeros((4, 6))
-            observer.x[:, k] = 1.0
-            observer.advance(np.zeros(4), M, drag, TICK_S)
-            A[:, :, k] = observer.x
-        H = np.zeros((4, 2, 6))
-        for k in range(6):
-            observer.x = np.zeros((4, 6))
-            observer.x[:, k] = 1.0
-            brought = observer.rates(M, drag) * side * np.array(MAX_EXTRAPOLATION_S)[:, None]
-            H[:, :, k] = observer.expected - brought
-        closed = (np.eye(6) - observer._gain @ H) @ A
-        assert np.abs(np.linalg.eigvals(closed)).max() < 1.0
+    for parameters, m, d1, d2, most_s in zip(
+        estimator()._parameters, M, D1, D2, MAX_EXTRAPOLATION_S, strict=True
+    ):
+        gain = np.transpose((parameters.by_position, parameters.by_rate))
+        for speed in (0.0, 0.1, 0.5, 1.0, 2.0):
+            c = d1 + speed * d2
+            units = [ObserverState(*row) for row in np.eye(6)]
+            A = np.transpose([advance(parameters, unit, 0.0, m, c, TICK_S) for unit in units])
+            H = np.transpose(
+                [np.subtract(expected(unit), side * most_s * np.array(rates(unit, m, c))) for unit in units]
+            )
+            closed = (np.eye(6) - gain @ H) @ A
+            assert np.abs(np.linalg.eigvals(closed)).max() < 1.0
+
+
+@pytest.mark.parametrize(
+    ("step_index", "expected_q"), [(-1.0, -1.0), (0.0, 0.0), (0.25, 0.25), (1.5, 2.0), (2.0, 3.0), (3.0, 5.0)]
+)
+def test_between_the_steps_of_a_trajectory_it_is_a_straight_line(step_index, expected_q):
+    trajectory = [(0.0, 0.0, 9.0), (1.0, 10.0, 9.0), (3.0, 30.0, 9.0)]
+    assert interpolate(trajectory, step_index) == pytest.approx((expected_q, 10.0 * expected_q))
 
 
 def test_command_history_gives_what_was_in_force():
     history = CommandHistory()
-    np.testing.assert_array_equal(history.mean_tau(START_S + np.zeros((2, 4))), np.zeros((1, 4)))
+    assert history.mean_thrusts(X, [START_S, START_S + 1.0]) == [0.0]
     for k in range(300):
-        history.append(START_S + k * TICK_S, np.full(4, float(k)), np.full(4, 10.0 * k))
-    edges_s = START_S + TICK_S * np.repeat([[249.0], [250.0], [251.5], [299.0], [310.0]], 4, axis=1)
-    between = np.array([2490.0, (2500.0 + 0.5 * 2510.0) / 1.5, 2747.7, 2990.0])
-    np.testing.assert_allclose(history.mean_tau(edges_s)[:, 0], between, rtol=1e-4)
-    t_s, axes = history.sent
-    assert (np.diff(t_s) > 0.0).all()
-    np.testing.assert_array_equal(axes[-1], 299.0)
+        history.append(START_S + k * TICK_S, (float(k),) * 4, (10.0 * k, 0.0, 0.0, 0.0))
+    edges_s = [START_S + TICK_S * k for k in (249.0, 250.0, 251.5, 299.0, 310.0, 310.0)]
+    between = [2490.0, (2500.0 + 0.5 * 2510.0) / 1.5, 2747.7, 2990.0, 0.0]
+    assert history.mean_thrusts(X, edges_s) == pytest.approx(between, rel=1e-4)
+    assert history.mean_thrusts(Y, edges_s) == [0.0] * 5
+    assert (np.diff(history.t_s) > 0.0).all()
+    assert history.axes[-1] == (299.0,) * 4
+    history.turn(FrameShift(math.pi / 2.0, 0.0, 0.0))
+    assert history.mean_thrusts(Y, edges_s) == pytest.approx(between, rel=1e-4)

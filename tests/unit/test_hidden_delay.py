@@ -1,13 +1,14 @@
 """The delay that no stamp shows: found where it is, not found where it is not, and never at rest."""
 
+import math
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from companion.config import load_config
-from companion.estimation.hidden_delay import LARGEST_S, HiddenDelay
-from companion.estimation.observer import Noise
+from companion.estimation.hidden_delay import LARGEST_S, start, step
+from companion.estimation.observer import Noise, observer_parameters
 from lab.batch.dives import simulate_scenarios
 from lab.batch.engine import Engines
 from lab.batch.vehicle import Links
@@ -17,18 +18,15 @@ from sim_bridge.config import load_config as load_plant
 CONFIG = load_config()
 PLANT = load_plant(Path(__file__).parents[2] / "config" / "sim.toml")
 M, DRAG, LAG_S, DT_S = 28.0, 30.0, 0.15, 0.02
-NOISE = Noise(*(np.array([s]) for s in (0.0006, 0.0008, 0.003, 0.004, 1.0)), slow_time_s=0.8)
-
-
-def finder():
-    return HiddenDelay(np.array([M]), np.array([DRAG]), LAG_S, NOISE, DT_S)
+NOISE = Noise(0.0006, 0.0008, 0.003, 0.004, 1.0, slow_time_s=0.8)
+PARAMETERS = observer_parameters(M, DRAG, LAG_S, NOISE, DT_S)
 
 
 def found(hidden_s, seconds=60.0, force_n=5.0, noise_m=0.0005):
     """Drive a vehicle open loop by a random force; its measurements lie `hidden_s` further back than said."""
     rng = np.random.default_rng(1)
     per_tick, late = 10, round(hidden_s / (DT_S / 10))
-    search, z, w, f, past = finder(), 0.0, 0.0, 0.0, [(0.0, 0.0)] * (late + 2)
+    state, z, w, f, past = start(0.0, 0.0), 0.0, 0.0, 0.0, [(0.0, 0.0)] * (late + 2)
     u = 0.0
     for _ in range(round(seconds / DT_S)):
         u = 0.98 * u + 0.4 * force_n * rng.standard_normal()
@@ -38,10 +36,10 @@ def found(hidden_s, seconds=60.0, force_n=5.0, noise_m=0.0005):
             z += w * DT_S / per_tick
             past.append((z, w))
         seen, before = np.array(past[-1 - late]), np.array(past[-2 - late])
-        brought_up = seen + (seen - before) * per_tick / DT_S * search.hidden_s  # as the estimator does
+        brought_up = seen + (seen - before) * per_tick / DT_S * state.hidden_s  # as the estimator does
         measured = brought_up + noise_m * rng.standard_normal(2)
-        search.step(np.array(u), np.array(M), np.array(DRAG), np.array(DT_S), measured)
-    return float(search.hidden_s)
+        state = step(PARAMETERS, state, u, M, DRAG, DT_S, *measured.tolist())
+    return state.hidden_s
 
 
 @pytest.mark.parametrize("hidden_s", [0.0, 0.02, 0.04])
@@ -58,12 +56,15 @@ def test_without_commands_it_learns_nothing():
 
 
 def test_what_was_not_measured_teaches_nothing():
-    search = finder()
+    state = start(0.0, 0.03)
     for tick in range(200):
-        search.step(
-            np.array(10.0 * (tick % 2)), np.array(M), np.array(DRAG), np.array(DT_S), np.full(2, np.nan)
-        )
-    assert search.hidden_s == 0.0
+        state = step(PARAMETERS, state, 10.0 * (tick % 2), M, DRAG, DT_S, math.nan, math.nan)
+    assert state.hidden_s == 0.03
+
+
+@pytest.mark.parametrize(("before_s", "kept_s"), [(0.03, 0.03), (math.nan, 0.0)])
+def test_a_start_anew_keeps_what_was_found_if_it_is_a_number(before_s, kept_s):
+    assert start(2.0, before_s).hidden_s == kept_s
 
 
 @pytest.mark.parametrize(("hidden_s", "least_s", "most_s"), [(0.0, 0.0, 0.015), (0.04, 0.02, 0.05)])

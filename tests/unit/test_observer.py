@@ -3,25 +3,35 @@
 import numpy as np
 import pytest
 
-from companion.estimation.observer import Noise, Observer
+from companion.estimation.observer import (
+    Noise,
+    ObserverState,
+    advance,
+    at_rest,
+    coefficients,
+    correct,
+    expected,
+    observer_parameters,
+    predict,
+    rates,
+)
 
 M = np.array([17.5, 18.0, 28.5, 0.5])
 C = np.array([18.0, 19.0, 30.0, 0.2])
 LAG_S = 0.15
 TICK_S = 0.02
-NOISE = Noise(
-    position=np.array([0.005, 0.005, 0.0006, 0.002]),
-    rate=np.array([0.005, 0.005, 0.0008, 0.003]),
-    position_slow=np.array([0.01, 0.01, 0.003, 0.005]),
-    rate_slow=np.array([0.005, 0.005, 0.004, 0.002]),
-    disturbance=np.array([5.0, 5.0, 10.0, 0.5]),
-    slow_time_s=0.8,
+SLOW_S = 0.8
+NOISES = (
+    Noise(0.005, 0.005, 0.01, 0.005, 5.0, SLOW_S),
+    Noise(0.005, 0.005, 0.01, 0.005, 5.0, SLOW_S),
+    Noise(0.0006, 0.0008, 0.003, 0.004, 10.0, SLOW_S),
+    Noise(0.002, 0.003, 0.005, 0.002, 0.5, SLOW_S),
 )
+PARAMETERS = [
+    observer_parameters(m, c, LAG_S, noise, TICK_S) for m, c, noise in zip(M, C, NOISES, strict=True)
+]
+POSITION_NOISE, RATE_NOISE, _, _, DISTURBANCE_NOISE, _ = np.array(NOISES).T
 D = np.array([4.0, -3.0, 12.0, -0.4])
-
-
-def observer():
-    return Observer(M, C, LAG_S, NOISE, TICK_S)
 
 
 def thrust(t):
@@ -44,23 +54,32 @@ def plant(seconds, d=D, fine=20, u=thrust):
     return (np.array(column) for column in zip(*seen, strict=True))
 
 
-def run(q, v, u=thrust, noise=None, o=None):
-    """Feed samples of q and v tick by tick; return the observer and its states over time."""
-    o = o or observer()
+def run(q, v, u=thrust, noise=None, states=None):
+    """Feed samples of q and v tick by tick; return the four last states, and all over time (ticks, 4, 6)."""
+    states = [at_rest(0.0) for _ in PARAMETERS] if states is None else list(states)
     seen = []
     for k in range(1, len(q)):
-        o.advance(u((k - 1) * TICK_S), M, C, TICK_S)
-        measured = np.stack((q[k], v[k]), axis=-1)
+        thrusts, measured = u((k - 1) * TICK_S), np.stack((q[k], v[k]), axis=-1)
         if noise is not None:
             measured = measured + noise[k]
-        o.correct(measured - o.expected)
-        seen.append(o.x.copy())
-    return o, np.array(seen)
+        for dof, parameters in enumerate(PARAMETERS):
+            moved = advance(parameters, states[dof], thrusts[dof], M[dof], C[dof], TICK_S)
+            states[dof] = correct(parameters, moved, *(measured[dof] - expected(moved)))
+        seen.append(list(states))
+    return states, np.array(seen)
 
 
-def ahead(o, commands, dt_s=TICK_S):
-    """q, v and f along the way, (steps + 1, 4, 3)."""
-    return np.moveaxis(np.array(o.predict(commands, M, C, dt_s)), 1, -1)
+def ahead(states, commands, dt_s=TICK_S):
+    """q, v and f along the trajectories, (steps + 1, 4, 3)."""
+    trajectories = []
+    for dof, (parameters, state) in enumerate(zip(PARAMETERS, states, strict=True)):
+        step = coefficients(parameters, M[dof], C[dof], dt_s)
+        trajectories.append(predict(step, state, np.asarray(commands)[:, dof], state.d))
+    return np.array(trajectories).swapaxes(0, 1)
+
+
+def random_states(seed):
+    return [ObserverState(*row) for row in np.random.default_rng(seed).normal(size=(4, 6)).tolist()]
 
 
 def test_everything_is_found_without_bias_and_d_in_the_papers_sign():
@@ -84,10 +103,10 @@ def test_d_has_the_sign_of_the_thrust_that_holds_against_it(sign):
 def test_a_step_of_disturbance_is_followed_within_a_second():
     still = np.zeros(4)
     q1, v1, _ = plant(10.0, d=still, u=lambda t: still)
-    o, seen = run(q1, v1, u=lambda t: still)
+    states, seen = run(q1, v1, u=lambda t: still)
     np.testing.assert_allclose(seen[-1, :, 3], 0.0, atol=1e-6)
     q2, v2, _ = plant(6.0, d=D, u=lambda t: still)
-    _, seen = run(q2, v2, u=lambda t: still, o=o)
+    _, seen = run(q2, v2, u=lambda t: still, states=states)
     heave = seen[:, 2, 3]
     assert heave[50] > 0.5 * D[2]
     np.testing.assert_allclose(seen[-1, 2:, 3], D[2:], rtol=0.05)
@@ -96,82 +115,59 @@ def test_a_step_of_disturbance_is_followed_within_a_second():
 def test_noise_is_reduced():
     """White noise of the stated size on rest: position and rate come out quieter than they came in."""
     rng = np.random.default_rng(1)
-    white = rng.normal(size=(3000, 4, 2)) * np.stack((NOISE.position, NOISE.rate), axis=-1)
+    white = rng.normal(size=(3000, 4, 2)) * np.stack((POSITION_NOISE, RATE_NOISE), axis=-1)
     rest = np.zeros((3000, 4))
     _, seen = run(rest, rest, u=lambda t: np.zeros(4), noise=white)
     settled = seen[500:]
-    assert (settled[:, :, 0].std(0) < 0.7 * NOISE.position).all()
-    assert (settled[:, :, 1].std(0) < NOISE.rate).all()
-    assert (np.abs(settled[:, :, 3].mean(0)) < 0.5 * NOISE.disturbance).all()
+    assert (settled[:, :, 0].std(0) < 0.7 * POSITION_NOISE).all()
+    assert (settled[:, :, 1].std(0) < RATE_NOISE).all()
+    assert (np.abs(settled[:, :, 3].mean(0)) < 0.5 * DISTURBANCE_NOISE).all()
 
 
 def test_prediction_is_what_then_happens():
     """From an exact state through known commands: within half a millimetre and a mm/s over 0.3 s."""
     q, v, f = plant(4.0)
-    o = observer()
     start, steps = 150, 15
-    o.x[..., 0], o.x[..., 1], o.x[..., 2], o.x[..., 3] = q[start], v[start], f[start], D
+    exact = zip(q[start], v[start], f[start], D, np.zeros(4), np.zeros(4), strict=True)
+    states = [ObserverState(*row) for row in exact]
     commands = np.array([thrust((start + k) * TICK_S) for k in range(steps)])
-    way = ahead(o, commands)
+    trajectory = ahead(states, commands)
     for k in range(steps + 1):
-        np.testing.assert_allclose(way[k, :, 0], q[start + k], atol=5e-4)
-        np.testing.assert_allclose(way[k, :, 1], v[start + k], atol=3e-3)
+        np.testing.assert_allclose(trajectory[k, :, 0], q[start + k], atol=5e-4)
+        np.testing.assert_allclose(trajectory[k, :, 1], v[start + k], atol=3e-3)
 
 
-def test_prediction_changes_nothing_and_starts_where_the_observer_is():
-    q, v, _ = plant(2.0)
-    o, _ = run(q, v)
-    before = o.x.copy()
-    way = ahead(o, np.zeros((3, 4)), 0.03)
-    np.testing.assert_array_equal(o.x, before)
-    np.testing.assert_array_equal(way[0, :, :2], before[:, :2])
+def test_prediction_starts_where_the_observer_is():
+    states = random_states(1)
+    np.testing.assert_array_equal(ahead(states, np.zeros((3, 4)), 0.03)[0], np.array(states)[:, :3])
 
 
 def test_thrust_ahead_moves_it_forward_and_disturbance_backward():
-    o = observer()
-    np.testing.assert_array_less(0.0, ahead(o, np.ones((5, 4)))[-1, :, 0])
-    o.x[..., 3] = 1.0
-    np.testing.assert_array_less(ahead(o, np.zeros((5, 4)))[-1, :, 0], 0.0)
+    resting = [at_rest(0.0)] * 4
+    np.testing.assert_array_less(0.0, ahead(resting, np.ones((5, 4)))[-1, :, 0])
+    pushed = [state._replace(d=1.0) for state in resting]
+    np.testing.assert_array_less(ahead(pushed, np.zeros((5, 4)))[-1, :, 0], 0.0)
 
 
 def test_advance_is_one_step_of_predict():
-    q, v, _ = plant(2.0)
-    a, _ = run(q, v)
-    b, _ = run(q, v)
-    way = ahead(b, np.array([thrust(2.0)]))
-    a.advance(thrust(2.0), M, C, TICK_S)
-    np.testing.assert_allclose(a.x[:, 0:2], way[-1, :, 0:2], rtol=1e-12, atol=1e-15)
-    np.testing.assert_allclose(a.x[:, 4:6], b.x[:, 4:6] * np.exp(-TICK_S / 0.8), rtol=1e-12)
-    np.testing.assert_array_equal(a.x[:, 3], b.x[:, 3])
-
-
-def test_start_knows_the_place_and_nothing_else_and_leaves_the_others():
-    q, v, _ = plant(2.0)
-    o, _ = run(q, v)
-    before = o.x.copy()
-    o.start(2, 7.5)
-    np.testing.assert_array_equal(o.x[2], [7.5, 0, 0, 0, 0, 0])
-    np.testing.assert_array_equal(np.delete(o.x, 2, axis=0), np.delete(before, 2, axis=0))
+    states = random_states(2)
+    trajectory = ahead(states, [thrust(2.0)])
+    for dof, state in enumerate(states):
+        moved = advance(PARAMETERS[dof], state, thrust(2.0)[dof], M[dof], C[dof], TICK_S)
+        assert moved[:3] == tuple(trajectory[-1, dof])
+        assert moved.d == state.d
+        assert moved[4:] == pytest.approx([one * np.exp(-TICK_S / SLOW_S) for one in state[4:]], rel=1e-12)
 
 
 def test_rates_are_those_of_the_model():
-    o = observer()
-    o.x[...] = np.random.default_rng(2).normal(size=(4, 6))
-    rates = o.rates(M, C)
-    np.testing.assert_array_equal(rates[:, 0], o.x[:, 1])
-    np.testing.assert_allclose(rates[:, 1], (o.x[:, 2] - C * o.x[:, 1] - o.x[:, 3]) / M, rtol=1e-12)
+    """What a short step without slow noise makes of q and v."""
+    dt_s = 1e-6
+    for dof, state in enumerate(random_states(3)):
+        moved = advance(PARAMETERS[dof], state, state.f, M[dof], C[dof], dt_s)
+        slopes = [(moved.q - state.q) / dt_s, (moved.v - state.v) / dt_s]
+        assert rates(state, M[dof], C[dof]) == pytest.approx(slopes, rel=1e-4, abs=1e-6)
 
 
 def test_an_innovation_of_zero_changes_nothing():
-    o = observer()
-    o.x[...] = np.random.default_rng(3).normal(size=(4, 6))
-    before = o.x.copy()
-    o.correct(np.zeros((4, 2)))
-    np.testing.assert_array_equal(o.x, before)
-
-
-def test_what_it_returns_is_a_copy():
-    o = observer()
-    d = o.disturbance
-    o.x[..., 3] = 5.0
-    np.testing.assert_array_equal(d, 0.0)
+    for parameters, state in zip(PARAMETERS, random_states(4), strict=True):
+        assert correct(parameters, state, 0.0, 0.0) == state

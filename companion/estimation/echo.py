@@ -1,0 +1,96 @@
+"""The lag of the motors behind what was sent: where SERVO_OUTPUT_RAW best repeats the commands.
+
+    misfit(lag) = mean over ECHO_MEMORY_S of  Σ (sent(t − lag) − echo(t))² / its mean over all lags
+
+A command that repeats itself fits its echo at several lags: then nothing is learnt.
+"""
+
+import math
+from bisect import bisect_right
+from collections.abc import Sequence
+
+from companion.records import Vector
+
+MEMORY_S = 4.0
+EVIDENCE_S = 1.5
+"""How long commands must have varied before an echo is believed."""
+
+STALL_S = 0.5
+"""A longer gap between echoes counts as this long."""
+
+STEP_S = 0.005
+LAGS_S = tuple(STEP_S * k for k in range(-6, 82))
+CONTRAST = 0.5
+"""The best lag counts as found when it explains the echo this much better than the average lag does."""
+
+PLATEAU = 0.05
+"""Commands are steps of a tick's length, so neighbouring lags can fit alike: the middle of those within this
+share of the best is taken."""
+
+EXCITATION = 0.01
+"""Commands that varied less than this (axis units, RMS) tell nothing about lag."""
+
+
+class Echo:
+    """Compares what the motors did with what was sent."""
+
+    def __init__(self) -> None:
+        self._misfit = [0.0] * len(LAGS_S)
+        self._t_s = -math.inf
+        self._seen_s = 0.0
+
+    def step(
+        self, at_s: float, axes: Vector, sent_t_s: Sequence[float], sent: Sequence[Vector]
+    ) -> float | None:
+        """Take what the motors did at `at_s` and all that was sent until then, oldest first.
+
+        Return the lag, in seconds, where it is clear by now.
+        """
+        if not sent_t_s or not sent_t_s[0] <= at_s - LAGS_S[-1] or at_s - LAGS_S[0] > sent_t_s[-1]:
+            return None
+        misses = _misses(at_s, axes, sent_t_s, sent)
+        if misses is None:
+            return None
+        passed_s = min(max(at_s - self._t_s, 0.0), MEMORY_S)
+        new, mean = passed_s / (passed_s + MEMORY_S), sum(misses) / len(misses)
+        misfit = [old + new * (miss / mean - old) for old, miss in zip(self._misfit, misses, strict=True)]
+        self._misfit = misfit
+        self._t_s = at_s
+        self._seen_s += min(passed_s, STALL_S)
+        if self._seen_s < EVIDENCE_S:
+            return None
+        least, mean = min(misfit), sum(misfit) / len(misfit)
+        alike = [k for k, one in enumerate(misfit) if one < CONTRAST * mean]
+        if not alike or alike[-1] - alike[0] + 1 != len(alike):
+            return None
+        most = least + PLATEAU * (mean - least)
+        fits = [lag_s for lag_s, one in zip(LAGS_S, misfit, strict=True) if one <= most]
+        return sum(fits) / len(fits)
+
+
+def _misses(
+    at_s: float, axes: Vector, sent_t_s: Sequence[float], sent: Sequence[Vector]
+) -> list[float] | None:
+    """Return by how much, squared, `axes` differ from what was sent each of LAGS_S before.
+
+    None where that did not vary. An axis that we never move is somebody else's: in STABILIZE the firmware's
+    yaw.
+    """
+    newest = bisect_right(sent_t_s, at_s - LAGS_S[0]) - 1
+    oldest = bisect_right(sent_t_s, at_s - LAGS_S[-1]) - 1
+    # How many of the lags fall on each command, newest first.
+    reached = [bisect_right(LAGS_S, at_s - t_s) for t_s in sent_t_s[newest:oldest:-1]]
+    counts = [to - since for since, to in zip((0, *reached), (*reached, len(LAGS_S)), strict=True)]
+    by_command = [0.0] * len(counts)
+    varies = False
+    for echo, column in zip(
+        axes, zip(*sent[newest : oldest - 1 if oldest else None : -1], strict=True), strict=True
+    ):
+        if any(column):
+            mean = sum(n * x for n, x in zip(counts, column, strict=True)) / len(LAGS_S)
+            power = sum(n * (x - mean) * (x - mean) for n, x in zip(counts, column, strict=True))
+            varies = varies or power >= EXCITATION * EXCITATION * len(LAGS_S)
+            by_command = [miss + (x - echo) * (x - echo) for miss, x in zip(by_command, column, strict=True)]
+    if not varies:
+        return None
+    return [miss for n, miss in zip(counts, by_command, strict=True) for _ in range(n)]
