@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from builders import RESTING
 
 from companion.records import (
     DOFS,
     NEUTRAL,
-    ZERO,
     Ages,
     Condition,
     ControlSample,
@@ -19,7 +19,6 @@ from companion.records import (
     LinkCounters,
     LoopHealth,
     State,
-    VehicleState,
     Verdict,
     Wrench,
 )
@@ -40,24 +39,18 @@ def _make_sample(**state: Any) -> ControlSample:
     columns["saturated"] = np.array([True, False, False, True])
     columns["adapting"] = np.array([False, True, False, True])
     columns["engaged"] = np.array([True, True, True, False])
-    believed = VehicleState(
+    believed = replace(
+        RESTING,
         t_s=12.0,
         boot_s=34.0,
         eta=(1.0, 2.0, 5.0, 0.5),
         eta_dot=(0.1, 0.2, 0.3, 0.4),
         ahead_s=0.09,
-        eta_ahead=ZERO,
-        eta_dot_ahead=ZERO,
-        disturbance=ZERO,
         roll=0.01,
         pitch=0.02,
         p=0.03,
         q=0.04,
-        armed=True,
-        mode=19,
-        system_status=4,
         voltage_v=15.8,
-        pilot_gain=0.5,
         ages=Ages(0.01, 0.015, 0.02, 0.03, float("inf")),
         delays=Delays(0.05, 0.06, True, False),
     )

@@ -17,12 +17,12 @@ from typing import Any
 
 import pytest
 from playwright.sync_api import Browser, Page, sync_playwright
+from waiting import until
 
 from companion.telemetry import schemas as telemetry
 from dashboard.zenoh_client import Subscription
 from lab.ports import free_port
 
-PATIENCE_S = 30.0
 STALE_WITHIN_S = 1.0
 ENGAGE_S = 8.0
 PAGE_BYTES = 300_000
@@ -103,7 +103,7 @@ def dive(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Dive]:
     dive = Dive(tmp_path_factory.mktemp("dive"))
     try:
         for port in (dive.port, dive.looking_port):
-            _until(lambda port=port: _answers(port))  # type: ignore[misc]
+            until(lambda port=port: _answers(port))  # type: ignore[misc]
         yield dive
     finally:
         dive.close()
@@ -294,14 +294,14 @@ def test_tuning_there_and_back(dive: Dive, opened: Callable[..., Page]) -> None:
     assert "More than twofold" in (page.locator("#said").text_content() or "")
     assert _config(dive)["heave"]["kappa_per_s"] == before - 2.0
     page.locator("#apply").click()
-    _until(lambda: _config(dive)["heave"]["kappa_per_s"] == before / 4.0)
+    until(lambda: _config(dive)["heave"]["kappa_per_s"] == before / 4.0)
     _wait(page, f"document.querySelector('label:has(#set-kappa_per_s) .now').textContent == {before / 4.0:g}")
     page.locator("#revert").click()
-    _until(lambda: _config(dive)["heave"]["kappa_per_s"] == before - 2.0)
+    until(lambda: _config(dive)["heave"]["kappa_per_s"] == before - 2.0)
     _wait(page, f"document.querySelector('label:has(#set-kappa_per_s) .now').textContent == {before - 2.0:g}")
     gain.fill(str(before))
     page.locator("#apply").click()
-    _until(lambda: _config(dive)["heave"]["kappa_per_s"] == before)
+    until(lambda: _config(dive)["heave"]["kappa_per_s"] == before)
     page.locator("#aim-depth").fill("1.2")
     page.locator("#aim").click()
     _wait(page, "holdfast.store.value('depth_desired_m') > 1.15")
@@ -369,7 +369,7 @@ def _active(dive: Dive, page: Page) -> None:
                 _post(dive.port, f"/api/kelp/{command}", TOKEN)
         return bool(page.evaluate(HOLDS))
 
-    _until(active)
+    until(active)
 
 
 def _fresh(page: Page) -> None:
@@ -398,7 +398,7 @@ def _get(page: Page, expression: str) -> Any:
 
 def _wait(page: Page, expression: str) -> None:
     """Wait until it is true. Not Playwright's own: it evaluates strings, which the page's policy refuses."""
-    _until(lambda: bool(page.evaluate(expression)))
+    until(lambda: bool(page.evaluate(expression)))
 
 
 def _network(text: str) -> bool:
@@ -408,7 +408,7 @@ def _network(text: str) -> bool:
 
 def _config(dive: Dive) -> dict[str, Any]:
     with Subscription("holdfast/kelp/config", dive.zenoh) as seen:
-        _until(lambda: seen.connected)
+        until(lambda: seen.connected)
         answer: dict[str, Any] = json.loads(seen.ask(telemetry.config_key("kelp")) or b"{}")
         return answer
 
@@ -453,10 +453,3 @@ def _deaf(port: int) -> Iterator[None]:
             "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n\r\n".encode()
         )
         yield
-
-
-def _until(holds: Callable[[], bool]) -> None:
-    deadline_s = time.monotonic() + PATIENCE_S
-    while not holds():
-        assert time.monotonic() < deadline_s, "waited in vain"
-        time.sleep(0.05)

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import msgspec
 import pytest
+from waiting import until
 
 from lab.demo import demo
 
@@ -97,16 +98,16 @@ def test_a_signal_leaves_nothing_behind(start: Start, mark: str, number: int, af
 
 def test_the_kernel_clears_up_after_a_demo_that_was_killed(start: Start, mark: str) -> None:
     process = start()
-    _until(lambda: len(_alive(mark)) == 3)
+    until(lambda: len(_alive(mark)) == 3)
     process.kill()
     process.communicate()
-    _until(lambda: not _alive(mark))
+    until(lambda: not _alive(mark))
 
 
 @pytest.mark.parametrize("command", ["sim", "run"])
 def test_a_child_that_dies_is_told_with_its_last_words(start: Start, mark: str, command: str) -> None:
     process = start()
-    _until(lambda: len(_alive(mark)) == 3)
+    until(lambda: len(_alive(mark)) == 3)
     time.sleep(1.0)
     children = [pid for pid in _alive(mark) if command in _arguments(pid)]
     assert len(children) == 1
@@ -151,10 +152,3 @@ def _alive(mark: str) -> list[int]:
 
 def _arguments(pid: int) -> list[str]:
     return Path(f"/proc/{pid}/cmdline").read_text().split("\0")
-
-
-def _until(holds: Callable[[], bool]) -> None:
-    deadline_s = time.monotonic() + PATIENCE_S
-    while not holds():
-        assert time.monotonic() < deadline_s, "waited in vain"
-        time.sleep(0.05)

@@ -16,6 +16,7 @@ from pathlib import Path
 import pytest
 from mcap.reader import make_reader
 from pymavlink import mavutil
+from waiting import until
 
 from companion.io.zenoh_publisher import Publisher
 from companion.records import ControlSample
@@ -27,7 +28,6 @@ from dashboard.zenoh_client import Subscription
 from lab.bench.process import HOLDFAST, running
 from lab.ports import free_port
 
-PATIENCE_S = 20.0
 RESERVE = ("--reserve-mb", "1")
 
 
@@ -274,10 +274,3 @@ def holdfast(*arguments: str) -> "subprocess.CompletedProcess[str]":
 def replayed(directory: Path, zenoh: str, *more: str) -> "subprocess.CompletedProcess[str]":
     (path,) = (file for file in directory.glob("*.mcap") if "recovered" not in file.name)
     return holdfast("replay", str(path), "--connect", zenoh, *more)
-
-
-def until(holds: Callable[[], bool]) -> None:
-    deadline = time.monotonic() + PATIENCE_S
-    while not holds():
-        assert time.monotonic() < deadline, "waited in vain"
-        time.sleep(0.02)

@@ -4,11 +4,12 @@ import signal
 import socket
 import subprocess
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 
 import msgspec
 import pytest
+from waiting import until
 
 from companion.config import load_config
 from companion.telemetry import schemas as telemetry
@@ -112,13 +113,6 @@ def refused(command: tuple[str, ...]) -> str:
     assert done.returncode == 1
     assert "refused to start" in done.stderr
     return done.stderr
-
-
-def until(holds: Callable[[], object]) -> None:
-    until_s = time.monotonic() + PATIENCE_S
-    while not holds():
-        assert time.monotonic() < until_s, "waited in vain"
-        time.sleep(0.05)
 
 
 def _ready(seen: Subscription) -> str:

@@ -17,6 +17,7 @@ import msgspec
 import numpy as np
 import pytest
 import zenoh
+from waiting import until
 from zenoh import ext
 
 from companion.io import zenoh_publisher as zenoh_io
@@ -28,8 +29,6 @@ from dashboard.zenoh_client import Message, Subscription
 from lab.bench.process import running
 from lab.bench.subscribers import COMPANION, _Reader
 from lab.ports import free_port
-
-PATIENCE_S = 15.0
 
 Feed = Callable[[Publisher], None]
 
@@ -70,7 +69,7 @@ def test_a_stranger_gets_every_key_with_its_encoding_and_stamp(endpoint: str, fe
             samples[str(sample.key_expr)] = sample
 
         with session.declare_subscriber("holdfast/**", keep):
-            _until(lambda: samples.keys() == telemetry.keys("kelp").keys())
+            until(lambda: samples.keys() == telemetry.keys("kelp").keys())
     for key, encoding in telemetry.keys("kelp").items():
         assert str(samples[key].encoding) == encoding
         assert samples[key].congestion_control == zenoh.CongestionControl.DROP
@@ -89,11 +88,11 @@ def test_samples_come_in_order_and_lose_nobody(
             came.extend(seen.take())
             return bool(came) and _t_s(came[-1]) == 99.0
 
-        _until(lambda: seen.connected)
+        until(lambda: seen.connected)
         for index in range(100):
             publisher.offer(make_sample(t_s=float(index)))
             time.sleep(0.005)
-        _until(all_came)
+        until(all_came)
     # The subscription may have been declared just after the first ones left.
     assert all(_t_s(after) - _t_s(before) == 1.0 for before, after in pairwise(came))
     assert publisher.dropped == 0
@@ -107,7 +106,7 @@ def test_the_order_of_starting_does_not_matter(endpoint: str, feed: Feed, publis
     with first:
         time.sleep(0.5)
         with second:
-            _until(lambda: bool(seen.take()))
+            until(lambda: bool(seen.take()))
             assert seen.connected
 
 
@@ -116,20 +115,20 @@ def test_a_dashboard_outlives_a_restart_of_the_companion(endpoint: str, feed: Fe
         for _ in range(2):
             with Publisher("kelp", endpoint) as publisher:
                 feed(publisher)
-                _until(lambda: bool(seen.take()))
-            _until(lambda: not seen.connected)
+                until(lambda: bool(seen.take()))
+            until(lambda: not seen.connected)
             seen.take()
 
 
 def test_of_two_companions_the_one_that_stays_takes_over(endpoint: str, feed: Feed) -> None:
     with Publisher("kelp", endpoint) as one, Subscription("holdfast/**", endpoint) as seen:
         feed(one)
-        _until(lambda: bool(seen.take()))
+        until(lambda: bool(seen.take()))
         with Publisher("wrack", endpoint) as two:
             feed(two)
-            _until(lambda: {"kelp", "wrack"} <= _vehicles(seen))
+            until(lambda: {"kelp", "wrack"} <= _vehicles(seen))
             one.close()
-            _until(lambda: _vehicles(seen) == {"wrack"})
+            until(lambda: _vehicles(seen) == {"wrack"})
 
 
 def test_a_router_is_joined_and_given_time_to_come_back(
@@ -139,16 +138,16 @@ def test_a_router_is_joined_and_given_time_to_come_back(
     with _stranger("router", endpoint), Publisher("kelp", endpoint) as publisher:
         feed(publisher)
         with Subscription("holdfast/**", endpoint) as seen:
-            _until(lambda: bool(seen.take()))
+            until(lambda: bool(seen.take()))
     assert caplog.messages == [f"zenoh: joined {endpoint}"]
 
     with _stranger("router", endpoint) as router, Publisher("kelp", endpoint) as publisher:
         feed(publisher)
-        _until(lambda: bool(router.info.transports()))
+        until(lambda: bool(router.info.transports()))
         router.close()  # type: ignore[no-untyped-call]
         time.sleep(1.0)
         with _stranger("router", endpoint), Subscription("holdfast/**", endpoint) as seen:
-            _until(lambda: bool(seen.take()))
+            until(lambda: bool(seen.take()))
     assert f"zenoh: listening on {endpoint}" not in caplog.messages
 
 
@@ -159,10 +158,10 @@ def test_a_router_that_stays_away_is_replaced(
     monkeypatch.setattr(zenoh_io, "_ROUTER_GRACE", 2)
     with _stranger("router", endpoint) as router, Publisher("kelp", endpoint) as publisher:
         feed(publisher)
-        _until(lambda: bool(router.info.transports()))
+        until(lambda: bool(router.info.transports()))
         router.close()  # type: ignore[no-untyped-call]
         with Subscription("holdfast/**", endpoint) as seen:
-            _until(lambda: bool(seen.take()))
+            until(lambda: bool(seen.take()))
 
 
 def test_a_command_is_local_unless_a_router_or_another_way_in_is_there(
@@ -174,9 +173,7 @@ def test_a_command_is_local_unless_a_router_or_another_way_in_is_there(
         feed(publisher)
         commands.clear()
         with Subscription("holdfast/**", endpoint) as seen:
-            _until(
-                lambda: seen.tell("kelp", "setpoint", {"depth_m": 3.0}).done
-            )  # it is found in its own time
+            until(lambda: seen.tell("kelp", "setpoint", {"depth_m": 3.0}).done)  # it is found in its own time
         (received,) = commands
         return received.local
 
@@ -229,8 +226,8 @@ def test_the_token_tells_who_lives(endpoint: str) -> None:
         )
         with watching:
             with Publisher("kelp", endpoint):
-                _until(lambda: told == [zenoh.SampleKind.PUT])
-            _until(lambda: told == [zenoh.SampleKind.PUT, zenoh.SampleKind.DELETE])
+                until(lambda: told == [zenoh.SampleKind.PUT])
+            until(lambda: told == [zenoh.SampleKind.PUT, zenoh.SampleKind.DELETE])
 
 
 @pytest.mark.parametrize("attempt", range(3))
@@ -252,8 +249,8 @@ def test_a_rival_that_comes_later_is_noticed_and_nobody_leaves(endpoint: str, fe
             Subscription("holdfast/**", endpoint) as seen,
             session.liveliness().declare_token(telemetry.alive_key("kelp", "4711")),
         ):
-            _until(lambda: "4711" in publisher.rivals)
-            _until(lambda: bool(seen.take()))
+            until(lambda: "4711" in publisher.rivals)
+            until(lambda: bool(seen.take()))
 
 
 def test_a_client_listens_nowhere_and_joins_who_comes(endpoint: str, feed: Feed) -> None:
@@ -261,7 +258,7 @@ def test_a_client_listens_nowhere_and_joins_who_comes(endpoint: str, feed: Feed)
         publisher.claim(5.0)
         feed(publisher)
         with _stranger("router", endpoint), Subscription("holdfast/**", endpoint) as seen:
-            _until(lambda: bool(seen.take()))
+            until(lambda: bool(seen.take()))
 
 
 def test_it_listens_on_loopback_only(endpoint: str, feed: Feed) -> None:
@@ -311,7 +308,7 @@ def test_the_benchs_reader_waits_for_its_companion(endpoint: str, tmp_path: Path
     late = f"import time; time.sleep(1.0); {program}"
     with running(sys.executable, "-c", late):
         reader = _Reader(endpoint, 0.0)
-        _until(lambda: reader.count > 400)
+        until(lambda: reader.count > 400)
         reader.end()
     assert len(np.load(file)) > 50
 
@@ -376,13 +373,6 @@ def _stranger(mode: str, endpoint: str) -> Iterator[zenoh.Session]:
         yield session
 
 
-def _until(holds: Callable[[], bool]) -> None:
-    deadline = time.monotonic() + PATIENCE_S
-    while not holds():
-        assert time.monotonic() < deadline, "waited in vain"
-        time.sleep(0.02)
-
-
 def _claims(publisher: Publisher) -> bool:
     try:
         publisher.claim(5.0)
@@ -412,7 +402,7 @@ def test_a_recorder_that_comes_late_gets_the_raw_ticks_from_the_first(
         came: list[zenoh.Sample] = []
         history = ext.HistoryConfig(detect_late_publishers=True)
         with ext.declare_advanced_subscriber(session, key, came.append, history=history):
-            _until(lambda: len(came) == 50)
+            until(lambda: len(came) == 50)
     ticks = [msgspec.msgpack.decode(sample.payload.to_bytes(), type=telemetry.Raw).tick for sample in came]
     assert ticks == list(range(1, 51))
     assert {str(sample.encoding) for sample in came} == {encoding}

@@ -4,34 +4,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from builders import RESTING
 
 from companion.config import load_config
 from companion.control.positioning import jacobian
 from companion.engine import Engine
-from companion.records import ZERO, Ages, Delays, Setpoint, VehicleState
+from companion.records import ZERO, Setpoint
 
 
 def state(eta=ZERO, eta_dot=ZERO, disturbance=ZERO):
-    return VehicleState(
-        t_s=10.0,
-        boot_s=5.0,
-        eta=eta,
-        eta_dot=eta_dot,
-        ahead_s=0.1,
-        eta_ahead=eta,
-        eta_dot_ahead=eta_dot,
-        disturbance=disturbance,
-        roll=0.0,
-        pitch=0.0,
-        p=0.0,
-        q=0.0,
-        armed=True,
-        mode=19,
-        system_status=4,
-        voltage_v=16.0,
-        pilot_gain=1.0,
-        ages=Ages(0.0, 0.0, 0.0, 0.0, 0.0),
-        delays=Delays(0.01, 0.01, True, True),
+    return replace(
+        RESTING, eta=eta, eta_dot=eta_dot, eta_ahead=eta, eta_dot_ahead=eta_dot, disturbance=disturbance
     )
 
 

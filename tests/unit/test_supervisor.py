@@ -6,18 +6,16 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
+from builders import RESTING
 
 from companion.config import load_config
 from companion.records import (
     NEUTRAL,
-    ZERO,
-    Ages,
     AxisCommand,
     Condition,
     Delays,
     EkfStatus,
     State,
-    VehicleState,
     Verdict,
 )
 from companion.supervision.conditions import (
@@ -352,32 +350,11 @@ def test_the_verdict_tells_it():
 # --- What holds --------------------------------------------------------------------------------------------
 
 LIMITS = load_config().supervisor
-FINE_STATE = VehicleState(
-    t_s=10.0,
-    boot_s=5.0,
-    eta=ZERO,
-    eta_dot=ZERO,
-    ahead_s=0.1,
-    eta_ahead=ZERO,
-    eta_dot_ahead=ZERO,
-    disturbance=ZERO,
-    roll=0.0,
-    pitch=0.0,
-    p=0.0,
-    q=0.0,
-    armed=True,
-    mode=19,
-    system_status=4,
-    voltage_v=16.0,
-    pilot_gain=0.5,
-    ages=Ages(0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
-    delays=Delays(0.01, 0.01, True, True),
-)
 SOUND = EkfStatus(9.9, attitude=True, depth=True, variance=0.1)
 SAFE = {"FS_PILOT_INPUT": 2.0, "FS_PILOT_TIMEOUT": 3.0}
 
 
-def assessed(state=FINE_STATE, **changes):
+def assessed(state=RESTING, **changes):
     state = changes.pop("state", state)
     lasting = {field.name for field in fields(Watched)} & changes.keys()
     watched = Watched(**({"ekf": SOUND} | {name: changes.pop(name) for name in lasting}))
@@ -386,15 +363,15 @@ def assessed(state=FINE_STATE, **changes):
 
 
 def aged(**ages):
-    return replace(FINE_STATE, ages=replace(FINE_STATE.ages, **ages))
+    return replace(RESTING, ages=replace(RESTING.ages, **ages))
 
 
 def at_depth(z):
-    return replace(FINE_STATE, eta=(0.0, 0.0, z, 0.0))
+    return replace(RESTING, eta=(0.0, 0.0, z, 0.0))
 
 
 def delayed(total_s):
-    return replace(FINE_STATE, delays=Delays(0.5 * total_s, 0.5 * total_s, True, True))
+    return replace(RESTING, delays=Delays(0.5 * total_s, 0.5 * total_s, True, True))
 
 
 @pytest.mark.parametrize("spec", CONDITIONS, ids=lambda spec: spec.condition.name)
@@ -448,54 +425,54 @@ def test_nothing_holds_when_all_is_well():
             C.PILOT_LOST | C.PILOT_LOST_SURFACE,
         ),
         (aged(pilot_s=2.9), {"pilot_timeout_s": 3.0, "surface_on_loss": True}, NOTHING),
-        (replace(FINE_STATE, armed=False), {}, C.DISARMED),
-        (FINE_STATE, {"mode_right": False}, C.WRONG_MODE),
-        (FINE_STATE, {"ekf": None}, C.EKF_UNHEALTHY),
-        (FINE_STATE, {"ekf": replace(SOUND, attitude=False)}, C.EKF_UNHEALTHY),
-        (FINE_STATE, {"ekf": replace(SOUND, depth=False)}, C.EKF_UNHEALTHY),
-        (FINE_STATE, {"ekf_doubt_s": LIMITS.ekf_doubt_s + 0.01}, C.EKF_UNHEALTHY),
+        (replace(RESTING, armed=False), {}, C.DISARMED),
+        (RESTING, {"mode_right": False}, C.WRONG_MODE),
+        (RESTING, {"ekf": None}, C.EKF_UNHEALTHY),
+        (RESTING, {"ekf": replace(SOUND, attitude=False)}, C.EKF_UNHEALTHY),
+        (RESTING, {"ekf": replace(SOUND, depth=False)}, C.EKF_UNHEALTHY),
+        (RESTING, {"ekf_doubt_s": LIMITS.ekf_doubt_s + 0.01}, C.EKF_UNHEALTHY),
         (aged(heartbeat_s=LIMITS.heartbeat_timeout_s + 0.01), {}, C.LINK_LOST),
-        (replace(FINE_STATE, roll=math.radians(LIMITS.max_tilt_deg) + 0.01), {}, C.TILTED),
-        (replace(FINE_STATE, pitch=-math.radians(LIMITS.max_tilt_deg) - 0.01), {}, C.TILTED),
+        (replace(RESTING, roll=math.radians(LIMITS.max_tilt_deg) + 0.01), {}, C.TILTED),
+        (replace(RESTING, pitch=-math.radians(LIMITS.max_tilt_deg) - 0.01), {}, C.TILTED),
         (at_depth(LIMITS.max_depth_m + LIMITS.depth_margin_m + 0.01), {}, C.DEPTH_OUT_OF_BOUNDS),
         (at_depth(-LIMITS.depth_margin_m - 0.01), {}, C.DEPTH_OUT_OF_BOUNDS),
-        (replace(FINE_STATE, depth_refused=True), {}, C.DEPTH_JUMPED),
+        (replace(RESTING, depth_refused=True), {}, C.DEPTH_JUMPED),
         (aged(yaw_reset_s=RESET_SETTLE_S), {}, C.YAW_RESET),
         (aged(position_reset_s=RESET_SETTLE_S), {}, C.POSITION_RESET),
         (aged(yaw_reset_s=RESET_SETTLE_S + 0.1, position_reset_s=RESET_SETTLE_S + 0.1), {}, NOTHING),
         (delayed(LIMITS.max_delay_s + 0.001), {}, C.DELAY_TOO_LONG),
-        (replace(FINE_STATE, clock_doubt_s=0.02), {}, C.CLOCK_JUMPED),
+        (replace(RESTING, clock_doubt_s=0.02), {}, C.CLOCK_JUMPED),
         (
-            replace(FINE_STATE, clock_doubt_s=CLOCK_DOUBT_S + 0.01),
+            replace(RESTING, clock_doubt_s=CLOCK_DOUBT_S + 0.01),
             {},
             C.CLOCK_JUMPED | C.CLOCK_INCONSISTENT,
         ),
-        (FINE_STATE, {"leaking": True}, C.LEAK),
-        (FINE_STATE, {"rebooted": True}, C.REBOOTED),
-        (FINE_STATE, {"failsafe": True}, C.AUTOPILOT_FAILSAFE),
-        (FINE_STATE, {"failsafe_surfaces": True}, NOTHING),
-        (FINE_STATE, {"failsafe_surfaces": True, "mode_right": False}, C.FAILSAFE_SURFACES | C.WRONG_MODE),
-        (FINE_STATE, {"battery_low_s": LIMITS.battery_low_s + 0.01}, C.BATTERY_LOW),
-        (FINE_STATE, {"saturated_s": LIMITS.saturated_s + 0.01}, C.SATURATED),
-        (FINE_STATE, {"off_track_s": LIMITS.off_track_s + 0.01}, C.OFF_TRACK),
-        (FINE_STATE, {"tilted_s": LIMITS.off_track_s + 0.01}, C.TILT_PERSISTS),
-        (FINE_STATE, {"innovation_m": LIMITS.max_innovation_m + 0.001}, C.INNOVATION_LARGE),
-        (FINE_STATE, {"innovation_deg": LIMITS.max_innovation_deg + 0.01}, C.INNOVATION_LARGE),
-        (FINE_STATE, {"samples_dropped": True}, C.QUEUE_FULL),
-        (FINE_STATE, {"config_changed": True}, C.CONFIG_CHANGED),
-        (FINE_STATE, {"peer_changed": True}, C.PEER_CHANGED),
-        (FINE_STATE, {"parameters": {}}, C.FAILSAFE_UNSAFE),
-        (FINE_STATE, {"parameters": SAFE | {"FS_PILOT_INPUT": 0.0}}, C.FAILSAFE_UNSAFE),
-        (FINE_STATE, {"parameters": SAFE | {"FS_PILOT_TIMEOUT": 3.1}}, C.FAILSAFE_UNSAFE),
-        (FINE_STATE, {"parameters": {"FS_PILOT_INPUT": 2.0}}, C.FAILSAFE_UNSAFE),
-        (FINE_STATE, {"parameters": {"FS_PILOT_TIMEOUT": 2.0}}, C.FAILSAFE_UNSAFE),
-        (FINE_STATE, {"finite": False}, C.NON_FINITE),
-        (FINE_STATE, {"late_s": LIMITS.late_tick_s + 0.01}, C.TICK_LATE),
-        (FINE_STATE, {"pilot_deflection": LIMITS.pilot_deflection + 0.01}, C.PILOT_TAKEOVER),
-        (FINE_STATE, {"full_override": True}, C.PILOT_TAKEOVER),
-        (FINE_STATE, {"stop": True}, C.OPERATOR_STOP),
-        (FINE_STATE, {"engage": True}, C.ENGAGE_ASKED),
-        (FINE_STATE, {"clear": True}, C.CLEAR_ASKED),
+        (RESTING, {"leaking": True}, C.LEAK),
+        (RESTING, {"rebooted": True}, C.REBOOTED),
+        (RESTING, {"failsafe": True}, C.AUTOPILOT_FAILSAFE),
+        (RESTING, {"failsafe_surfaces": True}, NOTHING),
+        (RESTING, {"failsafe_surfaces": True, "mode_right": False}, C.FAILSAFE_SURFACES | C.WRONG_MODE),
+        (RESTING, {"battery_low_s": LIMITS.battery_low_s + 0.01}, C.BATTERY_LOW),
+        (RESTING, {"saturated_s": LIMITS.saturated_s + 0.01}, C.SATURATED),
+        (RESTING, {"off_track_s": LIMITS.off_track_s + 0.01}, C.OFF_TRACK),
+        (RESTING, {"tilted_s": LIMITS.off_track_s + 0.01}, C.TILT_PERSISTS),
+        (RESTING, {"innovation_m": LIMITS.max_innovation_m + 0.001}, C.INNOVATION_LARGE),
+        (RESTING, {"innovation_deg": LIMITS.max_innovation_deg + 0.01}, C.INNOVATION_LARGE),
+        (RESTING, {"samples_dropped": True}, C.QUEUE_FULL),
+        (RESTING, {"config_changed": True}, C.CONFIG_CHANGED),
+        (RESTING, {"peer_changed": True}, C.PEER_CHANGED),
+        (RESTING, {"parameters": {}}, C.FAILSAFE_UNSAFE),
+        (RESTING, {"parameters": SAFE | {"FS_PILOT_INPUT": 0.0}}, C.FAILSAFE_UNSAFE),
+        (RESTING, {"parameters": SAFE | {"FS_PILOT_TIMEOUT": 3.1}}, C.FAILSAFE_UNSAFE),
+        (RESTING, {"parameters": {"FS_PILOT_INPUT": 2.0}}, C.FAILSAFE_UNSAFE),
+        (RESTING, {"parameters": {"FS_PILOT_TIMEOUT": 2.0}}, C.FAILSAFE_UNSAFE),
+        (RESTING, {"finite": False}, C.NON_FINITE),
+        (RESTING, {"late_s": LIMITS.late_tick_s + 0.01}, C.TICK_LATE),
+        (RESTING, {"pilot_deflection": LIMITS.pilot_deflection + 0.01}, C.PILOT_TAKEOVER),
+        (RESTING, {"full_override": True}, C.PILOT_TAKEOVER),
+        (RESTING, {"stop": True}, C.OPERATOR_STOP),
+        (RESTING, {"engage": True}, C.ENGAGE_ASKED),
+        (RESTING, {"clear": True}, C.CLEAR_ASKED),
     ],
 )
 def test_each_condition_is_seen(state, changes, expected):
@@ -510,15 +487,15 @@ def test_each_condition_is_seen(state, changes, expected):
         (aged(position_s=LIMITS.position_timeout_s), {}),
         (at_depth(LIMITS.max_depth_m + LIMITS.depth_margin_m), {}),
         (at_depth(-LIMITS.depth_margin_m), {}),
-        (replace(FINE_STATE, roll=math.radians(LIMITS.max_tilt_deg)), {}),
+        (replace(RESTING, roll=math.radians(LIMITS.max_tilt_deg)), {}),
         (delayed(LIMITS.max_delay_s), {}),
-        (FINE_STATE, {"ekf_doubt_s": LIMITS.ekf_doubt_s}),
-        (FINE_STATE, {"innovation_m": LIMITS.max_innovation_m, "innovation_deg": LIMITS.max_innovation_deg}),
-        (FINE_STATE, {"battery_low_s": LIMITS.battery_low_s, "saturated_s": LIMITS.saturated_s}),
-        (FINE_STATE, {"off_track_s": LIMITS.off_track_s, "late_s": LIMITS.late_tick_s}),
-        (FINE_STATE, {"tilted_s": LIMITS.off_track_s}),
-        (FINE_STATE, {"pilot_deflection": LIMITS.pilot_deflection}),
-        (FINE_STATE, {"parameters": {"FS_PILOT_INPUT": 1.0, "FS_PILOT_TIMEOUT": LIMITS.max_pilot_timeout_s}}),
+        (RESTING, {"ekf_doubt_s": LIMITS.ekf_doubt_s}),
+        (RESTING, {"innovation_m": LIMITS.max_innovation_m, "innovation_deg": LIMITS.max_innovation_deg}),
+        (RESTING, {"battery_low_s": LIMITS.battery_low_s, "saturated_s": LIMITS.saturated_s}),
+        (RESTING, {"off_track_s": LIMITS.off_track_s, "late_s": LIMITS.late_tick_s}),
+        (RESTING, {"tilted_s": LIMITS.off_track_s}),
+        (RESTING, {"pilot_deflection": LIMITS.pilot_deflection}),
+        (RESTING, {"parameters": {"FS_PILOT_INPUT": 1.0, "FS_PILOT_TIMEOUT": LIMITS.max_pilot_timeout_s}}),
     ],
 )
 def test_what_reaches_a_limit_is_within_it(state, changes):
@@ -541,7 +518,7 @@ def test_an_age_that_is_not_known_counts_against_permission(signal, age):
         {"off_track_s": math.nan},
         {"state": at_depth(math.nan)},
         {"state": delayed(math.nan)},
-        {"state": replace(FINE_STATE, roll=math.nan)},
+        {"state": replace(RESTING, roll=math.nan)},
         {"ekf_doubt_s": math.nan},
         {"parameters": SAFE | {"FS_PILOT_INPUT": math.nan}},
     ],
