@@ -5,8 +5,9 @@
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from typing import NamedTuple
+
+import msgspec
 
 from companion.config import Supervisor as Limits
 from companion.records import Condition, EkfStatus, VehicleState, Z
@@ -21,8 +22,7 @@ RESET_SETTLE_S = 3.0
 """So long after a reset of the autopilot's estimate another one may follow."""
 
 
-@dataclass(frozen=True, slots=True)
-class Watched:
+class Watched(msgspec.Struct, frozen=True, kw_only=True):
     """What takes a while to be seen (`watch.py`): how long something has held, or was said a while ago."""
 
     ekf: EkfStatus | None = None
@@ -47,8 +47,7 @@ class Watched:
     peer_changed: bool = False
 
 
-@dataclass(frozen=True, slots=True)
-class Observation:
+class Observation(msgspec.Struct, frozen=True, kw_only=True):
     """What one tick saw, beside the vehicle's state."""
 
     state: VehicleState
@@ -128,7 +127,8 @@ def _innovation_large(o: Observation, limits: Limits) -> bool:
 
 def tilted(state: VehicleState, limits: Limits) -> bool:
     """Tell whether it rolls or pitches too far; an attitude that is not known counts as such."""
-    return not max(abs(state.roll), abs(state.pitch)) <= math.radians(limits.max_tilt_deg)
+    most_rad = math.radians(limits.max_tilt_deg)
+    return not (abs(state.roll) <= most_rad and abs(state.pitch) <= most_rad)
 
 
 def _pilot_lost(o: Observation, _: Limits) -> bool:

@@ -129,6 +129,12 @@ for _notice in NOTICES:
     FREEZES |= _notice.when if _notice.freeze else NOTHING
 
 
+@cache
+def notices(conditions: Condition) -> tuple[Condition, bool]:
+    """Return the conditions that are only told, and whether any of them stops learning."""
+    return conditions & WARNS, bool(conditions & FREEZES)
+
+
 CARRY_AUTHORITY = (S.ACTIVE, S.RAMP_DOWN, S.HAND_OVER)
 
 # The same as plain integers by state: enum arithmetic costs a microsecond a row.
@@ -212,7 +218,7 @@ class Supervisor:
         state, reason = (row.to, row.because) if row else (before.state, before.reason)
         if state is State.ACTIVE:
             authority = min(1.0, before.authority + dt_s / self.ramp_up_s) if self.ramp_up_s > 0.0 else 1.0
-        elif state not in CARRY_AUTHORITY or C.FAILSAFE_SURFACES in conditions:
+        elif state not in CARRY_AUTHORITY or conditions & C.FAILSAFE_SURFACES:
             authority = 0.0
         if state is before.state is State.IDLE and (missing := conditions & BLOCKING):
             reason = (
@@ -220,14 +226,9 @@ class Supervisor:
             )
         elif row and row.when is Condition.PREFLIGHT_FAILURE:
             reason = f"{row.because} ({preflight_failure})"
+        warnings, freeze = notices(conditions)
         self._verdict = Verdict(
-            state,
-            conditions,
-            authority,
-            reason,
-            conditions & WARNS,
-            bool(conditions & FREEZES),
-            remedy(state, conditions),
+            state, conditions, authority, reason, warnings, freeze, remedy(state, conditions)
         )
         return self._verdict
 
