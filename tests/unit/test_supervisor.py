@@ -2,8 +2,9 @@
 
 import itertools
 import math
-from dataclasses import fields, replace
+from dataclasses import replace
 
+import msgspec
 import numpy as np
 import pytest
 from builders import RESTING
@@ -356,7 +357,7 @@ SAFE = {"FS_PILOT_INPUT": 2.0, "FS_PILOT_TIMEOUT": 3.0}
 
 def assessed(state=RESTING, **changes):
     state = changes.pop("state", state)
-    lasting = {field.name for field in fields(Watched)} & changes.keys()
+    lasting = {field.name for field in msgspec.structs.fields(Watched)} & changes.keys()
     watched = Watched(**({"ekf": SOUND} | {name: changes.pop(name) for name in lasting}))
     arguments = {"mode_right": True, "parameters": SAFE, "watched": watched, "holds_position": True}
     return assess(Observation(state=state, **(arguments | changes)), LIMITS)
