@@ -181,7 +181,9 @@ class App:
         self._compute_ns = time.monotonic_ns() - now_ns
         if given.config is not None:
             self._publisher.config = msgspec.json.encode(given.config)
-        events = self._event_log.step(sample, self._commands.results, _drained(self._publisher.rivals), peers)
+        events = self._event_log.step(
+            sample, self._commands.results, _drained(self._publisher.duplicate_instances), peers
+        )
         self._publisher.offer(sample, self._raw(now_s, datagrams, ground, out, requests, given), events)
         for event in events:
             if event.kind != "state":

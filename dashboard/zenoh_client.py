@@ -1,23 +1,18 @@
-"""A Zenoh client that waits for its server and returns to it. A ring keeps the newest data only."""
+"""A Zenoh client that waits for its server and returns to it. A ring keeps the newest data alone."""
 
-import json
-import threading
 from collections.abc import Mapping
 from contextlib import suppress
-from pathlib import Path
-from types import TracebackType
-from typing import NamedTuple, Self
+from typing import NamedTuple
 
 import msgspec
 import zenoh
 from zenoh import ext
 
 from companion.telemetry import schemas as telemetry
+from companion.telemetry.session import SessionThread, client_configuration
 
 _RING = 4096  # messages: nine seconds of one vehicle
-_OPEN_MS = 1000  # for the handshake: somebody who is stopped still accepts a connection
-_RETRY_S = 0.2
-_CLOSE_S = 1.0
+_CLOSE_S = 3.0
 _ANSWER_S = 8.0  # an engaging takes five
 _EVENTS = 100  # that happened before we came
 
@@ -37,7 +32,7 @@ class Stamped(NamedTuple):
     stamp_s: float | None
 
 
-class Subscription:
+class Subscription(SessionThread):
     """Everything that is published under a key expression, from whenever somebody listens on `endpoint`.
 
     Of events also the last ones before that. `endpoint` is Zenoh's, such as tcp/127.0.0.1:7447, or the path
@@ -51,9 +46,10 @@ class Subscription:
         except zenoh.ZError as error:
             raise ValueError(f"'{key_expression}' is no Zenoh key expression: {error}") from error
         try:
-            client_config(endpoint)
+            client_configuration(endpoint)
         except zenoh.ZError as error:
             raise ValueError(f"{endpoint} is no Zenoh configuration: {error}") from error
+        super().__init__("zenoh-client", _CLOSE_S)
         first, _, rest = key_expression.partition("/")
         vehicle = rest.partition("/")[0] if first == "holdfast" else "*"
         self._event_keys = zenoh.KeyExpr(f"holdfast/{vehicle if vehicle != '**' else '*'}/event")
@@ -61,8 +57,6 @@ class Subscription:
         self._session: zenoh.Session | None = None
         self._subscriber: zenoh.Subscriber[zenoh.handlers.Handler[zenoh.Sample]] | None = None
         self._events: ext.AdvancedSubscriber[zenoh.handlers.Handler[zenoh.Sample]] | None = None
-        self._closing = threading.Event()
-        self._thread = threading.Thread(target=self._open, name="zenoh-client", daemon=True)
 
     @property
     def connected(self) -> bool:
@@ -109,72 +103,23 @@ class Subscription:
                 done=False, said=f"'{vehicle}' answered '{command}' with no Reply: {error}"
             )
 
-    def start(self) -> None:
-        """Connect, in the background, as soon and as often as it takes."""
-        self._thread.start()
+    def _open(self) -> zenoh.Session:
+        return zenoh.open(client_configuration(self.endpoint))
 
-    def close(self) -> None:
-        """Leave."""
-        self._closing.set()
-        if self._thread.is_alive():
-            self._thread.join(_CLOSE_S)
-        self._subscriber = self._events = None
-        if self._session is not None:
-            self._session.close()  # type: ignore[no-untyped-call]
-            self._session = None
-
-    def __enter__(self) -> Self:
-        """Start."""
-        self.start()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Close."""
-        self.close()
-
-    def _open(self) -> None:
-        while not self._closing.is_set():
-            with suppress(zenoh.ZError):
-                session = zenoh.open(client_config(self.endpoint))
-                if self._event_keys.intersects(self._key_expression):
-                    events: zenoh.handlers.RingChannel[zenoh.Sample] = zenoh.handlers.RingChannel(_EVENTS)
-                    history = ext.HistoryConfig(detect_late_publishers=True, max_samples=_EVENTS)
-                    self._events = ext.declare_advanced_subscriber(
-                        session, self._event_keys, events, history=history
-                    )
-                ring: zenoh.handlers.RingChannel[zenoh.Sample] = zenoh.handlers.RingChannel(_RING)
-                self._subscriber = session.declare_subscriber(self._key_expression, ring)
-                self._session = session
-                return
-            self._closing.wait(_RETRY_S)
+    def _serve(self, session: zenoh.Session) -> None:
+        """Subscribe, and stay: a client comes back to its server by itself."""
+        if self._event_keys.intersects(self._key_expression):
+            events: zenoh.handlers.RingChannel[zenoh.Sample] = zenoh.handlers.RingChannel(_EVENTS)
+            history = ext.HistoryConfig(detect_late_publishers=True, max_samples=_EVENTS)
+            self._events = ext.declare_advanced_subscriber(session, self._event_keys, events, history=history)
+        ring: zenoh.handlers.RingChannel[zenoh.Sample] = zenoh.handlers.RingChannel(_RING)
+        self._subscriber = session.declare_subscriber(self._key_expression, ring)
+        self._session = session
+        self._closing.wait()
+        self._session = self._subscriber = self._events = None
 
 
 def _stamped(key: str, sample: zenoh.Sample) -> Stamped:
     stamp = sample.timestamp
     sent_s = None if stamp is None else stamp.get_time_as_ntp64().as_secs_f64()
     return Stamped(key, sample.payload.to_bytes(), sent_s)
-
-
-def client_config(endpoint: str) -> zenoh.Config:
-    """Return the configuration of a client that comes back to whoever listens on `endpoint`.
-
-    Raises zenoh.ZError for a file that is no Zenoh configuration.
-    """
-    if Path(endpoint).is_file():
-        return zenoh.Config.from_file(endpoint)
-    config = zenoh.Config()
-    for name, value in {
-        "mode": "client",
-        "connect/endpoints": [endpoint],
-        "connect/timeout_ms": 0,
-        "connect/retry": {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 2},
-        "listen/endpoints": [],
-        "transport/unicast/open_timeout": _OPEN_MS,
-        "scouting/multicast/enabled": False,
-        "scouting/gossip/enabled": False,
-        "transport/shared_memory/enabled": False,
-    }.items():
-        config.insert_json5(name, json.dumps(value))
-    return config

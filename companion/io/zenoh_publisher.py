@@ -15,8 +15,7 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from ipaddress import ip_address
-from types import TracebackType
-from typing import Literal, Self
+from typing import Literal
 
 import msgspec
 import zenoh
@@ -27,14 +26,13 @@ from companion.records import ControlSample
 from companion.telemetry import schemas as telemetry
 from companion.telemetry.commands import COMMANDS
 from companion.telemetry.samples import encode
+from companion.telemetry.session import RETRY_S, SessionThread, configuration
 
 _QUEUE = 64  # samples: 1.3 s at 50 Hz
 _MAIL = 256  # events and answers
-_OPEN_MS = 1000  # for the handshake: somebody who is stopped still accepts a connection
-_RETRY_S = 0.2
 _ROUTER_GRACE = 25  # attempts to rejoin a router, 5 s, before we take the port that it may want back
 _CLOSE_S = 0.5
-_LOOK_S = 1.0  # for the network to name the companions there are
+_ASK_S = 1.0  # for the network to name the companions there are
 _GIVE_WAY_S = 0.5  # to one that started at the same moment
 _RAW_KEPT = 3000  # ticks that a recorder gets after the event: a minute
 _EVENTS_KEPT = 100  # for those who come later
@@ -48,7 +46,7 @@ class NameTakenError(Exception):
     """Another companion has this vehicle's name, or may have it."""
 
 
-class Publisher:
+class Publisher(SessionThread):
     """Publishes one vehicle's samples under the keys of `telemetry.keys`, events, and a liveliness token.
 
     `endpoint` is Zenoh's, such as tcp/127.0.0.1:7447, or in mode "file" a path. `dropped` counts the samples
@@ -66,10 +64,11 @@ class Publisher:
         on_command: Callable[[ReceivedCommand], None] | None = None,
         choices: telemetry.Choices | None = None,
     ) -> None:
+        super().__init__("zenoh", _CLOSE_S)
         self.dropped = 0
         self.config = b"{}"
-        self.rivals: deque[str] = deque(maxlen=8)
-        """Instances of this vehicle's name that came after us: whoever reads them takes them out."""
+        self.duplicate_instances: deque[str] = deque(maxlen=8)
+        """Companions of this vehicle's name that came after us: whoever reads them takes them out."""
         self._vehicle = vehicle
         self._keys = telemetry.keys(vehicle)
         _check(endpoint, mode)
@@ -79,14 +78,10 @@ class Publisher:
         self._choices = choices or telemetry.Choices(compensator=())
         self._queue: queue.SimpleQueue[_Offered | None] = queue.SimpleQueue()
         self._mail: deque[telemetry.Event | _Answer] = deque(maxlen=_MAIL)
-        self._closing = threading.Event()
-        self._looked = threading.Event()
-        self._senior = ""
-        self._thread = threading.Thread(target=self._run, name="zenoh", daemon=True)
-
-    def start(self) -> None:
-        """Open and publish from now on, in the background."""
-        self._thread.start()
+        self._name_checked = threading.Event()
+        self._existing_instance = ""
+        self._joined = False
+        self._attempts_before_listening = 0
 
     def claim(self, patience_s: float) -> None:
         """Wait until it is known that no other companion has this vehicle's name.
@@ -94,10 +89,10 @@ class Publisher:
         Raises NameTakenError if one has, or if nobody can tell because whoever holds our endpoint is mute.
         Where there is no network to ask, the name is ours.
         """
-        known = self._looked.wait(patience_s)
-        if self._senior:
+        known = self._name_checked.wait(patience_s)
+        if self._existing_instance:
             raise NameTakenError(
-                f"another companion is '{self._vehicle}' already: instance {self._senior}, at "
+                f"another companion is '{self._vehicle}' already: instance {self._existing_instance}, at "
                 f"{self._endpoint}. End that one, or give this one another vehicle.name"
             )
         if not known and self._mode == "peer" and _is_loopback(self._endpoint):
@@ -123,67 +118,51 @@ class Publisher:
         """Leave, within half a second and from any state. Offers are ignored from here on."""
         self._closing.set()
         self._queue.put(None)
-        if self._thread.is_alive():
-            self._thread.join(_CLOSE_S)
+        super().close()
 
-    def __enter__(self) -> Self:
-        """Start."""
-        self.start()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Close."""
-        self.close()
-
-    def _run(self) -> None:
-        attempts_before_listening = 0
-        while not self._closing.is_set():
-            session = self._read() if self._mode == "file" else self._join()
-            joined = session is not None and self._mode != "file"
-            if session is None and self._mode == "peer" and attempts_before_listening == 0:
-                session = self._listen()
-            attempts_before_listening = max(0, attempts_before_listening - 1)
-            if session is None:
-                if self._mode != "peer" or not _is_loopback(self._endpoint):
-                    self._looked.set()  # there is nobody to ask
-                self._closing.wait(_RETRY_S)
-                continue
-            with session:
-                if joined and session.info.routers_zid():
-                    attempts_before_listening = _ROUTER_GRACE
-                self._publish(session, joined)
-
-    def _join(self) -> zenoh.Session | None:
-        session = _open("client", connect=self._endpoint)
-        if session:
+    def _open(self) -> zenoh.Session | None:
+        if self._mode == "file":
+            return self._open_file()
+        session = self._try(listen=False)
+        self._joined = session is not None
+        if session is not None:
             _log.info("zenoh: joined %s", self._endpoint)
+            return session
+        may_listen = self._mode == "peer" and _is_loopback(self._endpoint)
+        if may_listen and self._attempts_before_listening == 0:
+            session = self._try(listen=True)
+            if session is not None:
+                _log.info("zenoh: listening on %s", self._endpoint)
+        self._attempts_before_listening = max(0, self._attempts_before_listening - 1)
+        if session is None and not may_listen:
+            self._name_checked.set()  # there is nobody to ask
         return session
 
-    def _listen(self) -> zenoh.Session | None:
-        if not _is_loopback(self._endpoint):
-            return None
-        session = _open("peer", listen=self._endpoint)
-        if session:
-            _log.info("zenoh: listening on %s", self._endpoint)
-        return session
-
-    def _read(self) -> zenoh.Session | None:
+    def _open_file(self) -> zenoh.Session | None:
         try:
             session = zenoh.open(zenoh.Config.from_file(self._endpoint))
         except zenoh.ZError as error:
-            if not self._looked.is_set():
+            if not self._name_checked.is_set():
                 _log.warning("zenoh: %s: %s", self._endpoint, error)
+            self._name_checked.set()
             return None
         _log.info("zenoh: open by %s", self._endpoint)
         return session
 
-    def _publish(self, session: zenoh.Session, joined: bool) -> None:
+    def _try(self, *, listen: bool) -> zenoh.Session | None:
+        more = {"timestamping/enabled": True, "transport/link/tx/queue/size": telemetry.BATCHES}
+        try:
+            return zenoh.open(configuration(self._endpoint, listen=listen, more=more))
+        except zenoh.ZError as error:
+            _log.debug("zenoh: %s", error)
+            return None
+
+    def _serve(self, session: zenoh.Session) -> None:
         """Publish until closed or, where we joined somebody, until that one has gone."""
-        lost, routed = threading.Event(), threading.Event()
+        joined, lost, routed = self._joined, threading.Event(), threading.Event()
         if session.info.routers_zid():
             routed.set()
+            self._attempts_before_listening = _ROUTER_GRACE
 
         def on_transport(event: zenoh.TransportEvent) -> None:
             if event.kind == zenoh.SampleKind.PUT and event.transport.whatami == zenoh.WhatAmI.ROUTER:
@@ -193,7 +172,7 @@ class Publisher:
 
         instance = str(session.zid())
         with suppress(zenoh.ZError):
-            if not self._looked.is_set() and self._found(self._others(session, instance)):
+            if not self._name_checked.is_set() and self._found(self._others(session, instance)):
                 return
             publishers = {key: _publisher(session, key, encoding) for key, encoding in self._keys.items()}
             events = _history(session, *telemetry.event_key(self._vehicle), _EVENTS_KEPT)
@@ -204,7 +183,7 @@ class Publisher:
             ):
                 if joined and not session.info.transports():
                     lost.set()  # gone before anybody listened for it
-                if not self._looked.is_set():
+                if not self._name_checked.is_set():
                     # Of two that declared at the same moment the one with the greater id gives way, if it
                     # saw the other: who stays has not seen us.
                     others = self._others(session, instance)
@@ -213,12 +192,12 @@ class Publisher:
                         others = self._others(session, instance)
                     if self._found(others):
                         return
-                    self._looked.set()
+                    self._name_checked.set()
                 self._answer_from(session, routed)
-                self._watch_for_rivals(session, instance)
+                self._note_duplicates(session, instance)
                 while not (self._closing.is_set() or lost.is_set()):
                     with suppress(queue.Empty):
-                        offered = self._queue.get(timeout=_RETRY_S)
+                        offered = self._queue.get(timeout=RETRY_S)
                         self._deliver(events)
                         if offered is None:
                             continue
@@ -231,7 +210,7 @@ class Publisher:
 
     def _others(self, session: zenoh.Session, instance: str) -> list[str]:
         """Return the instances of companions with our name."""
-        found = session.liveliness().get(telemetry.alive_key(self._vehicle), timeout=_LOOK_S)
+        found = session.liveliness().get(telemetry.alive_key(self._vehicle), timeout=_ASK_S)
         keys = [str(reply.ok.key_expr) for reply in found if reply.ok is not None]
         return [key.rpartition("/")[2] for key in keys if not key.endswith(f"/{instance}")]
 
@@ -239,16 +218,16 @@ class Publisher:
         """Remember who has our name, and end; or return False."""
         if not existing_instances:
             return False
-        self._senior = existing_instances[0]
+        self._existing_instance = existing_instances[0]
         self._closing.set()
-        self._looked.set()
+        self._name_checked.set()
         return True
 
-    def _watch_for_rivals(self, session: zenoh.Session, instance: str) -> None:
+    def _note_duplicates(self, session: zenoh.Session, instance: str) -> None:
         def on_token(sample: zenoh.Sample) -> None:
             other = str(sample.key_expr).rpartition("/")[2]
             if sample.kind == zenoh.SampleKind.PUT and other != instance:
-                self.rivals.append(other)
+                self.duplicate_instances.append(other)
 
         tokens = telemetry.alive_key(self._vehicle)
         session.liveliness().declare_subscriber(tokens, on_token, history=True)
@@ -333,29 +312,6 @@ def _history(
         sample_miss_detection=missed if recover else None,
         publisher_detection=True,
     )
-
-
-def _open(mode: str, *, connect: str = "", listen: str = "") -> zenoh.Session | None:
-    config = zenoh.Config()
-    for name, value in {
-        "mode": mode,
-        "connect/endpoints": [connect] if connect else [],
-        "connect/timeout_ms": 0,
-        "listen/endpoints": [listen] if listen else [],
-        "listen/timeout_ms": 0,
-        "transport/unicast/open_timeout": _OPEN_MS,
-        "scouting/multicast/enabled": False,
-        "scouting/gossip/enabled": False,
-        "timestamping/enabled": True,
-        "transport/shared_memory/enabled": False,
-        "transport/link/tx/queue/size": telemetry.BATCHES,
-    }.items():
-        config.insert_json5(name, json.dumps(value))
-    try:
-        return zenoh.open(config)
-    except zenoh.ZError as error:
-        _log.debug("zenoh: %s", error)
-        return None
 
 
 def _check(endpoint: str, mode: str) -> None:

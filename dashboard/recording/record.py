@@ -14,8 +14,8 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from importlib.metadata import version
 from pathlib import Path
-from types import FrameType, TracebackType
-from typing import NamedTuple, NoReturn, Self
+from types import FrameType
+from typing import NamedTuple, NoReturn
 
 import msgspec
 import zenoh
@@ -23,8 +23,8 @@ from zenoh import ext
 
 from companion.telemetry import schemas as telemetry
 from companion.telemetry.commands import SetRecording
+from companion.telemetry.session import SessionThread, client_configuration
 from dashboard.recording.recorder import Limits, Recorder
-from dashboard.zenoh_client import client_config
 
 QUEUE = 32_768
 """Messages that may wait for the disk: over a minute of one vehicle. What comes when it is full is lost."""
@@ -32,7 +32,6 @@ QUEUE = 32_768
 _DRAIN_S = 0.1
 _SYNC_S = 0.9
 _ASK_S = 5.0
-_RETRY_S = 0.2
 _CLOSE_S = 10.0
 _MB = 1_000_000
 
@@ -60,7 +59,7 @@ class _Came(NamedTuple):
     now_s: float
 
 
-class RecorderThread:
+class RecorderThread(SessionThread):
     """Records `vehicle`, or the first one heard where that is empty, from `start` to `close`.
 
     Publishes its state once a second and, with `allow_control`, obeys `command/record`. Trouble with network
@@ -76,6 +75,7 @@ class RecorderThread:
         recording: bool = True,
         allow_control: bool = False,
     ) -> None:
+        super().__init__("recorder", _CLOSE_S)
         self._vehicle = vehicle
         self._endpoint = endpoint
         self._limits = limits
@@ -87,44 +87,20 @@ class RecorderThread:
         self._replies: deque[bytes] = deque()
         self._alive = threading.Event()
         self._appeared = threading.Event()
-        self._closing = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
         self.said = ""
 
     def start(self) -> None:
         """Connect, as soon and as often as it takes, and record."""
-        self._thread.start()
-
-    def close(self) -> None:
-        """Finish the file and leave."""
-        self._closing.set()
-        if self._thread.is_alive():
-            self._thread.join(_CLOSE_S)
-
-    def __enter__(self) -> Self:
-        """Start."""
-        self.start()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Close."""
-        self.close()
-
-    def _run(self) -> None:
         self._say(f"waiting for {self._endpoint}")
-        while not self._closing.is_set():
-            try:
-                session = zenoh.open(client_config(self._endpoint))
-            except zenoh.ZError:
-                self._closing.wait(_RETRY_S)
-                continue
-            with session:
-                self._vehicle = self._vehicle or self._first_vehicle(session)
-                if self._vehicle:
-                    self._record(session)
-            return
+        super().start()
+
+    def _open(self) -> zenoh.Session:
+        return zenoh.open(client_configuration(self._endpoint))
+
+    def _serve(self, session: zenoh.Session) -> None:
+        self._vehicle = self._vehicle or self._first_vehicle(session)
+        if self._vehicle:
+            self._record(session)
 
     def _first_vehicle(self, session: zenoh.Session) -> str:
         self._say("waiting for a vehicle")

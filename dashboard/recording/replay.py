@@ -13,9 +13,9 @@ from types import FrameType
 import zenoh
 
 from companion.telemetry import schemas as telemetry
+from companion.telemetry.session import client_configuration, configuration
 from dashboard.recording.mcap_file import Item, Reader
 from dashboard.recording.record import leave
-from dashboard.zenoh_server import open_session
 
 EXAMPLES = """\
 examples:
@@ -100,7 +100,7 @@ def paced(items: Iterator[Item], from_s: float, speed: float) -> Iterator[tuple[
 
 def _replay(options: argparse.Namespace, ended: threading.Event) -> int:
     vehicle = _vehicle(options.file, options.suffix)
-    with open_session(options.connect) as session, ExitStack() as stack:
+    with _join_or_listen(options.connect) as session, ExitStack() as stack:
         if _alive(session, vehicle):
             sys.stderr.write(
                 f"holdfast replay: {vehicle} is alive on {options.connect}: "
@@ -154,6 +154,17 @@ def _vehicle(file: Path, suffix: str) -> str:
             telemetry.keys(name)
             return name
     raise ValueError(f"{file}: no vehicle's samples in it")
+
+
+def _join_or_listen(endpoint: str) -> zenoh.Session:
+    """Open a session with whoever listens on `endpoint`, or listen there; raise OSError if neither can be."""
+    try:
+        return zenoh.open(client_configuration(endpoint))
+    except zenoh.ZError:
+        try:
+            return zenoh.open(configuration(endpoint, listen=True))
+        except zenoh.ZError as error:
+            raise OSError(f"{endpoint}: nobody listens there, and we cannot either: {error}") from error
 
 
 def _alive(session: zenoh.Session, vehicle: str) -> bool:

@@ -24,7 +24,7 @@ from companion.app import App
 from companion.config import load_config
 from companion.records import Array, Request, Setpoint
 from companion.telemetry import schemas as telemetry
-from dashboard.zenoh_client import client_config
+from companion.telemetry.session import client_configuration
 from lab.bench.process import HOLDFAST, Bound, running
 from lab.ports import free_port
 
@@ -98,7 +98,7 @@ def read(endpoint: str, pause_s: float) -> None:
     """Take everything, as soon as somebody is there, with a pause after each sample; print the count."""
     told_s = 0.0
     while True:
-        with suppress(zenoh.ZError), zenoh.open(client_config(endpoint)) as session:
+        with suppress(zenoh.ZError), zenoh.open(client_configuration(endpoint)) as session:
             samples = session.declare_subscriber("holdfast/**", zenoh.handlers.FifoChannel(16))
             for count, _ in enumerate(samples, 1):
                 if time.monotonic() - told_s > TELL_S:

@@ -241,7 +241,7 @@ def test_of_two_that_start_at_once_under_one_name_one_gives_way(endpoint: str, a
             publisher.close()
 
 
-def test_a_rival_that_comes_later_is_noticed_and_nobody_leaves(endpoint: str, feed: Feed) -> None:
+def test_a_duplicate_that_comes_later_is_noticed_and_nobody_leaves(endpoint: str, feed: Feed) -> None:
     with Publisher("kelp", endpoint) as publisher, _stranger("client", endpoint) as session:
         publisher.claim(5.0)
         feed(publisher)
@@ -249,7 +249,7 @@ def test_a_rival_that_comes_later_is_noticed_and_nobody_leaves(endpoint: str, fe
             Subscription("holdfast/**", endpoint) as seen,
             session.liveliness().declare_token(telemetry.alive_key("kelp", "4711")),
         ):
-            until(lambda: "4711" in publisher.rivals)
+            until(lambda: "4711" in publisher.duplicate_instances)
             until(lambda: bool(seen.take()))
 
 

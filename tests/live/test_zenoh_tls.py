@@ -15,7 +15,8 @@ from companion.io.zenoh_publisher import Publisher
 from companion.records import ControlSample
 from companion.telemetry import schemas as telemetry
 from companion.telemetry.schemas import Reply
-from dashboard.zenoh_client import Subscription, client_config
+from companion.telemetry.session import client_configuration
+from dashboard.zenoh_client import Subscription
 from lab.ports import free_port
 
 NOW = datetime.datetime.now(datetime.UTC)
@@ -95,12 +96,12 @@ def test_the_laptop_commands_where_it_was_allowed_and_publishes_nothing(
     assert vehicle.commands == ["setpoint"]
     with (
         Subscription("holdfast/other/**", vehicle.local) as local,
-        zenoh.open(client_config(str(vehicle.laptop))) as laptop,
+        zenoh.open(client_configuration(str(vehicle.laptop))) as laptop,
     ):
         assert not _put_seen(laptop, local), "a laptop must not pretend to be a vehicle"
     with (
         Subscription("holdfast/other/**", vehicle.local) as local,
-        zenoh.open(client_config(vehicle.local)) as neighbour,
+        zenoh.open(client_configuration(vehicle.local)) as neighbour,
     ):
         assert _put_seen(neighbour, local), "processes on the vehicle may publish"
 

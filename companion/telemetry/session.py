@@ -1,0 +1,97 @@
+"""Zenoh sessions: how each is configured, and the thread that opens one, serves it and opens it again."""
+
+import json
+import threading
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from contextlib import suppress
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import zenoh
+
+RETRY_S = 0.2
+_OPEN_MS = 1000  # for the handshake: somebody who is stopped still accepts a connection
+
+
+class SessionThread(ABC):
+    """Keeps a Zenoh session open in the background, from `start` to `close`: one lost is opened again."""
+
+    def __init__(self, name: str, close_s: float) -> None:
+        """`name` is the thread's; `close` waits for it for `close_s` at most."""
+        self._closing = threading.Event()
+        self._close_s = close_s
+        self._thread = threading.Thread(target=self._run, name=name, daemon=True)
+
+    @abstractmethod
+    def _open(self) -> zenoh.Session | None:
+        """Open a session; return None, or raise ZError, where that is not possible now."""
+
+    @abstractmethod
+    def _serve(self, session: zenoh.Session) -> None:
+        """Use the session until it is lost, which may raise ZError, or until `_closing` is set."""
+
+    def start(self) -> None:
+        """Connect, as soon and as often as it takes."""
+        self._thread.start()
+
+    def close(self) -> None:
+        """Leave."""
+        self._closing.set()
+        if self._thread.is_alive():
+            self._thread.join(self._close_s)
+
+    def __enter__(self) -> Self:
+        """Start."""
+        self.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close."""
+        self.close()
+
+    def _run(self) -> None:
+        while not self._closing.is_set():
+            with suppress(zenoh.ZError):
+                session = self._open()
+                if session is not None:
+                    with session:
+                        self._serve(session)
+                    continue
+            self._closing.wait(RETRY_S)
+
+
+def configuration(
+    endpoint: str, *, listen: bool = False, more: Mapping[str, object] | None = None
+) -> zenoh.Config:
+    """Return the configuration of a session that joins `endpoint` or, with `listen`, is a peer there.
+
+    `more` are further keys. An endpoint that is a file is a Zenoh configuration, taken as it is; raises
+    zenoh.ZError where it is none.
+    """
+    if Path(endpoint).is_file():
+        return zenoh.Config.from_file(endpoint)
+    config = zenoh.Config()
+    keys: dict[str, object] = {
+        "mode": "peer" if listen else "client",
+        "connect/endpoints": [] if listen else [endpoint],
+        "connect/timeout_ms": 0,
+        "listen/endpoints": [endpoint] if listen else [],
+        "listen/timeout_ms": 0,
+        "transport/unicast/open_timeout": _OPEN_MS,
+        "scouting/multicast/enabled": False,
+        "scouting/gossip/enabled": False,
+        "transport/shared_memory/enabled": False,
+    }
+    for name, value in {**keys, **(more or {})}.items():
+        config.insert_json5(name, json.dumps(value))
+    return config
+
+
+def client_configuration(endpoint: str) -> zenoh.Config:
+    """Return the configuration of a client that by itself comes back to whoever listens on `endpoint`."""
+    retry = {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 2}
+    return configuration(endpoint, more={"connect/retry": retry})
