@@ -3,6 +3,7 @@
 import numpy as np
 
 from companion.config import Config, ConfigError
+from companion.control import allocation
 from companion.control.actuation import Actuation
 from companion.control.allocation import Thrusters
 from companion.control.compensator import INPUTS, Compensator
@@ -33,10 +34,11 @@ def model(config: Config) -> Model:
 
 
 def thrusters(config: Config) -> Thrusters:
-    """Return the frame's thrusters with the axes that are ours: roll and pitch only while levelling."""
-    tilts = (2 if config.vehicle.frame == "vectored_6dof" else 1) if config.levels else 0
-    max_tau = np.append(each(config, "max_force"), np.full(tilts, config.levelling.max_moment_nm))
-    return Thrusters(config.vehicle.frame, max_tau)
+    """Return the frame's thrusters; roll and pitch are ours only while levelling."""
+    surge, sway, heave, yaw = (axis.max_force for axis in config.axes)
+    tilt = config.levelling.max_moment_nm
+    max_tau = (surge, sway, heave, yaw, tilt, tilt)
+    return allocation.thrusters(config.vehicle.frame, max_tau, config.levels)
 
 
 def levelling(config: Config) -> Levelling | None:

@@ -19,6 +19,7 @@ from companion.records import (
     NEUTRAL,
     PSI,
     Array,
+    AxisCommand,
     ControlSample,
     DofSample,
     LoopHealth,
@@ -114,7 +115,7 @@ class Engine:
         dofs = self._controller.step(state, J, target, guidance.engaged, free, control_dt_s)
         requested = to_body(J, dofs.tau)
         self._check_finite(requested)
-        reach = actuation.ours(autopilot.reach(state.pilot_gain)) * self._envelope.max_axis
+        reach = AxisCommand(*(axis * self._envelope.max_axis for axis in autopilot.reach(state.pilot_gain)))
         wanted = actuation.step(
             requested, verdict, state, guidance.engaged, reach, self._controller.reference, control_dt_s
         )
@@ -122,9 +123,10 @@ class Engine:
 
         self.steering = self._supervision.steers(state)
         pilot = demand.sticks if self.steering else None
-        sent = autopilot.blended(command, guidance.engaged, pilot, state.pilot_gain)
-        applied, level = actuation.sent(autopilot.applied(sent, state.pilot_gain), state)
-        self._estimator.sent(now_s, vector(applied.tolist()), vector(to_inertial(J, level).tolist()))
+        sent = autopilot.blended(command, guidance.engaged.tolist(), pilot, state.pilot_gain)
+        applied = autopilot.applied(sent, state.pilot_gain)
+        level = to_inertial(J, np.array(actuation.sent(applied, state)))
+        self._estimator.sent(now_s, applied[:4], vector(level.tolist()))
         self._command, self._dofs = command, dofs
 
         mode, arm = self._supervision.wanted_mode(state), self._supervision.asks_arming

@@ -58,7 +58,7 @@ def _make_sample(**state: Any) -> ControlSample:
         state=replace(believed, **state),
         eta_d=np.array([1.1, 2.1, 5.1, 0.6]),
         dofs=DofSample(**columns),
-        command=replace(NEUTRAL, heave=0.25),
+        command=NEUTRAL._replace(heave=0.25),
         requested=Wrench(np.array([1.0, 2.0, 40.0, 4.0])),
         delivered=Wrench(np.array([1.0, 2.0, 30.0, 4.0])),
         verdict=Verdict(State.ACTIVE, Condition.POSITION_STALE | Condition.ENGAGE_ASKED, 0.75, "holding"),

@@ -1,7 +1,6 @@
 """Dives in virtual time for the tests: engine and stand-in vehicle in lockstep, and somebody in between."""
 
 import struct
-from dataclasses import astuple
 from math import isfinite, nan
 from pathlib import Path
 
@@ -158,7 +157,7 @@ class Tap:
         return passed + out + extra, sample
 
     def _hold_to_account(self, t_s, out, sample):
-        state, command = sample.verdict.state, astuple(sample.command)
+        state, command = sample.verdict.state, sample.command
         frames = [axes for axes in map(steering, out) if axes is not None]
         self.frames += [(t_s, axes) for axes in frames]
         assert all(isfinite(axis) and abs(axis) <= self.max_axis for axis in command)
@@ -166,11 +165,11 @@ class Tap:
         assert len(frames) <= 1
         if sample.verdict.authority == 0.0 or state not in CARRY_AUTHORITY:
             assert sample.verdict.authority == 0.0
-            assert command == astuple(NEUTRAL)
+            assert command == NEUTRAL
             assert self.cockpit or not any(axis for axes in frames for axis in axes)
         else:
             assert self.may_engage
-            for now, before in zip(command, astuple(self._command), strict=True):
+            for now, before in zip(command, self._command, strict=True):
                 assert abs(now - before) <= self.slew * self.tick_s + 1e-9 or not any(command)
         if any(axis for axes in frames for axis in axes):
             self.last_thrust_s = t_s

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from companion.control.allocation import Allocation, Thrusters
+from companion.control.allocation import Allocation, Thrusters, allocate, delivered, overloaded
 from companion.control.bounds import bounded
 from companion.control.levelling import Levelling
 from companion.control.pace import Pace
@@ -20,7 +20,18 @@ from companion.control.tilt import (
     level_force,
     share,
 )
-from companion.records import PSI, Array, AxisCommand, Flags, State, VehicleState, Verdict
+from companion.records import (
+    NEUTRAL,
+    PSI,
+    Array,
+    Axes,
+    AxisCommand,
+    Flags,
+    State,
+    Vector,
+    VehicleState,
+    Verdict,
+)
 
 RELEASING = (State.RAMP_DOWN, State.HAND_OVER)
 CUT_OFF = 0.01
@@ -40,7 +51,7 @@ class Actuation:
         self._pace = Pace()
         self._active_wrench = np.zeros(4)
         """What the law last asked while ACTIVE: this is let go, evenly, whatever it would say by then."""
-        self._wanted = Allocation(np.zeros(4), np.zeros(4, bool))
+        self._wanted = Allocation(NEUTRAL, (False,) * 6)
         self._share = np.ones(4)
         self.delivered = np.zeros(4)
         """Body wrench that the last command, with the pilot's share, should have given, N and N·m."""
@@ -55,18 +66,13 @@ class Actuation:
         """Forget how fast the reference could go: numbers gone bad."""
         self._pace = Pace()
 
-    def ours(self, command: AxisCommand) -> Array:
-        """Return the axes that are ours: the first four, and while levelling roll and pitch."""
-        axes = (command.surge, command.sway, command.heave, command.yaw, command.roll, command.pitch)
-        return np.array(axes[: self.thrusters.axes])
-
     def step(
         self,
         requested: Array,
         verdict: Verdict,
         state: VehicleState,
         engaged: Flags,
-        reach: Array,
+        reach: Axes,
         reference: ReferenceModel,
         dt_s: float,
     ) -> AxisCommand:
@@ -84,23 +90,28 @@ class Actuation:
         self._share = self._tilt_share(tilt, state, reference, dt_s)
         pushed = self._share * (self._active_wrench if verdict.state in RELEASING else requested)
         pushed[:3] = body_force(state.roll, state.pitch, tilt, tuple(pushed[:3].tolist()))
-        asked = verdict.authority * self._levelled(pushed, verdict, state, engaged, dt_s)
-        wanted = self.thrusters.allocate(asked, state.voltage_v, reach)
-        wanted.axes[PSI] *= engaged[PSI]  # unequal curves ask for a little, of a heading not ours
-        self._wanted = wanted
-        return AxisCommand(*wanted.axes.tolist())
+        moments = self._moments(pushed, verdict, state, engaged, dt_s)
+        asked = AxisCommand(*(verdict.authority * tau for tau in (*pushed.tolist(), *moments)))
+        axes, saturated = allocate(self.thrusters, asked, state.voltage_v, reach)
+        wanted = AxisCommand(*axes)
+        if not engaged[PSI]:  # unequal curves ask for a little, of a heading not ours
+            wanted = wanted._replace(yaw=0.0)
+        self._wanted = Allocation(wanted, saturated)
+        return wanted
 
-    def sent(self, command: AxisCommand, state: VehicleState) -> tuple[Array, Array]:
+    def sent(self, command: AxisCommand, state: VehicleState) -> Vector:
         """Take what the vehicle makes of the command that went out.
 
-        Return its axes, and the wrench (4,) that it gives in the level frame of the heading, N and N·m.
+        Return the wrench that it gives in the level frame of the heading, N and N·m.
         """
-        applied, wanted = self.ours(command), self._wanted
-        self.delivered = self.thrusters.delivered(applied, state.voltage_v)[:4]
-        level = level_force(state.roll, state.pitch, tuple(self.delivered[:3].tolist()))
-        short = (np.abs(applied - wanted.axes) > CUT_OFF) | self.thrusters.overloaded(applied)
-        self.saturated = by_dof((wanted.saturated | short)[:4] | (self._share < 1.0))
-        return applied[:4], np.array((*level, self.delivered[3]))
+        wanted, saturated = self._wanted
+        X, Y, Z, N, _, _ = delivered(self.thrusters, command, state.voltage_v)
+        self.delivered = np.array((X, Y, Z, N))
+        level_x, level_y, level_z = level_force(state.roll, state.pitch, (X, Y, Z))
+        cut_off = [abs(got - axis) > CUT_OFF for got, axis in zip(command, wanted, strict=True)]
+        short = np.array(overloaded(self.thrusters, command)) | cut_off | saturated
+        self.saturated = by_dof(short[:4] | (self._share < 1.0))
+        return (level_x, level_y, level_z, N)
 
     def _tilt_share(self, tilt: float, state: VehicleState, reference: ReferenceModel, dt_s: float) -> Array:
         """Return the share (4,) of the law's force that the tilt leaves; what is let go is not pulled at.
@@ -119,21 +130,21 @@ class Actuation:
                 reference.catch_up(np.array(state.eta_ahead), np.array(state.eta_dot_ahead), gone)
         return np.array((level, level, 1.0, yaw))
 
-    def _levelled(
+    def _moments(
         self, pushed: Array, verdict: Verdict, state: VehicleState, engaged: Flags, dt_s: float
-    ) -> Array:
-        """Return the wrench with the moments that keep it level, where those are ours.
+    ) -> tuple[float, float]:
+        """Return the moments that keep it level, where those are ours.
 
         Beside what the law pushes on the axes that are held goes what the pilot pushes on the others.
         """
         if self._levelling is None:
-            return pushed
-        moments = self._levelling.step(
+            return (0.0, 0.0)
+        K, M = self._levelling.step(
             np.array((state.roll, state.pitch)),
             np.array((state.p, state.q)),
             bounded(np.where(engaged[:2], pushed[:2], self.delivered[:2]), self._max_force),
             state.delays.total_s,
             dt_s,
             learn=verdict.authority == 1.0,
-        )
-        return np.append(pushed, moments[: self.thrusters.axes - 4])
+        ).tolist()
+        return (K, M)

@@ -1,148 +1,339 @@
 """Newtons to normalised axis demands and back: thruster curve, dead band, voltage, shared saturation.
 
-ArduSub turns axis demands a (surge, sway, heave, yaw; -1..1) into motor demands t = M a, and motor demands
-linearly into PWM; what a motor then pushes is T(t), which is neither linear nor symmetric. So a wrench is
-shared out over the motors, the curve is inverted motor by motor, and the result is read back as axes:
+ArduSub turns axis demands a (-1..1) into motor demands t = M a, and motor demands linearly into PWM. A motor
+then pushes T(t), which is neither linear nor symmetric. The horizontal motors serve surge, sway and yaw, the
+vertical ones heave, roll and pitch: two groups of up to four motors and three axes, treated alike. Within a
+group the columns of M are orthogonal, so its pseudo-inverse is N⁻¹ Mᵀ, and
 
-    f = B⁺ tau        t = T⁻¹(f)        a = M⁺ t        and what it really gives:  tau = B T(M a)
+    f = M (S N)⁻¹ tau     t = T⁻¹(f + λ n)     a = N⁻¹ Mᵀ t       and what it gives:  tau = S Mᵀ T(M a)
 
-M holds ArduSub's mixing factors and B = S Mᵀ the geometry, S the force or moment per newton on each axis.
+| symbol | meaning                                                                        | unit    |
+|--------|--------------------------------------------------------------------------------|---------|
+| M      | ArduSub's factors, 1, -1 or 0: what a demand on each axis asks of each motor   |         |
+| N      | how many motors serve each axis                                                |         |
+| S      | force or moment on each axis for a newton of each of its motors                | 1, m    |
+| f, T   | push of each motor at 16 V, and the curve that gives it                        | N       |
+| n      | how four motors on three axes push against each other: Mᵀ n = 0                |         |
+| λ      | how strongly they have to, so that axis demands exist that ask for t: nᵀ t = 0 | N       |
 """
 
-from dataclasses import dataclass
+import math
+from typing import NamedTuple
 
-import numpy as np
+from companion.control.bounds import limited
+from companion.records import Axes
 
-from companion.control.bounds import bounded
-from companion.records import Array, Flags
+Three = tuple[float, float, float]
+Four = tuple[float, float, float, float]
+ByAxis = tuple[bool, bool, bool, bool, bool, bool]
+Motors = tuple[float, float, float, float, float, float, float, float]
+"""The horizontal motors, then the vertical ones; zeros stand for those that a frame does not have."""
 
-# T200 at 16 V (ArduSub facts): motor demand t = (PWM - 1500)/400 against newtons.
-T200_PWM_US = np.array([1100, 1200, 1300, 1400, 1440, 1472, 1528, 1560, 1600, 1700, 1800, 1900], float)
-T200_N = np.array([-39.9, -26.6, -14.1, -4.7, -1.8, 0.0, 0.0, 2.2, 5.9, 17.9, 33.5, 51.5])
-T200_DEMAND = (T200_PWM_US - 1500.0) / 400.0
+
+class Curve(NamedTuple):
+    """A piecewise linear function of 12 points, constant beyond them; by segment its slope."""
+
+    x: tuple[float, ...]
+    y: tuple[float, ...]
+    slope: tuple[float, ...]
+
+
+def _through(x: tuple[float, ...], y: tuple[float, ...]) -> Curve:
+    """Return the curve through points of ascending x."""
+    return Curve(x, y, tuple((y[k + 1] - y[k]) / (x[k + 1] - x[k]) for k in range(len(x) - 1)))
+
+
+# T200 at 16 V (docs/ardusub.md, "From axis to newton"): motor demand t = (PWM - 1500)/400 against newtons.
+T200_PWM_US = (1100, 1200, 1300, 1400, 1440, 1472, 1528, 1560, 1600, 1700, 1800, 1900)
+T200_N = (-39.9, -26.6, -14.1, -4.7, -1.8, 0.0, 0.0, 2.2, 5.9, 17.9, 33.5, 51.5)
 T200_VOLTAGE_V = 16.0
 DEAD_BAND_N = 0.02
 """Half-width, per motor, over which the inverted curve crosses the dead band: a slope instead of a jump."""
 
+_DEMAND = tuple((pwm_us - 1500) / 400 for pwm_us in T200_PWM_US)
+_RISING_N = (*T200_N[:5], -DEAD_BAND_N, DEAD_BAND_N, *T200_N[7:])
+PUSH = _through(_DEMAND, T200_N)
+"""Demand to newtons."""
+RISING_PUSH = _through(_DEMAND, _RISING_N)
+"""The same without a dead band, which has an inverse: newtons to demand."""
+DEMAND = _through(_RISING_N, _DEMAND)
+LAST, DEAD_BAND = 11, 5
+"""Last point of a curve, and the segment of the dead band."""
+
 MIN_REACH = 1e-6
+MIN_STRENGTH = 1e-6
 NEWTON_STEPS = 2
 SLOPE_STEP = 0.1
-
-_INVERSE_N = T200_N + np.where(T200_N == 0.0, np.sign(T200_DEMAND) * DEAD_BAND_N, 0.0)
+MIN_SLOPE_N = 1e-9
+OVERLOAD = 1.01
 
 # Motor by motor: surge, sway, heave (down), yaw, roll and pitch factors of ArduSub's frames.
-_HORIZONTAL = [(-1, 1, 0, 1, 0, 0), (-1, -1, 0, -1, 0, 0), (1, 1, 0, -1, 0, 0), (1, -1, 0, 1, 0, 0)]
-_FACTORS = {
-    "vectored": [*_HORIZONTAL, (0, 0, 1, 0, 1, 0), (0, 0, 1, 0, -1, 0)],
-    "vectored_6dof": [
+_HORIZONTAL: tuple[Axes, ...] = (
+    (-1.0, 1.0, 0.0, 1.0, 0.0, 0.0),
+    (-1.0, -1.0, 0.0, -1.0, 0.0, 0.0),
+    (1.0, 1.0, 0.0, -1.0, 0.0, 0.0),
+    (1.0, -1.0, 0.0, 1.0, 0.0, 0.0),
+)
+FACTORS: dict[str, tuple[Axes, ...]] = {
+    "vectored": (*_HORIZONTAL, (0.0, 0.0, 1.0, 0.0, 1.0, 0.0), (0.0, 0.0, 1.0, 0.0, -1.0, 0.0)),
+    "vectored_6dof": (
         *_HORIZONTAL,
-        *((0, 0, 1, 0, roll, pitch) for roll, pitch in ((1, -1), (-1, -1), (1, 1), (-1, 1))),
-    ],
+        (0.0, 0.0, 1.0, 0.0, 1.0, -1.0),
+        (0.0, 0.0, 1.0, 0.0, -1.0, -1.0),
+        (0.0, 0.0, 1.0, 0.0, 1.0, 1.0),
+        (0.0, 0.0, 1.0, 0.0, -1.0, 1.0),
+    ),
 }
 HORIZONTAL = len(_HORIZONTAL)
-_UPRIGHT = np.array([False, False, True, False, True, True])
-"""Which axes the vertical motors serve."""
-
-_PER_NEWTON = np.array([np.sqrt(0.5), np.sqrt(0.5), 1.0, np.sqrt(0.5) * (0.156 + 0.111), 0.218, 0.12])
+PER_NEWTON: Axes = (math.sqrt(0.5), math.sqrt(0.5), 1.0, math.sqrt(0.5) * (0.156 + 0.111), 0.218, 0.12)
+"""S; lengths in m from docs/ardusub.md, "From axis to newton"."""
 
 
-@dataclass(frozen=True, slots=True)
-class Allocation:
-    """`axes` (4,) to send and, by DOF of the body frame, whether more was asked than they can give."""
+class Group(NamedTuple):
+    """Up to four motors and three axes: surge, sway, yaw, or heave, roll, pitch."""
 
-    axes: Array
-    saturated: Flags
+    factors: tuple[Three, Three, Three, Three]
+    """M, motor by motor; zero for a motor that is not there and for an axis that is not ours."""
+    opposed: Four
+    """n: 1 or -1 each, or 0 where no push is without a wrench."""
+    shares: Three
+    """N⁻¹; 0 for an axis without motors."""
+    levers: Three
+    """S."""
+    max_tau: Three
+    """Bound on what is asked of each axis, N or N·m."""
 
 
-class Thrusters:
-    """One frame's thrusters. Arrays of shape (…, axes) in the order surge, sway, heave, yaw, roll, pitch.
+class Thrusters(NamedTuple):
+    """One frame's thrusters."""
 
-    `frame` is "vectored" or "vectored_6dof"; `max_tau` bounds what is asked of each axis, N and N·m, and its
-    length says how many axes are ours: 4, with roll 5, with roll and pitch 6 (which `vectored` cannot).
+    horizontal: Group
+    vertical: Group
+    motor_count: int
+    """How many motors the frame has."""
+
+
+class Allocation(NamedTuple):
+    """Axes to send and, axis by axis, whether more was asked than they can give."""
+
+    axes: Axes
+    saturated: ByAxis
+
+
+def thrusters(frame: str, max_tau: Axes, tilts: bool) -> Thrusters:
+    """Return the thrusters of `frame`, "vectored" or "vectored_6dof".
+
+    `max_tau` bounds what is asked of each axis, N and N·m; `tilts` tells whether roll and pitch are ours.
     """
+    factors = FACTORS[frame]
+    ours = 1.0 if tilts else 0.0
+    horizontal = [(surge, sway, yaw) for surge, sway, _, yaw, _, _ in factors[:HORIZONTAL]]
+    vertical = [(heave, ours * roll, ours * pitch) for _, _, heave, _, roll, pitch in factors[HORIZONTAL:]]
+    return Thrusters(
+        _group(horizontal, (0, 1, 3), max_tau), _group(vertical, (2, 4, 5), max_tau), len(factors)
+    )
 
-    def __init__(self, frame: str, max_tau: Array) -> None:
-        self.factors = np.array(_FACTORS[frame], float)
-        """(n, 6): what each motor does for a demand on surge, sway, heave, yaw, roll, pitch."""
-        self.levers = _PER_NEWTON[:, None] * self.factors.T
-        """(6, n): the wrench of one newton of each motor; N, and N·m for yaw, roll, pitch."""
-        self.axes = axes = max_tau.shape[-1]
-        self._M, self._B = self.factors[:, :axes], self.levers[:axes]
-        self._M_inverse = np.linalg.pinv(self._M)
-        self._B_inverse = np.linalg.pinv(self._B)
-        self._upright = _UPRIGHT[:axes]
-        self._tilts = axes > 4
-        self._max_tau = max_tau
-        self._groups = (HORIZONTAL, len(self.factors) - HORIZONTAL)
 
-    def allocate(self, tau: Array, voltage_v: float, reach: Array) -> Allocation:
-        """Return the axes that give body wrench `tau`, each within ±`reach`, motors within ±1.
+def _group(factors: list[Three], axes: tuple[int, int, int], max_tau: Axes) -> Group:
+    """Return a group of motors and the places of its axes among the six.
 
-        Where a motor group (horizontal, vertical) would exceed the end of its curve or its reach, the whole
-        group is scaled, as the firmware does, so that the direction of the force is kept.
-        """
-        asked = bounded(tau, self._max_tau)
-        short = asked != tau
-        forces = asked @ self._B_inverse.T / _strength(voltage_v)
-        load = np.maximum(forces / T200_N[-1], forces / T200_N[0])
-        if load.max() > 1.0:
-            scale = self._by_axis(load[..., :HORIZONTAL].max(-1), load[..., HORIZONTAL:].max(-1))
-            forces = forces / np.repeat(scale[..., [0, 2]], self._groups, axis=-1)
-            short |= scale > 1.0
-        axes = np.interp(forces, _INVERSE_N, T200_DEMAND) @ self._M_inverse.T
-        if self._tilts or asked[..., :2].any():
-            axes = self._refined(axes, forces)
-        over = np.abs(axes) / np.maximum(reach, MIN_REACH)
-        load = np.abs(axes @ self._M.T)
-        if over.max() > 1.0 or load.max() > 1.0:
-            across = np.maximum(over[..., ~self._upright].max(-1), load[..., :HORIZONTAL].max(-1))
-            upright = np.maximum(over[..., self._upright].max(-1), load[..., HORIZONTAL:].max(-1))
-            scale = self._by_axis(across, upright)
-            axes = axes / scale
-            short |= scale > 1.0
-        return Allocation(axes, short)
+    Where three orthogonal columns of 1 and -1 serve four motors, their product is orthogonal to all three.
+    """
+    first, second, third, fourth = (*factors, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))[:4]
+    motors = (first, second, third, fourth)
+    i, j, k = axes
+    served = [sum(abs(motor[axis]) for motor in motors) for axis in range(3)]
+    return Group(
+        motors,
+        (math.prod(first), math.prod(second), math.prod(third), math.prod(fourth)),
+        (_inverse(served[0]), _inverse(served[1]), _inverse(served[2])),
+        (PER_NEWTON[i], PER_NEWTON[j], PER_NEWTON[k]),
+        (max_tau[i], max_tau[j], max_tau[k]),
+    )
 
-    def _refined(self, axes: Array, forces: Array) -> Array:
-        """Newton steps on B T(M a) = B f: mends what averaging motors of unequal curves costs."""
-        wanted = forces @ self._B.T
-        for _ in range(NEWTON_STEPS):
-            motors = axes @ self._M.T
-            missing = wanted - np.interp(motors, T200_DEMAND, _INVERSE_N) @ self._B.T
-            slope = np.interp(motors + SLOPE_STEP, T200_DEMAND, _INVERSE_N)
-            slope -= np.interp(motors - SLOPE_STEP, T200_DEMAND, _INVERSE_N)
-            J = (self._B * (slope / (2.0 * SLOPE_STEP))[..., None, :]) @ self._M
-            axes = axes + np.linalg.solve(J, missing[..., None])[..., 0]
-        return axes
 
-    def delivered(self, axes: Array, voltage_v: float) -> Array:
-        """Return the body wrench (…, axes) that the axes really give, N and N·m, at the nominal curve."""
-        motors = axes @ self._M.T
-        return np.asarray(np.interp(motors, T200_DEMAND, T200_N) @ self._B.T * _strength(voltage_v))
+def _inverse(served: float) -> float:
+    return 1.0 / served if served else 0.0
 
-    def motors(self, axes: Array) -> Array:
-        """Return the demand (…, n) on each motor that the firmware makes of axes (…, axes)."""
-        return np.asarray(axes @ self._M.T)
 
-    def overloaded(self, axes: Array) -> Flags:
-        """Tell by axis (axes,) whether its motor group is asked more than a motor can give."""
-        load = [abs(motor) > 1.01 for motor in self.motors(axes).tolist()]
-        return np.where(self._upright, any(load[HORIZONTAL:]), any(load[:HORIZONTAL]))
+def allocate(thrusters: Thrusters, tau: Axes, voltage_v: float, reach: Axes) -> Allocation:
+    """Return the axes that give body wrench `tau`, each within ±`reach`, motors within ±1.
 
-    def axes_from_motors(self, motors: Array) -> Array:
-        """Return the axes (…, axes) that make the firmware ask `motors` (…, n) of its thrusters: M⁺ t."""
-        return np.asarray(motors @ self._M_inverse.T)
+    Where a motor group would exceed the end of its curve or its reach, the whole group is scaled, as the
+    firmware does, so that the direction of the force is kept.
+    """
+    strength = _strength(voltage_v)
+    (surge, sway, yaw), (short_x, short_y, short_n) = _group_axes(
+        thrusters.horizontal, (tau[0], tau[1], tau[3]), strength, (reach[0], reach[1], reach[3])
+    )
+    (heave, roll, pitch), (short_z, short_k, short_m) = _group_axes(
+        thrusters.vertical, (tau[2], tau[4], tau[5]), strength, (reach[2], reach[4], reach[5])
+    )
+    return Allocation(
+        (surge, sway, heave, yaw, roll, pitch), (short_x, short_y, short_z, short_n, short_k, short_m)
+    )
 
-    @property
-    def count(self) -> int:
-        """How many motors the frame has."""
-        return len(self._M)
 
-    def _by_axis(self, across: Array, upright: Array) -> Array:
-        """Return by how much to divide each axis, at least 1: the axes of a group share their motors."""
-        by_group = np.stack((np.maximum(across, 1.0), np.maximum(upright, 1.0)), axis=-1)
-        return np.asarray(by_group[..., self._upright.astype(int)])
+def delivered(thrusters: Thrusters, axes: Axes, voltage_v: float) -> Axes:
+    """Return the body wrench that the axes really give, N and N·m, at the nominal curve."""
+    strength = _strength(voltage_v)
+    X, Y, N = _group_wrench(thrusters.horizontal, (axes[0], axes[1], axes[3]), strength)
+    Z, K, M = _group_wrench(thrusters.vertical, (axes[2], axes[4], axes[5]), strength)
+    return (X, Y, Z, N, K, M)
+
+
+def motors(thrusters: Thrusters, axes: Axes) -> Motors:
+    """Return the demand on each motor that the firmware makes of the axes."""
+    across = _group_motors(thrusters.horizontal, (axes[0], axes[1], axes[3]))
+    upright = _group_motors(thrusters.vertical, (axes[2], axes[4], axes[5]))
+    return across + upright
+
+
+def overloaded(thrusters: Thrusters, axes: Axes) -> ByAxis:
+    """Tell axis by axis whether its motor group is asked for more than a motor can give."""
+    a, b, c, d, e, f, g, h = motors(thrusters, axes)
+    across = max(abs(a), abs(b), abs(c), abs(d)) > OVERLOAD
+    upright = max(abs(e), abs(f), abs(g), abs(h)) > OVERLOAD
+    return (across, across, upright, across, upright, upright)
+
+
+def axes_from_motors(thrusters: Thrusters, demands: tuple[float, ...]) -> Axes:
+    """Return the axes that make the firmware ask `demands` of its `motor_count` motors."""
+    a, b, c, d, e, f, g, h = (*demands, 0.0, 0.0)[:8]
+    surge, sway, yaw = _group_demands(thrusters.horizontal, (a, b, c, d))
+    heave, roll, pitch = _group_demands(thrusters.vertical, (e, f, g, h))
+    return (surge, sway, heave, yaw, roll, pitch)
+
+
+def _group_axes(
+    group: Group, tau: Three, strength: float, reach: Three
+) -> tuple[Three, tuple[bool, bool, bool]]:
+    """Return `allocate` of one group's axes."""
+    shares, levers, max_tau = group.shares, group.levers, group.max_tau
+    X, Y, Z = limited(tau[0], max_tau[0]), limited(tau[1], max_tau[1]), limited(tau[2], max_tau[2])
+    forces = _group_motors(
+        group,
+        (
+            X * shares[0] / (levers[0] * strength),
+            Y * shares[1] / (levers[1] * strength),
+            Z * shares[2] / (levers[2] * strength),
+        ),
+    )
+    beyond = max(1.0, _load(forces[0]), _load(forces[1]), _load(forces[2]), _load(forces[3]))
+    forces = (forces[0] / beyond, forces[1] / beyond, forces[2] / beyond, forces[3] / beyond)
+    a = _group_demands(
+        group,
+        (
+            interpolated(forces[0], DEMAND),
+            interpolated(forces[1], DEMAND),
+            interpolated(forces[2], DEMAND),
+            interpolated(forces[3], DEMAND),
+        ),
+    )
+    t = _group_motors(group, a)
+    if group.opposed[0] != 0.0:
+        t = _balanced(group, t, forces)
+        a = _group_demands(group, t)
+    over = max(
+        1.0,
+        abs(a[0]) / max(reach[0], MIN_REACH),
+        abs(a[1]) / max(reach[1], MIN_REACH),
+        abs(a[2]) / max(reach[2], MIN_REACH),
+        abs(t[0]),
+        abs(t[1]),
+        abs(t[2]),
+        abs(t[3]),
+    )
+    short = beyond > 1.0 or over > 1.0
+    saturated = (short or tau[0] != X, short or tau[1] != Y, short or tau[2] != Z)
+    return (a[0] / over, a[1] / over, a[2] / over), saturated
+
+
+def _balanced(group: Group, t: Four, forces: Four) -> Four:
+    """Return the demands t = T⁻¹(f + λ n) for which nᵀ t = 0: Newton steps from a `t` for which it holds."""
+    n = group.opposed
+    for _ in range(NEWTON_STEPS):
+        r0, c0 = _missing(t[0], forces[0])
+        r1, c1 = _missing(t[1], forces[1])
+        r2, c2 = _missing(t[2], forces[2])
+        r3, c3 = _missing(t[3], forces[3])
+        push = -(n[0] * r0 * c0 + n[1] * r1 * c1 + n[2] * r2 * c2 + n[3] * r3 * c3) / (c0 + c1 + c2 + c3)
+        t = (
+            t[0] + (r0 + push * n[0]) * c0,
+            t[1] + (r1 + push * n[1]) * c1,
+            t[2] + (r2 + push * n[2]) * c2,
+            t[3] + (r3 + push * n[3]) * c3,
+        )
+    return t
+
+
+def _missing(demand: float, force: float) -> tuple[float, float]:
+    """Return by how much a motor's push falls short of `force` (N), and the demand per newton around it."""
+    more = interpolated(demand + SLOPE_STEP, RISING_PUSH)
+    less = interpolated(demand - SLOPE_STEP, RISING_PUSH)
+    return force - interpolated(demand, RISING_PUSH), 2.0 * SLOPE_STEP / max(more - less, MIN_SLOPE_N)
+
+
+def _group_motors(group: Group, a: Three) -> Four:
+    """Return M a."""
+    p, q, r, s = group.factors
+    return (
+        p[0] * a[0] + p[1] * a[1] + p[2] * a[2],
+        q[0] * a[0] + q[1] * a[1] + q[2] * a[2],
+        r[0] * a[0] + r[1] * a[1] + r[2] * a[2],
+        s[0] * a[0] + s[1] * a[1] + s[2] * a[2],
+    )
+
+
+def _group_sums(group: Group, t: Four) -> Three:
+    """Return Mᵀ t."""
+    p, q, r, s = group.factors
+    return (
+        p[0] * t[0] + q[0] * t[1] + r[0] * t[2] + s[0] * t[3],
+        p[1] * t[0] + q[1] * t[1] + r[1] * t[2] + s[1] * t[3],
+        p[2] * t[0] + q[2] * t[1] + r[2] * t[2] + s[2] * t[3],
+    )
+
+
+def _group_demands(group: Group, t: Four) -> Three:
+    """Return N⁻¹ Mᵀ t."""
+    a, b, c = _group_sums(group, t)
+    return a * group.shares[0], b * group.shares[1], c * group.shares[2]
+
+
+def _group_wrench(group: Group, a: Three, strength: float) -> Three:
+    """Return S Mᵀ T(M a), at a battery's strength."""
+    t = _group_motors(group, a)
+    pushes = (
+        interpolated(t[0], PUSH),
+        interpolated(t[1], PUSH),
+        interpolated(t[2], PUSH),
+        interpolated(t[3], PUSH),
+    )
+    X, Y, Z = _group_sums(group, pushes)
+    levers = group.levers
+    return X * levers[0] * strength, Y * levers[1] * strength, Z * levers[2] * strength
+
+
+def interpolated(x: float, curve: Curve) -> float:
+    """Return a curve's value at x; NaN for NaN."""
+    if x <= curve.x[0]:
+        return curve.y[0]
+    if x >= curve.x[LAST]:
+        return curve.y[LAST]
+    k = DEAD_BAND
+    while x > curve.x[k + 1]:
+        k += 1
+    while x < curve.x[k]:
+        k -= 1
+    return curve.y[k] + curve.slope[k] * (x - curve.x[k])
+
+
+def _load(newtons: float) -> float:
+    """Return what share of its largest push a motor is asked for."""
+    return newtons / (T200_N[LAST] if newtons > 0.0 else T200_N[0])
 
 
 def _strength(voltage_v: float) -> float:
-    """Thrust goes about with the square of the voltage (ArduSub facts)."""
-    return (voltage_v / T200_VOLTAGE_V) ** 2
+    """Return thrust as a share of that at 16 V: it goes about with the square of the voltage."""
+    return max((voltage_v / T200_VOLTAGE_V) ** 2, MIN_STRENGTH)

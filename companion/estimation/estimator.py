@@ -13,7 +13,7 @@ import numpy as np
 
 from companion.config import Config
 from companion.config import Supervisor as Limits
-from companion.control.allocation import T200_VOLTAGE_V, Thrusters
+from companion.control.allocation import T200_VOLTAGE_V, Thrusters, axes_from_motors
 from companion.control.bounds import clamped, wrap
 from companion.control.frames import joined, shifted, turned
 from companion.control.oscillation import mean_disturbance, scaled_disturbance
@@ -415,11 +415,10 @@ class Estimator:
         self._rate(Y, event.vy_mps, at_s)
 
     def _on_servo_output(self, event: ServoOutput) -> None:
-        count = self._thrusters.count
+        count = self._thrusters.motor_count
         if len(event.pwm_us) >= count:
-            motors = np.array(motor_demand(event.pwm_us[:count]))
-            axes = vector(self._thrusters.axes_from_motors(motors)[:4].tolist())
-            self._meter.echo(event.boot_s, axes, self._commands.t_s, self._commands.axes)
+            axes = axes_from_motors(self._thrusters, motor_demand(event.pwm_us[:count]))
+            self._meter.echo(event.boot_s, axes[:4], self._commands.t_s, self._commands.axes)
 
     def _on_timesync(self, event: TimeSync) -> None:
         self._meter.timesync(event.sent_s, event.t_s, event.boot_s)

@@ -1,9 +1,7 @@
 """The autopilot as the engine sees it: bytes in, events out; commands in, bytes out."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import astuple, replace
 
-import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from companion.config import Config
@@ -28,7 +26,6 @@ from companion.records import (
     AxisCommand,
     Event,
     Firmware,
-    Flags,
     LinkCounters,
     PilotSticks,
     Sender,
@@ -113,7 +110,7 @@ class Autopilot:
         return self._codec.encode(self._commands.set_mode(mode))
 
     def blended(
-        self, command: AxisCommand, held: Flags, pilot: PilotSticks | None, pilot_gain: float
+        self, command: AxisCommand, held: Sequence[bool], pilot: PilotSticks | None, pilot_gain: float
     ) -> AxisCommand:
         """Return `command` on the axes that are `held` (4,), what the pilot's sticks demand on the others.
 
@@ -122,8 +119,9 @@ class Autopilot:
         if pilot is None:
             return command
         theirs = stick_demand(pilot.sticks, pilot_gain, self._throttle_gain)
-        ours = [*held, *[self._tilts and held.any()] * 2]
-        return AxisCommand(*np.where(ours, astuple(command), astuple(theirs)).tolist())
+        tilts = self._tilts and any(held)
+        ours = zip((*held, tilts, tilts), command, theirs, strict=True)
+        return AxisCommand(*(axis if is_ours else stick for is_ours, axis, stick in ours))
 
     def steer(self, command: AxisCommand, pilot_gain: float, pilot: PilotSticks | None = None) -> bytes:
         """Return the frame that puts `command` on the vehicle's axes, with the pilot's buttons."""
@@ -146,7 +144,7 @@ class Autopilot:
         if self._path == "rc_override":
             return AxisCommand(1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
         reach = manual_control_reach(pilot_gain, self._throttle_gain)
-        return replace(reach, roll=1.0, pitch=1.0)
+        return reach._replace(roll=1.0, pitch=1.0)
 
     @property
     def parameters(self) -> Mapping[str, float]:

@@ -14,7 +14,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from companion.control.allocation import HORIZONTAL, T200_DEMAND, T200_N, Thrusters
+from companion.control.allocation import FACTORS, HORIZONTAL, PER_NEWTON, PUSH, interpolated
 from companion.control.bounds import bounded
 from companion.records import Array, AxisCommand
 
@@ -47,7 +47,7 @@ def command(axis: str, since_s: float) -> AxisCommand:
 
 
 def shares(
-    thrusters: Thrusters,
+    frame: str,
     samples: Mapping[str, Sequence[Sample]],
     starts_s: Mapping[str, float],
     *,
@@ -60,7 +60,8 @@ def shares(
     `samples` and `starts_s` by pulsed axis; `inertia` (kg, kg m²) of "w" and "r"; `delay_s` from sending to
     the motors and back.
     """
-    factors, levers = thrusters.factors, thrusters.levers
+    factors = np.array(FACTORS[frame])
+    levers = np.array(PER_NEWTON)[:, None] * factors.T
     inertias = {"p": INERTIA_TILT[0], "q": INERTIA_TILT[1], **inertia}
     told = np.full(len(factors), np.nan)
     for group in (slice(0, HORIZONTAL), slice(HORIZONTAL, len(factors))):
@@ -105,7 +106,7 @@ def _answer(
 
 def _impulse(t_s: Array, demand: float, lag_s: float) -> Array:
     """Return the integral up to `t_s` of the force of one motor that follows a pulse with a lag, N s."""
-    newtons = 0.5 * float(np.interp(demand, T200_DEMAND, T200_N) - np.interp(-demand, T200_DEMAND, T200_N))
+    newtons = 0.5 * (interpolated(demand, PUSH) - interpolated(-demand, PUSH))
     step = sum(
         weight * (late - lag_s * (1.0 - np.exp(-late / lag_s)))
         for weight, late in (

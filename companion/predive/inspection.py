@@ -9,7 +9,7 @@ import numpy as np
 
 from companion import assembly
 from companion.config import Config
-from companion.control.allocation import Thrusters
+from companion.control.allocation import motors
 from companion.estimation.estimator import Estimator
 from companion.mavlink.ardusub import Mode, motor_demand
 from companion.mavlink.autopilot import Autopilot
@@ -57,7 +57,7 @@ class Inspection:
         model = assembly.model(config)
         self._config = config
         self._autopilot = Autopilot(config, signing)
-        self._thrusters = Thrusters(config.vehicle.frame, assembly.each(config, "max_force"))
+        self._thrusters = assembly.thrusters(config)
         self._estimator = Estimator(config, model, self._thrusters)
         self._survey = Survey()
         self._origin = origin
@@ -207,8 +207,8 @@ class Inspection:
         if before != Mode.MANUAL and before in tuple(Mode):
             yield from self._ask_mode(Mode(before))
         delays = self._seen.delays
-        motors = directions.shares(
-            self._thrusters,
+        shares = directions.shares(
+            self._config.vehicle.frame,
             samples,
             starts_s,
             inertia={"w": self._config.heave.mass, "r": self._config.yaw.mass},
@@ -216,7 +216,7 @@ class Inspection:
             delay_s=delays.total_s,
         )
         asked, came = np.array(echoes or [(1.0, 0.0)]).T
-        self._directions = Directions(motors=motors, echo=float(asked @ came / (asked @ asked)))
+        self._directions = Directions(motors=shares, echo=float(asked @ came / (asked @ asked)))
 
     def _rest(self) -> Iterator[None]:
         end_s = self._now_s + NEUTRAL_S
@@ -245,9 +245,7 @@ class Inspection:
     ) -> None:
         """Keep the rates that came, and beside each motor's demand what the autopilot says it got."""
         settled = since_s % directions.PULSE_S > ECHO_SETTLED_S and since_s < 2.0 * directions.PULSE_S
-        asked = self._thrusters.motors(
-            np.array((command.surge, command.sway, command.heave, command.yaw))
-        ).tolist()
+        asked = motors(self._thrusters, command)[: self._thrusters.motor_count]
         for event in self._events:
             if isinstance(event, Attitude):
                 samples += [Sample(event.t_s, name, getattr(event, name)) for name in ("p", "q", "r")]

@@ -5,7 +5,7 @@ x, y, z, psi (inertial) or surge, sway, heave, yaw (body, Fossen's X, Y, Z, N). 
 Times: `t_s` is this machine's monotonic clock, `boot_s` the autopilot's clock.
 """
 
-from companion.records.control import NEUTRAL, AxisCommand, DofSample, Wrench
+from companion.records.control import NEUTRAL, Axes, AxisCommand, DofSample, Wrench
 from companion.records.dof import AXES, DOFS, PSI, ZERO, Array, Flags, Vector, X, Y, Z, vector
 from companion.records.events import (
     Attitude,
@@ -49,6 +49,7 @@ __all__ = [
     "Ages",
     "Array",
     "Attitude",
+    "Axes",
     "AxisCommand",
     "Battery",
     "CommandAck",

@@ -1,15 +1,18 @@
 """What the control equations give: forces, and demands on the vehicle's axes."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from companion.records.dof import Array, Flags
 
+Axes = tuple[float, float, float, float, float, float]
+"""A number of each axis: surge, sway, heave, yaw, roll, pitch."""
 
-@dataclass(frozen=True, slots=True)
-class AxisCommand:
+
+class AxisCommand(NamedTuple):
     """Normalised demands, -1..1: forward, right, down, clockwise, starboard down, bow up.
 
-    Down, not up: ardusub.py flips it. Roll and pitch are ours only while levelling.
+    Down, not up: companion.mavlink flips it. Roll and pitch are ours only while levelling.
     """
 
     surge: float = 0.0

@@ -18,7 +18,7 @@ import os
 import struct
 import traceback
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, astuple, dataclass
+from dataclasses import asdict, dataclass
 from math import isfinite, nan
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -158,7 +158,7 @@ class Watched(Engine):
         return out + others, sample
 
     def _hold_to_account(self, t_s: float, out: Sequence[bytes], sample: ControlSample) -> None:
-        verdict, command = sample.verdict, astuple(sample.command)
+        verdict, command = sample.verdict, sample.command
         frames = [axes for axes in map(steering, out) if axes is not None]
         promise(all(map(isfinite, command)), "a command that is not finite")
         promise(all(abs(axis) <= 1.0 for axis in command), "a command out of range")

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from virtual import Dive, Somebody, active, hold
 
-from companion.control.allocation import Thrusters
+from companion.control.allocation import allocate, delivered, thrusters
 from companion.records import AxisCommand, Condition, Request, State, Verdict
 from companion.supervision.guard import Envelope, guard
 
-MAX_TAU = np.array([70.0, 70.0, 100.0, 12.0])
+MAX_TAU = (70.0, 70.0, 100.0, 12.0, 5.0, 5.0)
 START_S = 1000.0
 
 
@@ -42,22 +42,23 @@ def test_a_stall_longer_than_the_burst_still_ends_in_neutral_frames():
     [("vectored", -100.0, 16.0), ("vectored_6dof", -100.0, 12.0), ("vectored", 100.0, 12.0)],
 )
 def test_a_motor_at_the_end_of_its_curve_is_reported(frame, heave_n, voltage_v):
-    thrusters = Thrusters(frame, MAX_TAU)
-    allocation = thrusters.allocate(np.array([0.0, 0.0, heave_n, 0.0]), voltage_v, np.ones(4))
-    assert abs(thrusters.delivered(allocation.axes, voltage_v)[2] - heave_n) > 2.0
-    assert allocation.saturated.tolist() == [False, False, True, False]
+    motors = thrusters(frame, MAX_TAU, True)
+    axes, saturated = allocate(motors, (0.0, 0.0, heave_n, 0.0, 0.0, 0.0), voltage_v, (1.0,) * 6)
+    assert abs(delivered(motors, axes, voltage_v)[2] - heave_n) > 2.0
+    assert saturated[:4] == (False, False, True, False)
 
 
 def test_whatever_is_not_reported_as_saturated_is_delivered():
-    thrusters = Thrusters("vectored_6dof", MAX_TAU)
+    motors = thrusters("vectored_6dof", MAX_TAU, True)
     rng = np.random.default_rng(1)
     kept = 0
     for _ in range(2000):
-        tau = rng.uniform(-1.0, 1.0, 4) * MAX_TAU
-        allocation = thrusters.allocate(tau, 16.0, np.ones(4))
-        if not allocation.saturated.any():
+        tau = (*(rng.uniform(-1.0, 1.0, 4) * MAX_TAU[:4]).tolist(), 0.0, 0.0)
+        axes, saturated = allocate(motors, tau, 16.0, (1.0,) * 6)
+        if not any(saturated):
             kept += 1
-            assert (np.abs(thrusters.delivered(allocation.axes, 16.0) - tau) <= 0.04 * MAX_TAU).all()
+            missing = np.subtract(delivered(motors, axes, 16.0), tau)
+            assert (np.abs(missing) <= 0.04 * np.array(MAX_TAU)).all()
     assert kept > 500
 
 
@@ -111,10 +112,8 @@ def test_guard_with_a_bad_previous_command():
 
 
 def test_a_gain_that_leaves_no_reach_makes_no_nan():
-    allocation = Thrusters("vectored_6dof", MAX_TAU).allocate(
-        np.zeros(4), 16.0, np.array([1.0, 1.0, 0.0, 1.0])
-    )
-    assert np.isfinite(allocation.axes).all()
+    motors = thrusters("vectored_6dof", MAX_TAU, True)
+    assert np.isfinite(allocate(motors, (0.0,) * 6, 16.0, (1.0, 1.0, 0.0, 1.0, 1.0, 1.0)).axes).all()
 
 
 def test_a_setpoint_out_of_bounds_is_refused():

@@ -1,7 +1,6 @@
 """Whatever comes in, what leaves is finite, bounded and slow, and neutral unless permitted."""
 
 import math
-from dataclasses import astuple
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -14,7 +13,7 @@ from companion.supervision.supervisor import Supervisor
 C = Condition
 CARRY_AUTHORITY = (State.ACTIVE, State.RAMP_DOWN, State.HAND_OVER)
 
-any_command = st.builds(AxisCommand, *[st.floats()] * 4)
+any_command = st.builds(AxisCommand, *[st.floats()] * 6)
 any_verdict = st.builds(Verdict, st.sampled_from(list(State)), st.just(C(0)), st.floats(), st.just(""))
 envelopes = st.builds(Envelope, st.floats(0.01, 1.0), st.floats(0.01, 100.0))
 EVERY_BIT = C(0)
@@ -53,13 +52,13 @@ ONLY_WHILE_IT_LASTS = C.OFF_TRACK | C.AUTOPILOT_FAILSAFE | C.FAILSAFE_SURFACES |
 @given(any_command, any_verdict, envelopes, st.floats(0.001, 0.1), st.data())
 def test_guard_is_finite_bounded_slow_and_neutral_unless_permitted(command, verdict, envelope, dt_s, data):
     axis = st.floats(-envelope.max_axis, envelope.max_axis)
-    previous = data.draw(st.builds(AxisCommand, axis, axis, axis, axis))
+    previous = data.draw(st.builds(AxisCommand, *[axis] * 6))
     sent = guard(command, verdict, previous, envelope, dt_s)
     permitted = verdict.state in CARRY_AUTHORITY and 0.0 < verdict.authority <= 1.0
-    if not permitted or not all(map(math.isfinite, astuple(command))):
+    if not permitted or not all(map(math.isfinite, command)):
         assert sent == NEUTRAL
         return
-    for now, before in zip(astuple(sent), astuple(previous), strict=True):
+    for now, before in zip(sent, previous, strict=True):
         assert math.isfinite(now)
         assert abs(now) <= envelope.max_axis
         assert abs(now - before) <= envelope.max_slew_per_s * dt_s + 1e-12

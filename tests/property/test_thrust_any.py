@@ -5,13 +5,26 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from companion.control.allocation import Thrusters
+from companion.control.allocation import allocate, delivered, thrusters
 
 frames = st.sampled_from(["vectored", "vectored_6dof"])
 part = st.floats(-1.0, 1.0)
 voltages = st.floats(12.0, 18.0)
 TYPICAL = np.array([30.0, 30.0, 50.0, 5.0])
 MAX_TAU = np.array([70.0, 70.0, 100.0, 12.0])
+FRAMES = {
+    frame: thrusters(frame, (*MAX_TAU.tolist(), 5.0, 5.0), True) for frame in ("vectored", "vectored_6dof")
+}
+
+
+def allocated(frame, tau, voltage_v, reach=(1.0,) * 4):
+    """Return the first four axes and which are saturated."""
+    axes, saturated = allocate(FRAMES[frame], (*tau, 0.0, 0.0), voltage_v, (*reach, 1.0, 1.0))
+    return np.array(axes[:4]), np.array(saturated[:4])
+
+
+def given_back(frame, axes, voltage_v):
+    return np.array(delivered(FRAMES[frame], (*axes, 0.0, 0.0), voltage_v)[:4])
 
 
 def horizontal_load(tau, voltage_v):
@@ -27,11 +40,9 @@ def test_a_wrench_within_the_envelope_comes_out_as_it_went_in(frame, share, volt
     tau = share * TYPICAL
     tau[[0, 1, 3]] *= min(1.0, 25.0 / max(horizontal_load(tau, voltage_v), 1e-9))
     tau[2] *= min(1.0, (voltage_v / 16.0) ** 2)
-    thrusters = Thrusters(frame, MAX_TAU)
-    allocation = thrusters.allocate(tau, voltage_v, np.ones(4))
-    assert not allocation.saturated.any()
-    given_back = thrusters.delivered(allocation.axes, voltage_v)
-    assert (np.abs(given_back - tau) <= [4.0, 4.0, 0.5, 1.25]).all()
+    axes, saturated = allocated(frame, tau, voltage_v)
+    assert not saturated.any()
+    assert (np.abs(given_back(frame, axes, voltage_v) - tau) <= [4.0, 4.0, 0.5, 1.25]).all()
 
 
 @settings(deadline=None)
@@ -42,13 +53,12 @@ def test_a_wrench_within_the_envelope_comes_out_as_it_went_in(frame, share, volt
     arrays(float, 4, elements=st.floats(0.05, 1.0)),
 )
 def test_whatever_is_asked_the_axes_stay_within_reach(frame, tau, voltage_v, reach):
-    thrusters = Thrusters(frame, MAX_TAU)
-    allocation = thrusters.allocate(tau, voltage_v, reach)
-    assert np.isfinite(allocation.axes).all()
-    assert (np.abs(allocation.axes) <= reach + 1e-9).all()
-    assert np.abs(allocation.axes[[0, 1, 3]]).sum() <= 1.0 + 1e-9
-    assert allocation.saturated[np.abs(tau) > MAX_TAU].all()
-    assert np.isfinite(thrusters.delivered(allocation.axes, voltage_v)).all()
+    axes, saturated = allocated(frame, tau, voltage_v, reach)
+    assert np.isfinite(axes).all()
+    assert (np.abs(axes) <= reach + 1e-9).all()
+    assert np.abs(axes[[0, 1, 3]]).sum() <= 1.0 + 1e-9
+    assert saturated[np.abs(tau) > MAX_TAU].all()
+    assert np.isfinite(given_back(frame, axes, voltage_v)).all()
 
 
 @settings(deadline=None)
@@ -56,10 +66,8 @@ def test_whatever_is_asked_the_axes_stay_within_reach(frame, tau, voltage_v, rea
 def test_left_and_right_are_alike(frame, share, voltage_v):
     """Mirrored wrenches give mirrored axes: sway and yaw change sign, surge and heave do not."""
     mirror = np.array([1.0, -1.0, 1.0, -1.0])
-    thrusters = Thrusters(frame, MAX_TAU)
-    axes, mirrored = (
-        thrusters.allocate(tau, voltage_v, np.ones(4)).axes
-        for tau in (share * MAX_TAU, mirror * share * MAX_TAU)
+    (axes, _), (mirrored, _) = (
+        allocated(frame, tau, voltage_v) for tau in (share * MAX_TAU, mirror * share * MAX_TAU)
     )
     np.testing.assert_allclose(mirrored, mirror * axes, atol=1e-12)
 
@@ -68,9 +76,8 @@ def test_left_and_right_are_alike(frame, share, voltage_v):
 @given(frames, st.floats(-30.0, 30.0), st.floats(0.01, 10.0), st.sampled_from([0, 1, 2, 3]))
 def test_more_is_more(frame, tau, more, axis):
     """Each axis alone is monotonic, through the dead band too."""
-    thrusters = Thrusters(frame, MAX_TAU)
     scale = TYPICAL[axis] / 50.0
     less_tau, more_tau = np.zeros(4), np.zeros(4)
     less_tau[axis], more_tau[axis] = tau * scale, (tau + more) * scale
-    less, greater = (thrusters.allocate(t, 16.0, np.ones(4)).axes[axis] for t in (less_tau, more_tau))
+    less, greater = (allocated(frame, t, 16.0)[0][axis] for t in (less_tau, more_tau))
     assert greater > less - 1e-12

@@ -23,7 +23,7 @@ import time
 import traceback
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from random import Random
 from typing import Any
@@ -440,11 +440,11 @@ class Fuzzed:
         return self._relay.take(), passed
 
     def _hold_to_account(self, out: Sequence[bytes], sample: ControlSample) -> None:
-        verdict, command = sample.verdict, astuple(sample.command)
+        verdict, command = sample.verdict, sample.command
         promise(all(map(math.isfinite, command)), f"a command that is not finite: {command}")
         inside = all(abs(axis) <= most for axis, most in zip(command, self._most, strict=True))
         promise(inside, f"a command outside the envelope: {command}")
-        steps = [abs(now - last) for now, last in zip(command, astuple(self._command), strict=True)]
+        steps = [abs(now - last) for now, last in zip(command, self._command, strict=True)]
         promise(not any(command) or max(steps) <= self._step, f"a command that jumps by {max(steps)}")
         promise(0.0 <= verdict.authority <= 1.0, f"an authority of {verdict.authority}")
         permitted = verdict.state in CARRY_AUTHORITY and verdict.authority > 0.0

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
+from companion import assembly
 from companion.config import load_config
-from companion.control.allocation import Thrusters
 from companion.control.positioning import Model, jacobian, to_body
 from companion.estimation.command_history import CommandHistory
 from companion.estimation.estimator import MAX_EXTRAPOLATION_S, Estimator, interpolate
@@ -46,8 +46,7 @@ D = np.array([2.0, -1.5, 6.0, -0.2])
 
 def estimator(**changes):
     config = load_config(overrides=[f"{key}={value}" for key, value in changes.items()])
-    thrusters = Thrusters(config.vehicle.frame, np.array([axis.max_force for axis in config.axes]))
-    return Estimator(config, MODEL, thrusters)
+    return Estimator(config, MODEL, assembly.thrusters(config))
 
 
 class Vehicle:

@@ -7,7 +7,7 @@ import pytest
 
 from companion import assembly
 from companion.config import DEFAULT_FILE, load_config
-from companion.control.allocation import Thrusters
+from companion.control.allocation import allocate, delivered, motors, thrusters
 from companion.control.levelling import FILTER_S, INTEGRAL, Levelling
 from companion.mavlink.ardusub import Commands
 from companion.records import NEUTRAL, AxisCommand, Condition, State, Verdict
@@ -19,9 +19,9 @@ from sim_bridge.physics.thrusters import HEALTHY, each_motor, static_thrust, thr
 LAG_S, OMEGA, TICK_S = 0.15, 5.0, 0.02
 NEAR_S = 0.0
 REST = np.zeros(2)
-MAX_TAU = np.array([70.0, 70.0, 100.0, 12.0, 5.0, 5.0])
+MAX_TAU = (70.0, 70.0, 100.0, 12.0, 5.0, 5.0)
 ACTIVE = Verdict(State.ACTIVE, Condition(0), 1.0, "")
-REACH = np.ones(6)
+REACH = (1.0,) * 6
 
 
 def level(max_nm=4.0):
@@ -96,29 +96,26 @@ def test_it_is_bounded():
 @pytest.mark.parametrize("frame", ["vectored_6dof", "vectored"])
 def test_the_true_vehicle_gets_the_moment_and_heave_keeps_its_force(frame):
     """Through ArduSub's mixer and the stand-in's own geometry."""
-    axes = 6 if frame == "vectored_6dof" else 5
-    thrusters = Thrusters(frame, MAX_TAU[:axes])
-    wanted = np.array([0.0, 0.0, 20.0, 0.0, 2.0, -1.5])[:axes]
-    a = np.append(thrusters.allocate(wanted, 16.0, REACH[:axes]).axes, [0.0] * (6 - axes))
-    np.testing.assert_allclose(thrusters.delivered(a[:axes], 16.0), wanted, rtol=0.03, atol=0.02)
-    surge, sway, heave, yaw, roll, pitch = a
-    pwm = motor_pwm(mix(frame, (roll, pitch, yaw, -heave, surge, sway)), [1.0] * thrusters.count)
+    pitch_nm = -1.5 if frame == "vectored_6dof" else 0.0
+    one = thrusters(frame, MAX_TAU, True)
+    wanted = (0.0, 0.0, 20.0, 0.0, 2.0, pitch_nm)
+    surge, sway, heave, yaw, roll, pitch = axes = allocate(one, wanted, 16.0, REACH).axes
+    np.testing.assert_allclose(delivered(one, axes, 16.0), wanted, rtol=0.03, atol=0.02)
+    pwm = motor_pwm(mix(frame, (roll, pitch, yaw, -heave, surge, sway)), [1.0] * one.motor_count)
     name = "sim.toml" if frame == "vectored_6dof" else "sim-bluerov2.toml"
     vehicle = thrusters_of(load_plant(DEFAULT_FILE.with_name(name)).thrusters)
     true = wrench(vehicle, static_thrust(vehicle, HEALTHY, each_motor(pwm), 16.0))
     assert true[2] == pytest.approx(20.0, abs=0.8)
     lever = vehicle.vertical_m[1] / 0.218
     assert true[3] == pytest.approx(2.0 * lever, abs=0.2)
-    if axes == 6:
-        assert true[4] == pytest.approx(-1.5, abs=0.15)
+    assert true[4] == pytest.approx(pitch_nm, abs=0.15)
 
 
 def test_heave_and_tilt_share_their_motors_and_say_so():
-    thrusters = Thrusters("vectored_6dof", np.array([70.0, 70.0, 300.0, 12.0, 5.0, 5.0]))
-    allocation = thrusters.allocate(np.array([0.0, 0.0, 290.0, 0.0, 4.0, 0.0]), 16.0, REACH)
-    assert np.abs(thrusters.motors(allocation.axes)).max() <= 1.0 + 1e-9
-    assert allocation.saturated[[2, 4]].all()
-    assert not allocation.saturated[[0, 1, 3]].any()
+    one = thrusters("vectored_6dof", (70.0, 70.0, 300.0, 12.0, 5.0, 5.0), True)
+    axes, saturated = allocate(one, (0.0, 0.0, 290.0, 0.0, 4.0, 0.0), 16.0, REACH)
+    assert np.abs(motors(one, axes)).max() <= 1.0 + 1e-9
+    assert saturated == (False, False, True, False, True, True)
 
 
 def test_guard_keeps_roll_and_pitch_below_what_tumbles_it_and_at_zero_unless_levelling():
@@ -142,15 +139,16 @@ def test_on_the_wire_they_are_channels_1_and_2_or_s_and_t():
 
 
 @pytest.mark.parametrize(
-    ("overrides", "axes"),
+    ("overrides", "ours"),
     [
-        ((), 6),
-        (('vehicle.frame="vectored"',), 5),
-        (('vehicle.steering_mode="stabilize"',), 4),
+        ((), (1, 1, 1, 1, 1, 1)),
+        (('vehicle.frame="vectored"',), (1, 1, 1, 1, 1, 0)),
+        (('vehicle.steering_mode="stabilize"',), (1, 1, 1, 1, 0, 0)),
     ],
 )
-def test_which_axes_are_ours(overrides, axes):
+def test_which_axes_are_ours(overrides, ours):
     """Those that the frame can move, but for those that the firmware keeps level itself."""
     config = load_config(overrides=overrides)
-    assert assembly.thrusters(config).axes == axes
-    assert (assembly.levelling(config) is not None) == (axes > 4)
+    axes, _ = allocate(assembly.thrusters(config), (9.0, 9.0, 9.0, 2.0, 2.0, 2.0), 16.0, REACH)
+    assert tuple(bool(axis) for axis in axes) == ours
+    assert (assembly.levelling(config) is not None) == bool(ours[4])

@@ -545,9 +545,9 @@ def test_guard_bounds_and_slows_each_axis_alone(axis, sign):
     command = NEUTRAL
     seen = []
     for _ in range(20):
-        command = guard(replace(NEUTRAL, **{axis: sign * 9.0}), FULL, command, ENVELOPE, TICK_S)
+        command = guard(NEUTRAL._replace(**{axis: sign * 9.0}), FULL, command, ENVELOPE, TICK_S)
         seen.append(getattr(command, axis))
-        assert replace(command, **{axis: 0.0}) == NEUTRAL
+        assert command._replace(**{axis: 0.0}) == NEUTRAL
     np.testing.assert_allclose(seen[:8], sign * 0.1 * np.arange(1, 9), atol=1e-12)
     np.testing.assert_allclose(seen[8:], sign * 0.8, atol=1e-12)
 
@@ -568,5 +568,5 @@ def test_guard_is_neutral_at_an_absurd_authority(authority):
 @pytest.mark.parametrize("axis", ["surge", "sway", "heave", "yaw"])
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
 def test_one_axis_that_is_not_finite_makes_all_neutral(axis, value):
-    command = replace(AxisCommand(0.1, 0.1, 0.1, 0.1), **{axis: value})
+    command = AxisCommand(0.1, 0.1, 0.1, 0.1)._replace(**{axis: value})
     assert guard(command, FULL, AxisCommand(0.1, 0.1, 0.1, 0.1), ENVELOPE, TICK_S) == NEUTRAL
