@@ -1,7 +1,4 @@
-"""Writes docs/supervisor.md from the supervisor's own tables.
-
-`python -m lab.supervisor_page` does.
-"""
+"""Writes docs/supervisor.md from the supervisor's tables: `python -m lab.supervisor_page`."""
 
 import math
 from collections.abc import Iterator
@@ -45,63 +42,74 @@ HEAD = """\
 
 <!-- Made by `python -m lab.supervisor_page` from companion/supervision/. -->
 
-It looks at every condition in every tick, and says who may steer. Thrust leaves in ACTIVE, RAMP_DOWN and at
-the start of HAND_OVER, scaled by the *authority*: it rises over `ramp_up_s` on engaging and falls over
-`ramp_down_s` on letting go. A fault, a pilot or a disarmed vehicle ends it at once. The default is to
-refuse.
+The supervisor is a state machine. Every tick it tests all conditions and decides whether Holdfast may
+steer. Holdfast sends thrust only in ACTIVE, in RAMP_DOWN and at the start of HAND_OVER. The supervisor
+scales this thrust by the *authority*, a number from 0 to 1. The authority rises over `ramp_up_s` after
+engaging and falls over `ramp_down_s` on release. A fault, a pilot's takeover or disarming sets it to 0 at
+once. The default is to refuse.
 """
 
 HAND_OVER = f"""\
 ## Handing over to ALT_HOLD
 
-Where we are the ones who cannot go on, and the autopilot's own depth is good, it gets the vehicle. Entered
-straight from MANUAL, ALT_HOLD dips by half a metre; so: ramp down over `ramp_down_s`, ask for STABILIZE
-until the heartbeat says so, {SETTLE_S:g} s of neutral, ask for ALT_HOLD until the heartbeat says so. If
-that takes longer than {REFUSED_S:g} s, we are silent and in FAULT: neutral was sent, and the pilot-input
-failsafe follows.
+Holdfast hands over when it cannot continue but the autopilot can still hold depth. A vehicle that enters
+ALT_HOLD directly from MANUAL can sink by half a metre. Therefore the sequence is:
 
-ALT_HOLD alone would not last: FS_PILOT_INPUT acts 3 s after the last steering message, and as shipped it
-disarms. So one neutral frame every {KEEP_ALIVE_S:g} s keeps it alive, for `keep_alt_hold_s`, or until
-somebody else's steering is seen; then we are silent, the state is PILOT, and the autopilot's failsafes rule
-as if we were not there. A stick that is moved, another mode or a stop ends it at once.
+1. Ramp the thrust down over `ramp_down_s`.
+2. Request STABILIZE until the heartbeat confirms it.
+3. Send neutral for {SETTLE_S:g} s.
+4. Request ALT_HOLD until the heartbeat confirms it.
 
-On the way up, because the pilot was lost or a failsafe of the autopilot's own surfaces, neutral goes on
-without that limit. At the surface the firmware itself changes from SURFACE to ALT_HOLD: the state stays
-HAND_OVER, and neutral goes on until a pilot steers.
+If ALT_HOLD is not confirmed {REFUSED_S:g} s after the start, Holdfast goes to FAULT and falls silent. It
+has sent neutral before, and the pilot-input failsafe follows.
 
-Not handed over: what the autopilot could not do better either, because it has the same sensors (EKF, depth
-out of bounds) or acts already (its failsafe); a process that does not keep time, which could not see the
-sequence through. These ramp down to neutral. Without link, depth or attitude there is nothing to ramp by:
-neutral at once.
+The failsafe FS_PILOT_INPUT acts 3 s after the last steering message; by default it disarms. Therefore
+Holdfast sends one neutral frame every {KEEP_ALIVE_S:g} s while ALT_HOLD holds depth. It stops after
+`keep_alt_hold_s`, or as soon as it sees somebody else's steering. Then it is silent in state PILOT, and
+the autopilot's failsafes act as if Holdfast were not there. A moved stick, a mode change or a `release`
+ends the neutral frames at once.
+
+When the vehicle surfaces (the pilot was lost, or a failsafe of the autopilot surfaces), `keep_alt_hold_s`
+does not apply. At the surface the firmware changes from SURFACE to ALT_HOLD by itself. The state stays
+HAND_OVER, and the neutral frames continue until a pilot steers.
+
+Some conditions ramp down to neutral instead:
+
+- The autopilot uses the same sensors and could do no better: EKF UNHEALTHY, DEPTH OUT OF BOUNDS.
+- A failsafe of the autopilot is already active: AUTOPILOT FAILSAFE.
+- This process is late and might not complete the sequence: TICK LATE.
+
+Without link, depth or attitude Holdfast cannot control a ramp: it sends neutral at once.
 """
 
 TILT = f"""\
 ## When it tilts
 
-A vehicle is not let go because it tilts. What tilts it may also sink it: a load, a tether, a dead thruster;
-and 3 s after our last frame it would be disarmed. So what makes a tilt worse goes first, and what keeps the
-depth stays:
+Tilt alone does not release the vehicle. The cause of the tilt (a load, a tether, a dead thruster) may
+also sink it, and without our frames the autopilot would disarm it after 3 s. Holdfast first removes the
+forces that increase the tilt, and keeps the forces that hold the depth:
 
-| largest tilt now and {AHEAD_S:g} s ahead | what is left |
+| larger tilt of now and {AHEAD_S:g} s ahead | what Holdfast still controls |
 |---|---|
 | up to {_deg(LEVEL_RAD)}° | everything |
 | {_deg(LEVEL_RAD)} to {_deg(STEEP_RAD)}° | \
-less and less of the horizontal force and of every setpoint's speed |
+everything; horizontal force and setpoint speeds decrease with the tilt |
 | {_deg(STEEP_RAD)} to {_deg(YAW_STEEP_RAD)}° | \
-x and y are let go: the place that is held goes along; from {_deg(YAW_LEVEL_RAD)}° also less and less yaw |
-| beyond `max_tilt_deg` | heave and levelling alone: TILTED warns, nothing is learnt, and nobody can engage |
-| the same for `off_track_s` | TILT PERSISTS: we cannot right it; STABILIZE and then ALT_HOLD get it |
+heave, levelling, yaw; x and y setpoints follow the vehicle; from {_deg(YAW_LEVEL_RAD)}° yaw decreases |
+| beyond `max_tilt_deg` | heave and levelling; TILTED warns, learning is frozen, engaging is refused |
+| beyond `max_tilt_deg` for `off_track_s` | nothing: TILT PERSISTS hands over (STABILIZE, then ALT_HOLD) |
 
-From {_deg(PART_FROM_RAD)}° on the horizontal thrusters take their part of heave, so that it pushes straight
-down or up.
+From {_deg(PART_FROM_RAD)}° on the horizontal thrusters provide a part of heave, so that the force stays
+vertical.
 
-The frame with six thrusters cannot pitch by itself. There the horizontal force begins at
-{UNLEVELLED_N:g} N and rises by {FAST_N_PER_S:g} N/s until the vehicle tilts by {_deg(UNLEVELLED_ALARM_RAD)}°,
-and then stays below what tilted it: rather than capsize it drifts, level, and keeps depth and heading.
-SATURATED says so. Across a current it holds where it cannot head-on.
+The frame with six thrusters cannot produce a pitch moment. For this frame the limit of the horizontal
+force starts at {UNLEVELLED_N:g} N and rises by {FAST_N_PER_S:g} N/s until the vehicle tilts by
+{_deg(UNLEVELLED_ALARM_RAD)}°. Then the limit stays below the force that caused this tilt. The vehicle
+stays level and keeps depth and heading, but may drift; SATURATED warns. It can hold more current from the
+side than from ahead.
 
-After a hand-over because of a tilt the neutral frames go on until somebody steers, changes the mode or says
-stop, without the limit of `keep_alt_hold_s`: silence would disarm it, and it would sink with what tilts it.
+After a hand-over because of tilt, the neutral frames continue until somebody steers, changes the mode or
+sends `release`; `keep_alt_hold_s` does not apply. Silence would disarm the vehicle, and it could sink.
 """
 
 
@@ -125,8 +133,9 @@ def _diagram() -> Iterator[str]:
 
 def _matrix() -> Iterator[str]:
     yield (
-        "The condition alone, in each state; a dot changes nothing. Of several, the first row of "
-        "`TRANSITIONS` that fits counts.\n"
+        "The table shows the next state, or the effect, of each condition alone, in each state. A dot means "
+        "no effect; `waits` means that engaging is refused. If several conditions hold, the first matching "
+        "row of `TRANSITIONS` counts.\n"
     )
     lines = ["| condition | " + " | ".join(State) + " |", "|---" * (len(State) + 1) + "|"]
     for condition in Condition:
@@ -150,10 +159,10 @@ def _cell(state: State, condition: Condition) -> str:
 
 def _meanings(limits: Limits) -> Iterator[str]:
     yield (
-        "Of several, an operator is told what to do about the first one of this table. What has led to FAULT "
-        "is cleared afterwards, in one of [these ways](wiring.md#how-to-engage-release-and-clear-a-fault).\n"
+        "If several conditions hold, the operator sees the remedy of the first one in this table. After a "
+        "FAULT, remove the cause and [clear the fault](wiring.md#how-to-engage-release-and-clear-a-fault).\n"
     )
-    lines = ["| condition | it means | [supervisor] | what to do |", "|---|---|---|---|"]
+    lines = ["| condition | meaning | keys of `[supervisor]` | what to do |", "|---|---|---|---|"]
     for spec in CONDITIONS:
         keys = ", ".join(f"`{key}` = {getattr(limits, key):g}" for key in spec.keys) or "–"
         clears = spec.condition & FAULT_CAUSES and spec.remedy != "nothing"

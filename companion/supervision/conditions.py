@@ -1,4 +1,4 @@
-"""What the supervisor looks at: every condition with its test, what it means and what an operator does.
+"""Every condition of the supervisor: its test, its meaning and what an operator does about it.
 
 `docs/supervisor.md` is made from this table and from `supervisor.TRANSITIONS`.
 """
@@ -16,14 +16,14 @@ from companion.supervision.handover import REFUSED_S, HandOverStep
 C = Condition
 
 CLOCK_DOUBT_S = 2.0
-"""A clock that is set anew contradicts itself until the second answer to TIMESYNC; two autopilots go on."""
+"""After one jump the clock contradicts itself until the second answer to TIMESYNC; two clocks always do."""
 
 RESET_SETTLE_S = 3.0
-"""So long after a reset of the autopilot's estimate another one may follow."""
+"""Another reset of the autopilot's estimate may follow within this time."""
 
 
 class Watched(msgspec.Struct, frozen=True, kw_only=True):
-    """What takes a while to be seen (`watch.py`): how long something has held, or was said a while ago."""
+    """What takes time to observe (`monitor.py`): how long something lasted, what was reported recently."""
 
     ekf: EkfStatus | None = None
     """The newest report, None before the first."""
@@ -32,7 +32,7 @@ class Watched(msgspec.Struct, frozen=True, kw_only=True):
     rebooted: bool = False
     leaking: bool = False
     failsafe_surfaces: bool = False
-    """Whether one took the vehicle to SURFACE: mode and failsafe came with the same heartbeat."""
+    """Whether a failsafe changed the mode to SURFACE: mode and failsafe came with the same heartbeat."""
     failsafe: bool = False
     """Whether the autopilot reports a failsafe that our steering should have ended."""
     battery_low_s: float = 0.0
@@ -41,18 +41,18 @@ class Watched(msgspec.Struct, frozen=True, kw_only=True):
     tilted_s: float = 0.0
     innovation_m: float = 0.0
     innovation_deg: float = 0.0
-    """By how much measurements missed what was expected, averaged."""
+    """Mean absolute innovation: measurement minus prediction."""
     samples_dropped: bool = False
     config_changed: bool = False
     peer_changed: bool = False
 
 
 class Observation(msgspec.Struct, frozen=True, kw_only=True):
-    """What one tick saw, beside the vehicle's state."""
+    """What one tick observed: the vehicle's state and everything else that the conditions test."""
 
     state: VehicleState
     mode_right: bool
-    """Whether the flight mode is one that our present state steers or hands over in."""
+    """Whether the flight mode is one in which our present state steers or hands over."""
     parameters: Mapping[str, float]
     watched: Watched
     preflight_failure: str = ""
@@ -61,9 +61,9 @@ class Observation(msgspec.Struct, frozen=True, kw_only=True):
     finite: bool = True
     late_s: float = 0.0
     full_override: bool = False
-    """Whether the pilot takes everything, by the sticks or a button of our own second link."""
+    """Whether the pilot overrides all axes, by stick or button on the ground station's link."""
     pilot_timeout_s: float = math.inf
-    """How old the ground station's heartbeat may be: infinite where none is needed."""
+    """Largest permitted age of the ground station's heartbeat; infinite where none is needed."""
     surface_on_loss: bool = False
     hand_over: HandOverStep = HandOverStep.NONE
     ramped_down: bool = False
@@ -73,7 +73,7 @@ class Observation(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class ConditionSpec(NamedTuple):
-    """One condition: how it is seen, the keys of [supervisor] that decide, and words for people."""
+    """One condition: its test, the keys of [supervisor] that it uses, and the texts for operators."""
 
     condition: Condition
     holds: Callable[[Observation, Limits], bool]
@@ -94,7 +94,7 @@ def pilot_failsafe_acts(parameters: Mapping[str, float], limits: Limits) -> bool
 
 
 def depth_is_fresh(state: VehicleState, limits: Limits) -> bool:
-    """Tell whether a believable depth came of late."""
+    """Tell whether an accepted depth is recent enough."""
     return state.ages.depth_s <= limits.depth_timeout_s
 
 
@@ -104,7 +104,7 @@ def ekf_is_doubtful(ekf: EkfStatus, limits: Limits) -> bool:
 
 
 def voltage_is_low(voltage_v: float, limits: Limits) -> bool:
-    """Tell whether the battery is nearly empty, if this lasts."""
+    """Tell whether the voltage is below the limit; BATTERY_LOW needs it to last."""
     return voltage_v < limits.min_voltage_v
 
 
@@ -126,7 +126,7 @@ def _innovation_large(o: Observation, limits: Limits) -> bool:
 
 
 def tilted(state: VehicleState, limits: Limits) -> bool:
-    """Tell whether it rolls or pitches too far; an attitude that is not known counts as such."""
+    """Tell whether roll or pitch is too large; an unknown attitude counts as too large."""
     most_rad = math.radians(limits.max_tilt_deg)
     return not (abs(state.roll) <= most_rad and abs(state.pitch) <= most_rad)
 
@@ -135,271 +135,279 @@ def _pilot_lost(o: Observation, _: Limits) -> bool:
     return not o.state.ages.pilot_s <= o.pilot_timeout_s
 
 
-# What is not known counts against permission: hence `not x <= limit`, which a NaN meets.
-# Of several that hold, an operator is told the first one's remedy (`supervisor.remedy`).
+# An unknown value counts against permission: hence `not x <= limit`, which is true for NaN.
+# If several conditions hold, the operator sees the remedy of the first (`supervisor.remedy`).
 CONDITIONS = (
     ConditionSpec(
         C.LINK_LOST,
         _link_lost,
         ("link_timeout_s", "heartbeat_timeout_s"),
-        "nothing, or no heartbeat, came from the autopilot",
-        "look at cable, router and link.endpoint",
+        "no message, or no heartbeat, arrived from the autopilot in time",
+        "check the cable, the router and link.endpoint",
     ),
     ConditionSpec(
         C.DEPTH_STALE,
         lambda o, limits: not depth_is_fresh(o.state, limits),
         ("depth_timeout_s",),
-        "no new, believable depth came",
-        "look whether vehicle.depth_source streams and moves",
+        "no new, plausible depth arrived in time",
+        "check that vehicle.depth_source is streamed and changes",
     ),
     ConditionSpec(
         C.ATTITUDE_STALE,
         lambda o, limits: not o.state.ages.attitude_s <= limits.attitude_timeout_s,
         ("attitude_timeout_s",),
-        "no new attitude came",
-        "look whether ATTITUDE streams",
+        "no new attitude arrived in time",
+        "check that ATTITUDE is streamed",
     ),
     ConditionSpec(
         C.POSITION_STALE,
         lambda o, limits: o.holds_position and not o.state.ages.position_s <= limits.position_timeout_s,
         ("position_timeout_s",),
-        "position is held, and no new one came",
-        "look at the DVL; engage again without it to hold depth and heading",
+        "the position is held, and no new one arrived in time",
+        "check the DVL; engage again without it to hold depth and heading only",
     ),
     ConditionSpec(
         C.DEPTH_JUMPED,
         lambda o, limits: o.state.depth_refused,
         ("max_depth_jump_m",),
-        "a depth lay so far from the expected one that it was left out; if it stays there, depth is stale",
-        "look at the depth sensor",
+        "a depth was too far from the predicted one and was rejected; if this continues, DEPTH STALE follows",
+        "check the depth sensor",
     ),
     ConditionSpec(
         C.YAW_RESET,
         lambda o, limits: o.state.ages.yaw_reset_s <= RESET_SETTLE_S,
         (),
-        "the autopilot's EKF corrected its yaw at once, less than 3 s ago; the heading that is held turned "
-        "with it, and the vehicle stays where it points",
-        "give the heading anew if it shall be another; calibrate the compass if this comes again and again",
+        "the autopilot's EKF reset its yaw less than 3 s ago; the heading setpoint was shifted with it, so "
+        "the vehicle does not turn",
+        "command the heading again if you want another; calibrate the compass if this happens often",
     ),
     ConditionSpec(
         C.POSITION_RESET,
         lambda o, limits: o.state.ages.position_reset_s <= RESET_SETTLE_S,
         (),
-        "the autopilot's EKF corrected its position at once, less than 3 s ago; the place that is held moved "
-        "with it, and the vehicle stays where it is",
-        "give the place anew if it shall be another; look at the DVL if this comes again and again",
+        "the autopilot's EKF reset its position less than 3 s ago; the position setpoint was shifted with "
+        "it, so the vehicle does not move",
+        "command the position again if you want another; check the DVL if this happens often",
     ),
     ConditionSpec(
         C.DEPTH_OUT_OF_BOUNDS,
         _out_of_bounds,
         ("max_depth_m", "depth_margin_m"),
-        "the depth is above the surface or below what was allowed",
-        "take over; look at the sensor's zero, and at max_depth_m",
+        "the measured depth is above the surface, or below max_depth_m, by more than the margin",
+        "take over; check the zero of the depth sensor, and max_depth_m",
     ),
     ConditionSpec(
         C.TILTED,
         lambda o, limits: tilted(o.state, limits),
         ("max_tilt_deg",),
-        "it rolls or pitches so far that only heave and levelling are left: x, y and heading are let go",
-        "slower, less current, or a heading that meets it; look for a thruster that is dead or reversed",
+        "roll or pitch is too large: only heave and levelling remain; x, y and heading are released",
+        "move slower, avoid the current or turn into it; look for a dead or reversed thruster",
     ),
     ConditionSpec(
         C.TILT_PERSISTS,
         lambda o, limits: not o.watched.tilted_s <= limits.off_track_s,
         ("max_tilt_deg", "off_track_s"),
-        "it stays tilted, so we cannot right it: the autopilot tries, in STABILIZE and then ALT_HOLD",
-        "look for what tilts it: a load beside the centre, a snagged tether, a dead or reversed thruster",
+        "the vehicle stays tilted, and Holdfast cannot level it: the autopilot tries, in STABILIZE and then "
+        "ALT_HOLD",
+        "look for the cause: an off-centre load, a snagged tether, a dead or reversed thruster",
     ),
     ConditionSpec(
         C.EKF_UNHEALTHY,
         _ekf_unhealthy,
         ("max_ekf_variance", "ekf_doubt_s"),
-        "the autopilot's estimator has no attitude or no depth, or has doubted compass, velocity or depth "
-        "for a while",
-        "wait until it has settled; calibrate the compass, look at the depth sensor",
+        "the autopilot's EKF reports no attitude or no depth, or its variance of compass, velocity or depth "
+        "has been too high for ekf_doubt_s",
+        "wait until the EKF has settled; calibrate the compass, check the depth sensor",
     ),
     ConditionSpec(
         C.LEAK,
         lambda o, limits: o.watched.leaking,
         (),
-        "the autopilot said Leak Detected, less than 25 s ago (it repeats itself every 20 s)",
-        "bring it up",
+        "the autopilot reported Leak Detected less than 25 s ago (it repeats this every 20 s)",
+        "bring the vehicle up",
     ),
     ConditionSpec(
         C.BATTERY_LOW,
         lambda o, limits: not o.watched.battery_low_s <= limits.battery_low_s,
         ("min_voltage_v", "battery_low_s"),
-        "the battery is nearly empty",
-        "bring it up",
+        "the battery voltage has been too low for battery_low_s",
+        "bring the vehicle up",
     ),
     ConditionSpec(
         C.AUTOPILOT_FAILSAFE,
         lambda o, limits: o.watched.failsafe,
         (),
-        "a failsafe of the autopilot's own is latched (system status 5) though we steer",
+        "the autopilot reports a latched failsafe (system status 5) while Holdfast steers",
         "read the autopilot's messages",
     ),
     ConditionSpec(
         C.FAILSAFE_SURFACES,
         lambda o, limits: o.watched.failsafe_surfaces and not o.mode_right,
         (),
-        "a failsafe of the autopilot's own (leak, battery) changed the flight mode to SURFACE",
+        "a failsafe of the autopilot (leak, battery) changed the flight mode to SURFACE",
         "read the autopilot's messages",
     ),
     ConditionSpec(
         C.REBOOTED,
         lambda o, limits: o.watched.rebooted,
         (),
-        "the autopilot's clock went backwards: it started anew",
-        "find out why (power?)",
+        "the autopilot's clock went backwards: it has rebooted",
+        "find the cause, such as the power supply",
     ),
     ConditionSpec(
         C.FAILSAFE_UNSAFE,
         lambda o, limits: not pilot_failsafe_acts(o.parameters, limits),
         ("max_pilot_timeout_s",),
-        "FS_PILOT_INPUT is 0 or not known, or FS_PILOT_TIMEOUT too long: nothing would stop the thrusters if "
-        "this computer died",
+        "FS_PILOT_INPUT is 0 or unknown, or FS_PILOT_TIMEOUT is too long: nothing would stop the thrusters "
+        "if this computer failed",
         "set FS_PILOT_INPUT to 2",
     ),
     ConditionSpec(
         C.PREFLIGHT_FAILURE,
         lambda o, limits: bool(o.preflight_failure),
         (),
-        "a row of the pre-dive list is refused (frame, steering id, InputHold...); the reason names it",
-        "`holdfast check` says how to fix it",
+        "a row of the pre-dive list is refused (such as frame, steering id, InputHold); the reason names it",
+        "run `holdfast check`: it says how to fix it",
     ),
     ConditionSpec(
         C.SATURATED,
         lambda o, limits: not o.watched.saturated_s <= limits.saturated_s,
         ("saturated_s",),
-        "an axis has given all it can for long: it is about to be carried off",
-        "less current, a slower path, or more max_force",
+        "an axis has been saturated for saturated_s: the vehicle may drift away",
+        "avoid the current, slow the path down, or raise max_force",
     ),
     ConditionSpec(
         C.OFF_TRACK,
         lambda o, limits: not o.watched.off_track_s <= limits.off_track_s,
         ("max_error_m", "max_error_deg", "off_track_s"),
-        "it is far from where it should be, and stays there",
-        "look for what holds or drives it: tether, current, a dead thruster",
+        "the vehicle is too far from its reference, and has been for off_track_s",
+        "look for the cause: tether, current, a dead thruster",
     ),
     ConditionSpec(
         C.DELAY_TOO_LONG,
         lambda o, limits: not o.state.delays.total_s <= limits.max_delay_s,
         ("max_delay_s",),
-        "telemetry and commands are later than any gains bear",
-        "look at the link's load; run on the vehicle instead of topside",
+        "the delays of telemetry and commands together are too long for any gains",
+        "reduce the load of the link; run Holdfast on the vehicle instead of topside",
     ),
     ConditionSpec(
         C.CLOCK_JUMPED,
         lambda o, limits: not o.state.clock_doubt_s <= 0.0,
         (),
-        "a stamp or an answer to TIMESYNC contradicts the autopilot's clock, and none has set it anew yet",
-        "nothing if it was once; if it goes on, look for a second autopilot with this system id",
+        "a time stamp or an answer to TIMESYNC contradicts the estimated clock offset",
+        "nothing if it happens once; if it continues, look for a second autopilot with this system id",
     ),
     ConditionSpec(
         C.CLOCK_INCONSISTENT,
         lambda o, limits: not o.state.clock_doubt_s <= CLOCK_DOUBT_S,
         (),
-        f"stamps and answers to TIMESYNC have contradicted each other for {CLOCK_DOUBT_S:g} s",
-        "look for a second autopilot with this system id on the link, and at what relays TIMESYNC",
+        f"time stamps and answers to TIMESYNC have contradicted each other for {CLOCK_DOUBT_S:g} s",
+        "look for a second autopilot with this system id on the link, or a router that changes TIMESYNC",
     ),
     ConditionSpec(
         C.INNOVATION_LARGE,
         _innovation_large,
         ("max_innovation_m", "max_innovation_deg"),
-        "where it is held, it keeps not being where the estimator expects: sensor, model or clock is wrong",
-        "look at the depth's and heading's noise and at the delays",
+        "in a held degree of freedom measurements keep missing the prediction: sensor, model or clock fails",
+        "check the noise of depth and heading, and the delays",
     ),
     ConditionSpec(
         C.NON_FINITE,
         lambda o, limits: not o.finite,
         (),
         "a computed value was not finite: a bug",
-        "keep the recording and tell us",
+        "keep the recording and report it to us",
     ),
     ConditionSpec(
         C.TICK_LATE,
         lambda o, limits: not o.late_s <= limits.late_tick_s,
         ("late_tick_s",),
-        "this process did not run in time",
-        "look at the computer's load",
+        "a tick of this process was too late",
+        "reduce the load of this computer",
     ),
     ConditionSpec(
         C.QUEUE_FULL,
         lambda o, limits: o.watched.samples_dropped,
         (),
-        "telemetry was dropped, because nobody took it in time",
-        "look at whoever subscribes; holding is not affected",
+        "telemetry was dropped because Zenoh did not take it in time",
+        "check the subscribers; control is not affected",
     ),
     ConditionSpec(
         C.CONFIG_CHANGED,
         lambda o, limits: o.watched.config_changed,
         (),
-        "our configuration or a parameter of the autopilot changed while running, less than 2 s ago",
-        "see that it was you",
+        "the configuration or a parameter of the autopilot changed less than 2 s ago",
+        "nothing if you changed it; else find out who did",
     ),
     ConditionSpec(
         C.PEER_CHANGED,
         lambda o, limits: o.watched.peer_changed,
         (),
-        "a link that listens turned to another sender less than 2 s ago: the one before had fallen silent",
-        "see that it was you; list the addresses in link.allow or ground_station.allow, or set a signing key",
+        "a listening link accepted another peer less than 2 s ago: the one before had fallen silent",
+        "nothing if you changed it; else list addresses in link.allow or ground_station.allow, or set a "
+        "signing key",
     ),
     ConditionSpec(
         C.PILOT_TAKEOVER,
         lambda o, limits: o.full_override or not o.watched.pilot_deflection <= limits.pilot_deflection,
         ("pilot_deflection", "pilot_hold_s"),
-        "somebody else moves a stick",
-        "let go of the stick; engage again",
+        "somebody else moves a stick, or the pilot overrides all axes",
+        "release the stick; engage again",
     ),
     ConditionSpec(
         C.PILOT_LOST,
         _pilot_lost,
         (),
-        "no heartbeat came from the ground station for ground_station.timeout_s",
-        "look at the tether and the ground station; its sticks have the vehicle again at once",
+        "no heartbeat arrived from the ground station for ground_station.timeout_s",
+        "check the tether and the ground station; when it returns, its sticks take effect at once",
     ),
     ConditionSpec(
         C.PILOT_LOST_SURFACE,
         lambda o, limits: o.surface_on_loss and _pilot_lost(o, limits),
         (),
-        "the same, and ground_station.on_loss says to surface",
-        "the same",
+        'as PILOT LOST, and ground_station.on_loss is "surface"',
+        "as PILOT LOST",
     ),
-    ConditionSpec(C.DISARMED, lambda o, limits: not o.state.armed, (), "the motors are off", "arm it"),
+    ConditionSpec(
+        C.DISARMED,
+        lambda o, limits: not o.state.armed,
+        (),
+        "the motors are disarmed",
+        "arm the vehicle",
+    ),
     ConditionSpec(
         C.WRONG_MODE,
         lambda o, limits: not o.mode_right,
         (),
-        "the flight mode is another than vehicle.steering_mode: somebody changed it",
-        "engage, which asks for the mode",
+        "the flight mode is not vehicle.steering_mode",
+        "engage: Holdfast then requests the mode",
     ),
     ConditionSpec(
         C.RAMPED_DOWN,
         lambda o, limits: o.ramped_down,
         ("ramp_down_s",),
-        "authority has come down to nothing",
+        "the authority has reached 0",
         "nothing",
     ),
     ConditionSpec(
         C.HANDED_OVER,
         lambda o, limits: o.hand_over is HandOverStep.DONE,
         ("keep_alt_hold_s",),
-        "ALT_HOLD has the vehicle, and a pilot steers or `keep_alt_hold_s` is over",
+        "the autopilot holds depth in ALT_HOLD, and a pilot steers or `keep_alt_hold_s` has passed",
         "nothing",
     ),
     ConditionSpec(
         C.SURFACED,
         lambda o, limits: o.hand_over is HandOverStep.SURFACED,
         (),
-        "on reaching the surface the firmware changed from SURFACE to ALT_HOLD",
+        "the vehicle reached the surface, and the firmware changed from SURFACE to ALT_HOLD",
         "nothing",
     ),
     ConditionSpec(
         C.HAND_OVER_REFUSED,
         lambda o, limits: o.hand_over is HandOverStep.REFUSED,
         (),
-        f"ALT_HOLD was not there {REFUSED_S:g} s after handing over began",
+        f"the flight mode was not ALT_HOLD {REFUSED_S:g} s after the hand-over began",
         "nothing",
     ),
     ConditionSpec(C.OPERATOR_STOP, lambda o, limits: o.stop, (), "the operator asked to stop", "nothing"),
@@ -411,5 +419,5 @@ _TESTS = tuple((spec.condition.value, spec.holds) for spec in CONDITIONS)
 
 
 def assess(seen: Observation, limits: Limits) -> Condition:
-    """Return the conditions that hold this tick; what is not known counts against permission."""
+    """Return the conditions that hold this tick; an unknown value counts against permission."""
     return Condition(sum(bit for bit, holds in _TESTS if holds(seen, limits)))

@@ -1,13 +1,13 @@
-"""Who may steer: transitions as a table, what is only told as another, and `guard`, the last word.
+"""The state machine that decides who may steer: a table of transitions and a table of warnings.
 
-Permission comes before the law (`Supervisor.step`), and again last before the bytes (`guard`). The default is
-to refuse: only ACTIVE, RAMP_DOWN and the start of HAND_OVER carry authority, and what TRANSITIONS does not
-list changes nothing. What the conditions mean stands in `conditions.py`; docs/supervisor.md is made of both.
+Permission is tested before the law (`Supervisor.step`), and again last, before the bytes (`guard`). The
+default is to refuse: only ACTIVE, RAMP_DOWN and the start of HAND_OVER carry authority, and a condition that
+TRANSITIONS does not list changes nothing. `conditions.py` defines them; docs/supervisor.md is made from both.
 
-Three ways of giving up. FAULT, at once: nothing that we believe can be relied on. RAMP_DOWN: what we believe
-holds for another second, but the autopilot could do no better with the same sensors or failsafe. HAND_OVER:
-we are the ones who cannot go on, and the autopilot's depth hold can. A tilt alone is no reason to give up:
-`control.tilt` takes what makes it worse, heave and levelling stay, and only if it lasts it is handed over.
+There are three ways of giving up. FAULT stops at once: the state estimate cannot be trusted. RAMP_DOWN: the
+estimate is good for another second, but the autopilot has the same sensors and could do no better. HAND_OVER:
+Holdfast cannot continue, but the autopilot's depth hold can. Tilt alone does not end control: `control.tilt`
+removes the forces that make it worse, heave and levelling stay, and only a lasting tilt causes a HAND_OVER.
 """
 
 from functools import cache
@@ -34,7 +34,7 @@ NOTHING = Condition(0)
 
 
 class Transition(NamedTuple):
-    """In state `at`: if any bit of `when` is set, or, with `unless`, if none of those is: go `to`."""
+    """In state `at`: go `to` if any bit of `when` is set (or `when` is empty) and no bit of `unless` is."""
 
     at: State
     when: Condition
@@ -45,66 +45,72 @@ class Transition(NamedTuple):
 
 T = Transition
 
-# Read aloud from the top: the first row that fits is taken, one row a tick.
+# The first row that matches is taken, one row a tick.
 TRANSITIONS = (
     T(S.IDLE, C.NON_FINITE, NOTHING, S.FAULT, "a computed value was not finite"),
-    T(S.IDLE, NOTHING, BLOCKING, S.READY, "everything needed is there"),
+    T(S.IDLE, NOTHING, BLOCKING, S.READY, "all conditions for engaging are met"),
     T(S.READY, C.NON_FINITE, NOTHING, S.FAULT, "a computed value was not finite"),
-    T(S.READY, BLOCKING, NOTHING, S.IDLE, "something needed is missing"),
+    T(S.READY, BLOCKING, NOTHING, S.IDLE, "a condition for engaging is not met"),
     T(S.READY, C.ENGAGE_ASKED, C.PILOT_TAKEOVER | C.OPERATOR_STOP, S.ACTIVE, "engaged"),
     T(S.ACTIVE, C.NON_FINITE, NOTHING, S.FAULT, "a computed value was not finite"),
     T(S.ACTIVE, C.LINK_LOST, NOTHING, S.FAULT, "the vehicle fell silent"),
-    T(S.ACTIVE, C.REBOOTED, NOTHING, S.FAULT, "the autopilot started anew"),
+    T(S.ACTIVE, C.REBOOTED, NOTHING, S.FAULT, "the autopilot rebooted"),
     T(S.ACTIVE, C.DEPTH_STALE, NOTHING, S.FAULT, "no fresh depth"),
     T(S.ACTIVE, C.ATTITUDE_STALE, NOTHING, S.FAULT, "no fresh attitude"),
     T(S.ACTIVE, C.DISARMED, NOTHING, S.IDLE, "the vehicle was disarmed"),
-    T(S.ACTIVE, C.FAILSAFE_SURFACES, NOTHING, S.HAND_OVER, "a failsafe of the autopilot's surfaces"),
+    T(S.ACTIVE, C.FAILSAFE_SURFACES, NOTHING, S.HAND_OVER, "a failsafe of the autopilot surfaces"),
     T(S.ACTIVE, C.WRONG_MODE, NOTHING, S.PILOT, "the flight mode was changed"),
     T(S.ACTIVE, C.PILOT_TAKEOVER, NOTHING, S.PILOT, "the pilot moved the sticks"),
     T(S.ACTIVE, C.FAILSAFE_UNSAFE, NOTHING, S.RAMP_DOWN, "the pilot-input failsafe was switched off"),
-    T(S.ACTIVE, C.PREFLIGHT_FAILURE, NOTHING, S.RAMP_DOWN, "the vehicle is no longer fit to be held"),
-    T(S.ACTIVE, C.EKF_UNHEALTHY, NOTHING, S.RAMP_DOWN, "the autopilot doubts its own estimate"),
-    T(S.ACTIVE, C.DEPTH_OUT_OF_BOUNDS, NOTHING, S.RAMP_DOWN, "it is where it may not be"),
-    T(S.ACTIVE, C.TICK_LATE, NOTHING, S.RAMP_DOWN, "this process does not keep time"),
-    T(S.ACTIVE, C.LEAK, NOTHING, S.HAND_OVER, "there is water inside"),
-    T(S.ACTIVE, C.AUTOPILOT_FAILSAFE, NOTHING, S.RAMP_DOWN, "a failsafe of the autopilot's acts"),
-    T(S.ACTIVE, C.PILOT_LOST_SURFACE, NOTHING, S.HAND_OVER, "the ground station fell silent: up it goes"),
+    T(S.ACTIVE, C.PREFLIGHT_FAILURE, NOTHING, S.RAMP_DOWN, "a row of the pre-dive list is refused"),
+    T(S.ACTIVE, C.EKF_UNHEALTHY, NOTHING, S.RAMP_DOWN, "the EKF is unhealthy"),
+    T(S.ACTIVE, C.DEPTH_OUT_OF_BOUNDS, NOTHING, S.RAMP_DOWN, "the depth is out of bounds"),
+    T(S.ACTIVE, C.TICK_LATE, NOTHING, S.RAMP_DOWN, "a tick was too late"),
+    T(S.ACTIVE, C.LEAK, NOTHING, S.HAND_OVER, "a leak was reported"),
+    T(S.ACTIVE, C.AUTOPILOT_FAILSAFE, NOTHING, S.RAMP_DOWN, "a failsafe of the autopilot is active"),
+    T(S.ACTIVE, C.PILOT_LOST_SURFACE, NOTHING, S.HAND_OVER, "the ground station fell silent: surfacing"),
     T(S.ACTIVE, C.PILOT_LOST, NOTHING, S.RAMP_DOWN, "the ground station fell silent"),
-    T(S.ACTIVE, C.OPERATOR_STOP, NOTHING, S.RAMP_DOWN, "the operator stopped it"),
+    T(S.ACTIVE, C.OPERATOR_STOP, NOTHING, S.RAMP_DOWN, "the operator released the vehicle"),
     T(S.ACTIVE, C.POSITION_STALE, NOTHING, S.HAND_OVER, "no fresh position"),
-    T(S.ACTIVE, C.DELAY_TOO_LONG, NOTHING, S.HAND_OVER, "the link is too slow for any gains"),
+    T(S.ACTIVE, C.DELAY_TOO_LONG, NOTHING, S.HAND_OVER, "the delay is too long for any gains"),
     T(S.ACTIVE, C.CLOCK_INCONSISTENT, NOTHING, S.HAND_OVER, "the autopilot's clocks contradict each other"),
-    T(S.ACTIVE, C.INNOVATION_LARGE, NOTHING, S.HAND_OVER, "our estimate keeps being wrong"),
-    T(S.ACTIVE, C.TILT_PERSISTS, NOTHING, S.HAND_OVER, "it stays tilted"),
-    T(S.ACTIVE, C.OFF_TRACK, NOTHING, S.HAND_OVER, "it is not where it should be"),
+    T(S.ACTIVE, C.INNOVATION_LARGE, NOTHING, S.HAND_OVER, "measurements keep missing the prediction"),
+    T(S.ACTIVE, C.TILT_PERSISTS, NOTHING, S.HAND_OVER, "the vehicle stays tilted"),
+    T(S.ACTIVE, C.OFF_TRACK, NOTHING, S.HAND_OVER, "the vehicle is off track"),
     T(S.RAMP_DOWN, C.NON_FINITE, NOTHING, S.FAULT, "a computed value was not finite"),
     T(S.RAMP_DOWN, C.LINK_LOST, NOTHING, S.FAULT, "the vehicle fell silent"),
-    T(S.RAMP_DOWN, C.REBOOTED, NOTHING, S.FAULT, "the autopilot started anew"),
-    T(S.RAMP_DOWN, C.DEPTH_STALE | C.ATTITUDE_STALE, NOTHING, S.FAULT, "blind while ramping down"),
-    T(S.RAMP_DOWN, C.FAILSAFE_SURFACES, NOTHING, S.HAND_OVER, "a failsafe of the autopilot's surfaces"),
+    T(S.RAMP_DOWN, C.REBOOTED, NOTHING, S.FAULT, "the autopilot rebooted"),
+    T(S.RAMP_DOWN, C.DEPTH_STALE | C.ATTITUDE_STALE, NOTHING, S.FAULT, "no fresh depth or attitude"),
+    T(S.RAMP_DOWN, C.FAILSAFE_SURFACES, NOTHING, S.HAND_OVER, "a failsafe of the autopilot surfaces"),
     T(S.RAMP_DOWN, C.WRONG_MODE, NOTHING, S.PILOT, "the flight mode was changed"),
     T(S.RAMP_DOWN, C.PILOT_TAKEOVER, NOTHING, S.PILOT, "the pilot took over"),
     T(S.RAMP_DOWN, C.DISARMED, NOTHING, S.IDLE, "the vehicle was disarmed"),
     T(S.RAMP_DOWN, C.RAMPED_DOWN, NOTHING, S.IDLE, "ramped down to neutral"),
     T(S.HAND_OVER, C.NON_FINITE, NOTHING, S.FAULT, "a computed value was not finite"),
     T(S.HAND_OVER, C.LINK_LOST, NOTHING, S.FAULT, "the vehicle fell silent"),
-    T(S.HAND_OVER, C.REBOOTED, NOTHING, S.FAULT, "the autopilot started anew"),
-    T(S.HAND_OVER, C.FAILSAFE_SURFACES, NOTHING, S.HAND_OVER, "a failsafe of the autopilot's surfaces"),
+    T(S.HAND_OVER, C.REBOOTED, NOTHING, S.FAULT, "the autopilot rebooted"),
+    T(S.HAND_OVER, C.FAILSAFE_SURFACES, NOTHING, S.HAND_OVER, "a failsafe of the autopilot surfaces"),
     T(S.HAND_OVER, C.WRONG_MODE, NOTHING, S.PILOT, "the flight mode was changed"),
     T(S.HAND_OVER, C.PILOT_TAKEOVER, NOTHING, S.PILOT, "the pilot took over"),
     T(S.HAND_OVER, C.DISARMED, NOTHING, S.IDLE, "the vehicle was disarmed"),
-    T(S.HAND_OVER, C.OPERATOR_STOP, NOTHING, S.PILOT, "the operator stopped handing over"),
-    T(S.HAND_OVER, C.HAND_OVER_REFUSED, NOTHING, S.FAULT, "the autopilot did not take the mode"),
-    T(S.HAND_OVER, C.HANDED_OVER, NOTHING, S.PILOT, "the autopilot has the vehicle"),
+    T(S.HAND_OVER, C.OPERATOR_STOP, NOTHING, S.PILOT, "the operator released the vehicle"),
+    T(S.HAND_OVER, C.HAND_OVER_REFUSED, NOTHING, S.FAULT, "the autopilot did not change the mode"),
+    T(S.HAND_OVER, C.HANDED_OVER, NOTHING, S.PILOT, "the autopilot holds depth"),
     T(S.HAND_OVER, C.SURFACED, NOTHING, S.HAND_OVER, "surfaced; the autopilot holds depth"),
     T(S.PILOT, C.NON_FINITE, NOTHING, S.FAULT, "a computed value was not finite"),
-    T(S.PILOT, C.CLEAR_ASKED | C.ENGAGE_ASKED, C.PILOT_TAKEOVER, S.IDLE, "the operator takes it back"),
+    T(
+        S.PILOT,
+        C.CLEAR_ASKED | C.ENGAGE_ASKED,
+        C.PILOT_TAKEOVER,
+        S.IDLE,
+        "the operator asks for control again",
+    ),
     T(S.FAULT, C.CLEAR_ASKED, C.NON_FINITE, S.IDLE, "the operator cleared the fault"),
 )
 
 
 class Notice(NamedTuple):
-    """What is told, and with `freeze` stops learning, while ACTIVE goes on."""
+    """A condition that is a warning in ACTIVE; with `freeze` it also stops learning."""
 
     when: Condition
     freeze: bool
@@ -145,7 +151,7 @@ _ROWS = {
 
 
 def transition(state: State, conditions: Condition) -> Transition | None:
-    """Return the first row that fits, or None: nothing changes."""
+    """Return the first row that matches, or None: nothing changes."""
     bits = int(conditions)
     for when, unless, row in _ROWS[state]:
         if (not when or when & bits) and not unless & bits:
@@ -167,21 +173,21 @@ _LETTING_GO = (
 _REMEDIES: dict[State, tuple[Condition, str]] = {
     S.IDLE: (BLOCKING, f"engage {_BY}"),
     S.READY: (C.PILOT_TAKEOVER, f"engage {_BY}"),
-    S.ACTIVE: (WARNS, "nothing; a stick, a mode change or disarming takes it back at once"),
-    S.RAMP_DOWN: (_LETTING_GO, "wait until the thrust has faded"),
-    S.HAND_OVER: (_LETTING_GO, "wait, or take it with a stick"),
+    S.ACTIVE: (WARNS, "nothing; a stick, a mode change or disarming gives the pilot control at once"),
+    S.RAMP_DOWN: (_LETTING_GO, "wait until the thrust is zero"),
+    S.HAND_OVER: (_LETTING_GO, "wait, or take over with a stick"),
     S.PILOT: (BLOCKING | C.PILOT_TAKEOVER, f"engage again {_BY}"),
     S.FAULT: (FAULT_CAUSES, CLEAR),
 }
-"""For each state: the conditions that have something to be done about, and what to do if none holds."""
+"""For each state: the conditions whose remedies count, and what to do if none of them holds."""
 
 
 @cache
 def remedy(state: State, conditions: Condition) -> str:
-    """Return the one thing to do that gets the operator on; everybody who shows a remedy shows this one.
+    """Return the operator's next step; log, `watch`, `tell` and dashboard all show this one.
 
-    Of several conditions the first of CONDITIONS counts, LINK_LOST before all. A latched fault has to be
-    cleared, whatever else is missing, but after its cause has gone.
+    If several conditions hold, the first of CONDITIONS counts; LINK_LOST is first. A latched fault has to be
+    cleared after its cause has gone, whatever else is missing.
     """
     matters, otherwise = _REMEDIES[state]
     held = conditions & (matters | C.LINK_LOST)
@@ -192,7 +198,7 @@ def remedy(state: State, conditions: Condition) -> str:
 
 
 class Supervisor:
-    """The state, its reason and the authority that goes with it; `ramp_up_s` 0 gives all of it at once."""
+    """The state, its reason and its authority; with `ramp_up_s` 0 the authority is 1 at once."""
 
     def __init__(self, ramp_down_s: float, ramp_up_s: float = 0.0) -> None:
         self.ramp_down_s = ramp_down_s
@@ -200,7 +206,7 @@ class Supervisor:
         self._verdict = Verdict(State.IDLE, NOTHING, 0.0, "just started")
 
     def ramped_down(self, dt_s: float) -> bool:
-        """Tell whether the authority has come down to nothing, `dt_s` after the last step."""
+        """Tell whether the authority has reached 0, `dt_s` after the last step."""
         return self._verdict.state is State.RAMP_DOWN and self._fallen(dt_s) == 0.0
 
     def _fallen(self, dt_s: float) -> float:
@@ -234,5 +240,5 @@ class Supervisor:
 
 
 def names(conditions: Condition) -> str:
-    """Return the set bits in words, for people."""
+    """Return the names of the set bits, for people."""
     return ", ".join((bit.name or "").lower().replace("_", " ") for bit in conditions)

@@ -178,7 +178,7 @@ def test_refused_is_a_fault_and_silence():
     leak(dive)
     dive.until(State.HAND_OVER)
     dive.until(State.FAULT, within_s=REFUSED_S + 0.2)
-    assert "did not take" in dive.step.sample.verdict.reason
+    assert "did not change the mode" in dive.step.sample.verdict.reason
     silent_s = dive.t_s
     dive.run(PILOT_TIMEOUT_S + 1.5)
     assert max(t_s for t_s, _ in dive.tap.frames) <= silent_s + 0.6

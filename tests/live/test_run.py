@@ -389,10 +389,10 @@ def test_tcp_dives_and_comes_back_after_a_restart_of_the_vehicle() -> None:
         try:
             assert run.stderr is not None
             with running(*HOLDFAST, *simulator):
-                _read_until(run.stderr, "waiting for: disarmed; to do: arm it\n")
+                _read_until(run.stderr, "waiting for: disarmed; to do: arm the vehicle\n")
             _read_until(run.stderr, "link lost")
             with running(*HOLDFAST, *simulator):
-                _read_until(run.stderr, "waiting for: disarmed; to do: arm it\n")
+                _read_until(run.stderr, "waiting for: disarmed; to do: arm the vehicle\n")
         finally:
             run.send_signal(signal.SIGINT)
             run.communicate(timeout=5.0)

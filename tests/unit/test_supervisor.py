@@ -298,7 +298,7 @@ def todo(state, *conditions):
 @pytest.mark.parametrize("state", list(State))
 def test_a_lost_link_outranks_everything(state):
     for other in C:
-        assert todo(state, C.LINK_LOST, other).startswith("look at cable, router and link.endpoint")
+        assert todo(state, C.LINK_LOST, other).startswith("check the cable, the router and link.endpoint")
 
 
 def test_a_latched_fault_is_to_be_cleared_whatever_else_is_missing():
@@ -330,16 +330,16 @@ def test_what_keeps_it_from_engaging_comes_in_an_order_that_gets_on():
     disarmed = (C.DISARMED, C.WRONG_MODE)
     assert todo(State.IDLE, C.PREFLIGHT_FAILURE, C.DEPTH_STALE, *disarmed) == todo(State.IDLE, C.DEPTH_STALE)
     assert "holdfast check" in todo(State.IDLE, C.PREFLIGHT_FAILURE, *disarmed)
-    assert todo(State.IDLE, *disarmed) == "arm it"
+    assert todo(State.IDLE, *disarmed) == "arm the vehicle"
     assert todo(State.IDLE, C.WRONG_MODE).startswith("engage")
     assert todo(State.READY).startswith("engage")
-    assert "let go of the stick" in todo(State.READY, C.PILOT_TAKEOVER)
+    assert "release the stick" in todo(State.READY, C.PILOT_TAKEOVER)
     assert todo(State.PILOT).startswith("engage again")
     for state in (State.RAMP_DOWN, State.HAND_OVER):
         for passing in (C.WRONG_MODE, C.DISARMED, C.CLOCK_JUMPED):
             assert todo(state, passing).startswith("wait")
             assert "tether" in todo(state, passing, C.PILOT_LOST)
-    assert todo(State.ACTIVE, C.BATTERY_LOW, C.DISARMED) == "bring it up"
+    assert todo(State.ACTIVE, C.BATTERY_LOW, C.DISARMED) == "bring the vehicle up"
 
 
 def test_the_verdict_tells_it():
