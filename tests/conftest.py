@@ -1,12 +1,13 @@
 """What tests of several folders share."""
 
 from collections.abc import Callable
-from dataclasses import fields, replace
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
 import pytest
 from builders import RESTING
+from msgspec import structs
 
 from companion.records import (
     DOFS,
@@ -39,7 +40,7 @@ def _make_sample(**state: Any) -> ControlSample:
     columns["saturated"] = np.array([True, False, False, True])
     columns["adapting"] = np.array([False, True, False, True])
     columns["engaged"] = np.array([True, True, True, False])
-    believed = replace(
+    believed = structs.replace(
         RESTING,
         t_s=12.0,
         boot_s=34.0,
@@ -55,7 +56,7 @@ def _make_sample(**state: Any) -> ControlSample:
         delays=Delays(0.05, 0.06, True, False),
     )
     return ControlSample(
-        state=replace(believed, **state),
+        state=structs.replace(believed, **state),
         eta_d=np.array([1.1, 2.1, 5.1, 0.6]),
         dofs=DofSample(**columns),
         command=NEUTRAL._replace(heave=0.25),

@@ -46,7 +46,7 @@ class CommandHistory:
         means: list[float] = []
         before_s, before = t_s[0], 0.0
         for moment_s in t_s:
-            i = max(bisect_right(times_s, moment_s) - 1, 0)
+            i = bisect_right(times_s, moment_s, 1) - 1
             given = impulse[i][dof] + tau[i][dof] * (moment_s - times_s[i])
             span_s = moment_s - before_s
             means.append((given - before) / span_s if span_s > 0.0 else 0.0)

@@ -8,6 +8,8 @@ A command that repeats itself fits its echo at several lags: then nothing is lea
 import math
 from bisect import bisect_right
 from collections.abc import Sequence
+from itertools import chain, repeat
+from operator import mul, sub
 
 from companion.records import Vector
 
@@ -80,17 +82,14 @@ def _misses(
     oldest = bisect_right(sent_t_s, at_s - LAGS_S[-1]) - 1
     # How many of the lags fall on each command, newest first.
     reached = [bisect_right(LAGS_S, at_s - t_s) for t_s in sent_t_s[newest:oldest:-1]]
-    counts = [to - since for since, to in zip((0, *reached), (*reached, len(LAGS_S)), strict=True)]
-    by_command = [0.0] * len(counts)
+    counts = list(map(sub, (*reached, len(LAGS_S)), (0, *reached)))
+    commands = [sent[i] for i in range(newest, oldest - 1, -1)]
+    by_command = [0.0] * len(commands)
     varies = False
-    for echo, column in zip(
-        axes, zip(*sent[newest : oldest - 1 if oldest else None : -1], strict=True), strict=True
-    ):
+    for echo, column in zip(axes, zip(*commands, strict=True), strict=True):
         if any(column):
-            mean = sum(n * x for n, x in zip(counts, column, strict=True)) / len(LAGS_S)
-            power = sum(n * (x - mean) * (x - mean) for n, x in zip(counts, column, strict=True))
+            mean = sum(map(mul, counts, column)) / len(LAGS_S)
+            power = sum([n * (x - mean) * (x - mean) for n, x in zip(counts, column, strict=True)])
             varies = varies or power >= EXCITATION * EXCITATION * len(LAGS_S)
             by_command = [miss + (x - echo) * (x - echo) for miss, x in zip(by_command, column, strict=True)]
-    if not varies:
-        return None
-    return [miss for n, miss in zip(counts, by_command, strict=True) for _ in range(n)]
+    return list(chain.from_iterable(map(repeat, by_command, counts))) if varies else None

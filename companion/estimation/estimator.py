@@ -6,10 +6,10 @@ telemetry delay, where a message has none) minus the sensor's own delay.
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
+from msgspec.structs import replace
 
 from companion.config import Config
 from companion.config import Supervisor as Limits
@@ -182,7 +182,12 @@ class Estimator:
         if not math.isfinite(delays.total_s):
             self.restart()
             delays = self._meter.delays
-        stale = self._stale(now_s)
+        stale = (
+            self._is_stale(X, now_s),
+            self._is_stale(Y, now_s),
+            self._is_stale(Z, now_s),
+            self._is_stale(PSI, now_s),
+        )
         ahead_s = delays.command_s + self._lead_s
         estimates = self._estimates(now_s, ahead_s, delays, stale, gain_scale)
         eta, eta_dot, eta_ahead, eta_dot_ahead, disturbance = map(vector, zip(*estimates, strict=True))
@@ -233,15 +238,13 @@ class Estimator:
         """Note what was sent: axes and the thrust in NED that they really give."""
         self._commands.append(now_s, axes, tau_ned)
 
-    def _stale(self, now_s: float) -> tuple[bool, bool, bool, bool]:
-        """Return which DOFs were not measured for longer than their timeouts; they rest where they were."""
-        ages = zip(self._measured_t_s, self._timeout_s, strict=True)
-        x, y, z, psi = (now_s - t_s > timeout_s for t_s, timeout_s in ages)
-        stale = (x, y, z, psi)
-        for dof, is_stale in enumerate(stale):
-            if is_stale:
-                self._observers[dof] = observer.at_rest(self._eta[dof])
-        return stale
+    def _is_stale(self, dof: int, now_s: float) -> bool:
+        """Tell whether a DOF was not measured for longer than its timeout: then it rests where it was."""
+        if now_s - self._measured_t_s[dof] <= self._timeout_s[dof]:
+            return False
+        self._observers[dof] = observer.at_rest(self._eta[dof])
+        self._new[dof].clear()
+        return True
 
     def _estimates(
         self,
@@ -265,15 +268,16 @@ class Estimator:
         steps = max(1, math.ceil(max(to_go_s) / PREDICTION_STEP_S))
         estimates = []
         for dof in range(len(DOFS)):
+            if stale[dof]:
+                self._mean_disturbance[dof] = mean_disturbance(self._mean_disturbance[dof], 0.0, self._tick_s)
+                estimates.append(Estimate(self._eta[dof], 0.0, self._eta[dof], 0.0, 0.0))
+                continue
             step_s, since_s = to_go_s[dof] / steps, observed_s[dof] - delays.command_s
             edges_s = [from_s[dof] - delays.command_s, *[since_s + step_s * k for k in range(steps + 1)]]
             thrust, *thrusts = self._commands.mean_thrusts(dof, edges_s)
             state = self._observe(dof, thrust, m[dof], c[dof], from_s[dof], observed_s[dof])
             mean = mean_disturbance(self._mean_disturbance[dof], state.d, self._tick_s)
             self._mean_disturbance[dof] = mean
-            if stale[dof]:
-                estimates.append(Estimate(self._eta[dof], 0.0, self._eta[dof], 0.0, 0.0))
-                continue
             model = observer.coefficients(self._parameters[dof], m[dof], c[dof], step_s)
             d_hat = scaled_disturbance(mean, state.d, gain_scale[dof])
             trajectory = observer.predict(model, state, thrusts, d_hat)
@@ -290,9 +294,8 @@ class Estimator:
         to_s = [newest_s - later_s for later_s in self._sensor_delay_s]
         to_s[Z] -= delays.hidden_s
         from_s = self._observed_t_s
-        if from_s is None or to_s[Z] - from_s[Z] > MAX_GAP_S:
+        if from_s is None or to_s[Z] - from_s[Z] > MAX_GAP_S or from_s[Z] > now_s:
             from_s = to_s
-        from_s = [min(before_s, now_s) for before_s in from_s]
         observed_s = [min(max(pair), now_s) for pair in zip(from_s, to_s, strict=True)]
         self._observed_t_s = observed_s
         return from_s, observed_s

@@ -1,13 +1,13 @@
 """What the estimator believes of the vehicle."""
 
 import math
-from dataclasses import dataclass
+
+import msgspec
 
 from companion.records.dof import ZERO, Vector
 
 
-@dataclass(frozen=True, slots=True)
-class FrameShift:
+class FrameShift(msgspec.Struct, frozen=True):
     """By how much the autopilot reset its estimate: yaw, clockwise, and horizontal position."""
 
     turn_rad: float
@@ -15,8 +15,7 @@ class FrameShift:
     east_m: float
 
 
-@dataclass(frozen=True, slots=True)
-class Ages:
+class Ages(msgspec.Struct, frozen=True):
     """Seconds since each signal last came; infinite before the first."""
 
     link_s: float
@@ -31,8 +30,7 @@ class Ages:
     """Since the autopilot's estimate was last reset."""
 
 
-@dataclass(frozen=True, slots=True)
-class Delays:
+class Delays(msgspec.Struct, frozen=True):
     """What was measured of the loop's delays, seconds; `*_known` tells a measurement from a start value.
 
     `telemetry_s` runs from the autopilot's stamp to arrival, `command_s` from sending to the motor's PWM;
@@ -51,8 +49,7 @@ class Delays:
         return self.telemetry_s + self.command_s + self.hidden_s
 
 
-@dataclass(frozen=True, slots=True)
-class VehicleState:
+class VehicleState(msgspec.Struct, frozen=True):
     """What the estimator believes. Vectors in DOF order, NED.
 
     `eta`, `eta_dot` are now; `eta_ahead`, `eta_dot_ahead` are `ahead_s` later, when a command sent now acts.

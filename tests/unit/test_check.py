@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import pytest
+from msgspec import structs
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from virtual import Dive, Somebody, active
 
@@ -212,7 +213,7 @@ def test_a_receiver_and_overrides_that_never_end_are_refused(good):
 
 
 def test_without_depth_the_row_says_what_is_missing(good):
-    blind = replace(good, state=replace(good.state, ages=BLIND))
+    blind = replace(good, state=structs.replace(good.state, ages=BLIND))
     assert row("depth", blind).grade is REFUSED
     lacking = told(blind, BARO2_GND_PRESS=None)
     assert "BARO2_GND_PRESS" in row("depth", lacking, *PRESSURE).fix
@@ -221,7 +222,7 @@ def test_without_depth_the_row_says_what_is_missing(good):
 
 
 def test_delays_beyond_the_gains_are_a_warning(good):
-    late = replace(good, state=replace(good.state, delays=Delays(0.08, 0.08, True, True)))
+    late = replace(good, state=structs.replace(good.state, delays=Delays(0.08, 0.08, True, True)))
     assert row("clock", late).grade is WARNING
     assert "160 ms" in row("clock", late).found
 
@@ -337,7 +338,7 @@ def test_run_says_once_who_the_autopilot_is():
 def test_a_position_that_the_ekf_does_not_vouch_for_is_waited_for(good):
     ekf = EkfStatus(0.0, attitude=True, depth=True, variance=0.0)
     assert row("EKF", replace(good, ekf=ekf)).grade is GOOD
-    positioned = replace(good.state, ages=replace(good.state.ages, position_s=0.01))
+    positioned = structs.replace(good.state, ages=structs.replace(good.state.ages, position_s=0.01))
     found = row("EKF", replace(good, ekf=ekf, state=positioned))
     assert found.grade is REFUSED
     assert "no position, though one is sent: wait" in found.found

@@ -1,10 +1,9 @@
 """Reference, law and compensators joined: the right numbers at the right place, and no step on engaging."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from builders import RESTING
+from msgspec import structs
 
 from companion.config import load_config
 from companion.control.positioning import jacobian
@@ -13,7 +12,7 @@ from companion.records import ZERO, Setpoint
 
 
 def state(eta=ZERO, eta_dot=ZERO, disturbance=ZERO):
-    return replace(
+    return structs.replace(
         RESTING, eta=eta, eta_dot=eta_dot, eta_ahead=eta, eta_dot_ahead=eta_dot, disturbance=disturbance
     )
 
@@ -179,7 +178,7 @@ def test_a_path_is_looked_ahead_along_by_as_much_as_the_state_is():
     c = at_rest(where=state((0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.2, 0.0)))
     rate = np.array([0.0, 0.0, 0.2, 0.0])
     for k in range(500):
-        s = replace(state((0.0, 0.0, 0.2 * (k * TICK_S + 0.1), 0.0), rate), ahead_s=0.1)
+        s = structs.replace(state((0.0, 0.0, 0.2 * (k * TICK_S + 0.1), 0.0), rate), ahead_s=0.1)
         sample = tick(c, s, Setpoint(rate * (k * TICK_S), rate))
     assert sample.e[2] == pytest.approx(0.0, abs=1e-3)
     assert sample.x_d_dot[2] == pytest.approx(0.2, abs=1e-3)

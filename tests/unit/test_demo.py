@@ -9,6 +9,7 @@ from typing import Any
 import msgspec
 import numpy as np
 import pytest
+from msgspec import structs
 from rich.console import Console
 
 from companion.records import AxisCommand, ControlSample, Wrench, Z
@@ -134,7 +135,7 @@ def test_stamps_of_another_clock_are_left_out(recording: Recording, make_sample:
     clean = figures(arrange(recording), (10.0, 20.0))
     for boot_s in (-1000.0, 1.0, 1000.0):
         stray = replace(_sample(make_sample, 0.0, 0), eta_d=np.full(4, 77.0))
-        stray = replace(stray, state=replace(stray.state, boot_s=boot_s))
+        stray = replace(stray, state=structs.replace(stray.state, boot_s=boot_s))
         for key, _, payload in samples.encode(stray, VEHICLE):
             recording.add(key, payload)
     assert figures(arrange(recording), (10.0, 20.0)) == clean

@@ -7,6 +7,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
+from msgspec import structs
 from virtual import ROOT, hold
 
 from companion.config import load_config
@@ -180,14 +181,14 @@ def late(t_s: float, sample: ControlSample) -> ControlSample:
 
 
 def delayed(t_s: float, sample: ControlSample) -> ControlSample:
-    delays = replace(
+    delays = structs.replace(
         sample.state.delays, telemetry_s=0.08, command_s=0.07, telemetry_known=True, command_known=True
     )
-    return replace(sample, state=replace(sample.state, delays=delays))
+    return replace(sample, state=structs.replace(sample.state, delays=delays))
 
 
 def flat_battery(t_s: float, sample: ControlSample) -> ControlSample:
-    return replace(sample, state=replace(sample.state, voltage_v=13.2))
+    return replace(sample, state=structs.replace(sample.state, voltage_v=13.2))
 
 
 @pytest.mark.parametrize(

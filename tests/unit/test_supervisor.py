@@ -8,6 +8,7 @@ import msgspec
 import numpy as np
 import pytest
 from builders import RESTING
+from msgspec import structs
 
 from companion.config import load_config
 from companion.records import (
@@ -364,15 +365,15 @@ def assessed(state=RESTING, **changes):
 
 
 def aged(**ages):
-    return replace(RESTING, ages=replace(RESTING.ages, **ages))
+    return structs.replace(RESTING, ages=structs.replace(RESTING.ages, **ages))
 
 
 def at_depth(z):
-    return replace(RESTING, eta=(0.0, 0.0, z, 0.0))
+    return structs.replace(RESTING, eta=(0.0, 0.0, z, 0.0))
 
 
 def delayed(total_s):
-    return replace(RESTING, delays=Delays(0.5 * total_s, 0.5 * total_s, True, True))
+    return structs.replace(RESTING, delays=Delays(0.5 * total_s, 0.5 * total_s, True, True))
 
 
 @pytest.mark.parametrize("spec", CONDITIONS, ids=lambda spec: spec.condition.name)
@@ -426,25 +427,25 @@ def test_nothing_holds_when_all_is_well():
             C.PILOT_LOST | C.PILOT_LOST_SURFACE,
         ),
         (aged(pilot_s=2.9), {"pilot_timeout_s": 3.0, "surface_on_loss": True}, NOTHING),
-        (replace(RESTING, armed=False), {}, C.DISARMED),
+        (structs.replace(RESTING, armed=False), {}, C.DISARMED),
         (RESTING, {"mode_right": False}, C.WRONG_MODE),
         (RESTING, {"ekf": None}, C.EKF_UNHEALTHY),
         (RESTING, {"ekf": replace(SOUND, attitude=False)}, C.EKF_UNHEALTHY),
         (RESTING, {"ekf": replace(SOUND, depth=False)}, C.EKF_UNHEALTHY),
         (RESTING, {"ekf_doubt_s": LIMITS.ekf_doubt_s + 0.01}, C.EKF_UNHEALTHY),
         (aged(heartbeat_s=LIMITS.heartbeat_timeout_s + 0.01), {}, C.LINK_LOST),
-        (replace(RESTING, roll=math.radians(LIMITS.max_tilt_deg) + 0.01), {}, C.TILTED),
-        (replace(RESTING, pitch=-math.radians(LIMITS.max_tilt_deg) - 0.01), {}, C.TILTED),
+        (structs.replace(RESTING, roll=math.radians(LIMITS.max_tilt_deg) + 0.01), {}, C.TILTED),
+        (structs.replace(RESTING, pitch=-math.radians(LIMITS.max_tilt_deg) - 0.01), {}, C.TILTED),
         (at_depth(LIMITS.max_depth_m + LIMITS.depth_margin_m + 0.01), {}, C.DEPTH_OUT_OF_BOUNDS),
         (at_depth(-LIMITS.depth_margin_m - 0.01), {}, C.DEPTH_OUT_OF_BOUNDS),
-        (replace(RESTING, depth_refused=True), {}, C.DEPTH_JUMPED),
+        (structs.replace(RESTING, depth_refused=True), {}, C.DEPTH_JUMPED),
         (aged(yaw_reset_s=RESET_SETTLE_S), {}, C.YAW_RESET),
         (aged(position_reset_s=RESET_SETTLE_S), {}, C.POSITION_RESET),
         (aged(yaw_reset_s=RESET_SETTLE_S + 0.1, position_reset_s=RESET_SETTLE_S + 0.1), {}, NOTHING),
         (delayed(LIMITS.max_delay_s + 0.001), {}, C.DELAY_TOO_LONG),
-        (replace(RESTING, clock_doubt_s=0.02), {}, C.CLOCK_JUMPED),
+        (structs.replace(RESTING, clock_doubt_s=0.02), {}, C.CLOCK_JUMPED),
         (
-            replace(RESTING, clock_doubt_s=CLOCK_DOUBT_S + 0.01),
+            structs.replace(RESTING, clock_doubt_s=CLOCK_DOUBT_S + 0.01),
             {},
             C.CLOCK_JUMPED | C.CLOCK_INCONSISTENT,
         ),
@@ -488,7 +489,7 @@ def test_each_condition_is_seen(state, changes, expected):
         (aged(position_s=LIMITS.position_timeout_s), {}),
         (at_depth(LIMITS.max_depth_m + LIMITS.depth_margin_m), {}),
         (at_depth(-LIMITS.depth_margin_m), {}),
-        (replace(RESTING, roll=math.radians(LIMITS.max_tilt_deg)), {}),
+        (structs.replace(RESTING, roll=math.radians(LIMITS.max_tilt_deg)), {}),
         (delayed(LIMITS.max_delay_s), {}),
         (RESTING, {"ekf_doubt_s": LIMITS.ekf_doubt_s}),
         (RESTING, {"innovation_m": LIMITS.max_innovation_m, "innovation_deg": LIMITS.max_innovation_deg}),
@@ -519,7 +520,7 @@ def test_an_age_that_is_not_known_counts_against_permission(signal, age):
         {"off_track_s": math.nan},
         {"state": at_depth(math.nan)},
         {"state": delayed(math.nan)},
-        {"state": replace(RESTING, roll=math.nan)},
+        {"state": structs.replace(RESTING, roll=math.nan)},
         {"ekf_doubt_s": math.nan},
         {"parameters": SAFE | {"FS_PILOT_INPUT": math.nan}},
     ],

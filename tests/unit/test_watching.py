@@ -5,7 +5,9 @@ from math import inf, nan, radians
 
 import numpy as np
 import pytest
-from test_supervisor import FINE_STATE, LIMITS, SAFE
+from builders import RESTING
+from msgspec import structs
+from test_supervisor import LIMITS, SAFE
 
 from companion.mavlink.ardusub import Mode
 from companion.records import (
@@ -32,12 +34,12 @@ class Seen:
     def __init__(self):
         self.watch, self.now_s = Monitor(), 100.0
 
-    def step(self, *events, dt_s=TICK_S, dofs=None, state=FINE_STATE, dropped=0, peers=0, **changes):
+    def step(self, *events, dt_s=TICK_S, dofs=None, state=RESTING, dropped=0, peers=0, **changes):
         self.now_s += dt_s
         given = {"held": ALL, "steering": True, "parameters": SAFE}
         events = [replace(event, t_s=self.now_s) for event in events]
         health = LoopHealth(1, 50.0, 0.0, 0.0, 0, dropped, peer_changes=peers)
-        state = replace(state, t_s=self.now_s)
+        state = structs.replace(state, t_s=self.now_s)
         return self.watch.step(dt_s, events, state, LIMITS, health, dofs=dofs, **(given | changes))
 
     def later(self, seconds, **changes):
@@ -123,7 +125,7 @@ def test_changes_are_told_reading_is_not_one(seen):
 
 @pytest.mark.parametrize("field", ["battery_low_s", "saturated_s", "off_track_s"])
 def test_how_long_it_lasts_starts_anew_after_a_break(seen, field):
-    low = replace(FINE_STATE, voltage_v=LIMITS.min_voltage_v - 0.1)
+    low = structs.replace(RESTING, voltage_v=LIMITS.min_voltage_v - 0.1)
     far = Dofs((False, False, True, False), (0.0, 0.0, LIMITS.max_error_m + 0.1, 0.0))
     assert getattr(seen.step(state=low, dofs=far), field) == pytest.approx(TICK_S)
     assert getattr(seen.step(state=low, dofs=far), field) == pytest.approx(2 * TICK_S)
@@ -167,7 +169,7 @@ def test_a_failsafe_counts_once_our_steering_should_have_ended_it(seen):
 
 
 def test_surprise_is_an_average_and_forgets_what_is_not_finite(seen):
-    missed = replace(FINE_STATE, innovation=(0.0, 0.0, -0.4, radians(20.0)))
+    missed = structs.replace(RESTING, innovation=(0.0, 0.0, -0.4, radians(20.0)))
     assert seen.step(state=missed).innovation_m < LIMITS.max_innovation_m
     for _ in range(200):
         o = seen.step(state=missed)
@@ -176,11 +178,11 @@ def test_surprise_is_an_average_and_forgets_what_is_not_finite(seen):
     for _ in range(200):
         o = seen.step()
     assert o.innovation_m < 0.01
-    assert seen.step(state=replace(FINE_STATE, innovation=(nan,) * 4)).innovation_m == 0.0
+    assert seen.step(state=structs.replace(RESTING, innovation=(nan,) * 4)).innovation_m == 0.0
 
 
 def test_surprise_counts_where_it_is_held(seen):
-    missed = replace(FINE_STATE, innovation=(0.4, 0.0, 0.1, radians(20.0)))
+    missed = structs.replace(RESTING, innovation=(0.4, 0.0, 0.1, radians(20.0)))
     for _ in range(200):
         o = seen.step(state=missed, held=np.array([False, False, True, False]))
     assert (o.innovation_m, o.innovation_deg) == (pytest.approx(0.1, rel=0.01), 0.0)
