@@ -22,7 +22,7 @@ from companion.config import COMPENSATORS, Config
 from companion.endpoint import Endpoint
 from companion.engine import Engine
 from companion.io.command_queue import CommandQueue, EngineInput
-from companion.io.links import Admission, Link
+from companion.io.links import Admission, MavlinkLink
 from companion.io.process import NS_PER_S, Ticker, notify, on_ending_signal
 from companion.io.zenoh_publisher import NameTakenError, Publisher
 from companion.mavlink.inbox import Inbox
@@ -52,13 +52,13 @@ class App:
         endpoint = Endpoint.parse(config.link.endpoint)
         self._inbox = Inbox(endpoint.is_stream)
         admission = Admission(engine.sender, engine.hello, config.link.allow)
-        self._link = Link(endpoint, "vehicle", self._from_vehicle, admission)
-        self._ground: Link | None = None
+        self._link = MavlinkLink(endpoint, "vehicle", self._from_vehicle, admission)
+        self._ground: MavlinkLink | None = None
         if config.ground_station.endpoint:
             self._relay = Relay(config, ground_signing)
             endpoint = Endpoint.parse(config.ground_station.endpoint)
             admission = Admission(self._relay.sender, engine.hello, config.ground_station.allow)
-            self._ground = Link(endpoint, "ground station", self._from_ground, admission)
+            self._ground = MavlinkLink(endpoint, "ground station", self._from_ground, admission)
         self._links = [link for link in (self._link, self._ground) if link is not None]
         self._peer_changes = 0
         telemetry = config.telemetry

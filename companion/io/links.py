@@ -1,6 +1,6 @@
 """The wires of the companion's process: UDP, TCP and serial lines, opened again with back-off when lost.
 
-Whatever arrives is stamped with the monotonic clock and handed on at once.
+Whatever arrives is stamped with the monotonic clock and passed on at once.
 """
 
 import asyncio
@@ -52,7 +52,7 @@ class Admission(NamedTuple):
         return not self.allow or any(address in ip_network(network) for network in self.allow)
 
 
-class Link(asyncio.DatagramProtocol, asyncio.Protocol):
+class MavlinkLink(asyncio.DatagramProtocol, asyncio.Protocol):
     """One wire to a peer. `arrived` gets (arrival in monotonic ns, bytes), a datagram or a piece of a stream.
 
     A UDP listener has one peer at a time. A sender becomes and stays the peer by datagrams that are EXPECTED,
@@ -148,7 +148,7 @@ class Link(asyncio.DatagramProtocol, asyncio.Protocol):
             self._datagrams = cast(asyncio.DatagramTransport, transport)
 
     def datagram_received(self, data: bytes, addr: tuple[str, int]) -> None:
-        """Stamp a datagram and hand it on (asyncio calls this)."""
+        """Stamp a datagram and pass it on (asyncio calls this)."""
         now_ns = time.monotonic_ns()
         if self.endpoint.kind == "udp-listen" and not self._is_from_peer(now_ns, data, addr[:2]):
             self.strangers += 1
@@ -162,8 +162,8 @@ class Link(asyncio.DatagramProtocol, asyncio.Protocol):
             if silent_ns > PEER_LOOK_NS and self._admission.sender(data) is Sender.EXPECTED:
                 self._peer_heard_ns = now_ns
             return True
-        taken = self._peer is not None and silent_ns < PEER_SILENT_NS
-        if taken or not self._admission.allows(address[0]):
+        has_peer = self._peer is not None and silent_ns < PEER_SILENT_NS
+        if has_peer or not self._admission.allows(address[0]):
             return False
         sender = self._admission.sender(data)
         if sender is not Sender.EXPECTED:
@@ -179,7 +179,7 @@ class Link(asyncio.DatagramProtocol, asyncio.Protocol):
         return True
 
     def data_received(self, data: bytes) -> None:
-        """Stamp a piece of the stream and hand it on (asyncio calls this)."""
+        """Stamp a piece of the stream and pass it on (asyncio calls this)."""
         self._arrived(time.monotonic_ns(), data)
 
     def error_received(self, exc: Exception) -> None:

@@ -107,7 +107,7 @@ class Publisher(SessionThread):
         raw: telemetry.Raw | None = None,
         events: Sequence[telemetry.Event] = (),
     ) -> None:
-        """Hand over what nobody may change any more. Never blocks; the oldest gives way."""
+        """Queue one tick, which nobody may change any more. Never blocks; the oldest gives way."""
         self._mail.extend(events)
         if self._queue.qsize() >= _QUEUE:
             with suppress(queue.Empty):

@@ -6,7 +6,7 @@ import time
 
 from companion.config import Config
 from companion.endpoint import Endpoint
-from companion.io.links import Admission, Link
+from companion.io.links import Admission, MavlinkLink
 from companion.io.process import NS_PER_S, on_ending_signal
 from companion.mavlink.inbox import Inbox
 from companion.mavlink.signing import signing_of
@@ -37,7 +37,7 @@ async def _inspect(
     signing = signing_of(config, time.time())
     timestamps = timestamps_of(config, vehicle=signing)
     inspection = Inspection(config, origin=origin, thrusters=thrusters, signing=signing)
-    link = Link(
+    link = MavlinkLink(
         endpoint,
         "vehicle",
         inbox.add,

@@ -124,7 +124,7 @@ class Supervisor(Record, frozen=True, kw_only=True):
     conditions: Annotated[tuple[str, ...], means("what holds now, by name")]
     authority: Annotated[float, means("share of the command that may leave, 0..1")]
     reason: Annotated[str, means("in words")]
-    warnings: Annotated[tuple[str, ...], means("those of the conditions that are only told")] = ()
+    warnings: Annotated[tuple[str, ...], means("those of the conditions that change nothing")] = ()
     freeze: Annotated[bool, means("nothing may be learnt for the time being")] = False
     remedy: Annotated[str, means("the one thing to do that gets the operator on, in words")] = ""
 

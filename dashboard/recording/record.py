@@ -1,4 +1,4 @@
-"""`holdfast record`: a thread that hears one vehicle over Zenoh and lets a Recorder keep it."""
+"""`holdfast record`: a thread that hears one vehicle over Zenoh and lets a DiveRecorder keep it."""
 
 import argparse
 import logging
@@ -24,7 +24,7 @@ from zenoh import ext
 from companion.telemetry import schemas as telemetry
 from companion.telemetry.commands import SetRecording
 from companion.telemetry.session import SessionThread, client_configuration
-from dashboard.recording.recorder import Limits, Recorder
+from dashboard.recording.recorder import DiveRecorder, FileLimits
 
 QUEUE = 32_768
 """Messages that may wait for the disk: over a minute of one vehicle. What comes when it is full is lost."""
@@ -70,7 +70,7 @@ class RecorderThread(SessionThread):
         self,
         vehicle: str,
         endpoint: str,
-        limits: Limits,
+        limits: FileLimits,
         *,
         recording: bool = True,
         allow_control: bool = False,
@@ -117,7 +117,7 @@ class RecorderThread(SessionThread):
     def _record(self, session: zenoh.Session) -> None:
         """Serve one vehicle until closed: this thread alone touches the recorder."""
         vehicle = self._vehicle
-        recorder = Recorder(vehicle, self._limits, about())
+        recorder = DiveRecorder(vehicle, self._limits, about())
         key, encoding = telemetry.recorder_key(vehicle)
         remembered = (telemetry.raw_key(vehicle)[0], telemetry.event_key(vehicle)[0])
 
@@ -189,7 +189,7 @@ class RecorderThread(SessionThread):
             self._alive.clear()
             self._replies.append(reply.ok.payload.to_bytes())
 
-    def _drain(self, recorder: Recorder) -> None:
+    def _drain(self, recorder: DiveRecorder) -> None:
         while self._replies:
             if table := flat(self._replies.popleft()):
                 recorder.describe("config", table)
@@ -200,7 +200,7 @@ class RecorderThread(SessionThread):
         while self._queries:
             self._answer(self._queries.popleft(), recorder)
 
-    def _answer(self, query: zenoh.Query, recorder: Recorder) -> None:
+    def _answer(self, query: zenoh.Query, recorder: DiveRecorder) -> None:
         now_s = time.monotonic()
         try:
             payload = query.payload.to_bytes() if query.payload else b"{}"
@@ -233,7 +233,7 @@ class _Memory:
     """The subscription to a key whose publisher remembers, as with raw ticks and events, what was before us.
 
     It has to be declared anew whenever a companion appears: what lies before the first sample that came by
-    itself is never asked for again. What comes twice, the Recorder leaves out.
+    itself is never asked for again. What comes twice, the DiveRecorder leaves out.
     """
 
     def __init__(self, session: zenoh.Session, key: str, keep: Callable[[zenoh.Sample], None]) -> None:
@@ -336,7 +336,7 @@ def main(argv: list[str]) -> int:
     parser.add_argument("--wait", action="store_true", help="record nothing until that command comes")
     options = parser.parse_args(argv)
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(message)s", stream=sys.stderr)
-    limits = Limits(
+    limits = FileLimits(
         options.out,
         round(options.max_mb * _MB),
         60.0 * options.max_minutes,

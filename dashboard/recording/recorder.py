@@ -42,7 +42,7 @@ _raw = msgspec.msgpack.Decoder(telemetry.Raw)
 
 
 @dataclass(frozen=True)
-class Limits:
+class FileLimits:
     """Where recordings go, when a new file begins (bytes, seconds), and what stays free on the disk."""
 
     directory: Path
@@ -52,13 +52,13 @@ class Limits:
     tlog: bool = False
 
 
-class Recorder:
+class DiveRecorder:
     """Keeps one vehicle's samples in files. `utc_ns` and `now_s` are this machine's clocks when asked."""
 
     def __init__(
         self,
         vehicle: str,
-        limits: Limits,
+        limits: FileLimits,
         about: Mapping[str, str],
         free_bytes: Callable[[Path], int] | None = None,
         disk: Callable[[Path], Disk] | None = None,

@@ -145,7 +145,7 @@ class Feed:
         bins.append((start, peak))
 
 
-class Fleet:
+class Feeds:
     """A feed for the vehicle asked for or, where none was, for each that is heard."""
 
     def __init__(self, vehicle: str, endpoint: str) -> None:
@@ -244,7 +244,7 @@ def main(argv: list[str]) -> int:
     """Run the command; returns 1 when nothing came in time."""
     options = _parser().parse_args(argv)
     console = Console()
-    fleet = Fleet(options.vehicle or "", options.connect)
+    fleet = Feeds(options.vehicle or "", options.connect)
     once = options.once or not console.is_terminal
     try:
         with Subscription(f"holdfast/{options.vehicle or '*'}/**", options.connect) as seen:
@@ -286,7 +286,7 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _once(fleet: Fleet, seen: Subscription) -> list[View]:
+def _once(fleet: Feeds, seen: Subscription) -> list[View]:
     deadline_s = time.monotonic() + PATIENCE_S
     while not fleet.complete and time.monotonic() < deadline_s:
         fleet.take(seen.take(), time.monotonic())
@@ -294,7 +294,7 @@ def _once(fleet: Fleet, seen: Subscription) -> list[View]:
     return fleet.views(time.monotonic(), seen.connected)
 
 
-def _live(fleet: Fleet, seen: Subscription, console: Console) -> list[View]:
+def _live(fleet: Feeds, seen: Subscription, console: Console) -> list[View]:
     views = fleet.views(time.monotonic(), connected=False)
     with Live(picture(views), console=console, screen=True, auto_refresh=False) as live:
         try:

@@ -19,8 +19,8 @@ from companion.telemetry import schemas as telemetry
 from companion.telemetry.commands import MAX_BYTES, parse
 from dashboard.web import gate, vocabulary
 from dashboard.web.columns import COLUMNS
-from dashboard.web.fleet import HISTORY_S, Fleet, Vehicle
-from dashboard.web.options import Settings
+from dashboard.web.fleet import HISTORY_S, Fleet, VehicleHistory
+from dashboard.web.options import DashboardOptions
 from dashboard.web.ring import next_row
 from dashboard.zenoh_client import Subscription
 
@@ -58,7 +58,7 @@ Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 class Dashboard:
     """Zenoh in, web pages out."""
 
-    def __init__(self, settings: Settings) -> None:
+    def __init__(self, settings: DashboardOptions) -> None:
         self._settings = settings
         self._names = ("localhost", *settings.names)
         self._fleet = Fleet()
@@ -108,14 +108,14 @@ class Dashboard:
             self._beat = asyncio.Event()
             await asyncio.sleep(BEAT_S)
 
-    def _keep_config(self, vehicle: Vehicle, now_s: float) -> None:
+    def _keep_config(self, vehicle: VehicleHistory, now_s: float) -> None:
         if now_s - self._config_asked_s.get(vehicle.name, -CONFIG_S) >= CONFIG_S:
             self._config_asked_s[vehicle.name] = now_s
             task = asyncio.create_task(self._read_config(vehicle))
             self._asking.add(task)
             task.add_done_callback(self._asking.discard)
 
-    async def _read_config(self, vehicle: Vehicle) -> None:
+    async def _read_config(self, vehicle: VehicleHistory) -> None:
         config, choices = await asyncio.gather(
             *(
                 asyncio.to_thread(self._telemetry.ask, key, timeout_s=2.0)
@@ -198,7 +198,7 @@ class Dashboard:
         epoch = config = -1
         status_s = 0.0
         said = ""
-        vehicle: Vehicle | None = None
+        vehicle: VehicleHistory | None = None
         while True:
             if vehicle is None:
                 vehicle = self._fleet.get(name)
@@ -226,7 +226,7 @@ class Dashboard:
                 await socket_.send_str(self._status(vehicle, now_s))
             await self._beat.wait()
 
-    def _status(self, vehicle: Vehicle | None, now_s: float) -> str:
+    def _status(self, vehicle: VehicleHistory | None, now_s: float) -> str:
         return _text(
             status={
                 "now_s": now_s,
@@ -337,7 +337,7 @@ def _reply_as(status: int, reply: telemetry.Reply) -> web.Response:
     return web.Response(status=status, body=msgspec.json.encode(reply), content_type="application/json")
 
 
-async def _serve(settings: Settings) -> None:
+async def _serve(settings: DashboardOptions) -> None:
     stop = asyncio.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         asyncio.get_running_loop().add_signal_handler(number, stop.set)
@@ -357,7 +357,7 @@ async def _serve(settings: Settings) -> None:
         await runner.cleanup()
 
 
-def main(settings: Settings) -> int:
+def main(settings: DashboardOptions) -> int:
     """Serve until SIGINT or SIGTERM; return the exit status."""
     try:
         with _recorder(settings):
@@ -368,10 +368,12 @@ def main(settings: Settings) -> int:
     return 0
 
 
-def _recorder(settings: Settings) -> AbstractContextManager[object]:
+def _recorder(settings: DashboardOptions) -> AbstractContextManager[object]:
     if settings.record is None:
         return nullcontext()
     from dashboard.recording.record import RecorderThread
-    from dashboard.recording.recorder import Limits
+    from dashboard.recording.recorder import FileLimits
 
-    return RecorderThread("", settings.endpoint, Limits(settings.record), allow_control=bool(settings.token))
+    return RecorderThread(
+        "", settings.endpoint, FileLimits(settings.record), allow_control=bool(settings.token)
+    )

@@ -29,14 +29,14 @@ _TRUTH_APART_S = 0.5
 _FORGET_S = 60.0
 
 
-class Truth(msgspec.Struct, frozen=True):
+class TrueDisturbance(msgspec.Struct, frozen=True):
     """What is used of the simulator's truth: its clock, and the disturbance (6,) in NED and body."""
 
     t_s: float
     disturbance: tuple[float, float, float, float, float, float]
 
 
-_truth = msgspec.json.Decoder(Truth)
+_truth = msgspec.json.Decoder(TrueDisturbance)
 
 
 class Lag:
@@ -56,7 +56,7 @@ class Lag:
         return apart - self._fastest[0][1]
 
 
-class Vehicle:
+class VehicleHistory:
     """One vehicle: the last two minutes of rows, its events, and the newest of all that is no number."""
 
     def __init__(self, name: str) -> None:
@@ -80,7 +80,7 @@ class Vehicle:
         self._recorder: Recorder | None = None
         self._recorder_heard_s = -math.inf
         self._tells_state = False
-        self._truths: deque[Truth] = deque(maxlen=_TRUTHS)
+        self._truths: deque[TrueDisturbance] = deque(maxlen=_TRUTHS)
 
     def take(self, record: Schema, now_s: float, stamp_s: float | None) -> None:
         """Take a record that came at `now_s`, this machine's clock; `stamp_s` is when its sender sent it."""
@@ -110,7 +110,7 @@ class Vehicle:
             if stamp_s is not None:
                 self._lag_s = self._lag.add(stamp_s, now_s)
 
-    def take_truth(self, truth: Truth) -> None:
+    def take_truth(self, truth: TrueDisturbance) -> None:
         """Take a sample of the simulator's."""
         if self._truths and truth.t_s < self._truths[-1].t_s:
             self._truths.clear()
@@ -200,7 +200,7 @@ class Fleet:
     """Every vehicle that was heard, at most `MOST_VEHICLES`. What cannot be read is told in `trouble`."""
 
     def __init__(self) -> None:
-        self.vehicles: dict[str, Vehicle] = {}
+        self.vehicles: dict[str, VehicleHistory] = {}
         self.trouble = ""
 
     def take(self, messages: Iterable[Stamped], now_s: float) -> None:
@@ -223,7 +223,7 @@ class Fleet:
                 vehicle.losses.take(tail, record.tick if isinstance(record, Loop) else 0)
                 vehicle.take(record, now_s, stamp_s)
 
-    def get(self, name: str) -> Vehicle | None:
+    def get(self, name: str) -> VehicleHistory | None:
         """Return the vehicle of this name or, for no name, the first one."""
         return self.vehicles.get(name) if name else next(iter(self.vehicles.values()), None)
 
@@ -234,12 +234,12 @@ class Fleet:
             "trouble": self.trouble,
         }
 
-    def _vehicle(self, name: str) -> Vehicle | None:
+    def _vehicle(self, name: str) -> VehicleHistory | None:
         if name not in self.vehicles:
             if len(self.vehicles) >= MOST_VEHICLES:
                 self.trouble = f"'{name}' is one vehicle too many: {MOST_VEHICLES} are shown"
                 return None
-            self.vehicles[name] = Vehicle(name)
+            self.vehicles[name] = VehicleHistory(name)
         return self.vehicles[name]
 
 

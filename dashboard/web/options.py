@@ -28,7 +28,7 @@ dashboard with --allow-control on 127.0.0.1 or on a network that is yours.
 
 
 @dataclass(frozen=True)
-class Settings:
+class DashboardOptions:
     """What the command line says. Without `token` nothing can be sent, without `record` nothing is kept."""
 
     host: str
@@ -39,7 +39,7 @@ class Settings:
     record: Path | None = None
 
 
-def settings(argv: list[str]) -> Settings:
+def settings(argv: list[str]) -> DashboardOptions:
     """Read the command line; raise ValueError, in words, for what cannot be."""
     parser = argparse.ArgumentParser(
         prog="holdfast dashboard",
@@ -91,7 +91,9 @@ def settings(argv: list[str]) -> Settings:
     token = ""
     if options.allow_control:
         token = _token(options.token_file) if options.token_file else secrets.token_urlsafe(18)
-    return Settings(host.strip("[]"), int(port), tuple(options.name), options.connect, token, options.record)
+    return DashboardOptions(
+        host.strip("[]"), int(port), tuple(options.name), options.connect, token, options.record
+    )
 
 
 def _token(file: Path) -> str:

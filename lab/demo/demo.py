@@ -24,8 +24,8 @@ from rich.live import Live
 from dashboard.zenoh_client import Subscription
 from lab.demo import screen as demo_screen
 from lab.demo.crew import ChildError, Crew
-from lab.demo.dive import ARRIVED_M, Dive, Figures, Recording, arrange, figures, window
-from lab.demo.screen import Now, View
+from lab.demo.dive import ARRIVED_M, DemoDive, DemoFigures, DemoRecording, arrange, figures, window
+from lab.demo.screen import DemoView, Now
 from lab.loop.firmware import command_line
 from lab.options import add_firmware, find_firmware
 from lab.ports import free_port
@@ -74,7 +74,7 @@ class StoppedError(Exception):
 class Show(Protocol):
     """Shows a view to somebody."""
 
-    def __call__(self, view: View) -> None:
+    def __call__(self, view: DemoView) -> None:
         """Show it, if it is time."""
 
 
@@ -145,9 +145,9 @@ def _parser() -> argparse.ArgumentParser:
 
 def _dive_twice(
     story: Story, show: Show, stop_asked: Callable[[], int], firmware: Path | None
-) -> dict[str, Dive]:
+) -> dict[str, DemoDive]:
     told = _Teller(story, show)
-    dives: dict[str, Dive] = {}
+    dives: dict[str, DemoDive] = {}
     for name in ("off", "on"):
         told.begin(name)
         dives[name] = arrange(_dive(story, name, told, stop_asked, firmware))
@@ -156,12 +156,12 @@ def _dive_twice(
 
 def _dive(
     story: Story, name: str, told: "_Teller", stop_asked: Callable[[], int], firmware: Path | None
-) -> Recording:
+) -> DemoRecording:
     """Dive once; return what was heard of it."""
     endpoint = f"tcp/{LOOPBACK}:{free_port(socket.SOCK_STREAM)}"
     mavlink = f"{LOOPBACK}:{free_port(socket.SOCK_DGRAM)}"
     told.endpoint = endpoint
-    heard = Recording()
+    heard = DemoRecording()
     with (
         tempfile.TemporaryDirectory(prefix="holdfast-demo-") as logs,
         Crew(Path(logs)) as crew,
@@ -239,7 +239,7 @@ def _sea(story: Story) -> list[str]:
     return [f"{key}={value}" for key, value in settings.items()]
 
 
-def _refuse_trouble(heard: Recording, connected: bool, late: bool, endpoint: str, crew: Crew) -> None:
+def _refuse_trouble(heard: DemoRecording, connected: bool, late: bool, endpoint: str, crew: Crew) -> None:
     """Raise DemoError if the controller let go, or if nothing comes of it."""
     supervisor = heard.supervisor
     if supervisor and supervisor.state in ("RAMP_DOWN", "HAND_OVER", "PILOT", "FAULT"):
@@ -285,7 +285,7 @@ def _show(console: Console) -> Iterator[Show]:
     shown_s = -LINE_S
     phase = ""
 
-    def print_line(view: View) -> None:
+    def print_line(view: DemoView) -> None:
         nonlocal shown_s, phase
         if view.phase != phase or time.monotonic() - shown_s >= LINE_S:
             shown_s, phase = time.monotonic(), view.phase
@@ -297,7 +297,7 @@ def _show(console: Console) -> Iterator[Show]:
         return
     with Live(console=console, auto_refresh=False) as live:
 
-        def draw(view: View) -> None:
+        def draw(view: DemoView) -> None:
             nonlocal shown_s
             if time.monotonic() - shown_s >= FRAME_S:
                 shown_s = time.monotonic()
@@ -321,14 +321,14 @@ class _Teller:
         self._name = name
         self._errors[name] = []
 
-    def tell(self, heard: Recording) -> None:
+    def tell(self, heard: DemoRecording) -> None:
         """Show where the dive stands."""
         now = _now(heard)
         if now:
             self._errors[self._name].append((heard.since_arming_s, now.error_mm))
         story = self._story
         self._show(
-            View(
+            DemoView(
                 dive=self._name,
                 phase=_phase(heard, story),
                 t_s=heard.since_arming_s,
@@ -341,7 +341,7 @@ class _Teller:
         )
 
 
-def _now(heard: Recording) -> Now | None:
+def _now(heard: DemoRecording) -> Now | None:
     if not (heard.truth and heard.state and heard.command and heard.heave):
         return None
     truth, state, heave = heard.truth[-1], heard.state[-1], heard.heave[-1]
@@ -357,7 +357,7 @@ def _now(heard: Recording) -> Now | None:
     )
 
 
-def _phase(heard: Recording, story: Story) -> str:
+def _phase(heard: DemoRecording, story: Story) -> str:
     """Say in words what happens now."""
     if heard.supervisor is None:
         return "starting the controller"
@@ -377,14 +377,18 @@ def _phase(heard: Recording, story: Story) -> str:
 # --- What stays -------------------------------------------------------------------------------------------
 
 
-def _write_json(path: Path, story: Story, span: tuple[float, float], results: dict[str, Figures]) -> None:
+def _write_json(path: Path, story: Story, span: tuple[float, float], results: dict[str, DemoFigures]) -> None:
     content: dict[str, object] = {**results, "window_s": span, "story": story}
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_bytes(msgspec.json.format(msgspec.json.encode(content)) + b"\n")
 
 
 def _draw(
-    path: Path, story: Story, span: tuple[float, float], dives: dict[str, Dive], results: dict[str, Figures]
+    path: Path,
+    story: Story,
+    span: tuple[float, float],
+    dives: dict[str, DemoDive],
+    results: dict[str, DemoFigures],
 ) -> None:
     from lab.demo.plot import draw
 

@@ -31,7 +31,7 @@ _truth = msgspec.json.Decoder(Truth, dec_hook=lambda kind, items: np.array(items
 
 
 @dataclass
-class Recording:
+class DemoRecording:
     """What came over Zenoh during one dive, in the order in which it came."""
 
     truth: list[Truth] = field(default_factory=list)
@@ -71,7 +71,7 @@ class Recording:
 
 
 @dataclass(frozen=True)
-class Dive:
+class DemoDive:
     """One dive. Every time is the vehicle's clock since arming, in s; arrays are (n,), per kind of sample.
 
     Errors are truth minus reference. `disturbance_n` and `d_hat_n` have the paper's sign,
@@ -99,7 +99,7 @@ class Dive:
     saturated: Flags
 
 
-class Figures(msgspec.Struct, frozen=True, kw_only=True):
+class DemoFigures(msgspec.Struct, frozen=True, kw_only=True):
     """What the table and demo.json say of one dive; over the window unless its name says otherwise."""
 
     depth_rms_mm: float
@@ -123,7 +123,7 @@ class Figures(msgspec.Struct, frozen=True, kw_only=True):
     """Ticks missing among those, late ones included."""
 
 
-def arrange(recording: Recording) -> Dive:
+def arrange(recording: DemoRecording) -> DemoDive:
     """Line up the samples on the vehicle's clock, from arming on.
 
     Raises ValueError when a kind of sample is missing or the vehicle never armed.
@@ -146,7 +146,7 @@ def arrange(recording: Recording) -> Dive:
     state_s = _column(state, "boot_s")
     depth_desired_m = np.interp(t_s, state_s, _column(state, "depth_desired_m"))
     heading_desired_rad = np.interp(t_s, state_s, np.unwrap(_column(state, "heading_desired_rad")))
-    return Dive(
+    return DemoDive(
         t_s=t_s - zero_s,
         depth_m=eta[:, Z],
         depth_desired_m=depth_desired_m,
@@ -164,7 +164,7 @@ def arrange(recording: Recording) -> Dive:
     )
 
 
-def window(dives: Sequence[Dive], depth_m: float) -> tuple[float, float]:
+def window(dives: Sequence[DemoDive], depth_m: float) -> tuple[float, float]:
     """Return the span in s since arming in which the reference of every dive has arrived at `depth_m`.
 
     Raises ValueError when one never did.
@@ -180,7 +180,7 @@ def window(dives: Sequence[Dive], depth_m: float) -> tuple[float, float]:
     return max(begins), min(float(dive.t_s[-1]) for dive in dives)
 
 
-def figures(dive: Dive, span: tuple[float, float]) -> Figures:
+def figures(dive: DemoDive, span: tuple[float, float]) -> DemoFigures:
     """Draw the figures of one dive over the window `span`, in s since arming."""
     begin_s, end_s = span
     held = (dive.t_s >= begin_s) & (dive.t_s <= end_s)
@@ -193,7 +193,7 @@ def figures(dive: Dive, span: tuple[float, float]) -> Figures:
     command_s, command_n = dive.command_t_s[ticks], dive.command_n[ticks]
     neighbours = np.diff(command_s) < TICK_GAP * dive.tick_s
     expected = round((command_s[-1] - command_s[0]) / dive.tick_s) + 1
-    return Figures(
+    return DemoFigures(
         depth_rms_mm=_rms(error_mm[held]),
         depth_peak_mm=_peak(error_mm[held]),
         heading_rms_deg=math.degrees(_rms(dive.heading_error_rad[held])),

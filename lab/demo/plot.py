@@ -9,7 +9,7 @@ from matplotlib.patches import Patch
 from matplotlib.transforms import Bbox
 
 from lab import style
-from lab.demo.dive import Array, Dive, Figures, spans
+from lab.demo.dive import Array, DemoDive, DemoFigures, spans
 from lab.style import SMALL
 
 # Dashes tell the two dives apart once more.
@@ -30,7 +30,10 @@ ROWS = (
 
 
 def draw(
-    dives: Mapping[str, Dive], results: Mapping[str, Figures], span: tuple[float, float], conditions: str
+    dives: Mapping[str, DemoDive],
+    results: Mapping[str, DemoFigures],
+    span: tuple[float, float],
+    conditions: str,
 ) -> Figure:
     """Draw depth, errors, thrust and disturbance of the dives `off` and `on` over the time since arming.
 
@@ -65,7 +68,7 @@ def draw(
     return figure
 
 
-def _depth(panel: Axes, dives: Mapping[str, Dive]) -> None:
+def _depth(panel: Axes, dives: Mapping[str, DemoDive]) -> None:
     for name, dive in dives.items():
         _line(panel, name, dive.t_s, dive.depth_m)
     reference = dives["on"]
@@ -77,7 +80,7 @@ def _depth(panel: Axes, dives: Mapping[str, Dive]) -> None:
     panel.legend(frameon=False, loc="upper right", fontsize=SMALL)
 
 
-def _error(panel: Axes, dives: Mapping[str, Dive]) -> None:
+def _error(panel: Axes, dives: Mapping[str, DemoDive]) -> None:
     for name, dive in dives.items():
         _line(panel, name, dive.t_s, 1e3 * dive.depth_error_m)
     style.zero(panel)
@@ -85,14 +88,14 @@ def _error(panel: Axes, dives: Mapping[str, Dive]) -> None:
     panel.legend(frameon=False, loc="lower right", fontsize=SMALL)
 
 
-def _heading(panel: Axes, dives: Mapping[str, Dive]) -> None:
+def _heading(panel: Axes, dives: Mapping[str, DemoDive]) -> None:
     for name, dive in dives.items():
         _line(panel, name, dive.t_s, np.degrees(dive.heading_error_rad))
     style.zero(panel)
     style.name(panel, "Heading error", "true heading minus\nreference (°)")
 
 
-def _thrust(panel: Axes, dives: Mapping[str, Dive]) -> None:
+def _thrust(panel: Axes, dives: Mapping[str, DemoDive]) -> None:
     """Draw the command; where heave saturates shade the lower half for `off`, the upper one for `on`."""
     for name, dive in dives.items():
         _line(panel, name, dive.command_t_s, dive.command_n, width=1.0)
@@ -109,7 +112,7 @@ def _thrust(panel: Axes, dives: Mapping[str, Dive]) -> None:
     panel.legend([handle], [text], frameon=False, loc="upper right", fontsize=SMALL)
 
 
-def _disturbance(panel: Axes, dives: Mapping[str, Dive]) -> None:
+def _disturbance(panel: Axes, dives: Mapping[str, DemoDive]) -> None:
     on = dives["on"]
     panel.plot(on.t_s, on.disturbance_n, color=TRUE, linewidth=3.5, alpha=0.3, label="true $d$")
     for name, dive in dives.items():
@@ -126,7 +129,7 @@ def _disturbance(panel: Axes, dives: Mapping[str, Dive]) -> None:
     )
 
 
-def _numbers(panel: Axes, results: Mapping[str, Figures], span: tuple[float, float]) -> None:
+def _numbers(panel: Axes, results: Mapping[str, DemoFigures], span: tuple[float, float]) -> None:
     panel.axis("off")
     panel.set_title(
         f"Holding depth, {span[0]:.1f} to {span[1]:.1f} s", loc="left", fontweight="bold", fontsize=11
@@ -159,7 +162,7 @@ def _line(
     )
 
 
-def _frame(panel: Axes, dive: Dive, span: tuple[float, float]) -> None:
+def _frame(panel: Axes, dive: DemoDive, span: tuple[float, float]) -> None:
     """Mark the window and the load's coming and going."""
     panel.axvspan(*span, color=style.WINDOW, linewidth=0, zorder=-10)
     for begin_s, end_s in spans(dive.t_s, dive.load_on):

@@ -11,7 +11,7 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-from lab.demo.dive import Figures
+from lab.demo.dive import DemoFigures
 
 FULL_ERROR_MM = 40.0
 FULL_THRUST_N = 100.0
@@ -51,7 +51,7 @@ class Now:
 
 
 @dataclass(frozen=True)
-class View:
+class DemoView:
     """One moment of the demo. `errors` holds (time since arming in s, depth error in mm), per dive."""
 
     dive: str
@@ -65,7 +65,7 @@ class View:
     endpoint: str
 
 
-def render(view: View, width: int) -> RenderableType:
+def render(view: DemoView, width: int) -> RenderableType:
     """Draw a frame for a terminal of `width` columns."""
     width = min(width, WIDTH)
     inner = width - 4
@@ -100,7 +100,7 @@ def render(view: View, width: int) -> RenderableType:
     )
 
 
-def line(view: View) -> str:
+def line(view: DemoView) -> str:
     """Say the same in one line, for a log."""
     head = f"{view.dive:<3} {max(0.0, view.t_s):5.1f} s  {view.phase:<42}"
     if view.now is None:
@@ -113,7 +113,7 @@ def line(view: View) -> str:
     )
 
 
-def table(off: Figures, on: Figures, span: tuple[float, float], depth_m: float) -> Table:
+def table(off: DemoFigures, on: DemoFigures, span: tuple[float, float], depth_m: float) -> Table:
     """Set the two dives side by side."""
     grid = Table(
         title=f"Holding {depth_m:g} m, {span[0]:.1f} to {span[1]:.1f} s after arming",
@@ -183,7 +183,7 @@ def _gauge(value: float, full: float, half: int, unit: str) -> Text:
     return Text.assemble(left, ("│", "bold"), right, (f" ±{full:.0f} {unit}", "dim"))
 
 
-def _history(name: str, view: View, inner: int) -> Text:
+def _history(name: str, view: DemoView, inner: int) -> Text:
     """Draw |error| over the dive, `ROWS` lines high."""
     columns = inner - _LABEL
     peaks = [-1.0] * columns
@@ -202,7 +202,7 @@ def _history(name: str, view: View, inner: int) -> Text:
     return Text("\n").join(lines)
 
 
-def _axis(view: View, inner: int) -> Text:
+def _axis(view: DemoView, inner: int) -> Text:
     columns = inner - _LABEL
     cells = [" "] * columns
     for name, t_s in view.marks.items():

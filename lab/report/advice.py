@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterator
 
-from lab.report.figures import AXIS_OF, NAMES, Figures, Held
+from lab.report.figures import AXIS_OF, NAMES, DiveFigures, Held
 from lab.report.log import Log
 
 SATURATED = 0.02
@@ -19,7 +19,7 @@ CELLS = 4
 GRAVITY = 9.81
 
 
-def advice(log: Log, figures: Figures) -> list[str]:
+def advice(log: Log, figures: DiveFigures) -> list[str]:
     """Return what to look at, most important first."""
     said = [*_ends(figures), *_data(log, figures), *_loop(log, figures)]
     for dof in NAMES:
@@ -35,14 +35,14 @@ def advice(log: Log, figures: Figures) -> list[str]:
     return said
 
 
-def _ends(figures: Figures) -> Iterator[str]:
+def _ends(figures: DiveFigures) -> Iterator[str]:
     for span in figures.faults:
         yield f"A fault ended control at {span.begin_s:.0f} s: {span.reason}. See the table of states."
     if not figures.phases:
         yield "It never engaged: the table of states says what it was waiting for."
 
 
-def _data(log: Log, figures: Figures) -> Iterator[str]:
+def _data(log: Log, figures: DiveFigures) -> Iterator[str]:
     loop = figures.loop
     if figures.recorder_dropped:
         yield (
@@ -58,7 +58,7 @@ def _data(log: Log, figures: Figures) -> Iterator[str]:
         )
 
 
-def _loop(log: Log, figures: Figures) -> Iterator[str]:
+def _loop(log: Log, figures: DiveFigures) -> Iterator[str]:
     loop = figures.loop
     if loop.lateness_p99_ms > LATE_MS or loop.late_ticks > LATE_TICKS * loop.ticks:
         yield (
@@ -117,7 +117,7 @@ def _held(log: Log, longest: Held, held: list[Held]) -> Iterator[str]:
         )
 
 
-def _model(log: Log, figures: Figures, dof: str) -> Iterator[str]:
+def _model(log: Log, figures: DiveFigures, dof: str) -> Iterator[str]:
     model, axis = figures.models.get(dof), AXIS_OF[dof]
     if model is None:
         return

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lab.report.identify import Model, identify
-from lab.report.log import Array, Columns, Log, Span
+from lab.report.identify import IdentifiedModel, identify
+from lab.report.log import Array, Columns, Log, StateSpan
 
 SETTLE_S = 3.0
 """After engaging, this long is the way in and not counted as holding."""
@@ -83,25 +83,25 @@ class LoopFigures:
 
 
 @dataclass(frozen=True)
-class Figures:
+class DiveFigures:
     """All of it. `models` by DOF; None where the dive was too short for it."""
 
     phases: list[Phase]
-    faults: list[Span]
+    faults: list[StateSpan]
     loop: LoopFigures
-    models: dict[str, Model | None]
+    models: dict[str, IdentifiedModel | None]
     voltage_min_v: float
     depth_max_m: float
     recorder_dropped: int
 
 
-def figures(log: Log) -> Figures:
+def figures(log: Log) -> DiveFigures:
     """Work it out."""
     active = [span for span in log.spans if span.state == "ACTIVE" and span.end_s > span.begin_s]
     phases = [_phase(log, number, span) for number, span in enumerate(active, 1)]
     state = log.keys["state"]
     voltage = state["voltage_v"]
-    return Figures(
+    return DiveFigures(
         phases=phases,
         faults=[span for span in log.spans if span.state == "FAULT"],
         loop=_loop(log),
@@ -132,14 +132,14 @@ def true_error(log: Log, state: Columns, dof: str) -> Array | None:
     return apart - float(np.nanmean(apart))
 
 
-def _phase(log: Log, number: int, span: Span) -> Phase:
+def _phase(log: Log, number: int, span: StateSpan) -> Phase:
     after = [later for later in log.spans if later.begin_s >= span.end_s]
     ended = f"{after[0].state}: {after[0].reason}" if after else "the recording ended"
     held = [figure for dof in NAMES if (figure := _held(log, span, dof)) is not None]
     return Phase(number, span.begin_s, span.end_s, ended, held)
 
 
-def _held(log: Log, span: Span, dof: str) -> Held | None:
+def _held(log: Log, span: StateSpan, dof: str) -> Held | None:
     law = log.keys.get(f"dof/{dof}")
     if law is None:
         return None
@@ -199,7 +199,7 @@ def _loop(log: Log) -> LoopFigures:
     )
 
 
-def _model(log: Log, phases: list[Phase], dof: str) -> Model | None:
+def _model(log: Log, phases: list[Phase], dof: str) -> IdentifiedModel | None:
     """Fit the longest phase in which it was held; body axes are the inertial ones only in heave and yaw."""
     if dof not in ("z", "psi"):
         return None

@@ -22,7 +22,7 @@ TRUSTED = 0.1
 
 
 @dataclass(frozen=True)
-class Estimate:
+class Identified:
     """A value, its standard deviation, and whether the dive tells it."""
 
     value: float
@@ -35,24 +35,24 @@ class Estimate:
 
 
 @dataclass(frozen=True)
-class Model:
+class IdentifiedModel:
     """Mass (kg, kg m²), linear damping (N s/m), quadratic (N s²/m²), bias (N): what a steady force it takes.
 
     `damping_at` is the force that the damping takes at the dive's typical speed `speed`, which is known much
     better than its two parts.
     """
 
-    mass: Estimate
-    linear: Estimate
-    quadratic: Estimate
-    bias: Estimate
-    damping_at: Estimate
+    mass: Identified
+    linear: Identified
+    quadratic: Identified
+    bias: Identified
+    damping_at: Identified
     speed: float
 
 
 def identify(
     t_s: Array, rate: Array, desired_rate: Array, tau: Array, delay_s: float, lag_s: float
-) -> Model | None:
+) -> IdentifiedModel | None:
     """Fit the model to one stretch of rates (m/s, rad/s) and delivered force (N, N·m); None if too short.
 
     `tau` acts `delay_s` after it was sent, through a first-order lag. The doubt comes from drawing blocks of
@@ -91,11 +91,11 @@ def identify(
     found, drawn = _two_stage(A, Z, b), np.array(fits)
     sigma = _spread(drawn)
     mass, linear, quadratic, bias = (
-        Estimate(float(value), float(doubt)) for value, doubt in zip(found, sigma, strict=True)
+        Identified(float(value), float(doubt)) for value, doubt in zip(found, sigma, strict=True)
     )
     at = np.array([0.0, speed, speed**2, 0.0])
-    return Model(
-        mass, linear, quadratic, bias, Estimate(float(found @ at), float(_spread(drawn @ at))), speed
+    return IdentifiedModel(
+        mass, linear, quadratic, bias, Identified(float(found @ at), float(_spread(drawn @ at))), speed
     )
 
 

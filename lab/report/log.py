@@ -18,7 +18,7 @@ ABSURD = 1e12
 """No number of a dive is larger: it was spoiled, and counts as absent."""
 
 
-class Truth(msgspec.Struct):
+class TruthRecord(msgspec.Struct):
     """What the report wants of the simulator's truth."""
 
     t_s: float
@@ -48,7 +48,7 @@ class Columns:
 
 
 @dataclass(frozen=True)
-class Span:
+class StateSpan:
     """From the supervisor's taking a state to its leaving it, or to a gap in the recording."""
 
     state: str
@@ -66,7 +66,7 @@ class Log:
     began_ns: int
     duration_s: float
     keys: dict[str, Columns]
-    spans: list[Span]
+    spans: list[StateSpan]
     events: list[tuple[float, Event]]
     recorder: list[Recorder]
     truth: Columns | None
@@ -84,8 +84,8 @@ class Log:
 def load(files: Sequence[Path]) -> Log:
     """Read the files of one vehicle. Raises ValueError where there is no dive in them, OSError."""
     rows: dict[str, list[tuple[int, Record]]] = {}
-    truths: list[tuple[int, Truth]] = []
-    decode_truth = msgspec.json.Decoder(Truth).decode
+    truths: list[tuple[int, TruthRecord]] = []
+    decode_truth = msgspec.json.Decoder(TruthRecord).decode
     vehicle = ""
     metadata: dict[str, dict[str, str]] = {}
     notes: list[str] = []
@@ -153,7 +153,7 @@ def _columns(samples: list[tuple[int, Record]], began_ns: int) -> Columns:
     return Columns(at_s[order], columns)
 
 
-def _truth(samples: list[tuple[int, Truth]], state: Columns) -> Columns | None:
+def _truth(samples: list[tuple[int, TruthRecord]], state: Columns) -> Columns | None:
     """Lay the truth on the recording's time by the vehicle's own clock, which both carry."""
     if len(samples) < 2:
         return None
@@ -167,8 +167,8 @@ def _truth(samples: list[tuple[int, Truth]], state: Columns) -> Columns | None:
     )
 
 
-def _spans(samples: list[tuple[int, Record]], began_ns: int) -> list[Span]:
-    spans: list[Span] = []
+def _spans(samples: list[tuple[int, Record]], began_ns: int) -> list[StateSpan]:
+    spans: list[StateSpan] = []
     state, begin_s, last_s, reason = "", 0.0, 0.0, ""
     conditions: dict[str, None] = {}
     for stamp, record in sorted(samples, key=lambda sample: sample[0]):
@@ -177,8 +177,8 @@ def _spans(samples: list[tuple[int, Record]], began_ns: int) -> list[Span]:
         at_s = (stamp - began_ns) / 1e9
         if record.state != state or at_s - last_s > GAP_S:
             if state:
-                spans.append(Span(state, begin_s, max(last_s, begin_s), reason, tuple(conditions)))
+                spans.append(StateSpan(state, begin_s, max(last_s, begin_s), reason, tuple(conditions)))
             state, begin_s, reason, conditions = record.state, at_s, record.reason, {}
         conditions |= dict.fromkeys(record.conditions)
         last_s = at_s
-    return [*spans, Span(state, begin_s, last_s, reason, tuple(conditions))]
+    return [*spans, StateSpan(state, begin_s, last_s, reason, tuple(conditions))]

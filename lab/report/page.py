@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from datetime import UTC, datetime
 from html import escape
 
-from lab.report.figures import AXIS_OF, NAMES, Figures, Held
+from lab.report.figures import AXIS_OF, NAMES, DiveFigures, Held
 from lab.report.log import Log
 
 STYLE = """
@@ -30,7 +30,7 @@ details { margin-top: 1rem } summary { cursor: pointer; color: var(--faint) }
 """
 
 
-def page(log: Log, figures: Figures, advice: Sequence[str], picture: bytes) -> str:
+def page(log: Log, figures: DiveFigures, advice: Sequence[str], picture: bytes) -> str:
     """Return the page; `picture` is a PNG."""
     began = datetime.fromtimestamp(log.began_ns / 1e9, UTC)
     loop = figures.loop
@@ -117,7 +117,7 @@ on the way to the file, {figures.recorder_dropped} messages dropped by the recor
 """
 
 
-def lines(figures: Figures, advice: Sequence[str]) -> list[str]:
+def lines(figures: DiveFigures, advice: Sequence[str]) -> list[str]:
     """Return the same in a few lines for the terminal."""
     said = []
     for phase in figures.phases:
@@ -134,7 +134,7 @@ def lines(figures: Figures, advice: Sequence[str]) -> list[str]:
     return said
 
 
-def _held(figures: Figures) -> str:
+def _held(figures: DiveFigures) -> str:
     rows: list[Sequence[str]] = []
     for phase in figures.phases:
         for i, one in enumerate(phase.held):
@@ -150,7 +150,7 @@ def _held(figures: Figures) -> str:
     return _table(head, rows, text=(3, 11)) if rows else "<p>It never engaged.</p>"
 
 
-def _took(figures: Figures) -> str:
+def _took(figures: DiveFigures) -> str:
     rows = (
         (
             str(phase.number),
@@ -175,7 +175,7 @@ def _events(log: Log) -> str:
     return _table(("at", "severity", "kind", "what"), rows, text=(1, 2, 3))
 
 
-def _models(log: Log, figures: Figures) -> str:
+def _models(log: Log, figures: DiveFigures) -> str:
     rows = []
     for dof, model in figures.models.items():
         if model is None:

@@ -7,7 +7,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
 from lab import style
-from lab.report.figures import Figures, error, true_error
+from lab.report.figures import DiveFigures, error, true_error
 from lab.report.log import Array, Columns, Log
 
 SIZE_IN, DPI = (12.8, 9.6), 130
@@ -25,7 +25,7 @@ SEVERITY = {"warning": "v", "fault": "X"}
 LIMIT = 1.25
 
 
-def draw(log: Log, figures: Figures) -> Figure:
+def draw(log: Log, figures: DiveFigures) -> Figure:
     """Draw a dive on one page: states above, left what was held, right what it took."""
     figure = Figure(figsize=SIZE_IN, dpi=DPI, layout="constrained")
     figure.get_layout_engine().set(w_pad=0.12, h_pad=0.05)  # type: ignore[union-attr, call-arg]
@@ -65,7 +65,7 @@ def draw(log: Log, figures: Figures) -> Figure:
     return figure
 
 
-def _title(log: Log, figures: Figures) -> str:
+def _title(log: Log, figures: DiveFigures) -> str:
     held = [one for phase in figures.phases for one in phase.held if one.dof == "z" and one.hold_s > 0.0]
     if not held:
         return f"{log.vehicle}: {log.duration_s:.0f} s, never engaged"
@@ -207,7 +207,7 @@ def _disturbance(panel: Axes, log: Log) -> None:
     _legend(panel)
 
 
-def _loop(panel: Axes, log: Log, figures: Figures) -> None:
+def _loop(panel: Axes, log: Log, figures: DiveFigures) -> None:
     loop = log.keys["loop"]
     for column, scale, colour, label, dash in (
         ("telemetry_delay_s", 1e3, style.GREEN, "telemetry delay", "--"),

@@ -41,7 +41,7 @@ class TlogError(Exception):
     """The file holds no telemetry log; says why."""
 
 
-class Record(NamedTuple):
+class TlogRecord(NamedTuple):
     """One record: when it came (s since the first record, never decreasing) and the frame's bytes."""
 
     t_s: float
@@ -55,7 +55,7 @@ class Record(NamedTuple):
         return self.data[5 if self.data[0] == _MARKERS[0] else 3]
 
 
-class Span(NamedTuple):
+class StateInterval(NamedTuple):
     """The supervisor's state and reason, and from when to when (s since the first record)."""
 
     begin_s: float
@@ -74,7 +74,7 @@ class Thoughts:
     innovation: NDArray[np.float64]
     """Shape (ticks, 4): by how much measurements missed the estimate; m, and rad for the heading."""
 
-    spans: list[Span]
+    spans: list[StateInterval]
     held_s: dict[str, float]
     """How long each condition held."""
 
@@ -88,7 +88,7 @@ class Thoughts:
     notes: list[str] = field(default_factory=list)
 
 
-def read(path: Path) -> Iterator[Record]:
+def read(path: Path) -> Iterator[TlogRecord]:
     """Give the records of a .tlog. Bytes that are no record are given as they are, with the last time.
 
     Raises TlogError where no sound frame is in it, OSError.
@@ -99,7 +99,7 @@ def read(path: Path) -> Iterator[Record]:
         size = _record_size(data, at)
         if not size:
             end = _next_record(data, at + 1)
-            yield Record(t_s, data[at:end])
+            yield TlogRecord(t_s, data[at:end])
             at = end
             continue
         (stamp_us,) = _STAMP.unpack_from(data, at)
@@ -107,19 +107,19 @@ def read(path: Path) -> Iterator[Record]:
             t_s += min(max(stamp_us - last_us, 0) / 1e6, MAX_GAP_S)
         frame = data[at + _STAMP.size : at + size]
         last_us, found = stamp_us, found or frame_at(frame, 0)[1] is not None
-        yield Record(t_s, frame)
+        yield TlogRecord(t_s, frame)
         at += size
     if not found:
         raise TlogError(f"{path}: holds no record of a telemetry log (.tlog)")
 
 
-def think(records: Iterator[Record], overrides: Sequence[str] = ()) -> Thoughts:
+def think(records: Iterator[TlogRecord], overrides: Sequence[str] = ()) -> Thoughts:
     """Step engine and relay through `records` at the loop's rate. Raises ConfigError for bad `overrides`."""
     config = load_config(overrides=[*_PILOT_BEHIND_US, *overrides])
     engine, relay = Engine(config, Setpoint(np.full(4, np.nan))), Relay(config)
     tick_s = 1.0 / config.loop.rate_hz
     rows: list[tuple[float, ...]] = []
-    spans: list[Span] = []
+    spans: list[StateInterval] = []
     held: Counter[Condition] = Counter()
     relayed = [0, 0]
     heard: list[tuple[int, bytes]] = []
@@ -154,7 +154,7 @@ def think(records: Iterator[Record], overrides: Sequence[str] = ()) -> Thoughts:
             checked = engine.checked(state)
         held.update(verdict.conditions)
         if not spans or (spans[-1].state, spans[-1].reason) != (str(verdict.state), verdict.reason):
-            spans.append(Span(t_s, t_s, str(verdict.state), verdict.reason))
+            spans.append(StateInterval(t_s, t_s, str(verdict.state), verdict.reason))
         spans[-1] = spans[-1]._replace(end_s=t_s)
     if sample is None:
         raise TlogError("holds no record")
@@ -202,9 +202,9 @@ def lines(thoughts: Thoughts) -> Iterator[str]:
     yield from (f"note: {note}" for note in thoughts.notes)
 
 
-def _lasting(spans: Sequence[Span], least_s: float = 0.5) -> Iterator[Span]:
+def _lasting(spans: Sequence[StateInterval], least_s: float = 0.5) -> Iterator[StateInterval]:
     """Give the spans that lasted; what flickers is told as part of the one before it."""
-    open_span: Span | None = None
+    open_span: StateInterval | None = None
     for span in spans:
         same = open_span is not None and (open_span.state, open_span.reason) == (span.state, span.reason)
         if open_span is None or not (same or span.end_s - span.begin_s < least_s):

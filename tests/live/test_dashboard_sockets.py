@@ -8,7 +8,7 @@ import aiohttp
 from aiohttp import WSCloseCode, WSMsgType, test_utils
 
 from dashboard.web import app
-from dashboard.web.options import Settings
+from dashboard.web.options import DashboardOptions
 from lab.ports import free_port
 
 WAIT_S = 10.0
@@ -19,7 +19,7 @@ Opened = Callable[[int], Awaitable[aiohttp.ClientWebSocketResponse]]
 @asynccontextmanager
 async def served() -> AsyncIterator[Opened]:
     """A dashboard, and what opens a WebSocket of it from 127.0.0.N."""
-    settings = Settings("127.0.0.1", 0, (), f"tcp/127.0.0.1:{free_port()}", token="")
+    settings = DashboardOptions("127.0.0.1", 0, (), f"tcp/127.0.0.1:{free_port()}", token="")
     async with AsyncExitStack() as stack:
         server = test_utils.TestServer(app.Dashboard(settings).application())
         await stack.enter_async_context(server)

@@ -10,7 +10,7 @@ import pytest
 
 from companion.endpoint import Endpoint
 from companion.io import links
-from companion.io.links import Admission, Link
+from companion.io.links import Admission, MavlinkLink
 from companion.records import Sender
 from lab.ports import free_port
 
@@ -35,7 +35,9 @@ ANYBODY = Admission(sender, lambda: b"hello")
 async def linked(endpoint, admission=ANYBODY):
     """A running link and the list of what arrived on it."""
     heard = []
-    link = Link(Endpoint.parse(endpoint), "test", lambda t_ns, data: heard.append((t_ns, data)), admission)
+    link = MavlinkLink(
+        Endpoint.parse(endpoint), "test", lambda t_ns, data: heard.append((t_ns, data)), admission
+    )
     task = asyncio.create_task(link.run())
     try:
         yield link, heard
@@ -316,6 +318,6 @@ def test_a_port_that_is_taken_stops_the_process():
             taken.bind(("127.0.0.1", 0))
             endpoint = Endpoint.parse(f"udp-listen:127.0.0.1:{taken.getsockname()[1]}")
             with pytest.raises(OSError, match="in use"):
-                await Link(endpoint, "test", lambda t_ns, data: None, ANYBODY).run()
+                await MavlinkLink(endpoint, "test", lambda t_ns, data: None, ANYBODY).run()
 
     asyncio.run(main())

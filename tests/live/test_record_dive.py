@@ -23,7 +23,7 @@ from companion.records import ControlSample
 from companion.telemetry import schemas as telemetry
 from dashboard.recording.mcap_file import Disk, Reader
 from dashboard.recording.record import RecorderThread
-from dashboard.recording.recorder import Limits
+from dashboard.recording.recorder import FileLimits
 from dashboard.zenoh_client import Subscription
 from lab.bench.process import HOLDFAST, running
 from lab.ports import free_port
@@ -164,7 +164,7 @@ def test_a_slow_recorder_delays_nobody_and_obeys_where_allowed(
             publisher.offer(make_sample(t_s=time.monotonic()))
             offered.append(time.perf_counter() - begun_s)
 
-    limits = Limits(tmp_path, reserve_bytes=1)
+    limits = FileLimits(tmp_path, reserve_bytes=1)
     recorder = RecorderThread("kelp", zenoh, limits, allow_control=True)
     with Publisher("kelp", zenoh) as publisher:
         ticking = threading.Thread(target=tick, args=(publisher,))
@@ -221,7 +221,7 @@ def on_one_busy_core(processes: int) -> Iterator[None]:
 
 def test_on_a_busy_machine_nothing_is_lost(tmp_path: Path, make_sample: Callable[..., ControlSample]) -> None:
     zenoh = f"tcp/127.0.0.1:{free_port()}"
-    recorder = RecorderThread("kelp", zenoh, Limits(tmp_path, reserve_bytes=1))
+    recorder = RecorderThread("kelp", zenoh, FileLimits(tmp_path, reserve_bytes=1))
     with (
         Publisher("kelp", zenoh) as publisher,
         recorder,

@@ -16,9 +16,9 @@ from companion.records import AxisCommand, ControlSample, Wrench, Z
 from companion.telemetry import samples
 from lab.demo import screen as demo_screen
 from lab.demo.demo import Story, _phase
-from lab.demo.dive import Dive, Recording, arrange, figures, spans, window
+from lab.demo.dive import DemoDive, DemoRecording, arrange, figures, spans, window
 from lab.demo.plot import ROWS, draw
-from lab.demo.screen import Now, View
+from lab.demo.screen import DemoView, Now
 from sim_bridge import zenoh_truth
 from sim_bridge.vehicle import Truth
 
@@ -83,9 +83,9 @@ def _sample(make_sample: Sampler, t_s: float, tick: int, **state: Any) -> Contro
 
 
 @pytest.fixture
-def recording(make_sample: Sampler) -> Recording:
+def recording(make_sample: Sampler) -> DemoRecording:
     """A dive as it comes over Zenoh, the controller's samples half-way between the simulator's."""
-    heard = Recording()
+    heard = DemoRecording()
     for tick in range(round(END_S / STEP_S) + 1):
         t_s = tick * STEP_S
         heard.add("sim/demo/truth", zenoh_truth.encode(_truth(t_s)))
@@ -95,11 +95,11 @@ def recording(make_sample: Sampler) -> Recording:
 
 
 @pytest.fixture
-def dive(recording: Recording) -> Dive:
+def dive(recording: DemoRecording) -> DemoDive:
     return arrange(recording)
 
 
-def test_figures_are_those_of_the_dive(dive: Dive) -> None:
+def test_figures_are_those_of_the_dive(dive: DemoDive) -> None:
     span = window([dive], 5.0)
     assert span == pytest.approx((10.0, 20.0), abs=2 * STEP_S)
     result = figures(dive, span)
@@ -115,14 +115,14 @@ def test_figures_are_those_of_the_dive(dive: Dive) -> None:
     assert result.ticks_lost == 0
 
 
-def test_the_estimate_is_compared_when_it_acts_and_in_the_same_sign(dive: Dive) -> None:
+def test_the_estimate_is_compared_when_it_acts_and_in_the_same_sign(dive: DemoDive) -> None:
     assert dive.disturbance_n.min() == -LOAD_N  # the load pulls down, d is positive upwards
     result = figures(dive, (10.0, 20.0))
     # One sample in between at each of the two edges; 0.1 s late, it would be ten times as much.
     assert result.d_hat_error_rms_n < 0.05 * LOAD_N
 
 
-def test_a_lost_tick_is_counted_and_makes_no_chatter(recording: Recording) -> None:
+def test_a_lost_tick_is_counted_and_makes_no_chatter(recording: DemoRecording) -> None:
     steady = [msgspec.structs.replace(c, heave_delivered_n=c.boot_s) for c in recording.command]
     recording.command = steady[:700] + steady[710:]
     result = figures(arrange(recording), (10.0, 20.0))
@@ -130,7 +130,7 @@ def test_a_lost_tick_is_counted_and_makes_no_chatter(recording: Recording) -> No
     assert result.chatter_n == pytest.approx(STEP_S)
 
 
-def test_stamps_of_another_clock_are_left_out(recording: Recording, make_sample: Sampler) -> None:
+def test_stamps_of_another_clock_are_left_out(recording: DemoRecording, make_sample: Sampler) -> None:
     """Before it has heard the vehicle's clock, the controller may stamp its own."""
     clean = figures(arrange(recording), (10.0, 20.0))
     for boot_s in (-1000.0, 1.0, 1000.0):
@@ -141,7 +141,7 @@ def test_stamps_of_another_clock_are_left_out(recording: Recording, make_sample:
     assert figures(arrange(recording), (10.0, 20.0)) == clean
 
 
-def test_the_window_suits_both_dives(dive: Dive) -> None:
+def test_the_window_suits_both_dives(dive: DemoDive) -> None:
     later = replace(dive, depth_desired_m=np.minimum(5.0, 0.4 * dive.t_s), t_s=dive.t_s)
     shorter = replace(dive, t_s=dive.t_s * 0.9)
     assert window([dive, later, shorter], 5.0) == pytest.approx((12.49, 18.0), abs=0.05)
@@ -149,9 +149,9 @@ def test_the_window_suits_both_dives(dive: Dive) -> None:
         window([dive], 6.0)
 
 
-def test_what_is_missing_is_named(recording: Recording) -> None:
+def test_what_is_missing_is_named(recording: DemoRecording) -> None:
     with pytest.raises(ValueError, match="'truth'"):
-        arrange(Recording())
+        arrange(DemoRecording())
     recording.heave.clear()
     with pytest.raises(ValueError, match="'dof/z'"):
         arrange(recording)
@@ -159,9 +159,9 @@ def test_what_is_missing_is_named(recording: Recording) -> None:
 
 def test_foreign_messages_are_refused() -> None:
     with pytest.raises(ValueError, match="no key of holdfast"):
-        Recording().add("holdfast/demo/nonsense", b"{}")
+        DemoRecording().add("holdfast/demo/nonsense", b"{}")
     with pytest.raises(ValueError, match="Expected"):
-        Recording().add("sim/demo/truth", b'{"t_s": "noon"}')
+        DemoRecording().add("sim/demo/truth", b'{"t_s": "noon"}')
 
 
 def test_spans() -> None:
@@ -170,7 +170,7 @@ def test_spans() -> None:
     assert spans(t_s, np.zeros(5, bool)) == []
 
 
-def test_the_picture_shows_everything_with_units(dive: Dive) -> None:
+def test_the_picture_shows_everything_with_units(dive: DemoDive) -> None:
     span = window([dive], 5.0)
     result = figures(dive, span)
     better = msgspec.structs.replace(result, depth_rms_mm=1.25)
@@ -197,7 +197,7 @@ def test_the_picture_shows_everything_with_units(dive: Dive) -> None:
     assert image.getvalue().startswith(b"\x89PNG")
 
 
-def test_saturation_is_shaded_only_where_it_was(dive: Dive) -> None:
+def test_saturation_is_shaded_only_where_it_was(dive: DemoDive) -> None:
     span = window([dive], 5.0)
     results = dict.fromkeys(("off", "on"), figures(dive, span))
     dry = replace(dive, saturated=np.zeros_like(dive.saturated))
@@ -220,10 +220,10 @@ NOW = Now(
 )
 
 
-def _view(now: Now | None) -> View:
+def _view(now: Now | None) -> DemoView:
     errors = {"off": [(t, 40.0) for t in np.arange(0.0, 20.0, 0.05)], "on": [(0.5, 5.0), (99.0, 1.0)]}
     marks = {"armed": 0.0, "load on": 12.0, "off": 19.9}
-    return View("on", "diving to 5 m", 0.5, 20.0, now, errors, marks, "tcp/127.0.0.1:40000")
+    return DemoView("on", "diving to 5 m", 0.5, 20.0, now, errors, marks, "tcp/127.0.0.1:40000")
 
 
 @pytest.mark.parametrize("width", [80, 100, 140])
@@ -246,7 +246,7 @@ def test_a_line_says_the_same() -> None:
     assert "error  -10.0 mm, heading error -0.50°, thrust  -50 N, pushed +400 N, learnt  -20 N" in said
 
 
-def test_the_table_sets_them_side_by_side(dive: Dive) -> None:
+def test_the_table_sets_them_side_by_side(dive: DemoDive) -> None:
     off = figures(dive, (10.0, 20.0))
     on = msgspec.structs.replace(off, depth_rms_mm=0.5 * off.depth_rms_mm, chatter_n=0.0)
     console = Console(width=80, file=io.StringIO())
@@ -260,8 +260,8 @@ def test_the_table_sets_them_side_by_side(dive: Dive) -> None:
 
 def test_the_story_in_words(make_sample: Sampler) -> None:
     story = Story(load_on_s=14.0)
-    assert _phase(Recording(), story) == "starting the controller"
-    heard, words = Recording(), list[str]()
+    assert _phase(DemoRecording(), story) == "starting the controller"
+    heard, words = DemoRecording(), list[str]()
     for tick in range(0, round(END_S / STEP_S), 10):
         t_s = tick * STEP_S
         for key, _, payload in samples.encode(_sample(make_sample, t_s, tick), VEHICLE):

@@ -10,7 +10,7 @@ from companion.records import ControlSample
 from companion.telemetry import samples
 from companion.telemetry import schemas as telemetry
 from dashboard.losses import Losses
-from dashboard.recording.recorder import Limits, Recorder
+from dashboard.recording.recorder import DiveRecorder, FileLimits
 from dashboard.web.fleet import Fleet
 from dashboard.zenoh_client import Stamped
 
@@ -40,7 +40,7 @@ def test_they_are_counted(ticks: list[int], missing: dict[int, set[str]], lost: 
 def test_they_are_told(
     ticks: list[int], missing: dict[int, set[str]], lost: int, tmp_path: Path, make_sample: MakeSample
 ) -> None:
-    recorder = Recorder("kelp", Limits(tmp_path, reserve_bytes=1), {})
+    recorder = DiveRecorder("kelp", FileLimits(tmp_path, reserve_bytes=1), {})
     recorder.start(0, 0.0)
     fleet = Fleet()
     for tick in ticks:

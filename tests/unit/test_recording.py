@@ -17,7 +17,7 @@ from companion.telemetry import samples
 from companion.telemetry import schemas as telemetry
 from dashboard.recording.json_schema import schema_of
 from dashboard.recording.mcap_file import FREE_BYTES, MAGIC, MAX_RATIO, Disk, Item, Reader, Recording
-from dashboard.recording.recorder import Limits, Recorder
+from dashboard.recording.recorder import DiveRecorder, FileLimits
 from dashboard.recording.recover import main as recover_main
 from dashboard.recording.recover import recover
 
@@ -48,11 +48,11 @@ def written(tmp_path: Path, ticks: list[list[tuple[str, str, bytes]]]) -> Path:
     return path
 
 
-def recorder(directory: Path, **limits: Any) -> Recorder:
-    return Recorder("kelp", Limits(directory, **limits), {"git": "abc"}, free_bytes=lambda _: PLENTY)
+def recorder(directory: Path, **limits: Any) -> DiveRecorder:
+    return DiveRecorder("kelp", FileLimits(directory, **limits), {"git": "abc"}, free_bytes=lambda _: PLENTY)
 
 
-def feed(recorder: Recorder, ticks: list[list[tuple[str, str, bytes]]], begin: int = 0) -> None:
+def feed(recorder: DiveRecorder, ticks: list[list[tuple[str, str, bytes]]], begin: int = 0) -> None:
     for i, tick in enumerate(ticks, begin):
         for key, encoding, payload in tick:
             recorder.take(key, encoding, payload, UTC_NS + i * 20_000_000, 0.02 * i)
@@ -299,7 +299,9 @@ class FullDisk(Disk):
 def test_a_full_disk_ends_the_recording_and_nothing_else(
     tmp_path: Path, ticks: list[list[tuple[str, str, bytes]]]
 ) -> None:
-    kept = Recorder("kelp", Limits(tmp_path, tlog=True), {}, free_bytes=lambda _: PLENTY, disk=FullDisk)
+    kept = DiveRecorder(
+        "kelp", FileLimits(tmp_path, tlog=True), {}, free_bytes=lambda _: PLENTY, disk=FullDisk
+    )
     kept.start(UTC_NS, 0.0)
     for second in range(10):
         feed(kept, ticks[50 * second : 50 * second + 50], 50 * second)
@@ -319,7 +321,7 @@ def test_a_full_disk_ends_the_recording_and_nothing_else(
 
 def test_a_reserve_stays_free(tmp_path: Path, ticks: list[list[tuple[str, str, bytes]]]) -> None:
     free = 1_000_000_000
-    kept = Recorder("kelp", Limits(tmp_path), {}, free_bytes=lambda _: free)
+    kept = DiveRecorder("kelp", FileLimits(tmp_path), {}, free_bytes=lambda _: free)
     assert kept.start(UTC_NS, 0.0)
     feed(kept, ticks)
     free = 499_000_000

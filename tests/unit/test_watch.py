@@ -16,7 +16,7 @@ from companion.telemetry import samples
 from companion.telemetry import schemas as telemetry
 from companion.telemetry.modes import MEANINGS
 from dashboard.terminal import watch
-from dashboard.terminal.watch import Feed, Fleet, View, picture, render
+from dashboard.terminal.watch import Feed, Feeds, View, picture, render
 from dashboard.zenoh_client import Message
 
 MakeSample = Callable[..., ControlSample]
@@ -142,7 +142,7 @@ def test_nothing_heard_tells_where_to_look() -> None:
 
 
 def test_one_vehicle_is_shown_wholly_and_several_as_a_line_each(make_sample: MakeSample) -> None:
-    fleet = Fleet("", "here")
+    fleet = Feeds("", "here")
     assert not fleet.complete
     fleet.take(_messages(make_sample()), now_s=1.0)
     assert fleet.complete
@@ -162,7 +162,7 @@ def test_one_vehicle_is_shown_wholly_and_several_as_a_line_each(make_sample: Mak
 
 
 def test_only_the_vehicle_asked_for_is_shown(make_sample: MakeSample) -> None:
-    fleet = Fleet("kelp", "here")
+    fleet = Feeds("kelp", "here")
     fleet.take([*_messages(make_sample()), Message("holdfast/kelp", b"")], now_s=1.0)
     assert [view.vehicle for view in fleet.views(1.0, connected=True)] == ["kelp"]
 

@@ -14,7 +14,7 @@ export class Link {
     this.status = null;
     this.wait = RETRY_MS[0];
     this.open();
-    setInterval(() => this.watch(), 250);
+    setInterval(() => this.leaveIfSilent(), 250);
   }
 
   choose(vehicle) {
@@ -60,7 +60,7 @@ export class Link {
   }
 
   // A half-open connection closes nothing: who is silent too long is left.
-  watch() {
+  leaveIfSilent() {
     if (this.socket && nowS() - Math.max(this.heard ?? 0, this.opened) > SILENT_MS / 1000 && this.socket.readyState !== WebSocket.CLOSED) {
       this.abandon();
       this.retry();
