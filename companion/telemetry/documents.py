@@ -66,6 +66,9 @@ def write() -> list[Path]:
 
 def _schema(name: str, struct: type[msgspec.Struct]) -> bytes:
     schema = msgspec.json.schema(struct)
+    for field in schema["$defs"][struct.__name__]["properties"].values():
+        if field.get("type") == "number":  # typing keeps one of two equal types: its 0 may be ours
+            field.update((key, float(field[key])) for key in ("minimum", "maximum") if key in field)
     root = {"$schema": "https://json-schema.org/draft/2020-12/schema", "$id": f"holdfast.{name}.v1"}
     return msgspec.json.format(msgspec.json.encode(root | schema)) + b"\n"
 
