@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from copy import copy
 
 import numpy as np
 
@@ -141,7 +141,7 @@ class Engine:
             requested=Wrench(requested),
             delivered=Wrench(actuation.delivered),
             verdict=verdict,
-            counters=replace(autopilot.counters),
+            counters=copy(autopilot.counters),
             loop=loop,
             texts=(
                 *self._fitness.introduced(now_s),

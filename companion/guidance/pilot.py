@@ -7,9 +7,9 @@ release button and the firmware's toggles override all axes; the engage button e
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import NamedTuple
 
+import msgspec
 import numpy as np
 
 from companion.config import Config
@@ -89,7 +89,7 @@ class Pilot:
         if sticks is None or now_s - sticks.t_s > STALE_S:
             sticks, deflections = None, ZERO
         else:
-            sticks = replace(sticks, buttons=sticks.buttons | buttons)
+            sticks = msgspec.structs.replace(sticks, buttons=sticks.buttons | buttons)
             stick = sticks.sticks
             deflections = (stick.surge, stick.sway, stick.heave, stick.yaw)
             self._busy = True

@@ -6,21 +6,15 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from companion.config import Config
 from companion.endpoint import Endpoint
-from companion.mavlink.ardusub import (
-    FRAMES,
-    Commands,
-    Converter,
-    Mode,
-    manual_control_reach,
-    quantise,
-    stick_demand,
-    unmirrored,
-)
-from companion.mavlink.codec import Codec, Message, Packer
+from companion.mavlink.ardusub import FRAMES, manual_control_reach, quantise, stick_demand, unmirrored
+from companion.mavlink.codec import Codec, Packer
+from companion.mavlink.decode import Decoder
+from companion.mavlink.encode import Commands
 from companion.mavlink.freshness import Freshness
 from companion.mavlink.link_maintenance import LinkMaintenance
+from companion.mavlink.messages import Message, message_name
 from companion.mavlink.signing import Signing
-from companion.mavlink.streams import message_name, streams
+from companion.mavlink.streams import streams
 from companion.records import (
     NEUTRAL,
     AxisCommand,
@@ -31,6 +25,7 @@ from companion.records import (
     Sender,
     ServoOutput,
 )
+from companion.telemetry.modes import Mode
 
 NS_PER_S = 1e9
 ABOUT = {"FRAME_CONFIG", "FS_PILOT_INPUT", "FS_PILOT_TIMEOUT", "MAV_GCS_SYSID"}
@@ -45,7 +40,7 @@ class Autopilot:
         self._commands = Commands(link.vehicle_system, link.vehicle_component)
         self._rates_hz = streams(vehicle.depth_source, with_position=True)
         self._maintenance = LinkMaintenance(self._commands, self._rates_hz)
-        self._converter = Converter(
+        self._decoder = Decoder(
             counters,
             depth_source=vehicle.depth_source,
             rate_source=vehicle.rate_source,
@@ -57,7 +52,7 @@ class Autopilot:
             link.vehicle_system,
             link.vehicle_component,
             stream=Endpoint.parse(link.endpoint).is_stream,
-            wanted=self._converter.ids,
+            wanted=self._decoder.ids,
             counters=counters,
             signing=signing,
         )
@@ -83,8 +78,8 @@ class Autopilot:
         for t_ns, data in datagrams:
             t_s = t_ns / NS_PER_S
             for message in self._codec.decode(t_s, data):
-                self._maintenance.heard(message.get_msgId())
-                events.extend(self._freshness.drop_stale(self._converter.to_events(message, t_s)))
+                self._maintenance.heard(message.MESSAGE_ID)
+                events.extend(self._freshness.drop_stale(self._decoder.to_events(message, t_s)))
         for i, event in enumerate(events):
             if isinstance(event, ServoOutput):
                 events[i] = unmirrored(event, self.parameters)
@@ -102,7 +97,7 @@ class Autopilot:
 
         A heartbeat under the ground station's id would hide from the firmware that the real one is lost.
         """
-        onboard = message.get_msgId() == mavlink.MAVLINK_MSG_ID_HEARTBEAT
+        onboard = message.MESSAGE_ID == mavlink.MAVLINK_MSG_ID_HEARTBEAT
         return (self._onboard if onboard else self._codec).encode(message)
 
     def set_mode(self, mode: Mode) -> bytes:

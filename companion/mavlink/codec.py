@@ -6,23 +6,21 @@ one byte.
 """
 
 import re
+import struct
 from collections.abc import Container
-from typing import Any, Final, TypeAlias
+from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from companion.mavlink.messages import CHECKSUM_BYTES, Message, checksum, is_known, pack, unpack
 from companion.mavlink.signing import Signing
 from companion.records import LinkCounters, Sender
-
-Message: TypeAlias = Any
-"""A pymavlink message: one of the classes `mavlink.MAVLink_*_message`."""
 
 MARKER: Final = 0xFD
 HEADERS: Final = re.compile(rb"\xfd(?=.[\x00\x01]|.?\Z)", re.DOTALL)
 """Where a frame may begin: the marker, and flags that we know, unless those are cut off."""
 SIGNED: Final = 0x01
 HEADER_BYTES: Final = 10
-CHECKSUM_BYTES: Final = 2
 SIGNATURE_BYTES: Final = 13
 PARTIAL_TIMEOUT_S: Final = 0.2
 MAX_FRAMES_LOOKED_AT: Final = 32
@@ -31,34 +29,36 @@ MAX_FRAMES_LOOKED_AT: Final = 32
 _STEERING: Final = frozenset(
     {mavlink.MAVLINK_MSG_ID_MANUAL_CONTROL, mavlink.MAVLINK_MSG_ID_RC_CHANNELS_OVERRIDE}
 )
+_HEADER: Final = struct.Struct("<BBBBBBBHB")
+"""Marker, payload's bytes, flags, flags, sequence number, system, component, 16 and 8 bits of message id."""
 
 
 class Packer:
     """Packs one sender's messages with its sequence numbers, signed where there is a key."""
 
     def __init__(self, system: int, component: int, signing: Signing | None = None) -> None:
-        self._mav = mavlink.MAVLink(None, system, component)
+        self._sender = (system, component)
         self._signing = signing
-        if signing is not None:
-            self._mav.signing.secret_key = signing.key
-            self._mav.signing.link_id = signing.link_id
-            self._mav.signing.sign_outgoing = True
+        self._sequence = 0
 
     def encode(self, message: Message) -> bytes:
         """Pack `message` with the next sequence number."""
-        if self._signing is not None:
-            self._mav.signing.timestamp = self._signing.next_timestamp()
-        frame: bytes = message.pack(self._mav)
-        self._mav.seq = (self._mav.seq + 1) & 0xFF
-        return frame
+        payload, message_id = pack(message), message.MESSAGE_ID
+        flags = 0 if self._signing is None else SIGNED
+        low, high = message_id & 0xFFFF, message_id >> 16
+        header = _HEADER.pack(MARKER, len(payload), flags, 0, self._sequence, *self._sender, low, high)
+        self._sequence = (self._sequence + 1) & 0xFF
+        frame = header + payload
+        frame += checksum(frame[1:], message_id).to_bytes(CHECKSUM_BYTES, "little")
+        return frame if self._signing is None else self._signing.signed(frame)
 
 
 class Codec:
     """One link to one vehicle.
 
     Every frame's checksum is tested. Garbage is what fails, MAVLink 1 and ids that the dialect does not know;
-    each stretch of it counts once. Frames from others are foreign, except steering (ArduSub facts: 'Who may
-    steer'): MANUAL_CONTROL to this vehicle, and RC_CHANNELS_OVERRIDE, whose target ArduSub never looks at.
+    each stretch of it counts once. Frames from others are foreign, except steering (docs/ardusub.md, "Who
+    may steer"): MANUAL_CONTROL to this vehicle, and RC_CHANNELS_OVERRIDE to whomever.
 
     A datagram holds whole frames: nothing is kept from one to the next, so several peers' datagrams may mix.
     With `stream` the unfinished frame at the end (at most 279 bytes) waits for its rest, PARTIAL_TIMEOUT_S at
@@ -83,7 +83,6 @@ class Codec:
     ) -> None:
         self.counters = counters or LinkCounters()
         self.encode = Packer(source_system, source_component, signing).encode
-        self._mav = mavlink.MAVLink(None)
         self._signing = signing
         self._source = (source_system, source_component)
         self._target = (target_system, target_component)
@@ -165,27 +164,13 @@ class Codec:
             else:
                 self.counters.foreign += 1
             return True
-        message = self._unpacked(frame, mavlink.mavlink_map[message_id])
-        if message is None:
-            return False
+        message = unpack(message_id, frame[HEADER_BYTES : HEADER_BYTES + frame[1]])
         if rival and getattr(message, "target", self._target[0]) != self._target[0]:
             self.counters.foreign += 1
             return True
         self.counters.messages += 1
         messages.append(message)
         return True
-
-    def _unpacked(self, frame: bytes, kind: Any) -> Message | None:
-        """Return the message of a sound frame; plain numbers without a second look at the checksum."""
-        if sum(kind.lengths) == len(kind.lengths):
-            size = kind.unpacker.size
-            payload = frame[HEADER_BYTES : HEADER_BYTES + frame[1]].ljust(size, b"\0")[:size]
-            values = kind.unpacker.unpack(payload)
-            return kind(*[values[i] for i in kind.orders])
-        try:
-            return self._mav.decode(bytearray(frame))
-        except mavlink.MAVError:
-            return None
 
 
 def _message_id(frame: bytes) -> int:
@@ -206,9 +191,6 @@ def _frame_size(data: bytes, at: int) -> int:
 
 def _is_sound(frame: bytes, message_id: int) -> bool:
     """Tell whether the dialect knows the id and the checksum is right."""
-    kind = mavlink.mavlink_map.get(message_id)
-    if kind is None:
-        return False
     end = HEADER_BYTES + frame[1]
-    checksum: int = mavlink.x25crc(frame[1:end] + bytes((kind.crc_extra,))).crc
-    return checksum == int.from_bytes(frame[end : end + CHECKSUM_BYTES], "little")
+    claimed = int.from_bytes(frame[end : end + CHECKSUM_BYTES], "little")
+    return is_known(message_id) and checksum(frame[1:end], message_id) == claimed

@@ -6,10 +6,11 @@ from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from companion.mavlink.ardusub import Commands, Mode
-from companion.mavlink.codec import Message
+from companion.mavlink.encode import Commands
+from companion.mavlink.messages import Message
 from companion.mavlink.streams import Streams, streams
 from companion.records import Event, Firmware, Heartbeat, Parameter, Reboot, StatusText
+from companion.telemetry.modes import Mode
 
 HEARTBEAT_S: Final = 1.0
 TIMESYNC_S: Final = 0.25

@@ -9,14 +9,15 @@ signatures. Where there is a key the engine gets only what is signed with it: el
 import re
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from companion.config import Config
 from companion.endpoint import Endpoint
-from companion.mavlink.ardusub import override_deflection, pilot_sticks
 from companion.mavlink.codec import HEADERS, MAX_FRAMES_LOOKED_AT, PARTIAL_TIMEOUT_S
+from companion.mavlink.decode import override_deflection, pilot_sticks
+from companion.mavlink.messages import Message, checksum, is_known, payload_size, unpack
 from companion.mavlink.signing import Signing
 from companion.records import Event, PilotHeartbeat, PilotInput, Sender
 
@@ -46,12 +47,9 @@ class Frame(NamedTuple):
     id: int
     payload: bytes
 
-    def message(self) -> Any:
+    def message(self) -> Message:
         """Return the message, cut-off zeros filled in."""
-        kind: Any = mavlink.mavlink_map[self.id]
-        size = kind.unpacker.size
-        values = kind.unpacker.unpack(self.payload.ljust(size, b"\0")[:size])
-        return kind(*[values[i] for i in kind.orders])
+        return unpack(self.id, self.payload)
 
 
 def frame_at(data: bytes, at: int) -> tuple[int, Frame | None]:
@@ -74,14 +72,12 @@ def frame_at(data: bytes, at: int) -> tuple[int, Frame | None]:
             return 0, None
         size += 13 * data[at + 2]
         system, message_id = data[at + 5], data[at + 7] | data[at + 8] << 8 | data[at + 9] << 16
-    kind = mavlink.mavlink_map.get(message_id)
-    if kind is None or length > kind.unpacker.size:
+    if not is_known(message_id) or length > payload_size(message_id):
         return 0, None
     if left < size:
         return size, None
     end = at + header + length
-    checksum = mavlink.x25crc(data[at + 1 : end] + bytes((kind.crc_extra,))).crc
-    if checksum != data[end] | data[end + 1] << 8:
+    if checksum(data[at + 1 : end], message_id) != data[end] | data[end + 1] << 8:
         return 0, None
     return size, Frame(1 if header == 6 else 2, system, message_id, data[at + header : end])
 

@@ -71,6 +71,11 @@ class Signing:
         self._timestamp += 1
         return self._timestamp
 
+    def signed(self, frame: bytes) -> bytes:
+        """Return a frame, whose flags tell that it is signed, with its signature and the next timestamp."""
+        frame += bytes((self.link_id,)) + self.next_timestamp().to_bytes(6, "little")
+        return frame + self._signature(frame)
+
     def accepts(self, frame: bytes) -> bool:
         """Tell whether a whole MAVLink 2 frame is signed with our key, and later than its sender's last.
 
@@ -96,8 +101,10 @@ class Signing:
         return timestamp > self._seen.get(stream, self._timestamp - NEW_STREAM_UNITS)
 
     def _is_signed(self, frame: bytes) -> bool:
-        signature = hashlib.sha256(self.key + frame[:-6]).digest()[:6]
-        return hmac.compare_digest(signature, frame[-6:])
+        return hmac.compare_digest(self._signature(frame[:-6]), frame[-6:])
+
+    def _signature(self, data: bytes) -> bytes:
+        return hashlib.sha256(self.key + data).digest()[:6]
 
 
 def _stamp(frame: bytes) -> tuple[Stream, int]:

@@ -50,11 +50,6 @@ def streams(depth_source: DepthSource = "relative_alt", with_position: bool = Fa
     return rates_hz
 
 
-def message_name(message_id: int) -> str:
-    """Return MAVLink's name of a message."""
-    return str(mavlink.mavlink_map[message_id].msgname)
-
-
 class _Stream:
     """One message's rate, measured window by window."""
 

@@ -11,7 +11,7 @@ from companion import assembly
 from companion.config import Config
 from companion.control.allocation import motors
 from companion.estimation.estimator import Estimator
-from companion.mavlink.ardusub import Mode, motor_demand
+from companion.mavlink.ardusub import motor_demand
 from companion.mavlink.autopilot import Autopilot
 from companion.mavlink.signing import Signing
 from companion.predive import directions
@@ -28,6 +28,7 @@ from companion.records import (
     ServoOutput,
     VehicleState,
 )
+from companion.telemetry.modes import Mode
 
 CONTACT_S = 10.0
 LISTEN_S = 12.0

@@ -1,13 +1,13 @@
 """What the MAVLink links give: events from the vehicle and from the pilot, and what became of the bytes."""
 
-from dataclasses import dataclass
 from enum import Enum, auto
+
+import msgspec
 
 from companion.records.control import AxisCommand
 
 
-@dataclass(frozen=True, slots=True)
-class Heartbeat:
+class Heartbeat(msgspec.Struct, frozen=True, gc=False):
     """The autopilot's own heartbeat. `mode` is ArduSub's custom_mode, `system_status` MAV_STATE."""
 
     t_s: float
@@ -18,8 +18,7 @@ class Heartbeat:
     """MAV_TYPE; 12 is a submarine."""
 
 
-@dataclass(frozen=True, slots=True)
-class Attitude:
+class Attitude(msgspec.Struct, frozen=True, gc=False):
     """Euler angles (rad) and body rates (rad/s), stamped by the autopilot."""
 
     t_s: float
@@ -32,8 +31,7 @@ class Attitude:
     r: float
 
 
-@dataclass(frozen=True, slots=True)
-class Depth:
+class Depth(msgspec.Struct, frozen=True, gc=False):
     """Depth in metres, positive down. `boot_s` is None where the message carries no stamp."""
 
     t_s: float
@@ -41,8 +39,7 @@ class Depth:
     z_m: float
 
 
-@dataclass(frozen=True, slots=True)
-class DepthRate:
+class DepthRate(msgspec.Struct, frozen=True, gc=False):
     """Depth rate in m/s, positive down."""
 
     t_s: float
@@ -50,8 +47,7 @@ class DepthRate:
     w_mps: float
 
 
-@dataclass(frozen=True, slots=True)
-class Position:
+class Position(msgspec.Struct, frozen=True, gc=False):
     """Horizontal position (m) and velocity (m/s), north and east, from a DVL or another position source."""
 
     t_s: float
@@ -62,8 +58,7 @@ class Position:
     vy_mps: float
 
 
-@dataclass(frozen=True, slots=True)
-class ServoOutput:
+class ServoOutput(msgspec.Struct, frozen=True, gc=False):
     """Motor outputs as the autopilot reports them (µs), first servo first: the echo of our commands."""
 
     t_s: float
@@ -71,8 +66,7 @@ class ServoOutput:
     pwm_us: tuple[int, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class TimeSync:
+class TimeSync(msgspec.Struct, frozen=True, gc=False):
     """Answer to our TIMESYNC: we sent at `sent_s` (our clock), the autopilot's clock then read `boot_s`."""
 
     t_s: float
@@ -80,24 +74,21 @@ class TimeSync:
     boot_s: float
 
 
-@dataclass(frozen=True, slots=True)
-class Battery:
+class Battery(msgspec.Struct, frozen=True, gc=False):
     """Battery voltage in volts."""
 
     t_s: float
     voltage_v: float
 
 
-@dataclass(frozen=True, slots=True)
-class PilotGain:
+class PilotGain(msgspec.Struct, frozen=True, gc=False):
     """The live stick gain (0..1) that ArduSub applies to MANUAL_CONTROL."""
 
     t_s: float
     gain: float
 
 
-@dataclass(frozen=True, slots=True)
-class PilotToggle:
+class PilotToggle(msgspec.Struct, frozen=True, gc=False):
     """What a pilot's button switched: "InputHold" adds to the sticks, "RollPitch" makes x, y pitch, roll."""
 
     t_s: float
@@ -105,16 +96,14 @@ class PilotToggle:
     on: bool
 
 
-@dataclass(frozen=True, slots=True)
-class ReceiverChannels:
+class ReceiverChannels(msgspec.Struct, frozen=True, gc=False):
     """How many channels the autopilot says an RC receiver gives it."""
 
     t_s: float
     count: int
 
 
-@dataclass(frozen=True, slots=True)
-class Firmware:
+class Firmware(msgspec.Struct, frozen=True, gc=False):
     """The autopilot's version, such as "4.7.0 (dev)", and its (major, minor, patch)."""
 
     t_s: float
@@ -122,31 +111,27 @@ class Firmware:
     version: tuple[int, int, int]
 
 
-@dataclass(frozen=True, slots=True)
-class EkfOrigin:
+class EkfOrigin(msgspec.Struct, frozen=True, gc=False):
     """Whether the EKF knows where on earth it is: without, VFR_HUD.alt stays exactly 0."""
 
     t_s: float
     known: bool
 
 
-@dataclass(frozen=True, slots=True)
-class PilotInput:
+class PilotInput(msgspec.Struct, frozen=True, gc=False):
     """Somebody else steers this vehicle: largest stick deflection, 0..1."""
 
     t_s: float
     deflection: float
 
 
-@dataclass(frozen=True, slots=True)
-class PilotHeartbeat:
+class PilotHeartbeat(msgspec.Struct, frozen=True, gc=False):
     """The ground station on our own second link is alive."""
 
     t_s: float
 
 
-@dataclass(frozen=True, slots=True)
-class PilotSticks:
+class PilotSticks(msgspec.Struct, frozen=True, gc=False):
     """The pilot's MANUAL_CONTROL, which came through our relay.
 
     `sticks` are fractions of full stick, -1..1, down positive. The further fields, to be passed on as they
@@ -160,8 +145,7 @@ class PilotSticks:
     aux: tuple[int, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class Parameter:
+class Parameter(msgspec.Struct, frozen=True, gc=False):
     """A parameter's value, as the autopilot reports it."""
 
     t_s: float
@@ -169,8 +153,7 @@ class Parameter:
     value: float
 
 
-@dataclass(frozen=True, slots=True)
-class CommandAck:
+class CommandAck(msgspec.Struct, frozen=True, gc=False):
     """The autopilot's answer to a command; `result` is MAV_RESULT. It can lie: the heartbeat is the truth."""
 
     t_s: float
@@ -178,8 +161,7 @@ class CommandAck:
     result: int
 
 
-@dataclass(frozen=True, slots=True)
-class StatusText:
+class StatusText(msgspec.Struct, frozen=True, gc=False):
     """A line the autopilot wants a human to read; `severity` is MAV_SEVERITY."""
 
     t_s: float
@@ -187,15 +169,13 @@ class StatusText:
     text: str
 
 
-@dataclass(frozen=True, slots=True)
-class Reboot:
+class Reboot(msgspec.Struct, frozen=True, gc=False):
     """The autopilot's clock started anew: all that was asked of it and learnt of its clock is void."""
 
     t_s: float
 
 
-@dataclass(frozen=True, slots=True)
-class EkfStatus:
+class EkfStatus(msgspec.Struct, frozen=True, gc=False):
     """What the autopilot's estimator says of itself: what it has, and its worst test ratio."""
 
     t_s: float
@@ -207,8 +187,7 @@ class EkfStatus:
     initialised: bool = True
 
 
-@dataclass(frozen=True, slots=True)
-class Leak:
+class Leak(msgspec.Struct, frozen=True, gc=False):
     """The autopilot's leak detector is wet."""
 
     t_s: float
@@ -249,8 +228,7 @@ class Sender(Enum):
     EXPECTED = auto()
 
 
-@dataclass(slots=True)
-class LinkCounters:
+class LinkCounters(msgspec.Struct):
     """What became of the bytes that came in. Counted, never raised."""
 
     datagrams: int = 0

@@ -7,11 +7,11 @@ autopilot's own failsafe does not see a lost pilot at once.
 import math
 from collections.abc import Mapping
 
-from companion.mavlink.ardusub import Mode
 from companion.records import Condition, State, VehicleState, Verdict, Z
 from companion.supervision.handover import AT_SURFACE_M, KEEP_ALIVE_S, HandOver, HandOverStep
 from companion.supervision.monitor import FAILSAFE
 from companion.supervision.steering_mode import ModeKeeper
+from companion.telemetry.modes import Mode
 
 NEUTRAL_FRAMES_S = 0.5
 """Neutral frames go out this long after steering, ours or that of a companion that died; then silence, so

@@ -14,7 +14,7 @@ SURFACE mode, barometer above SURFACE_DEPTH).
 
 from enum import Enum, auto
 
-from companion.mavlink.ardusub import Mode
+from companion.telemetry.modes import Mode
 
 SETTLE_S = 1.0
 REFUSED_S = 8.0

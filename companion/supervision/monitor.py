@@ -4,7 +4,6 @@ import math
 from collections.abc import Mapping, Sequence
 
 from companion.config import Supervisor as Limits
-from companion.mavlink.ardusub import Mode
 from companion.records import (
     PSI,
     DofSample,
@@ -21,6 +20,7 @@ from companion.records import (
     VehicleState,
 )
 from companion.supervision.conditions import Watched, ekf_is_doubtful, tilted, voltage_is_low
+from companion.telemetry.modes import Mode
 
 FAILSAFE = 5
 """MAV_STATE_CRITICAL: what ArduSub reports while any failsafe is latched."""

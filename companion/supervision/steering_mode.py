@@ -1,7 +1,7 @@
 """Which flight mode to ask for: the one we steer in while engaged, the former one on release."""
 
-from companion.mavlink.ardusub import Mode
 from companion.records import State
+from companion.telemetry.modes import Mode
 
 STEERING_MODES = {"manual": Mode.MANUAL, "stabilize": Mode.STABILIZE}
 """`vehicle.steering_mode`: in MANUAL yaw is ours, in STABILIZE the firmware keeps roll, pitch and heading."""

@@ -7,7 +7,6 @@ import math
 from collections.abc import Mapping, Sequence
 
 from companion.config import Config
-from companion.mavlink.ardusub import Mode
 from companion.records import (
     Condition,
     DofSample,
@@ -25,6 +24,7 @@ from companion.supervision.flight_mode import FlightMode
 from companion.supervision.monitor import Monitor
 from companion.supervision.steering_mode import STEERING_MODES
 from companion.supervision.supervisor import Supervisor
+from companion.telemetry.modes import Mode
 
 
 class Supervision:

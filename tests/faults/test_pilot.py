@@ -13,6 +13,7 @@ from virtual import WITH_PILOT, Dive, Somebody, active, hold
 
 from companion.config import load_config
 from companion.mavlink.codec import Packer
+from companion.mavlink.messages import message_type
 from companion.mavlink.relay import Relay
 from companion.mavlink.signing import Signing
 from companion.records import Condition, Request, Sender, State
@@ -606,7 +607,8 @@ def test_the_pilots_link_is_taken_by_what_the_engine_would_heed_alone():
     keyed = Relay(load_config(overrides=WITH_PILOT), Signing(KEY))
     assert keyed.sender(beat) is Sender.STRANGER
     packer = Packer(255, 190, Signing(KEY, 1))
-    signed = packer.encode(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
+    heartbeat = message_type(mavlink.MAVLINK_MSG_ID_HEARTBEAT)
+    signed = packer.encode(heartbeat(type=mavlink.MAV_TYPE_GCS))
     assert keyed.sender(signed) is Sender.EXPECTED
     assert keyed.sender(signed) is Sender.EXPECTED
     keyed.to_vehicle(0, signed)

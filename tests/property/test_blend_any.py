@@ -7,8 +7,9 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from companion.config import load_config
-from companion.mavlink.ardusub import pilot_sticks, quantise
+from companion.mavlink.ardusub import quantise
 from companion.mavlink.autopilot import Autopilot
+from companion.mavlink.decode import pilot_sticks
 from companion.records import AxisCommand
 from sim_bridge.firmware.params import Parameters
 from sim_bridge.firmware.pilot import Pilot

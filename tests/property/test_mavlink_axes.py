@@ -3,8 +3,9 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.mavlink.ardusub import Commands, manual_control_reach, quantise
+from companion.mavlink.ardusub import manual_control_reach, quantise
 from companion.mavlink.codec import Codec
+from companion.mavlink.encode import Commands
 from companion.records import AxisCommand
 
 COMMANDS = Commands(1, 1)

@@ -11,8 +11,8 @@ import sys
 import atheris
 
 with atheris.instrument_imports(include=["companion.mavlink"]):
-    from companion.mavlink.ardusub import Converter
     from companion.mavlink.codec import Codec
+    from companion.mavlink.decode import Decoder
     from companion.mavlink.freshness import Freshness
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -35,7 +35,7 @@ def try_one(data: bytes) -> None:
     source = atheris.FuzzedDataProvider(data)
     stream = source.ConsumeBool()
     codec = Codec(255, 25, 1, 1, stream=stream)
-    convert = Converter(
+    convert = Decoder(
         codec.counters,
         depth_source=DEPTHS[source.ConsumeIntInRange(0, len(DEPTHS) - 1)],
         rate_source="vz" if source.ConsumeBool() else "climb",
@@ -53,7 +53,7 @@ def try_one(data: bytes) -> None:
         t_s += 0.02
         for message in codec.decode(t_s, chunk):
             for event in fresh.drop_stale(convert.to_events(message, t_s)):
-                values = [getattr(event, name) for name in event.__slots__]
+                values = [getattr(event, name) for name in event.__struct_fields__]
                 assert all(math.isfinite(v) for v in values if isinstance(v, float)), event
         assert len(codec._rest) < LONGEST_FRAME
 

@@ -33,7 +33,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from companion.config import load_config
 from companion.engine import Engine
-from companion.mavlink.ardusub import Converter
+from companion.mavlink.decode import Decoder
 from companion.mavlink.link_maintenance import PARAMETERS
 from companion.mavlink.relay import Relay
 from companion.records import (
@@ -119,8 +119,8 @@ def _kind(message_id: int) -> Kind:
 KINDS = {
     message_id: _kind(message_id)
     for message_id in sorted(
-        Converter(LinkCounters(), depth_source="pressure").ids
-        | Converter(LinkCounters(), depth_source="ahrs2").ids
+        Decoder(LinkCounters(), depth_source="pressure").ids
+        | Decoder(LinkCounters(), depth_source="ahrs2").ids
     )
 }
 STEERING = (mavlink.MAVLINK_MSG_ID_MANUAL_CONTROL, mavlink.MAVLINK_MSG_ID_RC_CHANNELS_OVERRIDE)

@@ -56,7 +56,7 @@ GROUPS = {
         ),
     ),
     "ardusub": (
-        ("companion/mavlink/ardusub.py",),
+        ("companion/mavlink/ardusub.py", "companion/mavlink/decode.py", "companion/mavlink/encode.py"),
         ("unit/test_mavlink_ardusub.py", "property/test_mavlink_axes.py", "property/test_mavlink_bytes.py"),
     ),
 }

@@ -9,7 +9,7 @@ from companion import assembly
 from companion.config import DEFAULT_FILE, load_config
 from companion.control.allocation import allocate, delivered, motors, thrusters
 from companion.control.levelling import FILTER_S, INTEGRAL, Levelling
-from companion.mavlink.ardusub import Commands
+from companion.mavlink.encode import Commands
 from companion.records import NEUTRAL, AxisCommand, Condition, State, Verdict
 from companion.supervision.guard import Envelope, guard
 from sim_bridge.config import load_config as load_plant

@@ -1,18 +1,12 @@
 import math
 
 import pytest
+from mavlink_wire import received, seen
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from companion.mavlink.ardusub import (
-    Commands,
-    Converter,
-    Mode,
-    manual_control_reach,
-    motor_demand,
-    pilot_sticks,
-    quantise,
-    unmirrored,
-)
+from companion.mavlink.ardusub import manual_control_reach, motor_demand, quantise, unmirrored
+from companion.mavlink.decode import Decoder, pilot_sticks
+from companion.mavlink.encode import Commands
 from companion.records import (
     Attitude,
     AxisCommand,
@@ -35,6 +29,7 @@ from companion.records import (
     StatusText,
     TimeSync,
 )
+from companion.telemetry.modes import Mode
 
 T = 100.0
 NAN, INF = math.nan, math.inf
@@ -48,18 +43,12 @@ def counters():
 
 
 @pytest.fixture
-def converter(counters):
-    return Converter(counters)
+def decoder(counters):
+    return Decoder(counters)
 
 
-def as_received(message):
-    """Give the message as the codec does: decoded, with its header."""
-    mav = mavlink.MAVLink(None, 1, 1)
-    return mav.decode(bytearray(message.pack(mav)))
-
-
-def convert(converter, message, t_s=T):
-    return converter.to_events(as_received(message), t_s)
+def convert(decoder, message, t_s=T):
+    return decoder.to_events(received(message), t_s)
 
 
 def attitude(boot_ms=2500, roll=0.1, yaw=3.0, r=0.03):
@@ -92,124 +81,124 @@ def battery(cells, key=0):
 
 
 class TestSignsAndScales:
-    def test_heartbeat(self, converter):
+    def test_heartbeat(self, decoder):
         beat = mavlink.MAVLink_heartbeat_message(12, 3, 209, 19, 4, 3)
-        assert convert(converter, beat) == (Heartbeat(T, True, Mode.MANUAL, 4),)
+        assert convert(decoder, beat) == (Heartbeat(T, True, Mode.MANUAL, 4),)
         beat = mavlink.MAVLink_heartbeat_message(12, 3, 81, 0, 3, 3)
-        assert convert(converter, beat) == (Heartbeat(T, False, Mode.STABILIZE, 3),)
+        assert convert(decoder, beat) == (Heartbeat(T, False, Mode.STABILIZE, 3),)
 
-    def test_attitude(self, converter):
-        (event,) = convert(converter, attitude())
+    def test_attitude(self, decoder):
+        (event,) = convert(decoder, attitude())
         assert isinstance(event, Attitude)
         assert event.boot_s == 2.5
         got = (event.roll, event.pitch, event.yaw, event.p, event.q, event.r)
         assert got == pytest.approx((0.1, -0.2, 3.0, 0.01, 0.02, 0.03))
 
-    def test_altitude_up_is_depth_down(self, converter):
-        assert convert(converter, global_position(relative_alt=-5000)) == (Depth(T, 2.5, 5.0),)
+    def test_altitude_up_is_depth_down(self, decoder):
+        assert convert(decoder, global_position(relative_alt=-5000)) == (Depth(T, 2.5, 5.0),)
 
-    def test_climb_up_is_depth_rate_down(self, converter):
-        (event,) = convert(converter, vfr_hud(alt=7.0, climb=-0.3))
+    def test_climb_up_is_depth_rate_down(self, decoder):
+        (event,) = convert(decoder, vfr_hud(alt=7.0, climb=-0.3))
         assert event == DepthRate(T, None, pytest.approx(0.3))
 
     def test_vz_is_down_already(self, counters):
-        converter = Converter(counters, rate_source="vz")
-        events = convert(converter, global_position(relative_alt=-1000, vz=30))
+        decoder = Decoder(counters, rate_source="vz")
+        events = convert(decoder, global_position(relative_alt=-1000, vz=30))
         assert events == (Depth(T, 2.5, 1.0), DepthRate(T, 2.5, 0.3))
-        assert convert(converter, vfr_hud(climb=1.0)) == ()
+        assert convert(decoder, vfr_hud(climb=1.0)) == ()
 
     def test_depth_of_vfr_hud(self, counters):
-        converter = Converter(counters, depth_source="vfr_hud")
-        assert convert(converter, vfr_hud(alt=-4.0)) == (Depth(T, None, 4.0), DepthRate(T, None, 0.0))
-        assert convert(converter, global_position(relative_alt=-9000)) == ()
+        decoder = Decoder(counters, depth_source="vfr_hud")
+        assert convert(decoder, vfr_hud(alt=-4.0)) == (Depth(T, None, 4.0), DepthRate(T, None, 0.0))
+        assert convert(decoder, global_position(relative_alt=-9000)) == ()
 
     def test_depth_of_ahrs2(self, counters):
-        converter = Converter(counters, depth_source="ahrs2")
+        decoder = Decoder(counters, depth_source="ahrs2")
         ahrs2 = mavlink.MAVLink_ahrs2_message(0.0, 0.0, 0.0, -3.0, 0, 0)
-        assert convert(converter, ahrs2) == (Depth(T, None, 3.0),)
+        assert convert(decoder, ahrs2) == (Depth(T, None, 3.0),)
 
     def test_depth_of_pressure(self, counters):
         """Of the barometer in the water, against the surface and the water that the autopilot knows."""
         told = dict(zip(PRESSURE_PARAMETERS, (1.0, 1e5, 1.025), strict=True))
-        converter = Converter(counters, depth_source="pressure", parameters=told)
-        (event,) = convert(converter, pressure(1000, 2000.0))
+        decoder = Decoder(counters, depth_source="pressure", parameters=told)
+        (event,) = convert(decoder, pressure(1000, 2000.0))
         assert event == Depth(T, 1.0, pytest.approx(1e5 / (9800 * 1.025)))
         hull = mavlink.MAVLink_scaled_pressure_message(1010, 2100.0, 0.0, 0)
-        assert convert(converter, hull) == ()
+        assert convert(decoder, hull) == ()
         told |= {"BARO_PRIMARY": 0.0, "BARO1_GND_PRESS": 1.1e5}
-        (event,) = convert(converter, hull)
+        (event,) = convert(decoder, hull)
         assert event.z_m == pytest.approx(1e5 / (9800 * 1.025))
 
     @pytest.mark.parametrize("unknown", range(3))
     def test_pressure_is_no_depth_before_the_autopilot_has_told_its_zero(self, counters, unknown):
         told = dict(zip(PRESSURE_PARAMETERS, (1.0, 1e5, 1.025), strict=True))
         del told[PRESSURE_PARAMETERS[unknown]]
-        converter = Converter(counters, depth_source="pressure", parameters=told)
-        assert convert(converter, pressure(1000, 2000.0)) == ()
+        decoder = Decoder(counters, depth_source="pressure", parameters=told)
+        assert convert(decoder, pressure(1000, 2000.0)) == ()
 
     def test_a_repeated_pressure_is_no_new_reading(self, counters):
         told = dict(zip(PRESSURE_PARAMETERS, (1.0, 1e5, 1.0), strict=True))
-        converter = Converter(counters, depth_source="pressure", parameters=told)
+        decoder = Decoder(counters, depth_source="pressure", parameters=told)
         stamps = (1000, 1020, 1040, 1210, 1230)
-        got = [len(convert(converter, pressure(ms, 1500.0))) for ms in stamps]
+        got = [len(convert(decoder, pressure(ms, 1500.0))) for ms in stamps]
         assert got == [1, 0, 0, 1, 0]
 
-    def test_position(self, converter):
+    def test_position(self, decoder):
         message = mavlink.MAVLink_local_position_ned_message(3000, 1.0, -2.0, 9.0, 0.5, -0.25, 9.0)
-        assert convert(converter, message) == (Position(T, 3.0, 1.0, -2.0, 0.5, -0.25),)
+        assert convert(decoder, message) == (Position(T, 3.0, 1.0, -2.0, 0.5, -0.25),)
 
-    def test_battery(self, converter):
-        assert convert(converter, battery([16000])) == (Battery(T, 16.0),)
-        assert convert(converter, battery([4000] * 4)) == (Battery(T, 16.0),)
-        assert convert(converter, battery([])) == ()
-        assert convert(converter, battery([0])) == ()
-        assert convert(converter, battery([5000], key=1)) == ()
+    def test_battery(self, decoder):
+        assert convert(decoder, battery([16000])) == (Battery(T, 16.0),)
+        assert convert(decoder, battery([4000] * 4)) == (Battery(T, 16.0),)
+        assert convert(decoder, battery([])) == ()
+        assert convert(decoder, battery([0])) == ()
+        assert convert(decoder, battery([5000], key=1)) == ()
 
-    def test_sys_status_voltage(self, converter):
+    def test_sys_status_voltage(self, decoder):
         def status(millivolts):
             return mavlink.MAVLink_sys_status_message(0, 0, 0, 0, millivolts, *(0,) * 8)
 
-        assert convert(converter, status(15500)) == (Battery(T, 15.5),)
-        assert convert(converter, status(65535)) == ()
-        assert convert(converter, status(0)) == ()
+        assert convert(decoder, status(15500)) == (Battery(T, 15.5),)
+        assert convert(decoder, status(65535)) == ()
+        assert convert(decoder, status(0)) == ()
 
-    def test_named_values(self, converter, counters):
+    def test_named_values(self, decoder, counters):
         def named(name, value):
             return mavlink.MAVLink_named_value_float_message(0, name, value)
 
-        assert convert(converter, named(b"PilotGain", 0.5)) == (PilotGain(T, 0.5),)
-        assert convert(converter, named(b"InputHold", 1.0)) == (PilotToggle(T, "InputHold", True),)
-        assert convert(converter, named(b"RollPitch", 0.0)) == (PilotToggle(T, "RollPitch", False),)
-        assert convert(converter, named(b"Lights1", 1.0)) == ()
-        assert convert(converter, named(b"PilotGain", NAN)) == ()
+        assert convert(decoder, named(b"PilotGain", 0.5)) == (PilotGain(T, 0.5),)
+        assert convert(decoder, named(b"InputHold", 1.0)) == (PilotToggle(T, "InputHold", True),)
+        assert convert(decoder, named(b"RollPitch", 0.0)) == (PilotToggle(T, "RollPitch", False),)
+        assert convert(decoder, named(b"Lights1", 1.0)) == ()
+        assert convert(decoder, named(b"PilotGain", NAN)) == ()
         assert counters.implausible == 1
-        assert convert(converter, named(b"InputHold", NAN)) == ()
+        assert convert(decoder, named(b"InputHold", NAN)) == ()
         assert counters.implausible == 2
 
-    def test_parameter_and_acknowledgement(self, converter):
+    def test_parameter_and_acknowledgement(self, decoder):
         value = mavlink.MAVLink_param_value_message(b"FS_PILOT_INPUT", 2.0, 2, 1370, 7)
-        assert convert(converter, value) == (Parameter(T, "FS_PILOT_INPUT", 2.0),)
+        assert convert(decoder, value) == (Parameter(T, "FS_PILOT_INPUT", 2.0),)
         ack = mavlink.MAVLink_command_ack_message(400, 4)
-        assert convert(converter, ack) == (CommandAck(T, 400, 4),)
+        assert convert(decoder, ack) == (CommandAck(T, 400, 4),)
 
     @pytest.mark.parametrize(
         ("version", "text"), [(0x04070000, "4.7.0 (dev)"), (0x040501FF, "4.5.1"), (0x040601C0, "4.6.1 (rc)")]
     )
-    def test_version(self, converter, version, text):
+    def test_version(self, decoder, version, text):
         none = [0] * 8
         message = mavlink.MAVLink_autopilot_version_message(0, version, 0, 0, 0, none, none, none, 0, 0, 1)
-        (event,) = convert(converter, message)
+        (event,) = convert(decoder, message)
         assert event == Firmware(T, text, tuple(version.to_bytes(4, "big")[:3]))
 
-    def test_receiver_channels(self, converter):
+    def test_receiver_channels(self, decoder):
         message = mavlink.MAVLink_rc_channels_message(0, 16, *[1500] * 18, 255)
-        assert convert(converter, message) == (ReceiverChannels(T, 16),)
+        assert convert(decoder, message) == (ReceiverChannels(T, 16),)
 
-    def test_the_origin_is_told_when_it_changes(self, converter):
+    def test_the_origin_is_told_when_it_changes(self, decoder):
         def at(lat, boot_ms):
             return mavlink.MAVLink_global_position_int_message(boot_ms, lat, 0, 0, -1000, 0, 0, 0, 0)
 
-        told = [convert(converter, at(lat, ms))[1:] for ms, lat in enumerate((0, 0, 471234567, 471234567, 0))]
+        told = [convert(decoder, at(lat, ms))[1:] for ms, lat in enumerate((0, 0, 471234567, 471234567, 0))]
         assert told == [(), (), (EkfOrigin(T, True),), (), (EkfOrigin(T, False),)]
 
     def test_motor_demand(self):
@@ -234,103 +223,99 @@ class TestAbsurdity:
             mavlink.MAVLink_timesync_message(-5, round(T * 1e9)),
         ],
     )
-    def test_is_counted_and_says_nothing(self, converter, counters, message):
-        assert convert(converter, message) == ()
+    def test_is_counted_and_says_nothing(self, decoder, counters, message):
+        assert convert(decoder, message) == ()
         assert counters.implausible == 1
 
-    def test_an_absurd_attitude_does_not_move_the_clock(self, converter):
-        convert(converter, attitude(boot_ms=1000))
-        convert(converter, attitude(boot_ms=2_000_000_000, yaw=NAN))
-        assert convert(converter, servo(1_010_000))[0].boot_s == pytest.approx(1.01)
+    def test_an_absurd_attitude_does_not_move_the_clock(self, decoder):
+        convert(decoder, attitude(boot_ms=1000))
+        convert(decoder, attitude(boot_ms=2_000_000_000, yaw=NAN))
+        assert convert(decoder, servo(1_010_000))[0].boot_s == pytest.approx(1.01)
 
-    def test_messages_without_meaning_are_skipped(self, converter, counters):
-        assert convert(converter, mavlink.MAVLink_system_time_message(1, 2)) == ()
-        assert mavlink.MAVLINK_MSG_ID_SYSTEM_TIME not in converter.ids
+    def test_messages_without_meaning_are_skipped(self, decoder, counters):
+        assert convert(decoder, mavlink.MAVLink_system_time_message(1, 2)) == ()
+        assert mavlink.MAVLINK_MSG_ID_SYSTEM_TIME not in decoder.ids
         assert counters.implausible == 0
 
 
 class TestBootClock:
-    def test_servo_output_waits_for_a_clock(self, converter):
-        assert convert(converter, servo(1_000_000)) == ()
-        convert(converter, attitude(boot_ms=1000))
-        (event,) = convert(converter, servo(1_000_000))
+    def test_servo_output_waits_for_a_clock(self, decoder):
+        assert convert(decoder, servo(1_000_000)) == ()
+        convert(decoder, attitude(boot_ms=1000))
+        (event,) = convert(decoder, servo(1_000_000))
         assert event == ServoOutput(T, 1.0, (1500, 1501, 1502, 1503, 1504, 1505, 1506, 1507))
 
-    def test_servo_output_of_port_1_and_absurd_pulses_are_dropped(self, converter, counters):
-        convert(converter, attitude(boot_ms=1000))
-        assert convert(converter, servo(1_000_000, port=1)) == ()
+    def test_servo_output_of_port_1_and_absurd_pulses_are_dropped(self, decoder, counters):
+        convert(decoder, attitude(boot_ms=1000))
+        assert convert(decoder, servo(1_000_000, port=1)) == ()
         assert counters.implausible == 0
-        assert convert(converter, servo(1_000_000, first=65535)) == ()
+        assert convert(decoder, servo(1_000_000, first=65535)) == ()
         assert counters.implausible == 1
 
     @pytest.mark.parametrize("wraps", [1, 3])
-    def test_microseconds_that_wrapped_are_unwrapped(self, converter, wraps):
+    def test_microseconds_that_wrapped_are_unwrapped(self, decoder, wraps):
         wrap_s = 2**32 / 1e6
         for boot_s in (wraps * wrap_s - 0.02, wraps * wrap_s + 0.02):
-            convert(converter, attitude(boot_ms=round(boot_s * 1e3)))
-            (event,) = convert(converter, servo(round(boot_s * 1e6) % 2**32))
+            convert(decoder, attitude(boot_ms=round(boot_s * 1e3)))
+            (event,) = convert(decoder, servo(round(boot_s * 1e6) % 2**32))
             assert event.boot_s == pytest.approx(boot_s, abs=1e-5)
 
-    def test_milliseconds_that_wrap_go_on(self, converter):
+    def test_milliseconds_that_wrap_go_on(self, decoder):
         wrap_s = 2**32 / 1e3
-        assert convert(converter, attitude(boot_ms=2**32 - 10))[0].boot_s == pytest.approx(wrap_s - 0.01)
-        assert convert(converter, attitude(boot_ms=10))[0].boot_s == pytest.approx(wrap_s + 0.01)
+        assert convert(decoder, attitude(boot_ms=2**32 - 10))[0].boot_s == pytest.approx(wrap_s - 0.01)
+        assert convert(decoder, attitude(boot_ms=10))[0].boot_s == pytest.approx(wrap_s + 0.01)
 
-    def test_a_reboot_goes_back(self, converter, counters):
-        convert(converter, attitude(boot_ms=3_000_000))
+    def test_a_reboot_goes_back(self, decoder, counters):
+        convert(decoder, attitude(boot_ms=3_000_000))
         for boot_ms in range(4000, 4400, 20):
-            assert convert(converter, attitude(boot_ms))[0].boot_s == pytest.approx(1e-3 * boot_ms)
-        assert convert(converter, servo(4_410_000))[0].boot_s == pytest.approx(4.41)
+            assert convert(decoder, attitude(boot_ms))[0].boot_s == pytest.approx(1e-3 * boot_ms)
+        assert convert(decoder, servo(4_410_000))[0].boot_s == pytest.approx(4.41)
 
     @pytest.mark.parametrize("absurd", [2**32 - 1, 2**31])
-    def test_an_absurd_stamp_counts_no_wrap(self, converter, absurd):
-        convert(converter, attitude(boot_ms=4000))
-        convert(converter, attitude(boot_ms=absurd))
-        assert convert(converter, attitude(boot_ms=4020))[0].boot_s == pytest.approx(4.02)
-        assert convert(converter, servo(4_030_000))[0].boot_s == pytest.approx(4.03)
+    def test_an_absurd_stamp_counts_no_wrap(self, decoder, absurd):
+        convert(decoder, attitude(boot_ms=4000))
+        convert(decoder, attitude(boot_ms=absurd))
+        assert convert(decoder, attitude(boot_ms=4020))[0].boot_s == pytest.approx(4.02)
+        assert convert(decoder, servo(4_030_000))[0].boot_s == pytest.approx(4.03)
 
-    def test_an_absurd_timesync_does_not_move_the_clock(self, converter):
-        convert(converter, attitude(boot_ms=4000))
-        convert(converter, mavlink.MAVLink_timesync_message(2**63 - 1, round((T - 0.004) * 1e9)))
-        assert convert(converter, attitude(boot_ms=4020))[0].boot_s == pytest.approx(4.02)
+    def test_an_absurd_timesync_does_not_move_the_clock(self, decoder):
+        convert(decoder, attitude(boot_ms=4000))
+        convert(decoder, mavlink.MAVLink_timesync_message(2**63 - 1, round((T - 0.004) * 1e9)))
+        assert convert(decoder, attitude(boot_ms=4020))[0].boot_s == pytest.approx(4.02)
 
-    def test_a_servo_stamp_far_from_the_clock_is_absurd(self, converter, counters):
-        convert(converter, attitude(boot_ms=3_000_000))
-        assert convert(converter, servo(5_000_000)) == ()
+    def test_a_servo_stamp_far_from_the_clock_is_absurd(self, decoder, counters):
+        convert(decoder, attitude(boot_ms=3_000_000))
+        assert convert(decoder, servo(5_000_000)) == ()
         assert counters.implausible == 1
 
-    def test_timesync_answers_ours_alone(self, converter):
+    def test_timesync_answers_ours_alone(self, decoder):
         ours = round((T - 0.004) * 1e9)
         boot_ns = 50 * 86_400 * 10**9
-        (event,) = convert(converter, mavlink.MAVLink_timesync_message(boot_ns, ours))
+        (event,) = convert(decoder, mavlink.MAVLink_timesync_message(boot_ns, ours))
         assert event == TimeSync(T, pytest.approx(T - 0.004), 50 * 86_400.0)
-        assert convert(converter, mavlink.MAVLink_timesync_message(0, 12345)) == ()
-        assert convert(converter, mavlink.MAVLink_timesync_message(7, round(1.7e18))) == ()
+        assert convert(decoder, mavlink.MAVLink_timesync_message(0, 12345)) == ()
+        assert convert(decoder, mavlink.MAVLink_timesync_message(7, round(1.7e18))) == ()
         later_ms = (50 * 86_400_000 + 20) % 2**32
-        assert convert(converter, attitude(boot_ms=later_ms))[0].boot_s == pytest.approx(50 * 86_400 + 0.02)
+        assert convert(decoder, attitude(boot_ms=later_ms))[0].boot_s == pytest.approx(50 * 86_400 + 0.02)
 
 
 class TestStatusText:
-    def test_short(self, converter):
-        assert convert(converter, statustext(b"Arming motors")) == (StatusText(T, 4, "Arming motors"),)
+    def test_short(self, decoder):
+        assert convert(decoder, statustext(b"Arming motors")) == (StatusText(T, 4, "Arming motors"),)
 
-    def test_chunks_become_one(self, converter):
-        assert convert(converter, statustext(b"a" * 50, 7, 0)) == ()
-        assert convert(converter, statustext(b"b" * 50, 7, 1)) == ()
-        assert convert(converter, statustext(b"end", 7, 2)) == (
-            StatusText(T, 4, "a" * 50 + "b" * 50 + "end"),
-        )
+    def test_chunks_become_one(self, decoder):
+        assert convert(decoder, statustext(b"a" * 50, 7, 0)) == ()
+        assert convert(decoder, statustext(b"b" * 50, 7, 1)) == ()
+        assert convert(decoder, statustext(b"end", 7, 2)) == (StatusText(T, 4, "a" * 50 + "b" * 50 + "end"),)
 
-    def test_a_lost_chunk_cuts_the_text(self, converter):
-        convert(converter, statustext(b"a" * 50, 7, 0))
-        texts = [event.text for event in convert(converter, statustext(b"other", 8, 0))]
+    def test_a_lost_chunk_cuts_the_text(self, decoder):
+        convert(decoder, statustext(b"a" * 50, 7, 0))
+        texts = [event.text for event in convert(decoder, statustext(b"other", 8, 0))]
         assert texts == ["a" * 50, "other"]
 
-    def test_an_endless_text_is_bounded(self, converter):
+    def test_an_endless_text_is_bounded(self, decoder):
         texts = [
-            event.text
-            for chunk in range(200)
-            for event in convert(converter, statustext(b"x" * 50, 7, chunk))
+            event.text for chunk in range(200) for event in convert(decoder, statustext(b"x" * 50, 7, chunk))
         ]
         assert texts
         assert max(map(len, texts)) <= 400
@@ -349,9 +334,9 @@ class TestPilotInput:
             ((32767, 0, 500, 0), 1.0),
         ],
     )
-    def test_manual_control(self, converter, sticks, deflection):
+    def test_manual_control(self, decoder, sticks, deflection):
         message = mavlink.MAVLink_manual_control_message(1, *sticks, 0)
-        assert convert(converter, message) == (PilotInput(T, deflection),)
+        assert convert(decoder, message) == (PilotInput(T, deflection),)
 
     @pytest.mark.parametrize(
         ("channels", "deflection"),
@@ -363,9 +348,9 @@ class TestPilotInput:
             ((1500, 1500, 1500, 2000, 65535, 1500, 0, 0), 1.0),
         ],
     )
-    def test_override(self, converter, channels, deflection):
+    def test_override(self, decoder, channels, deflection):
         message = mavlink.MAVLink_rc_channels_override_message(1, 1, *channels)
-        assert convert(converter, message) == (PilotInput(T, deflection),)
+        assert convert(decoder, message) == (PilotInput(T, deflection),)
 
 
 def channels(message):
@@ -389,7 +374,7 @@ class TestOverride:
         assert {n: got[n - 1] for n in expected} == expected
 
     def test_all_else_is_left_alone(self):
-        got = channels(as_received(COMMANDS.rc_override(AxisCommand(1.0, 1.0, 1.0, 1.0))))
+        got = channels(seen(COMMANDS.rc_override(AxisCommand(1.0, 1.0, 1.0, 1.0))))
         assert [got[n - 1] for n in (1, 2, 7, 8)] == [65535] * 4
         assert got[8:] == [0] * 10
 
@@ -463,7 +448,7 @@ class TestRequests:
         ],
     )
     def test_commands(self, message, command, param1, param2):
-        got = as_received(message)
+        got = seen(message)
         assert (got.command, got.param1, got.param2) == (command, param1, param2)
         assert (got.target_system, got.target_component) == (1, 1)
 
@@ -472,7 +457,7 @@ class TestRequests:
         assert (message.tc1, message.ts1) == (0, 1_500_000_000)
 
     def test_read_parameter(self):
-        message = as_received(COMMANDS.read_parameter("MOT_1_DIRECTION"))
+        message = seen(COMMANDS.read_parameter("MOT_1_DIRECTION"))
         assert (message.param_id, message.param_index) == ("MOT_1_DIRECTION", -1)
 
 
@@ -495,38 +480,38 @@ SOUND_EKF = mavlink.EKF_ATTITUDE | mavlink.EKF_VELOCITY_VERT | mavlink.EKF_POS_V
         (0, False, False),
     ],
 )
-def test_what_the_ekf_says_it_has(converter, flags, attitude, depth):
-    (event,) = convert(converter, ekf_report(flags))
+def test_what_the_ekf_says_it_has(decoder, flags, attitude, depth):
+    (event,) = convert(decoder, ekf_report(flags))
     assert (event.attitude, event.depth) == (attitude, depth)
 
 
 @pytest.mark.parametrize("worst", ["velocity", "depth", "compass"])
-def test_the_ekfs_worst_variance_counts_but_not_the_horizontal_ones(converter, worst):
-    (event,) = convert(converter, ekf_report(SOUND_EKF, **{worst: 0.7}))
+def test_the_ekfs_worst_variance_counts_but_not_the_horizontal_ones(decoder, worst):
+    (event,) = convert(decoder, ekf_report(SOUND_EKF, **{worst: 0.7}))
     assert event.variance == pytest.approx(0.7)
 
 
 @pytest.mark.parametrize("which", ["velocity", "depth", "compass"])
 @pytest.mark.parametrize("value", [NAN, INF])
-def test_an_ekf_without_numbers_says_nothing(converter, counters, which, value):
-    assert convert(converter, ekf_report(SOUND_EKF, **{which: value})) == ()
+def test_an_ekf_without_numbers_says_nothing(decoder, counters, which, value):
+    assert convert(decoder, ekf_report(SOUND_EKF, **{which: value})) == ()
     assert counters.implausible == 1
 
 
-def test_a_text_cannot_forge_a_line_of_the_log_or_steer_a_terminal(converter):
+def test_a_text_cannot_forge_a_line_of_the_log_or_steer_a_terminal(decoder):
     """Control and format characters come out escaped; a chunk is still judged by its own length."""
-    (forged,) = convert(converter, statustext(b"ok\n2026 ACTIVE: engaged\x1b[2J\x7f\t"))
+    (forged,) = convert(decoder, statustext(b"ok\n2026 ACTIVE: engaged\x1b[2J\x7f\t"))
     assert forged.text == "ok\\n2026 ACTIVE: engaged\\x1b[2J\\x7f\\t"
-    assert convert(converter, statustext(b"\r" * 50, 7, 0)) == ()
-    (joined,) = convert(converter, statustext(b"end", 7, 1))
+    assert convert(decoder, statustext(b"\r" * 50, 7, 0)) == ()
+    (joined,) = convert(decoder, statustext(b"end", 7, 1))
     assert joined.text == "\\r" * 50 + "end"
 
 
 @pytest.mark.parametrize(
     ("text", "leak"), [("Leak Detected", True), ("LEAK DETECTED", True), ("No leak", False)]
 )
-def test_a_leak_is_told_from_other_texts(converter, text, leak):
-    events = convert(converter, mavlink.MAVLink_statustext_message(2, text.encode(), 0, 0))
+def test_a_leak_is_told_from_other_texts(decoder, text, leak):
+    events = convert(decoder, mavlink.MAVLink_statustext_message(2, text.encode(), 0, 0))
     assert events[0] == StatusText(T, 2, text)
     assert (Leak(T) in events) == leak
 
@@ -541,26 +526,26 @@ def test_a_reversed_motor_is_turned_round_and_an_idle_one_stays_idle(pwm_us, dir
 
 
 def test_the_origin_is_sent_in_ten_millionths_of_a_degree():
-    message = as_received(COMMANDS.set_origin(47.3977, -8.5456))
+    message = seen(COMMANDS.set_origin(47.3977, -8.5456))
     assert (message.latitude, message.longitude) == (473977000, -85456000)
     assert message.target_system == 1
 
 
 @pytest.mark.parametrize(("gain", "events"), [(1.0, 1), (1.01, 0), (0.0, 1), (-0.01, 0)])
-def test_a_pilot_gain_beyond_one_is_none(converter, gain, events):
+def test_a_pilot_gain_beyond_one_is_none(decoder, gain, events):
     message = mavlink.MAVLink_named_value_float_message(0, b"PilotGain", gain)
-    assert len(convert(converter, message)) == events
+    assert len(convert(decoder, message)) == events
 
 
 @pytest.mark.parametrize(("speed", "events"), [(20.0, 1), (21.0, 0), (-20.0, 1), (-21.0, 0)])
-def test_no_rov_climbs_faster_than_twenty_metres_a_second(converter, speed, events):
-    assert len(convert(converter, vfr_hud(climb=speed))) == events
+def test_no_rov_climbs_faster_than_twenty_metres_a_second(decoder, speed, events):
+    assert len(convert(decoder, vfr_hud(climb=speed))) == events
 
 
 @pytest.mark.parametrize(("angle", "events"), [(6.29, 1), (6.4, 0)])
-def test_no_angle_is_more_than_a_turn(converter, angle, events):
-    assert len(convert(converter, attitude(yaw=angle))) == events
-    assert len(convert(converter, attitude(roll=-angle))) == events
+def test_no_angle_is_more_than_a_turn(decoder, angle, events):
+    assert len(convert(decoder, attitude(yaw=angle))) == events
+    assert len(convert(decoder, attitude(roll=-angle))) == events
 
 
 def test_the_modes_have_the_firmwares_numbers():
@@ -573,7 +558,7 @@ INT16_MAX = 32767
 
 def sticks(x=0, y=0, z=500, r=0, buttons=0, s=0, t=0):
     message = mavlink.MAVLink_manual_control_message(1, x, y, z, r, buttons, 0, 3, s, t)
-    return pilot_sticks(as_received(message), T).sticks
+    return pilot_sticks(received(message), T).sticks
 
 
 @pytest.mark.parametrize(
@@ -603,11 +588,11 @@ def chunk(text, identity, number):
     return mavlink.MAVLink_statustext_message(4, text, identity, number)
 
 
-def test_chunks_of_another_text_do_not_go_on_with_this_one(converter):
+def test_chunks_of_another_text_do_not_go_on_with_this_one(decoder):
     """Another id, or a gap in the numbers, begins anew."""
-    convert(converter, chunk(b"a" * 50, 1, 0))
-    (cut, whole) = convert(converter, chunk(b"b", 2, 1))
+    convert(decoder, chunk(b"a" * 50, 1, 0))
+    (cut, whole) = convert(decoder, chunk(b"b", 2, 1))
     assert (cut.text, whole.text) == ("a" * 50, "b")
-    convert(converter, chunk(b"c" * 50, 3, 0))
-    (cut, whole) = convert(converter, chunk(b"d", 3, 2))
+    convert(decoder, chunk(b"c" * 50, 3, 0))
+    (cut, whole) = convert(decoder, chunk(b"d", 3, 2))
     assert (cut.text, whole.text) == ("c" * 50, "d")

@@ -3,6 +3,7 @@
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from mavlink_wire import frame
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from companion.mavlink import codec
@@ -10,11 +11,10 @@ from companion.mavlink.codec import Codec
 from companion.mavlink.inbox import MAX_BYTES, MAX_LOOKS, Inbox
 
 VEHICLE, US = (1, 1), (255, 25)
-SAYS = Codec(*VEHICLE, *US)
 
 
 def attitude(boot_ms):
-    return SAYS.encode(mavlink.MAVLink_attitude_message(boot_ms, 0.1, 0.2, 0.3, 0.01, 0.02, 0.03))
+    return frame(mavlink.MAVLink_attitude_message(boot_ms, 0.1, 0.2, 0.3, 0.01, 0.02, 0.03), VEHICLE)
 
 
 ATTITUDE = attitude(1000)
@@ -55,8 +55,8 @@ def test_what_a_vehicle_says_passes_untouched_in_its_order():
     """A second of telemetry at once, as after a tick that was late by that much."""
     inbox = Inbox(stream=False)
     said = [(k, attitude(20 * k)) for k in range(250)]
-    for t_ns, frame in said:
-        inbox.add(t_ns, frame)
+    for t_ns, data in said:
+        inbox.add(t_ns, data)
     assert inbox.take() == said
     assert inbox.take() == []
     assert inbox.left_out == 0

@@ -4,10 +4,12 @@ import hashlib
 from itertools import pairwise
 
 import pytest
+from mavlink_wire import frame
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from companion.config import ConfigError
 from companion.mavlink.codec import Codec, Packer
+from companion.mavlink.encode import Commands
 from companion.mavlink.signing import EPOCH_S, UNITS_PER_S, Signing, read_key
 from companion.records import Sender
 
@@ -29,12 +31,12 @@ class Vehicle:
         self.mav.signing.timestamp = round((utc_s - EPOCH_S) * UNITS_PER_S)
 
     def says(self, boot_ms=1000):
-        frame = mavlink.MAVLink_attitude_message(boot_ms, 0.1, 0.2, 0.3, 0.01, 0.02, 0.03).pack(self.mav)
+        said = mavlink.MAVLink_attitude_message(boot_ms, 0.1, 0.2, 0.3, 0.01, 0.02, 0.03).pack(self.mav)
         self.mav.seq = (self.mav.seq + 1) & 0xFF
-        return bytes(frame)
+        return bytes(said)
 
-    def takes(self, frame):
-        return [m.get_type() for m in self.mav.parse_buffer(frame)]
+    def takes(self, data):
+        return [m.get_type() for m in self.mav.parse_buffer(data)]
 
 
 def codec(signing):
@@ -42,7 +44,7 @@ def codec(signing):
 
 
 def heartbeat():
-    return mavlink.MAVLink_heartbeat_message(18, 8, 0, 0, 4, 3)
+    return Commands().heartbeat()
 
 
 def test_what_we_sign_others_take_and_what_they_sign_we_take():
@@ -83,7 +85,7 @@ def test_a_forged_future_locks_nobody_out():
 
 def test_steering_of_a_stranger_without_the_key_takes_nothing_over():
     ours = codec(Signing(KEY, 7, UTC_2026_S))
-    sticks = Packer(255, 190).encode(mavlink.MAVLink_manual_control_message(1, 900, 0, 500, 0, 0))
+    sticks = frame(mavlink.MAVLink_manual_control_message(1, 900, 0, 500, 0, 0), (255, 190))
     assert ours.decode(0.0, sticks) == []
     assert ours.counters.refused == 1
 
@@ -122,11 +124,11 @@ def test_a_vehicle_whose_clock_is_behind_is_brought_to_the_present():
 def test_who_may_take_the_link_is_judged_without_using_the_frame_up():
     """The link looks first, the engine decodes the same frame after it."""
     vehicle, ours = Vehicle(), codec(Signing(KEY, 7, UTC_2026_S))
-    frame = vehicle.says()
-    assert ours.sender(frame) is Sender.EXPECTED
-    assert ours.sender(frame) is Sender.EXPECTED
-    assert len(ours.decode(0.0, frame)) == 1
-    assert ours.sender(frame) is Sender.BEHIND, "a replay"
+    said = vehicle.says()
+    assert ours.sender(said) is Sender.EXPECTED
+    assert ours.sender(said) is Sender.EXPECTED
+    assert len(ours.decode(0.0, said)) == 1
+    assert ours.sender(said) is Sender.BEHIND, "a replay"
     assert ours.sender(Vehicle(utc_s=UTC_2026_S - YEAR_S).says()) is Sender.BEHIND
     assert ours.sender(Vehicle(bytes(32)).says()) is Sender.STRANGER
     assert ours.sender(Vehicle(None).says()) is Sender.STRANGER

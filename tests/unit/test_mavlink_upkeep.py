@@ -1,12 +1,14 @@
 import itertools
 
+import mavlink_wire as wire
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from companion.mavlink.ardusub import Commands, Mode
+from companion.mavlink.encode import Commands
 from companion.mavlink.link_maintenance import PARAMETERS, VOLATILE, LinkMaintenance
 from companion.mavlink.streams import streams
 from companion.records import Depth, Firmware, Heartbeat, Parameter, Reboot, StatusText
+from companion.telemetry.modes import Mode
 
 TICK_S = 0.02
 
@@ -43,11 +45,11 @@ class Dive:
         return [
             t_s
             for t_s, message in self.sent
-            if message.get_type() == kind and command in (None, getattr(message, "command", None))
+            if wire.name(message) == kind and command in (None, getattr(message, "command", None))
         ]
 
     def names(self):
-        return [m.param_id for _, m in self.sent if m.get_type() == "PARAM_REQUEST_READ"]
+        return [m.param_id for _, m in self.sent if wire.name(m) == "PARAM_REQUEST_READ"]
 
 
 @pytest.fixture
@@ -57,7 +59,7 @@ def dive():
 
 def test_before_contact_only_our_heartbeat_goes_out_once_a_second(dive):
     dive.run(10.0, heard=False, want_mode=Mode.STABILIZE, want_armed=True)
-    assert {message.get_type() for _, message in dive.sent} == {"HEARTBEAT"}
+    assert {wire.name(message) for _, message in dive.sent} == {"HEARTBEAT"}
     assert len(dive.times("HEARTBEAT")) == 10
 
 
@@ -65,7 +67,7 @@ def test_first_contact_asks_for_every_stream_at_its_rate(dive):
     asked = {
         m.param1: m.param2
         for m in dive.step(beat(0.0))
-        if m.get_type() == "COMMAND_LONG" and m.command == 511
+        if wire.name(m) == "COMMAND_LONG" and m.command == 511
     }
     assert asked[mavlink.MAVLINK_MSG_ID_ATTITUDE] == 20_000
     assert asked[mavlink.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW] == pytest.approx(1e6 / 12.0)
@@ -82,7 +84,7 @@ def test_a_stream_that_slows_down_is_asked_for_again_and_the_others_are_not(dive
     dive.run(5.0)
     dive.sent.clear()
     dive.run(4.0, share=0.25, only=attitude)
-    asked = [m.param1 for _, m in dive.sent if m.get_type() == "COMMAND_LONG" and m.command == 511]
+    asked = [m.param1 for _, m in dive.sent if wire.name(m) == "COMMAND_LONG" and m.command == 511]
     assert set(asked) == {attitude}
     assert dive.upkeep.measured_hz[attitude] == pytest.approx(12.5, abs=1.5)
     assert dive.upkeep.measured_hz[mavlink.MAVLINK_MSG_ID_VFR_HUD] == pytest.approx(50.0, abs=1.5)
@@ -100,7 +102,7 @@ def test_asking_does_not_press(dive):
 
 def test_a_stream_that_never_came_is_asked_for_again_within_seconds(dive):
     dive.run(3.5, share=0.0, only=mavlink.MAVLINK_MSG_ID_ATTITUDE)
-    asked = [m.param1 for _, m in dive.sent if m.get_type() == "COMMAND_LONG" and m.command == 511]
+    asked = [m.param1 for _, m in dive.sent if wire.name(m) == "COMMAND_LONG" and m.command == 511]
     assert asked.count(mavlink.MAVLINK_MSG_ID_ATTITUDE) >= 2
 
 
@@ -111,12 +113,12 @@ def test_what_the_firmware_has_refused_is_not_asked_for_again_until_it_reboots(d
     dive.step(StatusText(dive.now_s, 6, "No ap_message for mavlink id (77777)"))
     dive.sent.clear()
     dive.run(60.0, share=0.0, only=battery)
-    asked = [m.param1 for _, m in dive.sent if m.get_type() == "COMMAND_LONG" and m.command == 511]
+    asked = [m.param1 for _, m in dive.sent if wire.name(m) == "COMMAND_LONG" and m.command == 511]
     assert battery not in asked
     assert mavlink.MAVLINK_MSG_ID_ATTITUDE in asked
     dive.sent.clear()
     dive.step(Reboot(dive.now_s))
-    assert battery in [m.param1 for _, m in dive.sent if m.get_type() == "COMMAND_LONG"]
+    assert battery in [m.param1 for _, m in dive.sent if wire.name(m) == "COMMAND_LONG"]
 
 
 def test_the_version_is_asked_for_until_it_is_told_and_again_after_a_reboot(dive):
@@ -144,10 +146,10 @@ def test_position_and_other_depth_sources_add_their_streams():
 def test_a_reboot_makes_everything_be_asked_anew(dive):
     dive.step(beat(0.0), Depth(0.0, 100.0, 1.0), Parameter(0.0, "FS_PILOT_INPUT", 2.0))
     dive.now_s = 0.3
-    assert not [m for m in dive.step(Depth(0.3, 99.7, 1.0)) if m.get_type() == "COMMAND_LONG"]
+    assert not [m for m in dive.step(Depth(0.3, 99.7, 1.0)) if wire.name(m) == "COMMAND_LONG"]
     assert dive.upkeep.parameters
     out = dive.step(Reboot(1.0))
-    assert [m for m in out if m.get_type() == "COMMAND_LONG"]
+    assert [m for m in out if wire.name(m) == "COMMAND_LONG"]
     assert not dive.upkeep.parameters
 
 

@@ -2,9 +2,7 @@
 
 import itertools
 import math
-from dataclasses import replace
 
-import msgspec
 import numpy as np
 import pytest
 from builders import RESTING
@@ -358,7 +356,7 @@ SAFE = {"FS_PILOT_INPUT": 2.0, "FS_PILOT_TIMEOUT": 3.0}
 
 def assessed(state=RESTING, **changes):
     state = changes.pop("state", state)
-    lasting = {field.name for field in msgspec.structs.fields(Watched)} & changes.keys()
+    lasting = {field.name for field in structs.fields(Watched)} & changes.keys()
     watched = Watched(**({"ekf": SOUND} | {name: changes.pop(name) for name in lasting}))
     arguments = {"mode_right": True, "parameters": SAFE, "watched": watched, "holds_position": True}
     return assess(Observation(state=state, **(arguments | changes)), LIMITS)
@@ -430,8 +428,8 @@ def test_nothing_holds_when_all_is_well():
         (structs.replace(RESTING, armed=False), {}, C.DISARMED),
         (RESTING, {"mode_right": False}, C.WRONG_MODE),
         (RESTING, {"ekf": None}, C.EKF_UNHEALTHY),
-        (RESTING, {"ekf": replace(SOUND, attitude=False)}, C.EKF_UNHEALTHY),
-        (RESTING, {"ekf": replace(SOUND, depth=False)}, C.EKF_UNHEALTHY),
+        (RESTING, {"ekf": structs.replace(SOUND, attitude=False)}, C.EKF_UNHEALTHY),
+        (RESTING, {"ekf": structs.replace(SOUND, depth=False)}, C.EKF_UNHEALTHY),
         (RESTING, {"ekf_doubt_s": LIMITS.ekf_doubt_s + 0.01}, C.EKF_UNHEALTHY),
         (aged(heartbeat_s=LIMITS.heartbeat_timeout_s + 0.01), {}, C.LINK_LOST),
         (structs.replace(RESTING, roll=math.radians(LIMITS.max_tilt_deg) + 0.01), {}, C.TILTED),

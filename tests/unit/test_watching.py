@@ -1,6 +1,5 @@
 """What lasts, what was said a while ago, and the steps of a hand-over."""
 
-from dataclasses import replace
 from math import inf, nan, radians
 
 import numpy as np
@@ -9,7 +8,6 @@ from builders import RESTING
 from msgspec import structs
 from test_supervisor import LIMITS, SAFE
 
-from companion.mavlink.ardusub import Mode
 from companion.records import (
     Condition,
     EkfStatus,
@@ -23,6 +21,7 @@ from companion.records import (
 from companion.supervision.conditions import Watched
 from companion.supervision.handover import KEEP_ALIVE_S, REFUSED_S, SETTLE_S, HandOver, HandOverStep
 from companion.supervision.monitor import ANNOUNCED_S, FAILSAFE_SETTLE_S, LEAK_REPEAT_S, Monitor
+from companion.telemetry.modes import Mode
 
 TICK_S = 0.02
 ALL = np.ones(4, bool)
@@ -37,7 +36,7 @@ class Seen:
     def step(self, *events, dt_s=TICK_S, dofs=None, state=RESTING, dropped=0, peers=0, **changes):
         self.now_s += dt_s
         given = {"held": ALL, "steering": True, "parameters": SAFE}
-        events = [replace(event, t_s=self.now_s) for event in events]
+        events = [structs.replace(event, t_s=self.now_s) for event in events]
         health = LoopHealth(1, 50.0, 0.0, 0.0, 0, dropped, peer_changes=peers)
         state = structs.replace(state, t_s=self.now_s)
         return self.watch.step(dt_s, events, state, LIMITS, health, dofs=dofs, **(given | changes))

@@ -1,0 +1,420 @@
+"""From the autopilot's messages to events in SI units, NED.
+
+Source: docs/ardusub.md, "Telemetry", "Modes and arming", "MANUAL_CONTROL".
+"""
+
+import math
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+from typing import Final
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from companion.mavlink.ardusub import (
+    INT16_MAX,
+    LEAVE_ALONE,
+    NEUTRAL_US,
+    PRESSURES,
+    SPAN_US,
+    STICK,
+    STICK_NEUTRAL_Z,
+    DepthSource,
+    RateSource,
+    clip,
+    from_stick,
+)
+from companion.mavlink.messages import Message
+from companion.records import (
+    Attitude,
+    AxisCommand,
+    Battery,
+    CommandAck,
+    Depth,
+    DepthRate,
+    EkfOrigin,
+    EkfStatus,
+    Event,
+    Firmware,
+    Heartbeat,
+    Leak,
+    LinkCounters,
+    Parameter,
+    PilotGain,
+    PilotInput,
+    PilotSticks,
+    PilotToggle,
+    Position,
+    ReceiverChannels,
+    ServoOutput,
+    StatusText,
+    TimeSync,
+)
+from companion.telemetry.schemas import printable
+
+ARMED: Final = mavlink.MAV_MODE_FLAG_SAFETY_ARMED
+UINT16_MAX: Final = 0xFFFF
+
+MAX_DEPTH_M: Final = 12_000.0
+MAX_SPEED_MPS: Final = 20.0
+MAX_DISTANCE_M: Final = 1e5
+MAX_ANGLE_RAD: Final = 6.3
+MAX_RATE_RADPS: Final = 50.0
+MAX_PWM_US: Final = 3000
+MAX_VOLTAGE_V: Final = 1000.0
+MAX_ROUND_TRIP_S: Final = 5.0
+MAX_STAMP_SPREAD_S: Final = 10.0
+FAR_STAMPS: Final = 20
+
+PA_PER_M: Final = 9800.0
+PA_PER_HPA: Final = 100.0
+PRESSURE_REPEAT_S: Final = 0.2
+RELEASES: Final = {0: "dev", 64: "alpha", 128: "beta", 192: "rc"}
+
+EKF_ATTITUDE: Final = mavlink.EKF_ATTITUDE
+EKF_DEPTH: Final = mavlink.EKF_VELOCITY_VERT | mavlink.EKF_POS_VERT_ABS
+EKF_UNINITIALIZED: Final = mavlink.EKF_UNINITIALIZED
+EKF_PLACE: Final = mavlink.EKF_POS_HORIZ_REL | mavlink.EKF_POS_HORIZ_ABS
+LEAK_TEXT: Final = "leak detected"
+"""ArduSub says so every 20 s while a detector is wet and FS_LEAK_ENABLE is not 0 (failsafe_leak_check)."""
+
+CHUNK_CHARS: Final = 50
+MAX_CHUNKS: Final = 8
+
+
+class BootClock:
+    """The autopilot's clock in seconds since boot, from stamps that wrap.
+
+    A stamp stands for the time nearest to the last one known: a wrap goes on counting, a reboot goes back.
+    Only milliseconds move the clock: microseconds wrap too early to be trusted alone. A stamp far from the
+    others moves it only when FAR_STAMPS of them have come in a row.
+    """
+
+    WRAP_MS_S: Final = 2**32 / 1e3
+    WRAP_US_S: Final = 2**32 / 1e6
+
+    def __init__(self) -> None:
+        self.last_s: float | None = None
+        self._far = 0
+
+    def from_ns(self, stamp: int) -> float:
+        """Seconds since boot of an int64 in ns; before any other stamp, its count of wraps is taken."""
+        if self.last_s is None:
+            self.last_s = stamp / 1e9
+        return self._nearest(stamp / 1e9 % self.WRAP_MS_S, self.WRAP_MS_S)
+
+    def from_ms(self, stamp: int) -> float:
+        """Seconds since boot of a uint32 in ms."""
+        boot_s = self._nearest(stamp / 1e3, self.WRAP_MS_S)
+        near = self.last_s is None or abs(boot_s - self.last_s) <= MAX_STAMP_SPREAD_S
+        self._far = 0 if near else self._far + 1
+        if near or self._far >= FAR_STAMPS:
+            self.last_s, self._far = boot_s, 0
+        return boot_s
+
+    def from_us(self, stamp: int) -> float:
+        """Seconds since boot of a uint32 in µs."""
+        return self._nearest(stamp / 1e6, self.WRAP_US_S)
+
+    def _nearest(self, boot_s: float, wrap_s: float) -> float:
+        if self.last_s is None:
+            return boot_s
+        return boot_s + wrap_s * max(0, round((self.last_s - boot_s) / wrap_s))
+
+
+class Decoder:
+    """MAVLink messages to events in SI units, NED.
+
+    Absurd and non-finite values yield no event; they count as `counters.implausible`. `ids` are the messages
+    that mean something here: give them to the codec as `wanted`.
+
+    depth_source   "relative_alt" GLOBAL_POSITION_INT.relative_alt; "vfr_hud" .alt; "ahrs2" .altitude;
+                   "pressure" that SCALED_PRESSURE which BARO_PRIMARY names, against BAROn_GND_PRESS in water
+                   of BARO_SPEC_GRAV; no depth before `parameters` tells them
+    rate_source    "climb" VFR_HUD.climb; "vz" GLOBAL_POSITION_INT.vz
+    """
+
+    def __init__(
+        self,
+        counters: LinkCounters,
+        *,
+        depth_source: DepthSource = "relative_alt",
+        rate_source: RateSource = "climb",
+        parameters: Mapping[str, float] = MappingProxyType({}),
+    ) -> None:
+        self._counters = counters
+        self._depth_source = depth_source
+        self._rate_source = rate_source
+        self._parameters = parameters
+        self._origin_known = False
+        self._clock = BootClock()
+        self._texts = _TextAssembler()
+        self._last_pressure = (-math.inf, math.nan)
+        handlers: dict[int, Callable[[Message, float], tuple[Event, ...]]] = {
+            mavlink.MAVLINK_MSG_ID_HEARTBEAT: self._heartbeat,
+            mavlink.MAVLINK_MSG_ID_ATTITUDE: self._attitude,
+            mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: self._global_position,
+            mavlink.MAVLINK_MSG_ID_VFR_HUD: self._vfr_hud,
+            mavlink.MAVLINK_MSG_ID_AHRS2: self._ahrs2,
+            **dict.fromkeys(PRESSURES, self._pressure),
+            mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED: self._local_position,
+            mavlink.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW: self._servo_output,
+            mavlink.MAVLINK_MSG_ID_TIMESYNC: self._timesync,
+            mavlink.MAVLINK_MSG_ID_BATTERY_STATUS: self._battery_status,
+            mavlink.MAVLINK_MSG_ID_SYS_STATUS: self._sys_status,
+            mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT: self._ekf_status,
+            mavlink.MAVLINK_MSG_ID_NAMED_VALUE_FLOAT: self._named_value,
+            mavlink.MAVLINK_MSG_ID_PARAM_VALUE: self._param_value,
+            mavlink.MAVLINK_MSG_ID_COMMAND_ACK: self._command_ack,
+            mavlink.MAVLINK_MSG_ID_RC_CHANNELS: self._rc_channels,
+            mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION: self._autopilot_version,
+            mavlink.MAVLINK_MSG_ID_STATUSTEXT: self._statustext,
+            mavlink.MAVLINK_MSG_ID_MANUAL_CONTROL: self._manual_control,
+            mavlink.MAVLINK_MSG_ID_RC_CHANNELS_OVERRIDE: self._rc_channels_override,
+        }
+        if depth_source != "ahrs2":
+            del handlers[mavlink.MAVLINK_MSG_ID_AHRS2]
+        if depth_source != "pressure":
+            for message_id in PRESSURES:
+                del handlers[message_id]
+        self._handlers = handlers
+        self.ids = frozenset(handlers)
+
+    def to_events(self, message: Message, t_s: float) -> tuple[Event, ...]:
+        """Convert what came at `t_s`; empty for messages that say nothing we use. Never raises."""
+        handler = self._handlers.get(message.MESSAGE_ID)
+        return handler(message, t_s) if handler else ()
+
+    def _implausible(self) -> tuple[Event, ...]:
+        self._counters.implausible += 1
+        return ()
+
+    def _depth(self, t_s: float, boot_s: float | None, z_m: float) -> tuple[Event, ...]:
+        if not -MAX_DEPTH_M <= z_m <= MAX_DEPTH_M:
+            return self._implausible()
+        return (Depth(t_s, boot_s, z_m),)
+
+    def _depth_rate(self, t_s: float, boot_s: float | None, w_mps: float) -> tuple[Event, ...]:
+        if not -MAX_SPEED_MPS <= w_mps <= MAX_SPEED_MPS:
+            return self._implausible()
+        return (DepthRate(t_s, boot_s, w_mps),)
+
+    def _voltage(self, t_s: float, voltage_v: float) -> tuple[Event, ...]:
+        if voltage_v > MAX_VOLTAGE_V:
+            return self._implausible()
+        return (Battery(t_s, voltage_v),) if voltage_v > 0.0 else ()
+
+    def _heartbeat(self, m: Message, t_s: float) -> tuple[Event, ...]:
+        return (Heartbeat(t_s, bool(m.base_mode & ARMED), m.custom_mode, m.system_status, m.type),)
+
+    def _attitude(self, m: Message, t_s: float) -> tuple[Event, ...]:
+        roll, pitch, yaw, p, q, r = m.roll, m.pitch, m.yaw, m.rollspeed, m.pitchspeed, m.yawspeed
+        sane = (
+            -MAX_ANGLE_RAD <= roll <= MAX_ANGLE_RAD
+            and -MAX_ANGLE_RAD <= pitch <= MAX_ANGLE_RAD
+            and -MAX_ANGLE_RAD <= yaw <= MAX_ANGLE_RAD
+            and -MAX_RATE_RADPS <= p <= MAX_RATE_RADPS
+            and -MAX_RATE_RADPS <= q <= MAX_RATE_RADPS
+            and -MAX_RATE_RADPS <= r <= MAX_RATE_RADPS
+        )
+        if not sane:
+            return self._implausible()
+        return (Attitude(t_s, self._clock.from_ms(m.time_boot_ms), roll, pitch, yaw, p, q, r),)
+
+    def _global_position(self, m: Message, t_s: float) -> tuple[Event, ...]:
+        boot_s = self._clock.from_ms(m.time_boot_ms)
+        events: tuple[Event, ...] = ()
+        if self._depth_source == "relative_alt":
+            events = self._depth(t_s, boot_s, -m.relative_alt / 1e3)
+        if self._rate_source == "vz":
+            events += self._depth_rate(t_s, boot_s, m.vz / 1e2)
+        if self._origin_known is not (known := bool(m.lat or m.lon or m.alt)):
+            self._origin_known = known
+            events += (EkfOrigin(t_s, known),)
+        return events
+
+    def _vfr_hud(self, m: Message, t_s: float) -> tuple[Event, ...]:
+        events: tuple[Event, ...] = ()
+        if self._depth_source == "vfr_hud":
+            events = self._depth(t_s, None, -m.alt)
+        if self._rate_source == "climb":
+            events += self._depth_rate(t_s, None, -m.climb)
+        return events
+
+    def _ahrs2(self, m: Message, t_s: float) -> tuple[Event, ...]:
+        return self._depth(t_s, None, -m.altitude)
+
+    def _pressure(self, m: Message, t_s: float) -> tuple[Event, ...]:
+        """Drop the repeats of a reading: the sensor is slower than its stream."""
+        parameters = self._parameters
+        primary = int(parameters.get("BARO_PRIMARY", -1.0))
+        surface_pa = parameters.get(f"BARO{primary + 1}_GND_PRESS", 0.0)
+        gravity = parameters.get("BARO_SPEC_GRAV", 0.0)
+        if dict(enumerate(PRESSURES)).get(primary) != m.MESSAGE_ID or surface_pa <= 0.0 or gravity <= 0.0:
+            return ()
+        boot_s = self._clock.from_ms(m.time_boot_ms)
+        read_s, reading = self._last_pressure
+        if m.press_abs == reading and 0.0 <= boot_s - read_s < PRESSURE_REPEAT_S:
+            return ()
+        self._last_pressure = (boot_s, m.press_abs)
+        return self._depth(t_s, boot_s, (m.press_abs * PA_PER_HPA - surface_pa) / (PA_PER_M * gravity))
+
+    def _local_position(self, m: Message, t_s: float) -> tuple[Event, ...]:
+        x, y, vx, vy = m.x, m.y, m.vx, m.vy
+        sane = (
+            -MAX_DISTANCE_M <= x <= MAX_DISTANCE_M
+            and -MAX_DISTANCE_M <= y <= MAX_DISTANCE_M
+            and -MAX_SPEED_MPS <= vx <= MAX_SPEED_MPS
+            and -MAX_SPEED_MPS <= vy <= MAX_SPEED_MPS
+        )
+        if not sane:
+            return self._implausible()
+        return (Position(t_s, self._clock.from_ms(m.time_boot_ms), x, y, vx, vy),)
+
+    def _servo_output(self, m: Message, t_s: float) -> tuple[Event, ...]:
+        """Port 0 alone, and only once another message has told how often the µs stamp has wrapped."""
+        now_s = self._clock.last_s
+        if m.port != 0 or now_s is None:
+            return ()
+        pwm_us = (
+            m.servo1_raw,
+            m.servo2_raw,
+            m.servo3_raw,
+            m.servo4_raw,
+            m.servo5_raw,
+            m.servo6_raw,
+            m.servo7_raw,
+            m.servo8_raw,
+        )
+        boot_s = self._clock.from_us(m.time_usec)
+        if max(pwm_us) > MAX_PWM_US or abs(boot_s - now_s) > MAX_STAMP_SPREAD_S:
+            return self._implausible()
+        return (ServoOutput(t_s, boot_s, pwm_us),)
+
+    def _timesync(self, m: Message, t_s: float) -> tuple[Event, ...]:
+        """Take answers alone (tc1 set), and ours alone: another's ts1 is not near our clock."""
+        sent_s = m.ts1 / 1e9
+        if m.tc1 == 0 or not 0.0 <= t_s - sent_s <= MAX_ROUND_TRIP_S:
+            return ()
+        if m.tc1 < 0:
+            return self._implausible()
+        return (TimeSync(t_s, sent_s, self._clock.from_ns(m.tc1)),)
+
+    def _battery_status(self, m: Message, t_s: float) -> tuple[Event, ...]:
+        """Sum the cells of the first battery; without cell sensing the first cell carries it all."""
+        if m.id != 0:
+            return ()
+        cells = (mv for mv in (*m.voltages, *m.voltages_ext) if mv != UINT16_MAX)
+        return self._voltage(t_s, sum(cells) / 1e3)
+
+    def _sys_status(self, m: Message, t_s: float) -> tuple[Event, ...]:
+        if m.voltage_battery == UINT16_MAX:
+            return ()
+        return self._voltage(t_s, m.voltage_battery / 1e3)
+
+    def _ekf_status(self, m: Message, t_s: float) -> tuple[Event, ...]:
+        variance = max(m.velocity_variance, m.pos_vert_variance, m.compass_variance)
+        if not math.isfinite(m.velocity_variance + m.pos_vert_variance + m.compass_variance):
+            return self._implausible()
+        initialised = not m.flags & EKF_UNINITIALIZED
+        depth = m.flags & EKF_DEPTH == EKF_DEPTH and initialised
+        moves = m.flags & mavlink.EKF_VELOCITY_HORIZ and not m.flags & mavlink.EKF_CONST_POS_MODE
+        position = bool(moves and m.flags & EKF_PLACE)
+        return (EkfStatus(t_s, bool(m.flags & EKF_ATTITUDE), depth, variance, position, initialised),)
+
+    def _named_value(self, m: Message, t_s: float) -> tuple[Event, ...]:
+        if m.name in ("InputHold", "RollPitch"):
+            if m.value not in (0.0, 1.0):
+                return self._implausible()
+            return (PilotToggle(t_s, m.name, m.value == 1.0),)
+        if m.name != "PilotGain":
+            return ()
+        if not 0.0 <= m.value <= 1.0:
+            return self._implausible()
+        return (PilotGain(t_s, m.value),)
+
+    def _param_value(self, m: Message, t_s: float) -> tuple[Event, ...]:
+        if not math.isfinite(m.param_value):
+            return self._implausible()
+        return (Parameter(t_s, m.param_id, m.param_value),)
+
+    def _rc_channels(self, m: Message, t_s: float) -> tuple[Event, ...]:
+        return (ReceiverChannels(t_s, m.chancount),)
+
+    def _autopilot_version(self, m: Message, t_s: float) -> tuple[Event, ...]:
+        major, minor, patch, release = m.flight_sw_version.to_bytes(4, "big")
+        kind = f" ({RELEASES[release]})" if release in RELEASES else ""
+        return (Firmware(t_s, f"{major}.{minor}.{patch}{kind}", (major, minor, patch)),)
+
+    def _command_ack(self, m: Message, t_s: float) -> tuple[Event, ...]:
+        return (CommandAck(t_s, m.command, m.result),)
+
+    def _statustext(self, m: Message, t_s: float) -> tuple[Event, ...]:
+        events: tuple[Event, ...] = ()
+        for severity, text in self._texts.add(m):
+            events += (StatusText(t_s, severity, text),)
+            if LEAK_TEXT in text.lower():
+                events += (Leak(t_s),)
+        return events
+
+    def _manual_control(self, m: Message, t_s: float) -> tuple[Event, ...]:
+        sticks = max(abs(m.x), abs(m.y), abs(m.r)) / STICK
+        throttle = abs(m.z - STICK_NEUTRAL_Z) / STICK_NEUTRAL_Z
+        tilt = max(abs(m.s), abs(m.t)) / SPAN_US
+        return (PilotInput(t_s, min(1.0, max(sticks, throttle, tilt))),)
+
+    def _rc_channels_override(self, m: Message, t_s: float) -> tuple[Event, ...]:
+        return (PilotInput(t_s, override_deflection(m) or 0.0),)
+
+
+class _TextAssembler:
+    """Puts STATUSTEXT's 50-character chunks together, one text at a time and at most MAX_CHUNKS long.
+
+    A text whose next chunk is lost comes out cut, when another text begins. Control characters come out
+    escaped.
+    """
+
+    def __init__(self) -> None:
+        self._id = 0
+        self._severity = 0
+        self._chunks: list[str] = []
+
+    def add(self, m: Message) -> list[tuple[int, str]]:
+        """Give the texts (severity, text) that `m` completes."""
+        done: list[tuple[int, str]] = []
+        if self._chunks and (m.id != self._id or m.chunk_seq != len(self._chunks)):
+            done.append(self._finish())
+        self._id, self._severity = m.id, m.severity
+        self._chunks.append(m.text)
+        if m.id == 0 or len(m.text) < CHUNK_CHARS or len(self._chunks) == MAX_CHUNKS:
+            done.append(self._finish())
+        return done
+
+    def _finish(self) -> tuple[int, str]:
+        text = printable("".join(self._chunks))
+        self._chunks.clear()
+        return self._severity, text
+
+
+def pilot_sticks(m: Message, t_s: float) -> PilotSticks:
+    """Convert the pilot's MANUAL_CONTROL; INT16_MAX, MAVLink's word for an axis that is not there, rests."""
+    return PilotSticks(
+        t_s,
+        AxisCommand(
+            surge=from_stick(m.x),
+            sway=from_stick(m.y),
+            heave=0.0 if m.z == INT16_MAX else clip((STICK_NEUTRAL_Z - m.z) / STICK_NEUTRAL_Z),
+            yaw=from_stick(m.r),
+            roll=clip(m.t / SPAN_US),
+            pitch=clip(m.s / SPAN_US),
+        ),
+        m.buttons,
+        (m.buttons2, m.enabled_extensions),
+        (m.aux1, m.aux2, m.aux3, m.aux4, m.aux5, m.aux6),
+    )
+
+
+def override_deflection(m: Message) -> float | None:
+    """Return how far an RC_CHANNELS_OVERRIDE moves the six axes, 0..1; None if it leaves them all alone."""
+    channels = (m.chan1_raw, m.chan2_raw, m.chan3_raw, m.chan4_raw, m.chan5_raw, m.chan6_raw)
+    offsets = [abs(us - NEUTRAL_US) for us in channels if us not in (0, LEAVE_ALONE)]
+    return min(1.0, max(offsets) / SPAN_US) if offsets else None

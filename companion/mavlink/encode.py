@@ -1,0 +1,131 @@
+"""The messages for one vehicle: steering, commands and questions; `Codec.encode` packs them.
+
+Source: docs/ardusub.md, "Who may steer", "MANUAL_CONTROL", "RC_CHANNELS_OVERRIDE", "Modes and arming".
+"""
+
+from typing import Final
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from companion.mavlink.ardusub import LEAVE_ALONE, NEUTRAL_US, to_pwm_us, to_sticks
+from companion.mavlink.messages import Message, message_type
+from companion.records import AxisCommand, PilotSticks
+from companion.telemetry.modes import Mode
+
+HEARTBEAT: Final = message_type(mavlink.MAVLINK_MSG_ID_HEARTBEAT)
+MANUAL_CONTROL: Final = message_type(mavlink.MAVLINK_MSG_ID_MANUAL_CONTROL)
+RC_CHANNELS_OVERRIDE: Final = message_type(mavlink.MAVLINK_MSG_ID_RC_CHANNELS_OVERRIDE)
+COMMAND_LONG: Final = message_type(mavlink.MAVLINK_MSG_ID_COMMAND_LONG)
+SET_GPS_GLOBAL_ORIGIN: Final = message_type(mavlink.MAVLINK_MSG_ID_SET_GPS_GLOBAL_ORIGIN)
+TIMESYNC: Final = message_type(mavlink.MAVLINK_MSG_ID_TIMESYNC)
+PARAM_REQUEST_READ: Final = message_type(mavlink.MAVLINK_MSG_ID_PARAM_REQUEST_READ)
+MAVLINK_VERSION: Final = 3
+
+
+class Commands:
+    """Builds the messages for one vehicle."""
+
+    def __init__(self, target_system: int = 1, target_component: int = 1) -> None:
+        self._system = target_system
+        self._component = target_component
+
+    def heartbeat(self) -> Message:
+        """Our own sign of life, as an onboard controller."""
+        return HEARTBEAT(
+            type=mavlink.MAV_TYPE_ONBOARD_CONTROLLER,
+            autopilot=mavlink.MAV_AUTOPILOT_INVALID,
+            system_status=mavlink.MAV_STATE_ACTIVE,
+            mavlink_version=MAVLINK_VERSION,
+        )
+
+    def rc_override(self, command: AxisCommand, *, tilts: bool = False) -> Message:
+        """Four axes as PWM, with `tilts` all six; camera and all further channels are left alone."""
+        return RC_CHANNELS_OVERRIDE(
+            target_system=self._system,
+            target_component=self._component,
+            chan1_raw=to_pwm_us(command.pitch) if tilts else LEAVE_ALONE,
+            chan2_raw=to_pwm_us(command.roll) if tilts else LEAVE_ALONE,
+            chan3_raw=to_pwm_us(-command.heave),
+            chan4_raw=to_pwm_us(command.yaw),
+            chan5_raw=to_pwm_us(command.surge),
+            chan6_raw=to_pwm_us(command.sway),
+            chan7_raw=LEAVE_ALONE,
+            chan8_raw=LEAVE_ALONE,
+        )
+
+    def manual_control(
+        self, command: AxisCommand, gain: float, throttle_gain: float, pilot: PilotSticks | None = None
+    ) -> Message:
+        """Axes as sticks that undo the pilot's `gain` and JS_THR_GAIN, within `manual_control_reach`.
+
+        Pitch and roll go as s and t, which ArduSub adds in µs. Buttons and all further fields are those of
+        the pilot, where there is one.
+        """
+        x, y, z, r = to_sticks(command, gain, throttle_gain)
+        s, t = to_pwm_us(command.pitch) - NEUTRAL_US, to_pwm_us(command.roll) - NEUTRAL_US
+        if pilot is None:
+            return MANUAL_CONTROL(target=self._system, x=x, y=y, z=z, r=r, s=s, t=t)
+        buttons2, extensions = pilot.extensions
+        aux1, aux2, aux3, aux4, aux5, aux6 = pilot.aux
+        return MANUAL_CONTROL(
+            target=self._system,
+            x=x,
+            y=y,
+            z=z,
+            r=r,
+            buttons=pilot.buttons,
+            buttons2=buttons2,
+            enabled_extensions=extensions,
+            s=s,
+            t=t,
+            aux1=aux1,
+            aux2=aux2,
+            aux3=aux3,
+            aux4=aux4,
+            aux5=aux5,
+            aux6=aux6,
+        )
+
+    def set_mode(self, mode: Mode) -> Message:
+        """Ask for a flight mode; HEARTBEAT tells whether it was granted."""
+        return self._command(
+            mavlink.MAV_CMD_DO_SET_MODE, mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, float(mode)
+        )
+
+    def arm(self, armed: bool) -> Message:
+        """Ask to arm or disarm; HEARTBEAT tells whether it was granted."""
+        return self._command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, float(armed))
+
+    def message_interval(self, message_id: int, rate_hz: float) -> Message:
+        """Ask for a message `rate_hz` times a second; 0 stops it."""
+        interval_us = 1e6 / rate_hz if rate_hz > 0.0 else -1.0
+        return self._command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, float(message_id), interval_us)
+
+    def request_message(self, message_id: int) -> Message:
+        """Ask for one message, once."""
+        return self._command(mavlink.MAV_CMD_REQUEST_MESSAGE, float(message_id))
+
+    def set_origin(self, latitude_deg: float, longitude_deg: float) -> Message:
+        """Tell the EKF where on earth it is, at sea level; dropped silently if it knows already."""
+        return SET_GPS_GLOBAL_ORIGIN(
+            target_system=self._system,
+            latitude=round(latitude_deg * 1e7),
+            longitude=round(longitude_deg * 1e7),
+        )
+
+    def timesync(self, now_s: float) -> Message:
+        """Ask for the autopilot's clock; the answer carries our `now_s` back."""
+        return TIMESYNC(ts1=round(now_s * 1e9))
+
+    def read_parameter(self, name: str) -> Message:
+        """Ask for a parameter's value; `name` has at most 16 ASCII characters."""
+        return PARAM_REQUEST_READ(
+            target_system=self._system, target_component=self._component, param_id=name, param_index=-1
+        )
+
+    def _command(self, command: int, *params: float) -> Message:
+        """Return a COMMAND_LONG with its first parameters."""
+        given = {f"param{i}": value for i, value in enumerate(params, start=1)}
+        return COMMAND_LONG(
+            target_system=self._system, target_component=self._component, command=command, **given
+        )
