@@ -88,8 +88,13 @@ def _misses(
     varies = False
     for echo, column in zip(axes, zip(*commands, strict=True), strict=True):
         if any(column):
-            mean = sum(map(mul, counts, column)) / len(LAGS_S)
-            power = sum([n * (x - mean) * (x - mean) for n, x in zip(counts, column, strict=True)])
-            varies = varies or power >= EXCITATION * EXCITATION * len(LAGS_S)
+            varies = varies or _rms(counts, column) >= EXCITATION
             by_command = [miss + (x - echo) * (x - echo) for miss, x in zip(by_command, column, strict=True)]
     return list(chain.from_iterable(map(repeat, by_command, counts))) if varies else None
+
+
+def _rms(counts: Sequence[int], values: Sequence[float]) -> float:
+    """Return the standard deviation of values of which each comes `counts` times."""
+    total = sum(counts)
+    mean = sum(map(mul, counts, values)) / total
+    return math.sqrt(sum([n * (x - mean) * (x - mean) for n, x in zip(counts, values, strict=True)]) / total)

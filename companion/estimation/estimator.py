@@ -6,6 +6,7 @@ telemetry delay, where a message has none) minus the sensor's own delay.
 
 import math
 from collections.abc import Callable, Sequence
+from operator import add
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -60,8 +61,8 @@ from companion.records import (
 PREDICTION_STEP_S = 0.035
 SHORTEST_S = 1e-9
 
-RESET_INNOVATION = (1.0, 1.0, 0.0, 1.0)
-"""m, rad: so much of a reset counts as innovation. One is no surprise; one with every sample is."""
+MAX_RESET_INNOVATION = 1.0
+"""m, rad: so much of a tick's resets counts as innovation. One is no surprise; one with every sample is."""
 
 LATER_S = {"pressure": 0.053, "ahrs2": 0.048}
 """How much older than relative_alt and climb these depths are (docs/ardusub.md, "Telemetry")."""
@@ -222,12 +223,7 @@ class Estimator:
                 position_reset_s=now_s - self._position_reset_t_s,
             ),
             delays=delays,
-            innovation=vector(
-                missed + min(reset_by, most)
-                for missed, reset_by, most in zip(
-                    self._innovation, self._reset_by, RESET_INNOVATION, strict=True
-                )
-            ),
+            innovation=vector(map(add, self._innovation, self._reset_by)),
             depth_refused=self._depth_refused,
             clock_doubt_s=self._meter.clock.doubt_s(now_s),
             frame_shift=self._frame_shift,
@@ -312,14 +308,14 @@ class Estimator:
             for of_rate, value, at_s in self._new[dof]:
                 most_s = MAX_EXTRAPOLATION_S[dof]
                 now = value + rates[of_rate] * clamped(to_s - at_s, -most_s, most_s)
-                missed = now - expected[of_rate]
+                error = now - expected[of_rate]
                 if dof == PSI and not of_rate:
-                    missed = wrap(missed)
-                elif dof == Z and not of_rate and self._zero_moved(missed):
-                    state = state._replace(q=state.q + missed)
+                    error = wrap(error)
+                elif dof == Z and not of_rate and self._zero_moved(error):
+                    state = state._replace(q=state.q + error)
                     self._hidden = hidden_delay.start(now, self._hidden.hidden_s)
                     continue
-                measured[of_rate], innovation[of_rate] = now, missed
+                measured[of_rate], innovation[of_rate] = now, error
             self._new[dof].clear()
             self._innovation[dof] = innovation[0]
             state = observer.correct(parameters, state, *innovation)
@@ -330,8 +326,8 @@ class Estimator:
         self._observers[dof] = state
         return state
 
-    def _zero_moved(self, missed_m: float) -> bool:
-        return abs(missed_m) > ZERO_MOVED_M and not self._heartbeat.armed
+    def _zero_moved(self, innovation_m: float) -> bool:
+        return abs(innovation_m) > ZERO_MOVED_M and not self._heartbeat.armed
 
     def _take(self, event: Event) -> None:
         kind = type(event)
@@ -382,7 +378,7 @@ class Estimator:
         turn_rad = self._yaw_resets.step(event.boot_s, event.yaw, heading_rate)
         if turn_rad:
             self._yaw_reset_t_s = event.t_s
-            self._reset_by[PSI] += abs(turn_rad)
+            self._reset_by[PSI] = min(self._reset_by[PSI] + abs(turn_rad), MAX_RESET_INNOVATION)
             self._shift(FrameShift(turn_rad, 0.0, 0.0))
         self._position(PSI, event.yaw, event.t_s, at_s)
         self._rate(PSI, heading_rate, at_s)
@@ -390,10 +386,10 @@ class Estimator:
     def _on_depth(self, event: Depth) -> None:
         at_s = self._sampled(event, Z) - self._depth_later_s - self._hidden.hidden_s
         expected_m, _ = observer.expected(self._observers[Z])
-        missed = abs(event.z_m - expected_m)
+        innovation_m = abs(event.z_m - expected_m)
         known_s = event.t_s - self._measured_t_s[Z]
         believed_s = JUMP_BELIEVED_S if self._refusing else MAX_GAP_S
-        if missed > self.max_depth_jump_m and known_s <= believed_s and self._heartbeat.armed:
+        if innovation_m > self.max_depth_jump_m and known_s <= believed_s and self._heartbeat.armed:
             self._depth_refused = self._refusing = True
             return
         self._refusing = False
@@ -409,8 +405,8 @@ class Estimator:
         east_m = self._y_resets.step(event.boot_s, event.y_m, event.vy_mps)
         if north_m or east_m:
             self._position_reset_t_s = event.t_s
-            self._reset_by[X] += abs(north_m)
-            self._reset_by[Y] += abs(east_m)
+            self._reset_by[X] = min(self._reset_by[X] + abs(north_m), MAX_RESET_INNOVATION)
+            self._reset_by[Y] = min(self._reset_by[Y] + abs(east_m), MAX_RESET_INNOVATION)
             self._shift(FrameShift(0.0, north_m, east_m))
         self._position(X, event.x_m, event.t_s, at_s)
         self._position(Y, event.y_m, event.t_s, at_s)

@@ -53,8 +53,8 @@ class VehicleState(msgspec.Struct, frozen=True):
     """What the estimator believes. Vectors in DOF order, NED.
 
     `eta`, `eta_dot` are now; `eta_ahead`, `eta_dot_ahead` are `ahead_s` later, when a command sent now acts.
-    `disturbance` is the observer's d in the paper's sign: m x'' = tau - h - d. `innovation` is by how much
-    the newest positions missed what was expected; a depth that missed by too much was refused.
+    `disturbance` is the observer's d in the paper's sign: m x'' = tau - h - d. `innovation` is the newest
+    positions minus what was expected; a depth of too large an innovation was refused.
     `frame_shift` is what the autopilot's estimate was reset by since the tick before. A degree of freedom
     that was not measured for longer than its timeout, or never, is `stale`: `eta` stays what it was last,
     the rates and the disturbance are zero.
