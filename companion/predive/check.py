@@ -1,7 +1,7 @@
-"""The pre-dive list: what was observed, row by row, to what it means. Pure: nothing is asked for here.
+"""The pre-dive list: judges what was observed, row by row. Pure: it requests nothing from the vehicle.
 
 `holdfast check` prints it, `holdfast run` refuses to engage while a row is REFUSED and names the row.
-Source: ArduSub facts.
+Source: docs/ardusub.md.
 """
 
 import math

@@ -25,7 +25,7 @@ FIT_S: Final = 1.0
 
 DEMANDS: Final = {"surge": 0.2, "sway": 0.2, "heave": 0.2, "yaw": 0.12}
 INERTIA_TILT: Final = (0.45, 0.37)
-"""Roll and pitch of a BlueROV2 with its added mass, kg m² (ArduSub facts): only signs and sizes matter."""
+"""Roll and pitch of a BlueROV2 with its added mass, kg m² (docs/ardusub.md, "Vehicles")."""
 
 ANSWERS: Final = {"surge": ("r",), "sway": ("r",), "yaw": ("r",), "heave": ("p", "q", "w")}
 MAX_SHARE: Final = 2.0

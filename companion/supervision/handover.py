@@ -1,15 +1,14 @@
-"""From our thrust to the autopilot's own depth hold, or its way up, and how long we keep that alive.
+"""The hand-over to the autopilot's depth hold or ascent, and the neutral frames that keep it armed.
 
-ALT_HOLD entered straight from MANUAL dips by half a metre; entered through STABILIZE, with the throttle at
-neutral, it does not (ArduSub facts). So: ramp down, STABILIZE, a second of neutral, ALT_HOLD. Each mode is
-asked for until the heartbeat says it.
+A vehicle that enters ALT_HOLD directly from MANUAL can sink by half a metre; through STABILIZE with neutral
+throttle it does not (docs/ardusub.md, "Modes and arming"). The sequence is: ramp down, STABILIZE, a second of
+neutral, ALT_HOLD. Each mode is requested until the heartbeat confirms it.
 
-Then ALT_HOLD holds only as long as somebody steers: 3 s after the last steering message the pilot-input
-failsafe, as shipped, disarms. So neutral frames go on, one a second (0.36 Hz is enough), until a pilot steers
-or `keep_s` is over; from there on we are silent and the autopilot's failsafes rule. It never is over on the
-way up and at the surface, nor where the vehicle was handed over because it stays tilted: disarmed it would
-sink with what tilts it. At the surface the firmware itself changes from SURFACE to ALT_HOLD (ArduSub's
-SURFACE mode, barometer above SURFACE_DEPTH).
+3 s after the last steering message the pilot-input failsafe disarms by default (docs/ardusub.md, "Silence").
+Therefore neutral frames continue, one a second (0.36 Hz is enough), until a pilot steers or `keep_s` has
+passed; then we are silent and the autopilot's failsafes act. `keep_s` does not apply during an ascent, at
+the surface, and after a hand-over because of tilt: a disarmed vehicle could sink. At the surface the firmware
+changes from SURFACE to ALT_HOLD by itself.
 """
 
 from enum import Enum, auto
@@ -20,11 +19,11 @@ SETTLE_S = 1.0
 REFUSED_S = 8.0
 KEEP_ALIVE_S = 1.0
 AT_SURFACE_M = 0.5
-"""So far below SURFACE_DEPTH, by our own zero of depth, the firmware may find itself at the surface."""
+"""The firmware may detect the surface this far below SURFACE_DEPTH: its zero of depth differs from ours."""
 
 
 class HandOverStep(Enum):
-    """What came of a tick of handing over."""
+    """The result of one tick of the hand-over."""
 
     NONE = auto()
     DONE = auto()
@@ -33,7 +32,7 @@ class HandOverStep(Enum):
 
 
 class HandOver:
-    """The steps of one hand-over to `goal`, ALT_HOLD or SURFACE; `begin` starts anew."""
+    """The steps of one hand-over to `goal`, ALT_HOLD or SURFACE; `begin` starts again."""
 
     def __init__(self) -> None:
         self.begin(0.0, Mode.MANUAL, Mode.ALT_HOLD)
@@ -80,7 +79,7 @@ class HandOver:
         return HandOverStep.NONE
 
     def allows(self, mode: int) -> bool:
-        """Tell whether `mode` is one on our way: another one is somebody's choice."""
+        """Tell whether `mode` belongs to the sequence; somebody else chose any other mode."""
         if self._held_s is not None:
             return mode == self.goal
         if self._stable_s is not None:
@@ -89,5 +88,5 @@ class HandOver:
 
     @property
     def held(self) -> bool:
-        """Whether `goal` has the vehicle."""
+        """Whether the heartbeat confirmed `goal`."""
         return self._held_s is not None

@@ -1,4 +1,4 @@
-"""Which flight mode to ask for: the one we steer in while engaged, the former one on release."""
+"""Which flight mode to request: the steering mode while engaged, the previous mode after release."""
 
 from companion.records import State
 from companion.telemetry.modes import Mode
@@ -7,22 +7,22 @@ STEERING_MODES = {"manual": Mode.MANUAL, "stabilize": Mode.STABILIZE}
 """`vehicle.steering_mode`: in MANUAL yaw is ours, in STABILIZE the firmware keeps roll, pitch and heading."""
 
 GIVEN_BACK = frozenset({Mode.MANUAL, Mode.STABILIZE, Mode.ALT_HOLD, Mode.POSHOLD, Mode.SURFTRAK})
-"""Modes in which an unattended vehicle does nothing surprising."""
+"""Modes that are safe to restore while nobody watches the vehicle."""
 
 HOLDS_DEPTH = frozenset({Mode.ALT_HOLD, Mode.POSHOLD, Mode.SURFTRAK})
-"""Entered straight from MANUAL these dip by half a metre, through STABILIZE they do not (ArduSub facts)."""
+"""Entered directly from MANUAL the vehicle can sink in these (docs/ardusub.md, "Modes and arming")."""
 
 GIVE_BACK_S = 5.0
-"""So long the former mode is asked for, then it is left at that."""
+"""The previous mode is requested for this time, then no longer."""
 
 VIA_STABILIZE_CALLS = 2
 
 
 class ModeKeeper:
-    """Remembers the mode that was there when engaging was asked for, and gives it back on release.
+    """Stores the mode before engaging and restores it after a release.
 
-    A pilot who changes the mode has the vehicle, and so has a latched fault: nothing is given back then. A
-    failsafe's SURFACE is never left.
+    Nothing is restored if the pilot changed the mode, or after a fault. The SURFACE mode of a failsafe is
+    never left.
     """
 
     def __init__(self, steering: Mode) -> None:
@@ -30,7 +30,7 @@ class ModeKeeper:
         self._before: Mode | None = None
         self._mode = -1
         self._released_s: float | None = None
-        self._partings = 0
+        self._restores = 0
 
     def wanted(self, now_s: float, mode: int, state: State, *, engage: bool) -> Mode | None:
         """Return the mode to ask for at `now_s`, None for leave it; `mode` is the heartbeat's."""
@@ -53,8 +53,8 @@ class ModeKeeper:
         """Return the mode to ask for with each frame of shutdown, one after the other; None for leave it."""
         if not self._is_ours(self._mode):
             return None
-        self._partings += 1
-        via = self._partings <= VIA_STABILIZE_CALLS
+        self._restores += 1
+        via = self._restores <= VIA_STABILIZE_CALLS
         return self._next(self._mode) if via else self._before
 
     def _is_ours(self, mode: int) -> bool:

@@ -1,6 +1,6 @@
-"""Dives as data: a plant drawn from an ensemble, a disturbance, where to be at each time, how long.
+"""Dives as data: a plant drawn from an ensemble, a disturbance, a setpoint over time, a duration.
 
-The ensemble and the four scenarios are those of `paper.md` ("A real vehicle's heave"); the plant is the
+docs/results.md ("Vehicles and scenarios") describes the ensemble and the four scenarios. The plant is the
 simulator's, never the companion's nominal model.
 """
 
@@ -51,7 +51,7 @@ def trajectory(t_s: float) -> Setpoint:
 
 
 def ensemble(base: SimConfig, seed: int) -> SimConfig:
-    """Draw a vehicle: heave mass, damping, buoyancy, thrust, lag and dead band vary as in `paper.md`."""
+    """Draw a vehicle: heave mass, damping, buoyancy, thrust, lag and dead band vary (docs/results.md)."""
     draw = np.random.default_rng((seed, 1)).uniform
     hull, thrusters = base.hull, base.thrusters
     added = list(hull.added_mass)

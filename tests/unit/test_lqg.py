@@ -144,7 +144,7 @@ def test_slices_carry_the_seas_energy() -> None:
     [(Link(), False, 2.7, 3.4), (Link(), True, 2.2, 2.9), (Link(0.041, 0.041), False, 3.0, 3.7)],
 )
 def test_floor_is_that_of_the_paper(link: Link, accelerometer: bool, low_mm: float, high_mm: float) -> None:
-    """paper.md: 2.9 / 2.9 / 2.9 / 2.8, with an accelerometer 2.4 each, at +80 ms 3.2 / 3.2 / 3.1 / 3.0."""
+    """docs/theory.md, 7: 2.9 / 2.9 / 2.9 / 2.8, with accelerometer 2.4, at +80 ms 3.2 / 3.2 / 3.1 / 3.0."""
     for scenario in range(4):
         reached = [
             floor(four(seed)[scenario], BASE, link, accelerometer=accelerometer) for seed in range(1000, 1004)

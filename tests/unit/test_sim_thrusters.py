@@ -78,7 +78,7 @@ def test_quadratic_curve_is_symmetric_with_a_dead_band_of_its_own():
 
 
 def test_the_vehicle_of_the_firmware_s_simulator_has_its_accelerations():
-    """By the ArduSub facts: horizontal thrusters add up without √½, and turn it at 0.25 m."""
+    """docs/ardusub.md: its horizontal thrusters add up without √½, and its yaw lever is 0.25 m."""
     set_ = thrusters_of(load_config(CONFIG.with_name("sim-ardusub.toml")).thrusters)
     full_n = 51.5
 

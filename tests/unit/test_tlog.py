@@ -104,7 +104,7 @@ def test_the_command_draws_its_picture(log: Path, tmp_path: Path, capsys: pytest
     assert "pool.tlog" in capsys.readouterr().out
 
 
-@pytest.mark.skipif(not REAL.is_dir(), reason="the telemetry of real vehicles (../shared/data) is not here")
+@pytest.mark.skipif(not REAL.is_dir(), reason="the telemetry of real vehicles is not in this repository")
 @pytest.mark.parametrize(
     ("name", "frame", "rows"),
     [
