@@ -8,7 +8,8 @@ import { Plot } from "./plots.js";
 import { Store } from "./store.js";
 import { Tuning } from "./tuning.js";
 import { SPANS, View } from "./view.js";
-import { DOFS, STATES } from "./words.js";
+import { STATES } from "./vocabulary.js"; // made by the server: dashboard/web/vocabulary.py
+import { DOFS } from "./words.js";
 
 const READ_MS = 100;
 const solo = location.pathname.match(/^\/panel\/(\w+)/)?.[1] ?? "";
