@@ -1,17 +1,17 @@
-"""The front door: `holdfast COMMAND`. Imports no room before one of its commands is called."""
+"""The command `holdfast COMMAND`. It imports a package only when one of its commands is called."""
 
 import sys
 from importlib.metadata import EntryPoint, entry_points, version
 
 ABOUT = """\
-Holdfast holds an ArduSub ROV still, or on a path, against currents, waves, a tugging
-tether and an unweighed load. It runs on the companion computer, reads depth and attitude
-over MAVLink, and answers with thrust: a Lyapunov-based law for each degree of freedom,
-and a small neural network that learns the disturbance while it dives.
+Holdfast keeps an ArduSub ROV at a setpoint or on a path, against currents, waves, the
+pull of a tether and an unknown load. It runs on the companion computer, reads depth and
+attitude over MAVLink, and sends thrust commands. Each degree of freedom has a
+Lyapunov-based law; a small neural network estimates the disturbance on-line.
 
   ArduSub, or `holdfast sim`  <-- MAVLink -->  `holdfast run`  -- Zenoh -->  `holdfast watch`
 
-Start with `holdfast demo`: a dive in the simulator, on this machine, in about a minute.
+Start with `holdfast demo`: a simulated dive on this machine, in about a minute.
 """
 
 
@@ -21,19 +21,19 @@ def _commands() -> dict[str, EntryPoint]:
 
 def _help(commands: dict[str, EntryPoint]) -> str:
     lines = [ABOUT]
-    room = ""
+    package = ""
     for entry in sorted(commands.values(), key=lambda entry: (entry.module, entry.name)):
-        if entry.module.partition(".")[0] != room:
-            room = entry.module.partition(".")[0]
-            lines.append(f"{room}:")
+        if entry.module.partition(".")[0] != package:
+            package = entry.module.partition(".")[0]
+            lines.append(f"{package}:")
         summary = (entry.load().__doc__ or "").strip().partition("\n")[0]
         lines.append(f"  holdfast {entry.name:<11} {summary}")
-    lines.append("\n`holdfast COMMAND --help` explains each.")
+    lines.append("\n`holdfast COMMAND --help` explains each command.")
     return "\n".join(lines)
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Dispatch to the subcommand that a room registered as `holdfast.commands`; return its exit status."""
+    """Dispatch to the subcommand that a package registered as `holdfast.commands`; return its exit status."""
     arguments = sys.argv[1:] if argv is None else argv
     commands = _commands()
     if not arguments or arguments[0] in ("-h", "--help"):

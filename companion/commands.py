@@ -1,4 +1,4 @@
-"""The companion's subcommands. Light to import: the rooms behind them are imported when called."""
+"""The companion's subcommands. Heavy imports wait until a command is called."""
 
 import argparse
 import datetime
@@ -8,44 +8,44 @@ from pathlib import Path
 
 EXAMPLES = """\
 examples:
-  holdfast run                                  watch only: connect, publish, refuse to steer
-  holdfast run --engage                         put the vehicle into MANUAL and, once the pilot has armed
-                                                it, hold the present depth and heading
-  holdfast run --engage --arm --depth 5         the same, arming it ourselves, at 5 m
-  holdfast run --engage --depth-only            in STABILIZE: the firmware keeps roll, pitch and heading; the
-                                                gentlest start for a first dive
+  holdfast run                                  connect and publish, without steering
+  holdfast run --engage                         request MANUAL and, when the pilot has armed, hold the
+                                                present depth and heading
+  holdfast run --engage --arm --depth 5         the same, but arm the vehicle too and hold 5 m
+  holdfast run --engage --depth-only            use STABILIZE: the firmware keeps roll, pitch and heading;
+                                                recommended for a first dive
   holdfast run --set link.endpoint=tcp:127.0.0.1:5760 --set heave.compensator=none
 
-Stop with Ctrl-C: a vehicle that is steered is left neutral. Look inside with `holdfast watch`.
+Stop with Ctrl-C; Holdfast then sends neutral frames. `holdfast watch` shows the state.
 """
 
 KEYS_EXAMPLES = """\
 examples:
-  holdfast keys keys --host 192.168.2.2                       look, and subscribe
+  holdfast keys keys --host 192.168.2.2                       subscribe only
   holdfast keys keys --host 192.168.2.2 --host blueos.local --allow-control
 
-The authority's own key is never written: nobody can issue another certificate, and for a second laptop
-all are made anew. They last a year.
+The private key of the authority is not stored, so no further certificates can be issued: for a second laptop
+create all files again. The certificates are valid for a year.
 """
 
 CHECK_EXAMPLES = """\
 examples:
   holdfast check                                listen for about five seconds, then print the list
-  holdfast check --set-origin 47.40,8.55        at the surface: also tell the EKF where it is
+  holdfast check --set-origin 47.40,8.55        at the surface: also set the EKF origin
   holdfast check --thrusters                    armed and dived: small pulses on each axis, eight seconds
   holdfast check --json --set link.endpoint=tcp:127.0.0.1:5760
 
-exit status: 0 all rows good; 1 warnings; 2 refusals, for which `holdfast run` will not engage, or no vehicle
-or a wrong configuration. A disarmed vehicle is put into MANUAL and STABILIZE and back. Nothing is steered
-without --thrusters.
+exit status: 0 all rows good; 1 warnings; 2 refused rows (`holdfast run` will not engage), no vehicle, or a
+wrong configuration. If the vehicle is disarmed, the check switches to MANUAL, STABILIZE and back. It sends
+no steering without --thrusters.
 """
 
 
 def run(argv: list[str]) -> int:
-    """Hold a vehicle: the controller itself."""
+    """Run the controller: hold a vehicle at its setpoint."""
     parser = argparse.ArgumentParser(
         prog="holdfast run",
-        description="Connects to an ArduSub vehicle over MAVLink and holds it still, once told to engage.",
+        description="Connects to an ArduSub vehicle over MAVLink, and holds it after a request to engage.",
         epilog=EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -53,15 +53,17 @@ def run(argv: list[str]) -> int:
     parser.add_argument(
         "--set", action="append", default=[], metavar="KEY=VALUE", help="override a key of the file"
     )
-    parser.add_argument("--engage", action="store_true", help="take control as soon as it is permitted")
+    parser.add_argument("--engage", action="store_true", help="engage as soon as it is permitted")
     parser.add_argument("--arm", action="store_true", help="arm the vehicle when engaging")
     parser.add_argument(
-        "--depth-only", action="store_true", help="steer in STABILIZE, leave the heading to the firmware"
+        "--depth-only",
+        action="store_true",
+        help="steer in STABILIZE: the firmware keeps roll, pitch and heading",
     )
     parser.add_argument(
         "--allow-control",
         action="store_true",
-        help="take commands over Zenoh from other machines too, see `holdfast tell`",
+        help="also accept commands over Zenoh from other machines, see `holdfast tell`",
     )
     parser.add_argument("--depth", type=float, metavar="M", help="depth to hold; default: the present one")
     parser.add_argument(
@@ -110,12 +112,12 @@ def run(argv: list[str]) -> int:
 
 
 def keys(argv: list[str]) -> int:
-    """Make certificates that let a laptop look in over the network."""
+    """Create certificates for a laptop that connects over the network."""
     parser = argparse.ArgumentParser(
         prog="holdfast keys",
-        description="Makes a throw-away certificate authority and two Zenoh configurations: "
-        "DIR/vehicle.json5, which listens on loopback as before and on the network by TLS for that laptop "
-        "alone, and DIR/laptop.json5. Each holds its private key: copy it as you would a password.",
+        description="Creates a temporary certificate authority and two Zenoh configurations. With "
+        "DIR/vehicle.json5 the vehicle listens on loopback, and by TLS for this laptop only; "
+        "DIR/laptop.json5 is for the laptop. Each file contains a private key: protect it like a password.",
         epilog=KEYS_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -125,12 +127,12 @@ def keys(argv: list[str]) -> int:
         action="append",
         required=True,
         metavar="NAME",
-        help="the vehicle's address or name, as the laptop calls it; several: give it again",
+        help="address or name of the vehicle, as seen from the laptop; may be repeated",
     )
     parser.add_argument(
         "--allow-control",
         action="store_true",
-        help="let the laptop command; the companion must allow it as well",
+        help="let the laptop send commands; the companion must allow them too",
     )
     arguments = parser.parse_args(argv)
     try:
@@ -159,10 +161,10 @@ def keys(argv: list[str]) -> int:
 
 
 def check(argv: list[str]) -> int:
-    """Go through the pre-dive list of a connected vehicle."""
+    """Check the pre-dive list of a connected vehicle."""
     parser = argparse.ArgumentParser(
         prog="holdfast check",
-        description="Looks at the connected vehicle and says, row by row, whether it is fit to be held.",
+        description="Checks whether the connected vehicle is ready, and prints a list of rows.",
         epilog=CHECK_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -170,12 +172,17 @@ def check(argv: list[str]) -> int:
     parser.add_argument(
         "--set", action="append", default=[], metavar="KEY=VALUE", help="override a key of the file"
     )
-    parser.add_argument("--json", action="store_true", help="for a script")
+    parser.add_argument("--json", action="store_true", help="print JSON, for scripts")
     parser.add_argument(
-        "--set-origin", type=_position, metavar="LAT,LON", help="degrees; set the EKF origin, at the surface"
+        "--set-origin",
+        type=_position,
+        metavar="LAT,LON",
+        help="set the EKF origin, in degrees, at the surface",
     )
     parser.add_argument(
-        "--thrusters", action="store_true", help="pulse each axis: the vehicle MOVES; armed and dived only"
+        "--thrusters",
+        action="store_true",
+        help="send a pulse on each axis: the vehicle MOVES; it must be armed and dived",
     )
     arguments = parser.parse_args(argv)
 
@@ -211,13 +218,13 @@ def _position(text: str) -> tuple[float, float]:
 
 
 def schema(argv: list[str]) -> int:
-    """Print every key, field, unit and command; with --write into docs/."""
+    """Print every telemetry key, field, unit and command; --write updates docs/."""
     parser = argparse.ArgumentParser(
         prog="holdfast schema",
-        description="Prints what the companion publishes and takes, as docs/telemetry.md has it.",
+        description="Prints the generated part of docs/telemetry.md: all keys, schemas and commands.",
     )
     parser.add_argument(
-        "--write", action="store_true", help="renew docs/telemetry.md and docs/schemas/ in a checkout"
+        "--write", action="store_true", help="update docs/telemetry.md and docs/schemas/ in a checkout"
     )
     arguments = parser.parse_args(argv)
     from companion.telemetry.documents import page, write

@@ -1,4 +1,4 @@
-"""What `holdfast` can do with both rooms at once. Imports nothing heavy before a command is called."""
+"""The subcommands that need companion and simulator. Heavy imports wait until a command is called."""
 
 import argparse
 import sys
@@ -9,7 +9,7 @@ from lab.options import add_firmware, find_firmware, positive
 
 
 def demo(argv: list[str]) -> int:
-    """Watch a dive twice, without and with the compensator; takes a minute."""
+    """Show a simulated dive twice, without and with the compensator; takes a minute."""
     if not _has("demo", "rich", "matplotlib"):
         return 1
     from lab.demo.demo import main
@@ -18,30 +18,44 @@ def demo(argv: list[str]) -> int:
 
 
 def bench(argv: list[str]) -> int:
-    """Measure how well it holds, over many vehicles and seas, and what it costs."""
+    """Measure the control error over many vehicles and seas, and the cost of the process."""
     parser = argparse.ArgumentParser(
         prog="holdfast bench",
-        description="Dives four scenarios, without and with 80 ms more delay, in virtual time with vehicles "
-        "drawn from an ensemble, through real MAVLink bytes: the shipped default, other laws and "
-        "compensators in its place, ArduSub's own depth hold, and beside them the computed LQG floor. A "
-        "dive takes about 3 s of a core: all rows with 60 vehicles 5 core-hours, with --seeds 10 an hour. "
-        "Then measures the process itself against its bounds. Only when named: `zenoh` measures what "
-        "slow, stopped and killed subscribers do to the tick, in six minutes; `ablation` takes away one part "
-        "of the controller after the other, and asks where the network beats an observer; `firmware` dives "
-        "the default and ALT_HOLD with our stand-in and with the real ArduSub, side by side.",
+        description="Simulates four scenarios, without and with 80 ms more delay, with random vehicles, in "
+        "virtual time and with real MAVLink bytes: the shipped default, other laws and compensators, "
+        "ArduSub's depth hold, and the computed LQG floor. One dive takes 3 s on one core; all rows with 60 "
+        "vehicles take 5 core-hours, with --seeds 10 one hour. Then it measures the process against its "
+        "limits. Three benches run only on request: `zenoh` measures the effect of slow, stopped and killed "
+        "subscribers on the tick, in six minutes; `ablation` removes one part of the controller at a time, "
+        "and compares the network with the observer; `firmware` compares our simulator with the real "
+        "ArduSub, for the default and for ALT_HOLD.",
     )
     parser.add_argument(
         "what",
         nargs="?",
         choices=("dives", "process", "zenoh", "ablation", "firmware"),
-        help="only this; default: dives and process",
+        help="run only this bench; default: dives and process",
     )
-    parser.add_argument("--seeds", type=positive, metavar="N", help="vehicles; default 60, with a firmware 4")
-    parser.add_argument("--rows", nargs="+", metavar="ROW", help="only these, such as default law ppi")
-    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="companion's config")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the same figures there")
     parser.add_argument(
-        "--out", type=Path, default=Path("out/bench"), metavar="DIR", help="for plots; default %(default)s"
+        "--seeds", type=positive, metavar="N", help="number of vehicles; default 60, with --firmware 4"
+    )
+    parser.add_argument(
+        "--rows", nargs="+", metavar="ROW", help="run only these rows, such as: default law ppi"
+    )
+    parser.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        help="override a key of the companion's configuration",
+    )
+    parser.add_argument("--json", type=Path, metavar="FILE", help="also write the figures to FILE")
+    parser.add_argument(
+        "--out",
+        type=Path,
+        default=Path("out/bench"),
+        metavar="DIR",
+        help="folder for plots; default %(default)s",
     )
     add_firmware(parser)
     arguments = parser.parse_args(argv)
@@ -59,17 +73,17 @@ def bench(argv: list[str]) -> int:
 
 
 def paper(argv: list[str]) -> int:
-    """Dive the paper's simulations again: its figures and its claims."""
+    """Repeat the paper's simulations and check its claims."""
     parser = argparse.ArgumentParser(
         prog="holdfast paper",
-        description="Repeats the paper's three simulations and a table of law, integrator and network over "
-        "five disturbances, four wrong models and ten draws of first weights, all dives at once. "
-        "Exit status 1 if something that must come out did not.",
+        description="Repeats the paper's three simulations, and compares law, integrator and network for "
+        "five disturbances, four wrong models and ten sets of initial weights. Exit status 1 if a result "
+        "differs from the expected one.",
     )
     parser.add_argument(
         "--out", type=Path, default=Path("out/paper"), metavar="DIR", help="default %(default)s"
     )
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the same records there")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="also write the figures to FILE")
     arguments = parser.parse_args(argv)
     from lab.paper.report import run
 
@@ -77,28 +91,44 @@ def paper(argv: list[str]) -> int:
 
 
 def tune(argv: list[str]) -> int:
-    """Search the gains for your own vehicle, or for the rows of the bench."""
+    """Search gains for your vehicle, or for the rows of the bench."""
     from companion.config import DEFAULT_FILE
     from sim_bridge.commands import DEFAULT_CONFIG
 
     parser = argparse.ArgumentParser(
         prog="holdfast tune",
-        description="Searches (CMA-ES) the gains of heave over dives in virtual time, half with 40 ms "
-        "more delay each way, half with 15 % more thrust and 40 ms of delay that nobody tells. Without ROW: "
-        "those of your configuration on your vehicle, written as a configuration. With ROW: those of "
-        "`holdfast bench`, as lab/tuned.toml has them.",
+        description="Searches gains of heave by CMA-ES over simulated dives: half of them with 40 ms more "
+        "delay each way, half with 15 % more thrust and 40 ms of hidden delay. Without ROW it tunes your "
+        "configuration for your vehicle and writes a configuration file. With ROW it tunes rows of `holdfast "
+        "bench`, for lab/bench/tuned.toml.",
     )
-    parser.add_argument("rows", nargs="*", metavar="ROW", help="rows of the bench, or all")
+    parser.add_argument("rows", nargs="*", metavar="ROW", help="a row of the bench, or all")
     parser.add_argument(
-        "--vehicle", type=Path, default=DEFAULT_CONFIG, metavar="FILE", help="the simulator's"
+        "--vehicle",
+        type=Path,
+        default=DEFAULT_CONFIG,
+        metavar="FILE",
+        help="configuration of the simulated vehicle",
     )
-    parser.add_argument("--config", type=Path, default=DEFAULT_FILE, metavar="FILE", help="the companion's")
-    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="companion's config")
     parser.add_argument(
-        "--evaluations", type=positive, default=150, metavar="N", help="of each; default %(default)s"
+        "--config", type=Path, default=DEFAULT_FILE, metavar="FILE", help="configuration of the companion"
     )
     parser.add_argument(
-        "--seeds", type=positive, default=8, metavar="N", help="vehicles; default %(default)s"
+        "--set",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        help="override a key of the companion's configuration",
+    )
+    parser.add_argument(
+        "--evaluations",
+        type=positive,
+        default=150,
+        metavar="N",
+        help="evaluations for each row; default %(default)s",
+    )
+    parser.add_argument(
+        "--seeds", type=positive, default=8, metavar="N", help="number of vehicles; default %(default)s"
     )
     parser.add_argument("--out", type=Path, metavar="FILE", help="default: out/tune/")
     arguments = parser.parse_args(argv)
@@ -108,13 +138,13 @@ def tune(argv: list[str]) -> int:
 
 
 def campaign(argv: list[str]) -> int:
-    """Dive thousands of times with vehicles, links and seas that nobody tuned for."""
+    """Simulate thousands of dives with vehicles, links and seas that no search has used."""
     parser = argparse.ArgumentParser(
         prog="holdfast campaign",
-        description="Every published vehicle set, varied in damping, mass and thrust, with delay, dead "
-        "thrusters and disturbances; a dive's number is its seed. Rows are appended to DIR/dives.csv, and "
-        "the same command continues where a run stopped. Exit status 1 if a dive inside the envelope did "
-        "not hold.",
+        description="Simulates every published vehicle with varied damping, mass and thrust, with delays, "
+        "dead thrusters and disturbances. The number of a dive is its seed. Each dive appends a row to "
+        "DIR/dives.csv; if a run was interrupted, the same command continues it. Exit status 1 if Holdfast "
+        "lost a vehicle inside the declared envelope.",
     )
     parser.add_argument("--dives", type=int, default=6000, metavar="N", help="default %(default)s")
     parser.add_argument(
@@ -126,28 +156,32 @@ def campaign(argv: list[str]) -> int:
     parser.add_argument(
         "--workers", type=int, metavar="N", help="processes on this machine; default: its cores"
     )
+    parser.add_argument("--scheduler", metavar="ADDRESS", help="run on this Dask cluster, tcp://HOST:PORT")
     parser.add_argument(
-        "--scheduler", metavar="ADDRESS", help="of a Dask cluster to dive on, tcp://HOST:PORT"
+        "--replay", type=int, metavar="ID", help="repeat only this dive, in the batch and in the full loop"
     )
     parser.add_argument(
-        "--replay", type=int, metavar="ID", help="only this dive, in the batch and the full loop"
+        "--set",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        help="override a key of the companion's configuration",
     )
-    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="companion's config")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write a summary there")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write a summary to FILE")
     from lab.campaign.report import main
 
     return main(parser.parse_args(argv))
 
 
 def faults(argv: list[str]) -> int:
-    """Break something in thousands of dives, and hold every tick to account."""
+    """Inject faults into thousands of simulated dives, and check every tick."""
     from lab.faults.report import main
 
     return main(argv)
 
 
 def rerun(argv: list[str]) -> int:
-    """Run a recorded dive through today's engine and compare its commands."""
+    """Run a recorded dive through the present code and compare its commands."""
     if not _has("rerun", "mcap", "matplotlib"):
         return 2
     from lab.rerun.command import main
@@ -156,7 +190,7 @@ def rerun(argv: list[str]) -> int:
 
 
 def report(argv: list[str]) -> int:
-    """Make the page after the dive: what was held, how well, and what to change."""
+    """Write a report of a recorded dive: control errors, events and advice."""
     if not _has("report", "mcap", "matplotlib"):
         return 1
     from lab.report.report import main

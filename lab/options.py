@@ -11,8 +11,8 @@ def add_firmware(parser: argparse.ArgumentParser) -> None:
         nargs="?",
         const="",
         metavar="PATH",
-        help="dive the real ArduSub: its program for sitl; without PATH the one that HOLDFAST_ARDUSUB names. "
-        "Default: our stand-in",
+        help="use the real ArduSub (built for SITL); without PATH the program that HOLDFAST_ARDUSUB names. "
+        "Default: our simulator",
     )
 
 

@@ -13,16 +13,16 @@ examples:
   holdfast sim --set 'load={enabled=true, weight_n=15, on_s=20, off_s=60}'
   holdfast sim --set 'faults=[{kind="message_frozen", message="ATTITUDE", at_s=30, duration_s=5}]'
   holdfast sim --config config/sim-bluerov2.toml --udp-listen 0.0.0.0:14551 --speed 4 --no-zenoh
-  mavproxy.py --master tcp:127.0.0.1:5760         any MAVLink ground station will do
-  holdfast sim --physics-only                     water and thrusters for ArduSub's own simulator, started
-                                                  with `--model JSON:127.0.0.1`; it asks udp 127.0.0.1:9002
+  mavproxy.py --master tcp:127.0.0.1:5760         any MAVLink ground station can connect
+  holdfast sim --physics-only                     physics for ArduSub's own simulator, started with `--model
+                                                  JSON:127.0.0.1`, which sends to udp 127.0.0.1:9002
 
-Endpoints may be repeated. Name any, and only those named are opened. The truth is published on the Zenoh
-key sim/VEHICLE/truth, in a key space that no companion reads. Times of a load count from the first arming,
-those of faults from the start. With --physics-only the firmware is ArduSub itself: MAVLink, parameters,
-sensors, faults and speed are the firmware's; hull, thrusters, battery, current, waves, tether, load and
-heave_force are ours. Time follows its frames. A load's times count from the first turn of a motor. If the
-firmware restarts, the vehicle stays where it is.
+Endpoints may be repeated; if any is given, the default ones are not opened. The true state is published on
+the Zenoh key sim/VEHICLE/truth, which no companion reads. The times of a load count from the first arming,
+those of faults from the start. With --physics-only the real ArduSub provides MAVLink, parameters, sensors and
+speed; the simulator provides hull, thrusters, battery, current, waves, tether, load and heave_force. Its time
+follows the firmware's frames, and the times of a load count from the first motion of a motor. If the firmware
+restarts, the vehicle keeps its position.
 """
 
 
@@ -41,7 +41,7 @@ def sim(argv: list[str]) -> int:
         type=_endpoint,
         action="append",
         default=[],
-        help="call a peer there",
+        help="send to this address",
     )
     add(
         "--udp-listen",
@@ -49,47 +49,65 @@ def sim(argv: list[str]) -> int:
         type=_endpoint,
         action="append",
         default=[],
-        help="answer whoever calls",
+        help="listen, and answer any sender",
     )
-    add("--tcp", metavar="HOST:PORT", type=_endpoint, action="append", default=[], help="serve TCP clients")
+    add(
+        "--tcp",
+        metavar="HOST:PORT",
+        type=_endpoint,
+        action="append",
+        default=[],
+        help="listen for TCP clients",
+    )
     add(
         "--config",
         metavar="FILE",
         type=Path,
         default=DEFAULT_CONFIG,
-        help="the vehicle (default: %(default)s)",
+        help="configuration of the vehicle (default: %(default)s)",
     )
     add(
         "--set",
         metavar="KEY=VALUE",
         action="append",
         default=[],
-        help="override one key of it; VALUE is TOML",
+        help="override a key of the configuration; VALUE is TOML",
     )
     add(
         "--seed",
         metavar="N",
         type=int,
         default=1,
-        help="the same seed gives the same sea (default: %(default)s)",
+        help="random seed of sea and noise (default: %(default)s)",
     )
-    add("--speed", metavar="X", type=_speed, default=1.0, help="times real time (default: %(default)s)")
+    add(
+        "--speed",
+        metavar="X",
+        type=_speed,
+        default=1.0,
+        help="speed relative to real time (default: %(default)s)",
+    )
     add(
         "--zenoh",
         metavar="ENDPOINT",
         default="tcp/127.0.0.1:7447",
-        help="router or peer (default: %(default)s)",
+        help="Zenoh router or peer (default: %(default)s)",
     )
-    add("--no-zenoh", action="store_true", help="publish no truth")
-    add("--vehicle", metavar="NAME", default="bluerov2", help="in the truth's key (default: %(default)s)")
+    add("--no-zenoh", action="store_true", help="do not publish the true state")
+    add(
+        "--vehicle",
+        metavar="NAME",
+        default="bluerov2",
+        help="vehicle name in the Zenoh key (default: %(default)s)",
+    )
     add(
         "--physics-only",
         metavar="HOST:PORT",
         nargs="?",
         type=_endpoint,
         const=("127.0.0.1", 9002),
-        help="be external physics for the real ArduSub (JSON backend), which asks there "
-        "(default: 127.0.0.1:9002, of its instance 0)",
+        help="serve as external physics for the real ArduSub (JSON backend) at this address "
+        "(default: 127.0.0.1:9002, for instance 0)",
     )
     arguments = parser.parse_args(argv)
 
