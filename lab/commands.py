@@ -9,7 +9,7 @@ from lab.options import add_firmware, find_firmware, positive
 
 
 def demo(argv: list[str]) -> int:
-    """Show a simulated dive twice, without and with the compensator; takes a minute."""
+    """Show a simulated dive without and with the compensator, in a minute."""
     if not _has("demo", "rich", "matplotlib"):
         return 1
     from lab.demo.demo import main
@@ -18,7 +18,7 @@ def demo(argv: list[str]) -> int:
 
 
 def bench(argv: list[str]) -> int:
-    """Measure the control error over many vehicles and seas, and the cost of the process."""
+    """Measure control errors over many vehicles and seas, and the cost of a tick."""
     parser = argparse.ArgumentParser(
         prog="holdfast bench",
         description="Simulates four scenarios, without and with 80 ms more delay, with random vehicles, in "
@@ -138,7 +138,7 @@ def tune(argv: list[str]) -> int:
 
 
 def campaign(argv: list[str]) -> int:
-    """Simulate thousands of dives with vehicles, links and seas that no search has used."""
+    """Simulate thousands of dives with new vehicles, links and seas."""
     parser = argparse.ArgumentParser(
         prog="holdfast campaign",
         description="Simulates every published vehicle with varied damping, mass and thrust, with delays, "

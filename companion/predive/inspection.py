@@ -1,4 +1,4 @@
-"""What `holdfast check` does with a vehicle: listen, try what may be tried, and fill in the list. No clock.
+"""The steps of `holdfast check`: listen, test what may be tested, fill in the list. No clock.
 
 It never steers unless asked to try the thrusters, and then an armed vehicle in the water alone.
 """
@@ -33,7 +33,7 @@ from companion.telemetry.modes import Mode
 CONTACT_S = 10.0
 LISTEN_S = 12.0
 SETTLE_S = 4.0
-"""Least time to listen: rates, delays and the clock are measured over seconds."""
+"""Shortest time to listen: measuring rates, delays and the clock takes seconds."""
 
 SYNCS = 8
 TRY_S = 2.0
@@ -45,7 +45,7 @@ DISARM = 2.0
 
 
 class Inspection:
-    """One look at one vehicle: `step` it at the loop's rate until `done`, then read `rows`."""
+    """The inspection of one vehicle: call `step` at the loop's rate until `done`, then read `rows`."""
 
     def __init__(
         self,
@@ -74,7 +74,7 @@ class Inspection:
         self.done = False
         self.contact = False
         self.notes: list[str] = []
-        """What was done beside looking, for people."""
+        """What was done besides listening, for people."""
 
     def step(self, now_s: float, datagrams: Sequence[tuple[int, bytes]]) -> list[bytes]:
         """Advance one tick: take what arrived (monotonic ns, bytes), return what to send."""
@@ -92,11 +92,11 @@ class Inspection:
         return self._autopilot.sender(datagram)
 
     def hello(self) -> bytes:
-        """Return a heartbeat for whoever is not yet our peer (`Autopilot.hello`)."""
+        """Return a heartbeat for a sender that is not yet our peer (`Autopilot.hello`)."""
         return self._autopilot.hello()
 
     def shutdown_frames(self) -> list[bytes]:
-        """Return what ends a look that was broken off: neutral where a thruster may turn."""
+        """Return the frames that end an interrupted inspection: neutral if a thruster may turn."""
         return [self._autopilot.neutral()] if self._pushing else []
 
     @property
@@ -151,19 +151,19 @@ class Inspection:
 
     def _set_origin(self, latitude_deg: float, longitude_deg: float) -> Iterator[None]:
         if self._survey.observed(self._seen).origin_known:
-            self.notes.append("the EKF origin was set already, and stays")
+            self.notes.append("the EKF origin was already set and is unchanged")
         elif not self._seen.eta[2] < SURFACE_M:
             self.notes.append(
-                f"the EKF origin was not set: it is dived ({self._seen.eta[2]:.1f} m); come up first"
+                f"the EKF origin was not set: the vehicle is dived ({self._seen.eta[2]:.1f} m); surface first"
             )
         else:
             self._out.append(self._autopilot.set_origin(latitude_deg, longitude_deg))
             yield from self._wait(TRY_S, lambda: self._survey.observed(self._seen).origin_known)
             known = self._survey.observed(self._seen).origin_known
-            self.notes.append(f"the EKF origin {'was set' if known else 'was asked for and did not come'}")
+            self.notes.append(f"the EKF origin {'was set' if known else 'was requested, but not confirmed'}")
 
     def _try_modes(self) -> Iterator[None]:
-        """Ask a disarmed vehicle for each mode that we need, and then for the one it had."""
+        """Request each needed mode from a disarmed vehicle, and then its previous mode."""
         if self._seen.armed:
             self._modes = {}
             return
@@ -189,7 +189,7 @@ class Inspection:
             return
         before = self._seen.mode
         yield from self._ask_mode(Mode.MANUAL)
-        self._directions, self._pushing = Directions(refused="it was broken off"), True
+        self._directions, self._pushing = Directions(refused="the test was interrupted"), True
         samples: dict[str, list[Sample]] = {}
         starts_s: dict[str, float] = {}
         echoes: list[tuple[float, float]] = []
@@ -226,7 +226,7 @@ class Inspection:
             yield
         self._pushing = False
         if self._autopilot.parameters.get("FS_PILOT_INPUT") == DISARM:
-            self.notes.append("nobody steers it now: FS_PILOT_INPUT disarms it, unless a pilot does")
+            self.notes.append("nobody steers now: FS_PILOT_INPUT disarms the vehicle unless a pilot steers")
 
     def _may_push(self) -> bool:
         return not self._why_not()
@@ -234,11 +234,11 @@ class Inspection:
     def _why_not(self) -> str:
         state = self._seen
         if not state.armed:
-            return "it is not armed"
+            return "the vehicle is not armed"
         if not state.ages.depth_s < 1.0:
-            return "there is no depth, so nobody knows whether it is in the water"
+            return "there is no depth, so the vehicle may be out of the water"
         if not state.eta[2] >= SURFACE_M:
-            return f"it is not in the water ({state.eta[2]:.1f} m deep, {SURFACE_M:g} m are wanted)"
+            return f"the vehicle is not in the water (depth {state.eta[2]:.1f} m, at least {SURFACE_M:g} m)"
         return ""
 
     def _note(

@@ -72,7 +72,7 @@ def test_the_modes_are_tried_and_given_back():
 def test_a_vehicle_that_somebody_has_armed_is_left_in_its_mode():
     look = VehicleInspection(DIVED, arm=True)
     assert look.modes == [MANUAL]
-    assert "not tried" in look.row("mode").found
+    assert "not tested" in look.row("mode").found
     assert not look.steered
     assert not look.pushed
 
@@ -95,12 +95,14 @@ def test_thrusters_are_not_tried_where_they_must_not_be(plant, arm, why):
 def test_asked_for_armed_and_dived_it_tries_every_motor_and_ends_neutral():
     look = VehicleInspection(DIVED, "waves.enabled=true", arm=True, thrusters=True)
     assert look.row("thrusters").grade is Grade.GOOD
-    assert "all 8 push the right way" in look.row("thrusters").found
+    assert "all 8 push in the right direction" in look.row("thrusters").found
     assert "100 %" in look.row("steering id").found
     assert look.steered[-1] == (0.0, 0.0, 0.0, 0.0)
     assert max(abs(axis) for axes in look.steered for axis in axes) <= 0.2
     assert abs(look.vehicle.truth().eta[3:]).max() < 0.5
-    assert look.inspection.notes == ["nobody steers it now: FS_PILOT_INPUT disarms it, unless a pilot does"]
+    assert look.inspection.notes == [
+        "nobody steers now: FS_PILOT_INPUT disarms the vehicle unless a pilot steers"
+    ]
 
 
 @pytest.mark.parametrize("motor", range(1, 9))
@@ -108,7 +110,7 @@ def test_a_reversed_motor_is_named(motor):
     look = VehicleInspection(DIVED, f"parameters.MOT_{motor}_DIRECTION=-1", arm=True, thrusters=True)
     found = look.row("thrusters")
     assert found.grade is Grade.REFUSED
-    assert f"motor {motor} pushes the wrong way" in found.found
+    assert f"motor {motor} pushes in the wrong direction" in found.found
     assert f"MOT_{motor}_DIRECTION" in found.fix
 
 
@@ -118,13 +120,17 @@ def test_the_six_thruster_frame(motor):
     frame = ('vehicle.frame="vectored"',)
     look = VehicleInspection(DIVED, *reversed_, arm=True, thrusters=True, companion=frame, base=SIX)
     assert look.row("frame").grade is Grade.GOOD
-    wanted = "all 6 push the right way" if motor is None else f"motor {motor} pushes the wrong way"
+    wanted = (
+        "all 6 push in the right direction"
+        if motor is None
+        else f"motor {motor} pushes in the wrong direction"
+    )
     assert wanted in look.row("thrusters").found
 
 
 def test_a_dead_motor_is_named():
     look = VehicleInspection(DIVED, "thrusters.gain=[1,1,1,0.05,1,1,1,1]", arm=True, thrusters=True)
-    assert "motor 4 hardly pushes" in look.row("thrusters").found
+    assert "motor 4 gives too little thrust" in look.row("thrusters").found
 
 
 def test_somebody_who_obeys_another_id_is_refused_and_seen_by_the_echo():
@@ -135,12 +141,12 @@ def test_somebody_who_obeys_another_id_is_refused_and_seen_by_the_echo():
 
 def test_dived_it_does_not_set_the_origin():
     look = VehicleInspection(DIVED, origin=ORIGIN)
-    assert "it is dived" in look.inspection.notes[0]
+    assert "the vehicle is dived" in look.inspection.notes[0]
     assert look.row("EKF origin").grade is Grade.WARNING
 
 
 def test_a_receiver_is_told_from_none():
-    assert "did fire" in VehicleInspection().row("RC receiver").found
+    assert "has acted" in VehicleInspection().row("RC receiver").found
     look = VehicleInspection("rc_receiver=true")
     assert look.row("RC receiver").grade is Grade.WARNING
     look = VehicleInspection("rc_receiver=true", "parameters.RC_OVERRIDE_TIME=-1")

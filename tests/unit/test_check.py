@@ -79,7 +79,7 @@ def row(name, seen, *overrides):
 
 
 def told(seen, **parameters):
-    """The same with other parameters; None: not told."""
+    """The same with other parameters; None: not reported."""
     changed = {**seen.parameters, **parameters}
     return replace(seen, parameters={key: value for key, value in changed.items() if value is not None})
 
@@ -96,14 +96,14 @@ def test_all_good(good):
 # CheckRow, what is changed, overrides of our configuration, the grade, and words that have to be there.
 BAD = [
     ("firmware", {"heartbeat": Heartbeat(0.0, False, 19, 3, 2)}, (), REFUSED, ["type 2"]),
-    ("firmware", {"firmware": None}, (), WARNING, ["not told"]),
+    ("firmware", {"firmware": None}, (), WARNING, ["not reported"]),
     ("firmware", {"firmware": Firmware(0.0, "4.1.2", (4, 1, 2))}, (), WARNING, ["4.1.2"]),
     ("steering id", {"directions": Directions((1.0,) * 8, 0.1)}, (), REFUSED, ["10 %"]),
     ("pilot gain", {"pilot_gain": 0.25}, STICKS, WARNING, ["25 %"]),
     ("pilot gain", {"pilot_gain": None}, STICKS, REFUSED, ["PilotGain"]),
     ("input hold", {"toggles": {"InputHold": True, "RollPitch": False}}, (), REFUSED, ["InputHold on"]),
     ("input hold", {"toggles": {"InputHold": False, "RollPitch": True}}, (), REFUSED, ["RollPitch on"]),
-    ("input hold", {"toggles": {}}, (), WARNING, ["not told"]),
+    ("input hold", {"toggles": {}}, (), WARNING, ["not reported"]),
     ("RC receiver", {"failsafe_seen": False}, (), WARNING, ["after 3 s"]),
     ("streams", {"measured_hz": {"ATTITUDE": 12.5}}, (), WARNING, ["ATTITUDE 12 of 50 Hz"]),
     ("streams", {"measured_hz": {}}, (), WARNING, ["not measured"]),
@@ -114,10 +114,10 @@ BAD = [
     ("EKF", {"ekf": EkfStatus(0.0, False, False, 0.0, False, False)}, (), REFUSED, ["not init", "wait"]),
     ("EKF", {"ekf": EkfStatus(0.0, False, True, 0.0, True)}, (), REFUSED, ["no attitude", "wait"]),
     ("EKF", {"ekf": EkfStatus(0.0, True, False, 0.0, True)}, (), REFUSED, ["no depth", "wait"]),
-    ("EKF", {"ekf": EkfStatus(0.0, True, True, 0.9, True)}, (), REFUSED, ["variance 0.90", "wait"]),
+    ("EKF", {"ekf": EkfStatus(0.0, True, True, 0.9, True)}, (), REFUSED, ["variance is 0.90", "wait"]),
     ("compass", {"yaw_aligned_t_s": 10.0}, (), REFUSED, ["aligned its yaw less than 3 s ago: wait"]),
-    ("mode", {"modes": {"MANUAL": False, "STABILIZE": True}}, (), REFUSED, ["MANUAL did not come"]),
-    ("mode", {"modes": {"MANUAL": True, "STABILIZE": False}}, (), WARNING, ["STABILIZE did not come"]),
+    ("mode", {"modes": {"MANUAL": False, "STABILIZE": True}}, (), REFUSED, ["MANUAL refused"]),
+    ("mode", {"modes": {"MANUAL": True, "STABILIZE": False}}, (), WARNING, ["STABILIZE refused"]),
     ("battery", {"voltage_v": 13.5}, (), WARNING, ["13.5 V"]),
     ("battery", {"voltage_v": 12.0}, (), REFUSED, ["12.0 V"]),
     ("battery", {"voltage_v": None}, (), WARNING, ["no voltage"]),
@@ -130,7 +130,7 @@ BAD = [
         {"directions": Directions((1, 1, 1, 1, 0.1, 1, 1, 1), 1.0)},
         (),
         REFUSED,
-        ["motor 5 hardly"],
+        ["motor 5 gives too little"],
     ),
     ("thrusters", {"directions": Directions(refused="it is not armed")}, (), WARNING, ["not armed"]),
 ]
@@ -151,24 +151,24 @@ def test_a_bad_row_says_what_and_what_mends_it(good, name, changes, overrides, g
 
 # CheckRow, parameters, overrides of our configuration, grade, and words in `found` or `fix`.
 BY_PARAMETER = [
-    ("frame", {"FRAME_CONFIG": 1.0}, (), REFUSED, "vectored, we expect vectored_6dof"),
+    ("frame", {"FRAME_CONFIG": 1.0}, (), REFUSED, "vectored, expected vectored_6dof"),
     ("frame", {"FRAME_CONFIG": 1.0}, ('vehicle.frame="vectored"',), GOOD, "vectored"),
     ("frame", {"FRAME_CONFIG": 5.0}, (), REFUSED, "number 5"),
-    ("frame", {"FRAME_CONFIG": None}, (), REFUSED, "FRAME_CONFIG was not told"),
-    ("steering id", {"MAV_GCS_SYSID": 254.0}, (), REFUSED, "obeys 254"),
+    ("frame", {"FRAME_CONFIG": None}, (), REFUSED, "FRAME_CONFIG was not reported"),
+    ("steering id", {"MAV_GCS_SYSID": 254.0}, (), REFUSED, "accepts 254"),
     ("steering id", {"MAV_GCS_SYSID": 254.0}, ("link.system=254",), REFUSED, ""),
-    ("steering id", {"MAV_GCS_SYSID": None}, (), REFUSED, "was not told"),
+    ("steering id", {"MAV_GCS_SYSID": None}, (), REFUSED, "was not reported"),
     ("pilot failsafe", {"FS_PILOT_INPUT": 0.0}, (), REFUSED, "FS_PILOT_INPUT = 2"),
     ("pilot failsafe", {"FS_PILOT_INPUT": 1.0}, (), GOOD, "neutral"),
     ("pilot failsafe", {"FS_PILOT_TIMEOUT": 3.0}, ("supervisor.max_pilot_timeout_s=1.0",), REFUSED, "<= 1"),
-    ("pilot failsafe", {"FS_PILOT_TIMEOUT": None}, (), REFUSED, "FS_PILOT_TIMEOUT was not told"),
+    ("pilot failsafe", {"FS_PILOT_TIMEOUT": None}, (), REFUSED, "FS_PILOT_TIMEOUT was not reported"),
     ("pilot gain", {"JS_THR_GAIN": 0.5}, STICKS, WARNING, "25 %"),
     ("pilot gain", {"JS_THR_GAIN": None}, STICKS, REFUSED, "JS_THR_GAIN"),
-    ("pilot gain", {"JS_THR_GAIN": None}, (), GOOD, "not in the way"),
+    ("pilot gain", {"JS_THR_GAIN": None}, (), GOOD, "not used"),
     ("leak", {"FS_LEAK_ENABLE": 0.0}, (), WARNING, "FS_LEAK_ENABLE = 1"),
-    ("leak", {"FS_LEAK_ENABLE": None}, (), WARNING, "FS_LEAK_ENABLE was not told"),
+    ("leak", {"FS_LEAK_ENABLE": None}, (), WARNING, "FS_LEAK_ENABLE was not reported"),
     ("leak", {"FS_LEAK_ENABLE": 2.0}, (), GOOD, "surfaces"),
-    ("RC receiver", {"RC_OVERRIDE_TIME": -1.0}, (), GOOD, "did fire"),
+    ("RC receiver", {"RC_OVERRIDE_TIME": -1.0}, (), GOOD, "has acted"),
 ]
 
 
@@ -207,7 +207,7 @@ def test_a_receiver_and_overrides_that_never_end_are_refused(good):
     """Nothing at all would stop the thrusters then."""
     seen = told(replace(good, failsafe_seen=False), RC_OVERRIDE_TIME=-1.0)
     assert row("RC receiver", seen).grade is REFUSED
-    assert "not told" in row("RC receiver", told(seen, RC_OVERRIDE_TIME=None)).found
+    assert "not reported" in row("RC receiver", told(seen, RC_OVERRIDE_TIME=None)).found
     assert row("RC receiver", replace(seen, receiver_channels=0)).grade is GOOD
     assert row("RC receiver", told(seen, RC_PROTOCOLS=0.0)).grade is GOOD
 
@@ -231,13 +231,13 @@ def test_what_was_not_tried_has_no_row(good):
     names = [row.name for row in rows(replace(good, modes=None, directions=None), load_config())]
     assert "mode" not in names
     assert "thrusters" not in names
-    assert "not tried" in row("mode", replace(good, modes={})).found
+    assert "not tested" in row("mode", replace(good, modes={})).found
 
 
 def test_refusals_name_the_row_and_the_worst_is_the_status(good):
     bad = told(replace(good, origin_known=False, directions=None), FRAME_CONFIG=1.0, MAV_GCS_SYSID=1.0)
     listed = rows(bad, load_config())
-    assert refusals(listed).startswith("frame: vectored, we expect vectored_6dof; steering id: ")
+    assert refusals(listed).startswith("frame: vectored, expected vectored_6dof; steering id: ")
     assert worst(listed) == 2
     assert worst(rows(replace(good, origin_known=False), load_config())) == 1
     assert worst([]) == 2
@@ -293,8 +293,8 @@ class TestSurvey:
 @pytest.mark.parametrize(
     ("plant", "companion", "words"),
     [
-        (("parameters.MAV_GCS_SYSID=254",), (), "steering id: it obeys 254, we are 255"),
-        (("parameters.FRAME_CONFIG=1",), (), "frame: vectored, we expect vectored_6dof"),
+        (("parameters.MAV_GCS_SYSID=254",), (), "steering id: it accepts 254, Holdfast is 255"),
+        (("parameters.FRAME_CONFIG=1",), (), "frame: vectored, expected vectored_6dof"),
         ((), HUD, "EKF origin: not set"),
         (("rc_receiver=true", "parameters.RC_OVERRIDE_TIME=-1"), (), "RC receiver: "),
     ],
@@ -325,7 +325,7 @@ def test_a_steering_id_that_changes_while_holding_ramps_down_and_says_why():
     dive = active()
     dive.tap.to_vehicle.append(Somebody().parameter("MAV_GCS_SYSID", 254.0))
     dive.until(State.RAMP_DOWN, within_s=1.0)
-    assert "steering id: it obeys 254" in dive.step.sample.verdict.reason
+    assert "steering id: it accepts 254" in dive.step.sample.verdict.reason
 
 
 def test_run_says_once_who_the_autopilot_is():
@@ -346,5 +346,5 @@ def test_a_position_that_the_ekf_does_not_vouch_for_is_waited_for(good):
 
 def test_what_has_to_settle_before_engaging_ends_no_hold(good):
     listed = rows(replace(good, ekf=None, yaw_aligned_t_s=good.state.t_s), load_config())
-    assert refusals(listed).startswith("EKF: no EKF_STATUS_REPORT came; compass: ")
+    assert refusals(listed).startswith("EKF: no EKF_STATUS_REPORT arrived; compass: ")
     assert refusals(listed, holding=True) == ""
