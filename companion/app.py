@@ -18,7 +18,8 @@ from typing import NoReturn
 
 import msgspec
 
-from companion.config import COMPENSATORS, Config
+from companion import registry
+from companion.config import Config
 from companion.endpoint import Endpoint
 from companion.engine import Engine
 from companion.io.command_queue import CommandQueue, EngineInput
@@ -69,7 +70,7 @@ class App:
             telemetry.endpoint,
             telemetry.mode,
             on_command=self._commands.put,
-            choices=Choices(compensator=COMPENSATORS),
+            choices=Choices(compensator=registry.choices(config.compensators)),
         )
         self._publisher.config = msgspec.json.encode(config)
         self._requests = list(requests)
@@ -208,7 +209,7 @@ class App:
             ground=ground,
             out=out,
             requests=[request.name for request in requests],
-            setpoint=None if given.setpoint is None else given.setpoint.eta_d.tolist(),
+            setpoint=None if given.setpoint is None else list(given.setpoint.eta_d),
             config=None if given.config is None else msgspec.to_builtins(given.config),
             start=self._start if self._ticks == 1 else None,
         )
@@ -245,7 +246,7 @@ def _drained(*queues: deque[str]) -> list[str]:
 
 
 def _start(config: Config, setpoint: Setpoint, arm: bool) -> Start:
-    x, y, z, psi = setpoint.eta_d.tolist()
+    x, y, z, psi = setpoint.eta_d
     return Start(
         config=msgspec.to_builtins(config), setpoint=(x, y, z, psi), arm=arm, version=version("holdfast")
     )

@@ -1,20 +1,21 @@
 """From the configuration to the control room's objects: where words of the file become symbols of the law."""
 
-import numpy as np
+import math
+from collections.abc import Mapping
+from typing import Any
 
-from companion.config import Config, ConfigError
-from companion.control import allocation
+import numpy as np
+from msgspec.structs import asdict
+
+from companion import registry
+from companion.config import Axis, Config, ConfigError
+from companion.control import allocation, oscillation, reference
 from companion.control.actuation import Actuation
 from companion.control.allocation import Thrusters
-from companion.control.compensator import INPUTS, Compensator
-from companion.control.controller import Controller, Gains
-from companion.control.integrator import Integration, Integrator
+from companion.control.controller import Chosen, Controller, Dof
 from companion.control.levelling import Levelling
-from companion.control.network import Learning, Network
-from companion.control.oscillation import Oscillation
 from companion.control.positioning import Model
-from companion.control.reference import Limits, ReferenceModel
-from companion.control.regressor import Regressor
+from companion.control.schedule import Gains, scheduled
 from companion.control.tilt import (
     ALARM_RAD,
     FAST_N_PER_S,
@@ -24,13 +25,18 @@ from companion.control.tilt import (
     TiltLimit,
 )
 from companion.estimation.estimator import Estimator
-from companion.records import Array
+from companion.records import AXES, Array, vector
+from companion.registry import LYAPUNOV, OBSERVER, Compensator, Law
 from companion.supervision.guard import Envelope
 
 
 def model(config: Config) -> Model:
     """Return the nominal model."""
-    return Model(each(config, "mass"), each(config, "linear_damping"), each(config, "quadratic_damping"))
+    return Model(
+        vector([axis.mass for axis in config.axes]),
+        vector([axis.linear_damping for axis in config.axes]),
+        vector([axis.quadratic_damping for axis in config.axes]),
+    )
 
 
 def thrusters(config: Config) -> Thrusters:
@@ -60,16 +66,9 @@ def tilt_limit(config: Config) -> TiltLimit:
     return TiltLimit(UNLEVELLED_N, most_n, UNLEVELLED_ALARM_RAD, SLOW_N_PER_S)
 
 
-def gains(config: Config) -> Gains:
-    """Return λ, κ and what goes with them."""
-    return Gains(
-        lam=each(config, "lambda_per_s"),
-        kappa=each(config, "kappa_per_s"),
-        by_observer=np.array(["observer" in axis.compensator for axis in config.axes]),
-        d_max=each(config, "max_disturbance"),
-        start_delay_s=config.network.start_delay_s,
-        delay_s=config.delays.gains_bear_s,
-    )
+def gains(config: Config, axis: Axis) -> Gains:
+    """Return λ and κ of an axis, and the delay that they bear."""
+    return Gains(axis.lambda_per_s, axis.kappa_per_s, config.delays.gains_bear_s)
 
 
 def estimator(config: Config) -> Estimator:
@@ -112,7 +111,7 @@ def refuse_fast_gains(config: Config, delay_s: float | None = None, old: Config 
     have 1.9 to 3.8 times that T.
 
     Without `delay_s` it is the one believed until it has been measured. What is no faster than in `old`,
-    which is in force, always passes.
+    which is in force, always passes. A law other than the paper's is its author's to judge.
     """
     if delay_s is None:
         delay_s = config.delays.telemetry_s + config.delays.command_s
@@ -120,7 +119,7 @@ def refuse_fast_gains(config: Config, delay_s: float | None = None, old: Config 
     now = _times_s(config, delay_s)
     before = now if old is None else _times_s(old, delay_s)
     for what, found_s in now.items():
-        least_s = np.full(4, late_s) if old is None else np.minimum(late_s, before[what])
+        least_s = [min(late_s, before_s) if old is not None else late_s for before_s in before[what]]
         for name, axis, one_s, wanted_s in zip(AXES, config.axes, found_s, least_s, strict=True):
             if one_s < wanted_s:
                 values = ", ".join(f"{name}.{key} = {getattr(axis, key):g}" for key in DYNAMIC)
@@ -130,41 +129,60 @@ def refuse_fast_gains(config: Config, delay_s: float | None = None, old: Config 
                 )
 
 
-def _times_s(config: Config, delay_s: float) -> dict[str, Array]:
-    """Return for each axis (4,) the times that have to exceed what is late, by what they are."""
-    lam, kappa, learning = gains(config).scheduled(delay_s)
-    strength = {"network": 0.25 * config.network.units, "regressor": 1.0, "integrator": 1.0}
-    learners = np.array(
-        [sum(strength.get(name, 0.0) for name in a.compensator.split("+")) for a in config.axes]
-    )
-    K = learners * each(config, "learning_rate") * learning
-    settles_s = np.full(4, np.inf)
-    np.divide(each(config, "mass") * kappa, K, out=settles_s, where=K > 0.0)
-    return {"1/lambda + 1/kappa": 1.0 / lam + 1.0 / kappa, "mass kappa / learning rate": settles_s}
+def _times_s(config: Config, delay_s: float) -> dict[str, list[float]]:
+    """Return for each axis the times that have to exceed what is late, by what they are."""
+    laws, settling = [], []
+    for axis in config.axes:
+        lam, kappa, learning_scale, _ = scheduled(gains(config, axis), delay_s, 1.0)
+        learners = compensators(config, axis) if axis.law == LYAPUNOV else ()
+        K = sum(functions.integral_gain(parameters) for functions, parameters in learners)
+        laws.append(1.0 / lam + 1.0 / kappa if axis.law == LYAPUNOV else math.inf)
+        settling.append(axis.mass * kappa / (K * learning_scale) if K > 0.0 else math.inf)
+    return {"1/lambda + 1/kappa": laws, "mass kappa / learning rate": settling}
 
 
 def controller(config: Config, nominal: Model) -> Controller:
     """Return reference, law and the compensators that were chosen."""
-    d_max = each(config, "max_disturbance")
-    leak, dead_zone = each(config, "leak_per_s"), each(config, "dead_zone")
-    eta, eta_v = each(config, "learning_rate"), each(config, "hidden_learning_rate")
-    learning = Learning(eta=eta, eta_v=eta_v, leak=leak, dead_zone=dead_zone, d_max=d_max)
-    learners: dict[str, Compensator] = {
-        "network": Network(learning, (4,), INPUTS, config.network.units, config.network.seed),
-        "regressor": Regressor(learning, (4,)),
-        "integrator": Integrator(Integration(eta, leak, dead_zone, d_max), (4,)),
-    }
-    chosen = {
-        name: np.array([name in axis.compensator.split("+") for axis in config.axes]) for name in learners
-    }
-    limits = Limits(each(config, "max_rate"), each(config, "max_acceleration"))
-    reference = ReferenceModel(limits, angular=np.array([False, False, False, True]))
-    serving = [(serves, learners[name]) for name, serves in chosen.items() if serves.any()]
-    swing = Oscillation(each(config, "max_force"))
-    return Controller(nominal, gains(config), reference, serving, swing)
+    dofs = [
+        Dof(
+            gains=gains(config, axis),
+            reference=reference.Parameters(axis.max_rate, axis.max_acceleration, angular=name == "yaw"),
+            oscillation=oscillation.Parameters(axis.max_force, oscillation.SHARE * axis.max_force),
+            law=law(config, axis),
+            compensators=compensators(config, axis),
+            by_observer=OBSERVER in axis.compensator.split("+"),
+            max_disturbance=axis.max_disturbance,
+        )
+        for name, axis in zip(AXES, config.axes, strict=True)
+    ]
+    return Controller(nominal, dofs, config.network.start_delay_s)
 
 
-AXES = ("surge", "sway", "heave", "yaw")
+def compensators(config: Config, axis: Axis) -> tuple[Chosen, ...]:
+    """Return those that learn on an axis."""
+    known = registry.compensators(config.compensators)
+    shared = asdict(config.network)
+    return tuple(
+        chosen(known[name], asdict(axis) | shared | config.compensators.get(name, {}), name)
+        for name in registry.learners(axis.compensator, known)
+    )
+
+
+def law(config: Config, axis: Axis) -> Chosen:
+    """Return the law of an axis."""
+    functions = registry.laws(config.laws)[axis.law]
+    shared = {"lag_s": config.thrusters.lag_s, "lead_s": config.thrusters.lead_s}
+    return chosen(functions, asdict(axis) | shared | config.laws.get(axis.law, {}), axis.law)
+
+
+def chosen(functions: Compensator | Law, values: Mapping[str, Any], name: str) -> Chosen:
+    """Return a compensator or a law with its parameters; raise ConfigError where they do not fit."""
+    try:
+        return Chosen(functions, functions.parameters(values))
+    except registry.UnusableError as error:
+        raise ConfigError(f"{name}: {error}") from error
+
+
 LIVE = (*AXES, "supervisor")
 """The sections that may change while running; the rest is built into links, clocks and sizes."""
 

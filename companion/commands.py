@@ -71,8 +71,6 @@ def run(argv: list[str]) -> int:
     )
     arguments = parser.parse_args(argv)
 
-    import numpy as np
-
     from companion.app import main
     from companion.config import DEFAULT_FILE, ConfigError, load_config
     from companion.io.logs import log_to
@@ -101,7 +99,7 @@ def run(argv: list[str]) -> int:
                 "--heading: in STABILIZE the firmware keeps the heading; "
                 'leave it out, or steer in MANUAL: vehicle.steering_mode = "manual"'
             )
-        setpoint = Setpoint(np.array([math.nan, math.nan, depth_m, heading_rad]))
+        setpoint = Setpoint((math.nan, math.nan, depth_m, heading_rad))
         main(config, setpoint, arm=arguments.arm, requests=requests)
     except (ConfigError, ValueError) as error:
         sys.stderr.write(f"holdfast run: {error}\n")

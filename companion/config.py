@@ -7,18 +7,18 @@ import tomllib
 from collections.abc import Sequence
 from ipaddress import ip_network
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, Literal
 
 import msgspec
 
+from companion import registry
 from companion.endpoint import Endpoint
+from companion.records import AXES
 from companion.telemetry import ranges
 
 DEFAULT_FILE = Path(__file__).parent.parent / "config" / "companion.toml"
 
 Name = Annotated[str, msgspec.Meta(pattern="^[A-Za-z0-9_-]{1,32}$")]
-Compensator = Literal["none", "integrator", "regressor", "network", "observer", "network+observer"]
-COMPENSATORS: tuple[str, ...] = get_args(Compensator)
 
 
 class ConfigError(Exception):
@@ -91,7 +91,8 @@ class Axis(Section, frozen=True):
     kappa_per_s: ranges.Kappa
     max_rate: ranges.MaxRate
     max_acceleration: ranges.MaxAcceleration
-    compensator: Compensator
+    law: str
+    compensator: str
     learning_rate: ranges.LearningRate
     hidden_learning_rate: ranges.HiddenLearningRate
     leak_per_s: ranges.Leak
@@ -200,6 +201,9 @@ class Config(Section, frozen=True):
     network: Network
     supervisor: Supervisor
     telemetry: Telemetry
+    compensators: dict[str, dict[str, Any]] = {}
+    laws: dict[str, dict[str, Any]] = {}
+    """Parameters of compensators and laws beyond the shipped ones, by their names."""
 
     @property
     def axes(self) -> tuple[Axis, Axis, Axis, Axis]:
@@ -260,7 +264,26 @@ def load_config(path: Path = DEFAULT_FILE, overrides: Sequence[str] = ()) -> Con
             f"{path}: vehicle.thrust_path = {config.vehicle.thrust_path!r}: must be 'manual_control' with a "
             "ground_station.endpoint: overrides would wipe out the pilot's MANUAL_CONTROL"
         )
+    try:
+        check_choices(config)
+    except ConfigError as error:
+        raise ConfigError(f"{path}: {error}") from error
     return config
+
+
+def check_choices(config: Config) -> None:
+    """Raise ConfigError for a compensator or a law that there is not, or that cannot be used."""
+    try:
+        compensators, laws = registry.compensators(config.compensators), registry.laws(config.laws)
+    except registry.UnusableError as error:
+        raise ConfigError(str(error)) from error
+    for name, axis in zip(AXES, config.axes, strict=True):
+        try:
+            registry.learners(axis.compensator, compensators)
+        except registry.UnusableError as error:
+            raise ConfigError(f"{name}.compensator = {axis.compensator!r:.80}: {error}") from error
+        if axis.law not in laws:
+            raise ConfigError(f"{name}.law = {axis.law!r:.80}: must be one of {', '.join(laws)}")
 
 
 def _apply(table: dict[str, Any], override: str) -> None:

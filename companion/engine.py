@@ -4,8 +4,6 @@ import math
 from collections.abc import Sequence
 from copy import copy
 
-import numpy as np
-
 from companion import assembly
 from companion.config import Config
 from companion.control.positioning import jacobian, to_body, to_inertial
@@ -18,7 +16,6 @@ from companion.predive.fitness import Fitness
 from companion.records import (
     NEUTRAL,
     PSI,
-    Array,
     AxisCommand,
     ControlSample,
     DofSample,
@@ -27,10 +24,10 @@ from companion.records import (
     Sender,
     Setpoint,
     StatusText,
+    Vector,
     VehicleState,
     Verdict,
     Wrench,
-    vector,
 )
 from companion.supervision.guard import guard
 from companion.supervision.supervision import Supervision
@@ -81,7 +78,7 @@ class Engine:
         self._last_s = now_s
 
         events = [*autopilot.receive(datagrams), *pilot_events(ground)]
-        state = self._estimator.step(now_s, events, self._controller.gain_scale.tolist())
+        state = self._estimator.step(now_s, events, self._controller.gain_scale)
         self._delay_s = state.delays.total_s
         self._follow_frame(state)
         demand = guidance.pilot_demand(now_s, dt_s, events)
@@ -110,9 +107,9 @@ class Engine:
 
         J = jacobian(state.eta_ahead[PSI])
         guidance.apply_pilot_demand(demand, state.eta_ahead[PSI], self._controller.reference.x_d, dt_s)
-        target, free = guidance.target_now(verdict), ~actuation.saturated
+        target, saturated = guidance.target_now(verdict), actuation.saturated
         self._controller.frozen, self._controller.authority = verdict.freeze, verdict.authority
-        dofs = self._controller.step(state, J, target, guidance.engaged, free, control_dt_s)
+        dofs = self._controller.step(state, J, target, guidance.engaged, saturated, control_dt_s)
         requested = to_body(J, dofs.tau)
         self._check_finite(requested)
         reach = AxisCommand(*(axis * self._envelope.max_axis for axis in autopilot.reach(state.pilot_gain)))
@@ -123,10 +120,9 @@ class Engine:
 
         self.steering = self._supervision.steers(state)
         pilot = demand.sticks if self.steering else None
-        sent = autopilot.blended(command, guidance.engaged.tolist(), pilot, state.pilot_gain)
+        sent = autopilot.blended(command, guidance.engaged, pilot, state.pilot_gain)
         applied = autopilot.applied(sent, state.pilot_gain)
-        level = to_inertial(J, np.array(actuation.sent(applied, state)))
-        self._estimator.sent(now_s, applied[:4], vector(level.tolist()))
+        self._estimator.sent(now_s, applied[:4], to_inertial(J, actuation.sent(applied, state)))
         self._command, self._dofs = command, dofs
 
         mode, arm = self._supervision.wanted_mode(state), self._supervision.asks_arming
@@ -179,7 +175,7 @@ class Engine:
         return self._supervision.verdict
 
     @property
-    def target(self) -> Array:
+    def target(self) -> Vector:
         """Where it is held, or is while it is not: x, y, z, psi."""
         return self._guidance.target.eta_d
 
@@ -216,7 +212,7 @@ class Engine:
     def _follow_frame(self, state: VehicleState) -> None:
         """Hold the same physical place and direction where the autopilot's estimate was reset."""
         if state.frame_shift is not None:
-            self._controller.shift(state.frame_shift, np.array(state.eta_ahead))
+            self._controller.shift(state.frame_shift, state.eta_ahead)
             self._guidance.shift(state.frame_shift, state)
 
     def _engage(self, verdict: Verdict, state: VehicleState, *, engage: bool) -> None:
@@ -224,14 +220,12 @@ class Engine:
         regained = self._guidance.update(self._supervision.before, verdict, state, engage=engage)
         if regained is None:
             self._controller.rest(state)
-        elif regained.any():
-            self._controller.reference.catch_up(
-                np.array(state.eta_ahead), np.array(state.eta_dot_ahead), regained
-            )
+        else:
+            self._controller.reference.catch_up(state.eta_ahead, state.eta_dot_ahead, regained)
 
-    def _check_finite(self, requested: Array) -> None:
+    def _check_finite(self, requested: Vector) -> None:
         """Forget the motion where a number has gone bad; the next tick's verdict is a fault."""
-        self._finite = math.isfinite(requested.sum())
+        self._finite = math.isfinite(sum(requested))
         if not self._finite:
             self._estimator.restart()
             self._actuation.restart()

@@ -2,9 +2,9 @@
 
 from collections.abc import Callable
 from dataclasses import fields
+from itertools import count
 from typing import Any
 
-import numpy as np
 import pytest
 from builders import RESTING
 from msgspec import structs
@@ -33,13 +33,13 @@ def make_sample() -> Callable[..., ControlSample]:
 
 def _make_sample(**state: Any) -> ControlSample:
     """A sample in which every number of `DofSample` is another, so that a swap cannot hide."""
-    numbers = iter(np.arange(1.0, 400.0))
+    numbers = map(float, count(1))
     columns: dict[str, Any] = {
-        column.name: np.array([next(numbers) for _ in DOFS]) for column in fields(DofSample)
+        column.name: tuple(next(numbers) for _ in DOFS) for column in fields(DofSample)
     }
-    columns["saturated"] = np.array([True, False, False, True])
-    columns["adapting"] = np.array([False, True, False, True])
-    columns["engaged"] = np.array([True, True, True, False])
+    columns["saturated"] = (True, False, False, True)
+    columns["adapting"] = (False, True, False, True)
+    columns["engaged"] = (True, True, True, False)
     believed = structs.replace(
         RESTING,
         t_s=12.0,
@@ -57,11 +57,11 @@ def _make_sample(**state: Any) -> ControlSample:
     )
     return ControlSample(
         state=structs.replace(believed, **state),
-        eta_d=np.array([1.1, 2.1, 5.1, 0.6]),
+        eta_d=(1.1, 2.1, 5.1, 0.6),
         dofs=DofSample(**columns),
         command=NEUTRAL._replace(heave=0.25),
-        requested=Wrench(np.array([1.0, 2.0, 40.0, 4.0])),
-        delivered=Wrench(np.array([1.0, 2.0, 30.0, 4.0])),
+        requested=Wrench((1.0, 2.0, 40.0, 4.0)),
+        delivered=Wrench((1.0, 2.0, 30.0, 4.0)),
         verdict=Verdict(State.ACTIVE, Condition.POSITION_STALE | Condition.ENGAGE_ASKED, 0.75, "holding"),
         counters=LinkCounters(1, 2, 3, 4, 5),
         loop=LoopHealth(600, 50.0, 0.08, 180.0, 2, 7),

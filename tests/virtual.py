@@ -4,7 +4,6 @@ import struct
 from math import isfinite, nan
 from pathlib import Path
 
-import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from companion.config import load_config
@@ -27,7 +26,7 @@ STEERING = {mavlink.MAVLINK_MSG_ID_MANUAL_CONTROL, mavlink.MAVLINK_MSG_ID_RC_CHA
 
 
 def hold(z=DEPTH_M, psi=HEADING_RAD, x=nan, y=nan):
-    return Setpoint(np.array([x, y, z, psi]))
+    return Setpoint((x, y, z, psi))
 
 
 def message_id(frame):

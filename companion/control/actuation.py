@@ -4,10 +4,10 @@ import math
 
 import numpy as np
 
+from companion.control import pace
 from companion.control.allocation import Allocation, Thrusters, allocate, delivered, overloaded
 from companion.control.bounds import bounded
 from companion.control.levelling import Levelling
-from companion.control.pace import Pace
 from companion.control.positioning import by_dof
 from companion.control.reference import ReferenceModel
 from companion.control.tilt import (
@@ -23,6 +23,7 @@ from companion.control.tilt import (
 from companion.records import (
     NEUTRAL,
     PSI,
+    ZERO,
     Array,
     Axes,
     AxisCommand,
@@ -33,6 +34,7 @@ from companion.records import (
     Verdict,
 )
 
+FULL_PACE: Vector = (1.0, 1.0, 1.0, 1.0)
 RELEASING = (State.RAMP_DOWN, State.HAND_OVER)
 CUT_OFF = 0.01
 """An axis that differs from what was wanted by more than this did not get it."""
@@ -48,14 +50,14 @@ class Actuation:
         self._levelling = levelling
         self._tilt_limit = tilt_limit
         self.retune(thrusters, max_force)
-        self._pace = Pace()
-        self._active_wrench = np.zeros(4)
+        self._pace = FULL_PACE
+        self._active_wrench = ZERO
         """What the law last asked while ACTIVE: this is let go, evenly, whatever it would say by then."""
         self._wanted = Allocation(NEUTRAL, (False,) * 6)
         self._share = np.ones(4)
-        self.delivered = np.zeros(4)
+        self.delivered = ZERO
         """Body wrench that the last command, with the pilot's share, should have given, N and N·m."""
-        self.saturated = np.zeros(4, bool)
+        self.saturated: Flags = (False, False, False, False)
         """By degree of freedom, whether the law did not get what it asked for."""
 
     def retune(self, thrusters: Thrusters, max_force: Array) -> None:
@@ -64,11 +66,11 @@ class Actuation:
 
     def restart(self) -> None:
         """Forget how fast the reference could go: numbers gone bad."""
-        self._pace = Pace()
+        self._pace = FULL_PACE
 
     def step(
         self,
-        requested: Array,
+        requested: Vector,
         verdict: Verdict,
         state: VehicleState,
         engaged: Flags,
@@ -76,7 +78,7 @@ class Actuation:
         reference: ReferenceModel,
         dt_s: float,
     ) -> AxisCommand:
-        """Return the axes for the body wrench `requested` (4,), each within ±`reach`.
+        """Return the axes for the body wrench `requested`, each within ±`reach`.
 
         Where thrust or tilt leaves less, the reference is slowed and stays near the vehicle.
         """
@@ -88,7 +90,7 @@ class Actuation:
                 self._levelling.reset()
         tilt = coming_tilt(state.roll, state.pitch, state.p, state.q)
         self._share = self._tilt_share(tilt, state, reference, dt_s)
-        pushed = self._share * (self._active_wrench if verdict.state in RELEASING else requested)
+        pushed = self._share * np.array(self._active_wrench if verdict.state in RELEASING else requested)
         pushed[:3] = body_force(state.roll, state.pitch, tilt, tuple(pushed[:3].tolist()))
         moments = self._moments(pushed, verdict, state, engaged, dt_s)
         asked = AxisCommand(*(verdict.authority * tau for tau in (*pushed.tolist(), *moments)))
@@ -106,11 +108,12 @@ class Actuation:
         """
         wanted, saturated = self._wanted
         X, Y, Z, N, _, _ = delivered(self.thrusters, command, state.voltage_v)
-        self.delivered = np.array((X, Y, Z, N))
+        self.delivered = (X, Y, Z, N)
         level_x, level_y, level_z = level_force(state.roll, state.pitch, (X, Y, Z))
         cut_off = [abs(got - axis) > CUT_OFF for got, axis in zip(command, wanted, strict=True)]
         short = np.array(overloaded(self.thrusters, command)) | cut_off | saturated
-        self.saturated = by_dof(short[:4] | (self._share < 1.0))
+        surge, sway, heave, yaw = (short[:4] | (self._share < 1.0)).tolist()
+        self.saturated = by_dof((surge, sway, heave, yaw))
         return (level_x, level_y, level_z, N)
 
     def _tilt_share(self, tilt: float, state: VehicleState, reference: ReferenceModel, dt_s: float) -> Array:
@@ -118,16 +121,21 @@ class Actuation:
 
         Heave is always ours. While the horizontal force is limited the reference stays near the vehicle.
         """
-        pushed, asked = (math.hypot(*tau[:2].tolist()) for tau in (self.delivered, self._active_wrench))
+        pushed, asked = (math.hypot(*tau[:2]) for tau in (self.delivered, self._active_wrench))
         most_n = self._tilt_limit.step(tilt, pushed, dt_s)
         level = most_n / asked if asked > most_n else 1.0
         yaw = share(tilt, YAW_LEVEL_RAD, YAW_STEEP_RAD)
-        reference.pace = self._pace.step(share(tilt), self.saturated, dt_s)
+        x, y, z, psi = (
+            pace.step(one, cut, dt_s) for one, cut in zip(self._pace, self.saturated, strict=True)
+        )
+        self._pace = (x, y, z, psi)
+        x, y, z = (pace.on_a_tilt(one, share(tilt)) for one in (x, y, z))
+        reference.pace = (x, y, z, psi)
         if level < 1.0:
-            astray = math.hypot(*(state.eta_ahead - reference.x_d)[:2].tolist()) > FOLLOWS_M
-            gone = np.array((astray, astray, False, yaw == 0.0))
-            if gone.any():
-                reference.catch_up(np.array(state.eta_ahead), np.array(state.eta_dot_ahead), gone)
+            (x, y, _, _), (x_d, y_d, _, _) = state.eta_ahead, reference.x_d
+            astray = math.hypot(x - x_d, y - y_d) > FOLLOWS_M
+            gone = (astray, astray, False, yaw == 0.0)
+            reference.catch_up(state.eta_ahead, state.eta_dot_ahead, gone)
         return np.array((level, level, 1.0, yaw))
 
     def _moments(

@@ -1,17 +1,19 @@
-"""Keeping numbers inside: angles inside a turn, values inside ±limit."""
+"""Keeping numbers inside, one at a time: angles inside a turn, values inside ±limit.
+
+NaN comes out as NaN: it ends at the supervisor's guard. Where `math` would raise, NaN or infinity comes out.
+"""
 
 import math
-from typing import TypeVar
 
 import numpy as np
 
 from companion.records import Array
 
-AngleT = TypeVar("AngleT", float, Array)
+LARGEST_EXPONENT = 709.0
 
 
-def wrap(angle: AngleT) -> AngleT:
-    """Return an angle, or an array of them, brought to [−π, π) rad; NaN and infinity become NaN."""
+def wrap(angle: float) -> float:
+    """Return an angle brought to [−π, π) rad; NaN and infinity become NaN."""
     return (angle + math.pi) % (2.0 * math.pi) - math.pi
 
 
@@ -36,3 +38,13 @@ def clamped(x: float, low: float, high: float) -> float:
     if x < low:
         return low
     return x
+
+
+def exponential(x: float) -> float:
+    """Return eˣ; infinite where it overflows."""
+    return math.inf if x > LARGEST_EXPONENT else math.exp(x)
+
+
+def square_root(x: float) -> float:
+    """Return √x; NaN for a negative x."""
+    return math.nan if x < 0.0 else math.sqrt(x)

@@ -1,66 +1,70 @@
-"""What a compensator is: it estimates the disturbance d̂ that the law then cancels.
+"""What a compensator is: it estimates the disturbance d̂ of one degree of freedom, which the law then cancels.
 
-One file each: `integrator.py`, `regressor.py`, `network.py`; the extended-state observer's d comes with the
-vehicle's state and needs no file. All follow the same conventions of learning, which `dead_zone_error` holds:
-leak, dead zone on ε, projection |d̂| ≤ d_max without pushing further outward, freeze where not allowed.
+One file each, such as `integrator.py`, which is the shortest. A file defines
+
+    Parameters      a NamedTuple of numbers, each named as a key of the configuration
+    State           a NamedTuple of what is learnt
+    initial         State before anything was learnt; d̂ is then 0: the plain law
+    step            State, d̂ (N or N·m) and whether it learnt, after one tick of Signals
+    seed            State that answers these Signals with a given d̂: to take over without a step in thrust
+    weight_norm     Euclidean norm of what was learnt: for telemetry
+    integral_gain   K by which d̂ integrates −ε near rest, N/m or N·m/rad: what is too fast is refused by it
+
+and gets its name in `companion/registry.py`, by an entry point, or in the configuration.
+A key is one of the axis (`heave.learning_rate`), or of the compensator's own table (`[compensators.NAME]`).
+Where Parameters are made of keys and not keys themselves, `parameters(values)` makes them: see `network.py`.
+
+The lab compiles these functions with numba: so only `math`, floats, ints, bools, tuples, lists of floats.
+
+All learn by the same conventions, which `dead_zone_error` holds: leak, dead zone on ε, projection |d̂| ≤ d_max
+without pushing further outward, freeze where not allowed. The extended-state observer's d comes with the
+vehicle's state and needs no file.
 """
 
-from typing import Protocol, Self
+from typing import NamedTuple
 
-import numpy as np
+from companion.control.bounds import limited
 
-from companion.control.bounds import bounded
-from companion.records import Array, Flags
-
+Inputs = tuple[float, float, float, float, float, float]
 INPUTS = 6
 
 
-class Compensator(Protocol):
-    """Learns d̂ from the combined error ε, over arrays of any leading shape."""
+class Signals(NamedTuple):
+    """One degree of freedom where the next command acts; NED, m or rad and s; errors are measured − desired.
 
-    learning_now: Flags
-    """Where it learnt at the last step; of the shape of ε."""
+    `eps` is the combined error ε = ė + λ e, from which a compensator learns.
+    """
 
-    @property
-    def weight_norm(self) -> Array:
-        """Euclidean norm of what it has learnt, of the shape of ε."""
-
-    def reset(self) -> None:
-        """Forget what was learnt."""
-
-    def inherit(self, predecessor: Self, where: Flags) -> None:
-        """Know what `predecessor`, of the same kind and size, has learnt `where` it served."""
-
-    def seed(self, theta: Array, d_hat: Array, where: Flags) -> None:
-        """Answer `theta` with `d_hat` from now on, `where` asked, by the least change of what was learnt."""
-
-    def step(self, theta: Array, eps: Array, dt_s: Array | float, adapt: Flags) -> Array:
-        """Return d̂ for inputs `theta` (…, INPUTS), having learnt from `eps` where `adapt` allows it."""
+    e: float
+    e_dot: float
+    eps: float
+    x_dot: float
+    x_d_dot: float
+    x_d_ddot: float
 
 
 def dead_zone_error(
-    d_hat: Array, eps: Array, adapt: Flags, dead_zone: Array, d_max: Array
-) -> tuple[Flags, Array]:
-    """Return where learning goes on, and the ε that is learnt from, zero elsewhere.
+    d_hat: float, eps: float, adapt: bool, dead_zone: float, d_max: float
+) -> tuple[bool, float]:
+    """Return whether learning goes on, and the ε that is learnt from, zero where it does not.
 
     Learning stops where the projection holds and ε would push d̂ further outward.
     """
-    outward = (np.abs(d_hat) >= d_max) & (d_hat * eps < 0.0)
-    learning = adapt & ~outward
-    return learning, (eps - bounded(eps, dead_zone)) * learning
+    outward = abs(d_hat) >= d_max and d_hat * eps < 0.0
+    learning = adapt and not outward
+    return learning, eps - limited(eps, dead_zone) if learning else 0.0
 
 
-def inputs(e: Array, e_dot: Array, x_dot: Array, x_d_dot: Array, x_d_ddot: Array) -> Array:
-    """Return θ = [1, 10 e, 5 ė, 5 ẋ, 5 ẋ_d, 5 ẍ_d] on a new last axis.
+def inputs(signals: Signals) -> Inputs:
+    """Return θ = [1, 10 e, 5 ė, 5 ẋ, 5 ẋ_d, 5 ẍ_d].
 
     The inputs that carry rates are what earns a network its place: a bias alone limit-cycles under delay.
     """
-    theta = np.empty((*e.shape, INPUTS))
-    theta[..., 0] = 0.2
-    theta[..., 1] = 2.0 * e
-    theta[..., 2] = e_dot
-    theta[..., 3] = x_dot
-    theta[..., 4] = x_d_dot
-    theta[..., 5] = x_d_ddot
-    theta *= 5.0
-    return theta
+    return (
+        1.0,
+        10.0 * signals.e,
+        5.0 * signals.e_dot,
+        5.0 * signals.x_dot,
+        5.0 * signals.x_d_dot,
+        5.0 * signals.x_d_ddot,
+    )

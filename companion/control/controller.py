@@ -1,83 +1,98 @@
-"""Reference, law and compensators of all four degrees of freedom, in the order in which they act."""
+"""Reference, error, compensators and law of all four degrees of freedom, in the order in which they act."""
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Self
+from typing import Any, NamedTuple, Self
 
-import numpy as np
-
-from companion.control.bounds import bounded
-from companion.control.compensator import Compensator, inputs
+from companion.control import oscillation, reference
+from companion.control.bounds import limited
+from companion.control.compensator import Signals
 from companion.control.frames import turned
-from companion.control.law import rov_law
-from companion.control.oscillation import Oscillation, ScaledDisturbance
-from companion.control.positioning import Model, pose_error, to_body
+from companion.control.law import Motion
+from companion.control.oscillation import mean_disturbance, scaled_disturbance
+from companion.control.positioning import (
+    Jacobian,
+    Model,
+    coriolis_and_damping,
+    inertia,
+    pose_error,
+    to_body,
+)
 from companion.control.reference import ReferenceModel
-from companion.records import PSI, Array, DofSample, Flags, FrameShift, Setpoint, VehicleState
+from companion.control.schedule import Gains, scheduled
+from companion.records import PSI, DofSample, Flags, FrameShift, Setpoint, Vector, VehicleState, vector
+
+COLUMNS = ("eps", "tau", "feedforward", "feedback", "d_hat", "weight_norm", "adapting")
 
 BLEND_S = 2.0
 """How slowly the difference that a change of law made is let go."""
 
-LAMBDA_POWER, KAPPA_POWER, LEARNING_POWER = 0.6, 1.4, 2.0
+
+class Chosen(NamedTuple):
+    """A compensator or a law, and its parameters on one axis."""
+
+    functions: Any
+    parameters: Any
 
 
 @dataclass(frozen=True, slots=True)
-class Gains:
-    """λ and κ (1/s) of each DOF, where the observer's d is fed back, the bound on d̂ (N, N·m); shape (4,).
+class Dof:
+    """How one degree of freedom is controlled; `by_observer`: the observer's d is fed back."""
 
-    They bear a loop that is `delay_s` late in all. Where it is later they are drawn back, by the powers that
-    keep a gain margin of 2 (shared/paper.md, "Gains against a known total delay").
-    """
+    gains: Gains
+    reference: reference.Parameters
+    oscillation: oscillation.Parameters
+    law: Chosen
+    compensators: tuple[Chosen, ...]
+    by_observer: bool
+    max_disturbance: float
 
-    lam: Array
-    kappa: Array
-    by_observer: Flags
-    d_max: Array
-    start_delay_s: float
-    delay_s: Array | float
 
-    def scheduled(
-        self, delay_s: Array | float, gain_scale: Array | float = 1.0
-    ) -> tuple[Array, Array, Array]:
-        """Return λ, κ and the share of its learning rate that a compensator keeps at a delay of `delay_s`.
+@dataclass(slots=True)
+class DofState:
+    """What the controller remembers of one degree of freedom, beside its reference."""
 
-        `gain_scale` is what `Oscillation` leaves of them.
-        """
-        share = gain_scale * np.minimum(1.0, self.delay_s / np.maximum(delay_s, 1e-3))
-        return self.lam * share**LAMBDA_POWER, self.kappa * share**KAPPA_POWER, share**LEARNING_POWER
+    oscillation: oscillation.State
+    law: Any
+    learnt: list[Any]
+    """The state of each compensator."""
+    mean_d: float = 0.0
+    d_hat: float = 0.0
+    bumpless_bias: float = 0.0
+    """What a change of law, or of frame, left in thrust: let go over BLEND_S."""
+    inherited: bool = False
+    """What its compensators know came from their predecessors."""
 
 
 class Controller:
-    """Steps the law; holds the reference, the compensators and how long it has been engaged.
+    """Steps the equations of four degrees of freedom, and holds their states."""
 
-    `compensators` are those that learn, each with the DOFs it serves; a DOF may have none or several.
-    """
-
-    def __init__(
-        self,
-        model: Model,
-        gains: Gains,
-        reference: ReferenceModel,
-        compensators: Sequence[tuple[Flags, Compensator]],
-        oscillation: Oscillation,
-    ) -> None:
+    def __init__(self, model: Model, dofs: Sequence[Dof], start_delay_s: float) -> None:
+        """Take how each DOF is controlled, and how long after engaging nothing is learnt."""
         self._model = model
-        self._gains = gains
-        self.reference = reference
-        self._compensators = compensators
+        self._dofs = dofs
+        self._start_delay_s = start_delay_s
+        self.reference = ReferenceModel([dof.reference for dof in dofs])
         self.frozen = False
         """Whether nothing may be learnt for the time being."""
         self.authority = 1.0
         """What share of the demand becomes thrust: while it grows, nothing is learnt and nothing watched."""
-        self._oscillation = oscillation
+        self._states = [_rested(dof, 0.0) for dof in dofs]
         self._engaged_s = 0.0
-        self._bumpless_bias = np.zeros(4)
-        self._scaled_disturbance = ScaledDisturbance(np.zeros(4))
-        self._inherited = np.zeros(4, bool)
         self._predecessor: Self | None = None
-        self._d_hat = np.zeros(4)
-        self._turned_d_hat: Array | None = None
+        self._turned_d_hat: Vector | None = None
+
+    @property
+    def gain_scale(self) -> Vector:
+        """What is left of the gains: less than 1 while the loop oscillates."""
+        x, y, z, psi = self._states
+        return (
+            x.oscillation.gain_scale,
+            y.oscillation.gain_scale,
+            z.oscillation.gain_scale,
+            psi.oscillation.gain_scale,
+        )
 
     def transfer_from(self, predecessor: Self) -> None:
         """Go on where `predecessor` is, without a step in thrust.
@@ -87,129 +102,150 @@ class Controller:
         """
         self.reference.go_on(predecessor.reference)
         self._engaged_s = predecessor._engaged_s
-        self._oscillation = predecessor._oscillation
-        self._scaled_disturbance = predecessor._scaled_disturbance
         self._predecessor = predecessor
-        for serves, compensator in self._compensators:
-            for served, old in predecessor._compensators:
-                if type(old) is type(compensator):
-                    compensator.inherit(old, serves & served)
-                    self._inherited = self._inherited | (serves & served)
-
-    @property
-    def gain_scale(self) -> Array:
-        """What is left of the gains, (…, 4): less than 1 while the loop oscillates."""
-        return self._oscillation.gain_scale
+        both = zip(self._dofs, self._states, predecessor._dofs, predecessor._states, strict=True)
+        for dof, state, old, before in both:
+            state.oscillation, state.mean_d = before.oscillation, before.mean_d
+            if old.law.functions is dof.law.functions:
+                state.law = before.law
+            known = [chosen.functions for chosen in old.compensators]
+            for i, chosen in enumerate(dof.compensators):
+                if chosen.functions in known:
+                    state.learnt[i] = before.learnt[known.index(chosen.functions)]
+                    state.inherited = True
 
     def rest(self, state: VehicleState) -> None:
         """Stay where the vehicle is, with nothing learnt: engaging from here is no step."""
-        self.reference.reset(np.array(state.eta_ahead), np.array(state.eta_dot_ahead))
-        for _, compensator in self._compensators:
-            compensator.reset()
-        self._oscillation.reset()
+        self.reference.reset(state.eta_ahead, state.eta_dot_ahead)
+        self._states = [_rested(dof, d) for dof, d in zip(self._dofs, state.disturbance, strict=True)]
         self._engaged_s = 0.0
-        self._bumpless_bias = np.zeros_like(self.reference.x_d)
-        self._scaled_disturbance.mean = self._observed(state)
         self._predecessor = None
         self._turned_d_hat = None
 
-    def shift(self, shift: FrameShift, vehicle: Array) -> None:
+    def shift(self, shift: FrameShift, vehicle: Vector) -> None:
         """Go on in the frame of a reset estimate, without a step in thrust; `vehicle` is its pose there.
 
         What was learnt along north and east is another direction now. The difference is carried along and let
         go over BLEND_S, as after a change of law.
         """
         self.reference.shift(shift, vehicle)
+        mean_d = turned(shift, vector([one.mean_d for one in self._states]))
+        for one, mean in zip(self._states, mean_d, strict=True):
+            one.mean_d = mean
         if shift.turn_rad:
-            self._turned_d_hat = turned(shift, self._d_hat)
-            self._scaled_disturbance.mean = turned(shift, self._scaled_disturbance.mean)
+            self._turned_d_hat = turned(shift, vector([one.d_hat for one in self._states]))
         if self._predecessor is not None:
             self._predecessor.shift(shift, vehicle)
 
     def step(
-        self, state: VehicleState, J: Array, target: Setpoint, engaged: Flags, free: Flags, dt_s: float
+        self,
+        state: VehicleState,
+        J: Jacobian,
+        target: Setpoint,
+        engaged: Flags,
+        saturated: Flags,
+        dt_s: float,
     ) -> DofSample:
-        """Return the law's inside, NED; learn only where `engaged` and `free` of saturation.
+        """Return the law's inside, NED; learn only where `engaged` and not `saturated`.
 
         J is the Jacobian at the heading where the command acts.
         """
-        gains, reference = self._gains, self.reference
-        ahead_s = state.ahead_s
-        target_dot = target.eta_d_dot + ahead_s * target.eta_d_ddot
-        reference.step(
-            target.eta_d + (0.5 * ahead_s) * (target.eta_d_dot + target_dot),
-            target_dot,
-            target.eta_d_ddot,
-            dt_s,
-        )
-        self._engaged_s += dt_s
-
-        scale = self.gain_scale
-        x, x_dot = np.array(state.eta_ahead), np.array(state.eta_dot_ahead)
-        e = pose_error(x, reference.x_d)
-        e_dot = x_dot - reference.x_d_dot
-        nu = to_body(J, x_dot - (1.0 - scale) * e_dot)
-        lam, kappa, learning_scale = gains.scheduled(state.delays.total_s, scale)
-        eps = e_dot + lam * e
-        theta = inputs(e, e_dot, x_dot, reference.x_d_dot, reference.x_d_ddot)
-        frozen = self.frozen or self.authority < 1.0
-        may_learn = engaged & free & (not frozen) & (self._engaged_s >= gains.start_delay_s)
-        d_hat = self._observed(state)
-        adapting, weight_norm = np.zeros(e.shape, bool), np.zeros(e.shape)
+        delay_s, x, x_dot = state.delays.total_s, state.eta_ahead, state.eta_dot_ahead
         before: DofSample | None = None
         if self._predecessor is not None:
-            before = self._predecessor.step(state, J, target, engaged, free, dt_s)
+            before = self._predecessor.step(state, J, target, engaged, saturated, dt_s)
             self._predecessor = None
-        for serves, compensator in self._compensators:
-            if before is not None:
-                compensator.seed(theta, before.d_hat - d_hat, serves & ~self._inherited)
-            d_hat = d_hat + serves * compensator.step(theta, eps, learning_scale * dt_s, may_learn & serves)
-            adapting = adapting | compensator.learning_now
-            weight_norm = weight_norm + serves * compensator.weight_norm
+        self._engaged_s += dt_s
+        learns = not self.frozen and self.authority >= 1.0 and self._engaged_s >= self._start_delay_s
 
-        d_hat = self._scaled_disturbance.step(d_hat, scale, dt_s)
-        carried = self._bumpless_bias * math.exp(-dt_s / BLEND_S)
-        if self._turned_d_hat is not None:
-            carried[..., :PSI] = (self._turned_d_hat - d_hat)[..., :PSI]
-            self._turned_d_hat = None
-        law = rov_law(
-            k_plus_h=self._model.coriolis_and_damping(J, nu),
-            d_hat=d_hat,
-            m=self._model.inertia(J),
-            x_d_ddot=reference.x_d_ddot,
-            e=e,
-            e_dot=e_dot,
-            lam=lam,
-            kappa=kappa,
-        )
-        if before is not None:
-            self._bumpless_bias = before.feedforward + before.feedback + before.d_hat - law.tau
-        else:
-            self._bumpless_bias = carried
-        self._d_hat = d_hat + self._bumpless_bias
-        tau = (law.tau + self._bumpless_bias) * engaged
-        if self.authority >= 1.0:
-            self._oscillation.step(tau, dt_s, state.delays.total_s)
+        self.reference.step(target, state.ahead_s, dt_s)
+        x_d, x_d_dot, x_d_ddot = self.reference.x_d, self.reference.x_d_dot, self.reference.x_d_ddot
+        e = pose_error(x, x_d)
+        e_dot = vector([x_dot[i] - x_d_dot[i] for i in range(4)])
+        scale = self.gain_scale
+        nu = to_body(J, vector([x_dot[i] - (1.0 - scale[i]) * e_dot[i] for i in range(4)]))
+        m, k_plus_h = inertia(self._model, J), coriolis_and_damping(self._model, J, nu)
+
+        rows: list[tuple[Any, ...]] = []
+        for i, (dof, one) in enumerate(zip(self._dofs, self._states, strict=True)):
+            free = engaged[i] and not saturated[i]
+            lam, kappa, learning_scale, share = scheduled(dof.gains, delay_s, scale[i])
+            signals = Signals(e[i], e_dot[i], e_dot[i] + lam * e[i], x_dot[i], x_d_dot[i], x_d_ddot[i])
+
+            d = _observed(dof, state.disturbance[i])
+            if before is not None and not one.inherited:
+                _seed(dof, one, signals, before.d_hat[i] - d)
+            found, adapting = _learn(dof, one, signals, learning_scale * dt_s, learns and free)
+            one.mean_d = mean_disturbance(one.mean_d, d + found, dt_s)
+            d_hat = scaled_disturbance(one.mean_d, d + found, scale[i])
+
+            motion = Motion(
+                e[i], e_dot[i], x_dot[i], x_d_ddot[i], m[i], k_plus_h[i], d_hat, lam, kappa, share, free
+            )
+            one.law, terms = dof.law.functions.step(dof.law.parameters, one.law, motion, dt_s)
+            asked = terms.feedforward + terms.feedback + terms.d_hat
+            if before is not None:
+                one.bumpless_bias = before.feedforward[i] + before.feedback[i] + before.d_hat[i] - asked
+            elif self._turned_d_hat is not None and i != PSI:
+                one.bumpless_bias = self._turned_d_hat[i] - terms.d_hat
+            else:
+                one.bumpless_bias *= math.exp(-dt_s / BLEND_S)
+            one.d_hat = terms.d_hat + one.bumpless_bias
+            tau = asked + one.bumpless_bias if engaged[i] else 0.0
+            if self.authority >= 1.0:
+                one.oscillation = oscillation.step(dof.oscillation, one.oscillation, tau, dt_s, delay_s)
+            parts = (tau, terms.feedforward, terms.feedback, one.d_hat)
+            rows.append((signals.eps, *parts, _weight_norm(dof, one), adapting))
+        self._turned_d_hat = None
+        columns = dict(zip(COLUMNS, zip(*rows, strict=True), strict=True))
         return DofSample(
-            x_d=reference.x_d,
-            x_d_dot=reference.x_d_dot,
-            x_d_ddot=reference.x_d_ddot,
+            x_d=x_d,
+            x_d_dot=x_d_dot,
+            x_d_ddot=x_d_ddot,
             x=x,
             x_dot=x_dot,
             e=e,
             e_dot=e_dot,
-            eps=law.eps,
-            tau=tau,
-            feedforward=law.feedforward,
-            feedback=law.feedback,
-            d_hat=self._d_hat,
-            d_observer=np.array(state.disturbance),
-            weight_norm=weight_norm,
-            saturated=~free,
-            adapting=adapting,
+            d_observer=state.disturbance,
+            saturated=saturated,
             engaged=engaged,
+            **columns,
         )
 
-    def _observed(self, state: VehicleState) -> Array:
-        """Return the observer's d̂ where it is fed back."""
-        return bounded(np.array(state.disturbance), self._gains.d_max) * self._gains.by_observer
+
+def _rested(dof: Dof, disturbance: float) -> DofState:
+    return DofState(
+        oscillation.START,
+        dof.law.functions.initial(dof.law.parameters),
+        [chosen.functions.initial(chosen.parameters) for chosen in dof.compensators],
+        mean_d=_observed(dof, disturbance),
+    )
+
+
+def _observed(dof: Dof, disturbance: float) -> float:
+    """Return the observer's d̂ where it is fed back."""
+    return limited(disturbance, dof.max_disturbance) if dof.by_observer else 0.0
+
+
+def _seed(dof: Dof, one: DofState, signals: Signals, d_hat: float) -> None:
+    """Let the first compensator answer with `d_hat`, N or N·m."""
+    if dof.compensators:
+        functions, parameters = dof.compensators[0]
+        one.learnt[0] = functions.seed(parameters, one.learnt[0], signals, d_hat)
+
+
+def _learn(dof: Dof, one: DofState, signals: Signals, learn_s: float, adapt: bool) -> tuple[float, bool]:
+    """Step the compensators; return the sum of their d̂, and whether any of them learnt."""
+    d_hat, adapting = 0.0, False
+    for i, (functions, parameters) in enumerate(dof.compensators):
+        one.learnt[i], found, learning = functions.step(parameters, one.learnt[i], signals, learn_s, adapt)
+        d_hat += found
+        adapting = adapting or learning
+    return d_hat, adapting
+
+
+def _weight_norm(dof: Dof, one: DofState) -> float:
+    total = 0.0
+    for (functions, _), learnt in zip(dof.compensators, one.learnt, strict=True):
+        total += functions.weight_norm(learnt)
+    return total

@@ -2,7 +2,7 @@
 
 import math
 
-from companion.records import PSI, Array, FrameShift, X, Y
+from companion.records import FrameShift, Vector
 
 
 def joined(first: FrameShift | None, second: FrameShift) -> FrameShift:
@@ -14,31 +14,28 @@ def joined(first: FrameShift | None, second: FrameShift) -> FrameShift:
     )
 
 
-def turned(shift: FrameShift, vectors: Array) -> Array:
-    """Return velocities, forces or the like, (…, 4) in DOF order, after the frame has turned."""
-    out = vectors.copy()
-    if shift.turn_rad:
-        c, s = math.cos(shift.turn_rad), math.sin(shift.turn_rad)
-        out[..., X] = c * vectors[..., X] - s * vectors[..., Y]
-        out[..., Y] = s * vectors[..., X] + c * vectors[..., Y]
-    return out
+def turned(shift: FrameShift, vector: Vector) -> Vector:
+    """Return a velocity, a force or the like, in DOF order, after the frame has turned."""
+    if not shift.turn_rad:
+        return vector
+    x, y, z, psi = vector
+    c, s = math.cos(shift.turn_rad), math.sin(shift.turn_rad)
+    return (c * x - s * y, s * x + c * y, z, psi)
 
 
-def shifted(shift: FrameShift, eta: Array) -> Array:
-    """Return poses, (…, 4) in DOF order, by as much further as the vehicle's own; psi is not wrapped.
+def shifted(shift: FrameShift, eta: Vector) -> Vector:
+    """Return a pose, in DOF order, by as much further as the vehicle's own; psi is not wrapped.
 
     A place that was asked for keeps its numbers when yaw alone is reset: they are north and east of a frame
     that the new yaw knows better.
     """
-    out = eta.copy()
-    out[..., X] += shift.north_m
-    out[..., Y] += shift.east_m
-    out[..., PSI] += shift.turn_rad
-    return out
+    x, y, z, psi = eta
+    return (x + shift.north_m, y + shift.east_m, z, psi + shift.turn_rad)
 
 
-def shifted_along(shift: FrameShift, eta: Array, vehicle: Array) -> Array:
-    """Return poses that lie where they lay as seen from `vehicle`, its pose after the shift."""
-    out = shifted(shift, eta)
-    out[..., :PSI] = vehicle[..., :PSI] + turned(shift, out - vehicle)[..., :PSI]
-    return out
+def shifted_along(shift: FrameShift, eta: Vector, vehicle: Vector) -> Vector:
+    """Return the pose that lies where it lay as seen from `vehicle`, its pose after the shift."""
+    x, y, z, psi = shifted(shift, eta)
+    x_v, y_v, z_v, _ = vehicle
+    dx, dy, dz, _ = turned(shift, (x - x_v, y - y_v, z - z_v, 0.0))
+    return (x_v + dx, y_v + dy, z_v + dz, psi)

@@ -2,70 +2,64 @@
 
     d̂' = −k ε − ℓ d̂
 
-with the network's leak, dead zone, projection and freeze, and its interface. It is the yardstick: near an
-equilibrium a network of n logistic units is an integrator of gain η‖σ‖² ≈ η n/4.
+with the network's leak, dead zone, projection and freeze. It is the yardstick: near an equilibrium a network
+of n logistic units is an integrator of gain η‖σ‖² ≈ η n/4.
+
+| symbol | key of the configuration | unit (heave; yaw)                  |
+|--------|--------------------------|------------------------------------|
+| k      | learning_rate            | N/m; N·m/rad                       |
+| ℓ      | leak_per_s               | 1/s                                |
+|        | dead_zone                | m/s; rad/s of ε                    |
+| d_max  | max_disturbance          | N; N·m                             |
 """
 
-from dataclasses import dataclass
-from typing import Self
+from typing import NamedTuple
 
-import numpy as np
-
-from companion.control.bounds import bounded
-from companion.control.compensator import dead_zone_error
-from companion.records import Array, Flags
+from companion.control.bounds import limited
+from companion.control.compensator import Signals, dead_zone_error
 
 
-@dataclass(frozen=True, slots=True)
-class Integration:
-    """How d̂ moves; each of the shape of ε or a scalar.
+class Parameters(NamedTuple):
+    """How d̂ moves."""
 
-    `k` is in N/(m·s⁻¹·s) in heave; `leak` is ℓ, 1/s; `dead_zone` is the |ε| below which nothing is piled up;
-    `d_max` bounds |d̂|, N or N·m.
-    """
-
-    k: Array
-    leak: Array
-    dead_zone: Array
-    d_max: Array
+    learning_rate: float
+    leak_per_s: float
+    dead_zone: float
+    max_disturbance: float
 
 
-class Integrator:
-    """d̂ of the shape of ε: (4,), or (dives, 4) in the lab. It starts at zero: the plain law."""
+class State(NamedTuple):
+    """What has piled up, N or N·m."""
 
-    def __init__(self, integration: Integration, shape: tuple[int, ...]) -> None:
-        self.integration = integration
-        self._shape = shape
-        self.reset()
+    d_hat: float
 
-    def reset(self) -> None:
-        """Forget what was learnt."""
-        self.d_hat = np.zeros(self._shape)
-        self.learning_now = np.zeros(self._shape, bool)
 
-    def inherit(self, predecessor: Self, where: Flags) -> None:
-        """Take over what `predecessor` has piled up `where` it served."""
-        self.seed(np.empty(0), predecessor.d_hat, where)
+def initial(parameters: Parameters) -> State:
+    """Return the plain law."""
+    return State(0.0)
 
-    def seed(self, theta: Array, d_hat: Array, where: Flags) -> None:
-        """Begin with `d_hat` `where` asked; `theta` is unused."""
-        del theta
-        self.d_hat = np.where(where, bounded(d_hat, self.integration.d_max), self.d_hat)
 
-    def step(self, theta: Array, eps: Array, dt_s: Array | float, adapt: Flags) -> Array:
-        """Return d_hat, having learnt from `eps` for `dt_s` where `adapt` allows it; `theta` is unused.
+def step(
+    parameters: Parameters, state: State, signals: Signals, learn_s: float, adapt: bool
+) -> tuple[State, float, bool]:
+    """Return the new state, d̂, and whether it learnt."""
+    k, leak, dead_zone, d_max = parameters
+    learning, error = dead_zone_error(state.d_hat, signals.eps, adapt, dead_zone, d_max)
+    keep = 1.0 - learn_s * leak if learning else 1.0
+    d_hat = limited(keep * state.d_hat - learn_s * k * error, d_max)
+    return State(d_hat), d_hat, learning
 
-        Where the projection holds and learning would push d̂ further outward, learning stops as well;
-        `learning_now` tells where it went on.
-        """
-        del theta
-        gains = self.integration
-        self.learning_now, felt = dead_zone_error(self.d_hat, eps, adapt, gains.dead_zone, gains.d_max)
-        keep = 1.0 - dt_s * gains.leak * self.learning_now
-        self.d_hat = bounded(keep * self.d_hat - dt_s * gains.k * felt, gains.d_max)
-        return self.d_hat
 
-    @property
-    def weight_norm(self) -> Array:
-        """|d̂|, N or N·m: all that it has learnt."""
-        return np.abs(self.d_hat)
+def seed(parameters: Parameters, state: State, signals: Signals, d_hat: float) -> State:
+    """Begin with `d_hat`."""
+    return State(limited(d_hat, parameters.max_disturbance))
+
+
+def weight_norm(state: State) -> float:
+    """Return |d̂|, N or N·m: all that it has learnt."""
+    return abs(state.d_hat)
+
+
+def integral_gain(parameters: Parameters) -> float:
+    """Return k."""
+    return parameters.learning_rate

@@ -1,6 +1,15 @@
 """The Lyapunov-based law of the paper, for a system of any order and for one degree of freedom of an ROV.
 
-Every function works over arrays of any leading shape: one vehicle's `(4,)` or a lab's `(dives, 4)`.
+Another law may take its place on an axis: one file, which defines, as this one does,
+
+    Parameters   a NamedTuple of numbers, each named as a key of the axis or of `[laws.NAME]`
+    State        a NamedTuple of what it remembers
+    initial      State at rest, from Parameters
+    step         State and Terms after one tick of Motion
+
+The lab compiles these functions with numba: so only `math`, floats, ints, bools, tuples, lists of floats.
+
+The general law takes a sequence of n errors; each a float, or an array of as many as the paper's study has.
 
 | symbol  | meaning                                          | unit (heave; yaw)    | source      |
 |---------|--------------------------------------------------|----------------------|-------------|
@@ -16,47 +25,67 @@ Every function works over arrays of any leading shape: one vehicle's `(4,)` or a
 | tau     | τ, the control force                             | N; N·m               | eq. lei2    |
 """
 
+from collections.abc import Sequence
 from math import comb
-from typing import NamedTuple
-
-import numpy as np
+from typing import NamedTuple, TypeVar
 
 from companion.records import Array
 
-
-def error_coefficients(n: int, lam: float) -> Array:
-    """Return c = [c_{n-1} λ^{n-1}, …, c_1 λ, c_0] (eqs. 2 and 3), shape (n,)."""
-    return np.array([comb(n - 1, i) * lam**i for i in range(n - 1, -1, -1)])
+NumberT = TypeVar("NumberT", float, Array)
 
 
-def combined_error(x_tilde: Array, lam: float) -> Array:
-    """Return ε = cᵀ x̃ (eq. 2) for `x_tilde` of shape (…, n)."""
-    return x_tilde @ error_coefficients(x_tilde.shape[-1], lam)
+def error_coefficients(n: int, lam: float) -> list[float]:
+    """Return c = [c_{n-1} λ^{n-1}, …, c_1 λ, c_0] (eqs. 2 and 3) of a system of order n."""
+    return [comb(n - 1, i) * lam**i for i in range(n - 1, -1, -1)]
+
+
+def combined_error(x_tilde: Sequence[NumberT], lam: float) -> NumberT:
+    """Return ε = cᵀ x̃ (eq. 2)."""
+    return _weighted(error_coefficients(len(x_tilde), lam), x_tilde)
 
 
 def control_law(
-    f: Array, b: Array, d: Array, x_d_n: Array, x_tilde: Array, lam: float, kappa: float
-) -> Array:
-    """Return u = (−f − d + x_d^(n) − c̄ᵀ x̃ − κ ε) / b (eq. 5) for `x_tilde` of shape (…, n).
+    f: NumberT,
+    b: NumberT,
+    d: NumberT,
+    x_d_n: NumberT,
+    x_tilde: Sequence[NumberT],
+    lam: float,
+    kappa: float,
+) -> NumberT:
+    """Return u = (−f − d + x_d^(n) − c̄ᵀ x̃ − κ ε) / b (eq. 5).
 
     c̄ = [0, c_{n-1} λ^{n-1}, …, c_1 λ] (eq. 4). `b` must not be zero.
     """
-    n = x_tilde.shape[-1]
-    c_bar = np.concatenate(([0.0], error_coefficients(n, lam)[:-1]))
-    return (-f - d + x_d_n - x_tilde @ c_bar - kappa * combined_error(x_tilde, lam)) / b
+    c_bar = [0.0, *error_coefficients(len(x_tilde), lam)[:-1]]
+    return (-f - d + x_d_n - _weighted(c_bar, x_tilde) - kappa * combined_error(x_tilde, lam)) / b
+
+
+def _weighted(c: Sequence[float], x: Sequence[NumberT]) -> NumberT:
+    total = c[0] * x[0]
+    for i in range(1, len(c)):
+        total = total + c[i] * x[i]
+    return total
 
 
 class RovTerms(NamedTuple):
     """The law of one degree of freedom, term by term; tau = feedforward + feedback + d_hat."""
 
-    eps: Array
-    feedforward: Array
-    feedback: Array
-    tau: Array
+    eps: float
+    feedforward: float
+    feedback: float
+    tau: float
 
 
 def rov_law(
-    k_plus_h: Array, d_hat: Array, m: Array, x_d_ddot: Array, e: Array, e_dot: Array, lam: Array, kappa: Array
+    k_plus_h: float,
+    d_hat: float,
+    m: float,
+    x_d_ddot: float,
+    e: float,
+    e_dot: float,
+    lam: float,
+    kappa: float,
 ) -> RovTerms:
     """Return τ = k + h + d̂ + m (ẍ_d − λ ė) − m κ ε, with ε = ė + λ e (eqs. lei1, lei2).
 
@@ -67,3 +96,61 @@ def rov_law(
     feedforward = k_plus_h + m * x_d_ddot
     feedback = -m * (lam * e_dot + kappa * eps)
     return RovTerms(eps, feedforward, feedback, feedforward + feedback + d_hat)
+
+
+class Motion(NamedTuple):
+    """What a law of one's own sees: one degree of freedom where the next command acts, NED, SI units.
+
+    `e`, `e_dot` are measured − desired; `m` and `k_plus_h` are the nominal model's; `d_hat` is what the axis'
+    compensators estimate; `lam` and `kappa` are drawn back for delay and oscillation already, by powers of
+    `share` (0..1, `schedule.py`). Where not `free`, the last command was cut off or is not in force: there
+    nothing may be learnt.
+    """
+
+    e: float
+    e_dot: float
+    x_dot: float
+    x_d_ddot: float
+    m: float
+    k_plus_h: float
+    d_hat: float
+    lam: float
+    kappa: float
+    share: float
+    free: bool
+
+
+class Terms(NamedTuple):
+    """The parts of a law's force, N or N·m: it asks for their sum."""
+
+    feedforward: float
+    feedback: float
+    d_hat: float
+
+
+class Parameters(NamedTuple):
+    """The paper's law needs none of its own: λ and κ come with Motion."""
+
+
+class State(NamedTuple):
+    """It remembers nothing."""
+
+
+def initial(parameters: Parameters) -> State:
+    """Return nothing remembered."""
+    return State()
+
+
+def step(parameters: Parameters, state: State, motion: Motion, dt_s: float) -> tuple[State, Terms]:
+    """Return the terms of `rov_law`."""
+    law = rov_law(
+        motion.k_plus_h,
+        motion.d_hat,
+        motion.m,
+        motion.x_d_ddot,
+        motion.e,
+        motion.e_dot,
+        motion.lam,
+        motion.kappa,
+    )
+    return state, Terms(law.feedforward, law.feedback, motion.d_hat)

@@ -25,8 +25,8 @@ import math
 
 import numpy as np
 
+from companion.control import oscillation
 from companion.control.bounds import bounded
-from companion.control.oscillation import Oscillation
 from companion.records import Array
 
 FILTER_S = 0.05
@@ -48,14 +48,15 @@ class Levelling:
         self._lever_m = lever_m
         self._max_moment = np.full(2, max_moment_nm)
         self._lead = max(lag_s / FILTER_S - 1.0, 0.0)
-        self._oscillation = Oscillation(self._max_moment)
+        limit = oscillation.SHARE * max_moment_nm
+        self._parameters = oscillation.Parameters(max_moment_nm, limit)
         self.reset()
 
     def reset(self) -> None:
         """Begin anew: no integral, and no rate of change known."""
         self._integral: Array = np.zeros(2)
         self._slow: Array | None = None
-        self._oscillation.reset()
+        self._oscillation = [oscillation.START] * 2
 
     def step(
         self,
@@ -73,7 +74,7 @@ class Levelling:
         oscillates by itself lowers ω.
         """
         omega = np.minimum(self._frequency_radps, DELAY_BEARS / np.maximum(delay_s, 1e-3))
-        omega = omega * self._oscillation.gain_scale
+        omega = omega * np.array([one.gain_scale for one in self._oscillation])
         ahead = angles + delay_s * rates
         a = omega * omega * ahead + 2.0 * omega * rates
         slow = a if self._slow is None else self._slow
@@ -82,7 +83,11 @@ class Levelling:
         force = np.stack((level_force[..., 1], level_force[..., 0]), axis=-1)
         feedback = -self._inertia * (a + self._lead * (a - self._slow))
         if learn:
-            self._oscillation.step(feedback, dt_s)
+            moments = feedback.tolist()
+            self._oscillation = [
+                oscillation.step(self._parameters, one, moment, dt_s, 0.0)
+                for one, moment in zip(self._oscillation, moments, strict=True)
+            ]
         wanted = self._lever_m * force * _SIGNS + feedback
         moments = wanted - self._inertia * (self._integral + trim)
         self._integral = np.where(np.abs(moments) <= self._max_moment, self._integral + trim, self._integral)

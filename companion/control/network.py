@@ -1,4 +1,4 @@
-"""The three-layer network that learns the disturbance on-line (eq. ann), one for each degree of freedom.
+"""The three-layer network that learns the disturbance on-line (eq. ann).
 
 d̂ = Wᵀ σ(Vᵀ θ): V feeds the hidden layer and W the output (the paper's text swaps the two), σ is the logistic
 function. Back-propagation of the combined error ε, with leak, dead zone, projection and freeze:
@@ -6,94 +6,146 @@ function. Back-propagation of the combined error ε, with leak, dead zone, proje
     Ẇ = −η ε σ − ℓ W                    V̇ = −η_V ε θ (W ∘ σ')ᵀ − ℓ (V − V(0))
 
 The sign follows from m ε̇ = −m κ ε + d̂ − d*: a positive ε asks for a smaller d̂.
+
+| symbol | key of the configuration | unit (heave; yaw)                          |
+|--------|--------------------------|--------------------------------------------|
+| η      | learning_rate            | N/m; N·m/rad                               |
+| η_V    | hidden_learning_rate     | 1/m; 0 freezes the hidden layer            |
+| ℓ      | leak_per_s               | 1/s                                        |
+|        | dead_zone                | m/s; rad/s of ε                            |
+| d_max  | max_disturbance          | N; N·m                                     |
+| V(0)   | network.units, .seed     | a column a unit, each N(0, 1)              |
+| θ      |                          | `compensator.inputs`                       |
 """
 
-from dataclasses import dataclass
-from typing import Self
+import math
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
-from companion.control.bounds import bounded
-from companion.control.compensator import dead_zone_error
-from companion.records import Array, Flags
+from companion.control.bounds import limited, square_root
+from companion.control.compensator import INPUTS, Inputs, Signals, dead_zone_error, inputs
 
 SATURATED_SIGMOID = 40.0
 
 
-@dataclass(frozen=True, slots=True)
-class Learning:
-    """How the weights move; each of the shape of ε or a scalar.
+class Parameters(NamedTuple):
+    """How the weights move; `hidden` is V(0), a column for each unit."""
 
-    `eta` is η, N/(m·s⁻¹·s) in heave; `eta_v` is η_V (0 freezes the hidden layer); `leak` is ℓ, 1/s;
-    `dead_zone` is the |ε| below which nothing is learnt; `d_max` bounds |d̂|, N or N·m.
-    """
-
-    eta: Array
-    eta_v: Array
-    leak: Array
-    dead_zone: Array
-    d_max: Array
+    learning_rate: float
+    hidden_learning_rate: float
+    leak_per_s: float
+    dead_zone: float
+    max_disturbance: float
+    hidden: tuple[Inputs, ...]
 
 
-class Network:
-    """Weights and their on-line back-propagation; `shape` is that of ε: (4,), or (dives, 4) in the lab.
+class State(NamedTuple):
+    """W, a weight a unit (N; N·m), and V, a column a unit. The lists are values: nobody changes them."""
 
-    W starts at zero, so that an untrained network is the plain law; V ~ N(0, 1) from `seed`, the same for
-    every member of `shape`.
-    """
+    W: list[float]
+    V: list[Inputs]
 
-    def __init__(
-        self, learning: Learning, shape: tuple[int, ...], inputs: int, units: int, seed: int
-    ) -> None:
-        self.learning = learning
-        self._V_start = np.random.default_rng(seed).standard_normal((inputs, units))
-        self._shape = shape
-        self._deep = bool(np.any(np.asarray(learning.eta_v)))
-        self.reset()
 
-    def reset(self) -> None:
-        """Forget what was learnt."""
-        self.W = np.zeros((*self._shape, self._V_start.shape[1]))
-        self.V = np.broadcast_to(self._V_start, (*self._shape, *self._V_start.shape))
-        self.learning_now = np.zeros(self._shape, bool)
+def parameters(values: Mapping[str, float]) -> Parameters:
+    """Return parameters with V(0) drawn from `seed`, the same on every axis."""
+    units = int(values["units"])
+    columns = np.random.default_rng(int(values["seed"])).standard_normal((INPUTS, units)).T.tolist()
+    return Parameters(
+        values["learning_rate"],
+        values["hidden_learning_rate"],
+        values["leak_per_s"],
+        values["dead_zone"],
+        values["max_disturbance"],
+        tuple((a, b, c, d, e, f) for a, b, c, d, e, f in columns),
+    )
 
-    def inherit(self, predecessor: Self, where: Flags) -> None:
-        """Take over both layers of `predecessor`, of the same size and seed, `where` it served."""
-        self.W = np.where(where[..., None], predecessor.W, self.W)
-        self.V = np.where(where[..., None, None], predecessor.V, self.V)
 
-    def seed(self, theta: Array, d_hat: Array, where: Flags) -> None:
-        """Answer `theta` with `d_hat` `where` asked, by the smallest change of W."""
-        sigma = self._hidden(theta)
-        missing = (bounded(d_hat, self.learning.d_max) - np.vecdot(self.W, sigma)) * where
-        self.W = self.W + (missing / np.vecdot(sigma, sigma))[..., None] * sigma
+def initial(parameters: Parameters) -> State:
+    """Return W = 0, so that an untrained network is the plain law."""
+    V = [(v[0], v[1], v[2], v[3], v[4], v[5]) for v in parameters.hidden]
+    return State([0.0 for _ in V], V)
 
-    def step(self, theta: Array, eps: Array, dt_s: Array | float, adapt: Flags) -> Array:
-        """Return d_hat, having learnt from `eps` for `dt_s` where `adapt` allows it.
 
-        `theta` has shape (*shape, inputs). Where the projection holds and learning would push d̂ further
-        outward, learning stops as well; `learning_now` tells where it went on.
-        """
-        gains = self.learning
-        sigma = self._hidden(theta)
-        raw = np.vecdot(self.W, sigma)
-        self.learning_now, felt = dead_zone_error(raw, eps, adapt, gains.dead_zone, gains.d_max)
-        if self.learning_now.any():
-            keep = (1.0 - dt_s * gains.leak * self.learning_now)[..., None]
-            if self._deep:
-                slope = self.W * sigma * (1.0 - sigma)
-                step_v = (
-                    (dt_s * gains.eta_v * felt)[..., None, None] * theta[..., :, None] * slope[..., None, :]
-                )
-                self.V = keep[..., None] * (self.V - self._V_start) + self._V_start - step_v
-            self.W = keep * self.W - (dt_s * gains.eta * felt)[..., None] * sigma
-            raw = np.vecdot(self.W, sigma)
-        return bounded(raw, gains.d_max)
+def step(
+    parameters: Parameters, state: State, signals: Signals, learn_s: float, adapt: bool
+) -> tuple[State, float, bool]:
+    """Return the new state, d̂, and whether it learnt."""
+    return learnt(parameters, state, inputs(signals), signals.eps, learn_s, adapt)
 
-    def _hidden(self, theta: Array) -> Array:
-        return np.asarray(1.0 / (1.0 + np.exp(np.minimum(-np.vecmat(theta, self.V), SATURATED_SIGMOID))))
 
-    @property
-    def weight_norm(self) -> Array:
-        """Euclidean norm of W, of the shape of ε."""
-        return np.asarray(np.sqrt(np.vecdot(self.W, self.W)))
+def learnt(
+    parameters: Parameters, state: State, theta: Inputs, eps: float, learn_s: float, adapt: bool
+) -> tuple[State, float, bool]:
+    """Return what `step` does, for any inputs θ."""
+    sigma = hidden(state.V, theta)
+    d_hat = dot(state.W, sigma)
+    d_max = parameters.max_disturbance
+    learning, error = dead_zone_error(d_hat, eps, adapt, parameters.dead_zone, d_max)
+    if learning:
+        keep = 1.0 - learn_s * parameters.leak_per_s
+        V = state.V
+        if parameters.hidden_learning_rate > 0.0:
+            pull = learn_s * parameters.hidden_learning_rate * error
+            V = [
+                back_propagated(V[j], parameters.hidden[j], keep, pull * slope(state.W[j], sigma[j]), theta)
+                for j in range(len(sigma))
+            ]
+        gain = learn_s * parameters.learning_rate * error
+        state = State([keep * state.W[j] - gain * sigma[j] for j in range(len(sigma))], V)
+        d_hat = dot(state.W, sigma)
+    return state, limited(d_hat, d_max), learning
+
+
+def seed(parameters: Parameters, state: State, signals: Signals, d_hat: float) -> State:
+    """Answer these signals with `d_hat`, by the smallest change of W."""
+    sigma = hidden(state.V, inputs(signals))
+    missing = (limited(d_hat, parameters.max_disturbance) - dot(state.W, sigma)) / dot(sigma, sigma)
+    return State([state.W[j] + missing * sigma[j] for j in range(len(sigma))], state.V)
+
+
+def weight_norm(state: State) -> float:
+    """Return the Euclidean norm of W."""
+    return square_root(dot(state.W, state.W))
+
+
+def integral_gain(parameters: Parameters) -> float:
+    """Return η n/4: the outputs of n units are ½ at rest."""
+    return 0.25 * len(parameters.hidden) * parameters.learning_rate
+
+
+def hidden(V: Sequence[Inputs], theta: Inputs) -> list[float]:
+    """Return σ(Vᵀ θ)."""
+    a, b, c, d, e, f = theta
+    return [logistic(v[0] * a + v[1] * b + v[2] * c + v[3] * d + v[4] * e + v[5] * f) for v in V]
+
+
+def logistic(x: float) -> float:
+    """Return 1/(1 + e⁻ˣ)."""
+    return 1.0 / (1.0 + math.exp(SATURATED_SIGMOID if x < -SATURATED_SIGMOID else -x))
+
+
+def dot(a: Sequence[float], b: Sequence[float]) -> float:
+    """Return aᵀ b."""
+    total = 0.0
+    for i in range(len(a)):
+        total += a[i] * b[i]
+    return total
+
+
+def slope(w: float, sigma: float) -> float:
+    """Return w σ', with σ' = σ (1 − σ)."""
+    return w * sigma * (1.0 - sigma)
+
+
+def back_propagated(v: Inputs, v_0: Inputs, keep: float, pull: float, theta: Inputs) -> Inputs:
+    """Return a column of V, drawn toward its start and moved against θ."""
+    return (
+        keep * (v[0] - v_0[0]) + v_0[0] - pull * theta[0],
+        keep * (v[1] - v_0[1]) + v_0[1] - pull * theta[1],
+        keep * (v[2] - v_0[2]) + v_0[2] - pull * theta[2],
+        keep * (v[3] - v_0[3]) + v_0[3] - pull * theta[3],
+        keep * (v[4] - v_0[4]) + v_0[4] - pull * theta[4],
+        keep * (v[5] - v_0[5]) + v_0[5] - pull * theta[5],
+    )

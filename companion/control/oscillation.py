@@ -8,11 +8,9 @@ cycle began, so that they do not hunt; but whole, where the cycle came of a dela
 """
 
 import math
+from typing import NamedTuple
 
-import numpy as np
-
-from companion.control.bounds import bounded
-from companion.records import Array
+from companion.control.bounds import clamped, limited
 
 SHARE = 0.12
 """Of an axis' largest force: an RMS of fast demand above it is a limit cycle, if it lasts."""
@@ -35,61 +33,50 @@ EXPLAINED_S = 0.02
 MEAN_S = 1.0
 
 
-class Oscillation:
-    """Watches the demands tau (…, 4); `gain_scale` (…, 4), LEAST..1, is what is left of the gains."""
+class Parameters(NamedTuple):
+    """The largest force asked of an axis, N or N·m: more moves nothing; and the `limit` of the RMS."""
 
-    def __init__(self, max_force: Array) -> None:
-        """Take the largest force that is asked of each axis, N or N·m, (4,): more than that moves nothing."""
-        self._max_force = max_force
-        self._limit = SHARE * max_force
-        self.reset()
-
-    def reset(self) -> None:
-        """Begin anew, with full gains."""
-        self.gain_scale: Array = np.ones_like(self._limit)
-        self._ceiling: Array = np.ones_like(self._limit)
-        self._slow: Array | None = None
-        self._power: Array = np.zeros_like(self._limit)
-        self._lasts_s: Array = np.zeros_like(self._limit)
-        self._delay_s: Array = np.full_like(self._limit, np.inf)
-        """What the loop's delay was believed to be when the last cycle began."""
-
-    def step(self, tau: Array, dt_s: float, delay_s: Array | float = 0.0) -> None:
-        """Take one tick's demand, and the delay that the gains allow for."""
-        tau = bounded(tau, self._max_force)
-        slow = tau if self._slow is None else self._slow
-        self._slow = slow + (tau - slow) * (1.0 - math.exp(-dt_s / HIGH_PASS_S))
-        fast = tau - self._slow
-        self._power = self._power + (fast * fast - self._power) * (1.0 - math.exp(-dt_s / MEMORY_S))
-        above = self._power > self._limit * self._limit
-        lasted_s, self._lasts_s = self._lasts_s, np.where(above, self._lasts_s + dt_s, 0.0)
-        cycles = self._lasts_s > TRANSIENT_S
-        begins = cycles & (lasted_s <= TRANSIENT_S)
-        scale, ceiling = self.gain_scale, self._ceiling
-        explained = delay_s > self._delay_s + EXPLAINED_S
-        self._delay_s = np.where(begins, delay_s, np.where(explained, np.inf, self._delay_s))
-        ceiling = np.where(begins, RELAPSE_SHARE * scale, ceiling + dt_s / FORGET_S)
-        ceiling = np.where(explained & ~begins, 1.0, ceiling)
-        scale = np.where(cycles, scale * math.exp(-dt_s / SHRINK_S), scale + dt_s / RECOVER_S)
-        self._ceiling = np.minimum(np.maximum(ceiling, LEAST), 1.0)
-        self.gain_scale = np.minimum(np.maximum(scale, LEAST), self._ceiling)
+    max_force: float
+    limit: float
 
 
-class ScaledDisturbance:
-    """A disturbance as it may become thrust: its mean of MEAN_S, and of what differs from that gain_scale².
+class State(NamedTuple):
+    """What is left of the gains (LEAST..1), and what it is judged by."""
 
-    At full gains it is the disturbance itself. A constant one stays compensated whatever the scale: what is
-    drawn back is all that is faster than 1/MEAN_S.
-    """
+    gain_scale: float
+    ceiling: float
+    slow: float
+    """The demand's low-passed part; NaN before the first."""
+    power: float
+    """Mean square of the rest."""
+    lasts_s: float
+    delay_s: float
+    """What the loop's delay was believed to be when the last cycle began; infinite without one."""
 
-    def __init__(self, mean: Array) -> None:
-        """Begin with a known mean, (…, 4)."""
-        self.mean = mean
 
-    def step(self, d: Array, gain_scale: Array, dt_s: float) -> Array:
-        """Take one tick's disturbance, return what may be used of it."""
-        self.mean = self.mean + (d - self.mean) * (1.0 - math.exp(-dt_s / MEAN_S))
-        return d - (1.0 - gain_scale * gain_scale) * (d - self.mean)
+START = State(1.0, 1.0, math.nan, 0.0, 0.0, math.inf)
+"""Full gains, and nothing seen yet."""
+
+
+def step(parameters: Parameters, state: State, tau: float, dt_s: float, delay_s: float) -> State:
+    """Take one tick's demand, and the delay that the gains allow for."""
+    tau = limited(tau, parameters.max_force)
+    slow = tau if math.isnan(state.slow) else state.slow
+    slow = slow + (tau - slow) * (1.0 - math.exp(-dt_s / HIGH_PASS_S))
+    fast = tau - slow
+    power = state.power + (fast * fast - state.power) * (1.0 - math.exp(-dt_s / MEMORY_S))
+    lasts_s = state.lasts_s + dt_s if power > parameters.limit * parameters.limit else 0.0
+    cycles = lasts_s > TRANSIENT_S
+    explained = delay_s > state.delay_s + EXPLAINED_S
+    if cycles and state.lasts_s <= TRANSIENT_S:
+        began_s, ceiling = delay_s, RELAPSE_SHARE * state.gain_scale
+    elif explained:
+        began_s, ceiling = math.inf, 1.0
+    else:
+        began_s, ceiling = state.delay_s, state.ceiling + dt_s / FORGET_S
+    scale = state.gain_scale * math.exp(-dt_s / SHRINK_S) if cycles else state.gain_scale + dt_s / RECOVER_S
+    ceiling = clamped(ceiling, LEAST, 1.0)
+    return State(clamped(scale, LEAST, ceiling), ceiling, slow, power, lasts_s, began_s)
 
 
 def mean_disturbance(mean: float, d: float, dt_s: float) -> float:

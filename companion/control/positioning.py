@@ -1,10 +1,11 @@
 """Four degrees of freedom: x, y, z, psi in the inertial frame, tau = X, Y, Z, N in the body's.
 
 ROVs keep roll and pitch level by their metacentric height, so the Jacobian J of eq. veli is a rotation by psi
-(the paper, sec. 3) and J⁻¹ = Jᵀ. All functions take arrays of shape (…, 4), J of shape (…, 4, 4).
+(the paper, sec. 3) and J⁻¹ = Jᵀ. Vectors are four floats in DOF order.
 
 | symbol  | meaning                                     | unit           | source          |
 |---------|---------------------------------------------|----------------|-----------------|
+| J       | cos ψ and sin ψ: body to inertial           |                | eq. veli        |
 | eta_dot | ẋ of the paper: NED velocity, heading rate  | m/s, rad/s     | eq. veli        |
 | nu      | u, v, w, r: body velocity                   | m/s, rad/s     | eq. velb        |
 | m       | inertia with added mass, body diagonal      | kg, kg·m²      | eq. added       |
@@ -13,79 +14,95 @@ ROVs keep roll and pitch level by their metacentric height, so the Jacobian J of
 | k, h    | Coriolis and damping, inertial frame        | N, N·m         | eq. movi        |
 """
 
-from dataclasses import dataclass
-
-import numpy as np
+import math
+from typing import NamedTuple
 
 from companion.control.bounds import wrap
-from companion.records import PSI, Array, Flags
+from companion.records import Flags, Vector
 
 
-def pose_error(eta: Array, eta_d: Array) -> Array:
-    """Return eta − eta_d with the heading's error wrapped, shape (…, 4)."""
-    e = eta - eta_d
-    e[..., PSI] = wrap(e[..., PSI])
-    return e
+class Jacobian(NamedTuple):
+    """J (eq. veli), a rotation about the vertical: cos ψ and sin ψ."""
+
+    c: float
+    s: float
 
 
-def jacobian(psi: Array | float) -> Array:
-    """Return J (eq. veli), shape (…, 4, 4): body to inertial."""
-    J = np.zeros((*np.shape(psi), 4, 4))
-    J[..., 0, 0] = J[..., 1, 1] = np.cos(psi)
-    J[..., 1, 0] = np.sin(psi)
-    J[..., 0, 1] = -J[..., 1, 0]
-    J[..., 2, 2] = J[..., 3, 3] = 1.0
-    return J
-
-
-def to_inertial(J: Array, body: Array) -> Array:
-    """Return J times a body vector, shape (…, 4)."""
-    return np.asarray(np.matvec(J, body))
-
-
-def to_body(J: Array, inertial: Array) -> Array:
-    """Return Jᵀ times an inertial vector, shape (…, 4)."""
-    return np.asarray(np.vecmat(inertial, J))
-
-
-def inertial_diagonal(J: Array, body: Array) -> Array:
-    """Return the diagonal of J diag(body) Jᵀ (eq. movi), shape (…, 4); the rest is disturbance."""
-    return np.asarray(np.matvec(J * J, body))
-
-
-# (m_u − m_v) times r v, r u, 0 and −u v: which velocities meet on which axis.
-_SIGN = np.array([1.0, 1.0, 0.0, -1.0])
-_FIRST, _SECOND = np.array([3, 3, 0, 0]), np.array([1, 0, 0, 1])
-
-
-@dataclass(frozen=True, slots=True)
-class Model:
+class Model(NamedTuple):
     """What the controller believes of the vehicle: body diagonals in the order surge, sway, heave, yaw."""
 
-    m: Array
-    d1: Array
-    d2: Array
+    m: Vector
+    d1: Vector
+    d2: Vector
 
-    def inertia(self, J: Array) -> Array:
-        """Return m_bar, shape (…, 4)."""
-        return inertial_diagonal(J, self.m)
 
-    def drag_coefficient(self, J: Array, nu: Array) -> Array:
-        """Return the inertial diagonal of the damping matrix at body velocity `nu`, shape (…, 4)."""
-        return inertial_diagonal(J, self.d1 + self.d2 * np.abs(nu))
+def jacobian(psi: float) -> Jacobian:
+    """Return J at heading psi, rad; NaN for a heading that is not finite."""
+    if math.isinf(psi):
+        return Jacobian(math.nan, math.nan)
+    return Jacobian(math.cos(psi), math.sin(psi))
 
-    def coriolis_and_damping(self, J: Array, nu: Array) -> Array:
-        """Return k + h in the inertial frame (eq. movi), shape (…, 4).
 
-        k gathers C(ν)ν and M d(J⁻¹)/dt ẋ; for a diagonal M only (m_u − m_v) is left of both: what a vehicle
-        of unequal inertia feels while it turns, and the Munk moment that turns it across its path.
-        """
-        damping = nu * (self.d1 + self.d2 * np.abs(nu))
-        unequal = (self.m[..., 0] - self.m[..., 1])[..., None] * _SIGN
-        return to_inertial(J, damping + unequal * nu[..., _FIRST] * nu[..., _SECOND])
+def pose_error(eta: Vector, eta_d: Vector) -> Vector:
+    """Return eta − eta_d with the heading's error wrapped."""
+    return (eta[0] - eta_d[0], eta[1] - eta_d[1], eta[2] - eta_d[2], wrap(eta[3] - eta_d[3]))
+
+
+def to_inertial(J: Jacobian, body: Vector) -> Vector:
+    """Return J times a body vector."""
+    X, Y, Z, N = body
+    return (J.c * X - J.s * Y, J.s * X + J.c * Y, Z, N)
+
+
+def to_body(J: Jacobian, inertial: Vector) -> Vector:
+    """Return Jᵀ times an inertial vector."""
+    x, y, z, psi = inertial
+    return (J.c * x + J.s * y, J.c * y - J.s * x, z, psi)
+
+
+def inertial_diagonal(J: Jacobian, body: Vector) -> Vector:
+    """Return the diagonal of J diag(body) Jᵀ (eq. movi); the rest is disturbance."""
+    surge, sway, heave, yaw = body
+    cc, ss = J.c * J.c, J.s * J.s
+    return (cc * surge + ss * sway, ss * surge + cc * sway, heave, yaw)
+
+
+def inertia(model: Model, J: Jacobian) -> Vector:
+    """Return m_bar."""
+    return inertial_diagonal(J, model.m)
+
+
+def damping(model: Model, nu: Vector) -> Vector:
+    """Return D(ν), the body diagonal of the damping matrix at body velocity `nu`."""
+    d1, d2 = model.d1, model.d2
+    return (
+        d1[0] + d2[0] * abs(nu[0]),
+        d1[1] + d2[1] * abs(nu[1]),
+        d1[2] + d2[2] * abs(nu[2]),
+        d1[3] + d2[3] * abs(nu[3]),
+    )
+
+
+def drag_coefficient(model: Model, J: Jacobian, nu: Vector) -> Vector:
+    """Return the inertial diagonal of the damping matrix at body velocity `nu`."""
+    return inertial_diagonal(J, damping(model, nu))
+
+
+def coriolis_and_damping(model: Model, J: Jacobian, nu: Vector) -> Vector:
+    """Return k + h in the inertial frame (eq. movi).
+
+    k gathers C(ν)ν and M d(J⁻¹)/dt ẋ; for a diagonal M only (m_u − m_v) is left of both: what a vehicle of
+    unequal inertia feels while it turns, and the Munk moment that turns it across its path.
+    """
+    u, v, w, r = nu
+    d_u, d_v, d_w, d_r = damping(model, nu)
+    unequal = model.m[0] - model.m[1]
+    return to_inertial(
+        J, (u * d_u + unequal * r * v, v * d_v + unequal * r * u, w * d_w, r * d_r - unequal * u * v)
+    )
 
 
 def by_dof(by_axis: Flags) -> Flags:
     """Surge and sway turn into x and y: what either lacks, both lack."""
-    horizontal = by_axis[0] | by_axis[1]
-    return np.array((horizontal, horizontal, by_axis[2], by_axis[3]))
+    horizontal = by_axis[0] or by_axis[1]
+    return (horizontal, horizontal, by_axis[2], by_axis[3])

@@ -9,93 +9,151 @@ target is followed with its own rate and acceleration as feedforward. δ returns
     jerk          a'  = (a_c − a) / T_a                             so a is continuous too
 
 with T_v = 4 T_a and ω T_v = 1/4, so that neither rate nor position overshoots (Fossen 2011, ch. 10.2).
+
+| symbol                | meaning                                                    | unit                 |
+|-----------------------|------------------------------------------------------------|----------------------|
+| x_d, x_d_dot, …       | the reference and its derivatives                          | m, m/s, …; rad, …    |
+| target, target_dot, … | what is asked for, and its own motion                      | m, m/s, …; rad, …    |
+| delta                 | δ                                                          | m; rad               |
+| pace                  | s, the share of v_max that is left (`pace.py`)             | 0..1                 |
 """
 
-from dataclasses import dataclass
-from typing import Self
+import math
+from collections.abc import Sequence
+from typing import NamedTuple, Self
 
-import numpy as np
-
-from companion.control.bounds import bounded, wrap
+from companion.control.bounds import limited, square_root, wrap
 from companion.control.frames import shifted_along, turned
-from companion.records import Array, Flags, FrameShift
+from companion.records import Flags, FrameShift, Setpoint, Vector, vector
 
 ACCELERATION_LAG_S = 0.06
 RATE_LAG_S = 4.0 * ACCELERATION_LAG_S
 APPROACH_PER_S = 0.25 / RATE_LAG_S
 
 
-@dataclass(frozen=True, slots=True)
-class Limits:
-    """Bounds on |δ'| and |δ''|, shape of x_d: m/s and m/s², or rad/s and rad/s². Both above zero."""
+class Parameters(NamedTuple):
+    """v_max and a_max, m/s and m/s² or rad/s and rad/s², above zero; an angle takes the short way."""
 
-    rate: Array
-    acceleration: Array
+    max_rate: float
+    max_acceleration: float
+    angular: bool
+
+
+class State(NamedTuple):
+    """The reference of one degree of freedom, and the target's motion at the last step."""
+
+    x_d: float
+    x_d_dot: float
+    x_d_ddot: float
+    target_dot: float
+    target_ddot: float
+
+
+def start(parameters: Parameters, x: float, x_dot: float) -> State:
+    """Return a reference where the vehicle is and as it moves, so that engaging it is no step."""
+    return State(x, limited(x_dot, parameters.max_rate), 0.0, 0.0, 0.0)
+
+
+def step(
+    parameters: Parameters,
+    state: State,
+    target: float,
+    target_dot: float,
+    target_ddot: float,
+    pace: float,
+    dt_s: float,
+) -> State:
+    """Advance by `dt_s` toward a target that moves by `target_dot`, `target_ddot`."""
+    a_max = parameters.max_acceleration
+    jerk_dt = a_max * (dt_s / ACCELERATION_LAG_S)
+
+    # What of the target's change was no motion along its own path is a step: δ and its rates take it up.
+    path_step = 0.5 * dt_s * (state.target_dot + target_dot)
+    delta = state.x_d + path_step - target
+    if parameters.angular:
+        delta = wrap(delta)
+    delta_dot = state.x_d_dot + 0.5 * dt_s * (state.target_ddot + target_ddot) - target_dot
+    turn = target_ddot - state.target_ddot
+    delta_ddot = state.x_d_ddot - state.target_ddot - (turn - limited(turn, jerk_dt))
+
+    distance = abs(delta)
+    rate = limited(APPROACH_PER_S * distance, pace * parameters.max_rate)
+    rate = limited(rate, square_root(a_max * distance))
+    wanted = limited((-math.copysign(rate, delta) - delta_dot) / RATE_LAG_S, a_max)
+    delta_ddot = delta_ddot + (wanted - delta_ddot) * (dt_s / (ACCELERATION_LAG_S + dt_s))
+    fastest = abs(delta_dot)
+    if fastest < parameters.max_rate:
+        fastest = parameters.max_rate
+    delta_dot = limited(delta_dot + dt_s * delta_ddot, fastest)
+
+    return State(
+        state.x_d + path_step + dt_s * delta_dot,
+        target_dot + delta_dot,
+        target_ddot + delta_ddot,
+        target_dot,
+        target_ddot,
+    )
+
+
+def ahead(target: float, target_dot: float, target_ddot: float, ahead_s: float) -> tuple[float, float, float]:
+    """Return where a target that moves steadily will be `ahead_s` later, its rate and acceleration there."""
+    later_dot = target_dot + ahead_s * target_ddot
+    return target + (0.5 * ahead_s) * (target_dot + later_dot), later_dot, target_ddot
 
 
 class ReferenceModel:
-    """x_d, ẋ_d, ẍ_d for any leading shape; where `angular`, targets are angles and the short way is taken."""
+    """The references of all four degrees of freedom."""
 
-    def __init__(self, limits: Limits, angular: Flags) -> None:
-        self.limits = limits
-        self.pace: Array | float = 1.0
-        """The share of `limits.rate` that may be used now: less where the vehicle does not follow."""
-        self._angular = angular
-        self.reset(np.zeros_like(limits.rate), np.zeros_like(limits.rate))
+    def __init__(self, parameters: Sequence[Parameters]) -> None:
+        self._parameters = parameters
+        self.pace: Vector = (1.0, 1.0, 1.0, 1.0)
+        """The share of each `max_rate` that may be used now: less where the vehicle does not follow."""
+        self.reset((0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0))
 
-    def reset(self, x: Array, x_dot: Array) -> None:
-        """Start from where the vehicle is and how it moves, so that engaging it is no step."""
-        self.x_d = x.copy()
-        self.x_d_dot = bounded(x_dot, self.limits.rate)
-        self.x_d_ddot = np.zeros_like(x)
-        self._target_dot = np.zeros_like(x)
-        self._target_ddot = np.zeros_like(x)
+    @property
+    def x_d(self) -> Vector:
+        """Where it is to be."""
+        x, y, z, psi = self._states
+        return (x.x_d, y.x_d, z.x_d, psi.x_d)
 
-    def catch_up(self, x: Array, x_dot: Array, where: Flags) -> None:
-        """Start anew `where` asked, from how the vehicle is and moves."""
-        kept = self.x_d, self.x_d_dot, self.x_d_ddot, self._target_dot, self._target_ddot
-        self.reset(x, x_dot)
-        anew = self.x_d, self.x_d_dot, self.x_d_ddot, self._target_dot, self._target_ddot
-        self.x_d, self.x_d_dot, self.x_d_ddot, self._target_dot, self._target_ddot = (
-            np.where(where, new, old) for new, old in zip(anew, kept, strict=True)
-        )
+    @property
+    def x_d_dot(self) -> Vector:
+        """How fast."""
+        x, y, z, psi = self._states
+        return (x.x_d_dot, y.x_d_dot, z.x_d_dot, psi.x_d_dot)
+
+    @property
+    def x_d_ddot(self) -> Vector:
+        """And the acceleration."""
+        x, y, z, psi = self._states
+        return (x.x_d_ddot, y.x_d_ddot, z.x_d_ddot, psi.x_d_ddot)
+
+    def reset(self, x: Vector, x_dot: Vector) -> None:
+        """Start where the vehicle is and as it moves."""
+        self._states = [start(*each) for each in zip(self._parameters, x, x_dot, strict=True)]
+
+    def catch_up(self, x: Vector, x_dot: Vector, where: Flags) -> None:
+        """Start anew `where` asked, where the vehicle is and as it moves."""
+        for i, asked in enumerate(where):
+            if asked:
+                self._states[i] = start(self._parameters[i], x[i], x_dot[i])
 
     def go_on(self, other: Self) -> None:
         """Stand where `other` stands, with the same rates and the same target."""
-        self.x_d, self.x_d_dot, self.x_d_ddot = other.x_d, other.x_d_dot, other.x_d_ddot
-        self._target_dot, self._target_ddot = other._target_dot, other._target_ddot
+        self._states = list(other._states)
 
-    def shift(self, shift: FrameShift, vehicle: Array) -> None:
+    def shift(self, shift: FrameShift, vehicle: Vector) -> None:
         """Stay where it is as seen from the vehicle (its pose after the shift), with the same motion."""
-        self.x_d = shifted_along(shift, self.x_d, vehicle)
-        self.x_d_dot, self.x_d_ddot = turned(shift, self.x_d_dot), turned(shift, self.x_d_ddot)
-        self._target_dot, self._target_ddot = (
-            turned(shift, self._target_dot),
-            turned(shift, self._target_ddot),
-        )
+        x_d, *motion = (vector(column) for column in zip(*self._states, strict=True))
+        columns = (shifted_along(shift, x_d, vehicle), *(turned(shift, each) for each in motion))
+        self._states = [State(*values) for values in zip(*columns, strict=True)]
 
-    def step(self, target: Array, target_dot: Array, target_ddot: Array, dt_s: float) -> None:
-        """Advance by `dt_s` toward a target that moves by `target_dot`, `target_ddot`."""
-        limits = self.limits
-        a_max, jerk_dt = limits.acceleration, limits.acceleration * (dt_s / ACCELERATION_LAG_S)
-
-        # What of the target's change was no motion along its own path is a step: δ and its rates take it up.
-        path_step = 0.5 * dt_s * (self._target_dot + target_dot)
-        delta = self.x_d + path_step - target
-        delta = np.where(self._angular, wrap(delta), delta)
-        delta_dot = self.x_d_dot + 0.5 * dt_s * (self._target_ddot + target_ddot) - target_dot
-        turn = target_ddot - self._target_ddot
-        delta_ddot = self.x_d_ddot - self._target_ddot - (turn - bounded(turn, jerk_dt))
-
-        distance = np.abs(delta)
-        most = self.pace * limits.rate
-        rate = np.minimum(np.minimum(most, APPROACH_PER_S * distance), np.sqrt(a_max * distance))
-        wanted = bounded((-np.copysign(rate, delta) - delta_dot) / RATE_LAG_S, a_max)
-        delta_ddot = delta_ddot + (wanted - delta_ddot) * (dt_s / (ACCELERATION_LAG_S + dt_s))
-        bound = np.maximum(limits.rate, np.abs(delta_dot))
-        delta_dot = bounded(delta_dot + dt_s * delta_ddot, bound)
-
-        self.x_d = self.x_d + path_step + dt_s * delta_dot
-        self.x_d_dot = target_dot + delta_dot
-        self.x_d_ddot = target_ddot + delta_ddot
-        self._target_dot, self._target_ddot = target_dot, target_ddot
+    def step(self, target: Setpoint, ahead_s: float, dt_s: float) -> None:
+        """Advance by `dt_s` toward where `target` will be `ahead_s` later."""
+        goals = map(ahead, target.eta_d, target.eta_d_dot, target.eta_d_ddot, (ahead_s,) * 4)
+        self._states = [
+            step(parameters, state, *goal, pace, dt_s)
+            for parameters, state, goal, pace in zip(
+                self._parameters, self._states, goals, self.pace, strict=True
+            )
+        ]

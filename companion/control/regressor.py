@@ -1,60 +1,90 @@
 """The linear regressor: a compensator that knows the shape of what it does not know.
 
-    d̂ = Wᵀ φ        φ = [1, e, ė, ẋ, ẋ|ẋ|, ẍ_d]        Ẇ = −η ε φ − ℓ W
+    d̂ = Wᵀ φ        φ = [1, 10 e, 5 ė, 5 ẋ, 5 ẋ |5 ẋ|, 5 ẍ_d]        Ẇ = −η ε φ − ℓ W
 
 Its terms are those by which damping, mass and weight can be off; it is the network without a hidden layer.
+
+| symbol | key of the configuration | unit (heave; yaw)                  |
+|--------|--------------------------|------------------------------------|
+| η      | learning_rate            | N/m; N·m/rad                       |
+| ℓ      | leak_per_s               | 1/s                                |
+|        | dead_zone                | m/s; rad/s of ε                    |
+| d_max  | max_disturbance          | N; N·m                             |
 """
 
-from typing import Self
+from typing import NamedTuple
 
-import numpy as np
-
-from companion.control.bounds import bounded
-from companion.control.compensator import INPUTS, dead_zone_error
-from companion.control.network import Learning
-from companion.records import Array, Flags
+from companion.control.bounds import limited, square_root
+from companion.control.compensator import Inputs, Signals, dead_zone_error, inputs
 
 
-class Regressor:
-    """Weights W of shape (*shape, INPUTS), zero at the start: the plain law."""
+class Parameters(NamedTuple):
+    """How the weights move."""
 
-    def __init__(self, learning: Learning, shape: tuple[int, ...]) -> None:
-        self.learning = learning
-        self._shape = shape
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget what was learnt."""
-        self.W = np.zeros((*self._shape, INPUTS))
-        self.learning_now = np.zeros(self._shape, bool)
-
-    def inherit(self, predecessor: Self, where: Flags) -> None:
-        """Take over the weights of `predecessor` `where` it served."""
-        self.W = np.where(where[..., None], predecessor.W, self.W)
-
-    def seed(self, theta: Array, d_hat: Array, where: Flags) -> None:
-        """Answer `theta` with `d_hat` `where` asked, by the smallest change of W."""
-        phi = _terms(theta)
-        missing = (bounded(d_hat, self.learning.d_max) - np.vecdot(self.W, phi)) * where
-        self.W = self.W + (missing / np.vecdot(phi, phi))[..., None] * phi
-
-    def step(self, theta: Array, eps: Array, dt_s: Array | float, adapt: Flags) -> Array:
-        """Return d_hat, having learnt from `eps` for `dt_s` where `adapt` allows it."""
-        gains = self.learning
-        phi = _terms(theta)
-        raw = np.vecdot(self.W, phi)
-        self.learning_now, felt = dead_zone_error(raw, eps, adapt, gains.dead_zone, gains.d_max)
-        keep = (1.0 - dt_s * gains.leak * self.learning_now)[..., None]
-        self.W = keep * self.W - (dt_s * gains.eta * felt)[..., None] * phi
-        return bounded(np.vecdot(self.W, phi), gains.d_max)
-
-    @property
-    def weight_norm(self) -> Array:
-        """Euclidean norm of W, of the shape of ε."""
-        return np.asarray(np.sqrt(np.vecdot(self.W, self.W)))
+    learning_rate: float
+    leak_per_s: float
+    dead_zone: float
+    max_disturbance: float
 
 
-def _terms(theta: Array) -> Array:
-    phi = theta.copy()
-    phi[..., 4] = theta[..., 3] * np.abs(theta[..., 3])
-    return phi
+class State(NamedTuple):
+    """A weight a term, N or N·m."""
+
+    W: Inputs
+
+
+def initial(parameters: Parameters) -> State:
+    """Return the plain law."""
+    return State((0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+
+
+def step(
+    parameters: Parameters, state: State, signals: Signals, learn_s: float, adapt: bool
+) -> tuple[State, float, bool]:
+    """Return the new state, d̂, and whether it learnt."""
+    eta, leak, dead_zone, d_max = parameters
+    phi = terms(signals)
+    learning, error = dead_zone_error(dot(state.W, phi), signals.eps, adapt, dead_zone, d_max)
+    if learning:
+        state = State(moved(1.0 - learn_s * leak, state.W, -learn_s * eta * error, phi))
+    return state, limited(dot(state.W, phi), d_max), learning
+
+
+def seed(parameters: Parameters, state: State, signals: Signals, d_hat: float) -> State:
+    """Answer these signals with `d_hat`, by the smallest change of W."""
+    phi = terms(signals)
+    missing = (limited(d_hat, parameters.max_disturbance) - dot(state.W, phi)) / dot(phi, phi)
+    return State(moved(1.0, state.W, missing, phi))
+
+
+def weight_norm(state: State) -> float:
+    """Return the Euclidean norm of W."""
+    return square_root(dot(state.W, state.W))
+
+
+def integral_gain(parameters: Parameters) -> float:
+    """Return η: the constant term's."""
+    return parameters.learning_rate
+
+
+def terms(signals: Signals) -> Inputs:
+    """Return φ."""
+    one, e, e_dot, x_dot, _, x_d_ddot = inputs(signals)
+    return (one, e, e_dot, x_dot, x_dot * abs(x_dot), x_d_ddot)
+
+
+def dot(a: Inputs, b: Inputs) -> float:
+    """Return aᵀ b."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3] + a[4] * b[4] + a[5] * b[5]
+
+
+def moved(keep: float, W: Inputs, gain: float, phi: Inputs) -> Inputs:
+    """Return keep W + gain φ."""
+    return (
+        keep * W[0] + gain * phi[0],
+        keep * W[1] + gain * phi[1],
+        keep * W[2] + gain * phi[2],
+        keep * W[3] + gain * phi[3],
+        keep * W[4] + gain * phi[4],
+        keep * W[5] + gain * phi[5],
+    )

@@ -3,8 +3,6 @@
 from bisect import bisect_right
 from collections.abc import Sequence
 
-import numpy as np
-
 from companion.control.frames import turned
 from companion.records import ZERO, FrameShift, Vector
 
@@ -60,4 +58,4 @@ class CommandHistory:
 
 
 def _turned(shift: FrameShift, vectors: list[Vector]) -> list[Vector]:
-    return [(x, y, z, psi) for x, y, z, psi in turned(shift, np.array(vectors)).tolist()]
+    return [turned(shift, vector) for vector in vectors]

@@ -9,7 +9,6 @@ from collections.abc import Callable, Sequence
 from operator import add
 from typing import Any, NamedTuple
 
-import numpy as np
 from msgspec.structs import replace
 
 from companion.config import Config
@@ -18,7 +17,14 @@ from companion.control.allocation import T200_VOLTAGE_V, Thrusters, axes_from_mo
 from companion.control.bounds import clamped, wrap
 from companion.control.frames import joined, shifted, turned
 from companion.control.oscillation import mean_disturbance, scaled_disturbance
-from companion.control.positioning import Model, jacobian, to_body
+from companion.control.positioning import (
+    Model,
+    coriolis_and_damping,
+    drag_coefficient,
+    inertia,
+    jacobian,
+    to_body,
+)
 from companion.estimation import hidden_delay, observer
 from companion.estimation.command_history import CommandHistory
 from companion.estimation.delay import DelayMeter
@@ -252,12 +258,11 @@ class Estimator:
     ) -> list[Estimate]:
         """Bring each observer on to the newest measurements and predict from there to now and ahead."""
         psi = self._observers[PSI].q
-        v = np.array([one.v for one in self._observers])
         J = jacobian(psi)
-        nu = to_body(J, v)
-        m = self._model.inertia(J).tolist()
-        c = self._model.drag_coefficient(J, nu).tolist()
-        forces = self._model.coriolis_and_damping(J, nu).tolist()
+        nu = to_body(J, vector(one.v for one in self._observers))
+        m = inertia(self._model, J)
+        c = drag_coefficient(self._model, J, nu)
+        forces = coriolis_and_damping(self._model, J, nu)
 
         from_s, observed_s = self._moments(now_s, delays)
         to_go_s = [max(now_s - at_s + ahead_s, 0.0) for at_s in observed_s]
@@ -361,11 +366,11 @@ class Estimator:
 
     def _shift(self, shift: FrameShift) -> None:
         """Go on in the frame of a reset estimate; samples of this tick from before it are left out."""
-        q, *others = (np.array(column) for column in zip(*self._observers, strict=True))
-        columns = [shifted(shift, q).tolist(), *(turned(shift, column).tolist() for column in others)]
+        q, *others = (vector(column) for column in zip(*self._observers, strict=True))
+        columns = [shifted(shift, q), *(turned(shift, column) for column in others)]
         self._observers = [ObserverState(*row) for row in zip(*columns, strict=True)]
-        self._mean_disturbance = turned(shift, np.array(self._mean_disturbance)).tolist()
-        self._eta = vector(shifted(shift, np.array(self._eta)).tolist())
+        self._mean_disturbance = list(turned(shift, vector(self._mean_disturbance)))
+        self._eta = shifted(shift, self._eta)
         self._commands.turn(shift)
         for dof in (X, Y, PSI):
             self._new[dof].clear()
@@ -459,9 +464,9 @@ def _parameters(config: Config, model: Model, dof: int, disturbance: float) -> O
         disturbance=disturbance,
         slow_time_s=config.delays.slow_noise_s,
     )
-    drag = float(model.d1[dof] + TYPICAL_RATE * model.d2[dof])
+    drag = model.d1[dof] + TYPICAL_RATE * model.d2[dof]
     tick_s = 1.0 / config.loop.rate_hz
-    return observer_parameters(float(model.m[dof]), drag, config.thrusters.lag_s, noise, tick_s)
+    return observer_parameters(model.m[dof], drag, config.thrusters.lag_s, noise, tick_s)
 
 
 def _heading_rate(attitude: Attitude) -> float:

@@ -8,19 +8,31 @@
 | released  | those that the pilot took back since it engaged; engaging again holds them again    |
 """
 
+import math
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import replace
 
-import numpy as np
-
 from companion.config import Config
 from companion.control.bounds import wrap
 from companion.control.frames import shifted, shifted_along
-from companion.guidance.pilot import NO_DEMAND, Pilot, PilotDemand
-from companion.records import PSI, Array, Event, Flags, FrameShift, Setpoint, State, VehicleState, Verdict, Z
+from companion.guidance.pilot import NO_DEMAND, NONE, Pilot, PilotDemand
+from companion.records import (
+    Event,
+    Flags,
+    FrameShift,
+    Setpoint,
+    State,
+    Vector,
+    VehicleState,
+    Verdict,
+    Z,
+    chosen,
+    either,
+    vector,
+)
 
-NONE_HELD: Flags = np.zeros(4, bool)
+UNSET: Vector = (math.nan, math.nan, math.nan, math.nan)
 
 
 class Guidance:
@@ -32,9 +44,9 @@ class Guidance:
         self._setpoint = self._target = checked(setpoint, config.supervisor.max_depth_m)
         self._start = self._target
         """Where it stays until it may push with all authority."""
-        self.engaged = NONE_HELD
-        self._released = NONE_HELD
-        self._references: deque[tuple[float, Array]] = deque()
+        self.engaged = NONE
+        self._released = NONE
+        self._references: deque[tuple[float, Vector]] = deque()
 
     @property
     def target(self) -> Setpoint:
@@ -61,12 +73,11 @@ class Guidance:
     def holdable(self, state: VehicleState) -> Flags:
         """Return the degrees of freedom that would be held if it engaged now."""
         positioned = state.ages.position_s <= self._config.supervisor.position_timeout_s
-        return np.array((positioned, positioned, True, self._config.vehicle.holds_heading))
+        return (positioned, positioned, True, self._config.vehicle.holds_heading)
 
     def pilot_demand(self, now_s: float, dt_s: float, events: Sequence[Event]) -> PilotDemand:
         """Return what the pilot demands this tick."""
-        held = tuple(self.engaged.tolist())
-        return self._pilot.step(now_s, dt_s, events, held, self._target.eta_d.item(Z))
+        return self._pilot.step(now_s, dt_s, events, self.engaged, self._target.eta_d[Z])
 
     def update(self, before: Verdict, verdict: Verdict, state: VehicleState, *, engage: bool) -> Flags | None:
         """Take this tick's permission; `engage` tells that the operator asks for it now.
@@ -76,37 +87,35 @@ class Guidance:
         """
         if verdict.authority == 0.0:
             self._references.clear()
-            self.engaged = NONE_HELD
-            self._target = Setpoint(np.array(state.eta_ahead))
+            self.engaged = NONE
+            self._target = Setpoint(state.eta_ahead)
             return None
         if not before.authority > 0.0:
-            self.engaged, self._released = self.holdable(state), NONE_HELD
-            self._start = Setpoint(np.array(state.eta))
+            self.engaged, self._released = self.holdable(state), NONE
+            self._start = Setpoint(state.eta)
             self._target = _filled(self._setpoint, self._start.eta_d)
             return None
         if not (engage and verdict.state is State.ACTIVE):
-            return NONE_HELD
-        regained, self._released = self._released, NONE_HELD
-        self._target = replace(self._target, eta_d=np.where(regained, state.eta, self._target.eta_d))
-        self.engaged = self.engaged | regained
+            return NONE
+        regained, self._released = self._released, NONE
+        self._target = replace(self._target, eta_d=chosen(regained, state.eta, self._target.eta_d))
+        self.engaged = either(self.engaged, regained)
         return regained
 
-    def apply_pilot_demand(self, demand: PilotDemand, psi: float, x_d: Array, dt_s: float) -> None:
+    def apply_pilot_demand(self, demand: PilotDemand, psi: float, x_d: Vector, dt_s: float) -> None:
         """Release the DOFs that the pilot overrides, and move the target as the sticks say.
 
         `psi` and `x_d` are the law's: the heading where the command acts, and the reference.
         """
         if demand is NO_DEMAND:
             return
-        overridden = np.array(demand.overridden)
-        self.engaged = self.engaged & ~overridden
-        self._released = self._released | overridden
-        held, reference = tuple(self.engaged.tolist()), tuple(x_d.tolist())
-        self._target, moved = self._pilot.move(self._target, demand, psi, held, reference, dt_s)
-        released = np.array(moved) | overridden
-        if released.any():
-            eta_d = np.where(released, np.nan, self._setpoint.eta_d)
-            self._setpoint = replace(self._setpoint, eta_d=eta_d)
+        overridden = demand.overridden
+        x, y, z, psi_held = (held and not lost for held, lost in zip(self.engaged, overridden, strict=True))
+        self.engaged = (x, y, z, psi_held)
+        self._released = either(self._released, overridden)
+        self._target, moved = self._pilot.move(self._target, demand, psi, self.engaged, x_d, dt_s)
+        eta_d = chosen(either(moved, overridden), UNSET, self._setpoint.eta_d)
+        self._setpoint = replace(self._setpoint, eta_d=eta_d)
 
     def target_now(self, verdict: Verdict) -> Setpoint:
         """Return where the reference goes: while authority grows, it stays where it engaged."""
@@ -117,15 +126,18 @@ class Guidance:
         """Hold the same physical place and direction in the frame of a reset estimate."""
         self._target = replace(self._target, eta_d=shifted(shift, self._target.eta_d))
         self._start = replace(self._start, eta_d=shifted(shift, self._start.eta_d))
-        asked = self.engaged & np.isfinite(self._setpoint.eta_d)
-        self._setpoint = replace(
-            self._setpoint, eta_d=np.where(asked, self._target.eta_d, self._setpoint.eta_d)
-        )
+        moved = [
+            held if engaged and math.isfinite(asked) else asked
+            for engaged, held, asked in zip(
+                self.engaged, self._target.eta_d, self._setpoint.eta_d, strict=True
+            )
+        ]
+        self._setpoint = replace(self._setpoint, eta_d=vector(moved))
         self._references = deque(
-            (t_s, shifted_along(shift, eta_d, np.array(state.eta))) for t_s, eta_d in self._references
+            (t_s, shifted_along(shift, eta_d, state.eta)) for t_s, eta_d in self._references
         )
 
-    def reference_now(self, ahead: Array, state: VehicleState) -> Array:
+    def reference_now(self, ahead: Vector, state: VehicleState) -> Vector:
         """Take the reference of `state.ahead_s` from now; return that of now, which was taken before."""
         references = self._references
         references.append((state.t_s + state.ahead_s, ahead))
@@ -133,22 +145,23 @@ class Guidance:
             references.popleft()
         (t_0, early), (t_1, late) = references[0], references[min(1, len(references) - 1)]
         share = min(max((state.t_s - t_0) / (t_1 - t_0), 0.0), 1.0) if t_1 > t_0 else 0.0
-        eta_d = early + (late - early) * share
-        eta_d[PSI] = wrap(eta_d[PSI])
-        return eta_d
+        x, y, z, psi = (a + (b - a) * share for a, b in zip(early, late, strict=True))
+        return (x, y, z, wrap(psi))
 
 
 def checked(setpoint: Setpoint, max_depth_m: float) -> Setpoint:
     """Return a setpoint; raise ValueError for one that is infinite, or deeper than `max_depth_m`."""
-    motion = np.concatenate((setpoint.eta_d_dot, setpoint.eta_d_ddot))
-    if np.isinf(setpoint.eta_d).any() or not np.isfinite(motion).all() or setpoint.eta_d[Z] > max_depth_m:
+    motion = (*setpoint.eta_d_dot, *setpoint.eta_d_ddot)
+    infinite = any(map(math.isinf, setpoint.eta_d)) or not all(map(math.isfinite, motion))
+    if infinite or setpoint.eta_d[Z] > max_depth_m:
         raise ValueError(
-            f"setpoint {setpoint.eta_d.tolist()} (x, y, depth, heading): must be finite, "
+            f"setpoint {list(setpoint.eta_d)} (x, y, depth, heading): must be finite, "
             f"and no deeper than supervisor.max_depth_m = {max_depth_m:g}"
         )
     return setpoint
 
 
-def _filled(setpoint: Setpoint, eta: Array) -> Setpoint:
+def _filled(setpoint: Setpoint, eta: Vector) -> Setpoint:
     """Return the setpoint with NaN targets replaced by `eta`."""
-    return replace(setpoint, eta_d=np.where(np.isnan(setpoint.eta_d), eta, setpoint.eta_d))
+    x, y, z, psi = map(math.isnan, setpoint.eta_d)
+    return replace(setpoint, eta_d=chosen((x, y, z, psi), eta, setpoint.eta_d))

@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import msgspec
-import numpy as np
 
 from companion.config import Config
 from companion.control.bounds import limited, wrap
@@ -18,6 +17,7 @@ from companion.records import (
     PSI,
     ZERO,
     Event,
+    Flags,
     PilotSticks,
     PilotToggle,
     Setpoint,
@@ -25,9 +25,9 @@ from companion.records import (
     X,
     Y,
     Z,
+    chosen,
+    either,
 )
-
-Flags = tuple[bool, bool, bool, bool]
 
 STALE_S = 0.5
 """Sticks that came longer ago count as released."""
@@ -127,14 +127,14 @@ class Pilot:
         x, y, z, heading = (
             (reached if moves and not moved else place) + speed * dt_s
             for reached, place, speed, moves, moved in zip(
-                x_d, target.eta_d.tolist(), rate, moving, before, strict=True
+                x_d, target.eta_d, rate, moving, before, strict=True
             )
         )
-        changed = _either(moving, before)
+        changed = either(moving, before)
         return Setpoint(
-            np.array([x, y, min(z, self._max_depth_m), wrap(heading)]),
-            np.array([*_chosen(changed, rate, target.eta_d_dot.tolist())]),
-            np.array([*_chosen(changed, _inertial(demand.nu_dot, psi, moving), target.eta_d_ddot.tolist())]),
+            (x, y, min(z, self._max_depth_m), wrap(heading)),
+            chosen(changed, rate, target.eta_d_dot),
+            chosen(changed, _inertial(demand.nu_dot, psi, moving), target.eta_d_ddot),
         ), changed
 
     def _heard(self, events: Sequence[Event]) -> tuple[int, bool, bool]:
@@ -204,13 +204,3 @@ def _inertial(body: Vector, psi: float, where: Flags) -> Vector:
         body[Z] if z else 0.0,
         body[PSI] if heading else 0.0,
     )
-
-
-def _either(first: Flags, second: Flags) -> Flags:
-    return (first[0] or second[0], first[1] or second[1], first[2] or second[2], first[3] or second[3])
-
-
-def _chosen(where: Flags, chosen: Sequence[float], other: Sequence[float]) -> Vector:
-    """Return of each degree of freedom the first vector's number where told, else the second's."""
-    x, y, z, psi = (a if told else b for told, a, b in zip(where, chosen, other, strict=True))
-    return (x, y, z, psi)

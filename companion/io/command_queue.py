@@ -12,10 +12,9 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple, Protocol
 
 import msgspec
-import numpy as np
 
-from companion.config import COMPENSATORS, Config, ConfigError
-from companion.records import ENGAGE_S, PSI, Array, ControlSample, Request, Setpoint, State, X, Y, Z
+from companion.config import Config, ConfigError, check_choices
+from companion.records import ENGAGE_S, PSI, ControlSample, Request, Setpoint, State, Vector, X, Y, Z, vector
 from companion.telemetry.commands import (
     CommandResult,
     Engage,
@@ -64,7 +63,7 @@ class Controllable(Protocol):
         """What is in force."""
 
     @property
-    def target(self) -> Array:
+    def target(self) -> Vector:
         """Where it is held, or is while it is not: x, y, z, psi."""
 
     def aim(self, setpoint: Setpoint) -> None:
@@ -90,11 +89,11 @@ class _Pending:
 class CommandQueue:
     """Takes commands between ticks, gives them to the engine, answers after the tick.
 
-    `setpoint` is what was asked for at the start, (4,) with NaN where nothing was.
+    `setpoint` is what was asked for at the start, NaN where nothing was.
     """
 
     started_with: Config
-    setpoint: Array
+    setpoint: Vector
     results: list[CommandResult] = field(default_factory=list)
     """What was answered in this tick."""
 
@@ -139,8 +138,10 @@ class CommandQueue:
         """Answer what has been settled by this tick."""
         self._state = sample.verdict.state
         if sample.state.frame_shift is not None:
-            held = sample.dofs.engaged & np.isfinite(self.setpoint)
-            self.setpoint = np.where(held, engine.target, self.setpoint)
+            columns = zip(sample.dofs.engaged, engine.target, self.setpoint, strict=True)
+            self.setpoint = vector(
+                [held if engaged and math.isfinite(asked) else asked for engaged, held, asked in columns]
+            )
         pending, self._pending = self._pending, []
         for one in pending:
             reply = self._settled(one, engine, sample, now_s)
@@ -163,7 +164,7 @@ class CommandQueue:
 
     def _aim(self, engine: Controllable, command: SetSetpoint) -> Setpoint:
         given = named(command)
-        wanted = self.setpoint.copy()
+        wanted = list(self.setpoint)
         for index, key in ((X, "x_m"), (Y, "y_m"), (Z, "depth_m")):
             wanted[index] = given.get(key, wanted[index])
         if "heading_deg" in given:
@@ -173,16 +174,13 @@ class CommandQueue:
         max_depth_m = engine.config.supervisor.max_depth_m
         if wanted[Z] > max_depth_m:
             raise ValueError(f"depth_m = {wanted[Z]:g}: supervisor.max_depth_m is {max_depth_m:g}")
-        setpoint = Setpoint(wanted)
+        setpoint = Setpoint(vector(wanted))
         engine.aim(setpoint)
-        self.setpoint = wanted
+        self.setpoint = setpoint.eta_d
         return setpoint
 
     def _retuned(self, config: Config, command: SetCompensator | SetGains | SetEstimator) -> Config:
         axis, wanted = _changes(command)
-        if isinstance(command, SetCompensator) and command.compensator not in COMPENSATORS:
-            known = ", ".join(COMPENSATORS)
-            raise ValueError(f"compensator = {command.compensator!r:.80}: must be one of {known}")
         old = getattr(config, axis)
         if not getattr(command, "confirm", True):
             for key, value in wanted.items():
@@ -192,7 +190,9 @@ class CommandQueue:
                         f"{axis}.{key} = {value:g}: it is {now:g}, and one step may take it to "
                         f"{now / MAX_STEP:g} to {now * MAX_STEP:g}; if it is meant, add confirm=true"
                     )
-        return msgspec.structs.replace(config, **{axis: msgspec.structs.replace(old, **wanted)})
+        retuned = msgspec.structs.replace(config, **{axis: msgspec.structs.replace(old, **wanted)})
+        check_choices(retuned)
+        return retuned
 
     def _requested(self, command: Payload) -> Request:
         if isinstance(command, Engage):
@@ -258,17 +258,18 @@ class CommandQueue:
 
     def _progress(self, sample: ControlSample) -> str:
         engaged = sample.dofs.engaged
-        if not engaged.any():
+        if not any(engaged):
             return f"kept for when it engages; the state is {sample.verdict.state}"
-        if np.isfinite(self.setpoint[:2]).any() and not engaged[X]:
+        if not engaged[X] and any(map(math.isfinite, self.setpoint[:2])):
             return "on its way; x and y are not held, because it engaged without a position"
         return "on its way"
 
     def _aimed(self, engine: Controllable, sample: ControlSample) -> dict[str, Any]:
         """Return the target, read back; while it is not engaged, what is kept for then."""
         engaged = sample.dofs.engaged
-        aimed = np.where(engaged, engine.target, math.nan) if engaged.any() else self.setpoint
-        x, y, z, psi = aimed.tolist()
+        held = zip(engaged, engine.target, strict=True)
+        aimed = [place if is_held else math.nan for is_held, place in held] if any(engaged) else self.setpoint
+        x, y, z, psi = aimed
         values = {"depth_m": z, "heading_deg": math.degrees(psi) % 360.0, "x_m": x, "y_m": y}
         return {key: value for key, value in values.items() if math.isfinite(value)}
 

@@ -6,7 +6,22 @@ Times: `t_s` is this machine's monotonic clock, `boot_s` the autopilot's clock.
 """
 
 from companion.records.control import NEUTRAL, Axes, AxisCommand, DofSample, Wrench
-from companion.records.dof import AXES, DOFS, PSI, ZERO, Array, Flags, Vector, X, Y, Z, vector
+from companion.records.dof import (
+    AXES,
+    DOFS,
+    PSI,
+    ZERO,
+    Array,
+    FlagArray,
+    Flags,
+    Vector,
+    X,
+    Y,
+    Z,
+    chosen,
+    either,
+    vector,
+)
 from companion.records.events import (
     Attitude,
     Battery,
@@ -63,6 +78,7 @@ __all__ = [
     "EkfStatus",
     "Event",
     "Firmware",
+    "FlagArray",
     "Flags",
     "FrameShift",
     "Heartbeat",
@@ -92,5 +108,7 @@ __all__ = [
     "X",
     "Y",
     "Z",
+    "chosen",
+    "either",
     "vector",
 ]

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from companion.records.dof import Array, Flags
+from companion.records.dof import Flags, Vector
 
 Axes = tuple[float, float, float, float, float, float]
 """A number of each axis: surge, sway, heave, yaw, roll, pitch."""
@@ -28,32 +28,32 @@ NEUTRAL = AxisCommand()
 
 @dataclass(frozen=True, slots=True)
 class Wrench:
-    """Body forces tau = X, Y, Z (N) and N (N·m), shape (4,)."""
+    """Body forces tau = X, Y, Z (N) and N (N·m), by axis."""
 
-    tau: Array
+    tau: Vector
 
 
 @dataclass(frozen=True, slots=True)
 class DofSample:
-    """The law's inside for all four DOFs, shape (4,) each; NED, `VehicleState.ahead_s` from now.
+    """The law's inside for all four DOFs; NED, `VehicleState.ahead_s` from now.
 
     tau = feedforward + feedback + d_hat, before saturation; `e`, `e_dot` are measured minus desired.
     """
 
-    x_d: Array
-    x_d_dot: Array
-    x_d_ddot: Array
-    x: Array
-    x_dot: Array
-    e: Array
-    e_dot: Array
-    eps: Array
-    tau: Array
-    feedforward: Array
-    feedback: Array
-    d_hat: Array
-    d_observer: Array
-    weight_norm: Array
+    x_d: Vector
+    x_d_dot: Vector
+    x_d_ddot: Vector
+    x: Vector
+    x_dot: Vector
+    e: Vector
+    e_dot: Vector
+    eps: Vector
+    tau: Vector
+    feedforward: Vector
+    feedback: Vector
+    d_hat: Vector
+    d_observer: Vector
+    weight_norm: Vector
     saturated: Flags
     adapting: Flags
     engaged: Flags

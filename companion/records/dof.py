@@ -6,7 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
+FlagArray = NDArray[np.bool_]
+Flags = tuple[bool, bool, bool, bool]
+"""Yes or no for each degree of freedom, or for each axis."""
 Vector = tuple[float, float, float, float]
 """A number of each degree of freedom, or of each axis."""
 
@@ -21,3 +23,14 @@ def vector(values: Iterable[float]) -> Vector:
     """Return four numbers as a vector."""
     x, y, z, psi = values
     return (x, y, z, psi)
+
+
+def chosen(where: Flags, first: Vector, second: Vector) -> Vector:
+    """Return of each degree of freedom the first vector's number `where` told, else the second's."""
+    x, y, z, psi = (a if told else b for told, a, b in zip(where, first, second, strict=True))
+    return (x, y, z, psi)
+
+
+def either(first: Flags, second: Flags) -> Flags:
+    """Return where at least one of both is set."""
+    return (first[0] or second[0], first[1] or second[1], first[2] or second[2], first[3] or second[3])

@@ -1,11 +1,9 @@
 """What an operator wants."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import IntEnum, auto
 
-import numpy as np
-
-from companion.records.dof import Array
+from companion.records.dof import ZERO, Vector
 
 ENGAGE_S = 5.0
 """So long a command or a button asks to engage: permitted later than that, it would come as a surprise."""
@@ -21,11 +19,11 @@ class Request(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Setpoint:
-    """Where to be. Arrays of shape (4,) in DOF order; a NaN target means: where it is when engaged.
+    """Where to be, in DOF order; a NaN target means: where it is when engaged.
 
     `eta_d_dot` and `eta_d_ddot` make a moving target a path; they are zero for a fixed one.
     """
 
-    eta_d: Array
-    eta_d_dot: Array = field(default_factory=lambda: np.zeros(4))
-    eta_d_ddot: Array = field(default_factory=lambda: np.zeros(4))
+    eta_d: Vector
+    eta_d_dot: Vector = ZERO
+    eta_d_ddot: Vector = ZERO

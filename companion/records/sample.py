@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from companion.records.control import AxisCommand, DofSample, Wrench
-from companion.records.dof import Array
+from companion.records.dof import Vector
 from companion.records.events import LinkCounters, StatusText
 from companion.records.state import VehicleState
 from companion.records.supervision import Verdict
@@ -31,8 +31,8 @@ class ControlSample:
     """Everything of one tick, as it leaves for telemetry."""
 
     state: VehicleState
-    eta_d: Array
-    """Where it should be now, shape (4,); `dofs` is about `state.ahead_s` later."""
+    eta_d: Vector
+    """Where it should be now; `dofs` is about `state.ahead_s` later."""
 
     dofs: DofSample
     command: AxisCommand

@@ -110,8 +110,8 @@ class Monitor:
         self._battery_low_s = _lasting(self._battery_low_s, dt_s, voltage_is_low(state.voltage_v, limits))
         saturated = off_track = False
         if dofs is not None and steering:
-            saturated = bool((dofs.saturated & held).any())
-            misses = zip(dofs.e.tolist(), held.tolist(), _max_error(limits), strict=True)
+            saturated = any(cut and ours for cut, ours in zip(dofs.saturated, held, strict=True))
+            misses = zip(dofs.e, held, _max_error(limits), strict=True)
             off_track = any(ours and not abs(e) <= most for e, ours, most in misses)
         self._saturated_s = _lasting(self._saturated_s, dt_s, saturated)
         self._off_track_s = _lasting(self._off_track_s, dt_s, off_track)
@@ -120,7 +120,7 @@ class Monitor:
         missed = zip(self._mean_innovation, state.innovation, strict=True)
         mean = [before + new * (abs(innovation) - before) for before, innovation in missed]
         self._mean_innovation = mean if all(map(math.isfinite, mean)) else [0.0] * 4
-        mean = [one * ours for one, ours in zip(self._mean_innovation, held.tolist(), strict=True)]
+        mean = [one * ours for one, ours in zip(self._mean_innovation, held, strict=True)]
         return Watched(
             ekf=self._ekf,
             ekf_doubt_s=self._ekf_doubt_s,

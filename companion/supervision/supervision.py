@@ -99,7 +99,7 @@ class Supervision:
             parameters=parameters,
             watched=watched,
             preflight_failure=preflight_failure,
-            holds_position=bool(engaged[0]),
+            holds_position=engaged[0],
             finite=finite,
             late_s=late_s,
             full_override=full_override,

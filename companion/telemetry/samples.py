@@ -2,7 +2,6 @@
 
 from dataclasses import fields
 from functools import cache
-from typing import Any
 
 from companion.records import DOFS, Condition, ControlSample, DofSample
 from companion.telemetry.schemas import NEVER_S, Command, Dof, Loop, Schema, State, Supervisor, keys, to_json
@@ -35,10 +34,10 @@ def records(sample: ControlSample) -> list[Schema]:
     state, verdict, loop, counters = sample.state, sample.verdict, sample.loop, sample.counters
     t_s, boot_s = state.t_s, state.boot_s
     x, y, z, psi = state.eta
-    x_d, y_d, z_d, psi_d = sample.eta_d.tolist()
+    x_d, y_d, z_d, psi_d = sample.eta_d
     x_rate, y_rate, z_rate, psi_rate = state.eta_dot
-    surge, sway, heave, yaw = sample.requested.tau.tolist()
-    surge_out, sway_out, heave_out, yaw_out = sample.delivered.tau.tolist()
+    surge, sway, heave, yaw = sample.requested.tau
+    surge_out, sway_out, heave_out, yaw_out = sample.delivered.tau
     silent = Condition.LINK_LOST in verdict.conditions
     return [
         State(
@@ -127,7 +126,7 @@ def records(sample: ControlSample) -> list[Schema]:
 
 
 def _dofs(sample: ControlSample) -> list[Dof]:
-    columns: list[list[Any]] = [getattr(sample.dofs, name).tolist() for name in _DOF_COLUMNS]
+    columns = [getattr(sample.dofs, name) for name in _DOF_COLUMNS]
     return [
         Dof(
             t_s=sample.state.t_s,

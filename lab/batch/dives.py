@@ -28,7 +28,7 @@ LOST_M = 5.0
 def simulate(
     config: Config | Sequence[Config],
     plants: Sequence[SimConfig],
-    target: Callable[[float], Setpoint],
+    target: Callable[[float], Setpoint | records.Setpoint],
     duration_s: float,
     seeds: Sequence[int],
     links: Links | None = None,
@@ -95,7 +95,7 @@ def simulate_scenarios(
     return simulate(config, plants, scenarios[0].target, scenarios[0].duration_s, seeds, links)
 
 
-def _arrays(wanted: Setpoint) -> records.Setpoint:
+def _arrays(wanted: Setpoint | records.Setpoint) -> records.Setpoint:
     return records.Setpoint(*map(np.asarray, (wanted.eta_d, wanted.eta_d_dot, wanted.eta_d_ddot)))
 
 

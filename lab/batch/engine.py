@@ -262,9 +262,11 @@ def _noise(configs: Sequence[Config]) -> Noise:
 
 def _different(configs: Sequence[Config]) -> tuple[list[Config], list[int]]:
     """Return the different configurations, and which of them each dive has."""
-    different = list(dict.fromkeys(configs))
-    index = {config: i for i, config in enumerate(different)}
-    return different, [index[config] for config in configs]
+    different: list[Config] = []
+    for config in configs:
+        if config not in different:
+            different.append(config)
+    return different, [different.index(config) for config in configs]
 
 
 def _flat(configs: Sequence[Config], key: str) -> Array:
@@ -314,7 +316,7 @@ def _refuse(configs: Sequence[Config]) -> None:
     first = configs[0]
     if first.vehicle.thrust_path != "rc_override":
         raise ValueError("a batch steers by rc_override: set vehicle.thrust_path")
-    for config in set(configs):
+    for config in configs:
         same = (
             config.loop == first.loop
             and config.network == first.network

@@ -180,9 +180,9 @@ def repeated(t_s: float) -> Setpoint:
     phase = omega * max(t_s - SETTLE_S, 0.0)
     moving = float(t_s >= SETTLE_S)
     return Setpoint(
-        np.array([math.nan, math.nan, DEPTH_M + PATH_M * (1.0 - math.cos(phase)), 0.0]),
-        np.array([0.0, 0.0, PATH_M * omega * math.sin(phase), 0.0]),
-        np.array([0.0, 0.0, moving * PATH_M * omega**2 * math.cos(phase), 0.0]),
+        (math.nan, math.nan, DEPTH_M + PATH_M * (1.0 - math.cos(phase)), 0.0),
+        (0.0, 0.0, PATH_M * omega * math.sin(phase), 0.0),
+        (0.0, 0.0, moving * PATH_M * omega**2 * math.cos(phase), 0.0),
     )
 
 
@@ -221,7 +221,7 @@ def _dive_firmware(
 ) -> dict[str, float]:
     """Return RMS, chatter, and when the supervisor gave up (s), NaN if it did not."""
     config, which, seed = job
-    dived = dive(four(seed)[which], config, base, link, None, firmware)
+    dived = dive(four(seed)[which], config, base, link, firmware)
     figures = dived.figures()
     given_up = ~dived.active & (dived.t_s > HELD_FROM_S)
     lost_s = float(dived.t_s[np.argmax(given_up)]) if given_up.any() else math.nan

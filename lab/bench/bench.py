@@ -201,7 +201,7 @@ def _dive(plant: SimConfig, job: tuple[Path | None, Row, Config, dict[str, float
     if row.steers == "autopilot":
         dived = alt_hold.dive(scenario, plant, link, values, firmware)
     else:
-        dived = dive(scenario, config, plant, link, row.rival(values, config), firmware)
+        dived = dive(scenario, config, plant, link, firmware)
     held = bool(dived.active[dived.t_s > HELD_FROM_S].all())
     return Run(row.name, name, delay_ms, seed, held, dived.figures())
 

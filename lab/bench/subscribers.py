@@ -73,7 +73,7 @@ def companion(link: str, endpoint: str, file: str) -> None:
     ticks: list[tuple[float, float]] = []
 
     async def run() -> None:
-        app = App(config, Setpoint(np.array([np.nan, np.nan, 3.0, 0.0])), arm=True, requests=[Request.ENGAGE])
+        app = App(config, Setpoint((np.nan, np.nan, 3.0, 0.0)), arm=True, requests=[Request.ENGAGE])
         step = app._engine.step
 
         def noted(now_s: float, inbox: Any, health: Any, *more: Any) -> Any:

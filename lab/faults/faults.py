@@ -119,7 +119,7 @@ class Watched(Engine):
 
     def __init__(self, *overrides: str, depth_m: float = 1.0) -> None:
         config = load_config(overrides=overrides)
-        super().__init__(config, Setpoint(np.array([nan, nan, depth_m, 0.3])), arm=True)
+        super().__init__(config, Setpoint((nan, nan, depth_m, 0.3)), arm=True)
         self.spoils: list[Callable[[float, Inbox], Inbox]] = []
         self.to_vehicle: list[bytes] = []
         self.asleep_until_s = 0.0

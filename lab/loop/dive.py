@@ -14,7 +14,6 @@ from companion.records import PSI, Request, State, Z
 from lab.loop.firmware import vehicle_of
 from lab.loop.lockstep import Link, Lockstep
 from lab.loop.scenarios import SETTLE_S, Scenario
-from lab.rivals.law import Law, RivalEngine
 from sim_bridge.config import SimConfig
 
 PHI, THETA, TRUE_PSI = 3, 4, 5
@@ -82,15 +81,13 @@ def dive(
     config: Config,
     plant: SimConfig,
     link: Link,
-    rival: Law | None = None,
     firmware: Path | None = None,
 ) -> Dive:
     """Dive `scenario` with the companion's real engine; `plant` is the base that the scenario disturbs.
 
-    A `rival` takes the law's place in heave, the real `firmware` that of our stand-in.
+    The real `firmware` takes the place of our stand-in.
     """
-    start = scenario.target(0.0)
-    engine = Engine(config, start, arm=True) if rival is None else RivalEngine(config, start, rival)
+    engine = Engine(config, scenario.target(0.0), arm=True)
     rows = []
     with vehicle_of(scenario.plant(plant, scenario.seed), scenario.seed, firmware) as vehicle:
         loop = Lockstep(vehicle, engine, link, scenario.seed, config.loop.rate_hz)
@@ -108,7 +105,9 @@ def dive(
 def recorded(rows: Sequence[tuple[float, float, float, float, bool, bool]]) -> Dive:
     """Make a Dive of a row each tick: time, depth error, heading error (any turn), thrust, active, load."""
     t_s, depth, heading, thrust, active, load = np.array(rows).T
-    return Dive(t_s, depth, wrap(heading), thrust, active.astype(bool), load.astype(bool))
+    return Dive(
+        t_s, depth, np.array([*map(wrap, heading.tolist())]), thrust, active.astype(bool), load.astype(bool)
+    )
 
 
 def _rms(x: NDArray[np.float64]) -> float:

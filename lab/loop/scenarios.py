@@ -35,7 +35,7 @@ class Scenario:
 
 def hold(depth_m: float = DEPTH_M, heading_rad: float = 0.0) -> Callable[[float], Setpoint]:
     """Stay at one depth and heading; x and y stay where they are when engaged."""
-    setpoint = Setpoint(np.array([math.nan, math.nan, depth_m, heading_rad]))
+    setpoint = Setpoint((math.nan, math.nan, depth_m, heading_rad))
     return lambda t_s: setpoint
 
 
@@ -44,10 +44,10 @@ def trajectory(t_s: float) -> Setpoint:
     t_s -= SETTLE_S
     amplitude, omega = (0.5, 0.1 * math.pi) if t_s < 60.0 else (0.25, math.pi / 3.0)
     phase = omega * max(t_s, 0.0) if t_s < 60.0 else omega * (t_s - 60.0)
-    z = np.array([math.nan, math.nan, DEPTH_M + amplitude * (1.0 - math.cos(phase)), 0.0])
-    z_dot = np.array([0.0, 0.0, amplitude * omega * math.sin(phase), 0.0])
-    z_ddot = np.array([0.0, 0.0, amplitude * omega**2 * math.cos(phase), 0.0])
-    return Setpoint(z, z_dot, z_ddot if t_s >= 0.0 else np.zeros(4))
+    z_m = DEPTH_M + amplitude * (1.0 - math.cos(phase))
+    z_dot = amplitude * omega * math.sin(phase)
+    z_ddot = amplitude * omega**2 * math.cos(phase) if t_s >= 0.0 else 0.0
+    return Setpoint((math.nan, math.nan, z_m, 0.0), (0.0, 0.0, z_dot, 0.0), (0.0, 0.0, z_ddot, 0.0))
 
 
 def ensemble(base: SimConfig, seed: int) -> SimConfig:

@@ -20,10 +20,10 @@ from math import cos, exp, pi, sin, sqrt
 
 import numpy as np
 
-from companion.control.integrator import Integration, Integrator
-from companion.control.law import rov_law
-from companion.control.network import Learning, Network
 from companion.records import Array
+from lab.batch.legacy.integrator import Integration, Integrator
+from lab.batch.legacy.law import rov_law
+from lab.batch.legacy.network import Learning, Network
 
 MASS_KG = 50.0
 DAMPING = 250.0  # N s²/m²

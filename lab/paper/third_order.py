@@ -78,7 +78,9 @@ def converge(starts: int = 12, seed: int = 0) -> Convergence:
         x = x + STEP_S / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
     x_tilde = np.array(errors)
     x_d = np.array([path(t)[0] for t in t_s])
-    return Convergence(t_s, x_d, x_tilde, combined_error(x_tilde, LAM), np.array(gains))
+    return Convergence(
+        t_s, x_d, x_tilde, combined_error(list(np.moveaxis(x_tilde, -1, 0)), LAM), np.array(gains)
+    )
 
 
 def _disturbance(t_s: float) -> Array:
@@ -88,7 +90,7 @@ def _disturbance(t_s: float) -> Array:
 def _voltage(t_s: float, x: Array) -> Array:
     f, b = system(x)
     desired = path(t_s)
-    return control_law(f, b, _disturbance(t_s), desired[3], x - desired[:3], LAM, KAPPA)
+    return control_law(f, b, _disturbance(t_s), desired[3], list((x - desired[:3]).T), LAM, KAPPA)
 
 
 def _rate(t_s: float, x: Array) -> Array:

@@ -22,7 +22,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from companion.config import DEFAULT_FILE, Config, load_config
 from companion.engine import Engine
 from companion.mavlink.signing import Signing
-from companion.records import AXES, LoopHealth, Request, Setpoint
+from companion.records import AXES, LoopHealth, Request, Setpoint, vector
 from companion.telemetry.schemas import Raw
 from dashboard.recording.mcap_file import Reader
 
@@ -110,7 +110,7 @@ def rerun(tape: Tape, config: Config, *, follow: bool = True, signing: Signing |
     `signing` as the dive began with: without it signatures are neither checked nor made, nor compared.
     """
     start = tape.ticks[0].start
-    setpoint = Setpoint(np.array(start.setpoint if start is not None else [math.nan] * 4))
+    setpoint = Setpoint(vector(start.setpoint if start is not None else [math.nan] * 4))
     link = config.link if signing else msgspec.structs.replace(config.link, signing_key_file="")
     compared = bytes if signing else _bare
     engine = Engine(
@@ -123,7 +123,7 @@ def rerun(tape: Tape, config: Config, *, follow: bool = True, signing: Signing |
     begun_s = time.perf_counter()
     for raw in tape.ticks:
         if raw.setpoint is not None:
-            engine.aim(Setpoint(*np.reshape(raw.setpoint, (-1, 4))))
+            engine.aim(Setpoint(*(vector(raw.setpoint[i : i + 4]) for i in range(0, len(raw.setpoint), 4))))
         if raw.config is not None and follow:
             tuned = load_config(DEFAULT_FILE, _overlay(raw.config, []))
             engine.retune(msgspec.structs.replace(tuned, link=link))

@@ -116,7 +116,7 @@ def read(path: Path) -> Iterator[TlogRecord]:
 def think(records: Iterator[TlogRecord], overrides: Sequence[str] = ()) -> Thoughts:
     """Step engine and relay through `records` at the loop's rate. Raises ConfigError for bad `overrides`."""
     config = load_config(overrides=[*_PILOT_BEHIND_US, *overrides])
-    engine, relay = Engine(config, Setpoint(np.full(4, np.nan))), Relay(config)
+    engine, relay = Engine(config, Setpoint((np.nan,) * 4)), Relay(config)
     tick_s = 1.0 / config.loop.rate_hz
     rows: list[tuple[float, ...]] = []
     spans: list[StateInterval] = []

@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from companion.records import Array, Setpoint, Z
+from lab.batch.legacy.records import Setpoint as Setpoints
 from lab.batch.vehicle import ARMED_S
 from lab.loop.scenarios import SETTLE_S
 from sim_bridge.config import SimConfig
@@ -35,7 +36,7 @@ KEPT_S = 0.1
 
 def simulate(
     plants: Sequence[SimConfig],
-    target: Callable[[float], Setpoint],
+    target: Callable[[float], Setpoint | Setpoints],
     duration_s: float,
     seeds: Sequence[int],
     link_s: Array,
@@ -78,7 +79,7 @@ def simulate(
                 one.step(t_s, t_s - ARMED_S, 0.0, 0.0, depth) for one, depth in zip(water, z, strict=True)
             ]
             force, speed, acceleration = np.array([(f[2], flow[2], flow[5]) for f, flow in acting]).T
-            wanted = np.choose(which, [target(t_s - late_s).eta_d[..., Z] for late_s in lates_s])
+            wanted = np.choose(which, [_depth(target(t_s - late_s)) for late_s in lates_s])
         noise = keep * noise + slow * np.sqrt(1.0 - keep**2) * rng.standard_normal(noise.shape)
         white = rng.standard_normal((2, len(plants)))
         depth = past[(step - late[0]) % len(past), 0] + noise[0] + noise[1] + sensors.depth_white_m * white[0]
@@ -103,13 +104,17 @@ def simulate(
         past[(step + 1) % len(past)] = z, w, w_dot
         if step % TICK_STEPS == TICK_STEPS - 1 and t_s >= SETTLE_S:
             asked = VERTICAL * np.interp(offset, CURVE_US, CURVE_N)
-            squares += (z - target(t_s + STEP_S).eta_d[..., Z]) ** 2
+            squares += (z - _depth(target(t_s + STEP_S))) ** 2
             changes += (asked - last) ** 2 if count else 0.0
             count, last = count + 1, asked
     return {
         "depth_rms_mm": 1e3 * np.sqrt(squares / count),
         "chatter_n": np.sqrt(changes / (count - 1)),
     }
+
+
+def _depth(setpoint: Setpoint | Setpoints) -> Array:
+    return np.asarray(setpoint.eta_d)[..., Z]
 
 
 def _dampings(plants: Sequence[SimConfig]) -> list[tuple[tuple[float, ...], tuple[float, ...]]]:

@@ -5,73 +5,80 @@
     filter      d̂' = ω (σ − d̂)
     law         τ = k + h + m (ẍ_d − λ ė − κ ε) + d̂
 
-(Hovakimyan and Cao, L1 Adaptive Control Theory, 2010, ch. 3.3.) f is the thrust there: what was asked for,
-through the thrusters' lag. The disturbance has the paper's sign.
+(Hovakimyan and Cao, L1 Adaptive Control Theory, 2010, ch. 3.3.) The disturbance has the paper's sign.
+
+| symbol | meaning                                                  | key, or unit                          |
+|--------|----------------------------------------------------------|---------------------------------------|
+| λ, κ   | of the law, 1/s                                          | lambda_per_s, kappa_per_s             |
+| ω      | how fast the filter follows, 1/s                         | laws.l1.omega                         |
+| f      | thrust there: what was asked for, through the lag, N     | max_force, thrusters.lag_s, .lead_s   |
+| d̂      | the disturbance as it is let in, N                       | bounded by max_disturbance            |
+| a      | the predictor's own pole                                 | 1/s                                   |
 """
 
-from dataclasses import dataclass
+import math
+from typing import NamedTuple
 
-import numpy as np
-
-from companion.control.bounds import bounded
-from companion.control.controller import KAPPA_POWER, LAMBDA_POWER, LEARNING_POWER
-from companion.records import Array
-from lab.rivals.law import Forces, Motion
+from companion.control.bounds import limited
+from companion.control.law import Motion, Terms, rov_law
+from companion.control.schedule import LEARNING_POWER
 
 PREDICTOR_PER_S = 1.0
 
 
-@dataclass(frozen=True, slots=True)
-class L1Gains:
-    """λ, κ, ω (1/s); bounds on d̂ and on the force (N). Scalars, or of the motion's shape.
+class Parameters(NamedTuple):
+    """`lag_s` is the thrusters' lag; `lead_s` is how far beyond its arrival a command is looked at."""
 
-    `lag_s` is the thrusters' lag and `lead_s` how far beyond its arrival a command is looked at.
-    """
-
-    lam: Array | float
-    kappa: Array | float
-    omega: Array | float
-    d_max: float
+    omega: float
+    max_disturbance: float
     max_force: float
     lag_s: float
-    lead_s: Array | float
+    lead_s: float
 
 
-class L1:
-    """Law, predictor and filter; while the command is cut off the predictor follows and nothing is learnt."""
+class State(NamedTuple):
+    """Predictor, thrust and filter; `started` is false before the first tick."""
 
-    def __init__(self, gains: L1Gains) -> None:
-        self._gains = gains
-        self.reset()
+    started: bool
+    v: float
+    """v̂ at the last tick, m/s."""
+    pull: float
+    """What of v̂' is not thrust, m/s²."""
+    asked: float
+    thrust: float
+    d_hat: float
 
-    def reset(self) -> None:
-        """Know of no disturbance and of no motion."""
-        self._started = False
-        self._v: Array = np.zeros(())
-        self._pull: Array = np.zeros(())
-        self._asked: Array = np.zeros(())
-        self._thrust: Array = np.zeros(())
-        self._d_hat: Array = np.zeros(())
 
-    def step(self, motion: Motion, dt_s: float) -> Forces:
-        """Return the force for this tick."""
-        gains, m = self._gains, motion.inertia
-        self._thrust = self._asked + (self._thrust - self._asked) * np.exp(-dt_s / gains.lag_s)
-        thrust = self._asked + (self._thrust - self._asked) * np.exp(-gains.lead_s / gains.lag_s)
-        known = motion.free if self._started else np.zeros_like(motion.free)
-        self._started = True
-        v_hat = np.where(known, self._v + dt_s * (thrust / m + self._pull), motion.x_dot)
-        ahead = v_hat - motion.x_dot
-        keep = np.exp(-PREDICTOR_PER_S * dt_s)
-        sigma = m * PREDICTOR_PER_S * ahead * (keep / (1.0 - keep) if dt_s > 0.0 else 0.0)
-        self._v, self._pull = v_hat, -(motion.drag + sigma) / m - PREDICTOR_PER_S * ahead
-        omega = gains.omega * motion.share**LEARNING_POWER
-        let_in = (1.0 - np.exp(-omega * dt_s)) * motion.free
-        self._d_hat = bounded(self._d_hat + let_in * (sigma - self._d_hat), np.asarray(gains.d_max))
+def initial(parameters: Parameters) -> State:
+    """Return a state that knows of no disturbance and of no motion."""
+    return State(False, 0.0, 0.0, 0.0, 0.0, 0.0)
 
-        lam, kappa = gains.lam * motion.share**LAMBDA_POWER, gains.kappa * motion.share**KAPPA_POWER
-        eps = motion.e_dot + lam * motion.e
-        feedforward = motion.drag + m * motion.x_d_ddot
-        feedback = -m * (lam * motion.e_dot + kappa * eps)
-        self._asked = bounded(feedforward + feedback + self._d_hat, np.asarray(gains.max_force))
-        return Forces(feedforward, feedback, self._d_hat)
+
+def step(parameters: Parameters, state: State, motion: Motion, dt_s: float) -> tuple[State, Terms]:
+    """Return the force for this tick; where the command was cut off the predictor only follows."""
+    m, lag_s = motion.m, parameters.lag_s
+    lagging = state.asked + (state.thrust - state.asked) * math.exp(-dt_s / lag_s)
+    thrust = state.asked + (lagging - state.asked) * math.exp(-parameters.lead_s / lag_s)
+    v_hat = motion.x_dot
+    if state.started and motion.free:
+        v_hat = state.v + dt_s * (thrust / m + state.pull)
+    ahead = v_hat - motion.x_dot
+    keep = math.exp(-PREDICTOR_PER_S * dt_s)
+    sigma = m * PREDICTOR_PER_S * ahead * keep / (1.0 - keep) if dt_s > 0.0 else 0.0
+    d_hat = state.d_hat
+    if motion.free:
+        let_in = 1.0 - math.exp(-parameters.omega * motion.share**LEARNING_POWER * dt_s)
+        d_hat = limited(d_hat + let_in * (sigma - d_hat), parameters.max_disturbance)
+    law = rov_law(
+        motion.k_plus_h,
+        d_hat,
+        m,
+        motion.x_d_ddot,
+        motion.e,
+        motion.e_dot,
+        motion.lam,
+        motion.kappa,
+    )
+    pull = -(motion.k_plus_h + sigma) / m - PREDICTOR_PER_S * ahead
+    asked = limited(law.tau, parameters.max_force)
+    return State(True, v_hat, pull, asked, lagging, d_hat), Terms(law.feedforward, law.feedback, d_hat)

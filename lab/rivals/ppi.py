@@ -1,47 +1,51 @@
-"""P-PI: what most autopilots fly. Position error to a wished velocity, velocity error to an acceleration.
+"""P-PI: what most autopilots fly. Position error to a wanted velocity, velocity error to an acceleration.
 
     v_t = ẋ_d − k_p e        τ = m (ẍ_d + k_v (v_t − ẋ) + i)        i' = k_i (v_t − ẋ)
 
 It knows the mass but not the drag, which its integral has to find.
+
+| symbol | key of the configuration       | unit  |
+|--------|--------------------------------|-------|
+| k_p    | laws.ppi.k_p                   | 1/s   |
+| k_v    | laws.ppi.k_v                   | 1/s   |
+| k_i    | laws.ppi.k_i                   | 1/s²  |
+| m i    | bounded by max_disturbance     | N     |
 """
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
-import numpy as np
-
-from companion.control.bounds import bounded
-from companion.control.controller import KAPPA_POWER, LAMBDA_POWER, LEARNING_POWER
-from companion.records import Array
-from lab.rivals.law import Forces, Motion
+from companion.control.bounds import limited
+from companion.control.law import Motion, Terms
+from companion.control.schedule import KAPPA_POWER, LAMBDA_POWER, LEARNING_POWER
 
 
-@dataclass(frozen=True, slots=True)
-class PPIGains:
-    """k_p, k_v (1/s) and k_i (1/s²); `d_max` (N) bounds the integral. Scalars, or of the motion's shape."""
+class Parameters(NamedTuple):
+    """Gains, and the bound of the integral's force."""
 
-    k_p: Array | float
-    k_v: Array | float
-    k_i: Array | float
-    d_max: float
+    k_p: float
+    k_v: float
+    k_i: float
+    max_disturbance: float
 
 
-class PPI:
-    """The cascade; its integral stands where the command was cut off."""
+class State(NamedTuple):
+    """m i, N; it stands where the command was cut off."""
 
-    def __init__(self, gains: PPIGains) -> None:
-        self._gains = gains
-        self.reset()
+    force: float
 
-    def reset(self) -> None:
-        """Empty the integral."""
-        self._integral: Array = np.zeros(())
 
-    def step(self, motion: Motion, dt_s: float) -> Forces:
-        """Return the force for this tick."""
-        gains, m = self._gains, motion.inertia
-        k_p, k_v = gains.k_p * motion.share**LAMBDA_POWER, gains.k_v * motion.share**KAPPA_POWER
-        k_i = gains.k_i * motion.share**LEARNING_POWER
-        lacking = -(motion.e_dot + k_p * motion.e)
-        grown = self._integral + dt_s * k_i * m * lacking * motion.free
-        self._integral = bounded(grown, np.asarray(gains.d_max))
-        return Forces(m * motion.x_d_ddot, m * k_v * lacking, self._integral)
+def initial(parameters: Parameters) -> State:
+    """Return an empty integral."""
+    return State(0.0)
+
+
+def step(parameters: Parameters, state: State, motion: Motion, dt_s: float) -> tuple[State, Terms]:
+    """Return the force for this tick."""
+    share, m = motion.share, motion.m
+    lacking = -(motion.e_dot + parameters.k_p * share**LAMBDA_POWER * motion.e)
+    force = state.force
+    if motion.free:
+        grown = force + dt_s * parameters.k_i * share**LEARNING_POWER * m * lacking
+        force = limited(grown, parameters.max_disturbance)
+    feedback = m * parameters.k_v * share**KAPPA_POWER * lacking
+    return State(force), Terms(m * motion.x_d_ddot, feedback, force)

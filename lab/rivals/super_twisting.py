@@ -4,49 +4,53 @@
 
 Both roots of noise are rounded off within ±δ: φ(ε) = ε/√(|ε| + δ), sgn(ε) = ε/(|ε| + δ). With k₁ = k₂ = 0
 it is the plain law.
+
+| symbol | key of the configuration   | unit        |
+|--------|----------------------------|-------------|
+| λ, κ   | lambda_per_s, kappa_per_s  | 1/s         |
+| k₁     | laws.super_twisting.k_1    | m^½/s^{3/2} |
+| k₂     | laws.super_twisting.k_2    | m/s²        |
+| w      | bounded by max_disturbance | N           |
 """
 
-from dataclasses import dataclass
+import math
+from typing import NamedTuple
 
-import numpy as np
-
-from companion.control.bounds import bounded
-from companion.control.controller import KAPPA_POWER, LAMBDA_POWER, LEARNING_POWER
-from companion.records import Array
-from lab.rivals.law import Forces, Motion
+from companion.control.bounds import limited
+from companion.control.law import Motion, Terms
+from companion.control.schedule import KAPPA_POWER, LEARNING_POWER
 
 ROUNDING_M_S = 0.01
 
 
-@dataclass(frozen=True, slots=True)
-class TwistGains:
-    """λ, κ (1/s), k₁ (m^½/s^{3/2}), k₂ (m/s²), bound on w (N). Scalars, or of the motion's shape."""
+class Parameters(NamedTuple):
+    """Gains, and the bound of w."""
 
-    lam: Array | float
-    kappa: Array | float
-    k_1: Array | float
-    k_2: Array | float
-    d_max: float
+    k_1: float
+    k_2: float
+    max_disturbance: float
 
 
-class SuperTwisting:
-    """The law; w stands where the command was cut off."""
+class State(NamedTuple):
+    """The integral of signs, N; it stands where the command was cut off."""
 
-    def __init__(self, gains: TwistGains) -> None:
-        self._gains = gains
-        self.reset()
+    w: float
 
-    def reset(self) -> None:
-        """Empty the integral of signs."""
-        self._w: Array = np.zeros(())
 
-    def step(self, motion: Motion, dt_s: float) -> Forces:
-        """Return the force for this tick."""
-        gains, m = self._gains, motion.inertia
-        lam, harder = gains.lam * motion.share**LAMBDA_POWER, motion.share**KAPPA_POWER
-        eps = motion.e_dot + lam * motion.e
-        near = np.abs(eps) + ROUNDING_M_S
-        turned = dt_s * gains.k_2 * motion.share**LEARNING_POWER * m * eps / near * motion.free
-        self._w = bounded(self._w - turned, np.asarray(gains.d_max))
-        pull = lam * motion.e_dot + harder * (gains.kappa * eps + gains.k_1 * eps / np.sqrt(near))
-        return Forces(motion.drag + m * motion.x_d_ddot, -m * pull, self._w)
+def initial(parameters: Parameters) -> State:
+    """Return an empty integral."""
+    return State(0.0)
+
+
+def step(parameters: Parameters, state: State, motion: Motion, dt_s: float) -> tuple[State, Terms]:
+    """Return the force for this tick."""
+    m, share = motion.m, motion.share
+    eps = motion.e_dot + motion.lam * motion.e
+    near = abs(eps) + ROUNDING_M_S
+    w = state.w
+    if motion.free:
+        turned = dt_s * parameters.k_2 * share**LEARNING_POWER * m * eps / near
+        w = limited(w - turned, parameters.max_disturbance)
+    rounded = parameters.k_1 * share**KAPPA_POWER * eps / math.sqrt(near)
+    pull = motion.lam * motion.e_dot + motion.kappa * eps + rounded
+    return State(w), Terms(motion.k_plus_h + m * motion.x_d_ddot, -m * pull, w)

@@ -20,6 +20,7 @@ from companion.assembly import refuse_fast_gains
 from companion.config import Config, ConfigError
 from companion.records import Array, Setpoint
 from lab.batch import dives as batch
+from lab.batch.legacy.records import Setpoint as Setpoints
 from lab.batch.legacy.rivals import rival as array_rival
 from lab.batch.vehicle import Links
 from lab.bench.floor import CHATTER_N
@@ -169,14 +170,14 @@ def _dive(
     return batch.simulate(each, plants, target, duration_s, seeds, links, rival=rival)
 
 
-def _together(targets: Sequence[Callable[[float], Setpoint]]) -> Callable[[float], Setpoint]:
+def _together(targets: Sequence[Callable[[float], Setpoint]]) -> Callable[[float], Setpoints]:
     """Return the setpoints of many dives as one, (dives, 4)."""
     different = list(dict.fromkeys(targets))
     which = [different.index(target) for target in targets]
 
-    def together(t_s: float) -> Setpoint:
+    def together(t_s: float) -> Setpoints:
         each = [target(t_s) for target in different]
-        return Setpoint(
+        return Setpoints(
             np.array([one.eta_d for one in each])[which],
             np.array([one.eta_d_dot for one in each])[which],
             np.array([one.eta_d_ddot for one in each])[which],

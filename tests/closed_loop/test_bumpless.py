@@ -109,7 +109,7 @@ def test_what_is_built_in_cannot_change_while_running():
     assert dive.engine.config == load_config()
 
 
-STAY = Setpoint(np.full(4, np.nan))
+STAY = Setpoint((np.nan,) * 4)
 PULLED_HARD = (*QUIET, "heave_force.enabled=true", "heave_force.constant_n=40.0")
 
 

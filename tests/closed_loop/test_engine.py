@@ -181,7 +181,7 @@ def test_nan_means_where_it_is_when_engaged():
 
 def test_a_new_aim_moves_what_it_names_and_leaves_the_rest():
     dive = active(seconds=6.0)
-    dive.loop.engine.aim(Setpoint(np.array([np.nan, np.nan, DEPTH_M + 1.0, np.nan])))
+    dive.loop.engine.aim(Setpoint((np.nan, np.nan, DEPTH_M + 1.0, np.nan)))
     dive.run(8.0)
     assert dive.step.truth.eta[2] == pytest.approx(DEPTH_M + 1.0, abs=0.06)
     assert dive.step.truth.eta[5] == pytest.approx(0.3, abs=0.06)
@@ -200,7 +200,7 @@ def test_x_and_y_engage_with_a_position_source_and_are_held():
     dive = Dive("sensors.dvl=true", *CALM, setpoint=hold(x=0.3, y=-0.2))
     dive.tap.to_vehicle.append(Somebody().origin())
     dive.until(State.ACTIVE)
-    assert dive.step.sample.dofs.engaged.all()
+    assert dive.step.sample.dofs.engaged == (True,) * 4
     dive.run(10.0)
     np.testing.assert_allclose(dive.step.truth.eta[:2], [0.3, -0.2], atol=0.12)
 

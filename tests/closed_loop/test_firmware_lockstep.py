@@ -51,7 +51,7 @@ def running(pid):
 def dived(fake, seconds, *overrides):
     config = load_config()
     with Firmware(fake, plant("initial.eta=[0,0,1,0,0,0.3]", *overrides), 1) as vehicle:
-        setpoint = Setpoint(np.array([np.nan, np.nan, 1.0, 0.3]))
+        setpoint = Setpoint((np.nan, np.nan, 1.0, 0.3))
         loop = Lockstep(vehicle, Engine(config, setpoint, arm=True), Link(), 1, config.loop.rate_hz)
         loop.requests = [Request.ENGAGE]
         return list(loop.run(seconds))

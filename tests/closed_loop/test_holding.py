@@ -219,6 +219,6 @@ def test_same_seed_same_samples() -> None:
 
 def test_a_tick_that_does_not_fit_the_physics_is_refused() -> None:
     config: Config = load_config()
-    engine = Engine(config, Setpoint(np.full(4, FREE)))
+    engine = Engine(config, Setpoint((FREE,) * 4))
     with pytest.raises(ValueError, match="whole multiple"):
         Lockstep(Vehicle(load_plant(HEAVY), 1), engine, Link(), 1, rate_hz=48.0)

@@ -68,7 +68,7 @@ def test_a_load_is_brought_up_level(vehicle, most_deg):
     """Its weight drags a tilted vehicle sideways, and sideways it is turned further: it tipped on the way."""
     dive = engaged(*SEA[1:], *load(15.0), depth_m=12.0, setpoint=hold(z=12.0), **vehicle)
     dive.run(6.0)
-    dive.engine.aim(Setpoint(np.array([nan, nan, 2.0, 0.3])))
+    dive.engine.aim(Setpoint((nan, nan, 2.0, 0.3)))
     steps = dive.run(40.0)
     assert states(steps) == {State.ACTIVE}
     assert tilt_deg(steps).max() < most_deg

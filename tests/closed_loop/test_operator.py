@@ -338,7 +338,7 @@ class _Recorder:
     """An engine that only notes what it gets."""
 
     config = load_config()
-    target = np.zeros(4)
+    target = (0.0,) * 4
 
     def __init__(self):
         self.got = []

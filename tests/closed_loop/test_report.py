@@ -12,7 +12,7 @@ from virtual import ROOT, hold
 
 from companion.config import load_config
 from companion.engine import Engine
-from companion.records import ControlSample, LoopHealth, Request
+from companion.records import ControlSample, LoopHealth, Request, vector
 from companion.telemetry import samples
 from companion.telemetry import schemas as telemetry
 from dashboard.recording.mcap_file import Item, Recording
@@ -157,21 +157,24 @@ def test_a_vehicle_that_rests_tells_no_mass() -> None:
 
 
 def saturated(t_s: float, sample: ControlSample) -> ControlSample:
-    on = sample.dofs.engaged & (int(t_s * 10) % 5 == 0)
+    on = sample.dofs.engaged if int(t_s * 10) % 5 == 0 else (False,) * 4
     return replace(sample, dofs=replace(sample.dofs, saturated=on))
 
 
 def chattering(t_s: float, sample: ControlSample) -> ControlSample:
-    tau = sample.delivered.tau + (6.0 if sample.loop.tick % 2 else -6.0)
+    more = 6.0 if sample.loop.tick % 2 else -6.0
+    tau = vector(one + more for one in sample.delivered.tau)
     return replace(sample, delivered=replace(sample.delivered, tau=tau))
 
 
 def biased(t_s: float, sample: ControlSample) -> ControlSample:
-    return replace(sample, eta_d=sample.eta_d - np.array([0.0, 0.0, 0.03, 0.0]))
+    x, y, z, psi = sample.eta_d
+    return replace(sample, eta_d=(x, y, z - 0.03, psi))
 
 
 def sinking(t_s: float, sample: ControlSample) -> ControlSample:
-    tau = sample.delivered.tau - np.array([0.0, 0.0, 40.0, 0.0])
+    surge, sway, heave, yaw = sample.delivered.tau
+    tau = (surge, sway, heave - 40.0, yaw)
     return replace(sample, delivered=replace(sample.delivered, tau=tau))
 
 

@@ -13,7 +13,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from virtual import START_S, Dive, active
 
-from companion.records import PSI, Condition, State, Z
+from companion.records import PSI, Condition, State, Z, vector
 
 TIMESYNC = "TIMESYNC"
 TRUE_COMMAND_S = 0.0155
@@ -169,9 +169,9 @@ def test_a_limit_cycle_does_not_change_the_command_delay(dof, amplitude, period_
 
     def cycling(state, *rest):
         dofs = law(state, *rest)
-        tau = dofs.tau.copy()
+        tau = list(dofs.tau)
         tau[dof] += amplitude * math.sin(2.0 * math.pi * state.t_s / period_s)
-        return replace(dofs, tau=tau)
+        return replace(dofs, tau=vector(tau))
 
     controller.step = cycling
     command_s = [step.sample.state.delays.command_s for step in dive.run(20.0)]

@@ -294,7 +294,7 @@ def test_thrust_at_its_end_for_long_is_told_and_nothing_is_learnt():
     )
     told = warned(dive, Condition.SATURATED, 9.0)
     assert told
-    assert not any(step.sample.dofs.adapting.any() for step in told)
+    assert not any(any(step.sample.dofs.adapting) for step in told)
 
 
 def test_a_parameter_that_somebody_changes_is_told_for_a_while():

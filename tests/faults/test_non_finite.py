@@ -53,7 +53,7 @@ def spoiled(value):
 @pytest.mark.parametrize("changes", DEADLY)
 def test_a_gain_that_is_not_finite_starts_nothing(changes):
     with pytest.raises(ConfigError, match="no finite Kalman gain"):
-        Engine(with_heave(load_config(), **changes), Setpoint(np.zeros(4)))
+        Engine(with_heave(load_config(), **changes), Setpoint((0.0,) * 4))
 
 
 @pytest.mark.parametrize("changes", DEADLY)

@@ -43,7 +43,7 @@ def holding(*plant, seconds=3.0, depth_m=1.0, **arguments):
 
 
 def engaged(dive):
-    return dive.step.sample.dofs.engaged.tolist()
+    return list(dive.step.sample.dofs.engaged)
 
 
 def steering_bytes(data):

@@ -24,7 +24,7 @@ def dived(ardusub, seconds, *overrides):
     config = load_config()
     with Firmware(ardusub, plant, 1) as vehicle:
         pid = vehicle.pid
-        setpoint = Setpoint(np.array([np.nan, np.nan, DEPTH_M, 0.0]))
+        setpoint = Setpoint((np.nan, np.nan, DEPTH_M, 0.0))
         loop = Lockstep(vehicle, Engine(config, setpoint, arm=True), Link(), 1, config.loop.rate_hz)
         loop.requests = [Request.ENGAGE]
         steps = list(loop.run(seconds))

@@ -26,7 +26,7 @@ WRONG_COMPASS = (
 def test_a_yaw_that_is_aligned_while_diving_moves_nothing(ardusub, sea):
     plant, config = load_plant(DEFAULT_CONFIG, (*WRONG_COMPASS, *sea)), load_config()
     with Firmware(ardusub, plant, 1) as vehicle:
-        engine = Engine(config, Setpoint(np.array([np.nan, np.nan, DEPTH_M, np.nan])), arm=True)
+        engine = Engine(config, Setpoint((np.nan, np.nan, DEPTH_M, np.nan)), arm=True)
         loop = Lockstep(vehicle, engine, Link(), 1, config.loop.rate_hz)
         loop.requests = [Request.ENGAGE]
         steps = list(loop.run(20.0))

@@ -328,7 +328,7 @@ def test_an_exception_in_the_tick_sends_neutral_if_it_steered_and_fails(
         endpoint = f"udp-connect:127.0.0.1:{vehicle.getsockname()[1]}"
         zenoh = f"tcp/127.0.0.1:{free_port()}"
         config = load_config(overrides=[f"link.endpoint={endpoint}", f"telemetry.endpoint={zenoh}"])
-        setpoint = Setpoint(np.full(4, np.nan))
+        setpoint = Setpoint((np.nan,) * 4)
 
         async def run() -> int:
             return await App(config, setpoint, arm=False, requests=[Request.ENGAGE]).run()

@@ -1,7 +1,7 @@
 """The proof of docs/theory.md, run: random plants, disturbances and references inside its assumptions.
 
-Each example is a batch of random dives through the law and the compensators that steer the vehicle. The names
-are those of the page: d* is what d_hat should be, W* weights that would give it up to delta.
+Each example is a batch of random dives through the law and the compensators that steer the vehicle, compiled.
+The names are those of the page: d* is what d_hat should be, W* weights that would give it up to delta.
 """
 
 from dataclasses import dataclass
@@ -10,11 +10,20 @@ import numpy as np
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
-from companion.control.bounds import bounded
-from companion.control.compensator import INPUTS, inputs
-from companion.control.integrator import Integration, Integrator
+from companion.control import network
+from companion.control.compensator import Signals, inputs
+from companion.control.integrator import Parameters as IntegratorParameters
+from companion.control.integrator import State as IntegratorState
+from companion.control.integrator import step as step_integrator
 from companion.control.law import rov_law
-from companion.control.network import Learning, Network
+from companion.control.network import Parameters as NetworkParameters
+from companion.control.network import State as NetworkState
+from companion.control.network import step as step_network
+from lab.batch.compiled import compiled
+
+Columns = np.ndarray[tuple[int, int], np.dtype[np.float64]]
+Column = np.ndarray[tuple[int], np.dtype[np.float64]]
+Flags = np.ndarray[tuple[int], np.dtype[np.bool_]]
 
 DIVES, UNITS = 48, 6
 DT, STEPS = 1e-3, 6000
@@ -61,6 +70,77 @@ def draw(rng):
     )
 
 
+def networks_step(
+    parameters: Columns,
+    V_start: Columns,
+    W: Columns,
+    V: np.ndarray[tuple[int, int, int], np.dtype[np.float64]],
+    signals: Columns,
+    adapt: Flags,
+    d_hat: Column,
+    learning: Flags,
+) -> None:
+    """Step a network a dive, whose weights W (dives, units) and V (dives, units, inputs) are changed."""
+    columns = [(v[0], v[1], v[2], v[3], v[4], v[5]) for v in V_start]
+    for i in range(len(W)):
+        eta, eta_v, leak, dead_zone, d_max = parameters[i]
+        gains = NetworkParameters(eta, eta_v, leak, dead_zone, d_max, columns)
+        now = [(v[0], v[1], v[2], v[3], v[4], v[5]) for v in V[i]]
+        state = NetworkState(list(W[i]), now)
+        x = signals[i]
+        seen = Signals(x[0], x[1], x[2], x[3], x[4], x[5])
+        state, d_hat[i], learning[i] = step_network(gains, state, seen, DT, adapt[i])
+        for j in range(len(now)):
+            W[i, j] = state.W[j]
+            V[i, j] = state.V[j]
+
+
+def integrators_step(
+    parameters: Columns, known: Columns, signals: Columns, adapt: Flags, d_hat: Column, learning: Flags
+) -> None:
+    """Step an integrator a dive; `known` (dives, 1) is changed."""
+    for i in range(len(known)):
+        eta, _, leak, dead_zone, d_max = parameters[i]
+        gains = IntegratorParameters(eta, leak, dead_zone, d_max)
+        x = signals[i]
+        seen = Signals(x[0], x[1], x[2], x[3], x[4], x[5])
+        state = IntegratorState(known[i, 0])
+        state, d_hat[i], learning[i] = step_integrator(gains, state, seen, DT, adapt[i])
+        known[i, 0] = state.d_hat
+
+
+class Networks:
+    """A network for each dive, all with the same first hidden layer."""
+
+    def __init__(self, s, eta_v, d_max, seed):
+        self._parameters = np.ascontiguousarray(np.stack((s.eta, eta_v, s.leak, s.dead_zone, d_max)).T)
+        values = dict.fromkeys(NetworkParameters._fields, 0.0) | {"units": UNITS, "seed": seed}
+        self.V_start = np.array(network.parameters(values).hidden)
+        self.weights, self._V = np.zeros((DIVES, UNITS)), np.tile(self.V_start, (DIVES, 1, 1))
+        self._step = compiled(networks_step)
+
+    def step(self, signals, adapt):
+        d_hat, self.learning = np.zeros(DIVES), np.zeros(DIVES, bool)
+        self._step(
+            self._parameters, self.V_start, self.weights, self._V, signals, adapt, d_hat, self.learning
+        )
+        return d_hat
+
+
+class Integrators:
+    """An integrator for each dive: its weight is what it has piled up."""
+
+    def __init__(self, s, d_max):
+        self._parameters = np.ascontiguousarray(np.stack((s.eta, s.eta, s.leak, s.dead_zone, d_max)).T)
+        self.weights = np.zeros((DIVES, 1))
+        self._step = compiled(integrators_step)
+
+    def step(self, signals, adapt):
+        d_hat, self.learning = np.zeros(DIVES), np.zeros(DIVES, bool)
+        self._step(self._parameters, self.weights, signals, adapt, d_hat, self.learning)
+        return d_hat
+
+
 @dataclass
 class Dive:
     """What happened, each of shape (STEPS, DIVES) but W, with a last axis more."""
@@ -74,8 +154,8 @@ class Dive:
     saturated: np.ndarray
 
 
-def dive(s, compensator, disturbance, tau_max, weights):
-    """Euler's steps of the closed loop; `disturbance(t, z, w, e, e_dot, r_ddot, theta)` is d."""
+def dive(s, compensator, disturbance, tau_max):
+    """Euler's steps of the closed loop; `disturbance(t, w, e_dot, r_ddot, signals)` is d."""
     log = {name: [] for name in Dive.__dataclass_fields__}
 
     def reference(t):
@@ -92,21 +172,21 @@ def dive(s, compensator, disturbance, tau_max, weights):
         r, r_dot, r_ddot = reference(k * DT)
         e, e_dot = z - r, w - r_dot
         eps = e_dot + s.lam * e
-        theta = inputs(e, e_dot, w, r_dot, r_ddot)
+        signals = np.ascontiguousarray(np.stack((e, e_dot, eps, w, r_dot, r_ddot)).T)
 
         def law(d_hat, w=w, r_ddot=r_ddot, e=e, e_dot=e_dot):
             return rov_law(s.h_hat * w * np.abs(w), d_hat, s.m_hat, r_ddot, e, e_dot, s.lam, s.kappa).tau
 
-        before = np.copy(weights())
-        d_hat = compensator.step(theta, eps, DT, np.zeros(DIVES, bool))  # looks, learns nothing
+        before = np.copy(compensator.weights)
+        d_hat = compensator.step(signals, np.zeros(DIVES, bool))  # looks, learns nothing
         free = np.abs(law(d_hat)) <= tau_max
-        d_hat = compensator.step(theta, eps, DT, free)
-        tau = bounded(law(d_hat), tau_max)
+        d_hat = compensator.step(signals, free)
+        tau = np.clip(law(d_hat), -tau_max, tau_max)
 
-        d = disturbance(k * DT, w, e, e_dot, r_ddot, theta)
+        d = disturbance(k * DT, w, e_dot, r_ddot, signals)
         needed = s.h * w * np.abs(w) + d + s.m * (r_ddot - s.lam * e_dot)
         d_star = d + (s.h - s.h_hat) * w * np.abs(w) + (s.m - s.m_hat) * (r_ddot - s.lam * e_dot)
-        row = (eps, before, d_star, needed, d_hat, compensator.learning_now, ~free)
+        row = (eps, before, d_star, needed, d_hat, compensator.learning, ~free)
         for name, value in zip(log, row, strict=True):
             log[name].append(value)
         z, w = z + DT * w, w + DT * (tau - s.h * w * np.abs(w) - d) / s.m
@@ -115,7 +195,7 @@ def dive(s, compensator, disturbance, tau_max, weights):
 
 def lyapunov(s, run, W_star, delta):
     """Return V, the bound on its rate, b, and V_b outside which it must fall (theory, section 4)."""
-    felt = run.eps - bounded(run.eps, s.dead_zone)
+    felt = run.eps - np.clip(run.eps, -s.dead_zone, s.dead_zone)
     gap = np.sum((run.W - W_star) ** 2, axis=-1)
     star = np.sum(W_star**2, axis=-1)
     V = 0.5 * s.m * felt**2 + gap / (2.0 * s.eta)
@@ -183,18 +263,17 @@ def test_network_with_frozen_hidden_layer(seed):
     d_max = (largest + delta) * rng.uniform(1.0, 1.3, DIVES)
     tau_max = rng.uniform(40.0, 400.0, DIVES)
     wave = rng.uniform(0.5, 8.0, DIVES)
-    learning = Learning(s.eta, np.zeros(DIVES), s.leak, s.dead_zone, d_max)
-    network = Network(learning, (DIVES,), INPUTS, UNITS, seed)
-    V_0 = np.random.default_rng(seed).standard_normal((INPUTS, UNITS))
+    networks = Networks(s, np.zeros(DIVES), d_max, seed)
 
-    def disturbance(t, w, e, e_dot, r_ddot, theta):
+    def disturbance(t, w, e_dot, r_ddot, signals):
         """Give d* = W*ᵀσ + a with |a| ≤ delta: assumption 2."""
-        sigma = 1.0 / (1.0 + np.exp(np.minimum(-theta @ V_0, 40.0)))
+        theta = np.stack((np.ones(DIVES), *inputs(Signals(*signals.T))[1:]), axis=-1)
+        sigma = 1.0 / (1.0 + np.exp(np.minimum(-theta @ networks.V_start.T, 40.0)))
         d_star = np.sum(W_star * sigma, axis=-1) + delta * np.sin(wave * t)
         wrong_model = (s.h - s.h_hat) * w * np.abs(w) + (s.m - s.m_hat) * (r_ddot - s.lam * e_dot)
         return d_star - wrong_model
 
-    run = dive(s, network, disturbance, tau_max, lambda: network.W)
+    run = dive(s, networks, disturbance, tau_max)
     assert_theorem(s, run, W_star, delta, d_max, tau_max)
 
 
@@ -207,13 +286,12 @@ def test_integrator_is_the_network_of_one_constant_unit(seed):
     delta = rng.uniform(0.0, 3.0, DIVES)
     d_max = (np.abs(W_star[:, 0]) + delta) * rng.uniform(1.0, 1.3, DIVES)
     tau_max = rng.uniform(40.0, 400.0, DIVES)
-    integrator = Integrator(Integration(s.eta, s.leak, s.dead_zone, d_max), (DIVES,))
 
-    def disturbance(t, w, e, e_dot, r_ddot, theta):
+    def disturbance(t, w, e_dot, r_ddot, signals):
         wrong_model = (s.h - s.h_hat) * w * np.abs(w) + (s.m - s.m_hat) * (r_ddot - s.lam * e_dot)
         return W_star[:, 0] + delta * np.sin(3.0 * t) - wrong_model
 
-    run = dive(s, integrator, disturbance, tau_max, lambda: integrator.d_hat[:, None])
+    run = dive(s, Integrators(s, d_max), disturbance, tau_max)
     assert_theorem(s, run, W_star, delta, d_max, tau_max)
 
 
@@ -226,15 +304,14 @@ def test_projection_alone_bounds_the_error_whatever_the_network_does(seed):
     d_max = rng.uniform(0.0, 30.0, DIVES)
     tau_max = rng.uniform(40.0, 600.0, DIVES)
     pull, wave = rng.uniform(-15.0, 15.0, (2, DIVES))
-    learning = Learning(s.eta, rng.uniform(0.0, 5.0, DIVES), s.leak, s.dead_zone, d_max)
-    network = Network(learning, (DIVES,), INPUTS, UNITS, seed)
+    networks = Networks(s, rng.uniform(0.0, 5.0, DIVES), d_max, seed)
     current = rng.uniform(-0.2, 0.2, DIVES)
 
-    def disturbance(t, w, e, e_dot, r_ddot, theta):
+    def disturbance(t, w, e_dot, r_ddot, signals):
         through_water = w - current * np.sin(0.7 * t)
         return pull + wave * np.sin(2.0 * t) + s.h * (through_water * np.abs(through_water) - w * np.abs(w))
 
-    run = dive(s, network, disturbance, tau_max, lambda: network.W)
+    run = dive(s, networks, disturbance, tau_max)
     stiffness = s.m_hat * s.kappa
     worst = d_max + np.abs(run.d_star).max(axis=0)
     able = np.abs(run.needed).max(axis=0) < tau_max

@@ -389,7 +389,7 @@ class Fuzzed:
 
     def __init__(self, rng: Random, companion: Sequence[str], *, ground: bool) -> None:
         config = load_config(overrides=(*companion, *(WITH_GROUND if ground else ())))
-        self.engine = Engine(config, Setpoint(np.array([math.nan, math.nan, 1.0, 0.3])), arm=True)
+        self.engine = Engine(config, Setpoint((math.nan, math.nan, 1.0, 0.3)), arm=True)
         self.spoils: list[Spoil] = []
         self.heard: dict[int, list[Any]] = {}
         self.ground: Inbox = []

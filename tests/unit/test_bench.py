@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from companion import assembly
 from companion.config import DEFAULT_FILE, Config, load_config
 from lab import commands
 from lab.bench import bench
@@ -126,11 +127,9 @@ def test_every_row_can_take_off() -> None:
     for row in ROWS:
         values = values_of(row, found)
         config = load_config(overrides=row.overrides(values))
-        assert (row.rival(values, config) is not None) == (row.steers == "rival")
+        assembly.controller(config, assembly.model(config))
         if row.steers == "autopilot":
             assert set(values) <= set(DEFAULTS)
-        if row.compensator is not None:
-            assert config.heave.compensator == row.compensator
     with pytest.raises(ValueError, match="no such row: nonesuch; there are alt_hold_stock"):
         selected(["law", "nonesuch"])
 

@@ -12,7 +12,7 @@ import pytest
 from msgspec import structs
 from rich.console import Console
 
-from companion.records import AxisCommand, ControlSample, Wrench, Z
+from companion.records import AxisCommand, ControlSample, Wrench
 from companion.telemetry import samples
 from lab.demo import screen as demo_screen
 from lab.demo.demo import Story, _phase
@@ -66,13 +66,10 @@ def _truth(t_s: float) -> Truth:
 def _sample(make_sample: Sampler, t_s: float, tick: int, **state: Any) -> ControlSample:
     """The controller's word at the vehicle's time `t_s`; its own clock is another."""
     sample = make_sample(t_s=1000.0 + t_s, boot_s=t_s, ahead_s=0.1, **state)
-    eta_d = np.array([0.0, 0.0, _reference_m(t_s), math.pi - math.radians(1.0)])
-    d_hat = np.zeros(4)
-    d_hat[Z] = -LOAD_N if _loaded(t_s + 0.1) else 0.0
-    saturated = np.zeros(4, bool)
-    saturated[Z] = 10.0 <= t_s < 11.0
-    delivered = np.zeros(4)
-    delivered[Z] = 3.0 * (-1) ** tick
+    eta_d = (0.0, 0.0, _reference_m(t_s), math.pi - math.radians(1.0))
+    d_hat = (0.0, 0.0, -LOAD_N if _loaded(t_s + 0.1) else 0.0, 0.0)
+    saturated = (False, False, 10.0 <= t_s < 11.0, False)
+    delivered = (0.0, 0.0, 3.0 * (-1) ** tick, 0.0)
     return replace(
         sample,
         eta_d=eta_d,
@@ -134,7 +131,7 @@ def test_stamps_of_another_clock_are_left_out(recording: DemoRecording, make_sam
     """Before it has heard the vehicle's clock, the controller may stamp its own."""
     clean = figures(arrange(recording), (10.0, 20.0))
     for boot_s in (-1000.0, 1.0, 1000.0):
-        stray = replace(_sample(make_sample, 0.0, 0), eta_d=np.full(4, 77.0))
+        stray = replace(_sample(make_sample, 0.0, 0), eta_d=(77.0,) * 4)
         stray = replace(stray, state=structs.replace(stray.state, boot_s=boot_s))
         for key, _, payload in samples.encode(stray, VEHICLE):
             recording.add(key, payload)

@@ -7,7 +7,7 @@ import pytest
 
 from companion import assembly
 from companion.config import load_config
-from companion.control.positioning import Model, jacobian, to_body
+from companion.control.positioning import Model, coriolis_and_damping, inertia, jacobian, to_body
 from companion.estimation.command_history import CommandHistory
 from companion.estimation.estimator import MAX_EXTRAPOLATION_S, Estimator, interpolate
 from companion.estimation.observer import ObserverState, advance, expected, rates
@@ -39,7 +39,7 @@ BOOT_S = -977.0
 M = np.array([axis.mass for axis in CONFIG.axes])
 D1 = np.array([axis.linear_damping for axis in CONFIG.axes])
 D2 = np.array([axis.quadratic_damping for axis in CONFIG.axes])
-MODEL = Model(M, D1, D2)
+MODEL = Model(*(vector(column.tolist()) for column in (M, D1, D2)))
 LAG_S = CONFIG.thrusters.lag_s
 D = np.array([2.0, -1.5, 6.0, -0.2])
 
@@ -64,8 +64,8 @@ class Vehicle:
                 u for at_s, u in reversed(self.sent) if at_s <= self.t_s - self.command_s or at_s == START_S
             )
             J = jacobian(self.q[PSI])
-            force = self.f - MODEL.coriolis_and_damping(J, to_body(J, self.v)) - D
-            self.v = self.v + 1e-3 * force / MODEL.inertia(J)
+            force = self.f - coriolis_and_damping(MODEL, J, to_body(J, self.v)) - D
+            self.v = self.v + 1e-3 * force / inertia(MODEL, J)
             self.q = self.q + 1e-3 * self.v
             self.f = held + (self.f - held) * math.exp(-1e-3 / LAG_S)
             self.t_s += 1e-3

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from companion.control.law import combined_error, control_law, error_coefficients, rov_law
+from companion.control import law
+from companion.control.law import Motion, combined_error, control_law, error_coefficients, rov_law
 
 LAM, KAPPA = 1.7, 4.0
 
@@ -28,10 +29,11 @@ def test_the_error_surface_has_all_its_roots_at_minus_lambda(n):
     np.testing.assert_allclose(np.polyval(highest_first, s), (s + LAM) ** (n - 1), atol=1e-10)
 
 
-def test_combined_error_written_out():
+def test_combined_error_written_out_for_numbers_and_for_arrays():
     x_tilde = np.array([[0.3, -0.2, 0.5], [-1.0, 2.0, 0.25]])
     expected = LAM**2 * x_tilde[:, 0] + 2.0 * LAM * x_tilde[:, 1] + x_tilde[:, 2]
-    np.testing.assert_allclose(combined_error(x_tilde, LAM), expected, rtol=1e-14)
+    np.testing.assert_allclose(combined_error(x_tilde.T, LAM), expected, rtol=1e-14)
+    assert combined_error((0.3, -0.2, 0.5), LAM) == pytest.approx(expected[0], rel=1e-14)
 
 
 F, B, D, X_D_N = 0.7, -2.5, 0.4, 1.3
@@ -58,7 +60,7 @@ E0, E1, E2, E3 = 0.3, -0.2, 0.5, 0.9
 )
 def test_eq_5_written_out(x_tilde, u):
     expected = sum(u) / B if isinstance(u, tuple) else u
-    got = control_law(*map(np.float64, (F, B, D, X_D_N)), np.array(x_tilde), LAM, KAPPA)
+    got = control_law(F, B, D, X_D_N, x_tilde, LAM, KAPPA)
     assert got == pytest.approx(expected, rel=1e-12)
 
 
@@ -66,12 +68,11 @@ def test_eq_5_written_out(x_tilde, u):
 def test_the_law_leaves_eps_dot_equal_to_minus_kappa_eps(n):
     """Whatever f, b and d are: x~^(n) + c_bar^T x~ = -kappa eps (eqs. 4, 5 and the proof of the theorem)."""
     rng = np.random.default_rng(n)
-    x_tilde = rng.normal(size=(200, n))
+    x_tilde = rng.normal(size=(n, 200))
     f, d, x_d_n = rng.normal(size=(3, 200)) * 10.0
     b = rng.choice([-1.0, 1.0], 200) * rng.uniform(0.1, 5.0, 200)
     u = control_law(f, b, d, x_d_n, x_tilde, LAM, KAPPA)
-    highest = f + b * u + d - x_d_n
-    derivatives = np.concatenate((x_tilde[:, 1:], highest[:, None]), axis=1)
+    derivatives = [*x_tilde[1:], f + b * u + d - x_d_n]
     eps_dot = combined_error(derivatives, LAM)
     np.testing.assert_allclose(eps_dot, -KAPPA * combined_error(x_tilde, LAM), atol=1e-9)
 
@@ -106,7 +107,7 @@ def nonlinear_third_order(duration_s=3.0, dt=0.002):
 def test_theorem_on_a_nonlinear_third_order_system():
     """The proof integrates d^2/dt^2 (x~ e^(lam t)) = eps(0) e^((lam - kappa) t): so does this."""
     t, x_tilde = nonlinear_third_order()
-    eps = combined_error(x_tilde, LAM)
+    eps = combined_error(x_tilde.T, LAM)
     np.testing.assert_allclose(eps, eps[0] * np.exp(-KAPPA * t), atol=1e-7)
     gap = LAM - KAPPA
     start = x_tilde[0, 0] - eps[0] / gap**2
@@ -118,43 +119,38 @@ def test_theorem_on_a_nonlinear_third_order_system():
 
 def test_lyapunov_function_falls_by_kappa_eps_squared():
     t, x_tilde = nonlinear_third_order()
-    eps = combined_error(x_tilde, LAM)
+    eps = combined_error(x_tilde.T, LAM)
     v_dot = np.gradient(0.5 * eps**2, t)
     np.testing.assert_allclose(v_dot[1:-1], -KAPPA * eps[1:-1] ** 2, atol=2e-4 * KAPPA * eps[0] ** 2)
 
 
-def random_terms(seed=3, shape=(50, 4)):
-    rng = np.random.default_rng(seed)
+def random_terms(rng):
     names = ("k_plus_h", "d_hat", "x_d_ddot", "e", "e_dot")
-    terms = {name: rng.normal(size=shape) * 3.0 for name in names}
-    return terms | {
-        "m": rng.uniform(0.2, 60.0, shape),
-        "lam": rng.uniform(0.5, 6.0, shape[-1:]),
-        "kappa": rng.uniform(0.5, 12.0, shape[-1:]),
-    }
+    terms = {name: rng.normal() * 3.0 for name in names}
+    m, lam, kappa = rng.uniform(0.2, 60.0), rng.uniform(0.5, 6.0), rng.uniform(0.5, 12.0)
+    return terms | {"m": m, "lam": lam, "kappa": kappa}
 
 
 def test_rov_form_is_the_general_law_of_second_order():
     """n = 2, f = -(k + h)/m, b = 1/m, and a force d_hat is met by d = -d_hat/m."""
-    terms = random_terms()
-    tau = rov_law(**terms).tau
-    m = terms["m"]
-    x_tilde = np.stack((terms["e"], terms["e_dot"]), axis=-1)
-    for i in range(4):
+    rng = np.random.default_rng(3)
+    for _ in range(200):
+        terms = random_terms(rng)
+        m = terms["m"]
         general = control_law(
-            f=-terms["k_plus_h"][:, i] / m[:, i],
-            b=1.0 / m[:, i],
-            d=-terms["d_hat"][:, i] / m[:, i],
-            x_d_n=terms["x_d_ddot"][:, i],
-            x_tilde=x_tilde[:, i],
-            lam=float(terms["lam"][i]),
-            kappa=float(terms["kappa"][i]),
+            f=-terms["k_plus_h"] / m,
+            b=1.0 / m,
+            d=-terms["d_hat"] / m,
+            x_d_n=terms["x_d_ddot"],
+            x_tilde=(terms["e"], terms["e_dot"]),
+            lam=terms["lam"],
+            kappa=terms["kappa"],
         )
-        np.testing.assert_allclose(tau[:, i], general, rtol=1e-10, atol=1e-10)
+        assert rov_law(**terms).tau == pytest.approx(general, rel=1e-10, abs=1e-10)
 
 
 def one(**changes):
-    zero = dict.fromkeys(("k_plus_h", "d_hat", "x_d_ddot", "e", "e_dot"), np.float64(0.0))
+    zero = dict.fromkeys(("k_plus_h", "d_hat", "x_d_ddot", "e", "e_dot"), 0.0)
     return rov_law(**(zero | {"m": 50.0, "lam": 2.0, "kappa": 3.0} | changes))
 
 
@@ -174,10 +170,10 @@ def test_each_term_alone_sign_and_inertia(changed, tau):
 
 
 def test_terms_add_up_and_eps_is_e_dot_plus_lambda_e():
-    terms = random_terms(5)
-    law = rov_law(**terms)
-    np.testing.assert_allclose(law.tau, law.feedforward + law.feedback + terms["d_hat"], rtol=1e-12)
-    np.testing.assert_allclose(law.eps, terms["e_dot"] + terms["lam"] * terms["e"], rtol=1e-12)
+    terms = random_terms(np.random.default_rng(5))
+    found = rov_law(**terms)
+    assert found.tau == pytest.approx(found.feedforward + found.feedback + terms["d_hat"], rel=1e-12)
+    assert found.eps == pytest.approx(terms["e_dot"] + terms["lam"] * terms["e"], rel=1e-12)
 
 
 @pytest.mark.parametrize("m", [0.5, 50.0])
@@ -193,10 +189,10 @@ def test_eps_decays_at_kappa_whatever_the_mass(m):
     assert (w + lam * z) / eps0 == pytest.approx(np.exp(-kappa), rel=0.01)
 
 
-def test_a_batch_of_dives_is_what_single_dives_are():
-    terms = random_terms(9)
-    batch = rov_law(**terms)
-    for i in range(50):
-        single = rov_law(**{key: value[i] if value.ndim == 2 else value for key, value in terms.items()})
-        for together, alone in zip(batch, single, strict=True):
-            np.testing.assert_array_equal(together[i], alone)
+def test_the_shipped_law_by_the_protocol_is_rov_law():
+    terms = random_terms(np.random.default_rng(9))
+    motion = Motion(x_dot=0.3, share=1.0, free=True, **terms)
+    parameters = law.Parameters()
+    _, found = law.step(parameters, law.initial(parameters), motion, 0.02)
+    expected = rov_law(**terms)
+    assert found == (expected.feedforward, expected.feedback, terms["d_hat"])

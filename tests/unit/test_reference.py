@@ -3,27 +3,31 @@
 import numpy as np
 import pytest
 
-from companion.control.reference import Limits as ReferenceLimits
-from companion.control.reference import ReferenceModel
+from companion.control.reference import Parameters, ReferenceModel
+from companion.records import ZERO, FrameShift, Setpoint, vector
 
 TICK_S = 0.02
 RATE = np.array([0.4, 0.4, 0.45, 0.8])
 ACCELERATION = np.array([0.3, 0.3, 0.4, 0.8])
-YAW = np.array([False, False, False, True])
+YAW = (False, False, False, True)
 STILL = np.zeros(4)
 
 
 def model(x=STILL, x_dot=STILL):
-    reference = ReferenceModel(ReferenceLimits(RATE, ACCELERATION), YAW)
-    reference.reset(np.array(x, float), np.array(x_dot, float))
+    reference = ReferenceModel([Parameters(*each) for each in zip(RATE, ACCELERATION, YAW, strict=True)])
+    reference.reset(vector(x), vector(x_dot))
     return reference
+
+
+def step(reference, target, target_dot=STILL, target_ddot=STILL):
+    reference.step(Setpoint(*map(vector, (target, target_dot, target_ddot))), 0.0, TICK_S)
 
 
 def walk(reference, target, seconds, target_dot=STILL):
     """Step toward a fixed target; return x, x_dot, x_ddot over time, each (ticks, 4)."""
     seen = []
     for _ in range(round(seconds / TICK_S)):
-        reference.step(np.array(target, float), np.array(target_dot, float), STILL, TICK_S)
+        step(reference, target, target_dot)
         seen.append((reference.x_d, reference.x_d_dot, reference.x_d_ddot))
     return (np.array(column) for column in zip(*seen, strict=True))
 
@@ -107,10 +111,13 @@ def test_a_path_from_rest_is_followed_exactly():
     worst = np.zeros(3)
     for k in range(1, 2000):
         eta, eta_dot, eta_ddot = paths(k * TICK_S)
-        reference.step(eta, eta_dot, eta_ddot, TICK_S)
+        step(reference, eta, eta_dot, eta_ddot)
         if k * TICK_S > 4.0:
             found = (reference.x_d, reference.x_d_dot, reference.x_d_ddot)
-            errors = [np.abs(a - b).max() for a, b in zip(found, (eta, eta_dot, eta_ddot), strict=True)]
+            errors = [
+                np.abs(a - b).max()
+                for a, b in zip(map(np.array, found), (eta, eta_dot, eta_ddot), strict=True)
+            ]
             worst = np.maximum(worst, errors)
     assert (worst < [1e-4, 1e-3, 5e-3]).all()
 
@@ -119,9 +126,11 @@ def test_the_first_tick_of_a_reset_is_no_step():
     reference = model([1.0, 2.0, 3.0, 0.4], [0.1, -0.1, 0.2, 0.3])
     np.testing.assert_array_equal(reference.x_d, [1.0, 2.0, 3.0, 0.4])
     np.testing.assert_array_equal(reference.x_d_dot, [0.1, -0.1, 0.2, 0.3])
-    reference.step(np.array([9.0, 9.0, 9.0, -2.0]), STILL, STILL, TICK_S)
+    step(reference, [9.0, 9.0, 9.0, -2.0])
     np.testing.assert_allclose(reference.x_d, [1.0, 2.0, 3.0, 0.4], atol=0.8 * TICK_S)
-    assert (np.abs(reference.x_d_dot - [0.1, -0.1, 0.2, 0.3]) <= ACCELERATION * TICK_S + 1e-12).all()
+    assert (
+        np.abs(np.array(reference.x_d_dot) - [0.1, -0.1, 0.2, 0.3]) <= ACCELERATION * TICK_S + 1e-12
+    ).all()
 
 
 def test_a_reset_faster_than_allowed_is_brought_within_the_limits():
@@ -131,30 +140,41 @@ def test_a_reset_faster_than_allowed_is_brought_within_the_limits():
 def test_a_reset_keeps_nothing_of_the_path_before():
     reference = model()
     for k in range(100):
-        reference.step(*paths(k * TICK_S), TICK_S)
-    reference.reset(STILL, STILL)
-    reference.step(STILL, STILL, STILL, TICK_S)
-    np.testing.assert_array_equal(reference.x_d, STILL)
+        step(reference, *paths(k * TICK_S))
+    reference.reset(ZERO, ZERO)
+    step(reference, STILL)
+    assert reference.x_d == ZERO
 
 
-def test_the_callers_arrays_stay_as_they_were():
-    start, target = np.array([1.0, 2.0, 3.0, 3.1]), np.array([2.0, 2.0, 2.0, -3.1])
-    reference = model(start)
-    reference.step(target, STILL, STILL, TICK_S)
-    reference.step(target, STILL, STILL, TICK_S)
-    np.testing.assert_array_equal(target, [2.0, 2.0, 2.0, -3.1])
-    np.testing.assert_array_equal(start, [1.0, 2.0, 3.0, 3.1])
+def test_where_asked_it_starts_anew_and_elsewhere_it_goes_on():
+    reference, twin = model([1.0, 2.0, 3.0, 0.4]), model([1.0, 2.0, 3.0, 0.4])
+    for one in (reference, twin):
+        step(one, [9.0, 9.0, 9.0, 1.0])
+    reference.catch_up((0.5, 0.6, 0.7, 0.8), (0.1, 0.1, 9.0, 0.1), (True, False, True, False))
+    assert reference.x_d == (0.5, twin.x_d[1], 0.7, twin.x_d[3])
+    assert reference.x_d_dot == (0.1, twin.x_d_dot[1], RATE[2], twin.x_d_dot[3])
 
 
-def test_a_batch_of_dives_is_what_single_dives_are():
-    rng = np.random.default_rng(1)
-    starts, targets = rng.normal(size=(5, 4)), rng.normal(size=(5, 4)) * 3.0
-    limits = ReferenceLimits(np.tile(RATE, (5, 1)), np.tile(ACCELERATION, (5, 1)))
-    batch = ReferenceModel(limits, YAW)
-    batch.reset(starts, np.zeros((5, 4)))
-    singles = [model(start) for start in starts]
-    for _ in range(300):
-        batch.step(targets, np.zeros((5, 4)), np.zeros((5, 4)), TICK_S)
-        for i, single in enumerate(singles):
-            single.step(targets[i], STILL, STILL, TICK_S)
-            np.testing.assert_array_equal(batch.x_d[i], single.x_d)
+def test_one_that_goes_on_is_where_the_other_would_be():
+    one, heir = model(), model([5.0, 5.0, 5.0, 2.0])
+    for k in range(50):
+        step(one, *paths(k * TICK_S))
+    heir.go_on(one)
+    for k in range(50, 60):
+        step(one, *paths(k * TICK_S))
+        step(heir, *paths(k * TICK_S))
+    assert heir.x_d == one.x_d
+
+
+def test_a_slower_pace_is_never_passed_by_much():
+    reference = model()
+    reference.pace = (1.0, 1.0, 0.5, 1.0)
+    _, x_dot, _ = walk(reference, [0.0, 0.0, 10.0, 0.0], 10.0)
+    assert x_dot[:, 2].max() == pytest.approx(0.225, rel=0.01)
+
+
+def test_a_turned_frame_turns_place_and_motion():
+    reference = model([3.0, 0.0, 1.0, 0.1], [0.2, 0.0, 0.1, 0.3])
+    reference.shift(FrameShift(np.pi / 2.0, 0.0, 0.0), (1.0, 0.0, 1.0, 0.1 + np.pi / 2.0))
+    np.testing.assert_allclose(reference.x_d, [1.0, 2.0, 1.0, 0.1 + np.pi / 2.0], atol=1e-12)
+    np.testing.assert_allclose(reference.x_d_dot, [0.0, 0.2, 0.1, 0.3], atol=1e-12)

@@ -114,22 +114,22 @@ def test_a_yaw_reset_turns_what_is_near_about_the_vehicle():
     """What lay 2 m ahead of it lies 2 m ahead of it. A place that was asked for keeps its numbers."""
     x, y, psi, turn = 5.0, -3.0, 0.4, radians(40.0)
     shift = FrameShift(turn, 0.0, 0.0)
-    here, now = np.array([x, y, 1.0, psi]), np.array([x, y, 1.0, psi + turn])
-    ahead = np.array([x + 2.0 * cos(psi), y + 2.0 * sin(psi), 1.5, psi])
+    here, now = (x, y, 1.0, psi), (x, y, 1.0, psi + turn)
+    ahead = (x + 2.0 * cos(psi), y + 2.0 * sin(psi), 1.5, psi)
     np.testing.assert_allclose(shifted_along(shift, here, now), now, atol=1e-12)
     np.testing.assert_allclose(
         shifted_along(shift, ahead, now),
         [x + 2.0 * cos(psi + turn), y + 2.0 * sin(psi + turn), 1.5, psi + turn],
     )
     np.testing.assert_allclose(shifted(shift, ahead), [*ahead[:3], psi + turn])
-    forward = np.array([cos(psi), sin(psi), 0.3, 0.1])
+    forward = (cos(psi), sin(psi), 0.3, 0.1)
     np.testing.assert_allclose(turned(shift, forward), [cos(psi + turn), sin(psi + turn), 0.3, 0.1])
 
 
 def test_a_position_reset_moves_all_alike():
-    shift, eta = FrameShift(0.0, 3.0, -4.0), np.array([7.0, 8.0, 9.0, 1.0])
+    shift, eta = FrameShift(0.0, 3.0, -4.0), (7.0, 8.0, 9.0, 1.0)
     np.testing.assert_allclose(shifted(shift, eta), [10.0, 4.0, 9.0, 1.0])
-    np.testing.assert_allclose(shifted_along(shift, eta, np.zeros(4)), [10.0, 4.0, 9.0, 1.0])
+    np.testing.assert_allclose(shifted_along(shift, eta, (0.0, 0.0, 0.0, 0.0)), [10.0, 4.0, 9.0, 1.0])
 
 
 def test_two_shifts_joined_are_both():
@@ -139,5 +139,5 @@ def test_two_shifts_joined_are_both():
 
 
 def test_a_target_that_is_not_set_stays_unset():
-    eta = shifted(FrameShift(0.0, 3.0, 0.0), np.array([1.0, nan, nan, pi]))
+    eta = shifted(FrameShift(0.0, 3.0, 0.0), (1.0, nan, nan, pi))
     np.testing.assert_array_equal(eta, [4.0, nan, nan, pi])

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.control.pace import Pace
+from companion.control import pace
 from companion.control.tilt import (
     CUT,
     FAST_N_PER_S,
@@ -25,7 +25,6 @@ from companion.control.tilt import (
 TICK_S = 0.02
 ANGLES = st.floats(-math.pi, math.pi)
 FORCES = st.tuples(*[st.floats(-100.0, 100.0)] * 3)
-NEITHER = np.zeros(4, bool)
 
 
 def test_nothing_is_taken_from_a_level_vehicle_and_all_from_a_steep_one():
@@ -106,20 +105,21 @@ def test_a_levelled_vehicle_has_all_its_force_from_the_start():
     assert TiltLimit(99.0, 99.0, 0.2, FAST_N_PER_S).step(0.05, 90.0, TICK_S) == 99.0
 
 
-def test_who_saturates_is_slowed_and_comes_back():
-    pace = Pace()
-    assert pace.step(1.0, NEITHER, TICK_S).tolist() == [1.0] * 4
+def test_what_saturates_is_slowed_and_comes_back():
+    now = pace.step(1.0, False, TICK_S)
+    assert now == 1.0
     for _ in range(500):
-        slow = pace.step(1.0, np.array([False, False, True, False]), TICK_S)
-    assert slow.tolist() == [1.0, 1.0, LEAST_PACE, 1.0]
+        now = pace.step(now, True, TICK_S)
+    assert now == LEAST_PACE
     for _ in range(500):
-        whole = pace.step(1.0, NEITHER, TICK_S)
-    assert whole.tolist() == [1.0] * 4
+        now = pace.step(now, False, TICK_S)
+    assert now == 1.0
 
 
-def test_a_tilt_slows_all_but_the_heading_and_stops_nothing():
-    assert Pace().step(0.5, NEITHER, TICK_S).tolist() == [0.5, 0.5, 0.5, 1.0]
-    assert Pace().step(0.0, NEITHER, TICK_S).tolist() == [LEAST_PACE] * 3 + [1.0]
+def test_a_tilt_slows_and_stops_nothing():
+    assert pace.on_a_tilt(1.0, 0.5) == 0.5
+    assert pace.on_a_tilt(0.3, 0.5) == 0.3
+    assert pace.on_a_tilt(1.0, 0.0) == LEAST_PACE
 
 
 def test_a_levelled_vehicle_that_tilted_once_soon_pushes_against_a_current_again():

@@ -9,6 +9,13 @@ from lab.batch.legacy.rival_law import Law
 from lab.batch.legacy.rival_ppi import PPI, PPIGains
 from lab.batch.legacy.rival_super_twisting import SuperTwisting, TwistGains
 
+TWIST_KEYS = (
+    "heave.lambda_per_s",
+    "heave.kappa_per_s",
+    "laws.super_twisting.k_1",
+    "laws.super_twisting.k_2",
+)
+
 Gains = Mapping[str, Array | float]
 
 
@@ -19,7 +26,8 @@ def rival(name: str, values: Gains, config: Config) -> Law | None:
 
 
 def _ppi(values: Gains, config: Config) -> Law:
-    return PPI(PPIGains(values["k_p"], values["k_v"], values["k_i"], config.heave.max_disturbance))
+    k_p, k_v, k_i = (values[f"laws.ppi.{key}"] for key in ("k_p", "k_v", "k_i"))
+    return PPI(PPIGains(k_p, k_v, k_i, config.heave.max_disturbance))
 
 
 def _l1(values: Gains, config: Config) -> Law:
@@ -27,9 +35,9 @@ def _l1(values: Gains, config: Config) -> Law:
     lead_s = values.get("thrusters.lead_s", config.thrusters.lead_s)
     return L1(
         L1Gains(
-            lam=values["lam"],
-            kappa=values["kappa"],
-            omega=values["omega"],
+            lam=values["heave.lambda_per_s"],
+            kappa=values["heave.kappa_per_s"],
+            omega=values["laws.l1.omega"],
             d_max=heave.max_disturbance,
             max_force=heave.max_force,
             lag_s=config.thrusters.lag_s,
@@ -40,4 +48,5 @@ def _l1(values: Gains, config: Config) -> Law:
 
 def _twist(values: Gains, config: Config) -> Law:
     d_max = config.heave.max_disturbance
-    return SuperTwisting(TwistGains(values["lam"], values["kappa"], values["k_1"], values["k_2"], d_max))
+    lam, kappa, k_1, k_2 = (values[key] for key in TWIST_KEYS)
+    return SuperTwisting(TwistGains(lam, kappa, k_1, k_2, d_max))

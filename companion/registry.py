@@ -1,0 +1,150 @@
+"""Compensators and laws by the names that the configuration gives them.
+
+A name is shipped, or an entry point of the group `holdfast.compensators` or `holdfast.laws` of an installed
+package, or the table `[compensators.NAME]` or `[laws.NAME]` of the configuration whose `module` is the file.
+What such a file defines is said in `companion/control/compensator.py` and `companion/control/law.py`.
+"""
+
+from collections.abc import Callable, Mapping
+from functools import cache, partial
+from importlib import import_module
+from importlib.metadata import entry_points
+from types import ModuleType
+from typing import Any, NamedTuple, TypeVar, get_type_hints
+
+import msgspec
+
+from companion.control import integrator, law, network, regressor
+from companion.control.compensator import Signals
+from companion.control.law import Motion, Terms
+
+NONE, OBSERVER, LYAPUNOV = "none", "observer", "lyapunov"
+"""No compensator; the observer's d fed back; the paper's law."""
+
+Tables = Mapping[str, Mapping[str, Any]]
+
+
+class Compensator(NamedTuple):
+    """The functions of a compensator's file."""
+
+    parameters: Callable[[Mapping[str, Any]], Any]
+    initial: Callable[[Any], Any]
+    step: Callable[[Any, Any, Signals, float, bool], tuple[Any, float, bool]]
+    seed: Callable[[Any, Any, Signals, float], Any]
+    weight_norm: Callable[[Any], float]
+    integral_gain: Callable[[Any], float]
+
+
+class Law(NamedTuple):
+    """The functions of a law's file."""
+
+    parameters: Callable[[Mapping[str, Any]], Any]
+    initial: Callable[[Any], Any]
+    step: Callable[[Any, Any, Motion, float], tuple[Any, Terms]]
+
+
+Functions = TypeVar("Functions", Compensator, Law)
+
+
+class UnusableError(ValueError):
+    """A compensator or a law that cannot be used, and why."""
+
+
+def compensators(tables: Tables) -> dict[str, Compensator]:
+    """Return what learns, by its name, with what the configuration's `[compensators]` add."""
+    shipped = {"integrator": integrator, "regressor": regressor, "network": network}
+    return _all("compensators", Compensator, shipped, tables)
+
+
+def laws(tables: Tables) -> dict[str, Law]:
+    """Return the laws by their names, with what the configuration's `[laws]` add."""
+    return _all("laws", Law, {LYAPUNOV: law}, tables)
+
+
+def choices(tables: Tables) -> tuple[str, ...]:
+    """Return what an axis' `compensator` may be, each that learns alone and beside the observer."""
+    known = compensators(tables)
+    return (NONE, OBSERVER, *known, *(f"{name}+{OBSERVER}" for name in known))
+
+
+def learners(choice: str, known: Mapping[str, Compensator]) -> list[str]:
+    """Return the names of what learns by `choice`, such as "network+observer".
+
+    Raises UnusableError for a choice that there is not.
+    """
+    names = choice.split("+")
+    sound = choice == NONE or (len(set(names)) == len(names) and set(names) <= {OBSERVER, *known})
+    if not sound:
+        raise UnusableError(
+            f"must be {NONE}, {OBSERVER}, {', '.join(known)}, or several of these joined by +"
+        )
+    return [name for name in names if name in known]
+
+
+def _all(
+    group: str, kind: Callable[..., Functions], shipped: Mapping[str, ModuleType], tables: Tables
+) -> dict[str, Functions]:
+    modules: dict[str, ModuleType] = {**shipped, **_installed(group)}
+    modules |= {
+        name: _imported(f"{group}.{name}.module", table["module"])
+        for name, table in tables.items()
+        if "module" in table
+    }
+    for name, table in tables.items():
+        _check_table(f"{group}.{name}", table, modules.get(name))
+    return {name: _functions(kind, module) for name, module in modules.items()}
+
+
+def _check_table(where: str, table: Mapping[str, Any], module: ModuleType | None) -> None:
+    if module is None:
+        raise UnusableError(f"{where}: not installed; name its file: {where}.module")
+    known = ("module", *module.Parameters._fields)
+    if unknown := set(table).difference(known):
+        raise UnusableError(f"{where}.{min(unknown)}: unknown key; known here: {', '.join(known)}")
+
+
+@cache
+def _installed(group: str) -> dict[str, ModuleType]:
+    found = {}
+    for point in entry_points(group=f"holdfast.{group}"):
+        try:
+            found[point.name] = point.load()
+        except Exception as error:
+            raise UnusableError(f"{point.value}, installed as {group}.{point.name}: {error}") from error
+    return found
+
+
+@cache
+def _imported(key: str, name: Any) -> ModuleType:
+    try:
+        return import_module(name)
+    except Exception as error:
+        raise UnusableError(f"{key} = {name!r}: cannot be imported: {error}") from error
+
+
+@cache
+def _functions(kind: Callable[..., Functions], module: ModuleType) -> Functions:
+    """Return the functions of a file, with the usual `parameters` where it does not define its own."""
+    names: list[str] = list(get_type_hints(kind))
+    given = {"parameters": partial(_parameters, module)} | vars(module)
+    if missing := [name for name in ("Parameters", "State", *names) if name not in given]:
+        raise UnusableError(f"{module.__name__} has no {', '.join(missing)}")
+    return kind(*(given[name] for name in names))
+
+
+def _parameters(module: ModuleType, values: Mapping[str, Any]) -> Any:
+    """Return a file's Parameters, each field the value of its key, or its default.
+
+    Raises UnusableError for a value that is missing or of another type.
+    """
+    kind = module.Parameters
+    found = {}
+    for name, hint in get_type_hints(kind, include_extras=True).items():
+        if name in values:
+            try:
+                found[name] = msgspec.convert(values[name], hint)
+            except msgspec.ValidationError as error:
+                raise UnusableError(f"{name} = {values[name]!r:.80}: {str(error).lower()}") from error
+        elif name not in kind._field_defaults:
+            raise UnusableError(f"{name}: missing")
+    return kind(**found)
