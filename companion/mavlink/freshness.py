@@ -1,7 +1,7 @@
 """Tells news from what was only late, and a late datagram from an autopilot that started anew."""
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 
 from companion.records import Event, Reboot, TimeSync
 
@@ -24,12 +24,13 @@ class Freshness:
         self._offset_s = math.inf
         """The most by which a stamp was ahead of our clock; infinite before the first."""
 
-    def drop_stale(self, events: Iterable[Event]) -> Iterator[Event]:
-        """Give the fresh ones of `events`, and a Reboot before the first of a new clock."""
+    def drop_stale(self, events: Iterable[Event]) -> list[Event]:
+        """Return the fresh ones of `events`, and a Reboot before the first of a new clock."""
+        fresh: list[Event] = []
         for event in events:
             boot_s: float | None = getattr(event, "boot_s", None)
             if boot_s is None or isinstance(event, TimeSync):
-                yield event
+                fresh.append(event)
                 continue
             kind, offset_s = type(event), boot_s - event.t_s
             last_s = self._last_s.get(kind, -math.inf)
@@ -40,10 +41,12 @@ class Freshness:
                 self._last_s.clear()
                 self._strange.clear()
                 self._offset_s = math.inf
-                yield Reboot(event.t_s)
+                fresh.append(Reboot(event.t_s))
             elif boot_s <= last_s:
                 continue
-            self._strange.pop(kind, None)
+            if self._strange:
+                self._strange.pop(kind, None)
             self._last_s[kind] = boot_s
             self._offset_s = offset_s if self._offset_s == math.inf else max(self._offset_s, offset_s)
-            yield event
+            fresh.append(event)
+        return fresh
