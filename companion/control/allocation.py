@@ -86,7 +86,7 @@ FACTORS: dict[str, tuple[Axes, ...]] = {
 }
 HORIZONTAL = len(_HORIZONTAL)
 PER_NEWTON: Axes = (math.sqrt(0.5), math.sqrt(0.5), 1.0, math.sqrt(0.5) * (0.156 + 0.111), 0.218, 0.12)
-"""S; lengths in m from docs/ardusub.md, "From axis to newton"."""
+"""S; lengths in m from docs/ardusub.md, "Vehicles"."""
 
 
 class Group(NamedTuple):
@@ -317,16 +317,17 @@ def _group_wrench(group: Group, a: Three, strength: float) -> Three:
 
 def interpolated(x: float, curve: Curve) -> float:
     """Return a curve's value at x; NaN for NaN."""
-    if x <= curve.x[0]:
-        return curve.y[0]
-    if x >= curve.x[LAST]:
-        return curve.y[LAST]
+    points, values, slopes = curve
+    if x <= points[0]:
+        return values[0]
+    if x >= points[LAST]:
+        return values[LAST]
     k = DEAD_BAND
-    while x > curve.x[k + 1]:
+    while x > points[k + 1]:
         k += 1
-    while x < curve.x[k]:
+    while x < points[k]:
         k -= 1
-    return curve.y[k] + curve.slope[k] * (x - curve.x[k])
+    return values[k] + slopes[k] * (x - points[k])
 
 
 def _load(newtons: float) -> float:
