@@ -13,7 +13,7 @@ from companion.control import allocation, oscillation, reference
 from companion.control.actuation import Actuation
 from companion.control.allocation import Thrusters
 from companion.control.controller import Chosen, Controller, Dof
-from companion.control.levelling import Levelling
+from companion.control.levelling import Levelling, levelling_of
 from companion.control.positioning import Model
 from companion.control.schedule import Gains, scheduled
 from companion.control.tilt import (
@@ -47,15 +47,19 @@ def thrusters(config: Config) -> Thrusters:
     return allocation.thrusters(config.vehicle.frame, max_tau, config.levels)
 
 
-def levelling(config: Config) -> Levelling | None:
+def levelling(config: Config) -> tuple[Levelling, Levelling] | None:
     """Return what keeps roll and pitch level; None where that is not ours."""
     if not config.levels:
         return None
-    chosen = config.levelling
-    inertia = np.array([chosen.roll_inertia, chosen.pitch_inertia])
-    return Levelling(
-        inertia, chosen.frequency_radps, chosen.lever_m, chosen.max_moment_nm, config.thrusters.lag_s
+    chosen, lag_s = config.levelling, config.thrusters.lag_s
+    roll, pitch = (
+        levelling_of(inertia, chosen.frequency_radps, lever_m, chosen.max_moment_nm, lag_s)
+        for inertia, lever_m in (
+            (chosen.roll_inertia, chosen.lever_m),
+            (chosen.pitch_inertia, -chosen.lever_m),
+        )
     )
+    return roll, pitch
 
 
 def tilt_limit(config: Config) -> TiltLimit:
@@ -81,9 +85,9 @@ def actuation(config: Config) -> Actuation:
     return Actuation(thrusters(config), levelling(config), tilt_limit(config), max_horizontal_force(config))
 
 
-def max_horizontal_force(config: Config) -> Array:
-    """Return the largest force of surge and sway, (2,), N."""
-    return np.array((config.surge.max_force, config.sway.max_force))
+def max_horizontal_force(config: Config) -> tuple[float, float]:
+    """Return the largest force of surge and sway, N."""
+    return config.surge.max_force, config.sway.max_force
 
 
 def envelope(config: Config) -> Envelope:

@@ -2,29 +2,17 @@
 
 import math
 
-import numpy as np
-
-from companion.control import pace
+from companion.control import levelling, pace, tilt
 from companion.control.allocation import Allocation, Thrusters, allocate, delivered, overloaded
-from companion.control.bounds import bounded
+from companion.control.bounds import limited
 from companion.control.levelling import Levelling
 from companion.control.positioning import by_dof
 from companion.control.reference import ReferenceModel
-from companion.control.tilt import (
-    FOLLOWS_M,
-    YAW_LEVEL_RAD,
-    YAW_STEEP_RAD,
-    TiltLimit,
-    body_force,
-    coming_tilt,
-    level_force,
-    share,
-)
+from companion.control.tilt import TiltLimit
 from companion.records import (
     NEUTRAL,
     PSI,
     ZERO,
-    Array,
     Axes,
     AxisCommand,
     Flags,
@@ -32,9 +20,12 @@ from companion.records import (
     Vector,
     VehicleState,
     Verdict,
+    X,
+    Y,
 )
 
 FULL_PACE: Vector = (1.0, 1.0, 1.0, 1.0)
+FULL_SHARE: Vector = (1.0, 1.0, 1.0, 1.0)
 RELEASING = (State.RAMP_DOWN, State.HAND_OVER)
 CUT_OFF = 0.01
 """An axis that differs from what was wanted by more than this did not get it."""
@@ -44,23 +35,28 @@ class Actuation:
     """One tick: `step` gives the axes that are wanted, `sent` takes those that went out."""
 
     def __init__(
-        self, thrusters: Thrusters, levelling: Levelling | None, tilt_limit: TiltLimit, max_force: Array
+        self,
+        thrusters: Thrusters,
+        levelling: tuple[Levelling, Levelling] | None,
+        tilt_limit: TiltLimit,
+        max_force: tuple[float, float],
     ) -> None:
-        """Take `max_force` (2,) of surge and sway, N."""
+        """Take what levels roll and pitch, and `max_force` of surge and sway, N."""
         self._levelling = levelling
         self._tilt_limit = tilt_limit
         self.retune(thrusters, max_force)
+        self._reset()
         self._pace = FULL_PACE
         self._active_wrench = ZERO
         """What the law last asked while ACTIVE: this is let go, evenly, whatever it would say by then."""
         self._wanted = Allocation(NEUTRAL, (False,) * 6)
-        self._share = np.ones(4)
+        self._share = FULL_SHARE
         self.delivered = ZERO
         """Body wrench that the last command, with the pilot's share, should have given, N and N·m."""
         self.saturated: Flags = (False, False, False, False)
         """By degree of freedom, whether the law did not get what it asked for."""
 
-    def retune(self, thrusters: Thrusters, max_force: Array) -> None:
+    def retune(self, thrusters: Thrusters, max_force: tuple[float, float]) -> None:
         """Go on with other limits."""
         self.thrusters, self._max_force = thrusters, max_force
 
@@ -85,15 +81,14 @@ class Actuation:
         if verdict.state is State.ACTIVE:
             self._active_wrench = requested
         if verdict.authority == 0.0:
-            self._tilt_limit.reset()
-            if self._levelling is not None:
-                self._levelling.reset()
-        tilt = coming_tilt(state.roll, state.pitch, state.p, state.q)
-        self._share = self._tilt_share(tilt, state, reference, dt_s)
-        pushed = self._share * np.array(self._active_wrench if verdict.state in RELEASING else requested)
-        pushed[:3] = body_force(state.roll, state.pitch, tilt, tuple(pushed[:3].tolist()))
-        moments = self._moments(pushed, verdict, state, engaged, dt_s)
-        asked = AxisCommand(*(verdict.authority * tau for tau in (*pushed.tolist(), *moments)))
+            self._reset()
+        angle = tilt.coming_tilt(state.roll, state.pitch, state.p, state.q)
+        self._share = self._tilt_share(angle, state, reference, dt_s)
+        level, _, _, upright = self._share
+        surge, sway, heave, N = self._active_wrench if verdict.state in RELEASING else requested
+        force = tilt.body_force(state.roll, state.pitch, angle, (level * surge, level * sway, heave))
+        K, M = self._moments(force[X], force[Y], verdict, state, engaged, dt_s)
+        asked = AxisCommand(*(verdict.authority * tau for tau in (*force, upright * N, K, M)))
         axes, saturated = allocate(self.thrusters, asked, state.voltage_v, reach)
         wanted = AxisCommand(*axes)
         if not engaged[PSI]:  # unequal curves ask for a little, of a heading not ours
@@ -106,53 +101,68 @@ class Actuation:
 
         Return the wrench that it gives in the level frame of the heading, N and N·m.
         """
-        wanted, saturated = self._wanted
-        X, Y, Z, N, _, _ = delivered(self.thrusters, command, state.voltage_v)
-        self.delivered = (X, Y, Z, N)
-        level_x, level_y, level_z = level_force(state.roll, state.pitch, (X, Y, Z))
-        cut_off = [abs(got - axis) > CUT_OFF for got, axis in zip(command, wanted, strict=True)]
-        short = np.array(overloaded(self.thrusters, command)) | cut_off | saturated
-        surge, sway, heave, yaw = (short[:4] | (self._share < 1.0)).tolist()
-        self.saturated = by_dof((surge, sway, heave, yaw))
-        return (level_x, level_y, level_z, N)
+        surge, sway, heave, N, _, _ = delivered(self.thrusters, command, state.voltage_v)
+        self.delivered = (surge, sway, heave, N)
+        got_less = (
+            over or saturated or abs(got - wanted) > CUT_OFF or share < 1.0
+            for over, saturated, got, wanted, share in zip(
+                overloaded(self.thrusters, command),
+                self._wanted.saturated,
+                command,
+                self._wanted.axes,
+                (*self._share, 1.0, 1.0),
+                strict=True,
+            )
+        )
+        less_surge, less_sway, less_heave, less_yaw, _, _ = got_less
+        self.saturated = by_dof((less_surge, less_sway, less_heave, less_yaw))
+        x, y, z = tilt.level_force(state.roll, state.pitch, (surge, sway, heave))
+        return (x, y, z, N)
 
-    def _tilt_share(self, tilt: float, state: VehicleState, reference: ReferenceModel, dt_s: float) -> Array:
-        """Return the share (4,) of the law's force that the tilt leaves; what is let go is not pulled at.
+    def _reset(self) -> None:
+        """Forget what tilted the vehicle, and what it bore."""
+        self._tilt = tilt.start(self._tilt_limit)
+        self._roll = self._pitch = levelling.START
+
+    def _tilt_share(
+        self, angle: float, state: VehicleState, reference: ReferenceModel, dt_s: float
+    ) -> Vector:
+        """Return the share of the law's force that the tilt leaves; what is let go is not pulled at.
 
         Heave is always ours. While the horizontal force is limited the reference stays near the vehicle.
         """
         pushed, asked = (math.hypot(*tau[:2]) for tau in (self.delivered, self._active_wrench))
-        most_n = self._tilt_limit.step(tilt, pushed, dt_s)
+        self._tilt = tilt.step(self._tilt_limit, self._tilt, angle, pushed, dt_s)
+        most_n = tilt.allowed_n(self._tilt, angle)
         level = most_n / asked if asked > most_n else 1.0
-        yaw = share(tilt, YAW_LEVEL_RAD, YAW_STEEP_RAD)
+        yaw = tilt.share(angle, tilt.YAW_LEVEL_RAD, tilt.YAW_STEEP_RAD)
         x, y, z, psi = (
             pace.step(one, cut, dt_s) for one, cut in zip(self._pace, self.saturated, strict=True)
         )
         self._pace = (x, y, z, psi)
-        x, y, z = (pace.on_a_tilt(one, share(tilt)) for one in (x, y, z))
-        reference.pace = (x, y, z, psi)
+        left = tilt.share(angle)
+        reference.pace = (pace.on_a_tilt(x, left), pace.on_a_tilt(y, left), pace.on_a_tilt(z, left), psi)
         if level < 1.0:
             (x, y, _, _), (x_d, y_d, _, _) = state.eta_ahead, reference.x_d
-            astray = math.hypot(x - x_d, y - y_d) > FOLLOWS_M
-            gone = (astray, astray, False, yaw == 0.0)
-            reference.catch_up(state.eta_ahead, state.eta_dot_ahead, gone)
-        return np.array((level, level, 1.0, yaw))
+            astray = math.hypot(x - x_d, y - y_d) > tilt.FOLLOWS_M
+            reference.catch_up(state.eta_ahead, state.eta_dot_ahead, (astray, astray, False, yaw == 0.0))
+        return (level, level, 1.0, yaw)
 
     def _moments(
-        self, pushed: Array, verdict: Verdict, state: VehicleState, engaged: Flags, dt_s: float
+        self, surge: float, sway: float, verdict: Verdict, state: VehicleState, engaged: Flags, dt_s: float
     ) -> tuple[float, float]:
-        """Return the moments that keep it level, where those are ours.
+        """Return the moments that keep it level, where those are ours, beside the forces of surge and sway.
 
-        Beside what the law pushes on the axes that are held goes what the pilot pushes on the others.
+        On an axis that is not held the pilot's force counts.
         """
         if self._levelling is None:
             return (0.0, 0.0)
-        K, M = self._levelling.step(
-            np.array((state.roll, state.pitch)),
-            np.array((state.p, state.q)),
-            bounded(np.where(engaged[:2], pushed[:2], self.delivered[:2]), self._max_force),
-            state.delays.total_s,
-            dt_s,
-            learn=verdict.authority == 1.0,
-        ).tolist()
+        roll, pitch = self._levelling
+        force_x = limited(surge if engaged[X] else self.delivered[X], self._max_force[X])
+        force_y = limited(sway if engaged[Y] else self.delivered[Y], self._max_force[Y])
+        delay_s, learn = state.delays.total_s, verdict.authority == 1.0
+        self._roll, K = levelling.step(roll, self._roll, state.roll, state.p, force_y, delay_s, dt_s, learn)
+        self._pitch, M = levelling.step(
+            pitch, self._pitch, state.pitch, state.q, force_x, delay_s, dt_s, learn
+        )
         return (K, M)

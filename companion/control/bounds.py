@@ -5,21 +5,12 @@ NaN comes out as NaN: it ends at the supervisor's guard. Where `math` would rais
 
 import math
 
-import numpy as np
-
-from companion.records import Array
-
 LARGEST_EXPONENT = 709.0
 
 
 def wrap(angle: float) -> float:
     """Return an angle brought to [−π, π) rad; NaN and infinity become NaN."""
     return (angle + math.pi) % (2.0 * math.pi) - math.pi
-
-
-def bounded(x: Array, limit: Array) -> Array:
-    """Return x within ±limit; NaN stays NaN. On four numbers twice as fast as np.clip."""
-    return np.minimum(np.maximum(x, -limit), limit)
 
 
 def limited(x: float, limit: float) -> float:

@@ -1,4 +1,4 @@
-"""Roll and pitch held level, where the flight mode leaves them to us.
+"""Roll and pitch held level, one at a time, where the flight mode leaves them to us.
 
     a = ω² φ + 2 ω p + 0.2 ω³ ∫φ dt            critically damped; the integral takes what is constant
     b' = (a − b) / τ_f                          and so the thruster's lag is led:
@@ -22,73 +22,83 @@ a Heavy it is 4 N·m/rad at 0.6 m/s and 9 at 0.85, where its weight rights it wi
 """
 
 import math
-
-import numpy as np
+from typing import NamedTuple
 
 from companion.control import oscillation
-from companion.control.bounds import bounded
-from companion.records import Array
+from companion.control.bounds import limited
 
 FILTER_S = 0.05
 INTEGRAL = 0.2
 DELAY_BEARS = 0.18
 """ω times the delay, rad: gain margin 2.3, phase margin 30° with a lag of 0.15 s."""
 
-_SIGNS = np.array([1.0, -1.0])
+MIN_DELAY_S = 1e-3
 
 
-class Levelling:
-    """Inertia (2,) of roll and pitch, the highest ω, z, the largest moment (N·m), and the thrusters' lag."""
+class Levelling(NamedTuple):
+    """What is believed of roll or of pitch."""
 
-    def __init__(
-        self, inertia: Array, frequency_radps: float, lever_m: float, max_moment_nm: float, lag_s: float
-    ) -> None:
-        self._inertia = inertia
-        self._frequency_radps = frequency_radps
-        self._lever_m = lever_m
-        self._max_moment = np.full(2, max_moment_nm)
-        self._lead = max(lag_s / FILTER_S - 1.0, 0.0)
-        limit = oscillation.SHARE * max_moment_nm
-        self._parameters = oscillation.Parameters(max_moment_nm, limit)
-        self.reset()
+    inertia: float
+    """I, kg m²."""
+    frequency_radps: float
+    """The highest ω."""
+    lever_m: float
+    """z for roll, whose force is Y; −z for pitch, whose force is X."""
+    max_moment_nm: float
+    lead: float
+    """τ / τ_f − 1, at least 0."""
+    oscillation: oscillation.Parameters
 
-    def reset(self) -> None:
-        """Begin anew: no integral, and no rate of change known."""
-        self._integral: Array = np.zeros(2)
-        self._slow: Array | None = None
-        self._oscillation = [oscillation.START] * 2
 
-    def step(
-        self,
-        angles: Array,
-        rates: Array,
-        level_force: Array,
-        delay_s: Array | float,
-        dt_s: float,
-        *,
-        learn: bool,
-    ) -> Array:
-        """Return K, M (…, 2) for roll and pitch (…, 2) beside X, Y (…, 2), `delay_s` from sensor to motor.
+class LevellingState(NamedTuple):
+    """What is known of roll or of pitch."""
 
-        `learn` allows the integral to move; it stands where the moment is at its bound. A roll or pitch that
-        oscillates by itself lowers ω.
-        """
-        omega = np.minimum(self._frequency_radps, DELAY_BEARS / np.maximum(delay_s, 1e-3))
-        omega = omega * np.array([one.gain_scale for one in self._oscillation])
-        ahead = angles + delay_s * rates
-        a = omega * omega * ahead + 2.0 * omega * rates
-        slow = a if self._slow is None else self._slow
-        self._slow = slow + (a - slow) * (1.0 - math.exp(-dt_s / FILTER_S))
-        trim = INTEGRAL * omega**3 * dt_s * ahead if learn else np.zeros(2)
-        force = np.stack((level_force[..., 1], level_force[..., 0]), axis=-1)
-        feedback = -self._inertia * (a + self._lead * (a - self._slow))
-        if learn:
-            moments = feedback.tolist()
-            self._oscillation = [
-                oscillation.step(self._parameters, one, moment, dt_s, 0.0)
-                for one, moment in zip(self._oscillation, moments, strict=True)
-            ]
-        wanted = self._lever_m * force * _SIGNS + feedback
-        moments = wanted - self._inertia * (self._integral + trim)
-        self._integral = np.where(np.abs(moments) <= self._max_moment, self._integral + trim, self._integral)
-        return bounded(moments, self._max_moment)
+    integral: float
+    """0.2 ω³ ∫φ dt, rad/s²."""
+    slow: float
+    """b, rad/s²; NaN before the first step."""
+    oscillation: oscillation.State
+
+
+START = LevellingState(0.0, math.nan, oscillation.START)
+"""No integral, and no rate of change known."""
+
+
+def levelling_of(
+    inertia: float, frequency_radps: float, lever_m: float, max_moment_nm: float, lag_s: float
+) -> Levelling:
+    """Return what `step` needs for roll or pitch of a vehicle whose thrusters lag by `lag_s`."""
+    lead = max(lag_s / FILTER_S - 1.0, 0.0)
+    limits = oscillation.Parameters(max_moment_nm, oscillation.SHARE * max_moment_nm)
+    return Levelling(inertia, frequency_radps, lever_m, max_moment_nm, lead, limits)
+
+
+def step(
+    levelling: Levelling,
+    state: LevellingState,
+    angle: float,
+    rate: float,
+    force: float,
+    delay_s: float,
+    dt_s: float,
+    learn: bool,
+) -> tuple[LevellingState, float]:
+    """Return K for φ, p and the force Y, or M for θ, q and X; `delay_s` from sensor to motor.
+
+    `learn` allows the integral to move; it stands where the moment is at its bound. A roll or pitch that
+    oscillates by itself lowers ω.
+    """
+    omega = min(levelling.frequency_radps, DELAY_BEARS / max(delay_s, MIN_DELAY_S))
+    omega = omega * state.oscillation.gain_scale
+    ahead = angle + delay_s * rate
+    a = omega * omega * ahead + 2.0 * omega * rate
+    slow = a if math.isnan(state.slow) else state.slow
+    slow = slow + (a - slow) * (1.0 - math.exp(-dt_s / FILTER_S))
+    feedback = -levelling.inertia * (a + levelling.lead * (a - slow))
+    trimmed = state.integral + INTEGRAL * omega**3 * dt_s * ahead if learn else state.integral
+    moment = levelling.lever_m * force + feedback - levelling.inertia * trimmed
+    integral = trimmed if abs(moment) <= levelling.max_moment_nm else state.integral
+    watched = state.oscillation
+    if learn:
+        watched = oscillation.step(levelling.oscillation, watched, feedback, dt_s, 0.0)
+    return LevellingState(integral, slow, watched), limited(moment, levelling.max_moment_nm)

@@ -9,8 +9,12 @@ pitch are levelled this is hardly ever felt.
 """
 
 import math
+from typing import NamedTuple
 
-Vector = tuple[float, float, float]
+from companion.control.bounds import clamped
+
+Force = tuple[float, float, float]
+"""Along three axes, N."""
 
 LEVEL_RAD, STEEP_RAD = math.radians(8.0), math.radians(20.0)
 """Horizontal force and the reference's speed are whole up to here, nothing from there on."""
@@ -46,8 +50,8 @@ def cos_tilt(roll: float, pitch: float) -> float:
 
 def coming_tilt(roll: float, pitch: float, p: float, q: float) -> float:
     """Return the larger of the tilt now and AHEAD_S later, rad; angles in rad, body rates in rad/s."""
-    later = cos_tilt(roll + AHEAD_S * p, pitch + AHEAD_S * q)
-    return math.acos(max(-1.0, min(1.0, later, cos_tilt(roll, pitch))))
+    now, later = cos_tilt(roll, pitch), cos_tilt(roll + AHEAD_S * p, pitch + AHEAD_S * q)
+    return math.acos(clamped(now if now < later else later, -1.0, 1.0))
 
 
 def share(tilt: float, level: float = LEVEL_RAD, steep: float = STEEP_RAD) -> float:
@@ -60,7 +64,7 @@ def share(tilt: float, level: float = LEVEL_RAD, steep: float = STEEP_RAD) -> fl
     return 1.0 - s * s * (3.0 - 2.0 * s)
 
 
-def body_force(roll: float, pitch: float, tilt: float, force: Vector) -> Vector:
+def body_force(roll: float, pitch: float, tilt: float, force: Force) -> Force:
     """Return what to push along the body's axes for a level `force`: forward, right, down (N).
 
     Along a tilted body's z axis heave also pushes sideways, and a load then drags it the same way: it glides,
@@ -78,7 +82,7 @@ def body_force(roll: float, pitch: float, tilt: float, force: Vector) -> Vector:
     return X, Y, along_z * cos / max(cos * cos, MIN_COS * MIN_COS)
 
 
-def level_force(roll: float, pitch: float, force: Vector) -> Vector:
+def level_force(roll: float, pitch: float, force: Force) -> Force:
     """Return what `force` along the body's axes pushes in the level frame of the heading (Fossen 2.18), N."""
     X, Y, Z = force
     sin_roll, cos_roll = math.sin(roll), math.cos(roll)
@@ -91,7 +95,7 @@ def level_force(roll: float, pitch: float, force: Vector) -> Vector:
     )
 
 
-class TiltLimit:
+class TiltLimit(NamedTuple):
     """The most horizontal force (N) that a vehicle bears, found as it tilts.
 
     `start_n` and from there FAST_N_PER_S up to `most_n`, until the tilt alarms: then the limit is a share of
@@ -100,26 +104,42 @@ class TiltLimit:
     transient, such as stopping a drift on engaging: then the place is soon held again.
     """
 
-    def __init__(self, start_n: float, most_n: float, alarm_rad: float, again_n_per_s: float) -> None:
-        self._start_n, self._most_n, self._alarm_rad = start_n, most_n, alarm_rad
-        self._again_n_per_s = again_n_per_s
-        self.reset()
+    start_n: float
+    most_n: float
+    alarm_rad: float
+    again_n_per_s: float
 
-    def reset(self) -> None:
-        """Begin anew: nothing is known of what it bears."""
-        self._limit_n = self._start_n
-        self._borne_n = math.inf
-        self._pushed_n = 0.0
-        self._alarmed = False
 
-    def step(self, tilt: float, pushed_n: float, dt_s: float) -> float:
-        """Take one tick's tilt (rad) and the force that was pushed; return the largest force allowed, N."""
-        self._pushed_n += (pushed_n - self._pushed_n) * dt_s / (dt_s + MEMORY_S)
-        if tilt > self._alarm_rad and not self._alarmed:
-            self._borne_n = CUT * min(self._limit_n, max(self._pushed_n, LEAST_N))
-            self._limit_n = self._borne_n
-        self._alarmed = tilt > self._alarm_rad * (CALM if self._alarmed else 1.0)
-        if not self._alarmed:
-            rise = FAST_N_PER_S if self._limit_n < self._borne_n else self._again_n_per_s
-            self._limit_n = min(self._limit_n + rise * dt_s, self._most_n)
-        return self._limit_n * share(tilt)
+class TiltState(NamedTuple):
+    """What was found."""
+
+    limit_n: float
+    borne_n: float
+    """What was borne since the last alarm; infinite before the first."""
+    pushed_n: float
+    """Mean of what was pushed over MEMORY_S."""
+    alarmed: bool
+
+
+def start(limit: TiltLimit) -> TiltState:
+    """Return the state in which nothing is known of what the vehicle bears."""
+    return TiltState(limit.start_n, math.inf, 0.0, False)
+
+
+def step(limit: TiltLimit, state: TiltState, tilt: float, pushed_n: float, dt_s: float) -> TiltState:
+    """Take one tick's tilt (rad) and the force that was pushed."""
+    pushed_n = state.pushed_n + (pushed_n - state.pushed_n) * dt_s / (dt_s + MEMORY_S)
+    limit_n, borne_n = state.limit_n, state.borne_n
+    if tilt > limit.alarm_rad and not state.alarmed:
+        borne_n = CUT * min(limit_n, max(pushed_n, LEAST_N))
+        limit_n = borne_n
+    alarmed = tilt > limit.alarm_rad * (CALM if state.alarmed else 1.0)
+    if not alarmed:
+        rise_n_per_s = FAST_N_PER_S if limit_n < borne_n else limit.again_n_per_s
+        limit_n = min(limit_n + rise_n_per_s * dt_s, limit.most_n)
+    return TiltState(limit_n, borne_n, pushed_n, alarmed)
+
+
+def allowed_n(state: TiltState, tilt: float) -> float:
+    """Return the largest horizontal force (N) that is allowed at a tilt (rad)."""
+    return state.limit_n * share(tilt)

@@ -15,7 +15,6 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from companion.control.allocation import FACTORS, HORIZONTAL, PER_NEWTON, PUSH, interpolated
-from companion.control.bounds import bounded
 from companion.records import Array, AxisCommand
 
 PULSE_S: Final = 0.3
@@ -81,7 +80,7 @@ def shares(
         if A:
             missing = np.array(g) - np.array(A).sum(-1)
             found = 1.0 + np.linalg.lstsq(np.array(A), missing, rcond=1e-6)[0]
-            told[group] = bounded(found, np.full(found.shape, MAX_SHARE))
+            told[group] = np.clip(found, -MAX_SHARE, MAX_SHARE)
     return tuple(told.tolist())
 
 

@@ -295,7 +295,7 @@ def test_the_button_clears_a_fault_whose_cause_has_gone_and_engages():
     dive.run(0.7)
     press(dive, ENGAGE)
     assert dive.state is State.FAULT
-    assert "look at cable" in dive.step.sample.verdict.remedy
+    assert "check the cable" in dive.step.sample.verdict.remedy
     dive.run(3.0)
     assert dive.state is State.FAULT
     assert dive.step.sample.verdict.remedy == CLEAR
