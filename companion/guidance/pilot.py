@@ -13,6 +13,7 @@ import msgspec
 
 from companion.config import Config
 from companion.control.bounds import limited, wrap
+from companion.control.positioning import jacobian, to_inertial
 from companion.records import (
     PSI,
     ZERO,
@@ -118,7 +119,8 @@ class Pilot:
         `psi` is the law's heading and `x_d` its reference. The first push counts from the reference: a target
         that it has not reached yet is given up.
         """
-        rate = _inertial(demand.nu, psi, held)
+        J = jacobian(psi)
+        rate = chosen(held, to_inertial(J, demand.nu), ZERO)
         horizontal = rate[X] != 0.0 or rate[Y] != 0.0
         moving = (horizontal, horizontal, rate[Z] != 0.0, rate[PSI] != 0.0)
         before, self._moved = self._moved, moving
@@ -134,7 +136,7 @@ class Pilot:
         return Setpoint(
             (x, y, min(z, self._max_depth_m), wrap(heading)),
             chosen(changed, rate, target.eta_d_dot),
-            chosen(changed, _inertial(demand.nu_dot, psi, moving), target.eta_d_ddot),
+            chosen(changed, chosen(moving, to_inertial(J, demand.nu_dot), ZERO), target.eta_d_ddot),
         ), changed
 
     def _heard(self, events: Sequence[Event]) -> tuple[int, bool, bool]:
@@ -192,15 +194,3 @@ class Pilot:
 def _beyond(deflection: float, dead_zone: float) -> float:
     """Return how far a stick is out of its dead zone, -1..1."""
     return (deflection - limited(deflection, dead_zone)) / (1.0 - dead_zone)
-
-
-def _inertial(body: Vector, psi: float, where: Flags) -> Vector:
-    """Return a body velocity in the inertial frame, zero but `where` told."""
-    c, s = math.cos(psi), math.sin(psi)
-    x, y, z, heading = where
-    return (
-        c * body[X] - s * body[Y] if x else 0.0,
-        s * body[X] + c * body[Y] if y else 0.0,
-        body[Z] if z else 0.0,
-        body[PSI] if heading else 0.0,
-    )
