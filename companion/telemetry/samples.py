@@ -1,9 +1,8 @@
 """One tick as what is published of it: a `ControlSample` as one record of each key, and those as JSON."""
 
-from dataclasses import fields
 from functools import cache
 
-from companion.records import DOFS, Condition, ControlSample, DofSample
+from companion.records import PSI, Condition, ControlSample, X, Y, Z
 from companion.telemetry.schemas import NEVER_S, Command, Dof, Loop, Schema, State, Supervisor, keys, to_json
 
 _MEASURED = ("x", "x_dot", "e", "e_dot", "eps", "d_observer")
@@ -17,8 +16,8 @@ _SOURCES = (
 )
 """Fields of State by their source: position (two), depth, attitude, and the vehicle as a whole."""
 
-_UNITS = (("m", "N"), ("m", "N"), ("m", "N"), ("rad", "N·m"))
-_DOF_COLUMNS = tuple(field.name for field in fields(DofSample))
+_DOFS = ((X, "x", "m", "N"), (Y, "y", "m", "N"), (Z, "z", "m", "N"), (PSI, "psi", "rad", "N·m"))
+"""Index, name, and the units of position and of force of each degree of freedom."""
 
 
 def encode(sample: ControlSample, vehicle: str) -> list[tuple[str, str, bytes]]:
@@ -126,19 +125,35 @@ def records(sample: ControlSample) -> list[Schema]:
 
 
 def _dofs(sample: ControlSample) -> list[Dof]:
-    columns = [getattr(sample.dofs, name) for name in _DOF_COLUMNS]
+    state, dofs = sample.state, sample.dofs
     return [
         Dof(
-            t_s=sample.state.t_s,
-            boot_s=sample.state.boot_s,
+            t_s=state.t_s,
+            boot_s=state.boot_s,
+            absent=_MEASURED if state.stale[i] else (),
             dof=dof,
             unit=unit,
             tau_unit=tau_unit,
-            ahead_s=sample.state.ahead_s,
-            absent=_MEASURED if stale else (),
-            **dict(zip(_DOF_COLUMNS, row, strict=True)),
+            ahead_s=state.ahead_s,
+            x_d=dofs.x_d[i],
+            x_d_dot=dofs.x_d_dot[i],
+            x_d_ddot=dofs.x_d_ddot[i],
+            x=dofs.x[i],
+            x_dot=dofs.x_dot[i],
+            e=dofs.e[i],
+            e_dot=dofs.e_dot[i],
+            eps=dofs.eps[i],
+            tau=dofs.tau[i],
+            feedforward=dofs.feedforward[i],
+            feedback=dofs.feedback[i],
+            d_hat=dofs.d_hat[i],
+            d_observer=dofs.d_observer[i],
+            weight_norm=dofs.weight_norm[i],
+            saturated=dofs.saturated[i],
+            adapting=dofs.adapting[i],
+            engaged=dofs.engaged[i],
         )
-        for dof, (unit, tau_unit), stale, *row in zip(DOFS, _UNITS, sample.state.stale, *columns, strict=True)
+        for i, dof, unit, tau_unit in _DOFS
     ]
 
 
