@@ -1,1 +1,1 @@
-"""The only room that imports pymavlink: a sans-I/O codec, and what is particular to ArduSub."""
+"""The only package that imports pymavlink: a sans-I/O codec, and the messages of ArduSub."""

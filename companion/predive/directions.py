@@ -54,7 +54,7 @@ def shares(
     lag_s: float,
     delay_s: float,
 ) -> tuple[float, ...]:
-    """Return each motor's share of the push it should give: 1 right, -1 reversed, 0 dead; NaN if not told.
+    """Return each motor's share of the push it should give: 1 right, -1 reversed, 0 dead; NaN if unknown.
 
     `samples` and `starts_s` by pulsed axis; `inertia` (kg, kg m²) of "w" and "r"; `delay_s` from sending to
     the motors and back.
@@ -62,7 +62,7 @@ def shares(
     factors = np.array(FACTORS[frame])
     levers = np.array(PER_NEWTON)[:, None] * factors.T
     inertias = {"p": INERTIA_TILT[0], "q": INERTIA_TILT[1], **inertia}
-    told = np.full(len(factors), np.nan)
+    measured = np.full(len(factors), np.nan)
     for group in (slice(0, HORIZONTAL), slice(HORIZONTAL, len(factors))):
         A, g = [], []
         for axis, measured in ANSWERS.items():
@@ -80,8 +80,8 @@ def shares(
         if A:
             missing = np.array(g) - np.array(A).sum(-1)
             found = 1.0 + np.linalg.lstsq(np.array(A), missing, rcond=1e-6)[0]
-            told[group] = np.clip(found, -MAX_SHARE, MAX_SHARE)
-    return tuple(told.tolist())
+            measured[group] = np.clip(found, -MAX_SHARE, MAX_SHARE)
+    return tuple(measured.tolist())
 
 
 _AXES = ("surge", "sway", "heave", "yaw")
@@ -94,10 +94,10 @@ def _answer(
     """Return the moment (N·m) or force (N) behind one rate, per unit of inertia and newton of one motor."""
     if start_s is None:
         return None
-    told = [(s.t_s - start_s, s.value) for s in samples if s.name == name and s.t_s - start_s <= FIT_S]
-    if len(told) < 8:
+    fitted = [(s.t_s - start_s, s.value) for s in samples if s.name == name and s.t_s - start_s <= FIT_S]
+    if len(fitted) < 8:
         return None
-    t_s, y = np.array(told).T
+    t_s, y = np.array(fitted).T
     shape = _impulse(t_s - delay_s, DEMANDS[axis], lag_s)
     X = np.stack((shape, np.ones_like(t_s), t_s), axis=-1)
     return float(np.linalg.lstsq(X, y, rcond=None)[0][0])

@@ -44,7 +44,7 @@ class Directions:
 
 @dataclass(frozen=True, slots=True)
 class Observed:
-    """All that the rows of `check` look at; None where nothing was told yet."""
+    """All that the rows of `check` look at; None where nothing was reported yet."""
 
     state: VehicleState
     parameters: Mapping[str, float] = field(default_factory=dict)
@@ -109,9 +109,9 @@ class Survey:
             if handler is not None:
                 handler(event)
 
-    def observed(self, state: VehicleState, **told: Any) -> Observed:
-        """Return what is known by now; `told` are the fields that others know."""
-        return Observed(state=state, **self._seen, **told)
+    def observed(self, state: VehicleState, **others: Any) -> Observed:
+        """Return what is known by now; `others` are the fields that the caller knows."""
+        return Observed(state=state, **self._seen, **others)
 
     def _on_battery(self, event: Battery) -> None:
         self._seen["voltage_v"] = event.voltage_v

@@ -12,11 +12,11 @@ COLOURS = {Grade.GOOD: "green", Grade.WARNING: "yellow", Grade.REFUSED: "bold re
 
 def as_json(rows: Sequence[CheckRow], notes: Sequence[str]) -> str:
     """Return {"grade", "rows": [{name, grade, found, why, fix}], "notes"}."""
-    told = [
+    listed = [
         {"name": row.name, "grade": row.grade.name, "found": row.found, "why": row.why, "fix": row.fix}
         for row in rows
     ]
-    return json.dumps({"grade": worst(rows).name, "rows": told, "notes": list(notes)}, indent=1)
+    return json.dumps({"grade": worst(rows).name, "rows": listed, "notes": list(notes)}, indent=1)
 
 
 def show(rows: Sequence[CheckRow], notes: Sequence[str]) -> None:

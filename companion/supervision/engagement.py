@@ -1,4 +1,4 @@
-"""The wish to engage: from commands and from the pilot's buttons, and how long it stands."""
+"""The request to engage, from commands and the pilot's buttons, and how long it is valid."""
 
 import math
 from collections.abc import Sequence
@@ -8,7 +8,7 @@ from companion.supervision.supervisor import BLOCKING, FAULT_CAUSES
 
 
 class Engagement:
-    """Whether somebody asks to engage; a button's wish ends after ENGAGE_S if it was not granted."""
+    """Whether engaging is requested; a request by button is dropped after ENGAGE_S if not permitted."""
 
     def __init__(self, *, arm: bool) -> None:
         self._arm = arm
@@ -18,9 +18,9 @@ class Engagement:
     def with_buttons(
         self, requests: Sequence[Request], verdict: Verdict, now_s: float, *, engage: bool, release: bool
     ) -> list[Request]:
-        """Return `requests` and what the pilot's buttons ask for.
+        """Return `requests` with those of the pilot's buttons.
 
-        To engage clears a fault first, but not while its cause holds.
+        The engage button clears a fault first, but not while its cause holds.
         """
         if Request.ENGAGE in requests:
             self._until_s = math.inf
@@ -40,11 +40,11 @@ class Engagement:
             self.asked = False
 
     def update(self, before: Verdict, verdict: Verdict) -> None:
-        """Forget the wish where it came to its end: a fault, or ACTIVE left."""
+        """Drop the request after a fault, or when ACTIVE was left."""
         left = before.state is State.ACTIVE and verdict.state is not State.ACTIVE
         if verdict.state is State.FAULT or left:
             self.asked = False
 
     def asks_arming(self, verdict: Verdict) -> bool:
-        """Tell whether to ask for arming: once nothing else is missing for engaging."""
+        """Tell whether to request arming: when only arming is missing for engaging."""
         return self._arm and self.asked and not verdict.conditions & BLOCKING & ~Condition.DISARMED

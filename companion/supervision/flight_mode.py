@@ -1,7 +1,7 @@
-"""The flight mode's only owner: steering in it, handing over by it, giving the former one back.
+"""The only owner of the flight mode: for steering, for hand-over and for restoring the previous mode.
 
-It also says whether a steering frame goes out: with authority, and neutral for a while after, so that the
-autopilot's own failsafe does not see a lost pilot at once.
+It also decides whether a steering frame is sent: with authority, and for a short time after it, so that the
+autopilot's failsafe does not detect a lost pilot at once.
 """
 
 import math
@@ -14,12 +14,12 @@ from companion.supervision.steering_mode import ModeKeeper
 from companion.telemetry.modes import Mode
 
 NEUTRAL_FRAMES_S = 0.5
-"""Neutral frames go out this long after steering, ours or that of a companion that died; then silence, so
-that the autopilot's own failsafe sees a lost pilot."""
+"""Neutral frames are sent this long after our steering, or that of a companion that failed. Then silence, so
+that the autopilot's failsafe detects a lost pilot."""
 
 
 class FlightMode:
-    """Asks for modes, and knows whether the vehicle follows our frames."""
+    """Requests modes, and knows whether the vehicle follows our frames."""
 
     def __init__(self, steering: Mode) -> None:
         self._keeper = ModeKeeper(steering)
@@ -35,7 +35,7 @@ class FlightMode:
         pilot_heard_s: float,
         keep_s: float,
     ) -> HandOverStep:
-        """Go on with a hand-over that `verdict`, the last tick's, is in."""
+        """Continue a hand-over if `verdict`, the last tick's, is in HAND_OVER."""
         if verdict.state is not State.HAND_OVER:
             return HandOverStep.NONE
         surface_m = -0.01 * parameters.get("SURFACE_DEPTH", -10.0)
@@ -49,13 +49,13 @@ class FlightMode:
         )
 
     def is_right(self, verdict: Verdict, mode: int) -> bool:
-        """Tell whether `mode` is one that the state of `verdict` steers or hands over in."""
+        """Tell whether the state of `verdict` may steer or hand over in `mode`."""
         if verdict.state is State.HAND_OVER:
             return self._hand_over.allows(mode)
         return mode == self._keeper.steering
 
     def update(self, before: Verdict, verdict: Verdict, state: VehicleState) -> None:
-        """Begin a hand-over where `verdict` says so."""
+        """Begin a hand-over if `verdict` requires one."""
         surfaces = Condition.FAILSAFE_SURFACES in verdict.conditions
         if verdict.state is State.HAND_OVER and (before.state is not State.HAND_OVER or surfaces):
             up = surfaces or Condition.PILOT_LOST_SURFACE in verdict.conditions
@@ -64,18 +64,18 @@ class FlightMode:
             self._hand_over.begin(state.t_s, state.mode, goal, for_good=tilted)
 
     def wanted(self, verdict: Verdict, state: VehicleState, *, engage: bool) -> Mode | None:
-        """Return the mode to ask for now, None for leave it."""
+        """Return the mode to request now; None for no request."""
         mode = self._keeper.wanted(state.t_s, state.mode, verdict.state, engage=engage)
         return self._hand_over.wanted if verdict.state is State.HAND_OVER else mode
 
     def restore_mode(self) -> Mode | None:
-        """Return the mode to ask for with each of the shutdown frames; None for leave it."""
+        """Return the mode to request with each shutdown frame; None for no request."""
         return self._keeper.restore_mode()
 
     def steers(self, verdict: Verdict, state: VehicleState) -> bool:
-        """Tell whether a steering frame goes out: with authority, and neutral for a while after.
+        """Tell whether a steering frame is sent: with authority, and for NEUTRAL_FRAMES_S after it.
 
-        While handing over neutral goes on, and slowly once ALT_HOLD has the vehicle.
+        During a hand-over neutral frames continue; they are slower when ALT_HOLD is confirmed.
         """
         now_s = state.t_s
         if verdict.state is State.HAND_OVER and verdict.authority == 0.0:
@@ -89,10 +89,10 @@ class FlightMode:
         return now_s <= self._neutral_until_s
 
     def _finds_it_steered(self, state: VehicleState) -> bool:
-        """Tell, at the first heartbeat, whether somebody's commands are in force: perhaps of one who died.
+        """Tell, at the first heartbeat, whether commands are in force, perhaps of a companion that failed.
 
-        Where nobody steers nothing may be sent: it would count as a pilot, and our silence then as his loss,
-        for which the autopilot disarms whoever has armed meanwhile.
+        If nobody steers, nothing may be sent: frames would count as a pilot, the silence after them as a lost
+        pilot, and the autopilot would disarm a vehicle that somebody else has armed meanwhile.
         """
         before, self._heard = self._heard, self._heard or math.isfinite(state.ages.heartbeat_s)
         return self._heard and not before and state.armed and state.system_status != FAILSAFE

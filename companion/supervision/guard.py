@@ -1,4 +1,4 @@
-"""The last word on every axis that leaves this machine: finite, bounded, slew-limited, only if permitted."""
+"""The last check of every axis before it is sent: finite, bounded, slew-limited, only if permitted."""
 
 import math
 from dataclasses import dataclass
@@ -9,9 +9,9 @@ from companion.supervision.supervisor import CARRY_AUTHORITY
 
 @dataclass(frozen=True, slots=True)
 class Envelope:
-    """What may leave this machine: |axis| at most `max_axis`, moving at most `max_slew_per_s`.
+    """Limits of what is sent: |axis| at most `max_axis`, its rate at most `max_slew_per_s`.
 
-    Roll and pitch at most `max_tilt_axis`: half of full stick tumbles the vehicle.
+    Roll and pitch at most `max_tilt_axis`: half of full stick capsizes the vehicle.
     """
 
     max_axis: float
@@ -24,8 +24,8 @@ def guard(
 ) -> AxisCommand:
     """Return what may be sent: finite, bounded, slew-limited; neutral unless permitted.
 
-    Losing permission is not slew-limited: neutral at once. Authority scales newtons, so it is applied where
-    those are (`Engine.step`): on an axis, which a thruster curve bends, a ramp would not be even.
+    The loss of permission is not slew-limited: neutral at once. Authority scales forces, before the thruster
+    curve (`control.actuation`): a ramp of an axis would not be a ramp of the force.
     """
     wanted = (command.surge, command.sway, command.heave, command.yaw, command.roll, command.pitch)
     permitted = verdict.state in CARRY_AUTHORITY and 0.0 < verdict.authority <= 1.0

@@ -1,4 +1,4 @@
-"""What takes a while to be seen: how long something has lasted, and what was said some time ago."""
+"""Observations over time: how long something has lasted, and what was reported recently."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -26,7 +26,7 @@ FAILSAFE = 5
 """MAV_STATE_CRITICAL: what ArduSub reports while any failsafe is latched."""
 
 FAILSAFE_SETTLE_S = 1.5
-"""A silent companion latches the pilot failsafe; the first heartbeat of its steering may still tell of it."""
+"""A silent companion latches the pilot failsafe; the first heartbeat of its steering may still report it."""
 
 LEAK_REPEAT_S = 25.0
 ANNOUNCED_S = 2.0
@@ -34,7 +34,7 @@ INNOVATION_MEMORY_S = 0.5
 
 
 class Monitor:
-    """Takes in every tick and tells what has lasted or was said."""
+    """Observes every tick, and returns durations and recent reports as `Watched`."""
 
     def __init__(self) -> None:
         self._ekf: EkfStatus | None = None
@@ -55,7 +55,7 @@ class Monitor:
         """When somebody else last sent a steering message, deflected or not."""
 
     def config_changed(self) -> None:
-        """Take note that our own configuration changed."""
+        """Note that our configuration changed."""
         self._config_changed = True
 
     def step(
@@ -71,7 +71,7 @@ class Monitor:
         steering: bool,
         parameters: Mapping[str, float],
     ) -> Watched:
-        """Take in one tick; `dofs` are the last tick's, `parameters` those before `events`.
+        """Observe one tick; `dofs` are the last tick's, `parameters` those before `events`.
 
         `held` are the degrees of freedom that are engaged, or while we do not steer those that would be.
         """

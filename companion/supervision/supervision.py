@@ -1,6 +1,6 @@
-"""Permission, a tick at a time: what is watched becomes conditions, conditions a verdict of the table.
+"""Permission for each tick: observations give conditions, conditions and the table give a `Verdict`.
 
-It alone knows states, flight modes and the wish to engage; what it decides reads `Verdict`.
+This package alone owns the state, the flight mode and the request to engage.
 """
 
 import math
@@ -71,8 +71,8 @@ class Supervision:
     ) -> Verdict:
         """Return who may steer this tick.
 
-        `engaged` are the degrees of freedom that are held, `holdable` those that would be; `dofs` and
-        `finite` are the last tick's; `late_s` is by how much this tick came late; `parameters` are the
+        `engaged` are the held degrees of freedom, `holdable` those that could be held; `dofs` and
+        `finite` are the last tick's; `late_s` is the delay of this tick; `parameters` are the
         autopilot's; `preflight_failure` names the rows of the pre-dive list that forbid engaging.
         """
         limits, ground = self._config.supervisor, self._config.ground_station
@@ -122,14 +122,14 @@ class Supervision:
         return self._flight_mode.steers(self.verdict, state)
 
     def wanted_mode(self, state: VehicleState) -> Mode | None:
-        """Return the flight mode to ask for, None for leave it."""
+        """Return the flight mode to request; None for no request."""
         return self._flight_mode.wanted(self.verdict, state, engage=self._engagement.asked)
 
     @property
     def asks_arming(self) -> bool:
-        """Whether to ask for arming."""
+        """Whether to request arming."""
         return self._engagement.asks_arming(self.verdict)
 
     def restore_mode(self) -> Mode | None:
-        """Return the flight mode to ask for with each of the shutdown frames; None for leave it."""
+        """Return the flight mode to request with each shutdown frame; None for no request."""
         return self._flight_mode.restore_mode()

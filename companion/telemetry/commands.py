@@ -1,4 +1,4 @@
-"""What may be asked of a vehicle while it dives: the payload of each command, checked the same everywhere.
+"""The commands of an operator during a dive: the payload of each, with the same checks everywhere.
 
 One table for the companion, which obeys, and for all that ask: the web page, `holdfast tell`, the documents.
 """
@@ -16,7 +16,7 @@ MAX_BYTES = 4096
 
 AxisName = Literal["surge", "sway", "heave", "yaw"]
 Optional = msgspec.UnsetType
-Confirmed = Annotated[bool, means("more than twofold is meant; zero, to or from, is more than twofold")]
+Confirmed = Annotated[bool, means("confirms a change of more than twofold, or from or to zero")]
 
 
 class Payload(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, omit_defaults=True):
@@ -24,19 +24,19 @@ class Payload(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
 
 
 class Engage(Payload, frozen=True):
-    """Take control and hold. Refused, and the request withdrawn, if not permitted within 5 s."""
+    """Take control and hold. The request is withdrawn if it is not permitted within 5 s."""
 
 
 class Release(Payload, frozen=True):
-    """Let go of the vehicle; a request to engage is withdrawn."""
+    """Release the vehicle, and withdraw a request to engage."""
 
 
 class ClearFault(Payload, frozen=True):
-    """Reset a latched fault; engages nothing."""
+    """Clear a latched fault; does not engage."""
 
 
 class SetSetpoint(Payload, frozen=True):
-    """Where to be; what is not named stays. Kept for when it engages if it is not engaged now."""
+    """Set a setpoint; fields that are not given stay. While not engaged, it is kept for engaging."""
 
     depth_m: Annotated[ranges.Depth, means("below the surface")] | Optional = msgspec.UNSET
     heading_deg: Annotated[ranges.HeadingDeg, means("clockwise from north")] | Optional = msgspec.UNSET
@@ -45,14 +45,14 @@ class SetSetpoint(Payload, frozen=True):
 
 
 class SetCompensator(Payload, frozen=True):
-    """Who compensates on one axis what the model does not know."""
+    """Choose the compensator of one axis, which estimates the disturbance."""
 
     axis: AxisName
-    compensator: Annotated[str, means("one of the names that the vehicle's `choices` lists")]
+    compensator: Annotated[str, means("a name listed in the vehicle's `choices`")]
 
 
 class SetGains(Payload, frozen=True):
-    """Gains of one axis, as in the configuration; more than twofold at once only with `confirm`."""
+    """Set gains of one axis, as in the configuration; a change of more than twofold needs `confirm`."""
 
     axis: AxisName
     lambda_per_s: Annotated[ranges.Lambda, means("decay of the error", "λ")] | Optional = msgspec.UNSET
@@ -63,7 +63,9 @@ class SetGains(Payload, frozen=True):
     hidden_learning_rate: (
         Annotated[ranges.HiddenLearningRate, means("of the network's hidden layer", "hidden rate")] | Optional
     ) = msgspec.UNSET
-    leak_per_s: Annotated[ranges.Leak, means("forgetting", "leak")] | Optional = msgspec.UNSET
+    leak_per_s: Annotated[ranges.Leak, means("decay of the learnt weights", "leak")] | Optional = (
+        msgspec.UNSET
+    )
     dead_zone: (
         Annotated[ranges.DeadZone, means("combined error within which nothing is learnt", "dead zone")]
         | Optional
@@ -76,7 +78,7 @@ class SetGains(Payload, frozen=True):
 
 
 class SetEstimator(Payload, frozen=True):
-    """Noises that the observer of one axis expects; more than twofold at once only with `confirm`."""
+    """Set noises of one axis' observer; a change of more than twofold needs `confirm`."""
 
     axis: AxisName
     position_noise: Annotated[ranges.Noise, means("of one sample, m or rad", "position noise")] | Optional = (

@@ -83,7 +83,7 @@ def _lines() -> Iterator[str]:
     raw = "every tick, only with `telemetry.raw`"
     yield f"| `holdfast/{{vehicle}}/raw` | {_link(Raw)} | {raw} | {_first(Raw)} |"
     alive = "`holdfast/{vehicle}/alive/{instance}`"
-    yield f"| {alive} | liveliness token | | there as long as the companion lives |"
+    yield f"| {alive} | liveliness token | | exists while the companion runs |"
     every: list[type[msgspec.Struct]] = [
         *telemetry.EVERY_TICK.values(),
         *telemetry.NOW_AND_THEN.values(),
@@ -96,13 +96,13 @@ def _lines() -> Iterator[str]:
         yield f"{_words(struct)}\n\nEncoding `{what}`.\n"
         yield from _table(struct)
     yield "\n## Answered\n"
-    yield "A query for `holdfast/{vehicle}/config` is answered with the configuration in force, a JSON object"
-    yield "with the sections of `config/companion.toml`; one for `holdfast/{vehicle}/choices` with Choices."
+    yield "A query for `holdfast/{vehicle}/config` returns the configuration in force, a JSON object with the"
+    yield "sections of `config/companion.toml`; a query for `holdfast/{vehicle}/choices` returns Choices."
     yield f"\n### Choices\n\n{_words(Choices)}\n"
     yield from _table(Choices)
     yield "\n## Commands\n"
-    yield "Queryables at `holdfast/{vehicle}/command/{name}`; the payload is a JSON object, `{}` where it"
-    yield "has no fields, the answer a Reply. `command/record` goes to `holdfast record`."
+    yield "Send a query to `holdfast/{vehicle}/command/{name}`. Its payload is a JSON object (`{}` for a"
+    yield "command without fields), its answer a Reply. `holdfast record` answers `command/record`."
     for name, command in (COMMANDS | RECORDER_COMMANDS).items():
         yield f"\n### {name}\n\n{_words(command)}\n"
         if command.__struct_fields__:

@@ -41,38 +41,38 @@ class Record(msgspec.Struct, frozen=True, kw_only=True):
     t_s: Annotated[float, means("the companion's monotonic clock")]
     boot_s: Annotated[float, means("the vehicle's clock since its boot")]
     absent: Annotated[
-        tuple[str, ...], means("fields not known now: stale, with their last value, or not finite and 0.0")
+        tuple[str, ...], means("unknown fields: stale ones keep their last value, others are 0.0")
     ] = ()
 
 
 class State(Record, frozen=True, kw_only=True):
-    """What the estimator believes, and where it should be, now. NED; heading clockwise from north."""
+    """The estimated state and the reference, at present. NED; heading clockwise from north."""
 
-    x_m: Annotated[float, means("north of where the position source started")]
-    y_m: Annotated[float, means("east of there")]
+    x_m: Annotated[float, means("north of the origin of the position source")]
+    y_m: Annotated[float, means("east of this origin")]
     depth_m: Annotated[float, means("below the surface")]
     heading_rad: Annotated[float, means("-pi..pi")]
-    x_desired_m: Annotated[float, means("where x should be")]
-    y_desired_m: Annotated[float, means("where y should be")]
-    depth_desired_m: Annotated[float, means("where the depth should be")]
-    heading_desired_rad: Annotated[float, means("where the heading should be")]
+    x_desired_m: Annotated[float, means("reference of x")]
+    y_desired_m: Annotated[float, means("reference of y")]
+    depth_desired_m: Annotated[float, means("reference of the depth")]
+    heading_desired_rad: Annotated[float, means("reference of the heading")]
     x_rate_mps: Annotated[float, means("velocity northward")]
     y_rate_mps: Annotated[float, means("velocity eastward")]
     depth_rate_mps: Annotated[float, means("velocity downward")]
-    heading_rate_radps: Annotated[float, means("turning clockwise")]
+    heading_rate_radps: Annotated[float, means("positive clockwise")]
     roll_rad: Annotated[float, means("right side down")]
     pitch_rad: Annotated[float, means("bow up")]
     roll_rate_radps: Annotated[float, means("body rate p")]
     pitch_rate_radps: Annotated[float, means("body rate q")]
-    armed: Annotated[bool, means("by the vehicle's heartbeat")]
+    armed: Annotated[bool, means("from the vehicle's heartbeat")]
     mode: Annotated[int, means("ArduSub's custom_mode: 19 is MANUAL")]
     system_status: Annotated[int, means("MAV_STATE")]
-    voltage_v: Annotated[float, means("battery")]
+    voltage_v: Annotated[float, means("battery voltage")]
     pilot_gain: Annotated[float, means("ArduSub's live stick gain, 0..1")]
 
 
 class Dof(Record, frozen=True, kw_only=True):
-    """The law's inside for one degree of freedom, `ahead_s` from now: when a command sent now acts.
+    """The law's signals of one degree of freedom, predicted `ahead_s` from now, when the command acts.
 
     tau = feedforward + feedback + d_hat, before saturation.
     """
@@ -80,95 +80,97 @@ class Dof(Record, frozen=True, kw_only=True):
     dof: Annotated[str, means("x, y, z or psi")]
     unit: Annotated[str, means("of x, x_d and e: m or rad; rates are per s and s²")]
     tau_unit: Annotated[str, means("of tau, its parts and the disturbances: N or N·m")]
-    ahead_s: Annotated[float, means("how far ahead all this is")]
-    x_d: Annotated[float, means("desired, in unit")]
+    ahead_s: Annotated[float, means("prediction horizon of this record")]
+    x_d: Annotated[float, means("reference, in unit")]
     x_d_dot: Annotated[float, means("its rate, unit/s")]
     x_d_ddot: Annotated[float, means("its acceleration, unit/s²")]
-    x: Annotated[float, means("believed, in unit")]
+    x: Annotated[float, means("estimate, in unit")]
     x_dot: Annotated[float, means("its rate, unit/s")]
     e: Annotated[float, means("error, measured minus desired, in unit")]
     e_dot: Annotated[float, means("its rate, unit/s")]
     eps: Annotated[float, means("combined error e_dot + lambda e, unit/s")]
-    tau: Annotated[float, means("what the law asks for, NED, in tau_unit")]
-    feedforward: Annotated[float, means("its part from the model and the path, in tau_unit")]
-    feedback: Annotated[float, means("its part from the error, in tau_unit")]
-    d_hat: Annotated[float, means("its part against the disturbance, as learnt, in tau_unit")]
-    d_observer: Annotated[float, means("the observer's disturbance, in tau_unit")]
-    weight_norm: Annotated[float, means("Euclidean norm of what was learnt; no unit")]
-    saturated: Annotated[bool, means("the thrusters could not give it all")]
-    adapting: Annotated[bool, means("it learnt in this tick")]
-    engaged: Annotated[bool, means("this degree of freedom is held")]
+    tau: Annotated[float, means("demand of the law, NED, in tau_unit")]
+    feedforward: Annotated[float, means("part of tau from model and reference, in tau_unit")]
+    feedback: Annotated[float, means("part of tau from the error, in tau_unit")]
+    d_hat: Annotated[float, means("part of tau that compensates the disturbance, in tau_unit")]
+    d_observer: Annotated[float, means("disturbance estimated by the observer, in tau_unit")]
+    weight_norm: Annotated[float, means("Euclidean norm of the learnt weights; no unit")]
+    saturated: Annotated[bool, means("the thrusters cannot deliver tau")]
+    adapting: Annotated[bool, means("the compensator learnt in this tick")]
+    engaged: Annotated[bool, means("Holdfast controls this degree of freedom")]
 
 
 class Command(Record, frozen=True, kw_only=True):
-    """Normalised demands (-1..1), the wrench asked for and the wrench delivered, of the body."""
+    """Normalised demands (-1..1), and requested and delivered wrench in the body frame."""
 
     surge: Annotated[float, means("demand forward, -1..1")]
     sway: Annotated[float, means("demand to the right, -1..1")]
     heave: Annotated[float, means("demand downward, -1..1")]
     yaw: Annotated[float, means("demand clockwise, -1..1")]
-    surge_requested_n: Annotated[float, means("force asked for, forward")]
-    sway_requested_n: Annotated[float, means("force asked for, to the right")]
-    heave_requested_n: Annotated[float, means("force asked for, downward")]
-    yaw_requested_nm: Annotated[float, means("torque asked for, clockwise")]
-    surge_delivered_n: Annotated[float, means("force that the demand gives, by the thruster model")]
-    sway_delivered_n: Annotated[float, means("the same, to the right")]
-    heave_delivered_n: Annotated[float, means("the same, downward")]
-    yaw_delivered_nm: Annotated[float, means("torque that the demand gives, clockwise")]
+    surge_requested_n: Annotated[float, means("requested force, forward")]
+    sway_requested_n: Annotated[float, means("requested force, to the right")]
+    heave_requested_n: Annotated[float, means("requested force, downward")]
+    yaw_requested_nm: Annotated[float, means("requested moment, clockwise")]
+    surge_delivered_n: Annotated[float, means("delivered force by the thruster model, forward")]
+    sway_delivered_n: Annotated[float, means("delivered force, to the right")]
+    heave_delivered_n: Annotated[float, means("delivered force, downward")]
+    yaw_delivered_nm: Annotated[float, means("delivered moment, clockwise")]
 
 
 class Supervisor(Record, frozen=True, kw_only=True):
-    """The permission, and why."""
+    """State, authority and reason of the supervisor."""
 
     state: Annotated[str, means(f"one of {', '.join(MEANINGS)}")]
-    conditions: Annotated[tuple[str, ...], means("what holds now, by name")]
-    authority: Annotated[float, means("share of the command that may leave, 0..1")]
-    reason: Annotated[str, means("in words")]
-    warnings: Annotated[tuple[str, ...], means("those of the conditions that change nothing")] = ()
-    freeze: Annotated[bool, means("nothing may be learnt for the time being")] = False
-    remedy: Annotated[str, means("the one thing to do that gets the operator on, in words")] = ""
+    conditions: Annotated[tuple[str, ...], means("names of the conditions that hold")]
+    authority: Annotated[float, means("permitted share of the thrust, 0..1")]
+    reason: Annotated[str, means("why this state was entered, or what engaging waits for")]
+    warnings: Annotated[tuple[str, ...], means("conditions that are only warnings")] = ()
+    freeze: Annotated[bool, means("learning is frozen")] = False
+    remedy: Annotated[str, means("the operator's next step")] = ""
 
 
 class Loop(Record, frozen=True, kw_only=True):
-    """How the process does. An age of 1e6 s: the signal never came. A delay not known is a start value."""
+    """Health of the process. An age of 1e6 s: no signal yet. An unknown delay is a start value."""
 
     tick: Annotated[int, means("number of this tick")]
     rate_hz: Annotated[float, means("ticks per second since the start")]
-    lateness_ms: Annotated[float, means("how late this tick woke")]
-    compute_us: Annotated[float, means("what the tick before cost")]
-    late_ticks: Annotated[int, means("ticks left out since the start")]
-    samples_dropped: Annotated[int, means("samples that telemetry could not take in time")]
-    link_age_s: Annotated[float, means("since anything came from the vehicle")]
-    heartbeat_age_s: Annotated[float, means("since its heartbeat")]
-    depth_age_s: Annotated[float, means("since a depth")]
-    attitude_age_s: Annotated[float, means("since an attitude")]
-    position_age_s: Annotated[float, means("since a horizontal position")]
+    lateness_ms: Annotated[float, means("delay of this tick's start")]
+    compute_us: Annotated[float, means("duration of the previous tick")]
+    late_ticks: Annotated[int, means("ticks skipped since the start")]
+    samples_dropped: Annotated[int, means("samples that were dropped before Zenoh")]
+    link_age_s: Annotated[float, means("since the last message of the vehicle")]
+    heartbeat_age_s: Annotated[float, means("since the vehicle's last heartbeat")]
+    depth_age_s: Annotated[float, means("since the last depth")]
+    attitude_age_s: Annotated[float, means("since the last attitude")]
+    position_age_s: Annotated[float, means("since the last horizontal position")]
     telemetry_delay_s: Annotated[float, means("from the vehicle's stamp to arrival")]
-    telemetry_delay_known: Annotated[bool, means("it was measured")]
+    telemetry_delay_known: Annotated[bool, means("the delay was measured")]
     command_delay_s: Annotated[float, means("from sending to the motors")]
-    command_delay_known: Annotated[bool, means("it was measured")]
-    hidden_delay_s: Annotated[float, means("delay that no stamp shows, found in the innovations")]
+    command_delay_known: Annotated[bool, means("the delay was measured")]
+    hidden_delay_s: Annotated[float, means("delay visible in no time stamp, estimated from innovations")]
     datagrams: Annotated[int, means("received")]
-    messages: Annotated[int, means("MAVLink messages understood")]
-    garbage: Annotated[int, means("bytes that were no MAVLink")]
-    foreign: Annotated[int, means("messages of other systems, and datagrams of others than a link's peer")]
-    implausible: Annotated[int, means("messages with numbers that cannot be")]
-    pilot_age_s: Annotated[float, means("since the ground station's heartbeat")] = NEVER_S
-    left_out_bytes: Annotated[int, means("bytes of a flood that nobody looked at")] = 0
-    refused: Annotated[int, means("frames whose MAVLink signature was bad, missing or replayed")] = 0
+    messages: Annotated[int, means("decoded MAVLink messages")]
+    garbage: Annotated[int, means("bytes that are not MAVLink")]
+    foreign: Annotated[
+        int, means("messages of other systems, and datagrams of senders that are not the peer")
+    ]
+    implausible: Annotated[int, means("messages with impossible numbers")]
+    pilot_age_s: Annotated[float, means("since the ground station's last heartbeat")] = NEVER_S
+    left_out_bytes: Annotated[int, means("bytes dropped in a flood")] = 0
+    refused: Annotated[int, means("frames with a wrong, missing or replayed MAVLink signature")] = 0
 
 
 class Recorder(Record, frozen=True, kw_only=True):
-    """What the recorder is doing."""
+    """State of the recorder."""
 
-    recording: Annotated[bool, means("it writes a file")]
+    recording: Annotated[bool, means("a file is being written")]
     file: Annotated[str, means("its path on the recorder's machine")]
-    size_bytes: Annotated[int, means("of the file so far")]
-    messages: Annotated[int, means("written to it")]
-    dropped: Annotated[int, means("messages that came faster than the disk took them")]
-    free_bytes: Annotated[int, means("left on the disk")]
-    said: Annotated[str, means("how it goes, in words")]
-    lost: Annotated[int, means("samples that never came, by the numbers of the ticks")] = 0
+    size_bytes: Annotated[int, means("present size of the file")]
+    messages: Annotated[int, means("messages written to the file")]
+    dropped: Annotated[int, means("messages dropped because the disk was too slow")]
+    free_bytes: Annotated[int, means("free space on the disk")]
+    said: Annotated[str, means("status text")]
+    lost: Annotated[int, means("missing samples, found by the tick numbers")] = 0
 
 
 class Start(msgspec.Struct, frozen=True, kw_only=True):
@@ -183,7 +185,7 @@ class Start(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Raw(msgspec.Struct, frozen=True, kw_only=True):
-    """All that one tick took and gave, so that `holdfast rerun` can repeat it; MessagePack, no JSON."""
+    """All inputs and outputs of one tick, for `holdfast rerun`; MessagePack instead of JSON."""
 
     tick: Annotated[int, means("number of this tick")]
     now_s: Annotated[float, means("the companion's monotonic clock")]
@@ -194,7 +196,7 @@ class Raw(msgspec.Struct, frozen=True, kw_only=True):
         Sequence[tuple[int, bytes]], means("arrival in monotonic ns and frame, of the ground station")
     ] = ()
     out: Annotated[Sequence[bytes], means("datagrams sent")]
-    requests: Annotated[Sequence[str], means("what the operator asked for, by name")] = ()
+    requests: Annotated[Sequence[str], means("names of the operator's requests")] = ()
     setpoint: Annotated[
         Sequence[float] | None, means("given before this tick: x, y, depth (m), heading (rad); NaN stays")
     ] = None

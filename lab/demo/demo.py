@@ -1,4 +1,4 @@
-"""`holdfast demo`: one dive told twice, by a simulated vehicle and a controller in processes of their own.
+"""`holdfast demo`: the same dive twice, by a simulated vehicle and a controller in processes of their own.
 
 The two talk MAVLink over UDP. What is shown, drawn and counted is what a stranger hears over Zenoh: the
 controller's state and the simulator's truth.

@@ -242,8 +242,8 @@ class Diving:
         self, kind: str, value: float = 0.0, message: str = "", seconds: float = 1e9, **more: str
     ) -> None:
         """Let the simulator break something from now on."""
-        told = {"kind": kind, "at_s": self.t_s, "duration_s": seconds, "value": value, "message": message}
-        self.vehicle.inject(Fault(**told, **more))  # type: ignore[arg-type]
+        fault = {"kind": kind, "at_s": self.t_s, "duration_s": seconds, "value": value, "message": message}
+        self.vehicle.inject(Fault(**fault, **more))  # type: ignore[arg-type]
 
     def until(self, state: State, within_s: float = 8.0) -> None:
         """Run until the supervisor is in `state`."""
@@ -573,6 +573,6 @@ def _in_time(dive: Diving, one: Case, begun: Sequence[tuple[float, Broken]]) -> 
         promise(took_s <= allowed_s, f"{fault.kind}: still pushing {took_s:.2f} s later, not {allowed_s:.2f}")
 
 
-def told(one: Case) -> str:
+def described(one: Case) -> str:
     """Return the case in words."""
     return json.dumps(asdict(one))

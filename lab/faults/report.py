@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from lab.faults.faults import AFTER_S, FAULTS, VARIANTS, Row, case, dive_group, groups, told
+from lab.faults.faults import AFTER_S, FAULTS, VARIANTS, Row, case, described, dive_group, groups
 from lab.options import add_firmware, find_firmware
 
 
@@ -43,7 +43,7 @@ def main(argv: list[str]) -> int:
     bad = [row for row in rows if row.broken]
     for row in bad:
         one = case(row.number, firmware=firmware is not None)
-        console.print(f"[red]{row.broken}[/red]: {VARIANTS[one.variant][0]}, {told(one)}")
+        console.print(f"[red]{row.broken}[/red]: {VARIANTS[one.variant][0]}, {described(one)}")
     console.print(
         f"{len(rows)} dives of {AFTER_S:g} s after the state was reached; {len(bad)} broke a promise."
     )

@@ -124,7 +124,7 @@ def _model(log: Log, figures: DiveFigures, dof: str) -> Iterator[str]:
     nominal = log.config(f"{axis}.mass", math.nan)
     unit = "kg m²" if dof == "psi" else "kg"
     found = model.mass
-    if found.told and abs(found.value - nominal) > max(2.0 * found.sigma, MODEL_OFF * nominal):
+    if found.identified and abs(found.value - nominal) > max(2.0 * found.sigma, MODEL_OFF * nominal):
         yield (
             f"{axis.capitalize()}: this dive shows {found.value:.3g} ± {found.sigma:.2g} {unit} of mass with "
             f"added mass; {axis}.mass is {nominal:g}."
@@ -132,7 +132,7 @@ def _model(log: Log, figures: DiveFigures, dof: str) -> Iterator[str]:
     linear, quadratic = (log.config(f"{axis}.{kind}_damping", math.nan) for kind in ("linear", "quadratic"))
     believed = linear * model.speed + quadratic * model.speed**2
     drag = model.damping_at
-    if drag.told and abs(drag.value - believed) > max(2.0 * drag.sigma, MODEL_OFF * believed):
+    if drag.identified and abs(drag.value - believed) > max(2.0 * drag.sigma, MODEL_OFF * believed):
         yield (
             f"{axis.capitalize()}: at its typical speed damping took {drag.value:.2g} ± {drag.sigma:.2g} "
             f"{'N·m' if dof == 'psi' else 'N'}, and the model says {believed:.2g}: scale "

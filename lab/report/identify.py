@@ -29,7 +29,7 @@ class Identified:
     sigma: float
 
     @property
-    def told(self) -> bool:
+    def identified(self) -> bool:
         """Whether the doubt is small beside the value, and the value possible."""
         return self.value > 0.0 and self.sigma < TRUSTED * self.value
 

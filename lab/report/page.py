@@ -187,7 +187,7 @@ def _models(log: Log, figures: DiveFigures) -> str:
                 f"{axis} mass with added mass",
                 f"{model.mass.value:.3g} ± {model.mass.sigma:.2g} {mass_unit}",
                 _with(log.config(f"{axis}.mass", math.nan), mass_unit),
-                "" if model.mass.told else "too little motion to tell",
+                "" if model.mass.identified else "too little motion to tell",
             )
         )
         believed = log.config(f"{axis}.linear_damping", math.nan) * model.speed
@@ -197,7 +197,7 @@ def _models(log: Log, figures: DiveFigures) -> str:
                 f"{axis} damping at {model.speed:.2g} {'rad/s' if dof == 'psi' else 'm/s'}",
                 f"{model.damping_at.value:.2g} ± {model.damping_at.sigma:.2g} {force_unit}",
                 _with(believed, force_unit),
-                "" if model.damping_at.told else "too little motion to tell",
+                "" if model.damping_at.identified else "too little motion to tell",
             )
         )
     if not rows:

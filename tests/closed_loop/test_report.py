@@ -121,10 +121,10 @@ def test_in_calm_water_the_mass_is_that_of_the_vehicle_and_in_waves_it_says_that
     model, drowned = figures(calm).models["z"], figures(log).models["z"]
     assert model is not None
     assert drowned is not None
-    assert model.mass.told
+    assert model.mass.identified
     assert model.mass.value == pytest.approx(32.2, rel=0.15)
     assert model.mass.sigma < 2.0
-    assert not drowned.mass.told
+    assert not drowned.mass.identified
 
 
 def test_mass_comes_back_from_numbers_that_are_known() -> None:
@@ -152,7 +152,7 @@ def test_a_vehicle_that_rests_tells_no_mass() -> None:
     t_s = 0.02 * np.arange(3000)
     noise = rng.normal(0.0, 0.002, t_s.size)
     model = identify(t_s, noise, 0.0 * noise, rng.normal(8.0, 0.5, t_s.size), 0.01, 0.15)
-    assert model is None or not model.mass.told
+    assert model is None or not model.mass.identified
     assert identify(t_s[:100], t_s[:100], t_s[:100], t_s[:100], 0.0, 0.1) is None
 
 
