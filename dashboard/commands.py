@@ -1,4 +1,4 @@
-"""What the dashboard adds to the front door."""
+"""The dashboard's subcommands."""
 
 import sys
 from importlib.util import find_spec
@@ -12,7 +12,7 @@ def watch(argv: list[str]) -> int:
 
 
 def dashboard(argv: list[str]) -> int:
-    """Show it all in a browser: plots, horizon, events, tuning."""
+    """Serve a web page with plots, horizon, events and tuning."""
     if find_spec("aiohttp") is None:
         sys.stderr.write(
             "holdfast dashboard: needs aiohttp. Install the extra: pip install 'holdfast[dashboard]'\n"
@@ -31,14 +31,14 @@ def dashboard(argv: list[str]) -> int:
 
 
 def tell(argv: list[str]) -> int:
-    """Give a vehicle a command over Zenoh, and say what came of it."""
+    """Send a command to a vehicle over Zenoh, and print the answer."""
     from dashboard.terminal.tell import main
 
     return main(argv)
 
 
 def record(argv: list[str]) -> int:
-    """Record all that a vehicle publishes, as MCAP."""
+    """Record everything that a vehicle publishes, as MCAP."""
     if not _has_mcap("record"):
         return 1
     from dashboard.recording.record import main
@@ -47,7 +47,7 @@ def record(argv: list[str]) -> int:
 
 
 def recover(argv: list[str]) -> int:
-    """Repair a recording that was cut."""
+    """Repair a truncated recording."""
     if not _has_mcap("recover"):
         return 1
     from dashboard.recording.recover import main
@@ -56,7 +56,7 @@ def recover(argv: list[str]) -> int:
 
 
 def replay(argv: list[str]) -> int:
-    """Play a recording over Zenoh again, for a dashboard."""
+    """Publish a recording over Zenoh again, for a dashboard."""
     if not _has_mcap("replay"):
         return 1
     from dashboard.recording.replay import main

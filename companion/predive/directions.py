@@ -62,7 +62,7 @@ def shares(
     factors = np.array(FACTORS[frame])
     levers = np.array(PER_NEWTON)[:, None] * factors.T
     inertias = {"p": INERTIA_TILT[0], "q": INERTIA_TILT[1], **inertia}
-    measured = np.full(len(factors), np.nan)
+    per_motor = np.full(len(factors), np.nan)
     for group in (slice(0, HORIZONTAL), slice(HORIZONTAL, len(factors))):
         A, g = [], []
         for axis, measured in ANSWERS.items():
@@ -80,8 +80,8 @@ def shares(
         if A:
             missing = np.array(g) - np.array(A).sum(-1)
             found = 1.0 + np.linalg.lstsq(np.array(A), missing, rcond=1e-6)[0]
-            measured[group] = np.clip(found, -MAX_SHARE, MAX_SHARE)
-    return tuple(measured.tolist())
+            per_motor[group] = np.clip(found, -MAX_SHARE, MAX_SHARE)
+    return tuple(per_motor.tolist())
 
 
 _AXES = ("surge", "sway", "heave", "yaw")

@@ -39,14 +39,14 @@ _log = logging.getLogger(__name__)
 
 EXAMPLES = """\
 examples:
-  holdfast record                               everything the first vehicle heard publishes, into ./dives
-  holdfast record --vehicle kelp --out /data    a file anew every hour or 1000 MB, and 500 MB stay free
-  holdfast run --set telemetry.raw=true &       with every datagram, so that `holdfast rerun` can repeat
-  holdfast record --tlog                        the dive, and a .tlog beside for any ground station
+  holdfast record                               everything that the first vehicle publishes, to ./dives
+  holdfast record --vehicle kelp --out /data    a new file every hour or 1000 MB; 500 MB stay free
+  holdfast run --set telemetry.raw=true &       with every datagram, for `holdfast rerun`, and a .tlog
+  holdfast record --tlog                        for any ground station
 
 The files are MCAP: Foxglove and Lichtblick open and plot them as they are. Then:
-  holdfast report FILE    what was held and how well      holdfast replay FILE   show it on a dashboard
-  holdfast rerun FILE     what today's code would do      holdfast recover FILE  repair a cut file
+  holdfast report FILE    write a report                  holdfast replay FILE   show it on a dashboard
+  holdfast rerun FILE     compare the present code        holdfast recover FILE  repair a truncated file
 Ctrl-C finishes the file. After a power cut at most the last second is missing.
 """
 

@@ -43,7 +43,7 @@ def settings(argv: list[str]) -> DashboardOptions:
     """Read the command line; raise ValueError, in words, for what cannot be."""
     parser = argparse.ArgumentParser(
         prog="holdfast dashboard",
-        description="Serves a web page with all that a pilot and a control engineer want to see while "
+        description="Serves a web page for pilots and control engineers: the live state of "
         "diving, live over Zenoh, of every vehicle that is heard.",
         epilog=EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -52,35 +52,35 @@ def settings(argv: list[str]) -> DashboardOptions:
         "--listen",
         metavar="HOST:PORT",
         default="127.0.0.1:8600",
-        help="where the page is served (default %(default)s: this machine only)",
+        help="address of the page (default %(default)s: this machine only)",
     )
     parser.add_argument(
         "--name",
         metavar="NAME",
         action="append",
         default=[],
-        help="a host name under which browsers may call it, beside numbers and localhost; may be repeated",
+        help="a host name that browsers may use, besides numbers and localhost; may be repeated",
     )
     parser.add_argument(
         "--connect",
         metavar="ENDPOINT",
         default=telemetry.ENDPOINT,
-        help="where Zenoh listens: the companion or a router, or a configuration file (default %(default)s)",
+        help="Zenoh endpoint of a companion or router, or a configuration file (default %(default)s)",
     )
     parser.add_argument(
-        "--allow-control", action="store_true", help="let who has the token command; else it only looks"
+        "--allow-control", action="store_true", help="accept commands from users with the token"
     )
     parser.add_argument(
         "--token-file",
         metavar="FILE",
         type=Path,
-        help=f"take the token from there, {SHORTEST_TOKEN} characters or more; else it is new each time",
+        help=f"file with the token, {SHORTEST_TOKEN} characters or more; default: a new token",
     )
     parser.add_argument(
         "--record",
         metavar="DIR",
         type=Path,
-        help="also record the first vehicle heard, there, as `holdfast record` does",
+        help="also record the first vehicle to DIR, as `holdfast record` does",
     )
     options = parser.parse_args(argv)
     host, _, port = options.listen.rpartition(":")
