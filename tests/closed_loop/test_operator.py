@@ -196,7 +196,7 @@ def test_with_permission_it_is_done(allow, local):
         ("estimator", {"axis": "heave", "confirm": True}, "at least one"),
         ("gains", {"axis": "heave", "learning_rate": -1.0}, "learning_rate = -1: must be 0 to 1000"),
         ("gains", {"axis": "heave", "mass": 20.0}, "mass: unknown key"),
-        ("compensator", {"axis": "heave", "compensator": "magic"}, "network+observer"),
+        ("compensator", {"axis": "heave", "compensator": "magic"}, "joined by +"),
         ("engage", {"now": True}, "now: unknown key"),
     ],
 )
