@@ -52,7 +52,7 @@ class Engine:
         self._controller = assembly.controller(config, assembly.model(config))
         self._actuation = assembly.actuation(config)
         self._envelope = assembly.envelope(config)
-        self._command = NEUTRAL
+        self._sent = NEUTRAL
         self._dofs: DofSample | None = None
         self._finite = True
         self._last_s: float | None = None
@@ -116,14 +116,14 @@ class Engine:
         wanted = actuation.step(
             requested, verdict, state, guidance.engaged, reach, self._controller.reference, control_dt_s
         )
-        command = guard(wanted, verdict, self._command, self._envelope, self._tick_s)
 
         self.steering = self._supervision.steers(state)
         pilot = demand.sticks if self.steering else None
-        sent = autopilot.blended(command, guidance.engaged, pilot, state.pilot_gain)
+        sticks, held = autopilot.sticks_beside(guidance.engaged, pilot, state.pilot_gain)
+        sent = guard(wanted, verdict, self._sent, self._envelope, self._tick_s, sticks, held)
         applied = autopilot.applied(sent, state.pilot_gain)
         self._estimator.sent(now_s, applied[:4], to_inertial(J, actuation.sent(applied, state)))
-        self._command, self._dofs = command, dofs
+        self._sent, self._dofs = sent, dofs
 
         mode, arm = self._supervision.wanted_mode(state), self._supervision.asks_arming
         out = autopilot.upkeep(now_s, events, mode=mode, arm=arm)
@@ -133,7 +133,7 @@ class Engine:
             state=state,
             eta_d=guidance.reference_now(dofs.x_d, state),
             dofs=dofs,
-            command=command,
+            command=sent,
             requested=Wrench(requested),
             delivered=Wrench(actuation.delivered),
             verdict=verdict,

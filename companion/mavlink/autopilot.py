@@ -20,6 +20,7 @@ from companion.records import (
     AxisCommand,
     Event,
     Firmware,
+    Flags,
     LinkCounters,
     PilotSticks,
     Sender,
@@ -104,19 +105,17 @@ class Autopilot:
         """Return the frame that asks for `mode` once, whatever the heartbeat says."""
         return self._codec.encode(self._commands.set_mode(mode))
 
-    def blended(
-        self, command: AxisCommand, held: Sequence[bool], pilot: PilotSticks | None, pilot_gain: float
-    ) -> AxisCommand:
-        """Return `command` on the axes that are `held` (4,), what the pilot's sticks demand on the others.
+    def sticks_beside(
+        self, engaged: Flags, pilot: PilotSticks | None, pilot_gain: float
+    ) -> tuple[AxisCommand, tuple[bool, ...]]:
+        """Return what the pilot's sticks demand, and which of the six axes are held beside them.
 
-        Roll and pitch are held where they are levelled, as long as anything is.
+        All are held without sticks. Roll and pitch are where they are levelled, as long as anything is.
         """
         if pilot is None:
-            return command
-        theirs = stick_demand(pilot.sticks, pilot_gain, self._throttle_gain)
-        tilts = self._tilts and any(held)
-        ours = zip((*held, tilts, tilts), command, theirs, strict=True)
-        return AxisCommand(*(axis if is_ours else stick for is_ours, axis, stick in ours))
+            return NEUTRAL, (True,) * len(NEUTRAL)
+        tilts = self._tilts and any(engaged)
+        return stick_demand(pilot.sticks, pilot_gain, self._throttle_gain), (*engaged, tilts, tilts)
 
     def steer(self, command: AxisCommand, pilot_gain: float, pilot: PilotSticks | None = None) -> bytes:
         """Return the frame that puts `command` on the vehicle's axes, with the pilot's buttons."""

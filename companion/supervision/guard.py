@@ -1,8 +1,10 @@
 """The last check of every axis before it is sent: finite, bounded, slew-limited, only if permitted."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
+from companion.control.bounds import limited
 from companion.records import NEUTRAL, AxisCommand, Verdict
 from companion.supervision.supervisor import CARRY_AUTHORITY
 
@@ -19,22 +21,42 @@ class Envelope:
     max_tilt_axis: float = 0.0
 
 
+OURS = (True,) * 6
+
+
 def guard(
-    command: AxisCommand, verdict: Verdict, previous: AxisCommand, envelope: Envelope, dt_s: float
+    wanted: AxisCommand,
+    verdict: Verdict,
+    previous: AxisCommand,
+    envelope: Envelope,
+    dt_s: float,
+    sticks: AxisCommand = NEUTRAL,
+    held: Sequence[bool] = OURS,
 ) -> AxisCommand:
-    """Return what may be sent: finite, bounded, slew-limited; neutral unless permitted.
+    """Return what is sent on every axis; `previous` is what was sent last.
+
+    Axes that are `held` carry what is `wanted`: finite, bounded, slew-limited; neutral unless permitted. The
+    others carry the pilot's `sticks` as they are: finite and within full stick.
 
     The loss of permission is not slew-limited: neutral at once. Authority scales forces, before the thruster
     curve (`control.actuation`): a ramp of an axis would not be a ramp of the force.
     """
-    wanted = (command.surge, command.sway, command.heave, command.yaw, command.roll, command.pitch)
     permitted = verdict.state in CARRY_AUTHORITY and 0.0 < verdict.authority <= 1.0
-    if not (permitted and all(map(math.isfinite, wanted))):
-        return NEUTRAL
+    permitted = permitted and all(map(math.isfinite, wanted))
     step = envelope.max_slew_per_s * dt_s
-    last = (previous.surge, previous.sway, previous.heave, previous.yaw, previous.roll, previous.pitch)
-    if not all(map(math.isfinite, last)):
-        last = (0.0,) * 6
-    most = (envelope.max_axis,) * 4 + (envelope.max_tilt_axis,) * 2
-    bounded = (max(-m, min(m, axis)) for m, axis in zip(most, wanted, strict=True))
-    return AxisCommand(*(max(p - step, min(p + step, axis)) for p, axis in zip(last, bounded, strict=True)))
+    most = (*(envelope.max_axis,) * 4, *(envelope.max_tilt_axis,) * 2)
+    return AxisCommand(
+        *(
+            (_slewed(limited(axis, m), last, step) if permitted else 0.0) if is_held else _stick(stick)
+            for is_held, axis, last, m, stick in zip(held, wanted, previous, most, sticks, strict=True)
+        )
+    )
+
+
+def _slewed(axis: float, last: float, step: float) -> float:
+    last = last if math.isfinite(last) else 0.0
+    return max(last - step, min(last + step, axis))
+
+
+def _stick(deflection: float) -> float:
+    return limited(deflection, 1.0) if math.isfinite(deflection) else 0.0

@@ -10,7 +10,8 @@ from companion.config import load_config
 from companion.mavlink.ardusub import quantise
 from companion.mavlink.autopilot import Autopilot
 from companion.mavlink.decode import pilot_sticks
-from companion.records import AxisCommand
+from companion.records import AxisCommand, Condition, State, Verdict
+from companion.supervision.guard import Envelope, guard
 from sim_bridge.firmware.params import Parameters
 from sim_bridge.firmware.pilot import Pilot
 
@@ -19,6 +20,8 @@ CHANNELS = (FORWARD, LATERAL, THROTTLE, YAW)
 CONFIG = load_config(overrides=["vehicle.thrust_path=manual_control"])
 
 NO_BUTTONS = Parameters({f"BTN{button}_FUNCTION": 0 for button in range(16)})
+
+OPEN = Envelope(1.0, 1e9, 1.0)
 
 demand = st.floats(-1.0, 1.0)
 stick = st.integers(-1000, 1000)
@@ -35,6 +38,12 @@ def vehicle_makes(message, gain):
     vehicle.manual_control(*(getattr(message, name) for name in ("x", "y", "z", "r", "buttons", "s", "t")))
     vehicle.input_loop()
     return vehicle.channels, vehicle._held_buttons
+
+
+def blended(autopilot, command, held, pilot, gain):
+    """What leaves where the guard has nothing to say."""
+    permitted = Verdict(State.ACTIVE, Condition(0), 1.0, "")
+    return guard(command, permitted, command, OPEN, 1.0, *autopilot.sticks_beside(held, pilot, gain))
 
 
 def decoded(frame):
@@ -54,8 +63,8 @@ def test_held_axes_do_what_the_law_wants_and_the_rest_what_the_pilot_wants(comma
     command = AxisCommand(*(axis * most for axis, most in zip(command, reach, strict=True)))
     theirs = manual_control(*sticks, s=33, t=-44)
     pilot = pilot_sticks(theirs, 0.0)
-    blended = autopilot.blended(command, held, pilot, gain)
-    got, buttons = vehicle_makes(decoded(autopilot.steer(blended, gain, pilot)), gain)
+    sent = blended(autopilot, command, tuple(held), pilot, gain)
+    got, buttons = vehicle_makes(decoded(autopilot.steer(sent, gain, pilot)), gain)
     alone, _ = vehicle_makes(theirs, gain)
     wanted = (command.surge, command.sway, -command.heave, command.yaw)
     for i, channel in enumerate(CHANNELS):
@@ -66,7 +75,7 @@ def test_held_axes_do_what_the_law_wants_and_the_rest_what_the_pilot_wants(comma
     levelled = (1500, 1500)  # in MANUAL, as long as anything is held
     assert (got[0], got[1]) == (levelled if any(held) else (1533, 1456))
     assert buttons == sticks[4]
-    applied = quantise(blended, "manual_control", gain)
+    applied = quantise(sent, "manual_control", gain)
     told = (applied.surge, applied.sway, -applied.heave, applied.yaw)
     np.testing.assert_allclose([got[c] for c in CHANNELS], [1500 + 400 * axis for axis in told], atol=1.001)
 
@@ -79,11 +88,11 @@ def test_signs_of_every_axis(axis, channel, more):
     """Forward, right, down and clockwise; ArduSub's throttle is up."""
     autopilot = Autopilot(CONFIG)
     rest = pilot_sticks(manual_control(0, 0, 500, 0), 0.0)
-    blended = autopilot.blended(AxisCommand(**{axis: 0.2}), (True,) * 4, rest, 0.5)
-    got, _ = vehicle_makes(decoded(autopilot.steer(blended, 0.5, rest)), 0.5)
+    sent = blended(autopilot, AxisCommand(**{axis: 0.2}), (True,) * 4, rest, 0.5)
+    got, _ = vehicle_makes(decoded(autopilot.steer(sent, 0.5, rest)), 0.5)
     assert (got[channel] > 1500) is more
     assert abs(got[channel] - 1500) == pytest.approx(80, abs=1)
-    theirs = pilot_sticks(decoded(autopilot.steer(blended, 0.5)), 0.0)
+    theirs = pilot_sticks(decoded(autopilot.steer(sent, 0.5)), 0.0)
     assert getattr(theirs.sticks, axis) == pytest.approx(0.4, abs=0.002)
 
 

@@ -64,6 +64,38 @@ def test_guard_is_finite_bounded_slow_and_neutral_unless_permitted(command, verd
         assert abs(now - before) <= envelope.max_slew_per_s * dt_s + 1e-12
 
 
+@given(
+    any_command,
+    any_verdict,
+    any_command,
+    envelopes,
+    any_command,
+    st.lists(st.booleans(), min_size=6, max_size=6),
+)
+def test_the_guard_has_the_last_word_on_the_pilots_axes_too(
+    wanted, verdict, previous, envelope, sticks, held
+):
+    sent = guard(wanted, verdict, previous, envelope, 0.02, sticks, held)
+    alone = guard(wanted, verdict, previous, envelope, 0.02)
+    for now, ours, stick, is_held in zip(sent, alone, sticks, held, strict=True):
+        if is_held:
+            assert now == ours
+        elif math.isfinite(stick):
+            assert now == max(-1.0, min(1.0, stick))
+        else:
+            assert now == 0.0
+
+
+def test_an_axis_that_the_pilot_gives_back_starts_from_his_stick():
+    permitted = Verdict(State.ACTIVE, C(0), 1.0, "")
+    sticks, at_rest = AxisCommand(heave=0.9), (True, True, False, True, True, True)
+    envelope = Envelope(0.8, 4.0, 0.4)
+    sent = guard(NEUTRAL, permitted, NEUTRAL, envelope, 0.02, sticks, at_rest)
+    assert sent.heave == 0.9
+    sent = guard(NEUTRAL, permitted, sent, envelope, 0.02, sticks)
+    assert sent.heave == 0.9 - 4.0 * 0.02
+
+
 class Permission(RuleBasedStateMachine):
     """A supervisor under any sequence of conditions."""
 
