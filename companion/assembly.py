@@ -1,4 +1,4 @@
-"""From the configuration to the control room's objects: where words of the file become symbols of the law."""
+"""Builds the parts of the controller from the configuration: keys of the file become symbols of the law."""
 
 import math
 from collections.abc import Mapping

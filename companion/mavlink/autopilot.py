@@ -147,18 +147,18 @@ class Autopilot:
 
     @property
     def firmware(self) -> Firmware | None:
-        """The autopilot's version, once it has told it."""
+        """The autopilot's version, once it has reported it."""
         return self._maintenance.firmware
 
     @property
     def about(self) -> str:
         """Who it is and what protects it, in a line; empty until that is known."""
-        told, firmware = self.parameters, self.firmware
-        if firmware is None or not told.keys() >= ABOUT:
+        reported, firmware = self.parameters, self.firmware
+        if firmware is None or not reported.keys() >= ABOUT:
             return ""
-        frame = FRAMES.get(told["FRAME_CONFIG"], f"frame {told['FRAME_CONFIG']:g}")
+        frame = FRAMES.get(reported["FRAME_CONFIG"], f"frame {reported['FRAME_CONFIG']:g}")
         return f"ArduSub {firmware.text}, {frame}, " + ", ".join(
-            f"{name} {told[name]:g}" for name in sorted(ABOUT - {"FRAME_CONFIG"})
+            f"{name} {reported[name]:g}" for name in sorted(ABOUT - {"FRAME_CONFIG"})
         )
 
     @property

@@ -69,7 +69,7 @@ class LinkMaintenance:
 
     @property
     def firmware(self) -> Firmware | None:
-        """The autopilot's version, once it has told it."""
+        """The autopilot's version, once it has reported it."""
         return self._firmware
 
     @property

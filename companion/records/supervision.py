@@ -66,7 +66,7 @@ class Condition(IntFlag):
 class Verdict:
     """The supervisor's word for this tick. `authority` 0..1 scales the wrench: 0 is neutral.
 
-    `warnings` are those of the conditions that are only told; with `freeze` nothing may be learnt.
+    `warnings` are the conditions that only warn; with `freeze` learning is frozen.
     `remedy` is the one thing to do that gets the operator on.
     """
 

@@ -137,7 +137,7 @@ for _notice in NOTICES:
 
 @cache
 def notices(conditions: Condition) -> tuple[Condition, bool]:
-    """Return the conditions that are only told, and whether any of them stops learning."""
+    """Return the conditions that only warn, and whether any of them freezes learning."""
     return conditions & WARNS, bool(conditions & FREEZES)
 
 

@@ -187,5 +187,5 @@ def fields(kind: type[Payload]) -> Iterator[Field]:
 
 def _form(kind: type[Payload]) -> str:
     """Return what a command takes, in words."""
-    told = [f"{one.name} ({', '.join(one.choices)})" if one.choices else one.name for one in fields(kind)]
-    return f"a JSON object with {', '.join(told) or 'nothing in it: {}'}"
+    taken = [f"{one.name} ({', '.join(one.choices)})" if one.choices else one.name for one in fields(kind)]
+    return f"a JSON object with {', '.join(taken) or 'nothing in it: {}'}"

@@ -146,21 +146,21 @@ def _parser() -> argparse.ArgumentParser:
 def _dive_twice(
     story: Story, show: Show, stop_asked: Callable[[], int], firmware: Path | None
 ) -> dict[str, DemoDive]:
-    told = _Teller(story, show)
+    teller = _Teller(story, show)
     dives: dict[str, DemoDive] = {}
     for name in ("off", "on"):
-        told.begin(name)
-        dives[name] = arrange(_dive(story, name, told, stop_asked, firmware))
+        teller.begin(name)
+        dives[name] = arrange(_dive(story, name, teller, stop_asked, firmware))
     return dives
 
 
 def _dive(
-    story: Story, name: str, told: "_Teller", stop_asked: Callable[[], int], firmware: Path | None
+    story: Story, name: str, teller: "_Teller", stop_asked: Callable[[], int], firmware: Path | None
 ) -> DemoRecording:
     """Dive once; return what was heard of it."""
     endpoint = f"tcp/{LOOPBACK}:{free_port(socket.SOCK_STREAM)}"
     mavlink = f"{LOOPBACK}:{free_port(socket.SOCK_DGRAM)}"
-    told.endpoint = endpoint
+    teller.endpoint = endpoint
     heard = DemoRecording()
     with (
         tempfile.TemporaryDirectory(prefix="holdfast-demo-") as logs,
@@ -182,7 +182,7 @@ def _dive(
                 heard.add(key, payload)
                 if heard.supervisor and heard.supervisor.state == "ACTIVE":
                     deadline_s = time.monotonic() + story.end_s + PATIENCE_S
-            told.tell(heard)
+            teller.tell(heard)
             _refuse_trouble(heard, seen.connected, time.monotonic() > deadline_s, endpoint, crew)
             time.sleep(LOOK_S)
     return heard

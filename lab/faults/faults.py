@@ -88,7 +88,7 @@ class Broken:
 
 
 @dataclass(frozen=True)
-class Case:
+class FaultCase:
     """What a dive's number draws."""
 
     number: int
@@ -98,7 +98,7 @@ class Case:
     fingers: bool
 
 
-class Row(NamedTuple):
+class FaultRow(NamedTuple):
     """What became of a dive; `broken` says which promise was not kept, or nothing."""
 
     number: int
@@ -114,7 +114,7 @@ class PromiseBrokenError(AssertionError):
     """Something happened that must never happen."""
 
 
-class Watched(Engine):
+class CheckedEngine(Engine):
     """The real engine between a spoilt inbox and somebody who checks every tick."""
 
     def __init__(self, *overrides: str, depth_m: float = 1.0) -> None:
@@ -212,7 +212,7 @@ class Diving:
         file = PLANT / ("sim-bluerov2.toml" if 'vehicle.frame="vectored"' in companion else "sim.toml")
         config = load_plant(file, ("current.enabled=false", *plant, *extra))
         self.vehicle = Vehicle(config, variant) if firmware is None else Firmware(firmware, config, variant)
-        self.engine = Watched(*companion, *ramp)
+        self.engine = CheckedEngine(*companion, *ramp)
         self.loop = Lockstep(self.vehicle, self.engine, Link(), variant)
         self._variant = variant
         self.outsider = mavlink.MAVLink(None, 255, 190)
@@ -381,7 +381,7 @@ def _thruster(dive: Diving, broken: Broken, rng: np.random.Generator) -> None:
 Begin = Callable[[Diving, Broken, np.random.Generator], None]
 
 
-class Kind(NamedTuple):
+class FaultSpec(NamedTuple):
     """How a fault begins, and how long ACTIVE may push afterwards; None where it may be borne."""
 
     begin: Begin
@@ -402,40 +402,40 @@ def _stale(broken: Broken) -> float | None:
     return STALE_S.get(broken.message)
 
 
-FAULTS: dict[str, Kind] = {
-    "datagrams lost": Kind(_spoilt(lambda data, rng: ()), _never),
-    "all lost": Kind(_spoilt(lambda data, rng: ()), _after(DEPTH_STALE_S), (1.0, 1.0)),
-    "doubled": Kind(_spoilt(lambda data, rng: (data, data)), _never),
-    "reordered": Kind(_shuffled, _never),
-    "delayed": Kind(InSimulator("link_delayed"), _never, (0.0, 0.4)),
-    "cut short": Kind(_spoilt(lambda data, rng: (data[: rng.integers(1, len(data) + 1)],)), _never),
-    "bits flipped": Kind(_spoilt(_flipped), _never),
-    "every one flipped": Kind(_spoilt(_flipped), _after(DEPTH_STALE_S), (1.0, 1.0)),
-    "junk between": Kind(_junk, _never),
-    "strangers and wrong components": Kind(_stranger, _never),
-    "link cut both ways": Kind(InSimulator("link_cut"), _after(DEPTH_STALE_S)),
-    "frozen but sent": Kind(InSimulator("message_frozen"), _stale, on_stream=True),
-    "stopped": Kind(InSimulator("message_stopped"), _stale, on_stream=True),
-    "NaN": Kind(InSimulator("message_nan"), _never, on_stream=True),
-    "infinite": Kind(InSimulator("message_extreme"), _never, (np.inf, np.inf), on_stream=True),
-    "integers and floats at their largest": Kind(
+FAULTS: dict[str, FaultSpec] = {
+    "datagrams lost": FaultSpec(_spoilt(lambda data, rng: ()), _never),
+    "all lost": FaultSpec(_spoilt(lambda data, rng: ()), _after(DEPTH_STALE_S), (1.0, 1.0)),
+    "doubled": FaultSpec(_spoilt(lambda data, rng: (data, data)), _never),
+    "reordered": FaultSpec(_shuffled, _never),
+    "delayed": FaultSpec(InSimulator("link_delayed"), _never, (0.0, 0.4)),
+    "cut short": FaultSpec(_spoilt(lambda data, rng: (data[: rng.integers(1, len(data) + 1)],)), _never),
+    "bits flipped": FaultSpec(_spoilt(_flipped), _never),
+    "every one flipped": FaultSpec(_spoilt(_flipped), _after(DEPTH_STALE_S), (1.0, 1.0)),
+    "junk between": FaultSpec(_junk, _never),
+    "strangers and wrong components": FaultSpec(_stranger, _never),
+    "link cut both ways": FaultSpec(InSimulator("link_cut"), _after(DEPTH_STALE_S)),
+    "frozen but sent": FaultSpec(InSimulator("message_frozen"), _stale, on_stream=True),
+    "stopped": FaultSpec(InSimulator("message_stopped"), _stale, on_stream=True),
+    "NaN": FaultSpec(InSimulator("message_nan"), _never, on_stream=True),
+    "infinite": FaultSpec(InSimulator("message_extreme"), _never, (np.inf, np.inf), on_stream=True),
+    "integers and floats at their largest": FaultSpec(
         InSimulator("message_extreme"), _never, (3e38, 3e38), on_stream=True
     ),
-    "reboot": Kind(InSimulator("reboot"), _after(HEARTBEAT_S)),
-    "disarmed": Kind(InSimulator("disarm"), _after(HEARTBEAT_S)),
-    "mode changed": Kind(InSimulator("mode"), _after(HEARTBEAT_S), (2.0, 2.0)),
-    "a stick moved": Kind(_pilots_stick, _after(LATE_S)),
-    "failsafe switched off": Kind(_parameter("FS_PILOT_INPUT", 0.0), _after(RAMP_S + LATE_S)),
-    "parameters changed": Kind(_parameter("JS_GAIN_DEFAULT"), _never),
-    "throttle gain changed": Kind(_parameter("JS_THR_GAIN"), _never),
-    "leak": Kind(InSimulator("leak"), _after(RAMP_S + 2.0 * LATE_S)),
-    "EKF lost": Kind(InSimulator("ekf"), _after(RAMP_S + 0.6), (1.0, 3.0)),
-    "depth jumps": Kind(InSimulator("depth_shifted"), _after(DEPTH_STALE_S), (1.0, 9.0)),
-    "yaw reset": Kind(InSimulator("yaw_reset"), _never, (-180.0, 180.0)),
-    "position reset": Kind(InSimulator("position_reset"), _never, (-9.0, 9.0)),
-    "battery flat": Kind(InSimulator("voltage"), _never, (6.0, 12.0)),
-    "thruster dead": Kind(_thruster, _never),
-    "companion stalls": Kind(_stall, lambda broken: 0.35 + 2.0 * broken.value + RAMP_S + LATE_S),
+    "reboot": FaultSpec(InSimulator("reboot"), _after(HEARTBEAT_S)),
+    "disarmed": FaultSpec(InSimulator("disarm"), _after(HEARTBEAT_S)),
+    "mode changed": FaultSpec(InSimulator("mode"), _after(HEARTBEAT_S), (2.0, 2.0)),
+    "a stick moved": FaultSpec(_pilots_stick, _after(LATE_S)),
+    "failsafe switched off": FaultSpec(_parameter("FS_PILOT_INPUT", 0.0), _after(RAMP_S + LATE_S)),
+    "parameters changed": FaultSpec(_parameter("JS_GAIN_DEFAULT"), _never),
+    "throttle gain changed": FaultSpec(_parameter("JS_THR_GAIN"), _never),
+    "leak": FaultSpec(InSimulator("leak"), _after(RAMP_S + 2.0 * LATE_S)),
+    "EKF lost": FaultSpec(InSimulator("ekf"), _after(RAMP_S + 0.6), (1.0, 3.0)),
+    "depth jumps": FaultSpec(InSimulator("depth_shifted"), _after(DEPTH_STALE_S), (1.0, 9.0)),
+    "yaw reset": FaultSpec(InSimulator("yaw_reset"), _never, (-180.0, 180.0)),
+    "position reset": FaultSpec(InSimulator("position_reset"), _never, (-9.0, 9.0)),
+    "battery flat": FaultSpec(InSimulator("voltage"), _never, (6.0, 12.0)),
+    "thruster dead": FaultSpec(_thruster, _never),
+    "companion stalls": FaultSpec(_stall, lambda broken: 0.35 + 2.0 * broken.value + RAMP_S + LATE_S),
 }
 
 
@@ -454,14 +454,14 @@ STATES_ON_FIRMWARE = tuple(state for state in STATES if state is not State.HAND_
 # --- Dives --------------------------------------------------------------------------------------------------
 
 
-def case(number: int, *, firmware: bool = False) -> Case:
+def case(number: int, *, firmware: bool = False) -> FaultCase:
     """Return what dive `number` draws, for our stand-in or the real firmware."""
     rng = np.random.default_rng((number, 4))
     group = number if firmware else number // 12
     states, known = (STATES_ON_FIRMWARE, ON_FIRMWARE) if firmware else (STATES, tuple(FAULTS))
     picked = np.random.default_rng((group, 5))
     kinds = rng.choice(list(known), size=1 if rng.random() < 0.5 else int(rng.integers(2, 4)), replace=False)
-    return Case(
+    return FaultCase(
         number,
         variant=int(picked.integers(len(VARIANTS))),
         state=states[int(picked.integers(len(states)))],
@@ -488,7 +488,7 @@ def groups(numbers: Sequence[int]) -> Iterator[list[int]]:
     yield from together.values()
 
 
-def dive_group(numbers: Sequence[int], firmware: Path | None = None) -> list[Row]:
+def dive_group(numbers: Sequence[int], firmware: Path | None = None) -> list[FaultRow]:
     """Prepare one vehicle in one state, and fork it for each of these dives.
 
     A `firmware` cannot be forked: it is started for each.
@@ -500,7 +500,7 @@ def dive_group(numbers: Sequence[int], firmware: Path | None = None) -> list[Row
     return [_forked(prepared, case(number)) for number in numbers]
 
 
-def _dive_firmware(number: int, firmware: Path) -> Row:
+def _dive_firmware(number: int, firmware: Path) -> FaultRow:
     """Dive once with the real firmware."""
     one = case(number, firmware=True)
     diving = Diving(one.variant, one.state, firmware)
@@ -510,7 +510,7 @@ def _dive_firmware(number: int, firmware: Path) -> Row:
         diving.close()
 
 
-def _forked(prepared: Diving, one: Case) -> Row:
+def _forked(prepared: Diving, one: FaultCase) -> FaultRow:
     reading, writing = os.pipe()
     child = os.fork()
     if child == 0:
@@ -523,12 +523,12 @@ def _forked(prepared: Diving, one: Case) -> Row:
         said = pipe.read()
     os.waitpid(child, 0)
     if not said:
-        return Row(one.number, tuple(f.kind for f in one.faults), one.state, "", nan, "the process died")
+        return FaultRow(one.number, tuple(f.kind for f in one.faults), one.state, "", nan, "the process died")
     number, kinds, *rest = json.loads(said)
-    return Row(number, tuple(kinds), *rest)
+    return FaultRow(number, tuple(kinds), *rest)
 
 
-def dive(dive: Diving, one: Case) -> Row:
+def dive(dive: Diving, one: FaultCase) -> FaultRow:
     """Break what the case says, and hold every tick to account."""
     rng = np.random.default_rng((one.number, 6))
     since_s, broken = dive.t_s, ""
@@ -550,7 +550,7 @@ def dive(dive: Diving, one: Case) -> Row:
         broken = "raised: " + traceback.format_exc().strip().splitlines()[-1]
     ended, thrust_s = dive.engine.verdict.state, dive.engine.last_thrust_s
     pushed = thrust_s > since_s and ended is not State.ACTIVE
-    return Row(
+    return FaultRow(
         one.number,
         tuple(fault.kind for fault in one.faults),
         one.state,
@@ -560,7 +560,7 @@ def dive(dive: Diving, one: Case) -> Row:
     )
 
 
-def _in_time(dive: Diving, one: Case, begun: Sequence[tuple[float, Broken]]) -> None:
+def _in_time(dive: Diving, one: FaultCase, begun: Sequence[tuple[float, Broken]]) -> None:
     """Check that whatever had to end the steering did; whoever engaged again since is another matter."""
     if one.fingers or one.state is not State.ACTIVE:
         return
@@ -573,6 +573,6 @@ def _in_time(dive: Diving, one: Case, begun: Sequence[tuple[float, Broken]]) -> 
         promise(took_s <= allowed_s, f"{fault.kind}: still pushing {took_s:.2f} s later, not {allowed_s:.2f}")
 
 
-def described(one: Case) -> str:
+def described(one: FaultCase) -> str:
     """Return the case in words."""
     return json.dumps(asdict(one))

@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from lab.faults.faults import AFTER_S, FAULTS, VARIANTS, Row, case, described, dive_group, groups
+from lab.faults.faults import AFTER_S, FAULTS, VARIANTS, FaultRow, case, described, dive_group, groups
 from lab.options import add_firmware, find_firmware
 
 
@@ -53,9 +53,9 @@ def main(argv: list[str]) -> int:
     return 1 if bad else 0
 
 
-def dived(console: Console, numbers: range, workers: int, firmware: Path | None = None) -> list[Row]:
+def dived(console: Console, numbers: range, workers: int, firmware: Path | None = None) -> list[FaultRow]:
     """Return what became of these dives, a process for each group of them."""
-    rows: list[Row] = []
+    rows: list[FaultRow] = []
     columns = (TextColumn("diving"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with (
         ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool,
@@ -69,8 +69,8 @@ def dived(console: Console, numbers: range, workers: int, firmware: Path | None 
     return sorted(rows)
 
 
-def _table(rows: list[Row]) -> Table:
-    by_kind: dict[str, list[Row]] = defaultdict(list)
+def _table(rows: list[FaultRow]) -> Table:
+    by_kind: dict[str, list[FaultRow]] = defaultdict(list)
     for row in rows:
         for kind in row.kinds:
             by_kind[kind].append(row)

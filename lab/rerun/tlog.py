@@ -203,7 +203,7 @@ def lines(thoughts: Thoughts) -> Iterator[str]:
 
 
 def _lasting(spans: Sequence[StateInterval], least_s: float = 0.5) -> Iterator[StateInterval]:
-    """Give the spans that lasted; what flickers is told as part of the one before it."""
+    """Give the spans that lasted; a shorter one counts as a part of the one before it."""
     open_span: StateInterval | None = None
     for span in spans:
         same = open_span is not None and (open_span.state, open_span.reason) == (span.state, span.reason)

@@ -10,8 +10,8 @@ from lab.faults.faults import (
     ON_FIRMWARE,
     VARIANTS,
     Broken,
-    Case,
     Diving,
+    FaultCase,
     InSimulator,
     case,
     dive_group,
@@ -51,7 +51,7 @@ def diving():
 
 def noticed(diving, kind, value=0.5):
     """What is said of one more dive of the same vehicle."""
-    one = Case(1, 0, State.ACTIVE, (Broken(kind, 0.0, "", value),), fingers=False)
+    one = FaultCase(1, 0, State.ACTIVE, (Broken(kind, 0.0, "", value),), fingers=False)
     return faults._forked(diving, one).broken
 
 
