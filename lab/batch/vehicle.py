@@ -17,12 +17,12 @@ import numpy as np
 from msgspec.structs import replace
 
 from lab.batch.legacy.bounds import wrap
+from lab.batch.legacy.factors import FACTORS
 from lab.batch.legacy.records import Array
 from lab.batch.legacy.sim_plant import Component, Components, Plant, rotation, state_of
 from lab.batch.legacy.sim_thrusters import Thrusters
 from sim_bridge.config import SimConfig
 from sim_bridge.firmware.autopilot import INPUT_PERIOD_S
-from sim_bridge.firmware.mixer import FACTORS
 from sim_bridge.physics.body import STEP_S
 from sim_bridge.physics.environment import Environment
 

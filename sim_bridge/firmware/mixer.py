@@ -2,53 +2,65 @@
 
 from collections.abc import Sequence
 
-FACTORS: dict[str, tuple[tuple[int, int, int, int, int, int], ...]] = {
-    # roll, pitch, yaw, throttle, forward, lateral
-    "vectored": (
-        (0, 0, 1, 0, -1, 1),
-        (0, 0, -1, 0, -1, -1),
-        (0, 0, -1, 0, 1, 1),
-        (0, 0, 1, 0, 1, -1),
-        (1, 0, 0, -1, 0, 0),
-        (-1, 0, 0, -1, 0, 0),
-    ),
-    "vectored_6dof": (
-        (0, 0, 1, 0, -1, 1),
-        (0, 0, -1, 0, -1, -1),
-        (0, 0, -1, 0, 1, 1),
-        (0, 0, 1, 0, 1, -1),
-        (1, -1, 0, -1, 0, 0),
-        (-1, -1, 0, -1, 0, 0),
-        (1, 1, 0, -1, 0, 0),
-        (-1, 1, 0, -1, 0, 0),
-    ),
-}
-
 Demand = tuple[float, float, float, float, float, float]
 """roll, pitch, yaw, throttle (up), forward, lateral; each -1..1."""
+Outputs = tuple[float, float, float, float, float, float, float, float]
+"""One for each motor; those that a frame does not have are at rest."""
 
 
 def mix(frame: str, demand: Demand) -> list[float]:
-    """Motor outputs in -1..1, saturation shared as the frame shares it.
+    """Motor outputs in -1..1, saturation shared as the frame shares it."""
+    return list(mix_six_dof(demand)) if frame == "vectored_6dof" else list(mix_vectored(demand)[:6])
 
-    `vectored_6dof`: the vertical and the horizontal group are each divided by their largest output above 1.
-    `vectored`: summed and clipped per motor; heave limits surge on the pair at the rear of the travel.
+
+def mix_six_dof(demand: Demand) -> Outputs:
+    """Mix for `vectored_6dof`: the four vertical and the four horizontal motors share saturation.
+
+    Each group is divided by its largest output above 1.
     """
-    factors = FACTORS[frame]
     roll, pitch, yaw, throttle, forward, lateral = demand
-    if frame == "vectored_6dof":
-        vertical = [r * roll + p * pitch + t * throttle for r, p, _, t, _, _ in factors]
-        horizontal = [y * yaw + f * forward + s * lateral for _, _, y, _, f, s in factors]
-        largest_v = max(1.0, *map(abs, vertical))
-        largest_h = max(1.0, *map(abs, horizontal))
-        return [_clip(v / largest_v + h / largest_h) for v, h in zip(vertical, horizontal, strict=True)]
-    limit = max(0.0, 1.0 - abs(throttle))
-    outputs = []
-    for r, p, y, t, f, s in factors:
-        limited = max(-limit, min(limit, forward)) if f * forward > 0 else forward
-        turned = r * roll + p * pitch + y * yaw
-        outputs.append(_clip(turned + t * throttle + f * limited + s * lateral))
-    return outputs
+    a, b, c, d = (
+        yaw - forward + lateral,
+        -yaw - forward - lateral,
+        -yaw + forward + lateral,
+        yaw + forward - lateral,
+    )
+    e, f, g, h = (
+        roll - pitch - throttle,
+        -roll - pitch - throttle,
+        roll + pitch - throttle,
+        -roll + pitch - throttle,
+    )
+    across = max(1.0, abs(a), abs(b), abs(c), abs(d))
+    upright = max(1.0, abs(e), abs(f), abs(g), abs(h))
+    return (
+        a / across,
+        b / across,
+        c / across,
+        d / across,
+        e / upright,
+        f / upright,
+        g / upright,
+        h / upright,
+    )
+
+
+def mix_vectored(demand: Demand) -> Outputs:
+    """Mix for `vectored`: clipped motor by motor; heave limits surge at the rear of the travel."""
+    roll, _, yaw, throttle, forward, lateral = demand
+    left = max(0.0, 1.0 - abs(throttle))
+    limited = max(-left, min(left, forward))
+    front, rear = (forward, limited) if forward > 0.0 else (limited, forward)
+    return (
+        _clip(yaw - front + lateral),
+        _clip(-yaw - front - lateral),
+        _clip(-yaw + rear + lateral),
+        _clip(yaw + rear - lateral),
+        _clip(roll - throttle),
+        _clip(-roll - throttle),
+        0.0,
+        0.0,
+    )
 
 
 def motor_pwm(outputs: Sequence[float], directions: Sequence[float]) -> list[int]:
