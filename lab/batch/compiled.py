@@ -4,8 +4,8 @@
 are compiled with it: no equation needs a decorator, and no vehicle needs numba. Two things differ from plain
 Python: floats do not raise (division by zero gives inf or NaN), and arguments have the annotated types.
 
-An entry of the lab (`cached`) is kept on disk, in a folder named by a digest of every source that it may have
-been made of. numba's own cache looks at the file of the function alone, and not at those that it calls.
+What the lab runs (`cached`) stays on disk, in a folder named by a digest of every source that it may be made
+of. numba's own cache looks at the file of the function alone, and not at those that it calls.
 """
 
 import fcntl
@@ -15,39 +15,66 @@ import os
 import shutil
 from collections.abc import Callable
 from pathlib import Path
-from types import FunctionType
-from typing import Any, TypeVar, get_args, get_origin, get_type_hints
+from types import CodeType, FunctionType, ModuleType
+from typing import Any, NamedTuple, TypeVar, get_args, get_origin, get_type_hints
 
 import numba
 import numpy as np
 
 PACKAGES = ("companion", "sim_bridge", "lab")
-KEPT_FOLDERS = 4
-"""Of compiled code; those of older sources are removed."""
-
 OPTIONS = {"error_model": "numpy", "fastmath": {"contract"}}
 """Floats do not raise; a product and a sum may be one instruction, rounded once. NaN stays NaN."""
+
+KEPT_FOLDERS = 4
+"""Of compiled code; those of older sources are removed."""
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 
+class Slotted(NamedTuple):
+    """A function, and by what the functions are replaced that it calls by some names: its slots."""
+
+    function: Callable[..., Any]
+    slots: tuple[tuple[str, "Callable[..., Any] | Slotted"], ...]
+
+
+def slotted(function: Callable[..., Any], **slots: "Callable[..., Any] | Slotted") -> Slotted:
+    """Return `function` with other functions in its slots."""
+    return Slotted(function, tuple(slots.items()))
+
+
 def compiled(function: Function) -> Function:
-    """Return `function`, compiled with every function of PACKAGES that it refers to."""
-    made: Function = _jit(function, False)
+    """Return `function`, compiled for the types that its annotations name."""
+    made: Function = numba.njit(signature(function), **OPTIONS)(_with_callees(function, ()))
     return made
 
 
-def cached(function: Function) -> Function:
-    """Return `function` compiled as `compiled` does, from disk if these sources were compiled before.
+@functools.cache
+def cached(entry: Slotted) -> Callable[..., Any]:
+    """Return a function of the lab, compiled for the types that it is called with.
 
-    Another process that compiles the same sources now is waited for.
+    What is compiled stays on disk, unless it is made of sources other than PACKAGES. Another process that
+    compiles meanwhile is waited for.
     """
+    body = _with_callees(*entry)
+    keeps = _ours(entry)
+    body.__qualname__ += "_" + hashlib.sha256(_described(entry).encode()).hexdigest()[:12]
+    function = numba.njit(cache=keeps, **OPTIONS)
     folder = _folder()
-    with (folder / "lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
+    if keeps:
         numba.config.CACHE_DIR = str(folder)
-        made: Function = _jit(function, True)
-    return made
+    dispatcher = function(body)
+
+    def call(*arguments: Any) -> Any:
+        types = tuple(map(numba.typeof, arguments))
+        if types not in dispatcher.overloads:
+            with (folder / "lock").open("w") as lock:
+                fcntl.flock(lock, fcntl.LOCK_EX)
+                dispatcher.compile(types)
+        return dispatcher(*arguments)
+
+    call.dispatcher = dispatcher  # type: ignore[attr-defined]
+    return call
 
 
 def signature(function: Callable[..., Any]) -> tuple[Any, ...]:
@@ -88,36 +115,54 @@ def digest(root: Path) -> str:
 
 
 @functools.cache
-def _jit(function: Callable[..., Any], cache: bool) -> Any:
-    jit = numba.njit(signature(function), cache=cache, **OPTIONS)
-    return jit(_with_compiled_callees(function))
-
-
-@functools.cache
-def _callee(function: Callable[..., Any]) -> Any:
+def _callee(function: Callable[..., Any] | Slotted) -> Any:
     """Return a function that numba compiles for the types with which it is called."""
-    return numba.njit(**OPTIONS)(_with_compiled_callees(function))
+    entry = function if isinstance(function, Slotted) else Slotted(function, ())
+    return numba.njit(**OPTIONS)(_with_callees(*entry))
 
 
-def _with_compiled_callees(function: Callable[..., Any]) -> FunctionType:
+def _with_callees(
+    function: Callable[..., Any], slots: tuple[tuple[str, Callable[..., Any] | Slotted], ...]
+) -> FunctionType:
     """Copy a Python function, with compiled ones in the place of the functions that it refers to."""
     assert isinstance(function, FunctionType)
-    scope = dict(function.__globals__)
-    for name in _names(function.__code__):
-        if isinstance(callee := scope.get(name), FunctionType) and _ours(callee) and callee is not function:
-            scope[name] = _callee(callee)
+    scope, names = dict(function.__globals__), _names(function.__code__)
+    for name in names & scope.keys():
+        value = scope[name]
+        if _is_python(value) and value is not function:
+            scope[name] = _callee(value)
+        elif isinstance(value, ModuleType):
+            functions = {key: one for key in names if _is_python(one := vars(value).get(key))}
+            if functions:
+                scope[name] = ModuleType(value.__name__)
+                vars(scope[name]).update(vars(value) | {key: _callee(one) for key, one in functions.items()})
+    scope |= {name: _callee(chosen) for name, chosen in slots}
     copy = FunctionType(function.__code__, scope, function.__name__, function.__defaults__)
     functools.update_wrapper(copy, function)
     return copy
 
 
-def _names(code: Any) -> set[str]:
-    inner = [_names(constant) for constant in code.co_consts if hasattr(constant, "co_names")]
+def _names(code: CodeType) -> set[str]:
+    inner = [_names(constant) for constant in code.co_consts if isinstance(constant, CodeType)]
     return set(code.co_names).union(*inner)
 
 
-def _ours(function: FunctionType) -> bool:
-    return function.__module__.partition(".")[0] in PACKAGES
+def _is_python(value: Any) -> bool:
+    """Whether numba does not know this function itself."""
+    return isinstance(value, FunctionType) and value.__module__.partition(".")[0] not in ("numba", "numpy")
+
+
+def _ours(entry: Callable[..., Any] | Slotted) -> bool:
+    if isinstance(entry, Slotted):
+        return _ours(entry.function) and all(_ours(chosen) for _, chosen in entry.slots)
+    return entry.__module__.partition(".")[0] in PACKAGES
+
+
+def _described(entry: Callable[..., Any] | Slotted) -> str:
+    if isinstance(entry, Slotted):
+        slots = (f"{name}={_described(chosen)}" for name, chosen in entry.slots)
+        return f"{_described(entry.function)}({','.join(slots)})"
+    return f"{entry.__module__}.{entry.__qualname__}"
 
 
 @functools.cache

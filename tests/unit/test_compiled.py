@@ -7,8 +7,9 @@ import numba
 import numpy as np
 import pytest
 
+from companion.control import bounds as subject_of_modules
 from lab.batch import compiled as subject
-from lab.batch.compiled import cached, compiled, digest, example, signature
+from lab.batch.compiled import cached, compiled, digest, example, signature, slotted
 from sim_bridge.physics import plant, thrusters
 
 
@@ -42,13 +43,8 @@ def text(name: str) -> int:
     return len(name)
 
 
-@pytest.fixture
-def ours(monkeypatch):
-    monkeypatch.setattr(subject, "PACKAGES", (*subject.PACKAGES, __name__.partition(".")[0]))
-
-
 @pytest.mark.parametrize("flags", [(True, False), (False, True)])
-def test_compiled_function_and_its_callees_do_what_python_does(ours, flags):
+def test_compiled_function_and_its_callees_do_what_python_does(flags):
     arguments = Parameters(3.0, 4, flags), Motion(0.2, -0.1), 0.02
     result = compiled(step)(*arguments)
     assert isinstance(result, Motion)
@@ -70,14 +66,40 @@ def test_arguments_have_the_annotated_types():
         signature(text)
 
 
-def test_compiled_code_is_taken_from_disk(ours, monkeypatch, tmp_path):
+def doubled(x: float) -> float:
+    return 2.0 * x
+
+
+def halved(x: float) -> float:
+    return 0.5 * x
+
+
+def change(x: float) -> float:
+    """A slot."""
+    raise NotImplementedError
+
+
+def changed_twice(x: float) -> float:
+    return change(change(x)) + subject_of_modules.wrap(0.0)
+
+
+def test_slots_decide_what_is_called():
+    for chosen, expected in ((doubled, 12.0), (halved, 0.75), (slotted(changed_twice, change=doubled), 48.0)):
+        assert cached(slotted(changed_twice, change=chosen))(3.0) == expected
+
+
+def test_compiled_code_is_taken_from_disk(monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr(subject, "PACKAGES", (*subject.PACKAGES, __name__.partition(".")[0]))
     subject._folder.cache_clear()
     for hits in (0, 1):
-        subject._jit.cache_clear()
-        assert sum(cached(step).stats.cache_hits.values()) == hits
+        cached.cache_clear()
+        for chosen, expected in ((doubled, 12.0), (halved, 0.75)):
+            call = cached(slotted(changed_twice, change=chosen))
+            assert call(3.0) == expected
+            assert sum(call.dispatcher.stats.cache_hits.values()) == hits
     subject._folder.cache_clear()
-    subject._jit.cache_clear()
+    cached.cache_clear()
 
 
 def test_a_changed_or_new_source_changes_the_digest(tmp_path):
