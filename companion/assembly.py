@@ -25,7 +25,7 @@ from companion.control.tilt import (
     TiltLimit,
 )
 from companion.estimation.estimator import Estimator
-from companion.records import AXES, Array, vector
+from companion.records import AXES, PSI, Array, vector
 from companion.registry import LYAPUNOV, OBSERVER, Compensator, Law
 from companion.supervision.guard import Envelope
 
@@ -147,19 +147,22 @@ def _times_s(config: Config, delay_s: float) -> dict[str, list[float]]:
 
 def controller(config: Config, nominal: Model) -> Controller:
     """Return reference, law and the compensators that were chosen."""
-    dofs = [
-        Dof(
-            gains=gains(config, axis),
-            reference=reference.Parameters(axis.max_rate, axis.max_acceleration, angular=name == "yaw"),
-            oscillation=oscillation.Parameters(axis.max_force, oscillation.SHARE * axis.max_force),
-            law=law(config, axis),
-            compensators=compensators(config, axis),
-            by_observer=OBSERVER in axis.compensator.split("+"),
-            max_disturbance=axis.max_disturbance,
-        )
-        for name, axis in zip(AXES, config.axes, strict=True)
-    ]
+    dofs = [dof(config, number) for number in range(len(AXES))]
     return Controller(nominal, dofs, config.network.start_delay_s)
+
+
+def dof(config: Config, number: int) -> Dof:
+    """Return how a degree of freedom is controlled."""
+    axis = config.axes[number]
+    return Dof(
+        gains=gains(config, axis),
+        reference=reference.Parameters(axis.max_rate, axis.max_acceleration, angular=number == PSI),
+        oscillation=oscillation.Parameters(axis.max_force, oscillation.SHARE * axis.max_force),
+        law=law(config, axis),
+        compensators=compensators(config, axis),
+        by_observer=OBSERVER in axis.compensator.split("+"),
+        max_disturbance=axis.max_disturbance,
+    )
 
 
 def compensators(config: Config, axis: Axis) -> tuple[Chosen, ...]:

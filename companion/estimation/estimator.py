@@ -119,7 +119,7 @@ class Estimator:
         self._lead_s = config.thrusters.lead_s
         self._tick_s = 1.0 / config.loop.rate_hz
         self._depth_later_s = LATER_S.get(config.vehicle.depth_source, 0.0)
-        self._hidden_parameters = _hidden_delay_parameters(config, model)
+        self._hidden_parameters = hidden_delay_parameters(config, model)
         self._hidden = hidden_delay.start(0.0, 0.0)
         self.limit(config.supervisor)
         self.retune(config, model)
@@ -447,14 +447,16 @@ def interpolate(trajectory: Sequence[Motion], step_index: float) -> tuple[float,
 
 
 def _observer_parameters(config: Config, model: Model) -> list[ObserverParameters]:
-    return [_parameters(config, model, dof, axis.disturbance_noise) for dof, axis in enumerate(config.axes)]
+    return [parameters_of(config, model, dof, axis.disturbance_noise) for dof, axis in enumerate(config.axes)]
 
 
-def _hidden_delay_parameters(config: Config, model: Model) -> ObserverParameters:
-    return _parameters(config, model, Z, QUIET_N)
+def hidden_delay_parameters(config: Config, model: Model) -> ObserverParameters:
+    """Return the parameters of the observer that looks for hidden delay."""
+    return parameters_of(config, model, Z, QUIET_N)
 
 
-def _parameters(config: Config, model: Model, dof: int, disturbance: float) -> ObserverParameters:
+def parameters_of(config: Config, model: Model, dof: int, disturbance: float) -> ObserverParameters:
+    """Return the parameters of a degree of freedom's observer that expects so much `disturbance` noise."""
     axis = config.axes[dof]
     noise = Noise(
         position=axis.position_noise,

@@ -8,6 +8,7 @@ What the lab runs (`cached`) stays on disk, in a folder named by a digest of eve
 of. numba's own cache looks at the file of the function alone, and not at those that it calls.
 """
 
+import dis
 import fcntl
 import functools
 import hashlib
@@ -126,13 +127,14 @@ def _with_callees(
 ) -> FunctionType:
     """Copy a Python function, with compiled ones in the place of the functions that it refers to."""
     assert isinstance(function, FunctionType)
-    scope, names = dict(function.__globals__), _names(function.__code__)
-    for name in names & scope.keys():
+    scope = dict(function.__globals__)
+    named, attributes = _names(function.__code__, "LOAD_GLOBAL"), _names(function.__code__, "LOAD_")
+    for name in named & scope.keys():
         value = scope[name]
         if _is_python(value) and value is not function:
             scope[name] = _callee(value)
         elif isinstance(value, ModuleType):
-            functions = {key: one for key in names if _is_python(one := vars(value).get(key))}
+            functions = {key: one for key in attributes if _is_python(one := vars(value).get(key))}
             if functions:
                 scope[name] = ModuleType(value.__name__)
                 vars(scope[name]).update(vars(value) | {key: _callee(one) for key, one in functions.items()})
@@ -142,9 +144,11 @@ def _with_callees(
     return copy
 
 
-def _names(code: CodeType) -> set[str]:
-    inner = [_names(constant) for constant in code.co_consts if isinstance(constant, CodeType)]
-    return set(code.co_names).union(*inner)
+def _names(code: CodeType, operation: str) -> set[str]:
+    """Return what a function's operations of this name load, those of its comprehensions as well."""
+    loaded = {one.argval for one in dis.get_instructions(code) if one.opname.startswith(operation)}
+    inner = [_names(constant, operation) for constant in code.co_consts if isinstance(constant, CodeType)]
+    return loaded.union(*inner)
 
 
 def _is_python(value: Any) -> bool:

@@ -12,11 +12,9 @@ import math
 import os
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from unittest.mock import patch
 
 import numpy as np
 from msgspec.structs import replace
@@ -24,7 +22,6 @@ from msgspec.structs import replace
 from companion.config import Config, load_config
 from companion.records import Array, Setpoint
 from lab.batch.dives import simulate
-from lab.batch.legacy.hidden_delay import HiddenDelay
 from lab.batch.vehicle import Links
 from lab.bench.rows import selected, tuned, values_of
 from lab.loop.dive import dive
@@ -51,30 +48,24 @@ class Part:
 
     name: str
     overrides: tuple[str, ...] = ()
-    without: Callable[[], AbstractContextManager[object]] = nullcontext
+    finds_hidden: bool = True
+    damps: bool = True
 
 
-def _no_hidden() -> AbstractContextManager[object]:
-    return patch.object(HiddenDelay, "step", lambda self, *_: None)
-
-
-def _no_damping() -> AbstractContextManager[object]:
-    return patch("companion.control.oscillation.SHARE", math.inf)
-
-
+WHOLE = Part("shipped default")
 PARTS = (
-    Part("shipped default"),
+    WHOLE,
     Part("no network", ("heave.compensator='observer'",)),
     Part("observer's d not fed back", ("heave.compensator='network'",)),
     Part("no compensator", ("heave.compensator='none'",)),
     Part("integrator for both", ("heave.compensator='integrator'",)),
     Part("thrusters' lag not undone", ("thrusters.lead_s=0.0",)),
     Part("gains not drawn back", ("delays.gains_bear_s=1.0",)),
-    Part("hidden delay not looked for", (), _no_hidden),
-    Part("oscillation not damped", (), _no_damping),
-    Part("neither of the two", ("delays.gains_bear_s=1.0",), _no_hidden),
+    Part("hidden delay not looked for", finds_hidden=False),
+    Part("oscillation not damped", damps=False),
+    Part("neither of the two", ("delays.gains_bear_s=1.0",), finds_hidden=False),
 )
-HEADLINES = tuple(part for part in PARTS if part.without is nullcontext)
+HEADLINES = tuple(part for part in PARTS if part.finds_hidden and part.damps)
 """What `--firmware` dives."""
 
 LAWS = ("law", "integrator", "regressor", "observer", "network", "network+observer")
@@ -99,8 +90,7 @@ def parts(base: SimConfig, settings: Sequence[str], seeds: int, done: Callable[[
     for part in PARTS:
         config = load_config(overrides=[*settings, *part.overrides])
         for case, links in DELAYS.items():
-            with part.without():
-                figures = [_dive(config, four_of(seeds, i), base, links) for i in range(4)]
+            figures = [_dive(config, four_of(seeds, i), base, links, part) for i in range(4)]
             results.append(_result(part.name, case, figures))
             done()
     return results
@@ -111,8 +101,7 @@ def parts_on_firmware(
 ) -> list[Result]:
     """Return the variants that are configuration alone, over the bench's four scenarios, in the full loop.
 
-    Those are HEADLINES, under BENCH_LINKS; the others patch the engine, which is left whole before the real
-    firmware.
+    Those are HEADLINES, under BENCH_LINKS; the engine that dives before the real firmware is whole.
     """
     results = []
     with ProcessPoolExecutor(os.cpu_count()) as pool:
@@ -210,10 +199,21 @@ def _wavy(plant: SimConfig) -> SimConfig:
     return replace(plant, waves=replace(plant.waves, enabled=True, height_m=0.3, period_s=4.0))
 
 
-def _dive(config: Config, scenarios: Sequence[Scenario], base: SimConfig, links: Links) -> dict[str, Array]:
+def _dive(
+    config: Config, scenarios: Sequence[Scenario], base: SimConfig, links: Links, part: Part = WHOLE
+) -> dict[str, Array]:
     plants = [scenario.plant(base, scenario.seed) for scenario in scenarios]
     first, seeds = scenarios[0], [scenario.seed for scenario in scenarios]
-    return simulate(config, plants, first.target, first.duration_s, seeds, links)
+    return simulate(
+        config,
+        plants,
+        first.target,
+        first.duration_s,
+        seeds,
+        links,
+        finds_hidden=part.finds_hidden,
+        damps=part.damps,
+    )
 
 
 def _dive_firmware(

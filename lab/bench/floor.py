@@ -24,12 +24,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from companion.records import Array
-from lab.batch.vehicle import Links, Timing
+from lab.batch.vehicle import timing
 from lab.bench.lqg import LQG, Plant
 from lab.loop.lockstep import Link
 from lab.loop.scenarios import SETTLE_S, Scenario
 from sim_bridge.config import SimConfig, Waves
-from sim_bridge.physics.body import STEP_S
 from sim_bridge.physics.plant import GRAVITY
 
 CHATTER_N = 3.5
@@ -65,10 +64,8 @@ def floor(scenario: Scenario, base: SimConfig, link: Link, *, accelerometer: boo
 
 def loop_delay_s(seed: int, link: Link) -> float:
     """Return the time from a sample's leaving to the motors' answer: link, input loop and ticks."""
-    steps = round(TICK_S / STEP_S)
-    phase = int(np.random.default_rng(seed).spawn(4)[3].integers(0, steps))  # as Vehicle draws it
-    timing = Timing.of(Links(link.up_s, link.down_s, link.jitter_s), np.array([-phase % steps]))
-    return float(timing.age_s[0] + timing.to_motor_s[0])
+    at = timing(seed, link.up_s, link.down_s, link.jitter_s)
+    return at.age_s + at.to_motor_s
 
 
 def _plant(config: SimConfig, scenario: Scenario, *, wandering: bool, accelerometer: bool) -> Plant:

@@ -5,7 +5,7 @@ Published sets of the vehicle are varied beyond what was measured; `ENVELOPE` sa
 """
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from dataclasses import asdict, dataclass
 from functools import cache
@@ -17,7 +17,7 @@ from msgspec.structs import replace
 
 from companion.config import Config
 from lab.batch.dives import simulate
-from lab.batch.vehicle import Links
+from lab.batch.vehicle import Links, Rows
 from lab.loop.lockstep import Link
 from lab.loop.scenarios import SETTLE_S, Scenario, ensemble, hold
 from sim_bridge.commands import DEFAULT_CONFIG
@@ -209,10 +209,8 @@ def _base(vehicle: str) -> SimConfig:
     return load_config(Path(DEFAULT_CONFIG).with_name(name))
 
 
-def dive(
-    config: Config, numbers: Sequence[int], watch: Callable[[float, Any, Any], None] | None = None
-) -> Batch:
-    """Dive the cases of `numbers`, all of one frame, at once."""
+def dive(config: Config, numbers: Sequence[int], traces: list[Rows] | None = None) -> Batch:
+    """Dive the cases of `numbers`, all of one frame; `traces` takes one of each (`simulate`)."""
     started = time.thread_time()
     cases = [case(number) for number in numbers]
     delay_s = 1e-3 * np.array([case.delay_ms for case in cases])
@@ -224,7 +222,7 @@ def dive(
         numbers,
         Links(up_s=0.5 * delay_s, down_s=0.5 * delay_s, jitter_s=0.004),
         since_s=SINCE_S,
-        watch=watch,
+        traces=traces,
     )
     rows = []
     for i, one in enumerate(cases):

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from companion.records import Array
-from lab.batch.dives import LOST_M
+from lab.batch.loop import LOST_M
 from lab.campaign.campaign import Case, Row
 from lab.loop.dive import Dive
 from lab.loop.scenarios import SETTLE_S

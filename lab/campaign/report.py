@@ -27,8 +27,7 @@ from rich.progress import (
 from rich.table import Table
 
 from companion.config import Config, load_config
-from companion.records import Array
-from lab.batch.vehicle import ENGAGED_S
+from lab.batch.vehicle import ENGAGED_S, Rows
 from lab.campaign.campaign import (
     DURATION_S,
     ENVELOPE,
@@ -169,19 +168,9 @@ def _traced(config: Config, numbers: Sequence[int]) -> dict[int, tuple[Row, Trac
     """Dive these again and keep their traces."""
     found: dict[int, tuple[Row, Trace]] = {}
     for part in batches(numbers):
-        times: list[float] = []
-        seen: list[Array] = []
-
-        def watch(
-            t_s: float, error_m: Array, thrust_n: Array, times: list[float] = times, seen: list[Array] = seen
-        ) -> None:
-            times.append(t_s)
-            seen.append(np.stack([error_m, thrust_n]))
-
-        rows = dive(config, part, watch).rows
-        t_s, traces = np.array(times), np.array(seen)
-        for i, row in enumerate(rows):
-            found[row.case.number] = (row, (t_s, traces[:, 0, i], traces[:, 1, i]))
+        traces: list[Rows] = []
+        for row, trace in zip(dive(config, part, traces).rows, traces, strict=True):
+            found[row.case.number] = (row, (trace[:, 0], trace[:, 1], trace[:, 2]))
     return found
 
 

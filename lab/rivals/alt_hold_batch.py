@@ -10,7 +10,6 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from companion.records import Array, Setpoint, Z
-from lab.batch.legacy.records import Setpoint as Setpoints
 from lab.batch.vehicle import ARMED_S
 from lab.loop.scenarios import SETTLE_S
 from sim_bridge.config import SimConfig
@@ -36,14 +35,14 @@ KEPT_S = 0.1
 
 def simulate(
     plants: Sequence[SimConfig],
-    target: Callable[[float], Setpoint | Setpoints],
+    targets: Sequence[Callable[[float], Setpoint]],
     duration_s: float,
     seeds: Sequence[int],
     link_s: Array,
     gains: Mapping[str, Array | float],
 ) -> dict[str, Array]:
-    """Return depth_rms_mm and chatter_n, (dives,); `link_s` (dives,) is how late the target comes to it."""
-    rng = np.random.default_rng((len(seeds), *seeds))
+    """Return depth_rms_mm and chatter_n, (dives,); `link_s` (dives,) is how late its target comes."""
+    rng, aims = np.random.default_rng((len(seeds), *seeds)), _Aims(targets)
     hull, thrusters = [plant.hull for plant in plants], [plant.thrusters for plant in plants]
     mass = np.array([one.mass_kg + one.added_mass[2] for one in hull])
     added = np.array([one.added_mass[2] for one in hull])
@@ -79,7 +78,7 @@ def simulate(
                 one.step(t_s, t_s - ARMED_S, 0.0, 0.0, depth) for one, depth in zip(water, z, strict=True)
             ]
             force, speed, acceleration = np.array([(f[2], flow[2], flow[5]) for f, flow in acting]).T
-            wanted = np.choose(which, [_depth(target(t_s - late_s)) for late_s in lates_s])
+            wanted = np.choose(which, [aims.depths(t_s - late_s) for late_s in lates_s])
         noise = keep * noise + slow * np.sqrt(1.0 - keep**2) * rng.standard_normal(noise.shape)
         white = rng.standard_normal((2, len(plants)))
         depth = past[(step - late[0]) % len(past), 0] + noise[0] + noise[1] + sensors.depth_white_m * white[0]
@@ -104,7 +103,7 @@ def simulate(
         past[(step + 1) % len(past)] = z, w, w_dot
         if step % TICK_STEPS == TICK_STEPS - 1 and t_s >= SETTLE_S:
             asked = VERTICAL * np.interp(offset, CURVE_US, CURVE_N)
-            squares += (z - _depth(target(t_s + STEP_S))) ** 2
+            squares += (z - aims.depths(t_s + STEP_S)) ** 2
             changes += (asked - last) ** 2 if count else 0.0
             count, last = count + 1, asked
     return {
@@ -113,8 +112,17 @@ def simulate(
     }
 
 
-def _depth(setpoint: Setpoint | Setpoints) -> Array:
-    return np.asarray(setpoint.eta_d)[..., Z]
+class _Aims:
+    """Where many dives should be; targets that several share are asked once."""
+
+    def __init__(self, targets: Sequence[Callable[[float], Setpoint]]) -> None:
+        self._different = list(dict.fromkeys(targets))
+        index = {target: i for i, target in enumerate(self._different)}
+        self._which = [index[target] for target in targets]
+
+    def depths(self, t_s: float) -> Array:
+        """Return the depths at a time, (dives,)."""
+        return np.array([target(t_s).eta_d[Z] for target in self._different])[self._which]
 
 
 def _dampings(plants: Sequence[SimConfig]) -> list[tuple[tuple[float, ...], tuple[float, ...]]]:

@@ -20,8 +20,6 @@ from companion.assembly import refuse_fast_gains
 from companion.config import Config, ConfigError
 from companion.records import Array, Setpoint
 from lab.batch import dives as batch
-from lab.batch.legacy.records import Setpoint as Setpoints
-from lab.batch.legacy.rivals import rival as array_rival
 from lab.batch.vehicle import Links
 from lab.bench.floor import CHATTER_N
 from lab.bench.rows import WIDTH, Row
@@ -157,33 +155,16 @@ def _dive(
     plants = of_one * len(values)
     seeds = [scenario.seed for scenario, _ in dives] * len(values)
     longer_s, hidden_s, _ = np.array([case for _, case in dives] * len(values)).T
-    gains = {key: np.repeat([value[key] for value in values], len(dives)) for key in row.knobs}
-    target = _together([scenario.target for scenario, _ in dives] * len(values))
+    targets = [scenario.target for scenario, _ in dives] * len(values)
     duration_s, link = dives[0][0].duration_s, Link()
     if row.steers == "autopilot":
         late_s = longer_s + link.down_s + 0.5 * link.jitter_s
-        return alt_hold_batch.simulate(plants, target, duration_s, seeds, late_s, gains)
+        gains = {key: np.repeat([value[key] for value in values], len(dives)) for key in row.knobs}
+        return alt_hold_batch.simulate(plants, targets, duration_s, seeds, late_s, gains)
     each = [config for config in configs for _ in dives]
     up_s = link.up_s + longer_s + hidden_s
     links = Links(up_s, link.down_s + longer_s, untold_up_s=hidden_s)
-    rival = array_rival(row.name, gains, configs[0])
-    return batch.simulate(each, plants, target, duration_s, seeds, links, rival=rival)
-
-
-def _together(targets: Sequence[Callable[[float], Setpoint]]) -> Callable[[float], Setpoints]:
-    """Return the setpoints of many dives as one, (dives, 4)."""
-    different = list(dict.fromkeys(targets))
-    which = [different.index(target) for target in targets]
-
-    def together(t_s: float) -> Setpoints:
-        each = [target(t_s) for target in different]
-        return Setpoints(
-            np.array([one.eta_d for one in each])[which],
-            np.array([one.eta_d_dot for one in each])[which],
-            np.array([one.eta_d_ddot for one in each])[which],
-        )
-
-    return together
+    return batch.simulate(each, plants, targets, duration_s, seeds, links)
 
 
 def _training(seeds: int, vary: Callable[[SimConfig, int], SimConfig]) -> list[tuple[Scenario, Case]]:

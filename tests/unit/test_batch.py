@@ -77,15 +77,12 @@ def test_a_vehicle_without_thrust_is_lost_and_says_when():
 
 
 def test_what_a_batch_cannot_do_it_refuses():
-    six = load_plant(DEFAULT_CONFIG.with_name("sim-bluerov2.toml"))
-    with pytest.raises(ValueError, match="one frame"):
-        simulate(CONFIG, [BASE, six], seeds=[1, 2], **SHORT)
     broken = replace(BASE, faults=(Fault("link_cut"),))
     with pytest.raises(ValueError, match="full loop"):
         simulate(CONFIG, [broken], seeds=[1], **SHORT)
     prompt = replace(BASE, thrusters=replace(BASE.thrusters, lag_s=0.0))
     with pytest.raises(ValueError, match="full loop"):
         simulate(CONFIG, [prompt], seeds=[1], **SHORT)
-    other = replace(CONFIG, thrusters=replace(CONFIG.thrusters, lag_s=0.3))
-    with pytest.raises(ValueError, match="axes"):
-        simulate([CONFIG, other], [BASE, BASE], seeds=[1, 2], **SHORT)
+    other = replace(CONFIG, vehicle=replace(CONFIG.vehicle, thrust_path="manual_control"))
+    with pytest.raises(ValueError, match="rc_override"):
+        simulate(other, [BASE], seeds=[1], **SHORT)

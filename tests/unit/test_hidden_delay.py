@@ -10,7 +10,6 @@ from companion.config import load_config
 from companion.estimation.hidden_delay import LARGEST_S, start, step
 from companion.estimation.observer import Noise, observer_parameters
 from lab.batch.dives import simulate_scenarios
-from lab.batch.engine import Engines
 from lab.batch.vehicle import Links
 from lab.loop.scenarios import four
 from sim_bridge.config import load_config as load_plant
@@ -68,9 +67,7 @@ def test_a_start_anew_keeps_what_was_found_if_it_is_a_number(before_s, kept_s):
 
 
 @pytest.mark.parametrize(("hidden_s", "least_s", "most_s"), [(0.0, 0.0, 0.015), (0.04, 0.02, 0.05)])
-def test_in_the_loop_it_finds_part_of_it_and_nothing_where_nothing_is(monkeypatch, hidden_s, least_s, most_s):
-    engines = []
-    monkeypatch.setattr("lab.batch.dives.Engines", lambda *a: engines.append(Engines(*a)) or engines[-1])
+def test_in_the_loop_it_finds_part_of_it_and_nothing_where_nothing_is(hidden_s, least_s, most_s):
     dives = [four(seed)[1] for seed in range(8)]
-    simulate_scenarios(CONFIG, dives, PLANT, Links(up_s=0.001 + hidden_s, untold_up_s=hidden_s))
-    assert least_s <= engines[0]._hidden.hidden_s.mean() <= most_s
+    found = simulate_scenarios(CONFIG, dives, PLANT, Links(up_s=0.001 + hidden_s, untold_up_s=hidden_s))
+    assert least_s <= found["hidden_s"].mean() <= most_s

@@ -114,7 +114,9 @@ def test_fast_alt_hold_agrees_with_the_whole_double(scenario):
     short = [Scenario(one.name, one.plant, one.target, duration_s, one.seed) for one in dives]
     full = [alt_hold.dive(one, BASE, Link(), gains).figures() for one in short]
     plants, seeds = [one.plant(BASE, one.seed) for one in short], [one.seed for one in short]
-    fast = alt_hold_batch.simulate(plants, short[0].target, duration_s, seeds, np.full(2, 0.003), gains)
+    fast = alt_hold_batch.simulate(
+        plants, [one.target for one in short], duration_s, seeds, np.full(2, 0.003), gains
+    )
     for figure in ("depth_rms_mm", "chatter_n"):
         assert fast[figure].mean() == pytest.approx(np.mean([one[figure] for one in full]), rel=0.2)
 

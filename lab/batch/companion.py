@@ -1,0 +1,662 @@
+"""The companion of one dive without MAVLink: the engine's own equations in the engine's own order.
+
+What differs from `companion.engine` stands here and nowhere else:
+
+- depth and heading alone are measured, and held from the start with full authority and without a supervisor;
+- each tick brings one sample of all, over links whose delays stay what the companion's meter would find;
+- commands leave on whole ticks, so that their history has a row a tick.
+
+`learn`, `force` and what begins with `initial_` are slots: the loop is compiled with the compensators and the
+laws of a configuration (`slots_of`).
+"""
+
+import math
+from typing import Any, NamedTuple
+
+from companion import assembly
+from companion.config import Config
+from companion.control import levelling, oscillation, pace, reference
+from companion.control.actuation import CUT_OFF
+from companion.control.allocation import Thrusters, allocate, delivered, overloaded
+from companion.control.bounds import clamped, limited, wrap
+from companion.control.compensator import Signals
+from companion.control.law import Motion, Terms
+from companion.control.oscillation import mean_disturbance, scaled_disturbance
+from companion.control.positioning import Jacobian, Model, coriolis_and_damping, damping
+from companion.control.schedule import Gains, scheduled
+from companion.control.tilt import (
+    YAW_LEVEL_RAD,
+    YAW_STEEP_RAD,
+    body_force,
+    coming_tilt,
+    level_force,
+    share,
+)
+from companion.estimation import estimator, hidden_delay, observer
+from companion.estimation.estimator import PREDICTION_STEP_S
+from companion.estimation.hidden_delay import HiddenDelayState
+from companion.estimation.observer import ObserverParameters, ObserverState
+from companion.records import PSI, Axes, Z
+from lab.batch.compiled import Slotted, slotted
+from lab.batch.vehicle import OVERRIDE_SPAN_US, TICK_S, Readings, Rows, Timing
+from sim_bridge.physics.plant import Three
+
+NO_AXES: Axes = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+NO_LEVELLING = levelling.levelling_of(1.0, 0.0, 0.0, 0.0, 0.0)
+STRAIGHT = Jacobian(1.0, 0.0)
+"""Heave and yaw are the same in all headings."""
+HEAVE, YAW = 0, 1
+"""Columns of the commanded thrusts; two further are their sums."""
+
+
+class Dof(NamedTuple):
+    """How one degree of freedom is estimated and controlled (`companion.control.controller.Dof`)."""
+
+    gains: Gains
+    reference: reference.Parameters
+    oscillation: oscillation.Parameters
+    law: Any
+    compensators: Any
+    by_observer: bool
+    max_disturbance: float
+    observer: ObserverParameters
+    sensor_delay_s: float
+    max_extrapolation_s: float
+
+
+class Companion(NamedTuple):
+    """What the equations need to know of a dive's companion."""
+
+    model: Model
+    heave: Dof
+    yaw: Dof
+    hidden: ObserverParameters
+    finds_hidden: bool
+    levels: bool
+    roll: levelling.Levelling
+    pitch: levelling.Levelling
+    thrusters: Thrusters
+    max_force: tuple[float, float]
+    """Of surge and sway, N."""
+    reach: Axes
+    slew: float
+    """Change of a demand in a tick, at most."""
+    start_delay_s: float
+    lead_s: float
+    longest_delay_s: float
+    """Largest sensor delay of all four degrees of freedom."""
+
+
+class Observed(NamedTuple):
+    """What the estimator remembers of a degree of freedom: when it was observed last counts in ticks."""
+
+    state: ObserverState
+    at: float
+    mean_d: float
+
+
+class Held(NamedTuple):
+    """What the controller remembers of a degree of freedom (`companion.control.controller.DofState`)."""
+
+    began: float
+    """Where it was engaged."""
+    reference: reference.State
+    oscillation: oscillation.State
+    law: Any
+    learnt: Any
+    mean_d: float
+    pace: float
+    allowed_pace: float
+    """What a tilt leaves of `pace`."""
+    saturated: bool
+
+
+class Memory(NamedTuple):
+    """All that a companion remembers from tick to tick, beside its commands."""
+
+    z: Observed
+    psi: Observed
+    hidden: HiddenDelayState
+    heave: Held
+    yaw: Held
+    roll: levelling.LevellingState
+    pitch: levelling.LevellingState
+    axes: Axes
+    """The last command before it was rounded for the wire."""
+    pushed: Axes
+    """Body wrench that the last command should have given, N and N·m."""
+
+
+class Estimate(NamedTuple):
+    """Position and rate of a degree of freedom when a command sent now acts, and its disturbance."""
+
+    q: float
+    v: float
+    d: float
+
+
+def learn(parameters: Any, learnt: Any, signals: Signals, learn_s: float, adapt: bool) -> tuple[Any, float]:
+    """Step the compensators of a degree of freedom; return their states and the sum of their d̂."""
+    raise NotImplementedError
+
+
+def force(parameters: Any, state: Any, motion: Motion, dt_s: float) -> tuple[Any, Terms]:
+    """Step the law of a degree of freedom."""
+    raise NotImplementedError
+
+
+def step_one(
+    parameters: Any, learnt: Any, signals: Signals, learn_s: float, adapt: bool
+) -> tuple[Any, float, bool]:
+    """Step one compensator."""
+    raise NotImplementedError
+
+
+def initial_one(parameters: Any) -> Any:
+    """Return one compensator's first state."""
+    raise NotImplementedError
+
+
+def initial_learnt(parameters: Any) -> Any:
+    """Return the compensators' first states."""
+    raise NotImplementedError
+
+
+def initial_law(parameters: Any) -> Any:
+    """Return the law's first state."""
+    raise NotImplementedError
+
+
+# Estimation
+
+
+def given(commands: Rows, column: int, tick: int, at: float) -> float:
+    """Return what the commands gave until `at`, N·ticks: times count in ticks.
+
+    The command of tick i is sent at i, and the newest is that before `tick`.
+    """
+    i = min(math.floor(at), tick - 1)
+    if i < 0:
+        return 0.0
+    return float(commands[i, 2 + column] + commands[i, column] * (at - i))
+
+
+def observe(
+    at: Timing,
+    dof: Dof,
+    before: Observed,
+    commands: Rows,
+    column: int,
+    tick: int,
+    until: float,
+    m: float,
+    c: float,
+    position: float,
+    rate: float,
+) -> tuple[Observed, float, float, float, float]:
+    """Bring an observer on to `until` and correct it (`Estimator._observe`).
+
+    Return it, the thrust that was in force, for how long (s), and what was measured, brought to that moment.
+    """
+    command = at.command_s / TICK_S
+    since = min(before.at, until)
+    dt_s = (until - since) * TICK_S
+    thrust = 0.0
+    if until > since:
+        thrust = given(commands, column, tick, until - command) - given(
+            commands, column, tick, since - command
+        )
+        thrust /= until - since
+    state = observer.advance(dof.observer, before.state, thrust, m, c, dt_s)
+    expected, rates = observer.expected(state), observer.rates(state, m, c)
+    most_s = dof.max_extrapolation_s
+    later_s = clamped(at.believed_age_s - at.telemetry_s - 0.5 * TICK_S, -most_s, most_s)
+    position, rate = position + rates[0] * later_s, rate + rates[1] * later_s
+    missed = position - expected[0]
+    if dof.reference.angular:
+        missed = wrap(missed)
+    state = observer.correct(dof.observer, state, missed, rate - expected[1])
+    mean_d = mean_disturbance(before.mean_d, state.d, TICK_S)
+    return Observed(state, until, mean_d), thrust, dt_s, position, rate
+
+
+def predict(
+    dof: Dof,
+    now: Observed,
+    gain_scale: float,
+    commands: Rows,
+    column: int,
+    tick: int,
+    since: float,
+    ahead_s: float,
+    steps: int,
+    m: float,
+    c: float,
+) -> Estimate:
+    """Predict through the commands on their way, the first of which was sent at `since`, `ahead_s` on."""
+    step_s = ahead_s / steps
+    model = observer.coefficients(dof.observer, m, c, step_s)
+    d_hat = scaled_disturbance(now.mean_d, now.state.d, gain_scale)
+    motion = (now.state.q, now.state.v, now.state.f)
+    before = given(commands, column, tick, since)
+    for k in range(steps):
+        after = given(commands, column, tick, since + (k + 1) * (step_s / TICK_S))
+        motion = observer.predict_step(model, motion, (after - before) * (TICK_S / step_s), d_hat)
+        before = after
+    return Estimate(motion[0], motion[1], now.state.d)
+
+
+# Control
+
+
+def held(dof: Dof, start: Estimate) -> Held:
+    """Rest where the vehicle is (`Controller.rest`)."""
+    d = limited(start.d, dof.max_disturbance) if dof.by_observer else 0.0
+    return Held(
+        start.q,
+        reference.start(dof.reference, start.q, start.v),
+        oscillation.START,
+        initial_law(dof.law),
+        initial_learnt(dof.compensators),
+        d,
+        1.0,
+        1.0,
+        False,
+    )
+
+
+def learn_none(
+    parameters: Any, learnt: Any, signals: Signals, learn_s: float, adapt: bool
+) -> tuple[Any, float]:
+    """Step no compensator."""
+    return learnt, 0.0
+
+
+def learn_one_more(
+    parameters: Any, learnt: Any, signals: Signals, learn_s: float, adapt: bool
+) -> tuple[Any, float]:
+    """Step a compensator, and those before it."""
+    others, d_others = learn(parameters[0], learnt[0], signals, learn_s, adapt)
+    state, d_hat, _ = step_one(parameters[1], learnt[1], signals, learn_s, adapt)
+    return (others, state), d_others + d_hat
+
+
+def initial_none(parameters: Any) -> float:
+    """Return the state of no compensator."""
+    return 0.0
+
+
+def initial_one_more(parameters: Any) -> Any:
+    """Return the first states of a compensator, and of those before it."""
+    return (initial_learnt(parameters[0]), initial_one(parameters[1]))
+
+
+def control(
+    dof: Dof,
+    before: Held,
+    x_d: reference.State,
+    x: Estimate,
+    e: float,
+    m: float,
+    k_plus_h: float,
+    delay_s: float,
+    learns: bool,
+) -> tuple[Held, float]:
+    """Return what is remembered, and the force (N) or moment (N·m) that is asked for (`Controller.step`)."""
+    scale, free = before.oscillation.gain_scale, not before.saturated
+    e_dot = x.v - x_d.x_d_dot
+    lam, kappa, learning_scale, left = scheduled(dof.gains, delay_s, scale)
+    signals = Signals(e, e_dot, e_dot + lam * e, x.v, x_d.x_d_dot, x_d.x_d_ddot)
+    d = limited(x.d, dof.max_disturbance) if dof.by_observer else 0.0
+    learnt, found = learn(dof.compensators, before.learnt, signals, learning_scale * TICK_S, learns and free)
+    mean_d = mean_disturbance(before.mean_d, d + found, TICK_S)
+    d_hat = scaled_disturbance(mean_d, d + found, scale)
+    motion = Motion(e, e_dot, x.v, x_d.x_d_ddot, m, k_plus_h, d_hat, lam, kappa, left, free)
+    law, terms = force(dof.law, before.law, motion, TICK_S)
+    tau = terms.feedforward + terms.feedback + terms.d_hat
+    watched = oscillation.step(dof.oscillation, before.oscillation, tau, TICK_S, delay_s)
+    return Held(
+        before.began,
+        x_d,
+        watched,
+        law,
+        learnt,
+        mean_d,
+        before.pace,
+        before.allowed_pace,
+        before.saturated,
+    ), tau
+
+
+def control_heave(
+    dof: Dof,
+    before: Held,
+    x_d: reference.State,
+    x: Estimate,
+    e: float,
+    m: float,
+    k_plus_h: float,
+    delay_s: float,
+    learns: bool,
+) -> tuple[Held, float]:
+    """`control` with heave's compensators and law: a slot."""
+    raise NotImplementedError
+
+
+def control_yaw(
+    dof: Dof,
+    before: Held,
+    x_d: reference.State,
+    x: Estimate,
+    e: float,
+    m: float,
+    k_plus_h: float,
+    delay_s: float,
+    learns: bool,
+) -> tuple[Held, float]:
+    """`control` with yaw's compensators and law: a slot."""
+    raise NotImplementedError
+
+
+def held_heave(dof: Dof, start: Estimate) -> Held:
+    """`held` with heave's compensators and law: a slot."""
+    raise NotImplementedError
+
+
+def held_yaw(dof: Dof, start: Estimate) -> Held:
+    """`held` with yaw's compensators and law: a slot."""
+    raise NotImplementedError
+
+
+# A tick
+
+
+def start(companion: Companion, readings: Readings) -> Memory:
+    """Engage where the first telemetry puts the vehicle."""
+    z, psi = observer.at_rest(readings.depth), observer.at_rest(readings.heading)
+    return Memory(
+        Observed(z, math.inf, 0.0),
+        Observed(psi, math.inf, 0.0),
+        hidden_delay.start(readings.depth, 0.0),
+        held_heave(companion.heave, Estimate(readings.depth, 0.0, 0.0)),
+        held_yaw(companion.yaw, Estimate(readings.heading, 0.0, 0.0)),
+        levelling.START,
+        levelling.START,
+        NO_AXES,
+        NO_AXES,
+    )
+
+
+def step(
+    companion: Companion,
+    at: Timing,
+    voltage_v: float,
+    before: Memory,
+    readings: Readings,
+    z_target: Three,
+    psi_target: Three,
+    commands: Rows,
+    tick: int,
+) -> tuple[Memory, Axes]:
+    """Return what is remembered and the axes that go out (`Engine.step`); write the tick's row of commands.
+
+    A target is a position, its rate and its acceleration.
+    """
+    model, heave, yaw = companion.model, companion.heave, companion.yaw
+    m_z, m_psi = model.m[Z], model.m[PSI]
+    drag = damping(model, (0.0, 0.0, before.z.state.v, before.psi.state.v))
+    delay_s = at.telemetry_s + at.command_s + before.hidden.hidden_s
+    ahead_s = at.command_s + companion.lead_s
+
+    # Estimator._estimates
+    late_s = at.telemetry_s + 0.5 * TICK_S
+    z_age_s = late_s + heave.sensor_delay_s + before.hidden.hidden_s
+    psi_age_s = late_s + yaw.sensor_delay_s
+    z_at, psi_at = tick - z_age_s / TICK_S, tick - psi_age_s / TICK_S
+    z, thrust, dt_s, position, rate = observe(
+        at, heave, before.z, commands, HEAVE, tick, z_at, m_z, drag[Z], readings.depth, readings.sink
+    )
+    hidden = before.hidden
+    if companion.finds_hidden and dt_s > 0.0:
+        hidden = hidden_delay.step(companion.hidden, hidden, thrust, m_z, drag[Z], dt_s, position, rate)
+    psi, _, _, _, _ = observe(
+        at,
+        yaw,
+        before.psi,
+        commands,
+        YAW,
+        tick,
+        psi_at,
+        m_psi,
+        drag[PSI],
+        readings.heading,
+        readings.heading_rate,
+    )
+    oldest_s = max(z_age_s, late_s + companion.longest_delay_s)
+    steps = max(1, math.ceil((oldest_s + ahead_s) / PREDICTION_STEP_S))
+    sent = at.command_s / TICK_S
+    z_ahead = predict(
+        heave,
+        z,
+        before.heave.oscillation.gain_scale,
+        commands,
+        HEAVE,
+        tick,
+        z_at - sent,
+        z_age_s + ahead_s,
+        steps,
+        m_z,
+        drag[Z],
+    )
+    psi_ahead = predict(
+        yaw,
+        psi,
+        before.yaw.oscillation.gain_scale,
+        commands,
+        YAW,
+        tick,
+        psi_at - sent,
+        psi_age_s + ahead_s,
+        steps,
+        m_psi,
+        drag[PSI],
+    )
+
+    # Controller.step
+    z_d = followed(heave, before.heave, z_target, ahead_s)
+    psi_d = followed(yaw, before.yaw, psi_target, ahead_s)
+    learns = (tick + 1) * TICK_S >= companion.start_delay_s
+    w = z_ahead.v - (1.0 - before.heave.oscillation.gain_scale) * (z_ahead.v - z_d.x_d_dot)
+    r = psi_ahead.v - (1.0 - before.yaw.oscillation.gain_scale) * (psi_ahead.v - psi_d.x_d_dot)
+    k_plus_h = coriolis_and_damping(model, STRAIGHT, (0.0, 0.0, w, r))
+    e_z, e_psi = z_ahead.q - z_d.x_d, wrap(psi_ahead.q - psi_d.x_d)
+    heave_law, down = control_heave(heave, before.heave, z_d, z_ahead, e_z, m_z, k_plus_h[Z], delay_s, learns)
+    yaw_law, turn = control_yaw(
+        yaw, before.yaw, psi_d, psi_ahead, e_psi, m_psi, k_plus_h[PSI], delay_s, learns
+    )
+
+    # Actuation.step
+    tilt = coming_tilt(readings.roll, readings.pitch, readings.p, readings.q)
+    yaw_share = share(tilt, YAW_LEVEL_RAD, YAW_STEEP_RAD)
+    X, Y, along_z = body_force(readings.roll, readings.pitch, tilt, (0.0, 0.0, down))
+    roll, pitch, K, M = before.roll, before.pitch, 0.0, 0.0
+    if companion.levels:
+        pushed, most = before.pushed, companion.max_force
+        roll, K = levelling.step(
+            companion.roll,
+            roll,
+            readings.roll,
+            readings.p,
+            limited(pushed[1], most[1]),
+            delay_s,
+            TICK_S,
+            True,
+        )
+        pitch, M = levelling.step(
+            companion.pitch,
+            pitch,
+            readings.pitch,
+            readings.q,
+            limited(pushed[0], most[0]),
+            delay_s,
+            TICK_S,
+            True,
+        )
+    wanted, saturated = allocate(
+        companion.thrusters, (X, Y, along_z, yaw_share * turn, K, M), voltage_v, companion.reach
+    )
+
+    # guard, Autopilot.applied, Actuation.sent
+    axes = guarded(before.axes, wanted, companion.reach, companion.slew)
+    applied = on_the_wire(axes)
+    pushed = delivered(companion.thrusters, applied, voltage_v)
+    overloads = overloaded(companion.thrusters, applied)
+    level = level_force(readings.roll, readings.pitch, (pushed[0], pushed[1], pushed[2]))
+    z_short = saturated[Z] or overloads[Z] or abs(applied[Z] - wanted[Z]) > CUT_OFF
+    psi_short = saturated[PSI] or overloads[PSI] or abs(applied[PSI] - wanted[PSI]) > CUT_OFF
+    record(commands, tick, level[2], pushed[3])
+
+    z_pace = pace.step(before.heave.pace, before.heave.saturated, TICK_S)
+    psi_pace = pace.step(before.yaw.pace, before.yaw.saturated, TICK_S)
+    return Memory(
+        z,
+        psi,
+        hidden,
+        after(heave_law, z_pace, pace.on_a_tilt(z_pace, share(tilt)), z_short),
+        after(yaw_law, psi_pace, psi_pace, psi_short or yaw_share < 1.0),
+        roll,
+        pitch,
+        axes,
+        pushed,
+    ), applied
+
+
+def followed(dof: Dof, before: Held, target: Three, ahead_s: float) -> reference.State:
+    """Let the reference go on toward where the target will be `ahead_s` later; NaN: stay where it began."""
+    position = before.began if math.isnan(target[0]) else target[0]
+    x, x_dot, x_ddot = reference.ahead(position, target[1], target[2], ahead_s)
+    return reference.step(dof.reference, before.reference, x, x_dot, x_ddot, before.allowed_pace, TICK_S)
+
+
+def after(law: Held, own_pace: float, allowed_pace: float, saturated: bool) -> Held:
+    """Return what is remembered of a degree of freedom once its command is out."""
+    return Held(
+        law.began,
+        law.reference,
+        law.oscillation,
+        law.law,
+        law.learnt,
+        law.mean_d,
+        own_pace,
+        allowed_pace,
+        saturated,
+    )
+
+
+def guarded(before: Axes, wanted: Axes, most: Axes, slew: float) -> Axes:
+    """Return the axes within reach, and a tick's slew of those before; neutral if one is not finite."""
+    if not math.isfinite(wanted[0] + wanted[1] + wanted[2] + wanted[3] + wanted[4] + wanted[5]):
+        return NO_AXES
+    return (
+        before[0] + limited(limited(wanted[0], most[0]) - before[0], slew),
+        before[1] + limited(limited(wanted[1], most[1]) - before[1], slew),
+        before[2] + limited(limited(wanted[2], most[2]) - before[2], slew),
+        before[3] + limited(limited(wanted[3], most[3]) - before[3], slew),
+        before[4] + limited(limited(wanted[4], most[4]) - before[4], slew),
+        before[5] + limited(limited(wanted[5], most[5]) - before[5], slew),
+    )
+
+
+def on_the_wire(axes: Axes) -> Axes:
+    """Return the axes in whole µs, as RC_CHANNELS_OVERRIDE carries them."""
+    span = OVERRIDE_SPAN_US
+    return (
+        round(span * axes[0]) / span,
+        round(span * axes[1]) / span,
+        round(span * axes[2]) / span,
+        round(span * axes[3]) / span,
+        round(span * axes[4]) / span,
+        round(span * axes[5]) / span,
+    )
+
+
+def record(commands: Rows, tick: int, down: float, turn: float) -> None:
+    """Write down what a command gives, and what all before it gave until then."""
+    commands[tick, HEAVE], commands[tick, YAW] = down, turn
+    if tick > 0:
+        commands[tick, 2 + HEAVE] = commands[tick - 1, 2 + HEAVE] + commands[tick - 1, HEAVE]
+        commands[tick, 2 + YAW] = commands[tick - 1, 2 + YAW] + commands[tick - 1, YAW]
+
+
+# From a configuration
+
+
+def companion_of(config: Config, finds_hidden: bool = True, damps: bool = True) -> Companion:
+    """Make the parameters of a configured companion.
+
+    Without `finds_hidden` no hidden delay is looked for; without `damps` no oscillation draws gains back.
+    Raises ValueError for what only the full loop can do.
+    """
+    if config.vehicle.thrust_path != "rc_override":
+        raise ValueError("a batch steers by rc_override: set vehicle.thrust_path")
+    if abs(1.0 / config.loop.rate_hz - TICK_S) > 1e-9:
+        raise ValueError(f"a batch ticks as the autopilot's input loop does, in {TICK_S} s")
+    model = assembly.model(config)
+    dofs = [_dof(config, dof, damps) for dof in (Z, PSI)]
+    limits = config.thrusters
+    tilts = config.levelling.max_axis if config.levels else 0.0
+    roll, pitch = assembly.levelling(config) or (NO_LEVELLING, NO_LEVELLING)
+    return Companion(
+        model=model,
+        heave=dofs[0],
+        yaw=dofs[1],
+        hidden=estimator.hidden_delay_parameters(config, model),
+        finds_hidden=finds_hidden,
+        levels=config.levels,
+        roll=roll,
+        pitch=pitch,
+        thrusters=assembly.thrusters(config),
+        max_force=(config.surge.max_force, config.sway.max_force),
+        reach=(limits.max_axis,) * 4 + (tilts,) * 2,
+        slew=limits.max_slew_per_s * TICK_S,
+        start_delay_s=config.network.start_delay_s,
+        lead_s=limits.lead_s,
+        longest_delay_s=max(axis.sensor_delay_s for axis in config.axes),
+    )
+
+
+def _dof(config: Config, dof: int, damps: bool) -> Dof:
+    model, axis = assembly.model(config), config.axes[dof]
+    one = assembly.dof(config, dof)
+    learners: Any = 0.0
+    for chosen in one.compensators:
+        learners = (learners, chosen.parameters)
+    return Dof(
+        gains=one.gains,
+        reference=one.reference,
+        oscillation=one.oscillation if damps else oscillation.Parameters(axis.max_force, math.inf),
+        law=one.law.parameters,
+        compensators=learners,
+        by_observer=one.by_observer,
+        max_disturbance=one.max_disturbance,
+        observer=estimator.parameters_of(config, model, dof, axis.disturbance_noise),
+        sensor_delay_s=axis.sensor_delay_s,
+        max_extrapolation_s=estimator.MAX_EXTRAPOLATION_S[dof],
+    )
+
+
+def slots_of(config: Config) -> dict[str, Slotted]:
+    """Return `step` and `start` with the compensators and the laws of a configuration in their slots."""
+    names = ("heave", "yaw")
+    of_step, of_start = {}, {}
+    for name, dof in zip(names, (Z, PSI), strict=True):
+        one = assembly.dof(config, dof)
+        learning, beginning = slotted(learn_none), slotted(initial_none)
+        for chosen in one.compensators:
+            kind = chosen.functions
+            learning = slotted(learn_one_more, learn=learning, step_one=kind.step)
+            beginning = slotted(initial_one_more, initial_learnt=beginning, initial_one=kind.initial)
+        law = one.law.functions
+        of_step[f"control_{name}"] = slotted(control, learn=learning, force=law.step)
+        of_start[f"held_{name}"] = slotted(held, initial_learnt=beginning, initial_law=law.initial)
+    return {"step_companion": slotted(step, **of_step), "start_companion": slotted(start, **of_start)}

@@ -1,0 +1,183 @@
+"""One dive without MAVLink, from its engagement to its end: vehicle and companion by turns, compiled.
+
+A tick: the command of the tick before leaves, the vehicle goes on by four steps, the companion takes in what
+its telemetry reports and makes the next command. `step_companion` and `start_companion` are slots.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from companion.control.bounds import wrap
+from companion.records import Axes, Z
+from lab.batch.companion import NO_AXES, Companion, Memory
+from lab.batch.vehicle import (
+    ENGAGED_S,
+    STEPS,
+    TICK_S,
+    Drawn,
+    Readings,
+    Rows,
+    Timing,
+    Vehicle,
+    motors,
+    read,
+    remember,
+    water,
+)
+from sim_bridge.physics import plant, thrusters
+from sim_bridge.physics.body import STEP_S
+from sim_bridge.physics.plant import Three
+from sim_bridge.physics.thrusters import NO_THRUST
+
+LOST_M = 5.0
+"""A dive that is further than this from where it should be is given up: its figures stop there."""
+
+
+class Figures(NamedTuple):
+    """What came of a dive; see `lab.batch.dives.simulate`."""
+
+    depth_rms_mm: float
+    depth_peak_mm: float
+    heading_rms_deg: float
+    thrust_rms_n: float
+    chatter_n: float
+    tail_rms_mm: float
+    tilt_deg: float
+    hidden_s: float
+    lost_s: float
+
+
+def start_companion(companion: Companion, readings: Readings) -> Memory:
+    """`companion.start` with its slots filled: a slot."""
+    raise NotImplementedError
+
+
+def step_companion(
+    companion: Companion,
+    at: Timing,
+    voltage_v: float,
+    before: Memory,
+    readings: Readings,
+    z_target: Three,
+    psi_target: Three,
+    commands: Rows,
+    tick: int,
+) -> tuple[Memory, Axes]:
+    """`companion.step` with its slots filled: a slot."""
+    raise NotImplementedError
+
+
+def dive(
+    vehicle: Vehicle,
+    drawn: Drawn,
+    companion: Companion,
+    at: Timing,
+    targets: Rows,
+    since_tick: int,
+    tail_tick: int,
+    trace: Rows,
+) -> Figures:
+    """Dive as long as there are targets.
+
+    Args:
+        vehicle: and its water.
+        drawn: what it meets.
+        companion: its configuration.
+        at: where the delays fall.
+        targets: (ticks, 6): depth and heading with their rates and accelerations; NaN: where it began.
+        since_tick: from when on figures count.
+        tail_tick: from when on those of the tail count.
+        trace: (ticks, 2) takes depth error (m) and thrust asked for in heave (N); (0, 2) for none.
+
+    """
+    ticks = len(targets)
+    commands = np.zeros((ticks, 4))
+    oldest = max(vehicle.depth_back, vehicle.climb_back, vehicle.attitude_back)
+    past = np.zeros((int(oldest) + STEPS + 2, 13))
+    for i in range(len(past)):
+        remember(past, i, vehicle.start)
+    flying = np.zeros((vehicle.to_motor_steps // STEPS + 2, 8))
+    slow = np.zeros((1, drawn.slow.shape[1]))
+    for i in range(slow.shape[1]):
+        slow[0, i] = drawn.slow[0, i] * drawn.normals[0, i]
+
+    state, thrust, static, axes = vehicle.start, NO_THRUST, NO_THRUST, NO_AXES
+    memory = start_companion(companion, read(vehicle, past, 0, slow, drawn.normals, 0))
+    depth_sum, heading_sum, thrust_sum, change_sum, tail_sum = 0.0, 0.0, 0.0, 0.0, 0.0
+    count, tail_count, peak, upright, last_thrust, lost_s = 0, 0, 0.0, 1.0, math.nan, math.nan
+    for tick in range(ticks):
+        t_s = ENGAGED_S + tick * TICK_S
+        for i in range(slow.shape[1]):
+            slow[0, i] = drawn.slow[1, i] * slow[0, i] + drawn.slow[2, i] * drawn.normals[tick + 1, i]
+        put(flying, tick, motors(vehicle, axes))
+        force, flow = water(vehicle, drawn.sea, slow, t_s, state)
+        for step in range(STEPS * tick, STEPS * (tick + 1)):
+            since = step - vehicle.to_motor_steps
+            if since >= 0 and since % STEPS == 0:
+                static = taken(flying, since // STEPS)
+            thrust = thrusters.lagged(thrust, static, vehicle.follow)
+            tau = thrusters.wrench(vehicle.thrusters, thrust)
+            state, _ = plant.step(vehicle.body, state, tau, force, flow, STEP_S)
+            remember(past, step + 1, state)
+
+        readings = read(vehicle, past, STEPS * (tick + 1), slow, drawn.normals, tick + 1)
+        z, psi = targets[tick, 0:3], targets[tick, 3:6]
+        memory, axes = step_companion(
+            companion,
+            at,
+            vehicle.voltage_v,
+            memory,
+            readings,
+            (z[0], z[1], z[2]),
+            (psi[0], psi[1], psi[2]),
+            commands,
+            tick,
+        )
+
+        depth_error, pushed = state[2] - z[0], memory.pushed[Z]
+        if not abs(depth_error) < LOST_M:
+            lost_s = t_s
+            break
+        if tick < len(trace):
+            trace[tick, 0], trace[tick, 1] = depth_error, pushed
+        if tick >= since_tick:
+            _, _, yaw = plant.euler(state)
+            heading_error = wrap(yaw - psi[0])
+            depth_sum += depth_error * depth_error
+            heading_sum += heading_error * heading_error
+            thrust_sum += pushed * pushed
+            if count > 0:
+                change_sum += (pushed - last_thrust) * (pushed - last_thrust)
+            last_thrust = pushed
+            count += 1
+            peak = max(peak, abs(depth_error))
+            upright = min(upright, plant.down_axis(state)[2])
+            if tick >= tail_tick:
+                tail_sum += depth_error * depth_error
+                tail_count += 1
+    n = max(count, 1)
+    return Figures(
+        1e3 * math.sqrt(depth_sum / n),
+        1e3 * peak,
+        math.degrees(math.sqrt(heading_sum / n)),
+        math.sqrt(thrust_sum / n),
+        math.sqrt(change_sum / max(n - 1, 1)),
+        1e3 * math.sqrt(tail_sum / max(tail_count, 1)),
+        math.degrees(math.acos(max(-1.0, min(1.0, upright)))),
+        memory.hidden.hidden_s,
+        lost_s,
+    )
+
+
+def put(ring: Rows, tick: int, static: thrusters.Eight) -> None:
+    """Write the steady thrust for a command into the ring of those on their way."""
+    for i, newtons in enumerate(static):
+        ring[tick % len(ring), i] = newtons
+
+
+def taken(ring: Rows, tick: int) -> thrusters.Eight:
+    """Return the steady thrust for the command of a tick."""
+    row = ring[tick % len(ring)]
+    return row[0], row[1], row[2], row[3], row[4], row[5], row[6], row[7]
