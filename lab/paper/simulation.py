@@ -3,7 +3,8 @@
     m z̈ = τ − h (ż − v_c)|ż − v_c| − d             the plant (eq. rov); v_c is the current
     z_d = 0.5 (1 − cos 0.1πt)                       the reference (sec. 5)
 
-The controller knows m and h up to ±10 %; it is the one of the vehicle: `rov_law`, `Network`, `Integrator`.
+The controller knows m and h up to ±10 %; it is the one of the vehicle: `rov_law`, `network`, `integrator`,
+compiled as they stand and called case by case.
 Each case dives twice: from e(0) = 0 (tracking) and from e(0) = 0.1 m (phase portrait).
 
 | symbol | meaning                  | unit   |
@@ -13,17 +14,19 @@ Each case dives twice: from e(0) = 0 (tracking) and from e(0) = 0.1 m (phase por
 | tau    | thrust                   | N      |
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import groupby, product
-from math import cos, exp, pi, sin, sqrt
+from math import cos, exp, inf, pi, sin, sqrt
+from typing import Any
 
 import numpy as np
 
+from companion.control import integrator, network
+from companion.control.compensator import Inputs, Signals
+from companion.control.law import rov_law
 from companion.records import Array
-from lab.batch.legacy.integrator import Integration, Integrator
-from lab.batch.legacy.law import rov_law
-from lab.batch.legacy.network import Learning, Network
+from lab.batch.compiled import cached, slotted
 
 MASS_KG = 50.0
 DAMPING = 250.0  # N s²/m²
@@ -33,7 +36,7 @@ INPUTS = 3
 ETA, ETA_V = 200.0, 2.0
 INTEGRAL_GAIN = ETA * UNITS / 4.0  # what η‖σ‖² is at rest, where each logistic unit gives 1/2
 
-TICK_MS = 10
+TICK_MS, TICK_S = 10, 0.01
 DURATION_S = 60
 PERIOD_S = 20  # of the reference, and so of the orbit
 SWING = 0.1 * pi  # rad/s, the reference's
@@ -193,26 +196,16 @@ class _Fleet:
         t_s = ms / 1000.0
         z_d, z_d_dot, z_d_ddot = reference(t_s)
         e, e_dot = self._z - z_d, self._w - z_d_dot
-        eps = e_dot + LAM * e
-        theta = np.stack((np.ones_like(e), 10.0 * e, 3.0 * e_dot), axis=-1)
-        adapt = np.broadcast_to(ms >= self._wait_ms, e.shape)
-        d_hat = np.zeros_like(e)
-        for columns, compensator in self._compensators:
-            d_hat[:, columns] = compensator.step(
-                theta[:, columns], eps[:, columns], TICK_MS / 1000.0, adapt[:, columns]
+        adapt = ms >= self._wait_ms
+        tau = np.zeros_like(e)
+        for columns, asked, parameters, memory in self._compensators:
+            asked(
+                *(parameters, memory, self._m_hat[columns], self._h_hat[columns], self._kappa[columns]),
+                *(adapt[columns], z_d_ddot, self._w[:, columns], e[:, columns], e_dot[:, columns]),
+                tau[:, columns],
             )
-        law = rov_law(
-            k_plus_h=self._h_hat * self._w * np.abs(self._w),
-            d_hat=d_hat,
-            m=self._m_hat,
-            x_d_ddot=np.array(z_d_ddot),
-            e=e,
-            e_dot=e_dot,
-            lam=np.array(LAM),
-            kappa=self._kappa,
-        )
-        self._sent[ms // TICK_MS % len(self._sent)] = law.tau
-        self._note(t_s, z_d, e, e_dot, law.tau)
+        self._sent[ms // TICK_MS % len(self._sent)] = tau
+        self._note(t_s, z_d, e, e_dot, tau)
 
     def move(self, start_ms: int) -> None:
         """Move the plants through one tick: RK4 at 1 ms, the thrust held."""
@@ -281,19 +274,89 @@ def _acceleration(relative: Array, drive: Array) -> Array:
     return drive - (DAMPING / MASS_KG) * relative * np.abs(relative)
 
 
-def _compensators(cases: Sequence[Case]) -> list[tuple[slice, Integrator | Network]]:
-    """Return what compensates which columns: one integrator, and a network for each draw of first weights."""
-    off, unbounded = np.zeros(()), np.array(np.inf)
-    found: list[tuple[slice, Integrator | Network]] = []
+def asked(
+    parameters: Any,
+    memory: Array,
+    m_hat: Array,
+    h_hat: Array,
+    kappa: Array,
+    adapt: Array,
+    z_d_ddot: float,
+    w: Array,
+    e: Array,
+    e_dot: Array,
+    tau: Array,
+) -> None:
+    """Write the thrust of all starts and cases to `tau`; `memory` (starts, cases, n) is what is learnt."""
+    for start in range(tau.shape[0]):
+        for i in range(tau.shape[1]):
+            now, rate, speed = e[start, i], e_dot[start, i], w[start, i]
+            theta = (1.0, 10.0 * now, 3.0 * rate, 0.0, 0.0, 0.0)
+            d_hat = estimated(parameters, memory[start, i], theta, rate + LAM * now, adapt[i])
+            drag = h_hat[i] * speed * abs(speed)
+            law = rov_law(drag, d_hat, m_hat[i], z_d_ddot, now, rate, LAM, kappa[i])
+            tau[start, i] = law.tau
+
+
+def estimated(parameters: Any, memory: Array, theta: Inputs, eps: float, adapt: bool) -> float:
+    """Return d̂ of one case, having learnt for a tick: a slot."""
+    raise NotImplementedError
+
+
+def by_nothing(parameters: Any, memory: Array, theta: Inputs, eps: float, adapt: bool) -> float:
+    """Return no d̂."""
+    return 0.0
+
+
+def by_integrator(
+    parameters: integrator.Parameters, memory: Array, theta: Inputs, eps: float, adapt: bool
+) -> float:
+    """Return the integrator's d̂, which is all that it remembers."""
+    signals = Signals(0.0, 0.0, eps, 0.0, 0.0, 0.0)
+    state, d_hat, _ = integrator.step(parameters, integrator.State(memory[0]), signals, TICK_S, adapt)
+    memory[0] = state.d_hat
+    return d_hat
+
+
+def by_network(
+    parameters: network.Parameters, memory: Array, theta: Inputs, eps: float, adapt: bool
+) -> float:
+    """Return the network's d̂, which remembers of each unit its weight and its column of V."""
+    W = [memory[at] for at in range(0, len(memory), 7)]
+    V = [
+        (memory[at], memory[at + 1], memory[at + 2], memory[at + 3], memory[at + 4], memory[at + 5])
+        for at in range(1, len(memory), 7)
+    ]
+    state, d_hat, _ = network.learnt(parameters, network.State(W, V), theta, eps, TICK_S, adapt)
+    for j in range(len(state.W)):
+        memory[7 * j] = state.W[j]
+        for k in range(6):
+            memory[7 * j + 1 + k] = state.V[j][k]
+    return d_hat
+
+
+ESTIMATES = {"none": by_nothing, "integrator": by_integrator, "network": by_network}
+
+
+def _compensators(cases: Sequence[Case]) -> Iterator[tuple[slice, Callable[..., None], Any, Array]]:
+    """Give what compensates which columns, its parameters and what it remembers of each start and case.
+
+    Without leak a network's V(0) is where it starts and nothing else, so that one serves all seeds.
+    """
+    gains = integrator.Parameters(INTEGRAL_GAIN, 0.0, 0.0, inf)
+    learning = network.Parameters(ETA, ETA_V, 0.0, 0.0, inf, ((0.0,) * 6,) * UNITS)
+    parameters = {"none": 0.0, "integrator": gains, "network": learning}
     start = 0
-    for kind, group in groupby(cases, key=lambda case: (case.compensator, case.seed)):
-        stop = start + len(list(group))
-        shape = (len(STARTS_M), stop - start)
-        if kind[0] == "integrator":
-            gains = Integration(np.array(INTEGRAL_GAIN), off, off, unbounded)
-            found.append((slice(start, stop), Integrator(gains, shape)))
-        if kind[0] == "network":
-            learning = Learning(np.array(ETA), np.array(ETA_V), off, off, unbounded)
-            found.append((slice(start, stop), Network(learning, shape, INPUTS, UNITS, kind[1])))
+    for kind, group in groupby(cases, key=lambda case: case.compensator):
+        first = [_first_weights(case.seed) if kind == "network" else np.zeros(1) for case in group]
+        stop = start + len(first)
+        loop = cached(slotted(asked, estimated=ESTIMATES[kind]))
+        yield slice(start, stop), loop, parameters[kind], np.array([first] * len(STARTS_M))
         start = stop
-    return found
+
+
+def _first_weights(seed: int) -> Array:
+    """Return W = 0 and V(0) as `by_network` remembers them."""
+    units = np.zeros((UNITS, 7))
+    units[:, 1 : 1 + INPUTS] = np.random.default_rng(seed).standard_normal((INPUTS, UNITS)).T
+    return units.reshape(-1)
