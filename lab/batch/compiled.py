@@ -2,7 +2,7 @@
 
 `compiled(function)` is a numba function with the behaviour of `function`. The Python functions that it calls
 are compiled with it: no equation needs a decorator, and no vehicle needs numba. Two things differ from plain
-Python: floats do not raise (division by zero gives inf or NaN), and arguments have the annotated types.
+Python: floats do not raise (division by zero gives inf or NaN), and whole numbers are of 64 bits.
 
 What the lab runs (`cached`) stays on disk, in a folder named by a digest of every source that it may be made
 of. numba's own cache looks at the file of the function alone, and not at those that it calls.
@@ -17,10 +17,9 @@ import shutil
 from collections.abc import Callable
 from pathlib import Path
 from types import CodeType, FunctionType, ModuleType
-from typing import Any, NamedTuple, TypeVar, get_args, get_origin, get_type_hints
+from typing import Any, NamedTuple
 
 import numba
-import numpy as np
 
 PACKAGES = ("companion", "sim_bridge", "lab")
 OPTIONS = {"error_model": "numpy", "fastmath": {"contract"}}
@@ -28,8 +27,6 @@ OPTIONS = {"error_model": "numpy", "fastmath": {"contract"}}
 
 KEPT_FOLDERS = 4
 """Of compiled code; those of older sources are removed."""
-
-Function = TypeVar("Function", bound=Callable[..., Any])
 
 
 class Slotted(NamedTuple):
@@ -42,12 +39,6 @@ class Slotted(NamedTuple):
 def slotted(function: Callable[..., Any], **slots: "Callable[..., Any] | Slotted") -> Slotted:
     """Return `function` with other functions in its slots."""
     return Slotted(function, tuple(slots.items()))
-
-
-def compiled(function: Function) -> Function:
-    """Return `function`, compiled for the types that its annotations name."""
-    made: Function = numba.njit(signature(function), **OPTIONS)(_with_callees(function, ()))
-    return made
 
 
 @functools.cache
@@ -78,34 +69,6 @@ def cached(entry: Slotted) -> Callable[..., Any]:
     return call
 
 
-def signature(function: Callable[..., Any]) -> tuple[Any, ...]:
-    """Return the numba types of the arguments, from their annotations.
-
-    Raises TypeError for an annotation that the equations do not use.
-    """
-    hints = get_type_hints(function)
-    hints.pop("return", None)
-    return tuple(numba.typeof(example(hint)) for hint in hints.values())
-
-
-def example(hint: Any) -> Any:
-    """Return a value of an annotation: float, int, bool, a tuple or NamedTuple of these, or an array.
-
-    An array is `np.ndarray[tuple[int, ...], np.dtype[...]]` with an `int` for each dimension, C-contiguous.
-    """
-    if hint in (float, int, bool):
-        return hint()
-    if isinstance(hint, type) and issubclass(hint, tuple) and hasattr(hint, "_fields"):
-        fields = get_type_hints(hint)
-        return hint(*(example(fields[name]) for name in hint._fields))
-    if get_origin(hint) is tuple:
-        return tuple(map(example, get_args(hint)))
-    if get_origin(hint) is np.ndarray:
-        shape, dtype = get_args(hint)
-        return np.zeros((1,) * len(get_args(shape)), get_args(dtype)[0])
-    raise TypeError(f"{hint} is no type of an equation: use float, int, bool, tuples and NamedTuples of them")
-
-
 def digest(root: Path) -> str:
     """Return the SHA-256, in hex, of all Python sources of PACKAGES below `root`."""
     sources = hashlib.sha256()
@@ -116,7 +79,7 @@ def digest(root: Path) -> str:
 
 
 @functools.cache
-def _callee(function: Callable[..., Any] | Slotted) -> Any:
+def compiled(function: Callable[..., Any] | Slotted) -> Any:
     """Return a function that numba compiles for the types with which it is called."""
     entry = function if isinstance(function, Slotted) else Slotted(function, ())
     return numba.njit(**OPTIONS)(_with_callees(*entry))
@@ -132,13 +95,13 @@ def _with_callees(
     for name in named & scope.keys():
         value = scope[name]
         if _is_python(value) and value is not function:
-            scope[name] = _callee(value)
+            scope[name] = compiled(value)
         elif isinstance(value, ModuleType):
             functions = {key: one for key in attributes if _is_python(one := vars(value).get(key))}
             if functions:
                 scope[name] = ModuleType(value.__name__)
-                vars(scope[name]).update(vars(value) | {key: _callee(one) for key, one in functions.items()})
-    scope |= {name: _callee(chosen) for name, chosen in slots}
+                vars(scope[name]).update(vars(value) | {key: compiled(one) for key, one in functions.items()})
+    scope |= {name: compiled(chosen) for name, chosen in slots}
     copy = FunctionType(function.__code__, scope, function.__name__, function.__defaults__)
     functools.update_wrapper(copy, function)
     return copy

@@ -16,6 +16,8 @@ from sim_bridge.commands import DEFAULT_CONFIG
 from sim_bridge.config import Fault
 from sim_bridge.config import load_config as load_plant
 
+pytestmark = pytest.mark.timeout(400)  # whoever is first compiles the loop
+
 CONFIG, BASE = load_config(), load_plant(DEFAULT_CONFIG)
 SEEDS = [3, 14, 15, 92]
 SHORT = {"target": hold(), "duration_s": 6.0, "since_s": 3.5}

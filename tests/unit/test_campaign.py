@@ -13,6 +13,8 @@ from lab.campaign import campaign
 from lab.campaign.campaign import BLUEROV2, DISTURBANCES, VEHICLES, Row, batches, case, plant, run
 from lab.campaign.file import CampaignError, CampaignFile
 
+pytestmark = pytest.mark.timeout(400)  # whoever is first compiles the loop
+
 CONFIG = load_config()
 CASES = [case(number) for number in range(360)]
 

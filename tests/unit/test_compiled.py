@@ -3,13 +3,28 @@
 import math
 from typing import NamedTuple, get_args, get_type_hints
 
-import numba
 import numpy as np
 import pytest
 
+from companion.control import (
+    allocation,
+    compensator,
+    integrator,
+    law,
+    levelling,
+    oscillation,
+    pace,
+    positioning,
+    reference,
+    regressor,
+    schedule,
+    tilt,
+)
 from companion.control import bounds as subject_of_modules
+from companion.estimation import hidden_delay, observer
 from lab.batch import compiled as subject
-from lab.batch.compiled import cached, compiled, digest, example, signature, slotted
+from lab.batch.compiled import cached, compiled, digest, slotted
+from sim_bridge.firmware import mixer
 from sim_bridge.physics import plant, thrusters
 
 
@@ -39,10 +54,6 @@ def quotient(a: float, b: float) -> float:
     return a / b
 
 
-def text(name: str) -> int:
-    return len(name)
-
-
 @pytest.mark.parametrize("flags", [(True, False), (False, True)])
 def test_compiled_function_and_its_callees_do_what_python_does(flags):
     arguments = Parameters(3.0, 4, flags), Motion(0.2, -0.1), 0.02
@@ -54,16 +65,6 @@ def test_compiled_function_and_its_callees_do_what_python_does(flags):
 def test_compiled_floats_do_not_raise():
     assert compiled(quotient)(1.0, 0.0) == math.inf
     assert math.isnan(compiled(quotient)(0.0, 0.0))
-
-
-def test_arguments_have_the_annotated_types():
-    assert signature(quotient) == (numba.float64, numba.float64)
-    assert example(Parameters) == Parameters(0.0, 0, (False, False))
-    assert example(np.ndarray[tuple[int, int], np.dtype[np.float64]]).shape == (1, 1)
-    assert len(compiled(quotient).signatures) == 1
-    assert compiled(quotient)(1, 2) == 0.5
-    with pytest.raises(TypeError, match="no type of an equation"):
-        signature(text)
 
 
 def doubled(x: float) -> float:
@@ -115,6 +116,15 @@ def test_a_changed_or_new_source_changes_the_digest(tmp_path):
 
 
 EQUATIONS = [
+    *(observer.at_rest, observer.coefficients, observer.predict_step, observer.advance, observer.correct),
+    *(observer.expected, observer.rates, hidden_delay.start, hidden_delay.step),
+    *(reference.start, reference.ahead, reference.step, schedule.scheduled, law.rov_law, law.step),
+    *(integrator.step, regressor.step, compensator.inputs, compensator.dead_zone_error),
+    *(oscillation.step, oscillation.mean_disturbance, oscillation.scaled_disturbance),
+    *(positioning.to_body, positioning.to_inertial, positioning.inertia, positioning.coriolis_and_damping),
+    *(allocation.allocate, allocation.delivered, allocation.overloaded, allocation.motors),
+    *(levelling.step, pace.step, pace.on_a_tilt, tilt.coming_tilt, tilt.share, tilt.body_force),
+    *(tilt.level_force, mixer.mix_six_dof, mixer.mix_vectored),
     *(plant.rotation, plant.down_axis, plant.ned_velocity, plant.euler, plant.derivative, plant.step),
     *(thrusters.static_thrust, thrusters.lagged, thrusters.follow_of, thrusters.wrench),
 ]

@@ -14,6 +14,8 @@ from lab.batch.vehicle import Links
 from lab.loop.scenarios import four
 from sim_bridge.config import load_config as load_plant
 
+pytestmark = pytest.mark.timeout(400)  # whoever is first compiles the loop
+
 CONFIG = load_config()
 PLANT = load_plant(Path(__file__).parents[2] / "config" / "sim.toml")
 M, DRAG, LAG_S, DT_S = 28.0, 30.0, 0.15, 0.02
