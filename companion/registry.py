@@ -21,12 +21,15 @@ from companion.control.law import Motion, Terms
 NONE, OBSERVER, LYAPUNOV = "none", "observer", "lyapunov"
 """No compensator; the observer's d fed back; the paper's law."""
 
+SHIPPED = {"integrator": integrator, "regressor": regressor, "network": network}
+
 Tables = Mapping[str, Mapping[str, Any]]
 
 
 class Compensator(NamedTuple):
-    """The functions of a compensator's file."""
+    """A compensator's file and its functions."""
 
+    module: ModuleType
     parameters: Callable[[Mapping[str, Any]], Any]
     initial: Callable[[Any], Any]
     step: Callable[[Any, Any, Signals, float, bool], tuple[Any, float, bool]]
@@ -36,8 +39,9 @@ class Compensator(NamedTuple):
 
 
 class Law(NamedTuple):
-    """The functions of a law's file."""
+    """A law's file and its functions."""
 
+    module: ModuleType
     parameters: Callable[[Mapping[str, Any]], Any]
     initial: Callable[[Any], Any]
     step: Callable[[Any, Any, Motion, float], tuple[Any, Terms]]
@@ -52,8 +56,7 @@ class UnusableError(ValueError):
 
 def compensators(tables: Tables) -> dict[str, Compensator]:
     """Return what learns, by its name, with what the configuration's `[compensators]` add."""
-    shipped = {"integrator": integrator, "regressor": regressor, "network": network}
-    return _all("compensators", Compensator, shipped, tables)
+    return _all("compensators", Compensator, SHIPPED, tables)
 
 
 def laws(tables: Tables) -> dict[str, Law]:
@@ -75,9 +78,8 @@ def learners(choice: str, known: Mapping[str, Compensator]) -> list[str]:
     names = choice.split("+")
     sound = choice == NONE or (len(set(names)) == len(names) and set(names) <= {OBSERVER, *known})
     if not sound:
-        raise UnusableError(
-            f"must be {NONE}, {OBSERVER}, {', '.join(known)}, or several of these joined by +"
-        )
+        single = ", ".join((NONE, OBSERVER, *known))
+        raise UnusableError(f"must be one of {single}, or several but the first joined by +")
     return [name for name in names if name in known]
 
 
@@ -85,22 +87,31 @@ def _all(
     group: str, kind: Callable[..., Functions], shipped: Mapping[str, ModuleType], tables: Tables
 ) -> dict[str, Functions]:
     modules: dict[str, ModuleType] = {**shipped, **_installed(group)}
-    modules |= {
-        name: _imported(f"{group}.{name}.module", table["module"])
-        for name, table in tables.items()
-        if "module" in table
-    }
-    for name, table in tables.items():
-        _check_table(f"{group}.{name}", table, modules.get(name))
-    return {name: _functions(kind, module) for name, module in modules.items()}
+    for own, table in tables.items():
+        if "module" in table:
+            modules[own] = _imported(f"{group}.{own}.module", table["module"])
+        if own not in modules:
+            raise UnusableError(f"{group}.{own}: not installed; name its file: {group}.{own}.module")
+    found = {name: _functions(kind, module) for name, module in modules.items()}
+    for own, table in tables.items():
+        _check_table(f"{group}.{own}", table, modules[own].Parameters)
+    return found
 
 
-def _check_table(where: str, table: Mapping[str, Any], module: ModuleType | None) -> None:
-    if module is None:
-        raise UnusableError(f"{where}: not installed; name its file: {where}.module")
-    known = ("module", *module.Parameters._fields)
-    if unknown := set(table).difference(known):
-        raise UnusableError(f"{where}.{min(unknown)}: unknown key; known here: {', '.join(known)}")
+def _check_table(where: str, table: Mapping[str, Any], kind: Any) -> None:
+    known = get_type_hints(kind, include_extras=True)
+    for key, value in table.items():
+        if key in known:
+            _converted(f"{where}.{key}", value, known[key])
+        elif key != "module":
+            raise UnusableError(f"{where}.{key}: unknown key; known here: {', '.join(('module', *known))}")
+
+
+def _converted(key: str, value: Any, hint: Any) -> Any:
+    try:
+        return msgspec.convert(value, hint)
+    except msgspec.ValidationError as error:
+        raise UnusableError(f"{key} = {value!r:.80}: {str(error).lower()}") from error
 
 
 @cache
@@ -126,7 +137,7 @@ def _imported(key: str, name: Any) -> ModuleType:
 def _functions(kind: Callable[..., Functions], module: ModuleType) -> Functions:
     """Return the functions of a file, with the usual `parameters` where it does not define its own."""
     names: list[str] = list(get_type_hints(kind))
-    given = {"parameters": partial(_parameters, module)} | vars(module)
+    given = {"module": module, "parameters": partial(_parameters, module)} | vars(module)
     if missing := [name for name in ("Parameters", "State", *names) if name not in given]:
         raise UnusableError(f"{module.__name__} has no {', '.join(missing)}")
     return kind(*(given[name] for name in names))
@@ -138,13 +149,9 @@ def _parameters(module: ModuleType, values: Mapping[str, Any]) -> Any:
     Raises UnusableError for a value that is missing or of another type.
     """
     kind = module.Parameters
-    found = {}
-    for name, hint in get_type_hints(kind, include_extras=True).items():
-        if name in values:
-            try:
-                found[name] = msgspec.convert(values[name], hint)
-            except msgspec.ValidationError as error:
-                raise UnusableError(f"{name} = {values[name]!r:.80}: {str(error).lower()}") from error
-        elif name not in kind._field_defaults:
-            raise UnusableError(f"{name}: missing")
-    return kind(**found)
+    hints = get_type_hints(kind, include_extras=True)
+    if missing := [name for name in hints if name not in values and name not in kind._field_defaults]:
+        raise UnusableError(f"{', '.join(missing)}: missing")
+    return kind(
+        **{name: _converted(name, values[name], hint) for name, hint in hints.items() if name in values}
+    )

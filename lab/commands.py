@@ -43,6 +43,9 @@ def bench(argv: list[str]) -> int:
         "--rows", nargs="+", metavar="ROW", help="run only these rows, such as: default law ppi"
     )
     parser.add_argument(
+        "--scenarios", nargs="+", metavar="NAME", help="run only these: waves, trajectory, load, calm"
+    )
+    parser.add_argument(
         "--set",
         action="append",
         default=[],

@@ -23,7 +23,7 @@ from companion.config import Config, load_config
 from companion.records import Array, Setpoint
 from lab.batch.dives import simulate
 from lab.batch.vehicle import Links
-from lab.bench.rows import selected, tuned, values_of
+from lab.bench.rows import Row, rows, tuned, values_of
 from lab.loop.dive import dive
 from lab.loop.lockstep import Link
 from lab.loop.scenarios import DEPTH_M, SETTLE_S, Scenario, ensemble, four, hold
@@ -67,9 +67,6 @@ PARTS = (
 )
 HEADLINES = tuple(part for part in PARTS if part.finds_hidden and part.damps)
 """What `--firmware` dives."""
-
-LAWS = ("law", "integrator", "regressor", "observer", "network", "network+observer")
-"""Rows of the bench: each with the gains that the search found for it."""
 
 
 @dataclass(frozen=True)
@@ -125,19 +122,24 @@ def parts_on_firmware(
 def wrong_models(
     base: SimConfig, settings: Sequence[str], seeds: int, done: Callable[[], None]
 ) -> list[Result]:
-    """Return every law of LAWS in every case of `wrong`."""
-    results, found = [], tuned()
+    """Return every row of `compensating`, with the gains that the search found, in every case of `wrong`."""
+    results, found, configured = [], tuned(), load_config(overrides=settings)
     for case, scenarios in wrong(seeds).items():
-        for row in selected(LAWS):
+        for row in compensating(configured):
             config = load_config(overrides=[*settings, *row.overrides(values_of(row, found))])
             results.append(_result(row.name, case, [_dive(config, scenarios, base, Links())]))
             done()
     return results
 
 
-def count() -> int:
+def compensating(config: Config) -> list[Row]:
+    """Return the bench's rows that have the paper's law in heave, with any compensator or none."""
+    return [row for row in rows(config) if row.compensates]
+
+
+def count(settings: Sequence[str]) -> int:
     """Return how often `parts` and `wrong_models` call `done`."""
-    return len(PARTS) * len(DELAYS) + len(LAWS) * len(wrong(1))
+    return len(PARTS) * len(DELAYS) + len(compensating(load_config(overrides=settings))) * len(wrong(1))
 
 
 def four_of(seeds: int, which: int) -> list[Scenario]:

@@ -35,7 +35,7 @@ def report(
     """
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console) as progress:
-        total = count() if firmware is None else len(HEADLINES) * len(BENCH_LINKS)
+        total = count(settings) if firmware is None else len(HEADLINES) * len(BENCH_LINKS)
         task = progress.add_task("diving variants", total=total)
 
         def done() -> None:

@@ -72,6 +72,7 @@ def measure(
     seeds: int,
     done: Callable[[], None],
     firmware: Path | None = None,
+    scenarios: Sequence[str] = SCENARIOS,
 ) -> list[Run]:
     """Dive every case with `seeds` vehicles and every row on all cores, and compute the floors.
 
@@ -80,7 +81,7 @@ def measure(
     """
     cases = [
         (scenario, delay_ms, FIRST_SEED + seed)
-        for scenario in SCENARIOS
+        for scenario in scenarios
         for delay_ms in LINKS
         for seed in range(seeds)
     ]
@@ -131,16 +132,21 @@ def _made(settings: Sequence[str], rows: Sequence[Row]) -> list[tuple[Row, Confi
     ]
 
 
-def count(rows: Sequence[Row], seeds: int) -> int:
+def count(rows: Sequence[Row], seeds: int, scenarios: Sequence[str] = SCENARIOS) -> int:
     """Return how often `measure` calls `done`."""
-    return (len(rows) + 1) * len(SCENARIOS) * len(LINKS) * seeds
+    return (len(rows) + 1) * len(scenarios) * len(LINKS) * seeds
+
+
+def dived(of: Sequence[Run] | Sequence[Summary]) -> list[str]:
+    """Return the scenarios that were dived, in the order of SCENARIOS."""
+    return [name for name in SCENARIOS if any(one.scenario == name for one in of)]
 
 
 def summaries(runs: Sequence[Run]) -> list[Summary]:
     """Summarise each row in each case, in the order in which the rows first ran; the floor is last."""
     names = [*dict.fromkeys(run.row for run in runs if run.row != FLOOR), FLOOR]
     result = []
-    for scenario in SCENARIOS:
+    for scenario in dived(runs):
         for delay_ms in LINKS:
             case = [run for run in runs if (run.scenario, run.delay_ms) == (scenario, delay_ms)]
             by_row = {name: sorted((r for r in case if r.row == name), key=_seed) for name in names}

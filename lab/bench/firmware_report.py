@@ -85,7 +85,7 @@ def side_by_side(measured: Sequence[Pair]) -> Table:
     for i, pair in enumerate(measured):
         first = i == 0 or measured[i - 1].row != pair.row
         drawn.add_row(
-            titles[pair.row] if first else "",
+            titles.get(pair.row, pair.row) if first else "",
             pair.scenario,
             _both(pair.sd_mm, ".1f", pair.gave_up),
             f"{pair.sd_mm[1] / pair.sd_mm[0]:.2f}{'' if pair.alike else '*'}",

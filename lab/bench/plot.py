@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 
-from lab.bench.bench import FLOOR, LINKS, SCENARIOS, Run, interval
+from lab.bench.bench import FLOOR, LINKS, Run, dived, interval
 from lab.bench.floor import CHATTER_N
 from lab.style import BLUE, VERMILLION
 
@@ -23,7 +23,7 @@ def draw(runs: Sequence[Run], titles: Mapping[str, str], folder: Path) -> list[P
     folder.mkdir(parents=True, exist_ok=True)
     names = list(dict.fromkeys(run.row for run in runs if run.row != FLOOR))
     paths = []
-    for scenario in SCENARIOS:
+    for scenario in dived(runs):
         figure, (left, right) = plt.subplots(
             1,
             2,
@@ -43,7 +43,7 @@ def draw(runs: Sequence[Run], titles: Mapping[str, str], folder: Path) -> list[P
             f"limit {CHATTER_N} N", (CHATTER_N, 1.0), xycoords=("data", "axes fraction"), xytext=(3, 3),
             textcoords="offset points", color="0.4", fontsize=8,
         )  # fmt: skip
-        left.set_yticks(range(len(names)), [titles[name] for name in names])
+        left.set_yticks(range(len(names)), [titles.get(name, name) for name in names])
         left.set_ylim(len(names) - 0.5, -0.5)
         right.tick_params(left=False)
         for axes, label in ((left, "depth error, RMS (mm)"), (right, "command's change, RMS (N a tick)")):

@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from companion.config import load_config
+from companion.config import ConfigError, load_config
 from lab.bench.ablation import Result
 from lab.bench.ablation_report import report
 from lab.bench.bench import (
@@ -24,6 +24,7 @@ from lab.bench.bench import (
     SCENARIOS,
     Summary,
     count,
+    dived,
     measure,
     measure_both,
     summaries,
@@ -32,13 +33,15 @@ from lab.bench.firmware_report import Pair, as_records, pairs, side_by_side
 from lab.bench.floor import CHATTER_N
 from lab.bench.plot import draw
 from lab.bench.process import Bound, latency, process, virtual
-from lab.bench.rows import DEFAULT, ROWS, selected
+from lab.bench.rows import DEFAULT, ROWS, rows, selected
 from lab.bench.subscribers import ROUNDS, NoReaderError, subscriber_bounds
 from lab.loop.firmware import FirmwareError
 from sim_bridge.commands import DEFAULT_CONFIG
 from sim_bridge.config import load_config as load_plant
 
 TITLES = {row.name: row.title for row in ROWS} | {FLOOR: "LQG floor"}
+"""Of the shipped rows; others are called what they are called."""
+
 COLUMNS = (
     ("depth_peak_mm", "peak\nmm", ".1f"),
     ("recovery_s", "recov.\ns", ".1f"),
@@ -63,9 +66,13 @@ def _run(arguments: argparse.Namespace) -> int:
     console = Console()
     plant = load_plant(DEFAULT_CONFIG)
     try:
-        chosen = BESIDE if arguments.what == "firmware" else tuple(row.name for row in ROWS)
-        rows = selected(arguments.rows or chosen)
-    except ValueError as error:
+        config = load_config(overrides=arguments.set)
+        every = BESIDE if arguments.what == "firmware" else [row.name for row in rows(config)]
+        chosen = selected(arguments.rows or every, config)
+        scenarios = arguments.scenarios or SCENARIOS
+        if unknown := set(scenarios).difference(SCENARIOS):
+            raise ValueError(f"no such scenario: {min(unknown)}; there are {', '.join(SCENARIOS)}")
+    except (ConfigError, ValueError) as error:
         sys.stderr.write(f"holdfast bench: {error}\n")
         return 2
     cases: list[Summary] = []
@@ -75,22 +82,23 @@ def _run(arguments: argparse.Namespace) -> int:
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console) as progress:
         if arguments.what in (None, "dives"):
-            task = progress.add_task("diving", total=count(rows, arguments.seeds))
+            task = progress.add_task("diving", total=count(chosen, arguments.seeds, scenarios))
             runs = measure(
                 arguments.set,
                 plant,
-                rows,
+                chosen,
                 arguments.seeds,
                 lambda: progress.advance(task),
                 arguments.firmware,
+                scenarios,
             )
             cases = summaries(runs)
         if arguments.what == "firmware":
-            task = progress.add_task("diving", total=2 * len(rows) * len(SCENARIOS) * arguments.seeds)
+            task = progress.add_task("diving", total=2 * len(chosen) * len(SCENARIOS) * arguments.seeds)
             both = measure_both(
                 arguments.set,
                 plant,
-                rows,
+                chosen,
                 arguments.seeds,
                 lambda: progress.advance(task),
                 arguments.firmware,
@@ -105,7 +113,7 @@ def _run(arguments: argparse.Namespace) -> int:
                 return 1
         if arguments.what in (None, "process"):
             task = progress.add_task("measuring the process", total=2)
-            bounds += virtual(load_config(overrides=arguments.set), plant)
+            bounds += virtual(config, plant)
             progress.advance(task)
             bounds += [*process(), *latency()]
             progress.advance(task)
@@ -113,7 +121,7 @@ def _run(arguments: argparse.Namespace) -> int:
     if arguments.what == "ablation":
         variants = report(console, plant, arguments.set, arguments.seeds, arguments.out, arguments.firmware)
     if cases:
-        for scenario in SCENARIOS:
+        for scenario in dived(cases):
             for delay_ms in LINKS:
                 console.print(_case([c for c in cases if (c.scenario, c.delay_ms) == (scenario, delay_ms)]))
         console.print(_overview(cases, f"depth RMS, mm; ! chatter above {CHATTER_N} N a tick", _error))
@@ -146,7 +154,7 @@ def _case(cases: Sequence[Summary]) -> Table:
         if case.row not in (DEFAULT, FLOOR) and not math.isnan(case.difference_mm):
             difference = f"{case.difference_mm:+.2f} ± {case.high_mm - case.difference_mm:.2f}"
         table.add_row(
-            TITLES[case.row] + (f" ({case.gave_up} lost)" if case.gave_up else ""),
+            TITLES.get(case.row, case.row) + (f" ({case.gave_up} lost)" if case.gave_up else ""),
             f"{case.mean['depth_rms_mm']:.2f}",
             f"{case.floor_ratio:.2f}",
             difference,
@@ -159,14 +167,15 @@ def _case(cases: Sequence[Summary]) -> Table:
 def _overview(cases: Sequence[Summary], title: str, cell: Callable[[Summary], str]) -> Table:
     """Return one figure of every row in every case."""
     table = _table(title)
+    scenarios = dived(cases)
     for delay_ms in LINKS:
-        for scenario in SCENARIOS:
+        for scenario in scenarios:
             heading = f"{SHORT.get(scenario, scenario)}\n{_delay(delay_ms)}"
             table.add_column(heading, justify="right", no_wrap=True)
     of = {(case.row, case.scenario, case.delay_ms): case for case in cases}
     for name in dict.fromkeys(case.row for case in cases):
-        cells = [cell(of[name, scenario, delay_ms]) for delay_ms in LINKS for scenario in SCENARIOS]
-        table.add_row(TITLES[name], *cells, style="bold" if name == DEFAULT else "")
+        cells = [cell(of[name, scenario, delay_ms]) for delay_ms in LINKS for scenario in scenarios]
+        table.add_row(TITLES.get(name, name), *cells, style="bold" if name == DEFAULT else "")
     return table
 
 

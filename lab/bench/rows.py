@@ -2,14 +2,19 @@
 
 A knob is a key of the companion's configuration, or a parameter of the autopilot (capitals). All are
 positive, and a search may go from `start`/WIDTH to `start`·WIDTH in each: the same width for everybody.
-`tuned.toml` holds what the search found and how it was run.
+`tuned.toml` holds what the search found and how it was run. Compensators and laws that are not shipped have
+rows of their own, which start where the configuration stands.
 """
 
 import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import ModuleType
 from typing import Literal
+
+from companion import registry
+from companion.config import Axis, Config
 
 TUNED_FILE = Path(__file__).parent / "tuned.toml"
 WIDTH = 6.0
@@ -25,6 +30,11 @@ class Row:
     knobs: Mapping[str, float]
     """Name and start of each."""
     settings: tuple[str, ...] = ()
+
+    @property
+    def compensates(self) -> bool:
+        """Whether heave has the paper's law, with this row's own compensator or none."""
+        return len(self.settings) == 1 and self.settings[0].startswith("heave.compensator=")
 
     def overrides(self, values: Mapping[str, float]) -> list[str]:
         """Return what of `values` belongs into the companion's configuration, beside `settings`."""
@@ -64,16 +74,57 @@ ROWS: tuple[Row, ...] = (
     Row("super_twisting", "super-twisting", "companion", _TWIST, _rival("super_twisting")),
     Row(DEFAULT, "shipped default", "companion", {}),
 )
+"""Those whose knobs `tuned.toml` has."""
 
 
-def selected(names: Sequence[str]) -> list[Row]:
+def rows(config: Config) -> tuple[Row, ...]:
+    """Return ROWS, and before the last of them those of compensators and laws that are not shipped."""
+    more = []
+    for name, kind in registry.compensators(config.compensators).items():
+        if name not in registry.SHIPPED:
+            knobs = knobs_of(config) | _own("compensators", name, kind.module, config)
+            for choice in (name, f"{name}+{registry.OBSERVER}"):
+                more.append(Row(choice, choice, "companion", knobs, _compensator(choice)))
+    for name, law in registry.laws(config.laws).items():
+        if name != registry.LYAPUNOV:
+            knobs = knobs_of(config) | _own("laws", name, law.module, config)
+            more.append(Row(name, name, "companion", knobs, (f"heave.law={name!r}",)))
+    return (*ROWS[:-1], *more, ROWS[-1])
+
+
+def selected(names: Sequence[str], config: Config) -> list[Row]:
     """Return the rows of these names, in the table's order. Raises ValueError for a name that is none."""
-    unknown = set(names) - {row.name for row in ROWS}
+    every = rows(config)
+    unknown = set(names) - {row.name for row in every}
     if unknown:
         raise ValueError(
-            f"no such row: {', '.join(sorted(unknown))}; there are {', '.join(r.name for r in ROWS)}"
+            f"no such row: {', '.join(sorted(unknown))}; there are {', '.join(row.name for row in every)}"
         )
-    return [row for row in ROWS if row.name in names]
+    return [row for row in every if row.name in names]
+
+
+def knobs_of(config: Config) -> dict[str, float]:
+    """Return what a search may turn of a configuration's own heave, from where it stands."""
+    heave = config.heave
+    knobs = {
+        "heave.lambda_per_s": heave.lambda_per_s,
+        "heave.kappa_per_s": heave.kappa_per_s,
+        "heave.disturbance_noise": heave.disturbance_noise,
+        "thrusters.lead_s": config.thrusters.lead_s,
+        "delays.gains_bear_s": config.delays.gains_bear_s,
+    }
+    known = registry.compensators(config.compensators)
+    if registry.learners(heave.compensator, known):
+        knobs["heave.learning_rate"] = heave.learning_rate
+    return knobs
+
+
+def _own(group: str, name: str, module: ModuleType, config: Config) -> dict[str, float]:
+    """Return what a search may turn of a file's own parameters: those above zero, from where they stand."""
+    kind, table = module.Parameters, getattr(config, group).get(name, {})
+    given: dict[str, float] = kind._field_defaults | table
+    own = set(kind._fields).intersection(given).difference(Axis.__struct_fields__)
+    return {f"{group}.{name}.{key}": float(given[key]) for key in sorted(own) if given[key] > 0.0}
 
 
 def tuned(path: Path = TUNED_FILE) -> dict[str, dict[str, float]]:

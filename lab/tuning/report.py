@@ -15,15 +15,13 @@ from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
-from companion.config import ConfigError, load_config
-from lab.bench.rows import DEFAULT, ROWS, WIDTH, Row, selected
+from companion.config import Config, ConfigError, load_config
+from lab.bench.rows import DEFAULT, WIDTH, Row, knobs_of, rows, selected
 from lab.loop.scenarios import ensemble
 from lab.tuning import search as tune
 from lab.tuning.own_vehicle import around, nominal, write_config
 from lab.tuning.search import Found, search
 from sim_bridge.config import load_config as load_plant
-
-LEARNERS = ("integrator", "regressor", "network")
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -32,31 +30,32 @@ def run(arguments: argparse.Namespace) -> int:
     try:
         believed = nominal(load_plant(arguments.vehicle)) if own else {}
         settings = [f"{key}={value}" for key, value in believed.items()] + arguments.set
-        rows = [_own_row(arguments.config, settings)] if own else selected(_searchable(arguments.rows))
+        config = load_config(arguments.config, settings)
+        searched = [_own_row(config)] if own else selected(_searchable(arguments.rows, config), config)
     except (ConfigError, ValueError) as error:
         sys.stderr.write(f"holdfast tune: {error}\n")
         return 2
     job = partial(_job, arguments, settings, own)
-    total = arguments.evaluations * len(rows)
+    total = arguments.evaluations * len(searched)
     console = Console()
     with Progress(console=console) as progress:
         task = progress.add_task("searching", total=total)
-        if len(rows) == 1:
-            found = [job(rows[0].name, done=lambda count: progress.advance(task, count))]
+        if len(searched) == 1:
+            found = [job(searched[0].name, done=lambda count: progress.advance(task, count))]
         else:
             found = []
-            with ProcessPoolExecutor(min(os.cpu_count() or 1, len(rows))) as pool:
-                for result in pool.map(job, [row.name for row in rows]):
+            with ProcessPoolExecutor(min(os.cpu_count() or 1, len(searched))) as pool:
+                for result in pool.map(job, [row.name for row in searched]):
                     found.append(result)
                     progress.advance(task, arguments.evaluations)
         progress.update(task, completed=total)
-    console.print(_table(rows, found))
+    console.print(_table(searched, found))
     out = arguments.out or Path("out/tune") / ("companion.toml" if own else "tuned.toml")
     out.parent.mkdir(parents=True, exist_ok=True)
     if own:
         write_config(arguments.config, believed | found[0].values, out)
     else:
-        out.write_text(_tuned_text(arguments, rows, found), encoding="utf-8")
+        out.write_text(_tuned_text(arguments, searched, found), encoding="utf-8")
     console.print(f"written: {out}", soft_wrap=True)
     return 0
 
@@ -69,7 +68,8 @@ def _job(
     done: Callable[[int], None] = lambda count: None,
 ) -> Found:
     """Search one row; runs in a process of its own."""
-    row = _own_row(arguments.config, settings) if own else selected([name])[0]
+    config = load_config(arguments.config, settings)
+    row = _own_row(config) if own else selected([name], config)[0]
     return search(
         row,
         lambda overrides: load_config(arguments.config, [*settings, *overrides]),
@@ -81,25 +81,14 @@ def _job(
     )
 
 
-def _own_row(config_file: Path, settings: Sequence[str]) -> Row:
+def _own_row(config: Config) -> Row:
     """Return the configuration's own heave as a row: it starts where the file stands."""
-    config = load_config(config_file, settings)
-    heave = config.heave
-    knobs = {
-        "heave.lambda_per_s": heave.lambda_per_s,
-        "heave.kappa_per_s": heave.kappa_per_s,
-        "heave.disturbance_noise": heave.disturbance_noise,
-        "thrusters.lead_s": config.thrusters.lead_s,
-        "delays.gains_bear_s": config.delays.gains_bear_s,
-    }
-    if set(heave.compensator.split("+")) & set(LEARNERS):
-        knobs["heave.learning_rate"] = heave.learning_rate
-    return replace(selected([DEFAULT])[0], title="your heave", knobs=knobs)
+    return replace(selected([DEFAULT], config)[0], title="your heave", knobs=knobs_of(config))
 
 
-def _searchable(names: Sequence[str]) -> list[str]:
-    every = [row.name for row in ROWS if row.knobs]
-    fixed = {row.name for row in ROWS if not row.knobs} & set(names)
+def _searchable(names: Sequence[str], config: Config) -> list[str]:
+    every = [row.name for row in rows(config) if row.knobs]
+    fixed = {row.name for row in rows(config) if not row.knobs} & set(names)
     if fixed:
         raise ValueError(f"{', '.join(sorted(fixed))}: nothing to search, it is what it is")
     return every if "all" in names else list(names)

@@ -20,7 +20,7 @@ from lab.bench.firmware_report import as_records, pairs, side_by_side
 from lab.bench.floor import CHATTER_N
 from lab.bench.plot import draw
 from lab.bench.report import TITLES, _case, _error, _json, _overview
-from lab.bench.rows import DEFAULT, ROWS, TUNED_FILE, WIDTH, Row, selected, tuned, values_of
+from lab.bench.rows import DEFAULT, ROWS, TUNED_FILE, WIDTH, Row, rows, selected, tuned, values_of
 from lab.loop.dive import FIGURES
 from lab.tuning import search as tune
 from lab.tuning.own_vehicle import around, nominal, write_config
@@ -133,12 +133,30 @@ def test_every_row_can_take_off() -> None:
         if row.steers == "autopilot":
             assert set(values) <= set(DEFAULTS)
     with pytest.raises(ValueError, match="no such row: nonesuch; there are alt_hold_stock"):
-        selected(["law", "nonesuch"])
+        selected(["law", "nonesuch"], load_config())
+
+
+def test_what_is_not_shipped_has_rows_that_start_where_the_configuration_stands() -> None:
+    config = load_config(
+        overrides=[
+            "compensators.mine.module=companion.control.integrator",
+            "laws.other={module='lab.rivals.ppi', k_p=3.0, k_v=7.0, k_i=0.0}",
+        ]
+    )
+    mine, beside, other = (row for row in rows(config) if row not in ROWS)
+    assert [mine.name, beside.name, other.name] == ["mine", "mine+observer", "other"]
+    assert mine.knobs["heave.learning_rate"] == config.heave.learning_rate
+    assert {key: value for key, value in other.knobs.items() if key.startswith("laws.")} == {
+        "laws.other.k_p": 3.0,
+        "laws.other.k_v": 7.0,
+    }
+    assert "heave.compensator='mine+observer'" in beside.overrides({})
+    assert rows(load_config()) == ROWS
 
 
 def test_a_search_gets_better_and_prices_chatter_and_loss(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(tune, "TRAINING_S", 12.0)
-    row = selected(["alt_hold"])[0]
+    row = selected(["alt_hold"], load_config())[0]
     found = tune.search(row, configured, BASE, evaluations=12, seeds=1)
     assert found.score < 0.8 * found.start_score
     assert set(found.values) == set(row.knobs)
@@ -149,7 +167,7 @@ def test_a_search_gets_better_and_prices_chatter_and_loss(monkeypatch: pytest.Mo
 
 def test_candidates_do_not_disturb_each_other(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(tune, "TRAINING_S", 3.0)
-    row = selected(["ppi"])[0]
+    row = selected(["ppi"], load_config())[0]
     values = [dict(row.knobs), {key: 1.3 * value for key, value in row.knobs.items()}]
     dives = [dive for dive in tune._training(2, around) if dive[0].name == "waves"]
     together = tune.scores(row, values, configured, BASE, dives)
@@ -227,6 +245,6 @@ def test_published_vehicles_are_within_the_ranges() -> None:
 
 
 def test_a_candidate_that_the_companion_refuses_is_lost() -> None:
-    row = selected(["law"])[0]
+    row = selected(["law"], load_config())[0]
     refused = dict(row.knobs) | {"heave.kappa_per_s": 1e6}
     assert tune.scores(row, [refused], configured, BASE, tune._training(1, around)) == [tune.LOST_MM]

@@ -1,0 +1,111 @@
+"""docs/your-own-controller.md, followed literally: its files are written, its commands are run."""
+
+import os
+import re
+import subprocess
+import sys
+import tomllib
+from importlib.metadata import EntryPoint
+
+import pytest
+from virtual import ROOT
+
+from companion import registry
+from companion.config import DEFAULT_FILE, ConfigError, load_config
+
+PAGE = (ROOT / "docs" / "your-own-controller.md").read_text(encoding="utf-8")
+BLOCKS = re.findall(r"```(\w+)\n(.*?)```", PAGE, re.DOTALL)
+PYTHON, SHELL, TOML = (
+    [text for kind, text in BLOCKS if kind == wanted] for wanted in ("python", "sh", "toml")
+)
+FILES = re.findall(r"as `(\w+\.py)`", PAGE)
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """An empty folder with the page's files in it."""
+    for name, text in zip(FILES, PYTHON, strict=True):
+        (tmp_path / name).write_text(text, encoding="utf-8")
+    return tmp_path
+
+
+@pytest.fixture
+def plugins(folder, monkeypatch):
+    """The folder on the path of this process; what it adds is forgotten again."""
+    monkeypatch.syspath_prepend(folder)
+    yield folder
+    for cached in (registry._installed, registry._imported, registry._functions):
+        cached.cache_clear()
+    for name in FILES:
+        sys.modules.pop(name.removesuffix(".py"), None)
+
+
+def run(script, folder):
+    """Run a shell script where `holdfast` is this checkout's."""
+    shim = f'holdfast() {{ "{sys.executable}" -m holdfast "$@"; }}\n'
+    environment = os.environ | {"PYTHONPATH": str(ROOT), "COLUMNS": "120", "MPLBACKEND": "Agg"}
+    return subprocess.run(
+        ["bash", "-c", shim + script],
+        cwd=folder,
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=600,
+    )
+
+
+@pytest.mark.timeout(600)
+def test_the_commands_of_the_page_give_what_it_says(folder):
+    path, load, *dives = (SHELL[0].splitlines()[0], SHELL[0].splitlines()[1], *SHELL[1:])
+    answer = run(f"{path}\n{load}", folder)
+    assert answer.returncode == 2
+    assert "no such row: nonesuch" in answer.stderr
+    assert "drag, drag+observer" in answer.stderr
+    for script in dives:
+        answer = run(f"{path}\n{script}", folder)
+        assert answer.returncode == 0, answer.stderr
+        for row in re.search(r"--rows ((?:[a-z]\w* )+)--", script)[1].split():
+            assert row in answer.stdout
+        assert "lost" not in answer.stdout
+
+
+def test_the_configuration_of_the_page_is_one(plugins, tmp_path):
+    axis, chosen = (tomllib.loads(part) for part in TOML[0].split("\n\n"))
+    assert axis == {"heave": {"compensator": "drag+observer"}}
+    text = DEFAULT_FILE.read_text(encoding="utf-8") + TOML[0].split("\n\n")[1]
+    mine = tmp_path / "mine.toml"
+    mine.write_text(text, encoding="utf-8")
+    config = load_config(mine, ['heave.compensator="drag+observer"'])
+    assert config.compensators == chosen["compensators"]
+    assert "drag+observer" in registry.choices(config.compensators)
+
+
+def test_an_entry_point_makes_the_name_known_without_a_table(plugins, monkeypatch):
+    ((group, points),) = tomllib.loads(TOML[1])["project"]["entry-points"].items()
+    found = {group: [EntryPoint(name, value, group) for name, value in points.items()]}
+    monkeypatch.setattr(registry, "entry_points", lambda group: found.get(group, []))
+    registry._installed.cache_clear()
+    assert load_config(overrides=["heave.compensator=drag"]).heave.compensator == "drag"
+    with pytest.raises(ConfigError, match=r"must be one of none, observer, .*drag"):
+        load_config(overrides=["heave.compensator=dragg"])
+
+
+@pytest.mark.parametrize(
+    ("overrides", "said"),
+    [
+        (["heave.compensator=drag"], "heave.compensator = 'drag': must be one of none, observer, integrator"),
+        (["heave.compensator=network+network"], "must be one of none, observer, integrator"),
+        (["heave.law=pd"], "heave.law = 'pd': must be one of lyapunov"),
+        (["compensators.drag.module=nonesuch"], "compensators.drag.module = 'nonesuch': cannot be imported"),
+        (["compensators.drag.module=math"], "math has no Parameters, State, initial"),
+        (["compensators.drag.drag_share=2.0"], "compensators.drag: not installed; name its file"),
+        (["compensators.drag.module=drag", "compensators.drag.drag=2.0"], "drag.drag: unknown key; known"),
+        (
+            ["compensators.drag.module=drag", "heave.compensator=drag", "compensators.drag.drag_share=much"],
+            "drag_share = 'much': expected `float`, got `str`",
+        ),
+    ],
+)
+def test_what_cannot_be_used_says_why(plugins, overrides, said):
+    with pytest.raises(ConfigError, match=re.escape(said)):
+        load_config(overrides=overrides)
