@@ -1,5 +1,6 @@
 """What tests of several folders share."""
 
+import os
 from collections.abc import Callable
 from dataclasses import fields
 from itertools import count
@@ -7,6 +8,7 @@ from typing import Any
 
 import pytest
 from builders import RESTING
+from hypothesis import settings
 from msgspec import structs
 
 from companion.records import (
@@ -23,6 +25,11 @@ from companion.records import (
     Verdict,
     Wrench,
 )
+
+settings.register_profile("quick", deadline=None, max_examples=20)  # make quick
+settings.register_profile("test", deadline=None, max_examples=60)
+settings.register_profile("ci", settings.get_profile("ci"), max_examples=100)  # the same examples every time
+settings.load_profile("ci" if os.environ.get("CI") else "test")
 
 
 @pytest.fixture(scope="session")

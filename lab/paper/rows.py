@@ -2,6 +2,7 @@
 
 from dataclasses import asdict, dataclass
 from math import inf
+from operator import attrgetter
 from statistics import median
 from typing import Any
 
@@ -64,11 +65,8 @@ class Rows(list[Row]):
         """
         corner = {"mass_ratio": CANONICAL[0], "damping_ratio": CANONICAL[1]}
         wanted = {"law": "derived", "disturbance": "none", "wait_s": 0.0} | corner | where
-        return [
-            getattr(row.figures, figure)
-            for row in self
-            if all(getattr(row.case, key) == value for key, value in wanted.items())
-        ]
+        described, wanted_values = attrgetter(*wanted), tuple(wanted.values())
+        return [getattr(row.figures, figure) for row in self if described(row.case) == wanted_values]
 
     def median(self, figure: str, **where: Any) -> float:
         """Return the median over seeds."""

@@ -12,6 +12,7 @@ known, and then says exactly how the error dies: ε(t) = ε(0) e^(−κt).
 """
 
 from dataclasses import dataclass
+from functools import cache
 from math import pi
 
 import numpy as np
@@ -62,6 +63,7 @@ def path(t_s: float) -> Array:
     return np.asarray(np.array([0.01, 0.0, 0.0, 0.0]) + 0.003 * omega ** np.arange(4) * np.sin(turn))
 
 
+@cache
 def converge(starts: int = 12, seed: int = 0) -> Convergence:
     """Let the ball start off the path in all three states, `starts` times."""
     spread = np.array([1e-3, 2e-2, 1.0])

@@ -297,7 +297,7 @@ likely = st.dictionaries(
 payloads = st.binary(max_size=60) | (json_values | likely).map(lambda value: json.dumps(value).encode())
 
 
-@settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(suppress_health_check=[HealthCheck.too_slow])
 @given(name=st.sampled_from([*COMMANDS, "config", "", "*"]), payload=payloads)
 @example(name="setpoint", payload=b'{"depth_m":1e999}').via("the reason for refusing it raised TypeError")
 def test_whatever_comes_is_answered_once_and_changes_nothing_unless_done(name, payload):

@@ -66,8 +66,7 @@ def retunes():
 
 
 @settings(
-    max_examples=12,
-    deadline=None,
+    max_examples=settings().max_examples // 5,
     phases=(Phase.explicit, Phase.reuse, Phase.generate),  # to shrink a dive takes minutes
     suppress_health_check=list(HealthCheck),
 )

@@ -3,7 +3,7 @@
 import math
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from companion.control import integrator, network, regressor
@@ -19,7 +19,6 @@ angles = st.floats(-1e4, 1e4)
 gains = st.floats(0.01, 50.0)
 
 
-@settings(deadline=None)
 @given(angles)
 def test_wrap_gives_the_same_direction_within_one_turn(angle):
     wrapped = wrap(angle)
@@ -28,7 +27,6 @@ def test_wrap_gives_the_same_direction_within_one_turn(angle):
     assert math.isclose(math.sin(wrapped), math.sin(angle), abs_tol=1e-7)
 
 
-@settings(deadline=None)
 @given(st.tuples(finite, finite, finite, finite), st.tuples(finite, finite, finite, finite))
 def test_the_heading_error_is_never_more_than_half_a_turn(eta, eta_d):
     e = pose_error(eta, eta_d)
@@ -36,14 +34,12 @@ def test_the_heading_error_is_never_more_than_half_a_turn(eta, eta_d):
     np.testing.assert_array_equal(e[:3], np.subtract(eta, eta_d)[:3])
 
 
-@settings(deadline=None)
 @given(st.floats(), st.floats(0.0, 1e6))
 def test_limited_never_leaves_its_limit(x, limit):
     got = limited(x, limit)
     assert math.isnan(got) if math.isnan(x) else abs(got) <= limit
 
 
-@settings(deadline=None)
 @given(four, angles)
 def test_turning_there_and_back_is_no_turn_and_keeps_lengths(vector, psi):
     J = jacobian(psi)
@@ -52,7 +48,6 @@ def test_turning_there_and_back_is_no_turn_and_keeps_lengths(vector, psi):
     assert math.isclose(np.hypot(*turned[:2]), np.hypot(*vector[:2]), abs_tol=1e-9)
 
 
-@settings(deadline=None)
 @given(st.tuples(gains, gains, gains, gains), angles)
 def test_the_inertia_lies_between_that_of_surge_and_of_sway(m, psi):
     bar = inertia(Model(m, m, m), jacobian(psi))
@@ -61,7 +56,6 @@ def test_the_inertia_lies_between_that_of_surge_and_of_sway(m, psi):
     assert bar[2:] == m[2:]
 
 
-@settings(max_examples=100, deadline=None)
 @given(some, some, some, some, some, gains, gains, gains)
 def test_the_law_is_odd_and_linear_in_what_it_is_given(k, d_hat, a_d, e, e_dot, m, lam, kappa):
     law = rov_law(k, d_hat, m, a_d, e, e_dot, lam, kappa)
@@ -73,7 +67,6 @@ def test_the_law_is_odd_and_linear_in_what_it_is_given(k, d_hat, a_d, e, e_dot, 
     assert np.sign(pulls_back) == -np.sign(e)
 
 
-@settings(max_examples=40, deadline=None)
 @given(st.integers(1, 6), st.floats(0.1, 5.0), st.floats(0.1, 5.0), st.data())
 def test_the_general_law_gives_minus_kappa_eps_for_any_order(n, lam, kappa, data):
     x_tilde = data.draw(st.lists(st.floats(-10.0, 10.0), min_size=n, max_size=n))
@@ -97,7 +90,6 @@ def learners(d_max):
 signals = st.builds(Signals, some, some, some, some, some, some)
 
 
-@settings(max_examples=40, deadline=None)
 @given(st.lists(st.tuples(signals, st.booleans()), min_size=1, max_size=30), st.floats(0.01, 100.0))
 def test_what_is_learnt_never_leaves_its_bound(steps, d_max):
     for module, parameters in learners(d_max):
@@ -111,7 +103,6 @@ def test_what_is_learnt_never_leaves_its_bound(steps, d_max):
             assert adapt or not learning
 
 
-@settings(max_examples=40, deadline=None)
 @given(signals)
 def test_before_it_learns_it_is_the_plain_law(seen):
     for module, parameters in learners(60.0):

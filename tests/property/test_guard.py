@@ -48,7 +48,6 @@ ONLY_WHILE_IT_LASTS = C.OFF_TRACK | C.AUTOPILOT_FAILSAFE | C.FAILSAFE_SURFACES |
 """Need not forbid engaging: they come only of steering, or with WRONG_MODE or TILTED, which forbid it."""
 
 
-@settings(max_examples=200, deadline=None)
 @given(any_command, any_verdict, envelopes, st.floats(0.001, 0.1), st.data())
 def test_guard_is_finite_bounded_slow_and_neutral_unless_permitted(command, verdict, envelope, dt_s, data):
     axis = st.floats(-envelope.max_axis, envelope.max_axis)
@@ -167,5 +166,5 @@ class Permission(RuleBasedStateMachine):
             assert self.verdict.state is State.IDLE
 
 
-Permission.TestCase.settings = settings(max_examples=80, stateful_step_count=40, deadline=None)
+Permission.TestCase.settings = settings(stateful_step_count=40)
 TestPermission = Permission.TestCase

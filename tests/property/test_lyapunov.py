@@ -28,7 +28,10 @@ Flags = np.ndarray[tuple[int], np.dtype[np.bool_]]
 DIVES, UNITS = 48, 6
 DT, STEPS = 1e-3, 6000
 seeds = st.integers(0, 2**32 - 1)
-NO_SHRINKING = (Phase.explicit, Phase.reuse, Phase.generate)  # a smaller seed is no simpler
+# A dive costs as much as a thousand small examples, and a smaller seed is no simpler: no shrinking.
+FEW = settings(
+    max_examples=settings().max_examples // 10, phases=(Phase.explicit, Phase.reuse, Phase.generate)
+)
 
 
 @dataclass
@@ -251,7 +254,7 @@ def assert_theorem(s, run, W_star, delta, d_max, tau_max):
     return able
 
 
-@settings(max_examples=8, deadline=None, phases=NO_SHRINKING)
+@FEW
 @given(seeds)
 def test_network_with_frozen_hidden_layer(seed):
     """Every convention at once: leak, dead zone, projection, freeze under saturation, a wrong model."""
@@ -277,7 +280,7 @@ def test_network_with_frozen_hidden_layer(seed):
     assert_theorem(s, run, W_star, delta, d_max, tau_max)
 
 
-@settings(max_examples=4, deadline=None, phases=NO_SHRINKING)
+@FEW
 @given(seeds)
 def test_integrator_is_the_network_of_one_constant_unit(seed):
     rng = np.random.default_rng(seed)
@@ -295,7 +298,7 @@ def test_integrator_is_the_network_of_one_constant_unit(seed):
     assert_theorem(s, run, W_star, delta, d_max, tau_max)
 
 
-@settings(max_examples=6, deadline=None, phases=NO_SHRINKING)
+@FEW
 @given(seeds)
 def test_projection_alone_bounds_the_error_whatever_the_network_does(seed):
     """Section 3: both layers learn, no weights fit, d_max is any, and still |eps| obeys (d_max + D)/(m̂κ)."""

@@ -17,6 +17,7 @@ JERK_TICK = 3.0 * ACCELERATION
 fixed = st.tuples(st.just("fixed"), st.floats(-20.0, 20.0), st.floats(0.1, 3.0), st.just(0.0))
 path = st.tuples(st.just("path"), st.floats(-20.0, 20.0), st.floats(0.1, 3.0), st.floats(0.2, 1.0))
 orders = st.lists(st.one_of(fixed, path), min_size=1, max_size=8)
+FEW = settings(max_examples=settings().max_examples // 10)
 
 
 def targets(order, t):
@@ -43,7 +44,6 @@ def drive(orders, angular, tail_s=0.0):
     return np.array(seen).T
 
 
-@settings(max_examples=60, deadline=None)
 @given(orders, st.booleans())
 @example([("fixed", 5.0, 3.0, 0.0), ("fixed", -5.0, 3.0, 0.0), ("fixed", 5.0, 0.1, 0.0)], False)
 @example([("path", 5.0, 3.0, 0.5), ("fixed", 1.0, 3.0, 0.0), ("path", -5.0, 3.0, 1.0)], True)
@@ -60,7 +60,6 @@ def test_bounded_and_continuous_whatever_is_asked(orders, angular):
     assert np.abs(np.diff(x_ddot, prepend=start)).max() <= JERK_TICK
 
 
-@settings(max_examples=60, deadline=None)
 @given(st.lists(fixed, min_size=1, max_size=6), st.booleans())
 def test_fixed_targets_keep_the_limits_themselves(orders, angular):
     _, _, x_dot, x_ddot = drive(orders, angular)
@@ -69,7 +68,7 @@ def test_fixed_targets_keep_the_limits_themselves(orders, angular):
     assert np.abs(np.diff(x_ddot, prepend=0.0)).max() <= 0.5 * ACCELERATION + 1e-9
 
 
-@settings(max_examples=8, deadline=None)
+@FEW
 @given(orders, st.booleans())
 def test_it_arrives_at_the_last_target(orders, angular):
     """Within 110 s from anywhere: 40 m at 0.45 m/s, and the last centimetres."""
@@ -78,7 +77,6 @@ def test_it_arrives_at_the_last_target(orders, angular):
     assert abs(wrap(missed) if angular else missed) < 2e-3
 
 
-@settings(max_examples=60, deadline=None)
 @given(st.floats(-1.0, 1.0), st.sampled_from([0.01, 0.3, 5.0, 20.0]), st.just(0.0) | st.floats(-RATE, RATE))
 def test_no_overshoot_from_rest_and_little_when_it_was_moving(target, reach, rate):
     target *= reach

@@ -2,13 +2,10 @@
 
 import math
 
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from sim_wire import Station, is_finite, manual, vehicle
-
-PER_CASE = settings(max_examples=40, deadline=None)
-HOSTILE = settings(max_examples=100, deadline=None)
 
 floats = st.one_of(st.floats(width=32), st.sampled_from([math.nan, math.inf, -math.inf, 3e38, -1.0, 0.0]))
 uint16 = st.integers(0, 65535)
@@ -68,7 +65,6 @@ messages = st.lists(
 )
 
 
-@PER_CASE
 @given(st.lists(st.binary(max_size=400), max_size=8))
 def test_any_bytes(chunks):
     rov = vehicle()
@@ -77,7 +73,6 @@ def test_any_bytes(chunks):
     assert is_finite(rov)
 
 
-@HOSTILE
 @given(messages)
 def test_any_messages(hostile):
     rov = vehicle("initial.eta=[0,0,5,0,0,0]", "parameters={FS_PILOT_INPUT=0, FS_GCS_ENABLE=0}")
@@ -89,7 +84,6 @@ def test_any_messages(hostile):
     assert all(1100 <= pwm <= 1900 for pwm in rov.truth().motor_pwm)
 
 
-@PER_CASE
 @given(messages, st.binary(min_size=1, max_size=3), st.integers(0, 200))
 def test_damaged_messages(hostile, damage, where):
     rov = vehicle()
@@ -102,7 +96,6 @@ def test_damaged_messages(hostile, damage, where):
     assert is_finite(rov)
 
 
-@PER_CASE
 @given(
     st.sampled_from([0, 1, 2, 19]),
     st.lists(st.lists(st.integers(1100, 1900), min_size=6, max_size=6), min_size=1, max_size=6),

@@ -1,7 +1,7 @@
 """Random wrenches, within and beyond what the thrusters can do."""
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
@@ -33,7 +33,6 @@ def horizontal_load(tau, voltage_v):
     return shares.sum() / (voltage_v / 16.0) ** 2
 
 
-@settings(deadline=None)
 @given(frames, arrays(float, 4, elements=part), voltages)
 def test_a_wrench_within_the_envelope_comes_out_as_it_went_in(frame, share, voltage_v):
     """Within 4 N level, 0.5 N of heave and 1.25 N m; the rest is that a T200 pushes 23 % less in reverse."""
@@ -45,7 +44,6 @@ def test_a_wrench_within_the_envelope_comes_out_as_it_went_in(frame, share, volt
     assert (np.abs(given_back(frame, axes, voltage_v) - tau) <= [4.0, 4.0, 0.5, 1.25]).all()
 
 
-@settings(deadline=None)
 @given(
     frames,
     arrays(float, 4, elements=st.floats(-1e4, 1e4)),
@@ -61,7 +59,6 @@ def test_whatever_is_asked_the_axes_stay_within_reach(frame, tau, voltage_v, rea
     assert np.isfinite(given_back(frame, axes, voltage_v)).all()
 
 
-@settings(deadline=None)
 @given(frames, arrays(float, 4, elements=part), voltages)
 def test_left_and_right_are_alike(frame, share, voltage_v):
     """Mirrored wrenches give mirrored axes: sway and yaw change sign, surge and heave do not."""
@@ -72,7 +69,6 @@ def test_left_and_right_are_alike(frame, share, voltage_v):
     np.testing.assert_allclose(mirrored, mirror * axes, atol=1e-12)
 
 
-@settings(deadline=None)
 @given(frames, st.floats(-30.0, 30.0), st.floats(0.01, 10.0), st.sampled_from([0, 1, 2, 3]))
 def test_more_is_more(frame, tau, more, axis):
     """Each axis alone is monotonic, through the dead band too."""
