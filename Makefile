@@ -18,10 +18,10 @@ demo: $(STAMP)  ## a dive in the simulator, about a minute; leaves out/demo.png 
 
 test: check  ## everything that must hold, `make check` included
 	$(BIN)/pytest -n auto --dist worksteal --ignore tests/live
-	$(BIN)/pytest tests/live  # alone: real clocks and real processes want the machine for themselves
+	$(BIN)/pytest tests/live -n 3 --dist loadgroup  # on real clocks: they mostly wait, so three at a time do not disturb each other
 
 quick: $(STAMP)  ## unit and property tests, about a minute
-	$(BIN)/pytest -n auto --dist worksteal tests/unit tests/property
+	$(BIN)/pytest -n auto --dist worksteal --hypothesis-profile quick tests/unit tests/property
 
 check: $(STAMP)  ## style, types, and the walls between the rooms
 	$(BIN)/ruff check

@@ -46,6 +46,8 @@ ARGUMENTS = ["--no-sandbox", "--headless", "--disable-gpu", "--disable-backgroun
 if not CHROMIUM and not os.environ.get("CI"):
     pytest.skip("chromium is not installed: .ci/apt brings it", allow_module_level=True)
 
+pytestmark = pytest.mark.xdist_group("browser")  # one vehicle and one browser serve them all
+
 
 class Dive:
     """A vehicle, its companion and two dashboards: one that may command, one that only looks."""
