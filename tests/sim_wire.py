@@ -1,6 +1,7 @@
 """A ground station in memory: what the tests of the stand-in vehicle say and hear, in virtual time."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -41,8 +42,8 @@ class Station:
         return self
 
     def command(self, number, *params, target=1):
-        params = [*params, *[0.0] * (7 - len(params))]
-        return self.say(mavlink.MAVLink_command_long_message(target, 1, number, 0, *params))
+        rest = [0.0] * (7 - len(params))
+        return self.say(mavlink.MAVLink_command_long_message(target, 1, number, 0, *params, *rest))
 
     def run(self, seconds=0.0, steering=None, every_s=0.02):
         """At least one step. `steering` is a message, or a function from time to a message."""
@@ -66,7 +67,7 @@ class Station:
         return self
 
 
-class Heard(list):
+class Heard(list[tuple[float, Any]]):
     """(time, message) pairs."""
 
     def of(self, name):

@@ -3,6 +3,7 @@
 import struct
 from math import isfinite, nan
 from pathlib import Path
+from typing import cast
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
@@ -11,7 +12,7 @@ from companion.engine import Engine
 from companion.mavlink.relay import Relay
 from companion.records import NEUTRAL, Request, Setpoint, State
 from lab.loop.firmware import Firmware
-from lab.loop.lockstep import START_S, Link, Lockstep
+from lab.loop.lockstep import START_S, Link, Lockstep, Step
 from sim_bridge.config import Fault
 from sim_bridge.config import load_config as load_plant
 from sim_bridge.vehicle import Vehicle
@@ -103,7 +104,7 @@ class Cockpit(Somebody):
 
     def exchange(self, t_ns, inbox, tick):
         """Relay both ways; return what goes to the vehicle at once, and the pilot's frames for the engine."""
-        passed = []
+        passed: list[bytes] = []
         for data in self.says(tick):
             self.sent += data
             passed += self.relay.to_vehicle(t_ns, data)
@@ -180,6 +181,8 @@ class Tap:
 class Dive:
     """A vehicle and its companion from boot on."""
 
+    step: Step  # the newest
+
     def __init__(
         self,
         *plant,
@@ -201,8 +204,7 @@ class Dive:
         self.tap = Tap(self.engine, config)
         if pilot:
             self.cockpit = self.tap.cockpit = Cockpit(config, signing)
-        self.loop = Lockstep(self.vehicle, self.tap, link or Link(), seed, config.loop.rate_hz)
-        self.step = None
+        self.loop = Lockstep(self.vehicle, cast(Engine, self.tap), link or Link(), seed, config.loop.rate_hz)
         if engage:
             self.loop.requests.append(Request.ENGAGE)
 

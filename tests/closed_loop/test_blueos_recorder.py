@@ -6,6 +6,7 @@ comes from the first sample of a key alone.
 """
 
 import json
+from typing import Any
 
 import numpy as np
 from virtual import Dive, hold
@@ -68,7 +69,8 @@ def whole_dive():
 
 
 def test_it_keeps_every_sample_of_every_key_and_what_it_inferred_stays_true():
-    schemas, names, log = {}, {}, EventLog()
+    schemas: dict[str, dict[str, Any]] = {}
+    names, log = {}, EventLog()
     refused = CommandResult("engage", b"{}", telemetry.Reply(done=False, said="no"))
     for index, step in enumerate(whole_dive()):
         for key, encoding, payload in published(step.sample, log, [refused] if index == 99 else []):
@@ -90,6 +92,7 @@ def test_it_keeps_every_sample_of_every_key_and_what_it_inferred_stays_true():
 
 
 def test_these_rules_would_notice():
+    broken: dict[str, Any]
     promised = inferred({"a": 1.0, "b": ["x"], "c": []})
     assert follows({"a": 2.5, "b": [], "c": ["any", 1]}, promised)
     for broken in (

@@ -9,13 +9,13 @@ from virtual import CALM, DEPTH_M, Dive, Somebody, active, hold, message_id, ste
 
 from companion.config import load_config
 from companion.engine import Engine
-from companion.records import NEUTRAL, LoopHealth, Request, Setpoint, State
+from companion.records import NEUTRAL, LoopHealth, Request, Setpoint, State, vector
 
 HEALTH = LoopHealth(1, 50.0, 0.0, 0.0, 0, 0)
 TICK_S = 0.02
 BURST_S = 0.5
 MANUAL = Somebody().frame(mavlink.MAVLink_command_long_message(1, 1, 176, 0, 1, 19, 0, 0, 0, 0, 0))
-NAN = np.full(4, np.nan)
+NAN = vector([math.nan] * 4)
 PATHS = ("rc_override", "manual_control")
 
 
@@ -202,7 +202,7 @@ def test_x_and_y_engage_with_a_position_source_and_are_held():
     dive.until(State.ACTIVE)
     assert dive.step.sample.dofs.engaged == (True,) * 4
     dive.run(10.0)
-    np.testing.assert_allclose(dive.step.truth.eta[:2], [0.3, -0.2], atol=0.12)
+    assert dive.step.truth.eta[:2] == pytest.approx([0.3, -0.2], abs=0.12)
 
 
 def test_x_and_y_stay_free_without_one_whatever_the_setpoint():
@@ -238,7 +238,7 @@ def test_what_is_delivered_is_told_from_what_was_requested():
 def test_the_mode_is_asked_for_only_when_engaging():
     """A vehicle that somebody flies in another mode is left in it."""
     dive = Dive(arm=False, engage=False)
-    asked = []
+    asked: list[bytes] = []
     dive.tap.spoil = lambda t_s, inbox: inbox
     step = dive.engine.step
 

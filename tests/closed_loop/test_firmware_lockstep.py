@@ -4,6 +4,7 @@ import os
 import stat
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -96,7 +97,7 @@ def test_faults_reach_the_firmware_and_others_are_refused(fake):
 
 
 def test_the_process_is_gone_after_the_dive_whatever_ended_it(fake):
-    seen = []
+    seen: list[Any] = []
 
     def fails():
         with Firmware(fake, plant(), 1) as vehicle:

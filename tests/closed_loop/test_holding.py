@@ -50,7 +50,7 @@ class Case:
 def fly(case: Case, seed: int = 1) -> list[Step]:
     plant = load_plant(case.file, ("initial.eta=[0,0,1,0,0,0]", *case.vehicle))
     config = load_config(overrides=case.companion)
-    engine = Engine(config, Setpoint(np.array(case.goal)), arm=True)
+    engine = Engine(config, Setpoint(case.goal), arm=True)
     loop = Lockstep(Vehicle(plant, seed), engine, case.link, seed, config.loop.rate_hz)
     loop.requests = [Request.ENGAGE]
     return list(loop.run(case.duration_s))

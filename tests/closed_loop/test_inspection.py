@@ -3,11 +3,13 @@
 from pathlib import Path
 
 import pytest
-from virtual import ROOT, Somebody, load_config, load_plant, steering
+from virtual import ROOT, Somebody, steering
 
+from companion.config import load_config
 from companion.predive.check import Grade
 from companion.predive.inspection import Inspection
 from lab.loop.lockstep import COMPANION_LINK, START_S
+from sim_bridge.config import load_config as load_plant
 from sim_bridge.vehicle import Vehicle
 
 OTHERS_LINK = 2
@@ -26,9 +28,11 @@ class VehicleInspection:
         self.inspection = Inspection(load_config(overrides=companion), **asked)
         for link in (COMPANION_LINK, OTHERS_LINK):
             self.vehicle.open_link(link)
-        self.sent, self.modes = [], []
+        self.sent: list[bytes] = []
+        self.modes: list[int] = []
         self.pushed = False
-        somebody, out, armed = Somebody(254, 1), [], False
+        somebody, armed = Somebody(254, 1), False
+        out: list[bytes] = []
         while not self.inspection.done and self.vehicle.time_s < 60.0:
             orders = [(COMPANION_LINK, data) for data in out]
             if arm and not armed and self.vehicle.time_s > 2.2:

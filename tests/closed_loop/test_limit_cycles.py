@@ -13,6 +13,7 @@ from companion.control import levelling
 from companion.control.oscillation import HIGH_PASS_S, SHARE
 from companion.records import State, Z
 from lab.loop.lockstep import Link
+from sim_bridge.vehicle import Vehicle
 
 FIRMWARE = "sim-ardusub.toml"
 SETTLED_S = 20.0
@@ -50,6 +51,7 @@ def dived(*plant, seconds=60.0, knock=0.0, **arguments):
     dive = Dive("initial.eta=[0,0,0.5,0,0,0]", *plant, setpoint=hold(3.0, 0.0), **arguments)
     dive.until(State.ACTIVE)
     steps = dive.run(0.5)
+    assert isinstance(dive.vehicle, Vehicle)
     body = dive.vehicle._physics
     body.state = (*body.state[:YAW_RATE], body.state[YAW_RATE] + knock)
     return steps + dive.run(seconds - 0.5)

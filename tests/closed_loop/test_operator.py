@@ -41,7 +41,7 @@ class Console:
 
     def ask(self, name, **what):
         """Give a command; return where its answers will be."""
-        answers = []
+        answers: list[Reply] = []
         self.commands.put(ReceivedCommand(name, json.dumps(what).encode(), answers.append, self._local))
         return answers
 

@@ -4,6 +4,7 @@ import json
 import math
 from itertools import product
 from statistics import median
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from lab.paper.delay_margin import linear_ms
 from lab.paper.rows import STUDY
 from lab.paper.simulation import Case, dive
 
-FIELDS = {
+FIELDS: dict[str, set[Any]] = {
     "disturbance": {"none", "constant", "sine", "tether", "current"},
     "law": {"derived", "printed"},
     "compensator": {"none", "integrator", "network"},

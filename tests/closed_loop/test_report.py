@@ -12,7 +12,7 @@ from virtual import ROOT, hold
 
 from companion.config import load_config
 from companion.engine import Engine
-from companion.records import ControlSample, LoopHealth, Request, vector
+from companion.records import Array, ControlSample, LoopHealth, Request, vector
 from companion.telemetry import samples
 from companion.telemetry import schemas as telemetry
 from dashboard.recording.mcap_file import Item, Recording
@@ -130,7 +130,7 @@ def test_in_calm_water_the_mass_is_that_of_the_vehicle_and_in_waves_it_says_that
 def test_mass_comes_back_from_numbers_that_are_known() -> None:
     rng = np.random.default_rng(1)
     dt_s, mass, linear, quadratic = 0.02, 30.0, 20.0, 110.0
-    t_s = dt_s * np.arange(4000)
+    t_s: Array = np.arange(4000.0) * dt_s
     tau = np.convolve(rng.normal(0.0, 60.0, t_s.size), np.ones(40) / 40, "same")
     acting, rate, v = np.zeros(t_s.size), np.zeros(t_s.size), 0.0
     for i in range(1, t_s.size):
@@ -149,7 +149,7 @@ def test_mass_comes_back_from_numbers_that_are_known() -> None:
 
 def test_a_vehicle_that_rests_tells_no_mass() -> None:
     rng = np.random.default_rng(2)
-    t_s = 0.02 * np.arange(3000)
+    t_s: Array = np.arange(3000.0) * 0.02
     noise = rng.normal(0.0, 0.002, t_s.size)
     model = identify(t_s, noise, 0.0 * noise, rng.normal(8.0, 0.5, t_s.size), 0.01, 0.15)
     assert model is None or not model.mass.identified

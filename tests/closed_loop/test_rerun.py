@@ -1,6 +1,7 @@
 """A recorded dive goes through the engine again: the same code and configuration give the same bytes."""
 
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -25,8 +26,9 @@ class Scribe(Engine):
 
     ticks: list[telemetry.Raw]
     ground: list[tuple[int, bytes]]
+    handed: dict[str, Any]
 
-    def step(self, now_s, datagrams, loop, requests=()):  # type: ignore[no-untyped-def]
+    def step(self, now_s, datagrams, loop, requests=(), ground=()):
         ground, self.ground = self.ground, []
         out, sample = super().step(now_s, datagrams, loop, requests, ground)
         raw = telemetry.Raw(
@@ -53,7 +55,7 @@ def dive() -> list[telemetry.Raw]:
     engine.handed = {
         "start": telemetry.Start(
             config=msgspec.to_builtins(config),
-            setpoint=tuple(setpoint.eta_d.tolist()),
+            setpoint=setpoint.eta_d,
             arm=True,
             version="0",
         )
@@ -64,7 +66,7 @@ def dive() -> list[telemetry.Raw]:
     for tick in range(400):
         if tick == 200:
             engine.aim(hold(1.5))
-            engine.handed = {"setpoint": hold(1.5).eta_d.tolist()}
+            engine.handed = {"setpoint": list(hold(1.5).eta_d)}
         if tick == 300:
             heave = msgspec.structs.replace(config.heave, kappa_per_s=8.0, compensator="observer")
             tuned = msgspec.structs.replace(config, heave=heave)
@@ -144,6 +146,7 @@ def test_a_configuration_of_another_day_is_laid_on_todays(dive: list[telemetry.R
     old["heave"]["flux_capacity"] = 1.21
     del old["yaw"]["dead_zone"]
     old["heave"]["kappa_per_s"] = 7.5
+    assert dive[0].start is not None
     start = msgspec.structs.replace(dive[0].start, config=old)
     tape = load([written(tmp_path / "x.mcap", [msgspec.structs.replace(dive[0], start=start)])])
     config = configured(tape)

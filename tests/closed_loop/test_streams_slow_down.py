@@ -5,6 +5,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from virtual import HEADING_RAD, Dive, Somebody, active
 
 from companion.mavlink import autopilot
+from companion.mavlink.streams import streams
 from companion.records import State
 
 ATTITUDE = "ATTITUDE"
@@ -66,8 +67,7 @@ def test_the_autopilot_refuses_nothing_that_we_ask_for():
 def test_a_refusal_is_said_once(monkeypatch):
     """A firmware that does not stream messages which we ask for: every ground station is told, but once."""
     unknown = {mavlink.MAVLINK_MSG_ID_VIBRATION: 50.0, mavlink.MAVLINK_MSG_ID_WIND: 1.0}
-    rates_hz = autopilot.streams
-    monkeypatch.setattr(autopilot, "streams", lambda *args, **names: rates_hz(*args, **names) | unknown)
+    monkeypatch.setattr(autopilot, "streams", lambda *args, **names: streams(*args, **names) | unknown)
     dive = Dive(arm=False, engage=False)
     said = texts_of(dive, 60.0)
     for message in unknown:

@@ -8,9 +8,10 @@ import math
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from tools.fuzz_engine import altered
-from virtual import START_S, active
+from virtual import active
 
 from companion.records import PSI, State, Z
+from lab.loop.lockstep import START_S
 
 ABSURD = [
     ("ATTITUDE", "time_boot_ms", 2**32 - 1),

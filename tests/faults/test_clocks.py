@@ -11,9 +11,10 @@ from dataclasses import replace
 
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
-from virtual import START_S, Dive, active
+from virtual import Dive, active
 
 from companion.records import PSI, Condition, State, Z, vector
+from lab.loop.lockstep import START_S
 
 TIMESYNC = "TIMESYNC"
 TRUE_COMMAND_S = 0.0155

@@ -147,7 +147,7 @@ def test_datagrams_from_a_routers_queue_are_no_reboot():
     """Some datagrams 1.5 s late, one among the new ones of each tick."""
     dive = active(seconds=4.0)
     since_s = dive.t_s
-    kept = []
+    kept: list[bytes] = []
 
     def late(t_s, inbox):
         if t_s < since_s + 0.1:

@@ -418,7 +418,12 @@ def test_the_first_neutral_frames_do_not_cut_into_a_pilots_flight():
 def test_what_the_vehicle_says_reaches_the_ground_station_unchanged():
     dive = Dive(pilot=True)
     heard = []
-    dive.tap.spoil = lambda t_s, inbox: heard.extend(inbox) or inbox
+
+    def listen(t_s, inbox):
+        heard.extend(inbox)
+        return inbox
+
+    dive.tap.spoil = listen
     dive.run(2.0)
     assert dive.cockpit.heard == b"".join(data for _, data in heard)
 

@@ -85,4 +85,4 @@ def test_it_starts_anew_when_the_link_returns_and_engages_without_a_step(plant):
     dive.until(State.ACTIVE)
     thrust = np.array([step.sample.requested.tau for step in dive.run(0.5)])
     assert np.abs(thrust[:5]).max() < 15.0
-    assert dive.state is State.ACTIVE
+    assert dive.step.sample.verdict.state is State.ACTIVE

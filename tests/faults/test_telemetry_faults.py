@@ -89,7 +89,7 @@ def test_one_in_five_lost_either_way_is_borne():
 def test_datagrams_out_of_order_change_little():
     """Held back by up to 80 ms, each for itself; arrival stamps are those of their real arrival."""
     dive, rng = arrived(), np.random.default_rng(4)
-    waiting = []
+    waiting: list[tuple[float, bytes]] = []
 
     def shuffle(t_s, inbox):
         waiting.extend((t_s + 0.08 * rng.random(), data) for _, data in inbox)

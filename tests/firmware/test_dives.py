@@ -10,6 +10,7 @@ from virtual import Dive, Somebody, hold
 from companion.config import load_config
 from companion.records import Condition, Request, State
 from lab.loop.dive import dive as scenario_dive
+from lab.loop.firmware import Firmware
 from lab.loop.lockstep import Link
 from lab.loop.scenarios import four
 from sim_bridge.commands import DEFAULT_CONFIG
@@ -29,6 +30,7 @@ def dived(ardusub):
     def make(*plant, **arguments):
         arguments.setdefault("setpoint", hold(DEPTH_M))
         one = Dive(*DIVED, *plant, firmware=ardusub, **arguments)
+        assert isinstance(one.vehicle, Firmware)
         opened.append(one.vehicle)
         return one
 

@@ -31,21 +31,27 @@ def autopilot(ardusub, link_port):
         yield started
 
 
+class Companion:
+    """Starts `holdfast run` for the link, as often as a test wants; `endpoint` is its Zenoh's."""
+
+    def __init__(self, stack, link_port):
+        self._stack, self._link_port = stack, link_port
+        self.endpoint = ""
+
+    def __call__(self, *arguments):
+        self.endpoint = f"tcp/127.0.0.1:{free_port()}"
+        return self._stack.enter_context(
+            running(
+                *(*HOLDFAST, "run", "--set", f"link.endpoint=udp-listen:127.0.0.1:{self._link_port}"),
+                *("--set", f"telemetry.endpoint={self.endpoint}", *arguments),
+            )
+        )
+
+
 @pytest.fixture
 def companion(link_port):
-    """Start `holdfast run` for the link, as often as a test wants; `endpoint` is its Zenoh's."""
     with ExitStack() as stack:
-
-        def start(*arguments):
-            start.endpoint = f"tcp/127.0.0.1:{free_port()}"
-            return stack.enter_context(
-                running(
-                    *(*HOLDFAST, "run", "--set", f"link.endpoint=udp-listen:127.0.0.1:{link_port}"),
-                    *("--set", f"telemetry.endpoint={start.endpoint}", *arguments),
-                )
-            )
-
-        yield start
+        yield Companion(stack, link_port)
 
 
 ENGAGE = ("--engage", "--arm", "--depth", "3")

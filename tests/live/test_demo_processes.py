@@ -15,6 +15,7 @@ import pytest
 from waiting import until
 
 from lab.demo import demo
+from lab.ports import free_port
 
 MARK = "HOLDFAST_TEST_DEMO"
 SHORT = demo.Story(depth_m=0.8, load_on_s=6.0, load_off_s=7.0, end_s=8.0, wave_height_m=0.1, heading_deg=0.0)
@@ -122,14 +123,13 @@ def test_a_child_that_dies_is_told_with_its_last_words(start: Start, mark: str, 
 def test_zenoh_that_cannot_start_is_told(
     mark: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(demo, "PATIENCE_S", 4.0)
+    monkeypatch.setattr(demo, "PATIENCE_S", 6.0)
     with socket.create_server(("127.0.0.1", 0)) as mute:
         taken: int = mute.getsockname()[1]
-        free = demo.free_port
         monkeypatch.setattr(
             demo,
             "free_port",
-            lambda kind=socket.SOCK_STREAM: taken if kind == socket.SOCK_STREAM else free(kind),
+            lambda kind=socket.SOCK_STREAM: taken if kind == socket.SOCK_STREAM else free_port(kind),
         )
         assert demo.perform(SHORT, tmp_path / "demo.png", tmp_path / "demo.json") == 1
     assert f"refused to start: somebody holds tcp/127.0.0.1:{taken}" in capsys.readouterr().err

@@ -124,8 +124,8 @@ def test_a_dive_whose_recorder_was_killed(tmp_path: Path) -> None:
 
     here = f"tcp/127.0.0.1:{free_port()}"
     with Subscription("holdfast/**", here) as seen:
-        command = (*HOLDFAST, "replay", str(path), "--connect", here, "--speed", "4", "--loop")
-        with subprocess.Popen(command, stderr=subprocess.DEVNULL) as player:
+        player_of = (*HOLDFAST, "replay", str(path), "--connect", here, "--speed", "4", "--loop")
+        with subprocess.Popen(player_of, stderr=subprocess.DEVNULL) as player:
             heard: dict[str, bytes] = {}
 
             def all_heard() -> bool:

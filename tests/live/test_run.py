@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -368,7 +369,7 @@ def test_who_only_watched_leaves_without_a_word() -> None:
                 run.send_signal(signal.SIGTERM)
             _, said = run.communicate(timeout=5.0)
         assert run.returncode == 0
-        heard = []
+        heard: list[Any] = []
         with suppress(TimeoutError):
             while True:
                 heard += station.parse_buffer(vehicle.recv(4096)) or ()

@@ -9,6 +9,7 @@ import struct
 import subprocess
 import sys
 import time
+from typing import Any
 
 import pytest
 import zenoh
@@ -50,7 +51,8 @@ def connect(port):
 
 
 def listen(read, seconds=1.5):
-    parser, heard = mavlink.MAVLink(None), []
+    parser = mavlink.MAVLink(None)
+    heard: list[Any] = []
     parser.robust_parsing = True
     deadline = time.monotonic() + seconds
     while time.monotonic() < deadline:
@@ -170,8 +172,9 @@ def test_physics_only_answers_the_frames_of_the_real_firmware_and_nothing_else()
     ):
         firmware.settimeout(0.2)
         frame = struct.pack("<HHI16H", 18458, 400, 0, *(1500,) * 16)
-        deadline, reply = time.monotonic() + START_S, None
-        while reply is None and time.monotonic() < deadline:
+        deadline = time.monotonic() + START_S
+        reply: dict[str, Any] = {}
+        while not reply and time.monotonic() < deadline:
             with contextlib.suppress(OSError):
                 firmware.sendto(b"junk", ("127.0.0.1", port))
                 firmware.sendto(frame, ("127.0.0.1", port))

@@ -22,7 +22,7 @@ def unit(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
     installed = "/opt/holdfast/.venv/bin/holdfast"
     text = (UNITS / request.param).read_text()
     assert f"ExecStart={installed} {COMMANDS[request.param]}" in text
-    copy = tmp_path / request.param
+    copy: Path = tmp_path / request.param
     copy.write_text(text.replace(f"ExecStart={installed}", "ExecStart=/bin/true"))
     return copy
 

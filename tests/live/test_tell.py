@@ -66,7 +66,12 @@ def test_every_command_is_answered_and_told_as_an_event(capsys: pytest.CaptureFi
 
         with Subscription(f"holdfast/{VEHICLE}/event", seen.endpoint) as later:
             told: list[str] = []
-            until(lambda: "released" in " ".join(told) or told.extend(_texts(later)))
+
+            def told_of_release() -> bool:
+                told.extend(_texts(later))
+                return "released" in " ".join(told)
+
+            until(told_of_release)
         assert any(text.startswith("gains") for text in told), "a late subscriber gets what was before"
         assert any("ACTIVE: engaged" in text for text in told)
 

@@ -144,7 +144,7 @@ def test_a_router_is_joined_and_given_time_to_come_back(
     with _stranger("router", endpoint) as router, Publisher("kelp", endpoint) as publisher:
         feed(publisher)
         until(lambda: bool(router.info.transports()))
-        router.close()  # type: ignore[no-untyped-call]
+        router.close()
         time.sleep(1.0)
         with _stranger("router", endpoint), Subscription("holdfast/**", endpoint) as seen:
             until(lambda: bool(seen.take()))
@@ -159,7 +159,7 @@ def test_a_router_that_stays_away_is_replaced(
     with _stranger("router", endpoint) as router, Publisher("kelp", endpoint) as publisher:
         feed(publisher)
         until(lambda: bool(router.info.transports()))
-        router.close()  # type: ignore[no-untyped-call]
+        router.close()
         with Subscription("holdfast/**", endpoint) as seen:
             until(lambda: bool(seen.take()))
 

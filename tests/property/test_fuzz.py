@@ -16,8 +16,16 @@ RUNS = 20_000
     reason="atheris has no wheel for this Python",
 )
 def test_nothing_raises_for_inputs_that_coverage_leads_to(tmp_path):
-    command = [sys.executable, FUZZER, f"-runs={RUNS}", "-seed=1", "-max_len=1500", "-len_control=0"]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=110, check=False)
+    options = (f"-runs={RUNS}", "-seed=1", "-max_len=1500", "-len_control=0")
+    command = (sys.executable, FUZZER, *options)
+    done = subprocess.run(
+        command,
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=110,
+        check=False,
+    )
     assert done.returncode == 0, done.stderr[-3000:]
     assert f"Done {RUNS} runs" in done.stderr
     assert not list(tmp_path.glob("crash-*"))

@@ -19,7 +19,7 @@ FRAMES = st.builds(
     st.sampled_from((18458, 29569, 0)),
     WORDS,
     st.integers(0, 2**32 - 1),
-    st.one_of(st.lists(WORDS, min_size=n, max_size=n) for n in (15, 16, 32)),
+    st.one_of([st.lists(WORDS, min_size=n, max_size=n) for n in (15, 16, 32)]),
 )
 
 

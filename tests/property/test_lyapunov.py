@@ -4,6 +4,9 @@ Each example is a batch of random dives through the law and the compensators tha
 The names are those of the page: d* is what d_hat should be, W* weights that would give it up to delta.
 """
 
+# Arrays stand where the equations have numbers.
+# mypy: disable-error-code="arg-type"
+
 from dataclasses import dataclass
 
 import numpy as np
@@ -159,7 +162,7 @@ class Dive:
 
 def dive(s, compensator, disturbance, tau_max):
     """Euler's steps of the closed loop; `disturbance(t, w, e_dot, r_ddot, signals)` is d."""
-    log = {name: [] for name in Dive.__dataclass_fields__}
+    log: dict[str, list[np.ndarray]] = {name: [] for name in Dive.__dataclass_fields__}
 
     def reference(t):
         turn = s.omega * t

@@ -38,9 +38,9 @@ def drive(orders, angular, tail_s=0.0):
         more = tail_s if number == len(orders) - 1 else 0.0
         for _ in range(round((order[2] + more) / TICK_S)):
             t += TICK_S
-            target = targets(order, t)
-            state = reference.step(parameters, state, *target, 1.0, TICK_S)
-            seen.append([target[0], state.x_d, state.x_d_dot, state.x_d_ddot])
+            place, rate, acceleration = targets(order, t)
+            state = reference.step(parameters, state, place, rate, acceleration, 1.0, TICK_S)
+            seen.append([place, state.x_d, state.x_d_dot, state.x_d_ddot])
     return np.array(seen).T
 
 

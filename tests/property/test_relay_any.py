@@ -175,7 +175,12 @@ def test_a_flood_is_dropped_until_the_next_tick():
 def test_a_flood_costs_a_bounded_number_of_looks_a_tick(monkeypatch, junk, way):
     """Each look at what may be a frame's beginning may take a checksum."""
     looks = []
-    monkeypatch.setattr("companion.mavlink.relay.frame_at", lambda *at: looks.append(at) or frame_at(*at))
+
+    def looked(*at):
+        looks.append(at)
+        return frame_at(*at)
+
+    monkeypatch.setattr("companion.mavlink.relay.frame_at", looked)
     wire = relay(vehicle_is_stream=way == "to_ground", ground_is_stream=way == "to_vehicle")
     for _ in range(400):
         getattr(wire, way)(0, (1400 * junk)[:1400])

@@ -7,17 +7,19 @@ any event that is not finite and any buffer that grows is a finding; libFuzzer w
 
 import math
 import sys
+from typing import get_args
 
 import atheris
 
 with atheris.instrument_imports(include=["companion.mavlink"]):
+    from companion.mavlink.ardusub import DepthSource
     from companion.mavlink.codec import Codec
     from companion.mavlink.decode import Decoder
     from companion.mavlink.freshness import Freshness
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-DEPTHS = ("relative_alt", "vfr_hud", "ahrs2", "pressure")
+DEPTHS: tuple[DepthSource, ...] = get_args(DepthSource)
 LONGEST_FRAME = 280
 
 
@@ -26,7 +28,7 @@ def frame(message_id: int, payload: bytes, system: int, component: int) -> bytes
     kind = mavlink.mavlink_map[message_id]
     payload = payload[: kind.unpacker.size].rstrip(b"\0") or b"\0"
     head = bytes((len(payload), 0, 0, 7, system, component)) + message_id.to_bytes(3, "little")
-    checksum = mavlink.x25crc(head + payload + bytes((kind.crc_extra,))).crc
+    checksum: int = mavlink.x25crc(head + payload + bytes((kind.crc_extra,))).crc
     return b"\xfd" + head + payload + checksum.to_bytes(2, "little")
 
 

@@ -28,7 +28,6 @@ from pathlib import Path
 from random import Random
 from typing import Any
 
-import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from companion.config import load_config
@@ -46,6 +45,7 @@ from companion.records import (
     Setpoint,
     State,
     Z,
+    vector,
 )
 from companion.supervision.supervisor import CARRY_AUTHORITY
 from companion.telemetry.samples import encode
@@ -128,15 +128,33 @@ TIMESYNC = mavlink.MAVLINK_MSG_ID_TIMESYNC
 STAMPS = {"time_boot_ms": 1e3, "time_usec": 1e6, "tc1": 1e9}
 NAMES = [name.encode() for name in (*PARAMETERS, "InputHold", "RollPitch", "PilotGain", "Leak detected!")]
 RANGES = {"b": 8, "B": 8, "h": 16, "H": 16, "i": 32, "I": 32, "q": 64, "Q": 64}
-FLOATS = (math.nan, math.inf, -math.inf, 0.0, -0.0, 1e30, -1e30, 1e-30, 3.4e38, -3.4e38, 1e-45, 1.0, -1.0)
-FLOATS += (100.0, -1000.0, math.pi, -6.3, 49.0)
+FLOATS = (
+    math.nan,
+    math.inf,
+    -math.inf,
+    0.0,
+    -0.0,
+    1e30,
+    -1e30,
+    1e-30,
+    3.4e38,
+    -3.4e38,
+    1e-45,
+    1.0,
+    -1.0,
+    100.0,
+    -1000.0,
+    math.pi,
+    -6.3,
+    49.0,
+)
 
 
 def frame(kind: Kind, values: Sequence[Any], sender: tuple[int, int]) -> bytes:
     """Return a sound MAVLink 2 frame."""
     payload = kind.layout.pack(*values).rstrip(b"\0") or b"\0"
     head = bytes((len(payload), 0, 0, 7, *sender)) + kind.id.to_bytes(3, "little")
-    checksum = mavlink.x25crc(head + payload + bytes((kind.crc_extra,))).crc
+    checksum: int = mavlink.x25crc(head + payload + bytes((kind.crc_extra,))).crc
     return b"\xfd" + head + payload + checksum.to_bytes(2, "little")
 
 
@@ -354,9 +372,9 @@ def buttons(rng: Random, dive: "Fuzzed") -> Spoil:
             dive.presses.append(rng.choice(tuple(Request)))
         if rng.random() < 0.1:
             draw = [rng.choice((math.nan, 0.0, rng.gauss(0.0, 1.0), rng.gauss(0.0, 1e3))) for _ in range(4)]
-            rates = np.array([rng.choice((0.0, 0.0, rng.gauss(0.0, 1.0), 1e30)) for _ in range(8)])
+            rates = [rng.choice((0.0, 0.0, rng.gauss(0.0, 1.0), 1e30)) for _ in range(8)]
             with contextlib.suppress(ValueError):
-                dive.engine.aim(Setpoint(np.array(draw), rates[:4], rates[4:]))
+                dive.engine.aim(Setpoint(vector(draw), vector(rates[:4]), vector(rates[4:])))
         return inbox
 
     return spoil
@@ -373,8 +391,21 @@ def stalls(rng: Random, dive: "Fuzzed") -> Spoil:
     return spoil
 
 
-STORMS = (one_field, one_field, one_field, all_fields, clocks, clocks, twin, carried, insertion, insertion)
-STORMS += (buttons, stalls, ground_station)
+STORMS = (
+    one_field,
+    one_field,
+    one_field,
+    all_fields,
+    clocks,
+    clocks,
+    twin,
+    carried,
+    insertion,
+    insertion,
+    buttons,
+    stalls,
+    ground_station,
+)
 
 
 def _count(rng: Random, mean: float) -> int:

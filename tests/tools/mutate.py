@@ -16,6 +16,7 @@ import sys
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any, cast
 
 import numpy as np
 
@@ -100,7 +101,8 @@ def sites(tree: ast.AST) -> Iterator[ast.AST]:
             continue
         yield node
         if isinstance(node, ast.FunctionDef):
-            yield from sites(ast.Module([*node.args.defaults, *filter(None, node.args.kw_defaults)], []))
+            for default in (*node.args.defaults, *filter(None, node.args.kw_defaults)):
+                yield from sites(ast.Expression(default))
             for part in node.body:
                 if not (isinstance(part, ast.Expr) and isinstance(part.value, ast.Constant)):
                     yield part
@@ -134,7 +136,7 @@ def changes(node: ast.AST) -> list[str]:
 
 def changed(node: ast.AST, change: str) -> ast.AST:
     """Return a changed copy of `node`."""
-    new = copy.deepcopy(node)
+    new: Any = copy.deepcopy(node)
     match change:
         case "compare":
             new.ops = [COMPARISONS[type(new.ops[0])]()]
@@ -143,7 +145,7 @@ def changed(node: ast.AST, change: str) -> ast.AST:
         case "and/or":
             new.op = ast.Or() if isinstance(new.op, ast.And) else ast.And()
         case "drop sign":
-            return new.operand
+            return cast(ast.AST, new.operand)
         case "flip":
             new.value = not new.value
         case "number":
@@ -152,7 +154,7 @@ def changed(node: ast.AST, change: str) -> ast.AST:
             new.test = ast.UnaryOp(ast.Not(), new.test)
         case "leave out":
             return ast.Pass()
-    return new
+    return cast(ast.AST, new)
 
 
 class Swap(ast.NodeTransformer):
@@ -177,7 +179,7 @@ def mutant(workshop: Path, path: str, index: int) -> tuple[str, str]:
     every = [(node, change) for node in sites(tree) for change in changes(node)]
     node, change = every[index]
     new = changed(node, change)
-    said = f"{path}:{node.lineno}: {_short(node)}  ->  {_short(new)}"
+    said = f"{path}:{getattr(node, 'lineno', 0)}: {_short(node)}  ->  {_short(new)}"
     return ast.unparse(ast.fix_missing_locations(Swap(node, new).visit(tree))), said
 
 
@@ -224,8 +226,8 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--file", help="only this file of the group")
     arguments = parser.parse_args()
-    files, tests = GROUPS[arguments.group]
-    tests = [f"tests/{test}" for test in tests if (ROOT / "tests" / test).exists()]
+    files, names = GROUPS[arguments.group]
+    tests = [f"tests/{name}" for name in names]
     with tempfile.TemporaryDirectory() as folder:
         workshop = Path(folder) / "repository"
         kept = shutil.ignore_patterns(".git", ".venv", "out", "__pycache__", ".*_cache", ".hypothesis")

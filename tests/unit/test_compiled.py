@@ -1,7 +1,7 @@
 """The lab compiles plain functions of other packages, and keeps what it compiled until a source changes."""
 
 import math
-from typing import NamedTuple, get_args, get_type_hints
+from typing import Any, NamedTuple, get_args, get_type_hints
 
 import numpy as np
 import pytest
@@ -96,7 +96,7 @@ def test_compiled_code_is_taken_from_disk(monkeypatch, tmp_path):
     for hits in (0, 1):
         cached.cache_clear()
         for chosen, expected in ((doubled, 12.0), (halved, 0.75)):
-            call = cached(slotted(changed_twice, change=chosen))
+            call: Any = cached(slotted(changed_twice, change=chosen))
             assert call(3.0) == expected
             assert sum(call.dispatcher.stats.cache_hits.values()) == hits
     subject._folder.cache_clear()

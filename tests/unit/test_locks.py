@@ -10,11 +10,15 @@ ROOT = Path(__file__).parents[2]
 LOCKS = ("requirements.lock", "requirements-dev.lock")
 
 
+def name_of(requirement):
+    return re.findall(r"^[\w.-]+", requirement)[0]
+
+
 def pins(lock):
     """Versions by name, and how many hashes each has."""
     entries = re.split(r"\n(?=\S)", (ROOT / lock).read_text().strip())
     return {
-        re.match(r"[\w.-]+", entry)[0]: (re.search(r"==([^\s;]+)", entry)[1], entry.count("--hash=sha256:"))
+        name_of(entry): (re.findall(r"==([^\s;]+)", entry)[0], entry.count("--hash=sha256:"))
         for entry in entries
     }
 
@@ -26,7 +30,7 @@ def wanted(*extras):
         *project["dependencies"],
         *(t for extra in extras for t in project["optional-dependencies"][extra]),
     ]
-    return {re.match(r"[\w.-]+", text)[0] for text in texts} - {"holdfast"}
+    return {name_of(text) for text in texts} - {"holdfast"}
 
 
 @pytest.mark.parametrize("lock", LOCKS)

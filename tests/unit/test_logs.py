@@ -2,6 +2,7 @@
 
 import io
 import logging
+import queue
 import threading
 
 import pytest
@@ -49,6 +50,7 @@ def test_a_stopped_terminal_holds_nobody_up_and_costs_bounded_memory(logger, mon
     logger.addHandler(handler)
     for number in range(3 * MOST_LINES):
         logger.info("line %d", number)
+    assert isinstance(handler.queue, queue.Queue)
     assert handler.queue.qsize() <= MOST_LINES
     handler.close()
     stream.go_on.set()

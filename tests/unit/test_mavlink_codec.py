@@ -145,7 +145,12 @@ def test_the_vehicle_is_recognised_by_a_sound_frame_of_its_own():
 def test_to_recognise_the_vehicle_takes_few_checksums(monkeypatch):
     """Anybody may send anything before the link is taken."""
     looked_at = []
-    monkeypatch.setattr("companion.mavlink.codec._is_sound", lambda *frame: looked_at.append(1) or True)
+
+    def sound(*frame):
+        looked_at.append(frame)
+        return True
+
+    monkeypatch.setattr("companion.mavlink.codec._is_sound", sound)
     (others,) = frames(attitude(), sender=(1, 2))
     assert codec().sender(1000 * others) is STRANGER
     assert len(looked_at) <= 32

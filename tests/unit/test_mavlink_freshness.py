@@ -5,6 +5,7 @@ import pytest
 from companion.mavlink.ardusub import unmirrored
 from companion.mavlink.freshness import MESSAGES, Freshness
 from companion.records import Attitude, Depth, DepthRate, Heartbeat, Reboot, ServoOutput, TimeSync
+from companion.records.events import Event
 
 
 def depth(boot_s: float) -> Depth:
@@ -16,7 +17,13 @@ def attitude(boot_s: float) -> Attitude:
 
 
 def test_news_and_what_has_no_stamp_pass() -> None:
-    events = [depth(1.0), attitude(1.0), DepthRate(0.0, None, 0.1), Heartbeat(0.0, True, 19, 4), depth(1.02)]
+    events: list[Event] = [
+        depth(1.0),
+        attitude(1.0),
+        DepthRate(0.0, None, 0.1),
+        Heartbeat(0.0, True, 19, 4),
+        depth(1.02),
+    ]
     assert Freshness().drop_stale(events) == events
 
 
@@ -42,7 +49,7 @@ def test_late_datagrams_among_new_ones_are_no_reboot() -> None:
 
 def test_an_absurd_first_stamp_does_not_silence_its_kind_for_ever() -> None:
     fresh = Freshness()
-    events = [depth(4e6)]
+    events: list[Depth | Attitude] = [depth(4e6)]
     events += [event for i in range(100) for event in (depth(5.0 + 0.02 * i), attitude(5.0 + 0.02 * i))]
     assert depth(5.0 + 0.02 * 99) in fresh.drop_stale(events)
 

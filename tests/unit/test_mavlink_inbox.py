@@ -34,7 +34,12 @@ FLOODS = {
 def test_a_tick_takes_a_bounded_number_of_looks_whatever_comes(monkeypatch, flood, stream, size):
     looks = []
     frame_size = codec._frame_size
-    monkeypatch.setattr(codec, "_frame_size", lambda *at: looks.append(at) or frame_size(*at))
+
+    def looked(*at):
+        looks.append(at)
+        return frame_size(*at)
+
+    monkeypatch.setattr(codec, "_frame_size", looked)
     inbox, link, sent = Inbox(stream), Codec(*US, *VEHICLE, stream=stream), 0
     for _ in range(3):
         for k in range(400):

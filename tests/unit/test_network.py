@@ -45,7 +45,8 @@ def test_output_is_w_sigma_of_v_theta():
     for _ in range(5):
         net.step(drawn(rng, 0.3))
     signals = drawn(rng, 0.3)
-    expected = output(*weights(net), inputs(signals))
+    W, V = weights(net)
+    expected = output(W, V, inputs(signals))
     assert net.step(signals, adapt=False) == pytest.approx(expected, rel=1e-12)
     assert net.weight_norm == pytest.approx(np.linalg.norm(net.state.W), rel=1e-12)
 

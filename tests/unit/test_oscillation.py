@@ -64,12 +64,13 @@ def test_the_gains_come_back_when_it_is_quiet():
 
 def test_after_a_relapse_the_gains_stay_lower():
     """A limit cycle that begins whenever the gains are above a half: each time they come back less far."""
-    state, began = START, []
+    state = START
+    began: list[int] = []
     for i in range(round(400.0 / DT_S)):
         over = state.gain_scale > 0.5
         if over and (not began or i - began[-1] > 10.0 / DT_S):
             began.append(i)
-        on = began and i - began[-1] < 2.0 / DT_S
+        on = bool(began) and i - began[-1] < 2.0 / DT_S
         state = step(state, on * 60.0 * np.sin(10.0 * i * DT_S))
     assert len(began) <= 8, "it hunts"
     assert np.diff(began[2:]).min() * DT_S > 50.0

@@ -1,3 +1,6 @@
+# Arrays stand where the equations have numbers.
+# mypy: disable-error-code="arg-type, var-annotated"
+
 import math
 
 import numpy as np

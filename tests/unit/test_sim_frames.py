@@ -30,6 +30,7 @@ def by_pymavlink(built, sequence=7):
 def test_frames_are_pymavlinks(kind, seed):
     built = message(kind, seed)
     frame = pack(built, 7, 3, 4)
+    assert frame is not None
     assert frame == by_pymavlink(built)
     read, expected = parse(frame), mavlink.MAVLink(None).parse_buffer(frame)[0]
     assert read.to_dict() == expected.to_dict()

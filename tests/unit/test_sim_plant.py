@@ -1,6 +1,7 @@
 """Closed forms against integration: the plant may be trusted because algebra says the same."""
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ STILL = (0.0,) * 6
 
 
 def plant(**changes):
-    values = {
+    values: dict[str, Any] = {
         "mass_kg": MASS,
         "inertia_kg_m2": (0.26, 0.23, 0.37),
         "added_mass": (6.36, 7.12, ADDED, 0.189, 0.135, 0.222),

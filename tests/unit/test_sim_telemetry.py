@@ -1,6 +1,7 @@
 """Rates, origins, links and noise of what the double tells."""
 
 import itertools
+from typing import Any
 
 import numpy as np
 import pytest
@@ -119,7 +120,7 @@ def test_both_links_forward_each_others_heartbeats_but_not_steering():
     beat = mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)
     second.say(beat).run(0.05)
     seen = second.run(0.05)
-    out = []
+    out: list[Any] = []
     message = beat.pack(first.packer)
     for link, data in rov.step([(0, message), (0, override(yaw=5).pack(first.packer))]):
         if link == 1:

@@ -1,6 +1,7 @@
 """Curve, lag and geometry of the thrusters; with the mixer, one test per axis pins the signs."""
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -113,7 +114,8 @@ def test_the_wrench_is_that_of_forces_at_their_places(frame):
 
 def wrench_of(frame, demand):
     """Body wrench if motors pushed in proportion to their output: signs of mixer and geometry alone."""
-    return np.array(wrench(thrusters(frame), (*mix(frame, demand), 0.0, 0.0)[:8]))
+    forces: Any = (*mix(frame, demand), 0.0, 0.0)[:8]
+    return np.array(wrench(thrusters(frame), forces))
 
 
 @pytest.mark.parametrize("frame", CONFIGS)

@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -358,7 +359,12 @@ def assessed(state=RESTING, **changes):
     state = changes.pop("state", state)
     lasting = {field.name for field in structs.fields(Watched)} & changes.keys()
     watched = Watched(**({"ekf": SOUND} | {name: changes.pop(name) for name in lasting}))
-    arguments = {"mode_right": True, "parameters": SAFE, "watched": watched, "holds_position": True}
+    arguments: dict[str, Any] = {
+        "mode_right": True,
+        "parameters": SAFE,
+        "watched": watched,
+        "holds_position": True,
+    }
     return assess(Observation(state=state, **(arguments | changes)), LIMITS)
 
 

@@ -7,11 +7,10 @@ from io import StringIO
 from pathlib import Path
 
 import msgspec
-import numpy as np
 import pytest
 from rich.console import Console, RenderableType
 
-from companion.records import Ages, Condition, ControlSample, State, Wrench
+from companion.records import Ages, Condition, ControlSample, State, Wrench, vector
 from companion.telemetry import samples
 from companion.telemetry import schemas as telemetry
 from companion.telemetry.modes import MEANINGS
@@ -85,7 +84,7 @@ def test_a_flood_is_shown_where_there_was_one(make_sample: MakeSample) -> None:
 
 def test_what_never_came_is_no_zero(make_sample: MakeSample) -> None:
     sample = make_sample(voltage_v=math.nan)
-    nowhere = np.array([np.nan, np.nan, 5.0, 0.5])
+    nowhere = (math.nan, math.nan, 5.0, 0.5)
     sample = replace(sample, dofs=replace(sample.dofs, x=nowhere))
     screen = _screen(_view(sample))
     assert "battery –" in screen
@@ -206,7 +205,7 @@ def test_errors_are_remembered_by_their_peaks(make_sample: MakeSample) -> None:
     feed = Feed("kelp", "here")
     for tick in range(2 * 50):
         sample = make_sample(t_s=100.0 + tick / 50)
-        errors = np.full(4, -0.5 if tick == 30 else 0.01)
+        errors = vector([-0.5 if tick == 30 else 0.01] * 4)
         feed.take(_messages(replace(sample, dofs=replace(sample.dofs, e=errors))), now_s=tick / 50)
     view = feed.view(2.0, connected=True)
     assert view.errors["z"] == [0.5, 0.01]
@@ -230,8 +229,8 @@ def test_a_gauge_grows_from_the_middle(value: float, drawn: str) -> None:
 
 
 def test_a_wild_sample_is_drawn_too(make_sample: MakeSample) -> None:
-    nowhere = np.full(4, np.nan)
-    sample = make_sample(eta=tuple(nowhere.tolist()), boot_s=math.nan, roll=math.inf, mode=77)
+    nowhere = vector([math.nan] * 4)
+    sample = make_sample(eta=nowhere, boot_s=math.nan, roll=math.inf, mode=77)
     sample = replace(sample, requested=Wrench(nowhere), delivered=Wrench(nowhere))
     assert "mode 77" in _screen(_view(sample))
 

@@ -1,6 +1,7 @@
 """What lasts, what was said a while ago, and the steps of a hand-over."""
 
 from math import inf, nan, radians
+from typing import Any
 
 import numpy as np
 import pytest
@@ -35,11 +36,11 @@ class Seen:
 
     def step(self, *events, dt_s=TICK_S, dofs=None, state=RESTING, dropped=0, peers=0, **changes):
         self.now_s += dt_s
-        given = {"held": ALL, "steering": True, "parameters": SAFE}
-        events = [structs.replace(event, t_s=self.now_s) for event in events]
+        given: dict[str, Any] = {"held": ALL, "steering": True, "parameters": SAFE}
+        stamped = [structs.replace(event, t_s=self.now_s) for event in events]
         health = LoopHealth(1, 50.0, 0.0, 0.0, 0, dropped, peer_changes=peers)
         state = structs.replace(state, t_s=self.now_s)
-        return self.watch.step(dt_s, events, state, LIMITS, health, dofs=dofs, **(given | changes))
+        return self.watch.step(dt_s, stamped, state, LIMITS, health, dofs=dofs, **(given | changes))
 
     def later(self, seconds, **changes):
         """After a gap without ticks."""
