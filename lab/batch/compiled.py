@@ -42,7 +42,7 @@ def slotted(function: Callable[..., Any], **slots: "Callable[..., Any] | Slotted
 
 
 @functools.cache
-def cached(entry: Slotted) -> Callable[..., Any]:
+def cached(entry: Slotted) -> Any:
     """Return a function of the lab, compiled for the types that it is called with.
 
     What is compiled stays on disk, unless it is made of sources other than PACKAGES. Another process that
@@ -51,22 +51,19 @@ def cached(entry: Slotted) -> Callable[..., Any]:
     body = _with_callees(*entry)
     keeps = _ours(entry)
     body.__qualname__ += "_" + hashlib.sha256(_described(entry).encode()).hexdigest()[:12]
-    function = numba.njit(cache=keeps, **OPTIONS)
     folder = _folder()
     if keeps:
         numba.config.CACHE_DIR = str(folder)
-    dispatcher = function(body)
+    dispatcher = numba.njit(cache=keeps, **OPTIONS)(body)
+    compile_alone = dispatcher.compile
 
-    def call(*arguments: Any) -> Any:
-        types = tuple(map(numba.typeof, arguments))
-        if types not in dispatcher.overloads:
-            with (folder / "lock").open("w") as lock:
-                fcntl.flock(lock, fcntl.LOCK_EX)
-                dispatcher.compile(types)
-        return dispatcher(*arguments)
+    def compile_in_turn(types: Any) -> Any:
+        with (folder / "lock").open("w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            return compile_alone(types)
 
-    call.dispatcher = dispatcher  # type: ignore[attr-defined]
-    return call
+    dispatcher.compile = compile_in_turn
+    return dispatcher
 
 
 def digest(root: Path) -> str:

@@ -98,7 +98,7 @@ def test_compiled_code_is_taken_from_disk(monkeypatch, tmp_path):
         for chosen, expected in ((doubled, 12.0), (halved, 0.75)):
             call: Any = cached(slotted(changed_twice, change=chosen))
             assert call(3.0) == expected
-            assert sum(call.dispatcher.stats.cache_hits.values()) == hits
+            assert sum(call.stats.cache_hits.values()) == hits
     subject._folder.cache_clear()
     cached.cache_clear()
 
