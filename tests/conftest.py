@@ -2,7 +2,6 @@
 
 import os
 from collections.abc import Callable
-from dataclasses import fields
 from itertools import count
 from typing import Any
 
@@ -42,7 +41,7 @@ def _make_sample(**state: Any) -> ControlSample:
     """A sample in which every number of `DofSample` is another, so that a swap cannot hide."""
     numbers = map(float, count(1))
     columns: dict[str, Any] = {
-        column.name: tuple(next(numbers) for _ in DOFS) for column in fields(DofSample)
+        name: tuple(next(numbers) for _ in DOFS) for name in DofSample.__struct_fields__
     }
     columns["saturated"] = (True, False, False, True)
     columns["adapting"] = (False, True, False, True)

@@ -1,8 +1,9 @@
 """Reference, error, compensators and law of all four degrees of freedom, in the order in which they act."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from operator import sub
 from typing import Any, NamedTuple, Self
 
 from companion.control import oscillation, reference
@@ -22,8 +23,6 @@ from companion.control.positioning import (
 from companion.control.reference import ReferenceModel
 from companion.control.schedule import Gains, scheduled
 from companion.records import PSI, DofSample, Flags, FrameShift, Setpoint, Vector, VehicleState, vector
-
-COLUMNS = ("eps", "tau", "feedforward", "feedback", "d_hat", "weight_norm", "adapting")
 
 BLEND_S = 2.0
 """How slowly the difference that a change of law made is let go."""
@@ -156,12 +155,11 @@ class Controller:
             before = self._predecessor.step(state, J, target, engaged, saturated, dt_s)
             self._predecessor = None
         self._engaged_s += dt_s
+        let_go = math.exp(-dt_s / BLEND_S)
         learns = not self.frozen and self.authority >= 1.0 and self._engaged_s >= self._start_delay_s
 
-        self.reference.step(target, state.ahead_s, dt_s)
-        x_d, x_d_dot, x_d_ddot = self.reference.x_d, self.reference.x_d_dot, self.reference.x_d_ddot
-        e = pose_error(x, x_d)
-        e_dot = vector([x_dot[i] - x_d_dot[i] for i in range(4)])
+        x_d, x_d_dot, x_d_ddot = self.reference.step(target, state.ahead_s, dt_s)
+        e, e_dot = pose_error(x, x_d), vector(map(sub, x_dot, x_d_dot))
         scale = self.gain_scale
         nu = to_body(J, vector([x_dot[i] - (1.0 - scale[i]) * e_dot[i] for i in range(4)]))
         m, k_plus_h = inertia(self._model, J), coriolis_and_damping(self._model, J, nu)
@@ -170,34 +168,41 @@ class Controller:
         for i, (dof, one) in enumerate(zip(self._dofs, self._states, strict=True)):
             free = engaged[i] and not saturated[i]
             lam, kappa, learning_scale, share = scheduled(dof.gains, delay_s, scale[i])
-            signals = Signals(e[i], e_dot[i], e_dot[i] + lam * e[i], x_dot[i], x_d_dot[i], x_d_ddot[i])
+            eps = e_dot[i] + lam * e[i]
 
-            d = _observed(dof, state.disturbance[i])
-            if before is not None and not one.inherited:
-                _seed(dof, one, signals, before.d_hat[i] - d)
-            found, adapting = _learn(dof, one, signals, learning_scale * dt_s, learns and free)
-            one.mean_d = mean_disturbance(one.mean_d, d + found, dt_s)
-            d_hat = scaled_disturbance(one.mean_d, d + found, scale[i])
+            d, weight_norm, adapting = _observed(dof, state.disturbance[i]), 0.0, False
+            if dof.compensators:
+                signals = Signals(e[i], e_dot[i], eps, x_dot[i], x_d_dot[i], x_d_ddot[i])
+                if before is not None and not one.inherited:
+                    _seed(dof, one, signals, before.d_hat[i] - d)
+                learn_s, adapt = learning_scale * dt_s, learns and free
+                found, weight_norm, adapting = _learn(dof, one, signals, learn_s, adapt)
+                d += found
+            one.mean_d = mean_disturbance(one.mean_d, d, dt_s)
+            d_hat = scaled_disturbance(one.mean_d, d, scale[i])
 
             motion = Motion(
                 e[i], e_dot[i], x_dot[i], x_d_ddot[i], m[i], k_plus_h[i], d_hat, lam, kappa, share, free
             )
-            one.law, terms = dof.law.functions.step(dof.law.parameters, one.law, motion, dt_s)
-            asked = terms.feedforward + terms.feedback + terms.d_hat
+            one.law, (feedforward, feedback, d_hat) = dof.law.functions.step(
+                dof.law.parameters, one.law, motion, dt_s
+            )
+            asked = feedforward + feedback + d_hat
             if before is not None:
                 one.bumpless_bias = before.feedforward[i] + before.feedback[i] + before.d_hat[i] - asked
             elif self._turned_d_hat is not None and i != PSI:
-                one.bumpless_bias = self._turned_d_hat[i] - terms.d_hat
+                one.bumpless_bias = self._turned_d_hat[i] - d_hat
             else:
-                one.bumpless_bias *= math.exp(-dt_s / BLEND_S)
-            one.d_hat = terms.d_hat + one.bumpless_bias
+                one.bumpless_bias *= let_go
+            one.d_hat = d_hat + one.bumpless_bias
             tau = asked + one.bumpless_bias if engaged[i] else 0.0
             if self.authority >= 1.0:
                 one.oscillation = oscillation.step(dof.oscillation, one.oscillation, tau, dt_s, delay_s)
-            parts = (tau, terms.feedforward, terms.feedback, one.d_hat)
-            rows.append((signals.eps, *parts, _weight_norm(dof, one), adapting))
+            rows.append((eps, tau, feedforward, feedback, one.d_hat, weight_norm, adapting))
         self._turned_d_hat = None
-        columns = dict(zip(COLUMNS, zip(*rows, strict=True), strict=True))
+
+        by_dof: Iterable[Any] = zip(*rows, strict=True)
+        all_eps, taus, feedforwards, feedbacks, d_hats, weight_norms, learnt = by_dof
         return DofSample(
             x_d=x_d,
             x_d_dot=x_d_dot,
@@ -206,10 +211,16 @@ class Controller:
             x_dot=x_dot,
             e=e,
             e_dot=e_dot,
+            eps=all_eps,
+            tau=taus,
+            feedforward=feedforwards,
+            feedback=feedbacks,
+            d_hat=d_hats,
             d_observer=state.disturbance,
+            weight_norm=weight_norms,
             saturated=saturated,
+            adapting=learnt,
             engaged=engaged,
-            **columns,
         )
 
 
@@ -229,23 +240,18 @@ def _observed(dof: Dof, disturbance: float) -> float:
 
 def _seed(dof: Dof, one: DofState, signals: Signals, d_hat: float) -> None:
     """Let the first compensator answer with `d_hat`, N or N·m."""
-    if dof.compensators:
-        functions, parameters = dof.compensators[0]
-        one.learnt[0] = functions.seed(parameters, one.learnt[0], signals, d_hat)
+    functions, parameters = dof.compensators[0]
+    one.learnt[0] = functions.seed(parameters, one.learnt[0], signals, d_hat)
 
 
-def _learn(dof: Dof, one: DofState, signals: Signals, learn_s: float, adapt: bool) -> tuple[float, bool]:
-    """Step the compensators; return the sum of their d̂, and whether any of them learnt."""
-    d_hat, adapting = 0.0, False
+def _learn(
+    dof: Dof, one: DofState, signals: Signals, learn_s: float, adapt: bool
+) -> tuple[float, float, bool]:
+    """Step the compensators; return the sums of their d̂ and weight norms, and whether any of them learnt."""
+    d_hat, weight_norm, adapting = 0.0, 0.0, False
     for i, (functions, parameters) in enumerate(dof.compensators):
         one.learnt[i], found, learning = functions.step(parameters, one.learnt[i], signals, learn_s, adapt)
         d_hat += found
+        weight_norm += functions.weight_norm(one.learnt[i])
         adapting = adapting or learning
-    return d_hat, adapting
-
-
-def _weight_norm(dof: Dof, one: DofState) -> float:
-    total = 0.0
-    for (functions, _), learnt in zip(dof.compensators, one.learnt, strict=True):
-        total += functions.weight_norm(learnt)
-    return total
+    return d_hat, weight_norm, adapting

@@ -27,7 +27,8 @@ import numpy as np
 from companion.control.bounds import limited, square_root
 from companion.control.compensator import INPUTS, Inputs, Signals, dead_zone_error, inputs
 
-SATURATED_SIGMOID = 40.0
+SATURATED = 40.0
+"""e⁻ˣ of more would only make σ smaller."""
 
 
 class Parameters(NamedTuple):
@@ -118,12 +119,8 @@ def integral_gain(parameters: Parameters) -> float:
 def hidden(V: Sequence[Inputs], theta: Inputs) -> list[float]:
     """Return σ(Vᵀ θ)."""
     a, b, c, d, e, f = theta
-    return [logistic(v[0] * a + v[1] * b + v[2] * c + v[3] * d + v[4] * e + v[5] * f) for v in V]
-
-
-def logistic(x: float) -> float:
-    """Return 1/(1 + e⁻ˣ)."""
-    return 1.0 / (1.0 + math.exp(SATURATED_SIGMOID if x < -SATURATED_SIGMOID else -x))
+    summed = [v[0] * a + v[1] * b + v[2] * c + v[3] * d + v[4] * e + v[5] * f for v in V]
+    return [1.0 / (1.0 + math.exp(-x if not x < -SATURATED else SATURATED)) for x in summed]
 
 
 def dot(a: Sequence[float], b: Sequence[float]) -> float:

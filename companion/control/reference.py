@@ -113,47 +113,36 @@ class ReferenceModel:
     @property
     def x_d(self) -> Vector:
         """Where it is to be."""
-        x, y, z, psi = self._states
+        x, y, z, psi = self.states
         return (x.x_d, y.x_d, z.x_d, psi.x_d)
-
-    @property
-    def x_d_dot(self) -> Vector:
-        """How fast."""
-        x, y, z, psi = self._states
-        return (x.x_d_dot, y.x_d_dot, z.x_d_dot, psi.x_d_dot)
-
-    @property
-    def x_d_ddot(self) -> Vector:
-        """And the acceleration."""
-        x, y, z, psi = self._states
-        return (x.x_d_ddot, y.x_d_ddot, z.x_d_ddot, psi.x_d_ddot)
 
     def reset(self, x: Vector, x_dot: Vector) -> None:
         """Start where the vehicle is and as it moves."""
-        self._states = [start(*each) for each in zip(self._parameters, x, x_dot, strict=True)]
+        self.states = [start(*each) for each in zip(self._parameters, x, x_dot, strict=True)]
 
     def catch_up(self, x: Vector, x_dot: Vector, where: Flags) -> None:
         """Start anew `where` asked, where the vehicle is and as it moves."""
         for i, asked in enumerate(where):
             if asked:
-                self._states[i] = start(self._parameters[i], x[i], x_dot[i])
+                self.states[i] = start(self._parameters[i], x[i], x_dot[i])
 
     def go_on(self, other: Self) -> None:
         """Stand where `other` stands, with the same rates and the same target."""
-        self._states = list(other._states)
+        self.states = list(other.states)
 
     def shift(self, shift: FrameShift, vehicle: Vector) -> None:
         """Stay where it is as seen from the vehicle (its pose after the shift), with the same motion."""
-        x_d, *motion = (vector(column) for column in zip(*self._states, strict=True))
+        x_d, *motion = (vector(column) for column in zip(*self.states, strict=True))
         columns = (shifted_along(shift, x_d, vehicle), *(turned(shift, each) for each in motion))
-        self._states = [State(*values) for values in zip(*columns, strict=True)]
+        self.states = [State(*values) for values in zip(*columns, strict=True)]
 
-    def step(self, target: Setpoint, ahead_s: float, dt_s: float) -> None:
-        """Advance by `dt_s` toward where `target` will be `ahead_s` later."""
-        goals = map(ahead, target.eta_d, target.eta_d_dot, target.eta_d_ddot, (ahead_s,) * 4)
-        self._states = [
-            step(parameters, state, *goal, pace, dt_s)
-            for parameters, state, goal, pace in zip(
-                self._parameters, self._states, goals, self.pace, strict=True
-            )
-        ]
+    def step(self, target: Setpoint, ahead_s: float, dt_s: float) -> tuple[Vector, Vector, Vector]:
+        """Advance by `dt_s` toward where `target` will be `ahead_s` later; return x_d, ẋ_d, ẍ_d."""
+        eta_d, eta_d_dot, eta_d_ddot = target.eta_d, target.eta_d_dot, target.eta_d_ddot
+        states = []
+        for i, parameters in enumerate(self._parameters):
+            x, x_dot, x_ddot = ahead(eta_d[i], eta_d_dot[i], eta_d_ddot[i], ahead_s)
+            states.append(step(parameters, self.states[i], x, x_dot, x_ddot, self.pace[i], dt_s))
+        self.states = states
+        x_d, x_d_dot, x_d_ddot, _, _ = zip(*states, strict=True)
+        return vector(x_d), vector(x_d_dot), vector(x_d_ddot)

@@ -11,7 +11,8 @@
 import math
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import replace
+
+from msgspec.structs import replace
 
 from companion.config import Config
 from companion.control.bounds import wrap

@@ -1,7 +1,8 @@
 """What the control equations give: forces, and demands on the vehicle's axes."""
 
-from dataclasses import dataclass
 from typing import NamedTuple
+
+import msgspec
 
 from companion.records.dof import Flags, Vector
 
@@ -26,15 +27,13 @@ class AxisCommand(NamedTuple):
 NEUTRAL = AxisCommand()
 
 
-@dataclass(frozen=True, slots=True)
-class Wrench:
+class Wrench(msgspec.Struct, frozen=True):
     """Body forces tau = X, Y, Z (N) and N (N·m), by axis."""
 
     tau: Vector
 
 
-@dataclass(frozen=True, slots=True)
-class DofSample:
+class DofSample(msgspec.Struct, frozen=True):
     """The law's inside for all four DOFs; NED, `VehicleState.ahead_s` from now.
 
     tau = feedforward + feedback + d_hat, before saturation; `e`, `e_dot` are measured minus desired.

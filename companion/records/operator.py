@@ -1,7 +1,8 @@
 """What an operator wants."""
 
-from dataclasses import dataclass
 from enum import IntEnum, auto
+
+import msgspec
 
 from companion.records.dof import ZERO, Vector
 
@@ -17,8 +18,7 @@ class Request(IntEnum):
     CLEAR_FAULT = auto()
 
 
-@dataclass(frozen=True, slots=True)
-class Setpoint:
+class Setpoint(msgspec.Struct, frozen=True):
     """Where to be, in DOF order; a NaN target means: where it is when engaged.
 
     `eta_d_dot` and `eta_d_ddot` make a moving target a path; they are zero for a fixed one.

@@ -1,6 +1,6 @@
 """Everything of one tick, as it leaves for telemetry."""
 
-from dataclasses import dataclass
+import msgspec
 
 from companion.records.control import AxisCommand, DofSample, Wrench
 from companion.records.dof import Vector
@@ -9,8 +9,7 @@ from companion.records.state import VehicleState
 from companion.records.supervision import Verdict
 
 
-@dataclass(frozen=True, slots=True)
-class LoopHealth:
+class LoopHealth(msgspec.Struct, frozen=True):
     """How the process itself is doing."""
 
     tick: int
@@ -26,8 +25,7 @@ class LoopHealth:
     """Of floods on the links."""
 
 
-@dataclass(frozen=True, slots=True)
-class ControlSample:
+class ControlSample(msgspec.Struct, frozen=True):
     """Everything of one tick, as it leaves for telemetry."""
 
     state: VehicleState

@@ -1,7 +1,8 @@
 """What the supervisor looks at, and what it says."""
 
-from dataclasses import dataclass, field
 from enum import IntFlag, StrEnum, auto
+
+import msgspec
 
 
 class State(StrEnum):
@@ -62,8 +63,7 @@ class Condition(IntFlag):
     TILT_PERSISTS = auto()
 
 
-@dataclass(frozen=True, slots=True)
-class Verdict:
+class Verdict(msgspec.Struct, frozen=True):
     """The supervisor's word for this tick. `authority` 0..1 scales the wrench: 0 is neutral.
 
     `warnings` are the conditions that only warn; with `freeze` learning is frozen.
@@ -74,6 +74,6 @@ class Verdict:
     conditions: Condition
     authority: float
     reason: str
-    warnings: Condition = field(default_factory=lambda: Condition(0))
+    warnings: Condition = Condition(0)
     freeze: bool = False
     remedy: str = ""

@@ -1,13 +1,13 @@
 """The page after the dive says what the dive was: checked against dives of which we know."""
 
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 import msgspec
 import numpy as np
 import pytest
 from msgspec import structs
+from msgspec.structs import replace
 from virtual import ROOT, hold
 
 from companion.config import load_config

@@ -7,9 +7,9 @@ Whatever they say nothing raises, predictions run forward, and what lasts is han
 import copy
 import itertools
 import math
-from dataclasses import replace
 
 import pytest
+from msgspec.structs import replace
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from virtual import Dive, active
 

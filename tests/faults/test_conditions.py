@@ -4,10 +4,9 @@
 permission, never engaged unless asked. Here stands what comes of each fault, and how soon nothing pushes.
 """
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from virtual import Dive, Somebody, active, hold
 
 from companion.records import Request, State

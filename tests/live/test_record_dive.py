@@ -10,11 +10,11 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from mcap.reader import make_reader
+from msgspec.structs import replace
 from pymavlink import mavutil
 from waiting import until
 

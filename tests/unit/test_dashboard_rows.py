@@ -3,11 +3,11 @@
 import math
 import struct
 from collections.abc import Callable
-from dataclasses import replace
 
 import msgspec
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from companion.records import ControlSample, State, Verdict
 from companion.telemetry import samples

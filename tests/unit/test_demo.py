@@ -1,15 +1,14 @@
 """The demo's figures and pictures, from a dive whose answers are known."""
 
+import dataclasses
 import io
 import math
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Any
 
-import msgspec
 import numpy as np
 import pytest
-from msgspec import structs
+from msgspec.structs import replace
 from rich.console import Console
 
 from companion.records import AxisCommand, ControlSample, Wrench
@@ -120,7 +119,7 @@ def test_the_estimate_is_compared_when_it_acts_and_in_the_same_sign(dive: DemoDi
 
 
 def test_a_lost_tick_is_counted_and_makes_no_chatter(recording: DemoRecording) -> None:
-    steady = [msgspec.structs.replace(c, heave_delivered_n=c.boot_s) for c in recording.command]
+    steady = [replace(c, heave_delivered_n=c.boot_s) for c in recording.command]
     recording.command = steady[:700] + steady[710:]
     result = figures(arrange(recording), (10.0, 20.0))
     assert result.ticks_lost == 10
@@ -132,15 +131,15 @@ def test_stamps_of_another_clock_are_left_out(recording: DemoRecording, make_sam
     clean = figures(arrange(recording), (10.0, 20.0))
     for boot_s in (-1000.0, 1.0, 1000.0):
         stray = replace(_sample(make_sample, 0.0, 0), eta_d=(77.0,) * 4)
-        stray = replace(stray, state=structs.replace(stray.state, boot_s=boot_s))
+        stray = replace(stray, state=replace(stray.state, boot_s=boot_s))
         for key, _, payload in samples.encode(stray, VEHICLE):
             recording.add(key, payload)
     assert figures(arrange(recording), (10.0, 20.0)) == clean
 
 
 def test_the_window_suits_both_dives(dive: DemoDive) -> None:
-    later = replace(dive, depth_desired_m=np.minimum(5.0, 0.4 * dive.t_s), t_s=dive.t_s)
-    shorter = replace(dive, t_s=dive.t_s * 0.9)
+    later = dataclasses.replace(dive, depth_desired_m=np.minimum(5.0, 0.4 * dive.t_s), t_s=dive.t_s)
+    shorter = dataclasses.replace(dive, t_s=dive.t_s * 0.9)
     assert window([dive, later, shorter], 5.0) == pytest.approx((12.49, 18.0), abs=0.05)
     with pytest.raises(ValueError, match=r"never arrived at 6 m: it ended at 5\.00 m"):
         window([dive], 6.0)
@@ -170,7 +169,7 @@ def test_spans() -> None:
 def test_the_picture_shows_everything_with_units(dive: DemoDive) -> None:
     span = window([dive], 5.0)
     result = figures(dive, span)
-    better = msgspec.structs.replace(result, depth_rms_mm=1.25)
+    better = replace(result, depth_rms_mm=1.25)
     figure = draw({"off": dive, "on": dive}, {"off": result, "on": better}, span, "a calm pool")
     *panels, numbers = [panel for panel in figure.axes if panel.axison] + [figure.axes[-1]]
     assert [panel.get_ylabel().replace("\n", " ") for panel in panels] == [
@@ -197,7 +196,7 @@ def test_the_picture_shows_everything_with_units(dive: DemoDive) -> None:
 def test_saturation_is_shaded_only_where_it_was(dive: DemoDive) -> None:
     span = window([dive], 5.0)
     results = dict.fromkeys(("off", "on"), figures(dive, span))
-    dry = replace(dive, saturated=np.zeros_like(dive.saturated))
+    dry = dataclasses.replace(dive, saturated=np.zeros_like(dive.saturated))
     texts = [
         draw({"off": off, "on": dry}, results, span, "").axes[1].get_legend().get_texts()[0].get_text()  # type: ignore[union-attr]
         for off in (dive, dry)
@@ -245,7 +244,7 @@ def test_a_line_says_the_same() -> None:
 
 def test_the_table_sets_them_side_by_side(dive: DemoDive) -> None:
     off = figures(dive, (10.0, 20.0))
-    on = msgspec.structs.replace(off, depth_rms_mm=0.5 * off.depth_rms_mm, chatter_n=0.0)
+    on = replace(off, depth_rms_mm=0.5 * off.depth_rms_mm, chatter_n=0.0)
     console = Console(width=80, file=io.StringIO())
     with console.capture() as capture:
         console.print(demo_screen.table(off, on, (10.0, 20.0), 5.0))

@@ -1,10 +1,10 @@
 """Samples that never came are counted by the ticks' numbers, for the recorder's status and the page."""
 
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from msgspec.structs import replace
 
 from companion.records import ControlSample
 from companion.telemetry import samples
