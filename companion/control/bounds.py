@@ -5,8 +5,6 @@ NaN comes out as NaN: it ends at the supervisor's guard. Where `math` would rais
 
 import math
 
-LARGEST_EXPONENT = 709.0
-
 
 def wrap(angle: float) -> float:
     """Return an angle brought to [−π, π) rad; NaN and infinity become NaN."""
@@ -29,11 +27,6 @@ def clamped(x: float, low: float, high: float) -> float:
     if x < low:
         return low
     return x
-
-
-def exponential(x: float) -> float:
-    """Return eˣ; infinite where it overflows."""
-    return math.inf if x > LARGEST_EXPONENT else math.exp(x)
 
 
 def square_root(x: float) -> float:

@@ -152,7 +152,9 @@ def _case(cases: Sequence[Summary]) -> Table:
     for case in cases:
         difference = ""
         if case.row not in (DEFAULT, FLOOR) and not math.isnan(case.difference_mm):
-            difference = f"{case.difference_mm:+.2f} ± {case.high_mm - case.difference_mm:.2f}"
+            difference = f"{case.difference_mm:+.2f}"
+            if case.seeds > 1:
+                difference += f" ± {case.high_mm - case.difference_mm:.2f}"
         table.add_row(
             TITLES.get(case.row, case.row) + (f" ({case.gave_up} lost)" if case.gave_up else ""),
             f"{case.mean['depth_rms_mm']:.2f}",

@@ -64,7 +64,7 @@ def test_the_commands_of_the_page_give_what_it_says(folder):
     for script in dives:
         answer = run(f"{path}\n{script}", folder)
         assert answer.returncode == 0, answer.stderr
-        (rows,) = re.findall(r"--rows ((?:[a-z]\w* )+)--", script)
+        (rows,) = re.findall(r"(?:--rows|tune) ((?:[a-z]\w* )+)--", script)
         for row in rows.split():
             assert row in answer.stdout
         assert "lost" not in answer.stdout

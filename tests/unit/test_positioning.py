@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from companion.control.bounds import clamped, exponential, limited, square_root, wrap
+from companion.control.bounds import clamped, limited, square_root, wrap
 from companion.control.positioning import (
     Model,
     by_dof,
@@ -70,10 +70,8 @@ def test_bounds(x, within):
 
 
 def test_what_math_refuses_is_a_number_here():
-    assert exponential(1.0) == math.e
-    assert exponential(1e3) == math.inf
     assert square_root(4.0) == 2.0
-    assert all(map(math.isnan, (exponential(math.nan), square_root(-1.0), square_root(math.nan))))
+    assert all(map(math.isnan, (square_root(-1.0), square_root(math.nan))))
 
 
 def test_pose_error_is_measured_minus_desired_and_wraps_the_heading_alone():
