@@ -10,6 +10,8 @@ import pytest
 from lab.bench.process import HOLDFAST, running
 from lab.ports import free_port
 
+pytestmark = pytest.mark.alone  # the list grades the clock
+
 
 def check(port, *arguments):
     endpoint = f"link.endpoint=tcp:127.0.0.1:{port}"

@@ -46,7 +46,7 @@ ARGUMENTS = ["--no-sandbox", "--headless", "--disable-gpu", "--disable-backgroun
 if not CHROMIUM and not os.environ.get("CI"):
     pytest.skip("chromium is not installed: .ci/apt brings it", allow_module_level=True)
 
-pytestmark = pytest.mark.xdist_group("browser")  # one vehicle and one browser serve them all
+pytestmark = pytest.mark.alone  # Chromium takes more than a core
 
 
 class Dive:
