@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-FlagArray = NDArray[np.bool_]
 Flags = tuple[bool, bool, bool, bool]
 """Yes or no for each degree of freedom, or for each axis."""
 Vector = tuple[float, float, float, float]

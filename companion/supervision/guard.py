@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from companion.control.bounds import limited
+from companion.control.bounds import clamped, limited
 from companion.records import NEUTRAL, AxisCommand, Verdict
 from companion.supervision.supervisor import CARRY_AUTHORITY
 
@@ -55,7 +55,7 @@ def guard(
 
 def _slewed(axis: float, last: float, step: float) -> float:
     last = last if math.isfinite(last) else 0.0
-    return max(last - step, min(last + step, axis))
+    return clamped(axis, last - step, last + step)
 
 
 def _stick(deflection: float) -> float:

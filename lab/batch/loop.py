@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from companion.control.bounds import wrap
+from companion.control.bounds import clamped, wrap
 from companion.records import Axes, Z
 from lab.batch.companion import NO_AXES, Companion, Memory
 from lab.batch.vehicle import (
@@ -165,7 +165,7 @@ def dive(
         math.sqrt(thrust_sum / n),
         math.sqrt(change_sum / max(n - 1, 1)),
         1e3 * math.sqrt(tail_sum / max(tail_count, 1)),
-        math.degrees(math.acos(max(-1.0, min(1.0, upright)))),
+        math.degrees(math.acos(clamped(upright, -1.0, 1.0))),
         memory.hidden.hidden_s,
         lost_s,
     )

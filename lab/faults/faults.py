@@ -243,7 +243,7 @@ class Diving:
     ) -> None:
         """Let the simulator break something from now on."""
         fault = {"kind": kind, "at_s": self.t_s, "duration_s": seconds, "value": value, "message": message}
-        self.vehicle.inject(Fault(**fault, **more))  # type: ignore[arg-type]
+        self.vehicle.inject(Fault(**fault, **more))  # type: ignore[arg-type]  # strings and numbers by name
 
     def until(self, state: State, within_s: float = 8.0) -> None:
         """Run until the supervisor is in `state`."""

@@ -58,7 +58,7 @@ def thrusters_of(config: ThrusterConfig) -> Thrusters:
         dead,
         (-400.0, -300.0, -200.0, -100.0, -60.0, -dead, dead, 60.0, 100.0, 200.0, 300.0, 400.0),
         config.lag_s,
-        (*gain, *(0.0,) * (8 - count)),  # type: ignore[arg-type]
+        (*gain, *(0.0,) * (8 - count)),  # type: ignore[arg-type]  # eight by count
         config.horizontal_m,
         config.vertical_m,
     )
