@@ -127,8 +127,8 @@ class ReferenceModel:
                 self.states[i] = start(self._parameters[i], x[i], x_dot[i])
 
     def go_on(self, other: Self) -> None:
-        """Stand where `other` stands, with the same rates and the same target."""
-        self.states = list(other.states)
+        """Stand where `other` stands, with the same rates, target and pace."""
+        self.states, self.pace = list(other.states), other.pace
 
     def shift(self, shift: FrameShift, vehicle: Vector) -> None:
         """Stay where it is as seen from the vehicle (its pose after the shift), with the same motion."""

@@ -178,6 +178,16 @@ def test_a_slower_pace_is_never_passed_by_much():
     assert x_dot[:, 2].max() == pytest.approx(0.225, rel=0.01)
 
 
+def test_one_that_goes_on_keeps_the_pace():
+    one, heir = model(), model()
+    one.pace = (1.0, 1.0, 0.1, 1.0)
+    walk(one, [0.0, 0.0, 10.0, 0.0], 2.0)
+    heir.go_on(one)
+    for each in (one, heir):
+        step(each, [0.0, 0.0, 10.0, 0.0])
+    assert heir.states == one.states
+
+
 def test_a_turned_frame_turns_place_and_motion():
     reference = model([3.0, 0.0, 1.0, 0.1], [0.2, 0.0, 0.1, 0.3])
     reference.shift(FrameShift(np.pi / 2.0, 0.0, 0.0), (1.0, 0.0, 1.0, 0.1 + np.pi / 2.0))
