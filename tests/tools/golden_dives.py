@@ -24,7 +24,7 @@ class Recorder:
 
     def __init__(self, engine, setpoint):
         self._engine = engine
-        config, setpoint = msgspec.to_builtins(engine.config), tuple(setpoint.eta_d.tolist())
+        config, setpoint = msgspec.to_builtins(engine.config), setpoint.eta_d
         self._given = {"start": Start(config=config, setpoint=setpoint, arm=True, version="")}
         self.ticks = []
 
@@ -33,8 +33,7 @@ class Recorder:
 
     def aim(self, setpoint):
         self._engine.aim(setpoint)
-        rows = (setpoint.eta_d, setpoint.eta_d_dot, setpoint.eta_d_ddot)
-        self._given["setpoint"] = np.concatenate(rows).tolist()
+        self._given["setpoint"] = [*setpoint.eta_d, *setpoint.eta_d_dot, *setpoint.eta_d_ddot]
 
     def retune(self, *overrides):
         config = load_config(overrides=overrides)
