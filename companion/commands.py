@@ -2,6 +2,7 @@
 
 import argparse
 import datetime
+import json
 import math
 import sys
 from pathlib import Path
@@ -14,6 +15,8 @@ examples:
   holdfast run --engage --arm --depth 5         the same, but arm the vehicle too and hold 5 m
   holdfast run --engage --depth-only            use STABILIZE: the firmware keeps roll, pitch and heading;
                                                 recommended for a first dive
+  holdfast run --vehicle bluerov2               another vehicle of config/vehicles/ than the configuration's
+  holdfast run --vehicle my-rov.toml            or your own: config/vehicles/custom.toml explains such a file
   holdfast run --set link.endpoint=tcp:127.0.0.1:5760 --set heave.compensator=none
 
 Stop with Ctrl-C; Holdfast then sends neutral frames. `holdfast watch` shows the state.
@@ -49,10 +52,7 @@ def run(argv: list[str]) -> int:
         epilog=EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("--config", type=Path, metavar="FILE", help="default: config/companion.toml")
-    parser.add_argument(
-        "--set", action="append", default=[], metavar="KEY=VALUE", help="override a key of the file"
-    )
+    _add_config(parser)
     parser.add_argument("--engage", action="store_true", help="engage as soon as it is permitted")
     parser.add_argument("--arm", action="store_true", help="arm the vehicle when engaging")
     parser.add_argument(
@@ -81,7 +81,7 @@ def run(argv: list[str]) -> int:
     heading_rad = math.nan if arguments.heading is None else math.radians(arguments.heading)
     requests = [Request.ENGAGE] if arguments.engage else []
     overrides = [
-        *arguments.set,
+        *_overrides(arguments),
         *(["telemetry.allow_control=always"] if arguments.allow_control else []),
         *(['vehicle.steering_mode="stabilize"'] if arguments.depth_only else []),
     ]
@@ -107,6 +107,25 @@ def run(argv: list[str]) -> int:
     except OSError as error:
         sys.stderr.write(f"holdfast run: {error}\n")
         return 1
+
+
+def _add_config(parser: argparse.ArgumentParser) -> None:
+    """Add what says where the configuration is, which vehicle, and what differs."""
+    parser.add_argument("--config", type=Path, metavar="FILE", help="default: config/companion.toml")
+    parser.add_argument(
+        "--vehicle",
+        metavar="NAME|FILE",
+        help="a name of config/vehicles/, such as heavy, or a file; default: what the configuration names",
+    )
+    parser.add_argument(
+        "--set", action="append", default=[], metavar="KEY=VALUE", help="override a key of either file"
+    )
+
+
+def _overrides(arguments: argparse.Namespace) -> list[str]:
+    """Return the overrides of `_add_config`'s options."""
+    chosen = [] if arguments.vehicle is None else [f"vehicle.preset={json.dumps(arguments.vehicle)}"]
+    return [*chosen, *arguments.set]
 
 
 def keys(argv: list[str]) -> int:
@@ -166,10 +185,7 @@ def check(argv: list[str]) -> int:
         epilog=CHECK_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("--config", type=Path, metavar="FILE", help="default: config/companion.toml")
-    parser.add_argument(
-        "--set", action="append", default=[], metavar="KEY=VALUE", help="override a key of the file"
-    )
+    _add_config(parser)
     parser.add_argument("--json", action="store_true", help="print JSON, for scripts")
     parser.add_argument(
         "--set-origin",
@@ -190,7 +206,7 @@ def check(argv: list[str]) -> int:
     from companion.predive.table import as_json, show, worst
 
     try:
-        config = load_config(arguments.config or DEFAULT_FILE, arguments.set)
+        config = load_config(arguments.config or DEFAULT_FILE, _overrides(arguments))
         refuse_fast_gains(config)
         rows, notes = inspect(config, origin=arguments.set_origin, thrusters=arguments.thrusters)
     except (ConfigError, OSError, ValueError) as error:

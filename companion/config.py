@@ -1,13 +1,15 @@
 """TOML into validated, frozen records. Unknown keys, wrong types and values out of range stop the start.
 
-Units stand in the key names. The shipped file, `config/companion.toml`, explains every key.
+Units stand in the key names. The shipped file, `config/companion.toml`, explains every key but those of the
+vehicle, which stand in a file of their own that it names: `config/vehicles/`. Merged, both make one `Config`.
 """
 
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from ipaddress import ip_network
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from types import MappingProxyType
+from typing import Annotated, Any, Literal, get_type_hints
 
 import msgspec
 
@@ -17,6 +19,8 @@ from companion.records import AXES
 from companion.telemetry import ranges
 
 DEFAULT_FILE = Path(__file__).parent.parent / "config" / "companion.toml"
+PRESETS = DEFAULT_FILE.parent / "vehicles"
+PRESET_KEY = "vehicle.preset"
 
 Name = Annotated[str, msgspec.Meta(pattern="^[A-Za-z0-9_-]{1,32}$")]
 
@@ -29,11 +33,16 @@ class Section(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
     """A table of the file: frozen, and no key beyond its own."""
 
 
-class Vehicle(Section, frozen=True):
+class Frame(Section, frozen=True):
+    """The vehicle's frame of thrusters."""
+
+    frame: Literal["vectored", "vectored_6dof"]
+
+
+class Vehicle(Frame, frozen=True):
     """Who is steered, and by which messages."""
 
     name: Name
-    frame: Literal["vectored", "vectored_6dof"]
     steering_mode: Literal["manual", "stabilize"]
     thrust_path: Literal["rc_override", "manual_control"]
     depth_source: Literal["relative_alt", "vfr_hud", "ahrs2", "pressure"]
@@ -77,8 +86,8 @@ class Loop(Section, frozen=True):
     rate_hz: ranges.TickRate
 
 
-class Axis(Section, frozen=True):
-    """One axis: what is believed of it (nominal model), how stiffly it is held and who compensates.
+class AxisModel(Section, frozen=True):
+    """What is believed of one axis: the nominal model.
 
     Units are m, N and kg; on the yaw axis rad, N·m and kg·m².
     """
@@ -87,6 +96,11 @@ class Axis(Section, frozen=True):
     linear_damping: ranges.LinearDamping
     quadratic_damping: ranges.QuadraticDamping
     max_force: ranges.Force
+
+
+class Axis(AxisModel, frozen=True):
+    """One axis: its nominal model, how stiffly it is held and who compensates."""
+
     lambda_per_s: ranges.Lambda
     kappa_per_s: ranges.Kappa
     max_rate: ranges.MaxRate
@@ -106,24 +120,46 @@ class Axis(Section, frozen=True):
     sensor_delay_s: ranges.Delay
 
 
-class Thrusters(Section, frozen=True):
+class ThrusterLag(Section, frozen=True):
     """What is believed of the thrusters."""
 
     lag_s: ranges.Lag
+
+
+class Thrusters(ThrusterLag, frozen=True):
+    """What is believed of the thrusters, and what is sent to them."""
+
     lead_s: ranges.Lead
     max_axis: ranges.Share
     max_slew_per_s: ranges.Slew
 
 
-class Levelling(Section, frozen=True):
-    """What is believed of roll and pitch, which are held level in MANUAL."""
+class Tilting(Section, frozen=True):
+    """What is believed of roll and pitch."""
 
-    frequency_radps: ranges.LevellingFrequency
     roll_inertia: ranges.Mass
     pitch_inertia: ranges.Mass
     lever_m: ranges.Lever
     max_moment_nm: ranges.Force
     max_axis: ranges.TiltShare
+
+
+class Levelling(Tilting, frozen=True):
+    """How roll and pitch are held level in MANUAL."""
+
+    frequency_radps: ranges.LevellingFrequency
+
+
+class VehicleFile(Section, frozen=True):
+    """A file of `config/vehicles/`: all that is the vehicle, and nothing else."""
+
+    vehicle: Frame
+    thrusters: ThrusterLag
+    levelling: Tilting
+    surge: AxisModel
+    sway: AxisModel
+    heave: AxisModel
+    yaw: AxisModel
 
 
 class Network(Section, frozen=True):
@@ -185,7 +221,7 @@ class Telemetry(Section, frozen=True):
 
 
 class Config(Section, frozen=True):
-    """The whole file."""
+    """The whole file, with the vehicle's."""
 
     vehicle: Vehicle
     link: Link
@@ -217,18 +253,22 @@ class Config(Section, frozen=True):
 
 
 def load_config(path: Path = DEFAULT_FILE, overrides: Sequence[str] = ()) -> Config:
-    """Read `path`, apply `section.key=value` overrides (TOML values) and validate.
+    """Read `path` and the vehicle's file, apply `section.key=value` overrides (TOML values) and validate.
 
+    `vehicle.preset` names the vehicle's file; without it `path` has to hold the vehicle's keys too.
     Raises ConfigError naming file, key, value and the allowed range.
     """
-    try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path}: is not TOML: {error}") from error
-    for override in overrides:
+    table = _read(path)
+    choice = [override for override in overrides if _key(override) == PRESET_KEY]
+    folder = Path() if choice else path.parent
+    for override in choice:
         _apply(table, override)
+    vehicle = table.get("vehicle")
+    if isinstance(vehicle, dict) and (preset := vehicle.pop("preset", None)) is not None:
+        _merge(table, path, vehicle_file(path, preset, folder))
+    for override in overrides:
+        if override not in choice:
+            _apply(table, override)
     try:
         config = msgspec.convert(table, Config)
     except msgspec.ValidationError as error:
@@ -284,6 +324,92 @@ def check_choices(config: Config) -> None:
             raise ConfigError(f"{name}.compensator = {axis.compensator!r:.80}: {error}") from error
         if axis.law not in laws:
             raise ConfigError(f"{name}.law = {axis.law!r:.80}: must be one of {', '.join(laws)}")
+
+
+def presets() -> list[str]:
+    """Return the names of the shipped vehicles."""
+    return sorted(path.stem for path in PRESETS.glob("*.toml"))
+
+
+def vehicle_file(path: Path, preset: Any, folder: Path) -> Path:
+    """Return the vehicle's file that `preset` names: shipped, or a path from `folder`.
+
+    `path` is the configuration that asks for it. Raises ConfigError for a name that there is not.
+    """
+    if preset in presets():
+        return PRESETS / f"{preset}.toml"
+    if not (isinstance(preset, str) and preset.endswith(".toml")):
+        raise ConfigError(
+            f"{path}: {PRESET_KEY} = {preset!r:.80}: must be one of {', '.join(presets())}, "
+            'or the path of a file, such as "vehicle.toml"'
+        )
+    return folder / preset
+
+
+def load_vehicle(path: Path) -> VehicleFile:
+    """Read and validate a vehicle's file; raises ConfigError naming file, key, value and range."""
+    return _vehicle_of(path, _read(path))
+
+
+def vehicle_text(
+    vehicle: VehicleFile, about: Sequence[str], notes: Mapping[str, str] = MappingProxyType({})
+) -> str:
+    """Return a vehicle's file as text: comment lines on top, and `notes` behind keys such as "heave.mass"."""
+    lines = [*(f"# {line}".rstrip() for line in about)]
+    for section, values in msgspec.to_builtins(vehicle).items():
+        lines += ["", f"[{section}]"]
+        for key, value in values.items():
+            line = f'{key} = "{value}"' if isinstance(value, str) else f"{key} = {value!r}"
+            note = notes.get(f"{section}.{key}")
+            lines.append(f"{line:32} # {note}" if note else line)
+    return "\n".join(lines) + "\n"
+
+
+def vehicle_of(config: Config) -> VehicleFile:
+    """Return what of a configuration is the vehicle."""
+    every = msgspec.to_builtins(config)
+    kinds = get_type_hints(VehicleFile)
+    return msgspec.convert(
+        {name: {key: every[name][key] for key in kind.__struct_fields__} for name, kind in kinds.items()},
+        VehicleFile,
+    )
+
+
+def _vehicle_of(path: Path, table: dict[str, Any]) -> VehicleFile:
+    try:
+        return msgspec.convert(table, VehicleFile)
+    except msgspec.ValidationError as error:
+        raise ConfigError(f"{path}: {ranges.explained(table, str(error), VehicleFile)}") from error
+
+
+def _merge(table: dict[str, Any], path: Path, file: Path) -> None:
+    """Put the vehicle's keys into the table; raise ConfigError for one that stands in both files."""
+    vehicle = _read(file)
+    _vehicle_of(file, vehicle)
+    for section, values in vehicle.items():
+        keys = table.setdefault(section, {})
+        if not isinstance(keys, dict):
+            continue  # the validation of the whole says so
+        for key, value in values.items():
+            if key in keys:
+                raise ConfigError(
+                    f"{path}: {section}.{key} = {keys[key]!r:.80}: is the vehicle's, and {file} says "
+                    f"{value!r}: delete it here, or set it for one run by --set {section}.{key}="
+                )
+            keys[key] = value
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path}: is not TOML: {error}") from error
+
+
+def _key(override: str) -> str:
+    return override.partition("=")[0].strip()
 
 
 def _apply(table: dict[str, Any], override: str) -> None:

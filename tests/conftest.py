@@ -1,15 +1,19 @@
 """What tests of several folders share."""
 
+import json
 import os
 from collections.abc import Callable
 from itertools import count
+from pathlib import Path
 from typing import Any
 
+import msgspec
 import pytest
 from builders import RESTING
 from hypothesis import settings
 from msgspec import structs
 
+from companion.config import load_config
 from companion.records import (
     DOFS,
     NEUTRAL,
@@ -29,6 +33,19 @@ settings.register_profile("quick", deadline=None, max_examples=20)  # make quick
 settings.register_profile("test", deadline=None, max_examples=60)
 settings.register_profile("ci", settings.get_profile("ci"), max_examples=100)  # the same examples every time
 settings.load_profile("ci" if os.environ.get("CI") else "test")
+
+
+@pytest.fixture
+def complete_config(tmp_path: Path) -> Path:
+    """The shipped configuration and its vehicle in one file without a preset, as it was before presets."""
+    table = msgspec.to_builtins(load_config())
+    text = "\n".join(
+        f"[{section}]\n" + "".join(f"{key} = {json.dumps(value)}\n" for key, value in keys.items())
+        for section, keys in table.items()
+    )
+    path = tmp_path / "complete.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
 
 
 @pytest.fixture(scope="session")

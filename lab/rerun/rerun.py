@@ -7,7 +7,6 @@ have sent at that moment, not where the vehicle would have gone.
 
 import math
 import time
-import tomllib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -206,7 +205,7 @@ def _tree(table: Mapping[str, str]) -> dict[str, Any]:
 
 def _overlay(recorded: Mapping[str, Any], notes: list[str]) -> list[str]:
     """Return the recorded configuration as overrides of today's, without keys that are no more."""
-    known = tomllib.loads(DEFAULT_FILE.read_text(encoding="utf-8"))
+    known = msgspec.to_builtins(load_config())
     overrides = []
     for section, keys in recorded.items():
         for key, value in keys.items():

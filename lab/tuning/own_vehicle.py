@@ -1,19 +1,23 @@
 """Tuning for one's own vehicle: what its file says of it, how far that may be off, and the config so made."""
 
 import re
+import tomllib
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 
+import msgspec
 import numpy as np
 from msgspec.structs import replace
 
+from companion.config import PRESET_KEY, VehicleFile, vehicle_text
 from companion.telemetry import ranges
 from sim_bridge.config import SimConfig
 
 LEAST_LAG_S, _ = ranges.bounds(ranges.Lag) or (0.0, 0.0)
 """Thrusters that answer at once, as those of ArduSub's own simulated vehicle, are believed to lag by this."""
 
+VEHICLE_NAME = "vehicle.toml"
 AXES = {"surge": 0, "sway": 1, "heave": 2, "yaw": 5}
 
 
@@ -62,16 +66,25 @@ def around(base: SimConfig, seed: int) -> SimConfig:
     )
 
 
-def write_config(source: Path, values: Mapping[str, float | str], out: Path) -> None:
-    """Copy the companion's configuration with these values in place of its own; comments stay.
+def write_config(source: Path, vehicle: VehicleFile, gains: Mapping[str, float], out: Path) -> None:
+    """Copy the companion's configuration with these gains in place of its own; comments stay.
 
-    Raises KeyError for a key that the file does not have.
+    The vehicle goes to `vehicle.toml` beside `out`, which names it; or into `out` itself if `source` holds
+    its vehicle too. Raises KeyError for a key that the file does not have.
     """
     text = source.read_text(encoding="utf-8")
+    values: dict[str, float | str] = dict(gains)
+    if "preset" in tomllib.loads(text)["vehicle"]:
+        values[PRESET_KEY] = VEHICLE_NAME
+        about = ("The vehicle for which `holdfast tune` searched the gains of companion.toml beside it.",)
+        out.with_name(VEHICLE_NAME).write_text(vehicle_text(vehicle, about), encoding="utf-8")
+    else:
+        for section, keys in msgspec.to_builtins(vehicle).items():
+            values |= {f"{section}.{key}": value for key, value in keys.items()}
     for key, value in values.items():
         section, name = key.split(".")
         shown = f'"{value}"' if isinstance(value, str) else repr(value)
-        line = re.compile(rf"(^\[{section}\]\n(?:(?!\[).*\n)*?{name} = )([^#\n]*)(.*$)", re.MULTILINE)
+        line = re.compile(rf"(^\[{section}\][^\n]*\n(?:(?!\[).*\n)*?{name} = )([^#\n]*)(.*$)", re.MULTILINE)
         text, count = line.subn(partial(_replaced, shown), text)
         if count != 1:
             raise KeyError(key)

@@ -15,7 +15,7 @@ from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
-from companion.config import Config, ConfigError, load_config
+from companion.config import Config, ConfigError, load_config, vehicle_of
 from lab.bench.rows import DEFAULT, WIDTH, Row, knobs_of, rows, selected
 from lab.loop.scenarios import ensemble
 from lab.tuning import search as tune
@@ -53,7 +53,7 @@ def run(arguments: argparse.Namespace) -> int:
     out = arguments.out or Path("out/tune") / ("companion.toml" if own else "tuned.toml")
     out.parent.mkdir(parents=True, exist_ok=True)
     if own:
-        write_config(arguments.config, believed | found[0].values, out)
+        write_config(arguments.config, vehicle_of(config), found[0].values, out)
     else:
         out.write_text(_tuned_text(arguments, searched, found), encoding="utf-8")
     console.print(f"written: {out}", soft_wrap=True)

@@ -12,7 +12,7 @@ import pytest
 from rich.console import Console
 
 from companion import assembly
-from companion.config import DEFAULT_FILE, Config, load_config
+from companion.config import DEFAULT_FILE, Config, load_config, vehicle_of
 from lab import commands
 from lab.bench import bench
 from lab.bench.bench import FLOOR, LINKS, SCENARIOS, Run, interval, student, summaries
@@ -177,19 +177,28 @@ def test_candidates_do_not_disturb_each_other(monkeypatch: pytest.MonkeyPatch) -
 
 
 def test_own_vehicles_config_is_written_with_its_comments(tmp_path: Path) -> None:
-    values = nominal(SIX_THRUSTERS) | {"heave.kappa_per_s": 7.25}
-    write_config(DEFAULT_FILE, values, tmp_path / "mine.toml")
+    settings = [f"{key}={value}" for key, value in nominal(SIX_THRUSTERS).items()]
+    vehicle = vehicle_of(load_config(overrides=settings))
+    write_config(DEFAULT_FILE, vehicle, {"heave.kappa_per_s": 7.25}, tmp_path / "mine.toml")
     mine, text = load_config(tmp_path / "mine.toml"), (tmp_path / "mine.toml").read_text()
+    assert mine == load_config(overrides=[*settings, "heave.kappa_per_s=7.25"])
     hull = SIX_THRUSTERS.hull
     assert mine.vehicle.frame == "vectored"
-    assert mine.heave.kappa_per_s == 7.25
     assert mine.heave.mass == pytest.approx(hull.mass_kg + hull.added_mass[2])
     assert mine.yaw.mass == pytest.approx(hull.inertia_kg_m2[2] + hull.added_mass[5])
-    assert mine.surge.kappa_per_s == load_config().surge.kappa_per_s
     shipped = DEFAULT_FILE.read_text()
     assert [line.find("#") for line in text.splitlines()] == [line.find("#") for line in shipped.splitlines()]
     with pytest.raises(KeyError):
-        write_config(DEFAULT_FILE, {"heave.nonesuch": 1.0}, tmp_path / "other.toml")
+        write_config(DEFAULT_FILE, vehicle, {"heave.nonesuch": 1.0}, tmp_path / "other.toml")
+
+
+def test_own_vehicles_config_stays_one_file_where_it_was_one(tmp_path: Path, complete_config: Path) -> None:
+    vehicle = vehicle_of(load_config(overrides=["heave.mass=31"]))
+    write_config(complete_config, vehicle, {"heave.kappa_per_s": 7.25}, tmp_path / "mine.toml")
+    assert load_config(tmp_path / "mine.toml") == load_config(
+        overrides=["heave.mass=31", "heave.kappa_per_s=7.25"]
+    )
+    assert not (tmp_path / "vehicle.toml").exists()
 
 
 def test_vehicles_are_drawn_around_ones_own() -> None:

@@ -1,11 +1,22 @@
 import math
+from pathlib import Path
 from typing import get_type_hints
 
 import msgspec
 import numpy as np
 import pytest
 
-from companion.config import DEFAULT_FILE, ConfigError, load_config
+from companion.assembly import refuse_fast_gains
+from companion.config import (
+    DEFAULT_FILE,
+    PRESETS,
+    ConfigError,
+    load_config,
+    load_vehicle,
+    presets,
+    vehicle_of,
+    vehicle_text,
+)
 from companion.telemetry import ranges
 
 
@@ -228,3 +239,105 @@ def test_no_float_of_the_shipped_file_is_absurd():
         return [value] if isinstance(value, float) else []
 
     assert all(math.isfinite(x) for x in floats(msgspec.to_builtins(load_config())))
+
+
+HEAVY = PRESETS / "heavy.toml"
+
+
+class TestPresets:
+    @pytest.fixture
+    def mine(self, tmp_path):
+        """Return a function that writes a vehicle's file, heavy.toml with one piece replaced."""
+
+        def write(old="", new="", name="mine.toml"):
+            text = HEAVY.read_text(encoding="utf-8")
+            assert old in text
+            path = tmp_path / name
+            path.write_text(text.replace(old, new, 1), encoding="utf-8")
+            return path
+
+        return write
+
+    def test_the_issue_names_them(self):
+        assert presets() == ["ardusub", "bluerov2", "custom", "heavy", "heavy-skid"]
+
+    @pytest.mark.parametrize("name", presets())
+    def test_each_is_loaded_by_name_and_leaves_what_is_not_the_vehicle(self, name):
+        config = load_config(overrides=[f"vehicle.preset={name}"])
+        assert vehicle_of(config) == load_vehicle(PRESETS / f"{name}.toml")
+        heavy = vehicle_of(load_config())
+        settings = [
+            f"{section}.{key}={value}"
+            for section, keys in msgspec.to_builtins(heavy).items()
+            for key, value in keys.items()
+        ]
+        assert load_config(overrides=[f"vehicle.preset={name}", *settings]) == load_config()
+
+    @pytest.mark.parametrize("name", presets())
+    def test_each_has_gains_that_its_lag_and_mass_bear(self, name):
+        refuse_fast_gains(load_config(overrides=[f"vehicle.preset={name}"]))
+
+    def test_the_frames_are_those_of_the_firmware(self):
+        frames = {name: load_vehicle(PRESETS / f"{name}.toml").vehicle.frame for name in presets()}
+        assert [name for name, frame in frames.items() if frame == "vectored"] == ["bluerov2"]
+
+    def test_the_template_is_the_default_vehicle(self):
+        assert load_vehicle(PRESETS / "custom.toml") == load_vehicle(HEAVY)
+
+    def test_a_path_is_taken_from_where_it_stands(self, mine, edited, monkeypatch, tmp_path):
+        path = mine("mass = 28.5 ", "mass = 31.5 ")
+        monkeypatch.chdir(tmp_path)
+        assert load_config(overrides=["vehicle.preset=mine.toml"]).heave.mass == 31.5
+        assert load_config(overrides=[f'vehicle.preset="{path}"']).heave.mass == 31.5
+        monkeypatch.chdir(Path("/"))
+        path.rename(path.with_name("other.toml"))
+        assert load_config(edited('"heavy" ', '"other.toml" ')).heave.mass == 31.5
+
+    def test_an_override_wins_over_both_files(self):
+        config = load_config(overrides=["heave.mass=30", "vehicle.preset=bluerov2", "vehicle.frame=vectored"])
+        assert (config.heave.mass, config.vehicle.frame) == (30.0, "vectored")
+        assert config.sway.mass == load_vehicle(PRESETS / "bluerov2.toml").sway.mass
+
+    def test_a_file_that_holds_its_vehicle_too_is_taken_as_it_is(self, complete_config):
+        assert load_config(complete_config) == load_config()
+
+    def test_one_key_in_both_files_is_refused(self, complete_config):
+        message = refusal(complete_config, ["vehicle.preset=heavy"])
+        assert str(complete_config) in message
+        assert "vehicle.frame = 'vectored_6dof'" in message
+        assert str(HEAVY) in message
+
+    @pytest.mark.parametrize(
+        ("old", "new", "said"),
+        [
+            ("mass = 28.5 ", "mass = 0.0 ", ["heave.mass = 0:", "0.01 to 1000"]),
+            ("lag_s = 0.15 ", "lag_s = 5.0 ", ["thrusters.lag_s = 5:", "0.02 to 1"]),
+            ("lag_s = 0.15 ", "", ["thrusters.lag_s: missing"]),
+            ('frame = "vectored_6dof"', 'frame = "octo"', ["vehicle.frame", "octo", "vectored_6dof"]),
+            ("max_force = 12.0", "max_force = 12.0\nkappa_per_s = 4.0", ["yaw.kappa_per_s: unknown key"]),
+            ("[surge]", "[surge", ["TOML"]),
+        ],
+    )
+    def test_a_bad_vehicle_is_refused_by_file_key_value_and_range(self, mine, old, new, said):
+        path = mine(old, new)
+        message = refusal(overrides=[f'vehicle.preset="{path}"'])
+        assert message.startswith(f"{path}: ")
+        assert all(part in message for part in said), message
+
+    @pytest.mark.parametrize("value", ["nonesuch", "7", '""', '["heavy"]'])
+    def test_a_name_that_there_is_not_lists_those_that_there_are(self, value):
+        message = refusal(overrides=[f"vehicle.preset={value}"])
+        assert "vehicle.preset" in message
+        assert "bluerov2" in message
+
+    def test_a_file_that_is_not_there_is_named(self):
+        assert "no/such.toml: cannot be read" in refusal(overrides=["vehicle.preset=no/such.toml"])
+
+    @pytest.mark.parametrize("name", presets())
+    def test_what_is_written_is_read_again(self, name, tmp_path):
+        vehicle = load_vehicle(PRESETS / f"{name}.toml")
+        text = vehicle_text(vehicle, ["A vehicle"], {"heave.mass": "sd 0.5"})
+        assert text.startswith("# A vehicle\n\n[vehicle]\n")
+        assert text.count("# sd 0.5") == 1
+        (tmp_path / "written.toml").write_text(text, encoding="utf-8")
+        assert load_vehicle(tmp_path / "written.toml") == vehicle
