@@ -25,15 +25,16 @@ def bench(argv: list[str]) -> int:
         "virtual time and with real MAVLink bytes: the shipped default, other laws and compensators, "
         "ArduSub's depth hold, and the computed LQG floor. One dive takes 3 s on one core; all rows with 60 "
         "vehicles take 5 core-hours, with --seeds 10 one hour. Then it measures the process against its "
-        "limits. Three benches run only on request: `zenoh` measures the effect of slow, stopped and killed "
+        "limits. Four benches run only on request: `zenoh` measures the effect of slow, stopped and killed "
         "subscribers on the tick, in six minutes; `ablation` removes one part of the controller at a time, "
-        "and compares the network with the observer; `firmware` compares our simulator with the real "
-        "ArduSub, for the default and for ALT_HOLD.",
+        "and compares the network with the observer; `grid` dives vehicles of a third to three times the "
+        "nominal gain, with other lags and delays, and lists limit cycles; `firmware` compares our simulator "
+        "with the real ArduSub, for the default and for ALT_HOLD.",
     )
     parser.add_argument(
         "what",
         nargs="?",
-        choices=("dives", "process", "zenoh", "ablation", "firmware"),
+        choices=("dives", "process", "zenoh", "ablation", "grid", "firmware"),
         help="run only this bench; default: dives and process",
     )
     parser.add_argument(
@@ -44,6 +45,13 @@ def bench(argv: list[str]) -> int:
     )
     parser.add_argument(
         "--scenarios", nargs="+", metavar="NAME", help="run only these: waves, trajectory, load, calm"
+    )
+    parser.add_argument(
+        "--cells",
+        nargs="+",
+        metavar="SET",
+        default=["lines", "corners", "latin"],
+        help="sets of cells of the grid: lines, corners, latin, full (1680 dives); default the first three",
     )
     parser.add_argument(
         "--set",
@@ -62,8 +70,8 @@ def bench(argv: list[str]) -> int:
     )
     add_firmware(parser)
     arguments = parser.parse_args(argv)
-    if arguments.firmware is not None and arguments.what not in ("dives", "ablation", "firmware"):
-        parser.error("--firmware goes with dives, ablation or firmware")
+    if arguments.firmware is not None and arguments.what not in ("dives", "ablation", "grid", "firmware"):
+        parser.error("--firmware goes with dives, ablation, grid or firmware")
     if arguments.what == "firmware" and arguments.firmware is None:
         arguments.firmware = ""
     if arguments.seeds is None:

@@ -59,6 +59,9 @@ class ThrusterConfig(_Record, frozen=True):
     dead_band_us: Annotated[float, Meta(ge=0, le=50)] = 28.0
     gain: Annotated[tuple[NonNegative, ...], Meta(min_length=1, max_length=8)] = (1.0,)
     """Thrust relative to that curve: one for all, or one for each thruster."""
+    axis_gain: NonNegative6 = (1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
+    """What of the thrusters' force along and moment about each body axis acts: a hull that shades its
+    thrusters, or levers other than believed."""
 
     def __post_init__(self) -> None:
         count = 8 if self.frame == "vectored_6dof" else 6

@@ -31,6 +31,9 @@ from lab.bench.bench import (
 )
 from lab.bench.firmware_report import Pair, as_records, pairs, side_by_side
 from lab.bench.floor import CHATTER_N
+from lab.bench.grid import SUBSETS
+from lab.bench.grid_report import as_records as grid_records
+from lab.bench.grid_report import report as report_grid
 from lab.bench.plot import draw
 from lab.bench.process import Bound, latency, process, virtual
 from lab.bench.rows import DEFAULT, ROWS, rows, selected
@@ -72,9 +75,18 @@ def _run(arguments: argparse.Namespace) -> int:
         scenarios = arguments.scenarios or SCENARIOS
         if unknown := set(scenarios).difference(SCENARIOS):
             raise ValueError(f"no such scenario: {min(unknown)}; there are {', '.join(SCENARIOS)}")
+        if unknown := set(arguments.cells).difference(SUBSETS):
+            raise ValueError(f"no such cells: {min(unknown)}; there are {', '.join(SUBSETS)}")
     except (ConfigError, ValueError) as error:
         sys.stderr.write(f"holdfast bench: {error}\n")
         return 2
+    if arguments.what == "grid":
+        cells = report_grid(
+            console, arguments.cells, config, plant, FIRST_SEED, arguments.out, arguments.firmware
+        )
+        if arguments.json:
+            arguments.json.write_text(json.dumps(grid_records(cells), indent=2) + "\n", encoding="utf-8")
+        return 0 if all(cell.held for cell in cells) else 1
     cases: list[Summary] = []
     beside: list[Pair] = []
     bounds: list[Bound] = []

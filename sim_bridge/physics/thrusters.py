@@ -45,6 +45,7 @@ class Thrusters(NamedTuple):
     gain: Eight
     horizontal_m: tuple[float, float, float]
     vertical_m: tuple[float, float, float]
+    axis_gain: Six
 
 
 def thrusters_of(config: ThrusterConfig) -> Thrusters:
@@ -61,6 +62,7 @@ def thrusters_of(config: ThrusterConfig) -> Thrusters:
         (*gain, *(0.0,) * (8 - count)),  # type: ignore[arg-type]  # eight by count
         config.horizontal_m,
         config.vertical_m,
+        config.axis_gain,
     )
 
 
@@ -126,16 +128,17 @@ def wrench(thrusters: Thrusters, thrust: Eight) -> Six:
     """Sum up the body wrench (N, N·m)."""
     hx, hy, hz = thrusters.horizontal_m
     vx, vy, _ = thrusters.vertical_m
+    g_x, g_y, g_z, g_k, g_m, g_n = thrusters.axis_gain
     a, b, c, d, e, f, g, h = thrust
     X = DIAGONAL * (-a - b + c + d)
     Y = DIAGONAL * (a - b + c - d)
     return (
-        X,
-        Y,
-        e + f + g + h,
-        vy * (e - f + g - h) - hz * Y,
-        vx * (g + h - e - f) + hz * X,
-        DIAGONAL * (hx + hy) * (a - b - c + d),
+        g_x * X,
+        g_y * Y,
+        g_z * (e + f + g + h),
+        g_k * (vy * (e - f + g - h) - hz * Y),
+        g_m * (vx * (g + h - e - f) + hz * X),
+        g_n * (DIAGONAL * (hx + hy) * (a - b - c + d)),
     )
 
 

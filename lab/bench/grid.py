@@ -1,0 +1,284 @@
+"""Vehicles unlike the nominal one: a grid of gain, thruster lag, delay and hidden delay, in the full loop.
+
+The gain of a degree of freedom is its force per command over its inertia, relative to the nominal one. A cell
+of the grid is one vehicle and one link; a dive tells whether the loop oscillated by itself, whether the
+supervisor gave up, and how well it held 60 s after engaging.
+
+A limit cycle is demand faster than SLOWEST_HZ whose RMS exceeds a share of the largest force and what the sea
+asks at these frequencies. The share is that of the guard (`companion.control.oscillation`).
+"""
+
+import math
+import os
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+from msgspec.structs import replace
+
+from companion.config import Config
+from companion.control.bounds import wrap
+from companion.control.oscillation import SHARE
+from companion.engine import Engine
+from companion.records import Array, Request, Setpoint, State
+from lab.loop.firmware import vehicle_of
+from lab.loop.lockstep import Link, Lockstep, Step
+from sim_bridge.config import SimConfig
+
+AXES = ("surge", "sway", "heave", "yaw", "all")
+GAINS = (1 / 3, 1 / 2, math.sqrt(1 / 2), 1.0, math.sqrt(2), 2.0, 3.0)
+LAGS_S = (0.0, 0.05, 0.15, 0.3)
+DELAYS_MS = (0, 50, 150)
+HIDDEN_MS = (0, 40)
+WATERS = ("calm", "waves")
+LATIN = 60
+"""Cells of the Latin hypercube, which draws between the grid's values as well."""
+
+SETTLED_S = 60.0
+"""From engaging on: only then its errors are measured."""
+
+DURATION_S = 90.0
+"""From engaging on."""
+
+ENGAGED_WITHIN_S = 10.0
+DEPTH_M, START_M = 2.5, 0.5
+PLACES = ("north", "east", "depth", "heading", "roll", "pitch")
+"""Of the demands: what `Outcome.cycles_s` and `Outcome.rms` are about; mm and degrees."""
+
+SLOWEST_HZ = 0.4
+WINDOW_S = 1.25
+SEA_COUNTS = 1.5
+TICK_S = 0.02
+TRUE_PSI = 5
+LONGEST_S = 3.0
+"""A limit cycle that lasts longer has not been ended."""
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One vehicle and one link."""
+
+    axis: str
+    gain: float
+    lag_s: float
+    delay_ms: float
+    hidden_ms: float
+    water: str
+
+    def __str__(self) -> str:
+        """Return it in one line."""
+        return (
+            f"{self.axis} × {self.gain:.2f}, lag {self.lag_s:.2f} s, delay {self.delay_ms:.0f} + "
+            f"{self.hidden_ms:.0f} ms hidden, {self.water}"
+        )
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came of one dive."""
+
+    cell: Cell
+    seed: int
+    gave_up: str
+    """Why the supervisor ended it; empty while it is held."""
+    cycles_s: tuple[float, ...]
+    """The longest limit cycle of each of PLACES."""
+    rms: tuple[float, float, float, float]
+    """Error of north, east, depth (mm) and heading (degrees), from SETTLED_S on."""
+    chatter_n: float
+    """RMS of the change in heave's demand in a tick."""
+
+    @property
+    def cycle_s(self) -> float:
+        """The longest limit cycle of all."""
+        return max(self.cycles_s)
+
+    @property
+    def held(self) -> bool:
+        """Whether nobody gave up and no limit cycle lasted."""
+        return not self.gave_up and self.cycle_s < LONGEST_S
+
+
+def lines() -> list[Cell]:
+    """Return every gain of every axis, with the nominal lag and no delay but the link's, in waves."""
+    return [Cell(axis, gain, 0.15, 0, 0, "waves") for axis in AXES for gain in GAINS]
+
+
+def corners() -> list[Cell]:
+    """Return the corners of the grid for all axes together, in both waters."""
+    ends = (GAINS[0], GAINS[-1]), (LAGS_S[0], LAGS_S[-1]), (DELAYS_MS[0], DELAYS_MS[-1]), HIDDEN_MS, WATERS
+    return [Cell("all", *each) for each in product(*ends)]
+
+
+def latin(count: int = LATIN, seed: int = 1) -> list[Cell]:
+    """Return a Latin hypercube over the whole grid."""
+    rng = np.random.default_rng(seed)
+    unit = (np.array([rng.permutation(count) for _ in range(6)]) + rng.random((6, count))) / count
+    return [
+        Cell(
+            AXES[int(len(AXES) * axis)],
+            float(3.0 ** (2.0 * gain - 1.0)),
+            round(0.3 * float(lag), 3),
+            round(150.0 * float(delay)),
+            HIDDEN_MS[int(2 * hidden)],
+            WATERS[int(2 * water)],
+        )
+        for axis, gain, lag, delay, hidden, water in unit.T
+    ]
+
+
+def full() -> list[Cell]:
+    """Return the whole grid: 1680 cells."""
+    return [Cell(*each) for each in product(AXES, GAINS, LAGS_S, DELAYS_MS, HIDDEN_MS, WATERS)]
+
+
+SUBSETS: dict[str, Callable[[], list[Cell]]] = {
+    "lines": lines,
+    "corners": corners,
+    "latin": latin,
+    "full": full,
+}
+
+
+def plant(base: SimConfig, cell: Cell, seed: int) -> SimConfig:
+    """Return the vehicle of a cell: `base` with other thrusters, later sensors and its water.
+
+    What delays the sensors stands in no stamp.
+    """
+    one = [cell.gain if cell.axis in (axis, "all") else 1.0 for axis in AXES[:-1]]
+    tilts = cell.gain if cell.axis == "all" else 1.0
+    axis_gain = (one[0], one[1], one[2], tilts, tilts, one[3])
+    draw, sensors, late_s = np.random.default_rng((seed, 2)).uniform, base.sensors, 1e-3 * cell.hidden_ms
+    rough = cell.water == "waves"
+    return replace(
+        base,
+        thrusters=replace(base.thrusters, axis_gain=axis_gain, lag_s=cell.lag_s),
+        sensors=replace(
+            sensors,
+            dvl=True,
+            depth_delay_s=sensors.depth_delay_s + late_s,
+            climb_delay_s=sensors.climb_delay_s + late_s,
+            attitude_delay_s=sensors.attitude_delay_s + late_s,
+        ),
+        current=replace(base.current, enabled=rough),
+        waves=replace(
+            base.waves,
+            enabled=rough,
+            height_m=draw(0.2, 0.4),
+            period_s=draw(3.5, 5.0),
+            direction_deg=draw(0.0, 360.0),
+        ),
+        initial=replace(base.initial, eta=(0.0, 0.0, START_M, 0.0, 0.0, 0.0)),
+    )
+
+
+def measure(
+    cells: Sequence[Cell],
+    config: Config,
+    base: SimConfig,
+    seed: int,
+    done: Callable[[], None],
+    firmware: Path | None = None,
+) -> list[Outcome]:
+    """Dive every cell on all cores; `done` is called after each."""
+    outcomes = []
+    with ProcessPoolExecutor(os.cpu_count()) as pool:
+        for outcome in pool.map(partial(dive, config=config, base=base, seed=seed, firmware=firmware), cells):
+            outcomes.append(outcome)
+            done()
+    return outcomes
+
+
+def dive(
+    cell: Cell,
+    config: Config,
+    base: SimConfig,
+    seed: int,
+    firmware: Path | None = None,
+    duration_s: float = DURATION_S,
+) -> Outcome:
+    """Dive one cell in the full loop: down to DEPTH_M, and hold there."""
+    target = Setpoint((0.0, 0.0, DEPTH_M, 0.0))
+    half_s = 0.5e-3 * cell.delay_ms
+    link = Link(up_s=0.001 + half_s, down_s=0.001 + half_s)
+    with vehicle_of(plant(base, cell, seed), seed, firmware) as vehicle:
+        loop = Lockstep(vehicle, Engine(config, target, arm=True), link, seed, config.loop.rate_hz)
+        loop.requests = [Request.ENGAGE]
+        steps, gave_up = _engaged(loop.run(ENGAGED_WITHIN_S + duration_s), duration_s)
+    return judged(cell, seed, steps, gave_up, config)
+
+
+def _engaged(dived: Iterator[Step], duration_s: float) -> tuple[list[Step], str]:
+    """Return the steps while it is held, and why it was not held to the end."""
+    steps: list[Step] = []
+    for step in dived:
+        if step.sample.verdict.state is State.ACTIVE:
+            steps.append(step)
+            if len(steps) * TICK_S >= duration_s:
+                return steps, ""
+        elif steps:
+            return steps, step.sample.verdict.reason
+    return steps, "engaged too late" if steps else "not engaged"
+
+
+def judged(cell: Cell, seed: int, steps: Sequence[Step], gave_up: str, config: Config) -> Outcome:
+    """Measure what came of the steps from engaging on; NaN where there are none."""
+    since = round(SETTLED_S / TICK_S)
+    if len(steps) < round(WINDOW_S / TICK_S):
+        return Outcome(cell, seed, gave_up or "too short", (math.nan,) * 6, (math.nan,) * 4, math.nan)
+    largest = np.array([axis.max_force for axis in config.axes] + [config.levelling.max_axis] * 2)
+    demand = np.array([(*one.sample.dofs.tau, *one.sample.command[4:]) for one in steps])
+    disturbance = np.array([one.truth.disturbance for one in steps])[:, [0, 1, 2, 5]]
+    gain = cell.gain if cell.axis == "all" else 1.0
+    gains = np.array([cell.gain if axis == cell.axis else gain for axis in AXES[:-1]])
+    sea = np.hstack([disturbance / gains, np.zeros((len(steps), 2))])
+    eta = np.array([one.truth.eta for one in steps])[since:]
+    error = eta[:, [0, 1, 2, TRUE_PSI]] - (0.0, 0.0, DEPTH_M, 0.0)
+    error[:, 3] = np.degrees([wrap(angle) for angle in error[:, 3].tolist()])
+    error[:, :3] *= 1e3
+    north, east, depth, heading = (
+        np.sqrt(np.mean(error**2, axis=0)).tolist() if len(error) else [math.nan] * 4
+    )
+    change = np.diff(demand[since:, 2])
+    return Outcome(
+        cell,
+        seed,
+        gave_up,
+        tuple(cycles_s(np.clip(demand, -largest, largest), largest, sea).tolist()),
+        (north, east, depth, heading),
+        float(np.sqrt(np.mean(change**2))) if len(change) else math.nan,
+    )
+
+
+def cycles_s(demand: Array, largest: Array, sea: Array) -> Array:
+    """Return the longest limit cycle (s) of each column of `demand` (ticks, n), N or N·m.
+
+    `sea` (ticks, n) is what the water's doings ask for.
+    """
+    fast, of_sea = _rms(_fast(demand)), _rms(_fast(sea))
+    beyond = fast > SHARE * largest + SEA_COUNTS * of_sea
+    longest = []
+    for column in beyond.T:
+        edges = np.flatnonzero(np.diff(np.concatenate(([0], column.astype(int), [0]))))
+        longest.append(TICK_S * max(edges[1::2] - edges[::2], default=0))
+    return np.array(longest)
+
+
+def _fast(signal: Array) -> Array:
+    """Return what of each column is faster than SLOWEST_HZ."""
+    hz = np.fft.rfftfreq(len(signal), TICK_S)
+    keep = np.clip((hz / SLOWEST_HZ - 0.9) / 0.2, 0.0, 1.0)
+    fast: Array = np.fft.irfft(keep[:, None] * np.fft.rfft(signal, axis=0), len(signal), axis=0)
+    return fast
+
+
+def _rms(signal: Array) -> Array:
+    """Return the RMS of each column over WINDOW_S."""
+    window = np.full(round(WINDOW_S / TICK_S), TICK_S / WINDOW_S)
+    power: Array = np.array([np.convolve(column, window, "valid") for column in (signal**2).T]).T
+    rms: Array = np.sqrt(power)
+    return rms
