@@ -21,6 +21,7 @@ from lab.batch.vehicle import (
     Rows,
     Timing,
     Vehicle,
+    go_on_slow,
     motors,
     read,
     remember,
@@ -100,8 +101,7 @@ def dive(
         remember(past, i, vehicle.start)
     flying = np.zeros((vehicle.to_motor_steps // STEPS + 2, 8))
     slow = np.zeros((1, drawn.slow.shape[1]))
-    for i in range(slow.shape[1]):
-        slow[0, i] = drawn.slow[0, i] * drawn.normals[0, i]
+    go_on_slow(drawn, slow, 0)
 
     state, thrust, static, axes = vehicle.start, NO_THRUST, NO_THRUST, NO_AXES
     memory = start_companion(companion, read(vehicle, past, 0, slow, drawn.normals, 0))
@@ -109,8 +109,7 @@ def dive(
     count, tail_count, peak, upright, last_thrust, lost_s = 0, 0, 0.0, 1.0, math.nan, math.nan
     for tick in range(ticks):
         t_s = ENGAGED_S + tick * TICK_S
-        for i in range(slow.shape[1]):
-            slow[0, i] = drawn.slow[1, i] * slow[0, i] + drawn.slow[2, i] * drawn.normals[tick + 1, i]
+        go_on_slow(drawn, slow, tick + 1)
         put(flying, tick, motors(vehicle, axes))
         force, flow = water(vehicle, drawn.sea, slow, t_s, state)
         for step in range(STEPS * tick, STEPS * (tick + 1)):

@@ -220,6 +220,13 @@ def drawn(config: SimConfig, seed: int, ticks: int) -> Drawn:
     return Drawn(normals, np.stack([sigma, keep, sigma * np.sqrt(1.0 - keep**2)]), sea)
 
 
+def go_on_slow(drawn: Drawn, slow: Rows, tick: int) -> None:
+    """Bring slow noise, (1, SLOW), on by a tick to this one; tick 0 begins."""
+    for i in range(slow.shape[1]):
+        keep, add = (0.0, drawn.slow[0, i]) if tick == 0 else (drawn.slow[1, i], drawn.slow[2, i])
+        slow[0, i] = keep * slow[0, i] + add * drawn.normals[tick, i]
+
+
 def refuse(config: SimConfig) -> None:
     """Raise ValueError for what only the full loop can do."""
     thrusters, sensors = config.thrusters, config.sensors

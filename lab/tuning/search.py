@@ -19,13 +19,13 @@ from msgspec.structs import replace
 from companion.assembly import refuse_fast_gains
 from companion.config import Config, ConfigError
 from companion.records import Array, Setpoint
+from lab.batch import alt_hold
 from lab.batch import dives as batch
 from lab.batch.vehicle import Links
 from lab.bench.floor import CHATTER_N
 from lab.bench.rows import WIDTH, Row
 from lab.loop.lockstep import Link
 from lab.loop.scenarios import SETTLE_S, Scenario, ensemble, four, trajectory
-from lab.rivals import alt_hold_batch
 from sim_bridge.config import SimConfig
 
 TRAINING_SEEDS = 8
@@ -160,7 +160,7 @@ def _dive(
     if row.steers == "autopilot":
         late_s = longer_s + link.down_s + 0.5 * link.jitter_s
         gains = {key: np.repeat([value[key] for value in values], len(dives)) for key in row.knobs}
-        return alt_hold_batch.simulate(plants, targets, duration_s, seeds, late_s, gains)
+        return alt_hold.simulate(plants, targets, duration_s, seeds, late_s, gains)
     each = [config for config in configs for _ in dives]
     up_s = link.up_s + longer_s + hidden_s
     links = Links(up_s, link.down_s + longer_s, untold_up_s=hidden_s)

@@ -3,6 +3,8 @@
 import math
 from typing import NamedTuple
 
+from sim_bridge.firmware import depth_hold
+from sim_bridge.firmware.depth_hold import GAINS, SPEED_UP_M_S, Gains, clip
 from sim_bridge.firmware.mixer import Demand
 from sim_bridge.firmware.params import Parameters
 from sim_bridge.firmware.pilot import FORWARD, LATERAL, PITCH, ROLL, THROTTLE, YAW, Pilot
@@ -54,12 +56,6 @@ MAX_LEAN_RAD = math.radians(45)
 MAX_YAW_RATE = math.radians(100)
 MAX_RATE = math.radians(90)
 MAX_HEADING_LEAD_RAD = math.radians(20)
-SPEED_UP_M_S = 0.5
-CLIMB_FILTER_HZ, RISE_FILTER_HZ, THROTTLE_FILTER_HZ = 5.0, 20.0, 2.0
-"""Low-passes of the depth loop: the errors of climb rate (PSC_VELZ_FLTE) and of acceleration (PSC_ACCZ_FLTE),
-and the throttle behind them (a constant of the firmware)."""
-MAX_ACCELERATION_M_S2 = 1.0
-"""PILOT_ACCEL_Z."""
 DIP_FROM_MANUAL = -0.8
 """Where ALT_HOLD's integrator starts after MANUAL: the dip of half a metre that the firmware shows."""
 
@@ -74,8 +70,7 @@ class FlightControl:
         self._heading = 0.0
         self._yaw_moved_s = 0.0
         self._rate_integral = [0.0, 0.0, 0.0]
-        self._throttle_integral = 0.0
-        self._climb_error = self._rise_error = self._throttle = 0.0
+        self._depth_hold = depth_hold.AT_REST
         self._climbing = False
         self._position: tuple[float, float] | None = None
         self._position_integral = (0.0, 0.0)
@@ -85,7 +80,7 @@ class FlightControl:
         came_from, self.mode = self.mode, mode
         self.reset(estimate, t_s)
         if came_from == MANUAL and MODES[mode].holds_depth and mode != SURFACE:
-            self._throttle_integral = DIP_FROM_MANUAL
+            self._depth_hold = depth_hold.State(0.0, 0.0, DIP_FROM_MANUAL, 0.0)
 
     def reset(self, estimate: Estimate, t_s: float) -> None:
         """Targets to where the vehicle is, integrators to zero; also done all the time while disarmed."""
@@ -93,8 +88,7 @@ class FlightControl:
         self._heading = estimate.yaw
         self._yaw_moved_s = t_s
         self._rate_integral = [0.0, 0.0, 0.0]
-        self._throttle_integral = 0.0
-        self._climb_error = self._rise_error = self._throttle = 0.0
+        self._depth_hold = depth_hold.AT_REST
         self._climbing = False
         self._position = None
 
@@ -135,13 +129,13 @@ class FlightControl:
         ahead = _wrap(self._heading - estimate.yaw)
         if yaw_rate:
             self._yaw_moved_s = t_s
-            self._heading = estimate.yaw + _clip(ahead + yaw_rate * dt, MAX_HEADING_LEAD_RAD)
+            self._heading = estimate.yaw + clip(ahead + yaw_rate * dt, MAX_HEADING_LEAD_RAD)
         elif t_s < self._yaw_moved_s + YAW_SETTLE_S:
             self._heading, ahead = estimate.yaw, 0.0
         yaw_rate += self._params["ATC_ANG_YAW_P"] * ahead
         phi_rate = self._params["ATC_ANG_RLL_P"] * _wrap(roll - estimate.roll)
         theta_rate = self._params["ATC_ANG_PIT_P"] * (pitch - estimate.pitch)
-        return _clip(phi_rate, MAX_RATE), _clip(theta_rate, MAX_RATE), _clip(yaw_rate, MAX_YAW_RATE)
+        return clip(phi_rate, MAX_RATE), clip(theta_rate, MAX_RATE), clip(yaw_rate, MAX_YAW_RATE)
 
     def _rates(self, target: tuple[float, float, float], estimate: Estimate, dt: float) -> list[float]:
         measured = (estimate.rollspeed, estimate.pitchspeed, estimate.yawspeed)
@@ -149,8 +143,8 @@ class FlightControl:
         for axis, name in enumerate(("RLL", "PIT", "YAW")):
             error = target[axis] - measured[axis]
             gain_p, gain_i = self._params[f"ATC_RAT_{name}_P"], self._params[f"ATC_RAT_{name}_I"]
-            self._rate_integral[axis] = _clip(self._rate_integral[axis] + gain_i * error * dt, 0.44)
-            outputs.append(_clip(gain_p * error + self._rate_integral[axis], 1.0))
+            self._rate_integral[axis] = clip(self._rate_integral[axis] + gain_i * error * dt, 0.44)
+            outputs.append(clip(gain_p * error + self._rate_integral[axis], 1.0))
         return outputs
 
     def _depth(self, pilot: Pilot, estimate: Estimate, dt: float) -> float:
@@ -169,17 +163,12 @@ class FlightControl:
         elif self._climbing:
             self.depth_target = estimate.depth_m - 0.15 * estimate.climb_m_s
         self._climbing = climb != 0.0
-        params = self._params
-        to_target = approach(params["PSC_POSZ_P"], estimate.depth_m - self.depth_target)
-        lacking = climb + _clip(to_target, (0.5 if climb else 1.0) * SPEED_UP_M_S) - estimate.climb_m_s
-        self._climb_error += smoothing(CLIMB_FILTER_HZ, dt) * (lacking - self._climb_error)
-        excess = params["PSC_VELZ_P"] * self._climb_error - estimate.rise_m_s2
-        self._rise_error += smoothing(RISE_FILTER_HZ, dt) * (excess - self._rise_error)
-        self._throttle_integral += 0.2 * params["PSC_ACCZ_I"] * self._rise_error * dt
-        self._throttle_integral = _clip(self._throttle_integral, 1.0)
-        throttle = _clip(0.2 * params["PSC_ACCZ_P"] * self._rise_error + self._throttle_integral, 1.0)
-        self._throttle += smoothing(THROTTLE_FILTER_HZ, dt) * (throttle - self._throttle)
-        return self._throttle
+        gains = Gains(*(self._params[name] for name in GAINS))
+        too_deep_m = estimate.depth_m - self.depth_target
+        self._depth_hold = depth_hold.step(
+            gains, self._depth_hold, too_deep_m, climb, estimate.climb_m_s, estimate.rise_m_s2, dt
+        )
+        return self._depth_hold.throttle
 
     def _place(self, estimate: Estimate, forward: float, lateral: float, dt: float) -> tuple[float, float]:
         """Hold x and y while the sticks rest."""
@@ -189,27 +178,11 @@ class FlightControl:
             return forward, lateral
         ex, ey = self._position[0] - x, self._position[1] - y
         ix, iy = self._position_integral
-        ix, iy = _clip(ix + 0.1 * ex * dt, 0.5), _clip(iy + 0.1 * ey * dt, 0.5)
+        ix, iy = clip(ix + 0.1 * ex * dt, 0.5), clip(iy + 0.1 * ey * dt, 0.5)
         self._position_integral = ix, iy
         north, east = 0.6 * ex - 0.6 * vx + ix, 0.6 * ey - 0.6 * vy + iy
         c, s = math.cos(estimate.yaw), math.sin(estimate.yaw)
-        return _clip(c * north + s * east, 1.0), _clip(c * east - s * north, 1.0)
-
-
-def approach(gain_per_s: float, error_m: float) -> float:
-    """Speed (m/s) towards a target that is `error_m` away: proportional near it, farther off as if it braked.
-
-    The firmware's square-root controller, with MAX_ACCELERATION_M_S2.
-    """
-    near_m = MAX_ACCELERATION_M_S2 / gain_per_s**2
-    if abs(error_m) <= near_m:
-        return gain_per_s * error_m
-    return math.copysign(math.sqrt(2.0 * MAX_ACCELERATION_M_S2 * (abs(error_m) - 0.5 * near_m)), error_m)
-
-
-def smoothing(cutoff_hz: float, dt: float) -> float:
-    """Share of the way that the firmware's first-order low-pass goes in one step of `dt` (s)."""
-    return dt / (dt + 1.0 / (2.0 * math.pi * cutoff_hz))
+        return clip(c * north + s * east, 1.0), clip(c * east - s * north, 1.0)
 
 
 def _outside(pwm: int, dead_us: int) -> float:
@@ -217,10 +190,6 @@ def _outside(pwm: int, dead_us: int) -> float:
     offset = max(-400, min(400, pwm - 1500))
     beyond = max(0, abs(offset) - dead_us)
     return math.copysign(beyond / (400 - dead_us), offset)
-
-
-def _clip(value: float, limit: float) -> float:
-    return max(-limit, min(limit, value))
 
 
 def _wrap(angle: float) -> float:

@@ -24,7 +24,7 @@ from companion.control import bounds as subject_of_modules
 from companion.estimation import hidden_delay, observer
 from lab.batch import compiled as subject
 from lab.batch.compiled import cached, compiled, digest, slotted
-from sim_bridge.firmware import mixer
+from sim_bridge.firmware import depth_hold, mixer
 from sim_bridge.physics import plant, thrusters
 
 
@@ -124,7 +124,7 @@ EQUATIONS = [
     *(positioning.to_body, positioning.to_inertial, positioning.inertia, positioning.coriolis_and_damping),
     *(allocation.allocate, allocation.delivered, allocation.overloaded, allocation.motors),
     *(levelling.step, pace.step, pace.on_a_tilt, tilt.coming_tilt, tilt.share, tilt.body_force),
-    *(tilt.level_force, mixer.mix_six_dof, mixer.mix_vectored),
+    *(tilt.level_force, mixer.mix_six_dof, mixer.mix_vectored, depth_hold.step),
     *(plant.rotation, plant.down_axis, plant.ned_velocity, plant.euler, plant.derivative, plant.step),
     *(thrusters.static_thrust, thrusters.lagged, thrusters.follow_of, thrusters.wrench),
 ]
