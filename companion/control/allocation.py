@@ -15,10 +15,20 @@ group the columns of M are orthogonal, so its pseudo-inverse is N⁻¹ Mᵀ, and
 | f, T   | push of each motor at 16 V, and the curve that gives it                        | N       |
 | n      | how four motors on three axes push against each other: Mᵀ n = 0                |         |
 | λ      | how strongly they have to, so that axis demands exist that ask for t: nᵀ t = 0 | N       |
+| k      | a motor that gives no thrust; without it the other three serve the three axes  |         |
+
+Without motor k the three others push f = M₃⁻ᵀ S⁻¹ tau, and what is asked of k makes nᵀ t = 0:
+
+    t_j = T⁻¹(f_j)     t_k = −n_k Σ n_j t_j
+
+So heave without moments is the work of two motors on one diagonal, the fourth rests, and |t_k| ≤ 1 leaves
+half of their demand. Where that does not suffice, the moments are given whole and the forces are cut.
 """
 
 import math
 from typing import NamedTuple
+
+import numpy as np
 
 from companion.control.bounds import limited
 from companion.records import Axes
@@ -66,6 +76,8 @@ NEWTON_STEPS = 2
 SLOPE_STEP = 0.1
 MIN_SLOPE_N = 1e-9
 OVERLOAD = 1.01
+HALVINGS = 10
+"""Of the share of the forces that three motors can give beside the moments."""
 
 # Motor by motor: surge, sway, heave (down), yaw, roll and pitch factors of ArduSub's frames.
 _HORIZONTAL: tuple[Axes, ...] = (
@@ -85,6 +97,10 @@ FACTORS: dict[str, tuple[Axes, ...]] = {
     ),
 }
 HORIZONTAL = len(_HORIZONTAL)
+YAW = 3
+"""Of the six axes the first that turns."""
+NO_MOTOR: Four = (0.0, 0.0, 0.0, 0.0)
+NO_PUSH: Three = (0.0, 0.0, 0.0)
 PER_NEWTON: Axes = (math.sqrt(0.5), math.sqrt(0.5), 1.0, math.sqrt(0.5) * (0.156 + 0.111), 0.218, 0.12)
 """S; lengths in m from docs/ardusub.md, "Vehicles"."""
 
@@ -102,6 +118,14 @@ class Group(NamedTuple):
     """S."""
     max_tau: Three
     """Bound on what is asked of each axis, N or N·m."""
+    moments: Three
+    """1 for an axis of rotation, 0 for one of translation."""
+    whole: bool
+    """Whether all motors give thrust."""
+    dead: Four
+    """1 for motor k, 0 for the others."""
+    others: tuple[Three, Three, Three, Three]
+    """M₃⁻ᵀ by motor: what each pushes for a newton on each axis; zero for k."""
 
 
 class Thrusters(NamedTuple):
@@ -149,7 +173,35 @@ def _group(factors: list[Three], axes: tuple[int, int, int], max_tau: Axes) -> G
         (_inverse(served[0]), _inverse(served[1]), _inverse(served[2])),
         (PER_NEWTON[i], PER_NEWTON[j], PER_NEWTON[k]),
         (max_tau[i], max_tau[j], max_tau[k]),
+        (float(i >= YAW), float(j >= YAW), float(k >= YAW)),
+        True,
+        NO_MOTOR,
+        (NO_PUSH,) * 4,
     )
+
+
+def without(whole: Thrusters, motor: int) -> Thrusters | None:
+    """Return the thrusters that go on without `motor`, 1 to `motor_count`.
+
+    None where the others cannot serve all axes: two vertical motors, or roll and pitch that are not ours.
+    """
+    horizontal, vertical = whole.horizontal, whole.vertical
+    if motor <= HORIZONTAL:
+        group = _without(horizontal, motor - 1)
+        return group and Thrusters(group, vertical, whole.motor_count)
+    group = _without(vertical, motor - 1 - HORIZONTAL)
+    return group and Thrusters(horizontal, group, whole.motor_count)
+
+
+def _without(group: Group, dead: int) -> Group | None:
+    if group.opposed[dead] == 0.0:
+        return None
+    first, second, third, fourth = (float(motor == dead) for motor in range(4))
+    live = [motor for motor in range(4) if motor != dead]
+    pushes = np.zeros((4, 3))
+    pushes[live] = np.linalg.inv(np.array([group.factors[motor] for motor in live]).T)
+    p, q, r, s = ((a, b, c) for a, b, c in pushes.round(12).tolist())
+    return group._replace(whole=False, dead=(first, second, third, fourth), others=(p, q, r, s))
 
 
 def _inverse(served: float) -> float:
@@ -211,6 +263,8 @@ def _group_axes(
     """Return `allocate` of one group's axes."""
     shares, levers, max_tau = group.shares, group.levers, group.max_tau
     X, Y, Z = limited(tau[0], max_tau[0]), limited(tau[1], max_tau[1]), limited(tau[2], max_tau[2])
+    if not group.whole:
+        return _axes_of_three(group, tau, (X, Y, Z), strength, reach)
     forces = _group_motors(
         group,
         (
@@ -247,6 +301,86 @@ def _group_axes(
     short = beyond > 1.0 or over > 1.0
     saturated = (short or tau[0] != X, short or tau[1] != Y, short or tau[2] != Z)
     return (a[0] / over, a[1] / over, a[2] / over), saturated
+
+
+def _axes_of_three(
+    group: Group, tau: Three, most: Three, strength: float, reach: Three
+) -> tuple[Three, tuple[bool, bool, bool]]:
+    """Return `_group_axes` without motor k; `most` is `tau` within its bounds."""
+    levers, moments = group.levers, group.moments
+    turning = (
+        most[0] * moments[0] / (levers[0] * strength),
+        most[1] * moments[1] / (levers[1] * strength),
+        most[2] * moments[2] / (levers[2] * strength),
+    )
+    pushing = (
+        most[0] / (levers[0] * strength) - turning[0],
+        most[1] / (levers[1] * strength) - turning[1],
+        most[2] / (levers[2] * strength) - turning[2],
+    )
+    a, over = _shared_by_three(group, turning, pushing, 1.0, reach)
+    short = over > 1.0
+    if short:
+        low, high = 0.0, 1.0
+        for _ in range(HALVINGS):
+            middle = 0.5 * (low + high)
+            _, over = _shared_by_three(group, turning, pushing, middle, reach)
+            if over > 1.0:
+                high = middle
+            else:
+                low = middle
+        a, over = _shared_by_three(group, turning, pushing, low, reach)
+    saturated = (
+        tau[0] != most[0] or over > 1.0 or (short and moments[0] == 0.0),
+        tau[1] != most[1] or over > 1.0 or (short and moments[1] == 0.0),
+        tau[2] != most[2] or over > 1.0 or (short and moments[2] == 0.0),
+    )
+    over = max(1.0, over)
+    return (a[0] / over, a[1] / over, a[2] / over), saturated
+
+
+def _shared_by_three(
+    group: Group, turning: Three, pushing: Three, share: float, reach: Three
+) -> tuple[Three, float]:
+    """Return the axes for the moments and a share of the forces, and how far beyond its end any goes."""
+    w = (
+        turning[0] + share * pushing[0],
+        turning[1] + share * pushing[1],
+        turning[2] + share * pushing[2],
+    )
+    p, q, r, s = group.others
+    f = (
+        p[0] * w[0] + p[1] * w[1] + p[2] * w[2],
+        q[0] * w[0] + q[1] * w[1] + q[2] * w[2],
+        r[0] * w[0] + r[1] * w[1] + r[2] * w[2],
+        s[0] * w[0] + s[1] * w[1] + s[2] * w[2],
+    )
+    t = (
+        interpolated(f[0], DEMAND),
+        interpolated(f[1], DEMAND),
+        interpolated(f[2], DEMAND),
+        interpolated(f[3], DEMAND),
+    )
+    n, k = group.opposed, group.dead
+    idle = n[0] * t[0] + n[1] * t[1] + n[2] * t[2] + n[3] * t[3]
+    t = (
+        t[0] - k[0] * n[0] * idle,
+        t[1] - k[1] * n[1] * idle,
+        t[2] - k[2] * n[2] * idle,
+        t[3] - k[3] * n[3] * idle,
+    )
+    a = _group_demands(group, t)
+    over = max(
+        abs(a[0]) / max(reach[0], MIN_REACH),
+        abs(a[1]) / max(reach[1], MIN_REACH),
+        abs(a[2]) / max(reach[2], MIN_REACH),
+        abs(idle),
+        _load(f[0]),
+        _load(f[1]),
+        _load(f[2]),
+        _load(f[3]),
+    )
+    return a, over
 
 
 def _balanced(group: Group, t: Four, forces: Four) -> Four:
@@ -310,6 +444,14 @@ def _group_wrench(group: Group, a: Three, strength: float) -> Three:
         interpolated(t[2], PUSH),
         interpolated(t[3], PUSH),
     )
+    if not group.whole:
+        k = group.dead
+        pushes = (
+            pushes[0] - k[0] * pushes[0],
+            pushes[1] - k[1] * pushes[1],
+            pushes[2] - k[2] * pushes[2],
+            pushes[3] - k[3] * pushes[3],
+        )
     X, Y, Z = _group_sums(group, pushes)
     levers = group.levers
     return X * levers[0] * strength, Y * levers[1] * strength, Z * levers[2] * strength
