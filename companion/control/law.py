@@ -68,13 +68,12 @@ def _weighted(c: Sequence[float], x: Sequence[NumberT]) -> NumberT:
     return total
 
 
-class RovTerms(NamedTuple):
-    """The law of one degree of freedom, term by term; tau = feedforward + feedback + d_hat."""
+class Terms(NamedTuple):
+    """The parts of a law's force, N or N·m: it asks for their sum."""
 
-    eps: float
     feedforward: float
     feedback: float
-    tau: float
+    d_hat: float
 
 
 def rov_law(
@@ -86,16 +85,14 @@ def rov_law(
     e_dot: float,
     lam: float,
     kappa: float,
-) -> RovTerms:
-    """Return τ = k + h + d̂ + m (ẍ_d − λ ė) − m κ ε, with ε = ė + λ e (eqs. lei1, lei2).
+) -> Terms:
+    """Return the terms of τ = k + h + d̂ + m (ẍ_d − λ ė) − m κ ε, with ε = ė + λ e (eqs. lei1, lei2).
 
     It is `control_law` for n = 2, f = −(k + h)/m, b = 1/m. The paper prints the last term as −κ ε; its own
     general law (eq. 5) divides by b and so gives −m κ ε, the only form with which its figures hold.
     """
     eps = e_dot + lam * e
-    feedforward = k_plus_h + m * x_d_ddot
-    feedback = -m * (lam * e_dot + kappa * eps)
-    return RovTerms(eps, feedforward, feedback, feedforward + feedback + d_hat)
+    return Terms(k_plus_h + m * x_d_ddot, -m * (lam * e_dot + kappa * eps), d_hat)
 
 
 class Motion(NamedTuple):
@@ -120,14 +117,6 @@ class Motion(NamedTuple):
     free: bool
 
 
-class Terms(NamedTuple):
-    """The parts of a law's force, N or N·m: it asks for their sum."""
-
-    feedforward: float
-    feedback: float
-    d_hat: float
-
-
 class Parameters(NamedTuple):
     """The paper's law needs none of its own: λ and κ come with Motion."""
 
@@ -143,7 +132,7 @@ def initial(parameters: Parameters) -> State:
 
 def step(parameters: Parameters, state: State, motion: Motion, dt_s: float) -> tuple[State, Terms]:
     """Return the terms of `rov_law`."""
-    law = rov_law(
+    return state, rov_law(
         motion.k_plus_h,
         motion.d_hat,
         motion.m,
@@ -153,4 +142,3 @@ def step(parameters: Parameters, state: State, motion: Motion, dt_s: float) -> t
         motion.lam,
         motion.kappa,
     )
-    return state, Terms(law.feedforward, law.feedback, motion.d_hat)

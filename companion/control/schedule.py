@@ -22,19 +22,11 @@ class Gains(NamedTuple):
     bear_s: float
 
 
-class Scheduled(NamedTuple):
-    """λ, κ and the share of its learning rate that a compensator keeps; and what they follow from."""
+def scheduled(gains: Gains, delay_s: float, gain_scale: float) -> tuple[float, float, float, float]:
+    """Return λ, κ, the share of its learning rate that a compensator keeps, and `share`, for such a loop.
 
-    lam: float
-    kappa: float
-    learning_scale: float
-    share: float
-
-
-def scheduled(gains: Gains, delay_s: float, gain_scale: float) -> Scheduled:
-    """Return gains for a loop that is `delay_s` late; `gain_scale` is what an oscillation leaves of them."""
+    It is `delay_s` late; `gain_scale` is what an oscillation leaves of the gains.
+    """
     share = gains.bear_s / (LEAST_DELAY_S if delay_s < LEAST_DELAY_S else delay_s)
     share = gain_scale * (1.0 if share > 1.0 else share)
-    return Scheduled(
-        gains.lam * share**LAMBDA_POWER, gains.kappa * share**KAPPA_POWER, share**LEARNING_POWER, share
-    )
+    return gains.lam * share**LAMBDA_POWER, gains.kappa * share**KAPPA_POWER, share**LEARNING_POWER, share

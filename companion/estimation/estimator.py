@@ -7,7 +7,7 @@ telemetry delay, where a message has none) minus the sensor's own delay.
 import math
 from collections.abc import Callable, Sequence
 from operator import add
-from typing import Any, NamedTuple
+from typing import Any
 
 from msgspec.structs import replace
 
@@ -92,22 +92,11 @@ QUIET_N = 1.0
 """Disturbance noise, N/√s, of the observer that looks for hidden delay: it leans on the model."""
 
 
-class Measurement(NamedTuple):
-    """One sample of a degree of freedom, of its position or its rate; `at_s` is when it was true."""
+Measurement = tuple[bool, float, float]
+"""One sample of a degree of freedom: whether of its rate or its position, its value, when it was true (s)."""
 
-    of_rate: bool
-    value: float
-    at_s: float
-
-
-class Estimate(NamedTuple):
-    """Position and rate of one degree of freedom now and `ahead_s` later, and its disturbance."""
-
-    q: float
-    v: float
-    q_ahead: float
-    v_ahead: float
-    d: float
+Estimate = tuple[float, float, float, float, float]
+"""Position and rate of one degree of freedom now, both `ahead_s` later, and its disturbance."""
 
 
 class Estimator:
@@ -267,11 +256,11 @@ class Estimator:
         from_s, observed_s = self._moments(now_s, delays)
         to_go_s = [max(now_s - at_s + ahead_s, 0.0) for at_s in observed_s]
         steps = max(1, math.ceil(max(to_go_s) / PREDICTION_STEP_S))
-        estimates = []
+        estimates: list[Estimate] = []
         for dof in range(len(DOFS)):
             if stale[dof]:
                 self._mean_disturbance[dof] = mean_disturbance(self._mean_disturbance[dof], 0.0, self._tick_s)
-                estimates.append(Estimate(self._eta[dof], 0.0, self._eta[dof], 0.0, 0.0))
+                estimates.append((self._eta[dof], 0.0, self._eta[dof], 0.0, 0.0))
                 continue
             step_s, since_s = to_go_s[dof] / steps, observed_s[dof] - delays.command_s
             edges_s = [from_s[dof] - delays.command_s, *[since_s + step_s * k for k in range(steps + 1)]]
@@ -286,7 +275,7 @@ class Estimator:
             q_ahead, q_dot_ahead, _ = trajectory[-1]
             # What of k + h the observer's diagonal drag leaves out it takes for disturbance.
             left_out = forces[dof] - c[dof] * state.v if self._measured_t_s[X] > -math.inf else 0.0
-            estimates.append(Estimate(q, q_dot, q_ahead, q_dot_ahead, state.d - left_out))
+            estimates.append((q, q_dot, q_ahead, q_dot_ahead, state.d - left_out))
         return estimates
 
     def _moments(self, now_s: float, delays: Delays) -> tuple[list[float], list[float]]:
@@ -359,10 +348,10 @@ class Estimator:
             if dof == Z:
                 self._hidden = hidden_delay.start(value, self._hidden.hidden_s)
         self._measured_t_s[dof] = t_s
-        self._new[dof].append(Measurement(False, value, at_s))
+        self._new[dof].append((False, value, at_s))
 
     def _rate(self, dof: int, value: float, at_s: float) -> None:
-        self._new[dof].append(Measurement(True, value, at_s))
+        self._new[dof].append((True, value, at_s))
 
     def _shift(self, shift: FrameShift) -> None:
         """Go on in the frame of a reset estimate; samples of this tick from before it are left out."""

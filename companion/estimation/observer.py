@@ -34,6 +34,8 @@ DOUBLINGS = 40
 
 Motion = tuple[float, float, float]
 """q, v and f: a plain tuple, for it is made in every step of every prediction."""
+StepCoefficients = tuple[float, float, float, float]
+"""The model over one step: h/2, what is kept of f and of v, and what 2 N give v."""
 
 
 class Noise(NamedTuple):
@@ -71,15 +73,6 @@ class ObserverParameters(NamedTuple):
     by_rate: ObserverState
 
 
-class StepCoefficients(NamedTuple):
-    """The model over one step: h/2, what is kept of f and of v, and what 2 N give v."""
-
-    half_s: float
-    keep: float
-    coast: float
-    push: float
-
-
 def at_rest(position: float) -> ObserverState:
     """Return the state of one whose place is known and nothing else."""
     return ObserverState(position, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -89,7 +82,7 @@ def coefficients(parameters: ObserverParameters, m: float, c: float, dt_s: float
     """Return the model over a step of `dt_s`, not below zero."""
     half_s = 0.5 * dt_s
     damped = m + dt_s * c
-    return StepCoefficients(half_s, math.exp(dt_s / -parameters.thrust_lag_s), m / damped, half_s / damped)
+    return half_s, math.exp(dt_s / -parameters.thrust_lag_s), m / damped, half_s / damped
 
 
 def predict_step(step: StepCoefficients, motion: Motion, u: float, d: float) -> Motion:

@@ -294,8 +294,8 @@ def asked(
             theta = (1.0, 10.0 * now, 3.0 * rate, 0.0, 0.0, 0.0)
             d_hat = estimated(parameters, memory[start, i], theta, rate + LAM * now, adapt[i])
             drag = h_hat[i] * speed * abs(speed)
-            law = rov_law(drag, d_hat, m_hat[i], z_d_ddot, now, rate, LAM, kappa[i])
-            tau[start, i] = law.tau
+            terms = rov_law(drag, d_hat, m_hat[i], z_d_ddot, now, rate, LAM, kappa[i])
+            tau[start, i] = terms.feedforward + terms.feedback + d_hat
 
 
 def estimated(parameters: Any, memory: Array, theta: Inputs, eps: float, adapt: bool) -> float:

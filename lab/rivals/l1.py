@@ -69,7 +69,7 @@ def step(parameters: Parameters, state: State, motion: Motion, dt_s: float) -> t
     if motion.free:
         let_in = 1.0 - math.exp(-parameters.omega * motion.share**LEARNING_POWER * dt_s)
         d_hat = limited(d_hat + let_in * (sigma - d_hat), parameters.max_disturbance)
-    law = rov_law(
+    terms = rov_law(
         motion.k_plus_h,
         d_hat,
         m,
@@ -80,5 +80,5 @@ def step(parameters: Parameters, state: State, motion: Motion, dt_s: float) -> t
         motion.kappa,
     )
     pull = -(motion.k_plus_h + sigma) / m - PREDICTOR_PER_S * ahead
-    asked = limited(law.tau, parameters.max_force)
-    return State(True, v_hat, pull, asked, lagging, d_hat), Terms(law.feedforward, law.feedback, d_hat)
+    asked = limited(terms.feedforward + terms.feedback + d_hat, parameters.max_force)
+    return State(True, v_hat, pull, asked, lagging, d_hat), terms

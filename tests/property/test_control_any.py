@@ -58,12 +58,12 @@ def test_the_inertia_lies_between_that_of_surge_and_of_sway(m, psi):
 
 @given(some, some, some, some, some, gains, gains, gains)
 def test_the_law_is_odd_and_linear_in_what_it_is_given(k, d_hat, a_d, e, e_dot, m, lam, kappa):
-    law = rov_law(k, d_hat, m, a_d, e, e_dot, lam, kappa)
-    mirrored = rov_law(-k, -d_hat, m, -a_d, -e, -e_dot, lam, kappa)
-    assert mirrored.tau == -law.tau
-    half = rov_law(0.5 * k, 0.5 * d_hat, m, 0.5 * a_d, 0.5 * e, 0.5 * e_dot, lam, kappa)
-    assert math.isclose(2.0 * half.tau, law.tau, rel_tol=1e-12, abs_tol=1e-300)
-    pulls_back = rov_law(0.0, 0.0, m, 0.0, e, 0.0, lam, kappa).tau
+    tau = sum(rov_law(k, d_hat, m, a_d, e, e_dot, lam, kappa))
+    mirrored = sum(rov_law(-k, -d_hat, m, -a_d, -e, -e_dot, lam, kappa))
+    assert mirrored == -tau
+    half = sum(rov_law(0.5 * k, 0.5 * d_hat, m, 0.5 * a_d, 0.5 * e, 0.5 * e_dot, lam, kappa))
+    assert math.isclose(2.0 * half, tau, rel_tol=1e-12, abs_tol=1e-300)
+    pulls_back = sum(rov_law(0.0, 0.0, m, 0.0, e, 0.0, lam, kappa))
     assert np.sign(pulls_back) == -np.sign(e)
 
 

@@ -181,7 +181,7 @@ def dive(s, compensator, disturbance, tau_max):
         signals = np.ascontiguousarray(np.stack((e, e_dot, eps, w, r_dot, r_ddot)).T)
 
         def law(d_hat, w=w, r_ddot=r_ddot, e=e, e_dot=e_dot):
-            return rov_law(s.h_hat * w * np.abs(w), d_hat, s.m_hat, r_ddot, e, e_dot, s.lam, s.kappa).tau
+            return sum(rov_law(s.h_hat * w * np.abs(w), d_hat, s.m_hat, r_ddot, e, e_dot, s.lam, s.kappa))
 
         before = np.copy(compensator.weights)
         d_hat = compensator.step(signals, np.zeros(DIVES, bool))  # looks, learns nothing

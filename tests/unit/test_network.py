@@ -66,7 +66,7 @@ def hold(d, *, flip=1.0, seconds=30.0):
     for _ in range(round(seconds / DT)):
         eps = w + lam * z
         d_hat = net.step(Signals(z, w, flip * eps, w, 0.0, 0.0))
-        tau = rov_law(0.0, d_hat, m, 0.0, z, w, lam, kappa).tau
+        tau = sum(rov_law(0.0, d_hat, m, 0.0, z, w, lam, kappa))
         w = w + DT * (tau - d) / m
         z = z + DT * w
         seen.append((eps, d_hat))
