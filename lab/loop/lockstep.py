@@ -134,4 +134,4 @@ class Lockstep:
             yield self.tick()
 
     def _jitter(self) -> float:
-        return float(self._random.uniform(0.0, self._link.jitter_s)) if self._link.jitter_s else 0.0
+        return self._link.jitter_s * self._random.random()

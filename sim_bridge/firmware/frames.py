@@ -58,5 +58,4 @@ def parse(data: bytes) -> Any:
 
 
 def _checksum(frame: bytes, extra: int) -> int:
-    crc: int = mavlink.x25crc(frame[1:] + bytes((extra,))).crc
-    return crc
+    return int(mavlink.mcrf4xx(frame[1:] + bytes((extra,))))
