@@ -16,6 +16,7 @@ from companion.predive.fitness import Fitness
 from companion.records import (
     NEUTRAL,
     PSI,
+    SAMPLES,
     AxisCommand,
     ControlSample,
     DofSample,
@@ -81,14 +82,15 @@ class Engine:
         state = self._estimator.step(now_s, events, self._controller.gain_scale)
         self._delay_s = state.delays.total_s
         self._follow_frame(state)
-        demand = guidance.pilot_demand(now_s, dt_s, events)
+        reports = [event for event in events if type(event) not in SAMPLES]
+        demand = guidance.pilot_demand(now_s, dt_s, reports)
 
         requests = self._supervision.with_buttons(
             requests, now_s, engage=demand.engage, release=demand.release
         )
         verdict = self._supervision.step(
             state,
-            events,
+            reports,
             requests,
             loop,
             dt_s=dt_s,
@@ -126,7 +128,7 @@ class Engine:
         self._sent, self._dofs = sent, dofs
 
         mode, arm = self._supervision.wanted_mode(state), self._supervision.asks_arming
-        out = autopilot.upkeep(now_s, events, mode=mode, arm=arm)
+        out = autopilot.upkeep(now_s, reports, mode=mode, arm=arm)
         if self.steering:
             out.append(autopilot.steer(sent, state.pilot_gain, pilot))
         return out, ControlSample(
@@ -141,7 +143,7 @@ class Engine:
             loop=loop,
             texts=(
                 *self._fitness.introduced(now_s),
-                *(event for event in events if isinstance(event, StatusText)),
+                *(report for report in reports if isinstance(report, StatusText)),
             ),
         )
 

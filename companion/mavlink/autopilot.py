@@ -1,6 +1,6 @@
 """The autopilot as the engine sees it: bytes in, events out; commands in, bytes out."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
@@ -64,6 +64,8 @@ class Autopilot:
         self._freshness = Freshness()
         self._path = vehicle.thrust_path
         self._tilts = config.levels
+        self.parameters = self._maintenance.parameters
+        """The autopilot's parameters, as far as they were read."""
 
     def sender(self, datagram: bytes) -> Sender:
         """Tell whether a datagram is our vehicle's: with a key, by a frame that is signed and new."""
@@ -139,11 +141,6 @@ class Autopilot:
             return AxisCommand(1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
         reach = manual_control_reach(pilot_gain, self._throttle_gain)
         return reach._replace(roll=1.0, pitch=1.0)
-
-    @property
-    def parameters(self) -> Mapping[str, float]:
-        """The autopilot's parameters, as far as they were read."""
-        return self._maintenance.parameters
 
     @property
     def firmware(self) -> Firmware | None:

@@ -62,6 +62,8 @@ class LinkMaintenance:
         self._commands = commands
         self._streams = Streams(streams() if rates_hz is None else rates_hz)
         self._parameters: dict[str, float] = {}
+        self.parameters: Mapping[str, float] = MappingProxyType(self._parameters)
+        """What was answered of PARAMETERS since first contact or the last reboot, by today's names."""
         self._last: Heartbeat | None = None
         self._wanted_mode: Mode | None = None
         self._heartbeat = _Timer(HEARTBEAT_S)
@@ -76,11 +78,6 @@ class LinkMaintenance:
     def all_parameters_known(self) -> bool:
         """Whether every one of PARAMETERS was answered."""
         return {RENAMED.get(name, name) for name in PARAMETERS} <= self._parameters.keys()
-
-    @property
-    def parameters(self) -> Mapping[str, float]:
-        """What was answered of PARAMETERS since first contact or the last reboot, by today's names."""
-        return MappingProxyType(self._parameters)
 
     def heard(self, message_id: int) -> None:
         """Count a message of a stream."""

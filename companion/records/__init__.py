@@ -22,6 +22,7 @@ from companion.records.dof import (
     vector,
 )
 from companion.records.events import (
+    SAMPLES,
     Attitude,
     Battery,
     CommandAck,
@@ -59,6 +60,7 @@ __all__ = [
     "ENGAGE_S",
     "NEUTRAL",
     "PSI",
+    "SAMPLES",
     "ZERO",
     "Ages",
     "Array",

@@ -218,6 +218,9 @@ Event = (
     | Leak
 )
 
+SAMPLES = frozenset({Attitude, Depth, DepthRate, Position, ServoOutput})
+"""What comes tick after tick and tells of nothing but motion."""
+
 
 class Sender(Enum):
     """Whose a datagram is, for a link that listens."""

@@ -420,4 +420,4 @@ _TESTS = tuple((spec.condition.value, spec.holds) for spec in CONDITIONS)
 
 def assess(seen: Observation, limits: Limits) -> Condition:
     """Return the conditions that hold this tick; an unknown value counts against permission."""
-    return Condition(sum(bit for bit, holds in _TESTS if holds(seen, limits)))
+    return Condition(sum([bit for bit, holds in _TESTS if holds(seen, limits)]))

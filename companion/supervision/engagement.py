@@ -6,6 +6,9 @@ from collections.abc import Sequence
 from companion.records import ENGAGE_S, Condition, Request, State, Verdict
 from companion.supervision.supervisor import BLOCKING, FAULT_CAUSES
 
+BLOCKING_ARMED = BLOCKING & ~Condition.DISARMED
+"""What forbids engaging an armed vehicle."""
+
 
 class Engagement:
     """Whether engaging is requested; a request by button is dropped after ENGAGE_S if not permitted."""
@@ -47,4 +50,4 @@ class Engagement:
 
     def asks_arming(self, verdict: Verdict) -> bool:
         """Tell whether to request arming: when only arming is missing for engaging."""
-        return self._arm and self.asked and not verdict.conditions & BLOCKING & ~Condition.DISARMED
+        return self._arm and self.asked and not verdict.conditions & BLOCKING_ARMED

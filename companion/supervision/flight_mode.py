@@ -56,8 +56,10 @@ class FlightMode:
 
     def update(self, before: Verdict, verdict: Verdict, state: VehicleState) -> None:
         """Begin a hand-over if `verdict` requires one."""
+        if verdict.state is not State.HAND_OVER:
+            return
         surfaces = Condition.FAILSAFE_SURFACES in verdict.conditions
-        if verdict.state is State.HAND_OVER and (before.state is not State.HAND_OVER or surfaces):
+        if before.state is not State.HAND_OVER or surfaces:
             up = surfaces or Condition.PILOT_LOST_SURFACE in verdict.conditions
             tilted = Condition.TILT_PERSISTS in verdict.conditions
             goal = Mode.SURFACE if up else Mode.ALT_HOLD
