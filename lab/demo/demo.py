@@ -1,17 +1,20 @@
-"""`holdfast demo`: the same dive twice, by a simulated vehicle and a controller in processes of their own.
+"""`holdfast demo`: what the pilot has today, ALT_HOLD, and Holdfast without and with its compensator.
 
-The two talk MAVLink over UDP. What is shown, drawn and counted is what a stranger hears over Zenoh: the
-controller's state and the simulator's truth.
+Holdfast's two dives are in real time: a simulated vehicle and the controller, in processes of their own, talk
+MAVLink over UDP. What is shown, drawn and counted is what a stranger hears over Zenoh: the controller's state
+and the simulator's truth. ALT_HOLD dives first, in this process and in virtual time, with the same vehicle,
+sea and load; it begins at its depth and heading, because no pilot follows a reference with his stick.
 """
 
 import argparse
+import math
 import signal
 import socket
 import sys
 import tempfile
 import time  # noqa: TID251 - real processes
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
@@ -24,13 +27,18 @@ from rich.live import Live
 from dashboard.zenoh_client import Subscription
 from lab.demo import screen as demo_screen
 from lab.demo.crew import ChildError, Crew
-from lab.demo.dive import ARRIVED_M, DemoDive, DemoFigures, DemoRecording, arrange, figures, window
+from lab.demo.dive import ARRIVED_M, DemoDive, DemoFigures, DemoRecording, arrange, at_depth, figures, window
 from lab.demo.screen import DemoView, Now
-from lab.loop.firmware import command_line
+from lab.loop.firmware import FirmwareError, command_line
+from lab.loop.lockstep import Link
+from lab.loop.scenarios import Scenario, hold
 from lab.options import add_firmware, find_firmware
 from lab.ports import free_port
+from lab.rivals import alt_hold
 from sim_bridge.commands import DEFAULT_CONFIG
 from sim_bridge.config import load_config as load_plant
+from sim_bridge.physics.thrusters import thrusters_of
+from sim_bridge.vehicle import Truth
 
 VEHICLE = "demo"
 LOOPBACK = "127.0.0.1"
@@ -94,24 +102,27 @@ def main(argv: list[str]) -> int:
 
 
 def perform(story: Story, png: Path, json: Path, firmware: Path | None = None) -> int:
-    """Dive twice, then print the table and write picture and figures; return the exit status."""
+    """Dive, then print the table and write picture and figures; return the exit status."""
     console = Console()
     began_s = time.monotonic()
     try:
         with _signals() as stop_asked, _show(console) as show:
-            dives = _dive_twice(story, show, stop_asked, firmware)
+            teller = _Teller(story, show)
+            dives = {"alt_hold": _dive_alt_hold(story, teller, stop_asked, firmware)}
+            for name in ("off", "on"):
+                dives[name] = arrange(_dive(story, name, teller, stop_asked, firmware))
         span = window(list(dives.values()), story.depth_m)
     except StoppedError as stopped:
         console.print(f"{stopped}: stopped, and nothing runs any more.")
         return stopped.status
-    except (DemoError, ChildError, ValueError) as error:
+    except (DemoError, ChildError, FirmwareError, ValueError) as error:
         sys.stderr.write(f"holdfast demo: {error}\n")
         return 1
     results = {name: figures(dive, span) for name, dive in dives.items()}
-    console.print(demo_screen.table(results["off"], results["on"], span, story.depth_m))
+    console.print(demo_screen.table(results, span, story.depth_m))
     try:
         _write_json(json, story, span, results)
-        _draw(png, story, span, dives, results)
+        _draw(png, story, span, dives, results, firmware)
     except KeyboardInterrupt:
         return StoppedError(signal.SIGINT).status
     console.print(f"Picture: {png}   Figures: {json}   ({time.monotonic() - began_s:.0f} s)", highlight=False)
@@ -121,9 +132,11 @@ def perform(story: Story, png: Path, json: Path, firmware: Path | None = None) -
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="holdfast demo",
-        description="Starts a simulated vehicle and the controller, and shows the same dive twice: without "
-        "and with the compensator that learns the disturbance. Arm, dive to 5 m, hold depth and heading in a "
-        "current and waves; a load is hung on and dropped. Takes a minute; Ctrl-C ends it at any moment.",
+        description="Shows what Holdfast gives: a simulated vehicle holds depth and heading in a current and "
+        "waves, and a load is hung on and dropped. First at 5 m, in virtual time, by ArduSub's depth hold, "
+        "ALT_HOLD with its default gains (our simulator's copy of it, or the real one with --firmware); then "
+        "twice in real time by Holdfast, which arms and dives to 5 m: without and with the compensator that "
+        "learns the disturbance. Takes a minute; Ctrl-C ends it at any moment.",
     )
     parser.add_argument(
         "--out",
@@ -134,7 +147,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--json", metavar="FILE", type=Path, help="write the figures to FILE instead")
     parser.add_argument(
-        "--seed", metavar="N", type=int, help=f"of waves and noise, for both dives (default: {Story.seed})"
+        "--seed", metavar="N", type=int, help=f"of waves and noise, for all dives (default: {Story.seed})"
     )
     add_firmware(parser)
     return parser
@@ -143,21 +156,40 @@ def _parser() -> argparse.ArgumentParser:
 # --- The dives --------------------------------------------------------------------------------------------
 
 
-def _dive_twice(
-    story: Story, show: Show, stop_asked: Callable[[], int], firmware: Path | None
-) -> dict[str, DemoDive]:
-    teller = _Teller(story, show)
-    dives: dict[str, DemoDive] = {}
-    for name in ("off", "on"):
-        teller.begin(name)
-        dives[name] = arrange(_dive(story, name, teller, stop_asked, firmware))
-    return dives
+def _dive_alt_hold(
+    story: Story, teller: "_Teller", stop_asked: Callable[[], int], firmware: Path | None
+) -> DemoDive:
+    """Hold the story's depth and heading from boot on by ALT_HOLD with its default gains, in virtual time."""
+    heading_rad = math.radians(story.heading_deg)
+    start = f"initial.eta=[0, 0, {story.depth_m}, 0, 0, {heading_rad}]"
+    plant = load_plant(DEFAULT_CONFIG, [*_sea(story), start])
+    scenario = Scenario(
+        "demo",
+        plant=lambda base, _: base,
+        target=hold(story.depth_m, heading_rad),
+        duration_s=alt_hold.ARM_S + story.end_s,
+        seed=story.seed,
+    )
+    nominal = thrusters_of(plant.thrusters)
+    dived: list[Truth] = []
+    command_n: list[float] = []
+    teller.begin("alt_hold")
+    teller.tell_alt_hold(None)
+    with closing(alt_hold.truths(scenario, plant, Link(), {}, firmware)) as truths:
+        for truth in truths:
+            if number := stop_asked():
+                raise StoppedError(number)
+            dived.append(truth)
+            command_n.append(alt_hold.commanded_n(truth, nominal))
+            teller.tell_alt_hold(truth)
+    return at_depth(dived, command_n, story.depth_m, heading_rad)
 
 
 def _dive(
     story: Story, name: str, teller: "_Teller", stop_asked: Callable[[], int], firmware: Path | None
 ) -> DemoRecording:
-    """Dive once; return what was heard of it."""
+    """Dive once with Holdfast; return what was heard of it."""
+    teller.begin(name)
     endpoint = f"tcp/{LOOPBACK}:{free_port(socket.SOCK_STREAM)}"
     mavlink = f"{LOOPBACK}:{free_port(socket.SOCK_DGRAM)}"
     teller.endpoint = endpoint
@@ -322,16 +354,27 @@ class _Teller:
         self._errors[name] = []
 
     def tell(self, heard: DemoRecording) -> None:
-        """Show where the dive stands."""
+        """Show where a dive of Holdfast stands."""
         now = _now(heard)
         if now:
             self._errors[self._name].append((heard.since_arming_s, now.error_mm))
+        self._tell(_phase(heard, self._story), heard.since_arming_s, now)
+
+    def tell_alt_hold(self, truth: Truth | None) -> None:
+        """Show where the dive of ALT_HOLD stands; none at its boot."""
+        story = self._story
+        t_s = truth.t_s - alt_hold.ARM_S if truth else 0.0
+        if truth:
+            self._errors[self._name].append((t_s, 1e3 * (float(truth.eta[2]) - story.depth_m)))
+        self._tell(f"ALT_HOLD at {story.depth_m:g} m, in virtual time", t_s, None)
+
+    def _tell(self, phase: str, t_s: float, now: Now | None) -> None:
         story = self._story
         self._show(
             DemoView(
                 dive=self._name,
-                phase=_phase(heard, story),
-                t_s=heard.since_arming_s,
+                phase=phase,
+                t_s=t_s,
                 end_s=story.end_s,
                 now=now,
                 errors=self._errors,
@@ -389,9 +432,21 @@ def _draw(
     span: tuple[float, float],
     dives: dict[str, DemoDive],
     results: dict[str, DemoFigures],
+    firmware: Path | None,
 ) -> None:
     from lab.demo.plot import draw
 
     sea = f"{story.current_m_s:g} m/s current, {story.wave_height_m:g} m waves of {story.wave_period_s:g} s"
-    figure = draw(dives, results, span, f"{sea}, a {story.load_n:g} N load hung on and dropped")
+    how = "our simulator's copy of it" if firmware is None else "the real firmware"
+    figure = draw(
+        dives,
+        results,
+        span,
+        f"at {story.depth_m:g} m in waves, with a load hung on and dropped",
+        "Simulated BlueROV2 Heavy; vehicle, sea and load are the same three times: "
+        f"{sea}, {story.load_n:g} N. Holdfast dives from the surface, in real time,\n"
+        "and learns on the way down also damping that its model lacks. "
+        f"ALT_HOLD ({how}, default gains) begins at {story.depth_m:g} m, in virtual time; "
+        "it is drawn where the table measures.",
+    )
     figure.savefig(path)

@@ -1,4 +1,4 @@
-"""What was heard of one dive, arranged on one clock, and the figures drawn from it. No clock, no socket."""
+"""What is known of one dive, arranged on one clock, and the figures drawn from it. No clock, no socket."""
 
 import math
 from collections.abc import Sequence
@@ -76,7 +76,7 @@ class DemoDive:
 
     Errors are truth minus reference. `disturbance_n` and `d_hat_n` have the paper's sign,
     m z'' = tau - h - d: positive lifts the vehicle. `d_hat_n` stands at the time at which its thrust acts,
-    `ahead_s` after its tick. Thrust is positive down.
+    `ahead_s` after its tick. Thrust is positive down. ALT_HOLD has no d_hat: its last three arrays are empty.
     """
 
     t_s: Array
@@ -111,13 +111,13 @@ class DemoFigures(msgspec.Struct, frozen=True, kw_only=True):
     """RMS change of the heave thrust command from one controller tick to the next."""
     disturbance_rms_n: float
     """The true heave disturbance about its mean."""
-    d_hat_error_rms_n: float
-    """d_hat minus the true disturbance."""
-    way_down_rms_mm: float
-    """Depth error from 1 m down to the window's begin."""
-    way_down_peak_mm: float
-    saturated_percent: float
-    """Share of the ticks of the whole dive in which heave was saturated."""
+    d_hat_error_rms_n: float | None
+    """d_hat minus the true disturbance; none of ALT_HOLD."""
+    way_down_rms_mm: float | None
+    """Depth error while the reference goes down from 1 m; none of a dive that begins at its depth."""
+    way_down_peak_mm: float | None
+    saturated_percent: float | None
+    """Share of the ticks of the whole dive in which heave was saturated; not known of ALT_HOLD."""
     ticks: int
     ticks_lost: int
     """Ticks missing among those, late ones included."""
@@ -164,6 +164,36 @@ def arrange(recording: DemoRecording) -> DemoDive:
     )
 
 
+def at_depth(
+    truth: Sequence[Truth], command_n: Sequence[float], depth_m: float, heading_rad: float
+) -> DemoDive:
+    """Arrange a dive of ALT_HOLD that is to stay at one depth and heading, from arming on.
+
+    `command_n` is the heave thrust that the motors were told at each of the truths.
+    """
+    armed = [sample.armed for sample in truth]
+    first = armed.index(True)
+    t_s = _column(truth[first:], "t_s") - truth[first].t_s
+    eta = np.array([sample.eta for sample in truth[first:]])
+    nothing = np.array([])
+    return DemoDive(
+        t_s=t_s,
+        depth_m=eta[:, Z],
+        depth_desired_m=np.full(len(t_s), depth_m),
+        depth_error_m=eta[:, Z] - depth_m,
+        heading_error_rad=_wrap(eta[:, PSI] - heading_rad),
+        thrust_n=np.array([sample.tau[Z] for sample in truth[first:]]),
+        disturbance_n=-np.array([sample.disturbance[Z] for sample in truth[first:]]),
+        load_on=np.array([sample.load_on for sample in truth[first:]]),
+        command_t_s=t_s,
+        command_n=np.array(command_n[first:]),
+        tick_s=float(np.median(np.diff(t_s))),
+        d_hat_t_s=nothing,
+        d_hat_n=nothing,
+        saturated=nothing.astype(bool),
+    )
+
+
 def window(dives: Sequence[DemoDive], depth_m: float) -> tuple[float, float]:
     """Return the span in s since arming in which the reference of every dive has arrived at `depth_m`.
 
@@ -184,7 +214,8 @@ def figures(dive: DemoDive, span: tuple[float, float]) -> DemoFigures:
     """Draw the figures of one dive over the window `span`, in s since arming."""
     begin_s, end_s = span
     held = (dive.t_s >= begin_s) & (dive.t_s <= end_s)
-    down = (dive.depth_desired_m > UNDER_WAY_M) & (dive.t_s < begin_s)
+    arrived = np.abs(dive.depth_desired_m - dive.depth_desired_m[-1]) < ARRIVED_M
+    down = (dive.depth_desired_m > UNDER_WAY_M) & ~arrived & (dive.t_s < begin_s)
     error_mm = 1e3 * dive.depth_error_m
     disturbance_n = dive.disturbance_n[held]
     ticks = (dive.command_t_s >= begin_s) & (dive.command_t_s <= end_s)
@@ -200,10 +231,10 @@ def figures(dive: DemoDive, span: tuple[float, float]) -> DemoFigures:
         thrust_rms_n=_rms(dive.thrust_n[held]),
         chatter_n=_rms(np.diff(command_n)[neighbours]),
         disturbance_rms_n=_rms(disturbance_n - disturbance_n.mean()),
-        d_hat_error_rms_n=_rms(dive.d_hat_n[learnt] - true_then_n),
-        way_down_rms_mm=_rms(error_mm[down]),
-        way_down_peak_mm=_peak(error_mm[down]),
-        saturated_percent=100.0 * float(dive.saturated.mean()),
+        d_hat_error_rms_n=_rms(dive.d_hat_n[learnt] - true_then_n) if learnt.any() else None,
+        way_down_rms_mm=_rms(error_mm[down]) if down.any() else None,
+        way_down_peak_mm=_peak(error_mm[down]) if down.any() else None,
+        saturated_percent=100.0 * float(dive.saturated.mean()) if dive.saturated.size else None,
         ticks=int(ticks.sum()),
         ticks_lost=max(0, expected - int(ticks.sum())),
     )
@@ -232,8 +263,8 @@ def _wrap(angle: Array) -> Array:
 
 
 def _rms(values: Array) -> float:
-    return float(np.sqrt(np.mean(np.square(values)))) if values.size else 0.0
+    return float(np.sqrt(np.mean(np.square(values))))
 
 
 def _peak(values: Array) -> float:
-    return float(np.abs(values).max()) if values.size else 0.0
+    return float(np.abs(values).max())

@@ -21,8 +21,13 @@ ROWS = 2
 """Lines of the error's history for each dive."""
 
 _EIGHTHS = " ▁▂▃▄▅▆▇█"
-_STYLES = {"off": "bright_yellow", "on": "bright_cyan"}
-_MEANING = {"off": "compensator OFF: the plain law", "on": "compensator ON: it learns while it dives"}
+NAMES = {"alt_hold": "ALT_HOLD", "off": "plain law", "on": "Holdfast"}
+_STYLES = {"alt_hold": "bright_magenta", "off": "bright_yellow", "on": "bright_cyan"}
+_MEANING = {
+    "alt_hold": "what the pilot has today",
+    "off": "Holdfast, its compensator off",
+    "on": "Holdfast: it learns while it dives",
+}
 _LABEL = 10
 
 
@@ -102,7 +107,7 @@ def render(view: DemoView, width: int) -> RenderableType:
 
 def line(view: DemoView) -> str:
     """Say the same in one line, for a log."""
-    head = f"{view.dive:<3} {max(0.0, view.t_s):5.1f} s  {view.phase:<42}"
+    head = f"{NAMES[view.dive]:<9} {max(0.0, view.t_s):5.1f} s  {view.phase:<42}"
     if view.now is None:
         return head.rstrip()
     now = view.now
@@ -113,34 +118,33 @@ def line(view: DemoView) -> str:
     )
 
 
-def table(off: DemoFigures, on: DemoFigures, span: tuple[float, float], depth_m: float) -> Table:
-    """Set the two dives side by side."""
+def table(results: Mapping[str, DemoFigures], span: tuple[float, float], depth_m: float) -> Table:
+    """Set the dives side by side."""
     grid = Table(
         title=f"Holding {depth_m:g} m, {span[0]:.1f} to {span[1]:.1f} s after arming",
         title_justify="left",
-        caption="Errors, thrust and disturbance from the simulator's truth; command and estimate from Zenoh.",
+        caption="Errors, thrust and disturbance are the simulator's truth.",
         caption_justify="left",
         box=box.SIMPLE_HEAD,
         title_style="bold",
     )
-    grid.add_column("")
+    grid.add_column("", no_wrap=True)
     grid.add_column("", style="dim")
-    grid.add_column("off", justify="right", style=_STYLES["off"])
-    grid.add_column("on", justify="right", style=_STYLES["on"])
-    grid.add_column("off / on", justify="right")
+    for name in results:
+        grid.add_column(NAMES[name], no_wrap=True, justify="right", style=_STYLES[name])
     for name, unit, field, digits in (
         ("depth error, RMS", "mm", "depth_rms_mm", 1),
         ("depth error, peak", "mm", "depth_peak_mm", 1),
         ("heading error, RMS", "°", "heading_rms_deg", 3),
         ("heave thrust, RMS", "N", "thrust_rms_n", 1),
-        ("heave chatter, RMS", "N per tick", "chatter_n", 2),
-        ("true disturbance, RMS about its mean", "N", "disturbance_rms_n", 1),
-        ("disturbance estimate's error, RMS", "N", "d_hat_error_rms_n", 1),
-        ("depth error on the way down, RMS", "mm", "way_down_rms_mm", 1),
-        ("depth error on the way down, peak", "mm", "way_down_peak_mm", 1),
+        ("heave chatter, RMS", "N/tick", "chatter_n", 2),
+        ("disturbance about its mean, RMS", "N", "disturbance_rms_n", 1),
+        ("its estimate's error, RMS", "N", "d_hat_error_rms_n", 1),
+        ("depth error, going down, RMS", "mm", "way_down_rms_mm", 1),
+        ("depth error, going down, peak", "mm", "way_down_peak_mm", 1),
     ):
-        a, b = getattr(off, field), getattr(on, field)
-        grid.add_row(name, unit, f"{a:.{digits}f}", f"{b:.{digits}f}", f"{a / b:.2f}" if b else "")
+        values = [getattr(result, field) for result in results.values()]
+        grid.add_row(name, unit, *("–" if value is None else f"{value:.{digits}f}" for value in values))
     return grid
 
 
@@ -197,7 +201,7 @@ def _history(name: str, view: DemoView, inner: int) -> Text:
         for peak in peaks:
             eighths = math.ceil(8 * ROWS * peak / FULL_ERROR_MM) - 8 * row
             cells += _EIGHTHS[max(0, min(8, eighths))] if peak >= 0 else ("·" if row == 0 else " ")
-        label = name if row == 0 else ""
+        label = NAMES[name] if row == 0 else ""
         lines.append(Text.assemble((f"{label:<{_LABEL}}", "bold"), (cells, _STYLES[name])))
     return Text("\n").join(lines)
 

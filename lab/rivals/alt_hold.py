@@ -5,7 +5,7 @@ moves the target by SET_POSITION_TARGET_GLOBAL_INT at 50 Hz and rests its sticks
 the depth loop itself runs on board at the vehicle's step, with the EKF's depth and no link in between.
 """
 
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +20,7 @@ from lab.loop.scenarios import Scenario
 from sim_bridge.config import SimConfig
 from sim_bridge.firmware.modes import ALT_HOLD, STABILIZE
 from sim_bridge.physics import thrusters
+from sim_bridge.vehicle import Truth
 
 TICK_S = 0.02
 ARM_S = 2.6
@@ -73,16 +74,40 @@ def dive(
     parameters: dict[str, float],
     firmware: Path | None = None,
 ) -> Dive:
-    """Dive `scenario` in ALT_HOLD with these parameters; thrust is what `plant`'s curve makes of the PWM.
+    """Dive `scenario` in ALT_HOLD with these parameters; thrust is what `plant`'s curve makes of the PWM."""
+    nominal = thrusters.thrusters_of(plant.thrusters)
+    rows = []
+    for truth in truths(scenario, plant, link, parameters, firmware):
+        wanted = scenario.target(truth.t_s).eta_d
+        depth_m, heading_rad = truth.eta[Z] - wanted[Z], truth.eta[TRUE_PSI] - wanted[PSI]
+        active = truth.armed and truth.mode == ALT_HOLD
+        rows.append((truth.t_s, depth_m, heading_rad, commanded_n(truth, nominal), active, truth.load_on))
+    return recorded(rows)
+
+
+def commanded_n(truth: Truth, nominal: thrusters.Thrusters) -> float:
+    """Return the heave thrust (N, + down) that the motors' PWM asks of thrusters without lag."""
+    static = thrusters.static_thrust(
+        nominal, thrusters.HEALTHY, thrusters.each_motor(truth.motor_pwm), truth.voltage_v
+    )
+    return thrusters.wrench(nominal, static)[Z]
+
+
+def truths(
+    scenario: Scenario,
+    plant: SimConfig,
+    link: Link,
+    parameters: dict[str, float],
+    firmware: Path | None = None,
+) -> Generator[Truth, None, None]:
+    """Dive `scenario` in ALT_HOLD with these parameters; give the truth after each tick.
 
     The ALT_HOLD is that of the real `firmware`, or our stand-in's if that is None.
     """
     config = scenario.plant(plant, scenario.seed)
     config = replace(config, parameters=config.parameters | parameters)
     station, wire, last_s = GroundStation(), Wire(), 0.0
-    nominal = thrusters.thrusters_of(plant.thrusters)
     jitter = np.random.default_rng(scenario.seed)
-    rows = []
     with vehicle_of(config, scenario.seed, firmware) as vehicle:
         vehicle.open_link(COMPANION_LINK)
         for tick in range(round(scenario.duration_s / TICK_S)):
@@ -93,12 +118,4 @@ def dive(
                 wire.put(last_s, data)
             for _ in range(round(TICK_S / vehicle.step_s)):
                 vehicle.step([(COMPANION_LINK, data) for _, data in wire.arrived(vehicle.time_s)])
-            truth = vehicle.truth()
-            wanted = scenario.target(truth.t_s).eta_d
-            pwm = thrusters.each_motor(truth.motor_pwm)
-            static = thrusters.static_thrust(nominal, thrusters.HEALTHY, pwm, truth.voltage_v)
-            thrust_n = thrusters.wrench(nominal, static)[Z]
-            depth_m, heading_rad = truth.eta[Z] - wanted[Z], truth.eta[TRUE_PSI] - wanted[PSI]
-            active = truth.armed and truth.mode == ALT_HOLD
-            rows.append((truth.t_s, depth_m, heading_rad, thrust_n, active, truth.load_on))
-    return recorded(rows)
+            yield vehicle.truth()

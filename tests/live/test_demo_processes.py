@@ -55,9 +55,9 @@ def test_the_whole_story(tmp_path: Path, mark: str, capsys: pytest.CaptureFixtur
     assert demo.perform(SHORT, png, json) == 0, capsys.readouterr().err
     assert _alive(mark) == []
     content = msgspec.json.decode(json.read_bytes())
-    for name in ("off", "on"):
+    for name in ("alt_hold", "off", "on"):
         result = content[name]
-        assert 0.0 < result["depth_rms_mm"] < result["depth_peak_mm"] < 200.0
+        assert 0.0 < result["depth_rms_mm"] < result["depth_peak_mm"] < 300.0
         assert 0.0 < result["heading_rms_deg"] < 5.0
         assert 0.0 < result["thrust_rms_n"] < 100.0
         assert 0.0 < result["chatter_n"] < 20.0
@@ -71,13 +71,12 @@ def test_the_whole_story(tmp_path: Path, mark: str, capsys: pytest.CaptureFixtur
     assert png.read_bytes().startswith(b"\x89PNG")
     said = capsys.readouterr().out
     for words in (
-        "off ",
-        "on ",
+        "ALT_HOLD at 0.8 m, in virtual time",
         "arming",
         "diving to 0.8 m",
         "a load of 12 N",
         "depth error, RMS",
-        "off / on",
+        "ALT_HOLD   plain law   Holdfast",
     ):
         assert words in said
 

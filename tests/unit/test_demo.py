@@ -15,7 +15,7 @@ from companion.records import AxisCommand, ControlSample, Wrench
 from companion.telemetry import samples
 from lab.demo import screen as demo_screen
 from lab.demo.demo import Story, _phase
-from lab.demo.dive import DemoDive, DemoRecording, arrange, figures, spans, window
+from lab.demo.dive import DemoDive, DemoRecording, arrange, at_depth, figures, spans, window
 from lab.demo.plot import ROWS, draw
 from lab.demo.screen import DemoView, Now
 from sim_bridge import zenoh_truth
@@ -115,6 +115,7 @@ def test_the_estimate_is_compared_when_it_acts_and_in_the_same_sign(dive: DemoDi
     assert dive.disturbance_n.min() == -LOAD_N  # the load pulls down, d is positive upwards
     result = figures(dive, (10.0, 20.0))
     # One sample in between at each of the two edges; 0.1 s late, it would be ten times as much.
+    assert result.d_hat_error_rms_n is not None
     assert result.d_hat_error_rms_n < 0.05 * LOAD_N
 
 
@@ -145,6 +146,20 @@ def test_the_window_suits_both_dives(dive: DemoDive) -> None:
         window([dive], 6.0)
 
 
+def test_alt_hold_is_measured_where_it_can_be() -> None:
+    """At 5 m from boot on: no way down, and nothing of a learner; times count from the arming."""
+    truth = [replace(_truth(tick * STEP_S), load_on=False) for tick in range(round(END_S / STEP_S) + 1)]
+    for sample in truth:
+        sample.eta[2] += 5.0 - _reference_m(sample.t_s)
+    commands = [3.0 * (-1) ** tick for tick in range(len(truth))]
+    result = figures(at_depth(truth, commands, 5.0, math.pi - math.radians(1.0)), (10.0, 20.0))
+    assert result.depth_rms_mm == pytest.approx(1e3 * ERROR_M / math.sqrt(2), rel=0.01)
+    assert result.heading_rms_deg == pytest.approx(2.0)
+    assert result.chatter_n == pytest.approx(6.0)
+    assert (result.way_down_rms_mm, result.d_hat_error_rms_n, result.saturated_percent) == (None, None, None)
+    assert at_depth(truth, commands, 5.0, 0.0).t_s[-1] == pytest.approx(END_S - ARMED_S)
+
+
 def test_what_is_missing_is_named(recording: DemoRecording) -> None:
     with pytest.raises(ValueError, match="'truth'"):
         arrange(DemoRecording())
@@ -169,25 +184,33 @@ def test_spans() -> None:
 def test_the_picture_shows_everything_with_units(dive: DemoDive) -> None:
     span = window([dive], 5.0)
     result = figures(dive, span)
-    better = replace(result, depth_rms_mm=1.25)
-    figure = draw({"off": dive, "on": dive}, {"off": result, "on": better}, span, "a calm pool")
-    *panels, numbers = [panel for panel in figure.axes if panel.axison] + [figure.axes[-1]]
-    assert [panel.get_ylabel().replace("\n", " ") for panel in panels] == [
-        "depth (m)",
-        "command (N, + down)",
+    results = {
+        "alt_hold": replace(result, depth_rms_mm=49.7, way_down_rms_mm=None),
+        "off": result,
+        "on": replace(result, depth_rms_mm=1.25),
+    }
+    figure = draw(dict.fromkeys(results, dive), results, span, "in a pool", "made by hand")
+    error, numbers, *others = figure.axes
+    assert [panel.get_ylabel() for panel in (error, *others)] == [
         "true depth minus reference (mm)",
-        "disturbance (N, + up)",
-        "true heading minus reference (°)",
+        "depth (m)",
+        "true minus reference (°)",
+        "command (N, + down)",
+        "force (N, + up)",
     ]
-    for panel in panels:
-        assert {"load on", "load off"} <= {text.get_text() for text in panel.texts}
-    assert figure.get_suptitle().endswith("; holding 1.2 and 7.1")
-    assert "a calm pool" in figure.get_supxlabel()
-    # Off and on differ in colour and in dashes.
-    off, on = panels[2].get_lines()[:2]
-    assert off.get_color() != on.get_color()
-    assert off.is_dashed()
-    assert len(numbers.tables[0].get_celld()) == 3 * len(ROWS) + 2
+    assert [text.get_text() for text in error.texts] == ["load on", "load off"]
+    assert figure.get_suptitle() == (
+        "Holdfast keeps the depth to 1.2 mm RMS, ArduSub's ALT_HOLD to 50 mm\nin a pool"
+    )
+    assert figure.get_supxlabel() == "made by hand"
+    # The dives differ in colour and in dashes; ALT_HOLD is drawn inside the window alone.
+    alt_hold, off, on = error.get_lines()[:3]
+    assert len({line.get_color() for line in (alt_hold, off, on)}) == 3
+    assert [line.is_dashed() for line in (alt_hold, off)] == [True, True]
+    assert np.min(alt_hold.get_xdata()) == pytest.approx(span[0])
+    assert np.min(on.get_xdata()) < span[0] - 5.0
+    assert len(numbers.tables[0].get_celld()) == 4 * len(ROWS) + 3
+    assert numbers.tables[0][len(ROWS), 0].get_text().get_text() == "–"
     image = io.BytesIO()
     figure.savefig(image)
     assert image.getvalue().startswith(b"\x89PNG")
@@ -195,13 +218,15 @@ def test_the_picture_shows_everything_with_units(dive: DemoDive) -> None:
 
 def test_saturation_is_shaded_only_where_it_was(dive: DemoDive) -> None:
     span = window([dive], 5.0)
-    results = dict.fromkeys(("off", "on"), figures(dive, span))
+    results = dict.fromkeys(("alt_hold", "off", "on"), figures(dive, span))
     dry = dataclasses.replace(dive, saturated=np.zeros_like(dive.saturated))
-    texts = [
-        draw({"off": off, "on": dry}, results, span, "").axes[1].get_legend().get_texts()[0].get_text()  # type: ignore[union-attr]
+    legends = [
+        draw({"alt_hold": dry, "off": off, "on": dry}, results, span, "", "").axes[4].get_legend()
         for off in (dive, dry)
     ]
-    assert texts == ["saturated (off 5.0 %, on 0.0 %)", "never saturated"]
+    assert legends[0] is not None
+    assert legends[0].get_texts()[0].get_text() == "saturated (off 5.0 %, on 0.0 %)"
+    assert legends[1] is None
 
 
 NOW = Now(
@@ -217,7 +242,8 @@ NOW = Now(
 
 
 def _view(now: Now | None) -> DemoView:
-    errors = {"off": [(t, 40.0) for t in np.arange(0.0, 20.0, 0.05)], "on": [(0.5, 5.0), (99.0, 1.0)]}
+    full = [(t, 40.0) for t in np.arange(0.0, 20.0, 0.05)]
+    errors = {"alt_hold": full, "off": full, "on": [(0.5, 5.0), (99.0, 1.0)]}
     marks = {"armed": 0.0, "load on": 12.0, "off": 19.9}
     return DemoView("on", "diving to 5 m", 0.5, 20.0, now, errors, marks, "tcp/127.0.0.1:40000")
 
@@ -232,25 +258,28 @@ def test_a_frame_fits_the_terminal(width: int, now: Now | None) -> None:
     assert len(lines) <= 22  # of the 24 that any terminal has
     assert {len(text.rstrip()) for text in lines} == {min(width, demo_screen.WIDTH)}
     assert "…" not in capture.get()
-    assert "dive 2 of 2" in lines[0]
+    assert "dive 3 of 3" in lines[0]
     assert ("SATURATED" in capture.get()) == (now is not None)
 
 
 def test_a_line_says_the_same() -> None:
-    assert demo_screen.line(_view(None)) == "on    0.5 s  diving to 5 m"
+    assert demo_screen.line(_view(None)) == "Holdfast    0.5 s  diving to 5 m"
     said = demo_screen.line(_view(NOW))
     assert "error  -10.0 mm, heading error -0.50°, thrust  -50 N, pushed +400 N, learnt  -20 N" in said
 
 
 def test_the_table_sets_them_side_by_side(dive: DemoDive) -> None:
     off = figures(dive, (10.0, 20.0))
-    on = replace(off, depth_rms_mm=0.5 * off.depth_rms_mm, chatter_n=0.0)
+    on = replace(off, depth_rms_mm=0.5 * off.depth_rms_mm)
+    alt_hold = replace(off, depth_rms_mm=50.5, way_down_peak_mm=None)
     console = Console(width=80, file=io.StringIO())
     with console.capture() as capture:
-        console.print(demo_screen.table(off, on, (10.0, 20.0), 5.0))
+        console.print(demo_screen.table({"alt_hold": alt_hold, "off": off, "on": on}, (10.0, 20.0), 5.0))
     rows = [text.split() for text in capture.get().splitlines() if text.strip()]
     assert rows[0] == ["Holding", "5", "m,", "10.0", "to", "20.0", "s", "after", "arming"]
-    assert rows[3][-3:] == ["7.1", "3.5", "2.00"]
+    assert rows[1] == ["ALT_HOLD", "plain", "law", "Holdfast"]
+    assert rows[3][-3:] == ["50.5", "7.1", "3.5"]
+    assert rows[-2][-3:] == ["–", "10.0", "10.0"]
     assert all(len(text) <= 80 for text in capture.get().splitlines())
 
 
