@@ -437,7 +437,10 @@ def _draw(
     from lab.demo.plot import draw
 
     sea = f"{story.current_m_s:g} m/s current, {story.wave_height_m:g} m waves of {story.wave_period_s:g} s"
-    how = "our simulator's copy of it" if firmware is None else "the real firmware"
+    how, zero, measure = "our simulator's copy of it", "", "depth_rms_mm"
+    if firmware:
+        how, measure = "the real firmware", "depth_sd_mm"
+        zero = "\nThe firmware moves its zero of depth by centimetres on arming."
     figure = draw(
         dives,
         results,
@@ -447,6 +450,7 @@ def _draw(
         f"{sea}, {story.load_n:g} N. Holdfast dives from the surface, in real time,\n"
         "and learns on the way down also damping that its model lacks. "
         f"ALT_HOLD ({how}, default gains) begins at {story.depth_m:g} m, in virtual time; "
-        "it is drawn where the table measures.",
+        f"it is drawn where the table measures.{zero}",
+        measure,
     )
     figure.savefig(path)

@@ -103,6 +103,8 @@ class DemoFigures(msgspec.Struct, frozen=True, kw_only=True):
     """What the table and demo.json say of one dive; over the window unless its name says otherwise."""
 
     depth_rms_mm: float
+    depth_sd_mm: float
+    """Depth error about its mean."""
     depth_peak_mm: float
     heading_rms_deg: float
     thrust_rms_n: float
@@ -226,6 +228,7 @@ def figures(dive: DemoDive, span: tuple[float, float]) -> DemoFigures:
     expected = round((command_s[-1] - command_s[0]) / dive.tick_s) + 1
     return DemoFigures(
         depth_rms_mm=_rms(error_mm[held]),
+        depth_sd_mm=float(error_mm[held].std()),
         depth_peak_mm=_peak(error_mm[held]),
         heading_rms_deg=math.degrees(_rms(dive.heading_error_rad[held])),
         thrust_rms_n=_rms(dive.thrust_n[held]),

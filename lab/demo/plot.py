@@ -24,9 +24,11 @@ LABELS = {
     "on": "Holdfast",
 }
 SIZE_IN, DPI = (12.8, 7.2), 150
+MEASURES = {"depth_rms_mm": "RMS", "depth_sd_mm": "RMS about the mean"}
 
 ROWS = (
     ("depth error, RMS", "depth_rms_mm", "{:.1f} mm"),
+    ("about its mean", "depth_sd_mm", "{:.1f} mm"),
     ("depth error, peak", "depth_peak_mm", "{:.1f} mm"),
     ("heading error, RMS", "heading_rms_deg", "{:.2f}°"),
     ("heave thrust, RMS", "thrust_rms_n", "{:.1f} N"),
@@ -41,11 +43,12 @@ def draw(
     span: tuple[float, float],
     task: str,
     caption: str,
+    measure: str = "depth_rms_mm",
 ) -> Figure:
     """Draw the dives `alt_hold`, `off` and `on` over the time since arming.
 
     `span` is the window of `results`, in s since arming; ALT_HOLD is drawn inside it. `task` tells what the
-    vehicle had to do, `caption` how the picture was made.
+    vehicle had to do, `caption` how the picture was made. `measure`, one of MEASURES, stands in the title.
     """
     figure = Figure(figsize=SIZE_IN, dpi=DPI, layout="constrained")
     figure.get_layout_engine().set(w_pad=0.1, h_pad=0.08)  # type: ignore[union-attr, call-arg]
@@ -53,7 +56,8 @@ def draw(
     error, numbers = figure.add_subplot(grid[0, :8]), figure.add_subplot(grid[0, 8:])
     depth, heading, thrust, disturbance = (figure.add_subplot(grid[1, i : i + 3]) for i in (0, 3, 6, 9))
     held = {name: _within(dive, span) if name == "alt_hold" else dive for name, dive in dives.items()}
-    _error(error, held, results)
+    told_mm = {name: getattr(result, measure) for name, result in results.items()}
+    _error(error, held, told_mm)
     _numbers(numbers, results, span)
     _depth(depth, held)
     _heading(heading, held)
@@ -64,8 +68,8 @@ def draw(
         panel.set_xlabel("time since arming (s)", fontsize=SMALL)
     _name_load(error, dives["on"])
     figure.suptitle(
-        f"Holdfast keeps the depth to {results['on'].depth_rms_mm:.1f} mm RMS, "
-        f"ArduSub's ALT_HOLD to {results['alt_hold'].depth_rms_mm:.0f} mm\n{task}",
+        f"Holdfast keeps the depth to {told_mm['on']:.1f} mm {MEASURES[measure]}, "
+        f"ArduSub's ALT_HOLD to {told_mm['alt_hold']:.0f} mm\n{task}",
         fontsize=15,
         fontweight="bold",
     )
@@ -85,13 +89,13 @@ def _depth(panel: Axes, dives: Mapping[str, DemoDive]) -> None:
     panel.legend(handles=[line], frameon=False, loc="upper right", fontsize=SMALL)
 
 
-def _error(panel: Axes, dives: Mapping[str, DemoDive], results: Mapping[str, DemoFigures]) -> None:
+def _error(panel: Axes, dives: Mapping[str, DemoDive], told_mm: Mapping[str, float]) -> None:
     for name, dive in dives.items():
-        label = f"{LABELS[name]}: {results[name].depth_rms_mm:.1f} mm RMS"
+        label = f"{LABELS[name]}: {told_mm[name]:.1f} mm"
         _line(panel, name, dive.t_s, 1e3 * dive.depth_error_m, label=label)
     style.zero(panel)
     style.name(panel, "Depth error", "true depth minus reference (mm)")
-    panel.legend(frameon=False, loc="lower left", fontsize=11)
+    panel.legend(frameon=False, loc="upper left", fontsize=11)
 
 
 def _heading(panel: Axes, dives: Mapping[str, DemoDive]) -> None:

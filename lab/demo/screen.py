@@ -134,6 +134,7 @@ def table(results: Mapping[str, DemoFigures], span: tuple[float, float], depth_m
         grid.add_column(NAMES[name], no_wrap=True, justify="right", style=_STYLES[name])
     for name, unit, field, digits in (
         ("depth error, RMS", "mm", "depth_rms_mm", 1),
+        ("depth error about its mean, RMS", "mm", "depth_sd_mm", 1),
         ("depth error, peak", "mm", "depth_peak_mm", 1),
         ("heading error, RMS", "°", "heading_rms_deg", 3),
         ("heave thrust, RMS", "N", "thrust_rms_n", 1),

@@ -100,6 +100,7 @@ def test_figures_are_those_of_the_dive(dive: DemoDive) -> None:
     assert span == pytest.approx((10.0, 20.0), abs=2 * STEP_S)
     result = figures(dive, span)
     assert result.depth_rms_mm == pytest.approx(1e3 * ERROR_M / math.sqrt(2), rel=0.01)
+    assert result.depth_sd_mm == pytest.approx(result.depth_rms_mm, rel=0.01)
     assert result.depth_peak_mm == pytest.approx(1e3 * ERROR_M, rel=0.01)
     assert result.way_down_rms_mm == pytest.approx(1e3 * ERROR_M / math.sqrt(2), rel=0.02)
     assert result.heading_rms_deg == pytest.approx(2.0)
@@ -125,6 +126,12 @@ def test_a_lost_tick_is_counted_and_makes_no_chatter(recording: DemoRecording) -
     result = figures(arrange(recording), (10.0, 20.0))
     assert result.ticks_lost == 10
     assert result.chatter_n == pytest.approx(STEP_S)
+
+
+def test_a_shifted_zero_is_in_the_rms_and_not_about_the_mean(dive: DemoDive) -> None:
+    shifted = figures(dataclasses.replace(dive, depth_error_m=dive.depth_error_m + 0.03), (10.0, 20.0))
+    assert shifted.depth_rms_mm > 30.0
+    assert shifted.depth_sd_mm == pytest.approx(1e3 * ERROR_M / math.sqrt(2), rel=0.01)
 
 
 def test_stamps_of_another_clock_are_left_out(recording: DemoRecording, make_sample: Sampler) -> None:
@@ -203,6 +210,8 @@ def test_the_picture_shows_everything_with_units(dive: DemoDive) -> None:
         "Holdfast keeps the depth to 1.2 mm RMS, ArduSub's ALT_HOLD to 50 mm\nin a pool"
     )
     assert figure.get_supxlabel() == "made by hand"
+    told = draw(dict.fromkeys(results, dive), results, span, "", "", "depth_sd_mm").get_suptitle()
+    assert told.startswith("Holdfast keeps the depth to 7.1 mm RMS about the mean, ")
     # The dives differ in colour and in dashes; ALT_HOLD is drawn inside the window alone.
     alt_hold, off, on = error.get_lines()[:3]
     assert len({line.get_color() for line in (alt_hold, off, on)}) == 3
