@@ -132,8 +132,8 @@ def keys(argv: list[str]) -> int:
     """Create certificates for a laptop that connects over the network."""
     parser = argparse.ArgumentParser(
         prog="holdfast keys",
-        description="Creates a temporary certificate authority and two Zenoh configurations. With "
-        "DIR/vehicle.json5 the vehicle listens on loopback, and by TLS for this laptop only; "
+        description="Creates a temporary certificate authority and two Zenoh configurations. With\n"
+        "DIR/vehicle.json5 the vehicle listens on loopback, and by TLS for this laptop only;\n"
         "DIR/laptop.json5 is for the laptop. Each file contains a private key: protect it like a password.",
         epilog=KEYS_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -236,6 +236,10 @@ def schema(argv: list[str]) -> int:
     parser = argparse.ArgumentParser(
         prog="holdfast schema",
         description="Prints the generated part of docs/telemetry.md: all keys, schemas and commands.",
+        epilog="examples:\n"
+        "  holdfast schema            print all keys, fields, units and commands\n"
+        "  holdfast schema --write    update the documents after a change of the schemas\n",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument(
         "--write", action="store_true", help="update docs/telemetry.md and docs/schemas/ in a checkout"

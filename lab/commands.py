@@ -1,11 +1,38 @@
 """The subcommands that need companion and simulator. Heavy imports wait until a command is called."""
 
-import argparse
 import sys
 from importlib.util import find_spec
 from pathlib import Path
 
-from lab.options import add_firmware, find_firmware, positive
+from lab.options import add_firmware, command_parser, find_firmware, positive
+
+BENCH_EXAMPLES = """\
+examples:
+  holdfast bench dives --seeds 4                             a quick look: all rows, 4 vehicles
+  holdfast bench dives --rows default ppi --scenarios waves  compare two rows in one scenario
+  holdfast bench process                                     only the process: memory, tick, jitter
+  holdfast bench dives --set heave.kappa_per_s=8             the shipped default with another gain
+  holdfast bench firmware                                    our simulator beside the real ArduSub
+"""
+PAPER_EXAMPLES = """\
+examples:
+  holdfast paper                          print the tables; write figures and plots to out/paper
+  holdfast paper --json out/paper.json    also write the numbers
+"""
+TUNE_EXAMPLES = """\
+examples:
+  holdfast tune                                       tune the shipped configuration; half an hour
+  holdfast tune --vehicle config/sim-bluerov2.toml    for another simulated vehicle
+  holdfast tune --evaluations 40 --seeds 4            a quick search
+  holdfast tune ppi l1                                two rows of the bench
+"""
+CAMPAIGN_EXAMPLES = """\
+examples:
+  holdfast campaign --dives 200                             a quick look, to out/campaign
+  holdfast campaign                                         all 6000 dives; the same command continues
+  holdfast campaign --replay 1234                           one dive again, in the batch and in the full loop
+  holdfast campaign --scheduler tcp://192.168.2.10:8786     on a Dask cluster
+"""
 
 
 def demo(argv: list[str]) -> int:
@@ -19,9 +46,9 @@ def demo(argv: list[str]) -> int:
 
 def bench(argv: list[str]) -> int:
     """Measure control errors over many vehicles and seas, and the cost of a tick."""
-    parser = argparse.ArgumentParser(
-        prog="holdfast bench",
-        description="Simulates four scenarios, without and with 80 ms more delay, with random vehicles, in "
+    parser = command_parser(
+        "bench",
+        "Simulates four scenarios, without and with 80 ms more delay, with random vehicles, in "
         "virtual time and with real MAVLink bytes: the shipped default, other laws and compensators, "
         "ArduSub's depth hold, and the computed LQG floor. One dive takes 3 s on one core; all rows with 60 "
         "vehicles take 5 core-hours, with --seeds 10 one hour. Then it measures the process against its "
@@ -30,6 +57,7 @@ def bench(argv: list[str]) -> int:
         "and compares the network with the observer; `grid` dives vehicles of a third to three times the "
         "nominal gain, with other lags and delays, and lists limit cycles; `firmware` compares our simulator "
         "with the real ArduSub, for the default and for ALT_HOLD.",
+        BENCH_EXAMPLES,
     )
     parser.add_argument(
         "what",
@@ -85,11 +113,12 @@ def bench(argv: list[str]) -> int:
 
 def paper(argv: list[str]) -> int:
     """Repeat the paper's simulations and check its claims."""
-    parser = argparse.ArgumentParser(
-        prog="holdfast paper",
-        description="Repeats the paper's three simulations, and compares law, integrator and network for "
+    parser = command_parser(
+        "paper",
+        "Repeats the paper's three simulations, and compares law, integrator and network for "
         "five disturbances, four wrong models and ten sets of initial weights. Exit status 1 if a result "
         "differs from the expected one.",
+        PAPER_EXAMPLES,
     )
     parser.add_argument(
         "--out", type=Path, default=Path("out/paper"), metavar="DIR", help="default %(default)s"
@@ -106,12 +135,13 @@ def tune(argv: list[str]) -> int:
     from companion.config import DEFAULT_FILE
     from sim_bridge.commands import DEFAULT_CONFIG
 
-    parser = argparse.ArgumentParser(
-        prog="holdfast tune",
-        description="Searches gains of heave by CMA-ES over simulated dives: half of them with 40 ms more "
+    parser = command_parser(
+        "tune",
+        "Searches gains of heave by CMA-ES over simulated dives: half of them with 40 ms more "
         "delay each way, half with 15 % more thrust and 40 ms of hidden delay. Without ROW it tunes your "
         "configuration for your vehicle and writes a configuration file. With ROW it tunes rows of `holdfast "
         "bench`, for lab/bench/tuned.toml.",
+        TUNE_EXAMPLES,
     )
     parser.add_argument("rows", nargs="*", metavar="ROW", help="a row of the bench, or all")
     parser.add_argument(
@@ -150,12 +180,13 @@ def tune(argv: list[str]) -> int:
 
 def campaign(argv: list[str]) -> int:
     """Simulate thousands of dives with new vehicles, links and seas."""
-    parser = argparse.ArgumentParser(
-        prog="holdfast campaign",
-        description="Simulates every published vehicle with varied damping, mass and thrust, with delays, "
+    parser = command_parser(
+        "campaign",
+        "Simulates every published vehicle with varied damping, mass and thrust, with delays, "
         "dead thrusters and disturbances. The number of a dive is its seed. Each dive appends a row to "
         "DIR/dives.csv; if a run was interrupted, the same command continues it. Exit status 1 if Holdfast "
         "lost a vehicle inside the declared envelope.",
+        CAMPAIGN_EXAMPLES,
     )
     parser.add_argument("--dives", type=int, default=6000, metavar="N", help="default %(default)s")
     parser.add_argument(

@@ -41,13 +41,13 @@ EXAMPLES = """\
 examples:
   holdfast record                               everything that the first vehicle publishes, to ./dives
   holdfast record --vehicle kelp --out /data    a new file every hour or 1000 MB; 500 MB stay free
-  holdfast run --set telemetry.raw=true &       with every datagram, for `holdfast rerun`, and a .tlog
-  holdfast record --tlog                        for any ground station
+  holdfast run --set telemetry.raw=true &       publish every datagram; then record them, for `holdfast
+  holdfast record --tlog                        rerun` and, as .tlog, for any ground station
 
-The files are MCAP: Foxglove and Lichtblick open and plot them as they are. Then:
+Foxglove and Lichtblick open and plot the files. Other commands read them:
   holdfast report FILE    write a report                  holdfast replay FILE   show it on a dashboard
   holdfast rerun FILE     compare the present code        holdfast recover FILE  repair a truncated file
-Ctrl-C finishes the file. After a power cut at most the last second is missing.
+Ctrl-C closes the file. After a power cut at most the last second is missing.
 """
 
 
@@ -299,41 +299,51 @@ def main(argv: list[str]) -> int:
     """Run the command until SIGINT or SIGTERM."""
     parser = argparse.ArgumentParser(
         prog="holdfast record",
-        description="Records all that a vehicle publishes over Zenoh, and the simulator's truth where there "
-        "is one, as MCAP. A process of its own: whatever happens to the disk, the dive goes on.",
+        description="Records everything that a vehicle publishes over Zenoh as MCAP, with the true state of\n"
+        "a simulator. It is a separate process: trouble with the disk cannot disturb the dive.",
         epilog=EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument(
-        "--vehicle", default="", metavar="NAME", help="which one; without it, the first heard"
+        "--vehicle", default="", metavar="NAME", help="name of the vehicle; default: the first that is heard"
     )
     parser.add_argument(
         "--connect",
         metavar="ENDPOINT",
         default=telemetry.ENDPOINT,
-        help="where Zenoh listens: the companion or a router (default %(default)s)",
+        help="Zenoh endpoint of a companion or router (default %(default)s)",
     )
     parser.add_argument(
         "--out", type=Path, default=Path("dives"), metavar="DIR", help="default: ./%(default)s"
     )
-    parser.add_argument("--tlog", action="store_true", help="raw MAVLink as .tlog too: see the examples")
     parser.add_argument(
-        "--max-mb", type=_positive, default=1000.0, metavar="MB", help="a new file after; default %(default)g"
+        "--tlog", action="store_true", help="also write raw MAVLink as .tlog: see the examples"
     )
     parser.add_argument(
-        "--max-minutes", type=_positive, default=60.0, metavar="MIN", help="and after; default %(default)g"
+        "--max-mb",
+        type=_positive,
+        default=1000.0,
+        metavar="MB",
+        help="start a new file after MB; default %(default)g",
+    )
+    parser.add_argument(
+        "--max-minutes",
+        type=_positive,
+        default=60.0,
+        metavar="MIN",
+        help="and after MIN; default %(default)g",
     )
     parser.add_argument(
         "--reserve-mb",
         type=_positive,
         default=500.0,
         metavar="MB",
-        help="stop when the disk has less; default %(default)g",
+        help="stop when less is free; default %(default)g",
     )
     parser.add_argument(
-        "--allow-control", action="store_true", help="obey holdfast/{vehicle}/command/record, see docs"
+        "--allow-control", action="store_true", help="accept the command record of `holdfast tell`"
     )
-    parser.add_argument("--wait", action="store_true", help="record nothing until that command comes")
+    parser.add_argument("--wait", action="store_true", help="wait for that command")
     options = parser.parse_args(argv)
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(message)s", stream=sys.stderr)
     limits = FileLimits(

@@ -9,10 +9,10 @@ from dashboard.recording.mcap_file import Reader, Recording
 EXAMPLES = """\
 examples:
   holdfast recover dives/kelp-20261121T101500Z.mcap     writes ...Z.recovered.mcap beside it
-  holdfast recover --in-place dives/*.mcap              puts the repaired file in the place of a cut one
+  holdfast recover --in-place dives/*.mcap              replaces each truncated file by the repaired one
 
-A dead battery, kill -9 or a full disk cuts a recording. `holdfast report`, `replay` and `rerun` read cut
-files as they are; Foxglove and Lichtblick want the index that this command writes.
+A power cut, kill -9 or a full disk truncates a recording. `holdfast report`, `replay` and `rerun` read
+truncated files too; Foxglove and Lichtblick need the index that this command writes.
 """
 
 
@@ -45,13 +45,13 @@ def main(argv: list[str]) -> int:
     """Run the command; returns 1 if a file could not be repaired."""
     parser = argparse.ArgumentParser(
         prog="holdfast recover",
-        description="Repairs recordings that were cut: writes all whole chunks, and what can be had of the "
-        "last one, into a new file with summary and index. The original stays as it is.",
+        description="Repairs truncated recordings: copies all readable samples to a new file with summary\n"
+        "and index. The original file stays unchanged.",
         epilog=EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("files", nargs="+", type=Path, metavar="FILE")
-    parser.add_argument("--in-place", action="store_true", help="replace the cut file by the repaired one")
+    parser.add_argument("files", nargs="+", type=Path, metavar="FILE", help="recordings, MCAP")
+    parser.add_argument("--in-place", action="store_true", help="replace the truncated file")
     options = parser.parse_args(argv)
     status = 0
     for source in options.files:

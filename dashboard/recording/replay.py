@@ -19,12 +19,12 @@ from dashboard.recording.record import leave
 
 EXAMPLES = """\
 examples:
-  holdfast replay dives/kelp-20261121T101500Z.mcap        then: holdfast dashboard, and choose kelp-replay
-  holdfast replay FILE --speed 4 --from 600 --loop
-  holdfast replay FILE --speed max                        as fast as whoever listens takes it
+  holdfast replay dives/kelp-20261121T101500Z.mcap        then open holdfast dashboard and choose kelp-replay
+  holdfast replay FILE --speed 4 --from 600 --loop        four times as fast, from 10 min on, again and again
+  holdfast replay FILE --speed max                        as fast as the subscribers can take it
 
-A dive is played under another name, so that nobody takes it for the live one: kelp becomes kelp-replay. Where
-that vehicle is alive, under its own name with --suffix '' or because another replay runs, it is refused.
+The replay has another name, so that nobody takes it for a live vehicle: kelp becomes kelp-replay. The command
+refuses to publish under a name that is in use, by a live vehicle or by another replay.
 """
 
 _LIVE_S = 0.5
@@ -34,27 +34,30 @@ def main(argv: list[str]) -> int:
     """Run the command; returns 1 when it was refused or nothing could be played, 0 at the end or Ctrl-C."""
     parser = argparse.ArgumentParser(
         prog="holdfast replay",
-        description="Plays a recording over Zenoh: the same keys but for the vehicle's name, the same bytes, "
-        "the same encodings. Joins who listens on the endpoint, or listens there itself.",
+        description="Publishes a recording over Zenoh: the same bytes under the same keys, except for the\n"
+        "name of the vehicle. It connects to the endpoint; if nothing listens there, it listens itself.",
         epilog=EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("file", type=Path, metavar="FILE")
+    parser.add_argument("file", type=Path, metavar="FILE", help="a recording, MCAP")
     parser.add_argument(
-        "--speed", type=_speed, default=1.0, metavar="X", help="times real time, or max; default 1"
+        "--speed", type=_speed, default=1.0, metavar="X", help="relative to real time, or max; default 1"
     )
     parser.add_argument(
-        "--from", dest="from_s", type=float, default=0.0, metavar="S", help="begin S seconds into the file"
+        "--from", dest="from_s", type=float, default=0.0, metavar="S", help="start S seconds into the file"
     )
-    parser.add_argument("--loop", action="store_true", help="begin anew at the end")
+    parser.add_argument("--loop", action="store_true", help="start again at the end")
     parser.add_argument(
-        "--suffix", default="-replay", metavar="TEXT", help="after the vehicle's name; default %(default)s"
+        "--suffix",
+        default="-replay",
+        metavar="TEXT",
+        help="text appended to the name of the vehicle; default %(default)s",
     )
     parser.add_argument(
         "--connect",
         metavar="ENDPOINT",
         default=telemetry.ENDPOINT,
-        help="where Zenoh listens, or shall (default %(default)s)",
+        help="Zenoh endpoint (default %(default)s)",
     )
     options = parser.parse_args(argv)
     ended = threading.Event()

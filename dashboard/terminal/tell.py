@@ -15,20 +15,19 @@ from dashboard.zenoh_client import Subscription
 
 PATIENCE_S = 5.0
 
-HEAD = "commands (KEY=VALUE; the vehicle answers what is allowed, and with what is in force afterwards):"
+HEAD = "commands and their fields (the vehicle answers with the values that are now in force):"
 EXAMPLES = """\
-  config                  only read what is in force; needs no permission
-A change of more than twofold at once needs confirm=true.
+  config                  Print the present settings; needs no permission.
 
 examples:
-  holdfast tell bluerov2 engage
-  holdfast tell bluerov2 setpoint depth_m=5 heading_deg=90
-  holdfast tell bluerov2 gains axis=heave kappa_per_s=8
-  holdfast tell bluerov2 config
+  holdfast tell bluerov2 engage                                take control, and hold
+  holdfast tell bluerov2 setpoint depth_m=5 heading_deg=90     move to a depth and a heading
+  holdfast tell bluerov2 gains axis=heave kappa_per_s=8        change one gain
+  holdfast tell bluerov2 config                                print the present settings
 
-As shipped, a companion takes commands from its own machine only. Commands through a router or a network
-need `holdfast run --allow-control`. Every command goes through its supervisor.
-Status: 0 done, 1 refused or no answer.
+By default a companion accepts commands only from its own machine; commands over a network need `holdfast run
+--allow-control`. The supervisor decides on every command.
+Exit status: 0 done, 1 refused or no answer.
 """
 
 
@@ -44,8 +43,8 @@ def main(argv: list[str]) -> int:
                 time.sleep(0.02)
             if not seen.connected:
                 sys.stderr.write(
-                    f"holdfast tell: nobody listens on {options.connect}. Is `holdfast run` up, or is it "
-                    "elsewhere? See --connect.\n"
+                    f"holdfast tell: nobody listens on {options.connect}. Start `holdfast run`, or "
+                    "give its address with --connect.\n"
                 )
                 return 1
             if options.command == "config":
@@ -65,18 +64,20 @@ def main(argv: list[str]) -> int:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="holdfast tell",
-        description="Gives a vehicle a command over Zenoh and prints what came of it.",
+        description="Sends a command to a vehicle over Zenoh, and prints the answer.",
         epilog=_epilog(),
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("vehicle", metavar="VEHICLE", help="its vehicle.name; `holdfast watch` shows them")
-    parser.add_argument("command", metavar="COMMAND", help="one of those below")
-    parser.add_argument("what", nargs="*", metavar="KEY=VALUE")
+    parser.add_argument(
+        "vehicle", metavar="VEHICLE", help="name of the vehicle; `holdfast watch` shows the names"
+    )
+    parser.add_argument("command", metavar="COMMAND", help="see the list below")
+    parser.add_argument("what", nargs="*", metavar="KEY=VALUE", help="fields of the command")
     parser.add_argument(
         "--connect",
         metavar="ENDPOINT",
         default=telemetry.ENDPOINT,
-        help="where Zenoh listens, or a file of `holdfast keys` (default %(default)s)",
+        help="Zenoh endpoint of a companion or router, or a file of `holdfast keys` (default %(default)s)",
     )
     return parser
 

@@ -22,6 +22,14 @@ from companion.telemetry.modes import MEANINGS, MODE_NAMES
 from companion.telemetry.schemas import Command, Dof, Event, Loop, Schema, State, Supervisor, printable
 from dashboard.zenoh_client import Message, Subscription
 
+EXAMPLES = """\
+examples:
+  holdfast watch                                    the vehicles that publish on this machine
+  holdfast watch --connect tcp/192.168.2.2:7447     a vehicle, from a laptop on its tether
+  holdfast watch --vehicle kelp --once              one snapshot of one vehicle
+  holdfast watch --once --json state.json           for scripts
+"""
+
 STALE_S = 0.5
 PATIENCE_S = 5.0
 
@@ -266,16 +274,17 @@ def main(argv: list[str]) -> int:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="holdfast watch",
-        description="Show a vehicle's state in the terminal, live over Zenoh, or a line per vehicle where "
-        "there are several; Ctrl-C ends it. Where the output is no terminal, it is one snapshot, as with "
-        "--once.",
+        description="Shows the state of a vehicle in the terminal, live over Zenoh; with several vehicles\n"
+        "one line for each. Ctrl-C ends it. If the output is not a terminal, it prints one snapshot.",
+        epilog=EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("--vehicle", metavar="NAME", help="only this one, wholly")
+    parser.add_argument("--vehicle", metavar="NAME", help="show only this vehicle, with all panels")
     parser.add_argument(
         "--connect",
         metavar="ENDPOINT",
         default=telemetry.ENDPOINT,
-        help="a companion, a router, or a file of `holdfast keys` (default %(default)s)",
+        help="Zenoh endpoint of a companion or router, or a file of `holdfast keys` (default %(default)s)",
     )
     parser.add_argument(
         "--once",

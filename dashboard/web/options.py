@@ -43,8 +43,8 @@ def settings(argv: list[str]) -> DashboardOptions:
     """Read the command line; raise ValueError, in words, for what cannot be."""
     parser = argparse.ArgumentParser(
         prog="holdfast dashboard",
-        description="Serves a web page for pilots and control engineers: the live state of "
-        "diving, live over Zenoh, of every vehicle that is heard.",
+        description="Serves a web page for pilots and control engineers: every vehicle that publishes\n"
+        "over Zenoh, live.",
         epilog=EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )

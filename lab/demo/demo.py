@@ -32,7 +32,7 @@ from lab.demo.screen import DemoView, Now
 from lab.loop.firmware import FirmwareError, command_line
 from lab.loop.lockstep import Link
 from lab.loop.scenarios import Scenario, hold
-from lab.options import add_firmware, find_firmware
+from lab.options import add_firmware, command_parser, find_firmware
 from lab.ports import free_port
 from lab.rivals import alt_hold
 from sim_bridge.commands import DEFAULT_CONFIG
@@ -129,14 +129,23 @@ def perform(story: Story, png: Path, json: Path, firmware: Path | None = None) -
     return 0
 
 
+EXAMPLES = """\
+examples:
+  holdfast demo                           a minute; writes out/demo.png and out/demo.json
+  holdfast demo --seed 7 --out out/seven  other waves and noise
+  holdfast demo --firmware                ALT_HOLD of the real ArduSub
+"""
+
+
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="holdfast demo",
-        description="Shows what Holdfast gives: a simulated vehicle holds depth and heading in a current and "
+    parser = command_parser(
+        "demo",
+        "Shows what Holdfast gives: a simulated vehicle holds depth and heading in a current and "
         "waves, and a load is hung on and dropped. First at 5 m, in virtual time, by ArduSub's depth hold, "
         "ALT_HOLD with its default gains (our simulator's copy of it, or the real one with --firmware); then "
         "twice in real time by Holdfast, which arms and dives to 5 m: without and with the compensator that "
         "learns the disturbance. Takes a minute; Ctrl-C ends it at any moment.",
+        EXAMPLES,
     )
     parser.add_argument(
         "--out",

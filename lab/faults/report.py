@@ -1,6 +1,5 @@
 """`holdfast faults`: dive, count, say what was promised and not kept."""
 
-import argparse
 import json
 import os
 import sys
@@ -15,20 +14,33 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from lab.faults.faults import AFTER_S, FAULTS, VARIANTS, FaultRow, case, described, dive_group, groups
-from lab.options import add_firmware, find_firmware
+from lab.options import add_firmware, command_parser, find_firmware
+
+EXAMPLES = """\
+examples:
+  holdfast faults --dives 102             a quick look
+  holdfast faults --first 417 --dives 1   one dive again
+  holdfast faults --firmware --dives 50   against the real ArduSub
+
+Exit status: 0 every dive kept every promise, 1 one did not.
+"""
 
 
 def main(argv: list[str]) -> int:
     """Exit status 1 if a promise was broken."""
-    parser = argparse.ArgumentParser(
-        prog="holdfast faults",
-        description="Breaks something in every dive (bytes, telemetry, autopilot, process, vehicle), in "
-        "every state, in virtual time, and holds every tick to account. A dive's number is its seed.",
+    parser = command_parser(
+        "faults",
+        "Injects a fault into every simulated dive (in bytes, telemetry, autopilot, process or vehicle), in "
+        "every state, in virtual time, and checks the promises of the supervisor in every tick. The number "
+        "of a dive is its seed.",
+        EXAMPLES,
     )
     parser.add_argument("--dives", type=int, default=2000, metavar="N", help="default %(default)s")
-    parser.add_argument("--first", type=int, default=0, metavar="ID", help="number of the first dive")
-    parser.add_argument("--workers", type=int, metavar="N", help="processes; default: the cores")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write what became of each dive there")
+    parser.add_argument(
+        "--first", type=int, default=0, metavar="ID", help="number of the first dive; default 0"
+    )
+    parser.add_argument("--workers", type=int, metavar="N", help="number of processes; default: the cores")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the result of each dive to FILE")
     add_firmware(parser)
     arguments = parser.parse_args(argv)
     if not find_firmware("faults", arguments):

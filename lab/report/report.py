@@ -1,10 +1,10 @@
 """`holdfast report`: the page after the dive, from its recording."""
 
-import argparse
 import io
 import sys
 from pathlib import Path
 
+from lab.options import command_parser
 from lab.report.advice import advice
 from lab.report.figures import figures
 from lab.report.log import load
@@ -16,22 +16,22 @@ examples:
   holdfast report dives/kelp-20261121T101500Z.mcap     writes ...Z.html and ...Z.png beside it
   holdfast report dives/kelp-20261121*.mcap --out out  the files of one dive on one page
 
-A cut file needs no `holdfast recover` first. The HTML is one file with everything in it: mail it.
+The command reads truncated files too. The HTML file contains everything, the picture included.
 """
 
 
 def main(argv: list[str]) -> int:
     """Run the command; returns 1 where there is no dive to report."""
-    parser = argparse.ArgumentParser(
-        prog="holdfast report",
-        description="Makes the page after the dive from its recording: what was held and how well, states, "
-        "events and faults, thrust and chatter, delays and loop, the model that the dive shows, and what to "
-        "change.",
-        epilog=EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+    parser = command_parser(
+        "report",
+        "Writes a report of a recorded dive, as one HTML page and a picture: control errors, states, events "
+        "and faults, thrust and chatter, delays and loop, the model that fits the dive, and advice.",
+        EXAMPLES,
     )
-    parser.add_argument("files", nargs="+", type=Path, metavar="FILE")
-    parser.add_argument("--out", type=Path, metavar="DIR", help="default: beside the first file")
+    parser.add_argument("files", nargs="+", type=Path, metavar="FILE", help="recordings of one dive, MCAP")
+    parser.add_argument(
+        "--out", type=Path, metavar="DIR", help="folder of the report; default: beside the first file"
+    )
     options = parser.parse_args(argv)
     try:
         log = load(options.files)

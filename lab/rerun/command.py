@@ -1,6 +1,5 @@
 """`holdfast rerun`: a recorded dive once more through today's engine, or a ground station's .tlog."""
 
-import argparse
 import sys
 import tomllib
 from collections.abc import Sequence
@@ -10,35 +9,41 @@ import numpy as np
 
 from companion.config import ConfigError
 from companion.predive.table import show
+from lab.options import command_parser
 from lab.rerun import plot, tlog, tlog_plot
 from lab.rerun.rerun import RerunError, configured, load, report, rerun
 
 EXAMPLES = """\
 examples:
-  holdfast run --set telemetry.raw=true          and `holdfast record`: then the dive can be run again
+  holdfast run --set telemetry.raw=true          together with `holdfast record`: then the dive can be rerun
   holdfast rerun dives/kelp-*.mcap               the files of one dive, in any order
-  holdfast rerun FILE --set heave.kappa_per_s=8  what other gains would have commanded
-  holdfast rerun FILE.tlog                       what Holdfast would have thought of a dive without it
+  holdfast rerun FILE --set heave.kappa_per_s=8  the commands that other gains would have given
+  holdfast rerun FILE.tlog                       how Holdfast would have judged a dive without it
 
-Exit status: 0 every byte is the same, 1 something differs, 2 the dive cannot be run again.
+Exit status: 0 every byte is the same, 1 some bytes differ, 2 the dive cannot be rerun.
 """
 
 
 def main(argv: list[str]) -> int:
     """Run the command."""
-    parser = argparse.ArgumentParser(
-        prog="holdfast rerun",
-        description="Feeds the datagrams of a recorded dive through today's engine, with the configuration, "
-        "the operator's requests and the retunes of that dive, and compares what it sends, byte by byte. "
-        "Of a ground station's .tlog it tells the states, their reasons and the pre-dive list.",
-        epilog=EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+    parser = command_parser(
+        "rerun",
+        "Runs a recorded dive through the present code: the same datagrams, configuration, requests and "
+        "retunes. It compares the bytes that the engine sends with the recorded ones. From the .tlog of a "
+        "ground station it prints the states, their reasons and the pre-dive list.",
+        EXAMPLES,
     )
-    parser.add_argument("files", nargs="+", type=Path, metavar="FILE")
-    parser.add_argument("--config", type=Path, metavar="FILE", help="instead of the recorded configuration")
-    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="change a key of it")
+    parser.add_argument("files", nargs="+", type=Path, metavar="FILE", help="files of one dive, or one .tlog")
     parser.add_argument(
-        "--out", type=Path, default=Path("out/rerun.png"), metavar="FILE", help="default %(default)s"
+        "--config", type=Path, metavar="FILE", help="use FILE instead of the recorded configuration"
+    )
+    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="override a key")
+    parser.add_argument(
+        "--out",
+        type=Path,
+        default=Path("out/rerun.png"),
+        metavar="FILE",
+        help="the plot, drawn if something differs; default %(default)s",
     )
     options = parser.parse_args(argv)
     if any(file.suffix == ".tlog" for file in options.files):

@@ -43,6 +43,18 @@ def test_a_command_gets_the_other_arguments_and_gives_the_status() -> None:
     assert leaving.value.code == 2
 
 
+@pytest.mark.parametrize("command", [one.name for one in entry_points(group="holdfast.commands")])
+def test_every_commands_help_has_examples_and_fits_the_screen(command, capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "110")
+    with pytest.raises(SystemExit) as leaving:
+        holdfast.main([command, "--help"])
+    assert leaving.value.code == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert max(map(len, lines)) <= 110
+    first = lines.index("examples:") + 1
+    assert lines[first].startswith("  holdfast ")
+
+
 @pytest.mark.parametrize("arguments", [["--help"], ["--version"]])
 def test_the_front_door_is_light(arguments: list[str]) -> None:
     program = (
