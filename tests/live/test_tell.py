@@ -133,8 +133,16 @@ def _ready(seen: Subscription) -> str:
 
 
 def _states(seen: Subscription) -> set[str]:
-    records = (telemetry.decode(m.key, m.payload) for m in seen.take() if m.key.endswith("/supervisor"))
-    return {record.state for record in records if isinstance(record, telemetry.Supervisor)}
+    """Return the states since the last call; wait for one, for a query may end before the next sample."""
+    states: set[str] = set()
+
+    def heard() -> bool:
+        records = (telemetry.decode(m.key, m.payload) for m in seen.take() if m.key.endswith("/supervisor"))
+        states.update(record.state for record in records if isinstance(record, telemetry.Supervisor))
+        return bool(states)
+
+    until(heard)
+    return states
 
 
 def _texts(seen: Subscription) -> list[str]:
