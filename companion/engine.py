@@ -2,7 +2,8 @@
 
 import math
 from collections.abc import Sequence
-from copy import copy
+
+from msgspec.structs import replace
 
 from companion import assembly
 from companion.config import Config
@@ -139,11 +140,11 @@ class Engine:
             requested=Wrench(requested),
             delivered=Wrench(actuation.delivered),
             verdict=verdict,
-            counters=copy(autopilot.counters),
+            counters=replace(autopilot.counters),
             loop=loop,
             texts=(
                 *self._fitness.introduced(now_s),
-                *(report for report in reports if isinstance(report, StatusText)),
+                *[report for report in reports if isinstance(report, StatusText)],
             ),
         )
 

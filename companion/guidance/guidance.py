@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from msgspec.structs import replace
 
 from companion.config import Config
-from companion.control.bounds import wrap
+from companion.control.bounds import clamped, wrap
 from companion.control.frames import shifted, shifted_along
 from companion.guidance.pilot import NO_DEMAND, NONE, Pilot, PilotDemand
 from companion.records import (
@@ -145,8 +145,8 @@ class Guidance:
         while len(references) > 2 and references[1][0] <= state.t_s:
             references.popleft()
         (t_0, early), (t_1, late) = references[0], references[min(1, len(references) - 1)]
-        share = min(max((state.t_s - t_0) / (t_1 - t_0), 0.0), 1.0) if t_1 > t_0 else 0.0
-        x, y, z, psi = (a + (b - a) * share for a, b in zip(early, late, strict=True))
+        share = clamped((state.t_s - t_0) / (t_1 - t_0), 0.0, 1.0) if t_1 > t_0 else 0.0
+        x, y, z, psi = [a + (b - a) * share for a, b in zip(early, late, strict=True)]
         return (x, y, z, wrap(psi))
 
 

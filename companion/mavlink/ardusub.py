@@ -40,6 +40,9 @@ PRESSURES: Final = (
 )
 """By barometer: BARO_PRIMARY, where ArduSub notes which one is in the water, counts from 0."""
 
+DIRECTIONS: Final = tuple(f"MOT_{motor}_DIRECTION" for motor in range(1, 9))
+"""Parameters by motor: below zero it is reversed."""
+
 FRAMES: Final = {0.0: "bluerov1", 1.0: "vectored", 2.0: "vectored_6dof"}
 """Names of FRAME_CONFIG's values."""
 
@@ -98,13 +101,11 @@ def quantise(
 
 def unmirrored(event: ServoOutput, parameters: Mapping[str, float]) -> ServoOutput:
     """Return what the outputs would be if no motor were reversed by MOT_n_DIRECTION = -1."""
-    return msgspec.structs.replace(
-        event,
-        pwm_us=tuple(
-            2 * NEUTRAL_US - pwm if pwm and parameters.get(f"MOT_{i}_DIRECTION", 1.0) < 0.0 else pwm
-            for i, pwm in enumerate(event.pwm_us, start=1)
-        ),
-    )
+    turned = [
+        2 * NEUTRAL_US - pwm if pwm and parameters.get(direction, 1.0) < 0.0 else pwm
+        for direction, pwm in zip(DIRECTIONS, event.pwm_us, strict=False)
+    ]
+    return msgspec.structs.replace(event, pwm_us=tuple(turned))
 
 
 def motor_demand(pwm_us: Sequence[int]) -> tuple[float, ...]:

@@ -6,6 +6,7 @@ from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from companion.mavlink.ardusub import DIRECTIONS
 from companion.mavlink.encode import Commands
 from companion.mavlink.messages import Message
 from companion.mavlink.streams import Streams, streams
@@ -36,7 +37,7 @@ PARAMETERS: Final = (
     "JS_THR_GAIN",
     "FS_LEAK_ENABLE",
     "SURFACE_DEPTH",
-    *(f"MOT_{motor}_DIRECTION" for motor in range(1, 9)),
+    *DIRECTIONS,
     "BARO_PRIMARY",
     "BARO_SPEC_GRAV",
     "BARO1_GND_PRESS",

@@ -46,10 +46,10 @@ def guard(
     step = envelope.max_slew_per_s * dt_s
     most = (*(envelope.max_axis,) * 4, *(envelope.max_tilt_axis,) * 2)
     return AxisCommand(
-        *(
+        *[
             (_slewed(limited(axis, m), last, step) if permitted else 0.0) if is_held else _stick(stick)
             for is_held, axis, last, m, stick in zip(held, wanted, previous, most, sticks, strict=True)
-        )
+        ]
     )
 
 

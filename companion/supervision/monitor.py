@@ -110,9 +110,9 @@ class Monitor:
         self._battery_low_s = _lasting(self._battery_low_s, dt_s, voltage_is_low(state.voltage_v, limits))
         saturated = off_track = False
         if dofs is not None and steering:
-            saturated = any(cut and ours for cut, ours in zip(dofs.saturated, held, strict=True))
-            misses = zip(dofs.e, held, _max_error(limits), strict=True)
-            off_track = any(ours and not abs(e) <= most for e, ours, most in misses)
+            for ours, cut, e, most in zip(held, dofs.saturated, dofs.e, _max_error(limits), strict=True):
+                saturated = saturated or (ours and cut)
+                off_track = off_track or (ours and not abs(e) <= most)
         self._saturated_s = _lasting(self._saturated_s, dt_s, saturated)
         self._off_track_s = _lasting(self._off_track_s, dt_s, off_track)
         self._tilted_s = _lasting(self._tilted_s, dt_s, tilted(state, limits))
