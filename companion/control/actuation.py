@@ -88,7 +88,7 @@ class Actuation:
         surge, sway, heave, N = self._active_wrench if verdict.state in RELEASING else requested
         force = tilt.body_force(state.roll, state.pitch, angle, (level * surge, level * sway, heave))
         K, M = self._moments(force[X], force[Y], verdict, state, engaged, dt_s)
-        asked = AxisCommand(*(verdict.authority * tau for tau in (*force, upright * N, K, M)))
+        asked = AxisCommand(*[verdict.authority * tau for tau in (*force, upright * N, K, M)])
         axes, saturated = allocate(self.thrusters, asked, state.voltage_v, reach)
         wanted = AxisCommand(*axes)
         if not engaged[PSI]:  # unequal curves ask for a little, of a heading not ours
@@ -103,7 +103,7 @@ class Actuation:
         """
         surge, sway, heave, N, _, _ = delivered(self.thrusters, command, state.voltage_v)
         self.delivered = (surge, sway, heave, N)
-        got_less = (
+        got_less = [
             over or saturated or abs(got - wanted) > CUT_OFF or share < 1.0
             for over, saturated, got, wanted, share in zip(
                 overloaded(self.thrusters, command),
@@ -113,7 +113,7 @@ class Actuation:
                 (*self._share, 1.0, 1.0),
                 strict=True,
             )
-        )
+        ]
         less_surge, less_sway, less_heave, less_yaw, _, _ = got_less
         self.saturated = by_dof((less_surge, less_sway, less_heave, less_yaw))
         x, y, z = tilt.level_force(state.roll, state.pitch, (surge, sway, heave))
@@ -131,14 +131,14 @@ class Actuation:
 
         Heave is always ours. While the horizontal force is limited the reference stays near the vehicle.
         """
-        pushed, asked = (math.hypot(*tau[:2]) for tau in (self.delivered, self._active_wrench))
+        pushed, asked = [math.hypot(*tau[:2]) for tau in (self.delivered, self._active_wrench)]
         self._tilt = tilt.step(self._tilt_limit, self._tilt, angle, pushed, dt_s)
         most_n = tilt.allowed_n(self._tilt, angle)
         level = most_n / asked if asked > most_n else 1.0
         yaw = tilt.share(angle, tilt.YAW_LEVEL_RAD, tilt.YAW_STEEP_RAD)
-        x, y, z, psi = (
+        x, y, z, psi = [
             pace.step(one, cut, dt_s) for one, cut in zip(self._pace, self.saturated, strict=True)
-        )
+        ]
         self._pace = (x, y, z, psi)
         left = tilt.share(angle)
         reference.pace = (pace.on_a_tilt(x, left), pace.on_a_tilt(y, left), pace.on_a_tilt(z, left), psi)

@@ -248,7 +248,7 @@ class Estimator:
         """Bring each observer on to the newest measurements and predict from there to now and ahead."""
         psi = self._observers[PSI].q
         J = jacobian(psi)
-        nu = to_body(J, vector(one.v for one in self._observers))
+        nu = to_body(J, vector([one.v for one in self._observers]))
         m = inertia(self._model, J)
         c = drag_coefficient(self._model, J, nu)
         forces = coriolis_and_damping(self._model, J, nu)

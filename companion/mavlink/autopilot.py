@@ -83,10 +83,9 @@ class Autopilot:
             for message in self._codec.decode(t_s, data):
                 self._maintenance.heard(message.MESSAGE_ID)
                 events.extend(self._freshness.drop_stale(self._decoder.to_events(message, t_s)))
-        for i, event in enumerate(events):
-            if isinstance(event, ServoOutput):
-                events[i] = unmirrored(event, self.parameters)
-        return events
+        return [
+            unmirrored(event, self.parameters) if type(event) is ServoOutput else event for event in events
+        ]
 
     def upkeep(self, now_s: float, events: Sequence[Event], *, mode: Mode | None, arm: bool) -> list[bytes]:
         """Return what has to be asked now; unless it is None also for `mode`, with `arm` also for arming."""

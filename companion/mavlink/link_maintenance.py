@@ -62,6 +62,7 @@ class LinkMaintenance:
     def __init__(self, commands: Commands, rates_hz: Mapping[int, float] | None = None) -> None:
         self._commands = commands
         self._streams = Streams(streams() if rates_hz is None else rates_hz)
+        self.heard = self._streams.heard
         self._parameters: dict[str, float] = {}
         self.parameters: Mapping[str, float] = MappingProxyType(self._parameters)
         """What was answered of PARAMETERS since first contact or the last reboot, by today's names."""
@@ -79,10 +80,6 @@ class LinkMaintenance:
     def all_parameters_known(self) -> bool:
         """Whether every one of PARAMETERS was answered."""
         return {RENAMED.get(name, name) for name in PARAMETERS} <= self._parameters.keys()
-
-    def heard(self, message_id: int) -> None:
-        """Count a message of a stream."""
-        self._streams.heard(message_id)
 
     @property
     def measured_hz(self) -> Mapping[int, float]:
