@@ -13,6 +13,7 @@ from sim_bridge.firmware.autopilot import INPUT_PERIOD_S, Autopilot, Link
 from sim_bridge.firmware.params import Parameters
 from sim_bridge.firmware.signing import KeyStore
 from sim_bridge.physics.body import STEP_S, Physics
+from sim_bridge.physics.plant import Body, Six, State, Three, disturbance, euler
 from sim_bridge.physics.sensors import Sensors
 
 SLOW_PERIOD_STEPS = 20
@@ -22,37 +23,53 @@ class Truth(msgspec.Struct, frozen=True):
     """What really happens, which no companion ever sees. NED and body (Fossen), SI."""
 
     t_s: float
-    eta: NDArray[np.float64]
-    """(6,) x, y, z, phi, theta, psi"""
-    nu: NDArray[np.float64]
-    """(6,) u, v, w, p, q, r"""
-    nu_dot: NDArray[np.float64]
-    """(6,) in the middle of the last step"""
-    thrust_n: NDArray[np.float64]
-    """(n,) of each thruster, along its direction"""
-    tau: NDArray[np.float64]
-    """(6,) body wrench that the thrusters deliver"""
-    disturbance: NDArray[np.float64]
-    """(6,) force in NED (N) and moment in the body frame (N·m) of waves, current, tether, load, scripted
-    force and net buoyancy: all but the thrusters and the still-water model of a neutrally buoyant vehicle.
-    The heave entry is a force, down: (m + Za) z'' = Z - (Zl + Zq |z'|) z' + disturbance[2] when level."""
+    body: Body
+    state: State
+    nu_dot: Six
+    """In the middle of the last step."""
+    thrust_n: tuple[float, ...]
+    """Of each thruster, along its direction."""
+    tau: Six
+    """Body wrench that the thrusters deliver."""
+    force: Three
+    flow: Six
+    """What the water and what hangs on the vehicle do to it (`environment.py`)."""
     motor_pwm: tuple[int, ...]
     armed: bool
     mode: int
     load_on: bool
     voltage_v: float
 
+    @property
+    def eta(self) -> NDArray[np.float64]:
+        """(6,) x, y, z, phi, theta, psi."""
+        return np.array([*self.state[:3], *euler(self.state)])
+
+    @property
+    def nu(self) -> NDArray[np.float64]:
+        """(6,) u, v, w, p, q, r."""
+        return np.array(self.state[7:])
+
+    @property
+    def disturbance(self) -> NDArray[np.float64]:
+        """(6,) force in NED (N), moment in the body frame (N·m) of all that moves it beside its thrusters.
+
+        Waves, current, tether, load, scripted force and net buoyancy: see `plant.disturbance`.
+        """
+        return np.array(disturbance(self.body, self.state, self.force, self.flow))
+
 
 def truth_of(physics: Physics, t_s: float, pwm: Sequence[int], armed: bool, mode: int) -> Truth:
     """Tell the truth of a body whose autopilot drives its motors with `pwm`."""
     return Truth(
         t_s=t_s,
-        eta=physics.eta(),
-        nu=np.array(physics.state[7:]),
-        nu_dot=np.array(physics.nu_dot),
-        thrust_n=np.array(physics.thrust_n[: physics.thrusters]),
-        tau=np.array(physics.tau),
-        disturbance=physics.disturbance(),
+        body=physics.body,
+        state=physics.state,
+        nu_dot=physics.nu_dot,
+        thrust_n=physics.thrust_n[: physics.thrusters],
+        tau=physics.tau,
+        force=physics.force,
+        flow=physics.flow,
         motor_pwm=tuple(pwm),
         armed=armed,
         mode=mode,

@@ -6,15 +6,34 @@ from collections import deque
 import msgspec
 import zenoh
 
+from sim_bridge.physics.plant import Six
 from sim_bridge.vehicle import Truth
 
 RETRY_S = 1.0
 SCHEMA = "application/json;holdfast.sim.Truth.v1"
 
 
+class TruthSample(msgspec.Struct, frozen=True):
+    """What is published of `Truth`, in its units."""
+
+    t_s: float
+    eta: Six
+    nu: Six
+    nu_dot: Six
+    thrust_n: tuple[float, ...]
+    tau: Six
+    disturbance: Six
+    motor_pwm: tuple[int, ...]
+    armed: bool
+    mode: int
+    load_on: bool
+    voltage_v: float
+
+
 def encode(truth: Truth) -> bytes:
-    """One JSON object of a stable shape: the fields of `Truth`, arrays as lists, no nulls."""
-    return msgspec.json.encode(truth, enc_hook=lambda array: array.tolist())
+    """One JSON object of a stable shape: the fields of `TruthSample`, no nulls."""
+    fields = {name: getattr(truth, name) for name in TruthSample.__struct_fields__}
+    return msgspec.json.encode(fields, enc_hook=lambda array: array.tolist())
 
 
 class TruthPublisher:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from companion.telemetry import schemas as telemetry
 from companion.telemetry.schemas import Command, Dof, Schema, State, Supervisor
 from sim_bridge.vehicle import Truth
+from sim_bridge.zenoh_truth import TruthSample
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -27,14 +28,14 @@ TICK_GAP = 1.5
 """Two commands further apart than this many ticks are no neighbours: one between them was lost."""
 Z, PSI = 2, 5
 
-_truth = msgspec.json.Decoder(Truth, dec_hook=lambda kind, items: np.array(items, dtype=float))
+_truth = msgspec.json.Decoder(TruthSample)
 
 
 @dataclass
 class DemoRecording:
     """What came over Zenoh during one dive, in the order in which it came."""
 
-    truth: list[Truth] = field(default_factory=list)
+    truth: list[TruthSample] = field(default_factory=list)
     state: list[State] = field(default_factory=list)
     heave: list[Dof] = field(default_factory=list)
     command: list[Command] = field(default_factory=list)
@@ -167,7 +168,7 @@ def arrange(recording: DemoRecording) -> DemoDive:
 
 
 def at_depth(
-    truth: Sequence[Truth], command_n: Sequence[float], depth_m: float, heading_rad: float
+    truth: Sequence[Truth | TruthSample], command_n: Sequence[float], depth_m: float, heading_rad: float
 ) -> DemoDive:
     """Arrange a dive of ALT_HOLD that is to stay at one depth and heading, from arming on.
 
@@ -257,7 +258,7 @@ def _between(samples: Sequence[Sample], begin_s: float, end_s: float) -> list[Sa
     )
 
 
-def _column(samples: Sequence[Schema] | Sequence[Truth], name: str) -> Array:
+def _column(samples: Sequence[Schema | Truth | TruthSample], name: str) -> Array:
     return np.array([getattr(sample, name) for sample in samples], dtype=float)
 
 

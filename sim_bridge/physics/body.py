@@ -8,12 +8,11 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sim_bridge.config import SimConfig
 from sim_bridge.physics import plant, thrusters
 from sim_bridge.physics.environment import Environment
-from sim_bridge.physics.plant import NO_WRENCH, STILL_WATER, Six, State, Three, euler, state_of
+from sim_bridge.physics.plant import NO_WRENCH, STILL_WATER, Six, State, Three, state_of
 from sim_bridge.physics.thrusters import HEALTHY, NO_THRUST, Eight
 
 STEP_S = 0.005
@@ -45,11 +44,11 @@ class Physics:
         self.current_a = 0.0
         self.consumed_mah = 0.0
         self._battery = config.battery
-        self._body = plant.body_of(config.hull)
+        self.body = plant.body_of(config.hull)
         self._thrusters = thrusters.thrusters_of(config.thrusters)
         self._sea_steps = 0
-        self._force: Three = (0.0, 0.0, 0.0)
-        self._flow: Six = STILL_WATER
+        self.force: Three = (0.0, 0.0, 0.0)
+        self.flow: Six = STILL_WATER
         self._driven: list[int] = []
         self._static_thrust = NO_THRUST
 
@@ -75,14 +74,14 @@ class Physics:
             time_s = self.time_s + part * part_s
             if time_s > (self._sea_steps - 1e-6) * STEP_S:
                 x, y, z = self.state[:3]
-                self._force, self._flow = self.environment.step(
+                self.force, self.flow = self.environment.step(
                     self._sea_steps * STEP_S, since_arming_s, x, y, z
                 )
                 self._sea_steps += 1
             self.thrust_n = thrusters.lagged(self.thrust_n, self._static_thrust, follow)
             self.tau = thrusters.wrench(self._thrusters, self.thrust_n)
             self.state, self.nu_dot = plant.step(
-                self._body, self.state, self.tau, self._force, self._flow, part_s
+                self.body, self.state, self.tau, self.force, self.flow, part_s
             )
         self.time_s += dt_s
 
@@ -100,14 +99,6 @@ class Physics:
         self.voltage_v = max(MIN_VOLTAGE_V, source_v - self._battery.resistance_ohm * self.current_a)
         self.consumed_mah += self.current_a * 1000.0 * dt_s / 3600.0
         self._driven = []
-
-    def eta(self) -> NDArray[np.float64]:
-        """(6,) x, y, z (m, NED), phi, theta, psi (rad)."""
-        return np.array([*self.state[:3], *euler(self.state)])
-
-    def disturbance(self) -> NDArray[np.float64]:
-        """(6,) all that acts besides the thrusters and still water: see `plant.disturbance`."""
-        return np.array(plant.disturbance(self._body, self.state, self._force, self._flow))
 
     def acceleration(self) -> tuple[float, float, float]:
         """Acceleration of the centre of gravity over the ground, in body axes (m/s²): nu' + omega × v."""

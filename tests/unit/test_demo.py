@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 from msgspec.structs import replace
@@ -18,8 +19,7 @@ from lab.demo.demo import Story, _phase
 from lab.demo.dive import DemoDive, DemoRecording, arrange, at_depth, figures, spans, window
 from lab.demo.plot import ROWS, draw
 from lab.demo.screen import DemoView, Now
-from sim_bridge import zenoh_truth
-from sim_bridge.vehicle import Truth
+from sim_bridge.zenoh_truth import TruthSample
 
 VEHICLE = "demo"
 ARMED_S, END_S = 2.0, 22.0
@@ -39,21 +39,17 @@ def _loaded(t_s: float) -> bool:
     return 16.0 <= t_s < 18.0
 
 
-def _truth(t_s: float) -> Truth:
+def _truth(t_s: float, reference_m: float | None = None) -> TruthSample:
     """10 mm sine of depth error, 2° of heading error across the wrap, 12 N of load."""
-    eta = np.zeros(6)
-    eta[2] = _reference_m(t_s) + ERROR_M * math.sin(WAVE_RADPS * t_s)
-    eta[5] = -math.pi + math.radians(1.0)
-    disturbance = np.zeros(6)
-    disturbance[2] = LOAD_N if _loaded(t_s) else 0.0
-    return Truth(
+    z_m = (_reference_m(t_s) if reference_m is None else reference_m) + ERROR_M * math.sin(WAVE_RADPS * t_s)
+    return TruthSample(
         t_s=t_s,
-        eta=eta,
-        nu=np.zeros(6),
-        nu_dot=np.zeros(6),
-        thrust_n=np.zeros(8),
-        tau=np.array([0.0, 0.0, -7.0, 0.0, 0.0, 0.0]),
-        disturbance=disturbance,
+        eta=(0.0, 0.0, z_m, 0.0, 0.0, -math.pi + math.radians(1.0)),
+        nu=(0.0,) * 6,
+        nu_dot=(0.0,) * 6,
+        thrust_n=(0.0,) * 8,
+        tau=(0.0, 0.0, -7.0, 0.0, 0.0, 0.0),
+        disturbance=(0.0, 0.0, LOAD_N if _loaded(t_s) else 0.0, 0.0, 0.0, 0.0),
         motor_pwm=(1500,) * 8,
         armed=t_s >= ARMED_S,
         mode=19,
@@ -84,7 +80,7 @@ def recording(make_sample: Sampler) -> DemoRecording:
     heard = DemoRecording()
     for tick in range(round(END_S / STEP_S) + 1):
         t_s = tick * STEP_S
-        heard.add("sim/demo/truth", zenoh_truth.encode(_truth(t_s)))
+        heard.add("sim/demo/truth", msgspec.json.encode(_truth(t_s)))
         for key, _, payload in samples.encode(_sample(make_sample, t_s + 0.5 * STEP_S, tick), VEHICLE):
             heard.add(key, payload)
     return heard
@@ -155,9 +151,8 @@ def test_the_window_suits_both_dives(dive: DemoDive) -> None:
 
 def test_alt_hold_is_measured_where_it_can_be() -> None:
     """At 5 m from boot on: no way down, and nothing of a learner; times count from the arming."""
-    truth = [replace(_truth(tick * STEP_S), load_on=False) for tick in range(round(END_S / STEP_S) + 1)]
-    for sample in truth:
-        sample.eta[2] += 5.0 - _reference_m(sample.t_s)
+    ticks = range(round(END_S / STEP_S) + 1)
+    truth = [replace(_truth(tick * STEP_S, 5.0), load_on=False) for tick in ticks]
     commands = [3.0 * (-1) ** tick for tick in range(len(truth))]
     result = figures(at_depth(truth, commands, 5.0, math.pi - math.radians(1.0)), (10.0, 20.0))
     assert result.depth_rms_mm == pytest.approx(1e3 * ERROR_M / math.sqrt(2), rel=0.01)
@@ -300,7 +295,7 @@ def test_the_story_in_words(make_sample: Sampler) -> None:
         t_s = tick * STEP_S
         for key, _, payload in samples.encode(_sample(make_sample, t_s, tick), VEHICLE):
             heard.add(key, payload)
-        heard.add("sim/demo/truth", zenoh_truth.encode(_truth(t_s)))
+        heard.add("sim/demo/truth", msgspec.json.encode(_truth(t_s)))
         phase = _phase(heard, story)
         if not words or words[-1] != phase:
             words.append(phase)
