@@ -37,7 +37,11 @@ class Wire:
         self.echo_s: list[float] = []
         """To the process that does nothing and back."""
         self.command_s: list[float] = []
-        """A datagram with ATTITUDE to the first command that was computed with it."""
+        """A datagram with ATTITUDE to the first command that was computed with it.
+
+        Telemetry and ticks both come every 20 ms, each by its own clock: how long the one waits for the
+        other, 0 to 20 ms, is another in every run, and hardly changes within it.
+        """
 
     def endpoints(self) -> tuple[str, str, str]:
         """Return where the vehicle calls, and the companion's two endpoints."""
