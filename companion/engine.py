@@ -49,7 +49,7 @@ class Engine:
         self._autopilot = Autopilot(config, signing)
         self._estimator = assembly.estimator(config)
         self._fitness = Fitness(self._autopilot)
-        self._supervision = Supervision(config, arm=arm)
+        self._supervision = Supervision(config, self._autopilot.parameters, arm=arm)
         self._guidance = Guidance(config, setpoint)
         self._controller = assembly.controller(config, assembly.model(config))
         self._actuation = assembly.actuation(config)
@@ -89,22 +89,18 @@ class Engine:
         requests = self._supervision.with_buttons(
             requests, now_s, engage=demand.engage, release=demand.release
         )
+        holding = self.verdict.authority > 0.0
         verdict = self._supervision.step(
             state,
             reports,
             requests,
             loop,
             dt_s=dt_s,
-            late_s=dt_s - self._tick_s,
-            engaged=guidance.engaged,
-            holdable=guidance.holdable(state),
+            held=guidance.engaged if holding else guidance.holdable(state),
             dofs=self._dofs,
             finite=self._finite,
             full_override=demand.full_override,
-            parameters=autopilot.parameters,
-            preflight_failure=self._fitness.step(
-                events, state, self._config, holding=self.verdict.authority > 0.0
-            ),
+            preflight_failure=self._fitness.step(events, state, self._config, holding=holding),
         )
         self._engage(verdict, state, engage=Request.ENGAGE in requests)
 

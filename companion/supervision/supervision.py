@@ -17,6 +17,7 @@ from companion.records import (
     State,
     VehicleState,
     Verdict,
+    X,
 )
 from companion.supervision.conditions import Observation, assess
 from companion.supervision.engagement import Engagement
@@ -30,12 +31,14 @@ from companion.telemetry.modes import Mode
 class Supervision:
     """The only owner of state, permission and flight mode."""
 
-    def __init__(self, config: Config, *, arm: bool) -> None:
+    def __init__(self, config: Config, parameters: Mapping[str, float], *, arm: bool) -> None:
+        """Take the autopilot's `parameters`, which keep changing."""
         self._supervisor = Supervisor(config.supervisor.ramp_down_s, config.supervisor.ramp_up_s)
         self._monitor = Monitor()
         self._engagement = Engagement(arm=arm)
         self._flight_mode = FlightMode(STEERING_MODES[config.vehicle.steering_mode])
         self._config = config
+        self._parameters = parameters
         self.before = self.verdict = Verdict(State.IDLE, Condition(0), 0.0, "just started")
 
     def retune(self, config: Config, *, changed: bool) -> None:
@@ -60,27 +63,24 @@ class Supervision:
         loop: LoopHealth,
         *,
         dt_s: float,
-        late_s: float,
-        engaged: Flags,
-        holdable: Flags,
+        held: Flags,
         dofs: DofSample | None,
         finite: bool,
         full_override: bool,
-        parameters: Mapping[str, float],
         preflight_failure: str,
     ) -> Verdict:
         """Return who may steer this tick.
 
-        `engaged` are the held degrees of freedom, `holdable` those that could be held; `dofs` and
-        `finite` are the last tick's; `late_s` is the delay of this tick; `parameters` are the
-        autopilot's; `preflight_failure` names the rows of the pre-dive list that forbid engaging.
+        `held` are the degrees of freedom that are held, or while nothing is those that would be; `dofs` and
+        `finite` are the last tick's; `preflight_failure` names the rows of the pre-dive list that forbid
+        engaging.
         """
         limits, ground = self._config.supervisor, self._config.ground_station
         before, mode = self.verdict, self._flight_mode
         steered = before.authority > 0.0
         self._engagement.step(requests, state.t_s)
         hand_over = mode.step_hand_over(
-            before, state, parameters, self._monitor.pilot_heard_s, limits.keep_alt_hold_s
+            before, state, self._parameters, self._monitor.pilot_heard_s, limits.keep_alt_hold_s
         )
         watched = self._monitor.step(
             dt_s,
@@ -89,19 +89,19 @@ class Supervision:
             limits,
             loop,
             dofs=dofs,
-            held=engaged if steered else holdable,
+            held=held,
             steering=steered,
-            parameters=parameters,
+            parameters=self._parameters,
         )
         seen = Observation(
             state=state,
             mode_right=mode.is_right(before, state.mode),
-            parameters=parameters,
+            parameters=self._parameters,
             watched=watched,
             preflight_failure=preflight_failure,
-            holds_position=engaged[0],
+            holds_position=steered and held[X],
             finite=finite,
-            late_s=late_s,
+            late_s=dt_s - 1.0 / self._config.loop.rate_hz,
             full_override=full_override,
             pilot_timeout_s=ground.timeout_s if ground.endpoint and ground.on_loss != "hold" else math.inf,
             surface_on_loss=ground.on_loss == "surface",
