@@ -219,7 +219,7 @@ Event = (
 )
 
 SAMPLES = frozenset({Attitude, Depth, DepthRate, Position, ServoOutput})
-"""What comes tick after tick and tells of nothing but motion."""
+"""What comes tick after tick and tells of motion alone: for the estimator and the pre-dive list."""
 
 
 class Sender(Enum):
