@@ -7,7 +7,7 @@ to be a message. They are counted by a regular expression, much faster than any 
 from collections import deque
 from typing import Final
 
-from companion.mavlink.codec import HEADERS
+from companion.mavlink.frames import HEADERS
 
 MAX_BYTES: Final = 1 << 14
 """Fifty times what a vehicle says in a tick, and more than any serial line carries."""

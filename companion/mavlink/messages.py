@@ -38,11 +38,6 @@ def message_name(message_id: int) -> str:
     return str(mavlink.mavlink_map[message_id].msgname)
 
 
-def payload_size(message_id: int) -> int:
-    """Return the payload's bytes, trailing zeros included."""
-    return int(mavlink.mavlink_map[message_id].unpacker.size)
-
-
 def checksum(data: bytes, message_id: int) -> int:
     """Return the checksum of a frame, whose `data` lies between the marker and the checksum."""
     return int(mavlink.mcrf4xx(data + _extras[message_id]))

@@ -6,18 +6,16 @@ the engine, which sends one message for both. Frames may be MAVLink 1 or 2, sign
 signatures. Where there is a key the engine gets only what is signed with it: else anybody could steer by us.
 """
 
-import re
 from collections import deque
-from collections.abc import Iterable, Iterator, Sequence
-from typing import Final, NamedTuple
+from collections.abc import Iterable, Sequence
+from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from companion.config import Config
 from companion.endpoint import Endpoint
-from companion.mavlink.codec import HEADERS, MAX_FRAMES_LOOKED_AT, PARTIAL_TIMEOUT_S
 from companion.mavlink.decode import override_deflection, pilot_sticks
-from companion.mavlink.messages import Message, checksum, is_known, payload_size, unpack
+from companion.mavlink.frames import HEADERS_OF_BOTH, Frame, Splitter, frame_at, leading_frames
 from companion.mavlink.signing import Signing
 from companion.records import Event, PilotHeartbeat, PilotInput, Sender
 
@@ -35,85 +33,6 @@ HEARTBEAT: Final = mavlink.MAVLINK_MSG_ID_HEARTBEAT
 MANUAL_CONTROL: Final = mavlink.MAVLINK_MSG_ID_MANUAL_CONTROL
 OVERRIDE: Final = mavlink.MAVLINK_MSG_ID_RC_CHANNELS_OVERRIDE
 
-_HEADERS: Final = re.compile(rb"\xfe|" + HEADERS.pattern, re.DOTALL)
-_V1, _V2 = 0xFE, 0xFD
-
-
-class Frame(NamedTuple):
-    """A whole frame with a good checksum."""
-
-    version: int
-    system: int
-    id: int
-    payload: bytes
-
-    def message(self) -> Message:
-        """Return the message, cut-off zeros filled in."""
-        return unpack(self.id, self.payload)
-
-
-def frame_at(data: bytes, at: int) -> tuple[int, Frame | None]:
-    """Return the size that a frame at `at` claims, 0 if it is none, and the frame if whole and sound."""
-    if data[at] == _V1:
-        header, size = 6, 8
-    elif data[at] == _V2:
-        header, size = 10, 12
-    else:
-        return 0, None
-    left = len(data) - at
-    if left < header:
-        return size, None
-    length = data[at + 1]
-    size += length
-    if header == 6:
-        system, message_id = data[at + 3], data[at + 5]
-    else:
-        if data[at + 2] & ~1:
-            return 0, None
-        size += 13 * data[at + 2]
-        system, message_id = data[at + 5], data[at + 7] | data[at + 8] << 8 | data[at + 9] << 16
-    if not is_known(message_id) or length > payload_size(message_id):
-        return 0, None
-    if left < size:
-        return size, None
-    end = at + header + length
-    if checksum(data[at + 1 : end], message_id) != data[end] | data[end + 1] << 8:
-        return 0, None
-    return size, Frame(1 if header == 6 else 2, system, message_id, data[at + header : end])
-
-
-class Splitter:
-    """Cuts what arrives into whole frames and junk; `rest` is the beginning of a frame that is still to come.
-
-    A datagram holds whole frames; of a stream the rest waits, PARTIAL_TIMEOUT_S at most.
-    """
-
-    def __init__(self, stream: bool) -> None:
-        self._stream = stream
-        self._since_s = 0.0
-        self.rest = b""
-
-    def cut(self, t_s: float, data: bytes) -> Iterator[tuple[Frame | None, bytes]]:
-        """Give the pieces in order, each with its frame; together with `rest` they are all that came."""
-        old = len(self.rest)
-        data = self.rest + data
-        self.rest = b""
-        at, end = 0, len(data)
-        while at < end:
-            size, frame = frame_at(data, at)
-            if frame is None and size > end - at and self._stream:
-                waited = at < old
-                if not (waited and t_s - self._since_s > PARTIAL_TIMEOUT_S):
-                    self.rest = data[at:]
-                    if not waited:
-                        self._since_s = t_s
-                    return
-            if frame is None:
-                header = _HEADERS.search(data, at + 1)
-                size = (header.start() if header else end) - at
-            yield frame, data[at : at + size]
-            at += size
-
 
 class _Budget:
     """What may still pass one way in this tick."""
@@ -125,7 +44,7 @@ class _Budget:
         """Take `data` from what is left; tell whether it was enough."""
         self._bytes -= len(data)
         if self._bytes >= 0:
-            self._looks -= len(_HEADERS.findall(data))
+            self._looks -= len(HEADERS_OF_BOTH.findall(data))
         return self._bytes >= 0 and self._looks >= 0
 
 
@@ -139,7 +58,7 @@ class Relay:
         """Bytes of floods."""
         self._link = config.link
         self._signing = signing
-        self._up, self._down = Splitter(vehicle.is_stream), Splitter(ground.is_stream)
+        self._up, self._down = (Splitter(end.is_stream, version_1=True) for end in (vehicle, ground))
         self._reframes_up = vehicle.is_stream and not ground.is_stream
         self._reframes_down = ground.is_stream and not vehicle.is_stream
         self._passed = 0
@@ -185,16 +104,11 @@ class Relay:
 
         Where there is a key that must be signed and new as well; `to_vehicle` will still find it new.
         """
-        at = 0
-        for _ in range(MAX_FRAMES_LOOKED_AT):
-            size, frame = frame_at(data, at) if at < len(data) else (0, None)
-            if frame is None:
-                break
+        for frame, piece in leading_frames(data):
             if self._is_beacon(frame) or self._is_steering(frame):
                 if self._signing is None:
                     return Sender.EXPECTED
-                return self._signing.sender(data[at : at + size]) if frame.version == 2 else Sender.STRANGER
-            at += size
+                return self._signing.sender(piece) if frame.version == 2 else Sender.STRANGER
         return Sender.STRANGER
 
     def _concerns_us(self, t_ns: int, frame: Frame, data: bytes) -> bool:

@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from companion.config import Config, load_config
 from companion.engine import Engine
-from companion.mavlink.relay import Relay, frame_at
+from companion.mavlink.frames import frame_at
+from companion.mavlink.relay import Relay
 from companion.predive.check import CheckRow
 from companion.records import PSI, Condition, LinkCounters, LoopHealth, Setpoint, Z
 

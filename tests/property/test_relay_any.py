@@ -7,12 +7,12 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from companion.config import load_config
+from companion.mavlink.frames import frame_at
 from companion.mavlink.relay import (
     MAX_BYTES_A_TICK,
     MAX_DATAGRAM,
     MAX_LOOKS_A_TICK,
     Relay,
-    frame_at,
     pilot_events,
 )
 from companion.records import PilotHeartbeat, PilotInput, PilotSticks

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from mavlink_wire import frame
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from companion.mavlink import codec
+from companion.mavlink import frames
 from companion.mavlink.codec import Codec
 from companion.mavlink.inbox import MAX_BYTES, MAX_LOOKS, Inbox
 
@@ -33,13 +33,13 @@ FLOODS = {
 @pytest.mark.parametrize("size", [1, 12, 1400, 60_000])
 def test_a_tick_takes_a_bounded_number_of_looks_whatever_comes(monkeypatch, flood, stream, size):
     looks = []
-    frame_size = codec._frame_size
+    frame_at = frames.frame_at
 
     def looked(*at):
         looks.append(at)
-        return frame_size(*at)
+        return frame_at(*at)
 
-    monkeypatch.setattr(codec, "_frame_size", looked)
+    monkeypatch.setattr(frames, "frame_at", looked)
     inbox, link, sent = Inbox(stream), Codec(*US, *VEHICLE, stream=stream), 0
     for _ in range(3):
         for k in range(400):
