@@ -180,7 +180,7 @@ def test_a_flood_costs_a_bounded_number_of_looks_a_tick(monkeypatch, junk, way):
         looks.append(at)
         return frame_at(*at)
 
-    monkeypatch.setattr("companion.mavlink.relay.frame_at", looked)
+    monkeypatch.setattr("companion.mavlink.frames.frame_at", looked)
     wire = relay(vehicle_is_stream=way == "to_ground", ground_is_stream=way == "to_vehicle")
     for _ in range(400):
         getattr(wire, way)(0, (1400 * junk)[:1400])
