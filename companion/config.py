@@ -54,7 +54,7 @@ class Vehicle(Frame, frozen=True):
         return self.steering_mode == "manual"
 
 
-class Link(Section, frozen=True):
+class LinkSection(Section, frozen=True):
     """Where the vehicle is found and who we say we are."""
 
     endpoint: str
@@ -80,7 +80,7 @@ class GroundStation(Section, frozen=True):
     allow: tuple[str, ...]
 
 
-class Loop(Section, frozen=True):
+class LoopSection(Section, frozen=True):
     """The tick."""
 
     rate_hz: ranges.TickRate
@@ -179,7 +179,7 @@ class Delays(Section, frozen=True):
     slow_noise_s: ranges.Correlation
 
 
-class Supervisor(Section, frozen=True):
+class SupervisorLimits(Section, frozen=True):
     """When to refuse and when to give up."""
 
     link_timeout_s: ranges.Timeout
@@ -224,9 +224,9 @@ class Config(Section, frozen=True):
     """The whole file, with the vehicle's."""
 
     vehicle: Vehicle
-    link: Link
+    link: LinkSection
     ground_station: GroundStation
-    loop: Loop
+    loop: LoopSection
     delays: Delays
     thrusters: Thrusters
     levelling: Levelling
@@ -235,7 +235,7 @@ class Config(Section, frozen=True):
     heave: Axis
     yaw: Axis
     network: Network
-    supervisor: Supervisor
+    supervisor: SupervisorLimits
     telemetry: Telemetry
     compensators: dict[str, dict[str, Any]] = {}
     laws: dict[str, dict[str, Any]] = {}

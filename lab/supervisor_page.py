@@ -4,8 +4,7 @@ import math
 from collections.abc import Iterator
 from pathlib import Path
 
-from companion.config import Supervisor as Limits
-from companion.config import load_config
+from companion.config import SupervisorLimits, load_config
 from companion.control.tilt import (
     AHEAD_S,
     FAST_N_PER_S,
@@ -157,7 +156,7 @@ def _cell(state: State, condition: Condition) -> str:
     return "·"
 
 
-def _meanings(limits: Limits) -> Iterator[str]:
+def _meanings(limits: SupervisorLimits) -> Iterator[str]:
     yield (
         "If several conditions hold, the operator sees the remedy of the first one in this table. After a "
         "FAULT, remove the cause and [clear the fault](wiring.md#how-to-engage-release-and-clear-a-fault).\n"

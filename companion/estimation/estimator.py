@@ -11,8 +11,7 @@ from typing import Any
 
 from msgspec.structs import replace
 
-from companion.config import Config
-from companion.config import Supervisor as Limits
+from companion.config import Config, SupervisorLimits
 from companion.control.allocation import T200_VOLTAGE_V, Thrusters, axes_from_motors
 from companion.control.bounds import clamped, wrap
 from companion.control.frames import joined, shifted, turned
@@ -138,7 +137,7 @@ class Estimator:
         self._model = model
         self._sensor_delay_s = [axis.sensor_delay_s for axis in config.axes]
 
-    def limit(self, limits: Limits) -> None:
+    def limit(self, limits: SupervisorLimits) -> None:
         """Take what the supervisor's configuration says of jumps and ages."""
         self.max_depth_jump_m = limits.max_depth_jump_m
         position_s = limits.position_timeout_s

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import msgspec
 
-from companion.config import Supervisor as Limits
+from companion.config import SupervisorLimits
 from companion.records import Condition, EkfStatus, VehicleState, Z
 from companion.supervision.handover import REFUSED_S, HandOverStep
 
@@ -76,62 +76,62 @@ class ConditionSpec(NamedTuple):
     """One condition: its test, the keys of [supervisor] that it uses, and the texts for operators."""
 
     condition: Condition
-    holds: Callable[[Observation, Limits], bool]
+    holds: Callable[[Observation, SupervisorLimits], bool]
     keys: tuple[str, ...]
     description: str
     remedy: str
 
 
-def _link_lost(o: Observation, limits: Limits) -> bool:
+def _link_lost(o: Observation, limits: SupervisorLimits) -> bool:
     ages = o.state.ages
     return not (ages.link_s <= limits.link_timeout_s and ages.heartbeat_s <= limits.heartbeat_timeout_s)
 
 
-def pilot_failsafe_acts(parameters: Mapping[str, float], limits: Limits) -> bool:
+def pilot_failsafe_acts(parameters: Mapping[str, float], limits: SupervisorLimits) -> bool:
     """Tell whether the autopilot stops the thrusters in time when this computer dies."""
     acts = parameters.get("FS_PILOT_INPUT", 0.0) >= 1.0
     return acts and parameters.get("FS_PILOT_TIMEOUT", math.inf) <= limits.max_pilot_timeout_s
 
 
-def depth_is_fresh(state: VehicleState, limits: Limits) -> bool:
+def depth_is_fresh(state: VehicleState, limits: SupervisorLimits) -> bool:
     """Tell whether an accepted depth is recent enough."""
     return state.ages.depth_s <= limits.depth_timeout_s
 
 
-def ekf_is_doubtful(ekf: EkfStatus, limits: Limits) -> bool:
+def ekf_is_doubtful(ekf: EkfStatus, limits: SupervisorLimits) -> bool:
     """Tell whether the autopilot's estimator doubts compass, velocity or depth now."""
     return not ekf.variance <= limits.max_ekf_variance
 
 
-def voltage_is_low(voltage_v: float, limits: Limits) -> bool:
+def voltage_is_low(voltage_v: float, limits: SupervisorLimits) -> bool:
     """Tell whether the voltage is below the limit; BATTERY_LOW needs it to last."""
     return voltage_v < limits.min_voltage_v
 
 
-def _ekf_unhealthy(o: Observation, limits: Limits) -> bool:
+def _ekf_unhealthy(o: Observation, limits: SupervisorLimits) -> bool:
     ekf = o.watched.ekf
     return not (ekf and ekf.attitude and ekf.depth and o.watched.ekf_doubt_s <= limits.ekf_doubt_s)
 
 
-def _out_of_bounds(o: Observation, limits: Limits) -> bool:
+def _out_of_bounds(o: Observation, limits: SupervisorLimits) -> bool:
     margin_m = limits.depth_margin_m
     return not -margin_m <= o.state.eta[Z] <= limits.max_depth_m + margin_m
 
 
-def _innovation_large(o: Observation, limits: Limits) -> bool:
+def _innovation_large(o: Observation, limits: SupervisorLimits) -> bool:
     seen = o.watched
     return not (
         seen.innovation_m <= limits.max_innovation_m and seen.innovation_deg <= limits.max_innovation_deg
     )
 
 
-def tilted(state: VehicleState, limits: Limits) -> bool:
+def tilted(state: VehicleState, limits: SupervisorLimits) -> bool:
     """Tell whether roll or pitch is too large; an unknown attitude counts as too large."""
     most_rad = math.radians(limits.max_tilt_deg)
     return not (abs(state.roll) <= most_rad and abs(state.pitch) <= most_rad)
 
 
-def _pilot_lost(o: Observation, _: Limits) -> bool:
+def _pilot_lost(o: Observation, _: SupervisorLimits) -> bool:
     return not o.state.ages.pilot_s <= o.pilot_timeout_s
 
 
@@ -418,6 +418,6 @@ CONDITIONS = (
 _TESTS = tuple((spec.condition.value, spec.holds) for spec in CONDITIONS)
 
 
-def assess(seen: Observation, limits: Limits) -> Condition:
+def assess(seen: Observation, limits: SupervisorLimits) -> Condition:
     """Return the conditions that hold this tick; an unknown value counts against permission."""
     return Condition(sum([bit for bit, holds in _TESTS if holds(seen, limits)]))

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 
-from companion.config import Supervisor as Limits
+from companion.config import SupervisorLimits
 from companion.records import (
     PSI,
     DofSample,
@@ -63,7 +63,7 @@ class Monitor:
         dt_s: float,
         events: Sequence[Event],
         state: VehicleState,
-        limits: Limits,
+        limits: SupervisorLimits,
         loop: LoopHealth,
         *,
         dofs: DofSample | None,
@@ -162,5 +162,5 @@ def _lasting(so_far_s: float, dt_s: float, holds: bool) -> float:
     return so_far_s + dt_s if holds else 0.0
 
 
-def _max_error(limits: Limits) -> list[float]:
+def _max_error(limits: SupervisorLimits) -> list[float]:
     return [limits.max_error_m] * PSI + [math.radians(limits.max_error_deg)]

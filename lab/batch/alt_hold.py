@@ -33,7 +33,7 @@ from lab.batch.vehicle import (
 from lab.loop.scenarios import SETTLE_S
 from sim_bridge.config import SimConfig
 from sim_bridge.firmware import depth_hold
-from sim_bridge.firmware.depth_hold import GAINS, Gains
+from sim_bridge.firmware.depth_hold import GAINS, DepthGains
 from sim_bridge.physics import plant, thrusters
 from sim_bridge.physics.body import STEP_S
 from sim_bridge.physics.plant import ned_velocity
@@ -76,7 +76,7 @@ def simulate(
                 vehicle_of(config, ON_BOARD),
                 vehicle_of(replace(config, thrusters=nominal), ON_BOARD),
                 drawn(config, seed, ticks),
-                Gains(*(float(values[i]) for values in each_gain)),
+                DepthGains(*(float(values[i]) for values in each_gain)),
                 np.array(depths),
                 white,
                 since,
@@ -86,7 +86,13 @@ def simulate(
 
 
 def dive(
-    vehicle: Vehicle, nominal: Vehicle, drawn: Drawn, gains: Gains, depths: Rows, white: Rows, since_tick: int
+    vehicle: Vehicle,
+    nominal: Vehicle,
+    drawn: Drawn,
+    gains: DepthGains,
+    depths: Rows,
+    white: Rows,
+    since_tick: int,
 ) -> Figures:
     """Dive as long as there are depths.
 

@@ -70,7 +70,7 @@ HEADLINES = tuple(part for part in PARTS if part.finds_hidden and part.damps)
 
 
 @dataclass(frozen=True)
-class Result:
+class AblationResult:
     """One variant in one case: mean depth RMS (mm), chatter (N a tick), and each seed's RMS."""
 
     variant: str
@@ -81,7 +81,9 @@ class Result:
     each_mm: Array
 
 
-def parts(base: SimConfig, settings: Sequence[str], seeds: int, done: Callable[[], None]) -> list[Result]:
+def parts(
+    base: SimConfig, settings: Sequence[str], seeds: int, done: Callable[[], None]
+) -> list[AblationResult]:
     """Return every variant of PARTS under every delay, over the bench's four scenarios together."""
     results = []
     for part in PARTS:
@@ -95,7 +97,7 @@ def parts(base: SimConfig, settings: Sequence[str], seeds: int, done: Callable[[
 
 def parts_on_firmware(
     base: SimConfig, settings: Sequence[str], seeds: int, firmware: Path, done: Callable[[], None]
-) -> list[Result]:
+) -> list[AblationResult]:
     """Return the variants that are configuration alone, over the bench's four scenarios, in the full loop.
 
     Those are HEADLINES, under BENCH_LINKS; the engine that dives before the real firmware is whole.
@@ -121,7 +123,7 @@ def parts_on_firmware(
 
 def wrong_models(
     base: SimConfig, settings: Sequence[str], seeds: int, done: Callable[[], None]
-) -> list[Result]:
+) -> list[AblationResult]:
     """Return every row of `compensating`, with the gains that the search found, in every case of `wrong`."""
     results, found, configured = [], tuned(), load_config(overrides=settings)
     for case, scenarios in wrong(seeds).items():
@@ -230,8 +232,8 @@ def _dive_firmware(
     return {key: figures[key] for key in ("depth_rms_mm", "chatter_n")} | {"lost_s": lost_s}
 
 
-def _result(variant: str, case: str, figures: Sequence[dict[str, Array]]) -> Result:
+def _result(variant: str, case: str, figures: Sequence[dict[str, Array]]) -> AblationResult:
     rms = np.stack([one["depth_rms_mm"] for one in figures])
     chatter = np.stack([one["chatter_n"] for one in figures])
     lost = int(sum((~np.isnan(one["lost_s"])).sum() for one in figures))
-    return Result(variant, case, float(rms.mean()), float(np.nanmean(chatter)), lost, rms.mean(0))
+    return AblationResult(variant, case, float(rms.mean()), float(np.nanmean(chatter)), lost, rms.mean(0))

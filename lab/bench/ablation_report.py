@@ -12,7 +12,15 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from lab import style
-from lab.bench.ablation import BENCH_LINKS, HEADLINES, Result, count, parts, parts_on_firmware, wrong_models
+from lab.bench.ablation import (
+    BENCH_LINKS,
+    HEADLINES,
+    AblationResult,
+    count,
+    parts,
+    parts_on_firmware,
+    wrong_models,
+)
 from lab.bench.bench import interval
 from lab.bench.floor import CHATTER_N
 from sim_bridge.config import SimConfig
@@ -28,7 +36,7 @@ def report(
     seeds: int,
     out: Path,
     firmware: Path | None = None,
-) -> list[Result]:
+) -> list[AblationResult]:
     """Dive both questions, print their tables, draw their picture; return all results.
 
     With the real `firmware` only the headline rows of the first question, and no picture.
@@ -55,7 +63,7 @@ def report(
     return [*less, *wrong]
 
 
-def verdicts(results: Sequence[Result]) -> list[str]:
+def verdicts(results: Sequence[AblationResult]) -> list[str]:
     """Say of each case whether the network earned EARNED over the observer alone, with the interval."""
     lines = []
     for case in dict.fromkeys(result.case for result in results):
@@ -68,7 +76,7 @@ def verdicts(results: Sequence[Result]) -> list[str]:
     return lines
 
 
-def _table(title: str, results: Sequence[Result]) -> Table:
+def _table(title: str, results: Sequence[AblationResult]) -> Table:
     table = Table(title=title, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD, padding=(0, 1))
     table.add_column("")
     cases = list(dict.fromkeys(result.case for result in results))
@@ -81,12 +89,12 @@ def _table(title: str, results: Sequence[Result]) -> Table:
     return table
 
 
-def _cell(result: Result) -> str:
+def _cell(result: AblationResult) -> str:
     lost = f" ({result.lost} lost)" if result.lost else ""
     return f"{result.rms_mm:.2f}" + ("!" if result.chatter_n > CHATTER_N else "") + lost
 
 
-def _draw(less: Sequence[Result], wrong: Sequence[Result], out: Path) -> Path:
+def _draw(less: Sequence[AblationResult], wrong: Sequence[AblationResult], out: Path) -> Path:
     out.mkdir(parents=True, exist_ok=True)
     figure, panels = plt.subplots(1, 2, figsize=(13.0, 4.8), layout="constrained")
     colours = (style.BLUE, style.VERMILLION, style.GREEN, style.SKY, style.BLACK)

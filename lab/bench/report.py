@@ -14,7 +14,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from companion.config import ConfigError, load_config
-from lab.bench.ablation import Result
+from lab.bench.ablation import AblationResult
 from lab.bench.ablation_report import report
 from lab.bench.bench import (
     CONFIDENCE,
@@ -223,7 +223,7 @@ def _json(
     seeds: int,
     cases: Sequence[Summary],
     bounds: Sequence[Bound],
-    variants: Sequence[Result],
+    variants: Sequence[AblationResult],
     beside: Sequence[Pair],
 ) -> dict[str, Any]:
     """Return flat records; None where a row has no such figure."""

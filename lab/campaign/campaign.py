@@ -44,11 +44,11 @@ ENVELOPE = (
     "on the six-thruster BlueROV2 one disturbance at a time: all at once, one dive in fifty or so turned it "
     "over, for it has only 2 N·m to right it",
 )
-"""Where every dive must hold; `Case.inside` says the same."""
+"""Where every dive must hold; `CampaignCase.inside` says the same."""
 
 
 @dataclass(frozen=True)
-class Case:
+class CampaignCase:
     """One dive. Factors multiply what the set says; `delay_ms` is the link's, both ways together, each half.
 
     `dead` is the number of a thruster that does not push, or 0. Disturbances are zero where there is none:
@@ -93,10 +93,10 @@ class Case:
 
 
 @dataclass(frozen=True)
-class Row:
+class CampaignRow:
     """A case and what came of it: figures of `batch.simulate`; `outcome` held, strays or lost."""
 
-    case: Case
+    case: CampaignCase
     outcome: str
     figures: dict[str, float]
 
@@ -109,11 +109,11 @@ class Row:
 class Batch:
     """What came back of one batch: its rows, the processor time (s) they took."""
 
-    rows: tuple[Row, ...]
+    rows: tuple[CampaignRow, ...]
     cpu_s: float
 
 
-def case(number: int) -> Case:
+def case(number: int) -> CampaignCase:
     """Draw the dive of this number: vehicles and disturbances in turn, the rest uniform."""
     draw = np.random.default_rng((number, 4)).uniform
     vehicle = VEHICLES[number % 3]
@@ -127,7 +127,7 @@ def case(number: int) -> Case:
     def there(name: str) -> bool:
         return disturbance in (name, "all")
 
-    return Case(
+    return CampaignCase(
         number=number,
         vehicle=vehicle,
         disturbance=disturbance,
@@ -145,7 +145,7 @@ def case(number: int) -> Case:
     )
 
 
-def plant(case: Case) -> SimConfig:
+def plant(case: CampaignCase) -> SimConfig:
     """Build the dive's vehicle and water."""
     base = _base(case.vehicle)
     if case.vehicle == ENSEMBLE:
@@ -187,12 +187,12 @@ def plant(case: Case) -> SimConfig:
     )
 
 
-def scenario(case: Case) -> Scenario:
+def scenario(case: CampaignCase) -> Scenario:
     """Return the same dive for the full loop, `lab.dive`."""
     return Scenario(f"campaign {case.number}", lambda _, __: plant(case), hold(), DURATION_S, case.number)
 
 
-def link(case: Case) -> Link:
+def link(case: CampaignCase) -> Link:
     """Return the dive's link for the full loop."""
     return Link(up_s=0.5e-3 * case.delay_ms, down_s=0.5e-3 * case.delay_ms, jitter_s=0.004)
 
@@ -227,7 +227,7 @@ def dive(config: Config, numbers: Sequence[int], traces: list[Rows] | None = Non
     rows = []
     for i, one in enumerate(cases):
         figures = {key: round(float(values[i]), 4) for key, values in found.items()}
-        rows.append(Row(one, _outcome(figures), figures))
+        rows.append(CampaignRow(one, _outcome(figures), figures))
     return Batch(tuple(rows), time.thread_time() - started)
 
 

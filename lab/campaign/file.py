@@ -9,7 +9,7 @@ from typing import Any
 import msgspec
 
 from companion.config import Config
-from lab.campaign.campaign import Case, Row
+from lab.campaign.campaign import CampaignCase, CampaignRow
 
 
 class CampaignError(Exception):
@@ -31,7 +31,7 @@ class CampaignFile:
         made_with.write_bytes(now)
         self.rows = self._read() if self._path.exists() else []
 
-    def append(self, rows: Iterable[Row]) -> None:
+    def append(self, rows: Iterable[CampaignRow]) -> None:
         """Add rows; they are on disk when this returns."""
         rows = list(rows)
         self.rows += rows
@@ -42,7 +42,7 @@ class CampaignFile:
                 writer.writeheader()
             writer.writerows(row.record() for row in rows)
 
-    def _read(self) -> list[Row]:
+    def _read(self) -> list[CampaignRow]:
         """Return what was dived; a line that was torn by the end of a run is dropped from the file."""
         text = self._path.read_text(encoding="utf-8")
         whole = text[: text.rfind("\n") + 1]
@@ -56,12 +56,12 @@ class CampaignFile:
             ) from error
 
 
-def _row(record: dict[str, str]) -> Row:
-    given = {field.name: _typed(field.type, record.pop(field.name)) for field in fields(Case)}
+def _row(record: dict[str, str]) -> CampaignRow:
+    given = {field.name: _typed(field.type, record.pop(field.name)) for field in fields(CampaignCase)}
     outcome = record.pop("outcome")
-    return Row(Case(**given), outcome, {key: float(value) for key, value in record.items()})
+    return CampaignRow(CampaignCase(**given), outcome, {key: float(value) for key, value in record.items()})
 
 
 def _typed(kind: Any, text: str) -> Any:
-    """Return the text as a Case's int, float or str."""
+    """Return the text as a CampaignCase's int, float or str."""
     return kind(text)

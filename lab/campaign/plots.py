@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 
 from companion.records import Array
 from lab.batch.loop import LOST_M
-from lab.campaign.campaign import Case, Row
+from lab.campaign.campaign import CampaignCase, CampaignRow
 from lab.loop.dive import Dive
 from lab.loop.scenarios import SETTLE_S
 from lab.style import BLACK, BLUE, ORANGE, PRINTED, SKY, VERMILLION
@@ -26,7 +26,10 @@ def replay_command(number: int) -> str:
 
 
 def draw_worst(
-    file: Path, rows: Sequence[Row], inside: Sequence[tuple[Row, Trace]], outside: Sequence[tuple[Row, Trace]]
+    file: Path,
+    rows: Sequence[CampaignRow],
+    inside: Sequence[tuple[CampaignRow, Trace]],
+    outside: Sequence[tuple[CampaignRow, Trace]],
 ) -> None:
     """Draw depth RMS over delay for all dives, and the worst within and outside the envelope."""
     with plt.rc_context(PRINTED):
@@ -42,7 +45,7 @@ def draw_worst(
         plt.close(figure)
 
 
-def draw_replay(file: Path, case: Case, batch: Trace, full: Dive) -> None:
+def draw_replay(file: Path, case: CampaignCase, batch: Trace, full: Dive) -> None:
     """Draw one dive as the batch and as the full loop, MAVLink bytes and supervisor included, have it."""
     with plt.rc_context(PRINTED):
         figure, (upper, lower) = plt.subplots(2, 1, figsize=(8.6, 5.4), sharex=True)
@@ -65,7 +68,7 @@ def draw_replay(file: Path, case: Case, batch: Trace, full: Dive) -> None:
         plt.close(figure)
 
 
-def _scatter(axes: Axes, rows: Sequence[Row]) -> None:
+def _scatter(axes: Axes, rows: Sequence[CampaignRow]) -> None:
     for outcome, (colour, mark) in LOOKS.items():
         of_it = [row for row in rows if row.outcome == outcome]
         axes.plot(
@@ -84,7 +87,7 @@ def _scatter(axes: Axes, rows: Sequence[Row]) -> None:
     axes.legend(loc="upper left", ncols=3)
 
 
-def _error(axes: Axes, row: Row, trace: Trace) -> None:
+def _error(axes: Axes, row: CampaignRow, trace: Trace) -> None:
     t_s, error_m, _ = trace
     axes.plot(t_s, 1e3 * error_m, color=BLUE)
     axes.axvline(SETTLE_S, color=BLACK, linestyle=":", linewidth=0.8)

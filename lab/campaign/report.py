@@ -32,7 +32,7 @@ from lab.campaign.campaign import (
     DURATION_S,
     ENVELOPE,
     VEHICLES,
-    Row,
+    CampaignRow,
     batches,
     case,
     configured,
@@ -157,16 +157,16 @@ def workforce(scheduler: str | None, workers: int | None) -> Iterator[tuple[Exec
             yield executor, sum(client.nthreads().values())
 
 
-def _worst(rows: Sequence[Row]) -> list[Row]:
-    def badness(row: Row) -> tuple[int, float]:
+def _worst(rows: Sequence[CampaignRow]) -> list[CampaignRow]:
+    def badness(row: CampaignRow) -> tuple[int, float]:
         return RANK[row.outcome], row.figures["depth_rms_mm"]
 
     return sorted(rows, key=badness, reverse=True)[:WORST]
 
 
-def _traced(config: Config, numbers: Sequence[int]) -> dict[int, tuple[Row, Trace]]:
+def _traced(config: Config, numbers: Sequence[int]) -> dict[int, tuple[CampaignRow, Trace]]:
     """Dive these again and keep their traces."""
-    found: dict[int, tuple[Row, Trace]] = {}
+    found: dict[int, tuple[CampaignRow, Trace]] = {}
     for part in batches(numbers):
         traces: list[Rows] = []
         for row, trace in zip(dive(config, part, traces).rows, traces, strict=True):
@@ -194,7 +194,7 @@ def _replay(console: Console, config: Config, number: int, folder: Path) -> int:
     return 0
 
 
-def _summary(rows: Sequence[Row], speed: dict[str, float]) -> dict[str, Any]:
+def _summary(rows: Sequence[CampaignRow], speed: dict[str, float]) -> dict[str, Any]:
     inside = [row for row in rows if row.case.inside]
     outside = [row for row in rows if not row.case.inside]
     return {
@@ -207,7 +207,7 @@ def _summary(rows: Sequence[Row], speed: dict[str, float]) -> dict[str, Any]:
     }
 
 
-def _counts(rows: Sequence[Row]) -> dict[str, Any]:
+def _counts(rows: Sequence[CampaignRow]) -> dict[str, Any]:
     outcomes = Counter(row.outcome for row in rows)
     held = [row.figures["depth_rms_mm"] for row in rows if row.outcome == "held"]
     return {
@@ -219,7 +219,7 @@ def _counts(rows: Sequence[Row]) -> dict[str, Any]:
     }
 
 
-def _groups(rows: Sequence[Row]) -> Iterator[tuple[str, str, list[Row]]]:
+def _groups(rows: Sequence[CampaignRow]) -> Iterator[tuple[str, str, list[CampaignRow]]]:
     for vehicle in VEHICLES:
         for dead in ("none", "horizontal", "vertical"):
             of_it = [row for row in rows if row.case.vehicle == vehicle and _dead(row) == dead]
@@ -227,11 +227,11 @@ def _groups(rows: Sequence[Row]) -> Iterator[tuple[str, str, list[Row]]]:
                 yield vehicle, dead, of_it
 
 
-def _dead(row: Row) -> str:
+def _dead(row: CampaignRow) -> str:
     return "vertical" if row.case.dead_vertical else "horizontal" if row.case.dead else "none"
 
 
-def _table(rows: Sequence[Row]) -> Table:
+def _table(rows: Sequence[CampaignRow]) -> Table:
     table = Table(title=f"{len(rows)} dives of {DURATION_S - ENGAGED_S:.0f} s, from engaging on")
     for title in ("vehicle", "dead thruster", "dives", "held", "strays", "lost", "median RMS mm", "99 % mm"):
         table.add_column(title, justify="left" if title in ("vehicle", "dead thruster") else "right")
@@ -246,7 +246,9 @@ def _table(rows: Sequence[Row]) -> Table:
     return table
 
 
-def _tell(console: Console, rows: Sequence[Row], worst: dict[bool, list[Row]], folder: Path) -> None:
+def _tell(
+    console: Console, rows: Sequence[CampaignRow], worst: dict[bool, list[CampaignRow]], folder: Path
+) -> None:
     failed = [row for row in rows if row.case.inside and row.outcome != "held"]
     console.print(
         f"[red]{len(failed)} dives inside it did not hold[/red]" if failed else "All dives inside it held."

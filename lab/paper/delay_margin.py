@@ -13,7 +13,7 @@ from math import pi
 
 import numpy as np
 
-from lab.paper.simulation import INTEGRAL_GAIN, KAPPA, LAM, MASS_KG, TICK_MS, Case, dive
+from lab.paper.simulation import INTEGRAL_GAIN, KAPPA, LAM, MASS_KG, TICK_MS, PaperCase, dive
 
 DELAYS_MS = range(100, 261, 5)
 SEEDS = range(5)
@@ -39,7 +39,7 @@ def measure() -> dict[tuple[str, float], int]:
     """
     kinds = [("none", 0), ("integrator", 0), *(("network", seed) for seed in SEEDS)]
     cases = [
-        Case("none", "derived", compensator, mass_ratio, 0.9, seed, 0.0, delay_ms)
+        PaperCase("none", "derived", compensator, mass_ratio, 0.9, seed, 0.0, delay_ms)
         for compensator, seed in kinds
         for mass_ratio in MASS_RATIOS
         for delay_ms in (0, *DELAYS_MS)

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from lab.paper import third_order
 from lab.paper.rows import Rows
-from lab.paper.simulation import CANONICAL, CORNERS, DISTURBANCES, PERIOD_S, TICK_MS, Case, Trace
+from lab.paper.simulation import CANONICAL, CORNERS, DISTURBANCES, PERIOD_S, TICK_MS, PaperCase, Trace
 from lab.style import BLACK, BLUE, GREEN, ORANGE, PRINTED, SKY, VERMILLION
 
 LOOKS: dict[str, dict[str, Any]] = {
@@ -24,15 +24,15 @@ LOOKS: dict[str, dict[str, Any]] = {
 MARKS = dict(zip(CORNERS, "vs^D", strict=True))
 WIDE = (8.6, 3.3)
 
-Traces = dict[Case, tuple[Trace, Trace]]
+Traces = dict[PaperCase, tuple[Trace, Trace]]
 
 
-def canonical(compensator: str, wait_s: float = 0.0, law: str = "derived", seed: int = 0) -> Case:
+def canonical(compensator: str, wait_s: float = 0.0, law: str = "derived", seed: int = 0) -> PaperCase:
     """Return a canonical case without disturbance: m̂ = 1.1 m, ĥ = 0.9 h."""
-    return Case("none", law, compensator, *CANONICAL, seed, wait_s)
+    return PaperCase("none", law, compensator, *CANONICAL, seed, wait_s)
 
 
-def watched(seeds: Sequence[int]) -> list[Case]:
+def watched(seeds: Sequence[int]) -> list[PaperCase]:
     """Return the cases that the figures show; of the networks those of all `seeds`."""
     plain = [canonical("none"), canonical("none", law="printed")]
     return [*plain, *(canonical("network", wait_s, seed=seed) for wait_s in (0.0, 2.0) for seed in seeds)]

@@ -11,10 +11,19 @@ from rich.table import Table
 
 from lab.paper.page import page
 from lab.paper.plots import draw, watched
-from lab.paper.rows import NAMES, Claim, Row, Rows, claims
-from lab.paper.simulation import COMPENSATORS, CORNERS, DISTURBANCES, DURATION_S, SEEDS, Case, dive, table
+from lab.paper.rows import NAMES, Claim, PaperRow, Rows, claims
+from lab.paper.simulation import (
+    COMPENSATORS,
+    CORNERS,
+    DISTURBANCES,
+    DURATION_S,
+    SEEDS,
+    PaperCase,
+    dive,
+    table,
+)
 
-EXACT = Case("none", "derived", "none", 1.0, 1.0, 0, 0.0)  # beside the table: a model that is right
+EXACT = PaperCase("none", "derived", "none", 1.0, 1.0, 0, 0.0)  # beside the table: a model that is right
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -27,7 +36,7 @@ def run(arguments: argparse.Namespace) -> int:
         diving = progress.add_task(f"{2 * len(cases)} dives at once", total=DURATION_S)
         drawing = progress.add_task("figures", total=1)
         result = dive(cases, watched(SEEDS), lambda: progress.advance(diving))
-        rows = Rows(Row(case, figures) for case, figures in zip(cases, result.figures, strict=True))
+        rows = Rows(PaperRow(case, figures) for case, figures in zip(cases, result.figures, strict=True))
         exact = rows.pop()
         draw(folder, result.traces, rows)
         progress.advance(drawing)

@@ -6,7 +6,7 @@ from operator import attrgetter
 from statistics import median
 from typing import Any
 
-from lab.paper.simulation import CANONICAL, Case, Figures
+from lab.paper.simulation import CANONICAL, Figures, PaperCase
 
 NAMES = {
     ("none", 0.0): "law",
@@ -42,10 +42,10 @@ STUDY: dict[tuple[str, tuple[str, float]], tuple[float | None, float | None, flo
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class PaperRow:
     """A case and what came of it."""
 
-    case: Case
+    case: PaperCase
     figures: Figures
 
     def record(self) -> dict[str, Any]:
@@ -55,7 +55,7 @@ class Row:
         return record
 
 
-class Rows(list[Row]):
+class Rows(list[PaperRow]):
     """All rows, and medians over those that match."""
 
     def values(self, figure: str, **where: Any) -> list[float]:

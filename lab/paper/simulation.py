@@ -51,7 +51,7 @@ SEEDS = range(10)
 
 
 @dataclass(frozen=True, slots=True)
-class Case:
+class PaperCase:
     """One row: what disturbs, which law with which compensator, how wrong its model is, and the seed.
 
     The seed draws the network's first weights and the tether's pull. `mass_ratio` is m̂/m, `damping_ratio`
@@ -96,17 +96,17 @@ class Trace:
 
 
 @dataclass(frozen=True, slots=True)
-class Result:
+class PaperResult:
     """Figures of every case, in order, and traces of the watched ones: one from each of STARTS_M."""
 
     figures: list[Figures]
-    traces: dict[Case, tuple[Trace, Trace]]
+    traces: dict[PaperCase, tuple[Trace, Trace]]
 
 
-def table() -> list[Case]:
+def table() -> list[PaperCase]:
     """Return every row of the table; 10 seeds each, which without network or tether only repeat."""
     return [
-        Case(disturbance, law, compensator, *corner, seed, wait_s)
+        PaperCase(disturbance, law, compensator, *corner, seed, wait_s)
         for (compensator, wait_s), law, corner, disturbance, seed in product(
             COMPENSATORS, LAWS, CORNERS, DISTURBANCES, SEEDS
         )
@@ -114,8 +114,10 @@ def table() -> list[Case]:
 
 
 def dive(
-    cases: Sequence[Case], watched: Sequence[Case] = (), second_passed: Callable[[], None] = lambda: None
-) -> Result:
+    cases: Sequence[PaperCase],
+    watched: Sequence[PaperCase] = (),
+    second_passed: Callable[[], None] = lambda: None,
+) -> PaperResult:
     """Dive all `cases` at once; `second_passed` is called after each simulated second."""
     order = sorted(range(len(cases)), key=lambda i: (cases[i].compensator, cases[i].seed))
     fleet = _Fleet([cases[i] for i in order], {case: order.index(cases.index(case)) for case in watched})
@@ -125,7 +127,7 @@ def dive(
             fleet.move(tick)
         second_passed()
     figures = fleet.figures()
-    return Result([figures[order.index(i)] for i in range(len(cases))], fleet.traces())
+    return PaperResult([figures[order.index(i)] for i in range(len(cases))], fleet.traces())
 
 
 def reference(t_s: float) -> tuple[float, float, float]:
@@ -137,7 +139,7 @@ def reference(t_s: float) -> tuple[float, float, float]:
 class _Sea:
     """Forces d (N) and currents v_c (m/s) that each case feels."""
 
-    def __init__(self, cases: Sequence[Case]) -> None:
+    def __init__(self, cases: Sequence[PaperCase]) -> None:
         self._seeds = sorted({case.seed for case in cases})
         self._row = np.array(
             [
@@ -169,7 +171,7 @@ class _Sea:
 class _Fleet:
     """Plants, laws and compensators of all cases: arrays of shape (starts, cases)."""
 
-    def __init__(self, cases: Sequence[Case], watched: dict[Case, int]) -> None:
+    def __init__(self, cases: Sequence[PaperCase], watched: dict[PaperCase, int]) -> None:
         shape = (len(STARTS_M), len(cases))
         self._sea = _Sea(cases)
         self._z = np.array(STARTS_M)[:, None] + np.zeros(shape)
@@ -239,7 +241,7 @@ class _Fleet:
         )
         return [Figures(*map(float, row)) for row in zip(*columns, strict=True)]
 
-    def traces(self) -> dict[Case, tuple[Trace, Trace]]:
+    def traces(self) -> dict[PaperCase, tuple[Trace, Trace]]:
         """Return the watched dives, from e(0) = 0 and from e(0) = 0.1 m."""
         if not self._watched:
             return {}
@@ -338,7 +340,7 @@ def by_network(
 ESTIMATES = {"none": by_nothing, "integrator": by_integrator, "network": by_network}
 
 
-def _compensators(cases: Sequence[Case]) -> Iterator[tuple[slice, Callable[..., None], Any, Array]]:
+def _compensators(cases: Sequence[PaperCase]) -> Iterator[tuple[slice, Callable[..., None], Any, Array]]:
     """Give what compensates which columns, its parameters and what it remembers of each start and case.
 
     Without leak a network's V(0) is where it starts and nothing else, so that one serves all seeds.

@@ -38,7 +38,7 @@ FAST_AFTER_S = 12.0
 """The shortened trajectory starts this long before the paper's path gives way to the fast one."""
 
 
-class Case(NamedTuple):
+class TrainingCase(NamedTuple):
     """What a dive has to bear: more delay each way, delay that is hidden, and its thrust against nominal."""
 
     longer_s: float
@@ -51,7 +51,12 @@ class Case(NamedTuple):
         return f"+{longer_ms:g} ms each way, {hidden_ms:g} ms hidden, thrust x {self.thrust:g}"
 
 
-CASES = (Case(0.0, 0.0, 1.0), Case(0.0, 0.04, 1.15), Case(0.04, 0.0, 1.0), Case(0.04, 0.04, 1.15))
+CASES = (
+    TrainingCase(0.0, 0.0, 1.0),
+    TrainingCase(0.0, 0.04, 1.15),
+    TrainingCase(0.04, 0.0, 1.0),
+    TrainingCase(0.04, 0.04, 1.15),
+)
 
 
 @dataclass(frozen=True)
@@ -107,7 +112,7 @@ def scores(
     values: Sequence[Mapping[str, float]],
     load: Callable[[Sequence[str]], Config],
     base: SimConfig,
-    dives: Sequence[tuple[Scenario, Case]],
+    dives: Sequence[tuple[Scenario, TrainingCase]],
 ) -> list[float]:
     """Return the score of each set of values, mm; one that the companion would refuse counts as lost."""
     configs = [_configured(load, row.overrides(value)) for value in values]
@@ -133,7 +138,7 @@ def _scores(
     values: Sequence[Mapping[str, float]],
     configs: Sequence[Config],
     base: SimConfig,
-    dives: Sequence[tuple[Scenario, Case]],
+    dives: Sequence[tuple[Scenario, TrainingCase]],
 ) -> Array:
     figures = _dive(row, values, configs, base, dives)
     rms = np.where(np.isnan(figures["depth_rms_mm"]), LOST_MM, figures["depth_rms_mm"])
@@ -148,7 +153,7 @@ def _dive(
     values: Sequence[Mapping[str, float]],
     configs: Sequence[Config],
     base: SimConfig,
-    dives: Sequence[tuple[Scenario, Case]],
+    dives: Sequence[tuple[Scenario, TrainingCase]],
 ) -> dict[str, Array]:
     """Dive all with each of `values`: figures of shape (values · dives,)."""
     of_one = [_stronger(scenario.plant(base, scenario.seed), case.thrust) for scenario, case in dives]
@@ -167,7 +172,7 @@ def _dive(
     return batch.simulate(each, plants, targets, duration_s, seeds, links)
 
 
-def _training(seeds: int, vary: Callable[[SimConfig, int], SimConfig]) -> list[tuple[Scenario, Case]]:
+def _training(seeds: int, vary: Callable[[SimConfig, int], SimConfig]) -> list[tuple[Scenario, TrainingCase]]:
     """Return the dives of a score, shortened, and what each has to bear."""
     dives = []
     for seed in range(seeds):

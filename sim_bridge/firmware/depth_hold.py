@@ -10,10 +10,10 @@ behind them (a constant of the firmware)."""
 MAX_ACCELERATION_M_S2 = 1.0
 """PILOT_ACCEL_Z."""
 GAINS = ("PSC_POSZ_P", "PSC_VELZ_P", "PSC_ACCZ_P", "PSC_ACCZ_I")
-"""The parameters that `Gains` is made of."""
+"""The parameters that `DepthGains` is made of."""
 
 
-class Gains(NamedTuple):
+class DepthGains(NamedTuple):
     """Of depth and climb rate (1/s), and of acceleration as the parameters state them."""
 
     depth_p: float
@@ -35,7 +35,7 @@ AT_REST = State(0.0, 0.0, 0.0, 0.0)
 
 
 def step(
-    gains: Gains,
+    gains: DepthGains,
     state: State,
     too_deep_m: float,
     climb_wanted_m_s: float,

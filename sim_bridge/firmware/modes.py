@@ -4,7 +4,7 @@ import math
 from typing import NamedTuple
 
 from sim_bridge.firmware import depth_hold
-from sim_bridge.firmware.depth_hold import GAINS, SPEED_UP_M_S, Gains, clip
+from sim_bridge.firmware.depth_hold import GAINS, SPEED_UP_M_S, DepthGains, clip
 from sim_bridge.firmware.mixer import Demand
 from sim_bridge.firmware.params import Parameters
 from sim_bridge.firmware.pilot import FORWARD, LATERAL, PITCH, ROLL, THROTTLE, YAW, Pilot
@@ -163,7 +163,7 @@ class FlightControl:
         elif self._climbing:
             self.depth_target = estimate.depth_m - 0.15 * estimate.climb_m_s
         self._climbing = climb != 0.0
-        gains = Gains(*(self._params[name] for name in GAINS))
+        gains = DepthGains(*(self._params[name] for name in GAINS))
         too_deep_m = estimate.depth_m - self.depth_target
         self._depth_hold = depth_hold.step(
             gains, self._depth_hold, too_deep_m, climb, estimate.climb_m_s, estimate.rise_m_s2, dt

@@ -13,7 +13,7 @@ from lab.commands import paper
 from lab.paper import third_order
 from lab.paper.delay_margin import linear_ms
 from lab.paper.rows import STUDY
-from lab.paper.simulation import Case, dive
+from lab.paper.simulation import PaperCase, dive
 
 FIELDS: dict[str, set[Any]] = {
     "disturbance": {"none", "constant", "sine", "tether", "current"},
@@ -137,8 +137,8 @@ def test_written_out_in_plain_python_it_is_the_same(records, compensator, k):
 
 
 def test_a_dive_alone_is_what_it_is_among_others_and_delay_undoes_it(records):
-    alone = Case("current", "derived", "network", 0.9, 1.1, 3, 2.0)
-    soon, late = (Case("none", "derived", "none", 1.1, 0.9, 0, 0.0, delay_ms) for delay_ms in (150, 230))
+    alone = PaperCase("current", "derived", "network", 0.9, 1.1, 3, 2.0)
+    soon, late = (PaperCase("none", "derived", "none", 1.1, 0.9, 0, 0.0, delay_ms) for delay_ms in (150, 230))
     figures = dive([alone, soon, late]).figures
     row = next(row for row in records if all(row[name] == getattr(alone, name) for name in FIELDS))
     for name in FIGURES:

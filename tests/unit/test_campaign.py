@@ -10,7 +10,7 @@ from msgspec.structs import replace
 from companion.config import load_config
 from lab import commands
 from lab.campaign import campaign
-from lab.campaign.campaign import BLUEROV2, DISTURBANCES, VEHICLES, Row, batches, case, plant, run
+from lab.campaign.campaign import BLUEROV2, DISTURBANCES, VEHICLES, CampaignRow, batches, case, plant, run
 from lab.campaign.file import CampaignError, CampaignFile
 
 pytestmark = pytest.mark.timeout(400)  # whoever is first compiles the loop
@@ -73,7 +73,7 @@ def test_the_envelope_leaves_out_what_turns_over():
 
 
 def test_rows_survive_a_stop(tmp_path):
-    rows = [Row(case(n), "held", {"depth_rms_mm": 3.5 + n, "lost_s": float("nan")}) for n in range(4)]
+    rows = [CampaignRow(case(n), "held", {"depth_rms_mm": 3.5 + n, "lost_s": float("nan")}) for n in range(4)]
     file = CampaignFile(tmp_path, CONFIG)
     file.append(rows[:2])
     file.append(rows[2:])
@@ -87,7 +87,7 @@ def test_rows_survive_a_stop(tmp_path):
 
 
 def test_rows_of_two_configurations_do_not_mix(tmp_path):
-    CampaignFile(tmp_path, CONFIG).append([Row(case(1), "held", {"depth_rms_mm": 1.0})])
+    CampaignFile(tmp_path, CONFIG).append([CampaignRow(case(1), "held", {"depth_rms_mm": 1.0})])
     other = replace(CONFIG, heave=replace(CONFIG.heave, kappa_per_s=1.0))
     with pytest.raises(CampaignError, match="another configuration"):
         CampaignFile(tmp_path, other)
