@@ -83,6 +83,7 @@ class Engine:
         state = self._estimator.step(now_s, events, self._controller.gain_scale)
         self._delay_s = state.delays.total_s
         self._follow_frame(state)
+        self._follow_thrusters(state, trusted=Request.CLEAR_FAULT in requests)
         reports = [event for event in events if type(event) not in SAMPLES]
         demand = guidance.pilot_demand(now_s, dt_s, reports)
 
@@ -100,6 +101,7 @@ class Engine:
             dofs=self._dofs,
             finite=self._finite,
             full_override=demand.full_override,
+            misses_motor=actuation.misses_motor,
             preflight_failure=self._fitness.step(events, state, self._config, holding=holding),
         )
         self._engage(verdict, state, engage=Request.ENGAGE in requests)
@@ -122,6 +124,7 @@ class Engine:
         sent = guard(wanted, verdict, self._sent, self._envelope, self._tick_s, sticks, held)
         applied = autopilot.applied(sent, state.pilot_gain)
         self._estimator.sent(now_s, applied[:4], to_inertial(J, actuation.sent(applied, state)))
+        self._estimator.watch_thrusters(now_s, applied, steady=verdict.authority == 1.0)
         self._sent, self._dofs = sent, dofs
 
         mode, arm = self._supervision.wanted_mode(state), self._supervision.asks_arming
@@ -213,6 +216,14 @@ class Engine:
         if state.frame_shift is not None:
             self._controller.shift(state.frame_shift, state.eta_ahead)
             self._guidance.shift(state.frame_shift, state)
+
+    def _follow_thrusters(self, state: VehicleState, *, trusted: bool) -> None:
+        """Allocate around a motor that gives no thrust; with `trusted` the next tick trusts all again."""
+        if state.dead_motor != self._actuation.dead_motor:
+            lost = self._actuation.go_on_without(state.dead_motor, state)
+            self._estimator.lose(to_inertial(jacobian(state.eta_ahead[PSI]), lost))
+        if trusted:
+            self._estimator.trust_thrusters()
 
     def _engage(self, verdict: Verdict, state: VehicleState, *, engage: bool) -> None:
         """Start law and reference where the vehicle is, as far as they do not hold it already."""

@@ -1,9 +1,10 @@
 """From the law's wrench to the axes: what a tilt leaves of it, moments that level, the thrusters' curve."""
 
 import math
+from operator import sub
 
 from companion.control import levelling, pace, tilt
-from companion.control.allocation import Allocation, Thrusters, allocate, delivered, overloaded
+from companion.control.allocation import Allocation, Thrusters, allocate, delivered, overloaded, without
 from companion.control.bounds import limited
 from companion.control.levelling import Levelling
 from companion.control.positioning import by_dof
@@ -44,6 +45,9 @@ class Actuation:
         """Take what levels roll and pitch, and `max_force` of surge and sway, N."""
         self._levelling = levelling
         self._tilt_limit = tilt_limit
+        self._command = NEUTRAL
+        self.dead_motor = 0
+        """Number of the motor that gives no thrust; 0 for none."""
         self.retune(thrusters, max_force)
         self._reset()
         self._pace = FULL_PACE
@@ -58,7 +62,13 @@ class Actuation:
 
     def retune(self, thrusters: Thrusters, max_force: tuple[float, float]) -> None:
         """Go on with other limits."""
-        self.thrusters, self._max_force = thrusters, max_force
+        self._whole, self._max_force = thrusters, max_force
+        self._allocate_without(self.dead_motor)
+
+    def _allocate_without(self, motor: int) -> None:
+        left = without(self._whole, motor) if motor else self._whole
+        self.dead_motor, self.misses_motor = motor, left is None
+        self.thrusters = left or self._whole
 
     def restart(self) -> None:
         """Forget how fast the reference could go: numbers gone bad."""
@@ -101,6 +111,7 @@ class Actuation:
 
         Return the wrench that it gives in the level frame of the heading, N and N·m.
         """
+        self._command = command
         surge, sway, heave, N, _, _ = delivered(self.thrusters, command, state.voltage_v)
         self.delivered = (surge, sway, heave, N)
         got_less = [
@@ -123,6 +134,23 @@ class Actuation:
         """Forget what tilted the vehicle, and what it bore."""
         self._tilt = tilt.start(self._tilt_limit)
         self._roll = self._pitch = levelling.START
+
+    def go_on_without(self, motor: int, state: VehicleState) -> Vector:
+        """Allocate around a motor that gives no thrust, or none for 0, without a step in what is given.
+
+        Return what the last command gave less than was believed, as `sent` does. Where the others cannot do
+        the motor's work, everything stays as it is, and `misses_motor` tells so.
+        """
+        believed = delivered(self.thrusters, self._command, state.voltage_v)
+        self._allocate_without(motor)
+        given = delivered(self.thrusters, self._command, state.voltage_v)
+        surge, sway, heave, N, K, M = map(sub, believed, given)
+        if self._levelling is not None:
+            roll, pitch = self._levelling
+            self._roll = self._roll._replace(integral=self._roll.integral + K / roll.inertia)
+            self._pitch = self._pitch._replace(integral=self._pitch.integral + M / pitch.inertia)
+        x, y, z = tilt.level_force(state.roll, state.pitch, (surge, sway, heave))
+        return (x, y, z, N)
 
     def _tilt_share(
         self, angle: float, state: VehicleState, reference: ReferenceModel, dt_s: float

@@ -214,7 +214,7 @@ def allocate(thrusters: Thrusters, tau: Axes, voltage_v: float, reach: Axes) -> 
     Where a motor group would exceed the end of its curve or its reach, the whole group is scaled, as the
     firmware does, so that the direction of the force is kept.
     """
-    strength = _strength(voltage_v)
+    strength = thrust_at(voltage_v)
     (surge, sway, yaw), (short_x, short_y, short_n) = _group_axes(
         thrusters.horizontal, (tau[0], tau[1], tau[3]), strength, (reach[0], reach[1], reach[3])
     )
@@ -228,7 +228,7 @@ def allocate(thrusters: Thrusters, tau: Axes, voltage_v: float, reach: Axes) -> 
 
 def delivered(thrusters: Thrusters, axes: Axes, voltage_v: float) -> Axes:
     """Return the body wrench that the axes really give, N and N·m, at the nominal curve."""
-    strength = _strength(voltage_v)
+    strength = thrust_at(voltage_v)
     X, Y, N = _group_wrench(thrusters.horizontal, (axes[0], axes[1], axes[3]), strength)
     Z, K, M = _group_wrench(thrusters.vertical, (axes[2], axes[4], axes[5]), strength)
     return (X, Y, Z, N, K, M)
@@ -477,6 +477,6 @@ def _load(newtons: float) -> float:
     return newtons / (T200_N[LAST] if newtons > 0.0 else T200_N[0])
 
 
-def _strength(voltage_v: float) -> float:
+def thrust_at(voltage_v: float) -> float:
     """Return thrust as a share of that at 16 V: it goes about with the square of the voltage."""
     return max((voltage_v / T200_VOLTAGE_V) ** 2, MIN_STRENGTH)

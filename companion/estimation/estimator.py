@@ -24,7 +24,7 @@ from companion.control.positioning import (
     jacobian,
     to_body,
 )
-from companion.estimation import hidden_delay, observer
+from companion.estimation import hidden_delay, observer, thruster_watch
 from companion.estimation.command_history import CommandHistory
 from companion.estimation.delay import DelayMeter
 from companion.estimation.observer import (
@@ -42,6 +42,7 @@ from companion.records import (
     ZERO,
     Ages,
     Attitude,
+    Axes,
     Battery,
     Delays,
     Depth,
@@ -107,6 +108,8 @@ class Estimator:
         self._lead_s = config.thrusters.lead_s
         self._tick_s = 1.0 / config.loop.rate_hz
         self._depth_later_s = LATER_S.get(config.vehicle.depth_source, 0.0)
+        self._watches = config.levels
+        self._watch = thruster_watch.START
         self._hidden_parameters = hidden_delay_parameters(config, model)
         self._hidden = hidden_delay.start(0.0, 0.0)
         self.limit(config.supervisor)
@@ -134,6 +137,7 @@ class Estimator:
     def retune(self, config: Config, model: Model) -> None:
         """Go on from the present estimate with another model, other noises and sensor delays."""
         self._parameters = _observer_parameters(config, model)
+        self._watch_parameters = thruster_watch_parameters(config, self._thrusters)
         self._model = model
         self._sensor_delay_s = [axis.sensor_delay_s for axis in config.axes]
 
@@ -222,11 +226,40 @@ class Estimator:
             clock_doubt_s=self._meter.clock.doubt_s(now_s),
             frame_shift=self._frame_shift,
             stale=stale,
+            dead_motor=self._watch.dead,
         )
 
     def sent(self, now_s: float, axes: Vector, tau_ned: Vector) -> None:
         """Note what was sent: axes and the thrust in NED that they really give."""
         self._commands.append(now_s, axes, tau_ned)
+
+    def watch_thrusters(self, now_s: float, axes: Axes, *, steady: bool) -> None:
+        """Look for a motor that gives no thrust, where roll and pitch are ours; `axes` were sent now.
+
+        `steady` tells that the vehicle follows our frames, at full authority.
+        """
+        if not self._watches:
+            return
+        attitude = self._attitude
+        if not steady or now_s - attitude.t_s > self._timeout_s[PSI]:
+            self._watch = thruster_watch.rest(self._watch)
+            return
+        turning = (attitude.roll, attitude.pitch, attitude.p, attitude.q, attitude.r)
+        delay_s = self._meter.delays.total_s
+        self._watch = thruster_watch.step(
+            self._watch_parameters, self._watch, axes, self._voltage_v, turning, delay_s, self._tick_s
+        )
+
+    def trust_thrusters(self) -> None:
+        """Take all motors for sound again."""
+        self._watch = thruster_watch.START
+
+    def lose(self, tau_ned: Vector) -> None:
+        """Take from d what a motor that gives no thrust was believed to give, N and N·m."""
+        for dof, lost in enumerate(tau_ned):
+            state = self._observers[dof]
+            self._observers[dof] = state._replace(d=state.d - lost)
+            self._mean_disturbance[dof] -= lost
 
     def _is_stale(self, dof: int, now_s: float) -> bool:
         """Tell whether a DOF was not measured for longer than its timeout: then it rests where it was."""
@@ -436,6 +469,19 @@ def interpolate(trajectory: Sequence[Motion], step_index: float) -> tuple[float,
 
 def _observer_parameters(config: Config, model: Model) -> list[ObserverParameters]:
     return [parameters_of(config, model, dof, axis.disturbance_noise) for dof, axis in enumerate(config.axes)]
+
+
+def thruster_watch_parameters(config: Config, thrusters: Thrusters) -> thruster_watch.Parameters:
+    """Return what the watch over the thrusters needs."""
+    levelling = config.levelling
+    return thruster_watch.Parameters(
+        thrusters,
+        levelling.roll_inertia,
+        levelling.pitch_inertia,
+        config.yaw.mass,
+        levelling.lever_m,
+        config.thrusters.lag_s,
+    )
 
 
 def hidden_delay_parameters(config: Config, model: Model) -> ObserverParameters:

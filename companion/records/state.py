@@ -85,3 +85,5 @@ class VehicleState(msgspec.Struct, frozen=True):
     """How long stamps and answers to TIMESYNC have kept contradicting each other; 0 where they do not."""
     frame_shift: FrameShift | None = None
     stale: tuple[bool, bool, bool, bool] = (False, False, False, False)
+    dead_motor: int = 0
+    """Number of the motor that gives no thrust (`thruster_watch`); 0 for none."""

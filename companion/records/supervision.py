@@ -61,6 +61,8 @@ class Condition(IntFlag):
     FAILSAFE_SURFACES = auto()
     SURFACED = auto()
     TILT_PERSISTS = auto()
+    THRUSTER_DEAD = auto()
+    THRUSTER_MISSED = auto()
 
 
 class Verdict(msgspec.Struct, frozen=True):

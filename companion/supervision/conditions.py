@@ -60,6 +60,8 @@ class Observation(msgspec.Struct, frozen=True, kw_only=True):
     holds_position: bool = False
     finite: bool = True
     late_s: float = 0.0
+    misses_motor: bool = False
+    """Whether the others cannot do the work of a motor that gives no thrust."""
     full_override: bool = False
     """Whether the pilot overrides all axes, by stick or button on the ground station's link."""
     pilot_timeout_s: float = math.inf
@@ -195,6 +197,22 @@ CONDITIONS = (
         ("max_depth_m", "depth_margin_m"),
         "the measured depth is above the surface, or below max_depth_m, by more than the margin",
         "take over; check the zero of the depth sensor, and max_depth_m",
+    ),
+    ConditionSpec(
+        C.THRUSTER_MISSED,
+        lambda o, limits: o.misses_motor,
+        (),
+        "a motor gives no thrust and the others cannot do its work, such as a vertical one of two; the event "
+        "and `dead_motor` give its number",
+        "bring the vehicle up, and repair it",
+    ),
+    ConditionSpec(
+        C.THRUSTER_DEAD,
+        lambda o, limits: o.state.dead_motor > 0 and not o.misses_motor,
+        (),
+        "a motor gives no thrust, and the others of its group do its work with less force; the event and "
+        "`dead_motor` give its number",
+        "go on with care: there is no second one to spare",
     ),
     ConditionSpec(
         C.TILTED,

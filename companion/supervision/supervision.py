@@ -67,6 +67,7 @@ class Supervision:
         dofs: DofSample | None,
         finite: bool,
         full_override: bool,
+        misses_motor: bool,
         preflight_failure: str,
     ) -> Verdict:
         """Return who may steer this tick.
@@ -74,6 +75,7 @@ class Supervision:
         `held` are the degrees of freedom that are held, or while nothing is those that would be; `dofs` and
         `finite` are the last tick's; `preflight_failure` names the rows of the pre-dive list that forbid
         engaging.
+        `misses_motor` tells that the others cannot do the work of the motor that gives no thrust.
         """
         limits, ground = self._config.supervisor, self._config.ground_station
         before, mode = self.verdict, self._flight_mode
@@ -103,6 +105,7 @@ class Supervision:
             finite=finite,
             late_s=dt_s - 1.0 / self._config.loop.rate_hz,
             full_override=full_override,
+            misses_motor=misses_motor,
             pilot_timeout_s=ground.timeout_s if ground.endpoint and ground.on_loss != "hold" else math.inf,
             surface_on_loss=ground.on_loss == "surface",
             hand_over=hand_over,

@@ -29,7 +29,7 @@ SICK = (
 )
 SICK |= C.CLOCK_INCONSISTENT
 BLOCKING = BLIND | SICK | C.DISARMED | C.WRONG_MODE | C.FAILSAFE_UNSAFE | C.NON_FINITE | C.TICK_LATE
-BLOCKING |= C.PREFLIGHT_FAILURE | C.LEAK | C.BATTERY_LOW | C.REBOOTED | C.PILOT_LOST
+BLOCKING |= C.THRUSTER_MISSED | C.PREFLIGHT_FAILURE | C.LEAK | C.BATTERY_LOW | C.REBOOTED | C.PILOT_LOST
 NOTHING = Condition(0)
 
 
@@ -75,6 +75,7 @@ TRANSITIONS = (
     T(S.ACTIVE, C.DELAY_TOO_LONG, NOTHING, S.HAND_OVER, "the delay is too long for any gains"),
     T(S.ACTIVE, C.CLOCK_INCONSISTENT, NOTHING, S.HAND_OVER, "the autopilot's clocks contradict each other"),
     T(S.ACTIVE, C.INNOVATION_LARGE, NOTHING, S.HAND_OVER, "measurements keep missing the prediction"),
+    T(S.ACTIVE, C.THRUSTER_MISSED, NOTHING, S.HAND_OVER, "a motor is dead, and no other can do its work"),
     T(S.ACTIVE, C.TILT_PERSISTS, NOTHING, S.HAND_OVER, "the vehicle stays tilted"),
     T(S.ACTIVE, C.OFF_TRACK, NOTHING, S.HAND_OVER, "the vehicle is off track"),
     T(S.RAMP_DOWN, C.NON_FINITE, NOTHING, S.FAULT, "a computed value was not finite"),
@@ -121,6 +122,7 @@ NOTICES = (
     Notice(C.CLOCK_JUMPED, freeze=True),
     Notice(C.TILTED, freeze=True),
     Notice(C.SATURATED, freeze=True),
+    Notice(C.THRUSTER_DEAD, freeze=False),
     Notice(C.YAW_RESET, freeze=False),
     Notice(C.POSITION_RESET, freeze=False),
     Notice(C.BATTERY_LOW, freeze=False),

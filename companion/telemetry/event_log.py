@@ -23,6 +23,7 @@ class EventLog:
     def __init__(self) -> None:
         self._state: State | None = None
         self._conditions = Condition(0)
+        self._dead_motor = 0
         self._resets = 0
         self._turned_rad = 0.0
 
@@ -61,6 +62,9 @@ class EventLog:
                 ("info", "condition", f"no longer {_words(one)}") for one in self._conditions & ~conditions
             ]
             self._conditions = conditions
+        if sample.state.dead_motor != self._dead_motor:
+            happened.append(_motor(self._dead_motor, sample.state.dead_motor))
+            self._dead_motor = sample.state.dead_motor
         happened += self._reset(sample)
         if verdict.state is not self._state or Condition.SURFACED in verdict.conditions:
             self._state = verdict.state
@@ -88,6 +92,12 @@ class EventLog:
                 happened.append(("warning", "condition", text))
             self._resets, self._turned_rad = 0, 0.0
         return happened
+
+
+def _motor(before: int, now: int) -> tuple[Severity, Literal["condition"], str]:
+    if now:
+        return "warning", "condition", f"motor {now} gives no thrust"
+    return "info", "condition", f"motor {before} is trusted again"
 
 
 def _shift_words(shift: FrameShift) -> str:

@@ -64,6 +64,7 @@ def records(sample: ControlSample) -> list[Schema]:
             system_status=state.system_status,
             voltage_v=state.voltage_v,
             pilot_gain=state.pilot_gain,
+            dead_motor=state.dead_motor,
         ),
         *_dofs(sample),
         Command(

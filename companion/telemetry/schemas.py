@@ -69,6 +69,7 @@ class State(Record, frozen=True, kw_only=True):
     system_status: Annotated[int, means("MAV_STATE")]
     voltage_v: Annotated[float, means("battery voltage")]
     pilot_gain: Annotated[float, means("ArduSub's live stick gain, 0..1")]
+    dead_motor: Annotated[int, means("number of the motor that gives no thrust; 0 for none")]
 
 
 class Dof(Record, frozen=True, kw_only=True):

@@ -64,8 +64,10 @@ BLOCKING = (
     C.REBOOTED,
     C.PILOT_LOST,
     C.CLOCK_INCONSISTENT,
+    C.THRUSTER_MISSED,
 )
 ONLY_TOLD = (
+    C.THRUSTER_DEAD,
     C.SATURATED,
     C.CLOCK_JUMPED,
     C.QUEUE_FULL,
@@ -118,6 +120,7 @@ EXPECTED = {
         C.NON_FINITE: State.FAULT,
         C.TICK_LATE: State.RAMP_DOWN,
         C.TILT_PERSISTS: State.HAND_OVER,
+        C.THRUSTER_MISSED: State.HAND_OVER,
         C.PILOT_TAKEOVER: State.PILOT,
         C.PILOT_LOST: State.RAMP_DOWN,
         C.PILOT_LOST_SURFACE: State.HAND_OVER,
@@ -462,6 +465,8 @@ def test_nothing_holds_when_all_is_well():
         (RESTING, {"saturated_s": LIMITS.saturated_s + 0.01}, C.SATURATED),
         (RESTING, {"off_track_s": LIMITS.off_track_s + 0.01}, C.OFF_TRACK),
         (RESTING, {"tilted_s": LIMITS.off_track_s + 0.01}, C.TILT_PERSISTS),
+        (structs.replace(RESTING, dead_motor=6), {}, C.THRUSTER_DEAD),
+        (structs.replace(RESTING, dead_motor=6), {"misses_motor": True}, C.THRUSTER_MISSED),
         (RESTING, {"innovation_m": LIMITS.max_innovation_m + 0.001}, C.INNOVATION_LARGE),
         (RESTING, {"innovation_deg": LIMITS.max_innovation_deg + 0.01}, C.INNOVATION_LARGE),
         (RESTING, {"samples_dropped": True}, C.QUEUE_FULL),

@@ -1,0 +1,345 @@
+"""Which thruster gives no thrust: of nine hypotheses the one that explains how the vehicle turns.
+
+Hypothesis i says that motor i pushes nothing, hypothesis 0 that all push. About each axis of rotation
+
+    y = c v − k s       v = u − b_i f_i        (i = 0: v = u)
+
+is fitted to the last seconds: c stands for an inertia, or thrusters, that differ from the nominal ones alike;
+k for what rights a tilted vehicle, or brakes a turn. A dead motor is the one whose hypothesis leaves less
+than EXPLAINS of the squares that hypothesis 0 and the three other motors of its group leave. The horizontal
+motors are seen in yaw and, by their lever, in roll, which tells apart two that turn alike; the vertical ones
+in roll and pitch. Heave, surge and sway are not looked at: there a payload, a current or waves look like a
+weak motor. Nothing is found while a motor has nothing to do, and then nothing is lost.
+
+| symbol  | meaning                                                                          | unit       |
+|---------|----------------------------------------------------------------------------------|------------|
+| f_i     | push of motor i by the nominal curve after lag and delay, over SLOW_S            | N          |
+| b_i     | moment for a newton of motor i                                                   | m          |
+| u, v    | moment of all motors, and of those that push                                     | N·m        |
+| y       | I ω', over SLOW_S                                                                | N·m        |
+| ω, I    | rate p, q or r, nominal inertia                                                  | rad/s      |
+| s       | roll, pitch; in yaw the rate                                                     | rad, rad/s |
+| c, k    | fitted, within bounds                                                            | 1, N·m     |
+
+Everything is multiplied in pairs and averaged over MEMORY_S: no more has to be kept for any c and k. A motor
+that was found dead is watched further, against hypothesis 0, and taken back where that explains as much.
+"""
+
+import math
+from typing import NamedTuple
+
+from companion.control.allocation import (
+    PUSH,
+    Four,
+    Group,
+    Motors,
+    Three,
+    Thrusters,
+    interpolated,
+    motors,
+    thrust_at,
+)
+from companion.control.bounds import clamped
+from companion.records import Axes
+
+SLOW_S = 1.0
+SHORTEST_S = 0.02
+MEMORY_S = 2.0
+LEAST_GAIN, MOST_GAIN = 0.3, 3.0
+MOST_RIGHTING = 8.0
+"""N·m/rad; in yaw N·m/(rad/s)."""
+
+EXPLAINS = 0.4
+DOUBTED = 0.6
+"""A dead motor's hypothesis that leaves more than this share of what hypothesis 0 leaves is given up."""
+
+LEAST_NM = 0.07
+"""RMS of what hypothesis 0 leaves, below which it is not doubted."""
+
+TILTS = 0.4
+"""So much of the moment by which the horizontal motors tilt the vehicle its motion through the water may make
+as well (Munk's), besides that their lever is not exactly known."""
+
+HOLDS_S = 0.8
+PARDONED_S = 20.0
+"""So long nobody is accused after one was taken back."""
+
+BIAS_S, PARDONED_BIAS_S = 60.0, 5.0
+"""How slowly a constant moment, such as that of a payload beside the centre, is taken for what it is."""
+TINY = 1e-12
+
+Five = tuple[float, float, float, float, float]
+
+
+class Parameters(NamedTuple):
+    """The vehicle as it is believed: thrusters, inertias (kg m²), lever (m) and the thrusters' lag (s)."""
+
+    thrusters: Thrusters
+    roll_inertia: float
+    pitch_inertia: float
+    yaw_inertia: float
+    lever_m: float
+    """How far below the centre of gravity the horizontal motors push."""
+    lag_s: float
+
+
+Turning = tuple[float, float, float, float, float]
+"""Roll, pitch, p, q and r: how the vehicle is turned, and turns."""
+
+
+class Sums(NamedTuple):
+    """Means of the products about one axis; by hypothesis 0 and the four motors of a group."""
+
+    vv: Five
+    vy: Five
+    vs: Five
+    yy: float
+    ys: float
+    ss: float
+    oo: float
+    """Of the moment of the others: the horizontal motors' about roll and pitch."""
+
+
+class Suspect(NamedTuple):
+    """The motor whose hypothesis has been the best, 1 to 8, or 0; and for how long."""
+
+    motor: int
+    lasts_s: float
+
+
+class State(NamedTuple):
+    """What is known."""
+
+    lagged: Motors
+    """Pushes as they act, N."""
+    pushes: Motors
+    """The same over SLOW_S."""
+    slow: Turning
+    """Over SLOW_S."""
+    bias: Three
+    """Constant part of u in roll, pitch and yaw, N·m."""
+    roll: Sums
+    pitch: Sums
+    yaw: Sums
+    tipped: Sums
+    """Of roll, by the horizontal motors."""
+    suspect: Suspect
+    dead: int
+    """The motor that gives no thrust, 1 to 8; 0 while all do."""
+    pardoned_s: float
+
+
+NO_SUMS = Sums((0.0,) * 5, (0.0,) * 5, (0.0,) * 5, 0.0, 0.0, 0.0, 0.0)
+NOBODY = Suspect(0, 0.0)
+IDLE: Motors = (0.0,) * 8
+STILL: Turning = (0.0,) * 5
+NO_BIAS: Three = (0.0, 0.0, 0.0)
+START = State(IDLE, IDLE, STILL, NO_BIAS, NO_SUMS, NO_SUMS, NO_SUMS, NO_SUMS, NOBODY, 0, 0.0)
+"""All motors push, as far as is known."""
+
+
+def rest(state: State) -> State:
+    """Return what stays known where nobody steers: the motor that gave no thrust."""
+    return START._replace(dead=state.dead, pardoned_s=state.pardoned_s)
+
+
+def step(
+    parameters: Parameters,
+    state: State,
+    axes: Axes,
+    voltage_v: float,
+    turning: Turning,
+    delay_s: float,
+    dt_s: float,
+) -> State:
+    """Take the axes that went out, and how the vehicle turned before; `delay_s` from sensor to motor."""
+    across, upright, lever_m = (
+        parameters.thrusters.horizontal,
+        parameters.thrusters.vertical,
+        parameters.lever_m,
+    )
+    new = 1.0 - math.exp(-dt_s / SLOW_S)
+    late = 1.0 - math.exp(-dt_s / max(parameters.lag_s + delay_s, SHORTEST_S))
+    lagged = _pushes(state.lagged, motors(parameters.thrusters, axes), thrust_at(voltage_v), late)
+    f = _smoothed(state.pushes, lagged, new)
+    roll, pitch, p, q, r = turning
+    slow_roll, slow_pitch, slow_p, slow_q, slow_r = state.slow
+    slow_roll = slow_roll + (roll - slow_roll) * new
+    slow_pitch = slow_pitch + (pitch - slow_pitch) * new
+    slow_p = slow_p + (p - slow_p) * new
+    slow_q = slow_q + (q - slow_q) * new
+    slow_r = slow_r + (r - slow_r) * new
+    y_roll = parameters.roll_inertia * (p - slow_p) / SLOW_S
+    y_pitch = parameters.pitch_inertia * (q - slow_q) / SLOW_S
+    y_yaw = parameters.yaw_inertia * (r - slow_r) / SLOW_S
+
+    horizontal, vertical = (f[0], f[1], f[2], f[3]), (f[4], f[5], f[6], f[7])
+    sway = _moments(across, 1, horizontal, -lever_m * across.levers[1], 0.0)
+    surge = _moments(across, 0, horizontal, lever_m * across.levers[0], 0.0)
+    K = _moments(upright, 1, vertical, upright.levers[1], sway[0] - state.bias[0])
+    M = _moments(upright, 2, vertical, upright.levers[2], surge[0] - state.bias[1])
+    N = _moments(across, 2, horizontal, across.levers[2], -state.bias[2])
+    tip = (
+        K[0],
+        K[0] + sway[1] - sway[0],
+        K[0] + sway[2] - sway[0],
+        K[0] + sway[3] - sway[0],
+        K[0] + sway[4] - sway[0],
+    )
+
+    slowly = dt_s / (PARDONED_BIAS_S if state.pardoned_s > 0.0 else BIAS_S) if state.dead == 0 else 0.0
+    bias = (
+        state.bias[0] + slowly * K[0],
+        state.bias[1] + slowly * M[0],
+        state.bias[2] + slowly * N[0],
+    )
+    keep = math.exp(-dt_s / MEMORY_S)
+    by_roll = _summed(state.roll, K, y_roll, slow_roll, sway[0], keep)
+    by_pitch = _summed(state.pitch, M, y_pitch, slow_pitch, surge[0], keep)
+    by_yaw = _summed(state.yaw, N, y_yaw, slow_r, 0.0, keep)
+    tipped = _summed(state.tipped, tip, y_roll, slow_roll, 0.0, keep)
+    pitches = 1.0 if upright.shares[2] > 0.0 else 0.0
+
+    dead, pardoned_s = state.dead, max(state.pardoned_s - dt_s, 0.0)
+    if pardoned_s > 0.0:
+        accused = 0
+    elif dead == 0:
+        accused = _accused(by_yaw, tipped, 1.0)
+        if accused == 0 and not _doubted(by_yaw):
+            accused = _accused(by_roll, by_pitch, pitches)
+            accused = accused + 4 if accused > 0 else 0
+    elif dead > 4:
+        accused = dead if _given_up(by_roll, by_pitch, pitches, dead - 4) else 0
+    else:
+        accused = dead if _given_up(by_yaw, tipped, 1.0, dead) else 0
+    same = accused > 0 and accused == state.suspect.motor
+    suspect = Suspect(accused, state.suspect.lasts_s + dt_s if same else 0.0)
+    if suspect.lasts_s >= HOLDS_S:
+        pardoned_s = PARDONED_S if dead > 0 else 0.0
+        dead, suspect = 0 if dead > 0 else accused, NOBODY
+    return State(
+        lagged,
+        f,
+        (slow_roll, slow_pitch, slow_p, slow_q, slow_r),
+        bias,
+        by_roll,
+        by_pitch,
+        by_yaw,
+        tipped,
+        suspect,
+        dead,
+        pardoned_s,
+    )
+
+
+def _pushes(before: Motors, demands: Motors, strength: float, new: float) -> Motors:
+    """Return the push of each motor as it acts, N."""
+    return (
+        before[0] + (interpolated(demands[0], PUSH) * strength - before[0]) * new,
+        before[1] + (interpolated(demands[1], PUSH) * strength - before[1]) * new,
+        before[2] + (interpolated(demands[2], PUSH) * strength - before[2]) * new,
+        before[3] + (interpolated(demands[3], PUSH) * strength - before[3]) * new,
+        before[4] + (interpolated(demands[4], PUSH) * strength - before[4]) * new,
+        before[5] + (interpolated(demands[5], PUSH) * strength - before[5]) * new,
+        before[6] + (interpolated(demands[6], PUSH) * strength - before[6]) * new,
+        before[7] + (interpolated(demands[7], PUSH) * strength - before[7]) * new,
+    )
+
+
+def _smoothed(before: Motors, now: Motors, new: float) -> Motors:
+    return (
+        before[0] + (now[0] - before[0]) * new,
+        before[1] + (now[1] - before[1]) * new,
+        before[2] + (now[2] - before[2]) * new,
+        before[3] + (now[3] - before[3]) * new,
+        before[4] + (now[4] - before[4]) * new,
+        before[5] + (now[5] - before[5]) * new,
+        before[6] + (now[6] - before[6]) * new,
+        before[7] + (now[7] - before[7]) * new,
+    )
+
+
+def _moments(group: Group, axis: int, f: Four, lever_m: float, others: float) -> Five:
+    """Return v by hypothesis: of all motors of a group and `others`, and without each."""
+    one, two = group.factors[0][axis] * lever_m * f[0], group.factors[1][axis] * lever_m * f[1]
+    three, four = group.factors[2][axis] * lever_m * f[2], group.factors[3][axis] * lever_m * f[3]
+    u = one + two + three + four + others
+    return (u, u - one, u - two, u - three, u - four)
+
+
+def _summed(before: Sums, v: Five, y: float, s: float, o: float, keep: float) -> Sums:
+    """Return the means of the products after one more of each."""
+    a, b, c, d, e = v
+    new = 1.0 - keep
+    return Sums(
+        (
+            keep * before.vv[0] + new * a * a,
+            keep * before.vv[1] + new * b * b,
+            keep * before.vv[2] + new * c * c,
+            keep * before.vv[3] + new * d * d,
+            keep * before.vv[4] + new * e * e,
+        ),
+        (
+            keep * before.vy[0] + new * a * y,
+            keep * before.vy[1] + new * b * y,
+            keep * before.vy[2] + new * c * y,
+            keep * before.vy[3] + new * d * y,
+            keep * before.vy[4] + new * e * y,
+        ),
+        (
+            keep * before.vs[0] + new * a * s,
+            keep * before.vs[1] + new * b * s,
+            keep * before.vs[2] + new * c * s,
+            keep * before.vs[3] + new * d * s,
+            keep * before.vs[4] + new * e * s,
+        ),
+        keep * before.yy + new * y * y,
+        keep * before.ys + new * y * s,
+        keep * before.ss + new * s * s,
+        keep * before.oo + new * o * o,
+    )
+
+
+def left(sums: Sums, hypothesis: int) -> float:
+    """Return the mean square of y − c v + k s for the c and k that make it least, within their bounds."""
+    vv, vy, vs = max(sums.vv[hypothesis], TINY), sums.vy[hypothesis], sums.vs[hypothesis]
+    yy, ys, ss = sums.yy, sums.ys, max(sums.ss, TINY)
+    apart = max(vv * ss - vs * vs, TINY * vv)
+    c = clamped((vy * ss - vs * ys) / apart, LEAST_GAIN, MOST_GAIN)
+    k = clamped((c * vs - ys) / ss, 0.0, MOST_RIGHTING)
+    c = clamped((vy + k * vs) / vv, LEAST_GAIN, MOST_GAIN)
+    return yy - 2.0 * c * vy + c * c * vv + 2.0 * k * ys - 2.0 * c * k * vs + k * k * ss
+
+
+def _least(first: Sums, second: Sums) -> float:
+    """Return the mean square that says nothing, (N·m)²."""
+    return LEAST_NM * LEAST_NM + TILTS * TILTS * (first.oo + second.oo)
+
+
+def _accused(first: Sums, second: Sums, weight: float) -> int:
+    """Return which motor of a group gives no thrust, 1 to 4; 0 for none. The second axis has a `weight`."""
+    whole = left(first, 0) + weight * left(second, 0)
+    if not whole > _least(first, second):
+        return 0
+    found, least, others = 0, whole, whole
+    for motor in range(1, 5):
+        one = left(first, motor) + weight * left(second, motor)
+        if one < least:
+            found, least, others = motor, one, least
+        elif one < others:
+            others = one
+    return found if least < EXPLAINS * others else 0
+
+
+def _doubted(sums: Sums) -> bool:
+    """Tell whether the loss of any motor explains a turn better than no loss."""
+    whole = left(sums, 0)
+    least = min(left(sums, 1), left(sums, 2), left(sums, 3), left(sums, 4))
+    return whole > LEAST_NM * LEAST_NM and least < EXPLAINS * whole
+
+
+def _given_up(first: Sums, second: Sums, weight: float, motor: int) -> bool:
+    """Tell whether it is no longer clear that a motor that was found dead pushes nothing."""
+    whole = left(first, 0) + weight * left(second, 0)
+    without = left(first, motor) + weight * left(second, motor)
+    return without > _least(first, second) and without > DOUBTED * whole

@@ -1,0 +1,65 @@
+"""A thruster dies while depth and heading are held in waves and a current."""
+
+import numpy as np
+import pytest
+from virtual import Dive, hold
+
+from companion.records import Condition, Request, State
+from companion.telemetry.event_log import EventLog
+
+ALT_HOLD = 2
+SEA = ("waves.enabled=true", "current.enabled=true", "initial.eta=[0.0, 0.0, 2.5, 0.0, 0.0, 0.3]")
+DEPTH_M = 2.5
+
+
+def holding(**arguments):
+    dive = Dive(*SEA, setpoint=hold(z=DEPTH_M), **arguments).until(State.ACTIVE)
+    dive.run(6.0)
+    assert dive.step.sample.state.dead_motor == 0
+    return dive
+
+
+@pytest.mark.parametrize("motor", [2, 5, 8])
+def test_the_heavy_holds_depth_and_heading(motor):
+    dive = holding()
+    dive.fault("thruster", thruster=motor, value=0.0)
+    steps = dive.run(40.0)
+    depth_m = np.array([step.truth.eta[2] for step in steps]) - DEPTH_M
+    heading_deg = np.degrees([step.truth.eta[5] - 0.3 for step in steps])
+    tilt_deg = np.degrees([step.truth.eta[3:5] for step in steps])
+    assert {step.sample.verdict.state for step in steps} == {State.ACTIVE}
+    assert np.abs(depth_m).max() < 0.2
+    assert np.sqrt(np.mean(depth_m[500:] ** 2)) < 0.03
+    assert np.abs(heading_deg).max() < 5.0
+    assert np.abs(tilt_deg).max() < 30.0
+    if motor > 4:
+        assert np.abs(tilt_deg[1500:]).max() < 5.0
+        assert dive.step.sample.state.dead_motor == motor
+        assert dive.step.sample.verdict.warnings == Condition.THRUSTER_DEAD
+
+
+def test_a_dead_motor_is_told_and_forgotten_when_the_fault_is_cleared():
+    dive, log = holding(), EventLog()
+    dive.fault("thruster", thruster=6, value=0.0)
+    told = [event.text for step in dive.run(15.0) for event in log.step(step.sample)]
+    assert {"motor 6 gives no thrust", "thruster dead"} <= set(told)
+    dive.ask(Request.CLEAR_FAULT)
+    told = [event.text for step in dive.run(0.1) for event in log.step(step.sample)]
+    assert "motor 6 is trusted again" in told
+    assert dive.step.sample.state.dead_motor == 0
+
+
+def test_six_thrusters_hand_over_what_five_cannot_hold():
+    dive = holding(base="sim-bluerov2.toml", companion=['vehicle.frame="vectored"'])
+    dive.fault("thruster", thruster=6, value=0.0)
+    dive.until(State.HAND_OVER, within_s=10.0)
+    verdict = dive.step.sample.verdict
+    assert "a motor is dead" in verdict.reason
+    assert verdict.remedy == "bring the vehicle up, and repair it"
+    dive.run(10.0)
+    assert dive.step.truth.mode == ALT_HOLD
+    assert abs(dive.step.truth.eta[2] - DEPTH_M) < 1.0
+    dive.ask(Request.STOP)
+    dive.ask(Request.CLEAR_FAULT)
+    dive.run(0.1)
+    assert not dive.step.sample.verdict.conditions & Condition.THRUSTER_MISSED
