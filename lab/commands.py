@@ -36,7 +36,7 @@ examples:
 
 
 def demo(argv: list[str]) -> int:
-    """Show a simulated dive without and with the compensator, in a minute."""
+    """Show what the pilot has today beside Holdfast, in a simulated dive of a minute."""
     if not _has("demo", "rich", "matplotlib"):
         return 1
     from lab.demo.demo import main
@@ -52,17 +52,18 @@ def bench(argv: list[str]) -> int:
         "virtual time and with real MAVLink bytes: the shipped default, other laws and compensators, "
         "ArduSub's depth hold, and the computed LQG floor. One dive takes 3 s on one core; all rows with 60 "
         "vehicles take 5 core-hours, with --seeds 10 one hour. Then it measures the process against its "
-        "limits. Four benches run only on request: `zenoh` measures the effect of slow, stopped and killed "
+        "limits. Five benches run only on request: `zenoh` measures the effect of slow, stopped and killed "
         "subscribers on the tick, in six minutes; `ablation` removes one part of the controller at a time, "
-        "and compares the network with the observer; `grid` dives vehicles of a third to three times the "
-        "nominal gain, with other lags and delays, and lists limit cycles; `firmware` compares our simulator "
-        "with the real ArduSub, for the default and for ALT_HOLD.",
+        "and compares the network with the observer; `network` compares learners on each axis, in the full "
+        "loop; `grid` dives vehicles of a third to three times the nominal gain, with other lags and delays, "
+        "and lists limit cycles; `firmware` compares our simulator with the real ArduSub, for the default "
+        "and for ALT_HOLD.",
         BENCH_EXAMPLES,
     )
     parser.add_argument(
         "what",
         nargs="?",
-        choices=("dives", "process", "zenoh", "ablation", "grid", "firmware"),
+        choices=("dives", "process", "zenoh", "ablation", "network", "grid", "firmware"),
         help="run only this bench; default: dives and process",
     )
     parser.add_argument(

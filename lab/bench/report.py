@@ -34,6 +34,8 @@ from lab.bench.floor import CHATTER_N
 from lab.bench.grid import SUBSETS
 from lab.bench.grid_report import as_records as grid_records
 from lab.bench.grid_report import report as report_grid
+from lab.bench.network_report import as_records as network_records
+from lab.bench.network_report import report as report_network
 from lab.bench.plot import draw
 from lab.bench.process import Bound, latency, process, virtual
 from lab.bench.rows import DEFAULT, ROWS, rows, selected
@@ -87,6 +89,13 @@ def _run(arguments: argparse.Namespace) -> int:
         if arguments.json:
             arguments.json.write_text(json.dumps(grid_records(cells), indent=2) + "\n", encoding="utf-8")
         return 0 if all(cell.held for cell in cells) else 1
+    if arguments.what == "network":
+        outcomes = report_network(console, plant, arguments.set, arguments.seeds)
+        if arguments.json:
+            arguments.json.write_text(
+                json.dumps(network_records(outcomes), indent=2) + "\n", encoding="utf-8"
+            )
+        return 0
     cases: list[Summary] = []
     beside: list[Pair] = []
     bounds: list[Bound] = []
