@@ -12,6 +12,7 @@ from companion.config import Axis, Config, ConfigError
 from companion.control import allocation, oscillation, reference
 from companion.control.actuation import Actuation
 from companion.control.allocation import Thrusters
+from companion.control.compensator import BESIDE_OBSERVER
 from companion.control.controller import Chosen, Controller, Dof
 from companion.control.levelling import Levelling, levelling_of
 from companion.control.positioning import Model
@@ -160,15 +161,20 @@ def dof(config: Config, number: int) -> Dof:
         oscillation=oscillation.Parameters(axis.max_force, oscillation.SHARE * axis.max_force),
         law=law(config, axis),
         compensators=compensators(config, axis),
-        by_observer=OBSERVER in axis.compensator.split("+"),
+        by_observer=by_observer(axis),
         max_disturbance=axis.max_disturbance,
     )
+
+
+def by_observer(axis: Axis) -> bool:
+    """Return whether the observer's d is fed back on an axis."""
+    return OBSERVER in axis.compensator.split("+")
 
 
 def compensators(config: Config, axis: Axis) -> tuple[Chosen, ...]:
     """Return those that learn on an axis."""
     known = registry.compensators(config.compensators)
-    shared = asdict(config.network)
+    shared = asdict(config.network) | {BESIDE_OBSERVER: by_observer(axis)}
     return tuple(
         chosen(known[name], asdict(axis) | shared | config.compensators.get(name, {}), name)
         for name in registry.learners(axis.compensator, known)

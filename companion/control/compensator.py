@@ -13,6 +13,7 @@ One file each, such as `integrator.py`, which is the shortest. A file defines
 and gets its name in `companion/registry.py`, by an entry point, or in the configuration.
 A key is one of the axis (`heave.learning_rate`), or of the compensator's own table (`[compensators.NAME]`).
 Where Parameters are made of keys and not keys themselves, `parameters(values)` makes them: see `network.py`.
+Among the values is BESIDE_OBSERVER: whether the observer's d is fed back beside the compensator.
 
 The lab compiles these functions with numba: so only `math`, floats, ints, bools, tuples, lists of floats.
 
@@ -27,6 +28,7 @@ from companion.control.bounds import limited
 
 Inputs = tuple[float, float, float, float, float, float]
 INPUTS = 6
+BESIDE_OBSERVER = "beside_observer"
 
 
 class Signals(NamedTuple):

@@ -7,6 +7,10 @@ function. Back-propagation of the combined error ε, with leak, dead zone, proje
 
 The sign follows from m ε̇ = −m κ ε + d̂ − d*: a positive ε asks for a smaller d̂.
 
+Beside the observer, which knows what is constant, the network learns only what depends on the motion: what a
+unit gives at rest is taken off its output, σ(Vᵀθ) − σ(V(0)ᵀθ₀) with θ₀ = [1, 0, 0, 0, 0, 0]. Otherwise both
+would integrate the same error, and the sum is slower to follow a wave.
+
 | symbol | key of the configuration | unit (heave; yaw)                          |
 |--------|--------------------------|--------------------------------------------|
 | η      | learning_rate            | N/m; N·m/rad                               |
@@ -25,14 +29,15 @@ from typing import NamedTuple
 import numpy as np
 
 from companion.control.bounds import limited, square_root
-from companion.control.compensator import INPUTS, Inputs, Signals, dead_zone_error, inputs
+from companion.control.compensator import BESIDE_OBSERVER, INPUTS, Inputs, Signals, dead_zone_error, inputs
 
+AT_REST: Inputs = (1.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 SATURATED = 40.0
 """e⁻ˣ of more would only make σ smaller."""
 
 
 class Parameters(NamedTuple):
-    """How the weights move; `hidden` is V(0), a column for each unit."""
+    """How the weights move; `hidden` is V(0), a column for each unit, `rest` what is taken off its output."""
 
     learning_rate: float
     hidden_learning_rate: float
@@ -40,6 +45,7 @@ class Parameters(NamedTuple):
     dead_zone: float
     max_disturbance: float
     hidden: tuple[Inputs, ...]
+    rest: tuple[float, ...]
 
 
 class State(NamedTuple):
@@ -53,13 +59,16 @@ def parameters(values: Mapping[str, float]) -> Parameters:
     """Return parameters with V(0) drawn from `seed`, the same on every axis."""
     units = int(values["units"])
     columns = np.random.default_rng(int(values["seed"])).standard_normal((INPUTS, units)).T.tolist()
+    V = tuple((a, b, c, d, e, f) for a, b, c, d, e, f in columns)
+    beside = bool(values.get(BESIDE_OBSERVER, 0.0))
     return Parameters(
         values["learning_rate"],
         values["hidden_learning_rate"],
         values["leak_per_s"],
         values["dead_zone"],
         values["max_disturbance"],
-        tuple((a, b, c, d, e, f) for a, b, c, d, e, f in columns),
+        V,
+        tuple(hidden(V, AT_REST)) if beside else (0.0,) * units,
     )
 
 
@@ -81,7 +90,8 @@ def learnt(
 ) -> tuple[State, float, bool]:
     """Return what `step` does, for any inputs θ."""
     sigma = hidden(state.V, theta)
-    d_hat = dot(state.W, sigma)
+    phi = less(sigma, parameters.rest)
+    d_hat = dot(state.W, phi)
     d_max = parameters.max_disturbance
     learning, error = dead_zone_error(d_hat, eps, adapt, parameters.dead_zone, d_max)
     if learning:
@@ -94,13 +104,15 @@ def learnt(
                 for j in range(len(sigma))
             ]
         gain = learn_s * parameters.learning_rate * error
-        state = State([keep * state.W[j] - gain * sigma[j] for j in range(len(sigma))], V)
-        d_hat = dot(state.W, sigma)
+        state = State([keep * state.W[j] - gain * phi[j] for j in range(len(phi))], V)
+        d_hat = dot(state.W, phi)
     return state, limited(d_hat, d_max), learning
 
 
 def seed(parameters: Parameters, state: State, signals: Signals, d_hat: float) -> State:
-    """Answer these signals with `d_hat`, by the smallest change of W."""
+    """Answer these signals with `d_hat`, by the smallest change of W; beside the observer stay as it is."""
+    if parameters.rest[0] > 0.0:
+        return state
     sigma = hidden(state.V, inputs(signals))
     missing = (limited(d_hat, parameters.max_disturbance) - dot(state.W, sigma)) / dot(sigma, sigma)
     return State([state.W[j] + missing * sigma[j] for j in range(len(sigma))], state.V)
@@ -112,7 +124,7 @@ def weight_norm(state: State) -> float:
 
 
 def integral_gain(parameters: Parameters) -> float:
-    """Return η n/4: the outputs of n units are ½ at rest."""
+    """Return η n/4: the outputs of n units are ½ at rest. Beside the observer it is less."""
     return 0.25 * len(parameters.hidden) * parameters.learning_rate
 
 
@@ -121,6 +133,11 @@ def hidden(V: Sequence[Inputs], theta: Inputs) -> list[float]:
     a, b, c, d, e, f = theta
     summed = [v[0] * a + v[1] * b + v[2] * c + v[3] * d + v[4] * e + v[5] * f for v in V]
     return [1.0 / (1.0 + math.exp(-x if not x < -SATURATED else SATURATED)) for x in summed]
+
+
+def less(a: Sequence[float], b: Sequence[float]) -> list[float]:
+    """Return a − b."""
+    return [a[i] - b[i] for i in range(len(a))]
 
 
 def dot(a: Sequence[float], b: Sequence[float]) -> float:

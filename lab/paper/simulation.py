@@ -346,7 +346,7 @@ def _compensators(cases: Sequence[PaperCase]) -> Iterator[tuple[slice, Callable[
     Without leak a network's V(0) is where it starts and nothing else, so that one serves all seeds.
     """
     gains = integrator.Parameters(INTEGRAL_GAIN, 0.0, 0.0, inf)
-    learning = network.Parameters(ETA, ETA_V, 0.0, 0.0, inf, ((0.0,) * 6,) * UNITS)
+    learning = network.Parameters(ETA, ETA_V, 0.0, 0.0, inf, ((0.0,) * 6,) * UNITS, (0.0,) * UNITS)
     parameters = {"none": 0.0, "integrator": gains, "network": learning}
     start = 0
     for kind, group in groupby(cases, key=lambda case: case.compensator):
