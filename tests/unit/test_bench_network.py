@@ -47,8 +47,8 @@ def _trained(errors: dict[float, tuple[float, float, float]]) -> list[Outcome]:
 
 
 def test_the_best_rate_is_the_one_that_helps_most_and_costs_little_anywhere() -> None:
-    errors = {16.0: (10.1, 9.0, 10.0), 8.0: (10.1, 8.0, 10.0), 4.0: (10.5, 5.0, 10.0)}
-    assert best("network", _trained(errors)) == Variant("network", (8.0,) * 4)
+    errors = {4.0: (10.1, 9.0, 10.0), 2.0: (10.1, 8.0, 10.0), 1.0: (10.5, 5.0, 10.0)}
+    assert best("network", _trained(errors)) == Variant("network", (2.0,) * 4)
 
 
 def test_where_every_rate_costs_too_much_the_slowest_is_taken() -> None:
