@@ -8,6 +8,7 @@ what we steer.
 import asyncio
 import gc
 import logging
+import math
 import os
 import time
 from collections import deque
@@ -30,6 +31,7 @@ from companion.mavlink.inbox import Inbox
 from companion.mavlink.relay import Relay
 from companion.mavlink.signing import signing_of
 from companion.mavlink.timestamps import timestamps_of
+from companion.predive.manoeuvre import Manoeuvre
 from companion.records import PSI, ControlSample, LoopHealth, Request, Setpoint, Z
 from companion.telemetry.event_log import EventLog
 from companion.telemetry.schemas import Choices, Raw, Start
@@ -45,8 +47,17 @@ log = logging.getLogger("holdfast")
 class App:
     """Link, engine and publisher joined by the tick."""
 
-    def __init__(self, config: Config, setpoint: Setpoint, *, arm: bool, requests: Sequence[Request]) -> None:
+    def __init__(
+        self,
+        config: Config,
+        setpoint: Setpoint,
+        *,
+        arm: bool,
+        requests: Sequence[Request],
+        manoeuvre: Manoeuvre | None = None,
+    ) -> None:
         self._config = config
+        self._manoeuvre = manoeuvre
         signing, ground_signing = (signing_of(config, time.time()) for _ in range(2))
         self._timestamps = timestamps_of(config, vehicle=signing, ground=ground_signing)
         engine = self._engine = Engine(config, setpoint, arm=arm, signing=signing)
@@ -175,6 +186,10 @@ class App:
             if self._ground is not None:
                 self._relay.withhold = engine.steering
             commands.after_tick(engine, sample, now_s)
+            if self._manoeuvre is not None:
+                self._requests += self._manoeuvre.step(engine, sample)
+                if self._manoeuvre.done:
+                    self._stop.set()
         except Exception as error:
             self._failure = error
             self._stop.set()
@@ -250,6 +265,16 @@ def _start(config: Config, setpoint: Setpoint, arm: bool) -> Start:
     return Start(
         config=msgspec.to_builtins(config), setpoint=(x, y, z, psi), arm=arm, version=version("holdfast")
     )
+
+
+def identify(config: Config, manoeuvre: Manoeuvre, *, arm: bool) -> int:
+    """Run the companion for a manoeuvre, which ends it; return its exit status."""
+
+    async def run() -> int:
+        setpoint = Setpoint((math.nan,) * 4)
+        return await App(config, setpoint, arm=arm, requests=[Request.ENGAGE], manoeuvre=manoeuvre).run()
+
+    return asyncio.run(run())
 
 
 def main(config: Config, setpoint: Setpoint, *, arm: bool, requests: Sequence[Request]) -> NoReturn:

@@ -3,6 +3,7 @@
 import argparse
 import datetime
 import json
+import logging
 import math
 import sys
 from pathlib import Path
@@ -41,6 +42,17 @@ examples:
 exit status: 0 all rows good; 1 warnings; 2 refused rows (`holdfast run` will not engage), no vehicle, or a
 wrong configuration. If the vehicle is disarmed, the check switches to MANUAL, STABILIZE and back. It sends
 no steering without --thrusters.
+"""
+
+
+IDENTIFY_EXAMPLES = """\
+examples:
+  holdfast identify                             armed, 1.5 m deep or more, in calm water: ask, then move
+  holdfast identify --vehicle bluerov2 --arm    begin with another preset, and arm
+  holdfast run --vehicle vehicle.toml           use what was found
+
+The supervisor and the guard of `holdfast run` are in charge. docs/identify.md says what is measured, and how
+well.
 """
 
 
@@ -219,6 +231,80 @@ def check(argv: list[str]) -> int:
     else:
         show(rows, notes)
     return int(worst(rows))
+
+
+def identify(argv: list[str]) -> int:
+    """Measure a vehicle's mass, damping, lag and buoyancy by a manoeuvre, and write its file."""
+    parser = argparse.ArgumentParser(
+        prog="holdfast identify",
+        description="Holds the vehicle as `holdfast run` does, and moves each axis to and fro in turn, half "
+        "a minute each: the vehicle MOVES, up to 0.5 m and 50°, with small pushes. Heave and yaw always; "
+        "surge and sway where a position is measured. From this it finds what config/vehicles/ says of one.",
+        epilog=IDENTIFY_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    _add_config(parser)
+    parser.add_argument("--arm", action="store_true", help="arm the vehicle when engaging")
+    parser.add_argument("--yes", action="store_true", help="do not ask before it moves")
+    parser.add_argument(
+        "--out", type=Path, default=Path("vehicle.toml"), metavar="FILE", help="default: %(default)s"
+    )
+    arguments = parser.parse_args(argv)
+
+    from companion import app
+    from companion.config import DEFAULT_FILE, ConfigError, load_config, vehicle_text
+    from companion.io.logs import log_to
+    from companion.predive.fit import fit
+    from companion.predive.identified import Progress, draw, show, vehicle
+    from companion.predive.manoeuvre import Manoeuvre
+
+    log_to(sys.stderr)
+    logging.getLogger("holdfast").setLevel(logging.WARNING)
+    try:
+        config = load_config(arguments.config or DEFAULT_FILE, _overrides(arguments))
+        if arguments.out.exists():
+            raise ConfigError(f"{arguments.out} is there already; remove it or choose another --out")
+        if not arguments.yes and not _agreed():
+            return 130
+        with Progress() as progress:
+            manoeuvre = Manoeuvre(progress.show)
+            status = app.identify(config, manoeuvre, arm=arguments.arm)
+    except (ConfigError, ValueError) as error:
+        sys.stderr.write(f"holdfast identify: {error}\n")
+        return 2
+    except OSError as error:
+        sys.stderr.write(f"holdfast identify: {error}\n")
+        return 1
+    if manoeuvre.failure or not manoeuvre.stretches:
+        sys.stderr.write(
+            f"holdfast identify: broken off: {manoeuvre.failure or 'stopped'}; nothing was written\n"
+        )
+        return status or 1
+    found = fit(manoeuvre.stretches, config)
+    show(config, found)
+    arguments.out.write_text(
+        vehicle_text(*vehicle(config, found, datetime.datetime.now(datetime.UTC).date())), encoding="utf-8"
+    )
+    sys.stdout.write(f"written: {arguments.out}; use it with holdfast run --vehicle {arguments.out}\n")
+    try:
+        draw(found, arguments.out.with_suffix(".png"))
+        sys.stdout.write(f"written: {arguments.out.with_suffix('.png')}\n")
+    except ImportError:
+        sys.stdout.write("no picture: matplotlib is missing; pip install 'holdfast[lab]'\n")
+    return 0
+
+
+def _agreed() -> bool:
+    """Ask whether it may move; without a terminal it may not."""
+    if not sys.stdin.isatty():
+        raise ValueError("it moves the vehicle: say --yes where nobody can be asked")
+    sys.stdout.write(
+        "The vehicle will move by itself for one to two minutes: 0.5 m on each held axis, 50° in heading.\n"
+        "It needs 1.2 m of depth and 2 m of free water around it. A stick at full deflection, the release\n"
+        "button, `holdfast tell NAME release`, a mode change or Ctrl-C ends it. Go on? [y/N] "
+    )
+    sys.stdout.flush()
+    return sys.stdin.readline().strip().lower() in ("y", "yes")
 
 
 def _position(text: str) -> tuple[float, float]:

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from operator import add
 
 from msgspec.structs import replace
 
@@ -18,9 +19,11 @@ from companion.records import (
     NEUTRAL,
     PSI,
     SAMPLES,
+    ZERO,
     AxisCommand,
     ControlSample,
     DofSample,
+    Event,
     LoopHealth,
     Request,
     Sender,
@@ -30,6 +33,7 @@ from companion.records import (
     VehicleState,
     Verdict,
     Wrench,
+    vector,
 )
 from companion.supervision.guard import guard
 from companion.supervision.supervision import Supervision
@@ -59,6 +63,12 @@ class Engine:
         self._finite = True
         self._last_s: float | None = None
         self._delay_s: float | None = None
+        self.events: list[Event] = []
+        """What the last tick took in."""
+        self.applied = NEUTRAL
+        """What the vehicle makes of the last command, after rounding."""
+        self.excitation = ZERO
+        """A body force that is added to the law's, N and N·m, to identify the vehicle."""
         self.steering = False
         """Whether the last tick sent a steering frame: nobody else's should reach the vehicle meanwhile."""
 
@@ -79,7 +89,7 @@ class Engine:
         control_dt_s = min(max(dt_s, 0.0), MAX_DT_TICKS * self._tick_s)
         self._last_s = now_s
 
-        events = [*autopilot.receive(datagrams), *pilot_events(ground)]
+        events = self.events = [*autopilot.receive(datagrams), *pilot_events(ground)]
         state = self._estimator.step(now_s, events, self._controller.gain_scale)
         self._delay_s = state.delays.total_s
         self._follow_frame(state)
@@ -113,6 +123,8 @@ class Engine:
         dofs = self._controller.step(state, J, target, guidance.engaged, saturated, control_dt_s)
         requested = to_body(J, dofs.tau)
         self._check_finite(requested)
+        if self.excitation is not ZERO:
+            requested = vector(map(add, requested, self.excitation))
         reach = AxisCommand(*(axis * self._envelope.max_axis for axis in autopilot.reach(state.pilot_gain)))
         wanted = actuation.step(
             requested, verdict, state, guidance.engaged, reach, self._controller.reference, control_dt_s
@@ -122,7 +134,7 @@ class Engine:
         pilot = demand.sticks if self.steering else None
         sticks, held = autopilot.sticks_beside(guidance.engaged, pilot, state.pilot_gain)
         sent = guard(wanted, verdict, self._sent, self._envelope, self._tick_s, sticks, held)
-        applied = autopilot.applied(sent, state.pilot_gain)
+        applied = self.applied = autopilot.applied(sent, state.pilot_gain)
         self._estimator.sent(now_s, applied[:4], to_inertial(J, actuation.sent(applied, state)))
         self._estimator.watch_thrusters(now_s, applied, steady=verdict.authority == 1.0)
         self._sent, self._dofs = sent, dofs

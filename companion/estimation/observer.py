@@ -188,14 +188,23 @@ def _stationary_gain(m: np.float64, c: np.float64, lag_s: float, noise: Noise, d
     R = np.diag((noise.position**2, noise.rate**2))
     C = np.zeros((2, 6))
     C[0, 0] = C[0, 4] = C[1, 1] = C[1, 5] = 1.0
-    # P doubles its horizon with each step: 2^n samples after n (Chu, Fan, Lin 2004, the algorithm SDA).
+    P = stationary_covariance(A, C, Q, R)
+    return P @ C.T @ np.linalg.inv(C @ P @ C.T + R)
+
+
+def stationary_covariance(A: Array, C: Array, Q: Array, R: Array) -> Array:
+    """Return the covariance P (n, n) of the prediction to which the Riccati recursion settles.
+
+    P doubles its horizon with each step: 2^n samples after n (Chu, Fan, Lin 2004, the algorithm SDA).
+    """
+    identity = np.eye(len(A))
     reach, information, P = A.T, C.T @ np.linalg.solve(R, C), Q
     for _ in range(DOUBLINGS):
-        shrunk = np.linalg.inv(np.eye(6) + information @ P)
+        shrunk = np.linalg.inv(identity + information @ P)
         growth = reach.T @ P @ shrunk @ reach
         information = information + reach @ shrunk @ information @ reach.T
         reach = reach @ shrunk @ reach
         P = P + growth
         if np.abs(growth).max() <= 1e-12 * np.abs(P).max():
             break
-    return P @ C.T @ np.linalg.inv(C @ P @ C.T + R)
+    return P

@@ -1,0 +1,464 @@
+"""The model of one degree of freedom that explains a recorded stretch best, with its doubt. No clock.
+
+A prediction-error fit (Ljung, System Identification, 1999, ch. 7): a Kalman filter runs along the record on
+the model, and the parameters are those for which its innovations are smallest. Nothing is differentiated. The
+disturbance is a state of the filter, so a swell or a tether is not taken for mass or damping, and so is the
+slow noise that an EKF's depth and rate carry.
+
+    q' = v     m v' = f − d1 v − d2 |v| v + b + d     T f' = u(t − D) − f
+    d' = −d/T_d     s' = −s/T_n     p' = −p/T_n
+
+| symbol | meaning                                                                    | unit             |
+|--------|----------------------------------------------------------------------------|------------------|
+| q, v   | position and rate, measured as q + s and v + p                             | m, m/s; rad      |
+| m      | inertia with added mass                                                    | kg; kg m²        |
+| d1, d2 | linear and quadratic damping                                               | N/(m/s)..., N m  |
+| b      | steady force; in heave the weight in water, less buoyancy                  | N; N·m           |
+| u, f   | force asked of the thrusters by their curve, and given after their lag     | N; N·m           |
+| D, T   | delay from sending to the measurement's stamp, and thrust lag              | s                |
+| g      | half-width of the thrusters' dead band, of the T200's curve alone          | µs               |
+| d      | disturbance: σ_d and T_d are its deviation and correlation time            | N; N·m           |
+
+All forces are those of T200 thrusters. Motion tells forces only in proportion to inertia, so thrusters that
+are stronger by a factor make m, d1, d2 and b smaller by that factor: just what the control law needs.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from companion.config import Config
+from companion.control.allocation import FACTORS, PER_NEWTON, T200_N, T200_PWM_US, T200_VOLTAGE_V
+from companion.control.bounds import clamped
+from companion.estimation.observer import Noise, stationary_covariance
+from companion.predive.manoeuvre import Measured, Stretch
+from companion.records import PSI, Array
+
+NAMES: Final = (
+    "mass",
+    "linear_damping",
+    "quadratic_damping",
+    "steady_force",
+    "lag_s",
+    "delay_s",
+    "dead_band_us",
+    "rate_later_s",
+)
+MASS, LINEAR, QUADRATIC, STEADY, LAG, DELAY, DEAD, LATER = range(len(NAMES))
+
+LEAST: Final = np.array((0.01, 0.0, 0.0, -200.0, 0.003, 0.0, 5.0, -0.03))
+MOST: Final = np.array((1000.0, 500.0, 5000.0, 200.0, 1.0, 0.3, 55.0, 0.03))
+CURVES: Final = ("t200", "quadratic")
+DEAD_BAND_US, DEAD_BAND_DOUBT_US = 28.0, 5.0
+"""What is known of the dead band beforehand; the pushes lie outside of it most of the time."""
+LAG_DOUBT_S = 0.2
+ALIKE_LAG, ALIKE_DEAD_BAND_US, ALIKE_SIGMAS = 0.05, 1.5, 3.0
+"""How alike the thrusters of different axes are: share of the lag, µs, and how often the fit's own doubt."""
+LATER_DOUBT_S = 0.005
+"""How much later than positions the rates may be."""
+
+DISTURBANCE_TIME_S = 1.0
+DISTURBANCES: Final = (0.003, 0.01, 0.03, 0.1, 0.3)
+"""σ_d over mass that are tried, m/s² or rad/s²; the likelihood chooses."""
+
+FULL_US, FULL_N = 400.0, 51.5
+BURN_IN_S = 1.0
+"""So much of the start tells where it was, not how it moves."""
+
+START_SCALES, START_LAGS_S = (0.25, 0.5, 1.0, 2.0), (0.02, 0.15)
+ROUNDS, SIGMA_ROUNDS, TOLERANCE = 40, 3, 1e-4
+DAMPINGS: Final = (1e-3, 1e-1, 1e1, 1e3)
+
+
+class Known(NamedTuple):
+    """What is known of the thrusters before a stretch is looked at, with its doubt."""
+
+    lag_s: float
+    lag_doubt_s: float
+    dead_band_us: float
+    dead_band_doubt_us: float
+
+
+class Value(NamedTuple):
+    """A number and its standard deviation."""
+
+    value: float
+    sigma: float
+
+
+@dataclass(frozen=True)
+class Fit:
+    """What a stretch tells of its degree of freedom; `curve` is "t200" or "quadratic", 51.5 N u|u|."""
+
+    dof: int
+    curve: str
+    values: tuple[Value, ...]
+    """By NAMES."""
+    damping_at: tuple[tuple[float, Value], ...]
+    """Speeds of the stretch, and the force of the damping there, which is known better than its parts."""
+    disturbance: float
+    """σ_d, N or N·m."""
+    misfit: float
+    """Root mean square of the innovations over what the noise explains: near 1 where the model is right."""
+    score: float
+    """Twice the logarithm of the likelihood, less a constant."""
+    t_s: Array
+    measured: Array
+    """(n, 2) position and rate at t_s."""
+    predicted: Array
+    """(n, 2) by the model alone, from where it began, without corrections and disturbance."""
+
+
+@dataclass(frozen=True)
+class Record:
+    """A stretch on one grid: times (n,), measured positions and rates (n,), NaN where nothing came."""
+
+    dof: int
+    t_s: Array
+    position: Array
+    rate: Array
+    demands: Array
+    """(n, motors) from each time on."""
+    shares: Array
+    """(motors,) force or moment for a newton of each."""
+    strength: Array
+    """(n,) of the voltage."""
+
+
+class Task(NamedTuple):
+    """What is fitted: a record, the noise of its measurements, a thruster curve, and what is known before."""
+
+    record: Record
+    noise: Noise
+    curve: str
+    known: Known
+
+
+def record_of(stretch: Stretch, frame: str) -> Record:
+    """Put a stretch on the grid of its commands."""
+    t_s = np.array([one.t_s for one in stretch.sent])
+    axes = np.array([one.axes for one in stretch.sent])
+    voltage = np.array([one.voltage_v for one in stretch.sent])
+    factors = np.array(FACTORS[frame])
+    position = _gridded(t_s, stretch.positions)
+    if stretch.dof == PSI:
+        position = _gridded(t_s, _unwrapped(stretch.positions))
+    return Record(
+        stretch.dof,
+        t_s,
+        position,
+        _gridded(t_s, stretch.rates),
+        np.clip(axes @ factors.T, -1.0, 1.0),
+        factors[:, stretch.dof] * PER_NEWTON[stretch.dof],
+        (voltage / T200_VOLTAGE_V) ** 2,
+    )
+
+
+def fit(stretches: Sequence[Stretch], config: Config) -> dict[str, list[Fit]]:
+    """Return fits of the stretches by thruster curve, the curve that explains them better first.
+
+    The heading is measured best, so its stretch comes first: the other axes have thrusters of the same kind,
+    and begin with what it told of lag and dead band.
+    """
+    ordered = sorted(stretches, key=lambda stretch: stretch.dof != PSI)
+    found = {curve: _fit_all(ordered, config, curve) for curve in CURVES}
+    return dict(sorted(found.items(), key=lambda item: -sum(one.score for one in item[1])))
+
+
+def _fit_all(stretches: Sequence[Stretch], config: Config, curve: str) -> list[Fit]:
+    known = Known(config.thrusters.lag_s, LAG_DOUBT_S, DEAD_BAND_US, DEAD_BAND_DOUBT_US)
+    fits = []
+    for stretch in stretches:
+        axis = config.axes[stretch.dof]
+        noise = Noise(
+            axis.position_noise,
+            axis.rate_noise,
+            axis.position_noise_slow,
+            axis.rate_noise_slow,
+            axis.disturbance_noise,
+            config.delays.slow_noise_s,
+        )
+        start = (axis.mass, axis.linear_damping, axis.quadratic_damping)
+        task = Task(record_of(stretch, config.vehicle.frame), noise, curve, known)
+        fits.append(_fit(task, start))
+        lag, dead = fits[-1].values[LAG], fits[-1].values[DEAD]
+        if stretch.dof == PSI:
+            known = Known(
+                lag.value,
+                max(ALIKE_SIGMAS * lag.sigma, ALIKE_LAG * lag.value, LEAST[LAG]),
+                dead.value,
+                max(ALIKE_SIGMAS * dead.sigma, ALIKE_DEAD_BAND_US),
+            )
+    return sorted(fits, key=lambda one: one.dof)
+
+
+def thrust(record: Record, dead_band_us: float, curve: str) -> Array:
+    """Return the force (n,) that the thrusters are asked for from each time on, N or N·m."""
+    return np.asarray(record.strength * (_push(record.demands, dead_band_us, curve) @ record.shares))
+
+
+def _push(demands: Array, dead_band_us: float, curve: str) -> Array:
+    if curve == "quadratic":
+        return np.asarray(FULL_N * demands * np.abs(demands))
+    offset_us = np.array(T200_PWM_US, float) - 1500.0
+    offset_us[5], offset_us[6] = -dead_band_us, dead_band_us
+    return np.asarray(np.interp(demands * FULL_US, offset_us, T200_N))
+
+
+def _fit(task: Task, start: Sequence[float]) -> Fit:
+    record, sigma = task.record, DISTURBANCES[2]
+    theta = _start(task, start, sigma)
+    theta, J = _least(task, theta, sigma)
+    for _ in range(SIGMA_ROUNDS):
+        likeliest = max([(_score(task, theta, one), one) for one in DISTURBANCES])[1]
+        if likeliest == sigma:
+            break
+        sigma = likeliest
+        theta, J = _least(task, theta, sigma)
+    gain = _gain(task, theta, sigma)
+    whitened = (_filtered(task, theta, gain).innovations @ gain.whiten.T)[_counting(record)]
+    covariance = max(map(_spread, whitened.T)) * np.linalg.pinv(J.T @ J, hermitian=True)
+    deviations = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    damping, doubt = theta[LINEAR : QUADRATIC + 1], covariance[LINEAR : QUADRATIC + 1, LINEAR : QUADRATIC + 1]
+    at = []
+    for speed in np.nanquantile(np.abs(record.rate), (0.5, 0.95)).tolist():
+        powers = np.array((speed, speed**2))
+        at.append(
+            (speed, Value(float(powers @ damping), math.sqrt(max(float(powers @ doubt @ powers), 0.0))))
+        )
+    alone = _filtered(task, theta, gain._replace(K=np.zeros_like(gain.K)))
+    return Fit(
+        dof=record.dof,
+        curve=task.curve,
+        values=tuple(Value(*pair) for pair in zip(theta.tolist(), deviations.tolist(), strict=True)),
+        damping_at=tuple(at),
+        disturbance=sigma * float(theta[MASS]),
+        misfit=math.sqrt(float(np.mean(whitened**2))),
+        score=_score(task, theta, sigma),
+        t_s=record.t_s,
+        measured=np.column_stack((record.position, record.rate)),
+        predicted=alone.predicted,
+    )
+
+
+def _counting(record: Record) -> NDArray[np.bool_]:
+    """Return where the record tells how the vehicle moves (n,)."""
+    return np.asarray(record.t_s - record.t_s[0] >= BURN_IN_S)
+
+
+def _start(task: Task, nominal: Sequence[float], sigma: float) -> Array:
+    """Return the parameters to begin with: the nominal vehicle, or a stronger, weaker or quicker one."""
+    starts = []
+    for scale in START_SCALES:
+        for lag_s in {task.known.lag_s, *START_LAGS_S}:
+            model = [scale * one for one in nominal]
+            starts.append(np.clip((*model, 0.0, lag_s, 0.03, task.known.dead_band_us, 0.0), LEAST, MOST))
+    scores = [_score(task, theta, sigma) for theta in starts]
+    return starts[int(np.argmax(scores))]
+
+
+def _least(task: Task, theta: Array, sigma: float) -> tuple[Array, Array]:
+    """Return parameters and Jacobian where the residuals are smallest (Levenberg, Marquardt)."""
+
+    def residuals(values: Array) -> Array:
+        return _residuals(task, values, gain)
+
+    for _ in range(ROUNDS):
+        gain = _gain(task, theta, sigma)
+        r = residuals(theta)
+        J = _jacobian(residuals, theta, r)
+        gradient, curvature = J.T @ r, J.T @ J
+        cost, better = float(r @ r), None
+        for damping in DAMPINGS:
+            step = np.linalg.lstsq(
+                curvature + damping * np.diag(np.diag(curvature) + 1e-12), -gradient, rcond=None
+            )[0]
+            tried = np.clip(theta + step, LEAST, MOST)
+            tried[MASS] = clamped(float(tried[MASS]), 0.5 * float(theta[MASS]), 2.0 * float(theta[MASS]))
+            if float(np.sum(residuals(tried) ** 2)) < cost:
+                better = tried
+                break
+        if better is None:
+            break
+        moved = np.abs(better - theta) / np.maximum(np.abs(theta), 1e-3)
+        theta = better
+        if moved.max() < TOLERANCE:
+            break
+    gain = _gain(task, theta, sigma)
+    return theta, _jacobian(residuals, theta, residuals(theta))
+
+
+def _jacobian(residuals: Callable[[Array], Array], theta: Array, r: Array) -> Array:
+    columns = []
+    for i, value in enumerate(theta):
+        step = (1e-3, 1e-3, 1e-3, 1e-2, 1e-4, 1e-4, 1e-2, 1e-4)[i] * max(
+            1.0, abs(value) if i < STEADY else 1.0
+        )
+        other = theta.copy()
+        other[i] = value + step if value + step <= MOST[i] else value - step
+        columns.append((residuals(other) - r) / (other[i] - value))
+    return np.column_stack(columns)
+
+
+class Gain(NamedTuple):
+    """The filter: gain (5, 2) of q, v, d, s, p, and what whitens the innovations of position and rate."""
+
+    K: Array
+    whiten: Array
+    log_determinant: float
+
+
+def _gain(task: Task, theta: Array, sigma: float) -> Gain:
+    record, noise = task.record, task.noise
+    h, m = float(np.median(np.diff(record.t_s))), float(theta[MASS])
+    typical = float(np.nanmean(np.abs(record.rate)))
+    c = float(theta[LINEAR] + 2.0 * theta[QUADRATIC] * typical)
+    A = np.zeros((5, 5))
+    A[0, 0], A[0, 1] = 1.0, h
+    A[1, 1], A[1, 2] = m / (m + h * c), h / (m + h * c)
+    A[2, 2] = math.exp(-h / DISTURBANCE_TIME_S)
+    A[3, 3] = A[4, 4] = math.exp(-h / noise.slow_time_s)
+    slow = 2.0 * h / noise.slow_time_s
+    Q = np.diag(
+        (
+            1e-9 * h,
+            1e-9 * h,
+            (sigma * m) ** 2 * 2.0 * h / DISTURBANCE_TIME_S,
+            noise.position_slow**2 * slow,
+            noise.rate_slow**2 * slow,
+        )
+    )
+    R = np.diag((noise.position**2, noise.rate**2))
+    C = np.zeros((2, 5))
+    C[0, 0] = C[0, 3] = C[1, 1] = C[1, 4] = 1.0
+    P = stationary_covariance(A, C, Q, R)
+    S = C @ P @ C.T + R
+    return Gain(
+        P @ C.T @ np.linalg.inv(S), np.linalg.inv(np.linalg.cholesky(S)), float(np.linalg.slogdet(S)[1])
+    )
+
+
+class Run(NamedTuple):
+    """Innovations (n, 2), and what was predicted of position and rate (n, 2)."""
+
+    innovations: Array
+    predicted: Array
+
+
+def _residuals(task: Task, theta: Array, gain: Gain) -> Array:
+    """Return the whitened innovations, and how far lag, dead band and lateness are from what is known."""
+    run = _filtered(task, theta, gain)
+    whitened = run.innovations @ gain.whiten.T
+    whitened[~_counting(task.record)] = 0.0
+    beforehand = (
+        (theta[LAG] - task.known.lag_s) / task.known.lag_doubt_s,
+        (theta[DEAD] - task.known.dead_band_us) / task.known.dead_band_doubt_us,
+        theta[LATER] / LATER_DOUBT_S,
+    )
+    return np.concatenate((whitened.ravel(), beforehand))
+
+
+def _score(task: Task, theta: Array, sigma: float) -> float:
+    gain = _gain(task, theta, sigma)
+    r = _residuals(task, theta, gain)
+    return -float(r @ r) - gain.log_determinant * np.count_nonzero(_counting(task.record))
+
+
+def _spread(innovations: Array) -> float:
+    """Return by what the parameters' variance exceeds that for white innovations of variance 1.
+
+    Samples that a stream's interpolation made alike count less: first-order correlation.
+    """
+    variance = float(np.mean(innovations**2))
+    if not variance > 0.0:
+        return 0.0
+    alike = clamped(float(np.mean(innovations[1:] * innovations[:-1])) / variance, 0.0, 0.95)
+    return variance * (1.0 + alike) / (1.0 - alike)
+
+
+def _filtered(task: Task, theta: Array, gain: Gain) -> Run:
+    record, noise = task.record, task.noise
+    m, d1, d2, b, lag_s, delay_s, dead, later_s = theta.tolist()
+    force = _acting(record.t_s, thrust(record, dead, task.curve), delay_s, lag_s).tolist()
+    dt_s = np.diff(record.t_s)
+    steps = list(
+        zip(
+            dt_s.tolist(),
+            record.position[1:].tolist(),
+            record.rate[1:].tolist(),
+            force,
+            force[1:],
+            strict=False,
+        )
+    )
+    h_typical = float(np.median(dt_s))
+    calm, slow = math.exp(-h_typical / DISTURBANCE_TIME_S), math.exp(-h_typical / noise.slow_time_s)
+    (q_q, q_v), (v_q, v_v), (d_q, d_v), (s_q, s_v), (p_q, p_v) = gain.K.tolist()
+    q, v = _first(record.position), _first(record.rate)
+    d = s = p = 0.0
+    innovations, predicted = [(0.0, 0.0)], [(q, v)]
+    for h, y_q, y_v, f_0, f_1 in steps:
+        v_1 = (m * v + 0.5 * h * (f_0 + f_1 + 2.0 * (b + d))) / (m + h * (d1 + d2 * abs(v)))
+        q += 0.5 * h * (v + v_1)
+        shown = v_1 - later_s * (v_1 - v) / h
+        v = v_1
+        d *= calm
+        s *= slow
+        p *= slow
+        e_q, e_v = y_q - q - s, y_v - shown - p
+        if e_q != e_q:
+            e_q = 0.0
+        if e_v != e_v:
+            e_v = 0.0
+        innovations.append((e_q, e_v))
+        predicted.append((q + s, shown + p))
+        q += q_q * e_q + q_v * e_v
+        v += v_q * e_q + v_v * e_v
+        d += d_q * e_q + d_v * e_v
+        s += s_q * e_q + s_v * e_v
+        p += p_q * e_q + p_v * e_v
+    return Run(np.array(innovations), np.array(predicted))
+
+
+def _acting(t_s: Array, asked: Array, delay_s: float, lag_s: float) -> Array:
+    """Return the force (n,) that acts at each time: asked for `delay_s` before, through a first-order lag."""
+    dt_s = np.diff(t_s)
+    impulse = np.concatenate(((0.0,), np.cumsum(asked[:-1] * dt_s)))
+    at_s = t_s - delay_s
+    before = np.interp(at_s, t_s, impulse) + asked[0] * np.minimum(at_s - t_s[0], 0.0)
+    means = (np.diff(before) / dt_s).tolist()
+    keeps = np.exp(-dt_s / lag_s).tolist()
+    f = means[0]
+    acting = [f]
+    for u, keep in zip(means, keeps, strict=True):
+        f = u + (f - u) * keep
+        acting.append(f)
+    return np.array(acting)
+
+
+def _gridded(t_s: Array, measured: Sequence[Measured]) -> Array:
+    """Return samples interpolated to the grid (n,), NaN where none came within a step of it."""
+    if len(measured) < 2:
+        return np.full(t_s.size, np.nan)
+    times, values = np.array(measured).T
+    order = np.argsort(times)
+    times, values = times[order], values[order]
+    step_s = float(np.median(np.diff(t_s)))
+    gap_s = np.diff(times)[np.clip(np.searchsorted(times, t_s) - 1, 0, times.size - 2)]
+    on_grid = np.interp(t_s, times, values, left=np.nan, right=np.nan)
+    fresh = np.searchsorted(times, t_s) > np.searchsorted(times, t_s - max(step_s, 1e-9))
+    return np.where(fresh & (gap_s < 0.5), on_grid, np.nan)
+
+
+def _unwrapped(measured: Sequence[Measured]) -> list[Measured]:
+    values = np.unwrap([one.value for one in measured]).tolist()
+    return [Measured(one.t_s, value) for one, value in zip(measured, values, strict=True)]
+
+
+def _first(values: Array) -> float:
+    known = values[np.isfinite(values)]
+    return float(known[0]) if known.size else 0.0

@@ -1,0 +1,298 @@
+"""The manoeuvre of `holdfast identify`: each axis in turn is swept to and fro and pushed. No clock.
+
+The engine holds the vehicle as ever: its supervisor permits, its guard limits, its pilot overrides. The
+manoeuvre moves the setpoint along a slow sweep, which shows the damping, and adds quick pushes of both signs
+to the law's force on the same axis, which show mass, lag and delay. It keeps what was sent and measured.
+"""
+
+import math
+from collections.abc import Callable, Generator, Iterator
+from dataclasses import dataclass, field
+from typing import Final, NamedTuple, Protocol
+
+from companion.control.bounds import wrap
+from companion.records import (
+    AXES,
+    DOFS,
+    PSI,
+    ZERO,
+    Attitude,
+    Axes,
+    AxisCommand,
+    ControlSample,
+    Depth,
+    DepthRate,
+    Event,
+    Position,
+    Request,
+    Setpoint,
+    State,
+    Vector,
+    X,
+    Y,
+    Z,
+    vector,
+)
+
+ORDER: Final = (Z, PSI, X, Y)
+WAIT_S: Final = 120.0
+"""How long it waits for the permission to engage."""
+SETTLE_S: Final = 4.0
+LEAD_S: Final = 1.0
+"""It is recorded so long before an axis moves: what acts at first was sent before."""
+AXIS_S: Final = 24.0
+EDGE_S: Final = 3.0
+"""The sweep grows and fades over this time; there are no pushes in the last of it."""
+ENDING_S: Final = 15.0
+
+SWEEP_PERIOD_S: Final = (12.0, 6.5)
+PUSH_HZ: Final = (0.5, 2.5)
+"""From the first to the last, evenly."""
+
+STEEPEST_RAD: Final = math.radians(30.0)
+SHALLOWEST_M: Final = 1.2
+"""The least depth to begin at: the sweep in heave must not reach the surface."""
+
+
+Steps = Generator[list[Request], None, str]
+"""Requests of each tick, and at the end why to stop; empty where there is no reason."""
+
+
+class Excitation(NamedTuple):
+    """What is done on an axis, and how far it may go: m, N; on yaw rad, N·m."""
+
+    sweep: float
+    push: float
+    limit: float
+
+
+EXCITATIONS: Final = (
+    Excitation(0.45, 22.0, 1.2),
+    Excitation(0.45, 22.0, 1.2),
+    Excitation(0.45, 30.0, 1.0),
+    Excitation(0.8, 2.0, 1.7),
+)
+"""Surge, sway, heave, yaw."""
+
+
+class Measured(NamedTuple):
+    """One sample: when it was true by its stamp (s, our clock), and its value (m, rad or per s)."""
+
+    t_s: float
+    value: float
+
+
+class Sent(NamedTuple):
+    """One command: when it was sent, the six axes, and the battery's voltage."""
+
+    t_s: float
+    axes: Axes
+    voltage_v: float
+
+
+@dataclass
+class Stretch:
+    """What was recorded while one axis moved: commands, positions and rates of its degree of freedom.
+
+    Surge and sway count from where they began, along and across the heading of then.
+    """
+
+    dof: int
+    heading_rad: float
+    origin: Vector
+    sent: list[Sent] = field(default_factory=list)
+    positions: list[Measured] = field(default_factory=list)
+    rates: list[Measured] = field(default_factory=list)
+
+
+class Held(Protocol):
+    """What the manoeuvre needs of the engine."""
+
+    excitation: Vector
+    events: list[Event]
+    applied: AxisCommand
+
+    def aim(self, setpoint: Setpoint) -> None:
+        """Take a setpoint."""
+
+
+class Manoeuvre:
+    """Call `step` after each of the engine's; ask the engine for what it returns; until `done`."""
+
+    def __init__(self, report: Callable[["Manoeuvre"], None] = lambda _: None) -> None:
+        """`report` is called after each step, to show how it goes."""
+        self._report = report
+        self.stretches: list[Stretch] = []
+        self.done = False
+        self.failure = ""
+        """Why it was broken off; empty where it was not."""
+        self.doing = "waiting for the permission to engage"
+        self.share_done = 0.0
+        self._stretch: Stretch | None = None
+        self._script = self._manoeuvre()
+
+    def step(self, engine: Held, sample: ControlSample) -> list[Request]:
+        """Take the engine's last tick; move its setpoint and push for the next one."""
+        self._engine, self._sample = engine, sample
+        engine.excitation = ZERO
+        self._note()
+        requests = [] if self.done else next(self._script, [])
+        self._report(self)
+        return requests
+
+    def _manoeuvre(self) -> Iterator[list[Request]]:
+        began_s = self._now_s
+        while not self._held:
+            verdict = self._sample.verdict
+            self.doing = f"waiting: {verdict.reason}" + (
+                f"; to do: {verdict.remedy}" if verdict.remedy else ""
+            )
+            if self._now_s - began_s > WAIT_S:
+                yield from self._end(f"not permitted to engage: {verdict.reason}")
+                return
+            yield []
+        began = self._sample.state
+        if began.eta[Z] < SHALLOWEST_M:
+            yield from self._end(f"depth {began.eta[Z]:.1f} m: at least {SHALLOWEST_M:g} m are needed")
+            return
+        dofs = [dof for dof in ORDER if self._sample.dofs.engaged[dof]]
+        length_s = len(dofs) * (SETTLE_S + LEAD_S + AXIS_S)
+        for number, dof in enumerate(dofs):
+            self.doing = f"settling before {AXES[dof]}"
+            stop = yield from self._wait(SETTLE_S, began.eta, dofs)
+            if stop:
+                yield from self._end(stop)
+                return
+            self.doing = AXES[dof]
+            stop = yield from self._excite(
+                dof, began.eta, dofs, number * (SETTLE_S + LEAD_S + AXIS_S) + SETTLE_S + LEAD_S, length_s
+            )
+            if stop:
+                yield from self._end(stop)
+                return
+        yield from self._end("")
+
+    def _wait(self, seconds: float, home: Vector, dofs: list[int]) -> Steps:
+        began_s = self._now_s
+        while self._now_s - began_s < seconds:
+            if stop := self._out_of_bounds(home, dofs):
+                return stop
+            yield []
+        return ""
+
+    def _excite(self, dof: int, home: Vector, dofs: list[int], before_s: float, length_s: float) -> Steps:
+        began_s, kind = self._now_s + LEAD_S, EXCITATIONS[dof]
+        stretch = self._stretch = Stretch(dof, home[PSI], home)
+        while (t_s := self._now_s - began_s) < AXIS_S:
+            if stop := self._out_of_bounds(home, dofs):
+                self._stretch = None
+                return stop
+            self.share_done = (before_s + t_s) / length_s
+            self._engine.aim(_swept(home, dof, kind.sweep, t_s))
+            force = kind.push * pushing(t_s)
+            self._engine.excitation = vector(force if axis == dof else 0.0 for axis in range(len(DOFS)))
+            yield []
+        self.stretches.append(stretch)
+        self._stretch = None
+        self._engine.aim(Setpoint(home))
+        return ""
+
+    def _end(self, failure: str) -> Iterator[list[Request]]:
+        """Ask the engine to let go, and wait until it has."""
+        self.failure, self._stretch = failure, None
+        self.doing = "releasing"
+        began_s = self._now_s
+        yield [Request.STOP]
+        while self._sample.verdict.authority > 0.0 and self._now_s - began_s < ENDING_S:
+            yield []
+        self.done = True
+
+    def _out_of_bounds(self, home: Vector, dofs: list[int]) -> str:
+        """Return why the manoeuvre has to end now; empty where it may go on."""
+        sample = self._sample
+        state = sample.state
+        if sample.verdict.state is not State.ACTIVE:
+            return f"{sample.verdict.state}: {sample.verdict.reason}"
+        if not all(sample.dofs.engaged[dof] for dof in dofs):
+            return "the pilot took an axis"
+        if max(abs(state.roll), abs(state.pitch)) > STEEPEST_RAD:
+            return f"it tilted by more than {math.degrees(STEEPEST_RAD):.0f}°"
+        for dof in dofs:
+            away = state.eta[dof] - home[dof]
+            if abs(wrap(away) if dof == PSI else away) > EXCITATIONS[dof].limit:
+                unit = "rad" if dof == PSI else "m"
+                return f"{AXES[dof]}: it went further than {EXCITATIONS[dof].limit:g} {unit}"
+        return ""
+
+    def _note(self) -> None:
+        """Keep what was sent and measured while an axis moves."""
+        stretch, state = self._stretch, self._sample.state
+        if stretch is None:
+            return
+        stretch.sent.append(Sent(state.t_s, self._engine.applied, state.voltage_v))
+        ahead_s = state.boot_s - state.t_s
+        for event in self._engine.events:
+            if not isinstance(event, Depth | DepthRate | Attitude | Position):
+                continue
+            stamp_s = event.boot_s
+            t_s = event.t_s - state.delays.telemetry_s if stamp_s is None else stamp_s - ahead_s
+            if stretch.dof == Z and isinstance(event, Depth):
+                stretch.positions.append(Measured(t_s, event.z_m))
+            elif stretch.dof == Z and isinstance(event, DepthRate):
+                stretch.rates.append(Measured(t_s, event.w_mps))
+            elif stretch.dof == PSI and isinstance(event, Attitude):
+                stretch.positions.append(Measured(t_s, event.yaw))
+                stretch.rates.append(Measured(t_s, event.r))
+            elif stretch.dof in (X, Y) and isinstance(event, Position):
+                north_m, east_m = event.x_m - stretch.origin[X], event.y_m - stretch.origin[Y]
+                stretch.positions.append(Measured(t_s, _along(stretch, north_m, east_m)))
+                stretch.rates.append(Measured(t_s, _along(stretch, event.vx_mps, event.vy_mps)))
+
+    @property
+    def _held(self) -> bool:
+        verdict = self._sample.verdict
+        return verdict.state is State.ACTIVE and verdict.authority == 1.0
+
+    @property
+    def _now_s(self) -> float:
+        return self._sample.state.t_s
+
+
+def _along(stretch: Stretch, north: float, east: float) -> float:
+    """Return the part along the stretch's axis of a horizontal vector."""
+    cos, sin = math.cos(stretch.heading_rad), math.sin(stretch.heading_rad)
+    return cos * north + sin * east if stretch.dof == X else cos * east - sin * north
+
+
+def sweeping(t_s: float) -> float:
+    """Return where the sweep is `t_s` after an axis began, -1..1: a sine that becomes quicker."""
+    rates = [2.0 * math.pi / period_s for period_s in SWEEP_PERIOD_S]
+    phase = rates[0] * t_s + 0.5 * (rates[1] - rates[0]) * t_s**2 / AXIS_S
+    edge = min(t_s, AXIS_S - t_s, EDGE_S) / EDGE_S
+    return edge**3 * (10.0 - 15.0 * edge + 6.0 * edge**2) * math.sin(phase) if edge > 0.0 else 0.0
+
+
+def pushing(t_s: float) -> float:
+    """Return the push `t_s` after an axis began, -1, 0 or 1: a square wave that becomes quicker."""
+    if not 0.0 <= t_s <= AXIS_S - EDGE_S:
+        return 0.0
+    phase = PUSH_HZ[0] * t_s + 0.5 * (PUSH_HZ[1] - PUSH_HZ[0]) * t_s**2 / (AXIS_S - EDGE_S)
+    return 1.0 if (phase + 0.25) % 1.0 < 0.5 else -1.0
+
+
+def _swept(home: Vector, dof: int, amplitude: float, t_s: float) -> Setpoint:
+    """Return the setpoint of the sweep with its rate and acceleration; surge and sway follow the heading."""
+    step_s = 0.01
+    before, now, after = (amplitude * sweeping(at_s) for at_s in (t_s - step_s, t_s, t_s + step_s))
+    course = home[PSI] + (0.5 * math.pi if dof == Y else 0.0)
+    if dof in (X, Y):
+        towards: Vector = (math.cos(course), math.sin(course), 0.0, 0.0)
+    else:
+        towards = vector(1.0 if one == dof else 0.0 for one in range(len(DOFS)))
+
+    def along(value: float) -> Vector:
+        return vector(value * part for part in towards)
+
+    eta_d = vector(place + away for place, away in zip(home, along(now), strict=True))
+    rate, acceleration = (after - before) / (2.0 * step_s), (after - 2.0 * now + before) / step_s**2
+    return Setpoint(eta_d, along(rate), along(acceleration))

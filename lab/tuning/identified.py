@@ -1,0 +1,234 @@
+"""How well `holdfast identify` finds vehicles that are known: drawn ones, and the firmware's own.
+
+python -m lab.tuning.identified                         ten drawn vehicles, our simulator
+python -m lab.tuning.identified --ardusub               ArduSub's own simulated vehicle, our simulator
+python -m lab.tuning.identified --ardusub --firmware    the same with the real ArduSub in lockstep
+"""
+
+import argparse
+import math
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from msgspec.structs import replace
+
+from companion.config import Config
+from companion.config import load_config as load_companion
+from companion.control.allocation import FACTORS, PER_NEWTON
+from companion.engine import Engine
+from companion.predive.fit import DELAY, LAG, LINEAR, MASS, QUADRATIC, STEADY, Fit, fit
+from companion.predive.identified import pooled
+from companion.predive.manoeuvre import Manoeuvre, Stretch
+from companion.records import AXES, PSI, Array, Request, Setpoint, Z
+from lab.loop.firmware import vehicle_of
+from lab.loop.lockstep import START_S, Link, Lockstep, SteppedVehicle
+from lab.loop.scenarios import ensemble
+from lab.options import add_firmware, find_firmware, positive
+from sim_bridge.commands import DEFAULT_CONFIG
+from sim_bridge.config import SimConfig
+from sim_bridge.config import load_config as load_plant
+from sim_bridge.vehicle import Truth
+
+AXIS_OF_BODY = (0, 1, 2, 5)
+SHIFTS_S = np.arange(0.0, 0.08, 0.001)
+LONGEST_S, SETTLE_S = 240.0, 0.5
+DEPTH_M = 3.0
+
+
+@dataclass
+class Watched:
+    """A vehicle whose motors and motion are noted after each of its steps."""
+
+    vehicle: SteppedVehicle
+    log: list[tuple[float, ...]] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        """Step as it does."""
+        self.step_s, self.time_s = self.vehicle.step_s, self.vehicle.time_s
+
+    def open_link(self, link: int) -> None:
+        """Declare a link."""
+        self.vehicle.open_link(link)
+
+    def step(self, datagrams: Sequence[tuple[int, bytes]] = ()) -> list[tuple[int, bytes]]:
+        """Advance one step, and note what came of it."""
+        out = self.vehicle.step(datagrams)
+        truth, self.time_s = self.vehicle.truth(), self.vehicle.time_s
+        self.log.append((self.time_s, *truth.eta.tolist(), *truth.motor_pwm))
+        return out
+
+    def truth(self) -> Truth:
+        """Tell the present truth."""
+        return self.vehicle.truth()
+
+
+@dataclass(frozen=True)
+class Compared:
+    """One quantity of one axis: what it is, what was found, and the fit's standard deviation."""
+
+    axis: str
+    quantity: str
+    true: float
+    found: float
+    sigma: float
+
+    @property
+    def error(self) -> float:
+        """Relative error."""
+        return self.found / self.true - 1.0 if self.true else math.inf
+
+
+def drawn(base: SimConfig, seed: int) -> SimConfig:
+    """Draw a vehicle of the bench's ensemble whose surge, sway and yaw are another's as well."""
+    draw = np.random.default_rng((seed, 3)).uniform
+    one = ensemble(base, seed)
+    added, linear, quadratic = (
+        list(values) for values in (one.hull.added_mass, one.hull.linear_damping, one.hull.quadratic_damping)
+    )
+    inertia = list(one.hull.inertia_kg_m2)
+    for i in (0, 1, 5):
+        added[i] *= draw(0.5, 1.5)
+        linear[i] *= draw(0.5, 1.5)
+        quadratic[i] *= draw(0.5, 1.5)
+    inertia[2] *= draw(0.7, 1.5)
+    hull = replace(
+        one.hull,
+        added_mass=tuple(added),
+        linear_damping=tuple(linear),
+        quadratic_damping=tuple(quadratic),
+        inertia_kg_m2=tuple(inertia),
+    )
+    return replace(one, hull=hull, initial=replace(one.initial, eta=(0.0, 0.0, DEPTH_M, 0.0, 0.0, 0.0)))
+
+
+def manoeuvred(
+    plant: SimConfig, config: Config, seed: int, firmware: Path | None = None
+) -> tuple[Manoeuvre, Array]:
+    """Dive the manoeuvre; return it and the log of `Watched`, a row each of the vehicle's steps."""
+    engine, manoeuvre = Engine(config, Setpoint((math.nan,) * 4), arm=True), Manoeuvre()
+    with vehicle_of(plant, seed, firmware) as vehicle:
+        watched = Watched(vehicle)
+        loop = Lockstep(watched, engine, Link(), seed, config.loop.rate_hz)
+        loop.requests = [Request.ENGAGE]
+        while not manoeuvre.done and watched.time_s < LONGEST_S:
+            step = loop.tick()
+            loop.requests += manoeuvre.step(engine, step.sample)
+        list(loop.run(SETTLE_S))
+    return manoeuvre, np.array(watched.log)
+
+
+def compare(
+    plant: SimConfig, stretches: Sequence[Stretch], fits: Sequence[Fit], log: Array
+) -> Iterator[Compared]:
+    """Say what is true beside what was found, in forces of T200 thrusters."""
+    hull = plant.hull
+    lag = pooled([one.values[LAG] for one in fits])
+    yield Compared("all", "lag_s", plant.thrusters.lag_s, lag.value, lag.sigma)
+    for one in fits:
+        stretch = next(stretch for stretch in stretches if stretch.dof == one.dof)
+        i, name, strength = AXIS_OF_BODY[one.dof], AXES[one.dof], _strength(plant, one.dof)
+        inertia = (hull.mass_kg if i < 3 else hull.inertia_kg_m2[2]) + hull.added_mass[i]
+        yield Compared(name, "mass", inertia / strength, *one.values[MASS])
+        speed, found = one.damping_at[-1]
+        drag = (hull.linear_damping[i] + hull.quadratic_damping[i] * speed) * speed
+        yield Compared(name, f"damping at {speed:.2f}", drag / strength, *found)
+        for number, values in ((LINEAR, hull.linear_damping), (QUADRATIC, hull.quadratic_damping)):
+            what = "linear damping" if number == LINEAR else "quadratic damping"
+            yield Compared(name, what, values[i] / strength, *one.values[number])
+        delay_s = _motor_delay_s(plant, stretch, log) + _stamp_delay_s(plant, stretches, one.dof, log)
+        own_lag, delay = one.values[LAG], one.values[DELAY]
+        late_s = plant.thrusters.lag_s + delay_s
+        yield Compared(name, "delay_s", delay_s, *delay)
+        yield Compared(name, "lag + delay, s", late_s, own_lag.value + delay.value, delay.sigma)
+        if one.dof == Z:
+            steady, sigma = one.values[STEADY]
+            yield Compared(name, "buoyancy_n", hull.net_buoyancy_n / strength, -steady, sigma)
+
+
+def _strength(plant: SimConfig, dof: int) -> float:
+    """Return what a newton that the controller asks for really gives, with the right curve."""
+    thrusters = plant.thrusters
+    shares = np.abs(np.array(FACTORS[thrusters.frame])[:, dof])
+    gains = np.array(thrusters.gain * len(shares) if len(thrusters.gain) == 1 else thrusters.gain)
+    lever = math.sqrt(0.5) * sum(thrusters.horizontal_m[:2]) / PER_NEWTON[PSI] if dof == PSI else 1.0
+    return float(gains @ shares / shares.sum()) * lever
+
+
+def _motor_delay_s(plant: SimConfig, stretch: Stretch, log: Array) -> float:
+    """Return how long after a command was sent the motors had it.
+
+    Half a step less: the simulator lets the thrust at the end of a step act during all of it.
+    """
+    factors = np.array(FACTORS[plant.thrusters.frame])
+    demands = np.array([one.axes for one in stretch.sent]) @ factors.T
+    sent_s = np.array([one.t_s for one in stretch.sent]) - START_S
+    step_s = log[1, 0] - log[0, 0]
+    grid_s = np.arange(sent_s[0] + 1.0, sent_s[-1] - 1.0, 0.002)
+    had = log[np.searchsorted(log[:, 0] - step_s, grid_s, "right") - 1, 7:]
+    misses = []
+    for shift_s in SHIFTS_S:
+        asked = demands[np.searchsorted(sent_s, grid_s - shift_s, "right") - 1]
+        misses.append(float(np.mean((1500.0 + 400.0 * asked - had[:, : asked.shape[1]]) ** 2)))
+    return float(SHIFTS_S[int(np.argmin(misses))] - 0.5 * step_s)
+
+
+def _stamp_delay_s(plant: SimConfig, stretches: Sequence[Stretch], dof: int, log: Array) -> float:
+    """Return how old a position is at its stamp, on our clock.
+
+    How far our clock is from the autopilot's shows in the heading, which has the least noise.
+    """
+    (stretch,) = [one for one in stretches if one.dof == PSI]
+    stamps_s, values = np.array(stretch.positions).T
+    values, true = np.unwrap(values), np.unwrap(log[:, 1 + AXIS_OF_BODY[PSI]])
+    shifts_s = SHIFTS_S - 0.02
+    at_s = stamps_s - START_S
+    misses = [float(np.std(values - np.interp(at_s - shift_s, log[:, 0], true))) for shift_s in shifts_s]
+    heading_s = float(shifts_s[int(np.argmin(misses))])
+    sensors = plant.sensors
+    return heading_s + (0.0 if dof == PSI else sensors.depth_delay_s - sensors.attitude_delay_s)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Print the table; the exit status tells whether all is within `--within`."""
+    parser = argparse.ArgumentParser(prog="python -m lab.tuning.identified")
+    parser.add_argument("--vehicles", type=positive, default=10, metavar="N", help="default %(default)s")
+    parser.add_argument("--first", type=int, default=0, metavar="SEED", help="default %(default)s")
+    parser.add_argument("--ardusub", action="store_true", help="ArduSub's own simulated vehicle instead")
+    parser.add_argument("--dvl", action="store_true", help="with a position: surge and sway too")
+    parser.add_argument("--waves", action="store_true", help="in waves of 0.3 m")
+    add_firmware(parser)
+    arguments = parser.parse_args(argv)
+    if not find_firmware("identify", arguments):
+        return 2
+    file = DEFAULT_CONFIG.with_name("sim-ardusub.toml") if arguments.ardusub else DEFAULT_CONFIG
+    settings = ["current.enabled=false", f"initial.eta=[0,0,{DEPTH_M},0,0,0]"]
+    settings += ["sensors.dvl=true"] * arguments.dvl + ["waves.enabled=true"] * arguments.waves
+    base, config = load_plant(file, settings), load_companion()
+    worst: dict[str, float] = {}
+    for seed in range(arguments.first, arguments.first + (1 if arguments.ardusub else arguments.vehicles)):
+        plant = base if arguments.ardusub else drawn(base, seed)
+        manoeuvre, log = manoeuvred(plant, config, seed, arguments.firmware)
+        if manoeuvre.failure:
+            sys.stdout.write(f"{seed}: broken off: {manoeuvre.failure}\n")
+            continue
+        curve, fits = next(iter(fit(manoeuvre.stretches, config).items()))
+        for one in compare(plant, manoeuvre.stretches, fits, log):
+            if arguments.firmware is not None and "delay" in one.quantity:
+                continue  # its EKF's own delays are not known
+            sys.stdout.write(
+                f"{seed:4d} {curve:9} {one.axis:6} {one.quantity:18} {one.true:9.4f} {one.found:9.4f} "
+                f"sd {one.sigma:8.4f} {100.0 * one.error:+8.1f} %\n"
+            )
+            what = f"{one.axis} {one.quantity.split(' at ')[0]}"
+            worst[what] = max(worst.get(what, 0.0), abs(one.error))
+        sys.stdout.flush()
+    for what, error in worst.items():
+        sys.stdout.write(f"worst {what:28} {100.0 * error:6.1f} %\n")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
