@@ -32,11 +32,17 @@ The private key of the authority is not stored, so no further certificates can b
 create all files again. The certificates are valid for a year.
 """
 
+THRUSTERS_MOVE = """\
+The vehicle will move: pulses of a fifth of the thrust on each axis in turn, for eight seconds. If nobody has
+armed it, it is armed for that. It must be dived, with a metre of free water around it.
+"""
+
 CHECK_EXAMPLES = """\
 examples:
   holdfast check                                listen for about five seconds, then print the list
   holdfast check --set-origin 47.40,8.55        at the surface: also set the EKF origin
-  holdfast check --thrusters                    armed and dived: small pulses on each axis, eight seconds
+  holdfast check --thrusters                    dived: small pulses on each axis, eight seconds; it arms the
+                                                vehicle for that, if nobody has, and disarms it again
   holdfast check --json --set link.endpoint=tcp:127.0.0.1:5760
 
 exit status: 0 all rows good; 1 warnings; 2 refused rows (`holdfast run` will not engage), no vehicle, or a
@@ -44,6 +50,12 @@ wrong configuration. If the vehicle is disarmed, the check switches to MANUAL, S
 no steering without --thrusters.
 """
 
+
+IDENTIFY_MOVES = """\
+The vehicle will move by itself for one to two minutes: 0.5 m on each held axis, 50° in heading.
+It needs 1.2 m of depth and 2 m of free water around it. A stick at full deflection, the release
+button, `holdfast tell NAME release`, a mode change or Ctrl-C ends it.
+"""
 
 IDENTIFY_EXAMPLES = """\
 examples:
@@ -208,8 +220,9 @@ def check(argv: list[str]) -> int:
     parser.add_argument(
         "--thrusters",
         action="store_true",
-        help="send a pulse on each axis: the vehicle MOVES; it must be armed and dived",
+        help="send a pulse on each axis: the vehicle MOVES; it must be dived",
     )
+    parser.add_argument("--yes", action="store_true", help="do not ask before --thrusters moves it")
     arguments = parser.parse_args(argv)
 
     from companion.assembly import refuse_fast_gains
@@ -220,6 +233,8 @@ def check(argv: list[str]) -> int:
     try:
         config = load_config(arguments.config or DEFAULT_FILE, _overrides(arguments))
         refuse_fast_gains(config)
+        if arguments.thrusters and not arguments.yes and not _agreed(THRUSTERS_MOVE):
+            return 130
         rows, notes = inspect(config, origin=arguments.set_origin, thrusters=arguments.thrusters)
     except (ConfigError, OSError, ValueError) as error:
         sys.stderr.write(f"holdfast check: {error}\n")
@@ -264,7 +279,7 @@ def identify(argv: list[str]) -> int:
         config = load_config(arguments.config or DEFAULT_FILE, _overrides(arguments))
         if arguments.out.exists():
             raise ConfigError(f"{arguments.out} is there already; remove it or choose another --out")
-        if not arguments.yes and not _agreed():
+        if not arguments.yes and not _agreed(IDENTIFY_MOVES):
             return 130
         with Progress() as progress:
             manoeuvre = Manoeuvre(progress.show)
@@ -294,15 +309,11 @@ def identify(argv: list[str]) -> int:
     return 0
 
 
-def _agreed() -> bool:
+def _agreed(what: str) -> bool:
     """Ask whether it may move; without a terminal it may not."""
     if not sys.stdin.isatty():
         raise ValueError("it moves the vehicle: say --yes where nobody can be asked")
-    sys.stdout.write(
-        "The vehicle will move by itself for one to two minutes: 0.5 m on each held axis, 50° in heading.\n"
-        "It needs 1.2 m of depth and 2 m of free water around it. A stick at full deflection, the release\n"
-        "button, `holdfast tell NAME release`, a mode change or Ctrl-C ends it. Go on? [y/N] "
-    )
+    sys.stdout.write(f"{what}Go on? [y/N] ")
     sys.stdout.flush()
     return sys.stdin.readline().strip().lower() in ("y", "yes")
 

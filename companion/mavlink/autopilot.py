@@ -106,6 +106,10 @@ class Autopilot:
         """Return the frame that asks for `mode` once, whatever the heartbeat says."""
         return self._codec.encode(self._commands.set_mode(mode))
 
+    def disarm(self) -> bytes:
+        """Return the frame that asks once to disarm; `upkeep` never does."""
+        return self._encode(self._commands.arm(False))
+
     def sticks_beside(
         self, engaged: Flags, pilot: PilotSticks | None, pilot_gain: float
     ) -> tuple[AxisCommand, tuple[bool, ...]]:

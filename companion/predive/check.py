@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 from companion.config import Config
+from companion.control.allocation import HORIZONTAL
 from companion.mavlink.ardusub import FRAMES
 from companion.predive.survey import Observed
 from companion.supervision.conditions import (
@@ -36,7 +37,13 @@ FULL_CELL_SHARE = 1.08
 """A battery below this multiple of the low voltage gives a warning before a dive."""
 
 MAX_ROUND_TRIP_S = 0.1
+HEEDED, SHARED = 0.7, 0.2
+"""Of the demand, at least what reaches the motors alone, and beside a pilot's neutral sticks."""
+
 REVERSED, WEAK = -0.25, 0.35
+"""A motor's share, of the strongest in its group, below which it is reversed or gives too little."""
+NO_ANSWER = 0.1
+"""The strongest motor of a group has to answer with this share of what the configured vehicle would."""
 
 
 class Grade(IntEnum):
@@ -135,8 +142,11 @@ def _steering_id(seen: Observed, config: Config) -> CheckRow:
     if tried is None or tried.refused:
         return CheckRow("steering id", Grade.GOOD, f"MAV_GCS_SYSID is {value:g}, as Holdfast's", why)
     found = f"{100.0 * tried.echo:.0f} % of the demand reached the motors"
-    grade = Grade.GOOD if tried.echo > 0.7 else Grade.REFUSED
-    return CheckRow("steering id", grade, found, why, "look for another sender: two overwrite each other")
+    if tried.echo > HEEDED:
+        return CheckRow("steering id", Grade.GOOD, found, why)
+    grade = Grade.WARNING if tried.echo > SHARED else Grade.REFUSED
+    fix = "look for another sender, such as a pilot's neutral sticks: two overwrite each other"
+    return CheckRow("steering id", grade, found, why, fix)
 
 
 def _pilot_failsafe(seen: Observed, config: Config) -> CheckRow:
@@ -355,10 +365,11 @@ def _thrusters(seen: Observed, config: Config) -> CheckRow | None:
     why = "one reversed motor turns every force into a rotation"
     if tried.refused:
         return CheckRow(
-            "thrusters", Grade.WARNING, f"not tested: {tried.refused}", why, "dive, arm, and check again"
+            "thrusters", Grade.WARNING, f"not tested: {tried.refused}", why, "dive, and check again"
         )
-    wrong = [str(n) for n, share in enumerate(tried.motors, start=1) if share < REVERSED]
-    weak = [str(n) for n, share in enumerate(tried.motors, start=1) if REVERSED <= share < WEAK]
+    shares = [*_of_strongest(tried.motors[:HORIZONTAL]), *_of_strongest(tried.motors[HORIZONTAL:])]
+    wrong = [str(n) for n, share in enumerate(shares, start=1) if share < REVERSED]
+    weak = [str(n) for n, share in enumerate(shares, start=1) if REVERSED <= share < WEAK]
     answers = "measured " + ", ".join(f"{share:+.1f}" for share in tried.motors)
     if wrong:
         fix = " and ".join(f"MOT_{n}_DIRECTION" for n in wrong) + ": change the sign"
@@ -370,6 +381,15 @@ def _thrusters(seen: Observed, config: Config) -> CheckRow | None:
     return CheckRow(
         "thrusters", Grade.GOOD, f"all {len(tried.motors)} push in the right direction; {answers}", why
     )
+
+
+def _of_strongest(motors: Sequence[float]) -> list[float]:
+    """Return what the motors of a group give of the strongest one; NaN where it is unknown.
+
+    How strong they all are together says nothing of a motor: the vehicle may be light, or its battery low.
+    """
+    strongest = max((share for share in motors if math.isfinite(share)), default=math.nan)
+    return [0.0 if strongest <= NO_ANSWER else share / strongest for share in motors]
 
 
 def _not_reported(name: str, parameter: str, why: str) -> CheckRow:

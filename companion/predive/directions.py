@@ -1,7 +1,8 @@
 """Which way each motor pushes: from turning and sinking after small pulses on the axes, one after the other.
 
 A pulse goes one way for PULSE_S, then the other, so that the vehicle comes back. Each measured rate is fitted
-by what the pulse would make of it, a constant and a drift; what is left is linear in the motors' shares:
+by what the pulse would make of an undamped vehicle (its integral) and of one that is all damping (the pulse
+itself), a constant and a drift. What the pulses made at their turn is linear in the motors' shares:
 
     g_jm = Σ_k s_k B_mk M_kj        j: axis pulsed, m: rate measured, k: motor
 
@@ -27,7 +28,7 @@ INERTIA_TILT: Final = (0.45, 0.37)
 """Roll and pitch of a BlueROV2 with its added mass, kg m² (docs/ardusub.md, "Vehicles")."""
 
 ANSWERS: Final = {"surge": ("r",), "sway": ("r",), "yaw": ("r",), "heave": ("p", "q", "w")}
-MAX_SHARE: Final = 2.0
+MAX_SHARE: Final = 5.0
 
 
 class Sample(NamedTuple):
@@ -98,20 +99,20 @@ def _answer(
     if len(fitted) < 8:
         return None
     t_s, y = np.array(fitted).T
-    shape = _impulse(t_s - delay_s, DEMANDS[axis], lag_s)
-    X = np.stack((shape, np.ones_like(t_s), t_s), axis=-1)
-    return float(np.linalg.lstsq(X, y, rcond=None)[0][0])
+    impulse, push = _pulse(t_s - delay_s, DEMANDS[axis], lag_s)
+    X = np.stack((impulse, push, np.ones_like(t_s), t_s), axis=-1)
+    undamped, damped, *_ = np.linalg.lstsq(X, y, rcond=None)[0]
+    (turned,), (pushed,) = _pulse(np.array([PULSE_S]), DEMANDS[axis], lag_s)
+    return float(undamped + damped * pushed / turned)
 
 
-def _impulse(t_s: Array, demand: float, lag_s: float) -> Array:
-    """Return the integral up to `t_s` of the force of one motor that follows a pulse with a lag, N s."""
+def _pulse(t_s: Array, demand: float, lag_s: float) -> tuple[Array, Array]:
+    """Return the impulse up to `t_s` (N s) and the force (N) of one motor that follows a pulse with a lag."""
     newtons = 0.5 * (interpolated(demand, PUSH) - interpolated(-demand, PUSH))
-    step = sum(
-        weight * (late - lag_s * (1.0 - np.exp(-late / lag_s)))
-        for weight, late in (
-            (1.0, np.maximum(t_s, 0.0)),
-            (-2.0, np.maximum(t_s - PULSE_S, 0.0)),
-            (1.0, np.maximum(t_s - 2.0 * PULSE_S, 0.0)),
-        )
-    )
-    return np.asarray(newtons * step)
+    impulse, push = np.zeros_like(t_s), np.zeros_like(t_s)
+    for weight, at_s in ((1.0, 0.0), (-2.0, PULSE_S), (1.0, 2.0 * PULSE_S)):
+        late_s = np.maximum(t_s - at_s, 0.0)
+        rising = 1.0 - np.exp(-late_s / lag_s)
+        impulse += weight * newtons * (late_s - lag_s * rising)
+        push += weight * newtons * rising
+    return impulse, push

@@ -1,6 +1,7 @@
 """The steps of `holdfast check`: listen, test what may be tested, fill in the list. No clock.
 
-It never steers unless asked to try the thrusters, and then an armed vehicle in the water alone.
+It never steers unless asked to try the thrusters, and then a vehicle in the water alone. One that nobody has
+armed it arms for that, and disarms again.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -40,6 +41,8 @@ TRY_S = 2.0
 AGAIN_S = 0.5
 SURFACE_M = 0.3
 NEUTRAL_S = 0.5
+ARM_S = 6.0
+"""How long arming and disarming may take."""
 ECHO_SETTLED_S = 0.1
 DISARM = 2.0
 
@@ -66,6 +69,8 @@ class Inspection:
         self._modes: dict[str, bool] | None = None
         self._directions: Directions | None = None
         self._pushing = False
+        self._arms = False
+        """Whether it has asked to arm: then it disarms too."""
         self._events: list[Event] = []
         self._out: list[bytes] = []
         self._now_s = 0.0
@@ -82,7 +87,7 @@ class Inspection:
         self._events = self._autopilot.receive(datagrams)
         self._state = self._estimator.step(now_s, self._events)
         self._survey.take(self._events)
-        self._out = self._autopilot.upkeep(now_s, self._events, mode=None, arm=False)
+        self._out = self._autopilot.upkeep(now_s, self._events, mode=None, arm=self._arms and self._pushing)
         if not self.done:
             self.done = next(self._script, True) is True
         return self._out
@@ -97,7 +102,9 @@ class Inspection:
 
     def shutdown_frames(self) -> list[bytes]:
         """Return the frames that end an interrupted inspection: neutral if a thruster may turn."""
-        return [self._autopilot.neutral()] if self._pushing else []
+        if not self._pushing:
+            return []
+        return [self._autopilot.neutral(), *([self._autopilot.disarm()] if self._arms else [])]
 
     @property
     def rows(self) -> list[CheckRow]:
@@ -184,20 +191,21 @@ class Inspection:
             yield from self._wait(AGAIN_S, lambda: self._seen.mode == mode)
 
     def _try_thrusters(self) -> Iterator[None]:
-        if not self._may_push():
-            self._directions = Directions(refused=self._why_not())
+        if why_not := self._why_not():
+            self._directions = Directions(refused=why_not)
             return
         before = self._seen.mode
         yield from self._ask_mode(Mode.MANUAL)
         self._directions, self._pushing = Directions(refused="the test was interrupted"), True
+        yield from self._keep_armed()
         samples: dict[str, list[Sample]] = {}
         starts_s: dict[str, float] = {}
         echoes: list[tuple[float, float]] = []
         for axis in directions.DEMANDS:
             starts_s[axis], samples[axis] = self._now_s, []
             while (since_s := self._now_s - starts_s[axis]) < 2.0 * directions.PULSE_S + directions.REST_S:
-                if not self._may_push() or self._seen.mode != Mode.MANUAL:
-                    self._directions = Directions(refused=self._why_not() or "the mode was changed")
+                if stopped := self._why_stop():
+                    self._directions = Directions(refused=stopped)
                     yield from self._rest()
                     return
                 command = directions.command(axis, since_s)
@@ -219,22 +227,36 @@ class Inspection:
         asked, came = np.array(echoes or [(1.0, 0.0)]).T
         self._directions = Directions(motors=shares, echo=float(asked @ came / (asked @ asked)))
 
+    def _keep_armed(self) -> Iterator[None]:
+        """Arm a vehicle that nobody has armed, with neutral frames, so that its failsafe sees somebody."""
+        self._arms = not self._seen.armed
+        end_s = self._now_s + ARM_S
+        while self._now_s < end_s and not self._seen.armed:
+            self._out.append(self._autopilot.steer(NEUTRAL, self._seen.pilot_gain))
+            yield
+
     def _rest(self) -> Iterator[None]:
+        """End neutral; disarm what it has armed."""
         end_s = self._now_s + NEUTRAL_S
         while self._now_s < end_s:
             self._out.append(self._autopilot.steer(NEUTRAL, self._seen.pilot_gain))
             yield
         self._pushing = False
-        if self._autopilot.parameters.get("FS_PILOT_INPUT") == DISARM:
+        if self._arms:
+            self._out.append(self._autopilot.disarm())
+            yield from self._wait(ARM_S, lambda: not self._seen.armed)
+            left = "is still armed" if self._seen.armed else "was armed for the test and disarmed after it"
+            self.notes.append(f"the vehicle {left}")
+        elif self._autopilot.parameters.get("FS_PILOT_INPUT") == DISARM:
             self.notes.append("nobody steers now: FS_PILOT_INPUT disarms the vehicle unless a pilot steers")
 
-    def _may_push(self) -> bool:
-        return not self._why_not()
+    def _why_stop(self) -> str:
+        if not self._seen.armed:
+            return "the vehicle did not arm, or was disarmed"
+        return self._why_not() or ("the mode was changed" if self._seen.mode != Mode.MANUAL else "")
 
     def _why_not(self) -> str:
         state = self._seen
-        if not state.armed:
-            return "the vehicle is not armed"
         if not state.ages.depth_s < 1.0:
             return "there is no depth, so the vehicle may be out of the water"
         if not state.eta[2] >= SURFACE_M:

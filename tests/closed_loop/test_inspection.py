@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from virtual import ROOT, Somebody, steering
 
 from companion.config import load_config
@@ -16,14 +17,17 @@ OTHERS_LINK = 2
 STEPS_A_TICK = 4
 DIVED = "initial.eta=[0,0,2,0,0,0]"
 HEAVY, SIX = ROOT / "config" / "sim.toml", ROOT / "config" / "sim-bluerov2.toml"
+ARDUSUB = ROOT / "config" / "sim-ardusub.toml"
 ORIGIN = (47.4, 8.5)
+NEUTRAL_STICKS = mavlink.MAVLink_manual_control_message(1, 0, 0, 500, 0, 0)
+GROUND_STATION = mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)
 STABILIZE, ALT_HOLD, MANUAL = 0, 2, 19
 
 
 class VehicleInspection:
     """One inspection of one vehicle, to its end."""
 
-    def __init__(self, *plant, arm=False, companion=(), base: Path = HEAVY, mode=None, **asked):
+    def __init__(self, *plant, arm=False, companion=(), base: Path = HEAVY, pilot=False, **asked):
         self.vehicle = Vehicle(load_plant(base, ("current.enabled=false", *plant)), 1)
         self.inspection = Inspection(load_config(overrides=companion), **asked)
         for link in (COMPANION_LINK, OTHERS_LINK):
@@ -31,13 +35,16 @@ class VehicleInspection:
         self.sent: list[bytes] = []
         self.modes: list[int] = []
         self.pushed = False
-        somebody, armed = Somebody(254, 1), False
+        somebody, station, armed = Somebody(254, 1), Somebody(), False
         out: list[bytes] = []
         while not self.inspection.done and self.vehicle.time_s < 60.0:
             orders = [(COMPANION_LINK, data) for data in out]
             if arm and not armed and self.vehicle.time_s > 2.2:
                 armed = True
                 orders.append((OTHERS_LINK, somebody.arm()))
+            if pilot and (tick := round(self.vehicle.time_s / 0.02)) % 2 == 0:
+                orders.append((OTHERS_LINK, station.frame(NEUTRAL_STICKS)))
+                orders += [(OTHERS_LINK, station.frame(GROUND_STATION))] * (tick % 50 == 0)
             inbox = []
             for step in range(STEPS_A_TICK):
                 for link, data in self.vehicle.step(orders if step == 0 else []):
@@ -84,7 +91,6 @@ def test_a_vehicle_that_somebody_has_armed_is_left_in_its_mode():
 @pytest.mark.parametrize(
     ("plant", "arm", "why"),
     [
-        ((DIVED,), False, "not armed"),
         ((), True, "not in the water"),
         ((DIVED, 'faults=[{kind="message_stopped", message="GLOBAL_POSITION_INT"}]'), True, "no depth"),
     ],
@@ -161,3 +167,35 @@ def test_nobody_there():
     look = VehicleInspection('faults=[{kind="link_cut"}]')
     assert look.inspection.done
     assert not look.inspection.contact
+
+
+@pytest.mark.parametrize("base", [HEAVY, ARDUSUB])
+def test_alone_it_arms_for_the_pulses_and_disarms_again(base):
+    """ArduSub's own vehicle answers a heave pulse 2.6 times as strongly: that is no wrong direction."""
+    look = VehicleInspection(DIVED, base=base, thrusters=True)
+    assert look.row("thrusters").grade is Grade.GOOD
+    assert look.pushed
+    assert not look.vehicle.truth().armed
+    assert look.inspection.notes == ["the vehicle was armed for the test and disarmed after it"]
+    assert look.inspection.shutdown_frames() == []
+
+
+def test_beside_a_pilot_with_neutral_sticks_directions_are_told_and_the_sticks_are_named():
+    look = VehicleInspection(DIVED, arm=True, pilot=True, thrusters=True)
+    assert look.row("thrusters").grade is Grade.GOOD
+    assert look.row("steering id").grade is Grade.WARNING
+    assert "neutral sticks" in look.row("steering id").fix
+    assert look.vehicle.truth().armed
+
+
+def test_beside_a_pilot_a_reversed_motor_is_named():
+    look = VehicleInspection(DIVED, "parameters.MOT_3_DIRECTION=-1", arm=True, pilot=True, thrusters=True)
+    assert "motor 3 pushes in the wrong direction" in look.row("thrusters").found
+
+
+def test_disarmed_in_the_middle_it_ends_and_does_not_arm_again():
+    look = VehicleInspection(
+        DIVED, 'faults=[{kind="disarm", at_s=9.0, duration_s=0.1}]', arm=True, thrusters=True
+    )
+    assert "disarmed" in look.row("thrusters").found
+    assert not look.vehicle.truth().armed
