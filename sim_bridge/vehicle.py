@@ -14,9 +14,16 @@ from sim_bridge.firmware.params import Parameters
 from sim_bridge.firmware.signing import KeyStore
 from sim_bridge.physics.body import STEP_S, Physics
 from sim_bridge.physics.plant import Body, Six, State, Three, disturbance, euler
-from sim_bridge.physics.sensors import Sensors
+from sim_bridge.physics.sensors import SURFACE_PRESSURE_HPA, Sensors
 
 SLOW_PERIOD_STEPS = 20
+
+FITTED: dict[str, float] = {
+    "BARO_PRIMARY": 1,
+    "BARO1_GND_PRESS": 100.0 * SURFACE_PRESSURE_HPA,
+    "BARO2_GND_PRESS": 100.0 * SURFACE_PRESSURE_HPA,
+}
+"""What a BlueROV2's set-up changes: the second barometer is the one in the water, and both are zeroed."""
 
 
 class Truth(msgspec.Struct, frozen=True):
@@ -105,7 +112,13 @@ class Vehicle:
         self._physics = Physics(config, seed)
         self._sensors = Sensors(config.sensors, STEP_S, sensor_rng)
         self._faults = Faults(config.faults, fault_rng)
-        self._params = Parameters({"FRAME_CONFIG": 2 if config.thrusters.frame == "vectored_6dof" else 1})
+        self._params = Parameters(
+            FITTED
+            | {
+                "FRAME_CONFIG": 2 if config.thrusters.frame == "vectored_6dof" else 1,
+                "BATT_CAPACITY": config.battery.capacity_ah * 1000.0,
+            }
+        )
         for name, value in config.parameters.items():
             if not self._params.set(name, value):
                 raise ValueError(f"parameters.{name} = {value}: unknown, or not fit for its type")
@@ -135,7 +148,9 @@ class Vehicle:
         for fault in self._faults.advance(self.time_s):
             self._begin(fault)
         self._receive(datagrams)
+        last_words: list[tuple[int, bytes]] = []
         if self._autopilot.reboot_requested:
+            last_words = self._autopilot.telemetry()
             self._reboot()
 
         pwm = self._autopilot.update((self._steps - self._boot_steps) * STEP_S, STEP_S)
@@ -146,7 +161,7 @@ class Vehicle:
 
         self._steps += 1
         self.time_s = self._steps * STEP_S
-        return self._faults.carry("out", self._autopilot.telemetry(), self.time_s)
+        return self._faults.carry("out", [*last_words, *self._autopilot.telemetry()], self.time_s)
 
     def truth(self) -> Truth:
         """Tell the present truth."""

@@ -8,18 +8,19 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from lab.loop.firmware import Firmware, FirmwareError, program
+from lab.loop.firmware import ORIGIN_DEG_E7, Firmware, FirmwareError, program
 from lab.parity.partner import Partner, SteppedVehicle
 from lab.parity.scenarios import SCENARIOS, Near
 from sim_bridge.commands import DEFAULT_CONFIG
 from sim_bridge.config import SimConfig, load_config
 from sim_bridge.vehicle import Vehicle
 
-REST_S = 12.0
+REST_S = 34.0
 """Our stand-in rests so long before it is asked: the firmware has long booted by then."""
 
 
@@ -55,8 +56,8 @@ def compare(scenario: str, path: Path) -> dict[str, tuple[Any, Any]]:
     with Firmware(path, config, seed=1) as firmware:
         theirs = answers(scenario, firmware)
     vehicle = Vehicle(config, seed=1)
-    while vehicle.time_s < REST_S:
-        vehicle.step()
+    origin = mavlink.MAVLink_set_gps_global_origin_message(1, *ORIGIN_DEG_E7, 0)
+    Partner(vehicle).ask(origin, REST_S)
     ours = answers(scenario, vehicle)
     return {name: (theirs.get(name), ours.get(name)) for name in dict.fromkeys([*theirs, *ours])}
 

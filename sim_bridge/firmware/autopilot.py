@@ -8,20 +8,38 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from sim_bridge.firmware import frames, messages, modes
+from sim_bridge.firmware import frames, messages, modes, telemetry
+from sim_bridge.firmware.commands import (
+    ACCEPTED,
+    BANNER,
+    BOOT_TEXTS,
+    CRITICAL,
+    DENIED,
+    FAILED,
+    FRAMES,
+    INFO,
+    SAYS,
+    UNSUPPORTED,
+    WARNING,
+    WITHOUT_EFFECT,
+)
+from sim_bridge.firmware.files import Files
 from sim_bridge.firmware.messages import Message, Origin, Snapshot
+from sim_bridge.firmware.missions import Missions
 from sim_bridge.firmware.mixer import mix, motor_pwm
 from sim_bridge.firmware.modes import MODES, FlightControl
 from sim_bridge.firmware.params import DEFAULTS, Parameters
 from sim_bridge.firmware.pilot import FN_ARM, FN_ARM_TOGGLE, FN_DISARM, FN_MODES, NEUTRAL, Pilot
 from sim_bridge.firmware.signing import KeyStore
-from sim_bridge.firmware.streams import SUPPORTED, TRANSFER_SLOWDOWN, Streams
+from sim_bridge.firmware.streams import FASTEST_INTERVAL_US, SUPPORTED, TRANSFER_SLOWDOWN, Streams
 from sim_bridge.physics.plant import State, state_of
 from sim_bridge.physics.sensors import Sensors
 
 COMPONENT = 1
 INPUT_PERIOD_S = 0.02
 EARLIEST_ARMING_S = 2.0
+BOOTED_S = 0.7
+"""From here on a pilot is missed."""
 TIMESYNC_PERIOD_S = 10.0
 GCS_WARNING_PERIOD_S = 30.0
 LEAK_WARNING_PERIOD_S = 20.0
@@ -30,11 +48,24 @@ RC_OPTION_ARM_CENTRED = 32
 ORIGIN_SHIFT_M = 0.1
 """How far relative_alt is off for good when the origin is set while dived."""
 
-ACCEPTED, DENIED, UNSUPPORTED, FAILED = 0, 2, 3, 4
-CRITICAL, WARNING, INFO = 2, 4, 6
 STANDBY, ACTIVE, FAILSAFE = 3, 4, 5
 DIRECTIONS = tuple(f"MOT_{motor}_DIRECTION" for motor in range(1, 9))
 CHANNELS_RAW = attrgetter(*(f"chan{channel}_raw" for channel in range(1, 19)))
+PARAMETERS = tuple(f"param{number}" for number in range(1, 8))
+FREE_SERVO = 9
+MOTOR_TEST_PERCENT, MOTOR_TEST_PWM = 0, 1
+MOTOR_TEST_TIMEOUT_S, MOTOR_TEST_COOLDOWN_S = 0.5, 10.0
+MISSION_PROTOCOL = (
+    "MISSION_REQUEST_LIST",
+    "MISSION_REQUEST_INT",
+    "MISSION_REQUEST",
+    "MISSION_COUNT",
+    "MISSION_ITEM_INT",
+    "MISSION_ITEM",
+    "MISSION_WRITE_PARTIAL_LIST",
+    "MISSION_CLEAR_ALL",
+    "MISSION_SET_CURRENT",
+)
 AXIS_NAMES = ("Pitch", "Roll", "Throttle", "Yaw", "Forward", "Lateral")
 
 
@@ -76,6 +107,16 @@ class Link:
         if not parser.buf and parser.signing.secret_key is None and (message := frames.parse(data)):
             return (message,)
         return parser.parse_buffer(data) or ()
+
+
+class MotorTest:
+    """DO_MOTOR_TEST under way: which motor turns, how fast, and when it was asked last."""
+
+    def __init__(self) -> None:
+        self.running = False
+        self.motor: int | None = None
+        self.pwm = NEUTRAL
+        self.asked_s = self.refused_until_s = -math.inf
 
 
 class Autopilot:
@@ -125,9 +166,15 @@ class Autopilot:
         self._next_timesync_s = TIMESYNC_PERIOD_S
         self._text_id = 0
         self._origin = Origin(0, 0, 0) if has_position else None  # a DVL's driver sets it as it starts
+        self._home: Origin | None = None
+        self._servo_9 = 0
+        self._boot_texts = deque(BOOT_TEXTS)
+        self._missions = Missions(self._send, self._say)
+        self._files = Files(params, self._missions, self._send)
+        self._motor_test = MotorTest()
         self._demand: tuple[float, ...] | None = None
         self._input_is_new = True
-        self._pilot_lost = True
+        self._pilot_lost = False
         self._pilot_seen_s: float | None = None
         self._steered_s: float | None = None
         self.leaking = False
@@ -154,7 +201,9 @@ class Autopilot:
             "PARAM_SET": self._on_param_set,
             "TIMESYNC": self._on_timesync,
             "SET_GPS_GLOBAL_ORIGIN": self._on_set_origin,
-            "MISSION_REQUEST_LIST": self._on_mission_request_list,
+            **dict.fromkeys(MISSION_PROTOCOL, self._on_mission),
+            "FILE_TRANSFER_PROTOCOL": self._files.handle,
+            "LOG_REQUEST_LIST": self._on_log_request_list,
             "SET_POSITION_TARGET_GLOBAL_INT": self._on_position_target,
             "SETUP_SIGNING": self._on_setup_signing,
         }
@@ -179,9 +228,7 @@ class Autopilot:
             target = getattr(message, "target_system", getattr(message, "target", 0))
             if target != self.system:
                 self._forward(link, target, message)
-            if (handler := self._handlers.get(kind)) and (
-                target in (0, self.system) or kind == "RC_CHANNELS_OVERRIDE"
-            ):
+            if target in (0, self.system) and (handler := self._handlers.get(kind)):
                 handler(link, message)
 
     def update(self, boot_s: float, dt: float) -> list[int]:
@@ -196,8 +243,13 @@ class Autopilot:
             self._check_pilot()
             self._check_gcs()
             self._check_leak()
+            self._missions.step(boot_s)
+            self._say_what_is_due()
         if not self.armed:
             self.motor_pwm, self._demand = self._idle, None
+            return self.motor_pwm
+        if (tested := self._tested_pwm()) is not None:
+            self.motor_pwm, self._demand = tested, None
             return self.motor_pwm
         if self.mode == modes.SURFACE and self._estimate().depth_m < -self.params["SURFACE_DEPTH"] / 100.0:
             self.set_mode(modes.ALT_HOLD)
@@ -219,7 +271,7 @@ class Autopilot:
             slowdown = TRANSFER_SLOWDOWN if link.parameters else 1.0
             for message in link.streams.due(self._boot_s, slowdown):
                 snapshot = snapshot or self.snapshot()
-                for built in messages.build(message, snapshot):
+                for built in telemetry.build(message, snapshot):
                     self._send(number, built)
             for _ in range(min(PARAMETERS_PER_STEP, len(link.parameters))):
                 self._send(number, self._param_value(link.parameters.popleft()))
@@ -250,6 +302,9 @@ class Autopilot:
             self.capacity_mah,
             self.state,
             self.ekf_doubt,
+            self._home,
+            self._servo_9,
+            (self._missions.current, self._missions.total),
         )
 
     def arm(self) -> int:
@@ -281,7 +336,7 @@ class Autopilot:
         if number == self.mode:
             return ACCEPTED
         if number not in MODES:
-            self._say(WARNING, f"Mode change failed: no such mode {number}")
+            self._say(WARNING, f"No such mode {number}")
             return FAILED
         if MODES[number].needs_position and not (self._has_position and self._origin):
             self._say(WARNING, f"Mode change failed: {MODES[number].name} requires position")
@@ -289,6 +344,8 @@ class Autopilot:
         if number == modes.AUTO:
             self._say(WARNING, "Mode change failed: AUTO requires a mission")
             return FAILED
+        if number == modes.SURFTRAK:
+            self._say(INFO, "waiting for a rangefinder reading")
         self._neutralise()
         self.control.enter(number, self._estimate(), self._boot_s)
         self._broadcast(messages.heartbeat(self.snapshot()))
@@ -296,7 +353,7 @@ class Autopilot:
 
     def yaw_was_reset(self, turn_rad: float) -> None:
         """Say so, and hold the same true heading and place."""
-        self._say(CRITICAL, "EKF3 IMU0 MAG0 in-flight yaw alignment complete")
+        self._say(INFO, "EKF3 IMU0 MAG0 in-flight yaw alignment complete")
         self.control.yaw_was_reset(turn_rad)
 
     def _neutralise(self) -> None:
@@ -316,13 +373,13 @@ class Autopilot:
     def _check_pilot(self) -> None:
         action = self.params["FS_PILOT_INPUT"]
         seen_s, timeout_s = self._pilot_seen_s, self.params["FS_PILOT_TIMEOUT"]
-        if action == 0 or (seen_s is not None and self._boot_s < seen_s + timeout_s):
+        if action == 0 or self._boot_s < (BOOTED_S if seen_s is None else seen_s) + timeout_s:
             self._pilot_lost = False
         elif not self._pilot_lost:
             self._pilot_lost = True
             self._say(CRITICAL, "Lost manual control")
             self._neutralise()
-            if action == 2:
+            if action == 2 and seen_s is not None:
                 self.disarm()
 
     def _check_gcs(self) -> None:
@@ -330,6 +387,8 @@ class Autopilot:
         if action == 0 or self._gcs_seen_s is None:
             return
         if self._boot_s - self._gcs_seen_s < self.params["FS_GCS_TIMEOUT"]:
+            if self._gcs_lost:
+                self._say(WARNING, "GCS Failsafe Cleared")
             self._gcs_lost = False
             return
         if self._boot_s - self._gcs_warned_s > GCS_WARNING_PERIOD_S:
@@ -402,11 +461,11 @@ class Autopilot:
     # Commands
 
     def _on_command(self, link: int, message: Message) -> None:
-        p = [getattr(message, f"param{n}") for n in range(1, 5)]
-        if not all(math.isfinite(value) for value in p):
-            result: int | None = DENIED
-        else:
-            result = self._obey(link, message.command, p)
+        p = [float(getattr(message, name, math.nan)) for name in PARAMETERS]
+        if message.get_type() == "COMMAND_INT":
+            p[4:6] = [message.x / 1e7, message.y / 1e7]
+            p[6] = message.z
+        result = self._obey(link, message.command, p)
         if result is not None:
             self._acknowledge(link, message, message.command, result)
 
@@ -420,45 +479,151 @@ class Autopilot:
 
     def _obey(self, link: int, command: int, p: list[float]) -> int | None:
         """Carry out a command; None if its answer is a message rather than an acknowledgement."""
-        streams = self._links[link].streams
+        streams, first = self._links[link].streams, _whole(p[0])
         if command == mavlink.MAV_CMD_COMPONENT_ARM_DISARM:
             return self.arm() if p[0] == 1 else self.disarm() if p[0] == 0 else UNSUPPORTED
         if command == mavlink.MAV_CMD_DO_SET_MODE:
-            return self.set_mode(int(p[1])) if int(p[0]) & 1 else DENIED
+            return self.set_mode(_whole(p[1])) if first & 1 else DENIED
+        if command == mavlink.MAV_CMD_NAV_LOITER_UNLIM:
+            return self.set_mode(modes.POSHOLD)
+        if command == mavlink.MAV_CMD_NAV_LAND:
+            return self.set_mode(modes.SURFACE)
         if command == mavlink.MAV_CMD_SET_MESSAGE_INTERVAL:
-            if int(p[0]) not in SUPPORTED:
-                self._say(INFO, f"No ap_message for mavlink id ({int(p[0])})")
-            return ACCEPTED if streams.set_interval(int(p[0]), p[1], self._boot_s) else DENIED
+            return self._set_interval(streams, first, p[1])
         if command == mavlink.MAV_CMD_GET_MESSAGE_INTERVAL:
-            number = int(p[0]) & 0xFFFF
+            number = first & 0xFFFF
             self._send(link, mavlink.MAVLink_message_interval_message(number, streams.interval_us(number)))
             return ACCEPTED
         if command == mavlink.MAV_CMD_REQUEST_MESSAGE:
-            return self._request(link, int(p[0]))
+            return self._request(link, first)
         if command == mavlink.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES:
-            return self._request(link, mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
+            return self._request(link, mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION) if first == 1 else FAILED
         if command == mavlink.MAV_CMD_GET_HOME_POSITION:
-            return self._request(link, mavlink.MAVLINK_MSG_ID_HOME_POSITION)
+            return self._request(link, mavlink.MAVLINK_MSG_ID_HOME_POSITION) if self._home else FAILED
+        if command == mavlink.MAV_CMD_DO_SET_HOME:
+            return self._set_home(first, p[4:7])
+        if command == mavlink.MAV_CMD_DO_SET_SERVO:
+            return self._set_servo(first, _whole(p[1]))
+        if command == mavlink.MAV_CMD_DO_MOTOR_TEST:
+            return self._test_motor(p)
+        if command == mavlink.MAV_CMD_DO_SET_MISSION_CURRENT:
+            return ACCEPTED if self._missions.set_current(first) else DENIED
+        if command == mavlink.MAV_CMD_DO_SEND_BANNER:
+            self._say_banner()
+            return ACCEPTED
+        if command == mavlink.MAV_CMD_DO_FLIGHTTERMINATION:
+            return self.disarm() if p[0] > 0.5 else FAILED
         if command == mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN:
             if self.armed:
                 return FAILED
             self.reboot_requested = p[0] == 1
             return ACCEPTED if self.reboot_requested else UNSUPPORTED
         if command == mavlink.MAV_CMD_PREFLIGHT_CALIBRATION:
-            return FAILED if self.armed else ACCEPTED
-        return UNSUPPORTED
+            return self._calibrate(p)
+        if command in SAYS:
+            self._say(*SAYS[command])
+        return WITHOUT_EFFECT.get(command, UNSUPPORTED)
+
+    def _set_interval(self, streams: Streams, number: int, interval_us: float) -> int:
+        if number not in SUPPORTED:
+            self._say(INFO, f"No ap_message for mavlink id ({number})")
+            return DENIED
+        if not math.isfinite(interval_us):
+            return DENIED
+        if 0.0 < interval_us < FASTEST_INTERVAL_US:
+            self._say(INFO, f"Requested rate for message ID {number} too fast. Increase SCHED_LOOP_RATE")
+        return ACCEPTED if streams.set_interval(number, interval_us, self._boot_s) else DENIED
 
     def _request(self, link: int, number: int) -> int:
-        if number not in messages.BUILDERS:
+        if number not in SUPPORTED:
             return FAILED
-        built = messages.build(number, self.snapshot())
-        for message in built:
+        for message in telemetry.build(number, self.snapshot()):
             self._send(link, message)
-        return ACCEPTED if built else FAILED
+        return ACCEPTED
 
-    def _on_set_mode(self, link: int, message: Message) -> None:
-        result = self.set_mode(message.custom_mode) if message.base_mode & 1 else DENIED
-        self._acknowledge(link, message, mavlink.MAVLINK_MSG_ID_SET_MODE, result)
+    def _set_home(self, here: int, place: list[float]) -> int:
+        """Take the place that is given; the present one is not known without a position."""
+        latitude, longitude, altitude = place
+        known = math.isfinite(latitude) and math.isfinite(longitude) and (latitude or longitude)
+        if here == 1 or not known or self._origin is None or not math.isfinite(altitude):
+            return FAILED
+        self._home = Origin(
+            messages.int32(latitude * 1e7), messages.int32(longitude * 1e7), messages.int32(altitude * 1e3)
+        )
+        for message in telemetry.build(mavlink.MAVLINK_MSG_ID_HOME_POSITION, self.snapshot()):
+            self._broadcast(message)
+        return ACCEPTED
+
+    def _set_servo(self, number: int, pwm: int) -> int:
+        """Move the one output that drives neither a motor nor the camera."""
+        if number != FREE_SERVO or not 0 < pwm <= 65535:
+            if number != FREE_SERVO:
+                self._say(INFO, f"ServoRelayEvent: Channel {number} is already in use")
+            return FAILED
+        self._servo_9 = pwm
+        return ACCEPTED
+
+    def _calibrate(self, p: list[float]) -> int | None:
+        """Calibrate the barometer, which takes a second before it is acknowledged, or the level trim."""
+        if self.armed:
+            return FAILED
+        if p[2] == 1:
+            self._say(INFO, "Calibrating barometer")
+            self._sensors.rezero()
+            self._say(INFO, "Barometer 1 calibration complete")
+            self._say(INFO, "Barometer 2 calibration complete")
+            return ACCEPTED
+        return ACCEPTED if p[0] == 1 or p[4] in (1, 2, 4) else UNSUPPORTED
+
+    def _test_motor(self, p: list[float]) -> int:
+        """Run one motor for as long as the request is repeated; refused while disarmed, and for 10 s after."""
+        test = self._motor_test
+        if not test.running:
+            if self._boot_s < test.refused_until_s:
+                self._say(CRITICAL, "10 second cooldown required after motor test")
+            elif not self.armed:
+                self._say(WARNING, "Arm motors before testing motors.")
+            else:
+                test.running = True
+            if not test.running:
+                self._say(WARNING, "motor test initialization failed!")
+                return FAILED
+        motor, kind, throttle = _whole(p[0]), p[1], p[2]
+        if kind not in (MOTOR_TEST_PERCENT, MOTOR_TEST_PWM):
+            self._say(WARNING, f"bad test type {kind:.2f}")
+            test.asked_s = self._boot_s
+            return FAILED
+        pwm = throttle if kind == MOTOR_TEST_PWM else 1100.0 + 8.0 * throttle
+        if not 0 <= motor < len(self._idle) or not 1100.0 <= pwm <= 1900.0:
+            return DENIED
+        test.motor, test.pwm, test.asked_s = motor, round(pwm), self._boot_s
+        return ACCEPTED
+
+    def _tested_pwm(self) -> list[int] | None:
+        """Return the motors' PWM during a motor test; end it, and disarm, where nobody asks any more."""
+        test = self._motor_test
+        if not test.running:
+            return None
+        if self._boot_s > test.asked_s + MOTOR_TEST_TIMEOUT_S:
+            test.running, test.motor = False, None
+            test.refused_until_s = self._boot_s + MOTOR_TEST_COOLDOWN_S
+            self._say(INFO, "Motor test timed out!")
+            self.disarm()
+            return self._idle
+        return [test.pwm if number == test.motor else idle for number, idle in enumerate(self._idle)]
+
+    def _say_banner(self) -> None:
+        for text in (*BANNER, f"Frame: {FRAMES[self._frame]}"):
+            self._say(INFO, text)
+
+    def _say_what_is_due(self) -> None:
+        while self._boot_texts and self._boot_texts[0][0] <= self._boot_s:
+            self._say(INFO, self._boot_texts.popleft()[1])
+
+    def _on_set_mode(self, _: int, message: Message) -> None:
+        """Change the mode; the firmware acknowledges only the command of that purpose."""
+        if message.base_mode & 1:
+            self.set_mode(message.custom_mode)
 
     def _on_request_data_stream(self, link: int, message: Message) -> None:
         rate = float(message.req_message_rate) if message.start_stop else 0.0
@@ -476,14 +641,12 @@ class Autopilot:
         self._origin = Origin(message.latitude, message.longitude, message.altitude)
         self._broadcast(mavlink.MAVLink_gps_global_origin_message(*self._origin, round(self._boot_s * 1e6)))
 
-    def _on_mission_request_list(self, link: int, message: Message) -> None:
-        kind = message.mission_type
-        self._send(
-            link,
-            mavlink.MAVLink_mission_count_message(
-                message.get_srcSystem(), message.get_srcComponent(), 1 if kind == 0 else 0, kind
-            ),
-        )
+    def _on_mission(self, link: int, message: Message) -> None:
+        self._missions.handle(link, message, self._boot_s)
+
+    def _on_log_request_list(self, link: int, _: Message) -> None:
+        """Tell that there is no log."""
+        self._send(link, mavlink.MAVLink_log_entry_message(0, 0, 0, 0, 0))
 
     def _on_setup_signing(self, _: int, message: Message) -> None:
         """Take a key from whoever may speak; all zero takes it away. The firmware never tells it on."""
@@ -504,6 +667,7 @@ class Autopilot:
             self._send(link, self._param_value(name))
 
     def _on_param_request_list(self, link: int, _: Message) -> None:
+        self._say_banner()
         self._links[link].parameters = deque(self.params.names)
 
     def _on_param_set(self, _: int, message: Message) -> None:
@@ -519,7 +683,7 @@ class Autopilot:
             self.params[name],
             DEFAULTS[name].type,
             len(self.params.names),
-            self.params.names.index(name),
+            self.params.index[name],
         )
 
     # Sending
@@ -549,6 +713,11 @@ class Autopilot:
 
     def _boot_ns(self) -> int:
         return round(self._boot_s * 1e9)
+
+
+def _whole(value: float) -> int:
+    """Return a command's parameter as an integer; 0 for one that is none."""
+    return int(value) if math.isfinite(value) and abs(value) < 2**31 else 0
 
 
 def _text(raw: str | bytes) -> str:

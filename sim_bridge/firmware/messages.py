@@ -15,14 +15,17 @@ Message: TypeAlias = Any
 
 AUTOPILOT_CAPABILITIES = 0xF9E7
 FLIGHT_VERSION_4_7_DEV = 0x04070000
-UTC_AT_BOOT_S = 1_760_000_000
 M_PER_DEGREE = 111_319.5
 WATER_CENTIDEGREES = 1500
-EKF_WITHOUT_POSITION = 1 | 4 | 32 | 128
+EKF_WITHOUT_POSITION = 1 | 2 | 4 | 32 | 128
 EKF_WITH_POSITION = 1 | 2 | 4 | 8 | 16 | 32 | 256 | 512
 EKF_UNINITIALIZED = 1024
-SENSORS = 0x0120_802F
-LIGHTS_PWM, CAMERA_PWM = 1100, 1500
+SENSORS_PRESENT, SENSORS_ENABLED, SENSORS_HEALTHY = 305265679, 304192527, 305241103
+"""As the firmware tells them of a healthy vehicle."""
+CAMERA_TILT_PWM = 1754
+"""Where the firmware's camera mount rests, on servo 10."""
+FIELD_NORTH_MG, FIELD_DOWN_MG = 219.0, 422.0
+IMU_CENTIDEGREES = 2720
 
 
 class Origin(NamedTuple):
@@ -56,6 +59,11 @@ class Snapshot(NamedTuple):
     """The plant's 13 components: for SIM_STATE alone."""
     ekf_doubt: float | None
     """The EKF's variance where it has no solution."""
+    home: Origin | None
+    servo_9: int
+    """PWM of the one output that is free (µs); 0 until it is set."""
+    mission: tuple[int, int]
+    """Number of the present item, and of items beside home."""
 
     @property
     def boot_ms(self) -> int:
@@ -67,14 +75,30 @@ class Snapshot(NamedTuple):
         """Microseconds since boot."""
         return round(self.boot_s * 1e6)
 
+    @property
+    def base_mode(self) -> int:
+        """81 disarmed, 209 armed, +8 in the guided modes."""
+        return 81 | (128 if self.armed else 0) | (8 if self.mode in GUIDED_FLAG_MODES else 0)
+
+    @property
+    def ekf_flags(self) -> int:
+        """EKF_STATUS_FLAGS."""
+        if self.ekf_doubt is not None:
+            return EKF_UNINITIALIZED
+        return EKF_WITH_POSITION if self.has_position else EKF_WITHOUT_POSITION
+
+    @property
+    def battery_remaining(self) -> int:
+        """In percent."""
+        return round(max(0.0, 100.0 * (1.0 - self.consumed_mah / self.capacity_mah)))
+
 
 def heartbeat(boot: Snapshot) -> Message:
-    """base_mode 81 disarmed, 209 armed, +8 in the guided modes."""
-    base = 81 | (128 if boot.armed else 0) | (8 if boot.mode in GUIDED_FLAG_MODES else 0)
+    """Type, mode, arming and status."""
     return mavlink.MAVLink_heartbeat_message(
         mavlink.MAV_TYPE_SUBMARINE,
         mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA,
-        base,
+        boot.base_mode,
         boot.mode,
         boot.system_status,
         3,
@@ -90,7 +114,7 @@ def _attitude(s: Snapshot) -> Message:
 
 def _ahrs2(s: Snapshot) -> Message:
     e = s.estimate
-    lat, lon = _place(s)
+    lat, lon = place(s)
     return mavlink.MAVLink_ahrs2_message(e.roll, e.pitch, e.yaw, round(e.raw_altitude_m, 2), lat, lon)
 
 
@@ -99,13 +123,13 @@ def _vfr_hud(s: Snapshot) -> Message:
     speed = math.hypot(e.position[2], e.position[3])
     throttle = round(abs(s.channels[2] - 1500) / 4.0) if s.armed else 0
     return mavlink.MAVLink_vfr_hud_message(
-        speed, speed, _heading_cdeg(e.yaw) // 100, min(100, throttle), _absolute_m(s), e.climb_m_s
+        speed, speed, heading_cdeg(e.yaw) // 100, min(100, throttle), _absolute_m(s), e.climb_m_s
     )
 
 
 def _global_position_int(s: Snapshot) -> Message:
     e = s.estimate
-    lat, lon = _place(s)
+    lat, lon = place(s)
     return mavlink.MAVLink_global_position_int_message(
         s.boot_ms,
         lat,
@@ -115,7 +139,7 @@ def _global_position_int(s: Snapshot) -> Message:
         int16(e.position[2] * 100),
         int16(e.position[3] * 100),
         int16(-e.climb_m_s * 100),
-        _heading_cdeg(e.yaw),
+        heading_cdeg(e.yaw),
     )
 
 
@@ -128,28 +152,46 @@ def _local_position_ned(s: Snapshot) -> Message:
     )
 
 
-def _servo_output_raw(s: Snapshot) -> list[Message]:
+def _servo_output_raw(s: Snapshot) -> Message:
     motors = [*s.motor_pwm, *[0] * (8 - len(s.motor_pwm))]
-    return [
-        mavlink.MAVLink_servo_output_raw_message(
-            s.boot_us & 0xFFFFFFFF, 0, *motors, s.channels[8], s.channels[7], 0, 0, 0, 0, 0, 0
-        ),
-        mavlink.MAVLink_servo_output_raw_message(s.boot_us & 0xFFFFFFFF, 1, *[0] * 16),
-    ]
+    return mavlink.MAVLink_servo_output_raw_message(
+        s.boot_us & 0xFFFFFFFF, 0, *motors, s.servo_9, CAMERA_TILT_PWM, 0, 0, 0, 0, 0, 0
+    )
 
 
 def _rc_channels(s: Snapshot) -> Message:
-    return mavlink.MAVLink_rc_channels_message(s.boot_ms, 16, *s.channels[:16], 0, 0, 0)
+    """Tell eight channels, and that no receiver counted them."""
+    return mavlink.MAVLink_rc_channels_message(s.boot_ms, 0, *s.channels[:8], *[0] * 10, 255)
+
+
+def body_field_mg(s: Snapshot) -> tuple[int, int, int]:
+    """Earth's magnetic field as a level compass reads it."""
+    yaw = s.estimate.yaw
+    return (
+        round(FIELD_NORTH_MG * math.cos(yaw)),
+        round(-FIELD_NORTH_MG * math.sin(yaw)),
+        round(FIELD_DOWN_MG),
+    )
+
+
+def quaternion(e: Estimate) -> tuple[float, float, float, float]:
+    """Return w, x, y, z of roll, pitch and yaw."""
+    (cr, sr), (cp, sp), (cy, sy) = (
+        (math.cos(0.5 * angle), math.sin(0.5 * angle)) for angle in (e.roll, e.pitch, e.yaw)
+    )
+    return (
+        cr * cp * cy + sr * sp * sy,
+        sr * cp * cy - cr * sp * sy,
+        cr * sp * cy + sr * cp * sy,
+        cr * cp * sy - sr * sp * cy,
+    )
 
 
 def _raw_imu(s: Snapshot) -> Message:
     e = s.estimate
     accel = (int16(a / GRAVITY * 1000) for a in e.accel)
     gyro = (int16(rate * 1000) for rate in (e.rollspeed, e.pitchspeed, e.yawspeed))
-    c, sn = math.cos(e.yaw), math.sin(e.yaw)
-    return mavlink.MAVLink_raw_imu_message(
-        s.boot_us, *accel, *gyro, round(200 * c), round(-200 * sn), 430, 0, WATER_CENTIDEGREES
-    )
+    return mavlink.MAVLink_raw_imu_message(s.boot_us, *accel, *gyro, *body_field_mg(s), 0, IMU_CENTIDEGREES)
 
 
 def _scaled_pressure(s: Snapshot) -> Message:
@@ -166,13 +208,13 @@ def _scaled_pressure2(s: Snapshot) -> Message:
 
 def _sys_status(s: Snapshot) -> Message:
     return mavlink.MAVLink_sys_status_message(
-        SENSORS,
-        SENSORS,
-        SENSORS,
-        250,
+        SENSORS_PRESENT,
+        SENSORS_ENABLED,
+        SENSORS_HEALTHY,
+        0,
         _uint16(s.voltage_v * 1000),
         int16(s.current_a * 100),
-        _remaining(s),
+        s.battery_remaining,
         0,
         0,
         0,
@@ -191,36 +233,35 @@ def _battery_status(s: Snapshot) -> Message:
         [_uint16(s.voltage_v * 1000), *[65535] * 9],
         int16(s.current_a * 100),
         int32(s.consumed_mah),
-        -1,
-        _remaining(s),
+        int32(s.consumed_mah * s.voltage_v * 0.036),
+        s.battery_remaining,
+        0,
+        1,
     )
 
 
 def _system_time(s: Snapshot) -> Message:
-    return mavlink.MAVLink_system_time_message(UTC_AT_BOOT_S * 1_000_000 + s.boot_us, s.boot_ms)
+    """Tell no UTC: there is no GPS."""
+    return mavlink.MAVLink_system_time_message(0, s.boot_ms)
 
 
 def _ekf_status_report(s: Snapshot) -> Message:
-    if s.ekf_doubt is not None:
-        doubt = s.ekf_doubt
-        return mavlink.MAVLink_ekf_status_report_message(
-            EKF_UNINITIALIZED, doubt, doubt, doubt, doubt, 0.0, 0.0
-        )
-    flags = EKF_WITH_POSITION if s.has_position else EKF_WITHOUT_POSITION
-    return mavlink.MAVLink_ekf_status_report_message(flags, 0.05, 0.0, 0.02, 0.03, 0.0, 0.0)
+    doubt = s.ekf_doubt
+    variances = (0.0, 0.0, 0.001, 0.0) if doubt is None else (doubt,) * 4
+    return mavlink.MAVLink_ekf_status_report_message(s.ekf_flags, *variances, 0.0, 0.0)
 
 
 def _named_value_floats(s: Snapshot) -> list[Message]:
     values = (
-        (b"CamTilt", 1.0 - (s.channels[7] - 1100) / 800),
-        (b"CamPan", 1.0 - (s.channels[6] - 1100) / 800),
+        (b"CamTilt", 1.0 - (CAMERA_TILT_PWM - 1100) / 800),
+        (b"CamPan", 0.5),
         (b"TetherTrn", 0.0),
-        (b"Lights1", (s.channels[8] - 1100) / 800),
-        (b"Lights2", (s.channels[9] - 1100) / 800),
+        (b"Lights1", 0.5),
+        (b"Lights2", 0.5),
         (b"PilotGain", s.gain),
         (b"InputHold", float(s.input_hold)),
         (b"RollPitch", float(s.roll_pitch)),
-        (b"RFTarget", 0.0),
+        (b"RFTarget", -0.01),
     )
     return [mavlink.MAVLink_named_value_float_message(s.boot_ms, name, value) for name, value in values]
 
@@ -262,10 +303,21 @@ def _autopilot_version(_: Snapshot) -> Message:
 
 
 def _home_position(s: Snapshot) -> Message:
-    if s.origin is None:
+    if s.home is None:
         return None
-    lat, lon, alt = s.origin
-    return mavlink.MAVLink_home_position_message(lat, lon, alt, 0, 0, 0, [1, 0, 0, 0], 0, 0, 0, s.boot_us)
+    north, east = _from_origin(s, s.home)
+    unknown = [math.nan] * 4
+    return mavlink.MAVLink_home_position_message(*s.home, north, east, 0.0, unknown, 0.0, 0.0, 0.0, s.boot_us)
+
+
+def _from_origin(s: Snapshot, there: Origin) -> tuple[float, float]:
+    """Return how far north and east of the EKF's origin a place is, m."""
+    origin = s.origin or there
+    shrink = math.cos(math.radians(origin.lat / 1e7))
+    return (
+        (there.lat - origin.lat) / 1e7 * M_PER_DEGREE,
+        (there.lon - origin.lon) / 1e7 * M_PER_DEGREE * shrink,
+    )
 
 
 def _gps_global_origin(s: Snapshot) -> Message:
@@ -298,19 +350,6 @@ BUILDERS: dict[int, Callable[[Snapshot], Message]] = {
 }
 
 
-def build(message: int, snapshot: Snapshot) -> list[Message]:
-    """Messages of one id, in the order they are sent; empty if there is nothing to tell, such as no position.
-
-    Raises:
-        KeyError: the id is not one of ours.
-
-    """
-    built = BUILDERS[message](snapshot)
-    if built is None:
-        return []
-    return built if isinstance(built, list) else [built]
-
-
 def statustexts(severity: int, text: str, identity: int) -> list[Message]:
     """Build a STATUSTEXT, in 50-byte chunks that share a non-zero id when it is longer."""
     raw = text.encode()
@@ -336,12 +375,9 @@ def _uint16(value: float) -> int:
     return round(max(0.0, min(65535.0, value)))
 
 
-def _heading_cdeg(yaw: float) -> int:
+def heading_cdeg(yaw: float) -> int:
+    """Heading in hundredths of a degree, 0..35999."""
     return round(math.degrees(yaw) * 100) % 36000
-
-
-def _remaining(s: Snapshot) -> int:
-    return round(max(0.0, 100.0 * (1.0 - s.consumed_mah / s.capacity_mah)))
 
 
 def _absolute_m(s: Snapshot) -> float:
@@ -349,7 +385,8 @@ def _absolute_m(s: Snapshot) -> float:
     return 0.0 if s.origin is None else s.origin.alt_mm / 1000.0 + s.estimate.altitude_m
 
 
-def _place(s: Snapshot) -> tuple[int, int]:
+def place(s: Snapshot) -> tuple[int, int]:
+    """Latitude and longitude, degrees·1e7; 0 without an origin."""
     if s.origin is None:
         return 0, 0
     x, y = s.estimate.position[:2]

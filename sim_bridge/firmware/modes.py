@@ -10,7 +10,7 @@ from sim_bridge.firmware.params import Parameters
 from sim_bridge.firmware.pilot import FORWARD, LATERAL, PITCH, ROLL, THROTTLE, YAW, Pilot
 from sim_bridge.physics.sensors import Estimate
 
-STABILIZE, ACRO, ALT_HOLD, AUTO, GUIDED, CIRCLE, SURFACE, POSHOLD, MANUAL, SURFTRAK = (
+STABILIZE, ACRO, ALT_HOLD, AUTO, GUIDED, CIRCLE, SURFACE, POSHOLD, MANUAL, MOTOR_DETECT, SURFTRAK = (
     0,
     1,
     2,
@@ -20,6 +20,7 @@ STABILIZE, ACRO, ALT_HOLD, AUTO, GUIDED, CIRCLE, SURFACE, POSHOLD, MANUAL, SURFT
     9,
     16,
     19,
+    20,
     21,
 )
 
@@ -43,6 +44,7 @@ MODES: dict[int, Mode] = {
     SURFACE: Mode("SURFACE", False, True, True),
     POSHOLD: Mode("POSHOLD", True, True, True),
     MANUAL: Mode("MANUAL", False, False, False),
+    MOTOR_DETECT: Mode("MOTOR_DETECT", False, False, False),
     SURFTRAK: Mode("SURFTRAK", False, True, True),
 }
 GUIDED_FLAG_MODES = (AUTO, GUIDED, CIRCLE, POSHOLD)
@@ -101,6 +103,8 @@ class FlightControl:
         """Six demands in -1..1. `estimate` may be None in MANUAL, which looks at no sensor."""
         forward, lateral = pilot.stick(FORWARD), pilot.stick(LATERAL)
         throttle = pilot.stick(THROTTLE)
+        if self.mode == MOTOR_DETECT:
+            return (0.0,) * 6
         if self.mode == MANUAL or estimate is None:
             return pilot.stick(ROLL), pilot.stick(PITCH), pilot.stick(YAW), throttle, forward, lateral
         yaw_rate = _outside(pilot.channels[YAW], STICK_DEAD_US) * MAX_YAW_RATE

@@ -2,7 +2,7 @@
 
 import hashlib
 
-from sim_bridge.firmware.messages import UTC_AT_BOOT_S
+UTC_AT_BOOT_S = 1_760_000_000
 
 MAVLINK_EPOCH_S = 1_420_070_400
 

@@ -4,6 +4,8 @@ import math
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from sim_bridge.firmware import instruments, telemetry
+
 ATTITUDE, AHRS2, VFR_HUD = (
     mavlink.MAVLINK_MSG_ID_ATTITUDE,
     mavlink.MAVLINK_MSG_ID_AHRS2,
@@ -16,13 +18,23 @@ GROUPS: dict[int, tuple[float, tuple[int, ...]]] = {
         2.0,
         (
             mavlink.MAVLINK_MSG_ID_RAW_IMU,
+            mavlink.MAVLINK_MSG_ID_SCALED_IMU2,
+            mavlink.MAVLINK_MSG_ID_SCALED_IMU3,
             mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE,
             mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE2,
         ),
     ),
     mavlink.MAV_DATA_STREAM_EXTENDED_STATUS: (
         2.0,
-        (mavlink.MAVLINK_MSG_ID_SYS_STATUS, mavlink.MAVLINK_MSG_ID_NAMED_VALUE_FLOAT),
+        (
+            mavlink.MAVLINK_MSG_ID_SYS_STATUS,
+            mavlink.MAVLINK_MSG_ID_POWER_STATUS,
+            mavlink.MAVLINK_MSG_ID_MEMINFO,
+            mavlink.MAVLINK_MSG_ID_MISSION_CURRENT,
+            mavlink.MAVLINK_MSG_ID_GPS_RAW_INT,
+            mavlink.MAVLINK_MSG_ID_NAV_CONTROLLER_OUTPUT,
+            mavlink.MAVLINK_MSG_ID_NAMED_VALUE_FLOAT,
+        ),
     ),
     mavlink.MAV_DATA_STREAM_RC_CHANNELS: (
         2.0,
@@ -32,26 +44,28 @@ GROUPS: dict[int, tuple[float, tuple[int, ...]]] = {
         3.0,
         (mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED),
     ),
-    mavlink.MAV_DATA_STREAM_EXTRA1: (10.0, (ATTITUDE, AHRS2)),
+    mavlink.MAV_DATA_STREAM_EXTRA1: (10.0, (ATTITUDE, mavlink.MAVLINK_MSG_ID_SIMSTATE, AHRS2)),
     mavlink.MAV_DATA_STREAM_EXTRA2: (10.0, (VFR_HUD,)),
     mavlink.MAV_DATA_STREAM_EXTRA3: (
         3.0,
         (
+            mavlink.MAVLINK_MSG_ID_AHRS,
             mavlink.MAVLINK_MSG_ID_SYSTEM_TIME,
+            mavlink.MAVLINK_MSG_ID_TERRAIN_REPORT,
             mavlink.MAVLINK_MSG_ID_BATTERY_STATUS,
+            mavlink.MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS,
             mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT,
+            mavlink.MAVLINK_MSG_ID_VIBRATION,
         ),
     ),
 }
 """REQUEST_DATA_STREAM's groups: the rate in Hz with nobody asking, and the messages."""
 
-DEFAULT_RATE_HZ = {message: rate for rate, messages in GROUPS.values() for message in messages} | {
-    HEARTBEAT: 1.0
-}
-SUPPORTED = frozenset(DEFAULT_RATE_HZ) - {mavlink.MAVLINK_MSG_ID_NAMED_VALUE_FLOAT} | {
-    mavlink.MAVLINK_MSG_ID_SIM_STATE
-}
-"""What SET_MESSAGE_INTERVAL takes. NAMED_VALUE_FLOAT streams with its group and takes no interval."""
+DEFAULT_RATE_HZ = {message: rate for rate, group in GROUPS.values() for message in group} | {HEARTBEAT: 1.0}
+NOT_BY_ID = frozenset({mavlink.MAVLINK_MSG_ID_NAMED_VALUE_FLOAT})
+"""Streams with its group, and has no number of its own."""
+SUPPORTED = (frozenset(telemetry.BUILDERS) | instruments.SILENT) - NOT_BY_ID
+"""What SET_MESSAGE_INTERVAL and REQUEST_MESSAGE take."""
 
 FASTEST_INTERVAL_US = 3125
 """0.8 of the firmware's 400 Hz loop; what is asked faster is refused."""
@@ -77,7 +91,7 @@ class Streams:
             return False
         if interval_us == 0:
             self._set(message, DEFAULT_RATE_HZ.get(message, 0.0), now_s)
-        elif interval_us < 0:
+        elif interval_us == -1:
             self._set(message, 0.0, now_s)
         elif interval_us < FASTEST_INTERVAL_US:
             return False
@@ -88,8 +102,8 @@ class Streams:
     def set_group(self, group: int, rate_hz: float, now_s: float) -> None:
         """REQUEST_DATA_STREAM: 0 is all groups; a rate of 0 stops. It overrides single intervals."""
         groups = GROUPS.values() if group == 0 else [GROUPS[group]] if group in GROUPS else []
-        for _, messages in groups:
-            for message in messages:
+        for _, group_messages in groups:
+            for message in group_messages:
                 self._set(message, min(rate_hz, 1e6 / FASTEST_INTERVAL_US), now_s)
 
     def due(self, now_s: float, slowdown: float = 1.0) -> list[int]:
