@@ -31,7 +31,7 @@ from sim_bridge.firmware.modes import MODES, FlightControl
 from sim_bridge.firmware.params import DEFAULTS, Parameters
 from sim_bridge.firmware.pilot import FN_ARM, FN_ARM_TOGGLE, FN_DISARM, FN_MODES, NEUTRAL, Pilot
 from sim_bridge.firmware.signing import KeyStore
-from sim_bridge.firmware.streams import FASTEST_INTERVAL_US, SUPPORTED, TRANSFER_SLOWDOWN, Streams
+from sim_bridge.firmware.streams import FASTEST_INTERVAL_US, REQUESTED, STREAMED, TRANSFER_SLOWDOWN, Streams
 from sim_bridge.physics.plant import State, state_of
 from sim_bridge.physics.sensors import Sensors
 
@@ -274,7 +274,7 @@ class Autopilot:
                 for built in telemetry.build(message, snapshot):
                     self._send(number, built)
             for _ in range(min(PARAMETERS_PER_STEP, len(link.parameters))):
-                self._send(number, self._param_value(link.parameters.popleft()))
+                self._send(number, self._param_value(link.parameters.popleft(), listed=True))
         if self._boot_s >= self._next_timesync_s:
             self._next_timesync_s += TIMESYNC_PERIOD_S
             self._broadcast(mavlink.MAVLink_timesync_message(0, self._boot_ns()))
@@ -415,7 +415,7 @@ class Autopilot:
             self.set_mode(modes.SURFACE)
 
     def _system_status(self) -> int:
-        if self._pilot_lost or self._gcs_lost or self._leak:
+        if self._pilot_lost or self._gcs_lost or self._leak or self._boot_s < BOOTED_S:
             return FAILSAFE
         return ACTIVE if self.armed else STANDBY
 
@@ -507,7 +507,10 @@ class Autopilot:
         if command == mavlink.MAV_CMD_DO_MOTOR_TEST:
             return self._test_motor(p)
         if command == mavlink.MAV_CMD_DO_SET_MISSION_CURRENT:
-            return ACCEPTED if self._missions.set_current(first) else DENIED
+            if not self._missions.set_current(first):
+                return DENIED
+            self._request(link, mavlink.MAVLINK_MSG_ID_MISSION_CURRENT)
+            return ACCEPTED
         if command == mavlink.MAV_CMD_DO_SEND_BANNER:
             self._say_banner()
             return ACCEPTED
@@ -525,7 +528,7 @@ class Autopilot:
         return WITHOUT_EFFECT.get(command, UNSUPPORTED)
 
     def _set_interval(self, streams: Streams, number: int, interval_us: float) -> int:
-        if number not in SUPPORTED:
+        if number not in STREAMED:
             self._say(INFO, f"No ap_message for mavlink id ({number})")
             return DENIED
         if not math.isfinite(interval_us):
@@ -535,7 +538,7 @@ class Autopilot:
         return ACCEPTED if streams.set_interval(number, interval_us, self._boot_s) else DENIED
 
     def _request(self, link: int, number: int) -> int:
-        if number not in SUPPORTED:
+        if number not in REQUESTED:
             return FAILED
         for message in telemetry.build(number, self.snapshot()):
             self._send(link, message)
@@ -557,7 +560,7 @@ class Autopilot:
     def _set_servo(self, number: int, pwm: int) -> int:
         """Move the one output that drives neither a motor nor the camera."""
         if number != FREE_SERVO or not 0 < pwm <= 65535:
-            if number != FREE_SERVO:
+            if number > 0 and number != FREE_SERVO:
                 self._say(INFO, f"ServoRelayEvent: Channel {number} is already in use")
             return FAILED
         self._servo_9 = pwm
@@ -576,7 +579,7 @@ class Autopilot:
         return ACCEPTED if p[0] == 1 or p[4] in (1, 2, 4) else UNSUPPORTED
 
     def _test_motor(self, p: list[float]) -> int:
-        """Run one motor for as long as the request is repeated; refused while disarmed, and for 10 s after."""
+        """Run one motor while the request is repeated; refused while disarmed, and for 10 s after."""
         test = self._motor_test
         if not test.running:
             if self._boot_s < test.refused_until_s:
@@ -642,7 +645,10 @@ class Autopilot:
         self._broadcast(mavlink.MAVLink_gps_global_origin_message(*self._origin, round(self._boot_s * 1e6)))
 
     def _on_mission(self, link: int, message: Message) -> None:
-        self._missions.handle(link, message, self._boot_s)
+        if message.get_type() != "MISSION_SET_CURRENT":
+            self._missions.handle(link, message, self._boot_s)
+        elif self._missions.set_current(message.seq):
+            self._request(link, mavlink.MAVLINK_MSG_ID_MISSION_CURRENT)
 
     def _on_log_request_list(self, link: int, _: Message) -> None:
         """Tell that there is no log."""
@@ -664,7 +670,7 @@ class Autopilot:
         else:
             return
         if name in self.params:
-            self._send(link, self._param_value(name))
+            self._send(link, self._param_value(name, listed=message.param_index >= 0))
 
     def _on_param_request_list(self, link: int, _: Message) -> None:
         self._say_banner()
@@ -672,18 +678,19 @@ class Autopilot:
 
     def _on_param_set(self, _: int, message: Message) -> None:
         name = _text(message.param_id)
-        if name in self.params:
+        if name in self.params and math.isfinite(message.param_value):
             self.params.set(name, message.param_value)
             self._demand, self._input_is_new = None, True
-            self._broadcast(self._param_value(name))
+            self._broadcast(self._param_value(name, listed=False))
 
-    def _param_value(self, name: str) -> Message:
+    def _param_value(self, name: str, *, listed: bool) -> Message:
+        """Tell a parameter; its place in the list only where it was asked by that."""
         return mavlink.MAVLink_param_value_message(
             name.encode(),
             self.params[name],
             DEFAULTS[name].type,
             len(self.params.names),
-            self.params.index[name],
+            self.params.index[name] if listed else 65535,
         )
 
     # Sending

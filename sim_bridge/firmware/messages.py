@@ -114,7 +114,7 @@ def _attitude(s: Snapshot) -> Message:
 
 def _ahrs2(s: Snapshot) -> Message:
     e = s.estimate
-    lat, lon = place(s)
+    lat, lon = place(s) if s.has_position else (0, 0)
     return mavlink.MAVLink_ahrs2_message(e.roll, e.pitch, e.yaw, round(e.raw_altitude_m, 2), lat, lon)
 
 

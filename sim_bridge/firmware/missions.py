@@ -82,9 +82,7 @@ class Missions:
         kind = message.get_type()
         peer = (link, message.get_srcSystem(), message.get_srcComponent())
         listed = getattr(message, "mission_type", MISSION)
-        if kind == "MISSION_SET_CURRENT":
-            self.set_current(message.seq)
-        elif listed not in self._lists:
+        if listed not in self._lists:
             self._acknowledge(peer, listed, UNSUPPORTED)
         elif kind == "MISSION_REQUEST_LIST":
             self._count(peer, listed)
@@ -115,7 +113,7 @@ class Missions:
             self._ask(upload._replace(asked_s=now_s))
 
     def set_current(self, number: int) -> bool:
-        """Make an item the present one, and tell everybody who asked; False if there is no such item."""
+        """Make an item the present one; False if there is no such item."""
         if not 0 <= number < len(self._lists[MISSION]):
             return False
         self.current = number

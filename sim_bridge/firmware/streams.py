@@ -62,10 +62,10 @@ GROUPS: dict[int, tuple[float, tuple[int, ...]]] = {
 """REQUEST_DATA_STREAM's groups: the rate in Hz with nobody asking, and the messages."""
 
 DEFAULT_RATE_HZ = {message: rate for rate, group in GROUPS.values() for message in group} | {HEARTBEAT: 1.0}
-NOT_BY_ID = frozenset({mavlink.MAVLINK_MSG_ID_NAMED_VALUE_FLOAT})
-"""Streams with its group, and has no number of its own."""
-SUPPORTED = (frozenset(telemetry.BUILDERS) | instruments.SILENT) - NOT_BY_ID
-"""What SET_MESSAGE_INTERVAL and REQUEST_MESSAGE take."""
+REQUESTED = (frozenset(telemetry.BUILDERS) | instruments.SILENT) - {mavlink.MAVLINK_MSG_ID_NAMED_VALUE_FLOAT}
+"""What REQUEST_MESSAGE takes. NAMED_VALUE_FLOAT streams with its group, and has no number of its own."""
+STREAMED = REQUESTED - {mavlink.MAVLINK_MSG_ID_MESSAGE_INTERVAL}
+"""What SET_MESSAGE_INTERVAL takes."""
 
 FASTEST_INTERVAL_US = 3125
 """0.8 of the firmware's 400 Hz loop; what is asked faster is refused."""
@@ -87,7 +87,7 @@ class Streams:
 
     def set_interval(self, message: int, interval_us: float, now_s: float) -> bool:
         """SET_MESSAGE_INTERVAL: -1 stops, 0 restores the default. False if it is refused."""
-        if message not in SUPPORTED:
+        if message not in STREAMED:
             return False
         if interval_us == 0:
             self._set(message, DEFAULT_RATE_HZ.get(message, 0.0), now_s)
