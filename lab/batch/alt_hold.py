@@ -34,6 +34,7 @@ from lab.loop.scenarios import SETTLE_S
 from sim_bridge.config import SimConfig
 from sim_bridge.firmware import depth_hold
 from sim_bridge.firmware.depth_hold import GAINS, DepthGains
+from sim_bridge.firmware.params import DEFAULTS
 from sim_bridge.physics import plant, thrusters
 from sim_bridge.physics.body import STEP_S
 from sim_bridge.physics.plant import ned_velocity
@@ -41,6 +42,7 @@ from sim_bridge.physics.sensors import ACCEL_FILTER_DELAY_S
 from sim_bridge.physics.thrusters import CURVE_US, NO_THRUST
 
 START_S = 3.2
+FASTEST_M_S = 0.01 * DEFAULTS["PILOT_SPEED_UP"].default
 ON_BOARD = Timing(0.0, 0.0, 0.0, 0.0, 0.0)
 ACCEL_STEPS = round(ACCEL_FILTER_DELAY_S / STEP_S)
 
@@ -86,13 +88,7 @@ def simulate(
 
 
 def dive(
-    vehicle: Vehicle,
-    nominal: Vehicle,
-    drawn: Drawn,
-    gains: DepthGains,
-    depths: Rows,
-    white: Rows,
-    since_tick: int,
+    vehicle: Vehicle, nominal: Vehicle, drawn: Drawn, gains: DepthGains, depths: Rows, white: Rows, since_tick: int
 ) -> Figures:
     """Dive as long as there are depths.
 
@@ -123,7 +119,9 @@ def dive(
             rise = (ned_velocity(before)[2] - ned_velocity(felt)[2]) / STEP_S
             depth += vehicle.white[0] * white[now, 0]
             climb += vehicle.white[1] * white[now, 1]
-            hold = depth_hold.step(gains, hold, depth - depths[tick, 1], 0.0, climb, rise, STEP_S)
+            hold = depth_hold.step(
+                gains, hold, depth - depths[tick, 1], depth_hold.STILL, FASTEST_M_S, climb, rise, STEP_S
+            )
             axes = (0.0, 0.0, -hold.throttle, 0.0, 0.0, 0.0)
             thrust = thrusters.lagged(thrust, motors(vehicle, axes), vehicle.follow)
             tau = thrusters.wrench(vehicle.thrusters, thrust)

@@ -4,6 +4,7 @@ An answer is compared with the other one's as it is; a `Near` with its tolerance
 to agree, because a float is never exact.
 """
 
+import math
 import struct
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator
@@ -508,6 +509,29 @@ def dynamics(partner: Partner) -> Answers:
     )
 
 
+def entering(partner: Partner) -> Answers:
+    """Enter modes from MANUAL right after arming there, and after a turn in MANUAL."""
+    turn = [0]
+    partner.streaming = lambda: mavlink.MAVLink_manual_control_message(1, 0, 0, 500, turn[0], 0)
+    partner.arm()
+    partner.listen(1.0)
+    depth = partner.vehicle.truth().eta[2]
+    partner.set_mode(2)
+    dips = [z - depth for z in _sampled(partner, 8.0, lambda truth: truth.eta[2])]
+    yield "ALT_HOLD after arming in MANUAL: dips, m", Near(max(dips), 0.15)
+    yield "8 s later it is back, m", Near(dips[-1], 0.1)
+    partner.set_mode(19)
+    turn[0] = 1000
+    partner.listen(2.0)
+    turn[0] = 0
+    partner.listen(4.0)
+    before = partner.vehicle.truth().eta[5]
+    partner.set_mode(0)
+    turned = [yaw - before for yaw in _sampled(partner, 3.0, lambda truth: truth.eta[5])]
+    turned = [(angle + math.pi) % (2.0 * math.pi) - math.pi for angle in turned]
+    yield "STABILIZE after a turn in MANUAL: turns by itself, rad", Near(max(turned, key=abs), 0.15)
+
+
 def _sampled(partner: Partner, seconds: float, what: Callable[[Any], float]) -> list[float]:
     """Return a quantity of the truth 20 times a second."""
     values = []
@@ -534,5 +558,6 @@ SCENARIOS: dict[str, Scenario] = {
         routing,
         reboot,
         dynamics,
+        entering,
     )
 }

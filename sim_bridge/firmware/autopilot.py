@@ -36,6 +36,7 @@ from sim_bridge.physics.plant import State, state_of
 from sim_bridge.physics.sensors import Sensors
 
 COMPONENT = 1
+THROTTLE_DEMAND = 3
 INPUT_PERIOD_S = 0.02
 EARLIEST_ARMING_S = 2.0
 BOOTED_S = 0.7
@@ -321,7 +322,7 @@ class Autopilot:
         self._say(INFO, "Arming motors")
         self.armed = self._input_is_new = True
         self._sensors.rezero()
-        self.control.reset(self._estimate(), self._boot_s)
+        self.control.rest(self._estimate(), self._boot_s)
         return ACCEPTED
 
     def disarm(self) -> int:
@@ -347,7 +348,8 @@ class Autopilot:
         if number == modes.SURFTRAK:
             self._say(INFO, "waiting for a rangefinder reading")
         self._neutralise()
-        self.control.enter(number, self._estimate(), self._boot_s)
+        throttle = self._demand[THROTTLE_DEMAND] if self._demand else 0.0
+        self.control.enter(number, self._estimate(), throttle)
         self._broadcast(messages.heartbeat(self.snapshot()))
         return ACCEPTED
 

@@ -3,12 +3,13 @@
 import math
 from typing import NamedTuple
 
-SPEED_UP_M_S = 0.5
 CLIMB_FILTER_HZ, RISE_FILTER_HZ, THROTTLE_FILTER_HZ = 5.0, 20.0, 2.0
 """Low-passes: the errors of climb rate (PSC_VELZ_FLTE) and of acceleration (PSC_ACCZ_FLTE), and the throttle
 behind them (a constant of the firmware)."""
 MAX_ACCELERATION_M_S2 = 1.0
 """PILOT_ACCEL_Z."""
+MAX_JERK_M_S3 = 25.0
+"""PSC_JERK_Z, less where the filter of the acceleration (20 Hz) could not follow."""
 GAINS = ("PSC_POSZ_P", "PSC_VELZ_P", "PSC_ACCZ_P", "PSC_ACCZ_I")
 """The parameters that `DepthGains` is made of."""
 
@@ -34,21 +35,41 @@ class State(NamedTuple):
 AT_REST = State(0.0, 0.0, 0.0, 0.0)
 
 
+class Wanted(NamedTuple):
+    """The motion of the target, positive up: m/s, m/s²."""
+
+    climb_m_s: float
+    rise_m_s2: float
+
+
+STILL = Wanted(0.0, 0.0)
+
+
+def toward_climb(wanted: Wanted, climb_m_s: float, dt: float) -> Wanted:
+    """Return the target's motion `dt` (s) later, on its way to a climb rate; its jerk is bounded."""
+    climb = wanted.climb_m_s + wanted.rise_m_s2 * dt
+    hasten = clip(MAX_JERK_M_S3 / MAX_ACCELERATION_M_S2 * (climb_m_s - climb), MAX_ACCELERATION_M_S2)
+    return Wanted(climb, wanted.rise_m_s2 + clip(hasten - wanted.rise_m_s2, MAX_JERK_M_S3 * dt))
+
+
 def step(
     gains: DepthGains,
     state: State,
     too_deep_m: float,
-    climb_wanted_m_s: float,
+    wanted: Wanted,
+    fastest_m_s: float,
     climb_m_s: float,
     rise_m_s2: float,
     dt: float,
 ) -> State:
-    """Advance by `dt` (s); `too_deep_m` is how far the target lies above, rates are positive up."""
-    fastest_m_s = (0.5 if climb_wanted_m_s else 1.0) * SPEED_UP_M_S
-    wanted_m_s = climb_wanted_m_s + clip(approach(gains.depth_p, too_deep_m), fastest_m_s)
-    lacking = wanted_m_s - climb_m_s
+    """Advance by `dt` (s); `too_deep_m` is how far the target lies above, rates are positive up.
+
+    `fastest_m_s` bounds the correction of depth.
+    """
+    to_target = clip(approach(gains.depth_p, too_deep_m), fastest_m_s)
+    lacking = wanted.climb_m_s + to_target - climb_m_s
     climb_error = state.climb_error + smoothing(CLIMB_FILTER_HZ, dt) * (lacking - state.climb_error)
-    excess = gains.climb_p * climb_error - rise_m_s2
+    excess = gains.climb_p * climb_error + wanted.rise_m_s2 - rise_m_s2
     rise_error = state.rise_error + smoothing(RISE_FILTER_HZ, dt) * (excess - state.rise_error)
     integral = clip(state.integral + 0.2 * gains.rise_i * rise_error * dt, 1.0)
     asked = clip(0.2 * gains.rise_p * rise_error + integral, 1.0)

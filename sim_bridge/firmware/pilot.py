@@ -1,5 +1,6 @@
 """The pilot's input as ArduSub treats it: joystick gain, buttons, trims, RC overrides and their latching."""
 
+import math
 from collections.abc import Callable, Sequence
 
 from sim_bridge.firmware.params import Parameters
@@ -92,6 +93,28 @@ class Pilot:
         """Normalised input in -1..1, no dead band."""
         return max(-1.0, min(1.0, (self.channels[channel] - NEUTRAL) / 400.0))
 
+    def angle_stick(self, channel: int) -> float:
+        """Input in -1..1 outside the channel's dead zone (RCn_DZ)."""
+        return _outside(self.channels[channel], self._params[f"RC{channel + 1}_DZ"])
+
+    def yaw_stick(self) -> float:
+        """Yaw in -1..1 outside a dead zone that shrinks with the gain."""
+        return _outside(self.channels[YAW], int(self._params["RC4_DZ"] * self.gain))
+
+    def climb_stick(self, dead_band: float, up_m_s: float, down_m_s: float) -> float:
+        """Climb rate (m/s) that the throttle asks for.
+
+        The stick counts from 0 at RC3_MIN plus the dead zone to 1000; `dead_band` (THR_DZ) is in these units
+        and shrinks with the gain.
+        """
+        low, high = self._params["RC3_MIN"] + self._params["RC3_DZ"], self._params["RC3_MAX"]
+        stick = max(0.0, min(1000.0, 1000.0 * (self.channels[THROTTLE] - low) / (high - low)))
+        middle = 1000.0 * (self._params["RC3_TRIM"] - low) / (high - low)
+        top, bottom = middle + dead_band * self.gain, middle - dead_band * self.gain
+        if stick > top:
+            return up_m_s * (stick - top) / (1000.0 - top)
+        return down_m_s * (stick - bottom) / bottom if stick < bottom else 0.0
+
     def off_centre(self) -> int | None:
         """Find the first of the six axes that is off centre by more than the dead zone, or None."""
         return next((index for index in range(6) if abs(self.channels[index] - NEUTRAL) > 30), None)
@@ -131,6 +154,13 @@ class Pilot:
             self.channels[LIGHTS1] = max(1100, min(1900, self.channels[LIGHTS1] + change))
         else:
             self._press(function)
+
+
+def _outside(pwm: int, dead_us: float) -> float:
+    """-1..1 outside a dead band around 1500."""
+    offset = max(-400, min(400, pwm - NEUTRAL))
+    beyond = max(0.0, abs(offset) - dead_us)
+    return math.copysign(beyond / (400.0 - dead_us), offset)
 
 
 def _beyond(value: int) -> int:

@@ -446,13 +446,13 @@ def test_a_pitch_offset_in_manual_tumbles_the_vehicle():
     assert max(pitches) > math.radians(75)
 
 
-def test_alt_hold_keeps_depth_and_full_stick_climbs_at_its_speed():
+def test_alt_hold_keeps_depth_and_half_a_stick_sinks_at_half_its_speed():
     station = Station(vehicle(DEEP, "hull.net_buoyancy_n=2.3")).arm(STABILIZE)
     set_mode(station, ALT_HOLD)
     moved, _ = motion(station, 10.0)
     assert abs(moved[2]) < 0.1
-    _, nu = motion(station, 3.0, throttle=-400)
-    assert 0.42 < nu[2] < 0.52
+    _, nu = motion(station, 4.0, throttle=-200)
+    assert 0.44 < nu[2] < 0.54
     moved, nu = motion(station, 5.0)
     assert abs(nu[2]) < 0.05
 
@@ -468,22 +468,46 @@ def test_alt_hold_ignores_a_small_stick():
     assert station.rov.truth().eta[2] - start > 0.2
 
 
-def test_alt_hold_entered_from_manual_dips_and_through_stabilize_does_not():
-    dips = []
-    for mode in (MANUAL, STABILIZE):
-        station = Station(vehicle(DEEP)).arm(STABILIZE)
-        set_mode(station, mode)
-        station.run(1.0, override())
-        start = station.rov.truth().eta[2]
-        set_mode(station, ALT_HOLD)
-        depths = []
-        for _ in range(100):
-            station.run(0.1, override())
-            depths.append(station.rov.truth().eta[2] - start)
-        dips.append(max(depths))
-        assert abs(depths[-1]) < 0.1
-    assert 0.3 < dips[0] < 0.7
-    assert dips[1] < 0.05
+def dip(station):
+    """Return how far it sinks in ALT_HOLD within 10 s (m)."""
+    start = station.rov.truth().eta[2]
+    set_mode(station, ALT_HOLD)
+    depths = []
+    for _ in range(100):
+        station.run(0.1, override())
+        depths.append(station.rov.truth().eta[2] - start)
+    assert abs(depths[-1]) < 0.1, "and it comes back"
+    return max(depths)
+
+
+def test_alt_hold_after_arming_in_manual_dips_a_little_the_first_time_and_half_a_metre_then():
+    station = Station(vehicle(DEEP)).arm(MANUAL)
+    assert 0.05 < dip(station) < 0.3
+    station.command(ARM, 0).run(0.1)
+    station.command(SET_MODE, 1, MANUAL).run(0.1)
+    station.say(override()).command(ARM, 1).run(0.5)
+    assert 0.3 < dip(station) < 0.7
+
+
+def test_alt_hold_after_stabilize_does_not_dip():
+    station = Station(vehicle(DEEP)).arm(STABILIZE)
+    station.run(1.0, override())
+    assert dip(station) < 0.05
+
+
+def test_whoever_turned_in_manual_is_turned_back_at_first_by_stabilize():
+    station = Station(vehicle(DEEP)).arm(STABILIZE)
+    set_mode(station, MANUAL)
+    station.run(1.0, override(yaw=100))
+    station.run(3.0, override())
+    before = station.rov.truth().eta[5]
+    set_mode(station, STABILIZE)
+    turned = []
+    for _ in range(40):
+        station.run(0.1, override())
+        turned.append(math.remainder(station.rov.truth().eta[5] - before, math.tau))
+    assert min(turned) < -0.03
+    assert abs(turned[-1]) < 0.05
 
 
 def test_acro_reads_a_neutral_throttle_as_full_down():
