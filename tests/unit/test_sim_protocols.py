@@ -4,10 +4,10 @@ import struct
 
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from sim_wire import Station, vehicle
 
 from sim_bridge.firmware.files import packed_parameters
 from sim_bridge.firmware.params import DEFAULTS, Parameters
-from tests.sim_wire import Station, vehicle
 
 BLOCK = 239
 PACKED = {1: "<b", 2: "<h", 3: "<i", 4: "<f"}
