@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from sim_bridge.config import Fault, SimConfig
 from sim_bridge.faults import Faults
-from sim_bridge.firmware.autopilot import INPUT_PERIOD_S, Autopilot, Link
+from sim_bridge.firmware.autopilot import INPUT_PERIOD_S, Autopilot
+from sim_bridge.firmware.link import Link
 from sim_bridge.firmware.params import Parameters
 from sim_bridge.firmware.signing import KeyStore
 from sim_bridge.physics.body import STEP_S, Physics

@@ -2,40 +2,38 @@
 
 import math
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from operator import attrgetter
 from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from sim_bridge.firmware import frames, messages, modes, telemetry
-from sim_bridge.firmware.commands import (
+from sim_bridge.firmware import messages, modes, telemetry
+from sim_bridge.firmware.answers import (
     ACCEPTED,
     BANNER,
     BOOT_TEXTS,
     CRITICAL,
-    DENIED,
     FAILED,
     FRAMES,
     INFO,
-    SAYS,
-    UNSUPPORTED,
     WARNING,
-    WITHOUT_EFFECT,
 )
+from sim_bridge.firmware.commands import Commands
 from sim_bridge.firmware.files import Files
+from sim_bridge.firmware.link import Link
 from sim_bridge.firmware.messages import Message, Origin, Snapshot
 from sim_bridge.firmware.missions import Missions
 from sim_bridge.firmware.mixer import mix, motor_pwm
 from sim_bridge.firmware.modes import MODES, FlightControl
+from sim_bridge.firmware.motor_test import MotorTest
 from sim_bridge.firmware.params import DEFAULTS, Parameters
 from sim_bridge.firmware.pilot import FN_ARM, FN_ARM_TOGGLE, FN_DISARM, FN_MODES, NEUTRAL, Pilot
 from sim_bridge.firmware.signing import KeyStore
-from sim_bridge.firmware.streams import FASTEST_INTERVAL_US, REQUESTED, STREAMED, TRANSFER_SLOWDOWN, Streams
+from sim_bridge.firmware.streams import REQUESTED, TRANSFER_SLOWDOWN, Streams
 from sim_bridge.physics.plant import State, state_of
 from sim_bridge.physics.sensors import Sensors
 
-COMPONENT = 1
 THROTTLE_DEMAND = 3
 INPUT_PERIOD_S = 0.02
 EARLIEST_ARMING_S = 2.0
@@ -53,9 +51,6 @@ STANDBY, ACTIVE, FAILSAFE = 3, 4, 5
 DIRECTIONS = tuple(f"MOT_{motor}_DIRECTION" for motor in range(1, 9))
 CHANNELS_RAW = attrgetter(*(f"chan{channel}_raw" for channel in range(1, 19)))
 PARAMETERS = tuple(f"param{number}" for number in range(1, 8))
-FREE_SERVO = 9
-MOTOR_TEST_PERCENT, MOTOR_TEST_PWM = 0, 1
-MOTOR_TEST_TIMEOUT_S, MOTOR_TEST_COOLDOWN_S = 0.5, 10.0
 MISSION_PROTOCOL = (
     "MISSION_REQUEST_LIST",
     "MISSION_REQUEST_INT",
@@ -68,56 +63,6 @@ MISSION_PROTOCOL = (
     "MISSION_SET_CURRENT",
 )
 AXIS_NAMES = ("Pitch", "Roll", "Throttle", "Yaw", "Forward", "Lateral")
-
-
-class Link:
-    """One MAVLink channel: its parser, sequence number, streams, and who has been heard on it."""
-
-    def __init__(self) -> None:
-        self.parser = mavlink.MAVLink(None)
-        self.parser.robust_parsing = True
-        self.packer = mavlink.MAVLink(None, srcComponent=COMPONENT)
-        self.streams = Streams()
-        self.parameters: deque[str] = deque()
-        self.heard: set[int] = set()
-
-    def sign(self, keys: KeyStore, number: int) -> None:
-        """Sign, and demand signatures, from now on; neither where there is no key."""
-        for wire in (self.parser, self.packer):
-            wire.signing.secret_key = keys.key
-            wire.signing.timestamp = max(wire.signing.timestamp, keys.timestamp)
-        self.packer.signing.link_id = number & 0xFF
-        self.packer.signing.sign_outgoing = keys.key is not None
-
-    def pack(self, message: Message, system: int) -> bytes:
-        """Wire bytes of a message from our system, with this link's next sequence number."""
-        self.packer.srcSystem = system
-        signing = self.packer.signing
-        signing.timestamp = max(signing.timestamp, self.parser.signing.timestamp)
-        data = None
-        if not signing.sign_outgoing:
-            data = frames.pack(message, self.packer.seq, system, COMPONENT)
-        if data is None:
-            data = bytes(message.pack(self.packer))
-        self.packer.seq = (self.packer.seq + 1) % 256
-        return data
-
-    def parse(self, data: bytes) -> Sequence[Message]:
-        """Return the messages that `data` completes; BAD_DATA where it is garbage."""
-        parser = self.parser
-        if not parser.buf and parser.signing.secret_key is None and (message := frames.parse(data)):
-            return (message,)
-        return parser.parse_buffer(data) or ()
-
-
-class MotorTest:
-    """DO_MOTOR_TEST under way: which motor turns, how fast, and when it was asked last."""
-
-    def __init__(self) -> None:
-        self.running = False
-        self.motor: int | None = None
-        self.pwm = NEUTRAL
-        self.asked_s = self.refused_until_s = -math.inf
 
 
 class Autopilot:
@@ -147,7 +92,7 @@ class Autopilot:
         self.params = params
         self.armed = False
         self.reboot_requested = False
-        self.motor_pwm = self._idle = [NEUTRAL] * (8 if frame == "vectored_6dof" else 6)
+        self.motor_pwm = self.idle = [NEUTRAL] * (8 if frame == "vectored_6dof" else 6)
         self.voltage_v = 16.0
         self.current_a = 0.0
         self.consumed_mah = 0.0
@@ -162,17 +107,18 @@ class Autopilot:
         self._links = links
         self._keys = keys
         self._out: list[tuple[int, bytes]] = []
-        self._boot_s = 0.0
+        self.boot_s = 0.0
         self._next_input_s = 0.0
         self._next_timesync_s = TIMESYNC_PERIOD_S
         self._text_id = 0
-        self._origin = Origin(0, 0, 0) if has_position else None  # a DVL's driver sets it as it starts
-        self._home: Origin | None = None
-        self._servo_9 = 0
+        self.origin = Origin(0, 0, 0) if has_position else None  # a DVL's driver sets it as it starts
+        self.home: Origin | None = None
+        self.servo_9 = 0
         self._boot_texts = deque(BOOT_TEXTS)
-        self._missions = Missions(self._send, self._say)
-        self._files = Files(params, self._missions, self._send)
-        self._motor_test = MotorTest()
+        self.missions = Missions(self.send, self.say)
+        self._files = Files(params, self.missions, self.send)
+        self._motor_test = MotorTest(self)
+        self._commands = Commands(self)
         self._demand: tuple[float, ...] | None = None
         self._input_is_new = True
         self._pilot_lost = False
@@ -187,7 +133,7 @@ class Autopilot:
         self._gcs_lost = False
         self._gcs_seen_s: float | None = None
         self._gcs_warned_s = 0.0
-        self.pilot = Pilot(params, self._button, lambda text: self._say(INFO, text))
+        self.pilot = Pilot(params, self._button, lambda text: self.say(INFO, text))
         self.control = FlightControl(params)
         self._handlers: dict[str, Callable[[int, Message], None]] = {
             "HEARTBEAT": self._on_heartbeat,
@@ -234,7 +180,7 @@ class Autopilot:
 
     def update(self, boot_s: float, dt: float) -> list[int]:
         """Input loop, failsafes and control of one step; returns the motors' PWM (µs)."""
-        self._boot_s = boot_s
+        self.boot_s = boot_s
         if boot_s >= self._next_input_s - 1e-9:
             self._next_input_s += INPUT_PERIOD_S
             self.pilot.input_loop()
@@ -244,12 +190,12 @@ class Autopilot:
             self._check_pilot()
             self._check_gcs()
             self._check_leak()
-            self._missions.step(boot_s)
+            self.missions.step(boot_s)
             self._say_what_is_due()
         if not self.armed:
-            self.motor_pwm, self._demand = self._idle, None
+            self.motor_pwm, self._demand = self.idle, None
             return self.motor_pwm
-        if (tested := self._tested_pwm()) is not None:
+        if (tested := self._motor_test.step(boot_s)) is not None:
             self.motor_pwm, self._demand = tested, None
             return self.motor_pwm
         if self.mode == modes.SURFACE and self._estimate().depth_m < -self.params["SURFACE_DEPTH"] / 100.0:
@@ -261,7 +207,7 @@ class Autopilot:
         demand = self.control.demand(self.pilot, estimate, boot_s, dt)
         if demand != self._demand:
             self._demand = demand
-            ways = [-1.0 if self.params[name] < 0 else 1.0 for name in DIRECTIONS[: len(self._idle)]]
+            ways = [-1.0 if self.params[name] < 0 else 1.0 for name in DIRECTIONS[: len(self.idle)]]
             self.motor_pwm = motor_pwm(mix(self._frame, demand), ways)
         return self.motor_pwm
 
@@ -270,13 +216,13 @@ class Autopilot:
         snapshot: Snapshot | None = None
         for number, link in self._links.items():
             slowdown = TRANSFER_SLOWDOWN if link.parameters else 1.0
-            for message in link.streams.due(self._boot_s, slowdown):
+            for message in link.streams.due(self.boot_s, slowdown):
                 snapshot = snapshot or self.snapshot()
                 for built in telemetry.build(message, snapshot):
-                    self._send(number, built)
+                    self.send(number, built)
             for _ in range(min(PARAMETERS_PER_STEP, len(link.parameters))):
-                self._send(number, self._param_value(link.parameters.popleft(), listed=True))
-        if self._boot_s >= self._next_timesync_s:
+                self.send(number, self._param_value(link.parameters.popleft(), listed=True))
+        if self.boot_s >= self._next_timesync_s:
             self._next_timesync_s += TIMESYNC_PERIOD_S
             self._broadcast(mavlink.MAVLink_timesync_message(0, self._boot_ns()))
         out, self._out = self._out, []
@@ -285,7 +231,7 @@ class Autopilot:
     def snapshot(self) -> Snapshot:
         """Take down what telemetry would tell now."""
         return Snapshot(
-            self._boot_s,
+            self.boot_s,
             self.armed,
             self.mode,
             self._system_status(),
@@ -295,7 +241,7 @@ class Autopilot:
             self.pilot.input_hold,
             self.pilot.roll_pitch,
             self._estimate(),
-            self._origin,
+            self.origin,
             self._has_position,
             self.voltage_v,
             self.current_a,
@@ -303,32 +249,32 @@ class Autopilot:
             self.capacity_mah,
             self.state,
             self.ekf_doubt,
-            self._home,
-            self._servo_9,
-            (self._missions.current, self._missions.total),
+            self.home,
+            self.servo_9,
+            (self.missions.current, self.missions.total),
         )
 
     def arm(self) -> int:
         """Arm the motors; the MAV_RESULT."""
         if self.armed:
             return ACCEPTED
-        if self._boot_s < EARLIEST_ARMING_S:
-            self._say(CRITICAL, "Arm: System not initialised")
+        if self.boot_s < EARLIEST_ARMING_S:
+            self.say(CRITICAL, "Arm: System not initialised")
             return FAILED
         off_centre = self.pilot.off_centre()
         if int(self.params["RC_OPTIONS"]) & RC_OPTION_ARM_CENTRED and off_centre is not None:
-            self._say(CRITICAL, f"Arm: {AXIS_NAMES[off_centre]} (RC{off_centre + 1}) is not neutral")
+            self.say(CRITICAL, f"Arm: {AXIS_NAMES[off_centre]} (RC{off_centre + 1}) is not neutral")
             return FAILED
-        self._say(INFO, "Arming motors")
+        self.say(INFO, "Arming motors")
         self.armed = self._input_is_new = True
         self._sensors.rezero()
-        self.control.rest(self._estimate(), self._boot_s)
+        self.control.rest(self._estimate(), self.boot_s)
         return ACCEPTED
 
     def disarm(self) -> int:
         """Stop the motors; never refused."""
         if self.armed:
-            self._say(INFO, "Disarming motors")
+            self.say(INFO, "Disarming motors")
             self.armed = False
         return ACCEPTED
 
@@ -337,16 +283,16 @@ class Autopilot:
         if number == self.mode:
             return ACCEPTED
         if number not in MODES:
-            self._say(WARNING, f"No such mode {number}")
+            self.say(WARNING, f"No such mode {number}")
             return FAILED
-        if MODES[number].needs_position and not (self._has_position and self._origin):
-            self._say(WARNING, f"Mode change failed: {MODES[number].name} requires position")
+        if MODES[number].needs_position and not (self._has_position and self.origin):
+            self.say(WARNING, f"Mode change failed: {MODES[number].name} requires position")
             return FAILED
         if number == modes.AUTO:
-            self._say(WARNING, "Mode change failed: AUTO requires a mission")
+            self.say(WARNING, "Mode change failed: AUTO requires a mission")
             return FAILED
         if number == modes.SURFTRAK:
-            self._say(INFO, "waiting for a rangefinder reading")
+            self.say(INFO, "waiting for a rangefinder reading")
         self._neutralise()
         throttle = self._demand[THROTTLE_DEMAND] if self._demand else 0.0
         self.control.enter(number, self._estimate(), throttle)
@@ -355,7 +301,7 @@ class Autopilot:
 
     def yaw_was_reset(self, turn_rad: float) -> None:
         """Say so, and hold the same true heading and place."""
-        self._say(INFO, "EKF3 IMU0 MAG0 in-flight yaw alignment complete")
+        self.say(INFO, "EKF3 IMU0 MAG0 in-flight yaw alignment complete")
         self.control.yaw_was_reset(turn_rad)
 
     def _neutralise(self) -> None:
@@ -367,19 +313,19 @@ class Autopilot:
     def _hear_receiver(self) -> None:
         """Take a receiver as pilot input; its resting sticks rule once an override has expired."""
         steered_s = self._steered_s
-        if steered_s is not None and self._boot_s > steered_s + self.params["RC_OVERRIDE_TIME"]:
+        if steered_s is not None and self.boot_s > steered_s + self.params["RC_OVERRIDE_TIME"]:
             self._steered_s = None
             self._neutralise()
-        self._pilot_seen_s = self._boot_s
+        self._pilot_seen_s = self.boot_s
 
     def _check_pilot(self) -> None:
         action = self.params["FS_PILOT_INPUT"]
         seen_s, timeout_s = self._pilot_seen_s, self.params["FS_PILOT_TIMEOUT"]
-        if action == 0 or self._boot_s < (BOOTED_S if seen_s is None else seen_s) + timeout_s:
+        if action == 0 or self.boot_s < (BOOTED_S if seen_s is None else seen_s) + timeout_s:
             self._pilot_lost = False
         elif not self._pilot_lost:
             self._pilot_lost = True
-            self._say(CRITICAL, "Lost manual control")
+            self.say(CRITICAL, "Lost manual control")
             self._neutralise()
             if action == 2 and seen_s is not None:
                 self.disarm()
@@ -388,14 +334,14 @@ class Autopilot:
         action = self.params["FS_GCS_ENABLE"]
         if action == 0 or self._gcs_seen_s is None:
             return
-        if self._boot_s - self._gcs_seen_s < self.params["FS_GCS_TIMEOUT"]:
+        if self.boot_s - self._gcs_seen_s < self.params["FS_GCS_TIMEOUT"]:
             if self._gcs_lost:
-                self._say(WARNING, "GCS Failsafe Cleared")
+                self.say(WARNING, "GCS Failsafe Cleared")
             self._gcs_lost = False
             return
-        if self._boot_s - self._gcs_warned_s > GCS_WARNING_PERIOD_S:
-            self._gcs_warned_s = self._boot_s
-            self._say(WARNING, f"MYGCS: {int(self.params['MAV_GCS_SYSID'])}, heartbeat lost")
+        if self.boot_s - self._gcs_warned_s > GCS_WARNING_PERIOD_S:
+            self._gcs_warned_s = self.boot_s
+            self.say(WARNING, f"MYGCS: {int(self.params['MAV_GCS_SYSID'])}, heartbeat lost")
         if self._gcs_lost or not self.armed:
             return
         self._gcs_lost = True
@@ -409,15 +355,15 @@ class Autopilot:
         if not self.leaking or action == 0:
             self._leak = False
             return
-        if self._boot_s > self._leak_said_s + LEAK_WARNING_PERIOD_S:
-            self._leak_said_s = self._boot_s
-            self._say(CRITICAL, "Leak Detected")
+        if self.boot_s > self._leak_said_s + LEAK_WARNING_PERIOD_S:
+            self._leak_said_s = self.boot_s
+            self.say(CRITICAL, "Leak Detected")
         known, self._leak = self._leak, True
         if not known and action == 2 and self.armed:
             self.set_mode(modes.SURFACE)
 
     def _system_status(self) -> int:
-        if self._pilot_lost or self._gcs_lost or self._leak or self._boot_s < BOOTED_S:
+        if self._pilot_lost or self._gcs_lost or self._leak or self.boot_s < BOOTED_S:
             return FAILSAFE
         return ACTIVE if self.armed else STANDBY
 
@@ -427,12 +373,12 @@ class Autopilot:
         """Whether the sender may steer; if so it is pilot input and the ground station's sign of life."""
         if message.get_srcSystem() != int(self.params["MAV_GCS_SYSID"]):
             return False
-        self._steered_s = self._pilot_seen_s = self._gcs_seen_s = self._boot_s
+        self._steered_s = self._pilot_seen_s = self._gcs_seen_s = self.boot_s
         return True
 
     def _on_heartbeat(self, _: int, message: Message) -> None:
         if message.get_srcSystem() == int(self.params["MAV_GCS_SYSID"]):
-            self._gcs_seen_s = self._boot_s
+            self._gcs_seen_s = self.boot_s
 
     def _on_manual_control(self, _: int, message: Message) -> None:
         if message.target == self.system and self._steers(message):
@@ -448,7 +394,7 @@ class Autopilot:
         """Frame 5, z only: moves the depth that ALT_HOLD keeps."""
         ignores_all_but_z = message.type_mask & 0b111 == 0b011
         if self.mode == modes.ALT_HOLD and message.coordinate_frame == 5 and ignores_all_but_z:
-            altitude_m = message.alt - (self._origin.alt_mm / 1000.0 if self._origin else 0.0)
+            altitude_m = message.alt - (self.origin.alt_mm / 1000.0 if self.origin else 0.0)
             if math.isfinite(altitude_m):
                 self.control.depth_target = max(0.0, min(1000.0, -altitude_m))
 
@@ -465,165 +411,51 @@ class Autopilot:
     def _on_command(self, link: int, message: Message) -> None:
         p = [float(getattr(message, name, math.nan)) for name in PARAMETERS]
         if message.get_type() == "COMMAND_INT":
-            p[4:6] = [message.x / 1e7, message.y / 1e7]
-            p[6] = message.z
-        result = self._obey(link, message.command, p)
-        if result is not None:
-            self._acknowledge(link, message, message.command, result)
+            p[4:] = [message.x / 1e7, message.y / 1e7, message.z]
+        self._acknowledge(link, message, message.command, self._commands.obey(link, message.command, p))
 
     def _acknowledge(self, link: int, message: Message, command: int, result: int) -> None:
-        self._send(
+        self.send(
             link,
             mavlink.MAVLink_command_ack_message(
                 command, result, 0, 0, message.get_srcSystem(), message.get_srcComponent()
             ),
         )
 
-    def _obey(self, link: int, command: int, p: list[float]) -> int | None:
-        """Carry out a command; None if its answer is a message rather than an acknowledgement."""
-        streams, first = self._links[link].streams, _whole(p[0])
-        if command == mavlink.MAV_CMD_COMPONENT_ARM_DISARM:
-            return self.arm() if p[0] == 1 else self.disarm() if p[0] == 0 else UNSUPPORTED
-        if command == mavlink.MAV_CMD_DO_SET_MODE:
-            return self.set_mode(_whole(p[1])) if first & 1 else DENIED
-        if command == mavlink.MAV_CMD_NAV_LOITER_UNLIM:
-            return self.set_mode(modes.POSHOLD)
-        if command == mavlink.MAV_CMD_NAV_LAND:
-            return self.set_mode(modes.SURFACE)
-        if command == mavlink.MAV_CMD_SET_MESSAGE_INTERVAL:
-            return self._set_interval(streams, first, p[1])
-        if command == mavlink.MAV_CMD_GET_MESSAGE_INTERVAL:
-            number = first & 0xFFFF
-            self._send(link, mavlink.MAVLink_message_interval_message(number, streams.interval_us(number)))
-            return ACCEPTED
-        if command == mavlink.MAV_CMD_REQUEST_MESSAGE:
-            return self._request(link, first)
-        if command == mavlink.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES:
-            return self._request(link, mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION) if first == 1 else FAILED
-        if command == mavlink.MAV_CMD_GET_HOME_POSITION:
-            return self._request(link, mavlink.MAVLINK_MSG_ID_HOME_POSITION) if self._home else FAILED
-        if command == mavlink.MAV_CMD_DO_SET_HOME:
-            return self._set_home(first, p[4:7])
-        if command == mavlink.MAV_CMD_DO_SET_SERVO:
-            return self._set_servo(first, _whole(p[1]))
-        if command == mavlink.MAV_CMD_DO_MOTOR_TEST:
-            return self._test_motor(p)
-        if command == mavlink.MAV_CMD_DO_SET_MISSION_CURRENT:
-            if not self._missions.set_current(first):
-                return DENIED
-            self._request(link, mavlink.MAVLINK_MSG_ID_MISSION_CURRENT)
-            return ACCEPTED
-        if command == mavlink.MAV_CMD_DO_SEND_BANNER:
-            self._say_banner()
-            return ACCEPTED
-        if command == mavlink.MAV_CMD_DO_FLIGHTTERMINATION:
-            return self.disarm() if p[0] > 0.5 else FAILED
-        if command == mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN:
-            if self.armed:
-                return FAILED
-            self.reboot_requested = p[0] == 1
-            return ACCEPTED if self.reboot_requested else UNSUPPORTED
-        if command == mavlink.MAV_CMD_PREFLIGHT_CALIBRATION:
-            return self._calibrate(p)
-        if command in SAYS:
-            self._say(*SAYS[command])
-        return WITHOUT_EFFECT.get(command, UNSUPPORTED)
-
-    def _set_interval(self, streams: Streams, number: int, interval_us: float) -> int:
-        if number not in STREAMED:
-            self._say(INFO, f"No ap_message for mavlink id ({number})")
-            return DENIED
-        if not math.isfinite(interval_us):
-            return DENIED
-        if 0.0 < interval_us < FASTEST_INTERVAL_US:
-            self._say(INFO, f"Requested rate for message ID {number} too fast. Increase SCHED_LOOP_RATE")
-        return ACCEPTED if streams.set_interval(number, interval_us, self._boot_s) else DENIED
-
-    def _request(self, link: int, number: int) -> int:
+    def request(self, link: int, number: int) -> int:
+        """Send a message once; the MAV_RESULT. One without anything to tell is accepted, and not sent."""
         if number not in REQUESTED:
             return FAILED
         for message in telemetry.build(number, self.snapshot()):
-            self._send(link, message)
+            self.send(link, message)
         return ACCEPTED
 
-    def _set_home(self, here: int, place: list[float]) -> int:
-        """Take the place that is given; the present one is not known without a position."""
-        latitude, longitude, altitude = place
-        known = math.isfinite(latitude) and math.isfinite(longitude) and (latitude or longitude)
-        if here == 1 or not known or self._origin is None or not math.isfinite(altitude):
-            return FAILED
-        self._home = Origin(
-            messages.int32(latitude * 1e7), messages.int32(longitude * 1e7), messages.int32(altitude * 1e3)
-        )
+    def set_home(self, place: Origin) -> None:
+        """Take a place as home, and tell everybody."""
+        self.home = place
         for message in telemetry.build(mavlink.MAVLINK_MSG_ID_HOME_POSITION, self.snapshot()):
             self._broadcast(message)
-        return ACCEPTED
 
-    def _set_servo(self, number: int, pwm: int) -> int:
-        """Move the one output that drives neither a motor nor the camera."""
-        if number != FREE_SERVO or not 0 < pwm <= 65535:
-            if number > 0 and number != FREE_SERVO:
-                self._say(INFO, f"ServoRelayEvent: Channel {number} is already in use")
-            return FAILED
-        self._servo_9 = pwm
-        return ACCEPTED
-
-    def _calibrate(self, p: list[float]) -> int | None:
-        """Calibrate the barometer, which takes a second before it is acknowledged, or the level trim."""
-        if self.armed:
-            return FAILED
-        if p[2] == 1:
-            self._say(INFO, "Calibrating barometer")
-            self._sensors.rezero()
-            self._say(INFO, "Barometer 1 calibration complete")
-            self._say(INFO, "Barometer 2 calibration complete")
-            return ACCEPTED
-        return ACCEPTED if p[0] == 1 or p[4] in (1, 2, 4) else UNSUPPORTED
-
-    def _test_motor(self, p: list[float]) -> int:
-        """Run one motor while the request is repeated; refused while disarmed, and for 10 s after."""
-        test = self._motor_test
-        if not test.running:
-            if self._boot_s < test.refused_until_s:
-                self._say(CRITICAL, "10 second cooldown required after motor test")
-            elif not self.armed:
-                self._say(WARNING, "Arm motors before testing motors.")
-            else:
-                test.running = True
-            if not test.running:
-                self._say(WARNING, "motor test initialization failed!")
-                return FAILED
-        motor, kind, throttle = _whole(p[0]), p[1], p[2]
-        if kind not in (MOTOR_TEST_PERCENT, MOTOR_TEST_PWM):
-            self._say(WARNING, f"bad test type {kind:.2f}")
-            test.asked_s = self._boot_s
-            return FAILED
-        pwm = throttle if kind == MOTOR_TEST_PWM else 1100.0 + 8.0 * throttle
-        if not 0 <= motor < len(self._idle) or not 1100.0 <= pwm <= 1900.0:
-            return DENIED
-        test.motor, test.pwm, test.asked_s = motor, round(pwm), self._boot_s
-        return ACCEPTED
-
-    def _tested_pwm(self) -> list[int] | None:
-        """Return the motors' PWM during a motor test; end it, and disarm, where nobody asks any more."""
-        test = self._motor_test
-        if not test.running:
-            return None
-        if self._boot_s > test.asked_s + MOTOR_TEST_TIMEOUT_S:
-            test.running, test.motor = False, None
-            test.refused_until_s = self._boot_s + MOTOR_TEST_COOLDOWN_S
-            self._say(INFO, "Motor test timed out!")
-            self.disarm()
-            return self._idle
-        return [test.pwm if number == test.motor else idle for number, idle in enumerate(self._idle)]
-
-    def _say_banner(self) -> None:
+    def say_banner(self) -> None:
+        """Say which firmware and frame this is."""
         for text in (*BANNER, f"Frame: {FRAMES[self._frame]}"):
-            self._say(INFO, text)
+            self.say(INFO, text)
+
+    def calibrate_barometer(self) -> None:
+        """Take the present pressure for that of the surface."""
+        self._sensors.rezero()
+
+    def test_motor(self, motor: int, kind: float, throttle: float) -> int:
+        """Run one motor (DO_MOTOR_TEST); the MAV_RESULT."""
+        return self._motor_test.ask(motor, kind, throttle)
+
+    def streams(self, link: int) -> Streams:
+        """Return the intervals of a link."""
+        return self._links[link].streams
 
     def _say_what_is_due(self) -> None:
-        while self._boot_texts and self._boot_texts[0][0] <= self._boot_s:
-            self._say(INFO, self._boot_texts.popleft()[1])
+        while self._boot_texts and self._boot_texts[0][0] <= self.boot_s:
+            self.say(INFO, self._boot_texts.popleft()[1])
 
     def _on_set_mode(self, _: int, message: Message) -> None:
         """Change the mode; the firmware acknowledges only the command of that purpose."""
@@ -632,29 +464,29 @@ class Autopilot:
 
     def _on_request_data_stream(self, link: int, message: Message) -> None:
         rate = float(message.req_message_rate) if message.start_stop else 0.0
-        self._links[link].streams.set_group(message.req_stream_id, rate, self._boot_s)
+        self._links[link].streams.set_group(message.req_stream_id, rate, self.boot_s)
 
     def _on_timesync(self, link: int, message: Message) -> None:
         if message.tc1 == 0:
-            self._send(link, mavlink.MAVLink_timesync_message(self._boot_ns(), message.ts1))
+            self.send(link, mavlink.MAVLink_timesync_message(self._boot_ns(), message.ts1))
 
     def _on_set_origin(self, _: int, message: Message) -> None:
-        if self._origin is not None:
+        if self.origin is not None:
             return
         if self._estimate().depth_m > 0.2:
             self._sensors.shift_relative(ORIGIN_SHIFT_M)
-        self._origin = Origin(message.latitude, message.longitude, message.altitude)
-        self._broadcast(mavlink.MAVLink_gps_global_origin_message(*self._origin, round(self._boot_s * 1e6)))
+        self.origin = Origin(message.latitude, message.longitude, message.altitude)
+        self._broadcast(mavlink.MAVLink_gps_global_origin_message(*self.origin, round(self.boot_s * 1e6)))
 
     def _on_mission(self, link: int, message: Message) -> None:
         if message.get_type() != "MISSION_SET_CURRENT":
-            self._missions.handle(link, message, self._boot_s)
-        elif self._missions.set_current(message.seq):
-            self._request(link, mavlink.MAVLINK_MSG_ID_MISSION_CURRENT)
+            self.missions.handle(link, message, self.boot_s)
+        elif self.missions.set_current(message.seq):
+            self.request(link, mavlink.MAVLINK_MSG_ID_MISSION_CURRENT)
 
     def _on_log_request_list(self, link: int, _: Message) -> None:
         """Tell that there is no log."""
-        self._send(link, mavlink.MAVLink_log_entry_message(0, 0, 0, 0, 0))
+        self.send(link, mavlink.MAVLink_log_entry_message(0, 0, 0, 0, 0))
 
     def _on_setup_signing(self, _: int, message: Message) -> None:
         """Take a key from whoever may speak; all zero takes it away. The firmware never tells it on."""
@@ -672,10 +504,10 @@ class Autopilot:
         else:
             return
         if name in self.params:
-            self._send(link, self._param_value(name, listed=message.param_index >= 0))
+            self.send(link, self._param_value(name, listed=message.param_index >= 0))
 
     def _on_param_request_list(self, link: int, _: Message) -> None:
-        self._say_banner()
+        self.say_banner()
         self._links[link].parameters = deque(self.params.names)
 
     def _on_param_set(self, _: int, message: Message) -> None:
@@ -697,16 +529,18 @@ class Autopilot:
 
     # Sending
 
-    def _say(self, severity: int, text: str) -> None:
+    def say(self, severity: int, text: str) -> None:
+        """Send a STATUSTEXT to every link."""
         self._text_id += 1
         for message in messages.statustexts(severity, text, self._text_id):
             self._broadcast(message)
 
     def _broadcast(self, message: Message) -> None:
         for number in self._links:
-            self._send(number, message)
+            self.send(number, message)
 
-    def _send(self, link: int, message: Message) -> None:
+    def send(self, link: int, message: Message) -> None:
+        """Send a message on a link after this step."""
         altered = self.alter(message) if self.alter else message
         if altered is not None:
             self._out.append((link, self._links[link].pack(altered, self.system)))
@@ -721,12 +555,7 @@ class Autopilot:
         return self._sensors.estimate(max(0.1, self.params["BARO_SPEC_GRAV"]))
 
     def _boot_ns(self) -> int:
-        return round(self._boot_s * 1e9)
-
-
-def _whole(value: float) -> int:
-    """Return a command's parameter as an integer; 0 for one that is none."""
-    return int(value) if math.isfinite(value) and abs(value) < 2**31 else 0
+        return round(self.boot_s * 1e9)
 
 
 def _text(raw: str | bytes) -> str:

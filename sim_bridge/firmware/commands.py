@@ -1,79 +1,145 @@
-"""What ArduSub answers to MAV_CMDs that move nothing here, and the texts of its boot."""
+"""COMMAND_LONG and COMMAND_INT: what each MAV_CMD does."""
+
+import math
+from collections.abc import Callable
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-ACCEPTED, DENIED, UNSUPPORTED, FAILED = 0, 2, 3, 4
-CRITICAL, WARNING, NOTICE, INFO = 2, 4, 5, 6
+from sim_bridge.firmware import messages, modes
+from sim_bridge.firmware.answers import ACCEPTED, DENIED, FAILED, INFO, SAYS, UNSUPPORTED, WITHOUT_EFFECT
+from sim_bridge.firmware.board import Board
+from sim_bridge.firmware.messages import Origin
+from sim_bridge.firmware.streams import FASTEST_INTERVAL_US, STREAMED
 
-BANNER = ("ArduSub V4.7.0-dev (90700977)", "holdfast stand-in for ArduSub")
-FRAMES = {"vectored": "VECTORED", "vectored_6dof": "VECTORED_6DOF"}
+FREE_SERVO = 9
+"""The one output that drives neither a motor nor the camera."""
 
-BOOT_TEXTS: tuple[tuple[float, str], ...] = (
-    (0.7, "Barometer 1 calibration complete"),
-    (0.7, "Barometer 2 calibration complete"),
-    (0.75, "ArduPilot Ready"),
-    (0.75, "AHRS: DCM active"),
-    (2.8, "EKF3 IMU0 initialised"),
-    (2.8, "EKF3 IMU1 initialised"),
-    (2.8, "AHRS: EKF3 active"),
-    (4.3, "EKF3 IMU0 tilt alignment complete"),
-    (4.3, "EKF3 IMU1 tilt alignment complete"),
-    (4.4, "EKF3 IMU0 MAG0 initial yaw alignment complete"),
-    (4.4, "EKF3 IMU1 MAG0 initial yaw alignment complete"),
-)
-"""Seconds after the boot, and what is said then."""
 
-WITHOUT_EFFECT: dict[int, int] = {
-    mavlink.MAV_CMD_CONDITION_YAW: ACCEPTED,
-    mavlink.MAV_CMD_DO_CHANGE_SPEED: DENIED,
-    mavlink.MAV_CMD_DO_SET_RELAY: ACCEPTED,
-    mavlink.MAV_CMD_DO_REPEAT_RELAY: ACCEPTED,
-    mavlink.MAV_CMD_DO_REPEAT_SERVO: FAILED,
-    mavlink.MAV_CMD_DO_SET_ROI_LOCATION: ACCEPTED,
-    mavlink.MAV_CMD_DO_SET_ROI_NONE: ACCEPTED,
-    mavlink.MAV_CMD_DO_SET_ROI_SYSID: ACCEPTED,
-    mavlink.MAV_CMD_DO_SET_ROI: ACCEPTED,
-    mavlink.MAV_CMD_DO_DIGICAM_CONFIGURE: ACCEPTED,
-    mavlink.MAV_CMD_DO_DIGICAM_CONTROL: ACCEPTED,
-    mavlink.MAV_CMD_DO_MOUNT_CONFIGURE: ACCEPTED,
-    mavlink.MAV_CMD_DO_MOUNT_CONTROL: ACCEPTED,
-    mavlink.MAV_CMD_DO_SET_CAM_TRIGG_DIST: ACCEPTED,
-    mavlink.MAV_CMD_DO_FENCE_ENABLE: ACCEPTED,
-    mavlink.MAV_CMD_DO_GRIPPER: FAILED,
-    mavlink.MAV_CMD_DO_SPRAYER: FAILED,
-    mavlink.MAV_CMD_DO_AUX_FUNCTION: FAILED,
-    mavlink.MAV_CMD_PREFLIGHT_STORAGE: DENIED,
-    mavlink.MAV_CMD_MISSION_START: FAILED,
-    mavlink.MAV_CMD_RUN_PREARM_CHECKS: ACCEPTED,
-    mavlink.MAV_CMD_START_RX_PAIR: ACCEPTED,
-    mavlink.MAV_CMD_SET_CAMERA_FOCUS: DENIED,
-    mavlink.MAV_CMD_SET_CAMERA_SOURCE: DENIED,
-    mavlink.MAV_CMD_DO_JUMP_TAG: FAILED,
-    mavlink.MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW: ACCEPTED,
-    mavlink.MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE: ACCEPTED,
-    mavlink.MAV_CMD_IMAGE_START_CAPTURE: FAILED,
-    mavlink.MAV_CMD_IMAGE_STOP_CAPTURE: ACCEPTED,
-    mavlink.MAV_CMD_VIDEO_START_CAPTURE: FAILED,
-    mavlink.MAV_CMD_VIDEO_STOP_CAPTURE: FAILED,
-    mavlink.MAV_CMD_CONTROL_HIGH_LATENCY: ACCEPTED,
-    mavlink.MAV_CMD_DO_SET_SAFETY_SWITCH_STATE: ACCEPTED,
-    mavlink.MAV_CMD_DO_ADSB_OUT_IDENT: FAILED,
-    mavlink.MAV_CMD_CAN_FORWARD: ACCEPTED,
-    mavlink.MAV_CMD_FIXED_MAG_CAL_YAW: FAILED,
-    mavlink.MAV_CMD_SET_EKF_SOURCE_SET: DENIED,
-    mavlink.MAV_CMD_DO_START_MAG_CAL: ACCEPTED,
-    mavlink.MAV_CMD_DO_ACCEPT_MAG_CAL: FAILED,
-    mavlink.MAV_CMD_DO_CANCEL_MAG_CAL: ACCEPTED,
-    mavlink.MAV_CMD_ACCELCAL_VEHICLE_POS: FAILED,
-    mavlink.MAV_CMD_BATTERY_RESET: ACCEPTED,
-    mavlink.MAV_CMD_DEBUG_TRAP: DENIED,
-    mavlink.MAV_CMD_SCRIPTING: DENIED,
-}
-"""Result by command, whatever the parameters."""
+class Commands:
+    """Carries out commands for an autopilot. A handler takes the link and seven parameters."""
 
-SAYS: dict[int, tuple[int, str]] = {
-    mavlink.MAV_CMD_DO_AUX_FUNCTION: (INFO, "Invalid channel option (0)"),
-    mavlink.MAV_CMD_CONTROL_HIGH_LATENCY: (NOTICE, "High Latency disabled"),
-    mavlink.MAV_CMD_FIXED_MAG_CAL_YAW: (3, "Mag: no position available"),
-}
-"""What some of them make it say: severity and text."""
+    def __init__(self, autopilot: Board) -> None:
+        self._autopilot = autopilot
+        self._handlers: dict[int, Callable[[int, list[float]], int]] = {
+            mavlink.MAV_CMD_COMPONENT_ARM_DISARM: self._arm,
+            mavlink.MAV_CMD_DO_SET_MODE: self._set_mode,
+            mavlink.MAV_CMD_NAV_LOITER_UNLIM: lambda _link, _p: autopilot.set_mode(modes.POSHOLD),
+            mavlink.MAV_CMD_NAV_LAND: lambda _link, _p: autopilot.set_mode(modes.SURFACE),
+            mavlink.MAV_CMD_SET_MESSAGE_INTERVAL: self._set_interval,
+            mavlink.MAV_CMD_GET_MESSAGE_INTERVAL: self._get_interval,
+            mavlink.MAV_CMD_REQUEST_MESSAGE: lambda link, p: autopilot.request(link, _whole(p[0])),
+            mavlink.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES: self._request_version,
+            mavlink.MAV_CMD_GET_HOME_POSITION: self._get_home,
+            mavlink.MAV_CMD_DO_SET_HOME: self._set_home,
+            mavlink.MAV_CMD_DO_SET_SERVO: self._set_servo,
+            mavlink.MAV_CMD_DO_MOTOR_TEST: self._test_motor,
+            mavlink.MAV_CMD_DO_SET_MISSION_CURRENT: self._set_mission_current,
+            mavlink.MAV_CMD_DO_SEND_BANNER: self._send_banner,
+            mavlink.MAV_CMD_DO_FLIGHTTERMINATION: self._terminate,
+            mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN: self._reboot,
+            mavlink.MAV_CMD_PREFLIGHT_CALIBRATION: self._calibrate,
+        }
+
+    def obey(self, link: int, command: int, p: list[float]) -> int:
+        """Carry out a command; the MAV_RESULT."""
+        if handler := self._handlers.get(command):
+            return handler(link, p)
+        if command in SAYS:
+            self._autopilot.say(*SAYS[command])
+        return WITHOUT_EFFECT.get(command, UNSUPPORTED)
+
+    def _arm(self, _: int, p: list[float]) -> int:
+        autopilot = self._autopilot
+        return autopilot.arm() if p[0] == 1 else autopilot.disarm() if p[0] == 0 else UNSUPPORTED
+
+    def _set_mode(self, _: int, p: list[float]) -> int:
+        return self._autopilot.set_mode(_whole(p[1])) if _whole(p[0]) & 1 else DENIED
+
+    def _set_interval(self, link: int, p: list[float]) -> int:
+        autopilot, number, interval_us = self._autopilot, _whole(p[0]), p[1]
+        if number not in STREAMED:
+            autopilot.say(INFO, f"No ap_message for mavlink id ({number})")
+            return DENIED
+        if not math.isfinite(interval_us):
+            return DENIED
+        if 0.0 < interval_us < FASTEST_INTERVAL_US:
+            autopilot.say(INFO, f"Requested rate for message ID {number} too fast. Increase SCHED_LOOP_RATE")
+        taken = autopilot.streams(link).set_interval(number, interval_us, autopilot.boot_s)
+        return ACCEPTED if taken else DENIED
+
+    def _get_interval(self, link: int, p: list[float]) -> int:
+        number = _whole(p[0]) & 0xFFFF
+        interval_us = self._autopilot.streams(link).interval_us(number)
+        self._autopilot.send(link, mavlink.MAVLink_message_interval_message(number, interval_us))
+        return ACCEPTED
+
+    def _request_version(self, link: int, p: list[float]) -> int:
+        return (
+            self._autopilot.request(link, mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION) if p[0] == 1 else FAILED
+        )
+
+    def _get_home(self, link: int, _: list[float]) -> int:
+        if self._autopilot.home is None:
+            return FAILED
+        return self._autopilot.request(link, mavlink.MAVLINK_MSG_ID_HOME_POSITION)
+
+    def _set_home(self, _: int, p: list[float]) -> int:
+        """Take the place that is given; the present one is not known without a position."""
+        here, (latitude, longitude, altitude) = p[0] == 1, p[4:]
+        given = all(map(math.isfinite, p[4:])) and (latitude or longitude)
+        if here or not given or self._autopilot.origin is None:
+            return FAILED
+        self._autopilot.set_home(
+            Origin(
+                messages.int32(latitude * 1e7),
+                messages.int32(longitude * 1e7),
+                messages.int32(altitude * 1e3),
+            )
+        )
+        return ACCEPTED
+
+    def _set_servo(self, _: int, p: list[float]) -> int:
+        number, pwm = _whole(p[0]), _whole(p[1])
+        if number == FREE_SERVO and 0 < pwm <= 65535:
+            self._autopilot.servo_9 = pwm
+            return ACCEPTED
+        if number > 0 and number != FREE_SERVO:
+            self._autopilot.say(INFO, f"ServoRelayEvent: Channel {number} is already in use")
+        return FAILED
+
+    def _test_motor(self, _: int, p: list[float]) -> int:
+        return self._autopilot.test_motor(_whole(p[0]), p[1], p[2])
+
+    def _set_mission_current(self, link: int, p: list[float]) -> int:
+        if not self._autopilot.missions.set_current(_whole(p[0])):
+            return DENIED
+        return self._autopilot.request(link, mavlink.MAVLINK_MSG_ID_MISSION_CURRENT)
+
+    def _send_banner(self, _: int, __: list[float]) -> int:
+        self._autopilot.say_banner()
+        return ACCEPTED
+
+    def _terminate(self, _: int, p: list[float]) -> int:
+        return self._autopilot.disarm() if p[0] > 0.5 else FAILED
+
+    def _reboot(self, _: int, p: list[float]) -> int:
+        if self._autopilot.armed:
+            return FAILED
+        self._autopilot.reboot_requested = p[0] == 1
+        return ACCEPTED if self._autopilot.reboot_requested else UNSUPPORTED
+
+    def _calibrate(self, _: int, p: list[float]) -> int:
+        """Calibrate the barometer; gyro and level trim are accepted and change nothing."""
+        if self._autopilot.armed:
+            return FAILED
+        if p[2] == 1:
+            self._autopilot.calibrate_barometer()
+            for text in ("Calibrating barometer", *(f"Barometer {n} calibration complete" for n in (1, 2))):
+                self._autopilot.say(INFO, text)
+            return ACCEPTED
+        return ACCEPTED if p[0] == 1 or p[4] in (1, 2, 4) else UNSUPPORTED
+
+
+def _whole(value: float) -> int:
+    """Return a parameter as an integer; 0 for one that is none."""
+    return int(value) if math.isfinite(value) and abs(value) < 2**31 else 0

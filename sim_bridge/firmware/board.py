@@ -1,0 +1,54 @@
+"""What commands and the motor test see of the autopilot that they belong to."""
+
+from typing import Protocol
+
+from sim_bridge.firmware.messages import Message, Origin
+from sim_bridge.firmware.missions import Missions
+from sim_bridge.firmware.streams import Streams
+
+
+class Board(Protocol):
+    """The part of `Autopilot` that carries commands out."""
+
+    armed: bool
+    boot_s: float
+    idle: list[int]
+    """The motors' PWM at rest (µs)."""
+    home: Origin | None
+    origin: Origin | None
+    servo_9: int
+    missions: Missions
+    reboot_requested: bool
+
+    def arm(self) -> int:
+        """Arm the motors; the MAV_RESULT."""
+
+    def disarm(self) -> int:
+        """Stop the motors; never refused."""
+
+    def set_mode(self, number: int) -> int:
+        """Change the flight mode; the MAV_RESULT."""
+
+    def say(self, severity: int, text: str) -> None:
+        """Send a STATUSTEXT to every link."""
+
+    def say_banner(self) -> None:
+        """Say which firmware and frame this is."""
+
+    def send(self, link: int, message: Message) -> None:
+        """Send a message on a link after this step."""
+
+    def request(self, link: int, number: int) -> int:
+        """Send a message once; the MAV_RESULT."""
+
+    def streams(self, link: int) -> Streams:
+        """Return the intervals of a link."""
+
+    def set_home(self, place: Origin) -> None:
+        """Take a place as home, and tell everybody."""
+
+    def calibrate_barometer(self) -> None:
+        """Take the present pressure for that of the surface."""
+
+    def test_motor(self, motor: int, kind: float, throttle: float) -> int:
+        """Run one motor; the MAV_RESULT."""

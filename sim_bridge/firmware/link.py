@@ -1,0 +1,53 @@
+"""One MAVLink channel of the autopilot: bytes to messages and back, its streams, who has been heard."""
+
+from collections import deque
+from collections.abc import Sequence
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from sim_bridge.firmware import frames
+from sim_bridge.firmware.messages import Message
+from sim_bridge.firmware.signing import KeyStore
+from sim_bridge.firmware.streams import Streams
+
+COMPONENT = 1
+
+
+class Link:
+    """One MAVLink channel: its parser, sequence number, streams, and who has been heard on it."""
+
+    def __init__(self) -> None:
+        self.parser = mavlink.MAVLink(None)
+        self.parser.robust_parsing = True
+        self.packer = mavlink.MAVLink(None, srcComponent=COMPONENT)
+        self.streams = Streams()
+        self.parameters: deque[str] = deque()
+        self.heard: set[int] = set()
+
+    def sign(self, keys: KeyStore, number: int) -> None:
+        """Sign, and demand signatures, from now on; neither where there is no key."""
+        for wire in (self.parser, self.packer):
+            wire.signing.secret_key = keys.key
+            wire.signing.timestamp = max(wire.signing.timestamp, keys.timestamp)
+        self.packer.signing.link_id = number & 0xFF
+        self.packer.signing.sign_outgoing = keys.key is not None
+
+    def pack(self, message: Message, system: int) -> bytes:
+        """Wire bytes of a message from our system, with this link's next sequence number."""
+        self.packer.srcSystem = system
+        signing = self.packer.signing
+        signing.timestamp = max(signing.timestamp, self.parser.signing.timestamp)
+        data = None
+        if not signing.sign_outgoing:
+            data = frames.pack(message, self.packer.seq, system, COMPONENT)
+        if data is None:
+            data = bytes(message.pack(self.packer))
+        self.packer.seq = (self.packer.seq + 1) % 256
+        return data
+
+    def parse(self, data: bytes) -> Sequence[Message]:
+        """Return the messages that `data` completes; BAD_DATA where it is garbage."""
+        parser = self.parser
+        if not parser.buf and parser.signing.secret_key is None and (message := frames.parse(data)):
+            return (message,)
+        return parser.parse_buffer(data) or ()
