@@ -124,7 +124,7 @@ class Vehicle:
             if not self._params.set(name, value):
                 raise ValueError(f"parameters.{name} = {value}: unknown, or not fit for its type")
         self._sensors.record(self._physics.state, self._physics.acceleration(), 0.0)
-        self._autopilot = self._boot()
+        self._autopilot = self._boot(rebooted=False)
 
     def open_link(self, link: int) -> None:
         """Declare a link, so that telemetry goes there before anything was heard from it."""
@@ -223,7 +223,7 @@ class Vehicle:
         elif fault.kind == "position_reset":
             self._sensors.reset_position(fault.value)
 
-    def _boot(self) -> Autopilot:
+    def _boot(self, *, rebooted: bool) -> Autopilot:
         config = self._config
         autopilot = Autopilot(
             self._params,
@@ -233,6 +233,7 @@ class Vehicle:
             config.rc_receiver,
             self._links,
             self._keys,
+            rebooted=rebooted,
         )
         autopilot.capacity_mah = config.battery.capacity_ah * 1000.0
         self._supply(autopilot)
@@ -246,4 +247,4 @@ class Vehicle:
         for link in self._links:
             self._links[link] = Link()
             self._links[link].sign(self._keys, link)
-        self._autopilot = self._boot()
+        self._autopilot = self._boot(rebooted=True)

@@ -53,7 +53,7 @@ def main():
     sensors = Sensors(SensorConfig(), STEP_S, np.random.default_rng(1))
     frame = "vectored_6dof" if parameters["FRAME_CONFIG"] == 2 else "vectored"
     links, keys = {number: Link() for number in serials}, KeyStore("")
-    autopilot = Autopilot(parameters, sensors, frame, False, False, links, keys)
+    autopilot = Autopilot(parameters, sensors, frame, False, False, links, keys, rebooted=False)
     pwm, count = autopilot.motor_pwm, 0
     while True:
         asked = struct.pack("<HHI16H", 18458, 400, count, *(*pwm, *[0] * 16)[:16])

@@ -37,8 +37,6 @@ from sim_bridge.physics.sensors import Sensors
 THROTTLE_DEMAND = 3
 INPUT_PERIOD_S = 0.02
 EARLIEST_ARMING_S = 2.0
-BOOTED_S = 0.7
-"""From here on a pilot is missed."""
 TIMESYNC_PERIOD_S = 10.0
 GCS_WARNING_PERIOD_S = 30.0
 LEAK_WARNING_PERIOD_S = 20.0
@@ -76,6 +74,7 @@ class Autopilot:
         rc_receiver: whether the vehicle has an RC receiver, whose sticks rest.
         links: link number to Link; the same dictionary that the vehicle fills.
         keys: the signing key, which survives reboots too.
+        rebooted: says what the firmware says as it boots. The first one has done so before anybody listened.
 
     """
 
@@ -88,6 +87,8 @@ class Autopilot:
         rc_receiver: bool,
         links: dict[int, Link],
         keys: KeyStore,
+        *,
+        rebooted: bool,
     ) -> None:
         self.params = params
         self.armed = False
@@ -114,15 +115,15 @@ class Autopilot:
         self.origin = Origin(0, 0, 0) if has_position else None  # a DVL's driver sets it as it starts
         self.home: Origin | None = None
         self.servo_9 = 0
-        self._boot_texts = deque(BOOT_TEXTS)
+        self._boot_texts = deque(BOOT_TEXTS if rebooted else ())
         self.missions = Missions(self.send, self.say)
         self._files = Files(params, self.missions, self.send)
         self._motor_test = MotorTest(self)
         self._commands = Commands(self)
         self._demand: tuple[float, ...] | None = None
         self._input_is_new = True
-        self._pilot_lost = False
-        self._pilot_seen_s: float | None = None
+        self._pilot_lost = True
+        self._pilot_seen_s: float | None = 0.0 if rebooted else None
         self._steered_s: float | None = None
         self.leaking = False
         """Whether a leak detector is wet."""
@@ -321,13 +322,13 @@ class Autopilot:
     def _check_pilot(self) -> None:
         action = self.params["FS_PILOT_INPUT"]
         seen_s, timeout_s = self._pilot_seen_s, self.params["FS_PILOT_TIMEOUT"]
-        if action == 0 or self.boot_s < (BOOTED_S if seen_s is None else seen_s) + timeout_s:
+        if action == 0 or (seen_s is not None and self.boot_s < seen_s + timeout_s):
             self._pilot_lost = False
         elif not self._pilot_lost:
             self._pilot_lost = True
             self.say(CRITICAL, "Lost manual control")
             self._neutralise()
-            if action == 2 and seen_s is not None:
+            if action == 2:
                 self.disarm()
 
     def _check_gcs(self) -> None:
@@ -363,7 +364,7 @@ class Autopilot:
             self.set_mode(modes.SURFACE)
 
     def _system_status(self) -> int:
-        if self._pilot_lost or self._gcs_lost or self._leak or self.boot_s < BOOTED_S:
+        if self._pilot_lost or self._gcs_lost or self._leak:
             return FAILSAFE
         return ACTIVE if self.armed else STANDBY
 

@@ -43,7 +43,6 @@ def test_default_streams_with_nobody_asking():
         | dict.fromkeys(("NAV_CONTROLLER_OUTPUT", "SERVO_OUTPUT_RAW", "RC_CHANNELS"), 2.0)
         | {"NAMED_VALUE_FLOAT": 18.0, "HEARTBEAT": 1.0, "TIMESYNC": 0.1}
     )
-    del found["STATUSTEXT"]  # the boot's
     assert found == pytest.approx(expected, abs=0.11)
 
 
@@ -136,11 +135,7 @@ def test_both_links_forward_each_others_heartbeats_but_not_steering():
 
 def test_system_status_standby_active_and_failsafe():
     station = Station(vehicle())
-    assert station.run(0.5).of("HEARTBEAT")[0].system_status == 5, "the first one says so"
-    assert station.run(1.0).last("HEARTBEAT").system_status == 3
-    lost = station.run(5.0)
-    assert lost.last("HEARTBEAT").system_status == 5
-    assert "Lost manual control" in lost.texts(), "a pilot who never came is missed as well"
+    assert station.run(0.5).of("HEARTBEAT")[0].system_status == 5
     assert station.run(2.0, override()).last("HEARTBEAT").system_status == 3
     station.command(ARM, 1)
     assert station.run(1.1, override()).last("HEARTBEAT").system_status == 4
