@@ -88,7 +88,13 @@ def simulate(
 
 
 def dive(
-    vehicle: Vehicle, nominal: Vehicle, drawn: Drawn, gains: DepthGains, depths: Rows, white: Rows, since_tick: int
+    vehicle: Vehicle,
+    nominal: Vehicle,
+    drawn: Drawn,
+    gains: DepthGains,
+    depths: Rows,
+    white: Rows,
+    since_tick: int,
 ) -> Figures:
     """Dive as long as there are depths.
 
