@@ -47,6 +47,7 @@ class Vehicle(Frame, frozen=True):
     thrust_path: Literal["rc_override", "manual_control"]
     depth_source: Literal["relative_alt", "vfr_hud", "ahrs2", "pressure"]
     rate_source: Literal["climb", "vz"]
+    adapts: bool
 
     @property
     def holds_heading(self) -> bool:

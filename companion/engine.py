@@ -24,6 +24,7 @@ from companion.records import (
     ControlSample,
     DofSample,
     Event,
+    Flags,
     LoopHealth,
     Request,
     Sender,
@@ -90,7 +91,9 @@ class Engine:
         self._last_s = now_s
 
         events = self.events = [*autopilot.receive(datagrams), *pilot_events(ground)]
-        state = self._estimator.step(now_s, events, self._controller.gain_scale)
+        if Request.RESET_MODEL in requests:
+            self._estimator.learner.reset()
+        state = self._estimator.step(now_s, events, self._controller.gain_scale, self._learns())
         self._delay_s = state.delays.total_s
         self._follow_frame(state)
         self._follow_thrusters(state, trusted=Request.CLEAR_FAULT in requests)
@@ -222,6 +225,12 @@ class Engine:
         self._estimator.limit(config.supervisor)
         self._guidance.retune(config)
         self._config = config
+
+    def _learns(self) -> Flags:
+        """Tell by axis whether what moves the vehicle was our command alone."""
+        steers = self.verdict.authority == 1.0 and not self.verdict.freeze
+        surge, sway, heave, yaw = self._guidance.engaged
+        return (steers and surge, steers and sway, steers and heave, steers and yaw)
 
     def _follow_frame(self, state: VehicleState) -> None:
         """Hold the same physical place and direction where the autopilot's estimate was reset."""

@@ -23,6 +23,7 @@ from companion.records import (
     Verdict,
     X,
     Y,
+    Z,
 )
 
 FULL_PACE: Vector = (1.0, 1.0, 1.0, 1.0)
@@ -181,16 +182,20 @@ class Actuation:
     ) -> tuple[float, float]:
         """Return the moments that keep it level, where those are ours, beside the forces of surge and sway.
 
-        On an axis that is not held the pilot's force counts.
+        On an axis that is not held the pilot's force counts. The thrusters that level are those of heave:
+        a vehicle that answers more strongly there is taken to do so in roll and pitch.
         """
         if self._levelling is None:
             return (0.0, 0.0)
         roll, pitch = self._levelling
         force_x = limited(surge if engaged[X] else self.delivered[X], self._max_force[X])
         force_y = limited(sway if engaged[Y] else self.delivered[Y], self._max_force[Y])
-        delay_s, learn = state.delays.total_s, verdict.authority == 1.0
-        self._roll, K = levelling.step(roll, self._roll, state.roll, state.p, force_y, delay_s, dt_s, learn)
+        model, learn = state.model, verdict.authority == 1.0
+        delay_s, gain, lag_s = state.delays.total_s + model.dof_later_s[Z], model.gain[Z], model.lag_s[Z]
+        self._roll, K = levelling.step(
+            roll, self._roll, state.roll, state.p, force_y, delay_s, dt_s, learn, gain, lag_s
+        )
         self._pitch, M = levelling.step(
-            pitch, self._pitch, state.pitch, state.q, force_x, delay_s, dt_s, learn
+            pitch, self._pitch, state.pitch, state.q, force_x, delay_s, dt_s, learn, gain, lag_s
         )
         return (K, M)

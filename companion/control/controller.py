@@ -163,11 +163,13 @@ class Controller:
         scale = self.gain_scale
         nu = to_body(J, vector([x_dot[i] - (1.0 - scale[i]) * e_dot[i] for i in range(4)]))
         m, k_plus_h = inertia(self._model, J), coriolis_and_damping(self._model, J, nu)
+        gains, later_s = state.model.dof_gain, state.model.dof_later_s
 
         rows: list[tuple[Any, ...]] = []
         for i, (dof, one) in enumerate(zip(self._dofs, self._states, strict=True)):
             free = engaged[i] and not saturated[i]
-            lam, kappa, learning_scale, share = scheduled(dof.gains, delay_s, scale[i])
+            gain = gains[i]
+            lam, kappa, learning_scale, share = scheduled(dof.gains, delay_s + later_s[i], scale[i])
             eps = e_dot[i] + lam * e[i]
 
             d, weight_norm, adapting = _observed(dof, state.disturbance[i]), 0.0, False
@@ -175,14 +177,24 @@ class Controller:
                 signals = Signals(e[i], e_dot[i], eps, x_dot[i], x_d_dot[i], x_d_ddot[i])
                 if before is not None and not one.inherited:
                     _seed(dof, one, signals, before.d_hat[i] - d)
-                learn_s, adapt = learning_scale * dt_s, learns and free
+                learn_s, adapt = learning_scale / gain * dt_s, learns and free
                 found, weight_norm, adapting = _learn(dof, one, signals, learn_s, adapt)
                 d += found
             one.mean_d = mean_disturbance(one.mean_d, d, dt_s)
             d_hat = scaled_disturbance(one.mean_d, d, scale[i])
 
             motion = Motion(
-                e[i], e_dot[i], x_dot[i], x_d_ddot[i], m[i], k_plus_h[i], d_hat, lam, kappa, share, free
+                e[i],
+                e_dot[i],
+                x_dot[i],
+                x_d_ddot[i],
+                m[i] / gain,
+                k_plus_h[i] / gain,
+                d_hat,
+                lam,
+                kappa,
+                share,
+                free,
             )
             one.law, (feedforward, feedback, d_hat) = dof.law.functions.step(
                 dof.law.parameters, one.law, motion, dt_s
@@ -197,7 +209,8 @@ class Controller:
             one.d_hat = d_hat + one.bumpless_bias
             tau = asked + one.bumpless_bias if engaged[i] else 0.0
             if self.authority >= 1.0:
-                one.oscillation = oscillation.step(dof.oscillation, one.oscillation, tau, dt_s, delay_s)
+                believed_s = delay_s + later_s[i] + oscillation.LOG_GAIN_COUNTS_S * math.log(gain)
+                one.oscillation = oscillation.step(dof.oscillation, one.oscillation, tau, dt_s, believed_s)
             rows.append((eps, tau, feedforward, feedback, one.d_hat, weight_norm, adapting))
         self._turned_d_hat = None
 

@@ -45,8 +45,8 @@ class Levelling(NamedTuple):
     lever_m: float
     """z for roll, whose force is Y; −z for pitch, whose force is X."""
     max_moment_nm: float
-    lead: float
-    """τ / τ_f − 1, at least 0."""
+    lag_s: float
+    """τ of the nominal thrusters."""
     oscillation: oscillation.Parameters
 
 
@@ -68,9 +68,8 @@ def levelling_of(
     inertia: float, frequency_radps: float, lever_m: float, max_moment_nm: float, lag_s: float
 ) -> Levelling:
     """Return what `step` needs for roll or pitch of a vehicle whose thrusters lag by `lag_s`."""
-    lead = max(lag_s / FILTER_S - 1.0, 0.0)
     limits = oscillation.Parameters(max_moment_nm, oscillation.SHARE * max_moment_nm)
-    return Levelling(inertia, frequency_radps, lever_m, max_moment_nm, lead, limits)
+    return Levelling(inertia, frequency_radps, lever_m, max_moment_nm, lag_s, limits)
 
 
 def step(
@@ -82,21 +81,26 @@ def step(
     delay_s: float,
     dt_s: float,
     learn: bool,
+    gain: float,
+    lag_s: float,
 ) -> tuple[LevellingState, float]:
     """Return K for φ, p and the force Y, or M for θ, q and X; `delay_s` from sensor to motor.
 
     `learn` allows the integral to move; it stands where the moment is at its bound. A roll or pitch that
-    oscillates by itself lowers ω.
+    oscillates by itself lowers ω. A vehicle of more than the nominal `gain` has I/gain, and
+    thrusters quicker than the nominal ones τ = `lag_s`.
     """
+    inertia = levelling.inertia / (gain if gain > 1.0 else 1.0)
+    lead = max(min(lag_s, levelling.lag_s) / FILTER_S - 1.0, 0.0)
     omega = min(levelling.frequency_radps, DELAY_BEARS / max(delay_s, MIN_DELAY_S))
     omega = omega * state.oscillation.gain_scale
     ahead = angle + delay_s * rate
     a = omega * omega * ahead + 2.0 * omega * rate
     slow = a if math.isnan(state.slow) else state.slow
     slow = slow + (a - slow) * (1.0 - math.exp(-dt_s / FILTER_S))
-    feedback = -levelling.inertia * (a + levelling.lead * (a - slow))
+    feedback = -inertia * (a + lead * (a - slow))
     trimmed = state.integral + INTEGRAL * omega**3 * dt_s * ahead if learn else state.integral
-    moment = levelling.lever_m * force + feedback - levelling.inertia * trimmed
+    moment = levelling.lever_m * force + feedback - inertia * trimmed
     integral = trimmed if abs(moment) <= levelling.max_moment_nm else state.integral
     watched = state.oscillation
     if learn:

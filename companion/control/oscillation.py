@@ -30,6 +30,9 @@ FORGET_S = 600.0
 EXPLAINED_S = 0.02
 """A delay believed so much longer than when the cycle began explains it: the gains allow for it now."""
 
+LOG_GAIN_COUNTS_S = 0.1
+"""A vehicle believed stronger explains a cycle as well: its log gain counts as so much delay."""
+
 MEAN_S = 1.0
 
 

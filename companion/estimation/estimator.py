@@ -27,14 +27,18 @@ from companion.control.positioning import (
 from companion.estimation import hidden_delay, observer, thruster_watch
 from companion.estimation.command_history import CommandHistory
 from companion.estimation.delay import DelayMeter
+from companion.estimation.model_learner import ModelLearner
 from companion.estimation.observer import (
     Motion,
     Noise,
     ObserverParameters,
     ObserverState,
+    ObserverTable,
     observer_parameters,
+    observer_table,
 )
 from companion.estimation.resets import MAX_GAP_S, position_resets, yaw_resets
+from companion.estimation.vehicle_model import DISTURBANCE_RATIO, MOST_LAG_S, MOST_LOG_GAIN, Tables
 from companion.mavlink.ardusub import motor_demand
 from companion.records import (
     DOFS,
@@ -48,6 +52,7 @@ from companion.records import (
     Depth,
     DepthRate,
     Event,
+    Flags,
     FrameShift,
     Heartbeat,
     PilotGain,
@@ -112,6 +117,9 @@ class Estimator:
         self._watch = thruster_watch.START
         self._hidden_parameters = hidden_delay_parameters(config, model)
         self._hidden = hidden_delay.start(0.0, 0.0)
+        tables, adapts = model_tables(config, model), config.vehicle.adapts
+        self.learner = ModelLearner(tables, config.thrusters.lag_s, adapts=adapts)
+        """What was found of the vehicle's gain and lag."""
         self.limit(config.supervisor)
         self.retune(config, model)
         self._heartbeat = Heartbeat(-math.inf, armed=False, mode=-1, system_status=0)
@@ -136,8 +144,8 @@ class Estimator:
 
     def retune(self, config: Config, model: Model) -> None:
         """Go on from the present estimate with another model, other noises and sensor delays."""
-        self._parameters = _observer_parameters(config, model)
         self._watch_parameters = thruster_watch_parameters(config, self._thrusters)
+        self.learner.retune(model_tables(config, model))
         self._model = model
         self._sensor_delay_s = [axis.sensor_delay_s for axis in config.axes]
 
@@ -156,6 +164,8 @@ class Estimator:
         self._observed_t_s: list[float] | None = None
         self._new: list[list[Measurement]] = [[] for _ in DOFS]
         self._observers = [observer.at_rest(0.0) for _ in DOFS]
+        for dof in range(len(DOFS)):
+            self.learner.begin(dof, 0.0)
         self._hidden = hidden_delay.start(0.0, self._hidden.hidden_s)
         self._mean_disturbance: list[float] = [0.0] * len(DOFS)
         self._eta = ZERO
@@ -165,11 +175,16 @@ class Estimator:
         self._frame_shift: FrameShift | None = None
 
     def step(
-        self, now_s: float, events: Sequence[Event], gain_scale: Sequence[float] = (1.0, 1.0, 1.0, 1.0)
+        self,
+        now_s: float,
+        events: Sequence[Event],
+        gain_scale: Sequence[float] = (1.0, 1.0, 1.0, 1.0),
+        learns: Flags = (False, False, False, False),
     ) -> VehicleState:
         """Take in what came since the last tick; say where the vehicle is and where a command finds it.
 
         `gain_scale`, by DOF, is what the controller has left of its gains: the predicted d is scaled alike.
+        `learns`, by axis, tells whether our commands alone move it: then its gain and lag are learnt.
         """
         self._depth_refused = False
         self._frame_shift = None
@@ -189,6 +204,7 @@ class Estimator:
         )
         ahead_s = delays.command_s + self._lead_s
         estimates = self._estimates(now_s, ahead_s, delays, stale, gain_scale)
+        self.learner.learn(learns, self._tick_s)
         eta, eta_dot, eta_ahead, eta_dot_ahead, disturbance = map(vector, zip(*estimates, strict=True))
         self._eta = eta
         attitude = self._attitude
@@ -227,6 +243,7 @@ class Estimator:
             frame_shift=self._frame_shift,
             stale=stale,
             dead_motor=self._watch.dead,
+            model=self.learner.model,
         )
 
     def sent(self, now_s: float, axes: Vector, tau_ned: Vector) -> None:
@@ -266,6 +283,7 @@ class Estimator:
         if now_s - self._measured_t_s[dof] <= self._timeout_s[dof]:
             return False
         self._observers[dof] = observer.at_rest(self._eta[dof])
+        self.learner.begin(dof, self._eta[dof])
         self._new[dof].clear()
         return True
 
@@ -284,6 +302,8 @@ class Estimator:
         m = inertia(self._model, J)
         c = drag_coefficient(self._model, J, nu)
         forces = coriolis_and_damping(self._model, J, nu)
+        learner = self.learner
+        learner.turn(J)
 
         from_s, observed_s = self._moments(now_s, delays)
         to_go_s = [max(now_s - at_s + ahead_s, 0.0) for at_s in observed_s]
@@ -297,16 +317,19 @@ class Estimator:
             step_s, since_s = to_go_s[dof] / steps, observed_s[dof] - delays.command_s
             edges_s = [from_s[dof] - delays.command_s, *[since_s + step_s * k for k in range(steps + 1)]]
             thrust, *thrusts = self._commands.mean_thrusts(dof, edges_s)
-            state = self._observe(dof, thrust, m[dof], c[dof], from_s[dof], observed_s[dof])
+            gain = learner.gain(dof)
+            m_eff, c_eff = m[dof] / gain, c[dof] / gain
+            before_s, at_s = from_s[dof], observed_s[dof]
+            state = self._observe(dof, thrust, m_eff, c_eff, before_s, at_s, (m[dof], c[dof]))
             mean = mean_disturbance(self._mean_disturbance[dof], state.d, self._tick_s)
             self._mean_disturbance[dof] = mean
-            model = observer.coefficients(self._parameters[dof], m[dof], c[dof], step_s)
+            model = observer.coefficients(learner.parameters(dof), m_eff, c_eff, step_s)
             d_hat = scaled_disturbance(mean, state.d, gain_scale[dof])
             trajectory = observer.predict(model, state, thrusts, d_hat)
             q, q_dot = interpolate(trajectory, (now_s - observed_s[dof]) / max(step_s, SHORTEST_S))
             q_ahead, q_dot_ahead, _ = trajectory[-1]
             # What of k + h the observer's diagonal drag leaves out it takes for disturbance.
-            left_out = forces[dof] - c[dof] * state.v if self._measured_t_s[X] > -math.inf else 0.0
+            left_out = forces[dof] / gain - c_eff * state.v if self._measured_t_s[X] > -math.inf else 0.0
             estimates.append((q, q_dot, q_ahead, q_dot_ahead, state.d - left_out))
         return estimates
 
@@ -323,10 +346,20 @@ class Estimator:
         return from_s, observed_s
 
     def _observe(
-        self, dof: int, thrust: float, m: float, c: float, from_s: float, to_s: float
+        self,
+        dof: int,
+        thrust: float,
+        m: float,
+        c: float,
+        from_s: float,
+        to_s: float,
+        nominal: tuple[float, float],
     ) -> ObserverState:
-        """Bring a DOF's observer on under the thrust that was in force, correct it, return it."""
-        parameters, dt_s = self._parameters[dof], to_s - from_s
+        """Bring a DOF's observer on under the thrust that was in force, correct it, return it.
+
+        `nominal` are m and c of the nominal vehicle.
+        """
+        parameters, dt_s = self.learner.parameters(dof), to_s - from_s
         state = observer.advance(parameters, self._observers[dof], thrust, m, c, dt_s)
         measured, innovation = [math.nan, math.nan], [0.0, 0.0]
         if self._new[dof]:
@@ -340,11 +373,14 @@ class Estimator:
                 elif dof == Z and not of_rate and self._zero_moved(error):
                     state = state._replace(q=state.q + error)
                     self._hidden = hidden_delay.start(now, self._hidden.hidden_s)
+                    self.learner.begin(dof, now)
                     continue
                 measured[of_rate], innovation[of_rate] = now, error
             self._new[dof].clear()
             self._innovation[dof] = innovation[0]
             state = observer.correct(parameters, state, *innovation)
+        if dt_s > 0.0:
+            self.learner.observe(dof, thrust, *nominal, dt_s, *measured)
         if dof == Z and dt_s > 0.0:
             self._hidden = hidden_delay.step(
                 self._hidden_parameters, self._hidden, thrust, m, c, dt_s, *measured
@@ -377,6 +413,7 @@ class Estimator:
         """Keep a position sample; a degree of freedom that was not measured for long begins anew."""
         if t_s - self._measured_t_s[dof] > min(MAX_GAP_S, self._timeout_s[dof]):
             self._observers[dof] = observer.at_rest(value)
+            self.learner.begin(dof, value)
             if dof == Z:
                 self._hidden = hidden_delay.start(value, self._hidden.hidden_s)
         self._measured_t_s[dof] = t_s
@@ -395,6 +432,7 @@ class Estimator:
         self._commands.turn(shift)
         for dof in (X, Y, PSI):
             self._new[dof].clear()
+            self.learner.begin(dof, self._observers[dof].q)
         self._frame_shift = joined(self._frame_shift, shift)
 
     def _on_attitude(self, event: Attitude) -> None:
@@ -467,8 +505,17 @@ def interpolate(trajectory: Sequence[Motion], step_index: float) -> tuple[float,
     return q_0 + share * (q_1 - q_0), v_0 + share * (v_1 - v_0)
 
 
-def _observer_parameters(config: Config, model: Model) -> list[ObserverParameters]:
-    return [parameters_of(config, model, dof, axis.disturbance_noise) for dof, axis in enumerate(config.axes)]
+def model_tables(config: Config, model: Model) -> list[Tables]:
+    """Return the observers of each degree of freedom, by gain and lag."""
+    return [
+        Tables(
+            *(
+                table_of(config, model, dof, ratio * axis.disturbance_noise)
+                for ratio in (1.0, DISTURBANCE_RATIO)
+            )
+        )
+        for dof, axis in enumerate(config.axes)
+    ]
 
 
 def thruster_watch_parameters(config: Config, thrusters: Thrusters) -> thruster_watch.Parameters:
@@ -486,13 +533,22 @@ def thruster_watch_parameters(config: Config, thrusters: Thrusters) -> thruster_
 
 def hidden_delay_parameters(config: Config, model: Model) -> ObserverParameters:
     """Return the parameters of the observer that looks for hidden delay."""
-    return parameters_of(config, model, Z, QUIET_N)
+    drag = model.d1[Z] + TYPICAL_RATE * model.d2[Z]
+    tick_s = 1.0 / config.loop.rate_hz
+    return observer_parameters(model.m[Z], drag, config.thrusters.lag_s, _noise(config, Z, QUIET_N), tick_s)
 
 
-def parameters_of(config: Config, model: Model, dof: int, disturbance: float) -> ObserverParameters:
-    """Return the parameters of a degree of freedom's observer that expects so much `disturbance` noise."""
+def table_of(config: Config, model: Model, dof: int, disturbance: float) -> ObserverTable:
+    """Return a degree of freedom's observers that expect so much `disturbance` noise."""
+    drag = model.d1[dof] + TYPICAL_RATE * model.d2[dof]
+    noise, tick_s = _noise(config, dof, disturbance), 1.0 / config.loop.rate_hz
+    lag_s = config.thrusters.lag_s
+    return observer_table(model.m[dof], drag, lag_s, noise, tick_s, MOST_LOG_GAIN, MOST_LAG_S)
+
+
+def _noise(config: Config, dof: int, disturbance: float) -> Noise:
     axis = config.axes[dof]
-    noise = Noise(
+    return Noise(
         position=axis.position_noise,
         rate=axis.rate_noise,
         position_slow=axis.position_noise_slow,
@@ -500,9 +556,6 @@ def parameters_of(config: Config, model: Model, dof: int, disturbance: float) ->
         disturbance=disturbance,
         slow_time_s=config.delays.slow_noise_s,
     )
-    drag = model.d1[dof] + TYPICAL_RATE * model.d2[dof]
-    tick_s = 1.0 / config.loop.rate_hz
-    return observer_parameters(model.m[dof], drag, config.thrusters.lag_s, noise, tick_s)
 
 
 def _heading_rate(attitude: Attitude) -> float:

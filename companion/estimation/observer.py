@@ -21,16 +21,20 @@ measured as q + s and v + p, where s and p are the slow noise that an EKF's dept
 | K        | Kalman gain, two columns           |             | Riccati equation                        |
 """
 
+import functools
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from companion.config import ConfigError
+from companion.control.bounds import clamped
 from companion.records import Array
 
 DOUBLINGS = 40
+LEAST_LAG_S = 0.02
+"""Shortest thruster lag of a table."""
 
 Motion = tuple[float, float, float]
 """q, v and f: a plain tuple, for it is made in every step of every prediction."""
@@ -71,6 +75,21 @@ class ObserverParameters(NamedTuple):
     slow_time_s: float
     by_position: ObserverState
     by_rate: ObserverState
+
+
+FiveNodes = tuple[float, float, float, float, float]
+
+
+class ObserverTable(NamedTuple):
+    """Kalman gains over log g and thruster lag: a vehicle of gain g has m/g and c/g.
+
+    A row holds K by columns; 5 i + j is the row of log gain i and lag j. The lab gives an array for them.
+    """
+
+    log_gains: FiveNodes
+    lags_s: FiveNodes
+    slow_time_s: float
+    rows: Sequence[Sequence[float]]
 
 
 def at_rest(position: float) -> ObserverState:
@@ -162,6 +181,75 @@ def observer_parameters(
         )
     by_position, by_rate = (ObserverState(*column) for column in gain.T.tolist())
     return ObserverParameters(thrust_lag_s, noise.slow_time_s, by_position, by_rate)
+
+
+def scheduled_parameters(table: ObserverTable, log_gain: float, lag_s: float) -> ObserverParameters:
+    """Return the parameters for a gain and a lag (s), between those of the table."""
+    i, right = _share(table.log_gains, log_gain)
+    j, up = _share(table.lags_s, lag_s)
+    one, two = table.rows[5 * i + j], table.rows[5 * i + j + 1]
+    three, four = table.rows[5 * i + j + 5], table.rows[5 * i + j + 6]
+    a, b = (1.0 - right) * (1.0 - up), (1.0 - right) * up
+    c, d = right * (1.0 - up), right * up
+    by_position = ObserverState(
+        a * one[0] + b * two[0] + c * three[0] + d * four[0],
+        a * one[1] + b * two[1] + c * three[1] + d * four[1],
+        a * one[2] + b * two[2] + c * three[2] + d * four[2],
+        a * one[3] + b * two[3] + c * three[3] + d * four[3],
+        a * one[4] + b * two[4] + c * three[4] + d * four[4],
+        a * one[5] + b * two[5] + c * three[5] + d * four[5],
+    )
+    by_rate = ObserverState(
+        a * one[6] + b * two[6] + c * three[6] + d * four[6],
+        a * one[7] + b * two[7] + c * three[7] + d * four[7],
+        a * one[8] + b * two[8] + c * three[8] + d * four[8],
+        a * one[9] + b * two[9] + c * three[9] + d * four[9],
+        a * one[10] + b * two[10] + c * three[10] + d * four[10],
+        a * one[11] + b * two[11] + c * three[11] + d * four[11],
+    )
+    return ObserverParameters(lag_s, table.slow_time_s, by_position, by_rate)
+
+
+def _share(nodes: FiveNodes, at: float) -> tuple[int, float]:
+    """Return the interval in which `at` lies, and where in it, 0..1."""
+    i = 0
+    while i < 3 and nodes[i + 1] < at:
+        i += 1
+    width = nodes[i + 1] - nodes[i]
+    return i, clamped((at - nodes[i]) / width, 0.0, 1.0) if width > 0.0 else 0.0
+
+
+@functools.lru_cache(maxsize=64)
+def observer_table(
+    m: float,
+    c: float,
+    thrust_lag_s: float,
+    noise: Noise,
+    dt_s: float,
+    most_log_gain: float,
+    most_lag_s: float,
+) -> ObserverTable:
+    """Return the parameters for inertia `m`, drag `c` and vehicles unlike it, with it in the middle.
+
+    Raises ConfigError as `observer_parameters` does.
+    """
+    least_s, most_s = min(LEAST_LAG_S, thrust_lag_s), max(most_lag_s, 2.0 * thrust_lag_s)
+    lags_s = (
+        least_s,
+        0.5 * (least_s + thrust_lag_s),
+        thrust_lag_s,
+        0.5 * (thrust_lag_s + most_s),
+        most_s,
+    )
+    half = 0.5 * most_log_gain
+    log_gains = (-most_log_gain, -half, 0.0, half, most_log_gain)
+    rows = []
+    for log_gain in log_gains:
+        g = math.exp(log_gain)
+        for lag_s in lags_s:
+            found = observer_parameters(m / g, c / g, lag_s, noise, dt_s)
+            rows.append((*found.by_position, *found.by_rate))
+    return ObserverTable(log_gains, lags_s, noise.slow_time_s, tuple(rows))
 
 
 def _stationary_gain(m: np.float64, c: np.float64, lag_s: float, noise: Noise, dt_s: float) -> Array:

@@ -20,6 +20,7 @@ from companion.telemetry.commands import (
     Engage,
     Payload,
     Release,
+    ResetModel,
     SetCompensator,
     SetEstimator,
     SetGains,
@@ -204,6 +205,8 @@ class CommandQueue:
                 if one.received.name == "engage":
                     one.withdrawn = "withdrawn: the vehicle was released meanwhile"
             return Request.STOP
+        if isinstance(command, ResetModel):
+            return Request.RESET_MODEL
         if self._state is not State.FAULT:
             raise ValueError(f"no fault is latched; the state is {self._state}")
         return Request.CLEAR_FAULT
@@ -237,6 +240,8 @@ class CommandQueue:
                 )
                 self._withdraw = True
             return None
+        if name == "reset_model":
+            return Reply(done=True, said="the nominal model is in use again", value=value)
         if name == "release":
             if verdict.authority > 0.0 and not late:
                 return None

@@ -51,7 +51,7 @@ from companion.records.events import (
 )
 from companion.records.operator import ENGAGE_S, Request, Setpoint
 from companion.records.sample import ControlSample, LoopHealth
-from companion.records.state import Ages, Delays, FrameShift, VehicleState
+from companion.records.state import Ages, Delays, FrameShift, VehicleModel, VehicleState
 from companion.records.supervision import Condition, State, Verdict
 
 __all__ = [
@@ -102,6 +102,7 @@ __all__ = [
     "StatusText",
     "TimeSync",
     "Vector",
+    "VehicleModel",
     "VehicleState",
     "Verdict",
     "Wrench",

@@ -16,6 +16,7 @@ class Request(IntEnum):
     ENGAGE = auto()
     STOP = auto()
     CLEAR_FAULT = auto()
+    RESET_MODEL = auto()
 
 
 class Setpoint(msgspec.Struct, frozen=True):

@@ -49,6 +49,30 @@ class Delays(msgspec.Struct, frozen=True):
         return self.telemetry_s + self.command_s + self.hidden_s
 
 
+class VehicleModel(msgspec.Struct, frozen=True):
+    """What the vehicle answers, by axis: surge, sway, heave, yaw (companion.estimation.vehicle_model).
+
+    `gain` and `lag_s` are in use: force per command over inertia, relative to the nominal vehicle, and
+    thruster lag. `found_*` is what was found, `log_gain_doubt` and `lag_doubt_s` its standard deviations.
+    `dof_gain` is the gain in use by DOF, NED; `dof_later_s` the delay that its lag counts for.
+    """
+
+    gain: Vector
+    lag_s: Vector
+    found_gain: Vector
+    found_lag_s: Vector
+    log_gain_doubt: Vector
+    lag_doubt_s: Vector
+    dof_gain: Vector
+    dof_later_s: Vector
+
+
+ONES: Vector = (1.0, 1.0, 1.0, 1.0)
+LAGS: Vector = (0.15, 0.15, 0.15, 0.15)
+NOMINAL = VehicleModel(ONES, LAGS, ONES, LAGS, ZERO, ZERO, ONES, ZERO)
+"""The nominal vehicle, of which nothing was found."""
+
+
 class VehicleState(msgspec.Struct, frozen=True):
     """What the estimator believes. Vectors in DOF order, NED.
 
@@ -87,3 +111,4 @@ class VehicleState(msgspec.Struct, frozen=True):
     stale: tuple[bool, bool, bool, bool] = (False, False, False, False)
     dead_motor: int = 0
     """Number of the motor that gives no thrust (`thruster_watch`); 0 for none."""
+    model: VehicleModel = NOMINAL

@@ -35,6 +35,10 @@ class ClearFault(Payload, frozen=True):
     """Clear a latched fault; does not engage."""
 
 
+class ResetModel(Payload, frozen=True):
+    """Forget what was found of the vehicle's gain and lag, and use the nominal model again."""
+
+
 class SetSetpoint(Payload, frozen=True):
     """Set a setpoint; fields that are not given stay. While not engaged, it is kept for engaging."""
 
@@ -113,6 +117,7 @@ COMMANDS: dict[str, type[Payload]] = {
     "gains": SetGains,
     "estimator": SetEstimator,
     "clear_fault": ClearFault,
+    "reset_model": ResetModel,
 }
 """The companion's commands by the last part of their key."""
 

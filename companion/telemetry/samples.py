@@ -126,7 +126,7 @@ def records(sample: ControlSample) -> list[Schema]:
 
 
 def _dofs(sample: ControlSample) -> list[Dof]:
-    state, dofs = sample.state, sample.dofs
+    state, dofs, model = sample.state, sample.dofs, sample.state.model
     return [
         Dof(
             t_s=state.t_s,
@@ -153,6 +153,12 @@ def _dofs(sample: ControlSample) -> list[Dof]:
             saturated=dofs.saturated[i],
             adapting=dofs.adapting[i],
             engaged=dofs.engaged[i],
+            model_gain=model.gain[i],
+            model_gain_found=model.found_gain[i],
+            model_gain_doubt=model.log_gain_doubt[i],
+            model_lag_s=model.lag_s[i],
+            model_lag_found_s=model.found_lag_s[i],
+            model_lag_doubt_s=model.lag_doubt_s[i],
         )
         for i, dof, unit, tau_unit in _DOFS
     ]

@@ -99,6 +99,15 @@ class Dof(Record, frozen=True, kw_only=True):
     saturated: Annotated[bool, means("the thrusters cannot deliver tau")]
     adapting: Annotated[bool, means("the compensator learnt in this tick")]
     engaged: Annotated[bool, means("Holdfast controls this degree of freedom")]
+    model_gain: Annotated[
+        float,
+        means("force per command over inertia, 1 for the nominal vehicle, in use: surge for x, sway for y"),
+    ] = 1.0
+    model_gain_found: Annotated[float, means("the same, as found")] = 1.0
+    model_gain_doubt: Annotated[float, means("standard deviation of its natural logarithm")] = 0.0
+    model_lag_s: Annotated[float, means("thruster lag in use")] = 0.0
+    model_lag_found_s: Annotated[float, means("thruster lag found")] = 0.0
+    model_lag_doubt_s: Annotated[float, means("its standard deviation")] = 0.0
 
 
 class Command(Record, frozen=True, kw_only=True):

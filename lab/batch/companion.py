@@ -13,6 +13,8 @@ laws of a configuration (`slots_of`).
 import math
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from companion import assembly
 from companion.config import Config
 from companion.control import levelling, oscillation, pace, reference
@@ -32,10 +34,11 @@ from companion.control.tilt import (
     level_force,
     share,
 )
-from companion.estimation import estimator, hidden_delay, observer
+from companion.estimation import estimator, hidden_delay, observer, vehicle_model
 from companion.estimation.estimator import PREDICTION_STEP_S
 from companion.estimation.hidden_delay import HiddenDelayState
-from companion.estimation.observer import ObserverParameters, ObserverState
+from companion.estimation.observer import ObserverParameters, ObserverState, ObserverTable
+from companion.estimation.vehicle_model import Found, ModelState, Scheduled, Tables, Used
 from companion.records import PSI, Axes, Z
 from lab.batch.compiled import Slotted, slotted
 from lab.batch.vehicle import OVERRIDE_SPAN_US, TICK_S, Readings, Rows, Timing
@@ -59,7 +62,9 @@ class Dof(NamedTuple):
     compensators: Any
     by_observer: bool
     max_disturbance: float
-    observer: ObserverParameters
+    tables: Tables
+    lag_s: float
+    """Of the nominal thrusters."""
     sensor_delay_s: float
     max_extrapolation_s: float
 
@@ -72,6 +77,7 @@ class Companion(NamedTuple):
     yaw: Dof
     hidden: ObserverParameters
     finds_hidden: bool
+    adapts: bool
     levels: bool
     roll: levelling.Levelling
     pitch: levelling.Levelling
@@ -93,6 +99,10 @@ class Observed(NamedTuple):
     state: ObserverState
     at: float
     mean_d: float
+    model: ModelState
+    found: Found
+    used: Used
+    scheduled: Scheduled
 
 
 class Held(NamedTuple):
@@ -193,8 +203,11 @@ def observe(
     c: float,
     position: float,
     rate: float,
+    adapts: bool,
 ) -> tuple[Observed, float, float, float, float]:
-    """Bring an observer on to `until` and correct it (`Estimator._observe`).
+    """Bring an observer on to `until` and correct it (`Estimator._observe`, `ModelLearner`).
+
+    m and c are the nominal vehicle's.
 
     Return it, the thrust that was in force, for how long (s), and what was measured, brought to that moment.
     """
@@ -207,22 +220,51 @@ def observe(
             commands, column, tick, since - command
         )
         thrust /= until - since
-    state = observer.advance(dof.observer, before.state, thrust, m, c, dt_s)
-    expected, rates = observer.expected(state), observer.rates(state, m, c)
+    parameters, gain = before.scheduled.control, math.exp(before.used.log_gain)
+    m_eff, c_eff = m / gain, c / gain
+    state = observer.advance(parameters, before.state, thrust, m_eff, c_eff, dt_s)
+    expected, rates = observer.expected(state), observer.rates(state, m_eff, c_eff)
     most_s = dof.max_extrapolation_s
     later_s = clamped(at.believed_age_s - at.telemetry_s - 0.5 * TICK_S, -most_s, most_s)
     position, rate = position + rates[0] * later_s, rate + rates[1] * later_s
     missed = position - expected[0]
     if dof.reference.angular:
         missed = wrap(missed)
-    state = observer.correct(dof.observer, state, missed, rate - expected[1])
+    state = observer.correct(parameters, state, missed, rate - expected[1])
     mean_d = mean_disturbance(before.mean_d, state.d, TICK_S)
-    return Observed(state, until, mean_d), thrust, dt_s, position, rate
+    model, found, used = before.model, before.found, before.used
+    if adapts and dt_s > 0.0:
+        g, here = math.exp(found.log_gain), before.scheduled.here
+        slow = ObserverParameters(found.lag_s, here.slow_time_s, here.by_position, here.by_rate)
+        model, evidence = vehicle_model.observe(
+            slow, model, thrust, m / g, c / g, dt_s, position, rate, dof.reference.angular
+        )
+        if evidence.gain_gain > 0.0:
+            found = vehicle_model.learn(found, evidence, TICK_S)
+            used = vehicle_model.follow(used, found)
+    now = Observed(state, until, mean_d, model, found, used, before.scheduled)
+    return now, thrust, dt_s, position, rate
+
+
+def rescheduled(dof: Dof, before: Observed) -> Observed:
+    """Look the observers up where the model has moved (`ModelLearner.turn`)."""
+    if vehicle_model.is_near(before.scheduled, before.used):
+        return before
+    return Observed(
+        before.state,
+        before.at,
+        before.mean_d,
+        before.model,
+        before.found,
+        before.used,
+        vehicle_model.schedule(dof.tables, before.used),
+    )
 
 
 def predict(
     dof: Dof,
     now: Observed,
+    used: Used,
     gain_scale: float,
     commands: Rows,
     column: int,
@@ -233,9 +275,12 @@ def predict(
     m: float,
     c: float,
 ) -> Estimate:
-    """Predict through the commands on their way, the first of which was sent at `since`, `ahead_s` on."""
-    step_s = ahead_s / steps
-    model = observer.coefficients(dof.observer, m, c, step_s)
+    """Predict through the commands on their way, the first of which was sent at `since`, `ahead_s` on.
+
+    `used` is the model of the tick before; m and c are the nominal vehicle's.
+    """
+    step_s, gain = ahead_s / steps, math.exp(used.log_gain)
+    model = observer.coefficients(now.scheduled.control, m / gain, c / gain, step_s)
     d_hat = scaled_disturbance(now.mean_d, now.state.d, gain_scale)
     motion = (now.state.q, now.state.v, now.state.f)
     before = given(commands, column, tick, since)
@@ -301,20 +346,25 @@ def control(
     k_plus_h: float,
     delay_s: float,
     learns: bool,
+    used: Used,
 ) -> tuple[Held, float]:
     """Return what is remembered, and the force (N) or moment (N·m) that is asked for (`Controller.step`)."""
+    gain, late_s = math.exp(used.log_gain), delay_s + vehicle_model.later_s(used, dof.lag_s)
     scale, free = before.oscillation.gain_scale, not before.saturated
     e_dot = x.v - x_d.x_d_dot
-    lam, kappa, learning_scale, left = scheduled(dof.gains, delay_s, scale)
+    lam, kappa, learning_scale, left = scheduled(dof.gains, late_s, scale)
     signals = Signals(e, e_dot, e_dot + lam * e, x.v, x_d.x_d_dot, x_d.x_d_ddot)
     d = limited(x.d, dof.max_disturbance) if dof.by_observer else 0.0
-    learnt, found = learn(dof.compensators, before.learnt, signals, learning_scale * TICK_S, learns and free)
+    learnt, found = learn(
+        dof.compensators, before.learnt, signals, learning_scale / gain * TICK_S, learns and free
+    )
     mean_d = mean_disturbance(before.mean_d, d + found, TICK_S)
     d_hat = scaled_disturbance(mean_d, d + found, scale)
-    motion = Motion(e, e_dot, x.v, x_d.x_d_ddot, m, k_plus_h, d_hat, lam, kappa, left, free)
+    motion = Motion(e, e_dot, x.v, x_d.x_d_ddot, m / gain, k_plus_h / gain, d_hat, lam, kappa, left, free)
     law, terms = force(dof.law, before.law, motion, TICK_S)
     tau = terms.feedforward + terms.feedback + terms.d_hat
-    watched = oscillation.step(dof.oscillation, before.oscillation, tau, TICK_S, delay_s)
+    believed_s = late_s + oscillation.LOG_GAIN_COUNTS_S * used.log_gain
+    watched = oscillation.step(dof.oscillation, before.oscillation, tau, TICK_S, believed_s)
     return Held(
         before.began,
         x_d,
@@ -338,6 +388,7 @@ def control_heave(
     k_plus_h: float,
     delay_s: float,
     learns: bool,
+    used: Used,
 ) -> tuple[Held, float]:
     """`control` with heave's compensators and law: a slot."""
     raise NotImplementedError
@@ -353,6 +404,7 @@ def control_yaw(
     k_plus_h: float,
     delay_s: float,
     learns: bool,
+    used: Used,
 ) -> tuple[Held, float]:
     """`control` with yaw's compensators and law: a slot."""
     raise NotImplementedError
@@ -371,12 +423,25 @@ def held_yaw(dof: Dof, start: Estimate) -> Held:
 # A tick
 
 
+def first_observed(dof: Dof, position: float) -> Observed:
+    """Observe the nominal vehicle from a known place."""
+    nominal = Used(0.0, dof.lag_s)
+    return Observed(
+        observer.at_rest(position),
+        math.inf,
+        0.0,
+        vehicle_model.start(position),
+        vehicle_model.nothing_found(dof.lag_s),
+        nominal,
+        vehicle_model.schedule(dof.tables, nominal),
+    )
+
+
 def start(companion: Companion, readings: Readings) -> Memory:
     """Engage where the first telemetry puts the vehicle."""
-    z, psi = observer.at_rest(readings.depth), observer.at_rest(readings.heading)
     return Memory(
-        Observed(z, math.inf, 0.0),
-        Observed(psi, math.inf, 0.0),
+        first_observed(companion.heave, readings.depth),
+        first_observed(companion.yaw, readings.heading),
         hidden_delay.start(readings.depth, 0.0),
         held_heave(companion.heave, Estimate(readings.depth, 0.0, 0.0)),
         held_yaw(companion.yaw, Estimate(readings.heading, 0.0, 0.0)),
@@ -413,16 +478,30 @@ def step(
     z_age_s = late_s + heave.sensor_delay_s + before.hidden.hidden_s
     psi_age_s = late_s + yaw.sensor_delay_s
     z_at, psi_at = tick - z_age_s / TICK_S, tick - psi_age_s / TICK_S
+    z_before, psi_before = rescheduled(heave, before.z), rescheduled(yaw, before.psi)
     z, thrust, dt_s, position, rate = observe(
-        at, heave, before.z, commands, HEAVE, tick, z_at, m_z, drag[Z], readings.depth, readings.sink
+        at,
+        heave,
+        z_before,
+        commands,
+        HEAVE,
+        tick,
+        z_at,
+        m_z,
+        drag[Z],
+        readings.depth,
+        readings.sink,
+        companion.adapts,
     )
-    hidden = before.hidden
+    hidden, g_z = before.hidden, math.exp(z_before.used.log_gain)
     if companion.finds_hidden and dt_s > 0.0:
-        hidden = hidden_delay.step(companion.hidden, hidden, thrust, m_z, drag[Z], dt_s, position, rate)
+        hidden = hidden_delay.step(
+            companion.hidden, hidden, thrust, m_z / g_z, drag[Z] / g_z, dt_s, position, rate
+        )
     psi, _, _, _, _ = observe(
         at,
         yaw,
-        before.psi,
+        psi_before,
         commands,
         YAW,
         tick,
@@ -431,6 +510,7 @@ def step(
         drag[PSI],
         readings.heading,
         readings.heading_rate,
+        companion.adapts,
     )
     oldest_s = max(z_age_s, late_s + companion.longest_delay_s)
     steps = max(1, math.ceil((oldest_s + ahead_s) / PREDICTION_STEP_S))
@@ -438,6 +518,7 @@ def step(
     z_ahead = predict(
         heave,
         z,
+        z_before.used,
         before.heave.oscillation.gain_scale,
         commands,
         HEAVE,
@@ -451,6 +532,7 @@ def step(
     psi_ahead = predict(
         yaw,
         psi,
+        psi_before.used,
         before.yaw.oscillation.gain_scale,
         commands,
         YAW,
@@ -470,9 +552,11 @@ def step(
     r = psi_ahead.v - (1.0 - before.yaw.oscillation.gain_scale) * (psi_ahead.v - psi_d.x_d_dot)
     k_plus_h = coriolis_and_damping(model, STRAIGHT, (0.0, 0.0, w, r))
     e_z, e_psi = z_ahead.q - z_d.x_d, wrap(psi_ahead.q - psi_d.x_d)
-    heave_law, down = control_heave(heave, before.heave, z_d, z_ahead, e_z, m_z, k_plus_h[Z], delay_s, learns)
+    heave_law, down = control_heave(
+        heave, before.heave, z_d, z_ahead, e_z, m_z, k_plus_h[Z], delay_s, learns, z.used
+    )
     yaw_law, turn = control_yaw(
-        yaw, before.yaw, psi_d, psi_ahead, e_psi, m_psi, k_plus_h[PSI], delay_s, learns
+        yaw, before.yaw, psi_d, psi_ahead, e_psi, m_psi, k_plus_h[PSI], delay_s, learns, psi.used
     )
 
     # Actuation.step
@@ -482,15 +566,19 @@ def step(
     roll, pitch, K, M = before.roll, before.pitch, 0.0, 0.0
     if companion.levels:
         pushed, most = before.pushed, companion.max_force
+        tilt_gain = math.exp(z.used.log_gain)
+        tilt_delay_s = delay_s + vehicle_model.later_s(z.used, heave.lag_s)
         roll, K = levelling.step(
             companion.roll,
             roll,
             readings.roll,
             readings.p,
             limited(pushed[1], most[1]),
-            delay_s,
+            tilt_delay_s,
             TICK_S,
             True,
+            tilt_gain,
+            z.used.lag_s,
         )
         pitch, M = levelling.step(
             companion.pitch,
@@ -498,9 +586,11 @@ def step(
             readings.pitch,
             readings.q,
             limited(pushed[0], most[0]),
-            delay_s,
+            tilt_delay_s,
             TICK_S,
             True,
+            tilt_gain,
+            z.used.lag_s,
         )
     wanted, saturated = allocate(
         companion.thrusters, (X, Y, along_z, yaw_share * turn, K, M), voltage_v, companion.reach
@@ -612,6 +702,7 @@ def companion_of(config: Config, finds_hidden: bool = True, damps: bool = True) 
         yaw=dofs[1],
         hidden=estimator.hidden_delay_parameters(config, model),
         finds_hidden=finds_hidden,
+        adapts=config.vehicle.adapts,
         levels=config.levels,
         roll=roll,
         pitch=pitch,
@@ -639,10 +730,16 @@ def _dof(config: Config, dof: int, damps: bool) -> Dof:
         compensators=learners,
         by_observer=one.by_observer,
         max_disturbance=one.max_disturbance,
-        observer=estimator.parameters_of(config, model, dof, axis.disturbance_noise),
+        tables=Tables(*map(_arrayed, estimator.model_tables(config, model)[dof])),
+        lag_s=config.thrusters.lag_s,
         sensor_delay_s=axis.sensor_delay_s,
         max_extrapolation_s=estimator.MAX_EXTRAPOLATION_S[dof],
     )
+
+
+def _arrayed(table: ObserverTable) -> ObserverTable:
+    """Return a table whose rows numba takes as one array."""
+    return ObserverTable(table.log_gains, table.lags_s, table.slow_time_s, np.array(table.rows))  # type: ignore[arg-type]
 
 
 def slots_of(config: Config) -> dict[str, Slotted]:

@@ -20,11 +20,13 @@ from pathlib import Path
 import numpy as np
 from msgspec.structs import replace
 
+from companion import assembly
 from companion.config import Config
+from companion.control.allocation import T200_VOLTAGE_V, delivered
 from companion.control.bounds import wrap
 from companion.control.oscillation import SHARE
 from companion.engine import Engine
-from companion.records import Array, Request, Setpoint, State
+from companion.records import Array, AxisCommand, Request, Setpoint, State
 from lab.loop.firmware import vehicle_of
 from lab.loop.lockstep import Link, Lockstep, Step
 from sim_bridge.config import SimConfig
@@ -230,8 +232,17 @@ def judged(cell: Cell, seed: int, steps: Sequence[Step], gave_up: str, config: C
     since = round(SETTLED_S / TICK_S)
     if len(steps) < round(WINDOW_S / TICK_S):
         return Outcome(cell, seed, gave_up or "too short", (math.nan,) * 6, (math.nan,) * 4, math.nan)
-    largest = np.array([axis.max_force for axis in config.axes] + [config.levelling.max_axis] * 2)
-    demand = np.array([(*one.sample.dofs.tau, *one.sample.command[4:]) for one in steps])
+    thrusters, most = assembly.thrusters(config), config.levelling.max_axis
+    largest = np.array(
+        [axis.max_force for axis in config.axes]
+        + [*delivered(thrusters, AxisCommand(roll=most, pitch=most), T200_VOLTAGE_V)[4:]]
+    )
+    demand = np.array(
+        [
+            (*one.sample.dofs.tau, *delivered(thrusters, one.sample.command, one.sample.state.voltage_v)[4:])
+            for one in steps
+        ]
+    )
     disturbance = np.array([one.truth.disturbance for one in steps])[:, [0, 1, 2, 5]]
     gain = cell.gain if cell.axis == "all" else 1.0
     gains = np.array([cell.gain if axis == cell.axis else gain for axis in AXES[:-1]])

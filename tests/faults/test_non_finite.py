@@ -90,14 +90,15 @@ def test_a_fault_of_a_number_that_is_not_finite_can_be_cleared(path):
 
 def test_a_fault_that_lasts_as_long_as_its_cause_ends_with_it():
     dive: Dive = active()
-    estimator = dive.engine._estimator
-    sound, estimator._parameters = estimator._parameters, spoiled(estimator._parameters)
+    learner = dive.engine._estimator.learner
+    sound = learner._tables
+    learner.retune(spoiled(sound))
     with np.errstate(all="ignore"):
         dive.until(State.FAULT)
         dive.ask(Request.CLEAR_FAULT)
         dive.run(1.0)
     assert dive.state is State.FAULT
-    estimator._parameters = sound
+    learner.retune(sound)
     dive.run(5.0)
     dive.ask(Request.CLEAR_FAULT)
     dive.run(0.5)

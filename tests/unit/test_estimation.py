@@ -300,7 +300,7 @@ def test_stamps_that_stray_do_not_set_it_swinging(stray_s):
 def test_as_far_as_a_sample_is_brought_its_error_does_not_feed_itself(side):
     """Error of the observer from tick to tick, (I - K H) A, H with the rates by which samples are brought."""
     for parameters, m, d1, d2, most_s in zip(
-        estimator()._parameters, M, D1, D2, MAX_EXTRAPOLATION_S, strict=True
+        map(estimator().learner.parameters, range(4)), M, D1, D2, MAX_EXTRAPOLATION_S, strict=True
     ):
         gain = np.transpose((parameters.by_position, parameters.by_rate))
         for speed in (0.0, 0.1, 0.5, 1.0, 2.0):

@@ -35,12 +35,14 @@ class Vehicle:
         self.states = [START, START]
 
 
-def moments(angles=REST, rates=REST, force=REST, delay_s=NEAR_S, *, of=None, learn=False):
+def moments(
+    angles=REST, rates=REST, force=REST, delay_s=NEAR_S, *, of=None, learn=False, gain=1.0, lag_s=LAG_S
+):
     """Return K and M beside the forces X and Y."""
     vehicle = of or Vehicle()
     X, Y = force
     found = [
-        step(part, state, angle, rate, push, delay_s, TICK_S, learn)
+        step(part, state, angle, rate, push, delay_s, TICK_S, learn, gain, lag_s)
         for part, state, angle, rate, push in zip(
             vehicle.parts, vehicle.states, angles, rates, (Y, X), strict=True
         )
@@ -68,6 +70,22 @@ def test_it_leads_the_thrusters_lag():
     led = 1.0 + (LAG_S / FILTER_S - 1.0) * np.exp(-TICK_S / FILTER_S)
     assert answers[0] == pytest.approx(settled * led)
     assert answers[-1] == pytest.approx(settled, rel=1e-3)
+
+
+def test_a_vehicle_that_answers_more_strongly_is_asked_for_less():
+    nominal, strong, weak = (moments(np.array([0.1, 0.0]), gain=gain)[0] for gain in (1.0, 2.0, 0.5))
+    assert strong == pytest.approx(0.5 * nominal)
+    assert weak == nominal
+
+
+def test_quicker_thrusters_are_led_less():
+    growing = {}
+    for lag_s in (LAG_S, 0.05, 0.3):
+        one = Vehicle(100.0)
+        moments(of=one, lag_s=lag_s)
+        growing[lag_s] = moments(np.array([0.1, 0.0]), of=one, lag_s=lag_s)[0]
+    assert growing[0.05] == pytest.approx(-0.4 * OMEGA**2 * 0.1)
+    assert growing[0.3] == growing[LAG_S] < growing[0.05]
 
 
 def test_a_late_loop_is_a_softer_one():

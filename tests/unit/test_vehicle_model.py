@@ -1,0 +1,163 @@
+"""Gain and lag of the vehicle: found where it moves, left alone where it does not, and used with care."""
+
+import math
+
+import numpy as np
+import pytest
+
+from companion import assembly
+from companion.config import load_config
+from companion.control.positioning import jacobian
+from companion.estimation.estimator import model_tables
+from companion.estimation.model_learner import ModelLearner
+from companion.estimation.observer import observer_parameters, scheduled_parameters
+from companion.estimation.vehicle_model import (
+    LEAST_LAG_S,
+    MOST_LAG_S,
+    MOST_LOG_GAIN,
+    PRIOR_LOG_GAIN,
+    Evidence,
+    Found,
+    Used,
+    doubt,
+    follow,
+    learn,
+    nothing_found,
+)
+from companion.records import PSI, X, Y, Z
+
+CONFIG = load_config()
+MODEL = assembly.model(CONFIG)
+TABLES = model_tables(CONFIG, MODEL)
+LAG_S, DT_S = CONFIG.thrusters.lag_s, 0.02
+EVERY, NONE = (True,) * 4, (False,) * 4
+NORTH = jacobian(0.0)
+
+
+def learner():
+    return ModelLearner(TABLES, LAG_S, adapts=True)
+
+
+def dived(of, gain, lag_s, seconds, force=0.25, dof=Z, heading=0.0, learns=EVERY, noise=0.001, seed=1):
+    """Move one degree of freedom of a vehicle open loop, by a random share of its largest force."""
+    rng = np.random.default_rng(seed)
+    J, u, f, v, q = jacobian(heading), 0.0, 0.0, 0.0, 0.0
+    m, c, most = MODEL.m[dof], MODEL.d1[dof], CONFIG.axes[dof].max_force
+    for _ in range(round(seconds / DT_S)):
+        u = 0.97 * u + 0.24 * force * most * rng.standard_normal()
+        for _ in range(10):
+            f += (u - f) * (1.0 - math.exp(-0.1 * DT_S / lag_s))
+            v += 0.1 * DT_S * gain * (f - c * v / gain) / m
+            q += 0.1 * DT_S * v
+        of.turn(J)
+        of.observe(dof, u, m, c, DT_S, q + noise * rng.standard_normal(), v + noise * rng.standard_normal())
+        of.learn(learns, DT_S)
+    return of.model
+
+
+@pytest.mark.parametrize(("gain", "lag_s"), [(1.0, 0.15), (3.0, 0.05), (0.4, 0.25)])
+@pytest.mark.parametrize("dof", [X, Z, PSI])
+def test_open_loop_it_finds_gain_and_lag(dof, gain, lag_s):
+    model = dived(learner(), gain, lag_s, 30.0, dof=dof)
+    assert model.found_gain[dof] == pytest.approx(gain, rel=0.2)
+    assert model.found_lag_s[dof] == pytest.approx(lag_s, rel=0.25, abs=0.02)
+    assert min(gain, 1.0) <= model.gain[dof] <= max(gain, 1.0)
+    assert model.log_gain_doubt[dof] < 0.3
+    for other in {X, Y, Z, PSI} - {dof}:
+        assert model.found_gain[other] == 1.0
+
+
+def test_the_heading_tells_surge_from_sway():
+    """Heading east, what moves it north is sway."""
+    model = dived(learner(), 2.0, LAG_S, 20.0, dof=X, heading=math.pi / 2)
+    assert model.found_gain[Y] == pytest.approx(2.0, rel=0.1)
+    assert model.found_gain[X] == pytest.approx(1.0, abs=1e-3)
+    assert model.dof_gain[X] == pytest.approx(model.gain[Y])
+
+
+@pytest.mark.parametrize("changed", [{"force": 0.0}, {"learns": NONE}])
+def test_what_does_not_move_or_may_not_learn_stays_nominal(changed):
+    model = dived(learner(), 3.0, 0.05, 20.0, **changed)
+    assert model.found_gain == model.gain == (1.0,) * 4
+    assert model.found_lag_s == model.lag_s == (LAG_S,) * 4
+
+
+def test_a_vehicle_that_changes_is_found_again():
+    """A load of half the mass is taken: the gain falls to two thirds."""
+    of = learner()
+    assert dived(of, 1.0, LAG_S, 20.0).found_gain[Z] == pytest.approx(1.0, rel=0.1)
+    of.begin(Z, 0.0)
+    assert dived(of, 1 / 1.5, LAG_S, 20.0, seed=2).found_gain[Z] == pytest.approx(1 / 1.5, rel=0.15)
+
+
+def test_reset_forgets_and_retune_does_not():
+    of = learner()
+    found = dived(of, 3.0, 0.05, 20.0)
+    of.retune(model_tables(CONFIG, MODEL))
+    assert of.model == found
+    of.reset()
+    assert of.model.gain == of.model.found_gain == (1.0,) * 4
+    of.turn(NORTH)
+    assert of.parameters(Z) == scheduled_parameters(TABLES[Z].control, 0.0, LAG_S)
+
+
+def test_the_nominal_observer_is_in_the_table():
+    table, axis = TABLES[Z].control, CONFIG.heave
+    assert scheduled_parameters(table, 0.0, LAG_S).by_rate == pytest.approx(table.rows[12][6:])
+    beyond = scheduled_parameters(table, 9.0, 9.0)
+    assert beyond.by_position == pytest.approx(table.rows[24][:6])
+    assert axis.mass == MODEL.m[Z]
+
+
+def test_between_its_nodes_the_table_is_near_the_riccati_equation():
+    from companion.estimation.estimator import TYPICAL_RATE, _noise
+
+    drag = MODEL.d1[Z] + TYPICAL_RATE * MODEL.d2[Z]
+    noise = _noise(CONFIG, Z, CONFIG.heave.disturbance_noise)
+    for log_gain, lag_s in ((0.35, 0.12), (-1.0, 0.2), (0.9, 0.06)):
+        g = math.exp(log_gain)
+        exact = observer_parameters(MODEL.m[Z] / g, drag / g, lag_s, noise, DT_S)
+        found = scheduled_parameters(TABLES[Z].control, log_gain, lag_s)
+        assert found.by_rate.v == pytest.approx(exact.by_rate.v, rel=0.1)
+        assert found.by_rate.d == pytest.approx(exact.by_rate.d, rel=0.2)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_it_stays_within_its_bounds_and_moves_slowly(sign):
+    found, steps = nothing_found(LAG_S), []
+    for _ in range(1000):
+        before = found
+        found = learn(found, Evidence(1e6 * sign, 1e6 * sign, 1e4, 0.0, 1e4), DT_S)
+        steps.append((abs(found.log_gain - before.log_gain), abs(found.lag_s - before.lag_s)))
+    assert max(step for step, _ in steps) <= 1.0 * DT_S + 1e-12
+    assert max(step for _, step in steps) <= 0.2 * DT_S + 1e-12
+    assert found.log_gain == pytest.approx(sign * MOST_LOG_GAIN)
+    assert found.lag_s == (MOST_LAG_S if sign > 0 else LEAST_LAG_S)
+
+
+def test_numbers_gone_bad_teach_nothing():
+    found = nothing_found(LAG_S)
+    assert learn(found, Evidence(math.nan, 0.0, 1e4, 0.0, 1e4), DT_S) == found
+    assert learn(found, Evidence(0.0, 0.0, math.inf, 0.0, 1e4), DT_S) == found
+
+
+def test_information_is_forgotten_and_doubt_returns():
+    found = learn(nothing_found(LAG_S), Evidence(0.0, 0.0, 1e4, 0.0, 1e6), DT_S)
+    assert doubt(found)[0] == pytest.approx(0.01, rel=0.01)
+    for _ in range(20000):
+        found = learn(found, Evidence(0.0, 0.0, 0.0, 0.0, 0.0), DT_S)
+    assert doubt(found)[0] == pytest.approx(PRIOR_LOG_GAIN, rel=0.01)
+
+
+def test_the_model_in_use_follows_what_is_certain():
+    nominal = Used(0.0, LAG_S)
+    doubtful, sure = (Found(1.0, LAG_S, information, 0.0, 1e6) for information in (0.0, 1e4))
+    assert follow(Used(0.9, LAG_S), doubtful) == Used(0.9, LAG_S)
+    used = follow(nominal, sure)
+    assert 0.85 < used.log_gain < 1.0
+    assert follow(used, sure).log_gain == pytest.approx(used.log_gain)
+
+
+def test_less_gain_takes_more_certainty_than_more():
+    more, less = (follow(Used(0.0, LAG_S), Found(g, LAG_S, 100.0, 0.0, 1e6)) for g in (1.0, -1.0))
+    assert more.log_gain > -less.log_gain > 0.0
