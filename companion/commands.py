@@ -290,7 +290,7 @@ def identify(argv: list[str]) -> int:
     except OSError as error:
         sys.stderr.write(f"holdfast identify: {error}\n")
         return 1
-    if manoeuvre.failure or not manoeuvre.stretches:
+    if manoeuvre.failure or not (manoeuvre.done and manoeuvre.stretches):
         sys.stderr.write(
             f"holdfast identify: broken off: {manoeuvre.failure or 'stopped'}; nothing was written\n"
         )
