@@ -36,7 +36,7 @@ examples:
 
 
 def demo(argv: list[str]) -> int:
-    """Show what the pilot has today beside Holdfast, in a simulated dive of a minute."""
+    """Dive a minute: what the pilot has today, beside Holdfast."""
     if not _has("demo", "rich", "matplotlib"):
         return 1
     from lab.demo.demo import main
