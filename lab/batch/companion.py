@@ -378,46 +378,9 @@ def control(
     ), tau
 
 
-def control_heave(
-    dof: Dof,
-    before: Held,
-    x_d: reference.State,
-    x: Estimate,
-    e: float,
-    m: float,
-    k_plus_h: float,
-    delay_s: float,
-    learns: bool,
-    used: Used,
-) -> tuple[Held, float]:
-    """`control` with heave's compensators and law: a slot."""
-    raise NotImplementedError
-
-
-def control_yaw(
-    dof: Dof,
-    before: Held,
-    x_d: reference.State,
-    x: Estimate,
-    e: float,
-    m: float,
-    k_plus_h: float,
-    delay_s: float,
-    learns: bool,
-    used: Used,
-) -> tuple[Held, float]:
-    """`control` with yaw's compensators and law: a slot."""
-    raise NotImplementedError
-
-
-def held_heave(dof: Dof, start: Estimate) -> Held:
-    """`held` with heave's compensators and law: a slot."""
-    raise NotImplementedError
-
-
-def held_yaw(dof: Dof, start: Estimate) -> Held:
-    """`held` with yaw's compensators and law: a slot."""
-    raise NotImplementedError
+# Slots: heave and yaw have compensators and laws of their own.
+control_heave = control_yaw = control
+held_heave = held_yaw = held
 
 
 # A tick

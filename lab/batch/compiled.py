@@ -82,6 +82,13 @@ def compiled(function: Callable[..., Any] | Slotted) -> Any:
     return numba.njit(**OPTIONS)(_with_callees(*entry))
 
 
+@functools.cache
+def _callee(function: Callable[..., Any] | Slotted) -> Any:
+    """Return the same for calls from what is compiled alone: an entry from Python costs as much again."""
+    entry = function if isinstance(function, Slotted) else Slotted(function, ())
+    return numba.njit(no_cpython_wrapper=True, no_cfunc_wrapper=True, **OPTIONS)(_with_callees(*entry))
+
+
 def _with_callees(
     function: Callable[..., Any], slots: tuple[tuple[str, Callable[..., Any] | Slotted], ...]
 ) -> FunctionType:
@@ -92,13 +99,13 @@ def _with_callees(
     for name in named & scope.keys():
         value = scope[name]
         if _is_python(value) and value is not function:
-            scope[name] = compiled(value)
+            scope[name] = _callee(value)
         elif isinstance(value, ModuleType):
             functions = {key: one for key in attributes if _is_python(one := vars(value).get(key))}
             if functions:
                 scope[name] = ModuleType(value.__name__)
-                vars(scope[name]).update(vars(value) | {key: compiled(one) for key, one in functions.items()})
-    scope |= {name: compiled(chosen) for name, chosen in slots}
+                vars(scope[name]).update(vars(value) | {key: _callee(one) for key, one in functions.items()})
+    scope |= {name: _callee(chosen) for name, chosen in slots}
     copy = FunctionType(function.__code__, scope, function.__name__, function.__defaults__)
     functools.update_wrapper(copy, function)
     return copy

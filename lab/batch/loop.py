@@ -10,14 +10,15 @@ from typing import NamedTuple
 import numpy as np
 
 from companion.control.bounds import clamped, wrap
-from companion.records import Axes, Z
-from lab.batch.companion import NO_AXES, Companion, Memory
+from companion.records import Z
+from lab.batch.companion import NO_AXES, Companion
+from lab.batch.companion import start as start_companion
+from lab.batch.companion import step as step_companion
 from lab.batch.vehicle import (
     ENGAGED_S,
     STEPS,
     TICK_S,
     Drawn,
-    Readings,
     Rows,
     Timing,
     Vehicle,
@@ -29,7 +30,6 @@ from lab.batch.vehicle import (
 )
 from sim_bridge.physics import plant, thrusters
 from sim_bridge.physics.body import STEP_S
-from sim_bridge.physics.plant import Three
 from sim_bridge.physics.thrusters import NO_THRUST
 
 LOST_M = 5.0
@@ -48,26 +48,6 @@ class Figures(NamedTuple):
     tilt_deg: float
     hidden_s: float
     lost_s: float
-
-
-def start_companion(companion: Companion, readings: Readings) -> Memory:
-    """`companion.start` with its slots filled: a slot."""
-    raise NotImplementedError
-
-
-def step_companion(
-    companion: Companion,
-    at: Timing,
-    voltage_v: float,
-    before: Memory,
-    readings: Readings,
-    z_target: Three,
-    psi_target: Three,
-    commands: Rows,
-    tick: int,
-) -> tuple[Memory, Axes]:
-    """`companion.step` with its slots filled: a slot."""
-    raise NotImplementedError
 
 
 def dive(
