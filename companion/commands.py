@@ -249,7 +249,7 @@ def check(argv: list[str]) -> int:
 
 
 def identify(argv: list[str]) -> int:
-    """Measure a vehicle's mass, damping, lag and buoyancy by a manoeuvre, and write its file."""
+    """Measure a vehicle's mass, damping and lag by moving it, and write its file."""
     parser = argparse.ArgumentParser(
         prog="holdfast identify",
         description="Holds the vehicle as `holdfast run` does, and moves each axis to and fro in turn, half "
