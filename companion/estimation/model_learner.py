@@ -22,7 +22,9 @@ AXES = 4
 class ModelLearner:
     """Learns surge, sway, heave and yaw from x, y, z and psi: surge and sway share x and y by the heading.
 
-    Log gain and lag of a degree of freedom are those of its axes by cos² and sin² of the heading.
+    Log gain and lag of a degree of freedom are those of its axes by cos² and sin² of the heading. All
+    thrusters have the lag that heave shows, which moves most: with a lag of its own each, an axis in a limit
+    cycle may take a strong vehicle for a late one.
     """
 
     def __init__(self, tables: Sequence[Tables], lag_s: float, *, adapts: bool) -> None:
@@ -95,7 +97,11 @@ class ModelLearner:
         moved = False
         for axis, evidence in enumerate(by_axis):
             if learns[axis] and evidence.gain_gain > 0.0:
-                found = vehicle_model.learn(self._found[axis], evidence, dt_s)
+                before = self._found[axis]
+                if axis == Z:
+                    found = vehicle_model.learn(before, evidence, dt_s)
+                else:
+                    found = vehicle_model.learn_gain(before, evidence, self._found[Z], dt_s)
                 self._found[axis] = found
                 if self._adapts:
                     self._used[axis] = vehicle_model.follow(self._used[axis], found)

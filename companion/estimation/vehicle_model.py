@@ -226,6 +226,19 @@ def learn(found: Found, evidence: Evidence, dt_s: float) -> Found:
     return Found(log_gain, lag_s, gain_gain, gain_lag, lag_lag)
 
 
+def learn_gain(found: Found, evidence: Evidence, of_lag: Found, dt_s: float) -> Found:
+    """Take in the evidence of one tick on γ alone; T is what `of_lag` found of it."""
+    gain_gain = math.exp(-dt_s / MEMORY_S) * found.gain_gain + evidence.gain_gain
+    known = 1.0 / (PRIOR_LOG_GAIN * PRIOR_LOG_GAIN)
+    log_gain = found.log_gain
+    if gain_gain > INFORMED * known:
+        more = limited(evidence.gain / (gain_gain + known), LOG_GAIN_PER_S * dt_s)
+        log_gain = clamped(log_gain + more, -MOST_LOG_GAIN, MOST_LOG_GAIN)
+    if not math.isfinite(log_gain + gain_gain):
+        return found
+    return Found(log_gain, of_lag.lag_s, gain_gain, 0.0, of_lag.lag_lag)
+
+
 def covariance(found: Found) -> tuple[float, float, float]:
     """Return (R + P⁻¹)⁻¹: variance of γ, covariance, variance of T."""
     a = found.gain_gain + 1.0 / (PRIOR_LOG_GAIN * PRIOR_LOG_GAIN)

@@ -204,10 +204,11 @@ def observe(
     position: float,
     rate: float,
     adapts: bool,
+    of_lag: Found,
 ) -> tuple[Observed, float, float, float, float]:
     """Bring an observer on to `until` and correct it (`Estimator._observe`, `ModelLearner`).
 
-    m and c are the nominal vehicle's.
+    m and c are the nominal vehicle's; `of_lag` is what heave found of the lag.
 
     Return it, the thrust that was in force, for how long (s), and what was measured, brought to that moment.
     """
@@ -240,7 +241,10 @@ def observe(
             slow, model, thrust, m / g, c / g, dt_s, position, rate, dof.reference.angular
         )
         if evidence.gain_gain > 0.0:
-            found = vehicle_model.learn(found, evidence, TICK_S)
+            if dof.reference.angular:
+                found = vehicle_model.learn_gain(found, evidence, of_lag, TICK_S)
+            else:
+                found = vehicle_model.learn(found, evidence, TICK_S)
             used = vehicle_model.follow(used, found)
     now = Observed(state, until, mean_d, model, found, used, before.scheduled)
     return now, thrust, dt_s, position, rate
@@ -455,6 +459,7 @@ def step(
         readings.depth,
         readings.sink,
         companion.adapts,
+        z_before.found,
     )
     hidden, g_z = before.hidden, math.exp(z_before.used.log_gain)
     if companion.finds_hidden and dt_s > 0.0:
@@ -474,6 +479,7 @@ def step(
         readings.heading,
         readings.heading_rate,
         companion.adapts,
+        z.found,
     )
     oldest_s = max(z_age_s, late_s + companion.longest_delay_s)
     steps = max(1, math.ceil((oldest_s + ahead_s) / PREDICTION_STEP_S))

@@ -55,9 +55,11 @@ def dived(of, gain, lag_s, seconds, force=0.25, dof=Z, heading=0.0, learns=EVERY
     return of.model
 
 
-@pytest.mark.parametrize(("gain", "lag_s"), [(1.0, 0.15), (3.0, 0.05), (0.4, 0.25)])
-@pytest.mark.parametrize("dof", [X, Z, PSI])
-def test_open_loop_it_finds_gain_and_lag(dof, gain, lag_s):
+@pytest.mark.parametrize(
+    ("dof", "gain", "lag_s"),
+    [(Z, 1.0, 0.15), (Z, 3.0, 0.05), (Z, 0.4, 0.25), (X, 3.0, LAG_S), (PSI, 3.0, LAG_S), (PSI, 0.4, LAG_S)],
+)
+def test_open_loop_it_finds_gain_and_of_heave_the_lag(dof, gain, lag_s):
     model = dived(learner(), gain, lag_s, 30.0, dof=dof)
     assert model.found_gain[dof] == pytest.approx(gain, rel=0.2)
     assert model.found_lag_s[dof] == pytest.approx(lag_s, rel=0.25, abs=0.02)
@@ -65,6 +67,13 @@ def test_open_loop_it_finds_gain_and_lag(dof, gain, lag_s):
     assert model.log_gain_doubt[dof] < 0.3
     for other in {X, Y, Z, PSI} - {dof}:
         assert model.found_gain[other] == 1.0
+
+
+def test_what_is_found_is_used_only_where_that_is_wanted():
+    idle = ModelLearner(TABLES, LAG_S, adapts=False)
+    model = dived(idle, 3.0, LAG_S, 20.0)
+    assert model.found_gain[Z] > 2.0
+    assert model.gain == (1.0,) * 4
 
 
 def test_the_heading_tells_surge_from_sway():
