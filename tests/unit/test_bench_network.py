@@ -126,3 +126,16 @@ def test_the_tables_tell_each_learner_over_the_observer() -> None:
 def test_what_is_counted_is_what_is_dived() -> None:
     rates = 1 + len(LEARNERS) * len(SETTLING_S)
     assert count(2) == rates * len(TRAINED_BY) * network.TRAINING + 2 * len(cases()) * (1 + len(LEARNERS))
+
+
+def test_the_study_searches_on_some_vehicles_and_judges_on_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    waves = {"waves": cases()["waves"]}
+    short = {"LEARNERS": ("network",), "SETTLING_S": (2.0,), "TRAINED_BY": ("waves",), "TRAINING": 1}
+    for name, value in (short | {"MEASURED_S": 1.0, "cases": lambda: waves}).items():
+        monkeypatch.setattr(network, name, value)
+    told: list[int] = []
+    found, outcomes = network.study(BASE, [], 1, lambda: told.append(1))
+    assert len(told) == count(1) == 4
+    assert found == {"network": Variant("network", (2.0,) * 4)}
+    assert [one.variant.learner for one in outcomes] == [OBSERVER, "network"]
+    assert {one.seed for one in outcomes} == {network.FIRST_SEED} != {network.FIRST_TRAINING_SEED}
