@@ -60,6 +60,9 @@ TILTS = 0.4
 """So much of the moment by which the horizontal motors tilt the vehicle its motion through the water may make
 as well (Munk's), besides that their lever is not exactly known."""
 
+OFF_CENTRE_M = 0.02
+"""So far the centre of drag may be aside of the horizontal motors' force."""
+
 HOLDS_S = 0.8
 PARDONED_S = 20.0
 """So long nobody is accused after one was taken back."""
@@ -97,7 +100,7 @@ class Sums(NamedTuple):
     ys: float
     ss: float
     oo: float
-    """Of the moment of the others: the horizontal motors' about roll and pitch."""
+    """Of the moment that the water may make while the horizontal motors push."""
 
 
 class Suspect(NamedTuple):
@@ -174,17 +177,18 @@ def step(
     y_yaw = parameters.yaw_inertia * (r - slow_r) / SLOW_S
 
     horizontal, vertical = (f[0], f[1], f[2], f[3]), (f[4], f[5], f[6], f[7])
-    sway = _moments(across, 1, horizontal, -lever_m * across.levers[1], 0.0)
-    surge = _moments(across, 0, horizontal, lever_m * across.levers[0], 0.0)
-    K = _moments(upright, 1, vertical, upright.levers[1], sway[0] - state.bias[0])
-    M = _moments(upright, 2, vertical, upright.levers[2], surge[0] - state.bias[1])
+    X = _moments(across, 0, horizontal, across.levers[0], 0.0)
+    Y = _moments(across, 1, horizontal, across.levers[1], 0.0)
+    by_sway, by_surge = -lever_m * Y[0], lever_m * X[0]
+    K = _moments(upright, 1, vertical, upright.levers[1], by_sway - state.bias[0])
+    M = _moments(upright, 2, vertical, upright.levers[2], by_surge - state.bias[1])
     N = _moments(across, 2, horizontal, across.levers[2], -state.bias[2])
     tip = (
         K[0],
-        K[0] + sway[1] - sway[0],
-        K[0] + sway[2] - sway[0],
-        K[0] + sway[3] - sway[0],
-        K[0] + sway[4] - sway[0],
+        K[0] - lever_m * (Y[1] - Y[0]),
+        K[0] - lever_m * (Y[2] - Y[0]),
+        K[0] - lever_m * (Y[3] - Y[0]),
+        K[0] - lever_m * (Y[4] - Y[0]),
     )
 
     slowly = dt_s / (PARDONED_BIAS_S if state.pardoned_s > 0.0 else BIAS_S) if state.dead == 0 else 0.0
@@ -194,9 +198,9 @@ def step(
         state.bias[2] + slowly * N[0],
     )
     keep = math.exp(-dt_s / MEMORY_S)
-    by_roll = _summed(state.roll, K, y_roll, slow_roll, sway[0], keep)
-    by_pitch = _summed(state.pitch, M, y_pitch, slow_pitch, surge[0], keep)
-    by_yaw = _summed(state.yaw, N, y_yaw, slow_r, 0.0, keep)
+    by_roll = _summed(state.roll, K, y_roll, slow_roll, TILTS * by_sway, keep)
+    by_pitch = _summed(state.pitch, M, y_pitch, slow_pitch, TILTS * by_surge, keep)
+    by_yaw = _summed(state.yaw, N, y_yaw, slow_r, OFF_CENTRE_M * math.sqrt(X[0] * X[0] + Y[0] * Y[0]), keep)
     tipped = _summed(state.tipped, tip, y_roll, slow_roll, 0.0, keep)
     pitches = 1.0 if upright.shares[2] > 0.0 else 0.0
 
@@ -313,7 +317,7 @@ def left(sums: Sums, hypothesis: int) -> float:
 
 def _least(first: Sums, second: Sums) -> float:
     """Return the mean square that says nothing, (N·m)²."""
-    return LEAST_NM * LEAST_NM + TILTS * TILTS * (first.oo + second.oo)
+    return LEAST_NM * LEAST_NM + first.oo + second.oo
 
 
 def _accused(first: Sums, second: Sums, weight: float) -> int:
@@ -335,7 +339,7 @@ def _doubted(sums: Sums) -> bool:
     """Tell whether the loss of any motor explains a turn better than no loss."""
     whole = left(sums, 0)
     least = min(left(sums, 1), left(sums, 2), left(sums, 3), left(sums, 4))
-    return whole > LEAST_NM * LEAST_NM and least < EXPLAINS * whole
+    return whole > LEAST_NM * LEAST_NM + sums.oo and least < EXPLAINS * whole
 
 
 def _given_up(first: Sums, second: Sums, weight: float, motor: int) -> bool:
