@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
+from lab.faults import thrusters
 from lab.faults.faults import AFTER_S, FAULTS, VARIANTS, FaultRow, case, described, dive_group, groups
 from lab.options import add_firmware, command_parser, find_firmware
 
@@ -21,6 +22,7 @@ examples:
   holdfast faults --dives 102             a quick look
   holdfast faults --first 417 --dives 1   one dive again
   holdfast faults --firmware --dives 50   against the real ArduSub
+  holdfast faults --thrusters --dives 5   five dives with each motor dead, on both frames
 
 Exit status: 0 every dive kept every promise, 1 one did not.
 """
@@ -41,6 +43,12 @@ def main(argv: list[str]) -> int:
     )
     parser.add_argument("--workers", type=int, metavar="N", help="number of processes; default: the cores")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the result of each dive to FILE")
+    parser.add_argument(
+        "--thrusters",
+        action="store_true",
+        help="let each motor die in turn instead, in waves and a current, N dives each, and measure depth, "
+        "heading and tilt; exit status 1 if the wrong motor was found dead",
+    )
     add_firmware(parser)
     arguments = parser.parse_args(argv)
     if not find_firmware("faults", arguments):
@@ -48,7 +56,10 @@ def main(argv: list[str]) -> int:
     firmware: Path | None = arguments.firmware
     console = Console()
     numbers = range(arguments.first, arguments.first + arguments.dives)
-    rows = dived(console, numbers, arguments.workers or os.cpu_count() or 1, firmware)
+    workers = arguments.workers or os.cpu_count() or 1
+    if arguments.thrusters:
+        return thrusters.main(console, numbers, workers, firmware)
+    rows = dived(console, numbers, workers, firmware)
     console.print(_table(rows))
     states = Counter(row.state for row in rows)
     console.print("Begun in " + ", ".join(f"{state} {count}" for state, count in states.most_common()))

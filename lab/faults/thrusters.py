@@ -1,0 +1,123 @@
+"""`holdfast faults --thrusters`: each motor dies in a held dive, in waves and a current."""
+
+import math
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from msgspec.structs import replace
+from rich.console import Console
+from rich.table import Table
+
+from companion.config import load_config
+from companion.engine import Engine
+from companion.records import Request, Setpoint, State, Z
+from lab.loop.dive import PHI, THETA, TRUE_PSI
+from lab.loop.firmware import vehicle_of
+from lab.loop.lockstep import Link, Lockstep
+from lab.loop.scenarios import DEPTH_M, ensemble
+from sim_bridge.commands import DEFAULT_CONFIG
+from sim_bridge.config import Fault, SimConfig
+from sim_bridge.config import load_config as load_plant
+
+DIES_S, ENDS_S = 20.0, 80.0
+AFTER_S = 10.0
+"""The depth's RMS counts from so long after the motor died."""
+
+HEAVY, SIX = 8, 6
+FILES = {HEAVY: DEFAULT_CONFIG, SIX: DEFAULT_CONFIG.with_name("sim-bluerov2.toml")}
+FRAMES = {HEAVY: "vectored_6dof", SIX: "vectored"}
+
+
+class ThrusterRow(NamedTuple):
+    """What became of a dive in which a motor died; `found_s` is NaN where that was not noticed."""
+
+    motors: int
+    motor: int
+    found: int
+    found_s: float
+    ended: str
+    rms_mm: float
+    peak_mm: float
+    heading_deg: float
+    tilt_deg: float
+
+
+def plant(motors: int, seed: int) -> SimConfig:
+    """Draw a vehicle of so many motors, waves and a current."""
+    draw = np.random.default_rng((seed, 8)).uniform
+    one = load_plant(FILES[motors])
+    if motors == HEAVY:
+        one = ensemble(one, seed)
+    return replace(
+        one,
+        initial=replace(one.initial, eta=(0.0, 0.0, DEPTH_M, 0.0, 0.0, 0.0)),
+        waves=replace(one.waves, enabled=True, height_m=draw(0.2, 0.4), period_s=draw(3.5, 5.0)),
+        current=replace(one.current, enabled=True, speed_m_s=draw(0.1, 0.5), direction_deg=draw(0.0, 360.0)),
+    )
+
+
+def dive(motors: int, motor: int, seed: int, firmware: Path | None) -> ThrusterRow:
+    """Hold depth and heading while `motor` dies; 0 for none."""
+    config = load_config(overrides=(f'vehicle.frame="{FRAMES[motors]}"',))
+    engine = Engine(config, Setpoint((math.nan, math.nan, DEPTH_M, 0.0)), arm=True)
+    with vehicle_of(plant(motors, seed), seed, firmware) as vehicle:
+        if motor:
+            vehicle.inject(Fault(kind="thruster", at_s=DIES_S, thruster=motor))
+        loop = Lockstep(vehicle, engine, Link(), seed)
+        loop.requests = [Request.ENGAGE]
+        steps = list(loop.run(ENDS_S))
+    found = next((step for step in steps if step.sample.state.dead_motor), None)
+    since = [step for step in steps if step.t_s >= DIES_S]
+    eta = np.array([step.truth.eta for step in since])
+    depth_mm = 1e3 * (eta[:, Z] - DEPTH_M)
+    late = np.array([step.t_s >= DIES_S + AFTER_S for step in since])
+    ended = since[-1].sample.verdict.state
+    return ThrusterRow(
+        motors,
+        motor,
+        found.sample.state.dead_motor if found else 0,
+        found.t_s - DIES_S if found else math.nan,
+        "held" if ended is State.ACTIVE else str(ended),
+        float(np.sqrt(np.mean(depth_mm[late] ** 2))),
+        float(np.abs(depth_mm).max()),
+        float(np.degrees(np.abs(np.unwrap(eta[:, TRUE_PSI]))).max()),
+        float(np.degrees(np.abs(eta[:, [PHI, THETA]])).max()),
+    )
+
+
+def main(console: Console, seeds: range, workers: int, firmware: Path | None) -> int:
+    """Dive with each motor of both frames dead, and with none; 1 if a motor was wrongly found dead."""
+    cases = [(motors, motor, seed) for motors in FRAMES for motor in range(motors + 1) for seed in seeds]
+    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+        jobs = [pool.submit(dive, *one, firmware) for one in cases]
+        rows = [job.result() for job in jobs]
+    console.print(_table(rows, len(seeds)))
+    wrong = [row for row in rows if row.found not in (0, row.motor) or row.found_s < 0.0]
+    for row in wrong:
+        console.print(f"[red]motor {row.found} was found dead[/red] instead of {row.motor}, of {row.motors}")
+    return 1 if wrong else 0
+
+
+def _table(rows: list[ThrusterRow], count: int) -> Table:
+    table = Table(
+        title=f"{count} dives for each motor that dies: depth RMS from {AFTER_S:g} s on, the rest at most"
+    )
+    for title in ("motor", "found", "after s", "held", "RMS mm", "peak mm", "heading °", "tilt °"):
+        table.add_column(title, justify="right")
+    for motors in FRAMES:
+        for motor in range(motors + 1):
+            of_it = [row for row in rows if (row.motors, row.motor) == (motors, motor)]
+            found_s = [row.found_s for row in of_it if row.found]
+            worst = [max(column) for column in zip(*(row[5:] for row in of_it), strict=True)]
+            table.add_row(
+                f"{motor or 'none'} of {motors}",
+                str(len(found_s)),
+                f"{np.median(found_s):.1f}, {max(found_s):.1f}" if found_s else "",
+                str(sum(row.ended == "held" for row in of_it)),
+                *(f"{figure:.0f}" for figure in worst[:2]),
+                *(f"{figure:.1f}" for figure in worst[2:]),
+            )
+    return table
