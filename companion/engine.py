@@ -138,7 +138,7 @@ class Engine:
         sticks, held = autopilot.sticks_beside(guidance.engaged, pilot, state.pilot_gain)
         sent = guard(wanted, verdict, self._sent, self._envelope, self._tick_s, sticks, held)
         applied = self.applied = autopilot.applied(sent, state.pilot_gain)
-        self._estimator.sent(now_s, applied[:4], to_inertial(J, actuation.sent(applied, state)))
+        self._estimator.sent(now_s, applied[:4], to_inertial(J, actuation.sent(applied, state, held)))
         self._estimator.watch_thrusters(now_s, applied, steady=verdict.authority == 1.0)
         self._sent, self._dofs = sent, dofs
 

@@ -1,10 +1,19 @@
 """From the law's wrench to the axes: what a tilt leaves of it, moments that level, the thrusters' curve."""
 
 import math
+from collections.abc import Sequence
 from operator import sub
 
 from companion.control import levelling, pace, tilt
-from companion.control.allocation import Allocation, Thrusters, allocate, delivered, overloaded, without
+from companion.control.allocation import (
+    HALVINGS,
+    Allocation,
+    Thrusters,
+    allocate,
+    delivered,
+    overloaded,
+    without,
+)
 from companion.control.bounds import limited
 from companion.control.levelling import Levelling
 from companion.control.positioning import by_dof
@@ -46,7 +55,7 @@ class Actuation:
         """Take what levels roll and pitch, and `max_force` of surge and sway, N."""
         self._levelling = levelling
         self._tilt_limit = tilt_limit
-        self._command = NEUTRAL
+        self._command = self._beside = NEUTRAL
         self.dead_motor = 0
         """Number of the motor that gives no thrust; 0 for none."""
         self.retune(thrusters, max_force)
@@ -65,6 +74,17 @@ class Actuation:
         """Go on with other limits."""
         self._whole, self._max_force = thrusters, max_force
         self._allocate_without(self.dead_motor)
+
+    def _yaw_beside(self, N: float, voltage_v: float, reach: float) -> float:
+        """Return the yaw axis for a moment beside the pilot's axes, which turn a vehicle without a motor."""
+        low, high = -reach, reach
+        for _ in range(HALVINGS):
+            middle = 0.5 * (low + high)
+            if delivered(self.thrusters, self._beside._replace(yaw=middle), voltage_v)[3] < N:
+                low = middle
+            else:
+                high = middle
+        return low
 
     def _allocate_without(self, motor: int) -> None:
         left = without(self._whole, motor) if motor else self._whole
@@ -102,17 +122,20 @@ class Actuation:
         asked = AxisCommand(*[verdict.authority * tau for tau in (*force, upright * N, K, M)])
         axes, saturated = allocate(self.thrusters, asked, state.voltage_v, reach)
         wanted = AxisCommand(*axes)
+        if self.dead_motor and any(self._beside) and math.isfinite(asked.yaw):
+            wanted = wanted._replace(yaw=self._yaw_beside(asked.yaw, state.voltage_v, reach[3]))
         if not engaged[PSI]:  # unequal curves ask for a little, of a heading not ours
             wanted = wanted._replace(yaw=0.0)
         self._wanted = Allocation(wanted, saturated)
         return wanted
 
-    def sent(self, command: AxisCommand, state: VehicleState) -> Vector:
-        """Take what the vehicle makes of the command that went out.
+    def sent(self, command: AxisCommand, state: VehicleState, held: Sequence[bool]) -> Vector:
+        """Take what the vehicle makes of the command that went out; axes that are not `held` are the pilot's.
 
         Return the wrench that it gives in the level frame of the heading, N and N·m.
         """
         self._command = command
+        self._beside = NEUTRAL if all(held) else AxisCommand(*map(_unless, held, command))
         surge, sway, heave, N, _, _ = delivered(self.thrusters, command, state.voltage_v)
         self.delivered = (surge, sway, heave, N)
         got_less = [
@@ -199,3 +222,7 @@ class Actuation:
             pitch, self._pitch, state.pitch, state.q, force_x, delay_s, dt_s, learn, gain, lag_s
         )
         return (K, M)
+
+
+def _unless(held: bool, axis: float) -> float:
+    return 0.0 if held else axis

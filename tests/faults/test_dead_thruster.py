@@ -38,6 +38,20 @@ def test_the_heavy_holds_depth_and_heading(motor):
         assert dive.step.sample.verdict.warnings == Condition.THRUSTER_DEAD
 
 
+def test_the_pilot_pushes_without_a_motor_and_the_heading_is_held():
+    dive = holding(pilot=True)
+    dive.fault("thruster", thruster=1, value=0.0)
+    for surge, sway in ((0.0, -0.3), (0.6, 0.3), (0.6, -0.3), (0.0, 0.3), (0.6, -0.3)):
+        dive.cockpit.push(surge=surge, sway=sway)
+        dive.run(2.5)
+    assert dive.step.sample.state.dead_motor == 1
+    dive.cockpit.push()
+    dive.run(3.0)
+    dive.cockpit.push(surge=0.6, sway=-0.3)
+    heading_deg = np.degrees([step.truth.eta[5] - 0.3 for step in dive.run(4.0)])
+    assert np.abs(heading_deg).max() < 5.0
+
+
 def test_a_dead_motor_is_told_and_forgotten_when_the_fault_is_cleared():
     dive, log = holding(), EventLog()
     dive.fault("thruster", thruster=6, value=0.0)
