@@ -252,9 +252,10 @@ def identify(argv: list[str]) -> int:
     """Measure a vehicle's mass, damping and lag by moving it, and write its file."""
     parser = argparse.ArgumentParser(
         prog="holdfast identify",
-        description="Holds the vehicle as `holdfast run` does, and moves each axis to and fro in turn, half "
-        "a minute each: the vehicle MOVES, up to 0.5 m and 50°, with small pushes. Heave and yaw always; "
-        "surge and sway where a position is measured. From this it finds what config/vehicles/ says of one.",
+        description="Holds the vehicle as `holdfast run` does, and moves each axis to and fro in turn, half\n"
+        "a minute each: the vehicle MOVES, up to 0.5 m and 50°, with small pushes. It always moves heave\n"
+        "and yaw, and surge and sway where a position is measured. From the motion it finds mass,\n"
+        "damping, buoyancy, lag and delay, each with its doubt, and writes them as a vehicle file.",
         epilog=IDENTIFY_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )

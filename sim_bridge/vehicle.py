@@ -118,6 +118,7 @@ class Vehicle:
             | {
                 "FRAME_CONFIG": 2 if config.thrusters.frame == "vectored_6dof" else 1,
                 "BATT_CAPACITY": config.battery.capacity_ah * 1000.0,
+                "RC_PROTOCOLS": 1 if config.rc_receiver else 0,
             }
         )
         for name, value in config.parameters.items():

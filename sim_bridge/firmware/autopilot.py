@@ -250,6 +250,7 @@ class Autopilot:
             self.capacity_mah,
             self.state,
             self.ekf_doubt,
+            self._rc_receiver,
             self.home,
             self.servo_9,
             (self.missions.current, self.missions.total),

@@ -26,6 +26,7 @@ CAMERA_TILT_PWM = 1754
 """Where the firmware's camera mount rests, on servo 10."""
 FIELD_NORTH_MG, FIELD_DOWN_MG = 219.0, 422.0
 IMU_CENTIDEGREES = 2720
+RECEIVER_CHANNELS = 16
 
 
 class Origin(NamedTuple):
@@ -59,6 +60,7 @@ class Snapshot(NamedTuple):
     """The plant's 13 components: for SIM_STATE alone."""
     ekf_doubt: float | None
     """The EKF's variance where it has no solution."""
+    rc_receiver: bool
     home: Origin | None
     servo_9: int
     """PWM of the one output that is free (µs); 0 until it is set."""
@@ -160,8 +162,9 @@ def _servo_output_raw(s: Snapshot) -> Message:
 
 
 def _rc_channels(s: Snapshot) -> Message:
-    """Tell eight channels, and that no receiver counted them."""
-    return mavlink.MAVLink_rc_channels_message(s.boot_ms, 0, *s.channels[:8], *[0] * 10, 255)
+    """Tell eight channels; without a receiver none counts, and its signal is unknown."""
+    count = RECEIVER_CHANNELS if s.rc_receiver else 0
+    return mavlink.MAVLink_rc_channels_message(s.boot_ms, count, *s.channels[:8], *[0] * 10, 255)
 
 
 def body_field_mg(s: Snapshot) -> tuple[int, int, int]:

@@ -156,7 +156,7 @@ def test_dived_it_does_not_set_the_origin():
 
 
 def test_a_receiver_is_told_from_none():
-    assert "has acted" in VehicleInspection().row("RC receiver").found
+    assert VehicleInspection().row("RC receiver").found == "none"
     look = VehicleInspection("rc_receiver=true")
     assert look.row("RC receiver").grade is Grade.WARNING
     look = VehicleInspection("rc_receiver=true", "parameters.RC_OVERRIDE_TIME=-1")

@@ -66,7 +66,7 @@ def test_the_autopilot_refuses_nothing_that_we_ask_for():
 
 def test_a_refusal_is_said_once(monkeypatch):
     """A firmware that does not stream messages which we ask for: every ground station is told, but once."""
-    unknown = {mavlink.MAVLINK_MSG_ID_VIBRATION: 50.0, mavlink.MAVLINK_MSG_ID_WIND: 1.0}
+    unknown = {mavlink.MAVLINK_MSG_ID_ODOMETRY: 50.0, mavlink.MAVLINK_MSG_ID_WIND_COV: 1.0}
     monkeypatch.setattr(autopilot, "streams", lambda *args, **names: streams(*args, **names) | unknown)
     dive = Dive(arm=False, engage=False)
     said = texts_of(dive, 60.0)

@@ -395,8 +395,12 @@ def test_while_it_only_watches_every_byte_passes_and_nothing_is_added():
     dive.cockpit.extra.append(b"\xfd\xfe no MAVLink at all \x00")
     dive.run(2.5)
     frames, passed, sent = len(dive.tap.frames), len(dive.cockpit.passed), len(dive.cockpit.sent)
+    dive.cockpit.push()  # arming with a stick off centre is refused
+    dive.run(0.1)
     dive.cockpit.extra += [dive.cockpit.arm(), b"\xfe\xfd", b""]
-    dive.run(4.0)
+    dive.run(0.2)
+    dive.cockpit.push(surge=0.4)
+    dive.run(3.7)
     assert len(dive.tap.frames) == frames
     assert dive.cockpit.passed[passed:] == dive.cockpit.sent[sent:]
     assert dive.step.truth.armed
