@@ -21,9 +21,9 @@ def heave(compensator, *more):
     return (f'heave.compensator="{compensator}"', f"heave.learning_rate={rate}", *more)
 
 
-def learnt(compensator, ticks=400):
+def learnt(compensator, *more, ticks=400):
     """A controller that has been pushed for a while."""
-    c = at_rest(*heave(compensator))
+    c = at_rest(*heave(compensator, *more))
     for _ in range(ticks):
         sample = tick(c, PUSHED, TARGET)
     return c, sample
@@ -70,7 +70,7 @@ def test_at_rest_nothing_is_carried():
 
 
 def test_the_same_kind_inherits_and_goes_on_learning_at_once():
-    before, last = learnt("network", 110)
+    before, last = learnt("network", ticks=110)
     new = after(before, *heave("network", "heave.kappa_per_s=5"))
     sample = tick(new, PUSHED, TARGET)
     assert sample.weight_norm[2] == pytest.approx(last.weight_norm[2], rel=0.2)
@@ -120,7 +120,7 @@ def test_a_seed_changes_the_weights_no_more_than_it_must(kind):
 
 def test_a_degree_of_freedom_that_this_kind_did_not_serve_is_seeded():
     """Heave was the network's, yaw the observer's; now both are the network's."""
-    before, last = learnt("network")
+    before, last = learnt("network", 'yaw.compensator="observer"', "yaw.learning_rate=0")
     new = after(before, *heave("network", 'yaw.compensator="network"', "yaw.learning_rate=1"))
     sample = tick(new, PUSHED, TARGET)
     assert abs(last.d_hat[3]) > 0.1
