@@ -31,7 +31,7 @@ from companion.records import (
 
 settings.register_profile("quick", deadline=None, max_examples=20)  # make quick
 settings.register_profile("test", deadline=None, max_examples=60)
-settings.register_profile("ci", settings.get_profile("ci"), max_examples=100)  # the same examples every time
+settings.register_profile("ci", settings.get_profile("ci"), max_examples=60)  # the same examples every time
 settings.load_profile("ci" if os.environ.get("CI") else "test")
 
 
