@@ -445,7 +445,7 @@ def reboot(partner: Partner) -> Answers:
     number = mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN
     heard = partner.command(number, 1, seconds=0.5)
     yield "answer", result(heard, number)
-    said: set[str] = set()
+    said = set(texts(heard))  # our stand-in is up again at once
     statuses: list[int] = []
     for _ in range(20):
         heard = partner.listen(1.0)
