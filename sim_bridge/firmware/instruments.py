@@ -9,39 +9,32 @@ from collections.abc import Callable
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from sim_bridge.firmware.messages import (
+    IMU_CENTIDEGREES,
     M_PER_DEGREE,
     Message,
     Origin,
     Snapshot,
     body_field_mg,
     heading_cdeg,
-    int16,
+    inertial,
     int32,
     place,
     quaternion,
 )
-from sim_bridge.physics.plant import GRAVITY, euler
+from sim_bridge.physics.plant import euler
 
-IMU_CENTIDEGREES = 2720
 NAN = math.nan
 NO_MISSION, NOT_STARTED = 1, 2
 GIMBAL_FLAGS, MANAGER_FLAGS, MANAGER_CAPABILITIES = 44, 12, 205027
 GIMBAL = 1
 
 
-def _scaled_imu(s: Snapshot) -> tuple[int, ...]:
-    e = s.estimate
-    accel = (int16(a / GRAVITY * 1000) for a in e.accel)
-    gyro = (int16(rate * 1000) for rate in (e.rollspeed, e.pitchspeed, e.yawspeed))
-    return (*accel, *gyro, *body_field_mg(s), IMU_CENTIDEGREES)
-
-
 def _first_imu(s: Snapshot) -> Message:
-    return mavlink.MAVLink_scaled_imu_message(s.boot_ms, *_scaled_imu(s))
+    return mavlink.MAVLink_scaled_imu_message(s.boot_ms, *inertial(s), IMU_CENTIDEGREES)
 
 
 def _second_imu(s: Snapshot) -> Message:
-    return mavlink.MAVLink_scaled_imu2_message(s.boot_ms, *_scaled_imu(s))
+    return mavlink.MAVLink_scaled_imu2_message(s.boot_ms, *inertial(s), IMU_CENTIDEGREES)
 
 
 def _third_imu(s: Snapshot) -> Message:

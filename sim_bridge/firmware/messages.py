@@ -190,11 +190,16 @@ def quaternion(e: Estimate) -> tuple[float, float, float, float]:
     )
 
 
-def _raw_imu(s: Snapshot) -> Message:
+def inertial(s: Snapshot) -> tuple[int, ...]:
+    """Accelerometer (mg), gyro (mrad/s) and compass (mGauss), as all IMU messages have them."""
     e = s.estimate
     accel = (int16(a / GRAVITY * 1000) for a in e.accel)
     gyro = (int16(rate * 1000) for rate in (e.rollspeed, e.pitchspeed, e.yawspeed))
-    return mavlink.MAVLink_raw_imu_message(s.boot_us, *accel, *gyro, *body_field_mg(s), 0, IMU_CENTIDEGREES)
+    return (*accel, *gyro, *body_field_mg(s))
+
+
+def _raw_imu(s: Snapshot) -> Message:
+    return mavlink.MAVLink_raw_imu_message(s.boot_us, *inertial(s), 0, IMU_CENTIDEGREES)
 
 
 def _scaled_pressure(s: Snapshot) -> Message:
