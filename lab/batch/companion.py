@@ -708,7 +708,7 @@ def _dof(config: Config, dof: int, damps: bool) -> Dof:
 
 def _arrayed(table: ObserverTable) -> ObserverTable:
     """Return a table whose rows numba takes as one array."""
-    return ObserverTable(table.log_gains, table.lags_s, table.slow_time_s, np.array(table.rows))  # type: ignore[arg-type]
+    return ObserverTable(table.log_gains, table.lags_s, table.slow_time_s, np.array(table.rows))  # type: ignore[arg-type]  # rows as an array for numba
 
 
 def slots_of(config: Config) -> dict[str, Slotted]:

@@ -51,7 +51,7 @@ def draw(
     vehicle had to do, `caption` how the picture was made. `measure`, one of MEASURES, stands in the title.
     """
     figure = Figure(figsize=SIZE_IN, dpi=DPI, layout="constrained")
-    figure.get_layout_engine().set(w_pad=0.1, h_pad=0.08)  # type: ignore[union-attr, call-arg]
+    figure.get_layout_engine().set(w_pad=0.1, h_pad=0.08)  # type: ignore[union-attr, call-arg]  # a constrained layout
     grid = figure.add_gridspec(2, 12, height_ratios=(1.35, 1.0))
     error, numbers = figure.add_subplot(grid[0, :8]), figure.add_subplot(grid[0, 8:])
     depth, heading, thrust, disturbance = (figure.add_subplot(grid[1, i : i + 3]) for i in (0, 3, 6, 9))

@@ -300,14 +300,14 @@ def steering(partner: Partner) -> Answers:
     for name, (x, y, z, r) in STICKS.items():
         yield (
             f"MANUAL_CONTROL {name}",
-            _outputs(partner, lambda: mavlink.MAVLink_manual_control_message(1, x, y, z, r, 0)),  # noqa: B023
+            _outputs(partner, mavlink.MAVLink_manual_control_message(1, x, y, z, r, 0)),
         )
     for name, s, t in (("s 100", 100, 0), ("t -100", 0, -100)):
         yield (
             f"MANUAL_CONTROL {name}",
             _outputs(
                 partner,
-                lambda: mavlink.MAVLink_manual_control_message(1, 0, 0, 500, 0, 0, 0, 3, s, t),  # noqa: B023
+                mavlink.MAVLink_manual_control_message(1, 0, 0, 500, 0, 0, 0, 3, s, t),
             ),
         )
     for name, values in (
@@ -321,7 +321,7 @@ def steering(partner: Partner) -> Answers:
             f"RC_CHANNELS_OVERRIDE {name}",
             _outputs(
                 partner,
-                lambda: mavlink.MAVLink_rc_channels_override_message(1, 1, *values, 65535, 65535),  # noqa: B023
+                mavlink.MAVLink_rc_channels_override_message(1, 1, *values, 65535, 65535),
             ),
         )
     partner.streaming = None
@@ -342,11 +342,11 @@ def steering(partner: Partner) -> Answers:
         yield f"steering {name}", _last_outputs(partner.listen(0.3))
 
 
-def _outputs(partner: Partner, message: Callable[[], Message]) -> tuple[Any, ...]:
+def _outputs(partner: Partner, message: Message) -> tuple[Any, ...]:
     """Return motors and channels while `message` is streamed; neutral before and after."""
     partner.streaming = _neutral
     partner.listen(0.3)
-    partner.streaming = message
+    partner.streaming = lambda: message
     seen = _last_outputs(partner.listen(0.4))
     partner.streaming = _neutral
     return seen
