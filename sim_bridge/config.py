@@ -91,21 +91,43 @@ class Current(_Record, frozen=True):
     speed_m_s: Annotated[float, Meta(ge=0, le=3)] = 0.1
     direction_deg: float = 30.0
     """Where the water flows to, from north, clockwise."""
+    turn_deg_s: Annotated[float, Meta(ge=-10, le=10)] = 0.0
+    """How fast that direction turns, clockwise: a tide turns by 0.008 °/s."""
+    profile: tuple[tuple[NonNegative, float], ...] = ()
+    """Rows of depth (m) and the part of speed_m_s that flows there; straight between rows. Empty: 1."""
     sigma_m_s: Annotated[float, Meta(ge=0, le=1)] = 0.02
     tau_s: Positive = 30.0
 
+    def __post_init__(self) -> None:
+        depths = [depth for depth, _ in self.profile]
+        if depths != sorted(set(depths)):
+            raise ValueError("profile needs depths that rise from row to row")
+
 
 class Waves(_Record, frozen=True):
-    """A long-crested JONSWAP sea over deep water."""
+    """Long-crested waves, over deep water unless there is a seabed."""
 
     enabled: bool = False
+    spectrum: Literal["jonswap", "regular"] = "jonswap"
+    """Irregular, or one wave of this height and period."""
     height_m: Annotated[float, Meta(ge=0, le=5)] = 0.3
-    """Significant height Hs."""
+    """Significant height Hs; of the regular wave from trough to crest."""
     period_s: Annotated[float, Meta(ge=1, le=20)] = 4.0
     """Peak period Tp."""
     direction_deg: float = 0.0
     gamma: Annotated[float, Meta(ge=1, le=10)] = 3.3
     components: Annotated[int, Meta(ge=1, le=200)] = 30
+
+
+class Seabed(_Record, frozen=True):
+    """A flat bottom: waves feel it, and the hull rests on it (spring, damper, friction; no moment)."""
+
+    enabled: bool = False
+    depth_m: Positive = 20.0
+    stiffness_n_per_m: Annotated[float, Meta(ge=0, le=20000)] = 2000.0
+    damping_n_s_per_m: Annotated[float, Meta(ge=0, le=1000)] = 200.0
+    friction: Annotated[float, Meta(ge=0, le=2)] = 0.5
+    """Coulomb's coefficient."""
 
 
 class Tether(_Record, frozen=True):
@@ -230,6 +252,7 @@ class SimConfig(_Record, frozen=True):
     initial: Initial = Initial()
     current: Current = Current()
     waves: Waves = Waves()
+    seabed: Seabed = Seabed()
     tether: Tether = Tether()
     load: Load = Load()
     heave_force: HeaveForce = HeaveForce()

@@ -234,6 +234,8 @@ def refuse(config: SimConfig) -> None:
         raise ValueError("thrusters without lag need the full loop")
     if config.faults or config.heave_force.enabled or sensors.dvl or sensors.wave_pressure:
         raise ValueError("faults, scripted heave forces, a DVL and wave pressure need the full loop")
+    if config.seabed.enabled or config.current.profile or config.current.turn_deg_s:
+        raise ValueError("a seabed, and a current that varies with depth or turns, need the full loop")
 
 
 def motors(vehicle: Vehicle, axes: Six) -> Eight:

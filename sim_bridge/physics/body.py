@@ -73,9 +73,8 @@ class Physics:
         for part in range(parts):
             time_s = self.time_s + part * part_s
             if time_s > (self._sea_steps - 1e-6) * STEP_S:
-                x, y, z = self.state[:3]
                 self.force, self.flow = self.environment.step(
-                    self._sea_steps * STEP_S, since_arming_s, x, y, z
+                    self._sea_steps * STEP_S, since_arming_s, self.state
                 )
                 self._sea_steps += 1
             self.thrust_n = thrusters.lagged(self.thrust_n, self._static_thrust, follow)

@@ -1,13 +1,14 @@
-"""The water's doings: current, waves, tether, load and a scripted heave force. Seeded; NED; SI."""
+"""What acts from outside: current, waves, seabed, tether, load, a scripted heave force. Seeded; NED; SI."""
 
 import math
 
 import numpy as np
 
-from sim_bridge.config import Current, SimConfig, Waves
-from sim_bridge.physics.plant import GRAVITY, STILL_WATER
+from sim_bridge.config import Current, Seabed, SimConfig
+from sim_bridge.physics.plant import STILL_WATER, State, ned_velocity
 from sim_bridge.physics.plant import Six as Flow
 from sim_bridge.physics.plant import Three as Force
+from sim_bridge.physics.waves import Sea
 
 
 class OrnsteinUhlenbeck:
@@ -35,63 +36,54 @@ class OrnsteinUhlenbeck:
         return self.value
 
 
-class JonswapSea:
-    """A long-crested sea over deep water: a sum of seeded Airy waves (Fossen 8.2, JONSWAP spectrum)."""
+class WaterCurrent:
+    """A horizontal current that may vary with depth and time; its acceleration is neglected.
 
-    def __init__(self, config: Waves, rng: np.random.Generator) -> None:
-        omega_p = 2 * math.pi / config.period_s
-        edges = np.linspace(0.6 * omega_p, 2.5 * omega_p, config.components + 1)
-        width = np.diff(edges)
-        omega = edges[:-1] + width * rng.random(config.components)
-        sigma = np.where(omega <= omega_p, 0.07, 0.09)
-        peak = config.gamma ** np.exp(-((omega - omega_p) ** 2) / (2 * (sigma * omega_p) ** 2))
-        spectrum = omega**-5 * np.exp(-1.25 * (omega_p / omega) ** 4) * peak
-        amplitude = np.sqrt(2 * spectrum * width)
-        amplitude *= config.height_m / 4 / math.sqrt(float(np.sum(amplitude**2)) / 2)
-        self.omega = omega
-        self.k = omega**2 / GRAVITY
-        self.phase = rng.uniform(0, 2 * math.pi, config.components)
-        self.amplitude = amplitude
-        direction = math.radians(config.direction_deg)
-        self.north, self.east = math.cos(direction), math.sin(direction)
-        speed = amplitude * omega * np.exp(1j * self.phase)
-        self._speeds = np.stack([speed, speed * omega])
-        self._j_omega = 1j * omega
-
-    def flow(self, t_s: float, x: float, y: float, z: float) -> Flow:
-        """Orbital velocity and acceleration of the water in NED at time t and place x, y, z.
-
-        Each wave is a complex number, real along the sea, imaginary down: a ω exp(j (ω t - k s + φ) - k z).
-        """
-        along = x * self.north + y * self.east
-        waves = np.exp(self._j_omega * t_s - self.k * complex(max(z, 0.0), along))
-        velocity, acceleration = (self._speeds @ waves).tolist()
-        return (
-            velocity.real * self.north,
-            velocity.real * self.east,
-            velocity.imag,
-            -acceleration.imag * self.north,
-            -acceleration.imag * self.east,
-            acceleration.real,
-        )
-
-    def elevation(self, t_s: float, x: float, y: float, z: float) -> float:
-        """Dynamic pressure as metres of water (up) at depth z; at z = 0 the surface elevation."""
-        angle = self.omega * t_s - self.k * (x * self.north + y * self.east) + self.phase
-        return float(np.sum(self.amplitude * np.exp(-self.k * max(z, 0.0)) * np.cos(angle)))
-
-
-class SlowCurrent:
-    """Constant horizontal current with a slow variation of each component; its acceleration is neglected."""
+    The mean turns at its rate and is scaled by the profile; a slow random variation adds to each component.
+    """
 
     def __init__(self, config: Current, step_s: float, rng: np.random.Generator) -> None:
-        direction = math.radians(config.direction_deg)
-        self._mean = (config.speed_m_s * math.cos(direction), config.speed_m_s * math.sin(direction))
+        self._speed_m_s = config.speed_m_s
+        self._direction = math.radians(config.direction_deg)
+        self._turn_rad_s = math.radians(config.turn_deg_s)
+        self._depths_m = [depth for depth, _ in config.profile]
+        self._parts = [part for _, part in config.profile]
+        self._mean = self._heading(0.0)
         self._vary = [OrnsteinUhlenbeck(config.sigma_m_s, config.tau_s, step_s, rng) for _ in range(2)]
 
-    def step(self) -> tuple[float, float]:
-        """North and east velocity (m/s) of the water."""
-        return self._mean[0] + self._vary[0].step(), self._mean[1] + self._vary[1].step()
+    def step(self, t_s: float, z: float) -> tuple[float, float]:
+        """North and east velocity (m/s) of the water at time t and depth z."""
+        north, east = self._heading(t_s) if self._turn_rad_s else self._mean
+        if self._parts:
+            part = float(np.interp(z, self._depths_m, self._parts))
+            north, east = part * north, part * east
+        return north + self._vary[0].step(), east + self._vary[1].step()
+
+    def _heading(self, t_s: float) -> tuple[float, float]:
+        direction = self._direction + self._turn_rad_s * t_s
+        return self._speed_m_s * math.cos(direction), self._speed_m_s * math.sin(direction)
+
+
+class Ground:
+    """The seabed under the hull: a spring and a damper that only push, and Coulomb friction."""
+
+    SLIP_M_S = 0.05
+    """Friction grows up to this speed: at rest the hull creeps instead of sticking."""
+
+    def __init__(self, config: Seabed, hull_height_m: float) -> None:
+        self._config = config
+        self._touch_m = config.depth_m - 0.5 * hull_height_m
+
+    def push(self, state: State) -> Force:
+        """Force on the hull (N, NED)."""
+        sunk_m = state[2] - self._touch_m
+        if sunk_m <= 0.0:
+            return 0.0, 0.0, 0.0
+        config = self._config
+        north, east, down = ned_velocity(state)
+        normal_n = max(0.0, config.stiffness_n_per_m * sunk_m + config.damping_n_s_per_m * down)
+        drag = config.friction * normal_n / max(math.hypot(north, east), self.SLIP_M_S)
+        return -drag * north, -drag * east, -normal_n
 
 
 class Environment:
@@ -100,8 +92,10 @@ class Environment:
     def __init__(self, config: SimConfig, step_s: float, rng: np.random.Generator) -> None:
         rngs = rng.spawn(4)
         self.load_on = False
-        self.sea = JonswapSea(config.waves, rngs[1]) if config.waves.enabled else None
-        self._current = SlowCurrent(config.current, step_s, rngs[0]) if config.current.enabled else None
+        self._ground = Ground(config.seabed, config.hull.height_m) if config.seabed.enabled else None
+        depth_m = config.seabed.depth_m if config.seabed.enabled else math.inf
+        self.sea = Sea(config.waves, rngs[1], depth_m) if config.waves.enabled else None
+        self._current = WaterCurrent(config.current, step_s, rngs[0]) if config.current.enabled else None
         self._load = config.load
         self._tether = config.tether
         self._pull = [
@@ -111,20 +105,19 @@ class Environment:
         self._heave = config.heave_force
         self._heave_noise = OrnsteinUhlenbeck(self._heave.sigma_n, self._heave.tau_s, step_s, rngs[3])
 
-    def step(self, t_s: float, since_arming_s: float, x: float, y: float, z: float) -> tuple[Force, Flow]:
+    def step(self, t_s: float, since_arming_s: float, state: State) -> tuple[Force, Flow]:
         """Force at the centre of gravity (N) and flow (m/s, m/s²) for one step; both NED.
 
         Args:
             t_s: time of the simulation.
             since_arming_s: time since the first arming; negative before it.
-            x: north (m).
-            y: east (m).
-            z: depth (m).
+            state: x, y, z (m, NED), quaternion body to NED, nu (m/s, rad/s, body).
 
         """
+        x, y, z = state[:3]
         flow = self.sea.flow(t_s, x, y, z) if self.sea else STILL_WATER
         if self._current:
-            v_north, v_east = self._current.step()
+            v_north, v_east = self._current.step(t_s, z)
             flow = (flow[0] + v_north, flow[1] + v_east, flow[2], flow[3], flow[4], flow[5])
         fx = fy = fz = 0.0
         if self._tether.enabled:
@@ -140,4 +133,7 @@ class Environment:
             heave = self._heave
             fz += heave.constant_n + self._heave_noise.step()
             fz += heave.sine_n * math.sin(2 * math.pi * t_s / heave.sine_period_s)
+        if self._ground:
+            push = self._ground.push(state)
+            fx, fy, fz = fx + push[0], fy + push[1], fz + push[2]
         return (fx, fy, fz), flow

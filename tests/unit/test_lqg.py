@@ -11,7 +11,7 @@ from lab.loop.lockstep import Link
 from lab.loop.scenarios import four
 from sim_bridge.commands import DEFAULT_CONFIG
 from sim_bridge.config import load_config
-from sim_bridge.physics.environment import JonswapSea
+from sim_bridge.physics.waves import Sea
 
 BASE = load_config(DEFAULT_CONFIG)
 TICK_S = 0.02
@@ -134,7 +134,7 @@ def test_delay_of_the_loop_follows_the_input_loops_phase() -> None:
 def test_slices_carry_the_seas_energy() -> None:
     config = four(1000)[0].plant(BASE, 1000)
     _, amplitude = sea_speed(config.waves, 2.5)
-    sea = JonswapSea(config.waves, np.random.default_rng(3))
+    sea = Sea(config.waves, np.random.default_rng(3))
     speeds = [sea.flow(0.5 * i, 0.0, 0.0, 2.5)[2] for i in range(4000)]
     assert math.sqrt(0.5 * float(amplitude @ amplitude)) == pytest.approx(np.std(speeds), rel=0.2)
 

@@ -19,6 +19,7 @@ def test_shipped_files_fly(name):
         ("hull.colour='blue'", ["hull.colour", "unknown"]),
         ("waves.height_m=9.0", ["waves.height_m", "9.0", "<= 5"]),
         ("waves.height_m=nan", ["waves.height_m", "finite"]),
+        ("current.profile=[[5, 1.0], [2, 0.5]]", ["current", "profile", "rise"]),
         ("thrusters.frame='octopus'", ["thrusters.frame", "octopus"]),
         ("thrusters.gain=[1.0, 1.0]", ["thrusters", "1 or 8"]),
         ("hull.added_mass=[1, 2]", ["hull.added_mass"]),

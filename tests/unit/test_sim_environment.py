@@ -7,14 +7,19 @@ import pytest
 from sim_wire import ARM, CALM, CONFIG, Station, override, vehicle
 
 from sim_bridge.config import Waves, load_config
-from sim_bridge.physics.environment import Environment, JonswapSea, OrnsteinUhlenbeck
-from sim_bridge.physics.plant import GRAVITY
+from sim_bridge.physics.environment import Environment, OrnsteinUhlenbeck
+from sim_bridge.physics.plant import GRAVITY, state_of
+from sim_bridge.physics.waves import Sea
 
 DT = 0.02
 
 
-def sea(seed=0, **changes):
-    return JonswapSea(Waves(enabled=True, **changes), np.random.default_rng(seed))
+def sea(seed=0, depth_m=math.inf, **changes):
+    return Sea(Waves(enabled=True, **changes), np.random.default_rng(seed), depth_m)
+
+
+def at(z, nu=(0,) * 6):
+    return state_of((0, 0, z, 0, 0, 0), nu)
 
 
 def test_significant_height_is_four_standard_deviations():
@@ -38,6 +43,49 @@ def test_flow_decays_with_depth_as_deep_water_does():
     deep = np.hypot(*np.array(single.flow(3.0, 0, 0, 3.0))[[0, 2]])
     assert deep / shallow == pytest.approx(math.exp(-2 * k))
     assert k == pytest.approx(float(single.omega[0]) ** 2 / GRAVITY)
+
+
+def test_the_regular_wave_has_its_height_and_period_and_decays():
+    wave = sea(spectrum="regular", height_m=0.4, period_s=5.0)
+    k = (2 * math.pi / 5.0) ** 2 / GRAVITY
+    assert wave.elevation(2.0, 0, 0, 0) == pytest.approx(wave.elevation(7.0, 0, 0, 0))
+    for z, height in ((0.0, 0.4), (3.0, 0.4 * math.exp(-3.0 * k))):
+        felt = [wave.elevation(t, 0, 0, z) for t in np.arange(0, 5, 0.01)]
+        assert max(felt) - min(felt) == pytest.approx(height, rel=1e-4)
+        speeds = [np.hypot(*np.array(wave.flow(t, 0, 0, z))[[0, 2]]) for t in (0.0, 0.7, 1.9)]
+        assert speeds == pytest.approx([math.pi / 5.0 * height] * 3)
+
+
+def test_over_a_seabed_waves_disperse_and_end_there():
+    shallow = sea(depth_m=4.0, period_s=6.0, direction_deg=30.0)
+    assert shallow.omega**2 == pytest.approx(GRAVITY * shallow.k * np.tanh(4.0 * shallow.k))
+    assert shallow.flow(3.0, 1.0, 2.0, 4.0)[2] == pytest.approx(0.0, abs=1e-12)
+    assert abs(shallow.flow(3.0, 1.0, 2.0, 4.0)[0]) > 1e-3
+    rise = (shallow.elevation(5.001, 0, 0, 0) - shallow.elevation(4.999, 0, 0, 0)) / 0.002
+    assert shallow.flow(5.0, 0, 0, 0)[2] == pytest.approx(-rise, abs=1e-5)
+
+
+def test_over_a_seabed_water_is_conserved_and_its_pressure_moves_it():
+    """The divergence of Airy's flow is zero, and the acceleration is -g times the slope of the pressure."""
+    shallow, d = sea(depth_m=4.0, period_s=6.0, direction_deg=30.0), 1e-4
+    place = np.array([1.0, 2.0, 1.5])
+    slopes, divergence = [], 0.0
+    for axis in np.eye(3):
+        ahead, behind = place + d * axis, place - d * axis
+        divergence += (np.subtract(shallow.flow(3.0, *ahead), shallow.flow(3.0, *behind))[:3] @ axis) / (
+            2 * d
+        )
+        slopes.append((shallow.elevation(3.0, *ahead) - shallow.elevation(3.0, *behind)) / (2 * d))
+    assert divergence == pytest.approx(0.0, abs=1e-8)
+    assert shallow.flow(3.0, *place)[3:] == pytest.approx(-GRAVITY * np.array(slopes), abs=1e-6)
+
+
+def test_far_below_the_waves_a_seabed_changes_nothing():
+    deep, bounded = sea(), sea(depth_m=200.0)
+    assert bounded.flow(7.0, 3.0, 1.0, 2.0) == pytest.approx(deep.flow(7.0, 3.0, 1.0, 2.0), abs=1e-12)
+    assert bounded.elevation(7.0, 3.0, 1.0, 2.0) == pytest.approx(
+        deep.elevation(7.0, 3.0, 1.0, 2.0), abs=1e-12
+    )
 
 
 def test_acceleration_is_the_derivative_of_velocity():
@@ -65,17 +113,45 @@ def environment(*overrides, seed=0):
 
 
 def test_calm_is_calm():
-    assert environment().step(3.0, 1.0, 0, 0, 5) == ((0, 0, 0), (0, 0, 0, 0, 0, 0))
+    assert environment().step(3.0, 1.0, at(5)) == ((0, 0, 0), (0, 0, 0, 0, 0, 0))
 
 
 def test_current_flows_where_it_says():
     water = environment("current={enabled=true, speed_m_s=0.2, direction_deg=90, sigma_m_s=0.0, tau_s=10}")
-    assert water.step(0, 0, 0, 0, 5)[1][:3] == pytest.approx((0.0, 0.2, 0.0))
+    assert water.step(0, 0, at(5))[1][:3] == pytest.approx((0.0, 0.2, 0.0))
+
+
+def test_current_follows_its_profile_and_turns():
+    still = "sigma_m_s=0.0, speed_m_s=0.4, direction_deg=0"
+    sheared = environment(f"current={{enabled=true, {still}, profile=[[2, 1.0], [6, 0.5], [10, -0.5]]}}")
+    assert [sheared.step(0, 0, at(z))[1][0] for z in (0, 2, 4, 8, 30)] == pytest.approx(
+        [0.4, 0.4, 0.3, 0, -0.2]
+    )
+    turning = environment(f"current={{enabled=true, {still}, turn_deg_s=2.0}}")
+    assert turning.step(45.0, 0, at(5))[1][:2] == pytest.approx((0.0, 0.4))
+
+
+def test_a_hull_sinks_into_the_seabed_until_its_spring_bears_it():
+    rov = vehicle(
+        "seabed={enabled=true, depth_m=5.0, stiffness_n_per_m=1000}",
+        "initial.eta=[0,0,4.5,0,0,0]",
+        "heave_force={enabled=true, constant_n=20}",
+    )
+    for _ in range(2000):
+        rov.step()
+    assert rov.truth().eta[2] == pytest.approx(5.0 - 0.125 + 20 / 1000, abs=1e-4)
+
+
+def test_the_seabed_pushes_only_and_rubs_against_sliding():
+    ground = environment("seabed={enabled=true, depth_m=5.0, stiffness_n_per_m=1000, friction=0.5}")
+    assert ground.step(0, 0, at(4.87))[0] == (0, 0, 0)
+    assert ground.step(0, 0, at(4.885, (0.2, 0, 0, 0, 0, 0)))[0] == pytest.approx((-5, 0, -10))
+    assert ground.step(0, 0, at(4.885, (0, 0, -1.0, 0, 0, 0)))[0] == (0, 0, 0)
 
 
 def test_load_hangs_from_on_to_off_after_the_first_arming():
     water = environment("load={enabled=true, weight_n=12, on_s=2, off_s=4}")
-    assert [water.step(t, t - 10, 0, 0, 5)[0][2] for t in (5, 11.9, 12.0, 13.9, 14.0)] == [0, 0, 12, 12, 0]
+    assert [water.step(t, t - 10, at(5))[0][2] for t in (5, 11.9, 12.0, 13.9, 14.0)] == [0, 0, 12, 12, 0]
 
 
 def test_load_waits_for_arming_and_shows_in_the_truth():
@@ -92,14 +168,14 @@ def test_load_waits_for_arming_and_shows_in_the_truth():
 
 def test_tether_pulls_and_grows_with_depth():
     water = environment("tether={enabled=true, sigma_n=[0,0,0], pull_n=[1,-2,3], heave_n_per_m=0.5, tau_s=2}")
-    assert water.step(0, 0, 0, 0, 4)[0] == pytest.approx((1, -2, 5))
+    assert water.step(0, 0, at(4))[0] == pytest.approx((1, -2, 5))
 
 
 def test_scripted_heave_force():
     water = environment("heave_force={enabled=true, constant_n=5, sine_n=2, sine_period_s=8}")
-    assert water.step(2.0, 0, 0, 0, 5)[0] == pytest.approx((0, 0, 7))
+    assert water.step(2.0, 0, at(5))[0] == pytest.approx((0, 0, 7))
     noisy = environment("heave_force={enabled=true, sigma_n=8, tau_s=1}")
-    assert np.std([noisy.step(t, 0, 0, 0, 5)[0][2] for t in np.arange(0, 600, DT)]) == pytest.approx(
+    assert np.std([noisy.step(t, 0, at(5))[0][2] for t in np.arange(0, 600, DT)]) == pytest.approx(
         8, rel=0.15
     )
 
@@ -108,7 +184,7 @@ def test_switching_one_disturbance_leaves_the_others_as_they_were():
     both = environment("waves.enabled=true", "tether.enabled=true")
     one = environment("tether.enabled=true")
     for t in np.arange(0, 2, DT):
-        assert both.step(t, 0, 0, 0, 3)[0] == one.step(t, 0, 0, 0, 3)[0]
+        assert both.step(t, 0, at(3))[0] == one.step(t, 0, at(3))[0]
 
 
 def test_waves_push_a_neutral_vehicle_about_at_depth():
