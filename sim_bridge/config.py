@@ -161,6 +161,40 @@ class HeaveForce(_Record, frozen=True):
     tau_s: Positive = 2.0
 
 
+class Defects(_Record, frozen=True):
+    """What an instrument adds to its reading, in the reading's unit; nothing unless set."""
+
+    walk_per_sqrt_s: NonNegative = 0.0
+    """A bias that walks: its standard deviation after one second. It has no bound."""
+    step: NonNegative = 0.0
+    """Readings come in multiples of this."""
+    jitter_s: Annotated[float, Meta(ge=0, le=0.1)] = 0.0
+    """Each reading is older than its delay by up to so much."""
+    outage_every_s: NonNegative = 0.0
+    """Mean time from the end of an outage to the next one; 0 for none."""
+    outage_s: Annotated[float, Meta(ge=0.02)] = 1.0
+    """Mean length of an outage."""
+
+
+class Usbl(_Record, frozen=True):
+    """Acoustic fixes of the position, which the EKF blends in."""
+
+    enabled: bool = False
+    period_s: Annotated[float, Meta(ge=0.1)] = 2.0
+    sigma_m: NonNegative = 0.5
+    missed: Fraction = 0.1
+    """Part of the fixes that never arrive."""
+
+
+class Steel(_Record, frozen=True):
+    """A steel structure that turns the compass: a magnetic dipole (field in µT at 1 m, falling with r³)."""
+
+    enabled: bool = False
+    place_m: Vector3 = (3.0, 0.0, 5.0)
+    """North, east, down."""
+    moment_ut_m3: Vector3 = (0.0, 100.0, 0.0)
+
+
 class SensorConfig(_Record, frozen=True):
     """What the firmware's EKF reports: of each signal its delay and the standard deviations of its noises."""
 
@@ -191,6 +225,23 @@ class SensorConfig(_Record, frozen=True):
     """A position source: LOCAL_POSITION_NED exists and position modes are accepted."""
     dvl_drift_m: NonNegative = 0.02
     dvl_white_m: NonNegative = 0.003
+    dvl_min_altitude_m: NonNegative = 0.0
+    dvl_max_altitude_m: Positive = 1e6
+    """Over a seabed, a DVL measures within these altitudes only."""
+    unaided_m_s: NonNegative = 0.02
+    """Growth of the velocity's error while the DVL is out: standard deviation after one second."""
+    depth_defects: Defects = Defects()
+    """m. While it is out, depth and climb keep their last values."""
+    attitude_defects: Defects = Defects()
+    """rad; the bias is the heading's. While it is out, angles and rates keep their last values."""
+    dvl_defects: Defects = Defects()
+    """The walk is that of the position (m), the step that of the velocity (m/s)."""
+    usbl: Usbl = Usbl()
+
+    @property
+    def positioned(self) -> bool:
+        """Whether there is a position source."""
+        return self.dvl or self.usbl.enabled
 
 
 FaultKind = Literal[
@@ -253,6 +304,7 @@ class SimConfig(_Record, frozen=True):
     current: Current = Current()
     waves: Waves = Waves()
     seabed: Seabed = Seabed()
+    steel: Steel = Steel()
     tether: Tether = Tether()
     load: Load = Load()
     heave_force: HeaveForce = HeaveForce()

@@ -111,7 +111,13 @@ class Vehicle:
         self._links: dict[int, Link] = {}
         self._keys = KeyStore(config.signing_passphrase)
         self._physics = Physics(config, seed)
-        self._sensors = Sensors(config.sensors, STEP_S, sensor_rng)
+        self._sensors = Sensors(
+            config.sensors,
+            STEP_S,
+            sensor_rng,
+            config.seabed.depth_m if config.seabed.enabled else math.inf,
+            config.steel if config.steel.enabled else None,
+        )
         self._faults = Faults(config.faults, fault_rng)
         self._params = Parameters(
             FITTED
@@ -198,6 +204,7 @@ class Vehicle:
         )
         autopilot.leaking = self._faults.holds("leak") is not None
         autopilot.ekf_doubt = None if doubt is None else doubt.value
+        autopilot.aid(self._sensors.aided)
         self._supply(autopilot)
         physics.health = self._faults.health()
 
@@ -230,7 +237,7 @@ class Vehicle:
             self._params,
             self._sensors,
             config.thrusters.frame,
-            config.sensors.dvl,
+            config.sensors.positioned,
             config.rc_receiver,
             self._links,
             self._keys,

@@ -17,7 +17,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from companion.records import Array
-from sim_bridge.config import SimConfig
+from sim_bridge.config import Defects, SimConfig
 from sim_bridge.firmware.autopilot import INPUT_PERIOD_S
 from sim_bridge.firmware.mixer import mix_six_dof, mix_vectored
 from sim_bridge.physics.body import STEP_S
@@ -232,8 +232,10 @@ def refuse(config: SimConfig) -> None:
     thrusters, sensors = config.thrusters, config.sensors
     if thrusters.lag_s == 0.0:
         raise ValueError("thrusters without lag need the full loop")
-    if config.faults or config.heave_force.enabled or sensors.dvl or sensors.wave_pressure:
-        raise ValueError("faults, scripted heave forces, a DVL and wave pressure need the full loop")
+    if config.faults or config.heave_force.enabled or sensors.positioned or sensors.wave_pressure:
+        raise ValueError("faults, scripted heave forces, a position and wave pressure need the full loop")
+    if config.steel.enabled or sensors.depth_defects != Defects() or sensors.attitude_defects != Defects():
+        raise ValueError("steel and defects of instruments need the full loop")
     if config.seabed.enabled or config.current.profile or config.current.turn_deg_s:
         raise ValueError("a seabed, and a current that varies with depth or turns, need the full loop")
 

@@ -306,6 +306,15 @@ class Autopilot:
         self.say(INFO, "EKF3 IMU0 MAG0 in-flight yaw alignment complete")
         self.control.yaw_was_reset(turn_rad)
 
+    def aid(self, aided: bool) -> None:
+        """Lose the horizontal position, or have it again, and say so."""
+        if aided != self._has_position:
+            self._has_position = aided
+            if aided:
+                self.say(INFO, "EKF3 IMU0 is using external nav data")
+            else:
+                self.say(WARNING, "EKF3 IMU0 stopped aiding")
+
     def _neutralise(self) -> None:
         self.pilot.neutralise()
         self._input_is_new = True

@@ -1,4 +1,4 @@
-"""What the firmware's EKF and raw sensors report of the true motion: delay, slow and white noise, scale."""
+"""What the firmware's EKF and raw sensors report of the true motion: delay, noise, scale, defects."""
 
 import math
 from collections import deque
@@ -6,9 +6,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sim_bridge.config import SensorConfig
+from sim_bridge.config import SensorConfig, Steel
+from sim_bridge.physics.defects import Defective
 from sim_bridge.physics.environment import OrnsteinUhlenbeck
 from sim_bridge.physics.plant import GRAVITY, State, Three, between, down_axis, euler, ned_velocity
+from sim_bridge.physics.position import PositionErrors
 
 SURFACE_PRESSURE_HPA = 1013.25
 PA_PER_M = 9800.0
@@ -18,6 +20,14 @@ PRESSURE_PERIOD_S = 0.1
 HISTORY_S = 0.6
 ACCEL_FILTER_DELAY_S = 0.01
 """Of the accelerometer inside the firmware: INS_ACCEL_FILTER, 20 Hz."""
+
+
+EARTH_NORTH_UT = 21.9
+"""Horizontal part of the earth's field, as the firmware's compasses have it."""
+COMPASS_TAU_S = 5.0
+"""How slowly the EKF follows the compass away from its gyros. Assumed."""
+NEAREST_M = 0.3
+"""A dipole's field is not a dipole's nearer than this."""
 
 
 class Estimate(NamedTuple):
@@ -46,13 +56,58 @@ class Estimate(NamedTuple):
     """Acceleration upwards over the ground, from the filtered accelerometer, as the depth loop sees it."""
 
 
+KEPT_WITHOUT_DEPTH = ("depth_m", "climb_m_s", "altitude_m")
+KEPT_WITHOUT_ATTITUDE = ("roll", "pitch", "yaw", "rollspeed", "pitchspeed", "yawspeed")
+
+
+def deviation(steel: Steel, state: State) -> float:
+    """Return by how much steel turns magnetic north clockwise (rad) where the vehicle is.
+
+    The field of a dipole m at r: (3 (m r̂) r̂ − m) / |r|³.
+    """
+    r = [here - there for here, there in zip(state[:3], steel.place_m, strict=True)]
+    distance = max(math.sqrt(sum(part * part for part in r)), NEAREST_M)
+    along = 3.0 * sum(m * part for m, part in zip(steel.moment_ut_m3, r, strict=True)) / distance**2
+    north, east, _ = ((along * part - m) / distance**3 for m, part in zip(steel.moment_ut_m3, r, strict=True))
+    return math.atan2(east, EARTH_NORTH_UT + north)
+
+
 class Sensors:
     """Keeps a short history of the true motion and reports from it."""
 
-    def __init__(self, config: SensorConfig, step_s: float, rng: np.random.Generator) -> None:
+    def __init__(
+        self,
+        config: SensorConfig,
+        step_s: float,
+        rng: np.random.Generator,
+        seabed_m: float = math.inf,
+        steel: Steel | None = None,
+    ) -> None:
+        """Begin without a reading.
+
+        Args:
+            config: of the sensors.
+            step_s: period of `record`.
+            rng: of all noise.
+            seabed_m: depth of the water (m): how high a DVL is over the ground.
+            steel: what turns the compass.
+
+        """
         self._config = config
         self._step_s = step_s
-        slow_rng, self._white_rng, offset_rng = rng.spawn(3)
+        slow_rng, self._white_rng, offset_rng, *defect_rngs = rng.spawn(7)
+        self._seabed_m = seabed_m
+        self._steel = steel
+        self._deviation_rad = 0.0
+        self._depth_defects, self._attitude_defects, self._dvl_defects = (
+            Defective(defects, NOISE_PERIOD_S, one)
+            for defects, one in zip(
+                (config.depth_defects, config.attitude_defects, config.dvl_defects),
+                defect_rngs,
+                strict=False,
+            )
+        )
+        self._errors = PositionErrors(config, NOISE_PERIOD_S, defect_rngs[3]) if config.positioned else None
         self._white: list[float] = []
         self._history: deque[tuple[State, Three]] = deque(maxlen=int(HISTORY_S / step_s))
 
@@ -76,6 +131,9 @@ class Sensors:
         self._turned_rad, self._north_m, self._east_m = 0.0, 0.0, 0.0
         self._raw_depth = 0.0
         self._estimate: Estimate | None = None
+        self._last: Estimate | None = None
+        instruments = (self._depth_defects, self._attitude_defects, self._dvl_defects)
+        self._is_spoilt = bool(steel or self._errors) or any(one.active for one in instruments)
 
     def record(self, state: State, acceleration: Three, wave_m: float) -> None:
         """Take in the truth of one step.
@@ -94,12 +152,39 @@ class Sensors:
         if self._count % self._noise_steps == 0:
             for signal in self._slow:
                 signal.step()
+            if self._is_spoilt:
+                self._step_defects(state)
         if self._count % self._pressure_steps == 0:
             depth = self._delayed(self._config.pressure_delay_s)[0][2]
-            self._raw_depth = (
-                self._config.depth_scale * depth + self._config.pressure_white_m * self._normal()
-            )
+            raw = self._config.depth_scale * depth + self._config.pressure_white_m * self._normal()
+            if not self._depth_defects.out:
+                self._raw_depth = self._depth_defects.rounded(raw + self._depth_defects.bias)
         self._count += 1
+
+    @property
+    def aided(self) -> bool:
+        """Whether the EKF has a horizontal position."""
+        return self._errors is not None and self._errors.aided
+
+    def _step_defects(self, state: State) -> None:
+        for defects in (self._depth_defects, self._attitude_defects, self._dvl_defects):
+            defects.step()
+        if self._steel:
+            turned = math.remainder(deviation(self._steel, state) - self._deviation_rad, math.tau)
+            self._deviation_rad += turned * NOISE_PERIOD_S / COMPASS_TAU_S
+        if self._errors:
+            misled = (0.0, 0.0)
+            if heading_error := self._attitude_defects.bias - self._deviation_rad:
+                north, east, _ = ned_velocity(state)
+                c, s = math.cos(heading_error), math.sin(heading_error)
+                misled = (c * north - s * east - north, s * north + c * east - east)
+            self._errors.step(misled, locked=self._is_locked(state[2]))
+
+    def _is_locked(self, z: float) -> bool:
+        """Whether the DVL measures."""
+        config = self._config
+        in_range = config.dvl_min_altitude_m <= self._seabed_m - z <= config.dvl_max_altitude_m
+        return config.dvl and not self._dvl_defects.out and (in_range or self._seabed_m == math.inf)
 
     def rezero(self) -> None:
         """Arming moves the zero of relative_alt."""
@@ -133,14 +218,37 @@ class Sensors:
         """Read everything. `specific_gravity` is BARO_SPEC_GRAV: depths are divided by it."""
         if self._estimate is None:
             self._estimate = self._read(specific_gravity)
+            if self._is_spoilt:
+                self._last = self._estimate = self._spoilt(self._estimate)
         return self._estimate
+
+    def _spoilt(self, fresh: Estimate) -> Estimate:
+        """Return a reading as defects and the compass leave it."""
+        last = self._last or fresh
+        depth, attitude, dvl = self._depth_defects, self._attitude_defects, self._dvl_defects
+        position = last.position
+        if self._errors and self._errors.aided:
+            x, y, vx, vy = fresh.position
+            (e_x, e_y), (e_vx, e_vy) = self._errors.error, self._errors.speed_error
+            position = (x + e_x, y + e_y, dvl.rounded(vx + e_vx), dvl.rounded(vy + e_vy))
+        bias = attitude.bias - self._deviation_rad
+        spoilt = fresh._replace(
+            depth_m=depth.rounded(fresh.depth_m + depth.bias),
+            altitude_m=depth.rounded(fresh.altitude_m - depth.bias),
+            roll=attitude.rounded(fresh.roll),
+            pitch=attitude.rounded(fresh.pitch),
+            yaw=attitude.rounded(math.remainder(fresh.yaw + bias, math.tau)),
+            position=position,
+        )
+        kept = (KEPT_WITHOUT_DEPTH if depth.out else ()) + (KEPT_WITHOUT_ATTITUDE if attitude.out else ())
+        return spoilt._replace(**{name: getattr(last, name) for name in kept})
 
     def _read(self, specific_gravity: float) -> Estimate:
         config, normal = self._config, self._normal
         scale = config.depth_scale / specific_gravity
-        attitude, _ = self._delayed(config.attitude_delay_s)
-        height, _ = self._delayed(config.depth_delay_s)
-        motion, _ = self._delayed(config.climb_delay_s)
+        attitude, _ = self._delayed(config.attitude_delay_s + self._attitude_defects.late_s)
+        height, _ = self._delayed(config.depth_delay_s + self._depth_defects.late_s)
+        motion, _ = self._delayed(config.climb_delay_s + self._depth_defects.late_s)
         roll, pitch, yaw = euler(attitude)
         roll += self._angles[0].value + config.attitude_white_rad * normal()
         pitch += self._angles[1].value + config.attitude_white_rad * normal()
@@ -156,7 +264,7 @@ class Sensors:
         rise = -(push[0] * down[0] + push[1] * down[1] + push[2] * down[2])
         accel = self._accelerometer()
         position = (0.0, 0.0, 0.0, 0.0)
-        if config.dvl:
+        if self._errors:
             x, y = self._turned(height[0], height[1])
             vx, vy = self._turned(north, east)
             position = (

@@ -1,0 +1,87 @@
+"""How far the EKF's horizontal position is off: dead reckoning between a DVL and slow USBL fixes.
+
+| symbol | meaning | unit |
+|---|---|---|
+| e, v | error of one component's position and velocity | m, m/s |
+| P_ee, P_ev, P_vv | their covariance, as the filter believes it | m², m²/s, m²/s² |
+| q | growth of the velocity's error without a DVL | m/s per √s |
+| w | growth of the position's error with one | m per √s |
+
+    without a DVL:  e' = v,          v' = q n
+    with one:       e' = v + w n,    v = (R − 1) times the true velocity, R being the turn by a wrong heading
+    a fix:          e, v += K (σ n − e),    K = (P_ee, P_ev) / (P_ee + σ²)
+
+Both components share the covariance; each n is unit white noise of its own.
+"""
+
+import math
+
+import numpy as np
+
+from sim_bridge.config import SensorConfig
+
+UNAIDED_S = 15.0
+"""Without any aid the firmware's EKF gives its position up after this time (tiltDriftTimeMax_ms)."""
+
+
+class PositionErrors:
+    """The errors of north and east; where nothing is configured they stay zero."""
+
+    def __init__(self, config: SensorConfig, step_s: float, rng: np.random.Generator) -> None:
+        self.error = [0.0, 0.0]
+        self.speed_error = [0.0, 0.0]
+        self.aided = True
+        """Whether the EKF still has a horizontal position."""
+        self._usbl = config.usbl
+        self._step_s = step_s
+        self._grow = config.unaided_m_s * math.sqrt(step_s)
+        self._walk = config.dvl_defects.walk_per_sqrt_s * math.sqrt(step_s)
+        self._rng = rng
+        self._p_ee = self._p_ev = self._p_vv = 0.0
+        self._unaided_s = 0.0
+        self._until_fix_s = config.usbl.period_s
+
+    def step(self, misled: tuple[float, float], *, locked: bool) -> None:
+        """Go on by one step.
+
+        Args:
+            misled: what a wrong heading makes of the DVL's velocity, less the true one, north and east (m/s).
+            locked: whether the DVL measures.
+
+        """
+        dt, normal = self._step_s, self._rng.standard_normal
+        self._unaided_s = 0.0 if locked else self._unaided_s + dt
+        if locked:
+            self.speed_error = list(misled)
+            self._p_ev = self._p_vv = 0.0
+            self._p_ee += self._walk**2
+            kicks = [self._walk * float(normal()) for _ in misled] if self._walk else [0.0, 0.0]
+            self.error = [e + v * dt + kick for e, v, kick in zip(self.error, misled, kicks, strict=True)]
+        elif self.aided:
+            self.error = [e + v * dt for e, v in zip(self.error, self.speed_error, strict=True)]
+            self.speed_error = [v + self._grow * float(normal()) for v in self.speed_error]
+            self._p_ee += dt * (2.0 * self._p_ev + dt * self._p_vv)
+            self._p_ev += dt * self._p_vv
+            self._p_vv += self._grow**2
+        if self._usbl.enabled:
+            self._until_fix_s -= dt
+            if self._until_fix_s <= 0.0:
+                self._until_fix_s += self._usbl.period_s
+                if self._rng.random() >= self._usbl.missed:
+                    self._fix()
+        self.aided = self._unaided_s < UNAIDED_S
+
+    def _fix(self) -> None:
+        sigma_m = self._usbl.sigma_m
+        share = self._p_ee + sigma_m**2
+        k_e, k_v = (self._p_ee / share, self._p_ev / share) if share else (1.0, 0.0)
+        for i in range(2):
+            innovation = sigma_m * float(self._rng.standard_normal()) - self.error[i]
+            self.error[i] += k_e * innovation
+            self.speed_error[i] += k_v * innovation
+        self._p_ee, self._p_ev, self._p_vv = (
+            (1.0 - k_e) * self._p_ee,
+            (1.0 - k_e) * self._p_ev,
+            self._p_vv - k_v * self._p_ev,
+        )
+        self._unaided_s = 0.0

@@ -1,0 +1,170 @@
+"""Defects of instruments, dead reckoning and the compass: each as large as its configuration says."""
+
+import math
+
+import numpy as np
+import pytest
+from sim_wire import Station, vehicle
+
+from sim_bridge.config import Defects, SensorConfig, Steel, Usbl
+from sim_bridge.physics.defects import Defective
+from sim_bridge.physics.plant import state_of
+from sim_bridge.physics.position import UNAIDED_S, PositionErrors
+from sim_bridge.physics.sensors import EARTH_NORTH_UT, Sensors, deviation
+
+DT = 0.005
+QUIET = {
+    f"{name}": 0.0
+    for name in (
+        *(
+            "depth_slow_m",
+            "depth_white_m",
+            "climb_slow_m_s",
+            "climb_white_m_s",
+            "drift_m",
+            "attitude_slow_rad",
+        ),
+        *("attitude_white_rad", "gyro_white_rad_s", "pressure_white_m", "dvl_drift_m", "dvl_white_m"),
+    )
+}
+
+
+def instruments(seed=1, seabed_m=math.inf, steel=None, **changes):
+    rng = np.random.default_rng(seed)
+    return Sensors(SensorConfig(**(QUIET | changes)), DT, rng, seabed_m, steel)
+
+
+def reading(sensors, z=3.0, nu=(0.0,) * 6, seconds=DT):
+    for _ in range(round(seconds / DT)):
+        sensors.record(state_of((0, 0, z, 0, 0, 0), nu), (0.0, 0.0, 0.0), 0.0)
+    return sensors.estimate(1.0)
+
+
+def test_a_bias_walks_with_the_square_root_of_time():
+    biases = []
+    for seed in range(300):
+        defective = Defective(Defects(walk_per_sqrt_s=0.02), 0.1, np.random.default_rng(seed))
+        for _ in range(40):
+            defective.step()
+        biases.append(defective.bias)
+    assert np.std(biases) == pytest.approx(0.02 * math.sqrt(4.0), rel=0.15)
+
+
+def test_outages_take_their_share_of_time():
+    config = Defects(outage_every_s=0.6, outage_s=0.2)
+    defective = Defective(config, 0.01, np.random.default_rng(1))
+    out = []
+    for _ in range(200_000):
+        defective.step()
+        out.append(defective.out)
+    assert np.mean(out) == pytest.approx(0.2 / 0.8, rel=0.1)
+    assert 2000.0 / np.sum(np.diff(np.array(out, int)) > 0) == pytest.approx(0.8, rel=0.1)
+
+
+def test_readings_come_in_steps():
+    sensors = instruments(depth_defects=Defects(step=0.002), attitude_defects=Defects(step=0.01))
+    estimate = reading(sensors, z=3.0013)
+    assert estimate.depth_m == pytest.approx(3.002)
+    assert estimate.roll == 0.0
+
+
+def test_while_the_depth_is_out_it_stands_still_and_the_attitude_does_not():
+    sensors = instruments(depth_defects=Defects(outage_every_s=0.01, outage_s=1e6))
+    before = reading(sensors, z=2.0, nu=(0, 0, 0, 0.1, 0, 0), seconds=0.2)
+    after = reading(sensors, z=5.0, nu=(0, 0, 0.7, 0.3, 0, 0), seconds=1.0)
+    assert (after.depth_m, after.climb_m_s) == (before.depth_m, before.climb_m_s)
+    assert (before.rollspeed, after.rollspeed) == (0.1, 0.3)
+
+
+def test_jitter_makes_readings_older():
+    sensors = instruments(depth_delay_s=0.0, depth_defects=Defects(jitter_s=0.1))
+    late_s = []
+    for step in range(2000):
+        z = 0.5 * DT * step
+        late_s.append((z - reading(sensors, z=z).depth_m) / 0.5)
+    assert np.mean(late_s[100:]) == pytest.approx(0.05, rel=0.1)
+    assert max(late_s) < 0.1
+
+
+def test_without_a_dvl_the_speed_error_walks_and_the_position_is_given_up():
+    speeds, places = [], []
+    for seed in range(200):
+        errors = PositionErrors(SensorConfig(unaided_m_s=0.03), 0.05, np.random.default_rng(seed))
+        for _ in range(200):
+            errors.step((0.0, 0.0), locked=False)
+        speeds += errors.speed_error
+        places += errors.error
+    assert np.std(speeds) == pytest.approx(0.03 * math.sqrt(10.0), rel=0.1)
+    assert np.std(places) == pytest.approx(0.03 * math.sqrt(10.0**3 / 3), rel=0.1)
+    assert errors.aided
+    for _ in range(round((UNAIDED_S - 10.0) / 0.05) + 1):
+        errors.step((0.0, 0.0), locked=False)
+    assert not errors.aided
+
+
+def test_fixes_bound_the_error_as_their_filter_says():
+    """Steady state of a random walk in speed with fixes: P of the filter is the variance of the errors."""
+    usbl = Usbl(enabled=True, period_s=1.0, sigma_m=0.4, missed=0.0)
+    squares, believed = [], []
+    for seed in range(40):
+        errors = PositionErrors(SensorConfig(usbl=usbl, unaided_m_s=0.1), 0.1, np.random.default_rng(seed))
+        for step in range(600):
+            errors.step((0.0, 0.0), locked=False)
+            if step > 200:
+                squares += [e * e for e in errors.error]
+                believed.append(errors._p_ee)
+        assert errors.aided
+    assert np.mean(squares) == pytest.approx(np.mean(believed), rel=0.15)
+    assert math.sqrt(np.mean(squares)) < 0.4
+
+
+def test_a_wrong_heading_bends_the_way_that_the_dvl_measures():
+    errors = PositionErrors(SensorConfig(dvl=True), 0.1, np.random.default_rng(1))
+    for _ in range(100):
+        errors.step((0.0, 0.05), locked=True)
+    assert errors.error == pytest.approx([0.0, 0.5])
+    assert errors.speed_error == [0.0, 0.05]
+
+
+@pytest.mark.parametrize(
+    ("seabed_m", "locked"), [(3.02, False), (10.0, True), (80.0, False), (math.inf, True)]
+)
+def test_a_dvl_measures_within_its_range_over_the_seabed(seabed_m, locked):
+    sensors = instruments(seabed_m=seabed_m, dvl=True, dvl_min_altitude_m=0.05, dvl_max_altitude_m=50.0)
+    reading(sensors, seconds=UNAIDED_S + 0.1)
+    assert sensors.aided == locked
+
+
+def test_steel_turns_the_compass_as_a_dipole_does():
+    """On the axis of a dipole its field is 2 m / r³; north of an eastward one it is −m / r³."""
+    steel = Steel(enabled=True, place_m=(0.0, 0.0, 3.0), moment_ut_m3=(0.0, 80.0, 0.0))
+    beside = state_of((0, 2.0, 3.0, 0, 0, 0), (0,) * 6)
+    ahead = state_of((2.0, 0, 3.0, 0, 0, 0), (0,) * 6)
+    assert deviation(steel, beside) == pytest.approx(math.atan2(20.0, EARTH_NORTH_UT))
+    assert deviation(steel, ahead) == pytest.approx(math.atan2(-10.0, EARTH_NORTH_UT))
+    far = state_of((40.0, 0, 3.0, 0, 0, 0), (0,) * 6)
+    assert abs(deviation(steel, far)) < 1e-4
+    sensors = instruments(steel=Steel(enabled=True, place_m=(0.0, -2.0, 3.0), moment_ut_m3=(0.0, 80.0, 0.0)))
+    assert reading(sensors, seconds=40.0).yaw == pytest.approx(-math.atan2(20.0, EARTH_NORTH_UT), rel=0.01)
+
+
+def test_the_firmware_says_when_it_loses_the_position_and_has_it_again():
+    out = "sensors.dvl_defects={outage_every_s=0.01, outage_s=1e6}"
+    station = Station(vehicle("sensors.dvl=true", out, "initial.eta=[0,0,3,0,0,0]"))
+    heard = station.run(UNAIDED_S + 1.0)
+    assert any("stopped aiding" in message.text for message in heard.of("STATUSTEXT"))
+    assert station.run(1.0).of("LOCAL_POSITION_NED") == []
+    fixed = Station(vehicle("sensors.usbl={enabled=true}", "initial.eta=[0,0,3,0,0,0]"))
+    assert fixed.run(UNAIDED_S + 1.0).of("LOCAL_POSITION_NED")
+
+
+def test_the_same_seed_gives_the_same_defects():
+    def heard(seed):
+        rov = vehicle(
+            "sensors.depth_defects={walk_per_sqrt_s=0.01, jitter_s=0.02, outage_every_s=2, outage_s=0.5}",
+            seed=seed,
+        )
+        return [data for _ in range(400) for _, data in rov.step([(0, b"")])]
+
+    assert heard(3) == heard(3)
+    assert heard(3) != heard(4)
