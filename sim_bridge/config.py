@@ -10,6 +10,8 @@ from typing import Annotated, Any, Literal, NoReturn
 import msgspec
 from msgspec import Meta, Struct
 
+from sim_bridge.fault_kinds import Fault
+
 Positive = Annotated[float, Meta(gt=0)]
 NonNegative = Annotated[float, Meta(ge=0)]
 Fraction = Annotated[float, Meta(ge=0, le=1)]
@@ -242,56 +244,6 @@ class SensorConfig(_Record, frozen=True):
     def positioned(self) -> bool:
         """Whether there is a position source."""
         return self.dvl or self.usbl.enabled
-
-
-FaultKind = Literal[
-    "message_frozen",
-    "message_stopped",
-    "message_nan",
-    "message_extreme",
-    "link_cut",
-    "link_delayed",
-    "link_lossy",
-    "link_duplicating",
-    "reboot",
-    "disarm",
-    "mode",
-    "parameter",
-    "thruster",
-    "leak",
-    "ekf",
-    "depth_shifted",
-    "yaw_reset",
-    "position_reset",
-    "voltage",
-]
-
-
-class Fault(_Record, frozen=True):
-    """One scripted fault; `at_s` counts from the simulation's start. `faults` tells what each kind does."""
-
-    kind: FaultKind
-    at_s: NonNegative = 0.0
-    duration_s: Positive = 1e9
-    message: str = ""
-    """message_*: the MAVLink name, or empty for every telemetry message."""
-    parameter: str = ""
-    thruster: Annotated[int, Meta(ge=1, le=8)] = 1
-    count: Annotated[int, Meta(ge=1, le=1000)] = 1
-    """yaw_reset, position_reset: how many, spread over duration_s."""
-    value: float = 0.0
-    """message_extreme: the value; link_delayed: s; link_lossy, link_duplicating: probability; mode: number;
-    parameter: its value; thruster: health 0..1; ekf: variance; depth_shifted: m; yaw_reset: degrees;
-    position_reset: m; voltage: V."""
-
-    def __post_init__(self) -> None:
-        if self.kind == "parameter" and not self.parameter:
-            raise ValueError("a fault of kind 'parameter' needs its name in 'parameter'")
-        upper = {"link_delayed": 10.0, "link_lossy": 1.0, "link_duplicating": 1.0, "thruster": 1.0}.get(
-            self.kind
-        )
-        if upper is not None and not 0.0 <= self.value <= upper:
-            raise ValueError(f"value of a fault of kind '{self.kind}' must be within 0..{upper:g}")
 
 
 class SimConfig(_Record, frozen=True):

@@ -1,25 +1,6 @@
 """Scripted faults: what breaks, when, for how long; between the autopilot and its links, or on the vehicle.
 
-| kind | what happens from at_s for duration_s |
-|---|---|
-| message_frozen | telemetry named `message` repeats what it said last |
-| message_stopped | it is not sent |
-| message_nan | its float fields are NaN |
-| message_extreme | its float fields are `value`, its signed integers at their largest |
-| link_cut | nothing passes, either way |
-| link_delayed | everything passes `value` seconds later, either way |
-| link_lossy | each datagram is lost with probability `value`, either way |
-| link_duplicating | each datagram comes twice with probability `value`, either way |
-| reboot, disarm | once, at at_s |
-| mode, parameter | once: flight mode `value`; `parameter` = `value` |
-| depth_shifted | once: relative_alt reads `value` m deeper from now on |
-| yaw_reset | `count` times over duration_s: the EKF turns its yaw by `value` degrees, and with it the
-  directions of all further motion over ground |
-| position_reset | likewise: the EKF's position is `value` m further north |
-| leak | a leak detector is wet |
-| ekf | the EKF has no solution, and reports `value` as its variance |
-| voltage | the battery has `value` V |
-| thruster | number `thruster` keeps only `value` of its thrust |
+FAULT_KINDS tells what each kind does from at_s for duration_s.
 """
 
 import copy
@@ -30,7 +11,7 @@ from collections.abc import Iterable, Sequence
 import msgspec
 import numpy as np
 
-from sim_bridge.config import Fault
+from sim_bridge.fault_kinds import Fault
 from sim_bridge.firmware.messages import Message
 from sim_bridge.physics.thrusters import Eight
 
@@ -80,6 +61,12 @@ class Faults:
                 health[fault.thruster - 1] = fault.value
         a, b, c, d, e, f, g, h = health
         return a, b, c, d, e, f, g, h
+
+    def stuck(self) -> dict[int, int]:
+        """PWM (µs) of each motor that does not obey, by its index."""
+        return {
+            fault.thruster - 1: round(fault.value) for fault in self._active if fault.kind == "thruster_stuck"
+        }
 
     def holds(self, kind: str) -> Fault | None:
         """Return the fault of this kind that holds now."""

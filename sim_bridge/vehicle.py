@@ -7,7 +7,8 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_bridge.config import Fault, SimConfig
+from sim_bridge.config import SimConfig
+from sim_bridge.fault_kinds import Fault
 from sim_bridge.faults import Faults
 from sim_bridge.firmware.autopilot import INPUT_PERIOD_S, Autopilot
 from sim_bridge.firmware.link import Link
@@ -206,7 +207,11 @@ class Vehicle:
         autopilot.ekf_doubt = None if doubt is None else doubt.value
         autopilot.aid(self._sensors.aided)
         self._supply(autopilot)
-        physics.health = self._faults.health()
+        physics.health, physics.stuck = self._faults.health(), self._faults.stuck()
+        turned = self._faults.holds("compass")
+        self._sensors.disturb(
+            math.radians(turned.value) if turned else 0.0, dvl_out=self._faults.holds("dvl_out") is not None
+        )
 
     def _supply(self, autopilot: Autopilot) -> None:
         physics = self._physics

@@ -13,8 +13,8 @@ from companion.mavlink.relay import Relay
 from companion.records import NEUTRAL, Request, Setpoint, State
 from lab.loop.firmware import Firmware
 from lab.loop.lockstep import START_S, Link, Lockstep, Step
-from sim_bridge.config import Fault
 from sim_bridge.config import load_config as load_plant
+from sim_bridge.fault_kinds import Fault
 from sim_bridge.vehicle import Vehicle
 
 ROOT = Path(__file__).parent.parent

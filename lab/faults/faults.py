@@ -30,11 +30,10 @@ from companion.config import load_config
 from companion.engine import Engine
 from companion.records import Condition, ControlSample, LoopHealth, Request, Setpoint, State
 from companion.supervision.supervisor import BLOCKING, CARRY_AUTHORITY
-from lab.loop.firmware import FAULTS as CAN_INJECT
 from lab.loop.firmware import Firmware
 from lab.loop.lockstep import START_S, Link, Lockstep
-from sim_bridge.config import Fault, FaultKind
 from sim_bridge.config import load_config as load_plant
+from sim_bridge.fault_kinds import FAULT_KINDS, Fault
 from sim_bridge.vehicle import Vehicle
 
 Inbox = list[tuple[int, bytes]]
@@ -287,7 +286,7 @@ class Diving:
 class InSimulator:
     """A fault of the vehicle's script."""
 
-    kind: FaultKind
+    kind: str
 
     def __call__(self, dive: Diving, broken: Broken, rng: np.random.Generator) -> None:
         """Begin it."""
@@ -442,7 +441,7 @@ FAULTS: dict[str, FaultSpec] = {
 ON_FIRMWARE = tuple(
     name
     for name, kind in FAULTS.items()
-    if not (isinstance(kind.begin, InSimulator) and kind.begin.kind not in CAN_INJECT)
+    if not (isinstance(kind.begin, InSimulator) and not FAULT_KINDS[kind.begin.kind].on_firmware)
     and name != "depth jumps"
 )
 """Left out: what would change the firmware's own messages, a leak (no pin), losses and resets of its EKF, and

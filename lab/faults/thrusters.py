@@ -19,8 +19,9 @@ from lab.loop.firmware import vehicle_of
 from lab.loop.lockstep import Link, Lockstep
 from lab.loop.scenarios import DEPTH_M, ensemble
 from sim_bridge.commands import DEFAULT_CONFIG
-from sim_bridge.config import Fault, SimConfig
+from sim_bridge.config import SimConfig
 from sim_bridge.config import load_config as load_plant
+from sim_bridge.fault_kinds import Fault
 
 DIES_S, ENDS_S = 20.0, 80.0
 AFTER_S = 10.0

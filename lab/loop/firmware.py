@@ -21,8 +21,8 @@ station sets the EKF's origin, and the body is lowered to `initial.eta`. `time_s
 the time of the sea: the same seed gives the sea that our stand-in gets.
 
 Parameters: those of NEEDED, of the configuration's frame, battery, water and DVL, and last its `parameters`.
-Faults: links, reboot, disarm, mode, parameter, thruster, voltage, depth_shifted; the others are refused,
-because they would have to change what this firmware says (see `FAULTS`).
+Faults: those that FAULT_KINDS allows on the firmware; the others are refused, because they would have to
+change what this firmware says (message_*), its pins (leak), its sensors or its EKF.
 """
 
 import atexit
@@ -43,7 +43,8 @@ from typing import Any, Self
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from sim_bridge.config import Fault, FaultKind, SimConfig
+from sim_bridge.config import SimConfig
+from sim_bridge.fault_kinds import FAULT_KINDS, Fault
 from sim_bridge.faults import Datagram, Faults
 from sim_bridge.physics.body import Physics
 from sim_bridge.physics.json_physics import DrivenBody, Frame, Motion, Responder
@@ -117,21 +118,6 @@ if sys.platform == "linux":
 if os.getppid() == int(sys.argv[1]):
     os.execv(sys.argv[2], sys.argv[2:])
 """
-
-FAULTS: tuple[FaultKind, ...] = (
-    "link_cut",
-    "link_delayed",
-    "link_lossy",
-    "link_duplicating",
-    "reboot",
-    "disarm",
-    "mode",
-    "parameter",
-    "thruster",
-    "voltage",
-    "depth_shifted",
-)
-"""What `inject` can do. Not: message_* (the firmware's own messages), leak (no pin), ekf (its own EKF)."""
 
 
 class FirmwareError(RuntimeError):
@@ -301,7 +287,7 @@ class Firmware:
             self._begin(fault)
         body, drained = self._body, self._faults.holds("voltage")
         body.source_v = self._config.battery.voltage_v if drained is None else drained.value
-        body.physics.health = self._faults.health()
+        body.physics.health, body.physics.stuck = self._faults.health(), self._faults.stuck()
         for link, data in self._faults.carry("in", datagrams, self.time_s):
             self.open_link(link)
             self._outbox.setdefault(link, []).append(data)
@@ -476,7 +462,7 @@ def held(eta: Sequence[float], lowered_s: float) -> Motion:
 
 
 def _refuse(fault: Fault) -> None:
-    if fault.kind not in FAULTS:
+    if not FAULT_KINDS[fault.kind].on_firmware:
         raise ValueError(f"fault '{fault.kind}' cannot be done to the real firmware")
 
 

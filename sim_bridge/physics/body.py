@@ -39,6 +39,8 @@ class Physics:
         """What each thruster delivers now; those that the frame does not have deliver nothing."""
         self.health: Eight = HEALTHY
         """Scales the thrust of each: 0 is a dead thruster."""
+        self.stuck: dict[int, int] = {}
+        """PWM (µs) of motors that do not obey, by index."""
         self.environment = Environment(config, STEP_S, np.random.default_rng(seed).spawn(1)[0])
         self.voltage_v = config.battery.voltage_v
         self.current_a = 0.0
@@ -66,7 +68,9 @@ class Physics:
             dt_s: time to advance (s).
 
         """
-        self._drive(pwm[: self.thrusters])
+        self._drive(
+            [self.stuck.get(i, us) for i, us in enumerate(pwm[: self.thrusters])] if self.stuck else pwm
+        )
         parts = max(1, math.ceil(dt_s / STEP_S - 1e-6))
         part_s = dt_s / parts
         follow = thrusters.follow_of(self._thrusters.lag_s, part_s)

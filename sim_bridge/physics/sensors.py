@@ -98,7 +98,8 @@ class Sensors:
         slow_rng, self._white_rng, offset_rng, *defect_rngs = rng.spawn(7)
         self._seabed_m = seabed_m
         self._steel = steel
-        self._deviation_rad = 0.0
+        self._deviation_rad = self._turned_north_rad = 0.0
+        self._dvl_silenced = False
         self._depth_defects, self._attitude_defects, self._dvl_defects = (
             Defective(defects, NOISE_PERIOD_S, one)
             for defects, one in zip(
@@ -166,12 +167,19 @@ class Sensors:
         """Whether the EKF has a horizontal position."""
         return self._errors is not None and self._errors.aided
 
+    def disturb(self, turned_rad: float, *, dvl_out: bool) -> None:
+        """Turn magnetic north clockwise (rad), and silence the DVL."""
+        if turned_rad:
+            self._is_spoilt = True
+        self._turned_north_rad, self._dvl_silenced = turned_rad, dvl_out
+
     def _step_defects(self, state: State) -> None:
         for defects in (self._depth_defects, self._attitude_defects, self._dvl_defects):
             defects.step()
-        if self._steel:
-            turned = math.remainder(deviation(self._steel, state) - self._deviation_rad, math.tau)
-            self._deviation_rad += turned * NOISE_PERIOD_S / COMPASS_TAU_S
+        north_rad = self._turned_north_rad + (deviation(self._steel, state) if self._steel else 0.0)
+        if north_rad or self._deviation_rad:
+            behind = math.remainder(north_rad - self._deviation_rad, math.tau)
+            self._deviation_rad += behind * NOISE_PERIOD_S / COMPASS_TAU_S
         if self._errors:
             misled = (0.0, 0.0)
             if heading_error := self._attitude_defects.bias - self._deviation_rad:
@@ -184,7 +192,8 @@ class Sensors:
         """Whether the DVL measures."""
         config = self._config
         in_range = config.dvl_min_altitude_m <= self._seabed_m - z <= config.dvl_max_altitude_m
-        return config.dvl and not self._dvl_defects.out and (in_range or self._seabed_m == math.inf)
+        out = self._dvl_defects.out or self._dvl_silenced
+        return config.dvl and not out and (in_range or self._seabed_m == math.inf)
 
     def rezero(self) -> None:
         """Arming moves the zero of relative_alt."""

@@ -16,8 +16,8 @@ from lab.loop import firmware
 from lab.loop.firmware import Firmware, FirmwareError, held, parameters_of, program
 from lab.loop.lockstep import Link, Lockstep
 from sim_bridge.commands import DEFAULT_CONFIG
-from sim_bridge.config import Fault
 from sim_bridge.config import load_config as load_plant
+from sim_bridge.fault_kinds import Fault
 from sim_bridge.physics.plant import GRAVITY
 
 TESTS = Path(__file__).parents[1]

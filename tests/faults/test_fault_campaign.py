@@ -19,7 +19,7 @@ from lab.faults.faults import (
     dive_group,
 )
 from lab.faults.report import dived
-from lab.loop.firmware import FAULTS as CAN_INJECT
+from sim_bridge.fault_kinds import FAULT_KINDS
 
 DIVES = 204 if os.environ.get("CI") else 102
 
@@ -43,7 +43,7 @@ def test_with_the_real_firmware_only_what_can_be_done_to_it_is_drawn():
     assert {one.state for one in cases} == set(State) - {State.HAND_OVER}
     assert not any(fault.message for one in cases for fault in one.faults)
     asked = [FAULTS[kind].begin for kind in ON_FIRMWARE]
-    assert {begin.kind for begin in asked if isinstance(begin, InSimulator)} <= set(CAN_INJECT)
+    assert all(FAULT_KINDS[begin.kind].on_firmware for begin in asked if isinstance(begin, InSimulator))
 
 
 @pytest.fixture(scope="module")

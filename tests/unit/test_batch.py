@@ -16,8 +16,8 @@ from lab.loop.dive import dive
 from lab.loop.lockstep import Link
 from lab.loop.scenarios import SETTLE_S, four, hold
 from sim_bridge.commands import DEFAULT_CONFIG
-from sim_bridge.config import Fault
 from sim_bridge.config import load_config as load_plant
+from sim_bridge.fault_kinds import Fault
 
 pytestmark = pytest.mark.timeout(400)  # whoever is first compiles the loop
 

@@ -24,7 +24,7 @@ def test_shipped_files_fly(name):
         ("thrusters.gain=[1.0, 1.0]", ["thrusters", "1 or 8"]),
         ("hull.added_mass=[1, 2]", ["hull.added_mass"]),
         ("sensors.depth_scale='deep'", ["sensors.depth_scale", "deep"]),
-        ("faults=[{kind='gremlin'}]", ["faults[0].kind", "gremlin"]),
+        ("faults=[{kind='gremlin'}]", ["faults[0]", "gremlin", "link_cut"]),
         ("faults=[{kind='parameter'}]", ["faults[0]", "parameter"]),
         ("faults=[{kind='link_lossy', value=3}]", ["faults[0]", "0..1"]),
         ("speed", ["speed", "dotted.key=value"]),

@@ -6,7 +6,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from sim_wire import SET_INTERVAL, STABILIZE, Station, override, vehicle
 
-from sim_bridge.config import Fault
+from sim_bridge.fault_kinds import Fault
 
 
 def station_with(*faults, **options):
@@ -111,6 +111,45 @@ def test_a_dead_thruster_pushes_no_more():
     assert rov.truth().thrust_n[4] < -8
     station.run(2.0, override(throttle=200))
     assert rov.truth().thrust_n[5] < -8
+
+
+def test_a_stuck_thruster_obeys_nobody():
+    rov = vehicle("initial.eta=[0,0,5,0,0,0]")
+    station = Station(rov).arm()
+    rov.inject(Fault("thruster_stuck", at_s=rov.time_s, duration_s=2.0, thruster=3, value=1700))
+    station.run(1.5, override())
+    assert rov.truth().thrust_n[2] == pytest.approx(17.9, rel=0.05)
+    assert rov.truth().motor_pwm[2] == 1500
+    station.run(2.0, override())
+    assert abs(rov.truth().thrust_n[2]) < 0.1
+
+
+def test_a_disturbed_compass_turns_the_heading_slowly_and_lets_it_return():
+    rov = vehicle("initial.eta=[0,0,5,0,0,0]")
+    station = Station(rov)
+    rov.inject(Fault("compass", at_s=0.1, duration_s=15.0, value=30.0))
+    assert station.run(1.0).last("ATTITUDE").yaw > -0.2
+    assert station.run(14.0).last("ATTITUDE").yaw == pytest.approx(-math.radians(30.0) * 0.95, abs=0.03)
+    assert station.run(25.0).last("ATTITUDE").yaw == pytest.approx(0.0, abs=0.03)
+
+
+def test_without_the_dvl_the_position_drifts_and_is_lost():
+    rov = vehicle("initial.eta=[2,1,5,0,0,0]", "sensors.dvl=true", "sensors.unaided_m_s=0.1")
+    station = Station(rov)
+    station.command(SET_INTERVAL, mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED, 20000).run(1.0)
+    rov.inject(Fault("dvl_out", at_s=rov.time_s, duration_s=30.0))
+    place = station.run(12.0).last("LOCAL_POSITION_NED")
+    assert math.hypot(place.x - 2, place.y - 1) > 0.2
+    assert not station.run(10.0).of("LOCAL_POSITION_NED")[300:]
+    assert station.run(10.0).of("LOCAL_POSITION_NED")
+
+
+@pytest.mark.parametrize(
+    ("kind", "value"), [("thruster_stuck", 2000), ("link_lossy", 1.1), ("ekf", math.nan)]
+)
+def test_a_fault_out_of_its_range_is_refused(kind, value):
+    with pytest.raises(ValueError, match=kind):
+        Fault(kind, value=value)
 
 
 def test_a_yaw_reset_turns_yaw_and_motion_over_ground_but_no_rate_and_no_place():

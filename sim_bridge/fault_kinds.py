@@ -1,0 +1,83 @@
+"""What can break: one table of kinds, and the record of one fault."""
+
+from math import inf
+from typing import Annotated, NamedTuple
+
+import msgspec
+from msgspec import Meta
+
+
+class FaultKind(NamedTuple):
+    """One row of the table."""
+
+    effect: str
+    """What happens from at_s for duration_s."""
+    value: str = ""
+    """What `value` is; empty if the kind has none."""
+    low: float = -inf
+    high: float = inf
+    """Range of `value`."""
+    on_firmware: bool = False
+    """Whether it can be done to the real ArduSub as well."""
+
+
+FAULT_KINDS: dict[str, FaultKind] = {
+    "message_frozen": FaultKind("telemetry named `message` repeats what it said last"),
+    "message_stopped": FaultKind("telemetry named `message` is not sent"),
+    "message_nan": FaultKind("the float fields of `message` are NaN"),
+    "message_extreme": FaultKind("its float fields are `value`, its signed integers at their largest", "any"),
+    "link_cut": FaultKind("nothing passes, either way", on_firmware=True),
+    "link_delayed": FaultKind("everything passes later, either way", "s", 0.0, 10.0, on_firmware=True),
+    "link_lossy": FaultKind("datagrams get lost, either way", "probability", 0.0, 1.0, on_firmware=True),
+    "link_duplicating": FaultKind(
+        "datagrams come twice, either way", "probability", 0.0, 1.0, on_firmware=True
+    ),
+    "reboot": FaultKind("once: the autopilot restarts", on_firmware=True),
+    "disarm": FaultKind("once: the motors are disarmed", on_firmware=True),
+    "mode": FaultKind("once: another flight mode", "its number", 0.0, 255.0, on_firmware=True),
+    "parameter": FaultKind("once: `parameter` gets another value", "that value", on_firmware=True),
+    "thruster": FaultKind(
+        "number `thruster` keeps only this part of its thrust", "0..1", 0.0, 1.0, on_firmware=True
+    ),
+    "thruster_stuck": FaultKind(
+        "number `thruster` runs at this PWM, whatever it is told", "µs", 1100.0, 1900.0, on_firmware=True
+    ),
+    "leak": FaultKind("a leak detector is wet"),
+    "ekf": FaultKind("the EKF has no solution, and reports this variance", "variance", 0.0),
+    "depth_shifted": FaultKind("once: relative_alt reads deeper from now on", "m", on_firmware=True),
+    "yaw_reset": FaultKind(
+        "`count` times over duration_s: the EKF turns yaw and motion over ground", "degrees"
+    ),
+    "position_reset": FaultKind("`count` times over duration_s: the EKF's position is further north", "m"),
+    "dvl_out": FaultKind("the DVL does not measure"),
+    "compass": FaultKind(
+        "magnetic north is turned clockwise; the EKF follows in 5 s", "degrees", -180.0, 180.0
+    ),
+    "voltage": FaultKind("the battery's open-circuit voltage", "V", 0.0, 60.0, on_firmware=True),
+}
+
+
+class Fault(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """One scripted fault; `at_s` counts from the simulation's start."""
+
+    kind: str
+    at_s: Annotated[float, Meta(ge=0)] = 0.0
+    duration_s: Annotated[float, Meta(gt=0)] = 1e9
+    message: str = ""
+    """message_*: the MAVLink name, or empty for every telemetry message."""
+    parameter: str = ""
+    thruster: Annotated[int, Meta(ge=1, le=8)] = 1
+    count: Annotated[int, Meta(ge=1, le=1000)] = 1
+    """yaw_reset, position_reset: how many, spread over duration_s."""
+    value: float = 0.0
+
+    def __post_init__(self) -> None:
+        kind = FAULT_KINDS.get(self.kind)
+        if kind is None:
+            raise ValueError(f"no fault of kind '{self.kind}'; there are {', '.join(FAULT_KINDS)}")
+        if self.kind == "parameter" and not self.parameter:
+            raise ValueError("a fault of kind 'parameter' needs its name in 'parameter'")
+        if kind.value and not kind.low <= self.value <= kind.high:
+            raise ValueError(
+                f"value of a fault of kind '{self.kind}' must be within {kind.low:g}..{kind.high:g}"
+            )
