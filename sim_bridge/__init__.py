@@ -8,11 +8,12 @@ One step of `vehicle.Vehicle` (5 ms), read from left to right:
                   v                                                                                 |
     bytes out <- links <- messages <- streams, autopilot <------------------------------------------+
 
-- `plant`, `thrusters`, `environment`, `sensors`: the water and what floats in it. Fossen's notation, NED, SI.
+- `physics`: the water (`environment`, `waves`), what floats in it (`body`, `plant`, `thrusters`) and what it
+  feels (`sensors`, `defects`, `position`). Fossen's notation, NED, SI.
 - `autopilot` and its parts `params`, `pilot`, `modes`, `mixer`, `streams`, `messages`: the firmware's habits.
-- `faults`: what breaks, when, as data. `config`: TOML into frozen records.
+- `fault_kinds`, `faults`: what can break; what breaks, and when. `config`: TOML into frozen records.
 - `vehicle`: composes the above; pure, seeded, steps in virtual time.
-- `app` and `zenoh_truth`: the only sockets, clocks and threads. `commands`: the `holdfast sim` command.
+- `app` and `zenoh_link`: the only sockets, clocks and threads. `commands`: the `holdfast sim` command.
 
 Nothing here is shared with `companion`: only MAVLink and the facts about the vehicle are.
 """

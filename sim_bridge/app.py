@@ -9,15 +9,19 @@ import itertools
 import logging
 import signal
 import sys
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import cast
 
+from msgspec.structs import replace
+
 from sim_bridge.config import SimConfig
+from sim_bridge.fault_kinds import Fault
 from sim_bridge.physics.body import STEP_S, Physics
 from sim_bridge.physics.json_physics import DrivenBody, Responder
 from sim_bridge.vehicle import Truth, Vehicle, truth_of
-from sim_bridge.zenoh_truth import TruthPublisher
+from sim_bridge.zenoh_link import ZenohLink
 
 LOG = logging.getLogger("holdfast.sim")
 
@@ -48,6 +52,8 @@ class Settings:
     speed: float
     physics: Endpoint | None = None
     """Where the real firmware sends its frames; then there is no vehicle of ours, and no other endpoint."""
+    live_faults: bool = False
+    """Whether everybody on Zenoh may break the vehicle."""
 
 
 class Links:
@@ -155,13 +161,22 @@ class _TcpClient(asyncio.Protocol):
 
 
 async def _pace(
-    vehicle: Vehicle, links: Links, publish: Callable[[Truth], None] | None, speed: float, stop: asyncio.Event
+    vehicle: Vehicle,
+    links: Links,
+    asked: deque[Fault],
+    publish: Callable[[Truth], None] | None,
+    speed: float,
+    stop: asyncio.Event,
 ) -> None:
     """Step the vehicle against the monotonic clock without drift; fall behind rather than burst."""
     clock = asyncio.get_running_loop().time
     period_s = vehicle.step_s / speed
     due_s = clock()
     for count in itertools.count(1):
+        while asked:
+            fault = asked.popleft()
+            LOG.info("fault: %s in %g s", fault.kind, fault.at_s)
+            vehicle.inject(replace(fault, at_s=vehicle.time_s + fault.at_s))
         inbox, links.inbox = links.inbox, []
         links.send(vehicle.step(inbox))
         if publish and count % TRUTH_PERIOD_STEPS == 0:
@@ -201,10 +216,13 @@ async def serve(vehicle: Vehicle, settings: Settings, stop: asyncio.Event) -> No
                 remote_addr=endpoint,
             )
             stack.callback(caller.close)
-        publisher = TruthPublisher(settings.zenoh, settings.vehicle) if settings.zenoh else None
-        if publisher:
+        asked: deque[Fault] = deque(maxlen=MAX_INBOX)
+        publisher = None
+        if settings.zenoh:
+            take = asked.append if settings.live_faults else None
+            publisher = ZenohLink(settings.zenoh, settings.vehicle, take)
             stack.callback(publisher.close)
-        await _pace(vehicle, links, publisher.put if publisher else None, settings.speed, stop)
+        await _pace(vehicle, links, asked, publisher.put if publisher else None, settings.speed, stop)
 
 
 class _Physics(asyncio.DatagramProtocol):
@@ -251,7 +269,7 @@ async def serve_physics(
     """
     body = DrivenBody(Physics(config, seed), config.battery.voltage_v)
     async with contextlib.AsyncExitStack() as stack:
-        publisher = TruthPublisher(settings.zenoh, settings.vehicle) if settings.zenoh else None
+        publisher = ZenohLink(settings.zenoh, settings.vehicle) if settings.zenoh else None
         if publisher:
             stack.callback(publisher.close)
         transport, _ = await asyncio.get_running_loop().create_datagram_endpoint(

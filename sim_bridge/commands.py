@@ -3,6 +3,10 @@
 import argparse
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from sim_bridge.fault_kinds import Fault
 
 DEFAULT_CONFIG = Path(__file__).parent.parent / "config" / "sim.toml"
 
@@ -11,18 +15,24 @@ examples:
   holdfast sim                                    call udp 127.0.0.1:14550 and serve tcp 127.0.0.1:5760
   holdfast sim --set waves.enabled=true --set sensors.depth_scale=1.025
   holdfast sim --set 'load={enabled=true, weight_n=15, on_s=20, off_s=60}'
-  holdfast sim --set 'faults=[{kind="message_frozen", message="ATTITUDE", at_s=30, duration_s=5}]'
+  holdfast sim --fault message_frozen,message=ATTITUDE,at_s=30,duration_s=5 --fault leak,at_s=60
+  holdfast sim --list                             vehicles, dives and kinds of faults, a line each
+  holdfast sim --live-faults                      and, from another terminal:
+  holdfast sim --inject thruster,thruster=3,value=0.2,duration_s=20
   holdfast sim --config config/sim-bluerov2.toml --udp-listen 0.0.0.0:14551 --speed 4 --no-zenoh
   mavproxy.py --master tcp:127.0.0.1:5760         any MAVLink ground station can connect
   holdfast sim --physics-only                     physics for ArduSub's own simulator, started with `--model
                                                   JSON:127.0.0.1`, which sends to udp 127.0.0.1:9002
 
 Endpoints may be repeated; if any is given, the default ones are not opened. The true state is published on
-the Zenoh key sim/VEHICLE/truth, which no companion reads. The times of a load count from the first arming,
-those of faults from the start. With --physics-only the real ArduSub provides MAVLink, parameters, sensors and
-speed; the simulator provides hull, thrusters, battery, current, waves, tether, load and heave_force. Its time
-follows the firmware's frames, and the times of a load count from the first motion of a motor. If the firmware
-restarts, the vehicle keeps its position.
+the Zenoh key sim/VEHICLE/truth, which no companion reads. With --live-faults the simulator takes faults on
+sim/VEHICLE/fault, from everybody who reaches its Zenoh endpoint; without it, from nobody. The times of a
+load count from the first arming, those of faults from the start, those of --inject from their arrival.
+
+With --physics-only the real ArduSub provides MAVLink, parameters, sensors and speed; the simulator provides
+hull, thrusters, battery, seabed, current, waves, tether, load and heave_force. Its time follows the
+firmware's frames, and the times of a load count from the first motion of a motor. If the firmware restarts,
+the vehicle keeps its position.
 """
 
 
@@ -74,6 +84,26 @@ def sim(argv: list[str]) -> int:
         help="override a key of the configuration; VALUE is TOML",
     )
     add(
+        "--fault",
+        metavar="KIND[,KEY=VALUE...]",
+        type=_fault,
+        action="append",
+        default=[],
+        help="add a fault to those of the configuration; --list names the kinds",
+    )
+    add(
+        "--live-faults",
+        action="store_true",
+        help="take faults over Zenoh while it runs, from everybody at the endpoint",
+    )
+    add(
+        "--inject",
+        metavar="KIND[,KEY=VALUE...]",
+        type=_fault,
+        help="send a fault to a running simulator with --live-faults, and end",
+    )
+    add("--list", action="store_true", help="list vehicles, dives and kinds of faults, and end")
+    add(
         "--seed",
         metavar="N",
         type=int,
@@ -111,6 +141,20 @@ def sim(argv: list[str]) -> int:
     )
     arguments = parser.parse_args(argv)
 
+    if arguments.list:
+        from sim_bridge.listing import listing
+
+        sys.stdout.write(listing(DEFAULT_CONFIG.parent))
+        return 0
+    if arguments.inject:
+        from sim_bridge.zenoh_link import inject
+
+        reply = inject(arguments.zenoh, arguments.vehicle, arguments.inject)
+        sys.stdout.write(f"{reply.said}\n")
+        return 0 if reply.done else 1
+
+    from msgspec.structs import replace
+
     from sim_bridge.app import Settings, run
     from sim_bridge.config import ConfigError, load_config
 
@@ -118,6 +162,10 @@ def sim(argv: list[str]) -> int:
         config = load_config(arguments.config, arguments.set)
     except ConfigError as error:
         sys.stderr.write(f"holdfast sim: {error}\n")
+        return 2
+    config = replace(config, faults=(*config.faults, *arguments.fault))
+    if arguments.live_faults and (arguments.no_zenoh or arguments.physics_only):
+        sys.stderr.write("holdfast sim: --live-faults needs Zenoh, and our own vehicle\n")
         return 2
     named = arguments.udp_connect or arguments.udp_listen or arguments.tcp
     if arguments.physics_only and (named or arguments.speed != 1.0 or config.faults):
@@ -134,6 +182,7 @@ def sim(argv: list[str]) -> int:
         vehicle=arguments.vehicle,
         speed=arguments.speed,
         physics=arguments.physics_only,
+        live_faults=arguments.live_faults,
     )
     return run(config, arguments.seed, settings)
 
@@ -143,6 +192,15 @@ def _endpoint(text: str) -> tuple[str, int]:
     if not host or not port.isdigit() or not 0 <= int(port) <= 65535:
         raise argparse.ArgumentTypeError(f"'{text}' is not HOST:PORT, such as 127.0.0.1:14550")
     return host, int(port)
+
+
+def _fault(text: str) -> "Fault":
+    from sim_bridge.config import ConfigError, fault_of
+
+    try:
+        return fault_of(text)
+    except ConfigError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
 
 
 def _speed(text: str) -> float:

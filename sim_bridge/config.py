@@ -293,23 +293,45 @@ def load_config(path: Path | str, overrides: Sequence[str] = ()) -> SimConfig:
         _explain(path, data, error)
 
 
+def fault_of(text: str) -> Fault:
+    """Read a fault as the command line has it: `leak`, or `thruster,thruster=3,value=0.2,at_s=20`.
+
+    Raises:
+        ConfigError: naming what is wrong.
+
+    """
+    kind, *parts = (part.strip() for part in text.split(","))
+    data: dict[str, Any] = {"kind": kind}
+    for part in parts:
+        key, equals, value = part.partition("=")
+        if not equals:
+            raise ConfigError(f"fault '{text}': expected KIND,key=value,... at '{part}'")
+        data[key] = value if key in ("message", "parameter") else _value(f"fault '{text}'", value)
+    try:
+        return msgspec.convert(data, Fault)
+    except msgspec.ValidationError as error:
+        raise ConfigError(f"fault '{text}': {error}") from error
+
+
 def _apply(data: dict[str, Any], override: str) -> None:
     key, equals, text = override.partition("=")
     parts = key.strip().split(".")
     if not equals or not all(parts):
         raise ConfigError(f"override '{override}': expected dotted.key=value, such as waves.enabled=true")
-    try:
-        value = tomllib.loads(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError as error:
-        raise ConfigError(
-            f"override '{override}': '{text}' is not a TOML value (quote strings): {error}"
-        ) from error
+    value = _value(f"override '{override}'", text)
     table = data
     for part in parts[:-1]:
         table = table.setdefault(part, {})
         if not isinstance(table, dict):
             raise ConfigError(f"override '{override}': '{part}' is not a table")
     table[parts[-1]] = value
+
+
+def _value(where: str, text: str) -> Any:
+    try:
+        return tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigError(f"{where}: '{text}' is not a TOML value (quote strings): {error}") from error
 
 
 def _refuse_non_finite(path: Path, value: object, key: str) -> None:

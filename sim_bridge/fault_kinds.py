@@ -1,10 +1,13 @@
 """What can break: one table of kinds, and the record of one fault."""
 
-from math import inf
+from math import inf, isfinite
 from typing import Annotated, NamedTuple
 
 import msgspec
 from msgspec import Meta
+
+LARGEST_FLOAT = 3.4e38
+"""Of 32 bits, as MAVLink has them."""
 
 
 class FaultKind(NamedTuple):
@@ -26,6 +29,7 @@ FAULT_KINDS: dict[str, FaultKind] = {
     "message_stopped": FaultKind("telemetry named `message` is not sent"),
     "message_nan": FaultKind("the float fields of `message` are NaN"),
     "message_extreme": FaultKind("its float fields are `value`, its signed integers at their largest", "any"),
+    "clear": FaultKind("once: every fault that holds ends"),
     "link_cut": FaultKind("nothing passes, either way", on_firmware=True),
     "link_delayed": FaultKind("everything passes later, either way", "s", 0.0, 10.0, on_firmware=True),
     "link_lossy": FaultKind("datagrams get lost, either way", "probability", 0.0, 1.0, on_firmware=True),
@@ -37,18 +41,22 @@ FAULT_KINDS: dict[str, FaultKind] = {
     "mode": FaultKind("once: another flight mode", "its number", 0.0, 255.0, on_firmware=True),
     "parameter": FaultKind("once: `parameter` gets another value", "that value", on_firmware=True),
     "thruster": FaultKind(
-        "number `thruster` keeps only this part of its thrust", "0..1", 0.0, 1.0, on_firmware=True
+        "number `thruster` keeps only this part of its thrust", "part", 0.0, 1.0, on_firmware=True
     ),
     "thruster_stuck": FaultKind(
         "number `thruster` runs at this PWM, whatever it is told", "µs", 1100.0, 1900.0, on_firmware=True
     ),
     "leak": FaultKind("a leak detector is wet"),
-    "ekf": FaultKind("the EKF has no solution, and reports this variance", "variance", 0.0),
-    "depth_shifted": FaultKind("once: relative_alt reads deeper from now on", "m", on_firmware=True),
-    "yaw_reset": FaultKind(
-        "`count` times over duration_s: the EKF turns yaw and motion over ground", "degrees"
+    "ekf": FaultKind("the EKF has no solution, and reports this variance", "variance", 0.0, 1e6),
+    "depth_shifted": FaultKind(
+        "once: relative_alt reads deeper from now on", "m", -1000.0, 1000.0, on_firmware=True
     ),
-    "position_reset": FaultKind("`count` times over duration_s: the EKF's position is further north", "m"),
+    "yaw_reset": FaultKind(
+        "`count` times over duration_s: the EKF turns yaw and motion over ground", "degrees", -360.0, 360.0
+    ),
+    "position_reset": FaultKind(
+        "`count` times over duration_s: the EKF's position is further north", "m", -1e5, 1e5
+    ),
     "dvl_out": FaultKind("the DVL does not measure"),
     "compass": FaultKind(
         "magnetic north is turned clockwise; the EKF follows in 5 s", "degrees", -180.0, 180.0
@@ -77,6 +85,8 @@ class Fault(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             raise ValueError(f"no fault of kind '{self.kind}'; there are {', '.join(FAULT_KINDS)}")
         if self.kind == "parameter" and not self.parameter:
             raise ValueError("a fault of kind 'parameter' needs its name in 'parameter'")
+        if abs(self.value) > LARGEST_FLOAT and isfinite(self.value):
+            raise ValueError(f"value {self.value:g} is no float of 32 bits")
         if kind.value and not kind.low <= self.value <= kind.high:
             raise ValueError(
                 f"value of a fault of kind '{self.kind}' must be within {kind.low:g}..{kind.high:g}"

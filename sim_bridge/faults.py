@@ -46,9 +46,9 @@ class Faults:
             return []
         begun = [fault for fault in self._pending if fault.at_s <= t_s + 1e-9]
         self._pending = self._pending[len(begun) :]
-        self._active = [
-            fault for fault in [*self._active, *begun] if t_s < fault.at_s + fault.duration_s - 1e-9
-        ]
+        last_clear = max((i for i, fault in enumerate(begun) if fault.kind == "clear"), default=None)
+        active = [*self._active, *begun] if last_clear is None else begun[last_clear + 1 :]
+        self._active = [fault for fault in active if t_s < fault.at_s + fault.duration_s - 1e-9]
         ends = [fault.at_s + fault.duration_s for fault in self._active]
         self._change_s = min([*ends, *(fault.at_s for fault in self._pending)], default=math.inf)
         return begun

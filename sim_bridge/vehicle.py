@@ -145,7 +145,7 @@ class Vehicle:
         self._links.pop(link, None)
 
     def inject(self, fault: Fault) -> None:
-        """Add a fault to the script while the simulation runs."""
+        """Add a fault to the script while the simulation runs; `at_s` counts from its start as well."""
         self._faults.add(fault)
         self._autopilot.alter = self._faults.alter if self._faults.falsifies_messages else None
 

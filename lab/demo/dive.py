@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from companion.telemetry import schemas as telemetry
 from companion.telemetry.schemas import Command, Dof, Schema, State, Supervisor
 from sim_bridge.vehicle import Truth
-from sim_bridge.zenoh_truth import TruthSample
+from sim_bridge.zenoh_link import TruthSample
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

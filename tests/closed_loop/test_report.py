@@ -26,7 +26,7 @@ from lab.report.plot import POINTS, thinned
 from lab.report.report import main
 from sim_bridge.config import load_config as load_plant
 from sim_bridge.vehicle import Vehicle
-from sim_bridge.zenoh_truth import SCHEMA, encode
+from sim_bridge.zenoh_link import SCHEMA, encode
 
 UTC_NS = 1_795_000_000_000_000_000
 Change = Callable[[float, ControlSample], ControlSample]

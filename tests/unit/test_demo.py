@@ -19,7 +19,7 @@ from lab.demo.demo import Story, _phase
 from lab.demo.dive import DemoDive, DemoRecording, arrange, at_depth, figures, spans, window
 from lab.demo.plot import ROWS, draw
 from lab.demo.screen import DemoView, Now
-from sim_bridge.zenoh_truth import TruthSample
+from sim_bridge.zenoh_link import TruthSample
 
 VEHICLE = "demo"
 ARMED_S, END_S = 2.0, 22.0

@@ -2,11 +2,17 @@
 
 import math
 
+import msgspec
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
-from sim_wire import SET_INTERVAL, STABILIZE, Station, override, vehicle
+from sim_wire import CONFIG, SET_INTERVAL, STABILIZE, Station, is_finite, override, vehicle
 
-from sim_bridge.fault_kinds import Fault
+from sim_bridge.config import ConfigError, fault_of
+from sim_bridge.fault_kinds import FAULT_KINDS, Fault
+from sim_bridge.listing import listing
+from sim_bridge.zenoh_link import answer
 
 
 def station_with(*faults, **options):
@@ -148,8 +154,71 @@ def test_without_the_dvl_the_position_drifts_and_is_lost():
     ("kind", "value"), [("thruster_stuck", 2000), ("link_lossy", 1.1), ("ekf", math.nan)]
 )
 def test_a_fault_out_of_its_range_is_refused(kind, value):
-    with pytest.raises(ValueError, match=kind):
+    with pytest.raises(ValueError, match=r"must be within|32 bits"):
         Fault(kind, value=value)
+
+
+def test_clear_ends_what_holds_and_leaves_what_comes_later():
+    rov = vehicle()
+    for kind, at_s in (("leak", 0.1), ("clear", 0.5), ("ekf", 1.0)):
+        rov.inject(Fault(kind, at_s=at_s))
+    station = Station(rov)
+    station.run(0.4)
+    assert rov._faults.holds("leak")
+    station.run(0.4)
+    assert not rov._faults.holds("leak")
+    station.run(0.4)
+    assert rov._faults.holds("ekf")
+
+
+def test_a_fault_of_the_command_line():
+    assert fault_of("leak") == Fault("leak")
+    assert fault_of("message_frozen,message=ATTITUDE,at_s=3") == Fault(
+        "message_frozen", message="ATTITUDE", at_s=3.0
+    )
+    for text, word in (
+        ("leek", "leek"),
+        ("leak,at_s", "key=value"),
+        ("leak,at_s=-1", "at_s"),
+        ("leak,a=1", "a"),
+    ):
+        with pytest.raises(ConfigError, match=word):
+            fault_of(text)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.one_of(
+        st.binary(max_size=60),
+        st.fixed_dictionaries(
+            {"kind": st.sampled_from(sorted(FAULT_KINDS))},
+            optional={
+                "value": st.floats(allow_nan=False, allow_infinity=False),
+                "at_s": st.floats(0, 0.1),
+                "duration_s": st.floats(0.01, 1e308),
+                "thruster": st.integers(-1, 9),
+                "count": st.integers(0, 20),
+                "parameter": st.sampled_from(["", "FS_LEAK_ENABLE", "BARO_SPEC_GRAV", "NO_SUCH"]),
+                "message": st.sampled_from(["", "ATTITUDE", "NO_SUCH"]),
+            },
+        ).map(msgspec.json.encode),
+    )
+)
+def test_whatever_is_asked_for_live_the_vehicle_goes_on(payload):
+    rov = vehicle("sensors.dvl=true", "initial.eta=[0,0,3,0,0,0]")
+    asked: list[Fault] = []
+    reply = answer(payload, asked.append)
+    assert reply.done == bool(asked)
+    for fault in asked:
+        rov.inject(fault)
+    Station(rov).run(0.4, override())
+    assert is_finite(rov)
+
+
+def test_the_list_names_every_shipped_dive_and_every_fault():
+    text = listing(CONFIG.parent)
+    assert all(f"\n  {path.name} " in text for path in CONFIG.parent.glob("sim*.toml"))
+    assert all(f"\n  {kind} " in text for kind in FAULT_KINDS)
 
 
 def test_a_yaw_reset_turns_yaw_and_motion_over_ground_but_no_rate_and_no_place():

@@ -1,0 +1,161 @@
+"""The vehicle on Zenoh: it publishes `sim/{vehicle}/truth`, and may take faults at `sim/{vehicle}/fault`.
+
+Both are JSON: a `TruthSample`, which no companion may read; a `Fault` in a query, answered by a `Reply`.
+"""
+
+import threading
+from collections import deque
+from collections.abc import Callable
+
+import msgspec
+import zenoh
+
+from sim_bridge.fault_kinds import Fault
+from sim_bridge.physics.plant import Six
+from sim_bridge.vehicle import Truth
+
+RETRY_S = 1.0
+ANSWER_S = 3.0
+SCHEMA = "application/json;holdfast.sim.Truth.v1"
+
+
+class TruthSample(msgspec.Struct, frozen=True):
+    """What is published of `Truth`, in its units."""
+
+    t_s: float
+    eta: Six
+    nu: Six
+    nu_dot: Six
+    thrust_n: tuple[float, ...]
+    tau: Six
+    disturbance: Six
+    motor_pwm: tuple[int, ...]
+    armed: bool
+    mode: int
+    load_on: bool
+    voltage_v: float
+
+
+def encode(truth: Truth) -> bytes:
+    """One JSON object of a stable shape: the fields of `TruthSample`, no nulls."""
+    fields = {name: getattr(truth, name) for name in TruthSample.__struct_fields__}
+    return msgspec.json.encode(fields, enc_hook=lambda array: array.tolist())
+
+
+class Reply(msgspec.Struct, frozen=True):
+    """The answer to a fault."""
+
+    done: bool
+    """It is on the script now; otherwise nothing was changed."""
+    said: str
+
+
+def answer(payload: bytes, take: Callable[[Fault], None]) -> Reply:
+    """Take a fault out of a query's payload, whatever the bytes."""
+    try:
+        fault = msgspec.json.decode(payload, type=Fault)
+    except (msgspec.MsgspecError, UnicodeDecodeError) as error:
+        return Reply(done=False, said=f"no fault: {error}")
+    take(fault)
+    return Reply(done=True, said=f"{fault.kind} begins in {fault.at_s:g} s")
+
+
+def inject(endpoint: str, vehicle: str, fault: Fault) -> Reply:
+    """Ask a running simulator for a fault that begins `at_s` from now. Blocks for some seconds at most."""
+    try:
+        with zenoh.open(client(endpoint)) as session:
+            payload = msgspec.json.encode(fault)
+            for reply in session.get(fault_key(vehicle), payload=payload, timeout=ANSWER_S):
+                if reply.ok is not None:
+                    return msgspec.json.decode(reply.ok.payload.to_bytes(), type=Reply)
+    except (zenoh.ZError, msgspec.MsgspecError) as error:
+        return Reply(done=False, said=f"{endpoint}: {error}")
+    return Reply(
+        done=False,
+        said=f"no simulator takes faults for '{vehicle}' at {endpoint}; start it with --live-faults",
+    )
+
+
+def fault_key(vehicle: str) -> str:
+    """Return the key that takes faults."""
+    return f"sim/{vehicle}/fault"
+
+
+def client(endpoint: str) -> zenoh.Config:
+    """Return the configuration of a client of one endpoint."""
+    config = zenoh.Config()
+    config.insert_json5("mode", '"client"')
+    config.insert_json5("connect/endpoints", msgspec.json.encode([endpoint]).decode())
+    config.insert_json5("scouting/multicast/enabled", "false")
+    config.insert_json5("transport/shared_memory/enabled", "false")
+    return config
+
+
+class ZenohLink:
+    """A client of a Zenoh router or peer in its own thread: retries to connect, drops what it cannot send."""
+
+    def __init__(self, endpoint: str, vehicle: str, take: Callable[[Fault], None] | None = None) -> None:
+        """Start to connect to `endpoint` (such as tcp/127.0.0.1:7447) in the background.
+
+        Args:
+            endpoint: of a router or peer.
+            vehicle: name in the keys.
+            take: gets each fault that somebody asks for, in a thread of Zenoh's. None: nobody may.
+
+        """
+        self._endpoint = endpoint
+        self._vehicle = vehicle
+        self._take = take
+        self._samples: deque[bytes] = deque(maxlen=4)
+        self._wake = threading.Condition()
+        self._stopping = False
+        self._thread = threading.Thread(target=self._run, name="zenoh", daemon=True)
+        self._thread.start()
+
+    def put(self, truth: Truth) -> None:
+        """Hand over one sample; never waits."""
+        with self._wake:
+            self._samples.append(encode(truth))
+            self._wake.notify()
+
+    def close(self) -> None:
+        """Stop and disconnect."""
+        with self._wake:
+            self._stopping = True
+            self._wake.notify()
+        self._thread.join(timeout=3.0)
+
+    def _run(self) -> None:
+        while not self._stopping:
+            try:
+                with zenoh.open(client(self._endpoint)) as session:
+                    self._publish(session)
+            except zenoh.ZError:
+                with self._wake:
+                    self._wake.wait_for(lambda: self._stopping, timeout=RETRY_S)
+
+    def _publish(self, session: zenoh.Session) -> None:
+        publisher = session.declare_publisher(
+            f"sim/{self._vehicle}/truth",
+            encoding=zenoh.Encoding(SCHEMA),
+            congestion_control=zenoh.CongestionControl.DROP,
+        )
+        if take := self._take:
+
+            def on_query(query: zenoh.Query) -> None:
+                with query:
+                    payload = query.payload.to_bytes() if query.payload is not None else b""
+                    query.reply(
+                        fault_key(self._vehicle),
+                        msgspec.json.encode(answer(payload, take)),
+                        encoding=zenoh.Encoding.APPLICATION_JSON,
+                    )
+
+            session.declare_queryable(fault_key(self._vehicle), on_query)
+        while True:
+            with self._wake:
+                self._wake.wait_for(lambda: self._stopping or self._samples)
+                if self._stopping:
+                    return
+                sample = self._samples.popleft()
+            publisher.put(sample)
