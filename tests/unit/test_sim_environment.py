@@ -7,6 +7,7 @@ import pytest
 from sim_wire import ARM, CALM, CONFIG, Station, override, vehicle
 
 from sim_bridge.config import Waves, load_config
+from sim_bridge.physics.body import Physics
 from sim_bridge.physics.environment import Environment, OrnsteinUhlenbeck
 from sim_bridge.physics.plant import GRAVITY, state_of
 from sim_bridge.physics.waves import Sea
@@ -147,6 +148,25 @@ def test_the_seabed_pushes_only_and_rubs_against_sliding():
     assert ground.step(0, 0, at(4.87))[0] == (0, 0, 0)
     assert ground.step(0, 0, at(4.885, (0.2, 0, 0, 0, 0, 0)))[0] == pytest.approx((-5, 0, -10))
     assert ground.step(0, 0, at(4.885, (0, 0, -1.0, 0, 0, 0)))[0] == (0, 0, 0)
+
+
+def test_a_fall_on_the_seabed_creates_no_energy():
+    overrides = ("hull.net_buoyancy_n=-30", "initial.eta=[0,0,3,0.3,0.2,0]")
+    config = load_config(CONFIG, [*CALM, "seabed={enabled=true, depth_m=4.0}", *overrides])
+    physics = Physics(config, 1)
+    energies = []
+    for _ in range(2000):
+        physics.step([1500] * 8, -1.0)
+        nu, z = np.array(physics.state[7:]), physics.state[2]
+        tilt = 1 - 2 * (physics.state[4] ** 2 + physics.state[5] ** 2)
+        energies.append(
+            0.5 * nu @ (np.array(physics.body.M) * nu)
+            - 30.0 * z
+            - physics.body.zb * physics.body.B * tilt
+            + 0.5 * config.seabed.stiffness_n_per_m * max(0.0, z - (4.0 - 0.125)) ** 2
+        )
+    assert physics.state[2] == pytest.approx(4.0 - 0.125 + 30.0 / 2000.0, abs=1e-3)
+    assert np.diff(energies).max() < 1e-3 * (energies[0] - energies[-1])
 
 
 def test_load_hangs_from_on_to_off_after_the_first_arming():

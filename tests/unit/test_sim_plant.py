@@ -7,7 +7,16 @@ import numpy as np
 import pytest
 
 from sim_bridge.config import Hull
-from sim_bridge.physics.plant import GRAVITY, body_of, derivative, disturbance, euler, state_of, step
+from sim_bridge.physics.plant import (
+    GRAVITY,
+    body_of,
+    derivative,
+    disturbance,
+    euler,
+    rotation,
+    state_of,
+    step,
+)
 
 MASS, ADDED, LINEAR, QUADRATIC = 13.5, 18.68, 33.0, 190.0
 STILL = (0.0,) * 6
@@ -59,6 +68,56 @@ def test_velocity_under_linear_damping_decays_exponentially():
     model = plant(quadratic_damping=STILL)
     w = fall(model, at(nu=(0, 0, 0.5, 0, 0, 0)), 1.0)[9]
     assert w == pytest.approx(0.5 * math.exp(-LINEAR / (MASS + ADDED)), rel=1e-5)
+
+
+def test_velocity_under_quadratic_damping_falls_as_a_hyperbola():
+    w = fall(plant(linear_damping=STILL), at(nu=(0, 0, 0.5, 0, 0, 0)), 2.0)[9]
+    assert w == pytest.approx(0.5 / (1.0 + 0.5 * QUADRATIC * 2.0 / (MASS + ADDED)), rel=1e-4)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_coriolis_and_centripetal_terms_do_no_work(seed):
+    """nu' M nu = 0 of a neutral body without damping, righting moment and thrust, however it moves."""
+    rng = np.random.default_rng(seed)
+    model = plant(**UNDAMPED, centre_of_buoyancy_up_m=0.0)
+    nu = rng.uniform(-2, 2, 6)
+    nu_dot = np.array(
+        derivative(model, at((0, 0, 5, *rng.uniform(-1, 1, 3)), nu), STILL, (0, 0, 0), STILL)[7:]
+    )
+    assert np.abs(nu_dot).max() > 0.1
+    assert nu @ (np.array(model.M) * nu_dot) == pytest.approx(0.0, abs=1e-11)
+
+
+def test_in_water_that_moves_as_a_whole_a_neutral_body_moves_as_in_still_water():
+    """Water that surges to and fro everywhere alike: relative to it all is as if it stood still."""
+    model, dt = plant(), 0.001
+    start = (0, 0, 20, 0.4, -0.3, 0.9)
+
+    def water(t):
+        velocity = np.array([0.3, -0.2, 0.25]) * math.cos(2.0 * t)
+        return (*velocity, *(-2.0 * np.array([0.3, -0.2, 0.25]) * math.sin(2.0 * t)))
+
+    still = at(start, (0.5, 0.2, -0.3, 0.6, -0.4, 0.8))
+    moved = at(
+        start, np.add(still[7:], (*(np.array(rotation(still)).reshape(3, 3).T @ water(0.0)[:3]), 0, 0, 0))
+    )
+    for count in range(3000):
+        still, _ = step(model, still, STILL, (0, 0, 0), STILL, dt)
+        moved, _ = step(model, moved, STILL, (0, 0, 0), water((count + 0.5) * dt), dt)
+    shift = np.array(water(0.0)[:3]) * math.sin(2.0 * 3.0) / 2.0
+    assert np.subtract(moved[:3], still[:3]) == pytest.approx(shift, abs=2e-4)
+    assert moved[3:7] == pytest.approx(still[3:7], abs=2e-4)
+
+
+def test_a_floating_vehicle_bobs_with_the_period_of_its_waterplane():
+    """z'' (m + Za) = -B / height z, about the place where it floats."""
+    model = plant(**UNDAMPED, net_buoyancy_n=20.0)
+    rest = -0.25 * 20.0 / model.B
+    period = 2 * math.pi * math.sqrt((MASS + ADDED) * 0.25 / model.B)
+    state = fall(model, at((0, 0, rest - 0.01, 0, 0, 0)), period, dt=period / 1000)
+    assert state[2] == pytest.approx(rest - 0.01, abs=1e-5)
+    half = fall(model, at((0, 0, rest - 0.01, 0, 0, 0)), period / 2, dt=period / 1000)
+    assert half[2] == pytest.approx(rest + 0.01, abs=1e-5)
 
 
 def test_roll_pendulum_swings_with_its_own_period():
