@@ -3,12 +3,13 @@
 PYTHONS := python3 python3.13 python3.12 python3.11
 BIN := .venv/bin
 STAMP := .venv/.installed
+CLIENTS := build/clients
 PIP := python -m pip install --quiet --disable-pip-version-check --no-deps
 INSTALL := $(BIN)/$(PIP)
 COMPILE := uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --no-annotate
 
 .DEFAULT_GOAL := help
-.PHONY: help demo quick test check coverage wheel lock clean
+.PHONY: help demo quick test check coverage clients wheel lock clean
 
 help:  ## list what there is
 	@sed -n 's/^\([a-z]*\):.*## \(.*\)/  make \1	\2/p' Makefile | expand -t 18
@@ -16,7 +17,7 @@ help:  ## list what there is
 demo: $(STAMP)  ## a dive in the simulator, about a minute; leaves out/demo.png and out/demo.json
 	$(BIN)/holdfast demo
 
-test: check  ## everything that must hold, `make check` included
+test: check clients  ## everything that must hold, `make check` included
 	$(BIN)/pytest -n auto --dist worksteal --ignore tests/live
 	$(BIN)/pytest tests/live -m 'not alone' -n 3  # on real clocks, but they mostly wait
 	$(BIN)/pytest tests/live -m alone  # a stalled clock fails them
@@ -33,6 +34,8 @@ check: $(STAMP)  ## style, types, and which package imports which
 coverage: $(STAMP)  ## which branches of companion/ the tests in virtual time take; a floor stands in pyproject.toml
 	$(BIN)/pytest -n auto --dist worksteal --ignore tests/live --cov
 
+clients: $(CLIENTS)/.installed  ## other people's ground stations, which tests/live connects to the simulator
+
 wheel: $(STAMP)  ## build dist/*.whl, and try it in a venv of its own with the vehicle's packages alone
 	rm -rf dist build/wheel
 	$(BIN)/python -m hatchling build -t wheel
@@ -46,10 +49,17 @@ wheel: $(STAMP)  ## build dist/*.whl, and try it in a venv of its own with the v
 lock:  ## refresh what is missing in the locks, of all platforms, with hashes (needs uv)
 	$(COMPILE) pyproject.toml --extra dev -o requirements-dev.lock
 	echo 'hatchling>=1.27' | $(COMPILE) pyproject.toml - --extra recording -c requirements-dev.lock -o requirements.lock
+	printf '%s\n' mavproxy mavsdk pyserial | $(COMPILE) --no-deps - -o requirements-clients.lock
 
 clean:  ## remove .venv, caches and out/
 	rm -rf .venv out build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache .coverage
 	find . -name __pycache__ -prune -exec rm -rf {} +
+
+# Without what MAVProxy needs for a screen, such as VTK and OpenCV; pymavlink and numpy are those of .venv.
+$(CLIENTS)/.installed: requirements-clients.lock $(STAMP)
+	rm -rf $(CLIENTS)
+	$(INSTALL) --no-compile --require-hashes --only-binary :all: --target $(CLIENTS) -r requirements-clients.lock
+	@touch $@
 
 $(STAMP): pyproject.toml requirements-dev.lock
 	@python=$$(for name in $(PYTHONS); do \

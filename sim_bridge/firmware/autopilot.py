@@ -117,7 +117,7 @@ class Autopilot:
         self.servo_9 = 0
         self._boot_texts = deque(BOOT_TEXTS if rebooted else ())
         self.missions = Missions(self.send, self.say)
-        self._files = Files(params, self.missions, self.send)
+        self._files = Files(params, self.missions, self.send, self.say, self.say_banner)
         self._motor_test = MotorTest(self)
         self._commands = Commands(self)
         self._demand: tuple[float, ...] | None = None
@@ -150,7 +150,7 @@ class Autopilot:
             "TIMESYNC": self._on_timesync,
             "SET_GPS_GLOBAL_ORIGIN": self._on_set_origin,
             **dict.fromkeys(MISSION_PROTOCOL, self._on_mission),
-            "FILE_TRANSFER_PROTOCOL": self._files.handle,
+            "FILE_TRANSFER_PROTOCOL": lambda link, m: self._files.handle(link, m, self.boot_s),
             "LOG_REQUEST_LIST": self._on_log_request_list,
             "SET_POSITION_TARGET_GLOBAL_INT": self._on_position_target,
             "SETUP_SIGNING": self._on_setup_signing,
@@ -216,7 +216,8 @@ class Autopilot:
         """All that leaves after a step: answers first, then what the streams owe."""
         snapshot: Snapshot | None = None
         for number, link in self._links.items():
-            slowdown = TRANSFER_SLOWDOWN if link.parameters else 1.0
+            transfers = (link.parameters, self.missions.asks(number), self._files.is_busy(self.boot_s))
+            slowdown = TRANSFER_SLOWDOWN ** sum(map(bool, transfers))
             for message in link.streams.due(self.boot_s, slowdown):
                 snapshot = snapshot or self.snapshot()
                 for built in telemetry.build(message, snapshot):
@@ -447,10 +448,12 @@ class Autopilot:
         for message in telemetry.build(mavlink.MAVLINK_MSG_ID_HOME_POSITION, self.snapshot()):
             self._broadcast(message)
 
-    def say_banner(self) -> None:
-        """Say which firmware and frame this is."""
+    def say_banner(self, link: int) -> None:
+        """Say on a link which firmware and frame this is."""
         for text in (*BANNER, f"Frame: {FRAMES[self._frame]}"):
-            self.say(INFO, text)
+            self._text_id += 1
+            for message in messages.statustexts(INFO, text, self._text_id):
+                self.send(link, message)
 
     def calibrate_barometer(self) -> None:
         """Take the present pressure for that of the surface."""
@@ -518,7 +521,7 @@ class Autopilot:
             self.send(link, self._param_value(name, listed=message.param_index >= 0))
 
     def _on_param_request_list(self, link: int, _: Message) -> None:
-        self.say_banner()
+        self.say_banner(link)
         self._links[link].parameters = deque(self.params.names)
 
     def _on_param_set(self, _: int, message: Message) -> None:

@@ -32,8 +32,8 @@ class Board(Protocol):
     def say(self, severity: int, text: str) -> None:
         """Send a STATUSTEXT to every link."""
 
-    def say_banner(self) -> None:
-        """Say which firmware and frame this is."""
+    def say_banner(self, link: int) -> None:
+        """Say on a link which firmware and frame this is."""
 
     def send(self, link: int, message: Message) -> None:
         """Send a message on a link after this step."""

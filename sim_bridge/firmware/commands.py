@@ -115,8 +115,8 @@ class Commands:
             return DENIED
         return self._autopilot.request(link, mavlink.MAVLINK_MSG_ID_MISSION_CURRENT)
 
-    def _send_banner(self, _: int, __: list[float]) -> int:
-        self._autopilot.say_banner()
+    def _send_banner(self, link: int, _: list[float]) -> int:
+        self._autopilot.say_banner(link)
         return ACCEPTED
 
     def _terminate(self, _: int, p: list[float]) -> int:

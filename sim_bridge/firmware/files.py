@@ -3,13 +3,15 @@
 The rest of a flight controller's file system is empty here, and nothing can be written.
 """
 
+import math
 import struct
-from collections.abc import Callable
-from typing import Any
+import zlib
+from collections.abc import Callable, Iterable
+from typing import Any, NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from sim_bridge.firmware.missions import FENCE, MISSION, RALLY, Missions
+from sim_bridge.firmware.missions import DEBUG, FENCE, MISSION, RALLY, Missions
 from sim_bridge.firmware.params import DEFAULTS, FLOAT, INT8, INT16, INT32, Parameters
 
 Message = Any
@@ -18,7 +20,15 @@ HEADER = struct.Struct("<HBBBBBBI")
 MOST_BYTES = 239
 NONE, TERMINATE, RESET, LIST, OPEN, READ, CHECKSUM, BURST = 0, 1, 2, 3, 4, 5, 14, 15
 ACK, NAK = 128, 129
-FAIL, INVALID_SIZE, END_OF_FILE, NOT_FOUND = 1, 3, 6, 10
+FAIL, FAIL_ERRNO, INVALID_SIZE, INVALID_SESSION, END_OF_FILE, NOT_FOUND = 1, 2, 3, 4, 6, 10
+EINVAL = 22
+WRITES = (6, 7, 8, 9, 10, 11, 13)
+SESSION_S = 3.0
+"""A file whose session has been silent for so long is closed when another one asks."""
+BUSY_S = 1.0
+BURST_PIECES = 500
+CHECKSUM_BLOCK = 64
+"""By so many bytes the firmware reads a file for its checksum."""
 
 PACKED = {INT8: (1, "<b"), INT16: (2, "<h"), INT32: (3, "<i"), FLOAT: (4, "<f")}
 """By MAVLink's type: the type's number in the file, and how a value is packed."""
@@ -33,106 +43,218 @@ WITH_DEFAULT = 0x10
 ROOT = b"D.\0\0D..\0\0"
 
 
+class Request(NamedTuple):
+    """A FILE_TRANSFER_PROTOCOL payload, and who sent it on which link."""
+
+    peer: tuple[int, int]
+    link: int
+    sequence: int
+    session: int
+    opcode: int
+    size: int
+    offset: int
+    data: bytes
+
+    @property
+    def path(self) -> str:
+        """The file or directory that it names."""
+        return self.data.rstrip(b"\0").decode(errors="replace")
+
+
+class Reply(NamedTuple):
+    """What is answered."""
+
+    opcode: int
+    content: bytes = b""
+    offset: int = 0
+    done: bool = False
+    further: int = 0
+    """How many replies to the same request went before."""
+
+
 class Files:
-    """Answers FILE_TRANSFER_PROTOCOL; one file is open at a time.
+    """Answers FILE_TRANSFER_PROTOCOL; one file is open at a time, whatever the link.
 
     Args:
         send: sends a message on a link.
+        say: sends a STATUSTEXT of a severity.
+        banner: says on a link which firmware this is.
 
     """
 
-    def __init__(self, params: Parameters, missions: Missions, send: Callable[[int, Message], None]) -> None:
-        self._params, self._missions, self._send = params, missions, send
+    def __init__(
+        self,
+        params: Parameters,
+        missions: Missions,
+        send: Callable[[int, Message], None],
+        say: Callable[[int, str], None],
+        banner: Callable[[int], None],
+    ) -> None:
+        self._params, self._missions = params, missions
+        self._send, self._say, self._banner = send, say, banner
         self._open: str | None = None
         self._content: bytes | None = None
         """The open file, packed when it is first read: its padding depends on the size of the reads."""
+        self._block = 0
+        self._session = -1
+        self._sent_s = -math.inf
+        self._last: tuple[Request, Reply] | None = None
 
-    def handle(self, link: int, message: Message) -> None:
-        """Answer a request."""
+    def is_busy(self, now_s: float) -> bool:
+        """Whether it has just answered, which slows every stream."""
+        return now_s - self._sent_s < BUSY_S
+
+    def handle(self, link: int, message: Message, now_s: float) -> None:
+        """Answer a request; one that comes again gets the same reply again."""
         payload = bytes(message.payload)
         sequence, session, opcode, size, _, _, _, offset = HEADER.unpack_from(payload)
+        peer = (message.get_srcSystem(), message.get_srcComponent())
         data = payload[HEADER.size : HEADER.size + size]
-        peer = (link, message.get_srcSystem(), message.get_srcComponent())
+        request = Request(peer, link, sequence, session, opcode, size, offset, data)
+        if self._last is not None:
+            before, reply = self._last
+            whose = (before.peer, before.session, before.sequence + reply.further)
+            if whose == (peer, session, sequence):
+                self._reply(before, reply, now_s)
+                return
+        for reply in self._replies(request, now_s):
+            self._reply(request, reply, now_s)
+        if opcode == OPEN and self._open is not None and self._open.startswith(PARAMETER_FILE):
+            self._banner(link)
 
-        def answer(kind: int, content: bytes, *, at: int = offset, done: int = 0, number: int = 1) -> None:
-            head = HEADER.pack((sequence + number) & 0xFFFF, session, kind, len(content), opcode, done, 0, at)
-            padded = (head + content).ljust(251, b"\0")
-            self._send(link, mavlink.MAVLink_file_transfer_protocol_message(0, peer[1], peer[2], padded))
+    def _reply(self, request: Request, reply: Reply, now_s: float) -> None:
+        head = HEADER.pack(
+            (request.sequence + 1 + reply.further) & 0xFFFF,
+            *(request.session, reply.opcode, len(reply.content), request.opcode, reply.done, 0, reply.offset),
+        )
+        padded = (head + reply.content).ljust(251, b"\0")
+        self._send(request.link, mavlink.MAVLink_file_transfer_protocol_message(0, *request.peer, padded))
+        self._last = request, reply
+        self._sent_s = -math.inf if request.opcode == TERMINATE else now_s
 
-        if opcode == BURST:
-            self._burst(answer, offset, size)
-        elif opcode == READ and size > MOST_BYTES:
-            answer(NAK, bytes((FAIL,)))
-        else:
-            answer(*self._answer(opcode, data, offset, size))
+    def _replies(self, request: Request, now_s: float) -> Iterable[Reply]:
+        foreign, ends = request.session != self._session, request.opcode in (TERMINATE, RESET)
+        silent = now_s - self._sent_s >= SESSION_S
+        if request.opcode in (ACK, NAK):
+            return ()
+        if request.size > MOST_BYTES:
+            return (_refusal(INVALID_SIZE),)
+        if self._open is not None and foreign and not ends:
+            if not silent:
+                return (_refusal(INVALID_SESSION),)
+            self._close()
+        if request.opcode == BURST:
+            return self._burst(request)
+        if request.opcode == NONE or (ends and foreign):
+            return (Reply(ACK),)
+        if ends:
+            self._close()
+            return (Reply(ACK),)
+        if request.opcode == OPEN and self._open is not None and silent:
+            self._close()
+        return (self._answer(request),)
 
-    def _answer(self, opcode: int, data: bytes, offset: int, size: int) -> tuple[int, bytes]:
-        if opcode in (NONE, TERMINATE, RESET):
-            self._open = self._content = None
-            return ACK, b""
-        if opcode == LIST:
-            if not data:
-                return NAK, bytes((INVALID_SIZE,))
-            if data.rstrip(b"\0") != b"/":
-                return NAK, bytes((NOT_FOUND,))
-            return (ACK, ROOT) if offset == 0 else (NAK, bytes((END_OF_FILE,)))
-        if opcode == OPEN:
-            if self._open is not None:
-                return NAK, bytes((FAIL,))
-            return self._opened(data.rstrip(b"\0").decode(errors="replace"))
-        if opcode == READ:
-            content = self._read(size)
-            if content is None:
-                return NAK, bytes((NOT_FOUND,))
-            piece = content[offset : offset + size]
-            return (ACK, piece) if piece else (NAK, bytes((END_OF_FILE,)))
-        return NAK, bytes((FAIL,))
+    def _close(self) -> None:
+        self._open = self._content = None
+        self._session = -1
 
-    def _opened(self, name: str) -> tuple[int, bytes]:
-        path = name.partition("?")[0]
-        if path == PARAMETER_FILE:
-            size = ENTRY_BYTES * len(self._params.names)
-        elif path in MISSION_FILES:
-            size = MISSION_SIZE
-        else:
-            return NAK, bytes((NOT_FOUND,))
-        self._open = name
-        return ACK, struct.pack("<I", size)
+    def _answer(self, request: Request) -> Reply:
+        if request.opcode == READ:
+            content = self._read(request.size)
+            if isinstance(content, Reply):
+                return content
+            piece = content[request.offset : request.offset + request.size]
+            return Reply(ACK, piece, request.offset) if piece else _refusal(END_OF_FILE)
+        if request.opcode == LIST:
+            return self._list(request)
+        if request.opcode not in (OPEN, CHECKSUM):
+            if request.opcode not in WRITES:
+                self._say(DEBUG, f"Unsupported FTP: {request.opcode}")
+            return _refusal(FAIL)
+        if request.opcode == OPEN and self._open is not None:
+            return _refusal(FAIL)
+        if not request.data:
+            return _refusal(INVALID_SIZE)
+        path = request.path.partition("?")[0]
+        if path != PARAMETER_FILE and path not in MISSION_FILES:
+            return _refusal(NOT_FOUND)
+        if request.opcode == CHECKSUM:
+            content = self._packed(request.path, CHECKSUM_BLOCK)
+            return Reply(ACK, struct.pack("<I", ~zlib.crc32(content, 0xFFFFFFFF) & 0xFFFFFFFF))
+        self._open, self._session = request.path, request.session
+        size = ENTRY_BYTES * len(self._params.names) if path == PARAMETER_FILE else MISSION_SIZE
+        return Reply(ACK, struct.pack("<I", size))
 
-    def _read(self, size: int) -> bytes | None:
-        """Return the open file, None where there is none; `size` is that of this read, bytes."""
-        if self._open is not None and self._content is None:
-            path, _, query = self._open.partition("?")
-            if path == PARAMETER_FILE:
-                self._content = packed_parameters(self._params, "withdefaults=1" in query, size)
-            else:
-                self._content = packed_items(self._missions, MISSION_FILES[path])
+    def _list(self, request: Request) -> Reply:
+        if not request.data:
+            return _refusal(INVALID_SIZE, request.offset)
+        if request.path != "/":
+            return _refusal(NOT_FOUND, request.offset)
+        return _refusal(END_OF_FILE, request.offset) if request.offset else Reply(ACK, ROOT)
+
+    def _read(self, size: int) -> bytes | Reply:
+        """Return the open file, or why it cannot be read in pieces of `size` bytes."""
+        if self._open is None:
+            return _refusal(NOT_FOUND)
+        if self._content is None:
+            self._block = size
+            self._content = self._packed(self._open, size)
+        if size != self._block and self._open.startswith(PARAMETER_FILE):
+            return Reply(NAK, bytes((FAIL_ERRNO, EINVAL)))
         return self._content
 
-    def _burst(self, answer: Callable[..., None], offset: int, size: int) -> None:
+    def _packed(self, name: str, block_bytes: int) -> bytes:
+        path, _, query = name.partition("?")
+        if path in MISSION_FILES:
+            return packed_items(self._missions, MISSION_FILES[path])
+        given = dict(one.partition("=")[::2] for one in query.split("&"))
+        return packed_parameters(
+            self._params,
+            given.get("withdefaults") == "1",
+            block_bytes,
+            *(_number(given.get(name, "")) for name in ("start", "count")),
+        )
+
+    def _burst(self, request: Request) -> Iterable[Reply]:
         """Send the rest of the open file in pieces, and that it has ended."""
-        step = min(size or MOST_BYTES, MOST_BYTES)
+        step = request.size or MOST_BYTES
         content = self._read(step)
-        if content is None:
-            answer(NAK, bytes((NOT_FOUND,)))
+        if isinstance(content, Reply):
+            yield content
             return
-        starts = range(offset, len(content), step)
-        for number, start in enumerate(starts, 1):
-            answer(ACK, content[start : start + step], at=start, done=start == starts[-1], number=number)
-        answer(NAK, bytes((END_OF_FILE,)), at=max(offset, len(content)), done=1, number=len(starts) + 1)
+        starts = range(request.offset, len(content), step)[:BURST_PIECES]
+        end, full = request.offset, True
+        for further, start in enumerate(starts):
+            piece = content[start : start + step]
+            full = len(piece) == step
+            end = start if full else start + len(piece)
+            yield Reply(ACK, piece, start, not full or further == BURST_PIECES - 1, further)
+        if len(starts) < BURST_PIECES:
+            yield Reply(NAK, bytes((END_OF_FILE,)), end if starts else 0, not full, len(starts))
 
 
-def packed_parameters(params: Parameters, with_defaults: bool, block_bytes: int) -> bytes:
-    """Return all parameters in the packed format of ArduPilot's parameter file.
+def _refusal(error: int, offset: int = 0) -> Reply:
+    return Reply(NAK, bytes((error,)), offset)
+
+
+def _number(text: str) -> int:
+    return int(text) if text.isdigit() else 0
+
+
+def packed_parameters(
+    params: Parameters, with_defaults: bool, block_bytes: int, start: int = 0, count: int = 0
+) -> bytes:
+    """Return `count` parameters (0: all) from `start` on in the packed format of ArduPilot's parameter file.
 
     Each one: type and flags (4 bits each), length of what its name shares with the one before and of the rest
     less 1 (4 bits each), that rest, the value; and the default, flagged, where it is asked for and differs.
     Zeros before it keep a value from lying across two blocks of `block_bytes`.
     """
     magic = PARAMETER_MAGIC_WITH_DEFAULTS if with_defaults else PARAMETER_MAGIC
-    out = bytearray(struct.pack("<HHH", magic, len(params.names), len(params.names)))
+    names = params.names[start : start + count if count else None]
+    out = bytearray(struct.pack("<HHH", magic, len(names), len(params.names)))
     before = ""
-    for name in params.names:
+    for name in names:
         number, form = PACKED[DEFAULTS[name].type]
         shared = min(_shared(before, name), len(name) - 1, 15)
         rest = name[shared:].encode()

@@ -72,6 +72,10 @@ class Missions:
         """Items of the mission beside home."""
         return max(0, len(self._lists[MISSION]) - 1)
 
+    def asks(self, link: int) -> bool:
+        """Whether it asks for items on a link, which slows that link's streams."""
+        return self._upload is not None and self._upload.peer[0] == link
+
     def items(self, kind: int) -> list[Item]:
         """Return a list, home first in a mission."""
         stored = self._lists[kind]

@@ -1,10 +1,11 @@
 """The stand-in's missions, fences and files, as a ground station meets them."""
 
 import struct
+import zlib
 
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
-from sim_wire import Station, vehicle
+from sim_wire import Heard, Station, vehicle
 
 from sim_bridge.firmware.files import packed_parameters
 from sim_bridge.firmware.params import DEFAULTS, Parameters
@@ -109,8 +110,9 @@ def test_the_parameter_file_holds_every_parameter(with_defaults):
     assert found == pytest.approx({name: params[name] for name in DEFAULTS})
 
 
-def ftp(station, sequence, opcode, data=b"", size=None, offset=0):
-    head = struct.pack("<HBBBBBBI", sequence, 0, opcode, len(data) if size is None else size, 0, 0, 0, offset)
+def ftp(station, sequence, opcode, data=b"", size=None, offset=0, session=0):
+    size = len(data) if size is None else size
+    head = struct.pack("<HBBBBBBI", sequence, session, opcode, size, 0, 0, 0, offset)
     payload = (head + data).ljust(251, b"\0")
     station.say(mavlink.MAVLink_file_transfer_protocol_message(0, 1, 1, payload))
     answers = [bytes(answer.payload) for answer in station.run(0.05).of("FILE_TRANSFER_PROTOCOL")]
@@ -132,3 +134,56 @@ def test_other_files_and_writing_are_refused():
     station = Station(vehicle())
     for number, (opcode, path) in enumerate(((4, b"/etc/passwd"), (6, b"/x"), (3, b"@SYS"), (99, b""))):
         assert ftp(station, 2 * number, opcode, path)[0][0] == 129
+
+
+def test_a_request_that_comes_twice_gets_the_same_answer():
+    station = Station(vehicle())
+    opened = ftp(station, 0, 4, b"@PARAM/param.pck")
+    assert opened[0][0] == 128
+    assert ftp(station, 0, 4, b"@PARAM/param.pck") == opened
+
+
+def test_an_open_file_is_of_its_session_until_that_has_been_silent():
+    station = Station(vehicle())
+    ftp(station, 0, 4, b"@PARAM/param.pck", session=3)
+    assert ftp(station, 2, 4, b"@PARAM/param.pck", session=4) == [(129, b"\x04")]
+    assert ftp(station, 4, 1, session=4) == [(128, b"")]
+    assert ftp(station, 6, 5, size=10, session=3)[0][0] == 128, "the other one's end closes nothing"
+    station.run(3.1)
+    assert ftp(station, 2, 4, b"@PARAM/param.pck", session=4)[0][0] == 128
+
+
+def test_the_parameter_file_comes_with_the_banner_and_slows_the_streams():
+    station = Station(vehicle())
+    station.run(3.0)
+    assert len(station.run(1.0).of("ATTITUDE")) == 10
+    ftp(station, 0, 4, b"@PARAM/param.pck")
+    assert any("ArduSub V4.7" in text for text in Heard(station.heard).texts())
+    assert len(station.run(0.9).of("ATTITUDE")) <= 3
+    station.run(0.5)
+    assert len(station.run(1.0).of("ATTITUDE")) == 10
+
+
+def test_a_part_of_the_parameter_file():
+    station = Station(vehicle())
+    assert ftp(station, 0, 4, b"@PARAM/param.pck?start=10&count=5")[0][0] == 128
+    content = ftp(station, 2, 5, size=239)[0][1]
+    assert struct.unpack_from("<HHH", content) == (0x671B, 5, len(DEFAULTS))
+    assert list(unpacked(content)) == list(DEFAULTS)[10:15]
+    assert ftp(station, 4, 5, size=100) == [(129, b"\x02\x16")], "one size of reads for one file"
+
+
+def test_a_checksum():
+    station = Station(vehicle())
+    content = struct.pack("<HHHHH", 0x763D, 1, 0, 0, 0)
+    expected = ~zlib.crc32(content, 0xFFFFFFFF) & 0xFFFFFFFF
+    assert ftp(station, 0, 14, b"@MISSION/fence.dat") == [(128, struct.pack("<I", expected))]
+    assert ftp(station, 2, 14, b"/none") == [(129, b"\x0a")]
+
+
+def test_what_is_not_known_is_said_and_a_stray_answer_is_not_answered():
+    station = Station(vehicle())
+    assert ftp(station, 0, 16, b"/") == [(129, b"\x01")]
+    assert "Unsupported FTP: 16" in Heard(station.heard).texts()
+    assert ftp(station, 2, 128) == []
+    assert ftp(station, 4, 0, size=240) == [(129, b"\x03")]

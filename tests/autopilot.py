@@ -1,9 +1,10 @@
-"""The real ArduSub as a process in real time, on its own physics, with a ground station that listens."""
+"""ArduSub, or our stand-in for it, as a process in real time, with a ground station that listens."""
 
 import os
 import shutil
 import socket
 import subprocess
+import sys
 import tempfile
 import time
 from pathlib import Path
@@ -25,7 +26,13 @@ GROUND_STATION = 254
 
 
 class Autopilot:
-    """Starts the program; `messages` are the newest of each kind that its second link gave."""
+    """Starts ArduSub on its own physics; `messages` are the newest of each kind that its second link gave.
+
+    Its first link calls `link_port` of this machine.
+    """
+
+    BOOT_S = 10.0
+    """From its first heartbeat on, until the EKF is there."""
 
     def __init__(self, program: Path, link_port: int, **parameters: float) -> None:
         self._program, self._link_port = program, link_port
@@ -40,6 +47,8 @@ class Autopilot:
         self._peer: tuple[str, int] | None = None
         self.messages: dict[str, mavlink.MAVLink_message] = {}
         self.texts: list[str] = []
+        self.parameters: dict[str, float] = {}
+        """Those that it told, such as one that somebody set."""
         self._process: subprocess.Popen[bytes] | None = None
 
     def __enter__(self) -> "Autopilot":
@@ -51,17 +60,10 @@ class Autopilot:
         self._console.close()
         shutil.rmtree(self._directory, ignore_errors=True)
 
-    def start(self, boot_s: float = 10.0) -> None:
-        """Start it, and wait `boot_s` from its first heartbeat on."""
-        console_port = self._console.getsockname()[1]
+    def start(self, boot_s: float | None = None) -> None:
+        """Start it, and wait `boot_s` (None: BOOT_S) from its first heartbeat on."""
         self._process = subprocess.Popen(
-            [
-                *(self._program, "--model", "vectored_6dof", "--rc-in-port", "0", "--home", HOME),
-                *("--defaults", str(self._directory / "holdfast.parm")),
-                *("--serial0", f"udpclient:127.0.0.1:{self._link_port}"),
-                *("--serial1", f"udpclient:127.0.0.1:{console_port}"),
-                *("--serial2", "none:"),
-            ],
+            self._command_line(f"127.0.0.1:{self._link_port}", f"127.0.0.1:{self._console.getsockname()[1]}"),
             cwd=self._directory,
             env=os.environ,
             stdin=subprocess.DEVNULL,
@@ -73,7 +75,14 @@ class Autopilot:
         for message_id in (mavlink.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW, mavlink.MAVLINK_MSG_ID_SIMSTATE):
             self.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, message_id, 50_000)
         self.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, 50_000)
-        self.listen(boot_s)
+        self.listen(self.BOOT_S if boot_s is None else boot_s)
+
+    def _command_line(self, link: str, console: str) -> list[str]:
+        return [
+            *(str(self._program), "--model", "vectored_6dof", "--rc-in-port", "0", "--home", HOME),
+            *("--defaults", str(self._directory / "holdfast.parm")),
+            *("--serial0", f"udpclient:{link}", "--serial1", f"udpclient:{console}", "--serial2", "none:"),
+        ]
 
     def kill(self) -> None:
         """End it as a power cut does."""
@@ -108,6 +117,8 @@ class Autopilot:
                 heard.append(message)
                 if message.get_type() == "STATUSTEXT":
                     self.texts.append(message.text)
+                elif message.get_type() == "PARAM_VALUE":
+                    self.parameters[message.param_id] = message.param_value
         return heard
 
     def until(self, holds, timeout_s: float = 20.0) -> float:
@@ -129,7 +140,26 @@ class Autopilot:
         return int(self.messages["HEARTBEAT"].custom_mode)
 
     @property
+    def motors(self) -> list[int]:
+        """PWM of the eight motors when it last told, µs."""
+        servos = self.messages["SERVO_OUTPUT_RAW"]
+        return [getattr(servos, f"servo{motor}_raw") for motor in range(1, 9)]
+
+    @property
     def motors_rest(self) -> bool:
         """Whether all eight motors were at 1500 µs when it last told."""
-        servos = self.messages["SERVO_OUTPUT_RAW"]
-        return {getattr(servos, f"servo{motor}_raw") for motor in range(1, 9)} == {1500}
+        return set(self.motors) == {1500}
+
+
+class StandIn(Autopilot):
+    """Starts `holdfast sim` in its place."""
+
+    BOOT_S = 2.5
+
+    def __init__(self, link_port: int) -> None:
+        super().__init__(Path(sys.executable), link_port)
+
+    def _command_line(self, link: str, console: str) -> list[str]:
+        command = "import sys; from sim_bridge.commands import sim; sys.exit(sim(sys.argv[1:]))"
+        endpoints = (f"--udp-connect={link}", f"--udp-connect={console}", "--no-zenoh")
+        return [str(self._program), "-c", command, *endpoints, "--set", "current.enabled=false"]

@@ -1,0 +1,35 @@
+"""The same dialogues with the real firmware as tests/live/test_clients.py has with our stand-in."""
+
+import socket
+from collections.abc import Iterator
+from pathlib import Path
+
+import dialogue_mavproxy
+import pytest
+from autopilot import Autopilot
+from clients import mavproxy, mavsdk, needs_clients
+
+from lab.ports import free_port
+
+
+@pytest.fixture
+def port() -> int:
+    return free_port(socket.SOCK_DGRAM)
+
+
+@pytest.fixture
+def vehicle(port: int, ardusub: Path) -> Iterator[Autopilot]:
+    with Autopilot(ardusub, port, LOG_BACKEND_TYPE=1) as vehicle:  # LOG_REQUEST_END crashes one without
+        yield vehicle
+
+
+@needs_clients
+def test_mavproxy(vehicle: Autopilot, port: int, tmp_path: Path) -> None:
+    with mavproxy(port, tmp_path) as station:
+        dialogue_mavproxy.everything(vehicle, station, tmp_path)
+
+
+@needs_clients
+@pytest.mark.usefixtures("vehicle")
+def test_mavsdk(port: int) -> None:
+    mavsdk(port)
