@@ -143,6 +143,23 @@ class Tether(_Record, frozen=True):
     """Extra downward force for each metre of depth."""
 
 
+class Cable(_Record, frozen=True):
+    """The tether as a cable: its weight and drag pull at the vehicle. It adds to what `tether` does."""
+
+    enabled: bool = False
+    length_m: Annotated[float, Meta(ge=1)] = 30.0
+    """Paid out."""
+    anchor_m: Vector3 = (0.0, 0.0, 0.0)
+    """Where the surface boat holds it: north, east, down."""
+    diameter_m: Annotated[float, Meta(ge=0.001, le=0.1)] = 0.0076
+    mass_kg_per_m: Positive = 0.043
+    weight_n_per_m: float = -0.03
+    """In this water; negative floats."""
+    drag_across: NonNegative = 1.2
+    drag_along: NonNegative = 0.01
+    segments: Annotated[int, Meta(ge=2, le=50)] = 8
+
+
 class Load(_Record, frozen=True):
     """A weight (in water) hung on and dropped; times count from the first arming."""
 
@@ -258,6 +275,7 @@ class SimConfig(_Record, frozen=True):
     seabed: Seabed = Seabed()
     steel: Steel = Steel()
     tether: Tether = Tether()
+    cable: Cable = Cable()
     load: Load = Load()
     heave_force: HeaveForce = HeaveForce()
     sensors: SensorConfig = SensorConfig()

@@ -236,8 +236,10 @@ def refuse(config: SimConfig) -> None:
         raise ValueError("faults, scripted heave forces, a position and wave pressure need the full loop")
     if config.steel.enabled or sensors.depth_defects != Defects() or sensors.attitude_defects != Defects():
         raise ValueError("steel and defects of instruments need the full loop")
-    if config.seabed.enabled or config.current.profile or config.current.turn_deg_s:
-        raise ValueError("a seabed, and a current that varies with depth or turns, need the full loop")
+    if config.seabed.enabled or config.cable.enabled or config.current.profile or config.current.turn_deg_s:
+        raise ValueError(
+            "a seabed, a cable, and a current that varies with depth or turns need the full loop"
+        )
 
 
 def motors(vehicle: Vehicle, axes: Six) -> Eight:

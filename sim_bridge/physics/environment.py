@@ -5,6 +5,7 @@ import math
 import numpy as np
 
 from sim_bridge.config import Current, Seabed, SimConfig
+from sim_bridge.physics.cable import CableChain
 from sim_bridge.physics.plant import STILL_WATER, State, ned_velocity
 from sim_bridge.physics.plant import Six as Flow
 from sim_bridge.physics.plant import Three as Force
@@ -51,13 +52,20 @@ class WaterCurrent:
         self._mean = self._heading(0.0)
         self._vary = [OrnsteinUhlenbeck(config.sigma_m_s, config.tau_s, step_s, rng) for _ in range(2)]
 
-    def step(self, t_s: float, z: float) -> tuple[float, float]:
-        """North and east velocity (m/s) of the water at time t and depth z."""
-        north, east = self._heading(t_s) if self._turn_rad_s else self._mean
+    def step(self, t_s: float) -> None:
+        """Go on to time t."""
+        if self._turn_rad_s:
+            self._mean = self._heading(t_s)
+        for component in self._vary:
+            component.step()
+
+    def velocity(self, z: float) -> tuple[float, float]:
+        """North and east velocity (m/s) of the water at depth z."""
+        north, east = self._mean
         if self._parts:
             part = float(np.interp(z, self._depths_m, self._parts))
             north, east = part * north, part * east
-        return north + self._vary[0].step(), east + self._vary[1].step()
+        return north + self._vary[0].value, east + self._vary[1].value
 
     def _heading(self, t_s: float) -> tuple[float, float]:
         direction = self._direction + self._turn_rad_s * t_s
@@ -86,6 +94,11 @@ class Ground:
         return -drag * north, -drag * east, -normal_n
 
 
+def _at_rest(_: float) -> tuple[float, float]:
+    """Water without a current."""
+    return 0.0, 0.0
+
+
 class Environment:
     """All that the water and what hangs on the vehicle do to it."""
 
@@ -96,6 +109,8 @@ class Environment:
         depth_m = config.seabed.depth_m if config.seabed.enabled else math.inf
         self.sea = Sea(config.waves, rngs[1], depth_m) if config.waves.enabled else None
         self._current = WaterCurrent(config.current, step_s, rngs[0]) if config.current.enabled else None
+        x, y, z = config.initial.eta[:3]
+        self._cable = CableChain(config.cable, step_s, (x, y, z), depth_m) if config.cable.enabled else None
         self._load = config.load
         self._tether = config.tether
         self._pull = [
@@ -117,7 +132,8 @@ class Environment:
         x, y, z = state[:3]
         flow = self.sea.flow(t_s, x, y, z) if self.sea else STILL_WATER
         if self._current:
-            v_north, v_east = self._current.step(t_s, z)
+            self._current.step(t_s)
+            v_north, v_east = self._current.velocity(z)
             flow = (flow[0] + v_north, flow[1] + v_east, flow[2], flow[3], flow[4], flow[5])
         fx = fy = fz = 0.0
         if self._tether.enabled:
@@ -133,6 +149,11 @@ class Environment:
             heave = self._heave
             fz += heave.constant_n + self._heave_noise.step()
             fz += heave.sine_n * math.sin(2 * math.pi * t_s / heave.sine_period_s)
+        if self._cable:
+            pull = self._cable.pull(
+                state[:3], ned_velocity(state), self._current.velocity if self._current else _at_rest
+            )
+            fx, fy, fz = fx + pull[0], fy + pull[1], fz + pull[2]
         if self._ground:
             push = self._ground.push(state)
             fx, fy, fz = fx + push[0], fy + push[1], fz + push[2]
