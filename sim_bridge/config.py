@@ -64,6 +64,10 @@ class ThrusterConfig(_Record, frozen=True):
     axis_gain: NonNegative6 = (1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
     """What of the thrusters' force along and moment about each body axis acts: a hull that shades its
     thrusters, or levers other than believed."""
+    free_speed_m_s: NonNegative = 0.0
+    """Inflow at which a thruster that is driven in full pushes no more; 0: inflow takes nothing from them."""
+    dry_height_m: NonNegative = 0.0
+    """Height above the surface over which they lose their water; 0: they never do."""
 
     def __post_init__(self) -> None:
         count = 8 if self.frame == "vectored_6dof" else 6

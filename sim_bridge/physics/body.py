@@ -52,7 +52,9 @@ class Physics:
         self.force: Three = (0.0, 0.0, 0.0)
         self.flow: Six = STILL_WATER
         self._driven: list[int] = []
-        self._static_thrust = NO_THRUST
+        self._static_thrust = self._bollard_n = NO_THRUST
+        self._thruster_config = config.thrusters
+        self._loses_thrust = bool(config.thrusters.free_speed_m_s or config.thrusters.dry_height_m)
 
     @property
     def thrusters(self) -> int:
@@ -81,12 +83,24 @@ class Physics:
                     self._sea_steps * STEP_S, since_arming_s, self.state
                 )
                 self._sea_steps += 1
-            self.thrust_n = thrusters.lagged(self.thrust_n, self._static_thrust, follow)
+            self._bollard_n = thrusters.lagged(self._bollard_n, self._static_thrust, follow)
+            self.thrust_n = self._left_in_water() if self._loses_thrust else self._bollard_n
             self.tau = thrusters.wrench(self._thrusters, self.thrust_n)
             self.state, self.nu_dot = plant.step(
                 self.body, self.state, self.tau, self.force, self.flow, part_s
             )
         self.time_s += dt_s
+
+    def _left_in_water(self) -> Eight:
+        """Return what inflow and the surface leave of the thrust."""
+        config, wet = self._thruster_config, 1.0
+        if config.dry_height_m:
+            x, y, z = self.state[:3]
+            sea = self.environment.sea
+            sunk_m = z + (sea.elevation(self.time_s, x, y, 0.0) if sea else 0.0)
+            wet = min(1.0, max(0.0, 1.0 + sunk_m / config.dry_height_m))
+        into = thrusters.inflow(self._thrusters, plant.relative_velocity(self.state, self.flow))
+        return thrusters.in_water(self._bollard_n, into, config.free_speed_m_s, wet)
 
     def _drive(self, pwm: Sequence[int]) -> None:
         """Put the motors' PWM (µs) in force."""

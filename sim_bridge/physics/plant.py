@@ -135,6 +135,21 @@ def ned_velocity(state: State) -> Three:
     return r11 * u + r12 * v + r13 * w, r21 * u + r22 * v + r23 * w, r31 * u + r32 * v + r33 * w
 
 
+def relative_velocity(state: State, flow: Six) -> Six:
+    """nu_r: velocity relative to the water (m/s, rad/s, body)."""
+    r11, r12, r13, r21, r22, r23, r31, r32, r33 = rotation(state)
+    u, v, w, p, q, r = state[7:]
+    n, e, d = flow[:3]
+    return (
+        u - (r11 * n + r21 * e + r31 * d),
+        v - (r12 * n + r22 * e + r32 * d),
+        w - (r13 * n + r23 * e + r33 * d),
+        p,
+        q,
+        r,
+    )
+
+
 def buoyancy(body: Body, z: float) -> float:
     """Buoyancy (N): whole below the surface, lost over `height` above it."""
     if z >= 0.0:

@@ -1,4 +1,4 @@
-"""From motor PWM to a wrench: thrust curve, dead band, voltage, lag, gain, health and geometry.
+"""From motor PWM to a wrench: thrust curve, dead band, voltage, lag, gain, health, inflow and geometry.
 
 A motor that is driven above 1500 pushes the vehicle along its direction. Directions and positions are those
 for which ArduSub's mixing factors mean what they say: a positive forward, lateral, throttle (up), roll, pitch
@@ -140,6 +140,39 @@ def wrench(thrusters: Thrusters, thrust: Eight) -> Six:
         g_m * (vx * (g + h - e - f) + hz * X),
         g_n * (DIAGONAL * (hx + hy) * (a - b - c + d)),
     )
+
+
+def inflow(thrusters: Thrusters, nu_r: Six) -> Eight:
+    """Speed of the water into each thruster, along its direction (m/s): the transpose of `wrench` on nu_r.
+
+    `nu_r` is the velocity relative to the water (m/s, rad/s, body).
+    """
+    hx, hy, hz = thrusters.horizontal_m
+    vx, vy, _ = thrusters.vertical_m
+    u, v, w, p, q, r = nu_r
+    u, v, turn = DIAGONAL * (u + hz * q), DIAGONAL * (v - hz * p), DIAGONAL * (hx + hy) * r
+    roll, pitch = vy * p, vx * q
+    return (
+        -u + v + turn,
+        -u - v - turn,
+        u + v - turn,
+        u - v + turn,
+        w + roll - pitch,
+        w - roll - pitch,
+        w + roll + pitch,
+        w - roll + pitch,
+    )
+
+
+def in_water(thrust: Eight, inflow: Eight, free_speed_m_s: float, wet: float) -> Eight:
+    """Return what is left of static thrust (N) in water that flows into the thrusters (m/s).
+
+    T = a n|n| - b |n| u (Fossen 9.7) with a n|n| the static thrust, and T = 0 at full thrust and the free
+    speed. `wet` 0..1 is the part of the thrusters that is under water.
+    """
+    b = math.sqrt(FULL_N) / free_speed_m_s if free_speed_m_s > 0.0 else 0.0
+    left = [wet * (T - b * math.sqrt(abs(T)) * u) for T, u in zip(thrust, inflow, strict=True)]
+    return left[0], left[1], left[2], left[3], left[4], left[5], left[6], left[7]
 
 
 def current_a(thrust: Eight) -> float:

@@ -5,17 +5,20 @@ from typing import Any
 
 import numpy as np
 import pytest
-from sim_wire import CONFIG
+from sim_wire import CONFIG, Station, override, vehicle
 
 from sim_bridge.config import load_config
 from sim_bridge.firmware.mixer import mix, motor_pwm
 from sim_bridge.physics.thrusters import (
     CURVE_N,
     CURVE_US,
+    FULL_N,
     HEALTHY,
     NO_THRUST,
     each_motor,
     follow_of,
+    in_water,
+    inflow,
     lagged,
     static_thrust,
     thrusters_of,
@@ -110,6 +113,38 @@ def test_the_wrench_is_that_of_forces_at_their_places(frame):
     thrust = np.arange(1.0, 9.0) ** 2 * (1, 1, 1, 1, 1, 1, set_.number == 8, set_.number == 8)
     expected = thrust @ np.concatenate([ways, np.cross(places, ways)], axis=1)
     assert wrench(set_, tuple(thrust)) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("frame", CONFIGS)
+def test_inflow_is_the_transpose_of_the_wrench(frame):
+    """The power of thrust on the vehicle is that of each thruster on the water that it meets."""
+    rng = np.random.default_rng(1)
+    set_ = thrusters(frame)
+    thrust = rng.uniform(-50, 50, 8) * (1, 1, 1, 1, 1, 1, set_.number == 8, set_.number == 8)
+    nu = rng.uniform(-1, 1, 6)
+    assert thrust @ inflow(set_, tuple(nu)) == pytest.approx(np.array(wrench(set_, tuple(thrust))) @ nu)
+
+
+def test_inflow_takes_thrust_ahead_and_adds_to_it_in_braking():
+    full, quarter = (FULL_N,) * 8, (FULL_N / 4,) * 8
+    assert in_water(full, (4.0,) * 8, 4.0, 1.0) == pytest.approx(NO_THRUST)
+    assert in_water(quarter, (2.0,) * 8, 4.0, 1.0) == pytest.approx(NO_THRUST)
+    assert in_water(full, (1.0,) * 8, 4.0, 1.0)[0] == pytest.approx(0.75 * FULL_N)
+    assert in_water((-FULL_N,) * 8, (1.0,) * 8, 4.0, 1.0)[0] == pytest.approx(-1.25 * FULL_N)
+    assert in_water(full, (1.0,) * 8, 0.0, 0.5) == pytest.approx([FULL_N / 2] * 8)
+
+
+def test_a_vehicle_ahead_is_slower_with_inflow_and_helpless_out_of_the_water():
+    def speed(*overrides):
+        rov = vehicle("initial.eta=[0,0,5,0,0,0]", *overrides)
+        Station(rov).arm().run(6.0, override(forward=400))
+        return rov.truth()
+
+    bollard, real = speed(), speed("thrusters.free_speed_m_s=4.0")
+    assert 0.75 < real.nu[0] / bollard.nu[0] < 0.95
+    dry = vehicle("thrusters.dry_height_m=0.1", "initial.eta=[0,0,-0.2,0,0,0]", "hull.net_buoyancy_n=200")
+    Station(dry).arm().run(1.0, override(forward=400))
+    assert max(np.abs(dry.truth().thrust_n)) < 1.0
 
 
 def wrench_of(frame, demand):
