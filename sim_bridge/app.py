@@ -7,6 +7,7 @@ import asyncio
 import contextlib
 import itertools
 import logging
+import shutil
 import signal
 import sys
 from collections import deque
@@ -20,6 +21,7 @@ from sim_bridge.config import SimConfig
 from sim_bridge.fault_kinds import Fault
 from sim_bridge.physics.body import STEP_S, Physics
 from sim_bridge.physics.json_physics import DrivenBody, Responder
+from sim_bridge.status import status_line
 from sim_bridge.vehicle import Truth, Vehicle, truth_of
 from sim_bridge.zenoh_link import ZenohLink
 
@@ -35,6 +37,8 @@ MAX_INBOX = 4096
 SILENT_S = 10.0
 """A UDP peer that was not heard for so long makes room when another calls."""
 TRUTH_PERIOD_STEPS = 4
+STATUS_PERIOD_S = 0.5
+CLEAR_LINE = "\r\x1b[K"
 UNKNOWN_MODE = -1
 """In the truth of `--physics-only`: the firmware does not tell its physics the mode."""
 
@@ -83,6 +87,9 @@ class Links:
         """Queue bytes for the next step; a flood is cut off."""
         if number in self._senders and len(self.inbox) < MAX_INBOX:
             self.inbox.append((number, data))
+
+    def __len__(self) -> int:
+        return len(self._senders)
 
     def send(self, datagrams: list[tuple[int, bytes]]) -> None:
         """Send what the vehicle says."""
@@ -171,7 +178,8 @@ async def _pace(
     """Step the vehicle against the monotonic clock without drift; fall behind rather than burst."""
     clock = asyncio.get_running_loop().time
     period_s = vehicle.step_s / speed
-    due_s = clock()
+    due_s = status_s = clock()
+    on_terminal = sys.stderr.isatty()
     for count in itertools.count(1):
         while asked:
             fault = asked.popleft()
@@ -181,6 +189,11 @@ async def _pace(
         links.send(vehicle.step(inbox))
         if publish and count % TRUTH_PERIOD_STEPS == 0:
             publish(vehicle.truth())
+        if on_terminal and due_s >= status_s:
+            status_s = due_s + STATUS_PERIOD_S
+            line = status_line(vehicle.truth(), vehicle.current_a, vehicle.faults, len(links))
+            sys.stderr.write(CLEAR_LINE + line[: shutil.get_terminal_size().columns - 1])
+            sys.stderr.flush()
         due_s = max(due_s + period_s, clock() - MAX_CATCH_UP_STEPS * period_s)
         wait_s = due_s - clock()
         if wait_s > 0 or count % TRUTH_PERIOD_STEPS == 0:
@@ -282,7 +295,8 @@ async def serve_physics(
 
 def run(config: SimConfig, seed: int, settings: Settings) -> int:
     """Run until SIGINT or SIGTERM; returns the exit status."""
-    logging.basicConfig(stream=sys.stderr, level=logging.INFO, format="%(name)s: %(message)s")
+    clear = CLEAR_LINE if sys.stderr.isatty() else ""
+    logging.basicConfig(stream=sys.stderr, level=logging.INFO, format=clear + "%(name)s: %(message)s")
 
     async def main() -> None:
         stop = asyncio.Event()
@@ -298,4 +312,6 @@ def run(config: SimConfig, seed: int, settings: Settings) -> int:
     except (OSError, ValueError) as error:
         LOG.error("%s", error)
         return 1
+    if clear:
+        sys.stderr.write("\n")
     return 0

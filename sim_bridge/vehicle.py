@@ -178,6 +178,16 @@ class Vehicle:
             self._physics, self.time_s, self._autopilot.motor_pwm, self._autopilot.armed, self._autopilot.mode
         )
 
+    @property
+    def current_a(self) -> float:
+        """What the battery delivers."""
+        return self._physics.current_a
+
+    @property
+    def faults(self) -> tuple[str, ...]:
+        """Kinds of the faults that hold now."""
+        return self._faults.kinds
+
     def _receive(self, datagrams: Sequence[tuple[int, bytes]]) -> None:
         for link, data in self._faults.carry("in", datagrams, self.time_s):
             self.open_link(link)

@@ -1,15 +1,23 @@
 """Bad configuration is refused by name, key, value and range; the shipped files are good."""
 
 import pytest
-from sim_wire import CONFIG
+from sim_wire import CONFIG, is_finite
 
 from sim_bridge.config import ConfigError, load_config
 from sim_bridge.vehicle import Vehicle
 
+SHIPPED = sorted(CONFIG.parent.glob("sim*.toml"))
 
-@pytest.mark.parametrize("name", ["sim.toml", "sim-bluerov2.toml", "sim-ardusub.toml"])
-def test_shipped_files_fly(name):
-    Vehicle(load_config(CONFIG.with_name(name)), 1).step()
+
+@pytest.mark.parametrize("file", SHIPPED, ids=[file.stem for file in SHIPPED])
+def test_shipped_dives_run_and_stay_in_their_water(file):
+    config = load_config(file)
+    rov = Vehicle(config, 1)
+    for _ in range(2000):
+        rov.step()
+    assert is_finite(rov)
+    assert rov.truth().eta[2] < config.seabed.depth_m
+    assert file.read_text(encoding="utf-8").startswith("# ")
 
 
 @pytest.mark.parametrize(

@@ -12,6 +12,7 @@ from sim_wire import CONFIG, SET_INTERVAL, STABILIZE, Station, is_finite, overri
 from sim_bridge.config import ConfigError, fault_of
 from sim_bridge.fault_kinds import FAULT_KINDS, Fault
 from sim_bridge.listing import listing
+from sim_bridge.status import status_line
 from sim_bridge.zenoh_link import answer
 
 
@@ -250,3 +251,14 @@ def test_a_position_reset_is_a_step_north():
     rov.inject(Fault("position_reset", at_s=rov.time_s, value=3.0))
     place = station.run(0.5).last("LOCAL_POSITION_NED")
     assert (place.x, place.y) == pytest.approx((5.0, 1.0), abs=0.1)
+
+
+def test_the_status_line_tells_what_the_vehicle_does():
+    rov = vehicle("initial.eta=[0,0,5,0,0,1.5707963]", "hull.net_buoyancy_n=0")
+    rov.inject(Fault("leak", at_s=0.5))
+    station = Station(rov).arm(STABILIZE)
+    station.run(0.2, override(throttle=-300))
+    line = status_line(rov.truth(), rov.current_a, rov.faults, 2)
+    for word in ("depth   5.0", "heading  90.0°", "STABILIZE armed", "faults: leak", "clients: 2"):
+        assert word in line
+    assert rov.current_a > 1.0
