@@ -23,7 +23,8 @@ from companion import registry
 from companion.config import Config
 from companion.endpoint import Endpoint
 from companion.engine import Engine
-from companion.io.command_queue import CommandQueue, EngineInput
+from companion.guidance.drawing import drawn
+from companion.io.command_queue import CommandQueue, EngineInput, ReceivedCommand
 from companion.io.links import Admission, MavlinkLink
 from companion.io.process import NS_PER_S, Ticker, notify, on_ending_signal
 from companion.io.zenoh_publisher import NameTakenError, Publisher
@@ -33,11 +34,14 @@ from companion.mavlink.signing import signing_of
 from companion.mavlink.timestamps import timestamps_of
 from companion.predive.manoeuvre import Manoeuvre
 from companion.records import PSI, ControlSample, LoopHealth, Request, Setpoint, Z
+from companion.telemetry.commands import Follow
 from companion.telemetry.event_log import EventLog
-from companion.telemetry.schemas import Choices, Raw, Start
+from companion.telemetry.plan import PathPlan
+from companion.telemetry.schemas import Choices, Plan, Raw, Reply, Start
 
 SHUTDOWN_REPEATS = 5
 STATUS_PERIOD_S = 5.0
+PLAN_PERIOD_S = 5.0
 WATCHDOG_PERIOD_S = 0.5
 NAME_PATIENCE_S = 3.0
 
@@ -54,6 +58,7 @@ class App:
         *,
         arm: bool,
         requests: Sequence[Request],
+        path: PathPlan | None = None,
         manoeuvre: Manoeuvre | None = None,
     ) -> None:
         self._config = config
@@ -75,6 +80,9 @@ class App:
         self._peer_changes = 0
         telemetry = config.telemetry
         self._commands = CommandQueue(config, setpoint.eta_d)
+        if path is not None:
+            payload = msgspec.json.encode(Follow(path=path))
+            self._commands.put(ReceivedCommand("follow", payload, _log_reply), trusted=True)
         self._event_log = EventLog()
         self._publisher = Publisher(
             config.vehicle.name,
@@ -92,7 +100,8 @@ class App:
         self._late_ticks = 0
         self._compute_ns = 0
         self._said = ""
-        self._said_ns = self._fed_ns = 0
+        self._said_ns = self._fed_ns = self._drawn_ns = 0
+        self._drawn = (-1, "")
         self._failure: BaseException | None = None
         self._stop = asyncio.Event()
 
@@ -200,7 +209,8 @@ class App:
         events = self._event_log.step(
             sample, self._commands.results, _drained(self._publisher.duplicate_instances), peers
         )
-        self._publisher.offer(sample, self._raw(now_s, datagrams, ground, out, requests, given), events)
+        raw = self._raw(now_s, datagrams, ground, out, requests, given)
+        self._publisher.offer(sample, raw, events, self._plan(now_ns, sample))
         for event in events:
             if event.kind != "state":
                 log.info("%s: %s", event.kind, event.text)
@@ -225,9 +235,18 @@ class App:
             out=out,
             requests=[request.name for request in requests],
             setpoint=None if given.setpoint is None else list(given.setpoint.eta_d),
+            order=given.order,
             config=None if given.config is None else msgspec.to_builtins(given.config),
             start=self._start if self._ticks == 1 else None,
         )
+
+    def _plan(self, now_ns: int, sample: ControlSample) -> Plan | None:
+        """Return path and fence where they changed, or have not been published of late."""
+        guided = (sample.guided.number, sample.guided.kind)
+        if guided == self._drawn and now_ns - self._drawn_ns < PLAN_PERIOD_S * NS_PER_S:
+            return None
+        self._drawn, self._drawn_ns = guided, now_ns
+        return drawn(self._engine.path, sample.guided.number, self._engine.config, sample.state)
 
     def _report(self, now_ns: int, sample: ControlSample) -> None:
         """Feed the watchdog; say what changed, and every few seconds how it goes."""
@@ -277,15 +296,26 @@ def identify(config: Config, manoeuvre: Manoeuvre, *, arm: bool) -> int:
     return asyncio.run(run())
 
 
-def main(config: Config, setpoint: Setpoint, *, arm: bool, requests: Sequence[Request]) -> NoReturn:
-    """Run the companion and leave the process with its exit status.
+def _log_reply(reply: Reply) -> None:
+    log.log(logging.INFO if reply.done else logging.ERROR, "path: %s", reply.said)
+
+
+def main(
+    config: Config,
+    setpoint: Setpoint,
+    *,
+    arm: bool,
+    requests: Sequence[Request],
+    path: PathPlan | None = None,
+) -> NoReturn:
+    """Run the companion, which follows `path` once it is engaged; leave the process with its exit status.
 
     Everything is closed by then, and the interpreter's own tear-down is skipped: a thread of Zenoh's that
     asks for the GIL just then is unwound through foreign frames, and aborts the process.
     """
 
     async def run() -> int:
-        return await App(config, setpoint, arm=arm, requests=requests).run()
+        return await App(config, setpoint, arm=arm, requests=requests, path=path).run()
 
     status = asyncio.run(run())
     logging.shutdown()

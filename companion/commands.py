@@ -93,13 +93,27 @@ def run(argv: list[str]) -> int:
     parser.add_argument(
         "--heading", type=float, metavar="DEG", help="heading to hold; default: the present one"
     )
+    parser.add_argument(
+        "--path",
+        type=Path,
+        metavar="FILE",
+        help="follow this path once engaged: TOML, GeoJSON or QGroundControl's plan; docs/guidance.md",
+    )
+    parser.add_argument(
+        "--origin",
+        type=_position,
+        metavar="LAT,LON",
+        help="where x and y are 0, for a FILE in degrees; without it, the path begins where the vehicle is",
+    )
     arguments = parser.parse_args(argv)
 
     from companion.app import main
     from companion.config import DEFAULT_FILE, ConfigError, load_config
+    from companion.guidance.paths.shapes import build
+    from companion.guidance.paths.time_law import limits
     from companion.io.logs import log_to
     from companion.records import Request, Setpoint
-    from companion.telemetry import ranges
+    from companion.telemetry import path_files, ranges
 
     depth_m = math.nan if arguments.depth is None else arguments.depth
     heading_rad = math.nan if arguments.heading is None else math.radians(arguments.heading)
@@ -123,8 +137,11 @@ def run(argv: list[str]) -> int:
                 "--heading: in STABILIZE the firmware keeps the heading; "
                 'leave it out, or steer in MANUAL: vehicle.steering_mode = "manual"'
             )
+        path = None if arguments.path is None else path_files.read(arguments.path, arguments.origin)
+        if path is not None:
+            build(path, limits(config))
         setpoint = Setpoint((math.nan, math.nan, depth_m, heading_rad))
-        main(config, setpoint, arm=arguments.arm, requests=requests)
+        main(config, setpoint, arm=arguments.arm, requests=requests, path=path)
     except (ConfigError, ValueError) as error:
         sys.stderr.write(f"holdfast run: {error}\n")
         return 2

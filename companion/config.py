@@ -212,6 +212,15 @@ class SupervisorLimits(Section, frozen=True):
     max_tilt_deg: ranges.TiltDeg
 
 
+class FenceSection(Section, frozen=True):
+    """Where the vehicle may be told to be."""
+
+    enabled: bool
+    north_m: tuple[ranges.Metres, ranges.Metres]
+    east_m: tuple[ranges.Metres, ranges.Metres]
+    depth_m: tuple[ranges.Depth, ranges.Depth]
+
+
 class Telemetry(Section, frozen=True):
     """Where the controller's state is published, whether the raw ticks are, and who may command."""
 
@@ -237,6 +246,7 @@ class Config(Section, frozen=True):
     yaw: Axis
     network: Network
     supervisor: SupervisorLimits
+    fence: FenceSection
     telemetry: Telemetry
     compensators: dict[str, dict[str, Any]] = {}
     laws: dict[str, dict[str, Any]] = {}
@@ -274,6 +284,10 @@ def load_config(path: Path = DEFAULT_FILE, overrides: Sequence[str] = ()) -> Con
         config = msgspec.convert(table, Config)
     except msgspec.ValidationError as error:
         raise ConfigError(f"{path}: {ranges.explained(table, str(error), Config)}") from error
+    for key in ("north_m", "east_m", "depth_m"):
+        low, high = getattr(config.fence, key)
+        if not low < high:
+            raise ConfigError(f"{path}: fence.{key} = [{low:g}, {high:g}]: the first must be less")
     for key, endpoint in (
         ("link.endpoint", config.link.endpoint),
         ("ground_station.endpoint", config.ground_station.endpoint),

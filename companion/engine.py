@@ -10,6 +10,8 @@ from companion import assembly
 from companion.config import Config
 from companion.control.positioning import jacobian, to_body, to_inertial
 from companion.guidance.guidance import Guidance
+from companion.guidance.orders import Order, place
+from companion.guidance.paths.shapes import Path
 from companion.mavlink.autopilot import Autopilot
 from companion.mavlink.relay import pilot_events
 from companion.mavlink.signing import Signing
@@ -38,6 +40,7 @@ from companion.records import (
 )
 from companion.supervision.guard import guard
 from companion.supervision.supervision import Supervision
+from companion.telemetry.commands import Goto
 
 MAX_DT_TICKS = 3.0
 
@@ -111,6 +114,7 @@ class Engine:
             loop,
             dt_s=dt_s,
             held=guidance.engaged if holding else guidance.holdable(state),
+            awaits_position=guidance.awaits_position,
             dofs=self._dofs,
             finite=self._finite,
             full_override=demand.full_override,
@@ -120,7 +124,9 @@ class Engine:
         self._engage(verdict, state, engage=Request.ENGAGE in requests)
 
         J = jacobian(state.eta_ahead[PSI])
-        guidance.apply_pilot_demand(demand, state.eta_ahead[PSI], self._controller.reference.x_d, dt_s)
+        reference = self._controller.reference
+        guidance.apply_pilot_demand(demand, state.eta_ahead[PSI], reference, dt_s)
+        guidance.advance(verdict, state, reference, control_dt_s)
         target, saturated = guidance.target_now(verdict), actuation.saturated
         self._controller.frozen, self._controller.authority = verdict.freeze, verdict.authority
         dofs = self._controller.step(state, J, target, guidance.engaged, saturated, control_dt_s)
@@ -129,9 +135,7 @@ class Engine:
         if self.excitation is not ZERO:
             requested = vector(map(add, requested, self.excitation))
         reach = AxisCommand(*(axis * self._envelope.max_axis for axis in autopilot.reach(state.pilot_gain)))
-        wanted = actuation.step(
-            requested, verdict, state, guidance.engaged, reach, self._controller.reference, control_dt_s
-        )
+        wanted = actuation.step(requested, verdict, state, guidance.engaged, reach, reference, control_dt_s)
 
         self.steering = self._supervision.steers(state)
         pilot = demand.sticks if self.steering else None
@@ -156,6 +160,7 @@ class Engine:
             verdict=verdict,
             counters=replace(autopilot.counters),
             loop=loop,
+            guided=guidance.guided,
             texts=(
                 *self._fitness.introduced(now_s),
                 *[report for report in reports if isinstance(report, StatusText)],
@@ -199,6 +204,31 @@ class Engine:
     def aim(self, setpoint: Setpoint) -> None:
         """Take a new setpoint (`Guidance.aim`)."""
         self._guidance.aim(setpoint)
+
+    @property
+    def asked(self) -> Vector:
+        """What was asked for, NaN where nothing was."""
+        return self._guidance.asked
+
+    @property
+    def path(self) -> tuple[Path, Vector] | None:
+        """The path that is followed, and what its places are moved by."""
+        return self._guidance.path
+
+    def guide(self, order: Order) -> None:
+        """Take a path, a move, or what to do with them. Raises ValueError for what is not possible."""
+        guidance, reference = self._guidance, self._controller.reference
+        if isinstance(order, Path):
+            guidance.follow(order, reference)
+        elif isinstance(order, Goto):
+            speed, acceleration = order.speed_mps, order.acceleration_mps2
+            guidance.go_to(place(order), order.frame, speed, acceleration, reference)
+        elif order.action == "hold":
+            guidance.hold(reference)
+        elif order.action == "pause":
+            guidance.pause()
+        else:
+            guidance.resume(reference)
 
     def checked(self, state: VehicleState) -> list[CheckRow]:
         """Return the pre-dive list as far as it is known without trying anything."""

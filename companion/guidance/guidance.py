@@ -6,6 +6,10 @@
 | target    | where each degree of freedom is to go now: the setpoint, as the pilot's sticks moved it |
 | engaged   | degrees of freedom that the law holds                                               |
 | released  | those that the pilot took back since it engaged; engaging again holds them again    |
+| course    | a path, or a move to a place, that moves the target                                |
+
+Without a position x and y are let go, and taken up again where something wants them: a place that was held
+when the position was lost, a setpoint, a course.
 """
 
 import math
@@ -17,16 +21,26 @@ from msgspec.structs import replace
 from companion.config import Config
 from companion.control.bounds import clamped, wrap
 from companion.control.frames import shifted, shifted_along
+from companion.control.positioning import jacobian, to_inertial
+from companion.control.reference import ReferenceModel
+from companion.guidance.course import Course, braked, pace
+from companion.guidance.fence import fence, open_water
+from companion.guidance.paths.shapes import Path
+from companion.guidance.paths.time_law import limits
 from companion.guidance.pilot import NO_DEMAND, NONE, Pilot, PilotDemand
 from companion.records import (
+    PSI,
     Event,
     Flags,
     FrameShift,
+    Guided,
     Setpoint,
     State,
     Vector,
     VehicleState,
     Verdict,
+    X,
+    Y,
     Z,
     chosen,
     either,
@@ -34,6 +48,9 @@ from companion.records import (
 )
 
 UNSET: Vector = (math.nan, math.nan, math.nan, math.nan)
+HORIZONTAL: Flags = (True, True, False, False)
+POSITION_SETTLES_S = 0.5
+"""A position that came back is taken up after this long: the estimate has found its velocity by then."""
 
 
 class Guidance:
@@ -42,25 +59,122 @@ class Guidance:
     def __init__(self, config: Config, setpoint: Setpoint) -> None:
         self._config = config
         self._pilot = Pilot(config)
-        self._setpoint = self._target = checked(setpoint, config.supervisor.max_depth_m)
+        self._fence = fence(config)
+        self._limits = limits(config)
+        self._setpoint = self._target = self._checked(setpoint)
         self._start = self._target
         """Where it stays until it may push with all authority."""
         self.engaged = NONE
         self._released = NONE
         self._references: deque[tuple[float, Vector]] = deque()
+        self._course: Course | None = None
+        self.course_number = 0
+        """Which course it is: one more with each."""
+        self._lost = False
+        """Whether x and y were held when the position was lost."""
+        self._moved_meanwhile = False
+        """Whether the pilot has steered in surge or sway since then."""
+        self._unpositioned_t_s = -math.inf
 
     @property
     def target(self) -> Setpoint:
         """Where it is to go: x, y, z, psi, with rates and accelerations."""
         return self._target
 
-    def aim(self, setpoint: Setpoint) -> None:
-        """Take a new setpoint; its NaN targets stay what they are.
+    @property
+    def asked(self) -> Vector:
+        """What the operator asked for, NaN where nothing: it holds again after engaging."""
+        return self._setpoint.eta_d
 
-        Raises ValueError for one that is infinite, or deeper than `supervisor.max_depth_m`.
+    @property
+    def awaits_position(self) -> bool:
+        """Whether x and y are wanted, and are not held for want of a position."""
+        return self._wants_position and not self.engaged[X] and not self._released[X]
+
+    @property
+    def _wants_position(self) -> bool:
+        course = self._course
+        moves = course is not None and course.wants_position and not (course.done or course.suspended)
+        return self._lost or moves or not all(map(math.isnan, self._setpoint.eta_d[:Z]))
+
+    def aim(self, setpoint: Setpoint) -> None:
+        """Take a new setpoint; its NaN targets stay what they are. It ends a path or a move.
+
+        Raises ValueError for one that is infinite, deeper than `supervisor.max_depth_m`, or beyond the fence.
         """
-        self._setpoint = checked(setpoint, self._config.supervisor.max_depth_m)
+        self._setpoint = self._checked(setpoint)
+        self._course = None
         self._target = _filled(setpoint, self._target.eta_d)
+
+    def follow(self, path: Path, reference: ReferenceModel) -> None:
+        """Follow a path, from where it is, as soon as it may.
+
+        Raises ValueError, with the place, for one that leaves the fence. One that counts from where it
+        engages is checked then.
+        """
+        known = any(self.engaged) or not any(path.relative[:PSI])
+        if known and (refused := self._leaves(path, path.start(self._standing(reference)))):
+            raise ValueError(refused)
+        plan = path.plan
+        self._set_course(Course(self._limits, plan.speed_mps, plan.acceleration_mps2, path=path), UNSET)
+
+    def go_to(
+        self, place: Vector, frame: str, speed_mps: float, acceleration_mps2: float, reference: ReferenceModel
+    ) -> None:
+        """Go to a place in a straight line; its NaN coordinates stay.
+
+        `frame` is "local", or it counts from where the vehicle is: "offset" north, east, down, or "body"
+        forward, right, down. Raises ValueError for a place beyond the fence.
+        """
+        if frame != "local":
+            here = self._standing(reference)
+            given = tuple(0.0 if math.isnan(step) else step for step in place)
+            step = to_inertial(jacobian(here[PSI] if frame == "body" else 0.0), vector(given))
+            wanted = [not math.isnan(step) for step in place]
+            if frame == "body" and (wanted[X] or wanted[Y]):
+                wanted[:Z] = [True, True]
+            place = vector(
+                [at + by if want else math.nan for at, by, want in zip(here, step, wanted, strict=True)]
+            )
+        self._checked(Setpoint(place))
+        asked = chosen(_known(place), UNSET, self._setpoint.eta_d)
+        self._set_course(Course.to(place, self._limits, speed_mps, acceleration_mps2), asked)
+
+    def hold(self, reference: ReferenceModel) -> None:
+        """Stop here, and hold this place."""
+        self._course = None
+        self._setpoint = Setpoint(UNSET)
+        self._target = Setpoint(self._standing(reference))
+
+    def pause(self) -> None:
+        """Let the path wait. Raises ValueError where there is none."""
+        self._under_way().paused = True
+
+    def resume(self, reference: ReferenceModel) -> None:
+        """Let the path go on. Raises ValueError where there is none."""
+        self._under_way().resume(self._standing(reference))
+
+    @property
+    def guided(self) -> Guided:
+        """What moves the target now."""
+        course, number = self._course, self.course_number
+        if course is None:
+            return Guided("hold" if any(self.engaged) else "", number)
+        kind = "move" if course.path is None else "path"
+        if course.done:
+            kind = "refused" if course.refused else "hold"
+        elif course.paused:
+            kind = "paused"
+        elif not course.begun or self.awaits_position:
+            kind = "waiting"
+        name = course.refused or (course.path.plan.name if course.path is not None else "")
+        return Guided(kind, number, name, course.progress_m, course.length_m, course.speed_mps)
+
+    @property
+    def path(self) -> tuple[Path, Vector] | None:
+        """The path, and what its places are moved by; None where there is none."""
+        course = self._course
+        return None if course is None or course.path is None else (course.path, course.offset)
 
     def refuse(self, config: Config) -> None:
         """Raise ValueError where the present setpoint is not possible with `config`."""
@@ -69,11 +183,12 @@ class Guidance:
     def retune(self, config: Config) -> None:
         """Go on with `config`."""
         self._config = config
+        self._fence, self._limits = fence(config), limits(config)
         self._pilot.retune(config)
 
     def holdable(self, state: VehicleState) -> Flags:
         """Return the degrees of freedom that would be held if it engaged now."""
-        positioned = state.ages.position_s <= self._config.supervisor.position_timeout_s
+        positioned = self._positioned(state)
         return (positioned, positioned, True, self._config.vehicle.holds_heading)
 
     def pilot_demand(self, now_s: float, dt_s: float, events: Sequence[Event]) -> PilotDemand:
@@ -89,44 +204,103 @@ class Guidance:
         if verdict.authority == 0.0:
             self._references.clear()
             self.engaged = NONE
+            self._lost = False
             self._target = Setpoint(state.eta_ahead)
+            if self._course is not None and self._course.begun:
+                self._course.suspend()
             return None
         if not before.authority > 0.0:
             self.engaged, self._released = self.holdable(state), NONE
             self._start = Setpoint(state.eta)
             self._target = _filled(self._setpoint, self._start.eta_d)
             return None
-        if not (engage and verdict.state is State.ACTIVE):
-            return NONE
-        regained, self._released = self._released, NONE
-        self._target = replace(self._target, eta_d=chosen(regained, state.eta, self._target.eta_d))
-        self.engaged = either(self.engaged, regained)
-        return regained
+        regained = NONE
+        if engage and verdict.state is State.ACTIVE:
+            regained, self._released = self._released, NONE
+            self._target = replace(self._target, eta_d=chosen(regained, state.eta, self._target.eta_d))
+            self.engaged = either(self.engaged, regained)
+        return either(regained, self._follow_position(state))
 
-    def apply_pilot_demand(self, demand: PilotDemand, psi: float, x_d: Vector, dt_s: float) -> None:
+    def _follow_position(self, state: VehicleState) -> Flags:
+        """Let x and y go without a position; return them when they are taken up, as something wants them."""
+        if not self._positioned(state):
+            self._unpositioned_t_s = state.t_s
+            if self.engaged[X] or self.engaged[Y]:
+                self.engaged = (False, False, self.engaged[Z], self.engaged[PSI])
+                self._lost, self._moved_meanwhile = True, False
+            return NONE
+        settled = state.t_s - self._unpositioned_t_s >= POSITION_SETTLES_S
+        if not (self.awaits_position and settled):
+            return NONE
+        if not self._lost or self._moved_meanwhile:
+            asked = UNSET if self._moved_meanwhile else self._setpoint.eta_d
+            here = chosen(_known(asked), asked, state.eta)
+            self._target = replace(self._target, eta_d=chosen(HORIZONTAL, here, self._target.eta_d))
+            self._setpoint = replace(self._setpoint, eta_d=chosen(HORIZONTAL, asked, self._setpoint.eta_d))
+        self._lost = False
+        self.engaged = either(self.engaged, HORIZONTAL)
+        return HORIZONTAL
+
+    def apply_pilot_demand(
+        self, demand: PilotDemand, psi: float, reference: ReferenceModel, dt_s: float
+    ) -> None:
         """Release the DOFs that the pilot overrides, and move the target as the sticks say.
 
-        `psi` and `x_d` are the law's: the heading where the command acts, and the reference.
+        `psi` is the heading where the command acts. A path is paused by any of it.
         """
         if demand is NO_DEMAND:
             return
+        if self._lost and demand.sticks is not None:
+            pushed = max(abs(demand.sticks.sticks.surge), abs(demand.sticks.sticks.sway))
+            self._moved_meanwhile |= pushed > self._config.supervisor.pilot_deflection
+        course = self._course
+        steers = any(demand.nu) or any(demand.overridden)
+        if steers and course is not None and not (course.done or course.suspended):
+            course.suspend()
+            self._target = Setpoint(self._standing(reference))
         overridden = demand.overridden
         x, y, z, psi_held = (held and not lost for held, lost in zip(self.engaged, overridden, strict=True))
         self.engaged = (x, y, z, psi_held)
         self._released = either(self._released, overridden)
-        self._target, moved = self._pilot.move(self._target, demand, psi, self.engaged, x_d, dt_s)
+        self._target, moved = self._pilot.move(
+            self._target, demand, psi, self.engaged, reference.x_d, self._fence, dt_s
+        )
         eta_d = chosen(either(moved, overridden), UNSET, self._setpoint.eta_d)
         self._setpoint = replace(self._setpoint, eta_d=eta_d)
+
+    def advance(self, verdict: Verdict, state: VehicleState, reference: ReferenceModel, dt_s: float) -> None:
+        """Move the target along the course, where all authority is there."""
+        course = self._course
+        if course is None or course.done or course.suspended:
+            return
+        if verdict.state is not State.ACTIVE or verdict.authority < 1.0:
+            return
+        held = self.engaged[X] and self.engaged[Y]
+        rests = course.wants_position and not held
+        if not course.begun:
+            if rests:
+                return
+            start = self._standing(reference)
+            if course.path is not None and (refused := self._leaves(course.path, course.path.start(start))):
+                course.refused, course.done = refused, True
+                return
+            course.begin(start)
+        first = X if held else Z
+        behind_m = math.dist(state.eta_ahead[first:PSI], self._target.eta_d[first:PSI])
+        self._target = course.step(0.0 if rests else pace(reference.pace, behind_m), dt_s)
 
     def target_now(self, verdict: Verdict) -> Setpoint:
         """Return where the reference goes: while authority grows, it stays where it engaged."""
         growing = verdict.state is State.ACTIVE and verdict.authority < 1.0
-        return self._start if growing else self._target
+        target = self._start if growing else self._target
+        return target if self._fence is None else self._fence.inside(target)
 
     def shift(self, shift: FrameShift, state: VehicleState) -> None:
         """Hold the same physical place and direction in the frame of a reset estimate."""
         self._target = replace(self._target, eta_d=shifted(shift, self._target.eta_d))
         self._start = replace(self._start, eta_d=shifted(shift, self._start.eta_d))
+        if self._course is not None:
+            self._course.shift(shift)
         moved = [
             held if engaged and math.isfinite(asked) else asked
             for engaged, held, asked in zip(
@@ -149,6 +323,45 @@ class Guidance:
         x, y, z, psi = [a + (b - a) * share for a, b in zip(early, late, strict=True)]
         return (x, y, z, wrap(psi))
 
+    def _set_course(self, course: Course, asked: Vector) -> None:
+        """Follow a course; `asked` is what is left of the setpoint."""
+        self._course = course
+        self.course_number += 1
+        self._setpoint = Setpoint(asked)
+        self._target = Setpoint(self._target.eta_d)
+
+    def _under_way(self) -> Course:
+        if self._course is None or self._course.done:
+            raise ValueError("there is no path and no move under way")
+        return self._course
+
+    def _standing(self, reference: ReferenceModel) -> Vector:
+        """Return where the reference comes to rest."""
+        x, y, z, psi = braked(reference.states, self._pilot.max_acceleration)
+        return (x, y, z, wrap(psi))
+
+    def _positioned(self, state: VehicleState) -> bool:
+        return state.ages.position_s <= self._config.supervisor.position_timeout_s
+
+    def _checked(self, setpoint: Setpoint) -> Setpoint:
+        checked(setpoint, self._config.supervisor.max_depth_m)
+        bounds = self._fence
+        if bounds is not None:
+            known = chosen(_known(setpoint.eta_d), setpoint.eta_d, bounds.middle)
+            if refused := bounds.outside(known[:PSI]):
+                raise ValueError(f"setpoint beyond the fence: {refused}")
+        return setpoint
+
+    def _leaves(self, path: Path, offset: Vector) -> str:
+        """Return where a path leaves the fence first, in words; "" where it stays inside."""
+        bounds = self._fence or open_water(self._config)
+        for place in path.places():
+            moved = [a + b for a, b in zip(place, offset, strict=False)]
+            if refused := bounds.outside(moved):
+                x, y, z = moved
+                return f"the path leaves the fence at x {x:.2f}, y {y:.2f}, depth {z:.2f} m: {refused}"
+        return ""
+
 
 def checked(setpoint: Setpoint, max_depth_m: float) -> Setpoint:
     """Return a setpoint; raise ValueError for one that is infinite, or deeper than `max_depth_m`."""
@@ -160,6 +373,11 @@ def checked(setpoint: Setpoint, max_depth_m: float) -> Setpoint:
             f"and no deeper than supervisor.max_depth_m = {max_depth_m:g}"
         )
     return setpoint
+
+
+def _known(eta: Vector) -> Flags:
+    x, y, z, psi = eta
+    return (not math.isnan(x), not math.isnan(y), not math.isnan(z), not math.isnan(psi))
 
 
 def _filled(setpoint: Setpoint, eta: Vector) -> Setpoint:

@@ -14,6 +14,7 @@ import msgspec
 from companion.config import Config
 from companion.control.bounds import limited, wrap
 from companion.control.positioning import jacobian, to_inertial
+from companion.guidance.fence import Fence
 from companion.records import (
     PSI,
     ZERO,
@@ -80,6 +81,10 @@ class Pilot:
         self._dead_zone = config.supervisor.pilot_deflection
         self._max_depth_m = config.supervisor.max_depth_m
         self._axes = config.axes
+        surge, sway, heave, yaw = (axis.max_acceleration for axis in config.axes)
+        level = min(surge, sway)
+        self.max_acceleration: Vector = (level, level, heave, yaw)
+        """By DOF, in any heading."""
 
     def step(
         self, now_s: float, dt_s: float, events: Sequence[Event], held: Flags, depth_m: float
@@ -112,15 +117,27 @@ class Pilot:
         )
 
     def move(
-        self, target: Setpoint, demand: PilotDemand, psi: float, held: Flags, x_d: Vector, dt_s: float
+        self,
+        target: Setpoint,
+        demand: PilotDemand,
+        psi: float,
+        held: Flags,
+        x_d: Vector,
+        fence: Fence | None,
+        dt_s: float,
     ) -> tuple[Setpoint, Flags]:
         """Return the target as the sticks move it, and the degrees of freedom that they move.
 
         `psi` is the law's heading and `x_d` its reference. The first push counts from the reference: a target
-        that it has not reached yet is given up.
+        that it has not reached yet is given up. It stops before the fence.
         """
         J = jacobian(psi)
         rate = chosen(held, to_inertial(J, demand.nu), ZERO)
+        rate_dot = to_inertial(J, demand.nu_dot)
+        if fence is not None:
+            asked, rate = rate, fence.braked(target.eta_d, rate, self.max_acceleration)
+            free = [slow == fast for slow, fast in zip(rate, asked, strict=True)]
+            rate_dot = chosen((free[X], free[Y], free[Z], free[PSI]), rate_dot, ZERO)
         horizontal = rate[X] != 0.0 or rate[Y] != 0.0
         moving = (horizontal, horizontal, rate[Z] != 0.0, rate[PSI] != 0.0)
         before, self._moved = self._moved, moving
@@ -136,7 +153,7 @@ class Pilot:
         return Setpoint(
             (x, y, min(z, self._max_depth_m), wrap(heading)),
             chosen(changed, rate, target.eta_d_dot),
-            chosen(changed, chosen(moving, to_inertial(J, demand.nu_dot), ZERO), target.eta_d_ddot),
+            chosen(changed, chosen(moving, rate_dot, ZERO), target.eta_d_ddot),
         ), changed
 
     def _heard(self, events: Sequence[Event]) -> tuple[int, bool, bool]:

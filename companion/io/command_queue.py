@@ -14,16 +14,33 @@ from typing import Any, NamedTuple, Protocol
 import msgspec
 
 from companion.config import Config, ConfigError, check_choices
-from companion.records import ENGAGE_S, PSI, ControlSample, Request, Setpoint, State, Vector, X, Y, Z, vector
+from companion.guidance.orders import Order, order_of
+from companion.records import (
+    ENGAGE_S,
+    PSI,
+    Condition,
+    ControlSample,
+    Request,
+    Setpoint,
+    State,
+    Vector,
+    X,
+    Y,
+    Z,
+    vector,
+)
 from companion.telemetry.commands import (
     CommandResult,
     Engage,
+    Follow,
+    Goto,
     Payload,
     Release,
     ResetModel,
     SetCompensator,
     SetEstimator,
     SetGains,
+    SetPath,
     SetSetpoint,
     named,
     parse,
@@ -48,12 +65,22 @@ class ReceivedCommand(NamedTuple):
     local: bool = False
 
 
+class Parsed(NamedTuple):
+    """A command and the order that it is, or why it is none."""
+
+    command: Payload | None
+    order: Order | None = None
+    refused: str = ""
+
+
 class EngineInput(NamedTuple):
     """What commands gave the engine before a tick."""
 
     requests: list[Request]
     setpoint: Setpoint | None = None
     config: Config | None = None
+    order: tuple[str, bytes] | None = None
+    """A path or a move, as it came: name and payload."""
 
 
 class Controllable(Protocol):
@@ -67,8 +94,15 @@ class Controllable(Protocol):
     def target(self) -> Vector:
         """Where it is held, or is while it is not: x, y, z, psi."""
 
+    @property
+    def asked(self) -> Vector:
+        """What was asked for, NaN where nothing was."""
+
     def aim(self, setpoint: Setpoint) -> None:
         """Take a setpoint; raise ValueError for one that is not permitted."""
+
+    def guide(self, order: Order) -> None:
+        """Take a path, a move, or what to do with them; raise ValueError for what is not permitted."""
 
     def retune(self, config: Config) -> None:
         """Take gains, compensators and noises, without a jump; raise ConfigError for what needs a restart."""
@@ -98,17 +132,20 @@ class CommandQueue:
     results: list[CommandResult] = field(default_factory=list)
     """What was answered in this tick."""
 
-    _inbox: deque[ReceivedCommand] = field(default_factory=deque)
+    _inbox: deque[tuple[ReceivedCommand, Parsed]] = field(default_factory=deque)
     _pending: list[_Pending] = field(default_factory=list)
     _withdraw: bool = False
     _state: State = State.IDLE
 
-    def put(self, received: ReceivedCommand) -> None:
-        """Take a command, from any thread; answer at once where too many wait."""
+    def put(self, received: ReceivedCommand, *, trusted: bool = False) -> None:
+        """Take a command, from any thread, which parses it; answer at once where too many wait.
+
+        One that is `trusted` needs no permission: whoever started this process gave it.
+        """
         if len(self._inbox) >= MAX_WAITING:
             received.answer(Reply(done=False, said=f"busy: {MAX_WAITING} commands wait already; ask again"))
         else:
-            self._inbox.append(received)
+            self._inbox.append((received, self._parsed(received, trusted=trusted)))
 
     def before_tick(self, engine: Controllable, now_s: float) -> EngineInput:
         """Give the next command to the engine; return what it got, requests to be asked in this tick."""
@@ -117,11 +154,17 @@ class CommandQueue:
         self._withdraw = False
         if not self._inbox:
             return given
-        received = self._inbox.popleft()
+        received, parsed = self._inbox.popleft()
         old = engine.config
         try:
-            command = self._permitted(received)
-            if isinstance(command, SetSetpoint):
+            command = parsed.command
+            if command is None:
+                raise ValueError(parsed.refused)
+            if parsed.order is not None:
+                engine.guide(parsed.order)
+                self.setpoint = engine.asked
+                given = given._replace(order=(received.name, received.payload))
+            elif isinstance(command, SetSetpoint):
                 given = given._replace(setpoint=self._aim(engine, command))
             elif isinstance(command, SetCompensator | SetGains | SetEstimator):
                 engine.retune(self._retuned(old, command))
@@ -151,7 +194,16 @@ class CommandQueue:
             else:
                 self._answer(one.received, reply)
 
-    def _permitted(self, received: ReceivedCommand) -> Payload:
+    def _parsed(self, received: ReceivedCommand, *, trusted: bool) -> Parsed:
+        try:
+            if not trusted:
+                self._permit(received)
+            command = parse(received.name, received.payload)
+            return Parsed(command, order_of(command, self.started_with))
+        except ValueError as error:
+            return Parsed(None, refused=str(error))
+
+    def _permit(self, received: ReceivedCommand) -> None:
         allowed = self.started_with.telemetry.allow_control
         if allowed == "never":
             raise ValueError('this companion is read-only: telemetry.allow_control = "never"')
@@ -161,7 +213,6 @@ class CommandQueue:
                 "Start the companion with `holdfast run --allow-control`, or set "
                 'telemetry.allow_control = "always"'
             )
-        return parse(received.name, received.payload)
 
     def _aim(self, engine: Controllable, command: SetSetpoint) -> Setpoint:
         given = named(command)
@@ -254,6 +305,11 @@ class CommandQueue:
             done = verdict.state is not State.FAULT
             said = "cleared" if done else "refused"
             return Reply(done=done, said=f"{said}. {is_now}", value=value)
+        if isinstance(one.command, Goto | Follow | SetPath):
+            guided = sample.guided
+            value |= self._aimed(engine, sample) | {"guidance": guided.kind, "length_m": guided.length_m}
+            said = f"{self._progress(sample)}{f': {guided.name}' if guided.name else ''}"
+            return Reply(done=guided.kind != "refused", said=said, value=value)
         if isinstance(one.command, SetSetpoint):
             return Reply(done=True, said=self._progress(sample), value=self._aimed(engine, sample))
         axis, changed = _changes(one.command)
@@ -265,9 +321,11 @@ class CommandQueue:
         engaged = sample.dofs.engaged
         if not any(engaged):
             return f"kept for when it engages; the state is {sample.verdict.state}"
-        if not engaged[X] and any(map(math.isfinite, self.setpoint[:2])):
-            return "on its way; x and y are not held, because it engaged without a position"
-        return "on its way"
+        awaited = Condition.POSITION_STALE in sample.verdict.conditions
+        if not engaged[X] and (awaited or any(map(math.isfinite, self.setpoint[:2]))):
+            return "on its way; x and y are not held until there is a position"
+        kinds = {"paused": "paused", "hold": "holds here", "refused": "refused"}
+        return kinds.get(sample.guided.kind, "on its way")
 
     def _aimed(self, engine: Controllable, sample: ControlSample) -> dict[str, Any]:
         """Return the target, read back; while it is not engaged, what is kept for then."""

@@ -77,7 +77,7 @@ class Publisher(SessionThread):
         self._on_command = on_command
         self._choices = choices or telemetry.Choices(compensator=())
         self._queue: queue.SimpleQueue[_Offered | None] = queue.SimpleQueue()
-        self._mail: deque[telemetry.Event | _Answer] = deque(maxlen=_MAIL)
+        self._mail: deque[telemetry.Event | telemetry.Plan | _Answer] = deque(maxlen=_MAIL)
         self._name_checked = threading.Event()
         self._existing_instance = ""
         self._joined = False
@@ -106,9 +106,12 @@ class Publisher(SessionThread):
         sample: ControlSample,
         raw: telemetry.Raw | None = None,
         events: Sequence[telemetry.Event] = (),
+        plan: telemetry.Plan | None = None,
     ) -> None:
         """Queue one tick, which nobody may change any more. Never blocks; the oldest gives way."""
         self._mail.extend(events)
+        if plan is not None:
+            self._mail.append(plan)
         if self._queue.qsize() >= _QUEUE:
             with suppress(queue.Empty):
                 self.dropped += self._queue.get_nowait() is not None
@@ -176,6 +179,7 @@ class Publisher(SessionThread):
                 return
             publishers = {key: _publisher(session, key, encoding) for key, encoding in self._keys.items()}
             events = _history(session, *telemetry.event_key(self._vehicle), _EVENTS_KEPT)
+            plan = _publisher(session, *telemetry.plan_key(self._vehicle))
             raw = _history(session, *telemetry.raw_key(self._vehicle), _RAW_KEPT, recover=True)
             with (
                 session.info.declare_transport_events_listener(on_transport),
@@ -198,7 +202,7 @@ class Publisher(SessionThread):
                 while not (self._closing.is_set() or lost.is_set()):
                     with suppress(queue.Empty):
                         offered = self._queue.get(timeout=RETRY_S)
-                        self._deliver(events)
+                        self._deliver(events, plan)
                         if offered is None:
                             continue
                         for key, _, payload in encode(offered[0], self._vehicle):
@@ -273,11 +277,13 @@ class Publisher(SessionThread):
         self._mail.append((query, reply))
         self._queue.put(None)
 
-    def _deliver(self, events: ext.AdvancedPublisher) -> None:
+    def _deliver(self, events: ext.AdvancedPublisher, plan: zenoh.Publisher) -> None:
         while self._mail:
             item = self._mail.popleft()
             if isinstance(item, telemetry.Event):
                 events.put(telemetry.to_json(item))
+            elif isinstance(item, telemetry.Plan):
+                plan.put(telemetry.to_json(item))
             else:
                 query, reply = item
                 with suppress(zenoh.ZError), query:

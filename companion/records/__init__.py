@@ -49,7 +49,7 @@ from companion.records.events import (
     StatusText,
     TimeSync,
 )
-from companion.records.operator import ENGAGE_S, Request, Setpoint
+from companion.records.operator import ENGAGE_S, Guided, Request, Setpoint
 from companion.records.sample import ControlSample, LoopHealth
 from companion.records.state import Ages, Delays, FrameShift, VehicleModel, VehicleState
 from companion.records.supervision import Condition, State, Verdict
@@ -81,6 +81,7 @@ __all__ = [
     "Firmware",
     "Flags",
     "FrameShift",
+    "Guided",
     "Heartbeat",
     "Leak",
     "LinkCounters",

@@ -28,3 +28,18 @@ class Setpoint(msgspec.Struct, frozen=True):
     eta_d: Vector
     eta_d_dot: Vector = ZERO
     eta_d_ddot: Vector = ZERO
+
+
+class Guided(msgspec.Struct, frozen=True):
+    """What moves the target.
+
+    `kind` is hold, move, path, paused, waiting, refused, or "" while nothing is held.
+    `number` counts the courses; `name` is the path's, or why it was refused. Lengths are along the path.
+    """
+
+    kind: str
+    number: int
+    name: str = ""
+    progress_m: float = 0.0
+    length_m: float = 0.0
+    speed_mps: float = 0.0

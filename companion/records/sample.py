@@ -5,6 +5,7 @@ import msgspec
 from companion.records.control import AxisCommand, DofSample, Wrench
 from companion.records.dof import Vector
 from companion.records.events import LinkCounters, StatusText
+from companion.records.operator import Guided
 from companion.records.state import VehicleState
 from companion.records.supervision import Verdict
 
@@ -39,5 +40,6 @@ class ControlSample(msgspec.Struct, frozen=True):
     verdict: Verdict
     counters: LinkCounters
     loop: LoopHealth
+    guided: Guided = Guided("", 0)
     texts: tuple[StatusText, ...] = ()
     """What the autopilot said since the tick before."""

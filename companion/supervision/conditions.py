@@ -57,7 +57,8 @@ class Observation(msgspec.Struct, frozen=True, kw_only=True):
     watched: Watched
     preflight_failure: str = ""
     """The rows of `check` that forbid engaging, in words."""
-    holds_position: bool = False
+    wants_position: bool = False
+    """Whether x and y are held, or would be with a position."""
     finite: bool = True
     late_s: float = 0.0
     misses_motor: bool = False
@@ -163,10 +164,11 @@ CONDITIONS = (
     ),
     ConditionSpec(
         C.POSITION_STALE,
-        lambda o, limits: o.holds_position and not o.state.ages.position_s <= limits.position_timeout_s,
+        lambda o, limits: o.wants_position and not o.state.ages.position_s <= limits.position_timeout_s,
         ("position_timeout_s",),
-        "the position is held, and no new one arrived in time",
-        "check the DVL; engage again without it to hold depth and heading only",
+        "x and y are wanted, and no new position arrived in time: they are released to the pilot, or to "
+        "neutral, and held again when it returns; depth and heading are held",
+        "check the DVL; steer by hand meanwhile",
     ),
     ConditionSpec(
         C.DEPTH_JUMPED,

@@ -64,6 +64,7 @@ class Supervision:
         *,
         dt_s: float,
         held: Flags,
+        awaits_position: bool,
         dofs: DofSample | None,
         finite: bool,
         full_override: bool,
@@ -75,6 +76,7 @@ class Supervision:
         `held` are the degrees of freedom that are held, or while nothing is those that would be; `dofs` and
         `finite` are the last tick's; `preflight_failure` names the rows of the pre-dive list that forbid
         engaging.
+        `awaits_position` tells that x and y are wanted, and are not held without a position.
         `misses_motor` tells that the others cannot do the work of the motor that gives no thrust.
         """
         limits, ground = self._config.supervisor, self._config.ground_station
@@ -101,7 +103,7 @@ class Supervision:
             parameters=self._parameters,
             watched=watched,
             preflight_failure=preflight_failure,
-            holds_position=steered and held[X],
+            wants_position=steered and (held[X] or awaits_position),
             finite=finite,
             late_s=dt_s - 1.0 / self._config.loop.rate_hz,
             full_override=full_override,

@@ -18,7 +18,7 @@ from companion.supervision.conditions import CONDITIONS
 
 C, S = Condition, State
 
-BLIND = C.LINK_LOST | C.DEPTH_STALE | C.ATTITUDE_STALE | C.POSITION_STALE
+BLIND = C.LINK_LOST | C.DEPTH_STALE | C.ATTITUDE_STALE
 SICK = (
     C.EKF_UNHEALTHY
     | C.DEPTH_JUMPED
@@ -71,7 +71,6 @@ TRANSITIONS = (
     T(S.ACTIVE, C.PILOT_LOST_SURFACE, NOTHING, S.HAND_OVER, "the ground station fell silent: surfacing"),
     T(S.ACTIVE, C.PILOT_LOST, NOTHING, S.RAMP_DOWN, "the ground station fell silent"),
     T(S.ACTIVE, C.OPERATOR_STOP, NOTHING, S.RAMP_DOWN, "the operator released the vehicle"),
-    T(S.ACTIVE, C.POSITION_STALE, NOTHING, S.HAND_OVER, "no fresh position"),
     T(S.ACTIVE, C.DELAY_TOO_LONG, NOTHING, S.HAND_OVER, "the delay is too long for any gains"),
     T(S.ACTIVE, C.CLOCK_INCONSISTENT, NOTHING, S.HAND_OVER, "the autopilot's clocks contradict each other"),
     T(S.ACTIVE, C.INNOVATION_LARGE, NOTHING, S.HAND_OVER, "measurements keep missing the prediction"),
@@ -118,6 +117,7 @@ class Notice(NamedTuple):
 
 
 NOTICES = (
+    Notice(C.POSITION_STALE, freeze=False),
     Notice(C.DEPTH_JUMPED, freeze=True),
     Notice(C.CLOCK_JUMPED, freeze=True),
     Notice(C.TILTED, freeze=True),

@@ -4,14 +4,17 @@ One table for the companion, which obeys, and for all that ask: the web page, `h
 """
 
 from collections.abc import Iterator, Mapping
-from typing import Annotated, Any, Literal, NamedTuple, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Literal, NamedTuple, get_type_hints
 
 import msgspec
 
 from companion.telemetry import ranges
-from companion.telemetry.schemas import Reply, means, printable
+from companion.telemetry.plan import PathPlan
+from companion.telemetry.schemas import Reply, printable
+from companion.telemetry.words import means
 
 MAX_BYTES = 4096
+MAX_PATH_BYTES = 1 << 18
 """A longer payload is refused unread."""
 
 AxisName = Literal["surge", "sway", "heave", "yaw"]
@@ -46,6 +49,34 @@ class SetSetpoint(Payload, frozen=True):
     heading_deg: Annotated[ranges.HeadingDeg, means("clockwise from north")] | Optional = msgspec.UNSET
     x_m: Annotated[ranges.Metres, means("north; held only with a position source")] | Optional = msgspec.UNSET
     y_m: Annotated[ranges.Metres, means("east; held only with a position source")] | Optional = msgspec.UNSET
+
+
+class Goto(Payload, frozen=True):
+    """Go to a place in a straight line, and hold it; coordinates that are not given stay.
+
+    In the frame "offset" they count from where the vehicle is, north, east and down; in "body" forward, right
+    and down, and the heading clockwise. It needs a position source for `x_m` and `y_m`.
+    """
+
+    x_m: Annotated[ranges.Metres, means("north, or forward")] | Optional = msgspec.UNSET
+    y_m: Annotated[ranges.Metres, means("east, or to the right")] | Optional = msgspec.UNSET
+    depth_m: Annotated[ranges.Metres, means("below the surface, or down")] | Optional = msgspec.UNSET
+    heading_deg: Annotated[ranges.HeadingDeg, means("clockwise from north")] | Optional = msgspec.UNSET
+    frame: Annotated[Literal["local", "offset", "body"], means("what they count from")] = "local"
+    speed_mps: Annotated[ranges.PathSpeed, means("slower where a limit asks for it")] = 0.2
+    acceleration_mps2: ranges.PathAcceleration = 0.1
+
+
+class Follow(Payload, frozen=True):
+    """Follow a path from where the vehicle is; `holdfast follow` reads it from a file."""
+
+    path: Annotated[PathPlan, means("as in docs/guidance.md")]
+
+
+class SetPath(Payload, frozen=True):
+    """Pause the path or the move, let it go on, or stop and hold here."""
+
+    action: Annotated[Literal["pause", "resume", "hold"], means("what to do")]
 
 
 class SetCompensator(Payload, frozen=True):
@@ -113,6 +144,9 @@ COMMANDS: dict[str, type[Payload]] = {
     "engage": Engage,
     "release": Release,
     "setpoint": SetSetpoint,
+    "goto": Goto,
+    "follow": Follow,
+    "path": SetPath,
     "compensator": SetCompensator,
     "gains": SetGains,
     "estimator": SetEstimator,
@@ -155,8 +189,9 @@ def parse(name: str, payload: bytes, known: Mapping[str, type[Payload]] = COMMAN
     kind = known.get(name)
     if kind is None:
         raise ValueError(f"there is no command '{name}'. There are {', '.join(known)}")
-    if len(payload) > MAX_BYTES:
-        raise ValueError(f"{len(payload)} bytes are too many; {MAX_BYTES} at most")
+    most = MAX_PATH_BYTES if kind is Follow else MAX_BYTES
+    if len(payload) > most:
+        raise ValueError(f"{len(payload)} bytes are too many; {most} at most")
     try:
         table = msgspec.json.decode(payload)
     except (msgspec.MsgspecError, RecursionError) as error:
@@ -185,7 +220,7 @@ def fields(kind: type[Payload]) -> Iterator[Field]:
         metas = list(ranges.metas(hint))
         title = next((meta.title for meta in metas if meta.title), name)
         description = next((meta.description for meta in metas if meta.description), "")
-        choices = get_args(hint) if get_origin(hint) is Literal else ()
+        choices = ranges.choices(hint)
         least, most = ranges.bounds(hint) or (None, None)
         yield Field(name, title, description, choices, least, most)
 

@@ -17,7 +17,11 @@ DOCS = Path(__file__).parents[2] / "docs"
 PAGE = DOCS / "telemetry.md"
 MARK = "<!-- made by `holdfast schema --write`; write nothing below -->\n"
 
-RATES = {"event": "when something happens", "recorder": "1 Hz, by `holdfast record`"}
+RATES = {
+    "event": "when something happens",
+    "recorder": "1 Hz, by `holdfast record`",
+    "plan": "when it changes, and every 5 s",
+}
 UNITS = {
     "m": "m",
     "mps": "m/s",

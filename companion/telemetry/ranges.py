@@ -8,7 +8,7 @@ what switches a protection off. Units are m, N and kg; on the yaw axis rad, N·m
 
 import re
 from collections.abc import Iterator
-from typing import Annotated, Any, get_args, get_type_hints
+from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
 from msgspec import Meta, Struct
 
@@ -68,7 +68,14 @@ TiltDeg = Annotated[float, Meta(ge=10.0, le=89.0)]
 EkfVariance = Annotated[float, Meta(ge=0.05, le=10.0)]
 Voltage = Annotated[float, Meta(ge=6.0, le=30.0)]
 
+# Paths.
+Length = Annotated[float, Meta(ge=0.1, le=1000.0)]
+Corner = Annotated[float, Meta(ge=0.0, le=100.0)]
+PathSpeed = Annotated[float, Meta(ge=0.01, le=3.0)]
+PathAcceleration = Annotated[float, Meta(ge=0.01, le=1.0)]
+
 # Whole numbers.
+Laps = Annotated[int, Meta(ge=0, le=1000)]
 SystemId = Annotated[int, Meta(ge=1, le=255)]
 LinkId = Annotated[int, Meta(ge=0, le=255)]
 Button = Annotated[int, Meta(ge=-1, le=15)]
@@ -99,21 +106,32 @@ def explained(table: Any, error: str, kind: type[Struct]) -> str:
     `table` is what was to become a `kind`.
     """
     message, _, where = error.partition(" - at `$")
-    parts = [part for part in where.strip("`").split(".") if part]
+    place = where.strip("`").lstrip(".")
+    parts = [part for part in re.split(r"[.\[\]]", where.strip("`")) if part]
     hint = _hint_at(kind, parts)
     if field := re.search(r"(unknown|required) field `(.+)`", message):
-        name = ".".join([*parts, field[2]])
+        name = f"{place}.{field[2]}" if place else field[2]
         known = ", ".join(getattr(hint, "__struct_fields__", ()))
         return f"{name}: unknown key; known here: {known}" if field[1] == "unknown" else f"{name}: missing"
     value: Any = table
     for part in parts:
-        value = value.get(part) if isinstance(value, dict) else None
-    name = ".".join(parts) or "all of it"
+        if isinstance(value, dict):
+            value = value.get(part)
+        else:
+            value = value[int(part)] if isinstance(value, list) and part.isdigit() else None
+    name = place or "all of it"
     if type(value) in (int, float) and (refused := refusal(name, value, hint)):
         return refused
-    choices = get_args(hint) if "enum" in message else ()
-    said = "must be one of " + ", ".join(choices) if choices else message[0].lower() + message[1:]
+    allowed = choices(hint) if "enum" in message else ()
+    said = "must be one of " + ", ".join(allowed) if allowed else message[0].lower() + message[1:]
     return f"{name} = {value!r:.80}: {said}"
+
+
+def choices(hint: Any) -> tuple[str, ...]:
+    """Return the words that a quantity can be; none where it is no choice."""
+    if get_origin(hint) is Annotated:
+        hint = get_args(hint)[0]
+    return get_args(hint) if get_origin(hint) is Literal else ()
 
 
 def metas(hint: Any) -> Iterator[Meta]:
@@ -126,5 +144,13 @@ def metas(hint: Any) -> Iterator[Meta]:
 
 def _hint_at(hint: Any, parts: list[str]) -> Any:
     for part in parts:
-        hint = get_type_hints(hint, include_extras=True).get(part)
+        if part.isdigit():
+            hint = next(iter(get_args(hint)), None)
+            continue
+        structs = [
+            kind for kind in (hint, *get_args(hint)) if isinstance(kind, type) and issubclass(kind, Struct)
+        ]
+        if not structs:
+            return None
+        hint = get_type_hints(structs[0], include_extras=True).get(part)
     return hint

@@ -65,6 +65,11 @@ def records(sample: ControlSample) -> list[Schema]:
             voltage_v=state.voltage_v,
             pilot_gain=state.pilot_gain,
             dead_motor=state.dead_motor,
+            guidance=sample.guided.kind,
+            path_number=sample.guided.number,
+            path_progress_m=sample.guided.progress_m,
+            path_length_m=sample.guided.length_m,
+            path_speed_mps=sample.guided.speed_mps,
         ),
         *_dofs(sample),
         Command(

@@ -21,6 +21,7 @@ import msgspec
 
 from companion.records import DOFS
 from companion.telemetry.modes import MEANINGS, Severity
+from companion.telemetry.words import means
 
 ENDPOINT = "tcp/127.0.0.1:7447"  # where Zenoh is looked for, and listened on where nobody does
 NEVER_S = 1e6
@@ -28,11 +29,6 @@ CONFIG_ENCODING = "application/json;holdfast.Config.v1"
 BATCHES = {"real_time": 16, "data": 16}
 """Batches of 64 kB that may wait for each subscriber, by Zenoh's priority: its most. With its own 2, each
 sample a batch of its own (express), a busy machine lost the third and later samples of a tick."""
-
-
-def means(text: str, title: str | None = None) -> msgspec.Meta:
-    """Describe a field, whose unit stands in its name; `title` is what a form calls it."""
-    return msgspec.Meta(title=title, description=text)
 
 
 class Record(msgspec.Struct, frozen=True, kw_only=True):
@@ -70,6 +66,14 @@ class State(Record, frozen=True, kw_only=True):
     voltage_v: Annotated[float, means("battery voltage")]
     pilot_gain: Annotated[float, means("ArduSub's live stick gain, 0..1")]
     dead_motor: Annotated[int, means("number of the motor that gives no thrust; 0 for none")]
+    guidance: Annotated[
+        str,
+        means("what moves the setpoint: hold, move, path, paused, waiting, refused; empty if not engaged"),
+    ] = ""
+    path_number: Annotated[int, means("counts the paths and moves; Plan has the same")] = 0
+    path_progress_m: Annotated[float, means("along the path, laps included")] = 0.0
+    path_length_m: Annotated[float, means("of one lap; 0 for a move")] = 0.0
+    path_speed_mps: Annotated[float, means("speed of the reference along the path")] = 0.0
 
 
 class Dof(Record, frozen=True, kw_only=True):
@@ -183,6 +187,20 @@ class Recorder(Record, frozen=True, kw_only=True):
     lost: Annotated[int, means("missing samples, found by the tick numbers")] = 0
 
 
+class Plan(Record, frozen=True, kw_only=True):
+    """What a map shows beside the vehicle: the path and the fence, NED, m."""
+
+    number: Annotated[int, means("which path; `State.path_number`")]
+    name: Annotated[str, means("of the path")]
+    x_m: Annotated[tuple[float, ...], means("north of each point of the path; none without a path")]
+    y_m: Annotated[tuple[float, ...], means("east of each point")]
+    depth_m: Annotated[tuple[float, ...], means("depth of each point")]
+    fenced: Annotated[bool, means("the fence is in force")]
+    fence_north_m: Annotated[tuple[float, ...], means("least and largest x")]
+    fence_east_m: Annotated[tuple[float, ...], means("least and largest y")]
+    fence_depth_m: Annotated[tuple[float, ...], means("least and largest depth")]
+
+
 class Start(msgspec.Struct, frozen=True, kw_only=True):
     """What an engine is built from."""
 
@@ -209,6 +227,9 @@ class Raw(msgspec.Struct, frozen=True, kw_only=True):
     requests: Annotated[Sequence[str], means("names of the operator's requests")] = ()
     setpoint: Annotated[
         Sequence[float] | None, means("given before this tick: x, y, depth (m), heading (rad); NaN stays")
+    ] = None
+    order: Annotated[
+        tuple[str, bytes] | None, means("a path or a move, given before this tick: command and payload")
     ] = None
     config: Annotated[dict[str, Any] | None, means("retuned before this tick: the whole configuration")] = (
         None
@@ -241,7 +262,7 @@ class Choices(msgspec.Struct, frozen=True, kw_only=True):
     compensator: Annotated[tuple[str, ...], means("what an axis's `compensator` can be")]
 
 
-Schema = State | Dof | Command | Supervisor | Loop | Event | Recorder
+Schema = State | Dof | Command | Supervisor | Loop | Event | Recorder | Plan
 
 EVERY_TICK: dict[str, type[Schema]] = {
     "state": State,
@@ -250,7 +271,7 @@ EVERY_TICK: dict[str, type[Schema]] = {
     "supervisor": Supervisor,
     "loop": Loop,
 }
-NOW_AND_THEN: dict[str, type[Schema]] = {"event": Event, "recorder": Recorder}
+NOW_AND_THEN: dict[str, type[Schema]] = {"event": Event, "recorder": Recorder, "plan": Plan}
 _DECODED = EVERY_TICK | NOW_AND_THEN
 _encoder = msgspec.json.Encoder(enc_hook=lambda scalar: scalar.item())
 _decoders = {schema: msgspec.json.Decoder(schema) for schema in set(_DECODED.values())}
@@ -299,6 +320,11 @@ def choices_key(vehicle: str) -> str:
 def raw_key(vehicle: str) -> tuple[str, str]:
     """Return key and encoding of the vehicle's `Raw`."""
     return f"{_root(vehicle)}/raw", "application/msgpack;holdfast.Raw.v1"
+
+
+def plan_key(vehicle: str) -> tuple[str, str]:
+    """Return key and encoding of the vehicle's `Plan`."""
+    return f"{_root(vehicle)}/plan", encoding(Plan)
 
 
 def recorder_key(vehicle: str) -> tuple[str, str]:

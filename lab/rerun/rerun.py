@@ -20,8 +20,10 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from companion.config import DEFAULT_FILE, Config, load_config
 from companion.engine import Engine
+from companion.guidance.orders import order_of
 from companion.mavlink.signing import Signing
 from companion.records import AXES, LoopHealth, Request, Setpoint, vector
+from companion.telemetry.commands import parse
 from companion.telemetry.schemas import Raw
 from dashboard.recording.mcap_file import Reader
 
@@ -123,6 +125,8 @@ def rerun(tape: Tape, config: Config, *, follow: bool = True, signing: Signing |
     for raw in tape.ticks:
         if raw.setpoint is not None:
             engine.aim(Setpoint(*(vector(raw.setpoint[i : i + 4]) for i in range(0, len(raw.setpoint), 4))))
+        if raw.order is not None and (order := order_of(parse(*raw.order), config)) is not None:
+            engine.guide(order)
         if raw.config is not None and follow:
             tuned = load_config(DEFAULT_FILE, _overlay(raw.config, []))
             engine.retune(msgspec.structs.replace(tuned, link=link))

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
-from virtual import Dive, hold
+from virtual import Dive, Somebody, hold
 
 from companion.config import Axis, Config, load_config
 from companion.io.command_queue import MAX_WAITING, CommandQueue, ReceivedCommand
-from companion.records import ENGAGE_S, Condition, State
+from companion.records import ENGAGE_S, Condition, Setpoint, State
 from companion.telemetry.commands import COMMANDS, MAX_BYTES, SetEstimator, SetGains
 from companion.telemetry.schemas import Reply
 from lab.loop.lockstep import Link
@@ -167,7 +167,7 @@ def test_without_permission_nothing_happens(name, allow, local, says):
     reply = console.tell(name, axis="heave", kappa_per_s=8.0, depth_m=3.0)
     assert not reply.done
     assert says in reply.said
-    assert console.given[-1] == ([], None, None)
+    assert console.given[-1] == ([], None, None, None)
     assert dive.engine.config is before
 
 
@@ -284,6 +284,32 @@ def test_an_order_forges_no_line_of_the_log(payload):
     assert commands.results[0].text.isprintable()
 
 
+DVL = ("sensors.dvl=true", "initial.eta=[0,0,2,0,0,0]", "current.enabled=false")
+
+
+def test_goto_and_follow_are_commands_that_are_answered_and_done():
+    dive, console = at_console(*DVL)
+    dive.tap.to_vehicle.append(Somebody().origin())
+    dive.run(3.0)
+    console.tell("engage")
+    dive.run(2.0)
+    reply = console.tell("goto", x_m=0.5, frame="offset")
+    assert (reply.done, reply.said) == (True, "on its way")
+    plan = {"name": "ring", "relative": True, "circle": {"radius_m": 1.0}}
+    reply = console.tell("follow", path=plan)
+    assert reply.done
+    assert "ring" in reply.said
+    assert reply.value["length_m"] == pytest.approx(math.tau, abs=0.01)
+    assert console.given[-1].order[0] == "follow"
+    assert console.tell("path", action="pause").said.startswith("paused")
+    refused = console.tell("follow", path={"circle": {"radius_m": 0.01}})
+    assert not refused.done
+    assert "path.circle.radius_m = 0.01: must be 0.1 to 1000" in refused.said
+    refused = console.tell("goto", frame="body")
+    assert "at least one of x_m" in refused.said
+    assert msgspec.json.decode(console.results[-1].payload) == {"frame": "body"}
+
+
 json_values = st.recursive(
     st.none() | st.booleans() | st.floats() | st.integers() | st.text(max_size=20),
     lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=20), inner, max_size=4),
@@ -309,14 +335,14 @@ def test_whatever_comes_is_answered_once_and_changes_nothing_unless_done(name, p
     if answers:
         assert not answers[0].done
         assert answers[0].said
-        assert given == ([], None, None)
+        assert given == ([], None, None, None)
         assert not engine.got
     else:
         assert len(given.requests) + len(engine.got) == 1
         for thing in engine.got:
             if isinstance(thing, Config):
                 assert thing == msgspec.convert(msgspec.to_builtins(thing), Config), "as at the start"
-            else:
+            elif isinstance(thing, Setpoint):
                 assert not np.isinf(thing.eta_d).any()
                 assert not thing.eta_d[2] > engine.config.supervisor.max_depth_m
 
@@ -338,13 +364,16 @@ class _Recorder:
     """An engine that only notes what it gets."""
 
     config = load_config()
-    target = (0.0,) * 4
+    target = asked = (0.0,) * 4
 
     def __init__(self):
         self.got = []
 
     def aim(self, setpoint):
         self.got.append(setpoint)
+
+    def guide(self, order):
+        self.got.append(order)
 
     def retune(self, config):
         self.got.append(config)

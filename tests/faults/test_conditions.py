@@ -44,12 +44,12 @@ def ramping_down():
 
 
 def handing_over():
-    """It has lost the position that it was told to hold."""
+    """Its position is reset with every sample for a while, which it does not believe."""
     dive = Dive("sensors.dvl=true", setpoint=hold(x=0.1, y=0.1))
     dive.tap.to_vehicle.append(Somebody().origin())
     dive.until(State.ACTIVE)
     dive.run(1.0)
-    dive.fault("message_stopped", message="LOCAL_POSITION_NED")
+    dive.fault("position_reset", 2.0, value=0.6, count=100)
     return dive.until(State.HAND_OVER)
 
 
@@ -206,22 +206,6 @@ def test_elsewhere_it_never_engages(state, condition):
     if state not in (State.RAMP_DOWN, State.HAND_OVER):
         assert dive.tap.last_thrust_s <= since_s
         assert dive.motors_rest() or condition is wrong_mode
-
-
-def test_a_lost_position_source_hands_over():
-    dive = Dive("sensors.dvl=true", setpoint=hold(x=0.1, y=0.1))
-    dive.tap.to_vehicle.append(Somebody().origin())
-    dive.until(State.ACTIVE)
-    dive.run(6.0)
-    assert dive.step.sample.dofs.engaged == (True,) * 4
-    since_s = dive.t_s
-    dive.fault("message_stopped", message="LOCAL_POSITION_NED")
-    depth_m = dive.step.truth.eta[2]
-    steps = dive.run(10.0)
-    assert dive.states_since(since_s) == [State.ACTIVE, State.HAND_OVER]
-    assert dive.tap.last_thrust_s - since_s <= 1.0 + RAMP_S + 0.1
-    assert dive.step.truth.mode == ALT_HOLD
-    assert max(abs(step.truth.eta[2] - depth_m) for step in steps) < 0.15
 
 
 def test_without_a_position_source_a_lost_one_is_none_of_our_business():

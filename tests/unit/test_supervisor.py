@@ -46,7 +46,6 @@ BLOCKING = (
     C.LINK_LOST,
     C.DEPTH_STALE,
     C.ATTITUDE_STALE,
-    C.POSITION_STALE,
     C.DISARMED,
     C.WRONG_MODE,
     C.FAILSAFE_UNSAFE,
@@ -67,6 +66,7 @@ BLOCKING = (
     C.THRUSTER_MISSED,
 )
 ONLY_TOLD = (
+    C.POSITION_STALE,
     C.THRUSTER_DEAD,
     C.SATURATED,
     C.CLOCK_JUMPED,
@@ -103,7 +103,6 @@ EXPECTED = {
         C.DEPTH_STALE: State.FAULT,
         C.ATTITUDE_STALE: State.FAULT,
         C.REBOOTED: State.FAULT,
-        C.POSITION_STALE: State.HAND_OVER,
         C.LEAK: State.HAND_OVER,
         C.DELAY_TOO_LONG: State.HAND_OVER,
         C.CLOCK_INCONSISTENT: State.HAND_OVER,
@@ -366,7 +365,7 @@ def assessed(state=RESTING, **changes):
         "mode_right": True,
         "parameters": SAFE,
         "watched": watched,
-        "holds_position": True,
+        "wants_position": True,
     }
     return assess(Observation(state=state, **(arguments | changes)), LIMITS)
 
@@ -424,7 +423,7 @@ def test_nothing_holds_when_all_is_well():
         (aged(depth_s=LIMITS.depth_timeout_s + 0.01), {}, C.DEPTH_STALE),
         (aged(attitude_s=LIMITS.attitude_timeout_s + 0.01), {}, C.ATTITUDE_STALE),
         (aged(position_s=LIMITS.position_timeout_s + 0.01), {}, C.POSITION_STALE),
-        (aged(position_s=math.inf), {"holds_position": False}, NOTHING),
+        (aged(position_s=math.inf), {"wants_position": False}, NOTHING),
         (aged(pilot_s=3.01), {"pilot_timeout_s": 3.0}, C.PILOT_LOST),
         (aged(pilot_s=math.inf), {"pilot_timeout_s": 3.0}, C.PILOT_LOST),
         (aged(pilot_s=math.inf), {}, NOTHING),

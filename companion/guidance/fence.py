@@ -1,0 +1,74 @@
+"""Where the vehicle may be told to be: a box north and east, and two depths.
+
+Without `[fence]` in force only `supervisor.max_depth_m` bounds a place.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from companion.config import Config
+from companion.control.bounds import clamped, limited
+from companion.control.reference import ACCELERATION_LAG_S, RATE_LAG_S
+from companion.records import Setpoint, Vector, vector
+
+Bounds = tuple[float, float]
+BRAKING_SHARE = 0.35
+LAG_S = RATE_LAG_S + ACCELERATION_LAG_S
+"""Share of an axis' acceleration to stop before the fence with, and how late the reference begins to."""
+
+
+class Fence(NamedTuple):
+    """North, east and depth, m: the least and the largest that is inside."""
+
+    north_m: Bounds
+    east_m: Bounds
+    depth_m: Bounds
+
+    @property
+    def middle(self) -> Vector:
+        """A place inside."""
+        x, y, z = (0.5 * (low + high) for low, high in self)
+        return (x, y, z, 0.0)
+
+    def outside(self, place: Sequence[float]) -> str:
+        """Return which bound a place (x, y, z) breaks, in words; "" for one inside."""
+        for name, value, (low, high) in zip(("x_m", "y_m", "depth_m"), place, self, strict=False):
+            if not low <= value <= high:
+                return f"{name} = {value:.2f}: must be {low:g} to {high:g}"
+        return ""
+
+    def inside(self, target: Setpoint) -> Setpoint:
+        """Return the target, at rest at the fence in each coordinate that lies beyond it."""
+        if not self.outside(target.eta_d[:3]):
+            return target
+        eta, rate, acc = list(target.eta_d), list(target.eta_d_dot), list(target.eta_d_ddot)
+        for i, (low, high) in enumerate(self):
+            if not low <= eta[i] <= high:
+                eta[i], rate[i], acc[i] = clamped(eta[i], low, high), 0.0, 0.0
+        return Setpoint(vector(eta), vector(rate), vector(acc))
+
+    def braked(self, eta: Vector, rate: Vector, max_acceleration: Vector) -> Vector:
+        """Return the rate of a target at `eta` so far as it still stops before the fence."""
+        slowed = list(rate)
+        for i, (low, high) in enumerate(self):
+            if rate[i]:
+                room = max(high - eta[i] if rate[i] > 0.0 else eta[i] - low, 0.0)
+                a = BRAKING_SHARE * max_acceleration[i]
+                # The speed v that needs this room: v T + v²/(2 a).
+                slowed[i] = limited(rate[i], a * (math.hypot(LAG_S, math.sqrt(2.0 * room / a)) - LAG_S))
+        return vector(slowed)
+
+
+def fence(config: Config) -> Fence | None:
+    """Return the fence of a configuration; None where there is none."""
+    given = config.fence
+    if not given.enabled:
+        return None
+    shallow, deep = given.depth_m
+    return Fence(given.north_m, given.east_m, (shallow, min(deep, config.supervisor.max_depth_m)))
+
+
+def open_water(config: Config) -> Fence:
+    """Return what bounds a path where there is no fence: the surface and the deepest setpoint."""
+    return Fence((-math.inf, math.inf), (-math.inf, math.inf), (0.0, config.supervisor.max_depth_m))

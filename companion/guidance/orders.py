@@ -1,0 +1,33 @@
+"""What an operator orders beyond a setpoint, as the engine takes it: a path, a move, pause and resume."""
+
+import math
+
+import msgspec
+
+from companion.config import Config
+from companion.guidance.paths.shapes import Path, build
+from companion.guidance.paths.time_law import limits
+from companion.records import Vector
+from companion.telemetry.commands import Follow, Goto, Payload, SetPath
+
+Order = Path | Goto | SetPath
+
+
+def order_of(command: Payload, config: Config) -> Order | None:
+    """Return the order that a command is; None for another command.
+
+    Raises ValueError for a path that is none. It takes some milliseconds for a long path: call it between
+    ticks.
+    """
+    if isinstance(command, Follow):
+        return build(command.path, limits(config))
+    return command if isinstance(command, Goto | SetPath) else None
+
+
+def place(order: Goto) -> Vector:
+    """Return where a move goes, NaN where nothing is said. Raises ValueError where nothing is at all."""
+    given = (order.x_m, order.y_m, order.depth_m, order.heading_deg)
+    if all(value is msgspec.UNSET for value in given):
+        raise ValueError("name at least one of x_m, y_m, depth_m, heading_deg")
+    x, y, z, psi = (math.nan if isinstance(v, msgspec.UnsetType) else v for v in given)
+    return (x, y, z, math.remainder(math.radians(psi), math.tau) if math.isfinite(psi) else psi)

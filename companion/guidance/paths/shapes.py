@@ -1,0 +1,343 @@
+"""From a plan to a path: legs of smooth curves from stop to stop, each ready to be travelled.
+
+Corners are rounded by turning the direction of travel from a to b with a smooth step β over a length 2 d:
+p' = (1 − β) a + β b. The curve begins and ends d from the corner with no curvature, so that it joins the
+lines twice continuously differentiable, and passes the corner at a distance of 3/8 d sin(θ/2).
+"""
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from itertools import pairwise
+from typing import NamedTuple
+
+from msgspec import UNSET, UnsetType
+
+from companion.control.bounds import wrap
+from companion.guidance.paths.curve import (
+    Curve,
+    Node,
+    Point,
+    between,
+    joined,
+    sampled,
+    turned_along,
+    turned_between,
+)
+from companion.guidance.paths.time_law import Limits, Profile
+from companion.records import ZERO, Flags, Vector
+from companion.telemetry.plan import Circle, Helix, LawnMower, Lemniscate, PathPlan, Waypoint
+
+CORNER_NODES = 12
+TURN_NODES = 24
+"""Nodes of a rounded corner, and of a whole turn of a circle: closer than 0.01 % of the radius."""
+
+LEMNISCATE_NODES = 96
+SHARPEST_RAD = math.radians(120.0)
+"""A sharper corner is no turn: the path stops there, and goes back."""
+
+SHORTEST_M = 1e-3
+MAX_NODES = 20_000
+
+
+class Leg(NamedTuple):
+    """A smooth curve from standstill to standstill; one that loops is closed, and has no end."""
+
+    curve: Curve
+    profile: Profile
+    wait_s: float
+    loops: bool
+
+
+class _Bare(NamedTuple):
+    """A leg before its speeds are known."""
+
+    curve: Curve
+    wait_s: float
+    loops: bool
+
+
+class Path(NamedTuple):
+    """What a plan describes. Degrees of freedom that are `relative` count from the start."""
+
+    plan: PathPlan
+    legs: tuple[Leg, ...]
+    relative: Flags
+
+    @property
+    def length_m(self) -> float:
+        """One lap's."""
+        return sum(leg.curve.length for leg in self.legs)
+
+    @property
+    def duration_s(self) -> float:
+        """One lap's, about."""
+        return sum(leg.profile.duration_s + leg.wait_s for leg in self.legs)
+
+    @property
+    def closed(self) -> bool:
+        """Whether a lap ends where it begins."""
+        first, last = self.legs[0].curve.nodes[0].p, self.legs[-1].curve.nodes[-1].p
+        return math.dist(first[:3], last[:3]) < 0.01
+
+    def start(self, reference: Vector) -> Vector:
+        """Return what is added to every pose of a path that begins at `reference`."""
+        x, y, z, psi = (at if counts else 0.0 for at, counts in zip(reference, self.relative, strict=True))
+        return (x, y, z, psi)
+
+    def places(self) -> Iterator[Point]:
+        """Give the places of a lap, in order: nodes, and one between each two."""
+        for leg in self.legs:
+            nodes = leg.curve.nodes
+            yield nodes[0].p[:3]
+            for a, b in pairwise(nodes):
+                yield between(a, b, 0.5 * (a.s + b.s)).p[:3]
+                yield b.p[:3]
+
+    def polyline(self, spacing_m: float) -> Iterator[Point]:
+        """Give places of a lap, in order, no further apart than lines of `spacing_m` on a bend."""
+        for leg in self.legs:
+            nodes = leg.curve.nodes
+            last = -math.inf
+            for node in nodes:
+                straight = not any(node.ddp[:3])
+                if straight or node.s - last >= spacing_m or node is nodes[-1]:
+                    last = node.s
+                    yield node.p[:3]
+
+
+def build(plan: PathPlan, limits: Limits) -> Path:
+    """Return the path of a plan; raise ValueError, with key and value, for one that cannot be travelled."""
+    shapes = [plan.circle, plan.lemniscate, plan.helix, plan.lawn_mower]
+    given = [shape for shape in shapes if not isinstance(shape, UnsetType)]
+    count = len(given) + bool(plan.waypoint)
+    if count != 1:
+        raise ValueError(f"{count} shapes: give waypoints, or one of circle, lemniscate, helix, lawn_mower")
+    deep = not isinstance((plan.waypoint[0] if plan.waypoint else given[0]).depth_m, UnsetType)
+    legs = _polyline(plan, plan.waypoint, closed=plan.closed) if plan.waypoint else _shape(plan, given[0])
+    if sum(len(leg.curve.nodes) for leg in legs) > MAX_NODES:
+        raise ValueError("the path is too long: fewer waypoints, lines or turns")
+    keeps = plan.heading == "keep" and isinstance(plan.heading_deg, UnsetType) and not _has_headings(plan)
+    speed, acceleration = plan.speed_mps, plan.acceleration_mps2
+    ready = [
+        Leg(curve, Profile(curve, speed, acceleration, limits, loops=loops and plan.laps != 1), wait_s, loops)
+        for curve, wait_s, loops in legs
+    ]
+    return Path(plan, tuple(ready), (plan.relative, plan.relative, not deep, keeps))
+
+
+def _shape(plan: PathPlan, shape: Circle | Lemniscate | Helix | LawnMower) -> list[_Bare]:
+    z = _depth(shape.depth_m)
+    if isinstance(shape, LawnMower):
+        return _polyline(plan, _lines(shape), closed=False)
+    if isinstance(shape, Helix):
+        if isinstance(shape.depth_m, UnsetType):
+            raise ValueError("helix.depth_m: missing; it is the depth of the start")
+        drop = shape.to_depth_m - z
+        turns = abs(drop) / shape.pitch_m
+        if turns < 0.05:
+            raise ValueError(f"helix.to_depth_m = {shape.to_depth_m:g}: must differ from depth_m = {z:g}")
+        nodes = sampled(_round(shape, z, drop / (math.tau * turns)), 0.0, math.tau * turns, _count(turns))
+        return [_Bare(Curve(_headed(plan, nodes, loops=False)), 0.0, False)]
+    if isinstance(shape, Circle):
+        nodes = sampled(_round(shape, z, 0.0), 0.0, math.tau, TURN_NODES)
+    else:
+        nodes = sampled(_eight(shape, z), 0.0, math.tau, LEMNISCATE_NODES)
+    return [_Bare(Curve(_headed(plan, nodes, loops=True)), 0.0, True)]
+
+
+def _count(turns: float) -> int:
+    if TURN_NODES * turns > MAX_NODES:
+        raise ValueError(f"helix.pitch_m: makes {turns:.0f} turns; {MAX_NODES // TURN_NODES} at most")
+    return max(math.ceil(TURN_NODES * turns), 2)
+
+
+def _round(shape: Circle, z: float, climb: float) -> Callable[[float], tuple[Point, Point, Point]]:
+    begin, way = math.radians(shape.start_deg), 1.0 if shape.clockwise else -1.0
+    r = shape.radius_m
+
+    def point(t: float) -> tuple[Point, Point, Point]:
+        c, s = math.cos(begin + way * t), math.sin(begin + way * t)
+        return (
+            (shape.x_m + r * c, shape.y_m + r * s, z + climb * t),
+            (-way * r * s, way * r * c, climb),
+            (-r * c, -r * s, 0.0),
+        )
+
+    return point
+
+
+def _eight(shape: Lemniscate, z: float) -> Callable[[float], tuple[Point, Point, Point]]:
+    a, b, angle = 0.5 * shape.length_m, 0.5 * shape.width_m, math.radians(shape.direction_deg)
+    c, s = math.cos(angle), math.sin(angle)
+
+    def level(along: float, across: float) -> tuple[float, float]:
+        return c * along - s * across, s * along + c * across
+
+    def point(t: float) -> tuple[Point, Point, Point]:
+        x, y = level(a * math.sin(t), b * math.sin(2.0 * t))
+        return (
+            (shape.x_m + x, shape.y_m + y, z),
+            (*level(a * math.cos(t), 2.0 * b * math.cos(2.0 * t)), 0.0),
+            (*level(-a * math.sin(t), -4.0 * b * math.sin(2.0 * t)), 0.0),
+        )
+
+    return point
+
+
+def _lines(shape: LawnMower) -> list[Waypoint]:
+    angle = math.radians(shape.direction_deg)
+    c, s = math.cos(angle), math.sin(angle)
+    gaps = math.ceil(shape.width_m / shape.spacing_m - 1e-9)
+    if gaps > MAX_NODES // 32:
+        raise ValueError(f"lawn_mower.spacing_m = {shape.spacing_m:g}: makes {gaps + 1} lines; too many")
+    points = []
+    for k in range(gaps + 1):
+        across = shape.width_m * k / gaps
+        ends = (0.0, shape.length_m) if k % 2 == 0 else (shape.length_m, 0.0)
+        points += [
+            Waypoint(
+                x_m=shape.x_m + c * along - s * across,
+                y_m=shape.y_m + s * along + c * across,
+                depth_m=shape.depth_m,
+            )
+            for along in ends
+        ]
+    return points
+
+
+def _polyline(plan: PathPlan, waypoints: Sequence[Waypoint], *, closed: bool) -> list[_Bare]:
+    """Return the legs of a polyline: it stops at waypoints without a corner, and where it waits."""
+    points = [_place(waypoints, k) for k in range(len(waypoints))]
+    edges = [*pairwise(points), *([(points[-1], points[0])] if closed else [])]
+    if not edges or (closed and len(points) < 3):
+        raise ValueError(f"{len(points)} waypoints: want at least {3 if closed else 2}")
+    for k, (p, q) in enumerate(edges):
+        if math.dist(p, q) < SHORTEST_M:
+            raise ValueError(f"waypoint[{k}] and the next are the same place: {p[0]:g}, {p[1]:g}")
+    count = len(points)
+    reach: list[float | None] = [0.0] * count
+    for k in range(0 if closed else 1, count if closed else count - 1):
+        reach[k] = _reach(plan, waypoints[k], *edges[k - 1], edges[k][1])
+    loops = closed and 0.0 not in reach
+    if not loops:
+        reach[0] = 0.0
+    headings = [_heading(plan, waypoint) for waypoint in waypoints]
+    psi = next((given for given in headings if given is not None), None)
+    legs: list[_Bare] = []
+    nodes: list[Node] = []
+    here = _towards(points[0], edges[0][1], reach[0] or 0.0)
+    stations = [(0.0, headings[0])]
+    for k, (before, at) in enumerate(edges, start=1):
+        k %= count
+        d = reach[k]
+        joined(nodes, _line(here, _towards(at, before, d or 0.0)))
+        here = at
+        if d:
+            after = edges[k][1]
+            corner = _corner(before, at, after, d)
+            stations.append((nodes[-1].s + 0.5 * corner[-1].s, headings[k]))
+            joined(nodes, corner)
+            here = _towards(at, after, d)
+        else:
+            stations.append((nodes[-1].s, headings[k]))
+        if d == 0.0 or (loops and k == 0):
+            stations.append((nodes[-1].s, headings[k]))
+            done, psi = _headed_by(plan, nodes, stations, psi, loops=loops)
+            legs.append(_Bare(Curve(done), waypoints[k].wait_s, loops))
+            nodes, stations = [], [(0.0, headings[k])]
+    return legs
+
+
+def _reach(plan: PathPlan, waypoint: Waypoint, before: Point, at: Point, after: Point) -> float | None:
+    """Return how far from a waypoint its turn begins; 0 where it stops there, None where it goes straight."""
+    a, b = _direction(before, at), _direction(at, after)
+    half_turn = math.atan2(math.dist(a, b), math.hypot(*(p + q for p, q in zip(a, b, strict=True))))
+    corner = plan.corner_m if isinstance(waypoint.corner_m, UnsetType) else waypoint.corner_m
+    if waypoint.wait_s > 0.0 or 2.0 * half_turn > SHARPEST_RAD:
+        return 0.0
+    if half_turn < 1e-6:
+        return None
+    d = min(corner, 0.5 * math.dist(before, at), 0.5 * math.dist(at, after))
+    return d if d > SHORTEST_M else 0.0
+
+
+def _corner(before: Point, at: Point, after: Point, d: float) -> list[Node]:
+    a, b = _direction(before, at), _direction(at, after)
+    begin = _towards(at, before, d)
+
+    def point(t: float) -> tuple[Point, Point, Point]:
+        beta, rate = t * t * (3.0 - 2.0 * t), 6.0 * t * (1.0 - t)
+        whole = t**3 * (1.0 - 0.5 * t)
+        p, v, acc = [], [], []
+        for p0, a_i, b_i in zip(begin, a, b, strict=True):
+            p.append(p0 + 2.0 * d * ((t - whole) * a_i + whole * b_i))
+            v.append(2.0 * d * ((1.0 - beta) * a_i + beta * b_i))
+            acc.append(2.0 * d * rate * (b_i - a_i))
+        return (p[0], p[1], p[2]), (v[0], v[1], v[2]), (acc[0], acc[1], acc[2])
+
+    return sampled(point, 0.0, 1.0, CORNER_NODES)
+
+
+def _line(begin: Point, end: Point) -> list[Node]:
+    x, y, z = _direction(begin, end)
+    s = math.dist(begin, end)
+    if s < SHORTEST_M:  # two corners meet in the middle
+        return [Node(0.0, (*begin, 0.0), (x, y, z, 0.0), ZERO)]
+    return [Node(at, (*place, 0.0), (x, y, z, 0.0), ZERO) for at, place in ((0.0, begin), (s, end))]
+
+
+def _direction(begin: Point, end: Point) -> Point:
+    s = math.dist(begin, end) or 1.0
+    return ((end[0] - begin[0]) / s, (end[1] - begin[1]) / s, (end[2] - begin[2]) / s)
+
+
+def _towards(begin: Point, end: Point, d: float) -> Point:
+    x, y, z = _direction(begin, end)
+    return (begin[0] + d * x, begin[1] + d * y, begin[2] + d * z)
+
+
+def _headed(plan: PathPlan, nodes: list[Node], *, loops: bool) -> list[Node]:
+    if not isinstance(plan.heading_deg, UnsetType):
+        return turned_between(nodes, [(0.0, math.radians(plan.heading_deg))])
+    return nodes if plan.heading == "keep" else turned_along(nodes, loops=loops)
+
+
+def _headed_by(
+    plan: PathPlan,
+    nodes: list[Node],
+    stations: Sequence[tuple[float, float | None]],
+    last_psi: float | None,
+    *,
+    loops: bool,
+) -> tuple[list[Node], float | None]:
+    """Return the nodes with their headings, and the last of those that waypoints give."""
+    if last_psi is None:
+        return _headed(plan, nodes, loops=loops), None
+    known: list[tuple[float, float]] = []
+    for s, psi in [(0.0, last_psi), *stations]:
+        if psi is not None:
+            last_psi += wrap(psi - last_psi)
+            if known and s <= known[-1][0]:
+                known[-1] = (s, last_psi)
+            else:
+                known.append((s, last_psi))
+    return turned_between(nodes, known), last_psi
+
+
+def _heading(plan: PathPlan, waypoint: Waypoint) -> float | None:
+    return None if isinstance(waypoint.heading_deg, UnsetType) else math.radians(waypoint.heading_deg)
+
+
+def _has_headings(plan: PathPlan) -> bool:
+    return any(waypoint.heading_deg is not UNSET for waypoint in plan.waypoint)
+
+
+def _place(waypoints: Sequence[Waypoint], k: int) -> Point:
+    waypoint = waypoints[k]
+    if isinstance(waypoint.depth_m, UnsetType) != isinstance(waypoints[0].depth_m, UnsetType):
+        raise ValueError(f"waypoint[{k}].depth_m: give a depth to all waypoints, or to none")
+    return (waypoint.x_m, waypoint.y_m, _depth(waypoint.depth_m))
+
+
+def _depth(depth_m: float | UnsetType) -> float:
+    return 0.0 if isinstance(depth_m, UnsetType) else depth_m

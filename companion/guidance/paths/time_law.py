@@ -1,0 +1,187 @@
+"""How fast a leg is travelled: a parameter s(t) whose rate and acceleration are continuous and bounded.
+
+The speed at s is the least of what the plan wants, the axes allow, the curvature bears and the braking before
+a slower place needs:
+
+    v ≤ V / |p'|,   v ≤ √(a_n / |p''|),   v ≤ r / |ψ'|,   v ≤ √(α / |ψ''|),   v² ≤ v(s₁)² + 2 a_t (s₁ − s)
+
+a_t and a_n, along and across, are together the acceleration of the plan. s follows that speed as the
+reference follows its setpoint (`control.reference`), so it starts and stops with bounded jerk. A pace of less
+than 1, where thrust saturates or the vehicle stays behind, slows it; 0 makes it wait.
+"""
+
+import math
+from bisect import bisect_right
+from itertools import pairwise
+from operator import add
+from typing import NamedTuple
+
+from companion.config import Axis, Config
+from companion.control import reference
+from companion.control.bounds import wrap
+from companion.guidance.paths.curve import Curve, between
+from companion.records import Setpoint, Vector, vector
+
+ALONG, ACROSS = 0.6, 0.8
+"""Shares of the acceleration: 0.6² + 0.8² = 1."""
+
+MARGIN = 0.97
+DRAG_SHARE = 0.7
+"""Of an axis' force, for the drag of its own speed in still water."""
+
+TINY = 1e-9
+STEPS = 4
+LOOKS_AHEAD_S = reference.RATE_LAG_S + reference.ACCELERATION_LAG_S
+ARRIVED_M, STANDS_MPS = 0.004, 0.006
+SLOWEST_MPS = 0.005
+"""What any place is passed with, however sharp."""
+
+
+class Limits(NamedTuple):
+    """Largest speeds and accelerations of the reference: m/s level and vertical, rad/s, m/s², rad/s²."""
+
+    level: float
+    vertical: float
+    turn: float
+    acceleration: float
+    turn_acceleration: float
+
+
+def limits(config: Config) -> Limits:
+    """Return what the axes' limits, thrust and drag allow in every heading."""
+    level = min(_fastest(config.surge), _fastest(config.sway))
+    acceleration = min(axis.max_acceleration for axis in config.axes[:3])
+    yaw = config.yaw
+    return Limits(level, _fastest(config.heave), yaw.max_rate, acceleration, yaw.max_acceleration)
+
+
+def _fastest(axis: Axis) -> float:
+    """Return the speed of an axis that its `max_rate` and the drag leave."""
+    d1, d2, force = axis.linear_damping, axis.quadratic_damping, DRAG_SHARE * axis.max_force
+    return min(axis.max_rate, 2.0 * force / (d1 + math.sqrt(d1 * d1 + 4.0 * d2 * force) + TINY))
+
+
+class Profile:
+    """The largest speed at each place of a curve; it may be large, and is made before it is travelled."""
+
+    def __init__(
+        self, curve: Curve, speed: float, acceleration: float, limits: Limits, *, loops: bool = False
+    ) -> None:
+        """Take the plan's speed and acceleration; `loops` for a closed curve of several laps."""
+        self.curve, self.loops = curve, loops
+        most = min(acceleration, limits.acceleration) * MARGIN
+        self.acceleration = ALONG * most
+        self._grid, self._caps = _caps(curve, speed, most, limits)
+        self._braked = _braked(self._grid, self._caps, self.acceleration, loops=loops)
+        self.max_speed = max(self._caps)
+
+    @property
+    def duration_s(self) -> float:
+        """How long a lap takes, about, where nothing slows it."""
+        ends = pairwise(zip(self._grid, self._braked, strict=True))
+        lap_s = sum(2.0 * (s1 - s0) / (v0 + v1) for (s0, v0), (s1, v1) in ends)
+        return lap_s + (0.0 if self.loops else self.max_speed / self.acceleration)
+
+    def speed(self, s: float) -> float:
+        """Return the speed at s: between two points of the grid, what braking to the next one leaves."""
+        if self.loops:
+            s %= self.curve.length
+        i = min(max(bisect_right(self._grid, s) - 1, 0), len(self._grid) - 2)
+        s0, s1 = self._grid[i], self._grid[i + 1]
+        share = min(max((s - s0) / (s1 - s0), 0.0), 1.0)
+        cap = self._caps[i] + share * (self._caps[i + 1] - self._caps[i])
+        return min(cap, math.sqrt(self._braked[i + 1] ** 2 + 2.0 * self.acceleration * max(s1 - s, 0.0)))
+
+
+class TimeLaw:
+    """One curve under way, from s = 0 to the end of its laps; `laps` may be infinite."""
+
+    def __init__(self, profile: Profile, laps: float = 1.0) -> None:
+        self._profile = profile
+        self._parameters = reference.Parameters(profile.max_speed, profile.acceleration, angular=False)
+        self._end = laps * profile.curve.length
+        self._state = reference.State(0.0, 0.0, 0.0, 0.0, 0.0)
+
+    @property
+    def end(self) -> Vector:
+        """Where it arrives."""
+        return self._profile.curve.nodes[-1].p
+
+    @property
+    def s(self) -> float:
+        """Where it is, m from the start, laps included."""
+        return self._state.x_d
+
+    @property
+    def s_dot(self) -> float:
+        """How fast it goes, m/s."""
+        return self._state.x_d_dot
+
+    @property
+    def arrived(self) -> bool:
+        """Whether it stands at the end."""
+        return self._end - self.s < ARRIVED_M and abs(self.s_dot) < STANDS_MPS
+
+    def halt(self) -> None:
+        """Stand still at once: somebody else moves the vehicle."""
+        self._state = reference.State(self.s, 0.0, 0.0, 0.0, 0.0)
+
+    def step(self, pace: float, dt_s: float) -> Setpoint:
+        """Advance by `dt_s` at `pace`, the share of the speed that may be used; return where to be."""
+        ahead = self.s + self.s_dot * LOOKS_AHEAD_S
+        allowed = min(self._profile.speed(self.s), self._profile.speed(ahead))
+        share = pace * allowed / self._profile.max_speed
+        self._state = reference.step(self._parameters, self._state, self._end, 0.0, 0.0, share, dt_s)
+        return self.setpoint()
+
+    def setpoint(self) -> Setpoint:
+        """Return pose, rate and acceleration now."""
+        s, s_dot, s_ddot, curve = self.s, self.s_dot, self._state.x_d_ddot, self._profile.curve
+        lap = math.floor(s / curve.length) if self._profile.loops and s < self._end else 0
+        node = curve.at(s - lap * curve.length)
+        x, y, z, psi = node.p
+        psi += lap * curve.turn_rad
+        rate = vector([p * s_dot for p in node.dp])
+        acc = vector(map(add, [p * s_dot * s_dot for p in node.ddp], [p * s_ddot for p in node.dp]))
+        return Setpoint((x, y, z, wrap(psi)), rate, acc)
+
+
+def _caps(curve: Curve, speed: float, acceleration: float, limits: Limits) -> tuple[list[float], list[float]]:
+    """Return a grid of s, and the largest speed at each of its points."""
+    grid, caps = [], []
+    nodes = curve.nodes
+    for a, b in pairwise(nodes):
+        for k in range(STEPS):
+            node = between(a, b, a.s + (b.s - a.s) * k / STEPS) if k else a
+            grid.append(node.s)
+            caps.append(_cap(node.dp, node.ddp, speed, acceleration, limits))
+    grid.append(nodes[-1].s)
+    caps.append(_cap(nodes[-1].dp, nodes[-1].ddp, speed, acceleration, limits))
+    return grid, caps
+
+
+def _cap(dp: Vector, ddp: Vector, speed: float, acceleration: float, limits: Limits) -> float:
+    level, vertical, turn = math.hypot(dp[0], dp[1]), abs(dp[2]), abs(dp[3])
+    bend, turn_bend = math.hypot(*ddp[:3]), abs(ddp[3])
+    return max(
+        min(
+            MARGIN * speed / max(math.hypot(level, vertical), TINY),
+            MARGIN * limits.level / max(level, TINY),
+            MARGIN * limits.vertical / max(vertical, TINY),
+            MARGIN * limits.turn / max(turn, TINY),
+            math.sqrt(ACROSS * acceleration / max(bend, TINY)),
+            math.sqrt(ACROSS * limits.turn_acceleration / max(turn_bend, TINY)),
+        ),
+        SLOWEST_MPS,
+    )
+
+
+def _braked(grid: list[float], caps: list[float], a: float, *, loops: bool) -> list[float]:
+    """Return the speed from which each later cap can still be met by braking with `a`."""
+    braked = list(caps)
+    for _ in range(2 if loops else 1):
+        if loops:
+            braked[-1] = min(braked[-1], braked[0])
+        for i in range(len(grid) - 2, -1, -1):
+            braked[i] = min(braked[i], math.sqrt(braked[i + 1] ** 2 + 2.0 * a * (grid[i + 1] - grid[i])))
+    return braked

@@ -1,0 +1,192 @@
+"""Files that hold a path: TOML as docs/guidance.md describes it, GeoJSON, and QGroundControl's plan.
+
+The last two give latitude and longitude. They become metres north and east of an origin as ArduPilot computes
+them (libraries/AP_Common/Location.cpp): with the EKF's origin they are the vehicle's own x and y; without one
+the path begins where the vehicle is when it starts. Altitude is minus the depth.
+"""
+
+import json
+import math
+import tomllib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from companion.telemetry import ranges
+from companion.telemetry.plan import PathPlan
+
+METRES_PER_DEGREE = 111318.84502145034
+"""ArduPilot's LOCATION_SCALING_FACTOR, per degree."""
+
+MAX_FILE_BYTES = 1 << 20
+NAV_WAYPOINT, LAST_NAV, CHANGE_SPEED = 16, 95, 178
+"""MAV_CMD: of NAV commands, the numbers up to LAST_NAV, only waypoints are followed; others are left out."""
+
+WGS84_FRAMES = (0, 3)
+"""MAV_FRAME_GLOBAL and MAV_FRAME_GLOBAL_RELATIVE_ALT: at sea both count from the surface."""
+
+Degrees = tuple[float, float]
+
+
+def read(path: Path, origin: Degrees | None = None) -> PathPlan:
+    """Return the path of a file; `origin` is latitude and longitude where x and y are 0.
+
+    Raises ValueError naming file, key, value and what is allowed.
+    """
+    try:
+        if path.stat().st_size > MAX_FILE_BYTES:
+            raise ValueError(f"{path}: {path.stat().st_size} bytes; {MAX_FILE_BYTES} at most")
+        text = path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise ValueError(f"{path}: cannot be read: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{path}: is not UTF-8: {error}") from error
+    readers = {".toml": _toml, ".geojson": _geojson, ".json": _geojson, ".plan": _plan}
+    reader = readers.get(path.suffix.lower())
+    if reader is None:
+        raise ValueError(f"{path}: want a file that ends in {', '.join(readers)}")
+    try:
+        table = reader(text, origin)
+        table.setdefault("name", path.stem[:64])
+        return msgspec.convert(table, PathPlan)
+    except msgspec.ValidationError as error:
+        raise ValueError(f"{path}: {ranges.explained(table, str(error), PathPlan)}") from error
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
+
+
+def _toml(text: str, origin: Degrees | None) -> dict[str, Any]:
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise ValueError(f"is not TOML: {error}") from error
+
+
+def _json(text: str) -> Any:
+    try:
+        return json.loads(text)
+    except (json.JSONDecodeError, RecursionError) as error:
+        raise ValueError(f"is not JSON: {error}") from error
+
+
+def _geojson(text: str, origin: Degrees | None) -> dict[str, Any]:
+    """Take the one LineString or Polygon of a GeoJSON (RFC 7946); its properties are keys of a plan."""
+    lines = [*_geometries(_json(text), {})]
+    if len(lines) != 1:
+        raise ValueError(f"{len(lines)} lines or polygons: want one LineString or one Polygon")
+    key, coordinates, closed, properties = lines[0]
+    if closed and len(coordinates) > 1 and coordinates[0] == coordinates[-1]:
+        coordinates = coordinates[:-1]
+    places = []
+    for k, position in enumerate(coordinates):
+        where = f"{key}[{k}]"
+        if not isinstance(position, Sequence) or len(position) not in (2, 3):
+            raise ValueError(f"{where} = {position!r:.80}: want [longitude, latitude] or with altitude")
+        depth = -_number(f"{where}[2]", position[2], -1e4, 0.0) if len(position) == 3 else None
+        places.append((*_degrees(where, position[1], position[0]), depth))
+    known = PathPlan.__struct_fields__
+    table = {name: value for name, value in properties.items() if name in known and value is not None}
+    return table | _local(places, origin) | ({"closed": True} if closed else {})
+
+
+def _geometries(node: Any, properties: Mapping[str, Any], key: str = "") -> Any:
+    if not isinstance(node, dict):
+        raise ValueError(f"{key or 'all of it'}: want a GeoJSON object")
+    kind, dot = node.get("type"), f"{key}." if key else ""
+    if kind == "FeatureCollection":
+        for k, feature in enumerate(node.get("features") or ()):
+            yield from _geometries(feature, {}, f"{dot}features[{k}]")
+    elif kind == "Feature":
+        yield from _geometries(node.get("geometry"), node.get("properties") or {}, f"{dot}geometry")
+    elif kind in ("LineString", "Polygon"):
+        coordinates = node.get("coordinates")
+        if kind == "Polygon":
+            if not isinstance(coordinates, list) or len(coordinates) != 1:
+                raise ValueError(f"{dot}coordinates: want a Polygon without holes")
+            coordinates = coordinates[0]
+        if not isinstance(coordinates, list):
+            raise ValueError(f"{dot}coordinates: want a list of positions")
+        yield f"{dot}coordinates", coordinates, kind == "Polygon", properties
+
+
+def _plan(text: str, origin: Degrees | None) -> dict[str, Any]:
+    """Take the waypoints of QGroundControl's plan file (its user guide, "Plan File Format")."""
+    table = _json(text)
+    mission = table.get("mission") if isinstance(table, dict) else None
+    items = mission.get("items") if isinstance(mission, dict) else None
+    if not isinstance(items, list) or table.get("fileType") != "Plan":
+        raise ValueError('fileType, mission.items: want "Plan" and a list, as QGroundControl writes them')
+    places: list[tuple[float, float, float | None]] = []
+    more: list[dict[str, Any]] = []
+    speed = None
+    for key, item in _simple_items(items, "mission.items"):
+        command, params = item.get("command"), item.get("params")
+        if command == CHANGE_SPEED and isinstance(params, list) and len(params) > 1 and speed is None:
+            speed = params[1]
+        if command != NAV_WAYPOINT:
+            if isinstance(command, int) and command < LAST_NAV:
+                raise ValueError(f"{key}.command = {command}: only waypoints ({NAV_WAYPOINT}) are followed")
+            continue
+        if item.get("frame") not in WGS84_FRAMES:
+            raise ValueError(f"{key}.frame = {item.get('frame')!r}: must be one of {WGS84_FRAMES}")
+        if not isinstance(params, list) or len(params) < 7:
+            raise ValueError(f"{key}.params: want seven numbers")
+        hold, radius, _, yaw, latitude, longitude, altitude = params[:7]
+        depth = -_number(f"{key}.params[6] (altitude; minus the depth)", altitude, -1e4, 0.0)
+        places.append((*_degrees(f"{key}.params[4..5]", latitude, longitude), depth))
+        one: dict[str, Any] = {}
+        if hold:
+            one["wait_s"] = _number(f"{key}.params[0] (hold)", hold, 0.0, 3600.0)
+        if radius:
+            one["corner_m"] = _number(f"{key}.params[1] (acceptance radius)", radius, 0.0, 100.0)
+        if yaw is not None:
+            one["heading_deg"] = _number(f"{key}.params[3] (yaw)", yaw, -360.0, 360.0)
+        more.append(one)
+    found = _local(places, origin)
+    found["waypoint"] = [place | one for place, one in zip(found["waypoint"], more, strict=True)]
+    return found | ({"speed_mps": speed} if speed else {})
+
+
+def _simple_items(items: Sequence[Any], key: str) -> Any:
+    for k, item in enumerate(items):
+        if not isinstance(item, dict):
+            raise ValueError(f"{key}[{k}]: want an object")
+        survey = item.get("TransectStyleComplexItem")
+        if isinstance(survey, dict) and isinstance(survey.get("Items"), list):
+            yield from _simple_items(survey["Items"], f"{key}[{k}].TransectStyleComplexItem.Items")
+        else:
+            yield f"{key}[{k}]", item
+
+
+def _local(places: Sequence[tuple[float, float, float | None]], origin: Degrees | None) -> dict[str, Any]:
+    """Return the waypoints, north and east of the origin, or else of the first of them."""
+    if not places:
+        raise ValueError("there is no waypoint in it")
+    latitude_0, longitude_0 = origin or places[0][:2]
+    waypoints = []
+    for latitude, longitude, depth in places:
+        scale = math.cos(math.radians(0.5 * (latitude + latitude_0)))
+        east_deg = (longitude - longitude_0 + 180.0) % 360.0 - 180.0
+        waypoints.append(
+            {
+                "x_m": (latitude - latitude_0) * METRES_PER_DEGREE,
+                "y_m": east_deg * METRES_PER_DEGREE * scale,
+                **({} if depth is None else {"depth_m": depth}),
+            }
+        )
+    return {"waypoint": waypoints, "relative": origin is None}
+
+
+def _degrees(key: str, latitude: Any, longitude: Any) -> Degrees:
+    return (
+        _number(f"{key} (latitude)", latitude, -90.0, 90.0),
+        _number(f"{key} (longitude)", longitude, -180.0, 180.0),
+    )
+
+
+def _number(key: str, value: Any, low: float, high: float) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
+        raise ValueError(f"{key} = {value!r:.40}: must be {low:g} to {high:g}")
+    return float(value)

@@ -1,0 +1,248 @@
+"""Places and paths through the whole loop: held, followed, paused, and without a position for a while."""
+
+import math
+
+import numpy as np
+import pytest
+from virtual import Dive, Somebody, hold
+
+from companion.control.bounds import wrap
+from companion.guidance.paths.shapes import build
+from companion.guidance.paths.time_law import limits
+from companion.records import Condition, Request, State, X
+from companion.telemetry.commands import Goto, SetPath
+from companion.telemetry.plan import Circle, Lemniscate, PathPlan, Waypoint
+
+DVL = ("sensors.dvl=true", "initial.eta=[0,0,2,0,0,0]", "current.enabled=true")
+CALM = (*DVL, "current.speed_m_s=0.0")
+PLACE = hold(x=0.0, y=0.0, z=2.0)
+FENCED = (
+    "fence.enabled=true",
+    "fence.north_m=[-1.5,1.5]",
+    "fence.east_m=[-1.5,1.5]",
+    "fence.depth_m=[0.5,4]",
+)
+
+
+def held(*plant, setpoint=PLACE, seconds=3.0, **arguments):
+    dive = Dive(*plant, setpoint=setpoint, **arguments)
+    dive.tap.to_vehicle.append(Somebody().origin())
+    dive.until(State.ACTIVE)
+    dive.run(seconds)
+    return dive
+
+
+def path(dive, **keys):
+    return build(PathPlan(**keys), limits(dive.engine.config))
+
+
+def errors_mm(steps):
+    return 1e3 * np.array([math.dist(step.truth.eta[:2], step.sample.eta_d[:2]) for step in steps])
+
+
+def reference(steps):
+    """References of the law: places, rates and accelerations, (n, 3, 4)."""
+    return np.array([[s.sample.dofs.x_d, s.sample.dofs.x_d_dot, s.sample.dofs.x_d_ddot] for s in steps])
+
+
+def smooth(steps, max_step_mps2=0.2):
+    """The reference's rate is that of its place, within 2 mm where the target stops, and does not jump."""
+    x_d = reference(steps)
+    np.testing.assert_allclose(np.diff(x_d[:, 0, :3], axis=0) / 0.02, x_d[1:, 1, :3], atol=0.1)
+    assert np.abs(np.diff(x_d[:, 1, :3], axis=0)).max() < 0.02 * 0.5
+    assert np.abs(np.diff(x_d[:, 2, :3], axis=0)).max() < max_step_mps2
+
+
+def test_a_lemniscate_of_4_by_2_m_in_a_minute_against_0_3_mps():
+    dive = held(*DVL, "current.speed_m_s=0.3", seconds=8.0)
+    shape = Lemniscate(length_m=4.0, width_m=2.0, depth_m=2.0)
+    eight = path(dive, name="eight", lemniscate=shape, speed_mps=0.22, acceleration_mps2=0.2)
+    assert eight.duration_s == pytest.approx(60.0, abs=4.0)
+    dive.engine.guide(eight)
+    steps = dive.run(32.0)
+    under_way = [step for step in steps if 0.05 < step.sample.guided.progress_m < eight.length_m - 0.05]
+    error = errors_mm(under_way)
+    heading = [wrap(step.truth.eta[5] - step.sample.eta_d[3]) for step in under_way]
+    assert np.sqrt(np.mean(error**2)) <= 45.0
+    assert np.degrees(np.sqrt(np.mean(np.square(heading)))) <= 0.6
+    assert steps[-1].sample.guided.progress_m > 0.45 * eight.length_m
+    assert {step.sample.verdict.state for step in steps} == {State.ACTIVE}
+    smooth(steps)
+
+
+def test_it_goes_to_a_place_in_a_straight_line_and_holds_it():
+    dive = held(*CALM)
+    dive.engine.guide(Goto(x_m=1.2, y_m=0.8, heading_deg=90.0, speed_mps=0.3))
+    steps = dive.run(11.0)
+    smooth(steps)
+    x_d = reference(steps)[:, 0]
+    across = (x_d[:, 0] * 0.8 - x_d[:, 1] * 1.2) / math.hypot(1.2, 0.8)
+    assert np.abs(across).max() < 0.08
+    np.testing.assert_allclose(x_d[-1], [1.2, 0.8, 2.0, math.pi / 2], atol=0.01)
+    dive.engine.guide(Goto(x_m=-0.5, frame="body"))
+    dive.run(7.0)
+    np.testing.assert_allclose(dive.step.sample.dofs.x_d, [1.2, 0.3, 2.0, math.pi / 2], atol=0.02)
+
+
+def test_a_path_is_paused_resumed_and_stopped_without_a_jump():
+    dive = held(*CALM)
+    eight = Lemniscate(length_m=3.0, width_m=1.5)
+    dive.engine.guide(
+        path(dive, lemniscate=eight, heading="keep", relative=True, laps=0, acceleration_mps2=0.25)
+    )
+    begun = dive.run(7.0)
+    dive.engine.guide(SetPath(action="pause"))
+    paused = dive.run(2.5)
+    assert paused[-1].sample.guided.kind == "paused"
+    assert paused[-1].sample.guided.speed_mps == pytest.approx(0.0, abs=0.005)
+    dive.engine.guide(SetPath(action="resume"))
+    resumed = dive.run(3.0)
+    assert resumed[-1].sample.guided.speed_mps > 0.1
+    dive.engine.guide(SetPath(action="hold"))
+    stopped = dive.run(4.0)
+    assert stopped[-1].sample.guided.kind == "hold"
+    assert np.abs(reference(stopped)[-1, 1]).max() < 0.01
+    smooth([*begun, *paused, *resumed, *stopped])
+    with pytest.raises(ValueError, match="no path"):
+        dive.engine.guide(SetPath(action="pause"))
+
+
+def test_the_pilots_stick_pauses_a_path_which_goes_back_to_its_place_when_resumed():
+    dive = held(*CALM, pilot=True)
+    dive.cockpit.push()
+    dive.engine.guide(
+        path(
+            dive,
+            waypoint=(Waypoint(x_m=0.0, y_m=0.0), Waypoint(x_m=2.2, y_m=0.0)),
+            heading="keep",
+            acceleration_mps2=0.25,
+        )
+    )
+    dive.run(5.0)
+    reached_m = dive.step.sample.guided.progress_m
+    dive.cockpit.push(sway=0.5)
+    dive.run(2.5)
+    dive.cockpit.push()
+    waiting = dive.run(3.0)
+    assert waiting[-1].sample.guided.kind == "paused"
+    assert waiting[-1].sample.eta_d[1] > 0.2
+    dive.engine.guide(SetPath(action="resume"))
+    dive.run(18.0)
+    assert dive.step.sample.guided.kind == "hold", "it has arrived"
+    assert dive.step.sample.guided.progress_m == pytest.approx(2.2, abs=0.01)
+    assert reached_m < 1.4
+    assert dive.step.sample.eta_d[1] == pytest.approx(0.0, abs=0.02)
+
+
+def test_a_lost_position_releases_x_and_y_holds_the_rest_and_is_regained_without_a_bump():
+    dive = held(*DVL, "current.speed_m_s=0.15")
+    before = dive.step
+    dive.fault("message_stopped", 6.0, message="LOCAL_POSITION_NED")
+    steps = dive.run(6.0)
+    lost = [step for step in steps if not step.sample.dofs.engaged[X]]
+    assert lost[0].t_s - before.t_s <= 1.1, "position_timeout_s"
+    assert {step.sample.verdict.state for step in steps} == {State.ACTIVE}
+    assert all(Condition.POSITION_STALE in step.sample.verdict.warnings for step in lost[5:])
+    for step in lost[25:]:
+        assert step.sample.command[:2] == pytest.approx((0.0, 0.0), abs=1e-6), "neutral within 0.5 s"
+    assert max(abs(step.truth.eta[2] - 2.0) for step in steps) < 0.05
+    assert max(abs(math.degrees(step.truth.eta[5] - step.sample.eta_d[3])) for step in steps) < 3.0
+    drifted_m = math.dist(dive.step.truth.eta[:2], (0.0, 0.0))
+    assert drifted_m > 0.25
+    regained = dive.run(8.0)
+    assert regained[-1].sample.dofs.engaged == (True,) * 4
+    assert math.dist(regained[-1].truth.eta[:2], (0.0, 0.0)) < 0.1, "back where it was held"
+    first = next(i for i, step in enumerate(regained) if step.sample.dofs.engaged[X])
+    force = np.array([step.sample.requested.tau[:2] for step in regained[first : first + 5]])
+    assert np.abs(force).max() < 12.0
+    x_d = reference(regained[first:])
+    assert np.abs(np.diff(x_d[:, 1, :2], axis=0)).max() < 0.02
+
+
+def test_what_the_pilot_chose_meanwhile_is_held_when_the_position_returns():
+    dive = held(*CALM, pilot=True)
+    dive.cockpit.push()
+    dive.fault("message_stopped", 6.0, message="LOCAL_POSITION_NED")
+    dive.run(2.0)
+    dive.cockpit.push(surge=0.5)
+    dive.run(3.0)
+    dive.cockpit.push()
+    dive.run(6.0)
+    assert dive.step.sample.dofs.engaged == (True,) * 4
+    assert dive.step.truth.eta[0] > 0.4
+    assert dive.step.sample.eta_d[0] == pytest.approx(dive.step.truth.eta[0], abs=0.1)
+
+
+def test_a_position_that_comes_in_mid_dive_is_taken_up_where_a_setpoint_wants_it():
+    for wanted, takes_up in ((hold(x=0.4, y=0.0, z=2.0), True), (hold(x=math.nan, y=math.nan, z=2.0), False)):
+        dive = Dive(*CALM, setpoint=wanted)
+        dive.tap.to_vehicle.append(Somebody().origin())
+        dive.fault("message_stopped", 6.0, message="LOCAL_POSITION_NED")
+        dive.until(State.ACTIVE)
+        dive.run(2.0)
+        assert not dive.step.sample.dofs.engaged[X]
+        dive.run(8.0 if takes_up else 4.0)
+        assert dive.step.sample.state.ages.position_s < 0.5
+        assert dive.step.sample.dofs.engaged[X] is takes_up
+        if takes_up:
+            assert dive.step.truth.eta[0] == pytest.approx(0.4, abs=0.1)
+
+
+def test_a_path_waits_for_its_position_and_for_the_vehicle():
+    dive = held(*CALM)
+    dive.engine.guide(
+        path(dive, waypoint=(Waypoint(x_m=0.0, y_m=0.0), Waypoint(x_m=6.0, y_m=0.0)), speed_mps=0.3)
+    )
+    dive.run(6.0)
+    dive.fault("message_stopped", 4.0, message="LOCAL_POSITION_NED")
+    steps = dive.run(4.0)
+    assert steps[-1].sample.guided.kind == "waiting"
+    assert steps[-1].sample.guided.progress_m == pytest.approx(steps[-60].sample.guided.progress_m, abs=0.1)
+    dive.run(6.0)
+    assert dive.step.sample.guided.kind == "path"
+    assert errors_mm([dive.step])[0] < 150.0
+
+
+def test_released_a_path_is_paused_and_engaging_again_holds():
+    dive = held(*CALM)
+    dive.engine.guide(path(dive, circle=Circle(radius_m=1.0), heading="keep", relative=True))
+    dive.run(6.0)
+    dive.ask(Request.STOP)
+    dive.run(3.0)
+    dive.ask(Request.ENGAGE)
+    dive.until(State.ACTIVE)
+    dive.run(3.0)
+    assert dive.step.sample.guided.kind == "paused"
+    assert np.abs(dive.step.sample.dofs.x_d_dot).max() < 0.01
+
+
+@pytest.mark.parametrize(
+    ("plan", "said"),
+    [
+        (PathPlan(circle=Circle(radius_m=2.0), heading="keep"), "leaves the fence at x 2.00, y 0.00"),
+        (
+            PathPlan(lemniscate=Lemniscate(length_m=2.0, width_m=1.0, depth_m=5.0)),
+            "depth_m = 5.00: must be 0.5 to 4",
+        ),
+    ],
+)
+def test_a_path_that_leaves_the_fence_is_refused_with_the_point(plan, said):
+    dive = held(*CALM, companion=FENCED, seconds=1.0)
+    with pytest.raises(ValueError, match=said):
+        dive.engine.guide(build(plan, limits(dive.engine.config)))
+    with pytest.raises(ValueError, match=r"beyond the fence: y_m = 2\.00"):
+        dive.engine.guide(Goto(y_m=2.0))
+    with pytest.raises(ValueError, match="beyond the fence"):
+        dive.engine.aim(hold(x=-2.0))
+
+
+def test_by_stick_it_stops_at_the_fence():
+    dive = held(*CALM, companion=FENCED, pilot=True)
+    dive.cockpit.push(surge=0.8)
+    steps = dive.run(9.0)
+    dive.cockpit.push()
+    steps += dive.run(4.0)
+    north_m = reference(steps)[:, 0, 0]
+    assert 1.35 < north_m.max() <= 1.52
+    assert dive.step.sample.eta_d[0] == pytest.approx(1.5, abs=0.05)
+    smooth(steps)
