@@ -51,7 +51,10 @@ class Physics:
         self._sea_steps = 0
         self.force: Three = (0.0, 0.0, 0.0)
         self.flow: Six = STILL_WATER
-        self._driven: list[int] = []
+        self._driven: tuple[int, ...] = ()
+        self._split(STEP_S)
+        self._curve_n: dict[int, float] = {}
+        """The thrust curve, by PWM (µs)."""
         self._static_thrust = self._bollard_n = NO_THRUST
         self._thruster_config = config.thrusters
         self._loses_thrust = bool(config.thrusters.free_speed_m_s or config.thrusters.dry_height_m)
@@ -70,12 +73,14 @@ class Physics:
             dt_s: time to advance (s).
 
         """
-        self._drive(
-            [self.stuck.get(i, us) for i, us in enumerate(pwm[: self.thrusters])] if self.stuck else pwm
-        )
-        parts = max(1, math.ceil(dt_s / STEP_S - 1e-6))
-        part_s = dt_s / parts
-        follow = thrusters.follow_of(self._thrusters.lag_s, part_s)
+        driven = tuple(pwm[: self.thrusters])
+        if self.stuck:
+            driven = tuple(self.stuck.get(i, us) for i, us in enumerate(driven))
+        if self._driven != driven:
+            self._drive(driven)
+        if self._split_s != dt_s:
+            self._split(dt_s)
+        parts, part_s, follow = self._parts, self._part_s, self._follow
         for part in range(parts):
             time_s = self.time_s + part * part_s
             if time_s > (self._sea_steps - 1e-6) * STEP_S:
@@ -91,6 +96,13 @@ class Physics:
             )
         self.time_s += dt_s
 
+    def _split(self, dt_s: float) -> None:
+        """Part a time into steps of the plant."""
+        self._split_s = dt_s
+        self._parts = max(1, math.ceil(dt_s / STEP_S - 1e-6))
+        self._part_s = dt_s / self._parts
+        self._follow = thrusters.follow_of(self._thrusters.lag_s, self._part_s)
+
     def _left_in_water(self) -> Eight:
         """Return what inflow and the surface leave of the thrust."""
         config, wet = self._thruster_config, 1.0
@@ -102,20 +114,24 @@ class Physics:
         into = thrusters.inflow(self._thrusters, plant.relative_velocity(self.state, self.flow))
         return thrusters.in_water(self._bollard_n, into, config.free_speed_m_s, wet)
 
-    def _drive(self, pwm: Sequence[int]) -> None:
+    def _drive(self, pwm: tuple[int, ...]) -> None:
         """Put the motors' PWM (µs) in force."""
-        if self._driven != pwm:
-            self._driven = list(pwm)
-            self._static_thrust = thrusters.static_thrust(
-                self._thrusters, self.health, thrusters.each_motor(pwm), self.voltage_v
-            )
+        self._driven = pwm
+        known = self._curve_n
+        for us in pwm:
+            if us not in known:
+                known[us] = thrusters.curve(self._thrusters, float(us))
+        a, b, c, d, e, f, g, h = (*(known[us] for us in pwm), 0.0, 0.0)[:8]
+        self._static_thrust = thrusters.scaled(
+            self._thrusters, self.health, (a, b, c, d, e, f, g, h), self.voltage_v
+        )
 
     def drain(self, source_v: float, dt_s: float) -> None:
         """Draw the current of the last `dt_s` from a battery whose open-circuit voltage is `source_v`."""
         self.current_a = IDLE_CURRENT_A + thrusters.current_a(self.thrust_n)
         self.voltage_v = max(MIN_VOLTAGE_V, source_v - self._battery.resistance_ohm * self.current_a)
         self.consumed_mah += self.current_a * 1000.0 * dt_s / 3600.0
-        self._driven = []
+        self._driven = ()
 
     def acceleration(self) -> tuple[float, float, float]:
         """Acceleration of the centre of gravity over the ground, in body axes (m/s²): nu' + omega × v."""

@@ -2,14 +2,15 @@
 
 import math
 from collections import deque
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
 from sim_bridge.config import SensorConfig, Steel
 from sim_bridge.physics.defects import Defective
 from sim_bridge.physics.environment import OrnsteinUhlenbeck
-from sim_bridge.physics.plant import GRAVITY, State, Three, between, down_axis, euler, ned_velocity
+from sim_bridge.physics.plant import GRAVITY, State, Three, between, down_axis, down_of, euler, ned_velocity
 from sim_bridge.physics.position import PositionErrors
 
 SURFACE_PRESSURE_HPA = 1013.25
@@ -28,6 +29,13 @@ COMPASS_TAU_S = 5.0
 """How slowly the EKF follows the compass away from its gyros. Assumed."""
 NEAREST_M = 0.3
 """A dipole's field is not a dipole's nearer than this."""
+
+
+NORMALS_OF_A_READING = 16
+"""At most so many normal numbers go into a reading."""
+
+Sample: TypeAlias = tuple[State, Three]
+"""State, and acceleration over the ground in body axes (m/s²)."""
 
 
 class Estimate(NamedTuple):
@@ -110,7 +118,7 @@ class Sensors:
         )
         self._errors = PositionErrors(config, NOISE_PERIOD_S, defect_rngs[3]) if config.positioned else None
         self._white: list[float] = []
-        self._history: deque[tuple[State, Three]] = deque(maxlen=int(HISTORY_S / step_s))
+        self._history: deque[Sample] = deque(maxlen=int(HISTORY_S / step_s))
 
         def noise(sigma: float, tau_s: float) -> OrnsteinUhlenbeck:
             return OrnsteinUhlenbeck(sigma, tau_s, NOISE_PERIOD_S, slow_rng)
@@ -156,7 +164,7 @@ class Sensors:
             if self._is_spoilt:
                 self._step_defects(state)
         if self._count % self._pressure_steps == 0:
-            depth = self._delayed(self._config.pressure_delay_s)[0][2]
+            depth = self._delayed(self._config.pressure_delay_s)[2]
             raw = self._config.depth_scale * depth + self._config.pressure_white_m * self._normal()
             if not self._depth_defects.out:
                 self._raw_depth = self._depth_defects.rounded(raw + self._depth_defects.bias)
@@ -253,11 +261,13 @@ class Sensors:
         return spoilt._replace(**{name: getattr(last, name) for name in kept})
 
     def _read(self, specific_gravity: float) -> Estimate:
-        config, normal = self._config, self._normal
+        config = self._config
+        normal = self._white.pop if len(self._white) >= NORMALS_OF_A_READING else self._normal
         scale = config.depth_scale / specific_gravity
-        attitude, _ = self._delayed(config.attitude_delay_s + self._attitude_defects.late_s)
-        height, _ = self._delayed(config.depth_delay_s + self._depth_defects.late_s)
-        motion, _ = self._delayed(config.climb_delay_s + self._depth_defects.late_s)
+        attitude = self._delayed(config.attitude_delay_s + self._attitude_defects.late_s)
+        motion = self._delayed(config.climb_delay_s + self._depth_defects.late_s)
+        (height, _), (older, _), part = self._around(config.depth_delay_s + self._depth_defects.late_s)
+        z = height[2] + part * (older[2] - height[2])
         roll, pitch, yaw = euler(attitude)
         roll += self._angles[0].value + config.attitude_white_rad * normal()
         pitch += self._angles[1].value + config.attitude_white_rad * normal()
@@ -265,16 +275,18 @@ class Sensors:
         rollspeed = attitude[10] + config.gyro_white_rad_s * normal()
         pitchspeed = attitude[11] + config.gyro_white_rad_s * normal()
         yawspeed = attitude[12] + config.gyro_white_rad_s * normal()
-        north, east, sink = ned_velocity(motion)
-        depth = scale * height[2] + self._depth.value + self._drift.value + config.depth_white_m * normal()
+        r31, r32, r33 = down_axis(motion)
+        sink = r31 * motion[7] + r32 * motion[8] + r33 * motion[9]
+        depth = scale * z + self._depth.value + self._drift.value + config.depth_white_m * normal()
         climb = -scale * sink + self._climb.value + config.climb_white_m_s * normal()
-        felt, push = self._delayed(ACCEL_FILTER_DELAY_S)
-        down = down_axis(felt)
-        rise = -(push[0] * down[0] + push[1] * down[1] + push[2] * down[2])
-        accel = self._accelerometer()
+        rise = self._rise()
+        accel = self._accelerometer(normal)
         position = (0.0, 0.0, 0.0, 0.0)
         if self._errors:
-            x, y = self._turned(height[0], height[1])
+            north, east, _ = ned_velocity(motion)
+            x, y = self._turned(
+                height[0] + part * (older[0] - height[0]), height[1] + part * (older[1] - height[1])
+            )
             vx, vy = self._turned(north, east)
             position = (
                 x + self._north_m + self._position[0].value + config.dvl_white_m * normal(),
@@ -283,50 +295,68 @@ class Sensors:
                 vy + config.dvl_white_m * normal(),
             )
         return Estimate(
-            roll=roll,
-            pitch=pitch,
-            yaw=math.remainder(yaw + self._turned_rad, math.tau),
-            rollspeed=rollspeed,
-            pitchspeed=pitchspeed,
-            yawspeed=yawspeed,
-            depth_m=depth + self._relative_offset,
-            climb_m_s=climb,
-            altitude_m=-depth + self._altitude_offset,
-            raw_altitude_m=-self._raw_depth / specific_gravity + self._raw_offset,
-            pressure_hpa=SURFACE_PRESSURE_HPA + PA_PER_M * self._raw_depth / 100.0,
-            accel=accel,
-            position=position,
-            rise_m_s2=rise,
+            roll,
+            pitch,
+            math.remainder(yaw + self._turned_rad, math.tau),
+            rollspeed,
+            pitchspeed,
+            yawspeed,
+            depth + self._relative_offset,
+            climb,
+            -depth + self._altitude_offset,
+            -self._raw_depth / specific_gravity + self._raw_offset,
+            SURFACE_PRESSURE_HPA + PA_PER_M * self._raw_depth / 100.0,
+            accel,
+            position,
+            rise,
         )
 
-    def _accelerometer(self) -> Three:
+    def _rise(self) -> float:
+        """Acceleration upwards from the filtered accelerometer (m/s²)."""
+        (felt, (a, b, c)), (older, (d, e, f)), part = self._around(ACCEL_FILTER_DELAY_S)
+        down = _down_between(felt, older, part)
+        return -(
+            (a + part * (d - a)) * down[0] + (b + part * (e - b)) * down[1] + (c + part * (f - c)) * down[2]
+        )
+
+    def _accelerometer(self, normal: Callable[[], float]) -> Three:
         """Specific force, body (m/s²)."""
-        shaken, (ax, ay, az) = self._delayed(self._config.accel_delay_s)
-        forward, right, down = down_axis(shaken)
-        white, normal = self._config.accel_white_m_s2, self._normal
+        (shaken, (a, b, c)), (older, (d, e, f)), part = self._around(self._config.accel_delay_s)
+        forward, right, down = _down_between(shaken, older, part)
+        white = self._config.accel_white_m_s2
         return (
-            ax - GRAVITY * forward + white * normal(),
-            ay - GRAVITY * right + white * normal(),
-            az - GRAVITY * down + white * normal(),
+            a + part * (d - a) - GRAVITY * forward + white * normal(),
+            b + part * (e - b) - GRAVITY * right + white * normal(),
+            c + part * (f - c) - GRAVITY * down + white * normal(),
         )
 
-    def _delayed(self, delay_s: float) -> tuple[State, Three]:
-        """State and acceleration `delay_s` ago, between two steps of the history."""
+    def _delayed(self, delay_s: float) -> State:
+        """State `delay_s` ago."""
+        (newer, _), (older, _), part = self._around(delay_s)
+        return between(newer, older, part) if part else newer
+
+    def _around(self, delay_s: float) -> tuple[Sample, Sample, float]:
+        """Return what was recorded just after and before a time `delay_s` ago, and how far back it lies."""
         back = delay_s / self._step_s
         whole = int(back)
         part = back - whole
         history = self._history
         newest = len(history) - 1
-        state, accel = history[max(0, newest - whole)]
+        newer = history[max(0, newest - whole)]
         if part < 1e-9:
-            return state, accel
-        older, older_accel = history[max(0, newest - whole - 1)]
-        ax, ay, az = accel
-        bx, by, bz = older_accel
-        mixed = (ax + part * (bx - ax), ay + part * (by - ay), az + part * (bz - az))
-        return between(state, older, part), mixed
+            return newer, newer, 0.0
+        return newer, history[max(0, newest - whole - 1)], part
 
     def _normal(self) -> float:
         if not self._white:
             self._white = self._white_rng.standard_normal(512).tolist()
         return self._white.pop()
+
+
+def _down_between(newer: State, older: State, part: float) -> Three:
+    """Return `down_axis` between two states."""
+    if not part:
+        return down_axis(newer)
+    _, _, _, q0, q1, q2, q3, *_ = newer
+    _, _, _, Q0, Q1, Q2, Q3, *_ = older
+    return down_of(q0 + part * (Q0 - q0), q1 + part * (Q1 - q1), q2 + part * (Q2 - q2), q3 + part * (Q3 - q3))

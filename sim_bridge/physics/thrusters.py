@@ -74,17 +74,32 @@ def each_motor(pwm: Sequence[int]) -> Eight:
 
 def static_thrust(thrusters: Thrusters, health: Eight, pwm: Eight, voltage_v: float) -> Eight:
     """Steady thrust (N) at motor PWM (µs) and a voltage (V); `health` scales it: 0 is a dead thruster."""
+    healthy = (
+        curve(thrusters, pwm[0]),
+        curve(thrusters, pwm[1]),
+        curve(thrusters, pwm[2]),
+        curve(thrusters, pwm[3]),
+        curve(thrusters, pwm[4]),
+        curve(thrusters, pwm[5]),
+        curve(thrusters, pwm[6]),
+        curve(thrusters, pwm[7]),
+    )
+    return scaled(thrusters, health, healthy, voltage_v)
+
+
+def scaled(thrusters: Thrusters, health: Eight, curve_n: Eight, voltage_v: float) -> Eight:
+    """Steady thrust (N) of thrusters whose curve gives `curve_n` (N)."""
     scale = (voltage_v / CURVE_VOLTAGE_V) ** 2
     a, b, c, d, e, f, g, h = thrusters.gain
     return (
-        curve(thrusters, pwm[0]) * a * health[0] * scale,
-        curve(thrusters, pwm[1]) * b * health[1] * scale,
-        curve(thrusters, pwm[2]) * c * health[2] * scale,
-        curve(thrusters, pwm[3]) * d * health[3] * scale,
-        curve(thrusters, pwm[4]) * e * health[4] * scale,
-        curve(thrusters, pwm[5]) * f * health[5] * scale,
-        curve(thrusters, pwm[6]) * g * health[6] * scale,
-        curve(thrusters, pwm[7]) * h * health[7] * scale,
+        curve_n[0] * a * health[0] * scale,
+        curve_n[1] * b * health[1] * scale,
+        curve_n[2] * c * health[2] * scale,
+        curve_n[3] * d * health[3] * scale,
+        curve_n[4] * e * health[4] * scale,
+        curve_n[5] * f * health[5] * scale,
+        curve_n[6] * g * health[6] * scale,
+        curve_n[7] * h * health[7] * scale,
     )
 
 
