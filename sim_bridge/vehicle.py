@@ -197,11 +197,9 @@ class Vehicle:
         """Water and thrusters act on the plant for one step; the sensors watch."""
         physics = self._physics
         since_arming_s = -1.0 if self._first_armed_s is None else self.time_s - self._first_armed_s
-        x, y, z = physics.state[:3]
         physics.step(pwm, since_arming_s)
         sea = physics.environment.sea
-        wave_m = sea.elevation(self.time_s, x, y, z) if sea and self._config.sensors.wave_pressure else 0.0
-        self._sensors.record(physics.state, physics.acceleration(), wave_m)
+        self._sensors.record(physics.state, physics.acceleration(), sea.pressure_m if sea else 0.0)
         self._autopilot.state = physics.state
 
     def _change_slowly(self) -> None:

@@ -17,6 +17,8 @@ from sim_bridge.physics.thrusters import HEALTHY, NO_THRUST, Eight
 
 STEP_S = 0.005
 """Longest step of the plant, and the period at which the sea and the tether change."""
+HIGHEST_WAVE = 2.0
+"""No trough is deeper than so many significant heights."""
 MIN_VOLTAGE_V = 6.0
 IDLE_CURRENT_A = 0.5
 
@@ -57,6 +59,7 @@ class Physics:
         """The thrust curve, by PWM (µs)."""
         self._static_thrust = self._bollard_n = NO_THRUST
         self._thruster_config = config.thrusters
+        self._wave_height_m = HIGHEST_WAVE * config.waves.height_m if config.waves.enabled else 0.0
         self._loses_thrust = bool(config.thrusters.free_speed_m_s or config.thrusters.dry_height_m)
 
     @property
@@ -106,8 +109,8 @@ class Physics:
     def _left_in_water(self) -> Eight:
         """Return what inflow and the surface leave of the thrust."""
         config, wet = self._thruster_config, 1.0
-        if config.dry_height_m:
-            x, y, z = self.state[:3]
+        x, y, z = self.state[:3]
+        if config.dry_height_m and z < self._wave_height_m:
             sea = self.environment.sea
             sunk_m = z + (sea.elevation(self.time_s, x, y, 0.0) if sea else 0.0)
             wet = min(1.0, max(0.0, 1.0 + sunk_m / config.dry_height_m))

@@ -41,7 +41,11 @@ class Sea:
         full = np.exp(-2.0 * self.k * depth_m)
         self._pressure = self.amplitude / (1.0 + full)
         speed = self.amplitude * self.omega * np.exp(1j * self.phase) / (1.0 - full)
-        self._speeds = np.stack([speed, speed * self.omega])
+        pressure = self._pressure * np.exp(1j * self.phase)
+        self._along = np.stack([speed, speed * self.omega, pressure])
+        self._down = self._along[:2]
+        self.pressure_m = 0.0
+        """Dynamic pressure where and when `flow` was asked last, as metres of water."""
         self._j_omega = 1j * self.omega
 
     def flow(self, t_s: float, x: float, y: float, z: float) -> Six:
@@ -54,12 +58,13 @@ class Sea:
         depth = min(max(z, 0.0), self._depth_m)
         waves = np.exp(self._j_omega * t_s - self.k * complex(depth, along))
         if self._depth_m == math.inf:
-            velocity, acceleration = (self._speeds @ waves).tolist()
+            velocity, acceleration, pressure = (self._along @ waves).tolist()
             down, d_down = velocity, acceleration
         else:
             mirrored = waves * np.exp(-2.0 * self.k * (self._depth_m - depth))
-            velocity, acceleration = (self._speeds @ (waves + mirrored)).tolist()
-            down, d_down = (self._speeds @ (waves - mirrored)).tolist()
+            velocity, acceleration, pressure = (self._along @ (waves + mirrored)).tolist()
+            down, d_down = (self._down @ (waves - mirrored)).tolist()
+        self.pressure_m = pressure.real
         return (
             velocity.real * self.north,
             velocity.real * self.east,

@@ -95,6 +95,13 @@ def test_acceleration_is_the_derivative_of_velocity():
     np.testing.assert_allclose((after[:3] - before[:3]) / 0.002, now[3:], atol=1e-5)
 
 
+@pytest.mark.parametrize("depth_m", [math.inf, 6.0])
+def test_the_pressure_beside_the_flow_is_that_of_the_elevation(depth_m):
+    surface = sea(depth_m=depth_m, direction_deg=70.0)
+    surface.flow(8.0, 2.0, -3.0, 2.5)
+    assert surface.pressure_m == pytest.approx(surface.elevation(8.0, 2.0, -3.0, 2.5), abs=1e-12)
+
+
 def test_water_at_the_surface_moves_with_it():
     surface = sea()
     rise = (surface.elevation(5.001, 0, 0, 0) - surface.elevation(4.999, 0, 0, 0)) / 0.002
