@@ -11,7 +11,7 @@ QGC WPL 110
 1	0	3	16	0	0	0	0	33.8104	-118.3939	-2	1
 2	0	3	16	0	0	0	0	33.8104	-118.3938	-3	1
 """
-MODES = {"STABILIZE": 0, "ALT_HOLD": 2, "ACRO": 1, "SURFACE": 9, "MANUAL": 19}
+MODES = {"STABILIZE": 0, "ALT_HOLD": 2, "MANUAL": 19}
 
 
 def everything(vehicle: Autopilot, station: MavProxy, directory: Path) -> None:

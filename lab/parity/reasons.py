@@ -29,7 +29,7 @@ KNOWN: tuple[tuple[str, str, str], ...] = (
     ("parameters", "STAT_*", "counts what this board has lived through"),
     ("files", "list /", "our stand-in has no directories @ROMFS and @SYS"),
     ("files", "list @SYS", "our stand-in has no directories @ROMFS and @SYS"),
-    ("files", "* @PARAM/param.pck", "the firmware hides the parameters of a GPS that is off"),
+    ("files", "checksum of @PARAM/param.pck", "the firmware hides the parameters of a GPS that is off"),
     (
         "arming",
         "*, armed",

@@ -5,28 +5,19 @@ to agree, because a float is never exact.
 """
 
 import math
-import struct
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterator
-from typing import Any, NamedTuple
+from collections.abc import Callable
+from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from lab.parity.answers import TIMES, Answers, Near
 from lab.parity.partner import Message, Partner, of_type, result, texts
+from lab.parity.transfers import files, missions, parameters
 
-
-class Near(NamedTuple):
-    """A number and how far the other one's may be from it."""
-
-    value: float
-    tolerance: float
-
-
-Answers = Iterator[tuple[str, Any]]
 Scenario = Callable[[Partner], Answers]
 
 MOTORS = tuple(f"servo{number}_raw" for number in range(1, 9))
-TIMES = ("time_boot_ms", "time_usec", "time_unix_usec", "tc1", "ts1")
 MODES = {
     "STABILIZE": 0,
     "ACRO": 1,
@@ -113,128 +104,26 @@ def commands(partner: Partner) -> Answers:
     yield "unknown command 59999", result(partner.command(59999), 59999)
 
 
-def parameters(partner: Partner) -> Answers:
-    """Ask for the whole table, then odd requests and settings."""
-    heard = partner.ask(mavlink.MAVLink_param_request_list_message(1, 1), 12.0)
-    table = {message.param_id: message for message in of_type("PARAM_VALUE", heard)}
-    yield "texts with the list", texts(heard)
-    yield "count", sorted({message.param_count for message in table.values()})
-    for name, message in sorted(table.items()):
-        yield f"{name}: type", message.param_type
-        yield f"{name}: value", Near(message.param_value, 1e-5 * abs(message.param_value) + 1e-9)
-    read = mavlink.MAVLink_param_request_read_message
-    for name, request in (
-        ("read by name", read(1, 1, b"FS_PILOT_INPUT", -1)),
-        ("read by number", read(1, 1, b"", 3)),
-        ("read an unknown one", read(1, 1, b"NO_SUCH_THING", -1)),
-        ("read number 9999", read(1, 1, b"", 9999)),
-    ):
-        yield name, _values(partner.ask(request))
-    for name, value in (
-        ("FS_PILOT_TIMEOUT", 2.5),
-        ("FS_PILOT_INPUT", 1.4),
-        ("JS_GAIN_STEPS", 300.0),
-        ("FS_PILOT_TIMEOUT", float("nan")),
-        ("FS_PILOT_TIMEOUT", float("inf")),
-        ("NO_SUCH_THING", 1.0),
-    ):
-        heard = partner.ask(mavlink.MAVLink_param_set_message(1, 1, name.encode(), value, 9))
-        yield f"set {name} to {value}", (_values(heard), texts(heard))
-
-
-def _values(heard: list[Message]) -> tuple[tuple[str, float, int], ...]:
-    return tuple(
-        (message.param_id, round(message.param_value, 4), message.param_index)
-        for message in of_type("PARAM_VALUE", heard)
-    )
-
-
-def missions(partner: Partner) -> Answers:
-    """Missions, fences and rally points: count, items, upload, set current, clear."""
-    for kind, name in ((0, "mission"), (1, "fence"), (2, "rally")):
-        yield (
-            f"{name}: count",
-            [
-                message.count
-                for message in of_type(
-                    "MISSION_COUNT", partner.ask(mavlink.MAVLink_mission_request_list_message(1, 1, kind))
-                )
-            ],
-        )
-        for sequence in (0, 7):
-            heard = partner.ask(mavlink.MAVLink_mission_request_int_message(1, 1, sequence, kind))
-            yield f"{name}: item {sequence}", _said(heard, "MISSION_ITEM_INT", "MISSION_ACK")
-        heard = partner.ask(mavlink.MAVLink_mission_clear_all_message(1, 1, kind))
-        yield f"{name}: clear", _said(heard, "MISSION_ACK")
-    heard = partner.ask(mavlink.MAVLink_mission_count_message(1, 1, 2, 0))
-    yield "upload: asks for", _said(heard, "MISSION_REQUEST", "MISSION_REQUEST_INT", "MISSION_ACK")
-    for sequence in (0, 1):
-        item = mavlink.MAVLink_mission_item_int_message(
-            1, 1, sequence, 3, 16, 0, 1, 0, 0, 0, 0, 475000000, -25710000, -2.0, 0
-        )
-        heard = partner.ask(item)
-        yield (
-            f"upload: after item {sequence}",
-            _said(heard, "MISSION_REQUEST", "MISSION_REQUEST_INT", "MISSION_ACK"),
-        )
-    heard = partner.ask(mavlink.MAVLink_mission_request_list_message(1, 1, 0))
-    yield "count after the upload", [message.count for message in of_type("MISSION_COUNT", heard)]
-    heard = partner.ask(mavlink.MAVLink_mission_request_int_message(1, 1, 1, 0))
-    yield "item 1 after the upload", _said(heard, "MISSION_ITEM_INT", "MISSION_ACK")
-    heard = partner.ask(mavlink.MAVLink_mission_set_current_message(1, 1, 1))
-    yield "set current", (_said(heard, "MISSION_CURRENT", "COMMAND_ACK"), texts(heard))
-    heard = partner.ask(mavlink.MAVLink_mission_clear_all_message(1, 1, 0))
-    yield "clear", (_said(heard, "MISSION_ACK"), texts(heard))
-
-
-def _said(heard: list[Message], *kinds: str) -> tuple[Any, ...]:
-    """Return kind and fields of the answers, without who is addressed."""
-    said = []
-    for message in heard:
-        if message.get_type() in kinds:
-            values = message.to_dict()
-            for name in ("target_system", "target_component", *TIMES):
-                values.pop(name, None)
-            said.append(tuple(values.items()))
-    return tuple(dict.fromkeys(said))
-
-
-OPEN_FILE_RO, READ_FILE, LIST_DIRECTORY, TERMINATE, RESET = 4, 5, 3, 1, 2
-
-
-def files(partner: Partner) -> Answers:
-    """MAVLink FTP: the parameter file, a directory, what is not there; and the list of logs."""
-    asks: list[tuple[str, int, bytes, int | None]] = [("reset", RESET, b"", None)]
-    for path in ("/", "@PARAM", "@SYS", "@MISSION", "/no-such-directory"):
-        asks.append((f"list {path}", LIST_DIRECTORY, path.encode(), None))
-    for path in ("@PARAM/param.pck", "@MISSION/mission.dat", "/no-such-file"):
-        asks.append((f"open {path}", OPEN_FILE_RO, path.encode(), None))
-        asks.append((f"read {path}", READ_FILE, b"", 8))
-        asks.append((f"close {path}", TERMINATE, b"", None))
-    asks.append(("opcode 99", 99, b"", None))
-    for sequence, (name, opcode, data, size) in enumerate(asks):
-        yield name, _ftp(partner, 2 * sequence, opcode, data, size)
-    heard = partner.ask(mavlink.MAVLink_log_request_list_message(1, 1, 0, 0xFFFF), 1.0)
-    yield "logs", [(entry.num_logs, entry.id, entry.size) for entry in of_type("LOG_ENTRY", heard)]
-
-
-def _ftp(partner: Partner, sequence: int, opcode: int, data: bytes, size: int | None) -> tuple[Any, ...]:
-    """Return opcode and first data of the answers: 128 is ACK, 129 NAK."""
-    length = len(data) if size is None else size
-    header = struct.pack("<HBBBBBBI", sequence, 0, opcode, length, 0, 0, 0, 0)
-    payload = (header + data).ljust(251, b"\0")
-    heard = partner.ask(mavlink.MAVLink_file_transfer_protocol_message(0, 1, 1, payload), 0.5)
-    return tuple(
-        (answer.payload[3], answer.payload[4], bytes(answer.payload[12 : 12 + min(answer.payload[4], 8)]))
-        for answer in of_type("FILE_TRANSFER_PROTOCOL", heard)
-    )
+OFF_CENTRE = {
+    "x 500": (500, 0, 500, 0, 0, 0),
+    "y 500": (0, 500, 500, 0, 0, 0),
+    "z 700": (0, 0, 700, 0, 0, 0),
+    "z 300": (0, 0, 300, 0, 0, 0),
+    "z 530": (0, 0, 530, 0, 0, 0),
+    "r 500": (0, 0, 500, 500, 0, 0),
+    "r 100": (0, 0, 500, 100, 0, 0),
+    "s 25": (0, 0, 500, 0, 25, 0),
+    "s 100": (0, 0, 500, 0, 100, 0),
+    "t -100": (0, 0, 500, 0, 0, -100),
+    "r, s, t and z": (0, 0, 900, 500, 100, 100),
+}
 
 
 def arming(partner: Partner) -> Answers:
     """Arming, disarming, and each mode, disarmed and armed: results, texts and the heartbeat."""
     command = mavlink.MAV_CMD_COMPONENT_ARM_DISARM
     nan = float("nan")
-    for name, parameters in (
+    for name, values in (
         ("arm", (1,)),
         ("arm again", (1,)),
         ("disarm", (0,)),
@@ -243,7 +132,7 @@ def arming(partner: Partner) -> Answers:
         ("arm with NaN in the others", (1, 0, nan, nan, nan, nan, nan)),
         ("disarm by force", (0, 21196)),
     ):
-        heard = partner.command(command, *parameters, seconds=1.2)
+        heard = partner.command(command, *values, seconds=1.2)
         beats = of_type("HEARTBEAT", heard)
         yield (
             name,
@@ -253,6 +142,24 @@ def arming(partner: Partner) -> Answers:
                 (beats[-1].base_mode, beats[-1].system_status) if beats else (),
             ),
         )
+    for name, stick in OFF_CENTRE.items():
+        x, y, z, r, pitch, roll = stick
+        message = mavlink.MAVLink_manual_control_message(1, x, y, z, r, 0, 0, 3, pitch, roll)
+        for force in (0, 2989):
+            partner.streaming = _neutral
+            partner.disarm()
+            partner.listen(0.3)
+            partner.streaming = lambda message=message: message
+            partner.listen(0.3)
+            heard = partner.command(command, 1, force)
+            yield f"arm with {name}{' by force' if force else ''}", (result(heard, command), texts(heard))
+    partner.streaming = _neutral
+    partner.listen(0.3)
+    partner.disarm()
+    partner.streaming = None
+    for how in (0, 2, 4):
+        heard = partner.command(mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, how)
+        yield f"reboot with {how}", (result(heard, mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN), texts(heard))
     for armed in (False, True):
         if armed:
             partner.streaming = _neutral

@@ -8,7 +8,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from sim_bridge.firmware import messages, modes, telemetry
+from sim_bridge.firmware import arming, messages, modes, telemetry
 from sim_bridge.firmware.answers import (
     ACCEPTED,
     BANNER,
@@ -19,7 +19,7 @@ from sim_bridge.firmware.answers import (
     INFO,
     WARNING,
 )
-from sim_bridge.firmware.commands import Commands
+from sim_bridge.firmware.commands import LOCATED, Commands
 from sim_bridge.firmware.files import Files
 from sim_bridge.firmware.link import Link
 from sim_bridge.firmware.messages import Message, Origin, Snapshot
@@ -36,12 +36,10 @@ from sim_bridge.physics.sensors import Sensors
 
 THROTTLE_DEMAND = 3
 INPUT_PERIOD_S = 0.02
-EARLIEST_ARMING_S = 2.0
 TIMESYNC_PERIOD_S = 10.0
 GCS_WARNING_PERIOD_S = 30.0
 LEAK_WARNING_PERIOD_S = 20.0
 PARAMETERS_PER_STEP = 10
-RC_OPTION_ARM_CENTRED = 32
 ORIGIN_SHIFT_M = 0.1
 """How far relative_alt is off for good when the origin is set while dived."""
 
@@ -60,7 +58,6 @@ MISSION_PROTOCOL = (
     "MISSION_CLEAR_ALL",
     "MISSION_SET_CURRENT",
 )
-AXIS_NAMES = ("Pitch", "Roll", "Throttle", "Yaw", "Forward", "Lateral")
 
 
 class Autopilot:
@@ -257,16 +254,14 @@ class Autopilot:
             (self.missions.current, self.missions.total),
         )
 
-    def arm(self) -> int:
-        """Arm the motors; the MAV_RESULT."""
+    def arm(self, *, forced: bool = False) -> int:
+        """Arm the motors, without any check if `forced`; the MAV_RESULT."""
         if self.armed:
             return ACCEPTED
-        if self.boot_s < EARLIEST_ARMING_S:
-            self.say(CRITICAL, "Arm: System not initialised")
-            return FAILED
-        off_centre = self.pilot.off_centre()
-        if int(self.params["RC_OPTIONS"]) & RC_OPTION_ARM_CENTRED and off_centre is not None:
-            self.say(CRITICAL, f"Arm: {AXIS_NAMES[off_centre]} (RC{off_centre + 1}) is not neutral")
+        refusals = arming.refusals(self.params, self.pilot, self.boot_s, self._pilot_seen_s, forced=forced)
+        for refusal in refusals:
+            self.say(CRITICAL, refusal)
+        if refusals:
             return FAILED
         self.say(INFO, "Arming motors")
         self.armed = self._input_is_new = True
@@ -423,7 +418,8 @@ class Autopilot:
     def _on_command(self, link: int, message: Message) -> None:
         p = [float(getattr(message, name, math.nan)) for name in PARAMETERS]
         if message.get_type() == "COMMAND_INT":
-            p[4:] = [message.x / 1e7, message.y / 1e7, message.z]
+            scale = 1e-7 if message.command in LOCATED else 1.0
+            p[4:] = [message.x * scale, message.y * scale, message.z]
         self._acknowledge(link, message, message.command, self._commands.obey(link, message.command, p))
 
     def _acknowledge(self, link: int, message: Message, command: int, result: int) -> None:

@@ -20,8 +20,8 @@ class Board(Protocol):
     missions: Missions
     reboot_requested: bool
 
-    def arm(self) -> int:
-        """Arm the motors; the MAV_RESULT."""
+    def arm(self, *, forced: bool = False) -> int:
+        """Arm the motors, without any check if `forced`; the MAV_RESULT."""
 
     def disarm(self) -> int:
         """Stop the motors; never refused."""

@@ -13,6 +13,10 @@ from sim_bridge.firmware.streams import FASTEST_INTERVAL_US, STREAMED
 
 FREE_SERVO = 9
 """The one output that drives neither a motor nor the camera."""
+LOCATED = frozenset({mavlink.MAV_CMD_DO_SET_HOME})
+"""Commands whose COMMAND_INT has a place, in degrees·1e7."""
+FORCE_ARMING, FORCE_REBOOT = (2989, 21196), 20190226
+"""Numbers in a parameter that switch off the checks."""
 
 
 class Commands:
@@ -50,7 +54,9 @@ class Commands:
 
     def _arm(self, _: int, p: list[float]) -> int:
         autopilot = self._autopilot
-        return autopilot.arm() if p[0] == 1 else autopilot.disarm() if p[0] == 0 else UNSUPPORTED
+        if p[0] == 1:
+            return autopilot.arm(forced=p[1] in FORCE_ARMING)
+        return autopilot.disarm() if p[0] == 0 else UNSUPPORTED
 
     def _set_mode(self, _: int, p: list[float]) -> int:
         return self._autopilot.set_mode(_whole(p[1])) if _whole(p[0]) & 1 else DENIED
@@ -123,9 +129,9 @@ class Commands:
         return self._autopilot.disarm() if p[0] > 0.5 else FAILED
 
     def _reboot(self, _: int, p: list[float]) -> int:
-        if self._autopilot.armed:
+        if self._autopilot.armed and p[5] != FORCE_REBOOT:
             return FAILED
-        self._autopilot.reboot_requested = p[0] == 1
+        self._autopilot.reboot_requested = p[0] in (1, 3)
         return ACCEPTED if self._autopilot.reboot_requested else UNSUPPORTED
 
     def _calibrate(self, _: int, p: list[float]) -> int:

@@ -27,6 +27,7 @@ SESSION_S = 3.0
 """A file whose session has been silent for so long is closed when another one asks."""
 BUSY_S = 1.0
 BURST_PIECES = 500
+MOST_PARAMETERS = 0xFFFE
 CHECKSUM_BLOCK = 64
 """By so many bytes the firmware reads a file for its checksum."""
 
@@ -119,8 +120,8 @@ class Files:
                 return
         for reply in self._replies(request, now_s):
             self._reply(request, reply, now_s)
-        if opcode == OPEN and self._open is not None and self._open.startswith(PARAMETER_FILE):
-            self._banner(link)
+            if opcode == OPEN and reply.opcode == ACK and request.path.startswith(PARAMETER_FILE):
+                self._banner(link)
 
     def _reply(self, request: Request, reply: Reply, now_s: float) -> None:
         head = HEADER.pack(
@@ -178,6 +179,8 @@ class Files:
         path = request.path.partition("?")[0]
         if path != PARAMETER_FILE and path not in MISSION_FILES:
             return _refusal(NOT_FOUND)
+        if max(_range(request.path)) > MOST_PARAMETERS:
+            return Reply(NAK, bytes((FAIL_ERRNO, EINVAL)))
         if request.opcode == CHECKSUM:
             content = self._packed(request.path, CHECKSUM_BLOCK)
             return Reply(ACK, struct.pack("<I", ~zlib.crc32(content, 0xFFFFFFFF) & 0xFFFFFFFF))
@@ -207,13 +210,8 @@ class Files:
         path, _, query = name.partition("?")
         if path in MISSION_FILES:
             return packed_items(self._missions, MISSION_FILES[path])
-        given = dict(one.partition("=")[::2] for one in query.split("&"))
-        return packed_parameters(
-            self._params,
-            given.get("withdefaults") == "1",
-            block_bytes,
-            *(_number(given.get(name, "")) for name in ("start", "count")),
-        )
+        with_defaults = "withdefaults=1" in query.split("&")
+        return packed_parameters(self._params, with_defaults, block_bytes, *_range(name))
 
     def _burst(self, request: Request) -> Iterable[Reply]:
         """Send the rest of the open file in pieces, and that it has ended."""
@@ -237,8 +235,11 @@ def _refusal(error: int, offset: int = 0) -> Reply:
     return Reply(NAK, bytes((error,)), offset)
 
 
-def _number(text: str) -> int:
-    return int(text) if text.isdigit() else 0
+def _range(name: str) -> tuple[int, int]:
+    """Return `start` and `count` behind the question mark of a parameter file's name; 0 where not given."""
+    given = dict(one.partition("=")[::2] for one in name.partition("?")[2].split("&"))
+    start, count = (given.get(key, "") for key in ("start", "count"))
+    return int(start) if start.isdecimal() else 0, int(count) if count.isdecimal() else 0
 
 
 def packed_parameters(

@@ -115,9 +115,9 @@ class Pilot:
             return up_m_s * (stick - top) / (1000.0 - top)
         return down_m_s * (stick - bottom) / bottom if stick < bottom else 0.0
 
-    def off_centre(self) -> int | None:
-        """Find the first of the six axes that is off centre by more than the dead zone, or None."""
-        return next((index for index in range(6) if abs(self.channels[index] - NEUTRAL) > 30), None)
+    def off_centre(self, channel: int) -> bool:
+        """Whether a channel is outside its dead zone (RCn_DZ)."""
+        return abs(self.channels[channel] - NEUTRAL) > self._params[f"RC{channel + 1}_DZ"]
 
     def _handle_buttons(self, buttons: int, axes: tuple[int, int, int]) -> None:
         previous, self._held_buttons = self._held_buttons, buttons

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import dialogue_mavproxy
+import dialogue_mavutil
 import pytest
 from autopilot import Autopilot
 from clients import mavproxy, mavsdk, needs_clients
@@ -33,3 +34,7 @@ def test_mavproxy(vehicle: Autopilot, port: int, tmp_path: Path) -> None:
 @pytest.mark.usefixtures("vehicle")
 def test_mavsdk(port: int) -> None:
     mavsdk(port)
+
+
+def test_mavutil(vehicle: Autopilot, port: int, tmp_path: Path) -> None:
+    dialogue_mavutil.everything(vehicle, port, tmp_path)

@@ -333,7 +333,7 @@ def test_arming_is_earliest_2_s_after_boot():
 def test_arming_off_centre_is_refused_only_with_rc_options_32():
     for option, result in ((0, 0), (32, 4)):
         station = Station(vehicle(f"parameters={{RC_OPTIONS={option}}}"))
-        station.run(2.5, override(forward=200))
+        station.run(2.5, override(throttle=200))
         assert station.command(ARM, 1).run(0.1).result(ARM) == result
 
 
@@ -634,3 +634,64 @@ def test_a_reboot_forgets_arming_mode_origin_and_intervals():
     assert not station.command(REQUEST, 49).run(0.05).of("GPS_GLOBAL_ORIGIN")
     station.arm()
     assert station.command(246, 1).run(0.05).result(246) == 4
+
+
+def test_arming_and_rebooting_by_force():
+    station = Station(vehicle())
+    station.run(3.0).texts()
+    station.say(override(yaw=200)).run(0.05)
+    assert station.command(ARM, 1).run(0.05).result(ARM) == 4
+    assert station.command(ARM, 1, 21196).run(0.05).result(ARM) == 0
+    reboot = mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN
+    assert station.command(reboot, 1).run(0.05).result(reboot) == 4
+    assert station.rov.truth().armed
+    assert station.command(reboot, 1, 0, 0, 0, 0, 20190226).run(0.05).result(reboot) == 0
+    assert not station.rov.truth().armed
+
+
+@pytest.mark.parametrize(("how", "result"), [(1, 0), (2, 3), (3, 0)])
+def test_it_reboots_and_into_its_bootloader_too_but_does_not_shut_down(how, result):
+    reboot = mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN
+    station = Station(vehicle())
+    station.run(3.0)
+    whole = mavlink.MAVLink_command_int_message(1, 1, 0, reboot, 0, 0, how, 0, 0, 0, 0, 0, 0.0)
+    assert station.say(whole).run(0.05).result(reboot) == result
+    booted_ms = [m.time_boot_ms for m in station.run(0.5).of("ATTITUDE")]
+    assert (booted_ms[-1] < 1000) == (result == 0)
+
+
+def test_a_whole_number_of_a_command_is_no_latitude():
+    reboot = mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN
+    station = Station(vehicle())
+    station.run(3.0)
+    station.say(override()).command(ARM, 1).run(0.05)
+    forced = mavlink.MAVLink_command_int_message(1, 1, 0, reboot, 0, 0, 1, 0, 0, 0, 0, 20190226, 0.0)
+    assert station.say(forced).run(0.05).result(reboot) == 0
+
+
+@pytest.mark.parametrize(
+    ("axes", "said"),
+    [
+        ({"forward": 200, "lateral": -200}, []),
+        ({"yaw": 41}, ["Arm: Yaw (RC4) is not neutral"]),
+        ({"yaw": 39}, []),
+        ({"roll": 99, "pitch": 99}, ["Arm: Roll (RC2) is not neutral", "Arm: Pitch (RC1) is not neutral"]),
+        ({"throttle": -50, "yaw": 99}, ["PreArm: Throttle not centered/close to trim"]),
+    ],
+)
+def test_which_sticks_keep_it_from_arming(axes, said):
+    station = Station(vehicle())
+    station.run(3.0)
+    heard = station.say(override(**axes)).run(0.05)
+    heard = station.command(ARM, 1).run(0.05)
+    assert heard.texts() == (said or ["Arming motors"])
+    assert heard.result(ARM) == (4 if said else 0)
+
+
+def test_sticks_that_are_silent_do_not_keep_it_from_arming_but_for_the_throttle():
+    station = Station(vehicle())
+    station.run(3.0)
+    station.say(override(throttle=99)).run(1.5)
+    assert station.command(ARM, 1, 21196).run(0.05).result(ARM) == 4
+    station.say(override(yaw=99)).run(1.5)
+    assert station.command(ARM, 1).run(0.05).result(ARM) == 0

@@ -173,6 +173,13 @@ def test_a_part_of_the_parameter_file():
     assert ftp(station, 4, 5, size=100) == [(129, b"\x02\x16")], "one size of reads for one file"
 
 
+def test_a_parameter_file_that_is_not_opened_comes_without_banner():
+    station = Station(vehicle())
+    station.run(0.1)
+    assert ftp(station, 0, 4, b"@PARAM/param.pck?start=65535") == [(129, b"\x02\x16")]
+    assert not Heard(station.heard).texts()
+
+
 def test_a_checksum():
     station = Station(vehicle())
     content = struct.pack("<HHHHH", 0x763D, 1, 0, 0, 0)
