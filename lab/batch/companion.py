@@ -19,7 +19,15 @@ from companion import assembly
 from companion.config import Config
 from companion.control import levelling, oscillation, pace, reference
 from companion.control.actuation import CUT_OFF
-from companion.control.allocation import Thrusters, allocate, delivered, overloaded
+from companion.control.allocation import (
+    HORIZONTAL,
+    Group,
+    Thrusters,
+    allocate,
+    delivered,
+    overloaded,
+    without,
+)
 from companion.control.bounds import clamped, limited, wrap
 from companion.control.compensator import Signals
 from companion.control.law import Motion, Terms
@@ -34,12 +42,12 @@ from companion.control.tilt import (
     level_force,
     share,
 )
-from companion.estimation import estimator, hidden_delay, observer, vehicle_model
-from companion.estimation.estimator import PREDICTION_STEP_S
+from companion.estimation import estimator, hidden_delay, observer, thruster_watch, vehicle_model
+from companion.estimation.estimator import PREDICTION_STEP_S, WATCH_TICKS
 from companion.estimation.hidden_delay import HiddenDelayState
 from companion.estimation.observer import ObserverParameters, ObserverState, ObserverTable
 from companion.estimation.vehicle_model import Found, ModelState, Scheduled, Tables, Used
-from companion.records import PSI, Axes, Z
+from companion.records import PSI, Array, Axes, Z
 from lab.batch.compiled import Slotted, slotted
 from lab.batch.vehicle import OVERRIDE_SPAN_US, TICK_S, Readings, Rows, Timing
 from sim_bridge.physics.plant import Three
@@ -82,6 +90,9 @@ class Companion(NamedTuple):
     roll: levelling.Levelling
     pitch: levelling.Levelling
     thrusters: Thrusters
+    others: Array
+    """(9, 4, 3): `Group.others` without motor 1, 2, …; NaN where the others cannot do its work."""
+    watch: thruster_watch.Parameters
     max_force: tuple[float, float]
     """Of surge and sway, N."""
     reach: Axes
@@ -131,6 +142,9 @@ class Memory(NamedTuple):
     yaw: Held
     roll: levelling.LevellingState
     pitch: levelling.LevellingState
+    watch: thruster_watch.State
+    dead_motor: int
+    """The motor around which is allocated; 0 for none."""
     axes: Axes
     """The last command before it was rounded for the wire."""
     pushed: Axes
@@ -414,16 +428,101 @@ def start(companion: Companion, readings: Readings) -> Memory:
         held_yaw(companion.yaw, Estimate(readings.heading, 0.0, 0.0)),
         levelling.START,
         levelling.START,
+        thruster_watch.START,
+        0,
         NO_AXES,
         NO_AXES,
     )
+
+
+def going_on(companion: Companion, motor: int) -> Thrusters:
+    """Return the thrusters without a motor, 1 to 8, or all for 0 (`allocation.without`)."""
+    whole = companion.thrusters
+    if motor == 0 or math.isnan(companion.others[motor, 0, 0]):
+        return whole
+    if motor <= HORIZONTAL:
+        return Thrusters(lamed(companion, whole.horizontal, motor, 1), whole.vertical, whole.motor_count)
+    return Thrusters(
+        whole.horizontal, lamed(companion, whole.vertical, motor, 1 + HORIZONTAL), whole.motor_count
+    )
+
+
+def lamed(companion: Companion, group: Group, motor: int, first: int) -> Group:
+    """Return a group without one of its motors, the first of which has a number."""
+    row, dead = companion.others[motor], motor - first
+    return Group(
+        group.factors,
+        group.opposed,
+        group.shares,
+        group.levers,
+        group.max_tau,
+        group.moments,
+        False,
+        (
+            1.0 if dead == 0 else 0.0,
+            1.0 if dead == 1 else 0.0,
+            1.0 if dead == 2 else 0.0,
+            1.0 if dead == 3 else 0.0,
+        ),
+        (
+            (row[0, 0], row[0, 1], row[0, 2]),
+            (row[1, 0], row[1, 1], row[1, 2]),
+            (row[2, 0], row[2, 1], row[2, 2]),
+            (row[3, 0], row[3, 1], row[3, 2]),
+        ),
+    )
+
+
+def without_dead(companion: Companion, before: Memory, voltage_v: float) -> Memory:
+    """Allocate around the motor that was found dead, or no longer (`Engine._follow_thrusters`)."""
+    motor = before.watch.dead
+    if motor == before.dead_motor:
+        return before
+    applied = on_the_wire(before.axes)
+    believed = delivered(going_on(companion, before.dead_motor), applied, voltage_v)
+    given = delivered(going_on(companion, motor), applied, voltage_v)
+    return Memory(
+        less_disturbed(before.z, believed[2] - given[2]),
+        less_disturbed(before.psi, believed[3] - given[3]),
+        before.hidden,
+        before.heave,
+        before.yaw,
+        relevelled(companion.roll, before.roll, believed[4] - given[4]),
+        relevelled(companion.pitch, before.pitch, believed[5] - given[5]),
+        before.watch,
+        motor,
+        before.axes,
+        before.pushed,
+    )
+
+
+def less_disturbed(observed: Observed, lost: float) -> Observed:
+    """Take from d what a motor was believed to give (`Estimator.lose`)."""
+    q, v, f, d, s, p = observed.state
+    return Observed(
+        ObserverState(q, v, f, d - lost, s, p),
+        observed.at,
+        observed.mean_d - lost,
+        observed.model,
+        observed.found,
+        observed.used,
+        observed.scheduled,
+    )
+
+
+def relevelled(
+    axis: levelling.Levelling, before: levelling.LevellingState, lost_nm: float
+) -> levelling.LevellingState:
+    """Add to the integral the moment that a motor was believed to give (`Actuation.go_on_without`)."""
+    integral = before.integral + lost_nm / axis.inertia
+    return levelling.LevellingState(integral, before.slow, before.oscillation)
 
 
 def step(
     companion: Companion,
     at: Timing,
     voltage_v: float,
-    before: Memory,
+    remembered: Memory,
     readings: Readings,
     z_target: Three,
     psi_target: Three,
@@ -434,6 +533,8 @@ def step(
 
     A target is a position, its rate and its acceleration.
     """
+    before = without_dead(companion, remembered, voltage_v)
+    thrusters = going_on(companion, before.dead_motor)
     model, heave, yaw = companion.model, companion.heave, companion.yaw
     m_z, m_psi = model.m[Z], model.m[PSI]
     drag = damping(model, (0.0, 0.0, before.z.state.v, before.psi.state.v))
@@ -562,18 +663,30 @@ def step(
             z.used.lag_s,
         )
     wanted, saturated = allocate(
-        companion.thrusters, (X, Y, along_z, yaw_share * turn, K, M), voltage_v, companion.reach
+        thrusters, (X, Y, along_z, yaw_share * turn, K, M), voltage_v, companion.reach
     )
 
     # guard, Autopilot.applied, Actuation.sent
     axes = guarded(before.axes, wanted, companion.reach, companion.slew)
     applied = on_the_wire(axes)
-    pushed = delivered(companion.thrusters, applied, voltage_v)
-    overloads = overloaded(companion.thrusters, applied)
+    pushed = delivered(thrusters, applied, voltage_v)
+    overloads = overloaded(thrusters, applied)
     level = level_force(readings.roll, readings.pitch, (pushed[0], pushed[1], pushed[2]))
     z_short = saturated[Z] or overloads[Z] or abs(applied[Z] - wanted[Z]) > CUT_OFF
     psi_short = saturated[PSI] or overloads[PSI] or abs(applied[PSI] - wanted[PSI]) > CUT_OFF
     record(commands, tick, level[2], pushed[3])
+
+    watch = before.watch
+    if companion.levels and (tick + 1) % WATCH_TICKS == 0:
+        watch = thruster_watch.step(
+            companion.watch,
+            watch,
+            applied,
+            voltage_v,
+            (readings.roll, readings.pitch, readings.p, readings.q, readings.heading_rate),
+            delay_s,
+            WATCH_TICKS * TICK_S,
+        )
 
     z_pace = pace.step(before.heave.pace, before.heave.saturated, TICK_S)
     psi_pace = pace.step(before.yaw.pace, before.yaw.saturated, TICK_S)
@@ -585,6 +698,8 @@ def step(
         after(yaw_law, psi_pace, psi_pace, psi_short or yaw_share < 1.0),
         roll,
         pitch,
+        watch,
+        before.dead_motor,
         axes,
         pushed,
     ), applied
@@ -665,6 +780,7 @@ def companion_of(config: Config, finds_hidden: bool = True, damps: bool = True) 
     limits = config.thrusters
     tilts = config.levelling.max_axis if config.levels else 0.0
     roll, pitch = assembly.levelling(config) or (NO_LEVELLING, NO_LEVELLING)
+    whole = assembly.thrusters(config)
     return Companion(
         model=model,
         heave=dofs[0],
@@ -675,7 +791,9 @@ def companion_of(config: Config, finds_hidden: bool = True, damps: bool = True) 
         levels=config.levels,
         roll=roll,
         pitch=pitch,
-        thrusters=assembly.thrusters(config),
+        thrusters=whole,
+        others=_others(whole),
+        watch=estimator.thruster_watch_parameters(config, whole),
         max_force=(config.surge.max_force, config.sway.max_force),
         reach=(limits.max_axis,) * 4 + (tilts,) * 2,
         slew=limits.max_slew_per_s * TICK_S,
@@ -704,6 +822,15 @@ def _dof(config: Config, dof: int, damps: bool) -> Dof:
         sensor_delay_s=axis.sensor_delay_s,
         max_extrapolation_s=estimator.MAX_EXTRAPOLATION_S[dof],
     )
+
+
+def _others(whole: Thrusters) -> Array:
+    others = np.full((9, 4, 3), np.nan)
+    for motor in range(1, whole.motor_count + 1):
+        left = without(whole, motor)
+        if left is not None:
+            others[motor] = (left.horizontal if motor <= HORIZONTAL else left.vertical).others
+    return others
 
 
 def _arrayed(table: ObserverTable) -> ObserverTable:

@@ -91,3 +91,12 @@ def test_what_a_batch_cannot_do_it_refuses():
     other = replace(CONFIG, vehicle=replace(CONFIG.vehicle, thrust_path="manual_control"))
     with pytest.raises(ValueError, match="rc_override"):
         simulate(other, [BASE], seeds=[1], **SHORT)
+
+
+def test_a_dead_vertical_motor_is_allocated_around():
+    """Without the watch the vehicle stays tilted by 9 to 12 degrees."""
+    sound = [rough(seed) for seed in SEEDS[:2]]
+    dead = [replace(p, thrusters=replace(p.thrusters, gain=(1.0,) * 5 + (0.0, 1.0, 1.0))) for p in sound]
+    found = simulate(CONFIG, dead, hold(), 30.0, SEEDS[:2], since_s=20.0)
+    assert (found["tilt_deg"] < 3.0).all()
+    assert (found["depth_rms_mm"] < 15.0).all()

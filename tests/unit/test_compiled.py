@@ -21,7 +21,7 @@ from companion.control import (
     tilt,
 )
 from companion.control import bounds as subject_of_modules
-from companion.estimation import hidden_delay, observer, vehicle_model
+from companion.estimation import hidden_delay, observer, thruster_watch, vehicle_model
 from lab.batch import compiled as subject
 from lab.batch.compiled import cached, compiled, digest, slotted
 from sim_bridge.firmware import depth_hold, mixer
@@ -119,6 +119,7 @@ EQUATIONS = [
     *(observer.at_rest, observer.coefficients, observer.predict_step, observer.advance, observer.correct),
     *(observer.expected, observer.rates, hidden_delay.start, hidden_delay.step),
     *(vehicle_model.observe, vehicle_model.learn, vehicle_model.doubt, vehicle_model.follow),
+    thruster_watch.step,
     *(reference.start, reference.ahead, reference.step, schedule.scheduled, law.rov_law, law.step),
     *(integrator.step, regressor.step, compensator.inputs, compensator.dead_zone_error),
     *(oscillation.step, oscillation.mean_disturbance, oscillation.scaled_disturbance),
