@@ -102,6 +102,14 @@ CASES = {
         settled_s=20.0,
         position_rms_m=0.06,
     ),
+    "at a steel quay: tide, cable, DVL with outages, USBL, a disturbed compass": Case(
+        file=HEAVY.with_name("sim-harbour.toml"),
+        duration_s=22.0,
+        depth_rms_mm=11.0,
+        depth_peak_mm=30.0,
+        heading_rms_deg=11.0,
+        position_rms_m=0.9,
+    ),
     "across the wrap of the heading": Case(
         goal=(FREE, FREE, 2.0, -3.0), vehicle=("initial.eta=[0,0,1,0,0,3.0]",), heading_rms_deg=0.3
     ),

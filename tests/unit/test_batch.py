@@ -88,6 +88,13 @@ def test_what_a_batch_cannot_do_it_refuses():
     prompt = replace(BASE, thrusters=replace(BASE.thrusters, lag_s=0.0))
     with pytest.raises(ValueError, match="full loop"):
         simulate(CONFIG, [prompt], seeds=[1], **SHORT)
+    for name in ("sim-swell.toml", "sim-harbour.toml"):
+        with pytest.raises(ValueError, match="full loop"):
+            simulate(CONFIG, [load_plant(DEFAULT_CONFIG.with_name(name))], seeds=[1], **SHORT)
+    for block in ("seabed", "cable", "steel"):
+        unknown = replace(BASE, **{block: replace(getattr(BASE, block), enabled=True)})
+        with pytest.raises(ValueError, match="full loop"):
+            simulate(CONFIG, [unknown], seeds=[1], **SHORT)
     other = replace(CONFIG, vehicle=replace(CONFIG.vehicle, thrust_path="manual_control"))
     with pytest.raises(ValueError, match="rc_override"):
         simulate(other, [BASE], seeds=[1], **SHORT)
