@@ -18,6 +18,8 @@ examples:
                                                 recommended for a first dive
   holdfast run --vehicle bluerov2               another vehicle of config/vehicles/ than the configuration's
   holdfast run --vehicle my-rov.toml            or your own: config/vehicles/custom.toml explains such a file
+  holdfast run --engage --arm --path eight.toml
+                                                follow a path once it holds: docs/guidance.md
   holdfast run --set link.endpoint=tcp:127.0.0.1:5760 --set heave.compensator=none
 
 Stop with Ctrl-C; Holdfast then sends neutral frames. `holdfast watch` shows the state.
@@ -337,13 +339,12 @@ def _agreed(what: str) -> bool:
 
 
 def _position(text: str) -> tuple[float, float]:
+    from companion.telemetry.path_files import position
+
     try:
-        latitude, longitude = (float(part) for part in text.split(","))
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"'{text}' is not LAT,LON, such as 47.40,8.55") from None
-    if not (abs(latitude) <= 90.0 and abs(longitude) <= 180.0):
-        raise argparse.ArgumentTypeError(f"'{text}': want degrees within ±90,±180")
-    return latitude, longitude
+        return position(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
 
 
 def schema(argv: list[str]) -> int:

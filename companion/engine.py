@@ -126,6 +126,7 @@ class Engine:
         J = jacobian(state.eta_ahead[PSI])
         reference = self._controller.reference
         guidance.apply_pilot_demand(demand, state.eta_ahead[PSI], reference, dt_s)
+        guidance.take_targets(reports, verdict, reference)
         guidance.advance(verdict, state, reference, control_dt_s)
         target, saturated = guidance.target_now(verdict), actuation.saturated
         self._controller.frozen, self._controller.authority = verdict.freeze, verdict.authority

@@ -37,6 +37,20 @@ def tell(argv: list[str]) -> int:
     return main(argv)
 
 
+def goto(argv: list[str]) -> int:
+    """Send a vehicle to a place."""
+    from dashboard.terminal.move import goto
+
+    return goto(argv)
+
+
+def follow(argv: list[str]) -> int:
+    """Send a vehicle along the path of a file."""
+    from dashboard.terminal.move import follow
+
+    return follow(argv)
+
+
 def record(argv: list[str]) -> int:
     """Record everything that a vehicle publishes, as MCAP."""
     if not _has_mcap("record"):

@@ -70,5 +70,6 @@ def fence(config: Config) -> Fence | None:
 
 
 def open_water(config: Config) -> Fence:
-    """Return what bounds a path where there is no fence: the surface and the deepest setpoint."""
-    return Fence((-math.inf, math.inf), (-math.inf, math.inf), (0.0, config.supervisor.max_depth_m))
+    """Return what bounds a path where there is no fence: the deepest setpoint."""
+    anywhere = (-math.inf, math.inf)
+    return Fence(anywhere, anywhere, (-math.inf, config.supervisor.max_depth_m))

@@ -21,7 +21,7 @@ from msgspec.structs import replace
 from companion.config import Config
 from companion.control.bounds import clamped, wrap
 from companion.control.frames import shifted, shifted_along
-from companion.control.positioning import jacobian, to_inertial
+from companion.control.positioning import jacobian, to_body, to_inertial
 from companion.control.reference import ReferenceModel
 from companion.guidance.course import Course, braked, pace
 from companion.guidance.fence import fence, open_water
@@ -30,10 +30,12 @@ from companion.guidance.paths.time_law import limits
 from companion.guidance.pilot import NO_DEMAND, NONE, Pilot, PilotDemand
 from companion.records import (
     PSI,
+    ZERO,
     Event,
     Flags,
     FrameShift,
     Guided,
+    PositionTarget,
     Setpoint,
     State,
     Vector,
@@ -49,6 +51,7 @@ from companion.records import (
 
 UNSET: Vector = (math.nan, math.nan, math.nan, math.nan)
 HORIZONTAL: Flags = (True, True, False, False)
+VELOCITY_LASTS_S = 1.0
 POSITION_SETTLES_S = 0.5
 """A position that came back is taken up after this long: the estimate has found its velocity by then."""
 
@@ -75,6 +78,9 @@ class Guidance:
         self._moved_meanwhile = False
         """Whether the pilot has steered in surge or sway since then."""
         self._unpositioned_t_s = -math.inf
+        self._velocity: tuple[float, Vector, bool] = (-math.inf, ZERO, True)
+        """Until when the ground station asks for a velocity, and whether it is along the vehicle's axes."""
+        self._psi = 0.0
 
     @property
     def target(self) -> Setpoint:
@@ -127,15 +133,7 @@ class Guidance:
         forward, right, down. Raises ValueError for a place beyond the fence.
         """
         if frame != "local":
-            here = self._standing(reference)
-            given = tuple(0.0 if math.isnan(step) else step for step in place)
-            step = to_inertial(jacobian(here[PSI] if frame == "body" else 0.0), vector(given))
-            wanted = [not math.isnan(step) for step in place]
-            if frame == "body" and (wanted[X] or wanted[Y]):
-                wanted[:Z] = [True, True]
-            place = vector(
-                [at + by if want else math.nan for at, by, want in zip(here, step, wanted, strict=True)]
-            )
+            place = _from_here(self._standing(reference), place, body=frame == "body")
         self._checked(Setpoint(place))
         asked = chosen(_known(place), UNSET, self._setpoint.eta_d)
         self._set_course(Course.to(place, self._limits, speed_mps, acceleration_mps2), asked)
@@ -193,6 +191,10 @@ class Guidance:
 
     def pilot_demand(self, now_s: float, dt_s: float, events: Sequence[Event]) -> PilotDemand:
         """Return what the pilot demands this tick."""
+        until_s, velocity, body = self._velocity
+        if now_s < until_s:
+            nu = velocity if body else to_body(jacobian(self._psi), velocity)
+            self._pilot.ask(until_s, nu)
         return self._pilot.step(now_s, dt_s, events, self.engaged, self._target.eta_d[Z])
 
     def update(self, before: Verdict, verdict: Verdict, state: VehicleState, *, engage: bool) -> Flags | None:
@@ -268,8 +270,34 @@ class Guidance:
         eta_d = chosen(either(moved, overridden), UNSET, self._setpoint.eta_d)
         self._setpoint = replace(self._setpoint, eta_d=eta_d)
 
+    def take_targets(self, events: Sequence[Event], verdict: Verdict, reference: ReferenceModel) -> None:
+        """Take the ground station's position targets, where all authority is there.
+
+        A place replaces the target, no further than the fence. A velocity moves it until VELOCITY_LASTS_S
+        after the message.
+        """
+        if verdict.state is not State.ACTIVE or verdict.authority < 1.0:
+            return
+        for event in events:
+            if not isinstance(event, PositionTarget):
+                continue
+            if any(_known(event.place)):
+                here = self._standing(reference)
+                place = _from_here(here, event.place, body=event.body) if event.offset else event.place
+                x, y, z, psi = place
+                place = (x, y, min(z, self._config.supervisor.max_depth_m) if z == z else z, psi)
+                self._course = None
+                self._setpoint = replace(
+                    self._setpoint, eta_d=chosen(_known(place), place, self._setpoint.eta_d)
+                )
+                self._target = Setpoint(chosen(_known(place), place, self._target.eta_d))
+            else:
+                velocity = chosen(_known(event.velocity), event.velocity, ZERO)
+                self._velocity = (event.t_s + VELOCITY_LASTS_S, velocity, event.body)
+
     def advance(self, verdict: Verdict, state: VehicleState, reference: ReferenceModel, dt_s: float) -> None:
         """Move the target along the course, where all authority is there."""
+        self._psi = state.eta_ahead[PSI]
         course = self._course
         if course is None or course.done or course.suspended:
             return
@@ -373,6 +401,16 @@ def checked(setpoint: Setpoint, max_depth_m: float) -> Setpoint:
             f"and no deeper than supervisor.max_depth_m = {max_depth_m:g}"
         )
     return setpoint
+
+
+def _from_here(here: Vector, step: Vector, *, body: bool) -> Vector:
+    """Return the place a step from here, NaN where the step says nothing: north, or forward, and so on."""
+    wanted = _known(step)
+    if body and (wanted[X] or wanted[Y]):
+        wanted = (True, True, wanted[Z], wanted[PSI])
+    by = to_inertial(jacobian(here[PSI] if body else 0.0), chosen(_known(step), step, ZERO))
+    x, y, z, psi = (at + far for at, far in zip(here, by, strict=True))
+    return chosen(wanted, (x, y, z, wrap(psi)), UNSET)
 
 
 def _known(eta: Vector) -> Flags:

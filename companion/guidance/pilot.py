@@ -70,6 +70,7 @@ class Pilot:
         """A button that is down in the first frame was not pressed."""
         self.retune(config)
         self._sticks: PilotSticks | None = None
+        self._asked: tuple[float, Vector] = (-math.inf, ZERO)
         self._nu = ZERO
         self._full_s = ZERO
         """How long each stick has been at full deflection."""
@@ -86,6 +87,10 @@ class Pilot:
         self.max_acceleration: Vector = (level, level, heave, yaw)
         """By DOF, in any heading."""
 
+    def ask(self, until_s: float, nu: Vector) -> None:
+        """Move like this, where the sticks are at rest, until then; what stops is held where it stands."""
+        self._asked = (until_s, nu)
+
     def step(
         self, now_s: float, dt_s: float, events: Sequence[Event], held: Flags, depth_m: float
     ) -> PilotDemand:
@@ -99,9 +104,12 @@ class Pilot:
             stick = sticks.sticks
             deflections = (stick.surge, stick.sway, stick.heave, stick.yaw)
             self._busy = True
-        if not (self._busy or toggled):
+        until_s, asked = self._asked
+        if now_s >= until_s:
+            asked = ZERO
+        if not (self._busy or toggled or any(asked)):
             return NO_DEMAND
-        nu, nu_dot = self._rates(deflections, held, depth_m, max(dt_s, 0.0))
+        nu, nu_dot = self._rates(deflections, asked, held, depth_m, max(dt_s, 0.0))
         self._nu = nu
         self._busy = sticks is not None or any(nu)
         overridden = self._overridden(deflections, held, max(dt_s, 0.0))
@@ -170,11 +178,18 @@ class Pilot:
                 toggled |= event.on
         return buttons, toggled, engage
 
-    def _rates(self, deflections: Vector, held: Flags, depth_m: float, dt_s: float) -> tuple[Vector, Vector]:
-        """Return the setpoint's body velocity and its derivative: the sticks', within the axes' limits."""
+    def _rates(
+        self, deflections: Vector, asked: Vector, held: Flags, depth_m: float, dt_s: float
+    ) -> tuple[Vector, Vector]:
+        """Return the setpoint's body velocity and its derivative, within the axes' limits.
+
+        They are the sticks', or what is `asked` where those are at rest.
+        """
         wanted = [
-            _beyond(deflection, self._dead_zone) * axis.max_rate if is_held else 0.0
-            for deflection, axis, is_held in zip(deflections, self._axes, held, strict=True)
+            (_beyond(deflection, self._dead_zone) * axis.max_rate or limited(rate, axis.max_rate))
+            if is_held
+            else 0.0
+            for deflection, rate, axis, is_held in zip(deflections, asked, self._axes, held, strict=True)
         ]
         if wanted[Z]:
             room_m = depth_m if wanted[Z] < 0.0 else self._max_depth_m - depth_m

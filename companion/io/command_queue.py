@@ -309,6 +309,8 @@ class CommandQueue:
             guided = sample.guided
             value |= self._aimed(engine, sample) | {"guidance": guided.kind, "length_m": guided.length_m}
             said = f"{self._progress(sample)}{f': {guided.name}' if guided.name else ''}"
+            if guided.length_m:
+                said += f", {guided.length_m:.1f} m a lap"
             return Reply(done=guided.kind != "refused", said=said, value=value)
         if isinstance(one.command, SetSetpoint):
             return Reply(done=True, said=self._progress(sample), value=self._aimed(engine, sample))

@@ -44,10 +44,12 @@ from companion.records import (
     PilotSticks,
     PilotToggle,
     Position,
+    PositionTarget,
     ReceiverChannels,
     ServoOutput,
     StatusText,
     TimeSync,
+    vector,
 )
 from companion.telemetry.schemas import printable
 
@@ -418,3 +420,35 @@ def override_deflection(m: Message) -> float | None:
     channels = (m.chan1_raw, m.chan2_raw, m.chan3_raw, m.chan4_raw, m.chan5_raw, m.chan6_raw)
     offsets = [abs(us - NEUTRAL_US) for us in channels if us not in (0, LEAVE_ALONE)]
     return min(1.0, max(offsets) / SPAN_US) if offsets else None
+
+
+IGNORES_X, IGNORES_V, IGNORES_YAW, IGNORES_YAW_RATE, IS_FORCE = 1, 1 << 3, 1 << 10, 1 << 11, 1 << 9
+"""Bits of POSITION_TARGET_TYPEMASK; those of y and z follow those of x."""
+
+TARGET_FRAMES: Final = {
+    mavlink.MAV_FRAME_LOCAL_NED: (False, False),
+    mavlink.MAV_FRAME_LOCAL_OFFSET_NED: (True, False),
+    mavlink.MAV_FRAME_BODY_OFFSET_NED: (True, True),
+    mavlink.MAV_FRAME_BODY_FRD: (True, True),
+}
+"""Whether a place counts from the vehicle, and whether axes are its own."""
+
+
+def position_target(m: Message, t_s: float) -> PositionTarget | None:
+    """Convert SET_POSITION_TARGET_LOCAL_NED; None where it asks for what is not followed, or for no number.
+
+    Accelerations are left out; a force is not followed.
+    """
+    frame, mask = TARGET_FRAMES.get(m.coordinate_frame), m.type_mask
+    if frame is None or mask & IS_FORCE:
+        return None
+    places = [math.nan if mask & IGNORES_X << i else v for i, v in enumerate((m.x, m.y, m.z))]
+    speeds = [math.nan if mask & IGNORES_V << i else v for i, v in enumerate((m.vx, m.vy, m.vz))]
+    places.append(math.nan if mask & IGNORES_YAW else m.yaw)
+    speeds.append(math.nan if mask & IGNORES_YAW_RATE else m.yaw_rate)
+    for values, most in ((places, MAX_DISTANCE_M), (speeds, MAX_SPEED_MPS)):
+        if any(abs(value) > most for value in values):
+            return None
+    if all(map(math.isnan, (*places, *speeds))):
+        return None
+    return PositionTarget(t_s, vector(places), vector(speeds), *frame)

@@ -5,6 +5,7 @@ from enum import Enum, auto
 import msgspec
 
 from companion.records.control import AxisCommand
+from companion.records.dof import Vector
 
 
 class Heartbeat(msgspec.Struct, frozen=True, gc=False):
@@ -145,6 +146,20 @@ class PilotSticks(msgspec.Struct, frozen=True, gc=False):
     aux: tuple[int, ...]
 
 
+class PositionTarget(msgspec.Struct, frozen=True, gc=False):
+    """The ground station's SET_POSITION_TARGET_LOCAL_NED; NaN where it says nothing, heading and rate last.
+
+    `place` counts from the origin, or with `offset` from where the vehicle is; with `body` both are forward,
+    right and down.
+    """
+
+    t_s: float
+    place: Vector
+    velocity: Vector
+    offset: bool
+    body: bool
+
+
 class Parameter(msgspec.Struct, frozen=True, gc=False):
     """A parameter's value, as the autopilot reports it."""
 
@@ -207,6 +222,7 @@ Event = (
     | PilotHeartbeat
     | PilotSticks
     | PilotToggle
+    | PositionTarget
     | ReceiverChannels
     | Firmware
     | EkfOrigin

@@ -12,7 +12,7 @@ from companion.telemetry import ranges
 from companion.telemetry.words import means
 
 Optional = msgspec.UnsetType
-Depth = Annotated[ranges.Metres, means("below the surface; without it, the depth of the start")]
+Depth = Annotated[ranges.Depth, means("below the surface; without it, the depth of the start")]
 North = Annotated[ranges.Metres, means("north of the origin")]
 East = Annotated[ranges.Metres, means("east of the origin")]
 Bearing = Annotated[ranges.HeadingDeg, means("clockwise from north")]
@@ -63,7 +63,7 @@ class Lemniscate(Centred, frozen=True, kw_only=True):
 class Helix(Circle, frozen=True, kw_only=True):
     """A circle that goes down, or up, by `pitch_m` a turn until `to_depth_m`."""
 
-    to_depth_m: Annotated[ranges.Metres, means("depth of the end")]
+    to_depth_m: Annotated[ranges.Depth, means("depth of the end")]
     pitch_m: Annotated[ranges.Length, means("change of depth a turn")]
 
 

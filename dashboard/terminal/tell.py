@@ -4,6 +4,7 @@ import argparse
 import sys
 import textwrap
 import time
+from collections.abc import Mapping
 from typing import Any
 
 import msgspec
@@ -36,22 +37,31 @@ def main(argv: list[str]) -> int:
     options = _parser().parse_args(argv)
     try:
         what = dict(_pair(text) for text in options.what)
-        key = telemetry.command_key(options.vehicle, options.command)
-        with Subscription(key, options.connect) as seen:
+    except ValueError as error:
+        sys.stderr.write(f"holdfast tell: {error}\n")
+        return 2
+    return send("tell", options.vehicle, options.command, what, options.connect)
+
+
+def send(program: str, vehicle: str, command: str, what: Mapping[str, object], connect: str) -> int:
+    """Send a command and print the answer; return 1 if it was not done, 2 for what can be no command."""
+    try:
+        key = telemetry.command_key(vehicle, command)
+        with Subscription(key, connect) as seen:
             until_s = time.monotonic() + PATIENCE_S
             while not seen.connected and time.monotonic() < until_s:
                 time.sleep(0.02)
             if not seen.connected:
                 sys.stderr.write(
-                    f"holdfast tell: nobody listens on {options.connect}. Start `holdfast run`, or "
+                    f"holdfast {program}: nobody listens on {connect}. Start `holdfast run`, or "
                     "give its address with --connect.\n"
                 )
                 return 1
-            if options.command == "config":
-                return _config(seen, options.vehicle)
-            reply = seen.tell(options.vehicle, options.command, what)
+            if command == "config":
+                return _config(seen, vehicle)
+            reply = seen.tell(vehicle, command, what)
     except ValueError as error:
-        sys.stderr.write(f"holdfast tell: {error}\n")
+        sys.stderr.write(f"holdfast {program}: {error}\n")
         return 2
     sys.stdout.write(f"{'done' if reply.done else 'NOT done'}: {printable(reply.said)}\n")
     for name, value in reply.value.items():
@@ -61,6 +71,19 @@ def main(argv: list[str]) -> int:
     return 0 if reply.done else 1
 
 
+def add_vehicle(parser: argparse.ArgumentParser) -> None:
+    """Add who is told, and where it is found."""
+    parser.add_argument(
+        "vehicle", metavar="VEHICLE", help="name of the vehicle; `holdfast watch` shows the names"
+    )
+    parser.add_argument(
+        "--connect",
+        metavar="ENDPOINT",
+        default=telemetry.ENDPOINT,
+        help="Zenoh endpoint of a companion or router, or a file of `holdfast keys` (default %(default)s)",
+    )
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="holdfast tell",
@@ -68,17 +91,9 @@ def _parser() -> argparse.ArgumentParser:
         epilog=_epilog(),
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument(
-        "vehicle", metavar="VEHICLE", help="name of the vehicle; `holdfast watch` shows the names"
-    )
+    add_vehicle(parser)
     parser.add_argument("command", metavar="COMMAND", help="see the list below")
     parser.add_argument("what", nargs="*", metavar="KEY=VALUE", help="fields of the command")
-    parser.add_argument(
-        "--connect",
-        metavar="ENDPOINT",
-        default=telemetry.ENDPOINT,
-        help="Zenoh endpoint of a companion or router, or a file of `holdfast keys` (default %(default)s)",
-    )
     return parser
 
 

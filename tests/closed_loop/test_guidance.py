@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from virtual import Dive, Somebody, hold
 
 from companion.control.bounds import wrap
@@ -246,3 +247,36 @@ def test_by_stick_it_stops_at_the_fence():
     assert 1.35 < north_m.max() <= 1.52
     assert dive.step.sample.eta_d[0] == pytest.approx(1.5, abs=0.05)
     smooth(steps)
+
+
+def asks(dive, frame, place=None, yaw=None, velocity=None, yaw_rate=None):
+    """Let the ground station send one SET_POSITION_TARGET_LOCAL_NED, its mask saying what is in it."""
+    given = ((0x007, place), (0x038, velocity), (0x400, yaw), (0x800, yaw_rate))
+    mask = 0x1C0 | sum(bits for bits, value in given if value is None)
+    numbers = (*(place or (0.0,) * 3), *(velocity or (0.0,) * 3), 0.0, 0.0, 0.0, yaw or 0.0, yaw_rate or 0.0)
+    message = mavlink.MAVLink_set_position_target_local_ned_message(0, 1, 1, frame, mask, *numbers)
+    dive.cockpit.extra.append(dive.cockpit.frame(message))
+
+
+def test_position_targets_of_the_ground_station_move_it_and_do_not_reach_the_vehicle():
+    dive = held(*CALM, pilot=True, companion=FENCED)
+    dive.cockpit.push()
+    passed = len(dive.cockpit.passed)
+    asks(dive, mavlink.MAV_FRAME_LOCAL_NED, place=(0.8, 0.0, 2.3), yaw=1.57)
+    dive.run(7.0)
+    np.testing.assert_allclose(dive.step.sample.dofs.x_d, [0.8, 0.0, 2.3, 1.57], atol=0.02)
+    asks(dive, mavlink.MAV_FRAME_BODY_OFFSET_NED, place=(0.5, 0.0, 0.0))
+    dive.run(5.0)
+    np.testing.assert_allclose(dive.step.sample.dofs.x_d, [0.8, 0.5, 2.3, 1.57], atol=0.02)
+    asks(dive, mavlink.MAV_FRAME_LOCAL_NED, velocity=(-0.2, 0.0, 0.0))
+    moving = dive.run(1.1)
+    assert min(step.sample.dofs.x_d_dot[0] for step in moving) < -0.15
+    stopped = dive.run(4.0)
+    assert np.abs(stopped[-1].sample.dofs.x_d_dot).max() < 0.01, "it said nothing more, and the place is held"
+    assert stopped[-1].sample.eta_d[0] < 0.72
+    asks(dive, mavlink.MAV_FRAME_LOCAL_NED, place=(9.0, 0.5, 2.3))
+    beyond = dive.run(4.0)
+    assert max(step.sample.eta_d[0] for step in beyond) <= 1.52
+    smooth([*moving, *stopped])
+    said = dive.cockpit.passed[passed:]
+    assert b"\xfd" not in said or all(said[i + 7] != 84 for i in range(len(said) - 9) if said[i] == 0xFD)

@@ -6,6 +6,7 @@ import subprocess
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+from pathlib import Path
 
 import msgspec
 import pytest
@@ -13,7 +14,7 @@ from waiting import until
 
 from companion.config import load_config
 from companion.telemetry import schemas as telemetry
-from dashboard.terminal import tell
+from dashboard.terminal import move, tell
 from dashboard.zenoh_client import Subscription
 from lab.bench.process import HOLDFAST, running
 from lab.ports import free_port
@@ -41,7 +42,9 @@ def diving(*arguments: str) -> Iterator[Subscription]:
         yield seen
 
 
-def test_every_command_is_answered_and_told_as_an_event(capsys: pytest.CaptureFixture[str]) -> None:
+def test_every_command_is_answered_and_told_as_an_event(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
     with diving("--arm") as seen:
         assert seen.tell(VEHICLE, "engage", {}).value["state"] == "ACTIVE"
         assert seen.tell(VEHICLE, "setpoint", {"depth_m": 1.5}).value["depth_m"] == 1.5
@@ -59,6 +62,15 @@ def test_every_command_is_answered_and_told_as_an_event(capsys: pytest.CaptureFi
         command = ["--connect", seen.endpoint, VEHICLE]
         assert tell.main([*command, "setpoint", "depth_m=500"]) == 1
         assert "max_depth_m" in capsys.readouterr().out
+        assert move.goto([*command, "--depth", "1.2", "--speed", "0.1"]) == 0
+        assert "done: on its way" in capsys.readouterr().out
+        path = tmp_path / "ring.toml"
+        path.write_text("relative = true\n[circle]\nradius_m = 1.0\n", encoding="utf-8")
+        assert move.follow([*command, str(path)]) == 0
+        assert "ring, 6.3 m a lap" in capsys.readouterr().out
+        assert move.follow([*command, "--pause"]) == 0
+        assert "done: " in capsys.readouterr().out
+        until(lambda: any(key.endswith("/plan") for key, _ in seen.take()))
         assert tell.main([*command, "release"]) == 0
         assert "done: released" in capsys.readouterr().out
         assert tell.main([*command, "config"]) == 0

@@ -2,6 +2,7 @@
 
 import json
 import math
+from pathlib import Path
 
 import msgspec
 import pytest
@@ -141,3 +142,13 @@ def test_what_cannot_be_followed_is_refused_with_file_and_key(tmp_path, name, co
 def test_a_file_that_is_not_there_is_named(tmp_path):
     with pytest.raises(ValueError, match=r"none\.toml: cannot be read"):
         read(tmp_path / "none.toml")
+
+
+DOCUMENT = Path(__file__).parents[2] / "docs" / "guidance.md"
+EXAMPLES = DOCUMENT.read_text(encoding="utf-8").split("```toml\n")[1:]
+
+
+@pytest.mark.parametrize("number", range(len(EXAMPLES)))
+def test_the_documents_examples_are_paths(tmp_path, number):
+    plan = read(written(tmp_path, "example.toml", EXAMPLES[number].partition("```")[0]))
+    assert build(plan, limits(load_config())).length_m > 5.0

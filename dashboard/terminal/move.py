@@ -1,0 +1,107 @@
+"""`holdfast goto` and `holdfast follow`: a vehicle to a place, or along the path of a file."""
+
+import argparse
+import math
+import sys
+from pathlib import Path
+
+import msgspec
+
+from companion.telemetry import path_files
+from dashboard.terminal.tell import add_vehicle, send
+
+GOTO_EXAMPLES = """\
+examples:
+  holdfast goto bluerov2 --north 3 --east -1.5 --depth 2       3 m north, 1.5 m west of the origin
+  holdfast goto bluerov2 --offset --north 1 --speed 0.1        1 m further north than it is
+  holdfast goto bluerov2 --body --forward 2 --right 0.5        as its pilot sees it
+  holdfast goto bluerov2 --heading 90                          turn on the spot
+
+What is not given stays. north and east need a position source, such as a DVL.
+Exit status: 0 under way, 1 refused or no answer, 2 wrong arguments.
+"""
+
+FOLLOW_EXAMPLES = """\
+examples:
+  holdfast follow bluerov2 eight.toml                          a path in metres: docs/guidance.md
+  holdfast follow bluerov2 reef.geojson --origin 47.40,8.55    a line or polygon in degrees
+  holdfast follow bluerov2 dam.plan                            a plan of QGroundControl, from where it is
+  holdfast follow bluerov2 --pause                             wait; --resume goes on, --hold ends it
+
+--origin is where x and y are 0: the EKF's origin, such as `holdfast check --set-origin` sets. Without it a
+path in degrees begins where the vehicle is. A stick pauses a path, too.
+Exit status: 0 done, 1 refused or no answer, 2 no path.
+"""
+
+
+def goto(argv: list[str]) -> int:
+    """Send a vehicle to a place; returns 1 if it was not done."""
+    parser = argparse.ArgumentParser(
+        prog="holdfast goto",
+        description="Sends a vehicle that is engaged to a place in a straight line, and holds it there.",
+        epilog=GOTO_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add_vehicle(parser)
+    parser.add_argument("--north", "--forward", dest="x_m", type=float, metavar="M")
+    parser.add_argument("--east", "--right", dest="y_m", type=float, metavar="M")
+    parser.add_argument("--depth", "--down", dest="depth_m", type=float, metavar="M")
+    parser.add_argument(
+        "--heading", dest="heading_deg", type=float, metavar="DEG", help="clockwise from north"
+    )
+    frame = parser.add_mutually_exclusive_group()
+    frame.add_argument(
+        "--offset",
+        dest="frame",
+        action="store_const",
+        const="offset",
+        help="counted from where it is: north, east, down, and clockwise",
+    )
+    frame.add_argument(
+        "--body",
+        dest="frame",
+        action="store_const",
+        const="body",
+        help="counted from where it is: forward, right, down, and clockwise",
+    )
+    parser.add_argument("--speed", dest="speed_mps", type=float, metavar="M/S", help="default: 0.2")
+    options = vars(parser.parse_args(argv))
+    vehicle, connect = options.pop("vehicle"), options.pop("connect")
+    what = {key: value for key, value in options.items() if value is not None}
+    for key, value in what.items():
+        if isinstance(value, float) and not math.isfinite(value):
+            sys.stderr.write(f"holdfast goto: {key} = {value}: must be a finite number\n")
+            return 2
+    return send("goto", vehicle, "goto", what, connect)
+
+
+def follow(argv: list[str]) -> int:
+    """Send a vehicle along a path; returns 1 if it was not done."""
+    parser = argparse.ArgumentParser(
+        prog="holdfast follow",
+        description="Sends a vehicle along the path of a file: TOML, GeoJSON or a plan of QGroundControl.",
+        epilog=FOLLOW_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add_vehicle(parser)
+    what = parser.add_mutually_exclusive_group(required=True)
+    what.add_argument("file", nargs="?", type=Path, metavar="FILE", help="ends in .toml, .geojson or .plan")
+    for action, purpose in (("pause", "wait"), ("resume", "go on"), ("hold", "end it, and hold here")):
+        what.add_argument(f"--{action}", dest="action", action="store_const", const=action, help=purpose)
+    parser.add_argument("--origin", type=_position, metavar="LAT,LON", help="where x and y are 0, degrees")
+    options = parser.parse_args(argv)
+    if options.file is None:
+        return send("follow", options.vehicle, "path", {"action": options.action}, options.connect)
+    try:
+        path = path_files.read(options.file, options.origin)
+    except ValueError as error:
+        sys.stderr.write(f"holdfast follow: {error}\n")
+        return 2
+    return send("follow", options.vehicle, "follow", {"path": msgspec.to_builtins(path)}, options.connect)
+
+
+def _position(text: str) -> tuple[float, float]:
+    try:
+        return path_files.position(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
