@@ -14,7 +14,6 @@ import time
 from collections import deque
 from collections.abc import Sequence
 from importlib.metadata import version
-from math import degrees
 from typing import NoReturn
 
 import msgspec
@@ -33,11 +32,12 @@ from companion.mavlink.relay import Relay
 from companion.mavlink.signing import signing_of
 from companion.mavlink.timestamps import timestamps_of
 from companion.predive.manoeuvre import Manoeuvre
-from companion.records import PSI, ControlSample, LoopHealth, Request, Setpoint, Z
+from companion.records import Condition, ControlSample, LoopHealth, Request, Setpoint
 from companion.telemetry.commands import Follow
 from companion.telemetry.event_log import EventLog
 from companion.telemetry.plan import PathPlan
 from companion.telemetry.schemas import Choices, Plan, Raw, Reply, Start
+from companion.telemetry.status_line import status_line
 
 SHUTDOWN_REPEATS = 5
 STATUS_PERIOD_S = 5.0
@@ -102,6 +102,7 @@ class App:
         self._said = ""
         self._said_ns = self._fed_ns = self._drawn_ns = 0
         self._drawn = (-1, "")
+        self._silent = True
         self._failure: BaseException | None = None
         self._stop = asyncio.Event()
 
@@ -144,10 +145,10 @@ class App:
                 self._timestamps.close()
             self._publisher.close()
         if self._failure is not None:
-            log.error("gave up: %s", self._failure, exc_info=self._failure)
+            of_the_system = isinstance(self._failure, OSError)
+            log.error("gave up: %s", self._failure, exc_info=None if of_the_system else self._failure)
             return 1
-        left = "the vehicle was left neutral" if self._engine.steering else "it was not steering"
-        log.info("stopped; %s", left)
+        log.info("stopped; %s", parting(steering=self._engine.steering, silent=self._silent))
         return 0
 
     def _from_vehicle(self, t_ns: int, data: bytes) -> None:
@@ -194,6 +195,7 @@ class App:
                 self._link.send(data)
             if self._ground is not None:
                 self._relay.withhold = engine.steering
+            self._silent = Condition.LINK_LOST in sample.verdict.conditions
             commands.after_tick(engine, sample, now_s)
             if self._manoeuvre is not None:
                 self._requests += self._manoeuvre.step(engine, sample)
@@ -261,17 +263,19 @@ class App:
             notify("WATCHDOG=1")
         if now_ns - self._said_ns > STATUS_PERIOD_S * NS_PER_S:
             self._said_ns = now_ns
-            eta, eta_d = sample.state.eta, sample.eta_d
-            log.info(
-                "depth %.3f m (wanted %.3f), heading %.1f° (wanted %.1f), delays %.0f + %.0f ms, %s",
-                *(eta[Z], eta_d[Z], degrees(eta[PSI]), degrees(eta_d[PSI])),
-                *(1e3 * sample.state.delays.telemetry_s, 1e3 * sample.state.delays.command_s, verdict.state),
-            )
+            log.info("%s", status_line(sample))
 
     def _link_ended(self, task: asyncio.Task[None]) -> None:
         if not task.cancelled():
             self._failure = task.exception()
             self._stop.set()
+
+
+def parting(*, steering: bool, silent: bool) -> str:
+    """Return what is known of the thrusters when the process ends."""
+    if not steering:
+        return "it was not steering"
+    return "neutral was sent, but the vehicle was silent" if silent else "the vehicle was left neutral"
 
 
 def _drained(*queues: deque[str]) -> list[str]:

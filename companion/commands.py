@@ -80,7 +80,7 @@ def run(argv: list[str]) -> int:
     )
     _add_config(parser)
     parser.add_argument("--engage", action="store_true", help="engage as soon as it is permitted")
-    parser.add_argument("--arm", action="store_true", help="arm the vehicle when engaging")
+    parser.add_argument("--arm", action="store_true", help="arm the vehicle when it engages, now or later")
     parser.add_argument(
         "--depth-only",
         action="store_true",
@@ -143,13 +143,16 @@ def run(argv: list[str]) -> int:
         if path is not None:
             build(path, limits(config))
         setpoint = Setpoint((math.nan, math.nan, depth_m, heading_rad))
+        if arguments.arm and not arguments.engage:
+            logging.getLogger("holdfast").info(
+                "--arm without --engage: it arms when it is told to engage, for example by "
+                "`holdfast tell %s engage`",
+                config.vehicle.name,
+            )
         main(config, setpoint, arm=arguments.arm, requests=requests, path=path)
-    except (ConfigError, ValueError) as error:
+    except ValueError as error:
         sys.stderr.write(f"holdfast run: {error}\n")
         return 2
-    except OSError as error:
-        sys.stderr.write(f"holdfast run: {error}\n")
-        return 1
 
 
 def _add_config(parser: argparse.ArgumentParser) -> None:
@@ -195,23 +198,18 @@ def keys(argv: list[str]) -> int:
         help="let the laptop send commands; the companion must allow them too",
     )
     arguments = parser.parse_args(argv)
-    try:
-        from companion.io.certificates import make
+    from companion.io.certificates import make
 
-        now = datetime.datetime.now(datetime.UTC)
+    now = datetime.datetime.now(datetime.UTC)
+    try:
         vehicle, laptop = make(
             arguments.directory, arguments.host, allow_control=arguments.allow_control, now=now
         )
-    except ModuleNotFoundError as error:
-        sys.stderr.write(
-            f"holdfast keys: needs {error.name}. Install the extra: pip install 'holdfast[keys]'\n"
-        )
-        return 1
     except FileExistsError as error:
         sys.stderr.write(
             f"holdfast keys: {error.filename} is there already; remove it or choose another DIR\n"
         )
-        return 1
+        return 2
     run = "holdfast run --allow-control" if arguments.allow_control else "holdfast run"
     sys.stdout.write(
         f"on the vehicle:  {run} --set telemetry.mode=file --set telemetry.endpoint={vehicle}\n"
@@ -245,21 +243,21 @@ def check(argv: list[str]) -> int:
     arguments = parser.parse_args(argv)
 
     from companion.assembly import refuse_fast_gains
-    from companion.config import DEFAULT_FILE, ConfigError, load_config
+    from companion.config import DEFAULT_FILE, load_config
     from companion.predive.app import inspect
+    from companion.predive.inspection import CONTACT_S
     from companion.predive.table import as_json, show, worst
 
     try:
         config = load_config(arguments.config or DEFAULT_FILE, _overrides(arguments))
         refuse_fast_gains(config)
+        sys.stderr.write(f"waiting for a vehicle at {config.link.endpoint}, {CONTACT_S:g} s at most\n")
         if arguments.thrusters and not arguments.yes and not _agreed(THRUSTERS_MOVE):
             return 130
         rows, notes = inspect(config, origin=arguments.set_origin, thrusters=arguments.thrusters)
-    except (ConfigError, OSError, ValueError) as error:
+    except ValueError as error:
         sys.stderr.write(f"holdfast check: {error}\n")
         return 2
-    except KeyboardInterrupt:
-        return 130
     if arguments.json:
         sys.stdout.write(as_json(rows, notes) + "\n")
     else:
@@ -304,12 +302,9 @@ def identify(argv: list[str]) -> int:
         with Progress() as progress:
             manoeuvre = Manoeuvre(progress.show)
             status = app.identify(config, manoeuvre, arm=arguments.arm)
-    except (ConfigError, ValueError) as error:
+    except ValueError as error:
         sys.stderr.write(f"holdfast identify: {error}\n")
         return 2
-    except OSError as error:
-        sys.stderr.write(f"holdfast identify: {error}\n")
-        return 1
     if manoeuvre.failure or not (manoeuvre.done and manoeuvre.stretches):
         sys.stderr.write(
             f"holdfast identify: broken off: {manoeuvre.failure or 'stopped'}; nothing was written\n"
@@ -370,6 +365,6 @@ def schema(argv: list[str]) -> int:
         changed = write()
     except FileNotFoundError as error:
         sys.stderr.write(f"holdfast schema: {error.filename} is not there; --write needs a checkout\n")
-        return 1
+        return 2
     sys.stdout.write("".join(f"{path}\n" for path in changed) or "nothing was stale\n")
     return 0

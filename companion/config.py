@@ -17,6 +17,7 @@ from companion import registry
 from companion.endpoint import Endpoint
 from companion.records import AXES
 from companion.telemetry import ranges
+from holdfast import RefusedError
 
 DEFAULT_FILE = Path(__file__).parent.parent / "config" / "companion.toml"
 PRESETS = DEFAULT_FILE.parent / "vehicles"
@@ -25,7 +26,7 @@ PRESET_KEY = "vehicle.preset"
 Name = Annotated[str, msgspec.Meta(pattern="^[A-Za-z0-9_-]{1,32}$")]
 
 
-class ConfigError(Exception):
+class ConfigError(RefusedError):
     """A configuration that cannot be used; says file, key, value and what is allowed."""
 
 

@@ -1,7 +1,6 @@
 """The dashboard's subcommands."""
 
 import sys
-from importlib.util import find_spec
 
 
 def watch(argv: list[str]) -> int:
@@ -13,11 +12,6 @@ def watch(argv: list[str]) -> int:
 
 def dashboard(argv: list[str]) -> int:
     """Serve a web page with plots, horizon, events and tuning."""
-    if find_spec("aiohttp") is None:
-        sys.stderr.write(
-            "holdfast dashboard: needs aiohttp. Install the extra: pip install 'holdfast[dashboard]'\n"
-        )
-        return 1
     from dashboard.web.options import settings
 
     try:
@@ -53,8 +47,6 @@ def follow(argv: list[str]) -> int:
 
 def record(argv: list[str]) -> int:
     """Record everything that a vehicle publishes, as MCAP."""
-    if not _has_mcap("record"):
-        return 1
     from dashboard.recording.record import main
 
     return main(argv)
@@ -62,8 +54,6 @@ def record(argv: list[str]) -> int:
 
 def recover(argv: list[str]) -> int:
     """Repair a truncated recording."""
-    if not _has_mcap("recover"):
-        return 1
     from dashboard.recording.recover import main
 
     return main(argv)
@@ -71,17 +61,6 @@ def recover(argv: list[str]) -> int:
 
 def replay(argv: list[str]) -> int:
     """Publish a recording over Zenoh again, for a dashboard."""
-    if not _has_mcap("replay"):
-        return 1
     from dashboard.recording.replay import main
 
     return main(argv)
-
-
-def _has_mcap(command: str) -> bool:
-    if find_spec("mcap") is None:
-        sys.stderr.write(
-            f"holdfast {command}: needs mcap. Install the extra: pip install 'holdfast[recording]'\n"
-        )
-        return False
-    return True

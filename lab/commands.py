@@ -1,10 +1,8 @@
 """The subcommands that need companion and simulator. Heavy imports wait until a command is called."""
 
-import sys
-from importlib.util import find_spec
 from pathlib import Path
 
-from lab.options import add_firmware, command_parser, find_firmware, positive
+from lab.options import add_firmware, command_parser, find_firmware, not_negative, positive
 
 BENCH_EXAMPLES = """\
 examples:
@@ -37,8 +35,6 @@ examples:
 
 def demo(argv: list[str]) -> int:
     """Dive a minute: what the pilot has today, beside Holdfast."""
-    if not _has("demo", "rich", "matplotlib"):
-        return 1
     from lab.demo.demo import main
 
     return main(argv)
@@ -189,19 +185,22 @@ def campaign(argv: list[str]) -> int:
         "lost a vehicle inside the declared envelope.",
         CAMPAIGN_EXAMPLES,
     )
-    parser.add_argument("--dives", type=int, default=6000, metavar="N", help="default %(default)s")
+    parser.add_argument("--dives", type=positive, default=6000, metavar="N", help="default %(default)s")
     parser.add_argument(
-        "--first", type=int, default=0, metavar="ID", help="number of the first dive; default 0"
+        "--first", type=not_negative, default=0, metavar="ID", help="number of the first dive; default 0"
     )
     parser.add_argument(
         "--out", type=Path, default=Path("out/campaign"), metavar="DIR", help="default %(default)s"
     )
     parser.add_argument(
-        "--workers", type=int, metavar="N", help="processes on this machine; default: its cores"
+        "--workers", type=positive, metavar="N", help="processes on this machine; default: its cores"
     )
     parser.add_argument("--scheduler", metavar="ADDRESS", help="run on this Dask cluster, tcp://HOST:PORT")
     parser.add_argument(
-        "--replay", type=int, metavar="ID", help="repeat only this dive, in the batch and in the full loop"
+        "--replay",
+        type=not_negative,
+        metavar="ID",
+        help="repeat only this dive, in the batch and in the full loop",
     )
     parser.add_argument(
         "--set",
@@ -225,8 +224,6 @@ def faults(argv: list[str]) -> int:
 
 def rerun(argv: list[str]) -> int:
     """Run a recorded dive through the present code and compare its commands."""
-    if not _has("rerun", "mcap", "matplotlib"):
-        return 2
     from lab.rerun.command import main
 
     return main(argv)
@@ -234,18 +231,6 @@ def rerun(argv: list[str]) -> int:
 
 def report(argv: list[str]) -> int:
     """Write a report of a recorded dive: control errors, events and advice."""
-    if not _has("report", "mcap", "matplotlib"):
-        return 1
     from lab.report.report import main
 
     return main(argv)
-
-
-def _has(command: str, *needed: str) -> bool:
-    missing = [name for name in needed if find_spec(name) is None]
-    if missing:
-        needed_too = " and ".join(missing)
-        sys.stderr.write(
-            f"holdfast {command}: needs {needed_too}. Install the extra: pip install 'holdfast[lab]'\n"
-        )
-    return not missing

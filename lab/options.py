@@ -43,7 +43,19 @@ def find_firmware(command: str, arguments: argparse.Namespace) -> bool:
 
 def positive(text: str) -> int:
     """Read a whole number above zero."""
-    number = int(text)
-    if number < 1:
-        raise argparse.ArgumentTypeError(f"{text} is not 1 or more")
+    return _whole(text, 1)
+
+
+def not_negative(text: str) -> int:
+    """Read a whole number, zero or above."""
+    return _whole(text, 0)
+
+
+def _whole(text: str, least: int) -> int:
+    try:
+        number = int(text)
+    except ValueError:
+        number = least - 1
+    if number < least:
+        raise argparse.ArgumentTypeError(f"'{text}' is not a whole number of {least} or more")
     return number

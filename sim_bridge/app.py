@@ -5,18 +5,20 @@ And the socket of `--physics-only`, whose clock is the firmware's.
 
 import asyncio
 import contextlib
+import errno
 import itertools
 import logging
 import shutil
 import signal
 import sys
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import cast
 
 from msgspec.structs import replace
 
+from holdfast.ports import taken
 from sim_bridge.config import SimConfig
 from sim_bridge.fault_kinds import Fault
 from sim_bridge.physics.body import STEP_S, Physics
@@ -202,6 +204,17 @@ async def _pace(
             return
 
 
+@contextlib.contextmanager
+def _binding(kind: str, port: int) -> Iterator[None]:
+    """Let an address that is taken raise an OSError that says by whom."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno != errno.EADDRINUSE:
+            raise
+        raise OSError(taken(kind, port)) from error
+
+
 async def serve(vehicle: Vehicle, settings: Settings, stop: asyncio.Event) -> None:
     """Open every endpoint, then run the vehicle until `stop` is set.
 
@@ -213,13 +226,15 @@ async def serve(vehicle: Vehicle, settings: Settings, stop: asyncio.Event) -> No
     links = Links(vehicle)
     async with contextlib.AsyncExitStack() as stack:
         for host, port in settings.tcp:
-            server = await loop.create_server(lambda: _TcpClient(links), host, port)
+            with _binding("tcp", port):
+                server = await loop.create_server(lambda: _TcpClient(links), host, port)
             stack.callback(server.close)
             LOG.info("listening on tcp %s:%d", host, port)
         for endpoint in settings.udp_listen:
-            transport, _ = await loop.create_datagram_endpoint(
-                lambda: _UdpListener(links), local_addr=endpoint
-            )
+            with _binding("udp", endpoint[1]):
+                transport, _ = await loop.create_datagram_endpoint(
+                    lambda: _UdpListener(links), local_addr=endpoint
+                )
             stack.callback(transport.close)
             LOG.info("listening on udp %s:%d", *endpoint)
         for endpoint in settings.udp_connect:
@@ -285,9 +300,10 @@ async def serve_physics(
         publisher = ZenohLink(settings.zenoh, settings.vehicle) if settings.zenoh else None
         if publisher:
             stack.callback(publisher.close)
-        transport, _ = await asyncio.get_running_loop().create_datagram_endpoint(
-            lambda: _Physics(body, publisher.put if publisher else None), local_addr=endpoint
-        )
+        with _binding("udp", endpoint[1]):
+            transport, _ = await asyncio.get_running_loop().create_datagram_endpoint(
+                lambda: _Physics(body, publisher.put if publisher else None), local_addr=endpoint
+            )
         stack.callback(transport.close)
         LOG.info("physics for ArduSub's JSON backend on udp %s:%d", *endpoint)
         await stop.wait()
@@ -309,7 +325,7 @@ def run(config: SimConfig, seed: int, settings: Settings) -> int:
 
     try:
         asyncio.run(main())
-    except (OSError, ValueError) as error:
+    except ValueError as error:
         LOG.error("%s", error)
         return 1
     if clear:

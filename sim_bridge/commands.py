@@ -156,13 +156,9 @@ def sim(argv: list[str]) -> int:
     from msgspec.structs import replace
 
     from sim_bridge.app import Settings, run
-    from sim_bridge.config import ConfigError, load_config
+    from sim_bridge.config import load_config
 
-    try:
-        config = load_config(arguments.config, arguments.set)
-    except ConfigError as error:
-        sys.stderr.write(f"holdfast sim: {error}\n")
-        return 2
+    config = load_config(arguments.config, arguments.set)
     config = replace(config, faults=(*config.faults, *arguments.fault))
     if arguments.live_faults and (arguments.no_zenoh or arguments.physics_only):
         sys.stderr.write("holdfast sim: --live-faults needs Zenoh, and our own vehicle\n")
@@ -204,7 +200,10 @@ def _fault(text: str) -> "Fault":
 
 
 def _speed(text: str) -> float:
-    value = float(text)
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
     if not 0.0 < value <= 100.0:
-        raise argparse.ArgumentTypeError(f"'{text}' is not within 0..100")
+        raise argparse.ArgumentTypeError(f"'{text}' is not a number above 0, up to 100")
     return value

@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal, NoReturn
 import msgspec
 from msgspec import Meta, Struct
 
+from holdfast import RefusedError
 from sim_bridge.fault_kinds import Fault
 
 Positive = Annotated[float, Meta(gt=0)]
@@ -22,7 +23,7 @@ NonNegative6 = tuple[NonNegative, NonNegative, NonNegative, NonNegative, NonNega
 Vector6 = tuple[float, float, float, float, float, float]
 
 
-class ConfigError(ValueError):
+class ConfigError(RefusedError, ValueError):
     """A configuration that cannot be used; the message names file, key, value and what is allowed."""
 
 
@@ -340,7 +341,10 @@ def _apply(data: dict[str, Any], override: str) -> None:
     parts = key.strip().split(".")
     if not equals or not all(parts):
         raise ConfigError(f"override '{override}': expected dotted.key=value, such as waves.enabled=true")
-    value = _value(f"override '{override}'", text)
+    try:
+        value = tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        value = text  # as `holdfast run` takes it: a word needs no quotes
     table = data
     for part in parts[:-1]:
         table = table.setdefault(part, {})

@@ -10,6 +10,7 @@ from collections.abc import Callable
 import msgspec
 import zenoh
 
+from holdfast import RefusedError
 from sim_bridge.fault_kinds import Fault
 from sim_bridge.physics.plant import Six
 from sim_bridge.vehicle import Truth
@@ -82,10 +83,13 @@ def fault_key(vehicle: str) -> str:
 
 
 def client(endpoint: str) -> zenoh.Config:
-    """Return the configuration of a client of one endpoint."""
+    """Return the configuration of a client of one endpoint; raise RefusedError for what is none."""
     config = zenoh.Config()
     config.insert_json5("mode", '"client"')
-    config.insert_json5("connect/endpoints", msgspec.json.encode([endpoint]).decode())
+    try:
+        config.insert_json5("connect/endpoints", msgspec.json.encode([endpoint]).decode())
+    except zenoh.ZError as error:
+        raise RefusedError(f"'{endpoint}' is no Zenoh endpoint, such as tcp/127.0.0.1:7447") from error
     config.insert_json5("scouting/multicast/enabled", "false")
     config.insert_json5("transport/shared_memory/enabled", "false")
     return config
@@ -103,6 +107,7 @@ class ZenohLink:
             take: gets each fault that somebody asks for, in a thread of Zenoh's. None: nobody may.
 
         """
+        client(endpoint)  # refused here, not in the thread
         self._endpoint = endpoint
         self._vehicle = vehicle
         self._take = take

@@ -4,6 +4,7 @@ Whatever arrives is stamped with the monotonic clock and passed on at once.
 """
 
 import asyncio
+import errno
 import fcntl
 import logging
 import os
@@ -19,6 +20,7 @@ from typing import NamedTuple, cast
 
 from companion.endpoint import Endpoint
 from companion.records import Sender
+from holdfast.ports import taken
 
 PEER_SILENT_NS = 2_500_000_000
 """Of a vehicle or a ground station that says nothing else, two heartbeats may be late or lost."""
@@ -90,8 +92,10 @@ class MavlinkLink(asyncio.DatagramProtocol, asyncio.Protocol):
             try:
                 await self._open()
             except OSError as error:
+                if error.errno == errno.EADDRINUSE and self.endpoint.kind == "udp-listen":
+                    raise OSError(f"{self.endpoint}: {taken('udp', self.endpoint.number)}") from error
                 if self.endpoint.kind == "udp-listen":
-                    raise
+                    raise OSError(f"{self.endpoint}: {error.strerror}") from error
                 if str(error) != said:
                     said = str(error)
                     log.warning("%s link: %s: %s; trying again", self._name, self.endpoint, said)

@@ -1,6 +1,7 @@
 """Zenoh sessions: how each is configured, and the thread that opens one, serves it and opens it again."""
 
 import json
+import re
 import threading
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
@@ -10,6 +11,8 @@ from types import TracebackType
 from typing import Self
 
 import zenoh
+
+from holdfast import RefusedError
 
 RETRY_S = 0.2
 _OPEN_MS = 1000  # for the handshake: somebody who is stopped still accepts a connection
@@ -69,11 +72,18 @@ def configuration(
 ) -> zenoh.Config:
     """Return the configuration of a session that joins `endpoint` or, with `listen`, is a peer there.
 
-    `more` are further keys. An endpoint that is a file is a Zenoh configuration, taken as it is; raises
-    zenoh.ZError where it is none.
+    `more` are further keys. An endpoint that is a file is a Zenoh configuration, taken as it is. Raises
+    RefusedError for what is neither.
     """
     if Path(endpoint).is_file():
-        return zenoh.Config.from_file(endpoint)
+        try:
+            return zenoh.Config.from_file(endpoint)
+        except zenoh.ZError as error:
+            raise RefusedError(f"{endpoint}: is no Zenoh configuration: {error}") from error
+    if not re.fullmatch(r"[a-z0-9_-]+/[^/?#]+.*", endpoint):
+        raise RefusedError(
+            f"'{endpoint}' is no Zenoh endpoint, such as tcp/192.168.2.2:7447, and no file of `holdfast keys`"
+        )
     config = zenoh.Config()
     keys: dict[str, object] = {
         "mode": "peer" if listen else "client",

@@ -76,6 +76,7 @@ class RecorderThread(SessionThread):
         allow_control: bool = False,
     ) -> None:
         super().__init__("recorder", _CLOSE_S)
+        client_configuration(endpoint)  # refused here, not in the thread
         self._vehicle = vehicle
         self._endpoint = endpoint
         self._limits = limits

@@ -57,9 +57,12 @@ def main(argv: list[str]) -> int:
     for source in options.files:
         try:
             sys.stdout.write(f"{source}: {_repair(source, options.in_place)}\n")
-        except (OSError, ValueError) as error:
+        except ValueError as error:
             sys.stderr.write(f"holdfast recover: {error}\n")
-            status = 1
+            status = status or 1
+        except OSError as error:  # the other files may be there
+            sys.stderr.write(f"holdfast recover: {error.filename}: {error.strerror}\n")
+            status = 2
     return status
 
 

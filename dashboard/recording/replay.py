@@ -69,7 +69,7 @@ def main(argv: list[str]) -> int:
         signal.signal(number, end)
     try:
         status = _replay(options, ended)
-    except (OSError, ValueError) as error:
+    except ValueError as error:
         sys.stderr.write(f"holdfast replay: {error}\n")
         status = 1
     leave(status)

@@ -16,6 +16,8 @@ from dashboard.zenoh_client import Subscription
 
 PATIENCE_S = 5.0
 
+KNOWN = (*COMMANDS, *RECORDER_COMMANDS, "config")
+
 HEAD = "commands and their fields (the vehicle answers with the values that are now in force):"
 EXAMPLES = """\
   config                  Print the present settings; needs no permission.
@@ -37,6 +39,8 @@ def main(argv: list[str]) -> int:
     options = _parser().parse_args(argv)
     try:
         what = dict(_pair(text) for text in options.what)
+        if options.command not in KNOWN:
+            raise ValueError(f"there is no command '{options.command}'. Known: {', '.join(KNOWN)}")
     except ValueError as error:
         sys.stderr.write(f"holdfast tell: {error}\n")
         return 2

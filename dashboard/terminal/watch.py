@@ -20,6 +20,7 @@ from rich.text import Text
 from companion.telemetry import schemas as telemetry
 from companion.telemetry.modes import MEANINGS, MODE_NAMES
 from companion.telemetry.schemas import Command, Dof, Event, Loop, Schema, State, Supervisor, printable
+from companion.telemetry.status_line import delay_text
 from dashboard.zenoh_client import Message, Subscription
 
 EXAMPLES = """\
@@ -470,8 +471,8 @@ def _health(view: View) -> Table:
         grid.add_row("signals", Text("   ").join(_age(name, age_s) for name, age_s in ages))
         grid.add_row(
             "delays",
-            f"telemetry {_delay(loop.telemetry_delay_s, loop.telemetry_delay_known)}   "
-            f"command {_delay(loop.command_delay_s, loop.command_delay_known)}",
+            f"telemetry {delay_text(loop.telemetry_delay_s, loop.telemetry_delay_known)}   "
+            f"command {delay_text(loop.command_delay_s, loop.command_delay_known)}",
         )
         grid.add_row(
             "loop",
@@ -534,7 +535,3 @@ def _age(name: str, age_s: float) -> Text:
     if age_s >= telemetry.NEVER_S:
         return Text(f"{name} never", "dim")
     return Text(f"{name} {age_s:.2f} s", "bold yellow" if age_s > STALE_S else "")
-
-
-def _delay(delay_s: float, known: bool) -> str:
-    return f"{1000 * delay_s:.0f} ms {'measured' if known else 'assumed'}"

@@ -1,6 +1,7 @@
 """`holdfast dashboard`: one Zenoh client for any number of browsers. Its only asyncio and its only clock."""
 
 import asyncio
+import errno
 import signal
 import socket
 import sys
@@ -23,6 +24,7 @@ from dashboard.web.fleet import HISTORY_S, Fleet, VehicleHistory
 from dashboard.web.options import DashboardOptions
 from dashboard.web.ring import next_row
 from dashboard.zenoh_client import Subscription
+from holdfast.ports import taken
 
 BEAT_S = 0.025
 STATUS_S = 0.15
@@ -363,7 +365,9 @@ def main(settings: DashboardOptions) -> int:
         with _recorder(settings):
             asyncio.run(_serve(settings))
     except OSError as error:
-        sys.stderr.write(f"holdfast dashboard: {settings.host}:{settings.port}: {error.strerror}\n")
+        if error.errno != errno.EADDRINUSE:
+            raise
+        sys.stderr.write(f"holdfast dashboard: {taken('tcp', settings.port)} with --listen\n")
         return 1
     return 0
 

@@ -9,9 +9,7 @@ Batches of dives without MAVLink bytes (`lab.batch`), on vehicles that no search
 """
 
 import math
-import os
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -27,6 +25,7 @@ from lab.bench.rows import Row, rows, tuned, values_of
 from lab.loop.dive import dive
 from lab.loop.lockstep import Link
 from lab.loop.scenarios import DEPTH_M, SETTLE_S, Scenario, ensemble, four, hold
+from lab.pool import worker_pool
 from sim_bridge.config import SimConfig
 
 FIRST_SEED = 1000
@@ -103,7 +102,7 @@ def parts_on_firmware(
     Those are HEADLINES, under BENCH_LINKS; the engine that dives before the real firmware is whole.
     """
     results = []
-    with ProcessPoolExecutor(os.cpu_count()) as pool:
+    with worker_pool() as pool:
         for part in HEADLINES:
             config = load_config(overrides=[*settings, *part.overrides])
             for case, link in BENCH_LINKS.items():

@@ -6,9 +6,7 @@ computed, not dived: the LQG floor of every single dive (`lab.floor`).
 """
 
 import math
-import os
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 from itertools import chain
@@ -23,6 +21,7 @@ from lab.bench.rows import DEFAULT, Row, tuned, values_of
 from lab.loop.dive import FIGURES, dive
 from lab.loop.lockstep import Link
 from lab.loop.scenarios import four
+from lab.pool import worker_pool
 from lab.rivals import alt_hold
 from sim_bridge.config import SimConfig
 
@@ -87,7 +86,7 @@ def measure(
     ]
     jobs = [(firmware, *made, *case) for case in cases for made in _made(settings, rows)]
     runs = []
-    with ProcessPoolExecutor(os.cpu_count()) as pool:
+    with worker_pool() as pool:
         dives, floors = pool.map(partial(_dive, plant), jobs), pool.map(partial(_floor, plant), cases)
         for result in chain(dives, floors):
             runs.append(result)
@@ -115,7 +114,7 @@ def measure_both(
         for seed in range(seeds)
     ]
     runs = []
-    with ProcessPoolExecutor(os.cpu_count()) as pool:
+    with worker_pool() as pool:
         for result in pool.map(partial(_dive, plant), jobs):
             runs.append(result)
             done()

@@ -9,9 +9,7 @@ asks at these frequencies. The share is that of the guard (`companion.control.os
 """
 
 import math
-import os
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 from itertools import product
@@ -29,6 +27,7 @@ from companion.engine import Engine
 from companion.records import Array, AxisCommand, Request, Setpoint, State
 from lab.loop.firmware import vehicle_of
 from lab.loop.lockstep import Link, Lockstep, Step
+from lab.pool import worker_pool
 from sim_bridge.config import SimConfig
 
 AXES = ("surge", "sway", "heave", "yaw", "all")
@@ -188,7 +187,7 @@ def measure(
 ) -> list[Outcome]:
     """Dive every cell on all cores; `done` is called after each."""
     outcomes = []
-    with ProcessPoolExecutor(os.cpu_count()) as pool:
+    with worker_pool() as pool:
         for outcome in pool.map(partial(dive, config=config, base=base, seed=seed, firmware=firmware), cells):
             outcomes.append(outcome)
             done()

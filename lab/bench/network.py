@@ -9,9 +9,7 @@ The DVL of these dives has its noise but no drift: a drift is an error that no c
 """
 
 import math
-import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 
@@ -26,6 +24,7 @@ from companion.records import PSI, Array, Request, Setpoint, State
 from lab.loop.dive import TRUE_PSI
 from lab.loop.lockstep import Link, Lockstep
 from lab.loop.scenarios import DEPTH_M, SETTLE_S, ensemble
+from lab.pool import worker_pool
 from sim_bridge.config import SimConfig
 from sim_bridge.vehicle import Vehicle
 
@@ -268,7 +267,7 @@ def _dive_all(
 ) -> list[Outcome]:
     jobs = [(variant, case, seed) for seed in seeds for case in which for variant in variants]
     outcomes = []
-    with ProcessPoolExecutor(os.cpu_count()) as pool:
+    with worker_pool() as pool:
         for outcome in pool.map(partial(_dive, base, settings), jobs):
             outcomes.append(outcome)
             done()

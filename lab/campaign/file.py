@@ -9,10 +9,11 @@ from typing import Any
 import msgspec
 
 from companion.config import Config
+from holdfast import RefusedError
 from lab.campaign.campaign import CampaignCase, CampaignRow
 
 
-class CampaignError(Exception):
+class CampaignError(RefusedError):
     """A folder that cannot be continued; says why and what to do."""
 
 

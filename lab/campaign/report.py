@@ -3,14 +3,12 @@
 import argparse
 import json
 import os
-import sys
 import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from concurrent.futures import Executor, ProcessPoolExecutor
+from concurrent.futures import Executor
 from contextlib import contextmanager
 from importlib.util import find_spec
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -42,9 +40,10 @@ from lab.campaign.campaign import (
     run,
     scenario,
 )
-from lab.campaign.file import CampaignError, CampaignFile
+from lab.campaign.file import CampaignFile
 from lab.campaign.plots import Trace, draw_replay, draw_worst, replay_command
 from lab.loop import dive as full_loop
+from lab.pool import worker_pool
 
 DIVE_MIN = (DURATION_S - ENGAGED_S) / 60.0
 WORST = 3
@@ -58,11 +57,7 @@ def main(arguments: argparse.Namespace) -> int:
     config = load_config(overrides=arguments.set)
     if arguments.replay is not None:
         return _replay(console, config, arguments.replay, arguments.out)
-    try:
-        file = CampaignFile(arguments.out, config)
-    except CampaignError as error:
-        sys.stderr.write(f"holdfast campaign: {error}\n")
-        return 2
+    file = CampaignFile(arguments.out, config)
     numbers = range(arguments.first, arguments.first + arguments.dives)
     there = {row.case.number for row in file.rows}
     missing = [number for number in numbers if number not in there]
@@ -139,7 +134,7 @@ def workforce(scheduler: str | None, workers: int | None) -> Iterator[tuple[Exec
     """Give an executor and how many dive at once: this machine's cores, or an existing Dask cluster's."""
     if scheduler is None:
         count = workers or os.cpu_count() or 1
-        with ProcessPoolExecutor(count, mp_context=get_context("spawn")) as pool:
+        with worker_pool(count, start="spawn") as pool:
             yield pool, count
         return
     if find_spec("distributed") is None:

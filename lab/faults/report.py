@@ -4,9 +4,8 @@ import json
 import os
 import sys
 from collections import Counter, defaultdict
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import as_completed
 from math import isfinite
-from multiprocessing import get_context
 from pathlib import Path
 
 from rich.console import Console
@@ -15,7 +14,8 @@ from rich.table import Table
 
 from lab.faults import thrusters
 from lab.faults.faults import AFTER_S, FAULTS, VARIANTS, FaultRow, case, described, dive_group, groups
-from lab.options import add_firmware, command_parser, find_firmware
+from lab.options import add_firmware, command_parser, find_firmware, not_negative, positive
+from lab.pool import worker_pool
 
 EXAMPLES = """\
 examples:
@@ -37,11 +37,11 @@ def main(argv: list[str]) -> int:
         "of a dive is its seed.",
         EXAMPLES,
     )
-    parser.add_argument("--dives", type=int, default=2000, metavar="N", help="default %(default)s")
+    parser.add_argument("--dives", type=positive, default=2000, metavar="N", help="default %(default)s")
     parser.add_argument(
-        "--first", type=int, default=0, metavar="ID", help="number of the first dive; default 0"
+        "--first", type=not_negative, default=0, metavar="ID", help="number of the first dive; default 0"
     )
-    parser.add_argument("--workers", type=int, metavar="N", help="number of processes; default: the cores")
+    parser.add_argument("--workers", type=positive, metavar="N", help="processes; default: the cores")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the result of each dive to FILE")
     parser.add_argument(
         "--thrusters",
@@ -81,7 +81,7 @@ def dived(console: Console, numbers: range, workers: int, firmware: Path | None 
     rows: list[FaultRow] = []
     columns = (TextColumn("diving"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with (
-        ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool,
+        worker_pool(workers, start="spawn") as pool,
         Progress(*columns, console=console, disable=not sys.stderr.isatty()) as progress,
     ):
         task = progress.add_task("diving", total=len(numbers))

@@ -1,8 +1,6 @@
 """`holdfast faults --thrusters`: each motor dies in a held dive, in waves and a current."""
 
 import math
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
 from pathlib import Path
 from typing import NamedTuple
 
@@ -18,6 +16,7 @@ from lab.loop.dive import PHI, THETA, TRUE_PSI
 from lab.loop.firmware import vehicle_of
 from lab.loop.lockstep import Link, Lockstep
 from lab.loop.scenarios import DEPTH_M, ensemble
+from lab.pool import worker_pool
 from sim_bridge.commands import DEFAULT_CONFIG
 from sim_bridge.config import SimConfig
 from sim_bridge.config import load_config as load_plant
@@ -92,7 +91,7 @@ def dive(motors: int, motor: int, seed: int, firmware: Path | None) -> ThrusterR
 def main(console: Console, seeds: range, workers: int, firmware: Path | None) -> int:
     """Dive with each motor of both frames dead, and with none; 1 if a motor was wrongly found dead."""
     cases = [(motors, motor, seed) for motors in FRAMES for motor in range(motors + 1) for seed in seeds]
-    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+    with worker_pool(workers, start="spawn") as pool:
         jobs = [pool.submit(dive, *one, firmware) for one in cases]
         rows = [job.result() for job in jobs]
     console.print(_table(rows, len(seeds)))

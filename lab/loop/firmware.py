@@ -43,6 +43,7 @@ from typing import Any, Self
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from holdfast import RefusedError
 from sim_bridge.config import SimConfig
 from sim_bridge.fault_kinds import FAULT_KINDS, Fault
 from sim_bridge.faults import Datagram, Faults
@@ -120,7 +121,7 @@ if os.getppid() == int(sys.argv[1]):
 """
 
 
-class FirmwareError(RuntimeError):
+class FirmwareError(RefusedError):
     """The program cannot be found or started, or has stopped; the message holds what it said last."""
 
 

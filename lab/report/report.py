@@ -43,7 +43,7 @@ def main(argv: list[str]) -> int:
         stem.parent.mkdir(parents=True, exist_ok=True)
         stem.with_suffix(".png").write_bytes(buffer.getvalue())
         stem.with_suffix(".html").write_text(page(log, found, said, buffer.getvalue()), encoding="utf-8")
-    except (OSError, ValueError) as error:
+    except ValueError as error:
         sys.stderr.write(f"holdfast report: {error}\n")
         return 1
     sys.stdout.write("\n".join([*lines(found, said), f"page: {stem.with_suffix('.html')}", ""]))

@@ -26,12 +26,13 @@ from companion.records import AXES, LoopHealth, Request, Setpoint, vector
 from companion.telemetry.commands import parse
 from companion.telemetry.schemas import Raw
 from dashboard.recording.mcap_file import Reader
+from holdfast import RefusedError
 
 OVERRIDE, MANUAL = mavlink.MAVLINK_MSG_ID_RC_CHANNELS_OVERRIDE, mavlink.MAVLINK_MSG_ID_MANUAL_CONTROL
 HEADER, SIGNED = 10, 0x01
 
 
-class RerunError(Exception):
+class RerunError(RefusedError):
     """The dive cannot be run again; says why."""
 
 

@@ -21,6 +21,7 @@ from companion.mavlink.frames import frame_at
 from companion.mavlink.relay import Relay
 from companion.predive.check import CheckRow
 from companion.records import PSI, Condition, LinkCounters, LoopHealth, Setpoint, Z
+from holdfast import RefusedError
 
 START_S = 1000.0
 """The engine's clock at the first record."""
@@ -38,7 +39,7 @@ _PILOT_BEHIND_US = (
 )
 
 
-class TlogError(Exception):
+class TlogError(RefusedError):
     """The file holds no telemetry log; says why."""
 
 

@@ -6,7 +6,6 @@ import os
 import shlex
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -18,6 +17,7 @@ from rich.table import Table
 from companion.config import Config, ConfigError, load_config, vehicle_of
 from lab.bench.rows import DEFAULT, WIDTH, Row, knobs_of, rows, selected
 from lab.loop.scenarios import ensemble
+from lab.pool import worker_pool
 from lab.tuning import search as tune
 from lab.tuning.own_vehicle import around, nominal, write_config
 from lab.tuning.search import Found, search
@@ -44,7 +44,7 @@ def run(arguments: argparse.Namespace) -> int:
             found = [job(searched[0].name, done=lambda count: progress.advance(task, count))]
         else:
             found = []
-            with ProcessPoolExecutor(min(os.cpu_count() or 1, len(searched))) as pool:
+            with worker_pool(min(os.cpu_count() or 1, len(searched))) as pool:
                 for result in pool.map(job, [row.name for row in searched]):
                     found.append(result)
                     progress.advance(task, arguments.evaluations)

@@ -175,16 +175,15 @@ def test_a_taken_port_is_told_in_one_line():
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         port = taken.getsockname()[1]
-        command = "import sys; from sim_bridge.commands import sim; sys.exit(sim(sys.argv[1:]))"
         result = subprocess.run(
-            [sys.executable, "-c", command, f"--tcp=127.0.0.1:{port}", "--no-zenoh"],
+            [sys.executable, "-m", "holdfast", "sim", f"--tcp=127.0.0.1:{port}", "--no-zenoh"],
             capture_output=True,
             text=True,
             timeout=30,
             check=False,
         )
     assert result.returncode == 1
-    assert "address already in use" in result.stderr
+    assert f"tcp port {port} is taken by" in result.stderr
     assert "Traceback" not in result.stderr
 
 

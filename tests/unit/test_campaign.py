@@ -103,9 +103,7 @@ def test_every_dive_comes_back_once():
 
 @pytest.mark.usefixtures("brief")
 def test_the_command_continues_where_it_stopped(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(
-        "lab.campaign.report.ProcessPoolExecutor", lambda count, mp_context: ThreadPoolExecutor(count)
-    )
+    monkeypatch.setattr("lab.campaign.report.worker_pool", lambda count, start: ThreadPoolExecutor(count))
     arguments = ["--out", str(tmp_path), "--workers", "1"]
     assert commands.campaign([*arguments, "--dives", "3"]) == 0
     assert commands.campaign([*arguments, "--dives", "6", "--json", str(tmp_path / "summary.json")]) == 0

@@ -2,7 +2,8 @@
 
 import pytest
 
-from companion import app, commands
+import holdfast
+from companion import app
 
 SOMETHING = object()
 
@@ -19,7 +20,7 @@ def driven(monkeypatch, tmp_path):
             return 0
 
         monkeypatch.setattr(app, "identify", identify)
-        return commands.identify([*arguments])
+        return holdfast.main(["identify", *arguments])
 
     return run
 

@@ -197,8 +197,8 @@ def test_recover_leaves_the_original_alone_unless_told(
     written.write_bytes(data)
     assert recover_main([str(written)]) == 0
     assert written.read_bytes() == data
-    assert recover_main([str(written)]) == 1  # what was recovered is there
-    assert "exists" in capsys.readouterr().err
+    assert recover_main([str(written)]) == 2  # what was recovered is there
+    assert "recovered.mcap: File exists" in capsys.readouterr().err
     written.with_suffix(".recovered.mcap").unlink()
     assert recover_main(["--in-place", str(written)]) == 0
     assert sum(1 for _ in Reader(written)) > 3500
@@ -208,7 +208,7 @@ def test_recover_leaves_the_original_alone_unless_told(
 
 def test_what_is_no_recording_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "x.mcap").write_bytes(b"hello")
-    assert recover_main([str(tmp_path / "x.mcap"), str(tmp_path / "none.mcap")]) == 1
+    assert recover_main([str(tmp_path / "x.mcap"), str(tmp_path / "none.mcap")]) == 2
     said = capsys.readouterr().err
     assert "is no MCAP file" in said
     assert "none.mcap" in said

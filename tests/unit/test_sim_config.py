@@ -36,7 +36,7 @@ def test_shipped_dives_run_and_stay_in_their_water(file):
         ("faults=[{kind='parameter'}]", ["faults[0]", "parameter"]),
         ("faults=[{kind='link_lossy', value=3}]", ["faults[0]", "0..1"]),
         ("speed", ["speed", "dotted.key=value"]),
-        ("waves.enabled=yes", ["waves.enabled", "TOML"]),
+        ("waves.enabled=yes", ["waves.enabled", "bool"]),
     ],
 )
 def test_errors_name_file_key_value_and_range(override, words):

@@ -8,6 +8,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from virtual import ROOT, Somebody
 
+import holdfast
 from lab.rerun.command import main
 from lab.rerun.tlog import MAX_GAP_S, TlogError, lines, read, think
 from sim_bridge.config import load_config as load_plant
@@ -92,7 +93,7 @@ def test_what_is_no_log_is_refused_in_one_line(
     path.write_bytes(content)
     with pytest.raises(TlogError):
         list(read(path))
-    assert main([str(path), "--out", str(tmp_path / "no.png")]) == 2
+    assert holdfast.main(["rerun", str(path), "--out", str(tmp_path / "no.png")]) == 2
     said = capsys.readouterr().err
     assert said.count("\n") == 1
     assert "telemetry log" in said

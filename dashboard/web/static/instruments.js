@@ -203,7 +203,7 @@ export class Ages {
       mark(node, "level", !Number.isFinite(seconds) ? "none" : share > 1 ? "bad" : share > 0.5 ? "warn" : "good");
       say(value, ageText(seconds));
     }
-    const [telemetry, command] = ["telemetry_delay_s", "command_delay_s"].map((name) => 1e3 * this.store.value(name));
+    const [telemetry, command] = ["telemetry_delay_s", "command_delay_s"].map((name) => 1e3 * Math.max(0, this.store.value(name)));
     say(this.delays, Number.isFinite(telemetry + command) ? `delay ${telemetry.toFixed(0)}, ${command.toFixed(0)} ms` : "");
   }
 }

@@ -1,0 +1,36 @@
+"""One line that says how a dive goes: for the log."""
+
+from math import degrees
+
+from companion.records import PSI, ControlSample, Z
+
+
+def status_line(sample: ControlSample) -> str:
+    """Return depth, heading, delays and state; what has not been measured says so."""
+    state, (telemetry, command) = sample.state, delays(sample)
+    depth = f"{state.eta[Z]:.3f} m (wanted {sample.eta_d[Z]:.3f})"
+    heading = f"{degrees(state.eta[PSI]):.1f}° (wanted {degrees(sample.eta_d[PSI]):.1f})"
+    return (
+        f"depth {'not measured' if state.stale[Z] else depth}, "
+        f"heading {'not measured' if state.stale[PSI] else heading}, "
+        f"delays {telemetry} + {command}, {sample.verdict.state}"
+    )
+
+
+def delays(sample: ControlSample) -> tuple[str, str]:
+    """Return the delays of telemetry and of commands as text."""
+    found = sample.state.delays
+    return (
+        delay_text(found.telemetry_s, found.telemetry_known),
+        delay_text(found.command_s, found.command_known),
+    )
+
+
+def delay_text(delay_s: float, known: bool) -> str:
+    """Return a delay in ms, and whether it was measured.
+
+    A measured one below 0 is what the clocks differ by beyond TIMESYNC's reach: no delay that can be told.
+    """
+    if known and delay_s < 0.0:
+        return "about 0 ms"
+    return f"{1e3 * delay_s:.0f} ms {'measured' if known else 'assumed'}"

@@ -1,0 +1,131 @@
+"""The command `holdfast COMMAND`. It imports a package only when one of its commands is called.
+
+A checkout has the other packages beside this one. An installation has them inside it, so that site-packages
+gets no `config` or `lab`; importing this package makes them importable.
+"""
+
+import os
+import re
+import sys
+from importlib.metadata import EntryPoint, entry_points, requires, version
+from pathlib import Path
+
+if (Path(__file__).parent / "companion").is_dir():
+    sys.path.insert(0, str(Path(__file__).parent))
+
+ABOUT = """\
+Holdfast keeps an ArduSub ROV at a setpoint or on a path, against currents, waves, the
+pull of a tether and an unknown load. It runs on the companion computer, reads depth and
+attitude over MAVLink, and sends thrust commands. Each degree of freedom has a
+Lyapunov-based law; a small neural network estimates the disturbance on-line.
+
+  ArduSub, or `holdfast sim`  <-- MAVLink -->  `holdfast run`  -- Zenoh -->  `holdfast watch`
+
+Start with `holdfast demo`: a simulated dive on this machine, in about a minute.
+"""
+
+
+class RefusedError(Exception):
+    """What was asked for cannot be begun; the text says in one line what, where and what to do."""
+
+
+DONE, FAILED, REFUSED, INTERRUPTED, PIPE_CLOSED = 0, 1, 2, 130, 141
+"""Exit statuses: 1 is a bad result, 2 what could not begin (usage, configuration, no such file, no extra)."""
+
+
+def _commands() -> dict[str, EntryPoint]:
+    return {entry.name: entry for entry in entry_points(group="holdfast.commands")}
+
+
+def _help(commands: dict[str, EntryPoint]) -> str:
+    lines = [ABOUT]
+    package = ""
+    for entry in sorted(commands.values(), key=lambda entry: (entry.module, entry.name)):
+        if entry.module.partition(".")[0] != package:
+            package = entry.module.partition(".")[0]
+            lines.append(f"{package}:")
+        summary = (entry.load().__doc__ or "").strip().partition("\n")[0]
+        lines.append(f"  holdfast {entry.name:<11} {summary}")
+    lines.append("\n`holdfast COMMAND --help` explains each command.")
+    return "\n".join(lines)
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Dispatch to the subcommand that a package registered as `holdfast.commands`; return its exit status.
+
+    What a command cannot do becomes one line here: a file that cannot be opened, a missing extra, Ctrl-C, a
+    reader of its output that went away.
+    """
+    arguments = sys.argv[1:] if argv is None else argv
+    try:
+        status = _dispatch(arguments)
+        sys.stdout.flush()
+    except KeyboardInterrupt:
+        return INTERRUPTED
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # for the flush at the exit
+        return PIPE_CLOSED
+    except ModuleNotFoundError as error:
+        extra = extra_of(error.name or "", arguments[0])
+        if not extra:
+            raise
+        _say(arguments[0], f"needs {error.name}. Install the extra: pip install 'holdfast[{extra}]'")
+        return REFUSED
+    except RefusedError as error:
+        _say(arguments[0], str(error))
+        return REFUSED
+    except OSError as error:
+        _say(arguments[0], f"{error.filename}: {error.strerror}" if error.filename else str(error))
+        return REFUSED if error.filename else FAILED
+    return status
+
+
+def _dispatch(arguments: list[str]) -> int:
+    commands = _commands()
+    if not arguments or arguments[0] in ("-h", "--help"):
+        sys.stdout.write(_help(commands) + "\n")
+        return DONE
+    name, *rest = arguments
+    if name in ("-V", "--version"):
+        sys.stdout.write(f"holdfast {version('holdfast')}\n")
+        return DONE
+    if name not in commands:
+        known = ", ".join(sorted(commands))
+        sys.stderr.write(f"holdfast: there is no command '{name}'. Known: {known}. See `holdfast --help`.\n")
+        return REFUSED
+    status: int = commands[name].load()(rest)
+    return status
+
+
+def _say(command: str, what: str) -> None:
+    sys.stderr.write(f"holdfast {command}: {what}\n")
+
+
+def extra_of(module: str, command: str) -> str:
+    """Return the extra that brings a module: of several the command's own package; "" if none does."""
+    name = module.partition(".")[0]
+    found = [
+        match[2]
+        for text in requires("holdfast") or ()
+        if (match := re.match(r"""([\w-]+).*; extra == ["'](\w+)["']""", text)) and match[1] == name
+    ]
+    entry = _commands().get(command)
+    package = entry.module.partition(".")[0] if entry else ""
+    return package if package in found else next(iter(found), "")
+
+
+def completion(argv: list[str]) -> int:
+    """Print what makes bash or zsh complete commands and options."""
+    import argparse
+
+    from holdfast.completion import EXAMPLES, script
+
+    parser = argparse.ArgumentParser(
+        prog="holdfast completion",
+        description="Prints a shell function that completes commands, their options, and files.",
+        epilog=EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("shell", choices=("bash", "zsh"), metavar="bash|zsh")
+    sys.stdout.write(script(parser.parse_args(argv).shell, sorted(_commands())))
+    return DONE

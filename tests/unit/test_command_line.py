@@ -1,0 +1,224 @@
+"""What every command has in common at a terminal: statuses, one line for what cannot be, quiet endings."""
+
+import errno
+import os
+import socket
+import subprocess
+import sys
+from importlib.metadata import EntryPoint
+from pathlib import Path
+
+import pytest
+
+import holdfast
+from companion.app import parting
+from companion.telemetry.status_line import delay_text
+from holdfast import ports
+from lab.ports import free_port
+from sim_bridge.config import load_config
+
+
+def test_the_version_has_a_short_option(capsys):
+    assert holdfast.main(["-V"]) == 0
+    assert capsys.readouterr().out.startswith("holdfast 0.")
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["run", "--config", "nowhere"],
+        ["check", "--config", "nowhere"],
+        ["identify", "--config", "nowhere", "--yes"],
+        ["sim", "--config", "nowhere"],
+        ["tune", "--config", "nowhere"],
+        ["report", "nowhere"],
+        ["rerun", "nowhere"],
+        ["rerun", "nowhere.tlog"],
+        ["replay", "nowhere"],
+        ["recover", "nowhere"],
+        ["keys", "/proc/nowhere", "--host", "blueos.local"],
+        ["campaign", "--set", "nowhere.x=1"],
+        ["bench", "process", "--set", "nowhere.x=1"],
+        ["watch", "--once", "--connect", "nowhere"],
+        ["record", "--connect", "nowhere"],
+        ["dashboard", "--connect", "nowhere"],
+        ["tell", "bluerov2", "engage", "--connect", "nowhere"],
+        ["sim", "--zenoh", "nowhere", "--udp-listen", "127.0.0.1:0"],
+    ],
+)
+def test_what_is_not_there_is_named_in_one_line_with_status_2(arguments, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("sys.stderr.isatty", lambda: False, raising=False)
+    assert holdfast.main(arguments) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(f"holdfast {arguments[0]}: ")
+    assert "nowhere" in line
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["campaign", "--dives", "0"], "'0' is not a whole number of 1 or more"),
+        (["campaign", "--first", "-1"], "'-1' is not a whole number of 0 or more"),
+        (["faults", "--dives", "many"], "'many' is not a whole number of 1 or more"),
+        (["sim", "--speed", "0"], "'0' is not a number above 0, up to 100"),
+        (["sim", "--speed", "fast"], "'fast' is not a number above 0, up to 100"),
+    ],
+)
+def test_a_number_that_makes_no_sense_is_refused(arguments, says, capsys):
+    with pytest.raises(SystemExit) as leaving:
+        holdfast.main(arguments)
+    assert leaving.value.code == 2
+    assert says in capsys.readouterr().err
+
+
+def test_a_command_that_no_vehicle_knows_is_refused_with_the_known_ones(capsys):
+    assert holdfast.main(["tell", "bluerov2", "dance"]) == 2
+    said = capsys.readouterr().err
+    assert "no command 'dance'" in said
+    assert "engage" in said
+    assert "release" in said
+
+
+@pytest.fixture
+def stand_in(monkeypatch):
+    """Make a function the command `run`."""
+
+    def register(function):
+        class Point(EntryPoint):
+            def load(self):
+                return function
+
+        monkeypatch.setattr(holdfast, "_commands", lambda: {"run": Point("run", "companion.x:y", "group")})
+
+    return register
+
+
+def _raise(error):
+    raise error
+
+
+def test_ctrl_c_says_nothing(stand_in, capsys):
+    stand_in(lambda argv: _raise(KeyboardInterrupt()))
+    assert holdfast.main(["run"]) == 130
+    assert capsys.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize(
+    ("module", "extra"), [("aiohttp", "dashboard"), ("cma", "lab"), ("mcap", "recording")]
+)
+def test_what_is_not_installed_is_named_with_its_extra(stand_in, capsys, module, extra):
+    stand_in(lambda argv: _raise(ModuleNotFoundError(f"No module named '{module}'", name=f"{module}.web")))
+    assert holdfast.main(["run"]) == 2
+    assert f"pip install 'holdfast[{extra}]'" in capsys.readouterr().err
+
+
+def test_of_several_extras_the_commands_own_is_named():
+    assert holdfast.extra_of("rich", "watch") == "dashboard"
+    assert holdfast.extra_of("rich", "demo") == "lab"
+
+
+def test_a_module_of_no_extra_is_a_fault_of_ours(stand_in):
+    stand_in(lambda argv: _raise(ModuleNotFoundError("No module named 'nothing'", name="nothing")))
+    with pytest.raises(ModuleNotFoundError):
+        holdfast.main(["run"])
+
+
+def test_trouble_of_the_system_is_a_line_with_status_1(stand_in, capsys):
+    stand_in(lambda argv: _raise(OSError(errno.ENOSPC, "No space left on device")))
+    assert holdfast.main(["run"]) == 1
+    assert capsys.readouterr().err == "holdfast run: [Errno 28] No space left on device\n"
+
+
+def test_a_reader_that_went_away_ends_it_without_a_word():
+    reading, writing = os.pipe()
+    os.close(reading)
+    done = subprocess.run(
+        [sys.executable, "-m", "holdfast", "schema"], stdout=writing, stderr=subprocess.PIPE, check=False
+    )
+    os.close(writing)
+    assert (done.returncode, done.stderr) == (141, b"")
+
+
+def test_bash_completes_commands_and_their_options(tmp_path):
+    (tmp_path / "holdfast").write_text(f'#!/bin/sh\nexec {sys.executable} -m holdfast "$@"\n')
+    (tmp_path / "holdfast").chmod(0o755)
+    asked = """
+        eval "$(holdfast completion bash)"
+        COMP_WORDS=(holdfast reco); COMP_CWORD=1; _holdfast; echo "${COMPREPLY[@]}"
+        COMP_WORDS=(holdfast run --dep); COMP_CWORD=2; _holdfast; echo "${COMPREPLY[@]}"
+    """
+    environment = {**os.environ, "PATH": f"{tmp_path}:{os.environ['PATH']}"}
+    done = subprocess.run(
+        ["bash", "-c", asked], capture_output=True, text=True, check=True, env=environment, cwd=Path.cwd()
+    )
+    assert done.stdout == "record recover\n--depth --depth-only\n"
+
+
+@pytest.mark.parametrize("kind", ["udp", "tcp"])
+def test_who_holds_a_port_is_named(kind):
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM if kind == "udp" else socket.SOCK_STREAM) as held:
+        held.bind(("127.0.0.1", 0))
+        if kind == "tcp":
+            held.listen()
+        port = held.getsockname()[1]
+        assert f"{kind} port {port} is taken by '" in ports.taken(kind, port)
+        assert f"(process {os.getpid()})" in ports.taken(kind, port)
+    assert ports.holder(kind, port) == ""
+
+
+@pytest.mark.parametrize("command", ["check", "sim", "dashboard"])
+def test_a_port_that_is_taken_is_named_with_who_has_it(command, capsys):
+    kind = socket.SOCK_STREAM if command == "dashboard" else socket.SOCK_DGRAM
+    with socket.socket(socket.AF_INET, kind) as held:
+        held.bind(("127.0.0.1", 0))
+        if kind == socket.SOCK_STREAM:
+            held.listen()
+        port = held.getsockname()[1]
+        arguments = {
+            "check": ["check", "--set", f"link.endpoint=udp-listen:127.0.0.1:{port}"],
+            "sim": ["sim", "--no-zenoh", "--udp-listen", f"127.0.0.1:{port}"],
+            "dashboard": ["dashboard", "--listen", f"127.0.0.1:{port}", "--connect", "tcp/127.0.0.1:1"],
+        }
+        assert holdfast.main(arguments[command]) == 1
+    said = capsys.readouterr().err
+    assert f"port {port} is taken by '" in said
+    assert f"(process {os.getpid()})" in said
+    assert "Traceback" not in said
+
+
+def test_run_names_who_has_its_port_and_leaves_no_traceback():
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as held:
+        held.bind(("127.0.0.1", 0))
+        settings = (
+            f"link.endpoint=udp-listen:127.0.0.1:{held.getsockname()[1]}",
+            f"telemetry.endpoint=tcp/127.0.0.1:{free_port()}",
+        )
+        command = [sys.executable, "-m", "holdfast", "run", *(f"--set={setting}" for setting in settings)]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=30, check=False)
+    assert done.returncode == 1
+    assert f"(process {os.getpid()}); end that, or choose another port" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_check_says_at_once_that_it_waits(capsys, monkeypatch):
+    monkeypatch.setattr("companion.predive.app.inspect", lambda config, **options: ([], []))
+    holdfast.main(["check", "--set", "link.endpoint=tcp:127.0.0.1:1"])
+    assert "waiting for a vehicle at tcp:127.0.0.1:1, 10 s at most\n" in capsys.readouterr().err
+
+
+def test_a_word_needs_no_quotes_in_the_simulator_either():
+    quoted, plain = ('waves.spectrum="regular"', "waves.spectrum=regular")
+    assert load_config("config/sim.toml", [quoted]) == load_config("config/sim.toml", [plain])
+
+
+def test_neutral_is_claimed_of_a_vehicle_that_was_heard_alone():
+    assert parting(steering=True, silent=False) == "the vehicle was left neutral"
+    assert "silent" in parting(steering=True, silent=True)
+    assert parting(steering=False, silent=True) == "it was not steering"
+
+
+def test_a_delay_below_zero_is_not_shown_as_measured():
+    assert delay_text(-0.003, True) == "about 0 ms"
+    assert delay_text(0.012, True) == "12 ms measured"
+    assert delay_text(0.012, False) == "12 ms assumed"
