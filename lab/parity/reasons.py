@@ -30,6 +30,24 @@ KNOWN: tuple[tuple[str, str, str], ...] = (
     ("files", "list /", "our stand-in has no directories @ROMFS and @SYS"),
     ("files", "list @SYS", "our stand-in has no directories @ROMFS and @SYS"),
     ("files", "checksum of @PARAM/param.pck", "the firmware hides the parameters of a GPS that is off"),
+    *(
+        ("mission_items", name, "our stand-in leaves out what this command keeps in x, y or z")
+        for name in (
+            "MAV_CMD_DO_DIGICAM_*",
+            "MAV_CMD_DO_MOUNT_CONTROL",
+            "MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW",
+            "MAV_CMD_NAV_SCRIPT_TIME",
+            "MAV_CMD_NAV_ATTITUDE_TIME",
+        )
+    ),
+    *(
+        ("anything", name, "an old protocol of fences and rally points, which MISSION_* replaces")
+        for name in ("FENCE_*POINT", "RALLY_*POINT")
+    ),
+    *(
+        ("anything", name, "equipment that our stand-in does not have")
+        for name in ("GOPRO_HEARTBEAT", "DEVICE_OP_*", "OSD_PARAM_*")
+    ),
     (
         "arming",
         "*, armed",

@@ -13,7 +13,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from lab.parity.answers import TIMES, Answers, Near
 from lab.parity.partner import Message, Partner, of_type, result, texts
-from lab.parity.transfers import files, missions, parameters
+from lab.parity.transfers import files, mission_items, missions, parameters
 
 Scenario = Callable[[Partner], Answers]
 
@@ -35,6 +35,12 @@ MODES = {
 }
 DISRUPTIVE = {mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, mavlink.MAV_CMD_COMPONENT_ARM_DISARM}
 """Commands that have a scenario of their own."""
+UNSENT = {
+    mavlink.MAVLINK_MSG_ID_PARAM_REQUEST_LIST,
+    mavlink.MAVLINK_MSG_ID_FILE_TRANSFER_PROTOCOL,
+    *range(mavlink.MAVLINK_MSG_ID_LOG_REQUEST_LIST, mavlink.MAVLINK_MSG_ID_LOG_REQUEST_END + 1),
+}
+"""Messages that have a scenario of their own; those of logs crash a firmware that keeps none."""
 
 
 def streams(partner: Partner) -> Answers:
@@ -347,6 +353,33 @@ def routing(partner: Partner) -> Answers:
         )
 
 
+def anything(partner: Partner) -> Answers:
+    """Every message of the dialect, all zero but for its target: what it says that it does not stream."""
+    streamed = {message.get_type() for message in partner.listen(5.0)} - {"STATUSTEXT"} | {"TIMESYNC"}
+    for number, kind in sorted(mavlink.mavlink_map.items()):
+        if number in UNSENT:
+            continue
+        partner.set_mode(19)
+        heard = partner.ask(_zero(kind), 0.12)
+        said = {message.get_type() for message in heard} - streamed
+        yield kind.msgname, (sorted(said), texts(heard))
+
+
+def _zero(kind: Any) -> Message:
+    """Build a message for the vehicle with all other fields zero."""
+    fields = zip(kind.fieldnames, kind.fieldtypes, kind.orders, strict=True)
+    lengths = dict(zip(kind.ordered_fieldnames, kind.array_lengths, strict=True))
+    return kind(*(_field(name, sort, lengths[name]) for name, sort, _ in fields))
+
+
+def _field(name: str, sort: str, length: int) -> Any:
+    if sort == "char":
+        return b""
+    if name in ("target_system", "target_component", "target"):
+        return 1
+    return [0] * length if length else 0
+
+
 def reboot(partner: Partner) -> Answers:
     """Reboot: the answer, and what the vehicle says in its first 20 s."""
     number = mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN
@@ -458,11 +491,13 @@ SCENARIOS: dict[str, Scenario] = {
         commands,
         parameters,
         missions,
+        mission_items,
         files,
         arming,
         steering,
         failsafes,
         routing,
+        anything,
         reboot,
         dynamics,
         entering,

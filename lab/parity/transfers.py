@@ -83,6 +83,26 @@ def missions(partner: Partner) -> Answers:
     yield "clear", (_said(heard, "MISSION_ACK"), texts(heard))
 
 
+def mission_items(partner: Partner) -> Answers:
+    """Missions of one item, for every command: whether it is taken, and what is kept of it."""
+    for number, entry in sorted(mavlink.enums["MAV_CMD"].items()):
+        if entry.name.endswith("ENUM_END"):
+            continue
+        partner.ask(mavlink.MAVLink_mission_count_message(1, 1, 2, 0), 0.05)
+        for sequence, command in ((0, mavlink.MAV_CMD_NAV_WAYPOINT), (1, number)):
+            item = mavlink.MAVLink_mission_item_int_message(
+                1, 1, sequence, 3, command, 0, 1, 1.5, 2.5, 3.5, 4.5, 475000000, -25710000, -2.0, 0
+            )
+            heard = partner.ask(item, 0.08)
+        taken = [message.type for message in of_type("MISSION_ACK", heard)]
+        kept: tuple[Any, ...] = ()
+        if taken == [0]:
+            heard = partner.ask(mavlink.MAVLink_mission_request_int_message(1, 1, 1, 0), 0.08)
+            kept = _said(heard, "MISSION_ITEM_INT", "MISSION_ACK")
+        yield entry.name, (taken, kept)
+        partner.ask(mavlink.MAVLink_mission_clear_all_message(1, 1, 0), 0.05)
+
+
 def _said(heard: list[Message], *kinds: str) -> tuple[Any, ...]:
     """Return kind and fields of the answers, without who is addressed."""
     said = []

@@ -149,6 +149,7 @@ class Autopilot:
             **dict.fromkeys(MISSION_PROTOCOL, self._on_mission),
             "FILE_TRANSFER_PROTOCOL": lambda link, m: self._files.handle(link, m, self.boot_s),
             "LOG_REQUEST_LIST": self._on_log_request_list,
+            "AUTOPILOT_VERSION_REQUEST": self._on_version_request,
             "SET_POSITION_TARGET_GLOBAL_INT": self._on_position_target,
             "SETUP_SIGNING": self._on_setup_signing,
         }
@@ -497,6 +498,9 @@ class Autopilot:
     def _on_log_request_list(self, link: int, _: Message) -> None:
         """Tell that there is no log."""
         self.send(link, mavlink.MAVLink_log_entry_message(0, 0, 0, 0, 0))
+
+    def _on_version_request(self, link: int, _: Message) -> None:
+        self.request(link, mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
 
     def _on_setup_signing(self, _: int, message: Message) -> None:
         """Take a key from whoever may speak; all zero takes it away. The firmware never tells it on."""

@@ -9,6 +9,8 @@ from typing import Any, NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from sim_bridge.firmware import mission_items
+
 Message = Any
 
 MISSION, FENCE, RALLY = 0, 1, 2
@@ -62,7 +64,7 @@ class Missions:
         self._send, self._say = send, say
         self._lists: dict[int, list[Item]] = {MISSION: [], FENCE: [], RALLY: []}
         self._upload: Upload | None = None
-        self._warned = False
+        self._warned = self._warned_of_items = False
         self.current = 0
         """Number of the mission's present item."""
         self.home = HOME
@@ -97,6 +99,9 @@ class Missions:
         elif kind == "MISSION_WRITE_PARTIAL_LIST":
             self._begin(peer, listed, message.start_index, message.end_index + 1, now_s)
         elif kind in ("MISSION_ITEM_INT", "MISSION_ITEM"):
+            if kind == "MISSION_ITEM" and not self._warned_of_items:
+                self._warned_of_items = True
+                self._say(WARNING, "got MISSION_ITEM; GCS should send MISSION_ITEM_INT")
             self._take(peer, listed, message, now_s)
         elif kind == "MISSION_CLEAR_ALL":
             self._lists[listed] = []
@@ -206,4 +211,11 @@ def _stored(kind: int, message: Message) -> Item | None:
     x, y = (message.x, message.y) if whole else (round(message.x * 1e7), round(message.y * 1e7))
     if kind == FENCE:
         return Item(GLOBAL, message.command, 0, params, x, y, 0.0)
-    return Item(message.frame, message.command, 1 if kind == MISSION else 0, params, x, y, message.z)
+    if kind == RALLY:
+        return Item(message.frame, message.command, 0, params, x, y, message.z)
+    kept = mission_items.kept(message.command, params)
+    if kept is None:
+        return None
+    if message.command in mission_items.WITH_PLACE:
+        return Item(message.frame, message.command, 1, kept, x, y, message.z)
+    return Item(GLOBAL, message.command, 1, kept, 0, 0, 0.0)

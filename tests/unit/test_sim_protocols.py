@@ -49,6 +49,46 @@ def test_a_mission_is_stored_and_read_back():
     assert count(station) == 0
 
 
+@pytest.mark.parametrize(
+    ("command", "kept"),
+    [
+        (16, (3, 1.0, 0.0, 0.0, 0.0, 475000000)),
+        (19, (3, 1.0, 0.0, 1.0, 1.0, 475000000)),
+        (93, (0, 1.5, 2.0, 3.0, 4.0, 0)),
+    ],
+)
+def test_a_mission_keeps_of_an_item_what_its_command_needs(command, kept):
+    station = Station(vehicle())
+    second = mavlink.MAVLink_mission_item_int_message(
+        1, 1, 1, 3, command, 0, 1, 1.5, 2.5, 3.5, 4.5, 475000000, -25710000, -2.0, 0
+    )
+    assert upload(station, item(0), second) == 0
+    station.say(mavlink.MAVLink_mission_request_int_message(1, 1, 1, 0))
+    back = station.run(0.05).last("MISSION_ITEM_INT")
+    assert (back.frame, back.param1, back.param2, back.param3, back.param4, back.x) == kept
+
+
+def test_a_command_that_no_mission_takes_is_refused():
+    station = Station(vehicle())
+    assert upload(station, item(0), item(1, command=mavlink.MAV_CMD_COMPONENT_ARM_DISARM)) == 3
+
+
+def test_an_item_of_the_old_kind_is_taken_with_a_word():
+    station = Station(vehicle())
+    old = mavlink.MAVLink_mission_item_message(1, 1, 0, 3, 16, 0, 1, 0, 0, 0, 0, 47.5, -2.5, 0.0, 0)
+    assert upload(station, old) == 0
+    assert Heard(station.heard).texts() == [
+        "got MISSION_ITEM; GCS should send MISSION_ITEM_INT",
+        "Flight plan received",
+    ]
+
+
+def test_the_version_by_the_request_of_old():
+    station = Station(vehicle())
+    station.say(mavlink.MAVLink_autopilot_version_request_message(1, 1))
+    assert station.run(0.05).of("AUTOPILOT_VERSION")
+
+
 def test_a_fence_takes_fence_points_alone():
     station = Station(vehicle())
     corners = [item(number, kind=1, command=5001) for number in range(3)]
