@@ -59,7 +59,7 @@ FAULT_KINDS: dict[str, FaultKind] = {
     ),
     "dvl_out": FaultKind("the DVL does not measure"),
     "compass": FaultKind(
-        "magnetic north is turned clockwise; the EKF follows in 5 s", "degrees", -180.0, 180.0
+        "magnetic north is turned clockwise; the EKF follows with 12.5 s", "degrees", -180.0, 180.0
     ),
     "voltage": FaultKind("the battery's open-circuit voltage", "V", 0.0, 60.0, on_firmware=True),
 }

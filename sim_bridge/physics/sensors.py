@@ -25,8 +25,8 @@ ACCEL_FILTER_DELAY_S = 0.01
 
 EARTH_NORTH_UT = 21.9
 """Horizontal part of the earth's field, as the firmware's compasses have it."""
-COMPASS_TAU_S = 5.0
-"""How slowly the EKF follows the compass away from its gyros. Assumed."""
+COMPASS_TAU_S = 12.5
+"""How slowly the EKF follows the compass away from its gyros: docs/ardusub.md."""
 NEAREST_M = 0.3
 """A dipole's field is not a dipole's nearer than this."""
 

@@ -12,6 +12,7 @@ from sim_wire import CONFIG, SET_INTERVAL, STABILIZE, Station, is_finite, overri
 from sim_bridge.config import ConfigError, fault_of
 from sim_bridge.fault_kinds import FAULT_KINDS, Fault
 from sim_bridge.listing import listing
+from sim_bridge.physics.sensors import COMPASS_TAU_S
 from sim_bridge.status import status_line
 from sim_bridge.zenoh_link import answer
 
@@ -136,8 +137,10 @@ def test_a_disturbed_compass_turns_the_heading_slowly_and_lets_it_return():
     station = Station(rov)
     rov.inject(Fault("compass", at_s=0.1, duration_s=15.0, value=30.0))
     assert station.run(1.0).last("ATTITUDE").yaw > -0.2
-    assert station.run(14.0).last("ATTITUDE").yaw == pytest.approx(-math.radians(30.0) * 0.95, abs=0.03)
-    assert station.run(25.0).last("ATTITUDE").yaw == pytest.approx(0.0, abs=0.03)
+    followed = math.radians(30.0) * (1.0 - math.exp(-15.0 / COMPASS_TAU_S))
+    assert station.run(14.1).last("ATTITUDE").yaw == pytest.approx(-followed, abs=0.02)
+    returned = followed * math.exp(-20.0 / COMPASS_TAU_S)
+    assert station.run(20.0).last("ATTITUDE").yaw == pytest.approx(-returned, abs=0.02)
 
 
 def test_without_the_dvl_the_position_drifts_and_is_lost():
