@@ -7,6 +7,7 @@ import json
 import lzma
 import struct
 import sys
+import tempfile
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -14,13 +15,16 @@ from typing import Any, TypedDict
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from lab.parity.partner import SteppedVehicle
 from lab.rerun.tlog import TlogRecord, read
 
 DATA = Path(__file__).parents[1] / "data"
 STATION, VEHICLE = 255, (1, 1)
 UNLISTED = 65535
 """The index of a parameter that is told because somebody set it."""
+LOGS = ("bluerov2-4.1.0-bench", "bluerov2-4.1.1-pool")
 ANSWER_S = 3.0
+LINK, BOOT_S = 1, 5.0
 STEADY_S = (20.0, 40.0)
 """When the ground station has set all rates, and asks for nothing."""
 
@@ -117,6 +121,36 @@ def messages(records: Iterable[TlogRecord]) -> Iterator[tuple[float, Any]]:
         for message in parser.parse_buffer(record.data) or ():
             if message.get_type() != "BAD_DATA":
                 yield record.t_s, message
+
+
+def replay(vehicle: SteppedVehicle, log: str) -> Answers:
+    """Send a log's uplink to a vehicle that has booted, and tell what it answered."""
+    with tempfile.TemporaryDirectory() as directory:
+        path = Path(directory) / "uplink.tlog"
+        path.write_bytes(lzma.decompress((DATA / f"{log}-uplink.tlog.xz").read_bytes()))
+        return answers(replayed(vehicle, list(read(path))))
+
+
+def replayed(vehicle: SteppedVehicle, records: list[TlogRecord]) -> Iterator[tuple[float, Any]]:
+    """Send at the recorded times; once nothing but sticks and heartbeats comes, a frame each step."""
+    vehicle.open_link(LINK)
+    begin_s = vehicle.time_s + BOOT_S
+    parser = mavlink.MAVLink(None)
+    parser.robust_parsing = True
+
+    def step(data: bytes | None = None) -> Iterator[tuple[float, Any]]:
+        for link, said in vehicle.step([(LINK, data)] if data else []):
+            heard = parser.parse_buffer(said) if link == LINK else None
+            yield from ((vehicle.time_s - begin_s, message) for message in heard or ())
+
+    for record in records:
+        while vehicle.time_s - begin_s < min(record.t_s, STEADY_S[1]):
+            yield from step()
+        yield from ((vehicle.time_s - begin_s, message) for _, message in messages([record]))
+        yield from step(record.data)
+    end_s = vehicle.time_s + 1.0
+    while vehicle.time_s < end_s:
+        yield from step()
 
 
 def main() -> None:

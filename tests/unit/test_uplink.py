@@ -4,22 +4,14 @@
 """
 
 import json
-import lzma
-from collections.abc import Iterator
 from fnmatch import fnmatchcase
-from pathlib import Path
-from typing import Any
 
 import pytest
-from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from sim_wire import vehicle
-from tools.uplink import DATA, STEADY_S, Answers, answers, messages
+from tools.uplink import DATA, LOGS, Answers, replay
 
-from lab.rerun.tlog import TlogRecord, read
 from sim_bridge.firmware.params import DEFAULTS
 
-LOGS = ("bluerov2-4.1.0-bench", "bluerov2-4.1.1-pool")
-BOOT_S = 5.0
 GONE = {
     "SYSID_*": "MAV_SYSID, MAV_GCS_SYSID",
     "SR?_*": "MAVn_*",
@@ -52,35 +44,11 @@ NOT_STREAMED = {
 }
 
 
-def replayed(records: list[TlogRecord]) -> Iterator[tuple[float, Any]]:
-    """Send at the recorded times; once nothing but sticks and heartbeats comes, a frame each step."""
-    rov = vehicle()
-    rov.open_link(0)
-    rov.step([])
-    while rov.time_s < BOOT_S:
-        rov.step([])
-    parser = mavlink.MAVLink(None)
-    for record in records:
-        t_s = rov.time_s - BOOT_S
-        while t_s < min(record.t_s, STEADY_S[1]):
-            for _, data in rov.step([]):
-                yield from ((t_s, message) for message in parser.parse_buffer(data) or ())
-            t_s = rov.time_s - BOOT_S
-        yield from ((t_s, message) for _, message in messages([record]))
-        for _, data in rov.step([(0, record.data)]):
-            yield from ((t_s, message) for message in parser.parse_buffer(data) or ())
-    for _ in range(200):
-        for _, data in rov.step([]):
-            yield from ((rov.time_s - BOOT_S, message) for message in parser.parse_buffer(data) or ())
-
-
 @pytest.fixture(scope="module", params=LOGS)
-def both(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[Answers, Answers]:
+def both(request: pytest.FixtureRequest) -> tuple[Answers, Answers]:
     """The real vehicle's answers, and ours."""
     real: Answers = json.loads((DATA / f"{request.param}-answers.json").read_text(encoding="ascii"))
-    path: Path = tmp_path_factory.mktemp("uplink") / "uplink.tlog"
-    path.write_bytes(lzma.decompress((DATA / f"{request.param}-uplink.tlog.xz").read_bytes()))
-    return real, answers(replayed(list(read(path))))
+    return real, replay(vehicle(), request.param)
 
 
 def test_every_request_that_was_answered_is_answered_alike(both: tuple[Answers, Answers]) -> None:

@@ -1,0 +1,25 @@
+"""The uplink that tests/unit/test_uplink.py replays gets the same answers from the real firmware of today."""
+
+from pathlib import Path
+
+import pytest
+from sim_wire import vehicle
+from tools.uplink import LOGS, replay
+
+from lab.loop.firmware import Firmware
+from lab.parity.__main__ import plant
+
+
+@pytest.mark.parametrize("log", LOGS)
+def test_the_firmware_answers_as_our_stand_in(log: str, ardusub: Path) -> None:
+    with Firmware(ardusub, plant(), seed=1) as firmware:
+        theirs = replay(firmware, log)
+    ours = replay(vehicle(), log)
+    assert ours["answered"] == theirs["answered"]
+    hidden = set(ours["parameters"]) - set(theirs["parameters"])
+    assert set(theirs["parameters"]) - set(ours["parameters"]) <= {"SCR_ENABLE"}
+    assert all("GPS" in name for name in hidden)
+    rates = {kind: rate for kind, rate in theirs["rates_hz"].items() if kind != "STATUSTEXT"}
+    assert {kind: ours["rates_hz"].get(kind, 0.0) for kind in rates} == pytest.approx(
+        rates, rel=0.06, abs=0.1
+    )
