@@ -18,6 +18,7 @@ examples:
                                                 recommended for a first dive
   holdfast run --vehicle bluerov2               another vehicle of config/vehicles/ than the configuration's
   holdfast run --vehicle my-rov.toml            or your own: config/vehicles/custom.toml explains such a file
+  holdfast run --name kelp                      its name for `holdfast watch --name kelp`
   holdfast run --engage --arm --path eight.toml
                                                 follow a path once it holds: docs/guidance.md
   holdfast run --set link.endpoint=tcp:127.0.0.1:5760 --set heave.compensator=none
@@ -164,14 +165,17 @@ def _add_config(parser: argparse.ArgumentParser) -> None:
         help="a name of config/vehicles/, such as heavy, or a file; default: what the configuration names",
     )
     parser.add_argument(
+        "--name", metavar="NAME", help="name of the vehicle in telemetry; default: vehicle.name"
+    )
+    parser.add_argument(
         "--set", action="append", default=[], metavar="KEY=VALUE", help="override a key of either file"
     )
 
 
 def _overrides(arguments: argparse.Namespace) -> list[str]:
     """Return the overrides of `_add_config`'s options."""
-    chosen = [] if arguments.vehicle is None else [f"vehicle.preset={json.dumps(arguments.vehicle)}"]
-    return [*chosen, *arguments.set]
+    chosen = {"vehicle.preset": arguments.vehicle, "vehicle.name": arguments.name}
+    return [*(f"{key}={json.dumps(name)}" for key, name in chosen.items() if name), *arguments.set]
 
 
 def keys(argv: list[str]) -> int:

@@ -20,7 +20,7 @@ examples:
 TUNE_EXAMPLES = """\
 examples:
   holdfast tune                                       tune the shipped configuration; half an hour
-  holdfast tune --vehicle config/sim-bluerov2.toml    for another simulated vehicle
+  holdfast tune --vehicle bluerov2                    for another simulated vehicle
   holdfast tune --evaluations 40 --seeds 4            a quick search
   holdfast tune ppi l1                                two rows of the bench
 """
@@ -130,7 +130,7 @@ def paper(argv: list[str]) -> int:
 def tune(argv: list[str]) -> int:
     """Search gains for your vehicle, or for the rows of the bench."""
     from companion.config import DEFAULT_FILE
-    from sim_bridge.commands import DEFAULT_CONFIG
+    from sim_bridge.commands import DEFAULT_CONFIG, vehicle_file
 
     parser = command_parser(
         "tune",
@@ -143,10 +143,10 @@ def tune(argv: list[str]) -> int:
     parser.add_argument("rows", nargs="*", metavar="ROW", help="a row of the bench, or all")
     parser.add_argument(
         "--vehicle",
-        type=Path,
+        type=vehicle_file,
         default=DEFAULT_CONFIG,
-        metavar="FILE",
-        help="configuration of the simulated vehicle",
+        metavar="NAME|FILE",
+        help="the simulated vehicle, as of `holdfast sim` (default: heavy)",
     )
     parser.add_argument(
         "--config", type=Path, default=DEFAULT_FILE, metavar="FILE", help="configuration of the companion"

@@ -19,14 +19,15 @@ examples:
   holdfast sim --list                             vehicles, dives and kinds of faults, a line each
   holdfast sim --live-faults                      and, from another terminal:
   holdfast sim --inject thruster,thruster=3,value=0.2,duration_s=20
-  holdfast sim --config config/sim-bluerov2.toml --udp-listen 0.0.0.0:14551 --speed 4 --no-zenoh
+  holdfast sim --vehicle bluerov2 --name kelp     beside holdfast run --vehicle bluerov2 --name kelp
+  holdfast sim --vehicle my-dive.toml --udp-listen 0.0.0.0:14551 --speed 4 --no-zenoh
   mavproxy.py --master tcp:127.0.0.1:5760         any MAVLink ground station can connect
   holdfast sim --physics-only                     physics for ArduSub's own simulator, started with `--model
                                                   JSON:127.0.0.1`, which sends to udp 127.0.0.1:9002
 
 Endpoints may be repeated; if any is given, the default ones are not opened. The true state is published on
-the Zenoh key sim/VEHICLE/truth, which no companion reads. With --live-faults the simulator takes faults on
-sim/VEHICLE/fault, from everybody who reaches its Zenoh endpoint; without it, from nobody. The times of a
+the Zenoh key sim/NAME/truth, which no companion reads. With --live-faults the simulator takes faults on
+sim/NAME/fault, from everybody who reaches its Zenoh endpoint; without it, from nobody. The times of a
 load count from the first arming, those of faults from the start, those of --inject from their arrival.
 
 With --physics-only the real ArduSub provides MAVLink, parameters, sensors and speed; the simulator provides
@@ -70,11 +71,13 @@ def sim(argv: list[str]) -> int:
         help="listen for TCP clients",
     )
     add(
+        "--vehicle",
         "--config",
-        metavar="FILE",
-        type=Path,
+        dest="config",
+        metavar="NAME|FILE",
+        type=vehicle_file,
         default=DEFAULT_CONFIG,
-        help="configuration of the vehicle (default: %(default)s)",
+        help="a vehicle or a dive of --list, such as bluerov2, or a file (default: heavy)",
     )
     add(
         "--set",
@@ -125,10 +128,10 @@ def sim(argv: list[str]) -> int:
     )
     add("--no-zenoh", action="store_true", help="do not publish the true state")
     add(
-        "--vehicle",
+        "--name",
         metavar="NAME",
         default="bluerov2",
-        help="vehicle name in the Zenoh key (default: %(default)s)",
+        help="name in the Zenoh key, as `holdfast run --name` (default: %(default)s)",
     )
     add(
         "--physics-only",
@@ -144,12 +147,12 @@ def sim(argv: list[str]) -> int:
     if arguments.list:
         from sim_bridge.listing import listing
 
-        sys.stdout.write(listing(DEFAULT_CONFIG.parent))
+        sys.stdout.write(listing(shipped()))
         return 0
     if arguments.inject:
         from sim_bridge.zenoh_link import inject
 
-        reply = inject(arguments.zenoh, arguments.vehicle, arguments.inject)
+        reply = inject(arguments.zenoh, arguments.name, arguments.inject)
         sys.stdout.write(f"{reply.said}\n")
         return 0 if reply.done else 1
 
@@ -175,12 +178,29 @@ def sim(argv: list[str]) -> int:
         udp_listen=tuple(arguments.udp_listen),
         tcp=tuple(arguments.tcp) if named else (("127.0.0.1", 5760),),
         zenoh="" if arguments.no_zenoh else arguments.zenoh,
-        vehicle=arguments.vehicle,
+        vehicle=arguments.name,
         speed=arguments.speed,
         physics=arguments.physics_only,
         live_faults=arguments.live_faults,
     )
     return run(config, arguments.seed, settings)
+
+
+def shipped(folder: Path = DEFAULT_CONFIG.parent) -> dict[str, Path]:
+    """Return the vehicles and dives that come along, by their names: sim-bluerov2.toml is bluerov2."""
+    files = {path.stem.removeprefix("sim-"): path for path in sorted(folder.glob("sim-*.toml"))}
+    return {"heavy": folder / DEFAULT_CONFIG.name, **files}
+
+
+def vehicle_file(text: str) -> Path:
+    """Return the file of a simulated vehicle or dive: one that comes along, by its name, or a path."""
+    if text in shipped():
+        return shipped()[text]
+    if not text.endswith(".toml"):
+        raise argparse.ArgumentTypeError(
+            f"'{text}' is neither one of {', '.join(shipped())} nor a .toml file"
+        )
+    return Path(text)
 
 
 def _endpoint(text: str) -> tuple[str, int]:

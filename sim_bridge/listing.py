@@ -1,17 +1,18 @@
 """What `holdfast sim --list` prints: the shipped dives and the kinds of faults, a line each."""
 
+from collections.abc import Mapping
 from math import isfinite
 from pathlib import Path
 
 from sim_bridge.fault_kinds import FAULT_KINDS, FaultKind
 
 
-def listing(folder: Path) -> str:
-    """Return the list; a file of `folder` is described by the comment in its first line."""
-    files = [(path.name, _first_comment(path)) for path in sorted(folder.glob("sim*.toml"))]
+def listing(shipped: Mapping[str, Path]) -> str:
+    """Return the list; each file is described by the comment in its first line."""
+    files = [(name, _first_comment(path)) for name, path in shipped.items()]
     kinds = [(name, _described(kind)) for name, kind in FAULT_KINDS.items()]
     return (
-        f"Vehicles and dives, for --config {folder}/FILE:\n{_table(files)}\n"
+        f"Vehicles and dives, for --vehicle NAME:\n{_table(files)}\n"
         f"Faults, for --fault and --inject KIND,at_s=S,duration_s=S,value=X:\n{_table(kinds)}"
     )
 

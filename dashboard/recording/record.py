@@ -40,7 +40,7 @@ _log = logging.getLogger(__name__)
 EXAMPLES = """\
 examples:
   holdfast record                               everything that the first vehicle publishes, to ./dives
-  holdfast record --vehicle kelp --out /data    a new file every hour or 1000 MB; 500 MB stay free
+  holdfast record --name kelp --out /data       a new file every hour or 1000 MB; 500 MB stay free
   holdfast run --set telemetry.raw=true &       publish every datagram; then record them, for `holdfast
   holdfast record --tlog                        rerun` and, as .tlog, for any ground station
 
@@ -306,7 +306,7 @@ def main(argv: list[str]) -> int:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument(
-        "--vehicle", default="", metavar="NAME", help="name of the vehicle; default: the first that is heard"
+        "--name", default="", metavar="NAME", help="name of the vehicle; default: the first that is heard"
     )
     parser.add_argument(
         "--connect",
@@ -362,7 +362,7 @@ def main(argv: list[str]) -> int:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, end)
     with RecorderThread(
-        options.vehicle,
+        options.name,
         options.connect,
         limits,
         recording=not options.wait,

@@ -27,7 +27,7 @@ EXAMPLES = """\
 examples:
   holdfast watch                                    the vehicles that publish on this machine
   holdfast watch --connect tcp/192.168.2.2:7447     a vehicle, from a laptop on its tether
-  holdfast watch --vehicle kelp --once              one snapshot of one vehicle
+  holdfast watch --name kelp --once              one snapshot of one vehicle
   holdfast watch --once --json state.json           for scripts
 """
 
@@ -210,7 +210,7 @@ def render_fleet(views: Sequence[View]) -> RenderableType:
             style="dim" if view.stale else "",
         )
     events = [_event(view.events[-1], view.now_s, f"{view.vehicle}: ") for view in views if view.events]
-    hint = Text("one of them wholly: holdfast watch --vehicle NAME", "dim")
+    hint = Text("one of them wholly: holdfast watch --name NAME", "dim")
     return Panel(
         Group(table, Text(), *events, hint),
         title=f"[bold]holdfast[/] {len(views)} vehicles",
@@ -253,10 +253,10 @@ def main(argv: list[str]) -> int:
     """Run the command; returns 1 when nothing came in time."""
     options = _parser().parse_args(argv)
     console = Console()
-    fleet = Feeds(options.vehicle or "", options.connect)
+    fleet = Feeds(options.name or "", options.connect)
     once = options.once or not console.is_terminal
     try:
-        with Subscription(f"holdfast/{options.vehicle or '*'}/**", options.connect) as seen:
+        with Subscription(f"holdfast/{options.name or '*'}/**", options.connect) as seen:
             views = _once(fleet, seen) if once else _live(fleet, seen, console)
     except ValueError as error:
         sys.stderr.write(f"holdfast watch: {error}\n")
@@ -280,7 +280,7 @@ def _parser() -> argparse.ArgumentParser:
         epilog=EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("--vehicle", metavar="NAME", help="show only this vehicle, with all panels")
+    parser.add_argument("--name", metavar="NAME", help="show only this vehicle, with all panels")
     parser.add_argument(
         "--connect",
         metavar="ENDPOINT",

@@ -137,7 +137,7 @@ class Dashboard:
         if not gate.host_is_ours(request.host, self._names):
             return web.Response(
                 status=421,
-                text=f"This dashboard is not called {request.host!r}. Call it by number, or see its --name.",
+                text=f"This dashboard is not called {request.host!r}. Call it by number, or see its --host.",
             )
         protected = request.method != "GET" or request.path == "/ws"
         if protected and not gate.same_origin(request.headers.get("Origin"), request.host):

@@ -16,7 +16,7 @@ examples:
   holdfast dashboard --record dives             and keep what it sees
   holdfast dashboard --connect tcp/192.168.2.2:7447
                                                 the vehicle's Zenoh, seen from a laptop on its tether
-  holdfast dashboard --listen 0.0.0.0:8600 --name blueos.local
+  holdfast dashboard --listen 0.0.0.0:8600 --host blueos.local
                                                 for others on the network too; by number or by that name
 In a browser on the laptop it needs no internet. Press ? there for the keys. Each panel also stands alone, as
 /panel/depth; Cockpit finds them as widgets by /register_service.
@@ -55,7 +55,7 @@ def settings(argv: list[str]) -> DashboardOptions:
         help="address of the page (default %(default)s: this machine only)",
     )
     parser.add_argument(
-        "--name",
+        "--host",
         metavar="NAME",
         action="append",
         default=[],
@@ -92,7 +92,7 @@ def settings(argv: list[str]) -> DashboardOptions:
     if options.allow_control:
         token = _token(options.token_file) if options.token_file else secrets.token_urlsafe(18)
     return DashboardOptions(
-        host.strip("[]"), int(port), tuple(options.name), options.connect, token, options.record
+        host.strip("[]"), int(port), tuple(options.host), options.connect, token, options.record
     )
 
 

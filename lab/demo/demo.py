@@ -258,7 +258,7 @@ def _start_vehicle(
 
 
 def _sim_options(story: Story, endpoint: str) -> list[str]:
-    options = ["--zenoh", endpoint, "--vehicle", VEHICLE, "--seed", str(story.seed)]
+    options = ["--zenoh", endpoint, "--name", VEHICLE, "--seed", str(story.seed)]
     for setting in _sea(story):
         options += ["--set", setting]
     return options

@@ -66,7 +66,7 @@ class Dive:
         self.server = self.start_dashboard()
         self._start(*self._dashboard, f"127.0.0.1:{self.looking_port}")
         link = ("--udp-connect", f"127.0.0.1:{self._mavlink}", "--zenoh", self.zenoh)
-        self.vehicle = self._start("sim", *link, "--vehicle", "kelp", "--set", "waves.enabled=true")
+        self.vehicle = self._start("sim", *link, "--name", "kelp", "--set", "waves.enabled=true")
 
     def start_companion(self) -> subprocess.Popen[bytes]:
         self.companion = self._start(

@@ -34,7 +34,7 @@ RESERVE = ("--reserve-mb", "1")
 @contextmanager
 def diving(zenoh: str) -> Iterator[None]:
     link = f"127.0.0.1:{free_port(socket.SOCK_DGRAM)}"
-    simulator = ("sim", "--udp-connect", link, "--zenoh", zenoh, "--vehicle", "kelp")
+    simulator = ("sim", "--udp-connect", link, "--zenoh", zenoh, "--name", "kelp")
     companion = (
         *("run", "--engage", "--arm", "--depth", "1", "--set", "vehicle.name=kelp"),
         *("--set", f"link.endpoint=udp-listen:{link}", "--set", f"telemetry.endpoint={zenoh}"),

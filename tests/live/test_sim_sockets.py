@@ -111,7 +111,7 @@ def test_truth_on_zenoh_whoever_starts_first():
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     samples = []
     with simulator(
-        f"--udp-connect=127.0.0.1:{free_port(socket.SOCK_DGRAM)}", f"--zenoh={endpoint}", "--vehicle=v7"
+        f"--udp-connect=127.0.0.1:{free_port(socket.SOCK_DGRAM)}", f"--zenoh={endpoint}", "--name=v7"
     ):
         time.sleep(1.0)
         config = zenoh.Config()
@@ -155,8 +155,8 @@ def test_faults_are_taken_live_only_where_that_is_allowed():
     config.insert_json5("mode", '"peer"')
     config.insert_json5("listen/endpoints", json.dumps([endpoint]))
     config.insert_json5("scouting/multicast/enabled", "false")
-    allowed = (f"--tcp=127.0.0.1:{port}", f"--zenoh={endpoint}", "--vehicle=v8", "--live-faults")
-    deaf = (f"--tcp=127.0.0.1:{deaf_port}", f"--zenoh={endpoint}", "--vehicle=v9")
+    allowed = (f"--tcp=127.0.0.1:{port}", f"--zenoh={endpoint}", "--name=v8", "--live-faults")
+    deaf = (f"--tcp=127.0.0.1:{deaf_port}", f"--zenoh={endpoint}", "--name=v9")
     with zenoh.open(config), simulator(*allowed), simulator(*deaf), connect(port) as client:
         connect(deaf_port).close()
         deadline = time.monotonic() + START_S

@@ -7,14 +7,17 @@ import subprocess
 import sys
 from importlib.metadata import EntryPoint
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 import holdfast
 from companion.app import parting
+from companion.config import load_config as load_companion
 from companion.telemetry.status_line import delay_text
 from holdfast import ports
 from lab.ports import free_port
+from sim_bridge.commands import vehicle_file
 from sim_bridge.config import load_config
 
 
@@ -29,7 +32,7 @@ def test_the_version_has_a_short_option(capsys):
         ["run", "--config", "nowhere"],
         ["check", "--config", "nowhere"],
         ["identify", "--config", "nowhere", "--yes"],
-        ["sim", "--config", "nowhere"],
+        ["sim", "--vehicle", "nowhere.toml"],
         ["tune", "--config", "nowhere"],
         ["report", "nowhere"],
         ["rerun", "nowhere"],
@@ -210,6 +213,27 @@ def test_check_says_at_once_that_it_waits(capsys, monkeypatch):
 def test_a_word_needs_no_quotes_in_the_simulator_either():
     quoted, plain = ('waves.spectrum="regular"', "waves.spectrum=regular")
     assert load_config("config/sim.toml", [quoted]) == load_config("config/sim.toml", [plain])
+
+
+def test_vehicle_means_the_preset_and_name_the_name_in_run_and_sim_alike(capsys, monkeypatch):
+    for preset in ("heavy", "bluerov2", "ardusub"):
+        plant = load_config(vehicle_file(preset))
+        assert load_companion(overrides=[f"vehicle.preset={preset}"]).vehicle.frame == plant.thrusters.frame
+    asked: dict[str, Any] = {}
+    monkeypatch.setattr("companion.app.main", lambda config, *rest, **more: asked.update(run=config.vehicle))
+    monkeypatch.setattr("sim_bridge.app.run", lambda config, seed, settings: asked.update(sim=settings) or 0)
+    for command in ("run", "sim"):
+        holdfast.main([command, "--vehicle", "bluerov2", "--name", "kelp"])
+    assert (asked["run"].name, asked["run"].frame) == ("kelp", "vectored")
+    assert asked["sim"].vehicle == "kelp"
+
+
+def test_a_simulated_vehicle_that_there_is_not_is_refused_with_those_there_are(capsys):
+    with pytest.raises(SystemExit):
+        holdfast.main(["sim", "--vehicle", "submarine"])
+    assert (
+        "neither one of heavy, ardusub, bluerov2, harbour, swell nor a .toml file" in capsys.readouterr().err
+    )
 
 
 def test_neutral_is_claimed_of_a_vehicle_that_was_heard_alone():

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from sim_wire import CONFIG, SET_INTERVAL, STABILIZE, Station, is_finite, override, vehicle
 
+from sim_bridge.commands import shipped
 from sim_bridge.config import ConfigError, fault_of
 from sim_bridge.fault_kinds import FAULT_KINDS, Fault
 from sim_bridge.listing import listing
@@ -220,8 +221,9 @@ def test_whatever_is_asked_for_live_the_vehicle_goes_on(payload):
 
 
 def test_the_list_names_every_shipped_dive_and_every_fault():
-    text = listing(CONFIG.parent)
-    assert all(f"\n  {path.name} " in text for path in CONFIG.parent.glob("sim*.toml"))
+    text = listing(shipped())
+    assert all(f"\n  {name} " in text for name in shipped())
+    assert set(shipped().values()) == set(CONFIG.parent.glob("sim*.toml"))
     assert all(f"\n  {kind} " in text for kind in FAULT_KINDS)
 
 

@@ -253,7 +253,7 @@ def test_once_without_a_companion_is_a_failure(
 
 
 def test_a_name_that_cannot_be_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
-    assert watch.main(["--once", "--vehicle", "a//b"]) == 2
+    assert watch.main(["--once", "--name", "a//b"]) == 2
     assert "key expression" in capsys.readouterr().err
 
 
