@@ -54,9 +54,9 @@ async def telemetry(plugin: Any) -> None:
         assert abs(imu.angular_velocity_frd.forward_rad_s) < 0.1
     battery = await first(plugin.subscribe_battery())
     assert abs(battery.voltage_v - 16.0) < 0.5
-    health = await first(plugin.subscribe_health())
-    assert health.is_gyrometer_calibration_ok
-    assert health.is_armable
+    await until(
+        plugin.subscribe_health(), lambda health: health.is_gyrometer_calibration_ok and health.is_armable
+    )
     assert await first(plugin.subscribe_flight_mode()) is not None
     assert abs((await first(plugin.subscribe_position())).relative_altitude_m) < 1.0
     assert "COMMAND_DENIED" in await refused(plugin.set_rate_altitude(20.0))
@@ -144,8 +144,7 @@ async def actions(action: Any, manual: Any, plugin: Any) -> None:
     for _ in range(20):
         await manual.set_manual_control_input(0.0, 0.0, 0.5, 0.6)
         await asyncio.sleep(0.05)
-    turning = await first(plugin.subscribe_attitude_angular_velocity_body())
-    assert turning.yaw_rad_s > 0.1
+    await until(plugin.subscribe_attitude_angular_velocity_body(), lambda rate: rate.yaw_rad_s > 0.1)
     await action.disarm()
     await until(plugin.subscribe_armed(), lambda armed: not armed)
     assert "FAILED" in await refused(action.set_actuator(1, 0.5))
