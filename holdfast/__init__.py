@@ -7,6 +7,7 @@ gets no `config` or `lab`; importing this package makes them importable.
 import os
 import re
 import sys
+from collections import Counter
 from importlib.metadata import EntryPoint, entry_points, requires, version
 from pathlib import Path
 
@@ -102,13 +103,18 @@ def _say(command: str, what: str) -> None:
 
 
 def extra_of(module: str, command: str) -> str:
-    """Return the extra that brings a module: of several the command's own package; "" if none does."""
+    """Return the extra that brings a module: of several the command's own package, else the smallest.
+
+    An extra that includes another one lists all of its modules too. "" if none brings it.
+    """
     name = module.partition(".")[0]
-    found = [
-        match[2]
+    every = [
+        (match[1], match[2])
         for text in requires("holdfast") or ()
-        if (match := re.match(r"""([\w-]+).*; extra == ["'](\w+)["']""", text)) and match[1] == name
+        if (match := re.match(r"""([\w-]+).*; extra == ["'](\w+)["']""", text))
     ]
+    sizes = Counter(extra for _, extra in every)
+    found = sorted((extra for brought, extra in every if brought == name), key=lambda extra: sizes[extra])
     entry = _commands().get(command)
     package = entry.module.partition(".")[0] if entry else ""
     return package if package in found else next(iter(found), "")

@@ -208,7 +208,9 @@ class Guidance:
             self.engaged = NONE
             self._lost = False
             self._target = Setpoint(state.eta_ahead)
-            if self._course is not None and self._course.begun:
+            if verdict.state is State.FAULT:
+                self._course = None
+            elif self._course is not None and self._course.begun:
                 self._course.suspend()
             return None
         if not before.authority > 0.0:

@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from typing import Literal
 
-from companion.records import Condition, ControlSample, FrameShift, State
+from companion.records import Condition, ControlSample, FrameShift, Guided, State
 from companion.telemetry.commands import CommandResult
 from companion.telemetry.modes import SEVERITIES, Severity
 from companion.telemetry.schemas import Event, printable
@@ -24,6 +24,7 @@ class EventLog:
         self._state: State | None = None
         self._conditions = Condition(0)
         self._dead_motor = 0
+        self._guided = (0, "")
         self._resets = 0
         self._turned_rad = 0.0
 
@@ -65,6 +66,11 @@ class EventLog:
         if sample.state.dead_motor != self._dead_motor:
             happened.append(_motor(self._dead_motor, sample.state.dead_motor))
             self._dead_motor = sample.state.dead_motor
+        guided = (sample.guided.number, sample.guided.kind)
+        if guided != self._guided:
+            self._guided = guided
+            if sample.guided.number and sample.guided.kind:
+                happened.append(_course(sample.guided))
         happened += self._reset(sample)
         if verdict.state is not self._state or Condition.SURFACED in verdict.conditions:
             self._state = verdict.state
@@ -92,6 +98,22 @@ class EventLog:
                 happened.append(("warning", "condition", text))
             self._resets, self._turned_rad = 0, 0.0
         return happened
+
+
+COURSES = {
+    "move": "goes to its place",
+    "path": "follows the path",
+    "paused": "the path is paused",
+    "waiting": "the path waits: for authority, or for a position",
+    "hold": "holds its place",
+    "refused": "the path is refused:",
+}
+
+
+def _course(guided: Guided) -> tuple[Severity, Literal["state"], str]:
+    """Tell what moves the vehicle now."""
+    text = f"{COURSES[guided.kind]} {printable(guided.name)}".rstrip()
+    return "warning" if guided.kind == "refused" else "info", "state", text
 
 
 def _motor(before: int, now: int) -> tuple[Severity, Literal["condition"], str]:

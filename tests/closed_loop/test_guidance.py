@@ -237,6 +237,19 @@ def test_a_path_that_leaves_the_fence_is_refused_with_the_point(plan, said):
         dive.engine.aim(hold(x=-2.0))
 
 
+def test_where_thrust_saturates_a_path_is_slowed_and_keeps_its_shape():
+    """Half of the thrust, and a current abeam: the whole speed is not to be had."""
+    dive = held(*CALM, "thrusters.gain=[0.35]", "current.speed_m_s=0.3", "current.direction_deg=90")
+    line = (Waypoint(x_m=0.0, y_m=0.0), Waypoint(x_m=0.0, y_m=-6.0))
+    dive.engine.guide(path(dive, waypoint=line, heading="keep", speed_mps=0.4, acceleration_mps2=0.25))
+    steps = dive.run(12.0)
+    assert any(step.sample.dofs.saturated[1] for step in steps)
+    assert max(step.sample.guided.speed_mps for step in steps[-200:]) < 0.3
+    assert {step.sample.verdict.state for step in steps} == {State.ACTIVE}
+    assert errors_mm(steps).max() < 600.0
+    assert max(abs(step.truth.eta[0]) for step in steps) < 0.15, "across the path"
+
+
 def test_by_stick_it_stops_at_the_fence():
     dive = held(*CALM, companion=FENCED, pilot=True)
     dive.cockpit.push(surge=0.8)

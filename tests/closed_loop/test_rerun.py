@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 from virtual import ROOT, Somebody, hold
 
+import holdfast
 from companion.config import Config, load_config
 from companion.engine import Engine
 from companion.records import Request
 from companion.telemetry import schemas as telemetry
+from companion.telemetry.commands import Goto
 from dashboard.recording.mcap_file import Item, Recording
 from dashboard.recording.record import flat
 from lab.loop.lockstep import Link, Lockstep
@@ -47,7 +49,7 @@ class Scribe(Engine):
 
 @pytest.fixture(scope="module")
 def dive() -> list[telemetry.Raw]:
-    """Eight seconds: engage, a setpoint, a retune, and at last the pilot takes over from the ground."""
+    """Eight seconds: engage, a setpoint, a retune, a move; then the pilot takes over from the ground."""
     config = load_config()
     setpoint = hold(1.0)
     engine = Scribe(config, setpoint, arm=True)
@@ -67,6 +69,10 @@ def dive() -> list[telemetry.Raw]:
         if tick == 200:
             engine.aim(hold(1.5))
             engine.handed = {"setpoint": list(hold(1.5).eta_d)}
+        if tick == 330:
+            order = ("goto", b'{"depth_m": 1.2, "heading_deg": 40}')
+            engine.guide(Goto(depth_m=1.2, heading_deg=40.0))
+            engine.handed = {"order": order}
         if tick == 300:
             heave = msgspec.structs.replace(config.heave, kappa_per_s=8.0, compensator="observer")
             tuned = msgspec.structs.replace(config, heave=heave)
@@ -101,12 +107,12 @@ def test_the_same_code_sends_the_same_bytes(
     assert "every byte sent is the same" in said
 
 
-@pytest.mark.parametrize("lost", ["setpoint", "config", "start", "ground"])
+@pytest.mark.parametrize("lost", ["setpoint", "order", "config", "start", "ground"])
 def test_what_the_operator_did_matters(dive: list[telemetry.Raw], tmp_path: Path, lost: str) -> None:
     """Without the setpoint, the retune, the start or the sticks the commands are others: all are repeated."""
     ticks = [msgspec.structs.replace(raw, **{lost: () if lost == "ground" else None}) for raw in dive]
     tape = load([written(tmp_path / "x.mcap", ticks, load_config())])
-    first = {"setpoint": 200, "config": 300, "start": 1, "ground": 380}[lost]
+    first = {"setpoint": 200, "order": 330, "config": 300, "start": 1, "ground": 380}[lost]
     different = rerun(tape, configured(tape)).different
     assert different
     assert first <= different[0] <= first + 120
@@ -162,8 +168,8 @@ def test_a_dive_without_raw_ticks_cannot_be_run_again(
     recording.close()
     with pytest.raises(RerunError, match=r"telemetry\.raw=true"):
         load([tmp_path / "x.mcap"])
-    assert main([str(tmp_path / "x.mcap")]) == 2
-    assert main([str(tmp_path / "none.mcap")]) == 2
+    assert holdfast.main(["rerun", str(tmp_path / "x.mcap")]) == 2
+    assert holdfast.main(["rerun", str(tmp_path / "none.mcap")]) == 2
     assert "none.mcap" in capsys.readouterr().err
 
 

@@ -46,6 +46,9 @@ def test_the_version_has_a_short_option(capsys):
         ["record", "--connect", "nowhere"],
         ["dashboard", "--connect", "nowhere"],
         ["tell", "bluerov2", "engage", "--connect", "nowhere"],
+        ["goto", "bluerov2", "--depth", "2", "--connect", "nowhere"],
+        ["follow", "bluerov2", "nowhere.toml"],
+        ["run", "--path", "nowhere.plan"],
         ["sim", "--zenoh", "nowhere", "--udp-listen", "127.0.0.1:0"],
     ],
 )

@@ -85,6 +85,8 @@ def test_a_heading_for_a_depth_only_dive_is_refused_before_anything_starts(capsy
             ["--set", "supervisor.depth_timeout_s=1e6"],
             "supervisor.depth_timeout_s = 1e+06: must be 0.05 to 10",
         ),
+        (["--path", "none.toml"], "none.toml: cannot be read"),
+        (["--set", "fence.north_m=[5, -5]"], "fence.north_m = [5, -5]: the first must be less"),
         (["--set", "heave.kappa_per_s=1e6"], "heave.kappa_per_s = 1e+06: must be 0.05 to 50"),
     ],
 )

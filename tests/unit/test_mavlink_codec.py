@@ -1,8 +1,12 @@
+import math
+
 import mavlink_wire as wire
+import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from companion.mavlink import messages
 from companion.mavlink.codec import Codec
+from companion.mavlink.decode import position_target
 from companion.mavlink.encode import Commands
 from companion.mavlink.frames import PARTIAL_TIMEOUT_S
 from companion.records import Sender
@@ -156,3 +160,37 @@ def test_to_recognise_the_vehicle_takes_few_checksums(monkeypatch):
     (others,) = frames(attitude(), sender=(1, 2))
     assert codec().sender(1000 * others) is STRANGER
     assert 0 < len(looked_at) <= 32
+
+
+def position_target_of(frame=1, mask=0x1F8, **numbers):
+    keys = ("x", "y", "z", "vx", "vy", "vz", "afx", "afy", "afz", "yaw", "yaw_rate")
+    values = {**dict.fromkeys(keys, 0.0), **numbers}
+    message = mavlink.MAVLink_set_position_target_local_ned_message(
+        0, 1, 1, frame, mask, **{key: values[key] for key in keys}
+    )
+    return position_target(message, 5.0)
+
+
+def test_a_position_target_says_what_its_mask_leaves_in():
+    place = position_target_of(x=1.0, y=2.0, z=3.0, mask=0x9F8, yaw=0.5)
+    assert (place.place, place.offset, place.body) == ((1.0, 2.0, 3.0, 0.5), False, False)
+    assert all(map(math.isnan, place.velocity))
+    speed = position_target_of(frame=9, mask=0x5C7, vx=0.3, yaw_rate=0.1)
+    assert (speed.velocity, speed.offset, speed.body) == ((0.3, 0.0, 0.0, 0.1), True, True)
+    assert all(map(math.isnan, speed.place))
+
+
+@pytest.mark.parametrize(
+    "asked",
+    [
+        {"frame": 6},
+        {"mask": 0x3F8},
+        {"mask": 0xFFF},
+        {"x": math.inf},
+        {"x": 1e6},
+        {"mask": 0x9F8, "x": math.nan, "y": math.nan, "z": math.nan, "yaw": math.nan},
+    ],
+    ids=["frame", "force", "nothing", "infinite", "far", "no number"],
+)
+def test_a_position_target_that_cannot_be_followed_is_none(asked):
+    assert position_target_of(**asked) is None
