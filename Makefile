@@ -3,6 +3,7 @@
 PYTHONS := python3 python3.13 python3.12 python3.11
 BIN := .venv/bin
 STAMP := .venv/.installed
+DEMO := .venv/.installed-demo
 CLIENTS := build/clients
 PIP := python -m pip install --quiet --disable-pip-version-check --no-deps
 INSTALL := $(BIN)/$(PIP)
@@ -14,7 +15,7 @@ COMPILE := uv pip compile --quiet --universal --python-version 3.11 --generate-h
 help:  ## list what there is
 	@sed -n 's/^\([a-z]*\):.*## \(.*\)/  make \1	\2/p' Makefile | expand -t 18
 
-demo: $(STAMP)  ## a dive in the simulator, about a minute; leaves out/demo.png and out/demo.json
+demo: $(DEMO)  ## a dive in the simulator, about a minute; leaves out/demo.png and out/demo.json
 	$(BIN)/holdfast demo
 
 test: check clients  ## everything that must hold, `make check` included
@@ -49,6 +50,8 @@ wheel: $(STAMP)  ## build dist/*.whl, and try it in a venv of its own with the v
 lock:  ## refresh what is missing in the locks, of all platforms, with hashes (needs uv)
 	$(COMPILE) pyproject.toml --extra dev -o requirements-dev.lock
 	echo 'hatchling>=1.27' | $(COMPILE) pyproject.toml - --extra recording -c requirements-dev.lock -o requirements.lock
+	printf '%s\n' 'hatchling>=1.27' 'editables>=0.5' | \
+	    $(COMPILE) pyproject.toml - --extra demo -c requirements-dev.lock -o requirements-demo.lock
 	printf '%s\n' mavproxy mavsdk pyserial | $(COMPILE) --no-deps - -o requirements-clients.lock
 
 clean:  ## remove .venv, caches and out/
@@ -61,7 +64,16 @@ $(CLIENTS)/.installed: requirements-clients.lock $(STAMP)
 	$(INSTALL) --no-compile --require-hashes --only-binary :all: --target $(CLIENTS) -r requirements-clients.lock
 	@touch $@
 
+# What a pilot needs; `make test` adds the tools of development to the same .venv.
+$(DEMO): pyproject.toml requirements-demo.lock
+	$(call set_up,requirements-demo.lock)
+	@touch $@
+
 $(STAMP): pyproject.toml requirements-dev.lock
+	$(call set_up,requirements-dev.lock)
+	@touch $@ $(DEMO)
+
+define set_up
 	@python=$$(for name in $(PYTHONS); do \
 	    if $$name -c 'import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))' 2>/dev/null; \
 	    then echo $$name; break; fi; \
@@ -73,6 +85,6 @@ $(STAMP): pyproject.toml requirements-dev.lock
 	fi; \
 	echo "Setting up .venv with $$python; the first time takes a minute."; \
 	$$python -m venv .venv
-	$(INSTALL) --require-hashes --only-binary :all: -r requirements-dev.lock
+	$(INSTALL) --require-hashes --only-binary :all: -r $(1)
 	$(INSTALL) --no-build-isolation -e .
-	@touch $@
+endef

@@ -29,7 +29,8 @@ examples:
   holdfast campaign --dives 200                             a quick look, to out/campaign
   holdfast campaign                                         all 6000 dives; the same command continues
   holdfast campaign --replay 1234                           one dive again, in the batch and in the full loop
-  holdfast campaign --scheduler tcp://192.168.2.10:8786     on a Dask cluster
+  holdfast campaign --scheduler tcp://192.168.2.10:8786     on a Dask cluster, whose workers were started
+                                                            with `dask worker --preload holdfast`
 """
 
 

@@ -119,6 +119,23 @@ def test_what_is_not_installed_is_named_with_its_extra(stand_in, capsys, module,
     assert f"pip install 'holdfast[{extra}]'" in capsys.readouterr().err
 
 
+def test_a_base_installation_checks_without_rich_and_says_what_watch_needs():
+    program = """if True:
+        import sys
+        for name in ("rich", "aiohttp", "matplotlib", "mcap", "numba", "cryptography"):
+            sys.modules[name] = None
+        import companion.app, companion.predive.app, holdfast
+        from companion.predive.check import CheckRow, Grade
+        row = CheckRow("link", Grade.REFUSED, "none", "why", "fix")
+        companion.predive.app.inspect = lambda config, **options: ([row], [])
+        print(holdfast.main(["check"]))
+        print(holdfast.main(["watch", "--once"]))
+    """
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines() == [" REFUSED  link: none", "          why. Fix: fix", "2", "2"]
+    assert "holdfast watch: needs rich. Install the extra: pip install 'holdfast[dashboard]'" in done.stderr
+
+
 def test_of_several_extras_the_commands_own_is_named():
     assert holdfast.extra_of("rich", "watch") == "dashboard"
     assert holdfast.extra_of("rich", "demo") == "lab"

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-LOCKS = ("requirements.lock", "requirements-dev.lock", "requirements-clients.lock")
+LOCKS = ("requirements.lock", "requirements-demo.lock", "requirements-dev.lock", "requirements-clients.lock")
 
 
 def name_of(requirement):
@@ -46,7 +46,15 @@ def test_all_that_the_project_names_is_there():
         <= pins("requirements-dev.lock").keys()
     )
     assert wanted("recording") | {"hatchling"} <= pins("requirements.lock").keys()
+    assert wanted("dashboard", "demo") | {"hatchling", "editables"} <= pins("requirements-demo.lock").keys()
 
 
-def test_a_vehicle_gets_the_versions_that_were_tested():
-    assert pins("requirements.lock").items() <= pins("requirements-dev.lock").items()
+def test_the_demo_brings_no_tools_of_development():
+    large = {"atheris", "distributed", "llvmlite", "mypy", "numba", "playwright", "pytest"}
+    assert large <= pins("requirements-dev.lock").keys()
+    assert not large & pins("requirements-demo.lock").keys()
+
+
+@pytest.mark.parametrize("lock", ["requirements.lock", "requirements-demo.lock"])
+def test_a_user_gets_the_versions_that_were_tested(lock):
+    assert pins(lock).items() <= pins("requirements-dev.lock").items()

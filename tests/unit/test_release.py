@@ -1,11 +1,15 @@
 """A release says the same version wherever it says one, and its notes come out of the changelog."""
 
+import os
 import shutil
 import subprocess
+import sys
 import tomllib
 from pathlib import Path
+from zipfile import ZipFile
 
 import pytest
+from hatchling.builders.wheel import WheelBuilder
 
 ROOT = Path(__file__).parents[2]
 VERSION = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
@@ -17,6 +21,27 @@ VERSION = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["versi
 )
 def test_the_version_is_the_same_everywhere(file: str, line: str) -> None:
     assert line in (ROOT / file).read_text()
+
+
+def test_an_installation_adds_nothing_but_holdfast_to_the_top_level(
+    tmp_path: Path,
+) -> None:
+    (wheel,) = WheelBuilder(str(ROOT)).build(directory=str(tmp_path), versions=["standard"])
+    site = tmp_path / "site"
+    with ZipFile(wheel) as file:
+        file.extractall(site)
+    assert {path.name for path in site.iterdir()} == {"holdfast", f"holdfast-{VERSION}.dist-info"}
+    program = "import sys, holdfast, companion; print(companion.__file__); holdfast.main(sys.argv[1:])"
+    done = subprocess.run(
+        [sys.executable, "-c", program, "sim", "--list"],
+        capture_output=True,
+        text=True,
+        check=True,
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(site)},
+    )
+    assert done.stdout.startswith(str(site / "holdfast" / "companion"))
+    assert "six thrusters" in done.stdout, "config/ is there"
 
 
 @pytest.fixture
