@@ -31,7 +31,7 @@ sim/NAME/fault, from everybody who reaches its Zenoh endpoint; without it, from 
 load count from the first arming, those of faults from the start, those of --inject from their arrival.
 
 With --physics-only the real ArduSub provides MAVLink, parameters, sensors and speed; the simulator provides
-hull, thrusters, battery, seabed, current, waves, tether, load and heave_force. Its time follows the
+hull, thrusters, battery, seabed, current, waves, tether, cable, load and heave_force. Its time follows the
 firmware's frames, and the times of a load count from the first motion of a motor. If the firmware restarts,
 the vehicle keeps its position.
 """
