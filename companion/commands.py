@@ -7,6 +7,10 @@ import logging
 import math
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from companion.predive.first_config import Question
 
 EXAMPLES = """\
 examples:
@@ -68,6 +72,25 @@ examples:
 
 The supervisor and the guard of `holdfast run` are in charge. docs/identify.md says what is measured, and how
 well.
+"""
+
+
+INIT_EXAMPLES = """\
+examples:
+  holdfast init                                               ask, and write companion.toml
+  holdfast init --out /etc/holdfast/companion.toml --where blueos --vehicle bluerov2
+  holdfast init --yes --name kelp --holds all                 for scripts: ask nothing
+
+`holdfast config check FILE` checks a file after you edited it.
+"""
+
+CONFIG_EXAMPLES = """\
+examples:
+  holdfast config check companion.toml                        as `holdfast run --config companion.toml`
+  holdfast config check vehicle.toml                          as `holdfast run --vehicle vehicle.toml`
+  holdfast config check companion.toml --set heave.kappa_per_s=8
+
+exit status: 0 sound; 2 not, and it says file, key, value and what is allowed.
 """
 
 
@@ -371,4 +394,93 @@ def schema(argv: list[str]) -> int:
         sys.stderr.write(f"holdfast schema: {error.filename} is not there; --write needs a checkout\n")
         return 2
     sys.stdout.write("".join(f"{path}\n" for path in changed) or "nothing was stale\n")
+    return 0
+
+
+def init(argv: list[str]) -> int:
+    """Ask about the vehicle, and write a commented configuration."""
+    from companion.config import load_config
+    from companion.predive.first_config import answered, config_text, prompt, questions
+    from holdfast import RefusedError
+
+    parser = argparse.ArgumentParser(
+        prog="holdfast init",
+        description="Asks five questions and writes a configuration for `holdfast run --config FILE`, with\n"
+        "every key explained in it. What an option answers is not asked.",
+        epilog=INIT_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument(
+        "--out", type=Path, default=Path("companion.toml"), metavar="FILE", help="default: %(default)s"
+    )
+    for question in questions():
+        words = "|".join(choice.word for choice in question.choices) or "NAME"
+        parser.add_argument(f"--{question.name}", metavar=words, help=question.text)
+    parser.add_argument("--yes", action="store_true", help="ask nothing: the first choice of each question")
+    arguments = parser.parse_args(argv)
+    if arguments.out.exists():
+        raise RefusedError(f"{arguments.out} is there already; remove it or choose another --out")
+    if not arguments.yes and not sys.stdin.isatty():
+        raise RefusedError("nobody can be asked here: say --yes, and answer by options what differs")
+
+    def ask(question: "Question") -> str:
+        sys.stdout.write(prompt(question))
+        sys.stdout.flush()
+        answer = sys.stdin.readline()
+        if not answer:
+            raise KeyboardInterrupt
+        return answer
+
+    try:
+        text = config_text(answered(vars(arguments), None if arguments.yes else ask))
+    except ValueError as error:
+        raise RefusedError(str(error)) from error
+    arguments.out.parent.mkdir(parents=True, exist_ok=True)
+    arguments.out.write_text(text, encoding="utf-8")
+    try:
+        load_config(arguments.out)
+    except RefusedError:
+        arguments.out.unlink()
+        raise
+    sys.stdout.write(
+        f"written: {arguments.out}\n"
+        f"next:    holdfast check --config {arguments.out}    then: holdfast run --config {arguments.out}\n"
+    )
+    return 0
+
+
+def config(argv: list[str]) -> int:
+    """Check a configuration or a vehicle's file without starting anything."""
+    parser = argparse.ArgumentParser(
+        prog="holdfast config",
+        description="`holdfast config check FILE` says whether `holdfast run` would take a file, or where\n"
+        "it is wrong. FILE is a configuration, or a vehicle's file such as `holdfast identify` writes.",
+        epilog=CONFIG_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("action", choices=("check",), metavar="check")
+    parser.add_argument("file", type=Path, metavar="FILE")
+    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="override a key")
+    arguments = parser.parse_args(argv)
+
+    from companion.assembly import refuse_fast_gains
+    from companion.config import DEFAULT_FILE, holds_a_vehicle_alone, load_config
+
+    overrides = arguments.set
+    alone = holds_a_vehicle_alone(arguments.file)
+    if alone:
+        overrides = [f"vehicle.preset={json.dumps(str(arguments.file))}", *overrides]
+    found = load_config(DEFAULT_FILE if alone else arguments.file, overrides)
+    refuse_fast_gains(found)
+    vehicle = found.vehicle
+    sys.stdout.write(
+        f"{arguments.file}: {'a vehicle' if alone else 'a configuration'} that `holdfast run` takes\n"
+        f"  frame {vehicle.frame}, mass {found.heave.mass:g} kg in heave, "
+        f"{found.heave.max_force:g} N up and down\n"
+    )
+    if not alone:
+        sys.stdout.write(
+            f"  '{vehicle.name}' at {found.link.endpoint}, steered in {vehicle.steering_mode.upper()}\n"
+            f"  telemetry at {found.telemetry.endpoint}, commands: {found.telemetry.allow_control}\n"
+        )
     return 0

@@ -362,6 +362,11 @@ def vehicle_file(path: Path, preset: Any, folder: Path) -> Path:
     return folder / preset
 
 
+def holds_a_vehicle_alone(path: Path) -> bool:
+    """Tell whether a file is a vehicle's, and no configuration; raise ConfigError where it is no TOML."""
+    return _read(path).keys() == set(get_type_hints(VehicleFile))
+
+
 def load_vehicle(path: Path) -> VehicleFile:
     """Read and validate a vehicle's file; raises ConfigError naming file, key, value and range."""
     return _vehicle_of(path, _read(path))

@@ -15,10 +15,9 @@ if (Path(__file__).parent / "companion").is_dir():
     sys.path.insert(0, str(Path(__file__).parent))
 
 ABOUT = """\
-Holdfast keeps an ArduSub ROV at a setpoint or on a path, against currents, waves, the
-pull of a tether and an unknown load. It runs on the companion computer, reads depth and
-attitude over MAVLink, and sends thrust commands. Each degree of freedom has a
-Lyapunov-based law; a small neural network estimates the disturbance on-line.
+Holdfast keeps an ArduSub ROV at a setpoint or on a path, against currents, waves, the pull of a
+tether and an unknown load. It runs on the companion computer, reads depth and attitude over
+MAVLink, and sends thrust commands. `holdfast init` writes its configuration.
 
   ArduSub, or `holdfast sim`  <-- MAVLink -->  `holdfast run`  -- Zenoh -->  `holdfast watch`
 
@@ -47,7 +46,7 @@ def _help(commands: dict[str, EntryPoint]) -> str:
             lines.append(f"{package}:")
         summary = (entry.load().__doc__ or "").strip().partition("\n")[0]
         lines.append(f"  holdfast {entry.name:<11} {summary}")
-    lines.append("\n`holdfast COMMAND --help` explains each command.")
+    lines.append("`holdfast COMMAND --help` explains each command.")
     return "\n".join(lines)
 
 

@@ -1,9 +1,7 @@
 """Tuning for one's own vehicle: what its file says of it, how far that may be off, and the config so made."""
 
-import re
 import tomllib
 from collections.abc import Mapping
-from functools import partial
 from pathlib import Path
 
 import msgspec
@@ -11,6 +9,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from companion.config import PRESET_KEY, VehicleFile, vehicle_text
+from companion.config_text import with_values
 from companion.telemetry import ranges
 from sim_bridge.config import SimConfig
 
@@ -81,17 +80,4 @@ def write_config(source: Path, vehicle: VehicleFile, gains: Mapping[str, float],
     else:
         for section, keys in msgspec.to_builtins(vehicle).items():
             values |= {f"{section}.{key}": value for key, value in keys.items()}
-    for key, value in values.items():
-        section, name = key.split(".")
-        shown = f'"{value}"' if isinstance(value, str) else repr(value)
-        line = re.compile(rf"(^\[{section}\][^\n]*\n(?:(?!\[).*\n)*?{name} = )([^#\n]*)(.*$)", re.MULTILINE)
-        text, count = line.subn(partial(_replaced, shown), text)
-        if count != 1:
-            raise KeyError(key)
-    out.write_text(text, encoding="utf-8")
-
-
-def _replaced(shown: str, line: re.Match[str]) -> str:
-    """Return a line with another value; what follows stays in its column."""
-    value = shown.ljust(len(line[2]) - 1) + " " if line[3] else shown
-    return line[1] + value + line[3]
+    out.write_text(with_values(text, values), encoding="utf-8")

@@ -1,0 +1,122 @@
+"""`holdfast init` and `holdfast config check`: from a few answers to a configuration that runs."""
+
+import io
+import tomllib
+from pathlib import Path
+
+import pytest
+
+import holdfast
+from companion.config import DEFAULT_FILE, PRESETS, load_config
+from companion.config_text import with_values
+from companion.predive.first_config import answered, config_text, prompt, questions
+
+
+@pytest.fixture(autouse=True)
+def here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    ("question", "word"), [(one.name, choice.word) for one in questions() for choice in one.choices]
+)
+def test_every_answer_makes_a_configuration_that_runs_with_its_comments(here, question, word):
+    (here / "made.toml").write_text(config_text(answered({question: word}, None)))
+    made = load_config(here / "made.toml")
+    shipped = tomllib.loads(DEFAULT_FILE.read_text())
+    assert made.heave.kappa_per_s == shipped["heave"]["kappa_per_s"]
+    assert (here / "made.toml").read_text().count("#") == DEFAULT_FILE.read_text().count("#")
+
+
+def test_the_answers_stand_in_the_file_and_a_wrong_one_is_asked_again(monkeypatch, capsys):
+    class Terminal(io.StringIO):
+        def isatty(self):
+            return True
+
+    monkeypatch.setattr("sys.stdin", Terminal("submarine\nbluerov2\nkelp\n2\n\nnever\n"))
+    assert holdfast.main(["init"]) == 0
+    made = load_config(Path("companion.toml"))
+    assert made.vehicle.frame == "vectored"
+    assert made.vehicle.name == "kelp"
+    assert made.link.endpoint == "tcp:127.0.0.1:5777"
+    assert made.vehicle.steering_mode == "stabilize", "the default is for a first dive"
+    assert made.telemetry.allow_control == "never"
+    said = capsys.readouterr().out
+    assert said.count("Which vehicle is it?") == 2
+    assert "holdfast check --config companion.toml" in said
+
+
+def test_what_an_option_answers_is_not_asked():
+    asked = []
+
+    def ask(question):
+        asked.append(question.name)
+        return ""
+
+    answered({"vehicle": "heavy", "where": "topside"}, ask)
+    assert asked == ["name", "holds", "control"]
+
+
+def test_ctrl_d_writes_nothing(here, monkeypatch):
+    monkeypatch.setattr("sys.stdin", type("End", (io.StringIO,), {"isatty": lambda self: True})(""))
+    assert holdfast.main(["init"]) == 130
+    assert not list(here.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        ([], "say --yes"),
+        (["--yes", "--where", "moon"], "want one of simulator, blueos, topside"),
+        (["--yes", "--name", "a b"], "vehicle.name"),
+    ],
+)
+def test_what_cannot_be_is_refused_and_writes_nothing(here, capsys, monkeypatch, arguments, says):
+    monkeypatch.setattr("sys.stdin", io.StringIO())
+    assert holdfast.main(["init", *arguments]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert says in line
+    assert not list(here.iterdir())
+
+
+def test_a_file_that_is_there_stays(here, capsys):
+    (here / "companion.toml").write_text("mine")
+    assert holdfast.main(["init", "--yes"]) == 2
+    assert "is there already" in capsys.readouterr().err
+    assert (here / "companion.toml").read_text() == "mine"
+
+
+def test_each_prompt_names_its_choices_and_the_default():
+    for question in questions():
+        assert all(choice.word in prompt(question) for choice in question.choices)
+        assert prompt(question).endswith("] ")
+
+
+@pytest.mark.parametrize("file", [DEFAULT_FILE, *sorted(PRESETS.glob("*.toml"))], ids=lambda file: file.stem)
+def test_every_shipped_file_is_sound(file, capsys):
+    assert holdfast.main(["config", "check", str(file)]) == 0
+    assert "that `holdfast run` takes" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (("heave.kappa_per_s", 500.0), "heave.kappa_per_s = 500: must be 0.05 to 50"),
+        (("vehicle.preset", "submarine"), "must be one of ardusub"),
+        (("link.endpoint", "udp:14550"), "link.endpoint"),
+    ],
+)
+def test_a_wrong_configuration_is_told_by_key_and_range(here, capsys, change, says):
+    (here / "mine.toml").write_text(with_values(DEFAULT_FILE.read_text(), dict([change])))
+    assert holdfast.main(["config", "check", "mine.toml"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("holdfast config: mine.toml: ")
+    assert says in line
+
+
+def test_a_wrong_vehicle_is_told_by_key_and_range(here, capsys):
+    text = (PRESETS / "heavy.toml").read_text()
+    (here / "mine.toml").write_text(with_values(text, {"heave.mass": -1.0}))
+    assert holdfast.main(["config", "check", "mine.toml"]) == 2
+    assert "mine.toml: heave.mass = -1: must be" in capsys.readouterr().err
