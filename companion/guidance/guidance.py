@@ -135,6 +135,8 @@ class Guidance:
         if frame != "local":
             place = _from_here(self._standing(reference), place, body=frame == "body")
         self._checked(Setpoint(place))
+        if place[Z] < 0.0:
+            raise ValueError(f"depth_m: {place[Z]:.2f} m is above the surface; must be 0 or more")
         asked = chosen(_known(place), UNSET, self._setpoint.eta_d)
         self._set_course(Course.to(place, self._limits, speed_mps, acceleration_mps2), asked)
 
@@ -287,7 +289,7 @@ class Guidance:
                 here = self._standing(reference)
                 place = _from_here(here, event.place, body=event.body) if event.offset else event.place
                 x, y, z, psi = place
-                place = (x, y, min(z, self._config.supervisor.max_depth_m) if z == z else z, psi)
+                place = (x, y, clamped(z, 0.0, self._config.supervisor.max_depth_m), psi)
                 self._course = None
                 self._setpoint = replace(
                     self._setpoint, eta_d=chosen(_known(place), place, self._setpoint.eta_d)

@@ -106,6 +106,8 @@ def test_a_path_is_paused_resumed_and_stopped_without_a_jump():
     smooth([*begun, *paused, *resumed, *stopped])
     with pytest.raises(ValueError, match="no path"):
         dive.engine.guide(SetPath(action="pause"))
+    with pytest.raises(ValueError, match="above the surface"):
+        dive.engine.guide(Goto(depth_m=-3.0, frame="offset"))
 
 
 def test_the_pilots_stick_pauses_a_path_which_goes_back_to_its_place_when_resumed():
@@ -291,5 +293,9 @@ def test_position_targets_of_the_ground_station_move_it_and_do_not_reach_the_veh
     beyond = dive.run(4.0)
     assert max(step.sample.eta_d[0] for step in beyond) <= 1.52
     smooth([*moving, *stopped])
+    dive.engine._guidance._fence = None
+    asks(dive, mavlink.MAV_FRAME_LOCAL_OFFSET_NED, place=(0.0, 0.0, -9.0))
+    dive.run(0.2)
+    assert dive.engine.target[2] == 0.0, "no higher than the surface"
     said = dive.cockpit.passed[passed:]
     assert b"\xfd" not in said or all(said[i + 7] != 84 for i in range(len(said) - 9) if said[i] == 0xFD)
