@@ -158,7 +158,7 @@ def dof(config: Config, number: int) -> Dof:
     return Dof(
         gains=gains(config, axis),
         reference=reference.Parameters(axis.max_rate, axis.max_acceleration, angular=number == PSI),
-        oscillation=oscillation.Parameters(axis.max_force, oscillation.SHARE * axis.max_force),
+        oscillation=oscillation.Parameters(axis.max_force, oscillation.SHARES[number] * axis.max_force),
         law=law(config, axis),
         compensators=compensators(config, axis),
         by_observer=by_observer(axis),

@@ -68,7 +68,7 @@ def levelling_of(
     inertia: float, frequency_radps: float, lever_m: float, max_moment_nm: float, lag_s: float
 ) -> Levelling:
     """Return what `step` needs for roll or pitch of a vehicle whose thrusters lag by `lag_s`."""
-    limits = oscillation.Parameters(max_moment_nm, oscillation.SHARE * max_moment_nm)
+    limits = oscillation.Parameters(max_moment_nm, oscillation.LEVELLING_SHARE * max_moment_nm)
     return Levelling(inertia, frequency_radps, lever_m, max_moment_nm, lag_s, limits)
 
 

@@ -3,8 +3,9 @@
 A loop that is later, or a vehicle that answers more strongly, than the gains bear oscillates faster than any
 sea or path, and does not die away. So demand that is faster than HIGH_PASS_S, and by its RMS above a share of
 the largest force for longer than any transient, is a limit cycle: engaging, a load or a setpoint ring for a
-second at most. The gains then shrink until it is gone. They come back slowly, and less far than where the
-cycle began, so that they do not hunt; but whole, where the cycle came of a delay that is known by then.
+second at most, and by far less than the largest force: what is more counts for longer. The gains then
+shrink until it is gone. They come back slowly, and less far than where the cycle began, so that they do not
+hunt; but whole, where the cycle came of a delay that is known by then, and soon after the first one.
 """
 
 import math
@@ -12,20 +13,28 @@ from typing import NamedTuple
 
 from companion.control.bounds import clamped, limited
 
-SHARE = 0.12
-"""Of an axis' largest force: an RMS of fast demand above it is a limit cycle, if it lasts."""
+SHARES = (0.1, 0.1, 0.12, 0.04)
+"""Of the largest force of surge, sway, heave and yaw: an RMS of fast demand above it is a limit cycle, if it
+lasts."""
+
+LEVELLING_SHARE = 0.06
+"""The same of the largest moment of roll and pitch."""
 
 HIGH_PASS_S = 0.15
 MEMORY_S = 0.2
 TRANSIENT_S = 1.1
-SHRINK_S = 0.3
+VIOLENT = 4.0
+"""Of the limit's mean square: more of it is no transient, and its time counts for more."""
+
+SHRINK_S = 0.2
 RECOVER_S = 10.0
 LEAST = 0.1
 RELAPSE_SHARE = 0.7
 """Of the scale at which a limit cycle began: so far the gains come back within RECOVER_S."""
 
-FORGET_S = 600.0
-"""Beyond that they come back as slowly as this, from nothing to all of them."""
+FIRST_FORGET_S, FORGET_S = 15.0, 600.0
+"""Beyond that they come back as slowly as this, from nothing to all of them: soon after the first cycle,
+which may have been a transient after all, and four times as slowly with each that follows."""
 
 EXPLAINED_S = 0.02
 """A delay believed so much longer than when the cycle began explains it: the gains allow for it now."""
@@ -55,9 +64,11 @@ class State(NamedTuple):
     lasts_s: float
     delay_s: float
     """What the loop's delay was believed to be when the last cycle began; infinite without one."""
+    forget_s: float
+    """How slowly the ceiling rises; 0 before the first cycle."""
 
 
-START = State(1.0, 1.0, math.nan, 0.0, 0.0, math.inf)
+START = State(1.0, 1.0, math.nan, 0.0, 0.0, math.inf, 0.0)
 """Full gains, and nothing seen yet."""
 
 
@@ -68,18 +79,22 @@ def step(parameters: Parameters, state: State, tau: float, dt_s: float, delay_s:
     slow = slow + (tau - slow) * (1.0 - math.exp(-dt_s / HIGH_PASS_S))
     fast = tau - slow
     power = state.power + (fast * fast - state.power) * (1.0 - math.exp(-dt_s / MEMORY_S))
-    lasts_s = state.lasts_s + dt_s if power > parameters.limit * parameters.limit else 0.0
+    share = power / (parameters.limit * parameters.limit)
+    counts = share / VIOLENT if share > VIOLENT else 1.0
+    lasts_s = state.lasts_s + counts * dt_s if share > 1.0 else 0.0
     cycles = lasts_s > TRANSIENT_S
     explained = delay_s > state.delay_s + EXPLAINED_S
+    forget_s = state.forget_s
     if cycles and state.lasts_s <= TRANSIENT_S:
         began_s, ceiling = delay_s, RELAPSE_SHARE * state.gain_scale
+        forget_s = clamped(4.0 * forget_s, FIRST_FORGET_S, FORGET_S)
     elif explained:
         began_s, ceiling = math.inf, 1.0
     else:
-        began_s, ceiling = state.delay_s, state.ceiling + dt_s / FORGET_S
+        began_s, ceiling = state.delay_s, state.ceiling + dt_s / max(forget_s, FIRST_FORGET_S)
     scale = state.gain_scale * math.exp(-dt_s / SHRINK_S) if cycles else state.gain_scale + dt_s / RECOVER_S
     ceiling = clamped(ceiling, LEAST, 1.0)
-    return State(clamped(scale, LEAST, ceiling), ceiling, slow, power, lasts_s, began_s)
+    return State(clamped(scale, LEAST, ceiling), ceiling, slow, power, lasts_s, began_s, forget_s)
 
 
 def mean_disturbance(mean: float, d: float, dt_s: float) -> float:

@@ -5,7 +5,7 @@ of the grid is one vehicle and one link; a dive tells whether the loop oscillate
 supervisor gave up, and how well it held 60 s after engaging.
 
 A limit cycle is demand faster than SLOWEST_HZ whose RMS exceeds a share of the largest force and what the sea
-asks at these frequencies. The share is that of the guard (`companion.control.oscillation`).
+asks at these frequencies.
 """
 
 import math
@@ -22,7 +22,6 @@ from companion import assembly
 from companion.config import Config
 from companion.control.allocation import T200_VOLTAGE_V, delivered
 from companion.control.bounds import wrap
-from companion.control.oscillation import SHARE
 from companion.engine import Engine
 from companion.records import Array, AxisCommand, Request, Setpoint, State
 from lab.loop.firmware import vehicle_of
@@ -50,6 +49,7 @@ DEPTH_M, START_M = 2.5, 0.5
 PLACES = ("north", "east", "depth", "heading", "roll", "pitch")
 """Of the demands: what `Outcome.cycles_s` and `Outcome.rms` are about; mm and degrees."""
 
+SHARE = 0.12
 SLOWEST_HZ = 0.4
 WINDOW_S = 1.25
 SEA_COUNTS = 1.5

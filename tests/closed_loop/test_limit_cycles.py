@@ -10,12 +10,12 @@ from virtual import Dive, Somebody, hold
 
 from companion.config import load_config
 from companion.control import levelling
-from companion.control.oscillation import HIGH_PASS_S, SHARE
 from companion.records import State, Z
 from lab.loop.lockstep import Link
 from sim_bridge.vehicle import Vehicle
 
 FIRMWARE = "sim-ardusub.toml"
+HIGH_PASS_S, SHARE = 0.15, 0.12
 SETTLED_S = 20.0
 DIES_WITHIN_S = 3.0
 WINDOW_S = 0.5
