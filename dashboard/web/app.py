@@ -18,6 +18,7 @@ from aiohttp import WSCloseCode, web
 
 from companion.telemetry import schemas as telemetry
 from companion.telemetry.commands import MAX_BYTES, parse
+from companion.telemetry.schemas import Plan
 from dashboard.web import gate, vocabulary
 from dashboard.web.columns import COLUMNS
 from dashboard.web.fleet import HISTORY_S, Fleet, VehicleHistory
@@ -46,6 +47,8 @@ PANELS = {
     "loop": "Loop lateness",
     "phase": "Phase portrait",
     "attitude": "Horizon and compass",
+    "map": "Map: trail, path and fence",
+    "model": "The vehicle, as found",
     "ages": "Telemetry ages",
     "battery": "Battery",
     "events": "Events",
@@ -200,6 +203,7 @@ class Dashboard:
         epoch = config = -1
         status_s = 0.0
         said = ""
+        plan: Plan | None = None
         vehicle: VehicleHistory | None = None
         while True:
             if vehicle is None:
@@ -218,6 +222,9 @@ class Dashboard:
                 if vehicle.event_count != event:
                     events, event = vehicle.events_from(event), vehicle.event_count
                     await socket_.send_str(_text(events=events))
+                if vehicle.plan is not plan:
+                    plan = vehicle.plan
+                    await socket_.send_str(_text(plan=plan))
                 if vehicle.config_version != config:
                     config = vehicle.config_version
                     await socket_.send_str(_text(choices=vehicle.choices))

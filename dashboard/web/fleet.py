@@ -7,10 +7,11 @@ from collections.abc import Iterable
 from typing import Any
 
 import msgspec
+from msgspec.structs import replace
 
 from companion.telemetry import schemas as telemetry
 from companion.telemetry.modes import SEVERITIES
-from companion.telemetry.schemas import Choices, Event, Loop, Recorder, Schema, State, Supervisor
+from companion.telemetry.schemas import Choices, Dof, Event, Loop, Plan, Recorder, Schema, State, Supervisor
 from dashboard.losses import Losses
 from dashboard.web.columns import COLUMNS, empty_row, fill, fill_truth
 from dashboard.web.ring import Ring
@@ -21,6 +22,11 @@ ROWS = round(HISTORY_S * 50.0)
 EVENTS = 200
 MOST_VEHICLES = 16
 RECORDER_SILENT_S = 3.0
+RATE_S = 5.0
+"""The rate that is shown is that of so many seconds."""
+
+MODEL = tuple(name for name in Dof.__struct_fields__ if name.startswith("model_"))
+"""What a Dof tells of the vehicle as found: gain and lag, in use, found, and their doubts."""
 
 _RESTART_S = 1.0
 _SAME_EVENT_S = 0.5
@@ -56,6 +62,25 @@ class Lag:
         return apart - self._fastest[0][1]
 
 
+class Rate:
+    """Ticks per second of the last seconds, by the sender's clock."""
+
+    def __init__(self) -> None:
+        self._ticks: deque[tuple[float, int]] = deque()
+
+    def add(self, t_s: float, tick: int) -> None:
+        """Take the number of a tick, and its time."""
+        self._ticks.append((t_s, tick))
+        while t_s - self._ticks[0][0] > RATE_S:
+            self._ticks.popleft()
+
+    @property
+    def hz(self) -> float:
+        """The rate; 0 before there are two ticks."""
+        (first_s, first), (last_s, last) = self._ticks[0], self._ticks[-1]
+        return (last - first) / (last_s - first_s) if last_s > first_s else 0.0
+
+
 class VehicleHistory:
     """One vehicle: the last two minutes of rows, its events, and the newest of all that is no number."""
 
@@ -77,6 +102,9 @@ class VehicleHistory:
         self._state: State | None = None
         self._supervisor: Supervisor | None = None
         self._loop: Loop | None = None
+        self._rate = Rate()
+        self._model: dict[str, dict[str, float | None]] = {}
+        self.plan: Plan | None = None
         self._recorder: Recorder | None = None
         self._recorder_heard_s = -math.inf
         self._tells_state = False
@@ -90,6 +118,11 @@ class VehicleHistory:
         if isinstance(record, Event):
             self._told(record)
             return
+        if isinstance(record, Plan):
+            before = self.plan
+            if before is None or replace(record, t_s=before.t_s, boot_s=before.boot_s) != before:
+                self.plan = record
+            return
         if record.t_s < self._t_s - _RESTART_S:
             self._restart()
         self._t_s = max(self._t_s, record.t_s)
@@ -100,11 +133,16 @@ class VehicleHistory:
         fill(self._row, record)
         if isinstance(record, State):
             self._state = record
+        elif isinstance(record, Dof):
+            self._model[record.dof] = {
+                name: None if name in record.absent else getattr(record, name) for name in MODEL
+            }
         elif isinstance(record, Supervisor):
             self._derive(record)
             self._supervisor = record
         elif isinstance(record, Loop):  # the last of a tick
             self._loop = record
+            self._rate.add(record.t_s, record.tick)
             self._true(record.boot_s)
             self._flush()
             if stamp_s is not None:
@@ -144,8 +182,14 @@ class VehicleHistory:
             "armed": state.armed if state and "armed" not in state.absent else None,
             "mode": state.mode if state and "mode" not in state.absent else None,
             "pilot_gain": state.pilot_gain if state else None,
+            "dead_motor": state.dead_motor if state else 0,
+            "guidance": state.guidance if state else "",
+            "path_progress_m": state.path_progress_m if state else 0.0,
+            "path_length_m": state.path_length_m if state else 0.0,
+            "model": self._model,
             "supervisor": supervisor,
             "loop": loop,
+            "rate_hz": self._rate.hz if loop else None,
             "recorder": recorder,
         }
 
@@ -193,6 +237,7 @@ class VehicleHistory:
         self._row, self._row_t_s = empty_row(), math.nan
         self._t_s = -math.inf
         self._lag, self._lag_s = Lag(), 0.0
+        self._rate, self._model, self.plan = Rate(), {}, None
         self.config, self.config_version = None, self.config_version + 1
 
 

@@ -39,6 +39,45 @@ HOLDS = (
     " && holdfast.count.frames > 2"
 )
 TOKEN = "a-token-of-the-test"
+_JUMP = "{t_s: %s, kind: 'condition', severity: 'warning', text: '%sclock jumped'}"
+_STORE = (
+    "{t: [0, 1, 2], start: 0, end: 3, number: 0, columns: ['a'], arrays: [[0, NaN, 0.5]], find: (t) => t}"
+)
+_PILOT = "m.holder('PILOT', {armed: %s, mode: '%s'})"
+PURE: list[tuple[str, str, Any]] = [
+    ("words", _PILOT % ("true", "ALT_HOLD"), "ALT_HOLD has it"),
+    ("words", _PILOT % ("true", "STABILIZE"), "the pilot has it, STABILIZE"),
+    ("words", _PILOT % ("false", "MANUAL"), "disarmed: nobody has it"),
+    ("words", "m.holder('HAND_OVER', {armed: true, mode: 'MANUAL'})", "Holdfast has it till ALT_HOLD does"),
+    ("words", "m.holder('ACTIVE', {armed: true, guidance: 'path'})", "following the path"),
+    (
+        "words",
+        f"m.collapsed([{_JUMP % (1, '')}, {_JUMP % (2, 'no longer ')}, {_JUMP % (30, '')},"
+        f" {_JUMP % (30.5, 'no longer ')}, {_JUMP % (200, '')}], {{}}).map(m.rowText)",
+        ["Clock jumped", "Clock jumped · 2 times, the last for 0.5 s"],
+    ),
+    (
+        "words",
+        "m.collapsed([{t_s: 1, kind: 'state', text: 'ACTIVE: engaged'}], {ACTIVE: 'holding'}).map(m.rowText)",
+        ["Holding: engaged"],
+    ),
+    ("plots", "m.shaded([1, 1, 0], [0, 0.1, 0.2], 0)", [0, 0.2, 1]),
+    ("plots", "m.shaded([1, NaN, 1, 0], [0, 0.001, 9, 9.1], 0)", [0, 0, 0]),  # not through a gap
+    (
+        "panels",  # saturated at 1 s: drawn again 3/kappa + 3/lambda later
+        "(([x, all]) => m.proved(x, [[], all(0), x.map((_, i) => Number(i === 1)), all(1)],"
+        " {mass: 2, kappa_per_s: 2, lambda_per_s: 2, max_disturbance: 1}).map(Number.isFinite).map(Number))"
+        "([Array.from({length: 12}, (_, i) => 0.4 * i), (value) => Array(12).fill(value)]).join('')",
+        "000000000111",
+    ),
+    ("map", "[7, 1, 0.45, 30].map(m.niceStep)", [5, 1, 0.2, 20]),
+    (
+        "save",
+        f"m.csv({_STORE}, 0, 2, 0).split('\\n').slice(1, 3)",
+        ["0.000,1970-01-01T00:00:00.000Z,0", "1.000,1970-01-01T00:00:01.000Z,"],
+    ),
+]
+"""What plain functions of the page give: module, expression, value."""
 PROGRAM = "import sys, holdfast; sys.exit(holdfast.main(sys.argv[1:]))"
 CHROMIUM = shutil.which("chromium") or ""
 ARGUMENTS = ["--no-sandbox", "--headless", "--disable-gpu", "--disable-background-networking"]
@@ -117,6 +156,15 @@ def browser(dive: Dive) -> Iterator[Browser]:
         yield play.chromium.launch(executable_path=CHROMIUM, args=ARGUMENTS)
 
 
+@pytest.fixture(scope="module")
+def pages(browser: Browser, dive: Dive) -> Iterator[Page]:
+    """One page for what needs no vehicle."""
+    page = browser.new_page()
+    page.goto(f"http://127.0.0.1:{dive.port}")
+    yield page
+    page.close()
+
+
 @pytest.fixture
 def opened(browser: Browser, dive: Dive) -> Iterator[Callable[..., Page]]:
     """Open a page of the dashboard; at the end nothing may have been said on its console."""
@@ -145,7 +193,8 @@ def opened(browser: Browser, dive: Dive) -> Iterator[Callable[..., Page]]:
 def test_a_live_dive(opened: Callable[..., Page]) -> None:
     page = opened()
     titles = page.locator(".panel h2").all_text_contents()
-    assert len(titles) == 13
+    assert len(titles) == 15
+    assert page.locator("#panel-map").is_hidden()  # without a position
     assert page.locator("#fact-mode").text_content() == "MANUAL"
     assert page.locator("#fact-armed").text_content() == "ARMED"
     assert page.locator("#reason").text_content() == "engaged"
@@ -155,12 +204,46 @@ def test_a_live_dive(opened: Callable[..., Page]) -> None:
     assert _get(page, "holdfast.store.value('z.engaged')") == 1.0
     _wait(page, "Number.isFinite(holdfast.store.value('true.z.d'))")  # the simulator's
     _wait(page, "document.querySelector('#panel-depth .measured b').textContent.match(/^-?\\d\\.\\d{3}$/)")
-    painted = "[...document.querySelectorAll('.plot canvas')].map((c) => c.toDataURL().length)"
+    seen = "filter((c) => c.checkVisibility() && c.getBoundingClientRect().bottom < innerHeight)"
+    painted = f"[...document.querySelectorAll('.plot canvas')].{seen}.map((c) => c.toDataURL().length)"
+    assert len(_get(page, painted)) >= 6
     assert all(size > 2000 for size in _get(page, painted))
     weight = "performance.getEntriesByType('resource').concat(performance.getEntriesByType('navigation'))"
     assert _get(page, f"{weight}.reduce((sum, e) => sum + e.encodedBodySize, 0)") < PAGE_BYTES
     hosts = _get(page, f"[...new Set({weight}.map((e) => new URL(e.name).hostname))]")
     assert hosts == ["127.0.0.1"]  # no internet
+    _wait(page, "/^\\d\\.\\d\\d m$/.test(document.querySelector('#depth-is').textContent)")
+    assert re.fullmatch(r"\d\.\d\d m", page.locator("#depth-wanted").text_content() or "")
+    assert page.locator("#meaning").text_content() == "Holdfast holds it"
+    assert page.locator("#panel-model td").first.text_content() == "× 1.00"
+    with page.expect_download() as saved:
+        page.locator("#save-csv").click()
+    lines = saved.value.path().read_text().splitlines()
+    assert lines[0].startswith("t_s,utc,x_m,y_m,depth_m")
+    assert 50 < len(lines) <= 1600
+    assert len({line.count(",") for line in lines}) == 1
+    with page.expect_download() as saved:
+        page.locator("#save-png").click()
+    assert saved.value.path().read_bytes().startswith(b"\x89PNG")
+    assert re.fullmatch(r"kelp-\d{8}T\d{6}Z\.png", saved.value.suggested_filename)
+
+
+def test_where_no_vehicle_is_there_are_commands_that_start_one(
+    dive: Dive, opened: Callable[..., Page]
+) -> None:
+    page = opened(live=False)
+    _wait(page, "holdfast.link.status")
+    page.evaluate("holdfast.link.choose('nobody')")
+    _wait(page, "!document.querySelector('#empty').hidden")
+    assert page.locator("#start-sim").text_content() == f"holdfast sim --zenoh {dive.zenoh}"
+    assert page.locator("#state").text_content() == "NO DATA"
+    page.evaluate("holdfast.link.choose('kelp')")
+    _wait(page, "document.querySelector('#empty').hidden")
+
+
+@pytest.mark.parametrize(("module", "expression", "wanted"), PURE)
+def test_the_pages_pure_parts(pages: Page, module: str, expression: str, wanted: Any) -> None:
+    assert pages.evaluate(f"import('/static/{module}.js').then((m) => {expression})") == wanted
 
 
 def test_a_new_page_shows_the_past_at_once(opened: Callable[..., Page]) -> None:
@@ -203,7 +286,7 @@ def test_pause_zoom_cursor_and_keys(opened: Callable[..., Page]) -> None:
     assert _get(page, "getComputedStyle(document.body).backgroundColor") != before
 
 
-@pytest.mark.parametrize("panel", ["depth", "attitude", "phase", "status"])
+@pytest.mark.parametrize("panel", ["depth", "attitude", "map", "status"])
 def test_a_panel_stands_alone(opened: Callable[..., Page], panel: str) -> None:
     page = opened(f"/panel/{panel}")
     assert page.locator("#banner").is_visible()
@@ -307,8 +390,11 @@ def test_tuning_there_and_back(dive: Dive, opened: Callable[..., Page]) -> None:
     page.locator("#aim-depth").fill("1.2")
     page.locator("#aim").click()
     _wait(page, "holdfast.store.value('depth_desired_m') > 1.15")
-    page.locator("#release").click()
+    assert page.locator("#engage").is_disabled()  # it holds already
+    page.locator("#aim").focus()
+    page.keyboard.press("r")
     _wait(page, "document.querySelector('#banner').dataset.state !== 'ACTIVE'")
+    _wait(page, "document.querySelector('#engage').matches('.primary:enabled')")
     page.locator("#engage").click()  # asks
     page.locator("#engage").click()
     _active(dive, page)
@@ -316,10 +402,13 @@ def test_tuning_there_and_back(dive: Dive, opened: Callable[..., Page]) -> None:
 
 def test_a_silent_server_is_seen_and_a_new_one_found(dive: Dive, opened: Callable[..., Page]) -> None:
     page = opened()
+    assert page.locator("#state").text_content() == "ACTIVE"
     _watch_stale(page)
     dive.server.send_signal(signal.SIGSTOP)  # the connection stays: half open
     assert _stale_after(page) < STALE_WITHIN_S
     _wait(page, "document.querySelector('#reason').textContent.includes('server is silent')")
+    assert page.locator("#state").text_content() == "NO DATA"
+    assert page.locator("#meaning").text_content() == "was ACTIVE"
     dive.server.send_signal(signal.SIGCONT)
     _fresh(page)
     _watch_stale(page)
@@ -353,7 +442,8 @@ def test_a_vehicle_that_fell_silent_leaves_gaps_and_no_live_picture(
         _wait(page, f"document.querySelector('#panel-{panel}').dataset.known === 'no'")
     assert "no attitude for" in (page.locator("#panel-attitude header").text_content() or "")
     assert "nothing new for" in (page.locator("#panel-depth header").text_content() or "")
-    assert page.locator("#meaning").text_content() == "LINK LOST"
+    assert page.locator("#state").text_content() == "LINK LOST"
+    assert page.locator("#banner").get_attribute("data-lost") == "yes"
     assert page.locator("#fact-armed").text_content() == "–"
     assert _get(page, "Number.isNaN(holdfast.store.of['depth_m'][holdfast.store.end - 1])")
     assert _get(page, "document.body.dataset.stale") == "no"  # the companion itself goes on

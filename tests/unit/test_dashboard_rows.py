@@ -14,7 +14,7 @@ from companion.telemetry import samples
 from companion.telemetry import schemas as telemetry
 from dashboard.web import fleet
 from dashboard.web.columns import COLUMNS
-from dashboard.web.fleet import Fleet, Lag
+from dashboard.web.fleet import Fleet, Lag, Rate
 from dashboard.web.ring import Ring, next_row
 from dashboard.zenoh_client import Stamped
 
@@ -120,6 +120,43 @@ def test_a_change_of_state_is_an_event_unless_the_companion_tells(make_sample: M
     assert [event["text"] for event in vehicle.events_from(1)] == ["told"]
 
 
+def test_the_rate_is_that_of_the_last_seconds() -> None:
+    rate = Rate()
+    for tick in range(100):
+        rate.add(0.02 * tick, tick)
+    assert rate.hz == pytest.approx(50.0)
+    for tick in range(100, 200):
+        rate.add(2.0 + 0.1 * (tick - 100), tick)
+    assert rate.hz == pytest.approx(10.0)
+
+
+def test_the_plan_is_kept_until_another_comes(make_sample: MakeSample) -> None:
+    seen = Fleet()
+    seen.take(_messages(make_sample(t_s=1.0)), now_s=1.0)
+    first = _plan(2.0, "eight")
+    seen.take([Stamped("holdfast/kelp/plan", msgspec.json.encode(first), None)], now_s=2.0)
+    vehicle = seen.vehicles["kelp"]
+    kept, rows = vehicle.plan, vehicle.ring.end
+    seen.take([Stamped("holdfast/kelp/plan", msgspec.json.encode(_plan(7.0, "eight")), None)], now_s=7.0)
+    assert vehicle.plan is kept
+    assert vehicle.ring.end == rows
+    seen.take([Stamped("holdfast/kelp/plan", msgspec.json.encode(_plan(8.0, "")), None)], now_s=8.0)
+    assert vehicle.plan == _plan(8.0, "")
+    seen.take(_messages(make_sample(t_s=-9.0)), now_s=9.0)
+    assert vehicle.plan is None
+
+
+def test_what_was_found_of_the_vehicle_is_told_by_axis(make_sample: MakeSample) -> None:
+    seen = Fleet()
+    seen.take(_messages(make_sample(dead_motor=3)), now_s=1.0)
+    status = seen.vehicles["kelp"].status(1.0)
+    assert status["dead_motor"] == 3
+    assert set(status["model"]) == {"x", "y", "z", "psi"}
+    dof = samples.records(make_sample())[3]
+    assert isinstance(dof, telemetry.Dof)
+    assert status["model"][dof.dof]["model_lag_s"] == dof.model_lag_s
+
+
 def test_the_truth_joins_the_tick_of_its_moment_with_the_papers_sign(make_sample: MakeSample) -> None:
     seen = Fleet()
     seen.take(_messages(make_sample(t_s=1.0)), now_s=1.0)  # who is not heard has no truth
@@ -190,3 +227,19 @@ def _unpack(
     t_s = np.frombuffer(frame, "<f8", rows, 24)
     numbers = np.frombuffer(frame, "<f4", rows * columns, 24 + 8 * rows)
     return epoch, first, t_s, numbers.reshape(rows, columns)
+
+
+def _plan(t_s: float, name: str) -> telemetry.Plan:
+    return telemetry.Plan(
+        t_s=t_s,
+        boot_s=0.0,
+        number=1,
+        name=name,
+        x_m=(0.0, 1.0),
+        y_m=(0.0, 2.0),
+        depth_m=(3.0, 3.0),
+        fenced=False,
+        fence_north_m=(-1.0, 1.0),
+        fence_east_m=(-1.0, 1.0),
+        fence_depth_m=(0.0, 9.0),
+    )

@@ -29,7 +29,7 @@ export function mark(node, name, value) {
   if (node.dataset[name] !== value) node.dataset[name] = value;
 }
 
-const names = ["ink", "dim", "line", "panel", "measured", "wanted", "model", "feedback", "learnt", "truth", "given", "band", "saturated", "adapting", "info", "warning", "fault"];
+const names = ["page", "ink", "dim", "line", "panel", "measured", "wanted", "model", "feedback", "learnt", "truth", "given", "band", "saturated", "adapting", "info", "warning", "fault"];
 export const colours = {};
 
 export function readColours() {

@@ -1,6 +1,6 @@
-// What is no plot over time: horizon with compass, phase portrait, ages, events.
+// What is no plot over time: horizon with compass, phase portrait, ages.
 import { colours, el, mark, say, svg } from "./dom.js";
-import { proved } from "./panels.js";
+import { GAP_S } from "./store.js";
 import { ageText, DOFS } from "./words.js";
 
 const DEG = 180 / Math.PI;
@@ -47,8 +47,7 @@ export class Attitude {
     if (now - this.drawnAt < APART_MS && this.view.cursor === null) return;
     this.drawnAt = now;
     const { store } = this;
-    const at = this.view.cursor ?? (this.view.paused ? this.view.range(store.last)[1] : null);
-    const index = at === null ? store.end - 1 : Math.min(store.end - 1, store.find(at));
+    const index = this.view.index(store);
     const value = (name) => store.value(name, index);
     const [roll, pitch, heading, wanted] = ["roll_rad", "pitch_rad", "heading_rad", "heading_desired_rad"].map((name) => value(name) * DEG);
     const known = Number.isFinite(heading + roll + pitch);
@@ -86,7 +85,10 @@ export class Phase {
     this.node = el("article", { class: "panel", id: "panel-phase" },
       el("header", {}, el("h2", {}, "Phase portrait"), el("span", { class: "readouts" }, this.note)), this.box);
     new ResizeObserver(() => this.fit()).observe(this.box);
-    new IntersectionObserver(([entry]) => { this.shown = entry.isIntersecting; }).observe(this.node);
+    new IntersectionObserver(([entry]) => {
+      this.shown = entry.isIntersecting;
+      if (this.shown) view.set({});
+    }).observe(this.node);
   }
 
   fit() {
@@ -94,7 +96,7 @@ export class Phase {
     this.canvas.height = Math.round(this.box.clientHeight * devicePixelRatio);
   }
 
-  draw({ lambda, config }) {
+  draw({ lambda }) {
     if (!this.shown || !this.canvas.width) return;
     const { store, view } = this;
     const { width, height } = this.canvas;
@@ -109,7 +111,7 @@ export class Phase {
     for (let i = first + ((step - ((first + store.number) % step)) % step); i < end; i += step) {
       const [e, rate, engaged] = names.map((name) => store.value(name, i));
       if (!(engaged > 0) || !Number.isFinite(e + rate)) continue;
-      points.push([e * dof.e.scale, rate * dof.rate.scale]);
+      points.push([e * dof.e.scale, rate * dof.rate.scale, store.t[i]]);
       reach = [Math.max(reach[0], Math.abs(e * dof.e.scale)), Math.max(reach[1], Math.abs(rate * dof.rate.scale))];
     }
     this.reach = this.reach && this.of === view.dof ? this.reach.map((old, i) => (reach[i] > old ? reach[i] : old + 0.06 * (reach[i] - old))) : reach;
@@ -133,11 +135,7 @@ export class Phase {
     if (Number.isFinite(lambda)) {
       const far = 2 * this.reach[0];
       const slope = (-lambda * dof.rate.scale) / dof.e.scale;
-      const bound = proved(config, view.dof) * dof.rate.scale;
       line(X(-far), Y(-slope * far), X(far), Y(slope * far), colours.feedback, [5, 4]);
-      if (Number.isFinite(bound)) {
-        for (const side of [-bound, bound]) line(X(-far), Y(-slope * far + side), X(far), Y(slope * far + side), colours.wanted, [3, 5]);
-      }
     }
     context.setLineDash([]);
     context.lineWidth = 1.5 * ratio;
@@ -148,7 +146,10 @@ export class Phase {
       const stop = Math.min(points.length, Math.floor(((piece + 1) * points.length) / pieces) + 1);
       context.globalAlpha = 0.08 + 0.92 * ((piece + 1) / pieces) ** 2;
       context.beginPath();
-      for (let i = begin; i < stop; i++) context.lineTo(X(points[i][0]), Y(points[i][1]));
+      for (let i = begin; i < stop; i++) {
+        const apart = i > begin && points[i][2] - points[i - 1][2] > GAP_S;
+        context[apart ? "moveTo" : "lineTo"](X(points[i][0]), Y(points[i][1]));
+      }
       context.stroke();
     }
     context.globalAlpha = 1;
@@ -208,19 +209,3 @@ export class Ages {
   }
 }
 
-export class Events {
-  name = "events";
-
-  constructor(view, store, events) {
-    Object.assign(this, { view, store, events });
-    this.list = el("ol", { class: "events" });
-    this.node = el("article", { class: "panel", id: "panel-events" }, el("header", {}, el("h2", {}, "Events")), this.list);
-  }
-
-  show(wallOf) {
-    const rows = this.events.slice(-100).reverse().map((event) => el("li", { class: event.severity },
-      el("button", { title: "go there", onclick: () => this.view.zoomTo(event.t_s - 5, event.t_s + 5, this.store.last) },
-        el("time", {}, wallOf(event.t_s)), el("span", {}, event.text))));
-    this.list.replaceChildren(...(rows.length ? rows : [el("li", { class: "none" }, "nothing so far")]));
-  }
-}

@@ -1,10 +1,13 @@
 // The page: what comes is stored, what is stored is drawn, what is pressed changes the view.
 import { Banner } from "./banner.js";
 import { $, colours, el, mark, readColours, say } from "./dom.js";
-import { Ages, Attitude, Events, Phase } from "./instruments.js";
+import { Events, Model } from "./events.js";
+import { Ages, Attitude, Phase } from "./instruments.js";
 import { Link } from "./link.js";
+import { FromAbove } from "./map.js";
 import { PLOTS } from "./panels.js";
 import { Plot } from "./plots.js";
+import { csv, png, save } from "./save.js";
 import { Store } from "./store.js";
 import { Tuning } from "./tuning.js";
 import { SPANS, View } from "./view.js";
@@ -24,6 +27,7 @@ const banner = new Banner();
 const count = { frames: 0, rows: 0, firstPlot: null, drawMs: 0 };
 let store = null;
 let config = null;
+let plan = null;
 let panels = [];
 let dirty = true;
 let wall = 0; // the wall clock less the data's clock, s
@@ -52,6 +56,11 @@ const link = new Link({
     if (fresh.length) listed = false;
     if (fresh.some((event) => event.t_s > newest)) dirty = true;
   },
+  plan(fresh) {
+    plan = fresh;
+    for (const panel of panels) if (panel.name === "map") panel.plan = plan;
+    dirty = true;
+  },
   choices(known) {
     tuning?.choices(known);
   },
@@ -66,6 +75,8 @@ const link = new Link({
       wall = Math.abs(fresh - wall) > 1 ? fresh : Math.min(fresh, wall + 1e-3);
     }
     vehicles(status);
+    tuning?.status(status);
+    nothing(status);
   },
 });
 const tuning = solo ? null : new Tuning(view, link);
@@ -73,6 +84,8 @@ let listed = false;
 
 function forget() {
   events.length = 0;
+  plan = null;
+  for (const panel of panels) if (panel.name === "map") panel.plan = null;
   listed = false;
   view.live();
 }
@@ -82,11 +95,13 @@ function build() {
   const rail = document.querySelector(".rail");
   const plots = document.querySelector(".plots");
   const all = [
-    ...PLOTS.map((definition) => [definition.name, definition.rail ? rail : plots, () => new Plot(definition, view, store, events)]),
+    ...PLOTS.map((definition) => [definition.name, plots, () => new Plot(definition, view, store, events)]),
     ["attitude", rail, () => new Attitude(view, store)],
-    ["phase", rail, () => new Phase(view, store)],
-    ["ages", rail, () => new Ages(view, store)],
+    ["map", rail, () => new FromAbove(view, store, solo)],
     ["events", rail, () => new Events(view, store, events)],
+    ["phase", plots, () => new Phase(view, store)],
+    ["model", plots, () => new Model(tuning)],
+    ["ages", plots, () => new Ages(view, store)],
   ].filter(([name]) => !solo || name === solo);
   for (const [name, place, make] of all) {
     const panel = make();
@@ -206,6 +221,39 @@ function repaint() {
   dirty = true;
 }
 
+// --- No vehicle: what to start ---
+
+const ENDPOINT = "tcp/127.0.0.1:7447";
+
+function nothing({ vehicle, endpoint }) {
+  $("empty").hidden = Boolean(vehicle) || Boolean(solo);
+  mark(document.body, "empty", vehicle ? "no" : "yes");
+  if (vehicle) return;
+  const other = (option) => (endpoint === ENDPOINT ? "" : ` ${option}${endpoint}`);
+  say($("start-sim"), `holdfast sim${other("--zenoh ")}`);
+  say($("start-run"), `holdfast run --engage --arm --depth 2${other("--set telemetry.endpoint=")}`);
+  say($("start-look"), `holdfast run${other("--set telemetry.endpoint=")}`);
+  say($("start-replay"), `holdfast replay dives/NAME.mcap${other("--connect ")}`);
+}
+
+// --- What is seen, as a file ---
+
+function fileName(kind) {
+  const at = new Date((view.range(store.last)[1] + wall) * 1000).toISOString().replace(/[-:]|\.\d+/g, "");
+  return `${link.status?.vehicle ?? "holdfast"}-${at}.${kind}`;
+}
+
+function saveCsv() {
+  if (!store?.empty) save(new Blob([csv(store, ...view.range(store.last), wall)], { type: "text/csv" }), fileName("csv"));
+}
+
+async function savePng() {
+  if (store?.empty) return;
+  const [from, to] = view.range(store.last);
+  const title = `${link.status?.vehicle ?? ""}   ${clock(from, 0)} – ${clock(to, 0)}   ${DOFS[view.dof].name}`;
+  save(await png(title, panels), fileName("png"));
+}
+
 const pause = () => view.pause(store?.last ?? NaN);
 const KEYS = [
   [" ", "space", "pause, go on", pause],
@@ -215,6 +263,7 @@ const KEYS = [
   ...Object.entries(DOFS).map(([dof, { key, name }]) => [key, key, name.toLowerCase(), () => view.set({ dof })]),
   ["v", "v", "next vehicle", nextVehicle],
   ["g", "g", "tuning", () => tuning?.toggle()],
+  ["r", "r", "release, when unlocked", () => tuning?.release()],
   ["t", "t", "dark or light", theme],
   ["?", "?", "this help", () => help()],
 ];
@@ -235,6 +284,8 @@ addEventListener("keydown", (event) => {
 });
 $("pause").addEventListener("click", pause);
 $("unzoom").addEventListener("click", () => view.live());
+$("save-png").addEventListener("click", savePng);
+$("save-csv").addEventListener("click", saveCsv);
 $("theme").addEventListener("click", theme);
 $("ask").addEventListener("click", help);
 $("tune").addEventListener("click", () => tuning?.toggle());

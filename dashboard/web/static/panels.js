@@ -1,5 +1,6 @@
 // What each plot shows: the columns it needs, and the lines it makes of them.
 import { places, plainNumber } from "./plots.js";
+import { GAP_S } from "./store.js";
 import { DOFS } from "./words.js";
 
 const DEG = 180 / Math.PI;
@@ -23,24 +24,33 @@ function unwrapped(radians) {
 
 const compass = (value, step) => (((value % 360) + 360) % 360).toFixed(step ? places(step) : 1);
 
-// The greatest of the last `seconds` before each point.
+// The greatest of the last `seconds` before each point; NaN where there is no value.
 function trailing(values, x, seconds) {
   const queue = [];
   return values.map((value, i) => {
     const size = Math.abs(value);
-    if (Number.isFinite(size)) {
-      while (queue.length && queue.at(-1)[1] <= size) queue.pop();
-      queue.push([x[i], size]);
-    }
-    while (queue.length && queue[0][0] < x[i] - seconds) queue.shift();
-    return queue.length ? queue[0][1] : NaN;
+    if (!Number.isFinite(size)) return NaN;
+    while (queue.length && queue.at(-1)[1] <= size) queue.pop();
+    queue.push([x[i], size]);
+    while (queue[0][0] < x[i] - seconds) queue.shift();
+    return queue[0][1];
   });
 }
 
+const PROVED = ["eps", "d_observer", "saturated", "engaged"];
+
 // What docs/theory.md, section 3, proves: |eps| <= (d_max + D)/(m kappa), here for a disturbance D up to d_max.
-export function proved(config, dof) {
-  const axis = config?.[DOFS[dof].axis];
-  return axis ? (2 * axis.max_disturbance) / (axis.mass * axis.kappa_per_s) : NaN;
+// NaN where an assumption does not hold, and until what came of that has decayed.
+export function proved(x, [, disturbance, saturated, engaged], axis) {
+  if (!axis) return x.map(() => NaN);
+  const { mass, kappa_per_s: kappa, lambda_per_s: lambda, max_disturbance: most } = axis;
+  let since = x[0];
+  return x.map((t, i) => {
+    const gap = i > 0 && t - x[i - 1] > GAP_S;
+    const holds = engaged[i] > 0 && !(saturated[i] > 0) && Math.abs(disturbance[i]) <= most;
+    if (gap || (!holds && Number.isFinite(engaged[i]))) since = t;
+    return holds && t - since > 3 / kappa + 3 / lambda ? (2 * most) / (mass * kappa) : NaN;
+  });
 }
 
 const place = (dof) => (dof === "psi" ? "z" : dof);
@@ -73,33 +83,30 @@ export const PLOTS = [
     series: [
       { label: "e", colour: "measured", width: 2 },
       { label: "within ±", colour: "band", drawn: true, soft: true }, { colour: "band", soft: true },
-      { colour: "wanted", dash: [3, 5], width: 1, unscaled: true }, { colour: "wanted", dash: [3, 5], width: 1, unscaled: true },
+      { label: "proved ±", colour: "wanted", dash: [3, 5], width: 1, unscaled: true, drawn: true }, { colour: "wanted", dash: [3, 5], width: 1, unscaled: true },
     ],
     bands: [[2, 3]],
-    columns: (dof) => of(dof, "e", "eps", "engaged"),
-    make: ([e, eps, engaged], dof, { x, lambda, config }) => {
+    columns: (dof) => of(dof, "e", ...PROVED),
+    make: ([e, ...law], dof, { x, lambda, config }) => {
       const { scale } = DOFS[dof].e;
+      const [eps, engaged] = [law[0], law.at(-1)];
       const bound = scaled(trailing(held(eps, engaged), x, 5 / lambda), scale / lambda);
-      const line = proved(config, dof) / lambda * scale;
-      return { lines: [scaled(held(e, engaged), scale), bound, scaled(bound, -1), e.map(() => line), e.map(() => -line)] };
+      const line = scaled(proved(x, law, config?.[DOFS[dof].axis]), scale / lambda);
+      return { lines: [scaled(held(e, engaged), scale), bound, scaled(bound, -1), line, scaled(line, -1)] };
     },
     span: (dof) => DOFS[dof].e.span, unit: (dof) => DOFS[dof].e.unit,
-    note: (dof, { lambda, config }) => {
-      const line = (proved(config, dof) / lambda) * DOFS[dof].e.scale;
-      return `${DOFS[dof].e.unit}${Number.isFinite(line) ? ` · proved ±${line.toPrecision(3)}` : ""}`;
-    },
   },
   {
     name: "eps", title: "Combined error ε = ė + λe", held: true,
     series: [
       { label: "ε", colour: "feedback" },
-      { colour: "wanted", dash: [3, 5], width: 1, unscaled: true }, { colour: "wanted", dash: [3, 5], width: 1, unscaled: true },
+      { label: "proved ±", colour: "wanted", dash: [3, 5], width: 1, unscaled: true, drawn: true }, { colour: "wanted", dash: [3, 5], width: 1, unscaled: true },
     ],
-    columns: (dof) => of(dof, "eps", "engaged"),
-    make: ([eps, engaged], dof, { config }) => {
+    columns: (dof) => of(dof, ...PROVED),
+    make: (law, dof, { x, config }) => {
       const { scale } = DOFS[dof].rate;
-      const line = proved(config, dof) * scale;
-      return { lines: [scaled(held(eps, engaged), scale), eps.map(() => line), eps.map(() => -line)] };
+      const line = scaled(proved(x, law, config?.[DOFS[dof].axis]), scale);
+      return { lines: [scaled(held(law[0], law.at(-1)), scale), line, scaled(line, -1)] };
     },
     span: (dof) => DOFS[dof].rate.span, unit: (dof) => DOFS[dof].rate.unit,
     note: (dof, { lambda }) => `${DOFS[dof].rate.unit}${Number.isFinite(lambda) ? ` · λ ${lambda.toFixed(2)}/s` : ""}`,
@@ -150,10 +157,10 @@ export const PLOTS = [
     columns: () => ["lateness_ms", "compute_us"],
     make: ([late, compute]) => ({ lines: [late, scaled(compute, 1e-3)] }),
     span: () => 1, read: (value) => value.toFixed(2),
-    note: (_, { status }) => (status?.loop ? `ms · ${status.loop.rate_hz.toFixed(1)} Hz · ${status.loop.late_ticks} ticks left out${status.lost ? ` · ${status.lost} samples lost` : ""}` : "ms"),
+    note: (_, { status }) => (status?.loop ? `ms · ${status.rate_hz.toFixed(1)} Hz · ${status.loop.late_ticks} ticks left out${status.lost ? ` · ${status.lost} samples lost` : ""}` : "ms"),
   },
   {
-    name: "battery", title: "Battery", rail: true,
+    name: "battery", title: "Battery",
     series: [{ label: "", colour: "measured" }],
     columns: () => ["voltage_v"],
     make: ([volts]) => ({ lines: [volts] }),

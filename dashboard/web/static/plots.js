@@ -53,7 +53,10 @@ export class Plot {
       },
     }, [[], ...definition.series.map(() => [])], this.canvas);
     new ResizeObserver(() => this.fit()).observe(this.canvas);
-    new IntersectionObserver(([entry]) => { this.shown = entry.isIntersecting; }).observe(this.node);
+    new IntersectionObserver(([entry]) => {
+      this.shown = entry.isIntersecting;
+      if (this.shown) view.set({}); // drawn even while paused
+    }).observe(this.node);
     this.fit();
   }
 
@@ -167,10 +170,10 @@ export class Plot {
       ctx.fillStyle = colours[colour];
       for (let i = 0; i < flags.length; i++) {
         if (!(flags[i] > 0)) continue;
-        const first = i;
-        while (i + 1 < flags.length && !(flags[i + 1] <= 0)) i++;
-        const left = Math.max(bbox.left, u.valToPos(this.x[first], "x", true));
-        const right = Math.min(bbox.left + bbox.width, u.valToPos(this.x[Math.min(i + 1, flags.length - 1)], "x", true));
+        const [from, to, last] = shaded(flags, this.x, i);
+        i = last;
+        const left = Math.max(bbox.left, u.valToPos(from, "x", true));
+        const right = Math.min(bbox.left + bbox.width, u.valToPos(to, "x", true));
         if (right > left - 1) ctx.fillRect(left, bbox.top, Math.max(1, right - left), bbox.height);
       }
     }
@@ -214,6 +217,20 @@ export class Plot {
     u.setSelect({ left: 0, width: 0, top: 0, height: 0 }, false);
     if (u.cursor.event) this.view.zoomTo(from, to, this.store.last);
   }
+}
+
+// The piece of time that a flag at index `i` shades, and the index where it ends: at the next that is down, or at a gap.
+export function shaded(flags, x, i) {
+  const from = x[i];
+  let to = x[i];
+  let last = i;
+  for (let k = i + 1; k < flags.length && x[k] - to <= GAP_S; k++) {
+    if (Number.isNaN(flags[k])) continue;
+    to = x[k];
+    if (!(flags[k] > 0)) break;
+    last = k;
+  }
+  return [from, to, last];
 }
 
 // For uPlot: null breaks the line, undefined does not. A value that is missing for a moment breaks nothing.

@@ -4,7 +4,15 @@ import { COMMANDS } from "./vocabulary.js"; // made by the server: dashboard/web
 import { DOFS } from "./words.js";
 
 const TOKEN = "holdfast-token";
+const SAID_MS = 12_000;
 const GROUPS = ["gains", "estimator"];
+
+// Of each number, [for m and N, for rad and N·m].
+const UNITS = {
+  lambda_per_s: ["1/s", "1/s"], kappa_per_s: ["1/s", "1/s"], leak_per_s: ["1/s", "1/s"], dead_zone: ["m/s", "rad/s"], max_disturbance: ["N", "N·m"],
+  position_noise: ["m", "rad"], rate_noise: ["m/s", "rad/s"], position_noise_slow: ["m", "rad"], rate_noise_slow: ["m/s", "rad/s"],
+  disturbance_noise: ["N/√s", "N·m/√s"],
+};
 
 export class Tuning {
   constructor(view, link) {
@@ -18,26 +26,30 @@ export class Tuning {
       history.replaceState(null, "", location.pathname + location.search);
     }
     this.unlocked = false;
+    this.active = false;
     this.config = null;
     this.before = {};
     this.build();
-    $("release").addEventListener("click", () => this.send("release", {}));
+    $("release").addEventListener("click", () => this.release());
+    $("record").addEventListener("click", () => this.record());
+    this.said = $("said");
+    this.said.addEventListener("click", () => this.tell(""));
     view.addEventListener("change", () => this.refresh());
   }
 
   build() {
-    this.said = el("output", { id: "said", "aria-live": "polite" });
     this.lock = el("section", { class: "lock" });
     this.axisName = el("h3");
     this.inputs = {};
     const field = (group) => ({ name, title, description, least, most }) => {
       const input = el("input", { type: "number", step: "any", min: least, max: most, id: `set-${name}`, inputmode: "decimal", oninput: () => this.changed() });
       const now = el("span", { class: "now", title: "in force" });
-      this.inputs[name] = { group, input, now };
-      return el("label", { title: description }, el("span", {}, title), now, input);
+      const unit = el("i");
+      this.inputs[name] = { group, input, now, unit };
+      return el("label", {}, el("span", {}, title, " ", unit, el("small", {}, description)), now, input);
     };
     this.compensator = el("select", { id: "set-compensator", onchange: () => this.changed() });
-    this.compensatorNow = el("span", { class: "now" });
+    this.compensatorNow = el("small");
     const [gains, noises] = GROUPS.map((group) => Object.values(COMMANDS[group]).filter(({ least }) => least !== null).map(field(group)));
     const within = ({ least, most }) => ({ min: least, max: most });
     this.apply = el("button", { id: "apply", class: "primary", onclick: () => this.applyAsked() }, "Apply");
@@ -47,17 +59,16 @@ export class Tuning {
     this.engage = el("button", { id: "engage", class: "primary", onclick: () => this.ask(this.engage, "Engage", () => this.send("engage", {})) }, "Engage");
     this.controls = el("fieldset", {},
       el("div", { class: "row" }, this.engage,
-        el("button", { id: "let-go", class: "danger", onclick: () => this.send("release", {}) }, "Release"),
+        el("button", { id: "let-go", class: "danger", onclick: () => this.release() }, "Release"),
         el("button", { id: "clear", onclick: () => this.send("clear_fault", {}) }, "Clear fault")),
       el("h3", {}, "Where to be"),
       el("form", { class: "row", onsubmit: (event) => this.aim(event) }, el("label", {}, "depth", this.depth), el("label", {}, "heading", this.heading), el("button", { id: "aim" }, "Go")),
-      el("div", { class: "row" }, el("button", { onclick: () => this.send("record", { on: true }) }, "Record"), el("button", { onclick: () => this.send("record", { on: false }) }, "Stop recording")),
       this.axisName,
       el("div", { class: "fields" }, el("div", { class: "legend" }, el("span", {}, ""), el("span", {}, "in force"), el("span", {}, "new")),
-        el("label", {}, el("span", {}, "compensator"), this.compensatorNow, this.compensator), ...gains),
+        el("label", { class: "wide" }, el("span", {}, "compensator", this.compensatorNow), this.compensator), ...gains),
       el("details", {}, el("summary", {}, "Estimator"), el("div", { class: "fields" }, ...noises)),
       el("div", { class: "row" }, this.apply, this.revert));
-    this.node.append(el("header", {}, el("h2", {}, "Tuning"), el("button", { "aria-label": "close", onclick: () => this.toggle(false) }, "×")), this.lock, this.said, this.controls);
+    this.node.append(el("header", {}, el("h2", {}, "Tuning"), el("button", { "aria-label": "close", onclick: () => this.toggle(false) }, "×")), this.lock, this.controls);
   }
 
   toggle(open = this.node.hidden) {
@@ -83,23 +94,47 @@ export class Tuning {
     this.refresh();
   }
 
+  // Commands can be given.
+  get open() {
+    return this.allowed && this.unlocked;
+  }
+
+  release() {
+    if (this.open) this.send("release", {});
+  }
+
+  record() {
+    if (!this.open) return void this.toggle(true);
+    this.send("record", { on: !this.link.status?.recorder?.recording });
+  }
+
+  // What there is to do depends on whether it holds.
+  status({ supervisor }) {
+    const active = supervisor?.state === "ACTIVE";
+    if (active === this.active) return;
+    this.active = active;
+    this.engage.classList.toggle("primary", !active);
+    this.engage.disabled = active;
+  }
+
   get axis() {
     return DOFS[this.view.dof].axis;
   }
 
   // What is in force, and what is typed where nothing was changed.
   refresh() {
-    const open = this.allowed && this.unlocked;
+    const { open } = this;
     this.controls.disabled = !open;
     $("release").hidden = !open;
     this.showLock(open);
     say(this.axisName, `${DOFS[this.view.dof].name}: gains of ${this.axis}`);
     const now = this.config?.[this.axis];
-    for (const [name, { input, now: shown }] of Object.entries(this.inputs)) {
+    for (const [name, { input, now: shown, unit }] of Object.entries(this.inputs)) {
+      say(unit, UNITS[name]?.[this.axis === "yaw" ? 1 : 0] ?? "");
       say(shown, now ? text(now[name]) : "–");
       if (this.touched !== this.axis && now) input.value = text(now[name]);
     }
-    say(this.compensatorNow, now?.compensator ?? "–");
+    say(this.compensatorNow, `in force: ${now?.compensator ?? "–"}`);
     if (this.touched !== this.axis && now) this.compensator.value = now.compensator;
     this.changed(false);
   }
@@ -251,7 +286,10 @@ export class Tuning {
     }
   }
 
+  // At the bottom of the page: what went well for some seconds, what did not until it is read.
   tell(words, bad = false) {
+    clearTimeout(this.forget);
+    if (!bad) this.forget = setTimeout(() => say(this.said, ""), SAID_MS);
     say(this.said, words);
     mark(this.said, "level", bad ? "bad" : "good");
   }

@@ -21,6 +21,12 @@ export class View extends EventTarget {
     return this.zoom ?? [this.head(last) - this.span, this.head(last)];
   }
 
+  // The row that readouts are of: under the cursor, where it was stopped, or the newest.
+  index(store) {
+    const at = this.cursor ?? (this.paused ? this.range(store.last)[1] : null);
+    return at === null ? store.end - 1 : Math.min(store.end - 1, store.find(at));
+  }
+
   set(changes) {
     Object.assign(this, changes);
     this.dispatchEvent(new Event("change"));

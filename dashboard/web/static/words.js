@@ -18,3 +18,46 @@ export function ageText(seconds) {
 export function bytesText(bytes) {
   return bytes > 2e9 ? `${(bytes / 1e9).toFixed(1)} GB` : `${(bytes / 1e6).toFixed(1)} MB`;
 }
+
+const GUIDED = { move: "moving to its place", path: "following the path", paused: "holding, path paused", waiting: "holding, path waits", refused: "holding, path refused" };
+
+// Who has the vehicle, by the supervisor's state and what the vehicle's own heartbeat says.
+export function holder(state, { armed, mode, guidance }) {
+  if (state === "ACTIVE") return GUIDED[guidance] ?? "Holdfast holds it";
+  if (state === "RAMP_DOWN") return "Holdfast lets go of it";
+  if (armed === false) return "disarmed: nobody has it";
+  const has = `${mode === "ALT_HOLD" ? "ALT_HOLD" : "the pilot"} has it${mode && mode !== "ALT_HOLD" ? `, ${mode}` : ""}`;
+  if (state === "HAND_OVER") return mode === "ALT_HOLD" ? has : "Holdfast has it till ALT_HOLD does";
+  return armed ? has : "";
+}
+
+const AGAIN_S = 60;
+const OVER = "no longer ";
+
+// Events as rows, the newest first. What came again within a minute is one row; so are a condition and its end.
+export function collapsed(events, states) {
+  const rows = [];
+  const newest = new Map();
+  for (const { t_s: t, severity, kind, text } of events) {
+    const over = kind === "condition" && text.startsWith(OVER);
+    const what = over ? text.slice(OVER.length) : text;
+    const key = `${kind} ${what}`;
+    const row = newest.get(key);
+    if (over && row) row.until = t;
+    else if (!over && row && t - (row.until ?? row.t) < AGAIN_S) Object.assign(row, { t, until: undefined, count: row.count + 1 });
+    else {
+      const name = kind === "state" ? what.split(":")[0] : "";
+      const words = over ? text : states[name] ? states[name] + what.slice(name.length) : what;
+      const fresh = { t, severity, kind, words: words[0].toUpperCase() + words.slice(1), count: 1, until: undefined };
+      rows.push(fresh);
+      newest.set(key, fresh);
+    }
+  }
+  return rows.sort((one, other) => other.t - one.t);
+}
+
+export function rowText({ words, count, t, until }) {
+  const times = count > 1 ? `${count} times` : "";
+  const long = until !== undefined ? `${count > 1 ? "the last " : ""}for ${ageText(Math.max(0.1, until - t))}` : "";
+  return [words, [times, long].filter(Boolean).join(", ")].filter(Boolean).join(" · ");
+}
