@@ -5,7 +5,7 @@ sea or path, and does not die away. So demand that is faster than HIGH_PASS_S, a
 the largest force for longer than any transient, is a limit cycle: engaging, a load or a setpoint ring for a
 second at most, and by far less than the largest force: what is more counts for longer. The gains then
 shrink until it is gone. They come back slowly, and less far than where the cycle began, so that they do not
-hunt; but whole, where the cycle came of a delay that is known by then, and soon after the first one.
+hunt; but whole, where the cycle came of a delay that is known by then.
 """
 
 import math
@@ -32,9 +32,8 @@ LEAST = 0.1
 RELAPSE_SHARE = 0.7
 """Of the scale at which a limit cycle began: so far the gains come back within RECOVER_S."""
 
-FIRST_FORGET_S, FORGET_S = 15.0, 600.0
-"""Beyond that they come back as slowly as this, from nothing to all of them: soon after the first cycle,
-which may have been a transient after all, and four times as slowly with each that follows."""
+FORGET_S = 600.0
+"""Beyond that they come back as slowly as this, from nothing to all of them."""
 
 EXPLAINED_S = 0.02
 """A delay believed so much longer than when the cycle began explains it: the gains allow for it now."""
@@ -64,11 +63,9 @@ class State(NamedTuple):
     lasts_s: float
     delay_s: float
     """What the loop's delay was believed to be when the last cycle began; infinite without one."""
-    forget_s: float
-    """How slowly the ceiling rises; 0 before the first cycle."""
 
 
-START = State(1.0, 1.0, math.nan, 0.0, 0.0, math.inf, 0.0)
+START = State(1.0, 1.0, math.nan, 0.0, 0.0, math.inf)
 """Full gains, and nothing seen yet."""
 
 
@@ -84,17 +81,15 @@ def step(parameters: Parameters, state: State, tau: float, dt_s: float, delay_s:
     lasts_s = state.lasts_s + counts * dt_s if share > 1.0 else 0.0
     cycles = lasts_s > TRANSIENT_S
     explained = delay_s > state.delay_s + EXPLAINED_S
-    forget_s = state.forget_s
     if cycles and state.lasts_s <= TRANSIENT_S:
         began_s, ceiling = delay_s, RELAPSE_SHARE * state.gain_scale
-        forget_s = clamped(4.0 * forget_s, FIRST_FORGET_S, FORGET_S)
     elif explained:
         began_s, ceiling = math.inf, 1.0
     else:
-        began_s, ceiling = state.delay_s, state.ceiling + dt_s / max(forget_s, FIRST_FORGET_S)
+        began_s, ceiling = state.delay_s, state.ceiling + dt_s / FORGET_S
     scale = state.gain_scale * math.exp(-dt_s / SHRINK_S) if cycles else state.gain_scale + dt_s / RECOVER_S
     ceiling = clamped(ceiling, LEAST, 1.0)
-    return State(clamped(scale, LEAST, ceiling), ceiling, slow, power, lasts_s, began_s, forget_s)
+    return State(clamped(scale, LEAST, ceiling), ceiling, slow, power, lasts_s, began_s)
 
 
 def mean_disturbance(mean: float, d: float, dt_s: float) -> float:

@@ -54,11 +54,12 @@ def test_engaging_or_a_setpoint_is_no_limit_cycle():
     assert (scale == 1.0).all()
 
 
-def test_the_gains_come_back_soon_after_the_first_cycle():
-    """To 0.7 of where it began within ten seconds, and wholly within half a minute: it may not come again."""
-    scale = watched(lambda t_s: 60.0 * np.sign(np.sin(8.0 * t_s)) * (t_s < 5.0), seconds=40.0)
+def test_the_gains_come_back_when_it_is_quiet():
+    """To 0.7 of where it began within half a minute, wholly after minutes: above that it may begin again."""
+    swinging = 60.0
+    scale = watched(lambda t_s: swinging * np.sign(np.sin(8.0 * t_s)) * (t_s < 5.0), seconds=240.0)
     assert scale.min() == pytest.approx(LEAST, abs=0.03)
-    assert scale[round(12.5 / DT_S)] == pytest.approx(RELAPSE_SHARE, abs=0.1)
+    assert scale[round(35.0 / DT_S)] == pytest.approx(RELAPSE_SHARE, abs=0.1)
     assert scale[-1] == 1.0
 
 
@@ -89,7 +90,7 @@ def test_after_a_relapse_the_gains_stay_lower():
         on = bool(began) and i - began[-1] < 2.0 / DT_S
         state = step(state, on * 60.0 * np.sin(10.0 * i * DT_S))
     assert len(began) <= 8, "it hunts"
-    assert np.diff(began[4:]).min() * DT_S > 50.0
+    assert np.diff(began[2:]).min() * DT_S > 50.0
 
 
 def test_what_rings_and_dies_away_is_no_limit_cycle():
