@@ -254,7 +254,13 @@ def check(argv: list[str]) -> int:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     _add_config(parser)
-    parser.add_argument("--json", action="store_true", help="print JSON, for scripts")
+    parser.add_argument(
+        "--json",
+        nargs="?",
+        const="-",
+        metavar="FILE",
+        help="for scripts: write JSON to FILE; without FILE print it instead of the table",
+    )
     parser.add_argument(
         "--set-origin",
         type=_position,
@@ -285,10 +291,12 @@ def check(argv: list[str]) -> int:
     except ValueError as error:
         sys.stderr.write(f"holdfast check: {error}\n")
         return 2
-    if arguments.json:
+    if arguments.json == "-":
         sys.stdout.write(as_json(rows, notes) + "\n")
     else:
         show(rows, notes)
+        if arguments.json:
+            Path(arguments.json).write_text(as_json(rows, notes) + "\n", encoding="utf-8")
     return int(worst(rows))
 
 

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from lab.options import add_firmware, command_parser, find_firmware, not_negative, positive
+from lab.options import add_firmware, command_parser, find_firmware, json_file, not_negative, positive
 
 BENCH_EXAMPLES = """\
 examples:
@@ -86,7 +86,7 @@ def bench(argv: list[str]) -> int:
         metavar="KEY=VALUE",
         help="override a key of the companion's configuration",
     )
-    parser.add_argument("--json", type=Path, metavar="FILE", help="also write the figures to FILE")
+    parser.add_argument("--json", type=json_file, metavar="FILE", help="also write the figures to FILE")
     parser.add_argument(
         "--out",
         type=Path,
@@ -121,7 +121,7 @@ def paper(argv: list[str]) -> int:
     parser.add_argument(
         "--out", type=Path, default=Path("out/paper"), metavar="DIR", help="default %(default)s"
     )
-    parser.add_argument("--json", type=Path, metavar="FILE", help="also write the figures to FILE")
+    parser.add_argument("--json", type=json_file, metavar="FILE", help="also write the figures to FILE")
     arguments = parser.parse_args(argv)
     from lab.paper.report import run
 
@@ -210,7 +210,7 @@ def campaign(argv: list[str]) -> int:
         metavar="KEY=VALUE",
         help="override a key of the companion's configuration",
     )
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write a summary to FILE")
+    parser.add_argument("--json", type=json_file, metavar="FILE", help="write a summary to FILE")
     from lab.campaign.report import main
 
     return main(parser.parse_args(argv))

@@ -3,6 +3,7 @@
 import argparse
 import sys
 import textwrap
+from pathlib import Path
 
 
 def command_parser(command: str, description: str, examples: str) -> argparse.ArgumentParser:
@@ -39,6 +40,13 @@ def find_firmware(command: str, arguments: argparse.Namespace) -> bool:
         sys.stderr.write(f"holdfast {command}: {error}\n")
         return False
     return True
+
+
+def json_file(text: str) -> Path:
+    """Read the path of `--json`, and make its folder: hours later it would be too late to refuse it."""
+    path = Path(text)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    return path
 
 
 def positive(text: str) -> int:

@@ -26,9 +26,13 @@ from dashboard.zenoh_client import Message, Subscription
 EXAMPLES = """\
 examples:
   holdfast watch                                    the vehicles that publish on this machine
-  holdfast watch --connect tcp/192.168.2.2:7447     a vehicle, from a laptop on its tether
+  holdfast watch --connect keys/laptop.json5        a vehicle on the network, by a file of `holdfast keys`
   holdfast watch --name kelp --once              one snapshot of one vehicle
-  holdfast watch --once --json state.json           for scripts
+  holdfast watch --once --json                      for scripts
+
+By default a companion listens on its own machine alone; `holdfast keys` opens it to a laptop. With a Zenoh
+router on the vehicle and telemetry.mode = "client" in the companion's configuration, --connect
+tcp/192.168.2.2:7447 reaches it too, without encryption.
 """
 
 STALE_S = 0.5
@@ -264,11 +268,15 @@ def main(argv: list[str]) -> int:
     if not views[0].latest:
         sys.stderr.write(f"holdfast watch: {_waiting(views[0]).plain}\n")
         return 1
-    if once:
+    if once and options.json != "-":
         console.print(picture(views))
     if options.json:
         figures = _figures(views[0]) if len(views) == 1 else {"vehicles": [_figures(view) for view in views]}
-        options.json.write_bytes(msgspec.json.format(msgspec.json.encode(figures)) + b"\n")
+        text = msgspec.json.format(msgspec.json.encode(figures)).decode() + "\n"
+        if options.json == "-":
+            sys.stdout.write(text)
+        else:
+            Path(options.json).write_text(text, encoding="utf-8")
     return 0
 
 
@@ -292,7 +300,13 @@ def _parser() -> argparse.ArgumentParser:
         action="store_true",
         help=f"print one snapshot; status 1 if nothing comes in {PATIENCE_S:.0f} s",
     )
-    parser.add_argument("--json", metavar="FILE", type=Path, help="write the last snapshot to FILE")
+    parser.add_argument(
+        "--json",
+        nargs="?",
+        const="-",
+        metavar="FILE",
+        help="write the last snapshot to FILE as JSON; without FILE print that instead of the picture",
+    )
     return parser
 
 

@@ -32,7 +32,7 @@ from lab.demo.screen import DemoView, Now
 from lab.loop.firmware import FirmwareError, command_line
 from lab.loop.lockstep import Link
 from lab.loop.scenarios import Scenario, hold
-from lab.options import add_firmware, command_parser, find_firmware
+from lab.options import add_firmware, command_parser, find_firmware, json_file
 from lab.ports import free_port
 from lab.rivals import alt_hold
 from sim_bridge.commands import DEFAULT_CONFIG
@@ -154,7 +154,7 @@ def _parser() -> argparse.ArgumentParser:
         default=Path("out"),
         help="where demo.png and demo.json go (default: out)",
     )
-    parser.add_argument("--json", metavar="FILE", type=Path, help="write the figures to FILE instead")
+    parser.add_argument("--json", metavar="FILE", type=json_file, help="write the figures to FILE instead")
     parser.add_argument(
         "--seed", metavar="N", type=int, help=f"of waves and noise, for all dives (default: {Story.seed})"
     )

@@ -14,7 +14,7 @@ from rich.table import Table
 
 from lab.faults import thrusters
 from lab.faults.faults import AFTER_S, FAULTS, VARIANTS, FaultRow, case, described, dive_group, groups
-from lab.options import add_firmware, command_parser, find_firmware, not_negative, positive
+from lab.options import add_firmware, command_parser, find_firmware, json_file, not_negative, positive
 from lab.pool import worker_pool
 
 EXAMPLES = """\
@@ -42,7 +42,7 @@ def main(argv: list[str]) -> int:
         "--first", type=not_negative, default=0, metavar="ID", help="number of the first dive; default 0"
     )
     parser.add_argument("--workers", type=positive, metavar="N", help="processes; default: the cores")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the result of each dive to FILE")
+    parser.add_argument("--json", type=json_file, metavar="FILE", help="write each dive's result to FILE")
     parser.add_argument(
         "--thrusters",
         action="store_true",
@@ -71,7 +71,6 @@ def main(argv: list[str]) -> int:
         f"{len(rows)} dives of {AFTER_S:g} s after the state was reached; {len(bad)} broke a promise."
     )
     if arguments.json:
-        arguments.json.parent.mkdir(parents=True, exist_ok=True)
         arguments.json.write_text(json.dumps([row._asdict() for row in rows], indent=1), encoding="utf-8")
     return 1 if bad else 0
 

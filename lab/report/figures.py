@@ -1,5 +1,6 @@
 """What a dive comes to, in figures: phases, thrust, loop, faults, the model that it shows. No drawing."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -95,6 +96,12 @@ class DiveFigures:
     recorder_dropped: int
 
 
+def faults_of(spans: Sequence[StateSpan]) -> list[StateSpan]:
+    """Return each fault once, as the log of `holdfast run` has it: a gap in the recording ends none."""
+    before = ["", *(span.state for span in spans)]
+    return [span for span, state in zip(spans, before, strict=False) if span.state == "FAULT" != state]
+
+
 def figures(log: Log) -> DiveFigures:
     """Work it out."""
     active = [span for span in log.spans if span.state == "ACTIVE" and span.end_s > span.begin_s]
@@ -103,7 +110,7 @@ def figures(log: Log) -> DiveFigures:
     voltage = state["voltage_v"]
     return DiveFigures(
         phases=phases,
-        faults=[span for span in log.spans if span.state == "FAULT"],
+        faults=faults_of(log.spans),
         loop=_loop(log),
         models={dof: _model(log, phases, dof) for dof in NAMES},
         voltage_min_v=float(np.nanmin(voltage)) if np.isfinite(voltage).any() else np.nan,

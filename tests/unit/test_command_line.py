@@ -1,6 +1,7 @@
 """What every command has in common at a terminal: statuses, one line for what cannot be, quiet endings."""
 
 import errno
+import json
 import os
 import socket
 import subprocess
@@ -14,9 +15,12 @@ import pytest
 import holdfast
 from companion.app import parting
 from companion.config import load_config as load_companion
+from companion.predive.check import CheckRow, Grade
 from companion.telemetry.status_line import delay_text
 from holdfast import ports
 from lab.ports import free_port
+from lab.report.figures import faults_of
+from lab.report.log import StateSpan
 from sim_bridge.commands import vehicle_file
 from sim_bridge.config import load_config
 
@@ -228,6 +232,28 @@ def test_check_says_at_once_that_it_waits(capsys, monkeypatch):
     monkeypatch.setattr("companion.predive.app.inspect", lambda config, **options: ([], []))
     holdfast.main(["check", "--set", "link.endpoint=tcp:127.0.0.1:1"])
     assert "waiting for a vehicle at tcp:127.0.0.1:1, 10 s at most\n" in capsys.readouterr().err
+
+
+def test_check_prints_json_or_writes_it_and_prints_the_table(capsys, monkeypatch, tmp_path):
+    row = CheckRow("link", Grade.GOOD, "heard", "", "")
+    monkeypatch.setattr("companion.predive.app.inspect", lambda config, **options: ([row], []))
+    assert holdfast.main(["check", "--json"]) == 0
+    printed = capsys.readouterr().out
+    assert json.loads(printed)["rows"][0]["name"] == "link"
+    assert holdfast.main(["check", "--json", str(tmp_path / "rows.json")]) == 0
+    assert (tmp_path / "rows.json").read_text() == printed
+    assert "heard" in capsys.readouterr().out
+
+
+def test_a_folder_for_figures_that_cannot_be_is_refused_before_hours_pass(capsys):
+    assert holdfast.main(["bench", "--json", "/proc/nowhere/figures.json"]) == 2
+    assert capsys.readouterr().err == "holdfast bench: /proc/nowhere: No such file or directory\n"
+
+
+def test_a_fault_that_lasts_over_a_gap_in_the_recording_is_one():
+    states = ("READY", "ACTIVE", "FAULT", "FAULT", "IDLE", "FAULT")
+    spans = [StateSpan(state, float(i), i + 0.5, "", ()) for i, state in enumerate(states)]
+    assert [span.begin_s for span in faults_of(spans)] == [2.0, 5.0]
 
 
 def test_a_word_needs_no_quotes_in_the_simulator_either():
