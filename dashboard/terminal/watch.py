@@ -19,8 +19,9 @@ from rich.text import Text
 
 from companion.telemetry import schemas as telemetry
 from companion.telemetry.modes import MEANINGS, MODE_NAMES
-from companion.telemetry.schemas import Command, Dof, Event, Loop, Schema, State, Supervisor, printable
+from companion.telemetry.schemas import Command, Dof, Event, Loop, Plan, Schema, State, Supervisor, printable
 from companion.telemetry.status_line import delay_text
+from dashboard.terminal.above import Point, chart, nice_length
 from dashboard.zenoh_client import Message, Subscription
 
 EXAMPLES = """\
@@ -45,6 +46,8 @@ _BIN_S = 1.0
 _RESTART_S = 1.0
 _NOT_SHOWN = ("raw", "recorder")
 _EVENTS = 2
+_TRAIL, _TRAIL_S = 300, 0.4
+_MAP = 44, 10
 _VEHICLES = 32
 
 _STYLES = {
@@ -68,7 +71,7 @@ class View:
     """What is known of one vehicle at one moment, `now_s` on its own clock. `latest` by the key's tail.
 
     `age_s` is infinite before the first sample. `errors` holds, per DOF, the largest |e| (m or rad) of each
-    of the last seconds, the newest last.
+    of the last seconds, the newest last. `trail` is where it was in the last two minutes.
     """
 
     endpoint: str
@@ -77,6 +80,7 @@ class View:
     age_s: float
     latest: Mapping[str, Schema]
     errors: Mapping[str, Sequence[float]]
+    trail: Sequence[Point]
     events: Sequence[Event]
     now_s: float
     trouble: str
@@ -95,6 +99,8 @@ class Feed:
         self._endpoint = endpoint
         self._latest: dict[str, Schema] = {}
         self._errors: dict[str, deque[tuple[float, float]]] = {dof: deque(maxlen=_BINS) for dof in _DOFS}
+        self._trail: deque[Point] = deque(maxlen=_TRAIL)
+        self._trail_t_s = -math.inf
         self._events: deque[Event] = deque(maxlen=_EVENTS)
         self._t_s = -math.inf
         self._clocks_apart_s = math.inf
@@ -103,7 +109,7 @@ class Feed:
     @property
     def complete(self) -> bool:
         """Whether something came under every key."""
-        return len(self._latest) == len(telemetry.EVERY_TICK)
+        return self._latest.keys() >= telemetry.EVERY_TICK.keys()
 
     @property
     def empty(self) -> bool:
@@ -127,6 +133,9 @@ class Feed:
             self._mark_time(record.t_s, now_s)
             if isinstance(record, Dof):
                 self._bin(record)
+            elif isinstance(record, State) and abs(record.t_s - self._trail_t_s) >= _TRAIL_S:
+                self._trail_t_s = record.t_s
+                self._trail.append(_position(record))
 
     def view(self, now_s: float, connected: bool) -> View:
         """Return what there is to see at `now_s`."""
@@ -138,6 +147,7 @@ class Feed:
             age_s=age_s,
             latest=dict(self._latest),
             errors={dof: [peak for _, peak in bins] for dof, bins in self._errors.items()},
+            trail=list(self._trail),
             events=list(self._events),
             now_s=self._t_s + age_s,
             trouble=self._trouble,
@@ -242,7 +252,7 @@ def render(view: View) -> RenderableType:
     if view.trouble:
         notes.append(Text(view.trouble, "italic"))
     return Panel(
-        Group(body, *notes),
+        Group(body, *notes, *_from_above(view)),
         title=Text.assemble(("holdfast", "bold"), f" {view.vehicle}"),
         title_align="left",
         subtitle=_freshness(view),
@@ -343,7 +353,9 @@ def _printable(record: Schema) -> Schema:
         value = getattr(record, name)
         if isinstance(value, str) and not value.isprintable():
             record = msgspec.structs.replace(record, **{name: printable(value)})
-        elif isinstance(value, tuple) and not all(map(str.isprintable, value)):
+        elif isinstance(value, tuple) and any(
+            isinstance(one, str) and not one.isprintable() for one in value
+        ):
             record = msgspec.structs.replace(record, **{name: tuple(map(printable, value))})
     return record
 
@@ -393,7 +405,7 @@ def _banner(view: View) -> RenderableType:
         style, meaning = _STYLES.get(supervisor.state, "reverse"), MEANINGS.get(supervisor.state, "")
         name = supervisor.state.replace("_", " ")
         if "LINK_LOST" in supervisor.conditions:
-            meaning = "LINK LOST"
+            style, name, meaning = _STYLES["FAULT"], "LINK LOST", name
         lines.append(
             Text.assemble((f"  {name}  ", style), f"  {meaning}, authority {supervisor.authority:.0%}")
         )
@@ -468,6 +480,41 @@ def _thrust(view: View) -> Table:
                 Text("SATURATED", "bold yellow") if limited else "",
             )
     return table
+
+
+def _position(state: State) -> Point:
+    return (math.nan, math.nan) if {"x_m", "y_m"} & set(state.absent) else (state.x_m, state.y_m)
+
+
+def _from_above(view: View) -> list[RenderableType]:
+    """Draw a map beside its legend, if the position is known."""
+    state, plan, loop = (view.latest.get(tail) for tail in ("state", "plan", "loop"))
+    if not isinstance(state, State) or not isinstance(loop, Loop) or loop.position_age_s >= telemetry.NEVER_S:
+        return []
+    held = all(isinstance(dof := view.latest.get(f"dof/{name}"), Dof) and dof.engaged for name in "xy")
+    wanted = (state.x_desired_m, state.y_desired_m) if held else (math.nan, math.nan)
+    path = list(zip(plan.x_m, plan.y_m, strict=False)) if isinstance(plan, Plan) else []
+    lines = [("dim", path), ("cyan", view.trail), ("yellow", [wanted])]
+    picture, m_per_column = chart(lines, _position(state), state.heading_rad, *_MAP)
+    scale_m = nice_length(m_per_column * 20)
+    legend = [
+        Text(f"├{'─' * max(0, round(scale_m / m_per_column) - 2)}┤ {scale_m:g} m, north is up"),
+        Text(f"north {_metres(_position(state)[0])}   east {_metres(_position(state)[1])}"),
+        Text(f"should be {_metres(wanted[0])}   {_metres(wanted[1])}", "yellow"),
+    ]
+    if isinstance(plan, Plan) and path and state.path_length_m > 0.0:
+        laps = state.path_progress_m / state.path_length_m
+        legend.append(Text(f"{plan.name or 'path'}: {laps:.0%}, {state.guidance}", "dim"))
+    if isinstance(plan, Plan) and plan.fenced and len(plan.fence_north_m) == len(plan.fence_east_m) == 2:
+        (south, north), (west, east) = plan.fence_north_m, plan.fence_east_m
+        legend.append(Text(f"fence N {south:g} to {north:g}, E {west:g} to {east:g}", "dim"))
+    grid = Table.grid(padding=(0, 1))
+    grid.add_row(picture, Group(*legend))
+    return [grid]
+
+
+def _metres(value: float) -> str:
+    return f"{value:.2f} m" if math.isfinite(value) else _DASH
 
 
 def _health(view: View) -> Table:

@@ -1,6 +1,7 @@
 """The terminal view: a pure picture of what came, and honest about what did not."""
 
 import math
+import re
 from collections.abc import Callable
 from io import StringIO
 from pathlib import Path
@@ -15,10 +16,24 @@ from companion.telemetry import samples
 from companion.telemetry import schemas as telemetry
 from companion.telemetry.modes import MEANINGS
 from dashboard.terminal import watch
+from dashboard.terminal.above import Point, chart, nice_length
 from dashboard.terminal.watch import Feed, Feeds, View, picture, render
 from dashboard.zenoh_client import Message
 
 MakeSample = Callable[..., ControlSample]
+PLAN = telemetry.Plan(
+    t_s=110.0,
+    boot_s=1.0,
+    number=1,
+    name="line",
+    x_m=(-2.0, 2.0),
+    y_m=(1.0, 1.0),
+    depth_m=(5.0, 5.0),
+    fenced=True,
+    fence_north_m=(-9.0, 9.0),
+    fence_east_m=(-8.0, 8.0),
+    fence_depth_m=(0.0, 9.0),
+)
 
 
 def test_a_sample_is_on_the_screen_in_eighty_columns(make_sample: MakeSample) -> None:
@@ -107,8 +122,46 @@ def test_the_remedy_is_shown_and_a_lost_link_outranks_the_state(make_sample: Mak
     )
     screen = _screen(_view(replace(sample, verdict=lost)))
     assert "to do: look at cable and router" in screen
-    assert "LINK LOST" in screen
+    assert screen.splitlines()[1].split()[1:3] == ["LINK", "LOST"]
     assert MEANINGS["PILOT"] not in screen
+
+
+def test_a_map_stands_below_where_the_position_is_known(make_sample: MakeSample) -> None:
+    feed = Feed("kelp", "here")
+    for tick in range(20):
+        eta = vector([-2.0 + 0.2 * tick, 1.0, 5.0, 0.0])
+        sample = make_sample(t_s=100.0 + 0.5 * tick, eta=eta, ages=Ages(0.1, 0.1, 0.1, 0.1, 0.1))
+        feed.take(_messages(sample), now_s=0.5 * tick)
+    feed.take([Message("holdfast/kelp/plan", telemetry.to_json(PLAN))], now_s=10.0)
+    assert feed.complete
+    screen = _screen(feed.view(10.0, connected=True))
+    lines = screen.splitlines()
+    assert max(map(len, lines)) <= 80
+    assert "north 1.80 m   east 1.00 m" in screen
+    assert "fence N -9 to 9, E -8 to 8" in screen
+    rows = [line for line in lines if re.search("[\u2800-\u28ff↑]", line)]
+    assert "↑" in rows[0]  # it went northward
+    assert len(rows) == 10
+
+
+@pytest.mark.parametrize(
+    ("line", "drawn"),
+    [
+        ([(0.0, 0.0), (2.0, 0.0)], [" ⢠ ", " ⠸ "]),
+        ([(1.0, -1.0), (1.0, 1.0)], ["   ", "⠈⠉⠉"]),
+        ([(0.0, 0.0), (math.nan, 0.0), (2.0, 0.0)], [" ⠠ ", " ⠠ "]),
+        ([(0.0, 0.0), (1e300, 0.0), (2.0, 0.0)], [" ⠠ ", " ⠠ "]),
+    ],
+)
+def test_a_chart_is_drawn_in_dots_and_gaps_are_gaps(line: list[Point], drawn: list[str]) -> None:
+    picture, m_per_column = chart([("", line)], (math.nan, math.nan), 0.0, 3, 2)
+    assert picture.plain.splitlines() == drawn
+    assert m_per_column == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(("most_m", "length_m"), [(7.0, 5.0), (1.0, 1.0), (0.45, 0.2), (30.0, 20.0)])
+def test_a_scale_is_a_round_number(most_m: float, length_m: float) -> None:
+    assert nice_length(most_m) == pytest.approx(length_m)
 
 
 def test_data_turn_stale_within_a_second(make_sample: MakeSample) -> None:
