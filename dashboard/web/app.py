@@ -55,7 +55,7 @@ PANELS = {
     "status": "State, and what to do",
 }
 _STATIC = Path(__file__).parent / "static"
-_READ_ONLY = "this dashboard only looks: it was started without --allow-control"
+_READ_ONLY = "this dashboard is read-only: it was started without --allow-control"
 
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 

@@ -89,7 +89,7 @@ pytestmark = pytest.mark.alone  # Chromium takes more than a core
 
 
 class Dive:
-    """A vehicle, its companion and two dashboards: one that may command, one that only looks."""
+    """A vehicle, its companion and two dashboards: one that may command, one that is read-only."""
 
     def __init__(self, folder: Path) -> None:
         self.zenoh = f"tcp/127.0.0.1:{free_port()}"
@@ -325,7 +325,7 @@ def test_a_bad_token_is_refused(dive: Dive, opened: Callable[..., Page]) -> None
     assert _post(dive.port, "/api/kelp/release", TOKEN, origin=None)[0] == 403
     looking = opened(port=dive.looking_port)
     looking.keyboard.press("g")
-    assert "only looks" in (looking.locator("#tuning .lock").text_content() or "")
+    assert "read-only" in (looking.locator("#tuning .lock").text_content() or "")
     assert looking.locator("#engage").is_disabled()
 
 

@@ -143,7 +143,7 @@ export class Tuning {
     const kind = !this.allowed ? "read-only" : open ? "open" : "locked";
     if (this.lock.dataset.kind === kind) return;
     mark(this.lock, "kind", kind);
-    if (kind === "read-only") this.lock.replaceChildren(el("p", {}, "This dashboard only looks. To tune from here, start it with ", el("code", {}, "--allow-control"), "."));
+    if (kind === "read-only") this.lock.replaceChildren(el("p", {}, "This dashboard is read-only: it sends no commands. To tune from here, start it with ", el("code", {}, "--allow-control"), "."));
     else if (kind === "locked") {
       const input = el("input", { type: "password", id: "token", autocomplete: "off", placeholder: "token" });
       this.lock.replaceChildren(el("form", { class: "row", onsubmit: (event) => { event.preventDefault(); this.unlock(input.value.trim()); } }, input, el("button", { id: "unlock" }, "Unlock")),
