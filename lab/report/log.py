@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.telemetry import schemas as telemetry
-from companion.telemetry.schemas import Event, Record, Recorder, Supervisor
+from companion.telemetry.schemas import Event, Plan, Record, Recorder, Supervisor
 from dashboard.recording.mcap_file import Reader
 
 Array = NDArray[np.float64]
@@ -72,6 +72,7 @@ class Log:
     truth: Columns | None
     metadata: dict[str, dict[str, str]]
     notes: list[str] = field(default_factory=list)
+    plans: list[Plan] = field(default_factory=list)
 
     def config(self, key: str, otherwise: float) -> float:
         """Return a number of the configuration that was recorded."""
@@ -130,6 +131,7 @@ def load(files: Sequence[Path]) -> Log:
         truth=_truth(truths, keys["state"]),
         metadata=metadata,
         notes=notes,
+        plans=[plan for _, plan in rows.get("plan", []) if isinstance(plan, Plan)],
     )
 
 

@@ -19,6 +19,7 @@ body { font: 15px/1.45 system-ui, sans-serif; max-width: 1100px; margin: 1.5rem 
 h1 { font-size: 1.5rem; margin: 0 } h2 { font-size: 1.1rem; margin: 1.8rem 0 .4rem }
 p.under { color: var(--faint); margin: .2rem 0 1rem }
 img { width: 100%; background: #fff; border-radius: 4px }
+img.above { max-width: 640px; display: block }
 .wide { overflow-x: auto }
 table { border-collapse: collapse; font-variant-numeric: tabular-nums }
 th, td { padding: .25rem .8rem .25rem 0; text-align: right; border-bottom: 1px solid var(--line);
@@ -30,8 +31,10 @@ details { margin-top: 1rem } summary { cursor: pointer; color: var(--faint) }
 """
 
 
-def page(log: Log, figures: DiveFigures, advice: Sequence[str], picture: bytes) -> str:
-    """Return the page; `picture` is a PNG."""
+def page(
+    log: Log, figures: DiveFigures, advice: Sequence[str], picture: bytes, above: bytes | None = None
+) -> str:
+    """Return the page; `picture` is a PNG, and so is `above`, the map, if there is one."""
     began = datetime.fromtimestamp(log.began_ns / 1e9, UTC)
     loop = figures.loop
     about = log.metadata.get("holdfast", {})
@@ -49,7 +52,7 @@ def page(log: Log, figures: DiveFigures, advice: Sequence[str], picture: bytes) 
 {_list("note", log.notes)}
 <img alt="Depth, heading, errors, thrust, disturbance and loop over time"
  src="data:image/png;base64,{picture64}">
-<h2>What to look at</h2>
+{_above(above)}<h2>What to look at</h2>
 {_list("advice", advice or ["No rule found anything that stands out."])}
 <h2>How well it was held</h2>
 {_held(figures)}
@@ -243,3 +246,13 @@ def _number(value: float) -> str:
 
 def _with(value: float, unit: str) -> str:
     return "–" if math.isnan(value) else f"{_number(value)} {unit}"
+
+
+def _above(picture: bytes | None) -> str:
+    if picture is None:
+        return ""
+    encoded = base64.b64encode(picture).decode()
+    return (
+        '<h2>From above</h2>\n<img class="above" alt="Map: estimate, reference, path and fence, north up"\n'
+        f' src="data:image/png;base64,{encoded}">\n'
+    )

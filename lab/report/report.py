@@ -4,7 +4,10 @@ import io
 import sys
 from pathlib import Path
 
+from matplotlib.figure import Figure
+
 from lab.options import command_parser
+from lab.report.above import draw_above
 from lab.report.advice import advice
 from lab.report.figures import figures
 from lab.report.log import load
@@ -37,14 +40,21 @@ def main(argv: list[str]) -> int:
         log = load(options.files)
         found = figures(log)
         said = advice(log, found)
-        buffer = io.BytesIO()
-        draw(log, found).savefig(buffer, format="png")
+        picture = _png(draw(log, found))
+        above = draw_above(log)
         stem = (options.out or options.files[0].parent) / options.files[0].stem
         stem.parent.mkdir(parents=True, exist_ok=True)
-        stem.with_suffix(".png").write_bytes(buffer.getvalue())
-        stem.with_suffix(".html").write_text(page(log, found, said, buffer.getvalue()), encoding="utf-8")
+        stem.with_suffix(".png").write_bytes(picture)
+        html = page(log, found, said, picture, None if above is None else _png(above))
+        stem.with_suffix(".html").write_text(html, encoding="utf-8")
     except ValueError as error:
         sys.stderr.write(f"holdfast report: {error}\n")
         return 1
     sys.stdout.write("\n".join([*lines(found, said), f"page: {stem.with_suffix('.html')}", ""]))
     return 0
+
+
+def _png(figure: Figure) -> bytes:
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png")
+    return buffer.getvalue()
