@@ -26,6 +26,7 @@ from companion.io.zenoh_publisher import NameTakenError, Publisher
 from companion.records import ControlSample
 from companion.telemetry import schemas as telemetry
 from dashboard.zenoh_client import Message, Subscription
+from holdfast import RefusedError
 from lab.bench.process import running
 from lab.bench.subscribers import COMPANION, _Reader
 from lab.ports import free_port
@@ -356,7 +357,7 @@ def test_an_endpoint_that_can_never_work_is_refused(tmp_path: Path) -> None:
     for path in (nonsense, tmp_path / "missing.json5"):
         with pytest.raises(ValueError, match="mode is file"):
             Publisher("kelp", str(path), "file")
-    with pytest.raises(ValueError, match="no Zenoh configuration"):
+    with pytest.raises(RefusedError, match="no Zenoh configuration"):
         Subscription("holdfast/**", str(nonsense))
 
 
