@@ -77,6 +77,8 @@ class Rate:
     @property
     def hz(self) -> float:
         """The rate; 0 before there are two ticks."""
+        if len(self._ticks) < 2:
+            return 0.0
         (first_s, first), (last_s, last) = self._ticks[0], self._ticks[-1]
         return (last - first) / (last_s - first_s) if last_s > first_s else 0.0
 

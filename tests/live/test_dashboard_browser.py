@@ -70,6 +70,14 @@ PURE: list[tuple[str, str, Any]] = [
         "([Array.from({length: 12}, (_, i) => 0.4 * i), (value) => Array(12).fill(value)]).join('')",
         "000000000111",
     ),
+    (
+        "events",
+        "((model) => { const found = {model_gain: 0.9, model_gain_found: 0.8, model_gain_doubt: 0.1};"
+        " model.read({status: {dead_motor: 5, model: {z: found}}});"
+        " return ['tbody', 'p'].map((name) => model.node.querySelector(name).textContent).join('|');"
+        " })(new m.Model(null))",
+        "heave× 0.900.80 ± 10 %––yaw––––surge––––sway––––|Motor 5 gives no thrust.",
+    ),
     ("map", "[7, 1, 0.45, 30].map(m.niceStep)", [5, 1, 0.2, 20]),
     (
         "save",
@@ -387,6 +395,11 @@ def test_tuning_there_and_back(dive: Dive, opened: Callable[..., Page]) -> None:
     gain.fill(str(before))
     page.locator("#apply").click()
     until(lambda: _config(dive)["heave"]["kappa_per_s"] == before)
+    forget = page.locator("#reset-model")
+    forget.click()  # asks
+    forget.click()
+    _wait(page, "document.querySelector('#said').textContent.startsWith('reset_model: ')")
+    assert page.locator("#said").get_attribute("data-level") == "good"
     page.locator("#aim-depth").fill("1.2")
     page.locator("#aim").click()
     _wait(page, "holdfast.store.value('depth_desired_m') > 1.15")

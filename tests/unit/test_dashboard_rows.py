@@ -86,6 +86,13 @@ def test_time_that_begins_anew_begins_an_epoch(make_sample: MakeSample) -> None:
     assert (epoch, t_s.tolist()) == (1, [3.0])
 
 
+def test_a_new_time_that_began_with_a_part_of_a_tick_has_a_status(make_sample: MakeSample) -> None:
+    seen = Fleet()
+    seen.take(_messages(make_sample(t_s=1000.0)), now_s=1.0)
+    seen.take([m for m in _messages(make_sample(t_s=3.0)) if m.key.endswith("/state")], now_s=2.0)
+    assert seen.vehicles["kelp"].status(2.0)["rate_hz"] == 0.0
+
+
 def test_ages_are_of_arrival_and_of_the_way(make_sample: MakeSample) -> None:
     seen = Fleet()
     seen.take(_messages(make_sample(t_s=1.0), stamp_s=100.0), now_s=10.0)

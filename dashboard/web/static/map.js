@@ -109,7 +109,7 @@ export class FromAbove {
     const engaged = store.of["x.engaged"];
     const was = trail(store, ["x_m", "y_m"], first, index + 1);
     const wanted = trail(store, ["x_desired_m", "y_desired_m"], first, index + 1, (i) => engaged[i] > 0);
-    const path = plan?.x_m.map((north, i) => [north, plan.y_m[i]]) ?? [];
+    const path = plan?.x_m.map((north, i) => [north, plan.y_m[i]]).filter(([north, east]) => Number.isFinite(north + east)) ?? [];
     const fence = fenced(plan);
     const here = ["x_m", "y_m"].map((name) => store.value(name, index));
     const aim = ["x_desired_m", "y_desired_m"].map((name) => store.value(name, index));

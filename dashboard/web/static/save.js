@@ -16,7 +16,7 @@ export function csv(store, from, to, wall) {
 
 // Every panel on the screen that is drawn on canvases, with its words.
 export function png(title, panels) {
-  const seen = panels.map(({ node }) => ({ node, canvases: [...node.querySelectorAll("canvas")], box: node.getBoundingClientRect() }))
+  const seen = panels.filter(({ shown }) => shown !== false).map(({ node }) => ({ node, canvases: [...node.querySelectorAll("canvas")], box: node.getBoundingClientRect() }))
     .filter(({ canvases, box }) => canvases.length && box.width && box.bottom > 0 && box.top < innerHeight);
   const edge = (name, pick) => pick(...seen.map(({ box }) => box[name]));
   const [left, top, right, bottom] = [edge("left", Math.min), edge("top", Math.min), edge("right", Math.max), edge("bottom", Math.max)];
