@@ -17,7 +17,7 @@ from lab.loop.firmware import ORIGIN_DEG_E7, Firmware, FirmwareError, program
 from lab.parity.answers import Near
 from lab.parity.partner import Partner, SteppedVehicle
 from lab.parity.reasons import reason
-from lab.parity.scenarios import SCENARIOS
+from lab.parity.scenarios import POSITIONED, SCENARIOS
 from sim_bridge.commands import DEFAULT_CONFIG
 from sim_bridge.config import SimConfig, load_config
 from sim_bridge.vehicle import Vehicle
@@ -39,9 +39,9 @@ def main() -> int:
         sys.stderr.write(f"lab.parity: {error}\n")
         return 2
     console = Console()
-    config = plant()
     everything, explained, unexplained = {}, 0, 0
     for name in track(arguments.scenarios, "asking both", console=console):
+        config = plant(name)
         found = compare(name, path, config)
         everything[name] = {key: [str(one) for one in pair] for key, pair in found.items()}
         differences = {key: pair for key, pair in found.items() if not agree(*pair)}
@@ -67,12 +67,10 @@ def compare(scenario: str, path: Path, config: SimConfig) -> dict[str, tuple[Any
     return {name: (theirs.get(name), ours.get(name)) for name in dict.fromkeys([*theirs, *ours])}
 
 
-def plant() -> SimConfig:
-    """Return the vehicle that both are: the shipped Heavy in still water."""
-    return load_config(
-        DEFAULT_CONFIG,
-        ["current.enabled=false", "hull.net_buoyancy_n=0.0", "initial.eta=[0.0, 0.0, 3.0, 0.0, 0.0, 0.0]"],
-    )
+def plant(scenario: str) -> SimConfig:
+    """Return the vehicle that both are: the shipped Heavy in still water, with a DVL where it is needed."""
+    still = ["current.enabled=false", "hull.net_buoyancy_n=0.0", "initial.eta=[0.0, 0.0, 3.0, 0.0, 0.0, 0.0]"]
+    return load_config(DEFAULT_CONFIG, [*still, f"sensors.dvl={str(scenario in POSITIONED).lower()}"])
 
 
 def answers(scenario: str, vehicle: SteppedVehicle) -> dict[str, Any]:

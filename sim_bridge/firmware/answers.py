@@ -24,7 +24,6 @@ BOOT_TEXTS: tuple[tuple[float, str], ...] = (
 """Seconds after the boot, and what is said then."""
 
 WITHOUT_EFFECT: dict[int, int] = {
-    mavlink.MAV_CMD_CONDITION_YAW: ACCEPTED,
     mavlink.MAV_CMD_DO_CHANGE_SPEED: DENIED,
     mavlink.MAV_CMD_DO_SET_RELAY: ACCEPTED,
     mavlink.MAV_CMD_DO_REPEAT_RELAY: ACCEPTED,

@@ -14,8 +14,8 @@ stay: whoever turns in MANUAL and then enters another mode is first turned back,
 import math
 from typing import NamedTuple
 
-from sim_bridge.firmware.depth_hold import clip, smoothing
 from sim_bridge.firmware.params import Parameters
+from sim_bridge.firmware.shaping import braking, clip, smoothing
 
 SHAPING_RAD_S2 = math.radians(1100.0)
 """ATC_ACCEL_R_MAX, _P_MAX, _Y_MAX."""
@@ -101,16 +101,6 @@ def follow(gains: Gains, axis: Axis, angle: float, rate: float, dt: float) -> Ax
 def follow_rate(gains: Gains, axis: Axis, wanted: float, angle: float, rate: float, dt: float) -> Axis:
     """Advance the rate loop alone, as ACRO does; the target stays at the vehicle."""
     return _rate_loop(gains, axis._replace(angle=angle, rate=0.0), wanted, rate, dt)
-
-
-def braking(error: float, p: float, most: float, dt: float) -> float:
-    """Return the speed towards what is `error` away: p times that near it, farther off as if it braked."""
-    near = most / (p * p)
-    if abs(error) <= near:
-        speed = p * error
-    else:
-        speed = math.copysign(math.sqrt(2.0 * most * (abs(error) - 0.5 * near)), error)
-    return clip(speed, abs(error) / dt)
 
 
 def wrap(angle: float) -> float:

@@ -4,11 +4,10 @@ import math
 from collections import deque
 from collections.abc import Callable
 from operator import attrgetter
-from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from sim_bridge.firmware import arming, messages, modes, telemetry
+from sim_bridge.firmware import arming, messages, modes, targets, telemetry
 from sim_bridge.firmware.answers import (
     ACCEPTED,
     BANNER,
@@ -32,7 +31,7 @@ from sim_bridge.firmware.pilot import FN_ARM, FN_ARM_TOGGLE, FN_DISARM, FN_MODES
 from sim_bridge.firmware.signing import KeyStore
 from sim_bridge.firmware.streams import REQUESTED, TRANSFER_SLOWDOWN, Streams
 from sim_bridge.physics.plant import State, state_of
-from sim_bridge.physics.sensors import Sensors
+from sim_bridge.physics.sensors import Estimate, Sensors
 
 THROTTLE_DEMAND = 3
 INPUT_PERIOD_S = 0.02
@@ -150,7 +149,8 @@ class Autopilot:
             "FILE_TRANSFER_PROTOCOL": lambda link, m: self._files.handle(link, m, self.boot_s),
             "LOG_REQUEST_LIST": self._on_log_request_list,
             "AUTOPILOT_VERSION_REQUEST": self._on_version_request,
-            "SET_POSITION_TARGET_GLOBAL_INT": self._on_position_target,
+            "SET_POSITION_TARGET_GLOBAL_INT": lambda _, m: targets.take_global(self, m),
+            "SET_POSITION_TARGET_LOCAL_NED": lambda _, m: targets.take_local(self, m),
             "SETUP_SIGNING": self._on_setup_signing,
         }
 
@@ -197,12 +197,12 @@ class Autopilot:
         if (tested := self._motor_test.step(boot_s)) is not None:
             self.motor_pwm, self._demand = tested, None
             return self.motor_pwm
-        if self.mode == modes.SURFACE and self._estimate().depth_m < -self.params["SURFACE_DEPTH"] / 100.0:
+        if self.mode == modes.SURFACE and self.estimate().depth_m < -self.params["SURFACE_DEPTH"] / 100.0:
             self.set_mode(modes.ALT_HOLD)
         if self.mode == modes.MANUAL and not self._input_is_new:
             return self.motor_pwm
         self._input_is_new = False
-        estimate = None if self.mode == modes.MANUAL else self._estimate()
+        estimate = None if self.mode == modes.MANUAL else self.estimate()
         demand = self.control.demand(self.pilot, estimate, boot_s, dt)
         if demand != self._demand:
             self._demand = demand
@@ -240,7 +240,7 @@ class Autopilot:
             self.pilot.gain,
             self.pilot.input_hold,
             self.pilot.roll_pitch,
-            self._estimate(),
+            self.estimate(),
             self.origin,
             self._has_position,
             self.voltage_v,
@@ -267,7 +267,7 @@ class Autopilot:
         self.say(INFO, "Arming motors")
         self.armed = self._input_is_new = True
         self._sensors.rezero()
-        self.control.rest(self._estimate(), self.boot_s)
+        self.control.rest(self.estimate(), self.boot_s)
         return ACCEPTED
 
     def disarm(self) -> int:
@@ -294,7 +294,7 @@ class Autopilot:
             self.say(INFO, "waiting for a rangefinder reading")
         self._neutralise()
         throttle = self._demand[THROTTLE_DEMAND] if self._demand else 0.0
-        self.control.enter(number, self._estimate(), throttle)
+        self.control.enter(number, self.estimate(), throttle)
         self._broadcast(messages.heartbeat(self.snapshot()))
         return ACCEPTED
 
@@ -306,7 +306,7 @@ class Autopilot:
     def aid(self, aided: bool) -> None:
         """Lose the horizontal position, or have it again, and say so."""
         if aided != self._has_position:
-            self._has_position = aided
+            self._has_position = self.control.located = aided
             if aided:
                 self.say(INFO, "EKF3 IMU0 is using external nav data")
             else:
@@ -398,14 +398,6 @@ class Autopilot:
         if self._steers(message):
             self.pilot.override(CHANNELS_RAW(message))
 
-    def _on_position_target(self, _: int, message: Message) -> None:
-        """Frame 5, z only: moves the depth that ALT_HOLD keeps."""
-        ignores_all_but_z = message.type_mask & 0b111 == 0b011
-        if self.mode == modes.ALT_HOLD and message.coordinate_frame == 5 and ignores_all_but_z:
-            altitude_m = message.alt - (self.origin.alt_mm / 1000.0 if self.origin else 0.0)
-            if math.isfinite(altitude_m):
-                self.control.depth_target = max(0.0, min(1000.0, -altitude_m))
-
     def _button(self, function: int) -> None:
         if function == FN_ARM or (function == FN_ARM_TOGGLE and not self.armed):
             self.arm()
@@ -417,6 +409,9 @@ class Autopilot:
     # Commands
 
     def _on_command(self, link: int, message: Message) -> None:
+        if message.command == mavlink.MAV_CMD_DO_REPOSITION:
+            self._acknowledge(link, message, message.command, targets.reposition(self, message))
+            return
         p = [float(getattr(message, name, math.nan)) for name in PARAMETERS]
         if message.get_type() == "COMMAND_INT":
             scale = 1e-7 if message.command in LOCATED else 1.0
@@ -484,7 +479,7 @@ class Autopilot:
     def _on_set_origin(self, _: int, message: Message) -> None:
         if self.origin is not None:
             return
-        if self._estimate().depth_m > 0.2:
+        if self.estimate().depth_m > 0.2:
             self._sensors.shift_relative(ORIGIN_SHIFT_M)
         self.origin = Origin(message.latitude, message.longitude, message.altitude)
         self._broadcast(mavlink.MAVLink_gps_global_origin_message(*self.origin, round(self.boot_s * 1e6)))
@@ -565,7 +560,8 @@ class Autopilot:
             if number != source and (link.heard if target == 0 else target in link.heard):
                 self._out.append((number, bytes(message.get_msgbuf())))
 
-    def _estimate(self) -> Any:
+    def estimate(self) -> Estimate:
+        """Return what the EKF makes of the sensors."""
         return self._sensors.estimate(max(0.1, self.params["BARO_SPEC_GRAV"]))
 
     def _boot_ns(self) -> int:

@@ -1,10 +1,12 @@
-"""What commands and the motor test see of the autopilot that they belong to."""
+"""What commands, targets and the motor test see of the autopilot that they belong to."""
 
 from typing import Protocol
 
 from sim_bridge.firmware.messages import Message, Origin
 from sim_bridge.firmware.missions import Missions
+from sim_bridge.firmware.modes import FlightControl
 from sim_bridge.firmware.streams import Streams
+from sim_bridge.physics.sensors import Estimate
 
 
 class Board(Protocol):
@@ -18,7 +20,11 @@ class Board(Protocol):
     origin: Origin | None
     servo_9: int
     missions: Missions
+    control: FlightControl
     reboot_requested: bool
+
+    def estimate(self) -> Estimate:
+        """Return what the EKF makes of the sensors."""
 
     def arm(self, *, forced: bool = False) -> int:
         """Arm the motors, without any check if `forced`; the MAV_RESULT."""

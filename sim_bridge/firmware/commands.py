@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from sim_bridge.firmware import messages, modes
+from sim_bridge.firmware import messages, modes, targets
 from sim_bridge.firmware.answers import ACCEPTED, DENIED, FAILED, INFO, SAYS, UNSUPPORTED, WITHOUT_EFFECT
 from sim_bridge.firmware.board import Board
 from sim_bridge.firmware.messages import Origin
@@ -35,6 +35,7 @@ class Commands:
             mavlink.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES: self._request_version,
             mavlink.MAV_CMD_GET_HOME_POSITION: self._get_home,
             mavlink.MAV_CMD_DO_SET_HOME: self._set_home,
+            mavlink.MAV_CMD_CONDITION_YAW: lambda _link, p: targets.condition_yaw(autopilot, p),
             mavlink.MAV_CMD_DO_SET_SERVO: self._set_servo,
             mavlink.MAV_CMD_DO_MOTOR_TEST: self._test_motor,
             mavlink.MAV_CMD_DO_SET_MISSION_CURRENT: self._set_mission_current,

@@ -1,7 +1,8 @@
 """ArduSub's depth loop: depth to climb rate to acceleration to throttle, P-P-PI with three low-passes."""
 
-import math
 from typing import NamedTuple
+
+from sim_bridge.firmware.shaping import braking, clip, smoothing
 
 CLIMB_FILTER_HZ, RISE_FILTER_HZ, THROTTLE_FILTER_HZ = 5.0, 20.0, 2.0
 """Low-passes: the errors of climb rate (PSC_VELZ_FLTE) and of acceleration (PSC_ACCZ_FLTE), and the throttle
@@ -66,7 +67,7 @@ def step(
 
     `fastest_m_s` bounds the correction of depth.
     """
-    to_target = clip(approach(gains.depth_p, too_deep_m), fastest_m_s)
+    to_target = clip(braking(too_deep_m, gains.depth_p, MAX_ACCELERATION_M_S2, dt), fastest_m_s)
     lacking = wanted.climb_m_s + to_target - climb_m_s
     climb_error = state.climb_error + smoothing(CLIMB_FILTER_HZ, dt) * (lacking - state.climb_error)
     excess = gains.climb_p * climb_error + wanted.rise_m_s2 - rise_m_s2
@@ -75,24 +76,3 @@ def step(
     asked = clip(0.2 * gains.rise_p * rise_error + integral, 1.0)
     throttle = state.throttle + smoothing(THROTTLE_FILTER_HZ, dt) * (asked - state.throttle)
     return State(climb_error, rise_error, integral, throttle)
-
-
-def approach(gain_per_s: float, error_m: float) -> float:
-    """Speed (m/s) towards a target that is `error_m` away: proportional near it, farther off as if it braked.
-
-    The firmware's square-root controller, with MAX_ACCELERATION_M_S2.
-    """
-    near_m = MAX_ACCELERATION_M_S2 / gain_per_s**2
-    if abs(error_m) <= near_m:
-        return gain_per_s * error_m
-    return math.copysign(math.sqrt(2.0 * MAX_ACCELERATION_M_S2 * (abs(error_m) - 0.5 * near_m)), error_m)
-
-
-def smoothing(cutoff_hz: float, dt: float) -> float:
-    """Share of the way that the firmware's first-order low-pass goes in one step of `dt` (s)."""
-    return dt / (dt + 1.0 / (2.0 * math.pi * cutoff_hz))
-
-
-def clip(value: float, limit: float) -> float:
-    """Return `value` within ±`limit`."""
-    return max(-limit, min(limit, value))

@@ -4,10 +4,12 @@ import math
 from typing import NamedTuple
 
 from sim_bridge.firmware import attitude, depth_hold
-from sim_bridge.firmware.depth_hold import GAINS, DepthGains, clip
+from sim_bridge.firmware.depth_hold import GAINS, DepthGains
 from sim_bridge.firmware.mixer import Demand
+from sim_bridge.firmware.navigation import Navigation
 from sim_bridge.firmware.params import Parameters
 from sim_bridge.firmware.pilot import FORWARD, LATERAL, PITCH, ROLL, THROTTLE, YAW, Pilot
+from sim_bridge.firmware.shaping import clip
 from sim_bridge.physics.sensors import Estimate
 
 STABILIZE, ACRO, ALT_HOLD, AUTO, GUIDED, CIRCLE, SURFACE, POSHOLD, MANUAL, MOTOR_DETECT, SURFTRAK = (
@@ -58,7 +60,7 @@ AXES = ("RLL", "PIT", "YAW")
 
 
 class FlightControl:
-    """The controllers behind the modes: attitude, depth, a simple position hold."""
+    """The controllers behind the modes: attitude, depth, position."""
 
     def __init__(self, params: Parameters) -> None:
         self._params = params
@@ -72,8 +74,9 @@ class FlightControl:
         self._throttle_in = 0.0
         """0..1: what the attitude controller was last given; MANUAL leaves it as it was."""
         self._integral_limit = params["PSC_ACCZ_IMAX"] / 500.0
-        self._position: tuple[float, float] | None = None
-        self._position_integral = (0.0, 0.0)
+        self.navigation = Navigation(params)
+        self.located = True
+        """Whether the EKF has a horizontal position."""
 
     def enter(self, mode: int, estimate: Estimate, throttle: float) -> None:
         """Start a mode at the present depth and place; `throttle` (-1..1) is what the motors have now.
@@ -87,30 +90,39 @@ class FlightControl:
         self._wanted = depth_hold.Wanted(
             estimate.climb_m_s, clip(estimate.rise_m_s2, depth_hold.MAX_ACCELERATION_M_S2)
         )
-        integral = clip(2.0 * (self._throttle_in - THROTTLE_MIDDLE), self._integral_limit)
-        self._depth_hold = depth_hold.State(0.0, 0.0, integral, throttle)
-        self._position = None
+        self._depth_hold = depth_hold.State(0.0, 0.0, self._initial_integral(), throttle)
+        if mode == POSHOLD:
+            self._relax(estimate)
+            self._depth_hold = depth_hold.State(0.0, 0.0, 0.0, throttle)
+        if MODES[mode].needs_position:
+            self.navigation.enter(estimate, guided=mode == GUIDED)
+
+    @property
+    def heading_target(self) -> float:
+        """The heading that the attitude loop is after now (rad)."""
+        return self._attitude[2].angle
 
     def rest(self, estimate: Estimate, t_s: float) -> None:
         """Put targets to where the vehicle is, integrals to zero: done all the time while disarmed."""
         self.depth_target = estimate.depth_m
         self._heading = estimate.yaw
         self._yaw_moved_s = t_s - YAW_SETTLE_S
-        angles = (estimate.roll, estimate.pitch, estimate.yaw)
-        rates = (estimate.rollspeed, estimate.pitchspeed, estimate.yawspeed)
-        self._attitude = [attitude.relaxed(*both) for both in zip(angles, rates, strict=True)]
-        holds_depth = MODES[self.mode].holds_depth and self.mode != SURFACE
+        self._relax(estimate)
+        holds_depth = MODES[self.mode].holds_depth and self.mode not in (SURFACE, GUIDED)
         self._throttle_in = THROTTLE_MIDDLE if holds_depth else 0.0
         self._depth_hold = depth_hold.AT_REST
+        if self.mode == GUIDED:
+            self._depth_hold = depth_hold.State(0.0, 0.0, self._initial_integral(), 0.0)
         self._wanted = depth_hold.STILL
-        self._position = None
+        self.navigation.settle_lean(self._throttle_in)
+        if MODES[self.mode].needs_position:
+            self.navigation.enter(estimate, guided=self.mode == GUIDED)
 
     def yaw_was_reset(self, turn_rad: float) -> None:
-        """Go on holding the same true heading; a place is held anew."""
+        """Go on holding the same true heading."""
         self._heading += turn_rad
         yaw = self._attitude[2]
         self._attitude[2] = yaw._replace(angle=yaw.angle + turn_rad)
-        self._position = None
 
     def demand(self, pilot: Pilot, estimate: Estimate | None, t_s: float, dt: float) -> Demand:
         """Six demands in -1..1. `estimate` may be None in MANUAL, which looks at no sensor."""
@@ -125,11 +137,15 @@ class FlightControl:
             roll, pitch, yaw = self._turn(pilot, estimate, dt)
         else:
             roll, pitch, yaw = self._level(pilot, estimate, t_s, dt)
-        if MODES[self.mode].holds_depth:
+        if self.mode == GUIDED:
+            forward, lateral = self.navigation.guide(estimate, t_s, dt)
+            throttle = self._guided_depth(estimate, dt)
+        elif MODES[self.mode].holds_depth:
             throttle = self._depth(pilot, estimate, dt)
         self._throttle_in = 0.5 * (throttle + 1.0)
-        if MODES[self.mode].needs_position:
-            forward, lateral = self._place(estimate, forward, lateral, dt)
+        self.navigation.follow_throttle(self._throttle_in, dt)
+        if MODES[self.mode].needs_position and self.mode != GUIDED:
+            forward, lateral = self.navigation.hold(pilot, estimate, self.located, dt)
         return roll, pitch, yaw, throttle, forward, lateral
 
     def _turn(self, pilot: Pilot, estimate: Estimate, dt: float) -> tuple[float, float, float]:
@@ -156,12 +172,9 @@ class FlightControl:
         roll, pitch, yaw = self._attitude
         roll = attitude.toward_angle(gains[0], roll, pilot.angle_stick(ROLL) * lean, math.inf, dt)
         pitch = attitude.toward_angle(gains[1], pitch, pilot.angle_stick(PITCH) * lean, math.inf, dt)
-        yaw_rate = pilot.yaw_stick() * INPUT_ANGLE * params["ACRO_YAW_P"]
-        if yaw_rate:
-            self._yaw_moved_s = t_s
-        if yaw_rate or self.mode == SURFACE or t_s < self._yaw_moved_s + YAW_SETTLE_S:
-            self._heading = estimate.yaw
-            yaw = attitude.toward_rate(yaw, yaw_rate, dt)
+        rate = self._turning(pilot, estimate, t_s)
+        if rate is not None:
+            yaw = attitude.toward_rate(yaw, rate, dt)
         else:
             slew = math.radians(params["ATC_SLEW_YAW"] / 100.0)
             yaw = attitude.toward_angle(gains[2], yaw, self._heading, slew, dt)
@@ -172,7 +185,24 @@ class FlightControl:
         roll, pitch, yaw = self._attitude
         return roll.demand, pitch.demand, yaw.demand
 
+    def _turning(self, pilot: Pilot, estimate: Estimate, t_s: float) -> float | None:
+        """Return the yaw rate that is wanted (rad/s); None where `_heading` is held."""
+        full = INPUT_ANGLE * self._params["ACRO_YAW_P"]
+        if self.mode == GUIDED:
+            if by_pilot := pilot.angle_stick(YAW) * full:
+                return by_pilot
+            self._heading, rate = self.navigation.turn.now(estimate.yaw)
+            return rate
+        rate = pilot.yaw_stick() * full
+        if rate:
+            self._yaw_moved_s = t_s
+        if rate or self.mode == SURFACE or t_s < self._yaw_moved_s + YAW_SETTLE_S:
+            self._heading = estimate.yaw
+            return rate
+        return None
+
     def _depth(self, pilot: Pilot, estimate: Estimate, dt: float) -> float:
+        """Throttle that keeps the depth, and moves it as the pilot asks."""
         params = self._params
         up = params["PILOT_SPEED_UP"] / 100.0
         down = params["PILOT_SPEED_DN"] / 100.0 or up
@@ -188,33 +218,37 @@ class FlightControl:
         if abs(self._depth_hold.throttle) < 1.0:
             self.depth_target -= self._wanted.climb_m_s * dt
         self._wanted = depth_hold.toward_climb(self._wanted, climb, dt)
-        self._depth_hold = depth_hold.step(
-            DepthGains(*(params[name] for name in GAINS)),
-            self._depth_hold,
-            estimate.depth_m - self.depth_target,
-            self._wanted,
-            up,
-            estimate.climb_m_s,
-            estimate.rise_m_s2,
-            dt,
-        )
+        self._hold_depth(estimate, up, dt)
         near_surface = clip(max(0.0, estimate.depth_m - surface_m), 1.0)
         least = params["SURFACE_MAX_THR"]
         return clip(self._depth_hold.throttle, least + (1.0 - least) * near_surface)
 
-    def _place(self, estimate: Estimate, forward: float, lateral: float, dt: float) -> tuple[float, float]:
-        """Hold x and y while the sticks rest."""
-        x, y, vx, vy = estimate.position
-        if self._position is None or abs(forward) > 0.05 or abs(lateral) > 0.05:
-            self._position, self._position_integral = (x, y), (0.0, 0.0)
-            return forward, lateral
-        ex, ey = self._position[0] - x, self._position[1] - y
-        ix, iy = self._position_integral
-        ix, iy = clip(ix + 0.1 * ex * dt, 0.5), clip(iy + 0.1 * ey * dt, 0.5)
-        self._position_integral = ix, iy
-        north, east = 0.6 * ex - 0.6 * vx + ix, 0.6 * ey - 0.6 * vy + iy
-        c, s = math.cos(estimate.yaw), math.sin(estimate.yaw)
-        return clip(c * north + s * east, 1.0), clip(c * east - s * north, 1.0)
+    def _guided_depth(self, estimate: Estimate, dt: float) -> float:
+        """Throttle that follows GUIDED's target, which is a height over the EKF's origin."""
+        self._integral_limit = 1.0
+        height, climb, rise = self.navigation.vertical
+        self.depth_target = estimate.depth_m + estimate.altitude_m - height
+        self._wanted = depth_hold.Wanted(climb, rise)
+        self._hold_depth(estimate, self._params["WPNAV_SPEED_UP"] / 100.0, dt)
+        return clip(self._depth_hold.throttle, 1.0)
+
+    def _hold_depth(self, estimate: Estimate, fastest_m_s: float, dt: float) -> None:
+        self._depth_hold = depth_hold.step(
+            DepthGains(*(self._params[name] for name in GAINS)),
+            self._depth_hold,
+            estimate.depth_m - self.depth_target,
+            self._wanted,
+            fastest_m_s,
+            estimate.climb_m_s,
+            estimate.rise_m_s2,
+            dt,
+        )
+
+    def _initial_integral(self) -> float:
+        return clip(2.0 * (self._throttle_in - THROTTLE_MIDDLE), self._integral_limit)
+
+    def _relax(self, estimate: Estimate) -> None:
+        self._attitude = [attitude.relaxed(*motion) for motion in _motions(estimate)]
 
 
 def _motions(estimate: Estimate) -> tuple[tuple[float, float], tuple[float, float], tuple[float, float]]:

@@ -115,6 +115,11 @@ class Pilot:
             return up_m_s * (stick - top) / (1000.0 - top)
         return down_m_s * (stick - bottom) / bottom if stick < bottom else 0.0
 
+    def horizontal_rate(self, channel: int, dead_band: float, fastest_m_s: float) -> float:
+        """Velocity (m/s) that a stick asks for in POSHOLD, outside THR_DZ (µs) times the gain."""
+        stick, dead = self.stick(channel), dead_band / 400.0 * self.gain
+        return fastest_m_s * math.copysign(max(0.0, abs(stick) - dead), stick)
+
     def off_centre(self, channel: int) -> bool:
         """Whether a channel is outside its dead zone (RCn_DZ)."""
         return abs(self.channels[channel] - NEUTRAL) > self._params[f"RC{channel + 1}_DZ"]

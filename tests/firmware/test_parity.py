@@ -9,7 +9,7 @@ from lab.parity.scenarios import SCENARIOS
 
 @pytest.mark.parametrize("scenario", SCENARIOS)
 def test_answers_are_the_same_or_differ_for_a_known_reason(scenario, ardusub):
-    config = plant()
+    config = plant(scenario)
     different = {
         name: tuple(map(readable, both))
         for name, both in compare(scenario, ardusub, config).items()

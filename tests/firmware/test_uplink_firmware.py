@@ -12,7 +12,7 @@ from lab.parity.__main__ import plant
 
 @pytest.mark.parametrize("log", LOGS)
 def test_the_firmware_answers_as_our_stand_in(log: str, ardusub: Path) -> None:
-    with Firmware(ardusub, plant(), seed=1) as firmware:
+    with Firmware(ardusub, plant("streams"), seed=1) as firmware:
         theirs = replay(firmware, log)
     ours = replay(vehicle(), log)
     assert ours["answered"] == theirs["answered"]
