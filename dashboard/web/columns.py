@@ -23,19 +23,25 @@ _LOOP = (
 _DOFS = ("x", "y", "z", "psi")
 
 TRUE_D = tuple(f"true.{dof}.d" for dof in _DOFS)
+LAMBDA = tuple(f"{dof}.lambda_per_s" for dof in _DOFS)
 COLUMNS = (
     *_STATE,
     *(f"{dof}.{name}" for dof in _DOFS for name in _DOF),
     *_COMMAND,
     *_LOOP,
     *TRUE_D,
+    *LAMBDA,
 )
-"""In the order of a row. `z.e` is field e of dof/z; `true.z.d` is the simulator's, in the paper's sign."""
+"""In the order of a row. `z.e` is field e of dof/z; `true.z.d` is the simulator's, in the paper's sign.
+`z.lambda_per_s` is the lambda in force, (eps - e_dot)/e: less than the configured one with long delays and
+after a limit cycle."""
 
 _PLACES = {name: index for index, name in enumerate(COLUMNS)}
 _FIELDS: dict[type[Schema], tuple[str, ...]] = {State: _STATE, Dof: _DOF, Command: _COMMAND, Loop: _LOOP}
 _GET = {schema: attrgetter(*names) for schema, names in _FIELDS.items()}
 _TRUE = _PLACES[TRUE_D[0]]
+_LEAST_ERROR = 1e-9
+"""m or rad: below, the quotient is rounding."""
 
 
 def empty_row() -> list[float]:
@@ -56,6 +62,12 @@ def fill(row: list[float], record: Schema) -> None:
     for name in record.absent:
         if name in names:
             row[first + names.index(name)] = math.nan
+    if (
+        isinstance(record, Dof)
+        and abs(record.e) > _LEAST_ERROR
+        and not {"e", "e_dot", "eps"} & set(record.absent)
+    ):
+        row[_PLACES[f"{record.dof}.lambda_per_s"]] = (record.eps - record.e_dot) / record.e
     if isinstance(record, Loop):
         for index in range(first, first + len(names)):
             if row[index] >= NEVER_S:

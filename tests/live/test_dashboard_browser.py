@@ -44,6 +44,17 @@ _STORE = (
     "{t: [0, 1, 2], start: 0, end: 3, number: 0, columns: ['a'], arrays: [[0, NaN, 0.5]], find: (t) => t}"
 )
 _PILOT = "m.holder('PILOT', {armed: %s, mode: '%s'})"
+
+
+def _proved(saturated: list[int], lambda_in_force: list[float]) -> str:
+    """Return JavaScript for where the line "proved" is drawn; points are 0.4 s apart."""
+    count = len(saturated)
+    law = [[], [0.0] * count, saturated, lambda_in_force, [1] * count]
+    axis = {"mass": 2, "kappa_per_s": 2, "lambda_per_s": 2, "max_disturbance": 1}
+    words = ", ".join(map(json.dumps, ([0.4 * i for i in range(count)], law, axis)))
+    return f"m.proved({words}).map(Number.isFinite).map(Number).join('')"
+
+
 PURE: list[tuple[str, str, Any]] = [
     ("words", _PILOT % ("true", "ALT_HOLD"), "ALT_HOLD has it"),
     ("words", _PILOT % ("true", "STABILIZE"), "the pilot has it, STABILIZE"),
@@ -64,12 +75,11 @@ PURE: list[tuple[str, str, Any]] = [
     ("plots", "m.shaded([1, 1, 0], [0, 0.1, 0.2], 0)", [0, 0.2, 1]),
     ("plots", "m.shaded([1, NaN, 1, 0], [0, 0.001, 9, 9.1], 0)", [0, 0, 0]),  # not through a gap
     (
-        "panels",  # saturated at 1 s: drawn again 3/kappa + 3/lambda later
-        "(([x, all]) => m.proved(x, [[], all(0), x.map((_, i) => Number(i === 1)), all(1)],"
-        " {mass: 2, kappa_per_s: 2, lambda_per_s: 2, max_disturbance: 1}).map(Number.isFinite).map(Number))"
-        "([Array.from({length: 12}, (_, i) => 0.4 * i), (value) => Array(12).fill(value)]).join('')",
+        "panels",
+        _proved([0, 1, *[0] * 10], [2.0] * 12),
         "000000000111",
-    ),
+    ),  # saturated at 0.4 s: 3/kappa + 3/lambda
+    ("panels", _proved([0] * 12, [2.0, 2.0, 1.9, *[2.0] * 9]), "000000000011"),  # gains reduced at 0.8 s
     (
         "events",
         "((model) => { const found = {model_gain: 0.9, model_gain_found: 0.8, model_gain_doubt: 0.1};"

@@ -57,6 +57,9 @@ def test_a_tick_becomes_one_row_of_what_it_said(make_sample: MakeSample) -> None
     assert math.isnan(row["position_age_s"])  # it never came
     assert math.isnan(row["true.z.d"])
     assert row["x.saturated"] == 1.0
+    dof = samples.records(make_sample())[3]
+    assert isinstance(dof, telemetry.Dof)
+    assert row[f"{dof.dof}.lambda_per_s"] == pytest.approx((dof.eps - dof.e_dot) / dof.e)
     assert row["psi.engaged"] == 0.0
 
 

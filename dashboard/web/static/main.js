@@ -112,19 +112,10 @@ function build() {
   for (const panel of panels) panel.start?.();
 }
 
-// λ from what came, where the configuration is not known: eps - e_dot = λ e.
+// λ in force; where nothing is held, the configuration's.
 function slope() {
-  const known = config?.[DOFS[view.dof].axis]?.lambda_per_s;
-  if (known) return known;
-  let above = 0;
-  let below = 0;
-  const [e, rate, eps] = ["e", "e_dot", "eps"].map((name) => store.of[`${view.dof}.${name}`]);
-  for (let i = Math.max(store.start, store.end - 500); i < store.end; i++) {
-    if (!Number.isFinite(e[i] + rate[i] + eps[i])) continue;
-    above += (eps[i] - rate[i]) * e[i];
-    below += e[i] * e[i];
-  }
-  return below > 0 ? above / below : NaN;
+  const inForce = store.value(`${view.dof}.lambda_per_s`);
+  return inForce > 0 ? inForce : config?.[DOFS[view.dof].axis]?.lambda_per_s ?? NaN;
 }
 
 let readAt = 0;

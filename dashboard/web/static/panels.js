@@ -37,17 +37,18 @@ function trailing(values, x, seconds) {
   });
 }
 
-const PROVED = ["eps", "d_observer", "saturated", "engaged"];
+const PROVED = ["eps", "d_observer", "saturated", "lambda_per_s", "engaged"];
+const AS_CONFIGURED = 0.99; // of lambda: below, delay or a limit cycle has reduced the gains
 
 // What docs/theory.md, section 3, proves: |eps| <= (d_max + D)/(m kappa), here for a disturbance D up to d_max.
 // NaN where an assumption does not hold, and until what came of that has decayed.
-export function proved(x, [, disturbance, saturated, engaged], axis) {
+export function proved(x, [, disturbance, saturated, inForce, engaged], axis) {
   if (!axis) return x.map(() => NaN);
   const { mass, kappa_per_s: kappa, lambda_per_s: lambda, max_disturbance: most } = axis;
   let since = x[0];
   return x.map((t, i) => {
     const gap = i > 0 && t - x[i - 1] > GAP_S;
-    const holds = engaged[i] > 0 && !(saturated[i] > 0) && Math.abs(disturbance[i]) <= most;
+    const holds = engaged[i] > 0 && !(saturated[i] > 0) && Math.abs(disturbance[i]) <= most && !(inForce[i] < AS_CONFIGURED * lambda);
     if (gap || (!holds && Number.isFinite(engaged[i]))) since = t;
     return holds && t - since > 3 / kappa + 3 / lambda ? (2 * most) / (mass * kappa) : NaN;
   });

@@ -101,11 +101,14 @@ export class Tuning {
 
   release() {
     if (this.open) this.send("release", {});
+    else this.toggle(true); // which says how
   }
 
   record() {
-    if (!this.open) return void this.toggle(true);
-    this.send("record", { on: !this.link.status?.recorder?.recording });
+    const recorder = this.link.status?.recorder;
+    if (!this.open) this.toggle(true);
+    else if (recorder) this.send("record", { on: !recorder.recording });
+    else this.tell("No recorder is heard. Start `holdfast record --allow-control`, or the dashboard with --record.", true);
   }
 
   // What there is to do depends on whether it holds.
