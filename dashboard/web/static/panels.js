@@ -90,9 +90,11 @@ export const PLOTS = [
     columns: (dof) => of(dof, "e", ...PROVED),
     make: ([e, ...law], dof, { x, lambda, config }) => {
       const { scale } = DOFS[dof].e;
-      const [eps, engaged] = [law[0], law.at(-1)];
-      const bound = scaled(trailing(held(eps, engaged), x, 5 / lambda), scale / lambda);
-      const line = scaled(proved(x, law, config?.[DOFS[dof].axis]), scale / lambda);
+      const axis = config?.[DOFS[dof].axis];
+      const [eps, inForce, engaged] = [law[0], law[3], law.at(-1)];
+      const allowed = held(eps, engaged).map((value, i) => value / (inForce[i] || lambda)); // of e, at rest
+      const bound = scaled(trailing(allowed, x, 5 / lambda), scale);
+      const line = scaled(proved(x, law, axis), scale / axis?.lambda_per_s);
       return { lines: [scaled(held(e, engaged), scale), bound, scaled(bound, -1), line, scaled(line, -1)] };
     },
     span: (dof) => DOFS[dof].e.span, unit: (dof) => DOFS[dof].e.unit,

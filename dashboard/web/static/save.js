@@ -31,19 +31,21 @@ export function png(title, panels) {
     context.fillStyle = colour;
     context.fillRect(x, y, width, height);
   };
-  const write = (text, x, y, colour, font, align = "left", most = undefined) => {
+  const write = (text, x, y, colour, font, align = "left") => {
     Object.assign(context, { fillStyle: colour, font: `${font} system-ui, sans-serif`, textAlign: align });
-    context.fillText(text, x, y, most);
+    context.fillText(text, x, y);
   };
   fill(colours.page, 0, 0, canvas.width, canvas.height);
   write(title, 10, 21, colours.ink, "600 14px");
   context.translate(8 - left, 8 + head - top);
   for (const { node, canvases, box } of seen) {
     fill(colours.panel, box.left, box.top, box.width, box.height);
-    const name = node.querySelector("h2").textContent;
-    write(name, box.left + 10, box.top + 19, colours.ink, "600 13px");
-    const used = context.measureText(name).width + 30;
-    write(readouts(node), box.right - 10, box.top + 19, colours.dim, "11px", "right", box.width - used);
+    write(node.querySelector("h2").textContent, box.left + 10, box.top + 19, colours.ink, "600 13px");
+    let right = box.right - 10;
+    for (const { text, colour } of readouts(node).reverse()) {
+      write(text, right, box.top + 19, colour, "11px", "right");
+      right -= context.measureText(text).width + 12;
+    }
     for (const one of canvases) {
       const place = one.getBoundingClientRect();
       context.drawImage(one, place.left, place.top, place.width, place.height);
@@ -52,7 +54,11 @@ export function png(title, panels) {
   return new Promise((done) => { canvas.toBlob(done, "image/png"); });
 }
 
-const readouts = (node) => [...node.querySelectorAll(".readouts > :not([hidden])")].map((one) => [...one.childNodes].map((part) => part.textContent).join(" ")).join("   ");
+// The words of a heading, in the colours of their lines.
+const readouts = (node) => [...node.querySelectorAll(".readouts > :not([hidden])")].map((one) => ({
+  text: [...one.childNodes].map((part) => part.textContent).join(" "),
+  colour: [...one.classList].map((name) => name !== "band" && colours[name]).find(Boolean) ?? colours.dim,
+}));
 
 export function save(blob, name) {
   const url = URL.createObjectURL(blob);
