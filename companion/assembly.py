@@ -19,7 +19,7 @@ from companion.control.positioning import Model
 from companion.control.schedule import Gains, scheduled
 from companion.control.tilt import (
     ALARM_RAD,
-    FAST_N_PER_S,
+    LEVELLED_N_PER_S,
     SLOW_N_PER_S,
     UNLEVELLED_ALARM_RAD,
     UNLEVELLED_N,
@@ -67,7 +67,7 @@ def tilt_limit(config: Config) -> TiltLimit:
     """Return what bounds the horizontal force: from the start where the frame cannot pitch by itself."""
     most_n = max(config.surge.max_force, config.sway.max_force) * 2.0**0.5
     if config.vehicle.frame == "vectored_6dof":
-        return TiltLimit(most_n, most_n, ALARM_RAD, FAST_N_PER_S)
+        return TiltLimit(most_n, most_n, ALARM_RAD, LEVELLED_N_PER_S)
     return TiltLimit(UNLEVELLED_N, most_n, UNLEVELLED_ALARM_RAD, SLOW_N_PER_S)
 
 

@@ -27,6 +27,9 @@ ALARM_RAD, UNLEVELLED_ALARM_RAD, CALM = math.radians(15.0), math.radians(7.0), 0
 
 CUT, MEMORY_S, LEAST_N = 0.6, 2.0, 1.0
 FAST_N_PER_S, SLOW_N_PER_S = 1.0, 0.05
+LEVELLED_N_PER_S = 5.0
+"""A current of 0.5 m/s takes 60 N: what a tilt took of it has to be back before the vehicle is far away."""
+
 UNLEVELLED_N = 2.0
 """What is tried first where nobody keeps the vehicle from pitching."""
 

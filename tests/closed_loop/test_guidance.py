@@ -249,7 +249,7 @@ def test_where_thrust_saturates_a_path_is_slowed_and_keeps_its_shape():
     assert max(step.sample.guided.speed_mps for step in steps[-200:]) < 0.3
     assert {step.sample.verdict.state for step in steps} == {State.ACTIVE}
     assert errors_mm(steps).max() < 600.0
-    assert max(abs(step.truth.eta[0]) for step in steps) < 0.15, "across the path"
+    assert max(abs(step.truth.eta[0]) for step in steps) < 0.2, "across the path"
 
 
 def test_by_stick_it_stops_at_the_fence():

@@ -1,0 +1,49 @@
+"""A place in a current: held where thrust allows, and let go without disturbing depth and heading."""
+
+import math
+
+import numpy as np
+import pytest
+from virtual import Dive, Somebody, hold
+
+from companion.control.bounds import wrap
+from companion.records import State
+
+PLACE = {"x": 0.0, "y": 0.0, "z": 2.0, "psi": 0.0}
+DVL = ("initial.eta=[0,0,2,0,0,0]", "sensors.dvl=true", "current.enabled=true", "current.sigma_m_s=0.02")
+
+
+def current(speed_m_s, direction_deg, *plant):
+    """A dive that has been told to hold PLACE in a current."""
+    water = (f"current.speed_m_s={speed_m_s}", f"current.direction_deg={direction_deg}")
+    dive = Dive(*DVL, *water, *plant, setpoint=hold(**PLACE))
+    dive.tap.to_vehicle.append(Somebody().origin())
+    return dive.until(State.ACTIVE)
+
+
+def believed_error_m(steps):
+    """How far from the place the companion's own position is: a DVL's drift does not count."""
+    return np.hypot(*np.array([step.sample.state.eta[:2] for step in steps]).T)
+
+
+def test_a_current_that_takes_more_than_half_of_the_force_leaves_no_error():
+    dive = current(0.45, 90.0)
+    dive.run(24.0)
+    assert believed_error_m(dive.run(2.0)).mean() < 0.02
+
+
+def test_a_vehicle_that_tilted_as_it_stopped_a_drift_is_soon_at_its_place_again():
+    turning = ("current.turn_deg_s=3", "waves.enabled=true", "tether.enabled=true")
+    dive = current(0.5, 0.0, *turning)
+    dive.run(18.0)
+    assert believed_error_m(dive.run(4.0)).mean() < 0.1
+
+
+@pytest.mark.parametrize("direction_deg", [180.0, 90.0], ids=["surge", "sway"])
+def test_a_saturated_axis_disturbs_neither_depth_nor_heading(direction_deg):
+    dive = current(0.9, direction_deg)
+    dive.run(8.0)
+    steps = dive.run(8.0)
+    assert np.mean([step.sample.dofs.saturated[:2] for step in steps]) > 0.5
+    assert max(abs(step.truth.eta[2] - 2.0) for step in steps) < 0.02
+    assert max(abs(wrap(step.truth.eta[5])) for step in steps) < math.radians(2.0)
