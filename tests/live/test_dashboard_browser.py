@@ -88,6 +88,12 @@ PURE: list[tuple[str, str, Any]] = [
         " })(new m.Model(null))",
         "heave× 0.900.80 ± 10 %––yaw––––surge––––sway––––|Motor 5 gives no thrust.",
     ),
+    (
+        "map",
+        "m.trail({t: [0, 0.1, 0.2, 9], number: 0, of: {n: [1, 2, NaN, 4], e: [5, 6, 7, 8]}},"
+        " ['n', 'e'], 0, 4)",
+        [None, [1, 5], [2, 6], None, [4, 8]],  # a gap breaks it
+    ),
     ("map", "[7, 1, 0.45, 30].map(m.niceStep)", [5, 1, 0.2, 20]),
     (
         "save",
