@@ -57,6 +57,18 @@ FAULT_KINDS: dict[str, FaultKind] = {
     "position_reset": FaultKind(
         "`count` times over duration_s: the EKF's position is further north", "m", -1e5, 1e5
     ),
+    "origin_late": FaultKind(
+        "the EKF takes no origin, and gets one at the end; under water that puts relative_alt off by 0.1 m"
+    ),
+    "depth_noise": FaultKind(
+        "the EKF's depth has so much more slow noise", "m, standard deviation", 0.0, 1.0
+    ),
+    "depth_lag": FaultKind(
+        "the EKF's depth comes later and shows 0.71 of what is faster than 20 s, as with GPS (0.15 s)",
+        "s",
+        0.0,
+        0.4,
+    ),
     "dvl_out": FaultKind("the DVL does not measure"),
     "compass": FaultKind(
         "magnetic north is turned clockwise; the EKF follows with 12.5 s", "degrees", -180.0, 180.0

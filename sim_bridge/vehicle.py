@@ -216,10 +216,18 @@ class Vehicle:
         autopilot.aid(self._sensors.aided)
         self._supply(autopilot)
         physics.health, physics.stuck = self._faults.health(), self._faults.stuck()
-        turned = self._faults.holds("compass")
+        autopilot.withhold_origin(self._faults.holds("origin_late") is not None)
         self._sensors.disturb(
-            math.radians(turned.value) if turned else 0.0, dvl_out=self._faults.holds("dvl_out") is not None
+            math.radians(self._value("compass")),
+            dvl_out=self._faults.holds("dvl_out") is not None,
+            depth_noise_m=self._value("depth_noise"),
+            depth_lag_s=self._value("depth_lag"),
         )
+
+    def _value(self, kind: str) -> float:
+        """Return the value of a fault that holds; 0 without one."""
+        fault = self._faults.holds(kind)
+        return fault.value if fault else 0.0
 
     def _supply(self, autopilot: Autopilot) -> None:
         physics = self._physics
@@ -243,6 +251,7 @@ class Vehicle:
             self._autopilot.yaw_was_reset(turn_rad)
         elif fault.kind == "position_reset":
             self._sensors.reset_position(fault.value)
+            self._autopilot.control.navigation.shift(fault.value, 0.0)
 
     def _boot(self, *, rebooted: bool) -> Autopilot:
         config = self._config

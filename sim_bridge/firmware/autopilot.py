@@ -109,6 +109,8 @@ class Autopilot:
         self._next_timesync_s = TIMESYNC_PERIOD_S
         self._text_id = 0
         self.origin = Origin(0, 0, 0) if has_position else None  # a DVL's driver sets it as it starts
+        self._withheld: Origin | None = None
+        """What the origin will be once it may be set."""
         self.home: Origin | None = None
         self.servo_9 = 0
         self._boot_texts = deque(BOOT_TEXTS if rebooted else ())
@@ -303,6 +305,14 @@ class Autopilot:
         self.say(INFO, "EKF3 IMU0 MAG0 in-flight yaw alignment complete")
         self.control.yaw_was_reset(turn_rad)
 
+    def withhold_origin(self, held: bool) -> None:
+        """Have no origin and take none, or get one again."""
+        if held and self._withheld is None:
+            self._withheld, self.origin = self.origin or Origin(0, 0, 0), None
+        elif not held and self._withheld is not None:
+            origin, self._withheld = self._withheld, None
+            self._set_origin(origin)
+
     def aid(self, aided: bool) -> None:
         """Lose the horizontal position, or have it again, and say so."""
         if aided != self._has_position:
@@ -477,12 +487,14 @@ class Autopilot:
             self.send(link, mavlink.MAVLink_timesync_message(self._boot_ns(), message.ts1))
 
     def _on_set_origin(self, _: int, message: Message) -> None:
-        if self.origin is not None:
-            return
+        if self.origin is None and self._withheld is None:
+            self._set_origin(Origin(message.latitude, message.longitude, message.altitude))
+
+    def _set_origin(self, origin: Origin) -> None:
         if self.estimate().depth_m > 0.2:
             self._sensors.shift_relative(ORIGIN_SHIFT_M)
-        self.origin = Origin(message.latitude, message.longitude, message.altitude)
-        self._broadcast(mavlink.MAVLink_gps_global_origin_message(*self.origin, round(self.boot_s * 1e6)))
+        self.origin = origin
+        self._broadcast(mavlink.MAVLink_gps_global_origin_message(*origin, round(self.boot_s * 1e6)))
 
     def _on_mission(self, link: int, message: Message) -> None:
         if message.get_type() != "MISSION_SET_CURRENT":

@@ -27,6 +27,8 @@ EARTH_NORTH_UT = 21.9
 """Horizontal part of the earth's field, as the firmware's compasses have it."""
 COMPASS_TAU_S = 12.5
 """How slowly the EKF follows the compass away from its gyros: docs/ardusub.md."""
+LAGGING_SHARE, LAGGING_FROM_S = 0.71, 20.0
+"""With GPS the EKF's depth showed this share of the motion; how slow a motion it shows whole is assumed."""
 NEAREST_M = 0.3
 """A dipole's field is not a dipole's nearer than this."""
 
@@ -103,11 +105,12 @@ class Sensors:
         """
         self._config = config
         self._step_s = step_s
-        slow_rng, self._white_rng, offset_rng, *defect_rngs = rng.spawn(7)
+        slow_rng, self._white_rng, offset_rng, *defect_rngs = rng.spawn(8)
         self._seabed_m = seabed_m
         self._steel = steel
         self._deviation_rad = self._turned_north_rad = 0.0
         self._dvl_silenced = False
+        self._noise_m = self._lag_s = self._mean_depth_m = 0.0
         self._depth_defects, self._attitude_defects, self._dvl_defects = (
             Defective(defects, NOISE_PERIOD_S, one)
             for defects, one in zip(
@@ -127,6 +130,7 @@ class Sensors:
         self._climb = noise(config.climb_slow_m_s, config.slow_tau_s)
         self._drift = noise(config.drift_m, config.drift_tau_s)
         self._angles = [noise(config.attitude_slow_rad, 5.0) for _ in range(3)]
+        self._unit_noise = OrnsteinUhlenbeck(1.0, config.slow_tau_s, NOISE_PERIOD_S, defect_rngs[4])
         self._position = [noise(config.dvl_drift_m, 60.0) for _ in range(2)]
         slow = [self._depth, self._climb, self._drift, *self._angles, *self._position]
         self._slow = [signal for signal in slow if signal.varies]
@@ -157,10 +161,14 @@ class Sensors:
             x, y, z, q0, q1, q2, q3, u, v, w, p, q, r = state
             state = (x, y, z + wave_m, q0, q1, q2, q3, u, v, w, p, q, r)
         self._history.append((state, acceleration))
+        if self._lag_s:
+            self._mean_depth_m += (state[2] - self._mean_depth_m) * self._step_s / LAGGING_FROM_S
         self._estimate = None
         if self._count % self._noise_steps == 0:
             for signal in self._slow:
                 signal.step()
+            if self._noise_m:
+                self._unit_noise.step()
             if self._is_spoilt:
                 self._step_defects(state)
         if self._count % self._pressure_steps == 0:
@@ -175,8 +183,11 @@ class Sensors:
         """Whether the EKF has a horizontal position."""
         return self._errors is not None and self._errors.aided
 
-    def disturb(self, turned_rad: float, *, dvl_out: bool) -> None:
-        """Turn magnetic north clockwise (rad), and silence the DVL."""
+    def disturb(self, turned_rad: float, *, dvl_out: bool, depth_noise_m: float, depth_lag_s: float) -> None:
+        """Turn magnetic north clockwise (rad), silence the DVL, spoil the EKF's depth."""
+        if depth_lag_s and not self._lag_s and self._history:
+            self._mean_depth_m = self._history[-1][0][2]
+        self._noise_m, self._lag_s = depth_noise_m, depth_lag_s
         if turned_rad:
             self._is_spoilt = True
         self._turned_north_rad, self._dvl_silenced = turned_rad, dvl_out
@@ -266,8 +277,12 @@ class Sensors:
         scale = config.depth_scale / specific_gravity
         attitude = self._delayed(config.attitude_delay_s + self._attitude_defects.late_s)
         motion = self._delayed(config.climb_delay_s + self._depth_defects.late_s)
-        (height, _), (older, _), part = self._around(config.depth_delay_s + self._depth_defects.late_s)
+        late_s = config.depth_delay_s + self._depth_defects.late_s
+        (height, _), (older, _), part = self._around(late_s)
         z = height[2] + part * (older[2] - height[2])
+        if self._lag_s:
+            z = self._delayed(late_s + self._lag_s)[2]
+            z = self._mean_depth_m + LAGGING_SHARE * (z - self._mean_depth_m)
         roll, pitch, yaw = euler(attitude)
         roll += self._angles[0].value + config.attitude_white_rad * normal()
         pitch += self._angles[1].value + config.attitude_white_rad * normal()
@@ -277,7 +292,13 @@ class Sensors:
         yawspeed = attitude[12] + config.gyro_white_rad_s * normal()
         r31, r32, r33 = down_axis(motion)
         sink = r31 * motion[7] + r32 * motion[8] + r33 * motion[9]
-        depth = scale * z + self._depth.value + self._drift.value + config.depth_white_m * normal()
+        depth = (
+            scale * z
+            + self._noise_m * self._unit_noise.value
+            + self._depth.value
+            + self._drift.value
+            + config.depth_white_m * normal()
+        )
         climb = -scale * sink + self._climb.value + config.climb_white_m_s * normal()
         rise = self._rise()
         accel = self._accelerometer(normal)

@@ -1,5 +1,7 @@
 """The EKF corrects its yaw or position while it is held: the vehicle stays, no thrust comes of it.
 
+At the end: an origin that comes late, and a depth that is noisy or late.
+
 The sensors are almost without noise here, so that a step in thrust is the reset's alone.
 """
 
@@ -7,7 +9,7 @@ from math import nan
 
 import numpy as np
 import pytest
-from virtual import Dive, active, hold
+from virtual import DEPTH_M, Dive, active, hold
 
 from companion.io.command_queue import CommandQueue, ReceivedCommand
 from companion.records import Condition, Request, State
@@ -152,3 +154,34 @@ def test_a_position_that_is_reset_with_every_sample_is_not_believed():
     dive.run(2.0)
     assert dive.state is State.HAND_OVER
     assert Condition.INNOVATION_LARGE in dive.step.sample.verdict.conditions
+
+
+def test_an_origin_that_comes_late_lifts_it_by_what_the_ekf_is_off_and_no_more():
+    dive = Dive("sensors.dvl=true", 'faults=[{kind="origin_late", duration_s=14.0}]')
+    dive.run(13.9)
+    assert dive.state is State.ACTIVE
+    before, began_s = dive.step.truth.eta[2], dive.t_s
+    steps = dive.run(6.0)
+    assert dive.states_since(began_s) == [State.ACTIVE]
+    depths = np.array([step.truth.eta[2] for step in steps])
+    assert depths[-1] == pytest.approx(before - 0.1, abs=0.03)
+    assert depths.min() > before - 0.15
+    places = np.array([step.truth.eta[:2] for step in steps])
+    assert np.ptp(places, axis=0).max() < 0.05
+
+
+@pytest.mark.parametrize(
+    ("plant", "kind", "value", "most_m"),
+    [((), "depth_noise", 0.02, 0.08), (("waves.enabled=true",), "depth_lag", 0.15, 0.15)],
+)
+def test_a_depth_that_is_worse_than_it_should_be_is_held_all_the_same(plant, kind, value, most_m):
+    """Slow noise as measured on a real vehicle, and what GPS makes of the EKF's depth."""
+    dive = active(*plant, seconds=9.0)
+    began_s = dive.t_s
+    dive.fault(kind, value=value)
+    steps = dive.run(12.0)
+    assert dive.states_since(began_s) == [State.ACTIVE]
+    errors_m = np.array([step.truth.eta[2] - DEPTH_M for step in steps])
+    assert np.abs(errors_m).max() < most_m
+    late, early = np.std(errors_m[300:]), np.std(errors_m[:300])
+    assert late < 2.0 * early + 0.01, "it swings itself up"

@@ -3,6 +3,7 @@
 import math
 
 import msgspec
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -256,6 +257,61 @@ def test_a_position_reset_is_a_step_north():
     rov.inject(Fault("position_reset", at_s=rov.time_s, value=3.0))
     place = station.run(0.5).last("LOCAL_POSITION_NED")
     assert (place.x, place.y) == pytest.approx((5.0, 1.0), abs=0.1)
+
+
+def heights(station, seconds):
+    """Return what relative_alt says and what is true, m."""
+    pairs = []
+    for _ in range(round(seconds / 0.05)):
+        heard = station.run(0.05).of("GLOBAL_POSITION_INT")
+        pairs += [(m.relative_alt / 1000.0, -station.rov.truth().eta[2]) for m in heard]
+    return zip(*pairs, strict=True)
+
+
+def streaming_depth(*overrides):
+    rov = vehicle("initial.eta=[0,0,5,0,0,0]", *overrides)
+    station = Station(rov)
+    station.command(SET_INTERVAL, mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, 50000).run(1.0)
+    return rov, station
+
+
+def test_an_origin_that_comes_late_moves_relative_alt():
+    _, station = streaming_depth("sensors.dvl=true", 'faults=[{kind="origin_late", duration_s=3.0}]')
+    station.say(mavlink.MAVLink_set_gps_global_origin_message(1, 1, 1, 0))
+    heard = station.run(1.5)
+    assert not heard.of("LOCAL_POSITION_NED")
+    assert not heard.of("GPS_GLOBAL_ORIGIN")
+    assert heard.last("VFR_HUD").alt == 0.0
+    assert station.command(176, 1, 16).run(0.1).result(176) == 4
+    before = station.run(0.1).last("GLOBAL_POSITION_INT").relative_alt
+    heard = station.run(1.0)
+    assert len(heard.of("GPS_GLOBAL_ORIGIN")) == 1
+    assert heard.last("GLOBAL_POSITION_INT").relative_alt == pytest.approx(before - 100, abs=20)
+    assert heard.last("VFR_HUD").alt == pytest.approx(-5.0, abs=0.2)
+    assert heard.of("LOCAL_POSITION_NED")
+
+
+def test_noise_of_the_depth_is_slow_and_as_large_as_asked():
+    rov, station = streaming_depth()
+    rov.inject(Fault("depth_noise", at_s=rov.time_s, duration_s=40.0, value=0.02))
+    told, true = heights(station, 40.0)
+    errors = np.subtract(told, true)
+    assert np.std(errors) == pytest.approx(0.02, rel=0.4)
+    assert np.std(np.diff(errors)) < 0.4 * np.std(errors)
+    station.run(0.2)
+    told, true = heights(station, 10.0)
+    assert np.std(np.subtract(told, true)) < 0.008
+
+
+def test_a_depth_that_lags_shows_a_part_of_the_motion_later():
+    quiet = [f"sensors.depth_{name}_m=0.0" for name in ("slow", "white")]
+    rov, station = streaming_depth(*quiet, "waves.enabled=true", "waves.height_m=1.0", "waves.period_s=5.0")
+    rov.inject(Fault("depth_lag", at_s=rov.time_s, value=0.15))
+    told, true = map(np.array, heights(station, 30.0))
+    told, true = told - told.mean(), true - true.mean()
+    left = [float(np.std(told[10:] - 0.71 * true[10 - late : len(true) - late])) for late in range(10)]
+    assert 0.15 <= 0.05 * left.index(min(left)) <= 0.25
+    assert min(left) < 0.2 * np.std(true)
 
 
 def test_the_status_line_tells_what_the_vehicle_does():

@@ -7,6 +7,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from sim_wire import ALT_HOLD, GUIDED, POSHOLD, STABILIZE, Station, override, vehicle
 
+from sim_bridge.fault_kinds import Fault
 from sim_bridge.firmware import track
 from sim_bridge.firmware.messages import M_PER_DEGREE
 
@@ -67,6 +68,15 @@ def test_poshold_without_its_position_takes_the_sticks_as_effort():
     station.rov._autopilot.control.located = False
     station.run(0.2, override(forward=200))
     assert station.rov.truth().motor_pwm[2] == pytest.approx(1500 + 400 * 0.375, abs=10)
+
+
+def test_poshold_stays_when_the_ekf_resets_its_position():
+    station = Station(vehicle(*DVL)).arm(POSHOLD)
+    station.run(3.0, override())
+    held = place(station)
+    station.rov.inject(Fault("position_reset", at_s=station.rov.time_s, value=3.0))
+    station.run(4.0, override())
+    assert np.abs(place(station) - held).max() < 0.1
 
 
 def test_guided_goes_to_a_waypoint_deeper_and_holds_it():
