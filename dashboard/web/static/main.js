@@ -140,7 +140,7 @@ function frame(now) {
     for (const panel of panels) panel.read?.(context);
     const at = view.cursor;
     say($("cursor"), at === null ? "" : `${clock(at, 2)}  (${(at - view.head(store.last)).toFixed(2)} s)`);
-    for (const panel of panels) if (panel.name === "attitude") panel.draw(context);
+    for (const panel of panels) if (panel.name === "attitude" || panel.name === "map") panel.draw(context);
     if (!listed && wall) {
       listed = true;
       for (const panel of panels) panel.show?.((t) => clock(t, 0));

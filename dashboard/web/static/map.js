@@ -4,6 +4,7 @@ import { GAP_S } from "./store.js";
 import { ageText } from "./words.js";
 
 const POINTS = 600;
+const APART_MS = 100; // it changes slowly
 const LEAST_M = 1; // from the middle to the nearer edge
 const FOLLOW_M = 3;
 const PUSH_S = 5; // longer than a wave
@@ -56,6 +57,7 @@ export class FromAbove {
     this.canvas.addEventListener("pointermove", (event) => this.drag(event));
     this.canvas.addEventListener("dblclick", () => this.set({ reach: null, middle: null }));
     new ResizeObserver(() => this.fit()).observe(this.box);
+    view.addEventListener("change", () => { this.drawnAt = -Infinity; });
   }
 
   // Half of what is seen in m, null for all there is; its middle as [north, east], null for the vehicle.
@@ -100,8 +102,9 @@ export class FromAbove {
     say(this.note, known ? `N ${north.toFixed(2)}, E ${east.toFixed(2)} m${path}` : Number.isFinite(age) ? `no position for ${ageText(age)}` : "no position");
   }
 
-  draw() {
-    if (!this.canvas.width || this.node.hidden) return;
+  draw({ now }) {
+    if (!this.canvas.width || this.node.hidden || (now - this.drawnAt < APART_MS && this.view.cursor === null)) return;
+    this.drawnAt = now;
     const { store, view, plan } = this;
     const [from] = view.range(store.last);
     const index = view.index(store);
