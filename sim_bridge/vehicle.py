@@ -211,7 +211,7 @@ class Vehicle:
         physics.drain(
             self._config.battery.voltage_v if drained is None else drained.value, SLOW_PERIOD_STEPS * STEP_S
         )
-        autopilot.leaking = self._faults.holds("leak") is not None
+        autopilot.failsafes.leaking = self._faults.holds("leak") is not None
         autopilot.ekf_doubt = None if doubt is None else doubt.value
         autopilot.aid(self._sensors.aided)
         self._supply(autopilot)

@@ -19,6 +19,7 @@ from sim_bridge.firmware.answers import (
     WARNING,
 )
 from sim_bridge.firmware.commands import LOCATED, Commands
+from sim_bridge.firmware.failsafes import Failsafes
 from sim_bridge.firmware.files import Files
 from sim_bridge.firmware.link import Link
 from sim_bridge.firmware.messages import Message, Origin, Snapshot
@@ -36,8 +37,6 @@ from sim_bridge.physics.sensors import Estimate, Sensors
 THROTTLE_DEMAND = 3
 INPUT_PERIOD_S = 0.02
 TIMESYNC_PERIOD_S = 10.0
-GCS_WARNING_PERIOD_S = 30.0
-LEAK_WARNING_PERIOD_S = 20.0
 PARAMETERS_PER_STEP = 10
 ORIGIN_SHIFT_M = 0.1
 """How far relative_alt is off for good when the origin is set while dived."""
@@ -120,18 +119,9 @@ class Autopilot:
         self._commands = Commands(self)
         self._demand: tuple[float, ...] | None = None
         self._input_is_new = True
-        self._pilot_lost = True
-        self._pilot_seen_s: float | None = 0.0 if rebooted else None
-        self._steered_s: float | None = None
-        self.leaking = False
-        """Whether a leak detector is wet."""
         self.ekf_doubt: float | None = None
         """The EKF's variance while it has no solution."""
-        self._leak = False
-        self._leak_said_s = -math.inf
-        self._gcs_lost = False
-        self._gcs_seen_s: float | None = None
-        self._gcs_warned_s = 0.0
+        self.failsafes = Failsafes(self, rc_receiver, rebooted=rebooted)
         self.pilot = Pilot(params, self._button, lambda text: self.say(INFO, text))
         self.control = FlightControl(params)
         self._handlers: dict[str, Callable[[int, Message], None]] = {
@@ -186,11 +176,7 @@ class Autopilot:
             self._next_input_s += INPUT_PERIOD_S
             self.pilot.input_loop()
             self._input_is_new = True
-            if self._rc_receiver:
-                self._hear_receiver()
-            self._check_pilot()
-            self._check_gcs()
-            self._check_leak()
+            self.failsafes.check()
             self.missions.step(boot_s)
             self._say_what_is_due()
         if not self.armed:
@@ -261,7 +247,9 @@ class Autopilot:
         """Arm the motors, without any check if `forced`; the MAV_RESULT."""
         if self.armed:
             return ACCEPTED
-        refusals = arming.refusals(self.params, self.pilot, self.boot_s, self._pilot_seen_s, forced=forced)
+        refusals = arming.refusals(
+            self.params, self.pilot, self.boot_s, self.failsafes.pilot_seen_s, forced=forced
+        )
         for refusal in refusals:
             self.say(CRITICAL, refusal)
         if refusals:
@@ -294,7 +282,7 @@ class Autopilot:
             return FAILED
         if number == modes.SURFTRAK:
             self.say(INFO, "waiting for a rangefinder reading")
-        self._neutralise()
+        self.neutralise()
         throttle = self._demand[THROTTLE_DEMAND] if self._demand else 0.0
         self.control.enter(number, self.estimate(), throttle)
         self._broadcast(messages.heartbeat(self.snapshot()))
@@ -322,66 +310,13 @@ class Autopilot:
             else:
                 self.say(WARNING, "EKF3 IMU0 stopped aiding")
 
-    def _neutralise(self) -> None:
+    def neutralise(self) -> None:
+        """Centre the sticks at once."""
         self.pilot.neutralise()
         self._input_is_new = True
 
-    # Failsafes
-
-    def _hear_receiver(self) -> None:
-        """Take a receiver as pilot input; its resting sticks rule once an override has expired."""
-        steered_s = self._steered_s
-        if steered_s is not None and self.boot_s > steered_s + self.params["RC_OVERRIDE_TIME"]:
-            self._steered_s = None
-            self._neutralise()
-        self._pilot_seen_s = self.boot_s
-
-    def _check_pilot(self) -> None:
-        action = self.params["FS_PILOT_INPUT"]
-        seen_s, timeout_s = self._pilot_seen_s, self.params["FS_PILOT_TIMEOUT"]
-        if action == 0 or (seen_s is not None and self.boot_s < seen_s + timeout_s):
-            self._pilot_lost = False
-        elif not self._pilot_lost:
-            self._pilot_lost = True
-            self.say(CRITICAL, "Lost manual control")
-            self._neutralise()
-            if action == 2:
-                self.disarm()
-
-    def _check_gcs(self) -> None:
-        action = self.params["FS_GCS_ENABLE"]
-        if action == 0 or self._gcs_seen_s is None:
-            return
-        if self.boot_s - self._gcs_seen_s < self.params["FS_GCS_TIMEOUT"]:
-            if self._gcs_lost:
-                self.say(WARNING, "GCS Failsafe Cleared")
-            self._gcs_lost = False
-            return
-        if self.boot_s - self._gcs_warned_s > GCS_WARNING_PERIOD_S:
-            self._gcs_warned_s = self.boot_s
-            self.say(WARNING, f"MYGCS: {int(self.params['MAV_GCS_SYSID'])}, heartbeat lost")
-        if self._gcs_lost or not self.armed:
-            return
-        self._gcs_lost = True
-        wanted = {3: modes.ALT_HOLD, 4: modes.SURFACE}.get(int(action))
-        if action == 2 or (wanted is not None and self.set_mode(wanted) != ACCEPTED):
-            self.disarm()
-
-    def _check_leak(self) -> None:
-        """Say it every 20 s, act once: FS_LEAK_ENABLE 1 warns, 2 surfaces, and 0 looks at no detector."""
-        action = self.params["FS_LEAK_ENABLE"]
-        if not self.leaking or action == 0:
-            self._leak = False
-            return
-        if self.boot_s > self._leak_said_s + LEAK_WARNING_PERIOD_S:
-            self._leak_said_s = self.boot_s
-            self.say(CRITICAL, "Leak Detected")
-        known, self._leak = self._leak, True
-        if not known and action == 2 and self.armed:
-            self.set_mode(modes.SURFACE)
-
     def _system_status(self) -> int:
-        if self._pilot_lost or self._gcs_lost or self._leak:
+        if self.failsafes.active:
             return FAILSAFE
         return ACTIVE if self.armed else STANDBY
 
@@ -391,12 +326,12 @@ class Autopilot:
         """Whether the sender may steer; if so it is pilot input and the ground station's sign of life."""
         if message.get_srcSystem() != int(self.params["MAV_GCS_SYSID"]):
             return False
-        self._steered_s = self._pilot_seen_s = self._gcs_seen_s = self.boot_s
+        self.failsafes.hear_pilot()
         return True
 
     def _on_heartbeat(self, _: int, message: Message) -> None:
         if message.get_srcSystem() == int(self.params["MAV_GCS_SYSID"]):
-            self._gcs_seen_s = self.boot_s
+            self.failsafes.hear_ground_station()
 
     def _on_manual_control(self, _: int, message: Message) -> None:
         if message.target == self.system and self._steers(message):

@@ -1,10 +1,11 @@
-"""What commands, targets and the motor test see of the autopilot that they belong to."""
+"""What commands, targets, failsafes and the motor test see of the autopilot that they belong to."""
 
 from typing import Protocol
 
 from sim_bridge.firmware.messages import Message, Origin
 from sim_bridge.firmware.missions import Missions
 from sim_bridge.firmware.modes import FlightControl
+from sim_bridge.firmware.params import Parameters
 from sim_bridge.firmware.streams import Streams
 from sim_bridge.physics.sensors import Estimate
 
@@ -12,6 +13,7 @@ from sim_bridge.physics.sensors import Estimate
 class Board(Protocol):
     """The part of `Autopilot` that carries commands out."""
 
+    params: Parameters
     armed: bool
     boot_s: float
     idle: list[int]
@@ -28,6 +30,9 @@ class Board(Protocol):
 
     def arm(self, *, forced: bool = False) -> int:
         """Arm the motors, without any check if `forced`; the MAV_RESULT."""
+
+    def neutralise(self) -> None:
+        """Centre the sticks at once."""
 
     def disarm(self) -> int:
         """Stop the motors; never refused."""

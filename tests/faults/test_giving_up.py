@@ -51,8 +51,8 @@ def _with(section, **changes):
 
 def own_failsafe(dive):
     """One that warns alone: the ground station's, while the pilot's is kept quiet by our steering."""
-    dive.vehicle._autopilot._gcs_lost = True
-    dive.vehicle._autopilot._check_gcs = lambda: None
+    dive.vehicle._autopilot.failsafes._gcs_lost = True
+    dive.vehicle._autopilot.failsafes._check_ground_station = lambda: None
 
 
 def rebooted(dive):
