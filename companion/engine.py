@@ -273,7 +273,9 @@ class Engine:
         """Allocate around a motor that gives no thrust; with `trusted` the next tick trusts all again."""
         if state.dead_motor != self._actuation.dead_motor:
             lost = self._actuation.go_on_without(state.dead_motor, state)
-            self._estimator.lose(to_inertial(jacobian(state.eta_ahead[PSI]), lost))
+            lost_ned = to_inertial(jacobian(state.eta_ahead[PSI]), lost)
+            self._estimator.lose(lost_ned)
+            self._controller.lose(lost_ned)
         if trusted:
             self._estimator.trust_thrusters()
 

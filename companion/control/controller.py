@@ -136,6 +136,15 @@ class Controller:
         if self._predecessor is not None:
             self._predecessor.shift(shift, vehicle)
 
+    def lose(self, tau_ned: Vector) -> None:
+        """Take from d̂ what a motor that gives no thrust was believed to give, N and N·m.
+
+        The demand becomes less by it in one tick: that is no oscillation.
+        """
+        for one, lost in zip(self._states, tau_ned, strict=True):
+            one.mean_d -= lost
+            one.oscillation = one.oscillation._replace(slow=one.oscillation.slow - lost)
+
     def step(
         self,
         state: VehicleState,

@@ -51,6 +51,13 @@ class CommandHistory:
             before_s, before = moment_s, given
         return means[1:]
 
+    def lose(self, tau: Vector) -> None:
+        """Take `tau` from the thrust of all commands: a motor that was believed to give it gave none."""
+        now_s = self.t_s[-1]
+        self._tau = [_less(one, tau, 1.0) for one in self._tau]
+        both = zip(self._impulse, self.t_s, strict=True)
+        self._impulse = [_less(given, tau, t_s - now_s) for given, t_s in both]
+
     def turn(self, shift: FrameShift) -> None:
         """Go on in a frame that has turned."""
         self._tau = _turned(shift, self._tau)
@@ -59,3 +66,8 @@ class CommandHistory:
 
 def _turned(shift: FrameShift, vectors: list[Vector]) -> list[Vector]:
     return [turned(shift, vector) for vector in vectors]
+
+
+def _less(one: Vector, tau: Vector, share: float) -> Vector:
+    x, y, z, psi = tau
+    return (one[0] - share * x, one[1] - share * y, one[2] - share * z, one[3] - share * psi)

@@ -285,10 +285,14 @@ class Estimator:
         self._watch = thruster_watch.START
 
     def lose(self, tau_ned: Vector) -> None:
-        """Take from d what a motor that gives no thrust was believed to give, N and N·m."""
+        """Take from thrust and d what a motor that gives no thrust was believed to give, N and N·m.
+
+        The commands on their way give it neither: in d alone it would be a step that is not there.
+        """
+        self._commands.lose(tau_ned)
         for dof, lost in enumerate(tau_ned):
             state = self._observers[dof]
-            self._observers[dof] = state._replace(d=state.d - lost)
+            self._observers[dof] = state._replace(f=state.f - lost, d=state.d - lost)
             self._mean_disturbance[dof] -= lost
 
     def _is_stale(self, dof: int, now_s: float) -> bool:

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from virtual import Dive, hold
+from virtual import Dive, Somebody, hold
 
 from companion.records import Condition, Request, State
 from companion.telemetry.event_log import EventLog
@@ -36,6 +36,23 @@ def test_the_heavy_holds_depth_and_heading(motor):
         assert np.abs(tilt_deg[1500:]).max() < 5.0
         assert dive.step.sample.state.dead_motor == motor
         assert dive.step.sample.verdict.warnings == Condition.THRUSTER_DEAD
+
+
+def test_the_heavy_holds_its_place_in_a_current_without_a_horizontal_motor():
+    """It turned by more than 90° and was handed over: the commands on their way kept the motor's thrust."""
+    current = ("current.enabled=true", "current.speed_m_s=0.3", "current.direction_deg=75")
+    start = ("sensors.dvl=true", f"initial.eta=[0,0,{DEPTH_M},0,0,0]")
+    dive = Dive(*start, *current, setpoint=hold(x=0.0, y=0.0, z=DEPTH_M, psi=0.0))
+    dive.tap.to_vehicle.append(Somebody().origin())
+    dive.until(State.ACTIVE).run(16.0)
+    dive.fault("thruster", thruster=1, value=0.0)
+    steps = dive.run(12.0)
+    assert {step.sample.verdict.state for step in steps} == {State.ACTIVE}
+    assert dive.step.sample.state.dead_motor == 1
+    heading_deg = np.degrees([step.truth.eta[5] for step in steps])
+    assert np.abs(heading_deg).max() < 20.0
+    assert np.abs(heading_deg[-200:]).max() < 2.0
+    assert max(np.hypot(*step.truth.eta[:2]) for step in steps) < 0.3
 
 
 def test_the_pilot_pushes_without_a_motor_and_the_heading_is_held():
