@@ -69,6 +69,8 @@ class FlightControl:
         self._heading = 0.0
         self._yaw_moved_s = 0.0
         self._attitude = [attitude.relaxed(0.0, 0.0) for _ in AXES]
+        self._attitude_gains: list[attitude.Gains] = []
+        self._gains_as_of = -1
         self._depth_hold = depth_hold.AT_REST
         self._wanted = depth_hold.STILL
         self._throttle_in = 0.0
@@ -148,6 +150,14 @@ class FlightControl:
             forward, lateral = self.navigation.hold(pilot, estimate, self.located, dt)
         return roll, pitch, yaw, throttle, forward, lateral
 
+    def _gains(self) -> list[attitude.Gains]:
+        """Return the attitude loop's gains, read again where a parameter was set."""
+        params = self._params
+        if self._gains_as_of != params.changes:
+            self._attitude_gains = [attitude.gains(params, name) for name in AXES]
+            self._gains_as_of = params.changes
+        return self._attitude_gains
+
     def _turn(self, pilot: Pilot, estimate: Estimate, dt: float) -> tuple[float, float, float]:
         """Demands of ACRO: the sticks are body rates."""
         params = self._params
@@ -158,8 +168,8 @@ class FlightControl:
         )
         motions = _motions(estimate)
         self._attitude = [
-            attitude.follow_rate(attitude.gains(params, name), axis, rate, *motion, dt)
-            for name, axis, rate, motion in zip(AXES, self._attitude, rates, motions, strict=True)
+            attitude.follow_rate(one, axis, rate, *motion, dt)
+            for one, axis, rate, motion in zip(self._gains(), self._attitude, rates, motions, strict=True)
         ]
         roll, pitch, yaw = self._attitude
         return roll.demand, pitch.demand, yaw.demand
@@ -167,7 +177,7 @@ class FlightControl:
     def _level(self, pilot: Pilot, estimate: Estimate, t_s: float, dt: float) -> tuple[float, float, float]:
         """Demands that hold roll and pitch, and the heading once the yaw stick has rested for 250 ms."""
         params = self._params
-        gains = [attitude.gains(params, name) for name in AXES]
+        gains = self._gains()
         lean = math.radians(params["ANGLE_MAX"] / 100.0)
         roll, pitch, yaw = self._attitude
         roll = attitude.toward_angle(gains[0], roll, pilot.angle_stick(ROLL) * lean, math.inf, dt)

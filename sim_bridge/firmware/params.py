@@ -39,6 +39,8 @@ class Parameters:
         self.names = tuple(DEFAULTS)
         self.index = {name: index for index, name in enumerate(self.names)}
         self._values = {name: kind.default for name, kind in DEFAULTS.items()}
+        self.changes = 0
+        """How often a value was set."""
         for name, value in overrides.items():
             if not self.set(name, value):
                 raise ValueError(f"parameter {name} = {value}: unknown, or not fit for its type")
@@ -60,4 +62,5 @@ class Parameters:
         elif abs(value) > 3.4e38:
             return False
         self._values[name] = float(value)
+        self.changes += 1
         return True

@@ -5,7 +5,9 @@ import math
 
 def clip(value: float, limit: float) -> float:
     """Return `value` within ±`limit`."""
-    return max(-limit, min(limit, value))
+    if value < limit:
+        return value if value > -limit else -limit
+    return max(limit, -limit)
 
 
 def smoothing(cutoff_hz: float, dt: float) -> float:
