@@ -8,6 +8,7 @@ BENCH_EXAMPLES = """\
 examples:
   holdfast bench dives --seeds 4                             a quick look: all rows, 4 vehicles
   holdfast bench dives --rows default ppi --scenarios waves  compare two rows in one scenario
+  holdfast bench position --seeds 4                          places and paths, beside a PID
   holdfast bench process                                     only the process: memory, tick, jitter
   holdfast bench dives --set heave.kappa_per_s=8             the shipped default with another gain
   holdfast bench firmware                                    our simulator beside the real ArduSub
@@ -49,7 +50,8 @@ def bench(argv: list[str]) -> int:
         "virtual time and with real MAVLink bytes: the shipped default, other laws and compensators, "
         "ArduSub's depth hold, and the computed LQG floor. One dive takes 3 s on one core; all rows with 60 "
         "vehicles take 5 core-hours, with --seeds 10 one hour. Then it measures the process against its "
-        "limits. Five benches run only on request: `zenoh` measures the effect of slow, stopped and killed "
+        "limits. Six benches run only on request: `position` holds a place and follows paths in a current, "
+        "with a DVL, beside a PID; `zenoh` measures the effect of slow, stopped and killed "
         "subscribers on the tick, in six minutes; `ablation` removes one part of the controller at a time, "
         "and compares the network with the observer; `network` compares learners on each axis, in the full "
         "loop; `grid` dives vehicles of a third to three times the nominal gain, with other lags and delays, "
@@ -60,7 +62,7 @@ def bench(argv: list[str]) -> int:
     parser.add_argument(
         "what",
         nargs="?",
-        choices=("dives", "process", "zenoh", "ablation", "network", "grid", "firmware"),
+        choices=("dives", "position", "process", "zenoh", "ablation", "network", "grid", "firmware"),
         help="run only this bench; default: dives and process",
     )
     parser.add_argument(
@@ -70,7 +72,10 @@ def bench(argv: list[str]) -> int:
         "--rows", nargs="+", metavar="ROW", help="run only these rows, such as: default law ppi"
     )
     parser.add_argument(
-        "--scenarios", nargs="+", metavar="NAME", help="run only these: waves, trajectory, load, calm"
+        "--scenarios",
+        nargs="+",
+        metavar="NAME",
+        help="run only these: waves, trajectory, load, calm; position: station, lemniscate, circle, thruster",
     )
     parser.add_argument(
         "--cells",

@@ -14,6 +14,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from companion.config import ConfigError, load_config
+from lab.bench import position_report
 from lab.bench.ablation import AblationResult
 from lab.bench.ablation_report import report
 from lab.bench.bench import (
@@ -42,6 +43,7 @@ from lab.bench.rows import DEFAULT, ROWS, rows, selected
 from lab.bench.subscribers import ROUNDS, NoReaderError, subscriber_bounds
 from lab.loop.firmware import FirmwareError
 from sim_bridge.commands import DEFAULT_CONFIG
+from sim_bridge.config import SimConfig
 from sim_bridge.config import load_config as load_plant
 
 TITLES = {row.name: row.title for row in ROWS} | {FLOOR: "LQG floor"}
@@ -70,6 +72,8 @@ def run(arguments: argparse.Namespace) -> int:
 def _run(arguments: argparse.Namespace) -> int:
     console = Console()
     plant = load_plant(DEFAULT_CONFIG)
+    if arguments.what == "position":
+        return _position(console, plant, arguments)
     try:
         config = load_config(overrides=arguments.set)
         every = BESIDE if arguments.what == "firmware" else [row.name for row in rows(config)]
@@ -159,6 +163,22 @@ def _run(arguments: argparse.Namespace) -> int:
             encoding="utf-8",
         )
     return 0 if all(bound.held for bound in bounds) else 1
+
+
+def _position(console: Console, plant: SimConfig, arguments: argparse.Namespace) -> int:
+    """Run `bench position`; 1 if the supervisor gave up a dive."""
+    try:
+        load_config(overrides=arguments.set)
+        rows, courses = position_report.chosen(arguments.rows), position_report.sailed(arguments.scenarios)
+    except (ConfigError, ValueError) as error:
+        sys.stderr.write(f"holdfast bench: {error}\n")
+        return 2
+    found = position_report.report(
+        console, plant, arguments.set, rows, courses, arguments.seeds, arguments.out
+    )
+    if arguments.json:
+        arguments.json.write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
+    return 0 if all(run["held"] for run in found) else 1
 
 
 def _case(cases: Sequence[Summary]) -> Table:

@@ -84,20 +84,31 @@ def search(
     Deterministic for the same arguments. `done` is told after each generation how many were evaluated.
     """
     dives = _training(seeds, vary)
-    keys, start = list(row.knobs), np.log(list(row.knobs.values()))
+    return minimised(
+        row.knobs, lambda candidates: scores(row, candidates, load, base, dives), evaluations, done
+    )
 
-    def judge(candidates: Sequence[Array]) -> list[float]:
-        values = [dict(zip(keys, np.exp(start + x).tolist(), strict=True)) for x in candidates]
-        return scores(row, values, load, base, dives)
+
+def minimised(
+    knobs: Mapping[str, float],
+    judge: Callable[[Sequence[Mapping[str, float]]], list[float]],
+    evaluations: int,
+    done: Callable[[int], None] = lambda count: None,
+) -> Found:
+    """Search the `knobs`, from their values by up to the factor WIDTH, for the least that `judge` returns."""
+    keys, start = list(knobs), np.log(list(knobs.values()))
+
+    def of(candidates: Sequence[Array]) -> list[float]:
+        return judge([dict(zip(keys, np.exp(start + x).tolist(), strict=True)) for x in candidates])
 
     width = math.log(WIDTH)
     options = {"bounds": [-width, width], "seed": 1, "verbose": -9, "popsize": GENERATION}
     strategy = cma.CMAEvolutionStrategy(np.zeros(len(keys)), width / 4.0, options)
-    best, best_x = judge([np.zeros(len(keys))])[0], np.zeros(len(keys))
+    best, best_x = of([np.zeros(len(keys))])[0], np.zeros(len(keys))
     start_score, spent = best, 1
     while spent < evaluations:
         candidates = strategy.ask()
-        judged = judge(candidates)
+        judged = of(candidates)
         strategy.tell(candidates, judged)
         if min(judged) < best:
             best, best_x = min(judged), candidates[int(np.argmin(judged))]

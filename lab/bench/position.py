@@ -1,0 +1,231 @@
+"""How well a place is held and a path followed, by whom: courses in the full loop, with a DVL.
+
+The rival steers surge and sway in Holdfast's place, between the same estimator and the same allocation. All
+dive the same vehicles, seas and noise. An error is true − reference, at the same time; that of the position
+estimate (a DVL drifts) is part of it and is told beside it.
+"""
+
+import math
+import tomllib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from msgspec.structs import replace
+from numpy.typing import NDArray
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from companion.config import Config, load_config
+from companion.control.bounds import wrap
+from companion.engine import Engine
+from companion.guidance.paths.shapes import build
+from companion.guidance.paths.time_law import limits
+from companion.records import PSI, Array, Request, Setpoint, State, X, Y, Z
+from companion.telemetry.plan import Circle, Lemniscate, PathPlan
+from lab.bench.bench import FIRST_SEED
+from lab.bench.rows import DEFAULT, Row, values_of
+from lab.loop.dive import PHI, THETA, TRUE_PSI
+from lab.loop.lockstep import Link, Lockstep, Step
+from lab.loop.scenarios import ensemble
+from lab.pool import worker_pool
+from sim_bridge.config import SimConfig
+from sim_bridge.fault_kinds import Fault
+from sim_bridge.vehicle import Vehicle
+
+TUNED_FILE = Path(__file__).with_name("position.toml")
+DEPTH_M = 2.0
+START_S, LASTS_S = 25.0, 60.0
+"""From boot: arming, and back to the place from which the current carried it; then the course."""
+
+SETTLES_S = 10.0
+"""After a thruster died its drift is not counted for so long, as in `lab.faults.thrusters`."""
+
+SURVEYOR = 2
+"""The link of whoever sets the EKF's origin."""
+
+FIGURES = (
+    "place_rms_mm",
+    "place_peak_mm",
+    "believed_rms_mm",
+    "depth_rms_mm",
+    "heading_rms_deg",
+    "tilt_deg",
+    "saturated_percent",
+    "chatter_n",
+)
+"""RMS and peak of the horizontal error; RMS of the error that the estimate knows of; of depth and heading;
+largest tilt; share of the time; RMS change of the horizontal thrust in a tick."""
+
+
+@dataclass(frozen=True)
+class Course:
+    """A place held or a path followed for LASTS_S in a current; `dead` is a motor that dies at START_S."""
+
+    name: str
+    title: str
+    current_m_s: float
+    plan: PathPlan | None = None
+    turn_deg_s: float = 0.0
+    rough: bool = False
+    dead: int = 0
+
+    def plant(self, base: SimConfig, seed: int) -> SimConfig:
+        """Draw a Heavy of the bench's ensemble, with a DVL, in this course's water."""
+        drawn = ensemble(base, seed)
+        water = replace(
+            base.current,
+            enabled=True,
+            speed_m_s=self.current_m_s,
+            direction_deg=0.0,
+            turn_deg_s=self.turn_deg_s,
+        )
+        return replace(
+            drawn,
+            sensors=replace(drawn.sensors, dvl=True),
+            current=water,
+            waves=replace(drawn.waves, enabled=self.rough),
+            tether=replace(drawn.tether, enabled=self.rough),
+            initial=replace(drawn.initial, eta=(0.0, 0.0, DEPTH_M, 0.0, 0.0, 0.0)),
+        )
+
+
+def _path(**keys: object) -> PathPlan:
+    return PathPlan(laps=0, acceleration_mps2=0.2, **keys)  # type: ignore[arg-type]
+
+
+_EIGHT = _path(lemniscate=Lemniscate(length_m=4.0, width_m=2.0, depth_m=DEPTH_M), speed_mps=0.22)
+_CIRCLE = _path(circle=Circle(radius_m=1.5, x_m=-1.5, depth_m=DEPTH_M), speed_mps=0.3)
+COURSES = (
+    Course("station", "place, 0.5 m/s turning by 180°, waves, tether", 0.5, turn_deg_s=3.0, rough=True),
+    Course("lemniscate", "lemniscate 4 × 2 m in 60 s, 0.3 m/s", 0.3, _EIGHT),
+    Course("circle", "circle of 1.5 m at 0.3 m/s, 0.3 m/s", 0.3, _CIRCLE),
+    Course("thruster", "place, 0.3 m/s, motor 1 dies", 0.3, turn_deg_s=3.0, dead=1),
+)
+
+_PID = {"laws.ppi.k_p": 1.5, "laws.ppi.k_v": 4.0, "laws.ppi.k_i": 2.0}
+_PID_STEERS = (
+    "laws.ppi.module='lab.rivals.ppi'",
+    *(f"{axis}.{key}" for axis in ("surge", "sway") for key in ("law='ppi'", "compensator='none'")),
+)
+ROWS = (
+    Row(DEFAULT, "Holdfast", "companion", {}),
+    Row("pid", "PID", "companion", _PID, _PID_STEERS),
+)
+"""A P-PI is a PID with P = m (k_v k_p + k_i), I = m k_i k_p, D = m k_v."""
+
+
+@dataclass(frozen=True)
+class Track:
+    """What was recorded of a course, a row each tick: m, rad, N."""
+
+    reference: Array
+    truth: Array
+    believed: Array
+    tilt: Array
+    force: Array
+    saturated: NDArray[np.bool_]
+    held: bool
+
+    def figures(self, since: int = 0) -> dict[str, float]:
+        """Return FIGURES from tick `since` on."""
+        e, believed = (self.truth - self.reference)[since:], (self.believed - self.reference[:, :2])[since:]
+        place = np.hypot(e[:, X], e[:, Y])
+        heading = np.array([*map(wrap, e[:, PSI].tolist())])
+        figures = (
+            1e3 * _rms(place),
+            1e3 * float(place.max()),
+            1e3 * _rms(np.hypot(*believed.T)),
+            1e3 * _rms(e[:, Z]),
+            math.degrees(_rms(heading)),
+            math.degrees(float(self.tilt[since:].max())),
+            100.0 * float(self.saturated[since:].mean()),
+            _rms(np.linalg.norm(np.diff(self.force[since:], axis=0), axis=1)),
+        )
+        return dict(zip(FIGURES, figures, strict=True))
+
+
+@dataclass(frozen=True)
+class Run:
+    """One dive of one row; `held` unless the supervisor gave up."""
+
+    row: str
+    course: str
+    seed: int
+    held: bool
+    figures: dict[str, float]
+    track: Track = field(repr=False)
+
+
+def sail(course: Course, config: Config, base: SimConfig, seed: int, lasts_s: float = LASTS_S) -> Track:
+    """Dive a course with the companion's real engine."""
+    engine = Engine(config, Setpoint((0.0, 0.0, DEPTH_M, 0.0)), arm=True)
+    vehicle = Vehicle(course.plant(base, seed), seed)
+    if course.dead:
+        vehicle.inject(Fault(kind="thruster", at_s=START_S, thruster=course.dead))
+    origin = mavlink.MAVLink_set_gps_global_origin_message(1, 473977418, 85455939, 0)
+    vehicle.open_link(SURVEYOR)
+    vehicle.step([(SURVEYOR, origin.pack(mavlink.MAVLink(None, 255, mavlink.MAV_COMP_ID_MISSIONPLANNER)))])
+    loop = Lockstep(vehicle, engine, Link(), seed, config.loop.rate_hz)
+    loop.requests = [Request.ENGAGE]
+    for _ in loop.run(START_S):
+        pass
+    if course.plan is not None:
+        engine.guide(build(course.plan, limits(config)))
+    return recorded(list(loop.run(lasts_s)))
+
+
+def recorded(steps: Sequence[Step]) -> Track:
+    """Make a track of its ticks."""
+    eta = np.array([step.truth.eta for step in steps])
+    return Track(
+        reference=np.array([step.sample.eta_d for step in steps]),
+        truth=eta[:, [X, Y, Z, TRUE_PSI]],
+        believed=np.array([step.sample.state.eta[:2] for step in steps]),
+        tilt=np.arccos(np.cos(eta[:, PHI]) * np.cos(eta[:, THETA])),
+        force=np.array([step.sample.delivered.tau[:2] for step in steps]),
+        saturated=np.array([any(step.sample.dofs.saturated) for step in steps]),
+        held=all(step.sample.verdict.state is State.ACTIVE for step in steps),
+    )
+
+
+def measure(
+    settings: Sequence[str],
+    base: SimConfig,
+    rows: Sequence[Row],
+    courses: Sequence[Course],
+    seeds: int,
+    done: Callable[[], None],
+) -> list[Run]:
+    """Dive every course with every row and `seeds` vehicles on all cores; call `done` after each dive."""
+    found = tuned()
+    configs = [load_config(overrides=[*settings, *row.overrides(values_of(row, found))]) for row in rows]
+    jobs = [
+        (row.name, config, course, base, FIRST_SEED + seed)
+        for course in courses
+        for row, config in zip(rows, configs, strict=True)
+        for seed in range(seeds)
+    ]
+    runs = []
+    with worker_pool() as pool:
+        for run in pool.map(_run, jobs):
+            runs.append(run)
+            done()
+    return runs
+
+
+def tuned(path: Path = TUNED_FILE) -> dict[str, dict[str, float]]:
+    """Return the values of each row that a search has found."""
+    found: dict[str, dict[str, float]] = tomllib.loads(path.read_text(encoding="utf-8"))["values"]
+    return found
+
+
+def _run(job: tuple[str, Config, Course, SimConfig, int]) -> Run:
+    row, config, course, base, seed = job
+    track = sail(course, config, base, seed)
+    since = round(SETTLES_S * config.loop.rate_hz) if course.dead else 0
+    return Run(row, course.name, seed, track.held, track.figures(since), track)
+
+
+def _rms(x: Array) -> float:
+    return float(np.sqrt(np.mean(x * x)))

@@ -1,0 +1,62 @@
+"""`holdfast bench position`: what is counted, who dives, and what is refused."""
+
+import math
+
+import numpy as np
+import pytest
+
+from companion.config import load_config
+from lab.bench.position import COURSES, ROWS, Run, Track, tuned
+from lab.bench.position_report import chosen, draw, sailed
+from lab.bench.rows import values_of
+from sim_bridge.commands import DEFAULT_CONFIG
+from sim_bridge.config import load_config as load_plant
+
+
+def track(north_m, heading_rad=0.0):
+    still = np.zeros((100, 4))
+    truth = np.tile([north_m, 0.0, 0.0, heading_rad], (100, 1))
+    force = np.tile([[0.0, 0.0], [3.0, 4.0]], (50, 1))
+    return Track(still, truth, truth[:, :2] * 0.5, np.full(100, 0.1), force, np.arange(100) < 25, held=True)
+
+
+def test_errors_count_from_the_reference_in_the_units_they_are_named_by():
+    figures = track(0.02, 2.0 * math.pi - math.radians(1.0)).figures()
+    assert figures["place_rms_mm"] == figures["place_peak_mm"] == pytest.approx(20.0)
+    assert figures["believed_rms_mm"] == pytest.approx(10.0)
+    assert figures["heading_rms_deg"] == pytest.approx(1.0)
+    assert figures["tilt_deg"] == pytest.approx(math.degrees(0.1))
+    assert figures["saturated_percent"] == 25.0
+    assert figures["chatter_n"] == pytest.approx(5.0)
+
+
+def test_what_was_before_a_tick_does_not_count():
+    assert track(0.02).figures(25)["saturated_percent"] == 0.0
+
+
+def test_the_rival_steers_surge_and_sway_with_what_was_found():
+    rival = ROWS[1]
+    config = load_config(overrides=rival.overrides(values_of(rival, tuned())))
+    assert (config.surge.law, config.sway.law, config.heave.law) == ("ppi", "ppi", "lyapunov")
+    assert config.laws["ppi"]["k_i"] == tuned()["pid"]["laws.ppi.k_i"]
+
+
+def test_every_course_dives_another_vehicle_for_another_seed():
+    base = load_plant(DEFAULT_CONFIG)
+    for course in COURSES:
+        one, two = course.plant(base, 1), course.plant(base, 2)
+        assert one.thrusters.gain != two.thrusters.gain
+        assert one.sensors.dvl
+        assert one.current.speed_m_s == course.current_m_s
+
+
+def test_unknown_names_are_refused():
+    with pytest.raises(ValueError, match="no such row: lqg; bench position has default, pid"):
+        chosen(["lqg"])
+    with pytest.raises(ValueError, match="no such scenario: calm"):
+        sailed(["calm"])
+
+
+def test_a_picture_is_drawn(tmp_path):
+    runs = [Run(row.name, COURSES[0].name, 1, True, {}, track(0.02)) for row in ROWS]
+    assert draw(runs, COURSES[:1], tmp_path).stat().st_size > 1000
