@@ -23,10 +23,10 @@ LEVELLING_SHARE = 0.06
 HIGH_PASS_S = 0.15
 MEMORY_S = 0.2
 TRANSIENT_S = 1.1
-VIOLENT = 4.0
+VIOLENT = 12.0
 """Of the limit's mean square: more of it is no transient, and its time counts for more."""
 
-SHRINK_S = 0.2
+SHRINK_S = 0.3
 RECOVER_S = 10.0
 LEAST = 0.1
 RELAPSE_SHARE = 0.7

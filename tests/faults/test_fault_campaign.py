@@ -1,7 +1,5 @@
 """The first dives of the campaign, and that it would notice."""
 
-import os
-
 import pytest
 from rich.console import Console
 
@@ -21,7 +19,7 @@ from lab.faults.faults import (
 from lab.faults.report import dived
 from sim_bridge.fault_kinds import FAULT_KINDS
 
-DIVES = 204 if os.environ.get("CI") else 102
+DIVES = 102
 
 
 def test_every_promise_is_kept():
