@@ -10,7 +10,7 @@ from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 INSIDE = ("companion", "sim_bridge", "lab", "dashboard", "config")
 
 
-class Layout(BuildHookInterface):  # type: ignore[type-arg]
+class Layout(BuildHookInterface):  # type: ignore[type-arg]  # generic in its stubs, not at run time
     """Hatchling calls it before each build of a wheel."""
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:

@@ -91,7 +91,7 @@ class Course:
 
 
 def _path(**keys: object) -> PathPlan:
-    return PathPlan(laps=0, acceleration_mps2=0.2, **keys)  # type: ignore[arg-type]
+    return PathPlan(laps=0, acceleration_mps2=0.2, **keys)  # type: ignore[arg-type]  # the keys of one shape
 
 
 _EIGHT = _path(lemniscate=Lemniscate(length_m=4.0, width_m=2.0, depth_m=DEPTH_M), speed_mps=0.22)

@@ -11,7 +11,7 @@ from companion.config import load_config
 from companion.guidance.paths.shapes import build
 from companion.guidance.paths.time_law import limits
 from companion.telemetry.path_files import read
-from companion.telemetry.plan import PathPlan
+from companion.telemetry.plan import Lemniscate, PathPlan
 
 ORIGIN = (47.4, 8.55)
 METRE = 1.0 / 111318.84502145034
@@ -60,7 +60,8 @@ depth_m = 2.5
 """
     plan = read(written(tmp_path, "eight.toml", text))
     assert (plan.name, plan.speed_mps, plan.laps) == ("eight", 0.3, 2)
-    assert getattr(plan.lemniscate, "width_m") == 2.0  # noqa: B009
+    assert isinstance(plan.lemniscate, Lemniscate)
+    assert plan.lemniscate.width_m == 2.0
     again = msgspec.json.decode(msgspec.json.encode(plan), type=PathPlan)
     assert again == plan, "as it travels in a command"
     assert build(plan, limits(load_config())).length_m > 8.0
