@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from lab.options import add_firmware, command_parser, find_firmware, json_file, not_negative, positive
+from lab.tables import add_files
 
 BENCH_EXAMPLES = """\
 examples:
@@ -11,6 +12,7 @@ examples:
   holdfast bench position --seeds 4                          places and paths, beside a PID
   holdfast bench process                                     only the process: memory, tick, jitter
   holdfast bench dives --set heave.kappa_per_s=8             the shipped default with another gain
+  holdfast bench dives --seeds 4 --table out/dives.csv       also a table with one row for each dive
   holdfast bench firmware                                    our simulator beside the real ArduSub
 """
 PAPER_EXAMPLES = """\
@@ -29,6 +31,7 @@ CAMPAIGN_EXAMPLES = """\
 examples:
   holdfast campaign --dives 200                             a quick look, to out/campaign
   holdfast campaign                                         all 6000 dives; the same command continues
+  holdfast campaign --table out/campaign.parquet            the same rows as a Parquet file
   holdfast campaign --replay 1234                           one dive again, in the batch and in the full loop
   holdfast campaign --scheduler tcp://192.168.2.10:8786     on a Dask cluster, whose workers were started
                                                             with `dask worker --preload holdfast`
@@ -91,7 +94,7 @@ def bench(argv: list[str]) -> int:
         metavar="KEY=VALUE",
         help="override a key of the companion's configuration",
     )
-    parser.add_argument("--json", type=json_file, metavar="FILE", help="also write the figures to FILE")
+    add_files(parser, row="dive")
     parser.add_argument(
         "--out",
         type=Path,
@@ -103,6 +106,8 @@ def bench(argv: list[str]) -> int:
     arguments = parser.parse_args(argv)
     if arguments.firmware is not None and arguments.what not in ("dives", "ablation", "grid", "firmware"):
         parser.error("--firmware goes with dives, ablation, grid or firmware")
+    if arguments.table and arguments.what in ("process", "zenoh"):
+        parser.error(f"--table has a row for each dive, and `{arguments.what}` dives none; use --json")
     if arguments.what == "firmware" and arguments.firmware is None:
         arguments.firmware = ""
     if arguments.seeds is None:
@@ -215,7 +220,7 @@ def campaign(argv: list[str]) -> int:
         metavar="KEY=VALUE",
         help="override a key of the companion's configuration",
     )
-    parser.add_argument("--json", type=json_file, metavar="FILE", help="write a summary to FILE")
+    add_files(parser, row="dive")
     from lab.campaign.report import main
 
     return main(parser.parse_args(argv))

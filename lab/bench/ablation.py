@@ -70,7 +70,10 @@ HEADLINES = tuple(part for part in PARTS if part.finds_hidden and part.damps)
 
 @dataclass(frozen=True)
 class AblationResult:
-    """One variant in one case: mean depth RMS (mm), chatter (N a tick), and each seed's RMS."""
+    """One variant in one case: mean depth RMS (mm), chatter (N a tick), and each dive's RMS.
+
+    `each_mm` has a row for each scenario and a column for each seed.
+    """
 
     variant: str
     case: str
@@ -235,4 +238,4 @@ def _result(variant: str, case: str, figures: Sequence[dict[str, Array]]) -> Abl
     rms = np.stack([one["depth_rms_mm"] for one in figures])
     chatter = np.stack([one["chatter_n"] for one in figures])
     lost = int(sum((~np.isnan(one["lost_s"])).sum() for one in figures))
-    return AblationResult(variant, case, float(rms.mean()), float(np.nanmean(chatter)), lost, rms.mean(0))
+    return AblationResult(variant, case, float(rms.mean()), float(np.nanmean(chatter)), lost, rms)

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -21,7 +22,7 @@ from lab.bench.ablation import (
     parts_on_firmware,
     wrong_models,
 )
-from lab.bench.bench import interval
+from lab.bench.bench import FIRST_SEED, SCENARIOS, interval
 from lab.bench.floor import CHATTER_N
 from sim_bridge.config import SimConfig
 
@@ -69,11 +70,28 @@ def verdicts(results: Sequence[AblationResult]) -> list[str]:
     for case in dict.fromkeys(result.case for result in results):
         of = {result.variant: result for result in results if result.case == case}
         best = min(("network", "network+observer"), key=lambda name: of[name].rms_mm)
-        share = 1.0 - of[best].each_mm / of["observer"].each_mm
+        share = (1.0 - of[best].each_mm / of["observer"].each_mm).mean(0)
         low, high = interval(share)
         said = "earns its place" if low >= EARNED else "does not earn 20 %"
-        lines.append(f"{case}: {best} against observer {share.mean():+.0%} ({low:+.0%}..{high:+.0%}): {said}")
+        between = "" if share.size < 2 else f" ({low:+.0%}..{high:+.0%})"
+        lines.append(f"{case}: {best} against observer {share.mean():+.0%}{between}: {said}")
     return lines
+
+
+def as_records(results: Sequence[AblationResult]) -> list[dict[str, Any]]:
+    """Return flat records, one a dive."""
+    return [
+        {
+            "variant": one.variant,
+            "case": one.case,
+            "scenario": SCENARIOS[i] if len(one.each_mm) == len(SCENARIOS) else one.case,
+            "seed": FIRST_SEED + j,
+            "depth_rms_mm": float(rms_mm),
+        }
+        for one in results
+        for i, each_mm in enumerate(one.each_mm)
+        for j, rms_mm in enumerate(each_mm)
+    ]
 
 
 def _table(title: str, results: Sequence[AblationResult]) -> Table:

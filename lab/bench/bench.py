@@ -12,6 +12,7 @@ from functools import partial
 from itertools import chain
 from pathlib import Path
 from statistics import NormalDist
+from typing import Any
 
 import numpy as np
 
@@ -128,6 +129,21 @@ def _made(settings: Sequence[str], rows: Sequence[Row]) -> list[tuple[Row, Confi
     return [
         (row, load_config(overrides=[*settings, *row.overrides(one)]), one)
         for row, one in zip(rows, values, strict=True)
+    ]
+
+
+def as_records(runs: Sequence[Run]) -> list[dict[str, Any]]:
+    """Return flat records, one a dive."""
+    return [
+        {
+            "row": run.row,
+            "scenario": run.scenario,
+            "delay_ms": run.delay_ms,
+            "seed": run.seed,
+            "held": run.held,
+        }
+        | run.figures
+        for run in runs
     ]
 
 

@@ -1,7 +1,6 @@
 """`holdfast bench` in the terminal: progress while it dives, then tables, plots, and the same as JSON."""
 
 import argparse
-import json
 import math
 import sys
 from collections.abc import Callable, Sequence
@@ -16,6 +15,7 @@ from rich.table import Table
 from companion.config import ConfigError, load_config
 from lab.bench import position_report
 from lab.bench.ablation import AblationResult
+from lab.bench.ablation_report import as_records as ablation_records
 from lab.bench.ablation_report import report
 from lab.bench.bench import (
     CONFIDENCE,
@@ -23,14 +23,17 @@ from lab.bench.bench import (
     FLOOR,
     LINKS,
     SCENARIOS,
+    Run,
     Summary,
+    as_records,
     count,
     dived,
     measure,
     measure_both,
     summaries,
 )
-from lab.bench.firmware_report import Pair, as_records, pairs, side_by_side
+from lab.bench.firmware_report import Pair, pairs, side_by_side
+from lab.bench.firmware_report import as_records as pair_records
 from lab.bench.floor import CHATTER_N
 from lab.bench.grid import SUBSETS
 from lab.bench.grid_report import as_records as grid_records
@@ -42,6 +45,7 @@ from lab.bench.process import Bound, latency, process, virtual
 from lab.bench.rows import DEFAULT, ROWS, rows, selected
 from lab.bench.subscribers import ROUNDS, NoReaderError, subscriber_bounds
 from lab.loop.firmware import FirmwareError
+from lab.tables import write_json, write_table
 from sim_bridge.commands import DEFAULT_CONFIG
 from sim_bridge.config import SimConfig
 from sim_bridge.config import load_config as load_plant
@@ -90,20 +94,17 @@ def _run(arguments: argparse.Namespace) -> int:
         cells = report_grid(
             console, arguments.cells, config, plant, FIRST_SEED, arguments.out, arguments.firmware
         )
-        if arguments.json:
-            arguments.json.write_text(json.dumps(grid_records(cells), indent=2) + "\n", encoding="utf-8")
+        _write(arguments, grid_records(cells), grid_records(cells))
         return 0 if all(cell.held for cell in cells) else 1
     if arguments.what == "network":
         outcomes = report_network(console, plant, arguments.set, arguments.seeds)
-        if arguments.json:
-            arguments.json.write_text(
-                json.dumps(network_records(outcomes), indent=2) + "\n", encoding="utf-8"
-            )
+        _write(arguments, network_records(outcomes), network_records(outcomes))
         return 0
     cases: list[Summary] = []
     beside: list[Pair] = []
     bounds: list[Bound] = []
-    runs = []
+    runs: list[Run] = []
+    dives: list[dict[str, Any]] = []
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console) as progress:
         if arguments.what in (None, "dives"):
@@ -117,7 +118,7 @@ def _run(arguments: argparse.Namespace) -> int:
                 arguments.firmware,
                 scenarios,
             )
-            cases = summaries(runs)
+            cases, dives = summaries(runs), as_records(runs)
         if arguments.what == "firmware":
             task = progress.add_task("diving", total=2 * len(chosen) * len(SCENARIOS) * arguments.seeds)
             both = measure_both(
@@ -129,6 +130,11 @@ def _run(arguments: argparse.Namespace) -> int:
                 arguments.firmware,
             )
             beside = pairs(*both)
+            dives = [
+                {"vehicle": vehicle} | record
+                for vehicle, dived in zip(("simulator", "firmware"), both, strict=True)
+                for record in as_records(dived)
+            ]
         if arguments.what == "zenoh":
             task = progress.add_task("measuring subscribers", total=ROUNDS)
             try:
@@ -145,6 +151,7 @@ def _run(arguments: argparse.Namespace) -> int:
     variants = []
     if arguments.what == "ablation":
         variants = report(console, plant, arguments.set, arguments.seeds, arguments.out, arguments.firmware)
+        dives = ablation_records(variants)
     if cases:
         for scenario in dived(cases):
             for delay_ms in LINKS:
@@ -157,11 +164,7 @@ def _run(arguments: argparse.Namespace) -> int:
         console.print(side_by_side(beside))
     if bounds:
         console.print(_bounds(bounds))
-    if arguments.json:
-        arguments.json.write_text(
-            json.dumps(_json(arguments.seeds, cases, bounds, variants, beside), indent=2) + "\n",
-            encoding="utf-8",
-        )
+    _write(arguments, _json(arguments.seeds, cases, bounds, variants, beside) | {"dives": dives}, dives)
     return 0 if all(bound.held for bound in bounds) else 1
 
 
@@ -176,9 +179,16 @@ def _position(console: Console, plant: SimConfig, arguments: argparse.Namespace)
     found = position_report.report(
         console, plant, arguments.set, rows, courses, arguments.seeds, arguments.out
     )
-    if arguments.json:
-        arguments.json.write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
+    _write(arguments, found, found)
     return 0 if all(run["held"] for run in found) else 1
+
+
+def _write(arguments: argparse.Namespace, content: Any, dives: Sequence[dict[str, Any]]) -> None:
+    """Write what `--json` and `--table` ask for; the table has a row for each of `dives`."""
+    if arguments.json:
+        write_json(arguments.json, content)
+    if arguments.table:
+        write_table(arguments.table, dives)
 
 
 def _case(cases: Sequence[Summary]) -> Table:
@@ -255,24 +265,20 @@ def _json(
     variants: Sequence[AblationResult],
     beside: Sequence[Pair],
 ) -> dict[str, Any]:
-    """Return flat records; None where a row has no such figure."""
+    """Return what each case came to, as flat records."""
     records = [
         {key: value for key, value in asdict(case).items() if key != "mean"} | case.mean for case in cases
     ]
     return {
         "seeds": seeds,
         "first_seed": FIRST_SEED,
-        "rows": [{key: _plain(value) for key, value in record.items()} for record in records],
+        "rows": records,
         "ablation": [
             {key: value for key, value in asdict(one).items() if key != "each_mm"} for one in variants
         ],
-        "firmware": as_records(beside),
+        "firmware": pair_records(beside),
         "bounds": [asdict(bound) | {"held": bound.held} for bound in bounds],
     }
-
-
-def _plain(value: Any) -> Any:
-    return None if isinstance(value, float) and math.isnan(value) else value
 
 
 def _bounds(bounds: list[Bound]) -> Table:

@@ -11,6 +11,7 @@ import msgspec
 from companion.config import Config
 from holdfast import RefusedError
 from lab.campaign.campaign import CampaignCase, CampaignRow
+from lab.tables import plain
 
 
 class CampaignError(RefusedError):
@@ -41,7 +42,7 @@ class CampaignFile:
             writer = csv.DictWriter(file, list(rows[0].record()), lineterminator="\n")
             if begins:
                 writer.writeheader()
-            writer.writerows(row.record() for row in rows)
+            writer.writerows(plain(row.record()) for row in rows)
 
     def _read(self) -> list[CampaignRow]:
         """Return what was dived; a line that was torn by the end of a run is dropped from the file."""
@@ -60,7 +61,8 @@ class CampaignFile:
 def _row(record: dict[str, str]) -> CampaignRow:
     given = {field.name: _typed(field.type, record.pop(field.name)) for field in fields(CampaignCase)}
     outcome = record.pop("outcome")
-    return CampaignRow(CampaignCase(**given), outcome, {key: float(value) for key, value in record.items()})
+    figures = {key: float(value or "nan") for key, value in record.items()}
+    return CampaignRow(CampaignCase(**given), outcome, figures)
 
 
 def _typed(kind: Any, text: str) -> Any:

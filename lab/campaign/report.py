@@ -1,7 +1,6 @@
 """`holdfast campaign` in the terminal: progress, tables, the envelope, pictures, one dive replayed."""
 
 import argparse
-import json
 import os
 import time
 from collections import Counter
@@ -44,6 +43,7 @@ from lab.campaign.file import CampaignFile
 from lab.campaign.plots import Trace, draw_replay, draw_worst, replay_command
 from lab.loop import dive as full_loop
 from lab.pool import worker_pool
+from lab.tables import write_json, write_table
 
 DIVE_MIN = (DURATION_S - ENGAGED_S) / 60.0
 WORST = 3
@@ -84,9 +84,12 @@ def main(arguments: argparse.Namespace) -> int:
             f"{speed['dives_per_core_s']:.1f} dives, {speed['dive_minutes_per_core_s']:.1f} dive-minutes "
             f"per core-second; {speed['dive_minutes_per_s']:.1f} dive-minutes a second in all"
         )
-    for path in (arguments.out / "campaign.json", arguments.json):
-        if path:
-            path.write_text(json.dumps(summary, indent=1) + "\n", encoding="utf-8")
+    records = [row.record() for row in sorted(rows, key=_number)]
+    write_json(arguments.out / "campaign.json", summary)
+    if arguments.json:
+        write_json(arguments.json, summary | {"each": records})
+    if arguments.table:
+        write_table(arguments.table, records)
     return 1 if summary["inside"]["not_held"] else 0
 
 
@@ -150,6 +153,10 @@ def workforce(scheduler: str | None, workers: int | None) -> Iterator[tuple[Exec
         client.wait_for_workers(1, timeout=30)
         with client.get_executor(pure=False) as executor:
             yield executor, sum(client.nthreads().values())
+
+
+def _number(row: CampaignRow) -> int:
+    return row.case.number
 
 
 def _worst(rows: Sequence[CampaignRow]) -> list[CampaignRow]:

@@ -13,11 +13,14 @@ from lab.report.figures import figures
 from lab.report.log import load
 from lab.report.page import lines, page
 from lab.report.plot import draw
+from lab.report.tables import as_json, held_records, ticks
+from lab.tables import add_files, table_file, write_columns, write_json, write_table
 
 EXAMPLES = """\
 examples:
   holdfast report dives/kelp-20261121T101500Z.mcap     writes ...Z.html and ...Z.png beside it
   holdfast report dives/kelp-20261121*.mcap --out out  the files of one dive on one page
+  holdfast report dives/kelp.mcap --ticks out/kelp.csv  also every number of every tick, as a table
 
 The command reads truncated files too. The HTML file contains everything, the picture included.
 """
@@ -35,6 +38,13 @@ def main(argv: list[str]) -> int:
     parser.add_argument(
         "--out", type=Path, metavar="DIR", help="folder of the report; default: beside the first file"
     )
+    add_files(parser, row="engaged interval and axis")
+    parser.add_argument(
+        "--ticks",
+        type=table_file,
+        metavar="FILE",
+        help="also write every number of every tick to FILE.csv or FILE.parquet",
+    )
     options = parser.parse_args(argv)
     try:
         log = load(options.files)
@@ -47,6 +57,12 @@ def main(argv: list[str]) -> int:
         stem.with_suffix(".png").write_bytes(picture)
         html = page(log, found, said, picture, None if above is None else _png(above))
         stem.with_suffix(".html").write_text(html, encoding="utf-8")
+        if options.json:
+            write_json(options.json, as_json(log, found, said))
+        if options.table:
+            write_table(options.table, held_records(log, found))
+        if options.ticks:
+            write_columns(options.ticks, ticks(log))
     except ValueError as error:
         sys.stderr.write(f"holdfast report: {error}\n")
         return 1

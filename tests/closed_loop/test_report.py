@@ -1,5 +1,7 @@
 """The page after the dive says what the dive was: checked against dives of which we know."""
 
+import csv
+import json
 from collections.abc import Callable
 from pathlib import Path
 
@@ -21,9 +23,10 @@ from lab.loop.lockstep import Link, Lockstep, Step
 from lab.report.advice import advice
 from lab.report.figures import figures
 from lab.report.identify import identify
-from lab.report.log import Log, load
+from lab.report.log import Columns, Log, load
 from lab.report.plot import POINTS, thinned
 from lab.report.report import main
+from lab.report.tables import ticks
 from sim_bridge.config import load_config as load_plant
 from sim_bridge.vehicle import Vehicle
 from sim_bridge.zenoh_link import SCHEMA, encode
@@ -64,6 +67,11 @@ def written(path: Path, dive: list[Step], change: Change | None = None) -> Path:
     recording.add(Item(key, encoding, msgspec.json.encode(event), stamp, stamp))
     recording.close()
     return path
+
+
+def rows_of(path: Path) -> list[dict[str, str]]:
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
 
 
 @pytest.fixture(scope="module")
@@ -216,7 +224,8 @@ def test_each_rule_speaks_when_it_should(
 def test_the_page_is_one_file_with_everything_and_nothing_from_elsewhere(
     dive: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main([str(dive), "--out", str(tmp_path / "out")]) == 0
+    files = [f"--json={tmp_path}/dive.json", f"--table={tmp_path}/held.csv", f"--ticks={tmp_path}/ticks.csv"]
+    assert main([str(dive), "--out", str(tmp_path / "out"), *files]) == 0
     html = (tmp_path / "out" / "kelp.html").read_text()
     assert "data:image/png;base64," in html
     assert "http" not in html.replace("http-equiv", "")
@@ -225,6 +234,27 @@ def test_the_page_is_one_file_with_everything_and_nothing_from_elsewhere(
     assert "RAMP_DOWN: the operator released the vehicle" in html
     assert (tmp_path / "out" / "kelp.png").stat().st_size > 50_000
     assert "phase 1" in capsys.readouterr().out
+    assert json.loads((tmp_path / "dive.json").read_text())["phases"][0]["held"][0]["dof"] == "z"
+    assert [row["axis"] for row in rows_of(tmp_path / "held.csv")] == ["heave", "yaw"]
+
+
+def test_a_row_of_ticks_has_all_keys_of_the_same_moment(log: Log) -> None:
+    columns = ticks(log)
+    assert {len(column) for column in columns.values()} == {45 * 50}
+    assert np.array_equal(columns["state/depth_m"], log.keys["state"]["depth_m"])
+    assert np.array_equal(columns["dof/z/e"], log.keys["dof/z"]["e"])
+    assert columns["supervisor/state"][30 * 50] == "ACTIVE"
+    assert abs(columns["truth/depth_m"][30 * 50] - columns["state/depth_m"][30 * 50]) < 0.05
+
+
+def test_a_tick_that_was_lost_leaves_its_cells_empty(log: Log) -> None:
+    law = log.keys["dof/z"]
+    log.keys["dof/z"] = Columns(
+        np.delete(law.at_s, 700), {name: np.delete(column, 700) for name, column in law.of.items()}
+    )
+    error = ticks(log)["dof/z/e"]
+    assert np.flatnonzero(np.isnan(error)).tolist() == [700]
+    assert error[701] == law["e"][701]
 
 
 def test_a_cut_file_is_reported_and_said_to_be_cut(dive: Path, tmp_path: Path) -> None:

@@ -22,6 +22,7 @@ from lab.bench.plot import draw
 from lab.bench.report import TITLES, _case, _error, _json, _overview
 from lab.bench.rows import DEFAULT, ROWS, TUNED_FILE, WIDTH, Row, rows, selected, tuned, values_of
 from lab.loop.dive import FIGURES
+from lab.tables import plain
 from lab.tuning import search as tune
 from lab.tuning.own_vehicle import around, nominal, write_config
 from sim_bridge.commands import DEFAULT_CONFIG
@@ -93,7 +94,7 @@ def test_differences_are_taken_dive_by_dive() -> None:
     assert "6.5!" in text
     assert "P-PI (4 lost)" in text
     assert "…" not in text
-    record = json.loads(json.dumps(_json(4, cases, [], [], []), allow_nan=False))["rows"][0]
+    record = plain(_json(4, cases, [], [], []))["rows"][0]
     assert record["row"] == "law"
     assert record["recovery_s"] is None
     assert record["depth_rms_mm"] == pytest.approx(6.5)

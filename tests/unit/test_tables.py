@@ -1,0 +1,88 @@
+"""What other programs read: a row for each dive, and nothing where a figure is missing."""
+
+import argparse
+import csv
+import json
+import math
+import sys
+
+import numpy as np
+import pytest
+
+import holdfast
+from lab.bench.ablation import AblationResult
+from lab.bench.ablation_report import as_records as ablation_records
+from lab.bench.ablation_report import verdicts
+from lab.bench.bench import SCENARIOS, Run, as_records
+from lab.tables import plain, table_file, write_columns, write_json, write_table
+
+RECORDS = [
+    {"row": "law", "seed": 1000, "held": True, "recovery_s": math.nan},
+    {"row": "default", "seed": 1001, "held": False, "recovery_s": 1.5, "vehicle": "a, b"},
+]
+
+
+def test_a_table_has_a_line_for_each_dive_and_an_empty_cell_for_what_it_has_not(tmp_path):
+    write_table(tmp_path / "dives.csv", RECORDS)
+    with (tmp_path / "dives.csv").open(newline="") as file:
+        read = list(csv.DictReader(file))
+    assert [row["recovery_s"] for row in read] == ["", "1.5"]
+    assert [row["vehicle"] for row in read] == ["", "a, b"]
+
+
+def test_json_has_null_for_what_is_no_number(tmp_path):
+    write_json(tmp_path / "dives.json", {"dives": RECORDS, "bounds": (math.inf, 1.0)})
+    read = json.loads((tmp_path / "dives.json").read_text(), parse_constant=pytest.fail)
+    assert read["dives"][0]["recovery_s"] is None
+    assert read["bounds"] == [None, 1.0]
+
+
+def test_parquet_has_the_same_and_its_types(tmp_path):
+    parquet = pytest.importorskip("pyarrow.parquet", reason="the extra `parquet`: `make docs` brings it")
+    write_table(tmp_path / "dives.parquet", RECORDS)
+    write_columns(tmp_path / "ticks.parquet", {"at_s": np.array([0.0, np.nan]), "state": ["ACTIVE", ""]})
+    assert parquet.read_table(tmp_path / "dives.parquet").to_pylist() == [
+        plain(record) | {"vehicle": record.get("vehicle")} for record in RECORDS
+    ]
+    assert parquet.read_table(tmp_path / "ticks.parquet")["at_s"].to_pylist() == [0.0, None]
+
+
+def test_a_table_that_cannot_be_written_is_refused_before_the_first_dive(monkeypatch, capsys):
+    with pytest.raises(argparse.ArgumentTypeError, match=r"must end in \.csv or \.parquet"):
+        table_file("dives.xlsx")
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    monkeypatch.setattr(holdfast, "requires", lambda _: ["pyarrow>=23; extra == 'parquet'"])
+    assert holdfast.main(["bench", "dives", "--table", "dives.parquet"]) == 2
+    assert "pip install 'holdfast[parquet]'" in capsys.readouterr().err
+
+
+def test_a_bench_without_dives_has_no_table(capsys):
+    with pytest.raises(SystemExit):
+        holdfast.main(["bench", "process", "--table", "process.csv"])
+    assert "use --json" in capsys.readouterr().err
+
+
+def test_the_bench_lists_each_dive():
+    run = Run("law", "waves", 80, 1003, False, {"depth_rms_mm": 4.0})
+    assert as_records([run]) == [
+        {
+            "row": "law",
+            "scenario": "waves",
+            "delay_ms": 80,
+            "seed": 1003,
+            "held": False,
+            "depth_rms_mm": 4.0,
+        }
+    ]
+
+
+def test_the_ablation_lists_each_dive_and_one_vehicle_has_no_interval():
+    whole = [AblationResult("whole", "link", 2.5, 1.0, 0, np.array([[1.0], [2.0], [3.0], [4.0]]))]
+    assert [(one["scenario"], one["depth_rms_mm"]) for one in ablation_records(whole)] == list(
+        zip(SCENARIOS, (1.0, 2.0, 3.0, 4.0), strict=True)
+    )
+    wrong = [
+        AblationResult(name, "damping × 3", rms_mm, 1.0, 0, np.array([[rms_mm]]))
+        for name, rms_mm in (("observer", 4.0), ("network", 2.0), ("network+observer", 3.0))
+    ]
+    assert verdicts(wrong) == ["damping × 3: network against observer +50%: does not earn 20 %"]
