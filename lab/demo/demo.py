@@ -25,9 +25,11 @@ from rich.console import Console
 from rich.live import Live
 
 from dashboard.zenoh_client import Subscription
+from lab.demo import place_show
 from lab.demo import screen as demo_screen
 from lab.demo.crew import ChildError, Crew
 from lab.demo.dive import ARRIVED_M, DemoDive, DemoFigures, DemoRecording, arrange, at_depth, figures, window
+from lab.demo.place import PlaceStory
 from lab.demo.screen import DemoView, Now
 from lab.loop.firmware import FirmwareError, command_line
 from lab.loop.lockstep import Link
@@ -88,14 +90,19 @@ class Show(Protocol):
 
 def main(argv: list[str]) -> int:
     """Run the command; return its exit status."""
-    options = _parser().parse_args(argv)
-    story = Story() if options.seed is None else Story(seed=options.seed)
-    json = options.json or options.out / "demo.json"
+    parser = _parser()
+    options = parser.parse_args(argv)
+    seed, name = Story.seed if options.seed is None else options.seed, "demo-dvl" if options.dvl else "demo"
+    png, json = options.out / f"{name}.png", options.json or options.out / f"{name}.json"
+    if options.dvl and options.firmware is not None:
+        parser.error("--dvl dives our simulator alone: leave --firmware out")
     if not find_firmware("demo", options):
         return 2
     try:
         options.out.mkdir(parents=True, exist_ok=True)
-        return perform(story, options.out / "demo.png", json, options.firmware)
+        if options.dvl:
+            return place_show.perform(PlaceStory(seed=seed), png, json)
+        return perform(Story(seed=seed), png, json, options.firmware)
     except OSError as error:
         sys.stderr.write(f"holdfast demo: {error}\n")
         return 1
@@ -134,6 +141,7 @@ examples:
   holdfast demo                           a minute; writes out/demo.png and out/demo.json
   holdfast demo --seed 7 --out out/seven  other waves and noise
   holdfast demo --firmware                ALT_HOLD of the real ArduSub
+  holdfast demo --dvl                     a place and a path, with a DVL; writes out/demo-dvl.png
 """
 
 
@@ -144,15 +152,20 @@ def _parser() -> argparse.ArgumentParser:
         "waves, and a load is hung on and dropped. First at 5 m, in virtual time, by ArduSub's depth hold, "
         "ALT_HOLD with its default gains (our simulator's copy of it, or the real one with --firmware); then "
         "twice in real time by Holdfast, which arms and dives to 5 m: without and with the compensator that "
-        "learns the disturbance. Takes a minute; Ctrl-C ends it at any moment.",
+        "learns the disturbance. Takes a minute; Ctrl-C ends it at any moment. With --dvl the vehicle keeps "
+        "a place in a turning current and waves, by ArduSub's POSHOLD and by Holdfast, which then follows a "
+        "path: in virtual time, in less than a minute.",
         EXAMPLES,
+    )
+    parser.add_argument(
+        "--dvl", action="store_true", help="a place and a path beside POSHOLD, with a position from a DVL"
     )
     parser.add_argument(
         "--out",
         metavar="DIR",
         type=Path,
         default=Path("out"),
-        help="where demo.png and demo.json go (default: out)",
+        help="where demo.png and demo.json, or demo-dvl.png and demo-dvl.json, go (default: out)",
     )
     parser.add_argument("--json", metavar="FILE", type=json_file, help="write the figures to FILE instead")
     parser.add_argument(

@@ -33,9 +33,10 @@ Z_ONLY = 0b0000_1111_1111_1011
 
 
 class GroundStation:
-    """Bytes for each tick: heartbeats, arming, modes, resting sticks, and where to be."""
+    """Bytes for each tick: heartbeats, arming, a mode that holds, resting sticks, and where to be."""
 
-    def __init__(self) -> None:
+    def __init__(self, hold: int = ALT_HOLD) -> None:
+        self._hold = hold
         self._mavlink = mavlink.MAVLink(None, 255, mavlink.MAV_COMP_ID_MISSIONPLANNER)
 
     def step(self, tick: int, depth_m: float) -> Iterator[bytes]:
@@ -48,7 +49,7 @@ class GroundStation:
             yield self._command(mavlink.MAV_CMD_DO_SET_MODE, 1.0, STABILIZE)
             yield self._command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1.0, 0.0)
         if tick == round(HOLD_S / TICK_S):
-            yield self._command(mavlink.MAV_CMD_DO_SET_MODE, 1.0, ALT_HOLD)
+            yield self._command(mavlink.MAV_CMD_DO_SET_MODE, 1.0, self._hold)
         if t_s > HOLD_S:
             yield self._pack(
                 mavlink.MAVLink_set_position_target_global_int_message(

@@ -1,0 +1,79 @@
+"""`holdfast demo --dvl`: dives, prints the table, leaves picture and figures."""
+
+import sys
+import time  # noqa: TID251 - how long it took
+from collections.abc import Callable
+from pathlib import Path
+
+import msgspec
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+from lab.demo.place import NAMES, ROWS, PlaceFigures, PlaceStory, figures, poshold_truths, rest, sail
+from lab.rivals.alt_hold import TICK_S
+
+TELL_S = 20.0
+
+
+def perform(story: PlaceStory, png: Path, json: Path) -> int:
+    """Dive, print the table, write picture and figures; return the exit status."""
+    from lab.demo.place_plot import draw
+
+    began_s = time.monotonic()
+    console = Console()
+
+    def tell(phase: str, end_s: float) -> Callable[[float], None]:
+        def at(t_s: float) -> None:
+            if round(t_s / TICK_S) % round(TELL_S / TICK_S) == 0:
+                console.print(f"{phase:<30} {t_s:5.0f} of {end_s:g} s, in virtual time", highlight=False)
+
+        return at
+
+    try:
+        poshold = rest(list(poshold_truths(story, tell("POSHOLD holds a place", story.path_s))), story)
+        holdfast = sail(story, tell("Holdfast, a place, then a path", story.end_s))
+    except ValueError as error:
+        sys.stderr.write(f"holdfast demo: {error}\n")
+        return 1
+    except KeyboardInterrupt:
+        console.print("SIGINT: stopped, and nothing runs any more.")
+        return 130
+    parts = {
+        "poshold": poshold.within(story.counts_s, story.path_s),
+        "place": holdfast.within(story.counts_s, story.path_s),
+        "path": holdfast.within(story.path_s, story.end_s),
+    }
+    results = {name: figures(part) for name, part in parts.items()}
+    console.print(_table(results, story))
+    content: dict[str, object] = {**results, "story": story}
+    try:
+        json.parent.mkdir(parents=True, exist_ok=True)
+        json.write_bytes(msgspec.json.format(msgspec.json.encode(content)) + b"\n")
+        draw(story, poshold, holdfast, results).savefig(png)
+    except OSError as error:
+        sys.stderr.write(f"holdfast demo: {error}\n")
+        return 1
+    console.print(f"Picture: {png}   Figures: {json}   ({time.monotonic() - began_s:.0f} s)", highlight=False)
+    return 0
+
+
+def _table(results: dict[str, PlaceFigures], story: PlaceStory) -> Table:
+    grid = Table(
+        title=f"At {story.depth_m:g} m, with a DVL, in {story.sea}",
+        title_justify="left",
+        caption=(
+            f"The simulator's truth. Places from {story.counts_s:g} to {story.path_s:g} s after boot; "
+            "POSHOLD's errors are about its mean.\nThe path is a lemniscate of 3 × 1.5 m."
+        ),
+        caption_justify="left",
+        box=box.SIMPLE_HEAD,
+        title_style="bold",
+    )
+    grid.add_column("", no_wrap=True)
+    grid.add_column("", style="dim")
+    for name in results:
+        grid.add_column(NAMES[name], no_wrap=True, justify="right")
+    for title, unit, field, digits in ROWS:
+        grid.add_row(title, unit, *(f"{getattr(one, field):.{digits}f}" for one in results.values()))
+    return grid
