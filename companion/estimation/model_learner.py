@@ -17,6 +17,8 @@ from companion.estimation.vehicle_model import (
 from companion.records import PSI, Flags, VehicleModel, X, Y, Z, vector
 
 AXES = 4
+TOLD_TICKS = 10
+"""What was found is told every so many ticks: nothing steers by it."""
 
 
 class ModelLearner:
@@ -45,6 +47,7 @@ class ModelLearner:
         self._states = [vehicle_model.start(0.0)] * AXES
         self._share = (1.0, 0.0)
         self._evidence = [NO_EVIDENCE] * AXES
+        self._ticks, self._moved = 0, False
         self._look_up()
         self._record()
 
@@ -58,11 +61,14 @@ class ModelLearner:
         if not math.isfinite(share[0]):
             return
         self._share = share
+        if not self._moved and not self._heading_counts():
+            return
+        self._moved = False
+        used = [self._of_dof(self._used, dof) for dof in range(AXES)]
         for dof in range(AXES):
-            used = self._of_dof(self._used, dof)
-            if not vehicle_model.is_near(self._scheduled[dof], used):
-                self._scheduled[dof] = vehicle_model.schedule(self._tables[dof], used)
-        self._dof_gain = [math.exp(self._of_dof(self._used, dof).log_gain) for dof in range(AXES)]
+            if not vehicle_model.is_near(self._scheduled[dof], used[dof]):
+                self._scheduled[dof] = vehicle_model.schedule(self._tables[dof], used[dof])
+        self._dof_gain = [math.exp(one.log_gain) for one in used]
 
     def gain(self, dof: int) -> float:
         """Return the gain in use of a degree of freedom."""
@@ -94,20 +100,21 @@ class ModelLearner:
             psi,
         )
         self._evidence = [NO_EVIDENCE] * AXES
-        moved = False
+        before = list(self._used)
         for axis, evidence in enumerate(by_axis):
             if learns[axis] and evidence.gain_gain > 0.0:
-                before = self._found[axis]
-                if axis == Z:
-                    found = vehicle_model.learn(before, evidence, dt_s)
-                else:
-                    found = vehicle_model.learn_gain(before, evidence, self._found[Z], dt_s)
-                self._found[axis] = found
+                self._found[axis] = self._learnt(axis, evidence, dt_s)
                 if self._adapts:
-                    self._used[axis] = vehicle_model.follow(self._used[axis], found)
-                moved = True
-        if moved:
+                    self._used[axis] = vehicle_model.follow(self._used[axis], self._found[axis])
+        self._ticks += 1
+        self._moved = self._moved or self._used != before
+        if self._moved or self._heading_counts() or self._ticks % TOLD_TICKS == 0:
             self._record()
+
+    def _learnt(self, axis: int, evidence: Evidence, dt_s: float) -> Found:
+        if axis == Z:
+            return vehicle_model.learn(self._found[Z], evidence, dt_s)
+        return vehicle_model.learn_gain(self._found[axis], evidence, self._found[Z], dt_s)
 
     def _of_dof(self, each: Sequence[Found] | Sequence[Used], dof: int) -> Used:
         """Return what a list by axis says of a degree of freedom."""
@@ -120,12 +127,17 @@ class ModelLearner:
             cos * surge.lag_s + sin * sway.lag_s,
         )
 
+    def _heading_counts(self) -> bool:
+        """Tell whether x and y are moved by unlike axes, so that their models turn with the heading."""
+        return self._used[X] != self._used[Y]
+
     def _look_up(self) -> None:
         used = [self._of_dof(self._used, dof) for dof in range(AXES)]
         self._scheduled: list[Scheduled] = [
             vehicle_model.schedule(tables, one) for tables, one in zip(self._tables, used, strict=True)
         ]
         self._dof_gain = [math.exp(one.log_gain) for one in used]
+        self._moved = False
 
     def _record(self) -> None:
         doubts = [vehicle_model.doubt(found) for found in self._found]
