@@ -65,11 +65,16 @@ def bench(argv: list[str]) -> int:
     parser.add_argument(
         "what",
         nargs="?",
-        choices=("dives", "position", "process", "zenoh", "ablation", "network", "grid", "firmware"),
+        choices=(
+            *("dives", "position", "process", "zenoh", "soak", "ablation", "network", "grid", "firmware"),
+        ),
         help="run only this bench; default: dives and process",
     )
     parser.add_argument(
         "--seeds", type=positive, metavar="N", help="number of vehicles; default 60, with --firmware 4"
+    )
+    parser.add_argument(
+        "--minutes", type=positive, default=120, metavar="MIN", help="of the soak; default %(default)s"
     )
     parser.add_argument(
         "--rows", nargs="+", metavar="ROW", help="run only these rows, such as: default law ppi"

@@ -5,7 +5,6 @@ Page: bytes, time to the first plot and frames per second in Chromium, at 1440 a
 """
 
 import asyncio
-import os
 import shutil
 import sys
 import tempfile
@@ -16,12 +15,12 @@ from typing import Any
 
 import aiohttp
 
+from lab.bench.usage import cpu_s
 from lab.demo.crew import Crew
 from lab.ports import free_port
 
 TURNS = (0, 1, 2, 4)
 START_S = 15.0
-TICKS_PER_S = os.sysconf("SC_CLK_TCK")
 CHROMIUM = ("--no-sandbox", "--headless", "--disable-gpu", "--disable-background-networking")
 PAGE = """() => {
   const parts = performance.getEntriesByType("resource").concat(performance.getEntriesByType("navigation"));
@@ -41,7 +40,7 @@ async def measure(seconds: float) -> None:
         crew.start("sim", "--udp-connect", f"127.0.0.1:{mavlink}", "--zenoh", endpoint)
         await asyncio.sleep(START_S)
         crew.check()
-        pid = _pid(str(port))
+        pid = crew.pids()["dashboard"]
         costs: dict[int, list[float]] = defaultdict(list)
         for _ in range(2):
             for browsers in TURNS:
@@ -60,9 +59,9 @@ async def _turn(pid: int, port: int, browsers: int, seconds: float) -> float:
     async with aiohttp.ClientSession(headers={"Origin": origin}) as session:
         readers = [asyncio.create_task(_read(session, f"{origin}/ws")) for _ in range(browsers)]
         await asyncio.sleep(1.0)  # the history is sent
-        begun, begun_s = _cpu_s(pid), time.monotonic()
+        begun, begun_s = cpu_s(pid), time.monotonic()
         await asyncio.sleep(seconds)
-        share = (_cpu_s(pid) - begun) / (time.monotonic() - begun_s)
+        share = (cpu_s(pid) - begun) / (time.monotonic() - begun_s)
         for reader in readers:
             reader.cancel()
         await asyncio.gather(*readers, return_exceptions=True)
@@ -99,20 +98,6 @@ async def _pages(port: int, seconds: float) -> None:
             )
             await page.close()
         await browser.close()
-
-
-def _pid(mark: str) -> int:
-    for entry in Path("/proc").iterdir():
-        if entry.name.isdigit():
-            words = (entry / "cmdline").read_text(errors="replace").split("\0")
-            if "dashboard" in words and any(word.endswith(f":{mark}") for word in words):
-                return int(entry.name)
-    raise RuntimeError("the dashboard's process is gone")
-
-
-def _cpu_s(pid: int) -> float:
-    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / TICKS_PER_S
 
 
 if __name__ == "__main__":

@@ -75,6 +75,10 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _run(arguments: argparse.Namespace) -> int:
     console = Console()
+    if arguments.what == "soak":
+        from lab.bench.soak import soak
+
+        return soak(arguments.minutes, console)
     plant = load_plant(DEFAULT_CONFIG)
     if arguments.what == "position":
         return _position(console, plant, arguments)

@@ -4,6 +4,7 @@ import os
 import signal
 import subprocess
 import sys
+from collections import Counter
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
@@ -58,6 +59,15 @@ class Crew:
             if status is not None:
                 how = f"with status {status}" if status >= 0 else f"by {signal.Signals(-status).name}"
                 raise ChildError(f"`holdfast {command}` ended {how}.\n{self.last_lines(command)}")
+
+    def pids(self) -> dict[str, int]:
+        """Return the process of each child by its name."""
+        return {name: child.pid for name, child in self._children}
+
+    def count(self, word: str) -> Counter[str]:
+        """Count a word in the log of each child, also of those that have ended."""
+        found = {log.stem: log.read_text(errors="replace").count(word) for log in self._log_dir.glob("*.log")}
+        return Counter({name: count for name, count in found.items() if count})
 
     def last_lines(self, only: str = "") -> str:
         """Return the end of each child's log, or of one child's, for people to read."""

@@ -464,12 +464,13 @@ def case(number: int, *, firmware: bool = False) -> FaultCase:
         number,
         variant=int(picked.integers(len(VARIANTS))),
         state=states[int(picked.integers(len(states)))],
-        faults=tuple(_broken(str(kind), rng) for kind in kinds),
+        faults=tuple(draw(str(kind), rng) for kind in kinds),
         fingers=bool(rng.random() < 0.25),
     )
 
 
-def _broken(kind: str, rng: np.random.Generator) -> Broken:
+def draw(kind: str, rng: np.random.Generator) -> Broken:
+    """Return a fault of this kind, with what it draws."""
     low, high = FAULTS[kind].value
     return Broken(
         kind,

@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from lab.faults import thrusters
+from lab.faults import soak, thrusters
 from lab.faults.faults import AFTER_S, FAULTS, VARIANTS, FaultRow, case, described, dive_group, groups
 from lab.options import add_firmware, command_parser, find_firmware, json_file, not_negative, positive
 from lab.pool import worker_pool
@@ -23,6 +23,7 @@ examples:
   holdfast faults --first 417 --dives 1   one dive again
   holdfast faults --firmware --dives 50   against the real ArduSub
   holdfast faults --thrusters --dives 5   five dives with each motor dead, on both frames
+  holdfast faults --hours 24              a day of faults; the same command continues it
 
 Exit status: 0 every dive kept every promise, 1 one did not.
 """
@@ -49,6 +50,20 @@ def main(argv: list[str]) -> int:
         help="let each motor die in turn instead, in waves and a current, N dives each, and measure depth, "
         "heading and tilt; exit status 1 if the wrong motor was found dead",
     )
+    parser.add_argument(
+        "--hours",
+        type=positive,
+        metavar="N",
+        help="simulate N hours instead, in which one fault follows the other and the operator engages again, "
+        "and measure the memory; an hour takes about five minutes of one core",
+    )
+    parser.add_argument(
+        "--out",
+        type=json_file,
+        default=Path("out/soak.jsonl"),
+        metavar="FILE",
+        help="a row for each of these hours; default %(default)s",
+    )
     add_firmware(parser)
     arguments = parser.parse_args(argv)
     if not find_firmware("faults", arguments):
@@ -57,6 +72,8 @@ def main(argv: list[str]) -> int:
     console = Console()
     numbers = range(arguments.first, arguments.first + arguments.dives)
     workers = arguments.workers or os.cpu_count() or 1
+    if arguments.hours:
+        return soak.main(console, arguments.hours, workers, arguments.out)
     if arguments.thrusters:
         return thrusters.main(console, numbers, workers, firmware)
     rows = dived(console, numbers, workers, firmware)

@@ -1,0 +1,214 @@
+"""`holdfast faults --hours N`: hours of virtual time in which something breaks again and again.
+
+An hour's number is its seed. It draws a vehicle, and then faults: one begins, lasts, ends, and the operator
+engages again. Every tick is held to account as in the other dives (`lab.faults.faults`). A row of FILE is
+what became of an hour; the same command continues a file.
+"""
+
+import os
+import time
+import traceback
+from collections import Counter
+from concurrent.futures import as_completed
+from dataclasses import dataclass, field
+from math import nan
+from pathlib import Path
+
+import msgspec
+import numpy as np
+from rich import box
+from rich.console import Console, Group, RenderableType
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+from rich.text import Text
+
+from companion.records import Request, Setpoint, State
+from companion.telemetry.samples import encode
+from lab.bench.usage import memory_kb, slope
+from lab.faults.faults import AFTER_S, FAULTS, VARIANTS, Diving, PromiseBrokenError, draw, promise
+from lab.pool import worker_pool
+
+HOUR_S = 3600.0
+WARM_UP_S = 600.0
+"""The memory's slope counts from here."""
+QUIET_S = (20.0, 100.0)
+"""Between engaging again and the next fault."""
+LASTS_S = (AFTER_S, 20.0)
+ASK_S, GIVE_UP_S = 5.0, 60.0
+"""The operator asks to engage so often and, if that does not help for so long, takes another vehicle."""
+ENCODE_TICKS = 5
+RESTORED = {"FS_PILOT_INPUT": 2.0, "JS_GAIN_DEFAULT": 0.5, "JS_THR_GAIN": 1.0}
+
+
+@dataclass
+class Hour:
+    """What became of one hour."""
+
+    number: int
+    vehicle: str
+    simulated_s: float = 0.0
+    active_s: float = 0.0
+    faults: dict[str, int] = field(default_factory=dict)
+    let_go: dict[str, int] = field(default_factory=dict)
+    """How often ACTIVE ended, by the supervisor's reason."""
+    broken: list[str] = field(default_factory=list)
+    """Exceptions and promises that were not kept; a new vehicle follows each."""
+    stuck: list[str] = field(default_factory=list)
+    """After which fault it could not be engaged again, and why."""
+    memory_kb_h: float | None = None
+    """Slope of what the process allocated, per simulated hour."""
+    cpu_s: float = 0.0
+
+
+class _Operator:
+    """A dive, and somebody who breaks it, mends it and engages again."""
+
+    def __init__(self, hour: Hour, seconds: float) -> None:
+        self._hour, self._ends_s = hour, seconds
+        self._rng = np.random.default_rng((hour.number, 7))
+        self._variant = hour.number % len(VARIANTS)
+        self._dive = Diving(self._variant, State.ACTIVE)
+        self._was = State.ACTIVE
+        self._fault = "engaging"
+        self._memory: list[tuple[float, float]] = []
+
+    def run(self) -> None:
+        """Dive until the hour is over."""
+        hour = self._hour
+        while hour.simulated_s < self._ends_s:
+            try:
+                with np.errstate(all="ignore"):
+                    self._wander()
+                    self._break()
+                    self._engage()
+            except PromiseBrokenError as error:
+                hour.broken.append(f"{self._fault}: {error}")
+                self._was = State.FAULT
+            except Exception:
+                hour.broken.append(f"{self._fault}: {traceback.format_exc(limit=-3)}")
+                self._was = State.FAULT
+            if self._was is not State.ACTIVE and hour.simulated_s < self._ends_s:
+                self._dive = Diving(self._variant, State.ACTIVE)
+                self._was, self._fault = State.ACTIVE, "engaging"
+        counted = [(at_s / HOUR_S, kb) for at_s, kb in self._memory if at_s >= WARM_UP_S]
+        if len(counted) > 2:
+            hour.memory_kb_h = slope([at for at, _ in counted], [kb for _, kb in counted]).slope
+
+    def _wander(self) -> None:
+        """Hold another place for a while."""
+        draw = self._rng.uniform
+        self._dive.engine.aim(Setpoint((nan, nan, draw(1.0, 8.0), draw(-3.0, 3.0))))
+        self._pass(draw(*QUIET_S))
+
+    def _break(self) -> None:
+        """Let a fault begin, last and end. Whatever must end the steering does so in time."""
+        broken = draw(str(self._rng.choice(list(FAULTS))), self._rng)
+        self._fault = broken.kind
+        self._hour.faults[broken.kind] = self._hour.faults.get(broken.kind, 0) + 1
+        dive, at_s = self._dive, self._dive.t_s
+        held = self._was is State.ACTIVE
+        FAULTS[broken.kind].begin(dive, broken, self._rng)
+        self._pass(AFTER_S)
+        within_s = FAULTS[broken.kind].within_s(broken)
+        if held and within_s is not None:
+            took_s = dive.engine.last_thrust_s - at_s
+            promise(took_s <= within_s + 0.02, f"still pushing {took_s:.2f} s later, not {within_s:.2f}")
+        self._pass(self._rng.uniform(*LASTS_S) - AFTER_S)
+        dive.engine.spoils.clear()
+        dive.fault("clear")
+        for name, value in RESTORED.items():
+            dive.fault("parameter", value, parameter=name)
+        if broken.kind == "depth jumps":
+            dive.fault("depth_shifted", -broken.value)
+
+    def _engage(self) -> None:
+        """Ask until it holds again, or note why it does not."""
+        dive, until_s = self._dive, self._dive.t_s + GIVE_UP_S
+        while self._was is not State.ACTIVE:
+            if dive.t_s > until_s:
+                self._hour.stuck.append(f"{self._fault}: {dive.engine.verdict.reason}")
+                return
+            dive.loop.requests += [Request.CLEAR_FAULT, Request.ENGAGE]
+            self._pass(ASK_S)
+
+    def _pass(self, seconds: float) -> None:
+        """Let time pass, and note what ends the holding."""
+        hour = self._hour
+        for step in self._dive.loop.run(seconds):
+            hour.simulated_s += 0.02
+            verdict = step.sample.verdict
+            hour.active_s += 0.02 * (verdict.state is State.ACTIVE)
+            if self._was is State.ACTIVE and verdict.state is not State.ACTIVE:
+                hour.let_go[verdict.reason] = hour.let_go.get(verdict.reason, 0) + 1
+            self._was = verdict.state
+            tick = step.sample.loop.tick
+            if tick % ENCODE_TICKS == 0:
+                encode(step.sample, "soak")
+            if tick % 3000 == 0:
+                self._memory.append((hour.simulated_s, memory_kb(os.getpid()).own))
+
+
+def soak_hour(number: int, seconds: float = HOUR_S) -> Hour:
+    """Dive hour `number`."""
+    hour = Hour(number, VARIANTS[number % len(VARIANTS)][0])
+    begun_s = time.process_time()
+    _Operator(hour, seconds).run()
+    hour.cpu_s = time.process_time() - begun_s
+    return hour
+
+
+def main(console: Console, hours: int, workers: int, file: Path) -> int:
+    """Dive the hours that FILE lacks; return 1 if any broke a promise or could not be engaged again."""
+    rows = _read(file)
+    missing = sorted(set(range(hours)) - rows.keys())
+    columns = (TextColumn("hours"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with worker_pool(workers, start="spawn") as pool, Progress(*columns, console=console) as progress:
+        task = progress.add_task("hours", total=hours, completed=hours - len(missing))
+        for future in as_completed([pool.submit(soak_hour, number) for number in missing]):
+            hour = future.result()
+            rows[hour.number] = hour
+            with file.open("ab") as stream:
+                stream.write(msgspec.json.encode(hour) + b"\n")
+            progress.advance(task)
+    done = [rows[number] for number in range(hours)]
+    console.print(summary(done))
+    return 1 if any(hour.broken or hour.stuck for hour in done) else 0
+
+
+def _read(file: Path) -> dict[int, Hour]:
+    """Return the hours that are in a file; a line that was torn by the end of a run is left out."""
+    text = file.read_bytes() if file.exists() else b""
+    whole = text[: text.rfind(b"\n") + 1]
+    if whole != text:
+        file.write_bytes(whole)
+    found = [msgspec.json.decode(line, type=Hour, strict=False) for line in whole.splitlines()]
+    return {hour.number: hour for hour in found}
+
+
+def summary(hours: list[Hour]) -> RenderableType:
+    """Return what became of the hours."""
+    total_s, cpu_s = sum(hour.simulated_s for hour in hours), sum(hour.cpu_s for hour in hours)
+    table = Table(box=box.SIMPLE_HEAD, title=f"{total_s / HOUR_S:.1f} simulated hours", title_justify="left")
+    for title in ("vehicle", "hours", "held on", "faults", "let go", "broken", "stuck", "memory kB/h"):
+        table.add_column(title, justify="left" if title == "vehicle" else "right")
+    for name in dict.fromkeys(hour.vehicle for hour in hours):
+        of_it = [hour for hour in hours if hour.vehicle == name]
+        slopes = [hour.memory_kb_h for hour in of_it if hour.memory_kb_h is not None]
+        table.add_row(
+            name,
+            f"{sum(hour.simulated_s for hour in of_it) / HOUR_S:.1f}",
+            f"{sum(hour.active_s for hour in of_it) / sum(hour.simulated_s for hour in of_it):.1%}",
+            f"{sum(sum(hour.faults.values()) for hour in of_it)}",
+            f"{sum(sum(hour.let_go.values()) for hour in of_it)}",
+            f"{sum(len(hour.broken) for hour in of_it)}",
+            f"{sum(len(hour.stuck) for hour in of_it)}",
+            f"{np.median(slopes):.0f}" if slopes else "",
+        )
+    let_go = Counter[str]()
+    for hour in hours:
+        let_go.update(hour.let_go)
+    lines = [f"{count:5} x {reason}" for reason, count in let_go.most_common()]
+    lines += [f"hour {hour.number}: BROKEN: {said}" for hour in hours for said in hour.broken]
+    lines += [f"hour {hour.number}: not engaged again after {said}" for hour in hours for said in hour.stuck]
+    text = Text("\n".join(["let go, by reason:", *lines, f"processor time {cpu_s / 60.0:.0f} min"]))
+    return Group(table, text)
