@@ -5,6 +5,7 @@ BIN := .venv/bin
 STAMP := .venv/.installed
 DEMO := .venv/.installed-demo
 CLIENTS := build/clients
+WHEELS := build/wheels
 PIP := python -m pip install --quiet --disable-pip-version-check --no-deps
 INSTALL := $(BIN)/$(PIP)
 COMPILE := uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --no-annotate
@@ -18,7 +19,7 @@ help:  ## list what there is
 demo: $(DEMO)  ## a dive in the simulator, about a minute; leaves out/demo.png and out/demo.json
 	$(BIN)/holdfast demo
 
-test: check clients  ## everything that must hold, `make check` included
+test: check clients $(WHEELS)/.downloaded  ## everything that must hold, `make check` included
 	$(BIN)/pytest -n auto --dist worksteal --ignore tests/live
 	$(BIN)/pytest tests/live -m 'not alone' -n 3  # on real clocks, but they mostly wait
 	$(BIN)/pytest tests/live -m alone  # a stalled clock fails them
@@ -37,19 +38,21 @@ coverage: $(STAMP)  ## which branches of companion/ the tests in virtual time ta
 
 clients: $(CLIENTS)/.installed  ## other people's ground stations, which tests/live connects to the simulator
 
-wheel: $(STAMP)  ## build dist/*.whl, and try it in a venv of its own with the vehicle's packages alone
+wheel: $(STAMP)  ## build dist/*.whl, try it in a venv of its own, and there without what extras bring
 	rm -rf dist build/wheel
 	$(BIN)/python -m hatchling build -t wheel
 	$(BIN)/python -m venv build/wheel
 	build/wheel/bin/$(PIP) --require-hashes --only-binary :all: -r requirements.lock
 	build/wheel/bin/$(PIP) dist/*.whl
 	build/wheel/bin/holdfast --help
+	build/wheel/bin/python -m pip uninstall --quiet --yes aiohttp cryptography mcap rich  # what extras bring
+	build/wheel/bin/holdfast watch --once 2>&1 | grep -F "pip install 'holdfast[dashboard]'"
 	timeout --preserve-status -s INT 3 build/wheel/bin/holdfast run \
 	    --set link.endpoint=udp-connect:127.0.0.1:14599 --set telemetry.endpoint=tcp/127.0.0.1:7459
 
 lock:  ## refresh what is missing in the locks, of all platforms, with hashes (needs uv)
 	$(COMPILE) pyproject.toml --extra dev -o requirements-dev.lock
-	echo 'hatchling>=1.27' | $(COMPILE) pyproject.toml - --extra recording -c requirements-dev.lock -o requirements.lock
+	$(COMPILE) pyproject.toml --extra dashboard --extra keys -c requirements-dev.lock -o requirements.lock
 	printf '%s\n' 'hatchling>=1.27' 'editables>=0.5' | \
 	    $(COMPILE) pyproject.toml - --extra demo -c requirements-dev.lock -o requirements-demo.lock
 	printf '%s\n' mavproxy mavsdk pyserial | $(COMPILE) --no-deps - -o requirements-clients.lock
@@ -62,6 +65,13 @@ clean:  ## remove .venv, caches and out/
 $(CLIENTS)/.installed: requirements-clients.lock $(STAMP)
 	rm -rf $(CLIENTS)
 	$(INSTALL) --no-compile --require-hashes --only-binary :all: --target $(CLIENTS) -r requirements-clients.lock
+	@touch $@
+
+# As for a vehicle without internet: docs/install.md.
+$(WHEELS)/.downloaded: requirements.lock $(STAMP)
+	rm -rf $(WHEELS)
+	$(BIN)/python -m pip download --quiet --disable-pip-version-check --no-deps --require-hashes \
+	    --only-binary :all: --dest $(WHEELS) -r requirements.lock
 	@touch $@
 
 # What a pilot needs; `make test` adds the tools of development to the same .venv.

@@ -1,4 +1,4 @@
-"""systemd itself judges the unit: it must parse without a word, and expose little."""
+"""systemd itself judges the units: each must parse without a word, and expose little."""
 
 import os
 import re
@@ -9,7 +9,12 @@ from pathlib import Path
 import pytest
 
 UNITS = Path(__file__).parents[2] / "systemd"
-COMMANDS = {"holdfast.service": "run --config ", "holdfast-record.service": "record --out /var/lib/"}
+COMMANDS = {
+    "holdfast.service": "run --config ",
+    "holdfast-record.service": "record --out /var/lib/",
+    "holdfast-dashboard.service": "dashboard --listen ",
+    "holdfast-sim@.service": "sim --vehicle %i",
+}
 MOST_EXPOSURE = 1.1  # systemd's scale: 0 is sealed, 10 is open
 
 if shutil.which("systemd-analyze") is None and not os.environ.get("CI"):
@@ -19,7 +24,7 @@ if shutil.which("systemd-analyze") is None and not os.environ.get("CI"):
 @pytest.fixture(params=COMMANDS)
 def unit(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
     """A unit with a program that exists here in place of the one that exists on the vehicle."""
-    installed = "/opt/holdfast/.venv/bin/holdfast"
+    installed = "/opt/holdfast/current/bin/holdfast"
     text = (UNITS / request.param).read_text()
     assert f"ExecStart={installed} {COMMANDS[request.param]}" in text
     copy: Path = tmp_path / request.param

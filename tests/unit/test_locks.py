@@ -45,7 +45,7 @@ def test_all_that_the_project_names_is_there():
         wanted("dashboard", "lab", "cluster", "keys", "recording", "dev")
         <= pins("requirements-dev.lock").keys()
     )
-    assert wanted("recording") | {"hatchling"} <= pins("requirements.lock").keys()
+    assert wanted("dashboard", "recording", "keys") <= pins("requirements.lock").keys()
     assert wanted("dashboard", "demo") | {"hatchling", "editables"} <= pins("requirements-demo.lock").keys()
 
 

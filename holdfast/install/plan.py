@@ -1,0 +1,174 @@
+"""From what is on a machine to the steps that change it. Pure: nothing is read, nothing is done."""
+
+import re
+import tomllib
+from pathlib import Path
+
+from holdfast import RefusedError
+from holdfast.install.machine import (
+    BASE,
+    CONFIGURATION,
+    CURRENT,
+    PREVIOUS,
+    PROGRAM,
+    SERIAL,
+    UNITS,
+    USER,
+    VERSIONS,
+    Found,
+)
+from holdfast.install.release import Release
+from holdfast.install.steps import Link, Remove, Run, Step, Write
+
+ENABLED = ("holdfast.service", "holdfast-record.service", "holdfast-dashboard.service")
+ALL = "holdfast*.service"
+STEERS = ("ACTIVE", "RAMP_DOWN", "HAND_OVER")
+"""The supervisor's states in which Holdfast sends thrust."""
+IMPORTS = "import holdfast, companion.app, dashboard.recording.record, dashboard.web.app, sim_bridge.app"
+
+
+def install(found: Found, release: Release, python: str, wheels: Path | None = None) -> list[Step]:
+    """Return the steps to a release in use; a version that is on the machine is used again (rollback).
+
+    `wheels` is a folder that has all that is needed; without it the package index is asked. No step is left
+    if the release is in use. Raises RefusedError while the vehicle is held.
+    """
+    new = release.name != found.current
+    bin_ = VERSIONS / release.name / "bin"
+    configuration = release.configuration if found.configuration is None else found.configuration
+    steps: list[Step] = []
+    if new and release.name != found.previous:
+        steps += _version(found, release, python, wheels)
+    if found.configuration is None:
+        steps.append(Write(CONFIGURATION, configuration))
+    if new:
+        check = (str(bin_ / "holdfast"), "config", "check", str(CONFIGURATION))
+        steps.append(Run(check, "check that this version takes the configuration"))
+    if not found.user:
+        steps.append(
+            Run(
+                ("useradd", "--system", "--no-create-home", "--home-dir", "/", USER),
+                "add the recorder's user",
+            )
+        )
+    files = _files(release, configuration)
+    changed = _changes(found, files)
+    steps += changed
+    if new and found.current:
+        steps.append(Link(PREVIOUS, f"versions/{found.current}"))
+    if new:
+        steps.append(Link(CURRENT, f"versions/{release.name}"))
+    if found.program is None:
+        steps.append(Link(PROGRAM, str(CURRENT / "bin" / "holdfast")))
+    if new or changed:
+        _refuse_while_held(found)
+        steps += _started(found)
+    kept = {release.name, found.current if new else found.previous}
+    return steps + [Remove(VERSIONS / name) for name in found.versions if name not in kept]
+
+
+def uninstall(found: Found, *, purge: bool) -> list[Step]:
+    """Return the steps to nothing left; configuration and dives are left without `purge`."""
+    steps: list[Step] = []
+    if any(UNITS / name in found.files for name in ENABLED):
+        _refuse_while_held(found)
+        steps.append(_systemctl("do not start it any more", "disable", *ENABLED))
+        if found.running:
+            steps.append(_systemctl("stop", "stop", ALL))
+    steps += [Remove(path) for path in sorted(found.files)]
+    if SERIAL in found.files:
+        steps.append(Remove(SERIAL.parent))
+    if found.program == str(CURRENT / "bin" / "holdfast"):
+        steps.append(Remove(PROGRAM))
+    if found.versions or found.current:
+        steps.append(Remove(BASE))
+    if found.user:
+        steps.append(Run(("userdel", USER), "remove the recorder's user"))
+    if purge:
+        steps += [Remove(path) for path in found.owned]
+    if found.running and found.files:
+        steps.append(_systemctl("forget the units", "daemon-reload"))
+    return steps
+
+
+def _version(found: Found, release: Release, python: str, wheels: Path | None) -> list[Step]:
+    """Return the steps to a virtual environment; one that was begun and not finished is removed first."""
+    folder = VERSIONS / release.name
+    inside = str(folder / "bin" / "python")
+    lock = folder / "requirements.lock"
+    pip = (
+        inside,
+        "-m",
+        "pip",
+        "install",
+        "--quiet",
+        "--disable-pip-version-check",
+        "--no-deps",
+        "--no-compile",
+    )
+    source = () if wheels is None else ("--no-index", "--find-links", str(wheels))
+    return [
+        *([Remove(folder)] if release.name in found.versions else []),
+        Run((python, "-m", "venv", str(folder)), "make a virtual environment"),
+        Write(lock, release.lock),
+        Run(
+            (*pip, *source, "--require-hashes", "--only-binary", ":all:", "-r", str(lock)),
+            "install what it needs, each file known by its hash",
+        ),
+        Run((*pip, "--no-index", str(release.wheel)), "install Holdfast"),
+        Run((inside, "-c", IMPORTS), "try and compile what the services import"),
+    ]
+
+
+def _files(release: Release, configuration: str) -> dict[Path, str]:
+    files = {UNITS / name: text for name, text in release.units.items()}
+    drop_in = _serial(configuration)
+    return {**files, SERIAL: drop_in} if drop_in else files
+
+
+def _changes(found: Found, files: dict[Path, str]) -> list[Step]:
+    there = found.files
+    return [
+        *(Write(path, text) for path, text in sorted(files.items()) if there.get(path) != text),
+        *(Remove(path) for path in sorted(there) if path not in files),
+    ]
+
+
+def _serial(configuration: str) -> str:
+    """Return the drop-in for a vehicle on a serial line, or "" for one that is on none."""
+    endpoint = tomllib.loads(configuration).get("link", {}).get("endpoint", "")
+    match = re.fullmatch(r"serial:(/[^\s:]+):\d+", str(endpoint))
+    if not match:
+        return ""
+    return (
+        f"# From link.endpoint in {CONFIGURATION}, by `holdfast install`.\n"
+        f"[Service]\nPrivateDevices=no\nDeviceAllow={match[1]} rw\nSupplementaryGroups=dialout\n"
+    )
+
+
+def _started(found: Found) -> list[Step]:
+    """Return the steps that start it, or start it afresh; who disabled a service keeps it so."""
+    first = not found.current
+    steps: list[Step] = []
+    if found.running:
+        steps.append(_systemctl("read the units", "daemon-reload"))
+    if first:
+        steps.append(_systemctl("start it at every boot", "enable", *ENABLED))
+    if found.running:
+        steps.append(
+            _systemctl("start it", "start", *ENABLED)
+            if first
+            else _systemctl("start afresh what runs", "try-restart", ALL)
+        )
+    return steps
+
+
+def _systemctl(why: str, *words: str) -> Run:
+    return Run(("systemctl", *words), why)
+
+
+def _refuse_while_held(found: Found) -> None:
+    if found.status.startswith(STEERS):
+        raise RefusedError(
+            "Holdfast steers the vehicle now, and this would restart it. First: holdfast tell NAME release"
+        )

@@ -1,0 +1,205 @@
+"""What `holdfast install` and `uninstall` would do to which machine."""
+
+from dataclasses import replace
+from pathlib import Path
+from zipfile import ZipFile
+
+import pytest
+
+from holdfast import RefusedError
+from holdfast.install.machine import (
+    CONFIGURATION,
+    CURRENT,
+    PREVIOUS,
+    PROGRAM,
+    SERIAL,
+    UNITS,
+    VERSIONS,
+    Found,
+)
+from holdfast.install.plan import ENABLED, install, uninstall
+from holdfast.install.release import Release, from_wheel
+from holdfast.install.steps import Link, Remove, Run, StepError, Write, carry_out
+
+NEW = Release(
+    name="2.0-aaaa",
+    wheel=Path("/media/holdfast-2.0-py3-none-any.whl"),
+    units={name: f"# {name}\n" for name in (*ENABLED, "holdfast-sim@.service")},
+    configuration='[link]\nendpoint = "udp-listen:127.0.0.1:14550"\n',
+    lock="numpy==2 --hash=sha256:0\n",
+)
+INSTALLED = Found(
+    current=NEW.name,
+    versions=(NEW.name,),
+    files={UNITS / name: text for name, text in NEW.units.items()},
+    configuration=NEW.configuration,
+    program=str(CURRENT / "bin" / "holdfast"),
+    owned=(CONFIGURATION.parent, Path("/var/lib/holdfast-dives")),
+    user=True,
+)
+OLD = replace(INSTALLED, current="1.0-bbbb", versions=("0.9-cccc", "1.0-bbbb"), previous="0.9-cccc")
+
+
+def ran(steps):
+    return [step.argv for step in steps if isinstance(step, Run)]
+
+
+def test_an_empty_machine_gets_everything():
+    steps = install(Found(), NEW, "python3")
+    written = {step.path for step in steps if isinstance(step, Write)}
+    assert {UNITS / name for name in NEW.units} | {CONFIGURATION} <= written
+    assert Link(CURRENT, "versions/2.0-aaaa") in steps
+    assert Link(PROGRAM, "/opt/holdfast/current/bin/holdfast") in steps
+    assert ran(steps)[-3:] == [
+        ("systemctl", "daemon-reload"),
+        ("systemctl", "enable", *ENABLED),
+        ("systemctl", "start", *ENABLED),
+    ]
+
+
+def test_nothing_is_left_to_do_after_it():
+    assert install(INSTALLED, NEW, "python3") == []
+
+
+def test_an_upgrade_keeps_the_configuration_and_the_version_before():
+    owner = replace(OLD, configuration=NEW.configuration + "# mine\n")
+    steps = install(owner, NEW, "python3")
+    assert not [step for step in steps if isinstance(step, Write) and step.path == CONFIGURATION]
+    assert Link(PREVIOUS, "versions/1.0-bbbb") in steps
+    assert Remove(VERSIONS / "0.9-cccc") in steps
+    assert Remove(VERSIONS / "1.0-bbbb") not in steps
+
+
+def test_an_upgrade_starts_afresh_what_runs_and_enables_nothing_that_was_disabled():
+    commands = ran(install(OLD, NEW, "python3"))
+    assert ("systemctl", "try-restart", "holdfast*.service") in commands
+    assert not [command for command in commands if "enable" in command]
+
+
+def test_the_new_version_is_tried_before_anything_that_runs_is_touched():
+    steps = install(replace(OLD, files={}), NEW, "python3")
+    check = next(n for n, step in enumerate(steps) if isinstance(step, Run) and "check" in step.argv)
+    touched = [
+        n
+        for n, step in enumerate(steps)
+        if isinstance(step, Link | Write) and VERSIONS not in step.path.parents
+    ]
+    assert check < min(touched)
+
+
+def test_going_back_makes_no_environment():
+    back = replace(NEW, name="0.9-cccc", wheel=None)
+    steps = install(OLD, back, "python3")
+    assert not [argv for argv in ran(steps) if "venv" in argv or "pip" in argv]
+    assert {Link(CURRENT, "versions/0.9-cccc"), Link(PREVIOUS, "versions/1.0-bbbb")} <= set(steps)
+    assert not [step for step in steps if isinstance(step, Remove)]
+
+
+def test_a_version_that_was_begun_and_not_finished_is_made_afresh():
+    steps = install(replace(OLD, versions=(*OLD.versions, NEW.name)), NEW, "python3")
+    assert steps.index(Remove(VERSIONS / NEW.name)) < steps.index(
+        Run(("python3", "-m", "venv", str(VERSIONS / NEW.name)), "make a virtual environment")
+    )
+    assert steps.count(Remove(VERSIONS / NEW.name)) == 1
+
+
+def test_with_wheels_no_index_is_asked():
+    for argv in ran(install(Found(), NEW, "python3", Path("/media/wheels"))):
+        assert "pip" not in argv or "--no-index" in argv
+
+
+def test_every_file_that_comes_from_an_index_is_known_by_its_hash():
+    (pip,) = [
+        argv for argv in ran(install(Found(), NEW, "python3")) if "pip" in argv and "--no-index" not in argv
+    ]
+    assert "--require-hashes" in pip
+
+
+def test_a_serial_line_gets_its_drop_in_and_loses_it_again():
+    line = '[link]\nendpoint = "serial:/dev/ttyAMA0:921600"\n'
+    steps = install(replace(INSTALLED, configuration=line), NEW, "python3")
+    (drop_in,) = [step for step in steps if isinstance(step, Write)]
+    assert drop_in.path == SERIAL
+    assert "DeviceAllow=/dev/ttyAMA0 rw\n" in drop_in.text
+    with_it = replace(INSTALLED, files={**INSTALLED.files, SERIAL: drop_in.text})
+    assert Remove(SERIAL) in install(with_it, NEW, "python3")
+
+
+@pytest.mark.parametrize("state", ["ACTIVE: held", "RAMP_DOWN: released", "HAND_OVER: position lost"])
+def test_it_leaves_a_vehicle_alone_that_is_held(state):
+    held = replace(OLD, status=state)
+    for plan in (lambda: install(held, NEW, "python3"), lambda: uninstall(held, purge=False)):
+        with pytest.raises(RefusedError, match="tell NAME release"):
+            plan()
+    assert install(replace(INSTALLED, status=state), NEW, "python3") == []
+
+
+def test_an_image_without_a_running_systemd_gets_services_that_start_at_boot():
+    commands = ran(install(Found(running=False), NEW, "python3"))
+    assert ("systemctl", "enable", *ENABLED) in commands
+    assert not {"daemon-reload", "start"} & {word for command in commands for word in command}
+
+
+def test_uninstalling_leaves_what_is_the_owners():
+    steps = uninstall(INSTALLED, purge=False)
+    removed = {step.path for step in steps if isinstance(step, Remove)}
+    assert {UNITS / name for name in NEW.units} | {Path("/opt/holdfast"), PROGRAM} == removed
+    assert ("userdel", "holdfast-record") in ran(steps)
+    everything = {step.path for step in uninstall(INSTALLED, purge=True) if isinstance(step, Remove)}
+    assert everything == removed | set(INSTALLED.owned)
+
+
+def test_a_program_of_somebody_else_stays():
+    other = replace(INSTALLED, program="/usr/bin/other")
+    assert Remove(PROGRAM) not in uninstall(other, purge=True)
+    assert not [
+        step for step in install(replace(OLD, program=""), NEW, "python3") if step == Link(PROGRAM, "")
+    ]
+
+
+def test_an_empty_machine_has_nothing_to_uninstall():
+    assert uninstall(Found(), purge=True) == []
+
+
+@pytest.mark.parametrize("name", ["holdfast-1.0-py3-none-any.whl", "numpy-2.0-py3-none-any.whl", "notes.txt"])
+def test_what_is_no_wheel_of_ours_is_refused(name, tmp_path):
+    with ZipFile(tmp_path / name, "w") as file:
+        file.writestr("holdfast/__init__.py", "")
+    with pytest.raises(RefusedError, match=r"(no|a) wheel of Holdfast"):
+        from_wheel(tmp_path / name)
+
+
+def test_two_builds_of_a_version_are_two_names(tmp_path):
+    names = set()
+    for unit in ("one", "two"):
+        wheel = tmp_path / "holdfast-1.0-py3-none-any.whl"
+        with ZipFile(wheel, "w") as file:
+            file.writestr("holdfast/systemd/holdfast.service", unit)
+            file.writestr("holdfast/config/companion.toml", "")
+            file.writestr("holdfast/requirements.lock", "")
+        release = from_wheel(wheel)
+        assert release.units == {"holdfast.service": unit}
+        names.add(release.name)
+    assert len(names) == 2
+
+
+def test_steps_change_files_and_can_be_repeated(tmp_path):
+    file, link, folder = tmp_path / "a" / "file", tmp_path / "b" / "link", tmp_path / "c"
+    folder.mkdir()
+    (folder / "x").touch()
+    said: list[str] = []
+    for _ in range(2):
+        carry_out([Write(file, "text"), Link(link, str(file)), Remove(folder)], said.append)
+        assert (file.read_text(), link.read_text(), folder.exists()) == ("text", "text", False)
+    assert file.stat().st_mode & 0o777 == 0o644
+    carry_out([Remove(link), Remove(link)], said.append)
+    assert file.exists()
+    assert said[0] == f"write {file}\n"
+
+
+def test_a_step_that_fails_says_which_and_why_in_one_line():
+    with pytest.raises(StepError, match=r"try it: `false` failed") as failed:
+        carry_out([Run(("false",), "try it")], lambda said: None)
+    assert "\n" not in str(failed.value)
+    with pytest.raises(StepError, match="/nowhere is not there"):
+        Run(("/nowhere",), "try it").carry_out()
