@@ -195,6 +195,7 @@ class SupervisorLimits(Section, frozen=True):
     pilot_deflection: ranges.PilotDeflection
     pilot_hold_s: ranges.Ramp
     max_depth_m: ranges.MaxDepth
+    min_altitude_m: ranges.Altitude
     ramp_up_s: ranges.Ramp
     depth_margin_m: ranges.DepthMargin
     max_depth_jump_m: ranges.Distance

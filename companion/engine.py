@@ -115,6 +115,7 @@ class Engine:
             dt_s=dt_s,
             held=guidance.engaged if holding else guidance.holdable(state),
             awaits_position=guidance.awaits_position,
+            wants_ground=guidance.wants_ground,
             dofs=self._dofs,
             finite=self._finite,
             full_override=demand.full_override,
@@ -222,8 +223,7 @@ class Engine:
         if isinstance(order, Path):
             guidance.follow(order, reference)
         elif isinstance(order, Goto):
-            speed, acceleration = order.speed_mps, order.acceleration_mps2
-            guidance.go_to(place(order), order.frame, speed, acceleration, reference)
+            guidance.go_to(place(order), order, reference)
         elif order.action == "hold":
             guidance.hold(reference)
         elif order.action == "pause":

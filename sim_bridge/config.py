@@ -15,6 +15,7 @@ from sim_bridge.fault_kinds import Fault
 
 Positive = Annotated[float, Meta(gt=0)]
 NonNegative = Annotated[float, Meta(ge=0)]
+Slope = Annotated[float, Meta(ge=-1, le=1)]
 Fraction = Annotated[float, Meta(ge=0, le=1)]
 Vector3 = tuple[float, float, float]
 Positive3 = tuple[Positive, Positive, Positive]
@@ -127,14 +128,25 @@ class Waves(_Record, frozen=True):
 
 
 class Seabed(_Record, frozen=True):
-    """A flat bottom: waves feel it, and the hull rests on it (spring, damper, friction; no moment)."""
+    """The bottom: waves feel it, and the hull rests on it (spring, damper, friction; no moment)."""
 
     enabled: bool = False
     depth_m: Positive = 20.0
+    """Where north and east are 0; the waves take it for the depth everywhere."""
+    slope: tuple[Slope, Slope] = (0.0, 0.0)
+    """By how much it falls for each metre north, and east."""
+    step_m: Annotated[float, Meta(ge=-5, le=5)] = 0.0
+    """By how much it falls where east is step_east_m."""
+    step_east_m: float = 0.0
     stiffness_n_per_m: Annotated[float, Meta(ge=0, le=20000)] = 2000.0
     damping_n_s_per_m: Annotated[float, Meta(ge=0, le=1000)] = 200.0
     friction: Annotated[float, Meta(ge=0, le=2)] = 0.5
     """Coulomb's coefficient."""
+
+    def depth_at(self, north_m: float, east_m: float) -> float:
+        """Return how deep the bottom lies at a place (m)."""
+        fallen = self.step_m if east_m > self.step_east_m else 0.0
+        return self.depth_m + self.slope[0] * north_m + self.slope[1] * east_m + fallen
 
 
 class Tether(_Record, frozen=True):
@@ -261,6 +273,12 @@ class SensorConfig(_Record, frozen=True):
     dvl_defects: Defects = Defects()
     """The walk is that of the position (m), the step that of the velocity (m/s)."""
     usbl: Usbl = Usbl()
+    rangefinder: bool = False
+    """A sonar that looks down, as a Ping or a DVL has it: DISTANCE_SENSOR and RANGEFINDER, over a seabed."""
+    range_min_m: NonNegative = 0.3
+    range_max_m: Positive = 50.0
+    range_white_m: NonNegative = 0.01
+    range_period_s: Annotated[float, Meta(ge=0.02)] = 0.1
 
     @property
     def positioned(self) -> bool:

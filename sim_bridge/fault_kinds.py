@@ -70,6 +70,8 @@ FAULT_KINDS: dict[str, FaultKind] = {
         0.4,
     ),
     "dvl_out": FaultKind("the DVL does not measure"),
+    "range_out": FaultKind("the rangefinder hears no echo"),
+    "range_false": FaultKind("the rangefinder hears something else, so far away", "m", 0.0, 1000.0),
     "compass": FaultKind(
         "magnetic north is turned clockwise; the EKF follows with 12.5 s", "degrees", -180.0, 180.0
     ),

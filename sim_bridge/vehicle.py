@@ -116,7 +116,7 @@ class Vehicle:
             config.sensors,
             STEP_S,
             sensor_rng,
-            config.seabed.depth_m if config.seabed.enabled else math.inf,
+            config.seabed if config.seabed.enabled else None,
             config.steel if config.steel.enabled else None,
         )
         self._faults = Faults(config.faults, fault_rng)
@@ -220,6 +220,7 @@ class Vehicle:
         self._sensors.disturb(
             math.radians(self._value("compass")),
             dvl_out=self._faults.holds("dvl_out") is not None,
+            false_range_m=self._false_range(),
             depth_noise_m=self._value("depth_noise"),
             depth_lag_s=self._value("depth_lag"),
         )
@@ -228,6 +229,13 @@ class Vehicle:
         """Return the value of a fault that holds; 0 without one."""
         fault = self._faults.holds(kind)
         return fault.value if fault else 0.0
+
+    def _false_range(self) -> float | None:
+        """Return what the rangefinder reads by a fault; NaN for no echo, None where it reads the truth."""
+        if self._faults.holds("range_out"):
+            return math.nan
+        fault = self._faults.holds("range_false")
+        return fault.value if fault else None
 
     def _supply(self, autopilot: Autopilot) -> None:
         physics = self._physics

@@ -22,6 +22,7 @@ from companion.records import (
     ControlSample,
     Delays,
     DofSample,
+    Ground,
     LinkCounters,
     LoopHealth,
     State,
@@ -77,6 +78,7 @@ def _make_sample(**state: Any) -> ControlSample:
         voltage_v=15.8,
         ages=Ages(0.01, 0.015, 0.02, 0.03, float("inf")),
         delays=Delays(0.05, 0.06, True, False),
+        ground=Ground(7.0, 0.0),
     )
     return ControlSample(
         state=structs.replace(believed, **state),

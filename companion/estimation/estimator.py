@@ -27,6 +27,7 @@ from companion.control.positioning import (
 from companion.estimation import hidden_delay, observer, thruster_watch
 from companion.estimation.command_history import CommandHistory
 from companion.estimation.delay import DelayMeter
+from companion.estimation.ground import GroundFinder
 from companion.estimation.model_learner import ModelLearner
 from companion.estimation.observer import (
     Motion,
@@ -58,6 +59,7 @@ from companion.records import (
     PilotGain,
     PilotHeartbeat,
     Position,
+    Range,
     Reboot,
     ServoOutput,
     TimeSync,
@@ -137,6 +139,7 @@ class Estimator:
             Depth: self._on_depth,
             DepthRate: self._on_depth_rate,
             Position: self._on_position,
+            Range: self._on_range,
             ServoOutput: self._on_servo_output,
             TimeSync: self._on_timesync,
             Heartbeat: self._on_heartbeat,
@@ -172,6 +175,8 @@ class Estimator:
             self.learner.begin(dof, 0.0)
         self._hidden = hidden_delay.start(0.0, self._hidden.hidden_s)
         self._mean_disturbance: list[float] = [0.0] * len(DOFS)
+        self._ground = GroundFinder()
+        self._ranges: list[Range] = []
         self._eta = ZERO
         self._refusing = False
         self._yaw_resets, self._x_resets, self._y_resets = yaw_resets(), position_resets(), position_resets()
@@ -212,6 +217,11 @@ class Estimator:
         eta, eta_dot, eta_ahead, eta_dot_ahead, disturbance = map(vector, zip(*estimates, strict=True))
         self._eta = eta
         attitude = self._attitude
+        tilt_cos = math.cos(attitude.roll) * math.cos(attitude.pitch)
+        ground = self._ground.step(
+            now_s, self._ranges, eta[Z], math.nan if stale[PSI] or stale[Z] else tilt_cos
+        )
+        self._ranges.clear()
         return VehicleState(
             t_s=now_s,
             boot_s=now_s + self._meter.clock.offset_s,
@@ -248,6 +258,7 @@ class Estimator:
             stale=stale,
             dead_motor=self._watch.dead,
             model=self.learner.model,
+            ground=ground,
         )
 
     def sent(self, now_s: float, axes: Vector, tau_ned: Vector) -> None:
@@ -493,6 +504,9 @@ class Estimator:
         self._position(Y, event.y_m, event.t_s, at_s)
         self._rate(X, event.vx_mps, at_s)
         self._rate(Y, event.vy_mps, at_s)
+
+    def _on_range(self, event: Range) -> None:
+        self._ranges.append(event)
 
     def _on_servo_output(self, event: ServoOutput) -> None:
         count = self._thrusters.motor_count

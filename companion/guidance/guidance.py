@@ -16,6 +16,7 @@ import math
 from collections import deque
 from collections.abc import Sequence
 
+from msgspec import UnsetType
 from msgspec.structs import replace
 
 from companion.config import Config
@@ -23,6 +24,7 @@ from companion.control.bounds import clamped, wrap
 from companion.control.frames import shifted, shifted_along
 from companion.control.positioning import jacobian, to_body, to_inertial
 from companion.control.reference import ReferenceModel
+from companion.guidance.altitude import AltitudeHold
 from companion.guidance.course import Course, braked, pace
 from companion.guidance.fence import fence, open_water
 from companion.guidance.paths.shapes import Path
@@ -34,6 +36,7 @@ from companion.records import (
     Event,
     Flags,
     FrameShift,
+    Ground,
     Guided,
     PositionTarget,
     Setpoint,
@@ -48,6 +51,7 @@ from companion.records import (
     either,
     vector,
 )
+from companion.telemetry.commands import Goto
 
 UNSET: Vector = (math.nan, math.nan, math.nan, math.nan)
 HORIZONTAL: Flags = (True, True, False, False)
@@ -73,6 +77,7 @@ class Guidance:
         self._course: Course | None = None
         self.course_number = 0
         """Which course it is: one more with each."""
+        self._altitude: AltitudeHold | None = None
         self._lost = False
         """Whether x and y were held when the position was lost."""
         self._moved_meanwhile = False
@@ -98,6 +103,11 @@ class Guidance:
         return self._wants_position and not self.engaged[X] and not self._released[X]
 
     @property
+    def wants_ground(self) -> bool:
+        """Whether an altitude over the ground is to be kept."""
+        return self._altitude is not None
+
+    @property
     def _wants_position(self) -> bool:
         course = self._course
         moves = course is not None and course.wants_position and not (course.done or course.suspended)
@@ -110,6 +120,8 @@ class Guidance:
         """
         self._setpoint = self._checked(setpoint)
         self._course = None
+        if not math.isnan(setpoint.eta_d[Z]):
+            self._altitude = None
         self._target = _filled(setpoint, self._target.eta_d)
 
     def follow(self, path: Path, reference: ReferenceModel) -> None:
@@ -118,31 +130,41 @@ class Guidance:
         Raises ValueError, with the place, for one that leaves the fence. One that counts from where it
         engages is checked then.
         """
+        self._permit_altitude(path.plan.altitude_m)
         known = any(self.engaged) or not any(path.relative[:PSI])
         if known and (refused := self._leaves(path, path.start(self._standing(reference)))):
             raise ValueError(refused)
         plan = path.plan
+        self._altitude = None if isinstance(plan.altitude_m, UnsetType) else AltitudeHold(plan.altitude_m)
         self._set_course(Course(self._limits, plan.speed_mps, plan.acceleration_mps2, path=path), UNSET)
 
-    def go_to(
-        self, place: Vector, frame: str, speed_mps: float, acceleration_mps2: float, reference: ReferenceModel
-    ) -> None:
+    def go_to(self, place: Vector, order: Goto, reference: ReferenceModel) -> None:
         """Go to a place in a straight line; its NaN coordinates stay.
 
-        `frame` is "local", or it counts from where the vehicle is: "offset" north, east, down, or "body"
-        forward, right, down. Raises ValueError for a place beyond the fence.
+        In `order.frame` "local" it counts from the origin, else from where the vehicle is: "offset" north,
+        east, down, or "body" forward, right, down. Raises ValueError for a place beyond the fence, and for
+        an altitude that is too low, or given beside a depth.
         """
+        frame = order.frame
+        self._permit_altitude(order.altitude_m)
+        if not isinstance(order.altitude_m, UnsetType) and not math.isnan(place[Z]):
+            raise ValueError("depth_m and altitude_m: name one of them")
         if frame != "local":
             place = _from_here(self._standing(reference), place, body=frame == "body")
         self._checked(Setpoint(place))
         if place[Z] < 0.0:
             raise ValueError(f"depth_m: {place[Z]:.2f} m is above the surface; must be 0 or more")
         asked = chosen(_known(place), UNSET, self._setpoint.eta_d)
-        self._set_course(Course.to(place, self._limits, speed_mps, acceleration_mps2), asked)
+        if not isinstance(order.altitude_m, UnsetType):
+            self._altitude = AltitudeHold(order.altitude_m)
+            asked = chosen((False, False, True, False), UNSET, asked)
+        elif not math.isnan(place[Z]):
+            self._altitude = None
+        self._set_course(Course.to(place, self._limits, order.speed_mps, order.acceleration_mps2), asked)
 
     def hold(self, reference: ReferenceModel) -> None:
         """Stop here, and hold this place."""
-        self._course = None
+        self._course = self._altitude = None
         self._setpoint = Setpoint(UNSET)
         self._target = Setpoint(self._standing(reference))
 
@@ -159,7 +181,7 @@ class Guidance:
         """What moves the target now."""
         course, number = self._course, self.course_number
         if course is None:
-            return Guided("hold" if any(self.engaged) else "", number)
+            return Guided("hold" if any(self.engaged) else "", number, altitude_m=self._altitude_m)
         kind = "move" if course.path is None else "path"
         if course.done:
             kind = "refused" if course.refused else "hold"
@@ -168,7 +190,9 @@ class Guidance:
         elif not course.begun or self.awaits_position:
             kind = "waiting"
         name = course.refused or (course.path.plan.name if course.path is not None else "")
-        return Guided(kind, number, name, course.progress_m, course.length_m, course.speed_mps)
+        return Guided(
+            kind, number, name, course.progress_m, course.length_m, course.speed_mps, self._altitude_m
+        )
 
     @property
     def path(self) -> tuple[Path, Vector] | None:
@@ -210,8 +234,10 @@ class Guidance:
             self.engaged = NONE
             self._lost = False
             self._target = Setpoint(state.eta_ahead)
+            if self._altitude is not None:
+                self._altitude.rest()
             if verdict.state is State.FAULT:
-                self._course = None
+                self._course = self._altitude = None
             elif self._course is not None and self._course.begun:
                 self._course.suspend()
             return None
@@ -271,6 +297,8 @@ class Guidance:
         self._target, moved = self._pilot.move(
             self._target, demand, psi, self.engaged, reference.x_d, self._fence, dt_s
         )
+        if self._altitude is not None and (moved[Z] or overridden[Z]):
+            self._altitude.take()
         eta_d = chosen(either(moved, overridden), UNSET, self._setpoint.eta_d)
         self._setpoint = replace(self._setpoint, eta_d=eta_d)
 
@@ -291,6 +319,8 @@ class Guidance:
                 x, y, z, psi = place
                 place = (x, y, clamped(z, 0.0, self._config.supervisor.max_depth_m), psi)
                 self._course = None
+                if not math.isnan(place[Z]):
+                    self._altitude = None
                 self._setpoint = replace(
                     self._setpoint, eta_d=chosen(_known(place), place, self._setpoint.eta_d)
                 )
@@ -300,12 +330,38 @@ class Guidance:
                 self._velocity = (event.t_s + VELOCITY_LASTS_S, velocity, event.body)
 
     def advance(self, verdict: Verdict, state: VehicleState, reference: ReferenceModel, dt_s: float) -> None:
-        """Move the target along the course, where all authority is there."""
+        """Move the target along the course, and with the ground, where all authority is there."""
         self._psi = state.eta_ahead[PSI]
+        if verdict.state is not State.ACTIVE or verdict.authority < 1.0:
+            return
+        self._follow_course(state, reference, dt_s)
+        if self._altitude is not None and self.engaged[Z]:
+            self._keep_altitude(self._altitude, state.ground, dt_s)
+
+    def _keep_altitude(self, altitude: AltitudeHold, ground: Ground, dt_s: float) -> None:
+        """Move the target's depth with the ground."""
+        if altitude.by_hand:
+            altitude.by_hand = False
+            return
+        heave, limits = self._config.heave, self._config.supervisor
+        bounds = self._fence or open_water(self._config)
+        start_m = self._target.eta_d[Z]
+        altitude.step(ground, start_m, limits.min_altitude_m, heave.max_rate, heave.max_acceleration, dt_s)
+        shallow_m, deep_m = bounds.depth_m
+        altitude.bound(max(shallow_m, 0.0), deep_m)
+        depth = (altitude.depth_m, altitude.rate_mps, altitude.acceleration_mps2)
+        eta, eta_dot, eta_ddot = (
+            (x, y, of_depth, psi)
+            for (x, y, _, psi), of_depth in zip(
+                (self._target.eta_d, self._target.eta_d_dot, self._target.eta_d_ddot), depth, strict=True
+            )
+        )
+        self._target = Setpoint(eta, eta_dot, eta_ddot)
+
+    def _follow_course(self, state: VehicleState, reference: ReferenceModel, dt_s: float) -> None:
+        """Move the target along the course."""
         course = self._course
         if course is None or course.done or course.suspended:
-            return
-        if verdict.state is not State.ACTIVE or verdict.authority < 1.0:
             return
         held = self.engaged[X] and self.engaged[Y]
         rests = course.wants_position and not held
@@ -319,6 +375,8 @@ class Guidance:
             course.begin(start)
         first = X if held else Z
         behind_m = math.dist(state.eta_ahead[first:PSI], self._target.eta_d[first:PSI])
+        if self._altitude is not None:
+            behind_m = max(behind_m, self._altitude.lacks_m(state.ground))
         self._target = course.step(0.0 if rests else pace(reference.pace, behind_m), dt_s)
 
     def target_now(self, verdict: Verdict) -> Setpoint:
@@ -366,6 +424,18 @@ class Guidance:
         if self._course is None or self._course.done:
             raise ValueError("there is no path and no move under way")
         return self._course
+
+    @property
+    def _altitude_m(self) -> float:
+        altitude = self._altitude
+        return 0.0 if altitude is None or math.isnan(altitude.altitude_m) else altitude.altitude_m
+
+    def _permit_altitude(self, altitude_m: float | UnsetType) -> None:
+        least_m = self._config.supervisor.min_altitude_m
+        if not isinstance(altitude_m, UnsetType) and altitude_m < least_m:
+            raise ValueError(
+                f"altitude_m = {altitude_m:g}: must be supervisor.min_altitude_m = {least_m:g} or more"
+            )
 
     def _standing(self, reference: ReferenceModel) -> Vector:
         """Return where the reference comes to rest."""

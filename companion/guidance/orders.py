@@ -8,7 +8,7 @@ from companion.config import Config
 from companion.guidance.paths.shapes import Path, build
 from companion.guidance.paths.time_law import limits
 from companion.records import Vector
-from companion.telemetry.commands import Follow, Goto, Payload, SetPath
+from companion.telemetry.commands import Follow, Goto, Payload, SetPath, SetSetpoint, named
 
 Order = Path | Goto | SetPath
 
@@ -19,6 +19,8 @@ def order_of(command: Payload, config: Config) -> Order | None:
     Raises ValueError for a path that is none. It takes some milliseconds for a long path: call it between
     ticks.
     """
+    if isinstance(command, SetSetpoint) and command.altitude_m is not msgspec.UNSET:
+        return Goto(**named(command))
     if isinstance(command, Follow):
         return build(command.path, limits(config))
     return command if isinstance(command, Goto | SetPath) else None
@@ -27,7 +29,7 @@ def order_of(command: Payload, config: Config) -> Order | None:
 def place(order: Goto) -> Vector:
     """Return where a move goes, NaN where nothing is said. Raises ValueError where nothing is at all."""
     given = (order.x_m, order.y_m, order.depth_m, order.heading_deg)
-    if all(value is msgspec.UNSET for value in given):
-        raise ValueError("name at least one of x_m, y_m, depth_m, heading_deg")
+    if all(value is msgspec.UNSET for value in (*given, order.altitude_m)):
+        raise ValueError("name at least one of x_m, y_m, depth_m, heading_deg, altitude_m")
     x, y, z, psi = (math.nan if isinstance(v, msgspec.UnsetType) else v for v in given)
     return (x, y, z, math.remainder(math.radians(psi), math.tau) if math.isfinite(psi) else psi)

@@ -45,6 +45,7 @@ from companion.records import (
     PilotToggle,
     Position,
     PositionTarget,
+    Range,
     ReceiverChannels,
     ServoOutput,
     StatusText,
@@ -59,6 +60,10 @@ UINT16_MAX: Final = 0xFFFF
 MAX_DEPTH_M: Final = 12_000.0
 MAX_SPEED_MPS: Final = 20.0
 MAX_DISTANCE_M: Final = 1e5
+MAX_RANGE_M: Final = 500.0
+LOOKS_DOWN: Final = mavlink.MAV_SENSOR_ROTATION_PITCH_270
+NO_SIGNAL: Final = 1
+"""DISTANCE_SENSOR.signal_quality: 0 is unknown, 1 none, 100 the best."""
 MAX_ANGLE_RAD: Final = 6.3
 MAX_RATE_RADPS: Final = 50.0
 MAX_PWM_US: Final = 3000
@@ -151,6 +156,8 @@ class Decoder:
         self._clock = BootClock()
         self._texts = _TextAssembler()
         self._last_pressure = (-math.inf, math.nan)
+        self._range_sensor: int | None = None
+        """Which DISTANCE_SENSOR looks down: the first one heard of."""
         handlers: dict[int, Callable[[Message, float], tuple[Event, ...]]] = {
             mavlink.MAVLINK_MSG_ID_HEARTBEAT: self._heartbeat,
             mavlink.MAVLINK_MSG_ID_ATTITUDE: self._attitude,
@@ -159,6 +166,8 @@ class Decoder:
             mavlink.MAVLINK_MSG_ID_AHRS2: self._ahrs2,
             **dict.fromkeys(PRESSURES, self._pressure),
             mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED: self._local_position,
+            mavlink.MAVLINK_MSG_ID_DISTANCE_SENSOR: self._distance_sensor,
+            mavlink.MAVLINK_MSG_ID_RANGEFINDER: self._rangefinder,
             mavlink.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW: self._servo_output,
             mavlink.MAVLINK_MSG_ID_TIMESYNC: self._timesync,
             mavlink.MAVLINK_MSG_ID_BATTERY_STATUS: self._battery_status,
@@ -271,6 +280,22 @@ class Decoder:
         if not sane:
             return self._implausible()
         return (Position(t_s, self._clock.from_ms(m.time_boot_ms), x, y, vx, vy),)
+
+    def _distance_sensor(self, m: Message, t_s: float) -> tuple[Event, ...]:
+        """Take the first sensor that looks down; a reading that it does not vouch for is none."""
+        if m.orientation != LOOKS_DOWN or self._range_sensor not in (None, m.id):
+            return ()
+        self._range_sensor = m.id
+        sound = m.signal_quality != NO_SIGNAL and m.min_distance <= m.current_distance <= m.max_distance
+        return (Range(t_s, m.current_distance / 1e2),) if sound and m.current_distance else ()
+
+    def _rangefinder(self, m: Message, t_s: float) -> tuple[Event, ...]:
+        """Take its distance where no DISTANCE_SENSOR comes, which says more."""
+        if self._range_sensor is not None or m.distance == 0.0:
+            return ()
+        if not 0.0 < m.distance <= MAX_RANGE_M:
+            return self._implausible()
+        return (Range(t_s, m.distance),)
 
     def _servo_output(self, m: Message, t_s: float) -> tuple[Event, ...]:
         """Port 0 alone, and only once another message has told how often the µs stamp has wrapped."""

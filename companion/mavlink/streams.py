@@ -35,7 +35,10 @@ _RATES_HZ: Final = {
     mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT: 4.0,
     mavlink.MAVLINK_MSG_ID_SYS_STATUS: 1.0,
     mavlink.MAVLINK_MSG_ID_RC_CHANNELS: 1.0,
+    mavlink.MAVLINK_MSG_ID_DISTANCE_SENSOR: 10.0,
 }
+MAY_BE_SILENT: Final = frozenset({mavlink.MAVLINK_MSG_ID_DISTANCE_SENSOR})
+"""Nothing comes of it without the instrument, or without an echo: it is never pressed for."""
 
 
 def streams(depth_source: DepthSource = "relative_alt", with_position: bool = False) -> dict[int, float]:
@@ -94,7 +97,7 @@ class Streams:
         return {
             key: stream.rate_hz
             for key, stream in self._streams.items()
-            if self._has_slowed(stream, now_s) or everything
+            if self._has_slowed(key, stream, now_s) or everything
         }
 
     @property
@@ -104,7 +107,7 @@ class Streams:
             key: stream.measured_hz for key, stream in self._streams.items() if stream.measured_hz is not None
         }
 
-    def _has_slowed(self, stream: _Stream, now_s: float) -> bool:
+    def _has_slowed(self, key: int, stream: _Stream, now_s: float) -> bool:
         passed_s = now_s - stream.since_s
         if passed_s < stream.window_s:
             return False
@@ -114,7 +117,7 @@ class Streams:
         stream.since_s, stream.count = now_s, 0
         if not begun or stream.measured_hz is None:
             return False
-        if stream.measured_hz >= SLOW_SHARE * stream.rate_hz:
+        if key in MAY_BE_SILENT or stream.measured_hz >= SLOW_SHARE * stream.rate_hz:
             stream.again_s = AGAIN_S[0]
             return False
         if now_s < stream.not_before_s:

@@ -43,6 +43,7 @@ from companion.records.events import (
     PilotToggle,
     Position,
     PositionTarget,
+    Range,
     Reboot,
     ReceiverChannels,
     Sender,
@@ -52,7 +53,7 @@ from companion.records.events import (
 )
 from companion.records.operator import ENGAGE_S, Guided, Request, Setpoint
 from companion.records.sample import ControlSample, LoopHealth
-from companion.records.state import Ages, Delays, FrameShift, VehicleModel, VehicleState
+from companion.records.state import Ages, Delays, FrameShift, Ground, VehicleModel, VehicleState
 from companion.records.supervision import Condition, State, Verdict
 
 __all__ = [
@@ -82,6 +83,7 @@ __all__ = [
     "Firmware",
     "Flags",
     "FrameShift",
+    "Ground",
     "Guided",
     "Heartbeat",
     "Leak",
@@ -95,6 +97,7 @@ __all__ = [
     "PilotToggle",
     "Position",
     "PositionTarget",
+    "Range",
     "Reboot",
     "ReceiverChannels",
     "Request",

@@ -59,6 +59,13 @@ class Position(msgspec.Struct, frozen=True, gc=False):
     vy_mps: float
 
 
+class Range(msgspec.Struct, frozen=True, gc=False):
+    """A range (m) along the vehicle's own down axis, to the ground, of a sonar or a DVL."""
+
+    t_s: float
+    range_m: float
+
+
 class ServoOutput(msgspec.Struct, frozen=True, gc=False):
     """Motor outputs as the autopilot reports them (µs), first servo first: the echo of our commands."""
 
@@ -214,6 +221,7 @@ Event = (
     | Depth
     | DepthRate
     | Position
+    | Range
     | ServoOutput
     | TimeSync
     | Battery
@@ -234,7 +242,7 @@ Event = (
     | Leak
 )
 
-SAMPLES = frozenset({Attitude, Depth, DepthRate, Position, ServoOutput})
+SAMPLES = frozenset({Attitude, Depth, DepthRate, Position, Range, ServoOutput})
 """What comes tick after tick and tells of motion alone: for the estimator and the pre-dive list."""
 
 

@@ -43,3 +43,5 @@ class Guided(msgspec.Struct, frozen=True):
     progress_m: float = 0.0
     length_m: float = 0.0
     speed_mps: float = 0.0
+    altitude_m: float = 0.0
+    """Over the ground, that is kept; 0 for none, or none yet."""

@@ -73,6 +73,18 @@ NOMINAL = VehicleModel(ONES, LAGS, ONES, LAGS, ZERO, ZERO, ONES, ZERO)
 """The nominal vehicle, of which nothing was found."""
 
 
+class Ground(msgspec.Struct, frozen=True):
+    """The ground under the vehicle: its depth (m), NaN where it is not known, and how fast it falls (m/s)."""
+
+    depth_m: float
+    rate_mps: float
+
+    @property
+    def known(self) -> bool:
+        """Whether there is one."""
+        return not math.isnan(self.depth_m)
+
+
 class VehicleState(msgspec.Struct, frozen=True):
     """What the estimator believes. Vectors in DOF order, NED.
 
@@ -112,3 +124,4 @@ class VehicleState(msgspec.Struct, frozen=True):
     dead_motor: int = 0
     """Number of the motor that gives no thrust (`thruster_watch`); 0 for none."""
     model: VehicleModel = NOMINAL
+    ground: Ground = Ground(math.nan, 0.0)

@@ -63,6 +63,7 @@ class Condition(IntFlag):
     TILT_PERSISTS = auto()
     THRUSTER_DEAD = auto()
     THRUSTER_MISSED = auto()
+    GROUND_LOST = auto()
 
 
 class Verdict(msgspec.Struct, frozen=True):

@@ -59,6 +59,8 @@ class Observation(msgspec.Struct, frozen=True, kw_only=True):
     """The rows of `check` that forbid engaging, in words."""
     wants_position: bool = False
     """Whether x and y are held, or would be with a position."""
+    wants_ground: bool = False
+    """Whether an altitude over the ground is to be kept."""
     finite: bool = True
     late_s: float = 0.0
     misses_motor: bool = False
@@ -169,6 +171,14 @@ CONDITIONS = (
         "x and y are wanted, and no new position arrived in time: they are released to the pilot, or to "
         "neutral, and held again when it returns; depth and heading are held",
         "check the DVL; steer by hand meanwhile",
+    ),
+    ConditionSpec(
+        C.GROUND_LOST,
+        lambda o, _: o.wants_ground and not o.state.ground.known,
+        (),
+        "an altitude over the ground is to be kept, and no plausible echo came for a second: the depth is "
+        "held until the ground is found again",
+        "check the rangefinder or the DVL; command a depth",
     ),
     ConditionSpec(
         C.DEPTH_JUMPED,

@@ -65,6 +65,7 @@ class Supervision:
         dt_s: float,
         held: Flags,
         awaits_position: bool,
+        wants_ground: bool,
         dofs: DofSample | None,
         finite: bool,
         full_override: bool,
@@ -77,6 +78,7 @@ class Supervision:
         `finite` are the last tick's; `preflight_failure` names the rows of the pre-dive list that forbid
         engaging.
         `awaits_position` tells that x and y are wanted, and are not held without a position.
+        `wants_ground` tells that an altitude over the ground is to be kept.
         `misses_motor` tells that the others cannot do the work of the motor that gives no thrust.
         """
         limits, ground = self._config.supervisor, self._config.ground_station
@@ -104,6 +106,7 @@ class Supervision:
             watched=watched,
             preflight_failure=preflight_failure,
             wants_position=steered and (held[X] or awaits_position),
+            wants_ground=steered and wants_ground,
             finite=finite,
             late_s=dt_s - 1.0 / self._config.loop.rate_hz,
             full_override=full_override,

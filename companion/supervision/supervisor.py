@@ -118,6 +118,7 @@ class Notice(NamedTuple):
 
 NOTICES = (
     Notice(C.POSITION_STALE, freeze=False),
+    Notice(C.GROUND_LOST, freeze=False),
     Notice(C.DEPTH_JUMPED, freeze=True),
     Notice(C.CLOCK_JUMPED, freeze=True),
     Notice(C.TILTED, freeze=True),

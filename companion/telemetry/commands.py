@@ -43,25 +43,35 @@ class ResetModel(Payload, frozen=True):
 
 
 class SetSetpoint(Payload, frozen=True):
-    """Set a setpoint; fields that are not given stay. While not engaged, it is kept for engaging."""
+    """Set a setpoint; fields that are not given stay. While not engaged, it is kept for engaging.
+
+    With `altitude_m` it is a `goto`.
+    """
 
     depth_m: Annotated[ranges.Depth, means("below the surface")] | Optional = msgspec.UNSET
     heading_deg: Annotated[ranges.HeadingDeg, means("clockwise from north")] | Optional = msgspec.UNSET
     x_m: Annotated[ranges.Metres, means("north; held only with a position source")] | Optional = msgspec.UNSET
     y_m: Annotated[ranges.Metres, means("east; held only with a position source")] | Optional = msgspec.UNSET
+    altitude_m: Annotated[ranges.Altitude, means("over the ground, instead of a depth")] | Optional = (
+        msgspec.UNSET
+    )
 
 
 class Goto(Payload, frozen=True):
     """Go to a place in a straight line, and hold it; coordinates that are not given stay.
 
     In the frame "offset" they count from where the vehicle is, north, east and down; in "body" forward, right
-    and down, and the heading clockwise. It needs a position source for `x_m` and `y_m`.
+    and down, and the heading clockwise. It needs a position source for `x_m` and `y_m`, and a rangefinder
+    that looks down for `altitude_m`, which is kept until a depth is given.
     """
 
     x_m: Annotated[ranges.Metres, means("north, or forward")] | Optional = msgspec.UNSET
     y_m: Annotated[ranges.Metres, means("east, or to the right")] | Optional = msgspec.UNSET
     depth_m: Annotated[ranges.Metres, means("below the surface, or down")] | Optional = msgspec.UNSET
     heading_deg: Annotated[ranges.HeadingDeg, means("clockwise from north")] | Optional = msgspec.UNSET
+    altitude_m: Annotated[ranges.Altitude, means("over the ground, instead of a depth")] | Optional = (
+        msgspec.UNSET
+    )
     frame: Annotated[Literal["local", "offset", "body"], means("what they count from")] = "local"
     speed_mps: Annotated[ranges.PathSpeed, means("slower where a limit asks for it")] = 0.2
     acceleration_mps2: ranges.PathAcceleration = 0.1

@@ -87,6 +87,9 @@ class PathPlan(Table, frozen=True, kw_only=True):
         "along"
     )
     heading_deg: Annotated[ranges.HeadingDeg, means("a fixed heading instead")] | Optional = msgspec.UNSET
+    altitude_m: Annotated[ranges.Altitude, means("over the ground, instead of depths")] | Optional = (
+        msgspec.UNSET
+    )
     corner_m: Annotated[ranges.Corner, means("of waypoints that have none of their own")] = 0.5
     laps: Annotated[ranges.Laps, means("how often; 0: until stopped")] = 1
     closed: Annotated[bool, means("go back from the last waypoint to the first")] = False

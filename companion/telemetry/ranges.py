@@ -58,6 +58,7 @@ TiltShare = Annotated[float, Meta(ge=0.01, le=0.49)]
 
 # Places and what bounds them.
 Depth = Annotated[float, Meta(ge=0.0, le=1000.0)]
+Altitude = Annotated[float, Meta(ge=0.1, le=200.0)]
 MaxDepth = Annotated[float, Meta(ge=0.5, le=1000.0)]
 Metres = Annotated[float, Meta(ge=-1e4, le=1e4)]
 HeadingDeg = Annotated[float, Meta(ge=-360.0, le=360.0)]

@@ -69,6 +69,8 @@ def records(sample: ControlSample) -> list[Schema]:
             path_number=sample.guided.number,
             path_progress_m=sample.guided.progress_m,
             path_length_m=sample.guided.length_m,
+            altitude_m=state.ground.depth_m - z,
+            altitude_desired_m=sample.guided.altitude_m,
             path_speed_mps=sample.guided.speed_mps,
         ),
         *_dofs(sample),

@@ -73,6 +73,8 @@ class State(Record, frozen=True, kw_only=True):
     path_number: Annotated[int, means("counts the paths and moves; Plan has the same")] = 0
     path_progress_m: Annotated[float, means("along the path, laps included")] = 0.0
     path_length_m: Annotated[float, means("of one lap; 0 for a move")] = 0.0
+    altitude_m: Annotated[float, means("over the ground; absent without an echo")] = 0.0
+    altitude_desired_m: Annotated[float, means("altitude that is kept; 0 where a depth is held")] = 0.0
     path_speed_mps: Annotated[float, means("speed of the reference along the path")] = 0.0
 
 

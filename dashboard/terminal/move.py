@@ -16,8 +16,10 @@ examples:
   holdfast goto bluerov2 --offset --north 1 --speed 0.1        1 m further north than it is
   holdfast goto bluerov2 --body --forward 2 --right 0.5        as its pilot sees it
   holdfast goto bluerov2 --heading 90                          turn on the spot
+  holdfast goto bluerov2 --altitude 1.5                        keep 1.5 m over the ground, until --depth
 
-What is not given stays. north and east need a position source, such as a DVL.
+What is not given stays. north and east need a position source, such as a DVL, and
+altitude a rangefinder that looks down.
 Exit status: 0 under way, 1 refused or no answer, 2 wrong arguments.
 """
 
@@ -48,6 +50,9 @@ def goto(argv: list[str]) -> int:
     parser.add_argument("--depth", "--down", dest="depth_m", type=float, metavar="M")
     parser.add_argument(
         "--heading", dest="heading_deg", type=float, metavar="DEG", help="clockwise from north"
+    )
+    parser.add_argument(
+        "--altitude", dest="altitude_m", type=float, metavar="M", help="over the ground, instead of --depth"
     )
     frame = parser.add_mutually_exclusive_group()
     frame.add_argument(

@@ -241,6 +241,7 @@ class Autopilot:
             self.home,
             self.servo_9,
             (self.missions.current, self.missions.total),
+            self._sensors.range_limits_m,
         )
 
     def arm(self, *, forced: bool = False) -> int:

@@ -117,6 +117,36 @@ def _terrain_report(_: Snapshot) -> Message:
     return mavlink.MAVLink_terrain_report_message(0, 0, 0, 0.0, 0.0, 0, 0)
 
 
+def _distance_sensor(s: Snapshot) -> Message:
+    """Tell the rangefinder that looks down; one without an echo says nothing."""
+    reading = s.estimate.range_m
+    if math.isnan(reading):
+        return None
+    least, most = s.range_limits_m
+    return mavlink.MAVLink_distance_sensor_message(
+        s.boot_ms,
+        _whole_cm(least),
+        _whole_cm(most),
+        _whole_cm(reading),
+        mavlink.MAV_DISTANCE_SENSOR_ULTRASOUND,
+        0,
+        mavlink.MAV_SENSOR_ROTATION_PITCH_270,
+        0,
+    )
+
+
+def _rangefinder(s: Snapshot) -> Message:
+    """Tell the same; without a rangefinder nothing, and without an echo no distance."""
+    if not s.range_limits_m[1]:
+        return None
+    reading = s.estimate.range_m
+    return mavlink.MAVLink_rangefinder_message(0.0 if math.isnan(reading) else reading, 0.0)
+
+
+def _whole_cm(metres: float) -> int:
+    return min(int(100.0 * metres), 65535)
+
+
 def _mission_item_reached(_: Snapshot) -> Message:
     return mavlink.MAVLink_mission_item_reached_message(65535)
 
@@ -210,6 +240,8 @@ BUILDERS: dict[int, Callable[[Snapshot], Message]] = {
     mavlink.MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS: _gimbal_device_attitude_status,
     mavlink.MAVLINK_MSG_ID_AUTOPILOT_STATE_FOR_GIMBAL_DEVICE: _autopilot_state_for_gimbal_device,
     mavlink.MAVLINK_MSG_ID_HIGH_LATENCY2: _high_latency2,
+    mavlink.MAVLINK_MSG_ID_DISTANCE_SENSOR: _distance_sensor,
+    mavlink.MAVLINK_MSG_ID_RANGEFINDER: _rangefinder,
 }
 
 SILENT = frozenset(
@@ -223,12 +255,10 @@ SILENT = frozenset(
         mavlink.MAVLINK_MSG_ID_GPS2_RAW,
         mavlink.MAVLINK_MSG_ID_GPS_RTK,
         mavlink.MAVLINK_MSG_ID_GPS2_RTK,
-        mavlink.MAVLINK_MSG_ID_DISTANCE_SENSOR,
         mavlink.MAVLINK_MSG_ID_TERRAIN_REQUEST,
         mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE3,
         mavlink.MAVLINK_MSG_ID_FENCE_STATUS,
         mavlink.MAVLINK_MSG_ID_WIND,
-        mavlink.MAVLINK_MSG_ID_RANGEFINDER,
         mavlink.MAVLINK_MSG_ID_CAMERA_FEEDBACK,
         mavlink.MAVLINK_MSG_ID_MAG_CAL_PROGRESS,
         mavlink.MAVLINK_MSG_ID_MAG_CAL_REPORT,

@@ -66,6 +66,8 @@ class Snapshot(NamedTuple):
     """PWM of the one output that is free (µs); 0 until it is set."""
     mission: tuple[int, int]
     """Number of the present item, and of items beside home."""
+    range_limits_m: tuple[float, float]
+    """Of the rangefinder; 0 for none."""
 
     @property
     def boot_ms(self) -> int:

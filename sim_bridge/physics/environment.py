@@ -91,11 +91,11 @@ class Ground:
 
     def __init__(self, config: Seabed, hull_height_m: float) -> None:
         self._config = config
-        self._touch_m = config.depth_m - 0.5 * hull_height_m
+        self._half_m = 0.5 * hull_height_m
 
     def push(self, state: State) -> Force:
         """Force on the hull (N, NED)."""
-        sunk_m = state[2] - self._touch_m
+        sunk_m = state[2] + self._half_m - self._config.depth_at(state[0], state[1])
         if sunk_m <= 0.0:
             return 0.0, 0.0, 0.0
         config = self._config

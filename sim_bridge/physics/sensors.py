@@ -7,7 +7,7 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from sim_bridge.config import SensorConfig, Steel
+from sim_bridge.config import Seabed, SensorConfig, Steel
 from sim_bridge.physics.defects import Defective
 from sim_bridge.physics.environment import OrnsteinUhlenbeck
 from sim_bridge.physics.plant import GRAVITY, State, Three, between, down_axis, down_of, euler, ned_velocity
@@ -30,6 +30,8 @@ COMPASS_TAU_S = 12.5
 LAGGING_SHARE, LAGGING_FROM_S = 0.71, 20.0
 """With GPS the EKF's depth showed this share of the motion; how slow a motion it shows whole is assumed."""
 NEAREST_M = 0.3
+STEEPEST_ECHO = 0.5
+"""Cosine of the tilt from which a rangefinder hears nothing."""
 """A dipole's field is not a dipole's nearer than this."""
 
 
@@ -62,6 +64,8 @@ class Estimate(NamedTuple):
     """Specific force, body (m/s²)."""
     position: tuple[float, float, float, float]
     """x, y, vx, vy (NED), meaningful with a DVL only."""
+    range_m: float
+    """Of the rangefinder; NaN for no echo."""
     rise_m_s2: float
     """Acceleration upwards over the ground, from the filtered accelerometer, as the depth loop sees it."""
 
@@ -90,7 +94,7 @@ class Sensors:
         config: SensorConfig,
         step_s: float,
         rng: np.random.Generator,
-        seabed_m: float = math.inf,
+        seabed: Seabed | None = None,
         steel: Steel | None = None,
     ) -> None:
         """Begin without a reading.
@@ -99,14 +103,18 @@ class Sensors:
             config: of the sensors.
             step_s: period of `record`.
             rng: of all noise.
-            seabed_m: depth of the water (m): how high a DVL is over the ground.
+            seabed: over which a DVL and a rangefinder measure.
             steel: what turns the compass.
 
         """
         self._config = config
         self._step_s = step_s
-        slow_rng, self._white_rng, offset_rng, *defect_rngs = rng.spawn(8)
-        self._seabed_m = seabed_m
+        slow_rng, self._white_rng, offset_rng, *defect_rngs, range_rng = rng.spawn(9)
+        self._seabed = seabed
+        self._range_rng = range_rng
+        self._range_m = math.nan
+        self._false_range_m: float | None = None
+        self._range_steps = max(1, round(config.range_period_s / step_s))
         self._steel = steel
         self._deviation_rad = self._turned_north_rad = 0.0
         self._dvl_silenced = False
@@ -171,6 +179,9 @@ class Sensors:
                 self._unit_noise.step()
             if self._is_spoilt:
                 self._step_defects(state)
+        if self._config.rangefinder and self._count % self._range_steps == 0:
+            self._range_m = self._echo(state)
+            self._estimate = None
         if self._count % self._pressure_steps == 0:
             depth = self._delayed(self._config.pressure_delay_s)[2]
             raw = self._config.depth_scale * depth + self._config.pressure_white_m * self._normal()
@@ -183,8 +194,23 @@ class Sensors:
         """Whether the EKF has a horizontal position."""
         return self._errors is not None and self._errors.aided
 
-    def disturb(self, turned_rad: float, *, dvl_out: bool, depth_noise_m: float, depth_lag_s: float) -> None:
-        """Turn magnetic north clockwise (rad), silence the DVL, spoil the EKF's depth."""
+    @property
+    def range_limits_m(self) -> tuple[float, float]:
+        """Least and largest range of the rangefinder; 0 without one."""
+        config = self._config
+        return (config.range_min_m, config.range_max_m) if config.rangefinder else (0.0, 0.0)
+
+    def disturb(
+        self,
+        turned_rad: float,
+        *,
+        dvl_out: bool,
+        false_range_m: float | None,
+        depth_noise_m: float,
+        depth_lag_s: float,
+    ) -> None:
+        """Turn magnetic north clockwise (rad), silence the DVL, spoil the rangefinder and the EKF's depth."""
+        self._false_range_m = false_range_m
         if depth_lag_s and not self._lag_s and self._history:
             self._mean_depth_m = self._history[-1][0][2]
         self._noise_m, self._lag_s = depth_noise_m, depth_lag_s
@@ -205,14 +231,29 @@ class Sensors:
                 north, east, _ = ned_velocity(state)
                 c, s = math.cos(heading_error), math.sin(heading_error)
                 misled = (c * north - s * east - north, s * north + c * east - east)
-            self._errors.step(misled, locked=self._is_locked(state[2]))
+            self._errors.step(misled, locked=self._is_locked(state))
 
-    def _is_locked(self, z: float) -> bool:
+    def _is_locked(self, state: State) -> bool:
         """Whether the DVL measures."""
         config = self._config
-        in_range = config.dvl_min_altitude_m <= self._seabed_m - z <= config.dvl_max_altitude_m
+        over_m = math.nan if self._seabed is None else self._seabed.depth_at(state[0], state[1]) - state[2]
+        in_range = math.isnan(over_m) or config.dvl_min_altitude_m <= over_m <= config.dvl_max_altitude_m
         out = self._dvl_defects.out or self._dvl_silenced
-        return config.dvl and not out and (in_range or self._seabed_m == math.inf)
+        return config.dvl and not out and in_range
+
+    def _echo(self, state: State) -> float:
+        """Return the range along the hull's own down axis (m); NaN for no echo."""
+        config = self._config
+        if self._seabed is None:
+            return math.nan
+        if self._false_range_m is not None:
+            return self._false_range_m
+        down = down_axis(state)[2]
+        if down < STEEPEST_ECHO:
+            return math.nan
+        over_m = self._seabed.depth_at(state[0], state[1]) - state[2]
+        range_m = over_m / down + config.range_white_m * float(self._range_rng.standard_normal())
+        return range_m if config.range_min_m <= range_m <= config.range_max_m else math.nan
 
     def rezero(self) -> None:
         """Arming moves the zero of relative_alt."""
@@ -329,6 +370,7 @@ class Sensors:
             SURFACE_PRESSURE_HPA + PA_PER_M * self._raw_depth / 100.0,
             accel,
             position,
+            self._range_m,
             rise,
         )
 

@@ -113,6 +113,8 @@ def build(plan: PathPlan, limits: Limits) -> Path:
     if count != 1:
         raise ValueError(f"{count} shapes: give waypoints, or one of circle, lemniscate, helix, lawn_mower")
     deep = not isinstance((plan.waypoint[0] if plan.waypoint else given[0]).depth_m, UnsetType)
+    if deep and not isinstance(plan.altitude_m, UnsetType):
+        raise ValueError("altitude_m: is over the ground; give no depths beside it")
     legs = _polyline(plan, plan.waypoint, closed=plan.closed) if plan.waypoint else _shape(plan, given[0])
     if sum(len(leg.curve.nodes) for leg in legs) > MAX_NODES:
         raise ValueError("the path is too long: fewer waypoints, lines or turns")

@@ -1,0 +1,100 @@
+"""An altitude over the ground through the whole loop: kept on a slope, and echoes that are lost or false."""
+
+import numpy as np
+import pytest
+from virtual import Dive, hold
+
+from companion.guidance.paths.shapes import build
+from companion.guidance.paths.time_law import limits
+from companion.records import Condition, State, Z
+from companion.telemetry.commands import Goto
+from companion.telemetry.plan import PathPlan, Waypoint
+from sim_bridge.fault_kinds import Fault
+
+OVER_GROUND = (
+    "sensors.rangefinder=true",
+    "seabed.enabled=true",
+    "seabed.depth_m=6.0",
+    "initial.eta=[0,0,4,0,0,0]",
+    "current.enabled=false",
+)
+
+
+def diving(*plant, pilot=False, **setpoint):
+    dive = Dive(*OVER_GROUND, *plant, setpoint=hold(**{"z": 4.0} | setpoint), pilot=pilot)
+    dive.until(State.ACTIVE)
+    dive.run(2.0)
+    return dive
+
+
+def altitudes(steps, bottom_m=lambda eta: 6.0):
+    return np.array([bottom_m(step.truth.eta) - step.truth.eta[Z] for step in steps])
+
+
+def test_it_goes_to_an_altitude_and_tells_it():
+    dive = diving()
+    dive.engine.guide(Goto(altitude_m=1.0))
+    steps = dive.run(14.0)
+    assert altitudes(steps)[-100:] == pytest.approx(1.0, abs=0.03)
+    assert np.abs(np.diff([step.sample.dofs.x_d_dot[Z] for step in steps])).max() < 0.02 * 0.6
+    sample = dive.step.sample
+    assert sample.guided.altitude_m == 1.0
+    assert sample.state.ground.depth_m - sample.state.eta[Z] == pytest.approx(1.0, abs=0.05)
+    dive.engine.guide(Goto(depth_m=4.5))
+    assert dive.run(0.1)[-1].sample.guided.altitude_m == 0.0
+
+
+def test_a_path_over_a_slope_keeps_its_altitude():
+    slope = 0.15
+    dive = diving(f"seabed.slope=[{-slope},0]", "sensors.dvl=true", x=0.0, y=0.0)
+    places = (Waypoint(x_m=0.0, y_m=0.0), Waypoint(x_m=4.0, y_m=0.0))
+    plan = PathPlan(waypoint=places, altitude_m=2.0, speed_mps=0.3, acceleration_mps2=0.2, heading="keep")
+    dive.engine.guide(build(plan, limits(dive.engine.config)))
+    steps = dive.run(16.0)
+    over = altitudes(steps, lambda eta: 6.0 - slope * eta[0])
+    assert steps[-1].truth.eta[0] > 3.5
+    assert np.sqrt(np.mean((over[50:] - 2.0) ** 2)) < 0.03
+    assert np.abs(over - 2.0).max() < 0.08
+
+
+@pytest.mark.parametrize(
+    "fault", [Fault(kind="range_out"), Fault(kind="range_false", value=0.4, duration_s=0.8)]
+)
+def test_an_echo_that_is_lost_or_false_moves_nothing(fault):
+    dive = diving()
+    dive.engine.guide(Goto(altitude_m=2.0))
+    dive.run(4.0)
+    lost_s = dive.vehicle.time_s
+    dive.vehicle.inject(Fault(kind=fault.kind, value=fault.value, duration_s=fault.duration_s, at_s=lost_s))
+    steps = dive.run(5.0)
+    assert altitudes(steps) == pytest.approx(2.0, abs=0.04)
+    warned = [bool(step.sample.verdict.warnings & Condition.GROUND_LOST) for step in steps]
+    assert any(warned[55:]) is (fault.kind == "range_out")
+    assert {step.sample.verdict.state for step in steps} == {State.ACTIVE}
+
+
+def test_too_low_an_altitude_is_refused_and_so_is_one_beside_a_depth():
+    dive = diving()
+    for order, said in (
+        (Goto(altitude_m=0.3), r"min_altitude_m = 0\.5"),
+        (Goto(altitude_m=1.0, depth_m=2.0), "one of them"),
+    ):
+        with pytest.raises(ValueError, match=said):
+            dive.engine.guide(order)
+    with pytest.raises(ValueError, match="no depths"):
+        build(
+            PathPlan(altitude_m=1.0, waypoint=(Waypoint(x_m=0, y_m=0, depth_m=1), Waypoint(x_m=1, y_m=0))),
+            limits(dive.engine.config),
+        )
+
+
+def test_the_pilots_stick_changes_the_altitude():
+    dive = diving(pilot=True)
+    dive.engine.guide(Goto(altitude_m=2.0))
+    dive.cockpit.push(heave=0.8)
+    dive.run(2.0)
+    dive.cockpit.push()
+    steps = dive.run(5.0)
+    kept_m = steps[-1].sample.guided.altitude_m
+    assert 0.9 < kept_m < 1.8
+    assert altitudes(steps)[-50:] == pytest.approx(kept_m, abs=0.05)

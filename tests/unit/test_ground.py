@@ -1,0 +1,103 @@
+"""The ground under the vehicle: followed on a slope, not believed where it jumps, lost without echoes."""
+
+import math
+
+import numpy as np
+import pytest
+
+from companion.estimation.ground import FALL_BELIEVED_S, LOST_S, RISE_BELIEVED_S, GroundFinder
+from companion.guidance.altitude import AltitudeHold
+from companion.records import Ground, Range
+
+PERIOD_S = 0.1
+
+
+def over(finder, ranges, depth_m=4.0, start_s=0.0, tilt_cos=1.0):
+    """Give a range every PERIOD_S, NaN for none; return where the ground was after each."""
+    found = []
+    for i, range_m in enumerate(ranges):
+        t_s = start_s + i * PERIOD_S
+        heard = [] if math.isnan(range_m) else [Range(t_s, range_m)]
+        found.append(finder.step(t_s, heard, depth_m, tilt_cos))
+    return found
+
+
+def known(range_m=2.0):
+    finder = GroundFinder()
+    over(finder, [range_m] * 20)
+    return finder
+
+
+def test_it_is_known_after_a_second_of_echoes_that_agree():
+    found = over(GroundFinder(), [2.0] * 12)
+    assert not any(ground.known for ground in found[:10])
+    assert found[-1].depth_m == pytest.approx(6.0)
+
+
+def test_a_slope_is_followed_without_lag():
+    finder = known()
+    found = over(finder, 2.0 - 0.1 * PERIOD_S * np.arange(60), start_s=2.0)
+    assert found[-1].depth_m == pytest.approx(4.0 + 2.0 - 0.1 * PERIOD_S * 59, abs=0.005)
+    assert found[-1].rate_mps == pytest.approx(-0.1, abs=0.005)
+
+
+def test_noise_of_echoes_is_reduced():
+    noise = 0.05 * np.random.default_rng(1).standard_normal(200)
+    found = over(known(), 2.0 + noise, start_s=2.0)
+    assert np.std([ground.depth_m for ground in found[20:]]) < 0.03
+
+
+@pytest.mark.parametrize("false_m", [0.3, 40.0])
+def test_single_false_echoes_change_nothing(false_m):
+    ranges = [2.0] * 40
+    ranges[5::4] = [false_m] * len(ranges[5::4])
+    found = over(known(), ranges, start_s=2.0)
+    assert [ground.depth_m for ground in found] == pytest.approx([6.0] * len(found))
+
+
+@pytest.mark.parametrize(("range_m", "believed_s"), [(1.2, RISE_BELIEVED_S), (3.5, FALL_BELIEVED_S)])
+def test_another_ground_is_believed_when_it_stays(range_m, believed_s):
+    found = over(known(), [range_m] * 50, start_s=2.0)
+    depths = [ground.depth_m for ground in found]
+    first = depths.index(4.0 + range_m)
+    assert first * PERIOD_S == pytest.approx(believed_s, abs=0.11)
+    assert all(math.isnan(depth) or depth == pytest.approx(6.0) for depth in depths[:first])
+
+
+def test_without_echoes_it_is_lost_and_scattered_ones_do_not_find_it():
+    finder = known()
+    lost = over(finder, [math.nan] * 15, start_s=2.0)
+    assert [ground.known for ground in lost].index(False) * PERIOD_S == pytest.approx(LOST_S, abs=0.11)
+    assert not any(ground.known for ground in over(finder, [1.0, 30.0] * 30, start_s=4.0))
+
+
+def test_the_range_is_along_the_hulls_own_axis():
+    cos = math.cos(math.radians(20.0))
+    assert over(GroundFinder(), [2.0 / cos] * 20, tilt_cos=cos)[-1].depth_m == pytest.approx(6.0)
+    assert not over(GroundFinder(), [2.0] * 20, tilt_cos=math.cos(math.radians(40.0)))[-1].known
+    assert not over(GroundFinder(), [2.0] * 20, tilt_cos=math.nan)[-1].known
+
+
+def test_the_depth_moves_within_the_axis_limits_and_stays_without_a_ground():
+    hold, places = AltitudeHold(1.5), []
+    for tick in range(1500):
+        ground = Ground(math.nan, 0.0) if 300 <= tick < 600 else Ground(6.0, 0.0)
+        hold.step(ground, 4.0, 0.5, 0.2, 0.1, 0.02)
+        places.append((hold.depth_m, hold.rate_mps))
+    z, rate = np.array(places).T
+    np.testing.assert_allclose(np.diff(z), rate[1:] * 0.02, atol=1e-12)
+    assert np.abs(np.diff(rate)).max() <= 0.1 * 0.02 + 1e-12
+    assert np.abs(rate).max() <= 0.2
+    assert np.ptp(z[500:600]) == 0.0
+    assert z[-1] == pytest.approx(4.5, abs=0.01)
+    assert z.max() < 4.52
+
+
+def test_an_altitude_that_is_taken_is_no_lower_than_the_least():
+    hold = AltitudeHold(2.0)
+    hold.take()
+    hold.step(Ground(6.0, 0.0), 4.8, 0.5, 0.2, 0.1, 0.02)
+    assert hold.altitude_m == pytest.approx(1.2)
+    hold.take()
+    hold.step(Ground(6.0, 0.0), 5.9, 0.5, 0.2, 0.1, 0.02)
+    assert hold.altitude_m == 0.5
