@@ -14,6 +14,7 @@ from companion.telemetry.session import SessionThread, client_configuration
 _RING = 4096  # messages: nine seconds of one vehicle
 _CLOSE_S = 3.0
 _ANSWER_S = 8.0  # an engaging takes five
+_LAST_S = 1.0
 _EVENTS = 100  # that happened before we came
 
 
@@ -75,6 +76,17 @@ class Subscription(SessionThread):
                 key = str(sample.key_expr)
                 if self._events is None or not key.endswith("/event"):
                     messages.append(_stamped(key, sample))
+        return messages
+
+    def last(self) -> list[Message]:
+        """Return the last sample of every key, as whoever publishes them still has it. Blocks."""
+        session = self._session
+        messages: list[Message] = []
+        if session is not None:
+            with suppress(zenoh.ZError):
+                for reply in session.get(self._key_expression, timeout=_LAST_S):
+                    if reply.ok is not None:
+                        messages.append(Message(str(reply.ok.key_expr), reply.ok.payload.to_bytes()))
         return messages
 
     def ask(self, key: str, payload: bytes = b"", timeout_s: float = _ANSWER_S) -> bytes | None:

@@ -25,8 +25,8 @@ PORT = 7448
 VEHICLE, LAPTOP = "vehicle", "laptop"
 LIFETIME = datetime.timedelta(days=365)
 SEEN = ("holdfast/**", "holdfast/**/@adv/**", "sim/**")
-ASKED = ("holdfast/*/config", "holdfast/**/@adv/**")
-COMMANDED = ("holdfast/*/command/*",)
+ASKED = ("holdfast/**", "holdfast/**/@adv/**")
+COMMANDED = ("holdfast/*/command/**",)
 
 
 def make(
@@ -85,7 +85,6 @@ def make(
 
 def _access(allow_control: bool) -> dict[str, Any]:
     """Return Zenoh's access control: everything on loopback, a laptop what is named, others nothing."""
-    asked = [*ASKED, *(COMMANDED if allow_control else ())]
     messages = {
         "to": (["put", "delete", "declare_queryable", "liveliness_token", "reply"], ["egress"], SEEN),
         "subscribe": (
@@ -93,7 +92,7 @@ def _access(allow_control: bool) -> dict[str, Any]:
             ["ingress"],
             SEEN,
         ),
-        "ask": (["query"], ["ingress"], asked),
+        "ask": (["query"], ["ingress"], ASKED),
     }
     everything = [
         *("put", "delete", "declare_subscriber", "query", "reply", "declare_queryable"),
@@ -103,6 +102,17 @@ def _access(allow_control: bool) -> dict[str, Any]:
         {"id": name, "permission": "allow", "flows": flows, "messages": kinds, "key_exprs": list(keys)}
         for name, (kinds, flows, keys) in messages.items()
     ]
+    if not allow_control:  # a companion drops what asks for several commands at once: `**` is no way in
+        rules.append(
+            {
+                "id": "command",
+                "permission": "deny",
+                "flows": ["ingress"],
+                "messages": ["query"],
+                "key_exprs": list(COMMANDED),
+            }
+        )
+    laptop = [rule["id"] for rule in rules]
     anything = ["**", "**/@adv/**"]
     all_flows = ["ingress", "egress"]
     rules.append(
@@ -124,7 +134,7 @@ def _access(allow_control: bool) -> dict[str, Any]:
         ],
         "policies": [
             {"rules": ["all"], "subjects": ["loopback"]},
-            {"rules": list(messages), "subjects": [LAPTOP]},
+            {"rules": laptop, "subjects": [LAPTOP]},
         ],
     }
 

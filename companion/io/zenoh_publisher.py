@@ -51,7 +51,8 @@ class Publisher(SessionThread):
 
     `endpoint` is Zenoh's, such as tcp/127.0.0.1:7447, or in mode "file" a path. `dropped` counts the samples
     that nobody could take in time. Whoever subscribes by `zenoh.ext` gets the last events and raw ticks as
-    well: nobody is there at the first one. `on_command` is called with each command, on a thread of Zenoh's;
+    well: nobody is there at the first one. A query for a key, or for all of them, returns the last sample of
+    each. `on_command` is called with each command, on a thread of Zenoh's;
     without it there are none. Queries for them are answered with `config` and `choices`. Raises ValueError
     for a vehicle name that is no key and an endpoint that is none; trouble with the network is never raised.
     """
@@ -77,6 +78,7 @@ class Publisher(SessionThread):
         self._on_command = on_command
         self._choices = choices or telemetry.Choices(compensator=())
         self._queue: queue.SimpleQueue[_Offered | None] = queue.SimpleQueue()
+        self._last: dict[str, tuple[bytes, zenoh.Timestamp]] = {}
         self._mail: deque[telemetry.Event | telemetry.Plan | _Answer] = deque(maxlen=_MAIL)
         self._name_checked = threading.Event()
         self._existing_instance = ""
@@ -202,11 +204,13 @@ class Publisher(SessionThread):
                 while not (self._closing.is_set() or lost.is_set()):
                     with suppress(queue.Empty):
                         offered = self._queue.get(timeout=RETRY_S)
-                        self._deliver(events, plan)
+                        self._deliver(session, events, plan)
                         if offered is None:
                             continue
+                        stamp = session.new_timestamp()
                         for key, _, payload in encode(offered[0], self._vehicle):
-                            publishers[key].put(payload)
+                            self._last[key] = payload, stamp
+                            publishers[key].put(payload, timestamp=stamp)
                         if offered[1] is not None:
                             raw.put(msgspec.msgpack.encode(offered[1]))
         if not self._closing.is_set():
@@ -237,7 +241,7 @@ class Publisher(SessionThread):
         session.liveliness().declare_subscriber(tokens, on_token, history=True)
 
     def _answer_from(self, session: zenoh.Session, routed: threading.Event) -> None:
-        """Take commands, and answer for the configuration and its choices, as long as the session lasts.
+        """Take commands, and answer for all that can be asked, as long as the session lasts.
 
         A command is local where only loopback is open, and no router, once `routed`, forwards from elsewhere.
         """
@@ -248,6 +252,15 @@ class Publisher(SessionThread):
             def on_query(query: zenoh.Query) -> None:
                 with query:
                     query.reply(key, payload(), encoding=zenoh.Encoding(encoding))
+
+            session.declare_queryable(key, on_query)
+
+        def answer_last(key: str, encoding: str) -> None:
+            def on_query(query: zenoh.Query) -> None:
+                with query:
+                    if key in self._last:
+                        payload, stamp = self._last[key]
+                        query.reply(key, payload, encoding=zenoh.Encoding(encoding), timestamp=stamp)
 
             session.declare_queryable(key, on_query)
 
@@ -270,6 +283,12 @@ class Publisher(SessionThread):
             lambda: msgspec.json.encode(self._choices),
             telemetry.encoding(telemetry.Choices),
         )
+        for key, encoding in (
+            *self._keys.items(),
+            telemetry.event_key(self._vehicle),
+            telemetry.plan_key(self._vehicle),
+        ):
+            answer_last(key, encoding)
         for name in COMMANDS:
             session.declare_queryable(telemetry.command_key(self._vehicle, name), on_command)
 
@@ -277,13 +296,14 @@ class Publisher(SessionThread):
         self._mail.append((query, reply))
         self._queue.put(None)
 
-    def _deliver(self, events: ext.AdvancedPublisher, plan: zenoh.Publisher) -> None:
+    def _deliver(self, session: zenoh.Session, events: ext.AdvancedPublisher, plan: zenoh.Publisher) -> None:
         while self._mail:
             item = self._mail.popleft()
-            if isinstance(item, telemetry.Event):
-                events.put(telemetry.to_json(item))
-            elif isinstance(item, telemetry.Plan):
-                plan.put(telemetry.to_json(item))
+            if isinstance(item, telemetry.Event | telemetry.Plan):
+                publisher = events if isinstance(item, telemetry.Event) else plan
+                payload = telemetry.to_json(item)
+                self._last[str(publisher.key_expr)] = payload, session.new_timestamp()
+                publisher.put(payload)
             else:
                 query, reply = item
                 with suppress(zenoh.ZError), query:

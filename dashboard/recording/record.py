@@ -88,6 +88,7 @@ class RecorderThread(SessionThread):
         self._replies: deque[bytes] = deque()
         self._alive = threading.Event()
         self._appeared = threading.Event()
+        self._status = b"{}"
         self.said = ""
 
     def start(self) -> None:
@@ -138,7 +139,8 @@ class RecorderThread(SessionThread):
                     telemetry.alive_key(vehicle), self._on_alive, history=True
                 )
             )
-            enter(session.declare_queryable(telemetry.command_key(vehicle, "record"), self._queries.append))
+            enter(session.declare_queryable(telemetry.command_key(vehicle, "record"), self._on_command))
+            enter(session.declare_queryable(key, self._on_query))
             publisher = enter(session.declare_publisher(key, encoding=zenoh.Encoding(encoding)))
             ask_s = sync_s = 0.0
             if self._wanted:
@@ -156,7 +158,8 @@ class RecorderThread(SessionThread):
                 if now_s >= sync_s:
                     sync_s = now_s + _SYNC_S
                     recorder.each_second(time.time_ns(), now_s)
-                    publisher.put(msgspec.json.encode(recorder.status(now_s, self._dropped)))
+                    self._status = msgspec.json.encode(recorder.status(now_s, self._dropped))
+                    publisher.put(self._status)
                 self._say(recorder.said)
             self._drain(recorder)
             recorder.stop()
@@ -179,6 +182,17 @@ class RecorderThread(SessionThread):
                 time.monotonic(),
             )
         )
+
+    def _on_command(self, query: zenoh.Query) -> None:
+        if "*" in str(query.key_expr):  # whoever asks for all that there is commands nothing
+            query.drop()  # type: ignore[no-untyped-call]
+        else:
+            self._queries.append(query)
+
+    def _on_query(self, query: zenoh.Query) -> None:
+        key, encoding = telemetry.recorder_key(self._vehicle)
+        with query:
+            query.reply(key, self._status, encoding=zenoh.Encoding(encoding))
 
     def _on_alive(self, sample: zenoh.Sample) -> None:
         if sample.kind == zenoh.SampleKind.PUT:

@@ -44,7 +44,7 @@ _WIDTH = 80
 _BINS = 16
 _BIN_S = 1.0
 _RESTART_S = 1.0
-_NOT_SHOWN = ("raw", "recorder")
+_NOT_SHOWN = ("raw", "recorder", "config", "choices")
 _EVENTS = 2
 _TRAIL, _TRAIL_S = 300, 0.4
 _MAP = 44, 10
@@ -323,7 +323,7 @@ def _parser() -> argparse.ArgumentParser:
 def _once(fleet: Feeds, seen: Subscription) -> list[View]:
     deadline_s = time.monotonic() + PATIENCE_S
     while not fleet.complete and time.monotonic() < deadline_s:
-        fleet.take(seen.take(), time.monotonic())
+        fleet.take(seen.last(), time.monotonic())
         time.sleep(0.02)
     return fleet.views(time.monotonic(), seen.connected)
 

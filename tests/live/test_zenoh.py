@@ -25,6 +25,7 @@ from companion.io.command_queue import ReceivedCommand
 from companion.io.zenoh_publisher import NameTakenError, Publisher
 from companion.records import ControlSample
 from companion.telemetry import schemas as telemetry
+from companion.telemetry.session import client_configuration
 from dashboard.zenoh_client import Message, Subscription
 from holdfast import RefusedError
 from lab.bench.process import running
@@ -77,6 +78,34 @@ def test_a_stranger_gets_every_key_with_its_encoding_and_stamp(endpoint: str, fe
         assert samples[key].priority == zenoh.Priority.REAL_TIME
         assert samples[key].timestamp is not None
         telemetry.decode(key, samples[key].payload.to_bytes())
+
+
+def test_a_query_returns_the_last_sample_of_every_key(
+    endpoint: str, make_sample: Callable[..., ControlSample]
+) -> None:
+    event = telemetry.Event(t_s=1.0, boot_s=1.0, severity="info", kind="state", text="ACTIVE")
+    commands: list[ReceivedCommand] = []
+    with Publisher("kelp", endpoint, on_command=commands.append) as publisher:
+        publisher.claim(5.0)
+        publisher.offer(make_sample(t_s=1.0))
+        publisher.offer(make_sample(t_s=2.0), events=[event])
+        with zenoh.open(client_configuration(endpoint)) as stranger:
+
+            def last(expression: str) -> dict[str, zenoh.Sample]:
+                replies = (reply.ok for reply in stranger.get(expression, timeout=2.0))
+                return {str(sample.key_expr).split("/", 2)[2]: sample for sample in replies if sample}
+
+            until(lambda: any(b'"t_s":2.0' in bytes(one.payload) for one in last("**/loop").values()))
+            found = last("holdfast/kelp/**")
+            assert found.keys() == {*telemetry.EVERY_TICK, "event", "config", "choices"}
+            stamps = {str(found[tail].timestamp) for tail in telemetry.EVERY_TICK}
+            assert len(stamps) == 1  # when it was published, not when it was asked for
+            assert b'"t_s":2.0' in bytes(found["state"].payload)
+            assert str(found["state"].encoding) == "application/json;holdfast.State.v1"
+            assert last("holdfast/*/dof/*").keys() == {"dof/x", "dof/y", "dof/z", "dof/psi"}
+            assert last("holdfast/kelp/event").keys() == {"event"}
+            assert last("holdfast/kelp/state")["state"].timestamp == found["state"].timestamp
+    assert commands == []
 
 
 def test_samples_come_in_order_and_lose_nobody(
