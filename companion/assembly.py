@@ -54,13 +54,21 @@ def levelling(config: Config) -> tuple[Levelling, Levelling] | None:
         return None
     chosen, lag_s = config.levelling, config.thrusters.lag_s
     roll, pitch = (
-        levelling_of(inertia, chosen.frequency_radps, lever_m, chosen.max_moment_nm, lag_s)
-        for inertia, lever_m in (
-            (chosen.roll_inertia, chosen.lever_m),
-            (chosen.pitch_inertia, -chosen.lever_m),
+        levelling_of(
+            inertia, chosen.frequency_radps, lever_m, chosen.max_moment_nm, lag_s, munk_m(config, along)
+        )
+        for inertia, lever_m, along in (
+            (chosen.roll_inertia, chosen.lever_m, config.sway),
+            (chosen.pitch_inertia, -chosen.lever_m, config.surge),
         )
     )
     return roll, pitch
+
+
+def munk_m(config: Config, along: Axis) -> float:
+    """Return the Munk moment that a push along a horizontal axis makes, per newton and radian of tilt, m."""
+    unequal = max(config.heave.mass - along.mass, 0.0)
+    return unequal / along.quadratic_damping if along.quadratic_damping else 0.0
 
 
 def tilt_limit(config: Config) -> TiltLimit:

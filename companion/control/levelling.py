@@ -1,6 +1,7 @@
 """Roll and pitch held level, one at a time, where the flight mode leaves them to us.
 
-    a = ω² φ + 2 ω p + 0.2 ω³ ∫φ dt            critically damped; the integral takes what is constant
+    a = c φ + 2 ω p + 0.2 ω³ ∫φ dt             critically damped; the integral takes what is constant
+    c = ω² + 2 μ |Y| / I                        stiffer by what the water turns
     b' = (a − b) / τ_f                          and so the thruster's lag is led:
     K = −I (a + (τ / τ_f − 1) (a − b)) + z Y    (1 + τ s) / (1 + τ_f s)
     M   the same for θ, q                − z X
@@ -13,12 +14,16 @@
 | ω       | frequency, as high as the delay and the guard bear   | rad/s      |
 | τ, τ_f  | the thrusters' lag, and what of it is left           | s          |
 | z       | how far below the centre of gravity X and Y push     | m          |
+| μ       | Munk moment for a radian and a newton of mean push   | m          |
 | X, Y    | forces of the horizontal thrusters, forward, right   | N          |
 | K, M    | moments: starboard down, bow up                      | N·m        |
 
 The last terms cancel what the horizontal thrusters tilt. What is left is the Munk moment (Za − Xa) u w
 (Fossen 2011, 6.3): held against a current of u, a tilt θ makes w = u θ, and the moment turns it further. For
 a Heavy it is 4 N·m/rad at 0.6 m/s and 9 at 0.85, where its weight rights it with 1.3: hence the stiffness.
+A delay lowers ω, and from 80 ms on ω² I is less than this moment: then the vehicle tips to and fro. What is
+pushed against the drag d2 u² tells the moment: μ = (m_w − m_u) / d2 times the mean push. Twice that is what
+waves then meet in a current as in still water.
 """
 
 import math
@@ -31,6 +36,12 @@ FILTER_S = 0.05
 INTEGRAL = 0.2
 DELAY_BEARS = 0.18
 """ω times the delay, rad: gain margin 2.3, phase margin 30° with a lag of 0.15 s."""
+
+STIFFNESS_BEARS = 0.5
+"""√c times the delay, rad: beyond it too little damping is left."""
+
+PUSHED_S = 1.0
+"""The mean of a push is taken over this time: a current's, not the waves'."""
 
 MIN_DELAY_S = 1e-3
 
@@ -47,6 +58,8 @@ class Levelling(NamedTuple):
     max_moment_nm: float
     lag_s: float
     """τ of the nominal thrusters."""
+    munk_m: float
+    """μ, m."""
     oscillation: oscillation.Parameters
 
 
@@ -58,18 +71,25 @@ class LevellingState(NamedTuple):
     slow: float
     """b, rad/s²; NaN before the first step."""
     oscillation: oscillation.State
+    pushed_n: float
+    """Mean of Y, or of X."""
 
 
-START = LevellingState(0.0, math.nan, oscillation.START)
-"""No integral, and no rate of change known."""
+START = LevellingState(0.0, math.nan, oscillation.START, 0.0)
+"""No integral, no rate of change known, nothing pushed."""
 
 
 def levelling_of(
-    inertia: float, frequency_radps: float, lever_m: float, max_moment_nm: float, lag_s: float
+    inertia: float,
+    frequency_radps: float,
+    lever_m: float,
+    max_moment_nm: float,
+    lag_s: float,
+    munk_m: float = 0.0,
 ) -> Levelling:
     """Return what `step` needs for roll or pitch of a vehicle whose thrusters lag by `lag_s`."""
     limits = oscillation.Parameters(max_moment_nm, oscillation.LEVELLING_SHARE * max_moment_nm)
-    return Levelling(inertia, frequency_radps, lever_m, max_moment_nm, lag_s, limits)
+    return Levelling(inertia, frequency_radps, lever_m, max_moment_nm, lag_s, munk_m, limits)
 
 
 def step(
@@ -92,10 +112,14 @@ def step(
     """
     inertia = levelling.inertia / (gain if gain > 1.0 else 1.0)
     lead = max(min(lag_s, levelling.lag_s) / FILTER_S - 1.0, 0.0)
-    omega = min(levelling.frequency_radps, DELAY_BEARS / max(delay_s, MIN_DELAY_S))
-    omega = omega * state.oscillation.gain_scale
+    frequency = levelling.frequency_radps * state.oscillation.gain_scale
+    late_s = max(delay_s, MIN_DELAY_S) / state.oscillation.gain_scale
+    omega, most = min(frequency, DELAY_BEARS / late_s), min(frequency, STIFFNESS_BEARS / late_s)
+    pushed_n = state.pushed_n + (force - state.pushed_n) * (1.0 - math.exp(-dt_s / PUSHED_S))
+    munk = 2.0 * levelling.munk_m * abs(pushed_n) / levelling.inertia
+    stiffness = min(omega * omega + munk, most * most)
     ahead = angle + delay_s * rate
-    a = omega * omega * ahead + 2.0 * omega * rate
+    a = stiffness * ahead + 2.0 * omega * rate
     slow = a if math.isnan(state.slow) else state.slow
     slow = slow + (a - slow) * (1.0 - math.exp(-dt_s / FILTER_S))
     feedback = -inertia * (a + lead * (a - slow))
@@ -105,4 +129,4 @@ def step(
     watched = state.oscillation
     if learn:
         watched = oscillation.step(levelling.oscillation, watched, feedback, dt_s, 0.0)
-    return LevellingState(integral, slow, watched), limited(moment, levelling.max_moment_nm)
+    return LevellingState(integral, slow, watched, pushed_n), limited(moment, levelling.max_moment_nm)

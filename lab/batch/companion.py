@@ -515,7 +515,7 @@ def relevelled(
 ) -> levelling.LevellingState:
     """Add to the integral the moment that a motor was believed to give (`Actuation.go_on_without`)."""
     integral = before.integral + lost_nm / axis.inertia
-    return levelling.LevellingState(integral, before.slow, before.oscillation)
+    return levelling.LevellingState(integral, before.slow, before.oscillation, before.pushed_n)
 
 
 def step(

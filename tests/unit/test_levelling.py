@@ -95,6 +95,28 @@ def test_a_late_loop_is_a_softer_one():
     assert near == pytest.approx(-0.4 * OMEGA**2 * 0.1)
 
 
+@pytest.mark.parametrize("delay_s", [0.03, 0.08, 0.105])
+def test_a_late_loop_holds_it_in_a_current_and_waves(delay_s):
+    """0.65 m/s from the side turn a tilted Heavy by 4.9 N·m/rad, its weight rights it by 1.3."""
+    both = assembly.levelling(load_config())
+    assert both is not None
+    roll, munk_nm, waves_nm = both[0], 4.9 - 1.3, 1.2
+    state, sent = START, [0.0] * (round(delay_s / TICK_S) + 1)
+    angle = rate = moment = 0.0
+    tilts = []
+    for tick in range(1000):
+        state, asked = step(roll, state, angle, rate, 54.0, delay_s, TICK_S, True, 1.0, LAG_S)
+        sent.append(asked - roll.lever_m * 54.0)
+        for _ in range(4):
+            moment += (sent[-1 - round(delay_s / TICK_S)] - moment) * 0.25 * TICK_S / LAG_S
+            turns = munk_nm * math.sin(angle) + waves_nm * math.sin(1.57 * tick * TICK_S) - 0.3 * rate
+            rate += 0.25 * TICK_S * (moment + turns) / 0.45
+            angle += 0.25 * TICK_S * rate
+        tilts.append(abs(angle))
+        assert tilts[-1] < 1.0, "it lies on its side"
+    assert math.degrees(max(tilts[500:])) < 16.0
+
+
 def test_what_tilts_it_for_good_is_found():
     one = Vehicle()
     for _ in range(50):
