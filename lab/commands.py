@@ -38,6 +38,9 @@ examples:
 """
 
 
+FIRMWARE_DIVES = ("dives", "position", "ablation", "grid", "firmware")
+
+
 def demo(argv: list[str]) -> int:
     """Dive a minute: what the pilot has today, beside Holdfast."""
     from lab.demo.demo import main
@@ -49,17 +52,17 @@ def bench(argv: list[str]) -> int:
     """Measure control errors over many vehicles and seas, and the cost of a tick."""
     parser = command_parser(
         "bench",
-        "Simulates four scenarios, without and with 80 ms more delay, with random vehicles, in "
-        "virtual time and with real MAVLink bytes: the shipped default, other laws and compensators, "
-        "ArduSub's depth hold, and the computed LQG floor. One dive takes 3 s on one core; all rows with 60 "
-        "vehicles take 5 core-hours, with --seeds 10 one hour. Then it measures the process against its "
-        "limits. Six benches run only on request: `position` holds a place and follows paths in a current, "
-        "with a DVL, beside a PID; `zenoh` measures the effect of slow, stopped and killed "
+        "Simulates four scenarios, without and with 80 ms more delay, with random vehicles, in virtual time "
+        "and with real MAVLink bytes: the shipped default, other laws and compensators, ArduSub's depth "
+        "hold, and the computed LQG floor. One dive takes 3 s on one core; all rows with 60 vehicles take 5 "
+        "core-hours, with --seeds 10 one hour. Then it measures the process against its limits. Six benches "
+        "run only on request: `position` holds a place and follows paths in a current, with a DVL, beside a "
+        "PID and ArduSub's POSHOLD and GUIDED; `zenoh` measures the effect of slow, stopped and killed "
         "subscribers on the tick, in six minutes; `ablation` removes one part of the controller at a time, "
         "and compares the network with the observer; `network` compares learners on each axis, in the full "
-        "loop; `grid` dives vehicles of a third to three times the nominal gain, with other lags and delays, "
-        "and lists limit cycles; `firmware` compares our simulator with the real ArduSub, for the default "
-        "and for ALT_HOLD.",
+        "loop; `grid` dives vehicles of a third to three times the nominal gain, with other lags and "
+        "delays, and lists limit cycles; `firmware` compares our simulator with the real ArduSub, for the "
+        "default and for ALT_HOLD.",
         BENCH_EXAMPLES,
     )
     parser.add_argument(
@@ -109,8 +112,8 @@ def bench(argv: list[str]) -> int:
     )
     add_firmware(parser)
     arguments = parser.parse_args(argv)
-    if arguments.firmware is not None and arguments.what not in ("dives", "ablation", "grid", "firmware"):
-        parser.error("--firmware goes with dives, ablation, grid or firmware")
+    if arguments.firmware is not None and arguments.what not in FIRMWARE_DIVES:
+        parser.error(f"--firmware goes with {', '.join(FIRMWARE_DIVES)}")
     if arguments.table and arguments.what in ("process", "zenoh"):
         parser.error(f"--table has a row for each dive, and `{arguments.what}` dives none; use --json")
     if arguments.what == "firmware" and arguments.firmware is None:

@@ -1,14 +1,16 @@
 """How well a place is held and a path followed, by whom: courses in the full loop, with a DVL.
 
-The rival steers surge and sway in Holdfast's place, between the same estimator and the same allocation. All
-dive the same vehicles, seas and noise. An error is true − reference, at the same time; that of the position
-estimate (a DVL drifts) is part of it and is told beside it.
+The PID steers surge and sway in Holdfast's place, between the same estimator and the same allocation; ArduSub
+itself holds a place in POSHOLD and follows a path in GUIDED. All dive the same vehicles, seas and noise. An
+error is true − reference, at the same time; that of the position estimate (a DVL drifts) is part of it and is
+told beside it. POSHOLD is told no place: its reference is the mean of where it was, which favours it.
 """
 
 import math
 import tomllib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +21,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from companion.config import Config, load_config
 from companion.control.bounds import wrap
 from companion.engine import Engine
+from companion.guidance import course as guidance_course
 from companion.guidance.paths.shapes import build
 from companion.guidance.paths.time_law import limits
 from companion.records import PSI, Array, Request, Setpoint, State, X, Y, Z
@@ -26,11 +29,15 @@ from companion.telemetry.plan import Circle, Lemniscate, PathPlan
 from lab.bench.bench import FIRST_SEED
 from lab.bench.rows import DEFAULT, Row, values_of
 from lab.loop.dive import PHI, THETA, TRUE_PSI
-from lab.loop.lockstep import Link, Lockstep, Step
+from lab.loop.firmware import vehicle_of
+from lab.loop.lockstep import Link, Lockstep, Step, SteppedVehicle
 from lab.loop.scenarios import ensemble
 from lab.pool import worker_pool
+from lab.rivals import poshold
+from lab.rivals.alt_hold import TICK_S
 from sim_bridge.config import SimConfig
 from sim_bridge.fault_kinds import Fault
+from sim_bridge.physics.thrusters import HEALTHY, each_motor, static_thrust, thrusters_of, wrench
 from sim_bridge.vehicle import Vehicle
 
 TUNED_FILE = Path(__file__).with_name("position.toml")
@@ -40,6 +47,10 @@ START_S, LASTS_S = 25.0, 60.0
 
 SETTLES_S = 10.0
 """After a thruster died its drift is not counted for so long, as in `lab.faults.thrusters`."""
+
+LINK = Link()
+FULL_US = 399.0
+"""A motor whose PWM is so far from neutral gives all it has."""
 
 SURVEYOR = 2
 """The link of whoever sets the EKF's origin."""
@@ -103,6 +114,7 @@ COURSES = (
     Course("thruster", "place, 0.3 m/s, motor 1 dies", 0.3, turn_deg_s=3.0, dead=1),
 )
 
+_AUTOPILOT = {"PSC_POSXY_P": 1.0, "PSC_VELXY_P": 2.0, "PSC_VELXY_I": 1.0, "PSC_VELXY_FLTE": 5.0}
 _PID = {"laws.ppi.k_p": 1.5, "laws.ppi.k_v": 4.0, "laws.ppi.k_i": 2.0}
 _PID_STEERS = (
     "laws.ppi.module='lab.rivals.ppi'",
@@ -111,6 +123,8 @@ _PID_STEERS = (
 ROWS = (
     Row(DEFAULT, "Holdfast", "companion", {}),
     Row("pid", "PID", "companion", _PID, _PID_STEERS),
+    Row("poshold_stock", "ArduSub, stock", "autopilot", {}),
+    Row("poshold", "ArduSub, tuned", "autopilot", _AUTOPILOT),
 )
 """A P-PI is a PID with P = m (k_v k_p + k_i), I = m k_i k_p, D = m k_v."""
 
@@ -157,22 +171,99 @@ class Run:
     track: Track = field(repr=False)
 
 
-def sail(course: Course, config: Config, base: SimConfig, seed: int, lasts_s: float = LASTS_S) -> Track:
-    """Dive a course with the companion's real engine."""
+def sail(
+    row: Row,
+    course: Course,
+    values: Mapping[str, float],
+    base: SimConfig,
+    seed: int,
+    *,
+    settings: Sequence[str] = (),
+    lasts_s: float = LASTS_S,
+    link: Link = LINK,
+    firmware: Path | None = None,
+) -> Track:
+    """Dive a course: what steers is the companion's real engine, or the autopilot alone.
+
+    The real `firmware` takes the place of our stand-in.
+    """
+    config = load_config(overrides=[*settings, *row.overrides(values)])
+    alone = row.steers == "autopilot"
+    plant = course.plant(base, seed)
+    plant = replace(plant, parameters=plant.parameters | (dict(values) if alone else {}))
+    with vehicle_of(plant, seed, firmware) as vehicle:
+        if course.dead:
+            vehicle.inject(Fault(kind="thruster", at_s=START_S, thruster=course.dead))
+        if isinstance(vehicle, Vehicle):
+            origin = mavlink.MAVLink_set_gps_global_origin_message(1, 473977418, 85455939, 0)
+            vehicle.open_link(SURVEYOR)
+            sender = mavlink.MAVLink(None, 255, mavlink.MAV_COMP_ID_MISSIONPLANNER)
+            vehicle.step([(SURVEYOR, origin.pack(sender))])
+        if alone:
+            return _by_autopilot(vehicle, course, config, plant, seed, lasts_s, link)
+        return _by_companion(vehicle, course, config, seed, lasts_s, link)
+
+
+def _by_companion(
+    vehicle: SteppedVehicle, course: Course, config: Config, seed: int, lasts_s: float, link: Link
+) -> Track:
     engine = Engine(config, Setpoint((0.0, 0.0, DEPTH_M, 0.0)), arm=True)
-    vehicle = Vehicle(course.plant(base, seed), seed)
-    if course.dead:
-        vehicle.inject(Fault(kind="thruster", at_s=START_S, thruster=course.dead))
-    origin = mavlink.MAVLink_set_gps_global_origin_message(1, 473977418, 85455939, 0)
-    vehicle.open_link(SURVEYOR)
-    vehicle.step([(SURVEYOR, origin.pack(mavlink.MAVLink(None, 255, mavlink.MAV_COMP_ID_MISSIONPLANNER)))])
-    loop = Lockstep(vehicle, engine, Link(), seed, config.loop.rate_hz)
+    loop = Lockstep(vehicle, engine, link, seed, config.loop.rate_hz)
     loop.requests = [Request.ENGAGE]
     for _ in loop.run(START_S):
         pass
     if course.plan is not None:
         engine.guide(build(course.plan, limits(config)))
     return recorded(list(loop.run(lasts_s)))
+
+
+def _by_autopilot(
+    vehicle: SteppedVehicle,
+    course: Course,
+    config: Config,
+    plant: SimConfig,
+    seed: int,
+    lasts_s: float,
+    link: Link,
+) -> Track:
+    path = None if course.plan is None else _timed(course.plan, config)
+    found = list(poshold.truths(vehicle, link, seed, START_S + lasts_s, path))[round(START_S / TICK_S) :]
+    eta = np.array([truth.eta for truth in found])
+    truth = eta[:, [X, Y, Z, TRUE_PSI]]
+    if path is None:
+        reference = np.tile(truth.mean(0), (len(truth), 1))
+    else:
+        reference = np.array([path(one.t_s).eta_d for one in found])
+    nominal = thrusters_of(plant.thrusters)
+    pushes = [static_thrust(nominal, HEALTHY, each_motor(one.motor_pwm), one.voltage_v) for one in found]
+    pwm = np.array([one.motor_pwm for one in found])
+    return Track(
+        reference,
+        truth,
+        np.full((len(truth), 2), math.nan),
+        _tilt(eta),
+        np.array([wrench(nominal, push)[:2] for push in pushes]),
+        np.abs(pwm - 1500.0).max(1) > FULL_US,
+        held=all(one.armed and one.mode == found[0].mode for one in found),
+    )
+
+
+def _timed(plan: PathPlan, config: Config) -> Callable[[float], Setpoint]:
+    """Return where a path at its full pace is at a time from boot; it begins at START_S."""
+    start = (0.0, 0.0, DEPTH_M, 0.0)
+    course = guidance_course.Course(
+        limits(config), plan.speed_mps, plan.acceleration_mps2, path=build(plan, limits(config))
+    )
+    course.begin(start)
+    passed = [Setpoint(start)]
+
+    def at(t_s: float) -> Setpoint:
+        ticks = max(round((t_s - START_S) / TICK_S), 0)
+        while len(passed) <= ticks:
+            passed.append(course.step(1.0, TICK_S))
+        return passed[ticks]
+
+    return at
 
 
 def recorded(steps: Sequence[Step]) -> Track:
@@ -182,7 +273,7 @@ def recorded(steps: Sequence[Step]) -> Track:
         reference=np.array([step.sample.eta_d for step in steps]),
         truth=eta[:, [X, Y, Z, TRUE_PSI]],
         believed=np.array([step.sample.state.eta[:2] for step in steps]),
-        tilt=np.arccos(np.cos(eta[:, PHI]) * np.cos(eta[:, THETA])),
+        tilt=_tilt(eta),
         force=np.array([step.sample.delivered.tau[:2] for step in steps]),
         saturated=np.array([any(step.sample.dofs.saturated) for step in steps]),
         held=all(step.sample.verdict.state is State.ACTIVE for step in steps),
@@ -196,19 +287,13 @@ def measure(
     courses: Sequence[Course],
     seeds: int,
     done: Callable[[], None],
+    firmware: Path | None = None,
 ) -> list[Run]:
     """Dive every course with every row and `seeds` vehicles on all cores; call `done` after each dive."""
-    found = tuned()
-    configs = [load_config(overrides=[*settings, *row.overrides(values_of(row, found))]) for row in rows]
-    jobs = [
-        (row.name, config, course, base, FIRST_SEED + seed)
-        for course in courses
-        for row, config in zip(rows, configs, strict=True)
-        for seed in range(seeds)
-    ]
+    jobs = [(row, course, FIRST_SEED + seed) for course in courses for row in rows for seed in range(seeds)]
     runs = []
     with worker_pool() as pool:
-        for run in pool.map(_run, jobs):
+        for run in pool.map(partial(_run, settings, base, firmware), jobs):
             runs.append(run)
             done()
     return runs
@@ -220,11 +305,19 @@ def tuned(path: Path = TUNED_FILE) -> dict[str, dict[str, float]]:
     return found
 
 
-def _run(job: tuple[str, Config, Course, SimConfig, int]) -> Run:
-    row, config, course, base, seed = job
-    track = sail(course, config, base, seed)
-    since = round(SETTLES_S * config.loop.rate_hz) if course.dead else 0
-    return Run(row, course.name, seed, track.held, track.figures(since), track)
+def _run(
+    settings: Sequence[str], base: SimConfig, firmware: Path | None, job: tuple[Row, Course, int]
+) -> Run:
+    row, course, seed = job
+    values = values_of(row, tuned())
+    track = sail(row, course, values, base, seed, settings=settings, firmware=firmware)
+    since = round(SETTLES_S / TICK_S) if course.dead else 0
+    return Run(row.name, course.name, seed, track.held, track.figures(since), track)
+
+
+def _tilt(eta: Array) -> Array:
+    tilt: Array = np.arccos(np.cos(eta[:, PHI]) * np.cos(eta[:, THETA]))
+    return tilt
 
 
 def _rms(x: Array) -> float:

@@ -14,7 +14,7 @@ from rich.table import Table
 
 from lab.bench.position import COURSES, FIGURES, ROWS, Course, Run, measure
 from lab.bench.rows import Row
-from lab.style import BLACK, BLUE, PRINTED, SMALL, VERMILLION
+from lab.style import BLACK, BLUE, GREEN, ORANGE, PRINTED, SMALL, VERMILLION
 from sim_bridge.config import SimConfig
 
 COLUMNS = {
@@ -27,7 +27,12 @@ COLUMNS = {
     "saturated_percent": ("saturated\n%", ".0f"),
     "chatter_n": ("chatter\nN/tick", ".2f"),
 }
-LOOKS = {"default": (BLUE, "-"), "pid": (VERMILLION, "-.")}
+LOOKS = {
+    "default": (BLUE, "-"),
+    "pid": (VERMILLION, "-."),
+    "poshold": (GREEN, "--"),
+    "poshold_stock": (ORANGE, ":"),
+}
 SEEN_EVERY = 5
 
 
@@ -55,12 +60,13 @@ def report(
     courses: Sequence[Course],
     seeds: int,
     out: Path,
+    firmware: Path | None = None,
 ) -> list[dict[str, Any]]:
     """Dive, print a table a course, draw; return flat records, one a dive."""
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console) as progress:
         task = progress.add_task("diving", total=len(rows) * len(courses) * seeds)
-        runs = measure(settings, base, rows, courses, seeds, lambda: progress.advance(task))
+        runs = measure(settings, base, rows, courses, seeds, lambda: progress.advance(task), firmware)
     for course in courses:
         console.print(_table(course, rows, [run for run in runs if run.course == course.name]))
     console.print(f"plot: {draw(runs, courses, out)}", soft_wrap=True)

@@ -181,7 +181,7 @@ def _position(console: Console, plant: SimConfig, arguments: argparse.Namespace)
         sys.stderr.write(f"holdfast bench: {error}\n")
         return 2
     found = position_report.report(
-        console, plant, arguments.set, rows, courses, arguments.seeds, arguments.out
+        console, plant, arguments.set, rows, courses, arguments.seeds, arguments.out, arguments.firmware
     )
     _write(arguments, found, found)
     return 0 if all(run["held"] for run in found) else 1

@@ -5,7 +5,7 @@ moves the target by SET_POSITION_TARGET_GLOBAL_INT at 50 Hz and rests its sticks
 the depth loop itself runs on board at the vehicle's step, with the EKF's depth and no link in between.
 """
 
-from collections.abc import Generator, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +15,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from companion.records import PSI, Z
 from lab.loop.dive import TRUE_PSI, Dive, recorded
 from lab.loop.firmware import vehicle_of
-from lab.loop.lockstep import COMPANION_LINK, Link, Wire
+from lab.loop.lockstep import COMPANION_LINK, Link, SteppedVehicle, Wire
 from lab.loop.scenarios import Scenario
 from sim_bridge.config import SimConfig
 from sim_bridge.firmware.modes import ALT_HOLD, STABILIZE
@@ -42,27 +42,32 @@ class GroundStation:
     def step(self, tick: int, depth_m: float) -> Iterator[bytes]:
         """Give the datagrams of one tick; `depth_m` is where the vehicle has to be."""
         t_s = tick * TICK_S
-        if tick % 50 == 0:
-            yield self._pack(mavlink.MAVLink_heartbeat_message(mavlink.MAV_TYPE_GCS, 8, 0, 0, 4, 3))
-            yield self._pack(mavlink.MAVLink_manual_control_message(VEHICLE, 0, 0, 500, 0, 0))
-        if tick == round(ARM_S / TICK_S):
-            yield self._command(mavlink.MAV_CMD_DO_SET_MODE, 1.0, STABILIZE)
-            yield self._command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1.0, 0.0)
-        if tick == round(HOLD_S / TICK_S):
-            yield self._command(mavlink.MAV_CMD_DO_SET_MODE, 1.0, self._hold)
+        yield from self.enter(tick)
         if t_s > HOLD_S:
-            yield self._pack(
+            yield self.pack(
                 mavlink.MAVLink_set_position_target_global_int_message(
                     round(t_s * 1e3), VEHICLE, 1, FRAME, Z_ONLY, 0, 0, -depth_m, 0, 0, 0, 0, 0, 0, 0, 0
                 )
             )
 
+    def enter(self, tick: int) -> Iterator[bytes]:
+        """Give heartbeats, resting sticks, arming at ARM_S, and the mode at HOLD_S."""
+        if tick % 50 == 0:
+            yield self.pack(mavlink.MAVLink_heartbeat_message(mavlink.MAV_TYPE_GCS, 8, 0, 0, 4, 3))
+            yield self.pack(mavlink.MAVLink_manual_control_message(VEHICLE, 0, 0, 500, 0, 0))
+        if tick == round(ARM_S / TICK_S):
+            yield self._command(mavlink.MAV_CMD_DO_SET_MODE, 1.0, STABILIZE)
+            yield self._command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1.0, 0.0)
+        if tick == round(HOLD_S / TICK_S):
+            yield self._command(mavlink.MAV_CMD_DO_SET_MODE, 1.0, self._hold)
+
     def _command(self, command: int, first: float, second: float) -> bytes:
-        return self._pack(
+        return self.pack(
             mavlink.MAVLink_command_long_message(VEHICLE, 1, command, 0, first, second, 0, 0, 0, 0, 0)
         )
 
-    def _pack(self, message: mavlink.MAVLink_message) -> bytes:
+    def pack(self, message: mavlink.MAVLink_message) -> bytes:
+        """Return a message's bytes."""
         data: bytes = message.pack(self._mavlink)
         self._mavlink.seq = (self._mavlink.seq + 1) % 256
         return data
@@ -107,16 +112,33 @@ def truths(
     """
     config = scenario.plant(plant, scenario.seed)
     config = replace(config, parameters=config.parameters | parameters)
-    station, wire, last_s = GroundStation(), Wire(), 0.0
-    jitter = np.random.default_rng(scenario.seed)
+    station = GroundStation()
     with vehicle_of(config, scenario.seed, firmware) as vehicle:
-        vehicle.open_link(COMPANION_LINK)
-        for tick in range(round(scenario.duration_s / TICK_S)):
-            now_s = vehicle.time_s
-            for data in station.step(tick, scenario.target(now_s).eta_d[Z]):
-                delay_s = link.down_s + link.extra_s(now_s) + jitter.uniform(0.0, link.jitter_s)
-                last_s = max(last_s, now_s + delay_s)
-                wire.put(last_s, data)
-            for _ in range(round(TICK_S / vehicle.step_s)):
-                vehicle.step([(COMPANION_LINK, data) for _, data in wire.arrived(vehicle.time_s)])
-            yield vehicle.truth()
+        yield from steered(
+            vehicle,
+            link,
+            scenario.seed,
+            scenario.duration_s,
+            lambda tick: station.step(tick, scenario.target(vehicle.time_s).eta_d[Z]),
+        )
+
+
+def steered(
+    vehicle: SteppedVehicle,
+    link: Link,
+    seed: int,
+    duration_s: float,
+    say: Callable[[int], Iterable[bytes]],
+) -> Iterator[Truth]:
+    """Give the truth after each tick of a vehicle to which a ground station says what `say` returns."""
+    wire, last_s, jitter = Wire(), 0.0, np.random.default_rng(seed)
+    vehicle.open_link(COMPANION_LINK)
+    for tick in range(round(duration_s / TICK_S)):
+        now_s = vehicle.time_s
+        for data in say(tick):
+            delay_s = link.down_s + link.extra_s(now_s) + jitter.uniform(0.0, link.jitter_s)
+            last_s = max(last_s, now_s + delay_s)
+            wire.put(last_s, data)
+        for _ in range(round(TICK_S / vehicle.step_s)):
+            vehicle.step([(COMPANION_LINK, data) for _, data in wire.arrived(vehicle.time_s)])
+        yield vehicle.truth()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from companion.config import load_config
-from lab.bench.position import COURSES, ROWS, Run, Track, tuned
+from lab.bench.position import COURSES, ROWS, Run, Track, sail, tuned
 from lab.bench.position_report import chosen, draw, sailed
 from lab.bench.rows import values_of
 from sim_bridge.commands import DEFAULT_CONFIG
@@ -48,6 +48,22 @@ def test_every_course_dives_another_vehicle_for_another_seed():
         assert one.thrusters.gain != two.thrusters.gain
         assert one.sensors.dvl
         assert one.current.speed_m_s == course.current_m_s
+
+
+def test_ardusub_goes_after_the_path_in_guided_and_stays_in_poshold():
+    """It is late and drifts, but it goes where it is told: not another way round, and not away."""
+    stock = next(row for row in ROWS if row.name == "poshold_stock")
+    place, eight = COURSES[:2]
+    base = load_plant(DEFAULT_CONFIG)
+    held = sail(stock, place, {}, base, 1, lasts_s=1.0)
+    followed = sail(stock, eight, {}, base, 1, lasts_s=8.0)
+    assert held.held
+    assert followed.held
+    assert np.ptp(held.reference, axis=0).max() == 0.0
+    moved = followed.reference[-1] - followed.reference[0]
+    assert np.hypot(*moved[:2]) > 0.4
+    assert 0.05 < followed.figures()["place_rms_mm"] / 1e3 < 0.6
+    assert math.isnan(followed.figures()["believed_rms_mm"])
 
 
 def test_unknown_names_are_refused():
