@@ -391,7 +391,7 @@ def schema(argv: list[str]) -> int:
         "--write", action="store_true", help="update docs/telemetry.md and docs/schemas/ in a checkout"
     )
     arguments = parser.parse_args(argv)
-    from companion.telemetry.documents import page, write
+    from companion.documents import page, write
 
     if not arguments.write:
         sys.stdout.write(page())

@@ -25,6 +25,7 @@ from companion.telemetry.words import means
 
 ENDPOINT = "tcp/127.0.0.1:7447"  # where Zenoh is looked for, and listened on where nobody does
 NEVER_S = 1e6
+TRUTH_ENCODING = "application/json;holdfast.sim.Truth.v1"
 CONFIG_ENCODING = "application/json;holdfast.Config.v1"
 BATCHES = {"real_time": 16, "data": 16}
 """Batches of 64 kB that may wait for each subscriber, by Zenoh's priority: its most. With its own 2, each
@@ -237,6 +238,29 @@ class Raw(msgspec.Struct, frozen=True, kw_only=True):
         None
     )
     start: Annotated[Start | None, means("what the engine was built from, with the first tick only")] = None
+
+
+Six = tuple[float, float, float, float, float, float]
+
+
+class Truth(msgspec.Struct, frozen=True, kw_only=True):
+    """What really happens to a simulated vehicle; no companion reads it.
+
+    NED, body x forward, y right, z down; forces in N, moments in N·m, angles in rad.
+    """
+
+    t_s: Annotated[float, means("the vehicle's clock since the simulator's start")]
+    eta: Annotated[Six, means("x, y, z in m, and roll, pitch, yaw")]
+    nu: Annotated[Six, means("velocities in the body frame, m/s and rad/s")]
+    nu_dot: Annotated[Six, means("their rates")]
+    thrust_n: Annotated[tuple[float, ...], means("of each thruster, along its direction")]
+    tau: Annotated[Six, means("wrench of the thrusters, in the body frame")]
+    disturbance: Annotated[Six, means("all other forces in NED, and moments in the body frame")]
+    motor_pwm: Annotated[tuple[int, ...], means("what each motor gets, µs")]
+    armed: Annotated[bool, means("the motors may turn")]
+    mode: Annotated[int, means("ArduSub's custom_mode")]
+    load_on: Annotated[bool, means("the load of the dive's file hangs on the vehicle")]
+    voltage_v: Annotated[float, means("of the battery")]
 
 
 class Event(Record, frozen=True, kw_only=True):

@@ -14,12 +14,14 @@ def schema_of(encoding: str, payload: bytes) -> tuple[str, bytes]:
     """Return name and JSON Schema of what is published with `encoding`.
 
     That of the telemetry's own record where the encoding names one, and otherwise what the payload shows.
-    Raises ValueError for a payload that is no JSON object.
+    Raises ValueError for a payload that is neither of these nor a JSON object.
     """
     name = encoding.partition(";")[2]
-    record = getattr(telemetry, name.removeprefix("holdfast.").rpartition(".v")[0], None)
+    record = getattr(telemetry, name.rpartition(".v")[0].rpartition(".")[2], None)
     if isinstance(record, type) and issubclass(record, msgspec.Struct):
         return name, msgspec.json.encode(plain(msgspec.json.schema(record)))
+    if "json" not in encoding:
+        raise ValueError(f"{encoding} is no JSON")
     try:
         example = msgspec.json.decode(payload)
     except (msgspec.DecodeError, UnicodeDecodeError) as error:

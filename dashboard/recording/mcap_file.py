@@ -139,10 +139,11 @@ class Recording:
 
     def _channel(self, item: Item) -> int:
         try:
-            schema = schema_of(item.encoding, item.payload) if "json" in item.encoding else None
+            schema = schema_of(item.encoding, item.payload)
         except ValueError:
             schema = None
-        encoding = "json" if schema else item.encoding.partition(";")[0].rpartition("/")[2] or "bytes"
+        written = item.encoding.partition(";")[0].rpartition("/")[2] or "bytes"
+        encoding = "json" if schema and "json" in item.encoding else written
         number = 0
         if schema:
             number = self._schemas.get(schema) or self._writer.register_schema(

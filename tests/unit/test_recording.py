@@ -94,7 +94,9 @@ def test_no_chunk_is_larger_than_64_kb(written: Path) -> None:
     assert max(sizes) <= 64_000
 
 
-@pytest.mark.parametrize("name", ["State", "Dof", "Command", "Supervisor", "Loop", "Event", "Recorder"])
+@pytest.mark.parametrize(
+    "name", ["State", "Dof", "Command", "Supervisor", "Loop", "Event", "Recorder", "Plan"]
+)
 def test_foxglove_understands_every_schema(name: str) -> None:
     said, schema = schema_of(f"application/json;holdfast.{name}.v1", b"")
     assert said == f"holdfast.{name}.v1"
@@ -102,10 +104,32 @@ def test_foxglove_understands_every_schema(name: str) -> None:
     assert {"t_s", "boot_s"} <= json.loads(schema)["properties"].keys()
 
 
+def test_truth_and_raw_ticks_have_a_schema_in_the_file(tmp_path: Path) -> None:
+    raw = telemetry.Raw(tick=1, now_s=1.0, heard=[(1, b"a")], out=[b"b"])
+    recording = Recording(tmp_path / "a.mcap")
+    recording.add(Item("holdfast/kelp/raw", telemetry.raw_key("kelp")[1], msgspec.msgpack.encode(raw), 1, 1))
+    recording.add(Item("sim/kelp/truth", telemetry.TRUTH_ENCODING, b'{"t_s": 1.0}', 2, 2))
+    recording.close()
+    with (tmp_path / "a.mcap").open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    found = {
+        channel.topic: (channel.message_encoding, summary.schemas[channel.schema_id])
+        for channel in summary.channels.values()
+    }
+    encoding, schema = found["holdfast/kelp/raw"]
+    assert (encoding, schema.name) == ("msgpack", "holdfast.Raw.v1")
+    assert {"in", "out", "tick"} <= json.loads(schema.data)["properties"].keys()
+    encoding, schema = found["sim/kelp/truth"]
+    assert (encoding, schema.name) == ("json", "holdfast.sim.Truth.v1")
+    plotted(json.loads(schema.data))
+    assert json.loads(schema.data)["properties"]["eta"]["items"]["type"] == "number"
+
+
 def test_a_stranger_s_object_gets_the_schema_it_shows() -> None:
     payload = b'{"t_s": 1.5, "eta": [1.0, 2], "armed": true, "mode": 19, "who": "x", "in": {"a": []}}'
-    name, schema = schema_of("application/json;holdfast.sim.Truth.v1", payload)
-    assert name == "holdfast.sim.Truth.v1"
+    name, schema = schema_of("application/json;somebody.Else.v1", payload)
+    assert name == "somebody.Else.v1"
     plotted(json.loads(schema))
     assert json.loads(schema)["properties"]["eta"] == {"type": "array", "items": {"type": "number"}}
 

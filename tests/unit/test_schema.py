@@ -3,11 +3,18 @@
 import json
 from collections.abc import Callable
 
+import msgspec
+
+from companion import documents as schema
 from companion.commands import schema as command
+from companion.config import Config
 from companion.records import ControlSample
-from companion.telemetry import documents as schema
 from companion.telemetry import samples
 from companion.telemetry import schemas as telemetry
+from sim_bridge.commands import DEFAULT_CONFIG
+from sim_bridge.config import load_config
+from sim_bridge.vehicle import Vehicle
+from sim_bridge.zenoh_link import SCHEMA, encode
 
 
 def test_the_page_is_not_stale() -> None:
@@ -38,6 +45,19 @@ def test_what_is_published_follows_its_schema(make_sample: Callable[..., Control
         assert published.keys() == properties.keys(), key
         for field, value in published.items():
             assert type(value) is types[properties[field]["type"]], f"{key}: {field}"
+
+
+def test_what_the_simulator_publishes_follows_our_schema_of_it() -> None:
+    truth = Vehicle(load_config(DEFAULT_CONFIG), 1).truth()
+    msgspec.json.decode(encode(truth), type=telemetry.Truth)
+    assert json.loads(encode(truth)).keys() == set(telemetry.Truth.__struct_fields__)
+    assert telemetry.TRUTH_ENCODING == SCHEMA
+
+
+def test_the_configuration_has_a_schema_with_its_ranges() -> None:
+    parts = json.loads(schema.schemas()["Config.json"])["$defs"]
+    assert set(parts["Config"]["properties"]) == set(Config.__struct_fields__)
+    assert parts["LoopSection"]["properties"]["rate_hz"]["maximum"] == 200.0
 
 
 def test_it_is_printed(capsys: object) -> None:

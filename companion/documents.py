@@ -9,11 +9,12 @@ from typing import Any
 
 import msgspec
 
+from companion.config import Config
 from companion.telemetry import schemas as telemetry
 from companion.telemetry.commands import COMMANDS, RECORDER_COMMANDS
-from companion.telemetry.schemas import Choices, Raw, Reply
+from companion.telemetry.schemas import Choices, Raw, Reply, Truth
 
-DOCS = Path(__file__).parents[2] / "docs"
+DOCS = Path(__file__).parents[1] / "docs"
 PAGE = DOCS / "telemetry.md"
 MARK = "<!-- made by `holdfast schema --write`; write nothing below -->\n"
 
@@ -21,6 +22,10 @@ RATES = {
     "event": "when something happens",
     "recorder": "1 Hz, by `holdfast record`",
     "plan": "when it changes, and every 5 s",
+}
+ENCODINGS: dict[type[msgspec.Struct], str] = {
+    Raw: "application/msgpack;holdfast.Raw.v1",
+    Truth: telemetry.TRUTH_ENCODING,
 }
 UNITS = {
     "m": "m",
@@ -41,7 +46,8 @@ UNITS = {
 
 def schemas() -> dict[str, bytes]:
     """Return every JSON Schema by file name."""
-    records = {*telemetry.EVERY_TICK.values(), *telemetry.NOW_AND_THEN.values(), Choices, Reply}
+    published = {*telemetry.EVERY_TICK.values(), *telemetry.NOW_AND_THEN.values(), Raw, Truth}
+    records: set[type[msgspec.Struct]] = {*published, Choices, Config, Reply}
     named: dict[str, type[msgspec.Struct]] = {record.__name__: record for record in records}
     named |= {f"command.{name}": command for name, command in (COMMANDS | RECORDER_COMMANDS).items()}
     return {f"{name}.json": _schema(name, struct) for name, struct in sorted(named.items())}
@@ -70,9 +76,10 @@ def write() -> list[Path]:
 
 def _schema(name: str, struct: type[msgspec.Struct]) -> bytes:
     schema = msgspec.json.schema(struct)
-    for field in schema["$defs"][struct.__name__]["properties"].values():
-        if field.get("type") == "number":  # typing keeps one of two equal types: its 0 may be ours
-            field.update((key, float(field[key])) for key in ("minimum", "maximum") if key in field)
+    for part in schema["$defs"].values():
+        for field in part.get("properties", {}).values():
+            if field.get("type") == "number":  # typing keeps one of two equal types: its 0 may be ours
+                field.update((key, float(field[key])) for key in ("minimum", "maximum") if key in field)
     root = {"$schema": "https://json-schema.org/draft/2020-12/schema", "$id": f"holdfast.{name}.v1"}
     return msgspec.json.format(msgspec.json.encode(root | schema)) + b"\n"
 
@@ -86,22 +93,26 @@ def _lines() -> Iterator[str]:
         yield f"| `holdfast/{{vehicle}}/{tail}` | {_link(record)} | {rate} | {_first(record)} |"
     raw = "every tick, only with `telemetry.raw`"
     yield f"| `holdfast/{{vehicle}}/raw` | {_link(Raw)} | {raw} | {_first(Raw)} |"
+    truth = "50 Hz, by `holdfast sim`"
+    yield f"| `sim/{{vehicle}}/truth` | {_link(Truth)} | {truth} | {_first(Truth)} |"
     alive = "`holdfast/{vehicle}/alive/{instance}`"
     yield f"| {alive} | liveliness token | | exists while the companion runs |"
     every: list[type[msgspec.Struct]] = [
         *telemetry.EVERY_TICK.values(),
         *telemetry.NOW_AND_THEN.values(),
         Raw,
+        Truth,
     ]
     structs: dict[type[msgspec.Struct], None] = dict.fromkeys(every)
     for struct in structs:
         yield f"\n### {struct.__name__}\n"
-        what = "application/msgpack;holdfast.Raw.v1" if struct is Raw else telemetry.encoding(struct)
+        what = ENCODINGS.get(struct) or telemetry.encoding(struct)
         yield f"{_words(struct)}\n\nEncoding `{what}`.\n"
         yield from _table(struct)
     yield "\n## Answered\n"
     yield "A query for `holdfast/{vehicle}/config` returns the configuration in force, a JSON object with the"
-    yield "sections of `config/companion.toml`; a query for `holdfast/{vehicle}/choices` returns Choices."
+    yield "sections of `config/companion.toml` ([schema](schemas/Config.json)); a query for"
+    yield "`holdfast/{vehicle}/choices` returns Choices; a query for a published key returns its last sample."
     yield f"\n### Choices\n\n{_words(Choices)}\n"
     yield from _table(Choices)
     yield "\n## Commands\n"
@@ -133,6 +144,9 @@ def _type(field: Mapping[str, Any]) -> str:
     kind = str(field.get("type", "any"))
     if kind == "array" and isinstance(field.get("items"), dict):
         kind = f"array of {_type(field['items'])}"
+    each = [_type(item) for item in field.get("prefixItems", ())]
+    if len(set(each)) == 1:
+        kind = f"array of {len(each)} {each[0]}"
     signs = (("minimum", "≥"), ("exclusiveMinimum", ">"), ("maximum", "≤"), ("exclusiveMaximum", "<"))
     limits = ", ".join(f"{sign} {field[key]:g}" for key, sign in signs if key in field)
     return f"{kind}, {limits}" if limits else kind
