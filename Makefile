@@ -4,6 +4,7 @@ PYTHONS := python3 python3.13 python3.12 python3.11
 BIN := .venv/bin
 STAMP := .venv/.installed
 DEMO := .venv/.installed-demo
+DOCS := .venv/.installed-docs
 CLIENTS := build/clients
 WHEELS := build/wheels
 PIP := python -m pip install --quiet --disable-pip-version-check --no-deps
@@ -11,7 +12,7 @@ INSTALL := $(BIN)/$(PIP)
 COMPILE := uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --no-annotate
 
 .DEFAULT_GOAL := help
-.PHONY: help demo quick test check coverage clients wheel lock clean
+.PHONY: help demo quick test check coverage clients docs wheel lock clean
 
 help:  ## list what there is
 	@sed -n 's/^\([a-z]*\):.*## \(.*\)/  make \1	\2/p' Makefile | expand -t 18
@@ -38,6 +39,9 @@ coverage: $(STAMP)  ## which branches of companion/ the tests in virtual time ta
 
 clients: $(CLIENTS)/.installed  ## other people's ground stations, which tests/live connects to the simulator
 
+docs: $(DOCS)  ## the documents as a site, build/site/index.html; a broken link is an error
+	$(BIN)/sphinx-build -nW --keep-going -q docs build/site
+
 wheel: $(STAMP)  ## build dist/*.whl, try it in a venv of its own, and there without what extras bring
 	rm -rf dist build/wheel
 	$(BIN)/python -m hatchling build -t wheel
@@ -55,6 +59,7 @@ lock:  ## refresh what is missing in the locks, of all platforms, with hashes (n
 	$(COMPILE) pyproject.toml --extra dashboard --extra keys -c requirements-dev.lock -o requirements.lock
 	printf '%s\n' 'hatchling>=1.27' 'editables>=0.5' | \
 	    $(COMPILE) pyproject.toml - --extra demo -c requirements-dev.lock -o requirements-demo.lock
+	$(COMPILE) pyproject.toml --extra docs --extra parquet -c requirements-dev.lock -o requirements-docs.lock
 	printf '%s\n' mavproxy mavsdk pyserial | $(COMPILE) --no-deps - -o requirements-clients.lock
 
 clean:  ## remove .venv, caches and out/
@@ -82,6 +87,10 @@ $(DEMO): pyproject.toml requirements-demo.lock
 $(STAMP): pyproject.toml requirements-dev.lock
 	$(call set_up,requirements-dev.lock)
 	@touch $@ $(DEMO)
+
+$(DOCS): $(STAMP) requirements-docs.lock
+	$(INSTALL) --require-hashes --only-binary :all: -r requirements-docs.lock
+	@touch $@
 
 define set_up
 	@python=$$(for name in $(PYTHONS); do \

@@ -24,8 +24,9 @@ PLACE = {"x": "x", "y": "y", "z": "depth", "psi": "heading"}
 class Held:
     """How well one degree of freedom was held in one phase: mm or degrees, N or N·m.
 
-    Figures while the reference moved are NaN where it did not. `true_rms` is against the simulator's truth,
-    its mean taken off (a depth sensor's zero is no error of the controller), NaN without.
+    `thrust_mean` is while the reference rested. Figures while the reference moved are NaN where it did not.
+    `true_rms` is against the simulator's truth, its mean taken off (a depth sensor's zero is no error of the
+    controller), NaN without.
     """
 
     dof: str
@@ -173,7 +174,7 @@ def _held(log: Log, span: StateSpan, dof: str) -> Held | None:
         moving_rms=_rms(apart[moving & np.isfinite(apart)]),
         true_rms=_rms(true[holding]) if true is not None else np.nan,
         thrust_rms=_rms(force),
-        thrust_mean=float(np.nanmean(force)),
+        thrust_mean=_mean(force[np.interp(command.at_s, state.at_s, holding) > 0.5]),
         chatter=_rms(changes),
         saturated=float(law["saturated"].mean()),
         steady_d_hat=float(np.nanmean(law["d_hat"])),
@@ -234,6 +235,10 @@ def _mean_sigma(values: Array) -> float:
 
 def _rms(values: Array) -> float:
     return float(np.sqrt(np.nanmean(values * values))) if values.size else float("nan")
+
+
+def _mean(values: Array) -> float:
+    return float(np.nanmean(values)) if values.size else float("nan")
 
 
 def _p99(values: Array) -> float:

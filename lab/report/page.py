@@ -61,7 +61,8 @@ def page(
 a sensor's zero is no error of the controller.</p>
 <h2>What it took</h2>
 {_took(figures)}
-<p class="under">Delivered thrust, as the thruster curve has it; chatter is its RMS change a tick.</p>
+<p class="under">Delivered thrust, as the thruster curve has it; the mean is that while the
+reference rested; chatter is its RMS change a tick.</p>
 <h2>States</h2>
 {
         _table(

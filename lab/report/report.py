@@ -7,6 +7,7 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from lab.options import command_parser
+from lab.report import foxglove
 from lab.report.above import draw_above
 from lab.report.advice import advice
 from lab.report.figures import figures
@@ -21,6 +22,7 @@ examples:
   holdfast report dives/kelp-20261121T101500Z.mcap     writes ...Z.html and ...Z.png beside it
   holdfast report dives/kelp-20261121*.mcap --out out  the files of one dive on one page
   holdfast report dives/kelp.mcap --ticks out/kelp.csv  also every number of every tick, as a table
+  holdfast report dives/kelp.mcap --foxglove pose.mcap  also a copy with poses for Foxglove's 3D panel
 
 The command reads truncated files too. The HTML file contains everything, the picture included.
 """
@@ -45,6 +47,12 @@ def main(argv: list[str]) -> int:
         metavar="FILE",
         help="also write every number of every tick to FILE.csv or FILE.parquet",
     )
+    parser.add_argument(
+        "--foxglove",
+        type=Path,
+        metavar="FILE",
+        help="also write a copy of the dive with poses that Foxglove can draw; FILE must be new",
+    )
     options = parser.parse_args(argv)
     try:
         log = load(options.files)
@@ -63,6 +71,8 @@ def main(argv: list[str]) -> int:
             write_table(options.table, held_records(log, found))
         if options.ticks:
             write_columns(options.ticks, ticks(log))
+        if options.foxglove:
+            foxglove.write(options.files, options.foxglove)
     except ValueError as error:
         sys.stderr.write(f"holdfast report: {error}\n")
         return 1

@@ -6,11 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from lab.report.figures import AXIS_OF, DiveFigures
+from lab.report.figures import AXIS_OF, DiveFigures, error
 from lab.report.log import Columns, Log
 
 SAME_TICK_S = 1e-3
 """Samples of one tick bear one time."""
+
+ANGLES = ("heading", "heading_desired", "roll", "pitch")
 
 
 def as_json(log: Log, figures: DiveFigures, advice: list[str]) -> dict[str, Any]:
@@ -42,11 +44,16 @@ def ticks(log: Log) -> dict[str, Any]:
     """Return columns with a row for each tick: `at_s` since the recording began, then KEY/FIELD.
 
     `supervisor/state` is text; the rest are numbers, NaN where a sample is missing or its field was absent.
+    Angles are there in degrees too, as degrees/heading and so on.
     """
-    at_s = log.keys["state"].at_s
+    state = log.keys["state"]
+    at_s = state.at_s
     columns: dict[str, Any] = {"at_s": at_s, "supervisor/state": list(_states(log))}
+    for angle in ANGLES:
+        columns[f"degrees/{angle}"] = np.degrees(state[f"{angle}_rad"])
+    columns["degrees/heading_error"] = error(state, "psi")
     for key, samples in log.keys.items():
-        rows, there = _matching(samples, log.keys["state"])
+        rows, there = _matching(samples, state)
         for name, values in samples.of.items():
             columns[f"{key}/{name}"] = np.where(there, values[rows], np.nan)
     if log.truth is not None:

@@ -2,12 +2,16 @@
 
 import csv
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
+from xml.etree import ElementTree
 
 import msgspec
 import numpy as np
 import pytest
+from matplotlib import pyplot as plt
+from mcap.reader import make_reader
 from msgspec import structs
 from msgspec.structs import replace
 from virtual import ROOT, hold
@@ -19,7 +23,9 @@ from companion.telemetry import samples
 from companion.telemetry import schemas as telemetry
 from dashboard.recording.mcap_file import Item, Recording
 from dashboard.recording.record import flat
+from lab.bench.bench import Run, as_records
 from lab.loop.lockstep import Link, Lockstep, Step
+from lab.report import foxglove
 from lab.report.advice import advice
 from lab.report.figures import figures
 from lab.report.identify import identify
@@ -27,7 +33,9 @@ from lab.report.log import Columns, Log, load
 from lab.report.plot import POINTS, thinned
 from lab.report.report import main
 from lab.report.tables import ticks
+from lab.tables import write_table
 from sim_bridge.config import load_config as load_plant
+from sim_bridge.physics.plant import euler, rotation
 from sim_bridge.vehicle import Vehicle
 from sim_bridge.zenoh_link import SCHEMA, encode
 
@@ -110,6 +118,11 @@ def test_the_figures_are_those_of_the_samples(log: Log) -> None:
     assert 0.4 * depth.rms < depth.true_rms < 2.5 * depth.rms
     command = log.keys["command"].between(phase.begin_s, phase.end_s)
     assert depth.chatter == pytest.approx(np.sqrt(np.mean(np.diff(command["heave_delivered_n"]) ** 2)))
+    held = log.keys["command"].between(phase.begin_s + 3.0, phase.end_s)
+    rest = np.abs(law["x_d_dot"]) <= 0.005
+    assert depth.thrust_mean == pytest.approx(held["heave_delivered_n"][rest].mean()), (
+        "not that of the way down"
+    )
     assert found.loop.ticks == 45 * 50
     assert found.loop.ticks_missing == 0
     assert found.depth_max_m == pytest.approx(3.0, abs=0.1)
@@ -244,7 +257,87 @@ def test_a_row_of_ticks_has_all_keys_of_the_same_moment(log: Log) -> None:
     assert np.array_equal(columns["state/depth_m"], log.keys["state"]["depth_m"])
     assert np.array_equal(columns["dof/z/e"], log.keys["dof/z"]["e"])
     assert columns["supervisor/state"][30 * 50] == "ACTIVE"
+    assert columns["degrees/heading"][700] == pytest.approx(np.degrees(columns["state/heading_rad"][700]))
     assert abs(columns["truth/depth_m"][30 * 50] - columns["state/depth_m"][30 * 50]) < 0.05
+
+
+def test_foxglove_gets_poses_in_its_own_frames(dive: Path, log: Log, tmp_path: Path) -> None:
+    foxglove.write([dive], tmp_path / "pose.mcap")
+    with (tmp_path / "pose.mcap").open("rb") as file:
+        reader = make_reader(file)
+        found = {
+            topic: (schema.name, [json.loads(message.data) for _, _, message in reader.iter_messages(topic)])
+            for topic in ("/tf", "/pose", "/pose_desired", "/degrees")
+            for schema, _, _ in [next(reader.iter_messages(topic))]
+            if schema is not None
+        }
+    assert {topic: name for topic, (name, _) in found.items()} == {
+        "/tf": "foxglove.FrameTransform",
+        "/pose": "foxglove.PoseInFrame",
+        "/pose_desired": "foxglove.PoseInFrame",
+        "/degrees": "holdfast.Degrees",
+    }
+    state, row = log.keys["state"], 30 * 50
+    assert found["/pose"][1][row]["pose"]["position"]["z"] == pytest.approx(-state["depth_m"][row])
+    assert found["/tf"][1][row]["translation"] == found["/pose"][1][row]["pose"]["position"]
+    assert found["/degrees"][1][row]["heading"] == pytest.approx(np.degrees(state["heading_rad"][row]))
+    assert len(load([tmp_path / "pose.mcap"]).keys["state"].at_s) == len(state.at_s)
+
+
+def test_the_notebook_runs_and_its_layouts_name_what_there_is(
+    dive: Path, log: Log, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    examples = ROOT / "docs" / "examples"
+    (tmp_path / "dives").mkdir()
+    (tmp_path / "dives" / "kelp.mcap").symlink_to(dive)
+    (tmp_path / "out").mkdir()
+    runs = [
+        Run(row, "waves", 0, seed, True, {"depth_rms_mm": 3.0}) for row in ("law", "ppi") for seed in (0, 1)
+    ]
+    write_table(tmp_path / "out" / "bench.csv", as_records(runs))
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(plt, "show", lambda: plt.close("all"))
+    names: dict[str, object] = {}
+    for cell in json.loads((examples / "dive.ipynb").read_text())["cells"]:
+        assert not cell.get("outputs"), "outputs do not belong into the repository"
+        if cell["cell_type"] == "code":
+            exec(compile("".join(cell["source"]), "dive.ipynb", "exec"), names)
+    assert "phase 1, z: RMS" in capsys.readouterr().out
+    assert names["rms_mm"] == [[3.0, 3.0], [3.0, 3.0]]
+
+    curves = ElementTree.parse(examples / "plotjuggler.xml").iter("curve")
+    wanted = {curve.get(key) for curve in curves for key in ("name", "curve_x", "curve_y")}
+    assert wanted - {None, "track", "reference"} <= ticks(log).keys()
+
+
+def test_the_layout_of_foxglove_names_what_there_is(log: Log) -> None:
+    layout = json.loads((ROOT / "docs" / "examples" / "foxglove.json").read_text())
+    panels = layout["configById"]
+    for path in (one["value"] for panel in panels.values() for one in panel.get("paths", ())):
+        topic, _, name = path.partition(".")
+        if topic == "/degrees":
+            assert f"degrees/{name}" in ticks(log)
+        elif topic != "/holdfast/bluerov2/supervisor":
+            assert name in log.keys[topic.removeprefix("/holdfast/bluerov2/")].of
+    assert set(re.findall(r'"(\w+!\w+)"', json.dumps(layout["layout"]))) == set(panels)
+
+
+def rotated(turn: dict[str, float], vector: tuple[float, float, float]) -> Array:
+    q = np.array([turn["x"], turn["y"], turn["z"]])
+    v = np.array(vector)
+    return np.asarray(v + 2.0 * np.cross(q, np.cross(q, v) + turn["w"] * v))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_forward_left_and_up_are_where_the_simulator_has_them(seed: int) -> None:
+    q = np.random.default_rng(seed).normal(size=4)
+    state = (0.0, 0.0, 0.0, *(q / np.linalg.norm(q)), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    forward, right, down = np.reshape(rotation(state), (3, 3)).T
+    turn = foxglove.quaternion(*euler(state))
+    to_enu = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+    assert rotated(turn, (1.0, 0.0, 0.0)) == pytest.approx(to_enu @ forward)
+    assert rotated(turn, (0.0, 1.0, 0.0)) == pytest.approx(to_enu @ -right)
+    assert rotated(turn, (0.0, 0.0, 1.0)) == pytest.approx(to_enu @ -down)
 
 
 def test_a_tick_that_was_lost_leaves_its_cells_empty(log: Log) -> None:

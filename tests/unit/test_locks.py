@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-LOCKS = ("requirements.lock", "requirements-demo.lock", "requirements-dev.lock", "requirements-clients.lock")
+LOCKS = tuple(path.name for path in ROOT.glob("requirements*.lock"))
 
 
 def name_of(requirement):
@@ -46,6 +46,7 @@ def test_all_that_the_project_names_is_there():
         <= pins("requirements-dev.lock").keys()
     )
     assert wanted("dashboard", "recording", "keys") <= pins("requirements.lock").keys()
+    assert wanted("docs", "parquet") <= pins("requirements-docs.lock").keys()
     assert wanted("dashboard", "demo") | {"hatchling", "editables"} <= pins("requirements-demo.lock").keys()
 
 
@@ -53,6 +54,11 @@ def test_the_demo_brings_no_tools_of_development():
     large = {"atheris", "distributed", "llvmlite", "mypy", "numba", "playwright", "pytest"}
     assert large <= pins("requirements-dev.lock").keys()
     assert not large & pins("requirements-demo.lock").keys()
+
+
+def test_the_documents_change_no_version_of_what_is_tested():
+    docs, dev = pins("requirements-docs.lock"), pins("requirements-dev.lock")
+    assert {name: docs[name] for name in docs.keys() & dev.keys()}.items() <= dev.items()
 
 
 @pytest.mark.parametrize("lock", ["requirements.lock", "requirements-demo.lock"])

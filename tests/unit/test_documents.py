@@ -1,0 +1,86 @@
+"""Every link in the documents leads somewhere, and what they quote is what the program says."""
+
+import re
+from contextlib import redirect_stdout
+from functools import cache
+from importlib.metadata import entry_points
+from io import StringIO
+from pathlib import Path
+
+import pytest
+
+import holdfast
+from companion.records import Condition, State
+from companion.supervision.supervisor import TRANSITIONS
+
+ROOT = Path(__file__).parents[2]
+PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
+FENCE = re.compile(r"^```.*?^```", re.DOTALL | re.MULTILINE)
+LINK = re.compile(r"!?\[[^\]]*\]\(([^)\s]+)\)")
+
+
+@cache
+def anchors(page):
+    """The anchors that GitHub and MyST make of a page's headings."""
+    text = FENCE.sub("", page.read_text())
+    words = (re.sub(r"[^\w\- ]", "", line.lower()) for line in re.findall(r"^#+ (.*)", text, re.MULTILINE))
+    return {line.strip().replace(" ", "-") for line in words}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_every_link_leads_somewhere(page):
+    for link in LINK.findall(FENCE.sub("", page.read_text())):
+        if link.startswith(("http://", "https://", "mailto:")):
+            continue
+        name, _, anchor = link.partition("#")
+        target = page.parent / name if name else page
+        assert target.exists(), link
+        if anchor:
+            assert anchor in anchors(target.resolve()), link
+
+
+def test_every_page_of_the_site_stands_in_its_contents():
+    site = ROOT / "docs"
+    contents = [
+        line for block in FENCE.findall((site / "index.md").read_text()) for line in block.splitlines()
+    ]
+    listed = {page for line in contents if re.match(r"[\w\[]", line) for page in site.glob(f"{line}.md")}
+    assert {page for page in site.rglob("*.md") if page.name != "index.md"} == listed
+
+
+@cache
+def options(command):
+    """The options that a command's help names."""
+    said = StringIO()
+    with redirect_stdout(said), pytest.raises(SystemExit):
+        holdfast.main([command, "--help"])
+    return set(re.findall(r"--[a-z][a-z-]*", said.getvalue()))
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_every_command_that_a_page_shows_exists_with_its_options(page):
+    if page.name == "CHANGELOG.md":
+        return
+    text = page.read_text().replace("\\\n", " ")
+    shown = [line for block in FENCE.findall(text) for line in block.splitlines()[1:-1]]
+    shown += re.findall(r"`([^`\n]+)`", FENCE.sub("", text))
+    known = {entry.name for entry in entry_points(group="holdfast.commands")}
+    for line in shown:
+        for command, rest in re.findall(r"(?:^|[/ ])holdfast ([a-z]+)((?: [^|;#&]*)?)", line.split("  #")[0]):
+            if not re.match(r"^(\$ |[A-Z_]+=\S+ |\S*/)?holdfast ", line.strip()):
+                continue
+            assert command in known, line
+            assert set(re.findall(r"(?<!\S)--[a-z][a-z-]*", rest)) <= options(command), line
+
+
+def test_troubleshooting_quotes_states_reasons_and_conditions():
+    text = (ROOT / "docs" / "troubleshooting.md").read_text()
+    quoted = re.findall(r"^\| ([A-Z_]+): ([^|]+?) \|", text, re.MULTILINE)
+    reasons = {(row.to.name, row.because) for row in TRANSITIONS}
+    assert len(quoted) > 8
+    assert set(quoted) <= reasons
+    assert {state for state, _ in quoted} <= {state.name for state in State}
+    part = text[text.index("`IDLE: waiting for:`") : text.index("| row of")]
+    named = [one for line in re.findall(r"^\| ([a-z][^|(]+)", part, re.MULTILINE) for one in line.split(", ")]
+    assert len(named) > 8
+    assert {one.strip().upper().replace(" ", "_") for one in named} <= {one.name for one in Condition}
