@@ -20,11 +20,13 @@ from companion.records import (
     Ages,
     Condition,
     ControlSample,
+    Current,
     Delays,
     DofSample,
     Ground,
     LinkCounters,
     LoopHealth,
+    PositionDoubt,
     State,
     Verdict,
     Wrench,
@@ -79,6 +81,8 @@ def _make_sample(**state: Any) -> ControlSample:
         ages=Ages(0.01, 0.015, 0.02, 0.03, float("inf")),
         delays=Delays(0.05, 0.06, True, False),
         ground=Ground(7.0, 0.0),
+        current=Current(0.2, -0.1, 0.05),
+        position_doubt=PositionDoubt(0.3, 0.1, 0.7),
     )
     return ControlSample(
         state=structs.replace(believed, **state),

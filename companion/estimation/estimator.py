@@ -38,8 +38,10 @@ from companion.estimation.observer import (
     observer_parameters,
     observer_table,
 )
+from companion.estimation.position_doubt import PositionDoubtModel
 from companion.estimation.resets import MAX_GAP_S, position_resets, yaw_resets
 from companion.estimation.vehicle_model import DISTURBANCE_RATIO, MOST_LAG_S, MOST_LOG_GAIN, Tables
+from companion.estimation.water import Water
 from companion.mavlink.ardusub import motor_demand
 from companion.records import (
     DOFS,
@@ -52,6 +54,7 @@ from companion.records import (
     Delays,
     Depth,
     DepthRate,
+    EkfStatus,
     Event,
     Flags,
     FrameShift,
@@ -145,6 +148,7 @@ class Estimator:
             Heartbeat: self._on_heartbeat,
             Battery: self._on_battery,
             PilotGain: self._on_pilot_gain,
+            EkfStatus: self._on_ekf_status,
             Reboot: lambda _: self.restart(),
         }
         self.restart()
@@ -154,6 +158,7 @@ class Estimator:
         self._watch_parameters = thruster_watch_parameters(config, self._thrusters)
         self.learner.retune(model_tables(config, model))
         self._model = model
+        self._position_noise_m = max(config.surge.position_noise_slow, config.sway.position_noise_slow)
         self._sensor_delay_s = [axis.sensor_delay_s for axis in config.axes]
 
     def limit(self, limits: SupervisorLimits) -> None:
@@ -177,6 +182,9 @@ class Estimator:
         self._mean_disturbance: list[float] = [0.0] * len(DOFS)
         self._ground = GroundFinder()
         self._ranges: list[Range] = []
+        self._water = Water()
+        self._position_doubt = PositionDoubtModel(self._position_noise_m)
+        self._aided = True
         self._eta = ZERO
         self._refusing = False
         self._yaw_resets, self._x_resets, self._y_resets = yaw_resets(), position_resets(), position_resets()
@@ -222,6 +230,13 @@ class Estimator:
             now_s, self._ranges, eta[Z], math.nan if stale[PSI] or stale[Z] else tilt_cos
         )
         self._ranges.clear()
+        doubt = self._position_doubt.step(
+            (eta[X], eta[Y]), self._frame_shift, stale=stale[X], aided=self._aided, dt_s=self._tick_s
+        )
+        seen = learns[X] and learns[Y] and not (stale[X] or stale[Y] or stale[PSI])
+        gain = self.learner.model.dof_gain
+        J = jacobian(eta[PSI])
+        current = self._water.step(self._model, J, eta_dot, disturbance, gain, self._tick_s, seen)
         return VehicleState(
             t_s=now_s,
             boot_s=now_s + self._meter.clock.offset_s,
@@ -259,6 +274,8 @@ class Estimator:
             dead_motor=self._watch.dead,
             model=self.learner.model,
             ground=ground,
+            current=current,
+            position_doubt=doubt,
         )
 
     def sent(self, now_s: float, axes: Vector, tau_ned: Vector) -> None:
@@ -458,6 +475,7 @@ class Estimator:
         self._mean_disturbance = list(turned(shift, vector(self._mean_disturbance)))
         self._eta = shifted(shift, self._eta)
         self._commands.turn(shift)
+        self._water.turn(shift.turn_rad)
         for dof in (X, Y, PSI):
             self._new[dof].clear()
             self.learner.begin(dof, self._observers[dof].q)
@@ -507,6 +525,9 @@ class Estimator:
 
     def _on_range(self, event: Range) -> None:
         self._ranges.append(event)
+
+    def _on_ekf_status(self, event: EkfStatus) -> None:
+        self._aided = event.position
 
     def _on_servo_output(self, event: ServoOutput) -> None:
         count = self._thrusters.motor_count

@@ -53,7 +53,16 @@ from companion.records.events import (
 )
 from companion.records.operator import ENGAGE_S, Guided, Request, Setpoint
 from companion.records.sample import ControlSample, LoopHealth
-from companion.records.state import Ages, Delays, FrameShift, Ground, VehicleModel, VehicleState
+from companion.records.state import (
+    Ages,
+    Current,
+    Delays,
+    FrameShift,
+    Ground,
+    PositionDoubt,
+    VehicleModel,
+    VehicleState,
+)
 from companion.records.supervision import Condition, State, Verdict
 
 __all__ = [
@@ -73,6 +82,7 @@ __all__ = [
     "CommandAck",
     "Condition",
     "ControlSample",
+    "Current",
     "Delays",
     "Depth",
     "DepthRate",
@@ -96,6 +106,7 @@ __all__ = [
     "PilotSticks",
     "PilotToggle",
     "Position",
+    "PositionDoubt",
     "PositionTarget",
     "Range",
     "Reboot",

@@ -85,6 +85,25 @@ class Ground(msgspec.Struct, frozen=True):
         return not math.isnan(self.depth_m)
 
 
+class Current(msgspec.Struct, frozen=True):
+    """Velocity of the water over the ground, and its standard deviation (m/s); NaN where it is not known."""
+
+    north_mps: float
+    east_mps: float
+    doubt_mps: float
+
+
+class PositionDoubt(msgspec.Struct, frozen=True):
+    """The ellipse of one standard deviation of the position: half axes (m), NaN where it is not known.
+
+    `direction_rad` is that of the longer one, clockwise from north.
+    """
+
+    major_m: float
+    minor_m: float
+    direction_rad: float
+
+
 class VehicleState(msgspec.Struct, frozen=True):
     """What the estimator believes. Vectors in DOF order, NED.
 
@@ -125,3 +144,5 @@ class VehicleState(msgspec.Struct, frozen=True):
     """Number of the motor that gives no thrust (`thruster_watch`); 0 for none."""
     model: VehicleModel = NOMINAL
     ground: Ground = Ground(math.nan, 0.0)
+    position_doubt: PositionDoubt = PositionDoubt(math.nan, math.nan, 0.0)
+    current: Current = Current(math.nan, math.nan, math.nan)

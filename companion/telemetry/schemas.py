@@ -74,6 +74,12 @@ class State(Record, frozen=True, kw_only=True):
     path_number: Annotated[int, means("counts the paths and moves; Plan has the same")] = 0
     path_progress_m: Annotated[float, means("along the path, laps included")] = 0.0
     path_length_m: Annotated[float, means("of one lap; 0 for a move")] = 0.0
+    current_north_mps: Annotated[float, means("velocity of the water, northward; absent if unknown")] = 0.0
+    current_east_mps: Annotated[float, means("velocity of the water, eastward")] = 0.0
+    current_doubt_mps: Annotated[float, means("its standard deviation")] = 0.0
+    position_doubt_major_m: Annotated[float, means("longer half axis of the ellipse of 1 sigma")] = 0.0
+    position_doubt_minor_m: Annotated[float, means("its shorter half axis")] = 0.0
+    position_doubt_direction_rad: Annotated[float, means("of the longer half axis, from north")] = 0.0
     altitude_m: Annotated[float, means("over the ground; absent without an echo")] = 0.0
     altitude_desired_m: Annotated[float, means("altitude that is kept; 0 where a depth is held")] = 0.0
     path_speed_mps: Annotated[float, means("speed of the reference along the path")] = 0.0

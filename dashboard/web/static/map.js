@@ -1,4 +1,4 @@
-// From above, north up: where the vehicle was and should have been, the path, the fence, what the water pushes.
+// From above, north up: where the vehicle was and should have been, the path, the fence, the current.
 import { colours, el, mark, say } from "./dom.js";
 import { GAP_S } from "./store.js";
 import { ageText } from "./words.js";
@@ -7,9 +7,10 @@ const POINTS = 600;
 const APART_MS = 100; // it changes slowly
 const LEAST_M = 1; // from the middle to the nearer edge
 const FOLLOW_M = 3;
-const PUSH_S = 5; // longer than a wave
-const PUSH_PX = 1.2; // an N
-const MOST_PUSH_PX = 60;
+const SIGMAS = 2.45; // 95 % of places in a plane
+const CURRENT_PX = 80; // a m/s
+const MOST_CURRENT_PX = 70;
+const LEAST_CURRENT_MPS = 0.02;
 const FENCE_SEEN = 3; // times what is inside it: a larger one would make the rest small
 
 // The largest of 1, 2 and 5 times a power of ten that is not above `most`.
@@ -148,7 +149,8 @@ export class FromAbove {
     line(was, colours.measured, 2);
     if (engaged[index] > 0 && Number.isFinite(aim[0] + aim[1])) this.cross(context, place(aim), ratio);
     if (Number.isFinite(here[0] + here[1])) {
-      this.push(context, place(here), index, ratio);
+      this.doubt(context, place(here), index, k, ratio);
+      this.current(context, place(here), index, ratio);
       this.craft(context, place(here), store.value("heading_rad", index), Math.max(9 * ratio, 0.23 * k));
     }
     this.legend(context, step, k, ratio, width, height);
@@ -200,22 +202,23 @@ export class FromAbove {
     context.restore();
   }
 
-  // The force of current and tether as the observer finds it, the mean of some seconds.
-  push(context, [x, y], index, ratio) {
-    const { store } = this;
-    const sum = [0, 0];
-    let count = 0;
-    for (let i = Math.max(store.start, store.find(store.t[index] - PUSH_S)); i <= index; i++) {
-      const force = ["x", "y"].map((dof) => (store.of[`${dof}.engaged`][i] > 0 ? store.of[`${dof}.d_observer`][i] : NaN));
-      if (!Number.isFinite(force[0] + force[1])) continue;
-      count++;
-      sum[0] -= force[0];
-      sum[1] -= force[1];
-    }
-    const [north, east] = sum.map((value) => value / count);
-    const size = Math.hypot(north, east);
-    if (!(size > 1)) return;
-    const long = Math.min(MOST_PUSH_PX, PUSH_PX * size + 14) * ratio;
+  // Where the vehicle may be, with 95 %.
+  doubt(context, [x, y], index, k, ratio) {
+    const [major, minor, direction] = ["major_m", "minor_m", "direction_rad"].map((name) => this.store.value(`position_doubt_${name}`, index));
+    if (!Number.isFinite(major + minor + direction)) return;
+    context.strokeStyle = colours.measured;
+    context.lineWidth = ratio;
+    context.beginPath();
+    context.ellipse(x, y, SIGMAS * major * k, SIGMAS * minor * k, direction - Math.PI / 2, 0, 2 * Math.PI);
+    context.stroke();
+  }
+
+  // The current that the vehicle finds, for as long as there is more than its noise.
+  current(context, [x, y], index, ratio) {
+    const [north, east] = ["north", "east"].map((name) => this.store.value(`current_${name}_mps`, index));
+    const speed = Math.hypot(north, east);
+    if (!(speed > LEAST_CURRENT_MPS)) return;
+    const long = Math.min(MOST_CURRENT_PX, CURRENT_PX * speed + 14) * ratio;
     context.save();
     context.translate(x, y);
     context.rotate(Math.atan2(east, north));
@@ -229,8 +232,6 @@ export class FromAbove {
     for (const [right, ahead] of [[0, 0], [5, -9], [-5, -9]]) context.lineTo(right * ratio, -long - ahead * ratio);
     context.fill();
     context.restore();
-    this.pushed = size;
-    this.pushedAt = index;
   }
 
   legend(context, step, k, ratio, width, height) {
@@ -245,7 +246,8 @@ export class FromAbove {
     for (const [at, up] of [[0, 4], [0, 0], [long, 0], [long, 4]]) context.lineTo(x + at, y - up * ratio);
     context.stroke();
     write(`${+step.toPrecision(1)} m`, x + 4 * ratio, y - 5 * ratio, colours.ink);
-    if (this.pushed && this.pushedAt === this.view.index(this.store)) write(`→ water and tether push ${this.pushed.toFixed(0)} N`, x, 14 * ratio, colours.learnt);
+    const [north, east, off] = ["north", "east", "doubt"].map((name) => this.store.value(`current_${name}_mps`, this.view.index(this.store)));
+    if (Number.isFinite(north + east)) write(`→ current ${Math.hypot(north, east).toFixed(2)} ± ${off.toFixed(2)} m/s`, x, 14 * ratio, colours.learnt);
     write("N ↑", width - 8 * ratio, 14 * ratio, colours.dim, "right");
   }
 }

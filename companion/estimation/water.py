@@ -1,0 +1,117 @@
+"""The current: the motion of the water that explains the force on the vehicle by the nominal damping.
+
+| symbol | meaning                                                               | unit |
+|--------|-----------------------------------------------------------------------|------|
+| F      | force of the water on the hull, body: damping of v plus disturbance    | N    |
+| v_r    | velocity through the water: d1 v_r + d2 v_r |v_r| = F, by axis         | m/s  |
+| v_c    | current, v − v_r, the mean of MEAN_S                                   | m/s  |
+
+What else pulls (a tether) counts as water, and the damping may be another than the nominal one. The doubt has
+both, and the spread of v_c that is left in the mean.
+"""
+
+import math
+from typing import NamedTuple
+
+from companion.control.positioning import Jacobian, Model, coriolis_and_damping, to_body, to_inertial
+from companion.records import Current, Vector
+
+MEAN_S = 5.0
+"""Longer than a wave: its water goes to and fro."""
+
+TAKES_S = 5.0
+"""So long it takes until there is a mean."""
+
+KEPT_S = 10.0
+"""A current that was not measured for longer is unknown."""
+
+CORRELATED_S = 1.0
+TETHER_N = 2.0
+DAMPING_SHARE = 0.2
+"""Share of the velocity through the water that is in doubt, because the damping is."""
+
+UNKNOWN = Current(math.nan, math.nan, math.nan)
+
+
+class _Mean(NamedTuple):
+    """Mean of v_c, north and east, of its squared deviation, and of the squared doubt."""
+
+    north: float = 0.0
+    east: float = 0.0
+    spread: float = 0.0
+    doubt: float = 0.0
+
+
+class Water:
+    """Finds the current from tick to tick."""
+
+    def __init__(self) -> None:
+        self.restart()
+
+    def restart(self) -> None:
+        """Forget it."""
+        self._mean = _Mean()
+        self._seen_s = self._unseen_s = 0.0
+
+    def turn(self, angle_rad: float) -> None:
+        """Go on in a frame that was turned clockwise."""
+        north, east, spread, doubt = self._mean
+        c, s = math.cos(angle_rad), math.sin(angle_rad)
+        self._mean = _Mean(c * north - s * east, s * north + c * east, spread, doubt)
+
+    def step(
+        self,
+        model: Model,
+        J: Jacobian,
+        eta_dot: Vector,
+        disturbance: Vector,
+        gain: Vector,
+        dt_s: float,
+        seen: bool,
+    ) -> Current:
+        """Take a tick; `seen` tells that our commands alone push, and that x and y are measured.
+
+        `disturbance` is the observer's, `gain` the force per command over inertia, both by DOF in NED.
+        """
+        if not seen or not dt_s > 0.0:
+            self._unseen_s += dt_s
+            if self._unseen_s > KEPT_S:
+                self.restart()
+            return self._current()
+        self._unseen_s = 0.0
+        nu = to_body(J, eta_dot)
+        x, y, _, _ = (
+            h + g * d for h, g, d in zip(coriolis_and_damping(model, J, nu), gain, disturbance, strict=True)
+        )
+        surge_n, sway_n, _, _ = to_body(J, (x, y, 0.0, 0.0))
+        through, doubt = [], 0.0
+        for axis, force in enumerate((surge_n, sway_n)):
+            speed, more = (_speed(model, axis, f) for f in (abs(force), abs(force) + TETHER_N))
+            through.append(math.copysign(speed, force))
+            doubt += (more - speed) ** 2 + (DAMPING_SHARE * speed) ** 2
+        u, v, _, _ = to_inertial(J, (through[0], through[1], 0.0, 0.0))
+        self._seen_s += dt_s
+        share = min(1.0, dt_s / min(self._seen_s, MEAN_S))
+        north, east, spread, old_doubt = self._mean
+        dn, de = eta_dot[0] - u - north, eta_dot[1] - v - east
+        self._mean = _Mean(
+            north + share * dn,
+            east + share * de,
+            spread + share * (dn * dn + de * de - spread),
+            old_doubt + share * (doubt - old_doubt),
+        )
+        return self._current()
+
+    def _current(self) -> Current:
+        if self._seen_s < TAKES_S:
+            return UNKNOWN
+        north, east, spread, doubt = self._mean
+        return Current(north, east, math.sqrt(doubt + spread * CORRELATED_S / (2.0 * MEAN_S)))
+
+
+def _speed(model: Model, axis: int, force_n: float) -> float:
+    """Return the speed through the water, m/s, whose damping is `force_n`, 0 or more."""
+    d1, d2 = model.d1[axis], model.d2[axis]
+    if d2 <= 0.0:
+        return force_n / d1 if d1 > 0.0 else 0.0
+    return (math.sqrt(d1 * d1 + 4.0 * d2 * force_n) - d1) / (2.0 * d2)

@@ -1,0 +1,93 @@
+"""The current and the doubt of the position: right where the answer is known, else unknown."""
+
+import math
+
+import pytest
+
+from companion.control.positioning import Model, jacobian, to_inertial
+from companion.estimation.position_doubt import HEADING_RAD, SCALE, UNAIDED_MPS, PositionDoubtModel
+from companion.estimation.water import KEPT_S, TAKES_S, Water
+from companion.records import FrameShift
+
+MODEL = Model((20.0, 20.0, 32.0, 0.6), (13.7, 0.0, 33.0, 0.1), (141.0, 217.0, 190.0, 1.5))
+DT_S = 0.02
+PLAIN = (1.0, 1.0, 1.0, 1.0)
+
+
+def flowing(water, psi=0.0, current=(0.3, -0.2), v=(0.0, 0.0), seconds=30.0, seen=True, gain=PLAIN):
+    """Let the observer find the disturbance that this current makes; return the current that is found."""
+    J = jacobian(psi)
+    found = None
+    c, s = J.c, J.s
+
+    def drag(north, east):
+        u, w = c * north + s * east, c * east - s * north
+        X, Y = (MODEL.d1[i] * x + MODEL.d2[i] * abs(x) * x for i, x in enumerate((u, w)))
+        return to_inertial(J, (X, Y, 0.0, 0.0))
+
+    through = [a - b for a, b in zip(drag(v[0] - current[0], v[1] - current[1]), drag(*v), strict=True)]
+    d = tuple(force / g for force, g in zip(through, gain, strict=True))
+    for _ in range(round(seconds / DT_S)):
+        found = water.step(MODEL, J, (*v, 0.0, 0.0), d, gain, DT_S, seen)
+    return found
+
+
+@pytest.mark.parametrize("psi", [0.0, 1.0, -2.5])
+@pytest.mark.parametrize("v", [(0.0, 0.0), (0.2, 0.1)])
+def test_the_current_is_what_explains_the_drag(psi, v):
+    found = flowing(Water(), psi, v=v)
+    assert (found.north_mps, found.east_mps) == pytest.approx((0.3, -0.2), abs=0.005)
+    assert 0.03 < found.doubt_mps < 0.25
+
+
+def test_a_vehicle_of_another_gain_finds_the_same():
+    found = flowing(Water(), gain=(1.5, 1.5, 1.0, 1.0))
+    assert (found.north_mps, found.east_mps) == pytest.approx((0.3, -0.2), abs=0.005)
+
+
+def test_it_is_unknown_until_there_is_a_mean_and_after_a_while_without_one():
+    water = Water()
+    assert math.isnan(flowing(water, seconds=TAKES_S - 0.5).north_mps)
+    assert math.isfinite(flowing(water, seconds=1.0).north_mps)
+    assert math.isfinite(flowing(water, seconds=KEPT_S - 1.0, seen=False).north_mps)
+    assert math.isnan(flowing(water, seconds=2.0, seen=False).north_mps)
+
+
+def test_it_turns_with_the_frame():
+    water = Water()
+    flowing(water)
+    water.turn(0.5 * math.pi)
+    found = flowing(water, seconds=DT_S, seen=False)
+    assert (found.north_mps, found.east_mps) == pytest.approx((0.2, 0.3), abs=0.01)
+
+
+def travelled(doubt, way, steps=100, **state):
+    state = {"stale": False, "aided": True} | state
+    return [
+        doubt.step((way[0] * i / steps, way[1] * i / steps), None, dt_s=DT_S, **state)
+        for i in range(steps + 1)
+    ][-1]
+
+
+def test_dead_reckoning_is_off_by_its_scale_along_the_way_and_by_its_heading_across():
+    found = travelled(PositionDoubtModel(0.0), (0.0, 30.0))
+    assert found.minor_m == pytest.approx(30.0 * SCALE)
+    assert found.major_m == pytest.approx(30.0 * HEADING_RAD)
+    assert math.remainder(found.direction_rad, math.pi) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_fix_begins_anew_and_its_size_is_the_doubt_that_is_left():
+    doubt = PositionDoubtModel(0.01)
+    travelled(doubt, (30.0, 0.0))
+    fixed = doubt.step((30.4, 0.3), FrameShift(0.0, 0.4, 0.3), stale=False, aided=True, dt_s=DT_S)
+    assert fixed.major_m == pytest.approx(math.sqrt(0.5 * 0.25 + 1e-4))
+    assert fixed.major_m == pytest.approx(fixed.minor_m)
+
+
+def test_without_the_velocitys_source_it_grows_and_without_a_position_it_is_unknown():
+    doubt = PositionDoubtModel(0.01)
+    assert math.isnan(doubt.step((0.0, 0.0), None, stale=True, aided=True, dt_s=DT_S).major_m)
+    found = travelled(doubt, (0.0, 0.0), steps=500, aided=False)
+    assert found.major_m == pytest.approx(
+        math.hypot(0.01, UNAIDED_MPS * 10.0**1.5 / math.sqrt(3.0)), rel=0.01
+    )
