@@ -69,7 +69,8 @@ def main(argv: list[str] | None = None) -> int:
         extra = extra_of(error.name or "", arguments[0])
         if not extra:
             raise
-        _say(arguments[0], f"needs {error.name}. Install the extra: pip install 'holdfast[{extra}]'")
+        pip = f"{sys.executable} -m pip"  # where Holdfast is; elsewhere the name is somebody else's project
+        _say(arguments[0], f"needs {error.name}. Install the extra: {pip} install 'holdfast[{extra}]'")
         return REFUSED
     except RefusedError as error:
         _say(arguments[0], str(error))
@@ -102,7 +103,7 @@ def _say(command: str, what: str) -> None:
 
 
 def extra_of(module: str, command: str) -> str:
-    """Return the extra that brings a module: of several the command's own package, else the smallest.
+    """Return the extra that brings a module: of several the command's, its package's, or the smallest.
 
     An extra that includes another one lists all of its modules too. "" if none brings it.
     """
@@ -116,7 +117,7 @@ def extra_of(module: str, command: str) -> str:
     found = sorted((extra for brought, extra in every if brought == name), key=lambda extra: sizes[extra])
     entry = _commands().get(command)
     package = entry.module.partition(".")[0] if entry else ""
-    return package if package in found else next(iter(found), "")
+    return next((extra for extra in (command, package, *found) if extra in found), "")
 
 
 def completion(argv: list[str]) -> int:

@@ -49,6 +49,11 @@ def questions() -> tuple[Question, ...]:
                 Choice("simulator", "beside `holdfast sim`", {"link.endpoint": "udp-listen:127.0.0.1:14550"}),
                 Choice("blueos", "on the vehicle's BlueOS", {"link.endpoint": "tcp:127.0.0.1:5777"}),
                 Choice(
+                    "extension",
+                    "in the BlueOS extension",
+                    {"link.endpoint": "udp-connect:host.docker.internal:14550"},
+                ),
+                Choice(
                     "topside",
                     "on a computer to which BlueOS sends MAVLink",
                     {"link.endpoint": "udp-listen:0.0.0.0:14550"},

@@ -137,12 +137,14 @@ def test_a_base_installation_checks_without_rich_and_says_what_watch_needs():
     """
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert done.stdout.splitlines() == [" REFUSED  link: none", "          why. Fix: fix", "2", "2"]
-    assert "holdfast watch: needs rich. Install the extra: pip install 'holdfast[dashboard]'" in done.stderr
+    extra = f"{sys.executable} -m pip install 'holdfast[dashboard]'"
+    assert f"holdfast watch: needs rich. Install the extra: {extra}" in done.stderr
 
 
 def test_of_several_extras_the_commands_own_is_named():
     assert holdfast.extra_of("rich", "watch") == "dashboard"
-    assert holdfast.extra_of("rich", "demo") == "lab"
+    assert holdfast.extra_of("rich", "bench") == "lab"
+    assert holdfast.extra_of("rich", "demo") == "demo"
 
 
 def test_a_module_of_no_extra_is_a_fault_of_ours(stand_in):

@@ -68,7 +68,7 @@ def test_ctrl_d_writes_nothing(here, monkeypatch):
     ("arguments", "says"),
     [
         ([], "say --yes"),
-        (["--yes", "--where", "moon"], "want one of simulator, blueos, topside"),
+        (["--yes", "--where", "moon"], "want one of simulator, blueos, extension, topside"),
         (["--yes", "--name", "a b"], "vehicle.name"),
     ],
 )

@@ -1,0 +1,93 @@
+"""What the BlueOS extension starts, with a program that stands in for `holdfast`."""
+
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
+from waiting import until
+
+START = Path(__file__).parents[2] / "blueos" / "start.py"
+HOLDFAST = f"""#!{sys.executable}
+import os, signal, socket, sys, time
+with open(os.environ["HOLDFAST_DATA"] + "/calls", "a") as file:
+    file.write(f"{{os.getpid()}} {{' '.join(sys.argv[1:])}}\\n")
+if sys.argv[1] == "init":
+    open(sys.argv[-1], "w").close()
+    sys.exit()
+address = os.environ.get("NOTIFY_SOCKET", "")
+words = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+while True:
+    if address:
+        words.sendto(b"WATCHDOG=1", "\\0" + address[1:])
+    time.sleep(0.2)
+"""
+
+
+class Extension:
+    """The entry point, and what it called."""
+
+    def __init__(self, folder: Path, data: Path) -> None:
+        program = folder / "holdfast"
+        program.write_text(HOLDFAST)
+        program.chmod(0o755)
+        env = {**os.environ, "PATH": f"{folder}:{os.environ['PATH']}", "HOLDFAST_DATA": str(data)}
+        self._calls = data / "calls"
+        self.process = subprocess.Popen([sys.executable, str(START)], env=env)
+
+    def of(self, command: str) -> list[int]:
+        """Return the processes that were started for a command, in order."""
+        with suppress(FileNotFoundError):
+            calls = [line.split() for line in self._calls.read_text().splitlines()]
+            return [int(process) for process, name, *_ in calls if name == command]
+        return []
+
+    def words(self, command: str) -> str:
+        return next(line for line in self._calls.read_text().splitlines() if f" {command} " in line)
+
+
+@pytest.fixture
+def start(tmp_path: Path) -> Iterator[Callable[[], Extension]]:
+    (tmp_path / "bin").mkdir()
+    data = tmp_path / "data"
+    started: list[Extension] = []
+
+    def begin() -> Extension:
+        started.append(Extension(tmp_path / "bin", data))
+        until(lambda: all(started[-1].of(name) for name in ("run", "record", "dashboard")))
+        return started[-1]
+
+    yield begin
+    for extension in started:
+        extension.process.terminate()
+        extension.process.wait()
+
+
+def test_it_keeps_settings_and_token_in_its_volume(start: Callable[[], Extension], tmp_path: Path) -> None:
+    first = start()
+    token = tmp_path / "data" / "dashboard.token"
+    assert (token.stat().st_mode & 0o777, len(token.read_text().strip())) == (0o600, 32)
+    assert "--where extension" in first.words("init")
+    assert f"--token-file {token}" in first.words("dashboard")
+    before = token.read_text()
+    first.process.terminate()
+    assert first.process.wait(10.0) == 0
+    for name in ("run", "record", "dashboard"):
+        assert not Path(f"/proc/{first.of(name)[-1]}").exists()
+    second = start()
+    assert len(second.of("init")) == 1, "the settings were there"
+    assert token.read_text() == before
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
+def test_a_controller_that_ends_or_hangs_is_started_again(
+    start: Callable[[], Extension], number: signal.Signals
+) -> None:
+    extension = start()
+    os.kill(extension.of("run")[0], number)
+    until(lambda: len(extension.of("run")) == 2)
+    assert len(extension.of("record")) == len(extension.of("dashboard")) == 1

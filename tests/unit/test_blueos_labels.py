@@ -1,0 +1,62 @@
+"""The extension's Dockerfile says what BlueOS reads of an image: its labels."""
+
+import json
+import re
+import tomllib
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+TEXT = (ROOT / "blueos" / "Dockerfile").read_text()
+LABELS = dict(re.findall(r"""^LABEL (\w+)=["'](.*?)["']$""", TEXT.replace("\\\n", ""), flags=re.MULTILINE))
+
+
+def test_the_version_is_the_projects():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    assert LABELS["version"] == project["version"]
+
+
+@pytest.mark.parametrize(
+    ("label", "kind"),
+    [("permissions", dict), ("authors", list), ("company", dict), ("links", dict), ("tags", list)],
+)
+def test_what_should_be_json_is_json(label, kind):
+    assert isinstance(json.loads(LABELS[label]), kind)
+
+
+def test_the_store_knows_the_type_and_takes_the_tags():
+    assert LABELS["type"] in ("device-integration", "example", "theme", "other", "tool", "education")
+    tags = json.loads(LABELS["tags"])
+    assert len(tags) <= 10
+    assert all(re.fullmatch(r"[a-z0-9-]+", tag) for tag in tags)
+
+
+def test_the_page_and_the_volume_are_those_of_the_program():
+    permissions = json.loads(LABELS["permissions"])
+    port = re.findall(r"^PORT = (\d+)", (ROOT / "blueos" / "start.py").read_text(), flags=re.MULTILINE)[0]
+    assert (
+        list(permissions["ExposedPorts"])
+        == [f"{port}/tcp"]
+        == list(permissions["HostConfig"]["PortBindings"])
+    )
+    assert [bind.partition(":")[2] for bind in permissions["HostConfig"]["Binds"]] == ["/data"]
+    assert "host.docker.internal:host-gateway" in permissions["HostConfig"]["ExtraHosts"]
+
+
+def test_it_asks_for_no_privilege():
+    assert not {"Privileged", "CapAdd", "NetworkMode", "Devices"} & set(
+        json.loads(LABELS["permissions"])["HostConfig"]
+    )
+
+
+def test_the_image_gets_what_the_dockerfile_copies_and_nothing_else():
+    copied = {
+        name for line in re.findall(r"^COPY (.+) /\S+$", TEXT, flags=re.MULTILINE) for name in line.split()
+    }
+    ignored = (ROOT / "blueos" / "Dockerfile.dockerignore").read_text().split()
+    assert ignored == [
+        "*",
+        *(f"!{name}" for name in ("requirements.lock", "dist/holdfast-*.whl", "blueos/start.py")),
+    ]
+    assert {f"!{name}" for name in copied} == set(ignored) - {"*"}
