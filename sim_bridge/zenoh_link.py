@@ -64,7 +64,14 @@ def answer(payload: bytes, take: Callable[[Fault], None]) -> Reply:
 def inject(endpoint: str, vehicle: str, fault: Fault) -> Reply:
     """Ask a running simulator for a fault that begins `at_s` from now. Blocks for some seconds at most."""
     try:
-        with zenoh.open(client(endpoint)) as session:
+        session = zenoh.open(client(endpoint))
+    except zenoh.ZError:
+        said = (
+            f"nobody listens at {endpoint}: the simulator itself does not; start `holdfast run`, or a router"
+        )
+        return Reply(done=False, said=said)
+    try:
+        with session:
             payload = msgspec.json.encode(fault)
             for reply in session.get(fault_key(vehicle), payload=payload, timeout=ANSWER_S):
                 if reply.ok is not None:

@@ -10,13 +10,14 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from sim_wire import CONFIG, SET_INTERVAL, STABILIZE, Station, is_finite, override, vehicle
 
+from lab.ports import free_port
 from sim_bridge.commands import shipped
 from sim_bridge.config import ConfigError, fault_of
 from sim_bridge.fault_kinds import FAULT_KINDS, Fault
 from sim_bridge.listing import listing
 from sim_bridge.physics.sensors import COMPASS_TAU_S
 from sim_bridge.status import status_line
-from sim_bridge.zenoh_link import answer
+from sim_bridge.zenoh_link import answer, inject
 
 
 def station_with(*faults, **options):
@@ -323,3 +324,10 @@ def test_the_status_line_tells_what_the_vehicle_does():
     for word in ("depth   5.0", "heading  90.0°", "STABILIZE armed", "faults: leak", "clients: 2"):
         assert word in line
     assert rov.current_a > 1.0
+
+
+def test_a_fault_for_nobody_says_what_to_start():
+    answered = inject(f"tcp/127.0.0.1:{free_port()}", "kelp", Fault("leak"))
+    assert not answered.done
+    assert "start `holdfast run`" in answered.said
+    assert "\n" not in answered.said
