@@ -34,6 +34,7 @@ KEYS_EXAMPLES = """\
 examples:
   holdfast keys keys --host 192.168.2.2                       subscribe only
   holdfast keys keys --host 192.168.2.2 --host blueos.local --allow-control
+  holdfast keys keys --host 10.0.0.7 --radio                  5 samples a second of each key for the laptop
 
 The private key of the authority is not stored, so no further certificates can be issued: for a second laptop
 create all files again. The certificates are valid for a year.
@@ -224,13 +225,23 @@ def keys(argv: list[str]) -> int:
         action="store_true",
         help="let the laptop send commands; the companion must allow them too",
     )
+    parser.add_argument(
+        "--radio",
+        action="store_true",
+        help="for a slow link: send the laptop every tenth tick, and no raw ticks; processes on the vehicle, "
+        "such as a recorder, get every tick",
+    )
     arguments = parser.parse_args(argv)
     from companion.io.certificates import make
 
     now = datetime.datetime.now(datetime.UTC)
     try:
         vehicle, laptop = make(
-            arguments.directory, arguments.host, allow_control=arguments.allow_control, now=now
+            arguments.directory,
+            arguments.host,
+            allow_control=arguments.allow_control,
+            now=now,
+            radio=arguments.radio,
         )
     except FileExistsError as error:
         sys.stderr.write(

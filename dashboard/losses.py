@@ -6,11 +6,13 @@ from companion.telemetry.schemas import EVERY_TICK
 class Losses:
     """Counts the samples of every tick: whoever takes one says so, and then its number if it is a `Loop`.
 
-    A tick that starts anew, with a companion or a replay, loses nothing.
+    A tick that starts anew, with a companion or a replay, loses nothing. On a radio link one tick of
+    `ticks_per_sample` is sent, and only of those samples can be lost.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, ticks_per_sample: int = 1) -> None:
         self.lost = 0
+        self._ticks_per_sample = ticks_per_sample
         self._came = 0
         self._last: int | None = None
 
@@ -20,5 +22,6 @@ class Losses:
         if tail != "loop":
             return
         if self._last is not None and tick > self._last:
-            self.lost += max(0, (tick - self._last) * len(EVERY_TICK) - self._came)
+            sent = round((tick - self._last) / self._ticks_per_sample)
+            self.lost += max(0, sent * len(EVERY_TICK) - self._came)
         self._last, self._came = tick, 0

@@ -23,6 +23,8 @@ from companion.telemetry import schemas as telemetry
 
 PORT = 7448
 VEHICLE, LAPTOP = "vehicle", "laptop"
+TICK_HZ = 50.0
+RADIO_TICKS = 10
 LIFETIME = datetime.timedelta(days=365)
 SEEN = ("holdfast/**", "holdfast/**/@adv/**", "sim/**")
 ASKED = ("holdfast/**", "holdfast/**/@adv/**")
@@ -35,16 +37,18 @@ def make(
     *,
     allow_control: bool,
     now: datetime.datetime,
+    radio: bool = False,
     port: int = PORT,
     local: str = telemetry.ENDPOINT,
 ) -> list[Path]:
     """Write vehicle.json5 and laptop.json5 and return their paths.
 
-    `hosts` are the vehicle's names and addresses, as the laptop calls it. Raises FileExistsError rather than
+    `hosts` are the vehicle's names and addresses, as the laptop calls it. With `radio` the laptop gets one
+    tick of RADIO_TICKS and no raw ticks; processes on the vehicle get all. Raises FileExistsError rather than
     write over keys that are in use.
     """
     authority = _Authority(now)
-    vehicle = {
+    vehicle: dict[str, Any] = {
         "mode": "peer",
         "listen": {"endpoints": [local, f"tls/0.0.0.0:{port}"], "timeout_ms": 0},
         "connect": {"endpoints": []},
@@ -56,9 +60,9 @@ def make(
             },
         },
         "timestamping": {"enabled": True},
-        "access_control": _access(allow_control),
+        "access_control": _access(allow_control, radio),
     }
-    laptop = {
+    laptop: dict[str, Any] = {
         "mode": "client",
         "connect": {
             "endpoints": [f"tls/{f'[{host}]' if ':' in host else host}:{port}" for host in hosts],
@@ -72,6 +76,9 @@ def make(
             "link": {"tls": {"enable_mtls": True, **authority.issue(LAPTOP, (), "connect")}},
         },
     }
+    if radio:
+        vehicle["downsampling"] = [_downsampling()]
+        laptop["metadata"] = {telemetry.TICKS_PER_SAMPLE: RADIO_TICKS}
     directory.mkdir(parents=True, exist_ok=True)
     written = []
     for name, config in ((VEHICLE, vehicle), (LAPTOP, laptop)):
@@ -83,7 +90,24 @@ def make(
     return written
 
 
-def _access(allow_control: bool) -> dict[str, Any]:
+def _downsampling() -> dict[str, Any]:
+    """Return what makes Zenoh pass one tick of RADIO_TICKS to the laptop.
+
+    Zenoh lets a sample pass if the key's last one is old enough. A period half a tick shorter than wanted
+    keeps the keys of a tick together when a tick comes late.
+    """
+    keys = [*(f"holdfast/*/{tail}" for tail in telemetry.EVERY_TICK), "sim/*/truth"]
+    hz = TICK_HZ / (RADIO_TICKS - 0.5)
+    return {
+        "id": "radio",
+        "link_protocols": ["tls"],
+        "flows": ["egress"],
+        "messages": ["put"],
+        "rules": [{"key_expr": key, "freq": round(hz, 3)} for key in keys],
+    }
+
+
+def _access(allow_control: bool, radio: bool) -> dict[str, Any]:
     """Return Zenoh's access control: everything on loopback, a laptop what is named, others nothing."""
     messages = {
         "to": (["put", "delete", "declare_queryable", "liveliness_token", "reply"], ["egress"], SEEN),
@@ -103,15 +127,9 @@ def _access(allow_control: bool) -> dict[str, Any]:
         for name, (kinds, flows, keys) in messages.items()
     ]
     if not allow_control:  # a companion drops what asks for several commands at once: `**` is no way in
-        rules.append(
-            {
-                "id": "command",
-                "permission": "deny",
-                "flows": ["ingress"],
-                "messages": ["query"],
-                "key_exprs": list(COMMANDED),
-            }
-        )
+        rules.append(_denied("command", "ingress", "query", COMMANDED))
+    if radio:
+        rules.append(_denied("raw", "egress", "put", ("holdfast/*/raw",)))
     laptop = [rule["id"] for rule in rules]
     anything = ["**", "**/@adv/**"]
     all_flows = ["ingress", "egress"]
@@ -136,6 +154,16 @@ def _access(allow_control: bool) -> dict[str, Any]:
             {"rules": ["all"], "subjects": ["loopback"]},
             {"rules": laptop, "subjects": [LAPTOP]},
         ],
+    }
+
+
+def _denied(name: str, flow: str, message: str, keys: Sequence[str]) -> dict[str, Any]:
+    return {
+        "id": name,
+        "permission": "deny",
+        "flows": [flow],
+        "messages": [message],
+        "key_exprs": list(keys),
     }
 
 

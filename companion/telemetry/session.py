@@ -12,6 +12,7 @@ from typing import Self
 
 import zenoh
 
+from companion.telemetry.schemas import TICKS_PER_SAMPLE
 from holdfast import RefusedError
 
 RETRY_S = 0.2
@@ -99,6 +100,12 @@ def configuration(
     for name, value in {**keys, **(more or {})}.items():
         config.insert_json5(name, json.dumps(value))
     return config
+
+
+def ticks_per_sample(endpoint: str) -> int:
+    """Return of how many ticks a client gets one, as its configuration says: 1 but for a radio link."""
+    metadata = json.loads(configuration(endpoint).get_json("metadata")) or {}
+    return int(metadata.get(TICKS_PER_SAMPLE, 1))
 
 
 def client_configuration(endpoint: str) -> zenoh.Config:

@@ -23,7 +23,7 @@ from zenoh import ext
 
 from companion.telemetry import schemas as telemetry
 from companion.telemetry.commands import SetRecording
-from companion.telemetry.session import SessionThread, client_configuration
+from companion.telemetry.session import SessionThread, client_configuration, ticks_per_sample
 from dashboard.recording.recorder import DiveRecorder, FileLimits
 
 QUEUE = 32_768
@@ -119,7 +119,8 @@ class RecorderThread(SessionThread):
     def _record(self, session: zenoh.Session) -> None:
         """Serve one vehicle until closed: this thread alone touches the recorder."""
         vehicle = self._vehicle
-        recorder = DiveRecorder(vehicle, self._limits, about())
+        every = ticks_per_sample(self._endpoint)
+        recorder = DiveRecorder(vehicle, self._limits, about(), ticks_per_sample=every)
         key, encoding = telemetry.recorder_key(vehicle)
         remembered = (telemetry.raw_key(vehicle)[0], telemetry.event_key(vehicle)[0])
 

@@ -62,6 +62,7 @@ class DiveRecorder:
         about: Mapping[str, str],
         free_bytes: Callable[[Path], int] | None = None,
         disk: Callable[[Path], Disk] | None = None,
+        ticks_per_sample: int = 1,
     ) -> None:
         self.vehicle = vehicle
         self.said = "not recording"
@@ -75,7 +76,8 @@ class DiveRecorder:
         self._tables: dict[str, Mapping[str, str]] = {}
         self._began_s = 0.0
         self._messages = 0
-        self._losses = Losses()
+        self._ticks_per_sample = ticks_per_sample
+        self._losses = Losses(ticks_per_sample)
         self._clock = _Clock()
         self._raw_s = -math.inf
         self._events: deque[bytes] = deque(maxlen=EVENTS_KEPT)
@@ -91,7 +93,7 @@ class DiveRecorder:
     def start(self, utc_ns: int, now_s: float) -> bool:
         """Begin a file, unless one is open; tell whether one is open now, and in `said` why not."""
         if self._file is None:
-            self._messages, self._losses = 0, Losses()
+            self._messages, self._losses = 0, Losses(self._ticks_per_sample)
             self._open(utc_ns, now_s)
         return self._file is not None
 

@@ -21,6 +21,7 @@ from companion.telemetry import schemas as telemetry
 from companion.telemetry.modes import MEANINGS, MODE_NAMES
 from companion.telemetry.schemas import Command, Dof, Event, Loop, Plan, Schema, State, Supervisor, printable
 from companion.telemetry.status_line import delay_text
+from dashboard.rate import Rate
 from dashboard.terminal.above import Point, chart, nice_length
 from dashboard.zenoh_client import Message, Subscription
 
@@ -71,7 +72,8 @@ class View:
     """What is known of one vehicle at one moment, `now_s` on its own clock. `latest` by the key's tail.
 
     `age_s` is infinite before the first sample. `errors` holds, per DOF, the largest |e| (m or rad) of each
-    of the last seconds, the newest last. `trail` is where it was in the last two minutes.
+    of the last seconds, the newest last. `trail` is where it was in the last two minutes. `rate_hz` is that
+    of the ticks in the last seconds, `bytes_per_s` what came of payload.
     """
 
     endpoint: str
@@ -83,6 +85,8 @@ class View:
     trail: Sequence[Point]
     events: Sequence[Event]
     now_s: float
+    rate_hz: float
+    bytes_per_s: float
     trouble: str
 
     @property
@@ -104,6 +108,8 @@ class Feed:
         self._events: deque[Event] = deque(maxlen=_EVENTS)
         self._t_s = -math.inf
         self._clocks_apart_s = math.inf
+        self._ticks, self._bytes = Rate(), Rate()
+        self._byte_count = 0
         self._trouble = ""
 
     @property
@@ -119,6 +125,7 @@ class Feed:
     def take(self, messages: Iterable[Message], now_s: float) -> None:
         """Take what arrived until `now_s`, a monotonic clock of this machine."""
         for key, payload in messages:
+            self._byte_count += len(payload)
             if key.rpartition("/")[2] in _NOT_SHOWN:
                 continue
             try:
@@ -133,9 +140,12 @@ class Feed:
             self._mark_time(record.t_s, now_s)
             if isinstance(record, Dof):
                 self._bin(record)
+            elif isinstance(record, Loop):
+                self._ticks.add(record.t_s, record.tick)
             elif isinstance(record, State) and abs(record.t_s - self._trail_t_s) >= _TRAIL_S:
                 self._trail_t_s = record.t_s
                 self._trail.append(_position(record))
+        self._bytes.add(now_s, self._byte_count)
 
     def view(self, now_s: float, connected: bool) -> View:
         """Return what there is to see at `now_s`."""
@@ -150,6 +160,8 @@ class Feed:
             trail=list(self._trail),
             events=list(self._events),
             now_s=self._t_s + age_s,
+            rate_hz=self._ticks.per_s,
+            bytes_per_s=self._bytes.per_s,
             trouble=self._trouble,
         )
 
@@ -157,6 +169,7 @@ class Feed:
         """Learn how far the two clocks are apart from the fastest message: then what was held up is old."""
         if t_s < self._t_s - _RESTART_S:
             self._t_s = self._clocks_apart_s = math.inf
+            self._ticks = Rate()
         self._t_s = t_s if math.isinf(self._t_s) else max(self._t_s, t_s)
         self._clocks_apart_s = min(self._clocks_apart_s, now_s - t_s)
 
@@ -374,6 +387,7 @@ def _waiting(view: View) -> Text:
 
 def _freshness(view: View) -> Text:
     age = f"{view.age_s:.2f} s old"
+    age += f", {view.bytes_per_s / 1000.0:.0f} kB/s" if view.bytes_per_s else ""
     link = "" if view.connected else ", not connected"
     return Text(f" STALE, {age}{link} ", "reverse") if view.stale else Text(f"live, {age}{link}")
 
@@ -535,9 +549,10 @@ def _health(view: View) -> Table:
             f"telemetry {delay_text(loop.telemetry_delay_s, loop.telemetry_delay_known)}   "
             f"command {delay_text(loop.command_delay_s, loop.command_delay_known)}",
         )
+        rate_hz = view.rate_hz or loop.rate_hz
         grid.add_row(
             "loop",
-            f"{loop.rate_hz:.1f} Hz   {loop.lateness_ms:.2f} ms late   {loop.compute_us:.0f} µs a tick   "
+            f"{rate_hz:.1f} Hz   {loop.lateness_ms:.2f} ms late   {loop.compute_us:.0f} µs a tick   "
             f"{loop.late_ticks} late ticks   {loop.samples_dropped} dropped",
         )
         flood = f"   {loop.left_out_bytes} bytes of a flood left out" if loop.left_out_bytes else ""

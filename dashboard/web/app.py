@@ -19,6 +19,7 @@ from aiohttp import WSCloseCode, web
 from companion.telemetry import schemas as telemetry
 from companion.telemetry.commands import MAX_BYTES, parse
 from companion.telemetry.schemas import Plan
+from companion.telemetry.session import ticks_per_sample
 from dashboard.web import gate, vocabulary
 from dashboard.web.columns import COLUMNS
 from dashboard.web.fleet import HISTORY_S, Fleet, VehicleHistory
@@ -66,7 +67,7 @@ class Dashboard:
     def __init__(self, settings: DashboardOptions) -> None:
         self._settings = settings
         self._names = ("localhost", *settings.names)
-        self._fleet = Fleet()
+        self._fleet = Fleet(ticks_per_sample(settings.endpoint))
         self._telemetry = Subscription("holdfast/*/**", settings.endpoint)
         self._truth = Subscription("sim/*/truth", settings.endpoint)
         self._beat = asyncio.Event()

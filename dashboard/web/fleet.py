@@ -13,6 +13,7 @@ from companion.telemetry import schemas as telemetry
 from companion.telemetry.modes import SEVERITIES
 from companion.telemetry.schemas import Choices, Dof, Event, Loop, Plan, Recorder, Schema, State, Supervisor
 from dashboard.losses import Losses
+from dashboard.rate import Rate
 from dashboard.web.columns import COLUMNS, empty_row, fill, fill_truth
 from dashboard.web.ring import Ring
 from dashboard.zenoh_client import Stamped
@@ -22,9 +23,6 @@ ROWS = round(HISTORY_S * 50.0)
 EVENTS = 200
 MOST_VEHICLES = 16
 RECORDER_SILENT_S = 3.0
-RATE_S = 5.0
-"""The rate that is shown is that of so many seconds."""
-
 MODEL = tuple(name for name in Dof.__struct_fields__ if name.startswith("model_"))
 """What a Dof tells of the vehicle as found: gain and lag, in use, found, and their doubts."""
 
@@ -62,31 +60,10 @@ class Lag:
         return apart - self._fastest[0][1]
 
 
-class Rate:
-    """Ticks per second of the last seconds, by the sender's clock."""
-
-    def __init__(self) -> None:
-        self._ticks: deque[tuple[float, int]] = deque()
-
-    def add(self, t_s: float, tick: int) -> None:
-        """Take the number of a tick, and its time."""
-        self._ticks.append((t_s, tick))
-        while t_s - self._ticks[0][0] > RATE_S:
-            self._ticks.popleft()
-
-    @property
-    def hz(self) -> float:
-        """The rate; 0 before there are two ticks."""
-        if len(self._ticks) < 2:
-            return 0.0
-        (first_s, first), (last_s, last) = self._ticks[0], self._ticks[-1]
-        return (last - first) / (last_s - first_s) if last_s > first_s else 0.0
-
-
 class VehicleHistory:
     """One vehicle: the last two minutes of rows, its events, and the newest of all that is no number."""
 
-    def __init__(self, name: str) -> None:
+    def __init__(self, name: str, ticks_per_sample: int = 1) -> None:
         self.name = name
         self.ring = Ring(ROWS, len(COLUMNS))
         self.events: deque[dict[str, Any]] = deque(maxlen=EVENTS)
@@ -94,7 +71,7 @@ class VehicleHistory:
         self.config: dict[str, Any] | None = None
         self.choices = Choices(compensator=())
         self.config_version = 0
-        self.losses = Losses()
+        self.losses = Losses(ticks_per_sample)
         self._row = empty_row()
         self._row_t_s = math.nan
         self._t_s = -math.inf
@@ -191,7 +168,7 @@ class VehicleHistory:
             "model": self._model,
             "supervisor": supervisor,
             "loop": loop,
-            "rate_hz": self._rate.hz if loop else None,
+            "rate_hz": self._rate.per_s if loop else None,
             "recorder": recorder,
         }
 
@@ -246,7 +223,8 @@ class VehicleHistory:
 class Fleet:
     """Every vehicle that was heard, at most `MOST_VEHICLES`. What cannot be read is told in `trouble`."""
 
-    def __init__(self) -> None:
+    def __init__(self, ticks_per_sample: int = 1) -> None:
+        self._ticks_per_sample = ticks_per_sample
         self.vehicles: dict[str, VehicleHistory] = {}
         self.trouble = ""
 
@@ -286,7 +264,7 @@ class Fleet:
             if len(self.vehicles) >= MOST_VEHICLES:
                 self.trouble = f"'{name}' is one vehicle too many: {MOST_VEHICLES} are shown"
                 return None
-            self.vehicles[name] = VehicleHistory(name)
+            self.vehicles[name] = VehicleHistory(name, self._ticks_per_sample)
         return self.vehicles[name]
 
 

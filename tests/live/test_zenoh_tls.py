@@ -3,11 +3,13 @@
 import datetime
 import json
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 import zenoh
+from waiting import until
 
 from companion.io import certificates as keys
 from companion.io.command_queue import ReceivedCommand
@@ -15,7 +17,7 @@ from companion.io.zenoh_publisher import Publisher
 from companion.records import ControlSample
 from companion.telemetry import schemas as telemetry
 from companion.telemetry.schemas import Reply
-from companion.telemetry.session import client_configuration
+from companion.telemetry.session import client_configuration, ticks_per_sample
 from dashboard.zenoh_client import Subscription
 from lab.ports import free_port
 
@@ -25,13 +27,14 @@ NOW = datetime.datetime.now(datetime.UTC)
 class Vehicle:
     """A companion's publisher by vehicle.json5, and the commands that reached it."""
 
-    def __init__(self, directory: Path, *, allow_control: bool) -> None:
+    def __init__(self, directory: Path, *, allow_control: bool, radio: bool = False) -> None:
         self.local = f"tcp/127.0.0.1:{free_port()}"
         self.file, self.laptop = keys.make(
             directory,
             ["127.0.0.1"],
             allow_control=allow_control,
             now=NOW,
+            radio=radio,
             port=free_port(),
             local=self.local,
         )
@@ -47,8 +50,8 @@ class Vehicle:
 def diving(make_sample: Callable[..., ControlSample], tmp_path: Path) -> Iterator[Callable[..., Vehicle]]:
     vehicles: list[Vehicle] = []
 
-    def start(*, allow_control: bool) -> Vehicle:
-        vehicle = Vehicle(tmp_path / "keys", allow_control=allow_control)
+    def start(*, allow_control: bool, radio: bool = False) -> Vehicle:
+        vehicle = Vehicle(tmp_path / "keys", allow_control=allow_control, radio=radio)
         vehicle.publisher.start()
         vehicle.publisher.claim(5.0)
         vehicles.append(vehicle)
@@ -108,6 +111,31 @@ def test_the_laptop_commands_where_it_was_allowed_and_publishes_nothing(
         zenoh.open(client_configuration(vehicle.local)) as neighbour,
     ):
         assert _put_seen(neighbour, local), "processes on the vehicle may publish"
+
+
+def test_over_a_radio_whole_ticks_come_and_few_of_them(
+    diving: Callable[..., Vehicle], make_sample: Callable[..., ControlSample]
+) -> None:
+    vehicle = diving(allow_control=False, radio=True)
+    with (
+        Subscription("holdfast/**", str(vehicle.laptop)) as laptop,
+        Subscription("holdfast/**", vehicle.local) as local,
+    ):
+        assert comes(laptop, vehicle, make_sample(), 10.0)
+        assert comes(local, vehicle, make_sample(), 10.0)
+        time.sleep(0.5)
+        laptop.take(), local.take()
+        for tick in range(50):
+            vehicle.publisher.offer(
+                make_sample(t_s=float(tick)), telemetry.Raw(tick=tick, now_s=1.0, heard=[], out=[])
+            )
+            time.sleep(0.02)
+        until(lambda: any(b'"t_s":49.0' in payload for _, payload in local.take()))
+        keys_of = Counter(json.loads(payload)["t_s"] for _, payload in laptop.take())
+    assert 3 <= len(keys_of) <= 8
+    assert set(keys_of.values()) == {len(telemetry.EVERY_TICK)}
+    assert ticks_per_sample(str(vehicle.laptop)) == keys.RADIO_TICKS
+    assert ticks_per_sample(vehicle.local) == 1
 
 
 def test_another_authoritys_certificate_and_none_are_refused(

@@ -12,9 +12,10 @@ from msgspec.structs import replace
 from companion.records import ControlSample, State, Verdict
 from companion.telemetry import samples
 from companion.telemetry import schemas as telemetry
+from dashboard.rate import Rate
 from dashboard.web import fleet
 from dashboard.web.columns import COLUMNS
-from dashboard.web.fleet import Fleet, Lag, Rate
+from dashboard.web.fleet import Fleet, Lag
 from dashboard.web.ring import Ring, next_row
 from dashboard.zenoh_client import Stamped
 
@@ -134,10 +135,10 @@ def test_the_rate_is_that_of_the_last_seconds() -> None:
     rate = Rate()
     for tick in range(100):
         rate.add(0.02 * tick, tick)
-    assert rate.hz == pytest.approx(50.0)
+    assert rate.per_s == pytest.approx(50.0)
     for tick in range(100, 200):
         rate.add(2.0 + 0.1 * (tick - 100), tick)
-    assert rate.hz == pytest.approx(10.0)
+    assert rate.per_s == pytest.approx(10.0)
 
 
 def test_the_plan_is_kept_until_another_comes(make_sample: MakeSample) -> None:

@@ -58,6 +58,18 @@ def test_a_sample_is_on_the_screen_in_eighty_columns(make_sample: MakeSample) ->
     assert "…" not in screen, "something was cut off"
 
 
+def test_the_rate_is_that_of_the_last_seconds(make_sample: MakeSample) -> None:
+    feed = Feed("kelp", "")
+    for second in range(3):
+        sample = make_sample(t_s=12.0 + second)
+        sample = replace(sample, loop=replace(sample.loop, tick=100 + 20 * second, rate_hz=50.0))
+        tick = [Message(key, payload) for key, _, payload in samples.encode(sample, "kelp")]
+        feed.take(tick, second)
+    screen = _screen(feed.view(2.0, connected=True))
+    assert "20.0 Hz" in screen
+    assert f"{sum(len(payload) for _, payload in tick) / 1000:.0f} kB/s" in screen
+
+
 def test_each_degree_of_freedom_says_what_it_does(make_sample: MakeSample) -> None:
     screen = _screen(_view(make_sample()))
     (heading,) = _rows(screen, "heading")

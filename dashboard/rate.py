@@ -1,0 +1,27 @@
+"""A rate of the last seconds, from a number that counts up. No clock, no socket."""
+
+from collections import deque
+
+RATE_S = 5.0
+"""The rate is that of so many seconds."""
+
+
+class Rate:
+    """How fast a number counts up, such as that of ticks or of bytes."""
+
+    def __init__(self) -> None:
+        self._counts: deque[tuple[float, int]] = deque()
+
+    def add(self, at_s: float, count: int) -> None:
+        """Take the number at a time."""
+        self._counts.append((at_s, count))
+        while at_s - self._counts[0][0] > RATE_S:
+            self._counts.popleft()
+
+    @property
+    def per_s(self) -> float:
+        """The rate; 0 before there are two numbers."""
+        if len(self._counts) < 2:
+            return 0.0
+        (first_s, first), (last_s, last) = self._counts[0], self._counts[-1]
+        return (last - first) / (last_s - first_s) if last_s > first_s else 0.0
