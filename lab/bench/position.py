@@ -116,9 +116,10 @@ COURSES = (
 
 _AUTOPILOT = {"PSC_POSXY_P": 1.0, "PSC_VELXY_P": 2.0, "PSC_VELXY_I": 1.0, "PSC_VELXY_FLTE": 5.0}
 _PID = {"laws.ppi.k_p": 1.5, "laws.ppi.k_v": 4.0, "laws.ppi.k_i": 2.0}
+_PID_AXIS = ("law='ppi'", "compensator='none'", "disturbance_noise=5.0")
 _PID_STEERS = (
     "laws.ppi.module='lab.rivals.ppi'",
-    *(f"{axis}.{key}" for axis in ("surge", "sway") for key in ("law='ppi'", "compensator='none'")),
+    *(f"{axis}.{key}" for axis in ("surge", "sway") for key in _PID_AXIS),
 )
 ROWS = (
     Row(DEFAULT, "Holdfast", "companion", {}),
