@@ -77,7 +77,7 @@ SLOPE_STEP = 0.1
 MIN_SLOPE_N = 1e-9
 OVERLOAD = 1.01
 HALVINGS = 10
-"""Of the share of the forces that three motors can give beside the moments."""
+"""Of the share of the forces that the motors can give beside what goes first."""
 
 # Motor by motor: surge, sway, heave (down), yaw, roll and pitch factors of ArduSub's frames.
 _HORIZONTAL: tuple[Axes, ...] = (
@@ -120,6 +120,8 @@ class Group(NamedTuple):
     """Bound on what is asked of each axis, N or N·m."""
     moments: Three
     """1 for an axis of rotation, 0 for one of translation."""
+    first: Three
+    """1 for an axis whose demand is met before the others': yaw of the horizontal group."""
     whole: bool
     """Whether all motors give thrust."""
     dead: Four
@@ -174,6 +176,7 @@ def _group(factors: list[Three], axes: tuple[int, int, int], max_tau: Axes) -> G
         (PER_NEWTON[i], PER_NEWTON[j], PER_NEWTON[k]),
         (max_tau[i], max_tau[j], max_tau[k]),
         (float(i >= YAW), float(j >= YAW), float(k >= YAW)),
+        (float(i == YAW), float(j == YAW), float(k == YAW)),
         True,
         NO_MOTOR,
         (NO_PUSH,) * 4,
@@ -211,8 +214,9 @@ def _inverse(served: float) -> float:
 def allocate(thrusters: Thrusters, tau: Axes, voltage_v: float, reach: Axes) -> Allocation:
     """Return the axes that give body wrench `tau`, each within ±`reach`, motors within ±1.
 
-    Where a motor group would exceed the end of its curve or its reach, the whole group is scaled, as the
-    firmware does, so that the direction of the force is kept.
+    Where the horizontal motors would exceed the end of their curve or their reach, yaw's moment is given
+    whole and the forces of surge and sway are cut, so that their direction is kept: the heading goes before
+    the place. Heave, roll and pitch, without which no depth is held either, are scaled alike.
     """
     strength = thrust_at(voltage_v)
     (surge, sway, yaw), (short_x, short_y, short_n) = _group_axes(
@@ -265,16 +269,60 @@ def _group_axes(
     X, Y, Z = limited(tau[0], max_tau[0]), limited(tau[1], max_tau[1]), limited(tau[2], max_tau[2])
     if not group.whole:
         return _axes_of_three(group, tau, (X, Y, Z), strength, reach)
-    forces = _group_motors(
-        group,
-        (
-            X * shares[0] / (levers[0] * strength),
-            Y * shares[1] / (levers[1] * strength),
-            Z * shares[2] / (levers[2] * strength),
-        ),
+    wanted = (
+        X * shares[0] / (levers[0] * strength),
+        Y * shares[1] / (levers[1] * strength),
+        Z * shares[2] / (levers[2] * strength),
     )
-    beyond = max(1.0, _load(forces[0]), _load(forces[1]), _load(forces[2]), _load(forces[3]))
-    forces = (forces[0] / beyond, forces[1] / beyond, forces[2] / beyond, forces[3] / beyond)
+    first = group.first
+    any_first = first[0] + first[1] + first[2] > 0.0
+    turning = _group_motors(group, (wanted[0] * first[0], wanted[1] * first[1], wanted[2] * first[2]))
+    everything = _group_motors(group, wanted)
+    beyond = max(1.0, _load(turning[0]), _load(turning[1]), _load(turning[2]), _load(turning[3]))
+    turning = (turning[0] / beyond, turning[1] / beyond, turning[2] / beyond, turning[3] / beyond)
+    share = min(
+        1.0 / beyond,
+        _room(turning[0], everything[0]),
+        _room(turning[1], everything[1]),
+        _room(turning[2], everything[2]),
+        _room(turning[3], everything[3]),
+    )
+    a, over = _shared(group, turning, everything, share, reach)
+    if over > 1.0 and any_first:
+        low, high = 0.0, share
+        for _ in range(HALVINGS):
+            share = 0.5 * (low + high)
+            _, over = _shared(group, turning, everything, share, reach)
+            if over > 1.0:
+                high = share
+            else:
+                low = share
+        share = low
+        a, over = _shared(group, turning, everything, share, reach)
+    cut = over > 1.0 or beyond > 1.0
+    saturated = (
+        cut or (share < 1.0 and first[0] == 0.0) or tau[0] != X,
+        cut or (share < 1.0 and first[1] == 0.0) or tau[1] != Y,
+        cut or (share < 1.0 and first[2] == 0.0) or tau[2] != Z,
+    )
+    return (a[0] / over, a[1] / over, a[2] / over), saturated
+
+
+def _room(turning: float, everything: float) -> float:
+    """Return the share (0..1) of what else is asked of a motor that it can give beside its `turning`, N."""
+    pushing = everything - turning
+    end = T200_N[LAST] if pushing > 0.0 else T200_N[0]
+    return max((end - turning) / pushing, 0.0) if _load(everything) > 1.0 else 1.0
+
+
+def _shared(group: Group, turning: Four, everything: Four, share: float, reach: Three) -> tuple[Three, float]:
+    """Return the axes for `turning` and a share of the rest, N by motor, and how far beyond any goes."""
+    forces = (
+        turning[0] + share * (everything[0] - turning[0]),
+        turning[1] + share * (everything[1] - turning[1]),
+        turning[2] + share * (everything[2] - turning[2]),
+        turning[3] + share * (everything[3] - turning[3]),
+    )
     a = _group_demands(
         group,
         (
@@ -298,9 +346,7 @@ def _group_axes(
         abs(t[2]),
         abs(t[3]),
     )
-    short = beyond > 1.0 or over > 1.0
-    saturated = (short or tau[0] != X, short or tau[1] != Y, short or tau[2] != Z)
-    return (a[0] / over, a[1] / over, a[2] / over), saturated
+    return a, over
 
 
 def _axes_of_three(

@@ -457,6 +457,7 @@ def lamed(companion: Companion, group: Group, motor: int, first: int) -> Group:
         group.levers,
         group.max_tau,
         group.moments,
+        group.first,
         False,
         (
             1.0 if dead == 0 else 0.0,

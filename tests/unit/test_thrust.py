@@ -128,14 +128,30 @@ def test_more_than_the_configured_force_is_cut_and_reported(frame):
     assert vehicle.delivered(axes)[2] == pytest.approx(20.0, rel=0.02)
 
 
-def test_beyond_its_reach_the_horizontal_group_is_scaled_as_one_and_heave_is_not(vehicle):
+def test_beyond_its_reach_the_place_gives_way_to_the_heading_and_heave_is_as_it_was(vehicle):
     tau = [20.0, 10.0, 30.0, 2.0]
     free, saturated = vehicle.allocate(tau)
     assert not saturated.any()
     short, saturated = vehicle.allocate(tau, 16.0, [0.5 * free[0], 1.0, 1.0, 1.0])
-    np.testing.assert_array_equal(saturated, [True, True, False, True])
-    np.testing.assert_allclose(short[[0, 1, 3]], 0.5 * free[[0, 1, 3]], rtol=1e-12)
+    np.testing.assert_array_equal(saturated, [True, True, False, False])
+    forward_n, right_n, _, turning_nm = vehicle.delivered(short)
+    assert turning_nm == pytest.approx(2.0, abs=0.3)
+    assert 2.0 < forward_n < 10.0
+    assert right_n == pytest.approx(0.5 * forward_n, abs=0.6)
+    assert 0.4 * free[0] < short[0] <= 0.5 * free[0]
     assert short[2] == free[2]
+
+
+@pytest.mark.parametrize("heading_nm", [-10.0, 4.0])
+@pytest.mark.parametrize("force", [(75.0, 30.0), (-75.0, -30.0), (70.0, 70.0), (-50.0, 60.0)])
+def test_a_force_that_saturates_leaves_the_heading_its_moment(vehicle, force, heading_nm):
+    axes, saturated = vehicle.allocate([*force, 0.0, heading_nm], 13.5)
+    np.testing.assert_array_equal(saturated, [True, True, False, False])
+    forward_n, right_n, _, turning_nm = vehicle.delivered(axes, 13.5)
+    assert turning_nm == pytest.approx(heading_nm, abs=0.5)
+    assert math.hypot(forward_n, right_n) > 24.0
+    turned = math.atan2(right_n, forward_n) - math.atan2(force[1], force[0])
+    assert abs(math.remainder(turned, math.tau)) < 0.1
 
 
 def test_beyond_its_reach_heave_alone_is_scaled(vehicle):
@@ -150,7 +166,7 @@ def test_beyond_its_reach_heave_alone_is_scaled(vehicle):
 def test_no_horizontal_motor_is_asked_for_more_than_it_has(vehicle):
     """Three axes share four motors: their sum counts."""
     axes, saturated = vehicle.allocate([60.0, 60.0, 0.0, 10.0])
-    np.testing.assert_array_equal(saturated, [True, True, False, True])
+    np.testing.assert_array_equal(saturated, [True, True, False, False])
     assert np.abs(axes[[0, 1, 3]]).sum() <= 1.0 + 1e-9
 
 
