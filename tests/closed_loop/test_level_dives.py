@@ -63,6 +63,23 @@ def test_the_heavy_holds_a_place_in_a_current_and_waves(path):
     assert dive.step.truth.armed
 
 
+def test_a_current_that_surge_and_sway_cannot_resist_takes_neither_depth_nor_heading():
+    """1 m/s across its corner: the motors that are at their end serve the heading too."""
+    dive = engaged(*SEA, *current(1.0), "current.direction_deg=40")
+    dive.run(4.0)
+    steps = dive.run(12.0)
+    assert states(steps) == {State.ACTIVE}
+    x, _, z, psi = np.mean([step.sample.dofs.saturated for step in steps], axis=0)
+    assert x > 0.9
+    assert z < 0.1
+    assert psi == 0.0
+    eta = np.array([step.truth.eta for step in steps])
+    heading_deg = np.degrees(np.sqrt(np.mean(np.square(eta[:, 5] - 0.3))))
+    assert heading_deg < 0.3
+    assert np.sqrt(np.mean(np.square(off_mm(steps, 3.0)))) < 6.0
+    assert tilt_deg(steps).max() < 15.0
+
+
 @pytest.mark.parametrize(("vehicle", "most_deg"), [(HEAVY, 5.0), (SIX, 12.0)], ids=["heavy", "six"])
 def test_a_load_is_brought_up_level(vehicle, most_deg):
     """Its weight drags a tilted vehicle sideways, and sideways it is turned further: it tipped on the way."""
