@@ -94,6 +94,7 @@ def test_a_life_of_the_services(machine: Machine, python: str) -> None:
 
     killed(machine, "STOP", "watchdog")
     killed(machine, "KILL", "signal")
+    machine.run("systemctl", "stop", "holdfast-sim@heavy")
     recording = machine.run("sh", "-c", f"ls {DIVES}/*.mcap").split()[0]
     machine.run("setpriv", "--reuid=nobody", "--clear-groups", "test", "-r", recording)
     assert '"cockpit"' in machine.run(python, "-c", FETCH.format("http://127.0.0.1:8600/register_service"))
