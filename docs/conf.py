@@ -4,6 +4,7 @@ project = "Holdfast"
 extensions = ["myst_parser"]
 exclude_patterns = ["schemas", "layouts"]
 nitpicky = True
+highlight_language = "none"
 
 myst_heading_anchors = 4
 suppress_warnings = ["misc.highlighting_failure"]  # the supervisor's diagram, which only GitHub draws
