@@ -6,7 +6,9 @@ Hypothesis i says that motor i pushes nothing, hypothesis 0 that all push. About
 
 is fitted to the last seconds: c stands for an inertia, or thrusters, that differ from the nominal ones alike;
 k for what rights a tilted vehicle, or brakes a turn. A dead motor is the one whose hypothesis leaves less
-than EXPLAINS of the squares that hypothesis 0 and the three other motors of its group leave. The horizontal
+than EXPLAINS of the squares that hypothesis 0 and the three other motors of its group leave, and less than if
+it had kept half of its push: a motor that still pushes must not be taken for dead, because the allocation
+around a dead motor lets that motor's own demand go anywhere. The horizontal
 motors are seen in yaw and, by their lever, in roll, which tells apart two that turn alike; the vertical ones
 in roll and pitch. Heave, surge and sway are not looked at: there a payload, a current or waves look like a
 weak motor. Nothing is found while a motor has nothing to do, and then nothing is lost.
@@ -15,7 +17,7 @@ weak motor. Nothing is found while a motor has nothing to do, and then nothing i
 |---------|----------------------------------------------------------------------------------|------------|
 | f_i     | push of motor i by the nominal curve after lag and delay, over SLOW_S            | N          |
 | b_i     | moment for a newton of motor i                                                   | m          |
-| u, v    | moment of all motors, and of those that push                                     | N·m        |
+| u, v    | moment of all motors, and of those that push; vu: mean product                   | N·m        |
 | y       | I ω', over SLOW_S                                                                | N·m        |
 | ω, I    | rate p, q or r, nominal inertia                                                  | rad/s      |
 | s       | roll, pitch; in yaw the rate                                                     | rad, rad/s |
@@ -94,6 +96,7 @@ class Sums(NamedTuple):
     """Means of the products about one axis; by hypothesis 0 and the four motors of a group."""
 
     vv: Five
+    vu: Five
     vy: Five
     vs: Five
     yy: float
@@ -132,7 +135,7 @@ class State(NamedTuple):
     pardoned_s: float
 
 
-NO_SUMS = Sums((0.0,) * 5, (0.0,) * 5, (0.0,) * 5, 0.0, 0.0, 0.0, 0.0)
+NO_SUMS = Sums((0.0,) * 5, (0.0,) * 5, (0.0,) * 5, (0.0,) * 5, 0.0, 0.0, 0.0, 0.0)
 NOBODY = Suspect(0, 0.0)
 IDLE: Motors = (0.0,) * 8
 STILL: Turning = (0.0,) * 5
@@ -284,6 +287,13 @@ def _summed(before: Sums, v: Five, y: float, s: float, o: float, keep: float) ->
             keep * before.vv[4] + new * e * e,
         ),
         (
+            keep * before.vu[0] + new * a * a,
+            keep * before.vu[1] + new * b * a,
+            keep * before.vu[2] + new * c * a,
+            keep * before.vu[3] + new * d * a,
+            keep * before.vu[4] + new * e * a,
+        ),
+        (
             keep * before.vy[0] + new * a * y,
             keep * before.vy[1] + new * b * y,
             keep * before.vy[2] + new * c * y,
@@ -306,7 +316,17 @@ def _summed(before: Sums, v: Five, y: float, s: float, o: float, keep: float) ->
 
 def left(sums: Sums, hypothesis: int) -> float:
     """Return the mean square of y − c v + k s for the c and k that make it least, within their bounds."""
-    vv, vy, vs = max(sums.vv[hypothesis], TINY), sums.vy[hypothesis], sums.vs[hypothesis]
+    return _left(sums, sums.vv[hypothesis], sums.vy[hypothesis], sums.vs[hypothesis])
+
+
+def _left_weak(sums: Sums, motor: int) -> float:
+    """Return what `left` does, for a motor that keeps half of its push: v = u − b f/2."""
+    vv = 0.25 * (sums.vv[0] + 2.0 * sums.vu[motor] + sums.vv[motor])
+    return _left(sums, vv, 0.5 * (sums.vy[0] + sums.vy[motor]), 0.5 * (sums.vs[0] + sums.vs[motor]))
+
+
+def _left(sums: Sums, own: float, vy: float, vs: float) -> float:
+    vv = max(own, TINY)
     yy, ys, ss = sums.yy, sums.ys, max(sums.ss, TINY)
     apart = max(vv * ss - vs * vs, TINY * vv)
     c = clamped((vy * ss - vs * ys) / apart, LEAST_GAIN, MOST_GAIN)
@@ -332,7 +352,10 @@ def _accused(first: Sums, second: Sums, weight: float) -> int:
             found, least, others = motor, one, least
         elif one < others:
             others = one
-    return found if least < EXPLAINS * others else 0
+    if found == 0 or not least < EXPLAINS * others:
+        return 0
+    weak = _left_weak(first, found) + weight * _left_weak(second, found)
+    return found if least < weak else 0
 
 
 def _doubted(sums: Sums) -> bool:

@@ -22,7 +22,7 @@ examples:
   holdfast faults --dives 102             a quick look
   holdfast faults --first 417 --dives 1   one dive again
   holdfast faults --firmware --dives 50   against the real ArduSub
-  holdfast faults --thrusters --dives 5   five dives with each motor dead, on both frames
+  holdfast faults --thrusters --dives 5   five dives with each failure of each motor, on both frames
   holdfast faults --hours 24              a day of faults; the same command continues it
 
 Exit status: 0 every dive kept every promise, 1 one did not.
@@ -47,8 +47,8 @@ def main(argv: list[str]) -> int:
     parser.add_argument(
         "--thrusters",
         action="store_true",
-        help="let each motor die in turn instead, in waves and a current, N dives each, and measure depth, "
-        "heading and tilt; exit status 1 if the wrong motor was found dead",
+        help="let each motor die, keep 40 %% of its thrust, or stick instead, in waves and a current, N dives "
+        "each, and measure depth, heading and tilt; exit status 1 if a motor was wrongly found dead",
     )
     parser.add_argument(
         "--hours",

@@ -18,11 +18,11 @@ REACH = (1.0,) * 6
 class Body:
     """Roll, pitch and yaw of a vehicle that answers `gain` times as strongly, and is held by stiff springs.
 
-    `pushes` are the motors that do; `offset_m` is where a payload hangs that heave carries.
+    A motor that is dead keeps `keeps` of its push; `offset_m` is where a payload hangs that heave carries.
     """
 
-    def __init__(self, gain=1.0, offset_m=(0.0, 0.0), lag_s=0.08):
-        self.gain, self.offset_m, self.lag_s = gain, offset_m, lag_s
+    def __init__(self, gain=1.0, offset_m=(0.0, 0.0), lag_s=0.08, keeps=0.0):
+        self.gain, self.offset_m, self.lag_s, self.keeps = gain, offset_m, lag_s, keeps
         self.angle, self.rate, self.moment = np.zeros(3), np.zeros(3), np.zeros(3)
         self.watch, self.t_s, self.motor_s = START, 0.0, None
 
@@ -35,7 +35,10 @@ class Body:
             K, M, N = (-8.0 * self.angle - 4.0 * self.rate) / self.gain
             K, M = K + 0.085 * Y, M - 0.085 * X
             axes, _ = allocate(HEAVY, (X, Y, Z, N, K, M), 16.0, REACH)
-            given = delivered(without(HEAVY, dead) or HEAVY if dead else HEAVY, axes, 16.0)
+            given = np.array(delivered(HEAVY, axes, 16.0))
+            if dead:
+                left = np.array(delivered(without(HEAVY, dead), axes, 16.0))
+                given = left + self.keeps * (given - left)
             moment = np.array([given[4] - 0.085 * given[1], given[5] + 0.085 * given[0], given[3]])
             moment += payload_n * np.array([self.offset_m[1], -self.offset_m[0], 0.0])
             self.moment += (moment - self.moment) * (1.0 - math.exp(-DT_S / self.lag_s))
@@ -57,6 +60,15 @@ def test_the_dead_motor_is_found(dead, gain):
     used = (4.0, 4.0, 16.0) if vertical else (12.0, 12.0, 6.0)
     assert body.run(10.0, amplitude=used) == 0
     assert body.run(20.0, dead, amplitude=used) == dead
+
+
+@pytest.mark.parametrize("motor", [5, 8])
+def test_a_motor_that_keeps_two_fifths_of_its_push_is_not_dead(motor):
+    """A Heavy that was allocated around such a motor turned over: the motor still pushed."""
+    body = Body(gain=0.8, keeps=0.4)
+    body.run(3.0, amplitude=(0.0, 0.0, 16.0))
+    body.run(9.0, motor, amplitude=(0.0, 0.0, 16.0))
+    assert body.motor_s is None
 
 
 @pytest.mark.parametrize("gain", [1 / 3, 1.0, 3.0])
