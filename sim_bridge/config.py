@@ -259,6 +259,8 @@ class SensorConfig(_Record, frozen=True):
     """Whether the depth sensor feels the pressure of the waves themselves."""
     dvl: bool = False
     """A position source: LOCAL_POSITION_NED exists and position modes are accepted."""
+    dvl_delay_s: Annotated[float, Meta(ge=0, le=0.5)] = 0.03
+    """Of LOCAL_POSITION_NED's place and velocity."""
     dvl_drift_m: NonNegative = 0.02
     dvl_white_m: NonNegative = 0.003
     dvl_min_altitude_m: NonNegative = 0.0

@@ -47,7 +47,7 @@ def main(argv: list[str]) -> int:
     parser.add_argument(
         "--thrusters",
         action="store_true",
-        help="let each motor die, keep 40 %% of its thrust, or stick instead, in waves and a current, N dives "
+        help="let each motor die, keep 40 %% of its thrust, or stick instead, in waves and current, N dives "
         "each, and measure depth, heading and tilt; exit status 1 if a motor was wrongly found dead",
     )
     parser.add_argument(

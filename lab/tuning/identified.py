@@ -188,7 +188,8 @@ def _stamp_delay_s(plant: SimConfig, stretches: Sequence[Stretch], dof: int, log
     misses = [float(np.std(values - np.interp(at_s - shift_s, log[:, 0], true))) for shift_s in shifts_s]
     heading_s = float(shifts_s[int(np.argmin(misses))])
     sensors = plant.sensors
-    return heading_s + (0.0 if dof == PSI else sensors.depth_delay_s - sensors.attitude_delay_s)
+    own_s = {Z: sensors.depth_delay_s, PSI: sensors.attitude_delay_s}.get(dof, sensors.dvl_delay_s)
+    return heading_s + own_s - sensors.attitude_delay_s
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -319,8 +319,8 @@ class Sensors:
         attitude = self._delayed(config.attitude_delay_s + self._attitude_defects.late_s)
         motion = self._delayed(config.climb_delay_s + self._depth_defects.late_s)
         late_s = config.depth_delay_s + self._depth_defects.late_s
-        (height, _), (older, _), part = self._around(late_s)
-        z = height[2] + part * (older[2] - height[2])
+        (newer, _), (older, _), part = self._around(late_s)
+        z = newer[2] + part * (older[2] - newer[2])
         if self._lag_s:
             z = self._delayed(late_s + self._lag_s)[2]
             z = self._mean_depth_m + LAGGING_SHARE * (z - self._mean_depth_m)
@@ -345,10 +345,9 @@ class Sensors:
         accel = self._accelerometer(normal)
         position = (0.0, 0.0, 0.0, 0.0)
         if self._errors:
-            north, east, _ = ned_velocity(motion)
-            x, y = self._turned(
-                height[0] + part * (older[0] - height[0]), height[1] + part * (older[1] - height[1])
-            )
+            seen = self._delayed(config.dvl_delay_s)
+            north, east, _ = ned_velocity(seen)
+            x, y = self._turned(seen[0], seen[1])
             vx, vy = self._turned(north, east)
             position = (
                 x + self._north_m + self._position[0].value + config.dvl_white_m * normal(),
