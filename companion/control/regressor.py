@@ -3,6 +3,7 @@
     d̂ = Wᵀ φ        φ = [1, 10 e, 5 ė, 5 ẋ, 5 ẋ |5 ẋ|, 5 ẍ_d]        Ẇ = −η ε φ − ℓ W
 
 Its terms are those by which damping, mass and weight can be off; it is the network without a hidden layer.
+Beside the observer, which knows what is constant, φ begins with 0 in place of 1 (as in `network.py`).
 
 | symbol | key of the configuration | unit (heave; yaw)                  |
 |--------|--------------------------|------------------------------------|
@@ -25,6 +26,7 @@ class Parameters(NamedTuple):
     leak_per_s: float
     dead_zone: float
     max_disturbance: float
+    beside_observer: bool = False
 
 
 class State(NamedTuple):
@@ -42,8 +44,8 @@ def step(
     parameters: Parameters, state: State, signals: Signals, learn_s: float, adapt: bool
 ) -> tuple[State, float, bool]:
     """Return the new state, d̂, and whether it learnt."""
-    eta, leak, dead_zone, d_max = parameters
-    phi = terms(signals)
+    eta, leak, dead_zone, d_max, beside_observer = parameters
+    phi = terms(signals, beside_observer)
     learning, error = dead_zone_error(dot(state.W, phi), signals.eps, adapt, dead_zone, d_max)
     if learning:
         state = State(moved(1.0 - learn_s * leak, state.W, -learn_s * eta * error, phi))
@@ -51,8 +53,10 @@ def step(
 
 
 def seed(parameters: Parameters, state: State, signals: Signals, d_hat: float) -> State:
-    """Answer these signals with `d_hat`, by the smallest change of W."""
-    phi = terms(signals)
+    """Answer these signals with `d_hat`, by the smallest change of W; beside the observer stay as it is."""
+    if parameters.beside_observer:
+        return state
+    phi = terms(signals, beside_observer=False)
     missing = (limited(d_hat, parameters.max_disturbance) - dot(state.W, phi)) / dot(phi, phi)
     return State(moved(1.0, state.W, missing, phi))
 
@@ -63,14 +67,14 @@ def weight_norm(state: State) -> float:
 
 
 def integral_gain(parameters: Parameters) -> float:
-    """Return η: the constant term's."""
+    """Return η: the constant term's. Beside the observer it is less."""
     return parameters.learning_rate
 
 
-def terms(signals: Signals) -> Inputs:
+def terms(signals: Signals, beside_observer: bool) -> Inputs:
     """Return φ."""
     one, e, e_dot, x_dot, _, x_d_ddot = inputs(signals)
-    return (one, e, e_dot, x_dot, x_dot * abs(x_dot), x_d_ddot)
+    return (0.0 if beside_observer else one, e, e_dot, x_dot, x_dot * abs(x_dot), x_d_ddot)
 
 
 def dot(a: Inputs, b: Inputs) -> float:

@@ -36,6 +36,9 @@ TICK_S = 0.02
 LOAD_N, LOAD_PERIOD_S, FORGOTTEN_S = 15.0, 40.0, 1000.0
 SLICES = 10
 Z, W, F, LOAD = range(4)
+NOTHING: tuple[Array, Array, Array] = (np.zeros((0, 0)), np.zeros((0, 0)), np.zeros(0))
+"""A disturbance that there is not, or that is foreseen and so costs nothing: A, Q and its output row."""
+
 DEPTH_STEP_M, ACCEL_STEP_M_S2 = 1e-3, 1e-3 * GRAVITY
 
 
@@ -47,11 +50,13 @@ class Floor:
     chatter_n: float
 
 
-def floor(scenario: Scenario, base: SimConfig, link: Link, *, accelerometer: bool = False) -> Floor:
-    """Return the floor of one dive."""
+def floor(
+    scenario: Scenario, base: SimConfig, link: Link, *, accelerometer: bool = False, foreseen: bool = False
+) -> Floor:
+    """Return the floor of one dive; `foreseen` is that of one who knows every wave and pull beforehand."""
     config = scenario.plant(base, scenario.seed)
-    ready = _plant(config, scenario, wandering=True, accelerometer=accelerometer)
-    truth = _plant(config, scenario, wandering=False, accelerometer=accelerometer)
+    ready = _plant(config, scenario, wandering=True, accelerometer=accelerometer, foreseen=foreseen)
+    truth = _plant(config, scenario, wandering=False, accelerometer=accelerometer, foreseen=foreseen)
     controller = LQG(ready, loop_delay_s(scenario.seed, link) + config.sensors.depth_delay_s, TICK_S)
     K = controller.tuned(ready, CHATTER_N)
     rms_m, chatter_n = controller.reached(truth, K)
@@ -68,11 +73,15 @@ def loop_delay_s(seed: int, link: Link) -> float:
     return at.age_s + at.to_motor_s
 
 
-def _plant(config: SimConfig, scenario: Scenario, *, wandering: bool, accelerometer: bool) -> Plant:
+def _plant(
+    config: SimConfig, scenario: Scenario, *, wandering: bool, accelerometer: bool, foreseen: bool
+) -> Plant:
     """Return heave, what pushes it and what its sensors add: z, w, f, load, disturbance, slow noises."""
     hull, sensors = config.hull, config.sensors
     mass = hull.mass_kg + hull.added_mass[2]
     pushes, drag = _disturbance(config, scenario)
+    if foreseen:
+        pushes = NOTHING
     n = 4 + len(pushes[0]) + 3
     A, B, Q = np.zeros((n, n)), np.zeros(n), np.zeros((n, n))
     A[Z, W] = 1.0
@@ -121,7 +130,7 @@ def _disturbance(config: SimConfig, scenario: Scenario) -> tuple[tuple[Array, Ar
     if config.tether.enabled:
         sigma, tau_s = config.tether.sigma_n[2], config.tether.tau_s
         return (np.array([[-1.0 / tau_s]]), np.array([[2.0 * sigma**2 / tau_s]]), np.ones(1)), drag
-    return (np.zeros((0, 0)), np.zeros((0, 0)), np.zeros(0)), drag
+    return NOTHING, drag
 
 
 def sea_speed(waves: Waves, depth_m: float) -> tuple[Array, Array]:

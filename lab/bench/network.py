@@ -194,6 +194,8 @@ def cases() -> dict[str, tuple[Change, Callable[[float], Setpoint]]]:
         "damping × 3, waves": (lambda plant: _waves(_damped(plant, 3.0)), held),
         "damping / 3, path": (lambda plant: _tether(_damped(plant, 1.0 / 3.0)), path),
         "mass × 1.5, path": (lambda plant: _tether(_heavier(plant)), path),
+        "thrust / 2, path": (lambda plant: _tether(_thrusting(plant, 0.5)), path),
+        "thrust × 2, path": (lambda plant: _tether(_thrusting(plant, 2.0)), path),
         "weak thrusters, path": (lambda plant: _tether(_weak(plant)), path),
         "tether pulls, path": (_pulled, path),
     }
@@ -239,6 +241,11 @@ def _heavier(plant: SimConfig) -> SimConfig:
     for i in SIX:
         added[i] += 0.5 * (added[i] + (hull.inertia_kg_m2[2] if i == TRUE_PSI else hull.mass_kg))
     return replace(plant, hull=replace(hull, added_mass=tuple(added)))
+
+
+def _thrusting(plant: SimConfig, factor: float) -> SimConfig:
+    gain = tuple(factor * one for one in plant.thrusters.gain)
+    return replace(plant, thrusters=replace(plant.thrusters, gain=gain))
 
 
 def _weak(plant: SimConfig) -> SimConfig:

@@ -31,6 +31,20 @@ def test_it_learns_a_quadratic_drag_that_the_model_lacks():
     assert np.abs(errors[-3000:]).max() < 0.1 * np.abs(errors[:3000]).max()
 
 
+def test_beside_the_observer_it_learns_what_depends_on_the_motion_alone():
+    beside = one(beside_observer=True)
+    for _ in range(50):
+        beside.step(still(0.3)._replace(e_dot=0.0))
+    assert beside.step(still(0.0), adapt=False) == 0.0
+    for _ in range(50):
+        beside.step(still(0.3, x_dot=0.2))
+    assert beside.step(still(0.3, x_dot=0.2), adapt=False) < -1.0
+    assert beside.step(still(0.0), adapt=False) == 0.0
+    kept = beside.state
+    beside.seed(still(0.3), 5.0)
+    assert beside.state == kept
+
+
 def test_projection_freeze_and_dead_zone():
     learner = one(max_disturbance=2.0)
     for _ in range(500):
