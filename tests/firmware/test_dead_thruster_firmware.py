@@ -2,12 +2,12 @@
 
 import pytest
 
-from lab.faults.thrusters import HEAVY, dive
+from lab.faults.thrusters import DEAD, HEAVY, dive
 
 
 @pytest.mark.parametrize("motor", [1, 5, 8])
 def test_depth_and_heading_are_held_without_it(ardusub, motor):
-    row = dive(HEAVY, motor, 3, ardusub)
+    row = dive(HEAVY, motor, DEAD, 3, ardusub)
     assert row.ended == "held"
     assert row.found == (motor if motor > 4 else 0), "horizontal ones have nothing to do"
     assert row.rms_mm < 30.0
