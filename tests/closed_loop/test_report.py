@@ -4,6 +4,7 @@ import csv
 import json
 import re
 from collections.abc import Callable
+from copy import deepcopy
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -92,9 +93,14 @@ def dive(in_waves: list[Step], tmp_path_factory: pytest.TempPathFactory) -> Path
     return written(tmp_path_factory.mktemp("dive") / "kelp.mcap", in_waves)
 
 
-@pytest.fixture
-def log(dive: Path) -> Log:
+@pytest.fixture(scope="module")
+def loaded(dive: Path) -> Log:
     return load([dive])
+
+
+@pytest.fixture
+def log(loaded: Log) -> Log:
+    return deepcopy(loaded)
 
 
 def test_the_figures_are_those_of_the_samples(log: Log) -> None:
