@@ -79,7 +79,7 @@ class App:
         self._links = [link for link in (self._link, self._ground) if link is not None]
         self._peer_changes = 0
         telemetry = config.telemetry
-        self._commands = CommandQueue(config, setpoint.eta_d)
+        self._commands = CommandQueue(config)
         if path is not None:
             payload = msgspec.json.encode(Follow(path=path))
             self._commands.put(ReceivedCommand("follow", payload, _log_reply), trusted=True)

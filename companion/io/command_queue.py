@@ -122,13 +122,9 @@ class _Pending:
 
 @dataclass
 class CommandQueue:
-    """Takes commands between ticks, gives them to the engine, answers after the tick.
-
-    `setpoint` is what was asked for at the start, NaN where nothing was.
-    """
+    """Takes commands between ticks, gives them to the engine, answers after the tick."""
 
     started_with: Config
-    setpoint: Vector
     results: list[CommandResult] = field(default_factory=list)
     """What was answered in this tick."""
 
@@ -162,7 +158,6 @@ class CommandQueue:
                 raise ValueError(parsed.refused)
             if parsed.order is not None:
                 engine.guide(parsed.order)
-                self.setpoint = engine.asked
                 given = given._replace(order=(received.name, received.payload))
             elif isinstance(command, SetSetpoint):
                 given = given._replace(setpoint=self._aim(engine, command))
@@ -181,11 +176,6 @@ class CommandQueue:
     def after_tick(self, engine: Controllable, sample: ControlSample, now_s: float) -> None:
         """Answer what has been settled by this tick."""
         self._state = sample.verdict.state
-        if sample.state.frame_shift is not None:
-            columns = zip(sample.dofs.engaged, engine.target, self.setpoint, strict=True)
-            self.setpoint = vector(
-                [held if engaged and math.isfinite(asked) else asked for engaged, held, asked in columns]
-            )
         pending, self._pending = self._pending, []
         for one in pending:
             reply = self._settled(one, engine, sample, now_s)
@@ -216,7 +206,7 @@ class CommandQueue:
 
     def _aim(self, engine: Controllable, command: SetSetpoint) -> Setpoint:
         given = named(command)
-        wanted = list(self.setpoint)
+        wanted = list(engine.asked)
         for index, key in ((X, "x_m"), (Y, "y_m"), (Z, "depth_m")):
             wanted[index] = given.get(key, wanted[index])
         if "heading_deg" in given:
@@ -228,7 +218,6 @@ class CommandQueue:
             raise ValueError(f"depth_m = {wanted[Z]:g}: supervisor.max_depth_m is {max_depth_m:g}")
         setpoint = Setpoint(vector(wanted))
         engine.aim(setpoint)
-        self.setpoint = setpoint.eta_d
         return setpoint
 
     def _retuned(self, config: Config, command: SetCompensator | SetGains | SetEstimator) -> Config:
@@ -308,23 +297,23 @@ class CommandQueue:
         if isinstance(one.command, Goto | Follow | SetPath):
             guided = sample.guided
             value |= self._aimed(engine, sample) | {"guidance": guided.kind, "length_m": guided.length_m}
-            said = f"{self._progress(sample)}{f': {guided.name}' if guided.name else ''}"
+            said = f"{self._progress(engine, sample)}{f': {guided.name}' if guided.name else ''}"
             if guided.length_m:
                 said += f", {guided.length_m:.1f} m a lap"
             return Reply(done=guided.kind != "refused", said=said, value=value)
         if isinstance(one.command, SetSetpoint):
-            return Reply(done=True, said=self._progress(sample), value=self._aimed(engine, sample))
+            return Reply(done=True, said=self._progress(engine, sample), value=self._aimed(engine, sample))
         axis, changed = _changes(one.command)
         new = msgspec.to_builtins(getattr(engine.config, axis))
         said = ", ".join(f"{key} {new[key]} (was {getattr(getattr(one.old, axis), key)})" for key in changed)
         return Reply(done=True, said=f"{axis}: {said}", value={"axis": axis, **new})
 
-    def _progress(self, sample: ControlSample) -> str:
+    def _progress(self, engine: Controllable, sample: ControlSample) -> str:
         engaged = sample.dofs.engaged
         if not any(engaged):
             return f"kept for when it engages; the state is {sample.verdict.state}"
         awaited = Condition.POSITION_STALE in sample.verdict.conditions
-        if not engaged[X] and (awaited or any(map(math.isfinite, self.setpoint[:2]))):
+        if not engaged[X] and (awaited or any(map(math.isfinite, engine.asked[:2]))):
             return "on its way; x and y are not held until there is a position"
         kinds = {"paused": "paused", "hold": "holds here", "refused": "refused"}
         return kinds.get(sample.guided.kind, "on its way")
@@ -333,7 +322,7 @@ class CommandQueue:
         """Return the target, read back; while it is not engaged, what is kept for then."""
         engaged = sample.dofs.engaged
         held = zip(engaged, engine.target, strict=True)
-        aimed = [place if is_held else math.nan for is_held, place in held] if any(engaged) else self.setpoint
+        aimed = [place if is_held else math.nan for is_held, place in held] if any(engaged) else engine.asked
         x, y, z, psi = aimed
         values = {"depth_m": z, "heading_deg": math.degrees(psi) % 360.0, "x_m": x, "y_m": y}
         return {key: value for key, value in values.items() if math.isfinite(value)}

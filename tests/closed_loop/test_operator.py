@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
-from virtual import Dive, Somebody, hold
+from virtual import Dive, Somebody
 
 from companion.config import Axis, Config, load_config
 from companion.io.command_queue import MAX_WAITING, CommandQueue, ReceivedCommand
@@ -24,7 +24,7 @@ class Console:
     def __init__(self, dive, local=True):
         self._tap = dive.tap
         self.engine = dive.engine
-        self.commands = CommandQueue(dive.engine.config, hold().eta_d)
+        self.commands = CommandQueue(dive.engine.config)
         self._local = local
         self.given = []
         self.results = []
@@ -270,7 +270,7 @@ def test_too_many_commands_are_told_so_at_once():
 
 
 def test_the_log_line_is_bounded_whatever_came():
-    commands = CommandQueue(load_config(), hold().eta_d)
+    commands = CommandQueue(load_config())
     commands.put(ReceivedCommand("setpoint", b"\xff" * 10 * MAX_BYTES, lambda _: None, True))
     commands.before_tick(_Untouchable(), 0.0)
     assert len(commands.results[0].text) < 1000
@@ -278,10 +278,20 @@ def test_the_log_line_is_bounded_whatever_came():
 
 @pytest.mark.parametrize("payload", [b'{"a\n2026 forged\x1b[2J": 1}', b"\n2026 forged", b'{"\\n\\u202e": 1}'])
 def test_an_order_forges_no_line_of_the_log(payload):
-    commands = CommandQueue(load_config(), hold().eta_d)
+    commands = CommandQueue(load_config())
     commands.put(ReceivedCommand("setpoint", payload, lambda _: None, True))
     commands.before_tick(_Untouchable(), 0.0)
     assert commands.results[0].text.isprintable()
+
+
+def test_a_setpoint_leaves_the_depth_where_the_pilots_stick_took_it():
+    """The command after it used to send it back to the depth of the setpoint before."""
+    engine, commands = _Recorder(), CommandQueue(load_config())
+    engine.asked = (math.nan,) * 4
+    for payload in (b'{"depth_m": 2}', b'{"heading_deg": 90}'):
+        commands.put(ReceivedCommand("setpoint", payload, lambda _: None, True))
+        commands.before_tick(engine, 0.0)
+    np.testing.assert_allclose(engine.got[1].eta_d, (math.nan, math.nan, math.nan, 0.5 * math.pi))
 
 
 DVL = ("sensors.dvl=true", "initial.eta=[0,0,2,0,0,0]", "current.enabled=false")
@@ -328,7 +338,7 @@ payloads = st.binary(max_size=60) | (json_values | likely).map(lambda value: jso
 @example(name="setpoint", payload=b'{"depth_m":1e999}').via("the reason for refusing it raised TypeError")
 def test_whatever_comes_is_answered_once_and_changes_nothing_unless_done(name, payload):
     engine = _Recorder()
-    commands = CommandQueue(engine.config, hold().eta_d)
+    commands = CommandQueue(engine.config)
     answers: list[Reply] = []
     commands.put(ReceivedCommand(name, payload, answers.append, True))
     given = commands.before_tick(engine, 0.0)

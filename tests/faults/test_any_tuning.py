@@ -82,7 +82,7 @@ def test_what_the_ranges_allow_stays_finite_and_inside_the_envelope(overrides, a
     except ConfigError as refused:
         event(str(refused).partition(":")[2][:20])
         return
-    queue = CommandQueue(dive.engine.config, setpoint.eta_d)
+    queue = CommandQueue(dive.engine.config)
     for i in range(LASTS_S):
         for step in dive.loop.run(1.0):
             sample = step.sample

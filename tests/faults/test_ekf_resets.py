@@ -81,7 +81,7 @@ def test_the_setpoint_turns_with_the_frame_and_the_next_one_is_in_the_new_frame(
 def test_a_new_depth_after_a_reset_turns_nothing_back():
     """The operator's last heading was given in the old frame."""
     dive = active(*QUIET, setpoint=hold(psi=0.5), seconds=10.0)
-    commands = CommandQueue(dive.engine.config, hold(psi=0.5).eta_d)
+    commands = CommandQueue(dive.engine.config)
     dive.fault(**FORTY)
     for step in dive.run(3.0):
         commands.after_tick(dive.engine, step.sample, dive.t_s)
