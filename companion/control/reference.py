@@ -68,7 +68,7 @@ def step(
     jerk_dt = a_max * (dt_s / ACCELERATION_LAG_S)
 
     # What of the target's change was no motion along its own path is a step: δ and its rates take it up.
-    path_step = 0.5 * dt_s * (state.target_dot + target_dot)
+    path_step = dt_s * (target_dot - 0.25 * dt_s * (state.target_ddot + target_ddot))
     delta = state.x_d + path_step - target
     if parameters.angular:
         delta = wrap(delta)

@@ -69,6 +69,18 @@ def test_rates_are_the_derivatives_of_what_they_belong_to():
     np.testing.assert_allclose(np.diff(x_dot, axis=0) / TICK_S, x_ddot[1:], atol=0.02)
 
 
+@pytest.mark.parametrize("before_mps", [0.22, 0.0])
+def test_a_target_that_stops_or_starts_in_one_tick_steps_no_position(before_mps):
+    """The position used to step by half a tick of the rate: 2 mm at 0.22 m/s."""
+    reference, target = model(), STILL
+    for rate_mps in [before_mps] * 200 + [0.22 - before_mps] * 100:
+        x, before = motion(reference)[:2]
+        target = target + TICK_S * rate_mps
+        step(reference, target, np.full(4, rate_mps))
+        moved, now = (np.array(column) for column in motion(reference)[:2])
+        np.testing.assert_allclose(moved - x, 0.5 * TICK_S * (now + before), atol=2e-4)
+
+
 def test_degrees_of_freedom_do_not_mix():
     alone, _, _ = walk(model(), [0.0, 0.0, 1.0, 0.0], 8.0)
     together, _, _ = walk(model(), [5.0, -1.0, 1.0, 2.0], 8.0)
