@@ -17,11 +17,10 @@ if (Path(__file__).parent / "companion").is_dir():
 ABOUT = """\
 Holdfast keeps an ArduSub ROV at a setpoint or on a path, against currents, waves, the pull of a
 tether and an unknown load. It runs on the companion computer, reads depth and attitude over
-MAVLink, and sends thrust commands. `holdfast init` writes its configuration.
+MAVLink, and sends thrust commands. Start with `holdfast demo`: a simulated dive on this machine, in
+about a minute. `holdfast init` writes a configuration for your vehicle.
 
   ArduSub, or `holdfast sim`  <-- MAVLink -->  `holdfast run`  -- Zenoh -->  `holdfast watch`
-
-Start with `holdfast demo`: a simulated dive on this machine, in about a minute.
 """
 
 
