@@ -35,6 +35,7 @@ examples:
   holdfast keys keys --host 192.168.2.2                       subscribe only
   holdfast keys keys --host 192.168.2.2 --host blueos.local --allow-control
   holdfast keys keys --host 10.0.0.7 --radio                  5 samples a second of each key for the laptop
+  holdfast keys keys --host 10.0.0.1 --vehicle kelp --vehicle reed    a router at 10.0.0.1 for two vehicles
 
 The private key of the authority is not stored, so no further certificates can be issued: for a second laptop
 create all files again. The certificates are valid for a year.
@@ -206,19 +207,28 @@ def keys(argv: list[str]) -> int:
     """Create certificates for a laptop that connects over the network."""
     parser = argparse.ArgumentParser(
         prog="holdfast keys",
-        description="Creates a temporary certificate authority and two Zenoh configurations. With\n"
+        description="Creates a temporary certificate authority and Zenoh configurations. With\n"
         "DIR/vehicle.json5 the vehicle listens on loopback, and by TLS for this laptop only;\n"
-        "DIR/laptop.json5 is for the laptop. Each file contains a private key: protect it like a password.",
+        "DIR/laptop.json5 is for the laptop. With --vehicle it creates DIR/router.json5 for a\n"
+        "Zenoh router, to which laptop and vehicles connect, and a file for each vehicle.\n"
+        "Each file contains a private key: protect it like a password.",
         epilog=KEYS_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("directory", type=Path, metavar="DIR", help="where to write the two files")
+    parser.add_argument("directory", type=Path, metavar="DIR", help="where to write the files")
     parser.add_argument(
         "--host",
         action="append",
         required=True,
         metavar="NAME",
-        help="address or name of the vehicle, as seen from the laptop; may be repeated",
+        help="address or name of the vehicle or the router, as seen from the laptop; may be repeated",
+    )
+    parser.add_argument(
+        "--vehicle",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="a vehicle that connects to the router, by its vehicle.name; may be repeated",
     )
     parser.add_argument(
         "--allow-control",
@@ -236,23 +246,31 @@ def keys(argv: list[str]) -> int:
 
     now = datetime.datetime.now(datetime.UTC)
     try:
-        vehicle, laptop = make(
+        centre, laptop, *vehicles = make(
             arguments.directory,
             arguments.host,
             allow_control=arguments.allow_control,
             now=now,
+            vehicles=arguments.vehicle,
             radio=arguments.radio,
         )
+    except ValueError as error:
+        sys.stderr.write(f"holdfast keys: {error}\n")
+        return 2
     except FileExistsError as error:
         sys.stderr.write(
             f"holdfast keys: {error.filename} is there already; remove it or choose another DIR\n"
         )
         return 2
     run = "holdfast run --allow-control" if arguments.allow_control else "holdfast run"
-    sys.stdout.write(
-        f"on the vehicle:  {run} --set telemetry.mode=file --set telemetry.endpoint={vehicle}\n"
-        f"on the laptop:   holdfast watch --connect {laptop}\n"
-    )
+    if vehicles:
+        sys.stdout.write(f"on the router:   zenohd --config {centre}\n")
+    for vehicle in vehicles or [centre]:
+        name = f" --name {vehicle.stem}" if vehicles else ""
+        sys.stdout.write(
+            f"on the vehicle:  {run}{name} --set telemetry.mode=file --set telemetry.endpoint={vehicle}\n"
+        )
+    sys.stdout.write(f"on the laptop:   holdfast watch --connect {laptop}\n")
     return 0
 
 

@@ -1,9 +1,9 @@
-"""Certificates for a vehicle on a network: a throw-away authority, and one Zenoh configuration for each end.
+"""Certificates for vehicles on a network: a throw-away authority, and one Zenoh configuration for each end.
 
-The vehicle keeps listening on loopback for its own processes, and on the network for whoever shows a
-certificate of this authority: TLS both ways. A laptop may see and subscribe; it may command only if it was
-allowed to here, and the companion to be commanded (`holdfast run --allow-control`). The authority's own key
-is never written: for another laptop, make all anew.
+Whoever listens, a vehicle or the router of several, keeps listening on loopback for its own processes, and on
+the network for whoever shows a certificate of this authority: TLS both ways. `access_control` says what each
+may do. A companion to be commanded over the network must allow it too (`holdfast run --allow-control`). The
+authority's own key is never written: for another laptop or vehicle, make all anew.
 """
 
 import base64
@@ -19,16 +19,12 @@ from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
+from companion.io.access_control import LAPTOP, RADIO_TICKS, access_control, downsampling
 from companion.telemetry import schemas as telemetry
 
 PORT = 7448
-VEHICLE, LAPTOP = "vehicle", "laptop"
-TICK_HZ = 50.0
-RADIO_TICKS = 10
+VEHICLE, ROUTER = "vehicle", "router"
 LIFETIME = datetime.timedelta(days=365)
-SEEN = ("holdfast/**", "holdfast/**/@adv/**", "sim/**")
-ASKED = ("holdfast/**", "holdfast/**/@adv/**")
-COMMANDED = ("holdfast/*/command/**",)
 
 
 def make(
@@ -37,51 +33,56 @@ def make(
     *,
     allow_control: bool,
     now: datetime.datetime,
+    vehicles: Sequence[str] = (),
     radio: bool = False,
     port: int = PORT,
     local: str = telemetry.ENDPOINT,
 ) -> list[Path]:
-    """Write vehicle.json5 and laptop.json5 and return their paths.
+    """Write the configuration of who listens, of the laptop and of each of `vehicles`; return the paths.
 
-    `hosts` are the vehicle's names and addresses, as the laptop calls it. With `radio` the laptop gets one
-    tick of RADIO_TICKS and no raw ticks; processes on the vehicle get all. Raises FileExistsError rather than
-    write over keys that are in use.
+    Who listens is the vehicle or, if `vehicles` are named, a router for them; `hosts` are its names and
+    addresses, as the others call it. With `radio` the laptop gets one tick of RADIO_TICKS and no raw ticks;
+    processes on the listening machine get all. Raises FileExistsError rather than write over keys that are in
+    use, and ValueError for a vehicle's name that cannot be one.
     """
+    for name in vehicles:
+        telemetry.keys(name)
+        if name in (LAPTOP, ROUTER, VEHICLE) or vehicles.count(name) > 1:
+            raise ValueError(
+                f"vehicle name '{name}': each name once, and none of {LAPTOP}, {ROUTER}, {VEHICLE}"
+            )
     authority = _Authority(now)
-    vehicle: dict[str, Any] = {
-        "mode": "peer",
+    centre: dict[str, Any] = {
+        "mode": "router" if vehicles else "peer",
         "listen": {"endpoints": [local, f"tls/0.0.0.0:{port}"], "timeout_ms": 0},
         "connect": {"endpoints": []},
-        "transport": {
-            "shared_memory": {"enabled": False},
-            "link": {
-                "tx": {"queue": {"size": telemetry.BATCHES}},
-                "tls": {"enable_mtls": True, **authority.issue(VEHICLE, hosts, "listen")},
-            },
-        },
+        "transport": _transport(authority.issue(ROUTER if vehicles else VEHICLE, hosts, "listen")),
         "timestamping": {"enabled": True},
-        "access_control": _access(allow_control, radio),
+        "access_control": access_control(allow_control=allow_control, radio=radio, vehicles=vehicles),
     }
-    laptop: dict[str, Any] = {
-        "mode": "client",
-        "connect": {
-            "endpoints": [f"tls/{f'[{host}]' if ':' in host else host}:{port}" for host in hosts],
-            "timeout_ms": 0,
-            "retry": {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 2},
-        },
-        "listen": {"endpoints": []},
-        "transport": {
-            "shared_memory": {"enabled": False},
-            "unicast": {"open_timeout": 2000},
-            "link": {"tls": {"enable_mtls": True, **authority.issue(LAPTOP, (), "connect")}},
-        },
-    }
+    configs = {ROUTER if vehicles else VEHICLE: centre}
+    endpoints = [f"tls/{f'[{host}]' if ':' in host else host}:{port}" for host in hosts]
+    for name in (LAPTOP, *vehicles):
+        configs[name] = {
+            "mode": "client",
+            "connect": {
+                "endpoints": endpoints,
+                "timeout_ms": 0,
+                "retry": {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 2},
+            },
+            "listen": {"endpoints": []},
+            "transport": {
+                "unicast": {"open_timeout": 2000},
+                **_transport(authority.issue(name, (), "connect")),
+            },
+            "timestamping": {"enabled": name != LAPTOP},
+        }
     if radio:
-        vehicle["downsampling"] = [_downsampling()]
-        laptop["metadata"] = {telemetry.TICKS_PER_SAMPLE: RADIO_TICKS}
+        centre["downsampling"] = [downsampling(vehicles)]
+        configs[LAPTOP]["metadata"] = {telemetry.TICKS_PER_SAMPLE: RADIO_TICKS}
     directory.mkdir(parents=True, exist_ok=True)
     written = []
-    for name, config in ((VEHICLE, vehicle), (LAPTOP, laptop)):
+    for name, config in configs.items():
         config["scouting"] = {"multicast": {"enabled": False}, "gossip": {"enabled": False}}
         path = directory / f"{name}.json5"
         path.touch(mode=0o600, exist_ok=False)
@@ -90,80 +91,13 @@ def make(
     return written
 
 
-def _downsampling() -> dict[str, Any]:
-    """Return what makes Zenoh pass one tick of RADIO_TICKS to the laptop.
-
-    Zenoh lets a sample pass if the key's last one is old enough. A period half a tick shorter than wanted
-    keeps the keys of a tick together when a tick comes late.
-    """
-    keys = [*(f"holdfast/*/{tail}" for tail in telemetry.EVERY_TICK), "sim/*/truth"]
-    hz = TICK_HZ / (RADIO_TICKS - 0.5)
+def _transport(certificate: dict[str, str]) -> dict[str, Any]:
     return {
-        "id": "radio",
-        "link_protocols": ["tls"],
-        "flows": ["egress"],
-        "messages": ["put"],
-        "rules": [{"key_expr": key, "freq": round(hz, 3)} for key in keys],
-    }
-
-
-def _access(allow_control: bool, radio: bool) -> dict[str, Any]:
-    """Return Zenoh's access control: everything on loopback, a laptop what is named, others nothing."""
-    messages = {
-        "to": (["put", "delete", "declare_queryable", "liveliness_token", "reply"], ["egress"], SEEN),
-        "subscribe": (
-            ["declare_subscriber", "declare_liveliness_subscriber", "liveliness_query"],
-            ["ingress"],
-            SEEN,
-        ),
-        "ask": (["query"], ["ingress"], ASKED),
-    }
-    everything = [
-        *("put", "delete", "declare_subscriber", "query", "reply", "declare_queryable"),
-        *("liveliness_token", "liveliness_query", "declare_liveliness_subscriber"),
-    ]
-    rules = [
-        {"id": name, "permission": "allow", "flows": flows, "messages": kinds, "key_exprs": list(keys)}
-        for name, (kinds, flows, keys) in messages.items()
-    ]
-    if not allow_control:  # a companion drops what asks for several commands at once: `**` is no way in
-        rules.append(_denied("command", "ingress", "query", COMMANDED))
-    if radio:
-        rules.append(_denied("raw", "egress", "put", ("holdfast/*/raw",)))
-    laptop = [rule["id"] for rule in rules]
-    anything = ["**", "**/@adv/**"]
-    all_flows = ["ingress", "egress"]
-    rules.append(
-        {
-            "id": "all",
-            "permission": "allow",
-            "flows": all_flows,
-            "messages": everything,
-            "key_exprs": anything,
-        }
-    )
-    return {
-        "enabled": True,
-        "default_permission": "deny",
-        "rules": rules,
-        "subjects": [
-            {"id": "loopback", "link_protocols": ["tcp"]},
-            {"id": LAPTOP, "link_protocols": ["tls"], "cert_common_names": [LAPTOP]},
-        ],
-        "policies": [
-            {"rules": ["all"], "subjects": ["loopback"]},
-            {"rules": laptop, "subjects": [LAPTOP]},
-        ],
-    }
-
-
-def _denied(name: str, flow: str, message: str, keys: Sequence[str]) -> dict[str, Any]:
-    return {
-        "id": name,
-        "permission": "deny",
-        "flows": [flow],
-        "messages": [message],
-        "key_exprs": list(keys),
+        "shared_memory": {"enabled": False},
+        "link": {
+            "tx": {"queue": {"size": telemetry.BATCHES}},
+            "tls": {"enable_mtls": True, **certificate},
+        },
     }
 
 

@@ -5,6 +5,7 @@ import json
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
@@ -12,8 +13,9 @@ import zenoh
 from waiting import until
 
 from companion.io import certificates as keys
+from companion.io.access_control import RADIO_TICKS
 from companion.io.command_queue import ReceivedCommand
-from companion.io.zenoh_publisher import Publisher
+from companion.io.zenoh_publisher import NameTakenError, Publisher
 from companion.records import ControlSample
 from companion.telemetry import schemas as telemetry
 from companion.telemetry.schemas import Reply
@@ -134,8 +136,54 @@ def test_over_a_radio_whole_ticks_come_and_few_of_them(
         keys_of = Counter(json.loads(payload)["t_s"] for _, payload in laptop.take())
     assert 3 <= len(keys_of) <= 8
     assert set(keys_of.values()) == {len(telemetry.EVERY_TICK)}
-    assert ticks_per_sample(str(vehicle.laptop)) == keys.RADIO_TICKS
+    assert ticks_per_sample(str(vehicle.laptop)) == RADIO_TICKS
     assert ticks_per_sample(vehicle.local) == 1
+
+
+def test_at_a_router_each_vehicle_speaks_for_itself_alone(
+    make_sample: Callable[..., ControlSample], tmp_path: Path
+) -> None:
+    local = f"tcp/127.0.0.1:{free_port()}"
+    names = ["kelp", "reed"]
+    router, laptop, *vehicles = keys.make(
+        tmp_path, ["127.0.0.1"], allow_control=True, now=NOW, vehicles=names, port=free_port(), local=local
+    )
+
+    def command(received: ReceivedCommand) -> None:
+        received.answer(Reply(done=True, said="aye"))
+
+    with ExitStack() as stack:
+        enter = stack.enter_context
+        enter(zenoh.open(zenoh.Config.from_file(str(router))))
+        publishers = [
+            enter(Publisher(name, str(file), "file", command))
+            for name, file in zip(names, vehicles, strict=True)
+        ]
+        seen = enter(Subscription("holdfast/**", str(laptop)))
+        here = enter(Subscription("holdfast/**", local))
+        for publisher in publishers:
+            publisher.claim(10.0)
+            publisher.offer(make_sample())
+        tails = {f"{name}/{tail}" for name in names for tail in telemetry.EVERY_TICK}
+
+        def last(client: Subscription) -> set[str]:
+            return {message.key.partition("/")[2] for message in client.last()}
+
+        until(lambda: last(seen) >= tails, 10.0)
+        until(lambda: last(here) >= tails, 10.0)
+        assert seen.tell("reed", "setpoint", {"depth_m": 3.0}).done
+        kelp = enter(zenoh.open(client_configuration(str(vehicles[0]))))
+        assert not _put_seen(kelp, enter(Subscription("holdfast/other/**", local)))
+        assert [reply.ok for reply in kelp.get("holdfast/reed/command/setpoint", timeout=1.0)] == []
+        with pytest.raises(NameTakenError), Publisher("kelp", str(vehicles[0]), "file") as double:
+            double.claim(10.0)
+
+
+def test_a_fleets_names_are_vehicles_names(tmp_path: Path) -> None:
+    for names in (["kelp", "kelp"], ["router"], ["a/b"]):
+        with pytest.raises(ValueError, match="vehicle name"):
+            keys.make(tmp_path, ["10.0.0.1"], allow_control=False, now=NOW, vehicles=names)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_another_authoritys_certificate_and_none_are_refused(
