@@ -13,6 +13,8 @@ examples:
   holdfast bench process                                     only the process: memory, tick, jitter
   holdfast bench dives --set heave.kappa_per_s=8             the shipped default with another gain
   holdfast bench dives --seeds 4 --table out/dives.csv       also a table with one row for each dive
+  holdfast bench fleet --vehicles 10                         ten vehicles at one router
+  holdfast bench soak --minutes 120                          two hours, everything live
   holdfast bench firmware                                    our simulator beside the real ArduSub
 """
 PAPER_EXAMPLES = """\
@@ -55,26 +57,41 @@ def bench(argv: list[str]) -> int:
         "Simulates four scenarios, without and with 80 ms more delay, with random vehicles, in virtual time "
         "and with real MAVLink bytes: the shipped default, other laws and compensators, ArduSub's depth "
         "hold, and the computed LQG floor. One dive takes 3 s on one core; all rows with 60 vehicles take 5 "
-        "core-hours, with --seeds 10 one hour. Then it measures the process against its limits. Six benches "
-        "run only on request: `position` holds a place and follows paths in a current, with a DVL, beside a "
-        "PID and ArduSub's POSHOLD and GUIDED; `zenoh` measures the effect of slow, stopped and killed "
-        "subscribers on the tick, in six minutes; `ablation` removes one part of the controller at a time, "
-        "and compares the network with the observer; `network` compares learners on each axis, in the full "
-        "loop; `grid` dives vehicles of a third to three times the nominal gain, with other lags and "
-        "delays, and lists limit cycles; `firmware` compares our simulator with the real ArduSub, for the "
-        "default and for ALT_HOLD.",
+        "core-hours, with --seeds 10 one hour. Then it measures the process against its limits. Eight "
+        "benches run only on request: `position` holds a place and follows paths in a current, with a DVL, "
+        "beside a PID and ArduSub's POSHOLD and GUIDED; `zenoh` measures the effect of slow, stopped and "
+        "killed subscribers on the tick, in six minutes; `fleet` what many vehicles at one router with TLS "
+        "cost, in two minutes; `soak` runs everything live for hours, and measures memory, lateness and "
+        "lost records; `ablation` removes one part of the controller at a time, and compares the network "
+        "with the observer; `network` compares learners on each axis, in the full loop; `grid` dives "
+        "vehicles of a third to three times the nominal gain, with other lags and delays, and lists limit "
+        "cycles; `firmware` compares our simulator with the real ArduSub, for the default and for ALT_HOLD.",
         BENCH_EXAMPLES,
     )
     parser.add_argument(
         "what",
         nargs="?",
         choices=(
-            *("dives", "position", "process", "zenoh", "soak", "ablation", "network", "grid", "firmware"),
+            *(
+                "dives",
+                "position",
+                "process",
+                "zenoh",
+                "fleet",
+                "soak",
+                "ablation",
+                "network",
+                "grid",
+                "firmware",
+            ),
         ),
         help="run only this bench; default: dives and process",
     )
     parser.add_argument(
         "--seeds", type=positive, metavar="N", help="number of vehicles; default 60, with --firmware 4"
+    )
+    parser.add_argument(
+        "--vehicles", type=positive, default=20, metavar="N", help="of the fleet; default %(default)s"
     )
     parser.add_argument(
         "--minutes", type=positive, default=120, metavar="MIN", help="of the soak; default %(default)s"

@@ -78,13 +78,11 @@ def downsampling(vehicles: Sequence[str] = ()) -> dict[str, Any]:
 
 
 def _vehicle(name: str) -> list[_Rule]:
-    """Return what a vehicle may do at a router: tell and answer under its name, and look for its double."""
+    """Return what a vehicle may do at a router: tell and answer under its name."""
     own = [f"holdfast/{name}/**", f"holdfast/{name}/**/@adv/**", f"sim/{name}/**"]
     return [
         _rule(f"{name} tells", ["ingress"], _TELL, own),
         _rule(f"{name} is asked", ["egress"], ["query", *_SEE], _ALL),
-        _rule(f"{name} looks for its double", ["ingress"], _SEE, [telemetry.alive_key(name)]),
-        _rule(f"{name} sees its double", ["egress"], ["liveliness_token"], [telemetry.alive_key(name)]),
     ]
 
 

@@ -41,9 +41,10 @@ def make(
     """Write the configuration of who listens, of the laptop and of each of `vehicles`; return the paths.
 
     Who listens is the vehicle or, if `vehicles` are named, a router for them; `hosts` are its names and
-    addresses, as the others call it. With `radio` the laptop gets one tick of RADIO_TICKS and no raw ticks;
-    processes on the listening machine get all. Raises FileExistsError rather than write over keys that are in
-    use, and ValueError for a vehicle's name that cannot be one.
+    addresses, as the others call it. A vehicle of a router listens on loopback for its own processes. With
+    `radio` the laptop gets one tick of RADIO_TICKS and no raw ticks; processes on the listening machine get
+    all. Raises FileExistsError rather than write over keys that are in use, and ValueError for a vehicle's
+    name that cannot be one.
     """
     for name in vehicles:
         telemetry.keys(name)
@@ -64,13 +65,16 @@ def make(
     endpoints = [f"tls/{f'[{host}]' if ':' in host else host}:{port}" for host in hosts]
     for name in (LAPTOP, *vehicles):
         configs[name] = {
-            "mode": "client",
+            "mode": "client" if name == LAPTOP else "peer",
             "connect": {
                 "endpoints": endpoints,
-                "timeout_ms": 0,
+                "timeout_ms": 0
+                if name == LAPTOP
+                else -1,  # a peer starts without its router, and goes on trying
+                "exit_on_failure": name == LAPTOP,
                 "retry": {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 2},
             },
-            "listen": {"endpoints": []},
+            "listen": {"endpoints": [] if name == LAPTOP else [telemetry.ENDPOINT], "timeout_ms": 0},
             "transport": {
                 "unicast": {"open_timeout": 2000},
                 **_transport(authority.issue(name, (), "connect")),

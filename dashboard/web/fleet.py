@@ -21,7 +21,7 @@ from dashboard.zenoh_client import Stamped
 HISTORY_S = 120.0
 ROWS = round(HISTORY_S * 50.0)
 EVENTS = 200
-MOST_VEHICLES = 16
+MOST_VEHICLES = 32
 RECORDER_SILENT_S = 3.0
 MODEL = tuple(name for name in Dof.__struct_fields__ if name.startswith("model_"))
 """What a Dof tells of the vehicle as found: gain and lag, in use, found, and their doubts."""

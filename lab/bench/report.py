@@ -75,6 +75,10 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _run(arguments: argparse.Namespace) -> int:
     console = Console()
+    if arguments.what == "fleet":
+        from lab.bench.fleet import fleet
+
+        return fleet(arguments.vehicles, console)
     if arguments.what == "soak":
         from lab.bench.soak import soak
 

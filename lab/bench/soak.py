@@ -203,7 +203,7 @@ def _run(seconds: float, crew: Crew, dives: Path, found: Soak) -> Iterator[None]
                 raise ChildError(f"the companion did not engage within {START_S:g} s\n{crew.last_lines()}")
             _listen(seen, found, LOOK_S)
         found.let_go.clear()
-        threading.Thread(target=asyncio.run, args=(_browse(port),), daemon=True).start()
+        threading.Thread(target=asyncio.run, args=(browse(port),), daemon=True).start()
         pids = {name: pid for name, pid in crew.pids().items() if name != EMPTY}
         begun_s, cpu = time.monotonic(), {name: cpu_s(pid) for name, pid in pids.items()}
         while (now_s := time.monotonic() - begun_s) < seconds:
@@ -279,7 +279,7 @@ def _messages(file: Path) -> int:
     return found.statistics.message_count if found is not None and found.statistics is not None else 0
 
 
-async def _browse(port: int) -> None:
+async def browse(port: int) -> None:
     """Read the page's WebSocket, as a browser does."""
     origin = f"http://127.0.0.1:{port}"
     async with aiohttp.ClientSession(headers={"Origin": origin}) as session:

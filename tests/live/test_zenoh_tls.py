@@ -15,7 +15,7 @@ from waiting import until
 from companion.io import certificates as keys
 from companion.io.access_control import RADIO_TICKS
 from companion.io.command_queue import ReceivedCommand
-from companion.io.zenoh_publisher import NameTakenError, Publisher
+from companion.io.zenoh_publisher import Publisher
 from companion.records import ControlSample
 from companion.telemetry import schemas as telemetry
 from companion.telemetry.schemas import Reply
@@ -149,34 +149,44 @@ def test_at_a_router_each_vehicle_speaks_for_itself_alone(
         tmp_path, ["127.0.0.1"], allow_control=True, now=NOW, vehicles=names, port=free_port(), local=local
     )
 
+    kelps = f"tcp/127.0.0.1:{free_port()}"
+    for file, listens in zip(vehicles, ([kelps], []), strict=True):  # the two are on one machine
+        config = json.loads(file.read_text())
+        assert config["listen"]["endpoints"] == [telemetry.ENDPOINT]
+        config["listen"]["endpoints"] = listens
+        file.write_text(json.dumps(config))
+
     def command(received: ReceivedCommand) -> None:
         received.answer(Reply(done=True, said="aye"))
 
     with ExitStack() as stack:
         enter = stack.enter_context
-        enter(zenoh.open(zenoh.Config.from_file(str(router))))
         publishers = [
             enter(Publisher(name, str(file), "file", command))
             for name, file in zip(names, vehicles, strict=True)
         ]
-        seen = enter(Subscription("holdfast/**", str(laptop)))
-        here = enter(Subscription("holdfast/**", local))
         for publisher in publishers:
             publisher.claim(10.0)
             publisher.offer(make_sample())
+        aboard = enter(Subscription("holdfast/**", kelps))
+        seen = enter(Subscription("holdfast/**", str(laptop)))
+        here = enter(Subscription("holdfast/**", local))
         tails = {f"{name}/{tail}" for name in names for tail in telemetry.EVERY_TICK}
 
         def last(client: Subscription) -> set[str]:
             return {message.key.partition("/")[2] for message in client.last()}
 
+        until(lambda: "kelp/state" in last(aboard), 10.0)  # without a router
+        enter(zenoh.open(zenoh.Config.from_file(str(router))))
         until(lambda: last(seen) >= tails, 10.0)
         until(lambda: last(here) >= tails, 10.0)
         assert seen.tell("reed", "setpoint", {"depth_m": 3.0}).done
-        kelp = enter(zenoh.open(client_configuration(str(vehicles[0]))))
+        config["listen"]["endpoints"] = []
+        config["transport"] = json.loads(vehicles[0].read_text())["transport"]
+        vehicles[1].write_text(json.dumps(config))
+        kelp = enter(zenoh.open(client_configuration(str(vehicles[1]))))
         assert not _put_seen(kelp, enter(Subscription("holdfast/other/**", local)))
         assert [reply.ok for reply in kelp.get("holdfast/reed/command/setpoint", timeout=1.0)] == []
-        with pytest.raises(NameTakenError), Publisher("kelp", str(vehicles[0]), "file") as double:
-            double.claim(10.0)
 
 
 def test_a_fleets_names_are_vehicles_names(tmp_path: Path) -> None:
