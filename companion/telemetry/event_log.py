@@ -17,6 +17,49 @@ RESETS = Condition.YAW_RESET | Condition.POSITION_RESET
 MAV_SEVERITY_ERROR, MAV_SEVERITY_WARNING = 3, 4
 
 
+OVER = "over: "
+"""Begins the text of a condition's end."""
+WORDS = {
+    Condition.LINK_LOST: "the vehicle is silent",
+    Condition.DEPTH_STALE: "no fresh depth",
+    Condition.ATTITUDE_STALE: "no fresh attitude",
+    Condition.POSITION_STALE: "no fresh position",
+    Condition.GROUND_LOST: "no fresh altitude over the ground",
+    Condition.DISARMED: "the vehicle is disarmed",
+    Condition.WRONG_MODE: "another flight mode",
+    Condition.FAILSAFE_UNSAFE: "the pilot-input failsafe does not act",
+    Condition.PREFLIGHT_FAILURE: "a row of the pre-dive list fails",
+    Condition.NON_FINITE: "a computed value was not finite",
+    Condition.TICK_LATE: "a tick was too late",
+    Condition.TILTED: "tilted too far",
+    Condition.TILT_PERSISTS: "tilted too far for too long",
+    Condition.PILOT_TAKEOVER: "the pilot steers",
+    Condition.DEPTH_JUMPED: "the measured depth jumped",
+    Condition.DEPTH_OUT_OF_BOUNDS: "the measured depth is out of bounds",
+    Condition.EKF_UNHEALTHY: "the autopilot's EKF is unhealthy",
+    Condition.LEAK: "leak",
+    Condition.BATTERY_LOW: "the battery is low",
+    Condition.AUTOPILOT_FAILSAFE: "a failsafe of the autopilot is latched",
+    Condition.FAILSAFE_SURFACES: "a failsafe of the autopilot surfaces the vehicle",
+    Condition.REBOOTED: "the autopilot rebooted",
+    Condition.SATURATED: "not enough thrust",
+    Condition.OFF_TRACK: "too far from the setpoint",
+    Condition.DELAY_TOO_LONG: "the delay is too long",
+    Condition.INNOVATION_LARGE: "measurements miss the prediction",
+    Condition.QUEUE_FULL: "telemetry was dropped",
+    Condition.CONFIG_CHANGED: "a setting changed",
+    Condition.PILOT_LOST: "no heartbeat of the pilot's ground station",
+    Condition.PILOT_LOST_SURFACE: "no heartbeat of the pilot's ground station: to the surface",
+    Condition.CLOCK_JUMPED: "the vehicle's clock jumped",
+    Condition.CLOCK_INCONSISTENT: "the vehicle's clock contradicts itself",
+    Condition.YAW_RESET: "the EKF reset its yaw",
+    Condition.POSITION_RESET: "the EKF reset its position",
+    Condition.PEER_CHANGED: "a link got another peer",
+    Condition.THRUSTER_DEAD: "a motor gives no thrust",
+    Condition.THRUSTER_MISSED: "a motor gives no thrust, and the others cannot do its work",
+}
+
+
 class EventLog:
     """Compares each tick with the one before."""
 
@@ -58,10 +101,8 @@ class EventLog:
         if self._state is None:
             self._conditions = conditions  # the first state's reason names them
         elif conditions != self._conditions:
-            happened += [("warning", "condition", _words(one)) for one in conditions & ~self._conditions]
-            happened += [
-                ("info", "condition", f"no longer {_words(one)}") for one in self._conditions & ~conditions
-            ]
+            happened += [("warning", "condition", WORDS[one]) for one in conditions & ~self._conditions]
+            happened += [("info", "condition", OVER + WORDS[one]) for one in self._conditions & ~conditions]
             self._conditions = conditions
         if sample.state.dead_motor != self._dead_motor:
             happened.append(_motor(self._dead_motor, sample.state.dead_motor))
@@ -127,7 +168,3 @@ def _shift_words(shift: FrameShift) -> str:
         return f"yaw {math.degrees(shift.turn_rad):+.1f}°; the heading that is held turns with it"
     moved = f"position {shift.north_m:+.2f} m north, {shift.east_m:+.2f} m east"
     return f"{moved}; the place that is held moves with it"
-
-
-def _words(condition: Condition) -> str:
-    return (condition.name or "").lower().replace("_", " ")

@@ -2,9 +2,9 @@
 
 from virtual import Dive, active
 
-from companion.records import State
+from companion.records import Condition, State
 from companion.telemetry.commands import CommandResult
-from companion.telemetry.event_log import EventLog
+from companion.telemetry.event_log import ASKED, WORDS, EventLog
 from companion.telemetry.schemas import Reply
 
 
@@ -21,7 +21,7 @@ def test_a_start_tells_the_way_to_active_and_what_the_autopilot_says():
     assert events[0][2].startswith("IDLE: waiting for")
     assert ("info", "state", "ACTIVE: engaged") in events
     assert ("info", "autopilot", "Arming motors") in events
-    assert ("info", "condition", "no longer disarmed") in events
+    assert ("info", "condition", "over: the vehicle is disarmed") in events
 
 
 def test_a_quiet_tick_tells_nothing():
@@ -35,11 +35,16 @@ def test_a_fault_is_told_with_its_condition_once():
     told(dive, 0.1, log)
     dive.fault("link_cut", 1.5)
     events = told(dive, 1.4, log)
-    assert ("warning", "condition", "link lost") in events
+    assert ("warning", "condition", "the vehicle is silent") in events
     assert [event for event in events if event[0] == "fault"] == [
         ("fault", "state", f"FAULT: {dive.step.sample.verdict.reason}")
     ]
     assert dive.state is State.FAULT
+
+
+def test_every_condition_that_is_told_has_words():
+    assert set(WORDS) == set(Condition) - set(ASKED)
+    assert len(set(WORDS.values())) == len(WORDS)
 
 
 def test_commands_are_told_with_their_answer():

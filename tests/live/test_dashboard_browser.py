@@ -55,6 +55,16 @@ def _proved(saturated: list[int], lambda_in_force: list[float]) -> str:
     return f"m.proved({words}).map(Number.isFinite).map(Number).join('')"
 
 
+_COLOURS_OF_HORIZON = """import("/static/save.js").then(async (m) => {
+  const node = document.querySelector("#panel-attitude");
+  const shot = await createImageBitmap(await m.png("", [{ node }]));
+  const context = new OffscreenCanvas(shot.width, shot.height).getContext("2d");
+  context.drawImage(shot, 0, 0);
+  const middle = context.getImageData(0, shot.height / 2, shot.width, 4).data;
+  return new Set(new Uint32Array(middle.buffer)).size;
+})"""
+
+
 PURE: list[tuple[str, str, Any]] = [
     ("words", _PILOT % ("true", "ALT_HOLD"), "ALT_HOLD has it"),
     ("words", _PILOT % ("true", "STABILIZE"), "the pilot has it, STABILIZE"),
@@ -63,8 +73,8 @@ PURE: list[tuple[str, str, Any]] = [
     ("words", "m.holder('ACTIVE', {armed: true, guidance: 'path'})", "following the path"),
     (
         "words",
-        f"m.collapsed([{_JUMP % (1, '')}, {_JUMP % (2, 'no longer ')}, {_JUMP % (30, '')},"
-        f" {_JUMP % (30.5, 'no longer ')}, {_JUMP % (200, '')}], {{}}).map(m.rowText)",
+        f"m.collapsed([{_JUMP % (1, '')}, {_JUMP % (2, 'over: ')}, {_JUMP % (30, '')},"
+        f" {_JUMP % (30.5, 'over: ')}, {_JUMP % (200, '')}], {{}}).map(m.rowText)",
         ["Clock jumped", "Clock jumped · 2 times, the last for 0.5 s"],
     ),
     (
@@ -250,6 +260,7 @@ def test_a_live_dive(opened: Callable[..., Page]) -> None:
         page.locator("#save-png").click()
     assert saved.value.path().read_bytes().startswith(b"\x89PNG")
     assert re.fullmatch(r"kelp-\d{8}T\d{6}Z\.png", saved.value.suggested_filename)
+    assert _get(page, _COLOURS_OF_HORIZON) > 20  # it is no canvas
 
 
 def test_where_no_vehicle_is_there_are_commands_that_start_one(
@@ -260,7 +271,7 @@ def test_where_no_vehicle_is_there_are_commands_that_start_one(
     page.evaluate("holdfast.link.choose('nobody')")
     _wait(page, "!document.querySelector('#empty').hidden")
     assert page.locator("#start-sim").text_content() == f"holdfast sim --zenoh {dive.zenoh}"
-    assert page.locator("#state").text_content() == "NO DATA"
+    _wait(page, "document.querySelector('#state').textContent === 'NO DATA'")
     page.evaluate("holdfast.link.choose('kelp')")
     _wait(page, "document.querySelector('#empty').hidden")
 

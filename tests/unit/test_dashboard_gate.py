@@ -180,7 +180,7 @@ def test_what_the_pages_modules_import_is_exported() -> None:
     sources = {path.name: path.read_text(encoding="utf-8") for path in static.glob("*.js")}
     sources["vocabulary.js"] = vocabulary.module()
     exported = {
-        name: set(re.findall(r"^export (?:const|function|class) ([\w$]+)", source, re.MULTILINE))
+        name: set(re.findall(r"^export (?:const|(?:async )?function|class) ([\w$]+)", source, re.MULTILINE))
         for name, source in sources.items()
     }
     wanted = {

@@ -14,10 +14,32 @@ export function csv(store, from, to, wall) {
   return `${lines.join("\n")}\n`;
 }
 
-// Every panel on the screen that is drawn on canvases, with its words.
-export function png(title, panels) {
-  const seen = panels.filter(({ shown }) => shown !== false).map(({ node }) => ({ node, canvases: [...node.querySelectorAll("canvas")], box: node.getBoundingClientRect() }))
-    .filter(({ canvases, box }) => canvases.length && box.width && box.bottom > 0 && box.top < innerHeight);
+const STYLES = ["fill", "stroke", "stroke-width", "stroke-linejoin", "opacity", "font-family", "font-size", "font-weight", "text-anchor", "dominant-baseline"];
+
+// An SVG of the page as an image: alone it has no style sheet, so each part gets the style that it has.
+async function drawn(node) {
+  const copy = node.cloneNode(true);
+  const parts = [copy, ...copy.querySelectorAll("*")];
+  [node, ...node.querySelectorAll("*")].forEach((one, i) => {
+    const style = getComputedStyle(one);
+    for (const name of STYLES) parts[i].style.setProperty(name, style.getPropertyValue(name));
+  });
+  const box = node.getBoundingClientRect();
+  copy.setAttribute("width", box.width);
+  copy.setAttribute("height", box.height);
+  const image = new Image();
+  image.src = `data:image/svg+xml,${encodeURIComponent(new XMLSerializer().serializeToString(copy))}`;
+  await image.decode();
+  return image;
+}
+
+// Every panel on the screen that is a picture, on canvases or as SVG, with its words.
+export async function png(title, panels) {
+  const seen = panels.filter(({ shown }) => shown !== false).map(({ node }) => ({ node, pictures: [...node.querySelectorAll("canvas, svg")], box: node.getBoundingClientRect() }))
+    .filter(({ pictures, box }) => pictures.length && box.width && box.bottom > 0 && box.top < innerHeight);
+  for (const one of seen) {
+    one.pictures = await Promise.all(one.pictures.map(async (picture) => [picture.getBoundingClientRect(), picture.matches("svg") ? await drawn(picture) : picture]));
+  }
   const edge = (name, pick) => pick(...seen.map(({ box }) => box[name]));
   const [left, top, right, bottom] = [edge("left", Math.min), edge("top", Math.min), edge("right", Math.max), edge("bottom", Math.max)];
   const head = 30;
@@ -38,7 +60,7 @@ export function png(title, panels) {
   fill(colours.page, 0, 0, canvas.width, canvas.height);
   write(title, 10, 21, colours.ink, "600 14px");
   context.translate(8 - left, 8 + head - top);
-  for (const { node, canvases, box } of seen) {
+  for (const { node, pictures, box } of seen) {
     fill(colours.panel, box.left, box.top, box.width, box.height);
     write(node.querySelector("h2").textContent, box.left + 10, box.top + 19, colours.ink, "600 13px");
     let right = box.right - 10;
@@ -46,10 +68,7 @@ export function png(title, panels) {
       write(text, right, box.top + 19, colour, "11px", "right");
       right -= context.measureText(text).width + 12;
     }
-    for (const one of canvases) {
-      const place = one.getBoundingClientRect();
-      context.drawImage(one, place.left, place.top, place.width, place.height);
-    }
+    for (const [place, picture] of pictures) context.drawImage(picture, place.left, place.top, place.width, place.height);
   }
   return new Promise((done) => { canvas.toBlob(done, "image/png"); });
 }

@@ -32,7 +32,7 @@ export function holder(state, { armed, mode, guidance }) {
 }
 
 const AGAIN_S = 60;
-const OVER = "no longer ";
+const OVER = "over: ";
 
 // Events as rows, the newest first. What came again within a minute is one row; so are a condition and its end.
 export function collapsed(events, states) {
