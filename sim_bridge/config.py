@@ -261,6 +261,8 @@ class SensorConfig(_Record, frozen=True):
     """A position source: LOCAL_POSITION_NED exists and position modes are accepted."""
     dvl_delay_s: Annotated[float, Meta(ge=0, le=0.5)] = 0.03
     """Of LOCAL_POSITION_NED's place and velocity."""
+    dvl_by_mavlink: bool = False
+    """A position source that speaks VISION_POSITION_DELTA, as a DVL's BlueOS extension does."""
     dvl_drift_m: NonNegative = 0.02
     dvl_white_m: NonNegative = 0.003
     dvl_min_altitude_m: NonNegative = 0.0
@@ -285,7 +287,7 @@ class SensorConfig(_Record, frozen=True):
     @property
     def positioned(self) -> bool:
         """Whether there is a position source."""
-        return self.dvl or self.usbl.enabled
+        return self.dvl or self.dvl_by_mavlink or self.usbl.enabled
 
 
 class SimConfig(_Record, frozen=True):

@@ -28,6 +28,10 @@ FITTED: dict[str, float] = {
 """What a BlueROV2's set-up changes: the second barometer is the one in the water, and both are zeroed."""
 
 
+BY_MAVLINK: dict[str, float] = {"VISO_TYPE": 1, "EK3_SRC1_POSXY": 6, "EK3_SRC1_VELXY": 6}
+"""What the guide of a DVL's BlueOS extension has its owner set."""
+
+
 class Truth(msgspec.Struct, frozen=True):
     """What really happens, which no companion ever sees. NED and body (Fossen), SI."""
 
@@ -127,6 +131,7 @@ class Vehicle:
                 "BATT_CAPACITY": config.battery.capacity_ah * 1000.0,
                 "RC_PROTOCOLS": 1 if config.rc_receiver else 0,
             }
+            | (BY_MAVLINK if config.sensors.dvl_by_mavlink else {})
         )
         for name, value in config.parameters.items():
             if not self._params.set(name, value):

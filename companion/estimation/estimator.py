@@ -39,7 +39,7 @@ from companion.estimation.observer import (
     observer_table,
 )
 from companion.estimation.position_doubt import PositionDoubtModel
-from companion.estimation.resets import MAX_GAP_S, position_resets, yaw_resets
+from companion.estimation.resets import MAX_GAP_S, POSITION_WARNED_M, position_resets, yaw_resets
 from companion.estimation.vehicle_model import DISTURBANCE_RATIO, MOST_LAG_S, MOST_LOG_GAIN, Tables
 from companion.estimation.water import Water
 from companion.mavlink.ardusub import motor_demand
@@ -514,7 +514,8 @@ class Estimator:
         north_m = self._x_resets.step(event.boot_s, event.x_m, event.vx_mps)
         east_m = self._y_resets.step(event.boot_s, event.y_m, event.vy_mps)
         if north_m or east_m:
-            self._position_reset_t_s = event.t_s
+            if math.hypot(north_m, east_m) > POSITION_WARNED_M:
+                self._position_reset_t_s = event.t_s
             self._reset_by[X] = min(self._reset_by[X] + abs(north_m), MAX_RESET_INNOVATION)
             self._reset_by[Y] = min(self._reset_by[Y] + abs(east_m), MAX_RESET_INNOVATION)
             self._shift(FrameShift(0.0, north_m, east_m))

@@ -16,7 +16,12 @@ YAW_RESET_RAD = math.radians(1.0)
 MAX_YAW_ACCELERATION = 40.0
 """rad/s²: what thrusters or a blow may do between two samples; a turn of 40° within 0.3 s takes 31."""
 
-POSITION_RESET_M = 0.25
+POSITION_RESET_M = 0.1
+"""Less than a USBL's fix moves an EKF. A velocity that is wrong by more than 0.1 m/s looks like jumps."""
+
+POSITION_WARNED_M = 0.25
+"""A jump that is larger is told."""
+
 MAX_ACCELERATION = 5.0
 """m/s², likewise."""
 

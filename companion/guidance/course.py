@@ -100,6 +100,11 @@ class Course:
         """What a pose of the path's plan is moved by."""
         return self._offset
 
+    @property
+    def approaches(self) -> bool:
+        """Whether it is on a straight line to a place, a move's or that where a path begins."""
+        return self._approach is not None
+
     def begin(self, start: Vector) -> None:
         """Start from a pose at rest."""
         self.begun = True

@@ -56,6 +56,15 @@ from companion.telemetry.commands import Goto
 UNSET: Vector = (math.nan, math.nan, math.nan, math.nan)
 HORIZONTAL: Flags = (True, True, False, False)
 VELOCITY_LASTS_S = 1.0
+FIX_M = 1.0
+"""Jumps of the EKF's position that come to more are a reset: what is wanted stays where it lies."""
+
+RESET_LASTS_S = 10.0
+"""Jumps so soon after a reset belong to it."""
+
+MADE_GOOD_S, MADE_GOOD_MPS = 20.0, 0.03
+"""Jumps that come to less are fixes: so slowly, and no faster, the vehicle follows them."""
+
 POSITION_SETTLES_S = 0.5
 """A position that came back is taken up after this long: the estimate has found its velocity by then."""
 
@@ -83,6 +92,9 @@ class Guidance:
         self._moved_meanwhile = False
         """Whether the pilot has steered in surge or sway since then."""
         self._unpositioned_t_s = -math.inf
+        self._owed = (0.0, 0.0)
+        """By how much fixes have moved what is wanted, north and east, m."""
+        self._reset_t_s = -math.inf
         self._velocity: tuple[float, Vector, bool] = (-math.inf, ZERO, True)
         """Until when the ground station asks for a velocity, and whether it is along the vehicle's axes."""
         self._psi = 0.0
@@ -232,6 +244,7 @@ class Guidance:
         if verdict.authority == 0.0:
             self._references.clear()
             self.engaged = NONE
+            self._owed = (0.0, 0.0)
             self._lost = False
             self._target = Setpoint(state.eta_ahead)
             if self._altitude is not None:
@@ -334,6 +347,7 @@ class Guidance:
         self._psi = state.eta_ahead[PSI]
         if verdict.state is not State.ACTIVE or verdict.authority < 1.0:
             return
+        self._make_good(dt_s)
         self._follow_course(state, reference, dt_s)
         if self._altitude is not None and self.engaged[Z]:
             self._keep_altitude(self._altitude, state.ground, dt_s)
@@ -386,7 +400,33 @@ class Guidance:
         return target if self._fence is None else self._fence.inside(target)
 
     def shift(self, shift: FrameShift, state: VehicleState) -> None:
-        """Hold the same physical place and direction in the frame of a reset estimate."""
+        """Hold the same physical place and direction in the frame of a reset estimate.
+
+        A jump of the position that is a fix, not a reset, is made good slowly (`_make_good`).
+        """
+        self._move_places(shift)
+        self._references = deque(
+            (t_s, shifted_along(shift, eta_d, state.eta)) for t_s, eta_d in self._references
+        )
+        north_m, east_m = self._owed[0] + shift.north_m, self._owed[1] + shift.east_m
+        if math.hypot(north_m, east_m) > FIX_M:
+            self._reset_t_s = state.t_s
+        fixed = self.engaged[X] and state.t_s - self._reset_t_s > RESET_LASTS_S
+        self._owed = (north_m, east_m) if fixed else (0.0, 0.0)
+
+    def _make_good(self, dt_s: float) -> None:
+        """Move what is wanted back to the coordinates that it had before the last fixes."""
+        course = self._course
+        if not any(self._owed) or (course is not None and course.approaches):
+            return
+        far_m = math.hypot(*self._owed)
+        share = min(dt_s / MADE_GOOD_S, MADE_GOOD_MPS * dt_s / far_m)
+        north_m, east_m = (share * owed for owed in self._owed)
+        self._move_places(FrameShift(0.0, -north_m, -east_m))
+        self._owed = (self._owed[0] - north_m, self._owed[1] - east_m)
+
+    def _move_places(self, shift: FrameShift) -> None:
+        """Shift what is wanted: target, start, course, and what was asked for and is held."""
         self._target = replace(self._target, eta_d=shifted(shift, self._target.eta_d))
         self._start = replace(self._start, eta_d=shifted(shift, self._start.eta_d))
         if self._course is not None:
@@ -398,9 +438,6 @@ class Guidance:
             )
         ]
         self._setpoint = replace(self._setpoint, eta_d=vector(moved))
-        self._references = deque(
-            (t_s, shifted_along(shift, eta_d, state.eta)) for t_s, eta_d in self._references
-        )
 
     def reference_now(self, ahead: Vector, state: VehicleState) -> Vector:
         """Take the reference of `state.ahead_s` from now; return that of now, which was taken before."""

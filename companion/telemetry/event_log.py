@@ -128,7 +128,7 @@ class EventLog:
     def _reset(self, sample: ControlSample) -> list[tuple[Severity, Literal["condition"], str]]:
         """Tell of the first reset of the autopilot's estimate, and of all together once they have ended."""
         shift, happened = sample.state.frame_shift, list[tuple[Severity, Literal["condition"], str]]()
-        if shift is not None:
+        if shift is not None and sample.verdict.conditions & RESETS:
             self._resets += 1
             self._turned_rad += shift.turn_rad
             if self._resets == 1:

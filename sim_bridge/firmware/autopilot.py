@@ -41,6 +41,10 @@ PARAMETERS_PER_STEP = 10
 ORIGIN_SHIFT_M = 0.1
 """How far relative_alt is off for good when the origin is set while dived."""
 
+EXTERNAL_NAVIGATION = 6
+LEAST_DELTA_S, LEAST_APART_S = 0.01, 0.02
+"""VISION_POSITION_DELTA: shortest time that it may span, and that has to lie between two."""
+
 STANDBY, ACTIVE, FAILSAFE = 3, 4, 5
 DIRECTIONS = tuple(f"MOT_{motor}_DIRECTION" for motor in range(1, 9))
 CHANNELS_RAW = attrgetter(*(f"chan{channel}_raw" for channel in range(1, 19)))
@@ -65,7 +69,7 @@ class Autopilot:
         params: survives reboots, so it comes from outside.
         sensors: read when something needs them.
         frame: vectored or vectored_6dof.
-        has_position: whether there is a DVL.
+        has_position: whether there is a DVL, or will be.
         rc_receiver: whether the vehicle has an RC receiver, whose sticks rest.
         links: link number to Link; the same dictionary that the vehicle fills.
         keys: the signing key, which survives reboots too.
@@ -98,7 +102,7 @@ class Autopilot:
         """Set by the vehicle while a fault falsifies telemetry."""
         self._sensors = sensors
         self._frame = frame
-        self._has_position = has_position
+        self._has_position = has_position and sensors.aided
         self._rc_receiver = rc_receiver
         self._links = links
         self._keys = keys
@@ -124,6 +128,8 @@ class Autopilot:
         self.failsafes = Failsafes(self, rc_receiver, rebooted=rebooted)
         self.pilot = Pilot(params, self._button, lambda text: self.say(INFO, text))
         self.control = FlightControl(params)
+        self._delta_s = -math.inf
+        """When the EKF last took a VISION_POSITION_DELTA."""
         self._handlers: dict[str, Callable[[int, Message], None]] = {
             "HEARTBEAT": self._on_heartbeat,
             "MANUAL_CONTROL": self._on_manual_control,
@@ -144,6 +150,7 @@ class Autopilot:
             "SET_POSITION_TARGET_GLOBAL_INT": lambda _, m: targets.take_global(self, m),
             "SET_POSITION_TARGET_LOCAL_NED": lambda _, m: targets.take_local(self, m),
             "SETUP_SIGNING": self._on_setup_signing,
+            "VISION_POSITION_DELTA": self._on_vision_position_delta,
         }
 
     @property
@@ -431,6 +438,16 @@ class Autopilot:
             self._sensors.shift_relative(ORIGIN_SHIFT_M)
         self.origin = origin
         self._broadcast(mavlink.MAVLink_gps_global_origin_message(*origin, round(self.boot_s * 1e6)))
+
+    def _on_vision_position_delta(self, _: int, message: Message) -> None:
+        """Give the EKF what is sound, no faster than it takes them, where it is set up for them."""
+        configured = self.params["VISO_TYPE"] and self.params["EK3_SRC1_VELXY"] == EXTERNAL_NAVIGATION
+        lasted_s = message.time_delta_usec * 1e-6
+        numbers = (*message.angle_delta, *message.position_delta, message.confidence)
+        sound = lasted_s >= LEAST_DELTA_S and all(map(math.isfinite, numbers))
+        if configured and sound and self.boot_s - self._delta_s >= LEAST_APART_S:
+            self._delta_s = self.boot_s
+            self._sensors.hear_odometry(tuple(message.position_delta), lasted_s)
 
     def _on_mission(self, link: int, message: Message) -> None:
         if message.get_type() != "MISSION_SET_CURRENT":

@@ -30,7 +30,7 @@ class PositionErrors:
     def __init__(self, config: SensorConfig, step_s: float, rng: np.random.Generator) -> None:
         self.error = [0.0, 0.0]
         self.speed_error = [0.0, 0.0]
-        self.aided = True
+        self.aided = not config.dvl_by_mavlink
         """Whether the EKF still has a horizontal position."""
         self._usbl = config.usbl
         self._step_s = step_s
@@ -38,7 +38,7 @@ class PositionErrors:
         self._walk = config.dvl_defects.walk_per_sqrt_s * math.sqrt(step_s)
         self._rng = rng
         self._p_ee = self._p_ev = self._p_vv = 0.0
-        self._unaided_s = 0.0
+        self._unaided_s = 0.0 if self.aided else UNAIDED_S
         self._until_fix_s = config.usbl.period_s
 
     def step(self, misled: tuple[float, float], *, locked: bool) -> None:

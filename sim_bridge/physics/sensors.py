@@ -30,6 +30,8 @@ COMPASS_TAU_S = 12.5
 LAGGING_SHARE, LAGGING_FROM_S = 0.71, 20.0
 """With GPS the EKF's depth showed this share of the motion; how slow a motion it shows whole is assumed."""
 NEAREST_M = 0.3
+ODOMETRY_LASTS_S = 0.2
+"""The firmware takes odometry that is older for none."""
 STEEPEST_ECHO = 0.5
 """Cosine of the tilt from which a rangefinder hears nothing."""
 """A dipole's field is not a dipole's nearer than this."""
@@ -110,6 +112,8 @@ class Sensors:
         self._config = config
         self._step_s = step_s
         slow_rng, self._white_rng, offset_rng, *defect_rngs, range_rng = rng.spawn(9)
+        self._odometry: tuple[float, float] = (0.0, 0.0)
+        self._odometry_age_s = math.inf
         self._seabed = seabed
         self._range_rng = range_rng
         self._range_m = math.nan
@@ -226,12 +230,29 @@ class Sensors:
             behind = math.remainder(north_rad - self._deviation_rad, math.tau)
             self._deviation_rad += behind * NOISE_PERIOD_S / COMPASS_TAU_S
         if self._errors:
-            misled = (0.0, 0.0)
-            if heading_error := self._attitude_defects.bias - self._deviation_rad:
+            misled = self._odometry
+            self._odometry_age_s += NOISE_PERIOD_S
+            heading_error = self._heading_error()
+            if heading_error and not self._config.dvl_by_mavlink:
                 north, east, _ = ned_velocity(state)
                 c, s = math.cos(heading_error), math.sin(heading_error)
                 misled = (c * north - s * east - north, s * north + c * east - east)
             self._errors.step(misled, locked=self._is_locked(state))
+
+    def hear_odometry(self, way_m: Three, lasted_s: float) -> None:
+        """Take how far a DVL says the vehicle came in its own axes (m) in a time, as the EKF fuses it."""
+        now, before = self._delayed(0.0), self._delayed(lasted_s)
+        north, east, _ = ned_velocity((*now[:7], *way_m, *now[10:]))
+        c, s = math.cos(self._heading_error()), math.sin(self._heading_error())
+        came_north, came_east = now[0] - before[0], now[1] - before[1]
+        self._odometry = (
+            (c * north - s * east - came_north) / lasted_s,
+            (s * north + c * east - came_east) / lasted_s,
+        )
+        self._odometry_age_s = 0.0
+
+    def _heading_error(self) -> float:
+        return self._attitude_defects.bias - self._deviation_rad
 
     def _is_locked(self, state: State) -> bool:
         """Whether the DVL measures."""
@@ -239,6 +260,8 @@ class Sensors:
         over_m = math.nan if self._seabed is None else self._seabed.depth_at(state[0], state[1]) - state[2]
         in_range = math.isnan(over_m) or config.dvl_min_altitude_m <= over_m <= config.dvl_max_altitude_m
         out = self._dvl_defects.out or self._dvl_silenced
+        if config.dvl_by_mavlink:
+            return not out and self._odometry_age_s <= ODOMETRY_LASTS_S
         return config.dvl and not out and in_range
 
     def _echo(self, state: State) -> float:

@@ -135,6 +135,24 @@ def test_a_position_reset_is_told():
     assert dive.step.sample.verdict.warnings == Condition.POSITION_RESET
 
 
+def test_fixes_are_followed_slowly_and_without_a_bump():
+    """A USBL moves the EKF by 0.3 m, to and fro, every two seconds: the vehicle follows the mean of them."""
+    dive = active(*QUIET, *DVL, setpoint=hold(x=0.0, y=0.0), seconds=6.0)
+    steps, fixes = [], (0.3, -0.5, 0.4, -0.3, 0.5, -0.4)
+    for jump_m in fixes:
+        dive.fault("position_reset", value=jump_m)
+        steps += dive.run(2.0)
+    places = np.array([step.truth.eta[:2] for step in steps])
+    thrust = np.array([step.sample.delivered.tau[:2] for step in steps])
+    assert len([step for step in steps if step.sample.state.frame_shift]) == len(fixes)
+    assert np.abs(np.diff(places, axis=0)).max() / 0.02 < 0.08
+    assert np.abs(np.diff(thrust, axis=0)).max() < 6.0
+    assert np.hypot(*places.T).max() < 0.25
+    dive.run(18.0)
+    assert dive.engine.asked[:2] == pytest.approx((0.0, 0.0), abs=0.02), "the numbers that were asked for"
+    assert dive.state is State.ACTIVE
+
+
 def test_while_the_compass_aligns_it_does_not_engage_and_says_wait():
     dive = Dive(*QUIET, engage=False)
     dive.run(6.0)
