@@ -40,7 +40,7 @@ from companion.records import (
 )
 from companion.supervision.guard import guard
 from companion.supervision.supervision import Supervision
-from companion.telemetry.commands import Goto
+from companion.telemetry.commands import Goto, SetVelocity
 
 MAX_DT_TICKS = 3.0
 
@@ -224,6 +224,8 @@ class Engine:
             guidance.follow(order, reference)
         elif isinstance(order, Goto):
             guidance.go_to(place(order), order, reference)
+        elif isinstance(order, SetVelocity):
+            guidance.move_at(order, self._last_s or 0.0)
         elif order.action == "hold":
             guidance.hold(reference)
         elif order.action == "pause":

@@ -51,7 +51,7 @@ from companion.records import (
     either,
     vector,
 )
-from companion.telemetry.commands import Goto
+from companion.telemetry.commands import Goto, SetVelocity
 
 UNSET: Vector = (math.nan, math.nan, math.nan, math.nan)
 HORIZONTAL: Flags = (True, True, False, False)
@@ -173,6 +173,14 @@ class Guidance:
         elif not math.isnan(place[Z]):
             self._altitude = None
         self._set_course(Course.to(place, self._limits, order.speed_mps, order.acceleration_mps2), asked)
+
+    def move_at(self, order: SetVelocity, now_s: float) -> None:
+        """Move at a velocity; where it ends, the place is held. Raises ValueError while nothing is held."""
+        if not any(self.engaged):
+            raise ValueError("velocity: nothing is held; engage first")
+        rate = math.radians(order.heading_rate_degps)
+        velocity = (order.forward_mps, order.right_mps, order.down_mps, rate)
+        self._velocity = (now_s + order.lasts_s, velocity, order.frame == "body")
 
     def hold(self, reference: ReferenceModel) -> None:
         """Stop here, and hold this place."""

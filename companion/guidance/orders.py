@@ -8,9 +8,9 @@ from companion.config import Config
 from companion.guidance.paths.shapes import Path, build
 from companion.guidance.paths.time_law import limits
 from companion.records import Vector
-from companion.telemetry.commands import Follow, Goto, Payload, SetPath, SetSetpoint, named
+from companion.telemetry.commands import Follow, Goto, Payload, SetPath, SetSetpoint, SetVelocity, named
 
-Order = Path | Goto | SetPath
+Order = Path | Goto | SetPath | SetVelocity
 
 
 def order_of(command: Payload, config: Config) -> Order | None:
@@ -23,7 +23,7 @@ def order_of(command: Payload, config: Config) -> Order | None:
         return Goto(**named(command))
     if isinstance(command, Follow):
         return build(command.path, limits(config))
-    return command if isinstance(command, Goto | SetPath) else None
+    return command if isinstance(command, Goto | SetPath | SetVelocity) else None
 
 
 def place(order: Goto) -> Vector:

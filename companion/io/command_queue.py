@@ -42,6 +42,7 @@ from companion.telemetry.commands import (
     SetGains,
     SetPath,
     SetSetpoint,
+    SetVelocity,
     named,
     parse,
 )
@@ -294,7 +295,7 @@ class CommandQueue:
             done = verdict.state is not State.FAULT
             said = "cleared" if done else "refused"
             return Reply(done=done, said=f"{said}. {is_now}", value=value)
-        if isinstance(one.command, Goto | Follow | SetPath):
+        if isinstance(one.command, Goto | Follow | SetPath | SetVelocity):
             guided = sample.guided
             value |= self._aimed(engine, sample) | {"guidance": guided.kind, "length_m": guided.length_m}
             said = f"{self._progress(engine, sample)}{f': {guided.name}' if guided.name else ''}"

@@ -346,7 +346,10 @@ class Decoder:
         depth = m.flags & EKF_DEPTH == EKF_DEPTH and initialised
         moves = m.flags & mavlink.EKF_VELOCITY_HORIZ and not m.flags & mavlink.EKF_CONST_POS_MODE
         position = bool(moves and m.flags & EKF_PLACE)
-        return (EkfStatus(t_s, bool(m.flags & EKF_ATTITUDE), depth, variance, position, initialised),)
+        absolute = bool(m.flags & mavlink.EKF_POS_HORIZ_ABS)
+        return (
+            EkfStatus(t_s, bool(m.flags & EKF_ATTITUDE), depth, variance, position, initialised, absolute),
+        )
 
     def _named_value(self, m: Message, t_s: float) -> tuple[Event, ...]:
         if m.name in ("InputHold", "RollPitch"):

@@ -283,7 +283,9 @@ def _ekf(seen: Observed, config: Config) -> CheckRow:
     if found:
         fix = "keep the vehicle at rest until the EKF has settled; if it does not, calibrate the compass"
         return CheckRow("EKF", Grade.REFUSED, f"{found}: wait", why, fix)
-    has = "and position" if ekf.position else "no position: x and y are not held"
+    has = "no position: x and y are not held"
+    if ekf.position:
+        has = "and position" if ekf.absolute else "and position by dead reckoning: it drifts"
     return CheckRow("EKF", Grade.GOOD, f"attitude, depth, {has}", why)
 
 

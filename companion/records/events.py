@@ -207,6 +207,8 @@ class EkfStatus(msgspec.Struct, frozen=True, gc=False):
     position: bool = False
     """Horizontal position and velocity."""
     initialised: bool = True
+    absolute: bool = True
+    """Whether the position comes of a source of positions; else it is dead reckoning, and drifts."""
 
 
 class Leak(msgspec.Struct, frozen=True, gc=False):

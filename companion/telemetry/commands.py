@@ -83,6 +83,20 @@ class Follow(Payload, frozen=True):
     path: Annotated[PathPlan, means("as in docs/guidance.md")]
 
 
+class SetVelocity(Payload, frozen=True):
+    """Move at a velocity for a time; send it again before the time ends to go on. Then stop, and hold there.
+
+    Only what is engaged moves. It pauses a path, as a stick does; the pilot's sticks have the last word.
+    """
+
+    forward_mps: Annotated[ranges.Speed, means("forward; north in the frame local")] = 0.0
+    right_mps: Annotated[ranges.Speed, means("to the right; east in the frame local")] = 0.0
+    down_mps: Annotated[ranges.Speed, means("downward")] = 0.0
+    heading_rate_degps: Annotated[ranges.TurnRate, means("clockwise")] = 0.0
+    frame: Annotated[Literal["body", "local"], means("whose axes")] = "body"
+    lasts_s: Annotated[ranges.VelocityTime, means("from the moment it arrives")] = 1.0
+
+
 class SetPath(Payload, frozen=True):
     """Pause the path or the move, let it go on, or stop and hold here."""
 
@@ -157,6 +171,7 @@ COMMANDS: dict[str, type[Payload]] = {
     "goto": Goto,
     "follow": Follow,
     "path": SetPath,
+    "velocity": SetVelocity,
     "compensator": SetCompensator,
     "gains": SetGains,
     "estimator": SetEstimator,

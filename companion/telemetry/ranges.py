@@ -69,6 +69,11 @@ TiltDeg = Annotated[float, Meta(ge=10.0, le=89.0)]
 EkfVariance = Annotated[float, Meta(ge=0.05, le=10.0)]
 Voltage = Annotated[float, Meta(ge=6.0, le=30.0)]
 
+# Velocities.
+Speed = Annotated[float, Meta(ge=-3.0, le=3.0)]
+TurnRate = Annotated[float, Meta(ge=-90.0, le=90.0)]
+VelocityTime = Annotated[float, Meta(ge=0.1, le=10.0)]
+
 # Paths.
 Length = Annotated[float, Meta(ge=0.1, le=1000.0)]
 Corner = Annotated[float, Meta(ge=0.0, le=100.0)]

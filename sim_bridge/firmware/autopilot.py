@@ -248,6 +248,7 @@ class Autopilot:
             self.home,
             self.servo_9,
             (self.missions.current, self.missions.total),
+            self._sensors.dead_reckons,
             self._sensors.range_limits_m,
         )
 
@@ -314,7 +315,11 @@ class Autopilot:
         if aided != self._has_position:
             self._has_position = self.control.located = aided
             if aided:
-                self.say(INFO, "EKF3 IMU0 is using external nav data")
+                relative = self._sensors.dead_reckons
+                self.say(
+                    INFO,
+                    f"EKF3 IMU0 {'started relative aiding' if relative else 'is using external nav data'}",
+                )
             else:
                 self.say(WARNING, "EKF3 IMU0 stopped aiding")
 

@@ -19,6 +19,8 @@ M_PER_DEGREE = 111_319.5
 WATER_CENTIDEGREES = 1500
 EKF_WITHOUT_POSITION = 1 | 2 | 4 | 32 | 128
 EKF_WITH_POSITION = 1 | 2 | 4 | 8 | 16 | 32 | 256 | 512
+EKF_DEAD_RECKONING = 1 | 2 | 4 | 8 | 32 | 256
+"""With odometry alone."""
 EKF_UNINITIALIZED = 1024
 SENSORS_PRESENT, SENSORS_ENABLED, SENSORS_HEALTHY = 305265679, 304192527, 305241103
 """As the firmware tells them of a healthy vehicle."""
@@ -66,6 +68,8 @@ class Snapshot(NamedTuple):
     """PWM of the one output that is free (µs); 0 until it is set."""
     mission: tuple[int, int]
     """Number of the present item, and of items beside home."""
+    dead_reckons: bool
+    """Whether the EKF has velocities alone."""
     range_limits_m: tuple[float, float]
     """Of the rangefinder; 0 for none."""
 
@@ -89,7 +93,9 @@ class Snapshot(NamedTuple):
         """EKF_STATUS_FLAGS."""
         if self.ekf_doubt is not None:
             return EKF_UNINITIALIZED
-        return EKF_WITH_POSITION if self.has_position else EKF_WITHOUT_POSITION
+        if not self.has_position:
+            return EKF_WITHOUT_POSITION
+        return EKF_DEAD_RECKONING if self.dead_reckons else EKF_WITH_POSITION
 
     @property
     def battery_remaining(self) -> int:

@@ -199,6 +199,11 @@ class Sensors:
         return self._errors is not None and self._errors.aided
 
     @property
+    def dead_reckons(self) -> bool:
+        """Whether the EKF gets velocities and no position."""
+        return self._config.dvl_by_mavlink and not self._config.usbl.enabled
+
+    @property
     def range_limits_m(self) -> tuple[float, float]:
         """Least and largest range of the rangefinder; 0 without one."""
         config = self._config

@@ -11,7 +11,7 @@ from companion.control.bounds import wrap
 from companion.guidance.paths.shapes import build
 from companion.guidance.paths.time_law import limits
 from companion.records import Condition, Request, State, X
-from companion.telemetry.commands import Goto, SetPath
+from companion.telemetry.commands import Goto, SetPath, SetVelocity
 from companion.telemetry.plan import Circle, Lemniscate, PathPlan, Waypoint
 
 DVL = ("sensors.dvl=true", "initial.eta=[0,0,2,0,0,0]", "current.enabled=true")
@@ -262,6 +262,20 @@ def test_by_stick_it_stops_at_the_fence():
     assert 1.35 < north_m.max() <= 1.52
     assert dive.step.sample.eta_d[0] == pytest.approx(1.5, abs=0.05)
     smooth(steps)
+
+
+def test_a_velocity_that_is_commanded_ends_and_the_place_is_held():
+    dive = held(*CALM, seconds=1.0)
+    with pytest.raises(ValueError, match="engage first"):
+        Dive(*CALM).engine.guide(SetVelocity(forward_mps=0.2))
+    for _ in range(3):
+        dive.engine.guide(SetVelocity(forward_mps=0.2, right_mps=-0.1, heading_rate_degps=5.0))
+        moving = dive.run(0.8)
+    assert moving[-1].sample.dofs.x_d_dot[:2] == pytest.approx((0.2, -0.1), abs=0.08)
+    stopped = dive.run(4.5)
+    assert np.abs(stopped[-1].sample.dofs.x_d_dot).max() < 0.01
+    assert stopped[-1].sample.eta_d[0] > 0.3
+    smooth([*moving, *stopped])
 
 
 def asks(dive, frame, place=None, yaw=None, velocity=None, yaw_rate=None):

@@ -26,7 +26,7 @@ def test_its_messages_give_the_firmware_a_position_which_is_held(ardusub):
         dive.until(State.ACTIVE, 12.0)
         dive.engine.aim(hold(x=0.0, y=0.0, z=2.0, psi=0.5))
         steps = []
-        for _ in range(round(30.0 / 0.02)):
+        for _ in range(round(22.0 / 0.02)):
             dive.cockpit.extra += extension.says(dive.vehicle.truth(), dive.vehicle.time_s)
             steps += dive.run(0.02)
     assert all(frame in dive.cockpit.passed for frame in extension.sent)

@@ -335,6 +335,13 @@ def test_run_says_once_who_the_autopilot_is():
     assert about.startswith("ArduSub 4.7.0 (dev), vectored_6dof, FS_PILOT_INPUT 2, FS_PILOT_TIMEOUT 3")
 
 
+def test_a_position_by_dead_reckoning_is_called_that(good):
+    ekf = EkfStatus(0.0, True, True, 0.1, position=True, absolute=False)
+    found = row("EKF", replace(good, ekf=ekf))
+    assert found.grade is GOOD
+    assert found.found.endswith("position by dead reckoning: it drifts")
+
+
 def test_a_position_that_the_ekf_does_not_vouch_for_is_waited_for(good):
     ekf = EkfStatus(0.0, attitude=True, depth=True, variance=0.0)
     assert row("EKF", replace(good, ekf=ekf)).grade is GOOD
