@@ -19,13 +19,13 @@ UNKNOWN = 1e6
 
 
 class Holdfast(Node):
-    """Publishes `odom` and `holdfast/state`, and sends each `goal_pose` as a goto."""
+    """Publishes `odom` and `supervisor_state`, and sends each `goal_pose` as a goto."""
 
     def __init__(self, session, vehicle):
         super().__init__("holdfast")
         self.session, self.root = session, f"holdfast/{vehicle}"
         self.odometry = self.create_publisher(Odometry, "odom", 10)
-        self.state = self.create_publisher(String, "holdfast/state", 10)
+        self.state = self.create_publisher(String, "supervisor_state", 10)
         self.create_subscription(PoseStamped, "goal_pose", self.go, 10)
         self.subscribers = [
             session.declare_subscriber(f"{self.root}/state", self.take_state),

@@ -130,4 +130,4 @@ def test_a_goal_becomes_a_goto(example: ModuleType) -> None:
 def test_the_supervisor_s_state_is_text(example: ModuleType) -> None:
     node = example.Holdfast(MagicMock(), "kelp")
     node.take_supervisor(sample('{"state": "ACTIVE"}'))
-    assert node.published["holdfast/state"][0].data == "ACTIVE"
+    assert node.published["supervisor_state"][0].data == "ACTIVE"
