@@ -254,8 +254,11 @@ def _visit(endpoint: str, found: Soak) -> None:
     """Come as a new client, say where to be and, if it let go, to engage; and leave."""
     depth_m = DEPTHS_M[len(found.minutes) % len(DEPTHS_M)]
     wishes: list[tuple[str, dict[str, object]]] = [("setpoint", {"depth_m": depth_m})]
-    if found.supervisor is not None and found.supervisor.state != STEERS:
-        wishes += [("clear_fault", {}), ("engage", {})]
+    state = found.supervisor.state if found.supervisor else STEERS
+    if state == "FAULT":
+        wishes.append(("clear_fault", {}))
+    if state != STEERS:
+        wishes.append(("engage", {}))
     with Subscription(f"holdfast/{VEHICLE}/event", endpoint) as client:
         until_s = time.monotonic() + 5.0
         while not client.connected and time.monotonic() < until_s:
