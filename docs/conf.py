@@ -1,6 +1,7 @@
 """How `make docs` builds the site of these pages. Every warning is an error there."""
 
 project = "Holdfast"
+project_copyright = "The Holdfast authors"
 extensions = ["myst_parser"]
 exclude_patterns = ["schemas", "layouts"]
 nitpicky = True

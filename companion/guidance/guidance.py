@@ -13,7 +13,6 @@ when the position was lost, a setpoint, a course.
 """
 
 import math
-from collections import deque
 from collections.abc import Sequence
 
 from msgspec import UnsetType
@@ -21,15 +20,17 @@ from msgspec.structs import replace
 
 from companion.config import Config
 from companion.control.bounds import clamped, wrap
-from companion.control.frames import shifted, shifted_along
+from companion.control.frames import shifted
 from companion.control.positioning import jacobian, to_body, to_inertial
 from companion.control.reference import ReferenceModel
 from companion.guidance.altitude import AltitudeHold
 from companion.guidance.course import Course, braked, pace
 from companion.guidance.fence import fence, open_water
+from companion.guidance.fixes import PositionFixes
 from companion.guidance.paths.shapes import Path
 from companion.guidance.paths.time_law import limits
 from companion.guidance.pilot import NO_DEMAND, NONE, Pilot, PilotDemand
+from companion.guidance.reference_history import ReferenceHistory
 from companion.records import (
     PSI,
     ZERO,
@@ -56,15 +57,6 @@ from companion.telemetry.commands import Goto, SetVelocity
 UNSET: Vector = (math.nan, math.nan, math.nan, math.nan)
 HORIZONTAL: Flags = (True, True, False, False)
 VELOCITY_LASTS_S = 1.0
-FIX_M = 1.0
-"""Jumps of the EKF's position that come to more are a reset: what is wanted stays where it lies."""
-
-RESET_LASTS_S = 10.0
-"""Jumps so soon after a reset belong to it."""
-
-MADE_GOOD_S, MADE_GOOD_MPS = 20.0, 0.03
-"""Jumps that come to less are fixes: so slowly, and no faster, the vehicle follows them."""
-
 POSITION_SETTLES_S = 0.5
 """A position that came back is taken up after this long: the estimate has found its velocity by then."""
 
@@ -82,7 +74,7 @@ class Guidance:
         """Where it stays until it may push with all authority."""
         self.engaged = NONE
         self._released = NONE
-        self._references: deque[tuple[float, Vector]] = deque()
+        self._references = ReferenceHistory()
         self._course: Course | None = None
         self.course_number = 0
         """Which course it is: one more with each."""
@@ -92,9 +84,7 @@ class Guidance:
         self._moved_meanwhile = False
         """Whether the pilot has steered in surge or sway since then."""
         self._unpositioned_t_s = -math.inf
-        self._owed = (0.0, 0.0)
-        """By how much fixes have moved what is wanted, north and east, m."""
-        self._reset_t_s = -math.inf
+        self._fixes = PositionFixes()
         self._velocity: tuple[float, Vector, bool] = (-math.inf, ZERO, True)
         """Until when the ground station asks for a velocity, and whether it is along the vehicle's axes."""
         self._psi = 0.0
@@ -252,7 +242,7 @@ class Guidance:
         if verdict.authority == 0.0:
             self._references.clear()
             self.engaged = NONE
-            self._owed = (0.0, 0.0)
+            self._fixes.forget()
             self._lost = False
             self._target = Setpoint(state.eta_ahead)
             if self._altitude is not None:
@@ -355,7 +345,9 @@ class Guidance:
         self._psi = state.eta_ahead[PSI]
         if verdict.state is not State.ACTIVE or verdict.authority < 1.0:
             return
-        self._make_good(dt_s)
+        approaches = self._course is not None and self._course.approaches
+        if not approaches and (back := self._fixes.made_good(dt_s)) is not None:
+            self._move_places(back)
         self._follow_course(state, reference, dt_s)
         if self._altitude is not None and self.engaged[Z]:
             self._keep_altitude(self._altitude, state.ground, dt_s)
@@ -410,28 +402,11 @@ class Guidance:
     def shift(self, shift: FrameShift, state: VehicleState) -> None:
         """Hold the same physical place and direction in the frame of a reset estimate.
 
-        A jump of the position that is a fix, not a reset, is made good slowly (`_make_good`).
+        A jump of the position that is a fix, not a reset, is made good slowly (`PositionFixes`).
         """
         self._move_places(shift)
-        self._references = deque(
-            (t_s, shifted_along(shift, eta_d, state.eta)) for t_s, eta_d in self._references
-        )
-        north_m, east_m = self._owed[0] + shift.north_m, self._owed[1] + shift.east_m
-        if math.hypot(north_m, east_m) > FIX_M:
-            self._reset_t_s = state.t_s
-        fixed = self.engaged[X] and state.t_s - self._reset_t_s > RESET_LASTS_S
-        self._owed = (north_m, east_m) if fixed else (0.0, 0.0)
-
-    def _make_good(self, dt_s: float) -> None:
-        """Move what is wanted back to the coordinates that it had before the last fixes."""
-        course = self._course
-        if not any(self._owed) or (course is not None and course.approaches):
-            return
-        far_m = math.hypot(*self._owed)
-        share = min(dt_s / MADE_GOOD_S, MADE_GOOD_MPS * dt_s / far_m)
-        north_m, east_m = (share * owed for owed in self._owed)
-        self._move_places(FrameShift(0.0, -north_m, -east_m))
-        self._owed = (self._owed[0] - north_m, self._owed[1] - east_m)
+        self._references.shift(shift, state.eta)
+        self._fixes.jumped(shift, state.t_s, held=self.engaged[X])
 
     def _move_places(self, shift: FrameShift) -> None:
         """Shift what is wanted: target, start, course, and what was asked for and is held."""
@@ -449,14 +424,7 @@ class Guidance:
 
     def reference_now(self, ahead: Vector, state: VehicleState) -> Vector:
         """Take the reference of `state.ahead_s` from now; return that of now, which was taken before."""
-        references = self._references
-        references.append((state.t_s + state.ahead_s, ahead))
-        while len(references) > 2 and references[1][0] <= state.t_s:
-            references.popleft()
-        (t_0, early), (t_1, late) = references[0], references[min(1, len(references) - 1)]
-        share = clamped((state.t_s - t_0) / (t_1 - t_0), 0.0, 1.0) if t_1 > t_0 else 0.0
-        x, y, z, psi = [a + (b - a) * share for a, b in zip(early, late, strict=True)]
-        return (x, y, z, wrap(psi))
+        return self._references.step(ahead, state.t_s, state.ahead_s)
 
     def _set_course(self, course: Course, asked: Vector) -> None:
         """Follow a course; `asked` is what is left of the setpoint."""
