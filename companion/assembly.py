@@ -16,7 +16,7 @@ from companion.control.compensator import BESIDE_OBSERVER
 from companion.control.controller import Chosen, Controller, Dof
 from companion.control.levelling import Levelling, levelling_of
 from companion.control.positioning import Model
-from companion.control.schedule import Gains, scheduled
+from companion.control.schedule import D_BEARS_S, Gains, scheduled
 from companion.control.tilt import (
     ALARM_RAD,
     LEVELLED_N_PER_S,
@@ -80,8 +80,9 @@ def tilt_limit(config: Config) -> TiltLimit:
 
 
 def gains(config: Config, axis: Axis) -> Gains:
-    """Return λ and κ of an axis, and the delay that they bear."""
-    return Gains(axis.lambda_per_s, axis.kappa_per_s, config.delays.gains_bear_s)
+    """Return λ and κ of an axis, and what they and d̂ bear."""
+    d_bears_s = D_BEARS_S + config.thrusters.lag_s
+    return Gains(axis.lambda_per_s, axis.kappa_per_s, config.delays.gains_bear_s, d_bears_s)
 
 
 def estimator(config: Config) -> Estimator:
@@ -146,7 +147,7 @@ def _times_s(config: Config, delay_s: float) -> dict[str, list[float]]:
     """Return for each axis the times that have to exceed what is late, by what they are."""
     laws, settling = [], []
     for axis in config.axes:
-        lam, kappa, learning_scale, _ = scheduled(gains(config, axis), delay_s, 1.0)
+        lam, kappa, learning_scale, *_ = scheduled(gains(config, axis), delay_s, 1.0, config.thrusters.lag_s)
         learners = compensators(config, axis) if axis.law == LYAPUNOV else ()
         K = sum(functions.integral_gain(parameters) for functions, parameters in learners)
         laws.append(1.0 / lam + 1.0 / kappa if axis.law == LYAPUNOV else math.inf)

@@ -96,7 +96,7 @@ class Engine:
         events = self.events = [*autopilot.receive(datagrams), *pilot_events(ground)]
         if Request.RESET_MODEL in requests:
             self._estimator.learner.reset()
-        state = self._estimator.step(now_s, events, self._controller.gain_scale, self._learns())
+        state = self._estimator.step(now_s, events, self._controller.d_share, self._learns())
         self._delay_s = state.delays.total_s
         self._follow_frame(state)
         self._follow_thrusters(state, trusted=Request.CLEAR_FAULT in requests)

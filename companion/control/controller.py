@@ -60,6 +60,8 @@ class DofState:
     d_hat: float = 0.0
     bumpless_bias: float = 0.0
     """What a change of law, or of frame, left in thrust: let go over BLEND_S."""
+    d_share: float = 1.0
+    """What d̂ was scaled by in the last tick."""
     inherited: bool = False
     """What its compensators know came from their predecessors."""
 
@@ -83,15 +85,10 @@ class Controller:
         self._turned_d_hat: Vector | None = None
 
     @property
-    def gain_scale(self) -> Vector:
-        """What is left of the gains: less than 1 while the loop oscillates."""
+    def d_share(self) -> Vector:
+        """What d̂ is scaled by: less than 1 while the loop is too late for it, or oscillates."""
         x, y, z, psi = self._states
-        return (
-            x.oscillation.gain_scale,
-            y.oscillation.gain_scale,
-            z.oscillation.gain_scale,
-            psi.oscillation.gain_scale,
-        )
+        return (x.d_share, y.d_share, z.d_share, psi.d_share)
 
     def transfer_from(self, predecessor: Self) -> None:
         """Go on where `predecessor` is, without a step in thrust.
@@ -104,7 +101,7 @@ class Controller:
         self._predecessor = predecessor
         both = zip(self._dofs, self._states, predecessor._dofs, predecessor._states, strict=True)
         for dof, state, old, before in both:
-            state.oscillation, state.mean_d = before.oscillation, before.mean_d
+            state.oscillation, state.mean_d, state.d_share = before.oscillation, before.mean_d, before.d_share
             if old.law.functions is dof.law.functions:
                 state.law = before.law
             known = [chosen.functions for chosen in old.compensators]
@@ -169,16 +166,19 @@ class Controller:
 
         x_d, x_d_dot, x_d_ddot = self.reference.step(target, state.ahead_s, dt_s)
         e, e_dot = pose_error(x, x_d), vector(map(sub, x_dot, x_d_dot))
-        scale = self.gain_scale
-        nu = to_body(J, vector([x_dot[i] - (1.0 - scale[i]) * e_dot[i] for i in range(4)]))
-        m, k_plus_h = inertia(self._model, J), coriolis_and_damping(self._model, J, nu)
         gains, later_s = state.model.dof_gain, state.model.dof_later_s
+        left = [
+            scheduled(dof.gains, delay_s + late_s, one.oscillation.gain_scale, state.model.longest_lag_s)
+            for dof, one, late_s in zip(self._dofs, self._states, later_s, strict=True)
+        ]
+        nu = to_body(J, vector([x_dot[i] - (1.0 - left[i].d_share) * e_dot[i] for i in range(4)]))
+        m, k_plus_h = inertia(self._model, J), coriolis_and_damping(self._model, J, nu)
 
         rows: list[tuple[Any, ...]] = []
         for i, (dof, one) in enumerate(zip(self._dofs, self._states, strict=True)):
             free = engaged[i] and not saturated[i]
             gain = gains[i]
-            lam, kappa, learning_scale, share = scheduled(dof.gains, delay_s + later_s[i], scale[i])
+            lam, kappa, learning_scale, share, one.d_share = left[i]
             eps = e_dot[i] + lam * e[i]
 
             d, weight_norm, adapting = _observed(dof, state.disturbance[i]), 0.0, False
@@ -190,7 +190,7 @@ class Controller:
                 found, weight_norm, adapting = _learn(dof, one, signals, learn_s, adapt)
                 d += found
             one.mean_d = mean_disturbance(one.mean_d, d, dt_s)
-            d_hat = scaled_disturbance(one.mean_d, d, scale[i])
+            d_hat = scaled_disturbance(one.mean_d, d, one.d_share)
 
             motion = Motion(
                 e[i],

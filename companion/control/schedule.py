@@ -13,20 +13,46 @@ from typing import NamedTuple
 LAMBDA_POWER, KAPPA_POWER, LEARNING_POWER = 0.6, 1.4, 2.0
 LEAST_DELAY_S = 1e-3
 
+D_BEARS_S = 0.2
+"""Delay that d̂ bears beside the nominal lag: beyond, a vehicle of less gain rings (docs/theory.md)."""
+
 
 class Gains(NamedTuple):
-    """λ and κ of one degree of freedom, and the delay in all that they bear, s."""
+    """λ and κ of one degree of freedom, the delay that they bear and the delay and lag that d̂ bears, s."""
 
     lam: float
     kappa: float
     bear_s: float
+    d_bears_s: float
 
 
-def scheduled(gains: Gains, delay_s: float, gain_scale: float) -> tuple[float, float, float, float]:
-    """Return λ, κ, the share of its learning rate that a compensator keeps, and `share`, for such a loop.
+class Left(NamedTuple):
+    """What is left of the gains of a degree of freedom."""
 
-    It is `delay_s` late; `gain_scale` is what an oscillation leaves of the gains.
+    lam: float
+    kappa: float
+    learning: float
+    """The share of its learning rate that a compensator keeps."""
+    share: float
+    d_share: float
+    """What d̂ is scaled by (`oscillation.scaled_disturbance`), and the damping term."""
+
+
+def scheduled(gains: Gains, delay_s: float, gain_scale: float, lag_s: float) -> Left:
+    """Return what is left in a loop that is `delay_s` late; `gain_scale` is what an oscillation leaves.
+
+    `lag_s` is the longest lag that the thrusters may have, as far as is known.
     """
-    share = gains.bear_s / (LEAST_DELAY_S if delay_s < LEAST_DELAY_S else delay_s)
-    share = gain_scale * (1.0 if share > 1.0 else share)
-    return gains.lam * share**LAMBDA_POWER, gains.kappa * share**KAPPA_POWER, share**LEARNING_POWER, share
+    delay_s = LEAST_DELAY_S if delay_s < LEAST_DELAY_S else delay_s
+    share = gain_scale * _share(gains.bear_s, delay_s)
+    return Left(
+        gains.lam * share**LAMBDA_POWER,
+        gains.kappa * share**KAPPA_POWER,
+        share**LEARNING_POWER,
+        share,
+        gain_scale * _share(gains.d_bears_s, delay_s + lag_s),
+    )
+
+
+def _share(bears_s: float, late_s: float) -> float:
+    return 1.0 if late_s < bears_s else bears_s / late_s

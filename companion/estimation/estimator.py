@@ -195,12 +195,12 @@ class Estimator:
         self,
         now_s: float,
         events: Sequence[Event],
-        gain_scale: Sequence[float] = (1.0, 1.0, 1.0, 1.0),
+        d_share: Sequence[float] = (1.0, 1.0, 1.0, 1.0),
         learns: Flags = (False, False, False, False),
     ) -> VehicleState:
         """Take in what came since the last tick; say where the vehicle is and where a command finds it.
 
-        `gain_scale`, by DOF, is what the controller has left of its gains: the predicted d is scaled alike.
+        `d_share`, by DOF, is what the controller scales d̂ by: the predicted d is scaled alike.
         `learns`, by axis, tells whether our commands alone move it: then its gain and lag are learnt.
         """
         self._depth_refused = False
@@ -220,7 +220,7 @@ class Estimator:
             self._is_stale(PSI, now_s),
         )
         ahead_s = delays.command_s + self._lead_s
-        estimates = self._estimates(now_s, ahead_s, delays, stale, gain_scale)
+        estimates = self._estimates(now_s, ahead_s, delays, stale, d_share)
         self.learner.learn(learns, self._tick_s)
         eta, eta_dot, eta_ahead, eta_dot_ahead, disturbance = map(vector, zip(*estimates, strict=True))
         self._eta = eta
@@ -338,7 +338,7 @@ class Estimator:
         ahead_s: float,
         delays: Delays,
         stale: tuple[bool, bool, bool, bool],
-        gain_scale: Sequence[float],
+        d_share: Sequence[float],
     ) -> list[Estimate]:
         """Bring each observer on to the newest measurements and predict from there to now and ahead."""
         psi = self._observers[PSI].q
@@ -369,7 +369,7 @@ class Estimator:
             mean = mean_disturbance(self._mean_disturbance[dof], state.d, self._tick_s)
             self._mean_disturbance[dof] = mean
             model = observer.coefficients(learner.parameters(dof), m_eff, c_eff, step_s)
-            d_hat = scaled_disturbance(mean, state.d, gain_scale[dof])
+            d_hat = scaled_disturbance(mean, state.d, d_share[dof])
             trajectory = observer.predict(model, state, thrusts, d_hat)
             q, q_dot = interpolate(trajectory, (now_s - observed_s[dof]) / max(step_s, SHORTEST_S))
             q_ahead, q_dot_ahead, _ = trajectory[-1]

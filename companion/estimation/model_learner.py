@@ -151,5 +151,6 @@ class ModelLearner:
             lag_doubt_s=vector(lag_s for _, lag_s in doubts),
             dof_gain=vector(math.exp(one.log_gain) for one in used),
             dof_later_s=vector(vehicle_model.later_s(one, self._lag_s) for one in used),
+            longest_lag_s=vehicle_model.longest_lag_s(self._found[Z]) if self._adapts else self._lag_s,
         )
         """What is in use and what was found."""

@@ -253,6 +253,11 @@ def doubt(found: Found) -> tuple[float, float]:
     return square_root(gain), square_root(lag)
 
 
+def longest_lag_s(found: Found) -> float:
+    """Return the lag that was found and its standard deviation more, s."""
+    return found.lag_s + doubt(found)[1]
+
+
 def follow(used: Used, found: Found) -> Used:
     """Return the model to use: the one in use as long as it may be true, else nearer to what was found.
 

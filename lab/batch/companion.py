@@ -33,7 +33,7 @@ from companion.control.compensator import Signals
 from companion.control.law import Motion, Terms
 from companion.control.oscillation import mean_disturbance, scaled_disturbance
 from companion.control.positioning import Jacobian, Model, coriolis_and_damping, damping
-from companion.control.schedule import Gains, scheduled
+from companion.control.schedule import Gains, Left, scheduled
 from companion.control.tilt import (
     YAW_LEVEL_RAD,
     YAW_STEEP_RAD,
@@ -130,6 +130,8 @@ class Held(NamedTuple):
     allowed_pace: float
     """What a tilt leaves of `pace`."""
     saturated: bool
+    d_share: float
+    """What d̂ was scaled by in the last tick."""
 
 
 class Memory(NamedTuple):
@@ -283,7 +285,7 @@ def predict(
     dof: Dof,
     now: Observed,
     used: Used,
-    gain_scale: float,
+    d_share: float,
     commands: Rows,
     column: int,
     tick: int,
@@ -299,7 +301,7 @@ def predict(
     """
     step_s, gain = ahead_s / steps, math.exp(used.log_gain)
     model = observer.coefficients(now.scheduled.control, m / gain, c / gain, step_s)
-    d_hat = scaled_disturbance(now.mean_d, now.state.d, gain_scale)
+    d_hat = scaled_disturbance(now.mean_d, now.state.d, d_share)
     motion = (now.state.q, now.state.v, now.state.f)
     before = given(commands, column, tick, since)
     for k in range(steps):
@@ -325,6 +327,7 @@ def held(dof: Dof, start: Estimate) -> Held:
         1.0,
         1.0,
         False,
+        1.0,
     )
 
 
@@ -362,23 +365,23 @@ def control(
     e: float,
     m: float,
     k_plus_h: float,
-    delay_s: float,
+    late_s: float,
+    left: Left,
     learns: bool,
     used: Used,
 ) -> tuple[Held, float]:
     """Return what is remembered, and the force (N) or moment (N·m) that is asked for (`Controller.step`)."""
-    gain, late_s = math.exp(used.log_gain), delay_s + vehicle_model.later_s(used, dof.lag_s)
-    scale, free = before.oscillation.gain_scale, not before.saturated
+    gain, free = math.exp(used.log_gain), not before.saturated
     e_dot = x.v - x_d.x_d_dot
-    lam, kappa, learning_scale, left = scheduled(dof.gains, late_s, scale)
+    lam, kappa, learning_scale, share, d_share = left
     signals = Signals(e, e_dot, e_dot + lam * e, x.v, x_d.x_d_dot, x_d.x_d_ddot)
     d = limited(x.d, dof.max_disturbance) if dof.by_observer else 0.0
     learnt, found = learn(
         dof.compensators, before.learnt, signals, learning_scale / gain * TICK_S, learns and free
     )
     mean_d = mean_disturbance(before.mean_d, d + found, TICK_S)
-    d_hat = scaled_disturbance(mean_d, d + found, scale)
-    motion = Motion(e, e_dot, x.v, x_d.x_d_ddot, m / gain, k_plus_h / gain, d_hat, lam, kappa, left, free)
+    d_hat = scaled_disturbance(mean_d, d + found, d_share)
+    motion = Motion(e, e_dot, x.v, x_d.x_d_ddot, m / gain, k_plus_h / gain, d_hat, lam, kappa, share, free)
     law, terms = force(dof.law, before.law, motion, TICK_S)
     tau = terms.feedforward + terms.feedback + terms.d_hat
     believed_s = late_s + oscillation.LOG_GAIN_COUNTS_S * used.log_gain
@@ -393,6 +396,7 @@ def control(
         before.pace,
         before.allowed_pace,
         before.saturated,
+        d_share,
     ), tau
 
 
@@ -590,7 +594,7 @@ def step(
         heave,
         z,
         z_before.used,
-        before.heave.oscillation.gain_scale,
+        before.heave.d_share,
         commands,
         HEAVE,
         tick,
@@ -604,7 +608,7 @@ def step(
         yaw,
         psi,
         psi_before.used,
-        before.yaw.oscillation.gain_scale,
+        before.yaw.d_share,
         commands,
         YAW,
         tick,
@@ -619,15 +623,20 @@ def step(
     z_d = followed(heave, before.heave, z_target, ahead_s)
     psi_d = followed(yaw, before.yaw, psi_target, ahead_s)
     learns = (tick + 1) * TICK_S >= companion.start_delay_s
-    w = z_ahead.v - (1.0 - before.heave.oscillation.gain_scale) * (z_ahead.v - z_d.x_d_dot)
-    r = psi_ahead.v - (1.0 - before.yaw.oscillation.gain_scale) * (psi_ahead.v - psi_d.x_d_dot)
+    z_late_s = delay_s + vehicle_model.later_s(z.used, heave.lag_s)
+    psi_late_s = delay_s + vehicle_model.later_s(psi.used, yaw.lag_s)
+    lag_s = vehicle_model.longest_lag_s(z.found) if companion.adapts else heave.lag_s
+    z_left = scheduled(heave.gains, z_late_s, before.heave.oscillation.gain_scale, lag_s)
+    psi_left = scheduled(yaw.gains, psi_late_s, before.yaw.oscillation.gain_scale, lag_s)
+    w = z_ahead.v - (1.0 - z_left.d_share) * (z_ahead.v - z_d.x_d_dot)
+    r = psi_ahead.v - (1.0 - psi_left.d_share) * (psi_ahead.v - psi_d.x_d_dot)
     k_plus_h = coriolis_and_damping(model, STRAIGHT, (0.0, 0.0, w, r))
     e_z, e_psi = z_ahead.q - z_d.x_d, wrap(psi_ahead.q - psi_d.x_d)
     heave_law, down = control_heave(
-        heave, before.heave, z_d, z_ahead, e_z, m_z, k_plus_h[Z], delay_s, learns, z.used
+        heave, before.heave, z_d, z_ahead, e_z, m_z, k_plus_h[Z], z_late_s, z_left, learns, z.used
     )
     yaw_law, turn = control_yaw(
-        yaw, before.yaw, psi_d, psi_ahead, e_psi, m_psi, k_plus_h[PSI], delay_s, learns, psi.used
+        yaw, before.yaw, psi_d, psi_ahead, e_psi, m_psi, k_plus_h[PSI], psi_late_s, psi_left, learns, psi.used
     )
 
     # Actuation.step
@@ -638,7 +647,7 @@ def step(
     if companion.levels:
         pushed, most = before.pushed, companion.max_force
         tilt_gain = math.exp(z.used.log_gain)
-        tilt_delay_s = delay_s + vehicle_model.later_s(z.used, heave.lag_s)
+        tilt_delay_s = z_late_s
         roll, K = levelling.step(
             companion.roll,
             roll,
@@ -725,6 +734,7 @@ def after(law: Held, own_pace: float, allowed_pace: float, saturated: bool) -> H
         own_pace,
         allowed_pace,
         saturated,
+        law.d_share,
     )
 
 

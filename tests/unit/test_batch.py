@@ -12,6 +12,7 @@ from msgspec.structs import replace
 from companion.config import load_config
 from lab.batch.dives import simulate, simulate_scenarios
 from lab.batch.vehicle import Links
+from lab.bench.grid import LONGEST_S, Cell, cycles_s, plant
 from lab.loop.dive import dive
 from lab.loop.lockstep import Link
 from lab.loop.scenarios import SETTLE_S, four, hold
@@ -107,3 +108,15 @@ def test_a_dead_vertical_motor_is_allocated_around():
     found = simulate(CONFIG, dead, hold(), 30.0, SEEDS[:2], since_s=20.0)
     assert (found["tilt_deg"] < 3.0).all()
     assert (found["depth_rms_mm"] < 15.0).all()
+
+
+@pytest.mark.parametrize("gain", [1 / 3, 1 / 2])
+def test_a_weak_vehicle_behind_a_long_delay_does_not_ring(gain):
+    """150 ms, known, and thrusters that lag by 0.3 s: 0.5 Hz went on for 8 s and more."""
+    vehicle = plant(BASE, Cell("all", gain, 0.3, 150, 0, "calm"), 1)
+    vehicle = replace(vehicle, sensors=replace(vehicle.sensors, dvl=False))
+    traces: list[np.ndarray] = []
+    simulate(CONFIG, [vehicle], hold(), 40.0, [1], Links(0.076, 0.076), traces=traces)
+    largest = np.array([CONFIG.heave.max_force])
+    demand = np.clip(traces[0][:, 2:], -largest, largest)
+    assert cycles_s(demand, largest, 0.0 * demand)[0] < LONGEST_S
