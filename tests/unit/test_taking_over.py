@@ -7,6 +7,7 @@ from msgspec.structs import replace
 from test_controller import TICK_S, at_rest, controller, state, tick
 
 from companion.control import integrator, network, regressor
+from companion.control.compensator import BESIDE_OBSERVER
 from companion.control.controller import BLEND_S
 from companion.control.schedule import Gains, scheduled
 from companion.records import Setpoint
@@ -87,7 +88,7 @@ def test_frozen_nothing_is_learnt():
 
 def one_of(kind):
     values = {"learning_rate": 5.0, "hidden_learning_rate": 1.0, "leak_per_s": 0.002, "dead_zone": 0.0}
-    values |= {"max_disturbance": 20.0, "units": 10, "seed": 1}
+    values |= {"max_disturbance": 20.0, "units": 10, "seed": 1, BESIDE_OBSERVER: False}
     if kind == "network":
         return Learner(network, **network.parameters(values)._asdict())
     module = {"regressor": regressor, "integrator": integrator}[kind]
