@@ -28,7 +28,7 @@ MIN_REACH = 0.3
 
 SLOW_SHARE = 0.7
 NOT_ON_EVERY_VEHICLE = frozenset(
-    {"LOCAL_POSITION_NED", "SCALED_PRESSURE", "SCALED_PRESSURE2", "SCALED_PRESSURE3"}
+    {"DISTANCE_SENSOR", "LOCAL_POSITION_NED", "SCALED_PRESSURE", "SCALED_PRESSURE2", "SCALED_PRESSURE3"}
 )
 """Streams that a vehicle may lack; another row reports a missing one if it is needed."""
 

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from companion.control import integrator, network, regressor
 from companion.control.bounds import limited, wrap
-from companion.control.compensator import Signals
+from companion.control.compensator import BESIDE_OBSERVER, Signals
 from companion.control.law import combined_error, control_law, rov_law
 from companion.control.positioning import Model, inertia, jacobian, pose_error, to_body, to_inertial
 
@@ -81,7 +81,7 @@ def test_the_general_law_gives_minus_kappa_eps_for_any_order(n, lam, kappa, data
 def learners(d_max):
     """Every shipped compensator that learns, quickly."""
     values = {"learning_rate": 300.0, "hidden_learning_rate": 0.0, "leak_per_s": 0.0, "dead_zone": 0.0}
-    values |= {"max_disturbance": d_max, "units": 10, "seed": 1}
+    values |= {"max_disturbance": d_max, "units": 10, "seed": 1, BESIDE_OBSERVER: False}
     yield network, network.parameters(values)
     for module in (integrator, regressor):
         yield module, module.Parameters(*(values[key] for key in module.Parameters._fields))
