@@ -127,19 +127,13 @@ def _from_above(panel: Axes, title: str) -> None:
 def _numbers(panel: Axes, results: Mapping[str, PlaceFigures]) -> None:
     panel.axis("off")
     panel.set_title("True errors (grey: the place's)", x=0.0, ha="left", fontweight="bold", fontsize=11)
-    table = panel.table(
+    style.table(
+        panel,
         [
             [f"{getattr(result, field):.{digits}f} {unit}" for result in results.values()]
             for _, unit, field, digits in ROWS
         ],
-        rowLabels=[title for title, *_ in ROWS],
-        colLabels=[NAMES[name].replace(", ", ",\n") for name in results],
-        bbox=Bbox.from_bounds(0.3, 0.15, 0.76, 0.8),
-        edges="horizontal",
+        [title for title, *_ in ROWS],
+        {NAMES[name].replace(", ", ",\n"): COLOURS[name] for name in results},
+        Bbox.from_bounds(0.3, 0.15, 0.76, 0.8),
     )
-    table.auto_set_font_size(False)
-    table.set_fontsize(9)
-    for cell in table.get_celld().values():
-        cell.set_edgecolor("0.8")
-    for index, name in enumerate(results):
-        table[0, index].get_text().set(color=COLOURS[name], fontweight="bold")

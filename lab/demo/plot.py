@@ -140,19 +140,14 @@ def _numbers(panel: Axes, results: Mapping[str, DemoFigures], span: tuple[float,
     panel.set_title(
         f"Holding, {span[0]:.1f} to {span[1]:.1f} s (grey)", x=0.0, ha="left", fontweight="bold", fontsize=11
     )
-    table = panel.table(
+    style.table(
+        panel,
         [[_cell(text, getattr(result, field)) for result in results.values()] for _, field, text in ROWS],
-        rowLabels=[name for name, _, _ in ROWS],
-        colLabels=[NAMES[name] for name in results],
-        bbox=Bbox.from_bounds(0.31, 0.0, 0.69, 1.0),
-        edges="horizontal",
+        [name for name, _, _ in ROWS],
+        {NAMES[name]: COLOURS[name] for name in results},
+        Bbox.from_bounds(0.31, 0.0, 0.69, 1.0),
+        9.5,
     )
-    table.auto_set_font_size(False)
-    table.set_fontsize(9.5)
-    for cell in table.get_celld().values():
-        cell.set_edgecolor("0.8")
-    for index, name in enumerate(results):
-        table[0, index].get_text().set(color=COLOURS[name], fontweight="bold")
 
 
 def _cell(text: str, value: float | None) -> str:
