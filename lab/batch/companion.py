@@ -42,10 +42,12 @@ from companion.control.tilt import (
     level_force,
     share,
 )
-from companion.estimation import estimator, hidden_delay, observer, thruster_watch, vehicle_model
-from companion.estimation.estimator import PREDICTION_STEP_S, WATCH_TICKS
+from companion.estimation import hidden_delay, observer, thruster_watch, vehicle_model
+from companion.estimation.estimator import WATCH_TICKS
 from companion.estimation.hidden_delay import HiddenDelayState
 from companion.estimation.observer import ObserverParameters, ObserverState, ObserverTable
+from companion.estimation.observers import MAX_EXTRAPOLATION_S, PREDICTION_STEP_S
+from companion.estimation.parameters import hidden_delay_parameters, model_tables, thruster_watch_parameters
 from companion.estimation.vehicle_model import Found, ModelState, Scheduled, Tables, Used
 from companion.records import PSI, Array, Axes, Z
 from lab.batch.compiled import Slotted, slotted
@@ -796,7 +798,7 @@ def companion_of(config: Config, finds_hidden: bool = True, damps: bool = True) 
         model=model,
         heave=dofs[0],
         yaw=dofs[1],
-        hidden=estimator.hidden_delay_parameters(config, model),
+        hidden=hidden_delay_parameters(config, model),
         finds_hidden=finds_hidden,
         adapts=config.vehicle.adapts,
         levels=config.levels,
@@ -804,7 +806,7 @@ def companion_of(config: Config, finds_hidden: bool = True, damps: bool = True) 
         pitch=pitch,
         thrusters=whole,
         others=_others(whole),
-        watch=estimator.thruster_watch_parameters(config, whole),
+        watch=thruster_watch_parameters(config, whole),
         max_force=(config.surge.max_force, config.sway.max_force),
         reach=(limits.max_axis,) * 4 + (tilts,) * 2,
         slew=limits.max_slew_per_s * TICK_S,
@@ -828,10 +830,10 @@ def _dof(config: Config, dof: int, damps: bool) -> Dof:
         compensators=learners,
         by_observer=one.by_observer,
         max_disturbance=one.max_disturbance,
-        tables=Tables(*map(_arrayed, estimator.model_tables(config, model)[dof])),
+        tables=Tables(*map(_arrayed, model_tables(config, model)[dof])),
         lag_s=config.thrusters.lag_s,
         sensor_delay_s=axis.sensor_delay_s,
-        max_extrapolation_s=estimator.MAX_EXTRAPOLATION_S[dof],
+        max_extrapolation_s=MAX_EXTRAPOLATION_S[dof],
     )
 
 
