@@ -13,6 +13,7 @@ from companion.telemetry import schemas as telemetry
 from companion.telemetry.commands import COMMANDS, RECORDER_COMMANDS, fields
 from companion.telemetry.schemas import printable
 from dashboard.zenoh_client import Subscription
+from holdfast.arguments import command_parser
 
 PATIENCE_S = 5.0
 
@@ -89,11 +90,10 @@ def add_vehicle(parser: argparse.ArgumentParser) -> None:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="holdfast tell",
-        description="Sends a command to a vehicle over Zenoh, and prints the answer.",
-        epilog=_epilog(),
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+    parser = command_parser(
+        "tell",
+        "Sends a command to a vehicle over Zenoh, and prints the answer.",
+        _epilog(),
     )
     add_vehicle(parser)
     parser.add_argument("command", metavar="COMMAND", help="see the list below")

@@ -25,6 +25,7 @@ from rich.console import Console
 from rich.live import Live
 
 from dashboard.zenoh_client import Subscription
+from holdfast.arguments import command_parser
 from lab.demo import place_show
 from lab.demo import screen as demo_screen
 from lab.demo.crew import ChildError, Crew
@@ -34,7 +35,7 @@ from lab.demo.screen import DemoView, Now
 from lab.loop.firmware import FirmwareError, command_line
 from lab.loop.lockstep import Link
 from lab.loop.scenarios import Scenario, hold
-from lab.options import add_firmware, command_parser, find_firmware, json_file
+from lab.options import add_firmware, find_firmware, json_file
 from lab.ports import free_port
 from lab.rivals import alt_hold
 from sim_bridge.commands import DEFAULT_CONFIG
