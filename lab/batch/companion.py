@@ -93,7 +93,7 @@ class Companion(NamedTuple):
     pitch: levelling.Levelling
     thrusters: Thrusters
     others: Array
-    """(9, 4, 3): `Group.others` without motor 1, 2, …; NaN where the others cannot do its work."""
+    """(9, 4, 3): `Group.pushes` without motor 1, 2, …; NaN where the others cannot do its work."""
     watch: thruster_watch.Parameters
     max_force: tuple[float, float]
     """Of surge and sway, N."""
@@ -462,8 +462,7 @@ def lamed(companion: Companion, group: Group, motor: int, first: int) -> Group:
         group.shares,
         group.levers,
         group.max_tau,
-        group.moments,
-        group.first,
+        (0.0, 0.0, 1.0) if first == 1 else (0.0, 1.0, 1.0),
         False,
         (
             1.0 if dead == 0 else 0.0,
@@ -842,7 +841,7 @@ def _others(whole: Thrusters) -> Array:
     for motor in range(1, whole.motor_count + 1):
         left = without(whole, motor)
         if left is not None:
-            others[motor] = (left.horizontal if motor <= HORIZONTAL else left.vertical).others
+            others[motor] = (left.horizontal if motor <= HORIZONTAL else left.vertical).pushes
     return others
 
 
