@@ -28,8 +28,6 @@ half of their demand. Where that does not suffice, the moments are given whole a
 import math
 from typing import NamedTuple
 
-import numpy as np
-
 from companion.control.bounds import limited
 from companion.records import Axes
 
@@ -181,28 +179,55 @@ def _group(factors: list[Three], axes: tuple[int, int, int], max_tau: Axes) -> G
     )
 
 
-def without(whole: Thrusters, motor: int) -> Thrusters | None:
-    """Return the thrusters that go on without `motor`, 1 to `motor_count`.
+def can_lose(whole: Thrusters, motor: int) -> bool:
+    """Tell whether the others serve all axes without `motor`, 1 to `motor_count`.
 
-    None where the others cannot serve all axes: two vertical motors, or roll and pitch that are not ours.
+    Two vertical motors do not, nor do four whose roll and pitch are not ours.
     """
-    horizontal, vertical = whole.horizontal, whole.vertical
     if motor <= HORIZONTAL:
-        group = _without(horizontal, motor - 1, (0.0, 0.0, 1.0))
-        return group and Thrusters(group, vertical, whole.motor_count)
-    group = _without(vertical, motor - 1 - HORIZONTAL, (0.0, 1.0, 1.0))
-    return group and Thrusters(horizontal, group, whole.motor_count)
+        return whole.horizontal.opposed[motor - 1] != 0.0
+    return whole.vertical.opposed[motor - 1 - HORIZONTAL] != 0.0
 
 
-def _without(group: Group, dead: int, moments: Three) -> Group | None:
-    if group.opposed[dead] == 0.0:
-        return None
-    one, two, three, four = (float(motor == dead) for motor in range(4))
-    live = [motor for motor in range(4) if motor != dead]
-    pushes = np.zeros((4, 3))
-    pushes[live] = np.linalg.inv(np.array([group.factors[motor] for motor in live]).T)
-    p, q, r, s = ((a, b, c) for a, b, c in pushes.round(12).tolist())
-    return group._replace(first=moments, whole=False, dead=(one, two, three, four), pushes=(p, q, r, s))
+def without(whole: Thrusters, motor: int) -> Thrusters:
+    """Return the thrusters that go on without `motor`; all for 0, and for one that nothing replaces."""
+    if motor == 0 or not can_lose(whole, motor):
+        return whole
+    if motor <= HORIZONTAL:
+        group = _without(whole.horizontal, motor - 1, (0.0, 0.0, 1.0))
+        return Thrusters(group, whole.vertical, whole.motor_count)
+    group = _without(whole.vertical, motor - 1 - HORIZONTAL, (0.0, 1.0, 1.0))
+    return Thrusters(whole.horizontal, group, whole.motor_count)
+
+
+def _without(group: Group, k: int, moments: Three) -> Group:
+    return Group(
+        group.factors,
+        group.opposed,
+        group.shares,
+        group.levers,
+        group.max_tau,
+        moments,
+        False,
+        (
+            1.0 if k == 0 else 0.0,
+            1.0 if k == 1 else 0.0,
+            1.0 if k == 2 else 0.0,
+            1.0 if k == 3 else 0.0,
+        ),
+        (_pushes(group, 0, k), _pushes(group, 1, k), _pushes(group, 2, k), _pushes(group, 3, k)),
+    )
+
+
+def _pushes(group: Group, j: int, k: int) -> Three:
+    """Return the row of motor j of (M − n n_k M_k) N⁻¹, which is M₃⁻ᵀ: motor k's work given back along n."""
+    p, q, shares = group.factors[j], group.factors[k], group.shares
+    back = group.opposed[j] * group.opposed[k]
+    return (
+        (p[0] - back * q[0]) * shares[0],
+        (p[1] - back * q[1]) * shares[1],
+        (p[2] - back * q[2]) * shares[2],
+    )
 
 
 def _inverse(served: float) -> float:

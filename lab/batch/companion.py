@@ -20,8 +20,6 @@ from companion.config import Config
 from companion.control import levelling, oscillation, pace, reference
 from companion.control.actuation import CUT_OFF
 from companion.control.allocation import (
-    HORIZONTAL,
-    Group,
     Thrusters,
     allocate,
     delivered,
@@ -49,7 +47,7 @@ from companion.estimation.observer import ObserverParameters, ObserverState, Obs
 from companion.estimation.observers import MAX_EXTRAPOLATION_S, PREDICTION_STEP_S
 from companion.estimation.parameters import hidden_delay_parameters, model_tables, thruster_watch_parameters
 from companion.estimation.vehicle_model import Found, ModelState, Scheduled, Tables, Used
-from companion.records import PSI, Array, Axes, Z
+from companion.records import PSI, Axes, Z
 from lab.batch.compiled import Slotted, slotted
 from lab.batch.vehicle import OVERRIDE_SPAN_US, TICK_S, Readings, Rows, Timing
 from sim_bridge.physics.plant import Three
@@ -92,8 +90,6 @@ class Companion(NamedTuple):
     roll: levelling.Levelling
     pitch: levelling.Levelling
     thrusters: Thrusters
-    others: Array
-    """(9, 4, 3): `Group.pushes` without motor 1, 2, …; NaN where the others cannot do its work."""
     watch: thruster_watch.Parameters
     max_force: tuple[float, float]
     """Of surge and sway, N."""
@@ -441,52 +437,14 @@ def start(companion: Companion, readings: Readings) -> Memory:
     )
 
 
-def going_on(companion: Companion, motor: int) -> Thrusters:
-    """Return the thrusters without a motor, 1 to 8, or all for 0 (`allocation.without`)."""
-    whole = companion.thrusters
-    if motor == 0 or math.isnan(companion.others[motor, 0, 0]):
-        return whole
-    if motor <= HORIZONTAL:
-        return Thrusters(lamed(companion, whole.horizontal, motor, 1), whole.vertical, whole.motor_count)
-    return Thrusters(
-        whole.horizontal, lamed(companion, whole.vertical, motor, 1 + HORIZONTAL), whole.motor_count
-    )
-
-
-def lamed(companion: Companion, group: Group, motor: int, first: int) -> Group:
-    """Return a group without one of its motors, the first of which has a number."""
-    row, dead = companion.others[motor], motor - first
-    return Group(
-        group.factors,
-        group.opposed,
-        group.shares,
-        group.levers,
-        group.max_tau,
-        (0.0, 0.0, 1.0) if first == 1 else (0.0, 1.0, 1.0),
-        False,
-        (
-            1.0 if dead == 0 else 0.0,
-            1.0 if dead == 1 else 0.0,
-            1.0 if dead == 2 else 0.0,
-            1.0 if dead == 3 else 0.0,
-        ),
-        (
-            (row[0, 0], row[0, 1], row[0, 2]),
-            (row[1, 0], row[1, 1], row[1, 2]),
-            (row[2, 0], row[2, 1], row[2, 2]),
-            (row[3, 0], row[3, 1], row[3, 2]),
-        ),
-    )
-
-
 def without_dead(companion: Companion, before: Memory, voltage_v: float) -> Memory:
     """Allocate around the motor that was found dead, or no longer (`Engine._follow_thrusters`)."""
     motor = before.watch.dead
     if motor == before.dead_motor:
         return before
     applied = on_the_wire(before.axes)
-    believed = delivered(going_on(companion, before.dead_motor), applied, voltage_v)
-    given = delivered(going_on(companion, motor), applied, voltage_v)
+    believed = delivered(without(companion.thrusters, before.dead_motor), applied, voltage_v)
+    given = delivered(without(companion.thrusters, motor), applied, voltage_v)
     return Memory(
         less_disturbed(before.z, believed[2] - given[2]),
         less_disturbed(before.psi, believed[3] - given[3]),
@@ -540,7 +498,7 @@ def step(
     A target is a position, its rate and its acceleration.
     """
     before = without_dead(companion, remembered, voltage_v)
-    thrusters = going_on(companion, before.dead_motor)
+    thrusters = without(companion.thrusters, before.dead_motor)
     model, heave, yaw = companion.model, companion.heave, companion.yaw
     m_z, m_psi = model.m[Z], model.m[PSI]
     drag = damping(model, (0.0, 0.0, before.z.state.v, before.psi.state.v))
@@ -804,7 +762,6 @@ def companion_of(config: Config, finds_hidden: bool = True, damps: bool = True) 
         roll=roll,
         pitch=pitch,
         thrusters=whole,
-        others=_others(whole),
         watch=thruster_watch_parameters(config, whole),
         max_force=(config.surge.max_force, config.sway.max_force),
         reach=(limits.max_axis,) * 4 + (tilts,) * 2,
@@ -834,15 +791,6 @@ def _dof(config: Config, dof: int, damps: bool) -> Dof:
         sensor_delay_s=axis.sensor_delay_s,
         max_extrapolation_s=MAX_EXTRAPOLATION_S[dof],
     )
-
-
-def _others(whole: Thrusters) -> Array:
-    others = np.full((9, 4, 3), np.nan)
-    for motor in range(1, whole.motor_count + 1):
-        left = without(whole, motor)
-        if left is not None:
-            others[motor] = (left.horizontal if motor <= HORIZONTAL else left.vertical).pushes
-    return others
 
 
 def _arrayed(table: ObserverTable) -> ObserverTable:
