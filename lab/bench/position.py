@@ -29,7 +29,7 @@ from lab.bench.bench import FIRST_SEED
 from lab.bench.rows import DEFAULT, Row, values_of
 from lab.loop.dive import TRUE_PSI, send_origin, tilt_rad
 from lab.loop.firmware import vehicle_of
-from lab.loop.lockstep import Link, Lockstep, Step, SteppedVehicle
+from lab.loop.lockstep import LinkDelay, Lockstep, Step, SteppedVehicle
 from lab.loop.scenarios import ensemble
 from lab.pool import worker_pool
 from lab.rivals import poshold
@@ -47,7 +47,7 @@ START_S, LASTS_S = 25.0, 60.0
 SETTLES_S = 10.0
 """After a thruster died its drift is not counted for so long, as in `lab.faults.thrusters`."""
 
-LINK = Link()
+LINK = LinkDelay()
 FULL_US = 399.0
 """A motor whose PWM is so far from neutral gives all it has."""
 
@@ -180,7 +180,7 @@ def sail(
     *,
     settings: Sequence[str] = (),
     lasts_s: float = LASTS_S,
-    link: Link = LINK,
+    link: LinkDelay = LINK,
     firmware: Path | None = None,
 ) -> Track:
     """Dive a course: what steers is the companion's real engine, or the autopilot alone.
@@ -203,7 +203,7 @@ def sail(
 
 
 def _by_companion(
-    vehicle: SteppedVehicle, course: Course, config: Config, seed: int, lasts_s: float, link: Link
+    vehicle: SteppedVehicle, course: Course, config: Config, seed: int, lasts_s: float, link: LinkDelay
 ) -> Track:
     engine = Engine(config, Setpoint((0.0, 0.0, DEPTH_M, 0.0)), arm=True)
     loop = Lockstep(vehicle, engine, link, seed, config.loop.rate_hz)
@@ -222,7 +222,7 @@ def _by_autopilot(
     plant: SimConfig,
     seed: int,
     lasts_s: float,
-    link: Link,
+    link: LinkDelay,
 ) -> Track:
     path = None if course.plan is None else _timed(course.plan, config)
     found = list(poshold.truths(vehicle, link, seed, START_S + lasts_s, path))[round(START_S / TICK_S) :]

@@ -33,7 +33,7 @@ from lab.demo.dive import ARRIVED_M, DemoDive, DemoFigures, DemoRecording, arran
 from lab.demo.place import PlaceStory
 from lab.demo.screen import DemoView, Now
 from lab.loop.firmware import FirmwareError, command_line
-from lab.loop.lockstep import Link
+from lab.loop.lockstep import LinkDelay
 from lab.loop.scenarios import Scenario, hold
 from lab.options import add_firmware, find_firmware, json_file
 from lab.ports import free_port
@@ -198,7 +198,7 @@ def _dive_alt_hold(
     command_n: list[float] = []
     teller.begin("alt_hold")
     teller.tell_alt_hold(None)
-    with closing(alt_hold.truths(scenario, plant, Link(), {}, firmware)) as truths:
+    with closing(alt_hold.truths(scenario, plant, LinkDelay(), {}, firmware)) as truths:
         for truth in truths:
             if number := stop_asked():
                 raise StoppedError(number)

@@ -19,7 +19,7 @@ from companion.guidance.paths.time_law import limits
 from companion.records import Request, Setpoint, State
 from companion.telemetry.plan import Lemniscate, PathPlan
 from lab.loop.dive import send_origin, tilt_rad
-from lab.loop.lockstep import COMPANION_LINK, Link, Lockstep
+from lab.loop.lockstep import COMPANION_LINK, LinkDelay, Lockstep
 from lab.rivals.alt_hold import TICK_S, GroundStation
 from sim_bridge.commands import DEFAULT_CONFIG
 from sim_bridge.config import SimConfig
@@ -145,7 +145,7 @@ def sail(story: PlaceStory, tell: Callable[[float], None]) -> PlaceDive:
     """
     config, heading = load_config(), math.radians(story.heading_deg)
     engine = Engine(config, Setpoint((0.0, 0.0, story.depth_m, heading)), arm=True)
-    loop = Lockstep(_surveyed(story), engine, Link(), story.seed, config.loop.rate_hz)
+    loop = Lockstep(_surveyed(story), engine, LinkDelay(), story.seed, config.loop.rate_hz)
     loop.requests = [Request.ENGAGE]
     rows = []
     for lasts_s, plan in ((story.path_s, None), (story.end_s - story.path_s, story.plan)):

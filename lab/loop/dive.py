@@ -13,7 +13,7 @@ from companion.control.bounds import wrap
 from companion.engine import Engine
 from companion.records import PSI, Request, State, Z
 from lab.loop.firmware import vehicle_of
-from lab.loop.lockstep import Link, Lockstep, SteppedVehicle
+from lab.loop.lockstep import LinkDelay, Lockstep, SteppedVehicle
 from lab.loop.scenarios import SETTLE_S, Scenario
 from sim_bridge.config import SimConfig
 
@@ -81,7 +81,7 @@ def dive(
     scenario: Scenario,
     config: Config,
     plant: SimConfig,
-    link: Link,
+    link: LinkDelay,
     firmware: Path | None = None,
 ) -> Dive:
     """Dive `scenario` with the companion's real engine; `plant` is the base that the scenario disturbs.
