@@ -24,6 +24,7 @@ from zenoh import ext
 from companion.telemetry import schemas as telemetry
 from companion.telemetry.commands import SetRecording
 from companion.telemetry.session import SessionThread, client_configuration, ticks_per_sample
+from dashboard.arguments import add_connect
 from dashboard.recording.recorder import DiveRecorder, FileLimits
 from holdfast.arguments import command_parser
 
@@ -323,12 +324,7 @@ def main(argv: list[str]) -> int:
     parser.add_argument(
         "--name", default="", metavar="NAME", help="name of the vehicle; default: the first that is heard"
     )
-    parser.add_argument(
-        "--connect",
-        metavar="ENDPOINT",
-        default=telemetry.ENDPOINT,
-        help="Zenoh endpoint of a companion or router (default %(default)s)",
-    )
+    add_connect(parser)
     parser.add_argument(
         "--out", type=Path, default=Path("dives"), metavar="DIR", help="default: ./%(default)s"
     )

@@ -14,6 +14,7 @@ import zenoh
 
 from companion.telemetry import schemas as telemetry
 from companion.telemetry.session import client_configuration, configuration
+from dashboard.arguments import add_connect
 from dashboard.recording.mcap_file import Item, Reader
 from dashboard.recording.record import leave
 from holdfast.arguments import command_parser
@@ -53,12 +54,7 @@ def main(argv: list[str]) -> int:
         metavar="TEXT",
         help="text appended to the name of the vehicle; default %(default)s",
     )
-    parser.add_argument(
-        "--connect",
-        metavar="ENDPOINT",
-        default=telemetry.ENDPOINT,
-        help="Zenoh endpoint (default %(default)s)",
-    )
+    add_connect(parser)
     options = parser.parse_args(argv)
     ended = threading.Event()
 

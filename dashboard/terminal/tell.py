@@ -12,6 +12,7 @@ import msgspec
 from companion.telemetry import schemas as telemetry
 from companion.telemetry.commands import COMMANDS, RECORDER_COMMANDS, fields
 from companion.telemetry.schemas import printable
+from dashboard.arguments import add_connect
 from dashboard.zenoh_client import Subscription
 from holdfast.arguments import command_parser
 
@@ -81,12 +82,7 @@ def add_vehicle(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "vehicle", metavar="VEHICLE", help="name of the vehicle; `holdfast watch` shows the names"
     )
-    parser.add_argument(
-        "--connect",
-        metavar="ENDPOINT",
-        default=telemetry.ENDPOINT,
-        help="Zenoh endpoint of a companion or router, or a file of `holdfast keys` (default %(default)s)",
-    )
+    add_connect(parser)
 
 
 def _parser() -> argparse.ArgumentParser:

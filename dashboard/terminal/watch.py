@@ -21,6 +21,7 @@ from companion.telemetry import schemas as telemetry
 from companion.telemetry.modes import MEANINGS, MODE_NAMES
 from companion.telemetry.schemas import Command, Dof, Event, Loop, Plan, Schema, State, Supervisor, printable
 from companion.telemetry.status_line import delay_text
+from dashboard.arguments import add_connect
 from dashboard.rate import Rate
 from dashboard.terminal.above import Point, chart, nice_length
 from dashboard.zenoh_client import Message, Subscription
@@ -312,12 +313,7 @@ def _parser() -> argparse.ArgumentParser:
         EXAMPLES,
     )
     parser.add_argument("--name", metavar="NAME", help="show only this vehicle, with all panels")
-    parser.add_argument(
-        "--connect",
-        metavar="ENDPOINT",
-        default=telemetry.ENDPOINT,
-        help="Zenoh endpoint of a companion or router, or a file of `holdfast keys` (default %(default)s)",
-    )
+    add_connect(parser)
     parser.add_argument(
         "--once",
         action="store_true",

@@ -4,7 +4,7 @@ import secrets
 from dataclasses import dataclass
 from pathlib import Path
 
-from companion.telemetry import schemas as telemetry
+from dashboard.arguments import add_connect
 from holdfast.arguments import command_parser
 
 SHORTEST_TOKEN = 16
@@ -67,12 +67,7 @@ def settings(argv: list[str]) -> DashboardOptions:
         default=[],
         help="a host name that browsers may use, besides numbers and localhost; may be repeated",
     )
-    parser.add_argument(
-        "--connect",
-        metavar="ENDPOINT",
-        default=telemetry.ENDPOINT,
-        help="Zenoh endpoint of a companion or router, or a configuration file (default %(default)s)",
-    )
+    add_connect(parser)
     parser.add_argument(
         "--allow-control", action="store_true", help="accept commands from users with the token"
     )
