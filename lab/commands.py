@@ -2,8 +2,7 @@
 
 from pathlib import Path
 
-from holdfast.arguments import command_parser
-from lab.options import add_firmware, add_settings, find_firmware, json_file, not_negative, positive
+from lab.options import add_firmware, command_parser, find_firmware, json_file, not_negative, positive
 from lab.tables import add_files
 
 BENCH_EXAMPLES = """\
@@ -73,16 +72,18 @@ def bench(argv: list[str]) -> int:
         "what",
         nargs="?",
         choices=(
-            "dives",
-            "position",
-            "process",
-            "zenoh",
-            "fleet",
-            "soak",
-            "ablation",
-            "network",
-            "grid",
-            "firmware",
+            *(
+                "dives",
+                "position",
+                "process",
+                "zenoh",
+                "fleet",
+                "soak",
+                "ablation",
+                "network",
+                "grid",
+                "firmware",
+            ),
         ),
         help="run only this bench; default: dives and process",
     )
@@ -111,7 +112,13 @@ def bench(argv: list[str]) -> int:
         default=["lines", "corners", "latin"],
         help="sets of cells of the grid: lines, corners, latin, full (1680 dives); default the first three",
     )
-    add_settings(parser)
+    parser.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        help="override a key of the companion's configuration",
+    )
     add_files(parser, row="dive")
     parser.add_argument(
         "--out",
@@ -180,7 +187,13 @@ def tune(argv: list[str]) -> int:
     parser.add_argument(
         "--config", type=Path, default=DEFAULT_FILE, metavar="FILE", help="configuration of the companion"
     )
-    add_settings(parser)
+    parser.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        help="override a key of the companion's configuration",
+    )
     parser.add_argument(
         "--evaluations",
         type=positive,
@@ -225,7 +238,13 @@ def campaign(argv: list[str]) -> int:
         metavar="ID",
         help="repeat only this dive, in the batch and in the full loop",
     )
-    add_settings(parser)
+    parser.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        help="override a key of the companion's configuration",
+    )
     add_files(parser, row="dive")
     from lab.campaign.report import main
 

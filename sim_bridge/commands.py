@@ -5,8 +5,6 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from holdfast.arguments import command_parser
-
 if TYPE_CHECKING:
     from sim_bridge.fault_kinds import Fault
 
@@ -41,10 +39,11 @@ the vehicle keeps its position.
 
 def sim(argv: list[str]) -> int:
     """Simulate an ArduSub vehicle that speaks MAVLink."""
-    parser = command_parser(
-        "sim",
-        "Simulate an ArduSub vehicle in the water: MAVLink over UDP and TCP, in real time.",
-        EXAMPLES,
+    parser = argparse.ArgumentParser(
+        prog="holdfast sim",
+        description="Simulate an ArduSub vehicle in the water: MAVLink over UDP and TCP, in real time.",
+        epilog=EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add = parser.add_argument
     add(

@@ -10,12 +10,13 @@ slow noise that an EKF's depth and rate carry.
 
 | symbol | meaning                                                                    | unit             |
 |--------|----------------------------------------------------------------------------|------------------|
-| q, v   | position and rate, measured as q + s and v + p                             | m, m/s; rad      |
+| q, v   | position and rate, measured as q + L v + s and v + p                         | m, m/s; rad      |
 | m      | inertia with added mass                                                    | kg; kg m²        |
 | d1, d2 | linear and quadratic damping                                               | N/(m/s)..., N m  |
 | b      | steady force; in heave the weight in water, less buoyancy                  | N; N·m           |
 | u, f   | force asked of the thrusters by their curve, and given after their lag     | N; N·m           |
-| D, T   | delay from sending to the measurement's stamp, and thrust lag              | s                |
+| D, T   | delay from sending to the rate's stamp, and thrust lag                     | s                |
+| L      | how much later than a position's stamp the rate's is                       | s                |
 | g      | half-width of the thrusters' dead band, of the T200's curve alone          | µs               |
 | d      | disturbance: σ_d and T_d are its deviation and correlation time            | N; N·m           |
 
@@ -61,6 +62,9 @@ ALIKE_LAG, ALIKE_DEAD_BAND_US, ALIKE_SIGMAS = 0.05, 1.5, 3.0
 LATER_DOUBT_S = 0.005
 """How much later than positions the rates may be."""
 
+SUBSTEPS = 4
+"""So many parts of a tick the thrusters' lag is followed in."""
+
 DISTURBANCE_TIME_S = 1.0
 DISTURBANCES: Final = (0.003, 0.01, 0.03, 0.1, 0.3)
 """σ_d over mass that are tried, m/s² or rad/s²; the likelihood chooses."""
@@ -69,6 +73,9 @@ FULL_US, FULL_N = 400.0, 51.5
 BURN_IN_S = 1.0
 """So much of the start tells where it was, not how it moves."""
 
+TINY = 1e-9
+ALIKE_S = 2.0
+"""Innovations may be alike for so long."""
 START_SCALES, START_LAGS_S = (0.25, 0.5, 1.0, 2.0), (0.02, 0.15)
 ROUNDS, SIGMA_ROUNDS, TOLERANCE = 40, 3, 1e-4
 DAMPINGS: Final = (1e-3, 1e-1, 1e1, 1e3)
@@ -104,6 +111,8 @@ class Fit:
     """σ_d, N or N·m."""
     misfit: float
     """Root mean square of the innovations over what the noise explains: near 1 where the model is right."""
+    late_s: Value
+    """Lag and delay together, which are known better than their parts."""
     score: float
     """Twice the logarithm of the likelihood, less a constant."""
     t_s: Array
@@ -220,8 +229,9 @@ def _fit(task: Task, start: Sequence[float]) -> Fit:
         sigma = likeliest
         theta, J = _least(task, theta, sigma)
     gain = _gain(task, theta, sigma)
-    whitened = (_filtered(task, theta, gain).innovations @ gain.whiten.T)[_counting(record)]
-    covariance = max(map(_spread, whitened.T)) * np.linalg.pinv(J.T @ J, hermitian=True)
+    innovations = _filtered(task, theta, gain).innovations @ gain.whiten.T
+    whitened = innovations[_counting(record)]
+    covariance = _covariance(record, J, innovations)
     deviations = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     damping, doubt = theta[LINEAR : QUADRATIC + 1], covariance[LINEAR : QUADRATIC + 1, LINEAR : QUADRATIC + 1]
     at = []
@@ -238,11 +248,38 @@ def _fit(task: Task, start: Sequence[float]) -> Fit:
         damping_at=tuple(at),
         disturbance=sigma * float(theta[MASS]),
         misfit=math.sqrt(float(np.mean(whitened**2))),
+        late_s=Value(float(theta[LAG] + theta[DELAY]), _sigma(covariance, (LAG, DELAY))),
         score=_score(task, theta, sigma),
         t_s=record.t_s,
         measured=np.column_stack((record.position, record.rate)),
         predicted=alone.predicted,
     )
+
+
+def _covariance(record: Record, J: Array, whitened: Array) -> Array:
+    """Return the parameters' covariance: innovations (n, 2) that are alike tell less than as many others.
+
+    `_spread` takes what is alike from sample to sample. What is alike for longer, such as a wave that the
+    disturbance's model does not foresee, shows in the gradient: its sums over ALIKE_S vary more than those of
+    white innovations do (Newey and West, Econometrica, 1987). Of the two the larger counts.
+    """
+    n, counting = len(whitened), _counting(record)
+    inverse = np.linalg.pinv(J.T @ J, hermitian=True)
+    covariance = max(map(_spread, whitened[counting].T)) * inverse
+    counted = np.where(counting[:, None], whitened, 0.0)
+    gradient = np.einsum("nij,ni->nj", J[: 2 * n].reshape(n, 2, -1), counted)
+    sums = np.vstack((np.zeros_like(gradient[:1]), np.cumsum(gradient, axis=0)))
+    length = max(1, round(ALIKE_S / float(np.median(np.diff(record.t_s)))))
+    padded = np.pad(sums, ((length, length), (0, 0)), mode="edge")
+    blocks = padded[length:] - padded[:-length]
+    wide = inverse @ (blocks.T @ blocks / length + J[2 * n :].T @ J[2 * n :]) @ inverse
+    ratio = np.sqrt(np.maximum(np.diag(wide) / np.maximum(np.diag(covariance), TINY), 1.0))
+    return np.asarray(covariance * np.outer(ratio, ratio))
+
+
+def _sigma(covariance: Array, together: Sequence[int]) -> float:
+    """Return the standard deviation of a sum of parameters."""
+    return math.sqrt(max(float(covariance[np.ix_(together, together)].sum()), 0.0))
 
 
 def _counting(record: Record) -> NDArray[np.bool_]:
@@ -391,8 +428,7 @@ def _filtered(task: Task, theta: Array, gain: Gain) -> Run:
             record.position[1:].tolist(),
             record.rate[1:].tolist(),
             force,
-            force[1:],
-            strict=False,
+            strict=True,
         )
     )
     h_typical = float(np.median(dt_s))
@@ -401,21 +437,22 @@ def _filtered(task: Task, theta: Array, gain: Gain) -> Run:
     q, v = _first(record.position), _first(record.rate)
     d = s = p = 0.0
     innovations, predicted = [(0.0, 0.0)], [(q, v)]
-    for h, y_q, y_v, f_0, f_1 in steps:
-        v_1 = (m * v + 0.5 * h * (f_0 + f_1 + 2.0 * (b + d))) / (m + h * (d1 + d2 * abs(v)))
+    for h, y_q, y_v, f in steps:
+        half = 0.5 * h * d1
+        v_1 = ((m - half) * v + h * (f + b + d)) / (m + half + h * d2 * abs(v))
         q += 0.5 * h * (v + v_1)
-        shown = v_1 - later_s * (v_1 - v) / h
         v = v_1
+        shown = q + later_s * v
         d *= calm
         s *= slow
         p *= slow
-        e_q, e_v = y_q - q - s, y_v - shown - p
+        e_q, e_v = y_q - shown - s, y_v - v - p
         if e_q != e_q:
             e_q = 0.0
         if e_v != e_v:
             e_v = 0.0
         innovations.append((e_q, e_v))
-        predicted.append((q + s, shown + p))
+        predicted.append((shown + s, v + p))
         q += q_q * e_q + q_v * e_v
         v += v_q * e_q + v_v * e_v
         d += d_q * e_q + d_v * e_v
@@ -425,10 +462,15 @@ def _filtered(task: Task, theta: Array, gain: Gain) -> Run:
 
 
 def _acting(t_s: Array, asked: Array, delay_s: float, lag_s: float) -> Array:
-    """Return the force (n,) that acts at each time: asked for `delay_s` before, through a first-order lag."""
-    dt_s = np.diff(t_s)
-    impulse = np.concatenate(((0.0,), np.cumsum(asked[:-1] * dt_s)))
-    at_s = t_s - delay_s
+    """Return the mean force (n - 1,) that acts in each step: `asked` from each time on, then delay and lag.
+
+    The lag is followed in SUBSTEPS of a step: a command arrives within a step, and half a step is as long as
+    some delays.
+    """
+    dt_s = np.repeat(np.diff(t_s) / SUBSTEPS, SUBSTEPS)
+    fine_s = t_s[0] + np.concatenate(((0.0,), np.cumsum(dt_s)))
+    impulse = np.concatenate(((0.0,), np.cumsum(asked[:-1] * np.diff(t_s))))
+    at_s = fine_s - delay_s
     before = np.interp(at_s, t_s, impulse) + asked[0] * np.minimum(at_s - t_s[0], 0.0)
     means = (np.diff(before) / dt_s).tolist()
     keeps = np.exp(-dt_s / lag_s).tolist()
@@ -437,21 +479,33 @@ def _acting(t_s: Array, asked: Array, delay_s: float, lag_s: float) -> Array:
     for u, keep in zip(means, keeps, strict=True):
         f = u + (f - u) * keep
         acting.append(f)
-    return np.array(acting)
+    nodes = np.array(acting)
+    return np.asarray((0.5 * (nodes[1:] + nodes[:-1])).reshape(-1, SUBSTEPS).mean(axis=1))
 
 
 def _gridded(t_s: Array, measured: Sequence[Measured]) -> Array:
-    """Return samples interpolated to the grid (n,), NaN where none came within a step of it."""
+    """Return samples interpolated to the grid (n,), NaN where none came within a step of it.
+
+    A cubic through neighbouring samples (Catmull, Rom): a chord would cut the corners of the pushes.
+    """
     if len(measured) < 2:
         return np.full(t_s.size, np.nan)
-    times, values = np.array(measured).T
-    order = np.argsort(times)
-    times, values = times[order], values[order]
+    times, values = np.array(sorted(measured)).T
     step_s = float(np.median(np.diff(t_s)))
-    gap_s = np.diff(times)[np.clip(np.searchsorted(times, t_s) - 1, 0, times.size - 2)]
-    on_grid = np.interp(t_s, times, values, left=np.nan, right=np.nan)
-    fresh = np.searchsorted(times, t_s) > np.searchsorted(times, t_s - max(step_s, 1e-9))
-    return np.where(fresh & (gap_s < 0.5), on_grid, np.nan)
+    i = np.clip(np.searchsorted(times, t_s) - 1, 0, times.size - 2)
+    gap_s = np.maximum(np.diff(times), TINY)[i]
+    before, after = (
+        np.maximum(np.arange(times.size) - 1, 0),
+        np.minimum(np.arange(times.size) + 1, times.size - 1),
+    )
+    slopes = (values[after] - values[before]) / np.maximum(times[after] - times[before], TINY)
+    x = (t_s - times[i]) / gap_s
+    rise = values[i + 1] - values[i]
+    bends = (1.0 - x) * (slopes[i] * gap_s - rise) - x * (slopes[i + 1] * gap_s - rise)
+    on_grid = values[i] + x * rise + x * (1.0 - x) * bends
+    fresh = np.searchsorted(times, t_s) > np.searchsorted(times, t_s - max(step_s, TINY))
+    within = (times[0] <= t_s) & (t_s <= times[-1])
+    return np.where(within & fresh & (gap_s < 0.5), on_grid, np.nan)
 
 
 def _unwrapped(measured: Sequence[Measured]) -> list[Measured]:

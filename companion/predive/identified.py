@@ -82,7 +82,8 @@ def said(found: Mapping[str, Sequence[Fit]]) -> Iterator[str]:
         delay, later, steady = (one.values[number] for number in (DELAY, LATER, STEADY))
         text = (
             f"{AXES[one.dof]}: delay {1e3 * delay.value:.0f} ms (sd {1e3 * delay.sigma:.1f}) from sending to "
-            f"the position's stamp, {1e3 * later.value:+.0f} ms to the rate's"
+            f"the rate's stamp; the position's is {1e3 * later.value:.0f} ms earlier "
+            f"(sd {1e3 * later.sigma:.1f})"
         )
         if one.dof == Z:
             text += f"; net buoyancy {-steady.value:.2f} N (sd {steady.sigma:.2g})"

@@ -40,12 +40,12 @@ WAIT_S: Final = 120.0
 SETTLE_S: Final = 4.0
 LEAD_S: Final = 1.0
 """It is recorded so long before an axis moves: what acts at first was sent before."""
-AXIS_S: Final = 24.0
 EDGE_S: Final = 3.0
 """The sweep grows and fades over this time; there are no pushes in the last of it."""
 ENDING_S: Final = 15.0
 
-SWEEP_PERIOD_S: Final = (12.0, 6.5)
+SLOWEST_S: Final = 12.0
+"""Period with which each sweep begins."""
 PUSH_HZ: Final = (0.5, 2.5)
 """From the first to the last, evenly."""
 
@@ -64,13 +64,16 @@ class Excitation(NamedTuple):
     sweep: float
     push: float
     limit: float
+    quickest_s: float
+    """Period with which the sweep ends."""
+    lasts_s: float
 
 
 EXCITATIONS: Final = (
-    Excitation(0.45, 22.0, 1.2),
-    Excitation(0.45, 22.0, 1.2),
-    Excitation(0.45, 30.0, 1.0),
-    Excitation(0.8, 2.0, 1.7),
+    Excitation(0.45, 22.0, 1.2, 6.5, 24.0),
+    Excitation(0.45, 22.0, 1.2, 6.5, 24.0),
+    Excitation(0.45, 30.0, 1.0, 5.0, 32.0),
+    Excitation(0.8, 2.0, 1.7, 6.5, 16.0),
 )
 """Surge, sway, heave, yaw."""
 
@@ -156,8 +159,9 @@ class Manoeuvre:
             yield from self._end(f"depth {began.eta[Z]:.1f} m: at least {SHALLOWEST_M:g} m are needed")
             return
         dofs = [dof for dof in ORDER if self._sample.dofs.engaged[dof]]
-        length_s = len(dofs) * (SETTLE_S + LEAD_S + AXIS_S)
-        for number, dof in enumerate(dofs):
+        lasts_s = {dof: SETTLE_S + LEAD_S + EXCITATIONS[dof].lasts_s for dof in dofs}
+        before_s = 0.0
+        for dof in dofs:
             self.doing = f"settling before {AXES[dof]}"
             stop = yield from self._wait(SETTLE_S, began.eta, dofs)
             if stop:
@@ -165,11 +169,12 @@ class Manoeuvre:
                 return
             self.doing = AXES[dof]
             stop = yield from self._excite(
-                dof, began.eta, dofs, number * (SETTLE_S + LEAD_S + AXIS_S) + SETTLE_S + LEAD_S, length_s
+                dof, began.eta, dofs, before_s + SETTLE_S + LEAD_S, sum(lasts_s.values())
             )
             if stop:
                 yield from self._end(stop)
                 return
+            before_s += lasts_s[dof]
         yield from self._end("")
 
     def _wait(self, seconds: float, home: Vector, dofs: list[int]) -> Steps:
@@ -183,13 +188,13 @@ class Manoeuvre:
     def _excite(self, dof: int, home: Vector, dofs: list[int], before_s: float, length_s: float) -> Steps:
         began_s, kind = self._now_s + LEAD_S, EXCITATIONS[dof]
         stretch = self._stretch = Stretch(dof, home[PSI], home)
-        while (t_s := self._now_s - began_s) < AXIS_S:
+        while (t_s := self._now_s - began_s) < kind.lasts_s:
             if stop := self._out_of_bounds(home, dofs):
                 self._stretch = None
                 return stop
             self.share_done = (before_s + t_s) / length_s
-            self._engine.aim(_swept(home, dof, kind.sweep, t_s))
-            force = kind.push * pushing(t_s)
+            self._engine.aim(_swept(home, dof, kind, t_s))
+            force = kind.push * pushing(t_s, kind)
             self._engine.excitation = vector(force if axis == dof else 0.0 for axis in range(len(DOFS)))
             yield []
         self.stretches.append(stretch)
@@ -264,26 +269,27 @@ def _along(stretch: Stretch, north: float, east: float) -> float:
     return cos * north + sin * east if stretch.dof == X else cos * east - sin * north
 
 
-def sweeping(t_s: float) -> float:
+def sweeping(t_s: float, kind: Excitation) -> float:
     """Return where the sweep is `t_s` after an axis began, -1..1: a sine that becomes quicker."""
-    rates = [2.0 * math.pi / period_s for period_s in SWEEP_PERIOD_S]
-    phase = rates[0] * t_s + 0.5 * (rates[1] - rates[0]) * t_s**2 / AXIS_S
-    edge = min(t_s, AXIS_S - t_s, EDGE_S) / EDGE_S
+    slow, quick = (2.0 * math.pi / period_s for period_s in (SLOWEST_S, kind.quickest_s))
+    phase = slow * t_s + 0.5 * (quick - slow) * t_s**2 / kind.lasts_s
+    edge = min(t_s, kind.lasts_s - t_s, EDGE_S) / EDGE_S
     return edge**3 * (10.0 - 15.0 * edge + 6.0 * edge**2) * math.sin(phase) if edge > 0.0 else 0.0
 
 
-def pushing(t_s: float) -> float:
+def pushing(t_s: float, kind: Excitation) -> float:
     """Return the push `t_s` after an axis began, -1, 0 or 1: a square wave that becomes quicker."""
-    if not 0.0 <= t_s <= AXIS_S - EDGE_S:
+    ends_s = kind.lasts_s - EDGE_S
+    if not 0.0 <= t_s <= ends_s:
         return 0.0
-    phase = PUSH_HZ[0] * t_s + 0.5 * (PUSH_HZ[1] - PUSH_HZ[0]) * t_s**2 / (AXIS_S - EDGE_S)
+    phase = PUSH_HZ[0] * t_s + 0.5 * (PUSH_HZ[1] - PUSH_HZ[0]) * t_s**2 / ends_s
     return 1.0 if (phase + 0.25) % 1.0 < 0.5 else -1.0
 
 
-def _swept(home: Vector, dof: int, amplitude: float, t_s: float) -> Setpoint:
+def _swept(home: Vector, dof: int, kind: Excitation, t_s: float) -> Setpoint:
     """Return the setpoint of the sweep with its rate and acceleration; surge and sway follow the heading."""
     step_s = 0.01
-    before, now, after = (amplitude * sweeping(at_s) for at_s in (t_s - step_s, t_s, t_s + step_s))
+    before, now, after = (kind.sweep * sweeping(at_s, kind) for at_s in (t_s - step_s, t_s, t_s + step_s))
     course = home[PSI] + (0.5 * math.pi if dof == Y else 0.0)
     if dof in (X, Y):
         towards: Vector = (math.cos(course), math.sin(course), 0.0, 0.0)

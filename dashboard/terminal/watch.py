@@ -21,11 +21,9 @@ from companion.telemetry import schemas as telemetry
 from companion.telemetry.modes import MEANINGS, MODE_NAMES
 from companion.telemetry.schemas import Command, Dof, Event, Loop, Plan, Schema, State, Supervisor, printable
 from companion.telemetry.status_line import delay_text
-from dashboard.arguments import add_connect
 from dashboard.rate import Rate
 from dashboard.terminal.above import Point, chart, nice_length
 from dashboard.zenoh_client import Message, Subscription
-from holdfast.arguments import command_parser
 
 EXAMPLES = """\
 examples:
@@ -306,14 +304,20 @@ def main(argv: list[str]) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = command_parser(
-        "watch",
-        "Shows the state of a vehicle in the terminal, live over Zenoh; with several vehicles "
+    parser = argparse.ArgumentParser(
+        prog="holdfast watch",
+        description="Shows the state of a vehicle in the terminal, live over Zenoh; with several vehicles\n"
         "one line for each. Ctrl-C ends it. If the output is not a terminal, it prints one snapshot.",
-        EXAMPLES,
+        epilog=EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--name", metavar="NAME", help="show only this vehicle, with all panels")
-    add_connect(parser)
+    parser.add_argument(
+        "--connect",
+        metavar="ENDPOINT",
+        default=telemetry.ENDPOINT,
+        help="Zenoh endpoint of a companion or router, or a file of `holdfast keys` (default %(default)s)",
+    )
     parser.add_argument(
         "--once",
         action="store_true",
@@ -419,9 +423,8 @@ def _banner(view: View) -> RenderableType:
         lines.append(
             Text.assemble((f"  {name}  ", style), f"  {meaning}, authority {supervisor.authority:.0%}")
         )
-        conditions = (name.lower().replace("_", " ") for name in supervisor.conditions)
-        unsaid = ", ".join(condition for condition in conditions if condition not in supervisor.reason)
-        lines.append(Text("; ".join(filter(None, (supervisor.reason, unsaid))), "dim"))
+        conditions = " ".join(supervisor.conditions).lower().replace("_", "-")
+        lines.append(Text("; ".join(filter(None, (supervisor.reason, conditions))), "dim"))
         if supervisor.remedy:
             lines.append(Text(f"to do: {supervisor.remedy}"))
     if isinstance(state, State):

@@ -53,7 +53,7 @@ class Write:
 
 
 @dataclass(frozen=True)
-class Symlink:
+class Link:
     """Let a symbolic link lead to a target."""
 
     path: Path
@@ -88,7 +88,7 @@ class Remove:
             self.path.unlink(missing_ok=True)
 
 
-Step = Run | Write | Symlink | Remove
+Step = Run | Write | Link | Remove
 
 
 def carry_out(steps: Sequence[Step], say: Callable[[str], object]) -> None:

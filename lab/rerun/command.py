@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from companion.predive.table import show
-from holdfast.arguments import command_parser
-from lab.options import add_settings
+from lab.options import command_parser
 from lab.rerun import plot, tlog, tlog_plot
 from lab.rerun.rerun import configured, load, report, rerun
 
@@ -36,7 +35,7 @@ def main(argv: list[str]) -> int:
     parser.add_argument(
         "--config", type=Path, metavar="FILE", help="use FILE instead of the recorded configuration"
     )
-    add_settings(parser)
+    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="override a key")
     parser.add_argument(
         "--out",
         type=Path,

@@ -22,9 +22,9 @@ from companion.engine import Engine
 from companion.predive.fit import DELAY, LAG, LINEAR, MASS, QUADRATIC, STEADY, Fit, fit
 from companion.predive.identified import pooled
 from companion.predive.manoeuvre import Manoeuvre, Stretch
-from companion.records import AXES, PSI, Array, Request, Setpoint, Z
+from companion.records import AXES, PSI, Array, Request, Setpoint, X, Y, Z
 from lab.loop.firmware import vehicle_of
-from lab.loop.lockstep import START_S, LinkDelay, Lockstep, SteppedVehicle
+from lab.loop.lockstep import START_S, Link, Lockstep, SteppedVehicle
 from lab.loop.scenarios import ensemble
 from lab.options import add_firmware, find_firmware, positive
 from sim_bridge.commands import DEFAULT_CONFIG
@@ -34,12 +34,14 @@ from sim_bridge.vehicle import Truth
 
 AXIS_OF_BODY = (0, 1, 2, 5)
 SHIFTS_S = np.arange(0.0, 0.08, 0.001)
+FINE_SHIFTS_S = np.arange(-0.02, 0.06, 0.0005)
+DIFFERENCE = 5
 LONGEST_S, SETTLE_S = 240.0, 0.5
 DEPTH_M = 3.0
 
 
 @dataclass
-class LoggedVehicle:
+class Watched:
     """A vehicle whose motors and motion are noted after each of its steps."""
 
     vehicle: SteppedVehicle
@@ -107,11 +109,11 @@ def drawn(base: SimConfig, seed: int) -> SimConfig:
 def manoeuvred(
     plant: SimConfig, config: Config, seed: int, firmware: Path | None = None
 ) -> tuple[Manoeuvre, Array]:
-    """Dive the manoeuvre; return it and the log of `LoggedVehicle`, a row each of the vehicle's steps."""
+    """Dive the manoeuvre; return it and the log of `Watched`, a row each of the vehicle's steps."""
     engine, manoeuvre = Engine(config, Setpoint((math.nan,) * 4), arm=True), Manoeuvre()
     with vehicle_of(plant, seed, firmware) as vehicle:
-        watched = LoggedVehicle(vehicle)
-        loop = Lockstep(watched, engine, LinkDelay(), seed, config.loop.rate_hz)
+        watched = Watched(vehicle)
+        loop = Lockstep(watched, engine, Link(), seed, config.loop.rate_hz)
         loop.requests = [Request.ENGAGE]
         while not manoeuvre.done and watched.time_s < LONGEST_S:
             step = loop.tick()
@@ -138,11 +140,9 @@ def compare(
         for number, values in ((LINEAR, hull.linear_damping), (QUADRATIC, hull.quadratic_damping)):
             what = "linear damping" if number == LINEAR else "quadratic damping"
             yield Compared(name, what, values[i] / strength, *one.values[number])
-        delay_s = _motor_delay_s(plant, stretch, log) + _stamp_delay_s(plant, stretches, one.dof, log)
-        own_lag, delay = one.values[LAG], one.values[DELAY]
-        late_s = plant.thrusters.lag_s + delay_s
-        yield Compared(name, "delay_s", delay_s, *delay)
-        yield Compared(name, "lag + delay, s", late_s, own_lag.value + delay.value, delay.sigma)
+        delay_s = _motor_delay_s(plant, stretch, log) + _rate_age_s(stretch, log)
+        yield Compared(name, "delay_s", delay_s, *one.values[DELAY])
+        yield Compared(name, "lag + delay, s", plant.thrusters.lag_s + delay_s, *one.late_s)
         if one.dof == Z:
             steady, sigma = one.values[STEADY]
             yield Compared(name, "buoyancy_n", hull.net_buoyancy_n / strength, -steady, sigma)
@@ -166,30 +166,40 @@ def _motor_delay_s(plant: SimConfig, stretch: Stretch, log: Array) -> float:
     demands = np.array([one.axes for one in stretch.sent]) @ factors.T
     sent_s = np.array([one.t_s for one in stretch.sent]) - START_S
     step_s = log[1, 0] - log[0, 0]
-    grid_s = np.arange(sent_s[0] + 1.0, sent_s[-1] - 1.0, 0.002)
+    grid_s = np.arange(sent_s[0] + 1.0, sent_s[0] + 11.0, 0.0005)
     had = log[np.searchsorted(log[:, 0] - step_s, grid_s, "right") - 1, 7:]
-    misses = []
-    for shift_s in SHIFTS_S:
+    shifts_s, misses = FINE_SHIFTS_S[FINE_SHIFTS_S >= 0.0], []
+    for shift_s in shifts_s:
         asked = demands[np.searchsorted(sent_s, grid_s - shift_s, "right") - 1]
         misses.append(float(np.mean((1500.0 + 400.0 * asked - had[:, : asked.shape[1]]) ** 2)))
-    return float(SHIFTS_S[int(np.argmin(misses))] - 0.5 * step_s)
+    return float(shifts_s[np.isclose(misses, min(misses))].mean() - 0.5 * step_s)
 
 
-def _stamp_delay_s(plant: SimConfig, stretches: Sequence[Stretch], dof: int, log: Array) -> float:
-    """Return how old a position is at its stamp, on our clock.
+def _rate_age_s(stretch: Stretch, log: Array) -> float:
+    """Return how old a rate is at its stamp, on our clock: the shift that makes it the truth.
 
-    How far our clock is from the autopilot's shows in the heading, which has the least noise.
+    Changes over DIFFERENCE samples are compared: they hold little of the sensors' slow noise.
     """
-    (stretch,) = [one for one in stretches if one.dof == PSI]
-    stamps_s, values = np.array(stretch.positions).T
-    values, true = np.unwrap(values), np.unwrap(log[:, 1 + AXIS_OF_BODY[PSI]])
-    shifts_s = SHIFTS_S - 0.02
+    stamps_s, rates = np.array(stretch.rates).T
+    along = log[:, 1:7] @ _direction(stretch)
+    true = np.gradient(np.unwrap(along), log[:, 0])
     at_s = stamps_s - START_S
-    misses = [float(np.std(values - np.interp(at_s - shift_s, log[:, 0], true))) for shift_s in shifts_s]
-    heading_s = float(shifts_s[int(np.argmin(misses))])
-    sensors = plant.sensors
-    own_s = {Z: sensors.depth_delay_s, PSI: sensors.attitude_delay_s}.get(dof, sensors.dvl_delay_s)
-    return heading_s + own_s - sensors.attitude_delay_s
+    misses = []
+    for shift_s in FINE_SHIFTS_S:
+        miss = rates - np.interp(at_s - shift_s, log[:, 0], true)
+        misses.append(float(np.std(miss[DIFFERENCE:] - miss[:-DIFFERENCE])))
+    return float(FINE_SHIFTS_S[int(np.argmin(misses))])
+
+
+def _direction(stretch: Stretch) -> Array:
+    """Return along which of the truth's north, east, down, roll, pitch and yaw an axis moves."""
+    towards = np.zeros(6)
+    if stretch.dof in (X, Y):
+        course = stretch.heading_rad + (0.5 * math.pi if stretch.dof == Y else 0.0)
+        towards[:2] = math.cos(course), math.sin(course)
+    else:
+        towards[AXIS_OF_BODY[stretch.dof]] = 1.0
+    return towards
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -12,7 +12,6 @@ from companion.config import PRESETS, load_config, load_vehicle, vehicle_text
 from companion.predive.fit import MASS, QUADRATIC, Fit, Value, fit
 from companion.predive.identified import draw, said, show, trusted, vehicle
 from companion.predive.manoeuvre import (
-    AXIS_S,
     EXCITATIONS,
     SETTLE_S,
     Manoeuvre,
@@ -64,7 +63,7 @@ def test_the_better_curve_is_the_one_it_has(identified):
 
 def within(one: Compared) -> float:
     """The issue's ten percent; of what may be zero a little more than nothing."""
-    least = {"delay_s": 0.03, "buoyancy_n": 2.0, "linear damping": 20.0 if one.axis == "heave" else 0.5}
+    least = {"delay_s": 0.01, "buoyancy_n": 2.0, "linear damping": 20.0 if one.axis == "heave" else 0.5}
     return 0.1 * max(abs(one.true), least.get(one.quantity, 0.0))
 
 
@@ -75,10 +74,10 @@ def test_the_truth_is_found_within_ten_percent(identified):
 
 
 def test_the_doubt_is_honest(identified):
-    """Of a dozen errors few are beyond two standard deviations, and none is far beyond."""
+    """Of a dozen errors nearly all are within two standard deviations, and none is far beyond."""
     errors = [abs(one.found - one.true) / max(one.sigma, 1e-3) for one in identified.compared]
-    assert max(errors) < 6.0
-    assert sum(error > 2.0 for error in errors) <= len(errors) // 2
+    assert max(errors) < 4.0
+    assert sum(error > 2.0 for error in errors) <= 3
 
 
 def test_the_file_is_loaded_as_a_vehicle(identified, tmp_path):
@@ -122,11 +121,12 @@ def test_a_mass_in_doubt_is_not_taken(identified):
 
 
 def test_sweep_and_pushes_begin_and_end_at_rest():
-    times = np.linspace(0.0, AXIS_S, 2401)
-    sweep = np.array([sweeping(t_s) for t_s in times])
+    kind = EXCITATIONS[Z]
+    times = np.linspace(0.0, kind.lasts_s, 3201)
+    sweep = np.array([sweeping(t_s, kind) for t_s in times])
     assert abs(sweep[[0, -1]]).max() == 0.0
     assert 0.9 < abs(sweep).max() <= 1.0
-    pushes = np.array([pushing(t_s) for t_s in times])
+    pushes = np.array([pushing(t_s, kind) for t_s in times])
     assert abs(pushes.mean()) < 0.03
     assert not pushes[-10:].any()
 
