@@ -9,6 +9,8 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from holdfast.arguments import command_parser
+
 if TYPE_CHECKING:
     from companion.predive.first_config import Question
 
@@ -98,11 +100,10 @@ exit status: 0 sound; 2 not, and it says file, key, value and what is allowed.
 
 def run(argv: list[str]) -> int:
     """Run the controller: hold a vehicle at its setpoint."""
-    parser = argparse.ArgumentParser(
-        prog="holdfast run",
-        description="Connects to an ArduSub vehicle over MAVLink, and holds it after a request to engage.",
-        epilog=EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+    parser = command_parser(
+        "run",
+        "Connects to an ArduSub vehicle over MAVLink, and holds it after a request to engage.",
+        EXAMPLES,
     )
     _add_config(parser)
     parser.add_argument("--engage", action="store_true", help="engage as soon as it is permitted")
@@ -205,15 +206,14 @@ def _overrides(arguments: argparse.Namespace) -> list[str]:
 
 def keys(argv: list[str]) -> int:
     """Create certificates for a laptop that connects over the network."""
-    parser = argparse.ArgumentParser(
-        prog="holdfast keys",
-        description="Creates a temporary certificate authority and Zenoh configurations. With\n"
-        "DIR/vehicle.json5 the vehicle listens on loopback, and by TLS for this laptop only;\n"
-        "DIR/laptop.json5 is for the laptop. With --vehicle it creates DIR/router.json5 for a\n"
-        "Zenoh router, to which laptop and vehicles connect, and a file for each vehicle.\n"
+    parser = command_parser(
+        "keys",
+        "Creates a temporary certificate authority and Zenoh configurations. With "
+        "DIR/vehicle.json5 the vehicle listens on loopback, and by TLS for this laptop only; "
+        "DIR/laptop.json5 is for the laptop. With --vehicle it creates DIR/router.json5 for a "
+        "Zenoh router, to which laptop and vehicles connect, and a file for each vehicle. "
         "Each file contains a private key: protect it like a password.",
-        epilog=KEYS_EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        KEYS_EXAMPLES,
     )
     parser.add_argument("directory", type=Path, metavar="DIR", help="where to write the files")
     parser.add_argument(
@@ -276,11 +276,10 @@ def keys(argv: list[str]) -> int:
 
 def check(argv: list[str]) -> int:
     """Check the pre-dive list of a connected vehicle."""
-    parser = argparse.ArgumentParser(
-        prog="holdfast check",
-        description="Checks whether the connected vehicle is ready, and prints a list of rows.",
-        epilog=CHECK_EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+    parser = command_parser(
+        "check",
+        "Checks whether the connected vehicle is ready, and prints a list of rows.",
+        CHECK_EXAMPLES,
     )
     _add_config(parser)
     parser.add_argument(
@@ -331,14 +330,13 @@ def check(argv: list[str]) -> int:
 
 def identify(argv: list[str]) -> int:
     """Measure a vehicle's mass, damping and lag by moving it, and write its file."""
-    parser = argparse.ArgumentParser(
-        prog="holdfast identify",
-        description="Holds the vehicle as `holdfast run` does, and moves each axis to and fro in turn, half\n"
-        "a minute each: the vehicle MOVES, up to 0.5 m and 50°, with small pushes. It always moves heave\n"
-        "and yaw, and surge and sway where a position is measured. From the motion it finds mass,\n"
+    parser = command_parser(
+        "identify",
+        "Holds the vehicle as `holdfast run` does, and moves each axis to and fro in turn, half "
+        "a minute each: the vehicle MOVES, up to 0.5 m and 50°, with small pushes. It always moves heave "
+        "and yaw, and surge and sway where a position is measured. From the motion it finds mass, "
         "damping, buoyancy, lag and delay, each with its doubt, and writes them as a vehicle file.",
-        epilog=IDENTIFY_EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        IDENTIFY_EXAMPLES,
     )
     _add_config(parser)
     parser.add_argument("--arm", action="store_true", help="arm the vehicle when engaging")
@@ -408,13 +406,12 @@ def _position(text: str) -> tuple[float, float]:
 
 def schema(argv: list[str]) -> int:
     """Print every telemetry key, field, unit and command; --write updates docs/."""
-    parser = argparse.ArgumentParser(
-        prog="holdfast schema",
-        description="Prints the generated part of docs/telemetry.md: all keys, schemas and commands.",
-        epilog="examples:\n"
+    parser = command_parser(
+        "schema",
+        "Prints the generated part of docs/telemetry.md: all keys, schemas and commands.",
+        "examples:\n"
         "  holdfast schema            print all keys, fields, units and commands\n"
         "  holdfast schema --write    update the documents after a change of the schemas\n",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument(
         "--write", action="store_true", help="update docs/telemetry.md and docs/schemas/ in a checkout"
@@ -440,12 +437,11 @@ def init(argv: list[str]) -> int:
     from companion.predive.first_config import answered, config_text, prompt, questions
     from holdfast import RefusedError
 
-    parser = argparse.ArgumentParser(
-        prog="holdfast init",
-        description="Asks five questions and writes a configuration for `holdfast run --config FILE`, with\n"
+    parser = command_parser(
+        "init",
+        "Asks five questions and writes a configuration for `holdfast run --config FILE`, with "
         "every key explained in it. What an option answers is not asked.",
-        epilog=INIT_EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        INIT_EXAMPLES,
     )
     parser.add_argument(
         "--out", type=Path, default=Path("companion.toml"), metavar="FILE", help="default: %(default)s"
@@ -488,12 +484,11 @@ def init(argv: list[str]) -> int:
 
 def config(argv: list[str]) -> int:
     """Check a configuration or a vehicle's file without starting anything."""
-    parser = argparse.ArgumentParser(
-        prog="holdfast config",
-        description="`holdfast config check FILE` says whether `holdfast run` would take a file, or where\n"
+    parser = command_parser(
+        "config",
+        "`holdfast config check FILE` says whether `holdfast run` would take a file, or where "
         "it is wrong. FILE is a configuration, or a vehicle's file such as `holdfast identify` writes.",
-        epilog=CONFIG_EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        CONFIG_EXAMPLES,
     )
     parser.add_argument("action", choices=("check",), metavar="check")
     parser.add_argument("file", type=Path, metavar="FILE")

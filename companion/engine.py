@@ -10,7 +10,7 @@ from companion import assembly
 from companion.config import Config
 from companion.control.positioning import jacobian, to_body, to_inertial
 from companion.guidance.guidance import Guidance
-from companion.guidance.orders import Order, place
+from companion.guidance.orders import Order
 from companion.guidance.paths.shapes import Path
 from companion.mavlink.autopilot import Autopilot
 from companion.mavlink.relay import pilot_events
@@ -40,7 +40,6 @@ from companion.records import (
 )
 from companion.supervision.guard import guard
 from companion.supervision.supervision import Supervision
-from companion.telemetry.commands import Goto, SetVelocity
 
 MAX_DT_TICKS = 3.0
 
@@ -101,7 +100,7 @@ class Engine:
         self._follow_frame(state)
         self._follow_thrusters(state, trusted=Request.CLEAR_FAULT in requests)
         reports = [event for event in events if type(event) not in SAMPLES]
-        demand = guidance.pilot_demand(now_s, dt_s, reports)
+        demand = guidance.pilot_demand(state, dt_s, reports)
 
         requests = self._supervision.with_buttons(
             requests, now_s, engage=demand.engage, release=demand.release
@@ -125,11 +124,8 @@ class Engine:
         self._engage(verdict, state, engage=Request.ENGAGE in requests)
 
         J = jacobian(state.eta_ahead[PSI])
-        reference = self._controller.reference
-        guidance.apply_pilot_demand(demand, state.eta_ahead[PSI], reference, dt_s)
-        guidance.take_targets(reports, verdict, reference)
-        guidance.advance(verdict, state, reference, control_dt_s)
-        target, saturated = guidance.target_now(verdict), actuation.saturated
+        reference, saturated = self._controller.reference, actuation.saturated
+        target = guidance.step(demand, reports, verdict, state, reference, control_dt_s)
         self._controller.frozen, self._controller.authority = verdict.freeze, verdict.authority
         dofs = self._controller.step(state, J, target, guidance.engaged, saturated, control_dt_s)
         requested = to_body(J, dofs.tau)
@@ -219,19 +215,7 @@ class Engine:
 
     def guide(self, order: Order) -> None:
         """Take a path, a move, or what to do with them. Raises ValueError for what is not possible."""
-        guidance, reference = self._guidance, self._controller.reference
-        if isinstance(order, Path):
-            guidance.follow(order, reference)
-        elif isinstance(order, Goto):
-            guidance.go_to(place(order), order, reference)
-        elif isinstance(order, SetVelocity):
-            guidance.move_at(order, self._last_s or 0.0)
-        elif order.action == "hold":
-            guidance.hold(reference)
-        elif order.action == "pause":
-            guidance.pause()
-        else:
-            guidance.resume(reference)
+        self._guidance.guide(order, self._last_s or 0.0, self._controller.reference)
 
     def checked(self, state: VehicleState) -> list[CheckRow]:
         """Return the pre-dive list as far as it is known without trying anything."""

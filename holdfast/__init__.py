@@ -121,15 +121,13 @@ def extra_of(module: str, command: str) -> str:
 
 def completion(argv: list[str]) -> int:
     """Print what makes bash or zsh complete commands and options."""
-    import argparse
-
+    from holdfast.arguments import command_parser
     from holdfast.completion import EXAMPLES, script
 
-    parser = argparse.ArgumentParser(
-        prog="holdfast completion",
-        description="Prints a shell function that completes commands, their options, and files.",
-        epilog=EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+    parser = command_parser(
+        "completion",
+        "Prints a shell function that completes commands, their options, and files.",
+        EXAMPLES,
     )
     parser.add_argument("shell", choices=("bash", "zsh"), metavar="bash|zsh")
     sys.stdout.write(script(parser.parse_args(argv).shell, sorted(_commands())))

@@ -2,7 +2,8 @@
 
 from pathlib import Path
 
-from lab.options import add_firmware, command_parser, find_firmware, json_file, not_negative, positive
+from holdfast.arguments import command_parser
+from lab.options import add_firmware, add_settings, find_firmware, json_file, not_negative, positive
 from lab.tables import add_files
 
 BENCH_EXAMPLES = """\
@@ -72,18 +73,16 @@ def bench(argv: list[str]) -> int:
         "what",
         nargs="?",
         choices=(
-            *(
-                "dives",
-                "position",
-                "process",
-                "zenoh",
-                "fleet",
-                "soak",
-                "ablation",
-                "network",
-                "grid",
-                "firmware",
-            ),
+            "dives",
+            "position",
+            "process",
+            "zenoh",
+            "fleet",
+            "soak",
+            "ablation",
+            "network",
+            "grid",
+            "firmware",
         ),
         help="run only this bench; default: dives and process",
     )
@@ -112,13 +111,7 @@ def bench(argv: list[str]) -> int:
         default=["lines", "corners", "latin"],
         help="sets of cells of the grid: lines, corners, latin, full (1680 dives); default the first three",
     )
-    parser.add_argument(
-        "--set",
-        action="append",
-        default=[],
-        metavar="KEY=VALUE",
-        help="override a key of the companion's configuration",
-    )
+    add_settings(parser)
     add_files(parser, row="dive")
     parser.add_argument(
         "--out",
@@ -187,13 +180,7 @@ def tune(argv: list[str]) -> int:
     parser.add_argument(
         "--config", type=Path, default=DEFAULT_FILE, metavar="FILE", help="configuration of the companion"
     )
-    parser.add_argument(
-        "--set",
-        action="append",
-        default=[],
-        metavar="KEY=VALUE",
-        help="override a key of the companion's configuration",
-    )
+    add_settings(parser)
     parser.add_argument(
         "--evaluations",
         type=positive,
@@ -238,13 +225,7 @@ def campaign(argv: list[str]) -> int:
         metavar="ID",
         help="repeat only this dive, in the batch and in the full loop",
     )
-    parser.add_argument(
-        "--set",
-        action="append",
-        default=[],
-        metavar="KEY=VALUE",
-        help="override a key of the companion's configuration",
-    )
+    add_settings(parser)
     add_files(parser, row="dive")
     from lab.campaign.report import main
 

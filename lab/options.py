@@ -2,17 +2,17 @@
 
 import argparse
 import sys
-import textwrap
 from pathlib import Path
 
 
-def command_parser(command: str, description: str, examples: str) -> argparse.ArgumentParser:
-    """Make the parser of a command; its help ends with `examples`, as they stand."""
-    return argparse.ArgumentParser(
-        prog=f"holdfast {command}",
-        description=textwrap.fill(description, 100),
-        epilog=examples,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+def add_settings(parser: argparse.ArgumentParser) -> None:
+    """Add `--set KEY=VALUE`, which may be repeated."""
+    parser.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        help="override a key of the companion's configuration",
     )
 
 

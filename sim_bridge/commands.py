@@ -5,6 +5,8 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from holdfast.arguments import command_parser
+
 if TYPE_CHECKING:
     from sim_bridge.fault_kinds import Fault
 
@@ -39,11 +41,10 @@ the vehicle keeps its position.
 
 def sim(argv: list[str]) -> int:
     """Simulate an ArduSub vehicle that speaks MAVLink."""
-    parser = argparse.ArgumentParser(
-        prog="holdfast sim",
-        description="Simulate an ArduSub vehicle in the water: MAVLink over UDP and TCP, in real time.",
-        epilog=EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+    parser = command_parser(
+        "sim",
+        "Simulate an ArduSub vehicle in the water: MAVLink over UDP and TCP, in real time.",
+        EXAMPLES,
     )
     add = parser.add_argument
     add(

@@ -12,7 +12,7 @@ from companion.engine import Engine
 from companion.mavlink.relay import Relay
 from companion.records import NEUTRAL, Request, Setpoint, State
 from lab.loop.firmware import Firmware
-from lab.loop.lockstep import START_S, Link, Lockstep, Step
+from lab.loop.lockstep import START_S, LinkDelay, Lockstep, Step
 from sim_bridge.config import load_config as load_plant
 from sim_bridge.fault_kinds import Fault
 from sim_bridge.vehicle import Vehicle
@@ -204,7 +204,9 @@ class Dive:
         self.tap = Tap(self.engine, config)
         if pilot:
             self.cockpit = self.tap.cockpit = Cockpit(config, signing)
-        self.loop = Lockstep(self.vehicle, cast(Engine, self.tap), link or Link(), seed, config.loop.rate_hz)
+        self.loop = Lockstep(
+            self.vehicle, cast(Engine, self.tap), link or LinkDelay(), seed, config.loop.rate_hz
+        )
         if engage:
             self.loop.requests.append(Request.ENGAGE)
 

@@ -10,6 +10,7 @@ from companion.control.allocation import (
     Allocation,
     Thrusters,
     allocate,
+    can_lose,
     delivered,
     overloaded,
     without,
@@ -87,9 +88,9 @@ class Actuation:
         return low
 
     def _allocate_without(self, motor: int) -> None:
-        left = without(self._whole, motor) if motor else self._whole
-        self.dead_motor, self.misses_motor = motor, left is None
-        self.thrusters = left or self._whole
+        self.dead_motor = motor
+        self.misses_motor = motor > 0 and not can_lose(self._whole, motor)
+        self.thrusters = without(self._whole, motor)
 
     def restart(self) -> None:
         """Forget how fast the reference could go: numbers gone bad."""

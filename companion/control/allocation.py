@@ -28,8 +28,6 @@ half of their demand. Where that does not suffice, the moments are given whole a
 import math
 from typing import NamedTuple
 
-import numpy as np
-
 from companion.control.bounds import limited
 from companion.records import Axes
 
@@ -100,7 +98,6 @@ HORIZONTAL = len(_HORIZONTAL)
 YAW = 3
 """Of the six axes the first that turns."""
 NO_MOTOR: Four = (0.0, 0.0, 0.0, 0.0)
-NO_PUSH: Three = (0.0, 0.0, 0.0)
 PER_NEWTON: Axes = (math.sqrt(0.5), math.sqrt(0.5), 1.0, math.sqrt(0.5) * (0.156 + 0.111), 0.218, 0.12)
 """S; lengths in m from docs/ardusub.md, "Vehicles"."""
 
@@ -118,16 +115,14 @@ class Group(NamedTuple):
     """S."""
     max_tau: Three
     """Bound on what is asked of each axis, N or N·m."""
-    moments: Three
-    """1 for an axis of rotation, 0 for one of translation."""
     first: Three
-    """1 for an axis whose demand is met before the others': yaw of the horizontal group."""
+    """1 for an axis whose demand is met before the others': yaw; without a motor every moment."""
     whole: bool
     """Whether all motors give thrust."""
     dead: Four
     """1 for motor k, 0 for the others."""
-    others: tuple[Three, Three, Three, Three]
-    """M₃⁻ᵀ by motor: what each pushes for a newton on each axis; zero for k."""
+    pushes: tuple[Three, Three, Three, Three]
+    """M N⁻¹, without k M₃⁻ᵀ: by motor what it pushes for a newton on each axis; zero for k."""
 
 
 class Thrusters(NamedTuple):
@@ -169,42 +164,70 @@ def _group(factors: list[Three], axes: tuple[int, int, int], max_tau: Axes) -> G
     motors = (first, second, third, fourth)
     i, j, k = axes
     served = [sum(abs(motor[axis]) for motor in motors) for axis in range(3)]
+    shares = (_inverse(served[0]), _inverse(served[1]), _inverse(served[2]))
+    p, q, r, s = ((a * shares[0], b * shares[1], c * shares[2]) for a, b, c in motors)
     return Group(
         motors,
         (math.prod(first), math.prod(second), math.prod(third), math.prod(fourth)),
-        (_inverse(served[0]), _inverse(served[1]), _inverse(served[2])),
+        shares,
         (PER_NEWTON[i], PER_NEWTON[j], PER_NEWTON[k]),
         (max_tau[i], max_tau[j], max_tau[k]),
-        (float(i >= YAW), float(j >= YAW), float(k >= YAW)),
         (float(i == YAW), float(j == YAW), float(k == YAW)),
         True,
         NO_MOTOR,
-        (NO_PUSH,) * 4,
+        (p, q, r, s),
     )
 
 
-def without(whole: Thrusters, motor: int) -> Thrusters | None:
-    """Return the thrusters that go on without `motor`, 1 to `motor_count`.
+def can_lose(whole: Thrusters, motor: int) -> bool:
+    """Tell whether the others serve all axes without `motor`, 1 to `motor_count`.
 
-    None where the others cannot serve all axes: two vertical motors, or roll and pitch that are not ours.
+    Two vertical motors do not, nor do four whose roll and pitch are not ours.
     """
-    horizontal, vertical = whole.horizontal, whole.vertical
     if motor <= HORIZONTAL:
-        group = _without(horizontal, motor - 1)
-        return group and Thrusters(group, vertical, whole.motor_count)
-    group = _without(vertical, motor - 1 - HORIZONTAL)
-    return group and Thrusters(horizontal, group, whole.motor_count)
+        return whole.horizontal.opposed[motor - 1] != 0.0
+    return whole.vertical.opposed[motor - 1 - HORIZONTAL] != 0.0
 
 
-def _without(group: Group, dead: int) -> Group | None:
-    if group.opposed[dead] == 0.0:
-        return None
-    first, second, third, fourth = (float(motor == dead) for motor in range(4))
-    live = [motor for motor in range(4) if motor != dead]
-    pushes = np.zeros((4, 3))
-    pushes[live] = np.linalg.inv(np.array([group.factors[motor] for motor in live]).T)
-    p, q, r, s = ((a, b, c) for a, b, c in pushes.round(12).tolist())
-    return group._replace(whole=False, dead=(first, second, third, fourth), others=(p, q, r, s))
+def without(whole: Thrusters, motor: int) -> Thrusters:
+    """Return the thrusters that go on without `motor`; all for 0, and for one that nothing replaces."""
+    if motor == 0 or not can_lose(whole, motor):
+        return whole
+    if motor <= HORIZONTAL:
+        group = _without(whole.horizontal, motor - 1, (0.0, 0.0, 1.0))
+        return Thrusters(group, whole.vertical, whole.motor_count)
+    group = _without(whole.vertical, motor - 1 - HORIZONTAL, (0.0, 1.0, 1.0))
+    return Thrusters(whole.horizontal, group, whole.motor_count)
+
+
+def _without(group: Group, k: int, moments: Three) -> Group:
+    return Group(
+        group.factors,
+        group.opposed,
+        group.shares,
+        group.levers,
+        group.max_tau,
+        moments,
+        False,
+        (
+            1.0 if k == 0 else 0.0,
+            1.0 if k == 1 else 0.0,
+            1.0 if k == 2 else 0.0,
+            1.0 if k == 3 else 0.0,
+        ),
+        (_pushes(group, 0, k), _pushes(group, 1, k), _pushes(group, 2, k), _pushes(group, 3, k)),
+    )
+
+
+def _pushes(group: Group, j: int, k: int) -> Three:
+    """Return the row of motor j of (M − n n_k M_k) N⁻¹, which is M₃⁻ᵀ: motor k's work given back along n."""
+    p, q, shares = group.factors[j], group.factors[k], group.shares
+    back = group.opposed[j] * group.opposed[k]
+    return (
+        (p[0] - back * q[0]) * shares[0],
+        (p[1] - back * q[1]) * shares[1],
+        (p[2] - back * q[2]) * shares[2],
+    )
 
 
 def _inverse(served: float) -> float:
@@ -265,19 +288,11 @@ def _group_axes(
     group: Group, tau: Three, strength: float, reach: Three
 ) -> tuple[Three, tuple[bool, bool, bool]]:
     """Return `allocate` of one group's axes."""
-    shares, levers, max_tau = group.shares, group.levers, group.max_tau
+    levers, max_tau, first = group.levers, group.max_tau, group.first
     X, Y, Z = limited(tau[0], max_tau[0]), limited(tau[1], max_tau[1]), limited(tau[2], max_tau[2])
-    if not group.whole:
-        return _axes_of_three(group, tau, (X, Y, Z), strength, reach)
-    wanted = (
-        X * shares[0] / (levers[0] * strength),
-        Y * shares[1] / (levers[1] * strength),
-        Z * shares[2] / (levers[2] * strength),
-    )
-    first = group.first
-    any_first = first[0] + first[1] + first[2] > 0.0
-    turning = _group_motors(group, (wanted[0] * first[0], wanted[1] * first[1], wanted[2] * first[2]))
-    everything = _group_motors(group, wanted)
+    wanted = (X / (levers[0] * strength), Y / (levers[1] * strength), Z / (levers[2] * strength))
+    turning = _by_motor(group.pushes, (wanted[0] * first[0], wanted[1] * first[1], wanted[2] * first[2]))
+    everything = _by_motor(group.pushes, wanted)
     beyond = max(1.0, _load(turning[0]), _load(turning[1]), _load(turning[2]), _load(turning[3]))
     turning = (turning[0] / beyond, turning[1] / beyond, turning[2] / beyond, turning[3] / beyond)
     share = min(
@@ -288,7 +303,7 @@ def _group_axes(
         _room(turning[3], everything[3]),
     )
     a, over = _shared(group, turning, everything, share, reach)
-    if over > 1.0 and any_first:
+    if over > 1.0 and first[0] + first[1] + first[2] > 0.0:
         low, high = 0.0, share
         for _ in range(HALVINGS):
             share = 0.5 * (low + high)
@@ -323,19 +338,20 @@ def _shared(group: Group, turning: Four, everything: Four, share: float, reach: 
         turning[2] + share * (everything[2] - turning[2]),
         turning[3] + share * (everything[3] - turning[3]),
     )
-    a = _group_demands(
-        group,
-        (
-            interpolated(forces[0], DEMAND),
-            interpolated(forces[1], DEMAND),
-            interpolated(forces[2], DEMAND),
-            interpolated(forces[3], DEMAND),
-        ),
+    t = (
+        interpolated(forces[0], DEMAND),
+        interpolated(forces[1], DEMAND),
+        interpolated(forces[2], DEMAND),
+        interpolated(forces[3], DEMAND),
     )
-    t = _group_motors(group, a)
-    if group.opposed[0] != 0.0:
-        t = _balanced(group, t, forces)
-        a = _group_demands(group, t)
+    if not group.whole:
+        t = _idle(group, t)
+    a = _group_demands(group, t)
+    if group.whole:
+        t = _group_motors(group, a)
+        if group.opposed[0] != 0.0:
+            t = _balanced(group, t, forces)
+            a = _group_demands(group, t)
     over = max(
         1.0,
         abs(a[0]) / max(reach[0], MIN_REACH),
@@ -349,84 +365,16 @@ def _shared(group: Group, turning: Four, everything: Four, share: float, reach: 
     return a, over
 
 
-def _axes_of_three(
-    group: Group, tau: Three, most: Three, strength: float, reach: Three
-) -> tuple[Three, tuple[bool, bool, bool]]:
-    """Return `_group_axes` without motor k; `most` is `tau` within its bounds."""
-    levers, moments = group.levers, group.moments
-    turning = (
-        most[0] * moments[0] / (levers[0] * strength),
-        most[1] * moments[1] / (levers[1] * strength),
-        most[2] * moments[2] / (levers[2] * strength),
-    )
-    pushing = (
-        most[0] / (levers[0] * strength) - turning[0],
-        most[1] / (levers[1] * strength) - turning[1],
-        most[2] / (levers[2] * strength) - turning[2],
-    )
-    a, over = _shared_by_three(group, turning, pushing, 1.0, reach)
-    short = over > 1.0
-    if short:
-        low, high = 0.0, 1.0
-        for _ in range(HALVINGS):
-            middle = 0.5 * (low + high)
-            _, over = _shared_by_three(group, turning, pushing, middle, reach)
-            if over > 1.0:
-                high = middle
-            else:
-                low = middle
-        a, over = _shared_by_three(group, turning, pushing, low, reach)
-    saturated = (
-        tau[0] != most[0] or over > 1.0 or (short and moments[0] == 0.0),
-        tau[1] != most[1] or over > 1.0 or (short and moments[1] == 0.0),
-        tau[2] != most[2] or over > 1.0 or (short and moments[2] == 0.0),
-    )
-    over = max(1.0, over)
-    return (a[0] / over, a[1] / over, a[2] / over), saturated
-
-
-def _shared_by_three(
-    group: Group, turning: Three, pushing: Three, share: float, reach: Three
-) -> tuple[Three, float]:
-    """Return the axes for the moments and a share of the forces, and how far beyond its end any goes."""
-    w = (
-        turning[0] + share * pushing[0],
-        turning[1] + share * pushing[1],
-        turning[2] + share * pushing[2],
-    )
-    p, q, r, s = group.others
-    f = (
-        p[0] * w[0] + p[1] * w[1] + p[2] * w[2],
-        q[0] * w[0] + q[1] * w[1] + q[2] * w[2],
-        r[0] * w[0] + r[1] * w[1] + r[2] * w[2],
-        s[0] * w[0] + s[1] * w[1] + s[2] * w[2],
-    )
-    t = (
-        interpolated(f[0], DEMAND),
-        interpolated(f[1], DEMAND),
-        interpolated(f[2], DEMAND),
-        interpolated(f[3], DEMAND),
-    )
+def _idle(group: Group, t: Four) -> Four:
+    """Return the demands with that on the motor without thrust for which nᵀ t = 0."""
     n, k = group.opposed, group.dead
     idle = n[0] * t[0] + n[1] * t[1] + n[2] * t[2] + n[3] * t[3]
-    t = (
+    return (
         t[0] - k[0] * n[0] * idle,
         t[1] - k[1] * n[1] * idle,
         t[2] - k[2] * n[2] * idle,
         t[3] - k[3] * n[3] * idle,
     )
-    a = _group_demands(group, t)
-    over = max(
-        abs(a[0]) / max(reach[0], MIN_REACH),
-        abs(a[1]) / max(reach[1], MIN_REACH),
-        abs(a[2]) / max(reach[2], MIN_REACH),
-        abs(idle),
-        _load(f[0]),
-        _load(f[1]),
-        _load(f[2]),
-        _load(f[3]),
-    )
-    return a, over
 
 
 def _balanced(group: Group, t: Four, forces: Four) -> Four:
@@ -456,7 +404,12 @@ def _missing(demand: float, force: float) -> tuple[float, float]:
 
 def _group_motors(group: Group, a: Three) -> Four:
     """Return M a."""
-    p, q, r, s = group.factors
+    return _by_motor(group.factors, a)
+
+
+def _by_motor(rows: tuple[Three, Three, Three, Three], a: Three) -> Four:
+    """Return a matrix with a row for each motor times a vector by axis."""
+    p, q, r, s = rows
     return (
         p[0] * a[0] + p[1] * a[1] + p[2] * a[2],
         q[0] * a[0] + q[1] * a[1] + q[2] * a[2],

@@ -10,7 +10,8 @@ from typing import NamedTuple
 from companion.config import Config
 from companion.control.bounds import clamped, limited
 from companion.control.reference import ACCELERATION_LAG_S, RATE_LAG_S
-from companion.records import Setpoint, Vector, vector
+from companion.guidance.paths.shapes import Path
+from companion.records import Setpoint, Vector, Z, vector
 
 Bounds = tuple[float, float]
 BRAKING_SHARE = 0.35
@@ -25,22 +26,25 @@ class Fence(NamedTuple):
     east_m: Bounds
     depth_m: Bounds
 
-    @property
-    def middle(self) -> Vector:
-        """A place inside."""
-        x, y, z = (0.5 * (low + high) for low, high in self)
-        return (x, y, z, 0.0)
-
     def outside(self, place: Sequence[float]) -> str:
-        """Return which bound a place (x, y, z) breaks, in words; "" for one inside."""
+        """Return which bound a place (x, y, z) breaks, in words; "" for one inside. NaN breaks none."""
         for name, value, (low, high) in zip(("x_m", "y_m", "depth_m"), place, self, strict=False):
-            if not low <= value <= high:
+            if value < low or value > high:
                 return f"{name} = {value:.2f}: must be {low:g} to {high:g}"
+        return ""
+
+    def left_by(self, path: Path, start: Vector) -> str:
+        """Return where a path from `start` leaves it first, in words; "" where it stays inside."""
+        offset = path.start(start)
+        for place in path.places():
+            x, y, z = (a + b for a, b in zip(place, offset, strict=False))
+            if refused := self.outside((x, y, z)):
+                return f"the path leaves the fence at x {x:.2f}, y {y:.2f}, depth {z:.2f} m: {refused}"
         return ""
 
     def inside(self, target: Setpoint) -> Setpoint:
         """Return the target, at rest at the fence in each coordinate that lies beyond it."""
-        if not self.outside(target.eta_d[:3]):
+        if not self.outside(target.eta_d):
             return target
         eta, rate, acc = list(target.eta_d), list(target.eta_d_dot), list(target.eta_d_ddot)
         for i, (low, high) in enumerate(self):
@@ -60,16 +64,22 @@ class Fence(NamedTuple):
         return vector(slowed)
 
 
-def fence(config: Config) -> Fence | None:
-    """Return the fence of a configuration; None where there is none."""
-    given = config.fence
+def fence(config: Config) -> Fence:
+    """Return what bounds a place: the deepest setpoint and, where it is in force, `[fence]`."""
+    given, deepest_m = config.fence, config.supervisor.max_depth_m
     if not given.enabled:
-        return None
-    shallow, deep = given.depth_m
-    return Fence(given.north_m, given.east_m, (shallow, min(deep, config.supervisor.max_depth_m)))
+        anywhere = (-math.inf, math.inf)
+        return Fence(anywhere, anywhere, (-math.inf, deepest_m))
+    shallow_m, deep_m = given.depth_m
+    return Fence(given.north_m, given.east_m, (shallow_m, min(deep_m, deepest_m)))
 
 
-def open_water(config: Config) -> Fence:
-    """Return what bounds a path where there is no fence: the deepest setpoint."""
-    anywhere = (-math.inf, math.inf)
-    return Fence(anywhere, anywhere, (-math.inf, config.supervisor.max_depth_m))
+def refuse_depth(setpoint: Setpoint, config: Config) -> None:
+    """Raise ValueError for a setpoint that is infinite, or deeper than `supervisor.max_depth_m`."""
+    deepest_m, motion = config.supervisor.max_depth_m, (*setpoint.eta_d_dot, *setpoint.eta_d_ddot)
+    infinite = any(map(math.isinf, setpoint.eta_d)) or not all(map(math.isfinite, motion))
+    if infinite or setpoint.eta_d[Z] > deepest_m:
+        raise ValueError(
+            f"setpoint {list(setpoint.eta_d)} (x, y, depth, heading): must be finite, "
+            f"and no deeper than supervisor.max_depth_m = {deepest_m:g}"
+        )

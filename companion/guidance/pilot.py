@@ -13,7 +13,7 @@ import msgspec
 
 from companion.config import Config
 from companion.control.bounds import limited, wrap
-from companion.control.positioning import jacobian, to_inertial
+from companion.control.positioning import jacobian, to_body, to_inertial
 from companion.guidance.fence import Fence
 from companion.records import (
     PSI,
@@ -24,6 +24,7 @@ from companion.records import (
     PilotToggle,
     Setpoint,
     Vector,
+    VehicleState,
     X,
     Y,
     Z,
@@ -70,7 +71,7 @@ class Pilot:
         """A button that is down in the first frame was not pressed."""
         self.retune(config)
         self._sticks: PilotSticks | None = None
-        self._asked: tuple[float, Vector] = (-math.inf, ZERO)
+        self._asked: tuple[float, Vector, bool] = (-math.inf, ZERO, True)
         self._nu = ZERO
         self._full_s = ZERO
         """How long each stick has been at full deflection."""
@@ -87,26 +88,31 @@ class Pilot:
         self.max_acceleration: Vector = (level, level, heave, yaw)
         """By DOF, in any heading."""
 
-    def ask(self, until_s: float, nu: Vector) -> None:
-        """Move like this, where the sticks are at rest, until then; what stops is held where it stands."""
-        self._asked = (until_s, nu)
+    def ask(self, until_s: float, velocity: Vector, *, body: bool) -> None:
+        """Move like this, where the sticks are at rest, until then; what stops is held where it stands.
+
+        `body` tells that the velocity is along the vehicle's axes, not north, east, down.
+        """
+        self._asked = (until_s, velocity, body)
 
     def step(
-        self, now_s: float, dt_s: float, events: Sequence[Event], held: Flags, depth_m: float
+        self, state: VehicleState, dt_s: float, events: Sequence[Event], held: Flags, depth_m: float
     ) -> PilotDemand:
         """Take this tick's events, which axes are held, and the depth that is wanted now."""
         buttons, toggled, engage = self._heard(events)
         sticks = self._sticks
-        if sticks is None or now_s - sticks.t_s > STALE_S:
+        if sticks is None or state.t_s - sticks.t_s > STALE_S:
             sticks, deflections = None, ZERO
         else:
             sticks = msgspec.structs.replace(sticks, buttons=sticks.buttons | buttons)
             stick = sticks.sticks
             deflections = (stick.surge, stick.sway, stick.heave, stick.yaw)
             self._busy = True
-        until_s, asked = self._asked
-        if now_s >= until_s:
+        until_s, asked, body = self._asked
+        if state.t_s >= until_s:
             asked = ZERO
+        elif not body:
+            asked = to_body(jacobian(state.eta_ahead[PSI]), asked)
         if not (self._busy or toggled or any(asked)):
             return NO_DEMAND
         nu, nu_dot = self._rates(deflections, asked, held, depth_m, max(dt_s, 0.0))
@@ -131,7 +137,7 @@ class Pilot:
         psi: float,
         held: Flags,
         x_d: Vector,
-        fence: Fence | None,
+        fence: Fence,
         dt_s: float,
     ) -> tuple[Setpoint, Flags]:
         """Return the target as the sticks move it, and the degrees of freedom that they move.
@@ -140,12 +146,10 @@ class Pilot:
         that it has not reached yet is given up. It stops before the fence.
         """
         J = jacobian(psi)
-        rate = chosen(held, to_inertial(J, demand.nu), ZERO)
-        rate_dot = to_inertial(J, demand.nu_dot)
-        if fence is not None:
-            asked, rate = rate, fence.braked(target.eta_d, rate, self.max_acceleration)
-            free = [slow == fast for slow, fast in zip(rate, asked, strict=True)]
-            rate_dot = chosen((free[X], free[Y], free[Z], free[PSI]), rate_dot, ZERO)
+        asked = chosen(held, to_inertial(J, demand.nu), ZERO)
+        rate = fence.braked(target.eta_d, asked, self.max_acceleration)
+        x_free, y_free, z_free, psi_free = (slow == fast for slow, fast in zip(rate, asked, strict=True))
+        rate_dot = chosen((x_free, y_free, z_free, psi_free), to_inertial(J, demand.nu_dot), ZERO)
         horizontal = rate[X] != 0.0 or rate[Y] != 0.0
         moving = (horizontal, horizontal, rate[Z] != 0.0, rate[PSI] != 0.0)
         before, self._moved = self._moved, moving

@@ -24,7 +24,7 @@ from companion.supervision.engagement import Engagement
 from companion.supervision.flight_mode import FlightMode
 from companion.supervision.monitor import Monitor
 from companion.supervision.steering_mode import STEERING_MODES
-from companion.supervision.supervisor import Supervisor
+from companion.supervision.supervisor import StateMachine
 from companion.telemetry.modes import Mode
 
 
@@ -33,7 +33,7 @@ class Supervision:
 
     def __init__(self, config: Config, parameters: Mapping[str, float], *, arm: bool) -> None:
         """Take the autopilot's `parameters`, which keep changing."""
-        self._supervisor = Supervisor(config.supervisor.ramp_down_s, config.supervisor.ramp_up_s)
+        self._machine = StateMachine(config.supervisor.ramp_down_s, config.supervisor.ramp_up_s)
         self._monitor = Monitor()
         self._engagement = Engagement(arm=arm)
         self._flight_mode = FlightMode(STEERING_MODES[config.vehicle.steering_mode])
@@ -44,7 +44,7 @@ class Supervision:
     def retune(self, config: Config, *, changed: bool) -> None:
         """Go on with `config`."""
         limits = config.supervisor
-        self._supervisor.ramp_up_s, self._supervisor.ramp_down_s = limits.ramp_up_s, limits.ramp_down_s
+        self._machine.ramp_up_s, self._machine.ramp_down_s = limits.ramp_up_s, limits.ramp_down_s
         self._config = config
         if changed:
             self._monitor.config_changed()
@@ -114,12 +114,12 @@ class Supervision:
             pilot_timeout_s=ground.timeout_s if ground.endpoint and ground.on_loss != "hold" else math.inf,
             surface_on_loss=ground.on_loss == "surface",
             hand_over=hand_over,
-            ramped_down=self._supervisor.ramped_down(dt_s),
+            ramped_down=self._machine.ramped_down(dt_s),
             stop=Request.STOP in requests,
             engage=self._engagement.asked,
             clear=Request.CLEAR_FAULT in requests,
         )
-        verdict = self._supervisor.step(assess(seen, limits), dt_s, preflight_failure)
+        verdict = self._machine.step(assess(seen, limits), dt_s, preflight_failure)
         mode.update(before, verdict, state)
         self._engagement.update(before, verdict)
         self.before, self.verdict = before, verdict

@@ -1,6 +1,6 @@
 """The state machine that decides who may steer: a table of transitions and a table of warnings.
 
-Permission is tested before the law (`Supervisor.step`), and again last, before the bytes (`guard`). The
+Permission is tested before the law (`StateMachine.step`), and again last, before the bytes (`guard`). The
 default is to refuse: only ACTIVE, RAMP_DOWN and the start of HAND_OVER carry authority, and a condition that
 TRANSITIONS does not list changes nothing. `conditions.py` defines them; docs/supervisor.md is made from both.
 
@@ -194,7 +194,7 @@ def remedy(state: State, conditions: Condition) -> str:
     return todo or otherwise
 
 
-class Supervisor:
+class StateMachine:
     """The state, its reason and its authority; with `ramp_up_s` 0 the authority is 1 at once."""
 
     def __init__(self, ramp_down_s: float, ramp_up_s: float = 0.0) -> None:

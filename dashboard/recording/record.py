@@ -24,7 +24,9 @@ from zenoh import ext
 from companion.telemetry import schemas as telemetry
 from companion.telemetry.commands import SetRecording
 from companion.telemetry.session import SessionThread, client_configuration, ticks_per_sample
+from dashboard.arguments import add_connect
 from dashboard.recording.recorder import DiveRecorder, FileLimits
+from holdfast.arguments import command_parser
 
 QUEUE = 32_768
 """Messages that may wait for the disk: over a minute of one vehicle. What comes when it is full is lost."""
@@ -313,22 +315,16 @@ def flat(payload: bytes) -> dict[str, str]:
 
 def main(argv: list[str]) -> int:
     """Run the command until SIGINT or SIGTERM."""
-    parser = argparse.ArgumentParser(
-        prog="holdfast record",
-        description="Records everything that a vehicle publishes over Zenoh as MCAP, with the true state of\n"
+    parser = command_parser(
+        "record",
+        "Records everything that a vehicle publishes over Zenoh as MCAP, with the true state of "
         "a simulator. It is a separate process: trouble with the disk cannot disturb the dive.",
-        epilog=EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        EXAMPLES,
     )
     parser.add_argument(
         "--name", default="", metavar="NAME", help="name of the vehicle; default: the first that is heard"
     )
-    parser.add_argument(
-        "--connect",
-        metavar="ENDPOINT",
-        default=telemetry.ENDPOINT,
-        help="Zenoh endpoint of a companion or router (default %(default)s)",
-    )
+    add_connect(parser)
     parser.add_argument(
         "--out", type=Path, default=Path("dives"), metavar="DIR", help="default: ./%(default)s"
     )

@@ -1,10 +1,10 @@
 """`holdfast recover`: what is left of a cut recording, as a whole file."""
 
-import argparse
 import sys
 from pathlib import Path
 
 from dashboard.recording.mcap_file import Reader, Recording
+from holdfast.arguments import command_parser
 
 EXAMPLES = """\
 examples:
@@ -43,12 +43,11 @@ def recover(source: Path, target: Path) -> tuple[int, Reader]:
 
 def main(argv: list[str]) -> int:
     """Run the command; returns 1 if a file could not be repaired."""
-    parser = argparse.ArgumentParser(
-        prog="holdfast recover",
-        description="Repairs truncated recordings: copies all readable samples to a new file with summary\n"
+    parser = command_parser(
+        "recover",
+        "Repairs truncated recordings: copies all readable samples to a new file with summary "
         "and index. The original file stays unchanged.",
-        epilog=EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        EXAMPLES,
     )
     parser.add_argument("files", nargs="+", type=Path, metavar="FILE", help="recordings, MCAP")
     parser.add_argument("--in-place", action="store_true", help="replace the truncated file")

@@ -14,8 +14,10 @@ import zenoh
 
 from companion.telemetry import schemas as telemetry
 from companion.telemetry.session import client_configuration, configuration
+from dashboard.arguments import add_connect
 from dashboard.recording.mcap_file import Item, Reader
 from dashboard.recording.record import leave
+from holdfast.arguments import command_parser
 
 EXAMPLES = """\
 examples:
@@ -32,12 +34,11 @@ _LIVE_S = 0.5
 
 def main(argv: list[str]) -> int:
     """Run the command; returns 1 when it was refused or nothing could be played, 0 at the end or Ctrl-C."""
-    parser = argparse.ArgumentParser(
-        prog="holdfast replay",
-        description="Publishes a recording over Zenoh: the same bytes under the same keys, except for the\n"
+    parser = command_parser(
+        "replay",
+        "Publishes a recording over Zenoh: the same bytes under the same keys, except for the "
         "name of the vehicle. It connects to the endpoint; if nothing listens there, it listens itself.",
-        epilog=EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        EXAMPLES,
     )
     parser.add_argument("file", type=Path, metavar="FILE", help="a recording, MCAP")
     parser.add_argument(
@@ -53,12 +54,7 @@ def main(argv: list[str]) -> int:
         metavar="TEXT",
         help="text appended to the name of the vehicle; default %(default)s",
     )
-    parser.add_argument(
-        "--connect",
-        metavar="ENDPOINT",
-        default=telemetry.ENDPOINT,
-        help="Zenoh endpoint (default %(default)s)",
-    )
+    add_connect(parser)
     options = parser.parse_args(argv)
     ended = threading.Event()
 

@@ -9,6 +9,7 @@ import msgspec
 
 from companion.telemetry import path_files
 from dashboard.terminal.tell import add_vehicle, send
+from holdfast.arguments import command_parser
 
 GOTO_EXAMPLES = """\
 examples:
@@ -38,11 +39,10 @@ Exit status: 0 done, 1 refused or no answer, 2 no path.
 
 def goto(argv: list[str]) -> int:
     """Send a vehicle to a place; returns 1 if it was not done."""
-    parser = argparse.ArgumentParser(
-        prog="holdfast goto",
-        description="Sends a vehicle that is engaged to a place in a straight line, and holds it there.",
-        epilog=GOTO_EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+    parser = command_parser(
+        "goto",
+        "Sends a vehicle that is engaged to a place in a straight line, and holds it there.",
+        GOTO_EXAMPLES,
     )
     add_vehicle(parser)
     parser.add_argument("--north", "--forward", dest="x_m", type=float, metavar="M")
@@ -82,11 +82,10 @@ def goto(argv: list[str]) -> int:
 
 def follow(argv: list[str]) -> int:
     """Send a vehicle along a path; returns 1 if it was not done."""
-    parser = argparse.ArgumentParser(
-        prog="holdfast follow",
-        description="Sends a vehicle along the path of a file: TOML, GeoJSON or a plan of QGroundControl.",
-        epilog=FOLLOW_EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+    parser = command_parser(
+        "follow",
+        "Sends a vehicle along the path of a file: TOML, GeoJSON or a plan of QGroundControl.",
+        FOLLOW_EXAMPLES,
     )
     add_vehicle(parser)
     what = parser.add_mutually_exclusive_group(required=True)

@@ -12,7 +12,9 @@ import msgspec
 from companion.telemetry import schemas as telemetry
 from companion.telemetry.commands import COMMANDS, RECORDER_COMMANDS, fields
 from companion.telemetry.schemas import printable
+from dashboard.arguments import add_connect
 from dashboard.zenoh_client import Subscription
+from holdfast.arguments import command_parser
 
 PATIENCE_S = 5.0
 
@@ -80,20 +82,14 @@ def add_vehicle(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "vehicle", metavar="VEHICLE", help="name of the vehicle; `holdfast watch` shows the names"
     )
-    parser.add_argument(
-        "--connect",
-        metavar="ENDPOINT",
-        default=telemetry.ENDPOINT,
-        help="Zenoh endpoint of a companion or router, or a file of `holdfast keys` (default %(default)s)",
-    )
+    add_connect(parser)
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="holdfast tell",
-        description="Sends a command to a vehicle over Zenoh, and prints the answer.",
-        epilog=_epilog(),
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+    parser = command_parser(
+        "tell",
+        "Sends a command to a vehicle over Zenoh, and prints the answer.",
+        _epilog(),
     )
     add_vehicle(parser)
     parser.add_argument("command", metavar="COMMAND", help="see the list below")

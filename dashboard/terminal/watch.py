@@ -21,9 +21,11 @@ from companion.telemetry import schemas as telemetry
 from companion.telemetry.modes import MEANINGS, MODE_NAMES
 from companion.telemetry.schemas import Command, Dof, Event, Loop, Plan, Schema, State, Supervisor, printable
 from companion.telemetry.status_line import delay_text
+from dashboard.arguments import add_connect
 from dashboard.rate import Rate
 from dashboard.terminal.above import Point, chart, nice_length
 from dashboard.zenoh_client import Message, Subscription
+from holdfast.arguments import command_parser
 
 EXAMPLES = """\
 examples:
@@ -304,20 +306,14 @@ def main(argv: list[str]) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="holdfast watch",
-        description="Shows the state of a vehicle in the terminal, live over Zenoh; with several vehicles\n"
+    parser = command_parser(
+        "watch",
+        "Shows the state of a vehicle in the terminal, live over Zenoh; with several vehicles "
         "one line for each. Ctrl-C ends it. If the output is not a terminal, it prints one snapshot.",
-        epilog=EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        EXAMPLES,
     )
     parser.add_argument("--name", metavar="NAME", help="show only this vehicle, with all panels")
-    parser.add_argument(
-        "--connect",
-        metavar="ENDPOINT",
-        default=telemetry.ENDPOINT,
-        help="Zenoh endpoint of a companion or router, or a file of `holdfast keys` (default %(default)s)",
-    )
+    add_connect(parser)
     parser.add_argument(
         "--once",
         action="store_true",
@@ -423,8 +419,9 @@ def _banner(view: View) -> RenderableType:
         lines.append(
             Text.assemble((f"  {name}  ", style), f"  {meaning}, authority {supervisor.authority:.0%}")
         )
-        conditions = " ".join(supervisor.conditions).lower().replace("_", "-")
-        lines.append(Text("; ".join(filter(None, (supervisor.reason, conditions))), "dim"))
+        conditions = (name.lower().replace("_", " ") for name in supervisor.conditions)
+        unsaid = ", ".join(condition for condition in conditions if condition not in supervisor.reason)
+        lines.append(Text("; ".join(filter(None, (supervisor.reason, unsaid))), "dim"))
         if supervisor.remedy:
             lines.append(Text(f"to do: {supervisor.remedy}"))
     if isinstance(state, State):

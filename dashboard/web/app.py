@@ -23,7 +23,7 @@ from companion.telemetry.session import ticks_per_sample
 from dashboard.web import gate, vocabulary
 from dashboard.web.columns import COLUMNS
 from dashboard.web.fleet import HISTORY_S, Fleet, VehicleHistory
-from dashboard.web.options import DashboardOptions
+from dashboard.web.options import DashboardOptions, announcement
 from dashboard.web.ring import next_row
 from dashboard.zenoh_client import Subscription
 from holdfast.ports import taken
@@ -357,10 +357,7 @@ async def _serve(settings: DashboardOptions) -> None:
         site = web.TCPSite(runner, settings.host, settings.port)
         await site.start()
         port = runner.addresses[0][1]
-        shown = "127.0.0.1" if settings.host in ("0.0.0.0", "::") else settings.host
-        address = f"http://{f'[{shown}]' if ':' in shown else shown}:{port}/"
-        token = f"#token={settings.token}" if settings.token else ""
-        sys.stdout.write(f"dashboard: {address}{token}\n")
+        sys.stdout.write(announcement(settings, port, terminal=sys.stdout.isatty()) + "\n")
         sys.stdout.flush()
         await stop.wait()
     finally:

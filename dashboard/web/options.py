@@ -1,11 +1,11 @@
 """The command line of `holdfast dashboard`."""
 
-import argparse
 import secrets
 from dataclasses import dataclass
 from pathlib import Path
 
-from companion.telemetry import schemas as telemetry
+from dashboard.arguments import add_connect
+from holdfast.arguments import command_parser
 
 SHORTEST_TOKEN = 16
 
@@ -33,7 +33,10 @@ dashboard with --allow-control on 127.0.0.1 or on a network that is yours.
 
 @dataclass(frozen=True)
 class DashboardOptions:
-    """What the command line says. Without `token` nothing can be sent, without `record` nothing is kept."""
+    """What the command line says. Without `token` nothing can be sent, without `record` nothing is kept.
+
+    `token_file` is where the token was read; None if it was made.
+    """
 
     host: str
     port: int
@@ -41,16 +44,15 @@ class DashboardOptions:
     endpoint: str
     token: str
     record: Path | None = None
+    token_file: Path | None = None
 
 
 def settings(argv: list[str]) -> DashboardOptions:
     """Read the command line; raise ValueError, in words, for what cannot be."""
-    parser = argparse.ArgumentParser(
-        prog="holdfast dashboard",
-        description="Serves a web page for pilots and control engineers: every vehicle that publishes\n"
-        "over Zenoh, live.",
-        epilog=EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+    parser = command_parser(
+        "dashboard",
+        "Serves a web page for pilots and control engineers: every vehicle that publishes over Zenoh, live.",
+        EXAMPLES,
     )
     parser.add_argument(
         "--listen",
@@ -65,12 +67,7 @@ def settings(argv: list[str]) -> DashboardOptions:
         default=[],
         help="a host name that browsers may use, besides numbers and localhost; may be repeated",
     )
-    parser.add_argument(
-        "--connect",
-        metavar="ENDPOINT",
-        default=telemetry.ENDPOINT,
-        help="Zenoh endpoint of a companion or router, or a configuration file (default %(default)s)",
-    )
+    add_connect(parser)
     parser.add_argument(
         "--allow-control", action="store_true", help="accept commands from users with the token"
     )
@@ -96,8 +93,23 @@ def settings(argv: list[str]) -> DashboardOptions:
     if options.allow_control:
         token = _token(options.token_file) if options.token_file else secrets.token_urlsafe(18)
     return DashboardOptions(
-        host.strip("[]"), int(port), tuple(options.host), options.connect, token, options.record
+        host.strip("[]"),
+        int(port),
+        tuple(options.host),
+        options.connect,
+        token,
+        options.record,
+        options.token_file,
     )
+
+
+def announcement(options: DashboardOptions, port: int, *, terminal: bool) -> str:
+    """Return what the dashboard says of itself. A token that is in a file is not repeated in a log."""
+    shown = "127.0.0.1" if options.host in ("0.0.0.0", "::") else options.host
+    address = f"dashboard: http://{f'[{shown}]' if ':' in shown else shown}:{port}/"
+    if options.token_file is not None and not terminal:
+        return f"{address} unlock it with the token in {options.token_file}"
+    return f"{address}#token={options.token}" if options.token else address
 
 
 def _token(file: Path) -> str:

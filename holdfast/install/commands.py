@@ -1,6 +1,5 @@
 """The command lines of `holdfast install` and `holdfast uninstall`."""
 
-import argparse
 import os
 import shutil
 import sys
@@ -8,6 +7,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from holdfast import DONE, FAILED, RefusedError
+from holdfast.arguments import command_parser
 from holdfast.install import plan
 from holdfast.install.machine import CONFIGURATION, CURRENT, Found, installed, look
 from holdfast.install.release import from_wheel, own_wheel
@@ -43,12 +43,11 @@ HIDDEN = ("/home/", "/root/")
 
 def install(argv: list[str]) -> int:
     """Install Holdfast as services of systemd, upgrade it, or go back."""
-    parser = argparse.ArgumentParser(
-        prog="holdfast install",
-        description="Installs the controller, the recorder and the dashboard as services of systemd.\n"
+    parser = command_parser(
+        "install",
+        "Installs the controller, the recorder and the dashboard as services of systemd. "
         "Without --apply it prints what it would do, and changes nothing.",
-        epilog=INSTALL_EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        INSTALL_EXAMPLES,
     )
     parser.add_argument(
         "wheel",
@@ -95,11 +94,10 @@ def install(argv: list[str]) -> int:
 
 def uninstall(argv: list[str]) -> int:
     """Remove the services and all that `holdfast install` installed."""
-    parser = argparse.ArgumentParser(
-        prog="holdfast uninstall",
-        description="Removes what `holdfast install` installed. Without --apply it prints what it would do.",
-        epilog=UNINSTALL_EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+    parser = command_parser(
+        "uninstall",
+        "Removes what `holdfast install` installed. Without --apply it prints what it would do.",
+        UNINSTALL_EXAMPLES,
     )
     parser.add_argument(
         "--purge", action="store_true", help="also remove /etc/holdfast and the dives in /var/lib"

@@ -18,7 +18,7 @@ from holdfast.install.machine import (
     Found,
 )
 from holdfast.install.release import Release
-from holdfast.install.steps import Link, Remove, Run, Step, Write
+from holdfast.install.steps import Remove, Run, Step, Symlink, Write
 
 ENABLED = ("holdfast.service", "holdfast-record.service", "holdfast-dashboard.service")
 ALL = "holdfast*.service"
@@ -55,11 +55,11 @@ def install(found: Found, release: Release, python: str, wheels: Path | None = N
     changed = _changes(found, files)
     steps += changed
     if new and found.current:
-        steps.append(Link(PREVIOUS, f"versions/{found.current}"))
+        steps.append(Symlink(PREVIOUS, f"versions/{found.current}"))
     if new:
-        steps.append(Link(CURRENT, f"versions/{release.name}"))
+        steps.append(Symlink(CURRENT, f"versions/{release.name}"))
     if found.program is None:
-        steps.append(Link(PROGRAM, str(CURRENT / "bin" / "holdfast")))
+        steps.append(Symlink(PROGRAM, str(CURRENT / "bin" / "holdfast")))
     if new or changed:
         _refuse_while_held(found)
         steps += _started(found)

@@ -53,7 +53,7 @@ class Write:
 
 
 @dataclass(frozen=True)
-class Link:
+class Symlink:
     """Let a symbolic link lead to a target."""
 
     path: Path
@@ -88,7 +88,7 @@ class Remove:
             self.path.unlink(missing_ok=True)
 
 
-Step = Run | Write | Link | Remove
+Step = Run | Write | Symlink | Remove
 
 
 def carry_out(steps: Sequence[Step], say: Callable[[str], object]) -> None:

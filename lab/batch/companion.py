@@ -20,8 +20,6 @@ from companion.config import Config
 from companion.control import levelling, oscillation, pace, reference
 from companion.control.actuation import CUT_OFF
 from companion.control.allocation import (
-    HORIZONTAL,
-    Group,
     Thrusters,
     allocate,
     delivered,
@@ -42,12 +40,14 @@ from companion.control.tilt import (
     level_force,
     share,
 )
-from companion.estimation import estimator, hidden_delay, observer, thruster_watch, vehicle_model
-from companion.estimation.estimator import PREDICTION_STEP_S, WATCH_TICKS
+from companion.estimation import hidden_delay, observer, thruster_watch, vehicle_model
+from companion.estimation.estimator import WATCH_TICKS
 from companion.estimation.hidden_delay import HiddenDelayState
 from companion.estimation.observer import ObserverParameters, ObserverState, ObserverTable
+from companion.estimation.observers import MAX_EXTRAPOLATION_S, PREDICTION_STEP_S
+from companion.estimation.parameters import hidden_delay_parameters, model_tables, thruster_watch_parameters
 from companion.estimation.vehicle_model import Found, ModelState, Scheduled, Tables, Used
-from companion.records import PSI, Array, Axes, Z
+from companion.records import PSI, Axes, Z
 from lab.batch.compiled import Slotted, slotted
 from lab.batch.vehicle import OVERRIDE_SPAN_US, TICK_S, Readings, Rows, Timing
 from sim_bridge.physics.plant import Three
@@ -90,8 +90,6 @@ class Companion(NamedTuple):
     roll: levelling.Levelling
     pitch: levelling.Levelling
     thrusters: Thrusters
-    others: Array
-    """(9, 4, 3): `Group.others` without motor 1, 2, …; NaN where the others cannot do its work."""
     watch: thruster_watch.Parameters
     max_force: tuple[float, float]
     """Of surge and sway, N."""
@@ -439,53 +437,14 @@ def start(companion: Companion, readings: Readings) -> Memory:
     )
 
 
-def going_on(companion: Companion, motor: int) -> Thrusters:
-    """Return the thrusters without a motor, 1 to 8, or all for 0 (`allocation.without`)."""
-    whole = companion.thrusters
-    if motor == 0 or math.isnan(companion.others[motor, 0, 0]):
-        return whole
-    if motor <= HORIZONTAL:
-        return Thrusters(lamed(companion, whole.horizontal, motor, 1), whole.vertical, whole.motor_count)
-    return Thrusters(
-        whole.horizontal, lamed(companion, whole.vertical, motor, 1 + HORIZONTAL), whole.motor_count
-    )
-
-
-def lamed(companion: Companion, group: Group, motor: int, first: int) -> Group:
-    """Return a group without one of its motors, the first of which has a number."""
-    row, dead = companion.others[motor], motor - first
-    return Group(
-        group.factors,
-        group.opposed,
-        group.shares,
-        group.levers,
-        group.max_tau,
-        group.moments,
-        group.first,
-        False,
-        (
-            1.0 if dead == 0 else 0.0,
-            1.0 if dead == 1 else 0.0,
-            1.0 if dead == 2 else 0.0,
-            1.0 if dead == 3 else 0.0,
-        ),
-        (
-            (row[0, 0], row[0, 1], row[0, 2]),
-            (row[1, 0], row[1, 1], row[1, 2]),
-            (row[2, 0], row[2, 1], row[2, 2]),
-            (row[3, 0], row[3, 1], row[3, 2]),
-        ),
-    )
-
-
 def without_dead(companion: Companion, before: Memory, voltage_v: float) -> Memory:
     """Allocate around the motor that was found dead, or no longer (`Engine._follow_thrusters`)."""
     motor = before.watch.dead
     if motor == before.dead_motor:
         return before
     applied = on_the_wire(before.axes)
-    believed = delivered(going_on(companion, before.dead_motor), applied, voltage_v)
-    given = delivered(going_on(companion, motor), applied, voltage_v)
+    believed = delivered(without(companion.thrusters, before.dead_motor), applied, voltage_v)
+    given = delivered(without(companion.thrusters, motor), applied, voltage_v)
     return Memory(
         less_disturbed(before.z, believed[2] - given[2]),
         less_disturbed(before.psi, believed[3] - given[3]),
@@ -539,7 +498,7 @@ def step(
     A target is a position, its rate and its acceleration.
     """
     before = without_dead(companion, remembered, voltage_v)
-    thrusters = going_on(companion, before.dead_motor)
+    thrusters = without(companion.thrusters, before.dead_motor)
     model, heave, yaw = companion.model, companion.heave, companion.yaw
     m_z, m_psi = model.m[Z], model.m[PSI]
     drag = damping(model, (0.0, 0.0, before.z.state.v, before.psi.state.v))
@@ -796,15 +755,14 @@ def companion_of(config: Config, finds_hidden: bool = True, damps: bool = True) 
         model=model,
         heave=dofs[0],
         yaw=dofs[1],
-        hidden=estimator.hidden_delay_parameters(config, model),
+        hidden=hidden_delay_parameters(config, model),
         finds_hidden=finds_hidden,
         adapts=config.vehicle.adapts,
         levels=config.levels,
         roll=roll,
         pitch=pitch,
         thrusters=whole,
-        others=_others(whole),
-        watch=estimator.thruster_watch_parameters(config, whole),
+        watch=thruster_watch_parameters(config, whole),
         max_force=(config.surge.max_force, config.sway.max_force),
         reach=(limits.max_axis,) * 4 + (tilts,) * 2,
         slew=limits.max_slew_per_s * TICK_S,
@@ -828,20 +786,11 @@ def _dof(config: Config, dof: int, damps: bool) -> Dof:
         compensators=learners,
         by_observer=one.by_observer,
         max_disturbance=one.max_disturbance,
-        tables=Tables(*map(_arrayed, estimator.model_tables(config, model)[dof])),
+        tables=Tables(*map(_arrayed, model_tables(config, model)[dof])),
         lag_s=config.thrusters.lag_s,
         sensor_delay_s=axis.sensor_delay_s,
-        max_extrapolation_s=estimator.MAX_EXTRAPOLATION_S[dof],
+        max_extrapolation_s=MAX_EXTRAPOLATION_S[dof],
     )
-
-
-def _others(whole: Thrusters) -> Array:
-    others = np.full((9, 4, 3), np.nan)
-    for motor in range(1, whole.motor_count + 1):
-        left = without(whole, motor)
-        if left is not None:
-            others[motor] = (left.horizontal if motor <= HORIZONTAL else left.vertical).others
-    return others
 
 
 def _arrayed(table: ObserverTable) -> ObserverTable:

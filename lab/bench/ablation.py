@@ -23,14 +23,14 @@ from lab.batch.dives import simulate
 from lab.batch.vehicle import Links
 from lab.bench.rows import Row, rows, tuned, values_of
 from lab.loop.dive import dive
-from lab.loop.lockstep import Link
+from lab.loop.lockstep import LinkDelay
 from lab.loop.scenarios import DEPTH_M, SETTLE_S, Scenario, ensemble, four, hold
 from lab.pool import worker_pool
 from sim_bridge.config import SimConfig
 
 FIRST_SEED = 1000
 HELD_FROM_S = 5.0
-BENCH_LINKS = {"as is": Link(), "+80 ms measured": Link(up_s=0.041, down_s=0.041)}
+BENCH_LINKS = {"as is": LinkDelay(), "+80 ms measured": LinkDelay(up_s=0.041, down_s=0.041)}
 DELAYS: Mapping[str, Links] = {
     "as is": Links(),
     "+80 ms measured": Links(up_s=0.041, down_s=0.041),
@@ -223,7 +223,7 @@ def _dive(
 
 
 def _dive_firmware(
-    base: SimConfig, link: Link, firmware: Path, job: tuple[Config, int, int]
+    base: SimConfig, link: LinkDelay, firmware: Path, job: tuple[Config, int, int]
 ) -> dict[str, float]:
     """Return RMS, chatter, and when the supervisor gave up (s), NaN if it did not."""
     config, which, seed = job

@@ -20,7 +20,7 @@ from companion.config import Config, load_config
 from lab.bench.floor import floor
 from lab.bench.rows import DEFAULT, Row, tuned, values_of
 from lab.loop.dive import FIGURES, dive
-from lab.loop.lockstep import Link
+from lab.loop.lockstep import LinkDelay
 from lab.loop.scenarios import four
 from lab.pool import worker_pool
 from lab.rivals import alt_hold
@@ -29,7 +29,7 @@ from sim_bridge.config import SimConfig
 FIRST_SEED = 1000
 SEEDS = 60
 SCENARIOS = ("waves", "trajectory", "load", "calm")
-LINKS = {0: Link(), 80: Link(up_s=0.041, down_s=0.041)}
+LINKS = {0: LinkDelay(), 80: LinkDelay(up_s=0.041, down_s=0.041)}
 """By the delay that is added, ms: half of it each way, there from the start, and told to nobody."""
 
 FLOOR = "floor"

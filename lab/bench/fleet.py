@@ -47,7 +47,7 @@ from lab.bench.process import HOLDFAST
 from lab.bench.soak import browse
 from lab.bench.usage import cpu_s, memory_kb
 from lab.demo.crew import ChildError, Crew
-from lab.loop.lockstep import Link, Lockstep
+from lab.loop.lockstep import LinkDelay, Lockstep
 from lab.loop.scenarios import four
 from lab.ports import free_port
 from sim_bridge.commands import DEFAULT_CONFIG
@@ -281,6 +281,6 @@ def dive() -> list[ControlSample]:
     """Simulate a dive in waves, and return its ticks."""
     scenario, config = four(0)[0], load_config()
     vehicle = Vehicle(scenario.plant(load_plant(DEFAULT_CONFIG), 0), 0)
-    loop = Lockstep(vehicle, Engine(config, scenario.target(0.0), arm=True), Link(), 0)
+    loop = Lockstep(vehicle, Engine(config, scenario.target(0.0), arm=True), LinkDelay(), 0)
     loop.requests = [Request.ENGAGE]
     return [step.sample for step in loop.run(2.0 * DIVE_S)][-round(DIVE_S * 50.0) :]

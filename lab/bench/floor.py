@@ -26,7 +26,7 @@ import numpy as np
 from companion.records import Array
 from lab.batch.vehicle import timing
 from lab.bench.lqg import LQG, Plant
-from lab.loop.lockstep import Link
+from lab.loop.lockstep import LinkDelay
 from lab.loop.scenarios import SETTLE_S, Scenario
 from sim_bridge.config import SimConfig, Waves
 from sim_bridge.physics.plant import GRAVITY
@@ -51,7 +51,12 @@ class Floor:
 
 
 def floor(
-    scenario: Scenario, base: SimConfig, link: Link, *, accelerometer: bool = False, foreseen: bool = False
+    scenario: Scenario,
+    base: SimConfig,
+    link: LinkDelay,
+    *,
+    accelerometer: bool = False,
+    foreseen: bool = False,
 ) -> Floor:
     """Return the floor of one dive; `foreseen` is that of one who knows every wave and pull beforehand."""
     config = scenario.plant(base, scenario.seed)
@@ -67,7 +72,7 @@ def floor(
     return Floor(1e3 * rms_m, chatter_n)
 
 
-def loop_delay_s(seed: int, link: Link) -> float:
+def loop_delay_s(seed: int, link: LinkDelay) -> float:
     """Return the time from a sample's leaving to the motors' answer: link, input loop and ticks."""
     at = timing(seed, link.up_s, link.down_s, link.jitter_s)
     return at.age_s + at.to_motor_s

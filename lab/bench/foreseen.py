@@ -11,14 +11,17 @@ import sys
 import numpy as np
 
 from lab.bench.floor import floor
-from lab.loop.lockstep import Link
+from lab.loop.lockstep import LinkDelay
 from lab.loop.scenarios import four
 from sim_bridge.commands import DEFAULT_CONFIG
 from sim_bridge.config import load_config
 
 VEHICLES = 60
 LATER_S = 0.04
-LINKS = {"nominal delay": Link(), "+80 ms": Link(Link.up_s + LATER_S, Link.down_s + LATER_S)}
+LINKS = {
+    "nominal delay": LinkDelay(),
+    "+80 ms": LinkDelay(LinkDelay.up_s + LATER_S, LinkDelay.down_s + LATER_S),
+}
 
 
 def main(vehicles: int) -> None:

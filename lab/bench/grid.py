@@ -25,7 +25,7 @@ from companion.control.bounds import wrap
 from companion.engine import Engine
 from companion.records import Array, AxisCommand, Request, Setpoint, State
 from lab.loop.firmware import vehicle_of
-from lab.loop.lockstep import Link, Lockstep, Step
+from lab.loop.lockstep import LinkDelay, Lockstep, Step
 from lab.pool import worker_pool
 from sim_bridge.config import SimConfig
 
@@ -205,7 +205,7 @@ def dive(
     """Dive one cell in the full loop: down to DEPTH_M, and hold there."""
     target = Setpoint((0.0, 0.0, DEPTH_M, 0.0))
     half_s = 0.5e-3 * cell.delay_ms
-    link = Link(up_s=0.001 + half_s, down_s=0.001 + half_s)
+    link = LinkDelay(up_s=0.001 + half_s, down_s=0.001 + half_s)
     with vehicle_of(plant(base, cell, seed), seed, firmware) as vehicle:
         loop = Lockstep(vehicle, Engine(config, target, arm=True), link, seed, config.loop.rate_hz)
         loop.requests = [Request.ENGAGE]

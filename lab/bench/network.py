@@ -22,7 +22,7 @@ from companion.control.bounds import wrap
 from companion.engine import Engine
 from companion.records import PSI, Array, Request, Setpoint, State
 from lab.loop.dive import TRUE_PSI
-from lab.loop.lockstep import Link, Lockstep
+from lab.loop.lockstep import LinkDelay, Lockstep
 from lab.loop.scenarios import DEPTH_M, SETTLE_S, ensemble
 from lab.pool import worker_pool
 from sim_bridge.config import SimConfig
@@ -288,7 +288,7 @@ def _dive(base: SimConfig, settings: Sequence[str], job: tuple[Variant, str, int
     loop = Lockstep(
         Vehicle(change(vehicle(base, seed)), seed),
         Engine(config, target(0.0), arm=True),
-        Link(),
+        LinkDelay(),
         seed,
         config.loop.rate_hz,
     )

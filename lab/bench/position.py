@@ -16,7 +16,6 @@ from pathlib import Path
 import numpy as np
 from msgspec.structs import replace
 from numpy.typing import NDArray
-from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from companion.config import Config, load_config
 from companion.control.bounds import wrap
@@ -28,9 +27,9 @@ from companion.records import PSI, Array, Request, Setpoint, State, X, Y, Z
 from companion.telemetry.plan import Circle, Lemniscate, PathPlan
 from lab.bench.bench import FIRST_SEED
 from lab.bench.rows import DEFAULT, Row, values_of
-from lab.loop.dive import PHI, THETA, TRUE_PSI
+from lab.loop.dive import TRUE_PSI, send_origin, tilt_rad
 from lab.loop.firmware import vehicle_of
-from lab.loop.lockstep import Link, Lockstep, Step, SteppedVehicle
+from lab.loop.lockstep import LinkDelay, Lockstep, Step, SteppedVehicle
 from lab.loop.scenarios import ensemble
 from lab.pool import worker_pool
 from lab.rivals import poshold
@@ -48,7 +47,7 @@ START_S, LASTS_S = 25.0, 60.0
 SETTLES_S = 10.0
 """After a thruster died its drift is not counted for so long, as in `lab.faults.thrusters`."""
 
-LINK = Link()
+LINK = LinkDelay()
 FULL_US = 399.0
 """A motor whose PWM is so far from neutral gives all it has."""
 
@@ -181,7 +180,7 @@ def sail(
     *,
     settings: Sequence[str] = (),
     lasts_s: float = LASTS_S,
-    link: Link = LINK,
+    link: LinkDelay = LINK,
     firmware: Path | None = None,
 ) -> Track:
     """Dive a course: what steers is the companion's real engine, or the autopilot alone.
@@ -196,17 +195,15 @@ def sail(
         if course.dead:
             vehicle.inject(Fault(kind="thruster", at_s=START_S, thruster=course.dead))
         if isinstance(vehicle, Vehicle):
-            origin = mavlink.MAVLink_set_gps_global_origin_message(1, 473977418, 85455939, 0)
             vehicle.open_link(SURVEYOR)
-            sender = mavlink.MAVLink(None, 255, mavlink.MAV_COMP_ID_MISSIONPLANNER)
-            vehicle.step([(SURVEYOR, origin.pack(sender))])
+            send_origin(vehicle, SURVEYOR)
         if alone:
             return _by_autopilot(vehicle, course, config, plant, seed, lasts_s, link)
         return _by_companion(vehicle, course, config, seed, lasts_s, link)
 
 
 def _by_companion(
-    vehicle: SteppedVehicle, course: Course, config: Config, seed: int, lasts_s: float, link: Link
+    vehicle: SteppedVehicle, course: Course, config: Config, seed: int, lasts_s: float, link: LinkDelay
 ) -> Track:
     engine = Engine(config, Setpoint((0.0, 0.0, DEPTH_M, 0.0)), arm=True)
     loop = Lockstep(vehicle, engine, link, seed, config.loop.rate_hz)
@@ -225,7 +222,7 @@ def _by_autopilot(
     plant: SimConfig,
     seed: int,
     lasts_s: float,
-    link: Link,
+    link: LinkDelay,
 ) -> Track:
     path = None if course.plan is None else _timed(course.plan, config)
     found = list(poshold.truths(vehicle, link, seed, START_S + lasts_s, path))[round(START_S / TICK_S) :]
@@ -242,7 +239,7 @@ def _by_autopilot(
         reference,
         truth,
         np.full((len(truth), 2), math.nan),
-        _tilt(eta),
+        tilt_rad(eta),
         np.array([wrench(nominal, push)[:2] for push in pushes]),
         np.abs(pwm - 1500.0).max(1) > FULL_US,
         held=all(one.armed and one.mode == found[0].mode for one in found),
@@ -274,7 +271,7 @@ def recorded(steps: Sequence[Step]) -> Track:
         reference=np.array([step.sample.eta_d for step in steps]),
         truth=eta[:, [X, Y, Z, TRUE_PSI]],
         believed=np.array([step.sample.state.eta[:2] for step in steps]),
-        tilt=_tilt(eta),
+        tilt=tilt_rad(eta),
         force=np.array([step.sample.delivered.tau[:2] for step in steps]),
         saturated=np.array([any(step.sample.dofs.saturated) for step in steps]),
         held=all(step.sample.verdict.state is State.ACTIVE for step in steps),
@@ -314,11 +311,6 @@ def _run(
     track = sail(row, course, values, base, seed, settings=settings, firmware=firmware)
     since = round(SETTLES_S / TICK_S) if course.dead else 0
     return Run(row.name, course.name, seed, track.held, track.figures(since), track)
-
-
-def _tilt(eta: Array) -> Array:
-    tilt: Array = np.arccos(np.cos(eta[:, PHI]) * np.cos(eta[:, THETA]))
-    return tilt
 
 
 def _rms(x: Array) -> float:

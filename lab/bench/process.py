@@ -25,7 +25,7 @@ from companion.records import LoopHealth, Request
 from companion.telemetry import schemas as telemetry
 from dashboard.zenoh_client import Subscription
 from lab.bench.latency import Wire, percentiles_ms
-from lab.loop.lockstep import Link, Lockstep
+from lab.loop.lockstep import LinkDelay, Lockstep
 from lab.loop.scenarios import four
 from lab.ports import free_port
 from sim_bridge.config import SimConfig
@@ -64,7 +64,7 @@ def virtual(config: Config, plant: SimConfig, duration_s: float = 60.0) -> list[
     scenario = four(0)[0]
     vehicle = Vehicle(scenario.plant(plant, 0), 0)
     engine = Engine(config, scenario.target(0.0), arm=True)
-    loop = Lockstep(vehicle, engine, Link(), 0, config.loop.rate_hz)
+    loop = Lockstep(vehicle, engine, LinkDelay(), 0, config.loop.rate_hz)
     loop.requests = [Request.ENGAGE]
     heard: list[_Call] = []
     beside_us = _timed(engine, heard)

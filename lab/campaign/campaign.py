@@ -18,7 +18,7 @@ from msgspec.structs import replace
 from companion.config import Config
 from lab.batch.dives import simulate
 from lab.batch.vehicle import Links, Rows
-from lab.loop.lockstep import Link
+from lab.loop.lockstep import LinkDelay
 from lab.loop.scenarios import SETTLE_S, Scenario, ensemble, hold
 from sim_bridge.commands import DEFAULT_CONFIG
 from sim_bridge.config import SimConfig, load_config
@@ -193,9 +193,9 @@ def scenario(case: CampaignCase) -> Scenario:
     return Scenario(f"campaign {case.number}", lambda _, __: plant(case), hold(), DURATION_S, case.number)
 
 
-def link(case: CampaignCase) -> Link:
+def link(case: CampaignCase) -> LinkDelay:
     """Return the dive's link for the full loop."""
-    return Link(up_s=0.5e-3 * case.delay_ms, down_s=0.5e-3 * case.delay_ms, jitter_s=0.004)
+    return LinkDelay(up_s=0.5e-3 * case.delay_ms, down_s=0.5e-3 * case.delay_ms, jitter_s=0.004)
 
 
 def configured(config: Config, vehicle: str) -> Config:

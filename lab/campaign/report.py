@@ -80,7 +80,7 @@ def main(arguments: argparse.Namespace) -> int:
     _tell(console, rows, worst, arguments.out)
     if speed:
         console.print(
-            f"{speed['dives']} dives in {speed['wall_s']:.0f} s on {speed['workers']} workers: "
+            f"{speed['dives']} dives in {speed['wall_s']:.0f} s, workers: {speed['workers']}; "
             f"{speed['dives_per_core_s']:.1f} dives, {speed['dive_minutes_per_core_s']:.1f} dive-minutes "
             f"per core-second; {speed['dive_minutes_per_s']:.1f} dive-minutes a second in all"
         )
@@ -257,6 +257,8 @@ def _tell(
     )
     console.print("No supervisor dives along in a batch: what it does with a lost vehicle, --replay shows.")
     for within, found in worst.items():
+        if not found:
+            continue
         console.print(f"Worst {'inside' if within else 'outside'}:")
         for row in found:
             figures = row.figures

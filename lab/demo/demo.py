@@ -25,6 +25,7 @@ from rich.console import Console
 from rich.live import Live
 
 from dashboard.zenoh_client import Subscription
+from holdfast.arguments import command_parser
 from lab.demo import place_show
 from lab.demo import screen as demo_screen
 from lab.demo.crew import ChildError, Crew
@@ -32,9 +33,9 @@ from lab.demo.dive import ARRIVED_M, DemoDive, DemoFigures, DemoRecording, arran
 from lab.demo.place import PlaceStory
 from lab.demo.screen import DemoView, Now
 from lab.loop.firmware import FirmwareError, command_line
-from lab.loop.lockstep import Link
+from lab.loop.lockstep import LinkDelay
 from lab.loop.scenarios import Scenario, hold
-from lab.options import add_firmware, command_parser, find_firmware, json_file
+from lab.options import add_firmware, find_firmware, json_file
 from lab.ports import free_port
 from lab.rivals import alt_hold
 from sim_bridge.commands import DEFAULT_CONFIG
@@ -197,7 +198,7 @@ def _dive_alt_hold(
     command_n: list[float] = []
     teller.begin("alt_hold")
     teller.tell_alt_hold(None)
-    with closing(alt_hold.truths(scenario, plant, Link(), {}, firmware)) as truths:
+    with closing(alt_hold.truths(scenario, plant, LinkDelay(), {}, firmware)) as truths:
         for truth in truths:
             if number := stop_asked():
                 raise StoppedError(number)

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
-from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from companion.config import load_config
 from companion.engine import Engine
@@ -19,7 +18,8 @@ from companion.guidance.paths.shapes import build
 from companion.guidance.paths.time_law import limits
 from companion.records import Request, Setpoint, State
 from companion.telemetry.plan import Lemniscate, PathPlan
-from lab.loop.lockstep import COMPANION_LINK, Link, Lockstep
+from lab.loop.dive import send_origin, tilt_rad
+from lab.loop.lockstep import COMPANION_LINK, LinkDelay, Lockstep
 from lab.rivals.alt_hold import TICK_S, GroundStation
 from sim_bridge.commands import DEFAULT_CONFIG
 from sim_bridge.config import SimConfig
@@ -30,7 +30,6 @@ from sim_bridge.vehicle import Truth, Vehicle
 Array = NDArray[np.float64]
 
 NAMES = {"poshold": "POSHOLD", "place": "Holdfast, place", "path": "Holdfast, path"}
-ORIGIN = mavlink.MAVLink_set_gps_global_origin_message(1, 473977418, 85455939, 0)
 ROWS = (
     ("place error, RMS", "mm", "place_rms_mm", 0),
     ("place error, largest", "mm", "place_peak_mm", 0),
@@ -146,7 +145,7 @@ def sail(story: PlaceStory, tell: Callable[[float], None]) -> PlaceDive:
     """
     config, heading = load_config(), math.radians(story.heading_deg)
     engine = Engine(config, Setpoint((0.0, 0.0, story.depth_m, heading)), arm=True)
-    loop = Lockstep(_surveyed(story), engine, Link(), story.seed, config.loop.rate_hz)
+    loop = Lockstep(_surveyed(story), engine, LinkDelay(), story.seed, config.loop.rate_hz)
     loop.requests = [Request.ENGAGE]
     rows = []
     for lasts_s, plan in ((story.path_s, None), (story.end_s - story.path_s, story.plan)):
@@ -186,8 +185,7 @@ def rest(truths: list[tuple[float, Truth]], story: PlaceStory) -> PlaceDive:
 def _surveyed(story: PlaceStory) -> Vehicle:
     """Return a vehicle that knows where on earth it is: POSHOLD asks for it."""
     vehicle = Vehicle(story.plant(), story.seed)
-    station = mavlink.MAVLink(None, 255, mavlink.MAV_COMP_ID_MISSIONPLANNER)
-    vehicle.step([(COMPANION_LINK, ORIGIN.pack(station))])
+    send_origin(vehicle, COMPANION_LINK)
     return vehicle
 
 
@@ -197,7 +195,7 @@ def _arranged(truths: list[tuple[float, Truth]], reference: list[tuple[float, ..
         t_s=np.array([t_s for t_s, _ in truths]),
         truth=eta[:, [0, 1, 2, 5]],
         reference=np.array(reference),
-        tilt=np.arccos(np.cos(eta[:, 3]) * np.cos(eta[:, 4])),
+        tilt=tilt_rad(eta),
     )
 
 

@@ -6,11 +6,11 @@ from collections.abc import Callable
 from pathlib import Path
 
 import msgspec
-from rich import box
 from rich.console import Console
 from rich.table import Table
 
 from lab.demo.place import NAMES, ROWS, PlaceFigures, PlaceStory, figures, poshold_truths, rest, sail
+from lab.demo.screen import compared
 from lab.rivals.alt_hold import TICK_S
 
 TELL_S = 20.0
@@ -59,21 +59,11 @@ def perform(story: PlaceStory, png: Path, json: Path) -> int:
 
 
 def _table(results: dict[str, PlaceFigures], story: PlaceStory) -> Table:
-    grid = Table(
-        title=f"At {story.depth_m:g} m, with a DVL, in {story.sea}",
-        title_justify="left",
-        caption=(
-            f"The simulator's truth. Places from {story.counts_s:g} to {story.path_s:g} s after boot; "
-            "POSHOLD's errors are about its mean.\nThe path is a lemniscate of 3 × 1.5 m."
-        ),
-        caption_justify="left",
-        box=box.SIMPLE_HEAD,
-        title_style="bold",
+    return compared(
+        f"At {story.depth_m:g} m, with a DVL, in {story.sea}",
+        f"The simulator's truth. Places from {story.counts_s:g} to {story.path_s:g} s after boot; "
+        "POSHOLD's errors are about its mean.\nThe path is a lemniscate of 3 × 1.5 m.",
+        results,
+        {name: (NAMES[name], "") for name in results},
+        ROWS,
     )
-    grid.add_column("", no_wrap=True)
-    grid.add_column("", style="dim")
-    for name in results:
-        grid.add_column(NAMES[name], no_wrap=True, justify="right")
-    for title, unit, field, digits in ROWS:
-        grid.add_row(title, unit, *(f"{getattr(one, field):.{digits}f}" for one in results.values()))
-    return grid

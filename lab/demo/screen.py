@@ -120,10 +120,38 @@ def line(view: DemoView) -> str:
 
 def table(results: Mapping[str, DemoFigures], span: tuple[float, float], depth_m: float) -> Table:
     """Set the dives side by side."""
+    return compared(
+        f"Holding {depth_m:g} m, {span[0]:.1f} to {span[1]:.1f} s after arming",
+        "Errors, thrust and disturbance are the simulator's truth.",
+        results,
+        {name: (NAMES[name], _STYLES[name]) for name in results},
+        (
+            ("depth error, RMS", "mm", "depth_rms_mm", 1),
+            ("depth error about its mean, RMS", "mm", "depth_sd_mm", 1),
+            ("depth error, peak", "mm", "depth_peak_mm", 1),
+            ("heading error, RMS", "°", "heading_rms_deg", 3),
+            ("heave thrust, RMS", "N", "thrust_rms_n", 1),
+            ("heave chatter, RMS", "N/tick", "chatter_n", 2),
+            ("disturbance about its mean, RMS", "N", "disturbance_rms_n", 1),
+            ("its estimate's error, RMS", "N", "d_hat_error_rms_n", 1),
+            ("depth error, going down, RMS", "mm", "way_down_rms_mm", 1),
+            ("depth error, going down, peak", "mm", "way_down_peak_mm", 1),
+        ),
+    )
+
+
+def compared(
+    title: str,
+    caption: str,
+    results: Mapping[str, object],
+    columns: Mapping[str, tuple[str, str]],
+    rows: Sequence[tuple[str, str, str, int]],
+) -> Table:
+    """Set results side by side: heading and style of each, and of each row title, unit, field and digits."""
     grid = Table(
-        title=f"Holding {depth_m:g} m, {span[0]:.1f} to {span[1]:.1f} s after arming",
+        title=title,
         title_justify="left",
-        caption="Errors, thrust and disturbance are the simulator's truth.",
+        caption=caption,
         caption_justify="left",
         box=box.SIMPLE_HEAD,
         title_style="bold",
@@ -131,19 +159,9 @@ def table(results: Mapping[str, DemoFigures], span: tuple[float, float], depth_m
     grid.add_column("", no_wrap=True)
     grid.add_column("", style="dim")
     for name in results:
-        grid.add_column(NAMES[name], no_wrap=True, justify="right", style=_STYLES[name])
-    for name, unit, field, digits in (
-        ("depth error, RMS", "mm", "depth_rms_mm", 1),
-        ("depth error about its mean, RMS", "mm", "depth_sd_mm", 1),
-        ("depth error, peak", "mm", "depth_peak_mm", 1),
-        ("heading error, RMS", "°", "heading_rms_deg", 3),
-        ("heave thrust, RMS", "N", "thrust_rms_n", 1),
-        ("heave chatter, RMS", "N/tick", "chatter_n", 2),
-        ("disturbance about its mean, RMS", "N", "disturbance_rms_n", 1),
-        ("its estimate's error, RMS", "N", "d_hat_error_rms_n", 1),
-        ("depth error, going down, RMS", "mm", "way_down_rms_mm", 1),
-        ("depth error, going down, peak", "mm", "way_down_peak_mm", 1),
-    ):
+        heading, style = columns[name]
+        grid.add_column(heading, no_wrap=True, justify="right", style=style)
+    for name, unit, field, digits in rows:
         values = [getattr(result, field) for result in results.values()]
         grid.add_row(name, unit, *("–" if value is None else f"{value:.{digits}f}" for value in values))
     return grid

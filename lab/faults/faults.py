@@ -31,7 +31,7 @@ from companion.engine import Engine
 from companion.records import Condition, ControlSample, LoopHealth, Request, Setpoint, State
 from companion.supervision.supervisor import BLOCKING, CARRY_AUTHORITY
 from lab.loop.firmware import Firmware
-from lab.loop.lockstep import START_S, Link, Lockstep
+from lab.loop.lockstep import START_S, LinkDelay, Lockstep
 from sim_bridge.config import load_config as load_plant
 from sim_bridge.fault_kinds import FAULT_KINDS, Fault
 from sim_bridge.vehicle import Vehicle
@@ -212,10 +212,9 @@ class Diving:
         config = load_plant(file, ("current.enabled=false", *plant, *extra))
         self.vehicle = Vehicle(config, variant) if firmware is None else Firmware(firmware, config, variant)
         self.engine = CheckedEngine(*companion, *ramp)
-        self.loop = Lockstep(self.vehicle, self.engine, Link(), variant)
+        self.loop = Lockstep(self.vehicle, self.engine, LinkDelay(), variant)
         self._variant = variant
         self.outsider = mavlink.MAVLink(None, 255, 190)
-        self.ramp_s = 4.0 if ramp else RAMP_S
         try:
             self._reach(state)
         except BaseException:

@@ -12,9 +12,10 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
+from holdfast.arguments import command_parser
 from lab.faults import soak, thrusters
 from lab.faults.faults import AFTER_S, FAULTS, VARIANTS, FaultRow, case, described, dive_group, groups
-from lab.options import add_firmware, command_parser, find_firmware, json_file, not_negative, positive
+from lab.options import add_firmware, find_firmware, json_file, not_negative, positive
 from lab.pool import worker_pool
 
 EXAMPLES = """\

@@ -14,7 +14,7 @@ from companion.engine import Engine
 from companion.records import Request, Setpoint, State, Z
 from lab.loop.dive import PHI, THETA, TRUE_PSI
 from lab.loop.firmware import vehicle_of
-from lab.loop.lockstep import Link, Lockstep
+from lab.loop.lockstep import LinkDelay, Lockstep
 from lab.loop.scenarios import DEPTH_M, ensemble
 from lab.pool import worker_pool
 from sim_bridge.commands import DEFAULT_CONFIG
@@ -72,7 +72,7 @@ def dive(motors: int, motor: int, failure: str, seed: int, firmware: Path | None
         if motor:
             kind, value = FAILURES[failure]
             vehicle.inject(Fault(kind=kind, at_s=FAILS_S, thruster=motor, value=value))
-        loop = Lockstep(vehicle, engine, Link(), seed)
+        loop = Lockstep(vehicle, engine, LinkDelay(), seed)
         loop.requests = [Request.ENGAGE]
         steps = list(loop.run(ENDS_S))
     found = next((step for step in steps if step.sample.state.dead_motor), None)

@@ -6,13 +6,14 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from companion.config import Config
 from companion.control.bounds import wrap
 from companion.engine import Engine
 from companion.records import PSI, Request, State, Z
 from lab.loop.firmware import vehicle_of
-from lab.loop.lockstep import Link, Lockstep
+from lab.loop.lockstep import LinkDelay, Lockstep, SteppedVehicle
 from lab.loop.scenarios import SETTLE_S, Scenario
 from sim_bridge.config import SimConfig
 
@@ -80,7 +81,7 @@ def dive(
     scenario: Scenario,
     config: Config,
     plant: SimConfig,
-    link: Link,
+    link: LinkDelay,
     firmware: Path | None = None,
 ) -> Dive:
     """Dive `scenario` with the companion's real engine; `plant` is the base that the scenario disturbs.
@@ -112,3 +113,16 @@ def recorded(rows: Sequence[tuple[float, float, float, float, bool, bool]]) -> D
 
 def _rms(x: NDArray[np.float64]) -> float:
     return float(np.sqrt(np.mean(x * x)))
+
+
+def send_origin(vehicle: SteppedVehicle, link: int) -> None:
+    """Tell a vehicle, as a ground station on `link`, where on earth its EKF began: POSHOLD asks for it."""
+    station = mavlink.MAVLink(None, 255, mavlink.MAV_COMP_ID_MISSIONPLANNER)
+    origin = mavlink.MAVLink_set_gps_global_origin_message(1, 473977418, 85455939, 0)
+    vehicle.step([(link, origin.pack(station))])
+
+
+def tilt_rad(eta: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the angle between the vehicle's vertical and the water's, of true poses, a row each."""
+    tilt: NDArray[np.float64] = np.arccos(np.cos(eta[:, PHI]) * np.cos(eta[:, THETA]))
+    return tilt

@@ -1,7 +1,7 @@
 """The real ArduSub as the vehicle of a dive in virtual time, which `lab.lockstep` steps as it steps our own.
 
     with Firmware(program(None), load_config(DEFAULT_CONFIG), seed=1) as vehicle:
-        loop = Lockstep(vehicle, Engine(config, setpoint, arm=True), Link(), seed=1)
+        loop = Lockstep(vehicle, Engine(config, setpoint, arm=True), LinkDelay(), seed=1)
         loop.requests = [Request.ENGAGE]
         for step in loop.run(60.0): ...
 

@@ -38,7 +38,7 @@ class SteppedVehicle(Protocol):
 
 
 @dataclass(frozen=True)
-class Link:
+class LinkDelay:
     """How long datagrams travel: `up_s` to the companion, `down_s` to the vehicle, each plus 0..`jitter_s`.
 
     `change_s` may give an extra delay each way from some time on: (since_s, extra_s).
@@ -89,7 +89,7 @@ class Lockstep:
     """
 
     def __init__(
-        self, vehicle: SteppedVehicle, engine: Engine, link: Link, seed: int, rate_hz: float = 50.0
+        self, vehicle: SteppedVehicle, engine: Engine, link: LinkDelay, seed: int, rate_hz: float = 50.0
     ) -> None:
         self.vehicle = vehicle
         self.engine = engine

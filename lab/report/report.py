@@ -6,7 +6,7 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from lab.options import command_parser
+from holdfast.arguments import command_parser
 from lab.report import foxglove
 from lab.report.above import draw_above
 from lab.report.advice import advice

@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from companion.predive.table import show
-from lab.options import command_parser
+from holdfast.arguments import command_parser
+from lab.options import add_settings
 from lab.rerun import plot, tlog, tlog_plot
 from lab.rerun.rerun import configured, load, report, rerun
 
@@ -35,7 +36,7 @@ def main(argv: list[str]) -> int:
     parser.add_argument(
         "--config", type=Path, metavar="FILE", help="use FILE instead of the recorded configuration"
     )
-    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="override a key")
+    add_settings(parser)
     parser.add_argument(
         "--out",
         type=Path,

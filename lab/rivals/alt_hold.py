@@ -15,7 +15,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from companion.records import PSI, Z
 from lab.loop.dive import TRUE_PSI, Dive, recorded
 from lab.loop.firmware import vehicle_of
-from lab.loop.lockstep import COMPANION_LINK, Link, SteppedVehicle, Wire
+from lab.loop.lockstep import COMPANION_LINK, LinkDelay, SteppedVehicle, Wire
 from lab.loop.scenarios import Scenario
 from sim_bridge.config import SimConfig
 from sim_bridge.firmware.modes import ALT_HOLD, STABILIZE
@@ -76,7 +76,7 @@ class GroundStation:
 def dive(
     scenario: Scenario,
     plant: SimConfig,
-    link: Link,
+    link: LinkDelay,
     parameters: dict[str, float],
     firmware: Path | None = None,
 ) -> Dive:
@@ -102,7 +102,7 @@ def commanded_n(truth: Truth, nominal: thrusters.Thrusters) -> float:
 def truths(
     scenario: Scenario,
     plant: SimConfig,
-    link: Link,
+    link: LinkDelay,
     parameters: dict[str, float],
     firmware: Path | None = None,
 ) -> Generator[Truth, None, None]:
@@ -125,7 +125,7 @@ def truths(
 
 def steered(
     vehicle: SteppedVehicle,
-    link: Link,
+    link: LinkDelay,
     seed: int,
     duration_s: float,
     say: Callable[[int], Iterable[bytes]],

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from companion.records import PSI, Setpoint, X, Y, Z
-from lab.loop.lockstep import Link, SteppedVehicle
+from lab.loop.lockstep import LinkDelay, SteppedVehicle
 from lab.rivals.alt_hold import HOLD_S, TICK_S, VEHICLE, GroundStation, steered
 from sim_bridge.firmware.modes import GUIDED, POSHOLD
 from sim_bridge.vehicle import Truth
@@ -21,7 +21,7 @@ NO_ACCELERATION = 0b111 << 6
 
 def truths(
     vehicle: SteppedVehicle,
-    link: Link,
+    link: LinkDelay,
     seed: int,
     duration_s: float,
     path: Callable[[float], Setpoint] | None,

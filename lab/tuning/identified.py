@@ -24,7 +24,7 @@ from companion.predive.identified import pooled
 from companion.predive.manoeuvre import Manoeuvre, Stretch
 from companion.records import AXES, PSI, Array, Request, Setpoint, X, Y, Z
 from lab.loop.firmware import vehicle_of
-from lab.loop.lockstep import START_S, Link, Lockstep, SteppedVehicle
+from lab.loop.lockstep import START_S, LinkDelay, Lockstep, SteppedVehicle
 from lab.loop.scenarios import ensemble
 from lab.options import add_firmware, find_firmware, positive
 from sim_bridge.commands import DEFAULT_CONFIG
@@ -41,7 +41,7 @@ DEPTH_M = 3.0
 
 
 @dataclass
-class Watched:
+class LoggedVehicle:
     """A vehicle whose motors and motion are noted after each of its steps."""
 
     vehicle: SteppedVehicle
@@ -109,11 +109,11 @@ def drawn(base: SimConfig, seed: int) -> SimConfig:
 def manoeuvred(
     plant: SimConfig, config: Config, seed: int, firmware: Path | None = None
 ) -> tuple[Manoeuvre, Array]:
-    """Dive the manoeuvre; return it and the log of `Watched`, a row each of the vehicle's steps."""
+    """Dive the manoeuvre; return it and the log of `LoggedVehicle`, a row each of the vehicle's steps."""
     engine, manoeuvre = Engine(config, Setpoint((math.nan,) * 4), arm=True), Manoeuvre()
     with vehicle_of(plant, seed, firmware) as vehicle:
-        watched = Watched(vehicle)
-        loop = Lockstep(watched, engine, Link(), seed, config.loop.rate_hz)
+        watched = LoggedVehicle(vehicle)
+        loop = Lockstep(watched, engine, LinkDelay(), seed, config.loop.rate_hz)
         loop.requests = [Request.ENGAGE]
         while not manoeuvre.done and watched.time_s < LONGEST_S:
             step = loop.tick()

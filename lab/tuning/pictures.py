@@ -15,14 +15,14 @@ from companion.config import load_config
 from companion.records import Setpoint
 from lab import style
 from lab.loop.dive import Dive, dive
-from lab.loop.lockstep import Link
+from lab.loop.lockstep import LinkDelay
 from lab.loop.scenarios import DEPTH_M, SETTLE_S, Scenario
 from sim_bridge.commands import DEFAULT_CONFIG
 from sim_bridge.config import load_config as load_plant
 
 PICTURE = Path(__file__).parents[2] / "docs" / "images" / "tuning-gains.png"
 SEA = ("waves.enabled=true", "current.enabled=false", f"initial.eta=[0.0, 0.0, {DEPTH_M}, 0.0, 0.0, 0.0]")
-LINK = Link(up_s=0.02, down_s=0.02)
+LINK = LinkDelay(up_s=0.02, down_s=0.02)
 STEP_AT_S, STEP_M, LASTS_S, SEED = 30.0, 0.5, 45.0, 3
 CASES = {
     "as shipped": (),

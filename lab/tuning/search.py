@@ -24,7 +24,7 @@ from lab.batch import dives as batch
 from lab.batch.vehicle import Links
 from lab.bench.floor import CHATTER_N
 from lab.bench.rows import WIDTH, Row
-from lab.loop.lockstep import Link
+from lab.loop.lockstep import LinkDelay
 from lab.loop.scenarios import SETTLE_S, Scenario, ensemble, four, trajectory
 from sim_bridge.config import SimConfig
 
@@ -172,7 +172,7 @@ def _dive(
     seeds = [scenario.seed for scenario, _ in dives] * len(values)
     longer_s, hidden_s, _ = np.array([case for _, case in dives] * len(values)).T
     targets = [scenario.target for scenario, _ in dives] * len(values)
-    duration_s, link = dives[0][0].duration_s, Link()
+    duration_s, link = dives[0][0].duration_s, LinkDelay()
     if row.steers == "autopilot":
         late_s = longer_s + link.down_s + 0.5 * link.jitter_s
         gains = {key: np.repeat([value[key] for value in values], len(dives)) for key in row.knobs}

@@ -32,22 +32,21 @@ class Mode(NamedTuple):
 
     name: str
     needs_position: bool
-    holds_level: bool
     holds_depth: bool
 
 
 MODES: dict[int, Mode] = {
-    STABILIZE: Mode("STABILIZE", False, True, False),
-    ACRO: Mode("ACRO", False, False, False),
-    ALT_HOLD: Mode("ALT_HOLD", False, True, True),
-    AUTO: Mode("AUTO", True, True, True),
-    GUIDED: Mode("GUIDED", True, True, True),
-    CIRCLE: Mode("CIRCLE", True, True, True),
-    SURFACE: Mode("SURFACE", False, True, True),
-    POSHOLD: Mode("POSHOLD", True, True, True),
-    MANUAL: Mode("MANUAL", False, False, False),
-    MOTOR_DETECT: Mode("MOTOR_DETECT", False, False, False),
-    SURFTRAK: Mode("SURFTRAK", False, True, True),
+    STABILIZE: Mode("STABILIZE", False, False),
+    ACRO: Mode("ACRO", False, False),
+    ALT_HOLD: Mode("ALT_HOLD", False, True),
+    AUTO: Mode("AUTO", True, True),
+    GUIDED: Mode("GUIDED", True, True),
+    CIRCLE: Mode("CIRCLE", True, True),
+    SURFACE: Mode("SURFACE", False, True),
+    POSHOLD: Mode("POSHOLD", True, True),
+    MANUAL: Mode("MANUAL", False, False),
+    MOTOR_DETECT: Mode("MOTOR_DETECT", False, False),
+    SURFTRAK: Mode("SURFTRAK", False, True),
 }
 GUIDED_FLAG_MODES = (AUTO, GUIDED, CIRCLE, POSHOLD)
 """Those that set the GUIDED bit of the heartbeat's base_mode."""

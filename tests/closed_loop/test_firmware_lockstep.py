@@ -14,7 +14,7 @@ from companion.engine import Engine
 from companion.records import Request, Setpoint, State
 from lab.loop import firmware
 from lab.loop.firmware import Firmware, FirmwareError, held, parameters_of, program
-from lab.loop.lockstep import Link, Lockstep
+from lab.loop.lockstep import LinkDelay, Lockstep
 from sim_bridge.commands import DEFAULT_CONFIG
 from sim_bridge.config import load_config as load_plant
 from sim_bridge.fault_kinds import Fault
@@ -53,7 +53,7 @@ def dived(fake, seconds, *overrides):
     config = load_config()
     with Firmware(fake, plant("initial.eta=[0,0,1,0,0,0.3]", *overrides), 1) as vehicle:
         setpoint = Setpoint((np.nan, np.nan, 1.0, 0.3))
-        loop = Lockstep(vehicle, Engine(config, setpoint, arm=True), Link(), 1, config.loop.rate_hz)
+        loop = Lockstep(vehicle, Engine(config, setpoint, arm=True), LinkDelay(), 1, config.loop.rate_hz)
         loop.requests = [Request.ENGAGE]
         return list(loop.run(seconds))
 

@@ -8,6 +8,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from virtual import Dive, Somebody, hold
 
 from companion.control.bounds import wrap
+from companion.guidance.fence import Fence
 from companion.guidance.paths.shapes import build
 from companion.guidance.paths.time_law import limits
 from companion.records import Condition, Request, State, X
@@ -307,7 +308,7 @@ def test_position_targets_of_the_ground_station_move_it_and_do_not_reach_the_veh
     beyond = dive.run(4.0)
     assert max(step.sample.eta_d[0] for step in beyond) <= 1.52
     smooth([*moving, *stopped])
-    dive.engine._guidance._fence = None
+    dive.engine._guidance._fence = Fence(*[(-9.0, 9.0)] * 3)
     asks(dive, mavlink.MAV_FRAME_LOCAL_OFFSET_NED, place=(0.0, 0.0, -9.0))
     dive.run(0.2)
     assert dive.engine.target[2] == 0.0, "no higher than the surface"

@@ -19,7 +19,7 @@ from companion.control.bounds import wrap
 from companion.engine import Engine
 from companion.records import PSI, Request, Setpoint, State, X, Y, Z
 from lab.loop.dive import Dive, dive
-from lab.loop.lockstep import Link, Lockstep, Step
+from lab.loop.lockstep import LinkDelay, Lockstep, Step
 from lab.loop.scenarios import SETTLE_S, four
 from sim_bridge.config import load_config as load_plant
 from sim_bridge.vehicle import Vehicle
@@ -37,7 +37,7 @@ class Case:
     vehicle: tuple[str, ...] = ()
     companion: tuple[str, ...] = ()
     file: Path = HEAVY
-    link: Link = Link()  # noqa: RUF009 - frozen
+    link: LinkDelay = LinkDelay()  # noqa: RUF009 - frozen
     settled_s: float = 16.0
     duration_s: float = 34.0
     depth_rms_mm: float = 6.0
@@ -85,7 +85,7 @@ CASES = {
     ),
     "40 ms more delay each way, measured": Case(
         vehicle=("waves.enabled=true",),
-        link=Link(up_s=0.041, down_s=0.041),
+        link=LinkDelay(up_s=0.041, down_s=0.041),
         depth_rms_mm=8.0,
         depth_peak_mm=25.0,
         chatter_n=6.0,
@@ -146,7 +146,7 @@ def test_holds(name: str) -> None:
 @pytest.fixture(scope="module")
 def ensemble() -> Callable[[int], Dive]:
     config, plant = load_config(), load_plant(HEAVY)
-    return lambda i: dive(four(7)[i], config, plant, Link())
+    return lambda i: dive(four(7)[i], config, plant, LinkDelay())
 
 
 @pytest.mark.parametrize(("i", "rms_mm"), [(0, 6.5), (1, 6.5), (2, 6.5), (3, 6.0)])
@@ -174,7 +174,7 @@ def test_the_compensator_takes_a_load_off_the_law() -> None:
 
 def test_delays_are_measured_and_their_sum_is_right() -> None:
     """35 ms up and 55 ms down, jitter 0..4 ms: stamps and echo find what the link really does."""
-    last = fly(Case(vehicle=("waves.enabled=true",), link=Link(up_s=0.035, down_s=0.055)))[-1]
+    last = fly(Case(vehicle=("waves.enabled=true",), link=LinkDelay(up_s=0.035, down_s=0.055)))[-1]
     delays = last.sample.state.delays
     assert delays.telemetry_known
     assert delays.command_known
@@ -191,7 +191,7 @@ def test_delay_that_cannot_be_measured_is_found_in_the_innovations() -> None:
             'faults=[{kind="message_stopped", message="TIMESYNC"}, '
             '{kind="message_stopped", message="SERVO_OUTPUT_RAW"}]',
         ),
-        link=Link(up_s=0.061, down_s=0.061),
+        link=LinkDelay(up_s=0.061, down_s=0.061),
     )
     known = Case(vehicle=("waves.enabled=true",), link=hidden.link)
 
@@ -206,7 +206,7 @@ def test_delay_that_cannot_be_measured_is_found_in_the_innovations() -> None:
 @pytest.mark.parametrize("seed", [1, 2])
 def test_eighty_milliseconds_more_in_mid_dive_are_no_limit_cycle(seed: int) -> None:
     """40 ms more each way from 20 s on, in waves: mostly known within 3 s, and held as well as ever after."""
-    case = Case(vehicle=("waves.enabled=true",), link=Link(change_s=(20.0, 0.04)), duration_s=45.0)
+    case = Case(vehicle=("waves.enabled=true",), link=LinkDelay(change_s=(20.0, 0.04)), duration_s=45.0)
     steps = fly(case, seed)
     thrust = np.array([step.sample.delivered.tau[Z] for step in steps if step.t_s >= 20.0])
     delay_s = {at_s: steps[round(50 * at_s)].sample.state.delays.total_s for at_s in (19.9, 23.0, 40.0)}
@@ -230,4 +230,4 @@ def test_a_tick_that_does_not_fit_the_physics_is_refused() -> None:
     config: Config = load_config()
     engine = Engine(config, Setpoint((FREE,) * 4))
     with pytest.raises(ValueError, match="whole multiple"):
-        Lockstep(Vehicle(load_plant(HEAVY), 1), engine, Link(), 1, rate_hz=48.0)
+        Lockstep(Vehicle(load_plant(HEAVY), 1), engine, LinkDelay(), 1, rate_hz=48.0)

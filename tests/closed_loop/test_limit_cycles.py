@@ -11,7 +11,7 @@ from virtual import Dive, Somebody, hold
 from companion.config import load_config
 from companion.control import levelling
 from companion.records import State, Z
-from lab.loop.lockstep import Link
+from lab.loop.lockstep import LinkDelay
 from sim_bridge.vehicle import Vehicle
 
 FIRMWARE = "sim-ardusub.toml"
@@ -107,7 +107,7 @@ def test_it_is_held_in_its_place_too():
 def test_a_limit_cycle_of_a_vehicle_unlike_the_model_dies_within_three_seconds(gain, lag_s, delay_s):
     """`gain` of all thrusters, their lag, and a delay that TIMESYNC and the echo measure."""
     plant = (f"thrusters.gain=[{gain}]", f"thrusters.lag_s={lag_s}")
-    link = Link(up_s=0.001 + 0.5 * delay_s, down_s=0.001 + 0.5 * delay_s)
+    link = LinkDelay(up_s=0.001 + 0.5 * delay_s, down_s=0.001 + 0.5 * delay_s)
     steps = dived(*plant, seconds=20.0, knock=0.5, link=link)
     assert {step.sample.verdict.state for step in steps} == {State.ACTIVE}
     assert (cycles_s(steps) < DIES_WITHIN_S).all()
@@ -115,7 +115,7 @@ def test_a_limit_cycle_of_a_vehicle_unlike_the_model_dies_within_three_seconds(g
 
 def test_a_delay_that_grows_by_80_ms_at_once_makes_no_lasting_limit_cycle():
     """Of a vehicle twice as strong: without the guard it lasts 12 s."""
-    steps = dived("thrusters.gain=[2.0]", seconds=20.0, link=Link(change_s=(12.0, 0.04)))
+    steps = dived("thrusters.gain=[2.0]", seconds=20.0, link=LinkDelay(change_s=(12.0, 0.04)))
     assert {step.sample.verdict.state for step in steps} == {State.ACTIVE}
     assert (cycles_s(steps) < DIES_WITHIN_S).all()
 
@@ -123,7 +123,7 @@ def test_a_delay_that_grows_by_80_ms_at_once_makes_no_lasting_limit_cycle():
 def test_a_compensator_that_learns_too_fast_makes_no_lasting_limit_cycle():
     """Behind 150 ms that draw no gains back: without the guard it lasts for good."""
     eager = ('heave.compensator="network"', "heave.learning_rate=650.0", "delays.gains_bear_s=0.5")
-    steps = dived(seconds=20.0, link=Link(up_s=0.075, down_s=0.075), companion=eager)
+    steps = dived(seconds=20.0, link=LinkDelay(up_s=0.075, down_s=0.075), companion=eager)
     assert {step.sample.verdict.state for step in steps} == {State.ACTIVE}
     assert (cycles_s(steps) < DIES_WITHIN_S).all()
 

@@ -15,7 +15,7 @@ from companion.io.command_queue import MAX_WAITING, CommandQueue, ReceivedComman
 from companion.records import ENGAGE_S, Condition, Setpoint, State
 from companion.telemetry.commands import COMMANDS, MAX_BYTES, SetEstimator, SetGains
 from companion.telemetry.schemas import Reply
-from lab.loop.lockstep import Link
+from lab.loop.lockstep import LinkDelay
 
 
 class Console:
@@ -242,8 +242,8 @@ def test_twofold_and_twofold_again_needs_no_confirmation():
 @pytest.mark.parametrize(("delay_s", "done"), [(0.0, True), (0.04, False)])
 def test_gains_are_held_against_the_measured_delay(delay_s, done):
     """1/14 + 1/10 = 0.171 s: more than 0.026 + 0.138 s, less than with 80 ms more delay."""
-    usual = Link()
-    dive, console = at_console(link=Link(up_s=usual.up_s + delay_s, down_s=usual.down_s + delay_s))
+    usual = LinkDelay()
+    dive, console = at_console(link=LinkDelay(up_s=usual.up_s + delay_s, down_s=usual.down_s + delay_s))
     dive.run(6.0)
     reply = console.tell("gains", axis="heave", lambda_per_s=14.0)
     assert reply.done is done, reply.said

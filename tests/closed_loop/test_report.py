@@ -25,7 +25,7 @@ from companion.telemetry import schemas as telemetry
 from dashboard.recording.mcap_file import Item, Recording
 from dashboard.recording.record import flat
 from lab.bench.bench import Run, as_records
-from lab.loop.lockstep import Link, Lockstep, Step
+from lab.loop.lockstep import LinkDelay, Lockstep, Step
 from lab.report import foxglove
 from lab.report.advice import advice
 from lab.report.figures import figures
@@ -48,7 +48,7 @@ def steps(sea: str) -> list[Step]:
     """Dive: down to 2 m, at 25 s to 3 m, released at 40 s."""
     plant = load_plant(ROOT / "config" / "sim.toml", [sea])
     engine = Engine(load_config(), hold(2.0), arm=True)
-    loop = Lockstep(Vehicle(plant, 5), engine, Link(), 5)
+    loop = Lockstep(Vehicle(plant, 5), engine, LinkDelay(), 5)
     loop.requests = [Request.ENGAGE]
     done = []
     for step in loop.run(45.0):

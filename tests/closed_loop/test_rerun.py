@@ -16,7 +16,7 @@ from companion.telemetry import schemas as telemetry
 from companion.telemetry.commands import Goto
 from dashboard.recording.mcap_file import Item, Recording
 from dashboard.recording.record import flat
-from lab.loop.lockstep import Link, Lockstep
+from lab.loop.lockstep import LinkDelay, Lockstep
 from lab.rerun.command import main
 from lab.rerun.rerun import RerunError, configured, load, rerun
 from sim_bridge.config import load_config as load_plant
@@ -63,7 +63,7 @@ def dive() -> list[telemetry.Raw]:
         )
     }
     plant = load_plant(ROOT / "config" / "sim.toml", ["waves.enabled=true"])
-    loop = Lockstep(Vehicle(plant, 3), engine, Link(), 3)
+    loop = Lockstep(Vehicle(plant, 3), engine, LinkDelay(), 3)
     loop.requests = [Request.ENGAGE]
     for tick in range(400):
         if tick == 200:

@@ -112,7 +112,7 @@ def not_fit(dive):
 
 def non_finite(dive):
     engine = dive.tap.engine  # the only way in: setpoints and telemetry that are not finite are refused
-    engine._guidance._target = replace(hold(), eta_d_dot=(0.0, 0.0, np.nan, 0.0))
+    engine._guidance._target.now = replace(hold(), eta_d_dot=(0.0, 0.0, np.nan, 0.0))
 
 
 def tick_late(dive):

@@ -62,7 +62,7 @@ def test_it_would_notice_thrust_that_goes_on(diving, monkeypatch):
 
 def test_it_would_notice_thrust_without_authority(diving, monkeypatch):
     monkeypatch.setattr("companion.engine.guard", lambda command, *_: command)
-    monkeypatch.setattr("companion.supervision.supervisor.Supervisor.step", _powerless)
+    monkeypatch.setattr("companion.supervision.supervisor.StateMachine.step", _powerless)
     assert "authority" in noticed(diving, "leak") or "thrust" in noticed(diving, "leak")
 
 

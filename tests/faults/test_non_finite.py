@@ -23,9 +23,9 @@ DEADLY = (
 which is refused before the Kalman gain is computed: that case learns nothing."""
 
 WITHIN = (
-    "_estimator._observers",
-    "_estimator._mean_disturbance",
-    "_estimator._hidden",
+    "_estimator._observers.states",
+    "_estimator._observers._mean_disturbance",
+    "_estimator._observers._hidden",
     "_estimator._meter._command_s",
     "_controller.reference.states",
     "_controller._states.bumpless_bias",

@@ -5,7 +5,7 @@ import pytest
 from virtual import DEPTH_M, Dive, active
 
 from companion.records import Request, State
-from lab.loop.lockstep import Link
+from lab.loop.lockstep import LinkDelay
 
 STREAMS = (
     "HEARTBEAT",
@@ -196,7 +196,7 @@ def test_a_vehicle_that_was_never_there():
 
 def test_a_delay_that_grows_while_it_holds_is_measured_and_borne():
     """40 ms more each way from 8 s on: found by TIMESYNC and the echo, and no limit cycle."""
-    dive = active(seconds=4.0, link=Link(change_s=(8.0, 0.04)))
+    dive = active(seconds=4.0, link=LinkDelay(change_s=(8.0, 0.04)))
     dive.run(16.0)
     before = dive.step.sample.state.delays
     assert before.telemetry_s + before.command_s > 0.08

@@ -11,7 +11,7 @@ from companion.config import load_config
 from companion.records import Condition, Request, State
 from lab.loop.dive import dive as scenario_dive
 from lab.loop.firmware import Firmware
-from lab.loop.lockstep import Link
+from lab.loop.lockstep import LinkDelay
 from lab.loop.scenarios import four
 from sim_bridge.commands import DEFAULT_CONFIG
 from sim_bridge.config import load_config as load_plant
@@ -63,7 +63,9 @@ def errors_mm(steps):
 def test_it_holds_its_depth_to_what_the_sensor_shows(ardusub, name):
     """The firmware's depth errs by 3 to 5 mm; its zero moves on arming, so the mean does not count."""
     scenario = next(one for one in four(3, vary=lambda base, seed: base) if one.name == name)
-    recorded = scenario_dive(scenario, load_config(), load_plant(DEFAULT_CONFIG), Link(), firmware=ardusub)
+    recorded = scenario_dive(
+        scenario, load_config(), load_plant(DEFAULT_CONFIG), LinkDelay(), firmware=ardusub
+    )
     held = recorded.t_s > 12.0
     assert recorded.active[held].all()
     assert 1e3 * recorded.depth_error_m[held].std() < 9.0

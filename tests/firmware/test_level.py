@@ -6,7 +6,7 @@ from companion.config import load_config
 from companion.engine import Engine
 from companion.records import Request, Setpoint, State
 from lab.loop.firmware import Firmware
-from lab.loop.lockstep import Link, Lockstep
+from lab.loop.lockstep import LinkDelay, Lockstep
 from sim_bridge.commands import DEFAULT_CONFIG
 from sim_bridge.config import load_config as load_plant
 
@@ -18,7 +18,7 @@ def test_a_place_is_held_level_in_a_current_and_waves(ardusub):
     plant = load_plant(DEFAULT_CONFIG, ("initial.eta=[0,0,3,0,0,0]", *SEA))
     config = load_config()
     with Firmware(ardusub, plant, 1) as vehicle:
-        loop = Lockstep(vehicle, Engine(config, Setpoint(GOAL), arm=True), Link(), 1)
+        loop = Lockstep(vehicle, Engine(config, Setpoint(GOAL), arm=True), LinkDelay(), 1)
         loop.requests = [Request.ENGAGE]
         steps = [step for step in loop.run(40.0) if step.t_s > 10.0]
     assert {step.sample.verdict.state for step in steps} == {State.ACTIVE}

@@ -9,7 +9,7 @@ from companion.engine import Engine
 from companion.records import Request, Setpoint, State
 from lab.faults.faults import dive_group
 from lab.loop.firmware import Firmware
-from lab.loop.lockstep import Link, Lockstep
+from lab.loop.lockstep import LinkDelay, Lockstep
 from sim_bridge.commands import DEFAULT_CONFIG
 from sim_bridge.config import load_config as load_plant
 
@@ -25,7 +25,7 @@ def dived(ardusub, seconds, *overrides):
     with Firmware(ardusub, plant, 1) as vehicle:
         pid = vehicle.pid
         setpoint = Setpoint((np.nan, np.nan, DEPTH_M, 0.0))
-        loop = Lockstep(vehicle, Engine(config, setpoint, arm=True), Link(), 1, config.loop.rate_hz)
+        loop = Lockstep(vehicle, Engine(config, setpoint, arm=True), LinkDelay(), 1, config.loop.rate_hz)
         loop.requests = [Request.ENGAGE]
         steps = list(loop.run(seconds))
     assert not Path(f"/proc/{pid}").exists()

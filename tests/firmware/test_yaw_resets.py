@@ -7,7 +7,7 @@ from companion.config import load_config
 from companion.engine import Engine
 from companion.records import Condition, Request, Setpoint, State
 from lab.loop.firmware import Firmware
-from lab.loop.lockstep import Link, Lockstep
+from lab.loop.lockstep import LinkDelay, Lockstep
 from sim_bridge.commands import DEFAULT_CONFIG
 from sim_bridge.config import load_config as load_plant
 
@@ -27,7 +27,7 @@ def test_a_yaw_that_is_aligned_while_diving_moves_nothing(ardusub, sea):
     plant, config = load_plant(DEFAULT_CONFIG, (*WRONG_COMPASS, *sea)), load_config()
     with Firmware(ardusub, plant, 1) as vehicle:
         engine = Engine(config, Setpoint((np.nan, np.nan, DEPTH_M, np.nan)), arm=True)
-        loop = Lockstep(vehicle, engine, Link(), 1, config.loop.rate_hz)
+        loop = Lockstep(vehicle, engine, LinkDelay(), 1, config.loop.rate_hz)
         loop.requests = [Request.ENGAGE]
         steps = list(loop.run(20.0))
     held = [step for step in steps if step.t_s > 3.5]

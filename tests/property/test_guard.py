@@ -8,7 +8,7 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, ru
 
 from companion.records import NEUTRAL, AxisCommand, Condition, State, Verdict
 from companion.supervision.guard import Envelope, guard
-from companion.supervision.supervisor import Supervisor
+from companion.supervision.supervisor import StateMachine
 
 C = Condition
 CARRY_AUTHORITY = (State.ACTIVE, State.RAMP_DOWN, State.HAND_OVER)
@@ -100,7 +100,7 @@ class Permission(RuleBasedStateMachine):
 
     @initialize(ramp_down_s=st.floats(0.01, 5.0))
     def start(self, ramp_down_s):
-        self.supervisor = Supervisor(ramp_down_s)
+        self.supervisor = StateMachine(ramp_down_s)
         self.verdict = Verdict(State.IDLE, C(0), 0.0, "")
         self.conditions = C(0)
         self.was = self.verdict

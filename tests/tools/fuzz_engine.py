@@ -50,7 +50,7 @@ from companion.records import (
 from companion.supervision.supervisor import CARRY_AUTHORITY
 from companion.telemetry.samples import encode
 from lab.faults.faults import steering
-from lab.loop.lockstep import START_S, Link, Lockstep
+from lab.loop.lockstep import START_S, LinkDelay, Lockstep
 from sim_bridge.config import load_config as load_plant
 from sim_bridge.vehicle import Vehicle
 
@@ -519,7 +519,7 @@ def fuzz(number: int, tally: Tally, states: Counter[State]) -> None:
             _messages_alone(rng, fuzzed, tally)
         else:
             vehicle = Vehicle(load_plant(CONFIG / plant, ("current.enabled=false", *sea)), number)
-            _dive(rng, fuzzed, Lockstep(vehicle, fuzzed, Link(), number), tally)  # type: ignore[arg-type]
+            _dive(rng, fuzzed, Lockstep(vehicle, fuzzed, LinkDelay(), number), tally)  # type: ignore[arg-type]
     finally:
         states.update(fuzzed.states)
         tally.dives += 1

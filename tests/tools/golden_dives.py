@@ -8,7 +8,7 @@ import numpy as np
 from companion.config import load_config
 from companion.records import Request, State
 from companion.telemetry.schemas import Raw, Start
-from lab.loop.lockstep import Link
+from lab.loop.lockstep import LinkDelay
 from lab.loop.scenarios import trajectory
 from tests.tools.golden import signing
 from tests.virtual import Dive, Somebody, hold
@@ -255,7 +255,7 @@ def ekf_resets():
 
 def delay():
     """80 ms more each way, a hidden 0.15 s in the depth, and at last more than it bears."""
-    dive = begin("sensors.depth_delay_s=0.15", link=Link(change_s=(10.0, 0.08)))
+    dive = begin("sensors.depth_delay_s=0.15", link=LinkDelay(change_s=(10.0, 0.08)))
     dive.run(25.0)
     dive.fault("link_delayed", value=0.3)
     dive.run(8.0)

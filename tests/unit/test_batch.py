@@ -14,7 +14,7 @@ from lab.batch.dives import simulate, simulate_scenarios
 from lab.batch.vehicle import Links
 from lab.bench.grid import LONGEST_S, Cell, cycles_s, plant
 from lab.loop.dive import dive
-from lab.loop.lockstep import Link
+from lab.loop.lockstep import LinkDelay
 from lab.loop.scenarios import SETTLE_S, four, hold
 from sim_bridge.commands import DEFAULT_CONFIG
 from sim_bridge.config import load_config as load_plant
@@ -52,7 +52,7 @@ def test_every_dive_may_have_its_own_gains():
     assert both["depth_rms_mm"][0] != pytest.approx(both["depth_rms_mm"][1], rel=1e-3)
 
 
-@pytest.mark.parametrize(("scenario", "link"), [(0, Link()), (2, Link(up_s=0.04, down_s=0.04))])
+@pytest.mark.parametrize(("scenario", "link"), [(0, LinkDelay()), (2, LinkDelay(up_s=0.04, down_s=0.04))])
 def test_a_batch_agrees_with_the_full_loop(scenario, link):
     """Mean over four vehicles, 15 s each: depth RMS within 20 %, thrust and chatter within 15 %.
 

@@ -19,10 +19,16 @@ def test_the_version_is_the_projects():
 
 @pytest.mark.parametrize(
     ("label", "kind"),
-    [("permissions", dict), ("authors", list), ("company", dict), ("links", dict), ("tags", list)],
+    [("permissions", dict), ("authors", list), ("company", dict), ("tags", list)],
 )
 def test_what_should_be_json_is_json(label, kind):
     assert isinstance(json.loads(LABELS[label]), kind)
+
+
+def test_no_label_has_a_variable():
+    """Nothing is put in for it within single quotes: the image that was built had `$OWNER` in a link."""
+    assert LABELS.keys() == set(re.findall(r"^LABEL (\w+)", TEXT, flags=re.MULTILINE))
+    assert not [name for name, value in LABELS.items() if "$" in value]
 
 
 def test_the_store_knows_the_type_and_takes_the_tags():

@@ -1,5 +1,6 @@
 """A campaign's dives are their numbers, its rows survive a stop, its envelope is what it says."""
 
+import csv
 import json
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace as changed
@@ -106,11 +107,18 @@ def test_the_command_continues_where_it_stopped(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr("lab.campaign.report.worker_pool", lambda count, start: ThreadPoolExecutor(count))
     arguments = ["--out", str(tmp_path), "--workers", "1"]
     assert commands.campaign([*arguments, "--dives", "3"]) == 0
-    assert commands.campaign([*arguments, "--dives", "6", "--json", str(tmp_path / "summary.json")]) == 0
+    files = ["--json", str(tmp_path / "summary.json"), "--table", str(tmp_path / "dives.table.csv")]
+    assert commands.campaign([*arguments, "--dives", "6", *files]) == 0
     summary = json.loads((tmp_path / "summary.json").read_text())
+    with (tmp_path / "dives.table.csv").open(newline="") as stream:
+        table = list(csv.DictReader(stream))
+    assert [int(row["number"]) for row in table] == list(range(6))
+    assert [float(row["depth_rms_mm"]) for row in table] == [each["depth_rms_mm"] for each in summary["each"]]
+    outside = summary["outside"]["dives"]
     assert summary["dives"] == 6
     assert summary["speed"]["dives"] == 3
     assert (tmp_path / "worst.png").stat().st_size > 10_000
     printed = capsys.readouterr().out
     assert "The envelope" in printed
     assert "holdfast campaign --replay" in printed
+    assert ("Worst outside:" in printed) == bool(outside)

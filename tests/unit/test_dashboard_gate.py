@@ -13,7 +13,7 @@ from companion.records import State
 from companion.telemetry import ranges
 from companion.telemetry.commands import parse
 from dashboard.web import gate, vocabulary
-from dashboard.web.options import settings
+from dashboard.web.options import announcement, settings
 
 NAMES = ("localhost", "blueos.local")
 
@@ -132,6 +132,20 @@ def test_control_has_to_be_asked_for(tmp_path: Path) -> None:
     file.write_text("0123456789abcdef\n")
     assert settings(["--allow-control", "--token-file", str(file)]).token == "0123456789abcdef"
     assert settings(["--listen", "[::1]:80"]).host == "::1"
+
+
+def test_a_log_gets_the_place_of_a_token_and_a_terminal_the_token(tmp_path: Path) -> None:
+    file = tmp_path / "token"
+    file.write_text("0123456789abcdef\n")
+    options = settings(["--allow-control", "--token-file", str(file), "--listen", "[::]:80"])
+    assert (
+        announcement(options, 80, terminal=True) == "dashboard: http://127.0.0.1:80/#token=0123456789abcdef"
+    )
+    logged = announcement(options, 80, terminal=False)
+    assert logged == f"dashboard: http://127.0.0.1:80/ unlock it with the token in {file}"
+    made = settings(["--allow-control"])
+    assert announcement(made, 80, terminal=False).endswith(f"#token={made.token}"), "it is nowhere else"
+    assert announcement(settings([]), 80, terminal=False) == "dashboard: http://127.0.0.1:80/"
 
 
 @pytest.mark.parametrize(

@@ -12,8 +12,9 @@ from companion import assembly
 from companion.config import load_config
 from companion.control.positioning import Model, coriolis_and_damping, inertia, jacobian, to_body
 from companion.estimation.command_history import CommandHistory
-from companion.estimation.estimator import MAX_EXTRAPOLATION_S, Estimator, interpolate
+from companion.estimation.estimator import Estimator
 from companion.estimation.observer import ObserverState, advance, expected, rates
+from companion.estimation.observers import MAX_EXTRAPOLATION_S, interpolate
 from companion.records import (
     PSI,
     ZERO,

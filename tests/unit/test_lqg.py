@@ -7,7 +7,7 @@ import pytest
 
 from lab.bench.floor import CHATTER_N, floor, loop_delay_s, sea_speed
 from lab.bench.lqg import LQG, Plant, discrete, expm, riccati, stationary
-from lab.loop.lockstep import Link
+from lab.loop.lockstep import LinkDelay
 from lab.loop.scenarios import four
 from sim_bridge.commands import DEFAULT_CONFIG
 from sim_bridge.config import load_config
@@ -123,11 +123,12 @@ def test_a_step_is_found_and_undone() -> None:
 
 
 def test_delay_of_the_loop_follows_the_input_loops_phase() -> None:
-    delays_ms = {round(1e3 * loop_delay_s(seed, Link())) for seed in range(1000, 1020)}
+    delays_ms = {round(1e3 * loop_delay_s(seed, LinkDelay())) for seed in range(1000, 1020)}
     assert delays_ms == {15, 35}
-    longer = Link(up_s=0.041, down_s=0.041)
+    longer = LinkDelay(up_s=0.041, down_s=0.041)
     assert all(
-        loop_delay_s(seed, longer) == pytest.approx(loop_delay_s(seed, Link()) + 0.08) for seed in range(9)
+        loop_delay_s(seed, longer) == pytest.approx(loop_delay_s(seed, LinkDelay()) + 0.08)
+        for seed in range(9)
     )
 
 
@@ -141,9 +142,15 @@ def test_slices_carry_the_seas_energy() -> None:
 
 @pytest.mark.parametrize(
     ("link", "accelerometer", "low_mm", "high_mm"),
-    [(Link(), False, 2.7, 3.4), (Link(), True, 2.2, 2.9), (Link(0.041, 0.041), False, 3.0, 3.7)],
+    [
+        (LinkDelay(), False, 2.7, 3.4),
+        (LinkDelay(), True, 2.2, 2.9),
+        (LinkDelay(0.041, 0.041), False, 3.0, 3.7),
+    ],
 )
-def test_floor_is_that_of_the_paper(link: Link, accelerometer: bool, low_mm: float, high_mm: float) -> None:
+def test_floor_is_that_of_the_paper(
+    link: LinkDelay, accelerometer: bool, low_mm: float, high_mm: float
+) -> None:
     """docs/theory.md, 7: 2.9 / 2.9 / 2.9 / 2.8, with accelerometer 2.4, at +80 ms 3.2 / 3.2 / 3.1 / 3.0."""
     for scenario in range(4):
         reached = [
@@ -157,7 +164,7 @@ def test_who_foresees_the_waves_is_hardly_better_in_depth() -> None:
     """docs/results.md, "Waves": what is left is the sensors' noise and the readiness for a load."""
     waves = [four(seed)[0] for seed in range(3)]
     as_is, best = (
-        np.mean([floor(one, BASE, Link(), foreseen=known).depth_rms_mm for one in waves])
+        np.mean([floor(one, BASE, LinkDelay(), foreseen=known).depth_rms_mm for one in waves])
         for known in (False, True)
     )
     assert 0.95 * as_is < best < as_is

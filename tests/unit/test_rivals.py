@@ -9,7 +9,7 @@ from companion.control.law import Motion
 from companion.engine import Engine
 from companion.records import Setpoint, Z
 from lab.batch import alt_hold as batch
-from lab.loop.lockstep import Link, Lockstep
+from lab.loop.lockstep import LinkDelay, Lockstep
 from lab.loop.scenarios import Scenario, four, hold
 from lab.rivals import alt_hold, l1, ppi, super_twisting
 from sim_bridge.commands import DEFAULT_CONFIG
@@ -86,7 +86,7 @@ def test_a_law_of_ones_own_steers_the_axes_that_chose_it_and_no_others():
     table = "laws.ppi={module='lab.rivals.ppi', k_p=4.0, k_v=8.0, k_i=4.0}"
     config = load_config(overrides=["heave.law=ppi", "heave.compensator=none", table])
     engine = Engine(config, Setpoint((np.nan, np.nan, np.nan, 0.0)), arm=True)
-    loop = Lockstep(Vehicle(BASE, 1), engine, Link(), 1, config.loop.rate_hz)
+    loop = Lockstep(Vehicle(BASE, 1), engine, LinkDelay(), 1, config.loop.rate_hz)
     samples = [step.sample.dofs for step in loop.run(1.0)]
     moving = [sample for sample in samples if abs(sample.x_dot[Z]) > 0.01]
     assert moving
@@ -98,7 +98,7 @@ def test_a_law_of_ones_own_steers_the_axes_that_chose_it_and_no_others():
 
 def test_alt_hold_keeps_depth_and_heading_and_takes_its_target_from_the_station():
     scenario = Scenario("deeper", lambda base, seed: _calm(base), hold(3.0), 16.0, 5)
-    dived = alt_hold.dive(scenario, BASE, Link(), {"PSC_POSZ_P": 4.0})
+    dived = alt_hold.dive(scenario, BASE, LinkDelay(), {"PSC_POSZ_P": 4.0})
     late = dived.t_s > 12.0
     assert dived.active[dived.t_s > 5.0].all()
     assert abs(dived.depth_error_m[dived.t_s < 3.0] + 0.5).max() < 0.2  # not armed yet: it floats up
@@ -114,7 +114,7 @@ def test_a_batch_of_alt_hold_agrees_with_the_full_loop(scenario):
     dives = [four(seed)[scenario] for seed in (1, 2)]
     duration_s = 32.0
     short = [Scenario(one.name, one.plant, one.target, duration_s, one.seed) for one in dives]
-    full = [alt_hold.dive(one, BASE, Link(), gains).figures() for one in short]
+    full = [alt_hold.dive(one, BASE, LinkDelay(), gains).figures() for one in short]
     plants, seeds = [one.plant(BASE, one.seed) for one in short], [one.seed for one in short]
     fast = batch.simulate(plants, [one.target for one in short], duration_s, seeds, np.full(2, 0.003), gains)
     for figure in ("depth_rms_mm", "chatter_n"):

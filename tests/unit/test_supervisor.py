@@ -31,7 +31,7 @@ from companion.supervision.guard import Envelope, guard
 from companion.supervision.supervisor import (
     CLEAR,
     TRANSITIONS,
-    Supervisor,
+    StateMachine,
     names,
     remedy,
     transition,
@@ -173,7 +173,7 @@ def brought_to(state):
         State.PILOT: [NOTHING, C.ENGAGE_ASKED, C.PILOT_TAKEOVER],
         State.FAULT: [NOTHING, C.ENGAGE_ASKED, C.LINK_LOST],
     }[state]
-    supervisor, verdict = Supervisor(RAMP_S), None
+    supervisor, verdict = StateMachine(RAMP_S), None
     for conditions in way:
         verdict = supervisor.step(conditions, TICK_S)
     assert verdict is None or verdict.state is state
@@ -280,10 +280,10 @@ def test_authority_is_one_when_engaged_again_after_a_ramp():
 
 
 def test_waiting_says_for_what():
-    verdict = Supervisor(RAMP_S).step(C.DISARMED | C.DEPTH_STALE, TICK_S)
+    verdict = StateMachine(RAMP_S).step(C.DISARMED | C.DEPTH_STALE, TICK_S)
     assert verdict.state is State.IDLE
     assert verdict.reason == "waiting for: depth stale, disarmed"
-    told = Supervisor(RAMP_S).step(C.DISARMED | C.SATURATED | C.PREFLIGHT_FAILURE, TICK_S, "the frame")
+    told = StateMachine(RAMP_S).step(C.DISARMED | C.SATURATED | C.PREFLIGHT_FAILURE, TICK_S, "the frame")
     assert told.reason == "waiting for: disarmed, preflight failure (the frame)"
     assert names(C.LINK_LOST | C.TICK_LATE) == "link lost, tick late"
 
@@ -406,7 +406,7 @@ def test_what_is_only_told_is_told_and_freezes_where_it_should():
 
 
 def test_authority_rises_evenly_on_engaging():
-    supervisor = Supervisor(RAMP_S, ramp_up_s=0.4)
+    supervisor = StateMachine(RAMP_S, ramp_up_s=0.4)
     supervisor.step(NOTHING, TICK_S)
     authorities = [supervisor.step(C.ENGAGE_ASKED, TICK_S).authority for _ in range(25)]
     np.testing.assert_allclose(authorities[:20], np.arange(1, 21) * TICK_S / 0.4, atol=1e-12)

@@ -37,7 +37,7 @@ class Body:
             axes, _ = allocate(HEAVY, (X, Y, Z, N, K, M), 16.0, REACH)
             given = np.array(delivered(HEAVY, axes, 16.0))
             if dead:
-                left = np.array(delivered(without(HEAVY, dead) or HEAVY, axes, 16.0))
+                left = np.array(delivered(without(HEAVY, dead), axes, 16.0))
                 given = left + self.keeps * (given - left)
             moment = np.array([given[4] - 0.085 * given[1], given[5] + 0.085 * given[0], given[3]])
             moment += payload_n * np.array([self.offset_m[1], -self.offset_m[0], 0.0])

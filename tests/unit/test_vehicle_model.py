@@ -8,9 +8,9 @@ import pytest
 from companion import assembly
 from companion.config import load_config
 from companion.control.positioning import jacobian
-from companion.estimation.estimator import model_tables
 from companion.estimation.model_learner import ModelLearner
 from companion.estimation.observer import observer_parameters, scheduled_parameters
+from companion.estimation.parameters import TYPICAL_RATE, model_tables, noise
 from companion.estimation.vehicle_model import (
     LEAST_LAG_S,
     MOST_LAG_S,
@@ -119,13 +119,11 @@ def test_the_nominal_observer_is_in_the_table():
 
 
 def test_between_its_nodes_the_table_is_near_the_riccati_equation():
-    from companion.estimation.estimator import TYPICAL_RATE, _noise
-
     drag = MODEL.d1[Z] + TYPICAL_RATE * MODEL.d2[Z]
-    noise = _noise(CONFIG, Z, CONFIG.heave.disturbance_noise)
+    noises = noise(CONFIG, Z, CONFIG.heave.disturbance_noise)
     for log_gain, lag_s in ((0.35, 0.12), (-1.0, 0.2), (0.9, 0.06)):
         g = math.exp(log_gain)
-        exact = observer_parameters(MODEL.m[Z] / g, drag / g, lag_s, noise, DT_S)
+        exact = observer_parameters(MODEL.m[Z] / g, drag / g, lag_s, noises, DT_S)
         found = scheduled_parameters(TABLES[Z].control, log_gain, lag_s)
         assert found.by_rate.v == pytest.approx(exact.by_rate.v, rel=0.1)
         assert found.by_rate.d == pytest.approx(exact.by_rate.d, rel=0.2)

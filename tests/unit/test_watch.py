@@ -45,7 +45,7 @@ def test_a_sample_is_on_the_screen_in_eighty_columns(make_sample: MakeSample) ->
         "holdfast kelp",
         "ACTIVE",
         "authority 75%",
-        "position-stale",
+        "position stale",
         "ARMED in MANUAL",
         "battery 15.8 V",
         "telemetry 50 ms measured",
@@ -125,6 +125,17 @@ def test_every_state_has_its_word(make_sample: MakeSample, state: State) -> None
     screen = _screen(_view(sample))
     assert state.value.replace("_", " ") in screen
     assert MEANINGS[state] in screen
+
+
+def test_a_condition_that_the_reason_names_is_not_repeated(make_sample: MakeSample) -> None:
+    sample = make_sample()
+    waits = replace(
+        sample.verdict,
+        state=State.IDLE,
+        reason="waiting for: disarmed, wrong mode",
+        conditions=Condition.DISARMED | Condition.WRONG_MODE | Condition.TICK_LATE,
+    )
+    assert "waiting for: disarmed, wrong mode; tick late" in _screen(_view(replace(sample, verdict=waits)))
 
 
 def test_the_remedy_is_shown_and_a_lost_link_outranks_the_state(make_sample: MakeSample) -> None:

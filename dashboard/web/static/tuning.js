@@ -150,7 +150,7 @@ export class Tuning {
     else if (kind === "locked") {
       const input = el("input", { type: "password", id: "token", autocomplete: "off", placeholder: "token" });
       this.lock.replaceChildren(el("form", { class: "row", onsubmit: (event) => { event.preventDefault(); this.unlock(input.value.trim()); } }, input, el("button", { id: "unlock" }, "Unlock")),
-        el("p", {}, "The token was printed when the dashboard started."));
+        el("p", {}, "The dashboard said at its start what the token is, or which file has it."));
     } else this.lock.replaceChildren(el("p", {}, "Unlocked. The companion checks, answers and logs each command; its supervisor has the last word."));
   }
 

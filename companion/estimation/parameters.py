@@ -1,0 +1,75 @@
+"""What the configuration says to the observers and to the watch over the thrusters."""
+
+from companion.config import Config
+from companion.control.allocation import Thrusters
+from companion.control.positioning import Model
+from companion.estimation import thruster_watch
+from companion.estimation.observer import (
+    Noise,
+    ObserverParameters,
+    ObserverTable,
+    observer_parameters,
+    observer_table,
+)
+from companion.estimation.vehicle_model import DISTURBANCE_RATIO, MOST_LAG_S, MOST_LOG_GAIN, Tables
+from companion.records import Z
+
+TYPICAL_RATE = 0.1
+"""m/s, rad/s: the rate at which the drag is taken for the Kalman gain."""
+
+QUIET_N = 1.0
+"""Disturbance noise, N/√s, of the observer that looks for hidden delay: it leans on the model."""
+
+
+def model_tables(config: Config, model: Model) -> list[Tables]:
+    """Return the observers of each degree of freedom, by gain and lag."""
+    return [
+        Tables(
+            *(
+                table_of(config, model, dof, ratio * axis.disturbance_noise)
+                for ratio in (1.0, DISTURBANCE_RATIO)
+            )
+        )
+        for dof, axis in enumerate(config.axes)
+    ]
+
+
+def thruster_watch_parameters(config: Config, thrusters: Thrusters) -> thruster_watch.Parameters:
+    """Return what the watch over the thrusters needs."""
+    levelling = config.levelling
+    return thruster_watch.Parameters(
+        thrusters,
+        levelling.roll_inertia,
+        levelling.pitch_inertia,
+        config.yaw.mass,
+        levelling.lever_m,
+        config.thrusters.lag_s,
+    )
+
+
+def hidden_delay_parameters(config: Config, model: Model) -> ObserverParameters:
+    """Return the parameters of the observer that looks for hidden delay."""
+    drag = model.d1[Z] + TYPICAL_RATE * model.d2[Z]
+    tick_s = 1.0 / config.loop.rate_hz
+    return observer_parameters(model.m[Z], drag, config.thrusters.lag_s, noise(config, Z, QUIET_N), tick_s)
+
+
+def table_of(config: Config, model: Model, dof: int, disturbance: float) -> ObserverTable:
+    """Return a degree of freedom's observers that expect so much `disturbance` noise."""
+    drag = model.d1[dof] + TYPICAL_RATE * model.d2[dof]
+    lag_s, tick_s = config.thrusters.lag_s, 1.0 / config.loop.rate_hz
+    noises = noise(config, dof, disturbance)
+    return observer_table(model.m[dof], drag, lag_s, noises, tick_s, MOST_LOG_GAIN, MOST_LAG_S)
+
+
+def noise(config: Config, dof: int, disturbance: float) -> Noise:
+    """Return the noises of a degree of freedom that expects so much `disturbance` noise."""
+    axis = config.axes[dof]
+    return Noise(
+        position=axis.position_noise,
+        rate=axis.rate_noise,
+        position_slow=axis.position_noise_slow,
+        rate_slow=axis.rate_noise_slow,
+        disturbance=disturbance,
+        slow_time_s=config.delays.slow_noise_s,
+    )

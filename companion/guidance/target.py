@@ -1,0 +1,87 @@
+"""What was asked for, and where each degree of freedom is to go: places x, y, z, psi, with rates.
+
+| word   | meaning                                                                               |
+|--------|---------------------------------------------------------------------------------------|
+| asked  | the operator's setpoint; NaN: where the vehicle is when it is engaged                   |
+| now    | where each degree of freedom is to go now: what was asked, as sticks and course moved it |
+| start  | where it stays until it may push with all authority                                   |
+"""
+
+import math
+
+from msgspec.structs import replace
+
+from companion.control.bounds import wrap
+from companion.control.frames import shifted
+from companion.control.positioning import jacobian, to_inertial
+from companion.records import PSI, ZERO, Flags, FrameShift, Setpoint, Vector, X, Y, Z, chosen
+
+UNSET: Vector = (math.nan, math.nan, math.nan, math.nan)
+
+
+class Target:
+    """What is wanted. It knows no limits: guidance checks what it takes."""
+
+    def __init__(self, setpoint: Setpoint) -> None:
+        self.asked = self.now = self.start = setpoint
+
+    def ask(self, setpoint: Setpoint) -> None:
+        """Take a setpoint; where it says nothing, the target stays."""
+        self.asked = setpoint
+        self.now = _filled(setpoint, self.now.eta_d)
+
+    def ask_places(self, where: Flags, eta: Vector) -> None:
+        """Replace the setpoint's places there; NaN asks for nothing."""
+        self.asked = replace(self.asked, eta_d=chosen(where, eta, self.asked.eta_d))
+
+    def put(self, where: Flags, eta: Vector) -> None:
+        """Replace the target's places there; its rates stay."""
+        self.now = replace(self.now, eta_d=chosen(where, eta, self.now.eta_d))
+
+    def hold(self, eta: Vector) -> None:
+        """Stay at a place; ask for nothing."""
+        self.asked, self.now = Setpoint(UNSET), Setpoint(eta)
+
+    def engage(self, eta: Vector) -> None:
+        """Begin where the vehicle is."""
+        self.start = Setpoint(eta)
+        self.now = _filled(self.asked, eta)
+
+    def shift(self, shift: FrameShift, engaged: Flags) -> None:
+        """Shift all of it with the frame; what was asked for only where it is held."""
+        self.now = replace(self.now, eta_d=shifted(shift, self.now.eta_d))
+        self.start = replace(self.start, eta_d=shifted(shift, self.start.eta_d))
+        held = [one and asked for one, asked in zip(engaged, known(self.asked.eta_d), strict=True)]
+        self.ask_places((held[X], held[Y], held[Z], held[PSI]), self.now.eta_d)
+
+    def move_depth(self, depth_m: float, rate_mps: float, acceleration_mps2: float) -> None:
+        """Replace the target's depth and its motion."""
+        (x, y, _, psi), (u, v, _, r), (u_dot, v_dot, _, r_dot) = (
+            self.now.eta_d,
+            self.now.eta_d_dot,
+            self.now.eta_d_ddot,
+        )
+        self.now = Setpoint(
+            (x, y, depth_m, psi), (u, v, rate_mps, r), (u_dot, v_dot, acceleration_mps2, r_dot)
+        )
+
+
+def known(eta: Vector) -> Flags:
+    """Tell by degree of freedom whether a place is said."""
+    x, y, z, psi = eta
+    return (not math.isnan(x), not math.isnan(y), not math.isnan(z), not math.isnan(psi))
+
+
+def from_here(here: Vector, step: Vector, *, body: bool) -> Vector:
+    """Return the place a step from here, NaN where the step says nothing: north, or forward, and so on."""
+    wanted = known(step)
+    if body and (wanted[X] or wanted[Y]):
+        wanted = (True, True, wanted[Z], wanted[PSI])
+    by = to_inertial(jacobian(here[PSI] if body else 0.0), chosen(known(step), step, ZERO))
+    x, y, z, psi = (at + far for at, far in zip(here, by, strict=True))
+    return chosen(wanted, (x, y, z, wrap(psi)), UNSET)
+
+
+def _filled(setpoint: Setpoint, eta: Vector) -> Setpoint:
+    """Return the setpoint with NaN places replaced by `eta`."""
+    return replace(setpoint, eta_d=chosen(known(setpoint.eta_d), setpoint.eta_d, eta))
