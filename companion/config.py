@@ -18,6 +18,7 @@ from companion.endpoint import Endpoint
 from companion.records import AXES
 from companion.telemetry import ranges
 from holdfast import RefusedError
+from holdfast.arguments import source_of
 
 DEFAULT_FILE = Path(__file__).parent.parent / "config" / "companion.toml"
 PRESETS = DEFAULT_FILE.parent / "vehicles"
@@ -284,12 +285,22 @@ def load_config(path: Path = DEFAULT_FILE, overrides: Sequence[str] = ()) -> Con
             _apply(table, override)
     try:
         config = msgspec.convert(table, Config)
+        _check_together(config)
+        check_choices(config)
     except msgspec.ValidationError as error:
-        raise ConfigError(f"{path}: {ranges.explained(table, str(error), Config)}") from error
+        said = ranges.explained(table, str(error), Config)
+        raise ConfigError(f"{source_of(path, overrides, said)}: {said}") from error
+    except ConfigError as error:
+        raise ConfigError(f"{source_of(path, overrides, str(error))}: {error}") from error
+    return config
+
+
+def _check_together(config: Config) -> None:
+    """Raise ConfigError for values that are within their ranges and cannot be used, or not together."""
     for key in ("north_m", "east_m", "depth_m"):
         low, high = getattr(config.fence, key)
         if not low < high:
-            raise ConfigError(f"{path}: fence.{key} = [{low:g}, {high:g}]: the first must be less")
+            raise ConfigError(f"fence.{key} = [{low:g}, {high:g}]: the first must be less")
     for key, endpoint in (
         ("link.endpoint", config.link.endpoint),
         ("ground_station.endpoint", config.ground_station.endpoint),
@@ -298,11 +309,11 @@ def load_config(path: Path = DEFAULT_FILE, overrides: Sequence[str] = ()) -> Con
             if endpoint or key == "link.endpoint":
                 Endpoint.parse(endpoint)
         except ValueError as error:
-            raise ConfigError(f"{path}: {key} = {endpoint!r}: {error}") from error
+            raise ConfigError(f"{key} = {endpoint!r}: {error}") from error
     ground = config.ground_station
     if ground.engage_button == ground.release_button != -1:
         raise ConfigError(
-            f"{path}: ground_station.engage_button = {ground.engage_button}: release_button is the same; "
+            f"ground_station.engage_button = {ground.engage_button}: release_button is the same; "
             "want two different ones, or -1 for none"
         )
     for key, allow in (
@@ -314,18 +325,13 @@ def load_config(path: Path = DEFAULT_FILE, overrides: Sequence[str] = ()) -> Con
                 ip_network(text)
         except ValueError as error:
             raise ConfigError(
-                f'{path}: {key}: {error}; list addresses and networks, such as "192.168.2.0/24"'
+                f'{key}: {error}; list addresses and networks, such as "192.168.2.0/24"'
             ) from error
     if config.ground_station.endpoint and config.vehicle.thrust_path != "manual_control":
         raise ConfigError(
-            f"{path}: vehicle.thrust_path = {config.vehicle.thrust_path!r}: must be 'manual_control' with a "
+            f"vehicle.thrust_path = {config.vehicle.thrust_path!r}: must be 'manual_control' with a "
             "ground_station.endpoint: overrides would wipe out the pilot's MANUAL_CONTROL"
         )
-    try:
-        check_choices(config)
-    except ConfigError as error:
-        raise ConfigError(f"{path}: {error}") from error
-    return config
 
 
 def check_choices(config: Config) -> None:

@@ -1,7 +1,10 @@
-"""The parser that every command begins with."""
+"""What the command lines of all packages have in common: the parser, and where a refused key was written."""
 
 import argparse
+import re
 import textwrap
+from collections.abc import Sequence
+from pathlib import Path
 
 
 def command_parser(command: str, description: str, examples: str) -> argparse.ArgumentParser:
@@ -12,3 +15,16 @@ def command_parser(command: str, description: str, examples: str) -> argparse.Ar
         epilog=examples,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
+
+
+def source_of(file: Path, overrides: Sequence[str], said: str) -> str:
+    """Return where a refused value stands: in a `--set KEY=VALUE`, or in the file.
+
+    `said` begins with its key, or with that of the table it makes unusable.
+    """
+    refused = re.split(r"[\s:\[]", said, maxsplit=1)[0]
+    for override in reversed(overrides):
+        key = override.partition("=")[0].strip()
+        if f"{refused}.".startswith(f"{key}.") or key.startswith(f"{refused}."):
+            return f"--set {override}"
+    return str(file)

@@ -12,8 +12,8 @@ def holder(kind: str, port: int) -> str:
     for entry in Path("/proc").glob("[0-9]*"):
         try:
             if any(str(link.readlink()) in sockets for link in (entry / "fd").iterdir()):
-                words = (entry / "cmdline").read_bytes().decode(errors="replace").split("\0")
-                return f"'{' '.join(words).strip()[:80]}' (process {entry.name})"
+                words = (entry / "cmdline").read_bytes().decode(errors="replace").replace("\0", " ").split()
+                return f"'{' '.join(words)[:80]}' (process {entry.name})"
         except OSError:
             continue
     return ""

@@ -227,9 +227,10 @@ def campaign(argv: list[str]) -> int:
     )
     add_settings(parser)
     add_files(parser, row="dive")
+    arguments = parser.parse_args(argv)
     from lab.campaign.report import main
 
-    return main(parser.parse_args(argv))
+    return main(arguments)
 
 
 def faults(argv: list[str]) -> int:

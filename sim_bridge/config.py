@@ -5,12 +5,13 @@ import re
 import tomllib
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal, NoReturn
+from typing import Annotated, Any, Literal, get_type_hints
 
 import msgspec
 from msgspec import Meta, Struct
 
 from holdfast import RefusedError
+from holdfast.arguments import source_of
 from sim_bridge.fault_kinds import Fault
 
 Positive = Annotated[float, Meta(gt=0)]
@@ -331,11 +332,14 @@ def load_config(path: Path | str, overrides: Sequence[str] = ()) -> SimConfig:
         raise ConfigError(f"{path}: not valid TOML: {error}") from error
     for override in overrides:
         _apply(data, override)
-    _refuse_non_finite(path, data, "")
     try:
+        _refuse_non_finite(data, "")
         return msgspec.convert(data, SimConfig)
     except msgspec.ValidationError as error:
-        _explain(path, data, error)
+        said = _explained(data, error)
+        raise ConfigError(f"{source_of(path, overrides, said)}: {said}") from error
+    except ConfigError as error:
+        raise ConfigError(f"{source_of(path, overrides, str(error))}: {error}") from error
 
 
 def fault_of(text: str) -> Fault:
@@ -382,25 +386,28 @@ def _value(where: str, text: str) -> Any:
         raise ConfigError(f"{where}: '{text}' is not a TOML value (quote strings): {error}") from error
 
 
-def _refuse_non_finite(path: Path, value: object, key: str) -> None:
+def _refuse_non_finite(value: object, key: str) -> None:
     if isinstance(value, float) and not math.isfinite(value):
-        raise ConfigError(f"{path}: {key} = {value}: must be a finite number")
+        raise ConfigError(f"{key} = {value}: must be a finite number")
     if isinstance(value, dict):
         for name, item in value.items():
-            _refuse_non_finite(path, item, f"{key}.{name}" if key else name)
+            _refuse_non_finite(item, f"{key}.{name}" if key else name)
     elif isinstance(value, list):
         for index, item in enumerate(value):
-            _refuse_non_finite(path, item, f"{key}[{index}]")
+            _refuse_non_finite(item, f"{key}[{index}]")
 
 
-def _explain(path: Path, data: dict[str, Any], error: msgspec.ValidationError) -> NoReturn:
-    """Turn msgspec's `Expected ... - at `$.a.b`` into file, key, value and range."""
+def _explained(data: dict[str, Any], error: msgspec.ValidationError) -> str:
+    """Turn msgspec's `Expected ... - at `$.a.b`` into key, value and range."""
     text, _, where = str(error).partition(" - at ")
     key = where.strip("`").removeprefix("$").removeprefix(".")
     if field := re.search(r"(?:unknown|required) field `(.+)`", text):
         name = f"{key}.{field[1]}" if key else field[1]
-        what = "unknown key" if "unknown" in text else "missing"
-        raise ConfigError(f"{path}: {name}: {what}") from error
+        if "unknown" not in text:
+            return f"{name}: missing"
+        kind = get_type_hints(SimConfig).get(key) if key else SimConfig
+        known = getattr(kind, "__struct_fields__", ())
+        return f"{name}: unknown key" + (f"; known here: {', '.join(known)}" if known else "")
     value: Any = data
     for part in re.findall(r"[^.\[\]]+", key):
         value = (
@@ -410,4 +417,4 @@ def _explain(path: Path, data: dict[str, Any], error: msgspec.ValidationError) -
             if isinstance(value, dict)
             else None
         )
-    raise ConfigError(f"{path}: {key} = {value!r}: {text[0].lower()}{text[1:]}") from error
+    return f"{key} = {value!r}: {text[0].lower()}{text[1:]}"

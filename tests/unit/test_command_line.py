@@ -141,6 +141,23 @@ def test_a_base_installation_checks_without_rich_and_says_what_watch_needs():
     assert f"holdfast watch: needs rich. Install the extra: {extra}" in done.stderr
 
 
+def test_help_and_usage_need_nothing_that_the_demo_does_not_bring():
+    program = """if True:
+        import sys
+        for name in ("numba", "cma", "distributed", "pyarrow"):
+            sys.modules[name] = None
+        import holdfast
+        for arguments in [[name, "--help"] for name in holdfast._commands()] + [["campaign", "--dives", "0"]]:
+            try:
+                print(holdfast.main(arguments))
+            except SystemExit as end:
+                print(end.code)
+    """
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stderr.endswith("argument --dives: '0' is not a whole number of 1 or more\n")
+    assert "pip install" not in done.stderr
+
+
 def test_of_several_extras_the_commands_own_is_named():
     assert holdfast.extra_of("rich", "watch") == "dashboard"
     assert holdfast.extra_of("rich", "bench") == "lab"
@@ -194,6 +211,22 @@ def test_who_holds_a_port_is_named(kind):
         assert f"{kind} port {port} is taken by '" in ports.taken(kind, port)
         assert f"(process {os.getpid()})" in ports.taken(kind, port)
     assert ports.holder(kind, port) == ""
+
+
+def test_the_holder_of_a_port_is_named_in_one_line():
+    program = """if True:
+        import socket
+        held = socket.create_server(("127.0.0.1", 0))
+        print(held.getsockname()[1], flush=True)
+        input()
+    """
+    pipe = subprocess.PIPE
+    with subprocess.Popen([sys.executable, "-c", program], stdin=pipe, stdout=pipe, text=True) as other:
+        assert other.stdout is not None
+        holder = ports.holder("tcp", int(other.stdout.readline()))
+        other.communicate("\n")
+    assert "-c if True: import socket held =" in holder
+    assert len(holder.splitlines()) == 1
 
 
 @pytest.mark.parametrize("command", ["check", "sim", "dashboard"])

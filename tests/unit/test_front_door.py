@@ -96,6 +96,29 @@ def test_an_absurd_value_is_refused_in_one_line_before_anything_starts(capsys, a
     assert says in line
 
 
+@pytest.mark.parametrize(
+    ("command", "override", "says"),
+    [
+        ("run", "nonsense=1", "nonsense: unknown key; known here: vehicle, link,"),
+        ("run", "heave.law=none", "heave.law = 'none': must be one of"),
+        ("sim", "nonsense=1", "nonsense: unknown key; known here: hull, thrusters,"),
+        ("sim", "waves.height=1", "waves.height: unknown key; known here: enabled, spectrum, height_m,"),
+        ("sim", "waves.height_m=nan", "waves.height_m = nan: must be a finite number"),
+    ],
+)
+def test_a_wrong_override_is_named_and_not_the_file(capsys, command, override, says):
+    assert holdfast.main([command, "--set", override]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(f"holdfast {command}: --set {override}: {says}")
+
+
+def test_what_is_wrong_in_the_file_is_said_of_the_file(tmp_path, capsys):
+    file = tmp_path / "sim.toml"
+    file.write_text("waves = {height_m = -1.0}")
+    assert holdfast.main(["sim", "--vehicle", str(file), "--set", "waves.enabled=true"]) == 2
+    assert f"holdfast sim: {file}: waves.height_m = -1.0" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("command", ["run", "check"])
 def test_gains_that_the_believed_delay_does_not_bear_are_refused_in_one_line(capsys, command):
     assert holdfast.main([command, "--set", "yaw.lambda_per_s=25", "--set", "yaw.kappa_per_s=25"]) == 2
