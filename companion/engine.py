@@ -8,10 +8,11 @@ from msgspec.structs import replace
 
 from companion import assembly
 from companion.config import Config
-from companion.control.positioning import jacobian, to_body, to_inertial
+from companion.control.positioning import Jacobian, jacobian, to_body, to_inertial
 from companion.guidance.guidance import Guidance
 from companion.guidance.orders import Order
 from companion.guidance.paths.shapes import Path
+from companion.guidance.pilot import PilotDemand
 from companion.mavlink.autopilot import Autopilot
 from companion.mavlink.relay import pilot_events
 from companion.mavlink.signing import Signing
@@ -87,76 +88,36 @@ class Engine:
 
         `ground` are the pilot's frames as `Relay.take` gives them.
         """
-        autopilot, guidance, actuation = self._autopilot, self._guidance, self._actuation
         dt_s = self._tick_s if self._last_s is None else now_s - self._last_s
         control_dt_s = min(max(dt_s, 0.0), MAX_DT_TICKS * self._tick_s)
         self._last_s = now_s
+        guidance, controller, actuation = self._guidance, self._controller, self._actuation
+        reference = controller.reference
 
-        events = self.events = [*autopilot.receive(datagrams), *pilot_events(ground)]
-        if Request.RESET_MODEL in requests:
-            self._estimator.learner.reset()
-        state = self._estimator.step(now_s, events, self._controller.d_share, self._learns())
-        self._delay_s = state.delays.total_s
-        self._follow_frame(state)
-        self._follow_thrusters(state, trusted=Request.CLEAR_FAULT in requests)
+        events = self.events = [*self._autopilot.receive(datagrams), *pilot_events(ground)]
         reports = [event for event in events if type(event) not in SAMPLES]
+        state = self._estimate(now_s, events, requests)
         demand = guidance.pilot_demand(state, dt_s, reports)
-
-        requests = self._supervision.with_buttons(
-            requests, now_s, engage=demand.engage, release=demand.release
-        )
-        holding = self.verdict.authority > 0.0
-        verdict = self._supervision.step(
-            state,
-            reports,
-            requests,
-            loop,
-            dt_s=dt_s,
-            held=guidance.engaged if holding else guidance.holdable(state),
-            awaits_position=guidance.awaits_position,
-            wants_ground=guidance.wants_ground,
-            dofs=self._dofs,
-            finite=self._finite,
-            full_override=demand.full_override,
-            misses_motor=actuation.misses_motor,
-            preflight_failure=self._fitness.step(events, state, self._config, holding=holding),
-        )
-        self._engage(verdict, state, engage=Request.ENGAGE in requests)
-
-        J = jacobian(state.eta_ahead[PSI])
-        reference, saturated = self._controller.reference, actuation.saturated
+        verdict = self._permit(state, reports, requests, demand, loop, dt_s)
         target = guidance.step(demand, reports, verdict, state, reference, control_dt_s)
-        self._controller.frozen, self._controller.authority = verdict.freeze, verdict.authority
-        dofs = self._controller.step(state, J, target, guidance.engaged, saturated, control_dt_s)
-        requested = to_body(J, dofs.tau)
-        self._check_finite(requested)
-        if self.excitation is not ZERO:
-            requested = vector(map(add, requested, self.excitation))
-        reach = AxisCommand(*(axis * self._envelope.max_axis for axis in autopilot.reach(state.pilot_gain)))
-        wanted = actuation.step(requested, verdict, state, guidance.engaged, reach, reference, control_dt_s)
 
-        self.steering = self._supervision.steers(state)
-        pilot = demand.sticks if self.steering else None
-        sticks, held = autopilot.sticks_beside(guidance.engaged, pilot, state.pilot_gain)
-        sent = guard(wanted, verdict, self._sent, self._envelope, self._tick_s, sticks, held)
-        applied = self.applied = autopilot.applied(sent, state.pilot_gain)
-        self._estimator.sent(now_s, applied[:4], to_inertial(J, actuation.sent(applied, state, held)))
-        self._estimator.watch_thrusters(now_s, applied, steady=verdict.authority == 1.0)
-        self._sent, self._dofs = sent, dofs
+        J, engaged = jacobian(state.eta_ahead[PSI]), guidance.engaged
+        dofs = controller.step(state, J, target, engaged, actuation.saturated, verdict, control_dt_s)
+        requested = self._requested(J, dofs)
+        reach = self._autopilot.reach(state.pilot_gain, self._envelope.max_axis)
+        wanted = actuation.step(requested, verdict, state, engaged, reach, reference, control_dt_s)
+        out = self._send(wanted, verdict, state, demand, reports, J)
+        self._dofs = dofs
 
-        mode, arm = self._supervision.wanted_mode(state), self._supervision.asks_arming
-        out = autopilot.upkeep(now_s, reports, mode=mode, arm=arm)
-        if self.steering:
-            out.append(autopilot.steer(sent, state.pilot_gain, pilot))
         return out, ControlSample(
             state=state,
             eta_d=guidance.reference_now(dofs.x_d, state),
             dofs=dofs,
-            command=sent,
+            command=self._sent,
             requested=Wrench(requested),
             delivered=Wrench(actuation.delivered),
             verdict=verdict,
-            counters=replace(autopilot.counters),
+            counters=replace(self._autopilot.counters),
             loop=loop,
             guided=guidance.guided,
             texts=(
@@ -243,17 +204,23 @@ class Engine:
         self._guidance.retune(config)
         self._config = config
 
+    def _estimate(self, now_s: float, events: Sequence[Event], requests: Sequence[Request]) -> VehicleState:
+        """Return what is believed of the vehicle; hold on to the same place where its frame was reset."""
+        if Request.RESET_MODEL in requests:
+            self._estimator.learner.reset()
+        state = self._estimator.step(now_s, events, self._controller.d_share, self._learns())
+        self._delay_s = state.delays.total_s
+        if state.frame_shift is not None:
+            self._controller.shift(state.frame_shift, state.eta_ahead)
+            self._guidance.shift(state.frame_shift, state)
+        self._follow_thrusters(state, trusted=Request.CLEAR_FAULT in requests)
+        return state
+
     def _learns(self) -> Flags:
         """Tell by axis whether what moves the vehicle was our command alone."""
         steers = self.verdict.authority == 1.0 and not self.verdict.freeze
         surge, sway, heave, yaw = self._guidance.engaged
         return (steers and surge, steers and sway, steers and heave, steers and yaw)
-
-    def _follow_frame(self, state: VehicleState) -> None:
-        """Hold the same physical place and direction where the autopilot's estimate was reset."""
-        if state.frame_shift is not None:
-            self._controller.shift(state.frame_shift, state.eta_ahead)
-            self._guidance.shift(state.frame_shift, state)
 
     def _follow_thrusters(self, state: VehicleState, *, trusted: bool) -> None:
         """Allocate around a motor that gives no thrust; with `trusted` the next tick trusts all again."""
@@ -265,17 +232,73 @@ class Engine:
         if trusted:
             self._estimator.trust_thrusters()
 
-    def _engage(self, verdict: Verdict, state: VehicleState, *, engage: bool) -> None:
-        """Start law and reference where the vehicle is, as far as they do not hold it already."""
-        regained = self._guidance.update(self._supervision.before, verdict, state, engage=engage)
+    def _permit(
+        self,
+        state: VehicleState,
+        reports: Sequence[Event],
+        requests: Sequence[Request],
+        demand: PilotDemand,
+        loop: LoopHealth,
+        dt_s: float,
+    ) -> Verdict:
+        """Return who may steer; start law and reference where the vehicle is, unless they hold it already."""
+        guidance, holding = self._guidance, self.verdict.authority > 0.0
+        requests = self._supervision.with_buttons(
+            requests, state.t_s, engage=demand.engage, release=demand.release
+        )
+        verdict = self._supervision.step(
+            state,
+            reports,
+            requests,
+            loop,
+            dt_s=dt_s,
+            held=guidance.engaged if holding else guidance.holdable(state),
+            awaits_position=guidance.awaits_position,
+            wants_ground=guidance.wants_ground,
+            dofs=self._dofs,
+            finite=self._finite,
+            full_override=demand.full_override,
+            misses_motor=self._actuation.misses_motor,
+            preflight_failure=self._fitness.step(self.events, state, self._config, holding=holding),
+        )
+        engage = Request.ENGAGE in requests
+        regained = guidance.update(self._supervision.before, verdict, state, engage=engage)
         if regained is None:
             self._controller.rest(state)
         else:
             self._controller.reference.catch_up(state.eta_ahead, state.eta_dot_ahead, regained)
+        return verdict
 
-    def _check_finite(self, requested: Vector) -> None:
-        """Forget the motion where a number has gone bad; the next tick's verdict is a fault."""
+    def _requested(self, J: Jacobian, dofs: DofSample) -> Vector:
+        """Return the law's body wrench; forget the motion if it is not finite: the next tick faults."""
+        requested = to_body(J, dofs.tau)
         self._finite = math.isfinite(sum(requested))
         if not self._finite:
             self._estimator.restart()
             self._actuation.restart()
+        return requested if self.excitation is ZERO else vector(map(add, requested, self.excitation))
+
+    def _send(
+        self,
+        wanted: AxisCommand,
+        verdict: Verdict,
+        state: VehicleState,
+        demand: PilotDemand,
+        reports: Sequence[Event],
+        J: Jacobian,
+    ) -> list[bytes]:
+        """Guard what is wanted, note what the vehicle makes of it, and return the frames of this tick."""
+        autopilot, estimator = self._autopilot, self._estimator
+        self.steering = self._supervision.steers(state)
+        pilot = demand.sticks if self.steering else None
+        sticks, held = autopilot.sticks_beside(self._guidance.engaged, pilot, state.pilot_gain)
+        self._sent = guard(wanted, verdict, self._sent, self._envelope, self._tick_s, sticks, held)
+        applied = self.applied = autopilot.applied(self._sent, state.pilot_gain)
+        estimator.sent(state.t_s, applied[:4], to_inertial(J, self._actuation.sent(applied, state, held)))
+        estimator.watch_thrusters(state.t_s, applied, steady=verdict.authority == 1.0)
+
+        mode, arm = self._supervision.wanted_mode(state), self._supervision.asks_arming
+        out = autopilot.upkeep(state.t_s, reports, mode=mode, arm=arm)
+        if self.steering:
+            out.append(autopilot.steer(self._sent, state.pilot_gain, pilot))
+        return out

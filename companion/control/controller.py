@@ -22,7 +22,17 @@ from companion.control.positioning import (
 )
 from companion.control.reference import ReferenceModel
 from companion.control.schedule import Gains, scheduled
-from companion.records import PSI, DofSample, Flags, FrameShift, Setpoint, Vector, VehicleState, vector
+from companion.records import (
+    PSI,
+    DofSample,
+    Flags,
+    FrameShift,
+    Setpoint,
+    Vector,
+    VehicleState,
+    Verdict,
+    vector,
+)
 
 BLEND_S = 2.0
 """How slowly the difference that a change of law made is let go."""
@@ -75,10 +85,6 @@ class Controller:
         self._dofs = dofs
         self._start_delay_s = start_delay_s
         self.reference = ReferenceModel([dof.reference for dof in dofs])
-        self.frozen = False
-        """Whether nothing may be learnt for the time being."""
-        self.authority = 1.0
-        """What share of the demand becomes thrust: while it grows, nothing is learnt and nothing watched."""
         self._states = [_rested(dof, 0.0) for dof in dofs]
         self._engaged_s = 0.0
         self._predecessor: Self | None = None
@@ -149,20 +155,23 @@ class Controller:
         target: Setpoint,
         engaged: Flags,
         saturated: Flags,
+        verdict: Verdict,
         dt_s: float,
     ) -> DofSample:
         """Return the law's inside, NED; learn only where `engaged` and not `saturated`.
 
+        While the authority grows nothing is learnt and nothing watched; `verdict` may forbid learning.
         J is the Jacobian at the heading where the command acts.
         """
         delay_s, x, x_dot = state.delays.total_s, state.eta_ahead, state.eta_dot_ahead
         before: DofSample | None = None
         if self._predecessor is not None:
-            before = self._predecessor.step(state, J, target, engaged, saturated, dt_s)
+            before = self._predecessor.step(state, J, target, engaged, saturated, verdict, dt_s)
             self._predecessor = None
         self._engaged_s += dt_s
         let_go = math.exp(-dt_s / BLEND_S)
-        learns = not self.frozen and self.authority >= 1.0 and self._engaged_s >= self._start_delay_s
+        full = verdict.authority >= 1.0
+        learns = full and not verdict.freeze and self._engaged_s >= self._start_delay_s
 
         x_d, x_d_dot, x_d_ddot = self.reference.step(target, state.ahead_s, dt_s)
         e, e_dot = pose_error(x, x_d), vector(map(sub, x_dot, x_d_dot))
@@ -217,7 +226,7 @@ class Controller:
                 one.bumpless_bias *= let_go
             one.d_hat = d_hat + one.bumpless_bias
             tau = asked + one.bumpless_bias if engaged[i] else 0.0
-            if self.authority >= 1.0:
+            if full:
                 believed_s = delay_s + later_s[i] + oscillation.LOG_GAIN_COUNTS_S * math.log(gain)
                 one.oscillation = oscillation.step(dof.oscillation, one.oscillation, tau, dt_s, believed_s)
             rows.append((eps, tau, feedforward, feedback, one.d_hat, weight_norm, adapting))

@@ -138,12 +138,13 @@ class Autopilot:
         """Return what the vehicle makes of `command` after rounding to the wire's integers."""
         return quantise(command, self._path, pilot_gain, self._throttle_gain)
 
-    def reach(self, pilot_gain: float) -> AxisCommand:
-        """Return the largest demand the path can carry on each axis."""
-        if self._path == "rc_override":
-            return AxisCommand(1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
-        reach = manual_control_reach(pilot_gain, self._throttle_gain)
-        return reach._replace(roll=1.0, pitch=1.0)
+    def reach(self, pilot_gain: float, share: float) -> AxisCommand:
+        """Return a share of the largest demand that the path can carry on each axis."""
+        reach = (1.0,) * len(NEUTRAL)
+        if self._path != "rc_override":
+            surge, sway, heave, yaw, _, _ = manual_control_reach(pilot_gain, self._throttle_gain)
+            reach = (surge, sway, heave, yaw, 1.0, 1.0)
+        return AxisCommand(*(share * axis for axis in reach))
 
     @property
     def firmware(self) -> Firmware | None:

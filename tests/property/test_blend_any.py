@@ -59,7 +59,7 @@ def decoded(frame):
 )
 def test_held_axes_do_what_the_law_wants_and_the_rest_what_the_pilot_wants(command, sticks, held, gain):
     autopilot = Autopilot(CONFIG)
-    reach = autopilot.reach(gain)
+    reach = autopilot.reach(gain, 1.0)
     command = AxisCommand(*(axis * most for axis, most in zip(command, reach, strict=True)))
     theirs = manual_control(*sticks, s=33, t=-44)
     pilot = pilot_sticks(theirs, 0.0)

@@ -8,7 +8,7 @@ from msgspec import structs
 from companion.config import load_config
 from companion.control.positioning import jacobian
 from companion.engine import Engine
-from companion.records import ZERO, Setpoint
+from companion.records import ZERO, Condition, Setpoint, State, Verdict
 
 
 def state(eta=ZERO, eta_dot=ZERO, disturbance=ZERO):
@@ -19,6 +19,7 @@ def state(eta=ZERO, eta_dot=ZERO, disturbance=ZERO):
 
 TICK_S = 0.02
 ALL, NONE = (True,) * 4, (False,) * 4
+HOLDS = Verdict(State.ACTIVE, Condition(0), 1.0, "")
 HEAVE_ONLY = (False, False, True, True)
 
 
@@ -29,8 +30,8 @@ def controller(*overrides):
     return found
 
 
-def tick(c, s, target, engaged=ALL, saturated=NONE):
-    return c.step(s, jacobian(s.eta_ahead[3]), target, engaged, saturated, TICK_S)
+def tick(c, s, target, engaged=ALL, saturated=NONE, verdict=HOLDS):
+    return c.step(s, jacobian(s.eta_ahead[3]), target, engaged, saturated, verdict, TICK_S)
 
 
 def at_rest(*overrides, where=None):

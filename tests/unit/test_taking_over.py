@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from learner import Learner, drawn
 from msgspec.structs import replace
-from test_controller import TICK_S, at_rest, controller, state, tick
+from test_controller import HOLDS, TICK_S, at_rest, controller, state, tick
 
 from companion.control import integrator, network, regressor
 from companion.control.compensator import BESIDE_OBSERVER
@@ -80,8 +80,7 @@ def test_the_same_kind_inherits_and_goes_on_learning_at_once():
 
 def test_frozen_nothing_is_learnt():
     c, last = learnt("network")
-    c.frozen = True
-    sample = tick(c, PUSHED, TARGET)
+    sample = tick(c, PUSHED, TARGET, verdict=replace(HOLDS, freeze=True))
     assert not any(sample.adapting)
     np.testing.assert_array_equal(sample.weight_norm, last.weight_norm)
 
