@@ -303,20 +303,21 @@ class CommandQueue:
                 said += f", {guided.length_m:.1f} m a lap"
             return Reply(done=guided.kind != "refused", said=said, value=value)
         if isinstance(one.command, SetSetpoint):
-            return Reply(done=True, said=self._progress(engine, sample), value=self._aimed(engine, sample))
+            said = self._progress(engine, sample, hold="on its way")
+            return Reply(done=True, said=said, value=self._aimed(engine, sample))
         axis, changed = _changes(one.command)
         new = msgspec.to_builtins(getattr(engine.config, axis))
         said = ", ".join(f"{key} {new[key]} (was {getattr(getattr(one.old, axis), key)})" for key in changed)
         return Reply(done=True, said=f"{axis}: {said}", value={"axis": axis, **new})
 
-    def _progress(self, engine: Controllable, sample: ControlSample) -> str:
+    def _progress(self, engine: Controllable, sample: ControlSample, hold: str = "holds here") -> str:
         engaged = sample.dofs.engaged
         if not any(engaged):
             return f"kept for when it engages; the state is {sample.verdict.state}"
         awaited = Condition.POSITION_STALE in sample.verdict.conditions
         if not engaged[X] and (awaited or any(map(math.isfinite, engine.asked[:2]))):
             return "on its way; x and y are not held until there is a position"
-        kinds = {"paused": "paused", "hold": "holds here", "refused": "refused"}
+        kinds = {"paused": "paused", "hold": hold, "refused": "refused"}
         return kinds.get(sample.guided.kind, "on its way")
 
     def _aimed(self, engine: Controllable, sample: ControlSample) -> dict[str, Any]:

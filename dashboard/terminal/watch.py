@@ -65,6 +65,8 @@ _STYLES = {
 _DOFS = {"x": "north", "y": "east", "z": "depth", "psi": "heading"}
 _AGES = {"x": "position_age_s", "y": "position_age_s", "z": "depth_age_s", "psi": "attitude_age_s"}
 _AXES = {"surge": "N", "sway": "N", "heave": "N", "yaw": "N·m"}
+_ROUNDED = {"N": 0.5, "N·m": 0.1}
+"""A frame carries whole microseconds: so much less or more than was asked is no saturation."""
 _EIGHTHS = "▁▂▃▄▅▆▇█"
 _DASH = "–"
 
@@ -481,7 +483,7 @@ def _thrust(view: View) -> Table:
             suffix = "nm" if unit == "N·m" else "n"
             asked = getattr(command, f"{axis}_requested_{suffix}")
             given = getattr(command, f"{axis}_delivered_{suffix}")
-            limited = abs(asked - given) > 0.05 + 0.02 * abs(asked)
+            limited = abs(asked - given) > _ROUNDED[unit] + 0.02 * abs(asked)
             table.add_row(
                 axis,
                 _gauge(demand),

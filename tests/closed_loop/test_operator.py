@@ -103,7 +103,7 @@ def test_a_setpoint_moves_what_it_names_and_is_read_back():
     assert kept.value["depth_m"] == 1.5
     console.tell("engage")
     reply = console.tell("setpoint", heading_deg=-90.0)
-    assert reply.done
+    assert (reply.done, reply.said) == (True, "on its way")
     assert (reply.value["depth_m"], reply.value["heading_deg"]) == (1.5, pytest.approx(270.0))
     assert "x_m" not in reply.value, "it is not held"
     dive.run(12.0)

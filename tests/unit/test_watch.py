@@ -102,6 +102,13 @@ def test_thrust_that_was_not_delivered_is_marked(make_sample: MakeSample) -> Non
     assert "SATURATED" not in surge
 
 
+def test_what_a_frame_rounds_away_is_no_saturation(make_sample: MakeSample) -> None:
+    forces = {"requested": Wrench((0.0, 0.0, 5.4, 0.05)), "delivered": Wrench((0.0, 0.0, 5.2, 0.0))}
+    screen = _screen(_view(replace(make_sample(), **forces)))
+    assert "+5.2 N" in _rows(screen, "heave")[0]
+    assert not [row for axis in ("heave", "yaw") for row in _rows(screen, axis) if "SATURATED" in row]
+
+
 def test_a_flood_is_shown_where_there_was_one(make_sample: MakeSample) -> None:
     sample = make_sample()
     assert "flood" not in _screen(_view(sample))
