@@ -6,32 +6,20 @@ What differs from `companion.engine` stands here and nowhere else:
 - each tick brings one sample of all, over links whose delays stay what the companion's meter would find;
 - commands leave on whole ticks, so that their history has a row a tick.
 
-`learn`, `force` and what begins with `initial_` are slots: the loop is compiled with the compensators and the
-laws of a configuration (`slots_of`).
+The loop is compiled with the compensators and the laws of a configuration in its slots (`slots_of`).
 """
 
 import math
-from typing import Any, NamedTuple
-
-import numpy as np
+from typing import NamedTuple
 
 from companion import assembly
 from companion.config import Config
-from companion.control import levelling, oscillation, pace, reference
+from companion.control import levelling, pace
 from companion.control.actuation import CUT_OFF
-from companion.control.allocation import (
-    Thrusters,
-    allocate,
-    delivered,
-    overloaded,
-    without,
-)
-from companion.control.bounds import clamped, limited, wrap
-from companion.control.compensator import Signals
-from companion.control.law import Motion, Terms
-from companion.control.oscillation import mean_disturbance, scaled_disturbance
-from companion.control.positioning import Jacobian, Model, coriolis_and_damping, damping
-from companion.control.schedule import Gains, Left, scheduled
+from companion.control.allocation import allocate, delivered, overloaded, without
+from companion.control.bounds import limited, wrap
+from companion.control.positioning import Jacobian, coriolis_and_damping, damping
+from companion.control.schedule import scheduled
 from companion.control.tilt import (
     YAW_LEVEL_RAD,
     YAW_STEEP_RAD,
@@ -40,96 +28,36 @@ from companion.control.tilt import (
     level_force,
     share,
 )
-from companion.estimation import hidden_delay, observer, thruster_watch, vehicle_model
+from companion.estimation import hidden_delay, thruster_watch, vehicle_model
 from companion.estimation.estimator import WATCH_TICKS
 from companion.estimation.hidden_delay import HiddenDelayState
-from companion.estimation.observer import ObserverParameters, ObserverState, ObserverTable
-from companion.estimation.observers import MAX_EXTRAPOLATION_S, PREDICTION_STEP_S
-from companion.estimation.parameters import hidden_delay_parameters, model_tables, thruster_watch_parameters
-from companion.estimation.vehicle_model import Found, ModelState, Scheduled, Tables, Used
+from companion.estimation.observers import PREDICTION_STEP_S
 from companion.records import PSI, Axes, Z
 from lab.batch.compiled import Slotted, slotted
+from lab.batch.control import Held, after, chosen, control, followed, held
+from lab.batch.estimation import (
+    HEAVE,
+    YAW,
+    Estimate,
+    Observed,
+    first_observed,
+    less_disturbed,
+    observe,
+    predict,
+    record,
+    rescheduled,
+)
+from lab.batch.settings import Companion
 from lab.batch.vehicle import OVERRIDE_SPAN_US, TICK_S, Readings, Rows, Timing
 from sim_bridge.physics.plant import Three
 
 NO_AXES: Axes = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-NO_LEVELLING = levelling.levelling_of(1.0, 0.0, 0.0, 0.0, 0.0)
 STRAIGHT = Jacobian(1.0, 0.0)
 """Heave and yaw are the same in all headings."""
-HEAVE, YAW = 0, 1
-"""Columns of the commanded thrusts; two further are their sums."""
 
-
-class Dof(NamedTuple):
-    """How one degree of freedom is estimated and controlled (`companion.control.controller.Dof`)."""
-
-    gains: Gains
-    reference: reference.Parameters
-    oscillation: oscillation.Parameters
-    law: Any
-    compensators: Any
-    by_observer: bool
-    max_disturbance: float
-    tables: Tables
-    lag_s: float
-    """Of the nominal thrusters."""
-    sensor_delay_s: float
-    max_extrapolation_s: float
-
-
-class Companion(NamedTuple):
-    """What the equations need to know of a dive's companion."""
-
-    model: Model
-    heave: Dof
-    yaw: Dof
-    hidden: ObserverParameters
-    finds_hidden: bool
-    adapts: bool
-    levels: bool
-    roll: levelling.Levelling
-    pitch: levelling.Levelling
-    thrusters: Thrusters
-    watch: thruster_watch.Parameters
-    max_force: tuple[float, float]
-    """Of surge and sway, N."""
-    reach: Axes
-    slew: float
-    """Change of a demand in a tick, at most."""
-    start_delay_s: float
-    lead_s: float
-    longest_delay_s: float
-    """Largest sensor delay of all four degrees of freedom."""
-
-
-class Observed(NamedTuple):
-    """What the estimator remembers of a degree of freedom: when it was observed last counts in ticks."""
-
-    state: ObserverState
-    at: float
-    mean_d: float
-    model: ModelState
-    found: Found
-    used: Used
-    scheduled: Scheduled
-
-
-class Held(NamedTuple):
-    """What the controller remembers of a degree of freedom (`companion.control.controller.DofState`)."""
-
-    began: float
-    """Where it was engaged."""
-    reference: reference.State
-    oscillation: oscillation.State
-    law: Any
-    learnt: Any
-    mean_d: float
-    pace: float
-    allowed_pace: float
-    """What a tilt leaves of `pace`."""
-    saturated: bool
-    d_share: float
-    """What d̂ was scaled by in the last tick."""
+# Slots: heave and yaw have compensators and laws of their own.
+control_heave = control_yaw = control
+held_heave = held_yaw = held
 
 
 class Memory(NamedTuple):
@@ -149,275 +77,6 @@ class Memory(NamedTuple):
     """The last command before it was rounded for the wire."""
     pushed: Axes
     """Body wrench that the last command should have given, N and N·m."""
-
-
-class Estimate(NamedTuple):
-    """Position and rate of a degree of freedom when a command sent now acts, and its disturbance."""
-
-    q: float
-    v: float
-    d: float
-
-
-def learn(parameters: Any, learnt: Any, signals: Signals, learn_s: float, adapt: bool) -> tuple[Any, float]:
-    """Step the compensators of a degree of freedom; return their states and the sum of their d̂."""
-    raise NotImplementedError
-
-
-def force(parameters: Any, state: Any, motion: Motion, dt_s: float) -> tuple[Any, Terms]:
-    """Step the law of a degree of freedom."""
-    raise NotImplementedError
-
-
-def step_one(
-    parameters: Any, learnt: Any, signals: Signals, learn_s: float, adapt: bool
-) -> tuple[Any, float, bool]:
-    """Step one compensator."""
-    raise NotImplementedError
-
-
-def initial_one(parameters: Any) -> Any:
-    """Return one compensator's first state."""
-    raise NotImplementedError
-
-
-def initial_learnt(parameters: Any) -> Any:
-    """Return the compensators' first states."""
-    raise NotImplementedError
-
-
-def initial_law(parameters: Any) -> Any:
-    """Return the law's first state."""
-    raise NotImplementedError
-
-
-# Estimation
-
-
-def given(commands: Rows, column: int, tick: int, at: float) -> float:
-    """Return what the commands gave until `at`, N·ticks: times count in ticks.
-
-    The command of tick i is sent at i, and the newest is that before `tick`.
-    """
-    i = min(math.floor(at), tick - 1)
-    if i < 0:
-        return 0.0
-    return float(commands[i, 2 + column] + commands[i, column] * (at - i))
-
-
-def observe(
-    at: Timing,
-    dof: Dof,
-    before: Observed,
-    commands: Rows,
-    column: int,
-    tick: int,
-    until: float,
-    m: float,
-    c: float,
-    position: float,
-    rate: float,
-    adapts: bool,
-    of_lag: Found,
-) -> tuple[Observed, float, float, float, float]:
-    """Bring an observer on to `until` and correct it (`Estimator._observe`, `ModelLearner`).
-
-    m and c are the nominal vehicle's; `of_lag` is what heave found of the lag.
-
-    Return it, the thrust that was in force, for how long (s), and what was measured, brought to that moment.
-    """
-    command = at.command_s / TICK_S
-    since = min(before.at, until)
-    dt_s = (until - since) * TICK_S
-    thrust = 0.0
-    if until > since:
-        thrust = given(commands, column, tick, until - command) - given(
-            commands, column, tick, since - command
-        )
-        thrust /= until - since
-    parameters, gain = before.scheduled.control, math.exp(before.used.log_gain)
-    m_eff, c_eff = m / gain, c / gain
-    state = observer.advance(parameters, before.state, thrust, m_eff, c_eff, dt_s)
-    expected, rates = observer.expected(state), observer.rates(state, m_eff, c_eff)
-    most_s = dof.max_extrapolation_s
-    later_s = clamped(at.believed_age_s - at.telemetry_s - 0.5 * TICK_S, -most_s, most_s)
-    position, rate = position + rates[0] * later_s, rate + rates[1] * later_s
-    missed = position - expected[0]
-    if dof.reference.angular:
-        missed = wrap(missed)
-    state = observer.correct(parameters, state, missed, rate - expected[1])
-    mean_d = mean_disturbance(before.mean_d, state.d, TICK_S)
-    model, found, used = before.model, before.found, before.used
-    if adapts and dt_s > 0.0:
-        g, here = math.exp(found.log_gain), before.scheduled.here
-        slow = ObserverParameters(found.lag_s, here.slow_time_s, here.by_position, here.by_rate)
-        model, evidence = vehicle_model.observe(
-            slow, model, thrust, m / g, c / g, dt_s, position, rate, dof.reference.angular
-        )
-        if evidence.gain_gain > 0.0:
-            if dof.reference.angular:
-                found = vehicle_model.learn_gain(found, evidence, of_lag, TICK_S)
-            else:
-                found = vehicle_model.learn(found, evidence, TICK_S)
-            used = vehicle_model.follow(used, found)
-    now = Observed(state, until, mean_d, model, found, used, before.scheduled)
-    return now, thrust, dt_s, position, rate
-
-
-def rescheduled(dof: Dof, before: Observed) -> Observed:
-    """Look the observers up where the model has moved (`ModelLearner.turn`)."""
-    if vehicle_model.is_near(before.scheduled, before.used):
-        return before
-    return Observed(
-        before.state,
-        before.at,
-        before.mean_d,
-        before.model,
-        before.found,
-        before.used,
-        vehicle_model.schedule(dof.tables, before.used),
-    )
-
-
-def predict(
-    dof: Dof,
-    now: Observed,
-    used: Used,
-    d_share: float,
-    commands: Rows,
-    column: int,
-    tick: int,
-    since: float,
-    ahead_s: float,
-    steps: int,
-    m: float,
-    c: float,
-) -> Estimate:
-    """Predict through the commands on their way, the first of which was sent at `since`, `ahead_s` on.
-
-    `used` is the model of the tick before; m and c are the nominal vehicle's.
-    """
-    step_s, gain = ahead_s / steps, math.exp(used.log_gain)
-    model = observer.coefficients(now.scheduled.control, m / gain, c / gain, step_s)
-    d_hat = scaled_disturbance(now.mean_d, now.state.d, d_share)
-    motion = (now.state.q, now.state.v, now.state.f)
-    before = given(commands, column, tick, since)
-    for k in range(steps):
-        after = given(commands, column, tick, since + (k + 1) * (step_s / TICK_S))
-        motion = observer.predict_step(model, motion, (after - before) * (TICK_S / step_s), d_hat)
-        before = after
-    return Estimate(motion[0], motion[1], now.state.d)
-
-
-# Control
-
-
-def held(dof: Dof, start: Estimate) -> Held:
-    """Rest where the vehicle is (`Controller.rest`)."""
-    d = limited(start.d, dof.max_disturbance) if dof.by_observer else 0.0
-    return Held(
-        start.q,
-        reference.start(dof.reference, start.q, start.v),
-        oscillation.START,
-        initial_law(dof.law),
-        initial_learnt(dof.compensators),
-        d,
-        1.0,
-        1.0,
-        False,
-        1.0,
-    )
-
-
-def learn_none(
-    parameters: Any, learnt: Any, signals: Signals, learn_s: float, adapt: bool
-) -> tuple[Any, float]:
-    """Step no compensator."""
-    return learnt, 0.0
-
-
-def learn_one_more(
-    parameters: Any, learnt: Any, signals: Signals, learn_s: float, adapt: bool
-) -> tuple[Any, float]:
-    """Step a compensator, and those before it."""
-    others, d_others = learn(parameters[0], learnt[0], signals, learn_s, adapt)
-    state, d_hat, _ = step_one(parameters[1], learnt[1], signals, learn_s, adapt)
-    return (others, state), d_others + d_hat
-
-
-def initial_none(parameters: Any) -> float:
-    """Return the state of no compensator."""
-    return 0.0
-
-
-def initial_one_more(parameters: Any) -> Any:
-    """Return the first states of a compensator, and of those before it."""
-    return (initial_learnt(parameters[0]), initial_one(parameters[1]))
-
-
-def control(
-    dof: Dof,
-    before: Held,
-    x_d: reference.State,
-    x: Estimate,
-    e: float,
-    m: float,
-    k_plus_h: float,
-    late_s: float,
-    left: Left,
-    learns: bool,
-    used: Used,
-) -> tuple[Held, float]:
-    """Return what is remembered, and the force (N) or moment (N·m) that is asked for (`Controller.step`)."""
-    gain, free = math.exp(used.log_gain), not before.saturated
-    e_dot = x.v - x_d.x_d_dot
-    lam, kappa, learning_scale, share, d_share = left
-    signals = Signals(e, e_dot, e_dot + lam * e, x.v, x_d.x_d_dot, x_d.x_d_ddot)
-    d = limited(x.d, dof.max_disturbance) if dof.by_observer else 0.0
-    learnt, found = learn(
-        dof.compensators, before.learnt, signals, learning_scale / gain * TICK_S, learns and free
-    )
-    mean_d = mean_disturbance(before.mean_d, d + found, TICK_S)
-    d_hat = scaled_disturbance(mean_d, d + found, d_share)
-    motion = Motion(e, e_dot, x.v, x_d.x_d_ddot, m / gain, k_plus_h / gain, d_hat, lam, kappa, share, free)
-    law, terms = force(dof.law, before.law, motion, TICK_S)
-    tau = terms.feedforward + terms.feedback + terms.d_hat
-    believed_s = late_s + oscillation.LOG_GAIN_COUNTS_S * used.log_gain
-    watched = oscillation.step(dof.oscillation, before.oscillation, tau, TICK_S, believed_s)
-    return Held(
-        before.began,
-        x_d,
-        watched,
-        law,
-        learnt,
-        mean_d,
-        before.pace,
-        before.allowed_pace,
-        before.saturated,
-        d_share,
-    ), tau
-
-
-# Slots: heave and yaw have compensators and laws of their own.
-control_heave = control_yaw = control
-held_heave = held_yaw = held
-
-
-# A tick
-
-
-def first_observed(dof: Dof, position: float) -> Observed:
-    """Observe the nominal vehicle from a known place."""
-    nominal = Used(0.0, dof.lag_s)
-    return Observed(
-        observer.at_rest(position),
-        math.inf,
-        0.0,
-        vehicle_model.start(position),
-        vehicle_model.nothing_found(dof.lag_s),
-        nominal,
-        vehicle_model.schedule(dof.tables, nominal),
-    )
 
 
 def start(companion: Companion, readings: Readings) -> Memory:
@@ -460,20 +119,6 @@ def without_dead(companion: Companion, before: Memory, voltage_v: float) -> Memo
     )
 
 
-def less_disturbed(observed: Observed, lost: float) -> Observed:
-    """Take from d what a motor was believed to give (`Estimator.lose`)."""
-    q, v, f, d, s, p = observed.state
-    return Observed(
-        ObserverState(q, v, f, d - lost, s, p),
-        observed.at,
-        observed.mean_d - lost,
-        observed.model,
-        observed.found,
-        observed.used,
-        observed.scheduled,
-    )
-
-
 def relevelled(
     axis: levelling.Levelling, before: levelling.LevellingState, lost_nm: float
 ) -> levelling.LevellingState:
@@ -505,7 +150,7 @@ def step(
     delay_s = at.telemetry_s + at.command_s + before.hidden.hidden_s
     ahead_s = at.command_s + companion.lead_s
 
-    # Estimator._estimates
+    # Observers.step
     late_s = at.telemetry_s + 0.5 * TICK_S
     z_age_s = late_s + heave.sensor_delay_s + before.hidden.hidden_s
     psi_age_s = late_s + yaw.sensor_delay_s
@@ -674,29 +319,6 @@ def step(
     ), applied
 
 
-def followed(dof: Dof, before: Held, target: Three, ahead_s: float) -> reference.State:
-    """Let the reference go on toward where the target will be `ahead_s` later; NaN: stay where it began."""
-    position = before.began if math.isnan(target[0]) else target[0]
-    x, x_dot, x_ddot = reference.ahead(position, target[1], target[2], ahead_s)
-    return reference.step(dof.reference, before.reference, x, x_dot, x_ddot, before.allowed_pace, TICK_S)
-
-
-def after(law: Held, own_pace: float, allowed_pace: float, saturated: bool) -> Held:
-    """Return what is remembered of a degree of freedom once its command is out."""
-    return Held(
-        law.began,
-        law.reference,
-        law.oscillation,
-        law.law,
-        law.learnt,
-        law.mean_d,
-        own_pace,
-        allowed_pace,
-        saturated,
-        law.d_share,
-    )
-
-
 def guarded(before: Axes, wanted: Axes, most: Axes, slew: float) -> Axes:
     """Return the axes within reach, and a tick's slew of those before; neutral if one is not finite."""
     if not math.isfinite(wanted[0] + wanted[1] + wanted[2] + wanted[3] + wanted[4] + wanted[5]):
@@ -724,92 +346,9 @@ def on_the_wire(axes: Axes) -> Axes:
     )
 
 
-def record(commands: Rows, tick: int, down: float, turn: float) -> None:
-    """Write down what a command gives, and what all before it gave until then."""
-    commands[tick, HEAVE], commands[tick, YAW] = down, turn
-    if tick > 0:
-        commands[tick, 2 + HEAVE] = commands[tick - 1, 2 + HEAVE] + commands[tick - 1, HEAVE]
-        commands[tick, 2 + YAW] = commands[tick - 1, 2 + YAW] + commands[tick - 1, YAW]
-
-
-# From a configuration
-
-
-def companion_of(config: Config, finds_hidden: bool = True, damps: bool = True) -> Companion:
-    """Make the parameters of a configured companion.
-
-    Without `finds_hidden` no hidden delay is looked for; without `damps` no oscillation draws gains back.
-    Raises ValueError for what only the full loop can do.
-    """
-    if config.vehicle.thrust_path != "rc_override":
-        raise ValueError("a batch steers by rc_override: set vehicle.thrust_path")
-    if abs(1.0 / config.loop.rate_hz - TICK_S) > 1e-9:
-        raise ValueError(f"a batch ticks as the autopilot's input loop does, in {TICK_S} s")
-    model = assembly.model(config)
-    dofs = [_dof(config, dof, damps) for dof in (Z, PSI)]
-    limits = config.thrusters
-    tilts = config.levelling.max_axis if config.levels else 0.0
-    roll, pitch = assembly.levelling(config) or (NO_LEVELLING, NO_LEVELLING)
-    whole = assembly.thrusters(config)
-    return Companion(
-        model=model,
-        heave=dofs[0],
-        yaw=dofs[1],
-        hidden=hidden_delay_parameters(config, model),
-        finds_hidden=finds_hidden,
-        adapts=config.vehicle.adapts,
-        levels=config.levels,
-        roll=roll,
-        pitch=pitch,
-        thrusters=whole,
-        watch=thruster_watch_parameters(config, whole),
-        max_force=(config.surge.max_force, config.sway.max_force),
-        reach=(limits.max_axis,) * 4 + (tilts,) * 2,
-        slew=limits.max_slew_per_s * TICK_S,
-        start_delay_s=config.network.start_delay_s,
-        lead_s=limits.lead_s,
-        longest_delay_s=max(axis.sensor_delay_s for axis in config.axes),
-    )
-
-
-def _dof(config: Config, dof: int, damps: bool) -> Dof:
-    model, axis = assembly.model(config), config.axes[dof]
-    one = assembly.dof(config, dof)
-    learners: Any = 0.0
-    for chosen in one.compensators:
-        learners = (learners, chosen.parameters)
-    return Dof(
-        gains=one.gains,
-        reference=one.reference,
-        oscillation=one.oscillation if damps else oscillation.Parameters(axis.max_force, math.inf),
-        law=one.law.parameters,
-        compensators=learners,
-        by_observer=one.by_observer,
-        max_disturbance=one.max_disturbance,
-        tables=Tables(*map(_arrayed, model_tables(config, model)[dof])),
-        lag_s=config.thrusters.lag_s,
-        sensor_delay_s=axis.sensor_delay_s,
-        max_extrapolation_s=MAX_EXTRAPOLATION_S[dof],
-    )
-
-
-def _arrayed(table: ObserverTable) -> ObserverTable:
-    """Return a table whose rows numba takes as one array."""
-    return ObserverTable(table.log_gains, table.lags_s, table.slow_time_s, np.array(table.rows))  # type: ignore[arg-type]  # rows as an array for numba
-
-
 def slots_of(config: Config) -> dict[str, Slotted]:
     """Return `step` and `start` with the compensators and the laws of a configuration in their slots."""
-    names = ("heave", "yaw")
     of_step, of_start = {}, {}
-    for name, dof in zip(names, (Z, PSI), strict=True):
-        one = assembly.dof(config, dof)
-        learning, beginning = slotted(learn_none), slotted(initial_none)
-        for chosen in one.compensators:
-            kind = chosen.functions
-            learning = slotted(learn_one_more, learn=learning, step_one=kind.step)
-            beginning = slotted(initial_one_more, initial_learnt=beginning, initial_one=kind.initial)
-        law = one.law.functions
-        of_step[f"control_{name}"] = slotted(control, learn=learning, force=law.step)
-        of_start[f"held_{name}"] = slotted(held, initial_learnt=beginning, initial_law=law.initial)
+    for name, dof in (("heave", Z), ("yaw", PSI)):
+        of_step[f"control_{name}"], of_start[f"held_{name}"] = chosen(assembly.dof(config, dof))
     return {"step_companion": slotted(step, **of_step), "start_companion": slotted(start, **of_start)}

@@ -11,9 +11,10 @@ import numpy as np
 
 from companion.config import Config
 from companion.records import PSI, Array, Setpoint, Z
-from lab.batch.companion import companion_of, slots_of
+from lab.batch.companion import slots_of
 from lab.batch.compiled import cached, slotted
 from lab.batch.loop import Figures, dive
+from lab.batch.settings import companion_of
 from lab.batch.vehicle import ENGAGED_S, TICK_S, Links, Rows, drawn, refuse, timing, vehicle_of
 from lab.loop.scenarios import SETTLE_S, Scenario
 from sim_bridge.config import SimConfig

@@ -11,9 +11,10 @@ import numpy as np
 
 from companion.control.bounds import clamped, wrap
 from companion.records import Z
-from lab.batch.companion import NO_AXES, Companion
+from lab.batch.companion import NO_AXES
 from lab.batch.companion import start as start_companion
 from lab.batch.companion import step as step_companion
+from lab.batch.settings import Companion
 from lab.batch.vehicle import (
     ENGAGED_S,
     STEPS,
