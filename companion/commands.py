@@ -5,6 +5,7 @@ import datetime
 import json
 import logging
 import math
+import re
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -219,6 +220,7 @@ def keys(argv: list[str]) -> int:
     parser.add_argument(
         "--host",
         action="append",
+        type=_host,
         required=True,
         metavar="NAME",
         help="address or name of the vehicle or the router, as seen from the laptop; may be repeated",
@@ -516,3 +518,9 @@ def config(argv: list[str]) -> int:
             f"  telemetry at {found.telemetry.endpoint}, commands: {found.telemetry.allow_control}\n"
         )
     return 0
+
+
+def _host(text: str) -> str:
+    if not re.fullmatch(r"[\w.:-]+", text):
+        raise argparse.ArgumentTypeError(f"'{text}' is neither an address nor a name, such as 192.168.2.2")
+    return text

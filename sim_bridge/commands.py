@@ -110,7 +110,7 @@ def sim(argv: list[str]) -> int:
     add(
         "--seed",
         metavar="N",
-        type=int,
+        type=_seed,
         default=1,
         help="random seed of sea and noise (default: %(default)s)",
     )
@@ -218,6 +218,12 @@ def _fault(text: str) -> "Fault":
         return fault_of(text)
     except ConfigError as error:
         raise argparse.ArgumentTypeError(str(error)) from error
+
+
+def _seed(text: str) -> int:
+    if not (text.isascii() and text.isdigit()):
+        raise argparse.ArgumentTypeError(f"'{text}' is not a whole number of 0 or more")
+    return int(text)
 
 
 def _speed(text: str) -> float:

@@ -58,7 +58,7 @@ def main(argv: list[str]) -> int:
             sys.stdout.write(f"{source}: {_repair(source, options.in_place)}\n")
         except ValueError as error:
             sys.stderr.write(f"holdfast recover: {error}\n")
-            status = status or 1
+            status = 2
         except OSError as error:  # the other files may be there
             sys.stderr.write(f"holdfast recover: {error.filename}: {error.strerror}\n")
             status = 2

@@ -67,7 +67,7 @@ def main(argv: list[str]) -> int:
         status = _replay(options, ended)
     except ValueError as error:
         sys.stderr.write(f"holdfast replay: {error}\n")
-        status = 1
+        status = 2
     leave(status)
 
 

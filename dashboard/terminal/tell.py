@@ -93,7 +93,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     add_vehicle(parser)
     parser.add_argument("command", metavar="COMMAND", help="see the list below")
-    parser.add_argument("what", nargs="*", metavar="KEY=VALUE", help="fields of the command")
+    parser.add_argument("what", nargs="*", default=[], metavar="KEY=VALUE", help="fields of the command")
     return parser
 
 

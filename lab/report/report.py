@@ -75,7 +75,7 @@ def main(argv: list[str]) -> int:
             foxglove.write(options.files, options.foxglove)
     except ValueError as error:
         sys.stderr.write(f"holdfast report: {error}\n")
-        return 1
+        return 2
     sys.stdout.write("\n".join([*lines(found, said), f"page: {stem.with_suffix('.html')}", ""]))
     return 0
 

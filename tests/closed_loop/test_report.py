@@ -373,7 +373,7 @@ def test_a_dive_that_never_engaged_is_a_page_too(tmp_path: Path, in_waves: list[
 
 def test_what_holds_no_dive_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     Recording(tmp_path / "x.mcap").close()
-    assert main([str(tmp_path / "x.mcap")]) == 1
+    assert main([str(tmp_path / "x.mcap")]) == 2
     assert "no dive in it" in capsys.readouterr().err
 
 

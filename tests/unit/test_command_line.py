@@ -73,6 +73,9 @@ def test_what_is_not_there_is_named_in_one_line_with_status_2(arguments, capsys,
         (["faults", "--dives", "many"], "'many' is not a whole number of 1 or more"),
         (["sim", "--speed", "0"], "'0' is not a number above 0, up to 100"),
         (["sim", "--speed", "fast"], "'fast' is not a number above 0, up to 100"),
+        (["sim", "--seed", "-1"], "'-1' is not a whole number of 0 or more"),
+        (["keys", "k", "--host", ""], "'' is neither an address nor a name"),
+        (["tell", "bluerov2"], "the following arguments are required: COMMAND\n"),
     ],
 )
 def test_a_number_that_makes_no_sense_is_refused(arguments, says, capsys):
@@ -80,6 +83,14 @@ def test_a_number_that_makes_no_sense_is_refused(arguments, says, capsys):
         holdfast.main(arguments)
     assert leaving.value.code == 2
     assert says in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("command", ["report", "recover", "rerun"])
+def test_what_is_no_recording_is_refused_with_status_2(command, capsys, tmp_path):
+    file = tmp_path / "notes.txt"
+    file.write_text("no recording")
+    assert holdfast.main([command, str(file)]) == 2
+    assert capsys.readouterr().err == f"holdfast {command}: {file}: is no MCAP file\n"
 
 
 def test_a_command_that_no_vehicle_knows_is_refused_with_the_known_ones(capsys):
