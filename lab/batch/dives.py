@@ -16,7 +16,7 @@ from lab.batch.compiled import cached, slotted
 from lab.batch.loop import Figures, dive
 from lab.batch.settings import companion_of
 from lab.batch.vehicle import ENGAGED_S, TICK_S, Links, Rows, drawn, refuse, timing, vehicle_of
-from lab.loop.scenarios import SETTLE_S, Scenario
+from lab.loop.scenarios import SETTLE_S
 from sim_bridge.config import SimConfig
 
 TAIL_S = 10.0
@@ -83,18 +83,6 @@ def simulate(
         if traces is not None:
             traces.append(np.column_stack([ends_s, trace]))
     return {name: np.array(column) for name, column in zip(Figures._fields, np.array(figures).T, strict=True)}
-
-
-def simulate_scenarios(
-    config: Config | Sequence[Config],
-    scenarios: Sequence[Scenario],
-    base: SimConfig,
-    links: Links | None = None,
-) -> dict[str, Array]:
-    """Dive scenarios that share one duration (one name of `scenarios.four`, many seeds)."""
-    plants = [scenario.plant(base, scenario.seed) for scenario in scenarios]
-    seeds = [scenario.seed for scenario in scenarios]
-    return simulate(config, plants, scenarios[0].target, scenarios[0].duration_s, seeds, links)
 
 
 def _wanted(target: Callable[[float], Setpoint], times_s: list[float]) -> Rows:

@@ -10,7 +10,7 @@ import pytest
 from msgspec.structs import replace
 
 from companion.config import load_config
-from lab.batch.dives import simulate, simulate_scenarios
+from lab.batch.dives import simulate
 from lab.batch.vehicle import Links
 from lab.bench.grid import LONGEST_S, Cell, cycles_s, plant
 from lab.loop.dive import dive
@@ -60,7 +60,14 @@ def test_a_batch_agrees_with_the_full_loop(scenario, link):
     """
     scenarios = [changed(four(seed)[scenario], duration_s=SETTLE_S + 15.0) for seed in range(4)]
     full = [dive(one, CONFIG, BASE, link).figures() for one in scenarios]
-    batch = simulate_scenarios(CONFIG, scenarios, BASE, Links(link.up_s, link.down_s, link.jitter_s))
+    batch = simulate(
+        CONFIG,
+        [one.plant(BASE, one.seed) for one in scenarios],
+        scenarios[0].target,
+        scenarios[0].duration_s,
+        range(4),
+        Links(link.up_s, link.down_s, link.jitter_s),
+    )
     for key, tolerance in (("depth_rms_mm", 0.2), ("thrust_rms_n", 0.15), ("chatter_n", 0.15)):
         expected = np.mean([figures[key] for figures in full])
         assert batch[key].mean() == pytest.approx(expected, rel=tolerance), key

@@ -9,7 +9,7 @@ import pytest
 from companion.config import load_config
 from companion.estimation.hidden_delay import LARGEST_S, start, step
 from companion.estimation.observer import Noise, observer_parameters
-from lab.batch.dives import simulate_scenarios
+from lab.batch.dives import simulate
 from lab.batch.vehicle import Links
 from lab.loop.scenarios import four
 from sim_bridge.config import load_config as load_plant
@@ -71,5 +71,7 @@ def test_a_start_anew_keeps_what_was_found_if_it_is_a_number(before_s, kept_s):
 @pytest.mark.parametrize(("hidden_s", "least_s", "most_s"), [(0.0, 0.0, 0.015), (0.04, 0.02, 0.05)])
 def test_in_the_loop_it_finds_part_of_it_and_nothing_where_nothing_is(hidden_s, least_s, most_s):
     dives = [four(seed)[1] for seed in range(8)]
-    found = simulate_scenarios(CONFIG, dives, PLANT, Links(up_s=0.001 + hidden_s, untold_up_s=hidden_s))
+    plants = [one.plant(PLANT, one.seed) for one in dives]
+    links = Links(up_s=0.001 + hidden_s, untold_up_s=hidden_s)
+    found = simulate(CONFIG, plants, dives[0].target, dives[0].duration_s, range(8), links)
     assert least_s <= found["hidden_s"].mean() <= most_s
