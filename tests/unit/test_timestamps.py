@@ -96,7 +96,7 @@ def test_our_own_timestamps_go_on_though_the_clock_was_set_back(path):
 
 
 def test_the_first_start_says_that_nothing_is_known(path, caplog):
-    caplog.set_level(logging.INFO)
+    caplog.set_level(logging.INFO, logger="holdfast")
     Process(path)
     assert f"{path} is not there" in caplog.text
 
