@@ -10,8 +10,10 @@ than EXPLAINS of the squares that hypothesis 0 and the three other motors of its
 it had kept half of its push: a motor that still pushes must not be taken for dead, because the allocation
 around a dead motor lets that motor's own demand go anywhere. The horizontal
 motors are seen in yaw and, by their lever, in roll, which tells apart two that turn alike; the vertical ones
-in roll and pitch. Heave, surge and sway are not looked at: there a payload, a current or waves look like a
-weak motor. Nothing is found while a motor has nothing to do, and then nothing is lost.
+in roll and pitch. While more is left in yaw than there, no vertical one is accused: a horizontal motor that
+is stuck turns the vehicle, and tilts it too. Heave, surge and sway are not looked at: there a payload, a
+current or waves look like a weak motor. Nothing is found while a motor has nothing to do, and then nothing
+is lost.
 
 | symbol  | meaning                                                                          | unit       |
 |---------|----------------------------------------------------------------------------------|------------|
@@ -212,7 +214,7 @@ def step(
         accused = 0
     elif dead == 0:
         accused = _accused(by_yaw, tipped, 1.0)
-        if accused == 0 and not _doubted(by_yaw):
+        if accused == 0 and not _doubted(by_yaw) and not _turned_more(by_yaw, by_roll, by_pitch, pitches):
             accused = _accused(by_roll, by_pitch, pitches)
             accused = accused + 4 if accused > 0 else 0
     elif dead > 4:
@@ -363,6 +365,16 @@ def _doubted(sums: Sums) -> bool:
     whole = left(sums, 0)
     least = min(left(sums, 1), left(sums, 2), left(sums, 3), left(sums, 4))
     return whole > LEAST_NM * LEAST_NM + sums.oo and least < EXPLAINS * whole
+
+
+def _turned_more(yaw: Sums, first: Sums, second: Sums, weight: float) -> bool:
+    """Tell whether more is left of a turn than of roll and pitch.
+
+    A horizontal motor that pushes by itself turns the vehicle, and tilts it, which looks like the loss of a
+    vertical motor.
+    """
+    aside = left(yaw, 0)
+    return aside > LEAST_NM * LEAST_NM and aside > left(first, 0) + weight * left(second, 0)
 
 
 def _given_up(first: Sums, second: Sums, weight: float, motor: int) -> bool:

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from companion.control.allocation import allocate, delivered, thrusters, without
+from companion.control.allocation import FACTORS, PER_NEWTON, allocate, delivered, thrusters, without
 from companion.estimation import thruster_watch
 from companion.estimation.thruster_watch import PARDONED_S, START, Parameters, rest
 
@@ -18,11 +18,13 @@ REACH = (1.0,) * 6
 class Body:
     """Roll, pitch and yaw of a vehicle that answers `gain` times as strongly, and is held by stiff springs.
 
-    A motor that is dead keeps `keeps` of its push; `offset_m` is where a payload hangs that heave carries.
+    A motor that is dead keeps `keeps` of its push, and pushes `stuck_n` besides; `offset_m` is where a
+    payload hangs that heave carries.
     """
 
-    def __init__(self, gain=1.0, offset_m=(0.0, 0.0), lag_s=0.08, keeps=0.0):
+    def __init__(self, gain=1.0, offset_m=(0.0, 0.0), lag_s=0.08, keeps=0.0, stuck_n=0.0):
         self.gain, self.offset_m, self.lag_s, self.keeps = gain, offset_m, lag_s, keeps
+        self.stuck_n = stuck_n
         self.angle, self.rate, self.moment = np.zeros(3), np.zeros(3), np.zeros(3)
         self.watch, self.t_s, self.motor_s = START, 0.0, None
 
@@ -39,6 +41,7 @@ class Body:
             if dead:
                 left = np.array(delivered(without(HEAVY, dead), axes, 16.0))
                 given = left + self.keeps * (given - left)
+                given += self.stuck_n * np.array(FACTORS["vectored_6dof"][dead - 1]) * PER_NEWTON
             moment = np.array([given[4] - 0.085 * given[1], given[5] + 0.085 * given[0], given[3]])
             moment += payload_n * np.array([self.offset_m[1], -self.offset_m[0], 0.0])
             self.moment += (moment - self.moment) * (1.0 - math.exp(-DT_S / self.lag_s))
@@ -68,6 +71,16 @@ def test_a_motor_that_keeps_two_fifths_of_its_push_is_not_dead(motor):
     body = Body(gain=0.8, keeps=0.4)
     body.run(3.0, amplitude=(0.0, 0.0, 16.0))
     body.run(9.0, motor, amplitude=(0.0, 0.0, 16.0))
+    assert body.motor_s is None
+
+
+@pytest.mark.parametrize("stuck_n", [-9.0, 12.0])
+@pytest.mark.parametrize("motor", [1, 2, 3, 4])
+def test_a_stuck_horizontal_motor_accuses_no_vertical_one(motor, stuck_n):
+    """It tilts the vehicle as well: a sound vertical motor was found dead, and vehicles turned over."""
+    body = Body(stuck_n=stuck_n)
+    body.run(3.0, amplitude=(0.0, 0.0, 10.0))
+    body.run(7.0, motor, amplitude=(0.0, 0.0, 10.0))
     assert body.motor_s is None
 
 
