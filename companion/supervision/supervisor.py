@@ -172,7 +172,7 @@ _REMEDIES: dict[State, tuple[Condition, str]] = {
     S.READY: (C.PILOT_TAKEOVER, f"engage {_BY}"),
     S.ACTIVE: (WARNS, "nothing; a stick, a mode change or disarming gives the pilot control at once"),
     S.RAMP_DOWN: (_LETTING_GO, "wait until the thrust is zero"),
-    S.HAND_OVER: (_LETTING_GO, "wait, or take over with a stick"),
+    S.HAND_OVER: (_LETTING_GO, f"wait, take over with a stick, or release {_BY}"),
     S.PILOT: (BLOCKING | C.PILOT_TAKEOVER, f"engage again {_BY}"),
     S.FAULT: (FAULT_CAUSES, CLEAR),
 }

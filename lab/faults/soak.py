@@ -36,6 +36,9 @@ QUIET_S = (20.0, 100.0)
 LASTS_S = (AFTER_S, 20.0)
 ASK_S, GIVE_UP_S = 5.0, 60.0
 """The operator asks to engage so often and, if that does not help for so long, takes another vehicle."""
+
+RELEASED_S = 30.0
+"""So long before that he releases what is still handed over: after a tilt it lasts until somebody acts."""
 ENCODE_TICKS = 5
 RESTORED = {"FS_PILOT_INPUT": 2.0, "JS_GAIN_DEFAULT": 0.5, "JS_THR_GAIN": 1.0}
 
@@ -128,7 +131,8 @@ class _Operator:
             if dive.t_s > until_s:
                 self._hour.stuck.append(f"{self._fault}: {dive.engine.verdict.reason}")
                 return
-            dive.loop.requests += [Request.CLEAR_FAULT, Request.ENGAGE]
+            lasts = dive.engine.verdict.state is State.HAND_OVER and until_s - dive.t_s < RELEASED_S
+            dive.loop.requests += [Request.STOP] if lasts else [Request.CLEAR_FAULT, Request.ENGAGE]
             self._pass(ASK_S)
 
     def _pass(self, seconds: float) -> None:

@@ -316,6 +316,11 @@ def test_a_latched_fault_is_to_be_cleared_whatever_else_is_missing():
     assert "clear the fault" in CLEAR
 
 
+def test_a_hand_over_that_waits_for_somebody_names_the_release():
+    """After a tilt it lasts until somebody acts: whoever only asks to engage is never heard."""
+    assert "release" in todo(State.HAND_OVER, NOTHING)
+
+
 @pytest.mark.parametrize("cause", [C.LINK_LOST, C.DEPTH_STALE, C.ATTITUDE_STALE, C.REBOOTED, C.NON_FINITE])
 def test_a_fault_whose_cause_still_holds_names_the_cause_first(cause):
     text = todo(State.FAULT, cause, C.DISARMED, C.WRONG_MODE)
