@@ -33,8 +33,7 @@ from sim_bridge.config import load_config as load_plant
 from sim_bridge.vehicle import Truth
 
 AXIS_OF_BODY = (0, 1, 2, 5)
-SHIFTS_S = np.arange(0.0, 0.08, 0.001)
-FINE_SHIFTS_S = np.arange(-0.02, 0.06, 0.0005)
+SHIFTS_S = np.arange(-0.02, 0.06, 0.0005)
 DIFFERENCE = 5
 LONGEST_S, SETTLE_S = 240.0, 0.5
 DEPTH_M = 3.0
@@ -168,7 +167,7 @@ def _motor_delay_s(plant: SimConfig, stretch: Stretch, log: Array) -> float:
     step_s = log[1, 0] - log[0, 0]
     grid_s = np.arange(sent_s[0] + 1.0, sent_s[0] + 11.0, 0.0005)
     had = log[np.searchsorted(log[:, 0] - step_s, grid_s, "right") - 1, 7:]
-    shifts_s, misses = FINE_SHIFTS_S[FINE_SHIFTS_S >= 0.0], []
+    shifts_s, misses = SHIFTS_S[SHIFTS_S >= 0.0], []
     for shift_s in shifts_s:
         asked = demands[np.searchsorted(sent_s, grid_s - shift_s, "right") - 1]
         misses.append(float(np.mean((1500.0 + 400.0 * asked - had[:, : asked.shape[1]]) ** 2)))
@@ -185,10 +184,10 @@ def _rate_age_s(stretch: Stretch, log: Array) -> float:
     true = np.gradient(np.unwrap(along), log[:, 0])
     at_s = stamps_s - START_S
     misses = []
-    for shift_s in FINE_SHIFTS_S:
+    for shift_s in SHIFTS_S:
         miss = rates - np.interp(at_s - shift_s, log[:, 0], true)
         misses.append(float(np.std(miss[DIFFERENCE:] - miss[:-DIFFERENCE])))
-    return float(FINE_SHIFTS_S[int(np.argmin(misses))])
+    return float(SHIFTS_S[int(np.argmin(misses))])
 
 
 def _direction(stretch: Stretch) -> Array:
