@@ -12,7 +12,7 @@ INSTALL := $(BIN)/$(PIP)
 COMPILE := uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --no-annotate
 
 .DEFAULT_GOAL := help
-.PHONY: help demo quick test check coverage clients docs wheel lock clean
+.PHONY: help demo quick test hunt check coverage clients docs wheel lock clean
 
 help:  ## list what there is
 	@sed -n 's/^\([a-z]*\):.*## \(.*\)/  make \1	\2/p' Makefile | expand -t 18
@@ -27,6 +27,12 @@ test: check clients $(WHEELS)/.downloaded  ## everything that must hold, `make c
 
 quick: $(STAMP)  ## unit and property tests, about a minute
 	$(BIN)/pytest -n auto --dist worksteal --hypothesis-profile quick tests/unit tests/property
+
+hunt: $(STAMP)  ## look for new examples of what must hold for any input; takes an hour
+	@$(BIN)/pytest -n auto --dist worksteal -m hypothesis --hypothesis-profile hunt tests/unit tests/property || { \
+	    echo 'Keep what was found: put the "Falsifying example" above its test as @example(...),'; \
+	    echo 'see that the test fails without --hypothesis-profile, and then mend the fault.'; \
+	    exit 1; }
 
 check: $(STAMP)  ## style, types, and which package imports which
 	$(BIN)/ruff check

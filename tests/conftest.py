@@ -1,7 +1,6 @@
 """What tests of several folders share."""
 
 import json
-import os
 from collections.abc import Callable
 from itertools import count
 from pathlib import Path
@@ -32,10 +31,10 @@ from companion.records import (
     Wrench,
 )
 
-settings.register_profile("quick", deadline=None, max_examples=20)  # make quick
-settings.register_profile("test", deadline=None, max_examples=60)
-settings.register_profile("ci", settings.get_profile("ci"), max_examples=60)  # the same examples every time
-settings.load_profile("ci" if os.environ.get("CI") else "test")
+settings.register_profile("test", derandomize=True, database=None, deadline=None, max_examples=60)
+settings.register_profile("quick", settings.get_profile("test"), max_examples=20)  # make quick
+settings.register_profile("hunt", derandomize=False, deadline=None, max_examples=3000, print_blob=True)
+settings.load_profile("test")  # everybody tries the same examples; make hunt draws new ones
 
 
 @pytest.fixture

@@ -5,7 +5,7 @@ import math
 import msgspec
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from sim_wire import CONFIG, SET_INTERVAL, STABILIZE, Station, is_finite, override, vehicle
@@ -193,7 +193,6 @@ def test_a_fault_of_the_command_line():
             fault_of(text)
 
 
-@settings(max_examples=60, deadline=None)
 @given(
     st.one_of(
         st.binary(max_size=60),

@@ -232,7 +232,7 @@ def _polyline(plan: PathPlan, waypoints: Sequence[Waypoint], *, closed: bool) ->
     for k, (before, at) in enumerate(edges, start=1):
         k %= count
         d = reach[k]
-        joined(nodes, _line(here, _towards(at, before, d or 0.0)))
+        joined(nodes, _line(here, _towards(at, before, d or 0.0), _direction(before, at)))
         here = at
         if d:
             after = edges[k][1]
@@ -280,12 +280,11 @@ def _corner(before: Point, at: Point, after: Point, d: float) -> list[Node]:
     return sampled(point, 0.0, 1.0, CORNER_NODES)
 
 
-def _line(begin: Point, end: Point) -> list[Node]:
-    x, y, z = _direction(begin, end)
+def _line(begin: Point, end: Point, along: Point) -> list[Node]:
+    """Return the straight part of an edge whose direction is `along`: one node where two corners meet."""
     s = math.dist(begin, end)
-    if s < SHORTEST_M:  # two corners meet in the middle
-        return [Node(0.0, (*begin, 0.0), (x, y, z, 0.0), ZERO)]
-    return [Node(at, (*place, 0.0), (x, y, z, 0.0), ZERO) for at, place in ((0.0, begin), (s, end))]
+    places = ((0.0, begin),) if s < SHORTEST_M else ((0.0, begin), (s, end))
+    return [Node(at, (*place, 0.0), (*along, 0.0), ZERO) for at, place in places]
 
 
 def _direction(begin: Point, end: Point) -> Point:
