@@ -2,16 +2,16 @@
 
 import asyncio
 import errno
+import logging
 import signal
 import socket
 import sys
 import time
-from collections import Counter
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Iterator
 from contextlib import AbstractContextManager, nullcontext, suppress
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import msgspec
 from aiohttp import WSCloseCode, web
@@ -22,6 +22,7 @@ from companion.telemetry.schemas import Plan
 from companion.telemetry.session import ticks_per_sample
 from dashboard.web import gate, vocabulary
 from dashboard.web.columns import COLUMNS
+from dashboard.web.connections import BACKLOG, Connection, Connections, SparingFilter, most_crowded
 from dashboard.web.fleet import HISTORY_S, Fleet, VehicleHistory
 from dashboard.web.options import DashboardOptions, announcement
 from dashboard.web.ring import next_row
@@ -34,7 +35,7 @@ CONFIG_S = 10.0
 MOST_BROWSERS = 32
 CLOSE_S = 1.0
 MOST_BEHIND = 150
-"""Rows: a browser that is 3 s behind gets the present instead."""
+"""Rows: a browser that is 3 s behind gets the present instead; no frame has more of them."""
 SEND_BUFFER = 65536
 
 PANELS = {
@@ -71,8 +72,8 @@ class Dashboard:
         self._telemetry = Subscription("holdfast/*/**", settings.endpoint)
         self._truth = Subscription("sim/*/truth", settings.endpoint)
         self._beat = asyncio.Event()
-        self._browsers: dict[web.WebSocketResponse, str] = {}
-        """With the address of each, the oldest first."""
+        self._browsers: dict[Connection, web.WebSocketResponse] = {}
+        """The oldest first."""
         self._config_asked_s: dict[str, float] = {}
         self._asking: set[asyncio.Task[None]] = set()
         self._leaving: set[asyncio.Task[bool]] = set()
@@ -99,7 +100,7 @@ class Dashboard:
             pulse.cancel()
             with suppress(asyncio.CancelledError):
                 await pulse
-            for browser in tuple(self._browsers):
+            for browser in tuple(self._browsers.values()):
                 await browser.close(code=WSCloseCode.GOING_AWAY)
 
     async def _pulse(self) -> None:
@@ -138,6 +139,7 @@ class Dashboard:
     @web.middleware
     async def _guarded(self, request: web.Request, handler: Handler) -> web.StreamResponse:
         """Refuse strangers; put the headers on every answer."""
+        _connection(request).request_came()
         if not gate.host_is_ours(request.host, self._names):
             return web.Response(
                 status=421,
@@ -161,30 +163,31 @@ class Dashboard:
             self._make_room()
         socket_ = web.WebSocketResponse(heartbeat=5.0, compress=False, max_msg_size=1024, timeout=CLOSE_S)
         await socket_.prepare(request)
+        connection = _connection(request)
+        connection.is_websocket()
         transport = request.transport
         if transport is not None:
             raw: socket.socket | None = transport.get_extra_info("socket")
             if raw is not None:
                 raw.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER)
-        self._browsers[socket_] = request.remote or ""
+        self._browsers[connection] = socket_
         feeding = asyncio.create_task(self._feed(socket_, request.query.get("vehicle", "")))
         try:
             async for _ in socket_:
                 pass
         finally:
-            self._browsers.pop(socket_, None)
+            self._browsers.pop(connection, None)
+            connection.ends_within(CLOSE_S)
             feeding.cancel()
             with suppress(asyncio.CancelledError, ConnectionError):
                 await feeding
         return socket_
 
     def _make_room(self) -> None:
-        """Close the oldest of the address that has the most, so that nobody locks others out."""
-        held = Counter(self._browsers.values())
-        most = max(held.values())
-        oldest = next(browser for browser, address in self._browsers.items() if held[address] == most)
-        del self._browsers[oldest]
-        task = asyncio.create_task(oldest.close(code=WSCloseCode.TRY_AGAIN_LATER))
+        """Close one browser, and drop it if it does not read that."""
+        oldest = most_crowded(self._browsers)
+        oldest.ends_within(CLOSE_S)
+        task = asyncio.create_task(self._browsers.pop(oldest).close(code=WSCloseCode.TRY_AGAIN_LATER))
         self._leaving.add(task)
         task.add_done_callback(self._leaving.discard)
 
@@ -216,10 +219,9 @@ class Dashboard:
                     epoch, row, event = ring.epoch, 0, 0
                 elif row:
                     row = next_row(row, ring.end, MOST_BEHIND)
-                frame = ring.frame(row)
-                if frame is not None:
-                    row = ring.end
-                    await socket_.send_bytes(frame)
+                while ring.epoch == epoch and (frame := ring.frame(row, MOST_BEHIND)):
+                    row = frame.end
+                    await socket_.send_bytes(frame.data)
                 if vehicle.event_count != event:
                     events, event = vehicle.events_from(event), vehicle.event_count
                     await socket_.send_str(_text(events=events))
@@ -278,6 +280,10 @@ class Dashboard:
             return _reply_as(200, msgspec.json.decode(answer, type=telemetry.Reply))
         except msgspec.MsgspecError as error:
             return _reply(502, f"'{name}' answered '{command}' with no Reply: {error}")
+
+
+def _connection(request: web.Request) -> Connection:
+    return cast(Connection, request.protocol)
 
 
 async def _page(request: web.Request) -> web.StreamResponse:
@@ -347,25 +353,52 @@ def _reply_as(status: int, reply: telemetry.Reply) -> web.Response:
     return web.Response(status=status, body=msgspec.json.encode(reply), content_type="application/json")
 
 
+async def serve(settings: DashboardOptions, stop: asyncio.Event, listening: Callable[[int], None]) -> None:
+    """Serve until `stop`; tell `listening` the port. Raises OSError where it is taken."""
+    runner = web.AppRunner(Dashboard(settings).application(), access_log=None, shutdown_timeout=1.0)
+    await runner.setup()
+    assert runner.server is not None
+    connections = Connections(runner.server)
+    listeners: list[socket.socket] = []
+    try:
+        listeners += _listeners(settings.host, settings.port)
+        async with asyncio.TaskGroup() as tasks:
+            accepting = [tasks.create_task(connections.accept(listener)) for listener in listeners]
+            listening(listeners[0].getsockname()[1])
+            await stop.wait()
+            for task in accepting:
+                task.cancel()
+    finally:
+        for listener in listeners:
+            listener.close()
+        await runner.cleanup()
+
+
+def _listeners(host: str, port: int) -> Iterator[socket.socket]:
+    """Listen on every address of a host: `localhost` has two."""
+    for family, *_, address in dict.fromkeys(socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)):
+        listener = socket.create_server(address[:2], family=family, backlog=BACKLOG)
+        listener.setblocking(False)
+        yield listener
+
+
 async def _serve(settings: DashboardOptions) -> None:
     stop = asyncio.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         asyncio.get_running_loop().add_signal_handler(number, stop.set)
-    runner = web.AppRunner(Dashboard(settings).application(), access_log=None, shutdown_timeout=1.0)
-    await runner.setup()
-    try:
-        site = web.TCPSite(runner, settings.host, settings.port)
-        await site.start()
-        port = runner.addresses[0][1]
+
+    def announce(port: int) -> None:
         sys.stdout.write(announcement(settings, port, terminal=sys.stdout.isatty()) + "\n")
         sys.stdout.flush()
-        await stop.wait()
-    finally:
-        await runner.cleanup()
+
+    await serve(settings, stop, announce)
 
 
 def main(settings: DashboardOptions) -> int:
     """Serve until SIGINT or SIGTERM; return the exit status."""
+    log = logging.StreamHandler()
+    log.addFilter(SparingFilter())
+    logging.basicConfig(level=logging.WARNING, format="%(asctime)s %(message)s", handlers=[log])
     try:
         with _recorder(settings):
             asyncio.run(_serve(settings))

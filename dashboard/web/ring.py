@@ -2,10 +2,18 @@
 
 import struct
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 _HEADER = struct.Struct("<IIdII")  # kind 1, epoch, number of the first row, rows, columns
+
+
+class Frame(NamedTuple):
+    """Rows as bytes, see `Ring.frame`; `end` is the number of the row after them."""
+
+    data: bytes
+    end: int
 
 
 class Ring:
@@ -41,19 +49,20 @@ class Ring:
         self._first = self.end
         self.epoch += 1
 
-    def frame(self, start: int) -> bytes | None:
-        """Return the rows from number `start` on that are still there; None if there are none.
+    def frame(self, start: int, most: int) -> Frame | None:
+        """Return the rows from number `start` on that are still there, at most `most`; None for none.
 
         Little endian: u32 1, u32 epoch, f64 number of the first row, u32 rows, u32 columns, f64 time (s) of
         each row, f32 each row's numbers.
         """
         start = max(start, self._first)
-        count = self.end - start
+        count = min(most, self.end - start)
         if count <= 0:
             return None
-        piece = slice(self._at - count, self._at)
+        first = self._at - (self.end - start)
+        piece = slice(first, first + count)
         header = _HEADER.pack(1, self.epoch, float(start), count, self._rows.shape[1])
-        return header + self._t_s[piece].tobytes() + self._rows[piece].tobytes()
+        return Frame(header + self._t_s[piece].tobytes() + self._rows[piece].tobytes(), start + count)
 
 
 def next_row(cursor: int, end: int, most_behind: int) -> int:

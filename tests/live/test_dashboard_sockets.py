@@ -1,18 +1,26 @@
-"""As many browsers as there may be: nobody keeps others out of the dashboard by opening more."""
+"""As many browsers as there may be: nobody keeps others out, or takes memory without end, by opening more."""
 
 import asyncio
+import socket
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import AsyncExitStack, asynccontextmanager
 
 import aiohttp
-from aiohttp import WSCloseCode, WSMsgType, test_utils
+import pytest
+from aiohttp import WSCloseCode, WSMsgType
 
-from dashboard.web import app
+from dashboard.web import app, connections
+from dashboard.web.columns import empty_row
+from dashboard.web.fleet import ROWS, Fleet, VehicleHistory
 from dashboard.web.options import DashboardOptions
 from lab.ports import free_port
 
 WAIT_S = 10.0
 STATUSES = round(3.0 / app.STATUS_S)
+UPGRADE = (
+    b"GET /ws HTTP/1.1\r\nHost: 127.0.0.1:%d\r\nOrigin: http://127.0.0.1:%d\r\nUpgrade: websocket\r\n"
+    b"Connection: Upgrade\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n\r\n"
+)
 Opened = Callable[[int], Awaitable[aiohttp.ClientWebSocketResponse]]
 
 
@@ -20,17 +28,20 @@ Opened = Callable[[int], Awaitable[aiohttp.ClientWebSocketResponse]]
 async def served() -> AsyncIterator[Opened]:
     """A dashboard, and what opens a WebSocket of it from 127.0.0.N."""
     settings = DashboardOptions("127.0.0.1", 0, (), f"tcp/127.0.0.1:{free_port()}", token="")
+    stop = asyncio.Event()
+    port: asyncio.Future[int] = asyncio.get_running_loop().create_future()
+    serving = asyncio.create_task(app.serve(settings, stop, port.set_result))
+    address = f"http://127.0.0.1:{await port}"
     async with AsyncExitStack() as stack:
-        server = test_utils.TestServer(app.Dashboard(settings).application())
-        await stack.enter_async_context(server)
 
         async def opened(number: int) -> aiohttp.ClientWebSocketResponse:
             connector = aiohttp.TCPConnector(local_addr=(f"127.0.0.{number}", 0))
             client = await stack.enter_async_context(aiohttp.ClientSession(connector=connector))
-            address = f"http://127.0.0.1:{server.port}"
             return await client.ws_connect(f"{address}/ws", headers={"Origin": address})
 
         yield opened
+    stop.set()
+    await serving
 
 
 async def live(browsers: list[aiohttp.ClientWebSocketResponse]) -> list[bool]:
@@ -76,5 +87,39 @@ def test_a_browser_that_leaves_makes_room() -> None:
             await asyncio.sleep(0.2)
             browsers.append(await opened(1))
             assert all(await live(browsers))
+
+    asyncio.run(main())
+
+
+def test_who_reads_nothing_takes_little_memory_and_is_dropped(monkeypatch: pytest.MonkeyPatch) -> None:
+    full = VehicleHistory("kelp")
+    for number in range(ROWS):
+        full.ring.append(0.02 * number, empty_row())
+    seen = Fleet()
+    seen.vehicles["kelp"] = full
+    made: list[connections.Connection] = []
+
+    class Noted(connections.Connection):
+        def connection_made(self, transport: asyncio.BaseTransport) -> None:
+            super().connection_made(transport)
+            made.append(self)
+
+    monkeypatch.setattr(connections, "Connection", Noted)
+    monkeypatch.setattr(app, "Fleet", lambda _: seen)
+
+    async def main() -> None:
+        async with served() as opened, AsyncExitStack() as stack:
+            await opened(1)  # it reads
+            assert made[0].transport is not None
+            port = made[0].transport.get_extra_info("sockname")[1]
+            for _ in range(2 * app.MOST_BROWSERS):
+                deaf = stack.enter_context(socket.create_connection(("127.0.0.1", port)))
+                deaf.sendall(UPGRADE % (port, port))
+            await asyncio.sleep(2.0 * app.CLOSE_S)
+            alive = [one.transport for one in made if one.transport is not None]
+            assert len(alive) <= app.MOST_BROWSERS
+            waiting = [transport.get_write_buffer_size() for transport in alive]
+            assert max(waiting) > 0, "they read it all"
+            assert max(waiting) < 400_000
 
     asyncio.run(main())

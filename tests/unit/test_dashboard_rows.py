@@ -16,28 +16,30 @@ from dashboard.rate import Rate
 from dashboard.web import fleet
 from dashboard.web.columns import COLUMNS
 from dashboard.web.fleet import Fleet, Lag
-from dashboard.web.ring import Ring, next_row
+from dashboard.web.ring import Frame, Ring, next_row
 from dashboard.zenoh_client import Stamped
 
 MakeSample = Callable[..., ControlSample]
+MOST = 99
 
 
 def test_a_ring_keeps_the_newest_rows_in_order_and_numbers_them_on() -> None:
     ring = Ring(4, 2)
-    assert ring.frame(0) is None
+    assert ring.frame(0, MOST) is None
     for number in range(11):
         ring.append(float(number), [number, -number])
-        epoch, first, t_s, rows = _unpack(ring.frame(0))
+        epoch, first, t_s, rows = _unpack(ring.frame(0, MOST))
         kept = range(max(0, number - 3), number + 1)
         assert (epoch, first) == (0, kept[0])
         assert t_s.tolist() == list(kept)
         assert rows.tolist() == [[n, -n] for n in kept]
-    assert _unpack(ring.frame(9))[1] == 9
-    assert ring.frame(ring.end) is None
+    assert _unpack(ring.frame(9, MOST))[1] == 9
+    assert ring.frame(ring.end, MOST) is None
+    assert _unpack(ring.frame(0, 2))[2].tolist() == [7, 8]
     ring.restart()
-    assert ring.frame(0) is None
+    assert ring.frame(0, MOST) is None
     ring.append(0.0, [1.0, 2.0])
-    assert _unpack(ring.frame(0))[:2] == (1, 11)
+    assert _unpack(ring.frame(0, MOST))[:2] == (1, 11)
 
 
 @pytest.mark.parametrize(("cursor", "first"), [(100, 100), (90, 90), (89, 99), (0, 99)])
@@ -48,7 +50,7 @@ def test_who_falls_too_far_behind_gets_the_present(cursor: int, first: int) -> N
 def test_a_tick_becomes_one_row_of_what_it_said(make_sample: MakeSample) -> None:
     seen = Fleet()
     seen.take(_messages(make_sample()), now_s=5.0)
-    epoch, first, t_s, rows = _unpack(seen.vehicles["kelp"].ring.frame(0))
+    epoch, first, t_s, rows = _unpack(seen.vehicles["kelp"].ring.frame(0, MOST))
     assert (epoch, first, t_s.tolist()) == (0, 0, [12.0])
     row = dict(zip(COLUMNS, rows[0].tolist(), strict=True))
     for record, prefix in zip(samples.records(make_sample()), _PREFIXES, strict=True):
@@ -69,7 +71,7 @@ def test_what_is_lost_on_the_way_leaves_holes_not_wrong_numbers(make_sample: Mak
     for t_s in (1.0, 2.0, 3.0):
         messages = _messages(make_sample(t_s=t_s))
         seen.take([m for m in messages if t_s != 2.0 or m.key.endswith("/state")], now_s=t_s)
-    _, _, t_s_of, rows = _unpack(seen.vehicles["kelp"].ring.frame(0))
+    _, _, t_s_of, rows = _unpack(seen.vehicles["kelp"].ring.frame(0, MOST))
     assert t_s_of.tolist() == [1.0, 2.0, 3.0]
     assert np.isnan(rows[:, COLUMNS.index("z.e")]).tolist() == [False, True, False]
     assert np.isnan(rows[:, COLUMNS.index("depth_m")]).tolist() == [False, False, False]
@@ -78,7 +80,7 @@ def test_what_is_lost_on_the_way_leaves_holes_not_wrong_numbers(make_sample: Mak
 def test_a_number_that_was_not_finite_is_absent(make_sample: MakeSample) -> None:
     seen = Fleet()
     seen.take(_messages(make_sample(voltage_v=math.nan)), now_s=1.0)
-    row = _unpack(seen.vehicles["kelp"].ring.frame(0))[3][0]
+    row = _unpack(seen.vehicles["kelp"].ring.frame(0, MOST))[3][0]
     assert math.isnan(row[COLUMNS.index("voltage_v")])
 
 
@@ -86,7 +88,7 @@ def test_time_that_begins_anew_begins_an_epoch(make_sample: MakeSample) -> None:
     seen = Fleet()
     seen.take(_messages(make_sample(t_s=1000.0)), now_s=1.0)
     seen.take(_messages(make_sample(t_s=3.0)), now_s=2.0)
-    epoch, _, t_s, _ = _unpack(seen.vehicles["kelp"].ring.frame(0))
+    epoch, _, t_s, _ = _unpack(seen.vehicles["kelp"].ring.frame(0, MOST))
     assert (epoch, t_s.tolist()) == (1, [3.0])
 
 
@@ -176,7 +178,7 @@ def test_the_truth_joins_the_tick_of_its_moment_with_the_papers_sign(make_sample
         seen.take([Stamped("sim/kelp/truth", msgspec.json.encode(truth), None)], now_s=1.0)
     seen.take(_messages(make_sample(t_s=2.0, boot_s=34.02)), now_s=1.1)
     seen.take(_messages(make_sample(t_s=3.0, boot_s=99.0)), now_s=1.2)
-    rows = _unpack(seen.vehicles["kelp"].ring.frame(0))[3]
+    rows = _unpack(seen.vehicles["kelp"].ring.frame(0, MOST))[3]
     true = rows[:, [COLUMNS.index(f"true.{dof}.d") for dof in ("x", "y", "z", "psi")]]
     assert true[1].tolist() == pytest.approx([-1.0, -2.0, -34.0, -4.0])
     assert np.isnan(true[[0, 2]]).all()
@@ -225,7 +227,7 @@ def _in_state(sample: ControlSample, state: State) -> ControlSample:
 
 
 def _unpack(
-    frame: bytes | None,
+    frame: Frame | None,
 ) -> tuple[
     int,
     float,
@@ -233,10 +235,11 @@ def _unpack(
     "np.ndarray[tuple[int, int], np.dtype[np.float32]]",
 ]:
     assert frame is not None
-    kind, epoch, first, rows, columns = struct.unpack_from("<IIdII", frame)
+    kind, epoch, first, rows, columns = struct.unpack_from("<IIdII", frame.data)
     assert kind == 1
-    t_s = np.frombuffer(frame, "<f8", rows, 24)
-    numbers = np.frombuffer(frame, "<f4", rows * columns, 24 + 8 * rows)
+    assert frame.end == first + rows
+    t_s = np.frombuffer(frame.data, "<f8", rows, 24)
+    numbers = np.frombuffer(frame.data, "<f4", rows * columns, 24 + 8 * rows)
     return epoch, first, t_s, numbers.reshape(rows, columns)
 
 

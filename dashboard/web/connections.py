@@ -1,0 +1,155 @@
+"""Who may stay connected, and how much of it is logged: half-finished requests stop nobody.
+
+aiohttp limits headers and bodies in size. Its keep-alive time-out ends a connection that waits for a request,
+but not one whose body never comes or whose answer nobody reads. asyncio's own server accepts all that come;
+without a free file it logs and tries again, in growing numbers. `Connections.accept` takes its place.
+"""
+
+import asyncio
+import logging
+import socket
+from collections import Counter
+from collections.abc import Collection
+
+from aiohttp import web
+from aiohttp.http_exceptions import HttpProcessingError
+
+MOST = 128
+"""Connections that are no WebSockets. A browser opens six."""
+PATIENCE_S = 12.0
+"""For a request to arrive, and from there for its answer to be read and the next request to come. A command
+takes 8 s at most."""
+LINGER_S = 1.0
+MOST_HEADERS = 64
+BACKLOG = 128
+AGAIN_S = 0.1
+"""After a connection could not be accepted."""
+LOGGED = 5
+LOGGED_WITHIN_S = 60.0
+
+_log = logging.getLogger(__name__)
+
+
+class Connections:
+    """All connections of a server. One too many takes the place of another.
+
+    Nobody is refused for their address: behind a proxy, such as BlueOS's, all browsers have the same. What
+    gives way is the oldest connection without a whole request, of the address that has the most of them.
+    """
+
+    def __init__(self, server: web.Server) -> None:
+        self.server = server
+        self.open: dict[Connection, None] = {}
+        """The oldest first; without WebSockets, which have a limit of their own."""
+
+    def make_room(self) -> None:
+        """Drop one connection."""
+        waiting = [one for one in self.open if not one.asked]
+        if self.open:
+            most_crowded(waiting or self.open).drop()
+
+    async def accept(self, listener: socket.socket) -> None:
+        """Take connections for ever; close nothing but them."""
+        loop = asyncio.get_running_loop()
+        while True:
+            try:
+                line, _ = await loop.sock_accept(listener)
+                await loop.connect_accepted_socket(lambda: Connection(self), line)
+            except ConnectionError:
+                continue  # it has gone already
+            except OSError as error:
+                _log.warning("no connection can be accepted: %s", error)
+                self.make_room()
+                await asyncio.sleep(AGAIN_S)
+
+
+class Connection(web.RequestHandler):
+    """One connection; it ends where no whole request comes in time."""
+
+    def __init__(self, connections: Connections) -> None:
+        super().__init__(
+            connections.server,
+            loop=asyncio.get_running_loop(),
+            access_log=None,  # type: ignore[arg-type]
+            keepalive_timeout=PATIENCE_S,
+            lingering_time=LINGER_S,
+            max_headers=MOST_HEADERS,
+        )
+        self.address = ""
+        self.asked = False
+        """A whole request came."""
+        self._connections = connections
+        self._end: asyncio.TimerHandle | None = None
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """Take a place, and another's if there is none."""
+        super().connection_made(transport)
+        if len(self._connections.open) >= MOST:
+            self._connections.make_room()
+        self.address = (transport.get_extra_info("peername") or ("",))[0]
+        self._connections.open[self] = None
+        self.ends_within(PATIENCE_S)
+
+    def connection_lost(self, exc: BaseException | None) -> None:
+        """Give the place back."""
+        self._stays()
+        super().connection_lost(exc)
+
+    def request_came(self) -> None:
+        """Start the time anew."""
+        self.asked = True
+        self.ends_within(PATIENCE_S)
+
+    def is_websocket(self) -> None:
+        """Let it stay: it has a heartbeat, and its number is limited elsewhere."""
+        self._stays()
+
+    def ends_within(self, timeout_s: float) -> None:
+        """Drop it after a time, unless a request comes."""
+        if self._end is not None:
+            self._end.cancel()
+        self._end = self._loop.call_later(timeout_s, self.drop)
+
+    def drop(self) -> None:
+        """Close it now. What it has not read is forgotten: `close` would keep that until it is read."""
+        self._stays()
+        if self.transport is not None:
+            self.transport.abort()
+
+    def _stays(self) -> None:
+        self._connections.open.pop(self, None)
+        if self._end is not None:
+            self._end.cancel()
+
+
+def most_crowded(connections: Collection[Connection]) -> Connection:
+    """Return the oldest of the address that has the most, so that nobody locks others out."""
+    count = Counter(one.address for one in connections)
+    most = max(count.values())
+    return next(one for one in connections if count[one.address] == most)
+
+
+class SparingFilter(logging.Filter):
+    """Passes a few records of each logger in a minute, and says that it keeps back the rest.
+
+    What a stranger sent is no error of ours: such a record loses its traceback.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._passed: dict[str, tuple[float, int]] = {}
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        """Tell whether to log it."""
+        since_s, count = self._passed.get(record.name, (record.created, 0))
+        if record.created - since_s >= LOGGED_WITHIN_S:
+            since_s, count = record.created, 0
+        self._passed[record.name] = since_s, count + 1
+        if record.exc_info and isinstance(record.exc_info[1], HttpProcessingError):
+            record.exc_info = None
+        if count + 1 == LOGGED:
+            record.msg, record.args = (
+                f"{record.getMessage()} (more of this kind are left out for a while)",
+                (),
+            )
+        return count < LOGGED
