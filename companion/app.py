@@ -201,17 +201,24 @@ class App:
                 self._requests += self._manoeuvre.step(engine, sample)
                 if self._manoeuvre.done:
                     self._stop.set()
+            self._compute_ns = time.monotonic_ns() - now_ns
+            self._tell(
+                now_ns, sample, peers, self._raw(now_s, datagrams, ground, out, requests, given), given
+            )
         except Exception as error:
             self._failure = error
             self._stop.set()
-            return
-        self._compute_ns = time.monotonic_ns() - now_ns
+
+    def _tell(
+        self, now_ns: int, sample: ControlSample, peers: Sequence[str], raw: Raw | None, given: EngineInput
+    ) -> None:
+        """Publish and log this tick; raise what ended the publisher's thread."""
+        if self._publisher.failure is not None:
+            raise self._publisher.failure
         if given.config is not None:
             self._publisher.config = msgspec.json.encode(given.config)
-        events = self._event_log.step(
-            sample, self._commands.results, _drained(self._publisher.duplicate_instances), peers
-        )
-        raw = self._raw(now_s, datagrams, ground, out, requests, given)
+        duplicates = _drained(self._publisher.duplicate_instances)
+        events = self._event_log.step(sample, self._commands.results, duplicates, peers)
         self._publisher.offer(sample, raw, events, self._plan(now_ns, sample))
         for event in events:
             if event.kind != "state":

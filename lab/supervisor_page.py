@@ -17,7 +17,7 @@ from companion.control.tilt import (
     YAW_STEEP_RAD,
 )
 from companion.records import Condition, State
-from companion.supervision.conditions import CONDITIONS
+from companion.supervision.conditions import TESTS
 from companion.supervision.handover import KEEP_ALIVE_S, REFUSED_S, SETTLE_S
 from companion.supervision.supervisor import (
     BLOCKING,
@@ -28,6 +28,7 @@ from companion.supervision.supervisor import (
     WARNS,
     transition,
 )
+from companion.telemetry.conditions import CONDITIONS
 
 PAGE = Path(__file__).parent.parent / "docs" / "supervisor.md"
 
@@ -158,15 +159,18 @@ def _cell(state: State, condition: Condition) -> str:
 
 def _meanings(limits: SupervisorLimits) -> Iterator[str]:
     yield (
-        "If several conditions hold, the operator sees the remedy of the first one in this table. After a "
-        "FAULT, remove the cause and [clear the fault](wiring.md#how-to-engage-release-and-clear-a-fault).\n"
+        "What comes first in this table causes what comes later: of several conditions the first is named "
+        "first, and its remedy is the one that is shown. After a FAULT, remove the cause and "
+        "[clear the fault](wiring.md#how-to-engage-release-and-clear-a-fault).\n"
     )
-    lines = ["| condition | meaning | keys of `[supervisor]` | what to do |", "|---|---|---|---|"]
+    lines = ["| condition | begins, awaited, ends | it holds when | keys of `[supervisor]` | what to do |"]
+    lines.append("|---" * 5 + "|")
     for spec in CONDITIONS:
-        keys = ", ".join(f"`{key}` = {getattr(limits, key):g}" for key in spec.keys) or "–"
-        clears = spec.condition & FAULT_CAUSES and spec.remedy != "nothing"
-        remedy = f"{spec.remedy}; then clear the fault" if clears else spec.remedy
-        lines.append(f"| {_words(spec.condition)} | {spec.description} | {keys} | {remedy} |")
+        forms = f"{spec.text}; waiting for: {spec.awaited}; {spec.ended}"
+        keys = ", ".join(f"`{key}` = {getattr(limits, key):g}" for key in TESTS[spec.condition].keys) or "–"
+        clears = spec.condition & FAULT_CAUSES and spec.remedy
+        remedy = f"{spec.remedy}; then clear the fault" if clears else spec.remedy or "–"
+        lines.append(f"| {_words(spec.condition)} | {forms} | {spec.description} | {keys} | {remedy} |")
     yield "\n".join([*lines, ""])
 
 

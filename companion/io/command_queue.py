@@ -30,6 +30,7 @@ from companion.records import (
     vector,
 )
 from companion.telemetry.commands import (
+    COMMANDS,
     CommandResult,
     Engage,
     Follow,
@@ -43,9 +44,11 @@ from companion.telemetry.commands import (
     SetPath,
     SetSetpoint,
     SetVelocity,
+    in_words,
     named,
     parse,
 )
+from companion.telemetry.conditions import UNSAID, text
 from companion.telemetry.schemas import Reply
 
 MAX_WAITING = 8
@@ -168,7 +171,7 @@ class CommandQueue:
             else:
                 given.requests.append(self._requested(command))
         except (ConfigError, ValueError) as error:
-            self._answer(received, Reply(done=False, said=f"refused: {error}"))
+            self._answer(received, parsed.command, Reply(done=False, said=f"refused: {error}"))
             return given
         wait_s = ENGAGE_S if received.name == "engage" else SETTLE_S
         self._pending.append(_Pending(received, command, now_s + wait_s, self._state, old))
@@ -183,7 +186,7 @@ class CommandQueue:
             if reply is None:
                 self._pending.append(one)
             else:
-                self._answer(one.received, reply)
+                self._answer(one.received, one.command, reply)
 
     def _parsed(self, received: ReceivedCommand, *, trusted: bool) -> Parsed:
         try:
@@ -272,7 +275,7 @@ class CommandQueue:
                 value |= self._aimed(engine, sample)
                 return Reply(done=True, said=f"engaged; it was {one.was}", value=value)
             if one.withdrawn or verdict.state is State.FAULT:
-                holds = f" ({', '.join(map(str, conditions))})" if conditions else ""
+                holds = f" ({text(verdict.conditions)})" if verdict.conditions & ~UNSAID else ""
                 said = f"{one.withdrawn or 'refused'}. {is_now}{holds}"
                 return Reply(done=False, said=said, value=value)
             if late:
@@ -329,8 +332,10 @@ class CommandQueue:
         values = {"depth_m": z, "heading_deg": math.degrees(psi) % 360.0, "x_m": x, "y_m": y}
         return {key: value for key, value in values.items() if math.isfinite(value)}
 
-    def _answer(self, received: ReceivedCommand, reply: Reply) -> None:
-        self.results.append(CommandResult(received.name, received.payload, reply))
+    def _answer(self, received: ReceivedCommand, command: Payload | None, reply: Reply) -> None:
+        known = COMMANDS.get(received.name)
+        order = in_words(command) if command else known.order if known else received.name[:40]
+        self.results.append(CommandResult(order, reply))
         received.answer(reply)
 
 

@@ -2,7 +2,7 @@
 
 Permission is tested before the law (`StateMachine.step`), and again last, before the bytes (`guard`). The
 default is to refuse: only ACTIVE, RAMP_DOWN and the start of HAND_OVER carry authority, and a condition that
-TRANSITIONS does not list changes nothing. `conditions.py` defines them; docs/supervisor.md is made from both.
+TRANSITIONS does not list changes nothing. `conditions.py` tests them; docs/supervisor.md is made from both.
 
 There are three ways of giving up. FAULT stops at once: the state estimate cannot be trusted. RAMP_DOWN: the
 estimate is good for another second, but the autopilot has the same sensors and could do no better. HAND_OVER:
@@ -14,7 +14,7 @@ from functools import cache
 from typing import NamedTuple
 
 from companion.records import Condition, State, Verdict
-from companion.supervision.conditions import CONDITIONS
+from companion.telemetry.conditions import CONDITIONS, awaited
 
 C, S = Condition, State
 
@@ -170,7 +170,7 @@ _LETTING_GO = (
 _REMEDIES: dict[State, tuple[Condition, str]] = {
     S.IDLE: (BLOCKING, f"engage {_BY}"),
     S.READY: (C.PILOT_TAKEOVER, f"engage {_BY}"),
-    S.ACTIVE: (WARNS, "nothing; a stick, a mode change or disarming gives the pilot control at once"),
+    S.ACTIVE: (WARNS, "keep watch; a stick, a mode change or disarming gives the pilot control at once"),
     S.RAMP_DOWN: (_LETTING_GO, "wait until the thrust is zero"),
     S.HAND_OVER: (_LETTING_GO, f"wait, take over with a stick, or release {_BY}"),
     S.PILOT: (BLOCKING | C.PILOT_TAKEOVER, f"engage again {_BY}"),
@@ -188,7 +188,7 @@ def remedy(state: State, conditions: Condition) -> str:
     """
     matters, otherwise = _REMEDIES[state]
     held = conditions & (matters | C.LINK_LOST)
-    todo = next((s.remedy for s in CONDITIONS if s.condition & held and s.remedy != "nothing"), "")
+    todo = next((s.remedy for s in CONDITIONS if s.condition & held and s.remedy), "")
     if state is S.FAULT and todo:
         return f"{todo}; then {CLEAR}"
     return todo or otherwise
@@ -224,9 +224,7 @@ class StateMachine:
         elif state not in CARRY_AUTHORITY or conditions & C.FAILSAFE_SURFACES:
             authority = 0.0
         if state is before.state is State.IDLE and (missing := conditions & BLOCKING):
-            reason = (
-                "waiting for: " + names(missing) + (f" ({preflight_failure})" if preflight_failure else "")
-            )
+            reason = f"waiting for: {awaited(missing, preflight_failure)}"
         elif row and row.when is Condition.PREFLIGHT_FAILURE:
             reason = f"{row.because} ({preflight_failure})"
         warnings, freeze = notices(conditions)
@@ -234,8 +232,3 @@ class StateMachine:
             state, conditions, authority, reason, warnings, freeze, remedy(state, conditions)
         )
         return self._verdict
-
-
-def names(conditions: Condition) -> str:
-    """Return the names of the set bits, for people."""
-    return ", ".join((bit.name or "").lower().replace("_", " ") for bit in conditions)

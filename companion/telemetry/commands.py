@@ -23,23 +23,33 @@ Confirmed = Annotated[bool, means("confirms a change of more than twofold, or fr
 
 
 class Payload(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, omit_defaults=True):
-    """What every command has: no field beyond its own."""
+    """What every command has: no field beyond its own; `order` is the command in words, without fields."""
+
+    order = ""
 
 
 class Engage(Payload, frozen=True):
     """Take control and hold. The request is withdrawn if it is not permitted within 5 s."""
 
+    order = "engage"
+
 
 class Release(Payload, frozen=True):
     """Release the vehicle, and withdraw a request to engage."""
+
+    order = "release"
 
 
 class ClearFault(Payload, frozen=True):
     """Clear a latched fault; does not engage."""
 
+    order = "clear the fault"
+
 
 class ResetModel(Payload, frozen=True):
     """Forget what was found of the vehicle's gain and lag, and use the nominal model again."""
+
+    order = "forget the model that was found"
 
 
 class SetSetpoint(Payload, frozen=True):
@@ -47,6 +57,8 @@ class SetSetpoint(Payload, frozen=True):
 
     With `altitude_m` it is a `goto`.
     """
+
+    order = "hold"
 
     depth_m: Annotated[ranges.Depth, means("below the surface")] | Optional = msgspec.UNSET
     heading_deg: Annotated[ranges.HeadingDeg, means("clockwise from north")] | Optional = msgspec.UNSET
@@ -65,6 +77,8 @@ class Goto(Payload, frozen=True):
     that looks down for `altitude_m`, which is kept until a depth is given.
     """
 
+    order = "go to"
+
     x_m: Annotated[ranges.Metres, means("north, or forward")] | Optional = msgspec.UNSET
     y_m: Annotated[ranges.Metres, means("east, or to the right")] | Optional = msgspec.UNSET
     depth_m: Annotated[ranges.Metres, means("below the surface, or down")] | Optional = msgspec.UNSET
@@ -80,6 +94,8 @@ class Goto(Payload, frozen=True):
 class Follow(Payload, frozen=True):
     """Follow a path from where the vehicle is; `holdfast follow` reads it from a file."""
 
+    order = "follow the path"
+
     path: Annotated[PathPlan, means("as in docs/guidance.md")]
 
 
@@ -88,6 +104,8 @@ class SetVelocity(Payload, frozen=True):
 
     Only what is engaged moves. It pauses a path, as a stick does; the pilot's sticks have the last word.
     """
+
+    order = "move"
 
     forward_mps: Annotated[ranges.Speed, means("forward; north in the frame local")] = 0.0
     right_mps: Annotated[ranges.Speed, means("to the right; east in the frame local")] = 0.0
@@ -100,11 +118,15 @@ class SetVelocity(Payload, frozen=True):
 class SetPath(Payload, frozen=True):
     """Pause the path or the move, let it go on, or stop and hold here."""
 
+    order = "change the path"
+
     action: Annotated[Literal["pause", "resume", "hold"], means("what to do")]
 
 
 class SetCompensator(Payload, frozen=True):
     """Choose the compensator of one axis, which estimates the disturbance."""
+
+    order = "choose the compensator"
 
     axis: AxisName
     compensator: Annotated[str, means("a name listed in the vehicle's `choices`")]
@@ -112,6 +134,8 @@ class SetCompensator(Payload, frozen=True):
 
 class SetGains(Payload, frozen=True):
     """Set gains of one axis, as in the configuration; a change of more than twofold needs `confirm`."""
+
+    order = "set gains"
 
     axis: AxisName
     lambda_per_s: Annotated[ranges.Lambda, means("decay of the error", "λ")] | Optional = msgspec.UNSET
@@ -139,6 +163,8 @@ class SetGains(Payload, frozen=True):
 class SetEstimator(Payload, frozen=True):
     """Set noises of one axis' observer; a change of more than twofold needs `confirm`."""
 
+    order = "set noises"
+
     axis: AxisName
     position_noise: Annotated[ranges.Noise, means("of one sample, m or rad", "position noise")] | Optional = (
         msgspec.UNSET
@@ -160,6 +186,8 @@ class SetEstimator(Payload, frozen=True):
 
 class SetRecording(Payload, frozen=True):
     """Start or stop the recorder."""
+
+    order = "record"
 
     on: Annotated[bool, means("true starts a file, false finishes it")]
 
@@ -185,17 +213,47 @@ RECORDER_COMMANDS: dict[str, type[Payload]] = {"record": SetRecording}
 
 
 class CommandResult(NamedTuple):
-    """A command as it came, and the answer that it got."""
+    """An order, in words, and the answer that it got."""
 
-    name: str
-    payload: bytes
+    order: str
     reply: Reply
 
     @property
     def text(self) -> str:
-        """The command and what came of it, in words, with control characters escaped."""
-        asked = self.payload[:200].decode(errors="replace") if len(self.payload) > 2 else ""
-        return printable(f"{self.name}{' ' if asked else ''}{asked}: {self.reply.said}")
+        """The order and what came of it, with control characters escaped."""
+        return printable(f"{self.order}: {self.reply.said}")
+
+
+_UNITS = {
+    "_mps2": " m/s²",
+    "_mps": " m/s",
+    "_degps": "°/s",
+    "_per_s": " per s",
+    "_deg": "°",
+    "_m": " m",
+    "_s": " s",
+}
+"""What the end of a field's name says of its unit."""
+
+
+def in_words(command: Payload) -> str:
+    """Return a command as an order in words."""
+    if isinstance(command, Follow):
+        return f"{command.order} {command.path.name}".rstrip()
+    if isinstance(command, SetPath):
+        return "hold here" if command.action == "hold" else f"{command.action} the path"
+    given = msgspec.to_builtins(command)
+    given.pop("confirm", None)
+    axis = given.pop("axis", "")
+    said = ", ".join(_in_words(key, value, command.order) for key, value in given.items())
+    return f"{command.order}{f' of {axis}:' if axis else ''} {said}".rstrip()
+
+
+def _in_words(key: str, value: object, order: str) -> str:
+    suffix = next((suffix for suffix in _UNITS if key.endswith(suffix)), "")
+    name = key.removesuffix(suffix).replace("_", " ")
+    number = f"{value:g}" if isinstance(value, float) else str(value)
+    return f"{'' if name in order else f'{name} '}{number}{_UNITS.get(suffix, '')}"
 
 
 class Field(NamedTuple):

@@ -6,58 +6,12 @@ from typing import Literal
 
 from companion.records import Condition, ControlSample, FrameShift, Guided, State
 from companion.telemetry.commands import CommandResult
+from companion.telemetry.conditions import SPECS, UNSAID
 from companion.telemetry.modes import SEVERITIES, Severity
 from companion.telemetry.schemas import Event, printable
 
-ASKED = Condition.OPERATOR_STOP | Condition.ENGAGE_ASKED | Condition.CLEAR_ASKED | Condition.RAMPED_DOWN
-ASKED |= Condition.HANDED_OVER | Condition.HAND_OVER_REFUSED | Condition.SURFACED
-"""What somebody asked for, or the supervisor's own bookkeeping: reported as a command or a state."""
-
 RESETS = Condition.YAW_RESET | Condition.POSITION_RESET
 MAV_SEVERITY_ERROR, MAV_SEVERITY_WARNING = 3, 4
-
-
-OVER = "over: "
-"""Begins the text of a condition's end."""
-WORDS = {
-    Condition.LINK_LOST: "the vehicle is silent",
-    Condition.DEPTH_STALE: "no fresh depth",
-    Condition.ATTITUDE_STALE: "no fresh attitude",
-    Condition.POSITION_STALE: "no fresh position",
-    Condition.GROUND_LOST: "no fresh altitude over the ground",
-    Condition.DISARMED: "the vehicle is disarmed",
-    Condition.WRONG_MODE: "another flight mode",
-    Condition.FAILSAFE_UNSAFE: "the pilot-input failsafe does not act",
-    Condition.PREFLIGHT_FAILURE: "a row of the pre-dive list fails",
-    Condition.NON_FINITE: "a computed value was not finite",
-    Condition.TICK_LATE: "a tick was too late",
-    Condition.TILTED: "tilted too far",
-    Condition.TILT_PERSISTS: "tilted too far for too long",
-    Condition.PILOT_TAKEOVER: "the pilot steers",
-    Condition.DEPTH_JUMPED: "the measured depth jumped",
-    Condition.DEPTH_OUT_OF_BOUNDS: "the measured depth is out of bounds",
-    Condition.EKF_UNHEALTHY: "the autopilot's EKF is unhealthy",
-    Condition.LEAK: "leak",
-    Condition.BATTERY_LOW: "the battery is low",
-    Condition.AUTOPILOT_FAILSAFE: "a failsafe of the autopilot is latched",
-    Condition.FAILSAFE_SURFACES: "a failsafe of the autopilot surfaces the vehicle",
-    Condition.REBOOTED: "the autopilot rebooted",
-    Condition.SATURATED: "not enough thrust",
-    Condition.OFF_TRACK: "too far from the setpoint",
-    Condition.DELAY_TOO_LONG: "the delay is too long",
-    Condition.INNOVATION_LARGE: "measurements miss the prediction",
-    Condition.QUEUE_FULL: "telemetry was dropped",
-    Condition.CONFIG_CHANGED: "a setting changed",
-    Condition.PILOT_LOST: "no heartbeat of the pilot's ground station",
-    Condition.PILOT_LOST_SURFACE: "no heartbeat of the pilot's ground station: to the surface",
-    Condition.CLOCK_JUMPED: "the vehicle's clock jumped",
-    Condition.CLOCK_INCONSISTENT: "the vehicle's clock contradicts itself",
-    Condition.YAW_RESET: "the EKF reset its yaw",
-    Condition.POSITION_RESET: "the EKF reset its position",
-    Condition.PEER_CHANGED: "a link got another peer",
-    Condition.THRUSTER_DEAD: "a motor gives no thrust",
-    Condition.THRUSTER_MISSED: "a motor gives no thrust, and the others cannot do its work",
-}
 
 
 class EventLog:
@@ -84,7 +38,7 @@ class EventLog:
         vehicle's name that came, `peer_changes` which link got another peer.
         """
         verdict = sample.verdict
-        conditions = verdict.conditions & ~ASKED
+        conditions = verdict.conditions & ~UNSAID
         happened: list[tuple[Severity, Literal["state", "command", "autopilot", "condition"], str]] = [
             ("info" if one.reply.done else "warning", "command", one.text) for one in results
         ]
@@ -101,8 +55,9 @@ class EventLog:
         if self._state is None:
             self._conditions = conditions  # the first state's reason names them
         elif conditions != self._conditions:
-            happened += [("warning", "condition", WORDS[one]) for one in conditions & ~self._conditions]
-            happened += [("info", "condition", OVER + WORDS[one]) for one in self._conditions & ~conditions]
+            begun, ended = conditions & ~self._conditions, self._conditions & ~conditions
+            happened += [("warning", "condition", SPECS[one].text) for one in begun]
+            happened += [("info", "condition", SPECS[one].ended) for one in ended]
             self._conditions = conditions
         if sample.state.dead_motor != self._dead_motor:
             happened.append(_motor(self._dead_motor, sample.state.dead_motor))

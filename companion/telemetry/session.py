@@ -26,6 +26,8 @@ class SessionThread(ABC):
         """`name` is the thread's; `close` waits for it for `close_s` at most."""
         self._closing = threading.Event()
         self._close_s = close_s
+        self.failure: Exception | None = None
+        """What ended the thread, if anything did: trouble with the network never does."""
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
 
     @abstractmethod
@@ -58,14 +60,18 @@ class SessionThread(ABC):
         self.close()
 
     def _run(self) -> None:
-        while not self._closing.is_set():
-            with suppress(zenoh.ZError):
-                session = self._open()
-                if session is not None:
-                    with session:
-                        self._serve(session)
-                    continue
-            self._closing.wait(RETRY_S)
+        try:
+            while not self._closing.is_set():
+                with suppress(zenoh.ZError):
+                    session = self._open()
+                    if session is not None:
+                        with session:
+                            self._serve(session)
+                        continue
+                self._closing.wait(RETRY_S)
+        except Exception as error:
+            self.failure = error
+            raise
 
 
 def configuration(

@@ -1,8 +1,9 @@
-"""What the page shares with the companion, as a JavaScript module: flight modes, states and commands."""
+"""What the page shares with the companion, as a JavaScript module: names, commands and words."""
 
 import msgspec
 
 from companion.telemetry.commands import COMMANDS, RECORDER_COMMANDS, fields
+from companion.telemetry.conditions import CONDITIONS
 from companion.telemetry.modes import MEANINGS, MODE_NAMES
 
 ALL_COMMANDS = COMMANDS | RECORDER_COMMANDS
@@ -10,11 +11,19 @@ ALL_COMMANDS = COMMANDS | RECORDER_COMMANDS
 
 
 def module() -> str:
-    """Return the module: MODES by number, STATES by name, the fields of each of COMMANDS by name."""
+    """Return the module: MODES by number, STATES by name, the fields of each of COMMANDS by name.
+
+    ENDED gives, for the words that a condition has ended, those of its beginning.
+    """
     commands = {
         name: {field.name: field._asdict() for field in fields(kind)} for name, kind in ALL_COMMANDS.items()
     }
+    tables = {
+        "MODES": MODE_NAMES,
+        "STATES": MEANINGS,
+        "COMMANDS": commands,
+        "ENDED": {spec.ended: spec.text for spec in CONDITIONS},
+    }
     return "".join(
-        f"export const {name} = {msgspec.json.encode(value).decode()};\n"
-        for name, value in (("MODES", MODE_NAMES), ("STATES", MEANINGS), ("COMMANDS", commands))
+        f"export const {name} = {msgspec.json.encode(value).decode()};\n" for name, value in tables.items()
     )

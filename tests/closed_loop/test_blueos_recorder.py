@@ -71,7 +71,7 @@ def whole_dive():
 def test_it_keeps_every_sample_of_every_key_and_what_it_inferred_stays_true():
     schemas: dict[str, dict[str, Any]] = {}
     names, log = {}, EventLog()
-    refused = CommandResult("engage", b"{}", telemetry.Reply(done=False, said="no"))
+    refused = CommandResult("engage", telemetry.Reply(done=False, said="no"))
     for index, step in enumerate(whole_dive()):
         for key, encoding, payload in published(step.sample, log, [refused] if index == 99 else []):
             mime, _, name = encoding.partition(";")

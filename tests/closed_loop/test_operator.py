@@ -13,7 +13,7 @@ from virtual import Dive, Somebody
 from companion.config import Axis, Config, load_config
 from companion.io.command_queue import MAX_WAITING, CommandQueue, ReceivedCommand
 from companion.records import ENGAGE_S, Condition, Setpoint, State
-from companion.telemetry.commands import COMMANDS, MAX_BYTES, SetEstimator, SetGains
+from companion.telemetry.commands import COMMANDS, MAX_BYTES, SetEstimator, SetGains, in_words, parse
 from companion.telemetry.schemas import Reply
 from lab.loop.lockstep import LinkDelay
 
@@ -78,7 +78,7 @@ def test_an_engage_that_is_not_permitted_says_why_and_leaves_no_request_behind()
     dive.run(2.0)
     reply = console.tell("engage")
     assert not reply.done
-    assert "disarmed" in reply.said
+    assert "the vehicle is disarmed" in reply.said
     dive.run(0.1)
     assert Condition.ENGAGE_ASKED not in dive.step.sample.verdict.conditions, "armed later, it would take off"
 
@@ -317,7 +317,38 @@ def test_goto_and_follow_are_commands_that_are_answered_and_done():
     assert "path.circle.radius_m = 0.01: must be 0.1 to 1000" in refused.said
     refused = console.tell("goto", frame="body")
     assert "at least one of x_m" in refused.said
-    assert msgspec.json.decode(console.results[-1].payload) == {"frame": "body"}
+    assert console.results[-1].order == "go to frame body"
+
+
+@pytest.mark.parametrize(
+    ("name", "payload", "words"),
+    [
+        ("engage", {}, "engage"),
+        ("clear_fault", {}, "clear the fault"),
+        ("setpoint", {"depth_m": 5.0, "heading_deg": 90.0}, "hold depth 5 m, heading 90°"),
+        ("goto", {"x_m": 1.5, "frame": "body"}, "go to x 1.5 m, frame body"),
+        ("follow", {"path": {"name": "ring", "circle": {"radius_m": 1.0}}}, "follow the path ring"),
+        ("path", {"action": "pause"}, "pause the path"),
+        ("velocity", {"forward_mps": 0.2, "lasts_s": 2.0}, "move forward 0.2 m/s, lasts 2 s"),
+        (
+            "compensator",
+            {"axis": "heave", "compensator": "observer"},
+            "choose the compensator of heave: observer",
+        ),
+        ("gains", {"axis": "yaw", "kappa_per_s": 9.0}, "set gains of yaw: kappa 9 per s"),
+        ("reset_model", {}, "forget the model that was found"),
+    ],
+)
+def test_an_order_is_told_in_words(name, payload, words):
+    assert in_words(parse(name, json.dumps(payload).encode())) == words
+
+
+@pytest.mark.parametrize(("name", "words"), [("gains", "set gains"), ("fly", "fly")])
+def test_an_order_that_is_not_understood_is_told_without_its_fields(name, words):
+    commands = CommandQueue(load_config())
+    commands.put(ReceivedCommand(name, b'{"axis": "roll"}', lambda _: None, True))
+    commands.before_tick(_Untouchable(), 0.0)
+    assert commands.results[0].text.startswith(f"{words}: refused: ")
 
 
 json_values = st.recursive(

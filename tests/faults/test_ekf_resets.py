@@ -123,7 +123,7 @@ def test_the_operator_is_told_of_one_and_of_a_burst():
     dive.fault(**BURST)
     texts = [event.text for step in dive.run(6.0) for event in log.step(step.sample)]
     assert "49 resets of the EKF, yaw +184.0° in all" in texts
-    assert "over: the EKF reset its yaw" in texts
+    assert "the EKF's yaw is steady" in texts
     assert Condition.YAW_RESET not in dive.step.sample.verdict.conditions
 
 

@@ -256,7 +256,7 @@ def test_a_low_battery_is_not_engaged_with():
     dive.ask(Request.ENGAGE)
     dive.run(3.0)
     assert dive.state is State.IDLE
-    assert "battery low" in dive.step.sample.verdict.reason
+    assert "a charged battery" in dive.step.sample.verdict.reason
 
 
 def test_a_single_depth_that_cannot_be_is_left_out():

@@ -74,12 +74,19 @@ PURE: list[tuple[str, str, Any]] = [
     (
         "words",
         f"m.collapsed([{_JUMP % (1, '')}, {_JUMP % (2, 'over: ')}, {_JUMP % (30, '')},"
-        f" {_JUMP % (30.5, 'over: ')}, {_JUMP % (200, '')}], {{}}).map(m.rowText)",
+        f" {_JUMP % (30.5, 'over: ')}, {_JUMP % (200, '')}], {{}}, {{}}).map(m.rowText)",
         ["Clock jumped", "Clock jumped · 2 times, the last for 0.5 s"],
     ),
     (
         "words",
-        "m.collapsed([{t_s: 1, kind: 'state', text: 'ACTIVE: engaged'}], {ACTIVE: 'holding'}).map(m.rowText)",
+        "m.collapsed([{t_s: 1, kind: 'condition', text: 'silent'},"
+        " {t_s: 3, kind: 'condition', text: 'heard'}], {}, {heard: 'silent'}).map(m.rowText)",
+        ["Silent · for 2.0 s"],
+    ),
+    (
+        "words",
+        "m.collapsed([{t_s: 1, kind: 'state', text: 'ACTIVE: engaged'}], {ACTIVE: 'holding'}, {})"
+        ".map(m.rowText)",
         ["Holding: engaged"],
     ),
     ("plots", "m.shaded([1, 1, 0], [0, 0.1, 0.2], 0)", [0, 0.2, 1]),

@@ -348,6 +348,36 @@ def test_an_exception_in_the_tick_sends_neutral_if_it_steered_and_fails(
         assert overrides == ([1500] * 5 if steering else [])
 
 
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+@pytest.mark.parametrize("what", ["companion.app.EventLog.step", "companion.io.zenoh_publisher.encode"])
+def test_a_fault_in_telemetry_ends_the_process_with_neutral(
+    monkeypatch: pytest.MonkeyPatch, what: str
+) -> None:
+    """A condition without words raised KeyError in every tick, for ever, and nothing was published."""
+
+    def breaks(*arguments: object) -> object:
+        raise KeyError("planted")
+
+    monkeypatch.setattr(what, breaks)
+    monkeypatch.setattr(Engine, "shutdown_frames", lambda engine: b"neutral")
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as vehicle:
+        vehicle.bind(("127.0.0.1", 0))
+        link, zenoh = f"udp-connect:127.0.0.1:{vehicle.getsockname()[1]}", f"tcp/127.0.0.1:{free_port()}"
+        config = load_config(overrides=[f"link.endpoint={link}", f"telemetry.endpoint={zenoh}"])
+
+        async def run() -> int:
+            app = App(config, Setpoint((np.nan,) * 4), arm=False, requests=[])
+            return await asyncio.wait_for(app.run(), timeout=10.0)
+
+        assert asyncio.run(run()) == 1
+        heard = b""
+        with suppress(TimeoutError):
+            vehicle.settimeout(0.1)
+            while True:
+                heard += vehicle.recv(4096)
+    assert heard.endswith(b"neutral" * 5)
+
+
 def test_who_only_watched_leaves_without_a_word() -> None:
     """A vehicle that somebody armed and nobody steers: neutral frames would get it disarmed 3 s later."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as vehicle:
@@ -390,10 +420,10 @@ def test_tcp_dives_and_comes_back_after_a_restart_of_the_vehicle() -> None:
         try:
             assert run.stderr is not None
             with running(*HOLDFAST, *simulator):
-                _read_until(run.stderr, "waiting for: disarmed; to do: arm the vehicle\n")
-            _read_until(run.stderr, "link lost")
+                _read_until(run.stderr, "waiting for: arming; to do: arm the vehicle\n")
+            _read_until(run.stderr, "waiting for: the vehicle's heartbeat")
             with running(*HOLDFAST, *simulator):
-                _read_until(run.stderr, "waiting for: disarmed; to do: arm the vehicle\n")
+                _read_until(run.stderr, "waiting for: arming; to do: arm the vehicle\n")
         finally:
             run.send_signal(signal.SIGINT)
             run.communicate(timeout=5.0)

@@ -84,7 +84,9 @@ def test_every_command_is_answered_and_told_as_an_event(
                 return "released" in " ".join(told)
 
             until(told_of_release)
-        assert any(text.startswith("gains") for text in told), "a late subscriber gets what was before"
+        assert any(text.startswith("set gains of heave: kappa 9 per s: ") for text in told), (
+            "a late subscriber gets what was before"
+        )
         assert any("ACTIVE: engaged" in text for text in told)
 
 

@@ -1,7 +1,7 @@
 """The supervisor's page is what its tables say."""
 
 from companion.records import Condition, State
-from companion.supervision.conditions import CONDITIONS
+from companion.telemetry.conditions import CONDITIONS
 from lab.supervisor_page import PAGE, page
 
 

@@ -56,7 +56,7 @@ def test_it_tells_what_holdfast_would_have_waited_for(log: Path) -> None:
     assert not any("ACTIVE" in span.state for span in thoughts.spans)
     assert np.isfinite(thoughts.depth_m[-50:]).all()
     assert {row.name: row.grade.name for row in thoughts.checked}["frame"] == "GOOD"
-    assert any("IDLE: waiting for: disarmed" in line for line in lines(thoughts))
+    assert any("IDLE: waiting for: arming" in line for line in lines(thoughts))
 
 
 def test_the_relay_passes_every_byte_of_the_log(log: Path) -> None:

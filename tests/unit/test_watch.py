@@ -45,7 +45,7 @@ def test_a_sample_is_on_the_screen_in_eighty_columns(make_sample: MakeSample) ->
         "holdfast kelp",
         "ACTIVE",
         "authority 75%",
-        "position stale",
+        "no fresh position",
         "ARMED in MANUAL",
         "battery 15.8 V",
         "telemetry 50 ms measured",
@@ -139,10 +139,10 @@ def test_a_condition_that_the_reason_names_is_not_repeated(make_sample: MakeSamp
     waits = replace(
         sample.verdict,
         state=State.IDLE,
-        reason="waiting for: disarmed, wrong mode",
-        conditions=Condition.DISARMED | Condition.WRONG_MODE | Condition.TICK_LATE,
+        reason="waiting for: arming",
+        conditions=Condition.DISARMED | Condition.YAW_RESET | Condition.ENGAGE_ASKED,
     )
-    assert "waiting for: disarmed, wrong mode; tick late" in _screen(_view(replace(sample, verdict=waits)))
+    assert "waiting for: arming; the EKF reset its yaw " in _screen(_view(replace(sample, verdict=waits)))
 
 
 def test_the_remedy_is_shown_and_a_lost_link_outranks_the_state(make_sample: MakeSample) -> None:

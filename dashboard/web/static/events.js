@@ -1,6 +1,6 @@
 // What happened, and what was found of the vehicle: lists in words.
 import { el, mark, say } from "./dom.js";
-import { STATES } from "./vocabulary.js"; // made by the server: dashboard/web/vocabulary.py
+import { ENDED, STATES } from "./vocabulary.js"; // made by the server: dashboard/web/vocabulary.py
 import { collapsed, DOFS, rowText } from "./words.js";
 
 const FILTERS = {
@@ -24,7 +24,7 @@ export class Events {
   show(wallOf) {
     this.wallOf = wallOf;
     const [, wanted] = FILTERS[this.filter.value];
-    const rows = collapsed(this.events.filter(wanted), STATES).slice(0, 100).map((row) => el("li", { class: row.severity },
+    const rows = collapsed(this.events.filter(wanted), STATES, ENDED).slice(0, 100).map((row) => el("li", { class: row.severity },
       el("button", { title: "go there", onclick: () => this.view.zoomTo(row.t - 5, row.t + 5, this.store.last) },
         el("time", {}, wallOf(row.t)), el("span", {}, rowText(row)))));
     this.list.replaceChildren(...(rows.length ? rows : [el("li", { class: "none" }, "nothing so far")]));

@@ -32,15 +32,16 @@ export function holder(state, { armed, mode, guidance }) {
 }
 
 const AGAIN_S = 60;
-const OVER = "over: ";
+const OVER = "over: "; // begins the text of a condition's end in recordings of older versions
 
 // Events as rows, the newest first. What came again within a minute is one row; so are a condition and its end.
-export function collapsed(events, states) {
+// `ended` gives, for the words that a condition has ended, those of its beginning.
+export function collapsed(events, states, ended) {
   const rows = [];
   const newest = new Map();
   for (const { t_s: t, severity, kind, text } of events) {
-    const over = kind === "condition" && text.startsWith(OVER);
-    const what = over ? text.slice(OVER.length) : text;
+    const over = kind === "condition" && (text in ended || text.startsWith(OVER));
+    const what = over ? ended[text] ?? text.slice(OVER.length) : text;
     const key = `${kind} ${what}`;
     const row = newest.get(key);
     if (over && row) row.until = t;
