@@ -454,7 +454,7 @@ def test_without_a_ground_station_it_does_not_engage():
     dive.cockpit.alive = False
     dive.run(5.0)
     assert dive.state is State.IDLE
-    assert "pilot lost" in dive.step.sample.verdict.reason
+    assert "the ground station's heartbeat" in dive.step.sample.verdict.reason
 
 
 def lost(on_loss, *plant, depth_m=1.0):
