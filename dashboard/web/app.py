@@ -20,6 +20,7 @@ from companion.telemetry import schemas as telemetry
 from companion.telemetry.commands import MAX_BYTES, parse
 from companion.telemetry.schemas import Plan
 from companion.telemetry.session import ticks_per_sample
+from dashboard.silence import silence
 from dashboard.web import gate, vocabulary
 from dashboard.web.columns import COLUMNS
 from dashboard.web.connections import BACKLOG, Connection, Connections, SparingFilter, most_crowded
@@ -81,7 +82,8 @@ class Dashboard:
     def application(self) -> web.Application:
         """Return the web application; it listens to Zenoh as long as it runs."""
         app = web.Application(middlewares=[self._guarded], client_max_size=MAX_BYTES)
-        app.router.add_get("/", _page)
+        for path in ("/", "/engineer"):
+            app.router.add_get(path, _page)
         app.router.add_get("/panel/{name}", _panel)
         app.router.add_get("/ws", self._socket)
         app.router.add_post("/api/token", self._token)
@@ -232,7 +234,7 @@ class Dashboard:
                     config = vehicle.config_version
                     await socket_.send_str(_text(choices=vehicle.choices))
                     await socket_.send_str(_text(config=vehicle.config))
-            state = vehicle.brief(now_s)["state"] if vehicle else ""
+            state = vehicle.state if vehicle else ""
             if now_s - status_s >= STATUS_S or state != said:
                 status_s, said = now_s, state
                 await socket_.send_str(self._status(vehicle, now_s))
@@ -242,12 +244,19 @@ class Dashboard:
         return _text(
             status={
                 "now_s": now_s,
-                "connected": self._telemetry.connected,
                 "endpoint": self._settings.endpoint,
+                "silence": self._silence(vehicle),
                 **self._fleet.status(now_s),
                 **(vehicle.status(now_s) if vehicle else {"vehicle": None}),
             }
         )
+
+    def _silence(self, vehicle: VehicleHistory | None) -> tuple[str, str]:
+        """Return what to show if the page finds that nothing new comes."""
+        endpoint, connected = self._settings.endpoint, self._telemetry.connected
+        if vehicle is None:
+            return silence("", endpoint, connected=connected)
+        return silence(vehicle.name, endpoint, connected=connected, state=vehicle.state, armed=vehicle.armed)
 
     def _refusal(self, request: web.Request) -> web.Response | None:
         if not self._settings.token:

@@ -145,8 +145,18 @@ class VehicleHistory:
 
     def brief(self, now_s: float) -> dict[str, Any]:
         """Return the vehicle as it stands in a list of several."""
-        state = self._supervisor.state if self._supervisor else ""
-        return {"name": self.name, "state": state, "age_s": _finite(self.age_s(now_s))}
+        return {"name": self.name, "state": self.state, "age_s": _finite(self.age_s(now_s))}
+
+    @property
+    def state(self) -> str:
+        """The supervisor's; empty before the first."""
+        return self._supervisor.state if self._supervisor else ""
+
+    @property
+    def armed(self) -> bool | None:
+        """Whether the motors may turn; None where the vehicle did not say so lately."""
+        state = self._state
+        return state.armed if state and "armed" not in state.absent else None
 
     def status(self, now_s: float) -> dict[str, Any]:
         """Return what there is to say beside the rows."""
@@ -158,7 +168,7 @@ class VehicleHistory:
             "lag_s": self._lag_s,
             "lost": self.losses.lost,
             "t_s": _finite(self._t_s),
-            "armed": state.armed if state and "armed" not in state.absent else None,
+            "armed": self.armed,
             "mode": state.mode if state and "mode" not in state.absent else None,
             "pilot_gain": state.pilot_gain if state else None,
             "dead_motor": state.dead_motor if state else 0,

@@ -22,8 +22,8 @@ By default a companion listens on its own machine alone: run the dashboard there
 `holdfast keys`. With a Zenoh router on the vehicle and telemetry.mode = "client" in the companion's
 configuration, --connect tcp/192.168.2.2:7447 reaches it too, without encryption.
 
-In a browser on the laptop it needs no internet. Press ? there for the keys. Each panel also stands alone, as
-/panel/depth; Cockpit finds them as widgets by /register_service.
+It opens with the pilot's view; /engineer has plots and gains. It needs no internet. Press ? there for the
+keys. Each panel also stands alone, as /panel/depth; Cockpit finds them as widgets by /register_service.
 
 Control needs `--allow-control` here, the token in the browser and, unless this runs on the companion's own
 machine, a companion started with `holdfast run --allow-control`. The token travels unencrypted: keep a

@@ -85,7 +85,7 @@ async def _pages(port: int, seconds: float) -> None:
         browser = await play.chromium.launch(executable_path=chromium, args=CHROMIUM)
         for width, height in ((1440, 900), (820, 1180)):
             page = await browser.new_page(viewport={"width": width, "height": height})
-            await page.goto(f"http://127.0.0.1:{port}/")
+            await page.goto(f"http://127.0.0.1:{port}/engineer")
             await asyncio.sleep(2.0)
             size, first_ms = await page.evaluate(PAGE)
             before: list[Any] = await page.evaluate(FRAMES)

@@ -65,6 +65,16 @@ _COLOURS_OF_HORIZON = """import("/static/save.js").then(async (m) => {
 })"""
 
 
+_ON_TOP = (
+    "((box) => document.elementFromPoint(box.x + box.width / 2, box.y + box.height / 2)?.id)"
+    "(document.getElementById('%s').getBoundingClientRect()) === 'release'"
+)
+_CLIPPED = """[...document.querySelectorAll(".readouts, #commands, .words, .facts, .state, .fields")]
+  .filter((one) => one.checkVisibility())
+  .filter((one) => one.scrollWidth > one.clientWidth + 1 || one.scrollHeight > one.clientHeight + 1)
+  .map((one) => `${one.className} of ${one.closest("[id]").id}`)"""
+
+
 PURE: list[tuple[str, str, Any]] = [
     ("words", _PILOT % ("true", "ALT_HOLD"), "ALT_HOLD has it"),
     ("words", _PILOT % ("true", "STABILIZE"), "the pilot has it, STABILIZE"),
@@ -137,11 +147,11 @@ class Dive:
         self._mavlink = free_port(socket.SOCK_DGRAM)
         self._folder = folder
         self._all: list[subprocess.Popen[bytes]] = []
-        token = folder / "token"
-        token.write_text(TOKEN)
+        self.token = folder / "token"
+        self.token.write_text(TOKEN)
         self.port, self.looking_port = free_port(), free_port()
         self._dashboard = ("dashboard", "--connect", self.zenoh, "--listen")
-        self._control = ("--allow-control", "--token-file", str(token))
+        self._control = ("--allow-control", "--token-file", str(self.token))
         self.companion = self.start_companion()
         self.server = self.start_dashboard()
         self._start(*self._dashboard, f"127.0.0.1:{self.looking_port}")
@@ -212,8 +222,8 @@ def opened(browser: Browser, dive: Dive) -> Iterator[Callable[..., Page]]:
     said: list[str] = []
     pages: list[Page] = []
 
-    def go(path: str = "/", port: int = 0, live: bool = True) -> Page:
-        page = browser.new_page(viewport={"width": 1440, "height": 900})
+    def go(path: str = "/engineer", port: int = 0, live: bool = True, width: int = 1440) -> Page:
+        page = browser.new_page(viewport={"width": width, "height": 844})
         page.on("pageerror", lambda error: said.append(str(error)))
         page.on(
             "console",
@@ -347,11 +357,11 @@ def test_two_browsers_and_one_that_never_reads(dive: Dive, opened: Callable[...,
 
 
 def test_a_bad_token_is_refused(dive: Dive, opened: Callable[..., Page]) -> None:
-    page = opened("/#token=another")
+    page = opened("/engineer#token=another")
     page.keyboard.press("g")
     _wait(page, "document.querySelector('#said').dataset.level === 'bad'")
     assert page.locator("#engage").is_disabled()
-    assert page.locator("#release").is_hidden()
+    assert page.locator("#release").is_disabled()
     for port, token, status in (
         (dive.port, "another", 401),
         (dive.port, "", 401),
@@ -367,8 +377,9 @@ def test_a_bad_token_is_refused(dive: Dive, opened: Callable[..., Page]) -> None
     assert _post(dive.port, "/api/kelp/release", TOKEN, origin=None)[0] == 403
     looking = opened(port=dive.looking_port)
     looking.keyboard.press("g")
-    assert "read-only" in (looking.locator("#tuning .lock").text_content() or "")
-    assert looking.locator("#engage").is_disabled()
+    assert looking.locator("#commands .read-only").is_visible()
+    assert looking.locator("#release").is_hidden()
+    assert looking.locator("#apply").is_disabled()
 
 
 def test_strangers_are_kept_out(dive: Dive) -> None:
@@ -395,7 +406,7 @@ def test_strangers_are_kept_out(dive: Dive) -> None:
 
 
 def test_tuning_there_and_back(dive: Dive, opened: Callable[..., Page]) -> None:
-    page = opened(f"/#token={TOKEN}")
+    page = opened(f"/engineer#token={TOKEN}")
     assert TOKEN not in page.url
     page.keyboard.press("g")
     _wait(page, "!document.querySelector('#apply').matches(':disabled')")
@@ -434,21 +445,89 @@ def test_tuning_there_and_back(dive: Dive, opened: Callable[..., Page]) -> None:
     forget.click()
     _wait(page, "document.querySelector('#said').textContent.startsWith('reset_model: ')")
     assert page.locator("#said").get_attribute("data-level") == "good"
-    page.locator("#aim-depth").fill("1.2")
-    page.locator("#aim").click()
-    _wait(page, "holdfast.store.value('depth_desired_m') > 1.15")
+
+
+def test_the_pilot_moves_releases_and_engages(dive: Dive, opened: Callable[..., Page]) -> None:
+    page = opened(f"/#token={TOKEN}")
+    assert TOKEN not in page.url
+    _wait(page, "!document.querySelector('#release').disabled")
     assert page.locator("#engage").is_disabled()  # it holds already
-    page.locator("#aim").focus()
-    page.keyboard.press("r")
+    assert page.locator("#wait").is_disabled()  # there is no path
+    page.locator("#go").click()
+    assert page.locator("#goto-x_m").is_disabled()  # there is no position
+    page.locator("#goto").get_by_text("a place").click()
+    page.locator("#goto-depth_m").fill("1.2")
+    page.locator("#goto-go").click()
+    _wait(page, "holdfast.store.value('depth_desired_m') > 1.15")
+    _wait(page, "!document.querySelector('#goto').open")
+    page.locator("#go").click()
+    page.locator("#goto").get_by_text("from here").click()
+    page.locator("#goto-depth_m").fill("-0.2")
+    page.locator("#goto-go").click()
+    _wait(page, "holdfast.store.value('depth_desired_m') < 1.1")
+    page.locator("#hold").click()
+    _wait(page, "document.querySelector('#said').textContent.startsWith('path: ')")
+    page.locator("#ask").click()  # the help is open, and Release works
+    page.locator("#release").click()
     _wait(page, "document.querySelector('#banner').dataset.state !== 'ACTIVE'")
+    page.keyboard.press("Escape")
     _wait(page, "document.querySelector('#engage').matches('.primary:enabled')")
     page.locator("#engage").click()  # asks
     page.locator("#engage").click()
     _active(dive, page)
+    page.locator("#theme").focus()
+    page.keyboard.press("r")
+    _wait(page, "document.querySelector('#banner').dataset.state !== 'ACTIVE'")
+    _active(dive, page)
+
+
+def test_the_pilots_page_fits_a_phone_and_leads_to_the_engineers(
+    dive: Dive, opened: Callable[..., Page]
+) -> None:
+    page = opened(f"/?vehicle=kelp#token={TOKEN}", width=390)
+    assert page.locator(".panel:visible").count() == 4  # horizon, depth and heading for the map, events
+    _wait(page, "!document.querySelector('#release').disabled")
+    for name in ("engage", "release", "hold", "wait", "go"):
+        box = page.locator(f"#{name}").bounding_box()
+        assert box
+        assert box["height"] >= 44
+        assert box["y"] > 844 / 2, "one thumb does not reach it"
+        assert box["x"] >= 0
+        assert box["x"] + box["width"] <= 390
+    assert _get(page, "document.documentElement.scrollWidth") == 390
+    bar = _get(page, "document.querySelector('#commands').getBoundingClientRect().top")
+    assert _get(page, "document.querySelector('#said').getBoundingClientRect().bottom") <= bar
+    for dialog in ("go", "ask"):
+        page.locator(f"#{dialog}").click()
+        assert _get(page, _ON_TOP % "release"), "Release is covered"
+        page.keyboard.press("Escape")
+    with page.expect_navigation():
+        page.locator("#other").click()
+    assert page.url.endswith("/engineer?vehicle=kelp")
+    _active(dive, page)
+    page.locator("#tune").click()
+    assert _get(page, _ON_TOP % "release")
+
+
+@pytest.mark.parametrize("width", [1440, 1024, 390])
+@pytest.mark.parametrize("tuning", [False, True])
+def test_nothing_is_clipped(opened: Callable[..., Page], width: int, tuning: bool) -> None:
+    page = opened(f"/engineer#token={TOKEN}", width=width)
+    if tuning:
+        page.locator("#tune").click()
+        _wait(page, "document.body.dataset.tuning === 'yes'")
+    time.sleep(0.5)  # the legends are filled
+    assert _get(page, _CLIPPED) == []
+
+
+def test_a_recorder_is_missed_before_it_is_asked_for(opened: Callable[..., Page]) -> None:
+    page = opened(f"/#token={TOKEN}")
+    _wait(page, "document.querySelector('#record').textContent.includes('needs --record')")
+    assert page.locator("#record").is_disabled()
 
 
 def test_a_silent_server_is_seen_and_a_new_one_found(dive: Dive, opened: Callable[..., Page]) -> None:
-    page = opened()
+    page = opened(f"/engineer#token={TOKEN}")
     assert page.locator("#state").text_content() == "ACTIVE"
     _watch_stale(page)
     dive.server.send_signal(signal.SIGSTOP)  # the connection stays: half open
@@ -456,14 +535,27 @@ def test_a_silent_server_is_seen_and_a_new_one_found(dive: Dive, opened: Callabl
     _wait(page, "document.querySelector('#reason').textContent.includes('server is silent')")
     assert page.locator("#state").text_content() == "NO DATA"
     assert page.locator("#meaning").text_content() == "was ACTIVE"
+    assert page.locator("#fact-armed").text_content() == "was ARMED"
+    assert page.locator("#fact-armed").get_attribute("data-level") == ""
     dive.server.send_signal(signal.SIGCONT)
     _fresh(page)
     _watch_stale(page)
     dive.server.kill()
     dive.server.wait()
     assert _stale_after(page) < STALE_WITHIN_S
+    dive.token.write_text("another-token-of-the-test")
     dive.start_dashboard()
     _fresh(page)
+    _wait(page, "document.querySelector('#release').disabled")  # what it has opens nothing now
+    assert page.locator("#unlocking").is_visible()
+    dive.token.write_text(TOKEN)
+    dive.server.kill()
+    dive.server.wait()
+    dive.start_dashboard()
+    _fresh(page)
+    page.locator("#token").fill(TOKEN)
+    page.keyboard.press("Enter")
+    _wait(page, "!document.querySelector('#release').disabled")
 
 
 def test_a_dead_companion_is_seen_and_a_new_one_found(dive: Dive, opened: Callable[..., Page]) -> None:
@@ -472,7 +564,12 @@ def test_a_dead_companion_is_seen_and_a_new_one_found(dive: Dive, opened: Callab
     dive.companion.kill()
     dive.companion.wait()
     assert _stale_after(page) < STALE_WITHIN_S
-    _wait(page, "/Nothing new of kelp|Nobody listens/.test(document.querySelector('#reason').textContent)")
+    _wait(
+        page,
+        "document.querySelector('#reason').textContent === 'No news from kelp. It was ACTIVE and armed.'",
+    )
+    assert "disarms 3 s after the last frame" in (page.locator("#advice").text_content() or "")
+    assert page.locator("#fact-armed").text_content() == "was ARMED"
     assert (page.locator("#fact-age").text_content() or "").startswith("STALE")
     dive.start_companion()
     _fresh(page)

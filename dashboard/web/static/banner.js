@@ -1,5 +1,5 @@
 // The strip that is always there: state, depth, heading, what is wrong, what to do, how fresh it all is.
-import { $, mark, say } from "./dom.js";
+import { $, mark, prose, say } from "./dom.js";
 import { MODES, STATES } from "./vocabulary.js"; // made by the server: dashboard/web/vocabulary.py
 import { ageText, bytesText, holder, sentence } from "./words.js";
 
@@ -24,13 +24,16 @@ export class Banner {
     say($("state"), stale ? "NO DATA" : lost ? "LINK LOST" : name);
     const has = stale || lost ? "" : holder(state, { ...status, mode });
     say($("meaning"), stale ? (supervisor ? `was ${name}` : "") : lost ? `to the vehicle; ${name}` : has || STATES[state] || "");
-    tile("depth", store, ["depth_m", "depth_desired_m", "z.engaged", "z.e"], (metres) => `${metres.toFixed(2)} m`, (e) => `${signed(1e3 * e, 0)} mm`);
+    tile("depth", store, ["depth_m", "depth_desired_m", "z.engaged", "z.e"], (metres) => `${metres.toFixed(2).replace(/^-0.00$/, "0.00")} m`, (e) => `${signed(1e3 * e, 0)} mm`);
     tile("heading", store, ["heading_rad", "heading_desired_rad", "psi.engaged", "psi.e"], compass, (e) => `${signed(DEG * e, 1)}°`);
-    const [reason, advice] = stale ? silence(link, age) : [supervisor.reason, sentence(supervisor.remedy ?? "")];
-    say($("reason"), reason);
-    say($("advice"), advice);
-    say($("fact-mode"), mode || "–");
-    fact("fact-armed", status?.armed === true ? "ARMED" : status?.armed === false ? "disarmed" : "–", status?.armed ? "strong" : "");
+    const [reason, advice] = stale ? silence(link) : [supervisor.reason, sentence(supervisor.remedy ?? "")];
+    prose($("reason"), reason);
+    mark($("reason"), "long", reason.length > 90 ? "yes" : "no");
+    prose($("advice"), advice);
+    const was = stale ? "was " : "";
+    say($("fact-mode"), mode ? was + mode : "–");
+    const armed = status?.armed;
+    fact("fact-armed", armed === true ? `${was}ARMED` : armed === false ? `${was}disarmed` : "–", armed && !stale ? "strong" : "");
     const linkAge = status?.loop ? status.loop.link_age_s + (stale ? age : 0) : Infinity;
     fact("fact-link", linkAge > 1e5 ? "never" : ageText(linkAge), linkAge > 1 ? "bad" : "");
     fact("fact-age", stale ? `STALE ${ageText(age)}` : ageText(age), stale ? "bad" : "");
@@ -40,8 +43,7 @@ export class Banner {
     const text = !recorder ? "off" : recorder.recording ? `REC ${bytesText(recorder.size_bytes)}` : recorder.said || "stopped";
     fact("fact-recording", text, recorder?.recording ? (recorder.dropped + recorder.lost ? "warn" : "rec") : recorder ? "warn" : "");
     const missing = recorder?.lost || recorder?.dropped ? `, ${recorder.lost} samples lost on the way, ${recorder.dropped} at the disk` : "";
-    $("fact-recording").title = recorder ? `${recorder.said} ${recorder.file}${missing}` : "no recorder is heard: holdfast record";
-    say($("record"), recorder?.recording ? "■ Stop recording" : "● Record");
+    $("fact-recording").title = recorder ? `${recorder.said} ${recorder.file}${missing}` : "";
   }
 }
 
@@ -49,7 +51,8 @@ export class Banner {
 function tile(name, store, columns, place, error) {
   const [is, wanted, engaged, e] = columns.map((column) => store?.value(column) ?? NaN);
   say($(`${name}-is`), Number.isFinite(is) ? place(is) : "–");
-  say($(`${name}-wanted`), engaged > 0 && Number.isFinite(wanted) ? place(wanted) : "none");
+  say($(`${name}-held`), engaged > 0 ? "should be" : "not held");
+  say($(`${name}-wanted`), engaged > 0 && Number.isFinite(wanted) ? place(wanted) : "");
   say($(`${name}-error`), engaged > 0 && Number.isFinite(e) ? error(e) : "");
 }
 
@@ -58,13 +61,9 @@ function fact(id, text, level) {
   mark($(id), "level", level);
 }
 
-function silence(link, age) {
-  const { status } = link;
-  if (link.silence > STALE_S) {
-    return [`The dashboard's server is silent${Number.isFinite(link.silence) ? ` for ${ageText(link.silence)}` : ""}.`,
-      "Look whether `holdfast dashboard` runs, and the network; this page tries again by itself."];
-  }
-  if (!status?.connected) return [`Nobody listens on ${status?.endpoint ?? "Zenoh"}.`, "Start `holdfast run`, or name the vehicle's endpoint by --connect."];
-  if (!status.vehicle) return ["No vehicle is heard.", "Zenoh answers, but no companion publishes: start `holdfast run`."];
-  return [`Nothing new of ${status.vehicle} for ${ageText(age)}: what you see is the past.`, "Look whether its companion (`holdfast run`) is alive, and the network."];
+// No age in it: a screen reader would read it again and again.
+function silence(link) {
+  if (link.silence > STALE_S) return ["The dashboard's server is silent. The vehicle may go on as it was.", "Look whether `holdfast dashboard` runs, and at the network. To release, use the joystick or the ground station."];
+  if (link.late > STALE_S) return ["What comes is old: the network is slow.", "To release, use the joystick or the ground station."];
+  return link.status?.silence ?? ["", ""];
 }

@@ -25,6 +25,12 @@ export function say(node, text) {
   if (node.textContent !== text) node.textContent = text;
 }
 
+// Words with `commands` in them.
+export function prose(node, text) {
+  const parts = text.split("`");
+  if (node.textContent !== parts.join("")) node.replaceChildren(...parts.map((part, i) => (i % 2 ? el("code", {}, part) : part)));
+}
+
 export function mark(node, name, value) {
   if (node.dataset[name] !== value) node.dataset[name] = value;
 }

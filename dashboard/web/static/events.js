@@ -36,12 +36,12 @@ const finite = (value) => typeof value === "number" && Number.isFinite(value);
 export class Model {
   name = "model";
 
-  constructor(tuning) {
+  constructor(commands) {
     const row = (dof) => ({ dof, cells: [0, 1, 2, 3].map(() => el("td")) });
     this.rows = Object.keys(DOFS).map(row);
     this.motor = el("p", { class: "motor", hidden: true });
-    this.tuning = tuning;
-    this.reset = el("button", { id: "reset-model", hidden: true, onclick: () => tuning.ask(this.reset, "Forget", () => tuning.send("reset_model", {})),
+    this.commands = commands;
+    this.reset = el("button", { id: "reset-model", hidden: true, onclick: () => commands.ask(this.reset, "Forget", () => commands.send("reset_model")),
       title: "forget what was found, and use the nominal vehicle again" }, "Forget");
     this.node = el("article", { class: "panel", id: "panel-model" },
       el("header", {}, el("h2", {}, "Vehicle, as found"), this.reset),
@@ -62,6 +62,6 @@ export class Model {
     const dead = status?.dead_motor;
     this.motor.hidden = !dead;
     say(this.motor, dead ? `Motor ${dead} gives no thrust.` : "");
-    this.reset.hidden = !this.tuning?.open;
+    this.reset.hidden = !this.commands?.open;
   }
 }

@@ -53,7 +53,8 @@ export class Attitude {
     const known = Number.isFinite(heading + roll + pitch);
     mark(this.node, "known", known ? "yes" : "no");
     if (!known) {
-      say(this.heading, `no attitude for ${ageText(value("attitude_age_s"))}`);
+      const age = value("attitude_age_s");
+      say(this.heading, Number.isFinite(age) ? `no attitude for ${ageText(age)}` : "no attitude yet");
       return;
     }
     move(this.roll, `rotate(${(-roll).toFixed(1)})`);

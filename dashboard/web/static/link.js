@@ -8,9 +8,9 @@ const LATER_MS = 30000;
 const nowS = () => performance.now() / 1000;
 
 export class Link {
-  constructor(handlers) {
+  constructor(handlers, vehicle) {
     this.handlers = handlers;
-    this.vehicle = "";
+    this.vehicle = vehicle;
     this.status = null;
     this.wait = RETRY_MS[0];
     this.open();

@@ -1,5 +1,6 @@
 // The page: what comes is stored, what is stored is drawn, what is pressed changes the view.
 import { Banner } from "./banner.js";
+import { Commands } from "./commands.js";
 import { $, colours, el, mark, readColours, say } from "./dom.js";
 import { Events, Model } from "./events.js";
 import { Ages, Attitude, Phase } from "./instruments.js";
@@ -15,8 +16,11 @@ import { STATES } from "./vocabulary.js"; // made by the server: dashboard/web/v
 import { DOFS } from "./words.js";
 
 const READ_MS = 100;
+const PILOTS = ["depth", "heading"]; // plots in the place of the map, where no position is known
 const solo = location.pathname.match(/^\/panel\/(\w+)/)?.[1] ?? "";
 if (solo) document.body.dataset.solo = solo;
+const pilots = location.pathname === "/";
+document.body.dataset.view = pilots ? "pilot" : "engineer";
 
 const asked = new URLSearchParams(location.search);
 const view = new View();
@@ -38,7 +42,7 @@ const link = new Link({
       store = new Store(hello.columns);
       build();
     } else if (hello.columns.join() !== store.columns.join()) location.reload();
-    tuning?.hello(hello);
+    commands.hello(hello);
   },
   rows(buffer) {
     const { epoch } = store;
@@ -75,11 +79,12 @@ const link = new Link({
       wall = Math.abs(fresh - wall) > 1 ? fresh : Math.min(fresh, wall + 1e-3);
     }
     vehicles(status);
-    tuning?.status(status);
+    commands.take(status);
     nothing(status);
   },
-});
-const tuning = solo ? null : new Tuning(view, link);
+}, asked.get("vehicle") ?? "");
+const commands = new Commands(link);
+const tuning = solo || pilots ? null : new Tuning(view, commands);
 let listed = false;
 
 function forget() {
@@ -100,13 +105,13 @@ function build() {
     ["map", rail, () => new FromAbove(view, store, solo)],
     ["events", rail, () => new Events(view, store, events)],
     ["phase", plots, () => new Phase(view, store)],
-    ["model", plots, () => new Model(tuning)],
+    ["model", plots, () => new Model(commands)],
     ["ages", plots, () => new Ages(view, store)],
-  ].filter(([name]) => !solo || name === solo);
+  ].filter(([name, place]) => (solo ? name === solo : !pilots || place === rail || PILOTS.includes(name)));
   for (const [name, place, make] of all) {
     const panel = make();
     panel.name = name;
-    (solo ? plots : place).append(panel.node);
+    (solo ? plots : pilots ? rail : place).append(panel.node);
     panels.push(panel);
   }
   for (const panel of panels) panel.start?.();
@@ -166,8 +171,8 @@ const short = (span) => (span < 60 ? `${span} s` : `${span / 60} min`);
 function controls() {
   group($("dofs"), Object.entries(DOFS).map(([dof, { name, key }]) => [name, view.dof === dof, () => view.set({ dof }), { title: `key ${key}` }]));
   group($("spans"), SPANS.map((span) => [short(span), view.span === span && !view.zoom, () => view.set({ span, zoom: null })]));
-  $("pause").setAttribute("aria-pressed", String(view.paused));
-  say($("pause"), view.paused ? "Paused" : "Pause");
+  $("freeze").setAttribute("aria-pressed", String(view.paused));
+  say($("freeze"), view.paused ? "Frozen" : "Freeze");
   $("unzoom").hidden = !view.paused && !view.zoom;
 }
 
@@ -183,12 +188,22 @@ function vehicles({ vehicles: all, vehicle }) {
 
 function choose(name) {
   if (name === link.status?.vehicle) return;
+  asked.set("vehicle", name);
+  history.replaceState(null, "", `?${asked}`);
+  address();
   store?.clear();
   if (store) store.epoch = -1;
   config = null;
   link.status = null;
   forget();
   link.choose(name);
+}
+
+// The other view, of the same vehicle.
+function address() {
+  say($("other"), pilots ? "Engineer" : "Pilot");
+  $("other").title = pilots ? "the engineer's view: plots and gains" : "the pilot's view";
+  $("other").href = (pilots ? "/engineer" : "/") + location.search;
 }
 
 function nextVehicle() {
@@ -247,33 +262,42 @@ async function savePng() {
 
 const pause = () => view.pause(store?.last ?? NaN);
 const KEYS = [
-  [" ", "space", "pause, go on", pause],
-  ["+", "+", "shorter time window", () => view.step(-1)],
-  ["-", "−", "longer time window", () => view.step(1)],
-  ["Escape", "Esc", "back to the present", () => view.live()],
-  ...Object.entries(DOFS).map(([dof, { key, name }]) => [key, key, name.toLowerCase(), () => view.set({ dof })]),
+  ["r", "r", "release, when unlocked", () => commands.release()],
+  ["Escape", "Esc", "close; back to the present", escape],
   ["v", "v", "next vehicle", nextVehicle],
-  ["g", "g", "tuning", () => tuning?.toggle()],
-  ["r", "r", "release, when unlocked", () => tuning?.release()],
   ["t", "t", "dark or light", theme],
+  ...(pilots ? [] : [
+    [" ", "space", "freeze the plots, go on", pause],
+    ["+", "+", "shorter time window", () => view.step(-1)],
+    ["-", "−", "longer time window", () => view.step(1)],
+    ...Object.entries(DOFS).map(([dof, { key, name }]) => [key, key, name.toLowerCase(), () => view.set({ dof })]),
+    ["g", "g", "tuning", () => tuning?.toggle()],
+  ]),
   ["?", "?", "this help", () => help()],
 ];
 
+// No dialog is modal: Release stays within reach.
 function help() {
   if ($("help").open) $("help").close();
-  else $("help").showModal();
+  else $("help").show();
+}
+
+function escape() {
+  const open = ["help", "goto"].map($).filter((dialog) => dialog.open);
+  for (const dialog of open) dialog.close();
+  if (!open.length) view.live();
 }
 
 $("keys").append(...KEYS.flatMap(([, shown, what]) => [el("dt", {}, el("kbd", {}, shown)), el("dd", {}, what)]));
 addEventListener("keydown", (event) => {
-  if (event.ctrlKey || event.altKey || event.metaKey || event.target.closest?.("input, select, textarea")) return;
-  if ($("help").open && event.key !== "?") return;
+  if (event.ctrlKey || event.altKey || event.metaKey) return;
+  if (event.key !== "Escape" && event.target.closest?.("input:not([type=radio]), select, textarea")) return;
   const key = KEYS.find(([name]) => name === (event.key === "=" ? "+" : event.key));
   if (!key || (event.key === " " && event.target.closest?.("button"))) return;
   event.preventDefault();
   key[3]();
 });
-$("pause").addEventListener("click", pause);
+$("freeze").addEventListener("click", pause);
 $("unzoom").addEventListener("click", () => view.live());
 $("save-png").addEventListener("click", savePng);
 $("save-csv").addEventListener("click", saveCsv);
@@ -287,8 +311,12 @@ view.addEventListener("change", () => {
 });
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", repaint);
 new ResizeObserver(() => { drawn = false; dirty = true; }).observe($("board"));
-setInterval(() => banner.show(link, store), 100);
+setInterval(() => {
+  banner.show(link, store);
+  commands.positioned(Number.isFinite(store?.value("x_m")));
+}, 100);
 controls();
+address();
 requestAnimationFrame(frame);
 
 // For measuring and for tests.

@@ -54,6 +54,8 @@ export function proved(x, [, disturbance, saturated, inForce, engaged], axis) {
   });
 }
 
+const TURNS = [0.1, 0.2, 0.5, 1, 2, 5, 15, 45, 90, 180, 360]; // between ticks of a heading, degrees
+
 const place = (dof) => (dof === "psi" ? "z" : dof);
 const PLACES = { z: ["depth_m", "depth_desired_m"], x: ["x_m", "x_desired_m"], y: ["y_m", "y_desired_m"] };
 const TURN = { x: (c, s, surge, sway) => c * surge - s * sway, y: (c, s, surge, sway) => s * surge + c * sway };
@@ -76,7 +78,7 @@ export const PLOTS = [
       const line = unwrapped(is);
       return { lines: [held(line.map((value, i) => value + wrap(wanted[i] * DEG - value)), engaged), line] };
     },
-    span: () => 4, format: compass, unit: () => "°", source: () => "attitude_age_s",
+    span: () => 4, incrs: TURNS, format: compass, unit: () => "°", source: () => "attitude_age_s",
   },
   {
     name: "error", title: "Error", held: true,

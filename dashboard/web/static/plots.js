@@ -38,7 +38,7 @@ export class Plot {
       scales: { x: { time: false }, y: { auto: false, dir: definition.downward ? -1 : 1 } },
       axes: [
         axis({ size: 22, gap: 4, space: 70, values: (_, ticks) => ticks.map(ago) }),
-        axis({ size: 50, gap: 4, space: 26, values: (_, ticks, __, ___, step) => ticks.map((tick) => (definition.format ?? plainNumber)(tick, step)) }),
+        axis({ size: 50, gap: 4, space: 26, incrs: definition.incrs, values: (_, ticks, __, ___, step) => ticks.map((tick) => (definition.format ?? plainNumber)(tick, step)) }),
       ],
       series: [{}, ...definition.series.map((series) => ({
         stroke: series.colour === "band" ? undefined : () => colours[series.colour], width: series.width ?? 1,
@@ -78,6 +78,7 @@ export class Plot {
     this.lines = made.lines;
     this.context = context;
     const [least, most] = this.scale(made.lines, window.x, from - zero, to - zero);
+    this.bare = !made.lines.some((line) => line.some(Number.isFinite));
     const data = [window.x, ...made.lines.map((line) => broken(line, window.x))];
     this.uplot.batch(() => {
       this.uplot.setData(data, false);
@@ -149,10 +150,12 @@ export class Plot {
     const silent = definition.source && at === null && !made.lines.some(([value]) => Number.isFinite(value));
     const age = silent ? store.value(definition.source(view.dof), index) : NaN;
     mark(this.node, "known", age > GAP_S ? "no" : "yes");
+    const free = definition.held && !(store.value(`${view.dof}.engaged`, index) > 0);
     if (age > GAP_S) say(this.note, `nothing new for ${ageText(age)}`);
+    else if (free && !this.bare) say(this.note, "not held now");
     else say(this.note, definition.note?.(view.dof, { ...this.context, ...context }) ?? definition.unit?.(view.dof) ?? "");
     if (definition.heading) say(this.title, definition.heading(view.dof));
-    mark(this.node, "held", definition.held && !(store.value(`${view.dof}.engaged`, index) > 0) ? "no" : "yes");
+    mark(this.node, "held", free && this.bare ? "no" : "yes"); // never over curves
   }
 
   // A value that only the drawn line has.
