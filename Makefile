@@ -1,6 +1,7 @@
-# Everything here needs Python 3.11 or newer with venv, and make. Each target does its own set-up in .venv.
+# Everything here needs Python 3.11 to 3.14 with venv, and make. Each target does its own set-up in .venv, which keeps
+# the Python that it was made with; `make test PYTHONS=python3.13` makes it anew with another.
 
-PYTHONS := python3 python3.13 python3.12 python3.11
+PYTHONS := python3 python3.14 python3.13 python3.12 python3.11
 BIN := .venv/bin
 STAMP := .venv/.installed
 DEMO := .venv/.installed-demo
@@ -86,11 +87,11 @@ $(WHEELS)/.downloaded: requirements.lock $(STAMP)
 	@touch $@
 
 # What a pilot needs; `make test` adds the tools of development to the same .venv.
-$(DEMO): pyproject.toml requirements-demo.lock
+$(DEMO): .venv/.python pyproject.toml requirements-demo.lock
 	$(call set_up,requirements-demo.lock)
 	@touch $@
 
-$(STAMP): pyproject.toml requirements-dev.lock
+$(STAMP): .venv/.python pyproject.toml requirements-dev.lock
 	$(call set_up,requirements-dev.lock)
 	@touch $@ $(DEMO)
 
@@ -98,18 +99,30 @@ $(DOCS): $(STAMP) requirements-docs.lock
 	$(INSTALL) --require-hashes --only-binary :all: -r requirements-docs.lock
 	@touch $@
 
-define set_up
-	@python=$$(for name in $(PYTHONS); do \
-	    if $$name -c 'import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))' 2>/dev/null; \
-	    then echo $$name; break; fi; \
-	done); \
+# The interpreter behind the first fitting one of some Pythons, which may be those of venvs.
+FITTING := import os, sys, venv, ensurepip; \
+    (3, 11) <= sys.version_info[:2] <= (3, 14) or sys.exit(1); \
+    print(os.path.realpath(sys._base_executable))
+fitting = $(shell for name in $(1); do $$name -c '$(FITTING)' 2>/dev/null && break; done)
+
+# .venv is made anew where its Python has gone or changed, or PYTHONS= asks for another one.
+FOUND := $(call fitting,.venv/bin/python)
+ASKED := $(if $(filter command%,$(origin PYTHONS)),$(call fitting,$(PYTHONS)),$(FOUND))
+ifneq ($(file <.venv/.python) $(ASKED),$(FOUND) $(FOUND))
+.PHONY: .venv/.python
+endif
+.venv/.python:
+	@python='$(call fitting,$(PYTHONS))'; \
 	if [ -z "$$python" ]; then \
-	    echo 'Holdfast needs Python 3.11 or newer with venv, and found none of: $(PYTHONS).' >&2; \
+	    echo 'Holdfast needs Python 3.11 to 3.14 with venv; for newer ones numba and others have no files yet.' >&2; \
+	    for name in $(PYTHONS); do echo "$$name: $$($$name --version 2>&1)" >&2; done; \
 	    echo 'On Debian or Ubuntu: sudo apt-get install python3-venv' >&2; \
 	    exit 1; \
 	fi; \
 	echo "Setting up .venv with $$python; the first time takes a minute."; \
-	$$python -m venv .venv
+	"$$python" -m venv --clear .venv && echo "$$python" > $@
+
+define set_up
 	$(INSTALL) --require-hashes --only-binary :all: -r $(1)
 	$(INSTALL) --no-build-isolation -e .
 endef

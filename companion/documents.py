@@ -3,6 +3,7 @@
 The page's first part, up to MARK, is written by hand; what follows is made here, and a test fails when stale.
 """
 
+import inspect
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -77,6 +78,8 @@ def write() -> list[Path]:
 def _schema(name: str, struct: type[msgspec.Struct]) -> bytes:
     schema = msgspec.json.schema(struct)
     for part in schema["$defs"].values():
+        if "description" in part:  # a docstring: Python 3.13 and newer have stripped its indentation
+            part["description"] = inspect.cleandoc(part["description"])
         for field in part.get("properties", {}).values():
             if field.get("type") == "number":  # typing keeps one of two equal types: its 0 may be ours
                 field.update((key, float(field[key])) for key in ("minimum", "maximum") if key in field)

@@ -110,12 +110,12 @@ def _version(found: Found, release: Release, python: str, wheels: Path | None) -
     return [
         *([Remove(folder)] if release.name in found.versions else []),
         Run((python, "-m", "venv", str(folder)), "make a virtual environment"),
+        Run((*pip, "--no-index", str(release.wheel)), "install Holdfast"),  # first: it says which Pythons fit
         Write(lock, release.lock),
         Run(
             (*pip, *source, "--require-hashes", "--only-binary", ":all:", "-r", str(lock)),
             "install what it needs, each file known by its hash",
         ),
-        Run((*pip, "--no-index", str(release.wheel)), "install Holdfast"),
         Run((inside, "-c", IMPORTS), "try and compile what the services import"),
     ]
 

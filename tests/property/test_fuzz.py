@@ -11,10 +11,7 @@ FUZZER = Path(__file__).parent.parent / "tools" / "fuzz_codec.py"
 RUNS = 20_000
 
 
-@pytest.mark.skipif(
-    platform.machine() != "x86_64" or sys.version_info >= (3, 14),
-    reason="atheris has no wheel for this Python",
-)
+@pytest.mark.skipif(platform.machine() != "x86_64", reason="atheris has no wheel for this processor")
 def test_nothing_raises_for_inputs_that_coverage_leads_to(tmp_path):
     options = (f"-runs={RUNS}", "-seed=1", "-max_len=1500", "-len_control=0")
     command = (sys.executable, FUZZER, *options)
