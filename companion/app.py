@@ -1,8 +1,9 @@
 """The companion's process: sockets, the tick, signals, systemd. Its only asyncio and its only clock.
 
 A datagram's arrival is stamped and it waits in a bounded inbox; the tick, a timerfd because an asyncio sleep
-is over a millisecond late, hands the inbox to the engine and sends its answer. Every way out leaves neutral
-what we steer.
+is over a millisecond late, hands the inbox to the engine and sends its answer. A late tick first reads what
+waits in the sockets. What takes longer than a tick may, such as building a path, is done between ticks, in
+steps. Every way out leaves neutral what we steer.
 """
 
 import asyncio
@@ -22,17 +23,18 @@ from companion import registry
 from companion.config import Config
 from companion.endpoint import Endpoint
 from companion.engine import Engine
-from companion.guidance.drawing import drawn
-from companion.io.command_queue import CommandQueue, EngineInput, ReceivedCommand
+from companion.guidance.drawing import drawing
+from companion.io.command_queue import COST, CommandQueue, EngineInput, ReceivedCommand
 from companion.io.links import Admission, MavlinkLink
 from companion.io.process import NS_PER_S, Ticker, notify, on_ending_signal
 from companion.io.zenoh_publisher import NameTakenError, Publisher
-from companion.mavlink.inbox import Inbox
+from companion.mavlink.inbox import MAX_LOOKS, Inbox
 from companion.mavlink.relay import Relay
 from companion.mavlink.signing import signing_of
 from companion.mavlink.timestamps import timestamps_of
 from companion.predive.manoeuvre import Manoeuvre
 from companion.records import Condition, ControlSample, LoopHealth, Request, Setpoint
+from companion.steps import Task
 from companion.telemetry.commands import Follow
 from companion.telemetry.event_log import EventLog
 from companion.telemetry.plan import PathPlan
@@ -102,6 +104,8 @@ class App:
         self._said = ""
         self._said_ns = self._fed_ns = self._drawn_ns = 0
         self._drawn = (-1, "")
+        self._drawing: Task[Plan] | None = None
+        self._works_between = self._catches_up = False
         self._silent = True
         self._failure: BaseException | None = None
         self._stop = asyncio.Event()
@@ -163,11 +167,40 @@ class App:
 
     def _on_tick(self, ticker: Ticker) -> None:
         periods = ticker.read()
-        if not periods:
-            return
-        now_ns = time.monotonic_ns()
         self._periods += periods
-        self._late_ticks += periods - 1
+        self._late_ticks += max(periods - 1, 0)
+        if self._catches_up or not periods:
+            return
+        if periods > 1:
+            self._catches_up = True
+            self._catch_up(ticker, -1, MAX_LOOKS)
+        else:
+            self._tick(ticker)
+
+    def _catch_up(self, ticker: Ticker, received: int, turns: int) -> None:
+        """Let the loop read what waits in the sockets, a datagram a turn; then take the late tick."""
+        now_received = sum(link.received for link in self._links)
+        if now_received == received or not turns:
+            self._catches_up = False
+            self._tick(ticker)
+        else:
+            asyncio.get_running_loop().call_soon(self._catch_up, ticker, now_received, turns - 1)
+
+    def _between_ticks(self) -> None:
+        """Take some steps of what a tick has no time for; come again while there is more."""
+        try:
+            more = self._commands.prepare(self._engine)
+            if self._drawing is not None:
+                more |= not self._drawing.advance(COST)
+        except Exception as error:
+            self._fail(error)
+            return
+        self._works_between = more
+        if more:
+            asyncio.get_running_loop().call_soon(self._between_ticks)
+
+    def _tick(self, ticker: Ticker) -> None:
+        now_ns = time.monotonic_ns()
         self._ticks += 1
         lateness_ns = now_ns - (ticker.start_ns + (self._periods - 1) * self._period_ns)
         peers = _drained(*(link.changes for link in self._links))
@@ -206,8 +239,10 @@ class App:
                 now_ns, sample, peers, self._raw(now_s, datagrams, ground, out, requests, given), given
             )
         except Exception as error:
-            self._failure = error
-            self._stop.set()
+            self._fail(error)
+        else:
+            if not self._works_between:
+                self._between_ticks()
 
     def _tell(
         self, now_ns: int, sample: ControlSample, peers: Sequence[str], raw: Raw | None, given: EngineInput
@@ -224,6 +259,10 @@ class App:
             if event.kind != "state":
                 log.info("%s: %s", event.kind, event.text)
         self._report(now_ns, sample)
+
+    def _fail(self, error: Exception) -> None:
+        self._failure = error
+        self._stop.set()
 
     def _raw(
         self,
@@ -250,12 +289,17 @@ class App:
         )
 
     def _plan(self, now_ns: int, sample: ControlSample) -> Plan | None:
-        """Return path and fence where they changed, or have not been published of late."""
+        """Return path and fence, drawn again where they changed and every few seconds, once that is done."""
         guided = (sample.guided.number, sample.guided.kind)
-        if guided == self._drawn and now_ns - self._drawn_ns < PLAN_PERIOD_S * NS_PER_S:
+        if guided != self._drawn or now_ns - self._drawn_ns >= PLAN_PERIOD_S * NS_PER_S:
+            self._drawn, self._drawn_ns = guided, now_ns
+            self._drawing = Task(
+                drawing(self._engine.path, sample.guided.number, self._engine.config, sample.state)
+            )
+        if self._drawing is None or not self._drawing.done:
             return None
-        self._drawn, self._drawn_ns = guided, now_ns
-        return drawn(self._engine.path, sample.guided.number, self._engine.config, sample.state)
+        plan, self._drawing = self._drawing.result, None
+        return plan
 
     def _report(self, now_ns: int, sample: ControlSample) -> None:
         """Feed the watchdog; say what changed, and every few seconds how it goes."""

@@ -9,6 +9,7 @@ from msgspec.structs import replace
 from companion import assembly
 from companion.config import Config
 from companion.control.positioning import Jacobian, jacobian, to_body, to_inertial
+from companion.estimation.parameters import tables_in_steps
 from companion.guidance.guidance import Guidance
 from companion.guidance.orders import Order
 from companion.guidance.paths.shapes import Path
@@ -39,6 +40,7 @@ from companion.records import (
     Wrench,
     vector,
 )
+from companion.steps import Steps
 from companion.supervision.guard import guard
 from companion.supervision.supervision import Supervision
 
@@ -181,6 +183,12 @@ class Engine:
     def checked(self, state: VehicleState) -> list[CheckRow]:
         """Return the pre-dive list as far as it is known without trying anything."""
         return self._fitness.checked(state, self._config)
+
+    def preparing(self, config: Config) -> Steps[None]:
+        """Do beforehand, in steps, what takes long of a `retune`: the Kalman gains of axes that change."""
+        for dof, (axis, wanted) in enumerate(zip(self._config.axes, config.axes, strict=True)):
+            if axis != wanted:
+                yield from tables_in_steps(config, assembly.model(config), dof)
 
     def retune(self, config: Config) -> None:
         """Go on with `config` from the next tick, without a step in thrust; call it between ticks.

@@ -31,6 +31,7 @@ import numpy as np
 from companion.config import ConfigError
 from companion.control.bounds import clamped
 from companion.records import Array
+from companion.steps import Steps, finish
 
 DOUBLINGS = 40
 LEAST_LAG_S = 0.02
@@ -161,6 +162,7 @@ def rates(state: ObserverState, m: float, c: float) -> tuple[float, float]:
     return (state.v, (state.f - c * state.v - state.d) / m)
 
 
+@functools.lru_cache(maxsize=1024)
 def observer_parameters(
     m: float, c: float, thrust_lag_s: float, noise: Noise, dt_s: float
 ) -> ObserverParameters:
@@ -233,6 +235,19 @@ def observer_table(
 
     Raises ConfigError as `observer_parameters` does.
     """
+    return finish(table_in_steps(m, c, thrust_lag_s, noise, dt_s, most_log_gain, most_lag_s))
+
+
+def table_in_steps(
+    m: float,
+    c: float,
+    thrust_lag_s: float,
+    noise: Noise,
+    dt_s: float,
+    most_log_gain: float,
+    most_lag_s: float,
+) -> Steps[ObserverTable]:
+    """Return the same; whoever asks `observer_table` for it then does not wait."""
     least_s, most_s = min(LEAST_LAG_S, thrust_lag_s), max(most_lag_s, 2.0 * thrust_lag_s)
     lags_s = (
         least_s,
@@ -249,6 +264,7 @@ def observer_table(
         for lag_s in lags_s:
             found = observer_parameters(m / g, c / g, lag_s, noise, dt_s)
             rows.append((*found.by_position, *found.by_rate))
+            yield 16
     return ObserverTable(log_gains, lags_s, noise.slow_time_s, tuple(rows))
 
 

@@ -10,9 +10,11 @@ from companion.estimation.observer import (
     ObserverTable,
     observer_parameters,
     observer_table,
+    table_in_steps,
 )
 from companion.estimation.vehicle_model import DISTURBANCE_RATIO, MOST_LAG_S, MOST_LOG_GAIN, Tables
 from companion.records import Z
+from companion.steps import Steps
 
 TYPICAL_RATE = 0.1
 """m/s, rad/s: the rate at which the drag is taken for the Kalman gain."""
@@ -56,10 +58,23 @@ def hidden_delay_parameters(config: Config, model: Model) -> ObserverParameters:
 
 def table_of(config: Config, model: Model, dof: int, disturbance: float) -> ObserverTable:
     """Return a degree of freedom's observers that expect so much `disturbance` noise."""
+    return observer_table(*_vehicle(config, model, dof, disturbance), MOST_LOG_GAIN, MOST_LAG_S)
+
+
+def tables_in_steps(config: Config, model: Model, dof: int) -> Steps[None]:
+    """Make a degree of freedom's tables; `model_tables` then takes no time."""
+    for ratio in (1.0, DISTURBANCE_RATIO):
+        vehicle = _vehicle(config, model, dof, ratio * config.axes[dof].disturbance_noise)
+        yield from table_in_steps(*vehicle, MOST_LOG_GAIN, MOST_LAG_S)
+
+
+def _vehicle(
+    config: Config, model: Model, dof: int, disturbance: float
+) -> tuple[float, float, float, Noise, float]:
+    """Return inertia, drag, lag of the thrust, noises and interval of the tick."""
     drag = model.d1[dof] + TYPICAL_RATE * model.d2[dof]
-    lag_s, tick_s = config.thrusters.lag_s, 1.0 / config.loop.rate_hz
     noises = noise(config, dof, disturbance)
-    return observer_table(model.m[dof], drag, lag_s, noises, tick_s, MOST_LOG_GAIN, MOST_LAG_S)
+    return model.m[dof], drag, config.thrusters.lag_s, noises, 1.0 / config.loop.rate_hz
 
 
 def noise(config: Config, dof: int, disturbance: float) -> Noise:

@@ -10,8 +10,9 @@ from companion.control.reference import ACCELERATION_LAG_S, RATE_LAG_S
 from companion.control.reference import State as ReferenceState
 from companion.guidance.paths.curve import straight
 from companion.guidance.paths.shapes import Leg, Path
-from companion.guidance.paths.time_law import Limits, Profile, TimeLaw
+from companion.guidance.paths.time_law import Limits, TimeLaw, profiled
 from companion.records import ZERO, FrameShift, Setpoint, Vector, vector
+from companion.steps import finish
 
 FULL_PACE_M, NO_PACE_M = 0.15, 0.5
 """A vehicle this far from its place still gets the whole speed; this far, the path waits for it."""
@@ -58,12 +59,15 @@ class Course:
         self._approach: TimeLaw | None = None
         self._law: TimeLaw | None = None
         self._wait_s = 0.0
-        legs = path.legs if path is not None else ()
-        laps = math.inf if path is not None and path.plan.laps == 0 else path.plan.laps if path else 0
-        self._legs = iter([(leg, float(laps)) for leg in legs])
-        if laps and not (legs and legs[0].loops):
-            every = [(leg, 1.0) for leg in legs]
-            self._legs = iter(chain.from_iterable(repeat(every) if laps == math.inf else [every] * int(laps)))
+        legs: tuple[Leg, ...] = () if path is None else path.legs
+        laps = 1 if path is None else path.plan.laps or math.inf
+        self._laps = 1.0
+        """Of a leg: one that loops is travelled as a single curve of so many laps."""
+        if legs and legs[0].loops:
+            self._laps = float(laps)
+            self._legs = iter(legs)
+        else:
+            self._legs = chain.from_iterable(repeat(legs) if laps == math.inf else repeat(legs, int(laps)))
         self._leg: Leg | None = None
         self._passed_m = 0.0
 
@@ -162,12 +166,11 @@ class Course:
         return self._at
 
     def _next_leg(self) -> None:
-        leg, laps = next(self._legs, (None, 0.0))
-        self._leg = leg
+        leg = self._leg = next(self._legs, None)
         if leg is None:
             self.done = True
             return
-        self._law = TimeLaw(leg.profile, laps)
+        self._law = TimeLaw(leg.profile, self._laps)
         self._go_to(self._moved(self._law.setpoint()).eta_d)
 
     def _go_to(self, place: Vector) -> None:
@@ -177,7 +180,7 @@ class Course:
             self._approach = None
             self.done = self.path is None
         else:
-            self._approach = TimeLaw(Profile(line, self._speed, self._acceleration, self._limits))
+            self._approach = TimeLaw(finish(profiled(line, self._speed, self._acceleration, self._limits)))
 
     def _moved(self, setpoint: Setpoint) -> Setpoint:
         x, y, z, psi = (a + b for a, b in zip(setpoint.eta_d, self._offset, strict=True))

@@ -34,9 +34,9 @@ class Fence(NamedTuple):
         return ""
 
     def left_by(self, path: Path, start: Vector) -> str:
-        """Return where a path from `start` leaves it first, in words; "" where it stays inside."""
+        """Return an outermost place of a path from `start`, in words; "" where all of it is inside."""
         offset = path.start(start)
-        for place in path.places():
+        for place in path.extremes:
             x, y, z = (a + b for a, b in zip(place, offset, strict=False))
             if refused := self.outside((x, y, z)):
                 return f"the path leaves the fence at x {x:.2f}, y {y:.2f}, depth {z:.2f} m: {refused}"

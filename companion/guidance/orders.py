@@ -5,24 +5,26 @@ import math
 import msgspec
 
 from companion.config import Config
-from companion.guidance.paths.shapes import Path, build
+from companion.guidance.paths.shapes import Path, building
 from companion.guidance.paths.time_law import limits
 from companion.records import Vector
+from companion.steps import Steps, finish
 from companion.telemetry.commands import Follow, Goto, Payload, SetPath, SetSetpoint, SetVelocity, named
 
 Order = Path | Goto | SetPath | SetVelocity
 
 
 def order_of(command: Payload, config: Config) -> Order | None:
-    """Return the order that a command is; None for another command.
+    """Return the order that a command is; None for another. Raises ValueError for a path that is none."""
+    return finish(ordering(command, config))
 
-    Raises ValueError for a path that is none. It takes some milliseconds for a long path: call it between
-    ticks.
-    """
+
+def ordering(command: Payload, config: Config) -> Steps[Order | None]:
+    """Do the same in steps: a long path takes a second."""
     if isinstance(command, SetSetpoint) and command.altitude_m is not msgspec.UNSET:
         return Goto(**named(command))
     if isinstance(command, Follow):
-        return build(command.path, limits(config))
+        return (yield from building(command.path, limits(config)))
     return command if isinstance(command, Goto | SetPath | SetVelocity) else None
 
 

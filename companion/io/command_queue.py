@@ -2,7 +2,8 @@
 
 A `ReceivedCommand` comes from any thread and waits. Before a tick the queue turns at most one into what the
 engine takes anyway, a `Request`, a setpoint or a retuned configuration, so that nothing passes the supervisor
-by; after the tick it answers with what came of it. No Zenoh and no clock in here.
+by; after the tick it answers with what came of it. A path is built between ticks, one at a time and in steps.
+No Zenoh and no clock in here.
 """
 
 import math
@@ -14,7 +15,7 @@ from typing import Any, NamedTuple, Protocol
 import msgspec
 
 from companion.config import Config, ConfigError, check_choices
-from companion.guidance.orders import Order, order_of
+from companion.guidance.orders import Order, ordering
 from companion.records import (
     ENGAGE_S,
     PSI,
@@ -29,6 +30,7 @@ from companion.records import (
     Z,
     vector,
 )
+from companion.steps import Steps, Task
 from companion.telemetry.commands import (
     COMMANDS,
     CommandResult,
@@ -52,6 +54,9 @@ from companion.telemetry.conditions import UNSAID, text
 from companion.telemetry.schemas import Reply
 
 MAX_WAITING = 8
+COST = 16
+"""Of what is done between two looks at the clock and the sockets: a third of a millisecond."""
+
 SETTLE_S = 2.0
 MAX_STEP = 2.0
 """One command may make a value this many times larger or smaller; for more it has to be confirmed."""
@@ -69,12 +74,14 @@ class ReceivedCommand(NamedTuple):
     local: bool = False
 
 
-class Parsed(NamedTuple):
-    """A command and the order that it is, or why it is none."""
+@dataclass
+class _Waiting:
+    """A command that waits: what it says, or why it is refused, and what has to be done beforehand."""
 
-    command: Payload | None
-    order: Order | None = None
+    received: ReceivedCommand
+    command: Payload | None = None
     refused: str = ""
+    task: Task[Order | None] | None = None
 
 
 class EngineInput(NamedTuple):
@@ -108,6 +115,9 @@ class Controllable(Protocol):
     def guide(self, order: Order) -> None:
         """Take a path, a move, or what to do with them; raise ValueError for what is not permitted."""
 
+    def preparing(self, config: Config) -> Steps[None]:
+        """Do beforehand, in steps, what takes long of a `retune`."""
+
     def retune(self, config: Config) -> None:
         """Take gains, compensators and noises, without a jump; raise ConfigError for what needs a restart."""
 
@@ -132,7 +142,7 @@ class CommandQueue:
     results: list[CommandResult] = field(default_factory=list)
     """What was answered in this tick."""
 
-    _inbox: deque[tuple[ReceivedCommand, Parsed]] = field(default_factory=deque)
+    _inbox: deque[_Waiting] = field(default_factory=deque)
     _pending: list[_Pending] = field(default_factory=list)
     _withdraw: bool = False
     _state: State = State.IDLE
@@ -140,28 +150,44 @@ class CommandQueue:
     def put(self, received: ReceivedCommand, *, trusted: bool = False) -> None:
         """Take a command, from any thread, which parses it; answer at once where too many wait.
 
-        One that is `trusted` needs no permission: whoever started this process gave it.
+        There is always room for a release. One that is `trusted` needs no permission: whoever started this
+        process gave it.
         """
-        if len(self._inbox) >= MAX_WAITING:
+        if len(self._inbox) >= (2 * MAX_WAITING if received.name == "release" else MAX_WAITING):
             received.answer(Reply(done=False, said=f"busy: {MAX_WAITING} commands wait already; ask again"))
         else:
-            self._inbox.append((received, self._parsed(received, trusted=trusted)))
+            self._inbox.append(self._parsed(received, trusted=trusted))
+
+    def prepare(self, engine: Controllable, cost: int = COST) -> bool:
+        """Take some steps of what has to be done before the next command; return whether more are left.
+
+        Call it between ticks.
+        """
+        if not self._inbox or (waiting := self._inbox[0]).command is None or waiting.refused:
+            return False
+        if waiting.task is None:
+            waiting.task = Task(self._preparing(waiting.command, engine))
+        try:
+            return not waiting.task.advance(cost)
+        except (ConfigError, ValueError, ArithmeticError) as error:
+            waiting.refused = str(error)
+            return False
 
     def before_tick(self, engine: Controllable, now_s: float) -> EngineInput:
         """Give the next command to the engine; return what it got, requests to be asked in this tick."""
         self.results = []
         given = EngineInput([Request.STOP] if self._withdraw else [])
         self._withdraw = False
-        if not self._inbox:
+        if not self._ready(engine):
             return given
-        received, parsed = self._inbox.popleft()
+        waiting = self._inbox.popleft()
+        received, command, task = waiting.received, waiting.command, waiting.task
         old = engine.config
         try:
-            command = parsed.command
-            if command is None:
-                raise ValueError(parsed.refused)
-            if parsed.order is not None:
-                engine.guide(parsed.order)
+            if command is None or waiting.refused:
+                raise ValueError(waiting.refused)
+            if task is not None and task.result is not None:
+                engine.guide(task.result)
                 given = given._replace(order=(received.name, received.payload))
             elif isinstance(command, SetSetpoint):
                 given = given._replace(setpoint=self._aim(engine, command))
@@ -171,7 +197,7 @@ class CommandQueue:
             else:
                 given.requests.append(self._requested(command))
         except (ConfigError, ValueError) as error:
-            self._answer(received, parsed.command, Reply(done=False, said=f"refused: {error}"))
+            self._answer(received, command, Reply(done=False, said=f"refused: {error}"))
             return given
         wait_s = ENGAGE_S if received.name == "engage" else SETTLE_S
         self._pending.append(_Pending(received, command, now_s + wait_s, self._state, old))
@@ -188,14 +214,37 @@ class CommandQueue:
             else:
                 self._answer(one.received, one.command, reply)
 
-    def _parsed(self, received: ReceivedCommand, *, trusted: bool) -> Parsed:
+    def _parsed(self, received: ReceivedCommand, *, trusted: bool) -> _Waiting:
         try:
             if not trusted:
                 self._permit(received)
-            command = parse(received.name, received.payload)
-            return Parsed(command, order_of(command, self.started_with))
+            return _Waiting(received, parse(received.name, received.payload))
         except ValueError as error:
-            return Parsed(None, refused=str(error))
+            return _Waiting(received, refused=str(error))
+
+    def _preparing(self, command: Payload, engine: Controllable) -> Steps[Order | None]:
+        """Return the order that a command is; None for another command."""
+        if isinstance(command, SetEstimator):
+            yield from engine.preparing(self._retuned(engine.config, command))
+            return None
+        return (yield from ordering(command, self.started_with))
+
+    def _ready(self, engine: Controllable) -> bool:
+        """Tell whether the next command can be taken.
+
+        A release does not wait until a path before it is built: what came before it is withdrawn.
+        """
+        if not self.prepare(engine, 1):
+            return bool(self._inbox)
+        commands = [waiting.command for waiting in self._inbox]
+        first = next((i for i, command in enumerate(commands) if isinstance(command, Release)), 0)
+        for _ in range(first):
+            withdrawn, reply = (
+                self._inbox.popleft(),
+                Reply(done=False, said="withdrawn: a release came after it"),
+            )
+            self._answer(withdrawn.received, withdrawn.command, reply)
+        return first > 0 and not self.prepare(engine, 1)
 
     def _permit(self, received: ReceivedCommand) -> None:
         allowed = self.started_with.telemetry.allow_control

@@ -73,6 +73,8 @@ class MavlinkLink(asyncio.DatagramProtocol, asyncio.Protocol):
     ) -> None:
         self.endpoint = endpoint
         self.strangers = 0
+        self.received = 0
+        """Datagrams or pieces of a stream, strangers' too."""
         self.changes: deque[str] = deque(maxlen=8)
         self._name = name
         self._arrived = arrived
@@ -154,6 +156,7 @@ class MavlinkLink(asyncio.DatagramProtocol, asyncio.Protocol):
     def datagram_received(self, data: bytes, addr: tuple[str, int]) -> None:
         """Stamp a datagram and pass it on (asyncio calls this)."""
         now_ns = time.monotonic_ns()
+        self.received += 1
         if self.endpoint.kind == "udp-listen" and not self._is_from_peer(now_ns, data, addr[:2]):
             self.strangers += 1
             return
@@ -184,6 +187,7 @@ class MavlinkLink(asyncio.DatagramProtocol, asyncio.Protocol):
 
     def data_received(self, data: bytes) -> None:
         """Stamp a piece of the stream and pass it on (asyncio calls this)."""
+        self.received += 1
         self._arrived(time.monotonic_ns(), data)
 
     def error_received(self, exc: Exception) -> None:

@@ -9,13 +9,15 @@ from typing import Annotated, Any, Literal, NamedTuple, get_type_hints
 import msgspec
 
 from companion.telemetry import ranges
-from companion.telemetry.plan import PathPlan
+from companion.telemetry.plan import MAX_SEGMENTS, PathPlan
 from companion.telemetry.schemas import Reply, printable
 from companion.telemetry.words import means
 
 MAX_BYTES = 4096
 MAX_PATH_BYTES = 1 << 18
 """A longer payload is refused unread."""
+MAX_VALUES = 8 * MAX_SEGMENTS
+"""So is one of more values and brackets; a waypoint has seven. Reading it takes less than a tick may."""
 
 AxisName = Literal["surge", "sway", "heave", "yaw"]
 Optional = msgspec.UnsetType
@@ -275,6 +277,10 @@ def parse(name: str, payload: bytes, known: Mapping[str, type[Payload]] = COMMAN
     most = MAX_PATH_BYTES if kind is Follow else MAX_BYTES
     if len(payload) > most:
         raise ValueError(f"{len(payload)} bytes are too many; {most} at most")
+    if (values := sum(map(payload.count, b",[{"))) > MAX_VALUES:
+        raise ValueError(
+            f"{values} values are too many; a path has {MAX_SEGMENTS} waypoints at most: divide it"
+        )
     try:
         table = msgspec.json.decode(payload)
     except (msgspec.MsgspecError, RecursionError) as error:

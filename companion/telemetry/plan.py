@@ -11,6 +11,9 @@ import msgspec
 from companion.telemetry import ranges
 from companion.telemetry.words import means
 
+MAX_SEGMENTS = 1000
+"""Of a path: straight lines with their corners, or half turns of a helix. More take longer than a dive."""
+
 Optional = msgspec.UnsetType
 Depth = Annotated[ranges.Depth, means("below the surface; without it, the depth of the start")]
 North = Annotated[ranges.Metres, means("north of the origin")]

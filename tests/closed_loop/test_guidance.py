@@ -223,7 +223,7 @@ def test_released_a_path_is_paused_and_engaging_again_holds():
 @pytest.mark.parametrize(
     ("plan", "said"),
     [
-        (PathPlan(circle=Circle(radius_m=2.0), heading="keep"), "leaves the fence at x 2.00, y 0.00"),
+        (PathPlan(circle=Circle(radius_m=2.0), heading="keep"), "leaves the fence at x -2.00, y 0.00"),
         (
             PathPlan(lemniscate=Lemniscate(length_m=2.0, width_m=1.0, depth_m=5.0)),
             "depth_m = 5.00: must be 0.5 to 4",

@@ -6,59 +6,17 @@ import math
 import msgspec
 import numpy as np
 import pytest
+from console import at_console
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
-from virtual import Dive, Somebody
+from virtual import Somebody
 
 from companion.config import Axis, Config, load_config
 from companion.io.command_queue import MAX_WAITING, CommandQueue, ReceivedCommand
-from companion.records import ENGAGE_S, Condition, Setpoint, State
+from companion.records import Condition, Setpoint, State
 from companion.telemetry.commands import COMMANDS, MAX_BYTES, SetEstimator, SetGains, in_words, parse
 from companion.telemetry.schemas import Reply
 from lab.loop.lockstep import LinkDelay
-
-
-class Console:
-    """Stands before the engine of a virtual dive as the companion's process does, with an operator at it."""
-
-    def __init__(self, dive, local=True):
-        self._tap = dive.tap
-        self.engine = dive.engine
-        self.commands = CommandQueue(dive.engine.config)
-        self._local = local
-        self.given = []
-        self.results = []
-        dive.loop.engine = self
-        self._dive = dive
-
-    def step(self, now_s, inbox, health, requests):
-        given = self.commands.before_tick(self.engine, now_s)
-        self.given.append(given)
-        out, sample = self._tap.step(now_s, inbox, health, [*requests, *given.requests])
-        self.commands.after_tick(self.engine, sample, now_s)
-        self.results += self.commands.results
-        return out, sample
-
-    def ask(self, name, **what):
-        """Give a command; return where its answers will be."""
-        answers: list[Reply] = []
-        self.commands.put(ReceivedCommand(name, json.dumps(what).encode(), answers.append, self._local))
-        return answers
-
-    def tell(self, name, within_s=ENGAGE_S + 1.0, **what):
-        """Give a command, dive on until it is answered, and return the answer."""
-        answers = self.ask(name, **what)
-        for step in self._dive.loop.run(within_s):
-            self._dive.step = step
-            if answers:
-                (reply,) = answers
-                return reply
-        raise AssertionError("no answer")
-
-
-def at_console(*plant, local=True, **arguments):
-    dive = Dive(*plant, engage=False, **arguments)
-    return dive, Console(dive, local)
 
 
 def test_engage_is_answered_when_it_is_so_and_release_when_thrust_is_gone():
@@ -262,11 +220,12 @@ def test_live_limits_are_the_configurations():
 
 def test_too_many_commands_are_told_so_at_once():
     _, console = at_console()
-    waiting = [console.ask("release") for _ in range(MAX_WAITING)]
+    waiting = [console.ask("reset_model") for _ in range(MAX_WAITING)]
     assert not any(waiting)
-    (reply,) = console.ask("release")
+    (reply,) = console.ask("engage")
     assert not reply.done
     assert "busy" in reply.said
+    assert not console.ask("release"), "there is room for a release"
 
 
 def test_the_log_line_is_bounded_whatever_came():
@@ -372,6 +331,8 @@ def test_whatever_comes_is_answered_once_and_changes_nothing_unless_done(name, p
     commands = CommandQueue(engine.config)
     answers: list[Reply] = []
     commands.put(ReceivedCommand(name, payload, answers.append, True))
+    while commands.prepare(engine):
+        pass
     given = commands.before_tick(engine, 0.0)
     if answers:
         assert not answers[0].done
@@ -415,6 +376,9 @@ class _Recorder:
 
     def guide(self, order):
         self.got.append(order)
+
+    def preparing(self, config):
+        yield from ()
 
     def retune(self, config):
         self.got.append(config)

@@ -91,5 +91,7 @@ def test_what_the_ranges_allow_stays_finite_and_inside_the_envelope(overrides, a
         if i < len(asked):
             name, what = asked[i]
             queue.put(ReceivedCommand(name, json.dumps(what).encode(), lambda _: None, True))
+            while queue.prepare(dive.engine):
+                pass
             queue.before_tick(dive.engine, dive.t_s)
     event(f"ended {sample.verdict.state}")

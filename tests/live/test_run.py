@@ -27,6 +27,10 @@ from lab.bench.process import HOLDFAST, running
 from lab.ports import free_port
 
 NEUTRAL = (1500, 1500, 1500, 1500)
+PARSER = mavlink.MAVLink(None, 1, 1)
+HEARTBEAT = mavlink.MAVLink_heartbeat_message(
+    mavlink.MAV_TYPE_SUBMARINE, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA, 0, 19, mavlink.MAV_STATE_STANDBY, 3
+)
 REST_S = 0.3
 
 
@@ -376,6 +380,39 @@ def test_a_fault_in_telemetry_ends_the_process_with_neutral(
             while True:
                 heard += vehicle.recv(4096)
     assert heard.endswith(b"neutral" * 5)
+
+
+def test_a_late_tick_reads_first_what_waits_in_the_socket(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What arrived while the process did not run is judged with the rest, not found missing."""
+    port = free_port(socket.SOCK_DGRAM)
+    step, taken = Engine.step, []
+    vehicle = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+
+    def stalls(self: Engine, now_s: float, datagrams: Any, *more: Any) -> object:
+        taken.append(len(datagrams))
+        if len(taken) == 20:
+            for _ in range(40):
+                vehicle.send(HEARTBEAT.pack(PARSER))
+            time.sleep(0.1)
+        if len(taken) == 30:
+            os.kill(os.getpid(), signal.SIGTERM)
+        return step(self, now_s, datagrams, *more)
+
+    monkeypatch.setattr(Engine, "step", stalls)
+    config = load_config(
+        overrides=[
+            f"link.endpoint=udp-listen:127.0.0.1:{port}",
+            f"telemetry.endpoint=tcp/127.0.0.1:{free_port()}",
+        ]
+    )
+
+    async def run() -> int:
+        return await App(config, Setpoint((np.nan,) * 4), arm=False, requests=[]).run()
+
+    with vehicle:
+        vehicle.connect(("127.0.0.1", port))
+        assert asyncio.run(run()) == 0
+    assert taken[20] == 40
 
 
 def test_who_only_watched_leaves_without_a_word() -> None:

@@ -1,6 +1,7 @@
 """Geometry and time law of paths: continuous, within their limits, closed where they say so."""
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -11,7 +12,8 @@ from companion.config import load_config
 from companion.control.reference import ACCELERATION_LAG_S
 from companion.guidance.paths.curve import straight
 from companion.guidance.paths.shapes import build as built
-from companion.guidance.paths.time_law import Profile, TimeLaw, limits
+from companion.guidance.paths.time_law import TimeLaw, limits, profiled
+from companion.steps import finish
 from companion.telemetry.plan import Circle, Helix, LawnMower, Lemniscate, PathPlan, Waypoint
 
 DT_S = 0.02
@@ -51,7 +53,8 @@ PLANS = {
 
 
 def travelled(curve, plan, laps=1.0, pace=lambda t: 1.0, longest_s=600.0):
-    profile = Profile(curve, plan.speed_mps, plan.acceleration_mps2, LIMITS, loops=laps > 1)
+    limited = profiled(curve, plan.speed_mps, plan.acceleration_mps2, LIMITS, loops=laps > 1)
+    profile = finish(limited)
     law = TimeLaw(profile, laps)
     rows = [law.setpoint()]
     while not law.arrived:
@@ -211,9 +214,16 @@ def test_what_is_no_path_is_refused_with_the_key(plan, said):
 
 
 places = st.tuples(st.floats(-9, 9), st.floats(-9, 9), st.floats(1, 9))
+NEARLY_MEET = [(0, 0, 3), (0.0201, 0, 3), (0.0201, 0.02, 3), (0.04, 0.02, 3), (0.04, 0.0403, 3)]
+"""Corners with less than a millimetre between two of them."""
 
 
 @example([(0, 0, 3), (0, 1, 3), (0, 0, 1), (0, 1, 1)], 1, True, "keep")  # two corners meet in the middle
+@example([(1, 0, 1.03125), (1, 0, 1), (0, 0, 1.5)], 1, False, "along")  # a corner shorter than the look-ahead
+@example(
+    [(0, 0, 3), (0, 0.004, 3), (0, -1, 1)], 1, False, "keep"
+)  # one that is over before the speed follows
+@example(NEARLY_MEET, 2, False, "along")
 @given(
     st.lists(places, min_size=3, max_size=5),
     st.floats(0, 2),
@@ -226,14 +236,15 @@ def test_any_polyline_is_continuous_and_keeps_its_limits(points, corner_m, close
         path = build(plan)
     except ValueError:
         return
-    ends = [leg.curve.nodes[-1].p[:3] for leg in path.legs]
-    begins = [leg.curve.nodes[0].p[:3] for leg in path.legs]
+    ends = [leg.curve[-1].p[:3] for leg in path.legs]
+    begins = [leg.curve[0].p[:3] for leg in path.legs]
     for end, begin in zip(ends, begins[1:], strict=False):
         np.testing.assert_allclose(end, begin, atol=1e-9)
     assert path.closed or not closed
     for leg in path.legs:
-        for node in leg.curve.nodes[1:-1]:
+        for node, after in pairwise(leg.curve):
             assert math.hypot(*node.dp[:3]) == pytest.approx(1.0, abs=1e-9)
+            assert math.hypot(*leg.curve.at(0.5 * (node.s + after.s)).dp[:3]) == pytest.approx(1.0, abs=0.01)
         law = TimeLaw(leg.profile)
         before = law.setpoint()
         for _ in range(250):

@@ -12,12 +12,15 @@ polynomial that has both nodes' values (Hermite interpolation). On a path s is t
 """
 
 import math
+from array import array
 from bisect import bisect_right
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from itertools import islice
 from typing import NamedTuple
 
 from companion.control.bounds import wrap
 from companion.records import ZERO, Vector, vector
+from companion.steps import Steps
 
 Point = tuple[float, float, float]
 
@@ -32,20 +35,59 @@ class Node(NamedTuple):
 
 
 class Curve:
-    """The curve through `nodes`, two or more, s increasing from 0."""
+    """The curve through its nodes, two or more, s increasing from 0.
 
-    def __init__(self, nodes: Sequence[Node]) -> None:
-        self.nodes = nodes
-        self._s = [node.s for node in nodes]
-        self.length = nodes[-1].s
-        self.turn_rad = nodes[-1].p[3] - nodes[0].p[3]
+    The nodes are numbers in a row, not objects: a curve of thousands is dropped at once, within a tick.
+    """
+
+    def __init__(self, nodes: Iterable[Node] = ()) -> None:
+        self._s = array("d")
+        self._values = array("d")
+        for node in nodes:
+            self._add(node)
+
+    def __len__(self) -> int:
+        return len(self._s)
+
+    def __getitem__(self, i: int) -> Node:
+        """Return a node; -1 is the last."""
+        i %= len(self._s)
+        x, y, z, psi, dx, dy, dz, dpsi, ddx, ddy, ddz, ddpsi = self._values[12 * i : 12 * i + 12]
+        return Node(self._s[i], (x, y, z, psi), (dx, dy, dz, dpsi), (ddx, ddy, ddz, ddpsi))
+
+    def __iter__(self) -> Iterator[Node]:
+        return (self[i] for i in range(len(self)))
+
+    @property
+    def length(self) -> float:
+        """Of the whole curve, m."""
+        return self._s[-1]
+
+    @property
+    def turn_rad(self) -> float:
         """By how much ψ is larger after a lap of a closed curve."""
+        return self._values[-9] - self._values[3]
 
     def at(self, s: float) -> Node:
         """Return the point at s, limited to the curve."""
         s = min(max(s, 0.0), self.length)
-        i = min(max(bisect_right(self._s, s) - 1, 0), len(self.nodes) - 2)
-        return between(self.nodes[i], self.nodes[i + 1], s)
+        i = min(max(bisect_right(self._s, s) - 1, 0), len(self) - 2)
+        return between(self[i], self[i + 1], s)
+
+    def join(self, nodes: Iterable[Node], gap: float = 0.0) -> Steps[None]:
+        """Put nodes behind the last one, which takes the place of the first of them, `gap` further on."""
+        at = (self._s[-1] if self._s else 0.0) + gap
+        for node in islice(nodes, 1 if self._s else 0, None):
+            self._add(node._replace(s=at + node.s))
+            yield 1
+
+    def turn(self, i: int, psi: float, dpsi: float, ddpsi: float) -> None:
+        """Give a node its heading."""
+        self._values[12 * i + 3 : 12 * i + 12 : 4] = array("d", (psi, dpsi, ddpsi))
+
+    def _add(self, node: Node) -> None:
+        self._s.append(node.s)
+        self._values.extend((*node.p, *node.dp, *node.ddp))
 
 
 def between(a: Node, b: Node, s: float) -> Node:
@@ -80,13 +122,12 @@ def straight(start: Vector, end: Vector) -> Curve | None:
 
 def sampled(
     point: Callable[[float], tuple[Point, Point, Point]], start: float, end: float, count: int
-) -> list[Node]:
-    """Return `count` + 1 nodes of a curve that is given by another parameter t from `start` to `end`.
+) -> Iterator[Node]:
+    """Give `count` + 1 nodes of a curve that is given by another parameter t from `start` to `end`.
 
     `point` gives the place and its first two derivatives by t; ψ stays 0.
     """
     dt = (end - start) / count
-    nodes = []
     s, before = 0.0, 0.0
     for k in range(count + 1):
         p, p_t, p_tt = point(start + k * dt)
@@ -98,55 +139,46 @@ def sampled(
         x, y, z = (v / math.copysign(speed, dt) for v in p_t)
         along = sum(a * v for a, v in zip(p_tt, p_t, strict=True)) / (speed * speed)
         kx, ky, kz = ((a - along * v) / (speed * speed) for a, v in zip(p_tt, p_t, strict=True))
-        nodes.append(Node(s, (*p, 0.0), (x, y, z, 0.0), (kx, ky, kz, 0.0)))
-    return nodes
+        yield Node(s, (*p, 0.0), (x, y, z, 0.0), (kx, ky, kz, 0.0))
 
 
-def joined(nodes: list[Node], more: Sequence[Node]) -> None:
-    """Put `more` behind `nodes`, whose last one is the first of `more`."""
-    at = nodes[-1].s if nodes else 0.0
-    nodes += [node._replace(s=at + node.s) for node in (more[1:] if nodes else more)]
-
-
-def turned_along(nodes: Sequence[Node], *, loops: bool) -> list[Node]:
-    """Return the nodes with ψ along the path, 0 where it begins vertically."""
+def turn_along(curve: Curve, *, loops: bool) -> Steps[None]:
+    """Turn ψ along the path, 0 where it begins vertically."""
     psi = 0.0
-    found = []
-    for node in nodes:
+    headings, bends, s = array("d"), array("d"), array("d")
+    for node in curve:
         (tx, ty, _, _), (kx, ky, _, _) = node.dp, node.ddp
         level = tx * tx + ty * ty
         if level > 1e-6:
             psi += wrap(math.atan2(ty, tx) - psi)
-        found.append((psi, (tx * ky - ty * kx) / level if level > 1e-6 else 0.0))
-    turned = []
-    for k, node in enumerate(nodes):
-        before, after = max(k - 1, 0), min(k + 1, len(nodes) - 1)
-        span = nodes[after].s - nodes[before].s
-        if loops and k in (0, len(nodes) - 1):
-            before, after = len(nodes) - 2, 1
-            span = nodes[-1].s - nodes[-2].s + nodes[1].s
-        bend = (found[after][1] - found[before][1]) / span
-        turned.append(_with_heading(node, *found[k], bend))
-    return turned
+        headings.append(psi)
+        bends.append((tx * ky - ty * kx) / level if level > 1e-6 else 0.0)
+        s.append(node.s)
+        yield 1
+    last = len(curve) - 1
+    for k in range(len(curve)):
+        before, after = max(k - 1, 0), min(k + 1, last)
+        span = s[after] - s[before]
+        if loops and k in (0, last):
+            before, after = last - 1, 1
+            span = s[-1] - s[-2] + s[1]
+        curve.turn(k, headings[k], bends[k], (bends[after] - bends[before]) / span)
+        yield 1
 
 
-def turned_between(nodes: Sequence[Node], stations: Sequence[tuple[float, float]]) -> list[Node]:
-    """Return the nodes with ψ going smoothly from station to station: (s, ψ), s increasing."""
-    turned, i = [], 0
-    for node in nodes:
+def turn_between(curve: Curve, stations: Sequence[tuple[float, float]]) -> Steps[None]:
+    """Turn ψ smoothly from station to station: (s, ψ), s increasing."""
+    i = 0
+    for k, node in enumerate(curve):
+        yield 1
         while i + 1 < len(stations) and stations[i + 1][0] <= node.s:
             i += 1
         (s, psi), (s_next, psi_next) = stations[i], stations[min(i + 1, len(stations) - 1)]
         h = s_next - s
         if h <= 0.0 or node.s < s:
-            turned.append(_with_heading(node, psi, 0.0, 0.0))
+            curve.turn(k, psi, 0.0, 0.0)
             continue
         u, step = (node.s - s) / h, psi_next - psi
         share, rate = u**3 * (10.0 - 15.0 * u + 6.0 * u * u), 30.0 * u * u * (1.0 - u) ** 2
         bend = 60.0 * u * (1.0 - u) * (1.0 - 2.0 * u)
-        turned.append(_with_heading(node, psi + step * share, step * rate / h, step * bend / (h * h)))
-    return turned
-
-
-def _with_heading(node: Node, psi: float, dpsi: float, ddpsi: float) -> Node:
-    return Node(node.s, (*node.p[:3], psi), (*node.dp[:3], dpsi), (*node.ddp[:3], ddpsi))
+        curve.turn(k, psi + step * share, step * rate / h, step * bend / (h * h))

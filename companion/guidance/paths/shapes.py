@@ -18,14 +18,14 @@ from companion.guidance.paths.curve import (
     Node,
     Point,
     between,
-    joined,
     sampled,
-    turned_along,
-    turned_between,
+    turn_along,
+    turn_between,
 )
-from companion.guidance.paths.time_law import Limits, Profile
+from companion.guidance.paths.time_law import LOOKS_AHEAD_S, Limits, Profile, profiled
 from companion.records import ZERO, Flags, Vector
-from companion.telemetry.plan import Circle, Helix, LawnMower, Lemniscate, PathPlan, Waypoint
+from companion.steps import Steps, finish
+from companion.telemetry.plan import MAX_SEGMENTS, Circle, Helix, LawnMower, Lemniscate, PathPlan, Waypoint
 
 CORNER_NODES = 12
 TURN_NODES = 24
@@ -36,7 +36,6 @@ SHARPEST_RAD = math.radians(120.0)
 """A sharper corner is no turn: the path stops there, and goes back."""
 
 SHORTEST_M = 1e-3
-MAX_NODES = 20_000
 
 
 class Leg(NamedTuple):
@@ -57,16 +56,18 @@ class _Bare(NamedTuple):
 
 
 class Path(NamedTuple):
-    """What a plan describes. Degrees of freedom that are `relative` count from the start."""
+    """What a plan describes. Degrees of freedom that are `relative` count from the start.
+
+    Whatever a tick asks of a path is made while it is built, for it may have thousands of nodes.
+    """
 
     plan: PathPlan
     legs: tuple[Leg, ...]
     relative: Flags
-
-    @property
-    def length_m(self) -> float:
-        """One lap's."""
-        return sum(leg.curve.length for leg in self.legs)
+    length_m: float
+    """One lap's."""
+    extremes: tuple[Point, ...]
+    """The places of the least and of the largest north, east and depth."""
 
     @property
     def duration_s(self) -> float:
@@ -76,7 +77,7 @@ class Path(NamedTuple):
     @property
     def closed(self) -> bool:
         """Whether a lap ends where it begins."""
-        first, last = self.legs[0].curve.nodes[0].p, self.legs[-1].curve.nodes[-1].p
+        first, last = self.legs[0].curve[0].p, self.legs[-1].curve[-1].p
         return math.dist(first[:3], last[:3]) < 0.01
 
     def start(self, reference: Vector) -> Vector:
@@ -84,53 +85,76 @@ class Path(NamedTuple):
         x, y, z, psi = (at if counts else 0.0 for at, counts in zip(reference, self.relative, strict=True))
         return (x, y, z, psi)
 
-    def places(self) -> Iterator[Point]:
-        """Give the places of a lap, in order: nodes, and one between each two."""
-        for leg in self.legs:
-            nodes = leg.curve.nodes
-            yield nodes[0].p[:3]
-            for a, b in pairwise(nodes):
-                yield between(a, b, 0.5 * (a.s + b.s)).p[:3]
-                yield b.p[:3]
+    def polyline(self, spacing_m: float) -> Iterator[Point | None]:
+        """Give places of a lap, in order, no further apart than lines of `spacing_m` on a bend.
 
-    def polyline(self, spacing_m: float) -> Iterator[Point]:
-        """Give places of a lap, in order, no further apart than lines of `spacing_m` on a bend."""
+        None stands for a node that is left out.
+        """
         for leg in self.legs:
-            nodes = leg.curve.nodes
-            last = -math.inf
-            for node in nodes:
+            last_s = -math.inf
+            for node in leg.curve:
                 straight = not any(node.ddp[:3])
-                if straight or node.s - last >= spacing_m or node is nodes[-1]:
-                    last = node.s
+                if straight or node.s - last_s >= spacing_m or node.s == leg.curve.length:
+                    last_s = node.s
                     yield node.p[:3]
+                else:
+                    yield None
 
 
 def build(plan: PathPlan, limits: Limits) -> Path:
     """Return the path of a plan; raise ValueError, with key and value, for one that cannot be travelled."""
+    return finish(building(plan, limits))
+
+
+def building(plan: PathPlan, limits: Limits) -> Steps[Path]:
+    """Do the same in steps: a long path takes a second."""
     shapes = [plan.circle, plan.lemniscate, plan.helix, plan.lawn_mower]
     given = [shape for shape in shapes if not isinstance(shape, UnsetType)]
     count = len(given) + bool(plan.waypoint)
     if count != 1:
         raise ValueError(f"{count} shapes: give waypoints, or one of circle, lemniscate, helix, lawn_mower")
+    if len(plan.waypoint) > MAX_SEGMENTS:
+        raise ValueError(f"waypoint: {len(plan.waypoint)} of them; {MAX_SEGMENTS} at most: divide the path")
     deep = not isinstance((plan.waypoint[0] if plan.waypoint else given[0]).depth_m, UnsetType)
     if deep and not isinstance(plan.altitude_m, UnsetType):
         raise ValueError("altitude_m: is over the ground; give no depths beside it")
-    legs = _polyline(plan, plan.waypoint, closed=plan.closed) if plan.waypoint else _shape(plan, given[0])
-    if sum(len(leg.curve.nodes) for leg in legs) > MAX_NODES:
-        raise ValueError("the path is too long: fewer waypoints, lines or turns")
+    if plan.waypoint:
+        legs = yield from _polyline(plan, plan.waypoint, closed=plan.closed)
+    else:
+        legs = yield from _shape(plan, given[0])
     keeps = plan.heading == "keep" and isinstance(plan.heading_deg, UnsetType) and not _has_headings(plan)
-    speed, acceleration = plan.speed_mps, plan.acceleration_mps2
-    ready = [
-        Leg(curve, Profile(curve, speed, acceleration, limits, loops=loops and plan.laps != 1), wait_s, loops)
-        for curve, wait_s, loops in legs
-    ]
-    return Path(plan, tuple(ready), (plan.relative, plan.relative, not deep, keeps))
+    ready = []
+    for curve, wait_s, loops in legs:
+        speed, acceleration = plan.speed_mps, plan.acceleration_mps2
+        profile = yield from profiled(curve, speed, acceleration, limits, loops=loops and plan.laps != 1)
+        ready.append(Leg(curve, profile, wait_s, loops))
+    extremes = yield from _extremes([leg.curve for leg in legs])
+    length_m = sum(leg.curve.length for leg in legs)
+    return Path(plan, tuple(ready), (plan.relative, plan.relative, not deep, keeps), length_m, extremes)
 
 
-def _shape(plan: PathPlan, shape: Circle | Lemniscate | Helix | LawnMower) -> list[_Bare]:
+def _extremes(curves: Sequence[Curve]) -> Steps[tuple[Point, ...]]:
+    """Return the six places that are furthest south, west, up, north, east and down."""
+    low, high = ([curves[0][0].p[:3]] * 3 for _ in range(2))
+    for curve in curves:
+        for i in range(len(curve) - 1):
+            a, b = curve[i], curve[i + 1]
+            for place in (a.p[:3], between(a, b, 0.5 * (a.s + b.s)).p[:3], b.p[:3]):
+                for axis, value in enumerate(place):
+                    if value < low[axis][axis]:
+                        low[axis] = place
+                    if value > high[axis][axis]:
+                        high[axis] = place
+            yield 1
+    return (*low, *high)
+
+
+def _shape(plan: PathPlan, shape: Circle | Lemniscate | Helix | LawnMower) -> Steps[list[_Bare]]:
     z = _depth(shape.depth_m)
     if isinstance(shape, LawnMower):
-        return _polyline(plan, _lines(shape), closed=False)
+        lines = yield from _lines(shape)
+        return (yield from _polyline(plan, lines, closed=False))
+    loops = not isinstance(shape, Helix)
     if isinstance(shape, Helix):
         if isinstance(shape.depth_m, UnsetType):
             raise ValueError("helix.depth_m: missing; it is the depth of the start")
@@ -138,19 +162,21 @@ def _shape(plan: PathPlan, shape: Circle | Lemniscate | Helix | LawnMower) -> li
         turns = abs(drop) / shape.pitch_m
         if turns < 0.05:
             raise ValueError(f"helix.to_depth_m = {shape.to_depth_m:g}: must differ from depth_m = {z:g}")
-        nodes = sampled(_round(shape, z, drop / (math.tau * turns)), 0.0, math.tau * turns, _count(turns))
-        return [_Bare(Curve(_headed(plan, nodes, loops=False)), 0.0, False)]
-    if isinstance(shape, Circle):
+        if 2.0 * turns > MAX_SEGMENTS:
+            raise ValueError(
+                f"helix.pitch_m = {shape.pitch_m:g}: makes {turns:.0f} turns; {MAX_SEGMENTS // 2} at most: "
+                "choose a larger one, or divide the path"
+            )
+        count = max(math.ceil(TURN_NODES * turns), 2)
+        nodes = sampled(_round(shape, z, drop / (math.tau * turns)), 0.0, math.tau * turns, count)
+    elif isinstance(shape, Circle):
         nodes = sampled(_round(shape, z, 0.0), 0.0, math.tau, TURN_NODES)
     else:
         nodes = sampled(_eight(shape, z), 0.0, math.tau, LEMNISCATE_NODES)
-    return [_Bare(Curve(_headed(plan, nodes, loops=True)), 0.0, True)]
-
-
-def _count(turns: float) -> int:
-    if TURN_NODES * turns > MAX_NODES:
-        raise ValueError(f"helix.pitch_m: makes {turns:.0f} turns; {MAX_NODES // TURN_NODES} at most")
-    return max(math.ceil(TURN_NODES * turns), 2)
+    curve = Curve()
+    yield from curve.join(nodes)
+    yield from _turn(plan, curve, loops=loops)
+    return [_Bare(curve, 0.0, loops)]
 
 
 def _round(shape: Circle, z: float, climb: float) -> Callable[[float], tuple[Point, Point, Point]]:
@@ -186,14 +212,18 @@ def _eight(shape: Lemniscate, z: float) -> Callable[[float], tuple[Point, Point,
     return point
 
 
-def _lines(shape: LawnMower) -> list[Waypoint]:
+def _lines(shape: LawnMower) -> Steps[list[Waypoint]]:
     angle = math.radians(shape.direction_deg)
     c, s = math.cos(angle), math.sin(angle)
     gaps = math.ceil(shape.width_m / shape.spacing_m - 1e-9)
-    if gaps > MAX_NODES // 32:
-        raise ValueError(f"lawn_mower.spacing_m = {shape.spacing_m:g}: makes {gaps + 1} lines; too many")
+    if 2 * (gaps + 1) > MAX_SEGMENTS:
+        raise ValueError(
+            f"lawn_mower.spacing_m = {shape.spacing_m:g}: makes {gaps + 1} lines; "
+            f"{MAX_SEGMENTS // 2} at most: choose a larger one, or divide the area"
+        )
     points = []
     for k in range(gaps + 1):
+        yield 1
         across = shape.width_m * k / gaps
         ends = (0.0, shape.length_m) if k % 2 == 0 else (shape.length_m, 0.0)
         points += [
@@ -207,51 +237,64 @@ def _lines(shape: LawnMower) -> list[Waypoint]:
     return points
 
 
-def _polyline(plan: PathPlan, waypoints: Sequence[Waypoint], *, closed: bool) -> list[_Bare]:
+def _polyline(plan: PathPlan, waypoints: Sequence[Waypoint], *, closed: bool) -> Steps[list[_Bare]]:
     """Return the legs of a polyline: it stops at waypoints without a corner, and where it waits."""
-    points = [_place(waypoints, k) for k in range(len(waypoints))]
+    points: list[Point] = []
+    for k in range(len(waypoints)):
+        points.append(_place(waypoints, k))
+        yield 1
     edges = [*pairwise(points), *([(points[-1], points[0])] if closed else [])]
     if not edges or (closed and len(points) < 3):
         raise ValueError(f"{len(points)} waypoints: want at least {3 if closed else 2}")
     for k, (p, q) in enumerate(edges):
         if math.dist(p, q) < SHORTEST_M:
             raise ValueError(f"waypoint[{k}] and the next are the same place: {p[0]:g}, {p[1]:g}")
+        yield 1
     count = len(points)
     reach: list[float | None] = [0.0] * count
     for k in range(0 if closed else 1, count if closed else count - 1):
         reach[k] = _reach(plan, waypoints[k], *edges[k - 1], edges[k][1])
+        yield 1
     loops = closed and 0.0 not in reach
     if not loops:
         reach[0] = 0.0
     headings = [_heading(plan, waypoint) for waypoint in waypoints]
     psi = next((given for given in headings if given is not None), None)
     legs: list[_Bare] = []
-    nodes: list[Node] = []
+    curve = Curve()
     here = _towards(points[0], edges[0][1], reach[0] or 0.0)
     stations = [(0.0, headings[0])]
     for k, (before, at) in enumerate(edges, start=1):
         k %= count
         d = reach[k]
-        joined(nodes, _line(here, _towards(at, before, d or 0.0), _direction(before, at)))
+        turns_at = _towards(at, before, d or 0.0)
+        yield from curve.join(_line(here, turns_at, _direction(before, at)))
+        gap = math.dist(here, turns_at)
         here = at
         if d:
             after = edges[k][1]
-            corner = _corner(before, at, after, d)
-            stations.append((nodes[-1].s + 0.5 * corner[-1].s, headings[k]))
-            joined(nodes, corner)
+            corner: list[Node] = []
+            for node in _corner(before, at, after, d):
+                corner.append(node)
+                yield 1
+            stations.append((curve.length + 0.5 * corner[-1].s, headings[k]))
+            yield from curve.join(corner, gap if gap < SHORTEST_M else 0.0)
             here = _towards(at, after, d)
         else:
-            stations.append((nodes[-1].s, headings[k]))
+            stations.append((curve.length, headings[k]))
         if d == 0.0 or (loops and k == 0):
-            stations.append((nodes[-1].s, headings[k]))
-            done, psi = _headed_by(plan, nodes, stations, psi, loops=loops)
-            legs.append(_Bare(Curve(done), waypoints[k].wait_s, loops))
-            nodes, stations = [], [(0.0, headings[k])]
+            stations.append((curve.length, headings[k]))
+            psi = yield from _turn_by(plan, curve, stations, psi, loops=loops)
+            legs.append(_Bare(curve, waypoints[k].wait_s, loops))
+            curve, stations = Curve(), [(0.0, headings[k])]
     return legs
 
 
 def _reach(plan: PathPlan, waypoint: Waypoint, before: Point, at: Point, after: Point) -> float | None:
-    """Return how far from a waypoint its turn begins; 0 where it stops there, None where it goes straight."""
+    """Return how far from a waypoint its turn begins; 0 where it stops there, None where it goes straight.
+
+    It stops where a turn would be over before the speed can follow it.
+    """
     a, b = _direction(before, at), _direction(at, after)
     half_turn = math.atan2(math.dist(a, b), math.hypot(*(p + q for p, q in zip(a, b, strict=True))))
     corner = plan.corner_m if isinstance(waypoint.corner_m, UnsetType) else waypoint.corner_m
@@ -260,10 +303,10 @@ def _reach(plan: PathPlan, waypoint: Waypoint, before: Point, at: Point, after: 
     if half_turn < 1e-6:
         return None
     d = min(corner, 0.5 * math.dist(before, at), 0.5 * math.dist(at, after))
-    return d if d > SHORTEST_M else 0.0
+    return d if d > plan.acceleration_mps2 * LOOKS_AHEAD_S**2 else 0.0
 
 
-def _corner(before: Point, at: Point, after: Point, d: float) -> list[Node]:
+def _corner(before: Point, at: Point, after: Point, d: float) -> Iterator[Node]:
     a, b = _direction(before, at), _direction(at, after)
     begin = _towards(at, before, d)
 
@@ -297,32 +340,36 @@ def _towards(begin: Point, end: Point, d: float) -> Point:
     return (begin[0] + d * x, begin[1] + d * y, begin[2] + d * z)
 
 
-def _headed(plan: PathPlan, nodes: list[Node], *, loops: bool) -> list[Node]:
+def _turn(plan: PathPlan, curve: Curve, *, loops: bool) -> Steps[None]:
     if not isinstance(plan.heading_deg, UnsetType):
-        return turned_between(nodes, [(0.0, math.radians(plan.heading_deg))])
-    return nodes if plan.heading == "keep" else turned_along(nodes, loops=loops)
+        yield from turn_between(curve, [(0.0, math.radians(plan.heading_deg))])
+    elif plan.heading == "along":
+        yield from turn_along(curve, loops=loops)
 
 
-def _headed_by(
+def _turn_by(
     plan: PathPlan,
-    nodes: list[Node],
+    curve: Curve,
     stations: Sequence[tuple[float, float | None]],
     last_psi: float | None,
     *,
     loops: bool,
-) -> tuple[list[Node], float | None]:
-    """Return the nodes with their headings, and the last of those that waypoints give."""
+) -> Steps[float | None]:
+    """Give the curve its headings; return the last of those that waypoints give."""
     if last_psi is None:
-        return _headed(plan, nodes, loops=loops), None
+        yield from _turn(plan, curve, loops=loops)
+        return None
     known: list[tuple[float, float]] = []
     for s, psi in [(0.0, last_psi), *stations]:
+        yield 1
         if psi is not None:
             last_psi += wrap(psi - last_psi)
             if known and s <= known[-1][0]:
                 known[-1] = (s, last_psi)
             else:
                 known.append((s, last_psi))
-    return turned_between(nodes, known), last_psi
+    yield from turn_between(curve, known)
+    return last_psi
 
 
 def _heading(plan: PathPlan, waypoint: Waypoint) -> float | None:

@@ -11,6 +11,7 @@ than 1, where thrust saturates or the vehicle stays behind, slows it; 0 makes it
 """
 
 import math
+from array import array
 from bisect import bisect_right
 from itertools import pairwise
 from operator import add
@@ -21,6 +22,7 @@ from companion.control import reference
 from companion.control.bounds import wrap
 from companion.guidance.paths.curve import Curve, between
 from companion.records import Setpoint, Vector, vector
+from companion.steps import Steps
 
 ALONG, ACROSS = 0.6, 0.8
 """Shares of the acceleration: 0.6² + 0.8² = 1."""
@@ -62,18 +64,20 @@ def _fastest(axis: Axis) -> float:
 
 
 class Profile:
-    """The largest speed at each place of a curve; it may be large, and is made before it is travelled."""
+    """The largest speed at each place of a curve, made by `profiled` before it is travelled."""
 
     def __init__(
-        self, curve: Curve, speed: float, acceleration: float, limits: Limits, *, loops: bool = False
+        self,
+        curve: Curve,
+        acceleration: float,
+        max_speed: float,
+        grid: tuple["array[float]", "array[float]", "array[float]"],
+        *,
+        loops: bool,
     ) -> None:
-        """Take the plan's speed and acceleration; `loops` for a closed curve of several laps."""
-        self.curve, self.loops = curve, loops
-        most = min(acceleration, limits.acceleration) * MARGIN
-        self.acceleration = ALONG * most
-        self._grid, self._caps = _caps(curve, speed, most, limits)
-        self._braked = _braked(self._grid, self._caps, self.acceleration, loops=loops)
-        self.max_speed = max(self._caps)
+        """Take the points of a grid, the largest speed at each, and that from which later ones can be met."""
+        self.curve, self.acceleration, self.max_speed, self.loops = curve, acceleration, max_speed, loops
+        self._grid, self._caps, self._braked = grid
 
     @property
     def duration_s(self) -> float:
@@ -84,13 +88,28 @@ class Profile:
 
     def speed(self, s: float) -> float:
         """Return the speed at s: between two points of the grid, what braking to the next one leaves."""
-        if self.loops:
-            s %= self.curve.length
-        i = min(max(bisect_right(self._grid, s) - 1, 0), len(self._grid) - 2)
+        i = self._before(s)
         s0, s1 = self._grid[i], self._grid[i + 1]
         share = min(max((s - s0) / (s1 - s0), 0.0), 1.0)
         cap = self._caps[i] + share * (self._caps[i + 1] - self._caps[i])
         return min(cap, math.sqrt(self._braked[i + 1] ** 2 + 2.0 * self.acceleration * max(s1 - s, 0.0)))
+
+    def slowest(self, begin: float, end: float) -> float:
+        """Return the least speed from `begin` to `end`: a narrow corner may lie between the two."""
+        if self.loops:
+            length = self.curve.length
+            begin, end = begin % length, begin % length + end - begin
+            if end > length:
+                return min(self._slowest(begin, length), self._slowest(0.0, min(end - length, length)))
+        return self._slowest(begin, end)
+
+    def _slowest(self, begin: float, end: float) -> float:
+        between_them = self._braked[self._before(begin) + 1 : self._before(end) + 1]
+        return min(self.speed(begin), self.speed(end), *between_them)
+
+    def _before(self, s: float) -> int:
+        """Return the point of the grid at s or before it, which has another one behind it."""
+        return min(max(bisect_right(self._grid, s) - 1, 0), len(self._grid) - 2)
 
 
 class TimeLaw:
@@ -105,7 +124,7 @@ class TimeLaw:
     @property
     def end(self) -> Vector:
         """Where it arrives."""
-        return self._profile.curve.nodes[-1].p
+        return self._profile.curve[-1].p
 
     @property
     def s(self) -> float:
@@ -128,8 +147,7 @@ class TimeLaw:
 
     def step(self, pace: float, dt_s: float) -> Setpoint:
         """Advance by `dt_s` at `pace`, the share of the speed that may be used; return where to be."""
-        ahead = self.s + self.s_dot * LOOKS_AHEAD_S
-        allowed = min(self._profile.speed(self.s), self._profile.speed(ahead))
+        allowed = self._profile.slowest(self.s, self.s + self.s_dot * LOOKS_AHEAD_S)
         share = pace * allowed / self._profile.max_speed
         self._state = reference.step(self._parameters, self._state, self._end, 0.0, 0.0, share, dt_s)
         return self.setpoint()
@@ -146,18 +164,33 @@ class TimeLaw:
         return Setpoint((x, y, z, wrap(psi)), rate, acc)
 
 
-def _caps(curve: Curve, speed: float, acceleration: float, limits: Limits) -> tuple[list[float], list[float]]:
-    """Return a grid of s, and the largest speed at each of its points."""
-    grid, caps = [], []
-    nodes = curve.nodes
-    for a, b in pairwise(nodes):
+def profiled(
+    curve: Curve, speed: float, acceleration: float, limits: Limits, *, loops: bool = False
+) -> Steps[Profile]:
+    """Return a curve's profile by the plan's speed and acceleration; `loops` for several laps."""
+    most = min(acceleration, limits.acceleration) * MARGIN
+    grid, caps = array("d"), array("d")
+    max_speed = 0.0
+    for i in range(len(curve) - 1):
+        a, b = curve[i], curve[i + 1]
         for k in range(STEPS):
             node = between(a, b, a.s + (b.s - a.s) * k / STEPS) if k else a
             grid.append(node.s)
-            caps.append(_cap(node.dp, node.ddp, speed, acceleration, limits))
-    grid.append(nodes[-1].s)
-    caps.append(_cap(nodes[-1].dp, nodes[-1].ddp, speed, acceleration, limits))
-    return grid, caps
+            caps.append(_cap(node.dp, node.ddp, speed, most, limits))
+        max_speed = max(max_speed, *caps[-STEPS:])
+        yield 1
+    grid.append(curve.length)
+    caps.append(_cap(curve[-1].dp, curve[-1].ddp, speed, most, limits))
+    max_speed = max(max_speed, caps[-1])
+    braked = array("d", caps)
+    for _ in range(2 if loops else 1):
+        if loops:
+            braked[-1] = min(braked[-1], braked[0])
+        for i in range(len(grid) - 2, -1, -1):
+            way = grid[i + 1] - grid[i]
+            braked[i] = min(braked[i], math.sqrt(braked[i + 1] ** 2 + 2.0 * ALONG * most * way))
+            yield 1
+    return Profile(curve, ALONG * most, max_speed, (grid, caps, braked), loops=loops)
 
 
 def _cap(dp: Vector, ddp: Vector, speed: float, acceleration: float, limits: Limits) -> float:
@@ -174,14 +207,3 @@ def _cap(dp: Vector, ddp: Vector, speed: float, acceleration: float, limits: Lim
         ),
         SLOWEST_MPS,
     )
-
-
-def _braked(grid: list[float], caps: list[float], a: float, *, loops: bool) -> list[float]:
-    """Return the speed from which each later cap can still be met by braking with `a`."""
-    braked = list(caps)
-    for _ in range(2 if loops else 1):
-        if loops:
-            braked[-1] = min(braked[-1], braked[0])
-        for i in range(len(grid) - 2, -1, -1):
-            braked[i] = min(braked[i], math.sqrt(braked[i + 1] ** 2 + 2.0 * a * (grid[i + 1] - grid[i])))
-    return braked
