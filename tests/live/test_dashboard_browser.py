@@ -19,6 +19,7 @@ import pytest
 from playwright.sync_api import Browser, Page, sync_playwright
 from waiting import until
 
+from companion.records import State
 from companion.telemetry import schemas as telemetry
 from dashboard.zenoh_client import Subscription
 from lab.ports import free_port
@@ -122,6 +123,7 @@ PURE: list[tuple[str, str, Any]] = [
         [None, [1, 5], [2, 6], None, [4, 8]],  # a gap breaks it
     ),
     ("map", "[7, 1, 0.45, 30].map(m.niceStep)", [5, 1, 0.2, 20]),
+    ("panels", "m.PLOTS.find(({ name }) => name === 'heading').incrs.slice(-4)", [45, 90, 180, 360]),
     (
         "save",
         f"m.csv({_STORE}, 0, 2, 0).split('\\n').slice(1, 3)",
@@ -471,13 +473,33 @@ def test_the_pilot_moves_releases_and_engages(dive: Dive, opened: Callable[..., 
     page.locator("#release").click()
     _wait(page, "document.querySelector('#banner').dataset.state !== 'ACTIVE'")
     page.keyboard.press("Escape")
-    _wait(page, "document.querySelector('#engage').matches('.primary:enabled')")
+    _wait(page, "document.querySelector('#engage').matches(':enabled')")
     page.locator("#engage").click()  # asks
     page.locator("#engage").click()
     _active(dive, page)
     page.locator("#theme").focus()
     page.keyboard.press("r")
     _wait(page, "document.querySelector('#banner').dataset.state !== 'ACTIVE'")
+    _active(dive, page)
+
+
+def test_release_is_one_tap_in_every_state(opened: Callable[..., Page]) -> None:
+    page = opened(f"/#token={TOKEN}")
+    _wait(page, "!document.querySelector('#release').disabled")
+    for state in State:
+        fed = f"holdfast.link.handlers.status({{...holdfast.link.status, supervisor: {{state: '{state}'}}}})"
+        button = "document.querySelector('#release')"
+        assert _get(page, f"{fed}, {button}.checkVisibility() && !{button}.disabled"), state
+        assert _get(page, f"{fed}, document.querySelector('#clear').checkVisibility()") == (state == "FAULT")
+        offered = _get(page, f"{fed}, document.querySelector('#engage').matches('.primary:enabled')")
+        assert offered == (state in ("READY", "PILOT"))
+
+
+def test_what_is_not_held_now_covers_no_curve(dive: Dive, opened: Callable[..., Page]) -> None:
+    page = opened()
+    assert _post(dive.port, "/api/kelp/release", TOKEN)[0] == 200
+    _wait(page, "document.querySelector('#panel-error small').textContent === 'not held now'")
+    assert page.locator("#panel-error").get_attribute("data-held") == "yes"
     _active(dive, page)
 
 
@@ -512,7 +534,8 @@ def test_the_pilots_page_fits_a_phone_and_leads_to_the_engineers(
 @pytest.mark.parametrize("width", [1440, 1024, 390])
 @pytest.mark.parametrize("tuning", [False, True])
 def test_nothing_is_clipped(opened: Callable[..., Page], width: int, tuning: bool) -> None:
-    page = opened(f"/engineer#token={TOKEN}", width=width)
+    page = opened(f"/engineer#token={TOKEN}", live=False, width=width)
+    _wait(page, "globalThis.holdfast?.count.frames > 2")
     if tuning:
         page.locator("#tune").click()
         _wait(page, "document.body.dataset.tuning === 'yes'")
