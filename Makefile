@@ -57,7 +57,7 @@ wheel: $(STAMP)  ## build dist/*.whl, try it in a venv of its own, and there wit
 	build/wheel/bin/$(PIP) dist/*.whl
 	build/wheel/bin/holdfast --help
 	build/wheel/bin/python -m pip uninstall --quiet --yes aiohttp cryptography mcap rich  # what extras bring
-	build/wheel/bin/holdfast watch --once 2>&1 | grep -F "pip install 'holdfast[dashboard]'"
+	build/wheel/bin/holdfast watch --once 2>&1 | grep -F "pip install 'holdfast-rov[dashboard]'"
 	timeout --preserve-status -s INT 3 build/wheel/bin/holdfast run \
 	    --set link.endpoint=udp-connect:127.0.0.1:14599 --set telemetry.endpoint=tcp/127.0.0.1:7459
 
@@ -87,11 +87,11 @@ $(WHEELS)/.downloaded: requirements.lock $(STAMP)
 	@touch $@
 
 # What a pilot needs; `make test` adds the tools of development to the same .venv.
-$(DEMO): .venv/.python pyproject.toml requirements-demo.lock
+$(DEMO): .venv/pyvenv.cfg pyproject.toml requirements-demo.lock
 	$(call set_up,requirements-demo.lock)
 	@touch $@
 
-$(STAMP): .venv/.python pyproject.toml requirements-dev.lock
+$(STAMP): .venv/pyvenv.cfg pyproject.toml requirements-dev.lock
 	$(call set_up,requirements-dev.lock)
 	@touch $@ $(DEMO)
 
@@ -108,10 +108,10 @@ fitting = $(shell for name in $(1); do $$name -c '$(FITTING)' 2>/dev/null && bre
 # .venv is made anew where its Python has gone or changed, or PYTHONS= asks for another one.
 FOUND := $(call fitting,.venv/bin/python)
 ASKED := $(if $(filter command%,$(origin PYTHONS)),$(call fitting,$(PYTHONS)),$(FOUND))
-ifneq ($(file <.venv/.python) $(ASKED),$(FOUND) $(FOUND))
-.PHONY: .venv/.python
+ifneq ($(shell sed -n "s/^executable = //p" .venv/pyvenv.cfg 2>/dev/null) $(ASKED),$(FOUND) $(FOUND))
+.PHONY: .venv/pyvenv.cfg
 endif
-.venv/.python:
+.venv/pyvenv.cfg:
 	@python='$(call fitting,$(PYTHONS))'; \
 	if [ -z "$$python" ]; then \
 	    echo 'Holdfast needs Python 3.11 to 3.14 with venv; for newer ones numba and others have no files yet.' >&2; \
@@ -120,9 +120,10 @@ endif
 	    exit 1; \
 	fi; \
 	echo "Setting up .venv with $$python; the first time takes a minute."; \
-	"$$python" -m venv --clear .venv && echo "$$python" > $@
+	"$$python" -m venv --clear .venv
 
 define set_up
 	$(INSTALL) --require-hashes --only-binary :all: -r $(1)
+	@$(BIN)/python -m pip uninstall --quiet --quiet --yes holdfast  # our name once: it has the same command
 	$(INSTALL) --no-build-isolation -e .
 endef

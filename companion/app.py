@@ -14,7 +14,6 @@ import os
 import time
 from collections import deque
 from collections.abc import Sequence
-from importlib.metadata import version
 from typing import NoReturn
 
 import msgspec
@@ -40,6 +39,7 @@ from companion.telemetry.event_log import EventLog
 from companion.telemetry.plan import PathPlan
 from companion.telemetry.schemas import Choices, Plan, Raw, Reply, Start
 from companion.telemetry.status_line import status_line
+from holdfast import own_version
 
 SHUTDOWN_REPEATS = 5
 STATUS_PERIOD_S = 5.0
@@ -336,9 +336,7 @@ def _drained(*queues: deque[str]) -> list[str]:
 
 def _start(config: Config, setpoint: Setpoint, arm: bool) -> Start:
     x, y, z, psi = setpoint.eta_d
-    return Start(
-        config=msgspec.to_builtins(config), setpoint=(x, y, z, psi), arm=arm, version=version("holdfast")
-    )
+    return Start(config=msgspec.to_builtins(config), setpoint=(x, y, z, psi), arm=arm, version=own_version())
 
 
 def identify(config: Config, manoeuvre: Manoeuvre, *, arm: bool) -> int:

@@ -10,6 +10,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from holdfast import how_to_install
 from holdfast.arguments import command_parser
 
 if TYPE_CHECKING:
@@ -384,7 +385,7 @@ def identify(argv: list[str]) -> int:
         draw(found, arguments.out.with_suffix(".png"))
         sys.stdout.write(f"written: {arguments.out.with_suffix('.png')}\n")
     except ImportError:
-        sys.stdout.write("no picture: matplotlib is missing; pip install 'holdfast[lab]'\n")
+        sys.stdout.write(f"no picture: matplotlib is missing; {how_to_install('lab')}\n")
     return 0
 
 

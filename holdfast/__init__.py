@@ -24,6 +24,10 @@ about a minute. `holdfast init` writes a configuration for your vehicle.
 """
 
 
+DISTRIBUTION = "holdfast-rov"
+"""The name for pip and of the wheels. In the package index `holdfast` is somebody else's project."""
+
+
 class RefusedError(Exception):
     """What was asked for cannot be begun; the text says in one line what, where and what to do."""
 
@@ -68,8 +72,7 @@ def main(argv: list[str] | None = None) -> int:
         extra = extra_of(error.name or "", arguments[0])
         if not extra:
             raise
-        pip = f"{sys.executable} -m pip"  # where Holdfast is; elsewhere the name is somebody else's project
-        _say(arguments[0], f"needs {error.name}. Install the extra: {pip} install 'holdfast[{extra}]'")
+        _say(arguments[0], f"needs {error.name}. Install the extra: {how_to_install(extra)}")
         return REFUSED
     except RefusedError as error:
         _say(arguments[0], str(error))
@@ -87,7 +90,7 @@ def _dispatch(arguments: list[str]) -> int:
         return DONE
     name, *rest = arguments
     if name in ("-V", "--version"):
-        sys.stdout.write(f"holdfast {version('holdfast')}\n")
+        sys.stdout.write(f"holdfast {own_version()}\n")
         return DONE
     if name not in commands:
         known = ", ".join(sorted(commands))
@@ -101,6 +104,16 @@ def _say(command: str, what: str) -> None:
     sys.stderr.write(f"holdfast {command}: {what}\n")
 
 
+def own_version() -> str:
+    """Return the version of this installation."""
+    return version(DISTRIBUTION)
+
+
+def how_to_install(extra: str) -> str:
+    """Return the command that adds an extra to this installation."""
+    return f"{sys.executable} -m pip install '{DISTRIBUTION}[{extra}]'"
+
+
 def extra_of(module: str, command: str) -> str:
     """Return the extra that brings a module: of several the command's, its package's, or the smallest.
 
@@ -109,7 +122,7 @@ def extra_of(module: str, command: str) -> str:
     name = module.partition(".")[0]
     every = [
         (match[1], match[2])
-        for text in requires("holdfast") or ()
+        for text in requires(DISTRIBUTION) or ()
         if (match := re.match(r"""([\w-]+).*; extra == ["'](\w+)["']""", text))
     ]
     sizes = Counter(extra for _, extra in every)

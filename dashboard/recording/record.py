@@ -26,6 +26,7 @@ from companion.telemetry.commands import SetRecording
 from companion.telemetry.session import SessionThread, client_configuration, ticks_per_sample
 from dashboard.arguments import add_connect
 from dashboard.recording.recorder import DiveRecorder, FileLimits
+from holdfast import own_version
 from holdfast.arguments import command_parser
 
 QUEUE = 32_768
@@ -278,7 +279,7 @@ class _Memory:
 
 def about() -> dict[str, str]:
     """Return what wrote the file: versions and git revision, "unknown" outside a checkout."""
-    packages = {name: version(name) for name in ("holdfast", "eclipse-zenoh", "mcap")}
+    packages = {"holdfast": own_version()} | {name: version(name) for name in ("eclipse-zenoh", "mcap")}
     return {**packages, "git": revision(), "python": platform.python_version(), "system": platform.platform()}
 
 

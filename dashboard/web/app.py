@@ -9,7 +9,6 @@ import sys
 import time
 from collections.abc import Awaitable, Callable, Iterator
 from contextlib import AbstractContextManager, nullcontext, suppress
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any, cast
 
@@ -28,6 +27,7 @@ from dashboard.web.fleet import HISTORY_S, Fleet, VehicleHistory
 from dashboard.web.options import DashboardOptions, announcement
 from dashboard.web.ring import next_row
 from dashboard.zenoh_client import Subscription
+from holdfast import own_version
 from holdfast.ports import taken
 
 BEAT_S = 0.025
@@ -201,7 +201,7 @@ class Dashboard:
                     "columns": COLUMNS,
                     "history_s": HISTORY_S,
                     "control": bool(self._settings.token),
-                    "version": version("holdfast"),
+                    "version": own_version(),
                 }
             )
         )
@@ -317,7 +317,7 @@ async def _register(request: web.Request) -> web.StreamResponse:
             "description": "What the station-keeping controller is doing, live.",
             "icon": "mdi-anchor",
             "company": "Holdfast",
-            "version": version("holdfast"),
+            "version": own_version(),
             "new_page": True,
             "webpage": "/",
             "api": "",
@@ -338,7 +338,7 @@ async def _cockpit(request: web.Request) -> web.StreamResponse:
                     "iframe_url": f"/panel/{name}",
                     "config_iframe_url": None,
                     "iframe_icon": "/static/icon.svg",
-                    "version": version("holdfast"),
+                    "version": own_version(),
                 }
                 for name, title in PANELS.items()
             ],

@@ -10,7 +10,10 @@ from urllib.parse import unquote, urlsplit
 from zipfile import BadZipFile, ZipFile
 from zipfile import Path as ZipPath
 
-from holdfast import RefusedError
+from holdfast import DISTRIBUTION, RefusedError
+
+PROJECT = DISTRIBUTION.replace("-", "_")
+"""What a wheel's name begins with."""
 
 
 @dataclass(frozen=True)
@@ -45,8 +48,8 @@ def from_folder(package: Path, name: str) -> Release:
 
 def _name(wheel: Path) -> str:
     project, version, *_ = [*wheel.name.split("-"), ""]
-    if project != "holdfast" or wheel.suffix != ".whl":
-        raise RefusedError(f"{wheel}: a wheel of Holdfast is called holdfast-VERSION-py3-none-any.whl")
+    if project != PROJECT or wheel.suffix != ".whl":
+        raise RefusedError(f"{wheel}: a wheel of Holdfast is called {PROJECT}-VERSION-py3-none-any.whl")
     return f"{version}-{hashlib.sha256(wheel.read_bytes()).hexdigest()[:8]}"
 
 
@@ -66,7 +69,7 @@ def _read(package: Path | ZipPath, name: str, wheel: Path | None) -> Release:
 
 def own_wheel() -> Path:
     """Return the wheel that this program runs from, or was installed from; raise RefusedError if none."""
-    own = distribution("holdfast")
+    own = distribution(DISTRIBUTION)
     place = Path(str(own.locate_file("")))
     if place.suffix == ".whl":
         return place
@@ -76,5 +79,5 @@ def own_wheel() -> Path:
         return wheel
     raise RefusedError(
         "this installation's wheel is not known: name it, as in `holdfast install "
-        "holdfast-VERSION-py3-none-any.whl`; in a checkout `make wheel` builds dist/*.whl"
+        f"{PROJECT}-VERSION-py3-none-any.whl`; in a checkout `make wheel` builds dist/*.whl"
     )

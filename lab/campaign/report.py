@@ -24,6 +24,7 @@ from rich.progress import (
 from rich.table import Table
 
 from companion.config import Config, load_config
+from holdfast import how_to_install
 from lab.batch.vehicle import ENGAGED_S, Rows
 from lab.campaign.campaign import (
     DURATION_S,
@@ -141,7 +142,7 @@ def workforce(scheduler: str | None, workers: int | None) -> Iterator[tuple[Exec
             yield pool, count
         return
     if find_spec("distributed") is None:
-        raise SystemExit("holdfast campaign --scheduler: install the extra: pip install 'holdfast[cluster]'")
+        raise SystemExit(f"holdfast campaign --scheduler: install the extra: {how_to_install('cluster')}")
     from distributed import Client
 
     connect: Any = Client  # it carries no types that mypy --strict accepts

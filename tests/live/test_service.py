@@ -55,7 +55,7 @@ def later(wheel: Path) -> Path:
     """The same wheel with another version, and another description of a unit."""
     version = wheel.name.split("-")[1]
     changed = wheel.with_name(wheel.name.replace(version, LATER))
-    info = f"holdfast-{version}.dist-info/"
+    info = f"holdfast_rov-{version}.dist-info/"
     with ZipFile(wheel) as old, ZipFile(changed, "w") as new:
         for name in old.namelist():
             content = old.read(name)
@@ -70,7 +70,7 @@ def later(wheel: Path) -> Path:
 @pytest.mark.timeout(300)
 def test_a_life_of_the_services(machine: Machine, python: str) -> None:
     before = set(ours(machine))
-    wheel = next(name for name in machine.run("ls", "/mnt").split() if name.startswith("holdfast-0"))
+    wheel = next(name for name in machine.run("ls", "/mnt").split() if name.startswith("holdfast_rov-0"))
     install = (python, "-m", "holdfast", "install", "--wheels", "/mnt")
     out_of_the_wheel = {"PYTHONPATH": f"/mnt/{wheel}"}
 
@@ -100,7 +100,7 @@ def test_a_life_of_the_services(machine: Machine, python: str) -> None:
     assert '"cockpit"' in machine.run(python, "-c", FETCH.format("http://127.0.0.1:8600/register_service"))
 
     machine.run(
-        "holdfast", "install", f"/mnt/holdfast-{LATER}-py3-none-any.whl", "--wheels", "/mnt", "--apply"
+        "holdfast", "install", f"/mnt/holdfast_rov-{LATER}-py3-none-any.whl", "--wheels", "/mnt", "--apply"
     )
     runs(machine, LATER, "Later, ")
     assert machine.run("head", "-n", "1", CONFIGURATION) == "# mine"

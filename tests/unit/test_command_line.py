@@ -131,7 +131,7 @@ def test_ctrl_c_says_nothing(stand_in, capsys):
 def test_what_is_not_installed_is_named_with_its_extra(stand_in, capsys, module, extra):
     stand_in(lambda argv: _raise(ModuleNotFoundError(f"No module named '{module}'", name=f"{module}.web")))
     assert holdfast.main(["run"]) == 2
-    assert f"pip install 'holdfast[{extra}]'" in capsys.readouterr().err
+    assert f"pip install 'holdfast-rov[{extra}]'" in capsys.readouterr().err
 
 
 def test_a_base_installation_checks_without_rich_and_says_what_watch_needs():
@@ -148,7 +148,7 @@ def test_a_base_installation_checks_without_rich_and_says_what_watch_needs():
     """
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert done.stdout.splitlines() == [" REFUSED  link: none", "          why. Fix: fix", "2", "2"]
-    extra = f"{sys.executable} -m pip install 'holdfast[dashboard]'"
+    extra = f"{sys.executable} -m pip install 'holdfast-rov[dashboard]'"
     assert f"holdfast watch: needs rich. Install the extra: {extra}" in done.stderr
 
 

@@ -23,7 +23,7 @@ from holdfast.install.steps import Remove, Run, StepError, Symlink, Write, carry
 
 NEW = Release(
     name="2.0-aaaa",
-    wheel=Path("/media/holdfast-2.0-py3-none-any.whl"),
+    wheel=Path("/media/holdfast_rov-2.0-py3-none-any.whl"),
     units={name: f"# {name}\n" for name in (*ENABLED, "holdfast-sim@.service")},
     configuration='[link]\nendpoint = "udp-listen:127.0.0.1:14550"\n',
     lock="numpy==2 --hash=sha256:0\n",
@@ -159,7 +159,7 @@ def test_an_empty_machine_has_nothing_to_uninstall():
     assert uninstall(Found(), purge=True) == []
 
 
-@pytest.mark.parametrize("name", ["holdfast-1.0-py3-none-any.whl", "numpy-2.0-py3-none-any.whl", "notes.txt"])
+@pytest.mark.parametrize("name", ["holdfast_rov-1.0.whl", "holdfast-1.0.whl", "numpy-2.0.whl", "notes.txt"])
 def test_what_is_no_wheel_of_ours_is_refused(name, tmp_path):
     with ZipFile(tmp_path / name, "w") as file:
         file.writestr("holdfast/__init__.py", "")
@@ -170,7 +170,7 @@ def test_what_is_no_wheel_of_ours_is_refused(name, tmp_path):
 def test_two_builds_of_a_version_are_two_names(tmp_path):
     names = set()
     for unit in ("one", "two"):
-        wheel = tmp_path / "holdfast-1.0-py3-none-any.whl"
+        wheel = tmp_path / "holdfast_rov-1.0-py3-none-any.whl"
         with ZipFile(wheel, "w") as file:
             file.writestr("holdfast/systemd/holdfast.service", unit)
             file.writestr("holdfast/config/companion.toml", "")

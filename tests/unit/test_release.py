@@ -1,18 +1,23 @@
 """A release says the same version wherever it says one, and its notes come out of the changelog."""
 
 import os
+import re
 import shutil
 import subprocess
 import sys
 import tomllib
+from importlib.metadata import entry_points
 from pathlib import Path
 from zipfile import ZipFile
 
 import pytest
 from hatchling.builders.wheel import WheelBuilder
 
+from holdfast import DISTRIBUTION
+
 ROOT = Path(__file__).parents[2]
-VERSION = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+VERSION = PROJECT["version"]
 
 
 @pytest.mark.parametrize(
@@ -23,6 +28,25 @@ def test_the_version_is_the_same_everywhere(file: str, line: str) -> None:
     assert line in (ROOT / file).read_text()
 
 
+def test_no_document_or_hint_installs_the_project_that_is_called_holdfast() -> None:
+    """In the package index that name is somebody else's."""
+    assert PROJECT["name"] == DISTRIBUTION
+    strangers = re.compile(
+        r"holdfast\[[a-z.]|\binstall(?: +-\S+)* +['\"]?holdfast(?![\w-])|holdfast-[^\s/'\"`]*\.whl"
+    )
+    for text in ("pip install holdfast", "pip install -U 'holdfast[lab]'", "dist/holdfast-*.whl"):
+        assert strangers.search(text), text
+    patterns = ["*.md", "*.toml", "Makefile", ".ci/*", ".github/*/*", "blueos/*", "docs/*/*", "docs/**/*.md"]
+    packages = {entry.module.partition(".")[0] for entry in entry_points(group="holdfast.commands")}
+    patterns += [f"{package}/**/*.*" for package in packages]
+    texts = {path for pattern in patterns for path in ROOT.glob(pattern) if path.is_file()}
+    assert len(texts) > 300
+    found = {
+        str(path): match[0] for path in texts if (match := strangers.search(path.read_text(errors="ignore")))
+    }
+    assert not found
+
+
 def test_an_installation_adds_nothing_but_holdfast_to_the_top_level(
     tmp_path: Path,
 ) -> None:
@@ -30,7 +54,7 @@ def test_an_installation_adds_nothing_but_holdfast_to_the_top_level(
     site = tmp_path / "site"
     with ZipFile(wheel) as file:
         file.extractall(site)
-    assert {path.name for path in site.iterdir()} == {"holdfast", f"holdfast-{VERSION}.dist-info"}
+    assert {path.name for path in site.iterdir()} == {"holdfast", f"holdfast_rov-{VERSION}.dist-info"}
     program = "import sys, holdfast, companion; print(companion.__file__); holdfast.main(sys.argv[1:])"
     done = subprocess.run(
         [sys.executable, "-c", program, "sim", "--list"],

@@ -36,12 +36,12 @@ def numbers(name: str) -> list[int]:
 
 @pytest.fixture
 def make(tmp_path: Path):
-    """`make .venv/.python` beside a copy of the Makefile; returns its status and all that it says."""
+    """`make .venv/pyvenv.cfg` beside a copy of the Makefile; returns its status and all that it says."""
     shutil.copy(ROOT / "Makefile", tmp_path)
 
     def run(*arguments: str) -> tuple[int, str]:
         done = subprocess.run(
-            ["make", "--no-print-directory", ".venv/.python", *arguments],
+            ["make", "--no-print-directory", ".venv/pyvenv.cfg", *arguments],
             cwd=tmp_path,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
@@ -69,6 +69,7 @@ else:
     folder = pathlib.Path(sys.argv[-1])
     shutil.rmtree(folder, ignore_errors=True)
     (folder / "bin").mkdir(parents=True)
+    (folder / "pyvenv.cfg").write_text(f"executable = {{this}}")
     (folder / "bin" / "made-by").write_text(str(this))
     shutil.copy(this, folder / "bin" / "python")
 """
@@ -87,7 +88,7 @@ def test_a_python_that_no_dependency_supports_yet_is_refused_in_words(make, tmp_
 def test_the_first_python_that_fits_is_taken(make, tmp_path):
     new, fits = pretend(tmp_path / "new", (3, 15)), pretend(tmp_path / "fits", (3, 14))
     assert make(f"PYTHONS=nowhere {new} {fits}")[0] == 0
-    assert (tmp_path / ".venv" / ".python").read_text() == f"{fits}\n"
+    assert (tmp_path / ".venv" / "bin" / "made-by").read_text() == fits
 
 
 def test_a_venv_is_made_anew_for_another_python_and_only_then(make, tmp_path):
