@@ -102,7 +102,7 @@ def bench(argv: list[str]) -> int:
         "--scenarios",
         nargs="+",
         metavar="NAME",
-        help="run only these: waves, trajectory, load, calm; position: station, lemniscate, circle, thruster",
+        help="run only these: waves, path, load, calm; position: station, lemniscate, circle, thruster",
     )
     parser.add_argument(
         "--cells",

@@ -352,13 +352,19 @@ class Guidance:
         """Go to a place in a straight line; coordinates that it does not name stay.
 
         In `order.frame` "local" it counts from the origin, else from where the vehicle is: "offset" north,
-        east, down, or "body" forward, right, down. Raises ValueError for a place beyond the fence, and for
-        an altitude that is too low, or given beside a depth.
+        east, down, or "body" forward, right, down. Raises ValueError for a place beyond the fence, for north
+        or east where there never was a position, and for an altitude that is too low, or beside a depth.
         """
         goal = place(order)
         self._permit_altitude(order.altitude_m)
         if not isinstance(order.altitude_m, UnsetType) and not math.isnan(goal[Z]):
             raise ValueError("depth_m and altitude_m: name one of them")
+        level = any(known(goal)[:Z])
+        if level and any(self.engaged) and self._held.lacks_position and not self._held.lost:
+            raise ValueError(
+                "there is no position: x and y are not held, and north and east mean nothing. Go by depth "
+                "and heading, or connect a DVL, a USBL or vision that the autopilot uses (docs/guidance.md)"
+            )
         if order.frame != "local":
             goal = from_here(self._standing(reference), goal, body=order.frame == "body")
         self._checked(Setpoint(goal))

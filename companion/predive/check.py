@@ -336,8 +336,8 @@ def _leak(seen: Observed, config: Config) -> CheckRow:
     if action == 0.0:
         fix = "FS_LEAK_ENABLE = 1 to warn, 2 to surface"
         return CheckRow("leak", Grade.WARNING, "not detected: FS_LEAK_ENABLE is 0", why, fix)
-    does = {1.0: "it warns", 2.0: "it surfaces"}.get(action, f"action {action:g}")
-    return CheckRow("leak", Grade.GOOD, f"detected; {does}", why)
+    does = {1.0: "warns", 2.0: "surfaces"}.get(action, f"does {action:g}")
+    return CheckRow("leak", Grade.GOOD, f"no leak; the autopilot {does} if one is detected", why)
 
 
 def _clock(seen: Observed, config: Config) -> CheckRow:

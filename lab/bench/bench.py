@@ -28,7 +28,7 @@ from sim_bridge.config import SimConfig
 
 FIRST_SEED = 1000
 SEEDS = 60
-SCENARIOS = ("waves", "trajectory", "load", "calm")
+SCENARIOS = ("waves", "path", "load", "calm")
 LINKS = {0: LinkDelay(), 80: LinkDelay(up_s=0.041, down_s=0.041)}
 """By the delay that is added, ms: half of it each way, there from the start, and told to nobody."""
 

@@ -59,7 +59,6 @@ COLUMNS = (
     ("thrust_rms_n", "thrust\nN", ".1f"),
     ("chatter_n", "chatter\nN/tick", ".2f"),
 )
-SHORT = {"trajectory": "path"}
 BESIDE = ("alt_hold_stock", "alt_hold", DEFAULT)
 """What `bench firmware` dives when no row is named."""
 
@@ -231,7 +230,7 @@ def _overview(cases: Sequence[Summary], title: str, cell: Callable[[Summary], st
     scenarios = dived(cases)
     for delay_ms in LINKS:
         for scenario in scenarios:
-            heading = f"{SHORT.get(scenario, scenario)}\n{_delay(delay_ms)}"
+            heading = f"{scenario}\n{_delay(delay_ms)}"
             table.add_column(heading, justify="right", no_wrap=True)
     of = {(case.row, case.scenario, case.delay_ms): case for case in cases}
     for name in dict.fromkeys(case.row for case in cases):

@@ -107,7 +107,7 @@ class Soak:
 
 def soak(minutes: float, console: Console) -> int:
     """Run, and show the summary every minute; return 1 if a process ended, raised, or lost records."""
-    found = Soak()
+    found, stopped = Soak(), False
     with tempfile.TemporaryDirectory(prefix="holdfast-soak-") as folder, Crew(Path(folder)) as crew:
         dives = Path(folder) / "dives"
         try:
@@ -122,6 +122,7 @@ def soak(minutes: float, console: Console) -> int:
             return 1
         except KeyboardInterrupt:
             console.print("stopped: these are the figures until now")
+            stopped = True
         crew.close()
         found.tracebacks = crew.count("Traceback")
         written = sum(_messages(file) for file in dives.glob("*.mcap"))
@@ -129,6 +130,8 @@ def soak(minutes: float, console: Console) -> int:
     recorder = found.recorder
     lost = recorder is None or recorder.lost + recorder.dropped > 0
     console.print(f"records in the recorder's files, read again: {written}")
+    if stopped:
+        raise KeyboardInterrupt
     return 1 if lost or found.tracebacks.total() else 0
 
 

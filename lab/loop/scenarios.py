@@ -105,7 +105,7 @@ def four(seed: int, vary: Callable[[SimConfig, int], SimConfig] = ensemble) -> t
 
     return (
         Scenario("waves", drawn(_waves), hold(), SETTLE_S + 60.0, seed),
-        Scenario("trajectory", drawn(_tether), trajectory, SETTLE_S + 84.0, seed),
+        Scenario("path", drawn(_tether), trajectory, SETTLE_S + 84.0, seed),
         Scenario("load", drawn(_load), hold(), SETTLE_S + 40.0, seed),
         Scenario("calm", drawn(lambda base, seed: base), hold(), SETTLE_S + 40.0, seed),
     )

@@ -15,7 +15,7 @@ from rich.progress import Progress
 from rich.table import Table
 
 from companion.config import Config, ConfigError, load_config, vehicle_of
-from lab.bench.rows import DEFAULT, WIDTH, Row, knobs_of, rows, selected
+from lab.bench.rows import DEFAULT, TUNED_FILE, WIDTH, Row, knobs_of, rows, selected
 from lab.loop.scenarios import ensemble
 from lab.pool import worker_pool
 from lab.tuning import search as tune
@@ -57,7 +57,21 @@ def run(arguments: argparse.Namespace) -> int:
     else:
         out.write_text(_tuned_text(arguments, searched, found), encoding="utf-8")
     console.print(f"written: {out}", soft_wrap=True)
+    console.print(next_step(out, [row.name for row in searched], own=own), soft_wrap=True)
     return 0
+
+
+def next_step(out: Path, names: Sequence[str], *, own: bool) -> str:
+    """Return the command that dives what was found."""
+    if own:
+        return (
+            "Dive it: holdfast sim, and in a second terminal\n"
+            f"  holdfast run --engage --arm --depth 3 --config {shlex.quote(str(out))}"
+        )
+    return (
+        f"Dive it: copy it over {TUNED_FILE.relative_to(Path(__file__).parents[2])}, then\n"
+        f"  holdfast bench dives --rows {shlex.join(names)}"
+    )
 
 
 def _job(

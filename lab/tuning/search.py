@@ -188,7 +188,7 @@ def _training(seeds: int, vary: Callable[[SimConfig, int], SimConfig]) -> list[t
     dives = []
     for seed in range(seeds):
         for whole in four(seed, vary):
-            target = _fast_trajectory if whole.name == "trajectory" else whole.target
+            target = _fast_trajectory if whole.name == "path" else whole.target
             short = Scenario(whole.name, whole.plant, target, SETTLE_S + TRAINING_S, seed)
             dives.append((short, CASES[seed % len(CASES)]))
     return dives

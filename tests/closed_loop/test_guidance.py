@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
-from virtual import Dive, Somebody, hold
+from virtual import Dive, Somebody, active, hold
 
 from companion.control.bounds import wrap
 from companion.guidance.fence import Fence
@@ -109,6 +109,16 @@ def test_a_path_is_paused_resumed_and_stopped_without_a_jump():
         dive.engine.guide(SetPath(action="pause"))
     with pytest.raises(ValueError, match="above the surface"):
         dive.engine.guide(Goto(depth_m=-3.0, frame="offset"))
+
+
+def test_without_a_position_a_place_is_refused_and_a_depth_is_not():
+    dive = active()
+    before = dive.engine.target
+    for order in (Goto(x_m=3.0), Goto(y_m=1.0, frame="offset"), Goto(x_m=1.0, frame="body")):
+        with pytest.raises(ValueError, match="there is no position"):
+            dive.engine.guide(order)
+    assert dive.engine.target == before
+    dive.engine.guide(Goto(depth_m=2.0))
 
 
 def test_the_pilots_stick_pauses_a_path_which_goes_back_to_its_place_when_resumed():

@@ -59,7 +59,7 @@ def errors_mm(steps):
 # --- It holds ---------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", ["waves", "trajectory", "load", "calm"])
+@pytest.mark.parametrize("name", ["waves", "path", "load", "calm"])
 def test_it_holds_its_depth_to_what_the_sensor_shows(ardusub, name):
     """The firmware's depth errs by 3 to 5 mm; its zero moves on arming, so the mean does not count."""
     scenario = next(one for one in four(3, vary=lambda base, seed: base) if one.name == name)

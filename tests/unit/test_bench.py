@@ -22,9 +22,11 @@ from lab.bench.plot import draw
 from lab.bench.report import TITLES, _case, _error, _json, _overview
 from lab.bench.rows import DEFAULT, ROWS, TUNED_FILE, WIDTH, Row, rows, selected, tuned, values_of
 from lab.loop.dive import FIGURES
+from lab.loop.scenarios import four
 from lab.tables import plain
 from lab.tuning import search as tune
 from lab.tuning.own_vehicle import around, nominal, write_config
+from lab.tuning.report import next_step
 from sim_bridge.commands import DEFAULT_CONFIG
 from sim_bridge.config import load_config as load_plant
 from sim_bridge.firmware.params import DEFAULTS
@@ -258,3 +260,21 @@ def test_a_candidate_that_the_companion_refuses_is_lost() -> None:
     row = selected(["law"], load_config())[0]
     refused = dict(row.knobs) | {"heave.kappa_per_s": 1e6}
     assert tune.scores(row, [refused], configured, BASE, tune._training(1, around)) == [tune.LOST_MM]
+
+
+def test_the_search_ends_with_the_command_that_dives_its_result(tmp_path):
+    file = tmp_path / "companion.toml"
+    write_config(DEFAULT_FILE, vehicle_of(load_config()), {"heave.kappa_per_s": 9.0}, file)
+    command = next_step(file, ["default"], own=True).splitlines()[-1].split()
+    assert command[:2] == ["holdfast", "run"]
+    assert load_config(Path(command[command.index("--config") + 1])).heave.kappa_per_s == 9.0
+    assert "holdfast bench dives --rows ppi law" in next_step(file, ["ppi", "law"], own=False)
+
+
+def test_scenarios_have_the_names_of_the_documents():
+    text = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
+    header = next(line for line in text.splitlines() if line.startswith("| | waves"))
+    named = {cell.strip() for cell in header.split("|")} - {""}
+    assert named == {"waves", "path", "added load", "calm water"}
+    assert SCENARIOS == ("waves", "path", "load", "calm")
+    assert [one.name for one in four(1)] == list(SCENARIOS)

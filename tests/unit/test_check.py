@@ -167,6 +167,7 @@ BY_PARAMETER = [
     ("pilot gain", {"JS_THR_GAIN": None}, (), GOOD, "not used"),
     ("leak", {"FS_LEAK_ENABLE": 0.0}, (), WARNING, "FS_LEAK_ENABLE = 1"),
     ("leak", {"FS_LEAK_ENABLE": None}, (), WARNING, "FS_LEAK_ENABLE was not reported"),
+    ("leak", {"FS_LEAK_ENABLE": 1.0}, (), GOOD, "no leak; the autopilot warns if one is detected"),
     ("leak", {"FS_LEAK_ENABLE": 2.0}, (), GOOD, "surfaces"),
     ("RC receiver", {"RC_OVERRIDE_TIME": -1.0}, (), GOOD, "has acted"),
 ]

@@ -17,6 +17,7 @@ from companion.telemetry import samples
 from companion.telemetry import schemas as telemetry
 from dashboard.recording.json_schema import schema_of
 from dashboard.recording.mcap_file import FREE_BYTES, MAGIC, MAX_RATIO, Disk, Item, Reader, Recording
+from dashboard.recording.record import main as record_main
 from dashboard.recording.recorder import DiveRecorder, FileLimits
 from dashboard.recording.recover import main as recover_main
 from dashboard.recording.recover import recover
@@ -414,3 +415,13 @@ def test_a_sample_of_a_time_that_cannot_be_is_left_out(tmp_path: Path) -> None:
         recording.add(Item("holdfast/kelp/note", "application/octet-stream", b"x", stamp, stamp))
     recording.close()
     assert [item.log_ns for item in Reader(path)] == [UTC_NS, UTC_NS + 1]
+
+
+def test_a_folder_that_takes_no_file_is_refused_before_any_vehicle_is_heard(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    taken = tmp_path / "file"
+    taken.write_text("no folder")
+    with pytest.raises(SystemExit):
+        record_main(["--out", str(taken)])
+    assert f"--out {taken}: File exists; name a folder that takes files" in capsys.readouterr().err
