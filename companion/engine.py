@@ -98,6 +98,7 @@ class Engine:
 
         events = self.events = [*self._autopilot.receive(datagrams), *pilot_events(ground)]
         reports = [event for event in events if type(event) not in SAMPLES]
+        requests = self._supervision.accepted(requests)
         state = self._estimate(now_s, events, requests)
         demand = guidance.pilot_demand(state, dt_s, reports)
         verdict = self._permit(state, reports, requests, demand, loop, dt_s)
@@ -126,6 +127,7 @@ class Engine:
                 *self._fitness.introduced(now_s),
                 *[report for report in reports if isinstance(report, StatusText)],
             ),
+            refused=self._supervision.refused,
         )
 
     def shutdown_frames(self) -> bytes:
@@ -156,6 +158,10 @@ class Engine:
     def verdict(self) -> Verdict:
         """The last tick's."""
         return self._supervision.verdict
+
+    def refusal(self, request: Request) -> str:
+        """Return why a request would be refused now, and what to do; empty where it is accepted."""
+        return self._supervision.refusal(request)
 
     @property
     def target(self) -> Vector:
@@ -306,7 +312,8 @@ class Engine:
         estimator.watch_thrusters(state.t_s, applied, steady=verdict.authority == 1.0)
 
         mode, arm = self._supervision.wanted_mode(state), self._supervision.asks_arming
-        out = autopilot.upkeep(state.t_s, reports, mode=mode, arm=arm)
+        confirm = self._supervision.unconfirmed
+        out = autopilot.upkeep(state.t_s, reports, mode=mode, arm=arm, confirm=confirm)
         if self.steering:
             out.append(autopilot.steer(self._sent, state.pilot_gain, pilot))
         return out

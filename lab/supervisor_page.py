@@ -16,7 +16,7 @@ from companion.control.tilt import (
     YAW_LEVEL_RAD,
     YAW_STEEP_RAD,
 )
-from companion.records import Condition, State
+from companion.records import ENGAGE_S, Condition, State
 from companion.supervision.conditions import TESTS
 from companion.supervision.handover import KEEP_ALIVE_S, REFUSED_S, SETTLE_S
 from companion.supervision.supervisor import (
@@ -37,7 +37,7 @@ def _deg(rad: float) -> str:
     return f"{math.degrees(rad):g}"
 
 
-HEAD = """\
+HEAD = f"""\
 # The supervisor
 
 <!-- Made by `python -m lab.supervisor_page` from companion/supervision/. -->
@@ -47,6 +47,11 @@ steer. Holdfast sends thrust only in ACTIVE, in RAMP_DOWN and at the start of HA
 scales this thrust by the *authority*, a number from 0 to 1. The authority rises over `ramp_up_s` after
 engaging and falls over `ramp_down_s` on release. A fault, a pilot's takeover or disarming sets it to 0 at
 once. The default is to refuse.
+
+A request that is refused is refused at once, in words, and changes nothing. A request to engage is accepted
+if only the flight mode is missing, or arming where `--arm` permits it. Holdfast then reads FS_PILOT_INPUT and
+FS_PILOT_TIMEOUT again and waits for the answers: an autopilot that does not answer is not engaged. A request
+by command or button that does not succeed within {ENGAGE_S:g} s is withdrawn; that of `run --engage` waits.
 """
 
 HAND_OVER = f"""\
@@ -64,7 +69,8 @@ If ALT_HOLD is not confirmed {REFUSED_S:g} s after the start, Holdfast goes to F
 has sent neutral before, and the pilot-input failsafe follows.
 
 The failsafe FS_PILOT_INPUT acts 3 s after the last steering message; by default it disarms. Therefore
-Holdfast sends one neutral frame every {KEEP_ALIVE_S:g} s while ALT_HOLD holds depth. It stops after
+Holdfast sends one neutral frame every {KEEP_ALIVE_S:g} s while ALT_HOLD holds depth; the state stays
+HAND_OVER, and its reason says "ALT_HOLD holds the depth until somebody steers". It stops after
 `keep_alt_hold_s`, or as soon as it sees somebody else's steering. Then it is silent in state PILOT, and
 the autopilot's failsafes act as if Holdfast were not there. A moved stick, a mode change or a `release`
 ends the neutral frames at once.

@@ -25,6 +25,7 @@ from companion.records import (
     Setpoint,
     State,
     Vector,
+    Verdict,
     X,
     Y,
     Z,
@@ -33,6 +34,7 @@ from companion.records import (
 from companion.steps import Steps, Task
 from companion.telemetry.commands import (
     COMMANDS,
+    ClearFault,
     CommandResult,
     Engage,
     Follow,
@@ -50,9 +52,15 @@ from companion.telemetry.commands import (
     named,
     parse,
 )
-from companion.telemetry.conditions import UNSAID, text
+from companion.telemetry.conditions import text
 from companion.telemetry.schemas import Reply
 
+REQUESTS: dict[type[Payload], Request] = {
+    Engage: Request.ENGAGE,
+    Release: Request.STOP,
+    ClearFault: Request.CLEAR_FAULT,
+    ResetModel: Request.RESET_MODEL,
+}
 MAX_WAITING = 8
 COST = 16
 """Of what is done between two looks at the clock and the sockets: a third of a millisecond."""
@@ -102,12 +110,19 @@ class Controllable(Protocol):
         """What is in force."""
 
     @property
+    def verdict(self) -> Verdict:
+        """The last tick's."""
+
+    @property
     def target(self) -> Vector:
         """Where it is held, or is while it is not: x, y, z, psi."""
 
     @property
     def asked(self) -> Vector:
         """What was asked for, NaN where nothing was."""
+
+    def refusal(self, request: Request) -> str:
+        """Return why a request would be refused now, and what to do; empty where it is accepted."""
 
     def aim(self, setpoint: Setpoint) -> None:
         """Take a setpoint; raise ValueError for one that is not permitted."""
@@ -145,7 +160,6 @@ class CommandQueue:
     _inbox: deque[_Waiting] = field(default_factory=deque)
     _pending: list[_Pending] = field(default_factory=list)
     _withdraw: bool = False
-    _state: State = State.IDLE
 
     def put(self, received: ReceivedCommand, *, trusted: bool = False) -> None:
         """Take a command, from any thread, which parses it; answer at once where too many wait.
@@ -176,13 +190,13 @@ class CommandQueue:
     def before_tick(self, engine: Controllable, now_s: float) -> EngineInput:
         """Give the next command to the engine; return what it got, requests to be asked in this tick."""
         self.results = []
-        given = EngineInput([Request.STOP] if self._withdraw else [])
+        given = EngineInput([Request.WITHDRAW] if self._withdraw else [])
         self._withdraw = False
         if not self._ready(engine):
             return given
         waiting = self._inbox.popleft()
         received, command, task = waiting.received, waiting.command, waiting.task
-        old = engine.config
+        old, was = engine.config, engine.verdict.state
         try:
             if command is None or waiting.refused:
                 raise ValueError(waiting.refused)
@@ -195,17 +209,16 @@ class CommandQueue:
                 engine.retune(self._retuned(old, command))
                 given = given._replace(config=engine.config)
             else:
-                given.requests.append(self._requested(command))
+                given.requests.append(self._requested(engine, command))
         except (ConfigError, ValueError) as error:
             self._answer(received, command, Reply(done=False, said=f"refused: {error}"))
             return given
-        wait_s = ENGAGE_S if received.name == "engage" else SETTLE_S
-        self._pending.append(_Pending(received, command, now_s + wait_s, self._state, old))
+        wait_s = ENGAGE_S if received.name == "engage" else SETTLE_S + old.supervisor.ramp_down_s
+        self._pending.append(_Pending(received, command, now_s + wait_s, was, old))
         return given
 
     def after_tick(self, engine: Controllable, sample: ControlSample, now_s: float) -> None:
         """Answer what has been settled by this tick."""
-        self._state = sample.verdict.state
         pending, self._pending = self._pending, []
         for one in pending:
             reply = self._settled(one, engine, sample, now_s)
@@ -288,21 +301,15 @@ class CommandQueue:
         check_choices(retuned)
         return retuned
 
-    def _requested(self, command: Payload) -> Request:
-        if isinstance(command, Engage):
-            if self._state is State.FAULT:
-                raise ValueError("a fault is latched; clear_fault first")
-            return Request.ENGAGE
-        if isinstance(command, Release):
+    def _requested(self, engine: Controllable, command: Payload) -> Request:
+        request = REQUESTS[type(command)]
+        if why := engine.refusal(request):
+            raise ValueError(why)
+        if request is Request.STOP:
             for one in self._pending:
                 if one.received.name == "engage":
                     one.withdrawn = "withdrawn: the vehicle was released meanwhile"
-            return Request.STOP
-        if isinstance(command, ResetModel):
-            return Request.RESET_MODEL
-        if self._state is not State.FAULT:
-            raise ValueError(f"no fault is latched; the state is {self._state}")
-        return Request.CLEAR_FAULT
+        return request
 
     def _settled(
         self, one: _Pending, engine: Controllable, sample: ControlSample, now_s: float
@@ -323,23 +330,26 @@ class CommandQueue:
             if verdict.state is State.ACTIVE:
                 value |= self._aimed(engine, sample)
                 return Reply(done=True, said=f"engaged; it was {one.was}", value=value)
-            if one.withdrawn or verdict.state is State.FAULT:
-                holds = f" ({text(verdict.conditions)})" if verdict.conditions & ~UNSAID else ""
-                said = f"{one.withdrawn or 'refused'}. {is_now}{holds}"
-                return Reply(done=False, said=said, value=value)
-            if late:
-                one.withdrawn = (
-                    f"refused: not permitted within {ENGAGE_S:.0f} s, and the request is withdrawn"
-                )
+            if Condition.FAILSAFE_UNSAFE in verdict.conditions and not one.withdrawn:
+                one.withdrawn = "refused"
                 self._withdraw = True
+            elif late and not one.withdrawn:
+                unread = verdict.state is State.READY and not verdict.conditions & Condition.PILOT_TAKEOVER
+                why = ": FS_PILOT_INPUT and FS_PILOT_TIMEOUT were not answered" if unread else ""
+                one.withdrawn = f"withdrawn: it did not engage within {ENGAGE_S:.0f} s{why}"
+                self._withdraw = True
+            elif one.withdrawn or verdict.state is State.FAULT:
+                held = text(verdict.conditions)
+                said = f"{one.withdrawn or 'refused'}. {is_now}{f' ({held})' if held else ''}"
+                return Reply(done=False, said=said, value=value)
             return None
         if name == "reset_model":
             return Reply(done=True, said="the nominal model is in use again", value=value)
         if name == "release":
             if verdict.authority > 0.0 and not late:
                 return None
-            held = one.was in (State.ACTIVE, State.RAMP_DOWN, State.HAND_OVER)
-            said = "released" if held else "it was not engaged; a request to engage, if any, is withdrawn"
+            was_held = one.was in (State.ACTIVE, State.RAMP_DOWN, State.HAND_OVER)
+            said = "released" if was_held else "it was not engaged; a request to engage, if any, is withdrawn"
             return Reply(done=verdict.authority == 0.0, said=f"{said}. {is_now}", value=value)
         if name == "clear_fault":
             if verdict.state is State.FAULT and not late:

@@ -87,11 +87,22 @@ class Autopilot:
             unmirrored(event, self.parameters) if type(event) is ServoOutput else event for event in events
         ]
 
-    def upkeep(self, now_s: float, events: Sequence[Event], *, mode: Mode | None, arm: bool) -> list[bytes]:
-        """Return what has to be asked now; unless it is None also for `mode`, with `arm` also for arming."""
+    def upkeep(
+        self,
+        now_s: float,
+        events: Sequence[Event],
+        *,
+        mode: Mode | None,
+        arm: bool,
+        confirm: frozenset[str] = frozenset(),
+    ) -> list[bytes]:
+        """Return what has to be asked now; unless it is None also for `mode`, with `arm` also for arming.
+
+        The parameters in `confirm` are read again at once.
+        """
         if self._signing is not None:
             self._signing.advance(now_s)
-        asked = self._maintenance.step(now_s, events, want_mode=mode, want_armed=arm)
+        asked = self._maintenance.step(now_s, events, want_mode=mode, want_armed=arm, confirm=confirm)
         return [self._encode(message) for message in asked]
 
     def _encode(self, message: Message) -> bytes:

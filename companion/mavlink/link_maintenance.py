@@ -20,6 +20,7 @@ PARAMETER_S: Final = 0.1
 PARAMETER_AGAIN_S: Final = (2.0, 60.0)
 """A parameter that was not answered is asked for again, ever later: a firmware may not have it."""
 
+CONFIRM_AGAIN_S: Final = 0.5
 VOLATILE_S: Final = 10.0
 COMMAND_S: Final = 1.0
 CONTACT_S: Final = 5.0
@@ -68,6 +69,7 @@ class LinkMaintenance:
         """What was answered of PARAMETERS since first contact or the last reboot, by today's names."""
         self._last: Heartbeat | None = None
         self._wanted_mode: Mode | None = None
+        self._confirming = frozenset[str]()
         self._heartbeat = _Timer(HEARTBEAT_S)
         self._forget()
 
@@ -87,12 +89,19 @@ class LinkMaintenance:
         return self._streams.measured_hz
 
     def step(
-        self, now_s: float, events: Sequence[Event], *, want_mode: Mode | None, want_armed: bool
+        self,
+        now_s: float,
+        events: Sequence[Event],
+        *,
+        want_mode: Mode | None,
+        want_armed: bool,
+        confirm: frozenset[str] = frozenset(),
     ) -> list[Message]:
         """Take in what came and give what to send at `now_s`.
 
         `want_mode` None leaves the mode alone. `want_armed` False leaves arming alone: to disarm is
-        somebody's decision (`Commands.arm`), and never a habit.
+        somebody's decision (`Commands.arm`), and never a habit. The parameters in `confirm` are read again
+        at once, and again after CONFIRM_AGAIN_S where no answer came.
         """
         for event in events:
             self._take(event)
@@ -116,6 +125,9 @@ class LinkMaintenance:
             out.append(self._commands.set_mode(want_mode))
         if want_armed and not self._last.armed and self._arming.due(now_s):
             out.append(self._commands.arm(True))
+        for name in sorted(confirm - self._confirming):
+            self._missing[name] = now_s, CONFIRM_AGAIN_S
+        self._confirming = confirm
         due = [name for name, (due_s, _) in self._missing.items() if now_s >= due_s]
         if due and self._reading.due(now_s):
             name = min(due, key=lambda name: self._missing[name][0])

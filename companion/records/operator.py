@@ -17,6 +17,8 @@ class Request(IntEnum):
     STOP = auto()
     CLEAR_FAULT = auto()
     RESET_MODEL = auto()
+    WITHDRAW = auto()
+    """Drop a request to engage; an engaged vehicle stays engaged."""
 
 
 class Setpoint(msgspec.Struct, frozen=True):

@@ -43,3 +43,6 @@ class ControlSample(msgspec.Struct, frozen=True):
     guided: Guided = Guided("", 0)
     texts: tuple[StatusText, ...] = ()
     """What the autopilot said since the tick before."""
+
+    refused: str = ""
+    """Why the pilot's engage button was refused in this tick."""

@@ -61,6 +61,7 @@ class Condition(IntFlag):
     DISARMED = auto()
     WRONG_MODE = auto()
     RAMPED_DOWN = auto()
+    HAND_OVER_HELD = auto()
     HANDED_OVER = auto()
     SURFACED = auto()
     HAND_OVER_REFUSED = auto()

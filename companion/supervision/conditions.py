@@ -83,7 +83,13 @@ class ConditionTest(NamedTuple):
 
 def _link_lost(o: Observation, limits: SupervisorLimits) -> bool:
     ages = o.state.ages
-    return not (ages.link_s <= limits.link_timeout_s and ages.heartbeat_s <= limits.heartbeat_timeout_s)
+    if not (ages.link_s <= limits.link_timeout_s and ages.heartbeat_s <= limits.heartbeat_timeout_s):
+        return True
+    # Depth and attitude time out sooner; where nothing else came meanwhile either, the link is the cause. A
+    # hand-over needs neither of them, and goes on for the link's own timeout.
+    blind = not (depth_is_fresh(o.state, limits) and ages.attitude_s <= limits.attitude_timeout_s)
+    silent_s = 0.5 * min(limits.depth_timeout_s, limits.attitude_timeout_s)
+    return blind and o.hand_over is HandOverStep.NONE and not ages.link_s <= silent_s
 
 
 def pilot_failsafe_acts(parameters: Mapping[str, float], limits: SupervisorLimits) -> bool:
@@ -136,7 +142,9 @@ def _pilot_lost(o: Observation, _: SupervisorLimits) -> bool:
 
 # An unknown value counts against permission: hence `not x <= limit`, which is true for NaN.
 TESTS: dict[Condition, ConditionTest] = {
-    C.LINK_LOST: ConditionTest(_link_lost, ("link_timeout_s", "heartbeat_timeout_s")),
+    C.LINK_LOST: ConditionTest(
+        _link_lost, ("link_timeout_s", "heartbeat_timeout_s", "depth_timeout_s", "attitude_timeout_s")
+    ),
     C.REBOOTED: ConditionTest(lambda o, limits: o.watched.rebooted),
     C.TICK_LATE: ConditionTest(lambda o, limits: not o.late_s <= limits.late_tick_s, ("late_tick_s",)),
     C.NON_FINITE: ConditionTest(lambda o, limits: not o.finite),
@@ -196,6 +204,7 @@ TESTS: dict[Condition, ConditionTest] = {
     C.DISARMED: ConditionTest(lambda o, limits: not o.state.armed),
     C.WRONG_MODE: ConditionTest(lambda o, limits: not o.mode_right),
     C.RAMPED_DOWN: ConditionTest(lambda o, limits: o.ramped_down, ("ramp_down_s",)),
+    C.HAND_OVER_HELD: ConditionTest(lambda o, limits: o.hand_over is HandOverStep.HELD),
     C.HANDED_OVER: ConditionTest(lambda o, limits: o.hand_over is HandOverStep.DONE, ("keep_alt_hold_s",)),
     C.SURFACED: ConditionTest(lambda o, limits: o.hand_over is HandOverStep.SURFACED),
     C.HAND_OVER_REFUSED: ConditionTest(lambda o, limits: o.hand_over is HandOverStep.REFUSED),

@@ -1,52 +1,115 @@
-"""The request to engage, from commands and the pilot's buttons, and how long it is valid."""
+"""The request to engage: whether it is refused, confirmed by the autopilot's failsafe, and still valid."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
-from companion.records import ENGAGE_S, Condition, Request, State, Verdict
-from companion.supervision.supervisor import BLOCKING, FAULT_CAUSES
+from companion.records import ENGAGE_S, Condition, Event, Parameter, Request, State, Verdict
+from companion.supervision.supervisor import BLOCKING, FAULT_CAUSES, first_remedy
+from companion.telemetry.conditions import text
+from companion.telemetry.modes import Mode
 
-BLOCKING_ARMED = BLOCKING & ~Condition.DISARMED
+C = Condition
+
+BLOCKING_ARMED = BLOCKING & ~C.DISARMED
 """What forbids engaging an armed vehicle."""
+
+CONFIRMS = frozenset({"FS_PILOT_INPUT", "FS_PILOT_TIMEOUT"})
+"""Read again on a request to engage: the notice of a change may be lost."""
 
 
 class Engagement:
-    """Whether engaging is requested; a request by button is dropped after ENGAGE_S if not permitted."""
+    """Whether engaging is requested; a request by button is dropped after ENGAGE_S if nothing came of it."""
 
     def __init__(self, *, arm: bool) -> None:
         self._arm = arm
+        self._wanted = False
         self._until_s = math.inf
-        self.asked = False
+        self.unconfirmed = frozenset[str]()
+        """The parameters that have to be read before the request takes effect."""
 
-    def with_buttons(
-        self, requests: Sequence[Request], verdict: Verdict, now_s: float, *, engage: bool, release: bool
-    ) -> list[Request]:
-        """Return `requests` with those of the pilot's buttons.
+    @property
+    def asked(self) -> bool:
+        """Whether engaging is requested, and the pilot-input failsafe is confirmed since."""
+        return self._wanted and not self.unconfirmed
 
-        The engage button clears a fault first, but not while its cause holds.
+    def refusal(self, request: Request, verdict: Verdict, mode: int, preflight_failure: str) -> str:
+        """Return why a request is refused and what to do; empty where it is accepted.
+
+        ENGAGE is accepted where nothing is missing but what follows from it: the flight mode, and arming
+        where that is permitted.
         """
-        if Request.ENGAGE in requests:
-            self._until_s = math.inf
-        if release:
-            return [*requests, Request.STOP]
-        faulty = verdict.state is State.FAULT
-        if not engage or (faulty and verdict.conditions & FAULT_CAUSES):
-            return [*requests]
-        self._until_s = now_s + ENGAGE_S
-        return [*requests, *([Request.CLEAR_FAULT] if faulty else []), Request.ENGAGE]
+        state, held = verdict.state, verdict.conditions
+        if request is Request.CLEAR_FAULT and state is not State.FAULT:
+            return f"no fault is latched; the state is {state}"
+        if request is Request.CLEAR_FAULT:
+            held &= C.NON_FINITE
+        elif request is not Request.ENGAGE or state is State.ACTIVE:
+            return ""
+        elif state is State.FAULT:
+            return f"a fault is latched: {verdict.reason}; to do: {verdict.remedy}"
+        elif state is State.HAND_OVER:
+            todo = first_remedy(held & BLOCKING) or "wait, or take over with a stick"
+            return (
+                f"the vehicle is being handed over to the autopilot: {verdict.reason}; to do: {todo}; then "
+                "release, and engage within 3 s: unsteered for longer, the autopilot disarms"
+            )
+        else:
+            held &= (BLOCKING_ARMED if self._arm else BLOCKING) & ~C.WRONG_MODE | C.PILOT_TAKEOVER
+            if mode == Mode.SURFACE:
+                return "the vehicle surfaces; to do: choose another flight mode"
+        return f"{text(held, preflight_failure)}; to do: {first_remedy(held)}" if held else ""
 
-    def step(self, requests: Sequence[Request], now_s: float) -> None:
-        """Take this tick's requests."""
-        if Request.ENGAGE in requests:
-            self.asked = True
-        if Request.STOP in requests or now_s > self._until_s:
-            self.asked = False
+    def accepted(
+        self, requests: Sequence[Request], verdict: Verdict, mode: int, preflight_failure: str
+    ) -> list[Request]:
+        """Return the requests that are not refused; ENGAGE waits in IDLE, as that of the start does."""
+        kept: list[Request] = []
+        for request in requests:
+            waits = verdict.state is State.IDLE or Request.CLEAR_FAULT in kept
+            if (request is Request.ENGAGE and waits) or not self.refusal(
+                request, verdict, mode, preflight_failure
+            ):
+                kept.append(request)
+        return kept
+
+    def pressed(
+        self, verdict: Verdict, mode: int, preflight_failure: str, now_s: float
+    ) -> tuple[list[Request], str]:
+        """Return what the engage button asks for, and why it is refused.
+
+        The button also clears a fault whose cause has gone.
+        """
+        clears = verdict.state is State.FAULT and not verdict.conditions & FAULT_CAUSES
+        judged = Verdict(State.IDLE, verdict.conditions, 0.0, "") if clears else verdict
+        refused = self.refusal(Request.ENGAGE, judged, mode, preflight_failure)
+        if refused:
+            return [], refused
+        self._until_s = now_s + ENGAGE_S
+        return [*([Request.CLEAR_FAULT] if clears else []), Request.ENGAGE], ""
+
+    def step(
+        self,
+        requests: Sequence[Request],
+        events: Sequence[Event],
+        parameters: Mapping[str, float],
+        now_s: float,
+    ) -> None:
+        """Take this tick's requests, none of them refused, and what the autopilot reported."""
+        self.unconfirmed -= {event.name for event in events if isinstance(event, Parameter)}
+        if Request.ENGAGE in requests and not self._wanted:
+            self._wanted, self.unconfirmed = True, CONFIRMS & parameters.keys()
+        if Request.STOP in requests or Request.WITHDRAW in requests or now_s > self._until_s:
+            self.forget()
+
+    def forget(self) -> None:
+        """Drop the request."""
+        self._wanted, self.unconfirmed, self._until_s = False, frozenset(), math.inf
 
     def update(self, before: Verdict, verdict: Verdict) -> None:
         """Drop the request after a fault, or when ACTIVE was left."""
         left = before.state is State.ACTIVE and verdict.state is not State.ACTIVE
         if verdict.state is State.FAULT or left:
-            self.asked = False
+            self.forget()
 
     def asks_arming(self, verdict: Verdict) -> bool:
         """Tell whether to request arming: when only arming is missing for engaging."""

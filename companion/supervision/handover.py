@@ -26,6 +26,10 @@ class HandOverStep(Enum):
     """The result of one tick of the hand-over."""
 
     NONE = auto()
+    """There is no hand-over."""
+    RUNNING = auto()
+    HELD = auto()
+    """ALT_HOLD is confirmed, and neutral frames keep the vehicle armed until somebody takes over."""
     DONE = auto()
     REFUSED = auto()
     SURFACED = auto()
@@ -40,7 +44,8 @@ class HandOver:
     def begin(self, now_s: float, mode: int, goal: Mode, *, for_good: bool = False) -> None:
         """Start from flight mode `mode`; `for_good` keeps the goal alive until somebody steers."""
         self.goal = goal
-        self._for_good = for_good or goal is Mode.SURFACE
+        self._rises = goal is Mode.SURFACE
+        self._for_good = for_good or self._rises
         self._came_from = mode
         self._since_s = now_s
         self._stable_s: float | None = None
@@ -67,16 +72,18 @@ class HandOver:
             self.wanted = None
             kept = now_s - self._held_s < keep_s or self._for_good
             relieved = pilot_heard_s > self._held_s or not kept
-            return HandOverStep.DONE if relieved else HandOverStep.NONE
+            if relieved:
+                return HandOverStep.DONE
+            return HandOverStep.RUNNING if self._rises else HandOverStep.HELD
         if now_s - self._since_s > REFUSED_S:
             return HandOverStep.REFUSED
         if thrusting:
-            return HandOverStep.NONE
+            return HandOverStep.RUNNING
         if mode == Mode.STABILIZE and self._stable_s is None:
             self._stable_s = now_s
         settled = self._stable_s is not None and now_s - self._stable_s >= SETTLE_S
         self.wanted = self.goal if settled else Mode.STABILIZE
-        return HandOverStep.NONE
+        return HandOverStep.RUNNING
 
     def allows(self, mode: int) -> bool:
         """Tell whether `mode` belongs to the sequence; somebody else chose any other mode."""

@@ -40,6 +40,10 @@ class Supervision:
         self._config = config
         self._parameters = parameters
         self.before = self.verdict = Verdict(State.IDLE, Condition(0), 0.0, "just started")
+        self._mode = -1
+        self._preflight_failure = ""
+        self.refused = ""
+        """Why the engage button was refused in this tick."""
 
     def retune(self, config: Config, *, changed: bool) -> None:
         """Go on with `config`."""
@@ -49,11 +53,24 @@ class Supervision:
         if changed:
             self._monitor.config_changed()
 
+    def refusal(self, request: Request) -> str:
+        """Return why a request is refused now, and what to do; empty where it is accepted."""
+        return self._engagement.refusal(request, self.verdict, self._mode, self._preflight_failure)
+
+    def accepted(self, requests: Sequence[Request]) -> list[Request]:
+        """Return the requests that are not refused; ENGAGE waits in IDLE, as that of the start does."""
+        return self._engagement.accepted(requests, self.verdict, self._mode, self._preflight_failure)
+
     def with_buttons(
         self, requests: Sequence[Request], now_s: float, *, engage: bool, release: bool
     ) -> list[Request]:
-        """Return `requests` and what the pilot's buttons ask for."""
-        return self._engagement.with_buttons(requests, self.verdict, now_s, engage=engage, release=release)
+        """Return `requests` and what the pilot's buttons ask for; `refused` says why one is refused."""
+        self.refused, pressed = "", [Request.STOP] if release else []
+        if engage and not release:
+            pressed, self.refused = self._engagement.pressed(
+                self.verdict, self._mode, self._preflight_failure, now_s
+            )
+        return [*requests, *pressed]
 
     def step(
         self,
@@ -84,7 +101,7 @@ class Supervision:
         limits, ground = self._config.supervisor, self._config.ground_station
         before, mode = self.verdict, self._flight_mode
         steered = before.authority > 0.0
-        self._engagement.step(requests, state.t_s)
+        self._engagement.step(requests, events, self._parameters, state.t_s)
         hand_over = mode.step_hand_over(
             before, state, self._parameters, self._monitor.pilot_heard_s, limits.keep_alt_hold_s
         )
@@ -123,6 +140,7 @@ class Supervision:
         mode.update(before, verdict, state)
         self._engagement.update(before, verdict)
         self.before, self.verdict = before, verdict
+        self._mode, self._preflight_failure = state.mode, preflight_failure
         return verdict
 
     def steers(self, state: VehicleState) -> bool:
@@ -137,6 +155,11 @@ class Supervision:
     def asks_arming(self) -> bool:
         """Whether to request arming."""
         return self._engagement.asks_arming(self.verdict)
+
+    @property
+    def unconfirmed(self) -> frozenset[str]:
+        """The parameters to read before a request to engage takes effect."""
+        return self._engagement.unconfirmed
 
     def restore_mode(self) -> Mode | None:
         """Return the flight mode to request with each shutdown frame; None for no request."""

@@ -14,7 +14,7 @@ from functools import cache
 from typing import NamedTuple
 
 from companion.records import Condition, State, Verdict
-from companion.telemetry.conditions import CONDITIONS, awaited
+from companion.telemetry.conditions import SPECS, awaited
 
 C, S = Condition, State
 
@@ -97,14 +97,9 @@ TRANSITIONS = (
     T(S.HAND_OVER, C.HAND_OVER_REFUSED, NOTHING, S.FAULT, "the autopilot did not change the mode"),
     T(S.HAND_OVER, C.HANDED_OVER, NOTHING, S.PILOT, "the autopilot holds depth"),
     T(S.HAND_OVER, C.SURFACED, NOTHING, S.HAND_OVER, "surfaced; the autopilot holds depth"),
+    T(S.HAND_OVER, C.HAND_OVER_HELD, NOTHING, S.HAND_OVER, "ALT_HOLD holds the depth until somebody steers"),
     T(S.PILOT, C.NON_FINITE, NOTHING, S.FAULT, "a computed value was not finite"),
-    T(
-        S.PILOT,
-        C.CLEAR_ASKED | C.ENGAGE_ASKED,
-        C.PILOT_TAKEOVER,
-        S.IDLE,
-        "the operator asks for control again",
-    ),
+    T(S.PILOT, C.ENGAGE_ASKED, C.PILOT_TAKEOVER, S.IDLE, "the operator asks for control again"),
     T(S.FAULT, C.CLEAR_ASKED, C.NON_FINITE, S.IDLE, "the operator cleared the fault"),
 )
 
@@ -180,15 +175,21 @@ _REMEDIES: dict[State, tuple[Condition, str]] = {
 
 
 @cache
+def first_remedy(conditions: Condition) -> str:
+    """Return the remedy of the first cause among the conditions; empty where none has one."""
+    return next((SPECS[one].remedy for one in conditions if SPECS[one].remedy), "")
+
+
+@cache
 def remedy(state: State, conditions: Condition) -> str:
     """Return the operator's next step; log, `watch`, `tell` and dashboard all show this one.
 
-    If several conditions hold, the first of CONDITIONS counts; LINK_LOST is first. A latched fault has to be
+    If several conditions hold, the first cause counts; LINK_LOST is first. A latched fault has to be
     cleared after its cause has gone, whatever else is missing.
     """
     matters, otherwise = _REMEDIES[state]
     held = conditions & (matters | C.LINK_LOST)
-    todo = next((s.remedy for s in CONDITIONS if s.condition & held and s.remedy), "")
+    todo = first_remedy(held)
     if state is S.FAULT and todo:
         return f"{todo}; then {CLEAR}"
     return todo or otherwise

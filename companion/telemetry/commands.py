@@ -31,7 +31,10 @@ class Payload(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
 
 
 class Engage(Payload, frozen=True):
-    """Take control and hold. The request is withdrawn if it is not permitted within 5 s."""
+    """Take control and hold. Refused at once if more is missing than the mode and a permitted arming.
+
+    It is withdrawn after 5 s without success.
+    """
 
     order = "engage"
 

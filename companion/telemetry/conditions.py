@@ -32,7 +32,8 @@ CONDITIONS = (
         "the vehicle is silent",
         "the vehicle's heartbeat",
         "the vehicle is heard",
-        "no message, or no heartbeat, arrived from the autopilot in time",
+        "no message, or no heartbeat, arrived from the autopilot in time; or no message at all while "
+        "depth or attitude is stale",
         "check the cable, the router and link.endpoint",
     ),
     ConditionSpec(
@@ -224,9 +225,10 @@ CONDITIONS = (
         "the pilot-input failsafe does not act",
         "the pilot-input failsafe",
         "the pilot-input failsafe acts",
-        "FS_PILOT_INPUT is 0 or unknown, or FS_PILOT_TIMEOUT is too long: nothing would stop the thrusters "
-        "if this computer failed",
-        "set FS_PILOT_INPUT to 2",
+        "FS_PILOT_INPUT is 0 or was never read, or FS_PILOT_TIMEOUT is too long: nothing would stop the "
+        "thrusters if this computer failed. A request to engage reads both again, and waits for the answers",
+        "set FS_PILOT_INPUT to 2, FS_PILOT_TIMEOUT to 3 or less; if they are not read, look for a filter on "
+        "the link",
     ),
     ConditionSpec(
         C.PREFLIGHT_FAILURE,
@@ -341,6 +343,15 @@ CONDITIONS = (
         "",
     ),
     ConditionSpec(
+        C.HAND_OVER_HELD,
+        "the autopilot holds depth after the hand-over",
+        "ALT_HOLD",
+        "the autopilot no longer holds depth after a hand-over",
+        "the autopilot confirmed ALT_HOLD; neutral frames keep the vehicle armed until a pilot steers or "
+        "`keep_alt_hold_s` has passed",
+        "",
+    ),
+    ConditionSpec(
         C.HANDED_OVER,
         "the hand-over is complete",
         "the end of the hand-over",
@@ -392,7 +403,7 @@ CONDITIONS = (
 
 SPECS = {spec.condition: spec for spec in CONDITIONS}
 
-UNSAID = C.RAMPED_DOWN | C.HANDED_OVER | C.SURFACED | C.HAND_OVER_REFUSED
+UNSAID = C.RAMPED_DOWN | C.HAND_OVER_HELD | C.HANDED_OVER | C.SURFACED | C.HAND_OVER_REFUSED
 UNSAID |= C.OPERATOR_STOP | C.ENGAGE_ASKED | C.CLEAR_ASKED
 """What somebody asked for, or the supervisor's own bookkeeping: reported as a command or a state."""
 

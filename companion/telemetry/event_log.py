@@ -19,6 +19,7 @@ class EventLog:
 
     def __init__(self) -> None:
         self._state: State | None = None
+        self._reason = ""
         self._conditions = Condition(0)
         self._dead_motor = 0
         self._guided = (0, "")
@@ -42,6 +43,8 @@ class EventLog:
         happened: list[tuple[Severity, Literal["state", "command", "autopilot", "condition"], str]] = [
             ("info" if one.reply.done else "warning", "command", one.text) for one in results
         ]
+        if sample.refused:
+            happened.append(("warning", "command", f"engage by button: refused: {sample.refused}"))
         happened += [
             ("warning", "condition", f"another companion of this name came: instance {printable(instance)}")
             for instance in duplicate_instances
@@ -68,7 +71,9 @@ class EventLog:
             if sample.guided.number and sample.guided.kind:
                 happened.append(_course(sample.guided))
         happened += self._reset(sample)
-        if verdict.state is not self._state or Condition.SURFACED in verdict.conditions:
+        goes_on = verdict.state is State.HAND_OVER and verdict.reason != self._reason
+        self._reason = verdict.reason
+        if verdict.state is not self._state or goes_on:
             self._state = verdict.state
             severity = SEVERITIES[verdict.state]
             happened.append((severity, "state", f"{verdict.state}: {verdict.reason}"))

@@ -36,7 +36,9 @@ def test_a_fault_is_told_with_its_condition_once():
     told(dive, 0.1, log)
     dive.fault("link_cut", 1.5)
     events = told(dive, 1.4, log)
-    assert ("warning", "condition", "the vehicle is silent") in events
+    conditions = [text for _, kind, text in events if kind == "condition"]
+    assert conditions == ["the vehicle is silent", "no fresh depth", "no fresh attitude"], "the cause first"
+    assert dive.step.sample.verdict.reason == "the vehicle fell silent"
     assert [event for event in events if event[0] == "fault"] == [
         ("fault", "state", f"FAULT: {dive.step.sample.verdict.reason}")
     ]

@@ -13,7 +13,7 @@ from virtual import Somebody
 
 from companion.config import Axis, Config, load_config
 from companion.io.command_queue import MAX_WAITING, CommandQueue, ReceivedCommand
-from companion.records import Condition, Setpoint, State
+from companion.records import Condition, Setpoint, State, Verdict
 from companion.telemetry.commands import COMMANDS, MAX_BYTES, SetEstimator, SetGains, in_words, parse
 from companion.telemetry.schemas import Reply
 from lab.loop.lockstep import LinkDelay
@@ -42,8 +42,9 @@ def test_an_engage_that_is_not_permitted_says_why_and_leaves_no_request_behind()
 
 
 def test_a_release_withdraws_an_engage_that_waits():
-    dive, console = at_console(arm=False)
+    dive, console = at_console()
     dive.run(2.0)
+    dive.vehicle._autopilot.arm = lambda *_, **__: 4
     waiting = console.ask("engage")
     dive.run(0.5)
     assert not waiting
@@ -107,7 +108,9 @@ def test_a_latched_fault_is_cleared_only_when_there_is_one():
     console.tell("engage")
     dive.fault("link_cut", 2.0)
     dive.until(State.FAULT)
-    assert "clear_fault first" in console.tell("engage").said
+    refused = console.tell("engage").said
+    assert "a fault is latched: " in refused
+    assert "clear the fault" in refused
     dive.run(3.0)
     assert console.tell("clear_fault").done
     assert dive.state is not State.FAULT
@@ -357,6 +360,7 @@ def _limits(struct, field):
 
 class _Untouchable:
     config = load_config()
+    verdict = Verdict(State.IDLE, Condition(0), 0.0, "just started")
 
     def __getattr__(self, name):
         raise AssertionError(f"{name} was touched")
@@ -367,9 +371,13 @@ class _Recorder:
 
     config = load_config()
     target = asked = (0.0,) * 4
+    verdict = Verdict(State.IDLE, Condition(0), 0.0, "just started")
 
     def __init__(self):
         self.got = []
+
+    def refusal(self, request):
+        return ""
 
     def aim(self, setpoint):
         self.got.append(setpoint)

@@ -7,6 +7,7 @@ from virtual import DEPTH_M, Dive, Somebody, active, hold
 
 from companion.records import Condition, Request, State
 from companion.supervision.handover import KEEP_ALIVE_S, REFUSED_S
+from companion.telemetry.event_log import EventLog
 
 STABILIZE, ALT_HOLD, SURFACE, POSHOLD, MANUAL = 0, 2, 9, 16, 19
 RAMP_S, HEARTBEAT_S = 1.0, 1.0
@@ -155,6 +156,27 @@ def test_alt_hold_holds_the_depth_is_kept_alive_and_then_left_alone():
     dive.run(PILOT_TIMEOUT_S + 1.5)
     assert max(t_s for t_s, _ in dive.tap.frames) <= silent_s + 0.1
     assert not dive.step.truth.armed
+
+
+@pytest.mark.parametrize("lost", [False, True], ids=["heard", "heartbeats lost"])
+def test_a_hand_over_says_when_alt_hold_holds_and_how_long_it_lasts(lost):
+    """It lasts to keep the vehicle armed, and went on saying "a leak was reported"."""
+    dive, log = active(companion=["supervisor.keep_alt_hold_s=12"], seconds=3.0), EventLog()
+    leak(dive)
+    dive.until(State.HAND_OVER)
+    if lost:
+        dive.run(1.0)
+        dive.fault("message_stopped", 2.4, message="HEARTBEAT")
+    steps = dive.run(20.0)
+    texts = [event.text for step in steps for event in log.step(step.sample)]
+    told = "HAND_OVER: ALT_HOLD holds the depth until somebody steers"
+    assert texts.count(told) == 1
+    held_s = next(step.t_s for step in steps if step.sample.state.mode == ALT_HOLD)
+    end_s = next(step.t_s for step in steps if step.sample.verdict.state is State.PILOT)
+    assert end_s - held_s == pytest.approx(12.0, abs=0.05)
+    holding = next(step.sample for step in steps if step.t_s > held_s + 1.0)
+    assert holding.verdict.reason in told
+    assert "ALT_HOLD holds" not in steps[0].sample.verdict.reason
 
 
 def test_a_pilot_who_steers_relieves_it():

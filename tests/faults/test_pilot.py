@@ -262,18 +262,23 @@ def test_a_button_that_was_down_before_it_was_heard_of_engages_nothing():
 
 
 @pytest.mark.parametrize("withdrawn", [False, True])
-def test_a_press_that_is_not_permitted_leaves_no_wish_behind(withdrawn):
-    """Armed later, it would take off. The other button withdraws it at once."""
-    dive = at_the_stick(arm=False)
+def test_a_press_that_comes_to_nothing_leaves_no_wish_behind(withdrawn):
+    """In the mode later, it would take off. The other button withdraws it at once."""
+    dive = at_the_stick()
+    dive.fault("mode", value=2)
+    dive.run(1.5)
+    set_mode, dive.vehicle._autopilot.set_mode = dive.vehicle._autopilot.set_mode, lambda number: 4
     press(dive, ENGAGE)
+    dive.run(1.0)
     assert Condition.ENGAGE_ASKED in dive.step.sample.verdict.conditions
     if withdrawn:
         press(dive, RELEASE)
     else:
-        dive.run(5.5)
-    dive.cockpit.extra.append(dive.cockpit.arm())
+        dive.run(5.0)
+    dive.vehicle._autopilot.set_mode = set_mode
+    dive.fault("mode", value=19)
     dive.run(3.0)
-    assert dive.step.truth.armed
+    assert dive.step.truth.mode == 19
     assert dive.state is not State.ACTIVE
 
 

@@ -89,7 +89,9 @@ EXPECTED = {
         C.OPERATOR_STOP: State.READY,
         C.ENGAGE_ASKED: State.READY,
         C.CLEAR_ASKED: State.READY,
-        **dict.fromkeys((C.RAMPED_DOWN, C.HANDED_OVER, C.HAND_OVER_REFUSED, C.SURFACED), State.READY),
+        **dict.fromkeys(
+            (C.RAMPED_DOWN, C.HAND_OVER_HELD, C.HANDED_OVER, C.HAND_OVER_REFUSED, C.SURFACED), State.READY
+        ),
         C.FAILSAFE_SURFACES: State.READY,
         **dict.fromkeys((*ONLY_TOLD, C.OFF_TRACK, C.AUTOPILOT_FAILSAFE, C.PILOT_LOST_SURFACE), State.READY),
         C.TILT_PERSISTS: State.READY,
@@ -152,7 +154,6 @@ EXPECTED = {
     State.PILOT: {
         C.NON_FINITE: State.FAULT,
         C.ENGAGE_ASKED: State.IDLE,
-        C.CLEAR_ASKED: State.IDLE,
     },
     State.FAULT: {C.CLEAR_ASKED: State.IDLE},
 }

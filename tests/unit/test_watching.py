@@ -230,7 +230,7 @@ class Handing:
 @pytest.mark.parametrize("goal", [Mode.ALT_HOLD, Mode.SURFACE])
 def test_ramp_stabilize_a_second_and_then_the_goal(goal):
     handing = Handing(goal=goal)
-    assert handing.step(Mode.MANUAL, thrusting=True) is HandOverStep.NONE
+    assert handing.step(Mode.MANUAL, thrusting=True) is HandOverStep.RUNNING
     assert handing.wanted is None
     handing.step(Mode.MANUAL)
     assert handing.wanted is Mode.STABILIZE
@@ -240,26 +240,27 @@ def test_ramp_stabilize_a_second_and_then_the_goal(goal):
     handing.step(Mode.STABILIZE, 0.02)
     assert handing.wanted is goal
     assert not handing.hand_over.held
-    assert handing.step(goal) is HandOverStep.NONE
+    said = HandOverStep.HELD if goal is Mode.ALT_HOLD else HandOverStep.RUNNING
+    assert handing.step(goal) is said
     assert handing.wanted is None
     assert handing.hand_over.held
 
 
 def test_it_is_kept_until_its_time_is_over_or_a_pilot_is_heard():
     handing = Handing()
-    assert handing.step(Mode.ALT_HOLD) is HandOverStep.NONE
+    assert handing.step(Mode.ALT_HOLD) is HandOverStep.HELD
     held_s = handing.now_s
-    assert handing.step(Mode.ALT_HOLD, heard_s=held_s) is HandOverStep.NONE
+    assert handing.step(Mode.ALT_HOLD, heard_s=held_s) is HandOverStep.HELD
     assert handing.step(Mode.ALT_HOLD, heard_s=held_s + 0.01) is HandOverStep.DONE
-    assert handing.step(Mode.ALT_HOLD, 29.9) is HandOverStep.NONE
+    assert handing.step(Mode.ALT_HOLD, 29.9) is HandOverStep.HELD
     assert handing.step(Mode.ALT_HOLD, 0.1) is HandOverStep.DONE
 
 
 def test_refused_after_its_time_and_not_before():
     handing = Handing()
-    assert handing.step(Mode.MANUAL, REFUSED_S - 0.01) is HandOverStep.NONE
+    assert handing.step(Mode.MANUAL, REFUSED_S - 0.01) is HandOverStep.RUNNING
     assert handing.step(Mode.MANUAL, 0.02) is HandOverStep.REFUSED
-    assert handing.step(Mode.ALT_HOLD) is HandOverStep.NONE
+    assert handing.step(Mode.ALT_HOLD) is HandOverStep.HELD
 
 
 def test_from_stabilize_the_second_of_neutral_is_kept_too():
@@ -276,15 +277,17 @@ def test_at_the_surface_alt_hold_is_the_firmwares_own_and_deeper_it_is_somebodys
     for at_surface in (True, False):
         handing = Handing(goal=Mode.SURFACE)
         handing.step(Mode.STABILIZE)
-        assert handing.step(Mode.SURFACE) is HandOverStep.NONE
-        assert handing.step(Mode.SURFACE, 3600.0) is HandOverStep.NONE, "on its way it is kept alive for ever"
+        assert handing.step(Mode.SURFACE) is HandOverStep.RUNNING
+        assert handing.step(Mode.SURFACE, 3600.0) is HandOverStep.RUNNING, (
+            "on its way it is kept alive for ever"
+        )
         said = handing.step(Mode.ALT_HOLD, at_surface=at_surface)
         assert (said is HandOverStep.SURFACED) is at_surface
         assert handing.hand_over.allows(Mode.ALT_HOLD) is at_surface
     handing = Handing(goal=Mode.SURFACE)
     handing.step(Mode.SURFACE)
     handing.step(Mode.ALT_HOLD, at_surface=True)
-    assert handing.step(Mode.ALT_HOLD, 3600.0, at_surface=True) is HandOverStep.NONE
+    assert handing.step(Mode.ALT_HOLD, 3600.0, at_surface=True) is HandOverStep.RUNNING
     assert handing.step(Mode.ALT_HOLD, heard_s=handing.now_s) is HandOverStep.DONE
 
 
