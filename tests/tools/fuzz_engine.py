@@ -4,38 +4,51 @@ A stand-in vehicle dives with the engine in virtual time. Storms come upon its t
 that the companion decodes, any value in any field, NaN and extremes, any stamp, two clocks; what is lost,
 late, repeated and out of order; other senders and a ground station; an operator who presses every button.
 Between storms it is calm, and the engine is asked to engage again, so that storms meet it while it steers.
-Every fifth dive has no vehicle: messages alone, wholly random.
+Every fifth dive has no vehicle: messages alone, wholly random. Every second has a configuration drawn from
+the types' own ranges, their ends included. Commands are drawn from their types too: paths of every kind,
+gains and noises, with absurd values and broken JSON among them; they go through the queue, as in the process.
 
 Held in every tick: nothing raises; the command is finite and inside the envelope; at most one steering frame,
-and none with thrust unless the verdict permits it; the authority is in 0..1; the telemetry is JSON without
-NaN. Held after a long calm: the estimator has found depth and heading again.
+none while not steering, and none with thrust unless the verdict permits it; the authority is in 0..1; the
+telemetry is JSON without NaN. Held after a long calm: the estimator has found depth and heading again.
+
+Measured, in processor time without garbage collection: every tick, from the next command to its answer; its
+part that gives a command to the engine; each piece of what is done between ticks; the reading of a command.
 
 A dive's number is its seed: `--first N --dives 1` repeats it.
 """
 
 import argparse
 import contextlib
+import gc
+import json
 import math
 import re
 import struct
 import sys
 import time
 import traceback
-from collections import Counter
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from random import Random
-from typing import Any
+from typing import Any, get_args, get_origin, get_type_hints
 
+import msgspec
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from companion.config import load_config
+from companion import registry
+from companion.config import AxisModel, Config, ConfigError, load_config
+from companion.control.bounds import clamped
 from companion.engine import Engine
+from companion.guidance.drawing import drawing
+from companion.io.command_queue import COST, CommandQueue, ReceivedCommand
 from companion.mavlink.decode import Decoder
 from companion.mavlink.link_maintenance import PARAMETERS
 from companion.mavlink.relay import Relay
 from companion.records import (
+    AXES,
     NEUTRAL,
     PSI,
     ControlSample,
@@ -47,8 +60,13 @@ from companion.records import (
     Z,
     vector,
 )
+from companion.steps import Task
 from companion.supervision.supervisor import CARRY_AUTHORITY
+from companion.telemetry import ranges
+from companion.telemetry.commands import COMMANDS
+from companion.telemetry.plan import PathPlan
 from companion.telemetry.samples import encode
+from companion.telemetry.schemas import Plan, Reply
 from lab.faults.faults import steering
 from lab.loop.lockstep import START_S, LinkDelay, Lockstep
 from sim_bridge.config import load_config as load_plant
@@ -64,6 +82,12 @@ RECOVERED_TICKS = 700
 a turn, which rates of 26 rad/s made, with a time constant of 2.6 s."""
 
 NEAR_M, NEAR_RAD = 0.2, 0.1
+PIECES = 20
+"""Of what is done between two ticks."""
+
+SLOW_NS = 5_000_000
+"""A dive with a tick that took longer, and longer than any before, is told."""
+
 VEHICLE, US, GROUND = (1, 1), (255, 25), (255, 190)
 
 Inbox = list[tuple[int, bytes]]
@@ -212,6 +236,110 @@ def anything(rng: Random, now_s: float, known: dict[int, list[Any]]) -> tuple[Ki
     if kind.id == TIMESYNC and rng.random() < 0.8:
         values[1] = round((now_s - rng.choice((0.0, 0.004, 0.15, 0.9, 3.0))) * 1e9)
     return kind, values
+
+
+# --- What a type allows -----------------------------------------------------------------------------------
+
+ABSURD: tuple[Any, ...] = (
+    math.nan,
+    math.inf,
+    -math.inf,
+    1e308,
+    -1e308,
+    10**400,
+    0,
+    -1,
+    1e-320,
+    "",
+    "0",
+    None,
+    True,
+    [],
+    {},
+)
+POINTS = (1, 2, 2, 3, 4, 8, 30, 300, 900, 4000)
+SHAPES = {"waypoint", "circle", "lemniscate", "helix", "lawn_mower"}
+TICK_RATES_HZ = (10.0, 20.0, 50.0, 100.0)
+"""Of which the vehicle's step is a whole part."""
+
+SECTIONS = ("vehicle", "loop", "delays", "thrusters", "levelling", *AXES, "network", "supervisor", "fence")
+"""Of the configuration: the others say who is connected."""
+
+SETTABLE = {
+    f"{section}.{key}": hint
+    for section in SECTIONS
+    for key, hint in get_type_hints(get_type_hints(Config)[section], include_extras=True).items()
+    if key not in ("name", "frame", "law")
+}
+MODELS = [f"{axis}.{key}" for axis in AXES for key in AxisModel.__struct_fields__]
+UNLEARNT = [f"{axis}.learning_rate=0" for axis in AXES]
+"""Where these are not drawn too: else most vehicles would be refused for gains that are too fast for them."""
+
+
+def number(rng: Random, least: float, most: float) -> float:
+    """Return a number of a range: an end of it, any, or any by its size."""
+    draw = rng.random()
+    if draw < 0.25:
+        return rng.choice((least, most))
+    if draw < 0.5:
+        return rng.uniform(least, most)
+    size = most * 10.0 ** rng.uniform(-6.0, 0.0)
+    sign = rng.choice((-1.0, 1.0)) if least < 0.0 else 1.0
+    return clamped(sign * size, least, most)
+
+
+def drawn(rng: Random, hint: Any, strange: float = 0.0) -> Any:
+    """Return what a type allows, as JSON has it; a share of it, `strange` (0..1), is anything else."""
+    if rng.random() < strange:
+        return rng.choice(ABSURD)
+    parts = (hint, *get_args(hint))
+    if get_origin(hint) is tuple:
+        each = parts[1:2] * rng.choice(POINTS) if ... in parts else parts[1:]
+        return [drawn(rng, one, strange) for one in each]
+    if words := ranges.choices(hint):
+        return rng.choice(words)
+    for part in parts:
+        if isinstance(part, type) and issubclass(part, msgspec.Struct):
+            return _table(rng, part, strange)
+    if found := ranges.bounds(hint):
+        return min(round(number(rng, *found)), found[1]) if int in parts else number(rng, *found)
+    return rng.random() < 0.5 if bool in parts else rng.choice(registry.choices({}))
+
+
+def _table(rng: Random, kind: type[msgspec.Struct], strange: float) -> dict[str, Any]:
+    """Return the fields that have to be there and some of the others; of shapes mostly one."""
+    wanted = {one.name for one in msgspec.structs.fields(kind) if one.required or rng.random() < 0.5}
+    if kind is PathPlan and rng.random() < 0.95:
+        wanted = wanted - SHAPES | {rng.choice(sorted(SHAPES))}
+    hints = get_type_hints(kind, include_extras=True)
+    return {name: drawn(rng, hint, strange) for name, hint in hints.items() if name in wanted}
+
+
+def order(rng: Random) -> tuple[str, bytes]:
+    """Return a command's name and payload, mostly one that is permitted."""
+    name = rng.choice((*COMMANDS, "follow", "follow", "goto"))
+    text = json.dumps(drawn(rng, COMMANDS[name], rng.choice((0.0, 0.0, 0.02))))
+    if rng.random() < 0.05:
+        cut = rng.randrange(len(text))
+        text = text[:cut] + rng.choice(("", "[" * 2000, '{"path":', "9" * 400)) + text[cut + 1 :]
+    return name, text.encode()
+
+
+def configuration(rng: Random, fixed: Sequence[str]) -> Config:
+    """Return a configuration of which many keys are any that their types allow, and that is not refused."""
+    while True:
+        keys = rng.choice((MODELS, rng.sample(sorted(SETTABLE), rng.choice((1, 3, 10, 30)))))
+        values = {key: drawn(rng, SETTABLE[key]) for key in keys}
+        for key, value in values.items():
+            if key == "loop.rate_hz":
+                values[key] = rng.choice(TICK_RATES_HZ)
+            elif isinstance(value, list):
+                value.sort()
+        texts = [f"{key}={json.dumps(value)}" for key, value in values.items()]
+        with contextlib.suppress(ConfigError):
+            config = load_config(overrides=(*rng.choice((UNLEARNT, [])), *texts, *fixed))
+            Engine(config, Setpoint((0.0,) * 4))
+            return config
 
 
 # --- Storms -----------------------------------------------------------------------------------------------
@@ -365,11 +493,13 @@ def ground_station(rng: Random, dive: "Fuzzed") -> Spoil:
 
 
 def buttons(rng: Random, dive: "Fuzzed") -> Spoil:
-    """An operator who presses every button and gives every setpoint that is not refused."""
+    """An operator who presses every button, orders what there is and gives any setpoint."""
 
     def spoil(now_s: float, inbox: Inbox) -> Inbox:
         if rng.random() < 0.1:
             dive.presses.append(rng.choice(tuple(Request)))
+        if rng.random() < 0.05:
+            dive.order(order(rng))
         if rng.random() < 0.1:
             draw = [rng.choice((math.nan, 0.0, rng.gauss(0.0, 1.0), rng.gauss(0.0, 1e3))) for _ in range(4)]
             rates = [rng.choice((0.0, 0.0, rng.gauss(0.0, 1.0), 1e30)) for _ in range(8)]
@@ -403,6 +533,7 @@ STORMS = (
     insertion,
     insertion,
     buttons,
+    buttons,
     stalls,
     ground_station,
 )
@@ -418,15 +549,20 @@ def _count(rng: Random, mean: float) -> int:
 class Fuzzed:
     """Stands where the engine is: spoils what comes, holds every tick to account."""
 
-    def __init__(self, rng: Random, companion: Sequence[str], *, ground: bool) -> None:
-        config = load_config(overrides=(*companion, *(WITH_GROUND if ground else ())))
-        self.engine = Engine(config, Setpoint((math.nan, math.nan, 1.0, 0.3)), arm=True)
+    def __init__(self, rng: Random, config: Config, tally: "Tally") -> None:
+        ground = bool(config.ground_station.endpoint)
+        depth_m = min(1.0, config.supervisor.max_depth_m)
+        self.engine = Engine(config, Setpoint((math.nan, math.nan, depth_m, 0.3)), arm=True)
+        self.rate_hz = config.loop.rate_hz
+        self._queue = CommandQueue(config)
+        self._guided: tuple[int, str] | None = None
+        self._drawing: Task[Plan]
+        self._tally = tally
         self.spoils: list[Spoil] = []
         self.heard: dict[int, list[Any]] = {}
         self.ground: Inbox = []
         self.presses: list[Request] = []
         self.asleep_ticks = 0
-        self.states: Counter[State] = Counter()
         self.by_pressure = config.vehicle.depth_source == "pressure"
         """Then a forged parameter moves the zero of depth for good."""
         self._relay = Relay(config) if ground else None
@@ -455,13 +591,38 @@ class Fuzzed:
         inbox, self._kept = self._kept, []
         presses, self.presses = [*requests, *self.presses], []
         pilot, passed = self._heard_from_ground()
-        out, sample = self.engine.step(now_s, inbox, loop, presses, pilot)
+        with self._tally.timed("tick"):
+            with self._tally.timed("command given in a tick"):
+                given = self._queue.before_tick(self.engine, now_s)
+            out, sample = self.engine.step(now_s, inbox, loop, (*presses, *given.requests), pilot)
+            self._queue.after_tick(self.engine, sample, now_s)
+        self._between_ticks(sample)
         if self._relay is not None:
             self._relay.withhold = self.engine.steering
-        self.states[sample.verdict.state] += 1
+        self._tally.states[sample.verdict.state] += 1
         self._hold_to_account(out, sample)
         self._sample = sample
         return [*passed, *out], sample
+
+    def order(self, asked: tuple[str, bytes]) -> None:
+        """Put a command into the queue, as a session of this machine does."""
+        with self._tally.timed("command read"):
+            self._queue.put(ReceivedCommand(*asked, self._answered, local=True))
+
+    def _between_ticks(self, sample: ControlSample) -> None:
+        """Do what the process does until the next tick."""
+        guided = (sample.guided.number, sample.guided.kind)
+        if guided != self._guided:
+            self._guided = guided
+            self._drawing = Task(drawing(self.engine.path, guided[0], self.engine.config, sample.state))
+        for _ in range(PIECES):
+            with self._tally.timed("piece between ticks"):
+                more = self._queue.prepare(self.engine) | (not self._drawing.advance(COST))
+            if not more:
+                break
+
+    def _answered(self, reply: Reply) -> None:
+        self._tally.answers["done" if reply.done else "refused"] += 1
 
     def _heard_from_ground(self) -> tuple[Inbox, list[bytes]]:
         said, self.ground = self.ground, []
@@ -481,7 +642,7 @@ class Fuzzed:
         permitted = verdict.state in CARRY_AUTHORITY and verdict.authority > 0.0
         promise(permitted or not any(command), "a command without permission")
         frames = [axes for axes in map(steering, out) if axes is not None]
-        promise(len(frames) <= 1, "two steering frames in a tick")
+        promise(len(frames) <= int(self.engine.steering), f"{len(frames)} steering frames in a tick")
         promise(all(abs(axis) <= 1.0 for axes in frames for axis in axes), f"a frame out of range: {frames}")
         pushes = any(axis for axes in frames for axis in axes)
         promise(permitted or self._relay is not None or not pushes, "thrust without permission")
@@ -497,10 +658,21 @@ class Fuzzed:
 class Tally:
     """What came of all dives so far."""
 
-    ticks: int = 0
     dives: int = 0
     recovered: int = 0
     broken: int = 0
+    ticks: int = 0
+    took_ns: dict[str, list[int]] = field(default_factory=lambda: defaultdict(list))
+    """Processor time by what took it."""
+    answers: Counter[str] = field(default_factory=Counter)
+    states: Counter[State] = field(default_factory=Counter)
+
+    @contextlib.contextmanager
+    def timed(self, what: str) -> Iterator[None]:
+        """Note how long something takes."""
+        began_ns = time.thread_time_ns()
+        yield
+        self.took_ns[what].append(time.thread_time_ns() - began_ns)
 
 
 def storm(rng: Random, dive: Fuzzed) -> list[Spoil]:
@@ -508,21 +680,22 @@ def storm(rng: Random, dive: Fuzzed) -> list[Spoil]:
     return [rng.choice(STORMS)(rng, dive) for _ in range(rng.choice((1, 1, 1, 2, 3)))]
 
 
-def fuzz(number: int, tally: Tally, states: Counter[State]) -> None:
+def fuzz(number: int, tally: Tally) -> None:
     """Dive number `number`; raises whatever goes wrong."""
+    tally.dives += 1
     rng = Random(number)
     plant, sea, companion = VARIANTS[rng.randrange(len(VARIANTS))]
-    ground = rng.random() < 0.3 and not companion
-    fuzzed = Fuzzed(rng, companion, ground=ground)
-    try:
-        if rng.random() < 0.2:
-            _messages_alone(rng, fuzzed, tally)
-        else:
-            vehicle = Vehicle(load_plant(CONFIG / plant, ("current.enabled=false", *sea)), number)
-            _dive(rng, fuzzed, Lockstep(vehicle, fuzzed, LinkDelay(), number), tally)  # type: ignore[arg-type]
-    finally:
-        states.update(fuzzed.states)
-        tally.dives += 1
+    if rng.random() < 0.3 and not companion:
+        companion = WITH_GROUND
+    ours = rng.random() < 0.5
+    config = load_config(overrides=companion) if ours else configuration(rng, companion)
+    fuzzed = Fuzzed(rng, config, tally)
+    if rng.random() < 0.2:
+        _messages_alone(rng, fuzzed, tally)
+    else:
+        vehicle = Vehicle(load_plant(CONFIG / plant, ("current.enabled=false", *sea)), number)
+        loop = Lockstep(vehicle, fuzzed, LinkDelay(), number, fuzzed.rate_hz)  # type: ignore[arg-type]
+        _dive(rng, fuzzed, loop, tally, recovers=ours)
 
 
 def _messages_alone(rng: Random, fuzzed: Fuzzed, tally: Tally) -> None:
@@ -540,8 +713,8 @@ def _messages_alone(rng: Random, fuzzed: Fuzzed, tally: Tally) -> None:
         tally.ticks += 1
 
 
-def _dive(rng: Random, fuzzed: Fuzzed, loop: Lockstep, tally: Tally) -> None:
-    """Storms and calms in turn."""
+def _dive(rng: Random, fuzzed: Fuzzed, loop: Lockstep, tally: Tally, *, recovers: bool) -> None:
+    """Storms and calms in turn; with the shipped noises it `recovers` from a storm."""
     calm, left = 0, CALM_TICKS
     for _ in range(DIVE_TICKS):
         if left == 0 and not fuzzed.spoils:
@@ -554,7 +727,7 @@ def _dive(rng: Random, fuzzed: Fuzzed, loop: Lockstep, tally: Tally) -> None:
             loop.requests.append(rng.choice((Request.CLEAR_FAULT, Request.ENGAGE)))
         step = loop.tick()
         tally.ticks += 1
-        if calm == RECOVERED_TICKS and not fuzzed.by_pressure:
+        if calm == RECOVERED_TICKS and recovers and not fuzzed.by_pressure:
             believed, true = step.sample.state.eta, step.truth.eta
             missed_m, missed_rad = (
                 abs(believed[Z] - true[2]),
@@ -568,6 +741,13 @@ def _dive(rng: Random, fuzzed: Fuzzed, loop: Lockstep, tally: Tally) -> None:
             promise(bool(missed_rad <= NEAR_RAD), f"heading {believed[PSI]} rad where it is {true[5]} rad")
 
 
+def spread(took_ns: Sequence[int]) -> str:
+    """Return median, 99 % and largest of times, in words."""
+    in_order = sorted(took_ns)
+    at = [in_order[min(int(share * len(in_order)), len(in_order) - 1)] / 1e6 for share in (0.5, 0.99, 1.0)]
+    return "median {:.3f} ms, 99 % {:.3f} ms, largest {:.3f} ms of {}".format(*at, len(in_order))
+
+
 def tell(text: str) -> None:
     """Write a line at once."""
     sys.stdout.write(text + "\n")
@@ -576,18 +756,20 @@ def tell(text: str) -> None:
 
 def main() -> int:
     """Fuzz until so many ticks are done; say what came of it."""
+    gc.disable()
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--ticks", type=int, default=20_000)
     parser.add_argument("--first", type=int, default=1)
     parser.add_argument("--dives", type=int, default=sys.maxsize)
     chosen = parser.parse_args()
-    tally, states, since_s = Tally(), Counter[State](), time.monotonic()
+    tally, since_s = Tally(), time.monotonic()
     for number in range(chosen.first, chosen.first + chosen.dives):
         if tally.ticks >= chosen.ticks:
             break
-        at = tally.ticks
+        at, slowest_ns = tally.ticks, max(tally.took_ns["tick"], default=SLOW_NS)
+        gc.collect()
         try:
-            fuzz(number, tally, states)
+            fuzz(number, tally)
         except Exception as error:  # the finding is told, and the next dive begins
             tally.broken += 1
             where = traceback.extract_tb(error.__traceback__)[-1]
@@ -597,12 +779,17 @@ def main() -> int:
             )
             if chosen.dives == 1:
                 traceback.print_exception(error)
-    shares = ", ".join(f"{state} {states[state]}" for state in State if states[state])
+        if (longest_ns := max(tally.took_ns["tick"], default=0)) > slowest_ns:
+            tell(f"dive {number}: a tick of {longest_ns / 1e6:.2f} ms")
+    shares = ", ".join(f"{state} {tally.states[state]}" for state in State if tally.states[state])
     took_s = time.monotonic() - since_s
     tell(
         f"{tally.dives} dives from {chosen.first}, {tally.ticks} ticks in {took_s:.0f} s: {shares}; "
         f"looked {tally.recovered} times for depth and heading after a storm; {tally.broken} promises broken"
     )
+    tell("commands: " + ", ".join(f"{count} {answer}" for answer, count in sorted(tally.answers.items())))
+    for what, took_ns in tally.took_ns.items():
+        tell(f"{what}: {spread(took_ns)}")
     return int(tally.broken > 0)
 
 
