@@ -90,15 +90,21 @@ class LoopSection(Section, frozen=True):
 
 
 class AxisModel(Section, frozen=True):
-    """What is believed of one axis: the nominal model.
-
-    Units are m, N and kg; on the yaw axis rad, N·m and kg·m².
-    """
+    """What is believed of one axis, the nominal model: m, N and kg."""
 
     mass: ranges.Mass
     linear_damping: ranges.LinearDamping
     quadratic_damping: ranges.QuadraticDamping
     max_force: ranges.Force
+
+
+class YawModel(AxisModel, frozen=True):
+    """The same of yaw: rad, N·m and kg·m²."""
+
+    mass: ranges.Inertia
+    linear_damping: ranges.LinearTurnDamping
+    quadratic_damping: ranges.QuadraticTurnDamping
+    max_force: ranges.Moment
 
 
 class Axis(AxisModel, frozen=True):
@@ -123,6 +129,10 @@ class Axis(AxisModel, frozen=True):
     sensor_delay_s: ranges.Delay
 
 
+class YawAxis(YawModel, Axis, frozen=True):
+    """The yaw axis."""
+
+
 class ThrusterLag(Section, frozen=True):
     """What is believed of the thrusters."""
 
@@ -140,10 +150,10 @@ class Thrusters(ThrusterLag, frozen=True):
 class Tilting(Section, frozen=True):
     """What is believed of roll and pitch."""
 
-    roll_inertia: ranges.Mass
-    pitch_inertia: ranges.Mass
+    roll_inertia: ranges.Inertia
+    pitch_inertia: ranges.Inertia
     lever_m: ranges.Lever
-    max_moment_nm: ranges.Force
+    max_moment_nm: ranges.Moment
     max_axis: ranges.TiltShare
 
 
@@ -162,7 +172,7 @@ class VehicleFile(Section, frozen=True):
     surge: AxisModel
     sway: AxisModel
     heave: AxisModel
-    yaw: AxisModel
+    yaw: YawModel
 
 
 class Network(Section, frozen=True):
@@ -246,7 +256,7 @@ class Config(Section, frozen=True):
     surge: Axis
     sway: Axis
     heave: Axis
-    yaw: Axis
+    yaw: YawAxis
     network: Network
     supervisor: SupervisorLimits
     fence: FenceSection

@@ -5,11 +5,12 @@ import math
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Self, get_type_hints
 
 import msgspec
 
 from companion.config import Config, VehicleFile, vehicle_of
+from companion.control.bounds import clamped
 from companion.predive.fit import DELAY, LAG, LATER, LINEAR, MASS, QUADRATIC, STEADY, Fit, Value
 from companion.predive.manoeuvre import Manoeuvre
 from companion.records import AXES, DOFS, PSI, Z
@@ -39,20 +40,22 @@ def vehicle(
     notes = {"vehicle.frame": "from the configuration"}
     for key in ("roll_inertia", "pitch_inertia", "lever_m", "max_moment_nm", "max_axis"):
         notes[f"levelling.{key}"] = "not identified"
-    least_s, most_s = ranges.bounds(ranges.Lag) or (0.0, 0.0)
+    measured: dict[tuple[str, str], Value] = {}
     if fits:
-        lag = pooled([one.values[LAG] for one in fits])
-        table["thrusters"]["lag_s"] = round(min(max(lag.value, least_s), most_s), 4)
-        notes["thrusters.lag_s"] = f"sd {lag.sigma:.2g}"
+        measured["thrusters", "lag_s"] = pooled([one.values[LAG] for one in fits])
     for name in AXES:
         notes[f"{name}.mass"] = "not identified: what the configuration says"
         notes[f"{name}.max_force"] = "from the configuration"
     for one in fits:
         name = AXES[one.dof]
         for key, number in (("mass", MASS), ("linear_damping", LINEAR), ("quadratic_damping", QUADRATIC)):
-            value = one.values[number]
-            table[name][key] = float(f"{value.value:.4g}")
-            notes[f"{name}.{key}"] = f"sd {value.sigma:.2g}"
+            measured[name, key] = one.values[number]
+    kinds = get_type_hints(VehicleFile)
+    for (name, key), (value, sigma) in measured.items():
+        least, most = ranges.bounds(get_type_hints(kinds[name], include_extras=True)[key]) or (value, value)
+        table[name][key] = float(f"{clamped(value, least, most):.4g}")
+        beyond = "" if least <= value <= most else f"; found {value:.4g}, the range is {least:g} to {most:g}"
+        notes[f"{name}.{key}"] = f"sd {sigma:.2g}{beyond}"
     about = [
         f"Identified by `holdfast identify` on {today.isoformat()}. sd: standard deviation.",
         *said(found),

@@ -12,11 +12,21 @@ from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
 from msgspec import Meta, Struct
 
-# The nominal model of an axis.
-Mass = Annotated[float, Meta(ge=0.01, le=1000.0)]
-LinearDamping = Annotated[float, Meta(ge=0.0, le=500.0)]
-QuadraticDamping = Annotated[float, Meta(ge=0.0, le=5000.0)]
-Force = Annotated[float, Meta(ge=0.1, le=1000.0)]
+# The nominal model of an axis, in newtons of a T200: vehicles that exist, and room beyond. The lightest: 3
+# kg with 1.5 kg of water and thrusters three times as strong (T500) count as 1.5 kg. The heaviest: a work-
+# class vehicle of 5 t with as much water and 9 kN (assumed), in place of the 130 N of four T200, counts as
+# 150 kg. Damping: a BlueROV2 Heavy has up to 217 N s2/m2 (docs/ardusub.md, "Vehicles"), one in a tank 31 N
+# s/m, and three times as much with a third of the thrust. About the axes of rotation, by the same factors,
+# 0.02 to 30 kg m2.
+SCALE = {"remedy": "for thrusters k times as strong as T200, divide masses, inertias and damping by k"}
+Mass = Annotated[float, Meta(ge=1.0, le=1000.0, extra=SCALE)]
+LinearDamping = Annotated[float, Meta(ge=0.0, le=300.0, extra=SCALE)]
+QuadraticDamping = Annotated[float, Meta(ge=0.0, le=1000.0, extra=SCALE)]
+Force = Annotated[float, Meta(ge=0.1, le=500.0)]
+Inertia = Annotated[float, Meta(ge=0.02, le=100.0, extra=SCALE)]
+LinearTurnDamping = Annotated[float, Meta(ge=0.0, le=30.0, extra=SCALE)]
+QuadraticTurnDamping = Annotated[float, Meta(ge=0.0, le=100.0, extra=SCALE)]
+Moment = Annotated[float, Meta(ge=0.1, le=100.0)]
 MaxRate = Annotated[float, Meta(ge=0.01, le=3.0)]
 MaxAcceleration = Annotated[float, Meta(ge=0.01, le=5.0)]
 
@@ -103,7 +113,8 @@ def refusal(name: str, value: float, hint: Any) -> str | None:
     if found is None or found[0] <= value <= found[1]:
         return None
     shown = f"{value:g}" if isinstance(value, float) else str(value)[:20]
-    return f"{name} = {shown}: must be {found[0]:g} to {found[1]:g}"
+    remedy = next((f"; {meta.extra['remedy']}" for meta in metas(hint) if meta.extra), "")
+    return f"{name} = {shown}: must be {found[0]:g} to {found[1]:g}{remedy}"
 
 
 def explained(table: Any, error: str, kind: type[Struct]) -> str:

@@ -120,6 +120,16 @@ def test_a_mass_in_doubt_is_not_taken(identified):
     assert "yaw" in next(line for line in said({"t200": [heave, doubtful]}) if "Not identified" in line)
 
 
+def test_what_no_vehicle_has_is_written_as_the_nearest_that_one_has(identified):
+    """A wrong thruster curve or scale makes it; a traceback after the manoeuvre would lose the rest."""
+    heave, yaw = identified.found["t200"]
+    light = Fit(**{**vars(heave), "values": (Value(0.4, 0.01), *heave.values[1:])})
+    file, about, notes = vehicle(identified.config, {"t200": [light, yaw]}, TODAY)
+    assert file.heave.mass == 1.0
+    assert "mass = 1.0" in (text := vehicle_text(file, about, notes))
+    assert "# sd 0.01; found 0.4, the range is 1 to 1000" in text
+
+
 def test_sweep_and_pushes_begin_and_end_at_rest():
     kind = EXCITATIONS[Z]
     times = np.linspace(0.0, kind.lasts_s, 3201)

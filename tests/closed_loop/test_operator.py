@@ -152,7 +152,7 @@ def test_with_permission_it_is_done(allow, local):
         ("gains", {"axis": "heave"}, "at least one"),
         ("gains", {"axis": "heave", "kappa_per_s": 100.0}, "kappa_per_s = 100: must be 0.05 to 50"),
         ("gains", {"axis": "heave", "learning_rate": 1e6, "max_disturbance": 1e6}, "0 to 1000"),
-        ("gains", {"axis": "heave", "max_disturbance": 1e6, "confirm": True}, "0.1 to 1000"),
+        ("gains", {"axis": "heave", "max_disturbance": 1e6, "confirm": True}, "0.1 to 500"),
         ("estimator", {"axis": "heave", "rate_noise": 1e-160, "confirm": True}, "1e-05 to 1"),
         ("estimator", {"axis": "heave", "confirm": True}, "at least one"),
         ("gains", {"axis": "heave", "learning_rate": -1.0}, "learning_rate = -1: must be 0 to 1000"),

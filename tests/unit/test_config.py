@@ -11,12 +11,14 @@ from companion.config import (
     DEFAULT_FILE,
     PRESETS,
     ConfigError,
+    VehicleFile,
     load_config,
     load_vehicle,
     presets,
     vehicle_of,
     vehicle_text,
 )
+from companion.records import AXES
 from companion.telemetry import ranges
 
 
@@ -71,11 +73,15 @@ def test_every_key_of_the_file_is_a_field_and_every_field_a_key():
 @pytest.mark.parametrize(
     ("override", "said"),
     [
-        ("heave.mass=0", ["heave.mass = 0:", "0.01 to 1000"]),
-        ("heave.mass=-3.5", ["heave.mass = -3.5", "0.01 to 1000"]),
-        ("heave.mass=nan", ["heave.mass = nan", "0.01 to 1000"]),
-        ("heave.mass=inf", ["heave.mass = inf", "0.01 to 1000"]),
-        ("heave.mass=1e9", ["heave.mass = 1e+09", "0.01 to 1000"]),
+        ("heave.mass=0", ["heave.mass = 0:", "1 to 1000"]),
+        ("heave.mass=-3.5", ["heave.mass = -3.5", "1 to 1000"]),
+        ("heave.mass=nan", ["heave.mass = nan", "1 to 1000"]),
+        ("heave.mass=inf", ["heave.mass = inf", "1 to 1000"]),
+        ("heave.mass=1e9", ["heave.mass = 1e+09", "1 to 1000"]),
+        ("surge.mass=0.01", ["surge.mass = 0.01", "1 to 1000", "divide masses, inertias and damping"]),
+        ("yaw.mass=1000", ["yaw.mass = 1000", "0.02 to 100"]),
+        ("surge.quadratic_damping=5000", ["surge.quadratic_damping = 5000", "0 to 1000"]),
+        ("levelling.roll_inertia=0.01", ["levelling.roll_inertia = 0.01", "0.02 to 100"]),
         ("heave.kappa_per_s=1e6", ["heave.kappa_per_s = 1e+06", "0.05 to 50"]),
         ("heave.lambda_per_s=nan", ["heave.lambda_per_s", "nan"]),
         ("yaw.leak_per_s=-0.1", ["yaw.leak_per_s", "-0.1", "0 to 1"]),
@@ -120,6 +126,7 @@ def test_one_button_cannot_engage_and_release():
     assert "ground_station.engage_button = 3" in refusal(overrides=buttons)
 
 
+SCALED = ("mass", "linear_damping", "quadratic_damping", "roll_inertia", "pitch_inertia")
 NUMBERS = [
     (f"{section}.{key}", value)
     for section, table in msgspec.to_builtins(load_config()).items()
@@ -276,6 +283,24 @@ class TestPresets:
     def test_each_has_gains_that_its_lag_and_mass_bear(self, name):
         refuse_fast_gains(load_config(overrides=[f"vehicle.preset={name}"]))
 
+    @pytest.mark.parametrize("strength", [1 / 3, 3.0])
+    @pytest.mark.parametrize("name", presets())
+    def test_each_is_in_the_ranges_with_a_third_and_with_three_times_its_thrust(self, name, strength):
+        """As `holdfast bench grid` tries them: what is written is for newtons of T200."""
+        table = msgspec.to_builtins(load_vehicle(PRESETS / f"{name}.toml"))
+        for section in (*AXES, "levelling"):
+            for key in set(table[section]) & {*SCALED}:
+                table[section][key] /= strength
+        msgspec.convert(table, VehicleFile)
+
+    def test_a_heavy_that_was_measured_in_a_tank_is_in_the_ranges_with_a_third_of_its_thrust(self):
+        rows = {"surge": (48, 12, 88), "sway": (48, 17, 140), "heave": (86, 31, 146), "yaw": (1.2, 0.7, 2.2)}
+        keys = ("mass", "linear_damping", "quadratic_damping")
+        changed = [
+            f"{axis}.{key}={3 * v}" for axis, row in rows.items() for key, v in zip(keys, row, strict=True)
+        ]
+        load_config(overrides=[*changed, "levelling.roll_inertia=3.4", "levelling.pitch_inertia=2.8"])
+
     def test_the_frames_are_those_of_the_firmware(self):
         frames = {name: load_vehicle(PRESETS / f"{name}.toml").vehicle.frame for name in presets()}
         assert [name for name, frame in frames.items() if frame == "vectored"] == ["bluerov2"]
@@ -309,7 +334,7 @@ class TestPresets:
     @pytest.mark.parametrize(
         ("old", "new", "said"),
         [
-            ("mass = 28.5 ", "mass = 0.0 ", ["heave.mass = 0:", "0.01 to 1000"]),
+            ("mass = 28.5 ", "mass = 0.0 ", ["heave.mass = 0:", "1 to 1000"]),
             ("lag_s = 0.15 ", "lag_s = 5.0 ", ["thrusters.lag_s = 5:", "0.02 to 1"]),
             ("lag_s = 0.15 ", "", ["thrusters.lag_s: missing"]),
             ('frame = "vectored_6dof"', 'frame = "octo"', ["vehicle.frame", "octo", "vectored_6dof"]),
