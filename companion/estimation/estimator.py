@@ -153,6 +153,8 @@ class Estimator:
         `d_share`, by DOF, is what the controller scales d̂ by: the predicted d is scaled alike.
         `learns`, by axis, tells whether our commands alone move it: then its gain and lag are learnt.
         """
+        if self._observers.diverged:
+            self.restart()
         self._depth_refused = False
         self._frame_shift = None
         self._reset_by = [0.0] * len(DOFS)

@@ -33,6 +33,10 @@ SHORTEST_S = 1e-9
 ZERO_MOVED_M = 0.05
 """A disarmed vehicle whose depth jumps by more has a new zero, as arming makes one: that is no motion."""
 
+BELIEVABLE = 1e9
+"""m, m/s, N or N·m: an estimate that is larger has diverged, for telemetry is bounded where it is decoded. It
+counts as NaN, so that nothing computed from an estimate overflows: `**` would raise."""
+
 MAX_EXTRAPOLATION_S = (0.06, 0.06, 0.045, 0.03)
 """How far, s, samples of each DOF are extrapolated to the observer's moment by its own rates. Further, its
 error would feed itself: with the shipped noises it grows from 0.06 s on, in yaw from 0.035 s."""
@@ -42,6 +46,8 @@ Measurement = tuple[bool, float, float]
 
 Estimate = tuple[float, float, float, float, float]
 """Position and rate of one degree of freedom now, both `ahead_s` later, and its disturbance."""
+
+LOST: Estimate = (math.nan,) * 5
 
 
 class Observers:
@@ -70,6 +76,8 @@ class Observers:
 
     def restart(self) -> None:
         """Forget motion and commands."""
+        self.diverged = False
+        """Whether an estimate of the last step was lost: nothing is right until a restart."""
         self.commands = CommandHistory()
         self._observed_t_s: list[float] | None = None
         self._new: list[list[Measurement]] = [[] for _ in DOFS]
@@ -161,6 +169,10 @@ class Observers:
             m_eff, c_eff = m[dof] / gain, c[dof] / gain
             before_s, at_s = from_s[dof], observed_s[dof]
             state = self._observe(dof, thrust, m_eff, c_eff, before_s, at_s, (m[dof], c[dof]), armed)
+            if not abs(state.q) + abs(state.v) + abs(state.f) + abs(state.d) < BELIEVABLE:
+                self.diverged = True
+                estimates.append(LOST)
+                continue
             mean = mean_disturbance(self._mean_disturbance[dof], state.d, self._tick_s)
             self._mean_disturbance[dof] = mean
             model = observer.coefficients(learner.parameters(dof), m_eff, c_eff, step_s)

@@ -6,7 +6,7 @@ from operator import attrgetter
 import numpy as np
 import pytest
 from msgspec.structs import replace
-from virtual import Dive, active
+from virtual import Dive, active, hold
 
 from companion.config import ConfigError, load_config
 from companion.engine import Engine
@@ -35,19 +35,28 @@ WITHIN = (
     "_actuation._pace",
 )
 
+GROWS = (
+    "_estimator._observers.states",
+    "_estimator._observers._mean_disturbance",
+    "_estimator.learner._states",
+    "_controller._states.learnt",
+)
+HUGE = (1e160, 1e300)
+"""Numbers that nothing bounds where they are remembered."""
+
 
 def with_heave(config, **changes):
     return replace(config, heave=replace(config.heave, **changes))
 
 
-def spoiled(value):
-    """Return a number, an array, or a list or (named) tuple of these with NaN for each number."""
+def spoiled(value, by=math.nan):
+    """Return a number, or a list or (named) tuple of these, with each number so many times larger."""
     if isinstance(value, list):
-        return [spoiled(part) for part in value]
+        return [spoiled(part, by) for part in value]
     if isinstance(value, tuple):
-        parts = [spoiled(part) for part in value]
+        parts = [spoiled(part, by) for part in value]
         return type(value)(*parts) if hasattr(value, "_fields") else tuple(parts)
-    return value * math.nan
+    return (value + 1e-6) * by
 
 
 @pytest.mark.filterwarnings("error")
@@ -69,13 +78,15 @@ def test_a_gain_that_is_not_finite_changes_nothing_while_it_holds(changes):
 
 
 @pytest.mark.filterwarnings("ignore:invalid value")
-@pytest.mark.parametrize("path", WITHIN)
-def test_a_fault_of_a_number_that_is_not_finite_can_be_cleared(path):
-    dive = active()
+@pytest.mark.parametrize(
+    ("path", "by"), [*((path, math.nan) for path in WITHIN), *((path, by) for path in GROWS for by in HUGE)]
+)
+def test_a_fault_of_a_number_that_is_not_finite_can_be_cleared(path, by):
+    dive = active("sensors.dvl=true", setpoint=hold(x=0.0, y=0.0))
     owner, _, name = path.rpartition(".")
     parts = attrgetter(owner)(dive.engine)
     for part in parts if isinstance(parts, list) else [parts]:
-        setattr(part, name, spoiled(getattr(part, name)))
+        setattr(part, name, spoiled(getattr(part, name), by))
     dive.run(5.0)
     if dive.state is State.FAULT:
         assert Condition.NON_FINITE not in dive.step.sample.verdict.conditions
@@ -85,6 +96,7 @@ def test_a_fault_of_a_number_that_is_not_finite_can_be_cleared(path):
     dive.until(State.ACTIVE)
     dive.run(1.0)
     assert dive.state is State.ACTIVE
+    assert dive.step.sample.dofs.engaged == (True,) * 4
     assert np.isfinite(dive.step.sample.dofs.tau).all()
 
 
