@@ -70,6 +70,7 @@ NEAR_LOG_GAIN, NEAR_LAG_S = 0.02, 0.002
 """Observers are looked up anew where the model has moved further."""
 
 LAG_COUNTS = 0.3
+ROUNDING = 1e-15
 
 
 class ModelState(NamedTuple):
@@ -174,7 +175,12 @@ def observe(
 
 
 def _spread(variance: float, nu: float, dt_s: float) -> float:
-    """Return the variance of an innovation after one more; an outlier counts as OUTLIER deviations."""
+    """Return the variance of an innovation after one more; an outlier counts as OUTLIER deviations.
+
+    One of exactly zero counts for nothing: telemetry that is constant to the last bit shows no noise.
+    """
+    if nu == 0.0:
+        return variance
     most = OUTLIER * OUTLIER * variance
     squared = nu * nu
     return variance + ((squared if squared < most else most) - variance) * (dt_s / SPREAD_MEMORY_S)
@@ -212,7 +218,7 @@ def learn(found: Found, evidence: Evidence, dt_s: float) -> Found:
     known = 1.0 / (PRIOR_LOG_GAIN * PRIOR_LOG_GAIN)
     if gain_gain > INFORMED * known:
         a, b = gain_gain + known, lag_lag + 1.0 / (PRIOR_LAG_S * PRIOR_LAG_S)
-        determinant = a * b - gain_lag * gain_lag
+        determinant = _determinant(a, b, gain_lag)
         more = (b * evidence.gain - gain_lag * evidence.lag) / determinant
         later_s = (a * evidence.lag - gain_lag * evidence.gain) / determinant
         lag_s = clamped(found.lag_s + limited(later_s, LAG_PER_S * dt_s), LEAST_LAG_S, MOST_LAG_S)
@@ -239,11 +245,17 @@ def learn_gain(found: Found, evidence: Evidence, of_lag: Found, dt_s: float) -> 
     return Found(log_gain, of_lag.lag_s, gain_gain, 0.0, of_lag.lag_lag)
 
 
+def _determinant(a: float, b: float, c: float) -> float:
+    """Return a b − c² of a matrix that is positive definite: above zero, whatever rounding leaves."""
+    most = a * b
+    return max(most - c * c, ROUNDING * most)
+
+
 def covariance(found: Found) -> tuple[float, float, float]:
     """Return (R + P⁻¹)⁻¹: variance of γ, covariance, variance of T."""
     a = found.gain_gain + 1.0 / (PRIOR_LOG_GAIN * PRIOR_LOG_GAIN)
     b = found.lag_lag + 1.0 / (PRIOR_LAG_S * PRIOR_LAG_S)
-    determinant = a * b - found.gain_lag * found.gain_lag
+    determinant = _determinant(a, b, found.gain_lag)
     return b / determinant, -found.gain_lag / determinant, a / determinant
 
 
@@ -267,7 +279,7 @@ def follow(used: Used, found: Found) -> Used:
     gain = gain + TOLERATED_LOG_GAIN * TOLERATED_LOG_GAIN
     lag = lag + TOLERATED_LAG_S * TOLERATED_LAG_S
     off, off_s = used.log_gain - found.log_gain, used.lag_s - found.lag_s
-    determinant = gain * lag - both * both
+    determinant = _determinant(gain, lag, both)
     squared = (lag * off * off - 2.0 * both * off * off_s + gain * off_s * off_s) / determinant
     sure = SURE_OF_LESS if off > 0.0 else SURE
     if not squared > sure * sure:

@@ -34,6 +34,24 @@ EVERY, NONE = (True,) * 4, (False,) * 4
 NORTH = jacobian(0.0)
 
 
+@pytest.mark.parametrize("told", [1e12, 1e20, 1e160, 1e300])
+def test_evidence_that_tells_gain_and_lag_alike_divides_by_nothing(told):
+    """As rounding leaves it: the determinant of a matrix that is all the same number is zero."""
+    found, evidence = Found(0.1, LAG_S, told, told, told), Evidence(1.0, 1.0, told, told, told)
+    learnt = learn(found, evidence, DT_S)
+    assert abs(learnt.log_gain) < MOST_LOG_GAIN
+    assert not any(part < 0.0 for part in doubt(found))
+    follow(Used(0.0, LAG_S), found)
+
+
+def test_an_hour_of_telemetry_that_is_exactly_zero_makes_nothing_sure():
+    """Without an EKF origin depth and climb are 0 to the last bit."""
+    one = learner()
+    for _ in range(180_000):
+        one.observe(Z, 0.0, MODEL.m[Z], MODEL.d1[Z], DT_S, 0.0, 0.0)
+    assert dived(one, 3.0, LAG_S, 60.0).gain[Z] > 2.0
+
+
 def learner():
     return ModelLearner(TABLES, LAG_S, adapts=True)
 
