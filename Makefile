@@ -26,7 +26,7 @@ test: check clients $(WHEELS)/.downloaded  ## everything that must hold, `make c
 	$(BIN)/pytest tests/live -m 'not alone' -n 3  # on real clocks, but they mostly wait
 	$(BIN)/pytest tests/live -m alone  # a stalled clock fails them
 
-quick: $(STAMP)  ## unit and property tests, about a minute
+quick: $(STAMP)  ## unit and property tests, two to three minutes
 	$(BIN)/pytest -n auto --dist worksteal --hypothesis-profile quick tests/unit tests/property
 
 hunt: $(STAMP)  ## look for new examples of what must hold for any input; takes an hour
