@@ -128,7 +128,7 @@ FETCH = "import urllib.request; print(urllib.request.urlopen('{}').read().decode
 
 def dive(machine: Machine) -> None:
     """Engage, and hold a metre."""
-    machine.wait(lambda: "disarmed" in machine.show("holdfast", "StatusText"))
+    machine.wait(lambda: machine.show("holdfast", "StatusText").startswith("IDLE: waiting for: arming"))
     machine.run("holdfast", "tell", "bluerov2", "setpoint", "depth_m=1")
     machine.run("holdfast", "tell", "bluerov2", "engage")
     machine.wait(lambda: machine.show("holdfast", "StatusText").startswith("ACTIVE"))
