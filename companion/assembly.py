@@ -9,12 +9,14 @@ from msgspec.structs import asdict
 
 from companion import registry
 from companion.config import Axis, Config, ConfigError
-from companion.control import allocation, oscillation, reference
+from companion.control import allocation, oscillation, reference, several
 from companion.control.actuation import Actuation
 from companion.control.allocation import Thrusters
-from companion.control.compensator import BESIDE_OBSERVER
-from companion.control.controller import Chosen, Controller, Dof
-from companion.control.levelling import Levelling, levelling_of
+from companion.control.axis import Axis as AxisControl
+from companion.control.compensator import BESIDE_OBSERVER, ChosenCompensator
+from companion.control.controller import Control
+from companion.control.law import ChosenLaw
+from companion.control.levelling import NO_LEVELLING, Levelling, levelling_of
 from companion.control.positioning import Model
 from companion.control.schedule import D_BEARS_S, Gains, scheduled
 from companion.control.tilt import (
@@ -25,7 +27,10 @@ from companion.control.tilt import (
     UNLEVELLED_N,
     TiltLimit,
 )
+from companion.core.tick import Parameters
 from companion.estimation.estimator import Estimator
+from companion.estimation.observers import Observers
+from companion.estimation.parameters import hidden_delay_parameters, model_tables, thruster_watch_parameters
 from companion.records import AXES, PSI, Array, vector
 from companion.registry import LYAPUNOV, OBSERVER, Compensator, Law
 from companion.supervision.guard import Envelope
@@ -48,10 +53,10 @@ def thrusters(config: Config) -> Thrusters:
     return allocation.thrusters(config.vehicle.frame, max_tau, config.levels)
 
 
-def levelling(config: Config) -> tuple[Levelling, Levelling] | None:
-    """Return what keeps roll and pitch level; None where that is not ours."""
+def levelling(config: Config) -> tuple[Levelling, Levelling]:
+    """Return what keeps roll and pitch level, where that is ours."""
     if not config.levels:
-        return None
+        return NO_LEVELLING, NO_LEVELLING
     chosen, lag_s = config.levelling, config.thrusters.lag_s
     roll, pitch = (
         levelling_of(
@@ -90,14 +95,33 @@ def estimator(config: Config) -> Estimator:
     return Estimator(config, model(config), thrusters(config))
 
 
+def observers(config: Config) -> Observers:
+    """Return what observes the degrees of freedom."""
+    nominal = model(config)
+    x, y, z, psi = model_tables(config, nominal)
+    return Observers(
+        nominal,
+        (x, y, z, psi),
+        hidden_delay_parameters(config, nominal),
+        finds_hidden=True,
+        lag_s=config.thrusters.lag_s,
+        adapts=config.vehicle.adapts,
+        sensor_delay_s=vector([axis.sensor_delay_s for axis in config.axes]),
+        tick_s=1.0 / config.loop.rate_hz,
+    )
+
+
+def parameters(config: Config) -> Parameters:
+    """Return what a tick needs to know beforehand."""
+    watch = thruster_watch_parameters(config, thrusters(config))
+    return Parameters(observers(config), control(config), actuation(config), watch)
+
+
 def actuation(config: Config) -> Actuation:
     """Return what makes axes of a wrench."""
-    return Actuation(thrusters(config), levelling(config), tilt_limit(config), max_horizontal_force(config))
-
-
-def max_horizontal_force(config: Config) -> tuple[float, float]:
-    """Return the largest force of surge and sway, N."""
-    return config.surge.max_force, config.sway.max_force
+    roll, pitch = levelling(config)
+    max_force = (config.surge.max_force, config.sway.max_force)
+    return Actuation(thrusters(config), config.levels, roll, pitch, tilt_limit(config), max_force)
 
 
 def envelope(config: Config) -> Envelope:
@@ -148,28 +172,28 @@ def _times_s(config: Config, delay_s: float) -> dict[str, list[float]]:
     laws, settling = [], []
     for axis in config.axes:
         lam, kappa, learning_scale, *_ = scheduled(gains(config, axis), delay_s, 1.0, config.thrusters.lag_s)
-        learners = compensators(config, axis) if axis.law == LYAPUNOV else ()
-        K = sum(functions.integral_gain(parameters) for functions, parameters in learners)
+        learners = compensators(config, axis) if axis.law == LYAPUNOV else []
+        K = sum(integral_gain for _, integral_gain in learners)
         laws.append(1.0 / lam + 1.0 / kappa if axis.law == LYAPUNOV else math.inf)
         settling.append(axis.mass * kappa / (K * learning_scale) if K > 0.0 else math.inf)
     return {"1/lambda + 1/kappa": laws, "mass kappa / learning rate": settling}
 
 
-def controller(config: Config, nominal: Model) -> Controller:
+def control(config: Config) -> Control:
     """Return reference, law and the compensators that were chosen."""
-    dofs = [dof(config, number) for number in range(len(AXES))]
-    return Controller(nominal, dofs, config.network.start_delay_s)
+    x, y, z, psi = (axis_control(config, number) for number in range(len(AXES)))
+    return Control(model(config), (x, y, z, psi), config.network.start_delay_s)
 
 
-def dof(config: Config, number: int) -> Dof:
+def axis_control(config: Config, number: int) -> AxisControl:
     """Return how a degree of freedom is controlled."""
     axis = config.axes[number]
-    return Dof(
+    return AxisControl(
         gains=gains(config, axis),
         reference=reference.Parameters(axis.max_rate, axis.max_acceleration, angular=number == PSI),
         oscillation=oscillation.Parameters(axis.max_force, oscillation.SHARES[number] * axis.max_force),
         law=law(config, axis),
-        compensators=compensators(config, axis),
+        compensator=several.together([one for one, _ in compensators(config, axis)]),
         by_observer=by_observer(axis),
         max_disturbance=axis.max_disturbance,
     )
@@ -180,27 +204,34 @@ def by_observer(axis: Axis) -> bool:
     return OBSERVER in axis.compensator.split("+")
 
 
-def compensators(config: Config, axis: Axis) -> tuple[Chosen, ...]:
-    """Return those that learn on an axis."""
+def compensators(config: Config, axis: Axis) -> list[tuple[ChosenCompensator, float]]:
+    """Return those that learn on an axis, each with the gain by which it integrates −ε near rest."""
     known = registry.compensators(config.compensators)
     shared = asdict(config.network) | {BESIDE_OBSERVER: by_observer(axis)}
-    return tuple(
-        chosen(known[name], asdict(axis) | shared | config.compensators.get(name, {}), name)
-        for name in registry.learners(axis.compensator, known)
-    )
+    found = []
+    for name in registry.learners(axis.compensator, known):
+        functions = known[name]
+        values = asdict(axis) | shared | config.compensators.get(name, {})
+        parameters = parameters_of(functions, values, name)
+        chosen = ChosenCompensator(
+            functions.initial, functions.step, functions.seed, functions.weight_norm, parameters
+        )
+        found.append((chosen, functions.integral_gain(parameters)))
+    return found
 
 
-def law(config: Config, axis: Axis) -> Chosen:
+def law(config: Config, axis: Axis) -> ChosenLaw:
     """Return the law of an axis."""
     functions = registry.laws(config.laws)[axis.law]
     shared = {"lag_s": config.thrusters.lag_s, "lead_s": config.thrusters.lead_s}
-    return chosen(functions, asdict(axis) | shared | config.laws.get(axis.law, {}), axis.law)
+    values = asdict(axis) | shared | config.laws.get(axis.law, {})
+    return ChosenLaw(functions.initial, functions.step, parameters_of(functions, values, axis.law))
 
 
-def chosen(functions: Compensator | Law, values: Mapping[str, Any], name: str) -> Chosen:
-    """Return a compensator or a law with its parameters; raise ConfigError where they do not fit."""
+def parameters_of(functions: Compensator | Law, values: Mapping[str, Any], name: str) -> Any:
+    """Return the parameters of a compensator or a law; raise ConfigError where the values do not fit."""
     try:
-        return Chosen(functions, functions.parameters(values))
+        return functions.parameters(values)
     except registry.UnusableError as error:
         raise ConfigError(f"{name}: {error}") from error
 

@@ -1,19 +1,39 @@
 """One tick on one screen: estimate, permit, guide, law, thrust, guard, send. No clock, socket or thread."""
 
-import math
 from collections.abc import Sequence
-from operator import add
+from typing import Any, NamedTuple
 
 from msgspec.structs import replace
 
 from companion import assembly
 from companion.config import Config
-from companion.control.positioning import Jacobian, jacobian, to_body, to_inertial
+from companion.control import controller
+from companion.control.actuation import FULL, NONE
+from companion.control.allocation import can_lose
+from companion.control.axis import AxisSample
+from companion.control.controller import Target
+from companion.control.frames import shifted
+from companion.control.reference import Reference
+from companion.core.tick import (
+    Known,
+    Memory,
+    Outputs,
+    Outside,
+    Permission,
+    Sent,
+    Wanted,
+    referred,
+    retuned,
+    start,
+    tick,
+)
+from companion.estimation import observers
+from companion.estimation.observers import Inputs
 from companion.estimation.parameters import tables_in_steps
 from companion.guidance.guidance import Guidance
 from companion.guidance.orders import Order
 from companion.guidance.paths.shapes import Path
-from companion.guidance.pilot import PilotDemand
+from companion.guidance.pilot import NO_DEMAND
 from companion.mavlink.autopilot import Autopilot
 from companion.mavlink.relay import pilot_events
 from companion.mavlink.signing import Signing
@@ -21,9 +41,9 @@ from companion.predive.check import CheckRow
 from companion.predive.fitness import Fitness
 from companion.records import (
     NEUTRAL,
-    PSI,
     SAMPLES,
     ZERO,
+    Axes,
     AxisCommand,
     ControlSample,
     DofSample,
@@ -33,18 +53,29 @@ from companion.records import (
     Request,
     Sender,
     Setpoint,
+    State,
     StatusText,
     Vector,
     VehicleState,
     Verdict,
     Wrench,
-    vector,
 )
 from companion.steps import Steps
 from companion.supervision.guard import guard
 from companion.supervision.supervision import Supervision
 
 MAX_DT_TICKS = 3.0
+RELEASING = (State.RAMP_DOWN, State.HAND_OVER)
+
+
+class Now(NamedTuple):
+    """What came in for this tick, beside what is measured."""
+
+    reports: Sequence[Event]
+    requests: Sequence[Request]
+    loop: LoopHealth
+    dt_s: float
+    control_dt_s: float
 
 
 class Engine:
@@ -61,10 +92,18 @@ class Engine:
         self._fitness = Fitness(self._autopilot)
         self._supervision = Supervision(config, self._autopilot.parameters, arm=arm)
         self._guidance = Guidance(config, setpoint)
-        self._controller = assembly.controller(config, assembly.model(config))
-        self._actuation = assembly.actuation(config)
+        self.parameters = assembly.parameters(config)
+        """What the core knows beforehand."""
+        self.memory = start(self.parameters)
+        """All that the core remembers: a value, which may be kept, compared and given back."""
+        self._outside = Outside(Engine._permit, Engine._guide, Engine._send, self)
         self._envelope = assembly.envelope(config)
         self._sent = NEUTRAL
+        self._state: VehicleState | None = None
+        self._demand = NO_DEMAND
+        self._out: list[bytes] = []
+        self.outputs: Outputs | None = None
+        """What the core gave in the last tick."""
         self._dofs: DofSample | None = None
         self._finite = True
         self._last_s: float | None = None
@@ -93,36 +132,29 @@ class Engine:
         dt_s = self._tick_s if self._last_s is None else now_s - self._last_s
         control_dt_s = min(max(dt_s, 0.0), MAX_DT_TICKS * self._tick_s)
         self._last_s = now_s
-        guidance, controller, actuation = self._guidance, self._controller, self._actuation
-        reference = controller.reference
-
         events = self.events = [*self._autopilot.receive(datagrams), *pilot_events(ground)]
         reports = [event for event in events if type(event) not in SAMPLES]
         requests = self._supervision.accepted(requests)
-        state = self._estimate(now_s, events, requests)
-        demand = guidance.pilot_demand(state, dt_s, reports)
-        verdict = self._permit(state, reports, requests, demand, loop, dt_s)
-        target = guidance.step(demand, reports, verdict, state, reference, control_dt_s)
+        memory, inputs = self._take(now_s, events, requests)
+        self._now = Now(reports, requests, loop, dt_s, control_dt_s)
+        self.memory, outputs = tick(self.parameters, memory, inputs, self._outside, control_dt_s)
+        self.outputs, self._dofs = outputs, sampled(outputs)
+        self._finite = outputs.finite
+        if not outputs.finite:
+            self._forget_motion()
 
-        J, engaged = jacobian(state.eta_ahead[PSI]), guidance.engaged
-        dofs = controller.step(state, J, target, engaged, actuation.saturated, verdict, control_dt_s)
-        requested = self._requested(J, dofs)
-        reach = self._autopilot.reach(state.pilot_gain, self._envelope.max_axis)
-        wanted = actuation.step(requested, verdict, state, engaged, reach, reference, control_dt_s)
-        out = self._send(wanted, verdict, state, demand, reports, J)
-        self._dofs = dofs
-
-        return out, ControlSample(
+        state, dofs, actuated = self.state, self._dofs, self.memory.actuated
+        return self._out, ControlSample(
             state=state,
-            eta_d=guidance.reference_now(dofs.x_d, state),
+            eta_d=self._guidance.reference_now(dofs.x_d, state),
             dofs=dofs,
             command=self._sent,
-            requested=Wrench(requested),
-            delivered=Wrench(actuation.delivered),
-            verdict=verdict,
+            requested=Wrench(outputs.requested),
+            delivered=Wrench(actuated.delivered),
+            verdict=self.verdict,
             counters=replace(self._autopilot.counters),
             loop=loop,
-            guided=guidance.guided,
+            guided=self._guidance.guided,
             texts=(
                 *self._fitness.introduced(now_s),
                 *[report for report in reports if isinstance(report, StatusText)],
@@ -164,6 +196,12 @@ class Engine:
         return self._supervision.refusal(request)
 
     @property
+    def state(self) -> VehicleState:
+        """What the last tick believed of the vehicle; there is none before the first."""
+        assert self._state is not None
+        return self._state
+
+    @property
     def target(self) -> Vector:
         """Where it is held, or is while it is not: x, y, z, psi."""
         return self._guidance.target.eta_d
@@ -184,7 +222,8 @@ class Engine:
 
     def guide(self, order: Order) -> None:
         """Take a path, a move, or what to do with them. Raises ValueError for what is not possible."""
-        self._guidance.guide(order, self._last_s or 0.0, self._controller.reference)
+        reference = referred(self.memory.controlled, self.memory.limits)
+        self._guidance.guide(order, self._last_s or 0.0, reference)
 
     def checked(self, state: VehicleState) -> list[CheckRow]:
         """Return the pre-dive list as far as it is known without trying anything."""
@@ -207,28 +246,28 @@ class Engine:
         self._guidance.refuse(config)
         assembly.refuse_fast_gains(config, self._delay_s, self._config)
         if changed - {"supervisor"}:
-            model = assembly.model(config)
-            controller = assembly.controller(config, model)
-            self._estimator.retune(config, model)
-            self._actuation.retune(assembly.thrusters(config), assembly.max_horizontal_force(config))
-            controller.transfer_from(self._controller)
-            self._controller = controller
+            parameters = assembly.parameters(config)
+            self.memory = retuned(self.parameters, parameters, self.memory, self.outputs)
+            self.parameters = parameters
+            self._estimator.retune(config, parameters.control.model)
         self._supervision.retune(config, changed=bool(changed))
         self._estimator.limit(config.supervisor)
         self._guidance.retune(config)
         self._config = config
 
-    def _estimate(self, now_s: float, events: Sequence[Event], requests: Sequence[Request]) -> VehicleState:
-        """Return what is believed of the vehicle; hold on to the same place where its frame was reset."""
+    def _take(
+        self, now_s: float, events: Sequence[Event], requests: Sequence[Request]
+    ) -> tuple[Memory, Inputs]:
+        """Take in what arrived; hold on to the same place where the vehicle's frame was reset."""
+        memory, estimator = self.memory, self._estimator
+        observed, inputs = estimator.take(now_s, events, memory.observed, self._learns())
         if Request.RESET_MODEL in requests:
-            self._estimator.learner.reset()
-        state = self._estimator.step(now_s, events, self._controller.d_share, self._learns())
-        self._delay_s = state.delays.total_s
-        if state.frame_shift is not None:
-            self._controller.shift(state.frame_shift, state.eta_ahead)
-            self._guidance.shift(state.frame_shift, state)
-        self._follow_thrusters(state, trusted=Request.CLEAR_FAULT in requests)
-        return state
+            observed = observers.forgotten(self.parameters.observers, observed)
+        controlled, shift = memory.controlled, estimator.frame_shift
+        if shift is not None and self._state is not None:
+            eta = shifted(shift, self._state.eta_ahead)
+            controlled = controller.shifted(controlled, shift, eta)
+        return memory._replace(observed=observed, controlled=controlled), inputs
 
     def _learns(self) -> Flags:
         """Tell by axis whether what moves the vehicle was our command alone."""
@@ -236,84 +275,82 @@ class Engine:
         surge, sway, heave, yaw = self._guidance.engaged
         return (steers and surge, steers and sway, steers and heave, steers and yaw)
 
-    def _follow_thrusters(self, state: VehicleState, *, trusted: bool) -> None:
-        """Allocate around a motor that gives no thrust; with `trusted` the next tick trusts all again."""
-        if state.dead_motor != self._actuation.dead_motor:
-            lost = self._actuation.go_on_without(state.dead_motor, state)
-            lost_ned = to_inertial(jacobian(state.eta_ahead[PSI]), lost)
-            self._estimator.lose(lost_ned)
-            self._controller.lose(lost_ned)
-        if trusted:
-            self._estimator.trust_thrusters()
-
-    def _permit(
-        self,
-        state: VehicleState,
-        reports: Sequence[Event],
-        requests: Sequence[Request],
-        demand: PilotDemand,
-        loop: LoopHealth,
-        dt_s: float,
-    ) -> Verdict:
-        """Return who may steer; start law and reference where the vehicle is, unless they hold it already."""
-        guidance, holding = self._guidance, self.verdict.authority > 0.0
+    def _permit(self, inputs: Inputs, known: Known) -> Permission:
+        """Return who may steer."""
+        guidance, now, held = self._guidance, self._now, self.verdict.authority > 0.0
+        state = self._estimator.state(inputs, known.motion, known.model, known.dead_motor)
+        self._state, self._delay_s = state, state.delays.total_s
+        if state.frame_shift is not None:
+            guidance.shift(state.frame_shift, state)
+        self._demand = demand = guidance.pilot_demand(state, now.dt_s, now.reports)
         requests = self._supervision.with_buttons(
-            requests, state.t_s, engage=demand.engage, release=demand.release
+            now.requests, state.t_s, engage=demand.engage, release=demand.release
         )
+        thrusters = self.parameters.actuation.thrusters
         verdict = self._supervision.step(
             state,
-            reports,
+            now.reports,
             requests,
-            loop,
-            dt_s=dt_s,
-            held=guidance.engaged if holding else guidance.holdable(state),
+            now.loop,
+            dt_s=now.dt_s,
+            held=guidance.engaged if held else guidance.holdable(state),
             awaits_position=guidance.awaits_position,
             wants_ground=guidance.wants_ground,
             dofs=self._dofs,
             finite=self._finite,
             full_override=demand.full_override,
-            misses_motor=self._actuation.misses_motor,
-            preflight_failure=self._fitness.step(self.events, state, self._config, holding=holding),
+            misses_motor=known.dead_motor > 0 and not can_lose(thrusters, known.dead_motor),
+            preflight_failure=self._fitness.step(self.events, state, self._config, holding=held),
         )
         engage = Request.ENGAGE in requests
         regained = guidance.update(self._supervision.before, verdict, state, engage=engage)
-        if regained is None:
-            self._controller.rest(state)
-        else:
-            self._controller.reference.catch_up(state.eta_ahead, state.eta_dot_ahead, regained)
-        return verdict
+        return Permission(
+            authority=verdict.authority,
+            freeze=verdict.freeze,
+            active=verdict.state is State.ACTIVE,
+            releases=verdict.state in RELEASING,
+            rests=regained is None,
+            regained=regained or NONE,
+            trusts_thrusters=Request.CLEAR_FAULT in now.requests,
+            reach=self._autopilot.reach(state.pilot_gain, self._envelope.max_axis),
+            excitation=self.excitation,
+        )
 
-    def _requested(self, J: Jacobian, dofs: DofSample) -> Vector:
-        """Return the law's body wrench; forget the motion if it is not finite: the next tick faults."""
-        requested = to_body(J, dofs.tau)
-        self._finite = math.isfinite(sum(requested))
-        if not self._finite:
-            self._estimator.restart()
-            self._actuation.restart()
-        return requested if self.excitation is ZERO else vector(map(add, requested, self.excitation))
+    def _guide(self, inputs: Inputs, known: Known, reference: Reference) -> Wanted:
+        """Return where to go."""
+        now, verdict, guidance = self._now, self.verdict, self._guidance
+        state, demand = self.state, self._demand
+        target = guidance.step(demand, now.reports, verdict, state, reference, now.control_dt_s)
+        return Wanted(Target(target.eta_d, target.eta_d_dot, target.eta_d_ddot), guidance.engaged)
 
-    def _send(
-        self,
-        wanted: AxisCommand,
-        verdict: Verdict,
-        state: VehicleState,
-        demand: PilotDemand,
-        reports: Sequence[Event],
-        J: Jacobian,
-    ) -> list[bytes]:
-        """Guard what is wanted, note what the vehicle makes of it, and return the frames of this tick."""
-        autopilot, estimator = self._autopilot, self._estimator
+    def _send(self, inputs: Inputs, wanted: Axes) -> Sent:
+        """Guard what is wanted, make the frames of this tick, and return what the vehicle makes of them."""
+        autopilot, verdict, state = self._autopilot, self.verdict, self.state
         self.steering = self._supervision.steers(state)
-        pilot = demand.sticks if self.steering else None
+        pilot = self._demand.sticks if self.steering else None
         sticks, held = autopilot.sticks_beside(self._guidance.engaged, pilot, state.pilot_gain)
-        self._sent = guard(wanted, verdict, self._sent, self._envelope, self._tick_s, sticks, held)
-        applied = self.applied = autopilot.applied(self._sent, state.pilot_gain)
-        estimator.sent(state.t_s, applied[:4], to_inertial(J, self._actuation.sent(applied, state, held)))
-        estimator.watch_thrusters(state.t_s, applied, steady=verdict.authority == 1.0)
+        axes = AxisCommand(*wanted)
+        self._sent = guard(axes, verdict, self._sent, self._envelope, self._tick_s, sticks, held)
+        self.applied = autopilot.applied(self._sent, state.pilot_gain)
+        self._estimator.sent(state.t_s, self.applied[:4])
 
         mode, arm = self._supervision.wanted_mode(state), self._supervision.asks_arming
-        confirm = self._supervision.unconfirmed
-        out = autopilot.upkeep(state.t_s, reports, mode=mode, arm=arm, confirm=confirm)
+        confirm, reports = self._supervision.unconfirmed, self._now.reports
+        self._out = autopilot.upkeep(state.t_s, reports, mode=mode, arm=arm, confirm=confirm)
         if self.steering:
-            out.append(autopilot.steer(self._sent, state.pilot_gain, pilot))
-        return out
+            self._out.append(autopilot.steer(self._sent, state.pilot_gain, pilot))
+        return Sent(self.applied, held)
+
+    def _forget_motion(self) -> None:
+        """Begin again after a number that is not finite: this tick sent neutral, and the next one faults."""
+        self._estimator.restart()
+        actuated = self.memory.actuated._replace(pace=FULL)
+        self.memory = self.memory._replace(actuated=actuated)
+
+
+def sampled(outputs: Outputs) -> DofSample:
+    """Return the law's inside by quantity."""
+    by_quantity: dict[str, Any] = dict(
+        zip(AxisSample._fields, zip(*outputs.samples, strict=True), strict=True)
+    )
+    return DofSample(**by_quantity, saturated=outputs.saturated, engaged=outputs.engaged)

@@ -1,229 +1,338 @@
 """From the law's wrench to the axes: what a tilt leaves of it, moments that level, the thrusters' curve."""
 
 import math
-from collections.abc import Sequence
-from operator import sub
+from typing import NamedTuple
 
 from companion.control import levelling, pace, tilt
 from companion.control.allocation import (
     HALVINGS,
-    Allocation,
+    ByAxis,
     Thrusters,
     allocate,
-    can_lose,
     delivered,
     overloaded,
     without,
 )
 from companion.control.bounds import limited
-from companion.control.levelling import Levelling
+from companion.control.levelling import Levelling, LevellingState
 from companion.control.positioning import by_dof
-from companion.control.reference import ReferenceModel
-from companion.control.tilt import TiltLimit
-from companion.records import (
-    NEUTRAL,
-    PSI,
-    ZERO,
-    Axes,
-    AxisCommand,
-    Flags,
-    State,
-    Vector,
-    VehicleState,
-    Verdict,
-    X,
-    Y,
-    Z,
-)
+from companion.control.tilt import TiltLimit, TiltState
+from companion.records import PSI, ZERO, Axes, Flags, Vector, X, Y, Z
 
-FULL_PACE: Vector = (1.0, 1.0, 1.0, 1.0)
-FULL_SHARE: Vector = (1.0, 1.0, 1.0, 1.0)
-RELEASING = (State.RAMP_DOWN, State.HAND_OVER)
+FULL: Vector = (1.0, 1.0, 1.0, 1.0)
+NONE: Flags = (False, False, False, False)
+NO_AXES: Axes = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+FREE: ByAxis = (False, False, False, False, False, False)
 CUT_OFF = 0.01
 """An axis that differs from what was wanted by more than this did not get it."""
 
 
-class Actuation:
-    """One tick: `step` gives the axes that are wanted, `sent` takes those that went out."""
+class Actuation(NamedTuple):
+    """What turns a wrench into axes."""
 
-    def __init__(
-        self,
-        thrusters: Thrusters,
-        levelling: tuple[Levelling, Levelling] | None,
-        tilt_limit: TiltLimit,
-        max_force: tuple[float, float],
-    ) -> None:
-        """Take what levels roll and pitch, and `max_force` of surge and sway, N."""
-        self._levelling = levelling
-        self._tilt_limit = tilt_limit
-        self._command = self._beside = NEUTRAL
-        self.dead_motor = 0
-        """Number of the motor that gives no thrust; 0 for none."""
-        self.retune(thrusters, max_force)
-        self._reset()
-        self._pace = FULL_PACE
-        self._active_wrench = ZERO
-        """What the law last asked while ACTIVE: this is let go, evenly, whatever it would say by then."""
-        self._wanted = Allocation(NEUTRAL, (False,) * 6)
-        self._share = FULL_SHARE
-        self.delivered = ZERO
-        """Body wrench that the last command, with the pilot's share, should have given, N and N·m."""
-        self.saturated: Flags = (False, False, False, False)
-        """By degree of freedom, whether the law did not get what it asked for."""
-
-    def retune(self, thrusters: Thrusters, max_force: tuple[float, float]) -> None:
-        """Go on with other limits."""
-        self._whole, self._max_force = thrusters, max_force
-        self._allocate_without(self.dead_motor)
-
-    def _yaw_beside(self, N: float, voltage_v: float, reach: float) -> float:
-        """Return the yaw axis for a moment beside the pilot's axes, which turn a vehicle without a motor."""
-        low, high = -reach, reach
-        for _ in range(HALVINGS):
-            middle = 0.5 * (low + high)
-            if delivered(self.thrusters, self._beside._replace(yaw=middle), voltage_v)[3] < N:
-                low = middle
-            else:
-                high = middle
-        return low
-
-    def _allocate_without(self, motor: int) -> None:
-        self.dead_motor = motor
-        self.misses_motor = motor > 0 and not can_lose(self._whole, motor)
-        self.thrusters = without(self._whole, motor)
-
-    def restart(self) -> None:
-        """Forget how fast the reference could go: numbers gone bad."""
-        self._pace = FULL_PACE
-
-    def step(
-        self,
-        requested: Vector,
-        verdict: Verdict,
-        state: VehicleState,
-        engaged: Flags,
-        reach: Axes,
-        reference: ReferenceModel,
-        dt_s: float,
-    ) -> AxisCommand:
-        """Return the axes for the body wrench `requested`, each within ±`reach`.
-
-        Where thrust or tilt leaves less, the reference is slowed and stays near the vehicle.
-        """
-        if verdict.state is State.ACTIVE:
-            self._active_wrench = requested
-        if verdict.authority == 0.0:
-            self._reset()
-        angle = tilt.coming_tilt(state.roll, state.pitch, state.p, state.q)
-        self._share = self._tilt_share(angle, state, reference, dt_s)
-        level, _, _, upright = self._share
-        surge, sway, heave, N = self._active_wrench if verdict.state in RELEASING else requested
-        force = tilt.body_force(state.roll, state.pitch, angle, (level * surge, level * sway, heave))
-        K, M = self._moments(force[X], force[Y], verdict, state, engaged, dt_s)
-        asked = AxisCommand(*[verdict.authority * tau for tau in (*force, upright * N, K, M)])
-        axes, saturated = allocate(self.thrusters, asked, state.voltage_v, reach)
-        wanted = AxisCommand(*axes)
-        if self.dead_motor and any(self._beside) and math.isfinite(asked.yaw):
-            wanted = wanted._replace(yaw=self._yaw_beside(asked.yaw, state.voltage_v, reach[3]))
-        if not engaged[PSI]:  # unequal curves ask for a little, of a heading not ours
-            wanted = wanted._replace(yaw=0.0)
-        self._wanted = Allocation(wanted, saturated)
-        return wanted
-
-    def sent(self, command: AxisCommand, state: VehicleState, held: Sequence[bool]) -> Vector:
-        """Take what the vehicle makes of the command that went out; axes that are not `held` are the pilot's.
-
-        Return the wrench that it gives in the level frame of the heading, N and N·m.
-        """
-        self._command = command
-        self._beside = NEUTRAL if all(held) else AxisCommand(*map(_unless, held, command))
-        surge, sway, heave, N, _, _ = delivered(self.thrusters, command, state.voltage_v)
-        self.delivered = (surge, sway, heave, N)
-        got_less = [
-            over or saturated or abs(got - wanted) > CUT_OFF or share < 1.0
-            for over, saturated, got, wanted, share in zip(
-                overloaded(self.thrusters, command),
-                self._wanted.saturated,
-                command,
-                self._wanted.axes,
-                (*self._share, 1.0, 1.0),
-                strict=True,
-            )
-        ]
-        less_surge, less_sway, less_heave, less_yaw, _, _ = got_less
-        self.saturated = by_dof((less_surge, less_sway, less_heave, less_yaw))
-        x, y, z = tilt.level_force(state.roll, state.pitch, (surge, sway, heave))
-        return (x, y, z, N)
-
-    def _reset(self) -> None:
-        """Forget what tilted the vehicle, and what it bore."""
-        self._tilt = tilt.start(self._tilt_limit)
-        self._roll = self._pitch = levelling.START
-
-    def go_on_without(self, motor: int, state: VehicleState) -> Vector:
-        """Allocate around a motor that gives no thrust, or none for 0, without a step in what is given.
-
-        Return what the last command gave less than was believed, as `sent` does. Where the others cannot do
-        the motor's work, everything stays as it is, and `misses_motor` tells so.
-        """
-        believed = delivered(self.thrusters, self._command, state.voltage_v)
-        self._allocate_without(motor)
-        given = delivered(self.thrusters, self._command, state.voltage_v)
-        surge, sway, heave, N, K, M = map(sub, believed, given)
-        if self._levelling is not None:
-            roll, pitch = self._levelling
-            self._roll = self._roll._replace(integral=self._roll.integral + K / roll.inertia)
-            self._pitch = self._pitch._replace(integral=self._pitch.integral + M / pitch.inertia)
-        x, y, z = tilt.level_force(state.roll, state.pitch, (surge, sway, heave))
-        return (x, y, z, N)
-
-    def _tilt_share(
-        self, angle: float, state: VehicleState, reference: ReferenceModel, dt_s: float
-    ) -> Vector:
-        """Return the share of the law's force that the tilt leaves; what is let go is not pulled at.
-
-        Heave is always ours. While the horizontal force is limited the reference stays near the vehicle.
-        """
-        pushed, asked = [math.hypot(*tau[:2]) for tau in (self.delivered, self._active_wrench)]
-        self._tilt = tilt.step(self._tilt_limit, self._tilt, angle, pushed, dt_s)
-        most_n = tilt.allowed_n(self._tilt, angle)
-        level = most_n / asked if asked > most_n else 1.0
-        yaw = tilt.share(angle, tilt.YAW_LEVEL_RAD, tilt.YAW_STEEP_RAD)
-        x, y, z, psi = [
-            pace.step(one, cut, dt_s) for one, cut in zip(self._pace, self.saturated, strict=True)
-        ]
-        self._pace = (x, y, z, psi)
-        left = tilt.share(angle)
-        reference.pace = (pace.on_a_tilt(x, left), pace.on_a_tilt(y, left), pace.on_a_tilt(z, left), psi)
-        if level < 1.0:
-            (x, y, _, _), (x_d, y_d, _, _) = state.eta_ahead, reference.x_d
-            astray = math.hypot(x - x_d, y - y_d) > tilt.FOLLOWS_M
-            reference.catch_up(state.eta_ahead, state.eta_dot_ahead, (astray, astray, False, yaw == 0.0))
-        return (level, level, 1.0, yaw)
-
-    def _moments(
-        self, surge: float, sway: float, verdict: Verdict, state: VehicleState, engaged: Flags, dt_s: float
-    ) -> tuple[float, float]:
-        """Return the moments that keep it level, where those are ours, beside the forces of surge and sway.
-
-        On an axis that is not held the pilot's force counts. The thrusters that level are those of heave:
-        a vehicle that answers more strongly there is taken to do so in roll and pitch.
-        """
-        if self._levelling is None:
-            return (0.0, 0.0)
-        roll, pitch = self._levelling
-        force_x = limited(surge if engaged[X] else self.delivered[X], self._max_force[X])
-        force_y = limited(sway if engaged[Y] else self.delivered[Y], self._max_force[Y])
-        model, learn = state.model, verdict.authority == 1.0
-        delay_s, gain, lag_s = state.delays.total_s + model.dof_later_s[Z], model.gain[Z], model.lag_s[Z]
-        self._roll, K = levelling.step(
-            roll, self._roll, state.roll, state.p, force_y, delay_s, dt_s, learn, gain, lag_s
-        )
-        self._pitch, M = levelling.step(
-            pitch, self._pitch, state.pitch, state.q, force_x, delay_s, dt_s, learn, gain, lag_s
-        )
-        return (K, M)
+    thrusters: Thrusters
+    levels: bool
+    """Whether roll and pitch are ours."""
+    roll: Levelling
+    pitch: Levelling
+    tilt_limit: TiltLimit
+    max_force: tuple[float, float]
+    """Of surge and sway, N."""
 
 
-def _unless(held: bool, axis: float) -> float:
-    return 0.0 if held else axis
+class ActuationMemory(NamedTuple):
+    """What is remembered."""
+
+    tilt: TiltState
+    roll: LevellingState
+    pitch: LevellingState
+    pace: Vector
+    """Share of the reference's rate that saturation leaves."""
+    share: Vector
+    """What the tilt leaves of surge, sway, heave and yaw."""
+    active_wrench: Vector
+    """What the law last asked while active: this is let go, evenly, whatever it would say by then."""
+    wanted: Axes
+    short: ByAxis
+    """Axis by axis, whether more was asked than the thrusters can give."""
+    command: Axes
+    """What the vehicle made of the last command."""
+    beside: Axes
+    """Of it what is the pilot's."""
+    delivered: Vector
+    """Body wrench that the last command, with the pilot's share, should have given, N and N·m."""
+    saturated: Flags
+    """By degree of freedom, whether the law did not get what it asked for."""
+    dead_motor: int
+    """Number of the motor around which is allocated; 0 for none."""
+
+
+class Limits(NamedTuple):
+    """What thrust and tilt leave of the reference."""
+
+    pace: Vector
+    """The share of its largest rates."""
+    astray: Flags
+    """Where it starts anew at the vehicle, which cannot follow."""
+
+
+NO_LIMITS = Limits(FULL, NONE)
+
+
+class Tilting(NamedTuple):
+    """How the vehicle leans, and how what levels it answers: rad, rad/s, V, s."""
+
+    roll: float
+    pitch: float
+    p: float
+    q: float
+    voltage_v: float
+    delay_s: float
+    gain: float
+    lag_s: float
+
+
+class Permission(NamedTuple):
+    """What this tick may do: `active` without ramping down, `releases` what was asked while it was active."""
+
+    authority: float
+    active: bool
+    releases: bool
+    engaged: Flags
+    reach: Axes
+    """Largest demand on each axis."""
+
+
+def start(actuation: Actuation) -> ActuationMemory:
+    """Return the memory of one that has sent nothing."""
+    return ActuationMemory(
+        tilt.start(actuation.tilt_limit),
+        levelling.START,
+        levelling.START,
+        FULL,
+        FULL,
+        ZERO,
+        NO_AXES,
+        FREE,
+        NO_AXES,
+        NO_AXES,
+        ZERO,
+        NONE,
+        0,
+    )
+
+
+def step(
+    actuation: Actuation,
+    memory: ActuationMemory,
+    requested: Vector,
+    may: Permission,
+    lean: Tilting,
+    away_m: float,
+    dt_s: float,
+) -> tuple[ActuationMemory, Axes, Limits]:
+    """Return the axes for the body wrench `requested`, and what thrust and tilt leave of the reference.
+
+    The reference is `away_m` from the vehicle, horizontally: while the horizontal force is limited it stays
+    near, and what is let go is not pulled at. Heave is always ours.
+    """
+    active_wrench = requested if may.active else memory.active_wrench
+    rests = may.authority == 0.0
+    of_tilt = tilt.start(actuation.tilt_limit) if rests else memory.tilt
+    roll = levelling.START if rests else memory.roll
+    pitch = levelling.START if rests else memory.pitch
+
+    angle = tilt.coming_tilt(lean.roll, lean.pitch, lean.p, lean.q)
+    pushed_n, asked_n = _level(memory.delivered), _level(active_wrench)
+    of_tilt = tilt.step(actuation.tilt_limit, of_tilt, angle, pushed_n, dt_s)
+    most_n = tilt.allowed_n(of_tilt, angle)
+    level = most_n / asked_n if asked_n > most_n else 1.0
+    upright = tilt.share(angle, tilt.YAW_LEVEL_RAD, tilt.YAW_STEEP_RAD)
+    own_pace, limits = _limits(memory, angle, level < 1.0, upright == 0.0, away_m, dt_s)
+
+    surge, sway, heave, N = active_wrench if may.releases else requested
+    force = tilt.body_force(lean.roll, lean.pitch, angle, (level * surge, level * sway, heave))
+    K, M = 0.0, 0.0
+    if actuation.levels:
+        roll, K = _levelled(actuation, memory, actuation.roll, roll, Y, force, may, lean, dt_s)
+        pitch, M = _levelled(actuation, memory, actuation.pitch, pitch, X, force, may, lean, dt_s)
+    may_ = may.authority
+    asked = (may_ * force[X], may_ * force[Y], may_ * force[Z], may_ * (upright * N), may_ * K, may_ * M)
+    thrusters = without(actuation.thrusters, memory.dead_motor)
+    wanted, short = allocate(thrusters, asked, lean.voltage_v, may.reach)
+    yaw = wanted[PSI]
+    if memory.dead_motor > 0 and any_of(memory.beside) and math.isfinite(asked[PSI]):
+        yaw = _yaw_beside(thrusters, memory.beside, asked[PSI], lean.voltage_v, may.reach[PSI])
+    if not may.engaged[PSI]:  # unequal curves ask for a little, of a heading not ours
+        yaw = 0.0
+    wanted = (wanted[0], wanted[1], wanted[2], yaw, wanted[4], wanted[5])
+    return (
+        ActuationMemory(
+            of_tilt,
+            roll,
+            pitch,
+            own_pace,
+            (level, level, 1.0, upright),
+            active_wrench,
+            wanted,
+            short,
+            memory.command,
+            memory.beside,
+            memory.delivered,
+            memory.saturated,
+            memory.dead_motor,
+        ),
+        wanted,
+        limits,
+    )
+
+
+def sent(
+    actuation: Actuation, memory: ActuationMemory, command: Axes, lean: Tilting, held: ByAxis
+) -> tuple[ActuationMemory, Vector]:
+    """Take what the vehicle makes of the command that went out; axes that are not `held` are the pilot's.
+
+    Return the wrench that it gives in the level frame of the heading, N and N·m.
+    """
+    thrusters = without(actuation.thrusters, memory.dead_motor)
+    surge, sway, heave, N, _, _ = delivered(thrusters, command, lean.voltage_v)
+    over, wanted, short, share = overloaded(thrusters, command), memory.wanted, memory.short, memory.share
+    less = (
+        over[0] or short[0] or abs(command[0] - wanted[0]) > CUT_OFF or share[0] < 1.0,
+        over[1] or short[1] or abs(command[1] - wanted[1]) > CUT_OFF or share[1] < 1.0,
+        over[2] or short[2] or abs(command[2] - wanted[2]) > CUT_OFF or share[2] < 1.0,
+        over[3] or short[3] or abs(command[3] - wanted[3]) > CUT_OFF or share[3] < 1.0,
+    )
+    beside = (
+        0.0 if held[0] else command[0],
+        0.0 if held[1] else command[1],
+        0.0 if held[2] else command[2],
+        0.0 if held[3] else command[3],
+        0.0 if held[4] else command[4],
+        0.0 if held[5] else command[5],
+    )
+    x, y, z = tilt.level_force(lean.roll, lean.pitch, (surge, sway, heave))
+    return (
+        ActuationMemory(
+            memory.tilt,
+            memory.roll,
+            memory.pitch,
+            memory.pace,
+            share,
+            memory.active_wrench,
+            wanted,
+            short,
+            command,
+            beside,
+            (surge, sway, heave, N),
+            by_dof(less),
+            memory.dead_motor,
+        ),
+        (x, y, z, N),
+    )
+
+
+def gone_on_without(
+    actuation: Actuation, memory: ActuationMemory, motor: int, lean: Tilting
+) -> tuple[ActuationMemory, Vector]:
+    """Allocate around a motor that gives no thrust, or none for 0, without a step in what is given.
+
+    Return what the last command gave less than was believed, as `sent` does. Where the others cannot do the
+    motor's work (`allocation.can_lose`), everything stays as it is.
+    """
+    command = memory.command
+    believed = delivered(without(actuation.thrusters, memory.dead_motor), command, lean.voltage_v)
+    given = delivered(without(actuation.thrusters, motor), command, lean.voltage_v)
+    surge, sway, heave = believed[0] - given[0], believed[1] - given[1], believed[2] - given[2]
+    N, K, M = believed[3] - given[3], believed[4] - given[4], believed[5] - given[5]
+    roll, pitch = memory.roll, memory.pitch
+    if actuation.levels:
+        roll = levelling.trimmed(roll, K / actuation.roll.inertia)
+        pitch = levelling.trimmed(pitch, M / actuation.pitch.inertia)
+    x, y, z = tilt.level_force(lean.roll, lean.pitch, (surge, sway, heave))
+    return (
+        ActuationMemory(
+            memory.tilt,
+            roll,
+            pitch,
+            memory.pace,
+            memory.share,
+            memory.active_wrench,
+            memory.wanted,
+            memory.short,
+            command,
+            memory.beside,
+            memory.delivered,
+            memory.saturated,
+            motor,
+        ),
+        (x, y, z, N),
+    )
+
+
+def any_of(axes: Axes) -> bool:
+    """Tell whether any axis differs from zero."""
+    return bool(axes[0] or axes[1] or axes[2] or axes[3] or axes[4] or axes[5])
+
+
+def _level(tau: Vector) -> float:
+    """Return the horizontal force of a wrench, N."""
+    return math.sqrt(tau[0] * tau[0] + tau[1] * tau[1])
+
+
+def _limits(
+    memory: ActuationMemory, angle: float, limited_: bool, overturned: bool, away_m: float, dt_s: float
+) -> tuple[Vector, Limits]:
+    """Return the pace that saturation leaves, and what the reference may do at a tilt of `angle`."""
+    own, cut = memory.pace, memory.saturated
+    x, y = pace.step(own[X], cut[X], dt_s), pace.step(own[Y], cut[Y], dt_s)
+    z, psi = pace.step(own[Z], cut[Z], dt_s), pace.step(own[PSI], cut[PSI], dt_s)
+    left = tilt.share(angle)
+    allowed = (pace.on_a_tilt(x, left), pace.on_a_tilt(y, left), pace.on_a_tilt(z, left), psi)
+    far = limited_ and away_m > tilt.FOLLOWS_M
+    return (x, y, z, psi), Limits(allowed, (far, far, False, limited_ and overturned))
+
+
+def _levelled(
+    actuation: Actuation,
+    memory: ActuationMemory,
+    axis: Levelling,
+    state: LevellingState,
+    along: int,
+    force: tilt.Force,
+    may: Permission,
+    lean: Tilting,
+    dt_s: float,
+) -> tuple[LevellingState, float]:
+    """Return the moment that keeps roll or pitch level beside the force `along` sway or surge.
+
+    On an axis that is not held the pilot's force counts. The thrusters that level are those of heave: a
+    vehicle that answers more strongly there is taken to do so in roll and pitch.
+    """
+    push = force[along] if may.engaged[along] else memory.delivered[along]
+    angle, rate = (lean.roll, lean.p) if along == Y else (lean.pitch, lean.q)
+    return levelling.step(
+        axis,
+        state,
+        angle,
+        rate,
+        limited(push, actuation.max_force[along]),
+        lean.delay_s,
+        dt_s,
+        may.authority == 1.0,
+        lean.gain,
+        lean.lag_s,
+    )
+
+
+def _yaw_beside(thrusters: Thrusters, beside: Axes, N: float, voltage_v: float, reach: float) -> float:
+    """Return the yaw axis for a moment beside the pilot's axes, which turn a vehicle without a motor."""
+    low, high = -reach, reach
+    for _ in range(HALVINGS):
+        middle = 0.5 * (low + high)
+        axes = (beside[0], beside[1], beside[2], middle, beside[4], beside[5])
+        if delivered(thrusters, axes, voltage_v)[3] < N:
+            low = middle
+        else:
+            high = middle
+    return low

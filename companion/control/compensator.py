@@ -22,7 +22,8 @@ without pushing further outward, freeze where not allowed. The extended-state ob
 vehicle's state and needs no file.
 """
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 from companion.control.bounds import limited
 
@@ -43,6 +44,16 @@ class Signals(NamedTuple):
     x_dot: float
     x_d_dot: float
     x_d_ddot: float
+
+
+class ChosenCompensator(NamedTuple):
+    """A compensator as an axis uses it: its functions, as above, and its parameters."""
+
+    initial: Callable[[Any], Any]
+    step: Callable[[Any, Any, Signals, float, bool], tuple[Any, float, bool]]
+    seed: Callable[[Any, Any, Signals, float], Any]
+    weight_norm: Callable[[Any], float]
+    parameters: Any
 
 
 def dead_zone_error(

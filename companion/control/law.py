@@ -25,9 +25,9 @@ The general law takes a sequence of n errors; each a float, or an array of as ma
 | tau     | τ, the control force                             | N; N·m               | eq. lei2    |
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from math import comb
-from typing import NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 from companion.records import Array
 
@@ -115,6 +115,14 @@ class Motion(NamedTuple):
     kappa: float
     share: float
     free: bool
+
+
+class ChosenLaw(NamedTuple):
+    """A law as an axis uses it: its functions and its parameters."""
+
+    initial: Callable[[Any], Any]
+    step: Callable[[Any, Any, Motion, float], tuple[Any, Terms]]
+    parameters: Any
 
 
 class Parameters(NamedTuple):

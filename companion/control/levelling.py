@@ -79,6 +79,11 @@ START = LevellingState(0.0, math.nan, oscillation.START, 0.0)
 """No integral, no rate of change known, nothing pushed."""
 
 
+def trimmed(state: LevellingState, more: float) -> LevellingState:
+    """Return the state whose integral holds so much more, rad/s²."""
+    return LevellingState(state.integral + more, state.slow, state.oscillation, state.pushed_n)
+
+
 def levelling_of(
     inertia: float,
     frequency_radps: float,
@@ -90,6 +95,10 @@ def levelling_of(
     """Return what `step` needs for roll or pitch of a vehicle whose thrusters lag by `lag_s`."""
     limits = oscillation.Parameters(max_moment_nm, oscillation.LEVELLING_SHARE * max_moment_nm)
     return Levelling(inertia, frequency_radps, lever_m, max_moment_nm, lag_s, munk_m, limits)
+
+
+NO_LEVELLING = levelling_of(1.0, 0.0, 0.0, 0.0, 0.0)
+"""What stands where roll and pitch are not ours."""
 
 
 def step(

@@ -19,12 +19,10 @@ with T_v = 4 T_a and ω T_v = 1/4, so that neither rate nor position overshoots 
 """
 
 import math
-from collections.abc import Sequence
-from typing import NamedTuple, Self
+from typing import NamedTuple
 
 from companion.control.bounds import limited, square_root, wrap
-from companion.control.frames import shifted_along, turned
-from companion.records import Flags, FrameShift, Setpoint, Vector, vector
+from companion.records import Vector
 
 ACCELERATION_LAG_S = 0.06
 RATE_LAG_S = 4.0 * ACCELERATION_LAG_S
@@ -101,48 +99,14 @@ def ahead(target: float, target_dot: float, target_ddot: float, ahead_s: float) 
     return target + (0.5 * ahead_s) * (target_dot + later_dot), later_dot, target_ddot
 
 
-class ReferenceModel:
-    """The references of all four degrees of freedom."""
+class Reference(NamedTuple):
+    """The references of all four degrees of freedom, and the share of each `max_rate` that is left."""
 
-    def __init__(self, parameters: Sequence[Parameters]) -> None:
-        self._parameters = parameters
-        self.pace: Vector = (1.0, 1.0, 1.0, 1.0)
-        """The share of each `max_rate` that may be used now: less where the vehicle does not follow."""
-        self.reset((0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0))
+    states: tuple[State, State, State, State]
+    pace: Vector
 
     @property
     def x_d(self) -> Vector:
         """Where it is to be."""
         x, y, z, psi = self.states
         return (x.x_d, y.x_d, z.x_d, psi.x_d)
-
-    def reset(self, x: Vector, x_dot: Vector) -> None:
-        """Start where the vehicle is and as it moves."""
-        self.states = [start(*each) for each in zip(self._parameters, x, x_dot, strict=True)]
-
-    def catch_up(self, x: Vector, x_dot: Vector, where: Flags) -> None:
-        """Start anew `where` asked, where the vehicle is and as it moves."""
-        for i, asked in enumerate(where):
-            if asked:
-                self.states[i] = start(self._parameters[i], x[i], x_dot[i])
-
-    def go_on(self, other: Self) -> None:
-        """Stand where `other` stands, with the same rates, target and pace."""
-        self.states, self.pace = list(other.states), other.pace
-
-    def shift(self, shift: FrameShift, vehicle: Vector) -> None:
-        """Stay where it is as seen from the vehicle (its pose after the shift), with the same motion."""
-        x_d, *motion = (vector(column) for column in zip(*self.states, strict=True))
-        columns = (shifted_along(shift, x_d, vehicle), *(turned(shift, each) for each in motion))
-        self.states = [State(*values) for values in zip(*columns, strict=True)]
-
-    def step(self, target: Setpoint, ahead_s: float, dt_s: float) -> tuple[Vector, Vector, Vector]:
-        """Advance by `dt_s` toward where `target` will be `ahead_s` later; return x_d, ẋ_d, ẍ_d."""
-        eta_d, eta_d_dot, eta_d_ddot = target.eta_d, target.eta_d_dot, target.eta_d_ddot
-        states = []
-        for i, parameters in enumerate(self._parameters):
-            x, x_dot, x_ddot = ahead(eta_d[i], eta_d_dot[i], eta_d_ddot[i], ahead_s)
-            states.append(step(parameters, self.states[i], x, x_dot, x_ddot, self.pace[i], dt_s))
-        self.states = states
-        x_d, x_d_dot, x_d_ddot, _, _ = zip(*states, strict=True)
-        return vector(x_d), vector(x_d_dot), vector(x_d_ddot)

@@ -26,7 +26,7 @@ class Gains(NamedTuple):
     d_bears_s: float
 
 
-class Left(NamedTuple):
+class ScheduledGains(NamedTuple):
     """What is left of the gains of a degree of freedom."""
 
     lam: float
@@ -38,14 +38,14 @@ class Left(NamedTuple):
     """What d̂ is scaled by (`oscillation.scaled_disturbance`), and the damping term."""
 
 
-def scheduled(gains: Gains, delay_s: float, gain_scale: float, lag_s: float) -> Left:
+def scheduled(gains: Gains, delay_s: float, gain_scale: float, lag_s: float) -> ScheduledGains:
     """Return what is left in a loop that is `delay_s` late; `gain_scale` is what an oscillation leaves.
 
     `lag_s` is the longest lag that the thrusters may have, as far as is known.
     """
     delay_s = LEAST_DELAY_S if delay_s < LEAST_DELAY_S else delay_s
     share = gain_scale * _share(gains.bear_s, delay_s)
-    return Left(
+    return ScheduledGains(
         gains.lam * share**LAMBDA_POWER,
         gains.kappa * share**KAPPA_POWER,
         share**LEARNING_POWER,

@@ -1,7 +1,6 @@
-"""The commands that were sent: what each asked of the axes, and the thrust that it gives."""
+"""The thrust of the commands that were sent, oldest first; before the first of them nothing was sent."""
 
-from bisect import bisect_right
-from collections.abc import Sequence
+from typing import NamedTuple
 
 from companion.control.frames import turned
 from companion.records import ZERO, FrameShift, Vector
@@ -12,62 +11,69 @@ COMMANDS = 128
 LONG_AGO_S = -1e6
 
 
-class CommandHistory:
-    """The last commands, oldest first; before the first of them nothing was sent."""
+class SentCommand(NamedTuple):
+    """When a command was sent, its thrust in NED (N, N·m), and the impulse of all before it (N·s, N·m·s)."""
 
-    def __init__(self) -> None:
-        self.t_s = [LONG_AGO_S]
-        """When each was sent, ascending."""
-        self.axes = [ZERO]
-        self._tau = [ZERO]
-        """Thrust in NED, N and N·m."""
-        self._impulse = [ZERO]
-        """What all commands before gave until then, N·s and N·m·s."""
-
-    def append(self, t_s: float, axes: Vector, tau: Vector) -> None:
-        """Add what was sent at `t_s`, later than all before."""
-        dt_s = t_s - self.t_s[-1]
-        (i_x, i_y, i_z, i_psi), (x, y, z, psi) = self._impulse[-1], self._tau[-1]
-        self._impulse.append((i_x + x * dt_s, i_y + y * dt_s, i_z + z * dt_s, i_psi + psi * dt_s))
-        self._tau.append(tau)
-        self.axes.append(axes)
-        self.t_s.append(t_s)
-        if len(self.t_s) > COMMANDS:
-            del self.t_s[0], self.axes[0], self._tau[0], self._impulse[0]
-
-    def mean_thrusts(self, dof: int, t_s: Sequence[float]) -> list[float]:
-        """Return the mean thrust of a degree of freedom between each two of the ascending times.
-
-        The newest command holds. Zero where no time passes.
-        """
-        times_s, tau, impulse = self.t_s, self._tau, self._impulse
-        means: list[float] = []
-        before_s, before = t_s[0], 0.0
-        for moment_s in t_s:
-            i = bisect_right(times_s, moment_s, 1) - 1
-            given = impulse[i][dof] + tau[i][dof] * (moment_s - times_s[i])
-            span_s = moment_s - before_s
-            means.append((given - before) / span_s if span_s > 0.0 else 0.0)
-            before_s, before = moment_s, given
-        return means[1:]
-
-    def lose(self, tau: Vector) -> None:
-        """Take `tau` from the thrust of all commands: a motor that was believed to give it gave none."""
-        now_s = self.t_s[-1]
-        self._tau = [_less(one, tau, 1.0) for one in self._tau]
-        both = zip(self._impulse, self.t_s, strict=True)
-        self._impulse = [_less(given, tau, t_s - now_s) for given, t_s in both]
-
-    def turn(self, shift: FrameShift) -> None:
-        """Go on in a frame that has turned."""
-        self._tau = _turned(shift, self._tau)
-        self._impulse = _turned(shift, self._impulse)
+    t_s: float
+    tau: Vector
+    impulse: Vector
 
 
-def _turned(shift: FrameShift, vectors: list[Vector]) -> list[Vector]:
-    return [turned(shift, vector) for vector in vectors]
+def start() -> list[SentCommand]:
+    """Return a history in which nothing was sent."""
+    return [SentCommand(LONG_AGO_S, ZERO, ZERO)]
+
+
+def appended(commands: list[SentCommand], t_s: float, tau: Vector) -> list[SentCommand]:
+    """Return the history with what was sent at `t_s`, later than all before."""
+    last = commands[-1]
+    dt_s = t_s - last.t_s
+    (i_x, i_y, i_z, i_psi), (x, y, z, psi) = last.impulse, last.tau
+    impulse = (i_x + x * dt_s, i_y + y * dt_s, i_z + z * dt_s, i_psi + psi * dt_s)
+    kept = commands[-(COMMANDS - 1) :]
+    kept.append(SentCommand(t_s, tau, impulse))
+    return kept
+
+
+def mean_thrusts(commands: list[SentCommand], dof: int, t_s: list[float]) -> list[float]:
+    """Return the mean thrust of a degree of freedom between each two of the times.
+
+    The newest command holds. Zero where no time passes.
+    """
+    means = []
+    i, last = len(commands) - 1, len(commands) - 1
+    before_s, before = t_s[0], 0.0
+    for moment_s in t_s:
+        while i > 0 and commands[i].t_s > moment_s:
+            i -= 1
+        while i < last and commands[i + 1].t_s <= moment_s:
+            i += 1
+        command = commands[i]
+        given = command.impulse[dof] + command.tau[dof] * (moment_s - command.t_s)
+        span_s = moment_s - before_s
+        means.append((given - before) / span_s if span_s > 0.0 else 0.0)
+        before_s, before = moment_s, given
+    return means[1:]
+
+
+def without(commands: list[SentCommand], tau: Vector) -> list[SentCommand]:
+    """Take `tau` from the thrust of all commands: a motor that was believed to give it gave none."""
+    now_s = commands[-1].t_s
+    return [
+        SentCommand(one.t_s, _less(one.tau, tau, 1.0), _less(one.impulse, tau, one.t_s - now_s))
+        for one in commands
+    ]
+
+
+def turned_by(commands: list[SentCommand], shift: FrameShift) -> list[SentCommand]:
+    """Return the history in a frame that has turned."""
+    return [SentCommand(one.t_s, turned(shift, one.tau), turned(shift, one.impulse)) for one in commands]
 
 
 def _less(one: Vector, tau: Vector, share: float) -> Vector:
-    x, y, z, psi = tau
-    return (one[0] - share * x, one[1] - share * y, one[2] - share * z, one[3] - share * psi)
+    return (
+        one[0] - share * tau[0],
+        one[1] - share * tau[1],
+        one[2] - share * tau[2],
+        one[3] - share * tau[3],
+    )

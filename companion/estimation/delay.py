@@ -10,15 +10,17 @@ COMMAND_SPREAD_S.
 """
 
 import math
-from collections.abc import Sequence
 
 from companion.control.bounds import clamped, limited
 from companion.estimation.clock import AutopilotClock
 from companion.estimation.echo import STALL_S, Echo
-from companion.records import Delays, Vector
+from companion.records import ZERO, Delays, Vector
 
 TELEMETRY_MEMORY_S = 1.0
 MAX_DELAY_S = 1.0
+COMMANDS = 128
+"""So many of the last are compared with what the motors did: 2.5 s of them at 50 Hz."""
+
 SLEW = 0.05
 """Seconds of command delay a second: the law's horizon moves, it does not jump."""
 
@@ -40,6 +42,8 @@ class DelayMeter:
         self._echo_found = False
         self._command_s = command_s
         self._moved_s = -math.inf
+        self._sent_t_s = [-1e6]
+        self._sent_axes = [ZERO]
 
     def timesync(self, sent_s: float, arrived_s: float, boot_s: float) -> None:
         """Take one TIMESYNC answer: sent and arrived on our clock, `boot_s` on the autopilot's in between."""
@@ -63,16 +67,23 @@ class DelayMeter:
             self.telemetry_s += (late_s - self.telemetry_s) * passed_s / (passed_s + TELEMETRY_MEMORY_S)
         self._telemetry_t_s = arrived_s
 
-    def echo(self, boot_s: float, axes: Vector, sent_t_s: Sequence[float], sent: Sequence[Vector]) -> None:
+    def sent(self, t_s: float, axes: Vector) -> None:
+        """Take the axes that were sent, later than all before."""
+        self._sent_t_s.append(t_s)
+        self._sent_axes.append(axes)
+        if len(self._sent_t_s) > COMMANDS:
+            del self._sent_t_s[0], self._sent_axes[0]
+
+    def echo(self, boot_s: float, axes: Vector) -> None:
         """Take what the motors did at `boot_s`; compare what they did the time before with what was sent.
 
-        By now all is known that was sent around then: times ascending, and axes.
+        By now all is known that was sent around then.
         """
         last, self._last_echo = self._last_echo, (boot_s, axes)
         if last is None:
             return
         at_s = self.clock.local(last[0])
-        lag_s = self._echo.step(at_s, last[1], sent_t_s, sent)
+        lag_s = self._echo.step(at_s, last[1], self._sent_t_s, self._sent_axes)
         if lag_s is not None:
             self._echo_found = True
             self._approach(lag_s, at_s)

@@ -1,4 +1,4 @@
-"""Events to VehicleState: an age for every signal, an observer for each degree of freedom.
+"""Events to what the observers take, and what they find to VehicleState: an age for every signal.
 
 A sample counts for the time at which it was true: the autopilot's stamp (or arrival minus the measured
 telemetry delay, where a message has none) minus the sensor's own delay.
@@ -13,17 +13,15 @@ from msgspec.structs import replace
 
 from companion.config import Config, SupervisorLimits
 from companion.control.allocation import T200_VOLTAGE_V, Thrusters, axes_from_motors
-from companion.control.bounds import wrap
 from companion.control.frames import joined
 from companion.control.positioning import (
     Model,
     jacobian,
 )
-from companion.estimation import observer, thruster_watch
+from companion.estimation import observer, observers
 from companion.estimation.delay import DelayMeter
 from companion.estimation.ground import GroundFinder
-from companion.estimation.observers import Observers
-from companion.estimation.parameters import thruster_watch_parameters
+from companion.estimation.observers import NOTHING, Inputs, Motion, ObserversMemory
 from companion.estimation.position_doubt import PositionDoubtModel
 from companion.estimation.resets import MAX_GAP_S, POSITION_WARNED_M, position_resets, yaw_resets
 from companion.estimation.water import Water
@@ -33,7 +31,6 @@ from companion.records import (
     PSI,
     Ages,
     Attitude,
-    Axes,
     Battery,
     Depth,
     DepthRate,
@@ -50,6 +47,7 @@ from companion.records import (
     ServoOutput,
     TimeSync,
     Vector,
+    VehicleModel,
     VehicleState,
     X,
     Y,
@@ -69,12 +67,12 @@ JUMP_BELIEVED_S = 2.0
 MIN_VOLTAGE_V, MAX_VOLTAGE_V = 10.0, 20.0
 MIN_COS_PITCH = 0.1
 
-WATCH_TICKS = 4
-"""The thrusters are watched every so many ticks: it takes 70 µs, and what they turn is slow."""
+
+NONE: Flags = (False, False, False, False)
 
 
 class Estimator:
-    """What is known of the vehicle; `step` once a tick, `sent` after each command."""
+    """What is known of the vehicle: `take` begins a tick, `state` says what came of it, `sent` ends it."""
 
     def __init__(self, config: Config, model: Model, thrusters: Thrusters) -> None:
         self._thrusters = thrusters
@@ -82,12 +80,7 @@ class Estimator:
         self._lead_s = config.thrusters.lead_s
         self._tick_s = 1.0 / config.loop.rate_hz
         self._depth_later_s = LATER_S.get(config.vehicle.depth_source, 0.0)
-        self._watches = config.levels
-        self._watch_tick = 0
-        self._watch = thruster_watch.START
-        self._observers = Observers(config, model)
-        self.learner = self._observers.learner
-        """What was found of the vehicle's gain and lag."""
+        self._hidden_s = 0.0
         self.limit(config.supervisor)
         self.retune(config, model)
         self._heartbeat = Heartbeat(-math.inf, armed=False, mode=-1, system_status=0)
@@ -114,8 +107,7 @@ class Estimator:
 
     def retune(self, config: Config, model: Model) -> None:
         """Go on from the present estimate with another model, other noises and sensor delays."""
-        self._watch_parameters = thruster_watch_parameters(config, self._thrusters)
-        self._observers.retune(config, model)
+        self._sensor_delay_s = vector([axis.sensor_delay_s for axis in config.axes])
         self._model = model
         self._position_noise_m = max(config.surge.position_noise_slow, config.sway.position_noise_slow)
 
@@ -130,7 +122,10 @@ class Estimator:
         self._meter = DelayMeter(self._delays.telemetry_s, self._delays.command_s)
         self._attitude = Attitude(-math.inf, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
         self._measured_t_s = [-math.inf] * len(DOFS)
-        self._observers.restart()
+        self._expected_depth_m = 0.0
+        self._measured = [NOTHING] * len(DOFS)
+        self._begins = [math.nan] * len(DOFS)
+        self._restarted = True
         self._ground = GroundFinder()
         self._ranges: list[Range] = []
         self._water = Water()
@@ -141,46 +136,69 @@ class Estimator:
         self._yaw_reset_t_s = self._position_reset_t_s = -math.inf
         self._frame_shift: FrameShift | None = None
 
-    def step(
-        self,
-        now_s: float,
-        events: Sequence[Event],
-        d_share: Sequence[float] = (1.0, 1.0, 1.0, 1.0),
-        learns: Flags = (False, False, False, False),
-    ) -> VehicleState:
-        """Take in what came since the last tick; say where the vehicle is and where a command finds it.
+    def take(
+        self, now_s: float, events: Sequence[Event], memory: ObserversMemory, learns: Flags = NONE
+    ) -> tuple[ObserversMemory, Inputs]:
+        """Take in what came since the last tick; return what the observers take.
 
-        `d_share`, by DOF, is what the controller scales d̂ by: the predicted d is scaled alike.
-        `learns`, by axis, tells whether our commands alone move it: then its gain and lag are learnt.
+        Their memory is moved where the autopilot's frame was reset, and forgotten where the autopilot booted.
+        `learns` tells by axis whether our commands alone moved the vehicle.
         """
-        if self._observers.diverged:
+        if not all(map(observers.is_believable, memory.states)):
             self.restart()
+        expected_depth_m, _ = observer.expected(memory.states[Z])
+        hidden_s = memory.hidden.hidden_s
         self._depth_refused = False
         self._frame_shift = None
         self._reset_by = [0.0] * len(DOFS)
+        self._measured = [NOTHING] * len(DOFS)
+        self._begins = [math.nan] * len(DOFS)
+        self._expected_depth_m, self._hidden_s = expected_depth_m, hidden_s
         for event in events:
             self._take(event)
-        delays = replace(self._meter.delays, hidden_s=self._observers.hidden_s)
-        if not math.isfinite(delays.total_s):
+        delays = self._meter.delays
+        if not math.isfinite(delays.total_s + self._hidden_s):
             self.restart()
-            delays = self._meter.delays
-        stale = (
+            delays, self._hidden_s = self._meter.delays, 0.0
+        self._loop_delays = replace(delays, hidden_s=self._hidden_s)
+        self._stale = (
             self._is_stale(X, now_s),
             self._is_stale(Y, now_s),
             self._is_stale(Z, now_s),
             self._is_stale(PSI, now_s),
         )
-        ahead_s = delays.command_s + self._lead_s
-        eta, eta_dot, eta_ahead, eta_dot_ahead, disturbance = self._observers.step(
+        x, y, z, psi = self._measured
+        attitude = self._attitude
+        if self._restarted:
+            memory = observers.restarted(memory.hidden, memory.learner)
+            self._restarted = False
+        if (shift := self.frame_shift) is not None:
+            memory = observers.shifted(memory, shift)
+        inputs = Inputs(
             now_s,
-            ahead_s,
-            delays,
-            stale,
-            d_share,
-            armed=self._heartbeat.armed,
-            positioned=self._measured_t_s[X] > -math.inf,
+            (x, y, z, psi),
+            vector(self._begins),
+            self._stale,
+            delays.telemetry_s,
+            delays.command_s,
+            delays.command_s + self._lead_s,
+            self._heartbeat.armed,
+            self._measured_t_s[X] > -math.inf,
+            learns,
+            (attitude.roll, attitude.pitch, attitude.p, attitude.q, attitude.r),
+            self._voltage_v,
         )
-        self.learner.learn(learns, self._tick_s)
+        return memory, inputs
+
+    @property
+    def frame_shift(self) -> FrameShift | None:
+        """What the autopilot's estimate was reset by since the last tick."""
+        return self._frame_shift
+
+    def state(self, inputs: Inputs, motion: Motion, model: VehicleModel, dead_motor: int = 0) -> VehicleState:
+        """Say where the vehicle is, where a command finds it, and what else is known of it."""
+        now_s, stale, learns, delays = inputs.now_s, inputs.stale, inputs.learns, self._loop_delays
+        eta, eta_dot, disturbance = motion.eta, motion.eta_dot, motion.disturbance
         attitude = self._attitude
         tilt_cos = math.cos(attitude.roll) * math.cos(attitude.pitch)
         ground = self._ground.step(
@@ -191,17 +209,16 @@ class Estimator:
             (eta[X], eta[Y]), self._frame_shift, stale=stale[X], aided=self._aided, dt_s=self._tick_s
         )
         seen = learns[X] and learns[Y] and not (stale[X] or stale[Y] or stale[PSI])
-        gain = self.learner.model.dof_gain
         J = jacobian(eta[PSI])
-        current = self._water.step(self._model, J, eta_dot, disturbance, gain, self._tick_s, seen)
+        current = self._water.step(self._model, J, eta_dot, disturbance, model.dof_gain, self._tick_s, seen)
         return VehicleState(
             t_s=now_s,
             boot_s=now_s + self._meter.clock.offset_s,
-            eta=_wrapped(eta),
+            eta=eta,
             eta_dot=eta_dot,
-            ahead_s=ahead_s,
-            eta_ahead=_wrapped(eta_ahead),
-            eta_dot_ahead=eta_dot_ahead,
+            ahead_s=inputs.ahead_s,
+            eta_ahead=motion.eta_ahead,
+            eta_dot_ahead=motion.eta_dot_ahead,
             disturbance=disturbance,
             roll=attitude.roll,
             pitch=attitude.pitch,
@@ -223,55 +240,21 @@ class Estimator:
                 position_reset_s=now_s - self._position_reset_t_s,
             ),
             delays=delays,
-            innovation=vector(map(add, self._observers.innovation, self._reset_by)),
+            innovation=vector(map(add, motion.innovation, self._reset_by)),
             depth_refused=self._depth_refused,
             clock_doubt_s=self._meter.clock.doubt_s(now_s),
             frame_shift=self._frame_shift,
             stale=stale,
-            dead_motor=self._watch.dead,
-            model=self.learner.model,
+            dead_motor=dead_motor,
+            model=model,
             ground=ground,
             current=current,
             position_doubt=doubt,
         )
 
-    def sent(self, now_s: float, axes: Vector, tau_ned: Vector) -> None:
-        """Note what was sent: axes and the thrust in NED that they really give."""
-        self._observers.commands.append(now_s, axes, tau_ned)
-
-    def watch_thrusters(self, now_s: float, axes: Axes, *, steady: bool) -> None:
-        """Look for a motor that gives no thrust, where roll and pitch are ours; `axes` were sent now.
-
-        `steady` tells that the vehicle follows our frames, at full authority.
-        """
-        if not self._watches:
-            return
-        attitude = self._attitude
-        if not steady or now_s - attitude.t_s > self._timeout_s[PSI]:
-            self._watch = thruster_watch.rest(self._watch)
-            return
-        self._watch_tick += 1
-        if self._watch_tick % WATCH_TICKS:
-            return
-        turning = (attitude.roll, attitude.pitch, attitude.p, attitude.q, attitude.r)
-        delay_s = self._meter.delays.total_s
-        self._watch = thruster_watch.step(
-            self._watch_parameters,
-            self._watch,
-            axes,
-            self._voltage_v,
-            turning,
-            delay_s,
-            WATCH_TICKS * self._tick_s,
-        )
-
-    def trust_thrusters(self) -> None:
-        """Take all motors for sound again."""
-        self._watch = thruster_watch.START
-
-    def lose(self, tau_ned: Vector) -> None:
-        """Take from thrust and d what a motor that gives no thrust was believed to give, N and N·m."""
-        self._observers.lose(tau_ned)
+    def sent(self, now_s: float, axes: Vector) -> None:
+        """Note the axes that were sent."""
+        self._meter.sent(now_s, axes)
 
     def _is_stale(self, dof: int, now_s: float) -> bool:
         """Tell whether a degree of freedom was not measured for longer than its timeout."""
@@ -291,23 +274,26 @@ class Estimator:
         """Return the time at which this sample of `dof` was true."""
         meter = self._meter
         if event.boot_s is None:
-            return event.t_s - meter.telemetry_s - self._observers.sensor_delay_s[dof]
+            return event.t_s - meter.telemetry_s - self._sensor_delay_s[dof]
         meter.stamped(event.t_s, event.boot_s)
-        return meter.clock.local(event.boot_s) - self._observers.sensor_delay_s[dof]
+        return meter.clock.local(event.boot_s) - self._sensor_delay_s[dof]
 
     def _position(self, dof: int, value: float, t_s: float, at_s: float) -> None:
         """Keep a position sample; a degree of freedom that was not measured for long begins anew."""
         if t_s - self._measured_t_s[dof] > min(MAX_GAP_S, self._timeout_s[dof]):
-            self._observers.begin(dof, value)
+            self._begins[dof] = value
+            if dof == Z:
+                self._expected_depth_m = value
         self._measured_t_s[dof] = t_s
-        self._observers.take(dof, (False, value, at_s))
+        self._measured[dof] = self._measured[dof]._replace(position=value, position_s=at_s)
 
     def _rate(self, dof: int, value: float, at_s: float) -> None:
-        self._observers.take(dof, (True, value, at_s))
+        self._measured[dof] = self._measured[dof]._replace(rate=value, rate_s=at_s)
 
     def _shift(self, shift: FrameShift) -> None:
         """Go on in the frame of a reset estimate; samples of this tick from before it are left out."""
-        self._observers.shift(shift)
+        for dof in (X, Y, PSI):
+            self._measured[dof] = NOTHING
         self._water.turn(shift.turn_rad)
         self._frame_shift = joined(self._frame_shift, shift)
 
@@ -324,9 +310,8 @@ class Estimator:
         self._rate(PSI, heading_rate, at_s)
 
     def _on_depth(self, event: Depth) -> None:
-        at_s = self._sampled(event, Z) - self._depth_later_s - self._observers.hidden_s
-        expected_m, _ = observer.expected(self._observers.states[Z])
-        innovation_m = abs(event.z_m - expected_m)
+        at_s = self._sampled(event, Z) - self._depth_later_s - self._hidden_s
+        innovation_m = abs(event.z_m - self._expected_depth_m)
         known_s = event.t_s - self._measured_t_s[Z]
         believed_s = JUMP_BELIEVED_S if self._refusing else MAX_GAP_S
         if innovation_m > self.max_depth_jump_m and known_s <= believed_s and self._heartbeat.armed:
@@ -336,7 +321,7 @@ class Estimator:
         self._position(Z, event.z_m, event.t_s, at_s)
 
     def _on_depth_rate(self, event: DepthRate) -> None:
-        at_s = self._sampled(event, Z) - self._observers.hidden_s
+        at_s = self._sampled(event, Z) - self._hidden_s
         self._rate(Z, event.w_mps, at_s)
 
     def _on_position(self, event: Position) -> None:
@@ -364,8 +349,7 @@ class Estimator:
         count = self._thrusters.motor_count
         if len(event.pwm_us) >= count:
             axes = axes_from_motors(self._thrusters, motor_demand(event.pwm_us[:count]))
-            sent = self._observers.commands
-            self._meter.echo(event.boot_s, axes[:4], sent.t_s, sent.axes)
+            self._meter.echo(event.boot_s, axes[:4])
 
     def _on_timesync(self, event: TimeSync) -> None:
         self._meter.timesync(event.sent_s, event.t_s, event.boot_s)
@@ -385,8 +369,3 @@ def _heading_rate(attitude: Attitude) -> float:
     """Return ψ' = (q sin φ + r cos φ)/cos θ (Fossen 2011, eq. 2.28), θ kept off the singularity."""
     cos_pitch = max(math.cos(attitude.pitch), MIN_COS_PITCH)
     return (attitude.q * math.sin(attitude.roll) + attitude.r * math.cos(attitude.roll)) / cos_pitch
-
-
-def _wrapped(eta: Vector) -> Vector:
-    x, y, z, psi = eta
-    return (x, y, z, wrap(psi))

@@ -1,156 +1,288 @@
-"""Holds what is found of the vehicle in all four axes (`vehicle_model.py`), and the model that is in use."""
+"""What is found of the vehicle in all four axes (`vehicle_model.py`), and the model that is in use.
+
+Surge, sway, heave and yaw are learnt from x, y, z and psi: surge and sway share x and y by the heading. Log
+gain and lag of a degree of freedom are those of its axes by cos² and sin² of the heading. All thrusters have
+the lag that heave shows, which moves most: with a lag of its own each, an axis in a limit cycle may take a
+strong vehicle for a late one.
+"""
 
 import math
-from collections.abc import Sequence
+from typing import NamedTuple
 
 from companion.control.positioning import Jacobian
 from companion.estimation import vehicle_model
 from companion.estimation.observer import ObserverParameters
-from companion.estimation.vehicle_model import (
-    NO_EVIDENCE,
-    Evidence,
-    Found,
-    Scheduled,
-    Tables,
-    Used,
-)
-from companion.records import PSI, Flags, VehicleModel, X, Y, Z, vector
+from companion.estimation.vehicle_model import Evidence, Found, ModelState, Scheduled, Tables, Used
+from companion.records import PSI, Flags, Vector, VehicleModel, X, Y, Z
 
-AXES = 4
-TOLD_TICKS = 10
-"""What was found is told every so many ticks: nothing steers by it."""
+REPORT_TICKS = 10
+"""What was found is reported every so many ticks: nothing steers by it."""
+
+FourTables = tuple[Tables, Tables, Tables, Tables]
+FourFound = tuple[Found, Found, Found, Found]
+FourUsed = tuple[Used, Used, Used, Used]
+FourScheduled = tuple[Scheduled, Scheduled, Scheduled, Scheduled]
 
 
-class ModelLearner:
-    """Learns surge, sway, heave and yaw from x, y, z and psi: surge and sway share x and y by the heading.
+class Seen(NamedTuple):
+    """What one degree of freedom has shown in this tick."""
 
-    Log gain and lag of a degree of freedom are those of its axes by cos² and sin² of the heading. All
-    thrusters have the lag that heave shows, which moves most: with a lag of its own each, an axis in a limit
-    cycle may take a strong vehicle for a late one.
-    """
+    state: ModelState
+    evidence: Evidence
 
-    def __init__(self, tables: Sequence[Tables], lag_s: float, *, adapts: bool) -> None:
-        """Take observers by degree of freedom, the nominal lag, and whether what is found is used."""
-        self._lag_s, self._adapts = lag_s, adapts
-        self._tables = tables
-        self.reset()
 
-    def retune(self, tables: Sequence[Tables]) -> None:
-        """Go on with other tables."""
-        self._tables = tables
-        self._look_up()
+class LearnerMemory(NamedTuple):
+    """What is remembered: `found` and `used` by axis, the rest by degree of freedom."""
 
-    def reset(self) -> None:
-        """Forget what was found: the nominal vehicle again."""
-        self._found = [vehicle_model.nothing_found(self._lag_s)] * AXES
-        self._used = [Used(0.0, self._lag_s)] * AXES
-        self._states = [vehicle_model.start(0.0)] * AXES
-        self._share = (1.0, 0.0)
-        self._evidence = [NO_EVIDENCE] * AXES
-        self._ticks, self._moved = 0, False
-        self._look_up()
-        self._record()
+    found: FourFound
+    used: FourUsed
+    states: tuple[ModelState, ModelState, ModelState, ModelState]
+    scheduled: FourScheduled
+    dof_gain: Vector
+    squares: tuple[float, float]
+    """cos² and sin² of the heading."""
+    ticks: int
+    moved: bool
+    """Whether the model in use has moved since observers were looked up."""
+    model: VehicleModel
 
-    def begin(self, dof: int, position: float) -> None:
-        """Observe a degree of freedom from a known place; what was found stays."""
-        self._states[dof] = vehicle_model.start(position)
 
-    def turn(self, J: Jacobian) -> None:
-        """Take the heading of this tick, and look observers up where the model has moved."""
-        share = (J.c * J.c, J.s * J.s)
-        if not math.isfinite(share[0]):
-            return
-        self._share = share
-        if not self._moved and not self._heading_counts():
-            return
-        self._moved = False
-        used = [self._of_dof(self._used, dof) for dof in range(AXES)]
-        for dof in range(AXES):
-            if not vehicle_model.is_near(self._scheduled[dof], used[dof]):
-                self._scheduled[dof] = vehicle_model.schedule(self._tables[dof], used[dof])
-        self._dof_gain = [math.exp(one.log_gain) for one in used]
+def start(tables: FourTables, lag_s: float) -> LearnerMemory:
+    """Return the nominal vehicle, whose thrusters lag by `lag_s`, of which nothing was found."""
+    nothing, nominal = vehicle_model.nothing_found(lag_s), Used(0.0, lag_s)
+    found, used = (nothing, nothing, nothing, nothing), (nominal, nominal, nominal, nominal)
+    state = vehicle_model.start(0.0)
+    squares = (1.0, 0.0)
+    return LearnerMemory(
+        found,
+        used,
+        (state, state, state, state),
+        _schedules(tables, used),
+        (1.0, 1.0, 1.0, 1.0),
+        squares,
+        0,
+        False,
+        _model(found, used, used, lag_s, lag_s),
+    )
 
-    def gain(self, dof: int) -> float:
-        """Return the gain in use of a degree of freedom."""
-        return self._dof_gain[dof]
 
-    def parameters(self, dof: int) -> ObserverParameters:
-        """Return those of the control's observer for the model in use."""
-        return self._scheduled[dof].control
+def begun(memory: LearnerMemory, where: Flags, position: Vector) -> LearnerMemory:
+    """Observe degrees of freedom from known places; what was found stays."""
+    x, y, z, psi = memory.states
+    return _with_states(
+        memory,
+        (
+            vehicle_model.start(position[X]) if where[X] else x,
+            vehicle_model.start(position[Y]) if where[Y] else y,
+            vehicle_model.start(position[Z]) if where[Z] else z,
+            vehicle_model.start(position[PSI]) if where[PSI] else psi,
+        ),
+    )
 
-    def observe(
-        self, dof: int, u: float, m: float, c: float, dt_s: float, position: float, rate: float
-    ) -> None:
-        """Take what was measured under thrust `u`; m and c are the nominal vehicle's."""
-        found, here = self._of_dof(self._found, dof), self._scheduled[dof].here
-        g = math.exp(found.log_gain)
-        parameters = ObserverParameters(found.lag_s, here.slow_time_s, here.by_position, here.by_rate)
-        self._states[dof], self._evidence[dof] = vehicle_model.observe(
-            parameters, self._states[dof], u, m / g, c / g, dt_s, position, rate, dof == PSI
-        )
 
-    def learn(self, learns: Flags, dt_s: float) -> None:
-        """Learn from what all degrees of freedom have shown in this tick, axis by axis where allowed."""
-        cos, sin = self._share
-        x, y, z, psi = self._evidence
-        by_axis: tuple[Evidence, ...] = (
-            vehicle_model.mixed(x, cos, y, sin),
-            vehicle_model.mixed(x, sin, y, cos),
-            z,
-            psi,
-        )
-        self._evidence = [NO_EVIDENCE] * AXES
-        before = list(self._used)
-        for axis, evidence in enumerate(by_axis):
-            if learns[axis] and evidence.gain_gain > 0.0:
-                self._found[axis] = self._learnt(axis, evidence, dt_s)
-                if self._adapts:
-                    self._used[axis] = vehicle_model.follow(self._used[axis], self._found[axis])
-        self._ticks += 1
-        self._moved = self._moved or self._used != before
-        if self._moved or self._heading_counts() or self._ticks % TOLD_TICKS == 0:
-            self._record()
+def turned(tables: FourTables, memory: LearnerMemory, J: Jacobian) -> LearnerMemory:
+    """Take the heading of this tick, and look observers up where the model has moved."""
+    squares = (J.c * J.c, J.s * J.s)
+    if not math.isfinite(squares[0]):
+        return memory
+    if not memory.moved and _same(memory.used[X], memory.used[Y]):  # else the model turns with the heading
+        return _looked_up(memory, squares, memory.scheduled, memory.dof_gain, False)
+    used = _by_dof(memory.used, squares)
+    x, y, z, psi = memory.scheduled
+    scheduled = (
+        x if vehicle_model.is_near(x, used[X]) else vehicle_model.schedule(tables[X], used[X]),
+        y if vehicle_model.is_near(y, used[Y]) else vehicle_model.schedule(tables[Y], used[Y]),
+        z if vehicle_model.is_near(z, used[Z]) else vehicle_model.schedule(tables[Z], used[Z]),
+        psi if vehicle_model.is_near(psi, used[PSI]) else vehicle_model.schedule(tables[PSI], used[PSI]),
+    )
+    return _looked_up(memory, squares, scheduled, _gains(used), False)
 
-    def _learnt(self, axis: int, evidence: Evidence, dt_s: float) -> Found:
-        if axis == Z:
-            return vehicle_model.learn(self._found[Z], evidence, dt_s)
-        return vehicle_model.learn_gain(self._found[axis], evidence, self._found[Z], dt_s)
 
-    def _of_dof(self, each: Sequence[Found] | Sequence[Used], dof: int) -> Used:
-        """Return what a list by axis says of a degree of freedom."""
-        if dof in (Z, PSI):
-            return Used(each[dof].log_gain, each[dof].lag_s)
-        cos, sin = self._share if dof == X else (self._share[1], self._share[0])
-        surge, sway = each[X], each[Y]
-        return Used(
-            cos * surge.log_gain + sin * sway.log_gain,
-            cos * surge.lag_s + sin * sway.lag_s,
-        )
+def looked_up(tables: FourTables, memory: LearnerMemory) -> LearnerMemory:
+    """Go on with other tables."""
+    used = _by_dof(memory.used, memory.squares)
+    return _looked_up(memory, memory.squares, _schedules(tables, used), _gains(used), False)
 
-    def _heading_counts(self) -> bool:
-        """Tell whether x and y are moved by unlike axes, so that their models turn with the heading."""
-        return self._used[X] != self._used[Y]
 
-    def _look_up(self) -> None:
-        used = [self._of_dof(self._used, dof) for dof in range(AXES)]
-        self._scheduled: list[Scheduled] = [
-            vehicle_model.schedule(tables, one) for tables, one in zip(self._tables, used, strict=True)
-        ]
-        self._dof_gain = [math.exp(one.log_gain) for one in used]
-        self._moved = False
+def seen_by(
+    here: ObserverParameters,
+    found: Used,
+    state: ModelState,
+    u: float,
+    m: float,
+    c: float,
+    dt_s: float,
+    position: float,
+    rate: float,
+    angular: bool,
+) -> Seen:
+    """Return what an observer of the vehicle that was found has seen."""
+    g = math.exp(found.log_gain)
+    parameters = ObserverParameters(found.lag_s, here.slow_time_s, here.by_position, here.by_rate)
+    state, evidence = vehicle_model.observe(parameters, state, u, m / g, c / g, dt_s, position, rate, angular)
+    return Seen(state, evidence)
 
-    def _record(self) -> None:
-        doubts = [vehicle_model.doubt(found) for found in self._found]
-        used = [self._of_dof(self._used, dof) for dof in range(AXES)]
-        self.model = VehicleModel(
-            gain=vector(math.exp(one.log_gain) for one in self._used),
-            lag_s=vector(one.lag_s for one in self._used),
-            found_gain=vector(math.exp(one.log_gain) for one in self._found),
-            found_lag_s=vector(one.lag_s for one in self._found),
-            log_gain_doubt=vector(gain for gain, _ in doubts),
-            lag_doubt_s=vector(lag_s for _, lag_s in doubts),
-            dof_gain=vector(math.exp(one.log_gain) for one in used),
-            dof_later_s=vector(vehicle_model.later_s(one, self._lag_s) for one in used),
-            longest_lag_s=vehicle_model.longest_lag_s(self._found[Z]) if self._adapts else self._lag_s,
-        )
-        """What is in use and what was found."""
+
+def learnt(
+    memory: LearnerMemory,
+    seen: tuple[Seen, Seen, Seen, Seen],
+    learns: Flags,
+    adapts: bool,
+    nominal_lag_s: float,
+    dt_s: float,
+) -> LearnerMemory:
+    """Learn from what all degrees of freedom have shown in this tick, axis by axis where `learns`."""
+    cos, sin = memory.squares
+    x, y, z, psi = seen
+    surge, sway, heave, yaw = memory.found
+    of_surge = vehicle_model.mixed(x.evidence, cos, y.evidence, sin)
+    of_sway = vehicle_model.mixed(x.evidence, sin, y.evidence, cos)
+    learns_surge = learns[X] and of_surge.gain_gain > 0.0
+    learns_sway = learns[Y] and of_sway.gain_gain > 0.0
+    learns_heave = learns[Z] and z.evidence.gain_gain > 0.0
+    learns_yaw = learns[PSI] and psi.evidence.gain_gain > 0.0
+    if learns_surge:
+        surge = vehicle_model.learn_gain(surge, of_surge, heave, dt_s)
+    if learns_sway:
+        sway = vehicle_model.learn_gain(sway, of_sway, heave, dt_s)
+    if learns_heave:
+        heave = vehicle_model.learn(heave, z.evidence, dt_s)
+    if learns_yaw:
+        yaw = vehicle_model.learn_gain(yaw, psi.evidence, heave, dt_s)
+    found, before = (surge, sway, heave, yaw), memory.used
+    used = (
+        vehicle_model.follow(before[X], surge) if adapts and learns_surge else before[X],
+        vehicle_model.follow(before[Y], sway) if adapts and learns_sway else before[Y],
+        vehicle_model.follow(before[Z], heave) if adapts and learns_heave else before[Z],
+        vehicle_model.follow(before[PSI], yaw) if adapts and learns_yaw else before[PSI],
+    )
+    ticks = memory.ticks + 1
+    stays = _same(used[X], before[X]) and _same(used[Y], before[Y])
+    stays = stays and _same(used[Z], before[Z]) and _same(used[PSI], before[PSI])
+    moved = memory.moved or not stays
+    model = memory.model
+    if moved or not _same(used[X], used[Y]) or ticks % REPORT_TICKS == 0:
+        longest_s = vehicle_model.longest_lag_s(heave) if adapts else nominal_lag_s
+        model = _model(found, used, _by_dof(used, memory.squares), nominal_lag_s, longest_s)
+    return LearnerMemory(
+        found,
+        used,
+        (x.state, y.state, z.state, psi.state),
+        memory.scheduled,
+        memory.dof_gain,
+        memory.squares,
+        ticks,
+        moved,
+        model,
+    )
+
+
+def _same(first: Used, second: Used) -> bool:
+    return first.log_gain == second.log_gain and first.lag_s == second.lag_s
+
+
+def found_of(memory: LearnerMemory, dof: int) -> Used:
+    """Return what was found of a degree of freedom."""
+    one = memory.found[dof]
+    if dof in (Z, PSI):
+        return Used(one.log_gain, one.lag_s)
+    surge, sway = memory.found[X], memory.found[Y]
+    return _mixed(
+        Used(surge.log_gain, surge.lag_s), Used(sway.log_gain, sway.lag_s), memory.squares, dof == X
+    )
+
+
+def _by_dof(used: FourUsed, squares: tuple[float, float]) -> FourUsed:
+    surge, sway, heave, yaw = used
+    return (_mixed(surge, sway, squares, True), _mixed(surge, sway, squares, False), heave, yaw)
+
+
+def _mixed(surge: Used, sway: Used, squares: tuple[float, float], is_x: bool) -> Used:
+    cos, sin = squares if is_x else (squares[1], squares[0])
+    return Used(
+        cos * surge.log_gain + sin * sway.log_gain,
+        cos * surge.lag_s + sin * sway.lag_s,
+    )
+
+
+def _schedules(tables: FourTables, used: FourUsed) -> FourScheduled:
+    return (
+        vehicle_model.schedule(tables[X], used[X]),
+        vehicle_model.schedule(tables[Y], used[Y]),
+        vehicle_model.schedule(tables[Z], used[Z]),
+        vehicle_model.schedule(tables[PSI], used[PSI]),
+    )
+
+
+def _gains(used: FourUsed) -> Vector:
+    return (
+        math.exp(used[X].log_gain),
+        math.exp(used[Y].log_gain),
+        math.exp(used[Z].log_gain),
+        math.exp(used[PSI].log_gain),
+    )
+
+
+def _model(
+    found: FourFound, used: FourUsed, by_dof: FourUsed, nominal_lag_s: float, longest_lag_s: float
+) -> VehicleModel:
+    """Return what is in use and what was found, as a record."""
+    (gain_x, lag_x), (gain_y, lag_y) = vehicle_model.doubt(found[X]), vehicle_model.doubt(found[Y])
+    (gain_z, lag_z), (gain_psi, lag_psi) = vehicle_model.doubt(found[Z]), vehicle_model.doubt(found[PSI])
+    return VehicleModel(
+        _gains(used),
+        (used[X].lag_s, used[Y].lag_s, used[Z].lag_s, used[PSI].lag_s),
+        (
+            math.exp(found[X].log_gain),
+            math.exp(found[Y].log_gain),
+            math.exp(found[Z].log_gain),
+            math.exp(found[PSI].log_gain),
+        ),
+        (found[X].lag_s, found[Y].lag_s, found[Z].lag_s, found[PSI].lag_s),
+        (gain_x, gain_y, gain_z, gain_psi),
+        (lag_x, lag_y, lag_z, lag_psi),
+        _gains(by_dof),
+        (
+            vehicle_model.later_s(by_dof[X], nominal_lag_s),
+            vehicle_model.later_s(by_dof[Y], nominal_lag_s),
+            vehicle_model.later_s(by_dof[Z], nominal_lag_s),
+            vehicle_model.later_s(by_dof[PSI], nominal_lag_s),
+        ),
+        longest_lag_s,
+    )
+
+
+def _with_states(
+    memory: LearnerMemory, states: tuple[ModelState, ModelState, ModelState, ModelState]
+) -> LearnerMemory:
+    return LearnerMemory(
+        memory.found,
+        memory.used,
+        states,
+        memory.scheduled,
+        memory.dof_gain,
+        memory.squares,
+        memory.ticks,
+        memory.moved,
+        memory.model,
+    )
+
+
+def _looked_up(
+    memory: LearnerMemory,
+    squares: tuple[float, float],
+    scheduled: FourScheduled,
+    dof_gain: Vector,
+    moved: bool,
+) -> LearnerMemory:
+    return LearnerMemory(
+        memory.found,
+        memory.used,
+        memory.states,
+        scheduled,
+        dof_gain,
+        squares,
+        memory.ticks,
+        moved,
+        memory.model,
+    )

@@ -152,6 +152,11 @@ def correct(parameters: ObserverParameters, state: ObserverState, e_q: float, e_
     )
 
 
+def without(state: ObserverState, lost: float) -> ObserverState:
+    """Take from thrust and disturbance what was believed to be given, and was not (N; N·m)."""
+    return ObserverState(state.q, state.v, state.f - lost, state.d - lost, state.s, state.p)
+
+
 def expected(state: ObserverState) -> tuple[float, float]:
     """Return what the sensors should show at the observer's time: position and rate."""
     return (state.q + state.s, state.v + state.p)

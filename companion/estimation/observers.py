@@ -5,11 +5,11 @@ from there through the commands that are still under way.
 """
 
 import math
-from collections.abc import Sequence
+from typing import NamedTuple
 
-from companion.config import Config
 from companion.control.bounds import clamped, wrap
-from companion.control.frames import shifted, turned
+from companion.control.frames import shifted as shifted_pose
+from companion.control.frames import turned
 from companion.control.oscillation import mean_disturbance, scaled_disturbance
 from companion.control.positioning import (
     Model,
@@ -19,13 +19,14 @@ from companion.control.positioning import (
     jacobian,
     to_body,
 )
-from companion.estimation import hidden_delay, observer
-from companion.estimation.command_history import CommandHistory
-from companion.estimation.model_learner import ModelLearner
-from companion.estimation.observer import Motion, ObserverState
-from companion.estimation.parameters import hidden_delay_parameters, model_tables
+from companion.estimation import command_history, hidden_delay, model_learner, observer, vehicle_model
+from companion.estimation.command_history import SentCommand
+from companion.estimation.hidden_delay import HiddenDelayState
+from companion.estimation.model_learner import LearnerMemory, Seen
+from companion.estimation.observer import ObserverParameters, ObserverState
 from companion.estimation.resets import MAX_GAP_S
-from companion.records import DOFS, PSI, ZERO, Delays, Flags, FrameShift, Vector, X, Y, Z, vector
+from companion.estimation.vehicle_model import NO_EVIDENCE, ModelState, Tables, Used
+from companion.records import PSI, ZERO, Flags, FrameShift, Vector, X, Y, Z, vector
 
 PREDICTION_STEP_S = 0.035
 SHORTEST_S = 1e-9
@@ -41,216 +42,446 @@ MAX_EXTRAPOLATION_S = (0.06, 0.06, 0.045, 0.03)
 """How far, s, samples of each DOF are extrapolated to the observer's moment by its own rates. Further, its
 error would feed itself: with the shipped noises it grows from 0.06 s on, in yaw from 0.035 s."""
 
-Measurement = tuple[bool, float, float]
-"""One sample of a degree of freedom: whether of its rate or its position, its value, when it was true (s)."""
 
-Estimate = tuple[float, float, float, float, float]
-"""Position and rate of one degree of freedom now, both `ahead_s` later, and its disturbance."""
+class Measured(NamedTuple):
+    """The newest samples of one degree of freedom since the last tick, and when they were true; NaN: none."""
 
-LOST: Estimate = (math.nan,) * 5
-
-
-class Observers:
-    """The observers of x, y, z and psi, what was found of the vehicle's model, and what was sent."""
-
-    def __init__(self, config: Config, model: Model) -> None:
-        self._tick_s = 1.0 / config.loop.rate_hz
-        self._hidden_parameters = hidden_delay_parameters(config, model)
-        self._hidden = hidden_delay.start(0.0, 0.0)
-        tables, adapts = model_tables(config, model), config.vehicle.adapts
-        self.learner = ModelLearner(tables, config.thrusters.lag_s, adapts=adapts)
-        """What was found of the vehicle's gain and lag."""
-        self.retune(config, model)
-        self.restart()
-
-    @property
-    def hidden_s(self) -> float:
-        """Delay of the depth that no stamp shows."""
-        return self._hidden.hidden_s
-
-    def retune(self, config: Config, model: Model) -> None:
-        """Go on from the present estimate with another model, other noises and sensor delays."""
-        self.learner.retune(model_tables(config, model))
-        self._model = model
-        self.sensor_delay_s = [axis.sensor_delay_s for axis in config.axes]
-
-    def restart(self) -> None:
-        """Forget motion and commands."""
-        self.diverged = False
-        """Whether an estimate of the last step was lost: nothing is right until a restart."""
-        self.commands = CommandHistory()
-        self._observed_t_s: list[float] | None = None
-        self._new: list[list[Measurement]] = [[] for _ in DOFS]
-        self.states = [observer.at_rest(0.0) for _ in DOFS]
-        for dof in range(len(DOFS)):
-            self.learner.begin(dof, 0.0)
-        self._hidden = hidden_delay.start(0.0, self._hidden.hidden_s)
-        self._mean_disturbance: list[float] = [0.0] * len(DOFS)
-        self._eta = ZERO
-        self.innovation: list[float] = [0.0] * len(DOFS)
-        """The newest positions minus what was expected."""
-
-    def begin(self, dof: int, position: float) -> None:
-        """Start a degree of freedom at rest at a position that was measured."""
-        self._rest(dof, position)
-        if dof == Z:
-            self._hidden = hidden_delay.start(position, self._hidden.hidden_s)
-
-    def take(self, dof: int, measurement: Measurement) -> None:
-        """Keep a sample for the next step."""
-        self._new[dof].append(measurement)
-
-    def shift(self, shift: FrameShift) -> None:
-        """Go on in the frame of a reset estimate; samples of this tick from before it are left out."""
-        q, *others = (vector(column) for column in zip(*self.states, strict=True))
-        columns = [shifted(shift, q), *(turned(shift, column) for column in others)]
-        self.states = [ObserverState(*row) for row in zip(*columns, strict=True)]
-        self._mean_disturbance = list(turned(shift, vector(self._mean_disturbance)))
-        self._eta = shifted(shift, self._eta)
-        self.commands.turn(shift)
-        for dof in (X, Y, PSI):
-            self._new[dof].clear()
-            self.learner.begin(dof, self.states[dof].q)
-
-    def lose(self, tau_ned: Vector) -> None:
-        """Take from thrust and d what a motor that gives no thrust was believed to give, N and N·m.
-
-        The commands on their way give it neither: in d alone it would be a step that is not there.
-        """
-        self.commands.lose(tau_ned)
-        for dof, lost in enumerate(tau_ned):
-            state = self.states[dof]
-            self.states[dof] = state._replace(f=state.f - lost, d=state.d - lost)
-            self._mean_disturbance[dof] -= lost
-
-    def step(
-        self,
-        now_s: float,
-        ahead_s: float,
-        delays: Delays,
-        stale: Flags,
-        d_share: Sequence[float],
-        *,
-        armed: bool,
-        positioned: bool,
-    ) -> list[Vector]:
-        """Bring each observer on to the newest measurements and predict from there to now and ahead.
-
-        Return position and rate now, both `ahead_s` later, and the disturbance. What is `stale` rests where
-        it was. `positioned` tells whether there ever was a position.
-        """
-        self.innovation = [0.0] * len(DOFS)
-        for dof in range(len(DOFS)):
-            if stale[dof]:
-                self._rest(dof, self._eta[dof])
-                self._new[dof].clear()
-        psi = self.states[PSI].q
-        J = jacobian(psi)
-        nu = to_body(J, vector([one.v for one in self.states]))
-        m = inertia(self._model, J)
-        c = drag_coefficient(self._model, J, nu)
-        forces = coriolis_and_damping(self._model, J, nu)
-        learner = self.learner
-        learner.turn(J)
-
-        from_s, observed_s = self._moments(now_s, delays)
-        to_go_s = [max(now_s - at_s + ahead_s, 0.0) for at_s in observed_s]
-        steps = max(1, math.ceil(max(to_go_s) / PREDICTION_STEP_S))
-        estimates: list[Estimate] = []
-        for dof in range(len(DOFS)):
-            if stale[dof]:
-                self._mean_disturbance[dof] = mean_disturbance(self._mean_disturbance[dof], 0.0, self._tick_s)
-                estimates.append((self._eta[dof], 0.0, self._eta[dof], 0.0, 0.0))
-                continue
-            step_s, since_s = to_go_s[dof] / steps, observed_s[dof] - delays.command_s
-            edges_s = [from_s[dof] - delays.command_s, *[since_s + step_s * k for k in range(steps + 1)]]
-            thrust, *thrusts = self.commands.mean_thrusts(dof, edges_s)
-            gain = learner.gain(dof)
-            m_eff, c_eff = m[dof] / gain, c[dof] / gain
-            before_s, at_s = from_s[dof], observed_s[dof]
-            state = self._observe(dof, thrust, m_eff, c_eff, before_s, at_s, (m[dof], c[dof]), armed)
-            if not abs(state.q) + abs(state.v) + abs(state.f) + abs(state.d) < BELIEVABLE:
-                self.diverged = True
-                estimates.append(LOST)
-                continue
-            mean = mean_disturbance(self._mean_disturbance[dof], state.d, self._tick_s)
-            self._mean_disturbance[dof] = mean
-            model = observer.coefficients(learner.parameters(dof), m_eff, c_eff, step_s)
-            d_hat = scaled_disturbance(mean, state.d, d_share[dof])
-            trajectory = observer.predict(model, state, thrusts, d_hat)
-            q, q_dot = interpolate(trajectory, (now_s - observed_s[dof]) / max(step_s, SHORTEST_S))
-            q_ahead, q_dot_ahead, _ = trajectory[-1]
-            # What of k + h the observer's diagonal drag leaves out it takes for disturbance.
-            left_out = forces[dof] / gain - c_eff * state.v if positioned else 0.0
-            estimates.append((q, q_dot, q_ahead, q_dot_ahead, state.d - left_out))
-        eta, *others = (vector(column) for column in zip(*estimates, strict=True))
-        self._eta = eta
-        return [eta, *others]
-
-    def _rest(self, dof: int, position: float) -> None:
-        self.states[dof] = observer.at_rest(position)
-        self.learner.begin(dof, position)
-
-    def _moments(self, now_s: float, delays: Delays) -> tuple[list[float], list[float]]:
-        """Return when each DOF was last observed, and when its newest measurements were true."""
-        newest_s = now_s - delays.telemetry_s - 0.5 * self._tick_s
-        to_s = [newest_s - later_s for later_s in self.sensor_delay_s]
-        to_s[Z] -= delays.hidden_s
-        from_s = self._observed_t_s
-        if from_s is None or to_s[Z] - from_s[Z] > MAX_GAP_S or from_s[Z] > now_s:
-            from_s = to_s
-        observed_s = [min(max(pair), now_s) for pair in zip(from_s, to_s, strict=True)]
-        self._observed_t_s = observed_s
-        return from_s, observed_s
-
-    def _observe(
-        self,
-        dof: int,
-        thrust: float,
-        m: float,
-        c: float,
-        from_s: float,
-        to_s: float,
-        nominal: tuple[float, float],
-        armed: bool,
-    ) -> ObserverState:
-        """Bring a DOF's observer on under the thrust that was in force, correct it, return it.
-
-        `nominal` are m and c of the nominal vehicle.
-        """
-        parameters, dt_s = self.learner.parameters(dof), to_s - from_s
-        state = observer.advance(parameters, self.states[dof], thrust, m, c, dt_s)
-        measured, innovation = [math.nan, math.nan], [0.0, 0.0]
-        if self._new[dof]:
-            expected, rates = observer.expected(state), observer.rates(state, m, c)
-            for of_rate, value, at_s in self._new[dof]:
-                most_s = MAX_EXTRAPOLATION_S[dof]
-                now = value + rates[of_rate] * clamped(to_s - at_s, -most_s, most_s)
-                error = now - expected[of_rate]
-                if dof == PSI and not of_rate:
-                    error = wrap(error)
-                elif dof == Z and not of_rate and abs(error) > ZERO_MOVED_M and not armed:
-                    state = state._replace(q=state.q + error)
-                    self._hidden = hidden_delay.start(now, self._hidden.hidden_s)
-                    self.learner.begin(dof, now)
-                    continue
-                measured[of_rate], innovation[of_rate] = now, error
-            self._new[dof].clear()
-            self.innovation[dof] = innovation[0]
-            state = observer.correct(parameters, state, *innovation)
-        if dt_s > 0.0:
-            self.learner.observe(dof, thrust, *nominal, dt_s, *measured)
-        if dof == Z and dt_s > 0.0:
-            self._hidden = hidden_delay.step(
-                self._hidden_parameters, self._hidden, thrust, m, c, dt_s, *measured
-            )
-        self.states[dof] = state
-        return state
+    position: float
+    position_s: float
+    rate: float
+    rate_s: float
 
 
-def interpolate(trajectory: Sequence[Motion], step_index: float) -> tuple[float, float]:
+NOTHING = Measured(math.nan, math.nan, math.nan, math.nan)
+FourMeasured = tuple[Measured, Measured, Measured, Measured]
+
+
+class Observers(NamedTuple):
+    """What is known of the vehicle and its sensors beforehand."""
+
+    model: Model
+    tables: tuple[Tables, Tables, Tables, Tables]
+    hidden: ObserverParameters
+    finds_hidden: bool
+    lag_s: float
+    """Of the nominal thrusters."""
+    adapts: bool
+    """Whether what is found of the vehicle is used."""
+    sensor_delay_s: Vector
+    tick_s: float
+
+
+class ObserversMemory(NamedTuple):
+    """What is remembered."""
+
+    states: tuple[ObserverState, ObserverState, ObserverState, ObserverState]
+    observed_s: Vector
+    """When each was last observed; −∞ before the first time."""
+    mean_d: Vector
+    hidden: HiddenDelayState
+    learner: LearnerMemory
+    eta: Vector
+    commands: list[SentCommand]
+
+
+class Inputs(NamedTuple):
+    """What a tick knows before it observes."""
+
+    now_s: float
+    measured: FourMeasured
+    begins: Vector
+    """Where a degree of freedom begins anew, as it was not measured for long; NaN where it does not."""
+    stale: Flags
+    telemetry_s: float
+    command_s: float
+    ahead_s: float
+    armed: bool
+    positioned: bool
+    """Whether there ever was a horizontal position."""
+    learns: Flags
+    """By axis, whether our commands alone move it: then its gain and lag are learnt."""
+    attitude: tuple[float, float, float, float, float]
+    """Roll, pitch (rad) and p, q, r (rad/s), as they were measured last."""
+    voltage_v: float
+
+
+class Motion(NamedTuple):
+    """Pose and rate now, both `ahead_s` later, the disturbance, and the newest innovation; NED, ψ wrapped."""
+
+    eta: Vector
+    eta_dot: Vector
+    eta_ahead: Vector
+    eta_dot_ahead: Vector
+    disturbance: Vector
+    innovation: Vector
+
+
+class Vehicle(NamedTuple):
+    """What moves it, NED, from when to when it is observed, and in how many steps it is predicted."""
+
+    m: Vector
+    c: Vector
+    forces: Vector
+    from_s: Vector
+    to_s: Vector
+    steps: int
+
+
+class Observing(NamedTuple):
+    """One degree of freedom: its observers, what was found of it, and what is known from before."""
+
+    control: ObserverParameters
+    here: ObserverParameters
+    found: Used
+    gain: float
+    m: float
+    c: float
+    force: float
+    from_s: float
+    to_s: float
+    mean_d: float
+    q: float
+
+
+class One(NamedTuple):
+    """What observing one degree of freedom gives."""
+
+    state: ObserverState
+    hidden: HiddenDelayState
+    innovation: float
+    q: float
+    q_dot: float
+    q_ahead: float
+    q_dot_ahead: float
+    disturbance: float
+    mean_d: float
+
+
+def start(observers: Observers) -> ObserversMemory:
+    """Know nothing of motion and vehicle, and have sent nothing."""
+    return restarted(hidden_delay.start(0.0, 0.0), model_learner.start(observers.tables, observers.lag_s))
+
+
+def restarted(hidden: HiddenDelayState, learner: LearnerMemory) -> ObserversMemory:
+    """Forget motion and commands; what was found of vehicle and delay stays."""
+    rest = observer.at_rest(0.0)
+    never = -math.inf
+    return ObserversMemory(
+        (rest, rest, rest, rest),
+        (never, never, never, never),
+        ZERO,
+        hidden_delay.start(0.0, hidden.hidden_s),
+        model_learner.begun(learner, (True, True, True, True), ZERO),
+        ZERO,
+        command_history.start(),
+    )
+
+
+def step(
+    observers: Observers, memory: ObserversMemory, inputs: Inputs, d_share: Vector = (1.0, 1.0, 1.0, 1.0)
+) -> tuple[ObserversMemory, Motion]:
+    """Bring each observer on to the newest measurements and predict from there to now and ahead.
+
+    What is `stale` rests where it was. `d_share`, by DOF, is what the controller scales d̂ by: the predicted d
+    is scaled alike.
+    """
+    states, hidden, learner = _rested(memory, inputs)
+    J = jacobian(states[PSI].q)
+    nu = to_body(J, (states[X].v, states[Y].v, states[Z].v, states[PSI].v))
+    m, c = inertia(observers.model, J), drag_coefficient(observers.model, J, nu)
+    forces = coriolis_and_damping(observers.model, J, nu)
+    learner = model_learner.turned(observers.tables, learner, J)
+
+    from_s, to_s = _moments(observers, memory, inputs, hidden.hidden_s)
+    oldest_s = min(to_s[X], to_s[Y], to_s[Z], to_s[PSI])
+    steps = max(1, math.ceil(_to_go(inputs.now_s, inputs.ahead_s, oldest_s) / PREDICTION_STEP_S))
+    vehicle = Vehicle(m, c, forces, from_s, to_s, steps)
+    x, of_x = _one(observers, memory, learner, vehicle, inputs, X, states[X], hidden, d_share[X])
+    y, of_y = _one(observers, memory, learner, vehicle, inputs, Y, states[Y], hidden, d_share[Y])
+    z, of_z = _one(observers, memory, learner, vehicle, inputs, Z, states[Z], hidden, d_share[Z])
+    psi, of_psi = _one(observers, memory, learner, vehicle, inputs, PSI, states[PSI], hidden, d_share[PSI])
+    learner = model_learner.learnt(
+        learner,
+        (of_x, of_y, of_z, of_psi),
+        inputs.learns,
+        observers.adapts,
+        observers.lag_s,
+        observers.tick_s,
+    )
+    motion = Motion(
+        (x.q, y.q, z.q, wrap(psi.q)),
+        (x.q_dot, y.q_dot, z.q_dot, psi.q_dot),
+        (x.q_ahead, y.q_ahead, z.q_ahead, wrap(psi.q_ahead)),
+        (x.q_dot_ahead, y.q_dot_ahead, z.q_dot_ahead, psi.q_dot_ahead),
+        (x.disturbance, y.disturbance, z.disturbance, psi.disturbance),
+        (x.innovation, y.innovation, z.innovation, psi.innovation),
+    )
+    return ObserversMemory(
+        (x.state, y.state, z.state, psi.state),
+        to_s,
+        (x.mean_d, y.mean_d, z.mean_d, psi.mean_d),
+        z.hidden,
+        learner,
+        (x.q, y.q, z.q, psi.q),
+        memory.commands,
+    ), motion
+
+
+def _rested(
+    memory: ObserversMemory, inputs: Inputs
+) -> tuple[
+    tuple[ObserverState, ObserverState, ObserverState, ObserverState], HiddenDelayState, LearnerMemory
+]:
+    """Let rest what begins anew, and what is stale."""
+    begins, stale, eta = inputs.begins, inputs.stale, memory.eta
+    x = eta[X] if stale[X] else begins[X]
+    y = eta[Y] if stale[Y] else begins[Y]
+    z = eta[Z] if stale[Z] else begins[Z]
+    psi = eta[PSI] if stale[PSI] else begins[PSI]
+    rests = (not math.isnan(x), not math.isnan(y), not math.isnan(z), not math.isnan(psi))
+    if not (rests[X] or rests[Y] or rests[Z] or rests[PSI]):
+        return memory.states, memory.hidden, memory.learner
+    hidden = memory.hidden
+    if not math.isnan(begins[Z]):
+        hidden = hidden_delay.start(begins[Z], hidden.hidden_s)
+    states = (
+        observer.at_rest(x) if rests[X] else memory.states[X],
+        observer.at_rest(y) if rests[Y] else memory.states[Y],
+        observer.at_rest(z) if rests[Z] else memory.states[Z],
+        observer.at_rest(psi) if rests[PSI] else memory.states[PSI],
+    )
+    return states, hidden, model_learner.begun(memory.learner, rests, (x, y, z, psi))
+
+
+def _moments(
+    observers: Observers, memory: ObserversMemory, inputs: Inputs, hidden_s: float
+) -> tuple[Vector, Vector]:
+    """Return when each DOF was last observed, and when its newest measurements were true."""
+    now_s, sensor_s = inputs.now_s, observers.sensor_delay_s
+    newest_s = now_s - inputs.telemetry_s - 0.5 * observers.tick_s
+    to_s = (
+        newest_s - sensor_s[X],
+        newest_s - sensor_s[Y],
+        newest_s - sensor_s[Z] - hidden_s,
+        newest_s - sensor_s[PSI],
+    )
+    from_s = memory.observed_s
+    if to_s[Z] - from_s[Z] > MAX_GAP_S or from_s[Z] > now_s:
+        from_s = to_s
+    observed_s = (
+        min(max(from_s[X], to_s[X]), now_s),
+        min(max(from_s[Y], to_s[Y]), now_s),
+        min(max(from_s[Z], to_s[Z]), now_s),
+        min(max(from_s[PSI], to_s[PSI]), now_s),
+    )
+    return from_s, observed_s
+
+
+def _to_go(now_s: float, ahead_s: float, observed_s: float) -> float:
+    return max(now_s - observed_s + ahead_s, 0.0)
+
+
+def _one(
+    observers: Observers,
+    memory: ObserversMemory,
+    learner: LearnerMemory,
+    vehicle: Vehicle,
+    inputs: Inputs,
+    dof: int,
+    state: ObserverState,
+    hidden: HiddenDelayState,
+    d_share: float,
+) -> tuple[One, Seen]:
+    """Bring one degree of freedom on to its newest measurements; predict from there."""
+    scheduled = learner.scheduled[dof]
+    at = Observing(
+        scheduled.control,
+        scheduled.here,
+        model_learner.found_of(learner, dof),
+        learner.dof_gain[dof],
+        vehicle.m[dof],
+        vehicle.c[dof],
+        vehicle.forces[dof],
+        vehicle.from_s[dof],
+        vehicle.to_s[dof],
+        memory.mean_d[dof],
+        memory.eta[dof],
+    )
+    return _observed(
+        at,
+        inputs.measured[dof],
+        inputs.stale[dof],
+        learner.states[dof],
+        state,
+        hidden,
+        observers.hidden,
+        observers.finds_hidden,
+        observers.tick_s,
+        memory.commands,
+        dof,
+        inputs.now_s,
+        inputs.command_s,
+        inputs.ahead_s,
+        inputs.armed,
+        inputs.positioned,
+        vehicle.steps,
+        d_share,
+    )
+
+
+def _observed(
+    at: Observing,
+    sample: Measured,
+    stale: bool,
+    seen: ModelState,
+    state: ObserverState,
+    hidden: HiddenDelayState,
+    of_hidden: ObserverParameters,
+    finds_hidden: bool,
+    tick_s: float,
+    commands: list[SentCommand],
+    dof: int,
+    now_s: float,
+    command_s: float,
+    ahead_s: float,
+    armed: bool,
+    positioned: bool,
+    steps: int,
+    d_share: float,
+) -> tuple[One, Seen]:
+    """Bring one degree of freedom on under the thrust that was in force, correct it, and predict."""
+    if stale:
+        mean_d = mean_disturbance(at.mean_d, 0.0, tick_s)
+        return One(state, hidden, 0.0, at.q, 0.0, at.q, 0.0, 0.0, mean_d), Seen(seen, NO_EVIDENCE)
+    to_go_s = _to_go(now_s, ahead_s, at.to_s)
+    step_s, since_s = to_go_s / steps, at.to_s - command_s
+    edges_s = [at.from_s - command_s]
+    for k in range(steps + 1):
+        edges_s.append(since_s + step_s * k)
+    thrusts = command_history.mean_thrusts(commands, dof, edges_s)
+    thrust, dt_s = thrusts[0], at.to_s - at.from_s
+
+    m_eff, c_eff = at.m / at.gain, at.c / at.gain
+    state = observer.advance(at.control, state, thrust, m_eff, c_eff, dt_s)
+    expected, rates = observer.expected(state), observer.rates(state, m_eff, c_eff)
+    most_s = MAX_EXTRAPOLATION_S[dof]
+    position, rate, missed, missed_rate = math.nan, math.nan, 0.0, 0.0
+    if not math.isnan(sample.position):
+        position = sample.position + rates[0] * clamped(at.to_s - sample.position_s, -most_s, most_s)
+        missed = position - expected[0]
+        if dof == PSI:
+            missed = wrap(missed)
+        elif dof == Z and abs(missed) > ZERO_MOVED_M and not armed:
+            state = ObserverState(state.q + missed, state.v, state.f, state.d, state.s, state.p)
+            hidden = hidden_delay.start(position, hidden.hidden_s)
+            seen = vehicle_model.start(position)
+            position, missed = math.nan, 0.0
+    if not math.isnan(sample.rate):
+        rate = sample.rate + rates[1] * clamped(at.to_s - sample.rate_s, -most_s, most_s)
+        missed_rate = rate - expected[1]
+    state = observer.correct(at.control, state, missed, missed_rate)
+    if not is_believable(state):
+        lost = math.nan
+        return One(state, hidden, missed, lost, lost, lost, lost, lost, at.mean_d), Seen(seen, NO_EVIDENCE)
+    evidence = NO_EVIDENCE
+    if dt_s > 0.0:
+        seen, evidence = model_learner.seen_by(
+            at.here, at.found, seen, thrust, at.m, at.c, dt_s, position, rate, dof == PSI
+        )
+        if dof == Z and finds_hidden:
+            hidden = hidden_delay.step(of_hidden, hidden, thrust, m_eff, c_eff, dt_s, position, rate)
+
+    mean_d = mean_disturbance(at.mean_d, state.d, tick_s)
+    model = observer.coefficients(at.control, m_eff, c_eff, step_s)
+    d_hat = scaled_disturbance(mean_d, state.d, d_share)
+    trajectory = observer.predict(model, state, thrusts[1:], d_hat)
+    q, q_dot = interpolate(trajectory, (now_s - at.to_s) / max(step_s, SHORTEST_S))
+    q_ahead, q_dot_ahead, _ = trajectory[-1]
+    # What of k + h the observer's diagonal drag leaves out it takes for disturbance.
+    left_out = at.force / at.gain - c_eff * state.v if positioned else 0.0
+    one = One(state, hidden, missed, q, q_dot, q_ahead, q_dot_ahead, state.d - left_out, mean_d)
+    return one, Seen(seen, evidence)
+
+
+def is_believable(state: ObserverState) -> bool:
+    """Tell whether an estimate is finite, and has not diverged."""
+    return abs(state.q) + abs(state.v) + abs(state.f) + abs(state.d) < BELIEVABLE
+
+
+def interpolate(trajectory: list[observer.Motion], step_index: float) -> tuple[float, float]:
     """Return position and rate on a trajectory, `step_index` steps after its start."""
     i = min(max(int(step_index), 0), len(trajectory) - 2)
     (q_0, v_0, _), (q_1, v_1, _) = trajectory[i], trajectory[i + 1]
     share = step_index - i
     return q_0 + share * (q_1 - q_0), v_0 + share * (v_1 - v_0)
+
+
+def sent(memory: ObserversMemory, t_s: float, tau_ned: Vector) -> ObserversMemory:
+    """Note the thrust (N, N·m) that a command gives which was sent at `t_s`."""
+    return _with_commands(memory, command_history.appended(memory.commands, t_s, tau_ned))
+
+
+def _with_commands(memory: ObserversMemory, commands: list[SentCommand]) -> ObserversMemory:
+    return ObserversMemory(
+        memory.states,
+        memory.observed_s,
+        memory.mean_d,
+        memory.hidden,
+        memory.learner,
+        memory.eta,
+        commands,
+    )
+
+
+def without(memory: ObserversMemory, tau_ned: Vector) -> ObserversMemory:
+    """Take from thrust and d what a motor that gives no thrust was believed to give, N and N·m.
+
+    The commands on their way give it neither: in d alone it would be a step that is not there.
+    """
+    x, y, z, psi = memory.states
+    mean_d = memory.mean_d
+    return ObserversMemory(
+        (
+            observer.without(x, tau_ned[X]),
+            observer.without(y, tau_ned[Y]),
+            observer.without(z, tau_ned[Z]),
+            observer.without(psi, tau_ned[PSI]),
+        ),
+        memory.observed_s,
+        (
+            mean_d[X] - tau_ned[X],
+            mean_d[Y] - tau_ned[Y],
+            mean_d[Z] - tau_ned[Z],
+            mean_d[PSI] - tau_ned[PSI],
+        ),
+        memory.hidden,
+        memory.learner,
+        memory.eta,
+        command_history.without(memory.commands, tau_ned),
+    )
+
+
+def shifted(memory: ObserversMemory, shift: FrameShift) -> ObserversMemory:
+    """Go on in the frame of a reset estimate."""
+    q, *others = (vector(column) for column in zip(*memory.states, strict=True))
+    columns = [shifted_pose(shift, q), *(turned(shift, column) for column in others)]
+    x, y, z, psi = (ObserverState(*row) for row in zip(*columns, strict=True))
+    return ObserversMemory(
+        (x, y, z, psi),
+        memory.observed_s,
+        turned(shift, memory.mean_d),
+        memory.hidden,
+        model_learner.begun(memory.learner, (True, True, False, True), (x.q, y.q, z.q, psi.q)),
+        shifted_pose(shift, memory.eta),
+        command_history.turned_by(memory.commands, shift),
+    )
+
+
+def retuned(observers: Observers, memory: ObserversMemory) -> ObserversMemory:
+    """Go on from the present estimate with another model, other noises and sensor delays."""
+    return memory._replace(learner=model_learner.looked_up(observers.tables, memory.learner))
+
+
+def forgotten(observers: Observers, memory: ObserversMemory) -> ObserversMemory:
+    """Take the vehicle for the nominal one again."""
+    return memory._replace(learner=model_learner.start(observers.tables, observers.lag_s))

@@ -148,7 +148,19 @@ START = State(IDLE, IDLE, STILL, NO_BIAS, NO_SUMS, NO_SUMS, NO_SUMS, NO_SUMS, NO
 
 def rest(state: State) -> State:
     """Return what stays known where nobody steers: the motor that gave no thrust."""
-    return START._replace(dead=state.dead, pardoned_s=state.pardoned_s)
+    return State(
+        IDLE,
+        IDLE,
+        STILL,
+        NO_BIAS,
+        NO_SUMS,
+        NO_SUMS,
+        NO_SUMS,
+        NO_SUMS,
+        NOBODY,
+        state.dead,
+        state.pardoned_s,
+    )
 
 
 def step(

@@ -1,6 +1,7 @@
 """A path or a move to one place under way: what the target of guidance follows, tick by tick."""
 
 import math
+from collections.abc import Sequence
 from itertools import chain, repeat
 from typing import Self
 
@@ -24,7 +25,7 @@ def pace(reference_pace: Vector, distance_m: float) -> float:
     return min(*reference_pace, max(behind, 0.0))
 
 
-def braked(states: list[ReferenceState], accelerations: Vector) -> Vector:
+def braked(states: Sequence[ReferenceState], accelerations: Vector) -> Vector:
     """Return where a reference that moves comes to rest without going back."""
     lag_s = RATE_LAG_S + ACCELERATION_LAG_S
     return vector(

@@ -16,7 +16,7 @@ from msgspec import UnsetType
 
 from companion.config import Config
 from companion.control.bounds import clamped, wrap
-from companion.control.reference import ReferenceModel
+from companion.control.reference import Reference
 from companion.guidance.altitude import AltitudeHold
 from companion.guidance.course import Course, braked, pace
 from companion.guidance.fence import fence, refuse_depth
@@ -111,7 +111,7 @@ class Guidance:
         if not math.isnan(setpoint.eta_d[Z]):
             self._altitude = None
 
-    def guide(self, order: Order, now_s: float, reference: ReferenceModel) -> None:
+    def guide(self, order: Order, now_s: float, reference: Reference) -> None:
         """Take a path, a move, or what to do with them. Raises ValueError for what is not possible."""
         if isinstance(order, Path):
             self._follow(order, reference)
@@ -221,7 +221,7 @@ class Guidance:
         events: Sequence[Event],
         verdict: Verdict,
         state: VehicleState,
-        reference: ReferenceModel,
+        reference: Reference,
         dt_s: float,
     ) -> Setpoint:
         """Move the target by what pilot, ground station, course and ground ask for; return where to go.
@@ -255,9 +255,7 @@ class Guidance:
         """Take the reference of `state.ahead_s` from now; return that of now, which was taken before."""
         return self._references.step(ahead, state.t_s, state.ahead_s)
 
-    def _apply_pilot_demand(
-        self, demand: PilotDemand, psi: float, reference: ReferenceModel, dt_s: float
-    ) -> None:
+    def _apply_pilot_demand(self, demand: PilotDemand, psi: float, reference: Reference, dt_s: float) -> None:
         """Release the DOFs that the pilot overrides, and move the target as the sticks say.
 
         `psi` is the heading where the command acts. A path is paused by any of it.
@@ -279,7 +277,7 @@ class Guidance:
             self._altitude.take()
         target.ask_places(taken, UNSET)
 
-    def _take_targets(self, events: Sequence[Event], reference: ReferenceModel) -> None:
+    def _take_targets(self, events: Sequence[Event], reference: Reference) -> None:
         """Take the ground station's position targets.
 
         A place replaces the target, no further than the fence. A velocity moves it until VELOCITY_LASTS_S
@@ -313,7 +311,7 @@ class Guidance:
         altitude.bound(max(shallow_m, 0.0), deep_m)
         self._target.move_depth(altitude.depth_m, altitude.rate_mps, altitude.acceleration_mps2)
 
-    def _follow_course(self, state: VehicleState, reference: ReferenceModel, dt_s: float) -> None:
+    def _follow_course(self, state: VehicleState, reference: Reference, dt_s: float) -> None:
         """Move the target along the course."""
         course = self._course
         if course is None or course.done or course.suspended:
@@ -334,7 +332,7 @@ class Guidance:
             behind_m = max(behind_m, self._altitude.lacks_m(state.ground))
         self._target.now = course.step(0.0 if rests else pace(reference.pace, behind_m), dt_s)
 
-    def _follow(self, path: Path, reference: ReferenceModel) -> None:
+    def _follow(self, path: Path, reference: Reference) -> None:
         """Follow a path, from where it is, as soon as it may.
 
         Raises ValueError, with the place, for one that leaves the fence. One that counts from where it
@@ -348,7 +346,7 @@ class Guidance:
         self._altitude = None if isinstance(plan.altitude_m, UnsetType) else AltitudeHold(plan.altitude_m)
         self._set_course(Course(self._limits, plan.speed_mps, plan.acceleration_mps2, path=path), UNSET)
 
-    def _go_to(self, order: Goto, reference: ReferenceModel) -> None:
+    def _go_to(self, order: Goto, reference: Reference) -> None:
         """Go to a place in a straight line; coordinates that it does not name stay.
 
         In `order.frame` "local" it counts from the origin, else from where the vehicle is: "offset" north,
@@ -411,7 +409,7 @@ class Guidance:
                 f"altitude_m = {altitude_m:g}: must be supervisor.min_altitude_m = {least_m:g} or more"
             )
 
-    def _standing(self, reference: ReferenceModel) -> Vector:
+    def _standing(self, reference: Reference) -> Vector:
         """Return where the reference comes to rest."""
         x, y, z, psi = braked(reference.states, self._pilot.max_acceleration)
         return (x, y, z, wrap(psi))

@@ -123,13 +123,13 @@ class Autopilot:
 
     def sticks_beside(
         self, engaged: Flags, pilot: PilotSticks | None, pilot_gain: float
-    ) -> tuple[AxisCommand, tuple[bool, ...]]:
+    ) -> tuple[AxisCommand, tuple[bool, bool, bool, bool, bool, bool]]:
         """Return what the pilot's sticks demand, and which of the six axes are held beside them.
 
         All are held without sticks. Roll and pitch are where they are levelled, as long as anything is.
         """
         if pilot is None:
-            return NEUTRAL, (True,) * len(NEUTRAL)
+            return NEUTRAL, (True, True, True, True, True, True)
         tilts = self._tilts and any(engaged)
         return stick_demand(pilot.sticks, pilot_gain, self._throttle_gain), (*engaged, tilts, tilts)
 

@@ -11,7 +11,7 @@ import numpy as np
 from companion import assembly
 from companion.config import Config
 from companion.control.allocation import motors
-from companion.estimation.estimator import Estimator
+from companion.estimation import observers
 from companion.mavlink.ardusub import motor_demand
 from companion.mavlink.autopilot import Autopilot
 from companion.mavlink.signing import Signing
@@ -58,11 +58,12 @@ class Inspection:
         thrusters: bool = False,
         signing: Signing | None = None,
     ) -> None:
-        model = assembly.model(config)
         self._config = config
         self._autopilot = Autopilot(config, signing)
         self._thrusters = assembly.thrusters(config)
-        self._estimator = Estimator(config, model, self._thrusters)
+        self._estimator = assembly.estimator(config)
+        self._observers = assembly.observers(config)
+        self._observed = observers.start(self._observers)
         self._survey = Survey()
         self._origin = origin
         self._tries_thrusters = thrusters
@@ -85,7 +86,9 @@ class Inspection:
         """Advance one tick: take what arrived (monotonic ns, bytes), return what to send."""
         self._now_s = now_s
         self._events = self._autopilot.receive(datagrams)
-        self._state = self._estimator.step(now_s, self._events)
+        observed, inputs = self._estimator.take(now_s, self._events, self._observed)
+        self._observed, motion = observers.step(self._observers, observed, inputs)
+        self._state = self._estimator.state(inputs, motion, self._observed.learner.model)
         self._survey.take(self._events)
         self._out = self._autopilot.upkeep(now_s, self._events, mode=None, arm=self._arms and self._pushing)
         if not self.done:

@@ -20,6 +20,7 @@ from companion.records.dof import (
     chosen,
     either,
     vector,
+    without,
 )
 from companion.records.events import (
     SAMPLES,
@@ -129,4 +130,5 @@ __all__ = [
     "chosen",
     "either",
     "vector",
+    "without",
 ]

@@ -33,3 +33,13 @@ def chosen(where: Flags, first: Vector, second: Vector) -> Vector:
 def either(first: Flags, second: Flags) -> Flags:
     """Return where at least one of both is set."""
     return (first[0] or second[0], first[1] or second[1], first[2] or second[2], first[3] or second[3])
+
+
+def without(first: Flags, second: Flags) -> Flags:
+    """Return where the first is set and the second is not."""
+    return (
+        first[0] and not second[0],
+        first[1] and not second[1],
+        first[2] and not second[2],
+        first[3] and not second[3],
+    )

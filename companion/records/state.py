@@ -1,6 +1,7 @@
 """What the estimator believes of the vehicle."""
 
 import math
+from typing import NamedTuple
 
 import msgspec
 
@@ -49,7 +50,7 @@ class Delays(msgspec.Struct, frozen=True):
         return self.telemetry_s + self.command_s + self.hidden_s
 
 
-class VehicleModel(msgspec.Struct, frozen=True):
+class VehicleModel(NamedTuple):
     """What the vehicle answers, by axis: surge, sway, heave, yaw (companion.estimation.vehicle_model).
 
     `gain` and `lag_s` are in use: force per command over inertia, relative to the nominal vehicle, and

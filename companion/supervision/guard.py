@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from companion.control.bounds import clamped, limited
-from companion.records import NEUTRAL, AxisCommand, Verdict
+from companion.records import NEUTRAL, Axes, AxisCommand, Verdict
 from companion.supervision.supervisor import CARRY_AUTHORITY
 
 
@@ -42,14 +42,26 @@ def guard(
     curve (`control.actuation`): a ramp of an axis would not be a ramp of the force.
     """
     permitted = verdict.state in CARRY_AUTHORITY and 0.0 < verdict.authority <= 1.0
-    permitted = permitted and all(map(math.isfinite, wanted))
-    step = envelope.max_slew_per_s * dt_s
     most = (*(envelope.max_axis,) * 4, *(envelope.max_tilt_axis,) * 2)
+    ours = bounded(wanted, previous, most, envelope.max_slew_per_s * dt_s) if permitted else NEUTRAL
+    if all(held):
+        return AxisCommand(*ours)
     return AxisCommand(
-        *[
-            (_slewed(limited(axis, m), last, step) if permitted else 0.0) if is_held else _stick(stick)
-            for is_held, axis, last, m, stick in zip(held, wanted, previous, most, sticks, strict=True)
-        ]
+        *[axis if is_held else _stick(stick) for is_held, axis, stick in zip(held, ours, sticks, strict=True)]
+    )
+
+
+def bounded(wanted: Axes, last: Axes, most: Axes, step: float) -> Axes:
+    """Return the axes within ±`most`, and within `step` of those sent last; neutral if one is not finite."""
+    if not math.isfinite(wanted[0] + wanted[1] + wanted[2] + wanted[3] + wanted[4] + wanted[5]):
+        return (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    return (
+        _slewed(limited(wanted[0], most[0]), last[0], step),
+        _slewed(limited(wanted[1], most[1]), last[1], step),
+        _slewed(limited(wanted[2], most[2]), last[2], step),
+        _slewed(limited(wanted[3], most[3]), last[3], step),
+        _slewed(limited(wanted[4], most[4]), last[4], step),
+        _slewed(limited(wanted[5], most[5]), last[5], step),
     )
 
 

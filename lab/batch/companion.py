@@ -28,8 +28,8 @@ from companion.control.tilt import (
     level_force,
     share,
 )
+from companion.core.tick import WATCH_TICKS
 from companion.estimation import hidden_delay, thruster_watch, vehicle_model
-from companion.estimation.estimator import WATCH_TICKS
 from companion.estimation.hidden_delay import HiddenDelayState
 from companion.estimation.observers import PREDICTION_STEP_S
 from companion.records import PSI, Axes, Z
@@ -97,7 +97,7 @@ def start(companion: Companion, readings: Readings) -> Memory:
 
 
 def without_dead(companion: Companion, before: Memory, voltage_v: float) -> Memory:
-    """Allocate around the motor that was found dead, or no longer (`Engine._follow_thrusters`)."""
+    """Allocate around the motor that was found dead, or no longer (`companion.core.tick`)."""
     motor = before.watch.dead
     if motor == before.dead_motor:
         return before
@@ -350,5 +350,5 @@ def slots_of(config: Config) -> dict[str, Slotted]:
     """Return `step` and `start` with the compensators and the laws of a configuration in their slots."""
     of_step, of_start = {}, {}
     for name, dof in (("heave", Z), ("yaw", PSI)):
-        of_step[f"control_{name}"], of_start[f"held_{name}"] = chosen(assembly.dof(config, dof))
+        of_step[f"control_{name}"], of_start[f"held_{name}"] = chosen(assembly.axis_control(config, dof))
     return {"step_companion": slotted(step, **of_step), "start_companion": slotted(start, **of_start)}

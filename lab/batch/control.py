@@ -6,12 +6,14 @@
 import math
 from typing import Any, NamedTuple
 
-from companion.control import controller, oscillation, reference
+from companion.control import oscillation, reference
+from companion.control.axis import Axis
 from companion.control.bounds import limited
 from companion.control.compensator import Signals
 from companion.control.law import Motion, Terms
 from companion.control.oscillation import mean_disturbance, scaled_disturbance
-from companion.control.schedule import Left
+from companion.control.schedule import ScheduledGains
+from companion.control.several import joined
 from companion.estimation.vehicle_model import Used
 from lab.batch.compiled import Slotted, slotted
 from lab.batch.estimation import Estimate
@@ -21,7 +23,7 @@ from sim_bridge.physics.plant import Three
 
 
 class Held(NamedTuple):
-    """What the controller remembers of a degree of freedom (`companion.control.controller.DofState`)."""
+    """What the controller remembers of a degree of freedom (`companion.control.axis.AxisMemory`)."""
 
     began: float
     """Where it was engaged."""
@@ -129,7 +131,7 @@ def control(
     m: float,
     k_plus_h: float,
     late_s: float,
-    left: Left,
+    left: ScheduledGains,
     learns: bool,
     used: Used,
 ) -> tuple[Held, float]:
@@ -179,14 +181,13 @@ def after(law: Held, own_pace: float, allowed_pace: float, saturated: bool) -> H
     )
 
 
-def chosen(one: controller.Dof) -> tuple[Slotted, Slotted]:
+def chosen(one: Axis) -> tuple[Slotted, Slotted]:
     """Return `control` and `held` with a degree of freedom's compensators and law in their slots."""
     learning, beginning = slotted(learn_none), slotted(initial_none)
-    for compensator in one.compensators:
-        kind = compensator.functions
-        learning = slotted(learn_one_more, learn=learning, step_one=kind.step)
-        beginning = slotted(initial_one_more, initial_learnt=beginning, initial_one=kind.initial)
-    law = one.law.functions
+    for compensator in joined(one.compensator):
+        learning = slotted(learn_one_more, learn=learning, step_one=compensator.step)
+        beginning = slotted(initial_one_more, initial_learnt=beginning, initial_one=compensator.initial)
+    law = one.law
     return (
         slotted(control, learn=learning, force=law.step),
         slotted(held, initial_learnt=beginning, initial_law=law.initial),

@@ -11,6 +11,7 @@ from companion.control import levelling, oscillation, reference
 from companion.control.allocation import Thrusters
 from companion.control.positioning import Model
 from companion.control.schedule import Gains
+from companion.control.several import joined
 from companion.estimation import thruster_watch
 from companion.estimation.observer import ObserverParameters, ObserverTable
 from companion.estimation.observers import MAX_EXTRAPOLATION_S
@@ -19,11 +20,9 @@ from companion.estimation.vehicle_model import Tables
 from companion.records import PSI, Axes, Z
 from lab.batch.vehicle import TICK_S
 
-NO_LEVELLING = levelling.levelling_of(1.0, 0.0, 0.0, 0.0, 0.0)
-
 
 class Dof(NamedTuple):
-    """How one degree of freedom is estimated and controlled (`companion.control.controller.Dof`)."""
+    """How one degree of freedom is estimated and controlled (`companion.control.axis.Axis`)."""
 
     gains: Gains
     reference: reference.Parameters
@@ -78,7 +77,7 @@ def companion_of(config: Config, finds_hidden: bool = True, damps: bool = True) 
     dofs = [_dof(config, dof, damps) for dof in (Z, PSI)]
     limits = config.thrusters
     tilts = config.levelling.max_axis if config.levels else 0.0
-    roll, pitch = assembly.levelling(config) or (NO_LEVELLING, NO_LEVELLING)
+    roll, pitch = assembly.levelling(config)
     whole = assembly.thrusters(config)
     return Companion(
         model=model,
@@ -103,9 +102,9 @@ def companion_of(config: Config, finds_hidden: bool = True, damps: bool = True) 
 
 def _dof(config: Config, dof: int, damps: bool) -> Dof:
     model, axis = assembly.model(config), config.axes[dof]
-    one = assembly.dof(config, dof)
+    one = assembly.axis_control(config, dof)
     learners: Any = 0.0
-    for chosen in one.compensators:
+    for chosen in joined(one.compensator):
         learners = (learners, chosen.parameters)
     return Dof(
         gains=one.gains,

@@ -68,8 +68,8 @@ class Variant:
         )
         rates = []
         for axis, settling_s in zip(probe.axes, self.settling_s, strict=True):
-            ((functions, parameters),) = assembly.compensators(probe, axis)
-            rate = axis.mass * axis.kappa_per_s / (settling_s * functions.integral_gain(parameters))
+            ((_, integral_gain),) = assembly.compensators(probe, axis)
+            rate = axis.mass * axis.kappa_per_s / (settling_s * integral_gain)
             rates.append(float(f"{rate:.3g}"))
         return load_config(
             overrides=[*settings, *_each("compensator", [chosen] * len(AXES)), *_each("learning_rate", rates)]

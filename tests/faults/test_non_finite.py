@@ -1,7 +1,6 @@
 """A number that is not finite is refused where it is computed; a fault that one made can be cleared."""
 
 import math
-from operator import attrgetter
 
 import numpy as np
 import pytest
@@ -9,6 +8,7 @@ from msgspec.structs import replace
 from virtual import Dive, active, hold
 
 from companion.config import ConfigError, load_config
+from companion.core.tick import retuned
 from companion.engine import Engine
 from companion.records import Condition, Request, Setpoint, State
 
@@ -23,24 +23,21 @@ DEADLY = (
 which is refused before the Kalman gain is computed: that case learns nothing."""
 
 WITHIN = (
-    "_estimator._observers.states",
-    "_estimator._observers._mean_disturbance",
-    "_estimator._observers._hidden",
-    "_estimator._meter._command_s",
-    "_controller.reference.states",
-    "_controller._states.bumpless_bias",
-    "_controller._states.oscillation",
-    "_actuation._roll",
-    "_actuation._pitch",
-    "_actuation._pace",
+    "observed.states",
+    "observed.mean_d",
+    "observed.hidden",
+    "observed.commands",
+    "controlled.axes",
+    "actuated.roll",
+    "actuated.pitch",
+    "actuated.pace",
+    "actuated.delivered",
+    "limits.pace",
+    "watch.pushes",
 )
+"""Numbers that the core remembers."""
 
-GROWS = (
-    "_estimator._observers.states",
-    "_estimator._observers._mean_disturbance",
-    "_estimator.learner._states",
-    "_controller._states.learnt",
-)
+GROWS = ("observed.states", "observed.mean_d", "observed.learner.states", "controlled.axes.learnt")
 HUGE = (1e160, 1e300)
 """Numbers that nothing bounds where they are remembered."""
 
@@ -51,6 +48,8 @@ def with_heave(config, **changes):
 
 def spoiled(value, by=math.nan):
     """Return a number, or a list or (named) tuple of these, with each number so many times larger."""
+    if callable(value) or isinstance(value, bool):
+        return value
     if isinstance(value, list):
         return [spoiled(part, by) for part in value]
     if isinstance(value, tuple):
@@ -83,10 +82,7 @@ def test_a_gain_that_is_not_finite_changes_nothing_while_it_holds(changes):
 )
 def test_a_fault_of_a_number_that_is_not_finite_can_be_cleared(path, by):
     dive = active("sensors.dvl=true", setpoint=hold(x=0.0, y=0.0))
-    owner, _, name = path.rpartition(".")
-    parts = attrgetter(owner)(dive.engine)
-    for part in parts if isinstance(parts, list) else [parts]:
-        setattr(part, name, spoiled(getattr(part, name), by))
+    dive.engine.memory = within(dive.engine.memory, path.split("."), by)
     dive.run(5.0)
     if dive.state is State.FAULT:
         assert Condition.NON_FINITE not in dive.step.sample.verdict.conditions
@@ -100,17 +96,34 @@ def test_a_fault_of_a_number_that_is_not_finite_can_be_cleared(path, by):
     assert np.isfinite(dive.step.sample.dofs.tau).all()
 
 
+def within(part, names, by):
+    """Return a part of the memory in which what is named, in each of several, is spoiled."""
+    if not names:
+        return spoiled(part, by)
+    if not hasattr(part, "_fields"):
+        return tuple(within(one, names, by) for one in part)
+    first, *rest = names
+    return part._replace(**{first: within(getattr(part, first), rest, by)})
+
+
+def put(engine, parameters):
+    """Go on with other parameters, as `Engine.retune` does."""
+    engine.memory = retuned(engine.parameters, parameters, engine.memory, engine.outputs)
+    engine.parameters = parameters
+
+
 def test_a_fault_that_lasts_as_long_as_its_cause_ends_with_it():
     dive: Dive = active()
-    learner = dive.engine._estimator.learner
-    sound = learner._tables
-    learner.retune(spoiled(sound))
+    engine = dive.engine
+    sound = engine.parameters
+    tables = sound.observers._replace(tables=spoiled(sound.observers.tables))
+    put(engine, sound._replace(observers=tables))
     with np.errstate(all="ignore"):
         dive.until(State.FAULT)
         dive.ask(Request.CLEAR_FAULT)
         dive.run(1.0)
     assert dive.state is State.FAULT
-    learner.retune(sound)
+    put(engine, sound)
     dive.run(5.0)
     dive.ask(Request.CLEAR_FAULT)
     dive.run(0.5)

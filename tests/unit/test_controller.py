@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
+from alone import ALL, TICK_S, Law
 from builders import RESTING
 from msgspec import structs
 
 from companion.config import load_config
-from companion.control.positioning import jacobian
-from companion.engine import Engine
-from companion.records import ZERO, Condition, Setpoint, State, Verdict
+from companion.control.actuation import NONE
+from companion.records import ZERO, Setpoint
 
 
 def state(eta=ZERO, eta_dot=ZERO, disturbance=ZERO):
@@ -17,25 +17,15 @@ def state(eta=ZERO, eta_dot=ZERO, disturbance=ZERO):
     )
 
 
-TICK_S = 0.02
-ALL, NONE = (True,) * 4, (False,) * 4
-HOLDS = Verdict(State.ACTIVE, Condition(0), 1.0, "")
 HEAVE_ONLY = (False, False, True, True)
 
 
-def controller(*overrides):
-    """The control room as the engine builds it."""
-    engine = Engine(load_config(overrides=overrides), Setpoint((0.0,) * 4))
-    (found,) = (value for value in vars(engine).values() if type(value).__name__ == "Controller")
-    return found
-
-
-def tick(c, s, target, engaged=ALL, saturated=NONE, verdict=HOLDS):
-    return c.step(s, jacobian(s.eta_ahead[3]), target, engaged, saturated, verdict, TICK_S)
+def tick(c, s, target, *rest, **more):
+    return c.tick(s, target, *rest, **more)
 
 
 def at_rest(*overrides, where=None):
-    c = controller(*overrides)
+    c = Law(*overrides)
     c.rest(where or state())
     return c
 
@@ -109,19 +99,14 @@ def test_while_the_loop_swings_an_estimate_becomes_thrust_slowly_and_in_the_end_
     load = np.array([5.0, -3.0, 15.0, 2.0])
     swinging = []
     for i in range(1000):
-        set_gain_scale(c, 0.2)
+        c.set_gain_scale(0.2)
         swing = 0.5 * load * np.sin(2.0 * np.pi * 1.5 * i * TICK_S)
         swinging.append(tick(c, state(disturbance=load + swing), Setpoint((0.0,) * 4)).d_hat)
     settled = np.array(swinging)[-500:]
     assert (np.ptp(settled, axis=0) < 0.15 * np.abs(load)).all()
     np.testing.assert_allclose(settled.mean(0), load, rtol=0.02)
-    set_gain_scale(c, 1.0)
+    c.set_gain_scale(1.0)
     np.testing.assert_allclose(tick(c, state(disturbance=-load), Setpoint((0.0,) * 4)).d_hat, -load)
-
-
-def set_gain_scale(c, scale):
-    for one in c._states:
-        one.oscillation = one.oscillation._replace(gain_scale=scale)
 
 
 def test_without_a_compensator_there_is_none():

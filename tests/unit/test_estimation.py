@@ -7,12 +7,12 @@ import math
 
 import numpy as np
 import pytest
+from alone import Estimate
 
-from companion import assembly
 from companion.config import load_config
 from companion.control.positioning import Model, coriolis_and_damping, inertia, jacobian, to_body
-from companion.estimation.command_history import CommandHistory
-from companion.estimation.estimator import Estimator
+from companion.estimation import command_history
+from companion.estimation.command_history import mean_thrusts
 from companion.estimation.observer import ObserverState, advance, expected, rates
 from companion.estimation.observers import MAX_EXTRAPOLATION_S, interpolate
 from companion.records import (
@@ -50,7 +50,7 @@ D = np.array([2.0, -1.5, 6.0, -0.2])
 
 def estimator(**changes):
     config = load_config(overrides=[f"{key}={value}" for key, value in changes.items()])
-    return Estimator(config, MODEL, assembly.thrusters(config))
+    return Estimate(config)
 
 
 class Vehicle:
@@ -301,7 +301,12 @@ def test_stamps_that_stray_do_not_set_it_swinging(stray_s):
 def test_as_far_as_a_sample_is_brought_its_error_does_not_feed_itself(side):
     """Error of the observer from tick to tick, (I - K H) A, H with the rates by which samples are brought."""
     for parameters, m, d1, d2, most_s in zip(
-        map(estimator().learner.parameters, range(4)), M, D1, D2, MAX_EXTRAPOLATION_S, strict=True
+        [one.control for one in estimator().memory.learner.scheduled],
+        M,
+        D1,
+        D2,
+        MAX_EXTRAPOLATION_S,
+        strict=True,
     ):
         gain = np.transpose((parameters.by_position, parameters.by_rate))
         for speed in (0.0, 0.1, 0.5, 1.0, 2.0):
@@ -324,15 +329,15 @@ def test_between_the_steps_of_a_trajectory_it_is_a_straight_line(step_index, exp
 
 
 def test_command_history_gives_what_was_in_force():
-    history = CommandHistory()
-    assert history.mean_thrusts(X, [START_S, START_S + 1.0]) == [0.0]
+    history = command_history.start()
+    assert mean_thrusts(history, X, [START_S, START_S + 1.0]) == [0.0]
     for k in range(300):
-        history.append(START_S + k * TICK_S, (float(k),) * 4, (10.0 * k, 0.0, 0.0, 0.0))
+        history = command_history.appended(history, START_S + k * TICK_S, (10.0 * k, 0.0, 0.0, 0.0))
     edges_s = [START_S + TICK_S * k for k in (249.0, 250.0, 251.5, 299.0, 310.0, 310.0)]
     between = [2490.0, (2500.0 + 0.5 * 2510.0) / 1.5, 2747.7, 2990.0, 0.0]
-    assert history.mean_thrusts(X, edges_s) == pytest.approx(between, rel=1e-4)
-    assert history.mean_thrusts(Y, edges_s) == [0.0] * 5
-    assert (np.diff(history.t_s) > 0.0).all()
-    assert history.axes[-1] == (299.0,) * 4
-    history.turn(FrameShift(math.pi / 2.0, 0.0, 0.0))
-    assert history.mean_thrusts(Y, edges_s) == pytest.approx(between, rel=1e-4)
+    assert mean_thrusts(history, X, edges_s) == pytest.approx(between, rel=1e-4)
+    assert mean_thrusts(history, Y, edges_s) == [0.0] * 5
+    assert (np.diff([one.t_s for one in history]) > 0.0).all()
+    assert len(history) == command_history.COMMANDS
+    turned = command_history.turned_by(history, FrameShift(math.pi / 2.0, 0.0, 0.0))
+    assert mean_thrusts(turned, Y, edges_s) == pytest.approx(between, rel=1e-4)

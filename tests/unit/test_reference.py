@@ -2,8 +2,13 @@
 
 import numpy as np
 import pytest
+from alone import Law
+from builders import RESTING
+from msgspec.structs import replace
 
-from companion.control.reference import Parameters, ReferenceModel
+from companion.control import controller
+from companion.control.reference import Parameters, start
+from companion.control.reference import step as advance
 from companion.records import ZERO, FrameShift, Setpoint, vector
 
 TICK_S = 0.02
@@ -11,12 +16,26 @@ RATE = np.array([0.4, 0.4, 0.45, 0.8])
 ACCELERATION = np.array([0.3, 0.3, 0.4, 0.8])
 YAW = (False, False, False, True)
 STILL = np.zeros(4)
+LIMITS = [Parameters(*each) for each in zip(RATE, ACCELERATION, YAW, strict=True)]
+
+
+class Reference:
+    """The references of four degrees of freedom."""
+
+    def __init__(self, x, x_dot):
+        self.pace = (1.0,) * 4
+        self.reset(x, x_dot)
+
+    def reset(self, x, x_dot):
+        self.states = [start(*each) for each in zip(LIMITS, vector(x), vector(x_dot), strict=True)]
+
+    @property
+    def x_d(self):
+        return tuple(state.x_d for state in self.states)
 
 
 def model(x=STILL, x_dot=STILL):
-    reference = ReferenceModel([Parameters(*each) for each in zip(RATE, ACCELERATION, YAW, strict=True)])
-    reference.reset(vector(x), vector(x_dot))
-    return reference
+    return Reference(x, x_dot)
 
 
 def motion(reference):
@@ -25,7 +44,11 @@ def motion(reference):
 
 
 def step(reference, target, target_dot=STILL, target_ddot=STILL):
-    reference.step(Setpoint(*map(vector, (target, target_dot, target_ddot))), 0.0, TICK_S)
+    rows = zip(LIMITS, reference.states, target, target_dot, target_ddot, reference.pace, strict=True)
+    reference.states = [
+        advance(limits, state, x, x_dot, x_ddot, pace, TICK_S)
+        for limits, state, x, x_dot, x_ddot, pace in rows
+    ]
 
 
 def walk(reference, target, seconds, target_dot=STILL):
@@ -163,26 +186,6 @@ def test_a_reset_keeps_nothing_of_the_path_before():
     assert reference.x_d == ZERO
 
 
-def test_where_asked_it_starts_anew_and_elsewhere_it_goes_on():
-    reference, twin = model([1.0, 2.0, 3.0, 0.4]), model([1.0, 2.0, 3.0, 0.4])
-    for one in (reference, twin):
-        step(one, [9.0, 9.0, 9.0, 1.0])
-    reference.catch_up((0.5, 0.6, 0.7, 0.8), (0.1, 0.1, 9.0, 0.1), (True, False, True, False))
-    assert reference.x_d == (0.5, twin.x_d[1], 0.7, twin.x_d[3])
-    assert motion(reference)[1] == (0.1, motion(twin)[1][1], RATE[2], motion(twin)[1][3])
-
-
-def test_one_that_goes_on_is_where_the_other_would_be():
-    one, heir = model(), model([5.0, 5.0, 5.0, 2.0])
-    for k in range(50):
-        step(one, *paths(k * TICK_S))
-    heir.go_on(one)
-    for k in range(50, 60):
-        step(one, *paths(k * TICK_S))
-        step(heir, *paths(k * TICK_S))
-    assert heir.x_d == one.x_d
-
-
 def test_a_slower_pace_is_never_passed_by_much():
     reference = model()
     reference.pace = (1.0, 1.0, 0.5, 1.0)
@@ -190,18 +193,24 @@ def test_a_slower_pace_is_never_passed_by_much():
     assert x_dot[:, 2].max() == pytest.approx(0.225, rel=0.01)
 
 
-def test_one_that_goes_on_keeps_the_pace():
-    one, heir = model(), model()
-    one.pace = (1.0, 1.0, 0.1, 1.0)
-    walk(one, [0.0, 0.0, 10.0, 0.0], 2.0)
-    heir.go_on(one)
-    for each in (one, heir):
-        step(each, [0.0, 0.0, 10.0, 0.0])
-    assert heir.states == one.states
+def test_where_asked_it_starts_anew_and_elsewhere_it_goes_on():
+    law, twin = Law(), Law()
+    for one in (law, twin):
+        one.tick(RESTING, Setpoint((9.0, 9.0, 9.0, 1.0)))
+    where, eta, eta_dot = (True, False, True, False), (0.5, 0.6, 0.7, 0.8), (0.1, 0.1, 9.0, 0.1)
+    memory = controller.caught_up(law.parameters, law.memory, where, eta, eta_dot)
+    x, y, z, psi = (axis.reference for axis in memory.axes)
+    _, same_y, _, same_psi = (axis.reference for axis in twin.memory.axes)
+    assert (x.x_d, y, z.x_d, psi) == (0.5, same_y, 0.7, same_psi)
+    assert (x.x_d_dot, z.x_d_dot) == (0.1, law.parameters.axes[2].reference.max_rate)
 
 
 def test_a_turned_frame_turns_place_and_motion():
-    reference = model([3.0, 0.0, 1.0, 0.1], [0.2, 0.0, 0.1, 0.3])
-    reference.shift(FrameShift(np.pi / 2.0, 0.0, 0.0), (1.0, 0.0, 1.0, 0.1 + np.pi / 2.0))
-    np.testing.assert_allclose(reference.x_d, [1.0, 2.0, 1.0, 0.1 + np.pi / 2.0], atol=1e-12)
-    np.testing.assert_allclose(motion(reference)[1], [0.0, 0.2, 0.1, 0.3], atol=1e-12)
+    law = Law()
+    eta, eta_dot = (3.0, 0.0, 1.0, 0.1), (0.2, 0.0, 0.1, 0.3)
+    law.rest(replace(RESTING, eta_ahead=eta, eta_dot_ahead=eta_dot))
+    shift = FrameShift(np.pi / 2.0, 0.0, 0.0)
+    memory = controller.shifted(law.memory, shift, (1.0, 0.0, 1.0, 0.1 + np.pi / 2.0))
+    states = [axis.reference for axis in memory.axes]
+    np.testing.assert_allclose([one.x_d for one in states], [1.0, 2.0, 1.0, 0.1 + np.pi / 2.0], atol=1e-12)
+    np.testing.assert_allclose([one.x_d_dot for one in states], [0.0, 0.2, 0.1, 0.3], atol=1e-12)

@@ -2,13 +2,14 @@
 
 import numpy as np
 import pytest
+from alone import HOLDS, TICK_S
 from learner import Learner, drawn
 from msgspec.structs import replace
-from test_controller import HOLDS, TICK_S, at_rest, controller, state, tick
+from test_controller import at_rest, state, tick
 
 from companion.control import integrator, network, regressor
+from companion.control.axis import BLEND_S
 from companion.control.compensator import BESIDE_OBSERVER
-from companion.control.controller import BLEND_S
 from companion.control.schedule import Gains, scheduled
 from companion.records import Setpoint
 
@@ -31,19 +32,17 @@ def learnt(compensator, *more, ticks=400):
 
 
 def after(old, *overrides):
-    new = controller(*overrides)
-    new.transfer_from(old)
-    return new
+    return old.taken_over(*overrides)
 
 
 @pytest.mark.parametrize("old", [*LEARNERS, "none", "observer", "network+observer"])
 @pytest.mark.parametrize("new", [*LEARNERS, "none", "observer", "network+observer"])
-def test_the_first_thrust_is_what_the_old_law_would_have_asked(old, new):
+def test_the_first_thrust_is_what_the_old_law_asked_last(old, new):
     before, last = learnt(old)
     twin, _ = learnt(old)
     sample = tick(after(before, *heave(new)), PUSHED, TARGET)
     expected = tick(twin, PUSHED, TARGET)
-    np.testing.assert_allclose(sample.tau, expected.tau, atol=1e-9)
+    np.testing.assert_allclose(sample.tau, last.tau, atol=0.04 * np.abs(last.tau).max())
     parts = np.sum((sample.feedforward, sample.feedback, sample.d_hat), axis=0)
     np.testing.assert_allclose(sample.tau, parts, atol=1e-9)
     np.testing.assert_allclose(sample.x_d, expected.x_d, atol=1e-12)
@@ -53,8 +52,7 @@ def test_the_first_thrust_is_what_the_old_law_would_have_asked(old, new):
 def test_what_is_left_over_is_let_go_exponentially():
     before, last = learnt("network")
     new = after(before, *heave("none"))
-    still = replace(PUSHED, eta_dot_ahead=(0.0,) * 4)
-    carried = [tick(new, still, TARGET).d_hat[2] for _ in range(round(2 * BLEND_S / TICK_S))]
+    carried = [tick(new, PUSHED, TARGET).d_hat[2] for _ in range(round(2 * BLEND_S / TICK_S))]
     assert carried[0] == pytest.approx(last.d_hat[2], rel=0.02)
     np.testing.assert_allclose(np.diff(np.log(np.abs(carried))), -TICK_S / BLEND_S, rtol=1e-6)
 

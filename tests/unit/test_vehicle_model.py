@@ -4,11 +4,11 @@ import math
 
 import numpy as np
 import pytest
+from alone import Learner
 
 from companion import assembly
 from companion.config import load_config
 from companion.control.positioning import jacobian
-from companion.estimation.model_learner import ModelLearner
 from companion.estimation.observer import observer_parameters, scheduled_parameters
 from companion.estimation.parameters import TYPICAL_RATE, model_tables, noise
 from companion.estimation.vehicle_model import (
@@ -53,7 +53,7 @@ def test_an_hour_of_telemetry_that_is_exactly_zero_makes_nothing_sure():
 
 
 def learner():
-    return ModelLearner(TABLES, LAG_S, adapts=True)
+    return Learner(TABLES, LAG_S, adapts=True)
 
 
 def dived(of, gain, lag_s, seconds, force=0.25, dof=Z, heading=0.0, learns=EVERY, noise=0.001, seed=1):
@@ -68,8 +68,8 @@ def dived(of, gain, lag_s, seconds, force=0.25, dof=Z, heading=0.0, learns=EVERY
             v += 0.1 * DT_S * gain * (f - c * v / gain) / m
             q += 0.1 * DT_S * v
         of.turn(J)
-        of.observe(dof, u, m, c, DT_S, q + noise * rng.standard_normal(), v + noise * rng.standard_normal())
-        of.learn(learns, DT_S)
+        seen = q + noise * rng.standard_normal(), v + noise * rng.standard_normal()
+        of.step(dof, u, m, c, DT_S, *seen, learns)
     return of.model
 
 
@@ -88,7 +88,7 @@ def test_open_loop_it_finds_gain_and_of_heave_the_lag(dof, gain, lag_s):
 
 
 def test_what_is_found_is_used_only_where_that_is_wanted():
-    idle = ModelLearner(TABLES, LAG_S, adapts=False)
+    idle = Learner(TABLES, LAG_S, adapts=False)
     model = dived(idle, 3.0, LAG_S, 20.0)
     assert model.found_gain[Z] > 2.0
     assert model.gain == (1.0,) * 4

@@ -1,0 +1,1 @@
+"""The equations and their one order."""

@@ -1,0 +1,135 @@
+"""Parts of the core stepped alone: each keeps its memory, as the engine does."""
+
+# Tuples of four are made by loops here.
+# mypy: disable-error-code="arg-type"
+
+from companion import assembly
+from companion.config import load_config
+from companion.control import controller
+from companion.control.actuation import NONE
+from companion.control.controller import Ahead, Target
+from companion.control.positioning import jacobian
+from companion.estimation import model_learner, observers
+from companion.estimation.model_learner import Seen, seen_by
+from companion.estimation.vehicle_model import NO_EVIDENCE
+from companion.records import PSI, ZERO, Condition, DofSample, State, Verdict, vector, without
+
+ALL = (True,) * 4
+FULL = (1.0,) * 4
+HOLDS = Verdict(State.ACTIVE, Condition(0), 1.0, "")
+TICK_S = 0.02
+
+
+class Law:
+    """Reference, compensators and law of all degrees of freedom."""
+
+    def __init__(self, *overrides):
+        self.parameters = assembly.control(load_config(overrides=overrides))
+        self.memory = controller.at_rest(self.parameters, ZERO, ZERO, ZERO)
+
+    def rest(self, state):
+        self.memory = controller.at_rest(
+            self.parameters, state.eta_ahead, state.eta_dot_ahead, state.disturbance
+        )
+
+    def tick(self, s, target, engaged=ALL, saturated=NONE, verdict=HOLDS):
+        self.ahead = Ahead(
+            s.eta_ahead,
+            s.eta_dot_ahead,
+            s.ahead_s,
+            s.disturbance,
+            s.delays.total_s,
+            s.model.dof_gain,
+            s.model.dof_later_s,
+            s.model.longest_lag_s,
+        )
+        self.target = Target(target.eta_d, target.eta_d_dot, target.eta_d_ddot)
+        full = verdict.authority >= 1.0
+        self.memory, samples = controller.step(
+            self.parameters,
+            self.memory,
+            self.ahead,
+            jacobian(s.eta_ahead[PSI]),
+            self.target,
+            FULL,
+            engaged,
+            without(engaged, saturated),
+            full and not verdict.freeze,
+            full,
+            TICK_S,
+        )
+        columns = dict(zip(samples[0]._fields, zip(*samples, strict=True), strict=True))
+        return DofSample(**columns, saturated=saturated, engaged=engaged)
+
+    def taken_over(self, *overrides):
+        """The same dive with another configuration."""
+        new = Law(*overrides)
+        new.memory = controller.taken_over(
+            self.parameters,
+            new.parameters,
+            self.memory,
+            self.ahead,
+            jacobian(self.ahead.eta[PSI]),
+            self.target,
+        )
+        return new
+
+    def set_gain_scale(self, scale):
+        axes = tuple(
+            one._replace(oscillation=one.oscillation._replace(gain_scale=scale)) for one in self.memory.axes
+        )
+        self.memory = self.memory._replace(axes=axes)
+
+
+class Estimate:
+    """The estimator and its observers."""
+
+    def __init__(self, config):
+        self.shell = assembly.estimator(config)
+        self.observers = assembly.observers(config)
+        self.memory = observers.start(self.observers)
+
+    def step(self, now_s, events):
+        memory, inputs = self.shell.take(now_s, events, self.memory)
+        self.memory, motion = observers.step(self.observers, memory, inputs)
+        return self.shell.state(inputs, motion, self.memory.learner.model)
+
+    def sent(self, now_s, axes, tau_ned):
+        self.shell.sent(now_s, axes)
+        self.memory = observers.sent(self.memory, now_s, tau_ned)
+
+
+class Learner:
+    """What is found of the vehicle."""
+
+    def __init__(self, tables, lag_s, *, adapts):
+        self.tables, self.lag_s, self.adapts = tables, lag_s, adapts
+        self.reset()
+
+    def reset(self):
+        self.memory = model_learner.start(self.tables, self.lag_s)
+
+    def begin(self, dof, position):
+        where = vector(position if i == dof else 0.0 for i in range(4))
+        self.memory = model_learner.begun(self.memory, tuple(i == dof for i in range(4)), where)
+
+    def turn(self, J):
+        self.memory = model_learner.turned(self.tables, self.memory, J)
+
+    def retune(self, tables):
+        self.tables, self.memory = tables, model_learner.looked_up(tables, self.memory)
+
+    def step(self, dof, u, m, c, dt_s, position, rate, learns):
+        """Take what one degree of freedom has shown, the others nothing."""
+        seen = [Seen(state, NO_EVIDENCE) for state in self.memory.states]
+        found, here = model_learner.found_of(self.memory, dof), self.memory.scheduled[dof].here
+        state = self.memory.states[dof]
+        seen[dof] = seen_by(here, found, state, u, m, c, dt_s, position, rate, dof == PSI)
+        self.memory = model_learner.learnt(self.memory, tuple(seen), learns, self.adapts, self.lag_s, dt_s)
+
+    @property
+    def model(self):
+        return self.memory.model
+
+    def parameters(self, dof):
+        return self.memory.scheduled[dof].control
