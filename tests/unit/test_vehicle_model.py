@@ -48,7 +48,7 @@ def test_an_hour_of_telemetry_that_is_exactly_zero_makes_nothing_sure():
     """Without an EKF origin depth and climb are 0 to the last bit."""
     one = learner()
     for _ in range(180_000):
-        one.observe(Z, 0.0, MODEL.m[Z], MODEL.d1[Z], DT_S, 0.0, 0.0)
+        one.step(Z, 0.0, MODEL.m[Z], MODEL.d1[Z], DT_S, 0.0, 0.0, NONE)
     assert dived(one, 3.0, LAG_S, 60.0).gain[Z] > 2.0
 
 
