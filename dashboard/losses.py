@@ -2,6 +2,9 @@
 
 from companion.telemetry.schemas import EVERY_TICK
 
+MAX_LOST_TICKS = 1_000_000
+"""Whose number rises by more was started anew: five hours and a half at 50 Hz."""
+
 
 class Losses:
     """Counts the samples of every tick: whoever takes one says so, and then its number if it is a `Loop`.
@@ -21,7 +24,7 @@ class Losses:
         self._came += tail in EVERY_TICK
         if tail != "loop":
             return
-        if self._last is not None and tick > self._last:
+        if self._last is not None and 0 < tick - self._last <= MAX_LOST_TICKS:
             sent = round((tick - self._last) / self._ticks_per_sample)
             self.lost += max(0, sent * len(EVERY_TICK) - self._came)
         self._last, self._came = tick, 0

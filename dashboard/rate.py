@@ -5,12 +5,15 @@ from collections import deque
 RATE_S = 5.0
 """The rate is that of so many seconds."""
 
+MAX_COUNTS = 1024
+"""Of what comes more often, or of a time that stands still, the rate is that of so many counts."""
+
 
 class Rate:
     """How fast a number counts up, such as that of ticks or of bytes."""
 
     def __init__(self) -> None:
-        self._counts: deque[tuple[float, int]] = deque()
+        self._counts: deque[tuple[float, int]] = deque(maxlen=MAX_COUNTS)
 
     def add(self, at_s: float, count: int) -> None:
         """Take the number at a time."""

@@ -69,7 +69,7 @@ class Subscription(SessionThread):
         """Return the same with the senders' stamps."""
         messages: list[Stamped] = []
         if self._events is not None:
-            while (sample := self._events.try_recv()) is not None:
+            while len(messages) < _RING and (sample := self._events.try_recv()) is not None:
                 messages.append(_stamped(str(sample.key_expr), sample))
         if self._subscriber is not None:
             while len(messages) < _RING and (sample := self._subscriber.try_recv()) is not None:
@@ -107,7 +107,7 @@ class Subscription(SessionThread):
             return telemetry.Reply(done=False, said=f"nobody takes '{command}' for '{vehicle}'")
         try:
             return msgspec.json.decode(answer, type=telemetry.Reply)
-        except msgspec.MsgspecError as error:
+        except (msgspec.MsgspecError, RecursionError) as error:
             return telemetry.Reply(
                 done=False, said=f"'{vehicle}' answered '{command}' with no Reply: {error}"
             )

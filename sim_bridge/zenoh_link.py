@@ -17,6 +17,7 @@ from sim_bridge.vehicle import Truth
 
 RETRY_S = 1.0
 ANSWER_S = 3.0
+MAX_MESSAGE_BYTES = 1 << 16
 SCHEMA = "application/json;holdfast.sim.Truth.v1"
 
 
@@ -55,7 +56,7 @@ def answer(payload: bytes, take: Callable[[Fault], None]) -> Reply:
     """Take a fault out of a query's payload, whatever the bytes."""
     try:
         fault = msgspec.json.decode(payload, type=Fault)
-    except (msgspec.MsgspecError, UnicodeDecodeError) as error:
+    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
         return Reply(done=False, said=f"no fault: {error}")
     take(fault)
     return Reply(done=True, said=f"{fault.kind} begins in {fault.at_s:g} s")
@@ -76,7 +77,7 @@ def inject(endpoint: str, vehicle: str, fault: Fault) -> Reply:
             for reply in session.get(fault_key(vehicle), payload=payload, timeout=ANSWER_S):
                 if reply.ok is not None:
                     return msgspec.json.decode(reply.ok.payload.to_bytes(), type=Reply)
-    except (zenoh.ZError, msgspec.MsgspecError) as error:
+    except (zenoh.ZError, msgspec.MsgspecError, RecursionError) as error:
         return Reply(done=False, said=f"{endpoint}: {error}")
     return Reply(
         done=False,
@@ -93,6 +94,7 @@ def client(endpoint: str) -> zenoh.Config:
     """Return the configuration of a client of one endpoint; raise RefusedError for what is none."""
     config = zenoh.Config()
     config.insert_json5("mode", '"client"')
+    config.insert_json5("transport/link/rx/max_message_size", str(MAX_MESSAGE_BYTES))
     try:
         config.insert_json5("connect/endpoints", msgspec.json.encode([endpoint]).decode())
     except zenoh.ZError as error:

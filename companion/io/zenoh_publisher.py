@@ -27,6 +27,7 @@ from companion.telemetry import schemas as telemetry
 from companion.telemetry.commands import COMMANDS
 from companion.telemetry.samples import encode
 from companion.telemetry.session import RETRY_S, SessionThread, configuration
+from holdfast import RefusedError
 
 _QUEUE = 64  # samples: 1.3 s at 50 Hz
 _MAIL = 256  # events and answers
@@ -145,8 +146,8 @@ class Publisher(SessionThread):
 
     def _open_file(self) -> zenoh.Session | None:
         try:
-            session = zenoh.open(zenoh.Config.from_file(self._endpoint))
-        except zenoh.ZError as error:
+            session = zenoh.open(configuration(self._endpoint))
+        except (zenoh.ZError, RefusedError) as error:
             if not self._name_checked.is_set():
                 _log.warning("zenoh: %s: %s", self._endpoint, error)
             self._name_checked.set()

@@ -5,15 +5,14 @@ docs/telemetry.md lists every key, field, unit and rate, and is made from this f
 One JSON object per key, with every field always present and the encoding `application/json;holdfast.Dof.v1`.
 A version may gain fields; a changed meaning makes a new one.
 
-Never a null: a number that is not finite leaves as 0.0, and its field is named in `absent`. What is stale is
-named there too: its source was silent for longer than the supervisor's timeout; it keeps its last value, and
-its rate is zero. An age that is infinite (the signal never came) leaves as `NEVER_S`. Every object has `t_s`,
-the companion's monotonic clock, and `boot_s`, the vehicle's, which lines it up with anything else the vehicle
-stamped. `raw` alone is MessagePack.
+Never a null: a number that is not finite, or beyond `MAX_NUMBER`, leaves as 0.0, and its field is named in
+`absent`. What is stale is named there too: its source was silent for longer than the supervisor's timeout; it
+keeps its last value, and its rate is zero. An age that is infinite (the signal never came) leaves as
+`NEVER_S`. Every object has `t_s`, the companion's monotonic clock, and `boot_s`, the vehicle's, which lines
+it up with anything else the vehicle stamped. `raw` alone is MessagePack.
 """
 
-import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from functools import cache
 from typing import Annotated, Any, Literal
 
@@ -25,6 +24,8 @@ from companion.telemetry.words import means
 
 ENDPOINT = "tcp/127.0.0.1:7447"  # where Zenoh is looked for, and listened on where nobody does
 NEVER_S = 1e6
+MAX_NUMBER = 2**53
+"""No number that is published is larger: further on, JavaScript's whole numbers have gaps."""
 TRUTH_ENCODING = "application/json;holdfast.sim.Truth.v1"
 CONFIG_ENCODING = "application/json;holdfast.Config.v1"
 TICKS_PER_SAMPLE = "holdfast_ticks_per_sample"
@@ -196,6 +197,7 @@ class Recorder(Record, frozen=True, kw_only=True):
     free_bytes: Annotated[int, means("free space on the disk")]
     said: Annotated[str, means("status text")]
     lost: Annotated[int, means("missing samples, found by the tick numbers")] = 0
+    left_out: Annotated[int, means("samples that no file can hold: too large, nested, of a wrong time")] = 0
 
 
 class Plan(Record, frozen=True, kw_only=True):
@@ -378,12 +380,29 @@ def decode(key: str, payload: bytes) -> Schema:
         )
     try:
         record: Schema = _decoders[_DECODED[tail]].decode(payload)
-    except msgspec.MsgspecError as error:
+        if isinstance(record, Dof) and tail != f"dof/{record.dof}":
+            raise ValueError(f"it is of the degree of freedom '{record.dof}'")
+        check_numbers(record)
+    except (msgspec.MsgspecError, ValueError, RecursionError) as error:
         raise ValueError(
             f"{key} does not hold a holdfast.{_DECODED[tail].__name__}.v1: {error}. "
             "Does another version of Holdfast, or somebody else, publish under this key?"
         ) from error
     return record
+
+
+def check_numbers(record: msgspec.Struct) -> None:
+    """Raise ValueError for a number beyond `MAX_NUMBER`: what is computed of it could overflow."""
+    if not _in_range(msgspec.structs.astuple(record)):
+        raise ValueError("a number in it is too large")
+
+
+def _in_range(values: Iterable[object]) -> bool:
+    return all(
+        _in_range(value) if isinstance(value, tuple) else -MAX_NUMBER <= value <= MAX_NUMBER
+        for value in values
+        if isinstance(value, float | int | tuple)
+    )
 
 
 def printable(text: str) -> str:
@@ -407,14 +426,16 @@ def _root(vehicle: str) -> str:
 def to_json(record: Schema) -> bytes:
     """Return the record as JSON without a null."""
     payload = _encoder.encode(record)
-    return payload if b":null" not in payload else _encoder.encode(_without_nulls(record))
+    if b":null" not in payload and _in_range(msgspec.structs.astuple(record)):
+        return payload
+    return _encoder.encode(_without_nulls(record))
 
 
 def _without_nulls(record: Schema) -> Schema:
     broken = [
         name
         for name in record.__struct_fields__
-        if isinstance(value := getattr(record, name), float) and not math.isfinite(value)
+        if isinstance(value := getattr(record, name), float) and not abs(value) <= MAX_NUMBER
     ]
     absent = tuple(dict.fromkeys((*record.absent, *broken)))
     return msgspec.structs.replace(record, absent=absent, **dict.fromkeys(broken, 0.0))

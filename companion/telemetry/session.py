@@ -16,6 +16,9 @@ from companion.telemetry.schemas import TICKS_PER_SAMPLE
 from holdfast import RefusedError
 
 RETRY_S = 0.2
+MAX_MESSAGE_BYTES = 1 << 20
+"""A larger message is dropped before it is here: a path and a raw tick, the largest, have a quarter of it."""
+_MAX_MESSAGE = "transport/link/rx/max_message_size", str(MAX_MESSAGE_BYTES)
 _OPEN_MS = 1000  # for the handshake: somebody who is stopped still accepts a connection
 
 
@@ -69,8 +72,8 @@ class SessionThread(ABC):
                             self._serve(session)
                         continue
                 self._closing.wait(RETRY_S)
-        except Exception as error:
-            self.failure = error
+        except BaseException as error:  # Zenoh's PanicException is no Exception
+            self.failure = error if isinstance(error, Exception) else RuntimeError(str(error))
             raise
 
 
@@ -84,7 +87,9 @@ def configuration(
     """
     if Path(endpoint).is_file():
         try:
-            return zenoh.Config.from_file(endpoint)
+            config = zenoh.Config.from_file(endpoint)
+            config.insert_json5(*_MAX_MESSAGE)
+            return config
         except zenoh.ZError as error:
             raise RefusedError(f"{endpoint}: is no Zenoh configuration: {error}") from error
     if not re.fullmatch(r"[a-z0-9_-]+/[^/?#]+.*", endpoint):
@@ -92,6 +97,7 @@ def configuration(
             f"'{endpoint}' is no Zenoh endpoint, such as tcp/192.168.2.2:7447, and no file of `holdfast keys`"
         )
     config = zenoh.Config()
+    config.insert_json5(*_MAX_MESSAGE)
     keys: dict[str, object] = {
         "mode": "peer" if listen else "client",
         "connect/endpoints": [] if listen else [endpoint],

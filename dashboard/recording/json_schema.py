@@ -6,6 +6,9 @@ import msgspec
 
 from companion.telemetry import schemas as telemetry
 
+MAX_BYTES = 1 << 14
+"""No schema is made of a larger sample."""
+
 _TYPES = {bool: "boolean", int: "integer", float: "number", str: "string"}
 _UNTYPED = {"type": "string"}
 
@@ -14,21 +17,21 @@ def schema_of(encoding: str, payload: bytes) -> tuple[str, bytes]:
     """Return name and JSON Schema of what is published with `encoding`.
 
     That of the telemetry's own record where the encoding names one, and otherwise what the payload shows.
-    Raises ValueError for a payload that is neither of these nor a JSON object.
+    Raises ValueError for a payload that is neither of these nor a JSON object of `MAX_BYTES` at most.
     """
     name = encoding.partition(";")[2]
     record = getattr(telemetry, name.rpartition(".v")[0].rpartition(".")[2], None)
     if isinstance(record, type) and issubclass(record, msgspec.Struct):
         return name, msgspec.json.encode(plain(msgspec.json.schema(record)))
-    if "json" not in encoding:
-        raise ValueError(f"{encoding} is no JSON")
+    if "json" not in encoding or len(payload) > MAX_BYTES:
+        raise ValueError(f"{encoding} is no JSON, or {len(payload)} bytes are too many")
     try:
         example = msgspec.json.decode(payload)
-    except (msgspec.DecodeError, UnicodeDecodeError) as error:
+        if isinstance(example, dict):
+            return name or "unnamed", msgspec.json.encode(inferred(example))
+    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
         raise ValueError(f"no JSON: {error}") from error
-    if not isinstance(example, dict):
-        raise ValueError("JSON, but no object")
-    return name or "unnamed", msgspec.json.encode(inferred(example))
+    raise ValueError("JSON, but no object")
 
 
 def plain(schema: dict[str, Any]) -> dict[str, Any]:

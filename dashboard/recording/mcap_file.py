@@ -5,7 +5,7 @@
 
 import os
 import struct
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from io import BytesIO
@@ -30,6 +30,12 @@ MAGIC = b"\x89MCAP0\r\n"
 MAX_TIME_NS = 2**63 - 1
 """No sample is later: whoever computes with times does so in signed 64 bits."""
 
+MAX_SAMPLE_BYTES = 1 << 20
+MAX_ENCODING_BYTES = 255
+"""Zenoh itself ends a process that publishes with a longer one."""
+MAX_CHANNELS = 256
+"""In a file: keys, each with its encoding."""
+
 FREE_BYTES, MAX_RATIO = 16 << 20, 30
 """A file may unpack to this, and to so many times what was read of it: ours take six times."""
 
@@ -46,6 +52,15 @@ class Item(NamedTuple):
     payload: bytes
     log_ns: int
     publish_ns: int
+
+
+def is_time(utc_ns: int) -> bool:
+    """Tell whether a file can hold this time."""
+    return 0 <= utc_ns <= MAX_TIME_NS
+
+
+class TooManyChannelsError(ValueError):
+    """A sample would need one channel too many."""
 
 
 # --- Writing ----------------------------------------------------------------------------------------------
@@ -93,9 +108,13 @@ class Disk:
 class Recording:
     """A file being written. Everything raises OSError when the disk fails: then `give_up`."""
 
-    def __init__(self, path: Path, disk: Disk | None = None) -> None:
+    def __init__(
+        self, path: Path, disk: Disk | None = None, reserved: Collection[tuple[str, str]] = ()
+    ) -> None:
+        """`reserved` are keys with their encodings that get a channel even when `MAX_CHANNELS` are taken."""
         self.path = path
         self.messages = 0
+        self._reserved = reserved
         self._disk = disk or Disk(path)
         self._writer = Writer(
             cast(BinaryIO, self._disk), chunk_size=CHUNK_BYTES, compression=CompressionType[COMPRESSION]
@@ -114,7 +133,14 @@ class Recording:
         return self._disk.tell()
 
     def add(self, item: Item) -> None:
-        """Write a sample, under a schema of its own where it is JSON."""
+        """Write a sample, under a schema of its own where it is JSON.
+
+        Raises ValueError, and leaves the file as it is, for a sample that no recording holds.
+        """
+        if not (is_time(item.log_ns) and is_time(item.publish_ns)):
+            raise ValueError("a time that cannot be")
+        if len(item.payload) > MAX_SAMPLE_BYTES or len(item.encoding.encode()) > MAX_ENCODING_BYTES:
+            raise ValueError("too large")
         channel = self._channels.get((item.key, item.encoding)) or self._channel(item)
         self.messages += 1
         self._writer.add_message(channel, item.log_ns, item.payload, item.publish_ns, self.messages)
@@ -138,6 +164,9 @@ class Recording:
         self._disk.give_up()
 
     def _channel(self, item: Item) -> int:
+        if len(self._channels) >= MAX_CHANNELS and (item.key, item.encoding) not in self._reserved:
+            raise TooManyChannelsError(f"of more than {MAX_CHANNELS} keys the others are left out")
+        item.key.encode()
         try:
             schema = schema_of(item.encoding, item.payload)
         except ValueError:

@@ -32,11 +32,17 @@ from holdfast.arguments import command_parser
 
 QUEUE = 32_768
 """Messages that may wait for the disk: over a minute of one vehicle. What comes when it is full is lost."""
+QUEUE_BYTES = 1 << 26
+"""The same for their size."""
+
+MAX_LEVELS = 8
 
 _DRAIN_S = 0.1
 _SYNC_S = 0.9
 _ASK_S = 5.0
 _CLOSE_S = 10.0
+_LOOK_S = 0.5
+_QUERIES = 64
 _MB = 1_000_000
 
 _log = logging.getLogger(__name__)
@@ -87,9 +93,11 @@ class RecorderThread(SessionThread):
         self._wanted = recording
         self._allow_control = allow_control
         self._queue: deque[_Came] = deque()
-        self._dropped = 0
-        self._queries: deque[zenoh.Query] = deque()
-        self._replies: deque[bytes] = deque()
+        self._came_bytes = self._taken_bytes = self._dropped = 0
+        self._keeping = threading.Lock()
+        """Held by threads of Zenoh's, of which there are several."""
+        self._queries: deque[zenoh.Query] = deque(maxlen=_QUERIES)
+        self._replies: deque[bytes] = deque(maxlen=_QUERIES)
         self._alive = threading.Event()
         self._appeared = threading.Event()
         self._status = b"{}"
@@ -116,9 +124,11 @@ class RecorderThread(SessionThread):
             lambda sample: heard.append(str(sample.key_expr).split("/")[1]),
             history=True,
         ):
-            while not heard and not self._closing.wait(_DRAIN_S):
-                pass
-        return heard[0] if heard else ""
+            while not self._closing.wait(_DRAIN_S):
+                while heard:
+                    if (name := heard.popleft()).isprintable():  # a file is called by it
+                        return name
+        return ""
 
     def _record(self, session: zenoh.Session) -> None:
         """Serve one vehicle until closed: this thread alone touches the recorder."""
@@ -173,20 +183,22 @@ class RecorderThread(SessionThread):
 
     def _keep(self, sample: zenoh.Sample) -> None:
         """Take a sample from Zenoh's thread, which never waits."""
-        if len(self._queue) >= QUEUE:
-            self._dropped += 1
-            return
         stamp = sample.timestamp
         publish_ns = round(stamp.get_time().timestamp() * 1e9) if stamp else time.time_ns()
-        self._queue.append(
-            _Came(
-                str(sample.key_expr),
-                str(sample.encoding),
-                sample.payload.to_bytes(),
-                publish_ns,
-                time.monotonic(),
-            )
+        came = _Came(
+            str(sample.key_expr),
+            str(sample.encoding),
+            sample.payload.to_bytes(),
+            publish_ns,
+            time.monotonic(),
         )
+        with self._keeping:
+            waiting_bytes = self._came_bytes - self._taken_bytes + len(came.payload)
+            if len(self._queue) >= QUEUE or waiting_bytes > QUEUE_BYTES:
+                self._dropped += 1
+                return
+            self._came_bytes += len(came.payload)
+            self._queue.append(came)
 
     def _on_command(self, query: zenoh.Query) -> None:
         if "*" in str(query.key_expr):  # whoever asks for all that there is commands nothing
@@ -214,10 +226,12 @@ class RecorderThread(SessionThread):
             if table := flat(self._replies.popleft()):
                 recorder.describe("config", table)
         for _ in range(len(self._queue)):
-            recorder.take(*self._queue.popleft())
+            came = self._queue.popleft()
+            self._taken_bytes += len(came.payload)
+            recorder.take(*came)
             if self._queries:  # whoever waits for an answer does not wait for a slow disk
-                break
-        while self._queries:
+                self._answer(self._queries.popleft(), recorder)
+        for _ in range(len(self._queries)):
             self._answer(self._queries.popleft(), recorder)
 
     def _answer(self, query: zenoh.Query, recorder: DiveRecorder) -> None:
@@ -225,7 +239,7 @@ class RecorderThread(SessionThread):
         try:
             payload = query.payload.to_bytes() if query.payload else b"{}"
             wanted = msgspec.json.decode(payload, type=SetRecording).on
-        except msgspec.MsgspecError as error:
+        except (msgspec.MsgspecError, RecursionError) as error:
             done, said = False, f'want {{"on": true}} or {{"on": false}}: {error}'
         else:
             if not self._allow_control:
@@ -297,21 +311,24 @@ def revision() -> str:
 
 
 def flat(payload: bytes) -> dict[str, str]:
-    """Return a JSON object of objects as section.key: JSON value; empty for anything else."""
-    try:
-        tree = msgspec.json.decode(payload)
-    except msgspec.DecodeError:
-        return {}
+    """Return a JSON object of objects as section.key: JSON value; empty for anything else.
+
+    What is nested more deeply than `MAX_LEVELS` stays one value.
+    """
     table: dict[str, str] = {}
 
     def walk(node: object, path: str) -> None:
-        if isinstance(node, dict):
+        if isinstance(node, dict) and path.count(".") < MAX_LEVELS:
             for name, value in node.items():
                 walk(value, f"{path}.{name}" if path else str(name))
         else:
             table[path] = msgspec.json.encode(node).decode()
 
-    walk(tree, "")
+    try:
+        tree = msgspec.json.decode(payload)
+        walk(tree, "")
+    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
+        return {}
     return table if isinstance(tree, dict) else {}
 
 
@@ -386,9 +403,12 @@ def main(argv: list[str]) -> int:
         limits,
         recording=not options.wait,
         allow_control=options.allow_control,
-    ):
-        ended.wait()
-    leave(0)
+    ) as recorder:
+        while recorder.failure is None and not ended.wait(_LOOK_S):
+            pass
+    if recorder.failure is not None:
+        sys.stderr.write(f"holdfast record: the recorder failed: {recorder.failure!r}\n")
+    leave(1 if recorder.failure is not None else 0)
 
 
 def leave(status: int) -> NoReturn:

@@ -17,10 +17,12 @@ import msgspec
 from companion.telemetry import schemas as telemetry
 from dashboard.losses import Losses
 from dashboard.recording import tlog
-from dashboard.recording.mcap_file import Disk, Item, Recording
+from dashboard.recording.mcap_file import Disk, Item, Recording, TooManyChannelsError, is_time
 
 RESTART_S = 5.0
 """A companion's clock that goes back by more was started anew."""
+MAX_CLOCK_S = 1e9
+"""No companion's clock counts from its boot this far: 32 years."""
 RAW_KEPT_S = 90.0
 """Raw ticks from so long ago come a second time when a companion is heard again; it keeps a minute."""
 EVENTS_KEPT = 1000
@@ -75,15 +77,16 @@ class DiveRecorder:
         self._frames = (tlog.Frames(), tlog.Frames())
         self._tables: dict[str, Mapping[str, str]] = {}
         self._began_s = 0.0
-        self._messages = 0
+        self._messages = self._left_out = 0
         self._ticks_per_sample = ticks_per_sample
         self._losses = Losses(ticks_per_sample)
         self._clock = _Clock()
         self._raw_s = -math.inf
-        self._events: deque[bytes] = deque(maxlen=EVENTS_KEPT)
+        self._events: deque[int] = deque(maxlen=EVENTS_KEPT)
         self._event_key = telemetry.event_key(vehicle)[0]
         self._raw_key = telemetry.raw_key(vehicle)[0]
         self._own = f"holdfast/{vehicle}/"
+        self._channels = _channels(vehicle)
 
     @property
     def recording(self) -> bool:
@@ -93,7 +96,7 @@ class DiveRecorder:
     def start(self, utc_ns: int, now_s: float) -> bool:
         """Begin a file, unless one is open; tell whether one is open now, and in `said` why not."""
         if self._file is None:
-            self._messages, self._losses = 0, Losses(self._ticks_per_sample)
+            self._messages, self._left_out, self._losses = 0, 0, Losses(self._ticks_per_sample)
             self._open(utc_ns, now_s)
         return self._file is not None
 
@@ -110,7 +113,8 @@ class DiveRecorder:
             self._give_up(error)
             return
         self._file = self._tlog = None
-        self.said = f"{why}; {name} is complete"
+        left_out = f", but for {self._left_out} bad samples left out" if self._left_out else ""
+        self.said = f"{why}; {name} is complete{left_out}"
 
     def describe(self, name: str, table: Mapping[str, str]) -> None:
         """Keep a table about the vehicle, in this file and in every later one."""
@@ -122,20 +126,27 @@ class DiveRecorder:
                 self._give_up(error)
 
     def take(self, key: str, encoding: str, payload: bytes, publish_ns: int, now_s: float) -> None:
-        """Keep a sample that was published at `publish_ns` (UTC) and came at `now_s`."""
-        t_s, boot_s, tick = self._times(key, payload)
-        if key.startswith(self._own):
-            self._losses.take(key.removeprefix(self._own), tick)
-        log_ns = self._clock.log_ns(t_s, boot_s, publish_ns, now_s)
-        if self._file is None or self._came_before(key, t_s, payload):
-            return
+        """Keep a sample that was published at `publish_ns` (UTC) and came at `now_s`.
+
+        One that no file can hold, or of a time that cannot be, is counted and left out: anybody may publish.
+        """
         try:
+            t_s, boot_s, tick = self._times(key, encoding, payload)
+            if key.startswith(self._own):
+                self._losses.take(key.removeprefix(self._own), tick)
+            log_ns = self._clock.log_ns(t_s, boot_s, publish_ns, now_s)
+            if self._file is None or self._came_before(key, t_s, payload):
+                return
             self._file.add(Item(key, encoding, payload, log_ns, publish_ns))
             self._messages += 1
             if self._tlog is not None and key == self._raw_key:
                 self._log(self._tlog, payload)
         except OSError as error:
             self._give_up(error)
+        except ValueError as error:
+            self._left_out += 1
+            if isinstance(error, TooManyChannelsError) and self._file is not None:
+                self.said = f"recording to {self._file.path.name}; {error}"
 
     def each_second(self, utc_ns: int, now_s: float) -> None:
         """Put all on the disk, begin a new file where it is time, and stop where the disk is nearly full."""
@@ -170,6 +181,7 @@ class DiveRecorder:
             free_bytes=self._free(self._limits.directory),
             said=self.said,
             lost=self._losses.lost,
+            left_out=self._left_out,
         )
 
     def _came_before(self, key: str, t_s: float, payload: bytes) -> bool:
@@ -179,22 +191,29 @@ class DiveRecorder:
                 return True
             self._raw_s = t_s
         elif key == self._event_key:
-            if payload in self._events:
+            if hash(payload) in self._events:
                 return True
-            self._events.append(payload)
+            self._events.append(hash(payload))
         return False
 
-    def _times(self, key: str, payload: bytes) -> tuple[float, float, int]:
-        """Return the companion's clock, the vehicle's (NaN for what is not there) and the tick."""
+    def _times(self, key: str, encoding: str, payload: bytes) -> tuple[float, float, int]:
+        """Return the companion's clock, the vehicle's (NaN for what is not there) and the tick.
+
+        Raises ValueError for clocks that cannot be. A stranger's key does not set the vehicle's clock.
+        """
+        times = _Times()
         try:
             if key == self._raw_key:
-                return _raw_times.decode(payload).now_s, math.nan, 0
-            if key.startswith(self._own):
+                times.t_s = _raw_times.decode(payload).now_s
+            elif key.startswith(self._own):
                 times = _json_times.decode(payload)
-                return times.t_s, times.boot_s, times.tick
         except msgspec.MsgspecError:
             pass
-        return math.nan, math.nan, 0
+        except RecursionError as error:
+            raise ValueError("nested too deeply") from error
+        if any(abs(clock_s) > MAX_CLOCK_S for clock_s in (times.t_s, times.boot_s)):
+            raise ValueError("a clock that cannot be")
+        return times.t_s, times.boot_s if (key, encoding) in self._channels else math.nan, times.tick
 
     def _open(self, utc_ns: int, now_s: float) -> None:
         limits = self._limits
@@ -208,7 +227,8 @@ class DiveRecorder:
                 )
                 return
             path = _unused(limits.directory, self.vehicle, utc_ns)
-            self._file, self._began_s = Recording(path, self._disk(path)), now_s
+            self._file = Recording(path, self._disk(path), self._channels)
+            self._began_s = now_s
             self._file.describe("holdfast", {**self._about, "began_utc": _utc(utc_ns).isoformat()})
             for name, table in self._tables.items():
                 self._file.describe(name, table)
@@ -227,7 +247,8 @@ class DiveRecorder:
         frames = [(t_ns / NS_PER_S, frame) for t_ns, data in raw.heard for frame in heard.take(data)]
         frames += [(t_ns / NS_PER_S, frame) for t_ns, frame in raw.ground]
         frames += [(raw.now_s, frame) for data in raw.out for frame in sent.take(data)]
-        log.write(b"".join(tlog.stamped(self._clock.utc_ns(t_s), frame) for t_s, frame in frames))
+        stamped = ((self._clock.utc_ns(t_s), frame) for t_s, frame in frames)
+        log.write(b"".join(tlog.stamped(utc_ns, frame) for utc_ns, frame in stamped if is_time(utc_ns)))
 
     def _give_up(self, error: OSError) -> None:
         file, log = self._file, self._tlog
@@ -275,6 +296,16 @@ class _Clock:
     def utc_ns(self, t_s: float) -> int:
         """Return UTC at a time of the companion's clock."""
         return round(t_s * NS_PER_S) + (self._offset_ns or 0)
+
+
+def _channels(vehicle: str) -> frozenset[tuple[str, str]]:
+    """Return key and encoding of all that a companion and a simulator publish of a vehicle."""
+    now_and_then = (
+        (f"holdfast/{vehicle}/{tail}", telemetry.encoding(schema))
+        for tail, schema in telemetry.NOW_AND_THEN.items()
+    )
+    truth = f"sim/{vehicle}/truth", telemetry.TRUTH_ENCODING
+    return frozenset((*telemetry.keys(vehicle).items(), *now_and_then, telemetry.raw_key(vehicle), truth))
 
 
 def _unused(directory: Path, vehicle: str, utc_ns: int) -> Path:

@@ -18,7 +18,7 @@ from aiohttp import WSCloseCode, web
 from companion.telemetry import schemas as telemetry
 from companion.telemetry.commands import MAX_BYTES, parse
 from companion.telemetry.schemas import Plan
-from companion.telemetry.session import ticks_per_sample
+from companion.telemetry.session import SessionThread, ticks_per_sample
 from dashboard.silence import silence
 from dashboard.web import gate, vocabulary
 from dashboard.web.columns import COLUMNS
@@ -35,6 +35,7 @@ STATUS_S = 0.15
 CONFIG_S = 10.0
 MOST_BROWSERS = 32
 CLOSE_S = 1.0
+RECORDER_LOOK_S = 0.5
 MOST_BEHIND = 150
 """Rows: a browser that is 3 s behind gets the present instead; no frame has more of them."""
 SEND_BUFFER = 65536
@@ -131,7 +132,7 @@ class Dashboard:
                 for key in (telemetry.config_key(vehicle.name), telemetry.choices_key(vehicle.name))
             )
         )
-        with suppress(msgspec.MsgspecError):
+        with suppress(ValueError, RecursionError):
             if config is not None:
                 known = telemetry.Choices(compensator=())
                 if choices is not None:
@@ -287,7 +288,7 @@ class Dashboard:
             return _reply(504, f"nobody answered '{command}' for '{name}'")
         try:
             return _reply_as(200, msgspec.json.decode(answer, type=telemetry.Reply))
-        except msgspec.MsgspecError as error:
+        except (msgspec.MsgspecError, RecursionError) as error:
             return _reply(502, f"'{name}' answered '{command}' with no Reply: {error}")
 
 
@@ -391,7 +392,7 @@ def _listeners(host: str, port: int) -> Iterator[socket.socket]:
         yield listener
 
 
-async def _serve(settings: DashboardOptions) -> None:
+async def _serve(settings: DashboardOptions, recorder: SessionThread | None) -> None:
     stop = asyncio.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         asyncio.get_running_loop().add_signal_handler(number, stop.set)
@@ -400,7 +401,14 @@ async def _serve(settings: DashboardOptions) -> None:
         sys.stdout.write(announcement(settings, port, terminal=sys.stdout.isatty()) + "\n")
         sys.stdout.flush()
 
+    async def stop_with_recorder() -> None:
+        while recorder is None or recorder.failure is None:
+            await asyncio.sleep(RECORDER_LOOK_S)
+        stop.set()
+
+    looking = asyncio.create_task(stop_with_recorder())
     await serve(settings, stop, announce)
+    looking.cancel()
 
 
 def main(settings: DashboardOptions) -> int:
@@ -409,8 +417,11 @@ def main(settings: DashboardOptions) -> int:
     log.addFilter(SparingFilter())
     logging.basicConfig(level=logging.WARNING, format="%(asctime)s %(message)s", handlers=[log])
     try:
-        with _recorder(settings):
-            asyncio.run(_serve(settings))
+        with _recorder(settings) as recorder:
+            asyncio.run(_serve(settings, recorder))
+            if recorder is not None and recorder.failure is not None:
+                sys.stderr.write(f"holdfast dashboard: the recorder failed: {recorder.failure!r}\n")
+                return 1
     except OSError as error:
         if error.errno != errno.EADDRINUSE:
             raise
@@ -419,7 +430,7 @@ def main(settings: DashboardOptions) -> int:
     return 0
 
 
-def _recorder(settings: DashboardOptions) -> AbstractContextManager[object]:
+def _recorder(settings: DashboardOptions) -> AbstractContextManager[SessionThread | None]:
     if settings.record is None:
         return nullcontext()
     from dashboard.recording.record import RecorderThread

@@ -47,7 +47,7 @@ class Lag:
     """How much later than the fastest of the last minute something came, by its sender's clock and ours."""
 
     def __init__(self) -> None:
-        self._fastest: deque[tuple[float, float]] = deque()  # (when, apart), apart rising
+        self._fastest: deque[tuple[float, float]] = deque(maxlen=ROWS)  # (when, apart), apart rising
 
     def add(self, sent_s: float, now_s: float) -> float:
         """Take one message; return its lag in s."""
@@ -245,7 +245,9 @@ class Fleet:
             try:
                 if root == "sim":
                     if tail == "truth" and name in self.vehicles:
-                        self.vehicles[name].take_truth(_truth.decode(payload))
+                        truth = _truth.decode(payload)
+                        telemetry.check_numbers(truth)
+                        self.vehicles[name].take_truth(truth)
                     continue
                 if tail not in telemetry.EVERY_TICK and tail not in telemetry.NOW_AND_THEN:
                     continue

@@ -1,0 +1,239 @@
+"""Anybody may publish under a vehicle's keys: no sample ends whoever hears it, or makes it grow."""
+
+import json
+import math
+from collections.abc import Callable, Iterator
+from io import StringIO
+from pathlib import Path
+
+import msgspec
+import pytest
+from rich.console import Console
+
+from companion.records import ControlSample
+from companion.telemetry import samples
+from companion.telemetry import schemas as telemetry
+from dashboard.losses import Losses
+from dashboard.rate import MAX_COUNTS, Rate
+from dashboard.recording.mcap_file import MAX_CHANNELS, MAX_SAMPLE_BYTES, Reader
+from dashboard.recording.record import flat
+from dashboard.recording.recorder import DiveRecorder, FileLimits
+from dashboard.terminal.watch import Feed, picture
+from dashboard.web.app import MOST_BEHIND, _text
+from dashboard.web.fleet import Fleet
+from dashboard.zenoh_client import Message, Stamped
+from sim_bridge.zenoh_link import answer
+
+MakeSample = Callable[..., ControlSample]
+Sample = tuple[str, str, bytes]
+UTC_NS = 1_795_000_000_000_000_000
+DEEP = "[" * 100_000
+WILD = (
+    *(str(number) for number in (2**53, -(2**53), 2**63, 2**64, 10**30, "9" * 5000)),
+    *("1e300", "-1e300", "1e400", "5e-324", "null", "true", "[]", "{}", '""', '"x"', "[1e300,1e300]"),
+    *('"\\ud800"', '"\\u0000"', DEEP, '{"a":' * 100_000),
+)
+EVENT = telemetry.Event(t_s=12.0, boot_s=1.0, severity="info", kind="state", text="READY to ACTIVE")
+PLAN = telemetry.Plan(
+    t_s=12.0,
+    boot_s=1.0,
+    number=1,
+    name="line",
+    x_m=(-2.0, 2.0),
+    y_m=(1.0, 1.0),
+    depth_m=(5.0, 5.0),
+    fenced=True,
+    fence_north_m=(-9.0, 9.0),
+    fence_east_m=(-8.0, 8.0),
+    fence_depth_m=(0.0, 9.0),
+)
+
+
+@pytest.fixture(scope="module")
+def genuine(make_sample: MakeSample) -> list[Sample]:
+    """One sample of every key, with a position so that a map is drawn."""
+    sample = make_sample()
+    recorder = telemetry.Recorder(
+        t_s=1.0,
+        boot_s=1.0,
+        recording=True,
+        file="",
+        size_bytes=1,
+        messages=1,
+        dropped=0,
+        free_bytes=1,
+        said="",
+    )
+    rest: dict[str, telemetry.Schema] = {"event": EVENT, "plan": PLAN, "recorder": recorder}
+    return [
+        *samples.encode(sample, "kelp"),
+        *(
+            (f"holdfast/kelp/{tail}", telemetry.encoding(type(one)), telemetry.to_json(one))
+            for tail, one in rest.items()
+        ),
+    ]
+
+
+def wild(genuine: list[Sample]) -> Iterator[list[Sample]]:
+    """Every field of every key with every wild value, and objects that are none; a list per field."""
+    for key, encoding, payload in genuine:
+        fields = json.loads(payload)
+        for field in fields:
+            text = json.dumps({**fields, field: "?wild?"})
+            yield [(key, encoding, text.replace('"?wild?"', value).encode()) for value in WILD]
+        odd = (b"", b"\xff", b'{"\xff":1}', b'{"t_s":"\xff"}', f'{{"x":{DEEP}'.encode(), b"{" * 100_000)
+        yield [(key, encoding, text) for text in odd]
+        yield [(f"{key}/x", "application/json", b'{"t_s":1e300,"boot_s":1}')]
+
+
+def test_watch_goes_on(genuine: list[Sample]) -> None:
+    feed = Feed("kelp", "here")
+    console = Console(file=StringIO(), width=80)
+
+    def take(some: list[Sample]) -> None:
+        feed.take([Message(key, payload) for key, _, payload in some], now_s=1.0)
+        console.print(picture([feed.view(1.0, connected=True)]))
+
+    for some in wild(genuine):
+        take(some)
+    take(genuine)
+    assert feed.complete
+
+
+def test_the_dashboard_goes_on(genuine: list[Sample]) -> None:
+    fleet = Fleet()
+
+    def take(some: list[Sample]) -> None:
+        truth = '{"t_s":%s,"disturbance":[%s,0,0,0,0,0]}'
+        messages = [Stamped(key, payload, 1.0) for key, _, payload in some]
+        messages += [Stamped("sim/kelp/truth", (truth % (value, value)).encode(), 1.0) for value in WILD]
+        fleet.take(messages, now_s=1.0)
+
+    for some in wild(genuine):
+        take(some)
+        take(genuine)
+        vehicle = fleet.vehicles["kelp"]
+        _text(
+            status={**fleet.status(1.0), **vehicle.status(1.0)},
+            events=vehicle.events_from(0),
+            plan=vehicle.plan,
+        )
+        vehicle.ring.frame(0, MOST_BEHIND)
+    assert vehicle.status(1.0)["model"].keys() == {"x", "y", "z", "psi"}
+
+
+def test_the_recorder_goes_on(genuine: list[Sample], tmp_path: Path) -> None:
+    kept = recorder(tmp_path)
+    raw_key, raw_encoding = telemetry.raw_key("kelp")
+    raw = telemetry.Raw(tick=1, now_s=12.0, heard=[(2**62, b"\xfe\x00")], out=[], ground=[(-1, b"a")])
+    sides = [(raw_key, raw_encoding, msgspec.msgpack.encode(raw)), (raw_key, raw_encoding, b"\x91" * 100_000)]
+    count = bad = 0
+    for some in [*wild(genuine), sides]:
+        for sample in (*some, *genuine[:1]):
+            kept.take(*sample, UTC_NS, 0.0)
+        kept.each_second(UTC_NS, 0.0)
+        status = kept.status(0.0, 0)
+        msgspec.json.encode(status)
+        assert status.recording, status.said
+        count += 1
+        bad = status.left_out
+    kept.stop()
+    (path,) = tmp_path.glob("*.mcap")
+    items = list(Reader(path))
+    assert sum(item[:3] == genuine[0] for item in items) >= count
+    assert bad > 0
+    assert f"{bad} bad samples" in kept.said
+
+
+def recorder(directory: Path) -> DiveRecorder:
+    kept = DiveRecorder("kelp", FileLimits(directory, tlog=True), {}, free_bytes=lambda _: 10**12)
+    assert kept.start(UTC_NS, 0.0)
+    return kept
+
+
+@pytest.mark.parametrize(
+    ("encoding", "payload", "publish_ns"),
+    [
+        ("application/json", b'{"t_s":1e300,"boot_s":1}', UTC_NS),
+        ("application/json", b'{"t_s":12,"boot_s":1e300}', UTC_NS),
+        ("application/json", f'{{"x":{DEEP}'.encode(), UTC_NS),
+        ("application/json;\ud800", b"{}", UTC_NS),
+        ("application/json;" + 255 * "x", b"{}", UTC_NS),
+        ("application/json", b"{}", 2**64),
+        ("application/json", b"{}", -1),
+        ("bytes", bytes(MAX_SAMPLE_BYTES + 1), UTC_NS),
+    ],
+)
+def test_a_bad_sample_is_counted_and_left_out(
+    tmp_path: Path, genuine: list[Sample], encoding: str, payload: bytes, publish_ns: int
+) -> None:
+    kept = recorder(tmp_path)
+    kept.take(*genuine[0], UTC_NS, 0.0)
+    for key in ("holdfast/kelp/x", "holdfast/kelp/state"):
+        kept.take(key, encoding, payload, publish_ns, 0.0)
+    kept.take(*genuine[0], UTC_NS + 1, 0.0)
+    status = kept.status(0.0, 0)
+    assert (status.recording, status.messages, status.left_out) == (True, 2, 2)
+    kept.stop()
+    (path,) = tmp_path.glob("*.mcap")
+    reader = Reader(path)
+    assert [item[:3] for item in reader] == [genuine[0], genuine[0]]
+    assert reader.whole
+    assert f"{path.name} is complete, but for 2 bad samples" in kept.said
+
+
+def test_many_keys_leave_the_vehicle_s_own_their_place(tmp_path: Path, genuine: list[Sample]) -> None:
+    kept = recorder(tmp_path)
+    for number in range(70_000):
+        kept.take(f"holdfast/kelp/{number}", "application/json", b"{}", UTC_NS, 0.0)
+    for sample in genuine:
+        kept.take(*sample, UTC_NS, 0.0)
+    status = kept.status(0.0, 0)
+    assert status.recording
+    assert status.messages == MAX_CHANNELS + len(genuine)
+    assert status.left_out == 70_000 - MAX_CHANNELS
+    assert f"more than {MAX_CHANNELS} keys" in status.said
+    kept.stop()
+    (path,) = tmp_path.glob("*.mcap")
+    assert [item[:3] for item in Reader(path)][-len(genuine) :] == genuine
+
+
+def test_a_stranger_s_clock_is_not_the_vehicle_s(tmp_path: Path, genuine: list[Sample]) -> None:
+    kept = recorder(tmp_path)
+    kept.take(*genuine[0], UTC_NS, 0.0)
+    kept.take("holdfast/kelp/x", "application/json", b'{"t_s":1e8,"boot_s":1}', UTC_NS + 5, 0.0)
+    assert kept.status(0.0, 0).t_s == 12.0
+    kept.stop()
+    (path,) = tmp_path.glob("*.mcap")
+    assert [item.log_ns for item in Reader(path)] == [UTC_NS, UTC_NS + 5]
+
+
+@pytest.mark.parametrize("payload", [DEEP, '{"a":' * 100_000, '{"a":1e400}', '{"a":"\ud800"}', "[1]"])
+def test_a_configuration_that_nobody_can_read_is_none(payload: str) -> None:
+    assert flat(payload.encode(errors="surrogatepass")) == {}
+
+
+def test_a_deep_configuration_does_not_grow() -> None:
+    payload = '{"aaaaaaaaa":' * 300 + "{" + ",".join(f'"{i}":1' for i in range(1000)) + "}" * 301
+    ((key, value),) = flat(payload.encode()).items()
+    assert len(key) + len(value) <= len(payload)
+
+
+@pytest.mark.parametrize("payload", [DEEP, '{"kind":' + DEEP, '{"kind":"leak","at_s":1e400}', "\xff"])
+def test_a_fault_that_nobody_can_read_is_answered(payload: str) -> None:
+    assert not answer(payload.encode("latin-1"), lambda fault: None).done
+
+
+def test_a_rate_of_a_time_that_stands_still_does_not_grow() -> None:
+    rate = Rate()
+    for count in range(3 * MAX_COUNTS):
+        rate.add(1.0, count)
+    assert len(rate._counts) == MAX_COUNTS
+
+
+def test_a_number_that_jumps_by_years_is_a_new_start() -> None:
+    losses = Losses()
+    for tick in (1, 2**53, 1, 2**53):
+        losses.take("loop", tick)
+    assert losses.lost == 0
+    assert math.isfinite(losses.lost)
