@@ -70,9 +70,7 @@ def install(argv: list[str]) -> int:
     if arguments.rollback:
         if arguments.wheel or arguments.wheels:
             raise RefusedError("--rollback takes no wheel: it goes back to the version before")
-        if not found.previous:
-            raise RefusedError("there is no version before this one to go back to")
-        release = installed(found.previous)
+        release = installed(plan.version_before(found))
     elif arguments.wheel is None and found.current and _runs_from(CURRENT):
         release = installed(found.current)
     else:
@@ -80,7 +78,7 @@ def install(argv: list[str]) -> int:
     if release.wheel is not None:
         _refuse_unfit_python()
     wheels = arguments.wheels.resolve(strict=True) if arguments.wheels else None
-    steps = plan.install(found, release, sys.executable, wheels)
+    steps = plan.install(found, release, sys.executable, wheels, back=arguments.rollback)
     status = _done(found, steps, f"{release.name} is in use", "install", apply=arguments.apply)
     if status == DONE and arguments.apply and steps and found.running:
         sys.stdout.write(

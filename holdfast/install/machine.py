@@ -6,11 +6,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from holdfast import RefusedError
 from holdfast.install.release import Release, from_folder
 
 BASE = Path("/opt/holdfast")
 VERSIONS = BASE / "versions"
 CURRENT, PREVIOUS = BASE / "current", BASE / "previous"
+UPGRADING, GOING_BACK = BASE / "upgrading", BASE / "going-back"
+"""Lead to the version that a change is about, until it is whole: one that was cut off can be continued."""
 UNITS = Path("/usr/local/lib/systemd/system")
 """systemd's folder for what no package brings; changes of the machine's owner are in /etc/systemd/system."""
 SERIAL = UNITS / "holdfast.service.d" / "serial.conf"
@@ -20,6 +23,8 @@ USER = "holdfast-record"
 CONFIGURATION = Path("/etc/holdfast/companion.toml")
 OWNERS = "etc/systemd/system/holdfast*.service.d", "var/lib/private/holdfast*", "var/lib/holdfast*"
 """What an uninstallation leaves, besides the configuration: drop-ins, state of the services, dives."""
+STEERS = ("ACTIVE", "RAMP_DOWN", "HAND_OVER")
+"""The supervisor's states in which Holdfast sends thrust."""
 
 
 @dataclass(frozen=True)
@@ -29,6 +34,8 @@ class Found:
     current: str = ""
     """Name of the version in use; "" if none is."""
     previous: str = ""
+    upgrading: str = ""
+    going_back: str = ""
     versions: tuple[str, ...] = ()
     files: Mapping[Path, str] = field(default_factory=dict)
     """Units and drop-ins, with their text."""
@@ -51,6 +58,8 @@ def look() -> Found:
     return Found(
         current=_leads_to(CURRENT),
         previous=_leads_to(PREVIOUS),
+        upgrading=_leads_to(UPGRADING),
+        going_back=_leads_to(GOING_BACK),
         versions=tuple(sorted(path.name for path in VERSIONS.iterdir())) if VERSIONS.is_dir() else (),
         files={path: path.read_text(encoding="utf-8") for path in _own_files()},
         configuration=CONFIGURATION.read_text(encoding="utf-8") if CONFIGURATION.exists() else None,
@@ -58,14 +67,15 @@ def look() -> Found:
         owned=_owned(),
         user=_is_user(USER),
         running=running,
-        status=_status() if running else "",
+        status=service_status() if running else "",
     )
 
 
 def installed(name: str) -> Release:
-    """Read a version that is installed."""
-    (package,) = (VERSIONS / name).glob("lib/python3.*/site-packages/holdfast")
-    return from_folder(package, name)
+    """Read a version that is installed; raise RefusedError for one that is not whole."""
+    for package in (VERSIONS / name).glob("lib/python3.*/site-packages/holdfast"):
+        return from_folder(package, name)
+    raise RefusedError(f"{VERSIONS / name} is not whole: install the wheel of this version")
 
 
 def _own_files() -> list[Path]:
@@ -94,7 +104,8 @@ def _program() -> str | None:
     return "" if PROGRAM.exists() else None
 
 
-def _status() -> str:
+def service_status() -> str:
+    """Return what holdfast.service says of itself now."""
     shown = subprocess.run(
         ["systemctl", "show", "--property=StatusText", "--value", "holdfast.service"],
         capture_output=True,

@@ -9,35 +9,51 @@ from holdfast.install.machine import (
     BASE,
     CONFIGURATION,
     CURRENT,
+    GOING_BACK,
     PREVIOUS,
     PROGRAM,
     SERIAL,
+    STEERS,
     UNITS,
+    UPGRADING,
     USER,
     VERSIONS,
     Found,
 )
 from holdfast.install.release import Release
-from holdfast.install.steps import Remove, Run, Step, Symlink, Write
+from holdfast.install.steps import LookAgain, Remove, Run, Step, Symlink, Write
 
 ENABLED = ("holdfast.service", "holdfast-record.service", "holdfast-dashboard.service")
 ALL = "holdfast*.service"
-STEERS = ("ACTIVE", "RAMP_DOWN", "HAND_OVER")
-"""The supervisor's states in which Holdfast sends thrust."""
 IMPORTS = "import holdfast, companion.app, dashboard.recording.record, dashboard.web.app, sim_bridge.app"
 
 
-def install(found: Found, release: Release, python: str, wheels: Path | None = None) -> list[Step]:
-    """Return the steps to a release in use; a version that is on the machine is used again (rollback).
+def version_before(found: Found) -> str:
+    """Return the version to go back to; raise RefusedError if there is none."""
+    if found.going_back:  # and was cut off
+        return found.going_back
+    if found.previous not in ("", found.current):
+        return found.previous
+    if found.upgrading:
+        raise RefusedError(f"the change to {found.upgrading} was cut off: repeat it, then go back")
+    raise RefusedError("there is no version before this one to go back to")
 
-    `wheels` is a folder that has all that is needed; without it the package index is asked. No step is left
-    if the release is in use. Raises RefusedError while the vehicle is held.
+
+def install(
+    found: Found, release: Release, python: str, wheels: Path | None = None, *, back: bool = False
+) -> list[Step]:
+    """Return the steps to a release in use.
+
+    `wheels` is a folder that has all that is needed; without it the package index is asked. To go `back` to a
+    version that is on the machine removes none. No step is left if the release is in use. Repeated after it
+    was cut off it goes on. Raises RefusedError while the vehicle is held.
     """
     new = release.name != found.current
+    change = new or release.name in (found.upgrading, found.going_back)
     bin_ = VERSIONS / release.name / "bin"
     configuration = release.configuration if found.configuration is None else found.configuration
     steps: list[Step] = []
-    if new and release.name != found.previous:
+    if new and not back and release.name != found.previous:
         steps += _version(found, release, python, wheels)
     if found.configuration is None:
         steps.append(Write(CONFIGURATION, configuration))
@@ -51,6 +67,8 @@ def install(found: Found, release: Release, python: str, wheels: Path | None = N
                 "add the recorder's user",
             )
         )
+    if new:
+        steps.append(Symlink(GOING_BACK if back else UPGRADING, f"versions/{release.name}"))
     files = _files(release, configuration)
     changed = _changes(found, files)
     steps += changed
@@ -60,11 +78,16 @@ def install(found: Found, release: Release, python: str, wheels: Path | None = N
         steps.append(Symlink(CURRENT, f"versions/{release.name}"))
     if found.program is None:
         steps.append(Symlink(PROGRAM, str(CURRENT / "bin" / "holdfast")))
-    if new or changed:
+    if change or changed:
         _refuse_while_held(found)
-        steps += _started(found)
-    kept = {release.name, found.current if new else found.previous}
-    return steps + [Remove(VERSIONS / name) for name in found.versions if name not in kept]
+        before = found.current if new else found.previous
+        steps += _started(found, first=change and not before)
+    if change:
+        steps += [Remove(UPGRADING), Remove(GOING_BACK)]
+    if new and not back:
+        kept = (release.name, found.current)
+        steps += [Remove(VERSIONS / name) for name in found.versions if name not in kept]
+    return steps
 
 
 def uninstall(found: Found, *, purge: bool) -> list[Step]:
@@ -74,6 +97,7 @@ def uninstall(found: Found, *, purge: bool) -> list[Step]:
         _refuse_while_held(found)
         steps.append(_systemctl("do not start it any more", "disable", *ENABLED))
         if found.running:
+            steps.append(LookAgain())
             steps.append(_systemctl("stop", "stop", ALL))
     steps += [Remove(path) for path in sorted(found.files)]
     if SERIAL in found.files:
@@ -146,20 +170,17 @@ def _serial(configuration: str) -> str:
     )
 
 
-def _started(found: Found) -> list[Step]:
+def _started(found: Found, *, first: bool) -> list[Step]:
     """Return the steps that start it, or start it afresh; who disabled a service keeps it so."""
-    first = not found.current
     steps: list[Step] = []
     if found.running:
         steps.append(_systemctl("read the units", "daemon-reload"))
     if first:
         steps.append(_systemctl("start it at every boot", "enable", *ENABLED))
-    if found.running:
-        steps.append(
-            _systemctl("start it", "start", *ENABLED)
-            if first
-            else _systemctl("start afresh what runs", "try-restart", ALL)
-        )
+    if found.running and first:
+        steps.append(_systemctl("start it", "start", *ENABLED))
+    elif found.running:
+        steps += [LookAgain(), _systemctl("start afresh what runs", "try-restart", ALL)]
     return steps
 
 

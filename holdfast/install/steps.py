@@ -7,6 +7,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from holdfast.install.machine import STEERS, service_status
+
 
 class StepError(Exception):
     """A step that failed; the text says in one line which, and why."""
@@ -48,7 +50,10 @@ class Write:
         """Write it beside, then move it there: a power cut leaves the old file or the new one."""
         self.path.parent.mkdir(parents=True, exist_ok=True)
         beside = self.path.with_name(f".{self.path.name}.new")
-        beside.write_text(self.text, encoding="utf-8")
+        with beside.open("w", encoding="utf-8") as file:
+            file.write(self.text)
+            file.flush()
+            os.fsync(file.fileno())
         beside.replace(self.path)
 
 
@@ -88,7 +93,23 @@ class Remove:
             self.path.unlink(missing_ok=True)
 
 
-Step = Run | Write | Symlink | Remove
+@dataclass(frozen=True)
+class LookAgain:
+    """Go on only while Holdfast does not steer the vehicle: somebody may have engaged it meanwhile."""
+
+    def __str__(self) -> str:
+        return "look again that Holdfast does not steer the vehicle"
+
+    def carry_out(self) -> None:
+        """Raise StepError where it does."""
+        if service_status().startswith(STEERS):
+            raise StepError(
+                "Holdfast steers the vehicle now, and was not restarted. First: holdfast tell NAME release; "
+                "then repeat this command"
+            )
+
+
+Step = LookAgain | Run | Write | Symlink | Remove
 
 
 def carry_out(steps: Sequence[Step], say: Callable[[str], object]) -> None:

@@ -1,5 +1,6 @@
 """What `holdfast install` and `uninstall` would do to which machine."""
 
+import shutil
 from dataclasses import replace
 from pathlib import Path
 from zipfile import ZipFile
@@ -10,16 +11,18 @@ from holdfast import RefusedError
 from holdfast.install.machine import (
     CONFIGURATION,
     CURRENT,
+    GOING_BACK,
     PREVIOUS,
     PROGRAM,
     SERIAL,
     UNITS,
+    UPGRADING,
     VERSIONS,
     Found,
 )
-from holdfast.install.plan import ENABLED, install, uninstall
+from holdfast.install.plan import ENABLED, install, uninstall, version_before
 from holdfast.install.release import Release, from_wheel
-from holdfast.install.steps import Remove, Run, StepError, Symlink, Write, carry_out
+from holdfast.install.steps import LookAgain, Remove, Run, StepError, Symlink, Write, carry_out
 
 NEW = Release(
     name="2.0-aaaa",
@@ -89,10 +92,180 @@ def test_the_new_version_is_tried_before_anything_that_runs_is_touched():
 
 def test_going_back_makes_no_environment():
     back = replace(NEW, name="0.9-cccc", wheel=None)
-    steps = install(OLD, back, "python3")
+    steps = install(OLD, back, "python3", back=True)
     assert not [argv for argv in ran(steps) if "venv" in argv or "pip" in argv]
     assert {Symlink(CURRENT, "versions/0.9-cccc"), Symlink(PREVIOUS, "versions/1.0-bbbb")} <= set(steps)
-    assert not [step for step in steps if isinstance(step, Remove)]
+    assert not [step for step in steps if isinstance(step, Remove) and VERSIONS in step.path.parents]
+
+
+class CutError(Exception):
+    """The power goes."""
+
+
+class Machine:
+    """A machine in a folder, with real links and files; `runs` is the version that the services run."""
+
+    def __init__(self, root, patch, *, current="", previous=""):
+        self.root, self.runs, self.enabled, self.status, self.left = (
+            root,
+            current,
+            bool(current),
+            "READY",
+            10**6,
+        )
+        for path in (VERSIONS, CONFIGURATION.parent):
+            self.at(path).mkdir(parents=True)
+        for link, name in ((CURRENT, current), (PREVIOUS, previous)):
+            if name:
+                (self.at(VERSIONS) / name).mkdir()
+                self.complete(name).touch()
+                self.at(link).symlink_to(f"versions/{name}")
+        for owner, name in ((Path, "replace"), (Path, "symlink_to"), (Path, "unlink"), (Path, "mkdir")):
+            patch.setattr(owner, name, self.counted(getattr(owner, name)))
+        patch.setattr("shutil.rmtree", self.counted(shutil.rmtree))
+        patch.setattr("holdfast.install.steps.service_status", lambda: self.status)
+        patch.setattr(Run, "carry_out", self.counted(lambda step: self.run(step.argv)))
+
+    def at(self, path):
+        return self.root / path.relative_to("/")
+
+    def complete(self, name):
+        return self.at(VERSIONS) / name / "complete"
+
+    def counted(self, operation):
+        def count(*arguments, **options):
+            done = operation(*arguments, **options)
+            self.left -= 1
+            if self.left == 0:
+                raise CutError
+            return done
+
+        return count
+
+    def run(self, argv):
+        folder = next((Path(word) for word in argv if word.startswith(f"{VERSIONS}/")), VERSIONS)
+        if "venv" in argv:
+            (self.at(folder)).mkdir()
+        elif "-c" in argv:
+            self.complete(folder.parent.parent.name).touch()
+        elif argv[1:3] == ("config", "check"):
+            assert self.complete(Path(argv[0]).parent.parent.name).exists()
+        elif argv[1] == "enable":
+            self.enabled = True
+        elif argv[1] in ("start", "try-restart"):
+            self.runs = self.link(CURRENT)
+
+    def link(self, path):
+        return self.at(path).readlink().name if self.at(path).exists() else ""
+
+    def found(self):
+        folder = self.at(UNITS)
+        return Found(
+            current=self.link(CURRENT),
+            previous=self.link(PREVIOUS),
+            upgrading=self.link(UPGRADING),
+            going_back=self.link(GOING_BACK),
+            versions=tuple(path.name for path in self.at(VERSIONS).iterdir()),
+            files={UNITS / path.name: path.read_text() for path in folder.glob("*.service")},
+            configuration=NEW.configuration,
+            program=str(CURRENT / "bin" / "holdfast"),
+            user=True,
+            status=self.status,
+        )
+
+    def change(self, release=None):
+        """Install a release, or go back."""
+        found = self.found()
+        back = release is None
+        wanted = (
+            replace(NEW, name=version_before(found), units={"holdfast.service": "old"}) if back else release
+        )
+        for step in install(found, wanted, "python3", back=back):
+            (
+                step if isinstance(step, Run | LookAgain) else replace(step, path=self.at(step.path))
+            ).carry_out()
+
+    def cut_after(self, operations, release=None):
+        """Do it, and cut it after so many operations; tell whether there were so many."""
+        self.left = operations
+        try:
+            self.change(release)
+        except CutError:
+            return True
+        finally:
+            self.left = 10**6
+        return False
+
+
+@pytest.fixture
+def machines(tmp_path, monkeypatch):
+    """Machines, each of which is cut after one operation more."""
+
+    def make(release=None, **versions):
+        for operations in range(1, 100):
+            with monkeypatch.context() as patch:
+                machine = Machine(tmp_path / str(operations), patch, **versions)
+                if not machine.cut_after(operations, release):
+                    assert operations > 5
+                    return
+                yield machine
+
+    return make
+
+
+def test_going_back_that_is_cut_anywhere_goes_on_and_deletes_nothing(machines):
+    for machine in machines(current="2", previous="1"):
+        assert machine.link(CURRENT) in ("1", "2")
+        assert machine.complete("1").exists()
+        assert machine.complete("2").exists()
+        if machine.found().going_back or machine.link(CURRENT) == "2":
+            machine.change()
+        found = machine.found()
+        assert (found.current, found.previous, machine.runs) == ("1", "2", "1")
+        assert machine.complete("1").exists()
+        assert machine.complete("2").exists()
+        machine.change()
+        assert (machine.link(CURRENT), machine.link(PREVIOUS), machine.runs) == ("2", "1", "2")
+
+
+@pytest.mark.parametrize(("current", "previous"), [("2", "1"), ("", "")])
+def test_an_upgrade_that_is_cut_anywhere_goes_on(machines, current, previous):
+    for machine in machines(NEW, current=current, previous=previous):
+        in_use = machine.link(CURRENT)
+        assert in_use in (current, NEW.name)
+        assert not in_use or machine.complete(in_use).exists()
+        assert not current or machine.complete(current).exists()
+        machine.change(NEW)
+        found = machine.found()
+        assert (found.current, found.previous, machine.runs) == (NEW.name, current, NEW.name)
+        assert machine.enabled
+        assert set(found.versions) <= {NEW.name, current, previous}
+        assert not current or machine.complete(current).exists()
+        assert install(found, NEW, "python3") == []
+
+
+def test_going_back_after_an_upgrade_that_was_cut_leaves_what_is_in_use(machines):
+    for machine in machines(NEW, current="2", previous="1"):
+        in_use, before = machine.link(CURRENT), machine.link(PREVIOUS)
+        if in_use == before:
+            with pytest.raises(RefusedError, match="was cut off: repeat it"):
+                machine.change()
+        else:
+            machine.change()
+            assert (machine.link(CURRENT), machine.runs) == (before, before)
+        assert machine.complete(machine.link(CURRENT)).exists()
+        assert machine.complete("2").exists()
+
+
+def test_a_vehicle_that_was_engaged_meanwhile_is_not_restarted(tmp_path, monkeypatch):
+    machine = Machine(tmp_path / "m", monkeypatch, current="2", previous="1")
+    steps = install(machine.found(), replace(NEW, name="1"), "python3", back=True)
+    restart = next(n for n, step in enumerate(steps) if isinstance(step, Run) and "try-restart" in step.argv)
+    assert steps[restart - 1] == LookAgain()
+    LookAgain().carry_out()
+    machine.status = "ACTIVE: held"
+    with pytest.raises(StepError, match="repeat this command"):
+        LookAgain().carry_out()
 
 
 def test_a_version_that_was_begun_and_not_finished_is_made_afresh():
