@@ -199,6 +199,8 @@ class Files:
         """Return the open file, or why it cannot be read in pieces of `size` bytes."""
         if self._open is None:
             return _refusal(NOT_FOUND)
+        if size == 0:
+            return _refusal(END_OF_FILE)
         if self._content is None:
             self._block = size
             self._content = self._packed(self._open, size)

@@ -36,7 +36,7 @@ class Link:
         """Wire bytes of a message from our system, with this link's next sequence number."""
         self.packer.srcSystem = system
         signing = self.packer.signing
-        signing.timestamp = max(signing.timestamp, self.parser.signing.timestamp)
+        signing.timestamp = max(signing.timestamp, self.parser.signing.timestamp) % (1 << 64)
         data = None
         if not signing.sign_outgoing:
             data = frames.pack(message, self.packer.seq, system, COMPONENT)

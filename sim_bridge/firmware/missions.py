@@ -209,6 +209,8 @@ def _stored(kind: int, message: Message) -> Item | None:
         return None
     whole = message.get_type() == "MISSION_ITEM_INT"
     x, y = (message.x, message.y) if whole else (round(message.x * 1e7), round(message.y * 1e7))
+    if max(abs(x), abs(y)) >= 2**31:
+        return None
     if kind == FENCE:
         return Item(GLOBAL, message.command, 0, params, x, y, 0.0)
     if kind == RALLY:
