@@ -36,10 +36,11 @@ class Engagement:
         """Return why a request is refused and what to do; empty where it is accepted.
 
         ENGAGE is accepted where nothing is missing but what follows from it: the flight mode, and arming
-        where that is permitted.
+        where that is permitted. CLEAR_FAULT also makes a motor trusted again that was found dead.
         """
         state, held = verdict.state, verdict.conditions
-        if request is Request.CLEAR_FAULT and state is not State.FAULT:
+        dead_motor = held & (C.THRUSTER_DEAD | C.THRUSTER_MISSED)
+        if request is Request.CLEAR_FAULT and state is not State.FAULT and not dead_motor:
             return f"no fault is latched; the state is {state}"
         if request is Request.CLEAR_FAULT:
             held &= C.NON_FINITE

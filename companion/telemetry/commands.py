@@ -46,7 +46,7 @@ class Release(Payload, frozen=True):
 
 
 class ClearFault(Payload, frozen=True):
-    """Clear a latched fault; does not engage."""
+    """Clear a latched fault, and trust a motor again that was found dead; does not engage."""
 
     order = "clear the fault"
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from console import Console
 from virtual import Dive, Somebody, hold
 
 from companion.records import Condition, Request, State
@@ -74,9 +75,10 @@ def test_a_dead_motor_is_told_and_forgotten_when_the_fault_is_cleared():
     dive.fault("thruster", thruster=6, value=0.0)
     told = [event.text for step in dive.run(15.0) for event in log.step(step.sample)]
     assert {"motor 6 gives no thrust", "a motor gives no thrust"} <= set(told)
-    dive.ask(Request.CLEAR_FAULT)
+    answers = Console(dive).ask("clear_fault")
     told = [event.text for step in dive.run(0.1) for event in log.step(step.sample)]
     assert "motor 6 is trusted again" in told
+    assert answers[0].done
     assert dive.step.sample.state.dead_motor == 0
 
 
