@@ -77,6 +77,7 @@ TICK_S = 0.02
 DIVE_TICKS = 1500
 STORM_TICKS = (25, 200)
 CALM_TICKS = 250
+ORDER_TICKS = 100
 RECOVERED_TICKS = 700
 """After so long a calm depth and heading have to be found again: the observer lets go of an error of half
 a turn, which rates of 26 rad/s made, with a time constant of 2.6 s."""
@@ -92,11 +93,12 @@ VEHICLE, US, GROUND = (1, 1), (255, 25), (255, 190)
 
 Inbox = list[tuple[int, bytes]]
 HEAVY, SIX = "sim.toml", "sim-bluerov2.toml"
+POSITIONED = ("sensors.dvl=true",)
 VARIANTS: tuple[tuple[str, tuple[str, ...], tuple[str, ...]], ...] = (
     (HEAVY, (), ()),
     (HEAVY, ("waves.enabled=true",), ()),
     (HEAVY, (), ('vehicle.thrust_path="manual_control"',)),
-    (HEAVY, ("sensors.dvl=true",), ("supervisor.max_tilt_deg=80",)),
+    (HEAVY, POSITIONED, ("supervisor.max_tilt_deg=80",)),
     (HEAVY, (), ('vehicle.steering_mode="stabilize"',)),
     (HEAVY, (), ('vehicle.rate_source="vz"',)),
     (HEAVY, (), ('vehicle.depth_source="pressure"',)),
@@ -338,7 +340,7 @@ def configuration(rng: Random, fixed: Sequence[str]) -> Config:
         texts = [f"{key}={json.dumps(value)}" for key, value in values.items()]
         with contextlib.suppress(ConfigError):
             config = load_config(overrides=(*rng.choice((UNLEARNT, [])), *texts, *fixed))
-            Engine(config, Setpoint((0.0,) * 4))
+            Engine(config, Setpoint((math.nan,) * 4))
             return config
 
 
@@ -551,9 +553,8 @@ class Fuzzed:
 
     def __init__(self, rng: Random, config: Config, tally: "Tally") -> None:
         ground = bool(config.ground_station.endpoint)
-        depth_m = min(1.0, config.supervisor.max_depth_m)
+        depth_m = math.nan if config.fence.enabled else min(1.0, config.supervisor.max_depth_m)
         self.engine = Engine(config, Setpoint((math.nan, math.nan, depth_m, 0.3)), arm=True)
-        self.rate_hz = config.loop.rate_hz
         self._queue = CommandQueue(config)
         self._guided: tuple[int, str] | None = None
         self._drawing: Task[Plan]
@@ -693,9 +694,10 @@ def fuzz(number: int, tally: Tally) -> None:
     if rng.random() < 0.2:
         _messages_alone(rng, fuzzed, tally)
     else:
-        vehicle = Vehicle(load_plant(CONFIG / plant, ("current.enabled=false", *sea)), number)
-        loop = Lockstep(vehicle, fuzzed, LinkDelay(), number, fuzzed.rate_hz)  # type: ignore[arg-type]
-        _dive(rng, fuzzed, loop, tally, recovers=ours)
+        sea = ("current.enabled=false", *sea, *rng.choice(((), POSITIONED)))
+        vehicle = Vehicle(load_plant(CONFIG / plant, sea), number)
+        loop = Lockstep(vehicle, fuzzed, LinkDelay(), number, config.loop.rate_hz)  # type: ignore[arg-type]
+        _dive(rng, fuzzed, loop, tally, config if ours else None)
 
 
 def _messages_alone(rng: Random, fuzzed: Fuzzed, tally: Tally) -> None:
@@ -713,8 +715,8 @@ def _messages_alone(rng: Random, fuzzed: Fuzzed, tally: Tally) -> None:
         tally.ticks += 1
 
 
-def _dive(rng: Random, fuzzed: Fuzzed, loop: Lockstep, tally: Tally, *, recovers: bool) -> None:
-    """Storms and calms in turn; with the shipped noises it `recovers` from a storm."""
+def _dive(rng: Random, fuzzed: Fuzzed, loop: Lockstep, tally: Tally, sound: Config | None) -> None:
+    """Storms and calms in turn; as long as the configuration is `sound` it recovers from a storm."""
     calm, left = 0, CALM_TICKS
     for _ in range(DIVE_TICKS):
         if left == 0 and not fuzzed.spoils:
@@ -727,7 +729,9 @@ def _dive(rng: Random, fuzzed: Fuzzed, loop: Lockstep, tally: Tally, *, recovers
             loop.requests.append(rng.choice((Request.CLEAR_FAULT, Request.ENGAGE)))
         step = loop.tick()
         tally.ticks += 1
-        if calm == RECOVERED_TICKS and recovers and not fuzzed.by_pressure:
+        if calm % ORDER_TICKS == 1:
+            fuzzed.order(order(rng))
+        if calm == RECOVERED_TICKS and fuzzed.engine.config == sound and not fuzzed.by_pressure:
             believed, true = step.sample.state.eta, step.truth.eta
             missed_m, missed_rad = (
                 abs(believed[Z] - true[2]),
