@@ -32,6 +32,7 @@ from companion.mavlink.relay import Relay
 from companion.mavlink.signing import signing_of
 from companion.mavlink.timestamps import timestamps_of
 from companion.predive.manoeuvre import Manoeuvre
+from companion.predive.table import as_json
 from companion.records import Condition, ControlSample, LoopHealth, Request, Setpoint
 from companion.steps import Task
 from companion.telemetry.commands import Follow
@@ -92,6 +93,7 @@ class App:
             telemetry.mode,
             on_command=self._commands.put,
             choices=Choices(compensator=registry.choices(config.compensators)),
+            check_list=lambda: as_json(self._engine.check_list, []),
         )
         self._publisher.config = msgspec.json.encode(config)
         self._requests = list(requests)

@@ -308,17 +308,27 @@ def check(argv: list[str]) -> int:
 
     from companion.assembly import refuse_fast_gains
     from companion.config import DEFAULT_FILE, load_config
+    from companion.io.zenoh_question import asked
     from companion.predive.app import inspect
     from companion.predive.inspection import CONTACT_S
-    from companion.predive.table import as_json, show, worst
+    from companion.predive.table import as_json, from_json, show, worst
+    from companion.telemetry.schemas import check_key
 
     try:
         config = load_config(arguments.config or DEFAULT_FILE, _overrides(arguments))
         refuse_fast_gains(config)
-        sys.stderr.write(f"waiting for a vehicle at {config.link.endpoint}, {CONTACT_S:g} s at most\n")
-        if arguments.thrusters and not arguments.yes and not _agreed(THRUSTERS_MOVE):
-            return 130
-        rows, notes = inspect(config, origin=arguments.set_origin, thrusters=arguments.thrusters)
+        name = config.vehicle.name
+        told = asked(config.telemetry.endpoint, check_key(name)) if config.telemetry.mode != "file" else None
+        if told is not None:
+            sys.stderr.write(f"`holdfast run` holds the vehicle '{name}' and answers: what it sees now\n")
+            if arguments.thrusters or arguments.set_origin is not None:
+                raise ValueError("--thrusters and --set-origin need the port: end `holdfast run` first")
+            rows, notes = from_json(told), list[str]()
+        else:
+            sys.stderr.write(f"waiting for a vehicle at {config.link.endpoint}, {CONTACT_S:g} s at most\n")
+            if arguments.thrusters and not arguments.yes and not _agreed(THRUSTERS_MOVE):
+                return 130
+            rows, notes = inspect(config, origin=arguments.set_origin, thrusters=arguments.thrusters)
     except ValueError as error:
         sys.stderr.write(f"holdfast check: {error}\n")
         return 2

@@ -229,6 +229,11 @@ class Engine:
         """Return the pre-dive list as far as it is known without trying anything."""
         return self._fitness.checked(state, self._config)
 
+    @property
+    def check_list(self) -> list[CheckRow]:
+        """The pre-dive list as it was made last; empty before the first."""
+        return self._fitness.listed
+
     def preparing(self, config: Config) -> Steps[None]:
         """Do beforehand, in steps, what takes long of a `retune`: the Kalman gains of axes that change."""
         for dof, (axis, wanted) in enumerate(zip(self._config.axes, config.axes, strict=True)):

@@ -54,7 +54,8 @@ class Publisher(SessionThread):
     that nobody could take in time. Whoever subscribes by `zenoh.ext` gets the last events and raw ticks as
     well: nobody is there at the first one. A query for a key, or for all of them, returns the last sample of
     each. `on_command` is called with each command, on a thread of Zenoh's;
-    without it there are none. Queries for them are answered with `config` and `choices`. Raises ValueError
+    without it there are none. Queries for them are answered with `config`,
+    `choices` and `check_list`. Raises ValueError
     for a vehicle name that is no key and an endpoint that is none; trouble with the network is never raised.
     """
 
@@ -65,6 +66,7 @@ class Publisher(SessionThread):
         mode: Literal["peer", "client", "file"] = "peer",
         on_command: Callable[[ReceivedCommand], None] | None = None,
         choices: telemetry.Choices | None = None,
+        check_list: Callable[[], str] = lambda: "",
     ) -> None:
         super().__init__("zenoh", _CLOSE_S)
         self.dropped = 0
@@ -78,6 +80,7 @@ class Publisher(SessionThread):
         self._mode = mode
         self._on_command = on_command
         self._choices = choices or telemetry.Choices(compensator=())
+        self._check_list = check_list
         self._queue: queue.SimpleQueue[_Offered | None] = queue.SimpleQueue()
         self._last: dict[str, tuple[bytes, zenoh.Timestamp]] = {}
         self._mail: deque[telemetry.Event | telemetry.Plan | _Answer] = deque(maxlen=_MAIL)
@@ -283,6 +286,9 @@ class Publisher(SessionThread):
             telemetry.choices_key(self._vehicle),
             lambda: msgspec.json.encode(self._choices),
             telemetry.encoding(telemetry.Choices),
+        )
+        answer(
+            telemetry.check_key(self._vehicle), lambda: self._check_list().encode(), telemetry.CONFIG_ENCODING
         )
         for key, encoding in (
             *self._keys.items(),

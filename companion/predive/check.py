@@ -21,6 +21,9 @@ from companion.supervision.conditions import (
     voltage_is_low,
 )
 
+PRESET_OF = {"vectored": "bluerov2", "vectored_6dof": "heavy"}
+"""The shipped vehicle of each frame."""
+
 SUBMARINE = 12
 OLDEST = (4, 5, 0)
 MIN_REACH = 0.3
@@ -85,7 +88,7 @@ def refusals(listed: Sequence[CheckRow], *, holding: bool = False) -> str:
     """
     ignored = WATCHED | SETTLES if holding else WATCHED
     refused = [row for row in listed if row.grade is Grade.REFUSED and row.name not in ignored]
-    return "; ".join(f"{row.name}: {row.found}" for row in refused)
+    return "; ".join(f"{row.name}: {row.found}. Fix: {row.fix}" for row in refused)
 
 
 def _firmware(seen: Observed, config: Config) -> CheckRow:
@@ -122,8 +125,7 @@ def _frame(seen: Observed, config: Config) -> CheckRow:
         return _not_reported("frame", "FRAME_CONFIG", why)
     has = FRAMES.get(value, f"number {value:g}")
     grade = Grade.GOOD if has == wanted else Grade.REFUSED
-    number = next(number for number, name in FRAMES.items() if name == wanted)
-    fix = f'vehicle.frame = "{has}", or FRAME_CONFIG = {number:g} on the autopilot'
+    fix = f'vehicle.preset = "{PRESET_OF[has]}"' if has in PRESET_OF else "a frame that Holdfast knows"
     return CheckRow("frame", grade, f"{has}, expected {wanted}" if grade else has, why, fix)
 
 

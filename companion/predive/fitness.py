@@ -21,6 +21,8 @@ class Fitness:
         self._survey = Survey()
         self._checked_s = -math.inf
         self._about = ""
+        self.listed: list[CheckRow] = []
+        """The list as it was made last."""
         self.failure = ""
         """The rows that forbid engaging, in words; empty where none does."""
 
@@ -29,7 +31,8 @@ class Fitness:
         self._survey.take(events)
         if state.t_s - self._checked_s >= CHECK_S:
             self._checked_s = state.t_s
-            self.failure = refusals(self.checked(state, config), holding=holding)
+            self.listed = self.checked(state, config)
+            self.failure = refusals(self.listed, holding=holding)
         return self.failure
 
     def checked(self, state: VehicleState, config: Config) -> list[CheckRow]:

@@ -19,6 +19,17 @@ def as_json(rows: Sequence[CheckRow], notes: Sequence[str]) -> str:
     return json.dumps({"grade": worst(rows).name, "rows": listed, "notes": list(notes)}, indent=1)
 
 
+def from_json(text: bytes) -> list[CheckRow]:
+    """Return the rows of `as_json`. Raises ValueError for anything else."""
+    try:
+        listed = json.loads(text)["rows"]
+        return [
+            CheckRow(row["name"], Grade[row["grade"]], row["found"], row["why"], row["fix"]) for row in listed
+        ]
+    except (KeyError, TypeError) as error:
+        raise ValueError(f"no pre-dive list: {error!r}") from error
+
+
 def show(rows: Sequence[CheckRow], notes: Sequence[str]) -> None:
     """Print the list: a table where rich is there, lines where it is not (a vehicle needs no rich)."""
     try:

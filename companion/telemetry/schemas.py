@@ -353,6 +353,11 @@ def choices_key(vehicle: str) -> str:
     return f"{_root(vehicle)}/choices"
 
 
+def check_key(vehicle: str) -> str:
+    """Return the key that answers a query with the companion's pre-dive list, as `holdfast check --json`."""
+    return f"{_root(vehicle)}/check"
+
+
 def raw_key(vehicle: str) -> tuple[str, str]:
     """Return key and encoding of the vehicle's `Raw`."""
     return f"{_root(vehicle)}/raw", "application/msgpack;holdfast.Raw.v1"

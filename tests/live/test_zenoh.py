@@ -23,6 +23,7 @@ from zenoh import ext
 from companion.io import zenoh_publisher as zenoh_io
 from companion.io.command_queue import ReceivedCommand
 from companion.io.zenoh_publisher import NameTakenError, Publisher
+from companion.io.zenoh_question import asked
 from companion.records import ControlSample
 from companion.telemetry import schemas as telemetry
 from companion.telemetry.session import client_configuration
@@ -436,3 +437,10 @@ def test_a_recorder_that_comes_late_gets_the_raw_ticks_from_the_first(
     ticks = [msgspec.msgpack.decode(sample.payload.to_bytes(), type=telemetry.Raw).tick for sample in came]
     assert ticks == list(range(1, 51))
     assert {str(sample.encoding) for sample in came} == {encoding}
+
+
+def test_a_companion_that_runs_answers_for_check(endpoint: str) -> None:
+    key = telemetry.check_key("kelp")
+    assert asked(endpoint, key) is None, "nobody runs"
+    with Publisher("kelp", endpoint, check_list=lambda: '{"rows": []}'):
+        until(lambda: asked(endpoint, key) == b'{"rows": []}', within_s=10.0)

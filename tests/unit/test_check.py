@@ -8,9 +8,9 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from virtual import Dive, Somebody, active
 
 from companion.config import load_config
-from companion.predive.check import WATCHED, Grade, refusals, rows
+from companion.predive.check import PRESET_OF, WATCHED, Grade, refusals, rows
 from companion.predive.survey import Directions, Observed, Survey
-from companion.predive.table import as_json, show, worst
+from companion.predive.table import as_json, from_json, show, worst
 from companion.records import (
     Ages,
     Battery,
@@ -238,7 +238,9 @@ def test_what_was_not_tried_has_no_row(good):
 def test_refusals_name_the_row_and_the_worst_is_the_status(good):
     bad = told(replace(good, origin_known=False, directions=None), FRAME_CONFIG=1.0, MAV_GCS_SYSID=1.0)
     listed = rows(bad, load_config())
-    assert refusals(listed).startswith("frame: vectored, expected vectored_6dof; steering id: ")
+    assert refusals(listed).startswith(
+        'frame: vectored, expected vectored_6dof. Fix: vehicle.preset = "bluerov2"; steering id: '
+    )
     assert worst(listed) == 2
     assert worst(rows(replace(good, origin_known=False), load_config())) == 1
     assert worst([]) == 2
@@ -252,7 +254,7 @@ def test_the_table_and_the_json_tell_all(good, capsys):
     out = capsys.readouterr().out
     assert "REFUSED" in out
     assert "a note" in out
-    assert "vehicle.frame" in out.replace("\n", "")
+    assert "vehicle.preset" in out.replace("\n", "")
     answer = json.loads(as_json(listed, ["a note"]))
     assert answer["grade"] == "REFUSED"
     assert [entry["name"] for entry in answer["rows"]] == [row.name for row in listed]
@@ -354,5 +356,20 @@ def test_a_position_that_the_ekf_does_not_vouch_for_is_waited_for(good):
 
 def test_what_has_to_settle_before_engaging_ends_no_hold(good):
     listed = rows(replace(good, ekf=None, yaw_aligned_t_s=good.state.t_s), load_config())
-    assert refusals(listed).startswith("EKF: no EKF_STATUS_REPORT arrived; compass: ")
+    said = refusals(listed)
+    assert said.startswith("EKF: no EKF_STATUS_REPORT arrived. Fix: ")
+    assert "; compass: " in said
     assert refusals(listed, holding=True) == ""
+
+
+def test_the_cure_of_a_wrong_frame_is_a_preset_with_that_frame():
+    for frame, preset in PRESET_OF.items():
+        assert load_config(overrides=[f"vehicle.preset={preset}"]).vehicle.frame == frame
+
+
+def test_the_list_comes_back_from_its_json(good):
+    listed = rows(good, load_config())
+    assert from_json(as_json(listed, []).encode()) == listed
+    for text in (b"[]", b"{}", b'{"rows": [{"name": 1}]}', b"no json"):
+        with pytest.raises(ValueError):  # noqa: PT011
+            from_json(text)
