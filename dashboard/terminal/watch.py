@@ -24,6 +24,7 @@ from companion.telemetry.schemas import Command, Dof, Event, Loop, Plan, Schema,
 from companion.telemetry.status_line import delay_text
 from dashboard.arguments import add_connect
 from dashboard.rate import Rate
+from dashboard.silence import silence
 from dashboard.terminal.above import Point, chart, nice_length
 from dashboard.zenoh_client import Message, Subscription
 from holdfast.arguments import command_parser
@@ -376,12 +377,7 @@ def _printable(record: Schema) -> Schema:
 
 
 def _waiting(view: View) -> Text:
-    if not view.connected:
-        return Text(
-            f"nobody listens on {view.endpoint}. Is `holdfast run` up, or is it elsewhere? See --connect."
-        )
-    who = f"'{view.vehicle}'" if view.vehicle else "any vehicle"
-    return Text(f"{view.endpoint} answers, but nothing of {who} came so far. Is `holdfast run` up?")
+    return Text("\n".join(silence(view.vehicle, view.endpoint, connected=view.connected)))
 
 
 def _freshness(view: View) -> Text:
@@ -414,7 +410,13 @@ def _event(event: Event, now_s: float, whose: str = "") -> Text:
 def _banner(view: View) -> RenderableType:
     supervisor, state = view.latest.get("supervisor"), view.latest.get("state")
     lines: list[Text] = []
-    if isinstance(supervisor, Supervisor):
+    was_armed = state.armed if isinstance(state, State) and "armed" not in state.absent else None
+    if view.stale and isinstance(supervisor, Supervisor):
+        reason, remedy = silence(
+            view.vehicle, view.endpoint, connected=view.connected, state=supervisor.state, armed=was_armed
+        )
+        lines += [Text(reason, "bold"), Text(f"to do: {remedy}")]
+    elif isinstance(supervisor, Supervisor):
         style, meaning = _STYLES.get(supervisor.state, "reverse"), MEANINGS.get(supervisor.state, "")
         name = supervisor.state.replace("_", " ")
         if "LINK_LOST" in supervisor.conditions:
@@ -432,6 +434,7 @@ def _banner(view: View) -> RenderableType:
         mode = MODE_NAMES.get(state.mode, f"mode {state.mode}") if known else "mode unknown"
         volts = _DASH if "voltage_v" in state.absent else f"{state.voltage_v:.1f} V"
         armed = Text("ARMED", "bold") if state.armed else Text("disarmed")
+        armed = Text(f"was {armed.plain}") if view.stale else armed
         armed = armed if known else Text("armed or not: unknown", "bold yellow")
         lines.append(
             Text.assemble(

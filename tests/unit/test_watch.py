@@ -194,6 +194,18 @@ def test_a_scale_is_a_round_number(most_m: float, length_m: float) -> None:
     assert nice_length(most_m) == pytest.approx(length_m)
 
 
+def test_a_companion_that_died_while_active_leaves_no_armed_vehicle_on_the_screen(
+    make_sample: MakeSample,
+) -> None:
+    feed = Feed("kelp", "here")
+    feed.take(_messages(make_sample(t_s=100.0, armed=True)), now_s=7.0)
+    shown = " ".join(_screen(feed.view(20.0, connected=True)).split())
+    assert "It was ACTIVE and armed." in shown
+    assert "the autopilot disarms 3 s" in shown
+    assert "was ARMED" in shown
+    assert "Start `holdfast run`" not in shown
+
+
 def test_data_turn_stale_within_a_second(make_sample: MakeSample) -> None:
     feed = Feed("kelp", "here")
     feed.take(_messages(make_sample(t_s=100.0)), now_s=7.0)
@@ -219,8 +231,8 @@ def test_a_vehicle_whose_clock_starts_again_is_not_stale(make_sample: MakeSample
 
 def test_nothing_heard_tells_where_to_look() -> None:
     feed = Feed("", "tcp/10.0.0.1:7447")
-    assert "nobody listens on tcp/10.0.0.1:7447" in _screen(feed.view(1.0, connected=False))
-    assert "nothing of any vehicle" in _screen(feed.view(1.0, connected=True))
+    assert "Nobody listens on tcp/10.0.0.1:7447" in _screen(feed.view(1.0, connected=False))
+    assert "No vehicle is heard." in _screen(feed.view(1.0, connected=True))
 
 
 def test_one_vehicle_is_shown_wholly_and_several_as_a_line_each(make_sample: MakeSample) -> None:
@@ -331,7 +343,7 @@ def test_once_without_a_companion_is_a_failure(
     monkeypatch.setattr(watch, "PATIENCE_S", 0.1)
     figures = tmp_path / "figures.json"
     assert watch.main(["--once", "--connect", "tcp/127.0.0.1:1", "--json", str(figures)]) == 1
-    assert "nobody listens on tcp/127.0.0.1:1" in capsys.readouterr().err
+    assert "Nobody listens on tcp/127.0.0.1:1" in capsys.readouterr().err
     assert not figures.exists()
 
 
