@@ -8,7 +8,7 @@ from companion.estimation.delay import SLEW, DelayMeter
 BOOT_S = -812.5
 """Autopilot's clock minus ours."""
 
-TICK_S = 0.02
+TICK_S, ECHO_S = 0.02, 0.04
 AXES = np.array([0.3, -0.2, 0.5, 0.4])
 
 
@@ -49,17 +49,23 @@ def command(t_s):
     return 0.2 * wave * AXES
 
 
-def steer(meter, delay_s, seconds=12.0, start_s=1000.0, echo_hz=25.0, commands=command, noise=0.0, seed=2):
-    """Commands every tick; the motors follow `delay_s` later; their echo is stamped at its own pace."""
+def steer(meter, delay_s, seconds=12.0, start_s=1000.0, ahead_s=3.0, commands=command, noise=0.0, seed=2):
+    """Commands every tick from `ahead_s` before the first echo; the motors follow `delay_s` later.
+
+    Their echo is stamped at its own pace.
+    """
     rng = np.random.default_rng(seed)
-    sent_t = start_s - 3.0 + np.arange(round((seconds + 3.0) / TICK_S)) * TICK_S
+    sent_t = start_s - ahead_s + np.arange(round((seconds + ahead_s) / TICK_S)) * TICK_S
     sent = np.array([commands(t) for t in sent_t])
-    for t_s in np.arange(start_s, start_s + seconds, 1.0 / echo_hz):
-        at_s = t_s + rng.uniform(0.0, 1.0 / echo_hz)
-        index = np.searchsorted(sent_t, at_s - delay_s, side="right") - 1
-        known = (sent_t <= at_s + 0.02) & (sent_t > at_s - 2.5)
+    known = 0
+    for t_s in np.arange(start_s, start_s + seconds, ECHO_S):
+        at_s = t_s + rng.uniform(0.0, ECHO_S)
+        index = max(np.searchsorted(sent_t, at_s - delay_s, side="right") - 1, 0)
+        while known < len(sent_t) and sent_t[known] <= at_s + 0.02:
+            meter.sent(sent_t[known], tuple(sent[known]))
+            known += 1
         axes = sent[index] + noise * rng.normal(size=4)
-        meter.echo(at_s + meter.clock.offset_s, tuple(axes), sent_t[known].tolist(), sent[known].tolist())
+        meter.echo(at_s + meter.clock.offset_s, tuple(axes))
     return start_s + seconds
 
 
@@ -169,9 +175,7 @@ def test_a_command_that_repeats_itself_teaches_nothing_false(period_s, noise, be
 def test_a_command_that_begins_to_repeat_itself_does_not_move_what_is_known():
     m = synced()
     end_s = steer(m, 0.015)
-    steer(
-        m, 0.015, commands=lambda t: 0.3 * np.sin(2.0 * np.pi * t / 0.2) * AXES, start_s=end_s, seconds=40.0
-    )
+    steer(m, 0.015, 40.0, end_s, 0.0, commands=lambda t: 0.3 * np.sin(2.0 * np.pi * t / 0.2) * AXES)
     assert m.delays.command_s == pytest.approx(0.015, abs=0.005)
 
 
@@ -180,9 +184,9 @@ def test_what_the_echo_says_is_bounded_by_what_timesync_allows(lag_s, found_s):
     """10 ms to the autopilot, 20 ms of its input loop, 30 ms beside."""
     m = synced()
     end_s = 1001.0
-    for _ in range(48):
+    for k in range(48):
         exchange(m, 0.01, 0.01, seconds=0.25, start_s=end_s)
-        end_s = steer(m, lag_s, start_s=end_s, seconds=0.25)
+        end_s = steer(m, lag_s, start_s=end_s, seconds=0.25, ahead_s=0.0 if k else 3.0)
     assert m.delays.command_s == pytest.approx(found_s, abs=0.005)
 
 
@@ -198,20 +202,20 @@ def test_an_echo_of_somebody_else_changes_nothing():
     m, rng = synced(), np.random.default_rng(3)
     sent_t = 1000.0 + np.arange(500) * TICK_S
     sent = np.array([command(t) for t in sent_t])
-    for k in range(140, 498, 2):
-        known = slice(k - 128, k + 2)
-        motors = tuple(0.1 * rng.normal(size=4))
-        m.echo(sent_t[k] + m.clock.offset_s, motors, sent_t[known].tolist(), sent[known].tolist())
+    for t_s, axes in zip(sent_t, sent, strict=True):
+        m.sent(t_s, tuple(axes))
+        m.echo(t_s + m.clock.offset_s, tuple(0.1 * rng.normal(size=4)))
     assert m.delays.command_s == pytest.approx(BEFORE_ECHO_S)
 
 
 def test_too_short_a_history_tells_nothing():
     m = synced()
-    sent_t = [1000.0 + k * TICK_S for k in range(10)]
-    boot_s = 1000.2 + m.clock.offset_s
-    m.echo(boot_s, tuple(command(1000.1)), sent_t, [tuple(command(t)) for t in sent_t])
-    m.echo(boot_s, tuple(AXES), sent_t, [tuple(command(t)) for t in sent_t])
-    m.echo(boot_s, tuple(AXES), [], [])
+    boot_s = 1000.0 + m.clock.offset_s
+    m.echo(boot_s, tuple(AXES))
+    m.echo(boot_s, tuple(AXES))
+    for t_s in 1000.0 + np.arange(10) * TICK_S:
+        m.sent(t_s, tuple(command(t_s)))
+        m.echo(t_s + m.clock.offset_s, tuple(command(t_s)))
     assert not m.delays.command_known
 
 
@@ -220,7 +224,7 @@ def test_a_changed_command_delay_is_found(before_s, after_s):
     m = synced()
     end_s = steer(m, before_s)
     assert m.delays.command_s == pytest.approx(before_s, abs=0.005)
-    steer(m, after_s, start_s=end_s, seconds=20.0)
+    steer(m, after_s, start_s=end_s, seconds=20.0, ahead_s=0.0)
     assert m.delays.command_s == pytest.approx(after_s, abs=0.005)
 
 

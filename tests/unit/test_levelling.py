@@ -206,4 +206,4 @@ def test_which_axes_are_ours(overrides, ours):
     config = load_config(overrides=overrides)
     axes, _ = allocate(assembly.thrusters(config), (9.0, 9.0, 9.0, 2.0, 2.0, 2.0), 16.0, REACH)
     assert tuple(bool(axis) for axis in axes) == ours
-    assert (assembly.levelling(config) is not None) == bool(ours[4])
+    assert assembly.actuation(config).levels == bool(ours[4])
