@@ -4,7 +4,6 @@ Units stand in the key names. The shipped file, `config/companion.toml`, explain
 vehicle, which stand in a file of their own that it names: `config/vehicles/`. Merged, both make one `Config`.
 """
 
-import tomllib
 from collections.abc import Mapping, Sequence
 from ipaddress import ip_network
 from pathlib import Path
@@ -17,7 +16,7 @@ from companion import registry
 from companion.endpoint import Endpoint
 from companion.records import AXES
 from companion.telemetry import ranges
-from holdfast import RefusedError
+from holdfast import RefusedError, files
 from holdfast.arguments import source_of
 
 DEFAULT_FILE = Path(__file__).parent.parent / "config" / "companion.toml"
@@ -439,11 +438,11 @@ def _merge(table: dict[str, Any], path: Path, file: Path) -> None:
 
 def _read(path: Path) -> dict[str, Any]:
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
+        return files.toml(files.text(path))
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path}: is not TOML: {error}") from error
+    except ValueError as error:
+        raise ConfigError(f"{path}: {error}") from error
 
 
 def _key(override: str) -> str:
@@ -455,8 +454,8 @@ def _apply(table: dict[str, Any], override: str) -> None:
     if not equals:
         raise ConfigError(f"--set {override}: write it as section.key=value")
     try:
-        value = tomllib.loads(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError:
+        value = files.toml(f"value = {text}")["value"]
+    except ValueError:
         value = text
     *sections, last = key.strip().split(".")
     for section in sections:

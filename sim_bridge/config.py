@@ -2,7 +2,6 @@
 
 import math
 import re
-import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_type_hints
@@ -10,7 +9,7 @@ from typing import Annotated, Any, Literal, get_type_hints
 import msgspec
 from msgspec import Meta, Struct
 
-from holdfast import RefusedError
+from holdfast import RefusedError, files
 from holdfast.arguments import source_of
 from sim_bridge.fault_kinds import Fault
 
@@ -325,11 +324,11 @@ def load_config(path: Path | str, overrides: Sequence[str] = ()) -> SimConfig:
     """
     path = Path(path)
     try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
+        data = files.toml(files.text(path))
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path}: not valid TOML: {error}") from error
+    except ValueError as error:
+        raise ConfigError(f"{path}: {error}") from error
     for override in overrides:
         _apply(data, override)
     try:
@@ -368,8 +367,8 @@ def _apply(data: dict[str, Any], override: str) -> None:
     if not equals or not all(parts):
         raise ConfigError(f"override '{override}': expected dotted.key=value, such as waves.enabled=true")
     try:
-        value = tomllib.loads(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError:
+        value = files.toml(f"value = {text}")["value"]
+    except ValueError:
         value = text  # as `holdfast run` takes it: a word needs no quotes
     table = data
     for part in parts[:-1]:
@@ -381,8 +380,8 @@ def _apply(data: dict[str, Any], override: str) -> None:
 
 def _value(where: str, text: str) -> Any:
     try:
-        return tomllib.loads(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError as error:
+        return files.toml(f"value = {text}")["value"]
+    except ValueError as error:
         raise ConfigError(f"{where}: '{text}' is not a TOML value (quote strings): {error}") from error
 
 

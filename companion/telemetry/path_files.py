@@ -5,9 +5,7 @@ them (libraries/AP_Common/Location.cpp): with the EKF's origin they are the vehi
 the path begins where the vehicle is when it starts. Altitude is minus the depth.
 """
 
-import json
 import math
-import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -16,11 +14,11 @@ import msgspec
 
 from companion.telemetry import ranges
 from companion.telemetry.plan import PathPlan
+from holdfast import files
 
 METRES_PER_DEGREE = 111318.84502145034
 """ArduPilot's LOCATION_SCALING_FACTOR, per degree."""
 
-MAX_FILE_BYTES = 1 << 20
 NAV_WAYPOINT, LAST_NAV, CHANGE_SPEED = 16, 95, 178
 """MAV_CMD: of NAV commands, the numbers up to LAST_NAV, only waypoints are followed; others are left out."""
 
@@ -36,13 +34,11 @@ def read(path: Path, origin: Degrees | None = None) -> PathPlan:
     Raises ValueError naming file, key, value and what is allowed.
     """
     try:
-        if path.stat().st_size > MAX_FILE_BYTES:
-            raise ValueError(f"{path}: {path.stat().st_size} bytes; {MAX_FILE_BYTES} at most")
-        text = path.read_text(encoding="utf-8")
+        text = files.text(path)
     except OSError as error:
         raise ValueError(f"{path}: cannot be read: {error.strerror}") from error
-    except UnicodeDecodeError as error:
-        raise ValueError(f"{path}: is not UTF-8: {error}") from error
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
     readers = {".toml": _toml, ".geojson": _geojson, ".json": _geojson, ".plan": _plan}
     reader = readers.get(path.suffix.lower())
     if reader is None:
@@ -69,22 +65,12 @@ def position(text: str) -> Degrees:
 
 
 def _toml(text: str, origin: Degrees | None) -> dict[str, Any]:
-    try:
-        return tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise ValueError(f"is not TOML: {error}") from error
-
-
-def _json(text: str) -> Any:
-    try:
-        return json.loads(text)
-    except (json.JSONDecodeError, RecursionError) as error:
-        raise ValueError(f"is not JSON: {error}") from error
+    return files.toml(text)
 
 
 def _geojson(text: str, origin: Degrees | None) -> dict[str, Any]:
     """Take the one LineString or Polygon of a GeoJSON (RFC 7946); its properties are keys of a plan."""
-    lines = [*_geometries(_json(text), {})]
+    lines = [*_geometries(files.from_json(text), {})]
     if len(lines) != 1:
         raise ValueError(f"{len(lines)} lines or polygons: want one LineString or one Polygon")
     key, coordinates, closed, properties = lines[0]
@@ -107,10 +93,16 @@ def _geometries(node: Any, properties: Mapping[str, Any], key: str = "") -> Any:
         raise ValueError(f"{key or 'all of it'}: want a GeoJSON object")
     kind, dot = node.get("type"), f"{key}." if key else ""
     if kind == "FeatureCollection":
-        for k, feature in enumerate(node.get("features") or ()):
+        features = node.get("features") or []
+        if not isinstance(features, list):
+            raise ValueError(f"{dot}features: want a list")
+        for k, feature in enumerate(features):
             yield from _geometries(feature, {}, f"{dot}features[{k}]")
     elif kind == "Feature":
-        yield from _geometries(node.get("geometry"), node.get("properties") or {}, f"{dot}geometry")
+        properties = node.get("properties") or {}
+        if not isinstance(properties, dict):
+            raise ValueError(f"{dot}properties: want an object")
+        yield from _geometries(node.get("geometry"), properties, f"{dot}geometry")
     elif kind in ("LineString", "Polygon"):
         coordinates = node.get("coordinates")
         if kind == "Polygon":
@@ -124,7 +116,7 @@ def _geometries(node: Any, properties: Mapping[str, Any], key: str = "") -> Any:
 
 def _plan(text: str, origin: Degrees | None) -> dict[str, Any]:
     """Take the waypoints of QGroundControl's plan file (its user guide, "Plan File Format")."""
-    table = _json(text)
+    table = files.from_json(text)
     mission = table.get("mission") if isinstance(table, dict) else None
     items = mission.get("items") if isinstance(mission, dict) else None
     if not isinstance(items, list) or table.get("fileType") != "Plan":

@@ -13,7 +13,7 @@ from typing import Self
 import zenoh
 
 from companion.telemetry.schemas import TICKS_PER_SAMPLE
-from holdfast import RefusedError
+from holdfast import RefusedError, files
 
 RETRY_S = 0.2
 MAX_MESSAGE_BYTES = 1 << 20
@@ -87,11 +87,13 @@ def configuration(
     """
     if Path(endpoint).is_file():
         try:
+            files.check_brackets(files.text(Path(endpoint)))
             config = zenoh.Config.from_file(endpoint)
             config.insert_json5(*_MAX_MESSAGE)
             return config
-        except zenoh.ZError as error:
-            raise RefusedError(f"{endpoint}: is no Zenoh configuration: {error}") from error
+        except (zenoh.ZError, ValueError) as error:
+            said = " ".join(str(error).split())
+            raise RefusedError(f"{endpoint}: is no Zenoh configuration: {said}") from error
     if not re.fullmatch(r"[a-z0-9_-]+/[^/?#]+.*", endpoint):
         raise RefusedError(
             f"'{endpoint}' is no Zenoh endpoint, such as tcp/192.168.2.2:7447, and no file of `holdfast keys`"

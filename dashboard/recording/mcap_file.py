@@ -5,19 +5,19 @@
 
 import os
 import struct
+import zlib
 from collections.abc import Collection, Iterator, Mapping
-from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
 from typing import BinaryIO, NamedTuple, cast
 
+import lz4.frame
 import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, McapRecord, Message, Metadata, Schema
-from mcap.stream_reader import CRCValidationError, breakup_chunk
+from mcap.records import Channel, Metadata
 from mcap.writer import CompressionType, Writer
 
 from dashboard.recording.json_schema import schema_of
@@ -38,10 +38,15 @@ MAX_CHANNELS = 256
 
 FREE_BYTES, MAX_RATIO = 16 << 20, 30
 """A file may unpack to this, and to so many times what was read of it: ours take six times."""
+MAX_RECORD_BYTES = 1 << 23
+"""Of a record, packed or not: chunks of other writers have up to half of it."""
+MAX_KEY_CHARS, MAX_TABLES = 4096, 64
+"""Longer keys, and further tables about the recording, are passed over."""
 
 _HEAD = struct.Struct("<BQ")
 _CHUNK_HEAD = struct.Struct("<QQQII")
-_BROKEN = (McapError, CRCValidationError, RuntimeError, zstandard.ZstdError, struct.error, ValueError)
+_MESSAGE = struct.Struct("<HIQQ")
+_BROKEN = (McapError, RuntimeError, zstandard.ZstdError, struct.error, ValueError, OverflowError)
 
 
 class Item(NamedTuple):
@@ -193,9 +198,10 @@ class Reader:
 
     What was found on the way stands in the attributes, complete after the last sample: `metadata` by name (of
     several tables with one name the first), `whole` if the file ends as it should, `broken_chunks` that did
-    not fit their checksum or would unpack to more than a recording does, and `lost_bytes` at the end that
-    nothing could be made of.
-    Raises ValueError for what is no MCAP file at all, OSError for what cannot be read.
+    not fit their checksum or are larger than a recording has, and `lost_bytes` at the end that nothing could
+    be made of.
+    Raises ValueError for what is no MCAP file at all, and for one of which no sample can be read; OSError for
+    what cannot be read.
     """
 
     path: Path
@@ -208,96 +214,97 @@ class Reader:
     def __iter__(self) -> Iterator[Item]:
         """Read from the start."""
         self.metadata, self.whole, self.broken_chunks, self.lost_bytes = {}, False, 0, 0
-        self.unpacked_bytes = 0
-        channels: dict[int, Channel] = {}
+        self.unpacked_bytes = count = 0
+        channels: dict[int, tuple[str, str]] = {}
         with self.path.open("rb") as file:
             if file.read(len(MAGIC)) != MAGIC:
                 raise ValueError(f"{self.path}: is no MCAP file")
-            for record in self._records(file):
-                if isinstance(record, Channel):
-                    channels[record.id] = record
-                elif isinstance(record, Metadata):
-                    self.metadata.setdefault(record.name, record.metadata)
-                elif (
-                    isinstance(record, Message)
-                    and record.channel_id in channels
-                    and max(record.log_time, record.publish_time) <= MAX_TIME_NS
-                ):
-                    channel = channels[record.channel_id]
-                    encoding = channel.metadata.get("zenoh", f"application/{channel.message_encoding}")
-                    yield Item(channel.topic, encoding, record.data, record.log_time, record.publish_time)
+            for opcode, body in self._records(file):
+                try:
+                    if opcode == Opcode.MESSAGE:
+                        number, _, log_ns, publish_ns = _MESSAGE.unpack_from(body)
+                        if number in channels and max(log_ns, publish_ns) <= MAX_TIME_NS:
+                            count += 1
+                            yield Item(*channels[number], body[_MESSAGE.size :], log_ns, publish_ns)
+                    elif opcode == Opcode.CHANNEL:
+                        channel = Channel.read(ReadDataStream(BytesIO(body)))
+                        encoding = channel.metadata.get("zenoh", f"application/{channel.message_encoding}")
+                        if len(channel.topic) <= MAX_KEY_CHARS and len(encoding) <= MAX_ENCODING_BYTES:
+                            channels[channel.id] = channel.topic, encoding
+                    elif opcode == Opcode.METADATA and len(self.metadata) < MAX_TABLES:
+                        table = Metadata.read(ReadDataStream(BytesIO(body)))
+                        self.metadata.setdefault(table.name, table.metadata)
+                except _BROKEN:
+                    continue
+        if not count and (self.broken_chunks or not self.whole):
+            raise ValueError(f"{self.path}: no sample in it can be read: take another copy of it")
 
-    def _records(self, file: BinaryIO) -> Iterator[McapRecord]:
+    def _records(self, file: BinaryIO) -> Iterator[tuple[int, bytes]]:
+        """Give each record outside and inside of chunks, as its opcode and its bytes."""
+        size = os.fstat(file.fileno()).st_size
         while True:
             head = file.read(_HEAD.size)
             if len(head) < _HEAD.size:
                 self.lost_bytes = len(head)
                 return
             opcode, length = _HEAD.unpack(head)
+            rest = size - file.tell()
             if not opcode:  # a file system that lost power leaves zeros
-                self.lost_bytes = self.path.stat().st_size - file.tell() + _HEAD.size
+                self.lost_bytes = rest + _HEAD.size
                 return
             if opcode == Opcode.DATA_END:
                 self.whole = file.seek(-len(MAGIC), os.SEEK_END) > 0 and file.read() == MAGIC
                 return
-            body = file.read(min(length, 2**31))
-            if len(body) < length:
-                self.lost_bytes = _HEAD.size + len(body)
-                yield from self._rest(opcode, body, file.tell())
-                return
-            yield from self._whole(opcode, body, file.tell())
-
-    def _whole(self, opcode: int, body: bytes, read_bytes: int) -> list[McapRecord]:
-        stream = ReadDataStream(BytesIO(body))
-        try:
+            body = file.read(min(length, rest, MAX_RECORD_BYTES))
+            if length > rest:
+                self.lost_bytes = _HEAD.size + rest
+            elif length > len(body):
+                file.seek(length - len(body), os.SEEK_CUR)
+                self.broken_chunks += opcode == Opcode.CHUNK
+                continue
             if opcode == Opcode.CHUNK:
-                chunk = Chunk.read(stream)
-                self._admit(chunk.uncompressed_size, read_bytes)
-                if chunk.compression == "zstd":
-                    data = _unpacked(chunk.data, chunk.uncompressed_size)
-                    chunk = replace(chunk, compression="", data=data)
-                return breakup_chunk(chunk, validate_crc=True)
-            if opcode == Opcode.METADATA:
-                return [Metadata.read(stream)]
-        except _BROKEN:
-            self.broken_chunks += opcode == Opcode.CHUNK
-        return []
+                yield from self._inside(body, file.tell(), cut=length > rest)
+            elif length <= rest:
+                yield opcode, body
+            if length > rest:
+                return
 
-    def _admit(self, size: int, read_bytes: int) -> None:
-        """Count a chunk that unpacks to `size`; raise ValueError where that is more than a recording has."""
-        self.unpacked_bytes += size
-        if self.unpacked_bytes > FREE_BYTES + MAX_RATIO * read_bytes:
-            self.unpacked_bytes -= size
-            raise ValueError("a chunk unpacks to more than a recording has")
-
-    def _rest(self, opcode: int, body: bytes, read_bytes: int) -> Iterator[McapRecord]:
-        """Give the whole samples at the beginning of a cut chunk: few, for it is compressed as one block."""
-        if opcode != Opcode.CHUNK or len(body) < _CHUNK_HEAD.size:
-            return
-        *_, size, _, name_bytes = _CHUNK_HEAD.unpack_from(body)
-        name_end = _CHUNK_HEAD.size + name_bytes
-        compression, data = body[_CHUNK_HEAD.size : name_end], body[name_end + 8 :]
-        if compression == b"zstd":
-            with suppress(ValueError, zstandard.ZstdError):
+    def _inside(self, body: bytes, read_bytes: int, *, cut: bool) -> Iterator[tuple[int, bytes]]:
+        """Give the records of a chunk; of a cut one those at its beginning: few, as it is packed as one."""
+        try:
+            *_, size, crc, name_bytes = _CHUNK_HEAD.unpack_from(body)
+            name_end = _CHUNK_HEAD.size + name_bytes
+            compression, data = body[_CHUNK_HEAD.size : name_end], body[name_end + 8 :]
+            if compression:
                 self._admit(size, read_bytes)
-                data = _unpacked(data, size)
+                data = _unpacked(compression, data, size)
+            if not cut and (len(data) != size or crc not in (0, zlib.crc32(data))):
+                raise ValueError("the chunk does not fit its size or its checksum")
+        except _BROKEN:
+            self.broken_chunks += not cut
+            return
         at = 0
         while at + _HEAD.size <= len(data):
             opcode, length = _HEAD.unpack_from(data, at)
             at += _HEAD.size
             if at + length > len(data):
                 return
-            stream = ReadDataStream(BytesIO(data[at : at + length]))
+            yield opcode, data[at : at + length]
             at += length
-            if opcode == Opcode.CHANNEL:
-                yield Channel.read(stream)
-            elif opcode == Opcode.SCHEMA:
-                yield Schema.read(stream)
-            elif opcode == Opcode.MESSAGE:
-                yield Message.read(stream, length)
+
+    def _admit(self, size: int, read_bytes: int) -> None:
+        """Count a chunk that unpacks to `size`; raise ValueError where that is more than a recording has."""
+        admitted = FREE_BYTES + MAX_RATIO * read_bytes - self.unpacked_bytes
+        if size > min(admitted, MAX_RECORD_BYTES):
+            raise ValueError("a chunk unpacks to more than a recording has")
+        self.unpacked_bytes += size
 
 
-def _unpacked(data: bytes, size: int) -> bytes:
-    """Return what zstd made `data` of, all that can be had of it, `size` bytes at most."""
-    with zstandard.ZstdDecompressor().stream_reader(data) as reader:
-        return reader.read(size)
+def _unpacked(compression: bytes, data: bytes, size: int) -> bytes:
+    """Return what `data` was made of, all that can be had of it, `size` bytes at most."""
+    if compression == b"zstd":
+        with zstandard.ZstdDecompressor(max_window_size=MAX_RECORD_BYTES).stream_reader(data) as reader:
+            return reader.read(size)
+    if compression == b"lz4":
+        return bytes(lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=size))
+    raise ValueError(f"unknown compression {compression!r}")

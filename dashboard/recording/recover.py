@@ -1,6 +1,8 @@
 """`holdfast recover`: what is left of a cut recording, as a whole file."""
 
 import sys
+from contextlib import suppress
+from itertools import chain
 from pathlib import Path
 
 from dashboard.recording.mcap_file import Reader, Recording
@@ -27,10 +29,9 @@ def recover(source: Path, target: Path) -> tuple[int, Reader]:
     first = next(samples, None)
     recording = Recording(target)
     try:
-        if first is not None:
-            recording.add(first)
-        for item in samples:
-            recording.add(item)
+        for item in chain([first] if first else [], samples):
+            with suppress(ValueError):  # no recording of ours has it
+                recording.add(item)
         lost = {"lost_bytes": str(reader.lost_bytes), "broken_chunks": str(reader.broken_chunks)}
         for name, table in {**reader.metadata, "recovered": {"from": source.name, **lost}}.items():
             recording.describe(name, table)

@@ -6,7 +6,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from types import FrameType
 
@@ -15,7 +15,7 @@ import zenoh
 from companion.telemetry import schemas as telemetry
 from companion.telemetry.session import client_configuration, configuration
 from dashboard.arguments import add_connect
-from dashboard.recording.mcap_file import Item, Reader
+from dashboard.recording.mcap_file import MAX_CHANNELS, Item, Reader
 from dashboard.recording.record import leave
 from holdfast.arguments import command_parser
 
@@ -112,14 +112,15 @@ def _replay(options: argparse.Namespace, ended: threading.Event) -> int:
         def put(item: Item) -> None:
             key, _ = renamed(item.key, options.suffix)
             publisher = publishers.get((key, item.encoding))
-            if key and publisher is None:
-                publisher = publishers[key, item.encoding] = session.declare_publisher(
-                    key,
-                    encoding=zenoh.Encoding(item.encoding),
-                    congestion_control=zenoh.CongestionControl.BLOCK,
-                    priority=zenoh.Priority.REAL_TIME,
-                    express=True,
-                )
+            if key and publisher is None and len(publishers) < MAX_CHANNELS:
+                with suppress(zenoh.ZError):  # a key that Zenoh does not know as one
+                    publisher = publishers[key, item.encoding] = session.declare_publisher(
+                        key,
+                        encoding=zenoh.Encoding(item.encoding),
+                        congestion_control=zenoh.CongestionControl.BLOCK,
+                        priority=zenoh.Priority.REAL_TIME,
+                        express=True,
+                    )
             if publisher is not None:
                 publisher.put(item.payload)
 

@@ -100,10 +100,12 @@ def load(files: Sequence[Path]) -> Log:
                 continue
             try:
                 if root == "sim":
-                    truths.append((item.log_ns, decode_truth(item.payload)))
+                    truth = decode_truth(item.payload)
+                    telemetry.check_numbers(truth)
+                    truths.append((item.log_ns, truth))
                 else:
                     rows.setdefault(tail, []).append((item.log_ns, telemetry.decode(item.key, item.payload)))
-            except (ValueError, msgspec.MsgspecError) as error:
+            except (ValueError, RecursionError) as error:
                 notes = notes or [f"left out what could not be read, such as {error}"]
         metadata = {**reader.metadata, **metadata}
         if not reader.whole:

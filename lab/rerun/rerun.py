@@ -72,7 +72,10 @@ def load(files: Sequence[Path]) -> Tape:
         reader = Reader(file)
         for item in reader:
             if item.key.startswith("holdfast/") and item.key.endswith("/raw"):
-                raw = decoder.decode(item.payload)
+                try:
+                    raw = decoder.decode(item.payload)
+                except (ValueError, RecursionError) as error:
+                    raise RerunError(f"{file}: holds a raw tick that cannot be read: {error}") from error
                 old = ticks.setdefault(raw.tick, raw)
                 if old.now_s != raw.now_s:
                     raise RerunError(f"{file}: holds more than one run of the companion (tick {raw.tick})")

@@ -31,6 +31,8 @@ MAX_GAP_S = 10.0
 
 CHECK_S = 1.0
 MAX_JUNK_BYTES = 1 << 16
+MAX_BYTES = 1 << 28
+"""A day of a ground station's log."""
 _STAMP = struct.Struct(">Q")
 _MARKERS = (0xFD, 0xFE)
 _PILOT_BEHIND_US = (
@@ -95,6 +97,8 @@ def read(path: Path) -> Iterator[TlogRecord]:
 
     Raises TlogError where no sound frame is in it, OSError.
     """
+    if path.stat().st_size > MAX_BYTES:
+        raise TlogError(f"{path}: is larger than {MAX_BYTES >> 20} MiB: cut it into parts")
     data = path.read_bytes()
     at, last_us, t_s, found = 0, None, 0.0, False
     while at + _STAMP.size < len(data):

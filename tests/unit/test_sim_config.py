@@ -53,7 +53,7 @@ def test_missing_file_and_broken_toml(tmp_path):
         load_config(tmp_path / "none.toml")
     broken = tmp_path / "broken.toml"
     broken.write_text("hull = [")
-    with pytest.raises(ConfigError, match="not valid TOML"):
+    with pytest.raises(ConfigError, match="is not TOML"):
         load_config(broken)
     broken.write_text("")
     with pytest.raises(ConfigError, match="hull: missing"):

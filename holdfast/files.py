@@ -1,0 +1,83 @@
+"""Files that somebody else made: a limit of size, depth and count stands in front of every reader.
+
+A ValueError says what is wrong with a file; the reader's command adds which file, and ends with status 2.
+"""
+
+import json
+import re
+import tomllib
+from pathlib import Path
+from typing import Any
+
+MAX_BYTES = 1 << 18
+"""Of a text; the largest of our own have a fifth of it."""
+MAX_DEPTH = 32
+MAX_NUMBER = 2**63
+MAX_KEY_PARTS = 8
+_PART = r"""(?:[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*\.[ \t]*"""
+_LONG_KEY = re.compile(rf"(?<![\w-])(?:{_PART}){{{MAX_KEY_PARTS}}}", re.ASCII)
+
+
+def text(path: Path) -> str:
+    """Return the text of a file; raise ValueError for one that is too large or no UTF-8, OSError."""
+    with path.open("rb") as file:
+        data = file.read(MAX_BYTES + 1)
+    if len(data) > MAX_BYTES:
+        raise ValueError(f"is larger than {MAX_BYTES} bytes: give a smaller file")
+    try:
+        return data.decode()
+    except UnicodeDecodeError as error:
+        raise ValueError(f"is not UTF-8 text: {error}") from error
+
+
+def toml(source: str) -> dict[str, Any]:
+    """Return a TOML table; raise ValueError, in words, for a text that is none."""
+    if _LONG_KEY.search(source):
+        raise ValueError(f"a key has more than {MAX_KEY_PARTS} parts: shorten it")
+    try:
+        table = tomllib.loads(source)
+    except (ValueError, RecursionError) as error:
+        raise ValueError(f"is not TOML: {error}") from error
+    _check(table)
+    return table
+
+
+def from_json(source: str) -> Any:
+    """Return a JSON value; raise ValueError, in words, for a text that is none."""
+
+    def refuse(constant: str) -> None:
+        raise ValueError(f"{constant} is no number")
+
+    try:
+        value = json.loads(source, parse_constant=refuse)
+    except (ValueError, RecursionError) as error:
+        raise ValueError(f"is not JSON: {error}") from error
+    _check(value)
+    return value
+
+
+def check_brackets(source: str) -> None:
+    """Raise ValueError for a text in which more than `MAX_DEPTH` brackets are open at once."""
+    depth = 0
+    for char in source:
+        depth += (char in "[{") - (char in "]}")
+        if depth > MAX_DEPTH:
+            raise ValueError(f"is nested more than {MAX_DEPTH} deep: flatten it")
+
+
+def _check(root: object) -> None:
+    """Raise ValueError for what is nested too deeply, or a whole number that is too large for any use."""
+    level = [root]
+    for _ in range(MAX_DEPTH):
+        inner: list[object] = []
+        for node in level:
+            if isinstance(node, dict):
+                inner.extend(node.values())
+            elif isinstance(node, list):
+                inner.extend(node)
+            elif isinstance(node, int) and abs(node) > MAX_NUMBER:
+                raise ValueError("a whole number has more than 64 bits: correct it")
+        if not inner:
+            return
+        level = inner
+    raise ValueError(f"is nested more than {MAX_DEPTH} deep: flatten it")
