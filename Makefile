@@ -30,7 +30,7 @@ quick: $(STAMP)  ## unit and property tests, two to three minutes
 	$(BIN)/pytest -n auto --dist worksteal --hypothesis-profile quick tests/unit tests/property
 
 hunt: $(STAMP)  ## look for new examples of what must hold for any input; takes an hour
-	@$(BIN)/pytest -n auto --dist worksteal -m hypothesis --hypothesis-profile hunt tests/unit tests/property || { \
+	@$(BIN)/pytest -n auto --dist worksteal -m hypothesis --hypothesis-profile hunt --timeout 0 tests/unit tests/property || { \
 	    echo 'Keep what was found: put the "Falsifying example" above its test as @example(...),'; \
 	    echo 'see that the test fails without --hypothesis-profile, and then mend the fault.'; \
 	    exit 1; }

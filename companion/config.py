@@ -225,7 +225,7 @@ class SupervisorLimits(Section, frozen=True):
 
 
 class FenceSection(Section, frozen=True):
-    """Where the vehicle may be told to be."""
+    """Where the vehicle may be; what it is told keeps 0.1 m from it."""
 
     enabled: bool
     north_m: tuple[ranges.Metres, ranges.Metres]

@@ -1,6 +1,8 @@
 """Where the vehicle may be told to be: a box north and east, and two depths.
 
-Without `[fence]` in force only `supervisor.max_depth_m` bounds a place.
+Places keep MARGIN_M from `[fence]`, so that the vehicle stays inside it: its reference overshoots by up to
+2 cm and the vehicle is off its reference by some more (docs/guidance.md). Without `[fence]` in force only
+`supervisor.max_depth_m` bounds a place.
 """
 
 import math
@@ -14,6 +16,7 @@ from companion.guidance.paths.shapes import Path
 from companion.records import Setpoint, Vector, Z, vector
 
 Bounds = tuple[float, float]
+MARGIN_M = 0.1
 BRAKING_SHARE = 0.35
 LAG_S = RATE_LAG_S + ACCELERATION_LAG_S
 """Share of an axis' acceleration to stop before the fence with, and how late the reference begins to."""
@@ -30,7 +33,8 @@ class Fence(NamedTuple):
         """Return which bound a place (x, y, z) breaks, in words; "" for one inside. NaN breaks none."""
         for name, value, (low, high) in zip(("x_m", "y_m", "depth_m"), place, self, strict=False):
             if value < low or value > high:
-                return f"{name} = {value:.2f}: must be {low:g} to {high:g}"
+                margin = f" ({MARGIN_M:g} m inside the fence)" if math.isfinite(low) else ""
+                return f"{name} = {value:.2f}: must be {low:g} to {high:g}{margin}"
         return ""
 
     def left_by(self, path: Path, start: Vector) -> str:
@@ -65,13 +69,23 @@ class Fence(NamedTuple):
 
 
 def fence(config: Config) -> Fence:
-    """Return what bounds a place: the deepest setpoint and, where it is in force, `[fence]`."""
+    """Return what bounds a place: the deepest setpoint and, where it is in force, `[fence]` less its margin.
+
+    A fence whose least depth is 0 leaves the surface open.
+    """
     given, deepest_m = config.fence, config.supervisor.max_depth_m
     if not given.enabled:
         anywhere = (-math.inf, math.inf)
         return Fence(anywhere, anywhere, (-math.inf, deepest_m))
-    shallow_m, deep_m = given.depth_m
-    return Fence(given.north_m, given.east_m, (shallow_m, min(deep_m, deepest_m)))
+    shallow_m, deep_m = _inside(given.depth_m)
+    least_m = shallow_m if given.depth_m[0] > 0.0 else 0.0
+    return Fence(_inside(given.north_m), _inside(given.east_m), (least_m, min(deep_m, deepest_m)))
+
+
+def _inside(bounds: Bounds) -> Bounds:
+    low, high = bounds
+    margin_m = min(MARGIN_M, 0.5 * (high - low))
+    return low + margin_m, high - margin_m
 
 
 def refuse_depth(setpoint: Setpoint, config: Config) -> None:

@@ -236,7 +236,7 @@ def test_released_a_path_is_paused_and_engaging_again_holds():
         (PathPlan(circle=Circle(radius_m=2.0), heading="keep"), "leaves the fence at x -2.00, y 0.00"),
         (
             PathPlan(lemniscate=Lemniscate(length_m=2.0, width_m=1.0, depth_m=5.0)),
-            "depth_m = 5.00: must be 0.5 to 4",
+            r"depth_m = 5.00: must be 0.6 to 3.9 \(0.1 m inside the fence\)",
         ),
     ],
 )
@@ -263,16 +263,38 @@ def test_where_thrust_saturates_a_path_is_slowed_and_keeps_its_shape():
     assert max(abs(step.truth.eta[0]) for step in steps) < 0.2, "across the path"
 
 
-def test_by_stick_it_stops_at_the_fence():
+def test_by_stick_it_stops_before_the_fence():
     dive = held(*CALM, companion=FENCED, pilot=True)
     dive.cockpit.push(surge=0.8)
     steps = dive.run(9.0)
     dive.cockpit.push()
     steps += dive.run(4.0)
-    north_m = reference(steps)[:, 0, 0]
-    assert 1.35 < north_m.max() <= 1.52
-    assert dive.step.sample.eta_d[0] == pytest.approx(1.5, abs=0.05)
+    assert dive.step.sample.eta_d[0] == pytest.approx(1.4, abs=0.05)
+    assert max(step.truth.eta[0] for step in steps) < 1.5
     smooth(steps)
+
+
+@pytest.mark.parametrize("current_deg", [0.0, 135.0])
+def test_the_vehicle_stays_inside_the_fence(current_deg):
+    """Fast, along the fence and into its corners, in 0.3 m/s of current."""
+    current = ("current.speed_m_s=0.3", f"current.direction_deg={current_deg}")
+    dive = held(*DVL, *current, companion=FENCED, pilot=True)
+    dive.cockpit.push(heave=-0.6, sway=0.6)
+    steps = dive.run(9.0)
+    dive.cockpit.push()
+    steps += dive.run(1.0)
+    dive.engine.guide(SetVelocity(forward_mps=0.8, right_mps=-0.5, lasts_s=8.0))
+    steps += dive.run(9.0)
+    circle = Circle(radius_m=1.4, depth_m=3.9)
+    dive.engine.guide(path(dive, circle=circle, speed_mps=0.5, acceleration_mps2=0.3))
+    steps += dive.run(25.0)
+    dive.engine.guide(Goto(x_m=-1.4, y_m=1.4, depth_m=0.6, speed_mps=1.0, acceleration_mps2=0.5))
+    steps += dive.run(12.0)
+    assert dive.step.sample.eta_d[:3] == pytest.approx((-1.4, 1.4, 0.6), abs=0.03)
+    places = np.array([step.truth.eta[:3] for step in steps])
+    assert np.abs(places[:, :2]).max() < 1.5
+    assert places[:, 2].min() > 0.5
+    assert places[:, 2].max() < 4.0
 
 
 def test_a_velocity_that_is_commanded_ends_and_the_place_is_held():
@@ -316,7 +338,8 @@ def test_position_targets_of_the_ground_station_move_it_and_do_not_reach_the_veh
     assert stopped[-1].sample.eta_d[0] < 0.72
     asks(dive, mavlink.MAV_FRAME_LOCAL_NED, place=(9.0, 0.5, 2.3))
     beyond = dive.run(4.0)
-    assert max(step.sample.eta_d[0] for step in beyond) <= 1.52
+    assert max(step.sample.eta_d[0] for step in beyond) <= 1.5
+    assert max(step.truth.eta[0] for step in beyond) < 1.5
     smooth([*moving, *stopped])
     dive.engine._guidance._fence = Fence(*[(-9.0, 9.0)] * 3)
     asks(dive, mavlink.MAV_FRAME_LOCAL_OFFSET_NED, place=(0.0, 0.0, -9.0))
