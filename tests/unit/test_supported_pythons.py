@@ -1,5 +1,6 @@
 """Which Pythons Holdfast runs on: the same everywhere it is said, and what `make` does with others."""
 
+import os
 import re
 import shlex
 import shutil
@@ -38,11 +39,14 @@ def numbers(name: str) -> list[int]:
 def make(tmp_path: Path):
     """`make .venv/pyvenv.cfg` beside a copy of the Makefile; returns its status and all that it says."""
     shutil.copy(ROOT / "Makefile", tmp_path)
+    outer = ("MAKEFLAGS", "MAKEOVERRIDES", "MFLAGS", "MAKELEVEL", "PYTHONS")  # of `make test PYTHONS=...`
+    environment = {name: value for name, value in os.environ.items() if name not in outer}
 
     def run(*arguments: str) -> tuple[int, str]:
         done = subprocess.run(
             ["make", "--no-print-directory", ".venv/pyvenv.cfg", *arguments],
             cwd=tmp_path,
+            env=environment,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
