@@ -18,6 +18,7 @@ from companion.telemetry import schemas as telemetry
 from dashboard.losses import Losses
 from dashboard.recording import tlog
 from dashboard.recording.mcap_file import Disk, Item, Recording, TooManyChannelsError, is_time
+from holdfast import files
 
 RESTART_S = 5.0
 """A companion's clock that goes back by more was started anew."""
@@ -206,6 +207,8 @@ class DiveRecorder:
             if key == self._raw_key:
                 times.t_s = _raw_times.decode(payload).now_s
             elif key.startswith(self._own):
+                if payload.count(b"[") + payload.count(b"{") > files.MAX_DEPTH:
+                    files.check_brackets(payload.decode(errors="replace"))
                 times = _json_times.decode(payload)
         except msgspec.MsgspecError:
             pass
