@@ -62,6 +62,7 @@ from companion.records import (
 )
 from companion.steps import Steps
 from companion.supervision.guard import guard
+from companion.supervision.situation import Observation
 from companion.supervision.supervision import Supervision
 
 MAX_DT_TICKS = 3.0
@@ -292,11 +293,11 @@ class Engine:
             now.requests, state.t_s, engage=demand.engage, release=demand.release
         )
         thrusters = self.parameters.actuation.thrusters
-        verdict = self._supervision.step(
-            state,
-            now.reports,
-            requests,
-            now.loop,
+        observed = Observation(
+            state=state,
+            events=now.reports,
+            requests=requests,
+            loop=now.loop,
             dt_s=now.dt_s,
             held=guidance.engaged if held else guidance.holdable(state),
             awaits_position=guidance.awaits_position,
@@ -307,6 +308,7 @@ class Engine:
             misses_motor=known.dead_motor > 0 and not can_lose(thrusters, known.dead_motor),
             preflight_failure=self._fitness.step(self.events, state, self._config, holding=held),
         )
+        verdict = self._supervision.step(observed)
         engage = Request.ENGAGE in requests
         regained = guidance.update(self._supervision.before, verdict, state, engage=engage)
         return Permission(

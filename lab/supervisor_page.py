@@ -17,18 +17,9 @@ from companion.control.tilt import (
     YAW_STEEP_RAD,
 )
 from companion.records import ENGAGE_S, Condition, State
-from companion.supervision.conditions import TESTS
+from companion.supervision.conditions import BLOCKING, FREEZES, NOTHING, RULES, TRANSITIONS, WARNS
 from companion.supervision.handover import KEEP_ALIVE_S, REFUSED_S, SETTLE_S
-from companion.supervision.supervisor import (
-    BLOCKING,
-    FAULT_CAUSES,
-    FREEZES,
-    NOTHING,
-    TRANSITIONS,
-    WARNS,
-    transition,
-)
-from companion.telemetry.conditions import CONDITIONS
+from companion.supervision.supervisor import FAULT_CAUSES, transition
 
 PAGE = Path(__file__).parent.parent / "docs" / "supervisor.md"
 
@@ -171,12 +162,12 @@ def _meanings(limits: SupervisorLimits) -> Iterator[str]:
     )
     lines = ["| condition | begins, awaited, ends | it holds when | keys of `[supervisor]` | what to do |"]
     lines.append("|---" * 5 + "|")
-    for spec in CONDITIONS:
-        forms = f"{spec.text}; waiting for: {spec.awaited}; {spec.ended}"
-        keys = ", ".join(f"`{key}` = {getattr(limits, key):g}" for key in TESTS[spec.condition].keys) or "–"
-        clears = spec.condition & FAULT_CAUSES and spec.remedy
-        remedy = f"{spec.remedy}; then clear the fault" if clears else spec.remedy or "–"
-        lines.append(f"| {_words(spec.condition)} | {forms} | {spec.description} | {keys} | {remedy} |")
+    for condition in Condition:
+        forms = f"{condition.text}; waiting for: {condition.awaited}; {condition.ended}"
+        keys = ", ".join(f"`{key}` = {getattr(limits, key):g}" for key in RULES[condition].keys) or "–"
+        clears = condition & FAULT_CAUSES and condition.remedy
+        remedy = f"{condition.remedy}; then clear the fault" if clears else condition.remedy or "–"
+        lines.append(f"| {_words(condition)} | {forms} | {condition.description} | {keys} | {remedy} |")
     yield "\n".join([*lines, ""])
 
 

@@ -13,8 +13,8 @@ from companion.config import Config
 from companion.control.allocation import HORIZONTAL
 from companion.mavlink.ardusub import FRAMES
 from companion.predive.survey import Observed
-from companion.supervision.conditions import (
-    RESET_SETTLE_S,
+from companion.supervision.conditions import RESET_SETTLE_S
+from companion.supervision.situation import (
     depth_is_fresh,
     ekf_is_doubtful,
     pilot_failsafe_acts,

@@ -5,6 +5,7 @@ x, y, z, psi (inertial) or surge, sway, heave, yaw (body, Fossen's X, Y, Z, N). 
 Times: `t_s` is this machine's monotonic clock, `boot_s` the autopilot's clock.
 """
 
+from companion.records.conditions import Condition
 from companion.records.control import NEUTRAL, Axes, AxisCommand, DofSample, Wrench
 from companion.records.dof import (
     AXES,
@@ -64,7 +65,7 @@ from companion.records.state import (
     VehicleModel,
     VehicleState,
 )
-from companion.records.supervision import Condition, State, Verdict
+from companion.records.supervision import State, Verdict
 
 __all__ = [
     "AXES",

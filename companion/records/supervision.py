@@ -1,8 +1,10 @@
 """What the supervisor looks at, and what it says."""
 
-from enum import IntFlag, StrEnum, auto
+from enum import StrEnum
 
 import msgspec
+
+from companion.records.conditions import Condition
 
 
 class State(StrEnum):
@@ -15,59 +17,6 @@ class State(StrEnum):
     HAND_OVER = "HAND_OVER"
     PILOT = "PILOT"
     FAULT = "FAULT"
-
-
-class Condition(IntFlag):
-    """What the supervisor looks at, a bit each; what comes first causes what comes later.
-
-    Its words are in `companion.telemetry.conditions`, its test in `companion.supervision.conditions`.
-    """
-
-    LINK_LOST = auto()
-    REBOOTED = auto()
-    TICK_LATE = auto()
-    NON_FINITE = auto()
-    CLOCK_INCONSISTENT = auto()
-    DELAY_TOO_LONG = auto()
-    DEPTH_JUMPED = auto()
-    DEPTH_STALE = auto()
-    ATTITUDE_STALE = auto()
-    POSITION_STALE = auto()
-    GROUND_LOST = auto()
-    YAW_RESET = auto()
-    POSITION_RESET = auto()
-    DEPTH_OUT_OF_BOUNDS = auto()
-    THRUSTER_MISSED = auto()
-    THRUSTER_DEAD = auto()
-    TILTED = auto()
-    TILT_PERSISTS = auto()
-    EKF_UNHEALTHY = auto()
-    LEAK = auto()
-    BATTERY_LOW = auto()
-    AUTOPILOT_FAILSAFE = auto()
-    FAILSAFE_SURFACES = auto()
-    FAILSAFE_UNSAFE = auto()
-    PREFLIGHT_FAILURE = auto()
-    SATURATED = auto()
-    OFF_TRACK = auto()
-    CLOCK_JUMPED = auto()
-    INNOVATION_LARGE = auto()
-    QUEUE_FULL = auto()
-    CONFIG_CHANGED = auto()
-    PEER_CHANGED = auto()
-    PILOT_TAKEOVER = auto()
-    PILOT_LOST = auto()
-    PILOT_LOST_SURFACE = auto()
-    DISARMED = auto()
-    WRONG_MODE = auto()
-    RAMPED_DOWN = auto()
-    HAND_OVER_HELD = auto()
-    HANDED_OVER = auto()
-    SURFACED = auto()
-    HAND_OVER_REFUSED = auto()
-    OPERATOR_STOP = auto()
-    ENGAGE_ASKED = auto()
-    CLEAR_ASKED = auto()
 
 
 class Verdict(msgspec.Struct, frozen=True):

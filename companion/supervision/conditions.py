@@ -1,16 +1,24 @@
-"""When each condition of the supervisor holds; `companion.telemetry.conditions` has its words."""
+"""When each condition of the supervisor holds, and what it does; `Condition` itself has its words.
+
+A condition that neither blocks nor warns, and that `TRANSITIONS` does not list, changes nothing.
+"""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import NamedTuple
 
-import msgspec
-
 from companion.config import SupervisorLimits
-from companion.records import Condition, EkfStatus, VehicleState, Z
+from companion.records import Condition, Request, State, X, Z
 from companion.supervision.handover import HandOverStep
+from companion.supervision.situation import (
+    Situation,
+    depth_is_fresh,
+    pilot_failsafe_acts,
+    tilted,
+)
 
-C = Condition
+C, S = Condition, State
+NOTHING = Condition(0)
 
 CLOCK_DOUBT_S = 2.0
 """After one jump the clock contradicts itself until the second answer to TIMESYNC; two clocks always do."""
@@ -19,203 +27,259 @@ RESET_SETTLE_S = 3.0
 """Another reset of the autopilot's estimate may follow within this time."""
 
 
-class Watched(msgspec.Struct, frozen=True, kw_only=True):
-    """What takes time to observe (`monitor.py`): how long something lasted, what was reported recently."""
+class Rule(NamedTuple):
+    """When a condition holds, the keys of [supervisor] that decide, and what it does beside transitions.
 
-    ekf: EkfStatus | None = None
-    """The newest report, None before the first."""
-    ekf_doubt_s: float = 0.0
-    pilot_deflection: float = 0.0
-    rebooted: bool = False
-    leaking: bool = False
-    failsafe_surfaces: bool = False
-    """Whether a failsafe changed the mode to SURFACE: mode and failsafe came with the same heartbeat."""
-    failsafe: bool = False
-    """Whether the autopilot reports a failsafe that our steering should have ended."""
-    battery_low_s: float = 0.0
-    saturated_s: float = 0.0
-    off_track_s: float = 0.0
-    tilted_s: float = 0.0
-    innovation_m: float = 0.0
-    innovation_deg: float = 0.0
-    """Mean absolute innovation: measurement minus prediction."""
-    samples_dropped: bool = False
-    config_changed: bool = False
-    peer_changed: bool = False
+    It `blocks` engaging, `warns` in ACTIVE, and `freezes` learning there.
+    """
 
-
-class Observation(msgspec.Struct, frozen=True, kw_only=True):
-    """What one tick observed: the vehicle's state and everything else that the conditions test."""
-
-    state: VehicleState
-    mode_right: bool
-    """Whether the flight mode is one in which our present state steers or hands over."""
-    parameters: Mapping[str, float]
-    watched: Watched
-    preflight_failure: str = ""
-    """The rows of `check` that forbid engaging, in words."""
-    wants_position: bool = False
-    """Whether x and y are held, or would be with a position."""
-    wants_ground: bool = False
-    """Whether an altitude over the ground is to be kept."""
-    finite: bool = True
-    late_s: float = 0.0
-    misses_motor: bool = False
-    """Whether the others cannot do the work of a motor that gives no thrust."""
-    full_override: bool = False
-    """Whether the pilot overrides all axes, by stick or button on the ground station's link."""
-    pilot_timeout_s: float = math.inf
-    """Largest permitted age of the ground station's heartbeat; infinite where none is needed."""
-    surface_on_loss: bool = False
-    hand_over: HandOverStep = HandOverStep.NONE
-    ramped_down: bool = False
-    stop: bool = False
-    engage: bool = False
-    clear: bool = False
-
-
-class ConditionTest(NamedTuple):
-    """When a condition holds, and the keys of [supervisor] that decide."""
-
-    holds: Callable[[Observation, SupervisorLimits], bool]
+    holds: Callable[[Situation, SupervisorLimits], bool]
     keys: tuple[str, ...] = ()
+    blocks: bool = False
+    warns: bool = False
+    freezes: bool = False
 
 
-def _link_lost(o: Observation, limits: SupervisorLimits) -> bool:
-    ages = o.state.ages
+def _link_lost(now: Situation, limits: SupervisorLimits) -> bool:
+    state, ages = now.observed.state, now.observed.state.ages
     if not (ages.link_s <= limits.link_timeout_s and ages.heartbeat_s <= limits.heartbeat_timeout_s):
         return True
     # Depth and attitude time out sooner; where nothing else came meanwhile either, the link is the cause. A
     # hand-over needs neither of them, and goes on for the link's own timeout.
-    blind = not (depth_is_fresh(o.state, limits) and ages.attitude_s <= limits.attitude_timeout_s)
+    blind = not (depth_is_fresh(state, limits) and ages.attitude_s <= limits.attitude_timeout_s)
     silent_s = 0.5 * min(limits.depth_timeout_s, limits.attitude_timeout_s)
-    return blind and o.hand_over is HandOverStep.NONE and not ages.link_s <= silent_s
+    return blind and now.hand_over is HandOverStep.NONE and not ages.link_s <= silent_s
 
 
-def pilot_failsafe_acts(parameters: Mapping[str, float], limits: SupervisorLimits) -> bool:
-    """Tell whether the autopilot stops the thrusters in time when this computer dies."""
-    acts = parameters.get("FS_PILOT_INPUT", 0.0) >= 1.0
-    return acts and parameters.get("FS_PILOT_TIMEOUT", math.inf) <= limits.max_pilot_timeout_s
+def _position_stale(now: Situation, limits: SupervisorLimits) -> bool:
+    observed = now.observed
+    wanted = now.steered and (observed.held[X] or observed.awaits_position)
+    return wanted and not observed.state.ages.position_s <= limits.position_timeout_s
 
 
-def depth_is_fresh(state: VehicleState, limits: SupervisorLimits) -> bool:
-    """Tell whether an accepted depth is recent enough."""
-    return state.ages.depth_s <= limits.depth_timeout_s
+def _ground_lost(now: Situation, _: SupervisorLimits) -> bool:
+    return now.steered and now.observed.wants_ground and not now.observed.state.ground.known
 
 
-def ekf_is_doubtful(ekf: EkfStatus, limits: SupervisorLimits) -> bool:
-    """Tell whether the autopilot's estimator doubts compass, velocity or depth now."""
-    return not ekf.variance <= limits.max_ekf_variance
-
-
-def voltage_is_low(voltage_v: float, limits: SupervisorLimits) -> bool:
-    """Tell whether the voltage is below the limit; BATTERY_LOW needs it to last."""
-    return voltage_v < limits.min_voltage_v
-
-
-def _ekf_unhealthy(o: Observation, limits: SupervisorLimits) -> bool:
-    ekf = o.watched.ekf
-    return not (ekf and ekf.attitude and ekf.depth and o.watched.ekf_doubt_s <= limits.ekf_doubt_s)
-
-
-def _out_of_bounds(o: Observation, limits: SupervisorLimits) -> bool:
+def _out_of_bounds(now: Situation, limits: SupervisorLimits) -> bool:
     margin_m = limits.depth_margin_m
-    return not -margin_m <= o.state.eta[Z] <= limits.max_depth_m + margin_m
+    return not -margin_m <= now.observed.state.eta[Z] <= limits.max_depth_m + margin_m
 
 
-def _innovation_large(o: Observation, limits: SupervisorLimits) -> bool:
-    seen = o.watched
+def _ekf_unhealthy(now: Situation, limits: SupervisorLimits) -> bool:
+    ekf = now.watched.ekf
+    return not (ekf and ekf.attitude and ekf.depth and now.watched.ekf_doubt_s <= limits.ekf_doubt_s)
+
+
+def _innovation_large(now: Situation, limits: SupervisorLimits) -> bool:
+    seen = now.watched
     return not (
         seen.innovation_m <= limits.max_innovation_m and seen.innovation_deg <= limits.max_innovation_deg
     )
 
 
-def tilted(state: VehicleState, limits: SupervisorLimits) -> bool:
-    """Tell whether roll or pitch is too large; an unknown attitude counts as too large."""
-    most_rad = math.radians(limits.max_tilt_deg)
-    return not (abs(state.roll) <= most_rad and abs(state.pitch) <= most_rad)
-
-
-def _pilot_lost(o: Observation, _: SupervisorLimits) -> bool:
-    return not o.state.ages.pilot_s <= o.pilot_timeout_s
+def _pilot_lost(now: Situation, _: SupervisorLimits) -> bool:
+    ground = now.ground_station
+    needed = ground.endpoint and ground.on_loss != "hold"
+    return not now.observed.state.ages.pilot_s <= (ground.timeout_s if needed else math.inf)
 
 
 # An unknown value counts against permission: hence `not x <= limit`, which is true for NaN.
-TESTS: dict[Condition, ConditionTest] = {
-    C.LINK_LOST: ConditionTest(
-        _link_lost, ("link_timeout_s", "heartbeat_timeout_s", "depth_timeout_s", "attitude_timeout_s")
+RULES: dict[Condition, Rule] = {
+    C.LINK_LOST: Rule(
+        _link_lost,
+        ("link_timeout_s", "heartbeat_timeout_s", "depth_timeout_s", "attitude_timeout_s"),
+        blocks=True,
     ),
-    C.REBOOTED: ConditionTest(lambda o, limits: o.watched.rebooted),
-    C.TICK_LATE: ConditionTest(lambda o, limits: not o.late_s <= limits.late_tick_s, ("late_tick_s",)),
-    C.NON_FINITE: ConditionTest(lambda o, limits: not o.finite),
-    C.CLOCK_INCONSISTENT: ConditionTest(lambda o, limits: not o.state.clock_doubt_s <= CLOCK_DOUBT_S),
-    C.DELAY_TOO_LONG: ConditionTest(
-        lambda o, limits: not o.state.delays.total_s <= limits.max_delay_s, ("max_delay_s",)
+    C.REBOOTED: Rule(lambda now, _: now.watched.rebooted, blocks=True),
+    C.TICK_LATE: Rule(
+        lambda now, limits: not now.observed.dt_s - now.tick_s <= limits.late_tick_s,
+        ("late_tick_s",),
+        blocks=True,
     ),
-    C.DEPTH_JUMPED: ConditionTest(lambda o, limits: o.state.depth_refused, ("max_depth_jump_m",)),
-    C.DEPTH_STALE: ConditionTest(lambda o, limits: not depth_is_fresh(o.state, limits), ("depth_timeout_s",)),
-    C.ATTITUDE_STALE: ConditionTest(
-        lambda o, limits: not o.state.ages.attitude_s <= limits.attitude_timeout_s, ("attitude_timeout_s",)
+    C.NON_FINITE: Rule(lambda now, _: not now.observed.finite, blocks=True),
+    C.CLOCK_INCONSISTENT: Rule(
+        lambda now, _: not now.observed.state.clock_doubt_s <= CLOCK_DOUBT_S, blocks=True
     ),
-    C.POSITION_STALE: ConditionTest(
-        lambda o, limits: o.wants_position and not o.state.ages.position_s <= limits.position_timeout_s,
-        ("position_timeout_s",),
+    C.DELAY_TOO_LONG: Rule(
+        lambda now, limits: not now.observed.state.delays.total_s <= limits.max_delay_s,
+        ("max_delay_s",),
+        blocks=True,
     ),
-    C.GROUND_LOST: ConditionTest(lambda o, _: o.wants_ground and not o.state.ground.known),
-    C.YAW_RESET: ConditionTest(lambda o, limits: o.state.ages.yaw_reset_s <= RESET_SETTLE_S),
-    C.POSITION_RESET: ConditionTest(lambda o, limits: o.state.ages.position_reset_s <= RESET_SETTLE_S),
-    C.DEPTH_OUT_OF_BOUNDS: ConditionTest(_out_of_bounds, ("max_depth_m", "depth_margin_m")),
-    C.THRUSTER_MISSED: ConditionTest(lambda o, limits: o.misses_motor),
-    C.THRUSTER_DEAD: ConditionTest(lambda o, limits: o.state.dead_motor > 0 and not o.misses_motor),
-    C.TILTED: ConditionTest(lambda o, limits: tilted(o.state, limits), ("max_tilt_deg",)),
-    C.TILT_PERSISTS: ConditionTest(
-        lambda o, limits: not o.watched.tilted_s <= limits.off_track_s, ("max_tilt_deg", "off_track_s")
+    C.DEPTH_JUMPED: Rule(
+        lambda now, _: now.observed.state.depth_refused,
+        ("max_depth_jump_m",),
+        blocks=True,
+        warns=True,
+        freezes=True,
     ),
-    C.EKF_UNHEALTHY: ConditionTest(_ekf_unhealthy, ("max_ekf_variance", "ekf_doubt_s")),
-    C.LEAK: ConditionTest(lambda o, limits: o.watched.leaking),
-    C.BATTERY_LOW: ConditionTest(
-        lambda o, limits: not o.watched.battery_low_s <= limits.battery_low_s,
+    C.DEPTH_STALE: Rule(
+        lambda now, limits: not depth_is_fresh(now.observed.state, limits), ("depth_timeout_s",), blocks=True
+    ),
+    C.ATTITUDE_STALE: Rule(
+        lambda now, limits: not now.observed.state.ages.attitude_s <= limits.attitude_timeout_s,
+        ("attitude_timeout_s",),
+        blocks=True,
+    ),
+    C.POSITION_STALE: Rule(_position_stale, ("position_timeout_s",), warns=True),
+    C.GROUND_LOST: Rule(_ground_lost, warns=True),
+    C.YAW_RESET: Rule(lambda now, _: now.observed.state.ages.yaw_reset_s <= RESET_SETTLE_S, warns=True),
+    C.POSITION_RESET: Rule(
+        lambda now, _: now.observed.state.ages.position_reset_s <= RESET_SETTLE_S, warns=True
+    ),
+    C.DEPTH_OUT_OF_BOUNDS: Rule(_out_of_bounds, ("max_depth_m", "depth_margin_m"), blocks=True),
+    C.THRUSTER_MISSED: Rule(lambda now, _: now.observed.misses_motor, blocks=True),
+    C.THRUSTER_DEAD: Rule(
+        lambda now, _: now.observed.state.dead_motor > 0 and not now.observed.misses_motor, warns=True
+    ),
+    C.TILTED: Rule(
+        lambda now, limits: tilted(now.observed.state, limits),
+        ("max_tilt_deg",),
+        blocks=True,
+        warns=True,
+        freezes=True,
+    ),
+    C.TILT_PERSISTS: Rule(
+        lambda now, limits: not now.watched.tilted_s <= limits.off_track_s, ("max_tilt_deg", "off_track_s")
+    ),
+    C.EKF_UNHEALTHY: Rule(_ekf_unhealthy, ("max_ekf_variance", "ekf_doubt_s"), blocks=True),
+    C.LEAK: Rule(lambda now, _: now.watched.leaking, blocks=True),
+    C.BATTERY_LOW: Rule(
+        lambda now, limits: not now.watched.battery_low_s <= limits.battery_low_s,
         ("min_voltage_v", "battery_low_s"),
+        blocks=True,
+        warns=True,
     ),
-    C.AUTOPILOT_FAILSAFE: ConditionTest(lambda o, limits: o.watched.failsafe),
-    C.FAILSAFE_SURFACES: ConditionTest(lambda o, limits: o.watched.failsafe_surfaces and not o.mode_right),
-    C.FAILSAFE_UNSAFE: ConditionTest(
-        lambda o, limits: not pilot_failsafe_acts(o.parameters, limits), ("max_pilot_timeout_s",)
+    C.AUTOPILOT_FAILSAFE: Rule(lambda now, _: now.watched.failsafe),
+    C.FAILSAFE_SURFACES: Rule(lambda now, _: now.watched.failsafe_surfaces and not now.mode_right),
+    C.FAILSAFE_UNSAFE: Rule(
+        lambda now, limits: not pilot_failsafe_acts(now.parameters, limits),
+        ("max_pilot_timeout_s",),
+        blocks=True,
     ),
-    C.PREFLIGHT_FAILURE: ConditionTest(lambda o, limits: bool(o.preflight_failure)),
-    C.SATURATED: ConditionTest(
-        lambda o, limits: not o.watched.saturated_s <= limits.saturated_s, ("saturated_s",)
+    C.PREFLIGHT_FAILURE: Rule(lambda now, _: bool(now.observed.preflight_failure), blocks=True),
+    C.SATURATED: Rule(
+        lambda now, limits: not now.watched.saturated_s <= limits.saturated_s,
+        ("saturated_s",),
+        warns=True,
+        freezes=True,
     ),
-    C.OFF_TRACK: ConditionTest(
-        lambda o, limits: not o.watched.off_track_s <= limits.off_track_s,
+    C.OFF_TRACK: Rule(
+        lambda now, limits: not now.watched.off_track_s <= limits.off_track_s,
         ("max_error_m", "max_error_deg", "off_track_s"),
     ),
-    C.CLOCK_JUMPED: ConditionTest(lambda o, limits: not o.state.clock_doubt_s <= 0.0),
-    C.INNOVATION_LARGE: ConditionTest(_innovation_large, ("max_innovation_m", "max_innovation_deg")),
-    C.QUEUE_FULL: ConditionTest(lambda o, limits: o.watched.samples_dropped),
-    C.CONFIG_CHANGED: ConditionTest(lambda o, limits: o.watched.config_changed),
-    C.PEER_CHANGED: ConditionTest(lambda o, limits: o.watched.peer_changed),
-    C.PILOT_TAKEOVER: ConditionTest(
-        lambda o, limits: o.full_override or not o.watched.pilot_deflection <= limits.pilot_deflection,
+    C.CLOCK_JUMPED: Rule(
+        lambda now, _: not now.observed.state.clock_doubt_s <= 0.0, warns=True, freezes=True
+    ),
+    C.INNOVATION_LARGE: Rule(_innovation_large, ("max_innovation_m", "max_innovation_deg"), blocks=True),
+    C.QUEUE_FULL: Rule(lambda now, _: now.watched.samples_dropped, warns=True),
+    C.CONFIG_CHANGED: Rule(lambda now, _: now.watched.config_changed, warns=True),
+    C.PEER_CHANGED: Rule(lambda now, _: now.watched.peer_changed, warns=True),
+    C.PILOT_TAKEOVER: Rule(
+        lambda now, limits: (
+            now.observed.full_override or not now.watched.pilot_deflection <= limits.pilot_deflection
+        ),
         ("pilot_deflection", "pilot_hold_s"),
     ),
-    C.PILOT_LOST: ConditionTest(_pilot_lost),
-    C.PILOT_LOST_SURFACE: ConditionTest(lambda o, limits: o.surface_on_loss and _pilot_lost(o, limits)),
-    C.DISARMED: ConditionTest(lambda o, limits: not o.state.armed),
-    C.WRONG_MODE: ConditionTest(lambda o, limits: not o.mode_right),
-    C.RAMPED_DOWN: ConditionTest(lambda o, limits: o.ramped_down, ("ramp_down_s",)),
-    C.HAND_OVER_HELD: ConditionTest(lambda o, limits: o.hand_over is HandOverStep.HELD),
-    C.HANDED_OVER: ConditionTest(lambda o, limits: o.hand_over is HandOverStep.DONE, ("keep_alt_hold_s",)),
-    C.SURFACED: ConditionTest(lambda o, limits: o.hand_over is HandOverStep.SURFACED),
-    C.HAND_OVER_REFUSED: ConditionTest(lambda o, limits: o.hand_over is HandOverStep.REFUSED),
-    C.OPERATOR_STOP: ConditionTest(lambda o, limits: o.stop),
-    C.ENGAGE_ASKED: ConditionTest(lambda o, limits: o.engage),
-    C.CLEAR_ASKED: ConditionTest(lambda o, limits: o.clear),
+    C.PILOT_LOST: Rule(_pilot_lost, blocks=True),
+    C.PILOT_LOST_SURFACE: Rule(
+        lambda now, limits: now.ground_station.on_loss == "surface" and _pilot_lost(now, limits)
+    ),
+    C.DISARMED: Rule(lambda now, _: not now.observed.state.armed, blocks=True),
+    C.WRONG_MODE: Rule(lambda now, _: not now.mode_right, blocks=True),
+    C.RAMPED_DOWN: Rule(lambda now, _: now.ramped_down, ("ramp_down_s",)),
+    C.HAND_OVER_HELD: Rule(lambda now, _: now.hand_over is HandOverStep.HELD),
+    C.HANDED_OVER: Rule(lambda now, _: now.hand_over is HandOverStep.DONE, ("keep_alt_hold_s",)),
+    C.SURFACED: Rule(lambda now, _: now.hand_over is HandOverStep.SURFACED),
+    C.HAND_OVER_REFUSED: Rule(lambda now, _: now.hand_over is HandOverStep.REFUSED),
+    C.OPERATOR_STOP: Rule(lambda now, _: Request.STOP in now.observed.requests),
+    C.ENGAGE_ASKED: Rule(lambda now, _: now.engage),
+    C.CLEAR_ASKED: Rule(lambda now, _: Request.CLEAR_FAULT in now.observed.requests),
 }
 
-_HOLDS = tuple((condition.value, test.holds) for condition, test in TESTS.items())
+BLOCKING = Condition(sum(condition for condition, rule in RULES.items() if rule.blocks))
+WARNS = Condition(sum(condition for condition, rule in RULES.items() if rule.warns))
+FREEZES = Condition(sum(condition for condition, rule in RULES.items() if rule.freezes))
+
+_HOLDS = tuple((condition.value, rule.holds) for condition, rule in RULES.items())
 
 
-def assess(seen: Observation, limits: SupervisorLimits) -> Condition:
+def assess(now: Situation, limits: SupervisorLimits) -> Condition:
     """Return the conditions that hold this tick; an unknown value counts against permission."""
-    return Condition(sum([bit for bit, holds in _HOLDS if holds(seen, limits)]))
+    return Condition(sum([bit for bit, holds in _HOLDS if holds(now, limits)]))
+
+
+class Transition(NamedTuple):
+    """In state `at`: go `to` if any bit of `when` is set (or `when` is empty) and no bit of `unless` is."""
+
+    at: State
+    when: Condition
+    unless: Condition
+    to: State
+    words: str = ""
+
+    @property
+    def because(self) -> str:
+        """Why, in words: those of the condition where the row has none of its own."""
+        return self.words or self.when.text
+
+
+T = Transition
+
+# The first row that matches is taken, one row a tick.
+TRANSITIONS = (
+    T(S.IDLE, C.NON_FINITE, NOTHING, S.FAULT),
+    T(S.IDLE, NOTHING, BLOCKING, S.READY, "all conditions for engaging are met"),
+    T(S.READY, C.NON_FINITE, NOTHING, S.FAULT),
+    T(S.READY, BLOCKING, NOTHING, S.IDLE, "a condition for engaging is not met"),
+    T(S.READY, C.ENGAGE_ASKED, C.PILOT_TAKEOVER | C.OPERATOR_STOP, S.ACTIVE, "engaged"),
+    T(S.ACTIVE, C.NON_FINITE, NOTHING, S.FAULT),
+    T(S.ACTIVE, C.LINK_LOST, NOTHING, S.FAULT, "the vehicle fell silent"),
+    T(S.ACTIVE, C.REBOOTED, NOTHING, S.FAULT),
+    T(S.ACTIVE, C.DEPTH_STALE, NOTHING, S.FAULT),
+    T(S.ACTIVE, C.ATTITUDE_STALE, NOTHING, S.FAULT),
+    T(S.ACTIVE, C.DISARMED, NOTHING, S.IDLE, "the vehicle was disarmed"),
+    T(S.ACTIVE, C.FAILSAFE_SURFACES, NOTHING, S.HAND_OVER, "a failsafe of the autopilot surfaces"),
+    T(S.ACTIVE, C.WRONG_MODE, NOTHING, S.PILOT, "the flight mode was changed"),
+    T(S.ACTIVE, C.PILOT_TAKEOVER, NOTHING, S.PILOT, "the pilot moved the sticks"),
+    T(S.ACTIVE, C.FAILSAFE_UNSAFE, NOTHING, S.RAMP_DOWN, "the pilot-input failsafe was switched off"),
+    T(S.ACTIVE, C.PREFLIGHT_FAILURE, NOTHING, S.RAMP_DOWN),
+    T(S.ACTIVE, C.EKF_UNHEALTHY, NOTHING, S.RAMP_DOWN, "the EKF is unhealthy"),
+    T(S.ACTIVE, C.DEPTH_OUT_OF_BOUNDS, NOTHING, S.RAMP_DOWN, "the depth is out of bounds"),
+    T(S.ACTIVE, C.TICK_LATE, NOTHING, S.RAMP_DOWN),
+    T(S.ACTIVE, C.LEAK, NOTHING, S.HAND_OVER, "a leak was reported"),
+    T(S.ACTIVE, C.AUTOPILOT_FAILSAFE, NOTHING, S.RAMP_DOWN, "a failsafe of the autopilot is active"),
+    T(S.ACTIVE, C.PILOT_LOST_SURFACE, NOTHING, S.HAND_OVER, "the ground station fell silent: surfacing"),
+    T(S.ACTIVE, C.PILOT_LOST, NOTHING, S.RAMP_DOWN, "the ground station fell silent"),
+    T(S.ACTIVE, C.OPERATOR_STOP, NOTHING, S.RAMP_DOWN, "the operator released the vehicle"),
+    T(S.ACTIVE, C.DELAY_TOO_LONG, NOTHING, S.HAND_OVER, "the delay is too long for any gains"),
+    T(S.ACTIVE, C.CLOCK_INCONSISTENT, NOTHING, S.HAND_OVER, "the autopilot's clocks contradict each other"),
+    T(S.ACTIVE, C.INNOVATION_LARGE, NOTHING, S.HAND_OVER, "measurements keep missing the prediction"),
+    T(S.ACTIVE, C.THRUSTER_MISSED, NOTHING, S.HAND_OVER, "a motor is dead, and no other can do its work"),
+    T(S.ACTIVE, C.TILT_PERSISTS, NOTHING, S.HAND_OVER, "the vehicle stays tilted"),
+    T(S.ACTIVE, C.OFF_TRACK, NOTHING, S.HAND_OVER, "the vehicle is off track"),
+    T(S.RAMP_DOWN, C.NON_FINITE, NOTHING, S.FAULT),
+    T(S.RAMP_DOWN, C.LINK_LOST, NOTHING, S.FAULT, "the vehicle fell silent"),
+    T(S.RAMP_DOWN, C.REBOOTED, NOTHING, S.FAULT),
+    T(S.RAMP_DOWN, C.DEPTH_STALE | C.ATTITUDE_STALE, NOTHING, S.FAULT, "no fresh depth or attitude"),
+    T(S.RAMP_DOWN, C.FAILSAFE_SURFACES, NOTHING, S.HAND_OVER, "a failsafe of the autopilot surfaces"),
+    T(S.RAMP_DOWN, C.WRONG_MODE, NOTHING, S.PILOT, "the flight mode was changed"),
+    T(S.RAMP_DOWN, C.PILOT_TAKEOVER, NOTHING, S.PILOT, "the pilot took over"),
+    T(S.RAMP_DOWN, C.DISARMED, NOTHING, S.IDLE, "the vehicle was disarmed"),
+    T(S.RAMP_DOWN, C.RAMPED_DOWN, NOTHING, S.IDLE, "ramped down to neutral"),
+    T(S.HAND_OVER, C.NON_FINITE, NOTHING, S.FAULT),
+    T(S.HAND_OVER, C.LINK_LOST, NOTHING, S.FAULT, "the vehicle fell silent"),
+    T(S.HAND_OVER, C.REBOOTED, NOTHING, S.FAULT),
+    T(S.HAND_OVER, C.FAILSAFE_SURFACES, NOTHING, S.HAND_OVER, "a failsafe of the autopilot surfaces"),
+    T(S.HAND_OVER, C.WRONG_MODE, NOTHING, S.PILOT, "the flight mode was changed"),
+    T(S.HAND_OVER, C.PILOT_TAKEOVER, NOTHING, S.PILOT, "the pilot took over"),
+    T(S.HAND_OVER, C.DISARMED, NOTHING, S.IDLE, "the vehicle was disarmed"),
+    T(S.HAND_OVER, C.OPERATOR_STOP, NOTHING, S.PILOT, "the operator released the vehicle"),
+    T(S.HAND_OVER, C.HAND_OVER_REFUSED, NOTHING, S.FAULT),
+    T(S.HAND_OVER, C.HANDED_OVER, NOTHING, S.PILOT, "the autopilot holds depth"),
+    T(S.HAND_OVER, C.SURFACED, NOTHING, S.HAND_OVER, "surfaced; the autopilot holds depth"),
+    T(S.HAND_OVER, C.HAND_OVER_HELD, NOTHING, S.HAND_OVER, "ALT_HOLD holds the depth until somebody steers"),
+    T(S.PILOT, C.NON_FINITE, NOTHING, S.FAULT),
+    T(S.PILOT, C.ENGAGE_ASKED, C.PILOT_TAKEOVER, S.IDLE, "the operator asks for control again"),
+    T(S.FAULT, C.CLEAR_ASKED, C.NON_FINITE, S.IDLE, "the operator cleared the fault"),
+)

@@ -4,7 +4,8 @@ import math
 from collections.abc import Mapping, Sequence
 
 from companion.records import ENGAGE_S, Condition, Event, Parameter, Request, State, Verdict
-from companion.supervision.supervisor import BLOCKING, FAULT_CAUSES, first_remedy
+from companion.supervision.conditions import BLOCKING
+from companion.supervision.supervisor import FAULT_CAUSES, first_remedy
 from companion.telemetry.conditions import text
 from companion.telemetry.modes import Mode
 

@@ -1,25 +1,20 @@
 """Observations over time: how long something has lasted, and what was reported recently."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 from companion.config import SupervisorLimits
 from companion.records import (
     PSI,
-    DofSample,
     EkfStatus,
-    Event,
-    Flags,
     Heartbeat,
     Leak,
-    LoopHealth,
     Parameter,
     PilotInput,
     PilotSticks,
     Reboot,
-    VehicleState,
 )
-from companion.supervision.conditions import Watched, ekf_is_doubtful, tilted, voltage_is_low
+from companion.supervision.situation import Observation, Watched, ekf_is_doubtful, tilted, voltage_is_low
 from companion.telemetry.modes import Mode
 
 FAILSAFE = 5
@@ -39,15 +34,13 @@ class Monitor:
     def __init__(self) -> None:
         self._ekf: EkfStatus | None = None
         self._config_changed = False
-        self._pilot_t_s = self._leak_t_s = self._rebooted_t_s = self._changed_t_s = (
-            self._dropped_t_s
-        ) = -math.inf
+        self._pilot_t_s = self._leak_t_s = self._rebooted_t_s = -math.inf
+        self._changed_t_s = self._dropped_t_s = self._peer_t_s = -math.inf
         self._pilot_deflection = 0.0
         self._heartbeat: Heartbeat | None = None
         self._surfaces = False
         self._steering_since_s: float | None = None
         self._dropped = self._peer_changes = 0
-        self._peer_t_s = -math.inf
         self._ekf_doubt_s = self._battery_low_s = self._saturated_s = self._off_track_s = 0.0
         self._tilted_s = 0.0
         self._mean_innovation = [0.0] * 4
@@ -60,25 +53,19 @@ class Monitor:
 
     def step(
         self,
-        dt_s: float,
-        events: Sequence[Event],
-        state: VehicleState,
+        observed: Observation,
         limits: SupervisorLimits,
-        loop: LoopHealth,
-        *,
-        dofs: DofSample | None,
-        held: Flags,
-        steering: bool,
         parameters: Mapping[str, float],
+        *,
+        steered: bool,
     ) -> Watched:
-        """Observe one tick; `dofs` are the last tick's, `parameters` those before `events`.
-
-        `held` are the degrees of freedom that are engaged, or while we do not steer those that would be.
-        """
+        """Observe one tick; `parameters` are those before its events, `steered` whether the last one did."""
+        dt_s, loop, held = observed.dt_s, observed.loop, observed.held
+        state, dofs = observed.state, observed.dofs
         now_s = state.t_s
         if self._config_changed:
             self._config_changed, self._changed_t_s = False, now_s
-        for event in events:
+        for event in observed.events:
             match event:
                 case Heartbeat():
                     self._surfaces = event.mode == Mode.SURFACE and (self._surfaces or self._latches(event))
@@ -97,7 +84,7 @@ class Monitor:
                     self._changed_t_s = event.t_s
                 case Reboot():
                     self._rebooted_t_s, self._ekf = event.t_s, None
-        if not steering:
+        if not steered:
             self._steering_since_s = None
         elif self._steering_since_s is None:
             self._steering_since_s = now_s
@@ -109,7 +96,7 @@ class Monitor:
         self._ekf_doubt_s = _lasting(self._ekf_doubt_s, dt_s, doubtful)
         self._battery_low_s = _lasting(self._battery_low_s, dt_s, voltage_is_low(state.voltage_v, limits))
         saturated = off_track = False
-        if dofs is not None and steering:
+        if dofs is not None and steered:
             for ours, cut, e, most in zip(held, dofs.saturated, dofs.e, _max_error(limits), strict=True):
                 saturated = saturated or (ours and cut)
                 off_track = off_track or (ours and not abs(e) <= most)
@@ -117,10 +104,10 @@ class Monitor:
         self._off_track_s = _lasting(self._off_track_s, dt_s, off_track)
         self._tilted_s = _lasting(self._tilted_s, dt_s, tilted(state, limits))
         new = dt_s / (dt_s + INNOVATION_MEMORY_S)
-        missed = zip(self._mean_innovation, state.innovation, strict=True)
-        mean = [before + new * (abs(innovation) - before) for before, innovation in missed]
+        innovations = zip(self._mean_innovation, state.innovation, strict=True)
+        mean = [mean + new * (abs(innovation) - mean) for mean, innovation in innovations]
         self._mean_innovation = mean if all(map(math.isfinite, mean)) else [0.0] * 4
-        mean = [one * ours for one, ours in zip(self._mean_innovation, held, strict=True)]
+        mean = [mean * ours for mean, ours in zip(self._mean_innovation, held, strict=True)]
         return Watched(
             ekf=self._ekf,
             ekf_doubt_s=self._ekf_doubt_s,

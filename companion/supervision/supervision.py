@@ -3,26 +3,21 @@
 This package alone owns the state, the flight mode and the request to engage.
 """
 
-import math
 from collections.abc import Mapping, Sequence
 
 from companion.config import Config
 from companion.records import (
     Condition,
-    DofSample,
-    Event,
-    Flags,
-    LoopHealth,
     Request,
     State,
     VehicleState,
     Verdict,
-    X,
 )
-from companion.supervision.conditions import Observation, assess
+from companion.supervision.conditions import assess
 from companion.supervision.engagement import Engagement
 from companion.supervision.flight_mode import FlightMode
 from companion.supervision.monitor import Monitor
+from companion.supervision.situation import Observation, Situation
 from companion.supervision.steering_mode import STEERING_MODES
 from companion.supervision.supervisor import StateMachine
 from companion.telemetry.modes import Mode
@@ -72,75 +67,32 @@ class Supervision:
             )
         return [*requests, *pressed]
 
-    def step(
-        self,
-        state: VehicleState,
-        events: Sequence[Event],
-        requests: Sequence[Request],
-        loop: LoopHealth,
-        *,
-        dt_s: float,
-        held: Flags,
-        awaits_position: bool,
-        wants_ground: bool,
-        dofs: DofSample | None,
-        finite: bool,
-        full_override: bool,
-        misses_motor: bool,
-        preflight_failure: str,
-    ) -> Verdict:
-        """Return who may steer this tick.
-
-        `held` are the degrees of freedom that are held, or while nothing is those that would be; `dofs` and
-        `finite` are the last tick's; `preflight_failure` names the rows of the pre-dive list that forbid
-        engaging.
-        `awaits_position` tells that x and y are wanted, and are not held without a position.
-        `wants_ground` tells that an altitude over the ground is to be kept.
-        `misses_motor` tells that the others cannot do the work of the motor that gives no thrust.
-        """
-        limits, ground = self._config.supervisor, self._config.ground_station
-        before, mode = self.verdict, self._flight_mode
+    def step(self, observed: Observation) -> Verdict:
+        """Return who may steer this tick."""
+        config, mode, before = self._config, self._flight_mode, self.verdict
+        limits, state, dt_s = config.supervisor, observed.state, observed.dt_s
         steered = before.authority > 0.0
-        self._engagement.step(requests, events, self._parameters, state.t_s)
+        self._engagement.step(observed.requests, observed.events, self._parameters, state.t_s)
         hand_over = mode.step_hand_over(
             before, state, self._parameters, self._monitor.pilot_heard_s, limits.keep_alt_hold_s
         )
-        watched = self._monitor.step(
-            dt_s,
-            events,
-            state,
-            limits,
-            loop,
-            dofs=dofs,
-            held=held,
-            steering=steered,
+        now = Situation(
+            observed=observed,
+            watched=self._monitor.step(observed, limits, self._parameters, steered=steered),
             parameters=self._parameters,
-        )
-        seen = Observation(
-            state=state,
+            ground_station=config.ground_station,
+            tick_s=1.0 / config.loop.rate_hz,
             mode_right=mode.is_right(before, state.mode),
-            parameters=self._parameters,
-            watched=watched,
-            preflight_failure=preflight_failure,
-            wants_position=steered and (held[X] or awaits_position),
-            wants_ground=steered and wants_ground,
-            finite=finite,
-            late_s=dt_s - 1.0 / self._config.loop.rate_hz,
-            full_override=full_override,
-            misses_motor=misses_motor,
-            pilot_timeout_s=ground.timeout_s if ground.endpoint and ground.on_loss != "hold" else math.inf,
-            surface_on_loss=ground.on_loss == "surface",
+            steered=steered,
             hand_over=hand_over,
             ramped_down=self._machine.ramped_down(dt_s),
-            stop=Request.STOP in requests,
             engage=self._engagement.asked,
-            clear=Request.CLEAR_FAULT in requests,
         )
-        verdict = self._machine.step(assess(seen, limits), dt_s, preflight_failure)
+        verdict = self._machine.step(assess(now, limits), dt_s, observed.preflight_failure)
         mode.update(before, verdict, state)
         self._engagement.update(before, verdict)
         self.before, self.verdict = before, verdict
-        self._mode, self._preflight_failure = state.mode, preflight_failure
+        self._mode, self._preflight_failure = state.mode, observed.preflight_failure
         return verdict
 
     def steers(self, state: VehicleState) -> bool:

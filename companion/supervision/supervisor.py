@@ -1,8 +1,8 @@
-"""The state machine that decides who may steer: a table of transitions and a table of warnings.
+"""The state machine that decides who may steer, by the tables of `conditions.py`.
 
 Permission is tested before the law (`StateMachine.step`), and again last, before the bytes (`guard`). The
 default is to refuse: only ACTIVE, RAMP_DOWN and the start of HAND_OVER carry authority, and a condition that
-TRANSITIONS does not list changes nothing. `conditions.py` tests them; docs/supervisor.md is made from both.
+TRANSITIONS does not list changes nothing. docs/supervisor.md is made from the tables.
 
 There are three ways of giving up. FAULT stops at once: the state estimate cannot be trusted. RAMP_DOWN: the
 estimate is good for another second, but the autopilot has the same sensors and could do no better. HAND_OVER:
@@ -11,133 +11,12 @@ removes the forces that make it worse, heave and levelling stay, and only a last
 """
 
 from functools import cache
-from typing import NamedTuple
 
 from companion.records import Condition, State, Verdict
-from companion.telemetry.conditions import SPECS, awaited
+from companion.supervision.conditions import BLOCKING, FREEZES, NOTHING, TRANSITIONS, WARNS, Transition
+from companion.telemetry.conditions import awaited
 
 C, S = Condition, State
-
-BLIND = C.LINK_LOST | C.DEPTH_STALE | C.ATTITUDE_STALE
-SICK = (
-    C.EKF_UNHEALTHY
-    | C.DEPTH_JUMPED
-    | C.DEPTH_OUT_OF_BOUNDS
-    | C.INNOVATION_LARGE
-    | C.DELAY_TOO_LONG
-    | C.TILTED
-)
-SICK |= C.CLOCK_INCONSISTENT
-BLOCKING = BLIND | SICK | C.DISARMED | C.WRONG_MODE | C.FAILSAFE_UNSAFE | C.NON_FINITE | C.TICK_LATE
-BLOCKING |= C.THRUSTER_MISSED | C.PREFLIGHT_FAILURE | C.LEAK | C.BATTERY_LOW | C.REBOOTED | C.PILOT_LOST
-NOTHING = Condition(0)
-
-
-class Transition(NamedTuple):
-    """In state `at`: go `to` if any bit of `when` is set (or `when` is empty) and no bit of `unless` is."""
-
-    at: State
-    when: Condition
-    unless: Condition
-    to: State
-    because: str
-
-
-T = Transition
-
-# The first row that matches is taken, one row a tick.
-TRANSITIONS = (
-    T(S.IDLE, C.NON_FINITE, NOTHING, S.FAULT, "a computed value was not finite"),
-    T(S.IDLE, NOTHING, BLOCKING, S.READY, "all conditions for engaging are met"),
-    T(S.READY, C.NON_FINITE, NOTHING, S.FAULT, "a computed value was not finite"),
-    T(S.READY, BLOCKING, NOTHING, S.IDLE, "a condition for engaging is not met"),
-    T(S.READY, C.ENGAGE_ASKED, C.PILOT_TAKEOVER | C.OPERATOR_STOP, S.ACTIVE, "engaged"),
-    T(S.ACTIVE, C.NON_FINITE, NOTHING, S.FAULT, "a computed value was not finite"),
-    T(S.ACTIVE, C.LINK_LOST, NOTHING, S.FAULT, "the vehicle fell silent"),
-    T(S.ACTIVE, C.REBOOTED, NOTHING, S.FAULT, "the autopilot rebooted"),
-    T(S.ACTIVE, C.DEPTH_STALE, NOTHING, S.FAULT, "no fresh depth"),
-    T(S.ACTIVE, C.ATTITUDE_STALE, NOTHING, S.FAULT, "no fresh attitude"),
-    T(S.ACTIVE, C.DISARMED, NOTHING, S.IDLE, "the vehicle was disarmed"),
-    T(S.ACTIVE, C.FAILSAFE_SURFACES, NOTHING, S.HAND_OVER, "a failsafe of the autopilot surfaces"),
-    T(S.ACTIVE, C.WRONG_MODE, NOTHING, S.PILOT, "the flight mode was changed"),
-    T(S.ACTIVE, C.PILOT_TAKEOVER, NOTHING, S.PILOT, "the pilot moved the sticks"),
-    T(S.ACTIVE, C.FAILSAFE_UNSAFE, NOTHING, S.RAMP_DOWN, "the pilot-input failsafe was switched off"),
-    T(S.ACTIVE, C.PREFLIGHT_FAILURE, NOTHING, S.RAMP_DOWN, "a row of the pre-dive list is refused"),
-    T(S.ACTIVE, C.EKF_UNHEALTHY, NOTHING, S.RAMP_DOWN, "the EKF is unhealthy"),
-    T(S.ACTIVE, C.DEPTH_OUT_OF_BOUNDS, NOTHING, S.RAMP_DOWN, "the depth is out of bounds"),
-    T(S.ACTIVE, C.TICK_LATE, NOTHING, S.RAMP_DOWN, "a tick was too late"),
-    T(S.ACTIVE, C.LEAK, NOTHING, S.HAND_OVER, "a leak was reported"),
-    T(S.ACTIVE, C.AUTOPILOT_FAILSAFE, NOTHING, S.RAMP_DOWN, "a failsafe of the autopilot is active"),
-    T(S.ACTIVE, C.PILOT_LOST_SURFACE, NOTHING, S.HAND_OVER, "the ground station fell silent: surfacing"),
-    T(S.ACTIVE, C.PILOT_LOST, NOTHING, S.RAMP_DOWN, "the ground station fell silent"),
-    T(S.ACTIVE, C.OPERATOR_STOP, NOTHING, S.RAMP_DOWN, "the operator released the vehicle"),
-    T(S.ACTIVE, C.DELAY_TOO_LONG, NOTHING, S.HAND_OVER, "the delay is too long for any gains"),
-    T(S.ACTIVE, C.CLOCK_INCONSISTENT, NOTHING, S.HAND_OVER, "the autopilot's clocks contradict each other"),
-    T(S.ACTIVE, C.INNOVATION_LARGE, NOTHING, S.HAND_OVER, "measurements keep missing the prediction"),
-    T(S.ACTIVE, C.THRUSTER_MISSED, NOTHING, S.HAND_OVER, "a motor is dead, and no other can do its work"),
-    T(S.ACTIVE, C.TILT_PERSISTS, NOTHING, S.HAND_OVER, "the vehicle stays tilted"),
-    T(S.ACTIVE, C.OFF_TRACK, NOTHING, S.HAND_OVER, "the vehicle is off track"),
-    T(S.RAMP_DOWN, C.NON_FINITE, NOTHING, S.FAULT, "a computed value was not finite"),
-    T(S.RAMP_DOWN, C.LINK_LOST, NOTHING, S.FAULT, "the vehicle fell silent"),
-    T(S.RAMP_DOWN, C.REBOOTED, NOTHING, S.FAULT, "the autopilot rebooted"),
-    T(S.RAMP_DOWN, C.DEPTH_STALE | C.ATTITUDE_STALE, NOTHING, S.FAULT, "no fresh depth or attitude"),
-    T(S.RAMP_DOWN, C.FAILSAFE_SURFACES, NOTHING, S.HAND_OVER, "a failsafe of the autopilot surfaces"),
-    T(S.RAMP_DOWN, C.WRONG_MODE, NOTHING, S.PILOT, "the flight mode was changed"),
-    T(S.RAMP_DOWN, C.PILOT_TAKEOVER, NOTHING, S.PILOT, "the pilot took over"),
-    T(S.RAMP_DOWN, C.DISARMED, NOTHING, S.IDLE, "the vehicle was disarmed"),
-    T(S.RAMP_DOWN, C.RAMPED_DOWN, NOTHING, S.IDLE, "ramped down to neutral"),
-    T(S.HAND_OVER, C.NON_FINITE, NOTHING, S.FAULT, "a computed value was not finite"),
-    T(S.HAND_OVER, C.LINK_LOST, NOTHING, S.FAULT, "the vehicle fell silent"),
-    T(S.HAND_OVER, C.REBOOTED, NOTHING, S.FAULT, "the autopilot rebooted"),
-    T(S.HAND_OVER, C.FAILSAFE_SURFACES, NOTHING, S.HAND_OVER, "a failsafe of the autopilot surfaces"),
-    T(S.HAND_OVER, C.WRONG_MODE, NOTHING, S.PILOT, "the flight mode was changed"),
-    T(S.HAND_OVER, C.PILOT_TAKEOVER, NOTHING, S.PILOT, "the pilot took over"),
-    T(S.HAND_OVER, C.DISARMED, NOTHING, S.IDLE, "the vehicle was disarmed"),
-    T(S.HAND_OVER, C.OPERATOR_STOP, NOTHING, S.PILOT, "the operator released the vehicle"),
-    T(S.HAND_OVER, C.HAND_OVER_REFUSED, NOTHING, S.FAULT, "the autopilot did not change the mode"),
-    T(S.HAND_OVER, C.HANDED_OVER, NOTHING, S.PILOT, "the autopilot holds depth"),
-    T(S.HAND_OVER, C.SURFACED, NOTHING, S.HAND_OVER, "surfaced; the autopilot holds depth"),
-    T(S.HAND_OVER, C.HAND_OVER_HELD, NOTHING, S.HAND_OVER, "ALT_HOLD holds the depth until somebody steers"),
-    T(S.PILOT, C.NON_FINITE, NOTHING, S.FAULT, "a computed value was not finite"),
-    T(S.PILOT, C.ENGAGE_ASKED, C.PILOT_TAKEOVER, S.IDLE, "the operator asks for control again"),
-    T(S.FAULT, C.CLEAR_ASKED, C.NON_FINITE, S.IDLE, "the operator cleared the fault"),
-)
-
-
-class Notice(NamedTuple):
-    """A condition that is a warning in ACTIVE; with `freeze` it also stops learning."""
-
-    when: Condition
-    freeze: bool
-
-
-NOTICES = (
-    Notice(C.POSITION_STALE, freeze=False),
-    Notice(C.GROUND_LOST, freeze=False),
-    Notice(C.DEPTH_JUMPED, freeze=True),
-    Notice(C.CLOCK_JUMPED, freeze=True),
-    Notice(C.TILTED, freeze=True),
-    Notice(C.SATURATED, freeze=True),
-    Notice(C.THRUSTER_DEAD, freeze=False),
-    Notice(C.YAW_RESET, freeze=False),
-    Notice(C.POSITION_RESET, freeze=False),
-    Notice(C.BATTERY_LOW, freeze=False),
-    Notice(C.QUEUE_FULL, freeze=False),
-    Notice(C.CONFIG_CHANGED, freeze=False),
-    Notice(C.PEER_CHANGED, freeze=False),
-)
-WARNS = NOTHING
-FREEZES = NOTHING
-for _notice in NOTICES:
-    WARNS |= _notice.when
-    FREEZES |= _notice.when if _notice.freeze else NOTHING
-
-
-@cache
-def notices(conditions: Condition) -> tuple[Condition, bool]:
-    """Return the conditions that only warn, and whether any of them freezes learning."""
-    return conditions & WARNS, bool(conditions & FREEZES)
-
 
 CARRY_AUTHORITY = (S.ACTIVE, S.RAMP_DOWN, S.HAND_OVER)
 
@@ -149,6 +28,12 @@ def transition(state: State, conditions: Condition) -> Transition | None:
         if row.at is state and (not row.when or row.when & conditions) and not row.unless & conditions:
             return row
     return None
+
+
+@cache
+def notices(conditions: Condition) -> tuple[Condition, bool]:
+    """Return the conditions that only warn, and whether any of them freezes learning."""
+    return conditions & WARNS, bool(conditions & FREEZES)
 
 
 FAULT_CAUSES = NOTHING
@@ -177,7 +62,7 @@ _REMEDIES: dict[State, tuple[Condition, str]] = {
 @cache
 def first_remedy(conditions: Condition) -> str:
     """Return the remedy of the first cause among the conditions; empty where none has one."""
-    return next((SPECS[one].remedy for one in conditions if SPECS[one].remedy), "")
+    return next((condition.remedy for condition in conditions if condition.remedy), "")
 
 
 @cache

@@ -6,7 +6,7 @@ from typing import Literal
 
 from companion.records import Condition, ControlSample, FrameShift, Guided, State
 from companion.telemetry.commands import CommandResult
-from companion.telemetry.conditions import SPECS, UNSAID
+from companion.telemetry.conditions import UNSAID
 from companion.telemetry.modes import SEVERITIES, Severity
 from companion.telemetry.schemas import Event, printable
 
@@ -59,8 +59,8 @@ class EventLog:
             self._conditions = conditions  # the first state's reason names them
         elif conditions != self._conditions:
             begun, ended = conditions & ~self._conditions, self._conditions & ~conditions
-            happened += [("warning", "condition", SPECS[one].text) for one in begun]
-            happened += [("info", "condition", SPECS[one].ended) for one in ended]
+            happened += [("warning", "condition", begins.text) for begins in begun]
+            happened += [("info", "condition", ends.ended) for ends in ended]
             self._conditions = conditions
         if sample.state.dead_motor != self._dead_motor:
             happened.append(_motor(self._dead_motor, sample.state.dead_motor))

@@ -18,7 +18,7 @@ from rich.table import Table
 from rich.text import Text
 
 from companion.telemetry import schemas as telemetry
-from companion.telemetry.conditions import SPECS, UNSAID, named
+from companion.telemetry.conditions import UNSAID, named
 from companion.telemetry.modes import MEANINGS, MODE_NAMES
 from companion.telemetry.schemas import Command, Dof, Event, Loop, Plan, Schema, State, Supervisor, printable
 from companion.telemetry.status_line import delay_text
@@ -424,8 +424,8 @@ def _banner(view: View) -> RenderableType:
         lines.append(
             Text.assemble((f"  {name}  ", style), f"  {meaning}, authority {supervisor.authority:.0%}")
         )
-        texts = (SPECS[one] for one in named(supervisor.conditions) & ~UNSAID)
-        unsaid = [spec.text for spec in texts if spec.awaited not in supervisor.reason]
+        shown = named(supervisor.conditions) & ~UNSAID
+        unsaid = [condition.text for condition in shown if condition.awaited not in supervisor.reason]
         lines.append(Text("; ".join(filter(None, (supervisor.reason, ", ".join(unsaid)))), "dim"))
         if supervisor.remedy:
             lines.append(Text(f"to do: {supervisor.remedy}"))

@@ -3,7 +3,7 @@
 import msgspec
 
 from companion.telemetry.commands import COMMANDS, RECORDER_COMMANDS, fields
-from companion.telemetry.conditions import CONDITIONS
+from companion.telemetry.conditions import ENDED
 from companion.telemetry.modes import MEANINGS, MODE_NAMES
 
 ALL_COMMANDS = COMMANDS | RECORDER_COMMANDS
@@ -22,7 +22,7 @@ def module() -> str:
         "MODES": MODE_NAMES,
         "STATES": MEANINGS,
         "COMMANDS": commands,
-        "ENDED": {spec.ended: spec.text for spec in CONDITIONS},
+        "ENDED": ENDED,
     }
     return "".join(
         f"export const {name} = {msgspec.json.encode(value).decode()};\n" for name, value in tables.items()

@@ -29,7 +29,8 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from companion.config import load_config
 from companion.engine import Engine
 from companion.records import Condition, ControlSample, LoopHealth, Request, Setpoint, State
-from companion.supervision.supervisor import BLOCKING, CARRY_AUTHORITY
+from companion.supervision.conditions import BLOCKING
+from companion.supervision.supervisor import CARRY_AUTHORITY
 from lab.loop.firmware import Firmware
 from lab.loop.lockstep import START_S, LinkDelay, Lockstep
 from sim_bridge.config import load_config as load_plant

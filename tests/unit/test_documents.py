@@ -10,9 +10,8 @@ from pathlib import Path
 import pytest
 
 import holdfast
-from companion.records import State
-from companion.supervision.supervisor import TRANSITIONS
-from companion.telemetry.conditions import CONDITIONS
+from companion.records import Condition, State
+from companion.supervision.conditions import TRANSITIONS
 
 ROOT = Path(__file__).parents[2]
 PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
@@ -84,4 +83,4 @@ def test_troubleshooting_quotes_states_reasons_and_conditions():
     part = text[text.index("`IDLE: waiting for:`") : text.index("| row of")]
     named = [one for line in re.findall(r"^\| ([a-z][^|(]+)", part, re.MULTILINE) for one in line.split(", ")]
     assert len(named) > 8
-    assert {one.strip() for one in named} <= {spec.awaited for spec in CONDITIONS}
+    assert {one.strip() for one in named} <= {condition.awaited for condition in Condition}

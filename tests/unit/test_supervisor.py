@@ -16,26 +16,26 @@ from companion.records import (
     Condition,
     Delays,
     EkfStatus,
+    LoopHealth,
+    Request,
     State,
     Verdict,
 )
 from companion.supervision.conditions import (
     CLOCK_DOUBT_S,
     RESET_SETTLE_S,
-    TESTS,
-    Observation,
-    Watched,
+    RULES,
+    TRANSITIONS,
     assess,
 )
 from companion.supervision.guard import Envelope, guard
+from companion.supervision.situation import Observation, Situation, Watched
 from companion.supervision.supervisor import (
     CLEAR,
-    TRANSITIONS,
     StateMachine,
     remedy,
     transition,
 )
-from companion.telemetry.conditions import CONDITIONS
 
 C = Condition
 TICK_S = 0.02
@@ -326,8 +326,7 @@ def test_a_hand_over_that_waits_for_somebody_names_the_release():
 @pytest.mark.parametrize("cause", [C.LINK_LOST, C.DEPTH_STALE, C.ATTITUDE_STALE, C.REBOOTED, C.NON_FINITE])
 def test_a_fault_whose_cause_still_holds_names_the_cause_first(cause):
     text = todo(State.FAULT, cause, C.DISARMED, C.WRONG_MODE)
-    own = next(spec.remedy for spec in CONDITIONS if spec.condition is cause)
-    assert text == f"{own}; then {CLEAR}"
+    assert text == f"{cause.remedy}; then {CLEAR}"
 
 
 @pytest.mark.parametrize("state", [State.IDLE, State.PILOT])
@@ -362,20 +361,26 @@ def test_the_verdict_tells_it():
 
 LIMITS = load_config().supervisor
 SOUND = EkfStatus(9.9, attitude=True, depth=True, variance=0.1)
+RELEASES = structs.replace(
+    load_config().ground_station, endpoint="udpin::14550", timeout_s=3.0, on_loss="silence"
+)
+SURFACES = structs.replace(RELEASES, on_loss="surface")
 SAFE = {"FS_PILOT_INPUT": 2.0, "FS_PILOT_TIMEOUT": 3.0}
 
 
 def assessed(state=RESTING, **changes):
     state = changes.pop("state", state)
-    lasting = {field.name for field in structs.fields(Watched)} & changes.keys()
-    watched = Watched(**({"ekf": SOUND} | {name: changes.pop(name) for name in lasting}))
-    arguments: dict[str, Any] = {
-        "mode_right": True,
-        "parameters": SAFE,
-        "watched": watched,
-        "wants_position": True,
-    }
-    return assess(Observation(state=state, **(arguments | changes)), LIMITS)
+
+    def record(kind, **values):
+        names = {field.name for field in structs.fields(kind)} & changes.keys()
+        return kind(**(values | {name: changes.pop(name) for name in names}))
+
+    watched = record(Watched, ekf=SOUND)
+    loop = LoopHealth(1, 50.0, 0.0, 0.0, 0, 0)
+    observed = record(Observation, state=state, dt_s=TICK_S, loop=loop, held=(True,) * 4)
+    known: dict[str, Any] = {"mode_right": True, "parameters": SAFE, "steered": True, "tick_s": TICK_S}
+    known["ground_station"] = structs.replace(RELEASES, endpoint="")
+    return assess(Situation(observed=observed, watched=watched, **(known | changes)), LIMITS)
 
 
 def aged(**ages):
@@ -392,7 +397,7 @@ def delayed(total_s):
 
 @pytest.mark.parametrize("condition", C, ids=lambda condition: condition.name)
 def test_every_condition_has_a_test_whose_keys_are_in_the_configuration(condition):
-    assert all(hasattr(LIMITS, key) for key in TESTS[condition].keys)
+    assert all(hasattr(LIMITS, key) for key in RULES[condition].keys)
 
 
 def test_what_is_only_told_is_told_and_freezes_where_it_should():
@@ -425,16 +430,18 @@ def test_nothing_holds_when_all_is_well():
         (aged(depth_s=LIMITS.depth_timeout_s + 0.01), {}, C.DEPTH_STALE),
         (aged(attitude_s=LIMITS.attitude_timeout_s + 0.01), {}, C.ATTITUDE_STALE),
         (aged(position_s=LIMITS.position_timeout_s + 0.01), {}, C.POSITION_STALE),
-        (aged(position_s=math.inf), {"wants_position": False}, NOTHING),
-        (aged(pilot_s=3.01), {"pilot_timeout_s": 3.0}, C.PILOT_LOST),
-        (aged(pilot_s=math.inf), {"pilot_timeout_s": 3.0}, C.PILOT_LOST),
+        (aged(position_s=math.inf), {"held": (False, False, True, True)}, NOTHING),
+        (aged(position_s=math.inf), {"held": (False,) * 4, "awaits_position": True}, C.POSITION_STALE),
+        (aged(position_s=math.inf), {"steered": False}, NOTHING),
+        (aged(pilot_s=3.01), {"ground_station": RELEASES}, C.PILOT_LOST),
+        (aged(pilot_s=math.inf), {"ground_station": RELEASES}, C.PILOT_LOST),
         (aged(pilot_s=math.inf), {}, NOTHING),
         (
             aged(pilot_s=3.01),
-            {"pilot_timeout_s": 3.0, "surface_on_loss": True},
+            {"ground_station": SURFACES},
             C.PILOT_LOST | C.PILOT_LOST_SURFACE,
         ),
-        (aged(pilot_s=2.9), {"pilot_timeout_s": 3.0, "surface_on_loss": True}, NOTHING),
+        (aged(pilot_s=2.9), {"ground_station": SURFACES}, NOTHING),
         (structs.replace(RESTING, armed=False), {}, C.DISARMED),
         (RESTING, {"mode_right": False}, C.WRONG_MODE),
         (RESTING, {"ekf": None}, C.EKF_UNHEALTHY),
@@ -479,12 +486,12 @@ def test_nothing_holds_when_all_is_well():
         (RESTING, {"parameters": {"FS_PILOT_INPUT": 2.0}}, C.FAILSAFE_UNSAFE),
         (RESTING, {"parameters": {"FS_PILOT_TIMEOUT": 2.0}}, C.FAILSAFE_UNSAFE),
         (RESTING, {"finite": False}, C.NON_FINITE),
-        (RESTING, {"late_s": LIMITS.late_tick_s + 0.01}, C.TICK_LATE),
+        (RESTING, {"dt_s": TICK_S + LIMITS.late_tick_s + 0.01}, C.TICK_LATE),
         (RESTING, {"pilot_deflection": LIMITS.pilot_deflection + 0.01}, C.PILOT_TAKEOVER),
         (RESTING, {"full_override": True}, C.PILOT_TAKEOVER),
-        (RESTING, {"stop": True}, C.OPERATOR_STOP),
+        (RESTING, {"requests": [Request.STOP]}, C.OPERATOR_STOP),
         (RESTING, {"engage": True}, C.ENGAGE_ASKED),
-        (RESTING, {"clear": True}, C.CLEAR_ASKED),
+        (RESTING, {"requests": [Request.CLEAR_FAULT]}, C.CLEAR_ASKED),
     ],
 )
 def test_each_condition_is_seen(state, changes, expected):
@@ -504,7 +511,7 @@ def test_each_condition_is_seen(state, changes, expected):
         (RESTING, {"ekf_doubt_s": LIMITS.ekf_doubt_s}),
         (RESTING, {"innovation_m": LIMITS.max_innovation_m, "innovation_deg": LIMITS.max_innovation_deg}),
         (RESTING, {"battery_low_s": LIMITS.battery_low_s, "saturated_s": LIMITS.saturated_s}),
-        (RESTING, {"off_track_s": LIMITS.off_track_s, "late_s": LIMITS.late_tick_s}),
+        (RESTING, {"off_track_s": LIMITS.off_track_s, "dt_s": LIMITS.late_tick_s, "tick_s": 0.0}),
         (RESTING, {"tilted_s": LIMITS.off_track_s}),
         (RESTING, {"pilot_deflection": LIMITS.pilot_deflection}),
         (RESTING, {"parameters": {"FS_PILOT_INPUT": 1.0, "FS_PILOT_TIMEOUT": LIMITS.max_pilot_timeout_s}}),
@@ -523,7 +530,7 @@ def test_an_age_that_is_not_known_counts_against_permission(signal, age):
 @pytest.mark.parametrize(
     "changes",
     [
-        {"late_s": math.nan},
+        {"dt_s": math.nan},
         {"pilot_deflection": math.nan},
         {"innovation_m": math.nan},
         {"innovation_deg": math.nan},

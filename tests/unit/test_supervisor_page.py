@@ -1,7 +1,6 @@
 """The supervisor's page is what its tables say."""
 
 from companion.records import Condition, State
-from companion.telemetry.conditions import CONDITIONS
 from lab.supervisor_page import PAGE, page
 
 
@@ -10,7 +9,6 @@ def test_the_page_is_not_stale():
 
 
 def test_every_condition_and_state_is_on_it():
-    assert {spec.condition for spec in CONDITIONS} == set(Condition)
     text = page()
     for state in State:
         assert f" {state} " in text

@@ -19,9 +19,9 @@ from companion.records import (
     PilotInput,
     Reboot,
 )
-from companion.supervision.conditions import Watched
 from companion.supervision.handover import KEEP_ALIVE_S, REFUSED_S, SETTLE_S, HandOver, HandOverStep
 from companion.supervision.monitor import ANNOUNCED_S, FAILSAFE_SETTLE_S, LEAK_REPEAT_S, Monitor
+from companion.supervision.situation import Observation, Watched
 from companion.telemetry.modes import Mode
 
 TICK_S = 0.02
@@ -36,11 +36,13 @@ class Seen:
 
     def step(self, *events, dt_s=TICK_S, dofs=None, state=RESTING, dropped=0, peers=0, **changes):
         self.now_s += dt_s
-        given: dict[str, Any] = {"held": ALL, "steering": True, "parameters": SAFE}
+        parameters, steered = changes.pop("parameters", SAFE), changes.pop("steered", True)
         stamped = [structs.replace(event, t_s=self.now_s) for event in events]
         health = LoopHealth(1, 50.0, 0.0, 0.0, 0, dropped, peer_changes=peers)
         state = structs.replace(state, t_s=self.now_s)
-        return self.watch.step(dt_s, stamped, state, LIMITS, health, dofs=dofs, **(given | changes))
+        given: dict[str, Any] = {"held": ALL, "dofs": dofs} | changes
+        observed = Observation(state=state, dt_s=dt_s, loop=health, events=stamped, **given)
+        return self.watch.step(observed, LIMITS, parameters, steered=steered)
 
     def later(self, seconds, **changes):
         """After a gap without ticks."""
@@ -145,7 +147,7 @@ def test_how_long_it_lasts_starts_anew_after_a_break(seen, field):
 def test_off_track_by_metres_and_by_degrees(seen, e, counts):
     assert (seen.step(dofs=Dofs(e=e)).off_track_s > 0.0) == counts
     assert seen.step(dofs=Dofs(e=e), held=~ALL).off_track_s == 0.0
-    assert seen.step(dofs=Dofs(e=e), steering=False).off_track_s == 0.0
+    assert seen.step(dofs=Dofs(e=e), steered=False).off_track_s == 0.0
 
 
 def test_saturation_counts_where_it_is_engaged(seen):
@@ -164,7 +166,7 @@ def test_a_failsafe_counts_once_our_steering_should_have_ended_it(seen):
     assert seen.step(latched).failsafe
     assert not seen.step(calm).failsafe
     seen.step(latched)
-    assert not seen.step(latched, steering=False).failsafe
+    assert not seen.step(latched, steered=False).failsafe
     assert not seen.step(latched).failsafe
 
 

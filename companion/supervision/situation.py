@@ -1,0 +1,107 @@
+"""What the conditions test: what one tick observed, and what takes time to observe."""
+
+import math
+from collections.abc import Mapping, Sequence
+
+import msgspec
+
+from companion.config import GroundStation, SupervisorLimits
+from companion.records import DofSample, EkfStatus, Event, Flags, LoopHealth, Request, VehicleState
+from companion.supervision.handover import HandOverStep
+
+
+class Observation(msgspec.Struct, frozen=True, kw_only=True):
+    """What the engine observed in one tick."""
+
+    state: VehicleState
+    dt_s: float
+    loop: LoopHealth
+    held: Flags
+    """The degrees of freedom that are held, or while nothing is those that would be."""
+    events: Sequence[Event] = ()
+    requests: Sequence[Request] = ()
+    awaits_position: bool = False
+    """Whether x and y are wanted, and are not held without a position."""
+    wants_ground: bool = False
+    """Whether an altitude over the ground is to be kept."""
+    dofs: DofSample | None = None
+    """The last tick's."""
+    finite: bool = True
+    """Whether the last tick computed finite values."""
+    misses_motor: bool = False
+    """Whether the others cannot do the work of a motor that gives no thrust."""
+    full_override: bool = False
+    """Whether the pilot overrides all axes, by stick or button on the ground station's link."""
+    preflight_failure: str = ""
+    """The rows of `check` that forbid engaging, in words."""
+
+
+class Watched(msgspec.Struct, frozen=True, kw_only=True):
+    """What takes time to observe (`monitor.py`): how long something lasted, what was reported recently."""
+
+    ekf: EkfStatus | None = None
+    """The newest report, None before the first."""
+    ekf_doubt_s: float = 0.0
+    pilot_deflection: float = 0.0
+    rebooted: bool = False
+    leaking: bool = False
+    failsafe_surfaces: bool = False
+    """Whether a failsafe changed the mode to SURFACE: mode and failsafe came with the same heartbeat."""
+    failsafe: bool = False
+    """Whether the autopilot reports a failsafe that our steering should have ended."""
+    battery_low_s: float = 0.0
+    saturated_s: float = 0.0
+    off_track_s: float = 0.0
+    tilted_s: float = 0.0
+    innovation_m: float = 0.0
+    innovation_deg: float = 0.0
+    """Mean absolute innovation: measurement minus prediction."""
+    samples_dropped: bool = False
+    config_changed: bool = False
+    peer_changed: bool = False
+
+
+class Situation(msgspec.Struct, frozen=True, kw_only=True):
+    """What the conditions test: the observation, and what the supervision knows beside it."""
+
+    observed: Observation
+    watched: Watched
+    parameters: Mapping[str, float]
+    """The autopilot's."""
+    ground_station: GroundStation
+    tick_s: float
+    mode_right: bool
+    """Whether the flight mode is one in which our present state steers or hands over."""
+    steered: bool = False
+    """Whether the last tick carried authority."""
+    hand_over: HandOverStep = HandOverStep.NONE
+    ramped_down: bool = False
+    engage: bool = False
+    """Whether engaging is requested, and confirmed by the autopilot's failsafe."""
+
+
+def pilot_failsafe_acts(parameters: Mapping[str, float], limits: SupervisorLimits) -> bool:
+    """Tell whether the autopilot stops the thrusters in time when this computer dies."""
+    acts = parameters.get("FS_PILOT_INPUT", 0.0) >= 1.0
+    return acts and parameters.get("FS_PILOT_TIMEOUT", math.inf) <= limits.max_pilot_timeout_s
+
+
+def depth_is_fresh(state: VehicleState, limits: SupervisorLimits) -> bool:
+    """Tell whether an accepted depth is recent enough."""
+    return state.ages.depth_s <= limits.depth_timeout_s
+
+
+def ekf_is_doubtful(ekf: EkfStatus, limits: SupervisorLimits) -> bool:
+    """Tell whether the autopilot's estimator doubts compass, velocity or depth now."""
+    return not ekf.variance <= limits.max_ekf_variance
+
+
+def voltage_is_low(voltage_v: float, limits: SupervisorLimits) -> bool:
+    """Tell whether the voltage is below the limit; BATTERY_LOW needs it to last."""
+    return voltage_v < limits.min_voltage_v
+
+
+def tilted(state: VehicleState, limits: SupervisorLimits) -> bool:
+    """Tell whether roll or pitch is too large; an unknown attitude counts as too large."""
+    most_rad = math.radians(limits.max_tilt_deg)
+    return not (abs(state.roll) <= most_rad and abs(state.pitch) <= most_rad)
