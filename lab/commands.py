@@ -1,12 +1,26 @@
 """The subcommands that need companion and simulator. Heavy imports wait until a command is called."""
 
+from argparse import ArgumentParser
+from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 from holdfast.arguments import command_parser
-from lab.options import add_firmware, add_settings, find_firmware, json_file, not_negative, positive
+from lab.options import add_settings, json_file, not_negative, positive
 from lab.tables import add_files
 
 BENCH_EXAMPLES = """\
+further benches, each with its own --help:
+  position    places and paths in a current, with a DVL, beside a PID and ArduSub's POSHOLD and GUIDED
+  process     the process against its limits: memory, tick, lateness
+  zenoh       what slow, stopped and killed subscribers cost the tick; six minutes
+  fleet       what many vehicles at one router with TLS cost (--vehicles N); two minutes
+  soak        everything live for hours (--minutes MIN): memory, lateness, lost records
+  ablation    one part of the controller less at a time; the network beside the observer
+  network     learners on each axis, in the full loop
+  grid        vehicles of a third to three times the nominal gain (--cells SET ...): limit cycles
+  firmware    our simulator beside the real ArduSub
+
 examples:
   holdfast bench dives --seeds 4                             a quick look: all rows, 4 vehicles
   holdfast bench dives --rows default ppi --scenarios waves  compare two rows in one scenario
@@ -41,7 +55,14 @@ examples:
 """
 
 
-FIRMWARE_DIVES = ("dives", "position", "ablation", "grid", "firmware")
+BENCHES = {
+    "dives": "lab.studies.dives:Dives",
+    "position": "lab.studies.courses:Courses",
+    "grid": "lab.studies.grid:Grid",
+    "ablation": "lab.studies.ablation:Ablation",
+    "firmware": "lab.studies.fidelity:Fidelity",
+}
+LIVE_BENCHES = ("process", "zenoh", "fleet", "soak", "network")
 
 
 def demo(argv: list[str]) -> int:
@@ -53,87 +74,45 @@ def demo(argv: list[str]) -> int:
 
 def bench(argv: list[str]) -> int:
     """Measure control errors over many vehicles and seas, and the cost of a tick."""
-    parser = command_parser(
-        "bench",
-        "Simulates four scenarios, without and with 80 ms more delay, with random vehicles, in virtual time "
-        "and with real MAVLink bytes: the shipped default, other laws and compensators, ArduSub's depth "
-        "hold, and the computed LQG floor. One dive takes 3 s on one core; all rows with 60 vehicles take 5 "
-        "core-hours, with --seeds 10 one hour. Then it measures the process against its limits. Eight "
-        "benches run only on request: `position` holds a place and follows paths in a current, with a DVL, "
-        "beside a PID and ArduSub's POSHOLD and GUIDED; `zenoh` measures the effect of slow, stopped and "
-        "killed subscribers on the tick, in six minutes; `fleet` what many vehicles at one router with TLS "
-        "cost, in two minutes; `soak` runs everything live for hours, and measures memory, lateness and "
-        "lost records; `ablation` removes one part of the controller at a time, and compares the network "
-        "with the observer; `network` compares learners on each axis, in the full loop; `grid` dives "
-        "vehicles of a third to three times the nominal gain, with other lags and delays, and lists limit "
-        "cycles; `firmware` compares our simulator with the real ArduSub, for the default and for ALT_HOLD.",
-        BENCH_EXAMPLES,
-    )
-    parser.add_argument(
-        "what",
-        nargs="?",
-        choices=(
-            "dives",
-            "position",
-            "process",
-            "zenoh",
-            "fleet",
-            "soak",
-            "ablation",
-            "network",
-            "grid",
-            "firmware",
-        ),
-        help="run only this bench; default: dives and process",
-    )
-    parser.add_argument(
-        "--seeds", type=positive, metavar="N", help="number of vehicles; default 60, with --firmware 4"
-    )
+    finder = ArgumentParser(prog="holdfast bench", add_help=False)
+    finder.add_argument("what", nargs="?", choices=(*BENCHES, *LIVE_BENCHES))
+    for option in ("seeds", "vehicles", "minutes", "set", "json", "table", "out", "workers", "scheduler"):
+        finder.add_argument(f"--{option}")
+    for option in ("rows", "scenarios", "cells"):
+        finder.add_argument(f"--{option}", nargs="+")
+    finder.add_argument("--firmware", nargs="?")
+    what: str | None = finder.parse_known_args(argv)[0].what
+    rest = [word for i, word in enumerate(argv) if what is None or i != argv.index(what)]
+    if what in LIVE_BENCHES:
+        return _live_bench(what, rest)
+    from lab.study import start
+
+    status = start(_study(BENCHES[what or "dives"]), rest, BENCH_EXAMPLES)
+    return status if what or status == 2 else max(status, _live_bench(None, rest))
+
+
+def _study(name: str) -> Any:
+    module, _, kind = name.partition(":")
+    return getattr(import_module(module), kind)
+
+
+def _live_bench(what: str | None, argv: list[str]) -> int:
+    parser = command_parser(f"bench {what or ''}", "Measures the process.", BENCH_EXAMPLES)
+    parser.add_argument("--seeds", type=positive, default=60, metavar="N", help="default %(default)s")
     parser.add_argument(
         "--vehicles", type=positive, default=20, metavar="N", help="of the fleet; default %(default)s"
     )
     parser.add_argument(
         "--minutes", type=positive, default=120, metavar="MIN", help="of the soak; default %(default)s"
     )
-    parser.add_argument(
-        "--rows", nargs="+", metavar="ROW", help="run only these rows, such as: default law ppi"
-    )
-    parser.add_argument(
-        "--scenarios",
-        nargs="+",
-        metavar="NAME",
-        help="run only these: waves, path, load, calm; position: station, lemniscate, circle, thruster",
-    )
-    parser.add_argument(
-        "--cells",
-        nargs="+",
-        metavar="SET",
-        default=["lines", "corners", "latin"],
-        help="sets of cells of the grid: lines, corners, latin, full (1680 dives); default the first three",
-    )
     add_settings(parser)
     add_files(parser, row="dive")
-    parser.add_argument(
-        "--out",
-        type=Path,
-        default=Path("out/bench"),
-        metavar="DIR",
-        help="folder for plots; default %(default)s",
-    )
-    add_firmware(parser)
-    arguments = parser.parse_args(argv)
-    if arguments.firmware is not None and arguments.what not in FIRMWARE_DIVES:
-        parser.error(f"--firmware goes with {', '.join(FIRMWARE_DIVES)}")
-    if arguments.table and arguments.what in ("process", "zenoh"):
-        parser.error(f"--table has a row for each dive, and `{arguments.what}` dives none; use --json")
-    if arguments.what == "firmware" and arguments.firmware is None:
-        arguments.firmware = ""
-    if arguments.seeds is None:
-        arguments.seeds = 60 if arguments.firmware is None else 4
-    if not find_firmware("bench", arguments):
-        return 2
+    arguments = parser.parse_args(argv) if what else parser.parse_known_args(argv)[0]
+    if arguments.table and what in ("process", "zenoh"):
+        parser.error(f"--table has a row for each dive, and `{what}` dives none; use --json")
     from lab.bench.report import run
 
+    arguments.what = what
     return run(arguments)
 
 
@@ -166,7 +145,7 @@ def tune(argv: list[str]) -> int:
         "Searches gains of heave by CMA-ES over simulated dives: half of them with 40 ms more "
         "delay each way, half with 15 % more thrust and 40 ms of hidden delay. Without ROW it tunes your "
         "configuration for your vehicle and writes a configuration file. With ROW it tunes rows of `holdfast "
-        "bench`, for lab/bench/tuned.toml.",
+        "bench`, for lab/studies/tuned.toml.",
         TUNE_EXAMPLES,
     )
     parser.add_argument("rows", nargs="*", metavar="ROW", help="a row of the bench, or all")

@@ -16,6 +16,37 @@ def add_settings(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_out(parser: argparse.ArgumentParser, default: str) -> None:
+    """Add `--out DIR`."""
+    parser.add_argument(
+        "--out",
+        type=Path,
+        default=Path(default),
+        metavar="DIR",
+        help="folder for rows and pictures; default %(default)s",
+    )
+
+
+def add_bench(parser: argparse.ArgumentParser, rows: str = "", scenarios: str = "") -> None:
+    """Add what the benches share; `rows` and `scenarios` name examples, or are empty for a bench without."""
+    parser.add_argument(
+        "--seeds", type=positive, metavar="N", help="number of vehicles; default 60, with --firmware 4"
+    )
+    if rows:
+        parser.add_argument("--rows", nargs="+", metavar="ROW", help=f"run only these rows, such as: {rows}")
+    if scenarios:
+        parser.add_argument("--scenarios", nargs="+", metavar="NAME", help=f"run only these: {scenarios}")
+    add_settings(parser)
+    add_firmware(parser)
+    add_out(parser, "out/bench")
+
+
+def seeds_of(arguments: argparse.Namespace) -> int:
+    """Return the number of vehicles of a bench."""
+    seeds: int = arguments.seeds or (60 if arguments.firmware is None else 4)
+    return seeds
+
+
 def add_firmware(parser: argparse.ArgumentParser) -> None:
     """Add `--firmware [PATH]`."""
     parser.add_argument(

@@ -1,10 +1,13 @@
 """How all figures look: Okabe and Ito's colours, which colour-blind people tell apart, and quiet frames."""
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
+from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.transforms import Bbox
 
 mpl.use("Agg")  # files, no screen
@@ -37,6 +40,13 @@ def name(panel: Axes, title: str, unit: str) -> None:
     """Say what a panel shows, and in which unit."""
     panel.set_title(title, loc="left", fontweight="bold", fontsize=11)
     panel.set_ylabel(unit, fontsize=SMALL)
+
+
+def save(figure: Figure, path: Path, **options: Any) -> Path:
+    """Write a figure and forget it; return its path."""
+    figure.savefig(path, **options)
+    plt.close(figure)
+    return path
 
 
 def plain(panel: Axes) -> None:

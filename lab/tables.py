@@ -47,19 +47,21 @@ def write_json(path: Path, content: Any) -> None:
     path.write_text(json.dumps(plain(content), indent=1, allow_nan=False) + "\n", encoding="utf-8")
 
 
-def write_table(path: Path, records: Sequence[Mapping[str, Any]]) -> None:
+def write_table(
+    path: Path, records: Sequence[Mapping[str, Any]], about: Mapping[str, str] | None = None
+) -> None:
     """Write flat records, which may differ in their keys, as the name's ending says. Raises OSError."""
     names = dict.fromkeys(name for record in records for name in record)
-    write_columns(path, {name: [record.get(name) for record in records] for name in names})
+    write_columns(path, {name: [record.get(name) for record in records] for name in names}, about)
 
 
-def write_columns(path: Path, columns: Mapping[str, Any]) -> None:
-    """Write columns of one length, as the name's ending says. Raises OSError."""
+def write_columns(path: Path, columns: Mapping[str, Any], about: Mapping[str, str] | None = None) -> None:
+    """Write columns of one length, as the name's ending says; Parquet takes `about`, too. Raises OSError."""
     if path.suffix == PARQUET:
         arrow, parquet = import_module("pyarrow"), import_module("pyarrow.parquet")
         # from_pandas: a NaN is a null
         table = {name: arrow.array(values, from_pandas=True) for name, values in columns.items()}
-        parquet.write_table(arrow.table(table), path)
+        parquet.write_table(arrow.table(table, metadata=about), path)
         return
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")

@@ -10,9 +10,9 @@ import sys
 
 import numpy as np
 
-from lab.bench.floor import floor
 from lab.loop.lockstep import LinkDelay
 from lab.loop.scenarios import four
+from lab.studies.floor import floor
 from sim_bridge.commands import DEFAULT_CONFIG
 from sim_bridge.config import load_config
 

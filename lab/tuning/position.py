@@ -13,9 +13,9 @@ from functools import partial
 import numpy as np
 
 from companion.config import ConfigError
-from lab.bench.position import COURSES, ROWS, sail
-from lab.bench.rows import DEFAULT, Row
 from lab.pool import worker_pool
+from lab.studies.competitors import DEFAULT, Competitor
+from lab.studies.courses import COURSES, ROWS, sail
 from lab.tuning.search import LOST_MM, minimised
 from sim_bridge.commands import DEFAULT_CONFIG
 from sim_bridge.config import load_config as load_plant
@@ -27,12 +27,12 @@ AXIS = {"lambda_per_s": 3.0, "kappa_per_s": 4.0, "disturbance_noise": 5.0}
 """What a search may turn of Holdfast's surge and sway alike."""
 
 
-def knobs(row: Row) -> Mapping[str, float]:
+def knobs(row: Competitor) -> Mapping[str, float]:
     """Return what a search may turn of a row, and where it starts; nothing of the stock autopilot."""
     return AXIS if row.name == DEFAULT else row.knobs
 
 
-def scores(row: Row, candidates: Sequence[Mapping[str, float]]) -> list[float]:
+def scores(row: Competitor, candidates: Sequence[Mapping[str, float]]) -> list[float]:
     """Return the mean horizontal RMS error of each candidate, mm."""
     jobs = [(row, values, i) for values in candidates for i in range(len(TRAINED_ON))]
     with worker_pool() as pool:
@@ -40,7 +40,7 @@ def scores(row: Row, candidates: Sequence[Mapping[str, float]]) -> list[float]:
     return [float(score) for score in found.mean(1)]
 
 
-def _score(job: tuple[Row, Mapping[str, float], int]) -> float:
+def _score(job: tuple[Competitor, Mapping[str, float], int]) -> float:
     row, values, i = job
     course = next(course for course in COURSES if course.name == TRAINED_ON[i])
     settings = [
@@ -56,7 +56,7 @@ def _score(job: tuple[Row, Mapping[str, float], int]) -> float:
 
 
 def main() -> None:
-    """Search, and write what `lab/bench/position.toml` holds to the standard output."""
+    """Search, and write what `lab/studies/courses.toml` holds to the standard output."""
     searched = {row.name: row for row in ROWS if knobs(row)}
     parser = argparse.ArgumentParser(prog="python -m lab.tuning.position")
     parser.add_argument("--evaluations", type=int, default=EVALUATIONS, metavar="N")

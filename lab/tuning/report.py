@@ -15,9 +15,9 @@ from rich.progress import Progress
 from rich.table import Table
 
 from companion.config import Config, ConfigError, load_config, vehicle_of
-from lab.bench.rows import DEFAULT, TUNED_FILE, WIDTH, Row, knobs_of, rows, selected
 from lab.loop.scenarios import ensemble
 from lab.pool import worker_pool
+from lab.studies.competitors import DEFAULT, TUNED_FILE, WIDTH, Competitor, competitors, knobs_of, selected
 from lab.tuning import search as tune
 from lab.tuning.own_vehicle import around, nominal, write_config
 from lab.tuning.search import Found, search
@@ -95,20 +95,20 @@ def _job(
     )
 
 
-def _own_row(config: Config) -> Row:
+def _own_row(config: Config) -> Competitor:
     """Return the configuration's own heave as a row: it starts where the file stands."""
     return replace(selected([DEFAULT], config)[0], title="your heave", knobs=knobs_of(config))
 
 
 def _searchable(names: Sequence[str], config: Config) -> list[str]:
-    every = [row.name for row in rows(config) if row.knobs]
-    fixed = {row.name for row in rows(config) if not row.knobs} & set(names)
+    every = [row.name for row in competitors(config) if row.knobs]
+    fixed = {row.name for row in competitors(config) if not row.knobs} & set(names)
     if fixed:
         raise ValueError(f"{', '.join(sorted(fixed))}: nothing to search, it is what it is")
     return every if "all" in names else list(names)
 
 
-def _table(rows: Sequence[Row], found: Sequence[Found]) -> Table:
+def _table(rows: Sequence[Competitor], found: Sequence[Found]) -> Table:
     table = Table(title="What the search found (score: mean RMS in mm, chatter priced in)")
     for title in ("row", "score before", "score", "evaluations", "values"):
         table.add_column(title, justify="left" if title in ("row", "values") else "right")
@@ -118,7 +118,7 @@ def _table(rows: Sequence[Row], found: Sequence[Found]) -> Table:
     return table
 
 
-def _tuned_text(arguments: argparse.Namespace, rows: Sequence[Row], found: Sequence[Found]) -> str:
+def _tuned_text(arguments: argparse.Namespace, rows: Sequence[Competitor], found: Sequence[Found]) -> str:
     """Return values with the command, seeds and budget that produced them."""
     command = ["holdfast", "tune", *arguments.rows]
     command += ["--evaluations", str(arguments.evaluations), "--seeds", str(arguments.seeds)]

@@ -22,10 +22,10 @@ from companion.records import Array, Setpoint
 from lab.batch import alt_hold
 from lab.batch import dives as batch
 from lab.batch.vehicle import Links
-from lab.bench.floor import CHATTER_N
-from lab.bench.rows import WIDTH, Row
 from lab.loop.lockstep import LinkDelay
 from lab.loop.scenarios import SETTLE_S, Scenario, ensemble, four, trajectory
+from lab.studies.competitors import WIDTH, Competitor
+from lab.studies.floor import CHATTER_N
 from sim_bridge.config import SimConfig
 
 TRAINING_SEEDS = 8
@@ -70,7 +70,7 @@ class Found:
 
 
 def search(
-    row: Row,
+    row: Competitor,
     load: Callable[[Sequence[str]], Config],
     base: SimConfig,
     *,
@@ -119,7 +119,7 @@ def minimised(
 
 
 def scores(
-    row: Row,
+    row: Competitor,
     values: Sequence[Mapping[str, float]],
     load: Callable[[Sequence[str]], Config],
     base: SimConfig,
@@ -145,7 +145,7 @@ def _configured(load: Callable[[Sequence[str]], Config], overrides: Sequence[str
 
 
 def _scores(
-    row: Row,
+    row: Competitor,
     values: Sequence[Mapping[str, float]],
     configs: Sequence[Config],
     base: SimConfig,
@@ -160,7 +160,7 @@ def _scores(
 
 
 def _dive(
-    row: Row,
+    row: Competitor,
     values: Sequence[Mapping[str, float]],
     configs: Sequence[Config],
     base: SimConfig,

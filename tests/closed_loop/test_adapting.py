@@ -1,8 +1,8 @@
 """A vehicle far weaker and later than the nominal one is held better with what was found of it."""
 
 from companion.config import load_config
-from lab.bench import grid
-from lab.bench.grid import Cell, dive
+from lab.studies import grid
+from lab.studies.grid import Cell, dive
 from sim_bridge.commands import DEFAULT_CONFIG
 from sim_bridge.config import load_config as load_plant
 
@@ -12,8 +12,9 @@ WEAK = Cell("heave", 1 / 3, 0.3, 0, 0, "calm")
 
 def depth_mm(adapts: str, cell: Cell) -> float:
     outcome = dive(cell, load_config(overrides=[f"vehicle.adapts={adapts}"]), BASE, 1, duration_s=45.0)
-    assert not outcome.gave_up
-    return outcome.rms[2]
+    assert not outcome["gave_up"]
+    depth_mm: float = outcome["rms_depth"]
+    return depth_mm
 
 
 def test_a_weak_and_late_vehicle_is_held_better(monkeypatch) -> None:

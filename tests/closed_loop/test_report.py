@@ -24,7 +24,6 @@ from companion.telemetry import samples
 from companion.telemetry import schemas as telemetry
 from dashboard.recording.mcap_file import Item, Recording
 from dashboard.recording.record import flat
-from lab.bench.bench import Run, as_records
 from lab.loop.lockstep import LinkDelay, Lockstep, Step
 from lab.report import foxglove
 from lab.report.advice import advice
@@ -297,10 +296,12 @@ def test_the_notebook_runs_and_its_layouts_name_what_there_is(
     (tmp_path / "dives").mkdir()
     (tmp_path / "dives" / "kelp.mcap").symlink_to(dive)
     (tmp_path / "out").mkdir()
-    runs = [
-        Run(row, "waves", 0, seed, True, {"depth_rms_mm": 3.0}) for row in ("law", "ppi") for seed in (0, 1)
+    rows = [
+        {"row": row, "scenario": "waves", "delay_ms": 0, "seed": seed, "held": True, "depth_rms_mm": 3.0}
+        for row in ("law", "ppi")
+        for seed in (0, 1)
     ]
-    write_table(tmp_path / "out" / "bench.csv", as_records(runs))
+    write_table(tmp_path / "out" / "bench.csv", rows)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(plt, "show", lambda: plt.close("all"))
     names: dict[str, object] = {}

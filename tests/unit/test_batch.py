@@ -12,10 +12,10 @@ from msgspec.structs import replace
 from companion.config import load_config
 from lab.batch.dives import simulate
 from lab.batch.vehicle import Links
-from lab.bench.grid import LONGEST_S, Cell, cycles_s, plant
 from lab.loop.dive import dive
 from lab.loop.lockstep import LinkDelay
 from lab.loop.scenarios import SETTLE_S, four, hold
+from lab.studies.grid import LONGEST_S, Cell, cycles_s, plant
 from sim_bridge.commands import DEFAULT_CONFIG
 from sim_bridge.config import load_config as load_plant
 from sim_bridge.fault_kinds import Fault

@@ -1,6 +1,5 @@
 """The bench's arithmetic, its rows and what a search found, and a search that is run."""
 
-import json
 import math
 import tomllib
 from collections.abc import Sequence
@@ -13,16 +12,26 @@ from rich.console import Console
 
 from companion import assembly
 from companion.config import DEFAULT_FILE, Config, load_config, vehicle_of
+from holdfast import RefusedError
 from lab import commands
-from lab.bench import bench
-from lab.bench.bench import FLOOR, LINKS, SCENARIOS, Run, interval, student, summaries
-from lab.bench.firmware_report import as_records, pairs, side_by_side
-from lab.bench.floor import CHATTER_N
-from lab.bench.plot import draw
-from lab.bench.report import TITLES, _case, _error, _json, _overview
-from lab.bench.rows import DEFAULT, ROWS, TUNED_FILE, WIDTH, Row, rows, selected, tuned, values_of
 from lab.loop.dive import FIGURES
 from lab.loop.scenarios import four
+from lab.studies.competitors import (
+    COMPETITORS,
+    DEFAULT,
+    FIRST_SEED,
+    TUNED_FILE,
+    WIDTH,
+    Competitor,
+    competitors,
+    selected,
+    tuned,
+    values_of,
+)
+from lab.studies.dives import FLOOR, LINKS, SCENARIOS, Dives, interval, student, summaries
+from lab.studies.fidelity import Fidelity, pairs
+from lab.studies.floor import CHATTER_N
+from lab.study import Row, by, parser_of
 from lab.tables import plain
 from lab.tuning import search as tune
 from lab.tuning.own_vehicle import around, nominal, write_config
@@ -55,10 +64,15 @@ def configured(overrides: Sequence[str]) -> Config:
     return load_config(overrides=overrides)
 
 
-def runs(rows: dict[str, float], seeds: int = 4) -> list[Run]:
+def study(kind: type[Dives], *options: str) -> Dives:
+    return kind(parser_of(kind).parse_args(options))
+
+
+def dives(rows: dict[str, float], seeds: int = 4) -> list[Row]:
     """Every row off by its number from a floor of 2 mm plus the seed's own."""
     return [
-        Run(row, scenario, delay_ms, seed, row != "ppi", figures(2.0 + seed + more))
+        {"row": row, "scenario": scenario, "delay_ms": delay_ms, "seed": seed, "held": row != "ppi"}
+        | figures(2.0 + seed + more)
         for scenario in SCENARIOS
         for delay_ms in LINKS
         for row, more in rows.items()
@@ -67,10 +81,9 @@ def runs(rows: dict[str, float], seeds: int = 4) -> list[Run]:
 
 
 def figures(rms_mm: float) -> dict[str, float]:
-    return {
+    return dict.fromkeys(FIGURES, math.nan) | {
         "depth_rms_mm": rms_mm,
         "depth_peak_mm": 3 * rms_mm,
-        "recovery_s": math.nan,
         "thrust_rms_n": 5.0,
         "chatter_n": 4.0,
         "heading_rms_deg": 0.2,
@@ -78,50 +91,52 @@ def figures(rms_mm: float) -> dict[str, float]:
 
 
 def test_differences_are_taken_dive_by_dive() -> None:
-    made = runs({"law": 3.0, "ppi": 5.0, "network+observer": 99.0, DEFAULT: 1.0, FLOOR: 0.0})
+    made = dives({"law": 3.0, "ppi": 5.0, "network+observer": 99.0, DEFAULT: 1.0, FLOOR: 0.0})
     cases = summaries(made)
     assert len(cases) == 5 * len(SCENARIOS) * len(LINKS)
-    law = next(case for case in cases if case.row == "law")
-    assert law.mean["depth_rms_mm"] == pytest.approx(6.5)
-    assert law.floor_ratio == pytest.approx(6.5 / 3.5)
-    assert (law.difference_mm, law.low_mm, law.high_mm) == pytest.approx((2.0, 2.0, 2.0))
-    assert cases[-1].row == FLOOR
-    assert {case.gave_up for case in cases if case.row == "ppi"} == {4}
+    law = next(case for case in cases if case["row"] == "law")
+    assert law["depth_rms_mm"] == pytest.approx(6.5)
+    assert law["floor_ratio"] == pytest.approx(6.5 / 3.5)
+    assert (law["difference_mm"], law["low_mm"], law["high_mm"]) == pytest.approx((2.0, 2.0, 2.0))
+    assert cases[-1]["row"] == FLOOR
+    assert {case["gave_up"] for case in cases if case["row"] == "ppi"} == {4}
 
     console = Console(width=80, record=True, file=StringIO())
-    console.print(_case([case for case in cases if (case.scenario, case.delay_ms) == ("waves", 0)]))
-    console.print(_overview(cases, "RMS", _error))
+    first, *_, overview, _, _ = study(Dives, "--seeds", "4").tables(made)
+    console.print(first, overview)
     text = console.export_text()
     assert "+2.00 ± 0.00" in text
     assert "6.5!" in text
     assert "P-PI (4 lost)" in text
     assert "…" not in text
-    record = plain(_json(4, cases, [], [], []))["rows"][0]
+    record = plain(study(Dives, "--seeds", "4").summary(made))["rows"][0]
     assert record["row"] == "law"
     assert record["recovery_s"] is None
     assert record["depth_rms_mm"] == pytest.approx(6.5)
 
 
 def test_a_picture_for_every_scenario(tmp_path: Path) -> None:
-    paths = draw(runs({"law": 3.0, DEFAULT: 1.0, FLOOR: 0.0}), TITLES, tmp_path / "new")
+    paths = study(Dives).draw(dives({"law": 3.0, DEFAULT: 1.0, FLOOR: 0.0}), tmp_path)
     assert [path.name for path in paths] == [f"{scenario}.png" for scenario in SCENARIOS]
     assert all(path.stat().st_size > 10_000 for path in paths)
 
 
 def test_without_the_default_there_is_no_difference() -> None:
-    assert math.isnan(summaries(runs({"law": 3.0, FLOOR: 0.0}))[0].difference_mm)
+    assert math.isnan(summaries(dives({"law": 3.0, FLOOR: 0.0}))[0]["difference_mm"])
 
 
 def test_bench_seeds_are_none_that_a_search_sees() -> None:
-    assert bench.FIRST_SEED > 100 * tune.TRAINING_SEEDS
-    assert bench.SEEDS == 60
+    assert FIRST_SEED > 100 * tune.TRAINING_SEEDS
+    cases = study(Dives, "--rows", DEFAULT, "--scenarios", "calm", "waves").cases()
+    assert {case.seed for case in cases} == set(range(FIRST_SEED, FIRST_SEED + 60))
+    assert [name for (name,) in by([case._asdict() for case in cases], "scenario")] == ["waves", "calm"]
 
 
 def test_every_row_was_searched_within_the_same_width() -> None:
     found = tuned()
     about = tomllib.loads(TUNED_FILE.read_text())["search"]
     assert about["bounds_factor"] == WIDTH
-    for row in ROWS:
+    for row in COMPETITORS:
         assert set(found.get(row.name, {})) == set(row.knobs)
         for key, value in values_of(row, found).items():
             assert 1.0 / WIDTH <= value / row.knobs[key] <= WIDTH * 1.001
@@ -129,13 +144,13 @@ def test_every_row_was_searched_within_the_same_width() -> None:
 
 def test_every_row_can_take_off() -> None:
     found = tuned()
-    for row in ROWS:
+    for row in COMPETITORS:
         values = values_of(row, found)
         config = load_config(overrides=row.overrides(values))
         assembly.control(config)
         if row.steers == "autopilot":
             assert set(values) <= set(DEFAULTS)
-    with pytest.raises(ValueError, match="no such row: nonesuch; there are alt_hold_stock"):
+    with pytest.raises(RefusedError, match="no such row: nonesuch; there are alt_hold_stock"):
         selected(["law", "nonesuch"], load_config())
 
 
@@ -146,7 +161,7 @@ def test_what_is_not_shipped_has_rows_that_start_where_the_configuration_stands(
             "laws.other={module='lab.rivals.ppi', k_p=3.0, k_v=7.0, k_i=0.0}",
         ]
     )
-    mine, beside, other = (row for row in rows(config) if row not in ROWS)
+    mine, beside, other = (row for row in competitors(config) if row not in COMPETITORS)
     assert [mine.name, beside.name, other.name] == ["mine", "mine+observer", "other"]
     assert mine.knobs["heave.learning_rate"] == config.heave.learning_rate
     assert {key: value for key, value in other.knobs.items() if key.startswith("laws.")} == {
@@ -154,7 +169,7 @@ def test_what_is_not_shipped_has_rows_that_start_where_the_configuration_stands(
         "laws.other.k_v": 7.0,
     }
     assert "heave.compensator='mine+observer'" in beside.overrides({})
-    assert rows(load_config()) == ROWS
+    assert competitors(load_config()) == COMPETITORS
 
 
 def test_a_search_gets_better_and_prices_chatter_and_loss(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -213,27 +228,28 @@ def test_vehicles_are_drawn_around_ones_own() -> None:
     assert around(SIX_THRUSTERS, 3) == around(SIX_THRUSTERS, 3)
 
 
-def test_the_stand_in_beside_the_firmware_is_marked_where_they_differ() -> None:
-    def run(scenario: str, seed: int, sd_mm: float, held: bool = True) -> Run:
-        figures = dict.fromkeys(FIGURES, 1.0) | {"depth_sd_mm": sd_mm, "depth_mean_mm": -5.0}
-        return Run(DEFAULT, scenario, 0, seed, held, figures)
+def test_the_simulator_beside_the_firmware_is_marked_where_they_differ() -> None:
+    def dive(vehicle: str, scenario: str, seed: int) -> Row:
+        worse = vehicle == "firmware" and scenario == "load"
+        sd_mm = 3.0 if vehicle == "simulator" else 5.0 if worse else 3.3
+        case = {"vehicle": vehicle, "row": DEFAULT, "scenario": scenario, "seed": seed, "held": not worse}
+        return case | dict.fromkeys(FIGURES, 1.0) | {"depth_sd_mm": sd_mm, "depth_mean_mm": -5.0}
 
-    ours = [run(scenario, seed, 3.0) for scenario in SCENARIOS for seed in (1, 2)]
-    theirs = [
-        run(scenario, seed, 5.0 if scenario == "load" else 3.3, held=scenario != "load")
+    rows = [
+        dive(vehicle, scenario, seed)
+        for vehicle in ("simulator", "firmware")
         for scenario in SCENARIOS
         for seed in (1, 2)
     ]
-    measured = pairs(ours, theirs)
-    assert [pair.scenario for pair in measured if not pair.alike] == ["load"]
-    assert measured[0].sd_mm == pytest.approx((3.0, 3.3))
+    measured = pairs(rows)
+    assert [pair["scenario"] for pair in measured if not pair["alike"]] == ["load"]
+    assert measured[0]["sd_mm"] == pytest.approx((3.0, 3.3))
     console = Console(width=120, record=True, file=StringIO())
-    console.print(side_by_side(measured))
+    console.print(*study(Fidelity).tables(rows))
     text = console.export_text()
     assert "3.0 | 5.0 (2)" in text
     assert "1.67*" in text
     assert "1.10 " in text
-    assert json.loads(json.dumps(as_records(measured)))[2]["alike"] is False
 
 
 def test_without_a_firmware_the_command_says_what_to_set(
@@ -245,8 +261,8 @@ def test_without_a_firmware_the_command_says_what_to_set(
     assert "set HOLDFAST_ARDUSUB" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("row", [row for row in ROWS if row.knobs], ids=lambda row: row.name)
-def test_what_a_search_may_try_is_within_the_ranges(row: Row) -> None:
+@pytest.mark.parametrize("row", [row for row in COMPETITORS if row.knobs], ids=lambda row: row.name)
+def test_what_a_search_may_try_is_within_the_ranges(row: Competitor) -> None:
     for factor in (1.0 / WIDTH, WIDTH):
         configured(row.overrides({key: factor * start for key, start in row.knobs.items()}))
 

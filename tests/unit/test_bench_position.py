@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from companion.config import load_config
-from lab.bench.position import COURSES, ROWS, Run, Track, sail, tuned
-from lab.bench.position_report import chosen, draw, sailed
-from lab.bench.rows import values_of
+from holdfast import RefusedError
+from lab.studies.competitors import FIRST_SEED, tuned, values_of
+from lab.studies.courses import COURSES, ROWS, TUNED_FILE, Courses, Track, sail
+from lab.study import parser_of
 from sim_bridge.commands import DEFAULT_CONFIG
 from sim_bridge.config import load_config as load_plant
 
@@ -36,9 +37,9 @@ def test_what_was_before_a_tick_does_not_count():
 
 def test_the_rival_steers_surge_and_sway_with_what_was_found():
     rival = ROWS[1]
-    config = load_config(overrides=rival.overrides(values_of(rival, tuned())))
+    config = load_config(overrides=rival.overrides(values_of(rival, tuned(TUNED_FILE))))
     assert (config.surge.law, config.sway.law, config.heave.law) == ("ppi", "ppi", "lyapunov")
-    assert config.laws["ppi"]["k_i"] == tuned()["pid"]["laws.ppi.k_i"]
+    assert config.laws["ppi"]["k_i"] == tuned(TUNED_FILE)["pid"]["laws.ppi.k_i"]
 
 
 def test_every_course_dives_another_vehicle_for_another_seed():
@@ -67,12 +68,20 @@ def test_ardusub_goes_after_the_path_in_guided_and_stays_in_poshold():
 
 
 def test_unknown_names_are_refused():
-    with pytest.raises(ValueError, match="no such row: lqg; bench position has default, pid"):
-        chosen(["lqg"])
-    with pytest.raises(ValueError, match="no such scenario: calm"):
-        sailed(["calm"])
+    with pytest.raises(RefusedError, match="no such row: lqg; there are default, pid"):
+        study("--rows", "lqg")
+    with pytest.raises(RefusedError, match="no such scenario: calm"):
+        study("--scenarios", "calm")
+
+
+def study(*options):
+    return Courses(parser_of(Courses).parse_args(options))
 
 
 def test_a_picture_is_drawn(tmp_path):
-    runs = [Run(row.name, COURSES[0].name, 1, True, {}, track(0.02)) for row in ROWS]
-    assert draw(runs, COURSES[:1], tmp_path).stat().st_size > 1000
+    rows = [
+        {"row": row.name, "course": COURSES[0].name, "seed": FIRST_SEED, "trace": track(0.02).seen()}
+        for row in ROWS
+    ]
+    (picture,) = study().draw(rows, tmp_path)
+    assert picture.stat().st_size > 1000

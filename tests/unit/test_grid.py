@@ -1,7 +1,6 @@
 """The grid of vehicles: its cells, what counts as a limit cycle, and what is told of it."""
 
 import math
-from dataclasses import replace
 from io import StringIO
 
 import numpy as np
@@ -9,20 +8,21 @@ import pytest
 from rich.console import Console
 
 from companion.config import load_config
-from lab.bench.grid import (
+from lab.studies.grid import (
     AXES,
     GAINS,
     LATIN,
+    PLACES,
     SUBSETS,
     TICK_S,
     Cell,
-    Outcome,
+    Grid,
     cycles_s,
     dive,
     latin,
     plant,
 )
-from lab.bench.grid_report import _failed, _summary, as_records, draw
+from lab.study import parser_of
 from sim_bridge.commands import DEFAULT_CONFIG
 from sim_bridge.config import load_config as load_plant
 from sim_bridge.physics.body import Physics
@@ -52,7 +52,7 @@ def test_a_latin_hypercube_reaches_every_part_of_each_range() -> None:
 @pytest.mark.parametrize(("axis", "column"), [("surge", 0), ("sway", 1), ("heave", 2), ("yaw", 5)])
 def test_the_gain_of_an_axis_is_its_own(axis: str, column: int) -> None:
     forces = []
-    for cell in (NOMINAL, replace(NOMINAL, axis=axis, gain=2.0)):
+    for cell in (NOMINAL, NOMINAL._replace(axis=axis, gain=2.0)):
         body = Physics(plant(BASE, cell, 1), 1)
         for _ in range(200):
             body.step((1700, 1600, 1400, 1550, 1700, 1650, 1560, 1700), 0.0)
@@ -81,21 +81,24 @@ def test_what_the_sea_asks_is_no_limit_cycle() -> None:
 
 def test_the_nominal_vehicle_is_held() -> None:
     outcome = dive(NOMINAL, load_config(), BASE, 1, duration_s=15.0)
-    assert outcome.held
-    assert len(outcome.cycles_s) == 6
-    assert math.isnan(outcome.chatter_n)  # nothing is measured before it has settled
+    assert outcome["held"]
+    assert all(outcome[f"cycle_{place}_s"] < 3.0 for place in PLACES)
+    assert math.isnan(outcome["chatter_n"])  # nothing is measured before it has settled
 
 
 def test_the_report_names_what_was_not_held(tmp_path) -> None:
-    good = Outcome(NOMINAL, 1, "", (0.0,) * 6, (10.0, 10.0, 3.0, 0.2), 2.0)
-    bad = replace(good, cell=replace(NOMINAL, axis="yaw", gain=GAINS[-1]), cycles_s=(0.0,) * 3 + (9.0, 0, 0))
-    gone = replace(good, gave_up="the vehicle is off track")
+    cycles = {f"cycle_{place}_s": 0.0 for place in PLACES}
+    rms = {f"rms_{place}": error for place, error in zip(PLACES[:4], (10.0, 10.0, 3.0, 0.2), strict=True)}
+    good = NOMINAL._asdict() | {"seed": 1, "gave_up": "", "held": True, "chatter_n": 2.0} | cycles | rms
+    bad = good | {"axis": "yaw", "gain": GAINS[-1], "cycle_heading_s": 9.0, "held": False}
+    gone = good | {"gave_up": "the vehicle is off track", "held": False}
+    study = Grid(parser_of(Grid).parse_args([]))
     console = Console(width=140, file=StringIO(), record=True)
-    console.print(_failed([good, bad, gone]))
-    console.print(_summary([good, bad, gone]))
+    console.print(*study.tables([good, bad, gone]))
     text = console.export_text()
     assert "yaw × 3.00" in text
     assert "heading" in text
     assert text.count("off track") == 1
-    assert [one["held"] for one in as_records([good, bad, gone])] == [True, False, False]
-    assert draw([good, bad, gone], tmp_path).stat().st_size > 10_000
+    assert study.failed([good, bad, gone])
+    (picture,) = study.draw([good, bad, gone], tmp_path)
+    assert picture.stat().st_size > 10_000

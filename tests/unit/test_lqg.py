@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from lab.bench.floor import CHATTER_N, floor, loop_delay_s, sea_speed
-from lab.bench.lqg import LQG, Plant, discrete, expm, riccati, stationary
 from lab.loop.lockstep import LinkDelay
 from lab.loop.scenarios import four
+from lab.studies.floor import CHATTER_N, floor, loop_delay_s, sea_speed
+from lab.studies.lqg import LQG, Plant, discrete, expm, riccati, stationary
 from sim_bridge.commands import DEFAULT_CONFIG
 from sim_bridge.config import load_config
 from sim_bridge.physics.waves import Sea

@@ -10,10 +10,7 @@ import numpy as np
 import pytest
 
 import holdfast
-from lab.bench.ablation import AblationResult
-from lab.bench.ablation_report import as_records as ablation_records
-from lab.bench.ablation_report import verdicts
-from lab.bench.bench import SCENARIOS, Run, as_records
+from lab.studies.ablation import verdicts
 from lab.tables import plain, table_file, write_columns, write_json, write_table
 
 RECORDS = [
@@ -62,27 +59,9 @@ def test_a_bench_without_dives_has_no_table(capsys):
     assert "use --json" in capsys.readouterr().err
 
 
-def test_the_bench_lists_each_dive():
-    run = Run("law", "waves", 80, 1003, False, {"depth_rms_mm": 4.0})
-    assert as_records([run]) == [
-        {
-            "row": "law",
-            "scenario": "waves",
-            "delay_ms": 80,
-            "seed": 1003,
-            "held": False,
-            "depth_rms_mm": 4.0,
-        }
-    ]
-
-
-def test_the_ablation_lists_each_dive_and_one_vehicle_has_no_interval():
-    whole = [AblationResult("whole", "link", 2.5, 1.0, 0, np.array([[1.0], [2.0], [3.0], [4.0]]))]
-    assert [(one["scenario"], one["depth_rms_mm"]) for one in ablation_records(whole)] == list(
-        zip(SCENARIOS, (1.0, 2.0, 3.0, 4.0), strict=True)
-    )
+def test_one_vehicle_has_no_interval():
     wrong = [
-        AblationResult(name, "damping × 3", rms_mm, 1.0, 0, np.array([[rms_mm]]))
+        {"variant": name, "case": "damping × 3", "depth_rms_mm": rms_mm}
         for name, rms_mm in (("observer", 4.0), ("network", 2.0), ("network+observer", 3.0))
     ]
-    assert verdicts(wrong) == ["damping × 3: network against observer +50%: does not earn 20 %"]
+    assert [*verdicts(wrong)] == ["damping × 3: network against observer +50%: does not earn 20 %"]

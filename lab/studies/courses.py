@@ -1,4 +1,4 @@
-"""How well a place is held and a path followed, by whom: courses in the full loop, with a DVL.
+"""`holdfast bench position`: places held and paths followed in a current, in the full loop, with a DVL.
 
 The PID steers surge and sway in Holdfast's place, between the same estimator and the same allocation; ArduSub
 itself holds a place in POSHOLD and follows a path in GUIDED. All dive the same vehicles, seas and noise. An
@@ -6,16 +6,20 @@ error is true − reference, at the same time; that of the position estimate (a 
 told beside it. POSHOLD is told no place: its reference is the mean of where it was, which favours it.
 """
 
+import argparse
 import math
-import tomllib
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
-from functools import partial
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
+from typing import Any, NamedTuple
 
+import matplotlib as mpl
 import numpy as np
+from matplotlib import pyplot as plt
 from msgspec.structs import replace
 from numpy.typing import NDArray
+from rich.table import Table
 
 from companion.config import Config, load_config
 from companion.control.bounds import wrap
@@ -25,27 +29,30 @@ from companion.guidance.paths.shapes import build
 from companion.guidance.paths.time_law import limits
 from companion.records import PSI, Array, Request, Setpoint, State, X, Y, Z
 from companion.telemetry.plan import Circle, Lemniscate, PathPlan
-from lab.bench.bench import FIRST_SEED
-from lab.bench.rows import DEFAULT, Row, values_of
 from lab.loop.dive import TRUE_PSI, send_origin, tilt_rad
 from lab.loop.firmware import vehicle_of
 from lab.loop.lockstep import LinkDelay, Lockstep, Step, SteppedVehicle
 from lab.loop.scenarios import ensemble
-from lab.pool import worker_pool
+from lab.options import add_bench, seeds_of
 from lab.rivals import poshold
 from lab.rivals.alt_hold import TICK_S
+from lab.studies.competitors import DEFAULT, FIRST_SEED, Competitor, tuned, values_of
+from lab.study import Row, Study, by, known, ruled
+from lab.style import BLACK, BLUE, GREEN, ORANGE, PRINTED, SMALL, VERMILLION, save
+from sim_bridge.commands import DEFAULT_CONFIG
 from sim_bridge.config import SimConfig
+from sim_bridge.config import load_config as load_plant
 from sim_bridge.fault_kinds import Fault
 from sim_bridge.physics.thrusters import HEALTHY, each_motor, static_thrust, thrusters_of, wrench
 from sim_bridge.vehicle import Vehicle
 
-TUNED_FILE = Path(__file__).with_name("position.toml")
+TUNED_FILE = Path(__file__).with_name("courses.toml")
 DEPTH_M = 2.0
 START_S, LASTS_S = 25.0, 60.0
 """From boot: arming, and back to the place from which the current carried it; then the course."""
 
 SETTLES_S = 10.0
-"""After a thruster died its drift is not counted for so long, as in `lab.faults.thrusters`."""
+"""After a thruster died its drift is not counted for so long, as in `lab.studies.motor_failures`."""
 
 LINK = LinkDelay()
 FULL_US = 399.0
@@ -54,18 +61,26 @@ FULL_US = 399.0
 SURVEYOR = 2
 """The link of whoever sets the EKF's origin."""
 
-FIGURES = (
-    "place_rms_mm",
-    "place_peak_mm",
-    "believed_rms_mm",
-    "depth_rms_mm",
-    "heading_rms_deg",
-    "tilt_deg",
-    "saturated_percent",
-    "chatter_n",
-)
+FIGURES = {
+    "place_rms_mm": ("place RMS\nmm", ".0f"),
+    "place_peak_mm": ("peak, most\nmm", ".0f"),
+    "believed_rms_mm": ("as believed\nmm", ".0f"),
+    "depth_rms_mm": ("depth RMS\nmm", ".1f"),
+    "heading_rms_deg": ("heading RMS\n°", ".2f"),
+    "tilt_deg": ("tilt, most\n°", ".1f"),
+    "saturated_percent": ("saturated\n%", ".0f"),
+    "chatter_n": ("chatter\nN/tick", ".2f"),
+}
 """RMS and peak of the horizontal error; RMS of the error that the estimate knows of; of depth and heading;
-largest tilt; share of the time; RMS change of the horizontal thrust in a tick."""
+largest tilt; share of the time; RMS change of the horizontal thrust in a tick. Each with its column."""
+
+LOOKS = {
+    DEFAULT: (BLUE, "-"),
+    "pid": (VERMILLION, "-."),
+    "poshold": (GREEN, "--"),
+    "poshold_stock": (ORANGE, ":"),
+}
+SEEN_EVERY = 5
 
 
 @dataclass(frozen=True)
@@ -121,10 +136,10 @@ _PID_STEERS = (
     *(f"{axis}.{key}" for axis in ("surge", "sway") for key in _PID_AXIS),
 )
 ROWS = (
-    Row(DEFAULT, "Holdfast", "companion", {}),
-    Row("pid", "PID", "companion", _PID, _PID_STEERS),
-    Row("poshold_stock", "ArduSub, stock", "autopilot", {}),
-    Row("poshold", "ArduSub, tuned", "autopilot", _AUTOPILOT),
+    Competitor(DEFAULT, "Holdfast", "companion", {}),
+    Competitor("pid", "PID", "companion", _PID, _PID_STEERS),
+    Competitor("poshold_stock", "ArduSub, stock", "autopilot", {}),
+    Competitor("poshold", "ArduSub, tuned", "autopilot", _AUTOPILOT),
 )
 """A P-PI is a PID with P = m (k_v k_p + k_i), I = m k_i k_p, D = m k_v."""
 
@@ -140,6 +155,11 @@ class Track:
     force: Array
     saturated: NDArray[np.bool_]
     held: bool
+
+    def seen(self) -> dict[str, list[list[float]]]:
+        """Return the way from above, [north, east] in m, of the vehicle and of the reference."""
+        lines = {"true": self.truth, "reference": self.reference}
+        return {name: line[::SEEN_EVERY, :2].round(3).tolist() for name, line in lines.items()}
 
     def figures(self, since: int = 0) -> dict[str, float]:
         """Return FIGURES from tick `since` on."""
@@ -159,20 +179,8 @@ class Track:
         return dict(zip(FIGURES, figures, strict=True))
 
 
-@dataclass(frozen=True)
-class Run:
-    """One dive of one row; `held` unless the supervisor gave up."""
-
-    row: str
-    course: str
-    seed: int
-    held: bool
-    figures: dict[str, float]
-    track: Track = field(repr=False)
-
-
 def sail(
-    row: Row,
+    row: Competitor,
     course: Course,
     values: Mapping[str, float],
     base: SimConfig,
@@ -278,40 +286,104 @@ def recorded(steps: Sequence[Step]) -> Track:
     )
 
 
-def measure(
-    settings: Sequence[str],
-    base: SimConfig,
-    rows: Sequence[Row],
-    courses: Sequence[Course],
-    seeds: int,
-    done: Callable[[], None],
-    firmware: Path | None = None,
-) -> list[Run]:
-    """Dive every course with every row and `seeds` vehicles on all cores; call `done` after each dive."""
-    jobs = [(row, course, FIRST_SEED + seed) for course in courses for row in rows for seed in range(seeds)]
-    runs = []
-    with worker_pool() as pool:
-        for run in pool.map(partial(_run, settings, base, firmware), jobs):
-            runs.append(run)
-            done()
-    return runs
-
-
-def tuned(path: Path = TUNED_FILE) -> dict[str, dict[str, float]]:
-    """Return the values of each row that a search has found."""
-    found: dict[str, dict[str, float]] = tomllib.loads(path.read_text(encoding="utf-8"))["values"]
-    return found
-
-
-def _run(
-    settings: Sequence[str], base: SimConfig, firmware: Path | None, job: tuple[Row, Course, int]
-) -> Run:
-    row, course, seed = job
-    values = values_of(row, tuned())
-    track = sail(row, course, values, base, seed, settings=settings, firmware=firmware)
-    since = round(SETTLES_S / TICK_S) if course.dead else 0
-    return Run(row.name, course.name, seed, track.held, track.figures(since), track)
-
-
 def _rms(x: Array) -> float:
     return float(np.sqrt(np.mean(x * x)))
+
+
+class CourseDive(NamedTuple):
+    """One dive of one competitor."""
+
+    row: str
+    course: str
+    seed: int
+
+
+class Courses(Study[CourseDive]):
+    """Every course with every competitor and vehicle."""
+
+    command = "bench position"
+    about = (
+        "Holds a place and follows paths in a current, with a DVL, beside a PID and ArduSub's POSHOLD and "
+        "GUIDED. "
+        "Exit status 1 if the supervisor gave up a dive."
+    )
+
+    @classmethod
+    def options(cls, parser: argparse.ArgumentParser) -> None:
+        """Add the options of a bench."""
+        add_bench(parser, "default pid", "station, lemniscate, circle, thruster")
+
+    def __init__(self, arguments: argparse.Namespace) -> None:
+        load_config(overrides=arguments.set)
+        self._rows = {row.name: row for row in ROWS if not arguments.rows or row.name in arguments.rows}
+        self._courses = {
+            one.name: one for one in COURSES if not arguments.scenarios or one.name in arguments.scenarios
+        }
+        known(arguments.rows or (), [row.name for row in ROWS], "row")
+        known(arguments.scenarios or (), [course.name for course in COURSES], "scenario")
+        self._seeds = seeds_of(arguments)
+        self._settings: list[str] = arguments.set
+        self._firmware: Path | None = arguments.firmware
+        self._base, self._tuned = load_plant(DEFAULT_CONFIG), tuned(TUNED_FILE)
+
+    def cases(self) -> Sequence[CourseDive]:
+        """Return the dives, course by course."""
+        seeds = range(FIRST_SEED, FIRST_SEED + self._seeds)
+        return [
+            CourseDive(row, course, seed) for course, row, seed in product(self._courses, self._rows, seeds)
+        ]
+
+    def dive(self, cases: Sequence[CourseDive]) -> Iterator[Row]:
+        """Dive courses; the first vehicle's way serves the picture."""
+        for case in cases:
+            row, course = self._rows[case.row], self._courses[case.course]
+            values = values_of(row, self._tuned)
+            track = sail(
+                row, course, values, self._base, case.seed, settings=self._settings, firmware=self._firmware
+            )
+            since = round(SETTLES_S / TICK_S) if course.dead else 0
+            trace = {"trace": track.seen()} if case.seed == FIRST_SEED else {}
+            yield {"held": track.held} | track.figures(since) | trace
+
+    def tables(self, rows: Sequence[Row]) -> Iterable[Table]:
+        """Return a table for each course."""
+        for (name,), dives in by(rows, "course").items():
+            title = f"{self._courses[name].title}; {self._seeds} vehicles"
+            table = ruled(title, "", *(column for column, _ in FIGURES.values()), padding=0)
+            for (row,), mine in by(dives, "row").items():
+                lost = sum(not one["held"] for one in mine)
+                cells = []
+                for key, (_, form) in FIGURES.items():
+                    values = [one[key] for one in mine]
+                    most = key in ("tilt_deg", "place_peak_mm")
+                    cells.append(f"{max(values) if most else np.mean(values):{form}}")
+                table.add_row(self._rows[row].title + (f" ({lost} lost)" if lost else ""), *cells)
+            yield table
+
+    def failed(self, rows: Sequence[Row]) -> bool:
+        """Return whether the supervisor gave up a dive."""
+        return not all(row["held"] for row in rows)
+
+    def draw(self, rows: Sequence[Row], folder: Path) -> Sequence[Path]:
+        """Draw the first vehicle of every course from above."""
+        courses = by([row for row in rows if "trace" in row], "course")
+        with mpl.rc_context(PRINTED):
+            figure, panels = plt.subplots(1, len(courses), figsize=(3.3 * len(courses), 3.6), squeeze=False)
+            for panel, ((name,), shown) in zip(panels[0], courses.items(), strict=True):
+                for row in shown:
+                    north, east = np.transpose(row["trace"]["true"])
+                    colour, line = LOOKS[row["row"]]
+                    title = self._rows[row["row"]].title
+                    panel.plot(east, north, color=colour, linestyle=line, linewidth=1.0, label=title)
+                north, east = np.transpose(shown[0]["trace"]["reference"])
+                still = np.ptp(north) + np.ptp(east) < 0.1
+                look: dict[str, Any] = {"linestyle": "none", "marker": "+"} if still else {"linestyle": ":"}
+                until = 1 if still else len(east)
+                panel.plot(east[:until], north[:until], color=BLACK, markersize=12, label="reference", **look)
+                panel.set_aspect("equal", adjustable="datalim")
+                panel.set_xlabel("east (m)")
+                panel.set_title(self._courses[name].title.replace(", ", ",\n", 1), fontsize=SMALL)
+            panels[0][0].set_ylabel("north (m)")
+            handles, labels = panels[0][0].get_legend_handles_labels()
+            figure.legend(handles, labels, loc="outside lower center", ncols=len(handles), frameon=False)
+            return [save(figure, folder / "position.png")]

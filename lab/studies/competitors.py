@@ -1,4 +1,4 @@
-"""The rows of `holdfast bench`: what steers, what a search may turn, and what it found.
+"""The competitors of the benches (`--rows`): what steers, what a search may turn, and what it found.
 
 A knob is a key of the companion's configuration, or a parameter of the autopilot (capitals). All are
 positive, and a search may go from `start`/WIDTH to `start`·WIDTH in each: the same width for everybody.
@@ -15,14 +15,17 @@ from typing import Literal
 
 from companion import registry
 from companion.config import Axis, Config
+from lab.study import known
 
 TUNED_FILE = Path(__file__).parent / "tuned.toml"
 WIDTH = 6.0
+FIRST_SEED = 1000
+"""Of the benches: no search sees a seed from here on."""
 
 
 @dataclass(frozen=True)
-class Row:
-    """One competitor; `settings` are keys of the companion's configuration and what they always are."""
+class Competitor:
+    """What steers; `settings` are keys of the companion's configuration and what they always are."""
 
     name: str
     title: str
@@ -60,46 +63,44 @@ _L1 = _LAW | {"laws.l1.omega": 3.0}
 _TWIST = _LAW | {"laws.super_twisting.k_1": 0.3, "laws.super_twisting.k_2": 0.6}
 
 DEFAULT = "default"
-ROWS: tuple[Row, ...] = (
-    Row("alt_hold_stock", "ALT_HOLD, stock", "autopilot", {}),
-    Row("alt_hold", "ALT_HOLD, tuned", "autopilot", _AUTOPILOT),
-    Row("ppi", "P-PI", "companion", _PPI, _rival("ppi")),
-    Row("law", "law", "companion", _LAW, _compensator("none")),
-    Row("integrator", "law + integrator", "companion", _LEARNING, _compensator("integrator")),
-    Row("regressor", "law + regressor", "companion", _LEARNING, _compensator("regressor")),
-    Row("network", "law + network", "companion", _LEARNING, _compensator("network")),
-    Row("observer", "law + observer", "companion", _LAW, _compensator("observer")),
-    Row("network+observer", "law + network + obs.", "companion", _LEARNING, _compensator("network+observer")),
-    Row("l1", "L1 adaptive", "companion", _L1, _rival("l1")),
-    Row("super_twisting", "super-twisting", "companion", _TWIST, _rival("super_twisting")),
-    Row(DEFAULT, "shipped default", "companion", {}),
+COMPETITORS: tuple[Competitor, ...] = (
+    Competitor("alt_hold_stock", "ALT_HOLD, stock", "autopilot", {}),
+    Competitor("alt_hold", "ALT_HOLD, tuned", "autopilot", _AUTOPILOT),
+    Competitor("ppi", "P-PI", "companion", _PPI, _rival("ppi")),
+    Competitor("law", "law", "companion", _LAW, _compensator("none")),
+    Competitor("integrator", "law + integrator", "companion", _LEARNING, _compensator("integrator")),
+    Competitor("regressor", "law + regressor", "companion", _LEARNING, _compensator("regressor")),
+    Competitor("network", "law + network", "companion", _LEARNING, _compensator("network")),
+    Competitor("observer", "law + observer", "companion", _LAW, _compensator("observer")),
+    Competitor(
+        "network+observer", "law + network + obs.", "companion", _LEARNING, _compensator("network+observer")
+    ),
+    Competitor("l1", "L1 adaptive", "companion", _L1, _rival("l1")),
+    Competitor("super_twisting", "super-twisting", "companion", _TWIST, _rival("super_twisting")),
+    Competitor(DEFAULT, "shipped default", "companion", {}),
 )
 """Those whose knobs `tuned.toml` has."""
 
 
-def rows(config: Config) -> tuple[Row, ...]:
-    """Return ROWS, and before the last of them those of compensators and laws that are not shipped."""
+def competitors(config: Config) -> tuple[Competitor, ...]:
+    """Return COMPETITORS, with the compensators and laws that are not shipped before the last of them."""
     more = []
     for name, kind in registry.compensators(config.compensators).items():
         if name not in registry.SHIPPED:
             knobs = knobs_of(config) | _own("compensators", name, kind.module, config)
             for choice in (name, f"{name}+{registry.OBSERVER}"):
-                more.append(Row(choice, choice, "companion", knobs, _compensator(choice)))
+                more.append(Competitor(choice, choice, "companion", knobs, _compensator(choice)))
     for name, law in registry.laws(config.laws).items():
         if name != registry.LYAPUNOV:
             knobs = knobs_of(config) | _own("laws", name, law.module, config)
-            more.append(Row(name, name, "companion", knobs, (f"heave.law={name!r}",)))
-    return (*ROWS[:-1], *more, ROWS[-1])
+            more.append(Competitor(name, name, "companion", knobs, (f"heave.law={name!r}",)))
+    return (*COMPETITORS[:-1], *more, COMPETITORS[-1])
 
 
-def selected(names: Sequence[str], config: Config) -> list[Row]:
-    """Return the rows of these names, in the table's order. Raises ValueError for a name that is none."""
-    every = rows(config)
-    unknown = set(names) - {row.name for row in every}
-    if unknown:
-        raise ValueError(
-            f"no such row: {', '.join(sorted(unknown))}; there are {', '.join(row.name for row in every)}"
-        )
+def selected(names: Sequence[str], config: Config) -> list[Competitor]:
+    """Return these competitors, in the table's order. Raises RefusedError for an unknown name."""
+    every = competitors(config)
+    known(names, [row.name for row in every], "row")
     return [row for row in every if row.name in names]
 
 
@@ -113,8 +114,7 @@ def knobs_of(config: Config) -> dict[str, float]:
         "thrusters.lead_s": config.thrusters.lead_s,
         "delays.gains_bear_s": config.delays.gains_bear_s,
     }
-    known = registry.compensators(config.compensators)
-    if registry.learners(heave.compensator, known):
+    if registry.learners(heave.compensator, registry.compensators(config.compensators)):
         knobs["heave.learning_rate"] = heave.learning_rate
     return knobs
 
@@ -133,6 +133,6 @@ def tuned(path: Path = TUNED_FILE) -> dict[str, dict[str, float]]:
     return found
 
 
-def values_of(row: Row, found: Mapping[str, Mapping[str, float]]) -> dict[str, float]:
+def values_of(row: Competitor, found: Mapping[str, Mapping[str, float]]) -> dict[str, float]:
     """Return a row's values: those found, and its starts for what was not searched."""
     return {key: found.get(row.name, {}).get(key, start) for key, start in row.knobs.items()}

@@ -25,9 +25,9 @@ import numpy as np
 
 from companion.records import Array
 from lab.batch.vehicle import timing
-from lab.bench.lqg import LQG, Plant
 from lab.loop.lockstep import LinkDelay
 from lab.loop.scenarios import SETTLE_S, Scenario
+from lab.studies.lqg import LQG, Plant
 from sim_bridge.config import SimConfig, Waves
 from sim_bridge.physics.plant import GRAVITY
 

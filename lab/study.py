@@ -1,0 +1,373 @@
+"""Whatever the lab does many times is a study: its options, dives, tables, pictures and verdict.
+
+A study is a file in `lab/studies`. The runner gives all of them progress, processes or a Dask cluster,
+continuation after a stop, CSV, Parquet and JSON, and the provenance of what they write.
+"""
+
+import argparse
+import hashlib
+import json
+import math
+import os
+import platform
+import shlex
+import subprocess
+import sys
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
+from contextlib import contextmanager
+from datetime import UTC, datetime
+from functools import partial
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any, ClassVar, Generic, Protocol, TypeVar
+
+from rich import box
+from rich.console import Console, RenderableType
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+from rich.table import Table
+
+from holdfast import FAILED, REFUSED, RefusedError, how_to_install, own_version
+from holdfast.arguments import command_parser
+from lab.loop.firmware import FirmwareError
+from lab.options import find_firmware, positive
+from lab.pool import worker_pool
+from lab.tables import add_files, plain, write_json, write_table
+
+ROOT = Path(__file__).parents[1]
+CODE = ("companion/**/*.py", "sim_bridge/**/*.py", "lab/**/*.py", "config/*.toml", "lab/**/*.toml")
+"""The files under ROOT on which a dive depends."""
+
+CONNECT_S = 5.0
+
+Row = dict[str, Any]
+"""One dive: the fields of its case, then its results.
+
+`trace` serves the picture alone and stands in no file of results; a list or dict stands in no table.
+"""
+
+
+class Case(Protocol):
+    """What identifies one dive: a NamedTuple of strings and numbers."""
+
+    def __hash__(self) -> int: ...
+    def _asdict(self) -> dict[str, Any]: ...
+
+
+C = TypeVar("C", bound=Case)
+
+
+class Study(ABC, Generic[C]):
+    """One study with the options it was asked for. Workers receive it whole, so it must be picklable."""
+
+    command: ClassVar[str]
+    """What follows `holdfast`; the last word names the study's files."""
+    about: ClassVar[str]
+    unit: ClassVar[str] = "dives"
+    recipe: ClassVar[tuple[str, ...]] = ("set", "firmware")
+    """The options that change the result of a dive; rows of another recipe are not continued."""
+    keeps_rows: ClassVar[bool] = False
+    """Whether the rows stay in their file when the study is complete, so that a longer run continues them."""
+    rows_key: ClassVar[str] = "dives"
+    """Of the rows in the JSON file."""
+    dive_min: ClassVar[float] = 0.0
+    """Simulated minutes of a dive; without it no speed is measured."""
+    steps = 1
+    """Steps of progress in a case: more than one where `dive` calls `advance`."""
+    advance: Callable[[int], object] = staticmethod(lambda steps: None)
+    """Reports steps of progress, if the study runs in the command's own process."""
+
+    @classmethod
+    @abstractmethod
+    def options(cls, parser: argparse.ArgumentParser) -> None:
+        """Add the study's own options, `--out` among them."""
+
+    @abstractmethod
+    def __init__(self, arguments: argparse.Namespace) -> None:
+        """Read the options. Raises RefusedError for what cannot be begun."""
+
+    @abstractmethod
+    def cases(self) -> Sequence[C]:
+        """Return every dive that was asked for."""
+
+    def groups(self, cases: Sequence[C]) -> Sequence[Sequence[C]]:
+        """Split cases into those that a worker dives in one call."""
+        return [[case] for case in cases]
+
+    @abstractmethod
+    def dive(self, cases: Sequence[C]) -> Iterable[Row]:
+        """Dive one group; return the results of each case, without the case's own fields."""
+
+    @abstractmethod
+    def tables(self, rows: Sequence[Row]) -> Iterable[RenderableType]:
+        """Return what to print."""
+
+    def draw(self, rows: Sequence[Row], folder: Path) -> Sequence[Path]:
+        """Draw into a folder that exists; return the files."""
+        return ()
+
+    def failed(self, rows: Sequence[Row]) -> bool:
+        """Return whether the exit status is 1."""
+        return False
+
+    def summary(self, rows: Sequence[Row]) -> dict[str, Any]:
+        """Return what the JSON file has beside the rows."""
+        return {}
+
+    def journal(self, out: Path) -> Path:
+        """Return the file that takes the rows as they come."""
+        return out / f"{self.command.split()[-1]}.jsonl"
+
+
+def start(kind: type[Study[Any]], argv: Sequence[str], examples: str = "") -> int:
+    """Run a study's command line, whose help ends with `examples`; return the exit status."""
+    arguments = parser_of(kind, examples).parse_args(argv)
+    if "firmware" in arguments and not find_firmware(kind.command.split()[0], arguments):
+        return REFUSED
+    arguments.command = shlex.join(["holdfast", *kind.command.split(), *argv])
+    return run(kind(arguments), arguments, Console())
+
+
+def parser_of(kind: type[Study[Any]], examples: str = "") -> argparse.ArgumentParser:
+    """Return the parser of a study's options and the runner's."""
+    parser = command_parser(kind.command, kind.about, examples)
+    kind.options(parser)
+    parser.add_argument(
+        "--workers", type=positive, metavar="N", help="processes on this machine; default: its cores"
+    )
+    parser.add_argument("--scheduler", metavar="ADDRESS", help="run on this Dask cluster, tcp://HOST:PORT")
+    add_files(parser, row=kind.unit.removesuffix("s"))
+    return parser
+
+
+def run(study: Study[Any], arguments: argparse.Namespace, console: Console) -> int:
+    """Dive what is missing, print, draw and write; return the exit status."""
+    made, cases = provenance(arguments.command), study.cases()
+    path = study.journal(arguments.out)
+    journal = Journal(path, cases[0]._fields, made | {"recipe": recipe(study, arguments)}, study.keeps_rows)
+    missing = [case for case in cases if case not in journal.rows]
+    if len(missing) < len(cases):
+        console.print(f"{path}: {len(cases) - len(missing)} of these {study.unit} are there already")
+    try:
+        speed = _dive(study, journal, missing, arguments, console)
+    except FirmwareError as error:
+        sys.stderr.write(f"holdfast {study.command}: {error}\n")
+        return FAILED
+    rows = [journal.rows[case] for case in cases]
+    each = [{key: value for key, value in row.items() if key != "trace"} for row in rows]
+    for one in study.tables(rows):
+        console.print(one, soft_wrap=isinstance(one, str))
+    if pictures := study.draw(rows, path.parent):
+        console.print(f"pictures: {', '.join(map(str, pictures))}", soft_wrap=True)
+    if speed:
+        console.print(", ".join(f"{key} {value:g}" for key, value in speed.items()))
+    content = {"provenance": made, **study.summary(rows)} | ({"speed": speed} if study.dive_min else {})
+    write_json(path.with_suffix(".json"), content)
+    if arguments.json:
+        write_json(arguments.json, content | {study.rows_key: each})
+    if arguments.table:
+        write_table(arguments.table, _flat(each), made)
+    if study.keeps_rows:
+        write_table(path.with_suffix(".csv"), _flat([*journal.rows.values()]))
+    else:
+        path.unlink()
+    return FAILED if study.failed(rows) else 0
+
+
+def _flat(rows: Sequence[Row]) -> list[Row]:
+    return [{key: value for key, value in row.items() if not isinstance(value, list | dict)} for row in rows]
+
+
+def _dive(
+    study: Study[C], journal: "Journal", cases: Sequence[C], arguments: argparse.Namespace, console: Console
+) -> dict[str, float]:
+    """Dive the cases and note their rows; return how fast it went."""
+    if not cases:
+        return {}
+    groups, began_s, core_s = study.groups(cases), time.monotonic(), 0.0
+    alone = len(groups) == 1 and arguments.scheduler is None
+    columns = BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn()
+    with (
+        workforce(arguments.scheduler, 1 if alone else arguments.workers) as (executor, workers),
+        Progress(TextColumn(study.unit), *columns, console=console) as progress,
+    ):
+        task = progress.add_task("", total=study.steps * len(cases))
+        if executor is None:
+            study.advance = partial(progress.advance, task)
+        done = 0
+        for group, found, spent_s in dived(study, groups, executor, workers):
+            journal.append(case._asdict() | row for case, row in zip(group, found, strict=True))
+            done, core_s = done + len(group), core_s + spent_s
+            progress.update(task, completed=study.steps * done)
+    if not study.dive_min:
+        return {}
+    wall_s, minutes = time.monotonic() - began_s, len(cases) * study.dive_min
+    figures = {
+        "dives": len(cases),
+        "workers": workers,
+        "wall_s": wall_s,
+        "core_s": core_s,
+        "dives_per_core_s": len(cases) / core_s,
+        "dive_minutes_per_core_s": minutes / core_s,
+        "dive_minutes_per_s": minutes / wall_s,
+    }
+    return {key: round(value, 2) for key, value in figures.items()}
+
+
+def dived(
+    study: Study[C], groups: Sequence[Sequence[C]], executor: Executor | None, workers: int
+) -> Iterator[tuple[Sequence[C], list[Row], float]]:
+    """Dive groups; give each with its results and its processor time (s) as it comes back.
+
+    Without an executor they dive here, one after the other; otherwise two a worker are on their way.
+    """
+    if executor is None:
+        for group in groups:
+            yield group, *_timed(study, group)
+        return
+    waiting = list(reversed(groups))
+    flying: dict[Future[tuple[list[Row], float]], Sequence[C]] = {}
+    while waiting or flying:
+        while waiting and len(flying) < 2 * workers:
+            group = waiting.pop()
+            flying[executor.submit(_timed, study, group)] = group
+        for future in wait(flying, return_when=FIRST_COMPLETED).done:
+            yield flying.pop(future), *future.result()
+
+
+def _timed(study: Study[C], cases: Sequence[C]) -> tuple[list[Row], float]:
+    began_s = time.thread_time()
+    return list(study.dive(cases)), time.thread_time() - began_s
+
+
+@contextmanager
+def workforce(scheduler: str | None, workers: int | None) -> Iterator[tuple[Executor | None, int]]:
+    """Give an executor and how many dive at once: this machine's cores, or an existing Dask cluster's.
+
+    One worker on this machine needs no executor.
+    """
+    if scheduler is None:
+        count = workers or os.cpu_count() or 1
+        if count == 1:
+            yield None, 1
+            return
+        with worker_pool(count, start="spawn") as pool:
+            yield pool, count
+        return
+    if find_spec("distributed") is None:
+        raise RefusedError(f"--scheduler: install the extra: {how_to_install('cluster')}")
+    from distributed import Client
+
+    connect: Any = Client  # it carries no types that mypy --strict accepts
+    try:
+        client = connect(scheduler, timeout=CONNECT_S)
+    except OSError as error:
+        raise RefusedError(f"no Dask scheduler answers at {scheduler}: {error}") from error
+    with client:
+        client.wait_for_workers(1, timeout=30)
+        with client.get_executor(pure=False) as executor:
+            yield executor, sum(client.nthreads().values())
+
+
+class Journal:
+    """Rows on disk as they come: JSON lines, of which the first says what made them."""
+
+    def __init__(self, path: Path, fields: Sequence[str], made: Mapping[str, str], keeps_rows: bool) -> None:
+        """Open or begin; `fields` of a row identify it.
+
+        Raises RefusedError if rows that are to be kept were made by another recipe.
+        """
+        self._path, self._fields = path, fields
+        self.rows: dict[tuple[Any, ...], Row] = {}
+        path.parent.mkdir(parents=True, exist_ok=True)
+        lines = path.read_bytes().splitlines(keepends=True) if path.exists() else []
+        if lines and not lines[-1].endswith(b"\n"):
+            lines.pop()  # it was torn by the end of a run
+        if lines and json.loads(lines[0]).get("recipe") == made["recipe"]:
+            path.write_bytes(b"".join(lines))
+            for line in lines[1:]:
+                self._add(
+                    {key: math.nan if value is None else value for key, value in json.loads(line).items()}
+                )
+        elif keeps_rows and (lines or path.with_suffix(".csv").exists()):
+            raise RefusedError(
+                f"{path.parent} holds rows of another configuration or version: choose another --out, or "
+                "remove them"
+            )
+        else:
+            path.write_text(json.dumps(made) + "\n", encoding="utf-8")
+
+    def append(self, rows: Iterable[Row]) -> None:
+        """Add rows; they are on disk when this returns."""
+        with self._path.open("a", encoding="utf-8") as file:
+            for row in rows:
+                self._add(row)
+                file.write(json.dumps(plain(row), allow_nan=False) + "\n")
+
+    def _add(self, row: Row) -> None:
+        self.rows[tuple(row[field] for field in self._fields)] = row
+
+
+def recipe(study: Study[Any], arguments: argparse.Namespace) -> str:
+    """Return a digest of the code, and of the options that change a dive."""
+    digest = hashlib.sha256()
+    for pattern in CODE:
+        for path in sorted(ROOT.glob(pattern)):
+            digest.update(path.read_bytes())
+    options = {name: str(getattr(arguments, name, None)) for name in study.recipe}
+    digest.update(json.dumps([study.command, options]).encode())
+    return digest.hexdigest()[:16]
+
+
+def provenance(command: str) -> dict[str, str]:
+    """Return what a result's reader needs to repeat it: command, version, commit, date and machine."""
+    commit = ""
+    if (ROOT / ".git").exists():
+        git = ["git", "-C", str(ROOT), "describe", "--always", "--dirty", "--exclude=*", "--abbrev=12"]
+        commit = subprocess.run(git, capture_output=True, text=True, check=False).stdout.strip()
+    return {
+        "command": command,
+        "version": own_version(),
+        "commit": commit,
+        "date": datetime.now(UTC).isoformat(timespec="seconds"),
+        "machine": f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}",
+    }
+
+
+def ruled(title: str, *columns: str, left: int = 1, caption: str | None = None, padding: int = 1) -> Table:
+    """Return an empty table; all but the `left` first columns are set to the right."""
+    table = Table(
+        title=title,
+        title_justify="left",
+        title_style="bold",
+        box=box.SIMPLE_HEAD,
+        padding=(0, padding),
+        caption=caption,
+    )
+    for i, column in enumerate(columns):
+        table.add_column(column, justify="left" if i < left else "right", no_wrap=i >= left)
+    return table
+
+
+def by(rows: Iterable[Row], *keys: str) -> dict[tuple[Any, ...], list[Row]]:
+    """Group rows by the values of `keys`, in the order in which they first come."""
+    groups: dict[tuple[Any, ...], list[Row]] = {}
+    for row in rows:
+        groups.setdefault(tuple(row[key] for key in keys), []).append(row)
+    return groups
+
+
+def known(names: Sequence[str], choices: Iterable[str], what: str) -> None:
+    """Raise RefusedError if a name is none of `choices`."""
+    choices = list(choices)
+    if unknown := set(names).difference(choices):
+        raise RefusedError(f"no such {what}: {min(unknown)}; there are {', '.join(choices)}")
