@@ -219,9 +219,9 @@ class Feeds:
         return [feed.view(now_s, connected) for feed in heard or [self._nobody]]
 
 
-def picture(views: Sequence[View]) -> RenderableType:
-    """Draw one vehicle wholly, several as a line each."""
-    return render(views[0]) if len(views) == 1 else render_fleet(views)
+def picture(views: Sequence[View], columns: int) -> RenderableType:
+    """Draw one vehicle wholly, several as a line each, on a terminal of so many columns."""
+    return render(views[0], columns) if len(views) == 1 else render_fleet(views)
 
 
 def render_fleet(views: Sequence[View]) -> RenderableType:
@@ -253,17 +253,21 @@ def render_fleet(views: Sequence[View]) -> RenderableType:
     )
 
 
-def render(view: View) -> RenderableType:
-    """Draw a view. Every colour has a word beside it; what is old is dim and says so."""
+def render(view: View, columns: int = _WIDTH) -> RenderableType:
+    """Draw a view. Every colour has a word beside it; what is old is dim and says so.
+
+    Below 80 columns it is without the error's history, and the demand's gauge is shorter: it fits into 66.
+    """
+    narrow = columns < _WIDTH
     if not view.latest:
         return Panel(_waiting(view), title="holdfast", title_align="left", box=box.ROUNDED)
     past = Text(f" STALE: nothing new for {view.age_s:.1f} s; this is the past. ", "reverse")
     body = Group(
         _banner(view),
         past if view.stale else Text(),
-        _degrees_of_freedom(view),
+        _degrees_of_freedom(view, narrow),
         Text(),
-        _thrust(view),
+        _thrust(view, narrow),
         Text(),
         _health(view),
     )
@@ -278,7 +282,7 @@ def render(view: View) -> RenderableType:
         subtitle_align="right",
         box=box.ROUNDED,
         style="dim" if view.stale else "",
-        width=_WIDTH,
+        width=min(columns, _WIDTH),
     )
 
 
@@ -298,7 +302,7 @@ def main(argv: list[str]) -> int:
         sys.stderr.write(f"holdfast watch: {_waiting(views[0]).plain}\n")
         return 1
     if once and options.json != "-":
-        console.print(picture(views))
+        console.print(picture(views, console.width))
     if options.json:
         figures = _figures(views[0]) if len(views) == 1 else {"vehicles": [_figures(view) for view in views]}
         text = msgspec.json.format(msgspec.json.encode(figures)).decode() + "\n"
@@ -343,13 +347,13 @@ def _once(fleet: Feeds, seen: Subscription) -> list[View]:
 
 def _live(fleet: Feeds, seen: Subscription, console: Console) -> list[View]:
     views = fleet.views(time.monotonic(), connected=False)
-    with Live(picture(views), console=console, screen=True, auto_refresh=False) as live:
+    with Live(picture(views, console.width), console=console, screen=True, auto_refresh=False) as live:
         try:
             while True:
                 now_s = time.monotonic()
                 fleet.take(seen.take(), now_s)
                 views = fleet.views(now_s, seen.connected)
-                live.update(picture(views), refresh=True)
+                live.update(picture(views, console.width), refresh=True)
                 time.sleep(_REFRESH_S)
         except KeyboardInterrupt:
             return views
@@ -447,7 +451,7 @@ def _banner(view: View) -> RenderableType:
     return Group(*lines)
 
 
-def _degrees_of_freedom(view: View) -> Table:
+def _degrees_of_freedom(view: View, narrow: bool) -> Table:
     table = _table("", "is", "should be", "error", f"|e| in {_BINS} s", "learnt", "")
     loop = view.latest.get("loop")
     for dof, name in _DOFS.items():
@@ -475,11 +479,14 @@ def _degrees_of_freedom(view: View) -> Table:
             f"{record.d_hat:+.1f} {record.tau_unit}",
             _doing(record),
         )
+    if narrow:
+        del table.columns[4]
     return table
 
 
-def _thrust(view: View) -> Table:
-    table = _table("", "-100 %    demand   +100 %", "%", "asked", "given", "")
+def _thrust(view: View, narrow: bool) -> Table:
+    half, scale = (6, "-100 % +100 %") if narrow else (12, "-100 %    demand   +100 %")
+    table = _table("", scale, "%", "asked", "given", "")
     command = view.latest.get("command")
     if isinstance(command, Command):
         for axis, unit in _AXES.items():
@@ -490,7 +497,7 @@ def _thrust(view: View) -> Table:
             limited = abs(asked - given) > _ROUNDED[unit] + 0.02 * abs(asked)
             table.add_row(
                 axis,
-                _gauge(demand),
+                _gauge(demand, half),
                 f"{100 * demand:+.0f}",
                 f"{asked:+.1f} {unit}",
                 f"{given:+.1f} {unit}",
@@ -601,7 +608,7 @@ def _sparkline(peaks: Sequence[float]) -> Text:
     return Text("".join(columns).rjust(_BINS), "cyan")
 
 
-def _gauge(value: float, half: int = 12) -> Text:
+def _gauge(value: float, half: int) -> Text:
     """Draw -1..1 from the middle outwards, in half columns."""
     halves = round(min(1.0, abs(value)) * 2 * half)
     full, rest = divmod(halves, 2)

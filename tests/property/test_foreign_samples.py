@@ -92,7 +92,7 @@ def test_watch_goes_on(genuine: list[Sample]) -> None:
 
     def take(some: list[Sample]) -> None:
         feed.take([Message(key, payload) for key, _, payload in some], now_s=1.0)
-        console.print(picture([feed.view(1.0, connected=True)]))
+        console.print(picture([feed.view(1.0, connected=True)], 80))
 
     for some in wild(genuine):
         take(some)
