@@ -46,3 +46,8 @@ class ControlSample(msgspec.Struct, frozen=True):
 
     refused: str = ""
     """Why the pilot's engage button was refused in this tick."""
+
+    @property
+    def foreign(self) -> int:
+        """Messages of other systems, and datagrams of others than the links' peers."""
+        return self.counters.foreign + self.loop.strangers

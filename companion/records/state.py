@@ -149,3 +149,8 @@ class VehicleState(msgspec.Struct, frozen=True):
     ground: Ground = Ground(math.nan, 0.0)
     position_doubt: PositionDoubt = PositionDoubt(math.nan, math.nan, 0.0)
     current: Current = Current(math.nan, math.nan, math.nan)
+
+    @property
+    def altitude_m(self) -> float:
+        """Over the ground; NaN where it is not known."""
+        return self.ground.depth_m - self.eta[2]

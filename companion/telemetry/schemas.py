@@ -20,7 +20,6 @@ import msgspec
 
 from companion.records import DOFS
 from companion.telemetry.modes import MEANINGS, Severity
-from companion.telemetry.words import means
 
 ENDPOINT = "tcp/127.0.0.1:7447"  # where Zenoh is looked for, and listened on where nobody does
 NEVER_S = 1e6
@@ -35,11 +34,20 @@ BATCHES = {"real_time": 16, "data": 16}
 sample a batch of its own (express), a busy machine lost the third and later samples of a tick."""
 
 
+def means(text: str, source: str = "") -> msgspec.Meta:
+    """Describe a field, whose unit stands in its name.
+
+    `source` is where `companion.telemetry.samples` finds its value in a `ControlSample`, such as
+    "state.eta[z]"; by default it has the same name there.
+    """
+    return msgspec.Meta(description=text, extra={"source": source})
+
+
 class Record(msgspec.Struct, frozen=True, kw_only=True):
     """What every schema has."""
 
-    t_s: Annotated[float, means("the companion's monotonic clock")]
-    boot_s: Annotated[float, means("the vehicle's clock since its boot")]
+    t_s: Annotated[float, means("the companion's monotonic clock", "state.t_s")]
+    boot_s: Annotated[float, means("the vehicle's clock since its boot", "state.boot_s")]
     absent: Annotated[
         tuple[str, ...], means("unknown fields: stale ones keep their last value, others are 0.0")
     ] = ()
@@ -48,22 +56,22 @@ class Record(msgspec.Struct, frozen=True, kw_only=True):
 class State(Record, frozen=True, kw_only=True):
     """The estimated state and the reference, at present. NED; heading clockwise from north."""
 
-    x_m: Annotated[float, means("north of the origin of the position source")]
-    y_m: Annotated[float, means("east of this origin")]
-    depth_m: Annotated[float, means("below the surface")]
-    heading_rad: Annotated[float, means("-pi..pi")]
-    x_desired_m: Annotated[float, means("reference of x")]
-    y_desired_m: Annotated[float, means("reference of y")]
-    depth_desired_m: Annotated[float, means("reference of the depth")]
-    heading_desired_rad: Annotated[float, means("reference of the heading")]
-    x_rate_mps: Annotated[float, means("velocity northward")]
-    y_rate_mps: Annotated[float, means("velocity eastward")]
-    depth_rate_mps: Annotated[float, means("velocity downward")]
-    heading_rate_radps: Annotated[float, means("positive clockwise")]
-    roll_rad: Annotated[float, means("right side down")]
-    pitch_rad: Annotated[float, means("bow up")]
-    roll_rate_radps: Annotated[float, means("body rate p")]
-    pitch_rate_radps: Annotated[float, means("body rate q")]
+    x_m: Annotated[float, means("north of the origin of the position source", "state.eta[x]")]
+    y_m: Annotated[float, means("east of this origin", "state.eta[y]")]
+    depth_m: Annotated[float, means("below the surface", "state.eta[z]")]
+    heading_rad: Annotated[float, means("-pi..pi", "state.eta[psi]")]
+    x_desired_m: Annotated[float, means("reference of x", "eta_d[x]")]
+    y_desired_m: Annotated[float, means("reference of y", "eta_d[y]")]
+    depth_desired_m: Annotated[float, means("reference of the depth", "eta_d[z]")]
+    heading_desired_rad: Annotated[float, means("reference of the heading", "eta_d[psi]")]
+    x_rate_mps: Annotated[float, means("velocity northward", "state.eta_dot[x]")]
+    y_rate_mps: Annotated[float, means("velocity eastward", "state.eta_dot[y]")]
+    depth_rate_mps: Annotated[float, means("velocity downward", "state.eta_dot[z]")]
+    heading_rate_radps: Annotated[float, means("positive clockwise", "state.eta_dot[psi]")]
+    roll_rad: Annotated[float, means("right side down", "state.roll")]
+    pitch_rad: Annotated[float, means("bow up", "state.pitch")]
+    roll_rate_radps: Annotated[float, means("body rate p", "state.p")]
+    pitch_rate_radps: Annotated[float, means("body rate q", "state.q")]
     armed: Annotated[bool, means("from the vehicle's heartbeat")]
     mode: Annotated[int, means("ArduSub's custom_mode: 19 is MANUAL")]
     system_status: Annotated[int, means("MAV_STATE")]
@@ -72,20 +80,35 @@ class State(Record, frozen=True, kw_only=True):
     dead_motor: Annotated[int, means("number of the motor that gives no thrust; 0 for none")]
     guidance: Annotated[
         str,
-        means("what moves the setpoint: hold, move, path, paused, waiting, refused; empty if not engaged"),
+        means(
+            "what moves the setpoint: hold, move, path, paused, waiting, refused; empty if not engaged",
+            "guided.kind",
+        ),
     ] = ""
-    path_number: Annotated[int, means("counts the paths and moves; Plan has the same")] = 0
-    path_progress_m: Annotated[float, means("along the path, laps included")] = 0.0
-    path_length_m: Annotated[float, means("of one lap; 0 for a move")] = 0.0
-    current_north_mps: Annotated[float, means("velocity of the water, northward; absent if unknown")] = 0.0
-    current_east_mps: Annotated[float, means("velocity of the water, eastward")] = 0.0
-    current_doubt_mps: Annotated[float, means("its standard deviation")] = 0.0
-    position_doubt_major_m: Annotated[float, means("longer half axis of the ellipse of 1 sigma")] = 0.0
-    position_doubt_minor_m: Annotated[float, means("its shorter half axis")] = 0.0
-    position_doubt_direction_rad: Annotated[float, means("of the longer half axis, from north")] = 0.0
+    path_number: Annotated[int, means("counts the paths and moves; Plan has the same", "guided.number")] = 0
+    path_progress_m: Annotated[float, means("along the path, laps included", "guided.progress_m")] = 0.0
+    path_length_m: Annotated[float, means("of one lap; 0 for a move", "guided.length_m")] = 0.0
+    current_north_mps: Annotated[
+        float, means("velocity of the water, northward; absent if unknown", "state.current.north_mps")
+    ] = 0.0
+    current_east_mps: Annotated[float, means("velocity of the water, eastward", "state.current.east_mps")] = (
+        0.0
+    )
+    current_doubt_mps: Annotated[float, means("its standard deviation", "state.current.doubt_mps")] = 0.0
+    position_doubt_major_m: Annotated[
+        float, means("longer half axis of the ellipse of 1 sigma", "state.position_doubt.major_m")
+    ] = 0.0
+    position_doubt_minor_m: Annotated[
+        float, means("its shorter half axis", "state.position_doubt.minor_m")
+    ] = 0.0
+    position_doubt_direction_rad: Annotated[
+        float, means("of the longer half axis, from north", "state.position_doubt.direction_rad")
+    ] = 0.0
     altitude_m: Annotated[float, means("over the ground; absent without an echo")] = 0.0
-    altitude_desired_m: Annotated[float, means("altitude that is kept; 0 where a depth is held")] = 0.0
-    path_speed_mps: Annotated[float, means("speed of the reference along the path")] = 0.0
+    altitude_desired_m: Annotated[
+        float, means("altitude that is kept; 0 where a depth is held", "guided.altitude_m")
+    ] = 0.0
+    path_speed_mps: Annotated[float, means("speed of the reference along the path", "guided.speed_mps")] = 0.0
 
 
 class Dof(Record, frozen=True, kw_only=True):
@@ -97,7 +120,7 @@ class Dof(Record, frozen=True, kw_only=True):
     dof: Annotated[str, means("x, y, z or psi")]
     unit: Annotated[str, means("of x, x_d and e: m or rad; rates are per s and s²")]
     tau_unit: Annotated[str, means("of tau, its parts and the disturbances: N or N·m")]
-    ahead_s: Annotated[float, means("prediction horizon of this record")]
+    ahead_s: Annotated[float, means("prediction horizon of this record", "state.ahead_s")]
     x_d: Annotated[float, means("reference, in unit")]
     x_d_dot: Annotated[float, means("its rate, unit/s")]
     x_d_ddot: Annotated[float, means("its acceleration, unit/s²")]
@@ -117,13 +140,18 @@ class Dof(Record, frozen=True, kw_only=True):
     engaged: Annotated[bool, means("Holdfast controls this degree of freedom")]
     model_gain: Annotated[
         float,
-        means("force per command over inertia, 1 for the nominal vehicle, in use: surge for x, sway for y"),
+        means(
+            "force per command over inertia, 1 for the nominal vehicle, in use: surge for x, sway for y",
+            "state.model.gain",
+        ),
     ] = 1.0
-    model_gain_found: Annotated[float, means("the same, as found")] = 1.0
-    model_gain_doubt: Annotated[float, means("standard deviation of its natural logarithm")] = 0.0
-    model_lag_s: Annotated[float, means("thruster lag in use")] = 0.0
-    model_lag_found_s: Annotated[float, means("thruster lag found")] = 0.0
-    model_lag_doubt_s: Annotated[float, means("its standard deviation")] = 0.0
+    model_gain_found: Annotated[float, means("the same, as found", "state.model.found_gain")] = 1.0
+    model_gain_doubt: Annotated[
+        float, means("standard deviation of its natural logarithm", "state.model.log_gain_doubt")
+    ] = 0.0
+    model_lag_s: Annotated[float, means("thruster lag in use", "state.model.lag_s")] = 0.0
+    model_lag_found_s: Annotated[float, means("thruster lag found", "state.model.found_lag_s")] = 0.0
+    model_lag_doubt_s: Annotated[float, means("its standard deviation", "state.model.lag_doubt_s")] = 0.0
 
 
 class Command(Record, frozen=True, kw_only=True):
@@ -133,14 +161,16 @@ class Command(Record, frozen=True, kw_only=True):
     sway: Annotated[float, means("demand to the right, -1..1")]
     heave: Annotated[float, means("demand downward, -1..1")]
     yaw: Annotated[float, means("demand clockwise, -1..1")]
-    surge_requested_n: Annotated[float, means("requested force, forward")]
-    sway_requested_n: Annotated[float, means("requested force, to the right")]
-    heave_requested_n: Annotated[float, means("requested force, downward")]
-    yaw_requested_nm: Annotated[float, means("requested moment, clockwise")]
-    surge_delivered_n: Annotated[float, means("delivered force by the thruster model, forward")]
-    sway_delivered_n: Annotated[float, means("delivered force, to the right")]
-    heave_delivered_n: Annotated[float, means("delivered force, downward")]
-    yaw_delivered_nm: Annotated[float, means("delivered moment, clockwise")]
+    surge_requested_n: Annotated[float, means("requested force, forward", "requested.tau[surge]")]
+    sway_requested_n: Annotated[float, means("requested force, to the right", "requested.tau[sway]")]
+    heave_requested_n: Annotated[float, means("requested force, downward", "requested.tau[heave]")]
+    yaw_requested_nm: Annotated[float, means("requested moment, clockwise", "requested.tau[yaw]")]
+    surge_delivered_n: Annotated[
+        float, means("delivered force by the thruster model, forward", "delivered.tau[surge]")
+    ]
+    sway_delivered_n: Annotated[float, means("delivered force, to the right", "delivered.tau[sway]")]
+    heave_delivered_n: Annotated[float, means("delivered force, downward", "delivered.tau[heave]")]
+    yaw_delivered_nm: Annotated[float, means("delivered moment, clockwise", "delivered.tau[yaw]")]
 
 
 class Supervisor(Record, frozen=True, kw_only=True):
@@ -164,26 +194,34 @@ class Loop(Record, frozen=True, kw_only=True):
     compute_us: Annotated[float, means("duration of the previous tick")]
     late_ticks: Annotated[int, means("ticks skipped since the start")]
     samples_dropped: Annotated[int, means("samples that were dropped before Zenoh")]
-    link_age_s: Annotated[float, means("since the last message of the vehicle")]
-    heartbeat_age_s: Annotated[float, means("since the vehicle's last heartbeat")]
-    depth_age_s: Annotated[float, means("since the last depth")]
-    attitude_age_s: Annotated[float, means("since the last attitude")]
-    position_age_s: Annotated[float, means("since the last horizontal position")]
-    telemetry_delay_s: Annotated[float, means("from the vehicle's stamp to arrival")]
-    telemetry_delay_known: Annotated[bool, means("the delay was measured")]
-    command_delay_s: Annotated[float, means("from sending to the motors")]
-    command_delay_known: Annotated[bool, means("the delay was measured")]
-    hidden_delay_s: Annotated[float, means("delay visible in no time stamp, estimated from innovations")]
-    datagrams: Annotated[int, means("received")]
-    messages: Annotated[int, means("decoded MAVLink messages")]
-    garbage: Annotated[int, means("bytes that are not MAVLink")]
-    foreign: Annotated[
-        int, means("messages of other systems, and datagrams of senders that are not the peer")
+    link_age_s: Annotated[float, means("since the last message of the vehicle", "state.ages.link_s")]
+    heartbeat_age_s: Annotated[float, means("since the vehicle's last heartbeat", "state.ages.heartbeat_s")]
+    depth_age_s: Annotated[float, means("since the last depth", "state.ages.depth_s")]
+    attitude_age_s: Annotated[float, means("since the last attitude", "state.ages.attitude_s")]
+    position_age_s: Annotated[float, means("since the last horizontal position", "state.ages.position_s")]
+    telemetry_delay_s: Annotated[
+        float, means("from the vehicle's stamp to arrival", "state.delays.telemetry_s")
     ]
-    implausible: Annotated[int, means("messages with impossible numbers")]
-    pilot_age_s: Annotated[float, means("since the ground station's last heartbeat")] = NEVER_S
+    telemetry_delay_known: Annotated[bool, means("the delay was measured", "state.delays.telemetry_known")]
+    command_delay_s: Annotated[float, means("from sending to the motors", "state.delays.command_s")]
+    command_delay_known: Annotated[bool, means("the delay was measured", "state.delays.command_known")]
+    hidden_delay_s: Annotated[
+        float, means("delay visible in no time stamp, estimated from innovations", "state.delays.hidden_s")
+    ]
+    datagrams: Annotated[int, means("received", "counters.datagrams")]
+    messages: Annotated[int, means("decoded MAVLink messages", "counters.messages")]
+    garbage: Annotated[int, means("bytes that are not MAVLink", "counters.garbage")]
+    foreign: Annotated[
+        int, means("messages of other systems, and datagrams of senders that are not the peer", "foreign")
+    ]
+    implausible: Annotated[int, means("messages with impossible numbers", "counters.implausible")]
+    pilot_age_s: Annotated[
+        float, means("since the ground station's last heartbeat", "state.ages.pilot_s")
+    ] = NEVER_S
     left_out_bytes: Annotated[int, means("bytes dropped in a flood")] = 0
-    refused: Annotated[int, means("frames with a wrong, missing or replayed MAVLink signature")] = 0
+    refused: Annotated[
+        int, means("frames with a wrong, missing or replayed MAVLink signature", "counters.refused")
+    ] = 0
 
 
 class Recorder(Record, frozen=True, kw_only=True):
