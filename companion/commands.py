@@ -92,11 +92,12 @@ examples:
 
 CONFIG_EXAMPLES = """\
 examples:
+  holdfast config show companion.toml                         every key: value, range, and where it comes from
   holdfast config check companion.toml                        as `holdfast run --config companion.toml`
   holdfast config check vehicle.toml                          as `holdfast run --vehicle vehicle.toml`
   holdfast config check companion.toml --set heave.kappa_per_s=8
 
-exit status: 0 sound; 2 not, and it says file, key, value and what is allowed.
+exit status: 0 sound; 2 not, and it says file, key, value and what is allowed. Without FILE the shipped file.
 """
 
 
@@ -424,16 +425,16 @@ def schema(argv: list[str]) -> int:
         "Prints the generated part of docs/telemetry.md: all keys, schemas and commands.",
         "examples:\n"
         "  holdfast schema            print all keys, fields, units and commands\n"
-        "  holdfast schema --write    update the documents after a change of the schemas\n",
+        "  holdfast schema --write    update the documents after a change of schemas or configuration\n",
     )
     parser.add_argument(
-        "--write", action="store_true", help="update docs/telemetry.md and docs/schemas/ in a checkout"
+        "--write", action="store_true", help="update docs/telemetry.md, configuration.md and schemas/"
     )
     arguments = parser.parse_args(argv)
-    from companion.documents import page, write
+    from companion.documents import pages, write
 
     if not arguments.write:
-        sys.stdout.write(page())
+        sys.stdout.write(pages()["telemetry.md"])
         return 0
     try:
         changed = write()
@@ -453,7 +454,7 @@ def init(argv: list[str]) -> int:
     parser = command_parser(
         "init",
         "Asks five questions and writes a configuration for `holdfast run --config FILE`, with "
-        "every key explained in it. What an option answers is not asked.",
+        "what a pilot sets explained in it. What an option answers is not asked.",
         INIT_EXAMPLES,
     )
     parser.add_argument(
@@ -496,30 +497,36 @@ def init(argv: list[str]) -> int:
 
 
 def config(argv: list[str]) -> int:
-    """Check a configuration or a vehicle's file without starting anything."""
+    """Check a configuration or a vehicle's file, or show all keys."""
     parser = command_parser(
         "config",
         "`holdfast config check FILE` says whether `holdfast run` would take a file, or where "
-        "it is wrong. FILE is a configuration, or a vehicle's file such as `holdfast identify` writes.",
+        "it is wrong; `holdfast config show FILE` prints every key with its value, what is allowed, and "
+        "where the value comes from. FILE is a configuration, or a vehicle's file such as `holdfast "
+        "identify` writes.",
         CONFIG_EXAMPLES,
     )
-    parser.add_argument("action", choices=("check",), metavar="check")
-    parser.add_argument("file", type=Path, metavar="FILE")
+    parser.add_argument("action", choices=("check", "show"))
+    parser.add_argument("file", type=Path, nargs="?", metavar="FILE")
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="override a key")
     arguments = parser.parse_args(argv)
 
     from companion.assembly import refuse_fast_gains
-    from companion.config import DEFAULT_FILE, holds_a_vehicle_alone, load_config
+    from companion.config import DEFAULT_FILE, holds_a_vehicle_alone, load_with_origins
+    from companion.config_text import listing
 
-    overrides = arguments.set
-    alone = holds_a_vehicle_alone(arguments.file)
+    overrides, file = arguments.set, arguments.file or DEFAULT_FILE
+    alone = holds_a_vehicle_alone(file)
     if alone:
-        overrides = [f"vehicle.preset={json.dumps(str(arguments.file))}", *overrides]
-    found = load_config(DEFAULT_FILE if alone else arguments.file, overrides)
+        overrides = [f"vehicle.preset={json.dumps(str(file))}", *overrides]
+    found, origins = load_with_origins(DEFAULT_FILE if alone else file, overrides)
     refuse_fast_gains(found)
+    if arguments.action == "show":
+        sys.stdout.writelines(f"{line}\n" for line in listing(found, origins))
+        return 0
     vehicle = found.vehicle
     sys.stdout.write(
-        f"{arguments.file}: {'a vehicle' if alone else 'a configuration'} that `holdfast run` takes\n"
+        f"{file}: {'a vehicle' if alone else 'a configuration'} that `holdfast run` takes\n"
         f"  frame {vehicle.frame}, mass {found.heave.mass:g} kg in heave, "
         f"{found.heave.max_force:g} N up and down\n"
     )

@@ -1,22 +1,22 @@
-"""docs/telemetry.md and docs/schemas/*.json from the code: every key, field, unit, rate and command.
+"""docs/telemetry.md, configuration.md and schemas/*.json from the code: every key, field, unit and command.
 
-The page's first part, up to MARK, is written by hand; what follows is made here, and a test fails when stale.
+A page's first part, up to MARK, is written by hand; what follows is made here, and a test fails when stale.
 """
 
 import inspect
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import msgspec
 
-from companion.config import Config
+from companion.config import Config, Section, YawModel
+from companion.records import AXES
 from companion.telemetry import schemas as telemetry
 from companion.telemetry.commands import COMMANDS, RECORDER_COMMANDS
+from companion.telemetry.fields import fields_of
 from companion.telemetry.schemas import Choices, Raw, Reply, Truth
 
 DOCS = Path(__file__).parents[1] / "docs"
-PAGE = DOCS / "telemetry.md"
 MARK = "<!-- made by `holdfast schema --write`; write nothing below -->\n"
 
 RATES = {
@@ -27,21 +27,6 @@ RATES = {
 ENCODINGS: dict[type[msgspec.Struct], str] = {
     Raw: "application/msgpack;holdfast.Raw.v1",
     Truth: telemetry.TRUTH_ENCODING,
-}
-UNITS = {
-    "m": "m",
-    "mps": "m/s",
-    "rad": "rad",
-    "radps": "rad/s",
-    "deg": "°",
-    "s": "s",
-    "ms": "ms",
-    "us": "µs",
-    "hz": "Hz",
-    "v": "V",
-    "n": "N",
-    "nm": "N·m",
-    "bytes": "B",
 }
 
 
@@ -54,15 +39,18 @@ def schemas() -> dict[str, bytes]:
     return {f"{name}.json": _schema(name, struct) for name, struct in sorted(named.items())}
 
 
-def page() -> str:
-    """Return the generated part of docs/telemetry.md."""
-    return "\n".join(_lines()) + "\n"
+def pages() -> dict[str, str]:
+    """Return the generated part of each page."""
+    made = {"telemetry.md": _telemetry(), "configuration.md": _configuration()}
+    return {name: "\n".join(lines) + "\n" for name, lines in made.items()}
 
 
 def write() -> list[Path]:
-    """Write page and schemas into docs/ and return what changed."""
-    head, mark, _ = PAGE.read_text(encoding="utf-8").partition(MARK)
-    wanted = {PAGE: (head + mark + page()).encode()}
+    """Write pages and schemas into docs/ and return what changed."""
+    wanted = {}
+    for name, made in pages().items():
+        head, mark, _ = (DOCS / name).read_text(encoding="utf-8").partition(MARK)
+        wanted[DOCS / name] = (head + mark + made).encode()
     wanted |= {DOCS / "schemas" / name: content for name, content in schemas().items()}
     changed = [path for path, content in wanted.items() if not path.exists() or path.read_bytes() != content]
     for path in changed:
@@ -87,7 +75,25 @@ def _schema(name: str, struct: type[msgspec.Struct]) -> bytes:
     return msgspec.json.format(msgspec.json.encode(root | schema)) + b"\n"
 
 
-def _lines() -> Iterator[str]:
+def _configuration() -> Iterator[str]:
+    shipped = Config()
+    for section in Config.__struct_fields__:
+        record = getattr(shipped, section)
+        if not isinstance(record, Section) or section in AXES[1:]:
+            continue
+        records = [getattr(shipped, axis) for axis in AXES] if section in AXES else [record]
+        heads = [f"`[{axis}]`" for axis in AXES] if section in AXES else ["default"]
+        yield f"\n## {', '.join(AXES) if section in AXES else section}\n\n{_words(type(record))}\n"
+        yield f"| key | {' | '.join(heads)} | allowed | unit | what |"
+        yield "|---" * (len(heads) + 4) + "|"
+        for key, field in fields_of(type(record)).items():
+            values = " | ".join(f"`{msgspec.json.encode(getattr(one, key)).decode()}`" for one in records)
+            yield f"| `{key}` | {values} | {field.type} | {field.unit} | {field.what} |"
+    yield "\nThe model of yaw is in rad, N·m and kg·m²:\n"
+    yield from _table(YawModel)
+
+
+def _telemetry() -> Iterator[str]:
     yield "\n## Published\n"
     yield "| key | schema | rate | what |"
     yield "|---|---|---|---|"
@@ -130,37 +136,10 @@ def _lines() -> Iterator[str]:
 
 
 def _table(struct: type[msgspec.Struct]) -> Iterator[str]:
-    fields: dict[str, dict[str, Any]] = msgspec.json.schema(struct)["$defs"][struct.__name__]["properties"]
     yield "| field | type | unit | what |"
     yield "|---|---|---|---|"
-    for name, field in fields.items():
-        yield f"| `{name}` | {_type(field)} | {_unit(name, field)} | {field.get('description', '')} |"
-
-
-def _type(field: Mapping[str, Any]) -> str:
-    if "enum" in field:
-        return ", ".join(f"`{choice}`" for choice in field["enum"])
-    if "anyOf" in field:
-        return " or ".join(_type(choice) for choice in field["anyOf"])
-    if "$ref" in field:
-        return str(field["$ref"]).rpartition("/")[2]
-    kind = str(field.get("type", "any"))
-    if kind == "array" and isinstance(field.get("items"), dict):
-        kind = f"array of {_type(field['items'])}"
-    each = [_type(item) for item in field.get("prefixItems", ())]
-    if len(set(each)) == 1:
-        kind = f"array of {len(each)} {each[0]}"
-    signs = (("minimum", "≥"), ("exclusiveMinimum", ">"), ("maximum", "≤"), ("exclusiveMaximum", "<"))
-    limits = ", ".join(f"{sign} {field[key]:g}" for key, sign in signs if key in field)
-    return f"{kind}, {limits}" if limits else kind
-
-
-def _unit(name: str, field: Mapping[str, Any]) -> str:
-    if field.get("type") not in ("number", "integer"):
-        return ""
-    if name.endswith("_per_s"):
-        return "1/s"
-    return UNITS.get(name.rpartition("_")[2], "") if "_" in name else ""
+    for name, field in fields_of(struct).items():
+        yield f"| `{name}` | {field.type} | {field.unit} | {field.what} |"
 
 
 def _words(struct: type[msgspec.Struct]) -> str:

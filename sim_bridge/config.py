@@ -33,19 +33,22 @@ class _Record(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Hull(_Record, frozen=True):
-    """The rigid body in water. Six-vectors are in the order surge, sway, heave, roll, pitch, yaw."""
+    """The rigid body in water. Six-vectors are in the order surge, sway, heave, roll, pitch, yaw.
 
-    mass_kg: Positive
-    inertia_kg_m2: Positive3
-    added_mass: NonNegative6
+    Defaults: a BlueROV2 Heavy, von Benzon et al., J. Mar. Sci. Eng. 2022, 10, 1898.
+    """
+
+    mass_kg: Positive = 13.5
+    inertia_kg_m2: Positive3 = (0.26, 0.23, 0.37)
+    added_mass: NonNegative6 = (6.36, 7.12, 18.68, 0.189, 0.135, 0.222)
     """kg and kg·m²"""
-    linear_damping: NonNegative6
+    linear_damping: NonNegative6 = (13.7, 0.0, 33.0, 0.0, 0.8, 0.0)
     """N·s/m and N·m·s/rad"""
-    quadratic_damping: NonNegative6
+    quadratic_damping: NonNegative6 = (141.0, 217.0, 190.0, 1.19, 0.47, 1.5)
     """N·s²/m² and N·m·s²/rad²"""
-    net_buoyancy_n: float
+    net_buoyancy_n: float = 2.3
     """Buoyancy minus weight: positive floats."""
-    centre_of_buoyancy_up_m: float
+    centre_of_buoyancy_up_m: float = 0.01
     """Height of the centre of buoyancy over the centre of gravity."""
     height_m: Positive = 0.25
     """Above the surface, buoyancy is lost over this height."""
@@ -54,9 +57,9 @@ class Hull(_Record, frozen=True):
 class ThrusterConfig(_Record, frozen=True):
     """Where the thrusters sit and how they answer. Distances are magnitudes; signs follow from the frame."""
 
-    frame: Literal["vectored", "vectored_6dof"]
-    horizontal_m: NonNegative3
-    vertical_m: NonNegative3
+    frame: Literal["vectored", "vectored_6dof"] = "vectored_6dof"
+    horizontal_m: NonNegative3 = (0.156, 0.111, 0.085)
+    vertical_m: NonNegative3 = (0.12, 0.218, 0.0)
     curve: Literal["t200", "quadratic"] = "t200"
     """Thrust over PWM: as measured of a T200, or u|u| with the same full thrust ahead in both directions."""
     lag_s: NonNegative = 0.15
@@ -293,8 +296,8 @@ class SensorConfig(_Record, frozen=True):
 class SimConfig(_Record, frozen=True):
     """Everything about a simulated vehicle except its seed."""
 
-    hull: Hull
-    thrusters: ThrusterConfig
+    hull: Hull = Hull()
+    thrusters: ThrusterConfig = ThrusterConfig()
     battery: Battery = Battery()
     initial: Initial = Initial()
     current: Current = Current()

@@ -159,7 +159,7 @@ class SetGains(Payload, frozen=True):
         | Optional
     ) = msgspec.UNSET
     max_disturbance: (
-        Annotated[ranges.Force, means("bound of the estimated disturbance, N or N·m", "limit of d̂")]
+        Annotated[ranges.Force, means("bound of the estimated disturbance", "limit of d̂", "N or N·m")]
         | Optional
     ) = msgspec.UNSET
     confirm: Confirmed = False

@@ -19,14 +19,20 @@ from msgspec import Meta, Struct
 # s/m, and three times as much with a third of the thrust. About the axes of rotation, by the same factors,
 # 0.02 to 30 kg m2.
 SCALE = {"remedy": "for thrusters k times as strong as T200, divide masses, inertias and damping by k"}
-Mass = Annotated[float, Meta(ge=1.0, le=1000.0, extra=SCALE)]
-LinearDamping = Annotated[float, Meta(ge=0.0, le=300.0, extra=SCALE)]
-QuadraticDamping = Annotated[float, Meta(ge=0.0, le=1000.0, extra=SCALE)]
-Force = Annotated[float, Meta(ge=0.1, le=500.0)]
-Inertia = Annotated[float, Meta(ge=0.02, le=100.0, extra=SCALE)]
-LinearTurnDamping = Annotated[float, Meta(ge=0.0, le=30.0, extra=SCALE)]
-QuadraticTurnDamping = Annotated[float, Meta(ge=0.0, le=100.0, extra=SCALE)]
-Moment = Annotated[float, Meta(ge=0.1, le=100.0)]
+Mass = Annotated[float, Meta(ge=1.0, le=1000.0, extra=SCALE, extra_json_schema={"unit": "kg"})]
+LinearDamping = Annotated[float, Meta(ge=0.0, le=300.0, extra=SCALE, extra_json_schema={"unit": "N·s/m"})]
+QuadraticDamping = Annotated[
+    float, Meta(ge=0.0, le=1000.0, extra=SCALE, extra_json_schema={"unit": "N·s²/m²"})
+]
+Force = Annotated[float, Meta(ge=0.1, le=500.0, extra_json_schema={"unit": "N"})]
+Inertia = Annotated[float, Meta(ge=0.02, le=100.0, extra=SCALE, extra_json_schema={"unit": "kg·m²"})]
+LinearTurnDamping = Annotated[
+    float, Meta(ge=0.0, le=30.0, extra=SCALE, extra_json_schema={"unit": "N·m·s/rad"})
+]
+QuadraticTurnDamping = Annotated[
+    float, Meta(ge=0.0, le=100.0, extra=SCALE, extra_json_schema={"unit": "N·m·s²/rad²"})
+]
+Moment = Annotated[float, Meta(ge=0.1, le=100.0, extra_json_schema={"unit": "N·m"})]
 MaxRate = Annotated[float, Meta(ge=0.01, le=3.0)]
 MaxAcceleration = Annotated[float, Meta(ge=0.01, le=5.0)]
 

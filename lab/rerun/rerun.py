@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from companion.config import DEFAULT_FILE, Config, load_config
+from companion.config import DEFAULT_FILE, REPLACED, Config, load_config
 from companion.engine import Engine
 from companion.guidance.orders import order_of
 from companion.mavlink.signing import Signing
@@ -217,7 +217,7 @@ def _overlay(recorded: Mapping[str, Any], notes: list[str]) -> list[str]:
     overrides = []
     for section, keys in recorded.items():
         for key, value in keys.items():
-            if key in known.get(section, {}):
+            if key in known.get(section, {}) or f"{section}.{key}" in REPLACED:
                 overrides.append(f"{section}.{key}={msgspec.json.encode(value).decode()}")
             else:
                 notes.append(f"{section}.{key} = {value!r} of the dive is no key any more")

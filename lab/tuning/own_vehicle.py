@@ -69,7 +69,7 @@ def write_config(source: Path, vehicle: VehicleFile, gains: Mapping[str, float],
     """Copy the companion's configuration with these gains in place of its own; comments stay.
 
     The vehicle goes to `vehicle.toml` beside `out`, which names it; or into `out` itself if `source` holds
-    its vehicle too. Raises KeyError for a key that the file does not have.
+    its vehicle too. A key that the file does not have is added.
     """
     text = source.read_text(encoding="utf-8")
     values: dict[str, float | str] = dict(gains)

@@ -355,7 +355,9 @@ def test_whatever_comes_is_answered_once_and_changes_nothing_unless_done(name, p
 def _limits(struct, field):
     schema = msgspec.json.schema(struct)
     found = schema["$defs"][struct.__name__]["properties"][field]
-    return {key: value for key, value in found.items() if key not in ("title", "description", "default")}
+    return {
+        key: value for key, value in found.items() if key not in ("title", "description", "default", "unit")
+    }
 
 
 class _Untouchable:

@@ -17,10 +17,11 @@ from sim_bridge.vehicle import Vehicle
 from sim_bridge.zenoh_link import SCHEMA, encode
 
 
-def test_the_page_is_not_stale() -> None:
-    _, mark, generated = schema.PAGE.read_text(encoding="utf-8").partition(schema.MARK)
-    assert mark
-    assert generated == schema.page(), "stale: run `holdfast schema --write`"
+def test_the_pages_are_not_stale() -> None:
+    for name, made in schema.pages().items():
+        _, mark, generated = (schema.DOCS / name).read_text(encoding="utf-8").partition(schema.MARK)
+        assert mark
+        assert generated == made, f"{name} is stale: run `holdfast schema --write`"
 
 
 def test_the_schemas_are_not_stale() -> None:

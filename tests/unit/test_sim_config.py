@@ -55,9 +55,13 @@ def test_missing_file_and_broken_toml(tmp_path):
     broken.write_text("hull = [")
     with pytest.raises(ConfigError, match="is not TOML"):
         load_config(broken)
-    broken.write_text("")
-    with pytest.raises(ConfigError, match="hull: missing"):
-        load_config(broken)
+
+
+def test_an_empty_file_is_a_heavy_in_still_water(tmp_path):
+    (tmp_path / "empty.toml").write_text("")
+    config, shipped = load_config(tmp_path / "empty.toml"), load_config(CONFIG)
+    assert (config.hull, config.thrusters) == (shipped.hull, shipped.thrusters)
+    assert not config.current.enabled
 
 
 def test_overrides_reach_their_place():
