@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from holdfast.arguments import command_parser
-from lab.options import add_settings, json_file, not_negative, positive
+from lab.options import add_settings, json_file, positive
 from lab.tables import add_files
 
 BENCH_EXAMPLES = """\
@@ -179,37 +179,10 @@ def tune(argv: list[str]) -> int:
 
 def campaign(argv: list[str]) -> int:
     """Simulate thousands of dives with new vehicles, links and seas."""
-    parser = command_parser(
-        "campaign",
-        "Simulates every published vehicle with varied damping, mass and thrust, with delays, "
-        "dead thrusters and disturbances. The number of a dive is its seed. Each dive appends a row to "
-        "DIR/dives.csv; if a run was interrupted, the same command continues it. Exit status 1 if Holdfast "
-        "lost a vehicle inside the declared envelope.",
-        CAMPAIGN_EXAMPLES,
-    )
-    parser.add_argument("--dives", type=positive, default=6000, metavar="N", help="default %(default)s")
-    parser.add_argument(
-        "--first", type=not_negative, default=0, metavar="ID", help="number of the first dive; default 0"
-    )
-    parser.add_argument(
-        "--out", type=Path, default=Path("out/campaign"), metavar="DIR", help="default %(default)s"
-    )
-    parser.add_argument(
-        "--workers", type=positive, metavar="N", help="processes on this machine; default: its cores"
-    )
-    parser.add_argument("--scheduler", metavar="ADDRESS", help="run on this Dask cluster, tcp://HOST:PORT")
-    parser.add_argument(
-        "--replay",
-        type=not_negative,
-        metavar="ID",
-        help="repeat only this dive, in the batch and in the full loop",
-    )
-    add_settings(parser)
-    add_files(parser, row="dive")
-    arguments = parser.parse_args(argv)
-    from lab.campaign.report import main
+    from lab.studies.campaign import Campaign
+    from lab.study import start
 
-    return main(arguments)
+    return start(Campaign, argv, CAMPAIGN_EXAMPLES)
 
 
 def faults(argv: list[str]) -> int:

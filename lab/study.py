@@ -70,7 +70,7 @@ class Study(ABC, Generic[C]):
     """One study with the options it was asked for. Workers receive it whole, so it must be picklable."""
 
     command: ClassVar[str]
-    """What follows `holdfast`; the last word names the study's files."""
+    """What follows `holdfast`; its last word names the study's files."""
     about: ClassVar[str]
     unit: ClassVar[str] = "dives"
     recipe: ClassVar[tuple[str, ...]] = ("set", "firmware")
@@ -90,6 +90,11 @@ class Study(ABC, Generic[C]):
     @abstractmethod
     def options(cls, parser: argparse.ArgumentParser) -> None:
         """Add the study's own options, `--out` among them."""
+
+    @classmethod
+    def variant(cls, arguments: argparse.Namespace) -> type["Study[Any]"]:
+        """Return the study that these options ask for."""
+        return cls
 
     @abstractmethod
     def __init__(self, arguments: argparse.Namespace) -> None:
@@ -134,7 +139,7 @@ def start(kind: type[Study[Any]], argv: Sequence[str], examples: str = "") -> in
     if "firmware" in arguments and not find_firmware(kind.command.split()[0], arguments):
         return REFUSED
     arguments.command = shlex.join(["holdfast", *kind.command.split(), *argv])
-    return run(kind(arguments), arguments, Console())
+    return run(kind.variant(arguments)(arguments), arguments, Console())
 
 
 def parser_of(kind: type[Study[Any]], examples: str = "") -> argparse.ArgumentParser:
@@ -168,18 +173,23 @@ def run(study: Study[Any], arguments: argparse.Namespace, console: Console) -> i
         console.print(one, soft_wrap=isinstance(one, str))
     if pictures := study.draw(rows, path.parent):
         console.print(f"pictures: {', '.join(map(str, pictures))}", soft_wrap=True)
+    if study.keeps_rows:
+        console.print(f"rows: {path.with_suffix('.csv')}", soft_wrap=True)
+        write_table(path.with_suffix(".csv"), _flat([*journal.rows.values()]))
+    else:
+        path.unlink()
     if speed:
-        console.print(", ".join(f"{key} {value:g}" for key, value in speed.items()))
+        console.print(
+            f"{len(missing)} {study.unit} in {speed['wall_s']:.0f} s, workers: {speed['workers']:.0f}; "
+            f"{speed['dives_per_core_s']:.1f} dives, {speed['dive_minutes_per_core_s']:.1f} dive-minutes per "
+            f"core-second; {speed['dive_minutes_per_s']:.1f} dive-minutes a second in all"
+        )
     content = {"provenance": made, **study.summary(rows)} | ({"speed": speed} if study.dive_min else {})
-    write_json(path.with_suffix(".json"), content)
+    write_json(path.with_name(f"{study.command.split()[-1]}.json"), content)
     if arguments.json:
         write_json(arguments.json, content | {study.rows_key: each})
     if arguments.table:
         write_table(arguments.table, _flat(each), made)
-    if study.keeps_rows:
-        write_table(path.with_suffix(".csv"), _flat([*journal.rows.values()]))
-    else:
-        path.unlink()
     return FAILED if study.failed(rows) else 0
 
 
@@ -295,9 +305,7 @@ class Journal:
         if lines and json.loads(lines[0]).get("recipe") == made["recipe"]:
             path.write_bytes(b"".join(lines))
             for line in lines[1:]:
-                self._add(
-                    {key: math.nan if value is None else value for key, value in json.loads(line).items()}
-                )
+                self._add(json.loads(line, object_hook=_with_nan))
         elif keeps_rows and (lines or path.with_suffix(".csv").exists()):
             raise RefusedError(
                 f"{path.parent} holds rows of another configuration or version: choose another --out, or "
@@ -315,6 +323,10 @@ class Journal:
 
     def _add(self, row: Row) -> None:
         self.rows[tuple(row[field] for field in self._fields)] = row
+
+
+def _with_nan(record: Row) -> Row:
+    return {key: math.nan if value is None else value for key, value in record.items()}
 
 
 def recipe(study: Study[Any], arguments: argparse.Namespace) -> str:

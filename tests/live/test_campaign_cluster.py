@@ -6,10 +6,11 @@ import sys
 
 import pytest
 
-from companion.config import load_config
-from lab.campaign import campaign
-from lab.campaign.campaign import run
-from lab.campaign.report import workforce
+from holdfast import RefusedError
+from lab.studies import campaign
+from lab.studies.campaign import Campaign, case
+from lab.study import dived as on_workers
+from lab.study import parser_of, workforce
 
 distributed = pytest.importorskip("distributed")
 pytestmark = pytest.mark.filterwarnings("default")  # Dask's own
@@ -19,9 +20,12 @@ NUMBERS = (0, 2, 3)
 
 def dived(address):
     """Dive NUMBERS on the cluster at `address`; return outcomes by number, and the workers it found."""
+    study = Campaign(parser_of(Campaign).parse_args([]))
+    groups = study.groups([case(number) for number in NUMBERS])
     with workforce(address, None) as (executor, workers):
-        batches = list(run(executor, workers, load_config(), NUMBERS))
-    return {row.case.number: row.outcome for batch in batches for row in batch.rows}, workers
+        found = list(on_workers(study, groups, executor, workers))
+    outcomes = [zip(cases, rows, strict=True) for cases, rows, _ in found]
+    return {one.number: row["outcome"] for pairs in outcomes for one, row in pairs}, workers
 
 
 def test_a_local_cluster(monkeypatch):
@@ -69,6 +73,6 @@ def test_a_scheduler_and_a_worker_started_by_hand(tmp_path):
 
 
 def test_no_scheduler_is_said_in_a_sentence(monkeypatch):
-    monkeypatch.setattr("lab.campaign.report.CONNECT_S", 0.5)
-    with pytest.raises(SystemExit, match="no Dask scheduler answers"), workforce("tcp://127.0.0.1:9", None):
+    monkeypatch.setattr("lab.study.CONNECT_S", 0.5)
+    with pytest.raises(RefusedError, match="no Dask scheduler answers"), workforce("tcp://127.0.0.1:9", None):
         pass

@@ -3,20 +3,17 @@
 import csv
 import json
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace as changed
 
 import pytest
-from msgspec.structs import replace
 
-from companion.config import load_config
+import holdfast
 from lab import commands
-from lab.campaign import campaign
-from lab.campaign.campaign import BLUEROV2, DISTURBANCES, VEHICLES, CampaignRow, batches, case, plant, run
-from lab.campaign.file import CampaignError, CampaignFile
+from lab.studies import campaign
+from lab.studies.campaign import BLUEROV2, DISTURBANCES, VEHICLES, Campaign, batches, case, plant
+from lab.study import dived, parser_of
 
 pytestmark = pytest.mark.timeout(400)  # whoever is first compiles the loop
 
-CONFIG = load_config()
 CASES = [case(number) for number in range(360)]
 
 
@@ -59,52 +56,44 @@ def test_a_dead_thruster_does_not_push():
 
 
 def test_a_batch_has_one_frame():
-    parts = batches(range(40))
-    assert sorted(number for part in parts for number in part) == list(range(40))
+    parts = batches(CASES[:40])
+    assert sorted(one.number for part in parts for one in part) == list(range(40))
     for part in parts:
-        assert len({plant(case(number)).thrusters.frame for number in part}) == 1
+        assert len({plant(one).thrusters.frame for one in part}) == 1
 
 
 def test_the_envelope_leaves_out_what_turns_over():
-    upright = changed(CASES[0], vehicle="heavy", disturbance="load", dead=0)
+    upright = CASES[0]._replace(vehicle="heavy", disturbance="load", dead=0)
     assert upright.inside
-    assert changed(upright, dead=2).inside
-    assert not changed(upright, dead=5).inside
-    assert changed(upright, dead=5, disturbance="calm").inside
+    assert upright._replace(dead=2).inside
+    assert not upright._replace(dead=5).inside
+    assert upright._replace(dead=5, disturbance="calm").inside
 
 
-def test_rows_survive_a_stop(tmp_path):
-    rows = [CampaignRow(case(n), "held", {"depth_rms_mm": 3.5 + n, "lost_s": float("nan")}) for n in range(4)]
-    file = CampaignFile(tmp_path, CONFIG)
-    file.append(rows[:2])
-    file.append(rows[2:])
-    path = tmp_path / "dives.csv"
-    path.write_text(path.read_text()[:-20])  # the last row was being written when the power went
-    again = CampaignFile(tmp_path, CONFIG)
-    assert [row.case for row in again.rows] == [row.case for row in rows[:3]]
-    assert [row.figures["depth_rms_mm"] for row in again.rows] == [3.5, 4.5, 5.5]
-    again.append(rows[3:])
-    assert [row.case.number for row in CampaignFile(tmp_path, CONFIG).rows] == [0, 1, 2, 3]
-
-
-def test_rows_of_two_configurations_do_not_mix(tmp_path):
-    CampaignFile(tmp_path, CONFIG).append([CampaignRow(case(1), "held", {"depth_rms_mm": 1.0})])
-    other = replace(CONFIG, heave=replace(CONFIG.heave, kappa_per_s=1.0))
-    with pytest.raises(CampaignError, match="another configuration"):
-        CampaignFile(tmp_path, other)
+def test_rows_of_an_older_version_are_not_overwritten(tmp_path, capsys):
+    (tmp_path / "dives.csv").write_text("number\n1\n")
+    assert holdfast.main(["campaign", "--dives", "3", "--out", str(tmp_path)]) == 2
+    assert "another configuration or version: choose another --out" in capsys.readouterr().err
 
 
 @pytest.mark.usefixtures("brief")
 def test_every_dive_comes_back_once():
+    study = Campaign(parser_of(Campaign).parse_args(["--dives", "9"]))
     with ThreadPoolExecutor(2) as executor:
-        rows = [row for batch in run(executor, 2, CONFIG, range(9)) for row in batch.rows]
-    assert sorted(row.case.number for row in rows) == list(range(9))
-    assert all(row.outcome == "held" for row in rows)
+        found = list(dived(study, study.groups(study.cases()), executor, 2))
+    assert sorted(one.number for cases, _, _ in found for one in cases) == list(range(9))
+    assert all(row["outcome"] == "held" for _, rows, _ in found for row in rows)
+
+
+def test_one_dive_is_repeated_in_the_batch_and_in_the_full_loop(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(campaign, "DURATION_S", 14.0)
+    assert commands.campaign(["--replay", "3", "--out", str(tmp_path)]) == 0
+    assert (tmp_path / "replay-3.png").stat().st_size > 10_000
+    assert "inside the envelope" in capsys.readouterr().out
 
 
 @pytest.mark.usefixtures("brief")
-def test_the_command_continues_where_it_stopped(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr("lab.campaign.report.worker_pool", lambda count, start: ThreadPoolExecutor(count))
+def test_the_command_continues_where_it_stopped(tmp_path, capsys):
     arguments = ["--out", str(tmp_path), "--workers", "1"]
     assert commands.campaign([*arguments, "--dives", "3"]) == 0
     files = ["--json", str(tmp_path / "summary.json"), "--table", str(tmp_path / "dives.table.csv")]

@@ -1,1 +1,0 @@
-"""Thousands of drawn dives."""
