@@ -16,6 +16,7 @@ from companion.records import PSI, ZERO, Condition, DofSample, State, Verdict, v
 
 ALL = (True,) * 4
 FULL = (1.0,) * 4
+NOBODY = (False, False, False, False)
 HOLDS = Verdict(State.ACTIVE, Condition(0), 1.0, "")
 TICK_S = 0.02
 
@@ -32,7 +33,7 @@ class Law:
             self.parameters, state.eta_ahead, state.eta_dot_ahead, state.disturbance
         )
 
-    def tick(self, s, target, engaged=ALL, saturated=NONE, verdict=HOLDS):
+    def tick(self, s, target, engaged=ALL, saturated=NONE, verdict=HOLDS, idle=NOBODY):
         self.ahead = Ahead(
             s.eta_ahead,
             s.eta_dot_ahead,
@@ -54,6 +55,7 @@ class Law:
             FULL,
             engaged,
             without(engaged, saturated),
+            idle,
             full and not verdict.freeze,
             full,
             TICK_S,

@@ -197,6 +197,29 @@ def step(axis: Axis, memory: AxisMemory, aim: Aim, at: Point, dt_s: float) -> tu
     return remembered, sample
 
 
+def idle(axis: Axis, memory: AxisMemory, dt_s: float) -> tuple[AxisMemory, AxisSample]:
+    """Keep what was learnt of one that is not held, and whose motion is not known."""
+    desired = memory.reference
+    remembered = AxisMemory(
+        desired,
+        memory.oscillation,
+        memory.law,
+        memory.learnt,
+        mean_disturbance(memory.mean_d, 0.0, dt_s),
+        memory.d_hat,
+        memory.d_share,
+        0.0,
+        0.0,
+        False,
+        memory.seeds,
+    )
+    weight_norm = axis.compensator.weight_norm(memory.learnt)
+    x_d, x_d_dot, x_d_ddot = desired.x_d, desired.x_d_dot, desired.x_d_ddot
+    return remembered, AxisSample(
+        x_d, x_d_dot, x_d_ddot, x_d, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, weight_norm, False
+    )
+
+
 def disturbance(
     axis: Axis, memory: AxisMemory, signals: Signals, gains: ScheduledGains, at: Point, dt_s: float
 ) -> tuple[Any, float, float, bool]:

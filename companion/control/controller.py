@@ -12,6 +12,7 @@ from companion.control.positioning import (
     inertia,
     to_body,
 )
+from companion.control.schedule import NO_GAINS
 from companion.records import PSI, Flags, FrameShift, Vector, X, Y, Z, vector
 
 Axes4 = tuple[Axis, Axis, Axis, Axis]
@@ -49,6 +50,19 @@ class Ahead(NamedTuple):
     longest_lag_s: float
 
 
+class Everywhere(NamedTuple):
+    """What `axis.Point` has of one degree of freedom, for all of them."""
+
+    ahead: Ahead
+    m: Vector
+    k_plus_h: Vector
+    engaged: Flags
+    free: Flags
+    idle: Flags
+    learns: bool
+    watched: bool
+
+
 class Target(NamedTuple):
     """Where to go now: pose, rate and acceleration, NED."""
 
@@ -80,23 +94,25 @@ def step(
     pace: Vector,
     engaged: Flags,
     free: Flags,
+    idle: Flags,
     learns: bool,
     watched: bool,
     dt_s: float,
 ) -> tuple[ControlMemory, Samples]:
     """Return the law's inside, NED; learn only where `free`, and not soon after engaging.
 
-    J is the Jacobian at the heading where the command acts.
+    J is the Jacobian at the heading where the command acts. What is `idle` is not held, and nothing is known
+    of its motion.
     """
     x, y, z, psi = control.axes
     of_x, of_y, of_z, of_psi = memory.axes
     engaged_s = memory.engaged_s + dt_s
     learns = learns and engaged_s >= control.start_delay_s
 
-    aim_x = _aim(x, of_x, X, ahead, target, pace, dt_s)
-    aim_y = _aim(y, of_y, Y, ahead, target, pace, dt_s)
-    aim_z = _aim(z, of_z, Z, ahead, target, pace, dt_s)
-    aim_psi = _aim(psi, of_psi, PSI, ahead, target, pace, dt_s)
+    aim_x = _aim(x, of_x, X, ahead, target, pace, idle, dt_s)
+    aim_y = _aim(y, of_y, Y, ahead, target, pace, idle, dt_s)
+    aim_z = _aim(z, of_z, Z, ahead, target, pace, idle, dt_s)
+    aim_psi = _aim(psi, of_psi, PSI, ahead, target, pace, idle, dt_s)
     nu = to_body(
         J,
         (
@@ -108,25 +124,27 @@ def step(
     )
     m, k_plus_h = inertia(control.model, J), coriolis_and_damping(control.model, J, nu)
 
-    of_x, sample_x = axis.step(
-        x, of_x, aim_x, _point(X, ahead, m, k_plus_h, engaged, free, learns, watched), dt_s
-    )
-    of_y, sample_y = axis.step(
-        y, of_y, aim_y, _point(Y, ahead, m, k_plus_h, engaged, free, learns, watched), dt_s
-    )
-    of_z, sample_z = axis.step(
-        z, of_z, aim_z, _point(Z, ahead, m, k_plus_h, engaged, free, learns, watched), dt_s
-    )
-    of_psi, sample_psi = axis.step(
-        psi, of_psi, aim_psi, _point(PSI, ahead, m, k_plus_h, engaged, free, learns, watched), dt_s
-    )
+    at = Everywhere(ahead, m, k_plus_h, engaged, free, idle, learns, watched)
+    of_x, sample_x = _stepped(x, of_x, aim_x, X, at, dt_s)
+    of_y, sample_y = _stepped(y, of_y, aim_y, Y, at, dt_s)
+    of_z, sample_z = _stepped(z, of_z, aim_z, Z, at, dt_s)
+    of_psi, sample_psi = _stepped(psi, of_psi, aim_psi, PSI, at, dt_s)
     remembered = ControlMemory((of_x, of_y, of_z, of_psi), engaged_s)
     return remembered, (sample_x, sample_y, sample_z, sample_psi)
 
 
 def _aim(
-    axis_: Axis, memory: AxisMemory, i: int, ahead: Ahead, target: Target, pace: Vector, dt_s: float
+    axis_: Axis,
+    memory: AxisMemory,
+    i: int,
+    ahead: Ahead,
+    target: Target,
+    pace: Vector,
+    idle: Flags,
+    dt_s: float,
 ) -> Aim:
+    if idle[i]:
+        return Aim(memory.reference, 0.0, 0.0, NO_GAINS)
     return axis.aim(
         axis_,
         memory,
@@ -146,29 +164,26 @@ def _drag_rate(x_dot: float, aim: Aim) -> float:
     return x_dot - (1.0 - aim.gains.d_share) * aim.e_dot
 
 
-def _point(
-    i: int,
-    ahead: Ahead,
-    m: Vector,
-    k_plus_h: Vector,
-    engaged: Flags,
-    free: Flags,
-    learns: bool,
-    watched: bool,
-) -> Point:
-    return Point(
+def _stepped(
+    axis_: Axis, memory: AxisMemory, aim: Aim, i: int, at: Everywhere, dt_s: float
+) -> tuple[AxisMemory, AxisSample]:
+    if at.idle[i]:
+        return axis.idle(axis_, memory, dt_s)
+    ahead = at.ahead
+    point = Point(
         ahead.eta[i],
         ahead.eta_dot[i],
         ahead.disturbance[i],
-        m[i],
-        k_plus_h[i],
+        at.m[i],
+        at.k_plus_h[i],
         ahead.gain[i],
         ahead.delay_s + ahead.later_s[i],
-        engaged[i],
-        free[i],
-        learns,
-        watched,
+        at.engaged[i],
+        at.free[i],
+        at.learns,
+        at.watched,
     )
+    return axis.step(axis_, memory, aim, point, dt_s)
 
 
 def caught_up(
@@ -242,6 +257,6 @@ def taken_over(
     x, y, z, psi = map(axis.taken_over, old.axes, control.axes, memory.axes)
     known = ControlMemory((x, y, z, psi), memory.engaged_s)
     still, nobody = (1.0, 1.0, 1.0, 1.0), (False, False, False, False)
-    asked, _ = step(control, known, ahead, J, target, still, nobody, nobody, False, False, 0.0)
+    asked, _ = step(control, known, ahead, J, target, still, nobody, nobody, nobody, False, False, 0.0)
     x, y, z, psi = map(axis.bumpless, asked.axes, memory.axes)
     return ControlMemory((x, y, z, psi), memory.engaged_s)

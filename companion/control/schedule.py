@@ -38,6 +38,9 @@ class ScheduledGains(NamedTuple):
     """What d̂ is scaled by (`oscillation.scaled_disturbance`), and the damping term."""
 
 
+NO_GAINS = ScheduledGains(0.0, 0.0, 0.0, 0.0, 0.0)
+
+
 def scheduled(gains: Gains, delay_s: float, gain_scale: float, lag_s: float) -> ScheduledGains:
     """Return what is left in a loop that is `delay_s` late; `gain_scale` is what an oscillation leaves.
 

@@ -157,6 +157,7 @@ def tick(
         limits.pace,
         engaged,
         without(engaged, saturated),
+        without(inputs.stale, engaged),
         full and not permission.freeze,
         full,
         dt_s,

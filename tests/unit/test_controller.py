@@ -147,6 +147,18 @@ def test_the_network_learns_only_where_engaged_and_free_of_saturation():
     assert sample.weight_norm[:3] == (0.0, 0.0, 0.0)
 
 
+def test_what_is_idle_keeps_what_it_learnt_and_asks_nothing():
+    """Its position was lost: nothing is computed of a motion that nobody knows."""
+    c = at_rest('surge.compensator="network"')
+    off = Setpoint((0.2, 0.0, 0.0, 0.0))
+    for _ in range(400):
+        held = tick(c, state(), off)
+    lost = tick(c, state((5.0, 0.0, 0.0, 0.0)), off, HEAVE_ONLY, idle=(True, True, False, False))
+    assert held.weight_norm[0] > 0.1
+    assert (lost.tau[0], lost.e[0], lost.x_d[0]) == (0.0, 0.0, held.x_d[0])
+    assert lost.weight_norm[0] == held.weight_norm[0]
+
+
 def test_resting_forgets_what_was_learnt_and_starts_the_wait_anew():
     c = at_rest(*NETWORK)
     learn(c, 3.0)
