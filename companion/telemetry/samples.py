@@ -4,9 +4,8 @@ The mapping is made from the schemas. A field takes its value from where its `me
 nothing has the same name in its schema's own part of the sample.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from functools import cache
-from operator import attrgetter
 from typing import Any, get_type_hints
 
 from companion.records import AXES, DOFS, Condition, ControlSample
@@ -23,10 +22,8 @@ _STALE = (
 )
 """Fields of State by their source: position (two), depth, attitude, and the vehicle as a whole."""
 
-_UNITS = (("m", "N"), ("m", "N"), ("m", "N"), ("rad", "N·m"))
-"""The units of position and of force of each degree of freedom."""
-
-_INDEX = {name: index for names in (DOFS, AXES) for index, name in enumerate(names)}
+_DOFS = (("x", "m", "N"), ("y", "m", "N"), ("z", "m", "N"), ("psi", "rad", "N·m"))
+"""Name, and the units of position and of force, of each degree of freedom."""
 
 
 def encode(sample: ControlSample, vehicle: str) -> list[tuple[str, str, bytes]]:
@@ -42,59 +39,45 @@ def records(sample: ControlSample) -> list[Schema]:
     stale = sample.state.stale
     silent = Condition.LINK_LOST in sample.verdict.conditions
     return [
-        State(absent=_stale_state(*stale, silent), **_state(sample)),
+        _state(sample, absent=_stale_state(*stale, silent)),
         *[
-            Dof(absent=_MEASURED if stale[i] else (), dof=dof, unit=unit, tau_unit=tau_unit, **fields)
-            for i, (dof, (unit, tau_unit), fields) in enumerate(zip(DOFS, _UNITS, _dofs(sample), strict=True))
+            _dof(sample, i, absent=_MEASURED if stale[i] else (), dof=dof, unit=unit, tau_unit=tau_unit)
+            for i, (dof, unit, tau_unit) in enumerate(_DOFS)
         ],
-        Command(**_command(sample)),
-        Supervisor(**_supervisor(sample)),
-        Loop(**_loop(sample)),
+        _command(sample),
+        _supervisor(sample),
+        _loop(sample),
     ]
 
 
-def _sources(schema: type[Schema], part: str, without: tuple[str, ...] = ()) -> dict[str, str]:
-    """Return the place in a `ControlSample` of each field, such as "state.eta[z]"."""
+@cache
+def _names(conditions: Condition) -> tuple[str, ...]:
+    return tuple(condition.name or "" for condition in conditions)
+
+
+def _maker(schema: type[Schema], place: str) -> Callable[..., Schema]:
+    """Compile what makes a record of (sample, i, **rest); `place` is for fields that say none, such as {}."""
     hints = get_type_hints(schema, include_extras=True)
-    places = {name: hint.__metadata__[0].extra["source"] for name, hint in hints.items()}
-    return {
-        name: place or f"{part}.{name}" for name, place in places.items() if name not in ("absent", *without)
+    sources = {name: hint.__metadata__[0].extra["source"] for name, hint in hints.items()}
+    values = {
+        name: f"sample.{source or place.format(name)}"
+        for name, source in sources.items()
+        if source is not None
     }
+    for name in values:
+        if name.endswith("_age_s"):
+            values[name] = f"min({values[name]}, NEVER_S)"
+        elif name in ("conditions", "warnings"):
+            values[name] = f"names({values[name]})"
+    arguments = ", ".join(f"{name}={value}" for name, value in values.items())
+    known: dict[str, Any] = {name: i for names in (DOFS, AXES) for i, name in enumerate(names)}
+    known |= {"schema": schema, "names": _names, "NEVER_S": NEVER_S}
+    made: Callable[..., Schema] = eval(f"lambda sample, i=0, **rest: schema({arguments}, **rest)", known)
+    return made
 
 
-def _reader(schema: type[Schema], part: str) -> Callable[[ControlSample], dict[str, Any]]:
-    """Make what reads the fields of a schema; `part` of the sample has those that say no place."""
-    sources = _sources(schema, part)
-    names, places = tuple(sources), [place.rstrip("]").partition("[") for place in sources.values()]
-    read = attrgetter(*[place for place, _, _ in places])
-    parts = [(name, _INDEX[index]) for name, (_, _, index) in zip(names, places, strict=True) if index]
-    ages = [name for name in names if name.endswith("_age_s")]
-    conditions = [name for name in names if name in ("conditions", "warnings")]
-
-    def values(sample: ControlSample) -> dict[str, Any]:
-        fields = dict(zip(names, read(sample), strict=True))
-        for name, index in parts:
-            fields[name] = fields[name][index]
-        for name in ages:
-            fields[name] = min(fields[name], NEVER_S)
-        for name in conditions:
-            fields[name] = _names(fields[name])
-        return fields
-
-    return values
-
-
-_state, _command = _reader(State, "state"), _reader(Command, "command")
-_supervisor, _loop = _reader(Supervisor, "verdict"), _reader(Loop, "loop")
-
-_DOF_SOURCES = _sources(Dof, "dofs", without=("dof", "unit", "tau_unit"))
-_dof_values = attrgetter(*_DOF_SOURCES.values())
-
-
-def _dofs(sample: ControlSample) -> Iterable[dict[str, Any]]:
-    """Return the fields by degree of freedom: a source is a vector, or one number for all of them."""
-    columns = [value if isinstance(value, tuple) else (value,) * 4 for value in _dof_values(sample)]
-    return [dict(zip(_DOF_SOURCES, row, strict=True)) for row in zip(*columns, strict=True)]
+_state, _dof, _command = _maker(State, "state.{}"), _maker(Dof, "dofs.{}[i]"), _maker(Command, "command.{}")
+_supervisor, _loop = _maker(Supervisor, "verdict.{}"), _maker(Loop, "loop.{}")
 
 
 @cache
@@ -102,8 +85,3 @@ def _stale_state(x: bool, y: bool, z: bool, psi: bool, silent: bool) -> tuple[st
     """Return the fields of State that are stale: those of each DOF, and all others if it is `silent`."""
     flags = (x, y, z, psi, silent)
     return tuple(name for stale, names in zip(flags, _STALE, strict=True) if stale for name in names)
-
-
-@cache
-def _names(conditions: Condition) -> tuple[str, ...]:
-    return tuple(condition.name or "" for condition in conditions)

@@ -34,11 +34,12 @@ BATCHES = {"real_time": 16, "data": 16}
 sample a batch of its own (express), a busy machine lost the third and later samples of a tick."""
 
 
-def means(text: str, source: str = "") -> msgspec.Meta:
+def means(text: str, source: str | None = "") -> msgspec.Meta:
     """Describe a field, whose unit stands in its name.
 
     `source` is where `companion.telemetry.samples` finds its value in a `ControlSample`, such as
-    "state.eta[z]"; by default it has the same name there.
+    "state.eta[z]", or "state.model.gain[i]" for degree of freedom i. By default it has the same name there;
+    None: the place does not tell.
     """
     return msgspec.Meta(description=text, extra={"source": source})
 
@@ -49,7 +50,7 @@ class Record(msgspec.Struct, frozen=True, kw_only=True):
     t_s: Annotated[float, means("the companion's monotonic clock", "state.t_s")]
     boot_s: Annotated[float, means("the vehicle's clock since its boot", "state.boot_s")]
     absent: Annotated[
-        tuple[str, ...], means("unknown fields: stale ones keep their last value, others are 0.0")
+        tuple[str, ...], means("unknown fields: stale ones keep their last value, others are 0.0", None)
     ] = ()
 
 
@@ -117,9 +118,9 @@ class Dof(Record, frozen=True, kw_only=True):
     tau = feedforward + feedback + d_hat, before saturation.
     """
 
-    dof: Annotated[str, means("x, y, z or psi")]
-    unit: Annotated[str, means("of x, x_d and e: m or rad; rates are per s and s²")]
-    tau_unit: Annotated[str, means("of tau, its parts and the disturbances: N or N·m")]
+    dof: Annotated[str, means("x, y, z or psi", None)]
+    unit: Annotated[str, means("of x, x_d and e: m or rad; rates are per s and s²", None)]
+    tau_unit: Annotated[str, means("of tau, its parts and the disturbances: N or N·m", None)]
     ahead_s: Annotated[float, means("prediction horizon of this record", "state.ahead_s")]
     x_d: Annotated[float, means("reference, in unit")]
     x_d_dot: Annotated[float, means("its rate, unit/s")]
@@ -142,16 +143,16 @@ class Dof(Record, frozen=True, kw_only=True):
         float,
         means(
             "force per command over inertia, 1 for the nominal vehicle, in use: surge for x, sway for y",
-            "state.model.gain",
+            "state.model.gain[i]",
         ),
     ] = 1.0
-    model_gain_found: Annotated[float, means("the same, as found", "state.model.found_gain")] = 1.0
+    model_gain_found: Annotated[float, means("the same, as found", "state.model.found_gain[i]")] = 1.0
     model_gain_doubt: Annotated[
-        float, means("standard deviation of its natural logarithm", "state.model.log_gain_doubt")
+        float, means("standard deviation of its natural logarithm", "state.model.log_gain_doubt[i]")
     ] = 0.0
-    model_lag_s: Annotated[float, means("thruster lag in use", "state.model.lag_s")] = 0.0
-    model_lag_found_s: Annotated[float, means("thruster lag found", "state.model.found_lag_s")] = 0.0
-    model_lag_doubt_s: Annotated[float, means("its standard deviation", "state.model.lag_doubt_s")] = 0.0
+    model_lag_s: Annotated[float, means("thruster lag in use", "state.model.lag_s[i]")] = 0.0
+    model_lag_found_s: Annotated[float, means("thruster lag found", "state.model.found_lag_s[i]")] = 0.0
+    model_lag_doubt_s: Annotated[float, means("its standard deviation", "state.model.lag_doubt_s[i]")] = 0.0
 
 
 class Command(Record, frozen=True, kw_only=True):
