@@ -310,7 +310,7 @@ class Engine:
         )
         verdict = self._supervision.step(observed)
         engage = Request.ENGAGE in requests
-        regained = guidance.update(self._supervision.before, verdict, state, engage=engage)
+        regained = guidance.update(self._supervision.previous, verdict, state, engage=engage)
         return Permission(
             authority=verdict.authority,
             freeze=verdict.freeze,

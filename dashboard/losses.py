@@ -3,13 +3,13 @@
 from companion.telemetry.schemas import EVERY_TICK
 
 MAX_LOST_TICKS = 1_000_000
-"""Whose number rises by more was started anew: five hours and a half at 50 Hz."""
+"""A number that rises by more has restarted: five hours and a half at 50 Hz."""
 
 
 class Losses:
     """Counts the samples of every tick: whoever takes one says so, and then its number if it is a `Loop`.
 
-    A tick that starts anew, with a companion or a replay, loses nothing. On a radio link one tick of
+    A tick number that restarts, with a companion or a replay, counts no loss. On a radio link one tick of
     `ticks_per_sample` is sent, and only of those samples can be lost.
     """
 

@@ -59,9 +59,9 @@ class AltitudeHold:
         if ground.known:
             lacks = ground.depth_m - self.altitude_m - self.depth_m
             wanted = limited(ground.rate_mps + APPROACH_PER_S * lacks, rate_mps)
-        before = self.rate_mps
-        self.rate_mps += limited(wanted - before, acceleration_mps2 * dt_s)
-        self.acceleration_mps2 = (self.rate_mps - before) / dt_s if dt_s > 0.0 else 0.0
+        previous_mps = self.rate_mps
+        self.rate_mps += limited(wanted - previous_mps, acceleration_mps2 * dt_s)
+        self.acceleration_mps2 = (self.rate_mps - previous_mps) / dt_s if dt_s > 0.0 else 0.0
         self.depth_m += self.rate_mps * dt_s
 
     def bound(self, shallow_m: float, deep_m: float) -> None:

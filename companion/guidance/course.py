@@ -30,8 +30,8 @@ def braked(states: Sequence[ReferenceState], accelerations: Vector) -> Vector:
     lag_s = RATE_LAG_S + ACCELERATION_LAG_S
     return vector(
         [
-            one.x_d + one.x_d_dot * (lag_s + 0.5 * abs(one.x_d_dot) / most)
-            for one, most in zip(states, accelerations, strict=True)
+            state.x_d + state.x_d_dot * (lag_s + 0.5 * abs(state.x_d_dot) / most)
+            for state, most in zip(states, accelerations, strict=True)
         ]
     )
 

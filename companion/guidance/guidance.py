@@ -172,11 +172,13 @@ class Guidance:
         """Return what the pilot demands this tick."""
         return self._pilot.step(state, dt_s, events, self.engaged, self.target.eta_d[Z])
 
-    def update(self, before: Verdict, verdict: Verdict, state: VehicleState, *, engage: bool) -> Flags | None:
+    def update(
+        self, previous: Verdict, verdict: Verdict, state: VehicleState, *, engage: bool
+    ) -> Flags | None:
         """Take this tick's permission; `engage` tells that the operator asks for it now.
 
-        Return the degrees of freedom that are held anew, whose reference starts where the vehicle is; None
-        where all of it rests there.
+        Return the degrees of freedom that are held again, whose reference starts where the vehicle is; None
+        where all of them rest there.
         """
         held, target = self._held, self._target
         if verdict.authority == 0.0:
@@ -191,7 +193,7 @@ class Guidance:
             elif self._course is not None and self._course.begun:
                 self._course.suspend()
             return None
-        if not before.authority > 0.0:
+        if not previous.authority > 0.0:
             held.engage(self.holdable(state))
             target.engage(state.eta)
             return None

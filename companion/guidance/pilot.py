@@ -152,16 +152,16 @@ class Pilot:
         rate_dot = chosen((x_free, y_free, z_free, psi_free), to_inertial(J, demand.nu_dot), ZERO)
         horizontal = rate[X] != 0.0 or rate[Y] != 0.0
         moving = (horizontal, horizontal, rate[Z] != 0.0, rate[PSI] != 0.0)
-        before, self._moved = self._moved, moving
-        if moving == before == NONE:
+        moved_before, self._moved = self._moved, moving
+        if moving == moved_before == NONE:
             return target, NONE
         x, y, z, heading = (
             (reached if moves and not moved else place) + speed * dt_s
             for reached, place, speed, moves, moved in zip(
-                x_d, target.eta_d, rate, moving, before, strict=True
+                x_d, target.eta_d, rate, moving, moved_before, strict=True
             )
         )
-        changed = either(moving, before)
+        changed = either(moving, moved_before)
         return Setpoint(
             (x, y, min(z, self._max_depth_m), wrap(heading)),
             chosen(changed, rate, target.eta_d_dot),
@@ -200,15 +200,15 @@ class Pilot:
             brakes_in_time = math.sqrt(2.0 * self._axes[Z].max_acceleration * max(room_m, 0.0))
             wanted[Z] = math.copysign(min(abs(wanted[Z]), brakes_in_time), wanted[Z])
         u, v, w, r = (
-            before + limited(rate - before, axis.max_acceleration * dt_s) if is_held else 0.0
-            for before, rate, axis, is_held in zip(self._nu, wanted, self._axes, held, strict=True)
+            previous + limited(rate - previous, axis.max_acceleration * dt_s) if is_held else 0.0
+            for previous, rate, axis, is_held in zip(self._nu, wanted, self._axes, held, strict=True)
         )
         nu = (u, v, w, r)
         if dt_s == 0.0:
             return nu, ZERO
         u_dot, v_dot, w_dot, r_dot = (
-            (now - before) / dt_s if is_held else 0.0
-            for now, before, is_held in zip(nu, self._nu, held, strict=True)
+            (now - previous) / dt_s if is_held else 0.0
+            for now, previous, is_held in zip(nu, self._nu, held, strict=True)
         )
         return nu, (u_dot, v_dot, w_dot, r_dot)
 

@@ -51,7 +51,9 @@ class Target:
         """Shift all of it with the frame; what was asked for only where it is held."""
         self.now = replace(self.now, eta_d=shifted(shift, self.now.eta_d))
         self.start = replace(self.start, eta_d=shifted(shift, self.start.eta_d))
-        held = [one and asked for one, asked in zip(engaged, known(self.asked.eta_d), strict=True)]
+        held = [
+            is_engaged and asked for is_engaged, asked in zip(engaged, known(self.asked.eta_d), strict=True)
+        ]
         self.ask_places((held[X], held[Y], held[Z], held[PSI]), self.now.eta_d)
 
     def move_depth(self, depth_m: float, rate_mps: float, acceleration_mps2: float) -> None:

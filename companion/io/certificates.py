@@ -3,7 +3,7 @@
 Whoever listens, a vehicle or the router of several, keeps listening on loopback for its own processes, and on
 the network for whoever shows a certificate of this authority: TLS both ways. `access_control` says what each
 may do. A companion to be commanded over the network must allow it too (`holdfast run --allow-control`). The
-authority's own key is never written: for another laptop or vehicle, make all anew.
+authority's own key is never written: for another laptop or vehicle, make all files again.
 """
 
 import base64

@@ -219,13 +219,13 @@ class CommandQueue:
 
     def after_tick(self, engine: Controllable, sample: ControlSample, now_s: float) -> None:
         """Answer what has been settled by this tick."""
-        pending, self._pending = self._pending, []
-        for one in pending:
-            reply = self._settled(one, engine, sample, now_s)
+        waiting, self._pending = self._pending, []
+        for pending in waiting:
+            reply = self._settled(pending, engine, sample, now_s)
             if reply is None:
-                self._pending.append(one)
+                self._pending.append(pending)
             else:
-                self._answer(one.received, one.command, reply)
+                self._answer(pending.received, pending.command, reply)
 
     def _parsed(self, received: ReceivedCommand, *, trusted: bool) -> _Waiting:
         try:
@@ -306,13 +306,13 @@ class CommandQueue:
         if why := engine.refusal(request):
             raise ValueError(why)
         if request is Request.STOP:
-            for one in self._pending:
-                if one.received.name == "engage":
-                    one.withdrawn = "withdrawn: the vehicle was released meanwhile"
+            for pending in self._pending:
+                if pending.received.name == "engage":
+                    pending.withdrawn = "withdrawn: the vehicle was released meanwhile"
         return request
 
     def _settled(
-        self, one: _Pending, engine: Controllable, sample: ControlSample, now_s: float
+        self, pending: _Pending, engine: Controllable, sample: ControlSample, now_s: float
     ) -> Reply | None:
         """Return the answer, or None while there is none yet."""
         verdict = sample.verdict
@@ -324,23 +324,23 @@ class CommandQueue:
             "conditions": conditions,
             "remedy": verdict.remedy,
         }
-        late = now_s >= one.until_s
-        name = one.received.name
+        late = now_s >= pending.until_s
+        name = pending.received.name
         if name == "engage":
             if verdict.state is State.ACTIVE:
                 value |= self._aimed(engine, sample)
-                return Reply(done=True, said=f"engaged; it was {one.was}", value=value)
-            if Condition.FAILSAFE_UNSAFE in verdict.conditions and not one.withdrawn:
-                one.withdrawn = "refused"
+                return Reply(done=True, said=f"engaged; it was {pending.was}", value=value)
+            if Condition.FAILSAFE_UNSAFE in verdict.conditions and not pending.withdrawn:
+                pending.withdrawn = "refused"
                 self._withdraw = True
-            elif late and not one.withdrawn:
+            elif late and not pending.withdrawn:
                 unread = verdict.state is State.READY and not verdict.conditions & Condition.PILOT_TAKEOVER
                 why = ": FS_PILOT_INPUT and FS_PILOT_TIMEOUT were not answered" if unread else ""
-                one.withdrawn = f"withdrawn: it did not engage within {ENGAGE_S:.0f} s{why}"
+                pending.withdrawn = f"withdrawn: it did not engage within {ENGAGE_S:.0f} s{why}"
                 self._withdraw = True
-            elif one.withdrawn or verdict.state is State.FAULT:
+            elif pending.withdrawn or verdict.state is State.FAULT:
                 held = text(verdict.conditions)
-                said = f"{one.withdrawn or 'refused'}. {is_now}{f' ({held})' if held else ''}"
+                said = f"{pending.withdrawn or 'refused'}. {is_now}{f' ({held})' if held else ''}"
                 return Reply(done=False, said=said, value=value)
             return None
         if name == "reset_model":
@@ -348,7 +348,7 @@ class CommandQueue:
         if name == "release":
             if verdict.authority > 0.0 and not late:
                 return None
-            was_held = one.was in (State.ACTIVE, State.RAMP_DOWN, State.HAND_OVER)
+            was_held = pending.was in (State.ACTIVE, State.RAMP_DOWN, State.HAND_OVER)
             said = "released" if was_held else "it was not engaged; a request to engage, if any, is withdrawn"
             return Reply(done=verdict.authority == 0.0, said=f"{said}. {is_now}", value=value)
         if name == "clear_fault":
@@ -357,19 +357,21 @@ class CommandQueue:
             done = verdict.state is not State.FAULT
             said = "cleared" if done else "refused"
             return Reply(done=done, said=f"{said}. {is_now}", value=value)
-        if isinstance(one.command, Goto | Follow | SetPath | SetVelocity):
+        if isinstance(pending.command, Goto | Follow | SetPath | SetVelocity):
             guided = sample.guided
             value |= self._aimed(engine, sample) | {"guidance": guided.kind, "length_m": guided.length_m}
             said = f"{self._progress(engine, sample)}{f': {guided.name}' if guided.name else ''}"
             if guided.length_m:
                 said += f", {guided.length_m:.1f} m a lap"
             return Reply(done=guided.kind != "refused", said=said, value=value)
-        if isinstance(one.command, SetSetpoint):
+        if isinstance(pending.command, SetSetpoint):
             said = self._progress(engine, sample, hold="on its way")
             return Reply(done=True, said=said, value=self._aimed(engine, sample))
-        axis, changed = _changes(one.command)
+        axis, changed = _changes(pending.command)
         new = msgspec.to_builtins(getattr(engine.config, axis))
-        said = ", ".join(f"{key} {new[key]} (was {getattr(getattr(one.old, axis), key)})" for key in changed)
+        said = ", ".join(
+            f"{key} {new[key]} (was {getattr(getattr(pending.old, axis), key)})" for key in changed
+        )
         return Reply(done=True, said=f"{axis}: {said}", value={"axis": axis, **new})
 
     def _progress(self, engine: Controllable, sample: ControlSample, hold: str = "holds here") -> str:

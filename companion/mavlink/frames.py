@@ -45,10 +45,10 @@ class Frame(msgspec.Struct, frozen=True, gc=False):
 
 def frame_at(data: bytes, at: int) -> tuple[int, Frame | None]:
     """Return the size that a frame at `at` claims, 0 if it is none, and the frame if whole and sound."""
-    left = len(data) - at
+    remaining = len(data) - at
     if data[at] == MARKER:
         size = HEADER_BYTES + CHECKSUM_BYTES
-        if left < HEADER_BYTES:
+        if remaining < HEADER_BYTES:
             return size, None
         flags = data[at + 2]
         if flags & ~SIGNED:
@@ -58,7 +58,7 @@ def frame_at(data: bytes, at: int) -> tuple[int, Frame | None]:
         message_id = data[at + 7] | data[at + 8] << 8 | data[at + 9] << 16
     elif data[at] == V1_MARKER:
         size = V1_HEADER_BYTES + CHECKSUM_BYTES
-        if left < V1_HEADER_BYTES:
+        if remaining < V1_HEADER_BYTES:
             return size, None
         size += data[at + 1]
         version, start, system, component = 1, at + V1_HEADER_BYTES, data[at + 3], data[at + 4]
@@ -67,7 +67,7 @@ def frame_at(data: bytes, at: int) -> tuple[int, Frame | None]:
         return 0, None
     if not is_known(message_id):
         return 0, None
-    if left < size:
+    if remaining < size:
         return size, None
     end = start + data[at + 1]
     if checksum(data[at + 1 : end], message_id) != data[end] | data[end + 1] << 8:

@@ -1,4 +1,4 @@
-"""Tells news from what was only late, and a late datagram from an autopilot that started anew."""
+"""Drops samples that came late, and tells a late datagram from an autopilot that rebooted."""
 
 import math
 from collections.abc import Iterable

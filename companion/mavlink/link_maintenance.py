@@ -47,7 +47,7 @@ PARAMETERS: Final = (
 )
 
 ZEROES: Final = frozenset({"BARO1_GND_PRESS", "BARO2_GND_PRESS"})
-"""The autopilot sets these anew at the surface and on arming, and tells nobody."""
+"""The autopilot sets these again at the surface and on arming, without a message."""
 
 VOLATILE: Final = ZEROES | {"FS_PILOT_INPUT", "FS_PILOT_TIMEOUT", "JS_THR_GAIN"}
 """Read again and again: safety and thrust depend on them, and the notice of a change may be lost."""
@@ -57,7 +57,7 @@ class LinkMaintenance:
     """Keeps one autopilot talking, and doing what is wanted.
 
     Before the autopilot's heartbeat has come, or once it has not come for CONTACT_S, nothing goes out but our
-    own. A reboot and a new contact make everything be asked anew.
+    own. After a reboot or a new contact everything is asked again.
     """
 
     def __init__(self, commands: Commands, rates_hz: Mapping[int, float] | None = None) -> None:
@@ -174,7 +174,7 @@ class LinkMaintenance:
             self._missing[known] = (event.t_s + VOLATILE_S, PARAMETER_AGAIN_S[0])
 
     def _read_again(self, now_s: float) -> None:
-        """Read at once what arming sets anew."""
+        """Read at once what arming sets again."""
         self._missing |= dict.fromkeys(ZEROES & self._parameters.keys(), (now_s, PARAMETER_AGAIN_S[0]))
 
 

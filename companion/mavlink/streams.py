@@ -74,7 +74,7 @@ class Streams:
         self.restart()
 
     def restart(self) -> None:
-        """Ask for everything anew: first contact, or a rebooted autopilot."""
+        """Ask for everything again: first contact, or a rebooted autopilot."""
         self._streams = {key: _Stream(rate_hz) for key, rate_hz in self._rates_hz.items()}
         self._ask_s = float("-inf")
 

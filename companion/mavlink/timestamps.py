@@ -81,21 +81,23 @@ class TimestampFile:
         except FileNotFoundError:
             log.info("signing: %s is not there, as at the first start: %s", self._path, without)
         except (OSError, msgspec.MsgspecError) as error:
-            log.warning("signing: %s cannot be used (%s) and is made anew: %s", self._path, error, without)
+            log.warning(
+                "signing: %s cannot be used (%s) and is written again: %s", self._path, error, without
+            )
         else:
             if content.key != self._key:
-                log.info("signing: %s is of another key and is made anew", self._path)
+                log.info("signing: %s is of another key and is written again", self._path)
                 return
-            self._others = [one for one in content.seen if one.link not in self._signings]
+            self._others = [stamp for stamp in content.seen if stamp.link not in self._signings]
             for link, signing in self._signings.items():
-                seen = {one.stream: one.timestamp for one in content.seen if one.link == link}
+                seen = {stamp.stream: stamp.timestamp for stamp in content.seen if stamp.link == link}
                 signing.recall(content.timestamp, seen)
 
     def _write(self, ahead: int) -> None:
         """Put a whole file in the place of the old one; not synced, as that wears a memory card out."""
         content = Content(
             key=self._key,
-            timestamp=_later(max(one.timestamp for one in self._signings.values()), ahead),
+            timestamp=_later(max(signing.timestamp for signing in self._signings.values()), ahead),
             seen=self._others
             + [
                 Seen(link, stream, _later(timestamp, ahead))

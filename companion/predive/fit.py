@@ -57,8 +57,8 @@ CURVES: Final = ("t200", "quadratic")
 DEAD_BAND_US, DEAD_BAND_DOUBT_US = 28.0, 5.0
 """What is known of the dead band beforehand; the pushes lie outside of it most of the time."""
 LAG_DOUBT_S = 0.2
-ALIKE_LAG, ALIKE_DEAD_BAND_US, ALIKE_SIGMAS = 0.05, 1.5, 3.0
-"""How alike the thrusters of different axes are: share of the lag, µs, and how often the fit's own doubt."""
+SIMILAR_LAG, SIMILAR_DEAD_BAND_US, SIMILAR_SIGMAS = 0.05, 1.5, 3.0
+"""How far the thrusters of two axes may differ: share of the lag, µs, multiple of the fit's own doubt."""
 LATER_DOUBT_S = 0.005
 """How much later than positions the rates may be."""
 
@@ -74,8 +74,8 @@ BURN_IN_S = 1.0
 """So much of the start tells where it was, not how it moves."""
 
 TINY = 1e-9
-ALIKE_S = 2.0
-"""Innovations may be alike for so long."""
+CORRELATED_S = 2.0
+"""Innovations may be correlated for so long."""
 START_SCALES, START_LAGS_S = (0.25, 0.5, 1.0, 2.0), (0.02, 0.15)
 ROUNDS, SIGMA_ROUNDS, TOLERANCE = 40, 3, 1e-4
 DAMPINGS: Final = (1e-3, 1e-1, 1e1, 1e3)
@@ -149,9 +149,9 @@ class Task(NamedTuple):
 
 def record_of(stretch: Stretch, frame: str) -> Record:
     """Put a stretch on the grid of its commands."""
-    t_s = np.array([one.t_s for one in stretch.sent])
-    axes = np.array([one.axes for one in stretch.sent])
-    voltage = np.array([one.voltage_v for one in stretch.sent])
+    t_s = np.array([sample.t_s for sample in stretch.sent])
+    axes = np.array([sample.axes for sample in stretch.sent])
+    voltage = np.array([sample.voltage_v for sample in stretch.sent])
     factors = np.array(FACTORS[frame])
     position = _gridded(t_s, stretch.positions)
     if stretch.dof == PSI:
@@ -175,7 +175,7 @@ def fit(stretches: Sequence[Stretch], config: Config) -> dict[str, list[Fit]]:
     """
     ordered = sorted(stretches, key=lambda stretch: stretch.dof != PSI)
     found = {curve: _fit_all(ordered, config, curve) for curve in CURVES}
-    return dict(sorted(found.items(), key=lambda item: -sum(one.score for one in item[1])))
+    return dict(sorted(found.items(), key=lambda item: -sum(fit.score for fit in item[1])))
 
 
 def _fit_all(stretches: Sequence[Stretch], config: Config, curve: str) -> list[Fit]:
@@ -198,11 +198,11 @@ def _fit_all(stretches: Sequence[Stretch], config: Config, curve: str) -> list[F
         if stretch.dof == PSI:
             known = Known(
                 lag.value,
-                max(ALIKE_SIGMAS * lag.sigma, ALIKE_LAG * lag.value, LEAST[LAG]),
+                max(SIMILAR_SIGMAS * lag.sigma, SIMILAR_LAG * lag.value, LEAST[LAG]),
                 dead.value,
-                max(ALIKE_SIGMAS * dead.sigma, ALIKE_DEAD_BAND_US),
+                max(SIMILAR_SIGMAS * dead.sigma, SIMILAR_DEAD_BAND_US),
             )
-    return sorted(fits, key=lambda one: one.dof)
+    return sorted(fits, key=lambda fit: fit.dof)
 
 
 def thrust(record: Record, dead_band_us: float, curve: str) -> Array:
@@ -223,7 +223,7 @@ def _fit(task: Task, start: Sequence[float]) -> Fit:
     theta = _start(task, start, sigma)
     theta, J = _least(task, theta, sigma)
     for _ in range(SIGMA_ROUNDS):
-        likeliest = max([(_score(task, theta, one), one) for one in DISTURBANCES])[1]
+        likeliest = max([(_score(task, theta, share), share) for share in DISTURBANCES])[1]
         if likeliest == sigma:
             break
         sigma = likeliest
@@ -257,11 +257,11 @@ def _fit(task: Task, start: Sequence[float]) -> Fit:
 
 
 def _covariance(record: Record, J: Array, whitened: Array) -> Array:
-    """Return the parameters' covariance: innovations (n, 2) that are alike tell less than as many others.
+    """Return the parameters' covariance: correlated innovations (n, 2) tell less than independent ones.
 
-    `_spread` takes what is alike from sample to sample. What is alike for longer, such as a wave that the
-    disturbance's model does not foresee, shows in the gradient: its sums over ALIKE_S vary more than those of
-    white innovations do (Newey and West, Econometrica, 1987). Of the two the larger counts.
+    `_spread` takes the correlation from sample to sample. A longer correlation, such as a wave that the
+    disturbance's model does not foresee, shows in the gradient: its sums over CORRELATED_S vary more than
+    those of white innovations do (Newey and West, Econometrica, 1987). The larger of the two counts.
     """
     n, counting = len(whitened), _counting(record)
     inverse = np.linalg.pinv(J.T @ J, hermitian=True)
@@ -269,7 +269,7 @@ def _covariance(record: Record, J: Array, whitened: Array) -> Array:
     counted = np.where(counting[:, None], whitened, 0.0)
     gradient = np.einsum("nij,ni->nj", J[: 2 * n].reshape(n, 2, -1), counted)
     sums = np.vstack((np.zeros_like(gradient[:1]), np.cumsum(gradient, axis=0)))
-    length = max(1, round(ALIKE_S / float(np.median(np.diff(record.t_s)))))
+    length = max(1, round(CORRELATED_S / float(np.median(np.diff(record.t_s)))))
     padded = np.pad(sums, ((length, length), (0, 0)), mode="edge")
     blocks = padded[length:] - padded[:-length]
     wide = inverse @ (blocks.T @ blocks / length + J[2 * n :].T @ J[2 * n :]) @ inverse
@@ -292,7 +292,7 @@ def _start(task: Task, nominal: Sequence[float], sigma: float) -> Array:
     starts = []
     for scale in START_SCALES:
         for lag_s in {task.known.lag_s, *START_LAGS_S}:
-            model = [scale * one for one in nominal]
+            model = [scale * parameter for parameter in nominal]
             starts.append(np.clip((*model, 0.0, lag_s, 0.03, task.known.dead_band_us, 0.0), LEAST, MOST))
     scores = [_score(task, theta, sigma) for theta in starts]
     return starts[int(np.argmax(scores))]
@@ -408,13 +408,13 @@ def _score(task: Task, theta: Array, sigma: float) -> float:
 def _spread(innovations: Array) -> float:
     """Return by what the parameters' variance exceeds that for white innovations of variance 1.
 
-    Samples that a stream's interpolation made alike count less: first-order correlation.
+    Samples that a stream's interpolation correlated count less: first-order correlation.
     """
     variance = float(np.mean(innovations**2))
     if not variance > 0.0:
         return 0.0
-    alike = clamped(float(np.mean(innovations[1:] * innovations[:-1])) / variance, 0.0, 0.95)
-    return variance * (1.0 + alike) / (1.0 - alike)
+    correlation = clamped(float(np.mean(innovations[1:] * innovations[:-1])) / variance, 0.0, 0.95)
+    return variance * (1.0 + correlation) / (1.0 - correlation)
 
 
 def _filtered(task: Task, theta: Array, gain: Gain) -> Run:
@@ -471,8 +471,8 @@ def _acting(t_s: Array, asked: Array, delay_s: float, lag_s: float) -> Array:
     fine_s = t_s[0] + np.concatenate(((0.0,), np.cumsum(dt_s)))
     impulse = np.concatenate(((0.0,), np.cumsum(asked[:-1] * np.diff(t_s))))
     at_s = fine_s - delay_s
-    before = np.interp(at_s, t_s, impulse) + asked[0] * np.minimum(at_s - t_s[0], 0.0)
-    means = (np.diff(before) / dt_s).tolist()
+    impulses = np.interp(at_s, t_s, impulse) + asked[0] * np.minimum(at_s - t_s[0], 0.0)
+    means = (np.diff(impulses) / dt_s).tolist()
     keeps = np.exp(-dt_s / lag_s).tolist()
     f = means[0]
     acting = [f]
@@ -494,11 +494,11 @@ def _gridded(t_s: Array, measured: Sequence[Measured]) -> Array:
     step_s = float(np.median(np.diff(t_s)))
     i = np.clip(np.searchsorted(times, t_s) - 1, 0, times.size - 2)
     gap_s = np.maximum(np.diff(times), TINY)[i]
-    before, after = (
+    previous, following = (
         np.maximum(np.arange(times.size) - 1, 0),
         np.minimum(np.arange(times.size) + 1, times.size - 1),
     )
-    slopes = (values[after] - values[before]) / np.maximum(times[after] - times[before], TINY)
+    slopes = (values[following] - values[previous]) / np.maximum(times[following] - times[previous], TINY)
     x = (t_s - times[i]) / gap_s
     rise = values[i + 1] - values[i]
     bends = (1.0 - x) * (slopes[i] * gap_s - rise) - x * (slopes[i + 1] * gap_s - rise)
@@ -509,8 +509,8 @@ def _gridded(t_s: Array, measured: Sequence[Measured]) -> Array:
 
 
 def _unwrapped(measured: Sequence[Measured]) -> list[Measured]:
-    values = np.unwrap([one.value for one in measured]).tolist()
-    return [Measured(one.t_s, value) for one, value in zip(measured, values, strict=True)]
+    values = np.unwrap([sample.value for sample in measured]).tolist()
+    return [Measured(sample.t_s, value) for sample, value in zip(measured, values, strict=True)]
 
 
 def _first(values: Array) -> float:

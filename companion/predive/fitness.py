@@ -14,7 +14,7 @@ MAV_SEVERITY_INFO = 6
 
 
 class Fitness:
-    """Keeps what was seen of the vehicle; every CHECK_S the list is made anew."""
+    """Keeps what was seen of the vehicle; the list is made again every CHECK_S."""
 
     def __init__(self, autopilot: Autopilot) -> None:
         self._autopilot = autopilot

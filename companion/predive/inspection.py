@@ -177,13 +177,13 @@ class Inspection:
         if self._seen.armed:
             self._modes = {}
             return
-        before = self._seen.mode
+        previous_mode = self._seen.mode
         tried = {}
         for mode in (Mode.MANUAL, Mode.STABILIZE):
             yield from self._ask_mode(mode)
             tried[mode.name] = self._seen.mode == mode
-        if before in tuple(Mode):
-            yield from self._ask_mode(Mode(before))
+        if previous_mode in tuple(Mode):
+            yield from self._ask_mode(Mode(previous_mode))
         self._modes = tried
 
     def _ask_mode(self, mode: Mode) -> Iterator[None]:
@@ -197,7 +197,7 @@ class Inspection:
         if why_not := self._why_not():
             self._directions = Directions(refused=why_not)
             return
-        before = self._seen.mode
+        previous_mode = self._seen.mode
         yield from self._ask_mode(Mode.MANUAL)
         self._directions, self._pushing = Directions(refused="the test was interrupted"), True
         yield from self._keep_armed()
@@ -216,8 +216,8 @@ class Inspection:
                 self._out.append(self._autopilot.steer(command, self._seen.pilot_gain))
                 yield
         yield from self._rest()
-        if before != Mode.MANUAL and before in tuple(Mode):
-            yield from self._ask_mode(Mode(before))
+        if previous_mode != Mode.MANUAL and previous_mode in tuple(Mode):
+            yield from self._ask_mode(Mode(previous_mode))
         delays = self._seen.delays
         shares = directions.shares(
             self._config.vehicle.frame,
@@ -248,8 +248,8 @@ class Inspection:
         if self._arms:
             self._out.append(self._autopilot.disarm())
             yield from self._wait(ARM_S, lambda: not self._seen.armed)
-            left = "is still armed" if self._seen.armed else "was armed for the test and disarmed after it"
-            self.notes.append(f"the vehicle {left}")
+            state = "is still armed" if self._seen.armed else "was armed for the test and disarmed after it"
+            self.notes.append(f"the vehicle {state}")
         elif self._autopilot.parameters.get("FS_PILOT_INPUT") == DISARM:
             self.notes.append("nobody steers now: FS_PILOT_INPUT disarms the vehicle unless a pilot steers")
 

@@ -289,16 +289,16 @@ def pushing(t_s: float, kind: Excitation) -> float:
 def _swept(home: Vector, dof: int, kind: Excitation, t_s: float) -> Setpoint:
     """Return the setpoint of the sweep with its rate and acceleration; surge and sway follow the heading."""
     step_s = 0.01
-    before, now, after = (kind.sweep * sweeping(at_s, kind) for at_s in (t_s - step_s, t_s, t_s + step_s))
+    earlier, now, later = (kind.sweep * sweeping(at_s, kind) for at_s in (t_s - step_s, t_s, t_s + step_s))
     course = home[PSI] + (0.5 * math.pi if dof == Y else 0.0)
     if dof in (X, Y):
         towards: Vector = (math.cos(course), math.sin(course), 0.0, 0.0)
     else:
-        towards = vector(1.0 if one == dof else 0.0 for one in range(len(DOFS)))
+        towards = vector(1.0 if index == dof else 0.0 for index in range(len(DOFS)))
 
     def along(value: float) -> Vector:
         return vector(value * part for part in towards)
 
     eta_d = vector(place + away for place, away in zip(home, along(now), strict=True))
-    rate, acceleration = (after - before) / (2.0 * step_s), (after - 2.0 * now + before) / step_s**2
+    rate, acceleration = (later - earlier) / (2.0 * step_s), (later - 2.0 * now + earlier) / step_s**2
     return Setpoint(eta_d, along(rate), along(acceleration))

@@ -27,7 +27,7 @@ DEPTH_WINDOW_S = 2.0
 YAW_ALIGNMENT = "yaw alignment complete"
 """EKF3 says so of the first yaw it finds ("initial"), and of each that it corrects while it moves."""
 CLOCK_JUMP_S = 0.05
-"""An offset that moves by more than its round trip explains and this is a clock that was set anew."""
+"""An offset that moves by more than its round trip explains and this is a clock that was set again."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,8 +137,8 @@ class Survey:
         self._seen["firmware"] = event
 
     def _on_heartbeat(self, event: Heartbeat) -> None:
-        before = self._seen.get("heartbeat")
-        if before is not None and before.system_status == event.system_status == FAILSAFE:
+        previous = self._seen.get("heartbeat")
+        if previous is not None and previous.system_status == event.system_status == FAILSAFE:
             self._seen["failsafe_seen"] = True
         self._seen["heartbeat"] = event
 

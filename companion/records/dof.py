@@ -25,13 +25,13 @@ def vector(values: Iterable[float]) -> Vector:
 
 
 def chosen(where: Flags, first: Vector, second: Vector) -> Vector:
-    """Return of each degree of freedom the first vector's number `where` told, else the second's."""
-    x, y, z, psi = (a if told else b for told, a, b in zip(where, first, second, strict=True))
+    """Return by degree of freedom the number of `first` where the flag is set, else that of `second`."""
+    x, y, z, psi = (a if is_set else b for is_set, a, b in zip(where, first, second, strict=True))
     return (x, y, z, psi)
 
 
 def either(first: Flags, second: Flags) -> Flags:
-    """Return where at least one of both is set."""
+    """Return where at least one of the two is set."""
     return (first[0] or second[0], first[1] or second[1], first[2] or second[2], first[3] or second[3])
 
 

@@ -192,7 +192,7 @@ class StatusText(msgspec.Struct, frozen=True, gc=False):
 
 
 class Reboot(msgspec.Struct, frozen=True, gc=False):
-    """The autopilot's clock started anew: all that was asked of it and learnt of its clock is void."""
+    """The autopilot's clock started again: what was asked of it and learnt of its clock is void."""
 
     t_s: float
 

@@ -107,10 +107,10 @@ class Engagement:
         """Drop the request."""
         self._wanted, self.unconfirmed, self._until_s = False, frozenset(), math.inf
 
-    def update(self, before: Verdict, verdict: Verdict) -> None:
-        """Drop the request after a fault, or when ACTIVE was left."""
-        left = before.state is State.ACTIVE and verdict.state is not State.ACTIVE
-        if verdict.state is State.FAULT or left:
+    def update(self, previous: Verdict, verdict: Verdict) -> None:
+        """Drop the request after a fault, or when ACTIVE ends."""
+        ended = previous.state is State.ACTIVE and verdict.state is not State.ACTIVE
+        if verdict.state is State.FAULT or ended:
             self.forget()
 
     def asks_arming(self, verdict: Verdict) -> bool:

@@ -54,12 +54,12 @@ class FlightMode:
             return self._hand_over.allows(mode)
         return mode == self._keeper.steering
 
-    def update(self, before: Verdict, verdict: Verdict, state: VehicleState) -> None:
+    def update(self, previous: Verdict, verdict: Verdict, state: VehicleState) -> None:
         """Begin a hand-over if `verdict` requires one."""
         if verdict.state is not State.HAND_OVER:
             return
         surfaces = Condition.FAILSAFE_SURFACES in verdict.conditions
-        if before.state is not State.HAND_OVER or surfaces:
+        if previous.state is not State.HAND_OVER or surfaces:
             up = surfaces or Condition.PILOT_LOST_SURFACE in verdict.conditions
             tilted = Condition.TILT_PERSISTS in verdict.conditions
             goal = Mode.SURFACE if up else Mode.ALT_HOLD
@@ -96,5 +96,5 @@ class FlightMode:
         If nobody steers, nothing may be sent: frames would count as a pilot, the silence after them as a lost
         pilot, and the autopilot would disarm a vehicle that somebody else has armed meanwhile.
         """
-        before, self._heard = self._heard, self._heard or math.isfinite(state.ages.heartbeat_s)
-        return self._heard and not before and state.armed and state.system_status != FAILSAFE
+        previous, self._heard = self._heard, self._heard or math.isfinite(state.ages.heartbeat_s)
+        return self._heard and not previous and state.armed and state.system_status != FAILSAFE

@@ -105,7 +105,7 @@ class Monitor:
         self._tilted_s = _lasting(self._tilted_s, dt_s, tilted(state, limits))
         new = dt_s / (dt_s + INNOVATION_MEMORY_S)
         innovations = zip(self._mean_innovation, state.innovation, strict=True)
-        mean = [mean + new * (abs(innovation) - mean) for mean, innovation in innovations]
+        mean = [old + new * (abs(innovation) - old) for old, innovation in innovations]
         self._mean_innovation = mean if all(map(math.isfinite, mean)) else [0.0] * 4
         mean = [mean * ours for mean, ours in zip(self._mean_innovation, held, strict=True)]
         return Watched(
@@ -134,8 +134,8 @@ class Monitor:
 
         One that was latched before has done what it does; the mode is somebody's choice then.
         """
-        before = self._heartbeat
-        changed = before is not None and before.mode != event.mode and before.system_status != FAILSAFE
+        previous = self._heartbeat
+        changed = previous is not None and previous.mode != event.mode and previous.system_status != FAILSAFE
         return changed and event.system_status == FAILSAFE
 
     def _failsafe(self) -> bool:

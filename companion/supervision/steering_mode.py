@@ -22,12 +22,12 @@ class ModeKeeper:
     """Stores the mode before engaging and restores it after a release.
 
     Nothing is restored if the pilot changed the mode, or after a fault. The SURFACE mode of a failsafe is
-    never left.
+    always kept.
     """
 
     def __init__(self, steering: Mode) -> None:
         self.steering = steering
-        self._before: Mode | None = None
+        self._previous_mode: Mode | None = None
         self._mode = -1
         self._released_s: float | None = None
         self._restores = 0
@@ -36,17 +36,17 @@ class ModeKeeper:
         """Return the mode to ask for at `now_s`, None for leave it; `mode` is the heartbeat's."""
         self._mode = mode
         if state in (State.PILOT, State.FAULT, State.HAND_OVER):
-            self._before = None
+            self._previous_mode = None
             return None
         if engage or state in (State.ACTIVE, State.RAMP_DOWN):
             self._released_s = None
             if mode in GIVEN_BACK and mode != self.steering:
-                self._before = Mode(mode)
+                self._previous_mode = Mode(mode)
             return None if mode == Mode.SURFACE else self.steering
         if self._released_s is None:
             self._released_s = now_s
         if now_s - self._released_s > GIVE_BACK_S or not self._is_ours(mode):
-            self._before = None
+            self._previous_mode = None
         return self._next(mode)
 
     def restore_mode(self) -> Mode | None:
@@ -55,12 +55,12 @@ class ModeKeeper:
             return None
         self._restores += 1
         via = self._restores <= VIA_STABILIZE_CALLS
-        return self._next(self._mode) if via else self._before
+        return self._next(self._mode) if via else self._previous_mode
 
     def _is_ours(self, mode: int) -> bool:
-        return mode != self._before and mode in (self.steering, Mode.STABILIZE)
+        return mode != self._previous_mode and mode in (self.steering, Mode.STABILIZE)
 
     def _next(self, mode: int) -> Mode | None:
-        if self._before in HOLDS_DEPTH and mode != Mode.STABILIZE:
+        if self._previous_mode in HOLDS_DEPTH and mode != Mode.STABILIZE:
             return Mode.STABILIZE
-        return self._before
+        return self._previous_mode

@@ -34,7 +34,7 @@ class Supervision:
         self._flight_mode = FlightMode(STEERING_MODES[config.vehicle.steering_mode])
         self._config = config
         self._parameters = parameters
-        self.before = self.verdict = Verdict(State.IDLE, Condition(0), 0.0, "just started")
+        self.previous = self.verdict = Verdict(State.IDLE, Condition(0), 0.0, "just started")
         self._mode = -1
         self._preflight_failure = ""
         self.refused = ""
@@ -69,12 +69,12 @@ class Supervision:
 
     def step(self, observed: Observation) -> Verdict:
         """Return who may steer this tick."""
-        config, mode, before = self._config, self._flight_mode, self.verdict
+        config, mode, previous = self._config, self._flight_mode, self.verdict
         limits, state, dt_s = config.supervisor, observed.state, observed.dt_s
-        steered = before.authority > 0.0
+        steered = previous.authority > 0.0
         self._engagement.step(observed.requests, observed.events, self._parameters, state.t_s)
         hand_over = mode.step_hand_over(
-            before, state, self._parameters, self._monitor.pilot_heard_s, limits.keep_alt_hold_s
+            previous, state, self._parameters, self._monitor.pilot_heard_s, limits.keep_alt_hold_s
         )
         now = Situation(
             observed=observed,
@@ -82,16 +82,16 @@ class Supervision:
             parameters=self._parameters,
             ground_station=config.ground_station,
             tick_s=1.0 / config.loop.rate_hz,
-            mode_right=mode.is_right(before, state.mode),
+            mode_right=mode.is_right(previous, state.mode),
             steered=steered,
             hand_over=hand_over,
             ramped_down=self._machine.ramped_down(dt_s),
             engage=self._engagement.asked,
         )
         verdict = self._machine.step(assess(now, limits), dt_s, observed.preflight_failure)
-        mode.update(before, verdict, state)
-        self._engagement.update(before, verdict)
-        self.before, self.verdict = before, verdict
+        mode.update(previous, verdict, state)
+        self._engagement.update(previous, verdict)
+        self.previous, self.verdict = previous, verdict
         self._mode, self._preflight_failure = state.mode, observed.preflight_failure
         return verdict
 

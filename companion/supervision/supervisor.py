@@ -101,15 +101,15 @@ class StateMachine:
         Authority rises to 1 over `ramp_up_s` in ACTIVE, falls to 0 over `ramp_down_s` in RAMP_DOWN and
         HAND_OVER, and is 0 everywhere else.
         """
-        before = self._verdict
+        previous = self._verdict
         authority = self._fallen(dt_s)
-        row = transition(before.state, conditions)
-        state, reason = (row.to, row.because) if row else (before.state, before.reason)
+        row = transition(previous.state, conditions)
+        state, reason = (row.to, row.because) if row else (previous.state, previous.reason)
         if state is State.ACTIVE:
-            authority = min(1.0, before.authority + dt_s / self.ramp_up_s) if self.ramp_up_s > 0.0 else 1.0
+            authority = min(1.0, previous.authority + dt_s / self.ramp_up_s) if self.ramp_up_s > 0.0 else 1.0
         elif state not in CARRY_AUTHORITY or conditions & C.FAILSAFE_SURFACES:
             authority = 0.0
-        if state is before.state is State.IDLE and (missing := conditions & BLOCKING):
+        if state is previous.state is State.IDLE and (missing := conditions & BLOCKING):
             reason = f"waiting for: {awaited(missing, preflight_failure)}"
         elif row and row.when is Condition.PREFLIGHT_FAILURE:
             reason = f"{row.because} ({preflight_failure})"

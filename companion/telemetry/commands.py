@@ -319,5 +319,8 @@ def fields(kind: type[Payload]) -> Iterator[Field]:
 
 def _form(kind: type[Payload]) -> str:
     """Return what a command takes, in words."""
-    taken = [f"{one.name} ({', '.join(one.choices)})" if one.choices else one.name for one in fields(kind)]
+    taken = [
+        f"{field.name} ({', '.join(field.choices)})" if field.choices else field.name
+        for field in fields(kind)
+    ]
     return f"a JSON object with {', '.join(taken) or 'nothing in it: {}'}"

@@ -41,7 +41,7 @@ class EventLog:
         verdict = sample.verdict
         conditions = verdict.conditions & ~UNSAID
         happened: list[tuple[Severity, Literal["state", "command", "autopilot", "condition"], str]] = [
-            ("info" if one.reply.done else "warning", "command", one.text) for one in results
+            ("info" if result.reply.done else "warning", "command", result.text) for result in results
         ]
         if sample.refused:
             happened.append(("warning", "command", f"engage by button: refused: {sample.refused}"))
@@ -117,10 +117,10 @@ def _course(guided: Guided) -> tuple[Severity, Literal["state"], str]:
     return "warning" if guided.kind == "refused" else "info", "state", text
 
 
-def _motor(before: int, now: int) -> tuple[Severity, Literal["condition"], str]:
+def _motor(previous: int, now: int) -> tuple[Severity, Literal["condition"], str]:
     if now:
         return "warning", "condition", f"motor {now} gives no thrust"
-    return "info", "condition", f"motor {before} is trusted again"
+    return "info", "condition", f"motor {previous} is trusted again"
 
 
 def _shift_words(shift: FrameShift) -> str:

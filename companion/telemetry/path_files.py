@@ -139,16 +139,16 @@ def _plan(text: str, origin: Degrees | None) -> dict[str, Any]:
         hold, radius, _, yaw, latitude, longitude, altitude = params[:7]
         depth = -_number(f"{key}.params[6] (altitude; minus the depth)", altitude, -1e4, 0.0)
         places.append((*_degrees(f"{key}.params[4..5]", latitude, longitude), depth))
-        one: dict[str, Any] = {}
+        extra: dict[str, Any] = {}
         if hold:
-            one["wait_s"] = _number(f"{key}.params[0] (hold)", hold, 0.0, 3600.0)
+            extra["wait_s"] = _number(f"{key}.params[0] (hold)", hold, 0.0, 3600.0)
         if radius:
-            one["corner_m"] = _number(f"{key}.params[1] (acceptance radius)", radius, 0.0, 100.0)
+            extra["corner_m"] = _number(f"{key}.params[1] (acceptance radius)", radius, 0.0, 100.0)
         if yaw is not None:
-            one["heading_deg"] = _number(f"{key}.params[3] (yaw)", yaw, -360.0, 360.0)
-        more.append(one)
+            extra["heading_deg"] = _number(f"{key}.params[3] (yaw)", yaw, -360.0, 360.0)
+        more.append(extra)
     found = _local(places, origin)
-    found["waypoint"] = [place | one for place, one in zip(found["waypoint"], more, strict=True)]
+    found["waypoint"] = [place | extra for place, extra in zip(found["waypoint"], more, strict=True)]
     return found | ({"speed_mps": speed} if speed else {})
 
 

@@ -264,10 +264,10 @@ class RecorderThread(SessionThread):
 
 
 class _Memory:
-    """The subscription to a key whose publisher remembers, as with raw ticks and events, what was before us.
+    """The subscription to a key whose publisher repeats its history: raw ticks and events from before us.
 
-    It has to be declared anew whenever a companion appears: what lies before the first sample that came by
-    itself is never asked for again. What comes twice, the DiveRecorder leaves out.
+    It is declared again whenever a companion appears: a subscription never asks for what lies before
+    its first live sample. The DiveRecorder drops what comes twice.
     """
 
     def __init__(self, session: zenoh.Session, key: str, keep: Callable[[zenoh.Sample], None]) -> None:

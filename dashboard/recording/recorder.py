@@ -21,7 +21,7 @@ from dashboard.recording.mcap_file import Disk, Item, Recording, TooManyChannels
 from holdfast import files
 
 RESTART_S = 5.0
-"""A companion's clock that goes back by more was started anew."""
+"""A companion whose clock goes back by more has restarted."""
 MAX_CLOCK_S = 1e9
 """No companion's clock counts from its boot this far: 32 years."""
 RAW_KEPT_S = 90.0
@@ -186,7 +186,7 @@ class DiveRecorder:
         )
 
     def _came_before(self, key: str, t_s: float, payload: bytes) -> bool:
-        """Tell whether a publisher that remembers told this already."""
+        """Tell whether this sample came before, from a publisher that repeats its history."""
         if key == self._raw_key:
             if self._raw_s - RAW_KEPT_S < t_s <= self._raw_s:
                 return True

@@ -72,16 +72,16 @@ def _range(values: Sequence[float]) -> tuple[float, float]:
 
 def _stepped(line: Sequence[Point], step_m: float) -> Iterable[Point]:
     """Go along a line in steps of at most `step_m`."""
-    before = (math.nan, math.nan)
+    previous = (math.nan, math.nan)
     for point in line:
         if _known(point):
-            if _known(before):
-                count = math.ceil(math.dist(before, point) / step_m)
+            if _known(previous):
+                count = math.ceil(math.dist(previous, point) / step_m)
                 for i in range(1, count):
                     share = i / count
                     yield (
-                        before[0] + share * (point[0] - before[0]),
-                        before[1] + share * (point[1] - before[1]),
+                        previous[0] + share * (point[0] - previous[0]),
+                        previous[1] + share * (point[1] - previous[1]),
                     )
             yield point
-        before = point
+        previous = point

@@ -371,7 +371,7 @@ def _printable(record: Schema) -> Schema:
         if isinstance(value, str) and not value.isprintable():
             record = msgspec.structs.replace(record, **{name: printable(value)})
         elif isinstance(value, tuple) and any(
-            isinstance(one, str) and not one.isprintable() for one in value
+            isinstance(part, str) and not part.isprintable() for part in value
         ):
             record = msgspec.structs.replace(record, **{name: tuple(map(printable, value))})
     return record

@@ -44,7 +44,7 @@ class Connections:
 
     def make_room(self) -> None:
         """Drop one connection."""
-        waiting = [one for one in self.open if not one.asked]
+        waiting = [connection for connection in self.open if not connection.asked]
         if self.open:
             most_crowded(waiting or self.open).drop()
 
@@ -96,7 +96,7 @@ class Connection(web.RequestHandler):
         super().connection_lost(exc)
 
     def request_came(self) -> None:
-        """Start the time anew."""
+        """Start the time again."""
         self.asked = True
         self.ends_within(PATIENCE_S)
 
@@ -124,9 +124,9 @@ class Connection(web.RequestHandler):
 
 def most_crowded(connections: Collection[Connection]) -> Connection:
     """Return the oldest of the address that has the most, so that nobody locks others out."""
-    count = Counter(one.address for one in connections)
+    count = Counter(connection.address for connection in connections)
     most = max(count.values())
-    return next(one for one in connections if count[one.address] == most)
+    return next(connection for connection in connections if count[connection.address] == most)
 
 
 class SparingFilter(logging.Filter):

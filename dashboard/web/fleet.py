@@ -95,11 +95,11 @@ class VehicleHistory:
             self._recorder, self._recorder_heard_s = record, now_s
             return
         if isinstance(record, Event):
-            self._told(record)
+            self._take_event(record)
             return
         if isinstance(record, Plan):
-            before = self.plan
-            if before is None or replace(record, t_s=before.t_s, boot_s=before.boot_s) != before:
+            previous = self.plan
+            if previous is None or replace(record, t_s=previous.t_s, boot_s=previous.boot_s) != previous:
                 self.plan = record
             return
         if record.t_s < self._t_s - _RESTART_S:
@@ -187,7 +187,7 @@ class VehicleHistory:
         count = min(self.event_count - number, len(self.events))
         return list(self.events)[len(self.events) - count :] if count > 0 else []
 
-    def _told(self, event: Event) -> None:
+    def _take_event(self, event: Event) -> None:
         if event.kind == "state" and not self._tells_state:
             self._tells_state = True
             if self.events and self.events[-1]["t_s"] > event.t_s - _SAME_EVENT_S:
@@ -197,9 +197,9 @@ class VehicleHistory:
 
     def _derive(self, now: Supervisor) -> None:
         """Note a change of state ourselves, for a companion that does not tell."""
-        before = self._supervisor
-        if before is not None and before.state != now.state and not self._tells_state:
-            text = f"{before.state} to {now.state}: {now.reason}"
+        previous = self._supervisor
+        if previous is not None and previous.state != now.state and not self._tells_state:
+            text = f"{previous.state} to {now.state}: {now.reason}"
             self._note(now.t_s, SEVERITIES.get(now.state, "info"), "state", text)
 
     def _note(self, t_s: float, severity: str, kind: str, text: str) -> None:
@@ -231,7 +231,7 @@ class VehicleHistory:
 
 
 class Fleet:
-    """Every vehicle that was heard, at most `MOST_VEHICLES`. What cannot be read is told in `trouble`."""
+    """Every vehicle that was heard, at most `MOST_VEHICLES`. What cannot be read is reported in `trouble`."""
 
     def __init__(self, ticks_per_sample: int = 1) -> None:
         self._ticks_per_sample = ticks_per_sample

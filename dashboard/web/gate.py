@@ -47,7 +47,7 @@ def same_origin(origin: str | None, host: str) -> bool:
 
 
 def token_is_right(authorization: str | None, token: str) -> bool:
-    """Tell whether an Authorization header bears the token; it takes as long for a wrong one."""
+    """Tell whether an Authorization header has the token, in the same time for right and wrong ones."""
     scheme, _, given = (authorization or "").partition(" ")
     same = hmac.compare_digest(given.encode(errors="replace"), token.encode())
     return same and bool(token) and scheme == "Bearer"

@@ -19,7 +19,7 @@ class Frame(NamedTuple):
 class Ring:
     """The newest `capacity` rows of `columns` numbers, each with its time; the oldest give way.
 
-    Rows are numbered from 0 on for ever. `epoch` counts how often the time began anew.
+    Rows are numbered from 0 on for ever. `epoch` counts the restarts of the time.
     """
 
     def __init__(self, capacity: int, columns: int) -> None:

@@ -128,14 +128,14 @@ def sampled(
     `point` gives the place and its first two derivatives by t; ψ stays 0.
     """
     dt = (end - start) / count
-    s, before = 0.0, 0.0
+    s, previous_speed = 0.0, 0.0
     for k in range(count + 1):
         p, p_t, p_tt = point(start + k * dt)
         speed = math.hypot(*p_t)
         if k:
             _, middle, _ = point(start + (k - 0.5) * dt)
-            s += (before + 4.0 * math.hypot(*middle) + speed) * abs(dt) / 6.0
-        before = speed
+            s += (previous_speed + 4.0 * math.hypot(*middle) + speed) * abs(dt) / 6.0
+        previous_speed = speed
         x, y, z = (v / math.copysign(speed, dt) for v in p_t)
         along = sum(a * v for a, v in zip(p_tt, p_t, strict=True)) / (speed * speed)
         kx, ky, kz = ((a - along * v) / (speed * speed) for a, v in zip(p_tt, p_t, strict=True))
@@ -157,12 +157,12 @@ def turn_along(curve: Curve, *, loops: bool) -> Steps[None]:
         yield 1
     last = len(curve) - 1
     for k in range(len(curve)):
-        before, after = max(k - 1, 0), min(k + 1, last)
-        span = s[after] - s[before]
+        previous, following = max(k - 1, 0), min(k + 1, last)
+        span = s[following] - s[previous]
         if loops and k in (0, last):
-            before, after = last - 1, 1
+            previous, following = last - 1, 1
             span = s[-1] - s[-2] + s[1]
-        curve.turn(k, headings[k], bends[k], (bends[after] - bends[before]) / span)
+        curve.turn(k, headings[k], bends[k], (bends[following] - bends[previous]) / span)
         yield 1
 
 

@@ -264,22 +264,22 @@ def _polyline(plan: PathPlan, waypoints: Sequence[Waypoint], *, closed: bool) ->
     curve = Curve()
     here = _towards(points[0], edges[0][1], reach[0] or 0.0)
     stations = [(0.0, headings[0])]
-    for k, (before, at) in enumerate(edges, start=1):
+    for k, (previous, at) in enumerate(edges, start=1):
         k %= count
         d = reach[k]
-        turns_at = _towards(at, before, d or 0.0)
-        yield from curve.join(_line(here, turns_at, _direction(before, at)))
+        turns_at = _towards(at, previous, d or 0.0)
+        yield from curve.join(_line(here, turns_at, _direction(previous, at)))
         gap = math.dist(here, turns_at)
         here = at
         if d:
-            after = edges[k][1]
+            following = edges[k][1]
             corner: list[Node] = []
-            for node in _corner(before, at, after, d):
+            for node in _corner(previous, at, following, d):
                 corner.append(node)
                 yield 1
             stations.append((curve.length + 0.5 * corner[-1].s, headings[k]))
             yield from curve.join(corner, gap if gap < SHORTEST_M else 0.0)
-            here = _towards(at, after, d)
+            here = _towards(at, following, d)
         else:
             stations.append((curve.length, headings[k]))
         if d == 0.0 or (loops and k == 0):
@@ -290,25 +290,25 @@ def _polyline(plan: PathPlan, waypoints: Sequence[Waypoint], *, closed: bool) ->
     return legs
 
 
-def _reach(plan: PathPlan, waypoint: Waypoint, before: Point, at: Point, after: Point) -> float | None:
+def _reach(plan: PathPlan, waypoint: Waypoint, previous: Point, at: Point, following: Point) -> float | None:
     """Return how far from a waypoint its turn begins; 0 where it stops there, None where it goes straight.
 
     It stops where a turn would be over before the speed can follow it.
     """
-    a, b = _direction(before, at), _direction(at, after)
+    a, b = _direction(previous, at), _direction(at, following)
     half_turn = math.atan2(math.dist(a, b), math.hypot(*(p + q for p, q in zip(a, b, strict=True))))
     corner = plan.corner_m if isinstance(waypoint.corner_m, UnsetType) else waypoint.corner_m
     if waypoint.wait_s > 0.0 or 2.0 * half_turn > SHARPEST_RAD:
         return 0.0
     if half_turn < 1e-6:
         return None
-    d = min(corner, 0.5 * math.dist(before, at), 0.5 * math.dist(at, after))
+    d = min(corner, 0.5 * math.dist(previous, at), 0.5 * math.dist(at, following))
     return d if d > plan.acceleration_mps2 * LOOKS_AHEAD_S**2 else 0.0
 
 
-def _corner(before: Point, at: Point, after: Point, d: float) -> Iterator[Node]:
-    a, b = _direction(before, at), _direction(at, after)
-    begin = _towards(at, before, d)
+def _corner(previous: Point, at: Point, following: Point, d: float) -> Iterator[Node]:
+    a, b = _direction(previous, at), _direction(at, following)
+    begin = _towards(at, previous, d)
 
     def point(t: float) -> tuple[Point, Point, Point]:
         beta, rate = t * t * (3.0 - 2.0 * t), 6.0 * t * (1.0 - t)

@@ -1,6 +1,6 @@
 """How fast a leg is travelled: a parameter s(t) whose rate and acceleration are continuous and bounded.
 
-The speed at s is the least of what the plan wants, the axes allow, the curvature bears and the braking before
+The speed at s is the least of what the plan wants, the axes and the curvature permit, and the braking before
 a slower place needs:
 
     v ≤ V / |p'|,   v ≤ √(a_n / |p''|),   v ≤ r / |ψ'|,   v ≤ √(α / |ψ''|),   v² ≤ v(s₁)² + 2 a_t (s₁ − s)

@@ -68,7 +68,7 @@ export class Attitude {
   }
 }
 
-// To a tenth of a degree, and only when it moved: a pixel here is more, and a picture drawn anew costs a layout.
+// To a tenth of a degree, and only when it moved: a pixel here is more, and a redrawn picture costs a layout.
 function move(node, transform) {
   if (node.getAttribute("transform") !== transform) node.setAttribute("transform", transform);
 }
