@@ -14,7 +14,7 @@ import os
 import time
 from collections import deque
 from collections.abc import Sequence
-from typing import NoReturn
+from typing import TYPE_CHECKING, NoReturn
 
 import msgspec
 
@@ -31,7 +31,6 @@ from companion.mavlink.inbox import MAX_LOOKS, Inbox
 from companion.mavlink.relay import Relay
 from companion.mavlink.signing import signing_of
 from companion.mavlink.timestamps import timestamps_of
-from companion.predive.manoeuvre import Manoeuvre
 from companion.predive.table import as_json
 from companion.records import Condition, ControlSample, LoopHealth, Request, Setpoint
 from companion.steps import Task
@@ -41,6 +40,9 @@ from companion.telemetry.plan import PathPlan
 from companion.telemetry.schemas import Choices, Plan, Raw, Reply, Start
 from companion.telemetry.status_line import status_line
 from holdfast import own_version
+
+if TYPE_CHECKING:
+    from companion.identify.manoeuvre import Manoeuvre  # no part of `holdfast run`
 
 SHUTDOWN_REPEATS = 5
 STATUS_PERIOD_S = 5.0
@@ -62,7 +64,7 @@ class App:
         arm: bool,
         requests: Sequence[Request],
         path: PathPlan | None = None,
-        manoeuvre: Manoeuvre | None = None,
+        manoeuvre: "Manoeuvre | None" = None,
     ) -> None:
         self._config = config
         self._manoeuvre = manoeuvre
@@ -341,7 +343,7 @@ def _start(config: Config, setpoint: Setpoint, arm: bool) -> Start:
     return Start(config=msgspec.to_builtins(config), setpoint=(x, y, z, psi), arm=arm, version=own_version())
 
 
-def identify(config: Config, manoeuvre: Manoeuvre, *, arm: bool) -> int:
+def identify(config: Config, manoeuvre: "Manoeuvre", *, arm: bool) -> int:
     """Run the companion for a manoeuvre, which ends it; return its exit status."""
 
     async def run() -> int:

@@ -14,7 +14,7 @@ from holdfast import how_to_install
 from holdfast.arguments import command_parser
 
 if TYPE_CHECKING:
-    from companion.predive.first_config import Question
+    from companion.first_config import Question
 
 EXAMPLES = """\
 examples:
@@ -362,10 +362,10 @@ def identify(argv: list[str]) -> int:
 
     from companion import app
     from companion.config import DEFAULT_FILE, ConfigError, load_config, vehicle_text
+    from companion.identify.fit import fit
+    from companion.identify.identified import Progress, draw, show, vehicle
+    from companion.identify.manoeuvre import Manoeuvre
     from companion.io.logs import log_to
-    from companion.predive.fit import fit
-    from companion.predive.identified import Progress, draw, show, vehicle
-    from companion.predive.manoeuvre import Manoeuvre
 
     log_to(sys.stderr)
     logging.getLogger("holdfast").setLevel(logging.WARNING)
@@ -448,7 +448,7 @@ def schema(argv: list[str]) -> int:
 def init(argv: list[str]) -> int:
     """Ask about the vehicle, and write a commented configuration."""
     from companion.config import load_config
-    from companion.predive.first_config import answered, config_text, prompt, questions
+    from companion.first_config import answered, config_text, prompt, questions
     from holdfast import RefusedError
 
     parser = command_parser(

@@ -33,8 +33,10 @@ REPLACED: Mapping[str, tuple[str, str]] = {
     "levelling.enabled": ("", "roll and pitch are held level where vehicle.steering_mode is 'manual'"),
 }
 """Keys of older versions: the key of the same section that takes the value, if one does, and the warning."""
-FORMER_SWITCHES: Mapping[str, tuple[str, str]] = {"telemetry.allow_control": ("never", "always")}
-"""Keys that were true or false in older versions: what those mean now, false first."""
+FORMER_VALUES: Mapping[str, Mapping[bool | str, str]] = {
+    "telemetry.allow_control": {False: "never", True: "always"},
+}
+"""Values that keys had in older versions, and what takes their place."""
 
 Name = Annotated[str, msgspec.Meta(pattern="^[A-Za-z0-9_-]{1,32}$")]
 
@@ -519,8 +521,8 @@ def _follow(source: str, table: dict[str, Any]) -> None:
                 new, words = REPLACED[name]
                 if new:
                     keys.setdefault(new, value)
-            elif isinstance(value, bool) and name in FORMER_SWITCHES:
-                keys[key] = FORMER_SWITCHES[name][value]
+            elif isinstance(value, bool | str) and value in FORMER_VALUES.get(name, ()):
+                keys[key] = FORMER_VALUES[name][value]
                 words = f"it is {keys[key]!r} now"
             else:
                 continue

@@ -214,18 +214,17 @@ def _tree(table: Mapping[str, str]) -> dict[str, Any]:
 def _overlay(recorded: Mapping[str, Any], notes: list[str]) -> list[str]:
     """Return the recorded configuration as overrides of today's, without keys that are no more."""
     known = msgspec.to_builtins(load_config())
-    overrides = []
+    overrides, given = [], set[str]()
     for section, keys in recorded.items():
         for key, value in keys.items():
-            if key in known.get(section, {}) or f"{section}.{key}" in REPLACED:
-                overrides.append(f"{section}.{key}={msgspec.json.encode(value).decode()}")
+            name = f"{section}.{key}"
+            given |= {name, f"{section}.{REPLACED.get(name, (key,))[0]}"}
+            if key in known.get(section, {}) or name in REPLACED:
+                overrides.append(f"{name}={msgspec.json.encode(value).decode()}")
             else:
-                notes.append(f"{section}.{key} = {value!r} of the dive is no key any more")
-    missing = [
-        f"{section}.{key}"
-        for section, keys in known.items()
-        for key in keys
-        if recorded and key not in recorded.get(section, {})
+                notes.append(f"{name} = {value!r} of the dive is no key any more")
+    newer = [
+        name for section, keys in known.items() for key in keys if (name := f"{section}.{key}") not in given
     ]
-    notes += [f"{key} is newer than the dive: today's shipped value was used" for key in missing]
+    notes += [f"{name} is newer than the dive: today's shipped value was used" for name in newer if recorded]
     return overrides

@@ -19,9 +19,9 @@ from companion.config import Config
 from companion.config import load_config as load_companion
 from companion.control.allocation import FACTORS, PER_NEWTON
 from companion.engine import Engine
-from companion.predive.fit import DELAY, LAG, LINEAR, MASS, QUADRATIC, STEADY, Fit, fit
-from companion.predive.identified import pooled
-from companion.predive.manoeuvre import Manoeuvre, Stretch
+from companion.identify.fit import DELAY, LAG, LINEAR, MASS, QUADRATIC, STEADY, Fit, fit
+from companion.identify.identified import pooled
+from companion.identify.manoeuvre import Manoeuvre, Stretch
 from companion.records import AXES, PSI, Array, Request, Setpoint, X, Y, Z
 from lab.loop.firmware import vehicle_of
 from lab.loop.lockstep import START_S, LinkDelay, Lockstep, SteppedVehicle

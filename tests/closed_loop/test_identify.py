@@ -9,9 +9,9 @@ import pytest
 from virtual import Dive, hold
 
 from companion.config import PRESETS, load_config, load_vehicle, vehicle_text
-from companion.predive.fit import MASS, QUADRATIC, Fit, Value, fit
-from companion.predive.identified import draw, said, show, trusted, vehicle
-from companion.predive.manoeuvre import (
+from companion.identify.fit import MASS, QUADRATIC, Fit, Value, fit
+from companion.identify.identified import draw, said, show, trusted, vehicle
+from companion.identify.manoeuvre import (
     EXCITATIONS,
     SETTLE_S,
     Manoeuvre,
@@ -210,7 +210,7 @@ def test_too_shallow_it_does_not_begin():
 
 
 def test_without_permission_it_gives_up(monkeypatch):
-    monkeypatch.setattr("companion.predive.manoeuvre.WAIT_S", 6.0)
+    monkeypatch.setattr("companion.identify.manoeuvre.WAIT_S", 6.0)
     dive = Identifying(arm=False).go(12.0)
     assert dive.manoeuvre.failure.startswith("not permitted to engage: ")
     assert dive.motors_rest()

@@ -10,7 +10,7 @@ import pytest
 from companion.assembly import refuse_fast_gains
 from companion.config import (
     DEFAULT_FILE,
-    FORMER_SWITCHES,
+    FORMER_VALUES,
     PRESETS,
     REPLACED,
     Config,
@@ -387,7 +387,8 @@ class TestFormerlyValidFiles:
             key
             for section, keys in said.items()
             for name, value in keys.items()
-            if (key := f"{section}.{name}") in REPLACED or (key in FORMER_SWITCHES and type(value) is bool)
+            if (key := f"{section}.{name}") in REPLACED
+            or (key in FORMER_VALUES and value in FORMER_VALUES[key])
         ]
         assert len(self.warned()) == len(former)
         for section, keys in said.items():

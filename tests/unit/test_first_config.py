@@ -9,7 +9,7 @@ import pytest
 import holdfast
 from companion.config import DEFAULT_FILE, PRESETS, load_config
 from companion.config_text import with_values
-from companion.predive.first_config import answered, config_text, prompt, questions
+from companion.first_config import answered, config_text, prompt, questions
 
 
 @pytest.fixture(autouse=True)

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from companion.predive import fit
+from companion.identify import fit
 from companion.records import Z
 
 H_S, N = 0.02, 1600

@@ -5,7 +5,7 @@ import pytest
 
 from companion.config import load_config
 from companion.control.allocation import T200_N, T200_PWM_US
-from companion.predive.fit import (
+from companion.identify.fit import (
     DELAY,
     LAG,
     LATER,
@@ -14,7 +14,7 @@ from companion.predive.fit import (
     QUADRATIC,
     fit,
 )
-from companion.predive.manoeuvre import EXCITATIONS, Measured, Sent, Stretch, pushing, sweeping
+from companion.identify.manoeuvre import EXCITATIONS, Measured, Sent, Stretch, pushing, sweeping
 from companion.records import ZERO, Z
 
 TICK_S, STEP_S = 0.02, 0.0005

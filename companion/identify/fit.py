@@ -36,7 +36,7 @@ from companion.config import Config
 from companion.control.allocation import FACTORS, PER_NEWTON, T200_N, T200_PWM_US, T200_VOLTAGE_V
 from companion.control.bounds import clamped
 from companion.estimation.observer import Noise, stationary_covariance
-from companion.predive.manoeuvre import Measured, Stretch
+from companion.identify.manoeuvre import Measured, Stretch
 from companion.records import PSI, Array
 
 NAMES: Final = (

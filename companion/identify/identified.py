@@ -11,8 +11,8 @@ import msgspec
 
 from companion.config import Config, VehicleFile, vehicle_of
 from companion.control.bounds import clamped
-from companion.predive.fit import DELAY, LAG, LATER, LINEAR, MASS, QUADRATIC, STEADY, Fit, Value
-from companion.predive.manoeuvre import Manoeuvre
+from companion.identify.fit import DELAY, LAG, LATER, LINEAR, MASS, QUADRATIC, STEADY, Fit, Value
+from companion.identify.manoeuvre import Manoeuvre
 from companion.records import AXES, DOFS, PSI, Z
 from companion.telemetry import ranges
 
