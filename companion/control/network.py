@@ -22,6 +22,7 @@ would integrate the same error, and the sum is slower to follow a wave.
 | θ      |                          | `compensator.inputs`                       |
 """
 
+import functools
 import math
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
@@ -58,8 +59,7 @@ class State(NamedTuple):
 def parameters(values: Mapping[str, float]) -> Parameters:
     """Return parameters with V(0) drawn from `seed`, the same on every axis."""
     units = int(values["units"])
-    columns = np.random.default_rng(int(values["seed"])).standard_normal((INPUTS, units)).T.tolist()
-    V = tuple((a, b, c, d, e, f) for a, b, c, d, e, f in columns)
+    V = drawn(int(values["seed"]), units)
     beside = bool(values.get(BESIDE_OBSERVER, 0.0))
     return Parameters(
         values["learning_rate"],
@@ -70,6 +70,13 @@ def parameters(values: Mapping[str, float]) -> Parameters:
         V,
         tuple(hidden(V, AT_REST)) if beside else (0.0,) * units,
     )
+
+
+@functools.lru_cache(maxsize=8)
+def drawn(seed: int, units: int) -> tuple[Inputs, ...]:
+    """Return V(0); a change of gains asks for it ten times."""
+    columns = np.random.default_rng(seed).standard_normal((INPUTS, units)).T.tolist()
+    return tuple((a, b, c, d, e, f) for a, b, c, d, e, f in columns)
 
 
 def initial(parameters: Parameters) -> State:

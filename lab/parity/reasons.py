@@ -21,6 +21,7 @@ KNOWN: tuple[tuple[str, str, str], ...] = (
     ("parameters", "count", "the firmware hides the parameters of a GPS that is off"),
     ("parameters", "*GPS1_*", "the firmware hides the parameters of a GPS that is off"),
     ("parameters", "SCR_ENABLE: *", "only builds with scripting have it"),
+    ("parameters", "NET_*", "only builds with networking have it"),
     ("parameters", "BARO?_GND_PRESS: value", "set when the barometer is zeroed"),
     ("parameters", "BARO_PRIMARY: value", "a BlueROV2's depth sensor is the second barometer"),
     ("parameters", "BATT_CAPACITY: value", "the configured battery's"),
