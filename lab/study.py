@@ -20,6 +20,7 @@ from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from functools import partial
+from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, ClassVar, Generic, Protocol, TypeVar
@@ -81,6 +82,10 @@ class Study(ABC, Generic[C]):
     """Of the rows in the JSON file."""
     dive_min: ClassVar[float] = 0.0
     """Simulated minutes of a dive; without it no speed is measured."""
+    variants: ClassVar[Mapping[str, str]] = {}
+    """By the option that asks for it, another study of the same command: "module:class"."""
+    forks: ClassVar[bool] = False
+    """Whether a dive forks its process, which must not be the command's own: that has threads."""
     steps = 1
     """Steps of progress in a case: more than one where `dive` calls `advance`."""
     advance: Callable[[int], object] = staticmethod(lambda steps: None)
@@ -90,11 +95,6 @@ class Study(ABC, Generic[C]):
     @abstractmethod
     def options(cls, parser: argparse.ArgumentParser) -> None:
         """Add the study's own options, `--out` among them."""
-
-    @classmethod
-    def variant(cls, arguments: argparse.Namespace) -> type["Study[Any]"]:
-        """Return the study that these options ask for."""
-        return cls
 
     @abstractmethod
     def __init__(self, arguments: argparse.Namespace) -> None:
@@ -117,7 +117,7 @@ class Study(ABC, Generic[C]):
         """Return what to print."""
 
     def draw(self, rows: Sequence[Row], folder: Path) -> Sequence[Path]:
-        """Draw into a folder that exists; return the files."""
+        """Draw, or write what else the study makes, into a folder that exists; return the files."""
         return ()
 
     def failed(self, rows: Sequence[Row]) -> bool:
@@ -139,7 +139,18 @@ def start(kind: type[Study[Any]], argv: Sequence[str], examples: str = "") -> in
     if "firmware" in arguments and not find_firmware(kind.command.split()[0], arguments):
         return REFUSED
     arguments.command = shlex.join(["holdfast", *kind.command.split(), *argv])
-    return run(kind.variant(arguments)(arguments), arguments, Console())
+    for option, name in kind.variants.items():
+        asked = getattr(arguments, option)
+        if asked is not None and asked is not False:
+            kind = load(name)
+    return run(kind(arguments), arguments, Console())
+
+
+def load(name: str) -> type[Study[Any]]:
+    """Import a study by "module:class"."""
+    module, _, kind = name.partition(":")
+    found: type[Study[Any]] = getattr(import_module(module), kind)
+    return found
 
 
 def parser_of(kind: type[Study[Any]], examples: str = "") -> argparse.ArgumentParser:
@@ -171,8 +182,8 @@ def run(study: Study[Any], arguments: argparse.Namespace, console: Console) -> i
     each = [{key: value for key, value in row.items() if key != "trace"} for row in rows]
     for one in study.tables(rows):
         console.print(one, soft_wrap=isinstance(one, str))
-    if pictures := study.draw(rows, path.parent):
-        console.print(f"pictures: {', '.join(map(str, pictures))}", soft_wrap=True)
+    if files := study.draw(rows, path.parent):
+        console.print(f"written: {', '.join(map(str, files))}", soft_wrap=True)
     if study.keeps_rows:
         console.print(f"rows: {path.with_suffix('.csv')}", soft_wrap=True)
         write_table(path.with_suffix(".csv"), _flat([*journal.rows.values()]))
@@ -204,10 +215,10 @@ def _dive(
     if not cases:
         return {}
     groups, began_s, core_s = study.groups(cases), time.monotonic(), 0.0
-    alone = len(groups) == 1 and arguments.scheduler is None
+    alone = len(groups) == 1 and arguments.scheduler is None and not study.forks
     columns = BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn()
     with (
-        workforce(arguments.scheduler, 1 if alone else arguments.workers) as (executor, workers),
+        workforce(arguments.scheduler, 1 if alone else arguments.workers, study.forks) as (executor, workers),
         Progress(TextColumn(study.unit), *columns, console=console) as progress,
     ):
         task = progress.add_task("", total=study.steps * len(cases))
@@ -260,14 +271,16 @@ def _timed(study: Study[C], cases: Sequence[C]) -> tuple[list[Row], float]:
 
 
 @contextmanager
-def workforce(scheduler: str | None, workers: int | None) -> Iterator[tuple[Executor | None, int]]:
+def workforce(
+    scheduler: str | None, workers: int | None, forks: bool = False
+) -> Iterator[tuple[Executor | None, int]]:
     """Give an executor and how many dive at once: this machine's cores, or an existing Dask cluster's.
 
-    One worker on this machine needs no executor.
+    One worker on this machine needs no executor, unless its dives fork.
     """
     if scheduler is None:
         count = workers or os.cpu_count() or 1
-        if count == 1:
+        if count == 1 and not forks:
             yield None, 1
             return
         with worker_pool(count, start="spawn") as pool:
@@ -335,8 +348,11 @@ def recipe(study: Study[Any], arguments: argparse.Namespace) -> str:
     for pattern in CODE:
         for path in sorted(ROOT.glob(pattern)):
             digest.update(path.read_bytes())
-    options = {name: str(getattr(arguments, name, None)) for name in study.recipe}
-    digest.update(json.dumps([study.command, options]).encode())
+    options = {name: getattr(arguments, name, None) for name in study.recipe}
+    for value in options.values():
+        if isinstance(value, Path):
+            digest.update(value.read_bytes())
+    digest.update(json.dumps([study.command, options], default=str).encode())
     return digest.hexdigest()[:16]
 
 

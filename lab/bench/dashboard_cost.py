@@ -15,9 +15,9 @@ from typing import Any
 
 import aiohttp
 
-from lab.bench.usage import cpu_s
 from lab.demo.crew import Crew
 from lab.ports import free_port
+from lab.usage import cpu_s
 
 TURNS = (0, 1, 2, 4)
 START_S = 15.0

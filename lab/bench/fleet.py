@@ -45,11 +45,11 @@ from dashboard.losses import Losses
 from dashboard.zenoh_client import Subscription
 from lab.bench.process import HOLDFAST
 from lab.bench.soak import browse
-from lab.bench.usage import cpu_s, memory_kb
 from lab.demo.crew import ChildError, Crew
 from lab.loop.lockstep import LinkDelay, Lockstep
 from lab.loop.scenarios import four
 from lab.ports import free_port
+from lab.usage import cpu_s, memory_kb
 from sim_bridge.commands import DEFAULT_CONFIG
 from sim_bridge.config import load_config as load_plant
 from sim_bridge.vehicle import Vehicle

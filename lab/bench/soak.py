@@ -30,9 +30,9 @@ from rich.table import Table
 from companion.telemetry import schemas as telemetry
 from dashboard.losses import Losses
 from dashboard.zenoh_client import Subscription
-from lab.bench.usage import Memory, cpu_s, memory_kb, slope
 from lab.demo.crew import ChildError, Crew
 from lab.ports import free_port
+from lab.usage import Memory, cpu_s, memory_kb, slope
 
 VEHICLE = "soak"
 WARM_UP_S = 600.0

@@ -237,6 +237,7 @@ class Campaign(Study[CampaignCase]):
         "a run was interrupted, the same command continues it. At the end DIR/dives.csv has the rows. "
         "Exit status 1 if Holdfast lost a vehicle inside the declared envelope."
     )
+    variants = {"replay": "lab.studies.campaign:Replay"}  # noqa: RUF012
     recipe = ("set",)
     keeps_rows = True
     rows_key = "each"
@@ -257,11 +258,6 @@ class Campaign(Study[CampaignCase]):
         )
         add_settings(parser)
         add_out(parser, "out/campaign")
-
-    @classmethod
-    def variant(cls, arguments: argparse.Namespace) -> type[Study[Any]]:
-        """Return Replay if one dive is to be repeated."""
-        return cls if arguments.replay is None else Replay
 
     def __init__(self, arguments: argparse.Namespace) -> None:
         self._numbers = range(arguments.first, arguments.first + arguments.dives)

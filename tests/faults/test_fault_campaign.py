@@ -1,30 +1,25 @@
 """The first dives of the campaign, and that it would notice."""
 
 import pytest
-from rich.console import Console
 
 from companion.records import Condition, State, Verdict
-from lab.faults import faults
-from lab.faults.faults import (
-    FAULTS,
-    ON_FIRMWARE,
-    VARIANTS,
-    Broken,
-    Diving,
-    FaultCase,
-    InSimulator,
-    case,
-    dive_group,
-)
-from lab.faults.report import dived
+from lab.studies import fault_dives
+from lab.studies.breaking import FAULTS, ON_FIRMWARE, VARIANTS, Broken, Diving, InSimulator
+from lab.studies.fault_dives import FaultCase, FaultDives, case, dive_group
+from lab.study import dived, parser_of, workforce
 from sim_bridge.fault_kinds import FAULT_KINDS
 
 DIVES = 102
 
 
 def test_every_promise_is_kept():
-    rows = dived(Console(quiet=True), range(DIVES), 2)
-    assert [(row.number, row.broken) for row in rows if row.broken] == []
+    study = FaultDives(parser_of(FaultDives).parse_args(["--dives", str(DIVES)]))
+    with workforce(None, 2) as (executor, workers):
+        found = list(dived(study, study.groups(study.cases()), executor, workers))
+    rows = [
+        (one.number, row["broken"]) for cases, rows, _ in found for one, row in zip(cases, rows, strict=True)
+    ]
+    assert [row for row in rows if row[1]] == []
     assert len(rows) == DIVES
 
 
@@ -52,7 +47,7 @@ def diving():
 def noticed(diving, kind, value=0.5):
     """What is said of one more dive of the same vehicle."""
     one = FaultCase(1, 0, State.ACTIVE, (Broken(kind, 0.0, "", value),), fingers=False)
-    return faults._forked(diving, one).broken
+    return fault_dives._forked(diving, one)["broken"]
 
 
 def test_it_would_notice_thrust_that_goes_on(diving, monkeypatch):

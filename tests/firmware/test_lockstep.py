@@ -7,9 +7,9 @@ import numpy as np
 from companion.config import load_config
 from companion.engine import Engine
 from companion.records import Request, Setpoint, State
-from lab.faults.faults import dive_group
 from lab.loop.firmware import Firmware
 from lab.loop.lockstep import LinkDelay, Lockstep
+from lab.studies.fault_dives import dive_group
 from sim_bridge.commands import DEFAULT_CONFIG
 from sim_bridge.config import load_config as load_plant
 
@@ -65,4 +65,4 @@ def test_a_dvl_gives_it_a_place_which_it_holds_in_a_current(ardusub):
 
 def test_a_dozen_dives_in_which_something_breaks_keep_every_promise(ardusub):
     rows = dive_group(range(12), ardusub)
-    assert [(row.number, row.broken) for row in rows if row.broken] == []
+    assert [row["broken"] for row in rows if row["broken"]] == []

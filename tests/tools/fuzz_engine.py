@@ -67,8 +67,8 @@ from companion.telemetry.commands import COMMANDS
 from companion.telemetry.plan import PathPlan
 from companion.telemetry.samples import encode
 from companion.telemetry.schemas import Plan, Reply
-from lab.faults.faults import steering
 from lab.loop.lockstep import START_S, LinkDelay, Lockstep
+from lab.studies.breaking import steering
 from sim_bridge.config import load_config as load_plant
 from sim_bridge.vehicle import Vehicle
 

@@ -16,6 +16,7 @@ from holdfast import RefusedError
 from lab import commands
 from lab.loop.dive import FIGURES
 from lab.loop.scenarios import four
+from lab.studies import search as tune
 from lab.studies.competitors import (
     COMPETITORS,
     DEFAULT,
@@ -31,11 +32,10 @@ from lab.studies.competitors import (
 from lab.studies.dives import FLOOR, LINKS, SCENARIOS, Dives, interval, student, summaries
 from lab.studies.fidelity import Fidelity, pairs
 from lab.studies.floor import CHATTER_N
+from lab.studies.own_vehicle import around, nominal, write_config
+from lab.studies.tune import next_step
 from lab.study import Row, by, parser_of
 from lab.tables import plain
-from lab.tuning import search as tune
-from lab.tuning.own_vehicle import around, nominal, write_config
-from lab.tuning.report import next_step
 from sim_bridge.commands import DEFAULT_CONFIG
 from sim_bridge.config import load_config as load_plant
 from sim_bridge.firmware.params import DEFAULTS

@@ -6,14 +6,14 @@ from pathlib import Path
 
 import msgspec
 import pytest
-from rich.console import Console
 
 from companion.telemetry import schemas as telemetry
+from lab import commands
 from lab.bench.soak import Soak
-from lab.bench.usage import cpu_s, memory_kb, slope
-from lab.faults import soak
-from lab.faults.faults import FAULTS, FaultSpec
-from lab.faults.soak import Hour, soak_hour
+from lab.studies import fault_hours
+from lab.studies.breaking import FAULTS, FaultSpec
+from lab.studies.fault_hours import Hour, soak_hour
+from lab.usage import cpu_s, memory_kb, slope
 
 
 def test_the_slope_of_a_line_is_found_and_how_sure_it_is() -> None:
@@ -43,10 +43,10 @@ def test_leaving_active_is_counted_by_its_reason() -> None:
 
 
 def one_fault(monkeypatch: pytest.MonkeyPatch, spec: FaultSpec) -> Hour:
-    monkeypatch.setattr(soak, "FAULTS", {"it": spec})
+    monkeypatch.setattr(fault_hours, "FAULTS", {"it": spec})
     monkeypatch.setitem(FAULTS, "it", spec)
-    monkeypatch.setattr(soak, "QUIET_S", (0.1, 0.2))
-    monkeypatch.setattr(soak, "LASTS_S", (4.0, 4.1))
+    monkeypatch.setattr(fault_hours, "QUIET_S", (0.1, 0.2))
+    monkeypatch.setattr(fault_hours, "LASTS_S", (4.0, 4.1))
     return soak_hour(0, 1.0)
 
 
@@ -68,13 +68,16 @@ def test_an_hour_tells_what_raised_and_what_pushed_too_long(monkeypatch: pytest.
     assert "it: still pushing" in one_fault(monkeypatch, nothing).broken[0]
 
 
-def test_the_same_command_continues(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    file = tmp_path / "soak.jsonl"
-    rows = [Hour(0, "heavy", simulated_s=9.0), Hour(1, "heavy", simulated_s=9.0, broken=["it: broke"])]
-    file.write_bytes(b"".join(msgspec.json.encode(row) + b"\n" for row in rows) + b'{"number": 2, "veh')
-    monkeypatch.setattr(soak, "soak_hour", None)  # nothing is missing
-    console = Console(record=True, width=120)
-    assert soak.main(console, 2, 1, file) == 1
-    assert "hour 1: BROKEN: it: broke" in console.export_text()
-    assert soak.main(console, 1, 1, file) == 0
-    assert file.read_bytes().count(b"\n") == 2
+def test_the_same_command_continues(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def dived(number: int) -> Hour:
+        return Hour(number, "heavy", simulated_s=9.0, broken=["it: broke"] * number)
+
+    monkeypatch.setattr(fault_hours, "soak_hour", dived)
+    command = ["--out", str(tmp_path / "soak.jsonl"), "--workers", "1", "--hours"]
+    assert commands.faults([*command, "2"]) == 1
+    monkeypatch.setattr(fault_hours, "soak_hour", None)  # nothing is missing
+    assert commands.faults([*command, "2"]) == 1
+    assert "hour 1: BROKEN: it: broke" in capsys.readouterr().out
+    assert commands.faults([*command, "1"]) == 0

@@ -9,7 +9,6 @@ CHATTER_N a tick (RMS). All candidates of a generation dive at once (`lab.batch`
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import cma
@@ -59,8 +58,7 @@ CASES = (
 )
 
 
-@dataclass(frozen=True)
-class Found:
+class Found(NamedTuple):
     """What a search found, its score and that of where it started (mm)."""
 
     values: dict[str, float]
@@ -77,7 +75,7 @@ def search(
     evaluations: int = EVALUATIONS,
     seeds: int = TRAINING_SEEDS,
     vary: Callable[[SimConfig, int], SimConfig] = ensemble,
-    done: Callable[[int], None] = lambda count: None,
+    done: Callable[[int], object] = lambda count: None,
 ) -> Found:
     """Search the knobs of `row`; `load` makes a configuration of overrides, `vary` draws the vehicles.
 
@@ -93,7 +91,7 @@ def minimised(
     knobs: Mapping[str, float],
     judge: Callable[[Sequence[Mapping[str, float]]], list[float]],
     evaluations: int,
-    done: Callable[[int], None] = lambda count: None,
+    done: Callable[[int], object] = lambda count: None,
 ) -> Found:
     """Search the `knobs`, from their values by up to the factor WIDTH, for the least that `judge` returns."""
     keys, start = list(knobs), np.log(list(knobs.values()))

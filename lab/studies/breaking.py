@@ -1,24 +1,17 @@
-"""Thousands of dives in which something breaks, and what must hold in every tick of each.
+"""What breaks in the dives of `holdfast faults`, and the promises that every tick of them is held to.
 
-A dive's number is its seed: it draws a vehicle, a state to be in, one to three faults and sometimes an
-operator who presses every button. Whatever happens:
+Whatever happens:
 
 - nothing raises;
 - what is sent is finite, in range and at most one steering frame a tick;
 - without authority every frame is neutral, and authority goes only with ACTIVE, RAMP_DOWN and HAND_OVER;
 - ACTIVE is entered from READY alone, after somebody asked, with nothing against it;
 - after a fault that must end steering, thrust is neutral within the time that `FAULTS` states.
-
-A prepared vehicle is forked for each of its dives, so that only what follows the fault is computed anew. With
-the real firmware each dive has a process of its own, and what cannot be done to it is left out: ON_FIRMWARE.
 """
 
-import json
-import os
 import struct
-import traceback
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from math import isfinite, nan
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -40,9 +33,6 @@ from sim_bridge.vehicle import Vehicle
 Inbox = list[tuple[int, bytes]]
 PLANT = Path(__file__).parents[2] / "config"
 AFTER_S = 4.0
-SLACK_S = 3.7
-"""A fault among others may be seen later: heartbeats that get lost are missed after 3.5 s."""
-
 RAMP_S = 1.0
 DEPTH_STALE_S = ATTITUDE_STALE_S = 0.6
 HEARTBEAT_S = 1.1
@@ -55,15 +45,6 @@ VARIANTS: tuple[tuple[str, tuple[str, ...], tuple[str, ...]], ...] = (
     ("heavy with DVL", ("sensors.dvl=true",), ()),
     ("heavy, STABILIZE", (), ('vehicle.steering_mode="stabilize"',)),
     ("six thrusters", (), ('vehicle.frame="vectored"',)),
-)
-STATES = (
-    State.IDLE,
-    State.READY,
-    *[State.ACTIVE] * 6,
-    State.RAMP_DOWN,
-    State.HAND_OVER,
-    State.PILOT,
-    State.FAULT,
 )
 STREAMS: tuple[str, ...] = (
     "ATTITUDE",
@@ -85,29 +66,6 @@ class Broken:
     at_s: float
     message: str
     value: float
-
-
-@dataclass(frozen=True)
-class FaultCase:
-    """What a dive's number draws."""
-
-    number: int
-    variant: int
-    state: State
-    faults: tuple[Broken, ...]
-    fingers: bool
-
-
-class FaultRow(NamedTuple):
-    """What became of a dive; `broken` says which promise was not kept, or nothing."""
-
-    number: int
-    kinds: tuple[str, ...]
-    state: str
-    ended: str
-    neutral_s: float
-    """From the first fault to the last thrust; NaN if it held on or never pushed."""
-    broken: str
 
 
 class PromiseBrokenError(AssertionError):
@@ -446,27 +404,6 @@ ON_FIRMWARE = tuple(
 )
 """Left out: what would change the firmware's own messages, a leak (no pin), losses and resets of its EKF, and
 a jump of its pressure, which its EKF may well reject."""
-STATES_ON_FIRMWARE = tuple(state for state in STATES if state is not State.HAND_OVER)
-"""Left out: HAND_OVER, which the dives begin with a leak."""
-
-
-# --- Dives --------------------------------------------------------------------------------------------------
-
-
-def case(number: int, *, firmware: bool = False) -> FaultCase:
-    """Return what dive `number` draws, for our stand-in or the real firmware."""
-    rng = np.random.default_rng((number, 4))
-    group = number if firmware else number // 12
-    states, known = (STATES_ON_FIRMWARE, ON_FIRMWARE) if firmware else (STATES, tuple(FAULTS))
-    picked = np.random.default_rng((group, 5))
-    kinds = rng.choice(list(known), size=1 if rng.random() < 0.5 else int(rng.integers(2, 4)), replace=False)
-    return FaultCase(
-        number,
-        variant=int(picked.integers(len(VARIANTS))),
-        state=states[int(picked.integers(len(states)))],
-        faults=tuple(draw(str(kind), rng) for kind in kinds),
-        fingers=bool(rng.random() < 0.25),
-    )
 
 
 def draw(kind: str, rng: np.random.Generator) -> Broken:
@@ -478,101 +415,3 @@ def draw(kind: str, rng: np.random.Generator) -> Broken:
         message=str(rng.choice(STREAMS)) if FAULTS[kind].on_stream else "",
         value=low if low == high else float(rng.uniform(low, high)),
     )
-
-
-def groups(numbers: Sequence[int]) -> Iterator[list[int]]:
-    """Split into those that share a vehicle and a state."""
-    together: dict[int, list[int]] = {}
-    for number in numbers:
-        together.setdefault(number // 12, []).append(number)
-    yield from together.values()
-
-
-def dive_group(numbers: Sequence[int], firmware: Path | None = None) -> list[FaultRow]:
-    """Prepare one vehicle in one state, and fork it for each of these dives.
-
-    A `firmware` cannot be forked: it is started for each.
-    """
-    if firmware is not None:
-        return [_dive_firmware(number, firmware) for number in numbers]
-    first = case(numbers[0])
-    prepared = Diving(first.variant, first.state)
-    return [_forked(prepared, case(number)) for number in numbers]
-
-
-def _dive_firmware(number: int, firmware: Path) -> FaultRow:
-    """Dive once with the real firmware."""
-    one = case(number, firmware=True)
-    diving = Diving(one.variant, one.state, firmware)
-    try:
-        return dive(diving, one)
-    finally:
-        diving.close()
-
-
-def _forked(prepared: Diving, one: FaultCase) -> FaultRow:
-    reading, writing = os.pipe()
-    child = os.fork()
-    if child == 0:
-        os.close(reading)
-        with os.fdopen(writing, "w") as pipe:
-            json.dump(dive(prepared, one), pipe)
-        os._exit(0)
-    os.close(writing)
-    with os.fdopen(reading) as pipe:
-        said = pipe.read()
-    os.waitpid(child, 0)
-    if not said:
-        return FaultRow(one.number, tuple(f.kind for f in one.faults), one.state, "", nan, "the process died")
-    number, kinds, *rest = json.loads(said)
-    return FaultRow(number, tuple(kinds), *rest)
-
-
-def dive(dive: Diving, one: FaultCase) -> FaultRow:
-    """Break what the case says, and hold every tick to account."""
-    rng = np.random.default_rng((one.number, 6))
-    since_s, broken = dive.t_s, ""
-    pending = sorted(one.faults, key=lambda fault: fault.at_s)
-    begun: list[tuple[float, Broken]] = []
-    try:
-        with np.errstate(all="ignore"):
-            for tick in range(round(AFTER_S * 50)):
-                while pending and pending[0].at_s <= tick / 50:
-                    begun.append((dive.t_s, pending[0]))
-                    FAULTS[pending[0].kind].begin(dive, pending.pop(0), rng)
-                if one.fingers and rng.random() < 0.05:
-                    dive.loop.requests.append(Request(int(rng.integers(1, 4))))
-                dive.run(0.02)
-            _in_time(dive, one, begun)
-    except PromiseBrokenError as error:
-        broken = str(error)
-    except Exception:
-        broken = "raised: " + traceback.format_exc().strip().splitlines()[-1]
-    ended, thrust_s = dive.engine.verdict.state, dive.engine.last_thrust_s
-    pushed = thrust_s > since_s and ended is not State.ACTIVE
-    return FaultRow(
-        one.number,
-        tuple(fault.kind for fault in one.faults),
-        one.state,
-        ended,
-        thrust_s - begun[0][0] if begun and pushed else nan,
-        broken,
-    )
-
-
-def _in_time(dive: Diving, one: FaultCase, begun: Sequence[tuple[float, Broken]]) -> None:
-    """Check that whatever had to end the steering did; whoever engaged again since is another matter."""
-    if one.fingers or one.state is not State.ACTIVE:
-        return
-    for at_s, fault in begun:
-        within_s = FAULTS[fault.kind].within_s(fault)
-        if within_s is None:
-            continue
-        allowed_s = within_s + (SLACK_S if len(begun) > 1 else 0.02)
-        took_s = dive.engine.last_thrust_s - at_s
-        promise(took_s <= allowed_s, f"{fault.kind}: still pushing {took_s:.2f} s later, not {allowed_s:.2f}")
-
-
-def described(one: FaultCase) -> str:
-    """Return the case in words."""
-    return json.dumps(asdict(one))

@@ -1,32 +1,30 @@
 """`holdfast faults --hours N`: hours of virtual time in which something breaks again and again.
 
 An hour's number is its seed. It draws a vehicle, and then faults: one begins, lasts, ends, and the operator
-engages again. Every tick is held to account as in the other dives (`lab.faults.faults`). A row of FILE is
-what became of an hour; the same command continues a file.
+engages again. Every tick is held to account as in the other dives (`lab.studies.breaking`).
 """
 
+import argparse
 import os
 import time
 import traceback
 from collections import Counter
-from concurrent.futures import as_completed
-from dataclasses import dataclass, field
-from math import nan
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, field
+from math import isnan, nan
 from pathlib import Path
+from typing import NamedTuple
 
-import msgspec
 import numpy as np
-from rich import box
-from rich.console import Console, Group, RenderableType
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-from rich.table import Table
-from rich.text import Text
+from rich.console import RenderableType
+from rich.markup import escape
 
 from companion.records import Request, Setpoint, State
 from companion.telemetry.samples import encode
-from lab.bench.usage import memory_kb, slope
-from lab.faults.faults import AFTER_S, FAULTS, VARIANTS, Diving, PromiseBrokenError, draw, promise
-from lab.pool import worker_pool
+from lab.studies.breaking import AFTER_S, FAULTS, VARIANTS, Diving, PromiseBrokenError, draw, promise
+from lab.studies.fault_dives import FaultDives
+from lab.study import Row, Study, by, ruled
+from lab.usage import memory_kb, slope
 
 HOUR_S = 3600.0
 WARM_UP_S = 600.0
@@ -58,7 +56,7 @@ class Hour:
     """Exceptions and promises that were not kept; a new vehicle follows each."""
     stuck: list[str] = field(default_factory=list)
     """After which fault it could not be engaged again, and why."""
-    memory_kb_h: float | None = None
+    memory_kb_h: float = nan
     """Slope of what the process allocated, per simulated hour."""
     cpu_s: float = 0.0
 
@@ -161,58 +159,69 @@ def soak_hour(number: int, seconds: float = HOUR_S) -> Hour:
     return hour
 
 
-def main(console: Console, hours: int, workers: int, file: Path) -> int:
-    """Dive the hours that FILE lacks; return 1 if any broke a promise or could not be engaged again."""
-    rows = _read(file)
-    missing = sorted(set(range(hours)) - rows.keys())
-    columns = (TextColumn("hours"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with worker_pool(workers, start="spawn") as pool, Progress(*columns, console=console) as progress:
-        task = progress.add_task("hours", total=hours, completed=hours - len(missing))
-        for future in as_completed([pool.submit(soak_hour, number) for number in missing]):
-            hour = future.result()
-            rows[hour.number] = hour
-            with file.open("ab") as stream:
-                stream.write(msgspec.json.encode(hour) + b"\n")
-            progress.advance(task)
-    done = [rows[number] for number in range(hours)]
-    console.print(summary(done))
-    return 1 if any(hour.broken or hour.stuck for hour in done) else 0
+class NumberedHour(NamedTuple):
+    """One hour."""
+
+    number: int
 
 
-def _read(file: Path) -> dict[int, Hour]:
-    """Return the hours that are in a file; a line that was torn by the end of a run is left out."""
-    text = file.read_bytes() if file.exists() else b""
-    whole = text[: text.rfind(b"\n") + 1]
-    if whole != text:
-        file.write_bytes(whole)
-    found = [msgspec.json.decode(line, type=Hour, strict=False) for line in whole.splitlines()]
-    return {hour.number: hour for hour in found}
+class FaultHours(Study[NumberedHour]):
+    """So many hours; a longer run continues the file."""
 
+    command = FaultDives.command
+    about = FaultDives.about
+    unit = "hours"
+    recipe = ()
+    keeps_rows = True
 
-def summary(hours: list[Hour]) -> RenderableType:
-    """Return what became of the hours."""
-    total_s, cpu_s = sum(hour.simulated_s for hour in hours), sum(hour.cpu_s for hour in hours)
-    table = Table(box=box.SIMPLE_HEAD, title=f"{total_s / HOUR_S:.1f} simulated hours", title_justify="left")
-    for title in ("vehicle", "hours", "held on", "faults", "let go", "broken", "stuck", "memory kB/h"):
-        table.add_column(title, justify="left" if title == "vehicle" else "right")
-    for name in dict.fromkeys(hour.vehicle for hour in hours):
-        of_it = [hour for hour in hours if hour.vehicle == name]
-        slopes = [hour.memory_kb_h for hour in of_it if hour.memory_kb_h is not None]
-        table.add_row(
-            name,
-            f"{sum(hour.simulated_s for hour in of_it) / HOUR_S:.1f}",
-            f"{sum(hour.active_s for hour in of_it) / sum(hour.simulated_s for hour in of_it):.1%}",
-            f"{sum(sum(hour.faults.values()) for hour in of_it)}",
-            f"{sum(sum(hour.let_go.values()) for hour in of_it)}",
-            f"{sum(len(hour.broken) for hour in of_it)}",
-            f"{sum(len(hour.stuck) for hour in of_it)}",
-            f"{np.median(slopes):.0f}" if slopes else "",
-        )
-    let_go = Counter[str]()
-    for hour in hours:
-        let_go.update(hour.let_go)
-    lines = [f"{count:5} x {reason}" for reason, count in let_go.most_common()]
-    lines += [f"hour {hour.number}: BROKEN: {said}" for hour in hours for said in hour.broken]
-    lines += [f"hour {hour.number}: not engaged again after {said}" for hour in hours for said in hour.stuck]
-    text = Text("\n".join(["let go, by reason:", *lines, f"processor time {cpu_s / 60.0:.0f} min"]))
-    return Group(table, text)
+    @classmethod
+    def options(cls, parser: argparse.ArgumentParser) -> None:
+        """Add the options of the command."""
+        FaultDives.options(parser)
+
+    def __init__(self, arguments: argparse.Namespace) -> None:
+        self._hours: int = arguments.hours
+
+    def journal(self, out: Path) -> Path:
+        """Return the file that `--out` names."""
+        return out
+
+    def cases(self) -> Sequence[NumberedHour]:
+        """Return the hours."""
+        return [NumberedHour(number) for number in range(self._hours)]
+
+    def dive(self, cases: Sequence[NumberedHour]) -> Iterator[Row]:
+        """Dive hours."""
+        return (asdict(soak_hour(one.number)) for one in cases)
+
+    def failed(self, rows: Sequence[Row]) -> bool:
+        """Return whether an hour broke a promise or could not be engaged again."""
+        return any(row["broken"] or row["stuck"] for row in rows)
+
+    def tables(self, rows: Sequence[Row]) -> Iterator[RenderableType]:
+        """Return what became of the hours, by vehicle, and why it let go."""
+        total_s = sum(row["simulated_s"] for row in rows)
+        columns = "vehicle", "hours", "held on", "faults", "let go", "broken", "stuck", "memory kB/h"
+        table = ruled(f"{total_s / HOUR_S:.1f} simulated hours", *columns)
+        for (name,), some in by(rows, "vehicle").items():
+            simulated_s = sum(row["simulated_s"] for row in some)
+            slopes = [row["memory_kb_h"] for row in some if not isnan(row["memory_kb_h"])]
+            table.add_row(
+                name,
+                f"{simulated_s / HOUR_S:.1f}",
+                f"{sum(row['active_s'] for row in some) / simulated_s:.1%}",
+                *(str(sum(sum(row[key].values()) for row in some)) for key in ("faults", "let_go")),
+                *(str(sum(len(row[key]) for row in some)) for key in ("broken", "stuck")),
+                f"{np.median(slopes):.0f}" if slopes else "",
+            )
+        yield table
+        let_go = Counter[str]()
+        for row in rows:
+            let_go.update(row["let_go"])
+        lines = ["let go, by reason:", *(f"{count:5} x {reason}" for reason, count in let_go.most_common())]
+        lines += [f"hour {row['number']}: BROKEN: {said}" for row in rows for said in row["broken"]]
+        lines += [
+            f"hour {row['number']}: not engaged again after {said}" for row in rows for said in row["stuck"]
+        ]
+        lines.append(f"processor time {sum(row['cpu_s'] for row in rows) / 60.0:.0f} min")
+        yield escape("\n".join(lines))

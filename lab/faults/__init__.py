@@ -1,1 +1,0 @@
-"""Dives in which something breaks."""
