@@ -20,8 +20,6 @@ from rich.console import RenderableType
 from companion.config import Config
 from companion.config import load_config as load_companion
 from companion.records import Array
-from lab.batch.dives import simulate
-from lab.batch.loop import LOST_M
 from lab.batch.vehicle import ENGAGED_S, Links, Rows
 from lab.loop import dive as full_loop
 from lab.loop.lockstep import LinkDelay
@@ -277,6 +275,8 @@ class Campaign(Study[CampaignCase]):
 
     def dive(self, cases: Sequence[CampaignCase], traces: list[Rows] | None = None) -> Iterator[Row]:
         """Dive a batch; `traces` takes one of each dive (`simulate`)."""
+        from lab.batch.dives import simulate  # needs numba, which the command's help does not
+
         delay_s = 1e-3 * np.array([one.delay_ms for one in cases])
         found = simulate(
             configured(self._config, cases[0].vehicle),
@@ -478,5 +478,7 @@ def _error(axes: Axes, one: CampaignCase, trace: Rows) -> None:
 
 def _limit(axes: Axes, error_m: Array) -> None:
     """Keep a lost vehicle from squeezing the rest."""
+    from lab.batch.loop import LOST_M
+
     if not np.nanmax(np.abs(error_m)) < LOST_M:
         axes.set_ylim(-1.1e3 * LOST_M, 1.1e3 * LOST_M)

@@ -11,15 +11,12 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
-import cma
 import numpy as np
 from msgspec.structs import replace
 
 from companion.assembly import refuse_fast_gains
 from companion.config import Config, ConfigError
 from companion.records import Array, Setpoint
-from lab.batch import alt_hold
-from lab.batch import dives as batch
 from lab.batch.vehicle import Links
 from lab.loop.lockstep import LinkDelay
 from lab.loop.scenarios import SETTLE_S, Scenario, ensemble, four, trajectory
@@ -94,6 +91,8 @@ def minimised(
     done: Callable[[int], object] = lambda count: None,
 ) -> Found:
     """Search the `knobs`, from their values by up to the factor WIDTH, for the least that `judge` returns."""
+    import cma  # the help of `holdfast tune` needs neither this nor numba
+
     keys, start = list(knobs), np.log(list(knobs.values()))
 
     def of(candidates: Sequence[Array]) -> list[float]:
@@ -165,6 +164,9 @@ def _dive(
     dives: Sequence[tuple[Scenario, TrainingCase]],
 ) -> dict[str, Array]:
     """Dive all with each of `values`: figures of shape (values · dives,)."""
+    from lab.batch import alt_hold
+    from lab.batch import dives as batch
+
     of_one = [_stronger(scenario.plant(base, scenario.seed), case.thrust) for scenario, case in dives]
     plants = of_one * len(values)
     seeds = [scenario.seed for scenario, _ in dives] * len(values)
