@@ -8,6 +8,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import NamedTuple
 
 from companion.config import Config
 from companion.control.allocation import HORIZONTAL
@@ -68,9 +69,44 @@ class CheckRow:
     fix: str = ""
 
 
+GOOD, WARNING, REFUSED = Grade
+
+
+class Finding(NamedTuple):
+    """What a row found: how grave it is, and how to fix it."""
+
+    grade: Grade
+    found: str
+    fix: str = ""
+
+
+Judge = Callable[[Observed, Config], Finding | None]
+
+
+class _Row(NamedTuple):
+    name: str
+    why: str
+    judge: Judge
+
+
+_ROWS: list[_Row] = []
+"""In the order of the list, which is that of this file."""
+
+
+def _row(name: str, why: str) -> Callable[[Judge], Judge]:
+    """Make a function a row of the list; it returns None for what was not tested."""
+
+    def add(judge: Judge) -> Judge:
+        _ROWS.append(_Row(name, why, judge))
+        return judge
+
+    return add
+
+
 def rows(seen: Observed, config: Config) -> list[CheckRow]:
     """Return the list, without the rows of what was not tested."""
-    return [row for make in _ROWS if (row := make(seen, config)) is not None]
+    found = ((row, row.judge(seen, config)) for row in _ROWS)
+    return [CheckRow(row.name, it.grade, it.found, row.why, it.fix) for row, it in found if it is not None]
 
 
 WATCHED = frozenset({"pilot failsafe", "depth", "battery"})
@@ -87,168 +123,155 @@ def refusals(listed: Sequence[CheckRow], *, holding: bool = False) -> str:
     While `holding`, the rows of SETTLES are left out too.
     """
     ignored = WATCHED | SETTLES if holding else WATCHED
-    refused = [row for row in listed if row.grade is Grade.REFUSED and row.name not in ignored]
+    refused = [row for row in listed if row.grade is REFUSED and row.name not in ignored]
     return "; ".join(f"{row.name}: {row.found}. Fix: {row.fix}" for row in refused)
 
 
-def _firmware(seen: Observed, config: Config) -> CheckRow:
-    why = "Holdfast uses the signs, scales and failsafes of ArduSub 4.5 and newer"
+@_row("signing", "frames that are not signed with link.signing_key_file are dropped")
+def _signing(seen: Observed, config: Config) -> Finding | None:
+    if not config.link.signing_key_file:
+        return None
+    if seen.messages or not seen.refused:
+        found = "the vehicle signs with the same key" if seen.messages else "no frame arrived yet"
+        return Finding(GOOD, found)
+    found, fix = "no frame is signed with the same key", "use one key on both sides: docs/wiring.md"
+    return Finding(REFUSED, found, fix)
+
+
+@_row("firmware", "Holdfast uses the signs, scales and failsafes of ArduSub 4.5 and newer")
+def _firmware(seen: Observed, config: Config) -> Finding:
     kind = seen.heartbeat.vehicle_type if seen.heartbeat else None
     if kind is not None and kind != SUBMARINE:
         found = f"a vehicle of MAVLink type {kind}"
-        return CheckRow(
-            "firmware", Grade.REFUSED, found, why, "set link.vehicle_system to that of an ArduSub vehicle"
-        )
+        return Finding(REFUSED, found, "set link.vehicle_system to that of an ArduSub vehicle")
     if seen.firmware is None:
-        return CheckRow(
-            "firmware", Grade.WARNING, "the version was not reported", why, "reduce the load of the link"
-        )
-    grade = Grade.GOOD if seen.firmware.version >= OLDEST else Grade.WARNING
-    return CheckRow("firmware", grade, f"ArduSub {seen.firmware.text}", why, "update to ArduSub 4.5 or newer")
+        return Finding(WARNING, "the version was not reported", "reduce the load of the link")
+    grade = GOOD if seen.firmware.version >= OLDEST else WARNING
+    return Finding(grade, f"ArduSub {seen.firmware.text}", "update to ArduSub 4.5 or newer")
 
 
-def _signing(seen: Observed, config: Config) -> CheckRow | None:
-    if not config.link.signing_key_file:
-        return None
-    why = "frames that are not signed with link.signing_key_file are dropped"
-    if seen.messages or not seen.refused:
-        found = "the vehicle signs with the same key" if seen.messages else "no frame arrived yet"
-        return CheckRow("signing", Grade.GOOD, found, why)
-    found, fix = "no frame is signed with the same key", "use one key on both sides: docs/wiring.md"
-    return CheckRow("signing", Grade.REFUSED, found, why, fix)
-
-
-def _frame(seen: Observed, config: Config) -> CheckRow:
-    why = "the thrust is distributed over the motors of this frame"
+@_row("frame", "the thrust is distributed over the motors of this frame")
+def _frame(seen: Observed, config: Config) -> Finding:
     wanted, value = config.vehicle.frame, seen.parameters.get("FRAME_CONFIG")
     if value is None:
-        return _not_reported("frame", "FRAME_CONFIG", why)
+        return _not_reported("FRAME_CONFIG")
     has = FRAMES.get(value, f"number {value:g}")
-    grade = Grade.GOOD if has == wanted else Grade.REFUSED
+    grade = GOOD if has == wanted else REFUSED
     fix = f'vehicle.preset = "{PRESET_OF[has]}"' if has in PRESET_OF else "a frame that Holdfast knows"
-    return CheckRow("frame", grade, f"{has}, expected {wanted}" if grade else has, why, fix)
+    return Finding(grade, f"{has}, expected {wanted}" if grade else has, fix)
 
 
-def _steering_id(seen: Observed, config: Config) -> CheckRow:
-    why = "ArduSub silently refuses steering from any other system id"
+@_row("steering id", "ArduSub silently refuses steering from any other system id")
+def _steering_id(seen: Observed, config: Config) -> Finding:
     ours, value = config.link.system, seen.parameters.get("MAV_GCS_SYSID")
     if value is None:
-        return _not_reported("steering id", "MAV_GCS_SYSID", why)
+        return _not_reported("MAV_GCS_SYSID")
     if value != ours:
         found, fix = (
             f"it accepts {value:g}, Holdfast is {ours}",
             f"link.system = {value:g}, or MAV_GCS_SYSID = {ours}",
         )
-        return CheckRow("steering id", Grade.REFUSED, found, why, fix)
+        return Finding(REFUSED, found, fix)
     tried = seen.directions
     if tried is None or tried.refused:
-        return CheckRow("steering id", Grade.GOOD, f"MAV_GCS_SYSID is {value:g}, as Holdfast's", why)
+        return Finding(GOOD, f"MAV_GCS_SYSID is {value:g}, as Holdfast's")
     found = f"{100.0 * tried.echo:.0f} % of the demand reached the motors"
     if tried.echo > HEEDED:
-        return CheckRow("steering id", Grade.GOOD, found, why)
-    grade = Grade.WARNING if tried.echo > SHARED else Grade.REFUSED
+        return Finding(GOOD, found)
+    grade = WARNING if tried.echo > SHARED else REFUSED
     fix = "look for another sender, such as a pilot's neutral sticks: two overwrite each other"
-    return CheckRow("steering id", grade, found, why, fix)
+    return Finding(grade, found, fix)
 
 
-def _pilot_failsafe(seen: Observed, config: Config) -> CheckRow:
-    why = "if this computer fails, only FS_PILOT_INPUT stops the thrusters"
+@_row("pilot failsafe", "if this computer fails, only FS_PILOT_INPUT stops the thrusters")
+def _pilot_failsafe(seen: Observed, config: Config) -> Finding:
     action = seen.parameters.get("FS_PILOT_INPUT")
     timeout_s = seen.parameters.get("FS_PILOT_TIMEOUT")
     if action is None or timeout_s is None:
-        return _not_reported(
-            "pilot failsafe", "FS_PILOT_INPUT" if action is None else "FS_PILOT_TIMEOUT", why
-        )
+        return _not_reported("FS_PILOT_INPUT" if action is None else "FS_PILOT_TIMEOUT")
     does = {0.0: "does nothing", 1.0: "neutral", 2.0: "disarm"}.get(action, f"action {action:g}")
     found = f"{does} after {timeout_s:g} s"
     safe = pilot_failsafe_acts(seen.parameters, config.supervisor)
     fix = f"FS_PILOT_INPUT = 2, FS_PILOT_TIMEOUT <= {config.supervisor.max_pilot_timeout_s:g}"
-    return CheckRow("pilot failsafe", Grade.GOOD if safe else Grade.REFUSED, found, why, fix)
+    return Finding(GOOD if safe else REFUSED, found, fix)
 
 
-def _pilot_gain(seen: Observed, config: Config) -> CheckRow:
-    why = "the autopilot scales MANUAL_CONTROL by it; Holdfast compensates this"
+@_row("pilot gain", "the autopilot scales MANUAL_CONTROL by it; Holdfast compensates this")
+def _pilot_gain(seen: Observed, config: Config) -> Finding:
     if config.vehicle.thrust_path == "rc_override":
-        return CheckRow("pilot gain", Grade.GOOD, "not used: RC_CHANNELS_OVERRIDE is not scaled", why)
+        return Finding(GOOD, "not used: RC_CHANNELS_OVERRIDE is not scaled")
     gain, throttle = seen.pilot_gain, seen.parameters.get("JS_THR_GAIN")
     if gain is None or throttle is None:
         name = "PilotGain" if gain is None else "JS_THR_GAIN"
-        return _not_reported("pilot gain", name, why)
+        return _not_reported(name)
     found = (
         f"{gain:g}, throttle x {throttle:g}: full stick is {100.0 * min(1.0, gain * throttle):.0f} % thrust"
     )
-    grade = Grade.GOOD if min(gain, gain * throttle) >= MIN_REACH else Grade.WARNING
+    grade = GOOD if min(gain, gain * throttle) >= MIN_REACH else WARNING
     fix = 'raise the gain by joystick, or JS_GAIN_DEFAULT and reboot, or thrust_path = "rc_override"'
-    return CheckRow("pilot gain", grade, found, why, fix)
+    return Finding(grade, found, fix)
 
 
-def _input_hold(seen: Observed, config: Config) -> CheckRow:
-    why = "InputHold adds offsets to the sticks; RollPitch lets x and y control pitch and roll"
+@_row("input hold", "InputHold adds offsets to the sticks; RollPitch lets x and y control pitch and roll")
+def _input_hold(seen: Observed, config: Config) -> Finding:
     on = [name for name, is_on in seen.toggles.items() if is_on]
     if on:
         fix = f"switch {' and '.join(on)} off with its joystick button"
-        return CheckRow("input hold", Grade.REFUSED, f"{' and '.join(on)} on", why, fix)
+        return Finding(REFUSED, f"{' and '.join(on)} on", fix)
     if not seen.toggles:
-        return CheckRow(
-            "input hold", Grade.WARNING, "not reported", why, "check that NAMED_VALUE_FLOAT is sent"
-        )
-    return CheckRow("input hold", Grade.GOOD, "InputHold and RollPitch off", why)
+        return Finding(WARNING, "not reported", "check that NAMED_VALUE_FLOAT is sent")
+    return Finding(GOOD, "InputHold and RollPitch off")
 
 
-def _receiver(seen: Observed, config: Config) -> CheckRow:
-    why = "with an RC receiver the pilot failsafe never acts; only RC_OVERRIDE_TIME stops the thrusters"
+@_row(
+    "RC receiver",
+    "with an RC receiver the pilot failsafe never acts; only RC_OVERRIDE_TIME stops the thrusters",
+)
+def _receiver(seen: Observed, config: Config) -> Finding:
     if seen.parameters.get("RC_PROTOCOLS") == 0.0 or seen.receiver_channels == 0:
-        return CheckRow("RC receiver", Grade.GOOD, "none", why)
+        return Finding(GOOD, "none")
     if seen.failsafe_seen:
-        return CheckRow("RC receiver", Grade.GOOD, "none: the pilot failsafe has acted", why)
+        return Finding(GOOD, "none: the pilot failsafe has acted")
     override_s = seen.parameters.get("RC_OVERRIDE_TIME")
     if override_s is None:
-        return _not_reported("RC receiver", "RC_OVERRIDE_TIME", why)
+        return _not_reported("RC_OVERRIDE_TIME")
     limit_s = config.supervisor.max_pilot_timeout_s
     safe = 0.0 < override_s <= limit_s
     ends = f"overrides end after {override_s:g} s" if safe else f"RC_OVERRIDE_TIME is {override_s:g}"
     found = f"perhaps one, or another sender steers; {ends}"
     fix = f"RC_PROTOCOLS = 0, or unplug the receiver; and RC_OVERRIDE_TIME <= {limit_s:g}"
-    return CheckRow("RC receiver", Grade.WARNING if safe else Grade.REFUSED, found, why, fix)
+    return Finding(WARNING if safe else REFUSED, found, fix)
 
 
-def _streams(seen: Observed, config: Config) -> CheckRow:
-    why = "the estimate needs these rates; a parameter transfer reduces them to a quarter for a while"
+@_row("streams", "the estimate needs these rates; a parameter transfer reduces them to a quarter for a while")
+def _streams(seen: Observed, config: Config) -> Finding:
     asked, came = seen.asked_hz, seen.measured_hz
     slow = [name for name, hz in asked.items() if name in came and came[name] < SLOW_SHARE * hz]
     slow = [name for name in slow if came[name] > 0.0 or name not in NOT_ON_EVERY_VEHICLE]
     if not came:
-        return CheckRow("streams", Grade.WARNING, "not measured yet", why)
+        return Finding(WARNING, "not measured yet")
     if slow:
         found = ", ".join(f"{name} {came[name]:.0f} of {asked[name]:.0f} Hz" for name in slow)
-        return CheckRow(
-            "streams",
-            Grade.WARNING,
-            found,
-            why,
-            "look for another client that sets rates; reduce the load of the link",
-        )
-    return CheckRow(
-        "streams", Grade.GOOD, f"ATTITUDE {came.get('ATTITUDE', 0.0):.0f} Hz and the others as requested", why
-    )
+        return Finding(WARNING, found, "look for another client that sets rates; reduce the load of the link")
+    return Finding(GOOD, f"ATTITUDE {came.get('ATTITUDE', 0.0):.0f} Hz and the others as requested")
 
 
-def _depth(seen: Observed, config: Config) -> CheckRow:
-    why = "Holdfast controls the depth"
+@_row("depth", "Holdfast controls the depth")
+def _depth(seen: Observed, config: Config) -> Finding:
     source, state = config.vehicle.depth_source, seen.state
     if not depth_is_fresh(state, config.supervisor):
         fix = "check that its message is streamed, or choose another vehicle.depth_source"
         if source == "pressure":
             lacking = [name for name in _pressure_parameters(seen) if name not in seen.parameters]
             fix = f"it needs {', '.join(lacking)}, which were not reported" if lacking else fix
-        return CheckRow("depth", Grade.REFUSED, f"no fresh depth from {source}", why, fix)
+        return Finding(REFUSED, f"no fresh depth from {source}", fix)
     delays = state.delays
     late = f"{1e3 * max(0.0, delays.telemetry_s):.0f} ms" if delays.telemetry_known else "not measured"
     gravity = seen.parameters.get("BARO_SPEC_GRAV", math.nan)
     found = f"{state.eta[2]:.2f} m from {source}, {seen.depth_hz:.0f} Hz, late by {late}; density {gravity:g}"
     fix = "BARO_SPEC_GRAV = 1.025 in sea water; otherwise depth reads 2.5 % too deep"
-    grade = Grade.GOOD if seen.depth_hz >= MIN_DEPTH_HZ else Grade.WARNING
-    return CheckRow("depth", grade, found, why, fix)
+    grade = GOOD if seen.depth_hz >= MIN_DEPTH_HZ else WARNING
+    return Finding(grade, found, fix)
 
 
 def _pressure_parameters(seen: Observed) -> tuple[str, ...]:
@@ -256,24 +279,22 @@ def _pressure_parameters(seen: Observed) -> tuple[str, ...]:
     return "BARO_PRIMARY", f"BARO{primary + 1}_GND_PRESS", "BARO_SPEC_GRAV"
 
 
-def _origin(seen: Observed, config: Config) -> CheckRow:
-    why = "relative_alt shifts permanently by about 0.1 m if it is set under water"
+@_row("EKF origin", "relative_alt shifts permanently by about 0.1 m if it is set under water")
+def _origin(seen: Observed, config: Config) -> Finding:
     if seen.origin_known:
-        return CheckRow("EKF origin", Grade.GOOD, "set", why)
+        return Finding(GOOD, "set")
     fix = "at the surface: holdfast check --set-origin LAT,LON"
     if config.vehicle.depth_source == "vfr_hud":
         found = "not set: VFR_HUD.alt stays exactly 0"
-        return CheckRow("EKF origin", Grade.REFUSED, found, why, fix)
-    return CheckRow("EKF origin", Grade.WARNING, "not set", why, fix)
+        return Finding(REFUSED, found, fix)
+    return Finding(WARNING, "not set", fix)
 
 
-def _ekf(seen: Observed, config: Config) -> CheckRow:
-    why = "attitude, heading and depth come from the autopilot's EKF, which settles after boot"
+@_row("EKF", "attitude, heading and depth come from the autopilot's EKF, which settles after boot")
+def _ekf(seen: Observed, config: Config) -> Finding:
     ekf, limits = seen.ekf, config.supervisor
     if ekf is None:
-        return CheckRow(
-            "EKF", Grade.REFUSED, "no EKF_STATUS_REPORT arrived", why, "wait; reduce the load of the link"
-        )
+        return Finding(REFUSED, "no EKF_STATUS_REPORT arrived", "wait; reduce the load of the link")
     lacks = [name for name, has in (("attitude", ekf.attitude), ("depth", ekf.depth)) if not has]
     if seen.state.ages.position_s <= limits.position_timeout_s and not ekf.position:
         lacks.append("position, though one is sent")
@@ -284,93 +305,81 @@ def _ekf(seen: Observed, config: Config) -> CheckRow:
         found = f"its variance is {ekf.variance:.2f}, the limit {limits.max_ekf_variance:g}"
     if found:
         fix = "keep the vehicle at rest until the EKF has settled; if it does not, calibrate the compass"
-        return CheckRow("EKF", Grade.REFUSED, f"{found}: wait", why, fix)
+        return Finding(REFUSED, f"{found}: wait", fix)
     has = "no position: x and y are not held"
     if ekf.position:
         has = "and position" if ekf.absolute else "and position by dead reckoning: it drifts"
-    return CheckRow("EKF", Grade.GOOD, f"attitude, depth, {has}", why)
+    return Finding(GOOD, f"attitude, depth, {has}")
 
 
-def _compass(seen: Observed, config: Config) -> CheckRow:
-    why = "while the EKF aligns its yaw to the compass, the heading jumps"
+@_row("compass", "while the EKF aligns its yaw to the compass, the heading jumps")
+def _compass(seen: Observed, config: Config) -> Finding:
     state = seen.state
     aligned_s = min(state.ages.yaw_reset_s, state.t_s - seen.yaw_aligned_t_s)
     if aligned_s <= RESET_SETTLE_S:
         found = f"the EKF aligned its yaw less than {RESET_SETTLE_S:g} s ago: wait"
         fix = "wait; calibrate the compass if this continues"
-        return CheckRow("compass", Grade.REFUSED, found, why, fix)
-    return CheckRow("compass", Grade.GOOD, "yaw is steady", why)
+        return Finding(REFUSED, found, fix)
+    return Finding(GOOD, "yaw is steady")
 
 
-def _mode(seen: Observed, config: Config) -> CheckRow | None:
+@_row("mode", "Holdfast steers in vehicle.steering_mode and hands over through STABILIZE")
+def _mode(seen: Observed, config: Config) -> Finding | None:
     if seen.modes is None:
         return None
-    why = "Holdfast steers in vehicle.steering_mode and hands over through STABILIZE"
     if not seen.modes:
-        return CheckRow("mode", Grade.GOOD, "not tested: the vehicle is armed", why)
+        return Finding(GOOD, "not tested: the vehicle is armed")
     missing = [name for name, came in seen.modes.items() if not came]
     if not missing:
-        return CheckRow(
-            "mode", Grade.GOOD, f"{' and '.join(seen.modes)} are possible; the previous mode is restored", why
-        )
+        return Finding(GOOD, f"{' and '.join(seen.modes)} are possible; the previous mode is restored")
     wanted = config.vehicle.steering_mode.upper() in missing
-    grade = Grade.REFUSED if wanted else Grade.WARNING
-    return CheckRow("mode", grade, f"{' and '.join(missing)} refused", why, "read the autopilot's messages")
+    grade = REFUSED if wanted else WARNING
+    return Finding(grade, f"{' and '.join(missing)} refused", "read the autopilot's messages")
 
 
-def _battery(seen: Observed, config: Config) -> CheckRow:
-    why = "thrust is proportional to the square of the voltage; the charge must last for the dive"
+@_row("battery", "thrust is proportional to the square of the voltage; the charge must last for the dive")
+def _battery(seen: Observed, config: Config) -> Finding:
     low_v = config.supervisor.min_voltage_v
     if seen.voltage_v is None:
-        return CheckRow("battery", Grade.WARNING, "no voltage", why, "set BATT_MONITOR")
-    grade = Grade.WARNING if seen.voltage_v < FULL_CELL_SHARE * low_v else Grade.GOOD
-    grade = Grade.REFUSED if voltage_is_low(seen.voltage_v, config.supervisor) else grade
-    return CheckRow("battery", grade, f"{seen.voltage_v:.1f} V, low is {low_v:g}", why, "charge it")
+        return Finding(WARNING, "no voltage", "set BATT_MONITOR")
+    grade = WARNING if seen.voltage_v < FULL_CELL_SHARE * low_v else GOOD
+    grade = REFUSED if voltage_is_low(seen.voltage_v, config.supervisor) else grade
+    return Finding(grade, f"{seen.voltage_v:.1f} V, low is {low_v:g}", "charge it")
 
 
-def _leak(seen: Observed, config: Config) -> CheckRow:
-    why = "Holdfast hands over when the autopilot reports a leak; FS_LEAK_ENABLE enables the report"
+@_row("leak", "Holdfast hands over when the autopilot reports a leak; FS_LEAK_ENABLE enables the report")
+def _leak(seen: Observed, config: Config) -> Finding:
     action = seen.parameters.get("FS_LEAK_ENABLE")
     if action is None:
-        return CheckRow(
-            "leak", Grade.WARNING, "FS_LEAK_ENABLE was not reported", why, "reduce the load of the link"
-        )
+        return Finding(WARNING, "FS_LEAK_ENABLE was not reported", "reduce the load of the link")
     if action == 0.0:
         fix = "FS_LEAK_ENABLE = 1 to warn, 2 to surface"
-        return CheckRow("leak", Grade.WARNING, "not detected: FS_LEAK_ENABLE is 0", why, fix)
+        return Finding(WARNING, "not detected: FS_LEAK_ENABLE is 0", fix)
     does = {1.0: "warns", 2.0: "surfaces"}.get(action, f"does {action:g}")
-    return CheckRow("leak", Grade.GOOD, f"no leak; the autopilot {does} if one is detected", why)
+    return Finding(GOOD, f"no leak; the autopilot {does} if one is detected")
 
 
-def _clock(seen: Observed, config: Config) -> CheckRow:
-    why = "it measures the delays; an unknown delay causes a limit cycle"
+@_row("clock", "it measures the delays; an unknown delay causes a limit cycle")
+def _clock(seen: Observed, config: Config) -> Finding:
     if not seen.syncs:
-        return CheckRow(
-            "clock", Grade.WARNING, "TIMESYNC is not answered", why, "look for a filter on the link"
-        )
+        return Finding(WARNING, "TIMESYNC is not answered", "look for a filter on the link")
     found = f"round trip {1e3 * seen.round_trip_s:.1f} ms, {seen.clock_jumps} jumps in {seen.syncs} answers"
     total_s, bears_s = seen.state.delays.total_s, config.delays.gains_bear_s
     if seen.clock_jumps or seen.round_trip_s > MAX_ROUND_TRIP_S:
-        return CheckRow(
-            "clock", Grade.WARNING, found, why, "use a faster link; look for a second autopilot on it"
-        )
+        return Finding(WARNING, found, "use a faster link; look for a second autopilot on it")
     if total_s > bears_s:
         found += f"; total delay {1e3 * total_s:.0f} ms, full gains up to {1e3 * bears_s:.0f} ms"
-        return CheckRow(
-            "clock", Grade.WARNING, found, why, "the gains are reduced; run on the vehicle, not topside"
-        )
-    return CheckRow("clock", Grade.GOOD, found, why)
+        return Finding(WARNING, found, "the gains are reduced; run on the vehicle, not topside")
+    return Finding(GOOD, found)
 
 
-def _thrusters(seen: Observed, config: Config) -> CheckRow | None:
+@_row("thrusters", "one reversed motor turns every force into a rotation")
+def _thrusters(seen: Observed, config: Config) -> Finding | None:
     tried = seen.directions
     if tried is None:
         return None
-    why = "one reversed motor turns every force into a rotation"
     if tried.refused:
-        return CheckRow(
-            "thrusters", Grade.WARNING, f"not tested: {tried.refused}", why, "dive, and check again"
-        )
+        return Finding(WARNING, f"not tested: {tried.refused}", "dive, and check again")
     shares = [*_of_strongest(tried.motors[:HORIZONTAL]), *_of_strongest(tried.motors[HORIZONTAL:])]
     wrong = [str(n) for n, share in enumerate(shares, start=1) if share < REVERSED]
     weak = [str(n) for n, share in enumerate(shares, start=1) if REVERSED <= share < WEAK]
@@ -378,13 +387,11 @@ def _thrusters(seen: Observed, config: Config) -> CheckRow | None:
     if wrong:
         fix = " and ".join(f"MOT_{n}_DIRECTION" for n in wrong) + ": change the sign"
         found = f"motor {' and '.join(wrong)} pushes in the wrong direction; {answers}"
-        return CheckRow("thrusters", Grade.REFUSED, found, why, fix)
+        return Finding(REFUSED, found, fix)
     if weak:
         found = f"motor {' and '.join(weak)} gives too little thrust; {answers}"
-        return CheckRow("thrusters", Grade.REFUSED, found, why, "check propeller, ESC and cable")
-    return CheckRow(
-        "thrusters", Grade.GOOD, f"all {len(tried.motors)} push in the right direction; {answers}", why
-    )
+        return Finding(REFUSED, found, "check propeller, ESC and cable")
+    return Finding(GOOD, f"all {len(tried.motors)} push in the right direction; {answers}")
 
 
 def _of_strongest(motors: Sequence[float]) -> list[float]:
@@ -396,28 +403,6 @@ def _of_strongest(motors: Sequence[float]) -> list[float]:
     return [0.0 if strongest <= NO_ANSWER else share / strongest for share in motors]
 
 
-def _not_reported(name: str, parameter: str, why: str) -> CheckRow:
+def _not_reported(parameter: str) -> Finding:
     fix = "wait; reduce the load of the link; check whether the vehicle requires signatures"
-    return CheckRow(name, Grade.REFUSED, f"{parameter} was not reported", why, fix)
-
-
-_ROWS: tuple[Callable[[Observed, Config], CheckRow | None], ...] = (
-    _signing,
-    _firmware,
-    _frame,
-    _steering_id,
-    _pilot_failsafe,
-    _pilot_gain,
-    _input_hold,
-    _receiver,
-    _streams,
-    _depth,
-    _origin,
-    _ekf,
-    _compass,
-    _mode,
-    _battery,
-    _leak,
-    _clock,
-    _thrusters,
-)
+    return Finding(REFUSED, f"{parameter} was not reported", fix)
