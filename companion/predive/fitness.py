@@ -18,7 +18,7 @@ class Fitness:
 
     def __init__(self, autopilot: Autopilot) -> None:
         self._autopilot = autopilot
-        self._survey = Survey()
+        self._survey = Survey(autopilot)
         self._checked_s = -math.inf
         self._about = ""
         self.listed: list[CheckRow] = []
@@ -37,16 +37,7 @@ class Fitness:
 
     def checked(self, state: VehicleState, config: Config) -> list[CheckRow]:
         """Return the pre-dive list as far as it is known without trying anything."""
-        autopilot = self._autopilot
-        seen = self._survey.observed(
-            state,
-            parameters=autopilot.parameters,
-            measured_hz=autopilot.measured_hz,
-            asked_hz=autopilot.asked_hz,
-            messages=autopilot.counters.messages,
-            refused=autopilot.counters.refused,
-        )
-        return rows(seen, config)
+        return rows(self._survey.observed(state), config)
 
     def introduced(self, now_s: float) -> tuple[StatusText, ...]:
         """Say, once it is known and whenever it changes, which autopilot this is."""

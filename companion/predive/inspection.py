@@ -64,7 +64,7 @@ class Inspection:
         self._estimator = assembly.estimator(config)
         self._observers = assembly.observers(config)
         self._observed = observers.start(self._observers)
-        self._survey = Survey()
+        self._survey = Survey(self._autopilot)
         self._origin = origin
         self._tries_thrusters = thrusters
         self._modes: dict[str, bool] | None = None
@@ -112,19 +112,8 @@ class Inspection:
     @property
     def rows(self) -> list[CheckRow]:
         """The list as far as it is known."""
-        return rows(
-            self._survey.observed(
-                self._seen,
-                parameters=self._autopilot.parameters,
-                measured_hz=self._autopilot.measured_hz,
-                asked_hz=self._autopilot.asked_hz,
-                messages=self._autopilot.counters.messages,
-                refused=self._autopilot.counters.refused,
-                modes=self._modes,
-                directions=self._directions,
-            ),
-            self._config,
-        )
+        seen = self._survey.observed(self._seen, modes=self._modes, directions=self._directions)
+        return rows(seen, self._config)
 
     @property
     def _seen(self) -> VehicleState:

@@ -3,8 +3,10 @@
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from operator import attrgetter
 from typing import Any
 
+from companion.mavlink.autopilot import Autopilot
 from companion.records import (
     Battery,
     Depth,
@@ -75,21 +77,27 @@ class Observed:
     directions: Directions | None = None
 
 
+KEPT: Mapping[type, tuple[str, Callable[[Any], Any]]] = {
+    Battery: ("voltage_v", attrgetter("voltage_v")),
+    EkfOrigin: ("origin_known", attrgetter("known")),
+    EkfStatus: ("ekf", lambda event: event),
+    Firmware: ("firmware", lambda event: event),
+    PilotGain: ("pilot_gain", attrgetter("gain")),
+    ReceiverChannels: ("receiver_channels", attrgetter("count")),
+}
+"""The field of `Observed` that the newest event of a kind becomes, and its value."""
+
+
 class Survey:
     """Takes in every tick's events and keeps what of them is worth knowing."""
 
-    def __init__(self) -> None:
+    def __init__(self, autopilot: Autopilot) -> None:
+        self._autopilot = autopilot
         self._handlers: dict[type, Callable[[Any], None]] = {
-            Battery: self._on_battery,
             Depth: self._on_depth,
-            EkfOrigin: self._on_origin,
-            EkfStatus: self._on_ekf,
-            Firmware: self._on_firmware,
             Heartbeat: self._on_heartbeat,
-            PilotGain: self._on_gain,
             PilotToggle: self._on_toggle,
             Reboot: lambda _: self.restart(),
-            ReceiverChannels: self._on_receiver,
             StatusText: self._on_text,
             TimeSync: self._on_timesync,
         }
@@ -105,16 +113,26 @@ class Survey:
     def take(self, events: Sequence[Event]) -> None:
         """Take in one tick's events."""
         for event in events:
-            handler = self._handlers.get(type(event))
-            if handler is not None:
-                handler(event)
+            kind = type(event)
+            if kind in KEPT:
+                name, value = KEPT[kind]
+                self._seen[name] = value(event)
+            elif kind in self._handlers:
+                self._handlers[kind](event)
 
-    def observed(self, state: VehicleState, **others: Any) -> Observed:
-        """Return what is known by now; `others` are the fields that the caller knows."""
-        return Observed(state=state, **self._seen, **others)
-
-    def _on_battery(self, event: Battery) -> None:
-        self._seen["voltage_v"] = event.voltage_v
+    def observed(self, state: VehicleState, **tried: Any) -> Observed:
+        """Return what is known by now; `tried` are the fields of what the caller tried."""
+        autopilot = self._autopilot
+        return Observed(
+            state=state,
+            parameters=autopilot.parameters,
+            measured_hz=autopilot.measured_hz,
+            asked_hz=autopilot.asked_hz,
+            messages=autopilot.counters.messages,
+            refused=autopilot.counters.refused,
+            **self._seen,
+            **tried,
+        )
 
     def _on_depth(self, event: Depth) -> None:
         if self._depths_since_s is None or event.t_s - self._depths_since_s >= DEPTH_WINDOW_S:
@@ -123,18 +141,9 @@ class Survey:
             self._depths_since_s, self._depths = event.t_s, 0
         self._depths += 1
 
-    def _on_origin(self, event: EkfOrigin) -> None:
-        self._seen["origin_known"] = event.known
-
-    def _on_ekf(self, event: EkfStatus) -> None:
-        self._seen["ekf"] = event
-
     def _on_text(self, event: StatusText) -> None:
         if YAW_ALIGNMENT in event.text:
             self._seen["yaw_aligned_t_s"] = event.t_s
-
-    def _on_firmware(self, event: Firmware) -> None:
-        self._seen["firmware"] = event
 
     def _on_heartbeat(self, event: Heartbeat) -> None:
         previous = self._seen.get("heartbeat")
@@ -142,14 +151,8 @@ class Survey:
             self._seen["failsafe_seen"] = True
         self._seen["heartbeat"] = event
 
-    def _on_gain(self, event: PilotGain) -> None:
-        self._seen["pilot_gain"] = event.gain
-
     def _on_toggle(self, event: PilotToggle) -> None:
         self._seen["toggles"][event.name] = event.on
-
-    def _on_receiver(self, event: ReceiverChannels) -> None:
-        self._seen["receiver_channels"] = event.count
 
     def _on_timesync(self, event: TimeSync) -> None:
         round_trip_s = event.t_s - event.sent_s

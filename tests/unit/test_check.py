@@ -8,6 +8,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from virtual import Dive, Somebody, active
 
 from companion.config import load_config
+from companion.mavlink.autopilot import Autopilot
 from companion.predive.check import PRESET_OF, WATCHED, Grade, refusals, rows
 from companion.predive.survey import Directions, Observed, Survey
 from companion.predive.table import as_json, from_json, show, worst
@@ -263,7 +264,7 @@ def test_the_table_and_the_json_tell_all(good, capsys):
 
 class TestSurvey:
     def test_it_knows_what_came(self, make_sample):
-        survey = Survey()
+        survey = Survey(Autopilot(load_config()))
         survey.take([Heartbeat(0.0, False, 19, 5), Battery(0.0, 15.5), PilotGain(0.0, 0.7)])
         assert not survey.observed(make_sample().state).failsafe_seen, "the first heartbeat always says so"
         survey.take([Heartbeat(1.0, False, 19, 5)])
@@ -282,7 +283,7 @@ class TestSurvey:
         assert not seen.toggles
 
     def test_a_clock_that_is_set_anew_is_a_jump_and_a_slow_answer_none(self, make_sample):
-        survey = Survey()
+        survey = Survey(Autopilot(load_config()))
         survey.take([TimeSync(10.0 + k, 9.998 + k, 110.0 + k) for k in range(5)])
         survey.take([TimeSync(20.4, 20.0, 120.38)])
         assert survey.observed(make_sample().state).clock_jumps == 0
