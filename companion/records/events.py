@@ -8,10 +8,15 @@ from companion.records.control import AxisCommand
 from companion.records.dof import Vector
 
 
-class Heartbeat(msgspec.Struct, frozen=True, gc=False):
-    """The autopilot's own heartbeat. `mode` is ArduSub's custom_mode, `system_status` MAV_STATE."""
+class Event(msgspec.Struct, frozen=True, gc=False):
+    """What the links gave at `t_s`, this machine's monotonic clock."""
 
     t_s: float
+
+
+class Heartbeat(Event, frozen=True, gc=False):
+    """The autopilot's own heartbeat. `mode` is ArduSub's custom_mode, `system_status` MAV_STATE."""
+
     armed: bool
     mode: int
     system_status: int
@@ -19,10 +24,9 @@ class Heartbeat(msgspec.Struct, frozen=True, gc=False):
     """MAV_TYPE; 12 is a submarine."""
 
 
-class Attitude(msgspec.Struct, frozen=True, gc=False):
+class Attitude(Event, frozen=True, gc=False):
     """Euler angles (rad) and body rates (rad/s), stamped by the autopilot."""
 
-    t_s: float
     boot_s: float
     roll: float
     pitch: float
@@ -32,26 +36,23 @@ class Attitude(msgspec.Struct, frozen=True, gc=False):
     r: float
 
 
-class Depth(msgspec.Struct, frozen=True, gc=False):
+class Depth(Event, frozen=True, gc=False):
     """Depth in metres, positive down. `boot_s` is None where the message carries no stamp."""
 
-    t_s: float
     boot_s: float | None
     z_m: float
 
 
-class DepthRate(msgspec.Struct, frozen=True, gc=False):
+class DepthRate(Event, frozen=True, gc=False):
     """Depth rate in m/s, positive down."""
 
-    t_s: float
     boot_s: float | None
     w_mps: float
 
 
-class Position(msgspec.Struct, frozen=True, gc=False):
+class Position(Event, frozen=True, gc=False):
     """Horizontal position (m) and velocity (m/s), north and east, from a DVL or another position source."""
 
-    t_s: float
     boot_s: float
     x_m: float
     y_m: float
@@ -59,148 +60,128 @@ class Position(msgspec.Struct, frozen=True, gc=False):
     vy_mps: float
 
 
-class Range(msgspec.Struct, frozen=True, gc=False):
+class Range(Event, frozen=True, gc=False):
     """A range (m) along the vehicle's own down axis, to the ground, of a sonar or a DVL."""
 
-    t_s: float
     range_m: float
 
 
-class ServoOutput(msgspec.Struct, frozen=True, gc=False):
+class ServoOutput(Event, frozen=True, gc=False):
     """Motor outputs as the autopilot reports them (µs), first servo first: the echo of our commands."""
 
-    t_s: float
     boot_s: float
     pwm_us: tuple[int, ...]
 
 
-class TimeSync(msgspec.Struct, frozen=True, gc=False):
+class TimeSync(Event, frozen=True, gc=False):
     """Answer to our TIMESYNC: we sent at `sent_s` (our clock), the autopilot's clock then read `boot_s`."""
 
-    t_s: float
     sent_s: float
     boot_s: float
 
 
-class Battery(msgspec.Struct, frozen=True, gc=False):
+class Battery(Event, frozen=True, gc=False):
     """Battery voltage in volts."""
 
-    t_s: float
     voltage_v: float
 
 
-class PilotGain(msgspec.Struct, frozen=True, gc=False):
+class PilotGain(Event, frozen=True, gc=False):
     """The live stick gain (0..1) that ArduSub applies to MANUAL_CONTROL."""
 
-    t_s: float
     gain: float
 
 
-class PilotToggle(msgspec.Struct, frozen=True, gc=False):
+class PilotToggle(Event, frozen=True, gc=False):
     """What a pilot's button switched: "InputHold" adds to the sticks, "RollPitch" makes x, y pitch, roll."""
 
-    t_s: float
     name: str
     on: bool
 
 
-class ReceiverChannels(msgspec.Struct, frozen=True, gc=False):
+class ReceiverChannels(Event, frozen=True, gc=False):
     """How many channels the autopilot says an RC receiver gives it."""
 
-    t_s: float
     count: int
 
 
-class Firmware(msgspec.Struct, frozen=True, gc=False):
+class Firmware(Event, frozen=True, gc=False):
     """The autopilot's version, such as "4.7.0 (dev)", and its (major, minor, patch)."""
 
-    t_s: float
     text: str
     version: tuple[int, int, int]
 
 
-class EkfOrigin(msgspec.Struct, frozen=True, gc=False):
+class EkfOrigin(Event, frozen=True, gc=False):
     """Whether the EKF knows where on earth it is: without, VFR_HUD.alt stays exactly 0."""
 
-    t_s: float
     known: bool
 
 
-class PilotInput(msgspec.Struct, frozen=True, gc=False):
+class PilotInput(Event, frozen=True, gc=False):
     """Somebody else steers this vehicle: largest stick deflection, 0..1."""
 
-    t_s: float
     deflection: float
 
 
-class PilotHeartbeat(msgspec.Struct, frozen=True, gc=False):
+class PilotHeartbeat(Event, frozen=True, gc=False):
     """The ground station on our own second link is alive."""
 
-    t_s: float
 
-
-class PilotSticks(msgspec.Struct, frozen=True, gc=False):
+class PilotSticks(Event, frozen=True, gc=False):
     """The pilot's MANUAL_CONTROL, which came through our relay.
 
     `sticks` are fractions of full stick, -1..1, down positive. The further fields, to be passed on as they
     came, are (buttons2, enabled_extensions) and aux1..aux6.
     """
 
-    t_s: float
     sticks: AxisCommand
     buttons: int
     extensions: tuple[int, int]
     aux: tuple[int, ...]
 
 
-class PositionTarget(msgspec.Struct, frozen=True, gc=False):
+class PositionTarget(Event, frozen=True, gc=False):
     """The ground station's SET_POSITION_TARGET_LOCAL_NED; NaN where it says nothing, heading and rate last.
 
     `place` counts from the origin, or with `offset` from where the vehicle is; with `body` both are forward,
     right and down.
     """
 
-    t_s: float
     place: Vector
     velocity: Vector
     offset: bool
     body: bool
 
 
-class Parameter(msgspec.Struct, frozen=True, gc=False):
+class Parameter(Event, frozen=True, gc=False):
     """A parameter's value, as the autopilot reports it."""
 
-    t_s: float
     name: str
     value: float
 
 
-class CommandAck(msgspec.Struct, frozen=True, gc=False):
+class CommandAck(Event, frozen=True, gc=False):
     """The autopilot's answer to a command; `result` is MAV_RESULT. It can lie: the heartbeat is the truth."""
 
-    t_s: float
     command: int
     result: int
 
 
-class StatusText(msgspec.Struct, frozen=True, gc=False):
+class StatusText(Event, frozen=True, gc=False):
     """A line the autopilot wants a human to read; `severity` is MAV_SEVERITY."""
 
-    t_s: float
     severity: int
     text: str
 
 
-class Reboot(msgspec.Struct, frozen=True, gc=False):
+class Reboot(Event, frozen=True, gc=False):
     """The autopilot's clock started again: what was asked of it and learnt of its clock is void."""
 
-    t_s: float
 
-
-class EkfStatus(msgspec.Struct, frozen=True, gc=False):
+class EkfStatus(Event, frozen=True, gc=False):
     """What the autopilot's estimator says of itself: what it has, and its worst test ratio."""
 
-    t_s: float
     attitude: bool
     depth: bool
     variance: float
@@ -211,38 +192,9 @@ class EkfStatus(msgspec.Struct, frozen=True, gc=False):
     """Whether the position comes of a source of positions; else it is dead reckoning, and drifts."""
 
 
-class Leak(msgspec.Struct, frozen=True, gc=False):
+class Leak(Event, frozen=True, gc=False):
     """The autopilot's leak detector is wet."""
 
-    t_s: float
-
-
-Event = (
-    Heartbeat
-    | Attitude
-    | Depth
-    | DepthRate
-    | Position
-    | Range
-    | ServoOutput
-    | TimeSync
-    | Battery
-    | PilotGain
-    | PilotInput
-    | PilotHeartbeat
-    | PilotSticks
-    | PilotToggle
-    | PositionTarget
-    | ReceiverChannels
-    | Firmware
-    | EkfOrigin
-    | Parameter
-    | CommandAck
-    | StatusText
-    | Reboot
-    | EkfStatus
-    | Leak
-)
 
 SAMPLES = frozenset({Attitude, Depth, DepthRate, Position, Range, ServoOutput})
 """What comes tick after tick and tells of motion alone: for the estimator and the pre-dive list."""

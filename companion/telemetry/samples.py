@@ -1,6 +1,6 @@
 """One tick as what is published of it: a `ControlSample` as one record of each key, and those as JSON.
 
-The mapping is made from the schemas. A field takes its value from where its `means(...)` says; one that says
+The mapping is made from the schemas. A field takes its value from where its `field(...)` says; one that says
 nothing has the same name in its schema's own part of the sample.
 """
 

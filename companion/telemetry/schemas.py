@@ -34,7 +34,7 @@ BATCHES = {"real_time": 16, "data": 16}
 sample a batch of its own (express), a busy machine lost the third and later samples of a tick."""
 
 
-def means(text: str, source: str | None = "") -> msgspec.Meta:
+def field(text: str, source: str | None = "") -> msgspec.Meta:
     """Describe a field, whose unit stands in its name.
 
     `source` is where `companion.telemetry.samples` finds its value in a `ControlSample`, such as
@@ -47,69 +47,69 @@ def means(text: str, source: str | None = "") -> msgspec.Meta:
 class Record(msgspec.Struct, frozen=True, kw_only=True):
     """What every schema has."""
 
-    t_s: Annotated[float, means("the companion's monotonic clock", "state.t_s")]
-    boot_s: Annotated[float, means("the vehicle's clock since its boot", "state.boot_s")]
+    t_s: Annotated[float, field("the companion's monotonic clock", "state.t_s")]
+    boot_s: Annotated[float, field("the vehicle's clock since its boot", "state.boot_s")]
     absent: Annotated[
-        tuple[str, ...], means("unknown fields: stale ones keep their last value, others are 0.0", None)
+        tuple[str, ...], field("unknown fields: stale ones keep their last value, others are 0.0", None)
     ] = ()
 
 
 class State(Record, frozen=True, kw_only=True):
     """The estimated state and the reference, at present. NED; heading clockwise from north."""
 
-    x_m: Annotated[float, means("north of the origin of the position source", "state.eta[x]")]
-    y_m: Annotated[float, means("east of this origin", "state.eta[y]")]
-    depth_m: Annotated[float, means("below the surface", "state.eta[z]")]
-    heading_rad: Annotated[float, means("-pi..pi", "state.eta[psi]")]
-    x_desired_m: Annotated[float, means("reference of x", "eta_d[x]")]
-    y_desired_m: Annotated[float, means("reference of y", "eta_d[y]")]
-    depth_desired_m: Annotated[float, means("reference of the depth", "eta_d[z]")]
-    heading_desired_rad: Annotated[float, means("reference of the heading", "eta_d[psi]")]
-    x_rate_mps: Annotated[float, means("velocity northward", "state.eta_dot[x]")]
-    y_rate_mps: Annotated[float, means("velocity eastward", "state.eta_dot[y]")]
-    depth_rate_mps: Annotated[float, means("velocity downward", "state.eta_dot[z]")]
-    heading_rate_radps: Annotated[float, means("positive clockwise", "state.eta_dot[psi]")]
-    roll_rad: Annotated[float, means("right side down", "state.roll")]
-    pitch_rad: Annotated[float, means("bow up", "state.pitch")]
-    roll_rate_radps: Annotated[float, means("body rate p", "state.p")]
-    pitch_rate_radps: Annotated[float, means("body rate q", "state.q")]
-    armed: Annotated[bool, means("from the vehicle's heartbeat")]
-    mode: Annotated[int, means("ArduSub's custom_mode: 19 is MANUAL")]
-    system_status: Annotated[int, means("MAV_STATE")]
-    voltage_v: Annotated[float, means("battery voltage")]
-    pilot_gain: Annotated[float, means("ArduSub's live stick gain, 0..1")]
-    dead_motor: Annotated[int, means("number of the motor that gives no thrust; 0 for none")]
+    x_m: Annotated[float, field("north of the origin of the position source", "state.eta[x]")]
+    y_m: Annotated[float, field("east of this origin", "state.eta[y]")]
+    depth_m: Annotated[float, field("below the surface", "state.eta[z]")]
+    heading_rad: Annotated[float, field("-pi..pi", "state.eta[psi]")]
+    x_desired_m: Annotated[float, field("reference of x", "eta_d[x]")]
+    y_desired_m: Annotated[float, field("reference of y", "eta_d[y]")]
+    depth_desired_m: Annotated[float, field("reference of the depth", "eta_d[z]")]
+    heading_desired_rad: Annotated[float, field("reference of the heading", "eta_d[psi]")]
+    x_rate_mps: Annotated[float, field("velocity northward", "state.eta_dot[x]")]
+    y_rate_mps: Annotated[float, field("velocity eastward", "state.eta_dot[y]")]
+    depth_rate_mps: Annotated[float, field("velocity downward", "state.eta_dot[z]")]
+    heading_rate_radps: Annotated[float, field("positive clockwise", "state.eta_dot[psi]")]
+    roll_rad: Annotated[float, field("right side down", "state.roll")]
+    pitch_rad: Annotated[float, field("bow up", "state.pitch")]
+    roll_rate_radps: Annotated[float, field("body rate p", "state.p")]
+    pitch_rate_radps: Annotated[float, field("body rate q", "state.q")]
+    armed: Annotated[bool, field("from the vehicle's heartbeat")]
+    mode: Annotated[int, field("ArduSub's custom_mode: 19 is MANUAL")]
+    system_status: Annotated[int, field("MAV_STATE")]
+    voltage_v: Annotated[float, field("battery voltage")]
+    pilot_gain: Annotated[float, field("ArduSub's live stick gain, 0..1")]
+    dead_motor: Annotated[int, field("number of the motor that gives no thrust; 0 for none")]
     guidance: Annotated[
         str,
-        means(
+        field(
             "what moves the setpoint: hold, move, path, paused, waiting, refused; empty if not engaged",
             "guided.kind",
         ),
     ] = ""
-    path_number: Annotated[int, means("counts the paths and moves; Plan has the same", "guided.number")] = 0
-    path_progress_m: Annotated[float, means("along the path, laps included", "guided.progress_m")] = 0.0
-    path_length_m: Annotated[float, means("of one lap; 0 for a move", "guided.length_m")] = 0.0
+    path_number: Annotated[int, field("counts the paths and moves; Plan has the same", "guided.number")] = 0
+    path_progress_m: Annotated[float, field("along the path, laps included", "guided.progress_m")] = 0.0
+    path_length_m: Annotated[float, field("of one lap; 0 for a move", "guided.length_m")] = 0.0
     current_north_mps: Annotated[
-        float, means("velocity of the water, northward; absent if unknown", "state.current.north_mps")
+        float, field("velocity of the water, northward; absent if unknown", "state.current.north_mps")
     ] = 0.0
-    current_east_mps: Annotated[float, means("velocity of the water, eastward", "state.current.east_mps")] = (
+    current_east_mps: Annotated[float, field("velocity of the water, eastward", "state.current.east_mps")] = (
         0.0
     )
-    current_doubt_mps: Annotated[float, means("its standard deviation", "state.current.doubt_mps")] = 0.0
+    current_doubt_mps: Annotated[float, field("its standard deviation", "state.current.doubt_mps")] = 0.0
     position_doubt_major_m: Annotated[
-        float, means("longer half axis of the ellipse of 1 sigma", "state.position_doubt.major_m")
+        float, field("longer half axis of the ellipse of 1 sigma", "state.position_doubt.major_m")
     ] = 0.0
     position_doubt_minor_m: Annotated[
-        float, means("its shorter half axis", "state.position_doubt.minor_m")
+        float, field("its shorter half axis", "state.position_doubt.minor_m")
     ] = 0.0
     position_doubt_direction_rad: Annotated[
-        float, means("of the longer half axis, from north", "state.position_doubt.direction_rad")
+        float, field("of the longer half axis, from north", "state.position_doubt.direction_rad")
     ] = 0.0
-    altitude_m: Annotated[float, means("over the ground; absent without an echo")] = 0.0
+    altitude_m: Annotated[float, field("over the ground; absent without an echo")] = 0.0
     altitude_desired_m: Annotated[
-        float, means("altitude that is kept; 0 where a depth is held", "guided.altitude_m")
+        float, field("altitude that is kept; 0 where a depth is held", "guided.altitude_m")
     ] = 0.0
-    path_speed_mps: Annotated[float, means("speed of the reference along the path", "guided.speed_mps")] = 0.0
+    path_speed_mps: Annotated[float, field("speed of the reference along the path", "guided.speed_mps")] = 0.0
 
 
 class Dof(Record, frozen=True, kw_only=True):
@@ -118,175 +118,175 @@ class Dof(Record, frozen=True, kw_only=True):
     tau = feedforward + feedback + d_hat, before saturation.
     """
 
-    dof: Annotated[str, means("x, y, z or psi", None)]
-    unit: Annotated[str, means("of x, x_d and e: m or rad; rates are per s and s²", None)]
-    tau_unit: Annotated[str, means("of tau, its parts and the disturbances: N or N·m", None)]
-    ahead_s: Annotated[float, means("prediction horizon of this record", "state.ahead_s")]
-    x_d: Annotated[float, means("reference, in unit")]
-    x_d_dot: Annotated[float, means("its rate, unit/s")]
-    x_d_ddot: Annotated[float, means("its acceleration, unit/s²")]
-    x: Annotated[float, means("estimate, in unit")]
-    x_dot: Annotated[float, means("its rate, unit/s")]
-    e: Annotated[float, means("error, measured minus desired, in unit")]
-    e_dot: Annotated[float, means("its rate, unit/s")]
-    eps: Annotated[float, means("combined error e_dot + lambda e, unit/s")]
-    tau: Annotated[float, means("demand of the law, NED, in tau_unit")]
-    feedforward: Annotated[float, means("part of tau from model and reference, in tau_unit")]
-    feedback: Annotated[float, means("part of tau from the error, in tau_unit")]
-    d_hat: Annotated[float, means("part of tau that compensates the disturbance, in tau_unit")]
-    d_observer: Annotated[float, means("disturbance estimated by the observer, in tau_unit")]
-    weight_norm: Annotated[float, means("Euclidean norm of the learnt weights; no unit")]
-    saturated: Annotated[bool, means("the thrusters cannot deliver tau")]
-    adapting: Annotated[bool, means("the compensator learnt in this tick")]
-    engaged: Annotated[bool, means("Holdfast controls this degree of freedom")]
+    dof: Annotated[str, field("x, y, z or psi", None)]
+    unit: Annotated[str, field("of x, x_d and e: m or rad; rates are per s and s²", None)]
+    tau_unit: Annotated[str, field("of tau, its parts and the disturbances: N or N·m", None)]
+    ahead_s: Annotated[float, field("prediction horizon of this record", "state.ahead_s")]
+    x_d: Annotated[float, field("reference, in unit")]
+    x_d_dot: Annotated[float, field("its rate, unit/s")]
+    x_d_ddot: Annotated[float, field("its acceleration, unit/s²")]
+    x: Annotated[float, field("estimate, in unit")]
+    x_dot: Annotated[float, field("its rate, unit/s")]
+    e: Annotated[float, field("error, measured minus desired, in unit")]
+    e_dot: Annotated[float, field("its rate, unit/s")]
+    eps: Annotated[float, field("combined error e_dot + lambda e, unit/s")]
+    tau: Annotated[float, field("demand of the law, NED, in tau_unit")]
+    feedforward: Annotated[float, field("part of tau from model and reference, in tau_unit")]
+    feedback: Annotated[float, field("part of tau from the error, in tau_unit")]
+    d_hat: Annotated[float, field("part of tau that compensates the disturbance, in tau_unit")]
+    d_observer: Annotated[float, field("disturbance estimated by the observer, in tau_unit")]
+    weight_norm: Annotated[float, field("Euclidean norm of the learnt weights; no unit")]
+    saturated: Annotated[bool, field("the thrusters cannot deliver tau")]
+    adapting: Annotated[bool, field("the compensator learnt in this tick")]
+    engaged: Annotated[bool, field("Holdfast controls this degree of freedom")]
     model_gain: Annotated[
         float,
-        means(
+        field(
             "force per command over inertia, 1 for the nominal vehicle, in use: surge for x, sway for y",
             "state.model.gain[i]",
         ),
     ] = 1.0
-    model_gain_found: Annotated[float, means("the same, as found", "state.model.found_gain[i]")] = 1.0
+    model_gain_found: Annotated[float, field("the same, as found", "state.model.found_gain[i]")] = 1.0
     model_gain_doubt: Annotated[
-        float, means("standard deviation of its natural logarithm", "state.model.log_gain_doubt[i]")
+        float, field("standard deviation of its natural logarithm", "state.model.log_gain_doubt[i]")
     ] = 0.0
-    model_lag_s: Annotated[float, means("thruster lag in use", "state.model.lag_s[i]")] = 0.0
-    model_lag_found_s: Annotated[float, means("thruster lag found", "state.model.found_lag_s[i]")] = 0.0
-    model_lag_doubt_s: Annotated[float, means("its standard deviation", "state.model.lag_doubt_s[i]")] = 0.0
+    model_lag_s: Annotated[float, field("thruster lag in use", "state.model.lag_s[i]")] = 0.0
+    model_lag_found_s: Annotated[float, field("thruster lag found", "state.model.found_lag_s[i]")] = 0.0
+    model_lag_doubt_s: Annotated[float, field("its standard deviation", "state.model.lag_doubt_s[i]")] = 0.0
 
 
 class Command(Record, frozen=True, kw_only=True):
     """Normalised demands (-1..1), and requested and delivered wrench in the body frame."""
 
-    surge: Annotated[float, means("demand forward, -1..1")]
-    sway: Annotated[float, means("demand to the right, -1..1")]
-    heave: Annotated[float, means("demand downward, -1..1")]
-    yaw: Annotated[float, means("demand clockwise, -1..1")]
-    surge_requested_n: Annotated[float, means("requested force, forward", "requested.tau[surge]")]
-    sway_requested_n: Annotated[float, means("requested force, to the right", "requested.tau[sway]")]
-    heave_requested_n: Annotated[float, means("requested force, downward", "requested.tau[heave]")]
-    yaw_requested_nm: Annotated[float, means("requested moment, clockwise", "requested.tau[yaw]")]
+    surge: Annotated[float, field("demand forward, -1..1")]
+    sway: Annotated[float, field("demand to the right, -1..1")]
+    heave: Annotated[float, field("demand downward, -1..1")]
+    yaw: Annotated[float, field("demand clockwise, -1..1")]
+    surge_requested_n: Annotated[float, field("requested force, forward", "requested.tau[surge]")]
+    sway_requested_n: Annotated[float, field("requested force, to the right", "requested.tau[sway]")]
+    heave_requested_n: Annotated[float, field("requested force, downward", "requested.tau[heave]")]
+    yaw_requested_nm: Annotated[float, field("requested moment, clockwise", "requested.tau[yaw]")]
     surge_delivered_n: Annotated[
-        float, means("delivered force by the thruster model, forward", "delivered.tau[surge]")
+        float, field("delivered force by the thruster model, forward", "delivered.tau[surge]")
     ]
-    sway_delivered_n: Annotated[float, means("delivered force, to the right", "delivered.tau[sway]")]
-    heave_delivered_n: Annotated[float, means("delivered force, downward", "delivered.tau[heave]")]
-    yaw_delivered_nm: Annotated[float, means("delivered moment, clockwise", "delivered.tau[yaw]")]
+    sway_delivered_n: Annotated[float, field("delivered force, to the right", "delivered.tau[sway]")]
+    heave_delivered_n: Annotated[float, field("delivered force, downward", "delivered.tau[heave]")]
+    yaw_delivered_nm: Annotated[float, field("delivered moment, clockwise", "delivered.tau[yaw]")]
 
 
 class Supervisor(Record, frozen=True, kw_only=True):
     """State, authority and reason of the supervisor."""
 
-    state: Annotated[str, means(f"one of {', '.join(MEANINGS)}")]
-    conditions: Annotated[tuple[str, ...], means("names of the conditions that hold")]
-    authority: Annotated[float, means("permitted share of the thrust, 0..1")]
-    reason: Annotated[str, means("why this state was entered, or what engaging waits for")]
-    warnings: Annotated[tuple[str, ...], means("conditions that are only warnings")] = ()
-    freeze: Annotated[bool, means("learning is frozen")] = False
-    remedy: Annotated[str, means("the operator's next step")] = ""
+    state: Annotated[str, field(f"one of {', '.join(MEANINGS)}")]
+    conditions: Annotated[tuple[str, ...], field("names of the conditions that hold")]
+    authority: Annotated[float, field("permitted share of the thrust, 0..1")]
+    reason: Annotated[str, field("why this state was entered, or what engaging waits for")]
+    warnings: Annotated[tuple[str, ...], field("conditions that are only warnings")] = ()
+    freeze: Annotated[bool, field("learning is frozen")] = False
+    remedy: Annotated[str, field("the operator's next step")] = ""
 
 
 class Loop(Record, frozen=True, kw_only=True):
     """Health of the process. An age of 1e6 s: no signal yet. An unknown delay is a start value."""
 
-    tick: Annotated[int, means("number of this tick")]
-    rate_hz: Annotated[float, means("ticks per second since the start")]
-    lateness_ms: Annotated[float, means("delay of this tick's start")]
-    compute_us: Annotated[float, means("duration of the previous tick")]
-    late_ticks: Annotated[int, means("ticks skipped since the start")]
-    samples_dropped: Annotated[int, means("samples that were dropped before Zenoh")]
-    link_age_s: Annotated[float, means("since the last message of the vehicle", "state.ages.link_s")]
-    heartbeat_age_s: Annotated[float, means("since the vehicle's last heartbeat", "state.ages.heartbeat_s")]
-    depth_age_s: Annotated[float, means("since the last depth", "state.ages.depth_s")]
-    attitude_age_s: Annotated[float, means("since the last attitude", "state.ages.attitude_s")]
-    position_age_s: Annotated[float, means("since the last horizontal position", "state.ages.position_s")]
+    tick: Annotated[int, field("number of this tick")]
+    rate_hz: Annotated[float, field("ticks per second since the start")]
+    lateness_ms: Annotated[float, field("delay of this tick's start")]
+    compute_us: Annotated[float, field("duration of the previous tick")]
+    late_ticks: Annotated[int, field("ticks skipped since the start")]
+    samples_dropped: Annotated[int, field("samples that were dropped before Zenoh")]
+    link_age_s: Annotated[float, field("since the last message of the vehicle", "state.ages.link_s")]
+    heartbeat_age_s: Annotated[float, field("since the vehicle's last heartbeat", "state.ages.heartbeat_s")]
+    depth_age_s: Annotated[float, field("since the last depth", "state.ages.depth_s")]
+    attitude_age_s: Annotated[float, field("since the last attitude", "state.ages.attitude_s")]
+    position_age_s: Annotated[float, field("since the last horizontal position", "state.ages.position_s")]
     telemetry_delay_s: Annotated[
-        float, means("from the vehicle's stamp to arrival", "state.delays.telemetry_s")
+        float, field("from the vehicle's stamp to arrival", "state.delays.telemetry_s")
     ]
-    telemetry_delay_known: Annotated[bool, means("the delay was measured", "state.delays.telemetry_known")]
-    command_delay_s: Annotated[float, means("from sending to the motors", "state.delays.command_s")]
-    command_delay_known: Annotated[bool, means("the delay was measured", "state.delays.command_known")]
+    telemetry_delay_known: Annotated[bool, field("the delay was measured", "state.delays.telemetry_known")]
+    command_delay_s: Annotated[float, field("from sending to the motors", "state.delays.command_s")]
+    command_delay_known: Annotated[bool, field("the delay was measured", "state.delays.command_known")]
     hidden_delay_s: Annotated[
-        float, means("delay visible in no time stamp, estimated from innovations", "state.delays.hidden_s")
+        float, field("delay visible in no time stamp, estimated from innovations", "state.delays.hidden_s")
     ]
-    datagrams: Annotated[int, means("received", "counters.datagrams")]
-    messages: Annotated[int, means("decoded MAVLink messages", "counters.messages")]
-    garbage: Annotated[int, means("bytes that are not MAVLink", "counters.garbage")]
+    datagrams: Annotated[int, field("received", "counters.datagrams")]
+    messages: Annotated[int, field("decoded MAVLink messages", "counters.messages")]
+    garbage: Annotated[int, field("bytes that are not MAVLink", "counters.garbage")]
     foreign: Annotated[
-        int, means("messages of other systems, and datagrams of senders that are not the peer", "foreign")
+        int, field("messages of other systems, and datagrams of senders that are not the peer", "foreign")
     ]
-    implausible: Annotated[int, means("messages with impossible numbers", "counters.implausible")]
+    implausible: Annotated[int, field("messages with impossible numbers", "counters.implausible")]
     pilot_age_s: Annotated[
-        float, means("since the ground station's last heartbeat", "state.ages.pilot_s")
+        float, field("since the ground station's last heartbeat", "state.ages.pilot_s")
     ] = NEVER_S
-    left_out_bytes: Annotated[int, means("bytes dropped in a flood")] = 0
+    left_out_bytes: Annotated[int, field("bytes dropped in a flood")] = 0
     refused: Annotated[
-        int, means("frames with a wrong, missing or replayed MAVLink signature", "counters.refused")
+        int, field("frames with a wrong, missing or replayed MAVLink signature", "counters.refused")
     ] = 0
 
 
 class Recorder(Record, frozen=True, kw_only=True):
     """State of the recorder."""
 
-    recording: Annotated[bool, means("a file is being written")]
-    file: Annotated[str, means("its path on the recorder's machine")]
-    size_bytes: Annotated[int, means("present size of the file")]
-    messages: Annotated[int, means("messages written to the file")]
-    dropped: Annotated[int, means("messages dropped because the disk was too slow")]
-    free_bytes: Annotated[int, means("free space on the disk")]
-    said: Annotated[str, means("status text")]
-    lost: Annotated[int, means("missing samples, found by the tick numbers")] = 0
-    left_out: Annotated[int, means("samples that no file can hold: too large, nested, of a wrong time")] = 0
+    recording: Annotated[bool, field("a file is being written")]
+    file: Annotated[str, field("its path on the recorder's machine")]
+    size_bytes: Annotated[int, field("present size of the file")]
+    messages: Annotated[int, field("messages written to the file")]
+    dropped: Annotated[int, field("messages dropped because the disk was too slow")]
+    free_bytes: Annotated[int, field("free space on the disk")]
+    said: Annotated[str, field("status text")]
+    lost: Annotated[int, field("missing samples, found by the tick numbers")] = 0
+    left_out: Annotated[int, field("samples that no file can hold: too large, nested, of a wrong time")] = 0
 
 
 class Plan(Record, frozen=True, kw_only=True):
     """What a map shows beside the vehicle: the path and the fence, NED, m."""
 
-    number: Annotated[int, means("which path; `State.path_number`")]
-    name: Annotated[str, means("of the path")]
-    x_m: Annotated[tuple[float, ...], means("north of each point of the path; none without a path")]
-    y_m: Annotated[tuple[float, ...], means("east of each point")]
-    depth_m: Annotated[tuple[float, ...], means("depth of each point")]
-    fenced: Annotated[bool, means("the fence is in force")]
-    fence_north_m: Annotated[tuple[float, ...], means("least and largest x")]
-    fence_east_m: Annotated[tuple[float, ...], means("least and largest y")]
-    fence_depth_m: Annotated[tuple[float, ...], means("least and largest depth")]
+    number: Annotated[int, field("which path; `State.path_number`")]
+    name: Annotated[str, field("of the path")]
+    x_m: Annotated[tuple[float, ...], field("north of each point of the path; none without a path")]
+    y_m: Annotated[tuple[float, ...], field("east of each point")]
+    depth_m: Annotated[tuple[float, ...], field("depth of each point")]
+    fenced: Annotated[bool, field("the fence is in force")]
+    fence_north_m: Annotated[tuple[float, ...], field("least and largest x")]
+    fence_east_m: Annotated[tuple[float, ...], field("least and largest y")]
+    fence_depth_m: Annotated[tuple[float, ...], field("least and largest depth")]
 
 
 class Start(msgspec.Struct, frozen=True, kw_only=True):
     """What an engine is built from."""
 
-    config: Annotated[dict[str, Any], means("the configuration as a table")]
+    config: Annotated[dict[str, Any], field("the configuration as a table")]
     setpoint: Annotated[
-        tuple[float, float, float, float], means("x, y, depth (m), heading (rad); NaN where none is set")
+        tuple[float, float, float, float], field("x, y, depth (m), heading (rad); NaN where none is set")
     ]
-    arm: Annotated[bool, means("it may arm the vehicle")]
-    version: Annotated[str, means("of Holdfast")]
+    arm: Annotated[bool, field("it may arm the vehicle")]
+    version: Annotated[str, field("of Holdfast")]
 
 
 class Raw(msgspec.Struct, frozen=True, kw_only=True):
     """All inputs and outputs of one tick, for `holdfast rerun`; MessagePack instead of JSON."""
 
-    tick: Annotated[int, means("number of this tick")]
-    now_s: Annotated[float, means("the companion's monotonic clock")]
-    heard: Annotated[Sequence[tuple[int, bytes]], means("arrival in monotonic ns and the datagram")] = (
+    tick: Annotated[int, field("number of this tick")]
+    now_s: Annotated[float, field("the companion's monotonic clock")]
+    heard: Annotated[Sequence[tuple[int, bytes]], field("arrival in monotonic ns and the datagram")] = (
         msgspec.field(name="in")
     )
     ground: Annotated[
-        Sequence[tuple[int, bytes]], means("arrival in monotonic ns and frame, of the ground station")
+        Sequence[tuple[int, bytes]], field("arrival in monotonic ns and frame, of the ground station")
     ] = ()
-    out: Annotated[Sequence[bytes], means("datagrams sent")]
-    requests: Annotated[Sequence[str], means("names of the operator's requests")] = ()
+    out: Annotated[Sequence[bytes], field("datagrams sent")]
+    requests: Annotated[Sequence[str], field("names of the operator's requests")] = ()
     setpoint: Annotated[
-        Sequence[float] | None, means("given before this tick: x, y, depth (m), heading (rad); NaN stays")
+        Sequence[float] | None, field("given before this tick: x, y, depth (m), heading (rad); NaN stays")
     ] = None
     order: Annotated[
-        tuple[str, bytes] | None, means("a path or a move, given before this tick: command and payload")
+        tuple[str, bytes] | None, field("a path or a move, given before this tick: command and payload")
     ] = None
-    config: Annotated[dict[str, Any] | None, means("retuned before this tick: the whole configuration")] = (
+    config: Annotated[dict[str, Any] | None, field("retuned before this tick: the whole configuration")] = (
         None
     )
-    start: Annotated[Start | None, means("what the engine was built from, with the first tick only")] = None
+    start: Annotated[Start | None, field("what the engine was built from, with the first tick only")] = None
 
 
 Six = tuple[float, float, float, float, float, float]
@@ -298,43 +298,43 @@ class Truth(msgspec.Struct, frozen=True, kw_only=True):
     NED, body x forward, y right, z down; forces in N, moments in N·m, angles in rad.
     """
 
-    t_s: Annotated[float, means("the vehicle's clock since the simulator's start")]
-    eta: Annotated[Six, means("x, y, z in m, and roll, pitch, yaw")]
-    nu: Annotated[Six, means("velocities in the body frame, m/s and rad/s")]
-    nu_dot: Annotated[Six, means("their rates")]
-    thrust_n: Annotated[tuple[float, ...], means("of each thruster, along its direction")]
-    tau: Annotated[Six, means("wrench of the thrusters, in the body frame")]
-    disturbance: Annotated[Six, means("all other forces in NED, and moments in the body frame")]
-    motor_pwm: Annotated[tuple[int, ...], means("what each motor gets, µs")]
-    armed: Annotated[bool, means("the motors may turn")]
-    mode: Annotated[int, means("ArduSub's custom_mode")]
-    load_on: Annotated[bool, means("the load of the dive's file hangs on the vehicle")]
-    voltage_v: Annotated[float, means("of the battery")]
+    t_s: Annotated[float, field("the vehicle's clock since the simulator's start")]
+    eta: Annotated[Six, field("x, y, z in m, and roll, pitch, yaw")]
+    nu: Annotated[Six, field("velocities in the body frame, m/s and rad/s")]
+    nu_dot: Annotated[Six, field("their rates")]
+    thrust_n: Annotated[tuple[float, ...], field("of each thruster, along its direction")]
+    tau: Annotated[Six, field("wrench of the thrusters, in the body frame")]
+    disturbance: Annotated[Six, field("all other forces in NED, and moments in the body frame")]
+    motor_pwm: Annotated[tuple[int, ...], field("what each motor gets, µs")]
+    armed: Annotated[bool, field("the motors may turn")]
+    mode: Annotated[int, field("ArduSub's custom_mode")]
+    load_on: Annotated[bool, field("the load of the dive's file hangs on the vehicle")]
+    voltage_v: Annotated[float, field("of the battery")]
 
 
 class Event(Record, frozen=True, kw_only=True):
     """Something that happened."""
 
-    severity: Annotated[Severity, means("how bad it is")]
+    severity: Annotated[Severity, field("how bad it is")]
     kind: Annotated[
         Literal["state", "command", "autopilot", "condition", "recording"],
-        means("whose: the supervisor's state or condition, an operator's command, the autopilot's words"),
+        field("whose: the supervisor's state or condition, an operator's command, the autopilot's words"),
     ]
-    text: Annotated[str, means("what, in words")]
+    text: Annotated[str, field("what, in words")]
 
 
 class Reply(msgspec.Struct, frozen=True, kw_only=True):
     """The answer to a command."""
 
-    done: Annotated[bool, means("it is in force now; otherwise nothing was changed")]
-    said: Annotated[str, means("what happened, or why not, in words")]
-    value: Annotated[dict[str, Any], means("what is now in force, read back")] = {}
+    done: Annotated[bool, field("it is in force now; otherwise nothing was changed")]
+    said: Annotated[str, field("what happened, or why not, in words")]
+    value: Annotated[dict[str, Any], field("what is now in force, read back")] = {}
 
 
 class Choices(msgspec.Struct, frozen=True, kw_only=True):
     """Which names a companion knows, for keys of its configuration that take a name."""
 
-    compensator: Annotated[tuple[str, ...], means("what an axis's `compensator` can be")]
+    compensator: Annotated[tuple[str, ...], field("what an axis's `compensator` can be")]
 
 
 Schema = State | Dof | Command | Supervisor | Loop | Event | Recorder | Plan
