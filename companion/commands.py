@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from holdfast import how_to_install
-from holdfast.arguments import command_parser
+from holdfast.arguments import command_parser, position
 
 if TYPE_CHECKING:
     from companion.first_config import Question
@@ -133,7 +133,7 @@ def run(argv: list[str]) -> int:
     )
     parser.add_argument(
         "--origin",
-        type=_position,
+        type=position,
         metavar="LAT,LON",
         help="where x and y are 0, for a FILE in degrees; without it, the path begins where the vehicle is",
     )
@@ -295,7 +295,7 @@ def check(argv: list[str]) -> int:
     )
     parser.add_argument(
         "--set-origin",
-        type=_position,
+        type=position,
         metavar="LAT,LON",
         help="set the EKF origin, in degrees, at the surface",
     )
@@ -407,15 +407,6 @@ def _agreed(what: str) -> bool:
     sys.stdout.write(f"{what}Go on? [y/N] ")
     sys.stdout.flush()
     return sys.stdin.readline().strip().lower() in ("y", "yes")
-
-
-def _position(text: str) -> tuple[float, float]:
-    from companion.telemetry.path_files import position
-
-    try:
-        return position(text)
-    except ValueError as error:
-        raise argparse.ArgumentTypeError(str(error)) from None
 
 
 def schema(argv: list[str]) -> int:

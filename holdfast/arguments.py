@@ -28,3 +28,14 @@ def source_of(file: Path, overrides: Sequence[str], said: str) -> str:
         if f"{refused}.".startswith(f"{key}.") or key.startswith(f"{refused}."):
             return f"--set {override}"
     return str(file)
+
+
+def position(text: str) -> tuple[float, float]:
+    """Return latitude and longitude, degrees, of an argument such as 47.40,8.55."""
+    try:
+        latitude, longitude = (float(part) for part in text.split(","))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"'{text}' is not LAT,LON, such as 47.40,8.55") from None
+    if not (abs(latitude) <= 90.0 and abs(longitude) <= 180.0):
+        raise argparse.ArgumentTypeError(f"'{text}': want degrees within ±90,±180")
+    return latitude, longitude

@@ -1,8 +1,8 @@
 """Who may do what through a Zenoh session that listens: its `access_control` and `downsampling`. No socket.
 
-Whoever has nothing named here gets nothing. Processes on the same machine, by TCP on loopback, may do all. A
-laptop may see, and ask for everything but commands, unless it is allowed to command. A vehicle of a fleet, at
-a router, may publish and answer under its own name alone.
+What is not listed here is denied. Processes on the same machine, by TCP on loopback, may do everything. A
+laptop may subscribe and ask, but gives commands only where that is allowed. A vehicle of a fleet, at a
+router, may publish and answer under its own name alone.
 """
 
 from collections.abc import Sequence

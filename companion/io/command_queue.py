@@ -63,7 +63,7 @@ REQUESTS: dict[type[Payload], Request] = {
 }
 MAX_WAITING = 8
 COST = 16
-"""Of what is done between two looks at the clock and the sockets: a third of a millisecond."""
+"""Steps between two looks at the clock and the sockets: a third of a millisecond."""
 
 SETTLE_S = 2.0
 MAX_STEP = 2.0
@@ -84,7 +84,7 @@ class ReceivedCommand(NamedTuple):
 
 @dataclass
 class _Waiting:
-    """A command that waits: what it says, or why it is refused, and what has to be done beforehand."""
+    """A command that waits: its payload or why it is refused, and the work to be done before it."""
 
     received: ReceivedCommand
     command: Payload | None = None
@@ -131,7 +131,7 @@ class Controllable(Protocol):
         """Take a path, a move, or what to do with them; raise ValueError for what is not permitted."""
 
     def preparing(self, config: Config) -> Steps[None]:
-        """Do beforehand, in steps, what takes long of a `retune`."""
+        """Do the long part of a `retune` beforehand, in steps."""
 
     def retune(self, config: Config) -> None:
         """Take gains, compensators and noises, without a jump; raise ConfigError for what needs a restart."""
@@ -139,7 +139,7 @@ class Controllable(Protocol):
 
 @dataclass
 class _Pending:
-    """A command that the engine has got and that is not answered yet. `withdrawn`: why it gives up."""
+    """A command that the engine has taken, not answered yet; `withdrawn` says why it was given up."""
 
     received: ReceivedCommand
     command: Payload
@@ -173,7 +173,7 @@ class CommandQueue:
             self._inbox.append(self._parsed(received, trusted=trusted))
 
     def prepare(self, engine: Controllable, cost: int = COST) -> bool:
-        """Take some steps of what has to be done before the next command; return whether more are left.
+        """Take some steps of what has to be done before the next command; return whether there are more.
 
         Call it between ticks.
         """

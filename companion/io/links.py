@@ -23,15 +23,15 @@ from companion.records import Sender
 from holdfast.ports import taken
 
 PEER_SILENT_NS = 2_500_000_000
-"""Of a vehicle or a ground station that says nothing else, two heartbeats may be late or lost."""
+"""Longest silence of a peer: of a ground station that sends heartbeats alone, two may be lost."""
 PEER_LOOK_NS = 100_000_000
-"""A peer's datagrams are looked at once in this time, to see that it is still the one it was."""
+"""The sender of a peer's datagrams is checked once in this time."""
 RECONNECT_S = (0.25, 4.0)
 MAX_DATAGRAM = 65507
 MAX_UNSENT_BYTES = 1 << 16
-"""A stream that lags behind by more gets nothing until it has caught up: old commands are worse than none."""
+"""A stream with more unsent bytes gets nothing until it has caught up: old commands are worse than none."""
 TCP_GIVE_UP_MS = 5000
-"""A TCP peer that acknowledges nothing for so long is gone: a pulled cable says nothing."""
+"""A TCP peer that acknowledges nothing for so long is gone: a pulled cable closes no connection."""
 
 log = logging.getLogger("holdfast")
 
@@ -39,8 +39,8 @@ log = logging.getLogger("holdfast")
 class Admission(NamedTuple):
     """Who may become the peer of a link that listens.
 
-    `sender` says whose a datagram is; whoever is BEHIND is told the time by `hello`; `allow` lists addresses
-    and networks, any if empty.
+    `sender` says who sent a datagram; a sender that is BEHIND gets the time by `hello`. `allow` lists
+    addresses and networks; empty allows all.
     """
 
     sender: Callable[[bytes], Sender]

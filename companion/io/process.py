@@ -20,9 +20,9 @@ UNANSWERED = {
     *(signal.SIGSEGV, signal.SIGBUS, signal.SIGFPE, signal.SIGILL, signal.SIGTRAP, signal.SIGSYS),
     signal.SIGABRT,
 }
-"""Signals that are left alone. Nobody can answer the first two; the next four do nothing by default; Python
-makes the next two an error of the call. The others tell that this process cannot go on, so that a handler of
-Python's would never run; systemd ends a loop that hangs by SIGABRT."""
+"""Signals without a handler of ours. The first two cannot be handled; the next four do nothing by default;
+Python makes the next two an error of the call. After the others this process cannot go on, so that a handler
+in Python would never run; systemd ends a loop that hangs by SIGABRT."""
 
 
 class Ticker:

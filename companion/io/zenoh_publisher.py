@@ -1,8 +1,8 @@
-"""ControlSamples and events to whoever listens, commands from whoever asks. The companion's only zenoh.
+"""Publishes samples and events over Zenoh, and takes commands. The only zenoh of the companion.
 
 The tick only offers; a thread of its own encodes, publishes, replies and cares for the session. As "peer" it
-joins the router or peer that listens on the endpoint, if one is there, and otherwise listens there itself, on
-loopback only: so on one host somebody always listens, whoever started first, and everybody else is a client.
+joins the router or peer that listens on the endpoint; if there is none, it listens there itself, on loopback
+only: the first process of a host listens, and all others are clients.
 As "client" it only joins: a router that starts after us finds its port free. As "file" it opens what a Zenoh
 configuration file says, such as one of `holdfast keys`.
 """
@@ -72,7 +72,7 @@ class Publisher(SessionThread):
         self.dropped = 0
         self.config = b"{}"
         self.duplicate_instances: deque[str] = deque(maxlen=8)
-        """Companions of this vehicle's name that came after us: whoever reads them takes them out."""
+        """Companions of this vehicle's name that came after us; the reader removes them."""
         self._vehicle = vehicle
         self._keys = telemetry.keys(vehicle)
         _check(endpoint, mode)
@@ -114,7 +114,7 @@ class Publisher(SessionThread):
         events: Sequence[telemetry.Event] = (),
         plan: telemetry.Plan | None = None,
     ) -> None:
-        """Queue one tick, which nobody may change any more. Never blocks; the oldest gives way."""
+        """Queue one tick, which must not change any more. Never blocks; drops the oldest when full."""
         self._mail.extend(events)
         if plan is not None:
             self._mail.append(plan)
@@ -167,7 +167,7 @@ class Publisher(SessionThread):
             return None
 
     def _serve(self, session: zenoh.Session) -> None:
-        """Publish until closed or, where we joined somebody, until that one has gone."""
+        """Publish until closed or, where we joined a router or peer, until it has gone."""
         joined, lost, routed = self._joined, threading.Event(), threading.Event()
         if session.info.routers_zid():
             routed.set()

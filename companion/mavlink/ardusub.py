@@ -31,7 +31,7 @@ STICK_NEUTRAL_Z: Final = 500
 INT16_MAX: Final = 0x7FFF
 MAX_GAIN: Final = 10.0
 FLOAT32_HALF_STEP_US: Final = 6e-5
-"""The firmware computes PWM in float32: what is nearer than this to a whole µs is that µs."""
+"""The firmware computes PWM in float32: a value within this of a whole µs becomes that µs."""
 
 PRESSURES: Final = (
     mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE,

@@ -59,7 +59,7 @@ class Autopilot:
         )
         self._onboard = Packer(link.vehicle_system, link.component, signing)
         self._hello = Packer(link.vehicle_system, link.component, signing)
-        """Beside the ticks: it must not shift the sequence numbers of what they send."""
+        """A packer of its own: it must not shift the sequence numbers of what the ticks send."""
         self._signing = signing
         self._freshness = Freshness()
         self._path = vehicle.thrust_path
@@ -96,7 +96,7 @@ class Autopilot:
         arm: bool,
         confirm: frozenset[str] = frozenset(),
     ) -> list[bytes]:
-        """Return what has to be asked now; unless it is None also for `mode`, with `arm` also for arming.
+        """Return the requests of this tick, for `mode` too unless it is None, and with `arm` for arming.
 
         The parameters in `confirm` are read again at once.
         """
@@ -106,7 +106,7 @@ class Autopilot:
         return [self._encode(message) for message in asked]
 
     def _encode(self, message: Message) -> bytes:
-        """Pack what is asked as the ground station that ArduSub obeys, our heartbeat as part of the vehicle.
+        """Pack requests as the ground station that ArduSub obeys, and our heartbeat as part of the vehicle.
 
         A heartbeat under the ground station's id would hide from the firmware that the real one is lost.
         """

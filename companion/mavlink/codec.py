@@ -90,7 +90,7 @@ class Codec:
         return messages
 
     def sender(self, data: bytes) -> Sender:
-        """Tell whose a datagram is. The vehicle's begins with sound frames, one of which is its own.
+        """Tell who sent a datagram. The vehicle's begins with sound frames, one of which is its own.
 
         With `signing` that must be signed and new as well; `decode` will still find it new. Junk costs one
         checksum.

@@ -191,7 +191,7 @@ class Decoder:
         self.ids = frozenset(handlers)
 
     def to_events(self, message: Message, t_s: float) -> tuple[Event, ...]:
-        """Convert what came at `t_s`; empty for messages that say nothing we use. Never raises."""
+        """Convert what came at `t_s`; empty for messages that we do not use. Never raises."""
         handler = self._handlers.get(message.MESSAGE_ID)
         return handler(message, t_s) if handler else ()
 
@@ -282,7 +282,7 @@ class Decoder:
         return (Position(t_s, self._clock.from_ms(m.time_boot_ms), x, y, vx, vy),)
 
     def _distance_sensor(self, m: Message, t_s: float) -> tuple[Event, ...]:
-        """Take the first sensor that looks down; a reading that it does not vouch for is none."""
+        """Take the first sensor that looks down; ignore readings that it marks as bad."""
         if m.orientation != LOOKS_DOWN or self._range_sensor not in (None, m.id):
             return ()
         self._range_sensor = m.id
@@ -409,7 +409,7 @@ class _TextAssembler:
         self._chunks: list[str] = []
 
     def add(self, m: Message) -> list[tuple[int, str]]:
-        """Give the texts (severity, text) that `m` completes."""
+        """Return the texts (severity, text) that `m` completes."""
         done: list[tuple[int, str]] = []
         if self._chunks and (m.id != self._id or m.chunk_seq != len(self._chunks)):
             done.append(self._finish())
@@ -463,7 +463,7 @@ TARGET_FRAMES: Final = {
 
 
 def position_target(m: Message, t_s: float) -> PositionTarget | None:
-    """Convert SET_POSITION_TARGET_LOCAL_NED; None where it asks for what is not followed, or for no number.
+    """Convert SET_POSITION_TARGET_LOCAL_NED; None where it asks for what is not supported, or for nothing.
 
     Accelerations are left out; a force is not followed.
     """

@@ -12,7 +12,7 @@ are a new clock. A late datagram and an absurd stamp stand alone."""
 
 
 class Freshness:
-    """Lets through what has no stamp, and of what has one only what is newer than the last of its kind.
+    """Passes events without a stamp, and of those with one only what is newer than the last of its kind.
 
     Answers to TIMESYNC pass as well: the meter of delays judges clocks, and has to see two of them.
     """

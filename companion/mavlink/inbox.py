@@ -1,4 +1,4 @@
-"""What arrived since the last tick, and no more of it than a tick has time for.
+"""What arrived since the last tick, limited to what a tick has time for.
 
 A flood costs as much as its bytes that look like the beginning of a frame: each may take a checksum, or prove
 to be a message. They are counted by a regular expression, much faster than any of them is looked at.
@@ -13,11 +13,11 @@ MAX_BYTES: Final = 1 << 14
 """Fifty times what a vehicle says in a tick, and more than any serial line carries."""
 
 MAX_LOOKS: Final = 256
-"""Datagrams, or beginnings of frames if those are more, that a tick looks at."""
+"""Largest number of datagrams, or of beginnings of frames, that a tick looks at."""
 
 
 class Inbox:
-    """Keeps the newest: what does not fit is left out, the oldest first, and counted in bytes.
+    """Keeps the newest: drops the oldest where there is no room, and counts the dropped bytes.
 
     A datagram is kept as a whole or not at all. Of a stream the end is kept.
     """

@@ -1,4 +1,4 @@
-"""What must be asked of the autopilot, and asked again: streams, clock, parameters, mode, arming."""
+"""What is requested of the autopilot, repeatedly: streams, clock, parameters, mode, arming."""
 
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
@@ -18,7 +18,7 @@ TIMESYNC_S: Final = 0.25
 VERSION_S: Final = 5.0
 PARAMETER_S: Final = 0.1
 PARAMETER_AGAIN_S: Final = (2.0, 60.0)
-"""A parameter that was not answered is asked for again, ever later: a firmware may not have it."""
+"""A parameter that was not answered is requested again at growing intervals: a firmware may not have it."""
 
 CONFIRM_AGAIN_S: Final = 0.5
 VOLATILE_S: Final = 10.0
@@ -54,7 +54,7 @@ VOLATILE: Final = ZEROES | {"FS_PILOT_INPUT", "FS_PILOT_TIMEOUT", "JS_THR_GAIN"}
 
 
 class LinkMaintenance:
-    """Keeps one autopilot talking, and doing what is wanted.
+    """Keeps the streams of one autopilot alive, and its mode and arming as wanted.
 
     Before the autopilot's heartbeat has come, or once it has not come for CONTACT_S, nothing goes out but our
     own. After a reboot or a new contact everything is asked again.

@@ -43,7 +43,7 @@ class _Budget:
         self._bytes, self._looks = MAX_BYTES_A_TICK, MAX_LOOKS_A_TICK
 
     def allows(self, data: bytes) -> bool:
-        """Take `data` from what is left; tell whether it was enough."""
+        """Take the size of `data` from the remaining budget; tell whether it was enough."""
         self._bytes -= len(data)
         if self._bytes >= 0:
             self._looks -= len(HEADERS_OF_BOTH.findall(data))
@@ -68,7 +68,7 @@ class Relay:
         self._up_budget, self._down_budget = _Budget(), _Budget()
 
     def to_ground(self, t_ns: int, data: bytes) -> Sequence[bytes]:
-        """Return what goes to the ground station of what came from the vehicle: all, in whole frames."""
+        """Return what goes to the ground station: all that came from the vehicle, in whole frames."""
         if not self._up_budget.allows(data):
             self.left_out += len(data)
             return ()
@@ -77,7 +77,7 @@ class Relay:
         return _packed(piece for _, piece in self._up.cut(t_ns / NS_PER_S, data))
 
     def to_vehicle(self, t_ns: int, data: bytes) -> Sequence[bytes]:
-        """Return what goes to the vehicle of what came from the ground station."""
+        """Return the part of the ground station's bytes that goes to the vehicle."""
         if not self._down_budget.allows(data):
             self.left_out += len(data)
             return ()
@@ -102,7 +102,7 @@ class Relay:
         return heard
 
     def sender(self, data: bytes) -> Sender:
-        """Tell whose a datagram is. The pilot's begins with sound frames, one of which the engine would get.
+        """Tell who sent a datagram. The pilot's begins with sound frames, one of which the engine would get.
 
         Where there is a key that must be signed and new as well; `to_vehicle` will still find it new.
         """
@@ -161,7 +161,7 @@ def pilot_events(heard: Iterable[tuple[int, bytes]]) -> list[Event]:
 
 
 def _packed(pieces: Iterable[bytes]) -> list[bytes]:
-    """Join pieces to datagrams, as few as there can be without cutting a piece that fits into one."""
+    """Join pieces to as few datagrams as possible, without cutting a piece that fits into one."""
     datagrams: list[bytes] = []
     for piece in pieces:
         for at in range(0, len(piece), MAX_DATAGRAM):

@@ -32,7 +32,7 @@ log = logging.getLogger("holdfast")
 
 
 class Signing:
-    """One key and one clock: the timestamps that we sign with, and whom of the others to believe."""
+    """One key and one clock: the timestamps that we sign with, and the check of other senders'."""
 
     def __init__(self, key: bytes, link_id: int = 0, utc_s: float = EPOCH_S) -> None:
         self.key = key

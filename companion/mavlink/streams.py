@@ -1,4 +1,4 @@
-"""The streams we need: what is asked, what really comes, and what has to be asked again.
+"""The streams that we need: their requested and measured rates, and when to request them again.
 
 Every stream is asked for at first contact and every ASK_S from then on, because a router shares one link
 with the ground station; one that was measured slow is asked for sooner, with back-off. A parameter transfer
@@ -24,7 +24,7 @@ SLOW_SHARE: Final = 0.7
 
 AGAIN_S: Final = (1.0, 8.0)
 REFUSAL: Final = re.compile(r"No ap_message for mavlink id \((\d+)\)")
-"""What the firmware says of an interval for a message that it does not stream; its COMMAND_ACK names none."""
+"""The firmware's text about a message that it does not stream; its COMMAND_ACK names no message."""
 
 _RATES_HZ: Final = {
     mavlink.MAVLINK_MSG_ID_ATTITUDE: 50.0,
@@ -79,7 +79,7 @@ class Streams:
         self._ask_s = float("-inf")
 
     def said(self, text: str) -> None:
-        """Read a text of the autopilot: what it has refused is not asked for again, until `restart`."""
+        """Read a text of the autopilot: a message that it refused is not requested again until `restart`."""
         if refused := REFUSAL.fullmatch(text):
             self._streams.pop(int(refused[1]), None)
 

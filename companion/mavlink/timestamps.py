@@ -54,7 +54,7 @@ class TimestampFile:
         self._signings = signings
         self._key = next(iter(signings.values())).key_name
         self._others: list[Seen] = []
-        """Of links that are not ours: `holdfast check` has no ground station."""
+        """Those of other links, which are kept: `holdfast check` has no ground station."""
         self._said = ""
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._keep, name="timestamps", daemon=True)

@@ -1,4 +1,4 @@
-"""What happened in a tick, in words: for the `event` key, whoever watches, and the record of the dive."""
+"""What happened in a tick, in words: for the `event` key, the log and the recording."""
 
 import math
 from collections.abc import Sequence
@@ -86,7 +86,7 @@ class EventLog:
         ]
 
     def _reset(self, sample: ControlSample) -> list[tuple[Severity, Literal["condition"], str]]:
-        """Tell of the first reset of the autopilot's estimate, and of all together once they have ended."""
+        """Report the first reset of the autopilot's estimate, and their sum once they have ended."""
         shift, happened = sample.state.frame_shift, list[tuple[Severity, Literal["condition"], str]]()
         if shift is not None and sample.verdict.conditions & RESETS:
             self._resets += 1

@@ -23,7 +23,7 @@ class Mode(IntEnum):
 
 
 MODE_NAMES: dict[int, str] = {mode.value: mode.name for mode in Mode} | {7: "CIRCLE", 20: "MOTOR_DETECT"}
-"""Of every mode; the last two are modes that Holdfast never asks for."""
+"""The names of all modes; Holdfast never requests the last two."""
 
 MEANINGS: dict[str, str] = {
     State.IDLE: "hands off",
@@ -45,4 +45,4 @@ SEVERITIES: dict[str, Severity] = {
     State.PILOT: "warning",
     State.FAULT: "fault",
 }
-"""How bad it is to come into a state, by its name."""
+"""The severity of entering a state, by its name."""

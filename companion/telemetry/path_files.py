@@ -53,17 +53,6 @@ def read(path: Path, origin: Degrees | None = None) -> PathPlan:
         raise ValueError(f"{path}: {error}") from error
 
 
-def position(text: str) -> Degrees:
-    """Return latitude and longitude of "47.40,8.55"; raise ValueError for another text."""
-    try:
-        latitude, longitude = (float(part) for part in text.split(","))
-    except ValueError:
-        raise ValueError(f"'{text}' is not LAT,LON, such as 47.40,8.55") from None
-    if not (abs(latitude) <= 90.0 and abs(longitude) <= 180.0):
-        raise ValueError(f"'{text}': want degrees within ±90,±180")
-    return latitude, longitude
-
-
 def _toml(text: str, origin: Degrees | None) -> dict[str, Any]:
     return files.toml(text)
 

@@ -1,4 +1,4 @@
-"""One tick as what is published of it: a `ControlSample` as one record of each key, and those as JSON.
+"""What is published of one tick: a `ControlSample` as one record for each key, and as JSON.
 
 The mapping is made from the schemas. A field takes its value from where its `field(...)` says; one that says
 nothing has the same name in its schema's own part of the sample.
@@ -56,7 +56,10 @@ def _names(conditions: Condition) -> tuple[str, ...]:
 
 
 def _maker(schema: type[Schema], place: str) -> Callable[..., Schema]:
-    """Compile what makes a record of (sample, i, **rest); `place` is for fields that say none, such as {}."""
+    """Compile a function of (sample, i, **rest) that makes the record.
+
+    `place` is where fields stand that say none, such as "state.{}"; `i` is the degree of freedom.
+    """
     hints = get_type_hints(schema, include_extras=True)
     sources = {name: hint.__metadata__[0].extra["source"] for name, hint in hints.items()}
     values = {

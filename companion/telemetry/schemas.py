@@ -1,4 +1,4 @@
-"""What leaves the companion: the key space and its schemas. No Zenoh in here.
+"""What the companion publishes: the key space and its schemas. No Zenoh in here.
 
 docs/telemetry.md lists every key, field, unit and rate, and is made from this file by `holdfast schema`.
 
@@ -24,7 +24,7 @@ from companion.telemetry.modes import MEANINGS, Severity
 ENDPOINT = "tcp/127.0.0.1:7447"  # where Zenoh is looked for, and listened on where nobody does
 NEVER_S = 1e6
 MAX_NUMBER = 2**53
-"""No number that is published is larger: further on, JavaScript's whole numbers have gaps."""
+"""The largest number that is published: JavaScript's integers have gaps beyond it."""
 TRUTH_ENCODING = "application/json;holdfast.sim.Truth.v1"
 CONFIG_ENCODING = "application/json;holdfast.Config.v1"
 TICKS_PER_SAMPLE = "holdfast_ticks_per_sample"
@@ -436,7 +436,7 @@ def decode(key: str, payload: bytes) -> Schema:
 
 
 def check_numbers(record: msgspec.Struct) -> None:
-    """Raise ValueError for a number beyond `MAX_NUMBER`: what is computed of it could overflow."""
+    """Raise ValueError for a number beyond `MAX_NUMBER`: a computation with it could overflow."""
     if not _in_range(msgspec.structs.astuple(record)):
         raise ValueError("a number in it is too large")
 
@@ -450,7 +450,7 @@ def _in_range(values: Iterable[object]) -> bool:
 
 
 def printable(text: str) -> str:
-    """Return what somebody else wrote with its control characters escaped: for a log line or a terminal.
+    """Return a foreign text with its control characters escaped, for a log line or a terminal.
 
     Raw, a line feed forges a line of the log, and an escape sequence writes over what a terminal shows.
     """

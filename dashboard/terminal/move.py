@@ -1,6 +1,5 @@
 """`holdfast goto` and `holdfast follow`: a vehicle to a place, or along the path of a file."""
 
-import argparse
 import math
 import sys
 from pathlib import Path
@@ -9,7 +8,7 @@ import msgspec
 
 from companion.telemetry import path_files
 from dashboard.terminal.tell import add_vehicle, send
-from holdfast.arguments import command_parser
+from holdfast.arguments import command_parser, position
 
 GOTO_EXAMPLES = """\
 examples:
@@ -92,7 +91,7 @@ def follow(argv: list[str]) -> int:
     what.add_argument("file", nargs="?", type=Path, metavar="FILE", help="ends in .toml, .geojson or .plan")
     for action, purpose in (("pause", "wait"), ("resume", "go on"), ("hold", "end it, and hold here")):
         what.add_argument(f"--{action}", dest="action", action="store_const", const=action, help=purpose)
-    parser.add_argument("--origin", type=_position, metavar="LAT,LON", help="where x and y are 0, degrees")
+    parser.add_argument("--origin", type=position, metavar="LAT,LON", help="where x and y are 0, degrees")
     options = parser.parse_args(argv)
     if options.file is None:
         return send("follow", options.vehicle, "path", {"action": options.action}, options.connect)
@@ -102,10 +101,3 @@ def follow(argv: list[str]) -> int:
         sys.stderr.write(f"holdfast follow: {error}\n")
         return 2
     return send("follow", options.vehicle, "follow", {"path": msgspec.to_builtins(path)}, options.connect)
-
-
-def _position(text: str) -> tuple[float, float]:
-    try:
-        return path_files.position(text)
-    except ValueError as error:
-        raise argparse.ArgumentTypeError(str(error)) from None

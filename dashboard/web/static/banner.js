@@ -1,4 +1,4 @@
-// The strip that is always there: state, depth, heading, what is wrong, what to do, how fresh it all is.
+// The strip at the top: state, depth, heading, faults, what to do, and the age of the data.
 import { $, mark, prose, say } from "./dom.js";
 import { MODES, STATES } from "./vocabulary.js"; // made by the server: dashboard/web/vocabulary.py
 import { ageText, bytesText, holder, sentence } from "./words.js";
@@ -47,7 +47,7 @@ export class Banner {
   }
 }
 
-// What is, large; what should be, and by how much it is missed, below.
+// The measured value, large; reference and error below.
 function tile(name, store, columns, place, error) {
   const [is, wanted, engaged, e] = columns.map((column) => store?.value(column) ?? NaN);
   say($(`${name}-is`), Number.isFinite(is) ? place(is) : "–");

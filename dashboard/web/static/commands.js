@@ -1,4 +1,4 @@
-// What the operator asks the vehicle for, and the token without which nothing is sent.
+// The operator's commands, and the token that they need.
 import { $, el, mark, say } from "./dom.js";
 import { COMMANDS } from "./vocabulary.js"; // made by the server: dashboard/web/vocabulary.py
 
@@ -7,7 +7,7 @@ const SAID_MS = 12_000;
 const SURE_MS = 3000;
 const GUIDED = ["path", "move", "waiting"];
 
-// Where to: what a place counts from, and the title and unit of each coordinate there. "body" is from here, as the pilot sees it.
+// The frames of `goto`: title and unit of each coordinate. "body" counts from the vehicle, as the pilot sees it.
 const FRAMES = {
   body: { x_m: ["Forward", "m"], y_m: ["Right", "m"], depth_m: ["Down", "m"], heading_deg: ["Turn right", "°"] },
   local: { x_m: ["North", "m"], y_m: ["East", "m"], depth_m: ["Depth", "m"], heading_deg: ["Heading", "°"] },
@@ -80,7 +80,7 @@ export class Commands extends EventTarget {
     this.dispatchEvent(new Event("change"));
   }
 
-  // A second time where the connection was just then closed as idle: to release twice does no harm.
+  // Retry once where the server had just closed an idle connection: releasing twice does no harm.
   async release() {
     if (!this.open) return void $("token").focus();
     const reply = await this.send("release");
@@ -192,7 +192,7 @@ export class Commands extends EventTarget {
     }
   }
 
-  // What went well for some seconds, what did not until it is read.
+  // Success is shown for some seconds, a failure until it is dismissed.
   tell(words, bad = false) {
     clearTimeout(this.forget);
     if (!bad) this.forget = setTimeout(() => say($("said"), ""), SAID_MS);

@@ -1,4 +1,4 @@
-// What happened, and what was found of the vehicle: lists in words.
+// Lists in words: events, and the vehicle's estimated parameters.
 import { el, mark, say } from "./dom.js";
 import { ENDED, STATES } from "./vocabulary.js"; // made by the server: dashboard/web/vocabulary.py
 import { collapsed, DOFS, rowText } from "./words.js";

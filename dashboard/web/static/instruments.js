@@ -1,4 +1,4 @@
-// What is no plot over time: horizon with compass, phase portrait, ages.
+// Panels that are no plots over time: horizon with compass, phase portrait, ages.
 import { colours, el, mark, say, svg } from "./dom.js";
 import { GAP_S } from "./store.js";
 import { ageText, DOFS } from "./words.js";

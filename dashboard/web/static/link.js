@@ -1,4 +1,4 @@
-// The WebSocket: comes back by itself, and knows how old what it brings is.
+// The WebSocket: reconnects by itself, and knows the age of its data.
 
 const SILENT_MS = 1500;
 const RETRY_MS = [200, 2000];
@@ -22,7 +22,7 @@ export class Link {
     this.open();
   }
 
-  // Seconds since the newest sample left the companion, whatever held it up on the way.
+  // Seconds since the newest sample left the companion, delays on the way included.
   get age() {
     if (!this.status || this.status.age_s === null || this.status.age_s === undefined) return Infinity;
     return Math.max(this.status.age_s, this.status.lag_s) + this.late + (nowS() - this.statusAt);
@@ -59,7 +59,7 @@ export class Link {
     this.wait = Math.min(2 * this.wait, RETRY_MS[1]);
   }
 
-  // A half-open connection closes nothing: who is silent too long is left.
+  // A half-open connection is never closed: reconnect after a long silence.
   leaveIfSilent() {
     if (this.socket && nowS() - Math.max(this.heard ?? 0, this.opened) > SILENT_MS / 1000 && this.socket.readyState !== WebSocket.CLOSED) {
       this.abandon();

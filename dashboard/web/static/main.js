@@ -1,4 +1,4 @@
-// The page: what comes is stored, what is stored is drawn, what is pressed changes the view.
+// The page: stores what arrives, draws it, and handles the keys.
 import { Banner } from "./banner.js";
 import { Commands } from "./commands.js";
 import { $, colours, el, mark, readColours, say } from "./dom.js";
@@ -117,7 +117,7 @@ function build() {
   for (const panel of panels) panel.start?.();
 }
 
-// λ in force; where nothing is held, the configuration's.
+// λ in force; the configured one where nothing is held.
 function slope() {
   const inForce = store.value(`${view.dof}.lambda_per_s`);
   return inForce > 0 ? inForce : config?.[DOFS[view.dof].axis]?.lambda_per_s ?? NaN;

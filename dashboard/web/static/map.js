@@ -19,7 +19,7 @@ export function niceStep(most) {
   return [5, 2, 1].find((step) => step * power <= most * (1 + 1e-9)) * power;
 }
 
-// Points [[north, east], …] of two columns between two indices, null where nothing is known for long.
+// Points [[north, east], …] of two columns between two indices, null in a long gap.
 export function trail(store, names, first, end, where = () => true) {
   const step = Math.max(1, Math.ceil((end - first) / POINTS));
   const [north, east] = names.map((name) => store.of[name]);
@@ -61,7 +61,7 @@ export class FromAbove {
     view.addEventListener("change", () => { this.drawnAt = -Infinity; });
   }
 
-  // Half of what is seen in m, null for all there is; its middle as [north, east], null for the vehicle.
+  // Half the visible width in m, null to show everything; its centre as [north, east], null for the vehicle.
   reach = null;
   middle = null;
   plan = null;
@@ -202,7 +202,7 @@ export class FromAbove {
     context.restore();
   }
 
-  // Where the vehicle may be, with 95 %.
+  // The 95 % ellipse of the position.
   doubt(context, [x, y], index, k, ratio) {
     const [major, minor, direction] = ["major_m", "minor_m", "direction_rad"].map((name) => this.store.value(`position_doubt_${name}`, index));
     if (!Number.isFinite(major + minor + direction)) return;
@@ -213,7 +213,7 @@ export class FromAbove {
     context.stroke();
   }
 
-  // The current that the vehicle finds, for as long as there is more than its noise.
+  // The estimated current, where it exceeds its noise.
   current(context, [x, y], index, ratio) {
     const [north, east] = ["north", "east"].map((name) => this.store.value(`current_${name}_mps`, index));
     const speed = Math.hypot(north, east);

@@ -1,4 +1,4 @@
-// What each plot shows: the columns it needs, and the lines it makes of them.
+// For each plot: the columns that it needs, and the lines made of them.
 import { places, plainNumber } from "./plots.js";
 import { GAP_S } from "./store.js";
 import { DOFS } from "./words.js";
@@ -9,7 +9,7 @@ const scaled = (values, factor) => values.map((value) => value * factor);
 const held = (values, engaged) => values.map((value, i) => (engaged[i] > 0 ? value : NaN));
 const of = (dof, ...names) => names.map((name) => `${dof}.${name}`);
 
-// Beyond half a turn the other way round: one line without jumps.
+// Unwrap the angle: a line without jumps.
 function unwrapped(radians) {
   let turns = 0;
   let last = NaN;
@@ -41,7 +41,7 @@ const PROVED = ["eps", "d_observer", "saturated", "lambda_per_s", "engaged"];
 const AS_CONFIGURED = 0.99; // of lambda: below, delay or a limit cycle has reduced the gains
 
 // What docs/theory.md, section 3, proves: |eps| <= (d_max + D)/(m kappa), here for a disturbance D up to d_max.
-// NaN where an assumption does not hold, and until what came of that has decayed.
+// NaN where an assumption does not hold, and until its effect has decayed.
 export function proved(x, [, disturbance, saturated, inForce, engaged], axis) {
   if (!axis) return x.map(() => NaN);
   const { mass, kappa_per_s: kappa, lambda_per_s: lambda, max_disturbance: most } = axis;

@@ -21,7 +21,7 @@ export class Plot {
       el("header", {}, this.title, el("span", { class: "readouts" }, ...readouts, this.note)), this.canvas);
   }
 
-  // Once it stands in the page.
+  // Called once it is part of the page.
   start() {
     const { definition, view } = this;
     const axis = (extra) => ({
@@ -158,7 +158,7 @@ export class Plot {
     mark(this.node, "held", free && this.bare ? "no" : "yes"); // never over curves
   }
 
-  // A value that only the drawn line has.
+  // A value that exists only in the drawn line.
   drawn(index, at) {
     if (!this.lines) return NaN;
     if (at === null) return this.lines[index].at(-1);
@@ -222,7 +222,7 @@ export class Plot {
   }
 }
 
-// The piece of time that a flag at index `i` shades, and the index where it ends: at the next that is down, or at a gap.
+// The span that a flag at index `i` shades, and the index of its end: the flag is down again, or a gap.
 export function shaded(flags, x, i) {
   const from = x[i];
   let to = x[i];
@@ -236,7 +236,7 @@ export function shaded(flags, x, i) {
   return [from, to, last];
 }
 
-// For uPlot: null breaks the line, undefined does not. A value that is missing for a moment breaks nothing.
+// For uPlot: null breaks the line, undefined does not. A short gap does not break it.
 function broken(line, x) {
   const out = new Array(line.length);
   let missing = 0;
@@ -248,7 +248,7 @@ function broken(line, x) {
       missing = 0;
     }
   }
-  // The inner points of a level piece: most of what drawing costs is the number of points.
+  // Drop the inner points of a level stretch: drawing costs by the number of points.
   for (let i = out.length - 2, next = out.at(-1); i > 0; i--) {
     const value = out[i];
     if (value === next && value === out[i - 1] && Number.isFinite(value)) out[i] = undefined;

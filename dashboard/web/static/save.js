@@ -1,4 +1,4 @@
-// What is seen, as files: the numbers of the time that is shown, and a picture of the panels.
+// Export: the numbers of the visible time, and a picture of the panels.
 import { colours } from "./dom.js";
 
 export function csv(store, from, to, wall) {
@@ -16,7 +16,7 @@ export function csv(store, from, to, wall) {
 
 const STYLES = ["fill", "stroke", "stroke-width", "stroke-linejoin", "opacity", "font-family", "font-size", "font-weight", "text-anchor", "dominant-baseline"];
 
-// An SVG of the page as an image: alone it has no style sheet, so each part gets the style that it has.
+// An SVG of the page as an image: outside the page it has no style sheet, so styles are copied into it.
 async function drawn(node) {
   const copy = node.cloneNode(true);
   const parts = [copy, ...copy.querySelectorAll("*")];

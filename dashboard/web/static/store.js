@@ -1,4 +1,4 @@
-// The rows that came, a typed array for each column. The oldest give way.
+// The newest rows, a typed array for each column.
 
 const CAPACITY = 30_000; // ten minutes at 50 Hz
 export const GAP_S = 0.5;
@@ -71,7 +71,7 @@ export class Store {
     return low;
   }
 
-  // The newest value there is of about the row at `index`.
+  // The newest known value at or shortly before the row at `index`.
   value(name, index = this.end - 1) {
     const column = this.of[name];
     for (let i = index; i >= Math.max(this.start, index - LOOK_BACK); i--) if (!Number.isNaN(column[i])) return column[i];

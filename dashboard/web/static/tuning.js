@@ -1,4 +1,4 @@
-// Changing gains, with what is really in force read back.
+// Changes gains, and shows those in force.
 import { $, el, mark, say } from "./dom.js";
 import { COMMANDS } from "./vocabulary.js"; // made by the server: dashboard/web/vocabulary.py
 import { DOFS } from "./words.js";
@@ -75,7 +75,7 @@ export class Tuning {
     return DOFS[this.view.dof].axis;
   }
 
-  // What is in force, and what is typed where nothing was changed.
+  // Show the values in force, and in the fields that were not edited.
   refresh() {
     this.permit();
     say(this.axisName, `${DOFS[this.view.dof].name}: gains of ${this.axis}`);
@@ -106,7 +106,7 @@ export class Tuning {
     this.revert.disabled = !this.before[this.axis] && this.touched !== this.axis;
   }
 
-  // What takes a step that the companion wants confirmed: more than twofold, or to or from zero.
+  // The changes that need a confirmation: more than twofold, or to or from zero.
   large() {
     const now = this.config?.[this.axis] ?? {};
     return Object.entries({ ...this.changes("gains"), ...this.changes("estimator") })

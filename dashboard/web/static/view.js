@@ -1,4 +1,4 @@
-// Which piece of time is shown, of which degree of freedom; where the cursor is.
+// The visible time, the degree of freedom, and the cursor.
 
 export const SPANS = [10, 30, 60, 120, 300, 600];
 
@@ -21,7 +21,7 @@ export class View extends EventTarget {
     return this.zoom ?? [this.head(last) - this.span, this.head(last)];
   }
 
-  // The row that readouts are of: under the cursor, where it was stopped, or the newest.
+  // The row of the readouts: under the cursor, where it was stopped, or the newest.
   index(store) {
     const at = this.cursor ?? (this.paused ? this.range(store.last)[1] : null);
     return at === null ? store.end - 1 : Math.min(store.end - 1, store.find(at));

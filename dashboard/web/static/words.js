@@ -1,4 +1,4 @@
-// What numbers and names mean to people.
+// Numbers and names in words.
 export const DOFS = {
   z: { name: "Depth", key: "1", axis: "heave", force: "N", e: { unit: "mm", scale: 1e3, span: 6 }, rate: { unit: "mm/s", scale: 1e3, span: 10 } },
   psi: { name: "Heading", key: "2", axis: "yaw", force: "N·m", e: { unit: "°", scale: 180 / Math.PI, span: 1 }, rate: { unit: "°/s", scale: 180 / Math.PI, span: 2 } },
@@ -34,8 +34,8 @@ export function holder(state, { armed, mode, guidance }) {
 const AGAIN_S = 60;
 const OVER = "over: "; // begins the text of a condition's end in recordings of older versions
 
-// Events as rows, the newest first. What came again within a minute is one row; so are a condition and its end.
-// `ended` gives, for the words that a condition has ended, those of its beginning.
+// Events as rows, newest first. Repeats within a minute share a row; so do a condition and its end.
+// `ended` maps the words of a condition's end to those of its beginning.
 export function collapsed(events, states, ended) {
   const rows = [];
   const newest = new Map();
