@@ -30,11 +30,13 @@ LOG = logging.getLogger("holdfast")
 REPLACED: Mapping[str, tuple[str, str]] = {
     "supervisor.max_surprise_m": ("max_innovation_m", "its name is supervisor.max_innovation_m now"),
     "supervisor.max_surprise_deg": ("max_innovation_deg", "its name is supervisor.max_innovation_deg now"),
+    "vehicle.rate_source": ("", "the depth rate is that of VFR_HUD.climb, which has the least noise"),
     "levelling.enabled": ("", "roll and pitch are held level where vehicle.steering_mode is 'manual'"),
 }
 """Keys of older versions: the key of the same section that takes the value, if one does, and the warning."""
 FORMER_VALUES: Mapping[str, Mapping[bool | str, str]] = {
     "telemetry.allow_control": {False: "never", True: "always"},
+    "vehicle.depth_source": {"vfr_hud": "relative_alt", "ahrs2": "pressure"},
 }
 """Values that keys had in older versions, and what takes their place."""
 
@@ -71,12 +73,9 @@ class Vehicle(Frame, frozen=True):
         means("the message that steers; manual_control compensates the reported pilot gain"),
     ] = "rc_override"
     depth_source: Annotated[
-        Literal["relative_alt", "vfr_hud", "ahrs2", "pressure"], means("relative_alt: GLOBAL_POSITION_INT")
+        Literal["relative_alt", "pressure"],
+        means("relative_alt: the EKF's, in GLOBAL_POSITION_INT; pressure: the barometer's, SCALED_PRESSURE"),
     ] = "relative_alt"
-    rate_source: Annotated[
-        Literal["climb", "vz"],
-        means("climb: of VFR_HUD, with the least noise; vz: of GLOBAL_POSITION_INT"),
-    ] = "climb"
     adapts: Annotated[
         bool, means("uses the gain and thruster lag that are found of each axis during the dive")
     ] = True

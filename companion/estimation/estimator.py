@@ -58,7 +58,7 @@ from companion.records import (
 MAX_RESET_INNOVATION = 1.0
 """m, rad: so much of a tick's resets counts as innovation. One is no surprise; one with every sample is."""
 
-LATER_S = {"pressure": 0.053, "ahrs2": 0.048}
+LATER_S = {"pressure": 0.053}
 """How much older than relative_alt and climb these depths are (docs/ardusub.md, "Telemetry")."""
 
 JUMP_BELIEVED_S = 2.0

@@ -19,8 +19,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from companion.records import AxisCommand, ServoOutput
 
-DepthSource: TypeAlias = Literal["relative_alt", "vfr_hud", "ahrs2", "pressure"]
-RateSource: TypeAlias = Literal["climb", "vz"]
+DepthSource: TypeAlias = Literal["relative_alt", "pressure"]
 ThrustPath: TypeAlias = Literal["rc_override", "manual_control"]
 
 NEUTRAL_US: Final = 1500

@@ -44,7 +44,6 @@ class Autopilot:
         self._decoder = Decoder(
             counters,
             depth_source=vehicle.depth_source,
-            rate_source=vehicle.rate_source,
             parameters=self._maintenance.parameters,
         )
         self._codec = Codec(

@@ -19,7 +19,6 @@ from companion.mavlink.ardusub import (
     STICK,
     STICK_NEUTRAL_Z,
     DepthSource,
-    RateSource,
     clip,
     from_stick,
 )
@@ -134,10 +133,9 @@ class Decoder:
     Absurd and non-finite values yield no event; they count as `counters.implausible`. `ids` are the messages
     that mean something here: give them to the codec as `wanted`.
 
-    depth_source   "relative_alt" GLOBAL_POSITION_INT.relative_alt; "vfr_hud" .alt; "ahrs2" .altitude;
+    depth_source   "relative_alt" GLOBAL_POSITION_INT.relative_alt;
                    "pressure" that SCALED_PRESSURE which BARO_PRIMARY names, against BAROn_GND_PRESS in water
-                   of BARO_SPEC_GRAV; no depth before `parameters` tells them
-    rate_source    "climb" VFR_HUD.climb; "vz" GLOBAL_POSITION_INT.vz
+                   of BARO_SPEC_GRAV; no depth before `parameters` has them
     """
 
     def __init__(
@@ -145,12 +143,10 @@ class Decoder:
         counters: LinkCounters,
         *,
         depth_source: DepthSource = "relative_alt",
-        rate_source: RateSource = "climb",
         parameters: Mapping[str, float] = MappingProxyType({}),
     ) -> None:
         self._counters = counters
         self._depth_source = depth_source
-        self._rate_source = rate_source
         self._parameters = parameters
         self._origin_known = False
         self._clock = BootClock()
@@ -163,7 +159,6 @@ class Decoder:
             mavlink.MAVLINK_MSG_ID_ATTITUDE: self._attitude,
             mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: self._global_position,
             mavlink.MAVLINK_MSG_ID_VFR_HUD: self._vfr_hud,
-            mavlink.MAVLINK_MSG_ID_AHRS2: self._ahrs2,
             **dict.fromkeys(PRESSURES, self._pressure),
             mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED: self._local_position,
             mavlink.MAVLINK_MSG_ID_DISTANCE_SENSOR: self._distance_sensor,
@@ -182,8 +177,6 @@ class Decoder:
             mavlink.MAVLINK_MSG_ID_MANUAL_CONTROL: self._manual_control,
             mavlink.MAVLINK_MSG_ID_RC_CHANNELS_OVERRIDE: self._rc_channels_override,
         }
-        if depth_source != "ahrs2":
-            del handlers[mavlink.MAVLINK_MSG_ID_AHRS2]
         if depth_source != "pressure":
             for message_id in PRESSURES:
                 del handlers[message_id]
@@ -203,11 +196,6 @@ class Decoder:
         if not -MAX_DEPTH_M <= z_m <= MAX_DEPTH_M:
             return self._implausible()
         return (Depth(t_s, boot_s, z_m),)
-
-    def _depth_rate(self, t_s: float, boot_s: float | None, w_mps: float) -> tuple[Event, ...]:
-        if not -MAX_SPEED_MPS <= w_mps <= MAX_SPEED_MPS:
-            return self._implausible()
-        return (DepthRate(t_s, boot_s, w_mps),)
 
     def _voltage(self, t_s: float, voltage_v: float) -> tuple[Event, ...]:
         if voltage_v > MAX_VOLTAGE_V:
@@ -236,23 +224,15 @@ class Decoder:
         events: tuple[Event, ...] = ()
         if self._depth_source == "relative_alt":
             events = self._depth(t_s, boot_s, -m.relative_alt / 1e3)
-        if self._rate_source == "vz":
-            events += self._depth_rate(t_s, boot_s, m.vz / 1e2)
         if self._origin_known is not (known := bool(m.lat or m.lon or m.alt)):
             self._origin_known = known
             events += (EkfOrigin(t_s, known),)
         return events
 
     def _vfr_hud(self, m: Message, t_s: float) -> tuple[Event, ...]:
-        events: tuple[Event, ...] = ()
-        if self._depth_source == "vfr_hud":
-            events = self._depth(t_s, None, -m.alt)
-        if self._rate_source == "climb":
-            events += self._depth_rate(t_s, None, -m.climb)
-        return events
-
-    def _ahrs2(self, m: Message, t_s: float) -> tuple[Event, ...]:
-        return self._depth(t_s, None, -m.altitude)
+        if not -MAX_SPEED_MPS <= m.climb <= MAX_SPEED_MPS:
+            return self._implausible()
+        return (DepthRate(t_s, None, -m.climb),)
 
     def _pressure(self, m: Message, t_s: float) -> tuple[Event, ...]:
         """Drop the repeats of a reading: the sensor is slower than its stream."""

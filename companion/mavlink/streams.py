@@ -44,8 +44,6 @@ MAY_BE_SILENT: Final = frozenset({mavlink.MAVLINK_MSG_ID_DISTANCE_SENSOR})
 def streams(depth_source: DepthSource = "relative_alt", with_position: bool = False) -> dict[int, float]:
     """Rates in Hz by message id."""
     rates_hz = dict(_RATES_HZ)
-    if depth_source == "ahrs2":
-        rates_hz[mavlink.MAVLINK_MSG_ID_AHRS2] = 50.0
     if depth_source == "pressure":
         rates_hz |= dict.fromkeys(PRESSURES, 50.0)
     if with_position:

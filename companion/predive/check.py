@@ -284,9 +284,6 @@ def _origin(seen: Observed, config: Config) -> Finding:
     if seen.origin_known:
         return Finding(GOOD, "set")
     fix = "at the surface: holdfast check --set-origin LAT,LON"
-    if config.vehicle.depth_source == "vfr_hud":
-        found = "not set: VFR_HUD.alt stays exactly 0"
-        return Finding(REFUSED, found, fix)
     return Finding(WARNING, "not set", fix)
 
 

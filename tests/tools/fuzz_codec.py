@@ -40,7 +40,6 @@ def try_one(data: bytes) -> None:
     convert = Decoder(
         codec.counters,
         depth_source=DEPTHS[source.ConsumeIntInRange(0, len(DEPTHS) - 1)],
-        rate_source="vz" if source.ConsumeBool() else "climb",
     )
     ids = sorted(convert.ids)
     fresh = Freshness()

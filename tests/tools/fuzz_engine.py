@@ -100,9 +100,7 @@ VARIANTS: tuple[tuple[str, tuple[str, ...], tuple[str, ...]], ...] = (
     (HEAVY, (), ('vehicle.thrust_path="manual_control"',)),
     (HEAVY, POSITIONED, ("supervisor.max_tilt_deg=80",)),
     (HEAVY, (), ('vehicle.steering_mode="stabilize"',)),
-    (HEAVY, (), ('vehicle.rate_source="vz"',)),
     (HEAVY, (), ('vehicle.depth_source="pressure"',)),
-    (HEAVY, (), ('vehicle.depth_source="ahrs2"',)),
     (SIX, (), ('vehicle.frame="vectored"',)),
 )
 WITH_GROUND = ('ground_station.endpoint="udp-listen:127.0.0.1:14551"', 'vehicle.thrust_path="manual_control"')
@@ -144,10 +142,7 @@ def _kind(message_id: int) -> Kind:
 
 KINDS = {
     message_id: _kind(message_id)
-    for message_id in sorted(
-        Decoder(LinkCounters(), depth_source="pressure").ids
-        | Decoder(LinkCounters(), depth_source="ahrs2").ids
-    )
+    for message_id in sorted(Decoder(LinkCounters(), depth_source="pressure").ids)
 }
 STEERING = (mavlink.MAVLINK_MSG_ID_MANUAL_CONTROL, mavlink.MAVLINK_MSG_ID_RC_CHANNELS_OVERRIDE)
 TIMESYNC = mavlink.MAVLINK_MSG_ID_TIMESYNC

@@ -45,7 +45,6 @@ PARAMETERS = {
 }
 STICKS = ('vehicle.thrust_path="manual_control"',)
 PRESSURE = ('vehicle.depth_source="pressure"',)
-HUD = ('vehicle.depth_source="vfr_hud"',)
 BLIND = Ages(0.01, 0.01, float("inf"), 0.01, float("inf"))
 
 
@@ -109,7 +108,6 @@ BAD = [
     ("streams", {"measured_hz": {"ATTITUDE": 12.5}}, (), WARNING, ["ATTITUDE 12 of 50 Hz"]),
     ("streams", {"measured_hz": {}}, (), WARNING, ["not measured"]),
     ("depth", {"depth_hz": 3.0}, (), WARNING, ["3 Hz"]),
-    ("EKF origin", {"origin_known": False}, HUD, REFUSED, ["stays exactly 0"]),
     ("EKF origin", {"origin_known": False}, (), WARNING, ["not set"]),
     ("EKF", {"ekf": None}, (), REFUSED, ["no EKF_STATUS_REPORT"]),
     ("EKF", {"ekf": EkfStatus(0.0, False, False, 0.0, False, False)}, (), REFUSED, ["not init", "wait"]),
@@ -299,7 +297,6 @@ class TestSurvey:
     [
         (("parameters.MAV_GCS_SYSID=254",), (), "steering id: it accepts 254, Holdfast is 255"),
         (("parameters.FRAME_CONFIG=1",), (), "frame: vectored, expected vectored_6dof"),
-        ((), HUD, "EKF origin: not set"),
         (("rc_receiver=true", "parameters.RC_OVERRIDE_TIME=-1"), (), "RC receiver: "),
     ],
 )

@@ -423,3 +423,9 @@ class TestFormerlyValidFiles:
         assert "vehicle.steering_mode" in second
         assert "'never'" in third
         assert last.startswith("--set: supervisor.max_surprise_deg")
+
+    def test_depth_sources_that_are_gone_become_the_ones_that_measure_the_same(self):
+        for former, source in (("vfr_hud", "relative_alt"), ("ahrs2", "pressure")):
+            overrides = [f"vehicle.depth_source={former}", 'vehicle.rate_source="vz"']
+            assert load_config(overrides=overrides).vehicle.depth_source == source
+        assert sum("VFR_HUD.climb" in words for words in self.warned()) == 2

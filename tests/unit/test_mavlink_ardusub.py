@@ -107,22 +107,6 @@ class TestSignsAndScales:
         (event,) = convert(decoder, vfr_hud(alt=7.0, climb=-0.3))
         assert event == DepthRate(T, None, about(0.3))
 
-    def test_vz_is_down_already(self, counters):
-        decoder = Decoder(counters, rate_source="vz")
-        events = convert(decoder, global_position(relative_alt=-1000, vz=30))
-        assert events == (Depth(T, 2.5, 1.0), DepthRate(T, 2.5, 0.3))
-        assert convert(decoder, vfr_hud(climb=1.0)) == ()
-
-    def test_depth_of_vfr_hud(self, counters):
-        decoder = Decoder(counters, depth_source="vfr_hud")
-        assert convert(decoder, vfr_hud(alt=-4.0)) == (Depth(T, None, 4.0), DepthRate(T, None, 0.0))
-        assert convert(decoder, global_position(relative_alt=-9000)) == ()
-
-    def test_depth_of_ahrs2(self, counters):
-        decoder = Decoder(counters, depth_source="ahrs2")
-        ahrs2 = mavlink.MAVLink_ahrs2_message(0.0, 0.0, 0.0, -3.0, 0, 0)
-        assert convert(decoder, ahrs2) == (Depth(T, None, 3.0),)
-
     def test_depth_of_pressure(self, counters):
         """Of the barometer in the water, against the surface and the water that the autopilot knows."""
         told = dict(zip(PRESSURE_PARAMETERS, (1.0, 1e5, 1.025), strict=True))

@@ -138,7 +138,6 @@ def test_the_version_is_asked_for_until_it_is_told_and_again_after_a_reboot(dive
 def test_position_and_other_depth_sources_add_their_streams():
     assert mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED not in streams()
     assert mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED in streams(with_position=True)
-    assert mavlink.MAVLINK_MSG_ID_AHRS2 in streams("ahrs2")
     assert mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE2 in streams("pressure")
     assert mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE in streams("pressure")
 
