@@ -66,11 +66,16 @@ def main(data: Path) -> None:
     configuration, token = data / "companion.toml", data / "dashboard.token"
     data.mkdir(parents=True, exist_ok=True)
     if not configuration.exists():
-        first = ["holdfast", "init", "--yes", "--where", "extension", "--out", str(configuration)]
-        subprocess.run(first, check=True)
-    if not token.exists():
-        token.touch(mode=0o600)
-        token.write_text(secrets.token_hex(16) + "\n", encoding="ascii")
+        whole = data / "first.toml"
+        whole.unlink(missing_ok=True)
+        subprocess.run(["holdfast", "init", "--yes", "--where", "extension", "--out", str(whole)], check=True)
+        whole.replace(configuration)
+    if not token.exists() or not token.stat().st_size:
+        whole = data / "first.token"
+        whole.unlink(missing_ok=True)
+        whole.touch(mode=0o600)
+        whole.write_text(secrets.token_hex(16) + "\n", encoding="ascii")
+        whole.replace(token)
     words = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
     words.bind(f"\0holdfast-{os.getpid()}")
     words.setblocking(False)

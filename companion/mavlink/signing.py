@@ -8,7 +8,7 @@ whose clock was set back both find their way to the present.
 
 import hashlib
 import hmac
-import logging
+import os
 import re
 from collections.abc import Mapping
 from pathlib import Path
@@ -27,8 +27,6 @@ NEW_STREAM_UNITS = 60 * UNITS_PER_S
 
 Stream: TypeAlias = tuple[int, int, int]
 """Link id, system, component."""
-
-log = logging.getLogger("holdfast")
 
 
 class Signing:
@@ -115,16 +113,21 @@ def _stamp(frame: bytes) -> tuple[Stream, int]:
 def read_key(path: Path) -> bytes:
     """Return the key in a file: 32 raw bytes, 64 hex digits, or a passphrase, whose SHA-256 is taken.
 
-    That is what QGroundControl and MAVProxy make of a passphrase too. Warns where others may read the
-    file; raises ConfigError for one that cannot be read or is empty.
+    That is what QGroundControl and MAVProxy make of a passphrase too. Raises ConfigError for a file that
+    cannot be read or is empty, and for one that others may read; systemd's credentials are for their service
+    alone, whatever their mode says (an ACL).
     """
     try:
         content = path.read_bytes()
         mode = path.stat().st_mode
     except OSError as error:
         raise ConfigError(f"link.signing_key_file = '{path}': cannot be read: {error.strerror}") from error
-    if mode & 0o077:
-        log.warning("link.signing_key_file: others can read or change %s; mend it: chmod 600 %s", path, path)
+    if mode & 0o077 and str(path.parent) != os.environ.get("CREDENTIALS_DIRECTORY"):
+        raise ConfigError(
+            f"link.signing_key_file = '{path}': others can read or change it (its mode is "
+            f"{mode & 0o777:03o}): "
+            f"chmod 600 {path}, and make a new key if somebody else was on this machine"
+        )
     text = content.strip()
     if not text:
         raise ConfigError(

@@ -83,6 +83,18 @@ def test_it_keeps_settings_and_token_in_its_volume(start: Callable[[], Extension
     assert token.read_text() == before
 
 
+def test_a_first_start_that_was_cut_off_is_made_good(start: Callable[[], Extension], tmp_path: Path) -> None:
+    """An empty token and half a configuration: the dashboard was restarted for ever."""
+    data = tmp_path / "data"
+    data.mkdir()
+    for name in ("dashboard.token", "first.token", "first.toml"):
+        (data / name).touch()
+    start()
+    token = data / "dashboard.token"
+    assert (token.stat().st_mode & 0o777, len(token.read_text().strip())) == (0o600, 32)
+    assert not (data / "first.toml").exists()
+
+
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
 def test_a_controller_that_ends_or_hangs_is_started_again(
     start: Callable[[], Extension], number: signal.Signals

@@ -160,16 +160,17 @@ RAW = bytes(range(200, 232))
     ],
     ids=["raw", "hex", "HEX", "passphrase", "32 letters"],
 )
-def test_the_forms_of_a_key_file(key_file, content, key, caplog):
+def test_the_forms_of_a_key_file(key_file, content, key):
     assert read_key(key_file(content)) == key
-    assert not caplog.text
 
 
 @pytest.mark.parametrize("mode", [0o640, 0o604, 0o666])
-def test_a_key_that_others_can_read_is_warned_of(key_file, mode, caplog):
+def test_a_key_that_others_can_read_is_refused_but_as_a_credential(key_file, mode, monkeypatch):
     path = key_file(b"kelp", mode)
-    read_key(path)
-    assert f"chmod 600 {path}" in caplog.text
+    with pytest.raises(ConfigError, match=rf"mode is {mode:o}.*chmod 600 {path}"):
+        read_key(path)
+    monkeypatch.setenv("CREDENTIALS_DIRECTORY", str(path.parent))
+    assert read_key(path) == hashlib.sha256(b"kelp").digest()
 
 
 @pytest.mark.parametrize("content", [b"", b" \n"])
