@@ -145,7 +145,6 @@ class Ablation(Study[AblationDive]):
 
     @classmethod
     def options(cls, parser: argparse.ArgumentParser) -> None:
-        """Add the options of a bench."""
         add_bench(parser)
 
     def __init__(self, arguments: argparse.Namespace) -> None:
@@ -164,7 +163,6 @@ class Ablation(Study[AblationDive]):
         }
 
     def cases(self) -> Sequence[AblationDive]:
-        """Return the dives of both questions."""
         seeds = range(FIRST_SEED, FIRST_SEED + self._count)
         if self._firmware:
             parts = [part.name for part in HEADLINES]
@@ -226,7 +224,6 @@ class Ablation(Study[AblationDive]):
         yield from verdicts(wrong)
 
     def summary(self, rows: Sequence[Row]) -> dict[str, Any]:
-        """Return the mean of each variant in each case."""
         return {"seeds": self._count, "first_seed": FIRST_SEED, "ablation": summaries(rows)}
 
     def draw(self, rows: Sequence[Row], folder: Path) -> Sequence[Path]:

@@ -243,7 +243,6 @@ class Campaign(Study[CampaignCase]):
 
     @classmethod
     def options(cls, parser: argparse.ArgumentParser) -> None:
-        """Add the range of numbers, and `--replay`."""
         parser.add_argument("--dives", type=positive, default=6000, metavar="N", help="default %(default)s")
         parser.add_argument(
             "--first", type=not_negative, default=0, metavar="ID", help="number of the first dive; default 0"
@@ -262,15 +261,12 @@ class Campaign(Study[CampaignCase]):
         self._config = load_companion(overrides=arguments.set)
 
     def journal(self, out: Path) -> Path:
-        """Return the file of the rows."""
         return out / "dives.jsonl"
 
     def cases(self) -> Sequence[CampaignCase]:
-        """Return the dives of all numbers."""
         return [case(number) for number in self._numbers]
 
     def groups(self, cases: Sequence[CampaignCase]) -> Sequence[Sequence[CampaignCase]]:
-        """Return batches."""
         return batches(cases)
 
     def dive(self, cases: Sequence[CampaignCase], traces: list[Rows] | None = None) -> Iterator[Row]:
@@ -363,11 +359,9 @@ class Replay(Campaign):
         self._numbers = range(arguments.replay, arguments.replay + 1)
 
     def journal(self, out: Path) -> Path:
-        """Return a file of its own."""
         return out / "replay.jsonl"
 
     def dive(self, cases: Sequence[CampaignCase], traces: list[Rows] | None = None) -> Iterator[Row]:
-        """Dive in both."""
         traces, one = [], cases[0]
         (row,) = super().dive(cases, traces)
         full = full_loop.dive(scenario(one), configured(self._config, one.vehicle), plant(one), link(one))
@@ -376,7 +370,6 @@ class Replay(Campaign):
         yield row | {"full": full.figures(), "held": bool(full.active[-1]), "trace": trace}
 
     def tables(self, rows: Sequence[Row]) -> Iterator[RenderableType]:
-        """Return the figures of both."""
         (row,) = rows
         one = case_of(row)
         table = ruled(str(one), "figure", "batch", "full loop")
@@ -387,7 +380,6 @@ class Replay(Campaign):
         yield f"{'inside' if one.inside else 'outside'} the envelope"
 
     def failed(self, rows: Sequence[Row]) -> bool:
-        """Return False: it only shows."""
         return False
 
     def draw(self, rows: Sequence[Row], folder: Path) -> Sequence[Path]:

@@ -310,7 +310,6 @@ class Courses(Study[CourseDive]):
 
     @classmethod
     def options(cls, parser: argparse.ArgumentParser) -> None:
-        """Add the options of a bench."""
         add_bench(parser, "default pid", "station, lemniscate, circle, thruster")
 
     def __init__(self, arguments: argparse.Namespace) -> None:
@@ -327,7 +326,6 @@ class Courses(Study[CourseDive]):
         self._base, self._tuned = load_plant(DEFAULT_CONFIG), tuned(TUNED_FILE)
 
     def cases(self) -> Sequence[CourseDive]:
-        """Return the dives, course by course."""
         seeds = range(FIRST_SEED, FIRST_SEED + self._seeds)
         return [
             CourseDive(row, course, seed) for course, row, seed in product(self._courses, self._rows, seeds)
@@ -346,7 +344,6 @@ class Courses(Study[CourseDive]):
             yield {"held": track.held} | track.figures(since) | trace
 
     def tables(self, rows: Sequence[Row]) -> Iterable[Table]:
-        """Return a table for each course."""
         for (name,), dives in by(rows, "course").items():
             title = f"{self._courses[name].title}; {self._seeds} vehicles"
             table = ruled(title, "", *(column for column, _ in FIGURES.values()), padding=0)

@@ -76,7 +76,6 @@ class Dives(Study[BenchDive]):
 
     @classmethod
     def options(cls, parser: argparse.ArgumentParser) -> None:
-        """Add the options of a bench."""
         add_bench(parser, "default law ppi", ", ".join(SCENARIOS))
 
     def __init__(self, arguments: argparse.Namespace) -> None:
@@ -105,7 +104,6 @@ class Dives(Study[BenchDive]):
         ]
 
     def dive(self, cases: Sequence[BenchDive]) -> Iterator[Row]:
-        """Dive, or compute the floor."""
         return (
             self._floor(case) if case.row == FLOOR else self.dived(case, self._firmware) for case in cases
         )
@@ -178,7 +176,6 @@ class Dives(Study[BenchDive]):
         return table
 
     def summary(self, rows: Sequence[Row]) -> dict[str, Any]:
-        """Return the mean of each row in each case."""
         return {"seeds": len(self._seeds), "first_seed": FIRST_SEED, "rows": summaries(rows)}
 
     def draw(self, rows: Sequence[Row], folder: Path) -> Sequence[Path]:

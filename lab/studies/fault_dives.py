@@ -229,11 +229,9 @@ class FaultDives(Study[FaultDive]):
         self._firmware: Path | None = arguments.firmware
 
     def journal(self, out: Path) -> Path:
-        """Return a file beside that of the hours."""
         return out.with_name("faults.jsonl")
 
     def cases(self) -> Sequence[FaultDive]:
-        """Return the dives."""
         return [FaultDive(number) for number in self._numbers]
 
     def groups(self, cases: Sequence[FaultDive]) -> Sequence[Sequence[FaultDive]]:
@@ -244,7 +242,6 @@ class FaultDives(Study[FaultDive]):
         return [*together.values()]
 
     def dive(self, cases: Sequence[FaultDive]) -> list[Row]:
-        """Dive a group."""
         return dive_group([one.number for one in cases], self._firmware)
 
     def tables(self, rows: Sequence[Row]) -> Iterator[RenderableType]:

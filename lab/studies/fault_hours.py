@@ -176,22 +176,18 @@ class FaultHours(Study[NumberedHour]):
 
     @classmethod
     def options(cls, parser: argparse.ArgumentParser) -> None:
-        """Add the options of the command."""
         FaultDives.options(parser)
 
     def __init__(self, arguments: argparse.Namespace) -> None:
         self._hours: int = arguments.hours
 
     def journal(self, out: Path) -> Path:
-        """Return the file that `--out` names."""
         return out
 
     def cases(self) -> Sequence[NumberedHour]:
-        """Return the hours."""
         return [NumberedHour(number) for number in range(self._hours)]
 
     def dive(self, cases: Sequence[NumberedHour]) -> Iterator[Row]:
-        """Dive hours."""
         return (asdict(soak_hour(one.number)) for one in cases)
 
     def failed(self, rows: Sequence[Row]) -> bool:

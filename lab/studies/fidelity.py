@@ -88,7 +88,6 @@ class Fidelity(Dives):
         return ()
 
     def summary(self, rows: Sequence[Row]) -> dict[str, Any]:
-        """Return the pairs."""
         return {"seeds": len(self._seeds), "first_seed": FIRST_SEED, "firmware": pairs(rows)}
 
 

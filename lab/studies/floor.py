@@ -5,8 +5,7 @@ Computed for the very vehicle, sea and link of a dive. The floor's controller kn
 - the vehicle: mass, damping (linearised at the speeds of the scenario), lag, thrust gain and dead band (both
   undone exactly), and nothing saturates;
 - the delay, to the step, and the path it has to follow, for ever ahead: both cost it nothing;
-- the sensors: slow and white noise of depth and climb, the drift, the millimetre of relative_alt, and with
-  `accelerometer` that of RAW_IMU;
+- the sensors: slow and white noise of depth and climb, the drift, the millimetre of relative_alt;
 - the spectrum of its disturbance: the sea's as SLICES lightly damped oscillators, each with its slice of the
   JONSWAP spectrum; the tether's as the Ornstein-Uhlenbeck process that it is. Not the sea or the pull itself.
 
@@ -39,7 +38,7 @@ Z, W, F, LOAD = range(4)
 NOTHING: tuple[Array, Array, Array] = (np.zeros((0, 0)), np.zeros((0, 0)), np.zeros(0))
 """A disturbance that there is not, or that is foreseen and so costs nothing: A, Q and its output row."""
 
-DEPTH_STEP_M, ACCEL_STEP_M_S2 = 1e-3, 1e-3 * GRAVITY
+DEPTH_STEP_M = 1e-3
 
 
 @dataclass(frozen=True)
@@ -50,18 +49,11 @@ class Floor:
     chatter_n: float
 
 
-def floor(
-    scenario: Scenario,
-    base: SimConfig,
-    link: LinkDelay,
-    *,
-    accelerometer: bool = False,
-    foreseen: bool = False,
-) -> Floor:
+def floor(scenario: Scenario, base: SimConfig, link: LinkDelay, *, foreseen: bool = False) -> Floor:
     """Return the floor of one dive; `foreseen` is that of one who knows every wave and pull beforehand."""
     config = scenario.plant(base, scenario.seed)
-    ready = _plant(config, scenario, wandering=True, accelerometer=accelerometer, foreseen=foreseen)
-    truth = _plant(config, scenario, wandering=False, accelerometer=accelerometer, foreseen=foreseen)
+    ready = _plant(config, scenario, wandering=True, foreseen=foreseen)
+    truth = _plant(config, scenario, wandering=False, foreseen=foreseen)
     controller = LQG(ready, loop_delay_s(scenario.seed, link) + config.sensors.depth_delay_s, TICK_S)
     K = controller.tuned(ready, CHATTER_N)
     rms_m, chatter_n = controller.reached(truth, K)
@@ -78,9 +70,7 @@ def loop_delay_s(seed: int, link: LinkDelay) -> float:
     return at.age_s + at.to_motor_s
 
 
-def _plant(
-    config: SimConfig, scenario: Scenario, *, wandering: bool, accelerometer: bool, foreseen: bool
-) -> Plant:
+def _plant(config: SimConfig, scenario: Scenario, *, wandering: bool, foreseen: bool) -> Plant:
     """Return heave, what pushes it and what its sensors add: z, w, f, load, disturbance, slow noises."""
     hull, sensors = config.hull, config.sensors
     mass = hull.mass_kg + hull.added_mass[2]
@@ -106,15 +96,7 @@ def _plant(
     C = np.zeros((2, n))
     C[0, [Z, n - 3, n - 2]] = C[1, [W, n - 1]] = 1.0
     R = np.diag([sensors.depth_white_m**2 + DEPTH_STEP_M**2 / 12.0, sensors.climb_white_m_s**2])
-    return Plant(
-        A,
-        B,
-        Q,
-        C,
-        R,
-        past=A[W] if accelerometer else None,
-        past_variance=sensors.accel_white_m_s2**2 + ACCEL_STEP_M_S2**2 / 12.0,
-    )
+    return Plant(A, B, Q, C, R)
 
 
 def _disturbance(config: SimConfig, scenario: Scenario) -> tuple[tuple[Array, Array, Array], float]:

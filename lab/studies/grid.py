@@ -285,7 +285,6 @@ class Grid(Study[Cell]):
 
     @classmethod
     def options(cls, parser: argparse.ArgumentParser) -> None:
-        """Add the options of a bench, and the cells."""
         add_bench(parser)
         parser.add_argument(
             "--cells",
@@ -303,11 +302,9 @@ class Grid(Study[Cell]):
         self._firmware: Path | None = arguments.firmware
 
     def cases(self) -> Sequence[Cell]:
-        """Return each cell once."""
         return [*dict.fromkeys(cell for name in self._sets for cell in SUBSETS[name]())]
 
     def dive(self, cases: Sequence[Cell]) -> Iterable[Row]:
-        """Dive cells."""
         return [dive(cell, self._config, self._base, FIRST_SEED, self._firmware) for cell in cases]
 
     def tables(self, rows: Sequence[Row]) -> Iterator[Table]:

@@ -31,8 +31,7 @@ ITERATIONS = 60
 class Plant:
     """ẋ = A x + B u + w with E[w wᵀ] = Q δ; y = C x + v, E[v vᵀ] = R; x_0 is what has to stay small.
 
-    A (n, n), B (n,), Q (n, n), C (m, n), R (m, m). `past` (n,) or None: y gets one more sensor, of noise
-    variance `past_variance`, that shows 0.7 of `past`·x a tick ago and 0.3 of it two ticks ago.
+    A (n, n), B (n,), Q (n, n), C (m, n), R (m, m).
     """
 
     A: Array
@@ -40,21 +39,17 @@ class Plant:
     Q: Array
     C: Array
     R: Array
-    past: Array | None = None
-    past_variance: float = 1.0
 
 
 class LQG:
     """The best controller for `plant` that learns of it `delay_s` late and acts every `tick_s`."""
 
     def __init__(self, plant: Plant, delay_s: float, tick_s: float) -> None:
-        n = self._n = len(plant.A)
-        A, B, Q = discrete(plant, tick_s)
-        self._A, self._B = A, B
+        self._n = len(plant.A)
+        self._A, self._B, Q = discrete(plant, tick_s)
         self._later, self._delay_s, self._tick_s = expm(delay_s * plant.A), delay_s, tick_s
-        self._F, self._C, self._R = _with_past(plant, A)
-        Q = np.pad(Q, (0, len(self._F) - n))
-        X = riccati(self._F.T, self._C.T @ np.linalg.solve(self._R, self._C), Q)
+        self._C, self._R = plant.C, plant.R
+        X = riccati(self._A.T, self._C.T @ np.linalg.solve(self._R, self._C), Q)
         self._L = X @ self._C.T @ np.linalg.inv(self._C @ X @ self._C.T + self._R)
 
     def tuned(self, plant: Plant, chatter: float) -> Array:
@@ -83,7 +78,6 @@ class LQG:
         n = self._n
         F, by_w, by_v = self._loop(K)
         _, _, Q = discrete(plant, self._tick_s)
-        Q = np.pad(Q, (0, len(self._F) - n))
         S = stationary(F, by_w @ Q @ by_w.T + by_v @ self._R @ by_v.T)
         _, _, unseen = discrete(plant, self._delay_s)
         seen = self._outcome()
@@ -102,28 +96,24 @@ class LQG:
 
     def _loop(self, K: Array) -> tuple[Array, Array, Array]:
         """Return the matrices of (ξ, u, e): F, and how w and v enter."""
-        n, late = self._n, len(self._F)
-        carried = self._bumpless_bias() @ self._L
-        F = np.zeros((n + 1 + late, n + 1 + late))
-        u = np.append(-K, np.zeros(late))
+        n = self._n
+        carried = self._later @ self._L
+        F = np.zeros((2 * n + 1, 2 * n + 1))
+        u = np.append(-K, np.zeros(n))
         u[n] += 1.0
         F[:n, :n] = self._A
         F[:n] += np.outer(self._B, u)
-        F[:n, n + 1 :] = carried @ self._C @ self._F
+        F[:n, n + 1 :] = carried @ self._C @ self._A
         F[n] = u
-        rest = np.eye(late) - self._L @ self._C
-        F[n + 1 :, n + 1 :] = rest @ self._F
-        by_w = np.vstack([carried @ self._C, np.zeros((1, late)), rest])
+        rest = np.eye(n) - self._L @ self._C
+        F[n + 1 :, n + 1 :] = rest @ self._A
+        by_w = np.vstack([carried @ self._C, np.zeros((1, n)), rest])
         by_v = np.vstack([carried, np.zeros((1, len(self._C))), -self._L])
         return F, by_w, by_v
 
-    def _bumpless_bias(self) -> Array:
-        """Return Φ for the plant's part of the filter's state, (n, late)."""
-        return np.pad(self._later, ((0, 0), (0, len(self._F) - self._n)))
-
     def _outcome(self) -> Array:
         """Return the row that makes x_0, when u acts, of (ξ, u, e)."""
-        return np.concatenate([np.eye(self._n)[0], [0.0], self._bumpless_bias()[0]])
+        return np.concatenate([np.eye(self._n)[0], [0.0], self._later[0]])
 
 
 def discrete(plant: Plant, tick_s: float) -> tuple[Array, Array, Array]:
@@ -172,17 +162,3 @@ def expm(A: Array) -> Array:
     for _ in range(squarings):
         result = result @ result
     return result
-
-
-def _with_past(plant: Plant, A: Array) -> tuple[Array, Array, Array]:
-    """Return A, C and R of the filter: with a sensor of the past, two more states that remember it."""
-    if plant.past is None:
-        return A, plant.C, plant.R
-    n = len(A)
-    F = np.zeros((n + 2, n + 2))
-    F[:n, :n], F[n, :n], F[n + 1, n] = A, plant.past, 1.0
-    C = np.zeros((len(plant.C) + 1, n + 2))
-    C[:-1, :n], C[-1, n:] = plant.C, (0.7, 0.3)
-    R = np.zeros((len(C), len(C)))
-    R[:-1, :-1], R[-1, -1] = plant.R, plant.past_variance
-    return F, C, R

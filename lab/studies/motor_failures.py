@@ -94,11 +94,9 @@ class MotorFailures(FaultDives):
     command = "faults thrusters"
 
     def journal(self, out: Path) -> Path:
-        """Return a file beside that of the hours."""
         return out.with_name("thrusters.jsonl")
 
     def cases(self) -> Sequence[Any]:
-        """Return the dives, one for each number."""
         return [
             MotorFailure(motors, motor, failure, seed)
             for motors in FRAMES
@@ -108,11 +106,9 @@ class MotorFailures(FaultDives):
         ]
 
     def groups(self, cases: Sequence[Any]) -> Sequence[Sequence[Any]]:
-        """Return each alone."""
         return [[case] for case in cases]
 
     def dive(self, cases: Sequence[Any]) -> list[Row]:
-        """Dive."""
         return [dive(case, self._firmware) for case in cases]
 
     def tables(self, rows: Sequence[Row]) -> Iterator[RenderableType]:

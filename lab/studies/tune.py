@@ -51,7 +51,6 @@ class Tune(Study[Search]):
 
     @classmethod
     def options(cls, parser: argparse.ArgumentParser) -> None:
-        """Add the rows, the vehicle, its configuration and the effort."""
         parser.add_argument("rows", nargs="*", metavar="ROW", help="a row of the bench, or all")
         parser.add_argument(
             "--vehicle",
@@ -99,15 +98,12 @@ class Tune(Study[Search]):
         self.steps = arguments.evaluations
 
     def journal(self, out: Path | None) -> Path:
-        """Return a file beside the result."""
         return (out.parent if out else Path("out/tune")) / "tune.jsonl"
 
     def cases(self) -> Sequence[Search]:
-        """Return a search for each row."""
         return [Search(name) for name in self._rows]
 
     def dive(self, cases: Sequence[Search]) -> Iterator[Row]:
-        """Search."""
         for case in cases:
             found = search(
                 self._rows[case.row],

@@ -64,7 +64,6 @@ class TuneCourses(Study[Search]):
 
     @classmethod
     def options(cls, parser: argparse.ArgumentParser) -> None:
-        """Add the rows and the effort."""
         names = [row.name for row in ROWS if knobs(row)]
         parser.add_argument("--evaluations", type=positive, default=30, metavar="N")
         parser.add_argument("--rows", nargs="+", choices=names, default=names, metavar="ROW")
@@ -75,7 +74,6 @@ class TuneCourses(Study[Search]):
         self.steps = arguments.evaluations
 
     def cases(self) -> Sequence[Search]:
-        """Return a search for each row."""
         return [Search(name) for name in self._rows]
 
     def dive(self, cases: Sequence[Search]) -> Iterator[Row]:
@@ -85,7 +83,6 @@ class TuneCourses(Study[Search]):
             yield found._asdict()
 
     def tables(self, rows: Sequence[Row]) -> Iterator[str]:
-        """Return what TUNED_FILE has."""
         for row in rows:
             yield (
                 f"# {' and '.join(TRAINED_ON)}, {TRAINING_S:g} s each, seeds 0 and 1, never of the bench\n"
