@@ -41,7 +41,7 @@ class Subscription(SessionThread):
     none, RefusedError for such an endpoint; trouble with the network is never raised.
     """
 
-    def __init__(self, key_expression: str, endpoint: str = telemetry.ENDPOINT) -> None:
+    def __init__(self, key_expression: str, endpoint: str) -> None:
         try:
             self._key_expression = zenoh.KeyExpr(key_expression)
         except zenoh.ZError as error:

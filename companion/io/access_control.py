@@ -20,7 +20,7 @@ _ALL = ["holdfast/**", "holdfast/**/@adv/**", "sim/**"]
 _Rule = dict[str, Any]
 
 
-def access_control(*, allow_control: bool, radio: bool, vehicles: Sequence[str] = ()) -> dict[str, Any]:
+def access_control(*, allow_control: bool, radio: bool, vehicles: Sequence[str]) -> dict[str, Any]:
     """Return Zenoh's access control of a vehicle, or of a router for `vehicles`.
 
     The common name of a certificate is LAPTOP, or the vehicle's name.
@@ -56,7 +56,7 @@ def access_control(*, allow_control: bool, radio: bool, vehicles: Sequence[str] 
     }
 
 
-def downsampling(vehicles: Sequence[str] = ()) -> dict[str, Any]:
+def downsampling(vehicles: Sequence[str]) -> dict[str, Any]:
     """Return what makes Zenoh pass one tick of RADIO_TICKS to a laptop.
 
     Zenoh lets a sample pass if the rule's last one is old enough, so each key needs a rule. A period half a

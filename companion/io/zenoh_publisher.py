@@ -62,7 +62,7 @@ class Publisher(SessionThread):
     def __init__(
         self,
         vehicle: str,
-        endpoint: str = telemetry.ENDPOINT,
+        endpoint: str,
         mode: Literal["peer", "client", "file"] = "peer",
         on_command: Callable[[ReceivedCommand], None] | None = None,
         choices: telemetry.Choices | None = None,

@@ -39,7 +39,7 @@ class Autopilot:
         link, vehicle = config.link, config.vehicle
         counters = LinkCounters()
         self._commands = Commands(link.vehicle_system, link.vehicle_component)
-        self._rates_hz = streams(vehicle.depth_source, with_position=True)
+        self._rates_hz = streams(vehicle.depth_source)
         self._maintenance = LinkMaintenance(self._commands, self._rates_hz)
         self._decoder = Decoder(
             counters,
@@ -140,9 +140,9 @@ class Autopilot:
             self._commands.manual_control(command, pilot_gain, self._throttle_gain, pilot)
         )
 
-    def neutral(self, pilot_gain: float = 1.0) -> bytes:
+    def neutral(self) -> bytes:
         """Return the frame that stops all thrust."""
-        return self.steer(NEUTRAL, pilot_gain)
+        return self.steer(NEUTRAL, 1.0)
 
     def applied(self, command: AxisCommand, pilot_gain: float) -> AxisCommand:
         """Return what the vehicle makes of `command` after rounding to the wire's integers."""

@@ -9,7 +9,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from companion.mavlink.ardusub import DIRECTIONS
 from companion.mavlink.encode import Commands
 from companion.mavlink.messages import Message
-from companion.mavlink.streams import Streams, streams
+from companion.mavlink.streams import Streams
 from companion.records import Event, Firmware, Heartbeat, Parameter, Reboot, StatusText
 from companion.telemetry.modes import Mode
 
@@ -60,9 +60,9 @@ class LinkMaintenance:
     own. After a reboot or a new contact everything is asked again.
     """
 
-    def __init__(self, commands: Commands, rates_hz: Mapping[int, float] | None = None) -> None:
+    def __init__(self, commands: Commands, rates_hz: Mapping[int, float]) -> None:
         self._commands = commands
-        self._streams = Streams(streams() if rates_hz is None else rates_hz)
+        self._streams = Streams(rates_hz)
         self.heard = self._streams.heard
         self._parameters: dict[str, float] = {}
         self.parameters: Mapping[str, float] = MappingProxyType(self._parameters)

@@ -41,14 +41,12 @@ MAY_BE_SILENT: Final = frozenset({mavlink.MAVLINK_MSG_ID_DISTANCE_SENSOR})
 """Nothing comes of it without the instrument, or without an echo: it is never pressed for."""
 
 
-def streams(depth_source: DepthSource = "relative_alt", with_position: bool = False) -> dict[int, float]:
+def streams(depth_source: DepthSource) -> dict[int, float]:
     """Rates in Hz by message id."""
     rates_hz = dict(_RATES_HZ)
     if depth_source == "pressure":
         rates_hz |= dict.fromkeys(PRESSURES, 50.0)
-    if with_position:
-        rates_hz[mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED] = 50.0
-    return rates_hz
+    return rates_hz | {mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED: 50.0}
 
 
 class _Stream:

@@ -14,7 +14,7 @@ ENDED = {condition.ended: condition.text for condition in C}
 """For the words that a condition has ended, those of its beginning."""
 
 
-def awaited(conditions: Condition, preflight_failure: str = "") -> str:
+def awaited(conditions: Condition, preflight_failure: str) -> str:
     """Return what is awaited while these conditions hold; `preflight_failure` names rows of the list."""
     return ", ".join(_detailed(condition, condition.awaited, preflight_failure) for condition in conditions)
 

@@ -11,6 +11,7 @@ from companion.records import Depth, Firmware, Heartbeat, Parameter, Reboot, Sta
 from companion.telemetry.modes import Mode
 
 TICK_S = 0.02
+STREAMS = streams("relative_alt")
 
 
 def beat(t_s, *, armed=False, mode=Mode.MANUAL):
@@ -21,7 +22,7 @@ class Dive:
     """Steps an LinkMaintenance through time and keeps what it sent, each with its time."""
 
     def __init__(self):
-        self.upkeep = LinkMaintenance(Commands(1, 1))
+        self.upkeep = LinkMaintenance(Commands(1, 1), STREAMS)
         self.now_s = 0.0
         self.sent = []
 
@@ -34,7 +35,7 @@ class Dive:
         """Let heartbeats come and every stream, or `only` those, at `share` of its rate."""
         for _ in range(round(seconds / TICK_S)):
             before_s, self.now_s = self.now_s, self.now_s + TICK_S
-            for key, rate_hz in streams().items() if heard else ():
+            for key, rate_hz in STREAMS.items() if heard else ():
                 hz = rate_hz * (share if only in (None, key) else 1.0)
                 for _ in range(int(self.now_s * hz + 1e-6) - int(before_s * hz + 1e-6)):
                     self.upkeep.heard(key)
@@ -71,7 +72,7 @@ def test_first_contact_asks_for_every_stream_at_its_rate(dive):
     }
     assert asked[mavlink.MAVLINK_MSG_ID_ATTITUDE] == 20_000
     assert asked[mavlink.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW] == pytest.approx(1e6 / 12.0)
-    assert asked == {key: 1e6 / rate for key, rate in streams().items()}
+    assert asked == {key: 1e6 / rate for key, rate in STREAMS.items()}
 
 
 def test_streams_are_asked_again_every_10_s(dive):
@@ -97,7 +98,7 @@ def test_asking_does_not_press(dive):
     dive.run(5.0)
     dive.sent.clear()
     dive.run(60.0, share=0.25)
-    assert len(dive.times("COMMAND_LONG", 511)) <= 20 * len(streams())
+    assert len(dive.times("COMMAND_LONG", 511)) <= 20 * len(STREAMS)
 
 
 def test_a_stream_that_never_came_is_asked_for_again_within_seconds(dive):
@@ -135,9 +136,9 @@ def test_the_version_is_asked_for_until_it_is_told_and_again_after_a_reboot(dive
     assert dive.times("COMMAND_LONG", 512)
 
 
-def test_position_and_other_depth_sources_add_their_streams():
-    assert mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED not in streams()
-    assert mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED in streams(with_position=True)
+def test_another_depth_source_adds_its_streams():
+    assert mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED in STREAMS
+    assert mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE2 not in STREAMS
     assert mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE2 in streams("pressure")
     assert mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE in streams("pressure")
 
