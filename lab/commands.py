@@ -5,7 +5,6 @@ from pathlib import Path
 
 from holdfast.arguments import command_parser
 from lab.options import add_settings, json_file, positive
-from lab.tables import add_files
 
 BENCH_EXAMPLES = """\
 further benches, each with its own --help:
@@ -15,7 +14,6 @@ further benches, each with its own --help:
   fleet       what many vehicles at one router with TLS cost (--vehicles N); two minutes
   soak        everything live for hours (--minutes MIN): memory, lateness, lost records
   ablation    one part of the controller less at a time; the network beside the observer
-  network     learners on each axis, in the full loop
   grid        vehicles of a third to three times the nominal gain (--cells SET ...): limit cycles
   firmware    our simulator beside the real ArduSub
 
@@ -71,7 +69,7 @@ BENCHES = {
     "ablation": "lab.studies.ablation:Ablation",
     "firmware": "lab.studies.fidelity:Fidelity",
 }
-LIVE_BENCHES = ("process", "zenoh", "fleet", "soak", "network")
+LIVE_BENCHES = ("process", "zenoh", "fleet", "soak")
 
 
 def demo(argv: list[str]) -> int:
@@ -102,7 +100,6 @@ def bench(argv: list[str]) -> int:
 
 def _live_bench(what: str | None, argv: list[str]) -> int:
     parser = command_parser(f"bench {what or ''}", "Measures the process.", BENCH_EXAMPLES)
-    parser.add_argument("--seeds", type=positive, default=60, metavar="N", help="default %(default)s")
     parser.add_argument(
         "--vehicles", type=positive, default=20, metavar="N", help="of the fleet; default %(default)s"
     )
@@ -110,10 +107,8 @@ def _live_bench(what: str | None, argv: list[str]) -> int:
         "--minutes", type=positive, default=120, metavar="MIN", help="of the soak; default %(default)s"
     )
     add_settings(parser)
-    add_files(parser, row="dive")
+    parser.add_argument("--json", type=json_file, metavar="FILE", help="also write the figures to FILE")
     arguments = parser.parse_args(argv) if what else parser.parse_known_args(argv)[0]
-    if arguments.table and what in ("process", "zenoh"):
-        parser.error(f"--table has a row for each dive, and `{what}` dives none; use --json")
     from lab.bench.report import run
 
     arguments.what = what

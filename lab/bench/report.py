@@ -1,10 +1,9 @@
-"""`holdfast bench` of the process: bounds, subscribers, fleet, soak; and the learners of `network`."""
+"""`holdfast bench` of the process: bounds, subscribers, fleet, soak."""
 
 import argparse
 import json
 import sys
 from dataclasses import asdict
-from typing import Any
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
@@ -12,12 +11,10 @@ from rich.table import Table
 
 from companion.config import load_config
 from lab.bench.fleet import fleet
-from lab.bench.network_report import as_records
-from lab.bench.network_report import report as report_network
 from lab.bench.process import Bound, latency, process, virtual
 from lab.bench.soak import soak
 from lab.bench.subscribers import ROUNDS, NoReaderError, subscriber_bounds
-from lab.tables import write_json, write_table
+from lab.tables import write_json
 from sim_bridge.commands import DEFAULT_CONFIG
 from sim_bridge.config import load_config as load_plant
 
@@ -30,10 +27,6 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.what == "soak":
         return soak(arguments.minutes, console)
     plant, config = load_plant(DEFAULT_CONFIG), load_config(overrides=arguments.set)
-    if arguments.what == "network":
-        outcomes = as_records(report_network(console, plant, arguments.set, arguments.seeds or 60))
-        _write(arguments, outcomes, outcomes)
-        return 0
     bounds: list[Bound] = []
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console) as progress:
@@ -51,17 +44,12 @@ def run(arguments: argparse.Namespace) -> int:
             bounds += [*process(), *latency()]
             progress.advance(task)
     console.print(_bounds(bounds))
-    _write(arguments, {"bounds": [asdict(bound) | {"held": bound.held} for bound in bounds]}, [])
-    return 0 if all(bound.held for bound in bounds) else 1
-
-
-def _write(arguments: argparse.Namespace, content: Any, dives: list[dict[str, Any]]) -> None:
-    """Write what `--json` and `--table` ask for; the table has a row for each of `dives`."""
     if arguments.json:
         there = {} if arguments.what else json.loads(arguments.json.read_text(encoding="utf-8"))
-        write_json(arguments.json, there | content if there else content)
-    if arguments.table and dives:
-        write_table(arguments.table, dives)
+        write_json(
+            arguments.json, there | {"bounds": [asdict(bound) | {"held": bound.held} for bound in bounds]}
+        )
+    return 0 if all(bound.held for bound in bounds) else 1
 
 
 def _bounds(bounds: list[Bound]) -> Table:
