@@ -109,7 +109,7 @@ def _live_bench(what: str | None, argv: list[str]) -> int:
     add_settings(parser)
     parser.add_argument("--json", type=json_file, metavar="FILE", help="also write the figures to FILE")
     arguments = parser.parse_args(argv) if what else parser.parse_known_args(argv)[0]
-    from lab.bench.report import run
+    from lab.bench.operations import run
 
     arguments.what = what
     return run(arguments)

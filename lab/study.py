@@ -11,17 +11,19 @@ import math
 import os
 import platform
 import shlex
+import signal
 import subprocess
 import sys
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from functools import partial
 from importlib import import_module
 from importlib.util import find_spec
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
@@ -41,7 +43,6 @@ from holdfast import FAILED, REFUSED, RefusedError, how_to_install, own_version
 from holdfast.arguments import command_parser
 from lab.loop.firmware import FirmwareError
 from lab.options import find_firmware, positive
-from lab.pool import worker_pool
 from lab.tables import add_files, plain, write_json, write_table
 
 ROOT = Path(__file__).parents[1]
@@ -283,7 +284,9 @@ def workforce(
         if count == 1 and not forks:
             yield None, 1
             return
-        with worker_pool(count, start="spawn") as pool:
+        # The terminal sends Ctrl-C to every process: workers die of it, and the command says the rest.
+        ends = signal.SIGINT, signal.SIG_DFL
+        with ProcessPoolExecutor(count, get_context("spawn"), signal.signal, ends) as pool:
             yield pool, count
         return
     if find_spec("distributed") is None:

@@ -14,6 +14,7 @@ from lab.bench.fleet import fleet
 from lab.bench.process import Bound, latency, process, virtual
 from lab.bench.soak import soak
 from lab.bench.subscribers import ROUNDS, NoReaderError, subscriber_bounds
+from lab.study import provenance, ruled
 from lab.tables import write_json
 from sim_bridge.commands import DEFAULT_CONFIG
 from sim_bridge.config import load_config as load_plant
@@ -45,24 +46,18 @@ def run(arguments: argparse.Namespace) -> int:
             progress.advance(task)
     console.print(_bounds(bounds))
     if arguments.json:
-        there = {} if arguments.what else json.loads(arguments.json.read_text(encoding="utf-8"))
-        write_json(
-            arguments.json, there | {"bounds": [asdict(bound) | {"held": bound.held} for bound in bounds]}
-        )
+        of_dives = None if arguments.what else json.loads(arguments.json.read_text(encoding="utf-8"))
+        content = of_dives or {"provenance": provenance(f"holdfast bench {arguments.what}")}
+        each = [asdict(bound) | {"held": bound.held} for bound in bounds]
+        write_json(arguments.json, content | {"bounds": each})
     return 0 if all(bound.held for bound in bounds) else 1
 
 
 def _bounds(bounds: list[Bound]) -> Table:
-    table = Table(title="The process")
-    for title in ("figure", "measured", "bound", "held"):
-        table.add_column(title, justify="left" if title == "figure" else "right")
+    table = ruled("The process", "figure", "measured", "bound", "held")
     for bound in bounds:
         limit = "" if bound.limit is None else f"≤ {bound.limit:.3g} {bound.unit}"
         limit = limit if bound.at_least is None else f"≥ {bound.at_least:.3g} {bound.unit}"
-        table.add_row(
-            bound.name,
-            f"{bound.value:.3g} {bound.unit}",
-            limit,
-            "" if not limit else "yes" if bound.held else "NO",
-        )
+        held = "" if not limit else "yes" if bound.held else "NO"
+        table.add_row(bound.name, f"{bound.value:.3g} {bound.unit}", limit, held)
     return table
