@@ -98,7 +98,7 @@ def test_a_query_returns_the_last_sample_of_every_key(
 
             until(lambda: any(b'"t_s":2.0' in bytes(one.payload) for one in last("**/loop").values()))
             found = last("holdfast/kelp/**")
-            assert found.keys() == {*telemetry.EVERY_TICK, "event", "config", "choices"}
+            assert found.keys() == {*telemetry.EVERY_TICK, "event", "config", "choices", "check"}
             stamps = {str(found[tail].timestamp) for tail in telemetry.EVERY_TICK}
             assert len(stamps) == 1  # when it was published, not when it was asked for
             assert b'"t_s":2.0' in bytes(found["state"].payload)

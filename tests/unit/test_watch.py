@@ -284,6 +284,14 @@ def test_a_strange_message_is_told_and_passed_over(make_sample: MakeSample) -> N
     assert "holdfast.State.v1" in _screen(feed.view(1.0, connected=True))
 
 
+@pytest.mark.parametrize("tail", ["raw", "recorder", "config", "choices", "check"])
+def test_answers_that_it_does_not_show_are_no_trouble(make_sample: MakeSample, tail: str) -> None:
+    """`--once` asks for every key of the vehicle, and gets what the companion answers under its own ones."""
+    feed = Feed("kelp", "here")
+    feed.take([*_messages(make_sample()), Message(f"holdfast/kelp/{tail}", b"{}")], now_s=1.0)
+    assert feed.view(1.0, connected=True).trouble == ""
+
+
 def test_nothing_that_is_published_reaches_the_terminal_as_a_control_character(
     make_sample: MakeSample,
 ) -> None:
