@@ -91,7 +91,7 @@ def test_the_laptop_sees_and_may_not_command(
         assert seen.ask("holdfast/kelp/command/*", b"{}", timeout_s=1.0) is None
         assert seen.ask("holdfast/kelp/comman$*/setpoint", b"{}", timeout_s=1.0) is None
         tails = {message.key.split("/", 2)[2] for message in seen.last()}
-        assert tails == {*telemetry.EVERY_TICK, "config", "choices"}
+        assert tails == {*telemetry.EVERY_TICK, "config", "choices", "check"}
     assert vehicle.commands == []
 
 
