@@ -13,18 +13,18 @@ class Rate:
     """How fast a number counts up, such as that of ticks or of bytes."""
 
     def __init__(self) -> None:
-        self._counts: deque[tuple[float, int]] = deque(maxlen=MAX_COUNTS)
+        self.counts: deque[tuple[float, int]] = deque(maxlen=MAX_COUNTS)
 
     def add(self, at_s: float, count: int) -> None:
         """Take the number at a time."""
-        self._counts.append((at_s, count))
-        while at_s - self._counts[0][0] > RATE_S:
-            self._counts.popleft()
+        self.counts.append((at_s, count))
+        while at_s - self.counts[0][0] > RATE_S:
+            self.counts.popleft()
 
     @property
     def per_s(self) -> float:
         """The rate; 0 before there are two numbers."""
-        if len(self._counts) < 2:
+        if len(self.counts) < 2:
             return 0.0
-        (first_s, first), (last_s, last) = self._counts[0], self._counts[-1]
+        (first_s, first), (last_s, last) = self.counts[0], self.counts[-1]
         return (last - first) / (last_s - first_s) if last_s > first_s else 0.0

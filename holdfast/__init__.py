@@ -36,7 +36,8 @@ DONE, FAILED, REFUSED, INTERRUPTED, PIPE_CLOSED = 0, 1, 2, 130, 141
 """Exit statuses: 1 is a bad result, 2 what could not begin (usage, configuration, no such file, no extra)."""
 
 
-def _commands() -> dict[str, EntryPoint]:
+def commands_by_name() -> dict[str, EntryPoint]:
+    """Return the subcommands that the installed packages register."""
     return {entry.name: entry for entry in entry_points(group="holdfast.commands")}
 
 
@@ -84,7 +85,7 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def _dispatch(arguments: list[str]) -> int:
-    commands = _commands()
+    commands = commands_by_name()
     if not arguments or arguments[0] in ("-h", "--help"):
         sys.stdout.write(_help(commands) + "\n")
         return DONE
@@ -127,7 +128,7 @@ def extra_of(module: str, command: str) -> str:
     ]
     sizes = Counter(extra for _, extra in every)
     found = sorted((extra for brought, extra in every if brought == name), key=lambda extra: sizes[extra])
-    entry = _commands().get(command)
+    entry = commands_by_name().get(command)
     package = entry.module.partition(".")[0] if entry else ""
     return next((extra for extra in (command, package, *found) if extra in found), "")
 
@@ -143,5 +144,5 @@ def completion(argv: list[str]) -> int:
         EXAMPLES,
     )
     parser.add_argument("shell", choices=("bash", "zsh"), metavar="bash|zsh")
-    sys.stdout.write(script(parser.parse_args(argv).shell, sorted(_commands())))
+    sys.stdout.write(script(parser.parse_args(argv).shell, sorted(commands_by_name())))
     return DONE

@@ -115,7 +115,8 @@ class Vehicle:
         self._first_armed_s: float | None = None
         self._links: dict[int, Link] = {}
         self._keys = KeyStore(config.signing_passphrase)
-        self._physics = Physics(config, seed)
+        self.physics = Physics(config, seed)
+        """The body in the water, which somebody may push: assign its `state`."""
         self._sensors = Sensors(
             config.sensors,
             STEP_S,
@@ -136,8 +137,9 @@ class Vehicle:
         for name, value in config.parameters.items():
             if not self._params.set(name, value):
                 raise ValueError(f"parameters.{name} = {value}: unknown, or not fit for its type")
-        self._sensors.record(self._physics.state, self._physics.acceleration(), 0.0)
-        self._autopilot = self._boot(rebooted=False)
+        self._sensors.record(self.physics.state, self.physics.acceleration(), 0.0)
+        self.autopilot = self._boot(rebooted=False)
+        """The firmware; another one after a reboot."""
 
     def open_link(self, link: int) -> None:
         """Declare a link, so that telemetry goes there before anything was heard from it."""
@@ -152,7 +154,7 @@ class Vehicle:
     def inject(self, fault: Fault) -> None:
         """Add a fault to the script while the simulation runs; `at_s` counts from its start as well."""
         self._faults.add(fault)
-        self._autopilot.alter = self._faults.alter if self._faults.falsifies_messages else None
+        self.autopilot.alter = self._faults.alter if self._faults.falsifies_messages else None
 
     def step(self, datagrams: Sequence[tuple[int, bytes]] = ()) -> list[tuple[int, bytes]]:
         """Advance one physics step; `datagrams` are (link, bytes). Returns (link, bytes) to send.
@@ -163,30 +165,30 @@ class Vehicle:
             self._begin(fault)
         self._receive(datagrams)
         last_words: list[tuple[int, bytes]] = []
-        if self._autopilot.reboot_requested:
-            last_words = self._autopilot.telemetry()
+        if self.autopilot.reboot_requested:
+            last_words = self.autopilot.telemetry()
             self._reboot()
 
-        pwm = self._autopilot.update((self._steps - self._boot_steps) * STEP_S, STEP_S)
-        if self._autopilot.armed and self._first_armed_s is None:
+        pwm = self.autopilot.update((self._steps - self._boot_steps) * STEP_S, STEP_S)
+        if self.autopilot.armed and self._first_armed_s is None:
             self._first_armed_s = self.time_s
         self._move(pwm)
         self._change_slowly()
 
         self._steps += 1
         self.time_s = self._steps * STEP_S
-        return self._faults.carry("out", [*last_words, *self._autopilot.telemetry()], self.time_s)
+        return self._faults.carry("out", [*last_words, *self.autopilot.telemetry()], self.time_s)
 
     def truth(self) -> Truth:
         """Tell the present truth."""
         return truth_of(
-            self._physics, self.time_s, self._autopilot.motor_pwm, self._autopilot.armed, self._autopilot.mode
+            self.physics, self.time_s, self.autopilot.motor_pwm, self.autopilot.armed, self.autopilot.mode
         )
 
     @property
     def current_a(self) -> float:
         """What the battery delivers."""
-        return self._physics.current_a
+        return self.physics.current_a
 
     @property
     def faults(self) -> tuple[str, ...]:
@@ -196,22 +198,22 @@ class Vehicle:
     def _receive(self, datagrams: Sequence[tuple[int, bytes]]) -> None:
         for link, data in self._faults.carry("in", datagrams, self.time_s):
             self.open_link(link)
-            self._autopilot.receive(link, data)
+            self.autopilot.receive(link, data)
 
     def _move(self, pwm: list[int]) -> None:
         """Water and thrusters act on the plant for one step; the sensors watch."""
-        physics = self._physics
+        physics = self.physics
         since_arming_s = -1.0 if self._first_armed_s is None else self.time_s - self._first_armed_s
         physics.step(pwm, since_arming_s)
         sea = physics.environment.sea
         self._sensors.record(physics.state, physics.acceleration(), sea.pressure_m if sea else 0.0)
-        self._autopilot.state = physics.state
+        self.autopilot.state = physics.state
 
     def _change_slowly(self) -> None:
         """Battery and health of the thrusters, ten times a second."""
         if self._steps % SLOW_PERIOD_STEPS:
             return
-        physics, autopilot = self._physics, self._autopilot
+        physics, autopilot = self.physics, self.autopilot
         drained, doubt = self._faults.holds("voltage"), self._faults.holds("ekf")
         physics.drain(
             self._config.battery.voltage_v if drained is None else drained.value, SLOW_PERIOD_STEPS * STEP_S
@@ -243,7 +245,7 @@ class Vehicle:
         return fault.value if fault else None
 
     def _supply(self, autopilot: Autopilot) -> None:
-        physics = self._physics
+        physics = self.physics
         autopilot.voltage_v, autopilot.current_a = physics.voltage_v, physics.current_a
         autopilot.consumed_mah = physics.consumed_mah
 
@@ -251,20 +253,20 @@ class Vehicle:
         if fault.kind == "reboot":
             self._reboot()
         elif fault.kind == "disarm":
-            self._autopilot.disarm()
+            self.autopilot.disarm()
         elif fault.kind == "mode":
-            self._autopilot.set_mode(int(fault.value))
+            self.autopilot.set_mode(int(fault.value))
         elif fault.kind == "parameter":
             self._params.set(fault.parameter, fault.value)
         elif fault.kind == "depth_shifted":
             self._sensors.shift_relative(fault.value)
         elif fault.kind == "yaw_reset":
             turn_rad = math.radians(fault.value)
-            self._sensors.reset_yaw(turn_rad, *self._physics.state[:2])
-            self._autopilot.yaw_was_reset(turn_rad)
+            self._sensors.reset_yaw(turn_rad, *self.physics.state[:2])
+            self.autopilot.yaw_was_reset(turn_rad)
         elif fault.kind == "position_reset":
             self._sensors.reset_position(fault.value)
-            self._autopilot.control.navigation.shift(fault.value, 0.0)
+            self.autopilot.control.navigation.shift(fault.value, 0.0)
 
     def _boot(self, *, rebooted: bool) -> Autopilot:
         config = self._config
@@ -280,7 +282,7 @@ class Vehicle:
         )
         autopilot.capacity_mah = config.battery.capacity_ah * 1000.0
         self._supply(autopilot)
-        autopilot.state = self._physics.state
+        autopilot.state = self.physics.state
         autopilot.alter = self._faults.alter if self._faults.falsifies_messages else None
         return autopilot
 
@@ -290,4 +292,4 @@ class Vehicle:
         for link in self._links:
             self._links[link] = Link()
             self._links[link].sign(self._keys, link)
-        self._autopilot = self._boot(rebooted=True)
+        self.autopilot = self._boot(rebooted=True)

@@ -33,11 +33,11 @@ class Station:
         self.packer = mavlink.MAVLink(None, system, component)
         self.parser = mavlink.MAVLink(None)
         self.heard = []
-        self._queue = []
+        self.queue = []
         rov.open_link(link)
 
     def say(self, message):
-        self._queue.append((self.link, message.pack(self.packer)))
+        self.queue.append((self.link, message.pack(self.packer)))
         self.packer.seq = (self.packer.seq + 1) % 256
         return self
 
@@ -52,7 +52,7 @@ class Station:
         for count in range(max(1, round(seconds / self.rov.step_s))):
             if steering is not None and count % period == 0:
                 self.say(steering(self.rov.time_s) if callable(steering) else steering)
-            queue, self._queue = self._queue, []
+            queue, self.queue = self.queue, []
             for link, data in self.rov.step(queue):
                 if link == self.link:
                     heard += [(self.rov.time_s, m) for m in self.parser.parse_buffer(data) or ()]

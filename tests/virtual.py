@@ -240,6 +240,12 @@ class Dive:
     def fault(self, kind, seconds=1e9, **what):
         self.vehicle.inject(Fault(kind=kind, at_s=self.t_s, duration_s=seconds, **what))
 
+    def knock(self, yaw_radps):
+        """Change the yaw rate of the body at once by this much."""
+        assert isinstance(self.vehicle, Vehicle)
+        *others, r = self.vehicle.physics.state
+        self.vehicle.physics.state = (*others, r + yaw_radps)
+
     def states_since(self, t_s):
         """The states of the time after `t_s`, each change once."""
         states = [state for at_s, state in self.tap.history if at_s > t_s + 1e-9]

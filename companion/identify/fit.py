@@ -230,8 +230,8 @@ def _fit(task: Task, start: Sequence[float]) -> Fit:
         theta, J = _least(task, theta, sigma)
     gain = _gain(task, theta, sigma)
     innovations = _filtered(task, theta, gain).innovations @ gain.whiten.T
-    whitened = innovations[_counting(record)]
-    covariance = _covariance(record, J, innovations)
+    whitened = innovations[after_burn_in(record)]
+    covariance = parameter_covariance(record, J, innovations)
     deviations = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     damping, doubt = theta[LINEAR : QUADRATIC + 1], covariance[LINEAR : QUADRATIC + 1, LINEAR : QUADRATIC + 1]
     at = []
@@ -256,14 +256,14 @@ def _fit(task: Task, start: Sequence[float]) -> Fit:
     )
 
 
-def _covariance(record: Record, J: Array, whitened: Array) -> Array:
+def parameter_covariance(record: Record, J: Array, whitened: Array) -> Array:
     """Return the parameters' covariance: correlated innovations (n, 2) tell less than independent ones.
 
     `_spread` takes the correlation from sample to sample. A longer correlation, such as a wave that the
     disturbance's model does not foresee, shows in the gradient: its sums over CORRELATED_S vary more than
     those of white innovations do (Newey and West, Econometrica, 1987). The larger of the two counts.
     """
-    n, counting = len(whitened), _counting(record)
+    n, counting = len(whitened), after_burn_in(record)
     inverse = np.linalg.pinv(J.T @ J, hermitian=True)
     covariance = max(map(_spread, whitened[counting].T)) * inverse
     counted = np.where(counting[:, None], whitened, 0.0)
@@ -282,7 +282,7 @@ def _sigma(covariance: Array, together: Sequence[int]) -> float:
     return math.sqrt(max(float(covariance[np.ix_(together, together)].sum()), 0.0))
 
 
-def _counting(record: Record) -> NDArray[np.bool_]:
+def after_burn_in(record: Record) -> NDArray[np.bool_]:
     """Return where the record tells how the vehicle moves (n,)."""
     return np.asarray(record.t_s - record.t_s[0] >= BURN_IN_S)
 
@@ -390,7 +390,7 @@ def _residuals(task: Task, theta: Array, gain: Gain) -> Array:
     """Return the whitened innovations, and how far lag, dead band and lateness are from what is known."""
     run = _filtered(task, theta, gain)
     whitened = run.innovations @ gain.whiten.T
-    whitened[~_counting(task.record)] = 0.0
+    whitened[~after_burn_in(task.record)] = 0.0
     beforehand = (
         (theta[LAG] - task.known.lag_s) / task.known.lag_doubt_s,
         (theta[DEAD] - task.known.dead_band_us) / task.known.dead_band_doubt_us,
@@ -402,7 +402,7 @@ def _residuals(task: Task, theta: Array, gain: Gain) -> Array:
 def _score(task: Task, theta: Array, sigma: float) -> float:
     gain = _gain(task, theta, sigma)
     r = _residuals(task, theta, gain)
-    return -float(r @ r) - gain.log_determinant * np.count_nonzero(_counting(task.record))
+    return -float(r @ r) - gain.log_determinant * np.count_nonzero(after_burn_in(task.record))
 
 
 def _spread(innovations: Array) -> float:

@@ -101,7 +101,7 @@ class Publisher(SessionThread):
                 f"another companion is '{self._vehicle}' already: instance {self._existing_instance}, at "
                 f"{self._endpoint}. End that one, or give this one another vehicle.name"
             )
-        if not known and self._mode == "peer" and _is_loopback(self._endpoint):
+        if not known and self._mode == "peer" and is_loopback(self._endpoint):
             raise NameTakenError(
                 f"somebody holds {self._endpoint} and does not answer: a stopped companion? "
                 "End that process, or choose another telemetry.endpoint"
@@ -137,7 +137,7 @@ class Publisher(SessionThread):
         if session is not None:
             _log.info("zenoh: joined %s", self._endpoint)
             return session
-        may_listen = self._mode == "peer" and _is_loopback(self._endpoint)
+        may_listen = self._mode == "peer" and is_loopback(self._endpoint)
         if may_listen and self._attempts_before_listening == 0:
             session = self._try(listen=True)
             if session is not None:
@@ -250,7 +250,7 @@ class Publisher(SessionThread):
         A command is local where only loopback is open, and no router, once `routed`, forwards from elsewhere.
         """
         take = self._on_command
-        here = self._mode == "peer" and _is_loopback(self._endpoint)
+        here = self._mode == "peer" and is_loopback(self._endpoint)
 
         def answer(key: str, payload: Callable[[], bytes], encoding: str) -> None:
             def on_query(query: zenoh.Query) -> None:
@@ -361,7 +361,8 @@ def _check(endpoint: str, mode: str) -> None:
         ) from error
 
 
-def _is_loopback(endpoint: str) -> bool:
+def is_loopback(endpoint: str) -> bool:
+    """Tell whether a Zenoh endpoint is an address of this machine alone."""
     host = endpoint.partition("/")[2].rpartition(":")[0]
     with suppress(ValueError):
         return host == "localhost" or ip_address(host.strip("[]")).is_loopback

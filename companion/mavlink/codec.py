@@ -72,7 +72,7 @@ class Codec:
         self._target = (target_system, target_component)
         self._stream = stream
         self._wanted = wanted
-        self._splitter = Splitter(stream, version_1=False)
+        self.splitter = Splitter(stream, version_1=False)
         self._in_junk = False
 
     def decode(self, t_s: float, data: bytes) -> list[Message]:
@@ -81,7 +81,7 @@ class Codec:
         if not self._stream:
             self._in_junk = False
         messages: list[Message] = []
-        for frame, piece in self._splitter.cut(t_s, data):
+        for frame, piece in self.splitter.cut(t_s, data):
             if frame is not None:
                 self._open(frame, piece, messages)
             elif not self._in_junk:

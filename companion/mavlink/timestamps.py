@@ -71,8 +71,8 @@ class TimestampFile:
 
     def _keep(self) -> None:
         while not self._closing.wait(PERIOD_S):
-            self._write(AHEAD)
-        self._write(0)
+            self.write(AHEAD)
+        self.write(0)
 
     def _recall(self) -> None:
         without = "a signed frame less than a minute old could be replayed now"
@@ -93,7 +93,7 @@ class TimestampFile:
                 seen = {stamp.stream: stamp.timestamp for stamp in content.seen if stamp.link == link}
                 signing.recall(content.timestamp, seen)
 
-    def _write(self, ahead: int) -> None:
+    def write(self, ahead: int) -> None:
         """Put a whole file in the place of the old one; not synced, as that wears a memory card out."""
         content = Content(
             key=self._key,

@@ -304,7 +304,8 @@ def main(argv: list[str]) -> int:
     if once and options.json != "-":
         console.print(picture(views, console.width))
     if options.json:
-        figures = _figures(views[0]) if len(views) == 1 else {"vehicles": [_figures(view) for view in views]}
+        each = [figures_of(view) for view in views]
+        figures = each[0] if len(each) == 1 else {"vehicles": each}
         text = msgspec.json.format(msgspec.json.encode(figures)).decode() + "\n"
         if options.json == "-":
             sys.stdout.write(text)
@@ -359,7 +360,8 @@ def _live(fleet: Feeds, seen: Subscription, console: Console) -> list[View]:
             return views
 
 
-def _figures(view: View) -> dict[str, object]:
+def figures_of(view: View) -> dict[str, object]:
+    """Return the newest record of each key, as `--json` prints it."""
     latest = {tail: msgspec.to_builtins(record) for tail, record in sorted(view.latest.items())}
     return {"vehicle": view.vehicle, "age_s": view.age_s, **latest}
 
@@ -497,7 +499,7 @@ def _thrust(view: View, narrow: bool) -> Table:
             limited = abs(asked - given) > _ROUNDED[unit] + 0.02 * abs(asked)
             table.add_row(
                 axis,
-                _gauge(demand, half),
+                gauge(demand, half),
                 f"{100 * demand:+.0f}",
                 f"{asked:+.1f} {unit}",
                 f"{given:+.1f} {unit}",
@@ -608,7 +610,7 @@ def _sparkline(peaks: Sequence[float]) -> Text:
     return Text("".join(columns).rjust(_BINS), "cyan")
 
 
-def _gauge(value: float, half: int) -> Text:
+def gauge(value: float, half: int) -> Text:
     """Draw -1..1 from the middle outwards, in half columns."""
     halves = round(min(1.0, abs(value)) * 2 * half)
     full, rest = divmod(halves, 2)

@@ -197,7 +197,7 @@ class Dashboard:
     async def _feed(self, socket_: web.WebSocketResponse, name: str) -> None:
         """Send what is new, as fast as the browser takes it: what it missed for too long it never gets."""
         await socket_.send_str(
-            _text(
+            message_text(
                 hello={
                     "columns": COLUMNS,
                     "history_s": HISTORY_S,
@@ -227,14 +227,14 @@ class Dashboard:
                     await socket_.send_bytes(frame.data)
                 if vehicle.event_count != event:
                     events, event = vehicle.events_from(event), vehicle.event_count
-                    await socket_.send_str(_text(events=events))
+                    await socket_.send_str(message_text(events=events))
                 if vehicle.plan is not plan:
                     plan = vehicle.plan
-                    await socket_.send_str(_text(plan=plan))
+                    await socket_.send_str(message_text(plan=plan))
                 if vehicle.config_version != config:
                     config = vehicle.config_version
-                    await socket_.send_str(_text(choices=vehicle.choices))
-                    await socket_.send_str(_text(config=vehicle.config))
+                    await socket_.send_str(message_text(choices=vehicle.choices))
+                    await socket_.send_str(message_text(config=vehicle.config))
             state = vehicle.state if vehicle else ""
             if now_s - status_s >= STATUS_S or state != said:
                 status_s, said = now_s, state
@@ -242,7 +242,7 @@ class Dashboard:
             await self._beat.wait()
 
     def _status(self, vehicle: VehicleHistory | None, now_s: float) -> str:
-        return _text(
+        return message_text(
             status={
                 "now_s": now_s,
                 "endpoint": self._settings.endpoint,
@@ -351,7 +351,8 @@ def _public(content: dict[str, Any]) -> web.Response:
     return web.json_response(content, headers={"Access-Control-Allow-Origin": "*"})
 
 
-def _text(**message: Any) -> str:
+def message_text(**message: Any) -> str:
+    """Return what a page is sent, as JSON."""
     return msgspec.json.encode(message).decode()
 
 

@@ -51,7 +51,7 @@ def cached(entry: Slotted) -> Any:
     body = _with_callees(*entry)
     keeps = _ours(entry)
     body.__qualname__ += "_" + hashlib.sha256(_described(entry).encode()).hexdigest()[:12]
-    folder = _folder()
+    folder = cache_folder()
     if keeps:
         numba.config.CACHE_DIR = str(folder)
     dispatcher = numba.njit(cache=keeps, **OPTIONS)(body)
@@ -137,7 +137,7 @@ def _described(entry: Callable[..., Any] | Slotted) -> str:
 
 
 @functools.cache
-def _folder() -> Path:
+def cache_folder() -> Path:
     """Return the folder for what is compiled of today's sources, made if need be; older ones go."""
     base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "holdfast" / "compiled"
     folder = base / digest(Path(__file__).parents[2])[:16]

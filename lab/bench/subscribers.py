@@ -22,6 +22,7 @@ import zenoh
 
 from companion.app import App
 from companion.config import load_config
+from companion.engine import Engine
 from companion.records import Array, Request, Setpoint
 from companion.telemetry import schemas as telemetry
 from companion.telemetry.session import client_configuration
@@ -62,7 +63,7 @@ def subscriber_bounds(advance: Callable[[], object]) -> list[Bound]:
                     windows.append((str(case), *_window(str(case), endpoint)))
                 advance()
         ticks = np.load(file)
-    return _bounds(windows, ticks)
+    return bounds_of(windows, ticks)
 
 
 def companion(link: str, endpoint: str, file: str) -> None:
@@ -71,20 +72,19 @@ def companion(link: str, endpoint: str, file: str) -> None:
         overrides=[f"link.endpoint=udp-listen:{link}", f"telemetry.endpoint={endpoint}"],
     )
     ticks: list[tuple[float, float]] = []
+    step = Engine.step
+
+    def noted(engine: Engine, now_s: float, inbox: Any, health: Any, *more: Any) -> Any:
+        ticks.append((now_s, health.lateness_ms))
+        return step(engine, now_s, inbox, health, *more)
 
     async def run() -> None:
         app = App(config, Setpoint((np.nan, np.nan, 3.0, 0.0)), arm=True, requests=[Request.ENGAGE])
-        step = app._engine.step
-
-        def noted(now_s: float, inbox: Any, health: Any, *more: Any) -> Any:
-            ticks.append((now_s, health.lateness_ms))
-            return step(now_s, inbox, health, *more)
-
-        app._engine.step = noted  # type: ignore[method-assign, assignment]
         await app.run()
 
     with suppress(PermissionError):  # as systemd/holdfast.service runs it, and then others do not matter
         os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(20))
+    Engine.step = noted  # type: ignore[method-assign, assignment]
     asyncio.run(run())
     np.save(file, np.array(ticks))
     os._exit(0)
@@ -109,7 +109,7 @@ def read(endpoint: str, pause_s: float) -> None:
         time.sleep(0.2)
 
 
-class _Reader:
+class Reader:
     """A child that reads. Its count is drained by a thread of ours, so that only SIGSTOP stops it."""
 
     def __init__(self, endpoint: str, pause_s: float) -> None:
@@ -124,6 +124,7 @@ class _Reader:
             raise NoReaderError(f"the reader took nothing from {endpoint} for {HERE_S:g} s")
 
     def end(self) -> None:
+        """Kill the child, and wait for it."""
         self.child.kill()
         self.child.wait()
         self._drainer.join()
@@ -137,8 +138,8 @@ class _Reader:
 
 
 @contextmanager
-def _reader(endpoint: str, pause_s: float) -> Iterator[_Reader]:
-    reader = _Reader(endpoint, pause_s)
+def _reader(endpoint: str, pause_s: float) -> Iterator[Reader]:
+    reader = Reader(endpoint, pause_s)
     try:
         yield reader
     finally:
@@ -163,11 +164,11 @@ def _window(case: str, endpoint: str) -> tuple[float, float]:
             reader.child.kill()
         before = reader.count
         begun_s, ended_s = _wait()
-        _as_told(case, reader.count - before, ended_s - begun_s, alive=reader.child.poll() is None)
+        check_case(case, reader.count - before, ended_s - begun_s, alive=reader.child.poll() is None)
         return begun_s, ended_s
 
 
-def _as_told(case: str, taken: int, during_s: float, *, alive: bool) -> None:
+def check_case(case: str, taken: int, during_s: float, *, alive: bool) -> None:
     """Raise NoReaderError unless so many samples are what a reader of this case takes."""
     least, most = {
         "reading": (0.5 * KEYS_PER_S * during_s, np.inf),
@@ -184,7 +185,8 @@ def _wait() -> tuple[float, float]:
     return begun_s, time.monotonic()
 
 
-def _bounds(windows: list[tuple[str, float, float]], ticks: Array) -> list[Bound]:
+def bounds_of(windows: list[tuple[str, float, float]], ticks: Array) -> list[Bound]:
+    """Return how late (ms) the ticks (n, 2: s, ms) of each case's windows (case, begin, end in s) were."""
     late_ms = {
         case: np.concatenate(
             [

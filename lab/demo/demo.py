@@ -381,7 +381,7 @@ class _Teller:
         now = _now(heard)
         if now:
             self._errors[self._name].append((heard.since_arming_s, now.error_mm))
-        self._tell(_phase(heard, self._story), heard.since_arming_s, now)
+        self._tell(phase_of(heard, self._story), heard.since_arming_s, now)
 
     def tell_alt_hold(self, truth: Truth | None) -> None:
         """Show where the dive of ALT_HOLD stands; none at its boot."""
@@ -423,7 +423,7 @@ def _now(heard: DemoRecording) -> Now | None:
     )
 
 
-def _phase(heard: DemoRecording, story: Story) -> str:
+def phase_of(heard: DemoRecording, story: Story) -> str:
     """Say in words what happens now."""
     if heard.supervisor is None:
         return "starting the controller"

@@ -218,7 +218,7 @@ class Firmware:
         self._addresses: dict[int, tuple[str, int]] = {}
         """Where the firmware's end of each link is; after a reboot it is another."""
         self._process: subprocess.Popen[bytes] | None = None
-        self._directory = Path(tempfile.mkdtemp(prefix="holdfast-ardusub-"))
+        self.directory = Path(tempfile.mkdtemp(prefix="holdfast-ardusub-"))
         self._links = {link: _socket() for link in range(1, SERIALS + 1)}
         self._frames = _socket()
         atexit.register(self.close)
@@ -248,7 +248,7 @@ class Firmware:
             process.wait()
         for one in (self._frames, *self._links.values()):
             one.close()
-        shutil.rmtree(self._directory, ignore_errors=True)
+        shutil.rmtree(self.directory, ignore_errors=True)
 
     @property
     def pid(self) -> int:
@@ -360,15 +360,15 @@ class Firmware:
 
     def _start(self, program: Path) -> None:
         ports = [ours.getsockname()[1] for ours in self._links.values()]
-        command = command_line(program, self._config, self._directory, self._frames.getsockname()[1], ports)
+        command = command_line(program, self._config, self.directory, self._frames.getsockname()[1], ports)
         with self._log.open("wb") as log:
             self._process = subprocess.Popen(
-                command, cwd=self._directory, stdin=subprocess.DEVNULL, stdout=log, stderr=log
+                command, cwd=self.directory, stdin=subprocess.DEVNULL, stdout=log, stderr=log
             )
 
     @property
     def _log(self) -> Path:
-        return self._directory / "output.txt"
+        return self.directory / "output.txt"
 
     def _check(self, silent_s: float) -> None:
         """Raise FirmwareError if nothing is to be expected any more."""

@@ -90,7 +90,7 @@ def dive_group(numbers: Sequence[int], firmware: Path | None = None) -> list[Row
         return [_dive_firmware(number, firmware) for number in numbers]
     first = case(numbers[0])
     prepared = Diving(first.variant, first.state)
-    return [_forked(prepared, case(number)) for number in numbers]
+    return [forked(prepared, case(number)) for number in numbers]
 
 
 def _dive_firmware(number: int, firmware: Path) -> Row:
@@ -103,7 +103,8 @@ def _dive_firmware(number: int, firmware: Path) -> Row:
         diving.close()
 
 
-def _forked(prepared: Diving, one: FaultCase) -> Row:
+def forked(prepared: Diving, one: FaultCase) -> Row:
+    """Dive once in a child process, so that `prepared` stays as it is."""
     reading, writing = os.pipe()
     child = os.fork()
     if child == 0:

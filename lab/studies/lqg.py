@@ -50,7 +50,8 @@ class LQG:
         self._later, self._delay_s, self._tick_s = expm(delay_s * plant.A), delay_s, tick_s
         self._C, self._R = plant.C, plant.R
         X = riccati(self._A.T, self._C.T @ np.linalg.solve(self._R, self._C), Q)
-        self._L = X @ self._C.T @ np.linalg.inv(self._C @ X @ self._C.T + self._R)
+        self.L = X @ self._C.T @ np.linalg.inv(self._C @ X @ self._C.T + self._R)
+        """The observer's gain, (n, m)."""
 
     def tuned(self, plant: Plant, chatter: float) -> Array:
         """Return K, the gain with which Δu has this RMS in `plant`'s noise, or less if nothing needs more."""
@@ -97,7 +98,7 @@ class LQG:
     def _loop(self, K: Array) -> tuple[Array, Array, Array]:
         """Return the matrices of (ξ, u, e): F, and how w and v enter."""
         n = self._n
-        carried = self._later @ self._L
+        carried = self._later @ self.L
         F = np.zeros((2 * n + 1, 2 * n + 1))
         u = np.append(-K, np.zeros(n))
         u[n] += 1.0
@@ -105,10 +106,10 @@ class LQG:
         F[:n] += np.outer(self._B, u)
         F[:n, n + 1 :] = carried @ self._C @ self._A
         F[n] = u
-        rest = np.eye(n) - self._L @ self._C
+        rest = np.eye(n) - self.L @ self._C
         F[n + 1 :, n + 1 :] = rest @ self._A
         by_w = np.vstack([carried @ self._C, np.zeros((1, n)), rest])
-        by_v = np.vstack([carried, np.zeros((1, len(self._C))), -self._L])
+        by_v = np.vstack([carried, np.zeros((1, len(self._C))), -self.L])
         return F, by_w, by_v
 
     def _outcome(self) -> Array:

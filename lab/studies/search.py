@@ -78,7 +78,7 @@ def search(
 
     Deterministic for the same arguments. `done` is told after each generation how many were evaluated.
     """
-    dives = _training(seeds, vary)
+    dives = training(seeds, vary)
     return minimised(
         row.knobs, lambda candidates: scores(row, candidates, load, base, dives), evaluations, done
     )
@@ -183,7 +183,7 @@ def _dive(
     return batch.simulate(each, plants, targets, duration_s, seeds, links)
 
 
-def _training(seeds: int, vary: Callable[[SimConfig, int], SimConfig]) -> list[tuple[Scenario, TrainingCase]]:
+def training(seeds: int, vary: Callable[[SimConfig, int], SimConfig]) -> list[tuple[Scenario, TrainingCase]]:
     """Return the dives of a score, shortened, and what each has to bear."""
     dives = []
     for seed in range(seeds):

@@ -50,10 +50,10 @@ def parse(data: bytes) -> Any:
     size = kind.unpacker.size
     values = kind.unpacker.unpack(data[HEADER_LENGTH:end].ljust(size, b"\0")[:size])
     message = kind(*(values[place] for place in kind.orders))
-    message._header = mavlink.MAVLink_header(
+    message._header = mavlink.MAVLink_header(  # noqa: SLF001 - as pymavlink's parser fills it
         kind.id, incompatible, compatible, length, sequence, system, component
     )
-    message._msgbuf = bytearray(data)
+    message._msgbuf = bytearray(data)  # noqa: SLF001
     return message
 
 

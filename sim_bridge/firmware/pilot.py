@@ -38,7 +38,7 @@ class Pilot:
         self.pending: dict[int, int] = {}
         self.input_hold = False
         self.roll_pitch = False
-        self._held_buttons = 0
+        self.held_buttons = 0
         self._last = (0, 0, 500)
         self._trim = (0, 0, 0)
         self._pitch_roll_trim = (0.0, 0.0)
@@ -125,7 +125,7 @@ class Pilot:
         return abs(self.channels[channel] - NEUTRAL) > self._params[f"RC{channel + 1}_DZ"]
 
     def _handle_buttons(self, buttons: int, axes: tuple[int, int, int]) -> None:
-        previous, self._held_buttons = self._held_buttons, buttons
+        previous, self.held_buttons = self.held_buttons, buttons
         functions = {
             bit: round(self._params[f"BTN{bit}_FUNCTION"]) for bit in range(16) if buttons >> bit & 1
         }

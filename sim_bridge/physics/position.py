@@ -37,7 +37,7 @@ class PositionErrors:
         self._grow = config.unaided_m_s * math.sqrt(step_s)
         self._walk = config.dvl_defects.walk_per_sqrt_s * math.sqrt(step_s)
         self._rng = rng
-        self._p_ee = self._p_ev = self._p_vv = 0.0
+        self.p_ee = self._p_ev = self._p_vv = 0.0
         self._unaided_s = 0.0 if self.aided else UNAIDED_S
         self._until_fix_s = config.usbl.period_s
 
@@ -54,13 +54,13 @@ class PositionErrors:
         if locked:
             self.speed_error = list(misled)
             self._p_ev = self._p_vv = 0.0
-            self._p_ee += self._walk**2
+            self.p_ee += self._walk**2
             kicks = [self._walk * float(normal()) for _ in misled] if self._walk else [0.0, 0.0]
             self.error = [e + v * dt + kick for e, v, kick in zip(self.error, misled, kicks, strict=True)]
         elif self.aided:
             self.error = [e + v * dt for e, v in zip(self.error, self.speed_error, strict=True)]
             self.speed_error = [v + self._grow * float(normal()) for v in self.speed_error]
-            self._p_ee += dt * (2.0 * self._p_ev + dt * self._p_vv)
+            self.p_ee += dt * (2.0 * self._p_ev + dt * self._p_vv)
             self._p_ev += dt * self._p_vv
             self._p_vv += self._grow**2
         if self._usbl.enabled:
@@ -73,14 +73,14 @@ class PositionErrors:
 
     def _fix(self) -> None:
         sigma_m = self._usbl.sigma_m
-        share = self._p_ee + sigma_m**2
-        k_e, k_v = (self._p_ee / share, self._p_ev / share) if share else (1.0, 0.0)
+        share = self.p_ee + sigma_m**2
+        k_e, k_v = (self.p_ee / share, self._p_ev / share) if share else (1.0, 0.0)
         for i in range(2):
             innovation = sigma_m * float(self._rng.standard_normal()) - self.error[i]
             self.error[i] += k_e * innovation
             self.speed_error[i] += k_v * innovation
-        self._p_ee, self._p_ev, self._p_vv = (
-            (1.0 - k_e) * self._p_ee,
+        self.p_ee, self._p_ev, self._p_vv = (
+            (1.0 - k_e) * self.p_ee,
             (1.0 - k_e) * self._p_ev,
             self._p_vv - k_v * self._p_ev,
         )

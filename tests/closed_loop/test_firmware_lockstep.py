@@ -101,7 +101,7 @@ def test_the_process_is_gone_after_the_dive_whatever_ended_it(fake):
 
     def fails():
         with Firmware(fake, plant(), 1) as vehicle:
-            seen.extend((vehicle.pid, vehicle._directory))
+            seen.extend((vehicle.pid, vehicle.directory))
             assert running(vehicle.pid)
             raise RuntimeError("mine")
 

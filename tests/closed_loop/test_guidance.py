@@ -8,7 +8,6 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from virtual import Dive, Somebody, active, hold
 
 from companion.control.bounds import wrap
-from companion.guidance.fence import Fence
 from companion.guidance.paths.shapes import build
 from companion.guidance.paths.time_law import limits
 from companion.records import Condition, Request, State, X
@@ -341,9 +340,10 @@ def test_position_targets_of_the_ground_station_move_it_and_do_not_reach_the_veh
     assert max(step.sample.eta_d[0] for step in beyond) <= 1.5
     assert max(step.truth.eta[0] for step in beyond) < 1.5
     smooth([*moving, *stopped])
-    dive.engine._guidance._fence = Fence(*[(-9.0, 9.0)] * 3)
+    said = dive.cockpit.passed[passed:]
+    assert b"\xfd" not in said or all(said[i + 7] != 84 for i in range(len(said) - 9) if said[i] == 0xFD)
+    dive = held(*CALM, pilot=True, seconds=1.0)
+    dive.cockpit.push()
     asks(dive, mavlink.MAV_FRAME_LOCAL_OFFSET_NED, place=(0.0, 0.0, -9.0))
     dive.run(0.2)
     assert dive.engine.target[2] == 0.0, "no higher than the surface"
-    said = dive.cockpit.passed[passed:]
-    assert b"\xfd" not in said or all(said[i + 7] != 84 for i in range(len(said) - 9) if said[i] == 0xFD)

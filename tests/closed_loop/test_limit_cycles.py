@@ -12,7 +12,6 @@ from companion.config import load_config
 from companion.control import levelling
 from companion.records import State, Z
 from lab.loop.lockstep import LinkDelay
-from sim_bridge.vehicle import Vehicle
 
 FIRMWARE = "sim-ardusub.toml"
 HIGH_PASS_S, SHARE = 0.15, 0.12
@@ -20,7 +19,7 @@ SETTLED_S = 20.0
 DIES_WITHIN_S = 3.0
 WINDOW_S = 0.5
 TICK_S = 0.02
-TRUE_PSI, YAW_RATE = 5, 12
+TRUE_PSI = 5
 QUIET, ROUGH = (), ("waves.enabled=true",)
 MAX_FORCE = np.array([axis.max_force for axis in load_config().axes])
 
@@ -51,9 +50,7 @@ def dived(*plant, seconds=60.0, knock=0.0, **arguments):
     dive = Dive("initial.eta=[0,0,0.5,0,0,0]", *plant, setpoint=hold(3.0, 0.0), **arguments)
     dive.until(State.ACTIVE)
     steps = dive.run(0.5)
-    assert isinstance(dive.vehicle, Vehicle)
-    body = dive.vehicle._physics
-    body.state = (*body.state[:YAW_RATE], body.state[YAW_RATE] + knock)
+    dive.knock(knock)
     return steps + dive.run(seconds - 0.5)
 
 

@@ -44,7 +44,7 @@ def test_an_engage_that_is_not_permitted_says_why_and_leaves_no_request_behind()
 def test_a_release_withdraws_an_engage_that_waits():
     dive, console = at_console()
     dive.run(2.0)
-    dive.vehicle._autopilot.arm = lambda *_, **__: 4
+    dive.vehicle.autopilot.arm = lambda *_, **__: 4
     waiting = console.ask("engage")
     dive.run(0.5)
     assert not waiting

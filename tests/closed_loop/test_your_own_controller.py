@@ -5,7 +5,6 @@ import re
 import subprocess
 import sys
 import tomllib
-from importlib.metadata import EntryPoint
 
 import pytest
 from virtual import ROOT
@@ -34,8 +33,6 @@ def plugins(folder, monkeypatch):
     """The folder on the path of this process; what it adds is forgotten again."""
     monkeypatch.syspath_prepend(folder)
     yield folder
-    for cached in (registry._installed, registry._imported, registry._functions):
-        cached.cache_clear()
     for name in FILES:
         sys.modules.pop(name.removesuffix(".py"), None)
 
@@ -81,14 +78,21 @@ def test_the_configuration_of_the_page_is_one(plugins, tmp_path):
     assert "drag+observer" in registry.choices(config.compensators)
 
 
-def test_an_entry_point_makes_the_name_known_without_a_table(plugins, monkeypatch):
+def test_an_entry_point_makes_the_name_known_without_a_table(folder):
+    """As of an installed package."""
     ((group, points),) = tomllib.loads(TOML[1])["project"]["entry-points"].items()
-    found = {group: [EntryPoint(name, value, group) for name, value in points.items()]}
-    monkeypatch.setattr(registry, "entry_points", lambda group: found.get(group, []))
-    registry._installed.cache_clear()
-    assert load_config(overrides=["heave.compensator=drag"]).heave.compensator == "drag"
-    with pytest.raises(ConfigError, match=r"must be one of none, observer, .*drag"):
-        load_config(overrides=["heave.compensator=dragg"])
+    metadata = folder / "drag-1.0.dist-info"
+    metadata.mkdir()
+    (metadata / "METADATA").write_text("Metadata-Version: 2.1\nName: drag\nVersion: 1.0\n", encoding="utf-8")
+    lines = [f"{name} = {value}\n" for name, value in points.items()]
+    (metadata / "entry_points.txt").write_text(f"[{group}]\n{''.join(lines)}", encoding="utf-8")
+    known = "export PYTHONPATH=$PWD:$PYTHONPATH\nholdfast config show --set heave.compensator="
+    answer = run(known + "drag", folder)
+    assert answer.returncode == 0, answer.stderr
+    assert re.search(r'heave.compensator +"drag"', answer.stdout)
+    answer = run(known + "dragg", folder)
+    assert answer.returncode == 2
+    assert re.search(r"must be one of none, observer, .*drag", answer.stderr)
 
 
 @pytest.mark.parametrize(

@@ -28,7 +28,7 @@ class Liar:
     """Rewrites what the autopilot says: its stamps, its answers to TIMESYNC, when they arrive."""
 
     def __init__(self):
-        self._in, self._out = mavlink.MAVLink(None), mavlink.MAVLink(None, 1, 1)
+        self._in, self.packer = mavlink.MAVLink(None), mavlink.MAVLink(None, 1, 1)
         self.stamps_s = self.answers_s = self.late_s = 0.0
         self.twin_s = None
         self.deaf = False
@@ -60,7 +60,7 @@ class Liar:
             message.time_boot_ms = max(message.time_boot_ms + round(stamps_s * 1e3), 0)
         elif message.get_type() == "SERVO_OUTPUT_RAW":
             message.time_usec = max(message.time_usec + round(stamps_s * 1e6), 0)
-        return bytes(message.pack(self._out))
+        return bytes(message.pack(self.packer))
 
 
 def lied_to(**arguments):
@@ -151,7 +151,7 @@ def test_a_few_absurd_stamps_change_nothing(boot_ms, count):
         if left[0]:
             left[0] -= 1
             absurd = mavlink.MAVLink_attitude_message(boot_ms, 0.0, 0.0, 0.3, 0.0, 0.0, 0.0)
-            inbox = [*inbox, (round((START_S + t_s) * 1e9), bytes(absurd.pack(clean._out)))]
+            inbox = [*inbox, (round((START_S + t_s) * 1e9), bytes(absurd.pack(clean.packer)))]
         return inbox
 
     dive.tap.spoil = spoil

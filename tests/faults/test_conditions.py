@@ -6,7 +6,6 @@ permission, never engaged unless asked. Here stands what comes of each fault, an
 
 import numpy as np
 import pytest
-from msgspec.structs import replace
 from virtual import Dive, Somebody, active, hold
 
 from companion.records import Request, State
@@ -111,8 +110,12 @@ def not_fit(dive):
 
 
 def non_finite(dive):
-    engine = dive.tap.engine  # the only way in: setpoints and telemetry that are not finite are refused
-    engine._guidance._target.now = replace(hold(), eta_d_dot=(0.0, 0.0, np.nan, 0.0))
+    engine = dive.engine  # setpoints and telemetry that are not finite are refused
+    controlled = engine.memory.controlled
+    surge, sway, heave, yaw = controlled.axes
+    heave = heave._replace(reference=heave.reference._replace(x_d_dot=np.nan))
+    controlled = controlled._replace(axes=(surge, sway, heave, yaw))
+    engine.memory = engine.memory._replace(controlled=controlled)
 
 
 def tick_late(dive):

@@ -96,7 +96,7 @@ def test_a_blow_that_turns_it_is_no_reset_and_is_brought_back():
     """The rates show it: 40° within about 0.3 s."""
     dive = active(*QUIET, seconds=10.0)
     psi = dive.step.truth.eta[5]
-    dive.vehicle._physics.state = (*dive.vehicle._physics.state[:12], 4.0)
+    dive.knock(4.0)
     steps = dive.run(8.0)
     assert heading_errors_deg(steps[:16], psi).max() > 30.0
     assert not any(step.sample.state.frame_shift for step in steps)
@@ -107,7 +107,7 @@ def test_a_vehicle_that_turns_behind_a_gap_in_the_telemetry_was_not_reset():
     dive = active(*QUIET, seconds=10.0)
     psi = dive.step.truth.eta[5]
     dive.fault("message_stopped", 0.4, message="ATTITUDE")
-    dive.vehicle._physics.state = (*dive.vehicle._physics.state[:12], 3.0)
+    dive.knock(3.0)
     steps = dive.run(8.0)
     assert not any(step.sample.state.frame_shift for step in steps)
     assert heading_errors_deg(steps[-50:], psi).max() < 2.0

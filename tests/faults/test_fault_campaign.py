@@ -47,7 +47,7 @@ def diving():
 def noticed(diving, kind, value=0.5):
     """What is said of one more dive of the same vehicle."""
     one = FaultCase(1, 0, State.ACTIVE, (Broken(kind, 0.0, "", value),), fingers=False)
-    return fault_dives._forked(diving, one)["broken"]
+    return fault_dives.forked(diving, one)["broken"]
 
 
 def test_it_would_notice_thrust_that_goes_on(diving, monkeypatch):
@@ -70,9 +70,14 @@ def test_it_would_notice_an_exception(diving, monkeypatch):
     assert "ZeroDivisionError" in noticed(diving, "leak")
 
 
-def test_it_would_notice_engaging_unasked(diving, monkeypatch):
-    monkeypatch.setattr(diving.engine, "_was", State.IDLE)
-    assert "engaged from" in noticed(diving, "doubled")
+def test_it_would_notice_engaging_unasked(monkeypatch):
+    diving = Diving(0, State.IDLE)
+    monkeypatch.setattr("companion.supervision.supervisor.StateMachine.step", _holding)
+    assert "engaged from IDLE" in noticed(diving, "doubled")
+
+
+def _holding(self, conditions, dt_s, preflight_failure=""):
+    return Verdict(State.ACTIVE, Condition(0), 1.0, "")
 
 
 def test_a_dive_is_its_number():

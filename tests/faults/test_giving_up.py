@@ -8,6 +8,7 @@ from virtual import DEPTH_M, Dive, Somebody, active, hold
 from companion.records import Condition, Request, State
 from companion.supervision.handover import KEEP_ALIVE_S, REFUSED_S
 from companion.telemetry.event_log import EventLog
+from sim_bridge.firmware.failsafes import Failsafes
 
 STABILIZE, ALT_HOLD, SURFACE, POSHOLD, MANUAL = 0, 2, 9, 16, 19
 RAMP_S, HEARTBEAT_S = 1.0, 1.0
@@ -50,10 +51,15 @@ def _with(section, **changes):
     return type(section)(**(values | changes))
 
 
+class OneThatWarns(Failsafes):
+    """One of them holds, and only warns."""
+
+    active = property(lambda self: True)
+
+
 def own_failsafe(dive):
-    """One that warns alone: the ground station's, while the pilot's is kept quiet by our steering."""
-    dive.vehicle._autopilot.failsafes._gcs_lost = True
-    dive.vehicle._autopilot.failsafes._check_ground_station = lambda: None
+    autopilot = dive.vehicle.autopilot
+    autopilot.failsafes = OneThatWarns(autopilot, rc_receiver=False, rebooted=False)
 
 
 def rebooted(dive):
@@ -196,7 +202,7 @@ def test_a_pilot_who_steers_relieves_it():
 def test_refused_is_a_fault_and_silence():
     """An autopilot that does not change its mode."""
     dive = active(seconds=3.0)
-    dive.vehicle._autopilot.set_mode = lambda number: 4
+    dive.vehicle.autopilot.set_mode = lambda number: 4
     leak(dive)
     dive.until(State.HAND_OVER)
     dive.until(State.FAULT, within_s=REFUSED_S + 0.2)
@@ -283,9 +289,9 @@ def test_a_low_battery_is_not_engaged_with():
 
 def test_a_single_depth_that_cannot_be_is_left_out():
     dive = active(seconds=6.0)
-    dive.vehicle._sensors.shift_relative(3.0)
+    dive.fault("depth_shifted", value=3.0)
     one = dive.run(0.06)
-    dive.vehicle._sensors.shift_relative(-3.0)
+    dive.fault("depth_shifted", value=-3.0)
     steps = [*one, *dive.run(1.0)]
     told = [step for step in steps if step.sample.verdict.conditions & Condition.DEPTH_JUMPED]
     assert told

@@ -31,7 +31,7 @@ SURFACE, ALT_HOLD, STABILIZE, MANUAL = 9, 2, 0, 19
 
 
 def channels(dive):
-    return dive.vehicle._autopilot.pilot.channels
+    return dive.vehicle.autopilot.pilot.channels
 
 
 KEY = hashlib.sha256(b"kelp").digest()
@@ -262,12 +262,12 @@ def test_a_button_that_was_down_before_it_was_heard_of_engages_nothing():
 
 
 @pytest.mark.parametrize("withdrawn", [False, True])
-def test_a_press_that_comes_to_nothing_leaves_no_wish_behind(withdrawn):
+def test_a_press_that_comes_to_nothing_leaves_no_wish_behind(monkeypatch, withdrawn):
     """In the mode later, it would take off. The other button withdraws it at once."""
     dive = at_the_stick()
     dive.fault("mode", value=2)
     dive.run(1.5)
-    set_mode, dive.vehicle._autopilot.set_mode = dive.vehicle._autopilot.set_mode, lambda number: 4
+    monkeypatch.setattr(dive.vehicle.autopilot, "set_mode", lambda number: 4)
     press(dive, ENGAGE)
     dive.run(1.0)
     assert Condition.ENGAGE_ASKED in dive.step.sample.verdict.conditions
@@ -275,7 +275,7 @@ def test_a_press_that_comes_to_nothing_leaves_no_wish_behind(withdrawn):
         press(dive, RELEASE)
     else:
         dive.run(5.0)
-    dive.vehicle._autopilot.set_mode = set_mode
+    monkeypatch.undo()
     dive.fault("mode", value=19)
     dive.run(3.0)
     assert dive.step.truth.mode == 19
@@ -543,7 +543,7 @@ def test_surfacing_that_somebody_ends_is_not_begun_again():
 
 def test_a_vehicle_that_does_not_surface_is_left_to_its_own_failsafe():
     dive = lost("surface")
-    dive.loop.vehicle._autopilot.set_mode = lambda number: 4
+    dive.vehicle.autopilot.set_mode = lambda number: 4
     dive.run(17.0)
     assert not dive.step.truth.armed
 

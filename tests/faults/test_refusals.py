@@ -108,7 +108,7 @@ def test_an_engage_that_comes_to_nothing_is_withdrawn_and_releases_nothing():
     dive: Any = Dive(engage=False)
     dive.fault("mode", value=2)
     dive.run(3.0)
-    dive.vehicle._autopilot.set_mode = lambda number: 4
+    dive.vehicle.autopilot.set_mode = lambda number: 4
     console = Console(dive)
     reply = console.tell("engage")
     assert not reply.done

@@ -59,7 +59,7 @@ def test_a_position_that_never_came_is_absent_and_stands_still():
 def test_a_short_silence_is_predicted_over():
     """Half of attitude_timeout_s, while it turns: the heading goes on."""
     dive = active(setpoint=None, seconds=5.0)
-    dive.vehicle._physics.state = (*dive.vehicle._physics.state[:12], 0.6)
+    dive.knock(0.6)
     dive.run(0.1)
     dive.fault("message_stopped", 0.25, message="ATTITUDE")
     steps = dive.run(0.2)

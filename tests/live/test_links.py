@@ -31,13 +31,25 @@ def sender(data):
 ANYBODY = Admission(sender, lambda: b"hello")
 
 
+class Watched(MavlinkLink):
+    """A link that shows the transport it has, None while there is none."""
+
+    transport = None
+
+    def connection_made(self, transport):
+        super().connection_made(transport)
+        self.transport = transport
+
+    def connection_lost(self, exc):
+        super().connection_lost(exc)
+        self.transport = None
+
+
 @asynccontextmanager
 async def linked(endpoint, admission=ANYBODY):
     """A running link and the list of what arrived on it."""
     heard = []
-    link = MavlinkLink(
-        Endpoint.parse(endpoint), "test", lambda t_ns, data: heard.append((t_ns, data)), admission
-    )
+    link = Watched(Endpoint.parse(endpoint), "test", lambda t_ns, data: heard.append((t_ns, data)), admission)
     task = asyncio.create_task(link.run())
     try:
         yield link, heard
@@ -104,10 +116,10 @@ def test_a_tcp_peer_that_takes_nothing_costs_no_memory():
         port = free_port()
         with socket.create_server(("127.0.0.1", port)) as server:
             async with linked(f"tcp:127.0.0.1:{port}") as (link, _):
-                await until(lambda: link._stream is not None)
+                await until(lambda: link.transport is not None)
                 for _ in range(2000):
                     link.send(bytes(8192))
-                assert link._stream.get_write_buffer_size() <= links.MAX_UNSENT_BYTES + 8192
+                assert link.transport.get_write_buffer_size() <= links.MAX_UNSENT_BYTES + 8192
             server.close()
 
     asyncio.run(main())
@@ -148,7 +160,7 @@ def test_serial_carries_every_byte_both_ways_and_survives_being_unplugged(tmp_pa
         async with linked(f"serial:{line.name}:115200") as (link, heard):
             for _ in range(2):
                 heard.clear()
-                await until(lambda: link._stream is not None and link._reader is not None)
+                await until(lambda: link.transport is not None)
                 os.write(line.master, EVERY_BYTE)
                 await until(lambda: received(heard) == EVERY_BYTE)
                 link.send(EVERY_BYTE)
@@ -159,7 +171,7 @@ def test_serial_carries_every_byte_both_ways_and_survives_being_unplugged(tmp_pa
                         await asyncio.sleep(0.005)
                 assert back == EVERY_BYTE
                 line.unplug()
-                await until(lambda: link._stream is None)
+                await until(lambda: link.transport is None)
                 link.send(b"into the void")
                 await asyncio.sleep(0.1)
                 line.plug()
@@ -199,7 +211,7 @@ def test_a_udp_listener_turns_to_another_peer_only_when_the_first_falls_silent(m
 
     async def main():
         async with linked(f"udp-listen:127.0.0.1:{port}") as (link, heard):
-            await until(lambda: link._datagrams is not None)
+            await until(lambda: link.transport is not None)
             link.send(b"to nobody")
             began = time.monotonic_ns()
             first.send(b"vehicle 1")
@@ -230,7 +242,7 @@ def test_no_byte_of_a_stranger_takes_the_link_and_none_arrives(senders):
 
     async def main():
         async with linked(f"udp-listen:127.0.0.1:{port}") as (link, heard):
-            await until(lambda: link._datagrams is not None)
+            await until(lambda: link.transport is not None)
             stranger.send(b"\0")
             await until(lambda: link.strangers == 1)
             link.send(b"to nobody")
@@ -251,7 +263,7 @@ def test_whose_clock_is_behind_is_told_the_time_and_does_not_take_the_link(sende
 
     async def main():
         async with linked(f"udp-listen:127.0.0.1:{port}") as (link, heard):
-            await until(lambda: link._datagrams is not None)
+            await until(lambda: link.transport is not None)
             lagging.send(b"lagging")
             await until(lambda: _got(lagging) == b"hello")
             assert not heard
@@ -271,7 +283,7 @@ def test_a_peer_that_only_makes_noise_loses_the_link(monkeypatch, senders):
 
     async def main():
         async with linked(f"udp-listen:127.0.0.1:{port}") as (link, heard):
-            await until(lambda: link._datagrams is not None)
+            await until(lambda: link.transport is not None)
             first.send(b"vehicle")
             await until(lambda: heard)
             async with asyncio.timeout(WAIT_S):
@@ -294,7 +306,7 @@ def test_addresses_that_are_not_allowed_never_take_the_link(senders):
     async def main():
         admission = ANYBODY._replace(allow=["127.0.0.2/31", "10.0.0.0/8"])
         async with linked(f"udp-listen:127.0.0.1:{port}", admission) as (link, heard):
-            await until(lambda: link._datagrams is not None)
+            await until(lambda: link.transport is not None)
             first.send(b"vehicle 1")
             await until(lambda: link.strangers == 1)
             third.send(b"vehicle 3")

@@ -109,7 +109,8 @@ def test_a_dive_whose_recorder_was_killed(tmp_path: Path) -> None:
     kinds = set()
     while (message := frames.recv_match()) is not None:
         kinds.add(message.get_type())
-        assert message._timestamp == pytest.approx(items[0].log_ns / 1e9, abs=120.0)
+        logged_s = message._timestamp  # noqa: SLF001 - pymavlink's
+        assert logged_s == pytest.approx(items[0].log_ns / 1e9, abs=120.0)
     frames.close()
     assert {"ATTITUDE", "RC_CHANNELS_OVERRIDE", "HEARTBEAT"} <= kinds
     assert "BAD_DATA" not in kinds

@@ -30,7 +30,7 @@ from companion.telemetry.session import client_configuration
 from dashboard.zenoh_client import Message, Subscription
 from holdfast import RefusedError
 from lab.bench.process import running
-from lab.bench.subscribers import COMPANION, _Reader
+from lab.bench.subscribers import COMPANION, Reader
 from lab.ports import free_port
 
 Feed = Callable[[Publisher], None]
@@ -246,7 +246,7 @@ def test_a_command_is_local_unless_a_router_or_another_way_in_is_there(
     ],
 )
 def test_only_loopback_is_this_machine(endpoint_: str, loopback: bool) -> None:
-    assert zenoh_io._is_loopback(endpoint_) is loopback
+    assert zenoh_io.is_loopback(endpoint_) is loopback
 
 
 def test_the_token_tells_who_lives(endpoint: str) -> None:
@@ -338,7 +338,7 @@ def test_the_benchs_reader_waits_for_its_companion(endpoint: str, tmp_path: Path
     program = COMPANION.format(link=link, endpoint=endpoint, file=file)
     late = f"import time; time.sleep(1.0); {program}"
     with running(sys.executable, "-c", late):
-        reader = _Reader(endpoint, 0.0)
+        reader = Reader(endpoint, 0.0)
         until(lambda: reader.count > 400)
         reader.end()
     assert len(np.load(file)) > 50

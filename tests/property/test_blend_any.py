@@ -37,7 +37,7 @@ def vehicle_makes(message, gain):
     vehicle.gain = gain
     vehicle.manual_control(*(getattr(message, name) for name in ("x", "y", "z", "r", "buttons", "s", "t")))
     vehicle.input_loop()
-    return vehicle.channels, vehicle._held_buttons
+    return vehicle.channels, vehicle.held_buttons
 
 
 def blended(autopilot, command, held, pilot, gain):

@@ -19,7 +19,7 @@ from dashboard.recording.mcap_file import MAX_CHANNELS, MAX_SAMPLE_BYTES, Reader
 from dashboard.recording.record import flat
 from dashboard.recording.recorder import DiveRecorder, FileLimits
 from dashboard.terminal.watch import Feed, picture
-from dashboard.web.app import MOST_BEHIND, _text
+from dashboard.web.app import MOST_BEHIND, message_text
 from dashboard.web.fleet import Fleet
 from dashboard.zenoh_client import Message, Stamped
 from sim_bridge.zenoh_link import answer
@@ -113,7 +113,7 @@ def test_the_dashboard_goes_on(genuine: list[Sample]) -> None:
         take(some)
         take(genuine)
         vehicle = fleet.vehicles["kelp"]
-        _text(
+        message_text(
             status={**fleet.status(1.0), **vehicle.status(1.0)},
             events=vehicle.events_from(0),
             plan=vehicle.plan,
@@ -228,7 +228,7 @@ def test_a_rate_of_a_time_that_stands_still_does_not_grow() -> None:
     rate = Rate()
     for count in range(3 * MAX_COUNTS):
         rate.add(1.0, count)
-    assert len(rate._counts) == MAX_COUNTS
+    assert len(rate.counts) == MAX_COUNTS
 
 
 def test_a_number_that_jumps_by_years_is_a_new_start() -> None:

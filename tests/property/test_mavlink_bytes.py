@@ -54,7 +54,7 @@ def test_no_bytes_raise(chunks, stream):
     for t_s, chunk in enumerate(chunks):
         for message in link.decode(float(t_s), chunk):
             convert.to_events(message, float(t_s))
-        assert len(link._splitter.rest) < 280
+        assert len(link.splitter.rest) < 280
 
 
 @given(anything)
@@ -69,7 +69,7 @@ def test_a_stream_recovers_from_junk(junk):
     link.decode(0.0, junk)
     tail = [message for n in range(60) for message in link.decode(0.02 * n, FRAMES[1])]
     assert len(tail) >= 55
-    assert not link._splitter.rest
+    assert not link.splitter.rest
 
 
 @given(st.lists(st.sampled_from(FRAMES), max_size=10), st.data())

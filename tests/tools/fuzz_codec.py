@@ -56,7 +56,7 @@ def try_one(data: bytes) -> None:
             for event in fresh.drop_stale(convert.to_events(message, t_s)):
                 values = [getattr(event, name) for name in event.__struct_fields__]
                 assert all(math.isfinite(v) for v in values if isinstance(v, float)), event
-        assert len(codec._splitter.rest) < LONGEST_FRAME
+        assert len(codec.splitter.rest) < LONGEST_FRAME
 
 
 if __name__ == "__main__":

@@ -179,7 +179,7 @@ def test_a_search_gets_better_and_prices_chatter_and_loss(monkeypatch: pytest.Mo
     assert found.score < 0.8 * found.start_score
     assert set(found.values) == set(row.knobs)
     wild = {"PSC_POSZ_P": 18.0, "PSC_VELZ_P": 48.0, "PSC_ACCZ_P": 3.0, "PSC_ACCZ_I": 0.6}
-    dives = tune._training(1, around)
+    dives = tune.training(1, around)
     assert tune.scores(row, [wild], configured, BASE, dives)[0] > 3.0 * CHATTER_N + found.score
 
 
@@ -187,7 +187,7 @@ def test_candidates_do_not_disturb_each_other(monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setattr(tune, "TRAINING_S", 3.0)
     row = selected(["ppi"], load_config())[0]
     values = [dict(row.knobs), {key: 1.3 * value for key, value in row.knobs.items()}]
-    dives = [dive for dive in tune._training(2, around) if dive[0].name == "waves"]
+    dives = [dive for dive in tune.training(2, around) if dive[0].name == "waves"]
     together = tune.scores(row, values, configured, BASE, dives)
     alone = [tune.scores(row, [one], configured, BASE, dives)[0] for one in values]
     assert together == pytest.approx(alone, rel=0.02)
@@ -274,7 +274,7 @@ def test_published_vehicles_are_within_the_ranges() -> None:
 def test_a_candidate_that_the_companion_refuses_is_lost() -> None:
     row = selected(["law"], load_config())[0]
     refused = dict(row.knobs) | {"heave.kappa_per_s": 1e6}
-    assert tune.scores(row, [refused], configured, BASE, tune._training(1, around)) == [tune.LOST_MM]
+    assert tune.scores(row, [refused], configured, BASE, tune.training(1, around)) == [tune.LOST_MM]
 
 
 def test_the_search_ends_with_the_command_that_dives_its_result(tmp_path):

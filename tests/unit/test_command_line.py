@@ -110,7 +110,8 @@ def stand_in(monkeypatch):
             def load(self):
                 return function
 
-        monkeypatch.setattr(holdfast, "_commands", lambda: {"run": Point("run", "companion.x:y", "group")})
+        found = {"run": Point("run", "companion.x:y", "group")}
+        monkeypatch.setattr(holdfast, "commands_by_name", lambda: found)
 
     return register
 
@@ -158,7 +159,8 @@ def test_help_and_usage_need_nothing_that_the_demo_does_not_bring():
         for name in ("numba", "cma", "distributed", "pyarrow"):
             sys.modules[name] = None
         import holdfast
-        for arguments in [[name, "--help"] for name in holdfast._commands()] + [["campaign", "--dives", "0"]]:
+        helps = [[name, "--help"] for name in holdfast.commands_by_name()]
+        for arguments in [*helps, ["campaign", "--dives", "0"]]:
             try:
                 print(holdfast.main(arguments))
             except SystemExit as end:

@@ -92,14 +92,14 @@ def test_slots_decide_what_is_called():
 def test_compiled_code_is_taken_from_disk(monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.setattr(subject, "PACKAGES", (*subject.PACKAGES, __name__.partition(".")[0]))
-    subject._folder.cache_clear()
+    subject.cache_folder.cache_clear()
     for hits in (0, 1):
         cached.cache_clear()
         for chosen, expected in ((doubled, 12.0), (halved, 0.75)):
             call: Any = cached(slotted(changed_twice, change=chosen))
             assert call(3.0) == expected
             assert sum(call.stats.cache_hits.values()) == hits
-    subject._folder.cache_clear()
+    subject.cache_folder.cache_clear()
     cached.cache_clear()
 
 

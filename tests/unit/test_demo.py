@@ -15,7 +15,7 @@ from rich.console import Console
 from companion.records import AxisCommand, ControlSample, Wrench
 from companion.telemetry import samples
 from lab.demo import screen as demo_screen
-from lab.demo.demo import Story, _phase
+from lab.demo.demo import Story, phase_of
 from lab.demo.dive import DemoDive, DemoRecording, arrange, at_depth, figures, spans, window
 from lab.demo.plot import ROWS, draw
 from lab.demo.screen import DemoView, Now
@@ -289,14 +289,14 @@ def test_the_table_sets_them_side_by_side(dive: DemoDive) -> None:
 
 def test_the_story_in_words(make_sample: Sampler) -> None:
     story = Story(load_on_s=14.0)
-    assert _phase(DemoRecording(), story) == "starting the controller"
+    assert phase_of(DemoRecording(), story) == "starting the controller"
     heard, words = DemoRecording(), list[str]()
     for tick in range(0, round(END_S / STEP_S), 10):
         t_s = tick * STEP_S
         for key, _, payload in samples.encode(_sample(make_sample, t_s, tick), VEHICLE):
             heard.add(key, payload)
         heard.add("sim/demo/truth", msgspec.json.encode(_truth(t_s)))
-        phase = _phase(heard, story)
+        phase = phase_of(heard, story)
         if not words or words[-1] != phase:
             words.append(phase)
     assert words == [

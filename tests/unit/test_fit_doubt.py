@@ -32,10 +32,10 @@ def error_over_doubt(rng, share):
     whitened[:, 0] = math.sqrt(1.0 - share) * whitened[:, 0] + math.sqrt(share) * swell(rng)
     shown = np.zeros((N, 2))
     shown[:, 0] = swell(rng)
-    counting = fit._counting(RECORD)
+    counting = fit.after_burn_in(RECORD)
     error = (shown[counting] * whitened[counting]).sum() / (shown[counting] ** 2).sum()
     J = np.concatenate((np.where(counting[:, None], shown, 0.0).ravel(), np.zeros(3)))[:, None]
-    return error / math.sqrt(fit._covariance(RECORD, J, whitened)[0, 0])
+    return error / math.sqrt(fit.parameter_covariance(RECORD, J, whitened)[0, 0])
 
 
 @pytest.mark.parametrize("share", [0.0, 0.3])

@@ -72,7 +72,7 @@ def test_what_is_reached_is_what_a_simulation_reaches() -> None:
         seen = [*seen[1:], x]
         y = seen[0] @ plant.C.T + rng.standard_normal((runs, 2)) * np.sqrt(np.diag(plant.R))
         x_hat = x_hat @ A.T + np.outer(sent[0], B)
-        x_hat = x_hat + (y - x_hat @ plant.C.T) @ lqg._L.T
+        x_hat = x_hat + (y - x_hat @ plant.C.T) @ lqg.L.T
         ahead = x_hat
         for earlier in sent[1:]:
             ahead = ahead @ A.T + np.outer(earlier, B)

@@ -171,11 +171,11 @@ def test_clear_ends_what_holds_and_leaves_what_comes_later():
         rov.inject(Fault(kind, at_s=at_s))
     station = Station(rov)
     station.run(0.4)
-    assert rov._faults.holds("leak")
+    assert rov.faults == ("leak",)
     station.run(0.4)
-    assert not rov._faults.holds("leak")
+    assert rov.faults == ()
     station.run(0.4)
-    assert rov._faults.holds("ekf")
+    assert rov.faults == ("ekf",)
 
 
 def test_a_fault_of_the_command_line():

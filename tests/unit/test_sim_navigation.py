@@ -65,7 +65,7 @@ def test_poshold_goes_by_stick_over_ground_and_holds_where_it_stops():
 
 def test_poshold_without_its_position_takes_the_sticks_as_effort():
     station = Station(vehicle(*DVL)).arm(POSHOLD)
-    station.rov._autopilot.control.located = False
+    station.rov.autopilot.control.located = False
     station.run(0.2, override(forward=200))
     assert station.rov.truth().motor_pwm[2] == pytest.approx(1500 + 400 * 0.375, abs=10)
 
@@ -186,7 +186,7 @@ def test_do_reposition_without_a_position_fails():
 @pytest.mark.parametrize("value", [0.0, -1.0])
 def test_no_value_of_a_parameter_stops_it(value):
     station = guided()
-    for name in station.rov._params.names:
+    for name in station.rov.autopilot.params.names:
         if name.startswith(("PSC_", "WPNAV_", "PILOT_", "ATC_", "ANGLE_")):
             station.say(mavlink.MAVLink_param_set_message(1, 1, name.encode(), value, 9))
     station.say(target(OFFSET, POSITION, (1.0, 0.0, 1.0))).run(0.5, override())

@@ -112,7 +112,7 @@ def test_fixes_bound_the_error_as_their_filter_says():
             errors.step((0.0, 0.0), locked=False)
             if step > 200:
                 squares += [e * e for e in errors.error]
-                believed.append(errors._p_ee)
+                believed.append(errors.p_ee)
         assert errors.aided
     assert np.mean(squares) == pytest.approx(np.mean(believed), rel=0.15)
     assert math.sqrt(np.mean(squares)) < 0.4

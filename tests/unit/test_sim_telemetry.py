@@ -69,7 +69,7 @@ def test_an_interval_of_a_message_that_is_not_streamed_is_refused_and_every_link
     asks, listens = Station(rov, link=0), Station(rov, link=1)
     asks.command(SET_INTERVAL, message, 500_000)
     told = dict.fromkeys((0, 1), b"")
-    for link, data in rov.step(asks._queue):
+    for link, data in rov.step(asks.queue):
         told[link] += data
     for station in (asks, listens):
         messages = station.parser.parse_buffer(told[station.link])
@@ -278,7 +278,7 @@ def test_same_seed_same_bytes_other_seed_others():
         station = Station(rov)
         station.run(2.1)
         station.command(SET_MODE, 1, STABILIZE).say(override(throttle=-80)).command(ARM, 1)
-        queue, station._queue = station._queue, []
+        queue, station.queue = station.queue, []
         sent = rov.step(queue)
         for _ in range(600):
             sent += rov.step()

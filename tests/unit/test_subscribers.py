@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lab.bench.subscribers import CASES, NOBODY, P99_RATIO, NoReaderError, _as_told, _bounds
+from lab.bench.subscribers import CASES, NOBODY, P99_RATIO, NoReaderError, bounds_of, check_case
 
 
 def test_each_cases_p99_is_set_over_that_with_nobody() -> None:
@@ -15,7 +15,7 @@ def test_each_cases_p99_is_set_over_that_with_nobody() -> None:
         for tick in range(500)
     ]
     ticks += [(begun_s + 60.0, 99.0) for _, begun_s, _ in windows]  # between the windows: no part of them
-    bounds = {bound.name: bound for bound in _bounds(windows, np.array(ticks))}
+    bounds = {bound.name: bound for bound in bounds_of(windows, np.array(ticks))}
     assert bounds[f"p99, {CASES[-1]} over {NOBODY}"].value == 2.0
     assert not bounds[f"p99, {CASES[-1]} over {NOBODY}"].held
     assert bounds[f"p99, {CASES[1]} over {NOBODY}"].value == 1.0
@@ -28,8 +28,8 @@ def test_each_cases_p99_is_set_over_that_with_nobody() -> None:
     [("reading", 4000, True), ("50 ms a sample", 200, True), ("stopped", 0, True), ("killed", 0, False)],
 )
 def test_a_reader_that_is_not_what_its_case_says_gives_no_figures(case: str, taken: int, alive: bool) -> None:
-    _as_told(case, taken, 10.0, alive=alive)
+    check_case(case, taken, 10.0, alive=alive)
     with pytest.raises(NoReaderError, match=case):
-        _as_told(case, taken, 10.0, alive=not alive)
+        check_case(case, taken, 10.0, alive=not alive)
     with pytest.raises(NoReaderError, match=f"took {1000 - taken % 1000} samples"):
-        _as_told(case, 1000 - taken % 1000, 10.0, alive=alive)
+        check_case(case, 1000 - taken % 1000, 10.0, alive=alive)

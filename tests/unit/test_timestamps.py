@@ -34,7 +34,7 @@ class Process:
 
     def writes(self):
         """As once a second."""
-        self.file._write(AHEAD)
+        self.file.write(AHEAD)
 
     def ends(self):
         """In order."""

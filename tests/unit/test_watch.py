@@ -332,7 +332,7 @@ def test_errors_are_remembered_by_their_peaks(make_sample: MakeSample) -> None:
     ],
 )
 def test_a_gauge_grows_from_the_middle(value: float, drawn: str) -> None:
-    assert watch._gauge(value, half=4).plain == drawn
+    assert watch.gauge(value, half=4).plain == drawn
 
 
 def test_a_wild_sample_is_drawn_too(make_sample: MakeSample) -> None:
@@ -343,7 +343,7 @@ def test_a_wild_sample_is_drawn_too(make_sample: MakeSample) -> None:
 
 
 def test_a_snapshot_in_numbers(make_sample: MakeSample) -> None:
-    figures = msgspec.json.decode(msgspec.json.encode(watch._figures(_view(make_sample()))))
+    figures = msgspec.json.decode(msgspec.json.encode(watch.figures_of(_view(make_sample()))))
     assert figures["vehicle"] == "kelp"
     assert figures["state"]["depth_m"] == 5.0
     assert figures["dof/z"]["unit"] == "m"
