@@ -1,7 +1,7 @@
 """What tests of several folders share."""
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from itertools import count
 from pathlib import Path
 from typing import Any
@@ -11,6 +11,7 @@ import pytest
 from builders import RESTING
 from hypothesis import settings
 from msgspec import structs
+from virtual import SHARED
 
 from companion.config import load_config
 from companion.records import (
@@ -35,6 +36,14 @@ settings.register_profile("test", derandomize=True, database=None, deadline=None
 settings.register_profile("quick", settings.get_profile("test"), max_examples=20)  # make quick
 settings.register_profile("hunt", derandomize=False, deadline=None, max_examples=3000, print_blob=True)
 settings.load_profile("test")  # everybody tries the same examples; make hunt draws new ones
+
+
+@pytest.fixture(autouse=True)
+def dives_of_its_own(request: pytest.FixtureRequest) -> Iterator[None]:
+    """Give a test that may change what a dive is made of none that others have begun."""
+    SHARED.enabled = "monkeypatch" not in request.fixturenames
+    yield
+    SHARED.enabled = True
 
 
 @pytest.fixture

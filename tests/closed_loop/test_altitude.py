@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from virtual import Dive, hold
+from virtual import Dive, hold, shared
 
 from companion.guidance.paths.shapes import build
 from companion.guidance.paths.time_law import limits
@@ -20,6 +20,7 @@ OVER_GROUND = (
 )
 
 
+@shared
 def diving(*plant, pilot=False, **setpoint):
     dive = Dive(*OVER_GROUND, *plant, setpoint=hold(**{"z": 4.0} | setpoint), pilot=pilot)
     dive.until(State.ACTIVE)

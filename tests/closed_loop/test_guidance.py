@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
-from virtual import Dive, Somebody, active, hold
+from virtual import Dive, Somebody, active, hold, shared
 
 from companion.control.bounds import wrap
 from companion.guidance.paths.shapes import build
@@ -25,6 +25,7 @@ FENCED = (
 )
 
 
+@shared
 def held(*plant, setpoint=PLACE, seconds=3.0, **arguments):
     dive = Dive(*plant, setpoint=setpoint, **arguments)
     dive.tap.to_vehicle.append(Somebody().origin())

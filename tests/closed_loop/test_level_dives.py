@@ -9,7 +9,7 @@ from math import nan
 
 import numpy as np
 import pytest
-from virtual import Dive, Somebody, hold
+from virtual import Dive, Somebody, hold, shared
 
 from companion.records import Condition, Setpoint, State
 
@@ -26,6 +26,7 @@ def load(weight_n):
     return ("load.enabled=true", f"load.weight_n={weight_n}", "load.on_s=0", "load.off_s=1000")
 
 
+@shared
 def engaged(*plant, depth_m=3.0, setpoint=None, **arguments):
     """A dive that has just engaged; its position source has told the EKF where on earth it is."""
     start = f"initial.eta=[0,0,{depth_m},0,0,0]"

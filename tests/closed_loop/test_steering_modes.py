@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from virtual import Dive, Somebody, active, hold
+from virtual import Dive, Somebody, active, hold, shared
 
 from companion.records import PSI, Request, State
 
@@ -16,6 +16,7 @@ def rms(x):
     return float(np.sqrt(np.mean(np.square(x))))
 
 
+@shared
 def in_mode(mode, depth_m=0.0, **arguments):
     """A dive whose pilot had the vehicle in `mode` when engaging was asked for."""
     dive = Dive(f"initial.eta=[0,0,{depth_m},0,0,0]", engage=False, **arguments)

@@ -10,7 +10,7 @@ import math
 
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
-from virtual import Dive, active
+from virtual import Dive, active, shared
 
 from companion.control import controller
 from companion.records import PSI, Condition, State, Z
@@ -63,6 +63,7 @@ class Liar:
         return bytes(message.pack(self.packer))
 
 
+@shared
 def lied_to(**arguments):
     dive = active(seconds=4.0, **arguments)
     liar = dive.tap.spoil = Liar()

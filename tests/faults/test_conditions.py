@@ -6,7 +6,7 @@ permission, never engaged unless asked. Here stands what comes of each fault, an
 
 import numpy as np
 import pytest
-from virtual import Dive, Somebody, active, hold
+from virtual import Dive, Somebody, active, hold, shared
 
 from companion.records import Request, State
 
@@ -21,6 +21,7 @@ PILOT_TIMEOUT_S = 3.0
 """ArduSub's own, after which it lets go of what it was last told."""
 
 
+@shared
 def idle():
     dive = Dive(arm=False, engage=False)
     dive.run(2.5)
@@ -28,6 +29,7 @@ def idle():
     return dive
 
 
+@shared
 def ready():
     """Armed by somebody else, in a vehicle whose own failsafe does not disarm it for want of a pilot."""
     dive = Dive("parameters.FS_PILOT_INPUT=1", arm=False, engage=False)
@@ -36,12 +38,14 @@ def ready():
     return dive.until(State.READY)
 
 
+@shared
 def ramping_down():
     dive = active(companion=["supervisor.ramp_down_s=4"])
     dive.ask(Request.STOP)
     return dive.until(State.RAMP_DOWN)
 
 
+@shared
 def handing_over():
     """Its position is reset with every sample for a while, which it does not believe."""
     dive = Dive("sensors.dvl=true", setpoint=hold(x=0.1, y=0.1))
@@ -52,6 +56,7 @@ def handing_over():
     return dive.until(State.HAND_OVER)
 
 
+@shared
 def pilots():
     dive = active()
     dive.fault("mode", value=0)
@@ -62,6 +67,7 @@ def pilots():
     return dive
 
 
+@shared
 def faulty():
     dive = active()
     dive.fault("message_stopped", 0.8, message="ATTITUDE")

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from console import Console
-from virtual import Dive, Somebody, hold
+from virtual import Dive, Somebody, hold, shared
 
 from companion.records import Condition, Request, State
 from companion.telemetry.event_log import EventLog
@@ -13,6 +13,7 @@ SEA = ("waves.enabled=true", "current.enabled=true", "initial.eta=[0.0, 0.0, 2.5
 DEPTH_M = 2.5
 
 
+@shared
 def holding(**arguments):
     dive = Dive(*SEA, setpoint=hold(z=DEPTH_M), **arguments).until(State.ACTIVE)
     dive.run(6.0)

@@ -9,7 +9,7 @@ import math
 import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
-from virtual import WITH_PILOT, Dive, Somebody, active, hold
+from virtual import WITH_PILOT, Dive, Somebody, active, hold, shared
 
 from companion.config import load_config
 from companion.mavlink.codec import Packer
@@ -208,6 +208,7 @@ BUTTONS = ["ground_station.engage_button=0", "ground_station.release_button=15"]
 ENGAGE, RELEASE = 1 << 0, 1 << 15
 
 
+@shared
 def at_the_stick(*plant, arm=True, depth_m=1.0, **arguments):
     """A companion as the service starts it, that only watches, and a pilot who has armed."""
     start = f"initial.eta=[0,0,{depth_m},0,0,0.3]"

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from virtual import DEPTH_M, Dive, active
+from virtual import DEPTH_M, Dive, active, shared
 
 from companion.records import Request, State
 from lab.loop.lockstep import LinkDelay
@@ -28,6 +28,7 @@ def still_holds(dive, within_m=0.12):
     assert abs(dive.step.truth.eta[2] - DEPTH_M) < within_m
 
 
+@shared
 def arrived(**arguments):
     dive = active(seconds=6.0, **arguments)
     still_holds(dive)

@@ -29,12 +29,12 @@ Columns = np.ndarray[tuple[int, int], np.dtype[np.float64]]
 Column = np.ndarray[tuple[int], np.dtype[np.float64]]
 Flags = np.ndarray[tuple[int], np.dtype[np.bool_]]
 
-DIVES, UNITS = 48, 6
+DIVES, UNITS = 144, 6
 DT, STEPS = 1e-3, 6000
 seeds = st.integers(0, 2**32 - 1)
 # A dive costs as much as a thousand small examples, and a smaller seed is no simpler: no shrinking.
 FEW = settings(
-    max_examples=settings().max_examples // 10, phases=(Phase.explicit, Phase.reuse, Phase.generate)
+    max_examples=max(1, settings().max_examples // 30), phases=(Phase.explicit, Phase.reuse, Phase.generate)
 )
 
 

@@ -185,7 +185,7 @@ def test_a_search_gets_better_and_prices_chatter_and_loss(monkeypatch: pytest.Mo
 
 def test_candidates_do_not_disturb_each_other(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(tune, "TRAINING_S", 3.0)
-    row = selected(["ppi"], load_config())[0]
+    row = selected(["network"], load_config())[0]
     values = [dict(row.knobs), {key: 1.3 * value for key, value in row.knobs.items()}]
     dives = [dive for dive in tune.training(2, around) if dive[0].name == "waves"]
     together = tune.scores(row, values, configured, BASE, dives)
