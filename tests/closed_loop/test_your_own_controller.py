@@ -60,7 +60,7 @@ def short(*arguments):
     return tuple(replace(one, duration_s=scenarios.SETTLE_S + 6.0) for one in whole(*arguments))
 scenarios.four = search.four = short
 """
-"""Every process of the page's commands runs this first: what they say does not depend on how long they dive."""
+"""Every process of the commands runs this first: what they say does not depend on how long they dive."""
 
 
 @pytest.mark.timeout(600)
