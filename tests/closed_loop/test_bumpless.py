@@ -7,6 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from builders import STILL_SENSORS
 from virtual import Dive, Somebody, active, hold
 
 from companion.config import ConfigError, load_config
@@ -17,19 +18,7 @@ STEP_N = np.array([2.0, 2.0, 2.0, 0.24])
 
 COMPENSATORS = ("network", "observer", "none", "integrator", "regressor", "network+observer", "network")
 LEARNS = {"network": 160.0, "integrator": 400.0, "regressor": 100.0, "network+observer": 160.0}
-QUIET = tuple(
-    f"sensors.{noise}=0.0"
-    for noise in (
-        "depth_slow_m",
-        "depth_white_m",
-        "climb_slow_m_s",
-        "climb_white_m_s",
-        "drift_m",
-        "attitude_slow_rad",
-        "attitude_white_rad",
-        "gyro_white_rad_s",
-    )
-)
+QUIET = tuple(f"sensors.{noise}=0.0" for noise in STILL_SENSORS)
 PULLED = (*QUIET, "heave_force.enabled=true", "heave_force.constant_n=12.0")
 
 

@@ -81,8 +81,16 @@ def test_the_whole_story(tmp_path: Path, mark: str, capsys: pytest.CaptureFixtur
         assert words in said
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-@pytest.mark.parametrize("after_s", [0.0, 0.3, 1.1, 3.7])
+@pytest.mark.parametrize(
+    ("number", "after_s"),
+    [
+        (signal.SIGINT, 0.0),
+        (signal.SIGTERM, 0.0),
+        (signal.SIGINT, 0.3),
+        (signal.SIGTERM, 1.1),
+        (signal.SIGINT, 3.7),
+    ],
+)
 def test_a_signal_leaves_nothing_behind(start: Start, mark: str, number: int, after_s: float) -> None:
     process = start()
     assert process.stdout is not None

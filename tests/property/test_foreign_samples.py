@@ -8,6 +8,7 @@ from pathlib import Path
 
 import msgspec
 import pytest
+from builders import RECORDING, plan
 from rich.console import Console
 
 from companion.records import ControlSample
@@ -34,37 +35,13 @@ WILD = (
     *('"\\ud800"', '"\\u0000"', DEEP, '{"a":' * 100_000),
 )
 EVENT = telemetry.Event(t_s=12.0, boot_s=1.0, severity="info", kind="state", text="READY to ACTIVE")
-PLAN = telemetry.Plan(
-    t_s=12.0,
-    boot_s=1.0,
-    number=1,
-    name="line",
-    x_m=(-2.0, 2.0),
-    y_m=(1.0, 1.0),
-    depth_m=(5.0, 5.0),
-    fenced=True,
-    fence_north_m=(-9.0, 9.0),
-    fence_east_m=(-8.0, 8.0),
-    fence_depth_m=(0.0, 9.0),
-)
 
 
 @pytest.fixture(scope="module")
 def genuine(make_sample: MakeSample) -> list[Sample]:
     """One sample of every key, with a position so that a map is drawn."""
     sample = make_sample()
-    recorder = telemetry.Recorder(
-        t_s=1.0,
-        boot_s=1.0,
-        recording=True,
-        file="",
-        size_bytes=1,
-        messages=1,
-        dropped=0,
-        free_bytes=1,
-        said="",
-    )
-    rest: dict[str, telemetry.Schema] = {"event": EVENT, "plan": PLAN, "recorder": recorder}
+    rest: dict[str, telemetry.Schema] = {"event": EVENT, "plan": plan(), "recorder": RECORDING}
     return [
         *samples.encode(sample, "kelp"),
         *(

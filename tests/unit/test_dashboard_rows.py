@@ -7,6 +7,7 @@ from collections.abc import Callable
 import msgspec
 import numpy as np
 import pytest
+from builders import plan
 from msgspec.structs import replace
 
 from companion.records import ControlSample, State, Verdict
@@ -146,15 +147,17 @@ def test_the_rate_is_that_of_the_last_seconds() -> None:
 def test_the_plan_is_kept_until_another_comes(make_sample: MakeSample) -> None:
     seen = Fleet()
     seen.take(_messages(make_sample(t_s=1.0)), now_s=1.0)
-    first = _plan(2.0, "eight")
+    first = plan(t_s=2.0, name="eight")
     seen.take([Stamped("holdfast/kelp/plan", msgspec.json.encode(first), None)], now_s=2.0)
     vehicle = seen.vehicles["kelp"]
     kept, rows = vehicle.plan, vehicle.ring.end
-    seen.take([Stamped("holdfast/kelp/plan", msgspec.json.encode(_plan(7.0, "eight")), None)], now_s=7.0)
+    seen.take(
+        [Stamped("holdfast/kelp/plan", msgspec.json.encode(plan(t_s=7.0, name="eight")), None)], now_s=7.0
+    )
     assert vehicle.plan is kept
     assert vehicle.ring.end == rows
-    seen.take([Stamped("holdfast/kelp/plan", msgspec.json.encode(_plan(8.0, "")), None)], now_s=8.0)
-    assert vehicle.plan == _plan(8.0, "")
+    seen.take([Stamped("holdfast/kelp/plan", msgspec.json.encode(plan(t_s=8.0, name="")), None)], now_s=8.0)
+    assert vehicle.plan == plan(t_s=8.0, name="")
     seen.take(_messages(make_sample(t_s=-9.0)), now_s=9.0)
     assert vehicle.plan is None
 
@@ -241,19 +244,3 @@ def _unpack(
     t_s = np.frombuffer(frame.data, "<f8", rows, 24)
     numbers = np.frombuffer(frame.data, "<f4", rows * columns, 24 + 8 * rows)
     return epoch, first, t_s, numbers.reshape(rows, columns)
-
-
-def _plan(t_s: float, name: str) -> telemetry.Plan:
-    return telemetry.Plan(
-        t_s=t_s,
-        boot_s=0.0,
-        number=1,
-        name=name,
-        x_m=(0.0, 1.0),
-        y_m=(0.0, 2.0),
-        depth_m=(3.0, 3.0),
-        fenced=False,
-        fence_north_m=(-1.0, 1.0),
-        fence_east_m=(-1.0, 1.0),
-        fence_depth_m=(0.0, 9.0),
-    )

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from builders import STILL_SENSORS
 from sim_wire import Station, vehicle
 
 from sim_bridge.config import Defects, Seabed, SensorConfig, Steel, Usbl
@@ -13,25 +14,13 @@ from sim_bridge.physics.position import UNAIDED_S, PositionErrors
 from sim_bridge.physics.sensors import COMPASS_TAU_S, EARTH_NORTH_UT, Sensors, deviation
 
 DT = 0.005
-QUIET = {
-    f"{name}": 0.0
-    for name in (
-        *(
-            "depth_slow_m",
-            "depth_white_m",
-            "climb_slow_m_s",
-            "climb_white_m_s",
-            "drift_m",
-            "attitude_slow_rad",
-        ),
-        *("attitude_white_rad", "gyro_white_rad_s", "pressure_white_m", "dvl_drift_m", "dvl_white_m"),
-    )
-}
 
 
 def instruments(seed=1, seabed_m=None, steel=None, **changes):
     rng = np.random.default_rng(seed)
-    return Sensors(SensorConfig(**(QUIET | changes)), DT, rng, seabed_m and Seabed(depth_m=seabed_m), steel)
+    return Sensors(
+        SensorConfig(**(STILL_SENSORS | changes)), DT, rng, seabed_m and Seabed(depth_m=seabed_m), steel
+    )
 
 
 def reading(sensors, z=3.0, nu=(0.0,) * 6, seconds=DT):

@@ -7,6 +7,7 @@ from collections.abc import Callable
 import msgspec
 import numpy as np
 import pytest
+from builders import RECORDING
 from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
@@ -169,15 +170,4 @@ def test_a_raw_tick_comes_back_as_it_left() -> None:
 def test_the_recorders_status_is_known_under_its_key() -> None:
     key, encoding = telemetry.recorder_key("kelp")
     assert (key, encoding) == ("holdfast/kelp/recorder", "application/json;holdfast.Recorder.v1")
-    said = telemetry.Recorder(
-        t_s=1.0,
-        boot_s=2.0,
-        recording=True,
-        file="a.mcap",
-        size_bytes=1,
-        messages=2,
-        dropped=0,
-        free_bytes=3,
-        said="ok",
-    )
-    assert telemetry.decode(key, msgspec.json.encode(said)) == said
+    assert telemetry.decode(key, msgspec.json.encode(RECORDING)) == RECORDING

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import msgspec
 import pytest
+from builders import plan
 from msgspec.structs import replace
 from rich.console import Console, RenderableType
 
@@ -21,19 +22,6 @@ from dashboard.terminal.watch import Feed, Feeds, View, picture, render
 from dashboard.zenoh_client import Message
 
 MakeSample = Callable[..., ControlSample]
-PLAN = telemetry.Plan(
-    t_s=110.0,
-    boot_s=1.0,
-    number=1,
-    name="line",
-    x_m=(-2.0, 2.0),
-    y_m=(1.0, 1.0),
-    depth_m=(5.0, 5.0),
-    fenced=True,
-    fence_north_m=(-9.0, 9.0),
-    fence_east_m=(-8.0, 8.0),
-    fence_depth_m=(0.0, 9.0),
-)
 
 
 @pytest.mark.parametrize("columns", [80, 70, 66])
@@ -166,7 +154,7 @@ def test_a_map_stands_below_where_the_position_is_known(make_sample: MakeSample)
         eta = vector([-2.0 + 0.2 * tick, 1.0, 5.0, 0.0])
         sample = make_sample(t_s=100.0 + 0.5 * tick, eta=eta, ages=Ages(0.1, 0.1, 0.1, 0.1, 0.1))
         feed.take(_messages(sample), now_s=0.5 * tick)
-    feed.take([Message("holdfast/kelp/plan", telemetry.to_json(PLAN))], now_s=10.0)
+    feed.take([Message("holdfast/kelp/plan", telemetry.to_json(plan()))], now_s=10.0)
     assert feed.complete
     screen = _screen(feed.view(10.0, connected=True))
     lines = screen.splitlines()
