@@ -43,7 +43,7 @@ def test_an_absurd_number_passes_without_a_trace(message, field, value):
 
     spoil = altered(change)
     dive.tap.spoil = lambda t_s, inbox: spoil(START_S + t_s, inbox) if t_s <= until_s else inbox
-    dive.run(5.0)
+    dive.run(3.0)
     assert dive.state is State.ACTIVE, dive.step.sample.verdict.reason
     believed, true = dive.step.sample.state.eta, dive.step.truth.eta
     assert believed[Z] == pytest.approx(true[2], abs=0.05)

@@ -175,6 +175,6 @@ def test_a_limit_cycle_does_not_change_the_command_delay(monkeypatch, dof, ampli
         return memory, (*samples[:dof], one._replace(tau=one.tau + swing), *samples[dof + 1 :])
 
     monkeypatch.setattr(controller, "step", cycling)
-    command_s = [step.sample.state.delays.command_s for step in dive.run(20.0)]
+    command_s = [step.sample.state.delays.command_s for step in dive.run(12.0)]
     assert max(command_s) < TRUE_COMMAND_S + 0.015
     assert min(command_s) > TRUE_COMMAND_S - 0.015

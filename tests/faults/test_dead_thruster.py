@@ -25,7 +25,7 @@ def holding(**arguments):
 def test_the_heavy_holds_depth_and_heading(motor):
     dive = holding()
     dive.fault("thruster", thruster=motor, value=0.0)
-    steps = dive.run(40.0)
+    steps = dive.run(30.0)
     depth_m = np.array([step.truth.eta[2] for step in steps]) - DEPTH_M
     heading_deg = np.degrees([step.truth.eta[5] - 0.3 for step in steps])
     tilt_deg = np.degrees([step.truth.eta[3:5] for step in steps])
@@ -35,7 +35,7 @@ def test_the_heavy_holds_depth_and_heading(motor):
     assert np.abs(heading_deg).max() < 5.0
     assert np.abs(tilt_deg).max() < 30.0
     if motor > 4:
-        assert np.abs(tilt_deg[1500:]).max() < 5.0
+        assert np.abs(tilt_deg[1200:]).max() < 5.0
         assert dive.step.sample.state.dead_motor == motor
         assert dive.step.sample.verdict.warnings == Condition.THRUSTER_DEAD
 

@@ -463,8 +463,8 @@ def test_without_a_ground_station_it_does_not_engage():
     assert "the ground station's heartbeat" in dive.step.sample.verdict.reason
 
 
-def lost(on_loss, *plant, depth_m=1.0):
-    dive = holding(*plant, companion=[f"ground_station.on_loss={on_loss}"], depth_m=depth_m)
+def lost(on_loss, *plant, depth_m=1.0, companion=()):
+    dive = holding(*plant, companion=[f"ground_station.on_loss={on_loss}", *companion], depth_m=depth_m)
     dive.cockpit.alive = False
     dive.cockpit.sticks = None
     return dive
@@ -491,7 +491,8 @@ def test_lost_and_told_to_fall_silent_the_firmwares_own_failsafe_acts():
 
 
 def test_lost_and_told_to_surface_it_comes_up_on_its_own():
-    dive = lost("surface", "hull.net_buoyancy_n=-2.0", depth_m=3.0)
+    brief = ["supervisor.keep_alt_hold_s=5"]  # of other hand-overs: this one goes on
+    dive = lost("surface", "hull.net_buoyancy_n=-2.0", depth_m=3.0, companion=brief)
     dive.run(8.0)
     assert dive.step.truth.mode == SURFACE
     dive.run(12.0)
@@ -500,7 +501,7 @@ def test_lost_and_told_to_surface_it_comes_up_on_its_own():
     assert dive.state is State.HAND_OVER
     assert dive.step.sample.verdict.reason == "surfaced; the autopilot holds depth"
     assert dive.step.truth.eta[2] < 0.3
-    dive.run(70.0)
+    dive.run(16.0)
     assert dive.step.truth.armed, "nobody has it: without our neutral frames it would be disarmed"
     assert dive.step.truth.eta[2] < 0.3
     assert not any(axis for t_s, axes in dive.tap.frames if t_s > dive.t_s - 10.0 for axis in axes)
