@@ -478,4 +478,5 @@ def _load(newtons: float) -> float:
 
 def thrust_at(voltage_v: float) -> float:
     """Return thrust as a share of that at 16 V: it goes about with the square of the voltage."""
-    return max((voltage_v / T200_VOLTAGE_V) ** 2, MIN_STRENGTH)
+    share = voltage_v / T200_VOLTAGE_V
+    return max(share * share, MIN_STRENGTH)

@@ -132,7 +132,8 @@ def step(
     slow = a if math.isnan(state.slow) else state.slow
     slow = slow + (a - slow) * (1.0 - math.exp(-dt_s / FILTER_S))
     feedback = -inertia * (a + lead * (a - slow))
-    trimmed = state.integral + INTEGRAL * omega**3 * dt_s * ahead if learn else state.integral
+    trim = INTEGRAL * omega * omega * omega * dt_s * ahead
+    trimmed = state.integral + trim if learn else state.integral
     moment = levelling.lever_m * force + feedback - inertia * trimmed
     integral = trimmed if abs(moment) <= levelling.max_moment_nm else state.integral
     watched = state.oscillation

@@ -10,7 +10,7 @@ The powers of `share` keep a gain margin of 2 at a known total delay (docs/theor
 
 from typing import NamedTuple
 
-LAMBDA_POWER, KAPPA_POWER, LEARNING_POWER = 0.6, 1.4, 2.0
+LAMBDA_POWER, KAPPA_POWER = 0.6, 1.4
 LEAST_DELAY_S = 1e-3
 
 D_BEARS_S = 0.2
@@ -51,7 +51,7 @@ def scheduled(gains: Gains, delay_s: float, gain_scale: float, lag_s: float) -> 
     return ScheduledGains(
         gains.lam * share**LAMBDA_POWER,
         gains.kappa * share**KAPPA_POWER,
-        share**LEARNING_POWER,
+        share * share,
         share,
         gain_scale * _share(gains.d_bears_s, delay_s + lag_s),
     )

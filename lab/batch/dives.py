@@ -11,7 +11,6 @@ import numpy as np
 
 from companion.config import Config
 from companion.records import PSI, Array, Setpoint, Z
-from lab.batch.companion import slots_of
 from lab.batch.compiled import cached, slotted
 from lab.batch.loop import Figures, dive
 from lab.batch.settings import companion_of
@@ -68,10 +67,10 @@ def simulate(
         np.broadcast_to(delay_s, len(plants))
         for delay_s in (links.up_s, links.down_s, links.jitter_s, links.untold_up_s, links.untold_down_s)
     ]
-    companions = {
-        id(one): (cached(slotted(dive, **slots_of(one))), companion_of(one, finds_hidden, damps))
-        for one in {id(one): one for one in each}.values()
-    }
+    companions = {}
+    for one in {id(one): one for one in each}.values():
+        numbers, built = companion_of(one, finds_hidden, damps)
+        companions[id(one)] = cached(slotted(dive, built=built)), numbers
     figures = []
     for i, (one, plant, seed) in enumerate(zip(each, plants, seeds, strict=True)):
         refuse(plant)

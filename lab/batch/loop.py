@@ -1,19 +1,20 @@
 """One dive without MAVLink, from its engagement to its end: vehicle and companion by turns, compiled.
 
 A tick: the command of the tick before leaves, the vehicle goes on by four steps, the companion takes in what
-its telemetry reports and makes the next command. `step_companion` and `start_companion` are slots.
+its telemetry reports and makes the next command by the core's tick. `built` is a slot (`settings`).
 """
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from companion.control.bounds import clamped, wrap
+from companion.control.controller import Target
+from companion.core.tick import Parameters, start, tick
 from companion.records import Z
-from lab.batch.companion import NO_AXES
-from lab.batch.companion import start as start_companion
-from lab.batch.companion import step as step_companion
+from companion.supervision.guard import bounded
+from lab.batch.companion import NO_AXES, Script, inputs, outside
 from lab.batch.settings import Companion
 from lab.batch.vehicle import (
     ENGAGED_S,
@@ -51,6 +52,11 @@ class Figures(NamedTuple):
     lost_s: float
 
 
+def built(numbers: Any) -> Parameters:
+    """Make a companion's parameters of its numbers."""
+    raise NotImplementedError
+
+
 def dive(
     vehicle: Vehicle,
     drawn: Drawn,
@@ -75,7 +81,8 @@ def dive(
 
     """
     ticks = len(targets)
-    commands = np.zeros((ticks, 4))
+    parameters = built(companion.parameters)
+    memory = start(parameters)
     oldest = max(vehicle.depth_back, vehicle.climb_back, vehicle.attitude_back)
     past = np.zeros((int(oldest) + STEPS + 2, 13))
     for i in range(len(past)):
@@ -84,16 +91,17 @@ def dive(
     slow = np.zeros((1, drawn.slow.shape[1]))
     go_on_slow(drawn, slow, 0)
 
-    state, thrust, static, axes = vehicle.start, NO_THRUST, NO_THRUST, NO_AXES
-    memory = start_companion(companion, read(vehicle, past, 0, slow, drawn.normals, 0))
+    state, thrust, static, axes, last = vehicle.start, NO_THRUST, NO_THRUST, NO_AXES, NO_AXES
+    first = read(vehicle, past, 0, slow, drawn.normals, 0)
+    sensor_delay_s, lead_s = parameters.observers.sensor_delay_s, companion.lead_s
     depth_sum, heading_sum, thrust_sum, change_sum, tail_sum = 0.0, 0.0, 0.0, 0.0, 0.0
     count, tail_count, peak, upright, last_thrust, lost_s = 0, 0, 0.0, 1.0, math.nan, math.nan
-    for tick in range(ticks):
-        t_s = ENGAGED_S + tick * TICK_S
-        go_on_slow(drawn, slow, tick + 1)
-        put(flying, tick, motors(vehicle, axes))
+    for index in range(ticks):
+        t_s = ENGAGED_S + index * TICK_S
+        go_on_slow(drawn, slow, index + 1)
+        put(flying, index, motors(vehicle, axes))
         force, flow = water(vehicle, drawn.sea, slow, t_s, state)
-        for step in range(STEPS * tick, STEPS * (tick + 1)):
+        for step in range(STEPS * index, STEPS * (index + 1)):
             since = step - vehicle.to_motor_steps
             if since >= 0 and since % STEPS == 0:
                 static = taken(flying, since // STEPS)
@@ -102,29 +110,33 @@ def dive(
             state, _ = plant.step(vehicle.body, state, tau, force, flow, STEP_S)
             remember(past, step + 1, state)
 
-        readings = read(vehicle, past, STEPS * (tick + 1), slow, drawn.normals, tick + 1)
-        z, psi = targets[tick, 0:3], targets[tick, 3:6]
-        memory, axes = step_companion(
-            companion,
-            at,
-            vehicle.voltage_v,
-            memory,
-            readings,
-            (z[0], z[1], z[2]),
-            (psi[0], psi[1], psi[2]),
-            commands,
-            tick,
+        readings = read(vehicle, past, STEPS * (index + 1), slow, drawn.normals, index + 1)
+        row = targets[index]
+        depth = first.depth if math.isnan(row[0]) else row[0]
+        heading = first.heading if math.isnan(row[3]) else row[3]
+        script = Script(
+            Target((0.0, 0.0, depth, heading), (0.0, 0.0, row[1], row[4]), (0.0, 0.0, row[2], row[5])),
+            (False, False, True, True),
+            index == 0,
+            companion.reach,
+            companion.slew,
+            last,
         )
+        hidden_s = memory.observed.hidden.hidden_s
+        known = inputs(at, readings, vehicle.voltage_v, lead_s, sensor_delay_s, hidden_s, index)
+        memory, _ = tick(parameters, memory, known, outside(script), TICK_S)
+        last = bounded(memory.actuated.wanted, last, companion.reach, companion.slew)
+        axes = memory.actuated.command
 
-        depth_error, pushed = state[2] - z[0], memory.pushed[Z]
+        depth_error, pushed = state[2] - row[0], memory.actuated.delivered[Z]
         if not abs(depth_error) < LOST_M:
             lost_s = t_s
             break
-        if tick < len(trace):
-            trace[tick, 0], trace[tick, 1] = depth_error, pushed
-        if tick >= since_tick:
+        if index < len(trace):
+            trace[index, 0], trace[index, 1] = depth_error, pushed
+        if index >= since_tick:
             _, _, yaw = plant.euler(state)
-            heading_error = wrap(yaw - psi[0])
+            heading_error = wrap(yaw - row[3])
             depth_sum += depth_error * depth_error
             heading_sum += heading_error * heading_error
             thrust_sum += pushed * pushed
@@ -134,7 +146,7 @@ def dive(
             count += 1
             peak = max(peak, abs(depth_error))
             upright = min(upright, plant.down_axis(state)[2])
-            if tick >= tail_tick:
+            if index >= tail_tick:
                 tail_sum += depth_error * depth_error
                 tail_count += 1
     n = max(count, 1)
@@ -146,7 +158,7 @@ def dive(
         math.sqrt(change_sum / max(n - 1, 1)),
         1e3 * math.sqrt(tail_sum / max(tail_count, 1)),
         math.degrees(math.acos(clamped(upright, -1.0, 1.0))),
-        memory.hidden.hidden_s,
+        memory.observed.hidden.hidden_s,
         lost_s,
     )
 

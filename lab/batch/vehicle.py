@@ -157,6 +157,7 @@ class Readings(NamedTuple):
     heading: float
     p: float
     q: float
+    r: float
     heading_rate: float
 
 
@@ -353,5 +354,6 @@ def read(vehicle: Vehicle, past: Rows, steps: int, slow: Rows, normals: Rows, ti
         yaw + slow[0, 3] + white[2] * normals[tick, 11],
         p,
         q,
+        r,
         rate + white[3] * normals[tick, 12],
     )

@@ -21,7 +21,6 @@ from typing import NamedTuple
 
 from companion.control.bounds import limited
 from companion.control.law import Motion, Terms, rov_law
-from companion.control.schedule import LEARNING_POWER
 
 PREDICTOR_PER_S = 1.0
 
@@ -67,7 +66,7 @@ def step(parameters: Parameters, state: State, motion: Motion, dt_s: float) -> t
     sigma = m * PREDICTOR_PER_S * ahead * keep / (1.0 - keep) if dt_s > 0.0 else 0.0
     d_hat = state.d_hat
     if motion.free:
-        let_in = 1.0 - math.exp(-parameters.omega * motion.share**LEARNING_POWER * dt_s)
+        let_in = 1.0 - math.exp(-parameters.omega * motion.share * motion.share * dt_s)
         d_hat = limited(d_hat + let_in * (sigma - d_hat), parameters.max_disturbance)
     terms = rov_law(
         motion.k_plus_h,

@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 from companion.control.bounds import limited
 from companion.control.law import Motion, Terms
-from companion.control.schedule import KAPPA_POWER, LAMBDA_POWER, LEARNING_POWER
+from companion.control.schedule import KAPPA_POWER, LAMBDA_POWER
 
 
 class Parameters(NamedTuple):
@@ -45,7 +45,7 @@ def step(parameters: Parameters, state: State, motion: Motion, dt_s: float) -> t
     lacking = -(motion.e_dot + parameters.k_p * share**LAMBDA_POWER * motion.e)
     force = state.force
     if motion.free:
-        grown = force + dt_s * parameters.k_i * share**LEARNING_POWER * m * lacking
+        grown = force + dt_s * parameters.k_i * share * share * m * lacking
         force = limited(grown, parameters.max_disturbance)
     feedback = m * parameters.k_v * share**KAPPA_POWER * lacking
     return State(force), Terms(m * motion.x_d_ddot, feedback, force)

@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 from companion.control.bounds import limited
 from companion.control.law import Motion, Terms
-from companion.control.schedule import KAPPA_POWER, LEARNING_POWER
+from companion.control.schedule import KAPPA_POWER
 
 ROUNDING_M_S = 0.01
 
@@ -49,7 +49,7 @@ def step(parameters: Parameters, state: State, motion: Motion, dt_s: float) -> t
     near = abs(eps) + ROUNDING_M_S
     w = state.w
     if motion.free:
-        turned = dt_s * parameters.k_2 * share**LEARNING_POWER * m * eps / near
+        turned = dt_s * parameters.k_2 * share * share * m * eps / near
         w = limited(w - turned, parameters.max_disturbance)
     rounded = parameters.k_1 * share**KAPPA_POWER * eps / math.sqrt(near)
     pull = motion.lam * motion.e_dot + motion.kappa * eps + rounded

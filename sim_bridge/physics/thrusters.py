@@ -89,7 +89,7 @@ def static_thrust(thrusters: Thrusters, health: Eight, pwm: Eight, voltage_v: fl
 
 def scaled(thrusters: Thrusters, health: Eight, curve_n: Eight, voltage_v: float) -> Eight:
     """Steady thrust (N) of thrusters whose curve gives `curve_n` (N)."""
-    scale = (voltage_v / CURVE_VOLTAGE_V) ** 2
+    scale = (voltage_v / CURVE_VOLTAGE_V) * (voltage_v / CURVE_VOLTAGE_V)
     a, b, c, d, e, f, g, h = thrusters.gain
     return (
         curve_n[0] * a * health[0] * scale,

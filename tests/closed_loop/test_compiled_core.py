@@ -1,0 +1,127 @@
+"""The live engine's core and the lab's, which is compiled, give the same numbers, to the last bit."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+from virtual import Dive, Somebody, hold
+
+from companion import engine
+from companion.control.reference import Reference
+from companion.core.tick import (
+    Known,
+    Memory,
+    Outputs,
+    Outside,
+    Parameters,
+    Permission,
+    Sent,
+    Wanted,
+    start,
+    tick,
+)
+from companion.estimation.observers import Inputs
+from companion.records import PSI, Array, Axes, X, Z
+from lab.batch.compiled import cached, slotted
+from lab.batch.settings import numbers_of
+
+pytestmark = [
+    pytest.mark.timeout(400),  # it compiles the core
+    pytest.mark.filterwarnings("ignore::numba.core.errors.NumbaPendingDeprecationWarning"),
+]
+
+
+class Given(NamedTuple):
+    """What one tick was given."""
+
+    inputs: Inputs
+    permission: Permission
+    wanted: Wanted
+    sent: Sent
+    dt_s: float
+
+
+def permit(given: Given, inputs: Inputs, known: Known) -> Permission:
+    return given.permission
+
+
+def guide(given: Given, inputs: Inputs, known: Known, reference: Reference) -> Wanted:
+    return given.wanted
+
+
+def send(given: Given, inputs: Inputs, wanted: Axes) -> Sent:
+    return given.sent
+
+
+def built(numbers: Any) -> Parameters:
+    """A slot."""
+    raise NotImplementedError
+
+
+def dived(numbers: Any, ticks: list[Given], found: Array) -> None:
+    parameters = built(numbers)
+    memory = start(parameters)
+    for i in range(len(ticks)):
+        given = ticks[i]
+        outside = Outside(permit, guide, send, given)
+        memory, outputs = tick(parameters, memory, given.inputs, outside, given.dt_s)
+        put(found[i], memory, outputs)
+
+
+def put(row: Array, memory: Memory, outputs: Outputs) -> None:
+    motion, model, wanted = outputs.known.motion, outputs.known.model, memory.actuated.wanted
+    for axis in range(6):
+        row[axis] = wanted[axis]
+    for dof in range(4):
+        row[6 + dof] = motion.eta_ahead[dof]
+        row[10 + dof] = motion.eta_dot_ahead[dof]
+        row[14 + dof] = motion.disturbance[dof]
+        row[18 + dof] = model.dof_gain[dof]
+        row[22 + dof] = memory.actuated.delivered[dof]
+    row[26] = memory.observed.hidden.hidden_s
+    row[27] = memory.watch.dead
+    row[28] = memory.controlled.axes[Z].reference.x_d
+    row[29] = memory.controlled.axes[X].reference.x_d
+    row[30] = memory.controlled.axes[PSI].reference.x_d
+
+
+def test_a_live_dive_is_the_compiled_one(monkeypatch):
+    """With DVL, levelling, waves, a current, a motor that dies and one that comes back."""
+    ticks, found = [], []
+
+    def noted(parameters, memory, inputs, outside, dt_s):
+        seen = []
+
+        def spied(function):
+            def call(*arguments):
+                seen.append(function(*arguments))
+                return seen[-1]
+
+            return call
+
+        spy = Outside(spied(outside.permit), spied(outside.guide), spied(outside.send), outside.state)
+        memory, outputs = tick(parameters, memory, inputs, spy, dt_s)
+        permission, wanted, sent = seen
+        sent = Sent(tuple(sent.applied), sent.held)  # a named tuple of its own in the engine
+        ticks.append(Given(inputs, permission, wanted, sent, dt_s))
+        row = np.zeros(31)
+        put(row, memory, outputs)
+        found.append(row)
+        return memory, outputs
+
+    monkeypatch.setattr(engine, "tick", noted)
+    plant = ("sensors.dvl=true", "current.enabled=true", "current.speed_m_s=0.35", "waves.enabled=true")
+    dive = Dive("initial.eta=[0,0,2.5,0,0,0]", *plant, setpoint=hold(z=2.5, x=0.0, y=0.0), arm=True)
+    dive.tap.to_vehicle.append(Somebody().origin())
+    dive.run(9.0)
+    dive.fault("thruster", 8.0, thruster=6, value=0.0)
+    dive.run(12.0)
+
+    numbers, made = numbers_of(dive.engine.parameters)
+    again = np.zeros((len(ticks), 31))
+    cached(slotted(dived, built=made))(numbers, ticks, again)
+    live = np.array(found)
+    different = np.flatnonzero((live != again).any(axis=1))
+    assert not len(different), (different[0], live[different[0]], again[different[0]])
+    assert live[:, 27].max() == 6.0, "the dead motor was not found"
+    assert abs(live[:, :6]).max(axis=0).min() > 0.01, "an axis was not used"
