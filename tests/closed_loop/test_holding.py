@@ -7,7 +7,7 @@ they fall to a wrong sign, a forgotten delay or a lost compensator and not to an
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -39,7 +39,7 @@ class Case:
     file: Path = HEAVY
     link: LinkDelay = LinkDelay()  # noqa: RUF009 - frozen
     settled_s: float = 16.0
-    duration_s: float = 34.0
+    duration_s: float = 28.0
     depth_rms_mm: float = 6.0
     depth_peak_mm: float = 20.0
     heading_rms_deg: float = 0.7
@@ -66,6 +66,7 @@ CASES = {
     "half a knot of current": Case(vehicle=("current.speed_m_s=0.25",)),
     "load hung on": Case(
         vehicle=("load.enabled=true", "load.on_s=14.0", "load.off_s=26.0"),
+        duration_s=34.0,
         depth_rms_mm=10.0,
         depth_peak_mm=50.0,
     ),
@@ -146,7 +147,7 @@ def test_holds(name: str) -> None:
 @pytest.fixture(scope="module")
 def ensemble() -> Callable[[int], Dive]:
     config, plant = load_config(), load_plant(HEAVY)
-    return lambda i: dive(four(7)[i], config, plant, LinkDelay())
+    return lambda i: dive(replace(four(7)[i], duration_s=SETTLE_S + 24.0), config, plant, LinkDelay())
 
 
 @pytest.mark.parametrize(("i", "rms_mm"), [(0, 6.5), (1, 6.5), (2, 6.5), (3, 6.0)])
@@ -203,11 +204,10 @@ def test_delay_that_cannot_be_measured_is_found_in_the_innovations() -> None:
     assert thrust_rms(blind) < 1.6 * thrust_rms(fly(known))
 
 
-@pytest.mark.parametrize("seed", [1, 2])
-def test_eighty_milliseconds_more_in_mid_dive_are_no_limit_cycle(seed: int) -> None:
+def test_eighty_milliseconds_more_in_mid_dive_are_no_limit_cycle() -> None:
     """40 ms more each way from 20 s on, in waves: mostly known within 3 s, and held as well as ever after."""
     case = Case(vehicle=("waves.enabled=true",), link=LinkDelay(change_s=(20.0, 0.04)), duration_s=45.0)
-    steps = fly(case, seed)
+    steps = fly(case)
     thrust = np.array([step.sample.delivered.tau[Z] for step in steps if step.t_s >= 20.0])
     delay_s = {at_s: steps[round(50 * at_s)].sample.state.delays.total_s for at_s in (19.9, 23.0, 40.0)}
     assert delay_s[23.0] > delay_s[19.9] + 0.05
