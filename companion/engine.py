@@ -1,18 +1,16 @@
 """One tick on one screen: estimate, permit, guide, law, thrust, guard, send. No clock, socket or thread."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 from msgspec.structs import replace
 
 from companion import assembly
 from companion.config import Config
-from companion.control import controller
 from companion.control.actuation import FULL, NONE
 from companion.control.allocation import can_lose
 from companion.control.axis import AxisSample
 from companion.control.controller import Target
-from companion.control.frames import shifted
 from companion.control.reference import Reference
 from companion.core.tick import (
     Known,
@@ -59,6 +57,7 @@ from companion.records import (
     VehicleState,
     Verdict,
     Wrench,
+    X,
 )
 from companion.steps import Steps
 from companion.supervision.guard import guard
@@ -100,7 +99,8 @@ class Engine:
         self._outside = Outside(Engine._permit, Engine._guide, Engine._send, self)
         self._envelope = assembly.envelope(config)
         self._sent = NEUTRAL
-        self._state: VehicleState | None = None
+        self._state: VehicleState
+        """What the last tick believed of the vehicle, in the frame inside; there is none before the first."""
         self._demand = NO_DEMAND
         self._out: list[bytes] = []
         self.outputs: Outputs | None = None
@@ -144,11 +144,12 @@ class Engine:
         if not outputs.finite:
             self._forget_motion()
 
-        state, dofs, actuated = self.state, self._dofs, self.memory.actuated
+        state, dofs, actuated, frame = self._state, self._dofs, self.memory.actuated, self._estimator.frame
+        eta_d = frame.now.outside(self._guidance.reference_now(dofs.x_d, state))
         return self._out, ControlSample(
-            state=state,
-            eta_d=self._guidance.reference_now(dofs.x_d, state),
-            dofs=dofs,
+            state=frame.reported_state(state),
+            eta_d=eta_d,
+            dofs=frame.reported_dofs(dofs),
             command=self._sent,
             requested=Wrench(outputs.requested),
             delivered=Wrench(actuated.delivered),
@@ -198,14 +199,13 @@ class Engine:
 
     @property
     def state(self) -> VehicleState:
-        """What the last tick believed of the vehicle; there is none before the first."""
-        assert self._state is not None
-        return self._state
+        """What the last tick believed of the vehicle."""
+        return self._estimator.frame.reported_state(self._state)
 
     @property
     def target(self) -> Vector:
         """Where it is held, or is while it is not: x, y, z, psi."""
-        return self._guidance.target.eta_d
+        return self._estimator.frame.now.outside(self._guidance.target.eta_d)
 
     def aim(self, setpoint: Setpoint) -> None:
         """Take a new setpoint (`Guidance.aim`)."""
@@ -217,8 +217,8 @@ class Engine:
         return self._guidance.asked
 
     @property
-    def path(self) -> tuple[Path, Vector] | None:
-        """The path that is followed, and what its places are moved by."""
+    def path(self) -> tuple[Path, Callable[[Vector], Vector]] | None:
+        """The path that is followed, and what gives its places in the EKF's frame."""
         return self._guidance.path
 
     def guide(self, order: Order) -> None:
@@ -264,16 +264,14 @@ class Engine:
     def _take(
         self, now_s: float, events: Sequence[Event], requests: Sequence[Request]
     ) -> tuple[Memory, Inputs]:
-        """Take in what arrived; hold on to the same place where the vehicle's frame was reset."""
-        memory, estimator = self.memory, self._estimator
-        observed, inputs = estimator.take(now_s, events, memory.observed, self._learns())
+        """Take in what arrived."""
+        held = self._guidance.engaged[X]
+        observed, inputs = self._estimator.take(
+            now_s, events, self.memory.observed, self._learns(), held=held
+        )
         if Request.RESET_MODEL in requests:
             observed = observers.forgotten(self.parameters.observers, observed)
-        controlled, shift = memory.controlled, estimator.frame_shift
-        if shift is not None and self._state is not None:
-            eta = shifted(shift, self._state.eta_ahead)
-            controlled = controller.shifted(controlled, shift, eta)
-        return memory._replace(observed=observed, controlled=controlled), inputs
+        return self.memory._replace(observed=observed), inputs
 
     def _learns(self) -> Flags:
         """Tell by axis whether what moves the vehicle was our command alone."""
@@ -286,8 +284,6 @@ class Engine:
         guidance, now, held = self._guidance, self._now, self.verdict.authority > 0.0
         state = self._estimator.state(inputs, known.motion, known.model, known.dead_motor)
         self._state, self._delay_s = state, state.delays.total_s
-        if state.frame_shift is not None:
-            guidance.shift(state.frame_shift, state)
         self._demand = demand = guidance.pilot_demand(state, now.dt_s, now.reports)
         requests = self._supervision.with_buttons(
             now.requests, state.t_s, engage=demand.engage, release=demand.release
@@ -310,7 +306,8 @@ class Engine:
         )
         verdict = self._supervision.step(observed)
         engage = Request.ENGAGE in requests
-        regained = guidance.update(self._supervision.previous, verdict, state, engage=engage)
+        frame = self._estimator.frame
+        regained = guidance.update(self._supervision.previous, verdict, state, frame, engage=engage)
         return Permission(
             authority=verdict.authority,
             freeze=verdict.freeze,
@@ -326,13 +323,13 @@ class Engine:
     def _guide(self, inputs: Inputs, known: Known, reference: Reference) -> Wanted:
         """Return where to go."""
         now, verdict, guidance = self._now, self.verdict, self._guidance
-        state, demand = self.state, self._demand
+        state, demand = self._state, self._demand
         target = guidance.step(demand, now.reports, verdict, state, reference, now.control_dt_s)
         return Wanted(Target(target.eta_d, target.eta_d_dot, target.eta_d_ddot), guidance.engaged)
 
     def _send(self, inputs: Inputs, wanted: Axes) -> Sent:
         """Guard what is wanted, make the frames of this tick, and return what the vehicle makes of them."""
-        autopilot, verdict, state = self._autopilot, self.verdict, self.state
+        autopilot, verdict, state = self._autopilot, self.verdict, self._state
         self.steering = self._supervision.steers(state)
         pilot = self._demand.sticks if self.steering else None
         sticks, held = autopilot.sticks_beside(self._guidance.engaged, pilot, state.pilot_gain)

@@ -6,7 +6,7 @@
 | eps         | ε = ė + λ e                                          | m/s; rad/s        | eq. 2            |
 | d_hat       | d̂, by observer and compensator                       | N; N·m            | eq. ann          |
 | tau         | τ = k + h + d̂ + m (ẍ_d − λ ė) − m κ ε, and the bias  | N; N·m            | eqs. lei1, lei2  |
-| bias        | what a change of law, or of frame, left in thrust    | N; N·m            |                  |
+| bias        | what a change of law left in thrust          | N; N·m            |                  |
 """
 
 import math
@@ -50,8 +50,6 @@ class AxisMemory(NamedTuple):
     """τ of the last tick, whether or not it was engaged."""
     bias: float
     """Let go over BLEND_S."""
-    turned: bool
-    """The frame has turned: d̂ goes on from `d_hat`."""
     seeds: bool
     """The compensator is another one now, and knows nothing: it takes `d_hat` over."""
 
@@ -118,7 +116,6 @@ def at_rest(axis: Axis, x: float, x_dot: float, d_observer: float) -> AxisMemory
         0.0,
         0.0,
         False,
-        False,
     )
 
 
@@ -166,7 +163,7 @@ def step(axis: Axis, memory: AxisMemory, aim: Aim, at: Point, dt_s: float) -> tu
     )
     law, terms = axis.law.step(axis.law.parameters, memory.law, motion, dt_s)
     unbiased = terms.feedforward + terms.feedback + terms.d_hat
-    bias = memory.d_hat - terms.d_hat if memory.turned else memory.bias * math.exp(-dt_s / BLEND_S)
+    bias = memory.bias * math.exp(-dt_s / BLEND_S)
     asked = unbiased + bias
     tau = asked if at.engaged else 0.0
 
@@ -192,7 +189,7 @@ def step(axis: Axis, memory: AxisMemory, aim: Aim, at: Point, dt_s: float) -> tu
         adapting,
     )
     remembered = AxisMemory(
-        desired, watched, law, learnt, mean_d, terms.d_hat + bias, gains.d_share, asked, bias, False, False
+        desired, watched, law, learnt, mean_d, terms.d_hat + bias, gains.d_share, asked, bias, False
     )
     return remembered, sample
 
@@ -210,7 +207,6 @@ def idle(axis: Axis, memory: AxisMemory, dt_s: float) -> tuple[AxisMemory, AxisS
         memory.d_share,
         0.0,
         0.0,
-        False,
         memory.seeds,
     )
     weight_norm = axis.compensator.weight_norm(memory.learnt)
@@ -265,7 +261,6 @@ def _with(memory: AxisMemory, desired: reference.State, seen: oscillation.State,
         memory.d_share,
         memory.asked,
         memory.bias,
-        memory.turned,
         memory.seeds,
     )
 

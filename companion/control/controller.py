@@ -2,9 +2,8 @@
 
 from typing import NamedTuple
 
-from companion.control import axis, reference
+from companion.control import axis
 from companion.control.axis import Aim, Axis, AxisMemory, AxisSample, Point
-from companion.control.frames import shifted_along, turned
 from companion.control.positioning import (
     Jacobian,
     Model,
@@ -13,7 +12,7 @@ from companion.control.positioning import (
     to_body,
 )
 from companion.control.schedule import NO_GAINS
-from companion.records import PSI, Flags, FrameShift, Vector, X, Y, Z, vector
+from companion.records import PSI, Flags, Vector, X, Y, Z
 
 Axes4 = tuple[Axis, Axis, Axis, Axis]
 Memories = tuple[AxisMemory, AxisMemory, AxisMemory, AxisMemory]
@@ -203,30 +202,6 @@ def caught_up(
         ),
         memory.engaged_s,
     )
-
-
-def shifted(memory: ControlMemory, shift: FrameShift, eta: Vector) -> ControlMemory:
-    """Go on in the frame of a reset estimate, without a step in thrust; `eta` is the vehicle's pose there.
-
-    The reference stays where it is as seen from the vehicle, with the same motion. What was learnt along
-    north and east is another direction now: the difference is let go over `axis.BLEND_S`.
-    """
-    states = [one.reference for one in memory.axes]
-    x_d, *motion = (vector(column) for column in zip(*states, strict=True))
-    columns = (shifted_along(shift, x_d, eta), *(turned(shift, each) for each in motion))
-    references = [reference.State(*values) for values in zip(*columns, strict=True)]
-    mean_d = turned(shift, vector([one.mean_d for one in memory.axes]))
-    d_hat = turned(shift, vector([one.d_hat for one in memory.axes]))
-    x, y, z, psi = (
-        one._replace(
-            reference=references[i],
-            mean_d=mean_d[i],
-            d_hat=d_hat[i],
-            turned=one.turned or (bool(shift.turn_rad) and i != PSI),
-        )
-        for i, one in enumerate(memory.axes)
-    )
-    return ControlMemory((x, y, z, psi), memory.engaged_s)
 
 
 def without(memory: ControlMemory, tau_ned: Vector) -> ControlMemory:

@@ -2,8 +2,7 @@
 
 from typing import NamedTuple
 
-from companion.control.frames import turned
-from companion.records import ZERO, FrameShift, Vector
+from companion.records import ZERO, Vector
 
 COMMANDS = 128
 """Kept: 2.5 s of them at 50 Hz."""
@@ -63,11 +62,6 @@ def without(commands: list[SentCommand], tau: Vector) -> list[SentCommand]:
         SentCommand(one.t_s, _less(one.tau, tau, 1.0), _less(one.impulse, tau, one.t_s - now_s))
         for one in commands
     ]
-
-
-def turned_by(commands: list[SentCommand], shift: FrameShift) -> list[SentCommand]:
-    """Return the history in a frame that has turned."""
-    return [SentCommand(one.t_s, turned(shift, one.tau), turned(shift, one.impulse)) for one in commands]
 
 
 def _less(one: Vector, tau: Vector, share: float) -> Vector:

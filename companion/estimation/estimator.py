@@ -13,13 +13,10 @@ from msgspec.structs import replace
 
 from companion.config import Config, SupervisorLimits
 from companion.control.allocation import T200_VOLTAGE_V, Thrusters, axes_from_motors
-from companion.control.frames import joined
-from companion.control.positioning import (
-    Model,
-    jacobian,
-)
+from companion.control.positioning import Model, jacobian
 from companion.estimation import observer, observers
 from companion.estimation.delay import DelayMeter
+from companion.estimation.frame import Frame
 from companion.estimation.ground import GroundFinder
 from companion.estimation.observers import NOTHING, Inputs, Motion, ObserversMemory
 from companion.estimation.position_doubt import PositionDoubtModel
@@ -81,6 +78,9 @@ class Estimator:
         self._tick_s = 1.0 / config.loop.rate_hz
         self._depth_later_s = LATER_S.get(config.vehicle.depth_source, 0.0)
         self._hidden_s = 0.0
+        self.frame = Frame()
+        """Where the EKF's frame lies, as seen from the one in which `state` and the observers' memory are."""
+        self._held = False
         self.limit(config.supervisor)
         self.retune(config, model)
         self._heartbeat = Heartbeat(-math.inf, armed=False, mode=-1, system_status=0)
@@ -137,15 +137,22 @@ class Estimator:
         self._frame_shift: FrameShift | None = None
 
     def take(
-        self, now_s: float, events: Sequence[Event], memory: ObserversMemory, learns: Flags = NONE
+        self,
+        now_s: float,
+        events: Sequence[Event],
+        memory: ObserversMemory,
+        learns: Flags = NONE,
+        *,
+        held: bool = False,
     ) -> tuple[ObserversMemory, Inputs]:
         """Take in what came since the last tick; return what the observers take.
 
-        Their memory is moved where the autopilot's frame was reset, and forgotten where the autopilot booted.
-        `learns` tells by axis whether our commands alone moved the vehicle.
+        Their memory is forgotten where the autopilot booted. `learns` tells by axis whether our commands
+        alone moved the vehicle, `held` whether a place is held.
         """
         if not all(map(observers.is_believable, memory.states)):
             self.restart()
+        self._held, self.frame = held, self.frame.followed(self._tick_s, held=held)
         expected_depth_m, _ = observer.expected(memory.states[Z])
         hidden_s = memory.hidden.hidden_s
         self._depth_refused = False
@@ -172,8 +179,6 @@ class Estimator:
         if self._restarted:
             memory = observers.restarted(memory.hidden, memory.learner)
             self._restarted = False
-        if (shift := self.frame_shift) is not None:
-            memory = observers.shifted(memory, shift)
         inputs = Inputs(
             now_s,
             (x, y, z, psi),
@@ -190,11 +195,6 @@ class Estimator:
         )
         return memory, inputs
 
-    @property
-    def frame_shift(self) -> FrameShift | None:
-        """What the autopilot's estimate was reset by since the last tick."""
-        return self._frame_shift
-
     def state(self, inputs: Inputs, motion: Motion, model: VehicleModel, dead_motor: int = 0) -> VehicleState:
         """Say where the vehicle is, where a command finds it, and what else is known of it."""
         now_s, stale, learns, delays = inputs.now_s, inputs.stale, inputs.learns, self._loop_delays
@@ -205,8 +205,10 @@ class Estimator:
             now_s, self._ranges, eta[Z], math.nan if stale[PSI] or stale[Z] else tilt_cos
         )
         self._ranges.clear()
+        shift = self._frame_shift
+        jump_m = 0.0 if shift is None else math.hypot(shift.north_m, shift.east_m)
         doubt = self._position_doubt.step(
-            (eta[X], eta[Y]), self._frame_shift, stale=stale[X], aided=self._aided, dt_s=self._tick_s
+            (eta[X], eta[Y]), jump_m, stale=stale[X], aided=self._aided, dt_s=self._tick_s
         )
         seen = learns[X] and learns[Y] and not (stale[X] or stale[Y] or stale[PSI])
         J = jacobian(eta[PSI])
@@ -243,7 +245,7 @@ class Estimator:
             innovation=vector(map(add, motion.innovation, self._reset_by)),
             depth_refused=self._depth_refused,
             clock_doubt_s=self._meter.clock.doubt_s(now_s),
-            frame_shift=self._frame_shift,
+            frame_shift=shift,
             stale=stale,
             dead_motor=dead_motor,
             model=model,
@@ -290,12 +292,12 @@ class Estimator:
     def _rate(self, dof: int, value: float, at_s: float) -> None:
         self._measured[dof] = self._measured[dof]._replace(rate=value, rate_s=at_s)
 
-    def _shift(self, shift: FrameShift) -> None:
-        """Go on in the frame of a reset estimate; samples of this tick from before it are left out."""
+    def _note_reset(self, turn_rad: float, north_m: float, east_m: float) -> None:
+        """Report a reset of the EKF; samples of this tick from before it are left out."""
         for dof in (X, Y, PSI):
             self._measured[dof] = NOTHING
-        self._water.turn(shift.turn_rad)
-        self._frame_shift = joined(self._frame_shift, shift)
+        told = self._frame_shift or FrameShift(0.0, 0.0, 0.0)
+        self._frame_shift = FrameShift(told.turn_rad + turn_rad, told.north_m + north_m, told.east_m + east_m)
 
     def _on_attitude(self, event: Attitude) -> None:
         self._attitude = event
@@ -305,8 +307,11 @@ class Estimator:
         if turn_rad:
             self._yaw_reset_t_s = event.t_s
             self._reset_by[PSI] = min(self._reset_by[PSI] + abs(turn_rad), MAX_RESET_INNOVATION)
-            self._shift(FrameShift(turn_rad, 0.0, 0.0))
-        self._position(PSI, event.yaw, event.t_s, at_s)
+            self._note_reset(turn_rad, 0.0, 0.0)
+            north_m = self._x_resets.extrapolated(event.boot_s)
+            east_m = self._y_resets.extrapolated(event.boot_s)
+            self.frame = self.frame.turned(turn_rad, north_m, east_m)
+        self._position(PSI, self.frame.settled.heading_inside(event.yaw), event.t_s, at_s)
         self._rate(PSI, heading_rate, at_s)
 
     def _on_depth(self, event: Depth) -> None:
@@ -333,11 +338,14 @@ class Estimator:
                 self._position_reset_t_s = event.t_s
             self._reset_by[X] = min(self._reset_by[X] + abs(north_m), MAX_RESET_INNOVATION)
             self._reset_by[Y] = min(self._reset_by[Y] + abs(east_m), MAX_RESET_INNOVATION)
-            self._shift(FrameShift(0.0, north_m, east_m))
-        self._position(X, event.x_m, event.t_s, at_s)
-        self._position(Y, event.y_m, event.t_s, at_s)
-        self._rate(X, event.vx_mps, at_s)
-        self._rate(Y, event.vy_mps, at_s)
+            self._note_reset(0.0, north_m, east_m)
+            self.frame = self.frame.jumped(north_m, east_m, event.t_s, held=self._held)
+        x, y, _, _ = self.frame.now.inside((event.x_m, event.y_m, 0.0, 0.0))
+        u, v, _, _ = self.frame.settled.inward((event.vx_mps, event.vy_mps, 0.0, 0.0))
+        self._position(X, x, event.t_s, at_s)
+        self._position(Y, y, event.t_s, at_s)
+        self._rate(X, u, at_s)
+        self._rate(Y, v, at_s)
 
     def _on_range(self, event: Range) -> None:
         self._ranges.append(event)

@@ -8,8 +8,6 @@ import math
 from typing import NamedTuple
 
 from companion.control.bounds import clamped, wrap
-from companion.control.frames import shifted as shifted_pose
-from companion.control.frames import turned
 from companion.control.oscillation import mean_disturbance, scaled_disturbance
 from companion.control.positioning import (
     Model,
@@ -26,7 +24,7 @@ from companion.estimation.model_learner import LearnerMemory, Seen
 from companion.estimation.observer import ObserverParameters, ObserverState
 from companion.estimation.resets import MAX_GAP_S
 from companion.estimation.vehicle_model import NO_EVIDENCE, ModelState, Tables, Used
-from companion.records import PSI, ZERO, Flags, FrameShift, Vector, X, Y, Z, vector
+from companion.records import PSI, ZERO, Flags, Vector, X, Y, Z
 
 PREDICTION_STEP_S = 0.035
 SHORTEST_S = 1e-9
@@ -458,22 +456,6 @@ def without(memory: ObserversMemory, tau_ned: Vector) -> ObserversMemory:
         memory.learner,
         memory.eta,
         command_history.without(memory.commands, tau_ned),
-    )
-
-
-def shifted(memory: ObserversMemory, shift: FrameShift) -> ObserversMemory:
-    """Go on in the frame of a reset estimate."""
-    q, *others = (vector(column) for column in zip(*memory.states, strict=True))
-    columns = [shifted_pose(shift, q), *(turned(shift, column) for column in others)]
-    x, y, z, psi = (ObserverState(*row) for row in zip(*columns, strict=True))
-    return ObserversMemory(
-        (x, y, z, psi),
-        memory.observed_s,
-        turned(shift, memory.mean_d),
-        memory.hidden,
-        model_learner.begun(memory.learner, (True, True, False, True), (x.q, y.q, z.q, psi.q)),
-        shifted_pose(shift, memory.eta),
-        command_history.turned_by(memory.commands, shift),
     )
 
 

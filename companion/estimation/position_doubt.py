@@ -15,7 +15,7 @@ A jump of the EKF's position is a fix of its source, such as a USBL: D and the o
 
 import math
 
-from companion.records import FrameShift, PositionDoubt
+from companion.records import PositionDoubt
 
 SCALE = 0.01
 """Of a DVL's velocity: a Water Linked A50 is specified with 1 %."""
@@ -45,17 +45,16 @@ class PositionDoubtModel:
         self._jump_m2, self._jumps = 0.0, 0
 
     def step(
-        self, place: tuple[float, float], shift: FrameShift | None, *, stale: bool, aided: bool, dt_s: float
+        self, place: tuple[float, float], jump_m: float, *, stale: bool, aided: bool, dt_s: float
     ) -> PositionDoubt:
-        """Take a tick: the estimate, the EKF's jump, and whether there is a position and its source."""
+        """Take a tick: the estimate inside, the EKF's jump, whether there is a position, and its source."""
         if stale and self._at is None:
             return UNKNOWN
         if not aided or stale:
             self._unaided_s += dt_s
-        if shift is not None and (shift.north_m or shift.east_m):
+        if jump_m:
             self._jumps = min(self._jumps + 1, JUMPS)
-            squared = shift.north_m**2 + shift.east_m**2
-            self._jump_m2 += (squared - self._jump_m2) / self._jumps
+            self._jump_m2 += (jump_m**2 - self._jump_m2) / self._jumps
             self._way, self._unaided_s = (0.0, 0.0), 0.0
         elif self._at is not None and not stale:
             (north, east), (north_0, east_0) = place, self._at

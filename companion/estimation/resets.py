@@ -1,8 +1,8 @@
 """Resets of the autopilot's estimate: a step of yaw or position that its own rates do not explain.
 
 The EKF may find that its yaw or position was wrong and correct it at once ("in-flight yaw alignment
-complete"). The vehicle did not move then; the frame in which it is measured did. Whoever holds a value in
-that frame moves it by the same amount, as PX4 does with its reset counters and deltas.
+complete"). The vehicle did not move then; the frame in which it is measured did. Inside, nothing moves
+(`estimation.frame`).
 """
 
 import math
@@ -52,6 +52,11 @@ class ResetDetector:
         """Forget the last sample."""
         self._at_s = math.nan
         self._value = self._rate = self._unexplained = 0.0
+
+    def extrapolated(self, at_s: float) -> float:
+        """Return the signal's value at `at_s`, soon after its last sample; 0 before the first."""
+        gap_s = at_s - self._at_s
+        return self._value + self._rate * gap_s if 0.0 < gap_s <= MAX_GAP_S else self._value
 
     def step(self, at_s: float, value: float, rate: float) -> float:
         """Take the sample that was true at `at_s` (autopilot's clock); return the reset it shows, or 0."""

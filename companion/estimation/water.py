@@ -53,12 +53,6 @@ class Water:
         self._mean = _Mean()
         self._seen_s = self._unseen_s = 0.0
 
-    def turn(self, angle_rad: float) -> None:
-        """Go on in a frame that was turned clockwise."""
-        north, east, spread, doubt = self._mean
-        c, s = math.cos(angle_rad), math.sin(angle_rad)
-        self._mean = _Mean(c * north - s * east, s * north + c * east, spread, doubt)
-
     def step(
         self,
         model: Model,

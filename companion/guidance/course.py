@@ -6,13 +6,12 @@ from itertools import chain, repeat
 from typing import Self
 
 from companion.control.bounds import wrap
-from companion.control.frames import shifted
 from companion.control.reference import ACCELERATION_LAG_S, RATE_LAG_S
 from companion.control.reference import State as ReferenceState
 from companion.guidance.paths.curve import straight
 from companion.guidance.paths.shapes import Leg, Path
 from companion.guidance.paths.time_law import Limits, TimeLaw, profiled
-from companion.records import ZERO, FrameShift, Setpoint, Vector, vector
+from companion.records import ZERO, Setpoint, Vector, vector
 from companion.steps import finish
 
 FULL_PACE_M, NO_PACE_M = 0.15, 0.5
@@ -100,16 +99,6 @@ class Course:
         law = self._approach or self._law
         return law.s_dot if law is not None else 0.0
 
-    @property
-    def offset(self) -> Vector:
-        """What a pose of the path's plan is moved by."""
-        return self._offset
-
-    @property
-    def approaches(self) -> bool:
-        """Whether it is on a straight line to a place, a move's or that where a path begins."""
-        return self._approach is not None
-
     def begin(self, start: Vector) -> None:
         """Start from a pose at rest."""
         self.begun = True
@@ -133,16 +122,6 @@ class Course:
             self._at = Setpoint(start)
             self._go_to(vector([s if math.isnan(p) else p for s, p in zip(start, place, strict=True)]))
         self.paused = self.suspended = False
-
-    def shift(self, shift: FrameShift) -> None:
-        """Stay at the same physical place in the frame of a reset estimate."""
-        if not self.begun:
-            return
-        self._offset = shifted(shift, self._offset)
-        self._at = Setpoint(shifted(shift, self._at.eta_d))
-        self.place = shifted(shift, self.place)
-        if self._approach is not None:
-            self._go_to(shifted(shift, self._approach.end))
 
     def step(self, pace: float, dt_s: float) -> Setpoint:
         """Advance by `dt_s` at `pace`; return where to be."""
@@ -183,6 +162,10 @@ class Course:
         else:
             self._approach = TimeLaw(finish(profiled(line, self._speed, self._acceleration, self._limits)))
 
+    def moved(self, place: Vector) -> Vector:
+        """Return a place of the path's plan where it lies."""
+        x, y, z, psi = (a + b for a, b in zip(place, self._offset, strict=True))
+        return (x, y, z, wrap(psi))
+
     def _moved(self, setpoint: Setpoint) -> Setpoint:
-        x, y, z, psi = (a + b for a, b in zip(setpoint.eta_d, self._offset, strict=True))
-        return Setpoint((x, y, z, wrap(psi)), setpoint.eta_d_dot, setpoint.eta_d_ddot)
+        return Setpoint(self.moved(setpoint.eta_d), setpoint.eta_d_dot, setpoint.eta_d_ddot)

@@ -1,5 +1,7 @@
 """What a map shows beside the vehicle: path and fence, as the telemetry's `Plan`."""
 
+from collections.abc import Callable
+
 from companion.config import Config
 from companion.guidance.paths.shapes import Path
 from companion.records import Vector, VehicleState
@@ -11,7 +13,7 @@ POINTS = 400
 
 
 def drawing(
-    path: tuple[Path, Vector] | None, number: int, config: Config, state: VehicleState
+    path: tuple[Path, Callable[[Vector], Vector]] | None, number: int, config: Config, state: VehicleState
 ) -> Steps[Plan]:
     """Return the path that is followed, and the fence."""
     x_m: list[float] = []
@@ -19,14 +21,15 @@ def drawing(
     depth_m: list[float] = []
     name = ""
     if path is not None:
-        shape, (x_0, y_0, z_0, _) = path
+        shape, placed = path
         name = shape.plan.name
         for place in shape.polyline(shape.length_m / POINTS):
             yield 1
             if place is not None:
-                x_m.append(round(place[0] + x_0, 3))
-                y_m.append(round(place[1] + y_0, 3))
-                depth_m.append(round(place[2] + z_0, 3))
+                x, y, z, _ = placed((*place, 0.0))
+                x_m.append(round(x, 3))
+                y_m.append(round(y, 3))
+                depth_m.append(round(z, 3))
     fence = config.fence
     return Plan(
         t_s=state.t_s,

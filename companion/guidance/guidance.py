@@ -7,33 +7,35 @@
 | engaged   | degrees of freedom that the law holds (`held.py`)                                   |
 | released  | those that the pilot took back since it engaged; engaging again holds them again    |
 | course    | a path, or a move to a place, that moves the target (`course.py`)                   |
+
+Whatever moves is in the frame inside (`estimation.frame`). What an operator, a path and the fence say is in
+the EKF's: a place is taken by the offset of that moment, and then stays where it lies.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from msgspec import UnsetType
 
 from companion.config import Config
 from companion.control.bounds import clamped, wrap
 from companion.control.reference import Reference
+from companion.estimation.frame import Frame, Offset
 from companion.guidance.altitude import AltitudeHold
 from companion.guidance.course import Course, braked, pace
 from companion.guidance.fence import fence, refuse_depth
-from companion.guidance.fixes import PositionFixes
 from companion.guidance.held import HORIZONTAL, HeldDofs
 from companion.guidance.orders import Order, place
 from companion.guidance.paths.shapes import Path
 from companion.guidance.paths.time_law import limits
 from companion.guidance.pilot import NO_DEMAND, NONE, Pilot, PilotDemand
 from companion.guidance.reference_history import ReferenceHistory
-from companion.guidance.target import UNSET, Target, from_here, known
+from companion.guidance.target import UNSET, Target, from_here, known, placed
 from companion.records import (
     PSI,
     ZERO,
     Event,
     Flags,
-    FrameShift,
     Ground,
     Guided,
     PositionTarget,
@@ -68,11 +70,13 @@ class Guidance:
         self._course_number = 0
         """Which course it is: one more with each."""
         self._altitude: AltitudeHold | None = None
-        self._fixes = PositionFixes()
+        self._frame = Frame()
+        self._course_offset = Offset()
+        """Of the frame in which the course's places are: the EKF's, as it was when the course began."""
 
     @property
     def target(self) -> Setpoint:
-        """Where it is to go: x, y, z, psi, with rates and accelerations."""
+        """Where it is to go, inside: x, y, z, psi, with rates and accelerations."""
         return self._target.now
 
     @property
@@ -106,7 +110,7 @@ class Guidance:
 
         Raises ValueError for one that is infinite, deeper than `supervisor.max_depth_m`, or beyond the fence.
         """
-        self._target.ask(self._checked(setpoint))
+        self._target.ask(self._checked(setpoint), self._frame.settled)
         self._course = None
         if not math.isnan(setpoint.eta_d[Z]):
             self._altitude = None
@@ -127,7 +131,7 @@ class Guidance:
         elif order.action == "pause":
             self._course.paused = True
         else:
-            self._course.resume(self._standing(reference))
+            self._course.resume(self._course_offset.outside(self._standing(reference)))
 
     @property
     def guided(self) -> Guided:
@@ -148,10 +152,14 @@ class Guidance:
         )
 
     @property
-    def path(self) -> tuple[Path, Vector] | None:
-        """The path, and what its places are moved by; None where there is none."""
-        course = self._course
-        return None if course is None or course.path is None else (course.path, course.offset)
+    def path(self) -> tuple[Path, Callable[[Vector], Vector]] | None:
+        """The path, and what gives its places in the EKF's frame; None where there is none."""
+        course, began, now = self._course, self._course_offset, self._frame.now
+        if course is None or course.path is None:
+            return None
+        if not course.begun or began == now:
+            return course.path, course.moved
+        return course.path, lambda place: now.outside(began.inside(course.moved(place)))
 
     def refuse(self, config: Config) -> None:
         """Raise ValueError where the present setpoint is not possible with `config`."""
@@ -173,18 +181,20 @@ class Guidance:
         return self._pilot.step(state, dt_s, events, self.engaged, self.target.eta_d[Z])
 
     def update(
-        self, previous: Verdict, verdict: Verdict, state: VehicleState, *, engage: bool
+        self, previous: Verdict, verdict: Verdict, state: VehicleState, frame: Frame, *, engage: bool
     ) -> Flags | None:
-        """Take this tick's permission; `engage` tells that the operator asks for it now.
+        """Take this tick's permission and offset; `engage` tells that the operator asks for it now.
 
         Return the degrees of freedom that are held again, whose reference starts where the vehicle is; None
         where all of them rest there.
         """
         held, target = self._held, self._target
+        if frame.settled != self._frame.settled:
+            target.translate_asked(self.engaged, frame.settled)
+        self._frame = frame
         if verdict.authority == 0.0:
             self._references.clear()
             held.rest()
-            self._fixes.forget()
             target.now = Setpoint(state.eta_ahead)
             if self._altitude is not None:
                 self._altitude.rest()
@@ -195,7 +205,7 @@ class Guidance:
             return None
         if not previous.authority > 0.0:
             held.engage(self.holdable(state))
-            target.engage(state.eta)
+            target.engage(state.eta, frame.settled)
             return None
         regained = NONE
         if engage and verdict.state is State.ACTIVE:
@@ -214,7 +224,7 @@ class Guidance:
         if held.moved_meanwhile:
             target.ask_places(HORIZONTAL, UNSET)
         if held.moved_meanwhile or not held.lost:
-            target.put(HORIZONTAL, chosen(known(self.asked), self.asked, state.eta))
+            target.put(HORIZONTAL, placed(self.asked, state.eta, self._frame.settled))
         return held.take_up_position()
 
     def step(
@@ -233,28 +243,16 @@ class Guidance:
         if demand is not NO_DEMAND:
             self._apply_pilot_demand(demand, state.eta_ahead[PSI], reference, dt_s)
         if verdict.state is State.ACTIVE and verdict.authority < 1.0:
-            return self._fence.inside(self._target.start)
+            return self._fenced(self._target.start)
         if verdict.state is State.ACTIVE:
             self._take_targets(events, reference)
-            approaches = self._course is not None and self._course.approaches
-            if not approaches and (back := self._fixes.made_good(dt_s)) is not None:
-                self._move_places(back)
             self._follow_course(state, reference, dt_s)
             if self._altitude is not None and self.engaged[Z]:
                 self._keep_altitude(self._altitude, state.ground, dt_s)
-        return self._fence.inside(self.target)
-
-    def shift(self, shift: FrameShift, state: VehicleState) -> None:
-        """Hold the same physical place and direction in the frame of a reset estimate.
-
-        A jump of the position that is a fix, not a reset, is made good slowly (`PositionFixes`).
-        """
-        self._move_places(shift)
-        self._references.shift(shift, state.eta)
-        self._fixes.jumped(shift, state.t_s, held=self.engaged[X])
+        return self._fenced(self.target)
 
     def reference_now(self, ahead: Vector, state: VehicleState) -> Vector:
-        """Take the reference of `state.ahead_s` from now; return that of now, which was taken before."""
+        """Take the reference of `state.ahead_s` from now; return that of now, taken before: inside."""
         return self._references.step(ahead, state.t_s, state.ahead_s)
 
     def _apply_pilot_demand(self, demand: PilotDemand, psi: float, reference: Reference, dt_s: float) -> None:
@@ -271,9 +269,12 @@ class Guidance:
             course.suspend()
             target.now = Setpoint(self._standing(reference))
         held.release(demand.overridden)
-        target.now, moved = self._pilot.move(
-            target.now, demand, psi, held.engaged, reference.x_d, self._fence, dt_s
-        )
+        now = self._frame.now
+        here = now.setpoint_outside(target.now)
+        heading, x_d = now.heading_outside(psi), now.outside(reference.x_d)
+        there, moved = self._pilot.move(here, demand, heading, held.engaged, x_d, self._fence, dt_s)
+        if there is not here:
+            target.now = now.setpoint_inside(there)
         taken = either(moved, demand.overridden)
         if self._altitude is not None and taken[Z]:
             self._altitude.take()
@@ -285,21 +286,22 @@ class Guidance:
         A place replaces the target, no further than the fence. A velocity moves it until VELOCITY_LASTS_S
         after the message.
         """
+        settled = self._frame.settled
         for event in events:
             if not isinstance(event, PositionTarget):
                 continue
             if any(known(event.place)):
-                here = self._standing(reference)
+                here = settled.outside(self._standing(reference))
                 x, y, z, psi = from_here(here, event.place, body=event.body) if event.offset else event.place
                 place = (x, y, clamped(z, 0.0, self._config.supervisor.max_depth_m), psi)
                 self._course = None
                 if not math.isnan(z):
                     self._altitude = None
                 self._target.ask_places(known(place), place)
-                self._target.now = Setpoint(chosen(known(place), place, self.target.eta_d))
+                self._target.now = Setpoint(placed(place, self.target.eta_d, settled))
             else:
                 velocity = chosen(known(event.velocity), event.velocity, ZERO)
-                self._pilot.ask(event.t_s + VELOCITY_LASTS_S, velocity, body=event.body)
+                self._ask_velocity(event.t_s + VELOCITY_LASTS_S, velocity, body=event.body)
 
     def _keep_altitude(self, altitude: AltitudeHold, ground: Ground, dt_s: float) -> None:
         """Move the target's depth with the ground."""
@@ -323,7 +325,8 @@ class Guidance:
         if not course.begun:
             if rests:
                 return
-            start = self._standing(reference)
+            self._course_offset = self._frame.settled
+            start = self._course_offset.outside(self._standing(reference))
             if course.path is not None and (refused := self._fence.left_by(course.path, start)):
                 course.refused, course.done = refused, True
                 return
@@ -332,7 +335,8 @@ class Guidance:
         behind_m = math.dist(state.eta_ahead[first:PSI], self.target.eta_d[first:PSI])
         if self._altitude is not None:
             behind_m = max(behind_m, self._altitude.lacks_m(state.ground))
-        self._target.now = course.step(0.0 if rests else pace(reference.pace, behind_m), dt_s)
+        at = course.step(0.0 if rests else pace(reference.pace, behind_m), dt_s)
+        self._target.now = self._course_offset.setpoint_inside(at)
 
     def _follow(self, path: Path, reference: Reference) -> None:
         """Follow a path, from where it is, as soon as it may.
@@ -343,7 +347,8 @@ class Guidance:
         plan = path.plan
         self._permit_altitude(plan.altitude_m)
         certain = any(self.engaged) or not any(path.relative[:PSI])
-        if certain and (refused := self._fence.left_by(path, self._standing(reference))):
+        start = self._frame.settled.outside(self._standing(reference))
+        if certain and (refused := self._fence.left_by(path, start)):
             raise ValueError(refused)
         self._altitude = None if isinstance(plan.altitude_m, UnsetType) else AltitudeHold(plan.altitude_m)
         self._set_course(Course(self._limits, plan.speed_mps, plan.acceleration_mps2, path=path), UNSET)
@@ -366,7 +371,8 @@ class Guidance:
                 "and heading, or connect a DVL, a USBL or vision that the autopilot uses (docs/guidance.md)"
             )
         if order.frame != "local":
-            goal = from_here(self._standing(reference), goal, body=order.frame == "body")
+            here = self._frame.settled.outside(self._standing(reference))
+            goal = from_here(here, goal, body=order.frame == "body")
         self._checked(Setpoint(goal))
         if goal[Z] < 0.0:
             raise ValueError(f"depth_m: {goal[Z]:.2f} m is above the surface; must be 0 or more")
@@ -384,7 +390,11 @@ class Guidance:
             raise ValueError("velocity: nothing is held; engage first")
         rate = math.radians(order.heading_rate_degps)
         velocity = (order.forward_mps, order.right_mps, order.down_mps, rate)
-        self._pilot.ask(now_s + order.lasts_s, velocity, body=order.frame == "body")
+        self._ask_velocity(now_s + order.lasts_s, velocity, body=order.frame == "body")
+
+    def _ask_velocity(self, until_s: float, velocity: Vector, *, body: bool) -> None:
+        inside = velocity if body else self._frame.settled.inward(velocity)
+        self._pilot.ask(until_s, inside, body=body)
 
     def _set_course(self, course: Course, asked: Vector) -> None:
         """Follow a course; `asked` is what is left of the setpoint."""
@@ -393,11 +403,12 @@ class Guidance:
         self._target.asked = Setpoint(asked)
         self._target.now = Setpoint(self.target.eta_d)
 
-    def _move_places(self, shift: FrameShift) -> None:
-        """Shift what is wanted: target and course."""
-        self._target.shift(shift, self.engaged)
-        if self._course is not None:
-            self._course.shift(shift)
+    def _fenced(self, target: Setpoint) -> Setpoint:
+        """Return the target inside, held at the fence, which is where the EKF's frame is now."""
+        now = self._frame.now
+        outside = now.setpoint_outside(target)
+        kept = self._fence.inside(outside)
+        return target if kept is outside else now.setpoint_inside(kept)
 
     @property
     def _altitude_m(self) -> float:
@@ -412,7 +423,7 @@ class Guidance:
             )
 
     def _standing(self, reference: Reference) -> Vector:
-        """Return where the reference comes to rest."""
+        """Return where the reference comes to rest, inside."""
         x, y, z, psi = braked(reference.states, self._pilot.max_acceleration)
         return (x, y, z, wrap(psi))
 

@@ -3,8 +3,7 @@
 from collections import deque
 
 from companion.control.bounds import clamped, wrap
-from companion.control.frames import shifted_along
-from companion.records import FrameShift, Vector
+from companion.records import Vector
 
 
 class ReferenceHistory:
@@ -16,10 +15,6 @@ class ReferenceHistory:
     def clear(self) -> None:
         """Begin afresh."""
         self._references.clear()
-
-    def shift(self, shift: FrameShift, eta: Vector) -> None:
-        """Move them with the frame of a reset estimate; `eta` is where the vehicle is."""
-        self._references = deque((t_s, shifted_along(shift, eta_d, eta)) for t_s, eta_d in self._references)
 
     def step(self, ahead: Vector, t_s: float, ahead_s: float) -> Vector:
         """Take the reference of `ahead_s` from now; return that of now, which was taken before."""

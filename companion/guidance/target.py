@@ -1,10 +1,10 @@
 """What was asked for, and where each degree of freedom is to go: places x, y, z, psi, with rates.
 
-| word   | meaning                                                                               |
-|--------|---------------------------------------------------------------------------------------|
-| asked  | the operator's setpoint; NaN: where the vehicle is when it is engaged                   |
-| now    | where each degree of freedom is to go now: what was asked, as sticks and course moved it |
-| start  | where it stays until it may push with all authority                                   |
+| word   | meaning                                                                               | frame  |
+|--------|---------------------------------------------------------------------------------------|--------|
+| asked  | the operator's setpoint; NaN: where the vehicle is when it is engaged                   | EKF's  |
+| now    | where each degree of freedom is to go now: what was asked, as sticks and course moved it | inside |
+| start  | where it stays until it may push with all authority                                   | inside |
 """
 
 import math
@@ -12,9 +12,9 @@ import math
 from msgspec.structs import replace
 
 from companion.control.bounds import wrap
-from companion.control.frames import shifted
 from companion.control.positioning import jacobian, to_inertial
-from companion.records import PSI, ZERO, Flags, FrameShift, Setpoint, Vector, X, Y, Z, chosen
+from companion.estimation.frame import Offset
+from companion.records import PSI, ZERO, Flags, Setpoint, Vector, X, Y, Z, chosen
 
 UNSET: Vector = (math.nan, math.nan, math.nan, math.nan)
 
@@ -25,10 +25,10 @@ class Target:
     def __init__(self, setpoint: Setpoint) -> None:
         self.asked = self.now = self.start = setpoint
 
-    def ask(self, setpoint: Setpoint) -> None:
+    def ask(self, setpoint: Setpoint, offset: Offset) -> None:
         """Take a setpoint; where it says nothing, the target stays."""
         self.asked = setpoint
-        self.now = _filled(setpoint, self.now.eta_d)
+        self.now = _filled(setpoint, self.now.eta_d, offset)
 
     def ask_places(self, where: Flags, eta: Vector) -> None:
         """Replace the setpoint's places there; NaN asks for nothing."""
@@ -42,19 +42,17 @@ class Target:
         """Stay at a place; ask for nothing."""
         self.asked, self.now = Setpoint(UNSET), Setpoint(eta)
 
-    def engage(self, eta: Vector) -> None:
+    def engage(self, eta: Vector, offset: Offset) -> None:
         """Begin where the vehicle is."""
         self.start = Setpoint(eta)
-        self.now = _filled(self.asked, eta)
+        self.now = _filled(self.asked, eta, offset)
 
-    def shift(self, shift: FrameShift, engaged: Flags) -> None:
-        """Shift all of it with the frame; what was asked for only where it is held."""
-        self.now = replace(self.now, eta_d=shifted(shift, self.now.eta_d))
-        self.start = replace(self.start, eta_d=shifted(shift, self.start.eta_d))
+    def translate_asked(self, engaged: Flags, offset: Offset) -> None:
+        """Say in the EKF's new frame where that lies which was asked for and is held."""
         held = [
             is_engaged and asked for is_engaged, asked in zip(engaged, known(self.asked.eta_d), strict=True)
         ]
-        self.ask_places((held[X], held[Y], held[Z], held[PSI]), self.now.eta_d)
+        self.ask_places((held[X], held[Y], held[Z], held[PSI]), offset.outside(self.now.eta_d))
 
     def move_depth(self, depth_m: float, rate_mps: float, acceleration_mps2: float) -> None:
         """Replace the target's depth and its motion."""
@@ -84,6 +82,13 @@ def from_here(here: Vector, step: Vector, *, body: bool) -> Vector:
     return chosen(wanted, (x, y, z, wrap(psi)), UNSET)
 
 
-def _filled(setpoint: Setpoint, eta: Vector) -> Setpoint:
-    """Return the setpoint with NaN places replaced by `eta`."""
-    return replace(setpoint, eta_d=chosen(known(setpoint.eta_d), setpoint.eta_d, eta))
+def placed(eta: Vector, rest: Vector, offset: Offset) -> Vector:
+    """Return a place inside; where it is NaN, it is that of `rest`, which is inside."""
+    return offset.inside(chosen(known(eta), eta, offset.outside(rest)))
+
+
+def _filled(setpoint: Setpoint, eta: Vector, offset: Offset) -> Setpoint:
+    """Return the setpoint inside, with NaN places replaced by `eta`."""
+    return offset.setpoint_inside(
+        replace(setpoint, eta_d=chosen(known(setpoint.eta_d), setpoint.eta_d, offset.outside(eta)))
+    )

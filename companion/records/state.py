@@ -108,7 +108,7 @@ class PositionDoubt(msgspec.Struct, frozen=True):
 
 
 class VehicleState(msgspec.Struct, frozen=True):
-    """What the estimator believes. Vectors in DOF order, NED.
+    """What the estimator believes. Vectors in DOF order, NED: inside, or as reported (`estimation.frame`).
 
     `eta`, `eta_dot` are now; `eta_ahead`, `eta_dot_ahead` are `ahead_s` later, when a command sent now acts.
     `disturbance` is the observer's d in the paper's sign: m x'' = tau - h - d. `innovation` is the newest

@@ -11,9 +11,13 @@ import numpy as np
 import pytest
 from virtual import DEPTH_M, Dive, active, hold
 
+from companion.guidance.paths.shapes import build
+from companion.guidance.paths.time_law import limits
 from companion.io.command_queue import CommandQueue, ReceivedCommand
 from companion.records import Condition, Request, State
+from companion.telemetry.commands import Goto, SetVelocity
 from companion.telemetry.event_log import EventLog
+from companion.telemetry.plan import Circle, PathPlan
 
 QUIET = (
     *(f"sensors.{name}=0.0001" for name in ("depth_slow_m", "depth_white_m", "climb_slow_m_s")),
@@ -66,6 +70,118 @@ def test_a_reset_moves_nothing(plant, fault):
     if plant:
         moved = np.array([step.truth.eta[:2] for step in steps]) - before[:2]
         assert np.abs(moved).max() < 0.03
+
+
+def under_way(faults):
+    """A dive around a circle in a current, faults as (after s, fault): thrust, true places, resets seen."""
+    dive = active(*QUIET, *DVL, setpoint=hold(x=0.0, y=0.0, psi=0.3), seconds=3.0)
+    plan = PathPlan(circle=Circle(radius_m=1.0), speed_mps=0.25)
+    dive.engine.guide(build(plan, limits(dive.engine.config)))
+    steps, began_s = [], dive.t_s
+    for after_s, fault in [*faults, (16.0, None)]:
+        steps += dive.run(began_s + after_s - dive.t_s)
+        if fault is not None:
+            dive.fault(**fault)
+    assert dive.states_since(began_s) == [State.ACTIVE]
+    return (
+        np.array([step.sample.requested.tau for step in steps]),
+        np.array([step.truth.eta for step in steps])[:, [0, 1, 2, 5]],
+        sum(step.sample.state.frame_shift is not None for step in steps),
+    )
+
+
+@pytest.fixture(scope="module")
+def undisturbed():
+    return under_way([])
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_with_resets_at_any_time_it_pushes_and_goes_as_without(undisturbed, seed):
+    """What is left: the moment of a reset between two samples, and depth in whole millimetres."""
+    rng = np.random.default_rng(seed)
+    times = np.sort(rng.uniform(0.5, 14.0, 8))
+    kinds = [("yaw_reset", rng.uniform(-180.0, 180.0)), ("position_reset", rng.uniform(1.2, 5.0))] * 4
+    rng.shuffle(kinds)
+    faults = [
+        (t, {"kind": kind, "value": float(value)}) for t, (kind, value) in zip(times, kinds, strict=True)
+    ]
+    thrust, places, resets = under_way(faults)
+    assert resets == len(faults)
+    assert (np.abs(thrust - undisturbed[0]).max(axis=0) < [0.8, 0.8, 4.0, 0.05]).all()
+    assert (np.abs(places - undisturbed[1]).max(axis=0) < [0.03, 0.03, 0.002, 0.005]).all()
+
+
+AT_ONCE = {"kind": "yaw_reset", "value": 3.0, "seconds": 0.5, "count": 12}
+
+
+@pytest.mark.parametrize("fault", [FORTY, NORTH, AT_ONCE], ids=["40", "3m", "burst"])
+@pytest.mark.parametrize("after_s", [-0.5, 0.0, 0.1, 0.3, 1.0])
+def test_a_place_that_is_ordered_near_a_reset_lies_where_the_ekf_had_it_then(after_s, fault):
+    """It is taken by the frame that the companion knew in that tick, and stays there."""
+    dive = active(*QUIET, *DVL, setpoint=hold(x=0.0, y=0.0), seconds=6.0)
+    steps = []
+    if after_s > 0.0:
+        dive.fault(**fault)
+        steps = dive.run(after_s)
+    dive.engine.guide(Goto(x_m=2.0, y_m=1.0, speed_mps=0.4))
+    if after_s == 0.0:
+        dive.fault(**fault)
+    steps += dive.run(0.02)
+    if after_s < 0.0:
+        dive.run(-after_s)
+        dive.fault(**fault)
+    known = [step.sample.state.frame_shift for step in steps if step.sample.state.frame_shift]
+    turn_rad, north_m = sum(one.turn_rad for one in known), sum(one.north_m for one in known)
+    expected = complex(2.0 - north_m, 1.0) * np.exp(-1j * turn_rad)
+    dive.run(16.0)
+    north, east = dive.step.truth.eta[:2]
+    assert complex(north, east) == pytest.approx(expected, abs=0.04)
+    assert dive.state is State.ACTIVE
+    if after_s == 1.0:
+        assert dive.step.sample.state.eta[:2] == pytest.approx((2.0, 1.0), abs=0.03)
+        assert dive.engine.target[:2] == pytest.approx((2.0, 1.0), abs=0.01)
+
+
+def test_a_place_that_is_ordered_while_a_fix_is_followed_is_reached_by_its_numbers():
+    dive = active(*QUIET, *DVL, setpoint=hold(x=0.0, y=0.0), seconds=6.0)
+    dive.fault("position_reset", value=0.6)
+    dive.run(1.0)
+    dive.engine.guide(Goto(x_m=1.0, y_m=0.5))
+    dive.run(60.0)
+    assert dive.step.sample.state.eta[:2] == pytest.approx((1.0, 0.5), abs=0.04)
+
+
+def test_after_a_reset_steps_velocities_fence_and_map_are_in_the_new_frame():
+    fenced = ("fence.enabled=true", "fence.north_m=[-1.5,1.5]", "fence.east_m=[-1.5,1.5]")
+    dive = active(*QUIET, *DVL, setpoint=hold(x=0.0, y=0.0), seconds=6.0, pilot=True, companion=fenced)
+    dive.fault("yaw_reset", value=90.0)
+    dive.run(4.0)
+    dive.engine.guide(Goto(x_m=1.0, frame="offset"))
+    dive.run(9.0)
+    assert dive.step.sample.state.eta[:2] == pytest.approx((1.0, 0.0), abs=0.03)
+    assert dive.step.truth.eta[:2] == pytest.approx((0.0, -1.0), abs=0.03)
+    dive.engine.guide(SetVelocity(forward_mps=-0.2, frame="local", lasts_s=2.0))
+    moving = dive.run(2.0)
+    assert moving[-1].sample.dofs.x_d_dot[:2] == pytest.approx((-0.2, 0.0), abs=0.03)
+    assert moving[-1].sample.state.eta_dot[:2] == pytest.approx((-0.2, 0.0), abs=0.03)
+    dive.run(3.0)
+    with pytest.raises(ValueError, match="fence"):
+        dive.engine.guide(Goto(x_m=1.6))
+    dive.cockpit.push(surge=0.5, sway=0.5)
+    steps = dive.run(12.0)
+    dive.cockpit.push()
+    dive.run(1.0)
+    assert max(max(step.sample.state.eta[:2]) for step in steps) < 1.5
+    assert max(dive.step.sample.state.eta[:2]) > 1.2
+    dive.engine.guide(
+        build(PathPlan(circle=Circle(radius_m=1.0), speed_mps=0.25), limits(dive.engine.config))
+    )
+    dive.run(1.0)
+    dive.fault(**NORTH)
+    dive.run(1.0)
+    path, placed = dive.engine.path
+    drawn = [placed((*place, 0.0)) for place in path.polyline(0.1) if place]
+    assert {round(np.hypot(x - 3.0, y), 2) for x, y, *_ in drawn} == {1.0}, "it went north with the frame"
 
 
 def test_the_setpoint_turns_with_the_frame_and_the_next_one_is_in_the_new_frame():

@@ -22,7 +22,6 @@ from companion.records import (
     Battery,
     Depth,
     DepthRate,
-    FrameShift,
     Heartbeat,
     PilotGain,
     Position,
@@ -339,5 +338,3 @@ def test_command_history_gives_what_was_in_force():
     assert mean_thrusts(history, Y, edges_s) == [0.0] * 5
     assert (np.diff([one.t_s for one in history]) > 0.0).all()
     assert len(history) == command_history.COMMANDS
-    turned = command_history.turned_by(history, FrameShift(math.pi / 2.0, 0.0, 0.0))
-    assert mean_thrusts(turned, Y, edges_s) == pytest.approx(between, rel=1e-4)

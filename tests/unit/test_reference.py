@@ -4,12 +4,11 @@ import numpy as np
 import pytest
 from alone import Law
 from builders import RESTING
-from msgspec.structs import replace
 
 from companion.control import controller
 from companion.control.reference import Parameters, start
 from companion.control.reference import step as advance
-from companion.records import ZERO, FrameShift, Setpoint, vector
+from companion.records import ZERO, Setpoint, vector
 
 TICK_S = 0.02
 RATE = np.array([0.4, 0.4, 0.45, 0.8])
@@ -203,14 +202,3 @@ def test_where_asked_it_starts_anew_and_elsewhere_it_goes_on():
     _, same_y, _, same_psi = (axis.reference for axis in twin.memory.axes)
     assert (x.x_d, y, z.x_d, psi) == (0.5, same_y, 0.7, same_psi)
     assert (x.x_d_dot, z.x_d_dot) == (0.1, law.parameters.axes[2].reference.max_rate)
-
-
-def test_a_turned_frame_turns_place_and_motion():
-    law = Law()
-    eta, eta_dot = (3.0, 0.0, 1.0, 0.1), (0.2, 0.0, 0.1, 0.3)
-    law.rest(replace(RESTING, eta_ahead=eta, eta_dot_ahead=eta_dot))
-    shift = FrameShift(np.pi / 2.0, 0.0, 0.0)
-    memory = controller.shifted(law.memory, shift, (1.0, 0.0, 1.0, 0.1 + np.pi / 2.0))
-    states = [axis.reference for axis in memory.axes]
-    np.testing.assert_allclose([one.x_d for one in states], [1.0, 2.0, 1.0, 0.1 + np.pi / 2.0], atol=1e-12)
-    np.testing.assert_allclose([one.x_d_dot for one in states], [0.0, 0.2, 0.1, 0.3], atol=1e-12)

@@ -1,14 +1,12 @@
-"""What is a reset of the EKF and what is motion; and where poses and vectors are in the frame after one."""
+"""What is a reset of the EKF and what is motion."""
 
-from math import cos, degrees, nan, pi, radians, sin
+from math import degrees, radians
 
 import numpy as np
 import pytest
 
 from companion.control.bounds import wrap
-from companion.control.frames import joined, shifted, shifted_along, turned
 from companion.estimation.resets import POSITION_RESET_M, ResetDetector, position_resets, yaw_resets
-from companion.records import FrameShift
 
 
 def resets(detector, samples):
@@ -108,36 +106,3 @@ def test_a_detector_that_is_restarted_knows_nothing():
     detector.step(0.0, 0.0, 0.0)
     detector.restart()
     assert detector.step(0.02, 5.0, 0.0) == 0.0
-
-
-def test_a_yaw_reset_turns_what_is_near_about_the_vehicle():
-    """What lay 2 m ahead of it lies 2 m ahead of it. A place that was asked for keeps its numbers."""
-    x, y, psi, turn = 5.0, -3.0, 0.4, radians(40.0)
-    shift = FrameShift(turn, 0.0, 0.0)
-    here, now = (x, y, 1.0, psi), (x, y, 1.0, psi + turn)
-    ahead = (x + 2.0 * cos(psi), y + 2.0 * sin(psi), 1.5, psi)
-    np.testing.assert_allclose(shifted_along(shift, here, now), now, atol=1e-12)
-    np.testing.assert_allclose(
-        shifted_along(shift, ahead, now),
-        [x + 2.0 * cos(psi + turn), y + 2.0 * sin(psi + turn), 1.5, psi + turn],
-    )
-    np.testing.assert_allclose(shifted(shift, ahead), [*ahead[:3], psi + turn])
-    forward = (cos(psi), sin(psi), 0.3, 0.1)
-    np.testing.assert_allclose(turned(shift, forward), [cos(psi + turn), sin(psi + turn), 0.3, 0.1])
-
-
-def test_a_position_reset_moves_all_alike():
-    shift, eta = FrameShift(0.0, 3.0, -4.0), (7.0, 8.0, 9.0, 1.0)
-    np.testing.assert_allclose(shifted(shift, eta), [10.0, 4.0, 9.0, 1.0])
-    np.testing.assert_allclose(shifted_along(shift, eta, (0.0, 0.0, 0.0, 0.0)), [10.0, 4.0, 9.0, 1.0])
-
-
-def test_two_shifts_joined_are_both():
-    one, other = FrameShift(0.5, 1.0, 2.0), FrameShift(-0.2, 3.0, -4.0)
-    assert joined(one, other) == FrameShift(0.3, 4.0, -2.0)
-    assert joined(None, one) is one
-
-
-def test_a_target_that_is_not_set_stays_unset():
-    eta = shifted(FrameShift(0.0, 3.0, 0.0), (1.0, nan, nan, pi))
-    np.testing.assert_array_equal(eta, [4.0, nan, nan, pi])
