@@ -17,7 +17,6 @@ ROVs keep roll and pitch level by their metacentric height, so the Jacobian J of
 import math
 from typing import NamedTuple
 
-from companion.control.bounds import wrap
 from companion.records import Flags, Vector
 
 
@@ -41,11 +40,6 @@ def jacobian(psi: float) -> Jacobian:
     if math.isinf(psi):
         return Jacobian(math.nan, math.nan)
     return Jacobian(math.cos(psi), math.sin(psi))
-
-
-def pose_error(eta: Vector, eta_d: Vector) -> Vector:
-    """Return eta − eta_d with the heading's error wrapped."""
-    return (eta[0] - eta_d[0], eta[1] - eta_d[1], eta[2] - eta_d[2], wrap(eta[3] - eta_d[3]))
 
 
 def to_inertial(J: Jacobian, body: Vector) -> Vector:

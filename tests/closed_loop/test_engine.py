@@ -146,17 +146,6 @@ def test_steering_goes_out_every_tick_while_engaged():
     assert len(dive.tap.frames) - before == 50
 
 
-def test_the_same_seed_gives_the_same_bytes_and_samples():
-    def record():
-        dive = Dive("current.enabled=true", "waves.enabled=true", seed=3)
-        steps = dive.run(5.0)
-        return dive.tap.frames, np.array([step.sample.dofs.tau for step in steps])
-
-    (frames, tau), (frames_again, tau_again) = record(), record()
-    assert frames == frames_again
-    np.testing.assert_array_equal(tau, tau_again)
-
-
 @pytest.mark.parametrize("depth_m", [1.0, 6.0])
 def test_engaging_is_no_step(depth_m):
     """At first no more than the reference's own acceleration asks for, and nothing jumps afterwards."""

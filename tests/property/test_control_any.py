@@ -10,9 +10,8 @@ from companion.control import integrator, network, regressor
 from companion.control.bounds import limited, wrap
 from companion.control.compensator import BESIDE_OBSERVER, Signals
 from companion.control.law import combined_error, control_law, rov_law
-from companion.control.positioning import Model, inertia, jacobian, pose_error, to_body, to_inertial
+from companion.control.positioning import Model, inertia, jacobian, to_body, to_inertial
 
-finite = st.floats(-1e6, 1e6)
 some = st.floats(-100.0, 100.0)
 four = st.tuples(some, some, some, some)
 angles = st.floats(-1e4, 1e4)
@@ -25,13 +24,6 @@ def test_wrap_gives_the_same_direction_within_one_turn(angle):
     assert -math.pi <= wrapped <= math.pi
     assert math.isclose(math.cos(wrapped), math.cos(angle), abs_tol=1e-7)
     assert math.isclose(math.sin(wrapped), math.sin(angle), abs_tol=1e-7)
-
-
-@given(st.tuples(finite, finite, finite, finite), st.tuples(finite, finite, finite, finite))
-def test_the_heading_error_is_never_more_than_half_a_turn(eta, eta_d):
-    e = pose_error(eta, eta_d)
-    assert abs(e[3]) <= math.pi
-    np.testing.assert_array_equal(e[:3], np.subtract(eta, eta_d)[:3])
 
 
 @given(st.floats(), st.floats(0.0, 1e6))

@@ -15,7 +15,6 @@ from companion.control.positioning import (
     inertia,
     inertial_diagonal,
     jacobian,
-    pose_error,
     to_body,
     to_inertial,
 )
@@ -72,12 +71,6 @@ def test_bounds(x, within):
 def test_what_math_refuses_is_a_number_here():
     assert square_root(4.0) == 2.0
     assert all(map(math.isnan, (square_root(-1.0), square_root(math.nan))))
-
-
-def test_pose_error_is_measured_minus_desired_and_wraps_the_heading_alone():
-    eta, eta_d = (5.0, -5.0, 9.0, 3.0), (1.0, 2.0, 1.0, -3.0)
-    np.testing.assert_allclose(pose_error(eta, eta_d), [4.0, -7.0, 8.0, 6.0 - 2 * np.pi])
-    np.testing.assert_allclose(pose_error(eta_d, eta), [-4.0, 7.0, -8.0, 2 * np.pi - 6.0])
 
 
 @pytest.mark.parametrize("psi", ANGLES)
