@@ -86,7 +86,7 @@ def put(row: Array, memory: Memory, outputs: Outputs) -> None:
 
 
 def test_a_live_dive_is_the_compiled_one(monkeypatch):
-    """With DVL, levelling, waves, a current, a motor that dies and one that comes back."""
+    """With DVL, levelling, waves, a current, resets of the EKF, a motor that dies and one that comes back."""
     ticks, found = [], []
 
     def noted(parameters, memory, inputs, outside, dt_s):
@@ -115,7 +115,11 @@ def test_a_live_dive_is_the_compiled_one(monkeypatch):
     dive.tap.to_vehicle.append(Somebody().origin())
     dive.run(9.0)
     dive.fault("thruster", 8.0, thruster=6, value=0.0)
-    dive.run(12.0)
+    dive.run(9.0)
+    dive.fault("yaw_reset", value=40.0)
+    dive.fault("position_reset", value=3.0)
+    dive.run(3.0)
+    assert dive.engine.target[0] > 2.0, "the resets were not seen"
 
     numbers, made = numbers_of(dive.engine.parameters)
     again = np.zeros((len(ticks), 31))
