@@ -409,33 +409,6 @@ def _agreed(what: str) -> bool:
     return sys.stdin.readline().strip().lower() in ("y", "yes")
 
 
-def schema(argv: list[str]) -> int:
-    """Print every telemetry key, field, unit and command; --write updates docs/."""
-    parser = command_parser(
-        "schema",
-        "Prints the generated part of docs/telemetry.md: all keys, schemas and commands.",
-        "examples:\n"
-        "  holdfast schema            print all keys, fields, units and commands\n"
-        "  holdfast schema --write    update the documents after a change of schemas or configuration\n",
-    )
-    parser.add_argument(
-        "--write", action="store_true", help="update docs/telemetry.md, configuration.md and schemas/"
-    )
-    arguments = parser.parse_args(argv)
-    from companion.documents import pages, write
-
-    if not arguments.write:
-        sys.stdout.write(pages()["telemetry.md"])
-        return 0
-    try:
-        changed = write()
-    except FileNotFoundError as error:
-        sys.stderr.write(f"holdfast schema: {error.filename} is not there; --write needs a checkout\n")
-        return 2
-    sys.stdout.write("".join(f"{path}\n" for path in changed) or "nothing was stale\n")
-    return 0
-
-
 def init(argv: list[str]) -> int:
     """Ask about the vehicle, and write a commented configuration."""
     from companion.config import load_config

@@ -1,5 +1,6 @@
 """The subcommands that need companion and simulator. Heavy imports wait until a command is called."""
 
+import sys
 from argparse import ArgumentParser
 from pathlib import Path
 
@@ -109,10 +110,39 @@ def _live_bench(what: str | None, argv: list[str]) -> int:
     add_settings(parser)
     parser.add_argument("--json", type=json_file, metavar="FILE", help="also write the figures to FILE")
     arguments = parser.parse_args(argv) if what else parser.parse_known_args(argv)[0]
-    from lab.bench.operations import run
+    from lab.operations.operations import run
 
     arguments.what = what
     return run(arguments)
+
+
+def schema(argv: list[str]) -> int:
+    """Print every telemetry key, field, unit and command; --write updates docs/."""
+    parser = command_parser(
+        "schema",
+        "Prints the generated part of docs/telemetry.md: all keys, schemas and commands.",
+        "examples:\n"
+        "  holdfast schema            print all keys, fields, units and commands\n"
+        "  holdfast schema --write    update the documents after a change of schemas or configuration\n",
+    )
+    parser.add_argument(
+        "--write",
+        action="store_true",
+        help="update the generated pages and schemas of docs/",
+    )
+    arguments = parser.parse_args(argv)
+    from lab.documents import pages, write
+
+    if not arguments.write:
+        sys.stdout.write(pages()["telemetry.md"])
+        return 0
+    try:
+        changed = write()
+    except FileNotFoundError as error:
+        sys.stderr.write(f"holdfast schema: {error.filename} is not there; --write needs a checkout\n")
+        return 2
+    sys.stdout.write("".join(f"{path}\n" for path in changed) or "nothing was stale\n")
+    return 0
 
 
 def paper(argv: list[str]) -> int:
@@ -129,7 +159,7 @@ def paper(argv: list[str]) -> int:
     )
     parser.add_argument("--json", type=json_file, metavar="FILE", help="also write the figures to FILE")
     arguments = parser.parse_args(argv)
-    from lab.paper.report import run
+    from lab.paper.paper import run
 
     return run(arguments)
 

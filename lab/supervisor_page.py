@@ -1,4 +1,4 @@
-"""Writes docs/supervisor.md from the supervisor's tables: `python -m lab.supervisor_page`."""
+"""docs/supervisor.md from the supervisor's tables."""
 
 import math
 from collections.abc import Iterator
@@ -31,7 +31,7 @@ def _deg(rad: float) -> str:
 HEAD = f"""\
 # The supervisor
 
-<!-- Made by `python -m lab.supervisor_page` from companion/supervision/. -->
+<!-- Made by `holdfast schema --write` from companion/supervision/. -->
 
 The supervisor is a state machine. Every tick it tests all conditions and decides whether Holdfast may
 steer. Holdfast sends thrust only in ACTIVE, in RAMP_DOWN and at the start of HAND_OVER. The supervisor
@@ -173,7 +173,3 @@ def _meanings(limits: SupervisorLimits) -> Iterator[str]:
 
 def _words(condition: Condition) -> str:
     return (condition.name or "").replace("_", " ")
-
-
-if __name__ == "__main__":
-    PAGE.write_text(page(), encoding="utf-8")

@@ -18,7 +18,7 @@ from typing import cast
 
 from msgspec.structs import replace
 
-from holdfast.ports import taken
+from holdfast.port_holder import taken
 from sim_bridge.config import SimConfig
 from sim_bridge.fault_kinds import Fault
 from sim_bridge.physics.body import STEP_S, Physics

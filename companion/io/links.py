@@ -20,7 +20,7 @@ from typing import NamedTuple, cast
 
 from companion.endpoint import Endpoint
 from companion.records import Sender
-from holdfast.ports import taken
+from holdfast.port_holder import taken
 
 PEER_SILENT_NS = 2_500_000_000
 """Longest silence of a peer: of a ground station that sends heartbeats alone, two may be lost."""

@@ -25,7 +25,7 @@ from companion.telemetry.status_line import delay_text
 from dashboard.arguments import add_connect
 from dashboard.rate import Rate
 from dashboard.silence import silence
-from dashboard.terminal.above import Point, chart, nice_length
+from dashboard.terminal.small_map import Point, chart, nice_length
 from dashboard.zenoh_client import Message, Subscription
 from holdfast.arguments import command_parser
 

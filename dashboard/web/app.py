@@ -28,7 +28,7 @@ from dashboard.web.options import DashboardOptions, announcement
 from dashboard.web.ring import next_row
 from dashboard.zenoh_client import Subscription
 from holdfast import own_version
-from holdfast.ports import taken
+from holdfast.port_holder import taken
 
 BEAT_S = 0.025
 STATUS_S = 0.15

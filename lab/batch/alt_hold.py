@@ -15,7 +15,7 @@ from msgspec.structs import replace
 
 from companion.records import Array, Setpoint, Z
 from lab.batch.compiled import cached, slotted
-from lab.batch.vehicle import (
+from lab.batch.stand_in import (
     STEPS,
     TICK_S,
     Drawn,

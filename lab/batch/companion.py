@@ -15,7 +15,7 @@ from companion.core.tick import Known, Outside, Permission, Sent, Wanted
 from companion.estimation.observers import Inputs, Measured
 from companion.records import PSI, Axes, Flags, Vector, Z
 from companion.supervision.guard import bounded
-from lab.batch.vehicle import OVERRIDE_SPAN_US, TICK_S, Readings, Timing
+from lab.batch.stand_in import OVERRIDE_SPAN_US, TICK_S, Readings, Timing
 
 NO_AXES: Axes = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 NO_SAMPLE = Measured(math.nan, math.nan, math.nan, math.nan)

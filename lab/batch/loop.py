@@ -16,7 +16,7 @@ from companion.records import Z
 from companion.supervision.guard import bounded
 from lab.batch.companion import NO_AXES, Script, inputs, outside
 from lab.batch.settings import Companion
-from lab.batch.vehicle import (
+from lab.batch.stand_in import (
     ENGAGED_S,
     STEPS,
     TICK_S,
@@ -39,7 +39,7 @@ LOST_M = 5.0
 
 
 class Figures(NamedTuple):
-    """What came of a dive; see `lab.batch.dives.simulate`."""
+    """What came of a dive; see `lab.batch.simulate.simulate`."""
 
     depth_rms_mm: float
     depth_peak_mm: float

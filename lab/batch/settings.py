@@ -16,7 +16,7 @@ from companion.config import Config
 from companion.control import oscillation
 from companion.core.tick import Parameters
 from companion.records import Axes
-from lab.batch.vehicle import TICK_S
+from lab.batch.stand_in import TICK_S
 
 ROWS = 8
 """A tuple of so many tuples is a table: it becomes an array, for numba takes each number for a parameter."""

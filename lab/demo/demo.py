@@ -29,9 +29,18 @@ from holdfast.arguments import command_parser
 from lab.demo import place_show
 from lab.demo import screen as demo_screen
 from lab.demo.crew import ChildError, Crew
-from lab.demo.dive import ARRIVED_M, DemoDive, DemoFigures, DemoRecording, arrange, at_depth, figures, window
 from lab.demo.place import PlaceStory
 from lab.demo.screen import DemoView, Now
+from lab.demo.timeline import (
+    ARRIVED_M,
+    DemoDive,
+    DemoFigures,
+    DemoRecording,
+    arrange,
+    at_depth,
+    figures,
+    window,
+)
 from lab.loop.firmware import FirmwareError, command_line
 from lab.loop.lockstep import LinkDelay
 from lab.loop.scenarios import Scenario, hold
@@ -457,7 +466,7 @@ def _draw(
     results: dict[str, DemoFigures],
     firmware: Path | None,
 ) -> None:
-    from lab.demo.plot import draw
+    from lab.demo.picture import draw
 
     sea = f"{story.current_m_s:g} m/s current, {story.wave_height_m:g} m waves of {story.wave_period_s:g} s"
     how, zero, measure = "our simulator's copy of it", "", "depth_rms_mm"

@@ -18,7 +18,7 @@ TELL_S = 20.0
 
 def perform(story: PlaceStory, png: Path, json: Path) -> int:
     """Dive, print the table, write picture and figures; return the exit status."""
-    from lab.demo.place_plot import draw
+    from lab.demo.place_picture import draw
 
     began_s = time.monotonic()
     console = Console()

@@ -11,7 +11,7 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-from lab.demo.dive import DemoFigures
+from lab.demo.timeline import DemoFigures
 
 FULL_ERROR_MM = 40.0
 FULL_THRUST_N = 100.0

@@ -16,8 +16,8 @@ from rich.table import Table
 from lab.loop.firmware import ORIGIN_DEG_E7, Firmware, FirmwareError, program
 from lab.parity.answers import Near
 from lab.parity.partner import Partner, SteppedVehicle
+from lab.parity.questions import POSITIONED, SCENARIOS
 from lab.parity.reasons import reason
-from lab.parity.scenarios import POSITIONED, SCENARIOS
 from sim_bridge.commands import DEFAULT_CONFIG
 from sim_bridge.config import SimConfig, load_config
 from sim_bridge.vehicle import Vehicle

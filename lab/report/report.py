@@ -12,9 +12,9 @@ from lab.report.above import draw_above
 from lab.report.advice import advice
 from lab.report.figures import figures
 from lab.report.log import load
+from lab.report.numbers import as_json, held_records, ticks
 from lab.report.page import lines, page
 from lab.report.plot import draw
-from lab.report.tables import as_json, held_records, ticks
 from lab.tables import add_files, table_file, write_columns, write_json, write_table
 
 EXAMPLES = """\

@@ -9,7 +9,7 @@ import numpy as np
 from companion.predive.table import show
 from holdfast.arguments import command_parser
 from lab.options import add_settings
-from lab.rerun import plot, tlog, tlog_plot
+from lab.rerun import differences, ground_log, ground_log_picture
 from lab.rerun.rerun import configured, load, report, rerun
 
 EXAMPLES = """\
@@ -65,7 +65,7 @@ def main(argv: list[str]) -> int:
         return 0
     if np.nan_to_num(outcome.was - outcome.now).any():
         options.out.parent.mkdir(parents=True, exist_ok=True)
-        plot.draw(outcome).savefig(options.out)
+        differences.draw(outcome).savefig(options.out)
         sys.stdout.write(f"the difference over time: {options.out}\n")
     return 1
 
@@ -74,9 +74,9 @@ def _think(files: Sequence[Path], overrides: Sequence[str], out: Path) -> int:
     """Say and draw what Holdfast would have thought of telemetry logs, one after the other."""
     out.parent.mkdir(parents=True, exist_ok=True)
     for file in files:
-        thoughts = tlog.think(tlog.read(file), overrides)
+        thoughts = ground_log.think(ground_log.read(file), overrides)
         picture = out.with_stem(file.stem) if len(files) > 1 else out
-        tlog_plot.draw(thoughts, file.name).savefig(picture)
-        sys.stdout.write("\n".join([f"{file.name}:", *tlog.lines(thoughts), ""]))
+        ground_log_picture.draw(thoughts, file.name).savefig(picture)
+        sys.stdout.write("\n".join([f"{file.name}:", *ground_log.lines(thoughts), ""]))
         show(thoughts.checked, [f"picture: {picture}"])
     return 0

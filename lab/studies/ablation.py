@@ -28,7 +28,7 @@ from rich.table import Table
 from companion.config import Config, load_config
 from companion.records import Setpoint
 from lab import style
-from lab.batch.vehicle import Links
+from lab.batch.stand_in import Links
 from lab.loop.dive import dive
 from lab.loop.scenarios import DEPTH_M, SETTLE_S, Scenario, ensemble, four, hold
 from lab.options import add_bench, seeds_of
@@ -183,7 +183,7 @@ class Ablation(Study[AblationDive]):
 
     def dive(self, cases: Sequence[AblationDive]) -> Iterable[Row]:
         """Dive one variant in one scenario; `lost_s` is NaN where the supervisor did not give up."""
-        from lab.batch.dives import simulate  # needs numba, which the command's help does not
+        from lab.batch.simulate import simulate  # needs numba, which the command's help does not
 
         first = cases[0]
         config, part = (self._parts if first.case in DELAYS else self._rows)[first.variant]

@@ -20,7 +20,7 @@ from rich.console import RenderableType
 from companion.config import Config
 from companion.config import load_config as load_companion
 from companion.records import Array
-from lab.batch.vehicle import ENGAGED_S, Links, Rows
+from lab.batch.stand_in import ENGAGED_S, Links, Rows
 from lab.loop import dive as full_loop
 from lab.loop.lockstep import LinkDelay
 from lab.loop.scenarios import SETTLE_S, Scenario, ensemble, hold
@@ -271,7 +271,7 @@ class Campaign(Study[CampaignCase]):
 
     def dive(self, cases: Sequence[CampaignCase], traces: list[Rows] | None = None) -> Iterator[Row]:
         """Dive a batch; `traces` takes one of each dive (`simulate`)."""
-        from lab.batch.dives import simulate  # needs numba, which the command's help does not
+        from lab.batch.simulate import simulate  # needs numba, which the command's help does not
 
         delay_s = 1e-3 * np.array([one.delay_ms for one in cases])
         found = simulate(

@@ -23,7 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from companion.records import Array
-from lab.batch.vehicle import timing
+from lab.batch.stand_in import timing
 from lab.loop.lockstep import LinkDelay
 from lab.loop.scenarios import SETTLE_S, Scenario
 from lab.studies.lqg import LQG, Plant

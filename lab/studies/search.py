@@ -17,7 +17,7 @@ from msgspec.structs import replace
 from companion.assembly import refuse_fast_gains
 from companion.config import Config, ConfigError
 from companion.records import Array, Setpoint
-from lab.batch.vehicle import Links
+from lab.batch.stand_in import Links
 from lab.loop.lockstep import LinkDelay
 from lab.loop.scenarios import SETTLE_S, Scenario, ensemble, four, trajectory
 from lab.studies.competitors import WIDTH, Competitor
@@ -165,7 +165,7 @@ def _dive(
 ) -> dict[str, Array]:
     """Dive all with each of `values`: figures of shape (values · dives,)."""
     from lab.batch import alt_hold
-    from lab.batch import dives as batch
+    from lab.batch.simulate import simulate
 
     of_one = [_stronger(scenario.plant(base, scenario.seed), case.thrust) for scenario, case in dives]
     plants = of_one * len(values)
@@ -180,7 +180,7 @@ def _dive(
     each = [config for config in configs for _ in dives]
     up_s = link.up_s + longer_s + hidden_s
     links = Links(up_s, link.down_s + longer_s, untold_up_s=hidden_s)
-    return batch.simulate(each, plants, targets, duration_s, seeds, links)
+    return simulate(each, plants, targets, duration_s, seeds, links)
 
 
 def training(seeds: int, vary: Callable[[SimConfig, int], SimConfig]) -> list[tuple[Scenario, TrainingCase]]:

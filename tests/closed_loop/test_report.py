@@ -30,9 +30,9 @@ from lab.report.advice import advice
 from lab.report.figures import figures
 from lab.report.identify import identify
 from lab.report.log import Columns, Log, load
+from lab.report.numbers import ticks
 from lab.report.plot import POINTS, thinned
 from lab.report.report import main
-from lab.report.tables import ticks
 from lab.tables import write_table
 from sim_bridge.config import load_config as load_plant
 from sim_bridge.physics.plant import euler, rotation

@@ -3,8 +3,8 @@
 import pytest
 
 from lab.parity.__main__ import agree, compare, plant, readable
+from lab.parity.questions import SCENARIOS
 from lab.parity.reasons import reason
-from lab.parity.scenarios import SCENARIOS
 
 
 @pytest.mark.parametrize("scenario", SCENARIOS)

@@ -7,7 +7,7 @@ import subprocess
 
 import pytest
 
-from lab.bench.process import HOLDFAST, running
+from lab.operations.bounds import HOLDFAST, running
 from lab.ports import free_port
 
 pytestmark = pytest.mark.alone  # the list grades the clock

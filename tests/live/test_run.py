@@ -23,7 +23,7 @@ from companion.config import load_config
 from companion.engine import Engine
 from companion.mavlink.signing import EPOCH_S, UNITS_PER_S
 from companion.records import Request, Setpoint
-from lab.bench.process import HOLDFAST, running
+from lab.operations.bounds import HOLDFAST, running
 from lab.ports import free_port
 
 NEUTRAL = (1500, 1500, 1500, 1500)

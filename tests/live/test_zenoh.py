@@ -29,8 +29,8 @@ from companion.telemetry import schemas as telemetry
 from companion.telemetry.session import client_configuration
 from dashboard.zenoh_client import Message, Subscription
 from holdfast import RefusedError
-from lab.bench.process import running
-from lab.bench.subscribers import COMPANION, Reader
+from lab.operations.bounds import running
+from lab.operations.subscribers import COMPANION, Reader
 from lab.ports import free_port
 
 Feed = Callable[[Publisher], None]

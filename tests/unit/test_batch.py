@@ -10,8 +10,8 @@ import pytest
 from msgspec.structs import replace
 
 from companion.config import load_config
-from lab.batch.dives import simulate
-from lab.batch.vehicle import Links
+from lab.batch.simulate import simulate
+from lab.batch.stand_in import Links
 from lab.loop.dive import dive
 from lab.loop.lockstep import LinkDelay
 from lab.loop.scenarios import SETTLE_S, four, hold

@@ -4,7 +4,7 @@ import re
 
 from rich.console import Console
 
-from lab.bench.fleet import SHOWN, Window, table
+from lab.operations.many_vehicles import SHOWN, Window, table
 
 
 def test_the_table_has_the_ratio_of_all_vehicles_to_one() -> None:

@@ -17,7 +17,7 @@ from companion.app import parting
 from companion.config import load_config as load_companion
 from companion.predive.check import CheckRow, Grade
 from companion.telemetry.status_line import delay_text
-from holdfast import ports
+from holdfast import port_holder
 from lab.ports import free_port
 from lab.report.figures import faults_of
 from lab.report.log import StateSpan
@@ -221,9 +221,9 @@ def test_who_holds_a_port_is_named(kind):
         if kind == "tcp":
             held.listen()
         port = held.getsockname()[1]
-        assert f"{kind} port {port} is taken by '" in ports.taken(kind, port)
-        assert f"(process {os.getpid()})" in ports.taken(kind, port)
-    assert ports.holder(kind, port) == ""
+        assert f"{kind} port {port} is taken by '" in port_holder.taken(kind, port)
+        assert f"(process {os.getpid()})" in port_holder.taken(kind, port)
+    assert port_holder.holder(kind, port) == ""
 
 
 def test_the_holder_of_a_port_is_named_in_one_line():
@@ -236,7 +236,7 @@ def test_the_holder_of_a_port_is_named_in_one_line():
     pipe = subprocess.PIPE
     with subprocess.Popen([sys.executable, "-c", program], stdin=pipe, stdout=pipe, text=True) as other:
         assert other.stdout is not None
-        holder = ports.holder("tcp", int(other.stdout.readline()))
+        holder = port_holder.holder("tcp", int(other.stdout.readline()))
         other.communicate("\n")
     assert "-c if True: import socket held =" in holder
     assert len(holder.splitlines()) == 1

@@ -16,9 +16,9 @@ from companion.records import AxisCommand, ControlSample, Wrench
 from companion.telemetry import samples
 from lab.demo import screen as demo_screen
 from lab.demo.demo import Story, phase_of
-from lab.demo.dive import DemoDive, DemoRecording, arrange, at_depth, figures, spans, window
-from lab.demo.plot import ROWS, draw
+from lab.demo.picture import ROWS, draw
 from lab.demo.screen import DemoView, Now
+from lab.demo.timeline import DemoDive, DemoRecording, arrange, at_depth, figures, spans, window
 from sim_bridge.zenoh_link import TruthSample
 
 VEHICLE = "demo"

@@ -9,8 +9,8 @@ import pytest
 from companion.config import load_config
 from companion.estimation.hidden_delay import LARGEST_S, start, step
 from companion.estimation.observer import Noise, observer_parameters
-from lab.batch.dives import simulate
-from lab.batch.vehicle import Links
+from lab.batch.simulate import simulate
+from lab.batch.stand_in import Links
 from lab.loop.scenarios import four
 from sim_bridge.config import load_config as load_plant
 

@@ -5,12 +5,12 @@ from collections.abc import Callable
 
 import msgspec
 
-from companion import documents as schema
-from companion.commands import schema as command
 from companion.config import Config
 from companion.records import ControlSample
 from companion.telemetry import samples
 from companion.telemetry import schemas as telemetry
+from lab import documents as schema
+from lab.commands import schema as command
 from sim_bridge.commands import DEFAULT_CONFIG
 from sim_bridge.config import load_config
 from sim_bridge.vehicle import Vehicle

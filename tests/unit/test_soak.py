@@ -9,7 +9,7 @@ import pytest
 
 from companion.telemetry import schemas as telemetry
 from lab import commands
-from lab.bench.soak import Soak
+from lab.operations.soak import Soak
 from lab.studies import fault_hours
 from lab.studies.breaking import FAULTS, FaultSpec
 from lab.studies.fault_hours import Hour, soak_hour

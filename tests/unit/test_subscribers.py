@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lab.bench.subscribers import CASES, NOBODY, P99_RATIO, NoReaderError, bounds_of, check_case
+from lab.operations.subscribers import CASES, NOBODY, P99_RATIO, NoReaderError, bounds_of, check_case
 
 
 def test_each_cases_p99_is_set_over_that_with_nobody() -> None:

@@ -10,7 +10,7 @@ from virtual import ROOT, Somebody
 
 import holdfast
 from lab.rerun.command import main
-from lab.rerun.tlog import MAX_GAP_S, TlogError, lines, read, think
+from lab.rerun.ground_log import MAX_GAP_S, TlogError, lines, read, think
 from sim_bridge.config import load_config as load_plant
 from sim_bridge.vehicle import Vehicle
 

@@ -17,7 +17,7 @@ from companion.telemetry import samples
 from companion.telemetry import schemas as telemetry
 from companion.telemetry.modes import MEANINGS
 from dashboard.terminal import watch
-from dashboard.terminal.above import Point, chart, nice_length
+from dashboard.terminal.small_map import Point, chart, nice_length
 from dashboard.terminal.watch import Feed, Feeds, View, picture, render
 from dashboard.zenoh_client import Message
 

@@ -10,8 +10,8 @@ from matplotlib.patches import Patch
 from matplotlib.transforms import Bbox
 
 from lab import style
-from lab.demo.dive import Array, DemoDive, DemoFigures, spans
 from lab.demo.screen import NAMES
+from lab.demo.timeline import Array, DemoDive, DemoFigures, spans
 from lab.style import SMALL
 
 # Dashes and widths tell the dives apart once more.

@@ -24,9 +24,9 @@ from companion.io.process import Ticker
 from companion.records import LoopHealth, Request
 from companion.telemetry import schemas as telemetry
 from dashboard.zenoh_client import Subscription
-from lab.bench.latency import Wire, percentiles_ms
 from lab.loop.lockstep import LinkDelay, Lockstep
 from lab.loop.scenarios import four
+from lab.operations.latency import Wire, percentiles_ms
 from lab.ports import free_port
 from sim_bridge.config import SimConfig
 from sim_bridge.vehicle import Vehicle
@@ -34,7 +34,7 @@ from sim_bridge.vehicle import Vehicle
 HOLDFAST = (sys.executable, "-m", "holdfast")
 WARM_UP_S = 6.0
 PERIOD_NS = 20_000_000
-EMPTY_LOOP = "from lab.bench.process import empty_loop; empty_loop({seconds})"
+EMPTY_LOOP = "from lab.operations.bounds import empty_loop; empty_loop({seconds})"
 
 
 @dataclass(frozen=True)
@@ -154,7 +154,7 @@ def latency(duration_s: float = 20.0) -> list[Bound]:
         *("--set", f"telemetry.endpoint=tcp/127.0.0.1:{free_port()}"),
     )
     port = free_port(socket.SOCK_DGRAM)
-    nothing = f"from lab.bench.latency import echo; echo({port})"
+    nothing = f"from lab.operations.latency import echo; echo({port})"
     with (
         running(*HOLDFAST, *simulator),
         running(sys.executable, "-c", nothing),

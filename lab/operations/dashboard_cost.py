@@ -1,4 +1,4 @@
-"""What the dashboard costs, measured beside a simulated dive: `python -m lab.bench.dashboard_cost [SECONDS]`.
+"""What the dashboard costs beside a simulated dive: `python -m lab.operations.dashboard_cost [SECONDS]`.
 
 Server: processor time of its process with 0, 1, 2, 4 browsers in turn, each turn `SECONDS` (10) long, twice.
 Page: bytes, time to the first plot and frames per second in Chromium, at 1440 and at 820 px.

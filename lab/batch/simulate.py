@@ -14,7 +14,7 @@ from companion.records import PSI, Array, Setpoint, Z
 from lab.batch.compiled import cached, slotted
 from lab.batch.loop import Figures, dive
 from lab.batch.settings import companion_of
-from lab.batch.vehicle import ENGAGED_S, TICK_S, Links, Rows, drawn, refuse, timing, vehicle_of
+from lab.batch.stand_in import ENGAGED_S, TICK_S, Links, Rows, drawn, refuse, timing, vehicle_of
 from lab.loop.scenarios import SETTLE_S
 from sim_bridge.config import SimConfig
 

@@ -9,7 +9,6 @@ from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
-from lab.paper.page import page
 from lab.paper.plots import draw, watched
 from lab.paper.rows import NAMES, Claim, PaperRow, Rows, claims
 from lab.paper.simulation import (
@@ -22,6 +21,7 @@ from lab.paper.simulation import (
     dive,
     table,
 )
+from lab.paper.summary import page
 
 EXACT = PaperCase("none", "derived", "none", 1.0, 1.0, 0, 0.0)  # beside the table: a model that is right
 

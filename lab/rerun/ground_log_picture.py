@@ -5,7 +5,7 @@ from matplotlib.figure import Figure
 
 from companion.records import Z
 from lab import style
-from lab.rerun.tlog import Thoughts
+from lab.rerun.ground_log import Thoughts
 
 MOST_CONDITIONS = 8
 

@@ -26,7 +26,7 @@ from companion.engine import Engine
 from companion.records import Array, Request, Setpoint
 from companion.telemetry import schemas as telemetry
 from companion.telemetry.session import client_configuration
-from lab.bench.process import HOLDFAST, Bound, running
+from lab.operations.bounds import HOLDFAST, Bound, running
 from lab.ports import free_port
 
 NOBODY = "nobody"
@@ -44,8 +44,8 @@ TELL_S = 0.5
 HERE_S = 30.0
 """A reader that has nothing to read for so long is none."""
 
-COMPANION = "from lab.bench.subscribers import companion; companion({link!r}, {endpoint!r}, {file!r})"
-READER = "from lab.bench.subscribers import read; read({endpoint!r}, {pause_s})"
+COMPANION = "from lab.operations.subscribers import companion; companion({link!r}, {endpoint!r}, {file!r})"
+READER = "from lab.operations.subscribers import read; read({endpoint!r}, {pause_s})"
 
 
 def subscriber_bounds(advance: Callable[[], object]) -> list[Bound]:

@@ -13,7 +13,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from lab.parity.answers import TIMES, Answers, Near
 from lab.parity.partner import Message, Partner, of_type, result, texts
-from lab.parity.position import guided, poshold
+from lab.parity.places import guided, poshold
 from lab.parity.transfers import files, mission_items, missions, parameters
 
 Scenario = Callable[[Partner], Answers]

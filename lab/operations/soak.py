@@ -39,7 +39,7 @@ WARM_UP_S = 600.0
 """Buffers fill and caches grow: the slope of the memory counts from here, or from a tenth of a short run."""
 DEPTHS_M = (2.0, 5.0)
 START_S = 60.0
-EMPTY_LOOP = "from lab.bench.process import empty_loop\nwhile True: empty_loop(60.0)"
+EMPTY_LOOP = "from lab.operations.bounds import empty_loop\nwhile True: empty_loop(60.0)"
 EMPTY = "empty loop"
 LOOK_S = 0.1
 MINUTE_S = 60.0

@@ -1,4 +1,4 @@
-"""docs/telemetry.md, configuration.md and schemas/*.json from the code: every key, field, unit and command.
+"""docs/telemetry.md, configuration.md, supervisor.md and schemas/*.json, made of the code.
 
 A page's first part, up to MARK, is written by hand; what follows is made here, and a test fails when stale.
 """
@@ -15,6 +15,7 @@ from companion.telemetry import schemas as telemetry
 from companion.telemetry.commands import COMMANDS, RECORDER_COMMANDS
 from companion.telemetry.fields import fields_of
 from companion.telemetry.schemas import Choices, Raw, Reply, Truth
+from lab import supervisor_page
 
 DOCS = Path(__file__).parents[1] / "docs"
 MARK = "<!-- made by `holdfast schema --write`; write nothing below -->\n"
@@ -47,7 +48,7 @@ def pages() -> dict[str, str]:
 
 def write() -> list[Path]:
     """Write pages and schemas into docs/ and return what changed."""
-    wanted = {}
+    wanted = {supervisor_page.PAGE: supervisor_page.page().encode()}
     for name, made in pages().items():
         head, mark, _ = (DOCS / name).read_text(encoding="utf-8").partition(MARK)
         wanted[DOCS / name] = (head + mark + made).encode()

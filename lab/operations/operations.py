@@ -10,10 +10,10 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from companion.config import load_config
-from lab.bench.fleet import fleet
-from lab.bench.process import Bound, latency, process, virtual
-from lab.bench.soak import soak
-from lab.bench.subscribers import ROUNDS, NoReaderError, subscriber_bounds
+from lab.operations.bounds import Bound, latency, process, virtual
+from lab.operations.many_vehicles import fleet
+from lab.operations.soak import soak
+from lab.operations.subscribers import ROUNDS, NoReaderError, subscriber_bounds
 from lab.study import provenance, ruled
 from lab.tables import write_json
 from sim_bridge.commands import DEFAULT_CONFIG

@@ -43,11 +43,11 @@ from companion.telemetry import schemas as telemetry
 from companion.telemetry.session import client_configuration
 from dashboard.losses import Losses
 from dashboard.zenoh_client import Subscription
-from lab.bench.process import HOLDFAST
-from lab.bench.soak import browse
 from lab.demo.crew import ChildError, Crew
 from lab.loop.lockstep import LinkDelay, Lockstep
 from lab.loop.scenarios import four
+from lab.operations.bounds import HOLDFAST
+from lab.operations.soak import browse
 from lab.ports import free_port
 from lab.usage import cpu_s, memory_kb
 from sim_bridge.commands import DEFAULT_CONFIG
@@ -60,8 +60,8 @@ START_S = 120.0
 SETTLE_S = 8.0
 WINDOW_S = 30.0
 IN_A_PROCESS = 5
-ROUTER = "from lab.bench.fleet import route; route({file!r})"
-VEHICLES = "from lab.bench.fleet import publish; publish({files!r})"
+ROUTER = "from lab.operations.many_vehicles import route; route({file!r})"
+VEHICLES = "from lab.operations.many_vehicles import publish; publish({files!r})"
 SHOWN = ("router", "dashboard", "watch", "record")
 
 
