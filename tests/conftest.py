@@ -38,6 +38,11 @@ settings.register_profile("hunt", derandomize=False, deadline=None, max_examples
 settings.load_profile("test")  # everybody tries the same examples; make hunt draws new ones
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Begin with those that compile, side by side: what a worker has compiled it does not compile again."""
+    items.sort(key=lambda item: item.get_closest_marker("compiles") is None)
+
+
 @pytest.fixture(autouse=True)
 def dives_of_its_own(request: pytest.FixtureRequest) -> Iterator[None]:
     """Give a test that may change what a dive is made of none that others have begun."""

@@ -26,7 +26,8 @@ from lab.batch.compiled import cached, slotted
 from lab.batch.settings import numbers_of
 
 pytestmark = [
-    pytest.mark.timeout(400),  # it compiles the core
+    pytest.mark.compiles,
+    pytest.mark.timeout(400),
     pytest.mark.filterwarnings("ignore::numba.core.errors.NumbaPendingDeprecationWarning"),
 ]
 

@@ -40,7 +40,7 @@ from sim_bridge.commands import DEFAULT_CONFIG
 from sim_bridge.config import load_config as load_plant
 from sim_bridge.firmware.params import DEFAULTS
 
-pytestmark = pytest.mark.timeout(400)  # whoever is first compiles the loop
+pytestmark = [pytest.mark.compiles, pytest.mark.timeout(400)]
 
 BASE = load_plant(DEFAULT_CONFIG)
 SIX_THRUSTERS = load_plant(DEFAULT_CONFIG.parent / "sim-bluerov2.toml")

@@ -12,7 +12,7 @@ from lab.studies import campaign
 from lab.studies.campaign import BLUEROV2, DISTURBANCES, VEHICLES, Campaign, batches, case, plant
 from lab.study import dived, parser_of
 
-pytestmark = pytest.mark.timeout(400)  # whoever is first compiles the loop
+pytestmark = [pytest.mark.compiles, pytest.mark.timeout(400)]
 
 CASES = [case(number) for number in range(360)]
 

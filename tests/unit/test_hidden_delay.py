@@ -14,7 +14,7 @@ from lab.batch.stand_in import Links
 from lab.loop.scenarios import four
 from sim_bridge.config import load_config as load_plant
 
-pytestmark = pytest.mark.timeout(400)  # whoever is first compiles the loop
+pytestmark = [pytest.mark.compiles, pytest.mark.timeout(400)]
 
 CONFIG = load_config()
 PLANT = load_plant(Path(__file__).parents[2] / "config" / "sim.toml")
