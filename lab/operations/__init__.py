@@ -1,1 +1,1 @@
-"""How well it holds beside its rivals, and what it costs."""
+"""What only measures the process: memory, lateness, subscribers, many vehicles, hours."""

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from identification import Compared, compare, drawn, manoeuvred
 from virtual import Dive, hold
 
 from companion.config import PRESETS, load_config, load_vehicle, vehicle_text
@@ -19,7 +20,6 @@ from companion.identify.manoeuvre import (
     sweeping,
 )
 from companion.records import PSI, ZERO, Request, State, X, Y, Z
-from lab.tuning.identified import Compared, compare, drawn, manoeuvred
 from sim_bridge.commands import DEFAULT_CONFIG
 from sim_bridge.config import load_config as load_plant
 

@@ -1,36 +1,23 @@
-"""How well `holdfast identify` finds vehicles that are known: drawn ones, and the firmware's own.
+"""The manoeuvre of `holdfast identify` with drawn vehicles: what is true beside what was found."""
 
-python -m lab.tuning.identified                         ten drawn vehicles, our simulator
-python -m lab.tuning.identified --ardusub               ArduSub's own simulated vehicle, our simulator
-python -m lab.tuning.identified --ardusub --firmware    the same with the real ArduSub in lockstep
-"""
-
-import argparse
 import math
-import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import numpy as np
 from msgspec.structs import replace
 
 from companion.config import Config
-from companion.config import load_config as load_companion
 from companion.control.allocation import FACTORS, PER_NEWTON
 from companion.engine import Engine
-from companion.identify.fit import DELAY, LAG, LINEAR, MASS, QUADRATIC, STEADY, Fit, fit
+from companion.identify.fit import DELAY, LAG, LINEAR, MASS, QUADRATIC, STEADY, Fit
 from companion.identify.identified import pooled
 from companion.identify.manoeuvre import Manoeuvre, Stretch
 from companion.records import AXES, PSI, Array, Request, Setpoint, X, Y, Z
-from lab.loop.firmware import vehicle_of
-from lab.loop.lockstep import START_S, LinkDelay, Lockstep, SteppedVehicle
+from lab.loop.lockstep import START_S, LinkDelay, Lockstep
 from lab.loop.scenarios import ensemble
-from lab.options import add_firmware, find_firmware, positive
-from sim_bridge.commands import DEFAULT_CONFIG
 from sim_bridge.config import SimConfig
-from sim_bridge.config import load_config as load_plant
-from sim_bridge.vehicle import Truth
+from sim_bridge.vehicle import Truth, Vehicle
 
 AXIS_OF_BODY = (0, 1, 2, 5)
 SHIFTS_S = np.arange(-0.02, 0.06, 0.0005)
@@ -43,7 +30,7 @@ DEPTH_M = 3.0
 class LoggedVehicle:
     """A vehicle whose motors and motion are noted after each of its steps."""
 
-    vehicle: SteppedVehicle
+    vehicle: Vehicle
     log: list[tuple[float, ...]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
@@ -105,19 +92,16 @@ def drawn(base: SimConfig, seed: int) -> SimConfig:
     return replace(one, hull=hull, initial=replace(one.initial, eta=(0.0, 0.0, DEPTH_M, 0.0, 0.0, 0.0)))
 
 
-def manoeuvred(
-    plant: SimConfig, config: Config, seed: int, firmware: Path | None = None
-) -> tuple[Manoeuvre, Array]:
+def manoeuvred(plant: SimConfig, config: Config, seed: int) -> tuple[Manoeuvre, Array]:
     """Dive the manoeuvre; return it and the log of `LoggedVehicle`, a row each of the vehicle's steps."""
     engine, manoeuvre = Engine(config, Setpoint((math.nan,) * 4), arm=True), Manoeuvre()
-    with vehicle_of(plant, seed, firmware) as vehicle:
-        watched = LoggedVehicle(vehicle)
-        loop = Lockstep(watched, engine, LinkDelay(), seed, config.loop.rate_hz)
-        loop.requests = [Request.ENGAGE]
-        while not manoeuvre.done and watched.time_s < LONGEST_S:
-            step = loop.tick()
-            loop.requests += manoeuvre.step(engine, step.sample)
-        list(loop.run(SETTLE_S))
+    watched = LoggedVehicle(Vehicle(plant, seed))
+    loop = Lockstep(watched, engine, LinkDelay(), seed, config.loop.rate_hz)
+    loop.requests = [Request.ENGAGE]
+    while not manoeuvre.done and watched.time_s < LONGEST_S:
+        step = loop.tick()
+        loop.requests += manoeuvre.step(engine, step.sample)
+    list(loop.run(SETTLE_S))
     return manoeuvre, np.array(watched.log)
 
 
@@ -199,46 +183,3 @@ def _direction(stretch: Stretch) -> Array:
     else:
         towards[AXIS_OF_BODY[stretch.dof]] = 1.0
     return towards
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """Print the table; the exit status tells whether all is within `--within`."""
-    parser = argparse.ArgumentParser(prog="python -m lab.tuning.identified")
-    parser.add_argument("--vehicles", type=positive, default=10, metavar="N", help="default %(default)s")
-    parser.add_argument("--first", type=int, default=0, metavar="SEED", help="default %(default)s")
-    parser.add_argument("--ardusub", action="store_true", help="ArduSub's own simulated vehicle instead")
-    parser.add_argument("--dvl", action="store_true", help="with a position: surge and sway too")
-    parser.add_argument("--waves", action="store_true", help="in waves of 0.3 m")
-    add_firmware(parser)
-    arguments = parser.parse_args(argv)
-    if not find_firmware("identify", arguments):
-        return 2
-    file = DEFAULT_CONFIG.with_name("sim-ardusub.toml") if arguments.ardusub else DEFAULT_CONFIG
-    settings = ["current.enabled=false", f"initial.eta=[0,0,{DEPTH_M},0,0,0]"]
-    settings += ["sensors.dvl=true"] * arguments.dvl + ["waves.enabled=true"] * arguments.waves
-    base, config = load_plant(file, settings), load_companion()
-    worst: dict[str, float] = {}
-    for seed in range(arguments.first, arguments.first + (1 if arguments.ardusub else arguments.vehicles)):
-        plant = base if arguments.ardusub else drawn(base, seed)
-        manoeuvre, log = manoeuvred(plant, config, seed, arguments.firmware)
-        if manoeuvre.failure:
-            sys.stdout.write(f"{seed}: broken off: {manoeuvre.failure}\n")
-            continue
-        curve, fits = next(iter(fit(manoeuvre.stretches, config).items()))
-        for one in compare(plant, manoeuvre.stretches, fits, log):
-            if arguments.firmware is not None and "delay" in one.quantity:
-                continue  # its EKF's own delays are not known
-            sys.stdout.write(
-                f"{seed:4d} {curve:9} {one.axis:6} {one.quantity:18} {one.true:9.4f} {one.found:9.4f} "
-                f"sd {one.sigma:8.4f} {100.0 * one.error:+8.1f} %\n"
-            )
-            what = f"{one.axis} {one.quantity.split(' at ')[0]}"
-            worst[what] = max(worst.get(what, 0.0), abs(one.error))
-        sys.stdout.flush()
-    for what, error in worst.items():
-        sys.stdout.write(f"worst {what:28} {100.0 * error:6.1f} %\n")
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())
