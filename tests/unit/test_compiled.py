@@ -11,23 +11,9 @@ import pytest
 
 from companion import assembly
 from companion.config import load_config
-from companion.control import (
-    allocation,
-    compensator,
-    integrator,
-    law,
-    levelling,
-    oscillation,
-    pace,
-    positioning,
-    reference,
-    regressor,
-    schedule,
-    tilt,
-)
 from companion.control import bounds as subject_of_modules
+from companion.control import integrator, regressor
 from companion.core.tick import tick
-from companion.estimation import hidden_delay, observer, thruster_watch, vehicle_model
 from lab.batch import compiled as subject
 from lab.batch.compiled import cached, compiled, digest, slotted
 from sim_bridge.firmware import depth_hold, mixer
@@ -122,20 +108,11 @@ def test_a_changed_or_new_source_changes_the_digest(tmp_path):
 
 
 EQUATIONS = [
-    *(observer.at_rest, observer.coefficients, observer.predict_step, observer.advance, observer.correct),
-    *(observer.expected, observer.rates, hidden_delay.start, hidden_delay.step),
-    *(vehicle_model.observe, vehicle_model.learn, vehicle_model.doubt, vehicle_model.follow),
-    thruster_watch.step,
-    *(reference.start, reference.ahead, reference.step, schedule.scheduled, law.rov_law, law.step),
-    *(integrator.step, regressor.step, compensator.inputs, compensator.dead_zone_error),
-    *(oscillation.step, oscillation.mean_disturbance, oscillation.scaled_disturbance),
-    *(positioning.to_body, positioning.to_inertial, positioning.inertia, positioning.coriolis_and_damping),
-    *(allocation.allocate, allocation.delivered, allocation.overloaded, allocation.motors),
-    *(levelling.step, pace.step, pace.on_a_tilt, tilt.coming_tilt, tilt.share, tilt.body_force),
-    *(tilt.level_force, mixer.mix_six_dof, mixer.mix_vectored, depth_hold.step),
+    *(integrator.step, regressor.step, mixer.mix_six_dof, mixer.mix_vectored, depth_hold.step),
     *(plant.rotation, plant.down_axis, plant.ned_velocity, plant.euler, plant.derivative, plant.step),
     *(thrusters.static_thrust, thrusters.lagged, thrusters.follow_of, thrusters.wrench),
 ]
+"""Those that the dive of test_compiled_core.py does not go through."""
 
 
 def values(hint, rng):
