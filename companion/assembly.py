@@ -18,7 +18,7 @@ from companion.control.controller import Control
 from companion.control.law import ChosenLaw
 from companion.control.levelling import NO_LEVELLING, Levelling, levelling_of
 from companion.control.positioning import Model
-from companion.control.schedule import D_BEARS_S, Gains, scheduled
+from companion.control.schedule import D_HAT_TOLERATED_S, Gains, scheduled
 from companion.control.tilt import (
     ALARM_RAD,
     LEVELLED_N_PER_S,
@@ -85,9 +85,9 @@ def tilt_limit(config: Config) -> TiltLimit:
 
 
 def gains(config: Config, axis: Axis) -> Gains:
-    """Return λ and κ of an axis, and what they and d̂ bear."""
-    d_bears_s = D_BEARS_S + config.thrusters.lag_s
-    return Gains(axis.lambda_per_s, axis.kappa_per_s, config.delays.gains_bear_s, d_bears_s)
+    """Return λ and κ of an axis, and the delays that they and d̂ tolerate."""
+    d_hat_tolerated_s = D_HAT_TOLERATED_S + config.thrusters.lag_s
+    return Gains(axis.lambda_per_s, axis.kappa_per_s, config.delays.gains_bear_s, d_hat_tolerated_s)
 
 
 def estimator(config: Config) -> Estimator:

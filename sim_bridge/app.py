@@ -276,7 +276,7 @@ class _Physics(asyncio.DatagramProtocol):
         self._transport.sendto(reply, addr)
         if responder.restarts != self._restarts:
             self._restarts = responder.restarts
-            LOG.info("firmware at %s:%d%s", *addr, ", started anew" if responder.restarts else "")
+            LOG.info("firmware at %s:%d%s", *addr, ", restarted" if responder.restarts else "")
         time_s = body.physics.time_s
         if self._publish and time_s - self._published_s >= TRUTH_PERIOD_STEPS * STEP_S - 1e-9:
             self._published_s = time_s

@@ -287,7 +287,7 @@ class Vehicle:
         return autopilot
 
     def _reboot(self) -> None:
-        """Start the firmware anew: parameters stay; origin, streams, mode and arming are lost."""
+        """Restart the firmware: parameters stay; origin, streams, mode and arming are lost."""
         self._boot_steps = self._steps
         for link in self._links:
             self._links[link] = Link()

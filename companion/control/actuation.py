@@ -72,8 +72,8 @@ class Limits(NamedTuple):
 
     pace: Vector
     """The share of its largest rates."""
-    astray: Flags
-    """Where it starts anew at the vehicle, which cannot follow."""
+    off_track: Flags
+    """Where it starts again at the vehicle, which cannot follow."""
 
 
 NO_LIMITS = Limits(FULL, NONE)

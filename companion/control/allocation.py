@@ -2,8 +2,8 @@
 
 ArduSub turns axis demands a (-1..1) into motor demands t = M a, and motor demands linearly into PWM. A motor
 then pushes T(t), which is neither linear nor symmetric. The horizontal motors serve surge, sway and yaw, the
-vertical ones heave, roll and pitch: two groups of up to four motors and three axes, treated alike. Within a
-group the columns of M are orthogonal, so its pseudo-inverse is N⁻¹ Mᵀ, and
+vertical ones heave, roll and pitch: two groups of up to four motors and three axes, with the same equations.
+Within a group the columns of M are orthogonal, so its pseudo-inverse is N⁻¹ Mᵀ, and
 
     f = M (S N)⁻¹ tau     t = T⁻¹(f + λ n)     a = N⁻¹ Mᵀ t       and what it gives:  tau = S Mᵀ T(M a)
 
@@ -239,7 +239,7 @@ def allocate(thrusters: Thrusters, tau: Axes, voltage_v: float, reach: Axes) -> 
 
     Where the horizontal motors would exceed the end of their curve or their reach, yaw's moment is given
     whole and the forces of surge and sway are cut, so that their direction is kept: the heading goes before
-    the place. Heave, roll and pitch, without which no depth is held either, are scaled alike.
+    the place. Heave, roll and pitch, without which no depth is held either, are scaled by one factor.
     """
     strength = thrust_at(voltage_v)
     (surge, sway, yaw), (short_x, short_y, short_n) = _group_axes(

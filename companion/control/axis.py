@@ -237,7 +237,7 @@ def observed(axis: Axis, d_observer: float) -> float:
 
 
 def caught_up(axis: Axis, memory: AxisMemory, x: float, x_dot: float) -> AxisMemory:
-    """Start the reference anew where the vehicle is, and as it moves."""
+    """Start the reference again where the vehicle is, with its rate."""
     return _with(memory, reference.start(axis.reference, x, x_dot), memory.oscillation, memory.mean_d)
 
 

@@ -188,7 +188,7 @@ def _stepped(
 def caught_up(
     control: Control, memory: ControlMemory, where: Flags, eta: Vector, eta_dot: Vector
 ) -> ControlMemory:
-    """Start the reference anew `where` told, where the vehicle is and as it moves."""
+    """Start the references of the DOFs in `where` again, at the vehicle and with its rate."""
     if not (where[X] or where[Y] or where[Z] or where[PSI]):
         return memory
     x, y, z, psi = control.axes

@@ -11,7 +11,7 @@
 | φ, θ    | roll, pitch where the command acts                   | rad        |
 | p, q    | their body rates                                     | rad/s      |
 | I       | inertia with the added mass                          | kg m²      |
-| ω       | frequency, as high as the delay and the guard bear   | rad/s      |
+| ω       | frequency, as high as delay and guard allow          | rad/s      |
 | τ, τ_f  | the thrusters' lag, and what of it is left           | s          |
 | z       | how far below the centre of gravity X and Y push     | m          |
 | μ       | Munk moment for a radian and a newton of mean push   | m          |
@@ -34,10 +34,10 @@ from companion.control.bounds import limited
 
 FILTER_S = 0.05
 INTEGRAL = 0.2
-DELAY_BEARS = 0.18
+DELAY_PHASE_RAD = 0.18
 """ω times the delay, rad: gain margin 2.3, phase margin 30° with a lag of 0.15 s."""
 
-STIFFNESS_BEARS = 0.5
+STIFFNESS_PHASE_RAD = 0.5
 """√c times the delay, rad: beyond it too little damping is left."""
 
 PUSHED_S = 1.0
@@ -123,7 +123,7 @@ def step(
     lead = max(min(lag_s, levelling.lag_s) / FILTER_S - 1.0, 0.0)
     frequency = levelling.frequency_radps * state.oscillation.gain_scale
     late_s = max(delay_s, MIN_DELAY_S) / state.oscillation.gain_scale
-    omega, most = min(frequency, DELAY_BEARS / late_s), min(frequency, STIFFNESS_BEARS / late_s)
+    omega, most = min(frequency, DELAY_PHASE_RAD / late_s), min(frequency, STIFFNESS_PHASE_RAD / late_s)
     pushed_n = state.pushed_n + (force - state.pushed_n) * (1.0 - math.exp(-dt_s / PUSHED_S))
     munk = 2.0 * levelling.munk_m * abs(pushed_n) / levelling.inertia
     stiffness = min(omega * omega + munk, most * most)

@@ -1,11 +1,11 @@
-"""Notices that the loop oscillates by itself, and says how far to draw back what an estimate may ask.
+"""Notices that the loop oscillates by itself, and says by how much the gains are reduced.
 
-A loop that is later, or a vehicle that answers more strongly, than the gains bear oscillates faster than any
-sea or path, and does not die away. So demand that is faster than HIGH_PASS_S, and by its RMS above a share of
-the largest force for longer than any transient, is a limit cycle: engaging, a load or a setpoint ring for a
-second at most, and by far less than the largest force: what is more counts for longer. The gains then
-shrink until it is gone. They come back slowly, and less far than where the cycle began, so that they do not
-hunt; but whole, where the cycle came of a delay that is known by then.
+A loop with more delay, or a vehicle with more gain, than the gains tolerate oscillates faster than any sea or
+path, and the oscillation does not die away. So a limit cycle is demand that is faster than HIGH_PASS_S and
+whose RMS exceeds a share of the largest force for longer than any transient lasts. Engaging, a load or a
+setpoint ring for a second at most, with far less than the largest force: a larger demand counts for longer.
+The gains then shrink until the limit cycle has ended. They come back slowly, and stop below the value at
+which it began, so that they do not hunt. They come back whole where its cause was a delay that is now known.
 """
 
 import math

@@ -3,7 +3,7 @@
 | symbol     | meaning                                                              | unit |
 |------------|----------------------------------------------------------------------|------|
 | lam, kappa | λ, κ of the law                                                      | 1/s  |
-| share      | the delay that the gains bear over the delay that there is, 1 at most |      |
+| share      | the delay that the gains tolerate over the present delay, 1 at most   |      |
 
 The powers of `share` keep a gain margin of 2 at a known total delay (docs/theory.md).
 """
@@ -13,17 +13,17 @@ from typing import NamedTuple
 LAMBDA_POWER, KAPPA_POWER = 0.6, 1.4
 LEAST_DELAY_S = 1e-3
 
-D_BEARS_S = 0.2
-"""Delay that d̂ bears beside the nominal lag: beyond, a vehicle of less gain rings (docs/theory.md)."""
+D_HAT_TOLERATED_S = 0.2
+"""Delay that d̂ tolerates beside the nominal lag: with more, a vehicle of less gain rings (docs/theory.md)."""
 
 
 class Gains(NamedTuple):
-    """λ and κ of one degree of freedom, the delay that they bear and the delay and lag that d̂ bears, s."""
+    """λ and κ of one degree of freedom, and what they and d̂ tolerate: delay; delay and lag together (s)."""
 
     lam: float
     kappa: float
-    bear_s: float
-    d_bears_s: float
+    tolerated_s: float
+    d_hat_tolerated_s: float
 
 
 class ScheduledGains(NamedTuple):
@@ -47,15 +47,15 @@ def scheduled(gains: Gains, delay_s: float, gain_scale: float, lag_s: float) -> 
     `lag_s` is the longest lag that the thrusters may have, as far as is known.
     """
     delay_s = LEAST_DELAY_S if delay_s < LEAST_DELAY_S else delay_s
-    share = gain_scale * _share(gains.bear_s, delay_s)
+    share = gain_scale * _share(gains.tolerated_s, delay_s)
     return ScheduledGains(
         gains.lam * share**LAMBDA_POWER,
         gains.kappa * share**KAPPA_POWER,
         share * share,
         share,
-        gain_scale * _share(gains.d_bears_s, delay_s + lag_s),
+        gain_scale * _share(gains.d_hat_tolerated_s, delay_s + lag_s),
     )
 
 
-def _share(bears_s: float, late_s: float) -> float:
-    return 1.0 if late_s < bears_s else bears_s / late_s
+def _share(tolerated_s: float, late_s: float) -> float:
+    return 1.0 if late_s < tolerated_s else tolerated_s / late_s

@@ -23,7 +23,7 @@ YAW_LEVEL_RAD, YAW_STEEP_RAD = math.radians(40.0), math.radians(60.0)
 """The same for yaw, whose thrust stays level for longer."""
 
 ALARM_RAD, UNLEVELLED_ALARM_RAD, CALM = math.radians(15.0), math.radians(7.0), 0.6
-"""A tilt above it says that more is pushed than the vehicle bears; below CALM times that it is over."""
+"""A tilt above it says that the force is too large for the vehicle; below CALM times it that this is over."""
 
 CUT, MEMORY_S, LEAST_N = 0.6, 2.0, 1.0
 FAST_N_PER_S, SLOW_N_PER_S = 1.0, 0.05
@@ -99,7 +99,7 @@ def level_force(roll: float, pitch: float, force: Force) -> Force:
 
 
 class TiltLimit(NamedTuple):
-    """The most horizontal force (N) that a vehicle bears, found as it tilts.
+    """The largest horizontal force (N) at which a vehicle stays level enough, found as it tilts.
 
     `start_n` and from there FAST_N_PER_S up to `most_n`, until the tilt alarms: then the limit is a share of
     what was pushed of late, and rises by `again_n_per_s`. Where nobody levels the vehicle that is slow: so
@@ -125,7 +125,7 @@ class TiltState(NamedTuple):
 
 
 def start(limit: TiltLimit) -> TiltState:
-    """Return the state in which nothing is known of what the vehicle bears."""
+    """Return the state in which this force is not known."""
     return TiltState(limit.start_n, math.inf, 0.0, False)
 
 

@@ -176,7 +176,7 @@ def tick(
         dt_s,
     )
     controlled = controller.caught_up(
-        parameters.control, controlled, limits.astray, known.ahead.eta, known.ahead.eta_dot
+        parameters.control, controlled, limits.off_track, known.ahead.eta, known.ahead.eta_dot
     )
 
     applied, held = outside.send(outside.state, inputs, wanted)
@@ -191,7 +191,7 @@ def tick(
 
 
 def shares(memory: ControlMemory) -> Vector:
-    """Return what d̂ is scaled by in each degree of freedom: the prediction scales d alike."""
+    """Return what d̂ is scaled by in each degree of freedom: the prediction scales d by the same."""
     x, y, z, psi = memory.axes
     return (x.d_share, y.d_share, z.d_share, psi.d_share)
 

@@ -5,7 +5,7 @@ Nothing arrives before it was sent. So each answer to TIMESYNC, and each stamped
     stamp − arrival ≤ offset ≤ answer's stamp − when we asked          offset = autopilot's clock − ours
 
 The offset is the middle of the narrowest bounds of the last 30 s, and never below the lower one: no telemetry
-delay is negative. Bounds that exclude each other come from a clock that was set anew, or from two.
+delay is negative. Bounds that exclude each other come from a clock that was set again, or from two clocks.
 """
 
 import math
@@ -57,7 +57,7 @@ class AutopilotClock:
         self._odd: Bounds | None = None
         """The newest answer, if it contradicted those before."""
         self._former = (Bounds(math.inf, -math.inf), 0.0)
-        """The clock before it was set anew, and how long it had been in doubt."""
+        """The clock before it was set again, and how long it had been in doubt."""
         self._doubted_s = (math.inf, -math.inf)
         """Since when contradictions have come, and when the newest came."""
         self._answered_s = -math.inf
@@ -68,7 +68,7 @@ class AutopilotClock:
         """Take one TIMESYNC answer: sent and arrived on our clock, `boot_s` on the autopilot's in between.
 
         Return whether it is believed. One that contradicts the clock as it is known is not. A second one that
-        agrees with it, with none in between that does not, sets the clock anew.
+        agrees with it, with none in between that does not, sets the clock again.
         """
         if not 0.0 <= arrived_s - sent_s <= MAX_ROUND_TRIP_S:
             return False
@@ -123,7 +123,7 @@ class AutopilotClock:
     def doubt_s(self, now_s: float) -> float:
         """Return how long stamps and answers have kept contradicting each other; zero where they do not.
 
-        A clock that was set anew is not in doubt, unless the former one goes on: then there are two.
+        A clock that was set again is not in doubt, unless the former one goes on: then there are two.
         """
         first_s, newest_s = self._doubted_s
         return max(now_s - first_s, math.ulp(0.0)) if now_s - newest_s <= SETTLED_S else 0.0

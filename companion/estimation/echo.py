@@ -26,8 +26,8 @@ CONTRAST = 0.5
 """The best lag counts as found when it explains the echo this much better than the average lag does."""
 
 PLATEAU = 0.05
-"""Commands are steps of a tick's length, so neighbouring lags can fit alike: the middle of those within this
-share of the best is taken."""
+"""Commands are steps of a tick's length, so neighbouring lags can fit equally well: the middle of those
+within this share of the best is taken."""
 
 EXCITATION = 0.01
 """Commands that varied less than this (axis units, RMS) tell nothing about lag."""

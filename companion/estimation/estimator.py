@@ -281,7 +281,7 @@ class Estimator:
         return meter.clock.local(event.boot_s) - self._sensor_delay_s[dof]
 
     def _position(self, dof: int, value: float, t_s: float, at_s: float) -> None:
-        """Keep a position sample; a degree of freedom that was not measured for long begins anew."""
+        """Keep a position sample; a degree of freedom that was not measured for long begins again."""
         if t_s - self._measured_t_s[dof] > min(MAX_GAP_S, self._timeout_s[dof]):
             self._begins[dof] = value
             if dof == Z:

@@ -14,8 +14,8 @@ Where ν has that shape, x is off:
 | I      | information on x, over MEMORY_S               | 1/s²           | I' = ψᵀ S⁻¹ ψ − I/MEMORY_S      |
 | u      | commanded thrust                              | N              | observer                        |
 
-A slower thruster than believed looks alike, and does the same harm. It tends to find half of what is there
-rather than too much: noise that went around the loop pulls it down (docs/theory.md).
+A thruster that is slower than believed looks the same, and does the same harm. Half of the delay is found
+rather than too much of it: noise that went around the loop pulls it down (docs/theory.md).
 """
 
 import math

@@ -14,7 +14,7 @@ measured as q + s and v + p, where s and p are the slow noise that an EKF's dept
 | f, u     | thrust now, thrust commanded (NED) | N; N·m      | f₁ = u + (f − u) exp(−h/T)              |
 | m, c     | inertia, drag coefficient          | kg, N/(m/s) | positioning.Model                       |
 | d        | disturbance, the paper's sign      | N; N·m      | eq. rov: m ẍ = τ − k − h − d            |
-| s, p     | slow noise of position and rate    | m, m/s; rad | s₁ = s exp(−h/T_n), p alike             |
+| s, p     | slow noise of position and rate    | m, m/s; rad | s₁ = s exp(−h/T_n), p likewise          |
 | h        | a step                             | s           |                                         |
 | T, T_n   | thrust lag, time of the slow noise | s           |                                         |
 | e_q, e_v | innovation: measured − expected    | m, m/s; rad | x₁ = x + K (e_q, e_v)ᵀ                  |

@@ -88,7 +88,7 @@ class Inputs(NamedTuple):
     now_s: float
     measured: FourMeasured
     begins: Vector
-    """Where a degree of freedom begins anew, as it was not measured for long; NaN where it does not."""
+    """Where a degree of freedom begins again, as it was not measured for long; NaN where it does not."""
     stale: Flags
     telemetry_s: float
     command_s: float
@@ -181,7 +181,7 @@ def step(
     """Bring each observer on to the newest measurements and predict from there to now and ahead.
 
     What is `stale` rests where it was. `d_share`, by DOF, is what the controller scales d̂ by: the predicted d
-    is scaled alike.
+    is scaled by the same.
     """
     states, hidden, learner = _rested(memory, inputs)
     J = jacobian(states[PSI].q)
@@ -230,7 +230,7 @@ def _rested(
 ) -> tuple[
     tuple[ObserverState, ObserverState, ObserverState, ObserverState], HiddenDelayState, LearnerMemory
 ]:
-    """Let rest what begins anew, and what is stale."""
+    """Put at rest the degrees of freedom that begin again, and those that are stale."""
     begins, stale, eta = inputs.begins, inputs.stale, memory.eta
     x = eta[X] if stale[X] else begins[X]
     y = eta[Y] if stale[Y] else begins[Y]

@@ -10,7 +10,7 @@ The EKF tells no error in metres (EKF_STATUS_REPORT has ratios of innovations), 
 | outage of the velocity        | t^1.5: a velocity that walks                                  |
 | fixes                         | the mean size of the last jumps of the EKF                    |
 
-A jump of the EKF's position is a fix of its source, such as a USBL: D and the outage begin anew.
+A jump of the EKF's position is a fix of its source, such as a USBL: D and the outage begin again.
 """
 
 import math
@@ -38,7 +38,7 @@ class PositionDoubtModel:
         self.restart()
 
     def restart(self) -> None:
-        """Begin anew: nothing is known."""
+        """Begin again: nothing is known."""
         self._at: tuple[float, float] | None = None
         self._way = (0.0, 0.0)
         self._unaided_s = 0.0

@@ -30,7 +30,7 @@ MEMORY_S = 1.0
 by more than about 1 °/s counts as reset as well; a slower correction is followed."""
 
 MAX_GAP_S = 0.5
-"""Over a longer gap nothing is known: the first sample after it starts anew."""
+"""Over a longer gap nothing is known: the first sample after it starts again."""
 
 
 class ResetDetector:

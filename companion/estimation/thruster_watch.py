@@ -4,16 +4,17 @@ Hypothesis i says that motor i pushes nothing, hypothesis 0 that all push. About
 
     y = c v − k s       v = u − b_i f_i        (i = 0: v = u)
 
-is fitted to the last seconds: c stands for an inertia, or thrusters, that differ from the nominal ones alike;
-k for what rights a tilted vehicle, or brakes a turn. A dead motor is the one whose hypothesis leaves less
-than EXPLAINS of the squares that hypothesis 0 and the three other motors of its group leave, and less than if
-it had kept half of its push: a motor that still pushes must not be taken for dead, because the allocation
-around a dead motor lets that motor's own demand go anywhere. The horizontal
-motors are seen in yaw and, by their lever, in roll, which tells apart two that turn alike; the vertical ones
-in roll and pitch. While more is left in yaw than there, no vertical one is accused: a horizontal motor that
-is stuck turns the vehicle, and tilts it too. Heave, surge and sway are not looked at: there a payload, a
-current or waves look like a weak motor. Nothing is found while a motor has nothing to do, and then nothing
-is lost.
+is fitted to the last seconds: c stands for an inertia, or thrusters, that all differ from the nominal
+ones by one factor; k for what rights a tilted vehicle, or brakes a turn. A dead motor is the one whose
+hypothesis leaves less than EXPLAINS of the squares that hypothesis 0 and the three other motors of its
+group leave, and less than if it had kept half of its push: a motor that still pushes must not be taken
+for dead, because the allocation around a dead motor lets that motor's own demand go anywhere.
+
+The horizontal motors are seen in yaw and, by their lever, in roll: that tells apart two which turn the
+vehicle in the same way. The vertical motors are seen in roll and pitch. While more is left in yaw than
+there, no vertical motor is suspected: a horizontal motor that is stuck turns the vehicle, and tilts it
+too. Heave, surge and sway are not used: there a payload, a current or waves look like a weak motor. While
+a motor has nothing to do its failure is not found, and does no harm.
 
 | symbol  | meaning                                                                          | unit       |
 |---------|----------------------------------------------------------------------------------|------------|
@@ -25,8 +26,8 @@ is lost.
 | s       | roll, pitch; in yaw the rate                                                     | rad, rad/s |
 | c, k    | fitted, within bounds                                                            | 1, N·m     |
 
-Everything is multiplied in pairs and averaged over MEMORY_S: no more has to be kept for any c and k. A motor
-that was found dead is watched further, against hypothesis 0, and taken back where that explains as much.
+Products of pairs are averaged over MEMORY_S, from which the fit follows for any c and k. A motor that was
+found dead is tested further, against hypothesis 0, and counts as sound again where that explains as much.
 """
 
 import math
@@ -68,10 +69,10 @@ OFF_CENTRE_M = 0.02
 """So far the centre of drag may be aside of the horizontal motors' force."""
 
 HOLDS_S = 0.8
-PARDONED_S = 20.0
-"""So long nobody is accused after one was taken back."""
+EXCUSED_S = 20.0
+"""After a motor was found sound again, none is suspected for this time."""
 
-BIAS_S, PARDONED_BIAS_S = 60.0, 5.0
+BIAS_S, EXCUSED_BIAS_S = 60.0, 5.0
 """How slowly a constant moment, such as that of a payload beside the centre, is taken for what it is."""
 TINY = 1e-12
 
@@ -134,7 +135,7 @@ class State(NamedTuple):
     suspect: Suspect
     dead: int
     """The motor that gives no thrust, 1 to 8; 0 while all do."""
-    pardoned_s: float
+    excused_s: float
 
 
 NO_SUMS = Sums((0.0,) * 5, (0.0,) * 5, (0.0,) * 5, (0.0,) * 5, 0.0, 0.0, 0.0, 0.0)
@@ -159,7 +160,7 @@ def rest(state: State) -> State:
         NO_SUMS,
         NOBODY,
         state.dead,
-        state.pardoned_s,
+        state.excused_s,
     )
 
 
@@ -208,7 +209,7 @@ def step(
         K[0] - lever_m * (Y[4] - Y[0]),
     )
 
-    slowly = dt_s / (PARDONED_BIAS_S if state.pardoned_s > 0.0 else BIAS_S) if state.dead == 0 else 0.0
+    slowly = dt_s / (EXCUSED_BIAS_S if state.excused_s > 0.0 else BIAS_S) if state.dead == 0 else 0.0
     bias = (
         state.bias[0] + slowly * K[0],
         state.bias[1] + slowly * M[0],
@@ -221,23 +222,23 @@ def step(
     tipped = _summed(state.tipped, tip, y_roll, slow_roll, 0.0, keep)
     pitches = 1.0 if upright.shares[2] > 0.0 else 0.0
 
-    dead, pardoned_s = state.dead, max(state.pardoned_s - dt_s, 0.0)
-    if pardoned_s > 0.0:
-        accused = 0
+    dead, excused_s = state.dead, max(state.excused_s - dt_s, 0.0)
+    if excused_s > 0.0:
+        suspected = 0
     elif dead == 0:
-        accused = _accused(by_yaw, tipped, 1.0)
-        if accused == 0 and not _doubted(by_yaw) and not _turned_more(by_yaw, by_roll, by_pitch, pitches):
-            accused = _accused(by_roll, by_pitch, pitches)
-            accused = accused + 4 if accused > 0 else 0
+        suspected = _suspected(by_yaw, tipped, 1.0)
+        if suspected == 0 and not _doubted(by_yaw) and not _turned_more(by_yaw, by_roll, by_pitch, pitches):
+            suspected = _suspected(by_roll, by_pitch, pitches)
+            suspected = suspected + 4 if suspected > 0 else 0
     elif dead > 4:
-        accused = dead if _given_up(by_roll, by_pitch, pitches, dead - 4) else 0
+        suspected = dead if _given_up(by_roll, by_pitch, pitches, dead - 4) else 0
     else:
-        accused = dead if _given_up(by_yaw, tipped, 1.0, dead) else 0
-    same = accused > 0 and accused == state.suspect.motor
-    suspect = Suspect(accused, state.suspect.lasts_s + dt_s if same else 0.0)
+        suspected = dead if _given_up(by_yaw, tipped, 1.0, dead) else 0
+    same = suspected > 0 and suspected == state.suspect.motor
+    suspect = Suspect(suspected, state.suspect.lasts_s + dt_s if same else 0.0)
     if suspect.lasts_s >= HOLDS_S:
-        pardoned_s = PARDONED_S if dead > 0 else 0.0
-        dead, suspect = 0 if dead > 0 else accused, NOBODY
+        excused_s = EXCUSED_S if dead > 0 else 0.0
+        dead, suspect = 0 if dead > 0 else suspected, NOBODY
     return State(
         lagged,
         f,
@@ -249,7 +250,7 @@ def step(
         tipped,
         suspect,
         dead,
-        pardoned_s,
+        excused_s,
     )
 
 
@@ -354,7 +355,7 @@ def _least(first: Sums, second: Sums) -> float:
     return LEAST_NM * LEAST_NM + first.oo + second.oo
 
 
-def _accused(first: Sums, second: Sums, weight: float) -> int:
+def _suspected(first: Sums, second: Sums, weight: float) -> int:
     """Return which motor of a group gives no thrust, 1 to 4; 0 for none. The second axis has a `weight`."""
     whole = left(first, 0) + weight * left(second, 0)
     if not whole > _least(first, second):

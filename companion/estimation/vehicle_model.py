@@ -67,7 +67,7 @@ TOLERATED_LOG_GAIN, TOLERATED_LAG_S = 0.1, 0.02
 takes more to believe in a vehicle that answers less: more would be asked of it."""
 
 NEAR_LOG_GAIN, NEAR_LAG_S = 0.02, 0.002
-"""Observers are looked up anew where the model has moved further."""
+"""Observers are looked up again where the model has moved further."""
 
 LAG_COUNTS = 0.3
 ROUNDING = 1e-15

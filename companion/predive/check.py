@@ -361,11 +361,11 @@ def _clock(seen: Observed, config: Config) -> Finding:
     if not seen.syncs:
         return Finding(WARNING, "TIMESYNC is not answered", "look for a filter on the link")
     found = f"round trip {1e3 * seen.round_trip_s:.1f} ms, {seen.clock_jumps} jumps in {seen.syncs} answers"
-    total_s, bears_s = seen.state.delays.total_s, config.delays.gains_bear_s
+    total_s, tolerated_s = seen.state.delays.total_s, config.delays.gains_bear_s
     if seen.clock_jumps or seen.round_trip_s > MAX_ROUND_TRIP_S:
         return Finding(WARNING, found, "use a faster link; look for a second autopilot on it")
-    if total_s > bears_s:
-        found += f"; total delay {1e3 * total_s:.0f} ms, full gains up to {1e3 * bears_s:.0f} ms"
+    if total_s > tolerated_s:
+        found += f"; total delay {1e3 * total_s:.0f} ms, full gains up to {1e3 * tolerated_s:.0f} ms"
         return Finding(WARNING, found, "the gains are reduced; run on the vehicle, not topside")
     return Finding(GOOD, found)
 

@@ -118,7 +118,7 @@ class Vehicle(NamedTuple):
     follow: float
     to_motor_steps: int
     depth_back: float
-    """How old the depth is that a tick takes in, in steps; the climb and the attitude alike."""
+    """How old the depth is that a tick takes in, in steps; likewise the climb and the attitude."""
     climb_back: float
     attitude_back: float
     depth_scale: float
@@ -288,7 +288,7 @@ def water(vehicle: Vehicle, sea: Rows, slow: Rows, t_s: float, state: State) -> 
 
 
 def orbital(sea: Rows, t_s: float, s: float, z: float) -> tuple[float, float, float, float]:
-    """Velocity of the water along the sea and down, and its acceleration alike, s metres along the sea."""
+    """Velocity and acceleration of the water, each along the sea and down, s metres along the sea."""
     along, down, d_along, d_down = 0.0, 0.0, 0.0, 0.0
     depth = max(z, 0.0)
     for i in range(sea.shape[1]):

@@ -22,7 +22,7 @@ GROWN = 2.0  # an orbit this many times that of 0 ms is no longer the reference'
 
 
 def linear_ms(mass_ratio: float, k: float) -> float:
-    """Return the delay (ms) that a vehicle at rest bears, by its phase margin; `k` is the integral gain."""
+    """Return the delay (ms) that a vehicle at rest tolerates by its phase margin; `k`: the integral gain."""
     omega = np.logspace(-1.0, 2.0, 100_001)
     s = 1j * omega
     m_hat = mass_ratio * MASS_KG

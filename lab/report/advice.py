@@ -69,8 +69,8 @@ def _loop(log: Log, figures: DiveFigures) -> Iterator[str]:
     total_ms = loop.telemetry_delay_ms + loop.command_delay_ms
     if loop.delay_known > 0.5 and total_ms > bear_ms:
         yield (
-            f"Both delays together are {total_ms:.0f} ms, and the gains bear {bear_ms:.0f}: they were drawn "
-            "back. Shorten the way to the autopilot before touching the gains."
+            f"Both delays together are {total_ms:.0f} ms, and the gains tolerate {bear_ms:.0f}: they were "
+            "reduced. Shorten the way to the autopilot before touching the gains."
         )
 
 

@@ -56,7 +56,7 @@ def identify(
     """Fit the model to one stretch of rates (m/s, rad/s) and delivered force (N, N·m); None if too short.
 
     `tau` acts `delay_s` after it was sent, through a first-order lag. The doubt comes from drawing blocks of
-    five seconds again and again, for neighbouring errors are alike.
+    five seconds again and again, for neighbouring errors are correlated.
     """
     dt_s = float(np.median(np.diff(t_s))) if t_s.size > 2 else 0.0
     step = round(WINDOW_S / dt_s) if dt_s > 0.0 else 0

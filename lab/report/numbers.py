@@ -10,7 +10,7 @@ from lab.report.figures import AXIS_OF, DiveFigures, error
 from lab.report.log import Columns, Log
 
 SAME_TICK_S = 1e-3
-"""Samples of one tick bear one time."""
+"""Samples of one tick have one time."""
 
 ANGLES = ("heading", "heading_desired", "roll", "pitch")
 

@@ -88,7 +88,7 @@ def load(files: Sequence[Path]) -> Tape:
     gaps = [(before, after) for before, after in pairwise(numbers) if after != before + 1]
     if numbers[0] != 1:
         notes.append(
-            f"it begins with tick {numbers[0]}: the engine starts anew there, so the first seconds differ"
+            f"it begins with tick {numbers[0]}: the engine starts afresh there, so the first seconds differ"
         )
     for before, after in gaps[:5]:
         notes.append(f"ticks {before + 1} to {after - 1} are missing: what follows may differ by that")

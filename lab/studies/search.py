@@ -1,7 +1,7 @@
 """One search for every row of the bench: CMA-ES over the logarithms of its knobs, on training seeds.
 
 Every candidate dives the four scenarios, shortened to TRAINING_S, with TRAINING_SEEDS vehicles that no bench
-ever sees, which bear the four CASES in turn: half of them 40 ms more delay each way, which is measured as in
+ever sees, which meet the four CASES in turn: half of them 40 ms more delay each way, which is measured as in
 the full loop, half of them 15 % more thrust and 40 ms more in the autopilot's filter, which no stamp shows.
 What counts is the mean depth RMS (mm), and CHATTER_PRICE for each newton that the command moves by more than
 CHATTER_N a tick (RMS). All candidates of a generation dive at once (`lab.batch`).
@@ -35,7 +35,7 @@ FAST_AFTER_S = 12.0
 
 
 class TrainingCase(NamedTuple):
-    """What a dive has to bear: more delay each way, delay that is hidden, and its thrust against nominal."""
+    """What a dive meets: more delay each way, delay that is hidden, and its thrust against nominal."""
 
     longer_s: float
     hidden_s: float
@@ -184,7 +184,7 @@ def _dive(
 
 
 def training(seeds: int, vary: Callable[[SimConfig, int], SimConfig]) -> list[tuple[Scenario, TrainingCase]]:
-    """Return the dives of a score, shortened, and what each has to bear."""
+    """Return the dives of a score, shortened, and what each meets."""
     dives = []
     for seed in range(seeds):
         for whole in four(seed, vary):

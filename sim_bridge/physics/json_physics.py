@@ -97,7 +97,7 @@ class Responder:
     for that of the next frame, and put the physics a frame behind for good. If the answer was lost, it is
     sent again.
 
-    A firmware that starts anew (its frame count goes back) finds the body where it is, as a vehicle whose
+    A firmware that restarts (its frame count goes back) finds the body where it is, as a vehicle whose
     autopilot reboots in the water; its time starts at 0 again. Whatever the bytes, nothing raises.
     """
 

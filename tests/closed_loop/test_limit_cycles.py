@@ -127,7 +127,7 @@ def test_a_compensator_that_learns_too_fast_makes_no_lasting_limit_cycle():
 
 def test_levelling_that_is_too_stiff_makes_no_lasting_limit_cycle(monkeypatch):
     """As stiff as a fifth of the delay would bear: roll and pitch oscillate at once."""
-    monkeypatch.setattr(levelling, "DELAY_BEARS", 1.0)
+    monkeypatch.setattr(levelling, "DELAY_PHASE_RAD", 1.0)
     steps = dived(seconds=15.0, knock=0.5, companion=("levelling.frequency_radps=12.0",))
     tilts = np.array([(step.sample.command.roll, step.sample.command.pitch) for step in steps])
     largest = np.full(2, load_config().levelling.max_axis)

@@ -140,7 +140,7 @@ def test_an_accelerating_path_is_met_where_the_command_acts():
 
 
 def test_gains_are_drawn_back_by_their_powers_and_never_drawn_out():
-    gains = Gains(lam=4.0, kappa=8.0, bear_s=0.1, d_bears_s=0.35)
+    gains = Gains(lam=4.0, kappa=8.0, tolerated_s=0.1, d_hat_tolerated_s=0.35)
     half = (4.0 * 0.5**0.6, 8.0 * 0.5**1.4, 0.25, 0.5)
     assert scheduled(gains, 0.2, 1.0, 0.1) == pytest.approx((*half, 1.0))
     assert scheduled(gains, 0.1, 0.5, 0.1) == pytest.approx((*half, 0.5))
@@ -149,6 +149,6 @@ def test_gains_are_drawn_back_by_their_powers_and_never_drawn_out():
 
 
 def test_a_lag_that_is_long_or_not_known_draws_back_the_disturbance_alone():
-    gains = Gains(lam=4.0, kappa=8.0, bear_s=0.2, d_bears_s=0.35)
+    gains = Gains(lam=4.0, kappa=8.0, tolerated_s=0.2, d_hat_tolerated_s=0.35)
     assert scheduled(gains, 0.2, 1.0, 0.5) == pytest.approx((4.0, 8.0, 1.0, 1.0, 0.5))
     assert scheduled(gains, 0.2, 0.8, 0.5).d_share == pytest.approx(0.4)

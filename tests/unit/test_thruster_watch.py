@@ -7,7 +7,7 @@ import pytest
 
 from companion.control.allocation import FACTORS, PER_NEWTON, allocate, delivered, thrusters, without
 from companion.estimation import thruster_watch
-from companion.estimation.thruster_watch import PARDONED_S, START, Parameters, rest
+from companion.estimation.thruster_watch import EXCUSED_S, START, Parameters, rest
 
 DT_S = 0.02
 HEAVY = thrusters("vectored_6dof", (1e6,) * 6, True)
@@ -103,8 +103,8 @@ def test_a_motor_that_pushes_again_is_taken_back_and_nobody_is_accused_for_a_whi
     assert body.run(10.0, dead=7) == 7
     assert body.run(6.0) == 0
     assert body.run(10.0, dead=5) == 0
-    assert body.watch.pardoned_s > 0.0
-    assert body.run(PARDONED_S, dead=5) == 5
+    assert body.watch.excused_s > 0.0
+    assert body.run(EXCUSED_S, dead=5) == 5
 
 
 def test_who_rests_forgets_all_but_the_dead_motor():
