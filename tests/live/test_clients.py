@@ -2,13 +2,10 @@
 
 import socket
 from collections.abc import Iterator
-from pathlib import Path
 
-import dialogue_mavproxy
-import dialogue_mavutil
 import pytest
 from autopilot import Autopilot, StandIn
-from clients import mavproxy, mavsdk, needs_clients
+from client_tests import test_mavproxy, test_mavsdk, test_mavutil  # noqa: F401 - they run here
 
 from lab.ports import free_port
 
@@ -22,19 +19,3 @@ def port() -> int:
 def vehicle(port: int) -> Iterator[Autopilot]:
     with StandIn(port) as vehicle:
         yield vehicle
-
-
-@needs_clients
-def test_mavproxy(vehicle: Autopilot, port: int, tmp_path: Path) -> None:
-    with mavproxy(port, tmp_path) as station:
-        dialogue_mavproxy.everything(vehicle, station, tmp_path)
-
-
-@needs_clients
-@pytest.mark.usefixtures("vehicle")
-def test_mavsdk(port: int) -> None:
-    mavsdk(port)
-
-
-def test_mavutil(vehicle: Autopilot, port: int, tmp_path: Path) -> None:
-    dialogue_mavutil.everything(vehicle, port, tmp_path)
