@@ -1,0 +1,45 @@
+"""docs/theory.md gives the constants of the code: a sentence is made of each and looked for on the page."""
+
+import math
+from pathlib import Path
+
+import pytest
+
+from companion.config import Config
+from companion.control import oscillation, schedule
+from companion.estimation import hidden_delay, vehicle_model
+
+PAGE = " ".join((Path(__file__).parents[2] / "docs" / "theory.md").read_text(encoding="utf-8").split())
+
+heave, least = Config().heave, oscillation.LEAST
+sum_per_s = (
+    heave.lambda_per_s * least**schedule.LAMBDA_POWER + heave.kappa_per_s * least**schedule.KAPPA_POWER
+)
+surge, sway, in_heave, yaw = (f"{100 * share:g} %" for share in oscillation.SHARES)
+most_gain = math.exp(vehicle_model.MOST_LOG_GAIN)
+
+SENTENCES = (
+    f"faster than {oscillation.HIGH_PASS_S:g} s has for {oscillation.TRANSIENT_S:g} s",
+    f"{surge} in surge and sway, {in_heave} in heave, {yaw} in yaw, "
+    f"{100 * oscillation.LEVELLING_SHARE:g} % in roll and pitch",
+    f"more than {math.sqrt(oscillation.VIOLENT):.1f} times the share",
+    f"with a time constant of {oscillation.SHRINK_S:g} s, to {least:g} at least",
+    f"as a longer delay would (s^{schedule.LAMBDA_POWER:g}, s^{schedule.KAPPA_POWER:g})",
+    f"the mean over {oscillation.MEAN_S:g} s stays",
+    f"Within {oscillation.RECOVER_S:g} s the scale returns to {oscillation.RELAPSE_SHARE:g} of its value",
+    f"then it grows by {60.0 / oscillation.FORGET_S:g} a minute",
+    f"at least {1e3 * oscillation.EXPLAINED_S:g} ms longer than at the start",
+    f"with λ + κ = {sum_per_s:.1f}/s in heave",
+    f"λ decreases with the power {schedule.LAMBDA_POWER:g} and κ with the power {schedule.KAPPA_POWER:g}",
+    f"min(1, ({schedule.D_HAT_TOLERATED_S:g} s + T_n)/(delay + T + doubt of T))",
+    f"The doubt of T is {vehicle_model.PRIOR_LAG_S:g} s to begin with",
+    f"g stays within 1/{most_gain:g}..{most_gain:g}, T within {vehicle_model.LEAST_LAG_S:g}.."
+    f"{vehicle_model.MOST_LAG_S:g} s",
+    f"limited to 0..{1e3 * hidden_delay.LARGEST_S:g} ms and changes by at most "
+    f"{1e3 * hidden_delay.SLEW:g} ms per second",
+)
+
+
+@pytest.mark.parametrize("sentence", SENTENCES)
+def test_the_page_has_the_constants_of_the_code(sentence):
+    assert sentence in PAGE
