@@ -5,7 +5,7 @@ from argparse import ArgumentParser
 from pathlib import Path
 
 from holdfast.arguments import command_parser
-from lab.options import add_settings, json_file, positive
+from lab.options import json_file
 
 BENCH_EXAMPLES = """\
 further benches, each with its own --help:
@@ -14,6 +14,7 @@ further benches, each with its own --help:
   zenoh       what slow, stopped and killed subscribers cost the tick; six minutes
   fleet       what many vehicles at one router with TLS cost (--vehicles N); two minutes
   soak        everything live for hours (--minutes MIN): memory, lateness, lost records
+  dashboard   what the dashboard costs for each browser (--seconds S); two minutes
   ablation    one part of the controller less at a time; the network beside the observer
   grid        vehicles of a third to three times the nominal gain (--cells SET ...): limit cycles
   firmware    our simulator beside the real ArduSub
@@ -69,8 +70,12 @@ BENCHES = {
     "grid": "lab.studies.grid:Grid",
     "ablation": "lab.studies.ablation:Ablation",
     "firmware": "lab.studies.fidelity:Fidelity",
+    "process": "lab.operations.operations:Process",
+    "zenoh": "lab.operations.operations:Subscribers",
+    "fleet": "lab.operations.operations:Fleet",
+    "soak": "lab.operations.operations:Soak",
+    "dashboard": "lab.operations.operations:Dashboard",
 }
-LIVE_BENCHES = ("process", "zenoh", "fleet", "soak")
 
 
 def demo(argv: list[str]) -> int:
@@ -83,37 +88,33 @@ def demo(argv: list[str]) -> int:
 def bench(argv: list[str]) -> int:
     """Measure control errors over many vehicles and seas, and the cost of a tick."""
     finder = ArgumentParser(prog="holdfast bench", add_help=False)
-    finder.add_argument("what", nargs="?", choices=(*BENCHES, *LIVE_BENCHES))
-    for option in ("seeds", "vehicles", "minutes", "set", "json", "table", "out", "workers", "scheduler"):
+    finder.add_argument("what", nargs="?", choices=tuple(BENCHES))
+    for option in (
+        "seeds",
+        "vehicles",
+        "minutes",
+        "seconds",
+        "set",
+        "json",
+        "table",
+        "out",
+        "workers",
+        "scheduler",
+    ):
         finder.add_argument(f"--{option}")
     for option in ("rows", "scenarios", "cells"):
         finder.add_argument(f"--{option}", nargs="+")
     finder.add_argument("--firmware", nargs="?")
     what: str | None = finder.parse_known_args(argv)[0].what
     rest = [word for i, word in enumerate(argv) if what is None or i != argv.index(what)]
-    if what in LIVE_BENCHES:
-        return _live_bench(what, rest)
     from lab.study import load, start
 
     status = start(load(BENCHES[what or "dives"]), rest, BENCH_EXAMPLES)
-    return status if what or status == 2 else max(status, _live_bench(None, rest))
+    if what or status == 2:
+        return status
+    from lab.operations.operations import after_dives
 
-
-def _live_bench(what: str | None, argv: list[str]) -> int:
-    parser = command_parser(f"bench {what or ''}", "Measures the process.", BENCH_EXAMPLES)
-    parser.add_argument(
-        "--vehicles", type=positive, default=20, metavar="N", help="of the fleet; default %(default)s"
-    )
-    parser.add_argument(
-        "--minutes", type=positive, default=120, metavar="MIN", help="of the soak; default %(default)s"
-    )
-    add_settings(parser)
-    parser.add_argument("--json", type=json_file, metavar="FILE", help="also write the figures to FILE")
-    arguments = parser.parse_args(argv) if what else parser.parse_known_args(argv)[0]
-    from lab.operations.operations import run
-
-    arguments.what = what
-    return run(arguments)
+    return max(status, after_dives(rest))
 
 
 def schema(argv: list[str]) -> int:

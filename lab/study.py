@@ -54,7 +54,7 @@ CONNECT_S = 5.0
 Row = dict[str, Any]
 """One dive: the fields of its case, then its results.
 
-`trace` serves the picture alone and stands in no file of results; a list or dict stands in no table.
+`trace` serves pictures and summaries and stands in no file of results; a list or dict stands in no table.
 """
 
 

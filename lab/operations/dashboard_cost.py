@@ -1,6 +1,6 @@
-"""What the dashboard costs beside a simulated dive: `python -m lab.operations.dashboard_cost [SECONDS]`.
+"""What the dashboard costs, measured beside a simulated dive.
 
-Server: processor time of its process with 0, 1, 2, 4 browsers in turn, each turn `SECONDS` (10) long, twice.
+Server: processor time of its process with 0, 1, 2, 4 browsers in turn, each turn equally long, twice.
 Page: bytes, time to the first plot and frames per second in Chromium, at 1440 and at 820 px.
 """
 
@@ -16,6 +16,7 @@ from typing import Any
 import aiohttp
 
 from lab.demo.crew import Crew
+from lab.operations.bounds import Bound
 from lab.ports import free_port
 from lab.usage import cpu_s
 
@@ -29,8 +30,12 @@ PAGE = """() => {
 FRAMES = "[holdfast.count.frames, performance.now(), holdfast.count.drawMs]"
 
 
-async def measure(seconds: float) -> None:
-    """Measure and print."""
+def dashboard_cost(seconds: float) -> list[Bound]:
+    """Measure with turns of so many seconds. Raises ChildError."""
+    return asyncio.run(_measured(seconds))
+
+
+async def _measured(seconds: float) -> list[Bound]:
     zenoh, mavlink, port = free_port(), free_port(), free_port()
     endpoint = f"tcp/127.0.0.1:{zenoh}"
     with tempfile.TemporaryDirectory() as folder, Crew(Path(folder)) as crew:
@@ -45,12 +50,12 @@ async def measure(seconds: float) -> None:
         for _ in range(2):
             for browsers in TURNS:
                 costs[browsers].append(await _turn(pid, port, browsers, seconds))
-        for browsers, shares in costs.items():
-            mean = sum(shares) / len(shares)
-            print(f"server with {browsers} browsers: {100 * mean:.2f} % of a core")  # noqa: T201
-        slope = (sum(costs[4]) - sum(costs[1])) / 2 / 3
-        print(f"each further browser: {100 * slope:.2f} % of a core")  # noqa: T201
-        await _pages(port, seconds)
+        bounds = [
+            Bound(f"server with {browsers} browsers", 50.0 * sum(shares), "% of a core")
+            for browsers, shares in costs.items()
+        ]
+        further = 50.0 * (sum(costs[4]) - sum(costs[1])) / 3
+        return [*bounds, Bound("each further browser", further, "% of a core"), *await _pages(port, seconds)]
 
 
 async def _turn(pid: int, port: int, browsers: int, seconds: float) -> float:
@@ -74,13 +79,14 @@ async def _read(session: aiohttp.ClientSession, url: str) -> None:
             pass
 
 
-async def _pages(port: int, seconds: float) -> None:
+async def _pages(port: int, seconds: float) -> list[Bound]:
     from playwright.async_api import async_playwright
 
     chromium = shutil.which("chromium")
     if chromium is None:
         sys.stderr.write("no chromium here: nothing is said of the page. See .ci/apt\n")
-        return
+        return []
+    bounds = []
     async with async_playwright() as play:
         browser = await play.chromium.launch(executable_path=chromium, args=CHROMIUM)
         for width, height in ((1440, 900), (820, 1180)):
@@ -92,13 +98,12 @@ async def _pages(port: int, seconds: float) -> None:
             await asyncio.sleep(seconds)
             after: list[Any] = await page.evaluate(FRAMES)
             frames, ms, draw_ms = (late - early for late, early in zip(after, before, strict=True))
-            print(  # noqa: T201
-                f"page at {width} px: {size / 1000:.0f} kB, first plot after {first_ms:.0f} ms, "
-                f"{1000 * frames / ms:.1f} frames/s, {draw_ms / frames:.1f} ms to draw one"
-            )
+            bounds += [
+                Bound(f"page at {width} px", size / 1000, "kB"),
+                Bound(f"page at {width} px: first plot after", first_ms, "ms"),
+                Bound(f"page at {width} px: frames", 1000 * frames / ms, "a second"),
+                Bound(f"page at {width} px: to draw a frame", draw_ms / frames, "ms"),
+            ]
             await page.close()
         await browser.close()
-
-
-if __name__ == "__main__":
-    asyncio.run(measure(float(sys.argv[1]) if len(sys.argv) > 1 else 10.0))
+    return bounds

@@ -28,9 +28,6 @@ from subprocess import Popen
 import numpy as np
 import zenoh
 from msgspec.structs import replace
-from rich import box
-from rich.console import Console
-from rich.progress import Progress
 from rich.table import Table
 
 from companion.config import load_config
@@ -46,9 +43,10 @@ from dashboard.zenoh_client import Subscription
 from lab.demo.crew import ChildError, Crew
 from lab.loop.lockstep import LinkDelay, Lockstep
 from lab.loop.scenarios import four
-from lab.operations.bounds import HOLDFAST
+from lab.operations.bounds import HOLDFAST, Bound
 from lab.operations.soak import browse
 from lab.ports import free_port
+from lab.study import ruled
 from lab.usage import cpu_s, memory_kb
 from sim_bridge.commands import DEFAULT_CONFIG
 from sim_bridge.config import load_config as load_plant
@@ -62,6 +60,7 @@ WINDOW_S = 30.0
 IN_A_PROCESS = 5
 ROUTER = "from lab.operations.many_vehicles import route; route({file!r})"
 VEHICLES = "from lab.operations.many_vehicles import publish; publish({files!r})"
+FORMS = {"%": ".1f", "ms": ".2f", "load": ".1f"}
 SHOWN = ("router", "dashboard", "watch", "record")
 
 
@@ -81,60 +80,35 @@ class Window:
     seconds: float = 0.0
     load: float = 0.0
 
+    def bounds(self) -> list[Bound]:
+        """Return the figures; no sample may be lost."""
+        ages_ms = 1e3 * np.percentile(self.delays_s, (50, 99, 100)) if self.delays_s else [math.nan] * 3
+        return [
+            *(Bound(f"{name}: % of a core", 100.0 * share, "%") for name, share in self.cpu.items()),
+            *(Bound(f"{name}: memory, MB", self.memory_mb[name], "MB") for name in SHOWN),
+            *(
+                Bound(f"age at a client: {name}, ms", float(age_ms), "ms")
+                for name, age_ms in zip(("50 % within", "99 % within", "largest"), ages_ms, strict=True)
+            ),
+            Bound("samples a second", self.samples / self.seconds, ""),
+            Bound("samples lost", self.lost, "", limit=0),
+            Bound("recorder: lost", self.recorder.lost if self.recorder else -1, ""),
+            Bound("load of the machine", self.load, "load"),
+        ]
 
-def fleet(vehicles: int, console: Console) -> int:
-    """Measure one vehicle, then all, and print; return 1 if a sample was lost."""
-    windows: list[Window] = []
-    try:
-        with Progress(console=console) as progress:
-            task = progress.add_task("measuring", total=2)
-            for count in (1, vehicles):
-                windows.append(_measure(count))
-                progress.advance(task)
-    except ChildError as error:
-        console.print(f"no figures: {error}")
-        return 1
-    console.print(table(windows))
-    return 1 if any(window.lost for window in windows) else 0
 
-
-def table(windows: Sequence[Window]) -> Table:
+def table(columns: Sequence[tuple[int, Sequence[Bound]]]) -> Table:
     """Return all figures, a column for each number of vehicles, and the ratio of the last to the first."""
-    rows = Table(box=box.SIMPLE_HEAD, title="Vehicles at one router, TLS", title_justify="left")
-    rows.add_column("")
-    for window in windows:
-        rows.add_column(str(window.vehicles), justify="right")
-    rows.add_column("ratio", justify="right")
-
-    def add(name: str, form: str, values: Sequence[float]) -> None:
-        ratio = values[-1] / values[0] if values[0] else math.nan
-        rows.add_row(
-            name, *(f"{value:{form}}" for value in values), "" if math.isnan(ratio) else f"{ratio:.1f}"
-        )
-
-    for name in windows[0].cpu:
-        add(f"{name}: % of a core", ".1f", [100.0 * window.cpu[name] for window in windows])
-    for name in SHOWN:
-        add(f"{name}: memory, MB", ".0f", [window.memory_mb[name] for window in windows])
-    for share in (50.0, 99.0, 100.0):
-        name = "largest" if share == 100.0 else f"{share:g} % within"
-        add(
-            f"age at a client: {name}, ms",
-            ".2f",
-            [1e3 * _percentile(window.delays_s, share) for window in windows],
-        )
-    add("samples a second", ".0f", [window.samples / window.seconds for window in windows])
-    add("samples lost", "d", [window.lost for window in windows])
-    add("recorder: lost", "d", [window.recorder.lost if window.recorder else -1 for window in windows])
-    add("load of the machine", ".1f", [window.load for window in windows])
+    rows = ruled("Vehicles at one router, TLS", "", *(str(vehicles) for vehicles, _ in columns), "ratio")
+    for same in zip(*(bounds for _, bounds in columns), strict=True):
+        form, first = FORMS.get(same[0].unit, ".0f"), same[0].value
+        ratio = f"{same[-1].value / first:.1f}" if first else ""
+        rows.add_row(same[0].name, *(f"{bound.value:{form}}" for bound in same), ratio)
     return rows
 
 
-def _percentile(values: Sequence[float], share: float) -> float:
-    return float(np.percentile(values, share)) if len(values) else math.nan
-
-
-def _measure(count: int) -> Window:
+def measure(count: int) -> list[Bound]:
+    """Measure so many vehicles. Raises ChildError."""
     names = [f"vehicle{number:02}" for number in range(1, count + 1)]
     local, port = f"tcp/127.0.0.1:{free_port()}", free_port()
     with tempfile.TemporaryDirectory(prefix="holdfast-fleet-") as folder, ExitStack() as stack:
@@ -174,7 +148,7 @@ def _measure(count: int) -> Window:
         window.cpu["all vehicles"] = sum(share for name, share in used.items() if name not in SHOWN)
         window.memory_mb = {name: memory_kb(pids[name]).share / 1024.0 for name in SHOWN}
         window.load = os.getloadavg()[0]
-    return window
+    return window.bounds()
 
 
 def _await(local: str, count: int, crew: Crew) -> None:

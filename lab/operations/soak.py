@@ -12,7 +12,7 @@ import tempfile
 import threading
 import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -22,17 +22,16 @@ import aiohttp
 import numpy as np
 from mcap.reader import make_reader
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
-from rich import box
 from rich.console import Console, Group, RenderableType
-from rich.live import Live
-from rich.table import Table
 
 from companion.telemetry import schemas as telemetry
 from dashboard.losses import Losses
 from dashboard.zenoh_client import Subscription
 from lab.demo.crew import ChildError, Crew
+from lab.operations.bounds import Bound
 from lab.ports import free_port
-from lab.usage import Memory, cpu_s, memory_kb, slope
+from lab.study import ruled
+from lab.usage import Memory, Slope, cpu_s, memory_kb, slope
 
 VEHICLE = "soak"
 WARM_UP_S = 600.0
@@ -104,35 +103,55 @@ class Soak:
         p50, p99 = np.percentile(late, [50, 99])
         return float(p50), float(p99), max(late)
 
+    def typical_p99_ms(self) -> tuple[float, float]:
+        """Return the median of the minutes' p99: of the ticks, and of the loop that does nothing."""
+        late = np.median([row.lateness_ms[1] for row in self.minutes])
+        return float(late), float(np.median([row.empty_ms for row in self.minutes[1:] or self.minutes]))
 
-def soak(minutes: float, console: Console) -> int:
-    """Run, and show the summary every minute; return 1 if a process ended, raised, or lost records."""
-    found, stopped = Soak(), False
+    def slopes(self, minutes: float) -> dict[str, Slope]:
+        """Return how what each process allocated grew, kB/h, since `counts_from_s`."""
+        counted = [row for row in self.minutes if row.at_s >= counts_from_s(minutes)]
+        hours = [row.at_s / 3600.0 for row in counted]
+        return {
+            name: slope(hours, [row.memory_kb[name].own for row in counted])
+            for name in self.minutes[0].memory_kb
+        }
+
+
+def soak(minutes: int, advance: Callable[[], object]) -> list[Bound]:
+    """Run, print the summary every minute, and return the figures. Raises ChildError if a process ended."""
+    found, console = Soak(), Console()
     with tempfile.TemporaryDirectory(prefix="holdfast-soak-") as folder, Crew(Path(folder)) as crew:
         dives = Path(folder) / "dives"
         try:
-            with Live(console=console, auto_refresh=False, transient=True) as live:
-                for _ in _run(60.0 * minutes, crew, dives, found):
-                    if console.is_terminal:
-                        live.update(summary(found, minutes), refresh=True)
-                    else:
-                        console.print(summary(found, minutes))
-        except ChildError as error:
-            console.print(f"[red]{error}[/red]")
-            return 1
+            for _ in _run(60.0 * minutes, crew, dives, found):
+                console.print(summary(found, minutes))
+                advance()
         except KeyboardInterrupt:
-            console.print("stopped: these are the figures until now")
-            stopped = True
+            console.print(summary(found, minutes), "stopped: these are the figures until now")
+            raise
         crew.close()
         found.tracebacks = crew.count("Traceback")
         written = sum(_messages(file) for file in dives.glob("*.mcap"))
-    console.print(summary(found, minutes))
     recorder = found.recorder
-    lost = recorder is None or recorder.lost + recorder.dropped > 0
-    console.print(f"records in the recorder's files, read again: {written}")
-    if stopped:
-        raise KeyboardInterrupt
-    return 1 if lost or found.tracebacks.total() else 0
+    lost = math.inf if recorder is None else recorder.lost + recorder.dropped
+    late_ms, empty_ms = found.typical_p99_ms()
+    return [
+        *(Bound(f"memory slope, {name}", line.slope, "kB/h") for name, line in found.slopes(minutes).items()),
+        *(Bound(f"processor, {name}", 100.0 * share, "% of a core") for name, share in found.cpu.items()),
+        Bound("tick lateness, median of the minutes' p99", late_ms, "ms"),
+        Bound("empty timerfd loop: the same", empty_ms, "ms"),
+        Bound("let go", found.let_go.total(), "x"),
+        Bound("commands not done", found.refused.total(), f"of {found.commands}"),
+        Bound("records in the recorder's files, read again", written, ""),
+        Bound("records lost", lost, "", limit=0),
+        Bound("Traceback in the logs", found.tracebacks.total(), "x", limit=0),
+    ]
+
+
+def counts_from_s(minutes: float) -> float:
+    """Return from when on the slope of the memory counts."""
+    return min(WARM_UP_S, 6.0 * minutes)
 
 
 def summary(found: Soak, minutes: float) -> RenderableType:
@@ -141,21 +160,12 @@ def summary(found: Soak, minutes: float) -> RenderableType:
     if not rows:
         return "starting"
     passed = rows[-1].at_s / 60.0
-    begins_s = min(WARM_UP_S, 0.1 * 60.0 * minutes)
-    counted = [row for row in rows if row.at_s >= begins_s]
-    memory = Table(box=box.SIMPLE_HEAD, title=f"{passed:.0f} of {minutes:g} minutes", title_justify="left")
-    for title in (
-        "process",
-        "% of a core",
-        "memory MB, first",
-        "now",
-        "allocated MB, now",
-        "slope kB/h",
-        "± standard error",
-    ):
-        memory.add_column(title, justify="left" if title == "process" else "right")
-    for name in rows[0].memory_kb:
-        line = slope([row.at_s / 3600.0 for row in counted], [row.memory_kb[name].own for row in counted])
+    memory = ruled(
+        f"{passed:.0f} of {minutes:g} minutes",
+        "process", "% of\na core", "memory MB\nfirst", "\nnow",
+        "allocated\nMB, now", "slope\nkB/h", "± standard\nerror",
+    )  # fmt: skip
+    for name, line in found.slopes(minutes).items():
         memory.add_row(
             name,
             f"{100.0 * found.cpu.get(name, math.nan):.1f}",
@@ -166,14 +176,13 @@ def summary(found: Soak, minutes: float) -> RenderableType:
             f"{line.error:.0f}",
         )
     loop, recorder, last = found.loop, found.recorder, rows[-1]
-    late = np.median([row.lateness_ms[1] for row in rows])
-    empty = np.median([row.empty_ms for row in rows[1:] or rows])
+    late_ms, empty_ms = found.typical_p99_ms()
     lines = [
-        f"slopes count from minute {begins_s / 60.0:.0f}; load of the machine now {last.load:.1f}, mean "
-        f"{np.mean([row.load for row in rows]):.1f}",
+        f"slopes count from minute {counts_from_s(minutes) / 60.0:.0f}; "
+        f"load of the machine now {last.load:.1f}, mean {np.mean([row.load for row in rows]):.1f}",
         f"tick lateness ms, last minute: median {last.lateness_ms[0]:.2f}, p99 {last.lateness_ms[1]:.2f} "
         f"(a loop that does nothing: {last.empty_ms:.2f})",
-        f"  median of all minutes' p99 {late:.2f} ({empty:.2f}), "
+        f"  median of all minutes' p99 {late_ms:.2f} ({empty_ms:.2f}), "
         f"worst tick {max(row.lateness_ms[2] for row in rows):.0f}",
     ]
     if loop is not None:

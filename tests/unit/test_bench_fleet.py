@@ -22,7 +22,7 @@ def test_the_table_has_the_ratio_of_all_vehicles_to_one() -> None:
         for vehicles in (1, 5)
     ]
     console = Console(record=True, width=100)
-    console.print(table(windows))
+    console.print(table([(window.vehicles, window.bounds()) for window in windows]))
     rows = dict(
         re.split(r"  +", line.strip(), maxsplit=1) for line in console.export_text().splitlines()[4:-1]
     )

@@ -53,12 +53,6 @@ def test_a_table_that_cannot_be_written_is_refused_before_the_first_dive(monkeyp
     assert "pip install 'holdfast-rov[parquet]'" in capsys.readouterr().err
 
 
-def test_a_bench_without_dives_has_no_table(capsys):
-    with pytest.raises(SystemExit):
-        holdfast.main(["bench", "process", "--table", "process.csv"])
-    assert "unrecognized arguments: --table" in capsys.readouterr().err
-
-
 def test_one_vehicle_has_no_interval():
     wrong = [
         {"variant": name, "case": "damping × 3", "depth_rms_mm": rms_mm}
