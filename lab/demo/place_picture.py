@@ -9,7 +9,8 @@ from matplotlib.patches import Circle
 from matplotlib.transforms import Bbox
 
 from lab import style
-from lab.demo.place import NAMES, ROWS, PlaceDive, PlaceFigures, PlaceStory
+from lab.demo.place import NAMES, ROWS, PlaceFigures, PlaceStory
+from lab.studies.courses import Track
 from lab.style import SMALL
 
 SIZE_IN, DPI = (12.8, 7.2), 150
@@ -18,9 +19,7 @@ SHOWN_FROM_S = 10.0
 COLOURS = {"poshold": style.VERMILLION, "place": style.BLUE, "path": style.GREEN}
 
 
-def draw(
-    story: PlaceStory, poshold: PlaceDive, holdfast: PlaceDive, results: Mapping[str, PlaceFigures]
-) -> Figure:
+def draw(story: PlaceStory, poshold: Track, holdfast: Track, results: Mapping[str, PlaceFigures]) -> Figure:
     """Draw both dives; `results` are the figures of their parts."""
     figure = Figure(figsize=SIZE_IN, dpi=DPI, layout="constrained")
     figure.get_layout_engine().set(w_pad=0.1, h_pad=0.08)  # type: ignore[union-attr, call-arg]  # a constrained layout
@@ -73,7 +72,7 @@ def draw(
     return figure
 
 
-def _place(panel: Axes, story: PlaceStory, held: Mapping[str, PlaceDive]) -> None:
+def _place(panel: Axes, story: PlaceStory, held: Mapping[str, Track]) -> None:
     """Draw where the vehicle was, from the place that it should keep."""
     for name, dive in held.items():
         north, east = (dive.truth - dive.reference)[:, :2].T
@@ -109,7 +108,7 @@ def _place(panel: Axes, story: PlaceStory, held: Mapping[str, PlaceDive]) -> Non
     panel.legend(frameon=False, loc="lower right", fontsize=SMALL)
 
 
-def _path(panel: Axes, dive: PlaceDive) -> None:
+def _path(panel: Axes, dive: Track) -> None:
     panel.plot(dive.reference[:, 1], dive.reference[:, 0], color="0.6", linewidth=3.5, label="reference")
     panel.plot(dive.truth[:, 1], dive.truth[:, 0], color=COLOURS["path"], linewidth=1.2, label="Holdfast")
     panel.margins(0.12)

@@ -9,7 +9,7 @@ import msgspec
 from rich.console import Console
 from rich.table import Table
 
-from lab.demo.place import NAMES, ROWS, PlaceFigures, PlaceStory, figures, poshold_truths, rest, sail
+from lab.demo.place import NAMES, ROWS, PlaceFigures, PlaceStory, figures, rest, sail
 from lab.demo.screen import compared
 from lab.rivals.alt_hold import TICK_S
 
@@ -31,7 +31,7 @@ def perform(story: PlaceStory, png: Path, json: Path) -> int:
         return at
 
     try:
-        poshold = rest(list(poshold_truths(story, tell("POSHOLD holds a place", story.path_s))), story)
+        poshold = rest(story, tell("POSHOLD holds a place", story.path_s))
         holdfast = sail(story, tell("Holdfast, a place, then a path", story.end_s))
     except ValueError as error:
         sys.stderr.write(f"holdfast demo: {error}\n")

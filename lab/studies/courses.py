@@ -44,7 +44,7 @@ from sim_bridge.config import SimConfig
 from sim_bridge.config import load_config as load_plant
 from sim_bridge.fault_kinds import Fault
 from sim_bridge.physics.thrusters import HEALTHY, each_motor, static_thrust, thrusters_of, wrench
-from sim_bridge.vehicle import Vehicle
+from sim_bridge.vehicle import Truth, Vehicle
 
 TUNED_FILE = Path(__file__).with_name("courses.toml")
 DEPTH_M = 2.0
@@ -146,8 +146,9 @@ ROWS = (
 
 @dataclass(frozen=True)
 class Track:
-    """What was recorded of a course, a row each tick: m, rad, N."""
+    """What was recorded of a course, a row each tick: s since boot, m, rad, N."""
 
+    t_s: Array
     reference: Array
     truth: Array
     believed: Array
@@ -155,6 +156,26 @@ class Track:
     force: Array
     saturated: NDArray[np.bool_]
     held: bool
+
+    def within(self, begin_s: float, end_s: float) -> "Track":
+        """Return the part between two times."""
+        on = (self.t_s >= begin_s) & (self.t_s < end_s)
+        return Track(
+            self.t_s[on],
+            self.reference[on],
+            self.truth[on],
+            self.believed[on],
+            self.tilt[on],
+            self.force[on],
+            self.saturated[on],
+            self.held,
+        )
+
+    @property
+    def place_error_m(self) -> Array:
+        """Return the horizontal distance from the reference."""
+        north, east = (self.truth - self.reference)[:, :2].T
+        return np.asarray(np.hypot(north, east))
 
     def seen(self) -> dict[str, list[list[float]]]:
         """Return the way from above, [north, east] in m, of the vehicle and of the reference."""
@@ -164,7 +185,7 @@ class Track:
     def figures(self, since: int = 0) -> dict[str, float]:
         """Return FIGURES from tick `since` on."""
         e, believed = (self.truth - self.reference)[since:], (self.believed - self.reference[:, :2])[since:]
-        place = np.hypot(e[:, X], e[:, Y])
+        place = self.place_error_m[since:]
         heading = np.array([*map(wrap, e[:, PSI].tolist())])
         figures = (
             1e3 * _rms(place),
@@ -233,24 +254,36 @@ def _by_autopilot(
     link: LinkDelay,
 ) -> Track:
     path = None if course.plan is None else _timed(course.plan, config)
-    found = list(poshold.truths(vehicle, link, seed, START_S + lasts_s, path))[round(START_S / TICK_S) :]
+    found = list(poshold.truths(vehicle, link, seed, START_S + lasts_s, path))
+    return by_autopilot(found, plant, START_S, path).within(START_S, math.inf)
+
+
+def by_autopilot(
+    found: Sequence[Truth], plant: SimConfig, since_s: float, path: Callable[[float], Setpoint] | None = None
+) -> Track:
+    """Make a track of the truths of an autopilot's dive.
+
+    Its reference without a path is where it was on the mean from `since_s` on: nobody named POSHOLD's place.
+    """
     eta = np.array([truth.eta for truth in found])
-    truth = eta[:, [X, Y, Z, TRUE_PSI]]
+    t_s, truth = np.array([one.t_s for one in found]), eta[:, [X, Y, Z, TRUE_PSI]]
     if path is None:
-        reference = np.tile(truth.mean(0), (len(truth), 1))
+        reference = np.tile(truth[t_s >= since_s].mean(0), (len(truth), 1))
     else:
         reference = np.array([path(one.t_s).eta_d for one in found])
     nominal = thrusters_of(plant.thrusters)
     pushes = [static_thrust(nominal, HEALTHY, each_motor(one.motor_pwm), one.voltage_v) for one in found]
     pwm = np.array([one.motor_pwm for one in found])
+    counted = [one for one in found if one.t_s >= since_s]
     return Track(
+        t_s,
         reference,
         truth,
         np.full((len(truth), 2), math.nan),
         tilt_rad(eta),
         np.array([wrench(nominal, push)[:2] for push in pushes]),
         np.abs(pwm - 1500.0).max(1) > FULL_US,
-        held=all(one.armed and one.mode == found[0].mode for one in found),
+        held=all(one.armed and one.mode == counted[0].mode for one in counted),
     )
 
 
@@ -276,6 +309,7 @@ def recorded(steps: Sequence[Step]) -> Track:
     """Make a track of its ticks."""
     eta = np.array([step.truth.eta for step in steps])
     return Track(
+        t_s=np.array([step.t_s for step in steps]),
         reference=np.array([step.sample.eta_d for step in steps]),
         truth=eta[:, [X, Y, Z, TRUE_PSI]],
         believed=np.array([step.sample.state.eta[:2] for step in steps]),

@@ -18,7 +18,9 @@ def track(north_m, heading_rad=0.0):
     still = np.zeros((100, 4))
     truth = np.tile([north_m, 0.0, 0.0, heading_rad], (100, 1))
     force = np.tile([[0.0, 0.0], [3.0, 4.0]], (50, 1))
-    return Track(still, truth, truth[:, :2] * 0.5, np.full(100, 0.1), force, np.arange(100) < 25, held=True)
+    t_s = np.linspace(0.02, 2.0, 100)
+    believed, saturated = truth[:, :2] * 0.5, np.arange(100) < 25
+    return Track(t_s, still, truth, believed, np.full(100, 0.1), force, saturated, held=True)
 
 
 def test_errors_count_from_the_reference_in_the_units_they_are_named_by():
