@@ -286,6 +286,8 @@ class SensorConfig(_Record, frozen=True):
     range_max_m: Positive = 50.0
     range_white_m: NonNegative = 0.01
     range_period_s: Annotated[float, Meta(ge=0.02)] = 0.1
+    range_delay_s: Annotated[float, Meta(ge=0, le=2)] = 0.0
+    """Age of a range when it is told, in whole periods: a Ping behind BlueOS has up to 0.8 s."""
 
     @property
     def positioned(self) -> bool:

@@ -126,7 +126,7 @@ class Estimator:
         self._measured = [NOTHING] * len(DOFS)
         self._begins = [math.nan] * len(DOFS)
         self._restarted = True
-        self._ground = GroundFinder()
+        self._ground = GroundFinder(self._delays.range_s)
         self._ranges: list[Range] = []
         self._water = Water()
         self._position_doubt = PositionDoubtModel(self._position_noise_m)
@@ -202,7 +202,11 @@ class Estimator:
         attitude = self._attitude
         tilt_cos = math.cos(attitude.roll) * math.cos(attitude.pitch)
         ground = self._ground.step(
-            now_s, self._ranges, eta[Z], math.nan if stale[PSI] or stale[Z] else tilt_cos
+            now_s,
+            self._ranges,
+            eta[Z],
+            math.nan if stale[PSI] or stale[Z] else tilt_cos,
+            delays.telemetry_s,
         )
         self._ranges.clear()
         shift = self._frame_shift

@@ -117,8 +117,10 @@ class Sensors:
         self._seabed = seabed
         self._range_rng = range_rng
         self._range_m = math.nan
+        self._echoes: deque[float] = deque()
         self._false_range_m: float | None = None
         self._range_steps = max(1, round(config.range_period_s / step_s))
+        self._late_ranges = round(config.range_delay_s / (self._range_steps * step_s))
         self._steel = steel
         self._deviation_rad = self._turned_north_rad = 0.0
         self._dvl_silenced = False
@@ -184,8 +186,10 @@ class Sensors:
             if self._is_spoilt:
                 self._step_defects(state)
         if self._config.rangefinder and self._count % self._range_steps == 0:
-            self._range_m = self._echo(state)
-            self._estimate = None
+            self._echoes.append(self._echo(state))
+            if len(self._echoes) > self._late_ranges:
+                self._range_m = self._echoes.popleft()
+                self._estimate = None
         if self._count % self._pressure_steps == 0:
             depth = self._delayed(self._config.pressure_delay_s)[2]
             raw = self._config.depth_scale * depth + self._config.pressure_white_m * self._normal()
