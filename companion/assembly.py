@@ -193,7 +193,7 @@ def axis_control(config: Config, number: int) -> AxisControl:
         reference=reference.Parameters(axis.max_rate, axis.max_acceleration, angular=number == PSI),
         oscillation=oscillation.Parameters(axis.max_force, oscillation.SHARES[number] * axis.max_force),
         law=law(config, axis),
-        compensator=several.together([one for one, _ in compensators(config, axis)]),
+        compensator=several.together([law for law, _ in compensators(config, axis)]),
         by_observer=by_observer(axis),
         max_disturbance=axis.max_disturbance,
     )

@@ -88,7 +88,9 @@ def _configuration() -> Iterator[str]:
         yield f"| key | {' | '.join(heads)} | allowed | unit | what |"
         yield "|---" * (len(heads) + 4) + "|"
         for key, field in fields_of(type(record)).items():
-            values = " | ".join(f"`{msgspec.json.encode(getattr(one, key)).decode()}`" for one in records)
+            values = " | ".join(
+                f"`{msgspec.json.encode(getattr(record, key)).decode()}`" for record in records
+            )
             yield f"| `{key}` | {values} | {field.type} | {field.unit} | {field.what} |"
     yield "\nThe model of yaw is in rad, N·m and kg·m²:\n"
     yield from _table(YawModel)

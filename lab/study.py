@@ -180,9 +180,9 @@ def run(study: Study[Any], arguments: argparse.Namespace, console: Console) -> i
         sys.stderr.write(f"holdfast {study.command}: {error}\n")
         return FAILED
     rows = [journal.rows[case] for case in cases]
-    each = [{key: value for key, value in row.items() if key != "trace"} for row in rows]
-    for one in study.tables(rows):
-        console.print(one, soft_wrap=isinstance(one, str))
+    untraced = [{key: value for key, value in row.items() if key != "trace"} for row in rows]
+    for shown in study.tables(rows):
+        console.print(shown, soft_wrap=isinstance(shown, str))
     if files := study.draw(rows, path.parent):
         console.print(f"written: {', '.join(map(str, files))}", soft_wrap=True)
     if study.keeps_rows:
@@ -199,9 +199,9 @@ def run(study: Study[Any], arguments: argparse.Namespace, console: Console) -> i
     content = {"provenance": made, **study.summary(rows)} | ({"speed": speed} if study.dive_min else {})
     write_json(path.with_name(f"{study.command.split()[-1]}.json"), content)
     if arguments.json:
-        write_json(arguments.json, content | {study.rows_key: each})
+        write_json(arguments.json, content | {study.rows_key: untraced})
     if arguments.table:
-        write_table(arguments.table, _flat(each), made)
+        write_table(arguments.table, _flat(untraced), made)
     return FAILED if study.failed(rows) else 0
 
 

@@ -72,7 +72,7 @@ def write_columns(path: Path, columns: Mapping[str, Any], about: Mapping[str, st
 def plain(value: Any) -> Any:
     """Return `value` with None in place of every number that is not finite."""
     if isinstance(value, Mapping):
-        return {key: plain(one) for key, one in value.items()}
+        return {key: plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [plain(one) for one in value]
+        return [plain(item) for item in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -24,7 +24,7 @@ class Faults:
     """The script and its progress. Times are seconds of the simulation."""
 
     def __init__(self, script: Iterable[Fault], rng: np.random.Generator) -> None:
-        self._script = [one for fault in script for one in _each(fault)]
+        self._script = [part for fault in script for part in _each(fault)]
         self._pending = sorted(self._script, key=lambda fault: fault.at_s)
         self._active: list[Fault] = []
         self._change_s = self._pending[0].at_s if self._pending else math.inf
@@ -35,9 +35,9 @@ class Faults:
 
     def add(self, fault: Fault) -> None:
         """Put one more fault on the script, while the simulation runs."""
-        each = _each(fault)
-        self._script += each
-        self._pending = sorted([*self._pending, *each], key=lambda item: item.at_s)
+        parts = _each(fault)
+        self._script += parts
+        self._pending = sorted([*self._pending, *parts], key=lambda item: item.at_s)
         self._change_s = min(self._change_s, fault.at_s)
 
     def advance(self, t_s: float) -> list[Fault]:

@@ -29,7 +29,7 @@ def together(chosen: Sequence[ChosenCompensator]) -> ChosenCompensator:
 
 def joined(chosen: ChosenCompensator) -> list[ChosenCompensator]:
     """Return what `together` joined."""
-    return [one for one, _ in members(chosen, chosen.initial(chosen.parameters))]
+    return [law for law, _ in members(chosen, chosen.initial(chosen.parameters))]
 
 
 def members(chosen: ChosenCompensator, state: Any) -> list[tuple[ChosenCompensator, Any]]:

@@ -41,7 +41,7 @@ def mean_thrusts(commands: list[SentCommand], dof: int, t_s: list[float]) -> lis
     """
     means = []
     i, last = len(commands) - 1, len(commands) - 1
-    before_s, before = t_s[0], 0.0
+    before_s, previous = t_s[0], 0.0
     for moment_s in t_s:
         while i > 0 and commands[i].t_s > moment_s:
             i -= 1
@@ -50,8 +50,8 @@ def mean_thrusts(commands: list[SentCommand], dof: int, t_s: list[float]) -> lis
         command = commands[i]
         given = command.impulse[dof] + command.tau[dof] * (moment_s - command.t_s)
         span_s = moment_s - before_s
-        means.append((given - before) / span_s if span_s > 0.0 else 0.0)
-        before_s, before = moment_s, given
+        means.append((given - previous) / span_s if span_s > 0.0 else 0.0)
+        before_s, previous = moment_s, given
     return means[1:]
 
 
@@ -59,15 +59,17 @@ def without(commands: list[SentCommand], tau: Vector) -> list[SentCommand]:
     """Take `tau` from the thrust of all commands: a motor that was believed to give it gave none."""
     now_s = commands[-1].t_s
     return [
-        SentCommand(one.t_s, _less(one.tau, tau, 1.0), _less(one.impulse, tau, one.t_s - now_s))
-        for one in commands
+        SentCommand(
+            command.t_s, _less(command.tau, tau, 1.0), _less(command.impulse, tau, command.t_s - now_s)
+        )
+        for command in commands
     ]
 
 
-def _less(one: Vector, tau: Vector, share: float) -> Vector:
+def _less(impulse: Vector, tau: Vector, share: float) -> Vector:
     return (
-        one[0] - share * tau[0],
-        one[1] - share * tau[1],
-        one[2] - share * tau[2],
-        one[3] - share * tau[3],
+        impulse[0] - share * tau[0],
+        impulse[1] - share * tau[1],
+        impulse[2] - share * tau[2],
+        impulse[3] - share * tau[3],
     )

@@ -62,11 +62,11 @@ class Echo:
         if self._seen_s < EVIDENCE_S:
             return None
         least, mean = min(misfit), sum(misfit) / len(misfit)
-        alike = [k for k, one in enumerate(misfit) if one < CONTRAST * mean]
-        if not alike or alike[-1] - alike[0] + 1 != len(alike):
+        matching = [k for k, error in enumerate(misfit) if error < CONTRAST * mean]
+        if not matching or matching[-1] - matching[0] + 1 != len(matching):
             return None
         most = least + PLATEAU * (mean - least)
-        fits = [lag_s for lag_s, one in zip(LAGS_S, misfit, strict=True) if one <= most]
+        fits = [lag_s for lag_s, error in zip(LAGS_S, misfit, strict=True) if error <= most]
         return sum(fits) / len(fits)
 
 

@@ -304,8 +304,8 @@ def main(argv: list[str]) -> int:
     if once and options.json != "-":
         console.print(picture(views, console.width))
     if options.json:
-        each = [figures_of(view) for view in views]
-        figures = each[0] if len(each) == 1 else {"vehicles": each}
+        vehicles = [figures_of(view) for view in views]
+        figures = vehicles[0] if len(vehicles) == 1 else {"vehicles": vehicles}
         text = msgspec.json.format(msgspec.json.encode(figures)).decode() + "\n"
         if options.json == "-":
             sys.stdout.write(text)

@@ -135,8 +135,8 @@ def _say(line: str) -> None:
     sys.stdout.flush()
 
 
-def _changed_from(before: Found) -> bool:
-    return bool(before.current) and look().current not in ("", before.current)
+def _changed_from(previous: Found) -> bool:
+    return bool(previous.current) and look().current not in ("", previous.current)
 
 
 def _runs_from(folder: Path) -> bool:

@@ -80,8 +80,8 @@ def install(
         steps.append(Symlink(PROGRAM, str(CURRENT / "bin" / "holdfast")))
     if change or changed:
         _refuse_while_held(found)
-        before = found.current if new else found.previous
-        steps += _started(found, first=change and not before)
+        replaced = found.current if new else found.previous
+        steps += _started(found, first=change and not replaced)
     if change:
         steps += [Remove(UPGRADING), Remove(GOING_BACK)]
     if new and not back:

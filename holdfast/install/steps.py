@@ -114,10 +114,10 @@ Step = LookAgain | Run | Write | Symlink | Remove
 
 def carry_out(steps: Sequence[Step], say: Callable[[str], object]) -> None:
     """Carry out all steps in order, and say each; raise StepError or OSError at the first that fails."""
-    before = os.umask(0o022)
+    previous = os.umask(0o022)
     try:
         for step in steps:
             say(f"{step}\n")
             step.carry_out()
     finally:
-        os.umask(before)
+        os.umask(previous)

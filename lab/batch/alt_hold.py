@@ -121,8 +121,8 @@ def dive(
         for now in range(STEPS * tick, STEPS * (tick + 1)):
             depth = recall(past, now - vehicle.depth_back)[2] + slow[0, 0] + slow[0, 2]
             climb = slow[0, 1] - ned_velocity(recall(past, now - vehicle.climb_back))[2]
-            felt, before = recall(past, now - ACCEL_STEPS), recall(past, now - ACCEL_STEPS - 1)
-            rise = (ned_velocity(before)[2] - ned_velocity(felt)[2]) / STEP_S
+            felt, earlier = recall(past, now - ACCEL_STEPS), recall(past, now - ACCEL_STEPS - 1)
+            rise = (ned_velocity(earlier)[2] - ned_velocity(felt)[2]) / STEP_S
             depth += vehicle.white[0] * white[now, 0]
             climb += vehicle.white[1] * white[now, 1]
             hold = depth_hold.step(

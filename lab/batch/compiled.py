@@ -110,10 +110,12 @@ def _with_callees(
         if _is_python(value) and value is not function:
             scope[name] = _callee(value)
         elif isinstance(value, ModuleType):
-            functions = {key: one for key in attributes if _is_python(one := vars(value).get(key))}
+            functions = {key: item for key in attributes if _is_python(item := vars(value).get(key))}
             if functions:
                 scope[name] = ModuleType(value.__name__)
-                vars(scope[name]).update(vars(value) | {key: _callee(one) for key, one in functions.items()})
+                vars(scope[name]).update(
+                    vars(value) | {key: _callee(item) for key, item in functions.items()}
+                )
     scope |= {name: _callee(chosen) for name, chosen in slots}
     copy = FunctionType(function.__code__, scope, function.__name__, function.__defaults__)
     functools.update_wrapper(copy, function)
@@ -122,7 +124,11 @@ def _with_callees(
 
 def _names(code: CodeType, operation: str) -> set[str]:
     """Return what a function's operations of this name load, those of its comprehensions as well."""
-    loaded = {one.argval for one in dis.get_instructions(code) if one.opname.startswith(operation)}
+    loaded = {
+        instruction.argval
+        for instruction in dis.get_instructions(code)
+        if instruction.opname.startswith(operation)
+    }
     inner = [_names(constant, operation) for constant in code.co_consts if isinstance(constant, CodeType)]
     return loaded.union(*inner)
 

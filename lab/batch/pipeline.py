@@ -84,7 +84,9 @@ def _compiler(lowering: type[NativeLowering]) -> type[CompilerBase]:
     class Compiler(CompilerBase):  # type: ignore[misc]
         def define_pipelines(self) -> list[Any]:
             passes = DefaultPassBuilder.define_nopython_pipeline(self.state)
-            passes.passes = [(lowering if one is NativeLowering else one, why) for one, why in passes.passes]
+            passes.passes = [
+                (lowering if step is NativeLowering else step, why) for step, why in passes.passes
+            ]
             passes._finalized = False
             passes.finalize()
             return [passes]

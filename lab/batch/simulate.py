@@ -54,29 +54,29 @@ def simulate(
     Raises ValueError for what only the full loop can do.
 
     """
-    each = [config] * len(plants) if isinstance(config, Config) else list(config)
+    configs = [config] * len(plants) if isinstance(config, Config) else list(config)
     targets = [target] * len(plants) if callable(target) else list(target)
     ticks = round(duration_s / TICK_S) - round(ENGAGED_S / TICK_S)
     ends_s = ENGAGED_S + TICK_S * np.arange(1, ticks + 1)
     since, tail = (
         int(np.searchsorted(ends_s, at_s - 1e-9)) for at_s in (since_s, duration_s - TAIL_S + 1e-6)
     )
-    wanted = {one: _wanted(one, ends_s.tolist()) for one in dict.fromkeys(targets)}
+    wanted = {target: _wanted(target, ends_s.tolist()) for target in dict.fromkeys(targets)}
     links = links or Links()
     delays = [
         np.broadcast_to(delay_s, len(plants))
         for delay_s in (links.up_s, links.down_s, links.jitter_s, links.untold_up_s, links.untold_down_s)
     ]
     companions = {}
-    for one in {id(one): one for one in each}.values():
-        numbers, built = companion_of(one, finds_hidden, damps)
-        companions[id(one)] = cached(slotted(dive, built=built)), numbers
+    for settings in {id(settings): settings for settings in configs}.values():
+        numbers, built = companion_of(settings, finds_hidden, damps)
+        companions[id(settings)] = cached(slotted(dive, built=built)), numbers
     figures = []
-    for i, (one, plant, seed) in enumerate(zip(each, plants, seeds, strict=True)):
+    for i, (settings, plant, seed) in enumerate(zip(configs, plants, seeds, strict=True)):
         refuse(plant)
         at = timing(seed, *(float(values[i]) for values in delays))
         trace = np.zeros((0 if traces is None else ticks, 2))
-        loop, companion = companions[id(one)]
+        loop, companion = companions[id(settings)]
         water, aim = drawn(plant, seed, ticks), wanted[targets[i]]
         figures.append(loop(vehicle_of(plant, at), water, companion, at, aim, since, tail, trace))
         if traces is not None:

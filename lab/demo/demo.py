@@ -330,13 +330,13 @@ def _signals() -> Iterator[Callable[[], int]]:
         del frame
         came.append(number)
 
-    before: dict[int, Any] = {
+    handlers: dict[int, Any] = {
         number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM)
     }
     try:
         yield lambda: came[0] if came else 0
     finally:
-        for number, handler in before.items():
+        for number, handler in handlers.items():
             signal.signal(number, handler)
 
 

@@ -246,8 +246,8 @@ class Firmware:
         if process is not None:
             process.kill()
             process.wait()
-        for one in (self._frames, *self._links.values()):
-            one.close()
+        for open_socket in (self._frames, *self._links.values()):
+            open_socket.close()
         shutil.rmtree(self.directory, ignore_errors=True)
 
     @property

@@ -40,7 +40,7 @@ async def _measured(seconds: float) -> list[Bound]:
     endpoint = f"tcp/127.0.0.1:{zenoh}"
     with tempfile.TemporaryDirectory() as folder, Crew(Path(folder)) as crew:
         settings = (f"link.endpoint=udp-listen:127.0.0.1:{mavlink}", f"telemetry.endpoint={endpoint}")
-        crew.start("run", "--engage", "--arm", "--depth", "2", *(f"--set={one}" for one in settings))
+        crew.start("run", "--engage", "--arm", "--depth", "2", *(f"--set={setting}" for setting in settings))
         crew.start("dashboard", "--connect", endpoint, "--listen", f"127.0.0.1:{port}")
         crew.start("sim", "--udp-connect", f"127.0.0.1:{mavlink}", "--zenoh", endpoint)
         await asyncio.sleep(START_S)
@@ -94,10 +94,10 @@ async def _pages(port: int, seconds: float) -> list[Bound]:
             await page.goto(f"http://127.0.0.1:{port}/engineer")
             await asyncio.sleep(2.0)
             size, first_ms = await page.evaluate(PAGE)
-            before: list[Any] = await page.evaluate(FRAMES)
+            at_first: list[Any] = await page.evaluate(FRAMES)
             await asyncio.sleep(seconds)
             after: list[Any] = await page.evaluate(FRAMES)
-            frames, ms, draw_ms = (late - early for late, early in zip(after, before, strict=True))
+            frames, ms, draw_ms = (late - early for late, early in zip(after, at_first, strict=True))
             bounds += [
                 Bound(f"page at {width} px", size / 1000, "kB"),
                 Bound(f"page at {width} px: first plot after", first_ms, "ms"),

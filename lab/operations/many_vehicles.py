@@ -139,10 +139,10 @@ def measure(count: int) -> list[Bound]:
         pids = {**crew.pids(), "watch": watch}
         window = Window(count)
         with _listening(str(laptop), local, names[0], window):
-            before, begun_s = {name: cpu_s(pid) for name, pid in pids.items()}, time.monotonic()
+            at_first, begun_s = {name: cpu_s(pid) for name, pid in pids.items()}, time.monotonic()
             time.sleep(WINDOW_S)
             window.seconds = time.monotonic() - begun_s
-            used = {name: (cpu_s(pid) - before[name]) / window.seconds for name, pid in pids.items()}
+            used = {name: (cpu_s(pid) - at_first[name]) / window.seconds for name, pid in pids.items()}
         crew.check()
         window.cpu = {name: used[name] for name in SHOWN}
         window.cpu["all vehicles"] = sum(share for name, share in used.items() if name not in SHOWN)
@@ -195,7 +195,7 @@ def _listening(laptop: str, local: str, recorded: str, window: Window) -> Iterat
         far.declare_subscriber("holdfast/**", take),
     ):
         yield
-    window.lost = sum(one.lost for one in losses.values())
+    window.lost = sum(loss.lost for loss in losses.values())
 
 
 @contextmanager

@@ -67,8 +67,8 @@ class Operations(Study[Measurement]):
                 bounds, error = self.measured(case), ""
             except (ChildError, NoReaderError) as raised:
                 bounds, error = [], str(raised)
-            each = [asdict(bound) | {"held": bound.held} for bound in bounds]
-            yield {"error": error, **{bound.name: bound.value for bound in bounds}, "trace": each}
+            judged = [asdict(bound) | {"held": bound.held} for bound in bounds]
+            yield {"error": error, **{bound.name: bound.value for bound in bounds}, "trace": judged}
 
     @abstractmethod
     def measured(self, case: Measurement) -> list[Bound]:

@@ -91,8 +91,8 @@ class Soak:
         elif isinstance(record, telemetry.Recorder):
             self.recorder = record
         elif isinstance(record, telemetry.Supervisor):
-            before, self.supervisor = self.supervisor, record
-            if before is not None and before.state == STEERS != record.state:
+            previous, self.supervisor = self.supervisor, record
+            if previous is not None and previous.state == STEERS != record.state:
                 self.let_go[record.reason] += 1
 
     def lateness_ms(self) -> tuple[float, float, float]:

@@ -162,9 +162,9 @@ def _window(case: str, endpoint: str) -> tuple[float, float]:
             time.sleep(FILL_S)
         if case == "killed":
             reader.child.kill()
-        before = reader.count
+        at_first = reader.count
         begun_s, ended_s = _wait()
-        check_case(case, reader.count - before, ended_s - begun_s, alive=reader.child.poll() is None)
+        check_case(case, reader.count - at_first, ended_s - begun_s, alive=reader.child.poll() is None)
         return begun_s, ended_s
 
 

@@ -43,7 +43,7 @@ def main() -> int:
     for name in track(arguments.scenarios, "asking both", console=console):
         config = plant(name)
         found = compare(name, path, config)
-        everything[name] = {key: [str(one) for one in pair] for key, pair in found.items()}
+        everything[name] = {key: [str(answer) for answer in pair] for key, pair in found.items()}
         differences = {key: pair for key, pair in found.items() if not agree(*pair)}
         unknown = {key: pair for key, pair in differences.items() if not reason(name, key, config)}
         explained += len(differences) - len(unknown)

@@ -466,9 +466,9 @@ def entering(partner: Partner) -> Answers:
     partner.listen(2.0)
     turn[0] = 0
     partner.listen(4.0)
-    before = partner.vehicle.truth().eta[5]
+    at_first = partner.vehicle.truth().eta[5]
     partner.set_mode(0)
-    turned = [yaw - before for yaw in _sampled(partner, 3.0, lambda truth: truth.eta[5])]
+    turned = [yaw - at_first for yaw in _sampled(partner, 3.0, lambda truth: truth.eta[5])]
     turned = [(angle + math.pi) % (2.0 * math.pi) - math.pi for angle in turned]
     yield "STABILIZE after a turn in MANUAL: turns by itself, rad", Near(max(turned, key=abs), 0.15)
 

@@ -23,9 +23,9 @@ def advice(log: Log, figures: DiveFigures) -> list[str]:
     """Return what to look at, most important first."""
     said = [*_ends(figures), *_data(log, figures), *_loop(log, figures)]
     for dof in NAMES:
-        held = [one for phase in figures.phases for one in phase.held if one.dof == dof]
+        held = [hold for phase in figures.phases for hold in phase.held if hold.dof == dof]
         if held:
-            said += _held(log, max(held, key=lambda one: one.hold_s), held)
+            said += _held(log, max(held, key=lambda hold: hold.hold_s), held)
             said += _model(log, figures, dof)
     if figures.voltage_min_v < CELL_V * CELLS:
         said.append(
@@ -76,7 +76,7 @@ def _loop(log: Log, figures: DiveFigures) -> Iterator[str]:
 
 def _held(log: Log, longest: Held, held: list[Held]) -> Iterator[str]:
     axis, name = AXIS_OF[longest.dof], NAMES[longest.dof]
-    saturated = max(one.saturated for one in held)
+    saturated = max(hold.saturated for hold in held)
     if saturated > SATURATED:
         mean = abs(longest.thrust_mean) / log.config(f"{axis}.max_force", math.inf)
         why = (

@@ -99,8 +99,8 @@ class DiveFigures:
 
 def faults_of(spans: Sequence[StateSpan]) -> list[StateSpan]:
     """Return each fault once, as the log of `holdfast run` has it: a gap in the recording ends none."""
-    before = ["", *(span.state for span in spans)]
-    return [span for span, state in zip(spans, before, strict=False) if span.state == "FAULT" != state]
+    previous = ["", *(span.state for span in spans)]
+    return [span for span, state in zip(spans, previous, strict=False) if span.state == "FAULT" != state]
 
 
 def figures(log: Log) -> DiveFigures:

@@ -129,10 +129,10 @@ def lines(figures: DiveFigures, advice: Sequence[str]) -> list[str]:
             f"phase {phase.number}, {_time(phase.begin_s)} to {_time(phase.end_s)}, ended: {phase.ended}"
         )
         said += [
-            f"  {NAMES[one.dof]:8} RMS {_number(one.rms)} {one.unit}, p95 {_number(one.p95)}, "
-            f"peak {_number(one.peak)}; moving {_number(one.moving_rms)}; chatter {one.chatter:.2f} "
-            f"{one.thrust_unit}; saturated {one.saturated:.1%}"
-            for one in phase.held
+            f"  {NAMES[hold.dof]:8} RMS {_number(hold.rms)} {hold.unit}, p95 {_number(hold.p95)}, "
+            f"peak {_number(hold.peak)}; moving {_number(hold.moving_rms)}; chatter {hold.chatter:.2f} "
+            f"{hold.thrust_unit}; saturated {hold.saturated:.1%}"
+            for hold in phase.held
         ]
     said += [f"* {line}" for line in advice] or ["no rule found anything that stands out"]
     return said
@@ -141,13 +141,13 @@ def lines(figures: DiveFigures, advice: Sequence[str]) -> list[str]:
 def _held(figures: DiveFigures) -> str:
     rows: list[Sequence[str]] = []
     for phase in figures.phases:
-        for i, one in enumerate(phase.held):
+        for i, hold in enumerate(phase.held):
             first = (str(phase.number), _time(phase.begin_s), _time(phase.end_s - phase.begin_s))
-            errors = (_with(value, one.unit) for value in _errors(one))
+            errors = (_with(value, hold.unit) for value in _errors(hold))
             rows.append(
                 (
                     *(first if i == 0 else ("", "", "")),
-                    *(NAMES[one.dof], _time(one.hold_s), *errors, phase.ended if i == 0 else ""),
+                    *(NAMES[hold.dof], _time(hold.hold_s), *errors, phase.ended if i == 0 else ""),
                 )
             )
     head = ("phase", "from", "for", "", "held", "RMS", "p95", "peak", "bias", "moving", "true", "ended")
@@ -158,18 +158,18 @@ def _took(figures: DiveFigures) -> str:
     rows = (
         (
             str(phase.number),
-            AXIS_OF[one.dof],
-            *(_with(value, one.thrust_unit) for value in (one.thrust_rms, one.thrust_mean, one.chatter)),
-            f"{one.saturated:.1%}",
+            AXIS_OF[hold.dof],
+            *(_with(value, hold.thrust_unit) for value in (hold.thrust_rms, hold.thrust_mean, hold.chatter)),
+            f"{hold.saturated:.1%}",
         )
         for phase in figures.phases
-        for one in phase.held
+        for hold in phase.held
     )
     return _table(("phase", "", "thrust, RMS", "mean", "chatter", "saturated"), rows, text=(1,))
 
 
-def _errors(one: Held) -> tuple[float, ...]:
-    return (one.rms, one.p95, one.peak, one.bias, one.moving_rms, one.true_rms)
+def _errors(hold: Held) -> tuple[float, ...]:
+    return (hold.rms, hold.p95, hold.peak, hold.bias, hold.moving_rms, hold.true_rms)
 
 
 def _events(log: Log) -> str:

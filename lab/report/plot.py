@@ -66,11 +66,11 @@ def draw(log: Log, figures: DiveFigures) -> Figure:
 
 
 def _title(log: Log, figures: DiveFigures) -> str:
-    held = [one for phase in figures.phases for one in phase.held if one.dof == "z" and one.hold_s > 0.0]
+    held = [hold for phase in figures.phases for hold in phase.held if hold.dof == "z" and hold.hold_s > 0.0]
     if not held:
         return f"{log.vehicle}: {log.duration_s:.0f} s, never engaged"
-    total_s = sum(one.hold_s for one in held)
-    rms = np.sqrt(sum(one.hold_s * one.rms**2 for one in held) / total_s)
+    total_s = sum(hold.hold_s for hold in held)
+    rms = np.sqrt(sum(hold.hold_s * hold.rms**2 for hold in held) / total_s)
     return f"{log.vehicle}: depth held {_clock(total_s)} within {rms:.1f} mm RMS"
 
 

@@ -85,13 +85,13 @@ def load(files: Sequence[Path]) -> Tape:
     if not ticks:
         raise RerunError("no raw ticks in it: they are recorded with `holdfast run --set telemetry.raw=true`")
     numbers = sorted(ticks)
-    gaps = [(before, after) for before, after in pairwise(numbers) if after != before + 1]
+    gaps = [(previous, following) for previous, following in pairwise(numbers) if following != previous + 1]
     if numbers[0] != 1:
         notes.append(
             f"it begins with tick {numbers[0]}: the engine starts afresh there, so the first seconds differ"
         )
-    for before, after in gaps[:5]:
-        notes.append(f"ticks {before + 1} to {after - 1} are missing: what follows may differ by that")
+    for previous, following in gaps[:5]:
+        notes.append(f"ticks {previous + 1} to {following - 1} are missing: what follows may differ by that")
     return Tape([ticks[number] for number in numbers], _tree(table), notes)
 
 

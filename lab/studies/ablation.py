@@ -202,8 +202,8 @@ class Ablation(Study[AblationDive]):
         )
         figures = [found[key].tolist() for key in ("depth_rms_mm", "chatter_n", "lost_s")]
         return [
-            dict(zip(("depth_rms_mm", "chatter_n", "lost_s"), one, strict=True))
-            for one in zip(*figures, strict=True)
+            dict(zip(("depth_rms_mm", "chatter_n", "lost_s"), values, strict=True))
+            for values in zip(*figures, strict=True)
         ]
 
     def _with_firmware(self, config: Config, scenario: Scenario, case: str) -> Row:
@@ -237,7 +237,7 @@ class Ablation(Study[AblationDive]):
         for panel, some, title in zip(panels, map(summaries, _questions(rows)), titles, strict=True):
             names = [name for (name,) in by(some, "variant")]
             for (colour, marker), ((case,), of_case) in zip(looks_of, by(some, "case").items(), strict=False):
-                rms = [min(one["rms_mm"], 1000.0) for one in of_case]
+                rms = [min(row["rms_mm"], 1000.0) for row in of_case]
                 panel.plot(
                     rms, np.arange(len(names)), marker, color=colour, label=case, markerfacecolor="none"
                 )
@@ -274,7 +274,9 @@ def verdicts(rows: Sequence[Row]) -> Iterator[str]:
             name: np.array([row["depth_rms_mm"] for row in mine])
             for (name,), mine in by(some, "variant").items()
         }
-        best: str = min(("network", "network+observer"), key=lambda one: float(of[one].mean()))
+        best: str = min(
+            ("network", "network+observer"), key=lambda compensator: float(of[compensator].mean())
+        )
         share = 1.0 - of[best] / of["observer"]
         low, high = interval(share)
         said = "earns its place" if low >= EARNED else "does not earn 20 %"
@@ -302,6 +304,6 @@ def _table(title: str, rows: Sequence[Row]) -> Table:
     return table
 
 
-def _cell(one: Row) -> str:
-    lost = f" ({one['lost']} lost)" if one["lost"] else ""
-    return f"{one['rms_mm']:.2f}" + "!" * bool(one["chatter_n"] > CHATTER_N) + lost
+def _cell(row: Row) -> str:
+    lost = f" ({row['lost']} lost)" if row["lost"] else ""
+    return f"{row['rms_mm']:.2f}" + "!" * bool(row["chatter_n"] > CHATTER_N) + lost

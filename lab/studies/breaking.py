@@ -279,7 +279,7 @@ def _shuffled(dive: Diving, broken: Broken, rng: np.random.Generator) -> None:
     def spoil(t_s: float, inbox: Inbox) -> Inbox:
         waiting.extend((t_s + 0.1 * broken.value * rng.random(), data) for _, data in inbox)
         here = [data for due_s, data in waiting if due_s <= t_s]
-        waiting[:] = [one for one in waiting if one[0] > t_s]
+        waiting[:] = [delivery for delivery in waiting if delivery[0] > t_s]
         rng.shuffle(here)
         return [(round((START_S + t_s) * 1e9), data) for data in here]
 

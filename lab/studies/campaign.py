@@ -216,8 +216,8 @@ def case_of(row: Row) -> CampaignCase:
 def batches(cases: Iterable[CampaignCase]) -> list[list[CampaignCase]]:
     """Sort cases into batches of one frame each, the longest first."""
     groups: dict[bool, list[CampaignCase]] = {}
-    for one in cases:
-        groups.setdefault(one.vehicle == BLUEROV2, []).append(one)
+    for chosen in cases:
+        groups.setdefault(chosen.vehicle == BLUEROV2, []).append(chosen)
     parts = []
     for group in groups.values():
         count = -(-len(group) // BATCH)
@@ -273,13 +273,13 @@ class Campaign(Study[CampaignCase]):
         """Dive a batch; `traces` takes one of each dive (`simulate`)."""
         from lab.batch.simulate import simulate  # needs numba, which the command's help does not
 
-        delay_s = 1e-3 * np.array([one.delay_ms for one in cases])
+        delay_s = 1e-3 * np.array([chosen.delay_ms for chosen in cases])
         found = simulate(
             configured(self._config, cases[0].vehicle),
-            [plant(one) for one in cases],
+            [plant(chosen) for chosen in cases],
             hold(),
             DURATION_S,
-            [one.number for one in cases],
+            [chosen.number for chosen in cases],
             Links(up_s=0.5 * delay_s, down_s=0.5 * delay_s, jitter_s=0.004),
             since_s=SINCE_S,
             traces=traces,
@@ -341,9 +341,9 @@ class Campaign(Study[CampaignCase]):
                 _scatter(axes, some)
                 axes.set_title("outside the envelope" if column else "inside the envelope", fontweight="bold")
                 for line, row in enumerate(_worst(some), 1):
-                    one, traces = case_of(row), list[Rows]()
-                    list(self.dive([one], traces))
-                    _error(figure.add_subplot(grid[line, column]), one, traces[0])
+                    chosen, traces = case_of(row), list[Rows]()
+                    list(self.dive([chosen], traces))
+                    _error(figure.add_subplot(grid[line, column]), chosen, traces[0])
             return [save(figure, folder / "worst.png")]
 
 
@@ -362,29 +362,31 @@ class Replay(Campaign):
         return out / "replay.jsonl"
 
     def dive(self, cases: Sequence[CampaignCase], traces: list[Rows] | None = None) -> Iterator[Row]:
-        traces, one = [], cases[0]
+        traces, chosen = [], cases[0]
         (row,) = super().dive(cases, traces)
-        full = full_loop.dive(scenario(one), configured(self._config, one.vehicle), plant(one), link(one))
+        full = full_loop.dive(
+            scenario(chosen), configured(self._config, chosen.vehicle), plant(chosen), link(chosen)
+        )
         lines = [full.t_s, full.depth_error_m, full.thrust_n, full.active]
         trace = {"batch": traces[0].T.tolist(), "full": [line.tolist() for line in lines]}
         yield row | {"full": full.figures(), "held": bool(full.active[-1]), "trace": trace}
 
     def tables(self, rows: Sequence[Row]) -> Iterator[RenderableType]:
         (row,) = rows
-        one = case_of(row)
-        table = ruled(str(one), "figure", "batch", "full loop")
+        chosen = case_of(row)
+        table = ruled(str(chosen), "figure", "batch", "full loop")
         for key in [*row][[*row].index("outcome") + 1 : [*row].index("full")]:
             table.add_row(key, f"{row[key]:.3f}", f"{row['full'][key]:.3f}" if key in row["full"] else "")
         table.add_row("outcome", row["outcome"], "steered to the end" if row["held"] else "gave up")
         yield table
-        yield f"{'inside' if one.inside else 'outside'} the envelope"
+        yield f"{'inside' if chosen.inside else 'outside'} the envelope"
 
     def failed(self, rows: Sequence[Row]) -> bool:
         return False
 
     def draw(self, rows: Sequence[Row], folder: Path) -> Sequence[Path]:
         """Draw depth error and thrust of both."""
-        one, trace = case_of(rows[0]), rows[0]["trace"]
+        chosen, trace = case_of(rows[0]), rows[0]["trace"]
         t_s, error_m, thrust_n = map(np.array, trace["batch"])
         full_s, full_m, full_n, active = map(np.array, trace["full"])
         with plt.rc_context(PRINTED):
@@ -395,13 +397,13 @@ class Replay(Campaign):
             upper.plot(t_s, 1e3 * error_m, color=VERMILLION, linestyle="--", label="batch")
             lower.plot(full_s, full_n, color=BLACK)
             lower.plot(t_s, thrust_n, color=VERMILLION, linestyle="--")
-            upper.set_title(str(one), fontsize=9)
+            upper.set_title(str(chosen), fontsize=9)
             upper.set_ylabel("depth error (mm)")
             lower.set_ylabel("heave thrust asked for (N)")
             lower.set_xlabel("time since boot (s)")
             upper.legend(loc="upper left")
             _limit(upper, np.concatenate([error_m, full_m]))
-            return [save(figure, folder / f"replay-{one.number}.png")]
+            return [save(figure, folder / f"replay-{chosen.number}.png")]
 
 
 def _replay_command(number: int) -> str:
@@ -458,11 +460,11 @@ def _scatter(axes: Axes, rows: Sequence[Row]) -> None:
     axes.legend(loc="upper left", ncols=3)
 
 
-def _error(axes: Axes, one: CampaignCase, trace: Rows) -> None:
+def _error(axes: Axes, chosen: CampaignCase, trace: Rows) -> None:
     t_s, error_m, _ = trace.T
     axes.plot(t_s, 1e3 * error_m, color=BLUE)
     axes.axvline(SETTLE_S, color=BLACK, linestyle=":", linewidth=0.8)
-    axes.set_title(f"{one}\n$ {_replay_command(one.number)}", fontsize=7, loc="left")
+    axes.set_title(f"{chosen}\n$ {_replay_command(chosen.number)}", fontsize=7, loc="left")
     axes.set_ylabel("depth error (mm)")
     axes.set_xlabel("time since boot (s)")
     _limit(axes, error_m)

@@ -266,15 +266,17 @@ def by_autopilot(
     Its reference without a path is where it was on the mean from `since_s` on: nobody named POSHOLD's place.
     """
     eta = np.array([truth.eta for truth in found])
-    t_s, truth = np.array([one.t_s for one in found]), eta[:, [X, Y, Z, TRUE_PSI]]
+    t_s, truth = np.array([moment.t_s for moment in found]), eta[:, [X, Y, Z, TRUE_PSI]]
     if path is None:
         reference = np.tile(truth[t_s >= since_s].mean(0), (len(truth), 1))
     else:
-        reference = np.array([path(one.t_s).eta_d for one in found])
+        reference = np.array([path(moment.t_s).eta_d for moment in found])
     nominal = thrusters_of(plant.thrusters)
-    pushes = [static_thrust(nominal, HEALTHY, each_motor(one.motor_pwm), one.voltage_v) for one in found]
-    pwm = np.array([one.motor_pwm for one in found])
-    counted = [one for one in found if one.t_s >= since_s]
+    pushes = [
+        static_thrust(nominal, HEALTHY, each_motor(moment.motor_pwm), moment.voltage_v) for moment in found
+    ]
+    pwm = np.array([moment.motor_pwm for moment in found])
+    counted = [moment for moment in found if moment.t_s >= since_s]
     return Track(
         t_s,
         reference,
@@ -283,7 +285,7 @@ def by_autopilot(
         tilt_rad(eta),
         np.array([wrench(nominal, push)[:2] for push in pushes]),
         np.abs(pwm - 1500.0).max(1) > FULL_US,
-        held=all(one.armed and one.mode == counted[0].mode for one in counted),
+        held=all(moment.armed and moment.mode == counted[0].mode for moment in counted),
     )
 
 
@@ -350,7 +352,7 @@ class Courses(Study[CourseDive]):
         load_config(overrides=arguments.set)
         self._rows = {row.name: row for row in ROWS if not arguments.rows or row.name in arguments.rows}
         self._courses = {
-            one.name: one for one in COURSES if not arguments.scenarios or one.name in arguments.scenarios
+            kind.name: kind for kind in COURSES if not arguments.scenarios or kind.name in arguments.scenarios
         }
         known(arguments.rows or (), [row.name for row in ROWS], "row")
         known(arguments.scenarios or (), [course.name for course in COURSES], "scenario")
@@ -382,10 +384,10 @@ class Courses(Study[CourseDive]):
             title = f"{self._courses[name].title}; {self._seeds} vehicles"
             table = ruled(title, "", *(column for column, _ in FIGURES.values()), padding=0)
             for (row,), mine in by(dives, "row").items():
-                lost = sum(not one["held"] for one in mine)
+                lost = sum(not dive["held"] for dive in mine)
                 cells = []
                 for key, (_, form) in FIGURES.items():
-                    values = [one[key] for one in mine]
+                    values = [dive[key] for dive in mine]
                     most = key in ("tilt_deg", "place_peak_mm")
                     cells.append(f"{max(values) if most else np.mean(values):{form}}")
                 table.add_row(self._rows[row].title + (f" ({lost} lost)" if lost else ""), *cells)

@@ -129,12 +129,12 @@ class Dives(Study[BenchDive]):
             yield self._case(of_case)
         title = f"depth RMS, mm; ! chatter above {CHATTER_N} N a tick"
         yield self._overview(
-            cases, title, lambda one: f"{one['depth_rms_mm']:.1f}" + "!" * (one["chatter_n"] > CHATTER_N)
+            cases, title, lambda row: f"{row['depth_rms_mm']:.1f}" + "!" * (row["chatter_n"] > CHATTER_N)
         )
         yield self._overview(
-            cases, "depth RMS over that of the floor", lambda one: f"{one['floor_ratio']:.2f}"
+            cases, "depth RMS over that of the floor", lambda row: f"{row['floor_ratio']:.2f}"
         )
-        yield self._overview(cases, "heading RMS, °", lambda one: _cell(one["heading_rms_deg"], ".2f"))
+        yield self._overview(cases, "heading RMS, °", lambda row: _cell(row["heading_rms_deg"], ".2f"))
 
     def _case(self, cases: Sequence[Row]) -> Table:
         first = cases[0]
@@ -284,10 +284,10 @@ def student(freedom: int, confidence: float = CONFIDENCE) -> float:
     return z + sum(term / n**i for i, term in enumerate(terms, 1))
 
 
-def _dots(axes: Axes, each: Iterable[np.ndarray[Any, Any]], delay_ms: int, i: int) -> None:
+def _dots(axes: Axes, values_by_row: Iterable[np.ndarray[Any, Any]], delay_ms: int, i: int) -> None:
     """Draw one figure of every row at one delay: the dives faint, their mean with its interval."""
     colour, face = COLOURS[delay_ms], COLOURS[delay_ms] if delay_ms == 0 else "white"
-    for y, values in enumerate(each):
+    for y, values in enumerate(values_by_row):
         height = y + SHIFT * (2 * i - 1)
         axes.plot(
             values, np.full(len(values), height + SHIFT / 2), ".", color=colour, alpha=0.4, markersize=3

@@ -95,22 +95,22 @@ def dive_group(numbers: Sequence[int], firmware: Path | None = None) -> list[Row
 
 def _dive_firmware(number: int, firmware: Path) -> Row:
     """Dive once with the real firmware."""
-    one = case(number, firmware=True)
-    diving = Diving(one.variant, one.state, firmware)
+    faulty = case(number, firmware=True)
+    diving = Diving(faulty.variant, faulty.state, firmware)
     try:
-        return dive(diving, one)
+        return dive(diving, faulty)
     finally:
         diving.close()
 
 
-def forked(prepared: Diving, one: FaultCase) -> Row:
+def forked(prepared: Diving, faulty: FaultCase) -> Row:
     """Dive once in a child process, so that `prepared` stays as it is."""
     reading, writing = os.pipe()
     child = os.fork()
     if child == 0:
         os.close(reading)
         with os.fdopen(writing, "w") as pipe:
-            json.dump(dive(prepared, one), pipe)
+            json.dump(dive(prepared, faulty), pipe)
         os._exit(0)
     os.close(writing)
     with os.fdopen(reading) as pipe:
@@ -119,14 +119,14 @@ def forked(prepared: Diving, one: FaultCase) -> Row:
     if said:
         row: Row = json.loads(said)
         return row
-    return _row(one, "", nan, "the process died")
+    return _row(faulty, "", nan, "the process died")
 
 
-def dive(dive: Diving, one: FaultCase) -> Row:
+def dive(dive: Diving, faulty: FaultCase) -> Row:
     """Break what the case says, and hold every tick to account."""
-    rng = np.random.default_rng((one.number, 6))
+    rng = np.random.default_rng((faulty.number, 6))
     since_s, broken = dive.t_s, ""
-    pending = sorted(one.faults, key=lambda fault: fault.at_s)
+    pending = sorted(faulty.faults, key=lambda fault: fault.at_s)
     begun: list[tuple[float, Broken]] = []
     try:
         with np.errstate(all="ignore"):
@@ -134,36 +134,36 @@ def dive(dive: Diving, one: FaultCase) -> Row:
                 while pending and pending[0].at_s <= tick / 50:
                     begun.append((dive.t_s, pending[0]))
                     FAULTS[pending[0].kind].begin(dive, pending.pop(0), rng)
-                if one.fingers and rng.random() < 0.05:
+                if faulty.fingers and rng.random() < 0.05:
                     dive.loop.requests.append(Request(int(rng.integers(1, 4))))
                 dive.run(0.02)
-            _in_time(dive, one, begun)
+            _in_time(dive, faulty, begun)
     except PromiseBrokenError as error:
         broken = str(error)
     except Exception:
         broken = "raised: " + traceback.format_exc().strip().splitlines()[-1]
     ended, thrust_s = dive.engine.verdict.state, dive.engine.last_thrust_s
     pushed = thrust_s > since_s and ended is not State.ACTIVE
-    return _row(one, ended, thrust_s - begun[0][0] if begun and pushed else nan, broken)
+    return _row(faulty, ended, thrust_s - begun[0][0] if begun and pushed else nan, broken)
 
 
-def _row(one: FaultCase, ended: str, neutral_s: float, broken: str) -> Row:
+def _row(faulty: FaultCase, ended: str, neutral_s: float, broken: str) -> Row:
     """Return the result: `broken` is the promise that was not kept, or empty.
 
     `neutral_s` is the time from the first fault to the last thrust, NaN if it held on or never pushed.
     """
     return {
-        "kinds": [fault.kind for fault in one.faults],
-        "state": str(one.state),
+        "kinds": [fault.kind for fault in faulty.faults],
+        "state": str(faulty.state),
         "ended": str(ended),
         "neutral_s": neutral_s,
         "broken": broken,
     }
 
 
-def _in_time(dive: Diving, one: FaultCase, begun: Sequence[tuple[float, Broken]]) -> None:
+def _in_time(dive: Diving, faulty: FaultCase, begun: Sequence[tuple[float, Broken]]) -> None:
     """Check that whatever had to end the steering did; whoever engaged again since is another matter."""
-    if one.fingers or one.state is not State.ACTIVE:
+    if faulty.fingers or faulty.state is not State.ACTIVE:
         return
     for at_s, fault in begun:
         within_s = FAULTS[fault.kind].within_s(fault)
@@ -238,12 +238,12 @@ class FaultDives(Study[FaultDive]):
     def groups(self, cases: Sequence[FaultDive]) -> Sequence[Sequence[FaultDive]]:
         """Put together what shares a vehicle and a state."""
         together: dict[int, list[FaultDive]] = {}
-        for one in cases:
-            together.setdefault(one.number // 12, []).append(one)
+        for faulty in cases:
+            together.setdefault(faulty.number // 12, []).append(faulty)
         return [*together.values()]
 
     def dive(self, cases: Sequence[FaultDive]) -> list[Row]:
-        return dive_group([one.number for one in cases], self._firmware)
+        return dive_group([faulty.number for faulty in cases], self._firmware)
 
     def tables(self, rows: Sequence[Row]) -> Iterator[RenderableType]:
         """Return what became of each kind of fault, and every promise that was not kept."""
@@ -270,8 +270,8 @@ class FaultDives(Study[FaultDive]):
         yield "Begun in " + ", ".join(f"{state} {count}" for state, count in states.most_common())
         bad = [row for row in rows if row["broken"]]
         for row in bad:
-            one = case(row["number"], firmware=self._firmware is not None)
-            yield f"[red]{row['broken']}[/red]: {VARIANTS[one.variant][0]}, {json.dumps(asdict(one))}"
+            faulty = case(row["number"], firmware=self._firmware is not None)
+            yield f"[red]{row['broken']}[/red]: {VARIANTS[faulty.variant][0]}, {json.dumps(asdict(faulty))}"
         yield f"{len(rows)} dives of {AFTER_S:g} s after the state was reached; {len(bad)} broke a promise."
 
     def failed(self, rows: Sequence[Row]) -> bool:

@@ -188,7 +188,7 @@ class FaultHours(Study[NumberedHour]):
         return [NumberedHour(number) for number in range(self._hours)]
 
     def dive(self, cases: Sequence[NumberedHour]) -> Iterator[Row]:
-        return (asdict(soak_hour(one.number)) for one in cases)
+        return (asdict(soak_hour(case.number)) for case in cases)
 
     def failed(self, rows: Sequence[Row]) -> bool:
         """Return whether an hour broke a promise or could not be engaged again."""

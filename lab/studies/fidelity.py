@@ -98,18 +98,18 @@ def pairs(rows: Sequence[Row]) -> list[Row]:
     """
     result = []
     for (name, scenario), some in by(rows, "row", "scenario").items():
-        both = [*by(some, "vehicle").values()]
+        by_vehicle = [*by(some, "vehicle").values()]
 
-        def mean(key: str, both: list[list[Row]] = both) -> tuple[float, ...]:
-            return tuple(float(np.mean([row[key] for row in dives])) for dives in both)
+        def mean(key: str, by_vehicle: list[list[Row]] = by_vehicle) -> tuple[float, ...]:
+            return tuple(float(np.mean([row[key] for row in dives])) for dives in by_vehicle)
 
         ours_mm, theirs_mm = sd_mm = mean("depth_sd_mm")
         result.append(
             {
                 "row": name,
                 "scenario": scenario,
-                "seeds": len(both[0]),
-                "gave_up": tuple(sum(not row["held"] for row in dives) for dives in both),
+                "seeds": len(by_vehicle[0]),
+                "gave_up": tuple(sum(not row["held"] for row in dives) for dives in by_vehicle),
                 "sd_mm": sd_mm,
             }
             | {key: mean(figure) for key, (figure, _) in COLUMNS.items()}

@@ -133,9 +133,9 @@ def plant(base: SimConfig, cell: Cell, seed: int) -> SimConfig:
 
     What delays the sensors stands in no stamp.
     """
-    one = [cell.gain if cell.axis in (axis, "all") else 1.0 for axis in AXES[:-1]]
+    gains = [cell.gain if cell.axis in (axis, "all") else 1.0 for axis in AXES[:-1]]
     tilts = cell.gain if cell.axis == "all" else 1.0
-    axis_gain = (one[0], one[1], one[2], tilts, tilts, one[3])
+    axis_gain = (gains[0], gains[1], gains[2], tilts, tilts, gains[3])
     draw, sensors, late_s = np.random.default_rng((seed, 2)).uniform, base.sensors, 1e-3 * cell.hidden_ms
     rough = cell.water == "waves"
     return replace(
@@ -224,15 +224,18 @@ def _measured(cell: Cell, steps: Sequence[Step], config: Config) -> tuple[list[f
     )
     demand = np.array(
         [
-            (*one.sample.dofs.tau, *delivered(thrusters, one.sample.command, one.sample.state.voltage_v)[4:])
-            for one in steps
+            (
+                *step.sample.dofs.tau,
+                *delivered(thrusters, step.sample.command, step.sample.state.voltage_v)[4:],
+            )
+            for step in steps
         ]
     )
-    disturbance = np.array([one.truth.disturbance for one in steps])[:, [0, 1, 2, 5]]
+    disturbance = np.array([step.truth.disturbance for step in steps])[:, [0, 1, 2, 5]]
     gain = cell.gain if cell.axis == "all" else 1.0
     gains = np.array([cell.gain if axis == cell.axis else gain for axis in AXES[:-1]])
     sea = np.hstack([disturbance / gains, np.zeros((len(steps), 2))])
-    eta = np.array([one.truth.eta for one in steps])[since:]
+    eta = np.array([step.truth.eta for step in steps])[since:]
     error = eta[:, [0, 1, 2, TRUE_PSI]] - (0.0, 0.0, DEPTH_M, 0.0)
     error[:, 3] = np.degrees([wrap(angle) for angle in error[:, 3].tolist()])
     error[:, :3] *= 1e3

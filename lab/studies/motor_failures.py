@@ -48,14 +48,16 @@ class MotorFailure(NamedTuple):
 def plant(motors: int, seed: int) -> SimConfig:
     """Draw a vehicle of so many motors, waves and a current."""
     draw = np.random.default_rng((seed, 8)).uniform
-    one = load_plant(FILES[motors])
+    drawn = load_plant(FILES[motors])
     if motors == HEAVY:
-        one = ensemble(one, seed)
+        drawn = ensemble(drawn, seed)
     return replace(
-        one,
-        initial=replace(one.initial, eta=(0.0, 0.0, DEPTH_M, 0.0, 0.0, 0.0)),
-        waves=replace(one.waves, enabled=True, height_m=draw(0.2, 0.4), period_s=draw(3.5, 5.0)),
-        current=replace(one.current, enabled=True, speed_m_s=draw(0.1, 0.5), direction_deg=draw(0.0, 360.0)),
+        drawn,
+        initial=replace(drawn.initial, eta=(0.0, 0.0, DEPTH_M, 0.0, 0.0, 0.0)),
+        waves=replace(drawn.waves, enabled=True, height_m=draw(0.2, 0.4), period_s=draw(3.5, 5.0)),
+        current=replace(
+            drawn.current, enabled=True, speed_m_s=draw(0.1, 0.5), direction_deg=draw(0.0, 360.0)
+        ),
     )
 
 

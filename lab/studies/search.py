@@ -177,10 +177,10 @@ def _dive(
         late_s = longer_s + link.down_s + 0.5 * link.jitter_s
         gains = {key: np.repeat([value[key] for value in values], len(dives)) for key in row.knobs}
         return alt_hold.simulate(plants, targets, duration_s, seeds, late_s, gains)
-    each = [config for config in configs for _ in dives]
+    candidates = [config for config in configs for _ in dives]
     up_s = link.up_s + longer_s + hidden_s
     links = Links(up_s, link.down_s + longer_s, untold_up_s=hidden_s)
-    return simulate(each, plants, targets, duration_s, seeds, links)
+    return simulate(candidates, plants, targets, duration_s, seeds, links)
 
 
 def training(seeds: int, vary: Callable[[SimConfig, int], SimConfig]) -> list[tuple[Scenario, TrainingCase]]:
@@ -199,5 +199,5 @@ def _fast_trajectory(t_s: float) -> Setpoint:
 
 
 def _stronger(plant: SimConfig, thrust: float) -> SimConfig:
-    gain = tuple(thrust * one for one in plant.thrusters.gain)
+    gain = tuple(thrust * motor for motor in plant.thrusters.gain)
     return replace(plant, thrusters=replace(plant.thrusters, gain=gain))

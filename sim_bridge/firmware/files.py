@@ -113,10 +113,10 @@ class Files:
         data = payload[HEADER.size : HEADER.size + size]
         request = Request(peer, link, sequence, session, opcode, size, offset, data)
         if self._last is not None:
-            before, reply = self._last
-            whose = (before.peer, before.session, before.sequence + reply.further)
+            previous, reply = self._last
+            whose = (previous.peer, previous.session, previous.sequence + reply.further)
             if whose == (peer, session, sequence):
-                self._reply(before, reply, now_s)
+                self._reply(previous, reply, now_s)
                 return
         for reply in self._replies(request, now_s):
             self._reply(request, reply, now_s)
@@ -239,7 +239,7 @@ def _refusal(error: int, offset: int = 0) -> Reply:
 
 def _range(name: str) -> tuple[int, int]:
     """Return `start` and `count` behind the question mark of a parameter file's name; 0 where not given."""
-    given = dict(one.partition("=")[::2] for one in name.partition("?")[2].split("&"))
+    given = dict(option.partition("=")[::2] for option in name.partition("?")[2].split("&"))
     start, count = (given.get(key, "") for key in ("start", "count"))
     return int(start) if start.isdecimal() else 0, int(count) if count.isdecimal() else 0
 
@@ -256,10 +256,10 @@ def packed_parameters(
     magic = PARAMETER_MAGIC_WITH_DEFAULTS if with_defaults else PARAMETER_MAGIC
     names = params.names[start : start + count if count else None]
     out = bytearray(struct.pack("<HHH", magic, len(names), len(params.names)))
-    before = ""
+    previous = ""
     for name in names:
         number, form = PACKED[DEFAULTS[name].type]
-        shared = min(_shared(before, name), len(name) - 1, 15)
+        shared = min(_shared(previous, name), len(name) - 1, 15)
         rest = name[shared:].encode()
         value = _packed(form, params[name])
         default = _packed(form, DEFAULTS[name].default)
@@ -270,14 +270,14 @@ def packed_parameters(
         if 0 < over < len(value):
             out += bytes(len(value) - over)
         out += record
-        before = name
+        previous = name
     return bytes(out)
 
 
-def _shared(one: str, other: str) -> int:
+def _shared(name: str, other: str) -> int:
     """Return how many characters two names begin with in common."""
     same = 0
-    while same < min(len(one), len(other)) and one[same] == other[same]:
+    while same < min(len(name), len(other)) and name[same] == other[same]:
         same += 1
     return same
 
@@ -290,8 +290,19 @@ def packed_items(missions: Missions, kind: int) -> bytes:
     """Return a list in the packed format of ArduPilot's AP_Filesystem_Mission."""
     items = missions.items(kind)
     out = bytearray(struct.pack("<HHHHH", MISSION_MAGIC, kind, 0, 0, len(items)))
-    for number, one in enumerate(items):
+    for number, item in enumerate(items):
         out += ITEM.pack(
-            *one.params, one.x, one.y, one.z, number, one.command, 0, 0, one.frame, 0, one.autocontinue, kind
+            *item.params,
+            item.x,
+            item.y,
+            item.z,
+            number,
+            item.command,
+            0,
+            0,
+            item.frame,
+            0,
+            item.autocontinue,
+            kind,
         )
     return bytes(out)

@@ -142,12 +142,14 @@ class Missions:
         if number >= len(items):
             self._acknowledge(peer, kind, INVALID_SEQUENCE)
             return
-        one = items[number]
-        head = (system, component, number, one.frame, one.command, 0, one.autocontinue, *one.params)
+        entry = items[number]
+        head = (system, component, number, entry.frame, entry.command, 0, entry.autocontinue, *entry.params)
         if whole:
-            self._send(link, mavlink.MAVLink_mission_item_int_message(*head, one.x, one.y, one.z, kind))
+            self._send(link, mavlink.MAVLink_mission_item_int_message(*head, entry.x, entry.y, entry.z, kind))
             return
-        self._send(link, mavlink.MAVLink_mission_item_message(*head, one.x / 1e7, one.y / 1e7, one.z, kind))
+        self._send(
+            link, mavlink.MAVLink_mission_item_message(*head, entry.x / 1e7, entry.y / 1e7, entry.z, kind)
+        )
         if not self._warned:
             self._warned = True
             self._say(WARNING, "got MISSION_REQUEST; use MISSION_REQUEST_INT!")

@@ -167,8 +167,8 @@ class FlightControl:
         )
         motions = _motions(estimate)
         self._attitude = [
-            attitude.follow_rate(one, axis, rate, *motion, dt)
-            for one, axis, rate, motion in zip(self._gains(), self._attitude, rates, motions, strict=True)
+            attitude.follow_rate(loop, axis, rate, *motion, dt)
+            for loop, axis, rate, motion in zip(self._gains(), self._attitude, rates, motions, strict=True)
         ]
         roll, pitch, yaw = self._attitude
         return roll.demand, pitch.demand, yaw.demand
@@ -188,8 +188,8 @@ class FlightControl:
             slew = math.radians(params["ATC_SLEW_YAW"] / 100.0)
             yaw = attitude.toward_angle(gains[2], yaw, self._heading, slew, dt)
         self._attitude = [
-            attitude.follow(one, axis, *motion, dt)
-            for one, axis, motion in zip(gains, (roll, pitch, yaw), _motions(estimate), strict=True)
+            attitude.follow(loop, axis, *motion, dt)
+            for loop, axis, motion in zip(gains, (roll, pitch, yaw), _motions(estimate), strict=True)
         ]
         roll, pitch, yaw = self._attitude
         return roll.demand, pitch.demand, yaw.demand

@@ -273,5 +273,5 @@ def _along(across: float, up: float, most_across: float, most_up: float) -> floa
     return min(limits)
 
 
-def _dot(one: complex, other: complex) -> float:
-    return one.real * other.real + one.imag * other.imag
+def _dot(a: complex, b: complex) -> float:
+    return a.real * b.real + a.imag * b.imag

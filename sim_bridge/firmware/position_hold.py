@@ -174,5 +174,5 @@ def _braking_m(speed: float, p: float, limits: Limits) -> float:
     return speed * speed / (2.0 * limits.acceleration) + 0.5 * linear / p
 
 
-def _along(one: complex, other: complex) -> float:
-    return one.real * other.real + one.imag * other.imag
+def _along(a: complex, b: complex) -> float:
+    return a.real * b.real + a.imag * b.imag
