@@ -58,6 +58,9 @@ class Frame(Section, frozen=True):
         Literal["vectored", "vectored_6dof"],
         means("FRAME_CONFIG 1, six thrusters; or FRAME_CONFIG 2, eight thrusters"),
     ] = "vectored_6dof"
+    coriolis_share: Annotated[
+        ranges.PartOfWhole, means("of the Coriolis force of the axes' masses, how much is there")
+    ] = 1.0
 
 
 class Vehicle(Frame, frozen=True):
@@ -226,6 +229,10 @@ class ThrusterLag(Section, frozen=True):
     lag_s: Annotated[
         ranges.Lag, means("first-order lag from a motor's command to its thrust; T200: 0.1 to 0.2 s")
     ] = 0.15
+    start_s: Annotated[
+        ranges.Delay, means("a motor at rest, or that reverses, gives thrust so much later")
+    ] = 0.0
+    delay_s: Annotated[ranges.Delay, means("delay that neither TIMESYNC nor the stamps show")] = 0.0
 
 
 class Thrusters(ThrusterLag, frozen=True):
@@ -248,6 +255,10 @@ class Tilting(Section, frozen=True):
     lever_m: Annotated[
         ranges.Lever, means("horizontal thrusters below the centre of gravity; negative above it")
     ] = 0.085
+    roll_righting_nm: Annotated[
+        ranges.Righting, means("weight times the height of the centre of buoyancy; 0: not known")
+    ] = 0.0
+    pitch_righting_nm: Annotated[ranges.Righting, means("as roll_righting_nm")] = 0.0
     max_moment_nm: Annotated[ranges.Moment, means("largest moment for levelling")] = 12.0
     max_axis: Annotated[
         ranges.TiltShare, means("largest roll or pitch demand; 0.5 (200 us) and more capsizes a Heavy")

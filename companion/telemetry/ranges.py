@@ -65,11 +65,13 @@ Hour = Annotated[float, Meta(ge=0.0, le=3600.0)]
 
 # Thrusters, sticks and levelling.
 Share = Annotated[float, Meta(ge=0.05, le=1.0)]
+PartOfWhole = Annotated[float, Meta(ge=0.0, le=1.0)]
 PilotDeflection = Annotated[float, Meta(ge=0.02, le=0.5)]
 FullDeflection = Annotated[float, Meta(ge=0.5, le=1.0)]
 Slew = Annotated[float, Meta(ge=0.5, le=100.0)]
 TickRate = Annotated[float, Meta(ge=10.0, le=200.0)]
 LevellingFrequency = Annotated[float, Meta(ge=0.2, le=20.0)]
+Righting = Annotated[float, Meta(ge=0.0, le=300.0, extra=SCALE, extra_json_schema={"unit": "N·m/rad"})]
 Lever = Annotated[float, Meta(ge=-1.0, le=1.0)]
 TiltShare = Annotated[float, Meta(ge=0.01, le=0.49)]
 

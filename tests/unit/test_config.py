@@ -259,7 +259,7 @@ class TestPresets:
         return write
 
     def test_the_issue_names_them(self):
-        assert presets() == ["ardusub", "bluerov2", "custom", "heavy", "heavy-skid"]
+        assert presets() == ["ardusub", "bluerov2", "custom", "heavy", "heavy-skid", "tank-heavy"]
 
     @pytest.mark.parametrize("name", presets())
     def test_each_is_loaded_by_name_and_leaves_what_is_not_the_vehicle(self, name):
