@@ -49,6 +49,8 @@ STATUS_PERIOD_S = 5.0
 PLAN_PERIOD_S = 5.0
 WATCHDOG_PERIOD_S = 0.5
 NAME_PATIENCE_S = 3.0
+TICK_PATIENCE_S = 1.0
+"""Without a tick for so long the process ends."""
 
 log = logging.getLogger("holdfast")
 
@@ -133,6 +135,7 @@ class App:
         gc.freeze()
         ticker = Ticker(self._period_ns)
         loop.add_reader(ticker.fd, self._on_tick, ticker)
+        loop.call_later(TICK_PATIENCE_S, self._expect_tick, self._periods)
         notify("READY=1")
         try:
             await self._stop.wait()
@@ -180,6 +183,13 @@ class App:
             self._catch_up(ticker, -1, MAX_LOOKS)
         else:
             self._tick(ticker)
+
+    def _expect_tick(self, periods: int) -> None:
+        """End the process where no tick came since `periods` were counted: nothing would steer, or say so."""
+        if self._periods == periods:
+            self._fail(RuntimeError(f"the timer of the loop has not fired for {TICK_PATIENCE_S:g} s"))
+        elif not self._stop.is_set():
+            asyncio.get_running_loop().call_later(TICK_PATIENCE_S, self._expect_tick, self._periods)
 
     def _catch_up(self, ticker: Ticker, received: int, turns: int) -> None:
         """Let the loop read what waits in the sockets, a datagram a turn; then take the late tick."""

@@ -5,7 +5,6 @@ import ctypes
 import os
 import signal
 import socket
-import struct
 import time
 from collections.abc import Callable
 from contextlib import suppress
@@ -25,6 +24,10 @@ Python makes the next two an error of the call. After the others this process ca
 in Python would never run; systemd ends a loop that hangs by SIGABRT."""
 
 
+_Itimerspec = ctypes.c_long * 4
+"""Interval and start, each in s and ns. They are C's long: 32 bits on a 32-bit system."""
+
+
 class Ticker:
     """A periodic timerfd on the monotonic clock (os.timerfd_create is there from Python 3.13 only)."""
 
@@ -32,9 +35,9 @@ class Ticker:
         self._libc = ctypes.CDLL(None, use_errno=True)
         self.fd: int = self._libc.timerfd_create(time.CLOCK_MONOTONIC, os.O_NONBLOCK | os.O_CLOEXEC)
         self.start_ns = time.monotonic_ns() + period_ns
-        spec = struct.pack("@4q", *divmod(period_ns, NS_PER_S), *divmod(self.start_ns, NS_PER_S))
+        spec = _Itimerspec(*divmod(period_ns, NS_PER_S), *divmod(self.start_ns, NS_PER_S))
         absolute = 1
-        if self.fd < 0 or self._libc.timerfd_settime(self.fd, absolute, spec, None):
+        if self.fd < 0 or self._libc.timerfd_settime(self.fd, absolute, ctypes.byref(spec), None):
             raise OSError(ctypes.get_errno(), "timerfd")
 
     def read(self) -> int:

@@ -21,6 +21,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from companion.app import App
 from companion.config import load_config
 from companion.engine import Engine
+from companion.io.process import Ticker
 from companion.mavlink.signing import EPOCH_S, UNITS_PER_S
 from companion.records import Request, Setpoint
 from lab.operations.bounds import HOLDFAST, running
@@ -380,6 +381,24 @@ def test_a_fault_in_telemetry_ends_the_process_with_neutral(
             while True:
                 heard += vehicle.recv(4096)
     assert heard.endswith(b"neutral" * 5)
+
+
+def test_a_timer_that_never_fires_ends_the_process(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """On a 32-bit system the timer took its start for a time in years; the process never ticked."""
+    monkeypatch.setattr("companion.app.Ticker", lambda period_ns: Ticker(1_000_000 * period_ns))
+    link = f"udp-connect:127.0.0.1:{free_port(socket.SOCK_DGRAM)}"
+    config = load_config(
+        overrides=[f"link.endpoint={link}", f"telemetry.endpoint=tcp/127.0.0.1:{free_port()}"]
+    )
+
+    async def run() -> int:
+        app = App(config, Setpoint((np.nan,) * 4), arm=False, requests=[])
+        return await asyncio.wait_for(app.run(), timeout=10.0)
+
+    assert asyncio.run(run()) == 1
+    assert "has not fired" in caplog.text
 
 
 def test_a_late_tick_reads_first_what_waits_in_the_socket(monkeypatch: pytest.MonkeyPatch) -> None:
