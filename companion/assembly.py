@@ -42,6 +42,7 @@ def model(config: Config) -> Model:
         vector([axis.mass for axis in config.axes]),
         vector([axis.linear_damping for axis in config.axes]),
         vector([axis.quadratic_damping for axis in config.axes]),
+        config.vehicle.coriolis_share,
     )
 
 
@@ -104,6 +105,7 @@ def observers(config: Config) -> Observers:
         (x, y, z, psi),
         hidden_delay_parameters(config, nominal),
         finds_hidden=True,
+        hidden_s=config.thrusters.delay_s,
         lag_s=config.thrusters.lag_s,
         adapts=config.vehicle.adapts,
         sensor_delay_s=vector([axis.sensor_delay_s for axis in config.axes]),

@@ -232,7 +232,10 @@ class ThrusterLag(Section, frozen=True):
     start_s: Annotated[
         ranges.Delay, means("a motor at rest, or that reverses, gives thrust so much later")
     ] = 0.0
-    delay_s: Annotated[ranges.Delay, means("delay that neither TIMESYNC nor the stamps show")] = 0.0
+    delay_s: Annotated[
+        ranges.HiddenDelay,
+        means("delay that neither TIMESYNC nor the stamps show; what a dive shows is found from here on"),
+    ] = 0.0
 
 
 class Thrusters(ThrusterLag, frozen=True):

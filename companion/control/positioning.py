@@ -12,6 +12,7 @@ ROVs keep roll and pitch level by their metacentric height, so the Jacobian J of
 | d1, d2  | linear and quadratic damping, body diagonal | N/(m/s), …     | eq. damp        |
 | m_bar   | diagonal of J⁻ᵀ M J⁻¹                       | kg, kg·m²      | eq. movi        |
 | k, h    | Coriolis and damping, inertial frame        | N, N·m         | eq. movi        |
+| σ       | coriolis_share: how much of C(ν)ν is there  |                | measured        |
 """
 
 import math
@@ -33,6 +34,8 @@ class Model(NamedTuple):
     m: Vector
     d1: Vector
     d2: Vector
+    coriolis_share: float = 1.0
+    """How much of C(ν)ν is there: 0.3 to 0.5 on a real BlueROV2 Heavy (config/vehicles/tank-heavy.toml)."""
 
 
 def jacobian(psi: float) -> Jacobian:
@@ -85,14 +88,20 @@ def drag_coefficient(model: Model, J: Jacobian, nu: Vector) -> Vector:
 def coriolis_and_damping(model: Model, J: Jacobian, nu: Vector) -> Vector:
     """Return k + h in the inertial frame (eq. movi).
 
-    k gathers C(ν)ν and M d(J⁻¹)/dt ẋ; for a diagonal M only (m_u − m_v) is left of both: what a vehicle of
-    unequal inertia feels while it turns, and the Munk moment that turns it across its path.
+    k gathers σ C(ν)ν and M d(J⁻¹)/dt ẋ. For a diagonal M and σ = 1 only (m_u − m_v) is left of both: what a
+    vehicle of unequal inertia feels while it turns, and the Munk moment that turns it across its path.
     """
     u, v, w, r = nu
     d_u, d_v, d_w, d_r = damping(model, nu)
-    unequal = model.m[0] - model.m[1]
+    m_u, m_v, share = model.m[0], model.m[1], model.coriolis_share
     return to_inertial(
-        J, (u * d_u + unequal * r * v, v * d_v + unequal * r * u, w * d_w, r * d_r - unequal * u * v)
+        J,
+        (
+            u * d_u + (m_u - share * m_v) * r * v,
+            v * d_v + (share * m_u - m_v) * r * u,
+            w * d_w,
+            r * d_r - share * (m_u - m_v) * u * v,
+        ),
     )
 
 

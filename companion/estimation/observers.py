@@ -61,6 +61,8 @@ class Observers(NamedTuple):
     tables: tuple[Tables, Tables, Tables, Tables]
     hidden: ObserverParameters
     finds_hidden: bool
+    hidden_s: float
+    """Hidden delay that is known beforehand."""
     lag_s: float
     """Of the nominal thrusters."""
     adapts: bool
@@ -157,7 +159,8 @@ class One(NamedTuple):
 
 def start(observers: Observers) -> ObserversMemory:
     """Know nothing of motion and vehicle, and have sent nothing."""
-    return restarted(hidden_delay.start(0.0, 0.0), model_learner.start(observers.tables, observers.lag_s))
+    hidden = hidden_delay.start(0.0, observers.hidden_s)
+    return restarted(hidden, model_learner.start(observers.tables, observers.lag_s))
 
 
 def restarted(hidden: HiddenDelayState, learner: LearnerMemory) -> ObserversMemory:

@@ -51,6 +51,7 @@ DisturbanceNoise = Annotated[float, Meta(ge=0.01, le=100.0)]
 
 # Times, seconds.
 Delay = Annotated[float, Meta(ge=0.0, le=1.0)]
+HiddenDelay = Annotated[float, Meta(ge=0.0, le=0.1)]
 RangeDelay = Annotated[float, Meta(ge=0.0, le=1.2)]
 BorneDelay = Annotated[float, Meta(ge=0.01, le=1.0)]
 Lag = Annotated[float, Meta(ge=0.02, le=1.0)]

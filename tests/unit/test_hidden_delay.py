@@ -6,7 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from companion import assembly
 from companion.config import load_config
+from companion.estimation import observers
 from companion.estimation.hidden_delay import LARGEST_S, start, step
 from companion.estimation.observer import Noise, observer_parameters
 from lab.batch.simulate import simulate
@@ -75,3 +77,8 @@ def test_in_the_loop_it_finds_part_of_it_and_nothing_where_nothing_is(hidden_s, 
     links = Links(up_s=0.001 + hidden_s, untold_up_s=hidden_s)
     found = simulate(CONFIG, plants, dives[0].target, dives[0].duration_s, range(8), links)
     assert least_s <= found["hidden_s"].mean() <= most_s
+
+
+def test_a_delay_that_the_vehicles_file_knows_is_where_it_begins():
+    known = assembly.observers(load_config(overrides=["thrusters.delay_s=0.06"]))
+    assert observers.start(known).hidden.hidden_s == 0.06

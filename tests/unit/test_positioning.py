@@ -105,10 +105,12 @@ def skew_2d(r):
     return np.array([[0.0, -r], [r, 0.0]])
 
 
+@pytest.mark.parametrize("share", [1.0, 0.4, 0.0])
 @pytest.mark.parametrize("psi", ANGLES)
-def test_k_and_h_against_fossens_matrices(psi):
+def test_k_and_h_against_fossens_matrices(psi, share):
     """M_bar x'' + k + h = tau from J^-T (C(nu) nu + M d(J^-1)/dt x' + D(nu) nu), with C of a diagonal M."""
     m_u, m_v = MODEL.m[:2]
+    model = MODEL._replace(coriolis_share=share)
     rng = np.random.default_rng(2)
     for _ in range(10):
         nu = rng.normal(size=4)
@@ -118,9 +120,9 @@ def test_k_and_h_against_fossens_matrices(psi):
         turning = np.zeros(4)
         turning[:2] = np.diag(MODEL.m[:2]) @ (-skew_2d(r)) @ nu[:2]
         drag = np.array(MODEL.d1) * nu + np.array(MODEL.d2) * np.abs(nu) * nu
-        expected = c_nu + turning + drag
+        expected = share * c_nu + turning + drag
         expected[:2] = rotation(psi) @ expected[:2]
-        np.testing.assert_allclose(coriolis_and_damping(MODEL, jacobian(psi), nu), expected, atol=1e-10)
+        np.testing.assert_allclose(coriolis_and_damping(model, jacobian(psi), nu), expected, atol=1e-10)
 
 
 def test_coriolis_does_no_work():
