@@ -2,6 +2,7 @@
 
 import argparse
 import datetime
+import importlib
 import json
 import logging
 import math
@@ -75,6 +76,8 @@ examples:
   holdfast identify                             armed, 1.5 m deep or more, in calm water: ask, then move
   holdfast identify --vehicle bluerov2 --arm    begin with another preset, and arm
   holdfast run --vehicle vehicle.toml           use what was found
+  holdfast identify --from dive.BIN             from logs of any dives instead: nothing moves; `--from --help`
+  holdfast identify --test dive.BIN --vehicle vehicle.toml   how well a vehicle's file predicts a log
 
 The supervisor and the guard of `holdfast run` are in charge. docs/identify.md says what is measured, and how
 well.
@@ -343,7 +346,12 @@ def check(argv: list[str]) -> int:
 
 
 def identify(argv: list[str]) -> int:
-    """Measure a vehicle's mass, damping and lag by moving it, and write its file."""
+    """Measure a vehicle by moving it, or from logs, and write its file."""
+    if any(argument.partition("=")[0] in ("--from", "--test") for argument in argv):
+        from_logs = importlib.import_module(
+            "lab.logs.command"
+        )  # the lab's: no part of the vehicle's processes
+        return int(from_logs.main(argv))
     parser = command_parser(
         "identify",
         "Holds the vehicle as `holdfast run` does, and moves each axis to and fro in turn, half "

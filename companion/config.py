@@ -61,6 +61,9 @@ class Frame(Section, frozen=True):
     coriolis_share: Annotated[
         ranges.PartOfWhole, means("of the Coriolis force of the axes' masses, how much is there")
     ] = 1.0
+    yaw_per_sway_ns: Annotated[
+        ranges.Coupling, means("N·m in yaw for each m/s to the right: its side is not even fore and aft")
+    ] = 0.0
 
 
 class Vehicle(Frame, frozen=True):

@@ -32,6 +32,7 @@ LinearTurnDamping = Annotated[
 QuadraticTurnDamping = Annotated[
     float, Meta(ge=0.0, le=100.0, extra=SCALE, extra_json_schema={"unit": "N·m·s²/rad²"})
 ]
+Coupling = Annotated[float, Meta(ge=-8.0, le=8.0, extra=SCALE, extra_json_schema={"unit": "N·s"})]
 Moment = Annotated[float, Meta(ge=0.1, le=100.0, extra_json_schema={"unit": "N·m"})]
 MaxRate = Annotated[float, Meta(ge=0.01, le=3.0)]
 MaxAcceleration = Annotated[float, Meta(ge=0.01, le=5.0)]

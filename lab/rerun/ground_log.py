@@ -5,6 +5,7 @@ station go to the relay's pilot side, all others to the vehicle's side, at the m
 The engine is never asked to engage, and nothing is sent to anybody.
 """
 
+import mmap
 import struct
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -31,8 +32,8 @@ MAX_GAP_S = 10.0
 
 CHECK_S = 1.0
 MAX_JUNK_BYTES = 1 << 16
-MAX_BYTES = 1 << 28
-"""A day of a ground station's log."""
+MAX_BYTES = 1 << 31
+"""Days of a ground station's log."""
 _STAMP = struct.Struct(">Q")
 _MARKERS = (0xFD, 0xFE)
 _PILOT_BEHIND_US = (
@@ -99,7 +100,10 @@ def read(path: Path) -> Iterator[TlogRecord]:
     """
     if path.stat().st_size > MAX_BYTES:
         raise TlogError(f"{path}: is larger than {MAX_BYTES >> 20} MiB: cut it into parts")
-    data = path.read_bytes()
+    if not path.stat().st_size:
+        raise TlogError(f"{path}: is empty, no telemetry log")
+    with path.open("rb") as file:
+        data = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
     at, last_us, t_s, found = 0, None, 0.0, False
     while at + _STAMP.size < len(data):
         size = _record_size(data, at)
@@ -230,7 +234,7 @@ def _notes(config: Config) -> list[str]:
     ]
 
 
-def _record_size(data: bytes, at: int) -> int:
+def _record_size(data: mmap.mmap, at: int) -> int:
     """Return how long the record at `at` is with its stamp, 0 if there is none whole."""
     frame = at + _STAMP.size
     if frame + 8 > len(data) or data[frame] not in _MARKERS:
@@ -246,7 +250,7 @@ def _record_size(data: bytes, at: int) -> int:
     return _STAMP.size + size if followed else 0
 
 
-def _next_record(data: bytes, at: int) -> int:
+def _next_record(data: mmap.mmap, at: int) -> int:
     """Return where the next record begins, at most MAX_JUNK_BYTES on."""
     end = min(len(data), at + MAX_JUNK_BYTES)
     while at < end and not _record_size(data, at):

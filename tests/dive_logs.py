@@ -1,0 +1,296 @@
+"""A manual dive of a made-up vehicle, and a writer of it for each kind of log. None of the lab's code."""
+
+import json
+import math
+import struct
+from dataclasses import dataclass
+from pathlib import Path
+
+import msgspec
+import numpy as np
+from mcap.writer import Writer
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from companion.telemetry.schemas import Raw
+from dashboard.recording.mcap_file import Item, Recording
+
+STEP_S = 0.05
+MASS, LINEAR, QUADRATIC = (30.0, 34.0, 50.0, 0.9), (10.0, 14.0, 25.0, 0.6), (80.0, 120.0, 120.0, 1.5)
+CORIOLIS, COUPLING, LAG_S, START_S = 0.6, 1.0, 0.05, 0.15
+CURVE_US = (-400, -300, -200, -100, -60, -28, 28, 60, 100, 200, 300, 400)
+CURVE_N = (-39.9, -26.6, -14.1, -4.7, -1.8, 0.0, 0.0, 2.2, 5.9, 17.9, 33.5, 51.5)
+MIXER = np.array([(-1, 1, 0, 1), (-1, -1, 0, -1), (1, 1, 0, -1), (1, -1, 0, 1), *[(0, 0, 1, 0)] * 4], float)
+ARMS = np.array((math.sqrt(0.5), math.sqrt(0.5), 1.0, math.sqrt(0.5) * 0.267))
+
+
+@dataclass
+class Dive:
+    """Rows of STEP_S: time, sticks (surge, sway, heave, yaw), u v w r, north east down, heading."""
+
+    t_s: np.ndarray
+    sticks: np.ndarray
+    velocity: np.ndarray
+    place: np.ndarray
+    heading: np.ndarray
+
+
+def dive(length_s: float = 120.0, seed: int = 1, axes: tuple[int, ...] = (0, 1, 2, 3)) -> Dive:
+    """Steer `axes` by turns and together, from rest and back."""
+    rng = np.random.default_rng(seed)
+    count, fine = round(length_s / STEP_S), 5
+    sticks = np.zeros((count, 4))
+    at = 0
+    while at < count:
+        lasts = round(float(rng.uniform(0.5, 3.0)) / STEP_S)
+        for axis in axes:
+            if rng.random() < 0.45:
+                sticks[at : at + lasts, axis] = float(rng.choice((-0.5, -0.25, 0.25, 0.5)))
+        at += lasts + round(float(rng.uniform(0.2, 2.0)) / STEP_S)
+    nu, place, heading = np.zeros(4), np.array((0.0, 0.0, 3.0)), 0.3
+    rests, turns, pushes = np.full(8, START_S), np.zeros(8), np.zeros(8)
+    rows = []
+    h = STEP_S / fine
+    m, d1, d2 = (np.array(values) for values in (MASS, LINEAR, QUADRATIC))
+    for k in range(count):
+        rows.append((*nu, *place, heading))
+        asked = np.interp(400.0 * (MIXER @ sticks[k]), CURVE_US, CURVE_N)
+        for _ in range(fine):
+            fresh = np.sign(asked) != turns
+            turns = np.sign(asked)
+            rests = np.where(fresh | (turns == 0.0), START_S, rests - h)
+            given = np.where(rests <= 0.0, asked, 0.0)
+            pushes = given + (pushes - given) * math.exp(-h / LAG_S)
+            tau = (pushes @ MIXER) * ARMS
+            u, v, _, r = nu
+            tau += np.array((CORIOLIS * m[1] * r * v, -CORIOLIS * m[0] * r * u, 0.0, COUPLING * v))
+            nu = nu + h * (tau - d1 * nu - d2 * np.abs(nu) * nu) / m
+            c, s = math.cos(heading), math.sin(heading)
+            place = place + h * np.array((c * nu[0] - s * nu[1], s * nu[0] + c * nu[1], nu[2]))
+            heading += h * nu[3]
+    table = np.array(rows)
+    noise = rng.normal(0.0, 0.004, (count, 4))
+    return Dive(np.arange(count) * STEP_S, sticks, table[:, :4] + noise, table[:, 4:7], table[:, 7])
+
+
+def pwm_us(sticks: np.ndarray) -> list[int]:
+    """Return the outputs of the eight motors."""
+    return [round(1500 + 400 * float(demand)) for demand in np.clip(MIXER @ sticks, -1.0, 1.0)]
+
+
+def north_east_down(one: Dive, k: int) -> tuple[float, float, float]:
+    """Return the velocity of row k."""
+    u, v, w, _ = one.velocity[k].tolist()
+    c, s = math.cos(one.heading[k]), math.sin(one.heading[k])
+    return c * u - s * v, s * u + c * v, w
+
+
+def write_csv(one: Dive, path: Path, *, speeds: bool = True) -> Path:
+    """Write the documented columns; without `speeds` depth and attitude alone."""
+    names = "t_s,surge,sway,heave,yaw,roll,pitch,x_m,y_m,z_m,phi_rad,theta_rad,psi_rad"
+    lines = [names + (",u_mps,v_mps,w_mps,p_radps,q_radps,r_radps" if speeds else "")]
+    for k, t_s in enumerate(one.t_s):
+        sticks = ",".join(f"{x:.3f}" for x in (*one.sticks[k], 0.0, 0.0))
+        pose = ",".join(f"{x:.5f}" for x in (*one.place[k], 0.0, 0.0, one.heading[k]))
+        u, v, w, r = one.velocity[k]
+        lines.append(
+            f"{t_s:.3f},{sticks},{pose}" + (f",{u:.4f},{v:.4f},{w:.4f},0,0,{r:.4f}" if speeds else "")
+        )
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return path
+
+
+def frames(one: Dive, k: int, *, speeds: bool = True) -> list[bytes]:
+    """Return the vehicle's MAVLink frames of row k."""
+    link = mavlink.MAVLink(None, 1, 1)
+    boot_ms = 5000 + round(1e3 * float(one.t_s[k]))
+    r = float(one.velocity[k, 3])
+    heading = math.remainder(float(one.heading[k]), 2.0 * math.pi)
+    messages = [
+        mavlink.MAVLink_attitude_message(boot_ms, 0.0, 0.0, heading, 0.0, 0.0, r),
+        mavlink.MAVLink_local_position_ned_message(boot_ms, *one.place[k].tolist(), *north_east_down(one, k)),
+        mavlink.MAVLink_servo_output_raw_message((1000 * boot_ms) % (1 << 32), 0, *pwm_us(one.sticks[k])),
+    ]
+    if k % 20 == 0:
+        flags = 0b0011_1111 if speeds else 0b1010_0111
+        messages += [
+            mavlink.MAVLink_ekf_status_report_message(flags, 0.1, 0.1, 0.1, 0.1, 0.1),
+            mavlink.MAVLink_sys_status_message(0, 0, 0, 0, 16000, 0, 0, 0, 0, 0, 0, 0, 0),
+        ]
+    return [bytes(message.pack(link)) for message in messages]
+
+
+def write_tlog(one: Dive, path: Path, *, speeds: bool = True) -> Path:
+    """Write a ground station's log."""
+    with path.open("wb") as file:
+        for k, t_s in enumerate(one.t_s):
+            for frame in frames(one, k, speeds=speeds):
+                file.write(struct.pack(">Q", round(1.7e15 + 1e6 * float(t_s))) + frame)
+    return path
+
+
+def write_raw_mcap(one: Dive, path: Path) -> Path:
+    """Write our recorder's file with raw ticks."""
+    recording = Recording(path)
+    for k, t_s in enumerate(one.t_s.tolist()):
+        heard = [(round(1e9 * (50.0 + t_s)), frame) for frame in frames(one, k)]
+        raw = Raw(tick=k + 1, now_s=50.0 + t_s, heard=heard, out=[])
+        time_ns = round(1e9 * (1.7e9 + t_s))
+        recording.add(
+            Item("holdfast/kelp/raw", "application/msgpack", msgspec.msgpack.encode(raw), time_ns, time_ns)
+        )
+    recording.close()
+    return path
+
+
+def write_sample_mcap(one: Dive, path: Path) -> Path:
+    """Write our recorder's file without raw ticks."""
+    recording = Recording(path)
+    for k, t_s in enumerate(one.t_s.tolist()):
+        north, east, down = north_east_down(one, k)
+        state = {"t_s": t_s, "roll_rad": 0.0, "pitch_rad": 0.0, "heading_rad": float(one.heading[k])}
+        state |= {
+            "roll_rate_radps": 0.0,
+            "pitch_rate_radps": 0.0,
+            "heading_rate_radps": float(one.velocity[k, 3]),
+        }
+        state |= {"x_rate_mps": north, "y_rate_mps": east, "depth_rate_mps": down, "voltage_v": 16.0}
+        command = {
+            "t_s": t_s,
+            **dict(zip(("surge", "sway", "heave", "yaw"), one.sticks[k].tolist(), strict=True)),
+        }
+        time_ns = round(1e9 * (1.7e9 + t_s))
+        for key, record in (("state", state), ("command", command)):
+            payload = json.dumps(record).encode()
+            recording.add(Item(f"holdfast/kelp/{key}", "application/json", payload, time_ns, time_ns))
+    recording.close()
+    return path
+
+
+def write_blueos_mcap(one: Dive, path: Path) -> Path:
+    """Write what BlueOS' recorder makes of mavlink-server's JSON: a channel for each message."""
+    with path.open("wb") as file:
+        writer = Writer(file, chunk_size=50_000)
+        writer.start()
+        channels: dict[str, int] = {}
+        for k, t_s in enumerate(one.t_s.tolist()):
+            for frame in frames(one, k):
+                message = mavlink.MAVLink(None).parse_buffer(frame)[0]
+                name = message.get_type()
+                if name not in channels:
+                    schema = writer.register_schema(name, "jsonschema", b'{"type": "object"}')
+                    channels[name] = writer.register_channel(f"mavlink/1/1/{name}", "json", schema)
+                fields = {key: value for key, value in message.to_dict().items() if key != "mavpackettype"}
+                header = {"system_id": 1, "component_id": 1, "sequence": 0}
+                payload = json.dumps({"header": header, "message": {"type": name, **fields}}).encode()
+                time_ns = round(1e9 * (1.7e9 + t_s))
+                writer.add_message(channels[name], time_ns, payload, time_ns)
+        writer.finish()
+    return path
+
+
+DATAFLASH = {
+    "PARM": (200, "QNf", "TimeUS,Name,Value"),
+    "ATT": (201, "Qfff", "TimeUS,Roll,Pitch,Yaw"),
+    "RATE": (202, "Qfff", "TimeUS,R,P,Y"),
+    "XKF1": (203, "QBfff", "TimeUS,C,VN,VE,VD"),
+    "XKF4": (204, "QBI", "TimeUS,C,SS"),
+    "RCOU": (205, "QHHHHHHHH", "TimeUS,C1,C2,C3,C4,C5,C6,C7,C8"),
+    "BAT": (206, "QBf", "TimeUS,Inst,Volt"),
+}
+PACKED = {"Q": "Q", "f": "f", "B": "B", "I": "I", "H": "H", "N": "16s"}
+
+
+def write_dataflash(one: Dive, path: Path, *, speeds: bool = True) -> Path:
+    """Write a .BIN in which motor 1 is output 3 and the other way round, and motor 2 is reversed."""
+    head = b"\xa3\x95"
+    with path.open("wb") as file:
+
+        def describe(number: int, size: int, name: str, kinds: str, columns: str) -> None:
+            fields = (number, size, name.encode(), kinds.encode(), columns.encode())
+            file.write(head + bytes((128,)) + struct.pack("<BB4s16s64s", *fields))
+
+        def put(name: str, *values: object) -> None:
+            number, kinds, _ = DATAFLASH[name]
+            file.write(
+                head + bytes((number,)) + struct.pack("<" + "".join(PACKED[x] for x in kinds), *values)
+            )
+
+        describe(128, 89, "FMT", "BBnNZ", "Type,Length,Name,Format,Columns")
+        for name, (number, kinds, columns) in DATAFLASH.items():
+            describe(
+                number, 3 + struct.calcsize("<" + "".join(PACKED[x] for x in kinds)), name, kinds, columns
+            )
+        for key, value in (("SERVO1_FUNCTION", 35.0), ("SERVO3_FUNCTION", 33.0), ("MOT_2_DIRECTION", -1.0)):
+            put("PARM", 1, key.encode(), value)
+        for k, t_s in enumerate(one.t_s.tolist()):
+            t_us = round(1e6 * (2.0 + t_s))
+            outputs = pwm_us(one.sticks[k])
+            outputs[0], outputs[1], outputs[2] = outputs[2], 3000 - outputs[1], outputs[0]
+            put("ATT", t_us, 0.0, 0.0, math.degrees(float(one.heading[k])) % 360.0)
+            put("RATE", t_us, 0.0, 0.0, math.degrees(float(one.velocity[k, 3])))
+            put("XKF1", t_us, 0, *north_east_down(one, k))
+            put("XKF4", t_us, 0, 0b0011_1111 if speeds else 0b1010_0111)
+            put("RCOU", t_us, *outputs)
+            put("BAT", t_us, 0, 16.0)
+    return path
+
+
+def write_bag(one: Dive, folder: Path) -> Path:
+    """Write a ROS 2 bag: odometry, IMU, and mavros' RCOut."""
+    from rosbags.rosbag2 import Writer as BagWriter
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    store.register(get_types_from_msg("std_msgs/Header header\nuint16[] channels\n", "mavros_msgs/msg/RCOut"))
+    kinds = store.types
+    header = kinds["std_msgs/msg/Header"](
+        stamp=kinds["builtin_interfaces/msg/Time"](sec=0, nanosec=0), frame_id=""
+    )
+
+    def vector(x: float, y: float, z: float) -> object:
+        return kinds["geometry_msgs/msg/Vector3"](x=x, y=y, z=z)
+
+    none9, none36 = np.zeros(9), np.zeros(36)
+    with BagWriter(folder, version=9) as writer:
+        topics = {
+            kind: writer.add_connection(topic, kind, typestore=store)
+            for topic, kind in (
+                ("/odometry", "nav_msgs/msg/Odometry"),
+                ("/imu", "sensor_msgs/msg/Imu"),
+                ("/mavros/rc/out", "mavros_msgs/msg/RCOut"),
+            )
+        }
+        for k, t_s in enumerate(one.t_s.tolist()):
+            u, v, w, r = one.velocity[k].tolist()
+            half = 0.5 * (0.5 * math.pi - float(one.heading[k]))
+            turn = kinds["geometry_msgs/msg/Quaternion"](x=0.0, y=0.0, z=math.sin(half), w=math.cos(half))
+            point = kinds["geometry_msgs/msg/Point"](x=0.0, y=0.0, z=0.0)
+            pose = kinds["geometry_msgs/msg/PoseWithCovariance"](
+                pose=kinds["geometry_msgs/msg/Pose"](position=point, orientation=turn), covariance=none36
+            )
+            twist = kinds["geometry_msgs/msg/TwistWithCovariance"](
+                twist=kinds["geometry_msgs/msg/Twist"](
+                    linear=vector(u, -v, -w), angular=vector(0.0, 0.0, -r)
+                ),
+                covariance=none36,
+            )
+            messages = {
+                "nav_msgs/msg/Odometry": kinds["nav_msgs/msg/Odometry"](
+                    header=header, child_frame_id="base_link", pose=pose, twist=twist
+                ),
+                "sensor_msgs/msg/Imu": kinds["sensor_msgs/msg/Imu"](
+                    header=header,
+                    orientation=turn,
+                    orientation_covariance=none9,
+                    angular_velocity=vector(0.0, 0.0, -r),
+                    angular_velocity_covariance=none9,
+                    linear_acceleration=vector(0.0, 0.0, 9.8),
+                    linear_acceleration_covariance=none9,
+                ),
+                "mavros_msgs/msg/RCOut": kinds["mavros_msgs/msg/RCOut"](
+                    header=header, channels=np.array(pwm_us(one.sticks[k]), np.uint16)
+                ),
+            }
+            for kind, message in messages.items():
+                writer.write(topics[kind], round(1e9 * (1.7e9 + t_s)), store.serialize_cdr(message, kind))
+    return folder

@@ -1,0 +1,180 @@
+"""Logs of every kind as one record, the vehicle found in them, and what is said of bad ones."""
+
+import json
+
+import numpy as np
+import pytest
+from dive_logs import (
+    COUPLING,
+    LAG_S,
+    LINEAR,
+    MASS,
+    QUADRATIC,
+    START_S,
+    dive,
+    write_bag,
+    write_blueos_mcap,
+    write_csv,
+    write_dataflash,
+    write_raw_mcap,
+    write_sample_mcap,
+    write_tlog,
+)
+
+from companion import commands
+from companion.config import PRESETS, load_vehicle
+from companion.records import AXES
+from holdfast import RefusedError
+from lab.logs import dive_fit
+from lab.logs.dive_log import LogError, told
+from lab.logs.model import Track, parameters, score
+from lab.logs.readers import read
+
+FRAME = "vectored_6dof"
+SHORT = dive(20.0)
+WRITERS = {
+    "dive.csv": write_csv,
+    "dive.tlog": write_tlog,
+    "raw.mcap": write_raw_mcap,
+    "samples.mcap": write_sample_mcap,
+    "blueos.mcap": write_blueos_mcap,
+    "dive.BIN": write_dataflash,
+}
+
+
+@pytest.fixture(scope="module")
+def long_dive():
+    return dive(150.0)
+
+
+def check(log):
+    """Compare a log with the dive that was written."""
+    behind_s = SHORT.t_s[-1] - log.t_s[-1]
+    assert 0.0 <= behind_s < 0.3
+    for body, axis in ((0, 0), (1, 1), (2, 2), (5, 3)):
+        true = np.interp(log.t_s, SHORT.t_s, SHORT.velocity[:, axis])
+        known = np.isfinite(log.velocity[:, body])
+        assert known.mean() > 0.9
+        assert np.abs(log.velocity[known, body] - true[known]).max() < 0.02
+    rows = np.clip(np.searchsorted(SHORT.t_s, log.command_s + 1e-3) - 1, 0, None)
+    sticks = log.commands[:, :4]
+    demanded = SHORT.sticks[rows]
+    whole = np.abs(demanded[:, [0, 1, 3]]).sum(axis=1) <= 1.0
+    assert np.abs(sticks[whole] - demanded[whole]).max() < 0.01
+    assert np.abs(np.unwrap(log.attitude[:, 2]) - np.interp(log.t_s, SHORT.t_s, SHORT.heading)).max() < 0.05
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_each_kind_of_log_gives_the_dive_that_was_written(name, tmp_path):
+    check(read(WRITERS[name](SHORT, tmp_path / name), FRAME))
+
+
+def test_a_ros_2_bag_gives_it_too(tmp_path):
+    pytest.importorskip("rosbags", reason="the extra `rosbag` is not installed")
+    check(read(write_bag(SHORT, tmp_path / "bag"), FRAME))
+
+
+@pytest.mark.parametrize("name", WRITERS)
+@pytest.mark.parametrize("share", [0.0, 0.001, 0.02])
+def test_one_that_is_cut_short_or_empty_says_so_in_one_line(name, share, tmp_path):
+    path = WRITERS[name](SHORT, tmp_path / name)
+    data = path.read_bytes()
+    path.write_bytes(data[: int(share * len(data))])
+    with pytest.raises(RefusedError) as refused:
+        commands.identify(["--test", str(path), "--vehicle", "heavy"])
+    assert "\n" not in str(refused.value)
+    assert str(path) in str(refused.value)
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_one_of_which_the_end_is_missing_gives_the_rest(name, tmp_path):
+    path = WRITERS[name](SHORT, tmp_path / name)
+    data = path.read_bytes()
+    path.write_bytes(data[: int(0.7 * len(data))])
+    assert 8.0 < read(path, FRAME).t_s[-1] < 16.0
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_junk_in_the_middle_ends_in_words(name, tmp_path):
+    path = WRITERS[name](SHORT, tmp_path / name)
+    data = bytearray(path.read_bytes())
+    rng = np.random.default_rng(4)
+    for at in rng.integers(200, len(data) - 50, 40).tolist():
+        data[at : at + 8] = rng.bytes(8)
+    path.write_bytes(data)
+    try:
+        log = read(path, FRAME)
+    except ValueError:
+        return
+    assert np.isfinite(log.t_s).all()
+    assert np.isfinite(log.commands).all()
+
+
+@pytest.mark.parametrize(
+    "content", [b"\x00" * 500, b"PK\x03\x04 a foreign file", b"a,b,c\n1,2,3\n", b"t_s,surge\n0,1\n"]
+)
+def test_a_foreign_file_is_refused_in_words(content, tmp_path):
+    path = tmp_path / "what"
+    path.write_bytes(content)
+    with pytest.raises(LogError):
+        read(path, FRAME)
+
+
+@pytest.mark.parametrize("writer", [write_tlog, write_dataflash, write_csv])
+def test_without_a_measured_speed_heave_and_yaw_are_left(writer, tmp_path):
+    log = read(writer(SHORT, tmp_path / "dive", speeds=False), FRAME)
+    assert not np.isfinite(log.velocity[:, :2]).any()
+    assert "measured: vertical speed, turn rate;" in told(log)[0]
+    row = score([Track(log, FRAME)], parameters(load_vehicle(PRESETS / "heavy.toml")), 1.0)
+    assert row["surge"] is row["sway"] is None
+    assert max(value for value in (row["heave"], row["yaw"]) if value is not None) < 1.0
+
+
+def test_the_vehicle_that_made_the_log_is_found(long_dive, tmp_path):
+    log = read(write_csv(long_dive, tmp_path / "dive.csv"), FRAME)
+    track = Track(log, FRAME)
+    found = dive_fit.fit([track], load_vehicle(PRESETS / "heavy.toml"))
+    for axis in range(4):
+        assert found.theta[axis] == pytest.approx(MASS[axis], rel=0.05)
+        assert abs(found.theta[axis] - MASS[axis]) < 4.0 * found.sigma[axis] + 0.02 * MASS[axis]
+        speed = found.speeds[axis]
+        assert found.damping_at(axis)[0] == pytest.approx(
+            LINEAR[axis] * speed + QUADRATIC[axis] * speed**2, rel=0.06
+        )
+        assert found.apart(axis)
+    assert found.theta[13] == pytest.approx(COUPLING, abs=0.2)
+    assert found.theta[14:17].sum() == pytest.approx(LAG_S + START_S, abs=0.02)
+    vehicle, notes = dive_fit.vehicle(found, load_vehicle(PRESETS / "heavy.toml"))
+    assert notes["surge.mass"].startswith("sd ")
+    assert notes["levelling.roll_inertia"] == "not identified"
+    fitted = score([track], parameters(vehicle), 2.0)
+    assert max(fitted[axis] or 0.0 for axis in AXES) < 0.02
+
+
+def test_an_axis_that_did_not_move_keeps_the_base_and_is_named(tmp_path):
+    log = read(write_csv(dive(60.0, axes=(2,)), tmp_path / "dive.csv"), FRAME)
+    base = load_vehicle(PRESETS / "heavy.toml")
+    found = dive_fit.fit([Track(log, FRAME)], base)
+    vehicle, notes = dive_fit.vehicle(found, base)
+    assert found.axes == (False, False, True, False)
+    assert vehicle.surge == base.surge
+    assert vehicle.heave.mass == pytest.approx(MASS[2], rel=0.08)
+    assert notes["surge.mass"] == "not identified"
+    assert any(line.startswith("surge: not measured, or it did not move") for line in dive_fit.said(found))
+
+
+def test_from_writes_a_file_that_test_gives_the_fitted_quality(long_dive, tmp_path, capsys):
+    log, out = write_csv(long_dive, tmp_path / "dive.csv"), tmp_path / "mine.toml"
+    assert commands.identify(["--from", str(log), "--out", str(out)]) == 0
+    assert "surge: inertia" in capsys.readouterr().out
+    assert out.with_suffix(".png").stat().st_size > 10_000
+    text = out.read_text(encoding="utf-8")
+    assert "measured: speed over ground, vertical speed, turn rate" in text
+    assert commands.identify(["--test", str(log), "--vehicle", str(out), "--json"]) == 0
+    scores = json.loads(capsys.readouterr().out)
+    assert set(scores) == {str(log)}
+    assert set(scores[str(log)]) == {"1", "2"}
+    assert set(scores[str(log)]["2"]) == {*AXES, "windows"}
+    assert all(scores[str(log)]["2"][axis] < 0.02 for axis in AXES)
+    assert commands.identify(["--test", str(log), "--vehicle", "heavy"]) == 0
+    assert "windows" in capsys.readouterr().out
