@@ -240,6 +240,11 @@ class ThrusterLag(Section, frozen=True):
         means("delay that neither TIMESYNC nor the stamps show; what a dive shows is found from here on"),
     ] = 0.0
 
+    @property
+    def late_s(self) -> float:
+        """Lag and start together, the lag that the control reckons with: near no thrust motors often rest."""
+        return self.lag_s + self.start_s
+
 
 class Thrusters(ThrusterLag, frozen=True):
     """What is believed of the thrusters, and what is sent to them."""

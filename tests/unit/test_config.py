@@ -7,7 +7,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from companion.assembly import refuse_fast_gains
+from companion.assembly import observers, refuse_fast_gains
 from companion.config import (
     DEFAULT_FILE,
     FORMER_VALUES,
@@ -294,6 +294,10 @@ class TestPresets:
             f"{axis}.{key}={3 * v}" for axis, row in rows.items() for key, v in zip(keys, row, strict=True)
         ]
         load_config(overrides=[*changed, "levelling.roll_inertia=3.4", "levelling.pitch_inertia=2.8"])
+
+    def test_the_control_reckons_with_the_start_of_its_motors(self):
+        config = load_config(overrides=["thrusters.lag_s=0.05", "thrusters.start_s=0.16"])
+        assert observers(config).lag_s == pytest.approx(0.21)
 
     def test_the_frames_are_those_of_the_firmware(self):
         frames = {name: load_vehicle(PRESETS / f"{name}.toml").vehicle.frame for name in presets()}
