@@ -50,6 +50,8 @@ class Hull(_Record, frozen=True):
     """Buoyancy minus weight: positive floats."""
     centre_of_buoyancy_up_m: float = 0.01
     """Height of the centre of buoyancy over the centre of gravity."""
+    coriolis_share: tuple[Fraction, Fraction, Fraction] = (1.0, 1.0, 1.0)
+    """How much there is of what r v does to surge, r u to sway and u v to yaw (the Munk moment)."""
     height_m: Positive = 0.25
     """Above the surface, buoyancy is lost over this height."""
 
@@ -63,6 +65,10 @@ class ThrusterConfig(_Record, frozen=True):
     curve: Literal["t200", "quadratic"] = "t200"
     """Thrust over PWM: as measured of a T200, or u|u| with the same full thrust ahead in both directions."""
     lag_s: NonNegative = 0.15
+    start_s: Annotated[float, Meta(ge=0, le=1)] = 0.0
+    """A motor at rest, or one that must reverse, gives thrust so much later."""
+    delay_s: Annotated[float, Meta(ge=0, le=1)] = 0.0
+    """From the autopilot's output to the motor; no message shows it."""
     dead_band_us: Annotated[float, Meta(ge=0, le=50)] = 28.0
     gain: Annotated[tuple[NonNegative, ...], Meta(min_length=1, max_length=8)] = (1.0,)
     """Thrust relative to that curve: one for all, or one for each thruster."""

@@ -233,6 +233,8 @@ def refuse(config: SimConfig) -> None:
     thrusters, sensors = config.thrusters, config.sensors
     if thrusters.lag_s == 0.0:
         raise ValueError("thrusters without lag need the full loop")
+    if thrusters.start_s or thrusters.delay_s:
+        raise ValueError("motors that start late and commands that come late need the full loop")
     if thrusters.free_speed_m_s or thrusters.dry_height_m:
         raise ValueError("thrusters that lose thrust to inflow or at the surface need the full loop")
     if config.faults or config.heave_force.enabled or sensors.positioned or sensors.wave_pressure:

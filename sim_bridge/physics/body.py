@@ -5,6 +5,7 @@ with the real one.
 """
 
 import math
+from collections import deque
 from collections.abc import Sequence
 
 import numpy as np
@@ -58,6 +59,9 @@ class Physics:
         self._curve_n: dict[int, float] = {}
         """The thrust curve, by PWM (µs)."""
         self._static_thrust = self._bollard_n = NO_THRUST
+        self._starting = thrusters.AT_REST
+        self._on_the_way: deque[tuple[float, tuple[int, ...]]] = deque()
+        """When which PWM reaches the motors, where that takes time."""
         self._thruster_config = config.thrusters
         self._wave_height_m = HIGHEST_WAVE * config.waves.height_m if config.waves.enabled else 0.0
         self._loses_thrust = bool(config.thrusters.free_speed_m_s or config.thrusters.dry_height_m)
@@ -77,13 +81,20 @@ class Physics:
 
         """
         driven = tuple(pwm[: self.thrusters])
+        if self._thruster_config.delay_s:
+            driven = self._delayed(driven)
         if self.stuck:
             driven = tuple(self.stuck.get(i, us) for i, us in enumerate(driven))
         if self._driven != driven:
             self._drive(driven)
         if self._split_s != dt_s:
             self._split(dt_s)
-        parts, part_s, follow = self._parts, self._part_s, self._follow
+        parts, part_s, follow, start_s = (
+            self._parts,
+            self._part_s,
+            self._follow,
+            self._thruster_config.start_s,
+        )
         for part in range(parts):
             time_s = self.time_s + part * part_s
             if time_s > (self._sea_steps - 1e-6) * STEP_S:
@@ -91,13 +102,24 @@ class Physics:
                     self._sea_steps * STEP_S, since_arming_s, self.state
                 )
                 self._sea_steps += 1
-            self._bollard_n = thrusters.lagged(self._bollard_n, self._static_thrust, follow)
+            static = self._static_thrust
+            if start_s:
+                self._starting, static = thrusters.started(self._starting, static, start_s, part_s)
+            self._bollard_n = thrusters.lagged(self._bollard_n, static, follow)
             self.thrust_n = self._left_in_water() if self._loses_thrust else self._bollard_n
             self.tau = thrusters.wrench(self._thrusters, self.thrust_n)
             self.state, self.nu_dot = plant.step(
                 self.body, self.state, self.tau, self.force, self.flow, part_s
             )
         self.time_s += dt_s
+
+    def _delayed(self, pwm: tuple[int, ...]) -> tuple[int, ...]:
+        """Return the PWM that reaches the motors now."""
+        waiting = self._on_the_way
+        waiting.append((self.time_s + self._thruster_config.delay_s, pwm))
+        while len(waiting) > 1 and waiting[1][0] <= self.time_s + 1e-9:
+            waiting.popleft()
+        return waiting[0][1] if waiting[0][0] <= self.time_s + 1e-9 else (1500,) * self.thrusters
 
     def _split(self, dt_s: float) -> None:
         """Part a time into steps of the plant."""

@@ -16,6 +16,8 @@
     M_RB nu' + C_RB(nu) nu + M_A nu_r' + C_A(nu_r) nu_r + D(nu_r) nu_r + g = tau + R^T f + B/g R^T a_c  (8.8)
 
 The last term is the Froude-Krylov force of water that accelerates with a_c; its rotation is neglected.
+A real vehicle showed less than C_RB and C_A of a diagonal M say of what r v does to surge, r u to sway and
+u v to yaw: `coriolis_share` scales these three.
 The attitude is a quaternion, so that a tumbling vehicle meets no singularity.
 """
 
@@ -53,6 +55,8 @@ class Body(NamedTuple):
     zb: float
     height: float
     """Over which buoyancy is lost above the surface (m)."""
+    coriolis_share: Three
+    """What there is of r v in surge, r u in sway, u v in yaw."""
 
 
 def body_of(hull: Hull) -> Body:
@@ -70,6 +74,7 @@ def body_of(hull: Hull) -> Body:
         W + hull.net_buoyancy_n,
         hull.centre_of_buoyancy_up_m,
         hull.height_m,
+        hull.coriolis_share,
     )
 
 
@@ -173,7 +178,7 @@ def derivative(body: Body, state: State, tau: Six, force: Three, flow: Six) -> S
         flow: velocity and acceleration of the water, NED (m/s, m/s²).
 
     """
-    m, total_mass, added_mass, linear, quadratic, W, _, zb, _ = body
+    m, total_mass, added_mass, linear, quadratic, W, _, zb, _, (s_u, s_v, s_n) = body
     _, _, z, q0, q1, q2, q3, u, v, w, p, q, r = state
     X, Y, Z, K, M, N = tau
     Xa, Ya, Za, _, _, _ = added_mass
@@ -208,12 +213,12 @@ def derivative(body: Body, state: State, tau: Six, force: Three, flow: Six) -> S
         0.5 * (q0 * q + q3 * p - q1 * r),
         0.5 * (q0 * r + q1 * q - q2 * p),
         (
-            X + fx - m * (q * w - r * v)
-            + Xa * (au - q * wc + r * vc) - (q * Za * wr - r * Ya * vr) - (Xl + Xq * abs(ur)) * ur
+            X + fx - m * (q * w - s_u * r * v)
+            + Xa * (au - q * wc + r * vc) - (q * Za * wr - s_u * r * Ya * vr) - (Xl + Xq * abs(ur)) * ur
         ) / Mx,
         (
-            Y + fy - m * (r * u - p * w)
-            + Ya * (av - r * uc + p * wc) - (r * Xa * ur - p * Za * wr) - (Yl + Yq * abs(vr)) * vr
+            Y + fy - m * (s_v * r * u - p * w)
+            + Ya * (av - r * uc + p * wc) - (s_v * r * Xa * ur - p * Za * wr) - (Yl + Yq * abs(vr)) * vr
         ) / My,
         (
             Z + fz - m * (p * v - q * u)
@@ -221,7 +226,7 @@ def derivative(body: Body, state: State, tau: Six, force: Three, flow: Six) -> S
         ) / Mz,
         (K - zb * B * r32 - (Mn - Mm) * q * r - (Za - Ya) * vr * wr - (Kl + Kq * abs(p)) * p) / Mk,
         (M + zb * B * r31 - (Mk - Mn) * r * p - (Xa - Za) * ur * wr - (Ml + Mq * abs(q)) * q) / Mm,
-        (N - (Mm - Mk) * p * q - (Ya - Xa) * ur * vr - (Nl + Nq * abs(r)) * r) / Mn,
+        (N - (Mm - Mk) * p * q - s_n * (Ya - Xa) * ur * vr - (Nl + Nq * abs(r)) * r) / Mn,
     )  # fmt: skip
 
 

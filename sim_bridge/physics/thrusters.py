@@ -1,4 +1,4 @@
-"""From motor PWM to a wrench: thrust curve, dead band, voltage, lag, gain, health, inflow and geometry.
+"""From motor PWM to a wrench: thrust curve, dead band, voltage, start, lag, gain, health, inflow, geometry.
 
 A motor that is driven above 1500 pushes the vehicle along its direction. Directions and positions are those
 for which ArduSub's mixing factors mean what they say: a positive forward, lateral, throttle (up), roll, pitch
@@ -134,6 +134,38 @@ def lagged(thrust: Eight, static: Eight, follow: float) -> Eight:
     )
 
 
+class Starting(NamedTuple):
+    """Which way each motor turns, -1, 0 or 1; for how long (s) another way was asked of it, with its sign."""
+
+    turns: Eight
+    asked_s: Eight
+
+
+AT_REST = Starting(NO_THRUST, NO_THRUST)
+
+
+def started(starting: Starting, static: Eight, start_s: float, dt: float) -> tuple[Starting, Eight]:
+    """Return what gives thrust of what is asked: a motor turns another way only after `start_s`.
+
+    A motor stops at once. One that is asked for less than `start_s` to turn another way stands still.
+    """
+    turns, asked_s, given = [], [], []
+    for way, waited_s, newtons in zip(starting.turns, starting.asked_s, static, strict=True):
+        asked = math.copysign(1.0, newtons) if newtons else 0.0
+        waits_s = (waited_s if waited_s * asked > 0.0 else 0.0) + asked * dt if asked != way else 0.0
+        if not asked or abs(waits_s) >= start_s - 1e-9:
+            way, waits_s = asked, 0.0
+        turns.append(way)
+        asked_s.append(waits_s)
+        given.append(newtons if asked == way else 0.0)
+    return Starting(_eight(turns), _eight(asked_s)), _eight(given)
+
+
+def _eight(values: Sequence[float]) -> Eight:
+    a, b, c, d, e, f, g, h = values
+    return a, b, c, d, e, f, g, h
+
+
 def follow_of(lag_s: float, dt: float) -> float:
     """Return the part of the way to its static value that a thruster goes in `dt` (s)."""
     return 1.0 - math.exp(-dt / lag_s) if lag_s > 0.0 else 1.0
@@ -186,8 +218,7 @@ def in_water(thrust: Eight, inflow: Eight, free_speed_m_s: float, wet: float) ->
     speed. `wet` 0..1 is the part of the thrusters that is under water.
     """
     b = math.sqrt(FULL_N) / free_speed_m_s if free_speed_m_s > 0.0 else 0.0
-    left = [wet * (T - b * math.sqrt(abs(T)) * u) for T, u in zip(thrust, inflow, strict=True)]
-    return left[0], left[1], left[2], left[3], left[4], left[5], left[6], left[7]
+    return _eight([wet * (T - b * math.sqrt(abs(T)) * u) for T, u in zip(thrust, inflow, strict=True)])
 
 
 def current_a(thrust: Eight) -> float:

@@ -77,6 +77,16 @@ def test_coriolis_and_centripetal_terms_do_no_work(seed):
     assert nu @ (np.array(model.M) * nu_dot) == pytest.approx(0.0, abs=1e-11)
 
 
+def test_a_share_of_coriolis_scales_what_turning_does_to_surge_and_sway_and_the_munk_moment():
+    def turning(share):
+        still = plant(coriolis_share=share, **UNDAMPED)
+        return np.array(derivative(still, at(nu=(0.4, 0.3, 0.0, 0.0, 0.0, 0.5)), STILL, (0, 0, 0), STILL)[7:])
+
+    whole, part = turning((1.0, 1.0, 1.0)), turning((0.5, 0.25, 0.0))
+    assert whole[[0, 1, 5]].all()
+    np.testing.assert_allclose(part[[0, 1, 5]], whole[[0, 1, 5]] * (0.5, 0.25, 0.0), atol=1e-12)
+
+
 def test_in_water_that_moves_as_a_whole_a_neutral_body_moves_as_in_still_water():
     """Water that surges to and fro everywhere alike: relative to it all is as if it stood still."""
     model, dt = plant(), 0.001

@@ -9,6 +9,7 @@ from sim_wire import CONFIG, Station, override, vehicle
 
 from sim_bridge.config import load_config
 from sim_bridge.firmware.mixer import mix, motor_pwm
+from sim_bridge.physics.body import Physics
 from sim_bridge.physics.thrusters import (
     CURVE_N,
     CURVE_US,
@@ -72,6 +73,46 @@ def test_lag_is_first_order():
 def test_without_lag_it_pushes_at_once():
     target = tuple(steady(thrusters(), [1700] * 8))
     assert lagged(NO_THRUST, target, follow_of(0.0, 0.005)) == target
+
+
+def turned_on(start_s, delay_s=0.0, pwm=(1600,), each_s=0.5):
+    """Return the thrust (N) of the first motor every 5 ms, driven by each PWM for `each_s`; no lag."""
+    body = Physics(
+        load_config(
+            CONFIG, ["thrusters.lag_s=0", f"thrusters.start_s={start_s}", f"thrusters.delay_s={delay_s}"]
+        ),
+        1,
+    )
+    given = []
+    for us in pwm:
+        for _ in range(round(each_s / 0.005)):
+            body.step([us] * 8, 0.0, 0.005)
+            given.append(body.thrust_n[0])
+    return np.array(given)
+
+
+def since_s(thrust, newtons):
+    return 0.005 * (np.flatnonzero(np.isclose(thrust, newtons))[0] + 1)
+
+
+def test_a_motor_at_rest_and_one_that_reverses_start_late_and_stop_at_once():
+    thrust = turned_on(0.16, pwm=(1600, 1500, 1600, 1400, 1700, 1600))
+    ahead, off, again, back, reversed_again, less = np.split(thrust, 6)
+    for part, newtons in ((ahead, 5.9), (again, 5.9), (back, -4.7), (reversed_again, 17.9)):
+        assert not part[:31].any()
+        assert since_s(part, newtons) == pytest.approx(0.16)
+    assert not off.any()
+    assert less == pytest.approx(5.9)
+
+
+def test_a_motor_that_is_asked_to_and_fro_too_soon_stands_still():
+    assert not turned_on(0.16, pwm=(1600, 1400) * 4, each_s=0.15).any()
+
+
+def test_a_command_reaches_the_motors_late():
+    thrust = turned_on(0.0, delay_s=0.1, pwm=(1600, 1500))
+    assert since_s(thrust, 5.9) == pytest.approx(0.105)
+    assert np.flatnonzero(thrust)[-1] == pytest.approx(np.flatnonzero(thrust)[0] + 99)
 
 
 def test_quadratic_curve_is_symmetric_with_a_dead_band_of_its_own():
