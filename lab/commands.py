@@ -17,6 +17,10 @@ further benches, each with its own --help:
   dashboard   what the dashboard costs for each browser (--seconds S); two minutes
   ablation    one part of the controller less at a time; the network beside the observer
   grid        vehicles of a third to three times the nominal gain (--cells SET ...): limit cycles
+  tank        a real BlueROV2 Heavy as it was measured, with the nominal preset and with its own
+  reality     vehicles between the published models and that one, in current, waves, tether
+  axes        vehicles with a gain of their own on each axis
+  light       a light vehicle whose thrusters answer at once
   firmware    our simulator beside the real ArduSub
 
 examples:
@@ -69,6 +73,10 @@ BENCHES = {
     "position": "lab.studies.courses:Courses",
     "grid": "lab.studies.grid:Grid",
     "ablation": "lab.studies.ablation:Ablation",
+    "tank": "lab.studies.reality:Tank",
+    "reality": "lab.studies.reality:Reality",
+    "axes": "lab.studies.reality:Axes",
+    "light": "lab.studies.reality:Light",
     "firmware": "lab.studies.fidelity:Fidelity",
     "process": "lab.operations.operations:Process",
     "zenoh": "lab.operations.operations:Subscribers",

@@ -1,0 +1,70 @@
+"""`holdfast bench tank`, `reality`, `axes`, `light`: what is drawn, and how a dive is judged."""
+
+import math
+
+import numpy as np
+import pytest
+
+from lab.studies.reality import FIRST_SEED, HELD, TURNED_OVER, Axes, Light, RealDive, Reality, Tank, path
+from lab.study import parser_of
+
+STUDIES = [Tank, Reality, Axes, Light]
+
+
+def study(kind, *options):
+    return kind(parser_of(kind, "").parse_args(list(options)))
+
+
+@pytest.mark.parametrize("kind", STUDIES)
+def test_the_same_case_is_the_same_vehicle_and_another_seed_another(kind):
+    bench = study(kind, "--seeds", "2")
+    first = bench.cases()[-1]
+    again, other = bench.situation(first), bench.situation(first._replace(seed=first.seed + 1))
+    assert bench.situation(first).plant == again.plant
+    if first.water != "path":
+        assert again.plant != other.plant
+
+
+def test_a_vehicle_of_reality_lies_between_the_models_and_the_tank():
+    bench = study(Reality)
+    assert len(bench.cases()) == 60
+    for case in bench.cases():
+        plant = bench.situation(case).plant
+        (share,) = plant.thrusters.gain
+        inertia = (plant.hull.mass_kg + plant.hull.added_mass[2]) / share
+        assert 20.0 < inertia < 95.0
+        assert 0.0 <= plant.thrusters.start_s <= 0.25
+        assert 0.0 <= plant.thrusters.horizontal_m[2] <= 0.1
+        assert plant.sensors.dvl
+
+
+def test_the_path_moves_by_half_a_metre_and_says_its_own_rate():
+    times = np.arange(0.0, 30.0, 0.01)
+    depth = np.array([path(t_s).eta_d[2] for t_s in times])
+    rate = np.array([path(t_s).eta_d_dot[2] for t_s in times])
+    assert np.ptp(depth) == pytest.approx(0.5, abs=1e-4)
+    np.testing.assert_allclose(np.gradient(depth, times)[1:-1], rate[1:-1], atol=2e-3)
+
+
+def test_one_vehicle_that_turned_over_fails_the_study_and_stands_in_the_table(capsys):
+    from rich.console import Console
+
+    bench = study(Tank, "--scenarios", "place", "--rows", "heavy", "--seeds", "2")
+    rows = [
+        RealDive("heavy", "place", 0.0, FIRST_SEED + i)._asdict()
+        | {"depth_sd_mm": 3.0, "place_rms_mm": 30.0 + i, "heading_rms_deg": 0.1, "tilt_deg": 5.0}
+        | {"outcome": outcome}
+        for i, outcome in enumerate((HELD, TURNED_OVER))
+    ]
+    assert bench.failed(rows)
+    assert not bench.failed(rows[:1])
+    Console(width=120).print(*bench.tables(rows))
+    printed = capsys.readouterr().out
+    assert "1 of 2, 1 over" in printed
+    assert "30.5, 31.0 (, 40)" in printed
+
+
+def test_what_was_not_held_has_no_figure():
+    bench = study(Light, "--seeds", "1")
+    assert not bench.situation(bench.cases()[0]).plant.sensors.dvl
+    assert math.isnan(Light.goals["heavy", "waves"]["depth_sd_mm"][1])
