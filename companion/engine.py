@@ -269,6 +269,8 @@ class Engine:
         observed, inputs = self._estimator.take(
             now_s, events, self.memory.observed, self._learns(), held=held
         )
+        if Request.ENGAGE in requests:
+            self._estimator.trust_heading()
         if Request.RESET_MODEL in requests:
             observed = observers.forgotten(self.parameters.observers, observed)
         return self.memory._replace(observed=observed), inputs
@@ -282,7 +284,8 @@ class Engine:
     def _permit(self, inputs: Inputs, known: Known) -> Permission:
         """Return who may steer."""
         guidance, now, held = self._guidance, self._now, self.verdict.authority > 0.0
-        state = self._estimator.state(inputs, known.motion, known.model, known.dead_motor)
+        delivered = self.memory.actuated.delivered
+        state = self._estimator.state(inputs, known.motion, known.model, known.dead_motor, delivered)
         self._state, self._delay_s = state, state.delays.total_s
         self._demand = demand = guidance.pilot_demand(state, now.dt_s, now.reports)
         requests = self._supervision.with_buttons(

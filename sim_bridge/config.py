@@ -272,6 +272,8 @@ class SensorConfig(_Record, frozen=True):
     """Of LOCAL_POSITION_NED's place and velocity."""
     dvl_by_mavlink: bool = False
     """A position source that speaks VISION_POSITION_DELTA, as a DVL's BlueOS extension does."""
+    dvl_knows_north: bool = False
+    """The position source has its own north, as GPS has; a DVL is turned by the heading."""
     dvl_drift_m: NonNegative = 0.02
     dvl_white_m: NonNegative = 0.003
     dvl_min_altitude_m: NonNegative = 0.0

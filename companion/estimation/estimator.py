@@ -18,6 +18,7 @@ from companion.estimation import observer, observers
 from companion.estimation.delay import DelayMeter
 from companion.estimation.frame import Frame
 from companion.estimation.ground import GroundFinder
+from companion.estimation.heading_watch import HeadingWatch
 from companion.estimation.observers import NOTHING, Inputs, Motion, ObserversMemory
 from companion.estimation.position_doubt import PositionDoubtModel
 from companion.estimation.resets import MAX_GAP_S, POSITION_WARNED_M, position_resets, yaw_resets
@@ -26,6 +27,7 @@ from companion.mavlink.ardusub import motor_demand
 from companion.records import (
     DOFS,
     PSI,
+    ZERO,
     Ages,
     Attitude,
     Battery,
@@ -129,6 +131,7 @@ class Estimator:
         self._ground = GroundFinder(self._delays.range_s)
         self._ranges: list[Range] = []
         self._water = Water()
+        self._heading_watch = HeadingWatch()
         self._position_doubt = PositionDoubtModel(self._position_noise_m)
         self._aided = True
         self._refusing = False
@@ -195,8 +198,18 @@ class Estimator:
         )
         return memory, inputs
 
-    def state(self, inputs: Inputs, motion: Motion, model: VehicleModel, dead_motor: int = 0) -> VehicleState:
-        """Say where the vehicle is, where a command finds it, and what else is known of it."""
+    def state(
+        self,
+        inputs: Inputs,
+        motion: Motion,
+        model: VehicleModel,
+        dead_motor: int = 0,
+        delivered: Vector = ZERO,
+    ) -> VehicleState:
+        """Say where the vehicle is, where a command finds it, and what else is known of it.
+
+        `delivered` is the body wrench of the last command, N and N·m.
+        """
         now_s, stale, learns, delays = inputs.now_s, inputs.stale, inputs.learns, self._loop_delays
         eta, eta_dot, disturbance = motion.eta, motion.eta_dot, motion.disturbance
         attitude = self._attitude
@@ -217,6 +230,20 @@ class Estimator:
         seen = learns[X] and learns[Y] and not (stale[X] or stale[Y] or stale[PSI])
         J = jacobian(eta[PSI])
         current = self._water.step(self._model, J, eta_dot, disturbance, model.dof_gain, self._tick_s, seen)
+        x, y, _, psi = self._measured
+        heading_check = self._heading_watch.step(
+            psi.position,
+            _heading_rate(attitude),
+            (x.rate, y.rate),
+            eta[PSI],
+            delivered,
+            self._model,
+            model,
+            delays.total_s + self._sensor_delay_s[X],
+            self._tick_s,
+            turns=learns[PSI] and not stale[PSI],
+            pushes=self._held and not (stale[X] or stale[Y] or stale[PSI]),
+        )
         return VehicleState(
             t_s=now_s,
             boot_s=now_s + self._meter.clock.offset_s,
@@ -256,7 +283,12 @@ class Estimator:
             ground=ground,
             current=current,
             position_doubt=doubt,
+            heading_check=heading_check,
         )
+
+    def trust_heading(self) -> None:
+        """Forget what was told of the heading: the operator engages again."""
+        self._heading_watch.restart()
 
     def sent(self, now_s: float, axes: Vector) -> None:
         """Note the axes that were sent."""

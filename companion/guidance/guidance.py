@@ -428,7 +428,9 @@ class Guidance:
         return (x, y, z, wrap(psi))
 
     def _positioned(self, state: VehicleState) -> bool:
-        return state.ages.position_s <= self._config.supervisor.position_timeout_s
+        """Tell whether a place can be held; a wrong heading pushes away from it."""
+        fresh = state.ages.position_s <= self._config.supervisor.position_timeout_s
+        return fresh and not state.heading_check.lost
 
     def _checked(self, setpoint: Setpoint) -> Setpoint:
         refuse_depth(setpoint, self._config)

@@ -61,6 +61,7 @@ from companion.records.state import (
     Delays,
     FrameShift,
     Ground,
+    HeadingCheck,
     PositionDoubt,
     VehicleModel,
     VehicleState,

@@ -128,6 +128,14 @@ class Condition(IntFlag):
         " it, so the vehicle does not move",
         "command the position again if you want another; check the DVL if this happens often",
     )
+    HEADING_WRONG = (
+        "the heading is wrong",
+        "a heading that agrees with the gyro and the course over ground",
+        "the heading agrees with the gyro and the course over ground",
+        "the heading turned by 10° without the gyro, or the vehicle surely moves 30° aside of its thrust; "
+        "from 40° on x and y are released until somebody engages again; depth and heading are held",
+        "move away from steel, calibrate the compass, check its orientation; then engage again",
+    )
     DEPTH_OUT_OF_BOUNDS = (
         "the measured depth is out of bounds",
         "a depth within its bounds",

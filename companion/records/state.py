@@ -96,6 +96,18 @@ class Current(msgspec.Struct, frozen=True):
     doubt_mps: float
 
 
+class HeadingCheck(NamedTuple):
+    """How far the heading is off by the gyro and by the course over ground, rad; NaN where neither tells.
+
+    `doubtful`: it is told. `lost`: by the course so far that no place can be held.
+    """
+
+    gyro_rad: float = 0.0
+    course_rad: float = math.nan
+    doubtful: bool = False
+    lost: bool = False
+
+
 class PositionDoubt(msgspec.Struct, frozen=True):
     """The ellipse of one standard deviation of the position: half axes (m), NaN where it is not known.
 
@@ -149,6 +161,7 @@ class VehicleState(msgspec.Struct, frozen=True):
     ground: Ground = Ground(math.nan, 0.0)
     position_doubt: PositionDoubt = PositionDoubt(math.nan, math.nan, 0.0)
     current: Current = Current(math.nan, math.nan, math.nan)
+    heading_check: HeadingCheck = HeadingCheck()
 
     @property
     def altitude_m(self) -> float:

@@ -242,7 +242,7 @@ class Sensors:
             misled = self._odometry
             self._odometry_age_s += NOISE_PERIOD_S
             heading_error = self._heading_error()
-            if heading_error and not self._config.dvl_by_mavlink:
+            if heading_error and not (self._config.dvl_by_mavlink or self._config.dvl_knows_north):
                 north, east, _ = ned_velocity(state)
                 c, s = math.cos(heading_error), math.sin(heading_error)
                 misled = (c * north - s * east - north, s * north + c * east - east)

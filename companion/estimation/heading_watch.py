@@ -1,0 +1,208 @@
+"""Whether the heading is wrong: held against the gyro, and against the course over ground.
+
+Against the gyro: D is how far the heading has turned without the gyro. A compass that iron or motors bend
+turns the heading, and no gyro sees it; a bias that the autopilot has not found turns it as well.
+
+    D' = ψ' − r − D/GYRO_MEMORY_S       told beyond GYRO_TOLD_RAD and GYRO_SCALE of what was turned
+
+Against the course: thrust pushes along the true heading, and is sent along the believed one. The velocity
+over ground is v = v₀ + e^{iθ} u, where u is what the thrust of the model makes by the believed heading,
+and v₀ what the water does beside the nominal damping. A fading-memory filter with a double pole at
+OMEGA_RADPS takes what is slow (current, tether) out of both:
+
+    θ = arg S_uv     σ² = (1 − c²)/(2 n c²)     c² = |S_uv|²/(S_uu S_vv)     S over COURSE_MEMORY_S
+
+with n = OMEGA_RADPS times the seconds that are remembered. It counts as wrong by |θ| − 2σ: a vehicle that is
+hardly pushed, or is moved by something else, says nothing. A velocity that is measured in body axes and
+turned by the same heading (a DVL without a position of its own) always agrees.
+
+| symbol | meaning                                     | unit  |
+|--------|---------------------------------------------|-------|
+| ψ, r   | heading, and its rate by the gyro           | rad   |
+| D, θ   | error of the heading, by gyro and by course | rad   |
+| u, v   | north + i east                              | m/s   |
+"""
+
+import cmath
+import math
+from typing import NamedTuple
+
+from companion.control.positioning import Model
+from companion.records import HeadingCheck, Vector, VehicleModel
+
+GYRO_MEMORY_S = 120.0
+GYRO_TOLD_RAD = math.radians(10.0)
+GYRO_SCALE = 0.02
+"""How well the gyro's scale is known."""
+
+OMEGA_RADPS = 1.0
+COURSE_MEMORY_S = 10.0
+LEAST_MPS = 0.15
+"""RMS of what the thrust should make of the velocity, below which it says nothing."""
+
+COURSE_TOLD_RAD, COURSE_LOST_RAD = math.radians(30.0), math.radians(40.0)
+"""From where the course is told to differ, and from where a place is not held."""
+
+LEAST_COHERENCE = 0.05
+LASTS_S = 2.0
+GAP_S = 1.0
+"""After a longer gap between measurements the filters begin again."""
+
+
+class _Filter(NamedTuple):
+    """A velocity and what changes it, as the filter follows them."""
+
+    v: complex
+    v_dot: complex
+
+    def ahead(self, dt_s: float, known: complex) -> "_Filter":
+        """Go on by `dt_s` under a known acceleration."""
+        return _Filter(self.v + (self.v_dot + known) * dt_s, self.v_dot)
+
+    def corrected(self, error: complex, gap_s: float) -> "_Filter":
+        """Take the error of a measurement, `gap_s` after the one before."""
+        theta = math.exp(-OMEGA_RADPS * gap_s)
+        return _Filter(
+            self.v + (1.0 - theta * theta) * error, self.v_dot + (1.0 - theta) ** 2 / gap_s * error
+        )
+
+
+class HeadingWatch:
+    """Takes each tick what was measured and what was sent."""
+
+    def __init__(self) -> None:
+        self.restart()
+
+    def restart(self) -> None:
+        """Forget what was told."""
+        self._lost = False
+        self._rest_gyro()
+        self._rest_course()
+
+    def _rest_gyro(self) -> None:
+        self._psi = math.nan
+        self._gyro_rad = self._turned_rad = 0.0
+
+    def _rest_course(self) -> None:
+        self._velocity: complex | None = None
+        self._thrust = 0j
+        self._pushed = self._moved = _Filter(0j, 0j)
+        self._gap_s = self._seconds = self._uu = self._vv = 0.0
+        self._uv = 0j
+        self._told_s = self._lost_s = 0.0
+        self._course_rad = math.nan
+
+    def step(
+        self,
+        psi: float,
+        rate: float,
+        velocity: tuple[float, float],
+        heading: float,
+        tau: Vector,
+        nominal: Model,
+        model: VehicleModel,
+        delay_s: float,
+        dt_s: float,
+        *,
+        turns: bool,
+        pushes: bool,
+    ) -> HeadingCheck:
+        """Take a tick.
+
+        Args:
+            psi: heading that was measured in it, rad; NaN where none was.
+            rate: by the gyro, rad/s.
+            velocity: that was measured in it, north and east, m/s; NaN where none was.
+            heading: that is believed, rad.
+            tau: body wrench that was sent last, N and N·m.
+            nominal: of the vehicle.
+            model: what was found of it.
+            delay_s: from a command to its measured effect, beyond the thrusters' lag.
+            dt_s: since the last one.
+            turns: whether our commands alone turn the vehicle.
+            pushes: whether they alone push it, with full authority or less.
+
+        """
+        if turns:
+            self._turn(psi, rate, dt_s)
+        else:
+            self._rest_gyro()
+        if pushes:
+            self._push(complex(*velocity), heading, tau, nominal, model, delay_s, dt_s)
+        else:
+            self._rest_course()
+        gyro_told = abs(self._gyro_rad) > GYRO_TOLD_RAD + GYRO_SCALE * abs(self._turned_rad)
+        self._lost = self._lost or self._lost_s > LASTS_S
+        return HeadingCheck(
+            self._gyro_rad, self._course_rad, gyro_told or self._lost or self._told_s > LASTS_S, self._lost
+        )
+
+    def _turn(self, psi: float, rate: float, dt_s: float) -> None:
+        left = 1.0 - dt_s / GYRO_MEMORY_S
+        self._gyro_rad = left * self._gyro_rad - rate * dt_s
+        self._turned_rad = left * self._turned_rad + rate * dt_s
+        if not math.isnan(psi):
+            if not math.isnan(self._psi):
+                self._gyro_rad += math.remainder(psi - self._psi, math.tau)
+            else:
+                self._gyro_rad = 0.0
+            self._psi = psi
+
+    def _push(
+        self,
+        velocity: complex,
+        heading: float,
+        tau: Vector,
+        nominal: Model,
+        model: VehicleModel,
+        delay_s: float,
+        dt_s: float,
+    ) -> None:
+        ahead = cmath.exp(1j * heading)
+        gain_x, gain_y = model.gain[0] / nominal.m[0], model.gain[1] / nominal.m[1]
+        wanted = complex(gain_x * tau[0], gain_y * tau[1])
+        if self._velocity is None and cmath.isnan(velocity):
+            return
+        nu = (velocity if self._velocity is None else self._velocity) / ahead
+        braked = complex(
+            gain_x * (nominal.d1[0] + nominal.d2[0] * abs(nu.real)) * nu.real,
+            gain_y * (nominal.d1[1] + nominal.d2[1] * abs(nu.imag)) * nu.imag,
+        )
+        if self._velocity is None:  # it is taken for being in balance
+            self._velocity, self._thrust = velocity, wanted
+            self._moved, self._pushed = _Filter(velocity, ahead * braked), _Filter(0j, -ahead * wanted)
+            return
+        self._thrust += (wanted - self._thrust) * dt_s / (dt_s + model.lag_s[0] + delay_s)
+        self._pushed = self._pushed.ahead(dt_s, ahead * self._thrust)
+        self._moved = self._moved.ahead(dt_s, -ahead * braked)
+        self._gap_s += dt_s
+        if not cmath.isnan(velocity):
+            self._compare(velocity)
+        elif self._gap_s > GAP_S:
+            self._rest_course()
+        off_rad = self._off_rad()
+        self._told_s = self._told_s + dt_s if off_rad > COURSE_TOLD_RAD else 0.0
+        self._lost_s = self._lost_s + dt_s if off_rad > COURSE_LOST_RAD else 0.0
+
+    def _off_rad(self) -> float:
+        """Return by how much the heading is surely off."""
+        seen = self._uu > self._seconds * LEAST_MPS**2 and self._vv > 0.0
+        coherence = min(abs(self._uv) ** 2 / (self._uu * self._vv), 1.0) if seen else 0.0
+        if coherence < LEAST_COHERENCE:
+            self._course_rad = math.nan
+            return 0.0
+        self._course_rad = cmath.phase(self._uv)
+        doubt_rad = math.sqrt((1.0 - coherence) / (2.0 * OMEGA_RADPS * self._seconds * coherence))
+        return abs(self._course_rad) - 2.0 * doubt_rad
+
+    def _compare(self, velocity: complex) -> None:
+        """Hold a measured velocity against what the thrust makes of it."""
+        kept = math.exp(-self._gap_s / COURSE_MEMORY_S)
+        u, v = self._pushed.v, velocity - self._moved.v
+        self._pushed = self._pushed.corrected(-u, self._gap_s)
+        self._moved = self._moved.corrected(v, self._gap_s)
+        self._seconds = kept * self._seconds + self._gap_s
+        self._uu = kept * self._uu + abs(u) ** 2 * self._gap_s
+        self._vv = kept * self._vv + abs(v) ** 2 * self._gap_s
+        self._uv = kept * self._uv + u.conjugate() * v * self._gap_s
+        self._velocity, self._gap_s = velocity, 0.0

@@ -1,0 +1,71 @@
+"""The watch of the heading: what thrust makes of the velocity, and what the gyro says."""
+
+import cmath
+import math
+
+import numpy as np
+import pytest
+
+from companion.control.positioning import Model
+from companion.estimation.heading_watch import HeadingWatch
+from companion.records.state import NOMINAL
+
+MASS = (20.0, 20.0, 30.0, 0.5)
+STILL = (0.0, 0.0, 0.0, 0.0)
+DT_S = 0.02
+
+
+def watched(error_deg, push_n, current_mps=0.0, seconds=30.0):
+    """Push a mass to and fro, now forward, now to the side, with a heading that is off."""
+    watch, v, noise = HeadingWatch(), 0j, np.random.default_rng(1)
+    model = NOMINAL._replace(lag_s=(0.02,) * 4)
+    for tick in range(round(seconds / DT_S)):
+        t_s = tick * DT_S
+        push = push_n * complex(math.sin(1.3 * t_s), math.cos(0.9 * t_s))
+        v += push / MASS[0] * cmath.exp(-1j * math.radians(error_deg)) * DT_S
+        white = 0.003 * complex(*noise.standard_normal(2))
+        seen = v + white + current_mps
+        tau = (push.real, push.imag, 0.0, 0.0)
+        nominal = Model(MASS, STILL, STILL)
+        check = watch.step(
+            0.0, 0.0, (seen.real, seen.imag), 0.0, tau, nominal, model, 0.0, DT_S, turns=True, pushes=True
+        )
+    return check
+
+
+@pytest.mark.parametrize("error_deg", [-135.0, -60.0, 0.0, 20.0, 90.0])
+def test_the_course_shows_by_how_much_the_heading_is_off(error_deg):
+    check = watched(error_deg, 20.0, current_mps=0.5)
+    assert math.degrees(check.course_rad) == pytest.approx(-error_deg, abs=10.0)
+    assert check.lost is check.doubtful is (abs(error_deg) > 45.0)
+
+
+def test_a_vehicle_that_is_not_pushed_says_nothing():
+    check = watched(90.0, 0.5)
+    assert math.isnan(check.course_rad)
+    assert not check.doubtful
+
+
+@pytest.mark.parametrize(
+    ("compass_radps", "gyro_radps", "told"),
+    [(0.0, 0.0, False), (0.004, 0.0, True), (0.5, 0.5, False), (0.5, 0.495, False)],
+)
+def test_a_heading_that_turns_without_the_gyro_is_told(compass_radps, gyro_radps, told):
+    watch, nan = HeadingWatch(), (math.nan, math.nan)
+    for tick in range(round(90.0 / DT_S)):
+        psi = math.remainder(compass_radps * tick * DT_S, math.tau)
+        check = watch.step(
+            psi,
+            gyro_radps,
+            nan,
+            psi,
+            STILL,
+            Model(MASS, STILL, STILL),
+            NOMINAL,
+            0.0,
+            DT_S,
+            turns=True,
+            pushes=False,
+        )
+    assert check.doubtful is told
+    assert not check.lost
