@@ -300,6 +300,7 @@ class Engine:
             dt_s=now.dt_s,
             held=guidance.engaged if held else guidance.holdable(state),
             awaits_position=guidance.awaits_position,
+            offers_position=guidance.offers_position,
             wants_ground=guidance.wants_ground,
             dofs=self._dofs,
             finite=self._finite,

@@ -65,6 +65,9 @@ class Guidance:
         self._limits = limits(config)
         self._target = Target(self._checked(setpoint))
         self._held = HeldDofs()
+        self._has_position = False
+        self._here = ZERO
+        """Where the vehicle was last, inside."""
         self._references = ReferenceHistory()
         self._course: Course | None = None
         self._course_number = 0
@@ -93,6 +96,12 @@ class Guidance:
     def awaits_position(self) -> bool:
         """Whether x and y are wanted, and are not held for want of a position."""
         return self._held.lacks_position and self._wants_position
+
+    @property
+    def offers_position(self) -> bool:
+        """Whether a position came while others are held, and nothing wants x and y."""
+        unheld = any(self.engaged) and self._held.lacks_position
+        return self._has_position and unheld and not self._wants_position
 
     @property
     def wants_ground(self) -> bool:
@@ -125,6 +134,8 @@ class Guidance:
             self._move_at(order, now_s)
         elif order.action == "hold":
             self._course = self._altitude = None
+            if self.offers_position:
+                self._held.want_here()
             self._target.hold(self._standing(reference))
         elif self._course is None or self._course.done:
             raise ValueError("there is no path and no move under way")
@@ -188,7 +199,7 @@ class Guidance:
         Return the degrees of freedom that are held again, whose reference starts where the vehicle is; None
         where all of them rest there.
         """
-        held, target = self._held, self._target
+        held, target, self._here = self._held, self._target, state.eta
         if frame.settled != self._frame.settled:
             target.translate_asked(self.engaged, frame.settled)
         self._frame = frame
@@ -211,11 +222,14 @@ class Guidance:
         if engage and verdict.state is State.ACTIVE:
             regained = held.regain()
             target.put(regained, state.eta)
+            if self.offers_position:
+                held.want_here()
         return either(regained, self._follow_position(state))
 
     def _follow_position(self, state: VehicleState) -> Flags:
         """Let x and y go without a position; return them when they are taken up, as something wants them."""
         held, target = self._held, self._target
+        self._has_position = self._positioned(state) and held.settled(state.t_s)
         if not self._positioned(state):
             held.lose_position(state.t_s)
             return NONE
@@ -365,7 +379,8 @@ class Guidance:
         if not isinstance(order.altitude_m, UnsetType) and not math.isnan(goal[Z]):
             raise ValueError("depth_m and altitude_m: name one of them")
         level = any(known(goal)[:Z])
-        if level and any(self.engaged) and self._held.lacks_position and not self._held.lost:
+        unheld = any(self.engaged) and self._held.lacks_position and not self._held.lost
+        if level and unheld and not self._has_position:
             raise ValueError(
                 "there is no position: x and y are not held, and north and east mean nothing. Go by depth "
                 "and heading, or connect a DVL, a USBL or vision that the autopilot uses (docs/guidance.md)"
@@ -423,8 +438,10 @@ class Guidance:
             )
 
     def _standing(self, reference: Reference) -> Vector:
-        """Return where the reference comes to rest, inside."""
+        """Return where the reference comes to rest, inside; where x and y are not held, the vehicle's."""
         x, y, z, psi = braked(reference.states, self._pilot.max_acceleration)
+        if not self.engaged[X]:
+            x, y, _, _ = self._here
         return (x, y, z, wrap(psi))
 
     def _positioned(self, state: VehicleState) -> bool:

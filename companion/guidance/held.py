@@ -57,6 +57,10 @@ class HeldDofs:
             self.engaged = (False, False, self.engaged[Z], self.engaged[PSI])
             self.lost, self.moved_meanwhile = True, False
 
+    def want_here(self) -> None:
+        """Want x and y where the vehicle is."""
+        self.lost = self.moved_meanwhile = True
+
     def settled(self, t_s: float) -> bool:
         """Tell whether the position has been there for long enough."""
         return t_s - self._unpositioned_t_s >= POSITION_SETTLES_S

@@ -104,6 +104,14 @@ class Condition(IntFlag):
         "neutral, and held again when it returns; depth and heading are held",
         "check the DVL; steer by hand meanwhile",
     )
+    POSITION_UNUSED = (
+        "a position has come, and x and y are not held",
+        "x and y that are held",
+        "x and y are held, or the position is gone",
+        "Holdfast engaged without a position, and one has come since: x and y stay the pilot's until "
+        "somebody asks for them",
+        "hold here (`holdfast follow NAME --hold`), engage again, or go to a place",
+    )
     GROUND_LOST = (
         "no fresh altitude over the ground",
         "a fresh altitude over the ground",

@@ -22,6 +22,8 @@ class Observation(msgspec.Struct, frozen=True, kw_only=True):
     requests: Sequence[Request] = ()
     awaits_position: bool = False
     """Whether x and y are wanted, and are not held without a position."""
+    offers_position: bool = False
+    """Whether a position came while others are held, and nothing wants x and y."""
     wants_ground: bool = False
     """Whether an altitude over the ground is to be kept."""
     dofs: DofSample | None = None

@@ -4,10 +4,11 @@ import math
 
 import numpy as np
 import pytest
-from virtual import Dive, Somebody, hold
+from virtual import Dive, Somebody, hold, shared
 
 from companion.control.bounds import wrap
-from companion.records import State
+from companion.records import Condition, Request, State
+from companion.telemetry.commands import Goto, SetPath
 
 PLACE = {"x": 0.0, "y": 0.0, "z": 2.0, "psi": 0.0}
 DVL = ("initial.eta=[0,0,2,0,0,0]", "sensors.dvl=true", "current.enabled=true", "current.sigma_m_s=0.02")
@@ -47,3 +48,41 @@ def test_a_saturated_axis_disturbs_neither_depth_nor_heading(direction_deg):
     assert np.mean([step.sample.dofs.saturated[:2] for step in steps]) > 0.5
     assert max(abs(step.truth.eta[2] - 2.0) for step in steps) < 0.02
     assert max(abs(wrap(step.truth.eta[5])) for step in steps) < math.radians(2.0)
+
+
+@shared
+def engaged_before_its_position():
+    """A vehicle that drifts in a current, and gets a position when it has been engaged for a while."""
+    late = 'faults=[{kind="message_stopped", message="LOCAL_POSITION_NED", duration_s=10.0}]'
+    dive = Dive(*DVL, "current.speed_m_s=0.2", late, setpoint=hold(z=2.0))
+    dive.tap.to_vehicle.append(Somebody().origin())
+    return dive.until(State.ACTIVE)
+
+
+def offered(step):
+    return bool(step.sample.verdict.warnings & Condition.POSITION_UNUSED)
+
+
+def test_a_position_that_comes_during_a_dive_is_offered_and_not_taken_up_unasked():
+    dive = engaged_before_its_position()
+    before, after = dive.run(9.0 - dive.t_s), dive.run(6.0)
+    assert not any(map(offered, before))
+    assert all(map(offered, after[150:]))
+    assert not any(any(step.sample.requested.tau[:2]) for step in after)
+
+
+@pytest.mark.parametrize("ask", ["hold here", "engage", "go"])
+def test_a_position_that_came_is_taken_up_by_whoever_asks(ask):
+    dive = engaged_before_its_position()
+    dive.run(14.0)
+    there = np.array(dive.step.sample.state.eta[:2])
+    if ask == "engage":
+        dive.ask(Request.ENGAGE)
+    else:
+        dive.engine.guide(Goto(x_m=0.5, frame="offset") if ask == "go" else SetPath(action="hold"))
+    dive.run(10.0)
+    steps = dive.run(4.0)
+    away = np.array([step.sample.state.eta[:2] for step in steps]) - there
+    assert not any(map(offered, steps))
+    assert np.ptp(away, axis=0).max() < 0.05
+    assert np.abs(away - [0.5 if ask == "go" else 0.0, 0.0]).max() < 0.35
