@@ -94,7 +94,7 @@ everything; horizontal force and setpoint speeds decrease with the tilt |
 | {_deg(STEEP_RAD)} to {_deg(YAW_STEEP_RAD)}° | \
 heave, levelling, yaw; x and y setpoints follow the vehicle; from {_deg(YAW_LEVEL_RAD)}° yaw decreases |
 | beyond `max_tilt_deg` | heave and levelling; TILTED warns, learning is frozen, engaging is refused |
-| beyond `max_tilt_deg` for `off_track_s` | nothing: TILT PERSISTS hands over (STABILIZE, then ALT_HOLD) |
+| so for `off_track_s`, 0.3 m off its depth | nothing: TILT PERSISTS hands over (STABILIZE, then ALT_HOLD) |
 
 From {_deg(PART_FROM_RAD)}° on the horizontal thrusters provide a part of heave, so that the force stays
 vertical.

@@ -178,8 +178,8 @@ class Condition(IntFlag):
         "tilted too far for too long",
         "a level vehicle",
         "the lasting tilt has ended",
-        "the vehicle stays tilted, and Holdfast cannot level it: the autopilot tries, in STABILIZE and "
-        "then ALT_HOLD",
+        "the vehicle stays tilted, and Holdfast can neither level it nor hold its depth within 0.3 m: the "
+        "autopilot tries, in STABILIZE and then ALT_HOLD",
         "look for the cause: an off-centre load, a snagged tether, a dead or reversed thruster",
     )
     EKF_UNHEALTHY = (

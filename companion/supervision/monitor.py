@@ -13,6 +13,7 @@ from companion.records import (
     PilotInput,
     PilotSticks,
     Reboot,
+    Z,
 )
 from companion.supervision.situation import Observation, Watched, ekf_is_doubtful, tilted, voltage_is_low
 from companion.telemetry.modes import Mode
@@ -26,6 +27,8 @@ FAILSAFE_SETTLE_S = 1.5
 LEAK_REPEAT_S = 25.0
 ANNOUNCED_S = 2.0
 INNOVATION_MEMORY_S = 0.5
+DEPTH_HELD_M = 0.3
+"""A vehicle that is tilted and holds its depth so well is better off with us: ALT_HOLD would let it sink."""
 
 
 class Monitor:
@@ -102,7 +105,8 @@ class Monitor:
                 off_track = off_track or (ours and not abs(e) <= most)
         self._saturated_s = _lasting(self._saturated_s, dt_s, saturated)
         self._off_track_s = _lasting(self._off_track_s, dt_s, off_track)
-        self._tilted_s = _lasting(self._tilted_s, dt_s, tilted(state, limits))
+        depth_held = dofs is not None and steered and held[Z] and abs(dofs.e[Z]) <= DEPTH_HELD_M
+        self._tilted_s = _lasting(self._tilted_s, dt_s, tilted(state, limits) and not depth_held)
         new = dt_s / (dt_s + INNOVATION_MEMORY_S)
         innovations = zip(self._mean_innovation, state.innovation, strict=True)
         mean = [old + new * (abs(innovation) - old) for old, innovation in innovations]

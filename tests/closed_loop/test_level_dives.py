@@ -104,9 +104,9 @@ def test_six_thrusters_that_cannot_pitch_drift_level_rather_than_capsize():
     assert steps[-1].sample.verdict.conditions & Condition.SATURATED
 
 
-def lying_on_its_side(**companion):
-    """Both vertical thrusters of its port side are dead, and 15 N pull it down: nobody can level it."""
-    dive = Dive("initial.eta=[0,0,5,0,0,0]", *load(15.0), setpoint=hold(z=5.0), **companion)
+def lying_on_its_side(weight_n=15.0, **companion):
+    """Both vertical thrusters of its port side are dead, and a load pulls it down: nobody can level it."""
+    dive = Dive("initial.eta=[0,0,5,0,0,0]", *load(weight_n), setpoint=hold(z=5.0), **companion)
     dive.until(State.ACTIVE).run(4.0)
     for thruster in (5, 7):
         dive.fault("thruster", thruster=thruster, value=0.0)
@@ -124,9 +124,18 @@ def test_a_vehicle_that_tilts_is_not_let_go():
     assert dive.step.truth.armed
 
 
+def test_a_tilt_that_lasts_is_kept_while_the_depth_is_held():
+    """ALT_HOLD let it sink by 3 m in 40 s, here and on the firmware."""
+    dive = lying_on_its_side(8.0, companion=("supervisor.max_tilt_deg=25",))
+    steps = dive.run(30.0)
+    assert np.mean([bool(step.sample.verdict.warnings & Condition.TILTED) for step in steps]) > 0.5
+    assert states(steps) == {State.ACTIVE}
+    assert np.abs(off_mm(steps, 5.0)).max() < 100.0
+
+
 def test_a_tilt_that_lasts_is_the_autopilots_and_is_kept_alive_for_good():
     """Silence after keep_alt_hold_s would disarm it, and what tilts it would take it down."""
-    dive = lying_on_its_side(companion=("supervisor.max_tilt_deg=25", "supervisor.keep_alt_hold_s=2"))
+    dive = lying_on_its_side(30.0, companion=("supervisor.max_tilt_deg=25", "supervisor.keep_alt_hold_s=2"))
     dive.until(State.HAND_OVER, within_s=12.0)
     assert dive.step.sample.verdict.reason == "the vehicle stays tilted"
     dive.run(15.0)
