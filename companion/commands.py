@@ -357,7 +357,8 @@ def identify(argv: list[str]) -> int:
         "Holds the vehicle as `holdfast run` does, and moves each axis to and fro in turn, half "
         "a minute each: the vehicle MOVES, up to 0.5 m and 50°, with small pushes. It always moves heave "
         "and yaw, and surge and sway where a position is measured. From the motion it finds mass, "
-        "damping, buoyancy, lag and delay, each with its doubt, and writes them as a vehicle file.",
+        "damping, buoyancy, lag, motor start and delay, with a position also inertia and lever of roll "
+        "and pitch, each with its doubt, and writes them as a vehicle file.",
         IDENTIFY_EXAMPLES,
     )
     _add_config(parser)
@@ -370,7 +371,7 @@ def identify(argv: list[str]) -> int:
 
     from companion import app
     from companion.config import DEFAULT_FILE, ConfigError, load_config, vehicle_text
-    from companion.identify.fit import fit
+    from companion.identify.fit import fit, fit_tilts
     from companion.identify.identified import Progress, draw, show, vehicle
     from companion.identify.manoeuvre import Manoeuvre
     from companion.io.logs import log_to
@@ -395,13 +396,13 @@ def identify(argv: list[str]) -> int:
         )
         return status or 1
     found = fit(manoeuvre.stretches, config)
-    show(config, found)
-    arguments.out.write_text(
-        vehicle_text(*vehicle(config, found, datetime.datetime.now(datetime.UTC).date())), encoding="utf-8"
-    )
+    tilts = fit_tilts(manoeuvre.stretches, config, found["t200"])
+    show(config, found, tilts)
+    today = datetime.datetime.now(datetime.UTC).date()
+    arguments.out.write_text(vehicle_text(*vehicle(config, found, tilts, today)), encoding="utf-8")
     sys.stdout.write(f"written: {arguments.out}; use it with holdfast run --vehicle {arguments.out}\n")
     try:
-        draw(found, arguments.out.with_suffix(".png"))
+        draw(found, tilts, arguments.out.with_suffix(".png"))
         sys.stdout.write(f"written: {arguments.out.with_suffix('.png')}\n")
     except ImportError:
         sys.stdout.write(f"no picture: matplotlib is missing; {how_to_install('lab')}\n")

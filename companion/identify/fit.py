@@ -5,7 +5,7 @@ the model, and the parameters are those for which its innovations are smallest. 
 disturbance is a state of the filter, so a swell or a tether is not taken for mass or damping, and so is the
 slow noise that an EKF's depth and rate carry.
 
-    q' = v     m v' = f − d1 v − d2 |v| v + b + d     T f' = u(t − D) − f
+    q' = v     m v' = f − d1 v − d2 |v| v − k q + b + d     T f' = u(t − D) − f
     d' = −d/T_d     s' = −s/T_n     p' = −p/T_n
 
 | symbol | meaning                                                                    | unit             |
@@ -13,8 +13,11 @@ slow noise that an EKF's depth and rate carry.
 | q, v   | position and rate, measured as q + L v + s and v + p                         | m, m/s; rad      |
 | m      | inertia with added mass                                                    | kg; kg m²        |
 | d1, d2 | linear and quadratic damping                                               | N/(m/s)..., N m  |
+| k      | righting moment, of roll and pitch alone                                   | N·m/rad          |
+| ℓ      | lever: the horizontal thrusters' part of u, of roll and pitch alone        | m                |
 | b      | steady force; in heave the weight in water, less buoyancy                  | N; N·m           |
 | u, f   | force asked of the thrusters by their curve, and given after their lag     | N; N·m           |
+| t₀     | a motor at rest, or that reverses, gives thrust so much later              | s                |
 | D, T   | delay from sending to the rate's stamp, and thrust lag                     | s                |
 | L      | how much later than a position's stamp the rate's is                       | s                |
 | g      | half-width of the thrusters' dead band, of the T200's curve alone          | µs               |
@@ -26,7 +29,8 @@ are stronger by a factor make m, d1, d2 and b smaller by that factor: just what 
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import product
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -37,7 +41,7 @@ from companion.control.allocation import FACTORS, PER_NEWTON, T200_N, T200_PWM_U
 from companion.control.bounds import clamped
 from companion.estimation.observer import Noise, stationary_covariance
 from companion.identify.manoeuvre import Measured, Stretch
-from companion.records import PSI, Array
+from companion.records import PSI, Array, X, Y
 
 NAMES: Final = (
     "mass",
@@ -48,17 +52,25 @@ NAMES: Final = (
     "delay_s",
     "dead_band_us",
     "rate_later_s",
+    "start_s",
+    "righting_nm",
+    "lever_m",
 )
-MASS, LINEAR, QUADRATIC, STEADY, LAG, DELAY, DEAD, LATER = range(len(NAMES))
+MASS, LINEAR, QUADRATIC, STEADY, LAG, DELAY, DEAD, LATER, START, RIGHTING, LEVER = range(len(NAMES))
+ROLL, PITCH = 4, 5
+"""Behind the four degrees of freedom, those that are levelled."""
 
-LEAST: Final = np.array((0.01, 0.0, 0.0, -200.0, 0.003, 0.0, 5.0, -0.03))
-MOST: Final = np.array((1000.0, 500.0, 5000.0, 200.0, 1.0, 0.3, 55.0, 0.03))
+LEAST: Final = np.array((0.01, 0.0, 0.0, -200.0, 0.003, 0.0, 5.0, -0.03, 0.0, 0.0, -0.5))
+MOST: Final = np.array((1000.0, 500.0, 5000.0, 200.0, 1.0, 0.3, 55.0, 0.03, 0.5, 300.0, 0.5))
+STEPS: Final = (1e-3, 1e-3, 1e-3, 1e-2, 1e-4, 1e-4, 1e-2, 1e-4, 2e-3, 1e-2, 1e-4)
+"""Small changes of each, for the slope."""
 CURVES: Final = ("t200", "quadratic")
 DEAD_BAND_US, DEAD_BAND_DOUBT_US = 28.0, 5.0
 """What is known of the dead band beforehand; the pushes lie outside of it most of the time."""
-LAG_DOUBT_S = 0.2
-SIMILAR_LAG, SIMILAR_DEAD_BAND_US, SIMILAR_SIGMAS = 0.05, 1.5, 3.0
-"""How far the thrusters of two axes may differ: share of the lag, µs, multiple of the fit's own doubt."""
+LAG_DOUBT_S, START_DOUBT_S = 0.2, 0.1
+SIMILAR_LAG, SIMILAR_DEAD_BAND_US, SIMILAR_START_S, SIMILAR_SIGMAS = 0.05, 1.5, 0.01, 3.0
+"""How far the thrusters of two axes may differ: share of the lag, µs, s, multiple of the fit's own doubt."""
+SIMILAR_DELAY_S = 0.005
 LATER_DOUBT_S = 0.005
 """How much later than positions the rates may be."""
 
@@ -76,7 +88,7 @@ BURN_IN_S = 1.0
 TINY = 1e-9
 CORRELATED_S = 2.0
 """Innovations may be correlated for so long."""
-START_SCALES, START_LAGS_S = (0.25, 0.5, 1.0, 2.0), (0.02, 0.15)
+START_SCALES, START_LAGS_S, START_STARTS_S = (0.25, 0.5, 1.0, 2.0, 4.0), (0.02, 0.15), (0.0, 0.15)
 ROUNDS, SIGMA_ROUNDS, TOLERANCE = 40, 3, 1e-4
 DAMPINGS: Final = (1e-3, 1e-1, 1e1, 1e3)
 
@@ -88,6 +100,11 @@ class Known(NamedTuple):
     lag_doubt_s: float
     dead_band_us: float
     dead_band_doubt_us: float
+    start_s: float
+    start_doubt_s: float
+    delay_s: float = 0.03
+    delay_doubt_s: float = math.inf
+    """Infinite where the measurements come in other messages than those that told the delay."""
 
 
 class Value(NamedTuple):
@@ -134,6 +151,8 @@ class Record:
     """(n, motors) from each time on."""
     shares: Array
     """(motors,) force or moment for a newton of each."""
+    beside: Array
+    """(motors,) what a lever of a metre adds to that."""
     strength: Array
     """(n,) of the voltage."""
 
@@ -163,8 +182,47 @@ def record_of(stretch: Stretch, frame: str) -> Record:
         _gridded(t_s, stretch.rates),
         np.clip(axes @ factors.T, -1.0, 1.0),
         factors[:, stretch.dof] * PER_NEWTON[stretch.dof],
+        np.zeros(len(factors)),
         (voltage / T200_VOLTAGE_V) ** 2,
     )
+
+
+def tilt_record_of(stretch: Stretch, frame: str, dof: int) -> Record:
+    """Put roll or pitch of a stretch on the grid of its commands."""
+    record, factors = record_of(stretch, frame), np.array(FACTORS[frame])
+    pushed, sign = (Y, -1.0) if dof == ROLL else (X, 1.0)
+    return replace(
+        record,
+        dof=dof,
+        position=_gridded(
+            record.t_s, [Measured(tilt.t_s, tilt.angles[dof - ROLL]) for tilt in stretch.tilts]
+        ),
+        rate=_gridded(record.t_s, [Measured(tilt.t_s, tilt.rates[dof - ROLL]) for tilt in stretch.tilts]),
+        shares=factors[:, dof] * PER_NEWTON[dof],
+        beside=sign * factors[:, pushed] * PER_NEWTON[pushed],
+    )
+
+
+def fit_tilts(stretches: Sequence[Stretch], config: Config, fits: Sequence[Fit]) -> list[Fit]:
+    """Return fits of roll and pitch, from the stretches that push the vehicle sideways and ahead.
+
+    Lag and delay are those of yaw among `fits`, which is measured by the same messages.
+    """
+    yaw = next((one for one in fits if one.dof == PSI), None)
+    if yaw is None or not config.levels:
+        return []
+    known = similar(yaw)._replace(delay_s=yaw.values[DELAY].value, delay_doubt_s=SIMILAR_DELAY_S)
+    tilts = []
+    for dof, pushed, inertia in (
+        (ROLL, Y, config.levelling.roll_inertia),
+        (PITCH, X, config.levelling.pitch_inertia),
+    ):
+        for stretch in stretches:
+            if stretch.dof == pushed:
+                record = tilt_record_of(stretch, config.vehicle.frame, dof)
+                task = Task(record, noise_of(config, PSI), yaw.curve, known)
+                tilts.append(_fit(task, (inertia, inertia, inertia)))
+    return tilts
 
 
 def fit(stretches: Sequence[Stretch], config: Config) -> dict[str, list[Fit]]:
@@ -179,35 +237,66 @@ def fit(stretches: Sequence[Stretch], config: Config) -> dict[str, list[Fit]]:
 
 
 def _fit_all(stretches: Sequence[Stretch], config: Config, curve: str) -> list[Fit]:
-    known = Known(config.thrusters.lag_s, LAG_DOUBT_S, DEAD_BAND_US, DEAD_BAND_DOUBT_US)
+    thrusters = config.thrusters
+    known = Known(
+        thrusters.lag_s, LAG_DOUBT_S, DEAD_BAND_US, DEAD_BAND_DOUBT_US, thrusters.start_s, START_DOUBT_S
+    )
     fits = []
     for stretch in stretches:
         axis = config.axes[stretch.dof]
-        noise = Noise(
-            axis.position_noise,
-            axis.rate_noise,
-            axis.position_noise_slow,
-            axis.rate_noise_slow,
-            axis.disturbance_noise,
-            config.delays.slow_noise_s,
-        )
         start = (axis.mass, axis.linear_damping, axis.quadratic_damping)
-        task = Task(record_of(stretch, config.vehicle.frame), noise, curve, known)
+        task = Task(record_of(stretch, config.vehicle.frame), noise_of(config, stretch.dof), curve, known)
         fits.append(_fit(task, start))
-        lag, dead = fits[-1].values[LAG], fits[-1].values[DEAD]
         if stretch.dof == PSI:
-            known = Known(
-                lag.value,
-                max(SIMILAR_SIGMAS * lag.sigma, SIMILAR_LAG * lag.value, LEAST[LAG]),
-                dead.value,
-                max(SIMILAR_SIGMAS * dead.sigma, SIMILAR_DEAD_BAND_US),
-            )
+            known = similar(fits[-1])
     return sorted(fits, key=lambda fit: fit.dof)
 
 
-def thrust(record: Record, dead_band_us: float, curve: str) -> Array:
-    """Return the force (n,) that the thrusters are asked for from each time on, N or N·m."""
-    return np.asarray(record.strength * (_push(record.demands, dead_band_us, curve) @ record.shares))
+def similar(fit: Fit) -> Known:
+    """Return what is known of thrusters of the same kind."""
+    lag, dead, start = (fit.values[number] for number in (LAG, DEAD, START))
+    return Known(
+        lag.value,
+        max(SIMILAR_SIGMAS * lag.sigma, SIMILAR_LAG * lag.value, LEAST[LAG]),
+        dead.value,
+        max(SIMILAR_SIGMAS * dead.sigma, SIMILAR_DEAD_BAND_US),
+        start.value,
+        max(SIMILAR_SIGMAS * start.sigma, SIMILAR_START_S),
+    )
+
+
+def noise_of(config: Config, dof: int) -> Noise:
+    """Return the noise of a degree of freedom's measurements."""
+    axis = config.axes[dof]
+    return Noise(
+        axis.position_noise,
+        axis.rate_noise,
+        axis.position_noise_slow,
+        axis.rate_noise_slow,
+        axis.disturbance_noise,
+        config.delays.slow_noise_s,
+    )
+
+
+def thrust(
+    record: Record, dead_band_us: float, curve: str, start_s: float = 0.0, lever_m: float = 0.0
+) -> Array:
+    """Return the force (n,) that the running thrusters are asked for from each time on, N or N·m."""
+    shares = record.shares + lever_m * record.beside
+    pushes = _push(record.demands, dead_band_us, curve)
+    if start_s > 0.0:
+        pushes = pushes * _running(record.t_s, pushes, start_s)
+    return np.asarray(record.strength * (pushes @ shares))
+
+
+def _running(t_s: Array, pushes: Array, start_s: float) -> Array:
+    """Return the share (n, motors) of each interval in which a motor runs: `start_s` after it was asked."""
+    turns = np.sign(pushes)
+    begins = turns != np.vstack((np.zeros_like(turns[:1]), turns[:-1]))
+    since_s = t_s[np.maximum.accumulate(np.where(begins, np.arange(t_s.size)[:, None], 0), axis=0)]
+    ends_s = np.append(t_s[1:], t_s[-1])[:, None]
+    length_s = np.maximum(ends_s - t_s[:, None], TINY)
+    return np.clip((ends_s - since_s - start_s) / length_s, 0.0, 1.0)
 
 
 def _push(demands: Array, dead_band_us: float, curve: str) -> Array:
@@ -232,7 +321,8 @@ def _fit(task: Task, start: Sequence[float]) -> Fit:
     innovations = _filtered(task, theta, gain).innovations @ gain.whiten.T
     whitened = innovations[after_burn_in(record)]
     covariance = parameter_covariance(record, J, innovations)
-    deviations = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    deviations = np.zeros(len(NAMES))
+    deviations[_free(task)] = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     damping, doubt = theta[LINEAR : QUADRATIC + 1], covariance[LINEAR : QUADRATIC + 1, LINEAR : QUADRATIC + 1]
     at = []
     for speed in np.nanquantile(np.abs(record.rate), (0.5, 0.95)).tolist():
@@ -287,13 +377,21 @@ def after_burn_in(record: Record) -> NDArray[np.bool_]:
     return np.asarray(record.t_s - record.t_s[0] >= BURN_IN_S)
 
 
+def _free(task: Task) -> list[int]:
+    """Return which parameters are looked for."""
+    return [*range(len(NAMES) if task.record.dof in (ROLL, PITCH) else RIGHTING)]
+
+
 def _start(task: Task, nominal: Sequence[float], sigma: float) -> Array:
     """Return the parameters to begin with: the nominal vehicle, or a stronger, weaker or quicker one."""
-    starts = []
-    for scale in START_SCALES:
-        for lag_s in {task.known.lag_s, *START_LAGS_S}:
-            model = [scale * parameter for parameter in nominal]
-            starts.append(np.clip((*model, 0.0, lag_s, 0.03, task.known.dead_band_us, 0.0), LEAST, MOST))
+    known, starts = task.known, []
+    lags_s, starts_s = {known.lag_s, *START_LAGS_S}, {known.start_s, *START_STARTS_S}
+    if math.isfinite(known.delay_doubt_s):
+        lags_s, starts_s = {known.lag_s}, {known.start_s}
+    for scale, lag_s, start_s in product(START_SCALES, lags_s, starts_s):
+        model = [scale * parameter for parameter in nominal]
+        others = (0.0, lag_s, known.delay_s, known.dead_band_us, 0.0, start_s, 0.0, 0.0)
+        starts.append(np.clip((*model, *others), LEAST, MOST))
     scores = [_score(task, theta, sigma) for theta in starts]
     return starts[int(np.argmax(scores))]
 
@@ -304,17 +402,19 @@ def _least(task: Task, theta: Array, sigma: float) -> tuple[Array, Array]:
     def residuals(values: Array) -> Array:
         return _residuals(task, values, gain)
 
+    free = _free(task)
     for _ in range(ROUNDS):
         gain = _gain(task, theta, sigma)
         r = residuals(theta)
-        J = _jacobian(residuals, theta, r)
+        J = _jacobian(residuals, theta, r, free)
         gradient, curvature = J.T @ r, J.T @ J
         cost, better = float(r @ r), None
         for damping in DAMPINGS:
             step = np.linalg.lstsq(
                 curvature + damping * np.diag(np.diag(curvature) + 1e-12), -gradient, rcond=None
             )[0]
-            tried = np.clip(theta + step, LEAST, MOST)
+            tried = theta.copy()
+            tried[free] = np.clip(theta[free] + step, LEAST[free], MOST[free])
             tried[MASS] = clamped(float(tried[MASS]), 0.5 * float(theta[MASS]), 2.0 * float(theta[MASS]))
             if float(np.sum(residuals(tried) ** 2)) < cost:
                 better = tried
@@ -326,15 +426,14 @@ def _least(task: Task, theta: Array, sigma: float) -> tuple[Array, Array]:
         if moved.max() < TOLERANCE:
             break
     gain = _gain(task, theta, sigma)
-    return theta, _jacobian(residuals, theta, residuals(theta))
+    return theta, _jacobian(residuals, theta, residuals(theta), free)
 
 
-def _jacobian(residuals: Callable[[Array], Array], theta: Array, r: Array) -> Array:
+def _jacobian(residuals: Callable[[Array], Array], theta: Array, r: Array, free: Sequence[int]) -> Array:
     columns = []
-    for i, value in enumerate(theta):
-        step = (1e-3, 1e-3, 1e-3, 1e-2, 1e-4, 1e-4, 1e-2, 1e-4)[i] * max(
-            1.0, abs(value) if i < STEADY else 1.0
-        )
+    for i in free:
+        value = theta[i]
+        step = STEPS[i] * max(1.0, abs(value) if i < STEADY else 1.0)
         other = theta.copy()
         other[i] = value + step if value + step <= MOST[i] else value - step
         columns.append((residuals(other) - r) / (other[i] - value))
@@ -357,6 +456,7 @@ def _gain(task: Task, theta: Array, sigma: float) -> Gain:
     A = np.zeros((5, 5))
     A[0, 0], A[0, 1] = 1.0, h
     A[1, 1], A[1, 2] = m / (m + h * c), h / (m + h * c)
+    A[1, 0] = -float(theta[RIGHTING]) * A[1, 2]
     A[2, 2] = math.exp(-h / DISTURBANCE_TIME_S)
     A[3, 3] = A[4, 4] = math.exp(-h / noise.slow_time_s)
     slow = 2.0 * h / noise.slow_time_s
@@ -395,6 +495,8 @@ def _residuals(task: Task, theta: Array, gain: Gain) -> Array:
         (theta[LAG] - task.known.lag_s) / task.known.lag_doubt_s,
         (theta[DEAD] - task.known.dead_band_us) / task.known.dead_band_doubt_us,
         theta[LATER] / LATER_DOUBT_S,
+        (theta[START] - task.known.start_s) / task.known.start_doubt_s,
+        (theta[DELAY] - task.known.delay_s) / task.known.delay_doubt_s,
     )
     return np.concatenate((whitened.ravel(), beforehand))
 
@@ -419,8 +521,9 @@ def _spread(innovations: Array) -> float:
 
 def _filtered(task: Task, theta: Array, gain: Gain) -> Run:
     record, noise = task.record, task.noise
-    m, d1, d2, b, lag_s, delay_s, dead, later_s = theta.tolist()
-    force = _acting(record.t_s, thrust(record, dead, task.curve), delay_s, lag_s).tolist()
+    m, d1, d2, b, lag_s, delay_s, dead, later_s, start_s, k, lever_m = theta.tolist()
+    asked = thrust(record, dead, task.curve, start_s, lever_m)
+    force = _acting(record.t_s, asked, delay_s, lag_s).tolist()
     dt_s = np.diff(record.t_s)
     steps = list(
         zip(
@@ -439,7 +542,7 @@ def _filtered(task: Task, theta: Array, gain: Gain) -> Run:
     innovations, predicted = [(0.0, 0.0)], [(q, v)]
     for h, y_q, y_v, f in steps:
         half = 0.5 * h * d1
-        v_1 = ((m - half) * v + h * (f + b + d)) / (m + half + h * d2 * abs(v))
+        v_1 = ((m - half) * v + h * (f + b + d - k * q)) / (m + half + h * d2 * abs(v))
         q += 0.5 * h * (v + v_1)
         v = v_1
         shown = q + later_s * v

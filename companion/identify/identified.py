@@ -11,7 +11,20 @@ import msgspec
 
 from companion.config import Config, VehicleFile, vehicle_of
 from companion.control.bounds import clamped
-from companion.identify.fit import DELAY, LAG, LATER, LINEAR, MASS, QUADRATIC, STEADY, Fit, Value
+from companion.identify.fit import (
+    DELAY,
+    LAG,
+    LATER,
+    LEVER,
+    LINEAR,
+    MASS,
+    QUADRATIC,
+    RIGHTING,
+    START,
+    STEADY,
+    Fit,
+    Value,
+)
 from companion.identify.manoeuvre import Manoeuvre
 from companion.records import AXES, DOFS, PSI, Z
 from companion.telemetry import ranges
@@ -19,6 +32,10 @@ from companion.telemetry import ranges
 TRUSTED = 0.1
 """A mass whose standard deviation is a larger share of it is not taken."""
 
+TRUSTED_RIGHTING, TRUSTED_LEVER_M = 0.3, 0.01
+"""The same of a righting moment; and the doubt beyond which a lever is not taken."""
+
+NAMED = (*AXES, "roll", "pitch")
 UNITS = (("kg", "N s/m", "N s2/m2"), ("kg m2", "N m s", "N m s2"))
 
 
@@ -28,12 +45,13 @@ def trusted(fits: Sequence[Fit]) -> list[Fit]:
 
 
 def vehicle(
-    config: Config, found: Mapping[str, Sequence[Fit]], today: datetime.date
+    config: Config, found: Mapping[str, Sequence[Fit]], tilts: Sequence[Fit], today: datetime.date
 ) -> tuple[VehicleFile, list[str], dict[str, str]]:
     """Return the vehicle, what to say on top of its file, and the notes behind its keys.
 
     `found` are the fits by thruster curve, the better curve first. The file holds those of the T200's curve,
-    for it is what the controller inverts; what was not identified stays what `config` says.
+    for it is what the controller inverts; what was not identified stays what `config` says. `tilts` are those
+    of roll and pitch.
     """
     fits = trusted(found["t200"])
     table: dict[str, Any] = msgspec.to_builtins(vehicle_of(config))
@@ -43,6 +61,7 @@ def vehicle(
     measured: dict[tuple[str, str], Value] = {}
     if fits:
         measured["thrusters", "lag_s"] = pooled([one.values[LAG] for one in fits])
+        measured["thrusters", "start_s"] = pooled([one.values[START] for one in fits])
     for name in AXES:
         notes[f"{name}.mass"] = "not identified: what the configuration says"
         notes[f"{name}.max_force"] = "from the configuration"
@@ -50,6 +69,7 @@ def vehicle(
         name = AXES[one.dof]
         for key, number in (("mass", MASS), ("linear_damping", LINEAR), ("quadratic_damping", QUADRATIC)):
             measured[name, key] = one.values[number]
+    measured |= {("levelling", key): found_of_it for key, found_of_it in tilted(tilts).items()}
     kinds = get_type_hints(VehicleFile)
     for (name, key), (value, sigma) in measured.items():
         least, most = ranges.bounds(get_type_hints(kinds[name], include_extras=True)[key]) or (value, value)
@@ -62,6 +82,18 @@ def vehicle(
     ]
     about.append("config/vehicles/custom.toml explains every key.")
     return msgspec.convert(table, VehicleFile), about, notes
+
+
+def tilted(tilts: Sequence[Fit]) -> dict[str, Value]:
+    """Return the keys of `[levelling]` that roll and pitch tell."""
+    told = {}
+    for one in trusted(tilts):
+        name, righting = NAMED[one.dof], one.values[RIGHTING]
+        told[f"{name}_inertia"] = one.values[MASS]
+        if righting.sigma < TRUSTED_RIGHTING * righting.value:
+            told[f"{name}_righting_nm"] = righting
+    levers = [one.values[LEVER] for one in trusted(tilts) if one.values[LEVER].sigma < TRUSTED_LEVER_M]
+    return told | ({"lever_m": pooled(levers)} if levers else {})
 
 
 def said(found: Mapping[str, Sequence[Fit]]) -> Iterator[str]:
@@ -139,9 +171,9 @@ class Progress:
             sys.stdout.write(f"{manoeuvre.doing}\n")
 
 
-def show(config: Config, found: Mapping[str, Sequence[Fit]]) -> None:
+def show(config: Config, found: Mapping[str, Sequence[Fit]], tilts: Sequence[Fit]) -> None:
     """Print what was found: a table where rich is there, lines where it is not."""
-    rows = [*_rows(config, found)]
+    rows = [*_rows(config, found), *_tilt_rows(config, tilts)]
     try:
         from rich import box
         from rich.console import Console
@@ -183,30 +215,45 @@ def _rows(config: Config, found: Mapping[str, Sequence[Fit]]) -> Iterator[tuple[
             f"{lag.sigma:.2g}",
             f"{config.thrusters.lag_s:g}",
         )
+        start, believed_s = one.values[START], config.thrusters.start_s
+        yield AXES[one.dof], "motor start, s", f"{start.value:.3f}", f"{start.sigma:.2g}", f"{believed_s:g}"
 
 
-def draw(found: Mapping[str, Sequence[Fit]], path: Path) -> None:
+def _tilt_rows(config: Config, tilts: Sequence[Fit]) -> Iterator[tuple[str, str, str, str, str]]:
+    for one in tilts:
+        name, believed = NAMED[one.dof], config.levelling
+        for number, key, unit in (
+            (MASS, f"{name}_inertia", "kg m2"),
+            (RIGHTING, f"{name}_righting_nm", "N m"),
+            (LEVER, "lever_m", "m"),
+        ):
+            value = one.values[number]
+            what = f"{key.removeprefix(name + '_')}, {unit}"
+            yield name, what, f"{value.value:.3g}", f"{value.sigma:.2g}", f"{getattr(believed, key):.3g}"
+
+
+def draw(found: Mapping[str, Sequence[Fit]], tilts: Sequence[Fit], path: Path) -> None:
     """Draw rates as measured and as the model alone gives them, an axis a row.
 
     Raises ImportError without matplotlib.
     """
     from matplotlib.figure import Figure
 
-    fits = next(iter(found.values()))
+    fits = [*next(iter(found.values())), *tilts]
     figure = Figure(figsize=(10.0, 2.4 * max(1, len(fits))), layout="constrained")
     rows = figure.subplots(max(1, len(fits)), 1, squeeze=False)[:, 0]
     for axes, one in zip(rows, fits, strict=False):
         t_s = one.t_s - one.t_s[0]
-        unit = "rad/s" if one.dof == PSI else "m/s"
+        unit = "rad/s" if one.dof >= PSI else "m/s"
         axes.plot(t_s, one.measured[:, 1], label="measured", linewidth=1.6, color="#7a8794")
         axes.plot(t_s, one.predicted[:, 1], label="the model alone", linewidth=1.0, color="#c2410c")
         mass = one.values[MASS]
         axes.set_title(
-            f"{AXES[one.dof]}: mass {mass.value:.3g} (sd {mass.sigma:.2g}), {one.curve}",
+            f"{NAMED[one.dof]}: mass {mass.value:.3g} (sd {mass.sigma:.2g}), {one.curve}",
             loc="left",
             fontsize=9,
         )
-        axes.set_ylabel(f"rate of {DOFS[one.dof]}, {unit}")
+        axes.set_ylabel(f"rate of {(*DOFS, 'roll', 'pitch')[one.dof]}, {unit}")
         axes.grid(alpha=0.3)
     rows[0].legend(loc="upper right", fontsize=8)
     rows[-1].set_xlabel("s")

@@ -85,6 +85,14 @@ class Measured(NamedTuple):
     value: float
 
 
+class Tilt(NamedTuple):
+    """Roll and pitch (rad) and their rates p and q (rad/s), true by their stamp (s, our clock)."""
+
+    t_s: float
+    angles: tuple[float, float]
+    rates: tuple[float, float]
+
+
 class Sent(NamedTuple):
     """One command: when it was sent, the six axes, and the battery's voltage."""
 
@@ -106,6 +114,7 @@ class Stretch:
     sent: list[Sent] = field(default_factory=list)
     positions: list[Measured] = field(default_factory=list)
     rates: list[Measured] = field(default_factory=list)
+    tilts: list[Tilt] = field(default_factory=list)
 
 
 class Held(Protocol):
@@ -241,6 +250,8 @@ class Manoeuvre:
                 continue
             stamp_s = event.boot_s
             t_s = event.t_s - state.delays.telemetry_s if stamp_s is None else stamp_s - ahead_s
+            if isinstance(event, Attitude):
+                stretch.tilts.append(Tilt(t_s, (event.roll, event.pitch), (event.p, event.q)))
             if stretch.dof == Z and isinstance(event, Depth):
                 stretch.positions.append(Measured(t_s, event.z_m))
             elif stretch.dof == Z and isinstance(event, DepthRate):

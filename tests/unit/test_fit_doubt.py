@@ -10,7 +10,7 @@ from companion.records import Z
 
 H_S, N = 0.02, 1600
 T_S = np.linspace(0.0, H_S * (N - 1), N)
-RECORD = fit.Record(Z, T_S, T_S, T_S, np.zeros((N, 8)), np.zeros(8), T_S)
+RECORD = fit.Record(Z, T_S, T_S, T_S, np.zeros((N, 8)), np.zeros(8), np.zeros(8), T_S)
 DRAWS = 150
 
 
