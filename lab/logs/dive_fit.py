@@ -34,6 +34,7 @@ from lab.logs.model import (
     Track,
     moved,
     parameters,
+    score,
 )
 
 NAMES: Final = (*(f"{section}.{key}" for section, key in KEYS), "weight in water")
@@ -51,7 +52,9 @@ ROUNDS, TOLERANCE = 25, 1e-5
 DAMPINGS: Final = tuple(10.0**k for k in range(-5, 4))
 BLOCK_S = 5.0
 TRUSTED = 0.25
-"""An inertia whose standard deviation is a larger share of it is not written into the vehicle's file."""
+"""An inertia with a larger share of standard deviation is not written into the vehicle's file."""
+MAX_UNEXPLAINED: Final = 0.35
+"""Nor that of an axis of whose change over 2 s the model leaves a larger share: something else drove it."""
 MAX_DOUBTS: Final = {CORIOLIS: 0.25, COUPLING: 1.0, LAG: 0.1, START: 0.1, DELAY: 0.1}
 """Nor is one of these that is known less well; N·s, s."""
 APART = 0.15
@@ -69,6 +72,8 @@ class DiveFit:
     """Which of surge, sway, heave and yaw were measured and moved."""
     speeds: tuple[float, ...]
     """RMS of each axis' velocity, m/s and rad/s."""
+    unexplained: tuple[float, ...]
+    """1 − R² of each axis over 2 s, on these logs."""
     tilt: dict[str, tuple[float, float]]
     """Keys of `[levelling]` with standard deviations."""
 
@@ -80,7 +85,8 @@ class DiveFit:
 
     def known(self, axis: int) -> bool:
         """Tell whether the inertia of an axis is known."""
-        return bool(self.sigma[MASS + axis] < TRUSTED * self.theta[MASS + axis])
+        sure = self.sigma[MASS + axis] < TRUSTED * self.theta[MASS + axis]
+        return bool(sure and self.unexplained[axis] < MAX_UNEXPLAINED)
 
     def apart(self, axis: int) -> bool:
         """Tell whether inertia and damping of an axis can be told apart."""
@@ -114,8 +120,10 @@ def fit(
     speeds = [
         float(np.sqrt(np.nanmean(column**2))) if np.isfinite(column).any() else 0.0 for column in velocities.T
     ]
+    rest = [score(tracks, theta, HORIZONS_S[-1])[name] for name in AXES]
+    unexplained = tuple(1.0 if value is None else value for value in rest)
     tilt = tilting.fit(tracks, theta)
-    return DiveFit(theta, sigma, covariance, tuple(map(bool, axes)), tuple(speeds), tilt)
+    return DiveFit(theta, sigma, covariance, tuple(map(bool, axes)), tuple(speeds), unexplained, tilt)
 
 
 def vehicle(found: DiveFit, base: VehicleFile) -> tuple[VehicleFile, dict[str, str]]:
@@ -154,7 +162,9 @@ def said(found: DiveFit) -> Iterator[str]:
             f"{name}: inertia {found.theta[MASS + axis]:.3g} (sd {found.sigma[MASS + axis]:.2g}), "
             f"damping at {found.speeds[axis]:.2f} {unit} {drag:.3g} (sd {doubt:.2g})"
         )
-        if not found.apart(axis):
+        if found.unexplained[axis] >= MAX_UNEXPLAINED:
+            text += f"; not identified: {found.unexplained[axis]:.0%} of its change is not explained"
+        elif not found.apart(axis):
             text += (
                 "; inertia and damping cannot be told apart well: a better log starts and stops this axis "
                 "often, at several speeds, and lets it coast"

@@ -307,6 +307,9 @@ def _mcap(path: Path, progress: Progress) -> Streams:
                 _take_json(telemetry, t_s, parts, json(item.payload))
         except (ValueError, KeyError, TypeError, AttributeError, struct.error, RecursionError):
             continue
+    (telemetry.streams if raws else samples).notes.append(
+        "where Holdfast held it in waves, thrust that answers to them looks like inertia"
+    )
     if raws or telemetry.streams.attitude:
         return telemetry.collected()
     if not samples.attitude:

@@ -5,6 +5,9 @@ looked for, and differentiates nothing: acceleration is too noisy, and the obser
 Thrust answers to waves and currents, so plain least squares would take those for mass. The reference knows
 nothing of them: the same integrals over the desired motion serve as instruments (two-stage least squares),
 and a dive in which nothing was asked to move tells nothing.
+
+`holdfast identify`'s fits have no instruments. On the dive of `test_report.py`, true mass 32.2 kg, they found
+33 ± 1.3 (manoeuvre's fit) and 37 ± 1.7 kg (fit of logs) in calm water, in waves 53 ± 5 and 96 ± 7 kg.
 """
 
 from dataclasses import dataclass
