@@ -62,7 +62,7 @@ def main(argv: list[str]) -> int:
         metavar="FILE",
         help="with --from; default: %(default)s",
     )
-    arguments = parser.parse_args(argv)
+    arguments = parser.parse_args(["--help"] if {"-h", "--help"} & {*argv} else argv)
     base = load_vehicle(vehicle_file(Path("--vehicle"), arguments.vehicle, Path()))
     return test(arguments, base) if arguments.test else identify(arguments, base)
 

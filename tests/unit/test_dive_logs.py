@@ -178,3 +178,10 @@ def test_from_writes_a_file_that_test_gives_the_fitted_quality(long_dive, tmp_pa
     assert all(scores[str(log)]["2"][axis] < 0.02 for axis in AXES)
     assert commands.identify(["--test", str(log), "--vehicle", "heavy"]) == 0
     assert "windows" in capsys.readouterr().out
+
+
+def test_help_of_the_logs_part_is_shown_though_no_file_is_named(capsys):
+    with pytest.raises(SystemExit) as ended:
+        commands.identify(["--from", "--help"])
+    assert ended.value.code == 0
+    assert "examples:" in capsys.readouterr().out
