@@ -108,6 +108,9 @@ def frames(one: Dive, k: int, *, speeds: bool = True) -> list[bytes]:
     messages = [
         mavlink.MAVLink_attitude_message(boot_ms, 0.0, 0.0, heading, 0.0, 0.0, r),
         mavlink.MAVLink_local_position_ned_message(boot_ms, *one.place[k].tolist(), *north_east_down(one, k)),
+        mavlink.MAVLink_global_position_int_message(
+            boot_ms, 0, 0, 0, round(-1e3 * float(one.place[k, 2])), 0, 0, 0, 0
+        ),
         mavlink.MAVLink_servo_output_raw_message((1000 * boot_ms) % (1 << 32), 0, *pwm_us(one.sticks[k])),
     ]
     if k % 20 == 0:
@@ -154,6 +157,7 @@ def write_sample_mcap(one: Dive, path: Path) -> Path:
             "heading_rate_radps": float(one.velocity[k, 3]),
         }
         state |= {"x_rate_mps": north, "y_rate_mps": east, "depth_rate_mps": down, "voltage_v": 16.0}
+        state |= {"depth_m": float(one.place[k, 2])}
         command = {
             "t_s": t_s,
             **dict(zip(("surge", "sway", "heave", "yaw"), one.sticks[k].tolist(), strict=True)),
@@ -192,7 +196,7 @@ DATAFLASH = {
     "PARM": (200, "QNf", "TimeUS,Name,Value"),
     "ATT": (201, "Qfff", "TimeUS,Roll,Pitch,Yaw"),
     "RATE": (202, "Qfff", "TimeUS,R,P,Y"),
-    "XKF1": (203, "QBfff", "TimeUS,C,VN,VE,VD"),
+    "XKF1": (203, "QBffff", "TimeUS,C,VN,VE,VD,PD"),
     "XKF4": (204, "QBI", "TimeUS,C,SS"),
     "RCOU": (205, "QHHHHHHHH", "TimeUS,C1,C2,C3,C4,C5,C6,C7,C8"),
     "BAT": (206, "QBf", "TimeUS,Inst,Volt"),
@@ -228,7 +232,7 @@ def write_dataflash(one: Dive, path: Path, *, speeds: bool = True) -> Path:
             outputs[0], outputs[1], outputs[2] = outputs[2], 3000 - outputs[1], outputs[0]
             put("ATT", t_us, 0.0, 0.0, math.degrees(float(one.heading[k])) % 360.0)
             put("RATE", t_us, 0.0, 0.0, math.degrees(float(one.velocity[k, 3])))
-            put("XKF1", t_us, 0, *north_east_down(one, k))
+            put("XKF1", t_us, 0, *north_east_down(one, k), float(one.place[k, 2]))
             put("XKF4", t_us, 0, 0b0011_1111 if speeds else 0b1010_0111)
             put("RCOU", t_us, *outputs)
             put("BAT", t_us, 0, 16.0)
@@ -264,7 +268,7 @@ def write_bag(one: Dive, folder: Path) -> Path:
             u, v, w, r = one.velocity[k].tolist()
             half = 0.5 * (0.5 * math.pi - float(one.heading[k]))
             turn = kinds["geometry_msgs/msg/Quaternion"](x=0.0, y=0.0, z=math.sin(half), w=math.cos(half))
-            point = kinds["geometry_msgs/msg/Point"](x=0.0, y=0.0, z=0.0)
+            point = kinds["geometry_msgs/msg/Point"](x=0.0, y=0.0, z=-float(one.place[k, 2]))
             pose = kinds["geometry_msgs/msg/PoseWithCovariance"](
                 pose=kinds["geometry_msgs/msg/Pose"](position=point, orientation=turn), covariance=none36
             )

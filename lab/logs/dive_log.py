@@ -50,6 +50,8 @@ class DiveLog:
     """(m, 6) u, v, w (m/s), p, q, r (rad/s)."""
     attitude: Array
     """(m, 3) roll, pitch, heading (rad)."""
+    depth: Array
+    """(m,) below the surface, m."""
     notes: tuple[str, ...] = ()
     """What is peculiar about it."""
 
@@ -104,6 +106,7 @@ class Streams:
             t_s - begin_s,
             np.column_stack((self._speeds(t_s, attitude), rates)),
             attitude,
+            _on(t_s, self.depth, 1)[:, 0],
             tuple(self.notes),
         )
 

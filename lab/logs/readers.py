@@ -18,6 +18,7 @@ from companion.mavlink.frames import MARKER, Frame, frame_at
 from companion.mavlink.messages import is_known, message_name
 from companion.telemetry.schemas import Raw
 from dashboard.recording.mcap_file import MAGIC, Reader
+from lab.logs import telemetry_log
 from lab.logs.dive_log import (
     ABSURD,
     MAX_GAP_S,
@@ -112,6 +113,7 @@ def _csv(path: Path, frame: str, progress: Progress) -> DiveLog:
         moving[:, 0] - begin_s,
         moving[:, 7:],
         moving[:, 4:7],
+        moving[:, 3],
     )
 
 
@@ -254,11 +256,9 @@ def _text(name: Any) -> str:
 
 
 def _tlog(path: Path, progress: Progress) -> Streams:
-    from lab.rerun.ground_log import read as records
-
     telemetry = Telemetry()
     size, done = path.stat().st_size, 0
-    for number, record in enumerate(records(path)):
+    for number, record in enumerate(telemetry_log.read(path)):
         done += len(record.data) + 8
         if number % EVERY == 0:
             progress(done / size)
@@ -344,6 +344,7 @@ def _take_sample(samples: Streams, kind: str, record: Mapping[str, Any]) -> None
         Sample(t_s, (record["roll_rate_radps"], record["pitch_rate_radps"], record["heading_rate_radps"]))
     )
     samples.ned.append(Sample(t_s, (record["x_rate_mps"], record["y_rate_mps"], record["depth_rate_mps"])))
+    samples.depth.append(Sample(t_s, (record["depth_m"],)))
     samples.aided.append(Sample(t_s, (0.0 if "x_m" in absent or "x_rate_mps" in absent else 1.0,)))
     samples.voltage.append(Sample(t_s, (record["voltage_v"],)))
 
@@ -392,6 +393,7 @@ def _dataflash(path: Path, progress: Progress) -> Streams:
                 gyro.append(Sample(t_s, (message.GyrX, message.GyrY, message.GyrZ)))
             elif kind == "XKF1" and not getattr(message, "C", 0):
                 streams.ned.append(Sample(t_s, (message.VN, message.VE, message.VD)))
+                streams.depth.append(Sample(t_s, (message.PD,)))
             elif kind == "XKF4" and not getattr(message, "C", 0):
                 streams.aided.append(Sample(t_s, (aided(int(message.SS)),)))
             elif kind == "BAT" and not getattr(message, "Inst", getattr(message, "Instance", 0)):
@@ -470,6 +472,7 @@ def _take_ros(
     else:
         speed = message.twist.twist.linear
         streams.body.append(Sample(t_s, (speed.x, -speed.y, -speed.z)))
+        streams.depth.append(Sample(t_s, (-message.pose.pose.position.z,)))
 
 
 def _attitude(q: Any) -> tuple[float, float, float]:

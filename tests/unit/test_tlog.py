@@ -9,8 +9,9 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from virtual import ROOT, Somebody
 
 import holdfast
+from lab.logs.telemetry_log import MAX_GAP_S, TlogError, read
 from lab.rerun.command import main
-from lab.rerun.ground_log import MAX_GAP_S, TlogError, lines, read, think
+from lab.rerun.ground_log import lines, think
 from sim_bridge.config import load_config as load_plant
 from sim_bridge.vehicle import Vehicle
 
