@@ -45,10 +45,10 @@ FIRST_SEED = 9001
 TURNED_OVER_DEG = 90.0
 HELD, GIVEN_UP, TURNED_OVER = "held", "given up", "turned over"
 FIGURES = {
-    "depth_sd_mm": "depth SD\nmm",
-    "place_rms_mm": "place RMS\nmm",
-    "heading_rms_deg": "heading RMS\n°",
-    "tilt_deg": "tilt, most\n°",
+    "depth_sd_mm": "depth SD, mm",
+    "place_rms_mm": "place RMS, mm",
+    "heading_rms_deg": "heading RMS, °",
+    "tilt_deg": "tilt, largest, °",
 }
 
 
@@ -164,28 +164,25 @@ class Unlike(Study[RealDive]):
             yield {key: figures[key] for key in FIGURES} | {"outcome": outcome}
 
     def tables(self, rows: Sequence[Row]) -> Iterable[RenderableType]:
-        parts = ", ".join("most" if part == 100.0 else f"{part:g} %" for part in self.parts)
-        table = ruled(
-            f"True errors from {COUNTS_S:g} s on: {parts}; in brackets the goal",
-            "preset, water, start", "held", *FIGURES.values(), padding=0,
-        )  # fmt: skip
+        parts = ["most" if part == 100.0 else f"{part:g} %" for part in self.parts]
+        table = ruled(f"True errors from {COUNTS_S:g} s on", "", "", *parts, "goal", left=2)
         for (preset, name, start_s), some in by(rows, "preset", "water", "start_s").items():
             held = sum(row["outcome"] == HELD for row in some)
             over = sum(row["outcome"] == TURNED_OVER for row in some)
-            table.add_row(
-                f"{preset}, {name}" + (f", {start_s:g} s" if start_s else ""),
-                f"{held} of {len(some)}" + (f", {over} over" if over else ""),
-                *(self._cell(some, key) for key in FIGURES),
-            )
+            group = f"{preset}, {name}" + (f", start {start_s:g} s" if start_s else "")
+            group += f": {held} of {len(some)} held" + (f", {over} turned over" if over else "")
+            for key, title in FIGURES.items():
+                values = np.percentile([row[key] for row in some], self.parts)
+                if np.isfinite(values).all():
+                    goals = self.goals.get((preset, name), {}).get(key, ())
+                    wanted = (
+                        f"{goal:g} ({part})"
+                        for goal, part in zip(goals, parts, strict=False)
+                        if not math.isnan(goal)
+                    )
+                    table.add_row(group, title, *(f"{value:.1f}" for value in values), ", ".join(wanted))
+                    group = ""
         yield table
-
-    def _cell(self, rows: Sequence[Row], key: str) -> str:
-        goals = self.goals.get((rows[0]["preset"], rows[0]["water"]), {}).get(key, ())
-        values = np.percentile([row[key] for row in rows], self.parts)
-        wanted = f" ({', '.join('' if math.isnan(goal) else f'{goal:g}' for goal in goals)})" if goals else ""
-        if np.isnan(values).any():
-            return ""
-        return ", ".join(f"{value:.1f}" for value in values) + wanted
 
     def failed(self, rows: Sequence[Row]) -> bool:
         """Return whether a vehicle was given up or turned over."""
@@ -207,7 +204,7 @@ class Unlike(Study[RealDive]):
                 for goal in self.goals.get((preset, name), {}).get(key, ())[-1:]:
                     panel.plot([goal, goal], [y - 0.35, y + 0.35], color="0.3", linewidth=2)
             panel.set_xscale("log")
-            panel.set_xlabel(FIGURES[key].replace("\n", " (") + ")")
+            panel.set_xlabel(FIGURES[key])
             panel.grid(axis="x", alpha=0.3)
         panels[0].set_yticks(
             range(len(groups)), [f"{p}, {w}, start {s:g} s" for (p, w, s), _ in groups], fontsize=SMALL

@@ -60,8 +60,9 @@ def test_one_vehicle_that_turned_over_fails_the_study_and_stands_in_the_table(ca
     assert not bench.failed(rows[:1])
     Console(width=120).print(*bench.tables(rows))
     printed = capsys.readouterr().out
-    assert "1 of 2, 1 over" in printed
-    assert "30.5, 31.0 (, 40)" in printed
+    assert "heavy, place: 1 of 2 held, 1 turned over" in printed
+    place = next(line for line in printed.splitlines() if "place RMS" in line)
+    assert place.split()[-4:] == ["30.5", "31.0", "40", "(most)"]
 
 
 def test_what_was_not_held_has_no_figure():
