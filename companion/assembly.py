@@ -81,7 +81,7 @@ def tilt_limit(config: Config) -> TiltLimit:
     """Return what bounds the horizontal force: from the start where the frame cannot pitch by itself."""
     most_n = max(config.surge.max_force, config.sway.max_force) * 2.0**0.5
     if config.vehicle.frame == "vectored_6dof":
-        return TiltLimit(most_n, most_n, ALARM_RAD, LEVELLED_N_PER_S)
+        return TiltLimit(most_n, most_n, ALARM_RAD, LEVELLED_N_PER_S, True)
     return TiltLimit(UNLEVELLED_N, most_n, UNLEVELLED_ALARM_RAD, SLOW_N_PER_S)
 
 

@@ -90,6 +90,8 @@ class Tilting(NamedTuple):
     delay_s: float
     gain: float
     lag_s: float
+    adapts: bool
+    """Whether what is found of the vehicle is used."""
 
 
 class Permission(NamedTuple):
@@ -139,8 +141,8 @@ def step(
     active_wrench = requested if may.active else memory.active_wrench
     rests = may.authority == 0.0
     of_tilt = tilt.start(actuation.tilt_limit) if rests else memory.tilt
-    roll = levelling.START if rests else memory.roll
-    pitch = levelling.START if rests else memory.pitch
+    roll = levelling.rested(memory.roll) if rests else memory.roll
+    pitch = levelling.rested(memory.pitch) if rests else memory.pitch
 
     angle = tilt.coming_tilt(lean.roll, lean.pitch, lean.p, lean.q)
     pushed_n, asked_n = _level(memory.delivered), _level(active_wrench)
@@ -307,7 +309,7 @@ def _levelled(
     """Return the moment that keeps roll or pitch level beside the force `along` sway or surge.
 
     On an axis that is not held the pilot's force counts. The thrusters that level are those of heave: a
-    vehicle that answers more strongly there is taken to do so in roll and pitch.
+    vehicle that answers more strongly or weakly there is taken to do so in roll and pitch.
     """
     push = force[along] if may.engaged[along] else memory.delivered[along]
     angle, rate = (lean.roll, lean.p) if along == Y else (lean.pitch, lean.q)
@@ -322,6 +324,7 @@ def _levelled(
         may.authority == 1.0,
         lean.gain,
         lean.lag_s,
+        lean.adapts,
     )
 
 

@@ -45,10 +45,15 @@ MEAN_S = 1.0
 
 
 class Parameters(NamedTuple):
-    """The largest force asked of an axis, N or N·m: more moves nothing; and the `limit` of the RMS."""
+    """The largest force asked of an axis, N or N·m: more moves nothing; and the `limit` of the RMS.
+
+    `least` of the gains is left, and more than `violent` times the limit's mean square counts for more.
+    """
 
     max_force: float
     limit: float
+    least: float = LEAST
+    violent: float = VIOLENT
 
 
 class State(NamedTuple):
@@ -77,7 +82,7 @@ def step(parameters: Parameters, state: State, tau: float, dt_s: float, delay_s:
     fast = tau - slow
     power = state.power + (fast * fast - state.power) * (1.0 - math.exp(-dt_s / MEMORY_S))
     share = power / (parameters.limit * parameters.limit)
-    counts = share / VIOLENT if share > VIOLENT else 1.0
+    counts = share / parameters.violent if share > parameters.violent else 1.0
     lasts_s = state.lasts_s + counts * dt_s if share > 1.0 else 0.0
     cycles = lasts_s > TRANSIENT_S
     explained = delay_s > state.delay_s + EXPLAINED_S
@@ -88,8 +93,8 @@ def step(parameters: Parameters, state: State, tau: float, dt_s: float, delay_s:
     else:
         began_s, ceiling = state.delay_s, state.ceiling + dt_s / FORGET_S
     scale = state.gain_scale * math.exp(-dt_s / SHRINK_S) if cycles else state.gain_scale + dt_s / RECOVER_S
-    ceiling = clamped(ceiling, LEAST, 1.0)
-    return State(clamped(scale, LEAST, ceiling), ceiling, slow, power, lasts_s, began_s)
+    ceiling = clamped(ceiling, parameters.least, 1.0)
+    return State(clamped(scale, parameters.least, ceiling), ceiling, slow, power, lasts_s, began_s)
 
 
 def mean_disturbance(mean: float, d: float, dt_s: float) -> float:

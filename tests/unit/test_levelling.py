@@ -8,7 +8,16 @@ import pytest
 from companion import assembly
 from companion.config import DEFAULT_FILE, load_config
 from companion.control.allocation import allocate, delivered, motors, thrusters
-from companion.control.levelling import FILTER_S, INTEGRAL, START, levelling_of, step
+from companion.control.levelling import (
+    FILTER_S,
+    INTEGRAL,
+    LEAST_SHARE,
+    MOST_TRIMMED_RAD,
+    START,
+    levelling_of,
+    rested,
+    step,
+)
 from companion.mavlink.encode import Commands
 from companion.records import NEUTRAL, AxisCommand, Condition, State, Verdict
 from companion.supervision.guard import Envelope, guard
@@ -42,7 +51,7 @@ def moments(
     vehicle = of or Vehicle()
     X, Y = force
     found = [
-        step(part, state, angle, rate, push, delay_s, TICK_S, learn, gain, lag_s)
+        step(part, state, angle, rate, push, delay_s, TICK_S, learn, gain, lag_s, True)
         for part, state, angle, rate, push in zip(
             vehicle.parts, vehicle.states, angles, rates, (Y, X), strict=True
         )
@@ -72,10 +81,54 @@ def test_it_leads_the_thrusters_lag():
     assert answers[-1] == pytest.approx(settled, rel=1e-3)
 
 
-def test_a_vehicle_that_answers_more_strongly_is_asked_for_less():
-    nominal, strong, weak = (moments(np.array([0.1, 0.0]), gain=gain)[0] for gain in (1.0, 2.0, 0.5))
+def test_a_vehicle_is_asked_for_as_much_as_it_answers_less():
+    nominal, strong, weak = (
+        moments(np.array([0.1, 0.0]), of=Vehicle(100.0), gain=gain)[0] for gain in (1.0, 2.0, 0.5)
+    )
     assert strong == pytest.approx(0.5 * nominal)
-    assert weak == nominal
+    assert weak == pytest.approx(2.0 * nominal)
+
+
+def tried(true_m, told_m, ticks, *, moving=True, adapts=True, askew_nm=0.0):
+    """Return the lever that is in use after a force was pushed whose lever is `true_m`."""
+    roll, state, sent, angle, rate = levelling_of(0.4, OMEGA, told_m, 12.0, LAG_S), START, 0.0, 0.0, 0.0
+    for tick in range(ticks):
+        force = (20.0 + 15.0 * math.sin(0.5 * tick * TICK_S)) if moving else 0.0
+        state, sent = step(roll, state, angle, rate, force, NEAR_S, TICK_S, True, 1.0, LAG_S, adapts)
+        rate += TICK_S * (sent - true_m * force + askew_nm - 0.5 * rate) / 0.4
+        angle += TICK_S * rate
+    return state, state.lever.lever_m + told_m
+
+
+@pytest.mark.parametrize(("true_m", "told_m"), [(0.01, 0.085), (0.085, 0.0), (-0.03, 0.03), (0.085, 0.085)])
+@pytest.mark.parametrize("askew_nm", [0.0, 0.4])
+def test_it_learns_how_far_below_the_horizontal_thrusters_push(true_m, told_m, askew_nm):
+    _, found_m = tried(true_m, told_m, 1000, askew_nm=askew_nm)
+    assert abs(found_m - true_m) <= max(0.5 * abs(told_m - true_m), 0.015)
+
+
+def test_a_lever_of_which_nothing_was_seen_is_the_one_that_was_told():
+    _, found_m = tried(0.01, 0.085, 1000, moving=False, askew_nm=0.4)
+    assert found_m == 0.085
+    assert rested(tried(0.01, 0.085, 1000)[0]).lever.lever_m < -0.04
+
+
+def test_a_swing_leaves_no_moment_behind_that_pushes_the_other_way():
+    """A quarter of a second at 60° would else be 8 N·m for seconds."""
+    one = Vehicle(100.0)
+    for _ in range(12):
+        moments(np.array([1.0, 0.0]), of=one, learn=True)
+    assert one.states[0].integral == pytest.approx(12 * TICK_S * INTEGRAL * OMEGA**3 * MOST_TRIMMED_RAD)
+
+
+def test_violent_swings_leave_it_stiff_enough():
+    """What ended a tilt of 25° once left a tenth of the frequency: the vehicle then lay on its side."""
+    one, left = Vehicle(12.0), []
+    for tick in range(1000):
+        moments(np.array([0.4 * math.sin(9.0 * tick * TICK_S), 0.0]), of=one, learn=True)
+        left.append(one.states[0].oscillation.gain_scale)
+    assert left[45] == 1.0
+    assert min(left) == pytest.approx(LEAST_SHARE)
 
 
 def test_quicker_thrusters_are_led_less():
@@ -105,7 +158,7 @@ def test_a_late_loop_holds_it_in_a_current_and_waves(delay_s):
     angle = rate = moment = 0.0
     tilts = []
     for tick in range(1000):
-        state, asked = step(roll, state, angle, rate, 54.0, delay_s, TICK_S, True, 1.0, LAG_S)
+        state, asked = step(roll, state, angle, rate, 54.0, delay_s, TICK_S, True, 1.0, LAG_S, True)
         sent.append(asked - roll.lever_m * 54.0)
         for _ in range(4):
             moment += (sent[-1 - round(delay_s / TICK_S)] - moment) * 0.25 * TICK_S / LAG_S
