@@ -95,7 +95,7 @@ def identify(arguments: argparse.Namespace, base: VehicleFile) -> int:
         raise RefusedError(f"{arguments.out} is there already; remove it or choose another --out")
     tracks = tracks_of(arguments.sources, base)
     try:
-        with shown("fitting", everything=True) as progress:
+        with shown("fitting", everything=sys.stderr.isatty()) as progress:
             found = dive_fit.fit(tracks, base, progress)
     except LogError as error:
         raise RefusedError(f"{', '.join(arguments.sources)}: {error}") from error
@@ -156,10 +156,19 @@ def shown(what: str, *, everything: bool) -> Iterator[Callable[[float], None]]:
         TextColumn("{task.description}"),
         BarColumn(),
         TimeRemainingColumn(),
-        console=Console(stderr=True),
+        console=Console(file=sys.stderr),
         transient=True,
         disable=not everything or not sys.stderr.isatty(),
     )
+    said = 0
+
+    def show(share: float) -> None:
+        nonlocal said
+        bar.update(task, completed=share)
+        if everything and not sys.stderr.isatty() and 4.0 * share >= said + 1:
+            said = int(4.0 * share)
+            sys.stderr.write(f"{what}: {share:.0%}\n")
+
     with bar:
         task = bar.add_task(what, total=1.0)
-        yield lambda share: bar.update(task, completed=share)
+        yield show

@@ -3,10 +3,12 @@
 Everything raises LogError, in one line, for a file that tells nothing of a dive, and OSError.
 """
 
+import contextlib
 import csv
 import math
+import os
 import struct
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -365,13 +367,35 @@ def _dataflash(path: Path, progress: Progress) -> Streams:
     """Read a .BIN by pymavlink's reader: RCOU, ATT, RATE or IMU, XKF1, XKF4, BAT, PARM."""
     from pymavlink.DFReader import DFReader_binary
 
+    reader = DFReader_binary.__new__(DFReader_binary)
+    with (
+        Path(os.devnull).open("w") as nowhere,
+        contextlib.redirect_stderr(nowhere),
+    ):  # it prints each bad byte
+        return _dataflash_by(reader, path, progress)
+
+
+@contextlib.contextmanager
+def _silent() -> Iterator[None]:
+    """Let nothing that C prints to stderr through."""
+    kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 2)
+    try:
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(nowhere)
+
+
+def _dataflash_by(reader: Any, path: Path, progress: Progress) -> Streams:
     streams = Streams()
     outputs: list[tuple[float, Mapping[int, int]]] = []
     values: dict[str, float] = {}
     gyro: list[Sample] = []
-    reader = DFReader_binary.__new__(DFReader_binary)
     try:
-        reader.__init__(str(path), zero_time_base=True)
+        with _silent():
+            reader.__init__(str(path), zero_time_base=True)
         wanted = ["ATT", "RATE", "IMU", "XKF1", "XKF4", "RCOU", "BAT", "PARM"]
         number = 0
         while (message := reader.recv_match(type=wanted)) is not None:

@@ -97,7 +97,7 @@ def test_one_of_which_the_end_is_missing_gives_the_rest(name, tmp_path):
 
 
 @pytest.mark.parametrize("name", WRITERS)
-def test_junk_in_the_middle_ends_in_words(name, tmp_path):
+def test_junk_in_the_middle_ends_in_words_and_prints_nothing(name, tmp_path, capfd):
     path = WRITERS[name](SHORT, tmp_path / name)
     data = bytearray(path.read_bytes())
     rng = np.random.default_rng(4)
@@ -108,6 +108,8 @@ def test_junk_in_the_middle_ends_in_words(name, tmp_path):
         log = read(path, FRAME)
     except ValueError:
         return
+    finally:
+        assert capfd.readouterr() == ("", "")
     assert np.isfinite(log.t_s).all()
     assert np.isfinite(log.commands).all()
 
@@ -204,3 +206,11 @@ def test_rerun_of_a_foreign_file_is_refused_in_one_line(tmp_path, capsys):
     path.write_bytes(b"no log at all")
     assert rerun([str(path)]) == 2
     assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_a_large_log_says_how_far_it_is(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("lab.logs.command.SHOWN_BYTES", 1000)
+    path = write_tlog(SHORT, tmp_path / "dive.tlog")
+    monkeypatch.setattr("lab.logs.readers.EVERY", 50)
+    assert commands.identify(["--test", str(path), "--json"]) == 0
+    assert [line[:9] for line in capsys.readouterr().err.splitlines()] == ["reading: "] * 3
