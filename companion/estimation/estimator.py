@@ -242,7 +242,7 @@ class Estimator:
             delays.total_s + self._sensor_delay_s[X],
             self._tick_s,
             turns=learns[PSI] and not stale[PSI],
-            pushes=self._held and not (stale[X] or stale[Y] or stale[PSI]),
+            pushes=self._held and dead_motor == 0 and not (stale[X] or stale[Y] or stale[PSI]),
         )
         return VehicleState(
             t_s=now_s,

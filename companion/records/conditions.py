@@ -165,7 +165,8 @@ class Condition(IntFlag):
         "the others no longer do a motor's work",
         "a motor gives no thrust, and the others of its group do its work with less force; the event and "
         "`dead_motor` give its number",
-        "go on with care: there is no second one to spare",
+        "go on with care: there is no second one to spare; if a horizontal one is dead and the vehicle "
+        "drifts, turn it by 90°",
     )
     TILTED = (
         "tilted too far",
@@ -246,7 +247,8 @@ class Condition(IntFlag):
         "too far from the setpoint",
         "a smaller error",
         "near the setpoint again",
-        "the vehicle is too far from its reference, and has been for off_track_s",
+        "the vehicle is too far from its reference, and has been for off_track_s; the 5 s after a motor was "
+        "found dead do not count",
         "look for the cause: tether, current, a dead thruster",
     )
     CLOCK_JUMPED = (

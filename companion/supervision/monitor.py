@@ -27,6 +27,9 @@ FAILSAFE_SETTLE_S = 1.5
 LEAK_REPEAT_S = 25.0
 ANNOUNCED_S = 2.0
 INNOVATION_MEMORY_S = 0.5
+RECOVERS_S = 5.0
+"""After a motor was found dead: until then it turned the vehicle, by up to 90°, and now it is turned back."""
+
 DEPTH_HELD_M = 0.3
 """A vehicle that is tilted and holds its depth so well is better off with us: ALT_HOLD would let it sink."""
 
@@ -46,6 +49,7 @@ class Monitor:
         self._dropped = self._peer_changes = 0
         self._ekf_doubt_s = self._battery_low_s = self._saturated_s = self._off_track_s = 0.0
         self._tilted_s = 0.0
+        self._dead_motor, self._without_since_s = 0, -math.inf
         self._mean_innovation = [0.0] * 4
         self.pilot_heard_s = -math.inf
         """When somebody else last sent a steering message, deflected or not."""
@@ -104,7 +108,10 @@ class Monitor:
                 saturated = saturated or (ours and cut)
                 off_track = off_track or (ours and not abs(e) <= most)
         self._saturated_s = _lasting(self._saturated_s, dt_s, saturated)
-        self._off_track_s = _lasting(self._off_track_s, dt_s, off_track)
+        if state.dead_motor != self._dead_motor:
+            self._dead_motor, self._without_since_s = state.dead_motor, now_s
+        recovers = now_s - self._without_since_s <= RECOVERS_S
+        self._off_track_s = _lasting(self._off_track_s, dt_s, off_track and not recovers)
         depth_held = dofs is not None and steered and held[Z] and abs(dofs.e[Z]) <= DEPTH_HELD_M
         self._tilted_s = _lasting(self._tilted_s, dt_s, tilted(state, limits) and not depth_held)
         new = dt_s / (dt_s + INNOVATION_MEMORY_S)

@@ -57,6 +57,23 @@ def test_the_heavy_holds_its_place_in_a_current_without_a_horizontal_motor():
     assert max(np.hypot(*step.truth.eta[:2]) for step in steps) < 0.3
 
 
+def test_a_vehicle_that_is_turned_across_the_dead_motors_diagonal_holds_its_place_again():
+    """It was handed over for a heading that was on its way back, 2.5 s after the motor was found."""
+    current = ("current.enabled=true", "current.speed_m_s=0.3", "current.direction_deg=315")
+    weak = ("thrusters.gain=[0.85]", "sensors.dvl=true", f"initial.eta=[0,0,{DEPTH_M},0,0,0]")
+    dive = Dive(*weak, *current, setpoint=hold(x=0.0, y=0.0, z=DEPTH_M, psi=0.0))
+    dive.tap.to_vehicle.append(Somebody().origin())
+    dive.until(State.ACTIVE).run(16.0)
+    dive.fault("thruster", thruster=1, value=0.0)
+    steps = dive.run(5.0)
+    dive.engine.aim(hold(x=0.0, y=0.0, z=DEPTH_M, psi=0.5 * np.pi))
+    steps += dive.run(30.0)
+    assert {step.sample.verdict.state for step in steps} == {State.ACTIVE}
+    assert dive.step.sample.state.dead_motor == 1
+    assert max(np.hypot(*step.truth.eta[:2]) for step in steps[-200:]) < 0.1
+    assert abs(np.degrees(dive.step.truth.eta[5]) - 90.0) < 2.0
+
+
 def test_the_pilot_pushes_without_a_motor_and_the_heading_is_held():
     dive = holding(pilot=True)
     dive.fault("thruster", thruster=1, value=0.0)
