@@ -72,10 +72,10 @@ def begun(memory: LearnerMemory, where: Flags, position: Vector) -> LearnerMemor
     return _with_states(
         memory,
         (
-            vehicle_model.start(position[X]) if where[X] else x,
-            vehicle_model.start(position[Y]) if where[Y] else y,
-            vehicle_model.start(position[Z]) if where[Z] else z,
-            vehicle_model.start(position[PSI]) if where[PSI] else psi,
+            vehicle_model.start(position[X], x.measured) if where[X] else x,
+            vehicle_model.start(position[Y], y.measured) if where[Y] else y,
+            vehicle_model.start(position[Z], z.measured) if where[Z] else z,
+            vehicle_model.start(position[PSI], psi.measured) if where[PSI] else psi,
         ),
     )
 

@@ -375,7 +375,7 @@ def _observed(
         elif dof == Z and abs(missed) > ZERO_MOVED_M and not armed:
             state = ObserverState(state.q + missed, state.v, state.f, state.d, state.s, state.p)
             hidden = hidden_delay.start(position, hidden.hidden_s)
-            seen = vehicle_model.start(position)
+            seen = vehicle_model.start(position, seen.measured)
             position, missed = math.nan, 0.0
     if not math.isnan(sample.rate):
         rate = sample.rate + rates[1] * clamped(at.to_s - sample.rate_s, -most_s, most_s)

@@ -69,6 +69,9 @@ takes more to believe in a vehicle that answers less: more would be asked of it.
 NEAR_LOG_GAIN, NEAR_LAG_S = 0.02, 0.002
 """Observers are looked up again where the model has moved further."""
 
+MEASURED_S, OFTEN = 0.2, 0.7
+"""Nothing is learnt of data that come in less than OFTEN of the ticks of MEASURED_S."""
+
 LAG_COUNTS = 0.3
 ROUNDING = 1e-15
 
@@ -81,6 +84,8 @@ class ModelState(NamedTuple):
     by_lag: ObserverState
     position_variance: float
     rate_variance: float
+    measured: float
+    """The share of the last steps, over MEASURED_S, in which anything was measured."""
 
 
 class Evidence(NamedTuple):
@@ -113,10 +118,10 @@ class Used(NamedTuple):
 NO_EVIDENCE = Evidence(0.0, 0.0, 0.0, 0.0, 0.0)
 
 
-def start(position: float) -> ModelState:
-    """Observe from a known place."""
+def start(position: float, measured: float = 1.0) -> ModelState:
+    """Observe from a known place; `measured` is how often it was measured before."""
     q, v = START_SPREAD
-    return ModelState(at_rest(position), at_rest(0.0), at_rest(0.0), q * q, v * v)
+    return ModelState(at_rest(position), at_rest(0.0), at_rest(0.0), q * q, v * v, measured)
 
 
 def nothing_found(lag_s: float) -> Found:
@@ -135,7 +140,18 @@ def observe(
     rate: float,
     angular: bool,
 ) -> tuple[ModelState, Evidence]:
-    """Go on by `dt_s`, above zero, under thrust `u` to what was measured there; NaN where nothing was."""
+    """Go on by `dt_s`, above zero, under thrust `u` to what was measured there; NaN where nothing was.
+
+    Where less than OFTEN of the steps bring a measurement nothing is said: the Kalman gain is for each step.
+    """
+    some = 0.0 if math.isnan(position) and math.isnan(rate) else 1.0
+    measured = state.measured + (some - state.measured) * (1.0 - math.exp(-dt_s / MEASURED_S))
+    if measured < OFTEN:
+        place = state.observer if math.isnan(position) else at_rest(position)
+        rest = at_rest(0.0)
+        return ModelState(
+            place, rest, rest, state.position_variance, state.rate_variance, measured
+        ), NO_EVIDENCE
     lag_s = parameters.thrust_lag_s
     model = coefficients(parameters, m, c, dt_s)
     _, keep, _, push = model
@@ -171,7 +187,7 @@ def observe(
         weight_q * gain_q * lag_q + weight_v * gain_v * lag_v,
         weight_q * lag_q * lag_q + weight_v * lag_v * lag_v,
     )
-    return ModelState(observed, by_gain, by_lag, spread_q, spread_v), evidence
+    return ModelState(observed, by_gain, by_lag, spread_q, spread_v, measured), evidence
 
 
 def _spread(variance: float, nu: float, dt_s: float) -> float:

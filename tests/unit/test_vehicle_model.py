@@ -56,12 +56,14 @@ def learner():
     return Learner(TABLES, LAG_S, adapts=True)
 
 
-def dived(of, gain, lag_s, seconds, force=0.25, dof=Z, heading=0.0, learns=EVERY, noise=0.001, seed=1):
+def dived(
+    of, gain, lag_s, seconds, force=0.25, dof=Z, heading=0.0, learns=EVERY, noise=0.001, seed=1, every=1
+):
     """Move one degree of freedom of a vehicle open loop, by a random share of its largest force."""
     rng = np.random.default_rng(seed)
     J, u, f, v, q = jacobian(heading), 0.0, 0.0, 0.0, 0.0
     m, c, most = MODEL.m[dof], MODEL.d1[dof], CONFIG.axes[dof].max_force
-    for _ in range(round(seconds / DT_S)):
+    for tick in range(round(seconds / DT_S)):
         u = 0.97 * u + 0.24 * force * most * rng.standard_normal()
         for _ in range(10):
             f += (u - f) * (1.0 - math.exp(-0.1 * DT_S / lag_s))
@@ -69,8 +71,25 @@ def dived(of, gain, lag_s, seconds, force=0.25, dof=Z, heading=0.0, learns=EVERY
             q += 0.1 * DT_S * v
         of.turn(J)
         seen = q + noise * rng.standard_normal(), v + noise * rng.standard_normal()
+        if tick % every:
+            seen = math.nan, math.nan
         of.step(dof, u, m, c, DT_S, *seen, learns)
     return of.model
+
+
+@pytest.mark.parametrize("dof", [X, Y, Z, PSI])
+@pytest.mark.parametrize("every", [2, 5, 10])
+def test_data_that_come_seldom_make_nothing_sure(dof, every):
+    """At 5 Hz heave and yaw diverged, and their doubt was 1e-24."""
+    model = dived(learner(), 2.0, LAG_S, 20.0, dof=dof, noise=0.003, every=every)
+    assert model.found_gain[dof] == pytest.approx(1.0, abs=0.1)
+    assert model.log_gain_doubt[dof] > 0.5 * PRIOR_LOG_GAIN
+
+
+def test_what_came_seldom_and_then_often_is_learnt():
+    one = learner()
+    dived(one, 2.0, LAG_S, 5.0, every=10)
+    assert dived(one, 2.0, LAG_S, 30.0).found_gain[Z] == pytest.approx(2.0, rel=0.2)
 
 
 @pytest.mark.parametrize(
