@@ -69,7 +69,7 @@ def vehicle(
         name = AXES[one.dof]
         for key, number in (("mass", MASS), ("linear_damping", LINEAR), ("quadratic_damping", QUADRATIC)):
             measured[name, key] = one.values[number]
-    measured |= {("levelling", key): found_of_it for key, found_of_it in tilted(tilts).items()}
+    measured |= {("levelling", name): value for name, value in tilted(tilts).items()}
     kinds = get_type_hints(VehicleFile)
     for (name, key), (value, sigma) in measured.items():
         least, most = ranges.bounds(get_type_hints(kinds[name], include_extras=True)[key]) or (value, value)

@@ -16,10 +16,9 @@ from companion.guidance.paths.shapes import build
 from companion.guidance.paths.time_law import limits
 from companion.records import Request, Setpoint, State
 from companion.telemetry.plan import Lemniscate, PathPlan
-from lab.loop.dive import send_origin
 from lab.loop.lockstep import LinkDelay, Lockstep
 from lab.rivals import poshold
-from lab.studies.courses import SURVEYOR, Track, by_autopilot, recorded
+from lab.studies.courses import Track, by_autopilot, recorded, survey
 from sim_bridge.commands import DEFAULT_CONFIG
 from sim_bridge.config import SimConfig
 from sim_bridge.config import load_config as load_plant
@@ -135,6 +134,5 @@ def rest(story: PlaceStory, tell: Callable[[float], None]) -> Track:
 def _surveyed(story: PlaceStory) -> Vehicle:
     """Return a vehicle that knows where on earth it is: POSHOLD asks for it."""
     vehicle = Vehicle(story.plant(), story.seed)
-    vehicle.open_link(SURVEYOR)
-    send_origin(vehicle, SURVEYOR)
+    survey(vehicle)
     return vehicle

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from companion.config import VehicleFile
 from companion.records import AXES
 from lab.logs import tilting
-from lab.logs.dive_log import NO_PROGRESS, Array, LogError
+from lab.logs.dive_log import Array, LogError, no_progress
 from lab.logs.model import (
     CORIOLIS,
     COUPLING,
@@ -95,7 +95,7 @@ class DiveFit:
 
 
 def fit(
-    tracks: Sequence[Track], base: VehicleFile, progress: Callable[[float], None] = NO_PROGRESS
+    tracks: Sequence[Track], base: VehicleFile, progress: Callable[[float], None] = no_progress
 ) -> DiveFit:
     """Fit the model to logs, from `base` on, whose values stay where the logs tell nothing.
 

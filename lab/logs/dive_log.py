@@ -3,7 +3,7 @@
 Body axes are forward, right, down (FRD), the pose is north, east, down (NED).
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -26,7 +26,9 @@ MIN_LENGTH_S, MAX_LENGTH_S = 3.0, 86400.0
 ABSURD: Final = 1e4
 """No speed, angle or depth of a dive is larger."""
 
-NO_PROGRESS: Final[Callable[[float], None]] = lambda _: None  # noqa: E731
+
+def no_progress(_: float) -> None:
+    """Show nothing."""
 
 
 class LogError(ValueError):

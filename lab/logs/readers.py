@@ -24,13 +24,13 @@ from lab.logs import telemetry_log
 from lab.logs.dive_log import (
     ABSURD,
     MAX_GAP_S,
-    NO_PROGRESS,
     Array,
     DiveLog,
     LogError,
     Sample,
     Streams,
     check_length,
+    no_progress,
 )
 
 Progress = Callable[[float], None]
@@ -49,7 +49,7 @@ FIRST_MOTOR_FUNCTION: Final = 33
 """SERVOn_FUNCTION of motor 1."""
 
 
-def read(path: Path, frame: str, progress: Progress = NO_PROGRESS) -> DiveLog:
+def read(path: Path, frame: str, progress: Progress = no_progress) -> DiveLog:
     """Read a log of any kind; `frame` says which motors serve which axis."""
     if path.is_dir() or path.suffix in (".bag", ".db3"):
         return _bag(path, progress).log(str(path), frame)

@@ -7,7 +7,7 @@ K and M are the thrusters' moments, ℓ is how far the horizontal thrusters are 
 the moment of the speed downward. d, D and n stand in no file.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Final
 
 import numpy as np
@@ -34,13 +34,14 @@ BLOCK_S = 20.0
 
 def fit(tracks: Sequence[Track], theta: Array) -> dict[str, tuple[float, float]]:
     """Return what the logs tell of NAMES, with standard deviations; `theta` has the thrusters' lag."""
-    parts = [part for track in tracks if (part := _windows(track)) is not None]
-    wrenches = [track.wrench(theta) for track in tracks if _windows(track) is not None]
+    windows = [(track, part) for track in tracks if (part := _windows(track)) is not None]
+    parts = [part for _, part in windows]
     if sum(len(part[0]) for part in parts) < MIN_WINDOWS:
         return {}
     changes = np.concatenate([part[4] - part[2][:, 2:4] for part in parts])
     if np.sqrt(np.mean(changes**2, axis=0)).min() < MIN_CHANGE_RADPS:
         return {}
+    wrenches = [track.wrench(theta) for track, _ in windows]
     blocks = np.concatenate([1e6 * k + part[0] * TICK_S // BLOCK_S for k, part in enumerate(parts)])
 
     def residuals(values: Array) -> Array:
@@ -81,12 +82,12 @@ def fit(tracks: Sequence[Track], theta: Array) -> dict[str, tuple[float, float]]
     }
 
 
-def _jacobian(residuals: object, values: Array, r: Array) -> Array:
+def _jacobian(residuals: Callable[[Array], Array], values: Array, r: Array) -> Array:
     columns = []
     for i, step in enumerate(STEPS):
         other = values.copy()
         other[i] += step
-        columns.append((residuals(other) - r) / step)  # type: ignore[operator]
+        columns.append((residuals(other) - r) / step)
     return np.column_stack(columns)
 
 

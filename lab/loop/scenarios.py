@@ -44,10 +44,18 @@ def trajectory(t_s: float) -> Setpoint:
     t_s -= SETTLE_S
     amplitude, omega = (0.5, 0.1 * math.pi) if t_s < 60.0 else (0.25, math.pi / 3.0)
     phase = omega * max(t_s, 0.0) if t_s < 60.0 else omega * (t_s - 60.0)
-    z_m = DEPTH_M + amplitude * (1.0 - math.cos(phase))
-    z_dot = amplitude * omega * math.sin(phase)
-    z_ddot = amplitude * omega**2 * math.cos(phase) if t_s >= 0.0 else 0.0
-    return Setpoint((math.nan, math.nan, z_m, 0.0), (0.0, 0.0, z_dot, 0.0), (0.0, 0.0, z_ddot, 0.0))
+    z_m, z_dot, z_ddot = raised_cosine(phase, amplitude, omega)
+    ahead = (0.0, 0.0, z_ddot if t_s >= 0.0 else 0.0, 0.0)
+    return Setpoint((math.nan, math.nan, DEPTH_M + z_m, 0.0), (0.0, 0.0, z_dot, 0.0), ahead)
+
+
+def raised_cosine(phase: float, amplitude_m: float, omega_radps: float) -> tuple[float, float, float]:
+    """Return a (1 − cos φ) (m), its rate (m/s) and its acceleration (m/s²)."""
+    return (
+        amplitude_m * (1.0 - math.cos(phase)),
+        amplitude_m * omega_radps * math.sin(phase),
+        amplitude_m * omega_radps**2 * math.cos(phase),
+    )
 
 
 def ensemble(base: SimConfig, seed: int) -> SimConfig:

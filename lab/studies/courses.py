@@ -223,12 +223,17 @@ def sail(
     with vehicle_of(plant, seed, firmware) as vehicle:
         if course.dead:
             vehicle.inject(Fault(kind="thruster", at_s=START_S, thruster=course.dead))
-        if isinstance(vehicle, Vehicle):
-            vehicle.open_link(SURVEYOR)
-            send_origin(vehicle, SURVEYOR)
+        survey(vehicle)
         if alone:
             return _by_autopilot(vehicle, course, config, plant, seed, lasts_s, link)
         return _by_companion(vehicle, course, config, seed, lasts_s, link)
+
+
+def survey(vehicle: SteppedVehicle) -> None:
+    """Tell our simulated vehicle where on earth it is: POSHOLD asks for it."""
+    if isinstance(vehicle, Vehicle):
+        vehicle.open_link(SURVEYOR)
+        send_origin(vehicle, SURVEYOR)
 
 
 def _by_companion(

@@ -26,17 +26,16 @@ from rich.console import RenderableType
 from companion.config import load_config
 from companion.engine import Engine
 from companion.records import Request, Setpoint, Z
-from lab.loop.dive import send_origin
 from lab.loop.firmware import vehicle_of
 from lab.loop.lockstep import LinkDelay, Lockstep
+from lab.loop.scenarios import raised_cosine
 from lab.options import add_bench
-from lab.studies.courses import LINK, SURVEYOR, recorded
+from lab.studies.courses import LINK, recorded, survey
 from lab.study import Row, Study, by, known, ruled
 from lab.style import BLUE, ORANGE, SMALL, save
 from sim_bridge.commands import DEFAULT_CONFIG
 from sim_bridge.config import SimConfig
 from sim_bridge.config import load_config as load_plant
-from sim_bridge.vehicle import Vehicle
 
 TANK = DEFAULT_CONFIG.with_name("sim-tank-heavy.toml")
 DEPTH_M = 2.0
@@ -74,9 +73,9 @@ def path(t_s: float) -> Setpoint:
     """Follow 0.25 (1 − cos 2πt/6) m below DEPTH_M; place and heading stay."""
     omega = 2.0 * math.pi / 6.0
     phase = omega * max(t_s - 12.0, 0.0)
-    z_m = DEPTH_M + 0.25 * (1.0 - math.cos(phase))
-    z_dot, z_ddot = 0.25 * omega * math.sin(phase), 0.25 * omega**2 * math.cos(phase)
-    return Setpoint((0.0, 0.0, z_m, 0.0), (0.0, 0.0, z_dot, 0.0), (0.0, 0.0, z_ddot if phase else 0.0, 0.0))
+    z_m, z_dot, z_ddot = raised_cosine(phase, 0.25, omega)
+    ahead = (0.0, 0.0, z_ddot if phase else 0.0, 0.0)
+    return Setpoint((0.0, 0.0, DEPTH_M + z_m, 0.0), (0.0, 0.0, z_dot, 0.0), ahead)
 
 
 def water(
@@ -147,9 +146,7 @@ class Unlike(Study[RealDive]):
             config = load_config(overrides=[f'vehicle.preset="{case.preset}"', *self._settings])
             situation = self.situation(case)
             with vehicle_of(situation.plant, case.seed, self._firmware) as vehicle:
-                if isinstance(vehicle, Vehicle):
-                    vehicle.open_link(SURVEYOR)
-                    send_origin(vehicle, SURVEYOR)
+                survey(vehicle)
                 engine = Engine(config, situation.target(0.0), arm=True)
                 loop = Lockstep(vehicle, engine, situation.link, case.seed, config.loop.rate_hz)
                 loop.requests = [Request.ENGAGE]
