@@ -27,7 +27,6 @@ from lab.batch.settings import numbers_of
 
 pytestmark = [
     pytest.mark.compiles,
-    pytest.mark.timeout(400),
     pytest.mark.filterwarnings("ignore::numba.core.errors.NumbaPendingDeprecationWarning"),
 ]
 

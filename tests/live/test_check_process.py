@@ -10,8 +10,6 @@ import pytest
 from lab.operations.bounds import HOLDFAST, running
 from lab.ports import free_port
 
-pytestmark = pytest.mark.alone  # the list grades the clock
-
 
 def check(port, *arguments):
     endpoint = f"link.endpoint=tcp:127.0.0.1:{port}"
@@ -27,6 +25,7 @@ def port():
         yield port
 
 
+@pytest.mark.alone  # the list grades the clock
 def test_warnings_then_all_good_then_a_refusal(port):
     """The origin is not set; set it; steer under an id that the vehicle does not obey."""
     done = check(port)

@@ -20,7 +20,7 @@ from sim_bridge.commands import DEFAULT_CONFIG
 from sim_bridge.config import load_config as load_plant
 from sim_bridge.fault_kinds import Fault
 
-pytestmark = [pytest.mark.compiles, pytest.mark.timeout(400)]
+pytestmark = pytest.mark.compiles
 
 CONFIG, BASE = load_config(), load_plant(DEFAULT_CONFIG)
 SEEDS = [3, 14, 15, 92]

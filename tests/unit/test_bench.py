@@ -40,8 +40,6 @@ from sim_bridge.commands import DEFAULT_CONFIG
 from sim_bridge.config import load_config as load_plant
 from sim_bridge.firmware.params import DEFAULTS
 
-pytestmark = [pytest.mark.compiles, pytest.mark.timeout(400)]
-
 BASE = load_plant(DEFAULT_CONFIG)
 SIX_THRUSTERS = load_plant(DEFAULT_CONFIG.parent / "sim-bluerov2.toml")
 
@@ -172,6 +170,7 @@ def test_what_is_not_shipped_has_rows_that_start_where_the_configuration_stands(
     assert competitors(load_config()) == COMPETITORS
 
 
+@pytest.mark.compiles
 def test_a_search_gets_better_and_prices_chatter_and_loss(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(tune, "TRAINING_S", 12.0)
     row = selected(["alt_hold"], load_config())[0]
@@ -183,6 +182,7 @@ def test_a_search_gets_better_and_prices_chatter_and_loss(monkeypatch: pytest.Mo
     assert tune.scores(row, [wild], configured, BASE, dives)[0] > 3.0 * CHATTER_N + found.score
 
 
+@pytest.mark.compiles
 def test_candidates_do_not_disturb_each_other(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(tune, "TRAINING_S", 3.0)
     row = selected(["network"], load_config())[0]

@@ -12,8 +12,6 @@ from lab.studies import campaign
 from lab.studies.campaign import BLUEROV2, DISTURBANCES, VEHICLES, Campaign, batches, case, plant
 from lab.study import dived, parser_of
 
-pytestmark = [pytest.mark.compiles, pytest.mark.timeout(400)]
-
 CASES = [case(number) for number in range(360)]
 
 
@@ -76,6 +74,7 @@ def test_rows_of_an_older_version_are_not_overwritten(tmp_path, capsys):
     assert "another configuration or version: choose another --out" in capsys.readouterr().err
 
 
+@pytest.mark.compiles
 @pytest.mark.usefixtures("brief")
 def test_every_dive_comes_back_once():
     study = Campaign(parser_of(Campaign).parse_args(["--dives", "9"]))
@@ -85,6 +84,7 @@ def test_every_dive_comes_back_once():
     assert all(row["outcome"] == "held" for _, rows, _ in found for row in rows)
 
 
+@pytest.mark.compiles
 def test_one_dive_is_repeated_in_the_batch_and_in_the_full_loop(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(campaign, "DURATION_S", 14.0)
     assert commands.campaign(["--replay", "3", "--out", str(tmp_path)]) == 0
@@ -92,6 +92,7 @@ def test_one_dive_is_repeated_in_the_batch_and_in_the_full_loop(tmp_path, capsys
     assert "inside the envelope" in capsys.readouterr().out
 
 
+@pytest.mark.compiles
 @pytest.mark.usefixtures("brief")
 def test_the_command_continues_where_it_stopped(tmp_path, capsys):
     arguments = ["--out", str(tmp_path), "--workers", "1"]

@@ -16,8 +16,6 @@ from lab.batch.stand_in import Links
 from lab.loop.scenarios import four
 from sim_bridge.config import load_config as load_plant
 
-pytestmark = [pytest.mark.compiles, pytest.mark.timeout(400)]
-
 CONFIG = load_config()
 PLANT = load_plant(Path(__file__).parents[2] / "config" / "sim.toml")
 M, DRAG, LAG_S, DT_S = 28.0, 30.0, 0.15, 0.02
@@ -70,6 +68,7 @@ def test_a_start_anew_keeps_what_was_found_if_it_is_a_number(before_s, kept_s):
     assert start(2.0, before_s).hidden_s == kept_s
 
 
+@pytest.mark.compiles
 @pytest.mark.parametrize(("hidden_s", "least_s", "most_s"), [(0.0, 0.0, 0.015), (0.04, 0.02, 0.05)])
 def test_in_the_loop_it_finds_part_of_it_and_nothing_where_nothing_is(hidden_s, least_s, most_s):
     dives = [four(seed)[1] for seed in range(8)]

@@ -108,7 +108,6 @@ def test_alt_hold_keeps_depth_and_heading_and_takes_its_target_from_the_station(
 
 
 @pytest.mark.compiles
-@pytest.mark.timeout(400)
 @pytest.mark.parametrize("scenario", [0, 2])
 def test_a_batch_of_alt_hold_agrees_with_the_full_loop(scenario):
     gains = {"PSC_POSZ_P": 5.0, "PSC_VELZ_P": 20.0, "PSC_ACCZ_P": 1.0, "PSC_ACCZ_I": 0.3}

@@ -13,7 +13,7 @@ from lab.study import dived as on_workers
 from lab.study import parser_of, workforce
 
 distributed = pytest.importorskip("distributed")
-pytestmark = pytest.mark.filterwarnings("default")  # Dask's own
+pytestmark = [pytest.mark.compiles, pytest.mark.filterwarnings("default")]  # Dask's own warnings
 
 NUMBERS = (0, 2, 3)
 
