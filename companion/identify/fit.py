@@ -28,8 +28,9 @@ are stronger by a factor make m, d1, d2 and b smaller by that factor: just what 
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import product
 from typing import Final, NamedTuple
 
@@ -40,6 +41,7 @@ from companion.config import Config
 from companion.control.allocation import FACTORS, PER_NEWTON, T200_N, T200_PWM_US, T200_VOLTAGE_V
 from companion.control.bounds import clamped
 from companion.estimation.observer import Noise, stationary_covariance
+from companion.identify.least_squares import Found, Residuals, least_squares
 from companion.identify.manoeuvre import Measured, Stretch
 from companion.records import PSI, Array, X, Y
 
@@ -89,8 +91,7 @@ TINY = 1e-9
 CORRELATED_S = 2.0
 """Innovations may be correlated for so long."""
 START_SCALES, START_LAGS_S, START_STARTS_S = (0.25, 0.5, 1.0, 2.0, 4.0), (0.02, 0.15), (0.0, 0.15)
-ROUNDS, SIGMA_ROUNDS, TOLERANCE = 40, 3, 1e-4
-DAMPINGS: Final = (1e-3, 1e-1, 1e1, 1e3)
+SIGMA_ROUNDS = 3
 
 
 class Known(NamedTuple):
@@ -310,13 +311,13 @@ def _push(demands: Array, dead_band_us: float, curve: str) -> Array:
 def _fit(task: Task, start: Sequence[float]) -> Fit:
     record, sigma = task.record, DISTURBANCES[2]
     theta = _start(task, start, sigma)
-    theta, J = _least(task, theta, sigma)
+    theta, J, _ = _least(task, theta, sigma)
     for _ in range(SIGMA_ROUNDS):
         likeliest = max([(_score(task, theta, share), share) for share in DISTURBANCES])[1]
         if likeliest == sigma:
             break
         sigma = likeliest
-        theta, J = _least(task, theta, sigma)
+        theta, J, _ = _least(task, theta, sigma)
     gain = _gain(task, theta, sigma)
     innovations = _filtered(task, theta, gain).innovations @ gain.whiten.T
     whitened = innovations[after_burn_in(record)]
@@ -396,48 +397,20 @@ def _start(task: Task, nominal: Sequence[float], sigma: float) -> Array:
     return starts[int(np.argmax(scores))]
 
 
-def _least(task: Task, theta: Array, sigma: float) -> tuple[Array, Array]:
-    """Return parameters and Jacobian where the residuals are smallest (Levenberg, Marquardt)."""
+def _least(task: Task, theta: Array, sigma: float) -> Found:
+    """Return parameters and Jacobian where the residuals are smallest."""
 
-    def residuals(values: Array) -> Array:
-        return _residuals(task, values, gain)
+    def residuals_at(theta: Array) -> Residuals:
+        return partial(_residuals, task, gain=_gain(task, theta, sigma))
 
-    free = _free(task)
-    for _ in range(ROUNDS):
-        gain = _gain(task, theta, sigma)
-        r = residuals(theta)
-        J = _jacobian(residuals, theta, r, free)
-        gradient, curvature = J.T @ r, J.T @ J
-        cost, better = float(r @ r), None
-        for damping in DAMPINGS:
-            step = np.linalg.lstsq(
-                curvature + damping * np.diag(np.diag(curvature) + 1e-12), -gradient, rcond=None
-            )[0]
-            tried = theta.copy()
-            tried[free] = np.clip(theta[free] + step, LEAST[free], MOST[free])
-            tried[MASS] = clamped(float(tried[MASS]), 0.5 * float(theta[MASS]), 2.0 * float(theta[MASS]))
-            if float(np.sum(residuals(tried) ** 2)) < cost:
-                better = tried
-                break
-        if better is None:
-            break
-        moved = np.abs(better - theta) / np.maximum(np.abs(theta), 1e-3)
-        theta = better
-        if moved.max() < TOLERANCE:
-            break
-    gain = _gain(task, theta, sigma)
-    return theta, _jacobian(residuals, theta, residuals(theta), free)
+    def bounds_at(theta: Array) -> tuple[Array, Array]:
+        least, most = LEAST.copy(), MOST.copy()
+        least[MASS], most[MASS] = max(least[MASS], 0.5 * theta[MASS]), min(most[MASS], 2.0 * theta[MASS])
+        return least, most
 
-
-def _jacobian(residuals: Callable[[Array], Array], theta: Array, r: Array, free: Sequence[int]) -> Array:
-    columns = []
-    for i in free:
-        value = theta[i]
-        step = STEPS[i] * max(1.0, abs(value) if i < STEADY else 1.0)
-        other = theta.copy()
-        other[i] = value + step if value + step <= MOST[i] else value - step
-        columns.append((residuals(other) - r) / (other[i] - value))
-    return np.column_stack(columns)
+    steps = np.array(STEPS)
+    steps[:STEADY] *= np.maximum(1.0, np.abs(theta[:STEADY]))
+    return least_squares(residuals_at, theta, _free(task), steps, bounds_at)
 
 
 class Gain(NamedTuple):

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.config import VehicleFile
+from companion.identify.least_squares import least_squares
 from companion.records import AXES
 from lab.logs import tilting
 from lab.logs.dive_log import Array, LogError, no_progress
@@ -42,14 +43,12 @@ LEAST: Final = np.array((*[1.0] * 3, 0.02, *[0.0] * 8, 0.0, -8.0, 0.02, 0.0, 0.0
 MOST: Final = np.array(
     (*[1000.0] * 3, 100.0, *[300.0] * 3, 100.0, *[3000.0] * 3, 100.0, 1.0, 8.0, 1.0, 0.5, 0.1, 100.0)
 )
-SCALES: Final = np.array(
+STEPS: Final = 0.3 * np.array(
     (5, 5, 8, 0.1, 3, 3, 3, 0.1, 10, 10, 10, 0.3, 0.1, 0.3, 0.02, 0.02, 0.02, 0.5), float
 )
 """A small change of each, for the slope."""
 START_SIZES: Final = (0.5, 1.0, 2.5)
 START_LAG_S, START_START_S, START_DELAY_S = 0.06, 0.1, 0.01
-ROUNDS, TOLERANCE = 25, 1e-5
-DAMPINGS: Final = tuple(10.0**k for k in range(-5, 4))
 BLOCK_S = 5.0
 TRUSTED = 0.25
 """An inertia with a larger share of standard deviation is not written into the vehicle's file."""
@@ -111,7 +110,7 @@ def fit(
         return np.concatenate([_errors(track, theta, norms) for track in tracks])
 
     theta = min(_starts(parameters(base)), key=lambda start: float(np.sum(residuals(start) ** 2)))
-    theta, J, r = _least(residuals, theta, free, progress)
+    theta, J, r = least_squares(lambda _: residuals, theta, free, STEPS, _bounds_at, progress)
     covariance = np.full((len(NAMES), len(NAMES)), 0.0)
     covariance[np.ix_(free, free)] = _covariance(tracks, J, r)
     sigma = np.full(len(NAMES), np.nan)
@@ -230,44 +229,10 @@ def _errors(track: Track, theta: Array, norms: dict[float, Array]) -> Array:
     )
 
 
-def _least(
-    residuals: Callable[[Array], Array], theta: Array, free: list[int], progress: Callable[[float], None]
-) -> tuple[Array, Array, Array]:
-    """Return the parameters of the smallest sum of squares, its Jacobian (n, free), and residuals."""
-    r = residuals(theta)
-    for done in range(ROUNDS):
-        progress(done / ROUNDS)
-        J = _jacobian(residuals, theta, r, free)
-        gradient, curvature = J.T @ r, J.T @ J
-        better = None
-        for damping in DAMPINGS:
-            step = np.linalg.lstsq(
-                curvature + damping * np.diag(np.diag(curvature) + 1e-12), -gradient, rcond=None
-            )[0]
-            tried = theta.copy()
-            tried[free] = np.clip(theta[free] + step, LEAST[free], MOST[free])
-            tried[:4] = np.clip(tried[:4], 0.4 * theta[:4], 2.5 * theta[:4])
-            r_tried = residuals(tried)
-            if r_tried @ r_tried < r @ r:
-                better = tried, r_tried
-                break
-        if better is None:
-            break
-        gained = 1.0 - float(better[1] @ better[1]) / float(r @ r)
-        theta, r = better
-        if gained < TOLERANCE:
-            break
-    return theta, _jacobian(residuals, theta, r, free), r
-
-
-def _jacobian(residuals: Callable[[Array], Array], theta: Array, r: Array, free: list[int]) -> Array:
-    columns = []
-    for i in free:
-        other = theta.copy()
-        step = 0.3 * SCALES[i]
-        other[i] += step if theta[i] + step <= MOST[i] else -step
-        columns.append((residuals(other) - r) / (other[i] - theta[i]))
-    return np.column_stack(columns)
+def _bounds_at(theta: Array) -> tuple[Array, Array]:
+    least, most = LEAST.copy(), MOST.copy()
+    least[:4], most[:4] = np.maximum(LEAST[:4], 0.4 * theta[:4]), np.minimum(MOST[:4], 2.5 * theta[:4])
+    return least, most
 
 
 def _covariance(tracks: Sequence[Track], J: Array, r: Array) -> Array:

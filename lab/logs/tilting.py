@@ -7,11 +7,12 @@ K and M are the thrusters' moments, ℓ is how far the horizontal thrusters are 
 the moment of the speed downward. d, D and n stand in no file.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
 
+from companion.identify.least_squares import least_squares
 from lab.batch.compiled import cached, slotted
 from lab.logs.dive_log import Array
 from lab.logs.model import TICK_S, Track
@@ -24,11 +25,11 @@ MAX_SHARE: Final = (0.25, 0.25, 0.4, 0.4, 0.0)
 MAX_LEVER_DOUBT_M = 0.01
 START: Final = np.array((0.8, 0.8, 4.0, 4.0, 0.02, 0.3, 0.3, 0.0, 0.1, 0.1))
 LEAST: Final = np.array((0.02, 0.02, 0.0, 0.0, -1.0, 0.0, 0.0, -50.0, 0.0, 0.0))
+MOST: Final = np.full(START.size, np.inf)
 STEPS: Final = np.array((0.02, 0.02, 0.1, 0.1, 0.002, 0.02, 0.02, 0.1, 0.02, 0.02))
 MIN_WINDOWS = 20
 MIN_CHANGE_RADPS = 0.05
 """RMS over the windows; where it rolls or pitches less nothing is told."""
-ROUNDS = 15
 BLOCK_S = 20.0
 
 
@@ -52,22 +53,9 @@ def fit(tracks: Sequence[Track], theta: Array) -> dict[str, tuple[float, float]]
             ]
         )
 
-    values = START
-    r = residuals(values)
-    damping = 1e-3
-    for _ in range(ROUNDS):
-        J = _jacobian(residuals, values, r)
-        step = np.linalg.lstsq(J.T @ J * (1.0 + damping * np.eye(START.size)), -J.T @ r, rcond=None)[0]
-        tried = np.maximum(values + step, LEAST)
-        after = residuals(tried)
-        if not after @ after < r @ r:
-            damping *= 10.0
-            continue
-        settled = after @ after > (1.0 - 1e-5) * (r @ r)
-        values, r, damping = tried, after, damping / 3.0
-        if settled:
-            break
-    J = _jacobian(residuals, values, r)
+    values, J, r = least_squares(
+        lambda _: residuals, START, range(START.size), STEPS, lambda _: (LEAST, MOST)
+    )
     inverse = np.linalg.pinv(J.T @ J, hermitian=True)
     scores = (J * r[:, None]).reshape(-1, 2, START.size).sum(axis=1)
     middle = np.zeros_like(inverse)
@@ -80,15 +68,6 @@ def fit(tracks: Sequence[Track], theta: Array) -> dict[str, tuple[float, float]]
         for name, value, doubt, share in zip(NAMES, values, sigma, MAX_SHARE, strict=False)
         if doubt < (share * value if share else MAX_LEVER_DOUBT_M)
     }
-
-
-def _jacobian(residuals: Callable[[Array], Array], values: Array, r: Array) -> Array:
-    columns = []
-    for i, step in enumerate(STEPS):
-        other = values.copy()
-        other[i] += step
-        columns.append((residuals(other) - r) / step)
-    return np.column_stack(columns)
 
 
 def _windows(track: Track) -> tuple[Array, Array, Array, Array, Array] | None:
