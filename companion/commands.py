@@ -2,7 +2,6 @@
 
 import argparse
 import datetime
-import importlib
 import json
 import logging
 import math
@@ -322,12 +321,14 @@ def check(argv: list[str]) -> int:
         config = load_config(arguments.config or DEFAULT_FILE, _overrides(arguments))
         refuse_fast_gains(config)
         name = config.vehicle.name
-        told = asked(config.telemetry.endpoint, check_key(name)) if config.telemetry.mode != "file" else None
-        if told is not None:
+        answer = (
+            asked(config.telemetry.endpoint, check_key(name)) if config.telemetry.mode != "file" else None
+        )
+        if answer is not None:
             sys.stderr.write(f"`holdfast run` holds the vehicle '{name}' and answers: what it sees now\n")
             if arguments.thrusters or arguments.set_origin is not None:
                 raise ValueError("--thrusters and --set-origin need the port: end `holdfast run` first")
-            rows, notes = from_json(told), list[str]()
+            rows, notes = from_json(answer), list[str]()
         else:
             sys.stderr.write(f"waiting for a vehicle at {config.link.endpoint}, {CONTACT_S:g} s at most\n")
             if arguments.thrusters and not arguments.yes and not _agreed(THRUSTERS_MOVE):
@@ -346,12 +347,7 @@ def check(argv: list[str]) -> int:
 
 
 def identify(argv: list[str]) -> int:
-    """Measure a vehicle by moving it, or from logs, and write its file."""
-    if any(argument.partition("=")[0] in ("--from", "--test") for argument in argv):
-        from_logs = importlib.import_module(
-            "lab.logs.command"
-        )  # the lab's: no part of the vehicle's processes
-        return int(from_logs.main(argv))
+    """Measure a vehicle by moving it, and write its file."""
     parser = command_parser(
         "identify",
         "Holds the vehicle as `holdfast run` does, and moves each axis to and fro in turn, half "

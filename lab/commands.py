@@ -197,6 +197,15 @@ def faults(argv: list[str]) -> int:
     return start(FaultDives, argv, FAULTS_EXAMPLES)
 
 
+def identify(argv: list[str]) -> int:
+    """Measure a vehicle by moving it, or from logs, and write its file."""
+    if any(argument.partition("=")[0] in ("--from", "--test") for argument in argv):
+        from lab.logs.command import main
+    else:
+        from companion.commands import identify as main
+    return main(argv)
+
+
 def rerun(argv: list[str]) -> int:
     """Run a recorded dive through the present code and compare its commands."""
     from lab.rerun.command import main

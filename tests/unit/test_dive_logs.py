@@ -21,12 +21,12 @@ from dive_logs import (
     write_tlog,
 )
 
-from companion import commands
 from companion.config import PRESETS, load_vehicle
 from companion.records import AXES
 from holdfast import RefusedError
+from lab import commands
 from lab.logs import dive_fit
-from lab.logs.dive_log import LogError, told
+from lab.logs.dive_log import LogError, reported
 from lab.logs.model import Track, parameters, score
 from lab.logs.readers import read
 from lab.rerun.command import main as rerun
@@ -128,7 +128,7 @@ def test_a_foreign_file_is_refused_in_words(content, tmp_path):
 def test_without_a_measured_speed_heave_and_yaw_are_left(writer, tmp_path):
     log = read(writer(SHORT, tmp_path / "dive", speeds=False), FRAME)
     assert not np.isfinite(log.velocity[:, :2]).any()
-    assert "measured: vertical speed, turn rate;" in told(log)[0]
+    assert "measured: vertical speed, turn rate;" in reported(log)[0]
     row = score([Track(log, FRAME)], parameters(load_vehicle(PRESETS / "heavy.toml")), 1.0)
     assert row["surge"] is row["sway"] is None
     assert max(value for value in (row["heave"], row["yaw"]) if value is not None) < 1.0
