@@ -3,7 +3,6 @@
 import signal
 import socket
 import subprocess
-import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -46,6 +45,11 @@ def test_every_command_is_answered_and_told_as_an_event(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     with diving("--arm") as seen:
+        assert seen.ask("holdfast/*/command/engage", b"{}", timeout_s=1.0) is None, (
+            "a wildcard engages no fleet"
+        )
+        assert seen.ask("**", timeout_s=1.0) is not None, "the configuration may be asked for so"
+        assert _states(seen) == {"IDLE"}
         assert seen.tell(VEHICLE, "engage", {}).value["state"] == "ACTIVE"
         assert seen.tell(VEHICLE, "setpoint", {"depth_m": 1.5}).value["depth_m"] == 1.5
         gains = {"axis": "heave", "kappa_per_s": 9.0}
@@ -77,17 +81,17 @@ def test_every_command_is_answered_and_told_as_an_event(
         assert '"kappa_per_s": 9.0' in capsys.readouterr().out
 
         with Subscription(f"holdfast/{VEHICLE}/event", seen.endpoint) as later:
-            told: list[str] = []
+            reported: list[str] = []
 
-            def told_of_release() -> bool:
-                told.extend(_texts(later))
-                return "released" in " ".join(told)
+            def reported_of_release() -> bool:
+                reported.extend(_texts(later))
+                return "released" in " ".join(reported)
 
-            until(told_of_release)
-        assert any(text.startswith("set gains of heave: kappa 9 per s: ") for text in told), (
+            until(reported_of_release)
+        assert any(text.startswith("set gains of heave: kappa 9 per s: ") for text in reported), (
             "a late subscriber gets what was before"
         )
-        assert any("ACTIVE: engaged" in text for text in told)
+        assert any("ACTIVE: engaged" in text for text in reported)
 
 
 def test_without_permission_and_by_wildcard_nothing_is_taken() -> None:
@@ -97,14 +101,6 @@ def test_without_permission_and_by_wildcard_nothing_is_taken() -> None:
         assert "read-only" in reply.said
         assert seen.ask(f"holdfast/{VEHICLE}/command/*", b"{}", timeout_s=1.0) is None
         assert seen.ask(telemetry.config_key(VEHICLE)) is not None, "reading is free"
-        assert _states(seen) == {"IDLE"}
-
-
-def test_a_wildcard_engages_no_fleet() -> None:
-    with diving("--arm") as seen:
-        assert seen.ask("holdfast/*/command/engage", b"{}", timeout_s=1.0) is None
-        assert seen.ask("**", timeout_s=1.0) is not None, "the configuration may be asked for so"
-        time.sleep(0.5)
         assert _states(seen) == {"IDLE"}
 
 
