@@ -86,14 +86,14 @@ def vehicle(
 
 def tilted(tilts: Sequence[Fit]) -> dict[str, Value]:
     """Return the keys of `[levelling]` that roll and pitch tell."""
-    told = {}
+    reported = {}
     for one in trusted(tilts):
         name, righting = NAMED[one.dof], one.values[RIGHTING]
-        told[f"{name}_inertia"] = one.values[MASS]
+        reported[f"{name}_inertia"] = one.values[MASS]
         if righting.sigma < TRUSTED_RIGHTING * righting.value:
-            told[f"{name}_righting_nm"] = righting
+            reported[f"{name}_righting_nm"] = righting
     levers = [one.values[LEVER] for one in trusted(tilts) if one.values[LEVER].sigma < TRUSTED_LEVER_M]
-    return told | ({"lever_m": pooled(levers)} if levers else {})
+    return reported | ({"lever_m": pooled(levers)} if levers else {})
 
 
 def said(found: Mapping[str, Sequence[Fit]]) -> Iterator[str]:

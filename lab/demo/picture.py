@@ -56,8 +56,8 @@ def draw(
     error, numbers = figure.add_subplot(grid[0, :8]), figure.add_subplot(grid[0, 8:])
     depth, heading, thrust, disturbance = (figure.add_subplot(grid[1, i : i + 3]) for i in (0, 3, 6, 9))
     held = {name: _within(dive, span) if name == "alt_hold" else dive for name, dive in dives.items()}
-    told_mm = {name: getattr(result, measure) for name, result in results.items()}
-    _error(error, held, told_mm)
+    shown_mm = {name: getattr(result, measure) for name, result in results.items()}
+    _error(error, held, shown_mm)
     _numbers(numbers, results, span)
     _depth(depth, held)
     _heading(heading, held)
@@ -68,8 +68,8 @@ def draw(
         panel.set_xlabel("time since arming (s)", fontsize=SMALL)
     _name_load(error, dives["on"])
     figure.suptitle(
-        f"Holdfast keeps the depth to {told_mm['on']:.1f} mm {MEASURES[measure]}, "
-        f"ArduSub's ALT_HOLD to {told_mm['alt_hold']:.0f} mm\n{task}",
+        f"Holdfast keeps the depth to {shown_mm['on']:.1f} mm {MEASURES[measure]}, "
+        f"ArduSub's ALT_HOLD to {shown_mm['alt_hold']:.0f} mm\n{task}",
         fontsize=15,
         fontweight="bold",
     )
@@ -89,9 +89,9 @@ def _depth(panel: Axes, dives: Mapping[str, DemoDive]) -> None:
     panel.legend(handles=[line], frameon=False, loc="upper right", fontsize=SMALL)
 
 
-def _error(panel: Axes, dives: Mapping[str, DemoDive], told_mm: Mapping[str, float]) -> None:
+def _error(panel: Axes, dives: Mapping[str, DemoDive], shown_mm: Mapping[str, float]) -> None:
     for name, dive in dives.items():
-        label = f"{LABELS[name]}: {told_mm[name]:.1f} mm"
+        label = f"{LABELS[name]}: {shown_mm[name]:.1f} mm"
         _line(panel, name, dive.t_s, 1e3 * dive.depth_error_m, label=label)
     style.zero(panel)
     style.name(panel, "Depth error", "true depth minus reference (mm)")

@@ -19,7 +19,7 @@ from companion.records import AXES
 from holdfast import RefusedError
 from holdfast.arguments import command_parser
 from lab.logs import dive_fit, picture
-from lab.logs.dive_log import LogError, told
+from lab.logs.dive_log import LogError, reported
 from lab.logs.model import HORIZONS_S, Track, parameters, score
 from lab.logs.readers import read
 
@@ -100,7 +100,7 @@ def identify(arguments: argparse.Namespace, base: VehicleFile) -> int:
     except LogError as error:
         raise RefusedError(f"{', '.join(arguments.sources)}: {error}") from error
     vehicle, notes = dive_fit.vehicle(found, base)
-    lines = [line for track in tracks for line in told(track.log)] + [*dive_fit.said(found)]
+    lines = [line for track in tracks for line in reported(track.log)] + [*dive_fit.said(found)]
     if not any(map(found.known, range(len(AXES)))):
         sys.stdout.write("\n".join([*lines, "no inertia is known well enough: nothing was written"]) + "\n")
         return 1

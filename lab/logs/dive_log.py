@@ -160,7 +160,7 @@ def check_length(length_s: float) -> None:
         )
 
 
-def told(log: DiveLog) -> list[str]:
+def reported(log: DiveLog) -> list[str]:
     """Say what a log can tell: how long it is, what was measured, and which axes were moved."""
     length_s = float(log.t_s[-1] - log.t_s[0])
     measured = [

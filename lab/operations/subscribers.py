@@ -96,13 +96,13 @@ class NoReaderError(Exception):
 
 def read(endpoint: str, pause_s: float) -> None:
     """Take everything, as soon as somebody is there, with a pause after each sample; print the count."""
-    told_s = 0.0
+    reported_s = 0.0
     while True:
         with suppress(zenoh.ZError), zenoh.open(client_configuration(endpoint)) as session:
             samples = session.declare_subscriber("holdfast/**", zenoh.handlers.FifoChannel(16))
             for count, _ in enumerate(samples, 1):
-                if time.monotonic() - told_s > TELL_S:
-                    told_s = time.monotonic()
+                if time.monotonic() - reported_s > TELL_S:
+                    reported_s = time.monotonic()
                     sys.stdout.write(f"{count}\n")
                     sys.stdout.flush()
                 time.sleep(pause_s)

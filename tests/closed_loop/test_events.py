@@ -8,7 +8,7 @@ from companion.telemetry.event_log import EventLog
 from companion.telemetry.schemas import Reply
 
 
-def told(dive, seconds, log=None, **first):
+def reported(dive, seconds, log=None, **first):
     """Return (severity, kind, text) of what happens in the coming seconds."""
     log = log or EventLog()
     events = [event for step in dive.run(seconds) for event in log.step(step.sample, **first)]
@@ -16,7 +16,7 @@ def told(dive, seconds, log=None, **first):
 
 
 def test_a_start_tells_the_way_to_active_and_what_the_autopilot_says():
-    events = told(Dive(), 4.0)
+    events = reported(Dive(), 4.0)
     assert events[0][:2] == ("info", "state")
     assert events[0][2].startswith("IDLE: waiting for")
     assert ("info", "state", "ACTIVE: engaged") in events
@@ -26,15 +26,15 @@ def test_a_start_tells_the_way_to_active_and_what_the_autopilot_says():
 
 def test_a_quiet_tick_tells_nothing():
     dive, log = active(), EventLog()
-    told(dive, 0.1, log)
-    assert told(dive, 2.0, log) == []
+    reported(dive, 0.1, log)
+    assert reported(dive, 2.0, log) == []
 
 
-def test_a_fault_is_told_with_its_condition_once():
+def test_a_fault_is_reported_with_its_condition_once():
     dive, log = active(), EventLog()
-    told(dive, 0.1, log)
+    reported(dive, 0.1, log)
     dive.fault("link_cut", 1.5)
-    events = told(dive, 1.4, log)
+    events = reported(dive, 1.4, log)
     conditions = [text for _, kind, text in events if kind == "condition"]
     assert conditions == ["the vehicle is silent", "no fresh depth", "no fresh attitude"], "the cause first"
     assert dive.step.sample.verdict.reason == "the vehicle fell silent"
@@ -52,7 +52,7 @@ def test_every_condition_has_words_in_three_forms_of_its_own():
     assert not any(condition.remedy.lower().startswith("nothing") for condition in Condition)
 
 
-def test_commands_are_told_with_their_answer():
+def test_commands_are_reported_with_their_answer():
     results = [
         CommandResult("hold depth 5 m", Reply(done=True, said="on its way")),
         CommandResult("engage", Reply(done=False, said="refused: no")),
@@ -66,7 +66,7 @@ def test_commands_are_told_with_their_answer():
     ]
 
 
-def test_a_link_that_turned_to_another_sender_is_told():
+def test_a_link_that_turned_to_another_sender_is_reported():
     dive = active()
     events = EventLog().step(
         dive.run(0.02)[-1].sample, peer_changes=["vehicle link: 10.0.0.2:14550 speaks now"]

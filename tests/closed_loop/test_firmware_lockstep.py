@@ -112,7 +112,7 @@ def test_the_process_is_gone_after_the_dive_whatever_ended_it(fake):
     assert not directory.exists()
 
 
-def test_a_firmware_that_dies_is_told_with_its_last_words(fake, monkeypatch):
+def test_a_firmware_that_dies_is_reported_with_its_last_words(fake, monkeypatch):
     monkeypatch.setenv("FAKE_ARDUSUB", "dies")
     with pytest.raises(FirmwareError, match=r"(?s)ended with status 3.*something broke"):
         Firmware(fake, plant(), 1)

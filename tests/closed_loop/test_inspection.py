@@ -180,7 +180,7 @@ def test_alone_it_arms_for_the_pulses_and_disarms_again(base):
     assert look.inspection.shutdown_frames() == []
 
 
-def test_beside_a_pilot_with_neutral_sticks_directions_are_told_and_the_sticks_are_named():
+def test_beside_a_pilot_with_neutral_sticks_directions_are_reported_and_the_sticks_are_named():
     look = VehicleInspection(DIVED, arm=True, pilot=True, thrusters=True)
     assert look.row("thrusters").grade is Grade.GOOD
     assert look.row("steering id").grade is Grade.WARNING

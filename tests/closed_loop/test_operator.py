@@ -301,12 +301,12 @@ def test_goto_and_follow_are_commands_that_are_answered_and_done():
         ("reset_model", {}, "forget the model that was found"),
     ],
 )
-def test_an_order_is_told_in_words(name, payload, words):
+def test_an_order_is_reported_in_words(name, payload, words):
     assert in_words(parse(name, json.dumps(payload).encode())) == words
 
 
 @pytest.mark.parametrize(("name", "words"), [("gains", "set gains"), ("fly", "fly")])
-def test_an_order_that_is_not_understood_is_told_without_its_fields(name, words):
+def test_an_order_that_is_not_understood_is_reported_without_its_fields(name, words):
     commands = CommandQueue(load_config())
     commands.put(ReceivedCommand(name, b'{"axis": "roll"}', lambda _: None, True))
     commands.before_tick(_Untouchable(), 0.0)

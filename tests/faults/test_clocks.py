@@ -35,24 +35,24 @@ class Liar:
         self._waiting = []
 
     def __call__(self, t_s, inbox):
-        told = []
+        reported = []
         for t_ns, data in inbox:
             for message in self._in.parse_buffer(bytearray(data)) or ():
                 answer = message.get_type() == TIMESYNC
                 if answer and self.deaf:
                     continue
                 if answer and self.late_s:
-                    self._waiting.append((t_s + self.late_s, self._told(message, 0.0, self.answers_s)))
+                    self._waiting.append((t_s + self.late_s, self._reported(message, 0.0, self.answers_s)))
                     self.late_s = 0.0
                     continue
-                told.append((t_ns, self._told(message, self.stamps_s, self.answers_s)))
+                reported.append((t_ns, self._reported(message, self.stamps_s, self.answers_s)))
                 if self.twin_s is not None:
-                    told.append((t_ns, self._told(message, self.twin_s, self.twin_s)))
+                    reported.append((t_ns, self._reported(message, self.twin_s, self.twin_s)))
         due = [data for at_s, data in self._waiting if at_s <= t_s]
         self._waiting = [(at_s, data) for at_s, data in self._waiting if at_s > t_s]
-        return told + [(round((START_S + t_s) * 1e9), data) for data in due]
+        return reported + [(round((START_S + t_s) * 1e9), data) for data in due]
 
-    def _told(self, message, stamps_s, answers_s):
+    def _reported(self, message, stamps_s, answers_s):
         message = copy.copy(message)
         if message.get_type() == TIMESYNC:
             message.tc1 = max(message.tc1 + round(answers_s * 1e9), 1)
@@ -72,7 +72,7 @@ def lied_to(**arguments):
     return dive, liar
 
 
-def told(steps, condition):
+def reported(steps, condition):
     return [step.t_s for step in steps if step.sample.verdict.conditions & condition]
 
 
@@ -94,19 +94,19 @@ def test_a_late_first_answer_while_engaged_changes_nothing(late_s):
     steps = dive.run(6.0)
     assert {step.sample.verdict.state for step in steps} == {State.ACTIVE}
     assert forward(steps)
-    assert not told(steps, Condition.CLOCK_JUMPED)
+    assert not reported(steps, Condition.CLOCK_JUMPED)
     assert max(step.sample.state.delays.total_s for step in steps) < 0.15
     assert abs(steps[-1].sample.state.eta[2] - 1.0) < 0.02
 
 
 @pytest.mark.parametrize("jump_s", [0.3, -0.3])
-def test_a_clock_that_jumps_is_told_and_followed(jump_s):
+def test_a_clock_that_jumps_is_reported_and_followed(jump_s):
     dive, liar = lied_to()
     liar.stamps_s = liar.answers_s = jump_s
     steps = dive.run(6.0)
     assert {step.sample.verdict.state for step in steps} == {State.ACTIVE}
     assert forward(steps)
-    jumped = told(steps, Condition.CLOCK_JUMPED)
+    jumped = reported(steps, Condition.CLOCK_JUMPED)
     assert 0.0 < max(jumped) - steps[0].t_s < 1.0
     assert steps[-1].sample.state.delays.total_s < 0.06
 
@@ -122,7 +122,7 @@ def test_clocks_that_go_on_contradicting_each_other_are_handed_over(what, value_
     setattr(liar, what, value_s)
     steps = dive.run(DOUBT_S + 0.5)
     assert forward(steps)
-    inconsistent = told(steps, Condition.CLOCK_INCONSISTENT)
+    inconsistent = reported(steps, Condition.CLOCK_INCONSISTENT)
     assert inconsistent
     assert inconsistent[0] - steps[0].t_s == pytest.approx(DOUBT_S, abs=0.4)
     assert [state for state, _ in itertools.groupby(step.sample.verdict.state for step in steps)] == [

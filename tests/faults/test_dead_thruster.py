@@ -88,14 +88,14 @@ def test_the_pilot_pushes_without_a_motor_and_the_heading_is_held():
     assert np.abs(heading_deg).max() < 5.0
 
 
-def test_a_dead_motor_is_told_and_forgotten_when_the_fault_is_cleared():
+def test_a_dead_motor_is_reported_and_forgotten_when_the_fault_is_cleared():
     dive, log = holding(), EventLog()
     dive.fault("thruster", thruster=6, value=0.0)
-    told = [event.text for step in dive.run(15.0) for event in log.step(step.sample)]
-    assert {"motor 6 gives no thrust", "a motor gives no thrust"} <= set(told)
+    reported = [event.text for step in dive.run(15.0) for event in log.step(step.sample)]
+    assert {"motor 6 gives no thrust", "a motor gives no thrust"} <= set(reported)
     answers = Console(dive).ask("clear_fault")
-    told = [event.text for step in dive.run(0.1) for event in log.step(step.sample)]
-    assert "motor 6 is trusted again" in told
+    reported = [event.text for step in dive.run(0.1) for event in log.step(step.sample)]
+    assert "motor 6 is trusted again" in reported
     assert answers[0].done
     assert dive.step.sample.state.dead_motor == 0
 

@@ -136,7 +136,7 @@ def test_engage_asked_in_fault_is_not_remembered():
     assert dive.state is not State.ACTIVE
 
 
-def test_the_reason_for_idle_is_told():
+def test_the_reason_for_idle_is_reported():
     dive = active()
     dive.fault("disarm")
     dive.until(State.IDLE)

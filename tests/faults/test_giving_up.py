@@ -175,13 +175,13 @@ def test_a_hand_over_says_when_alt_hold_holds_and_how_long_it_lasts(lost):
         dive.fault("message_stopped", 2.4, message="HEARTBEAT")
     steps = dive.run(20.0)
     texts = [event.text for step in steps for event in log.step(step.sample)]
-    told = "HAND_OVER: ALT_HOLD holds the depth until somebody steers"
-    assert texts.count(told) == 1
+    reported = "HAND_OVER: ALT_HOLD holds the depth until somebody steers"
+    assert texts.count(reported) == 1
     held_s = next(step.t_s for step in steps if step.sample.state.mode == ALT_HOLD)
     end_s = next(step.t_s for step in steps if step.sample.verdict.state is State.PILOT)
     assert end_s - held_s == pytest.approx(12.0, abs=0.05)
     holding = next(step.sample for step in steps if step.t_s > held_s + 1.0)
-    assert holding.verdict.reason in told
+    assert holding.verdict.reason in reported
     assert "ALT_HOLD holds" not in steps[0].sample.verdict.reason
 
 
@@ -270,7 +270,7 @@ def warned(dive, condition, seconds):
     return [step for step in steps if step.sample.verdict.warnings & condition]
 
 
-def test_a_low_battery_is_told_and_held_on():
+def test_a_low_battery_is_reported_and_held_on():
     dive = active(seconds=2.0)
     dive.fault("voltage", value=12.5)
     assert warned(dive, Condition.BATTERY_LOW, 7.0)[-1] is dive.step
@@ -293,9 +293,9 @@ def test_a_single_depth_that_cannot_be_is_left_out():
     one = dive.run(0.06)
     dive.fault("depth_shifted", value=-3.0)
     steps = [*one, *dive.run(1.0)]
-    told = [step for step in steps if step.sample.verdict.conditions & Condition.DEPTH_JUMPED]
-    assert told
-    assert all(step.sample.verdict.freeze for step in told)
+    reported = [step for step in steps if step.sample.verdict.conditions & Condition.DEPTH_JUMPED]
+    assert reported
+    assert all(step.sample.verdict.freeze for step in reported)
     assert {step.sample.verdict.state for step in steps} == {State.ACTIVE}
     assert max(abs(step.truth.eta[2] - DEPTH_M) for step in steps) < 0.03
 
@@ -313,23 +313,23 @@ def test_a_depth_that_jumped_for_good_is_no_fresh_depth():
     assert dive.step.sample.state.eta[2] - DEPTH_M > 2.0
 
 
-def test_thrust_at_its_end_for_long_is_told_and_nothing_is_learnt():
+def test_thrust_at_its_end_for_long_is_reported_and_nothing_is_learnt():
     dive = active(
         "heave_force.enabled=true",
         "heave_force.constant_n=25",
         companion=["thrusters.max_axis=0.25", "supervisor.off_track_s=60"],
         seconds=1.0,
     )
-    told = warned(dive, Condition.SATURATED, 9.0)
-    assert told
-    assert not any(any(step.sample.dofs.adapting) for step in told)
+    reported = warned(dive, Condition.SATURATED, 9.0)
+    assert reported
+    assert not any(any(step.sample.dofs.adapting) for step in reported)
 
 
-def test_a_parameter_that_somebody_changes_is_told_for_a_while():
+def test_a_parameter_that_somebody_changes_is_reported_for_a_while():
     dive = active(seconds=4.0)
     dive.tap.to_vehicle.append(Somebody().parameter("FS_PILOT_TIMEOUT", 2.0))
-    told = warned(dive, Condition.CONFIG_CHANGED, 5.0)
-    assert 1.8 <= len(told) * 0.02 <= 2.2
+    reported = warned(dive, Condition.CONFIG_CHANGED, 5.0)
+    assert 1.8 <= len(reported) * 0.02 <= 2.2
 
 
 def test_our_own_change_is_told_too():

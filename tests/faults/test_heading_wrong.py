@@ -21,7 +21,7 @@ def engaged_with(deg):
     return dive.until(State.ACTIVE)
 
 
-def told(steps):
+def reported(steps):
     return [bool(step.sample.verdict.warnings & Condition.HEADING_WRONG) for step in steps]
 
 
@@ -33,7 +33,7 @@ def place_held(step):
 def test_a_place_that_a_wrong_heading_loses_is_released_and_the_depth_is_not(deg):
     dive = engaged_with(deg)
     steps = dive.run(20.0)
-    assert told(steps).index(True) * 0.02 < 10.0
+    assert reported(steps).index(True) * 0.02 < 10.0
     assert not any(map(place_held, steps[-500:]))
     assert {step.sample.verdict.state for step in steps} == {State.ACTIVE}
     assert np.abs([step.truth.eta[Z] - 1.0 for step in steps[-500:]]).max() < 0.03
@@ -48,16 +48,16 @@ def test_whoever_engages_again_has_the_place_held_again():
     assert not any(map(place_held, released))
     dive.ask(Request.ENGAGE)
     steps = dive.run(15.0)
-    assert not any(told(steps)[1:])
+    assert not any(reported(steps)[1:])
     assert np.abs([step.sample.dofs.e[X] for step in steps[-200:]]).max() < 0.1
 
 
-def test_a_compass_that_is_bent_is_told_by_the_gyro_and_a_dvl_keeps_the_place():
+def test_a_compass_that_is_bent_is_reported_by_the_gyro_and_a_dvl_keeps_the_place():
     dive = Dive("sensors.dvl=true", setpoint=hold(x=0.0, y=0.0)).until(State.ACTIVE)
     dive.run(5.0)
-    assert not any(told(dive.run(5.0)))
+    assert not any(reported(dive.run(5.0)))
     dive.fault("compass", value=20.0)
     steps = dive.run(30.0)
-    assert 5.0 < told(steps).index(True) * 0.02 < 20.0
+    assert 5.0 < reported(steps).index(True) * 0.02 < 20.0
     assert place_held(steps[-1])
     assert np.abs([step.truth.eta[:2] for step in steps]).max() < 0.1

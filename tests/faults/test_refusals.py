@@ -126,8 +126,8 @@ def test_a_button_that_is_refused_says_so():
     dive, log = at_the_stick(arm=False), EventLog()
     dive.cockpit.push(buttons=ENGAGE)
     texts = [event.text for step in dive.run(0.2) for event in log.step(step.sample)]
-    told = "engage by button: refused: the vehicle is disarmed; to do: arm the vehicle"
-    assert texts.count(told) == 1
+    reported = "engage by button: refused: the vehicle is disarmed; to do: arm the vehicle"
+    assert texts.count(reported) == 1
     dive.cockpit.push()
     dive.run(0.1)
     dive.cockpit.extra.append(Somebody().arm())

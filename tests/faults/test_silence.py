@@ -12,7 +12,7 @@ DVL = ("sensors.dvl=true",)
 ALL = ("depth_m", "depth_rate_mps", "heading_rad", "heading_rate_radps", "roll_rad", "pitch_rad")
 
 
-def told(step):
+def reported(step):
     """The telemetry's State of a step."""
     state = samples.records(step.sample)[0]
     assert isinstance(state, telemetry.State)
@@ -21,7 +21,7 @@ def told(step):
 
 def test_after_the_link_is_lost_nothing_is_invented():
     dive = active("waves.enabled=true", *DVL)
-    assert told(dive.step).absent == ()
+    assert reported(dive.step).absent == ()
     last = dive.step.sample.state.eta
     dive.fault("link_cut", 20.0)
     steps = dive.run(16.0)
@@ -33,7 +33,7 @@ def test_after_the_link_is_lost_nothing_is_invented():
         assert state.eta_dot == state.eta_dot_ahead == state.disturbance == ZERO
         assert (state.p, state.q) == (0.0, 0.0)
     assert np.abs(np.subtract(frozen[0].sample.state.eta, last)).max() < 0.3
-    assert set(told(dive.step).absent) >= {*ALL, "x_m", "y_m", "armed", "mode", "voltage_v"}
+    assert set(reported(dive.step).absent) >= {*ALL, "x_m", "y_m", "armed", "mode", "voltage_v"}
     for record in samples.records(dive.step.sample)[1:5]:
         assert {"x", "x_dot", "e", "e_dot"} <= set(record.absent)
 
@@ -42,17 +42,17 @@ def test_only_what_is_silent_is_absent():
     dive = active(*DVL)
     dive.fault("message_stopped", 20.0, message="LOCAL_POSITION_NED")
     dive.run(3.0)
-    assert told(dive.step).absent == ("x_m", "x_rate_mps", "y_m", "y_rate_mps")
+    assert reported(dive.step).absent == ("x_m", "x_rate_mps", "y_m", "y_rate_mps")
     dive.fault("message_stopped", 20.0, message="ATTITUDE")
     dive.run(3.0)
-    assert "heading_rad" in told(dive.step).absent
-    assert "depth_m" not in told(dive.step).absent
+    assert "heading_rad" in reported(dive.step).absent
+    assert "depth_m" not in reported(dive.step).absent
 
 
 def test_a_position_that_never_came_is_absent_and_stands_still():
     dive = active("current.enabled=true")
     steps = dive.run(3.0)
-    assert told(dive.step).absent == ("x_m", "x_rate_mps", "y_m", "y_rate_mps")
+    assert reported(dive.step).absent == ("x_m", "x_rate_mps", "y_m", "y_rate_mps")
     assert not any(any(step.sample.state.eta[:2]) for step in steps)
 
 
@@ -78,7 +78,7 @@ def test_it_starts_anew_when_the_link_returns_and_engages_without_a_step(plant):
     held = [X, 1, Z, PSI] if plant else [Z, PSI]
     assert np.abs(state.eta - truth.eta[[0, 1, 2, 5]])[held].max() < 0.15
     assert not any(state.stale[dof] for dof in held)
-    assert "depth_m" not in told(dive.step).absent
+    assert "depth_m" not in reported(dive.step).absent
     dive.ask(Request.CLEAR_FAULT)
     dive.run(0.1)
     dive.ask(Request.ENGAGE)

@@ -247,7 +247,7 @@ def test_handing_over_goes_through_stabilize_and_does_not_dip(holding):
     assert dive.step.truth.armed
 
 
-def test_a_drained_battery_is_told(holding):
+def test_a_drained_battery_is_reported(holding):
     dive = holding()
     dive.fault("voltage", value=12.0)
     dive.run(12.0)

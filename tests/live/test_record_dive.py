@@ -67,8 +67,8 @@ def test_a_dive_whose_recorder_was_killed(tmp_path: Path) -> None:
                 )
 
             until(holding)
-            told = seen.tell("kelp", "setpoint", {"depth_m": 1.5})
-            assert told.done, told.said
+            reported = seen.tell("kelp", "setpoint", {"depth_m": 1.5})
+            assert reported.done, reported.said
             retuned = seen.tell("kelp", "gains", {"axis": "heave", "kappa_per_s": 9.0})
             assert retuned.done, retuned.said
             refused = seen.tell("kelp", "record", {"on": False})

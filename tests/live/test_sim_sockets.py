@@ -170,7 +170,7 @@ def test_faults_are_taken_live_only_where_that_is_allowed():
         assert "--live-faults" in refused.said
 
 
-def test_a_taken_port_is_told_in_one_line():
+def test_a_taken_port_is_reported_in_one_line():
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()

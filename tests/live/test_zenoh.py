@@ -250,15 +250,15 @@ def test_only_loopback_is_this_machine(endpoint_: str, loopback: bool) -> None:
 
 
 def test_the_token_tells_who_lives(endpoint: str) -> None:
-    told: list[zenoh.SampleKind] = []
+    reported: list[zenoh.SampleKind] = []
     with Publisher("wrack", endpoint), _stranger("client", endpoint) as session:
         watching = session.liveliness().declare_subscriber(
-            telemetry.alive_key("kelp"), lambda sample: told.append(sample.kind), history=True
+            telemetry.alive_key("kelp"), lambda sample: reported.append(sample.kind), history=True
         )
         with watching:
             with Publisher("kelp", endpoint):
-                until(lambda: told == [zenoh.SampleKind.PUT])
-            until(lambda: told == [zenoh.SampleKind.PUT, zenoh.SampleKind.DELETE])
+                until(lambda: reported == [zenoh.SampleKind.PUT])
+            until(lambda: reported == [zenoh.SampleKind.PUT, zenoh.SampleKind.DELETE])
 
 
 @pytest.mark.parametrize("attempt", range(3))

@@ -76,8 +76,10 @@ def test_held_axes_do_what_the_law_wants_and_the_rest_what_the_pilot_wants(comma
     assert (got[0], got[1]) == (levelled if any(held) else (1533, 1456))
     assert buttons == sticks[4]
     applied = quantise(sent, "manual_control", gain)
-    told = (applied.surge, applied.sway, -applied.heave, applied.yaw)
-    np.testing.assert_allclose([got[c] for c in CHANNELS], [1500 + 400 * axis for axis in told], atol=1.001)
+    reported = (applied.surge, applied.sway, -applied.heave, applied.yaw)
+    np.testing.assert_allclose(
+        [got[c] for c in CHANNELS], [1500 + 400 * axis for axis in reported], atol=1.001
+    )
 
 
 @pytest.mark.parametrize(

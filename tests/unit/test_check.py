@@ -78,7 +78,7 @@ def row(name, seen, *overrides):
     return found
 
 
-def told(seen, **parameters):
+def reported(seen, **parameters):
     """The same with other parameters; None: not reported."""
     changed = {**seen.parameters, **parameters}
     return replace(seen, parameters={key: value for key, value in changed.items() if value is not None})
@@ -174,7 +174,7 @@ BY_PARAMETER = [
 
 @pytest.mark.parametrize(("name", "parameters", "overrides", "grade", "words"), BY_PARAMETER)
 def test_rows_by_parameter(good, name, parameters, overrides, grade, words):
-    seen = told(good, **parameters)
+    seen = reported(good, **parameters)
     if name == "steering id" and overrides:
         seen = replace(seen, directions=None)
         grade = GOOD
@@ -185,7 +185,7 @@ def test_rows_by_parameter(good, name, parameters, overrides, grade, words):
     assert words in found.found + found.fix
 
 
-def test_frames_that_are_not_signed_with_our_key_are_told_where_there_is_one(good):
+def test_frames_that_are_not_signed_with_our_key_are_reported_where_there_is_one(good):
     assert all(row.name != "signing" for row in rows(good, load_config()))
     key = "link.signing_key_file=/etc/holdfast/mavlink.key"
     assert row("signing", replace(good, messages=1, refused=20), key).grade is GOOD, "a stranger's flood"
@@ -205,19 +205,19 @@ def test_streams_that_not_every_vehicle_has_may_stay_away_but_not_slow_down(good
 
 def test_a_receiver_and_overrides_that_never_end_are_refused(good):
     """Nothing at all would stop the thrusters then."""
-    seen = told(replace(good, failsafe_seen=False), RC_OVERRIDE_TIME=-1.0)
+    seen = reported(replace(good, failsafe_seen=False), RC_OVERRIDE_TIME=-1.0)
     assert row("RC receiver", seen).grade is REFUSED
-    assert "not reported" in row("RC receiver", told(seen, RC_OVERRIDE_TIME=None)).found
+    assert "not reported" in row("RC receiver", reported(seen, RC_OVERRIDE_TIME=None)).found
     assert row("RC receiver", replace(seen, receiver_channels=0)).grade is GOOD
-    assert row("RC receiver", told(seen, RC_PROTOCOLS=0.0)).grade is GOOD
+    assert row("RC receiver", reported(seen, RC_PROTOCOLS=0.0)).grade is GOOD
 
 
 def test_without_depth_the_row_says_what_is_missing(good):
     blind = replace(good, state=structs.replace(good.state, ages=BLIND))
     assert row("depth", blind).grade is REFUSED
-    lacking = told(blind, BARO2_GND_PRESS=None)
+    lacking = reported(blind, BARO2_GND_PRESS=None)
     assert "BARO2_GND_PRESS" in row("depth", lacking, *PRESSURE).fix
-    on_the_first = told(lacking, BARO_PRIMARY=0.0)
+    on_the_first = reported(lacking, BARO_PRIMARY=0.0)
     assert "BARO1_GND_PRESS" in row("depth", on_the_first, *PRESSURE).fix
 
 
@@ -235,7 +235,7 @@ def test_what_was_not_tried_has_no_row(good):
 
 
 def test_refusals_name_the_row_and_the_worst_is_the_status(good):
-    bad = told(replace(good, origin_known=False, directions=None), FRAME_CONFIG=1.0, MAV_GCS_SYSID=1.0)
+    bad = reported(replace(good, origin_known=False, directions=None), FRAME_CONFIG=1.0, MAV_GCS_SYSID=1.0)
     listed = rows(bad, load_config())
     assert refusals(listed).startswith(
         'frame: vectored, expected vectored_6dof. Fix: vehicle.preset = "bluerov2"; steering id: '
@@ -248,7 +248,7 @@ def test_refusals_name_the_row_and_the_worst_is_the_status(good):
 def test_the_table_and_the_json_tell_all(good, capsys):
     import json
 
-    listed = rows(told(good, FRAME_CONFIG=1.0), load_config())
+    listed = rows(reported(good, FRAME_CONFIG=1.0), load_config())
     show(listed, ["a note"])
     out = capsys.readouterr().out
     assert "REFUSED" in out

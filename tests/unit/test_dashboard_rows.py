@@ -125,9 +125,9 @@ def test_a_change_of_state_is_an_event_unless_the_companion_tells(make_sample: M
     for t_s, state in ((1.0, State.READY), (2.0, State.ACTIVE), (3.0, State.ACTIVE), (4.0, State.FAULT)):
         seen.take(_messages(_in_state(make_sample(t_s=t_s), state)), now_s=t_s)
     vehicle = seen.vehicles["kelp"]
-    told = vehicle.events_from(0)
-    assert [(event["t_s"], event["severity"]) for event in told] == [(2.0, "info"), (4.0, "fault")]
-    assert told[1]["text"] == "ACTIVE to FAULT: because"
+    reported = vehicle.events_from(0)
+    assert [(event["t_s"], event["severity"]) for event in reported] == [(2.0, "info"), (4.0, "fault")]
+    assert reported[1]["text"] == "ACTIVE to FAULT: because"
     event = telemetry.Event(t_s=4.0, boot_s=0.0, severity="fault", kind="state", text="told")
     seen.take([Stamped("holdfast/kelp/event", msgspec.json.encode(event), None)], now_s=4.1)
     seen.take(_messages(_in_state(make_sample(t_s=5.0), State.IDLE)), now_s=5.0)
@@ -162,7 +162,7 @@ def test_the_plan_is_kept_until_another_comes(make_sample: MakeSample) -> None:
     assert vehicle.plan is None
 
 
-def test_what_was_found_of_the_vehicle_is_told_by_axis(make_sample: MakeSample) -> None:
+def test_what_was_found_of_the_vehicle_is_reported_by_axis(make_sample: MakeSample) -> None:
     seen = Fleet()
     seen.take(_messages(make_sample(dead_motor=3)), now_s=1.0)
     status = seen.vehicles["kelp"].status(1.0)
@@ -187,7 +187,7 @@ def test_the_truth_joins_the_tick_of_its_moment_with_the_papers_sign(make_sample
     assert np.isnan(true[[0, 2]]).all()
 
 
-def test_bad_bytes_are_told_and_change_nothing(make_sample: MakeSample) -> None:
+def test_bad_bytes_are_reported_and_change_nothing(make_sample: MakeSample) -> None:
     seen = Fleet()
     seen.take(
         [

@@ -205,8 +205,8 @@ def test_the_picture_shows_everything_with_units(dive: DemoDive) -> None:
         "Holdfast keeps the depth to 1.2 mm RMS, ArduSub's ALT_HOLD to 50 mm\nin a pool"
     )
     assert figure.get_supxlabel() == "made by hand"
-    told = draw(dict.fromkeys(results, dive), results, span, "", "", "depth_sd_mm").get_suptitle()
-    assert told.startswith("Holdfast keeps the depth to 7.1 mm RMS about the mean, ")
+    reported = draw(dict.fromkeys(results, dive), results, span, "", "", "depth_sd_mm").get_suptitle()
+    assert reported.startswith("Holdfast keeps the depth to 7.1 mm RMS about the mean, ")
     # The dives differ in colour and in dashes; ALT_HOLD is drawn inside the window alone.
     alt_hold, off, on = error.get_lines()[:3]
     assert len({line.get_color() for line in (alt_hold, off, on)}) == 3

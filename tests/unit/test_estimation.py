@@ -207,9 +207,9 @@ def test_what_the_heartbeat_says_is_passed_on():
     assert (state.armed, state.mode, state.system_status) == (False, 0, 3)
 
 
-@pytest.mark.parametrize(("told", "believed"), [(14.8, 14.8), (2.0, 10.0), (90.0, 20.0)])
-def test_the_voltage_is_kept_within_reason(told, believed):
-    assert estimator().step(START_S, [Battery(START_S, told)]).voltage_v == believed
+@pytest.mark.parametrize(("reported", "believed"), [(14.8, 14.8), (2.0, 10.0), (90.0, 20.0)])
+def test_the_voltage_is_kept_within_reason(reported, believed):
+    assert estimator().step(START_S, [Battery(START_S, reported)]).voltage_v == believed
 
 
 def test_the_pilots_gain_is_passed_on():

@@ -106,7 +106,7 @@ def test_every_shipped_file_is_sound(file, capsys):
         (("link.endpoint", "udp:14550"), "link.endpoint"),
     ],
 )
-def test_a_wrong_configuration_is_told_by_key_and_range(here, capsys, change, says):
+def test_a_wrong_configuration_is_reported_by_key_and_range(here, capsys, change, says):
     (here / "mine.toml").write_text(with_values(DEFAULT_FILE.read_text(), dict([change])))
     assert holdfast.main(["config", "check", "mine.toml"]) == 2
     (line,) = capsys.readouterr().err.splitlines()
@@ -114,7 +114,7 @@ def test_a_wrong_configuration_is_told_by_key_and_range(here, capsys, change, sa
     assert says in line
 
 
-def test_a_wrong_vehicle_is_told_by_key_and_range(here, capsys):
+def test_a_wrong_vehicle_is_reported_by_key_and_range(here, capsys):
     text = (PRESETS / "heavy.toml").read_text()
     (here / "mine.toml").write_text(with_values(text, {"heave.mass": -1.0}))
     assert holdfast.main(["config", "check", "mine.toml"]) == 2

@@ -84,8 +84,8 @@ def late(delay_s, heave_m, seconds=60.0, configured_s=0.3):
     depths = 4.0 + heave_m * np.sin(2.0 * np.pi / 6.0 * 0.02 * np.arange(round(seconds / 0.02)))
     behind, found = round(delay_s / 0.02), []
     for tick in range(behind, len(depths)):
-        told = [Range(0.02 * tick, 6.0 - depths[tick - behind] + 0.01 * rng.standard_normal())]
-        found.append(finder.step(0.02 * tick, told if tick % 5 == 0 else [], depths[tick], 1.0))
+        reported = [Range(0.02 * tick, 6.0 - depths[tick - behind] + 0.01 * rng.standard_normal())]
+        found.append(finder.step(0.02 * tick, reported if tick % 5 == 0 else [], depths[tick], 1.0))
     return finder, np.array([ground.depth_m for ground in found[-500:]])
 
 

@@ -47,10 +47,10 @@ def test_a_vehicle_that_is_not_pushed_says_nothing():
 
 
 @pytest.mark.parametrize(
-    ("compass_radps", "gyro_radps", "told"),
+    ("compass_radps", "gyro_radps", "reported"),
     [(0.0, 0.0, False), (0.004, 0.0, True), (0.5, 0.5, False), (0.5, 0.495, False)],
 )
-def test_a_heading_that_turns_without_the_gyro_is_told(compass_radps, gyro_radps, told):
+def test_a_heading_that_turns_without_the_gyro_is_reported(compass_radps, gyro_radps, reported):
     watch, nan = HeadingWatch(), (math.nan, math.nan)
     for tick in range(round(90.0 / DT_S)):
         psi = math.remainder(compass_radps * tick * DT_S, math.tau)
@@ -67,5 +67,5 @@ def test_a_heading_that_turns_without_the_gyro_is_told(compass_radps, gyro_radps
             turns=True,
             pushes=False,
         )
-    assert check.doubtful is told
+    assert check.doubtful is reported
     assert not check.lost

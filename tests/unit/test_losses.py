@@ -45,7 +45,7 @@ def test_what_a_radio_link_leaves_out_is_not_lost() -> None:
 
 
 @pytest.mark.parametrize(("ticks", "missing", "lost"), TOLD)
-def test_they_are_told(
+def test_they_are_reported(
     ticks: list[int], missing: dict[int, set[str]], lost: int, tmp_path: Path, make_sample: MakeSample
 ) -> None:
     recorder = DiveRecorder("kelp", FileLimits(tmp_path, reserve_bytes=1), {})

@@ -109,26 +109,26 @@ class TestSignsAndScales:
 
     def test_depth_of_pressure(self, counters):
         """Of the barometer in the water, against the surface and the water that the autopilot knows."""
-        told = dict(zip(PRESSURE_PARAMETERS, (1.0, 1e5, 1.025), strict=True))
-        decoder = Decoder(counters, depth_source="pressure", parameters=told)
+        reported = dict(zip(PRESSURE_PARAMETERS, (1.0, 1e5, 1.025), strict=True))
+        decoder = Decoder(counters, depth_source="pressure", parameters=reported)
         (event,) = convert(decoder, pressure(1000, 2000.0))
         assert event == Depth(T, 1.0, about(1e5 / (9800 * 1.025)))
         hull = mavlink.MAVLink_scaled_pressure_message(1010, 2100.0, 0.0, 0)
         assert convert(decoder, hull) == ()
-        told |= {"BARO_PRIMARY": 0.0, "BARO1_GND_PRESS": 1.1e5}
+        reported |= {"BARO_PRIMARY": 0.0, "BARO1_GND_PRESS": 1.1e5}
         (event,) = convert(decoder, hull)
         assert event.z_m == pytest.approx(1e5 / (9800 * 1.025))
 
     @pytest.mark.parametrize("unknown", range(3))
     def test_pressure_is_no_depth_before_the_autopilot_has_told_its_zero(self, counters, unknown):
-        told = dict(zip(PRESSURE_PARAMETERS, (1.0, 1e5, 1.025), strict=True))
-        del told[PRESSURE_PARAMETERS[unknown]]
-        decoder = Decoder(counters, depth_source="pressure", parameters=told)
+        reported = dict(zip(PRESSURE_PARAMETERS, (1.0, 1e5, 1.025), strict=True))
+        del reported[PRESSURE_PARAMETERS[unknown]]
+        decoder = Decoder(counters, depth_source="pressure", parameters=reported)
         assert convert(decoder, pressure(1000, 2000.0)) == ()
 
     def test_a_repeated_pressure_is_no_new_reading(self, counters):
-        told = dict(zip(PRESSURE_PARAMETERS, (1.0, 1e5, 1.0), strict=True))
-        decoder = Decoder(counters, depth_source="pressure", parameters=told)
+        reported = dict(zip(PRESSURE_PARAMETERS, (1.0, 1e5, 1.0), strict=True))
+        decoder = Decoder(counters, depth_source="pressure", parameters=reported)
         stamps = (1000, 1020, 1040, 1210, 1230)
         got = [len(convert(decoder, pressure(ms, 1500.0))) for ms in stamps]
         assert got == [1, 0, 0, 1, 0]
@@ -184,12 +184,14 @@ class TestSignsAndScales:
         message = mavlink.MAVLink_rc_channels_message(0, 16, *[1500] * 18, 255)
         assert convert(decoder, message) == (ReceiverChannels(T, 16),)
 
-    def test_the_origin_is_told_when_it_changes(self, decoder):
+    def test_the_origin_is_reported_when_it_changes(self, decoder):
         def at(lat, boot_ms):
             return mavlink.MAVLink_global_position_int_message(boot_ms, lat, 0, 0, -1000, 0, 0, 0, 0)
 
-        told = [convert(decoder, at(lat, ms))[1:] for ms, lat in enumerate((0, 0, 471234567, 471234567, 0))]
-        assert told == [(), (), (EkfOrigin(T, True),), (), (EkfOrigin(T, False),)]
+        reported = [
+            convert(decoder, at(lat, ms))[1:] for ms, lat in enumerate((0, 0, 471234567, 471234567, 0))
+        ]
+        assert reported == [(), (), (EkfOrigin(T, True),), (), (EkfOrigin(T, False),)]
 
     def test_motor_demand(self):
         assert motor_demand((1100, 1500, 1900, 1600, 0)) == (-1.0, 0.0, 1.0, 0.25, 0.0)

@@ -122,7 +122,7 @@ def test_what_the_firmware_has_refused_is_not_asked_for_again_until_it_reboots(d
     assert battery in [m.param1 for _, m in dive.sent if wire.name(m) == "COMMAND_LONG"]
 
 
-def test_the_version_is_asked_for_until_it_is_told_and_again_after_a_reboot(dive):
+def test_the_version_is_asked_for_until_it_is_reported_and_again_after_a_reboot(dive):
     dive.run(12.0)
     assert len(dive.times("COMMAND_LONG", 512)) == 3
     firmware = Firmware(dive.now_s, "4.7.0 (dev)", (4, 7, 0))

@@ -21,7 +21,7 @@ def measured(monkeypatch: pytest.MonkeyPatch, *bounds: Bound) -> None:
     monkeypatch.setattr(operations, "latency", list)
 
 
-def test_a_bound_that_is_not_held_is_told_and_ends_with_1(
+def test_a_bound_that_is_not_held_is_reported_and_ends_with_1(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     command = ["process", "--out", str(tmp_path), "--json", str(tmp_path / "figures.json")]

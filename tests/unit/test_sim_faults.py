@@ -294,22 +294,22 @@ def test_an_origin_that_comes_late_moves_relative_alt():
 def test_noise_of_the_depth_is_slow_and_as_large_as_asked():
     rov, station = streaming_depth()
     rov.inject(Fault("depth_noise", at_s=rov.time_s, duration_s=40.0, value=0.02))
-    told, true = heights(station, 40.0)
-    errors = np.subtract(told, true)
+    reported, true = heights(station, 40.0)
+    errors = np.subtract(reported, true)
     assert np.std(errors) == pytest.approx(0.02, rel=0.4)
     assert np.std(np.diff(errors)) < 0.4 * np.std(errors)
     station.run(0.2)
-    told, true = heights(station, 10.0)
-    assert np.std(np.subtract(told, true)) < 0.008
+    reported, true = heights(station, 10.0)
+    assert np.std(np.subtract(reported, true)) < 0.008
 
 
 def test_a_depth_that_lags_shows_a_part_of_the_motion_later():
     quiet = [f"sensors.depth_{name}_m=0.0" for name in ("slow", "white")]
     rov, station = streaming_depth(*quiet, "waves.enabled=true", "waves.height_m=1.0", "waves.period_s=5.0")
     rov.inject(Fault("depth_lag", at_s=rov.time_s, value=0.15))
-    told, true = map(np.array, heights(station, 30.0))
-    told, true = told - told.mean(), true - true.mean()
-    left = [float(np.std(told[10:] - 0.71 * true[10 - late : len(true) - late])) for late in range(10)]
+    reported, true = map(np.array, heights(station, 30.0))
+    reported, true = reported - reported.mean(), true - true.mean()
+    left = [float(np.std(reported[10:] - 0.71 * true[10 - late : len(true) - late])) for late in range(10)]
     assert 0.15 <= 0.05 * left.index(min(left)) <= 0.25
     assert min(left) < 0.2 * np.std(true)
 

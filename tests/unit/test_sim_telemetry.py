@@ -64,19 +64,19 @@ def test_500_hz_and_unknown_messages_are_refused_with_2():
 
 
 @pytest.mark.parametrize("message", [mavlink.MAVLINK_MSG_ID_NAMED_VALUE_FLOAT, 9999])
-def test_an_interval_of_a_message_that_is_not_streamed_is_refused_and_every_link_is_told(message):
+def test_an_interval_of_a_message_that_is_not_streamed_is_refused_and_every_link_is_reported(message):
     rov = vehicle()
     asks, listens = Station(rov, link=0), Station(rov, link=1)
     asks.command(SET_INTERVAL, message, 500_000)
-    told = dict.fromkeys((0, 1), b"")
+    reported = dict.fromkeys((0, 1), b"")
     for link, data in rov.step(asks.queue):
-        told[link] += data
+        reported[link] += data
     for station in (asks, listens):
-        messages = station.parser.parse_buffer(told[station.link])
+        messages = station.parser.parse_buffer(reported[station.link])
         assert [m.text for m in messages if m.get_type() == "STATUSTEXT"] == [
             f"No ap_message for mavlink id ({message})"
         ]
-    assert [m.result for m in asks.parser.parse_buffer(told[0]) if m.get_type() == "COMMAND_ACK"] == [2]
+    assert [m.result for m in asks.parser.parse_buffer(reported[0]) if m.get_type() == "COMMAND_ACK"] == [2]
 
 
 def test_minus_one_stops_and_zero_restores():

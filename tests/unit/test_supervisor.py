@@ -286,8 +286,8 @@ def test_waiting_says_for_what():
     verdict = StateMachine(RAMP_S).step(C.DISARMED | C.DEPTH_STALE, TICK_S)
     assert verdict.state is State.IDLE
     assert verdict.reason == "waiting for: a fresh depth, arming"
-    told = StateMachine(RAMP_S).step(C.DISARMED | C.SATURATED | C.PREFLIGHT_FAILURE, TICK_S, "the frame")
-    assert told.reason == "waiting for: the pre-dive list (the frame), arming"
+    reported = StateMachine(RAMP_S).step(C.DISARMED | C.SATURATED | C.PREFLIGHT_FAILURE, TICK_S, "the frame")
+    assert reported.reason == "waiting for: the pre-dive list (the frame), arming"
     silent = StateMachine(RAMP_S).step(C.DEPTH_STALE | C.ATTITUDE_STALE | C.LINK_LOST, TICK_S)
     assert silent.reason == "waiting for: the vehicle's heartbeat, a fresh depth, a fresh attitude"
 
@@ -402,7 +402,7 @@ def test_every_condition_has_a_test_whose_keys_are_in_the_configuration(conditio
     assert all(hasattr(LIMITS, key) for key in RULES[condition].keys)
 
 
-def test_what_is_only_told_is_told_and_freezes_where_it_should():
+def test_what_is_only_reported_is_reported_and_freezes_where_it_should():
     supervisor = brought_to(State.ACTIVE)
     for condition in (*ONLY_TOLD, C.BATTERY_LOW, C.DEPTH_JUMPED):
         verdict = supervisor.step(condition, TICK_S)

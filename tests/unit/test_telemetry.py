@@ -134,7 +134,7 @@ def test_a_newer_field_is_no_stumbling_block(make_sample: MakeSample) -> None:
         ("holdfast/kelp/loop", b'{"t_s": null}', "holdfast.Loop.v1"),
     ],
 )
-def test_strange_keys_and_payloads_are_told(key: str, payload: bytes, says: str) -> None:
+def test_strange_keys_and_payloads_are_reported(key: str, payload: bytes, says: str) -> None:
     with pytest.raises(ValueError, match=says):
         telemetry.decode(key, payload)
 

@@ -62,7 +62,7 @@ def test_every_request_that_was_answered_is_answered_alike(both: tuple[Answers, 
             assert ours["answered"][request] == autopilots, request
 
 
-def test_every_parameter_that_is_still_there_is_told(both: tuple[Answers, Answers]) -> None:
+def test_every_parameter_that_is_still_there_is_reported(both: tuple[Answers, Answers]) -> None:
     real, ours = both
     assert set(ours["parameters"]) == set(DEFAULTS)
     missing = set(real["parameters"]) - set(DEFAULTS)

@@ -34,10 +34,13 @@ EVERY, NONE = (True,) * 4, (False,) * 4
 NORTH = jacobian(0.0)
 
 
-@pytest.mark.parametrize("told", [1e12, 1e20, 1e160, 1e300])
-def test_evidence_that_tells_gain_and_lag_alike_divides_by_nothing(told):
+@pytest.mark.parametrize("reported", [1e12, 1e20, 1e160, 1e300])
+def test_evidence_that_tells_gain_and_lag_alike_divides_by_nothing(reported):
     """As rounding leaves it: the determinant of a matrix that is all the same number is zero."""
-    found, evidence = Found(0.1, LAG_S, told, told, told), Evidence(1.0, 1.0, told, told, told)
+    found, evidence = (
+        Found(0.1, LAG_S, reported, reported, reported),
+        Evidence(1.0, 1.0, reported, reported, reported),
+    )
     learnt = learn(found, evidence, DT_S)
     assert abs(learnt.log_gain) < MOST_LOG_GAIN
     assert not any(part < 0.0 for part in doubt(found))

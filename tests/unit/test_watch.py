@@ -72,7 +72,7 @@ def test_each_degree_of_freedom_says_what_it_does(make_sample: MakeSample) -> No
     assert "learning" in east
 
 
-def test_what_is_stale_is_told_with_its_age(make_sample: MakeSample) -> None:
+def test_what_is_stale_is_reported_with_its_age(make_sample: MakeSample) -> None:
     sample = make_sample(stale=(True, True, True, False), ages=Ages(4.0, 4.0, 3.0, 0.02, math.inf))
     sample = replace(sample, verdict=replace(sample.verdict, conditions=Condition.LINK_LOST))
     screen = _screen(_view(sample))
@@ -266,7 +266,7 @@ def test_the_last_events_are_shown_with_their_age_and_all_fits(make_sample: Make
     assert "   5 s ago  fault: second" in screen
 
 
-def test_a_strange_message_is_told_and_passed_over(make_sample: MakeSample) -> None:
+def test_a_strange_message_is_reported_and_passed_over(make_sample: MakeSample) -> None:
     feed = Feed("kelp", "here")
     feed.take([Message("holdfast/kelp/state", b"{}"), *_messages(make_sample())], now_s=1.0)
     assert "holdfast.State.v1" in _screen(feed.view(1.0, connected=True))

@@ -99,7 +99,7 @@ def test_the_ekf_may_doubt_itself_for_a_moment(seen, over, doubt):
     assert seen.step(EkfStatus(0.0, True, True, 0.1)).ekf_doubt_s == 0.0
 
 
-def test_a_new_peer_is_told_for_a_while():
+def test_a_new_peer_is_reported_for_a_while():
     seen = Seen()
     assert not seen.step().peer_changed
     assert seen.step(peers=1).peer_changed
@@ -108,14 +108,14 @@ def test_a_new_peer_is_told_for_a_while():
     assert seen.step(peers=2).peer_changed
 
 
-def test_dropped_samples_are_told_for_a_while_each_time(seen):
+def test_dropped_samples_are_reported_for_a_while_each_time(seen):
     assert seen.step(dropped=3).samples_dropped
     assert seen.later(ANNOUNCED_S - 0.01, dropped=3).samples_dropped
     assert not seen.later(0.02, dropped=3).samples_dropped
     assert seen.step(dropped=4).samples_dropped
 
 
-def test_changes_are_told_reading_is_not_one(seen):
+def test_changes_are_reported_reading_is_not_one(seen):
     assert not seen.step(Parameter(0.0, "NEW", 1.0), Parameter(0.0, "FS_PILOT_INPUT", 2.0)).config_changed
     assert seen.step(Parameter(0.0, "FS_PILOT_INPUT", 1.0)).config_changed
     assert seen.later(ANNOUNCED_S - 0.01).config_changed
