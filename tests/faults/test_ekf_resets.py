@@ -133,7 +133,7 @@ def test_a_place_that_is_ordered_near_a_reset_lies_where_the_ekf_had_it_then(aft
     known = [step.sample.state.frame_shift for step in steps if step.sample.state.frame_shift]
     turn_rad, north_m = sum(one.turn_rad for one in known), sum(one.north_m for one in known)
     expected = complex(2.0 - north_m, 1.0) * np.exp(-1j * turn_rad)
-    dive.run(11.0)
+    dive.run(16.0)
     north, east = dive.step.truth.eta[:2]
     assert complex(north, east) == pytest.approx(expected, abs=0.04)
     assert dive.state is State.ACTIVE
