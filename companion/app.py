@@ -150,6 +150,7 @@ class App:
             for task in running:
                 task.cancel()
             await asyncio.gather(*running, return_exceptions=True)
+            self._to_pilot(self._engine.last_words(f"ended: {self._parting}"))
             for link in self._links:
                 link.close()
             if self._timestamps is not None:
@@ -159,7 +160,7 @@ class App:
             of_the_system = isinstance(self._failure, OSError)
             log.error("gave up: %s", self._failure, exc_info=None if of_the_system else self._failure)
             return 1
-        log.info("stopped; %s", parting(steering=self._engine.steering, silent=self._silent))
+        log.info("stopped; %s", self._parting)
         return 0
 
     def _from_vehicle(self, t_ns: int, data: bytes) -> None:
@@ -269,10 +270,20 @@ class App:
         duplicates = _drained(self._publisher.duplicate_instances)
         events = self._event_log.step(sample, self._commands.results, duplicates, peers)
         self._publisher.offer(sample, raw, events, self._plan(now_ns, sample))
+        self._to_pilot(self._engine.displayed(sample, events))
         for event in events:
             if event.kind != "state":
                 log.info("%s: %s", event.kind, event.text)
         self._report(now_ns, sample)
+
+    def _to_pilot(self, frames: Sequence[bytes]) -> None:
+        link = self._ground or self._link
+        for frame in frames:
+            link.send(frame)
+
+    @property
+    def _parting(self) -> str:
+        return parting(steering=self._engine.steering, silent=self._silent)
 
     def _fail(self, error: Exception) -> None:
         self._failure = error

@@ -137,6 +137,9 @@ class GroundStation(Section, frozen=True):
     release_button: Annotated[
         ranges.Button, means("joystick button that releases all axes; -1 for none")
     ] = -1
+    hold_button: Annotated[
+        ranges.Button, means("joystick button that stops, and holds this place; -1 for none")
+    ] = -1
     allow: Annotated[tuple[str, ...], means("as link.allow, for the ground station")] = ()
 
 

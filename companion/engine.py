@@ -8,7 +8,7 @@ from msgspec.structs import replace
 from companion import assembly
 from companion.config import Config
 from companion.control.actuation import FULL, NONE
-from companion.control.allocation import can_lose
+from companion.control.allocation import can_lose, reserve
 from companion.control.axis import AxisSample
 from companion.control.controller import Target
 from companion.control.reference import Reference
@@ -33,6 +33,7 @@ from companion.guidance.orders import Order
 from companion.guidance.paths.shapes import Path
 from companion.guidance.pilot import NO_DEMAND
 from companion.mavlink.autopilot import Autopilot
+from companion.mavlink.pilot_display import PilotDisplay
 from companion.mavlink.relay import pilot_events
 from companion.mavlink.signing import Signing
 from companion.predive.check import CheckRow
@@ -63,6 +64,7 @@ from companion.steps import Steps
 from companion.supervision.guard import guard
 from companion.supervision.situation import Observation
 from companion.supervision.supervision import Supervision
+from companion.telemetry import schemas
 
 MAX_DT_TICKS = 3.0
 RELEASING = (State.RAMP_DOWN, State.HAND_OVER)
@@ -97,6 +99,7 @@ class Engine:
         self.memory = start(self.parameters)
         """All that the core remembers: a value, which may be kept, compared and given back."""
         self._outside = Outside(Engine._permit, Engine._guide, Engine._send, self)
+        self._display = PilotDisplay()
         self._envelope = assembly.envelope(config)
         self._sent = NEUTRAL
         self._state: VehicleState
@@ -163,6 +166,18 @@ class Engine:
             ),
             refused=self._supervision.refused,
         )
+
+    def displayed(self, sample: ControlSample, events: Sequence[schemas.Event]) -> list[bytes]:
+        """Return what the pilot's ground station is to show of the last tick, and answers to its commands.
+
+        It goes to the ground station's link, and without one to the vehicle's, which forwards it.
+        """
+        left = reserve(self.parameters.actuation.thrusters, self.applied, self._reach(sample.state))
+        return self._autopilot.displayed(self._display.step(sample, events, self._now.reports, left))
+
+    def last_words(self, words: str) -> list[bytes]:
+        """Return what the pilot's ground station is to show when this process ends."""
+        return self._autopilot.displayed(self._display.last_words(words))
 
     def shutdown_frames(self) -> bytes:
         """Return what every way out sends, whatever state the rest is in; nothing where nothing is ours.
@@ -320,9 +335,12 @@ class Engine:
             rests=regained is None,
             regained=regained or NONE,
             trusts_thrusters=Request.CLEAR_FAULT in now.requests,
-            reach=self._autopilot.reach(state.pilot_gain, self._envelope.max_axis),
+            reach=self._reach(state),
             excitation=self.excitation,
         )
+
+    def _reach(self, state: VehicleState) -> AxisCommand:
+        return self._autopilot.reach(state.pilot_gain, self._envelope.max_axis)
 
     def _guide(self, inputs: Inputs, known: Known, reference: Reference) -> Wanted:
         """Return where to go."""

@@ -128,6 +128,8 @@ class Tap:
         self.tick_s = 1.0 / config.loop.rate_hz
         self.spoil = lambda now_s, inbox: inbox
         self.to_vehicle = []
+        self.after = lambda out, sample: None
+        """Called after each tick, with what the engine sent."""
         self.asleep_until_s = 0.0
         self.may_engage = False
         self.last_thrust_s = 0.0
@@ -157,6 +159,7 @@ class Tap:
             out, sample = self.engine.step(now_s, inbox, health, requests, ground)
             self.cockpit.relay.withhold = self.engine.steering
         self._sample = sample
+        self.after(out, sample)
         self.history.append((t_s, sample.verdict.state))
         self._hold_to_account(t_s, out, sample)
         return passed + out + extra, sample

@@ -456,6 +456,22 @@ def _group_wrench(group: Group, a: Three, strength: float) -> Three:
     return X * levers[0] * strength, Y * levers[1] * strength, Z * levers[2] * strength
 
 
+def reserve(thrusters: Thrusters, axes: Axes, reach: Axes) -> float:
+    """Return what share of the thrust is left, 0..1: that of the motor or the axis that has the least.
+
+    A motor ends at full push, an axis at that of its `reach`.
+    """
+    used = 0.0
+    for group, three in (
+        (thrusters.horizontal, (axes[0], axes[1], axes[3])),
+        (thrusters.vertical, (axes[2], axes[4], axes[5])),
+    ):
+        used = max(used, *(_load(interpolated(t, PUSH)) for t in _group_motors(group, three)))
+    for a, most in zip(axes, reach, strict=True):
+        used = max(used, interpolated(abs(a), PUSH) / max(interpolated(most, PUSH), DEAD_BAND_N))
+    return max(0.0, 1.0 - used)
+
+
 def interpolated(x: float, curve: Curve) -> float:
     """Return a curve's value at x; NaN for NaN."""
     points, values, slopes = curve

@@ -133,10 +133,7 @@ class Guidance:
         elif isinstance(order, SetVelocity):
             self._move_at(order, now_s)
         elif order.action == "hold":
-            self._course = self._altitude = None
-            if self.offers_position:
-                self._held.want_here()
-            self._target.hold(self._standing(reference))
+            self._hold_here(reference)
         elif self._course is None or self._course.done:
             raise ValueError("there is no path and no move under way")
         elif order.action == "pause":
@@ -282,6 +279,8 @@ class Guidance:
         if steers and course is not None and not (course.done or course.suspended):
             course.suspend()
             target.now = Setpoint(self._standing(reference))
+        if demand.hold and any(self.engaged):
+            self._hold_here(reference)
         held.release(demand.overridden)
         now = self._frame.now
         here = now.setpoint_outside(target.now)
@@ -410,6 +409,13 @@ class Guidance:
     def _ask_velocity(self, until_s: float, velocity: Vector, *, body: bool) -> None:
         inside = velocity if body else self._frame.settled.inward(velocity)
         self._pilot.ask(until_s, inside, body=body)
+
+    def _hold_here(self, reference: Reference) -> None:
+        """Stop, and hold this place, also north and east where a position has come."""
+        self._course = self._altitude = None
+        if self.offers_position:
+            self._held.want_here()
+        self._target.hold(self._standing(reference))
 
     def _set_course(self, course: Course, asked: Vector) -> None:
         """Follow a course; `asked` is what is left of the setpoint."""

@@ -2,7 +2,8 @@
 
 A stick on an axis that is held commands a rate, at most the axis' `max_rate`. Released, it leaves the new
 depth or heading to be held. A stick at full deflection overrides its axis after `full_deflection_s`; the
-release button and the firmware's toggles override all axes; the engage button engages.
+release button and the firmware's toggles override all axes; the engage button engages, the hold button stops.
+A command of the ground station does what the button does.
 """
 
 import math
@@ -20,6 +21,8 @@ from companion.records import (
     ZERO,
     Event,
     Flags,
+    PilotAction,
+    PilotCommand,
     PilotSticks,
     PilotToggle,
     Setpoint,
@@ -43,8 +46,8 @@ class PilotDemand(NamedTuple):
 
     `sticks` is what to pass on, None where none came of late. `nu` and `nu_dot` say how the setpoint is to
     move (m/s, rad/s), zero where nothing is held. `overridden` are degrees of freedom that were held until
-    now; after a `full_override` none is held. `engage` and `release` are the buttons: engage was just
-    pressed, release is down.
+    now; after a `full_override` none is held. `engage`, `release` and `hold` are the buttons: engage and hold
+    were just pressed, release is down.
     """
 
     sticks: PilotSticks | None = None
@@ -54,6 +57,7 @@ class PilotDemand(NamedTuple):
     full_override: bool = False
     engage: bool = False
     release: bool = False
+    hold: bool = False
 
 
 NO_DEMAND = PilotDemand()
@@ -65,10 +69,12 @@ class Pilot:
     def __init__(self, config: Config) -> None:
         ground = config.ground_station
         self._full_deflection, self._full_deflection_s = ground.full_deflection, ground.full_deflection_s
-        self._release_bit = 1 << ground.release_button if ground.release_button >= 0 else 0
-        self._engage_bit = 1 << ground.engage_button if ground.engage_button >= 0 else 0
-        self._engage_down = True
-        """A button that is down in the first frame was not pressed."""
+        buttons = (ground.engage_button, ground.release_button, ground.hold_button)
+        self._bits = {
+            action: 1 << button for action, button in zip(PilotAction, buttons, strict=True) if button >= 0
+        }
+        self._down = -1
+        """Buttons that were down in the frame before. One that is down in the first frame was not pressed."""
         self.retune(config)
         self._sticks: PilotSticks | None = None
         self._asked: tuple[float, Vector, bool] = (-math.inf, ZERO, True)
@@ -99,7 +105,7 @@ class Pilot:
         self, state: VehicleState, dt_s: float, events: Sequence[Event], held: Flags, depth_m: float
     ) -> PilotDemand:
         """Take this tick's events, which axes are held, and the depth that is wanted now."""
-        buttons, toggled, engage = self._heard(events)
+        buttons, toggled, asked_for = self._heard(events)
         sticks = self._sticks
         if sticks is None or state.t_s - sticks.t_s > STALE_S:
             sticks, deflections = None, ZERO
@@ -113,21 +119,22 @@ class Pilot:
             asked = ZERO
         elif not body:
             asked = to_body(jacobian(state.eta_ahead[PSI]), asked)
-        if not (self._busy or toggled or any(asked)):
+        if not (self._busy or toggled or asked_for or any(asked)):
             return NO_DEMAND
         nu, nu_dot = self._rates(deflections, asked, held, depth_m, max(dt_s, 0.0))
         self._nu = nu
         self._busy = sticks is not None or any(nu)
         overridden = self._overridden(deflections, held, max(dt_s, 0.0))
-        release = bool(buttons & self._release_bit)
+        release = PilotAction.RELEASE in asked_for
         return PilotDemand(
             sticks,
             nu=nu,
             nu_dot=nu_dot,
             overridden=overridden,
             full_override=release or toggled or (overridden != NONE and overridden == held),
-            engage=engage,
+            engage=PilotAction.ENGAGE in asked_for,
             release=release,
+            hold=PilotAction.HOLD in asked_for,
         )
 
     def move(
@@ -168,19 +175,22 @@ class Pilot:
             chosen(changed, chosen(moving, rate_dot, ZERO), target.eta_d_ddot),
         ), changed
 
-    def _heard(self, events: Sequence[Event]) -> tuple[int, bool, bool]:
-        """Return which buttons were down, whether a toggle went on, and whether engage was pressed."""
-        buttons, toggled, engage = 0, False, False
+    def _heard(self, events: Sequence[Event]) -> tuple[int, bool, set[PilotAction]]:
+        """Return which buttons were down, whether a toggle went on, and what buttons and commands ask for."""
+        buttons, toggled, asked_for = 0, False, set[PilotAction]()
         for event in events:
             if isinstance(event, PilotSticks):
                 self._sticks = event
                 buttons |= event.buttons
-                down = bool(event.buttons & self._engage_bit)
-                engage |= down and not self._engage_down
-                self._engage_down = down
+                pressed, self._down = event.buttons & ~self._down, event.buttons
+                for action, bit in self._bits.items():
+                    if (event.buttons if action is PilotAction.RELEASE else pressed) & bit:
+                        asked_for.add(action)
+            elif isinstance(event, PilotCommand) and event.action is not None:
+                asked_for.add(event.action)
             elif isinstance(event, PilotToggle):
                 toggled |= event.on
-        return buttons, toggled, engage
+        return buttons, toggled, asked_for
 
     def _rates(
         self, deflections: Vector, asked: Vector, held: Flags, depth_m: float, dt_s: float

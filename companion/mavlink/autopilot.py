@@ -57,6 +57,9 @@ class Autopilot:
             signing=signing,
         )
         self._onboard = Packer(link.vehicle_system, link.component, signing)
+        behind_us = config.ground_station.endpoint
+        self._display = Packer(link.vehicle_system, link.component, signing) if behind_us else self._onboard
+        """For the pilot's link; without one these go with our heartbeat over the vehicle's."""
         self._hello = Packer(link.vehicle_system, link.component, signing)
         """A packer of its own: it must not shift the sequence numbers of what the ticks send."""
         self._signing = signing
@@ -103,6 +106,10 @@ class Autopilot:
             self._signing.advance(now_s)
         asked = self._maintenance.step(now_s, events, want_mode=mode, want_armed=arm, confirm=confirm)
         return [self._encode(message) for message in asked]
+
+    def displayed(self, messages: Sequence[Message]) -> list[bytes]:
+        """Return the frames for the pilot's ground station, from the vehicle's system and our component."""
+        return [self._display.encode(message) for message in messages]
 
     def _encode(self, message: Message) -> bytes:
         """Pack requests as the ground station that ArduSub obeys, and our heartbeat as part of the vehicle.

@@ -43,7 +43,8 @@ class Codec:
 
     Every frame's checksum is tested. Garbage is what fails, MAVLink 1 and ids that the dialect does not know;
     each stretch of it counts once. Frames from others are foreign, except steering (docs/ardusub.md, "Who
-    may steer"): MANUAL_CONTROL to this vehicle, and RC_CHANNELS_OVERRIDE to whomever.
+    may steer"): MANUAL_CONTROL to this vehicle, and RC_CHANNELS_OVERRIDE to whomever; and COMMAND_LONG from a
+    ground station with our system id to our component of the vehicle.
 
     Of datagrams nothing is kept from one to the next, so several peers' may mix; with `stream` the unfinished
     frame at the end waits for its rest (`frames.Splitter`).
@@ -102,11 +103,18 @@ class Codec:
                 return sender
         return Sender.STRANGER
 
+    def _is_for_us(self, frame: Frame) -> bool:
+        """Tell whether a frame of another sender is steering, or a ground station's command to us."""
+        if frame.id != mavlink.MAVLINK_MSG_ID_COMMAND_LONG or frame.system != self._source[0]:
+            return frame.id in _STEERING
+        message = frame.message()
+        return (message.target_system, message.target_component) == (self._target[0], self._source[1])
+
     def _open(self, frame: Frame, piece: bytes, messages: list[Message]) -> None:
         """Append the frame's message if it is for us."""
         sender = (frame.system, frame.component)
         from_vehicle = sender == self._target
-        rival = frame.id in _STEERING and not from_vehicle and sender != self._source
+        rival = not from_vehicle and sender != self._source and self._is_for_us(frame)
         if self._signing and (rival or from_vehicle) and not self._signing.accepts(piece):
             self.counters.refused += 1
             return

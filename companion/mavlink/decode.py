@@ -38,6 +38,8 @@ from companion.records import (
     Leak,
     LinkCounters,
     Parameter,
+    PilotAction,
+    PilotCommand,
     PilotGain,
     PilotInput,
     PilotSticks,
@@ -55,6 +57,7 @@ from companion.telemetry.schemas import printable
 
 ARMED: Final = mavlink.MAV_MODE_FLAG_SAFETY_ARMED
 UINT16_MAX: Final = 0xFFFF
+ACTIONS: Final = frozenset(map(float, PilotAction))
 
 MAX_DEPTH_M: Final = 12_000.0
 MAX_SPEED_MPS: Final = 20.0
@@ -176,12 +179,14 @@ class Decoder:
             mavlink.MAVLINK_MSG_ID_STATUSTEXT: self._statustext,
             mavlink.MAVLINK_MSG_ID_MANUAL_CONTROL: self._manual_control,
             mavlink.MAVLINK_MSG_ID_RC_CHANNELS_OVERRIDE: self._rc_channels_override,
+            mavlink.MAVLINK_MSG_ID_COMMAND_LONG: pilot_commands,
         }
         if depth_source != "pressure":
             for message_id in PRESSURES:
                 del handlers[message_id]
         self._handlers = handlers
-        self.ids = frozenset(handlers)
+        self.ids = frozenset(handlers) - {mavlink.MAVLINK_MSG_ID_COMMAND_LONG}
+        """What is wanted of the vehicle; a command comes from a ground station."""
 
     def to_events(self, message: Message, t_s: float) -> tuple[Event, ...]:
         """Convert what came at `t_s`; empty for messages that we do not use. Never raises."""
@@ -421,6 +426,13 @@ def pilot_sticks(m: Message, t_s: float) -> PilotSticks:
         (m.buttons2, m.enabled_extensions),
         (m.aux1, m.aux2, m.aux3, m.aux4, m.aux5, m.aux6),
     )
+
+
+def pilot_commands(m: Message, t_s: float) -> tuple[PilotCommand, ...]:
+    """Convert a COMMAND_LONG to our component; empty for another command than MAV_CMD_USER_1."""
+    if m.command != mavlink.MAV_CMD_USER_1:
+        return ()
+    return (PilotCommand(t_s, PilotAction(int(m.param1)) if m.param1 in ACTIONS else None),)
 
 
 def override_deflection(m: Message) -> float | None:

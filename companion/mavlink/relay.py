@@ -3,6 +3,7 @@
 While the engine steers, the pilot's steering does not reach the vehicle by itself: MANUAL_CONTROL and
 RC_CHANNELS_OVERRIDE overwrite each other in ArduSub, and two senders make phantom button presses. It goes to
 the engine, which sends one message for both. So does SET_POSITION_TARGET_LOCAL_NED, which moves the setpoint.
+A command to our own component never reaches the vehicle.
 Frames may be MAVLink 1 or 2, signed or not; they keep their
 signatures. Where there is a key the engine gets only what is signed with it: else anybody could steer by us.
 """
@@ -15,7 +16,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from companion.config import Config
 from companion.endpoint import Endpoint
-from companion.mavlink.decode import override_deflection, pilot_sticks, position_target
+from companion.mavlink.decode import override_deflection, pilot_commands, pilot_sticks, position_target
 from companion.mavlink.frames import HEADERS_OF_BOTH, Frame, Splitter, frame_at, leading_frames
 from companion.mavlink.signing import Signing
 from companion.records import Event, PilotHeartbeat, PilotInput, Sender
@@ -34,6 +35,7 @@ HEARTBEAT: Final = mavlink.MAVLINK_MSG_ID_HEARTBEAT
 MANUAL_CONTROL: Final = mavlink.MAVLINK_MSG_ID_MANUAL_CONTROL
 OVERRIDE: Final = mavlink.MAVLINK_MSG_ID_RC_CHANNELS_OVERRIDE
 TARGET: Final = mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED
+COMMAND: Final = mavlink.MAVLINK_MSG_ID_COMMAND_LONG
 
 
 class _Budget:
@@ -84,7 +86,7 @@ class Relay:
         out: list[bytes] = []
         at = -self._passed  # of the piece, seen from the first byte that the vehicle does not have yet
         for frame, piece in self._down.cut(t_ns / NS_PER_S, data):
-            withheld = frame is not None and self._concerns_us(t_ns, frame, piece) and self.withhold
+            withheld = frame is not None and self._withholds(t_ns, frame, piece)
             if not withheld or at < 0:
                 out.append(piece[max(0, -at) :])
             at += len(piece)
@@ -113,12 +115,12 @@ class Relay:
                 return self._signing.sender(piece) if frame.version == 2 else Sender.STRANGER
         return Sender.STRANGER
 
-    def _concerns_us(self, t_ns: int, frame: Frame, data: bytes) -> bool:
-        """Keep the pilot's heartbeat and steering for the engine; tell whether it is steering."""
-        steering = self._is_steering(frame)
-        if (steering or self._is_beacon(frame)) and self._believed(frame, data):
+    def _withholds(self, t_ns: int, frame: Frame, data: bytes) -> bool:
+        """Keep the pilot's heartbeat, steering and commands for the engine; tell if it alone gets it."""
+        steering, commands = self._is_steering(frame), self._commands_us(frame)
+        if (steering or commands or self._is_beacon(frame)) and self._believed(frame, data):
             self._heard.append((t_ns, data))
-        return steering
+        return commands or (steering and self.withhold)
 
     def _is_beacon(self, frame: Frame) -> bool:
         """Tell whether it is a ground station's heartbeat."""
@@ -126,6 +128,13 @@ class Relay:
 
     def _is_steering(self, frame: Frame) -> bool:
         return frame.system == self._link.system and _steers(frame, self._link.vehicle_system)
+
+    def _commands_us(self, frame: Frame) -> bool:
+        link = self._link
+        if frame.id != COMMAND or frame.system != link.system:
+            return False
+        message = frame.message()
+        return (message.target_system, message.target_component) == (link.vehicle_system, link.component)
 
     def _believed(self, frame: Frame, data: bytes) -> bool:
         return self._signing is None or (frame.version == 2 and self._signing.accepts(data))
@@ -152,6 +161,8 @@ def pilot_events(heard: Iterable[tuple[int, bytes]]) -> list[Event]:
             events.append(PilotHeartbeat(t_s))
         elif frame.id == MANUAL_CONTROL:
             events.append(pilot_sticks(frame.message(), t_s))
+        elif frame.id == COMMAND:
+            events += pilot_commands(frame.message(), t_s)
         elif frame.id == TARGET:
             if (target := position_target(frame.message(), t_s)) is not None:
                 events.append(target)

@@ -38,6 +38,8 @@ from companion.records.events import (
     Leak,
     LinkCounters,
     Parameter,
+    PilotAction,
+    PilotCommand,
     PilotGain,
     PilotHeartbeat,
     PilotInput,

@@ -1,6 +1,6 @@
 """What the MAVLink links give: events from the vehicle and from the pilot, and what became of the bytes."""
 
-from enum import Enum, auto
+from enum import Enum, IntEnum, auto
 
 import msgspec
 
@@ -139,6 +139,21 @@ class PilotSticks(Event, frozen=True, gc=False):
     buttons: int
     extensions: tuple[int, int]
     aux: tuple[int, ...]
+
+
+class PilotAction(IntEnum):
+    """What the pilot's buttons ask of Holdfast, and parameter 1 of its command."""
+
+    ENGAGE = 1
+    RELEASE = 2
+    HOLD = 3
+    """Stop, and hold this place."""
+
+
+class PilotCommand(Event, frozen=True, gc=False):
+    """The ground station's MAV_CMD_USER_1 to our component; `action` is None where parameter 1 is none."""
+
+    action: PilotAction | None
 
 
 class PositionTarget(Event, frozen=True, gc=False):

@@ -1,0 +1,240 @@
+"""What the pilot's ground station shows of Holdfast: texts, numbers to plot, and answers to its commands.
+
+The texts are the events of `EventLog`, in the words of `Condition`; what the autopilot says and what somebody
+else commands is left out.
+"""
+
+import math
+from collections import deque
+from collections.abc import Iterator, Sequence
+from typing import Final, NamedTuple
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from companion.mavlink.messages import Message, message_type
+from companion.records import (
+    Condition,
+    ControlSample,
+    Event,
+    PilotAction,
+    PilotCommand,
+    PilotHeartbeat,
+    State,
+    Verdict,
+    Z,
+)
+from companion.telemetry import schemas
+from companion.telemetry.conditions import ENDED
+
+STATUSTEXT: Final = message_type(mavlink.MAVLINK_MSG_ID_STATUSTEXT)
+NAMED_VALUE_FLOAT: Final = message_type(mavlink.MAVLINK_MSG_ID_NAMED_VALUE_FLOAT)
+COMMAND_ACK: Final = message_type(mavlink.MAVLINK_MSG_ID_COMMAND_ACK)
+
+SEVERITIES: Final = {
+    "info": mavlink.MAV_SEVERITY_INFO,
+    "warning": mavlink.MAV_SEVERITY_WARNING,
+    "fault": mavlink.MAV_SEVERITY_CRITICAL,
+}
+STATE_SEVERITIES: Final = {**SEVERITIES, "info": mavlink.MAV_SEVERITY_NOTICE}
+CHUNK: Final = 50
+MAX_CHUNKS: Final = 5
+MOST, MOST_S = 8, 10.0
+"""Of texts, within so many seconds."""
+REPEAT_S: Final = {"state": 0.0, "condition": 30.0, "command": 5.0}
+"""The same words come again after this long at the earliest, by kind of event."""
+AWAY_S: Final = 5.0
+"""A ground station that was silent for so long is told the state again."""
+VALUES_S: Final = 0.5
+STATES: Final = tuple(State)
+"""HfState is the place of the state here."""
+REMEDIES: Final = {condition.text: condition.remedy for condition in Condition}
+
+
+class Text(NamedTuple):
+    """A text that waits until it may go, on a subject such as the state, or a condition."""
+
+    subject: str
+    severity: int
+    words: str
+    repeat_s: float
+
+
+class Texts:
+    """Which texts may go: MOST within MOST_S, faults beyond it, and no words that the pilot has.
+
+    Of each subject only the newest text waits, and is dropped if it says what was said last. So a condition
+    that flickers is told once.
+    """
+
+    def __init__(self) -> None:
+        self._waiting: dict[str, Text] = {}
+        self._told: dict[str, str] = {}
+        """The last words on each subject."""
+        self._until_s: dict[str, float] = {}
+        """Words that may not come again yet, and until when."""
+        self._sent_s: deque[float] = deque(maxlen=MOST)
+
+    def put(self, text: Text) -> None:
+        """Let a text wait, instead of an older one on its subject."""
+        self._waiting[text.subject] = text
+
+    def end(self, text: Text) -> None:
+        """Let the end of something wait, if its beginning was told."""
+        self._waiting.pop(text.subject, None)
+        if text.subject in self._told:
+            self.put(text)
+
+    def mark(self, subject: str) -> None:
+        """Take a subject for told, in other words."""
+        self._told[subject] = ""
+
+    def forget(self, subject: str) -> None:
+        """Let the last words on a subject be told again."""
+        self._told.pop(subject, None)
+
+    def due(self, now_s: float) -> Iterator[Text]:
+        """Give what may go now."""
+        if not self._waiting:
+            return
+        self._until_s = {words: until_s for words, until_s in self._until_s.items() if until_s > now_s}
+        for text in sorted(self._waiting.values(), key=lambda text: text.severity):
+            subject, words = text.subject, text.words
+            if self._told.get(subject) == words:
+                del self._waiting[subject]
+            elif words not in self._until_s:
+                many = len(self._sent_s) == MOST and now_s - self._sent_s[0] < MOST_S
+                if many and text.severity > SEVERITIES["fault"]:
+                    return
+                del self._waiting[subject]
+                self._told[subject], self._until_s[words] = words, now_s + text.repeat_s
+                self._sent_s.append(now_s)
+                yield text
+
+
+class PilotDisplay:
+    """Makes the messages of each tick."""
+
+    def __init__(self) -> None:
+        self._texts = Texts()
+        self._text_id = 0
+        self._values_s = -math.inf
+        self._heard_s = math.nan
+
+    def step(
+        self,
+        sample: ControlSample,
+        events: Sequence[schemas.Event],
+        reports: Sequence[Event],
+        reserve: float,
+    ) -> list[Message]:
+        """Return answers, texts and, every VALUES_S, the numbers.
+
+        `events` are what happened in this tick, `reports` what came in, `reserve` is the share of the thrust
+        that is left.
+        """
+        now_s = sample.state.t_s
+        messages = [answer(report, sample) for report in reports if isinstance(report, PilotCommand)]
+        if math.isnan(self._heard_s):
+            self._heard_s = now_s  # the first tick: what it still waits for comes within seconds
+        else:
+            self._tell(sample.verdict, events)
+        if any(isinstance(report, PilotHeartbeat) for report in reports):
+            if now_s - self._heard_s > AWAY_S:
+                self._texts.forget("state")
+                self._put_state(f"{sample.verdict.state}: {sample.verdict.reason}", "info", "")
+            self._heard_s = now_s
+        for text in self._texts.due(now_s):
+            messages += self.text(text.severity, text.words)
+        if now_s - self._values_s >= VALUES_S:
+            self._values_s = now_s
+            messages += values(sample, reserve)
+        return messages
+
+    def _tell(self, verdict: Verdict, events: Sequence[schemas.Event]) -> None:
+        """Put what happened. A grave state gives the reason: what begins with it is left out."""
+        conditions = [event for event in events if event.kind == "condition"]
+        if any(event.kind == "state" and event.severity != "info" for event in events):
+            begun = [event for event in conditions if event.text in REMEDIES]
+            conditions = [event for event in conditions if event.text in ENDED]
+            for cause in begun[:1]:
+                self._texts.mark(cause.text)
+        for event in conditions:
+            self._put_condition(event, steers=verdict.authority > 0.0)
+        for event in events:
+            if event.kind == "state":
+                self._put_state(event.text, event.severity, verdict.remedy)
+            elif event.kind == "command" and event.severity != "info":
+                self._texts.put(_text("command", SEVERITIES[event.severity], "command", f": {event.text}"))
+
+    def text(self, severity: int, words: str) -> list[Message]:
+        """Return STATUSTEXTs, in chunks with a common id if the words are longer than one.
+
+        The last one is never full: by that the receiver knows that it is the last.
+        """
+        raw = words.replace("°", " deg").encode("ascii", "replace")[: MAX_CHUNKS * CHUNK - 1]
+        if len(raw) <= CHUNK:
+            return [STATUSTEXT(severity=severity, text=raw.decode())]
+        raw += b" " * (len(raw) % CHUNK == 0)
+        self._text_id = self._text_id % 0xFFFF + 1
+        return [
+            STATUSTEXT(severity=severity, text=raw[at : at + CHUNK].decode(), id=self._text_id, chunk_seq=n)
+            for n, at in enumerate(range(0, len(raw), CHUNK))
+        ]
+
+    def last_words(self, words: str) -> list[Message]:
+        """Return a text that does not wait."""
+        return self.text(mavlink.MAV_SEVERITY_WARNING, f"Holdfast {words}")
+
+    def _put_state(self, words: str, severity: str, remedy: str) -> None:
+        """Tell a new state, or a new course."""
+        state, _, _ = words.partition(":")
+        subject = "state" if state in STATES else "course"
+        todo = remedy if severity != "info" else ""
+        self._texts.put(_text(subject, STATE_SEVERITIES[severity], "state", f" {words}", todo))
+
+    def _put_condition(self, event: schemas.Event, *, steers: bool) -> None:
+        """Tell a condition that begins while Holdfast `steers`, and its end."""
+        words, severity = event.text, SEVERITIES[event.severity]
+        if words in ENDED:
+            self._texts.end(_text(ENDED[words], severity, "condition", f": {words}"))
+        elif steers:
+            subject = words if words in REMEDIES else "condition"
+            self._texts.put(_text(subject, severity, "condition", f": {words}", REMEDIES.get(words, "")))
+
+
+def _text(subject: str, severity: int, kind: str, words: str, remedy: str = "") -> Text:
+    return Text(
+        subject, severity, f"Holdfast{words}" + (f"; to do: {remedy}" if remedy else ""), REPEAT_S[kind]
+    )
+
+
+def answer(command: PilotCommand, sample: ControlSample) -> Message:
+    """Return the answer to a command, to whoever sent it."""
+    result = mavlink.MAV_RESULT_ACCEPTED
+    if command.action is None:
+        result = mavlink.MAV_RESULT_UNSUPPORTED
+    elif (command.action is PilotAction.ENGAGE and sample.refused) or (
+        command.action is PilotAction.HOLD and not any(sample.dofs.engaged)
+    ):
+        result = mavlink.MAV_RESULT_TEMPORARILY_REJECTED
+    return COMMAND_ACK(command=mavlink.MAV_CMD_USER_1, result=result)
+
+
+def values(sample: ControlSample, reserve: float) -> list[Message]:
+    """Return the numbers to plot, as docs/displays.md lists them."""
+    state = sample.state
+    north, east, down, turning = state.disturbance
+    boot_ms = int(1e3 * state.boot_s) & 0xFFFFFFFF if math.isfinite(state.boot_s) else 0
+    numbers = {
+        "HfState": STATES.index(sample.verdict.state),
+        "HfDepthErr": sample.dofs.e[Z],
+        "HfDistN": north,
+        "HfDistE": east,
+        "HfDistD": down,
+        "HfDistYaw": turning,
+        "HfReserve": 100.0 * reserve,
+    }
+    return [
+        NAMED_VALUE_FLOAT(time_boot_ms=boot_ms, name=name, value=float(number))
+        for name, number in numbers.items()
+    ]

@@ -1,0 +1,236 @@
+"""What a pilot reads, plots and presses at the ground station during a dive, decoded by pymavlink."""
+
+from itertools import pairwise
+
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from unit.test_pilot_display import joined
+from virtual import Dive, Somebody, active, hold, message_id
+
+from companion.records import State
+from companion.telemetry.event_log import EventLog
+
+ENGAGE, RELEASE, HOLD = 1, 2, 3
+
+
+class Shown:
+    """The frames for the ground station's link, or, without one, for the vehicle's."""
+
+    def __init__(self, dive):
+        self.dive, self.log = dive, EventLog()
+        self.parser = mavlink.MAVLink(None)
+        self.sequence = []
+        """Of all frames of our component."""
+        self._data = b""
+        dive.tap.after = self._after
+
+    def _after(self, out, sample):
+        shown = self.dive.engine.displayed(sample, self.log.step(sample))
+        self.sequence += [frame[4] for frame in (*out, *shown) if frame[5:7] == bytes((1, 25))]
+        self._data += b"".join(shown)
+
+    def run(self, seconds):
+        """Return the messages of the coming seconds."""
+        self.dive.run(seconds)
+        data, self._data = self._data, b""
+        return self.parser.parse_buffer(data) or []
+
+    def texts(self, seconds):
+        return joined(self.run(seconds))
+
+
+def command(action, system=255, target=(1, 25), number=mavlink.MAV_CMD_USER_1):
+    """A MAVLink action of QGroundControl (src/QmlControls/MavlinkAction.cc): COMMAND_LONG to a component."""
+    message = mavlink.MAVLink_command_long_message(*target, number, 0, action, 0, 0, 0, 0, 0, 0)
+    return Somebody(system).frame(message)
+
+
+def test_a_dive_is_told_from_ready_to_engaged_to_a_fault_and_its_end():
+    dive = Dive()
+    shown = Shown(dive)
+    assert [text for _, text in shown.texts(5.0)] == [
+        "Holdfast READY: all conditions for engaging are met",
+        "Holdfast ACTIVE: engaged",
+    ]
+    dive.fault("link_cut", 1.5)
+    [fault, end] = shown.texts(4.0)
+    verdict = dive.step.sample.verdict
+    assert fault == (
+        mavlink.MAV_SEVERITY_CRITICAL,
+        "Holdfast FAULT: the vehicle fell silent; to do: check the cable, the router and link.endpoint; then "
+        "clear the fault (`holdfast tell`, button or dashboard)",
+    )
+    assert verdict.state is State.FAULT
+    assert end == (mavlink.MAV_SEVERITY_INFO, "Holdfast: the vehicle is heard")
+
+
+def test_a_quiet_dive_is_quiet_and_its_numbers_are_those_of_the_sample():
+    dive = active(seconds=8.0)
+    shown = Shown(dive)
+    shown.run(0.1)
+    messages = shown.run(10.0)
+    assert joined(messages) == []
+    assert {m.get_type() for m in messages} == {"NAMED_VALUE_FLOAT"}
+    assert {(m.get_srcSystem(), m.get_srcComponent()) for m in messages} == {(1, 25)}
+    last = {m.name: m.value for m in messages}
+    sample = dive.step.sample
+    assert last["HfState"] == 2
+    assert last["HfDepthErr"] == pytest.approx(sample.dofs.e[2], abs=0.005)
+    assert last["HfDistD"] == pytest.approx(sample.state.disturbance[2], abs=3.0)
+    assert 60.0 < last["HfReserve"] < 100.0
+
+
+def test_a_load_takes_from_the_reserve():
+    left = []
+    for weight_n in (0.0, 30.0):
+        dive = active("load.enabled=true", f"load.weight_n={weight_n}", "load.on_s=0", seconds=8.0)
+        left.append({m.name: m.value for m in Shown(dive).run(1.0)}["HfReserve"])
+    assert left[1] < left[0] - 10.0
+
+
+def test_without_a_pilots_link_one_sequence_numbers_heartbeats_and_words():
+    """The vehicle forwards both: a gap would count as loss at the ground station."""
+    shown = Shown(active())
+    shown.run(5.0)
+    assert len(shown.sequence) > 70
+    assert all((now - last) % 256 == 1 for last, now in pairwise(shown.sequence))
+
+
+def test_beside_the_display_the_bytes_to_the_vehicle_stay_the_same():
+    sent = []
+    for watched in (False, True):
+        dive, out = Dive(pilot=True), []
+        if watched:
+            Shown(dive)
+        for _ in range(50):
+            dive.run(0.1)
+            out.append(dive.step.truth.motor_pwm)
+        sent.append((out, bytes(dive.cockpit.passed)))
+    assert sent[0] == sent[1]
+
+
+class Hands:
+    """A pilot's commands and buttons, on a link of their own or behind Holdfast."""
+
+    def __init__(self, dive, behind):
+        self.dive, self.behind, self.forwarded = dive, behind, b""
+        if not behind:
+            dive.tap.spoil = self._forward
+
+    def _forward(self, now_s, inbox):
+        """The vehicle forwards what is for our component; tests/firmware shows that it does."""
+        data, self.forwarded = self.forwarded, b""
+        return [*inbox, (inbox[-1][0], data)] if data and inbox else inbox
+
+    def send(self, frame):
+        if self.behind:
+            self.dive.cockpit.extra.append(frame)
+        else:
+            self.forwarded += frame
+
+
+def results(messages):
+    return [message.result for message in messages if message.get_type() == "COMMAND_ACK"]
+
+
+@pytest.mark.parametrize("behind", [True, False], ids=["behind Holdfast", "with a link of its own"])
+def test_commands_of_the_ground_station_engage_hold_and_release(behind):
+    dive = Dive(pilot=behind, engage=False)
+    shown, hands = Shown(dive), Hands(dive, behind)
+    shown.run(4.0)
+    assert dive.state is not State.ACTIVE
+    hands.send(command(HOLD))
+    assert results(shown.run(0.5)) == [mavlink.MAV_RESULT_TEMPORARILY_REJECTED]
+    dive.tap.may_engage = True
+    hands.send(command(ENGAGE))
+    assert results(shown.run(3.0)) == [mavlink.MAV_RESULT_ACCEPTED]
+    assert dive.state is State.ACTIVE
+    dive.loop.engine.aim(hold(z=4.0))
+    shown.run(2.0)
+    hands.send(command(HOLD))
+    assert results(shown.run(3.0)) == [mavlink.MAV_RESULT_ACCEPTED]
+    depth_m = dive.step.truth.eta[2]
+    assert 1.0 < depth_m < 3.0
+    shown.run(2.0)
+    assert dive.step.truth.eta[2] == pytest.approx(depth_m, abs=0.05), "it stays there"
+    hands.send(command(RELEASE))
+    assert results(shown.run(2.0)) == [mavlink.MAV_RESULT_ACCEPTED]
+    assert dive.state is not State.ACTIVE
+    if behind:
+        assert mavlink.MAVLINK_MSG_ID_COMMAND_LONG not in map(message_id, split(dive.cockpit.passed))
+
+
+@pytest.mark.parametrize("behind", [True, False], ids=["behind Holdfast", "with a link of its own"])
+@pytest.mark.parametrize(
+    "other",
+    [
+        {"target": (1, 1)},
+        {"target": (2, 25)},
+        {"target": (1, 24)},
+        {"target": (0, 0)},
+        {"system": 254},
+        {"number": mavlink.MAV_CMD_USER_2},
+    ],
+    ids=str,
+)
+def test_a_command_that_is_for_another_or_of_another_does_nothing(behind, other):
+    dive = active(pilot=behind)
+    shown, hands = Shown(dive), Hands(dive, behind)
+    shown.run(0.1)
+    hands.send(command(RELEASE, **other))
+    assert results(shown.run(1.0)) == []
+    assert dive.state is State.ACTIVE
+
+
+def test_an_engage_that_is_refused_says_why_at_the_ground_station():
+    dive = Dive(pilot=True, engage=False, arm=False)
+    shown, hands = Shown(dive), Hands(dive, behind=True)
+    shown.run(4.0)
+    hands.send(command(ENGAGE))
+    messages = shown.run(0.5)
+    assert results(messages) == [mavlink.MAV_RESULT_TEMPORARILY_REJECTED]
+    [(severity, text)] = joined(messages)
+    assert severity == mavlink.MAV_SEVERITY_WARNING
+    assert text.startswith("Holdfast: engage by button: refused: the vehicle is disarmed; to do: arm")
+    assert dive.state is State.IDLE
+
+
+@pytest.mark.parametrize("action", [0, 4, 1.5, float("nan"), 1e9])
+def test_a_parameter_that_means_nothing_is_answered_and_changes_nothing(action):
+    dive = active(pilot=True)
+    shown, hands = Shown(dive), Hands(dive, behind=True)
+    shown.run(0.1)
+    hands.send(command(action))
+    assert results(shown.run(0.5)) == [mavlink.MAV_RESULT_UNSUPPORTED]
+    assert dive.state is State.ACTIVE
+
+
+def test_the_hold_button_stops_a_way_and_counts_once_a_press():
+    """QGroundControl sends every button that is down, as bits (src/Joystick/Joystick.cc)."""
+    dive = active(
+        "initial.eta=[0,0,2,0,0,0.3]",
+        setpoint=hold(z=2.0),
+        pilot=True,
+        companion=["ground_station.hold_button=15"],
+        seconds=2.0,
+    )
+    dive.cockpit.push()
+    dive.run(0.5)
+    dive.loop.engine.aim(hold(z=6.0))
+    dive.run(2.0)
+    dive.cockpit.push(buttons=1 << 15)
+    dive.run(3.0)
+    stopped_m = dive.step.sample.eta_d[2]
+    assert 2.0 < stopped_m < 4.0
+    dive.loop.engine.aim(hold(z=3.5 if stopped_m < 3.0 else 2.5))
+    dive.run(2.0)
+    assert abs(dive.step.sample.eta_d[2] - stopped_m) > 0.2, "a button that stays down is one press"
+
+
+def split(data):
+    frames = []
+    while data:
+        size = 12 + data[1] + (13 if data[2] & 1 else 0)
+        frames.append(data[:size])
+        data = data[size:]
+    return frames

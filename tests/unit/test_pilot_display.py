@@ -1,0 +1,258 @@
+"""Which words reach the pilot's ground station, how often and in which pieces."""
+
+import math
+from types import SimpleNamespace
+
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from companion.mavlink.codec import Packer
+from companion.mavlink.pilot_display import MOST, MOST_S, PilotDisplay
+from companion.records import Condition, PilotAction, PilotCommand, PilotHeartbeat, State
+from companion.telemetry.schemas import Event
+
+C = Condition
+
+
+class Screen:
+    """A ground station's: what it shows of the display's frames, in pymavlink's own decoding."""
+
+    def __init__(self):
+        self.display, self.packer = PilotDisplay(), Packer(1, 25)
+        self.parser = mavlink.MAVLink(None)
+        self.now_s = 0.0
+        self.tick()
+
+    def heard(self, *events, reports=(), **sample):
+        """Return the messages of one more tick."""
+        self.now_s += 0.02
+        messages = self.display.step(sampled(self.now_s, **sample), list(events), list(reports), 0.4)
+        data = b"".join(self.packer.encode(message) for message in messages)
+        return self.parser.parse_buffer(data) or [] if data else []
+
+    def tick(self, *events, **sample):
+        """Return (severity, text) of one more tick, chunks joined as MAVLink says."""
+        return joined(self.heard(*events, **sample))
+
+    def wait(self, seconds, **sample):
+        return [text for _ in range(round(seconds / 0.02)) for text in self.tick(**sample)]
+
+
+def sampled(t_s, state=State.ACTIVE, reason="engaged", remedy="", authority=1.0, refused="", engaged=True):
+    return SimpleNamespace(
+        state=SimpleNamespace(t_s=t_s, boot_s=t_s, disturbance=(1.0, 2.0, 3.0, 0.5)),
+        verdict=SimpleNamespace(state=state, reason=reason, remedy=remedy, authority=authority),
+        dofs=SimpleNamespace(e=(0.0, 0.0, 0.01, 0.0), engaged=(False, False, engaged, engaged)),
+        refused=refused,
+    )
+
+
+def joined(messages):
+    texts, parts = [], []
+    for message in messages:
+        if message.get_type() == "STATUSTEXT":
+            assert message.chunk_seq == len(parts)
+            parts.append(message.text)
+            if not message.id or len(message.text) < 50:
+                texts.append((message.severity, "".join(parts)))
+                parts = []
+    assert not parts, "a text that does not end"
+    return texts
+
+
+def event(kind, severity, text):
+    return Event(t_s=0.0, boot_s=0.0, severity=severity, kind=kind, text=text)
+
+
+def begins(condition):
+    return event("condition", "warning", condition.text)
+
+
+def ends(condition):
+    return event("condition", "info", condition.ended)
+
+
+@pytest.mark.parametrize(
+    ("severity", "shown"),
+    [
+        ("info", mavlink.MAV_SEVERITY_NOTICE),
+        ("warning", mavlink.MAV_SEVERITY_WARNING),
+        ("fault", mavlink.MAV_SEVERITY_CRITICAL),
+    ],
+)
+def test_a_state_has_its_severity_its_reason_and_what_to_do(severity, shown):
+    happened = event("state", severity, "FAULT: no fresh depth")
+    todo = "" if severity == "info" else "; to do: check the sensor"
+    assert Screen().tick(happened, remedy="check the sensor") == [
+        (shown, f"Holdfast FAULT: no fresh depth{todo}")
+    ]
+
+
+def test_a_condition_is_told_in_the_words_of_the_table_and_so_is_its_end():
+    screen = Screen()
+    assert screen.tick(begins(C.SATURATED)) == [
+        (mavlink.MAV_SEVERITY_WARNING, f"Holdfast: {C.SATURATED.text}; to do: {C.SATURATED.remedy}")
+    ]
+    assert screen.tick(ends(C.SATURATED)) == [(mavlink.MAV_SEVERITY_INFO, f"Holdfast: {C.SATURATED.ended}")]
+
+
+def test_while_holdfast_does_not_steer_no_condition_begins_for_the_pilot():
+    screen = Screen()
+    assert screen.tick(begins(C.WRONG_MODE), authority=0.0) == []
+    assert screen.tick(ends(C.WRONG_MODE), authority=0.0) == []
+
+
+def test_a_fault_is_told_once_and_the_end_of_its_cause():
+    """The reason says what the conditions of the same tick say."""
+    screen = Screen()
+    fault = event("state", "fault", "FAULT: the vehicle fell silent")
+    begun = [begins(C.LINK_LOST), begins(C.DEPTH_STALE), fault]
+    assert len(screen.tick(*begun, authority=0.0, remedy="look")) == 1
+    assert screen.tick(ends(C.LINK_LOST), ends(C.DEPTH_STALE), authority=0.0) == [
+        (mavlink.MAV_SEVERITY_INFO, f"Holdfast: {C.LINK_LOST.ended}")
+    ]
+
+
+@pytest.mark.parametrize(
+    "silent",
+    [
+        event("autopilot", "fault", "Leak Detected"),
+        event("command", "info", "hold depth 5 m: on its way"),
+    ],
+)
+def test_what_the_pilot_has_from_elsewhere_is_not_repeated(silent):
+    assert Screen().tick(silent) == []
+
+
+def test_a_refused_button_says_why():
+    refused = event("command", "warning", "engage by button: refused: the vehicle is disarmed")
+    assert Screen().tick(refused) == [
+        (
+            mavlink.MAV_SEVERITY_WARNING,
+            "Holdfast: engage by button: refused: the vehicle is disarmed",
+        )
+    ]
+
+
+def test_a_condition_that_flickers_is_told_once_in_30_s():
+    screen = Screen()
+    texts = []
+    for _ in range(500):  # 20 s
+        texts += screen.tick(begins(C.DELAY_TOO_LONG))
+        texts += screen.tick(ends(C.DELAY_TOO_LONG))
+    assert [text.split(";")[0] for _, text in texts] == [
+        f"Holdfast: {C.DELAY_TOO_LONG.text}",
+        f"Holdfast: {C.DELAY_TOO_LONG.ended}",
+    ]
+    assert screen.wait(60.0) == [], "it has ended, and that was told"
+    assert len(screen.tick(begins(C.DELAY_TOO_LONG))) == 1
+
+
+def test_texts_are_few_a_fault_does_not_queue_and_none_is_lost():
+    """All conditions at once: MOST go within MOST_S."""
+    screen = Screen()
+    fault = event("state", "fault", "FAULT: a tick was too late")
+    conditions = [condition for condition in C if condition.remedy]
+    assert len(conditions) > 2 * MOST
+    texts = screen.tick(*map(begins, conditions))
+    assert len(texts) == MOST
+    assert screen.wait(MOST_S / 2) == []
+    assert [severity for severity, _ in screen.tick(fault)] == [mavlink.MAV_SEVERITY_CRITICAL]
+    later = screen.wait(10 * MOST_S)
+    assert {text for _, text in texts + later} == {
+        f"Holdfast: {condition.text}; to do: {condition.remedy}".replace("°", " deg")
+        for condition in conditions
+    }
+
+
+def test_what_has_ended_before_it_could_be_told_is_not_told():
+    screen = Screen()
+    conditions = [condition for condition in C if condition.remedy]
+    screen.tick(*map(begins, conditions))
+    screen.tick(*map(ends, conditions))
+    later = screen.wait(100.0)
+    assert len(later) == MOST, "the ends of what was told"
+    assert all("to do" not in text for _, text in later)
+
+
+@pytest.mark.parametrize("length", [10, 49, 50, 51, 99, 100, 101, 150, 240])
+def test_long_words_come_in_chunks_of_50_whose_last_is_not_full(length):
+    words = "x" * (length - len("Holdfast "))
+    messages = [
+        message
+        for message in Screen().heard(event("state", "info", words))
+        if message.get_type() == "STATUSTEXT"
+    ]
+    assert [text.rstrip() for _, text in joined(messages)] == [f"Holdfast {words}"]
+    assert len({message.id for message in messages}) == 1
+    assert (messages[0].id == 0) == (length <= 50)
+
+
+def test_chunks_of_two_texts_have_two_ids():
+    screen = Screen()
+    first, second = (
+        {m.id for m in screen.heard(event("state", "info", f"{name}: {60 * 'x'}")) if hasattr(m, "chunk_seq")}
+        for name in ("READY", "ACTIVE")
+    )
+    assert not first & second
+
+
+def test_foreign_letters_and_endless_names_cannot_break_a_text():
+    [(_, text)] = Screen().tick(event("state", "info", "follows the path Ωmega 90° " + 999 * "ß"))
+    assert text.startswith("Holdfast follows the path ?mega 90 deg ")
+    assert len(text) < 250
+
+
+def test_a_ground_station_that_comes_later_is_told_the_state_and_one_that_stays_is_not():
+    screen = Screen()
+    beat = [PilotHeartbeat(0.0)]
+    screen.tick(event("state", "info", "ACTIVE: engaged"))
+    assert screen.wait(4.0) == []
+    assert screen.tick(reports=beat) == [], "it was there all the time"
+    assert screen.wait(6.0) == []
+    assert screen.tick(reports=beat) == [(mavlink.MAV_SEVERITY_NOTICE, "Holdfast ACTIVE: engaged")]
+    assert screen.tick(reports=beat) == []
+
+
+def test_numbers_come_twice_a_second_in_names_that_fit():
+    screen = Screen()
+    messages = [
+        message
+        for _ in range(100)
+        for message in screen.heard(state=State.FAULT)
+        if message.get_type() == "NAMED_VALUE_FLOAT"
+    ]
+    last = {message.name: message.value for message in messages}
+    assert last == pytest.approx(
+        {
+            "HfState": 6.0,
+            "HfDepthErr": 0.01,
+            "HfDistN": 1.0,
+            "HfDistE": 2.0,
+            "HfDistD": 3.0,
+            "HfDistYaw": 0.5,
+            "HfReserve": 40.0,
+        }
+    )
+    assert len(messages) == 4 * len(last)
+    assert all(math.isfinite(message.time_boot_ms) for message in messages)
+
+
+@pytest.mark.parametrize(
+    ("action", "sample", "result"),
+    [
+        (PilotAction.ENGAGE, {}, mavlink.MAV_RESULT_ACCEPTED),
+        (PilotAction.ENGAGE, {"refused": "it is disarmed"}, mavlink.MAV_RESULT_TEMPORARILY_REJECTED),
+        (PilotAction.RELEASE, {}, mavlink.MAV_RESULT_ACCEPTED),
+        (PilotAction.HOLD, {}, mavlink.MAV_RESULT_ACCEPTED),
+        (PilotAction.HOLD, {"engaged": False}, mavlink.MAV_RESULT_TEMPORARILY_REJECTED),
+        (None, {}, mavlink.MAV_RESULT_UNSUPPORTED),
+    ],
+)
+def test_a_command_is_answered(action, sample, result):
+    [ack] = [
+        message
+        for message in Screen().heard(reports=[PilotCommand(0.0, action)], **sample)
+        if message.get_type() == "COMMAND_ACK"
+    ]
+    assert (ack.command, ack.result) == (mavlink.MAV_CMD_USER_1, result)
