@@ -20,7 +20,7 @@ from companion.telemetry.commands import MAX_BYTES, parse
 from companion.telemetry.schemas import Plan
 from companion.telemetry.session import SessionThread, ticks_per_sample
 from dashboard.silence import silence
-from dashboard.web import gate, vocabulary
+from dashboard.web import cockpit, gate, vocabulary
 from dashboard.web.columns import COLUMNS
 from dashboard.web.connections import BACKLOG, Connection, Connections, SparingFilter, most_crowded
 from dashboard.web.fleet import HISTORY_S, Fleet, VehicleHistory
@@ -328,23 +328,8 @@ async def _register(request: web.Request) -> web.StreamResponse:
 
 
 async def _cockpit(request: web.Request) -> web.StreamResponse:
-    """Offer every panel to Cockpit as a widget."""
-    return _public(
-        {
-            "target_system": "Cockpit",
-            "target_cockpit_api_version": "1.0.0",
-            "widgets": [
-                {
-                    "name": f"Holdfast: {title}",
-                    "iframe_url": f"/panel/{name}",
-                    "config_iframe_url": None,
-                    "iframe_icon": "/static/icon.svg",
-                    "version": own_version(),
-                }
-                for name, title in PANELS.items()
-            ],
-        }
-    )
+    """Offer panels and commands to Cockpit, at the address by which it asks."""
+    return _public(cockpit.extras(PANELS, str(request.url.origin()), own_version()))
 
 
 def _public(content: dict[str, Any]) -> web.Response:

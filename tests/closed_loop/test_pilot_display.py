@@ -1,48 +1,16 @@
 """What a pilot reads, plots and presses at the ground station during a dive, decoded by pymavlink."""
 
+import json
 from itertools import pairwise
 
 import pytest
+from pilot_station import ENGAGE, HOLD, RELEASE, Shown, command, joined, results
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
-from unit.test_pilot_display import joined
-from virtual import Dive, Somebody, active, hold, message_id
+from virtual import ROOT, Dive, Somebody, active, hold, message_id
 
-from companion.records import State
-from companion.telemetry.event_log import EventLog
-
-ENGAGE, RELEASE, HOLD = 1, 2, 3
-
-
-class Shown:
-    """The frames for the ground station's link, or, without one, for the vehicle's."""
-
-    def __init__(self, dive):
-        self.dive, self.log = dive, EventLog()
-        self.parser = mavlink.MAVLink(None)
-        self.sequence = []
-        """Of all frames of our component."""
-        self._data = b""
-        dive.tap.after = self._after
-
-    def _after(self, out, sample):
-        shown = self.dive.engine.displayed(sample, self.log.step(sample))
-        self.sequence += [frame[4] for frame in (*out, *shown) if frame[5:7] == bytes((1, 25))]
-        self._data += b"".join(shown)
-
-    def run(self, seconds):
-        """Return the messages of the coming seconds."""
-        self.dive.run(seconds)
-        data, self._data = self._data, b""
-        return self.parser.parse_buffer(data) or []
-
-    def texts(self, seconds):
-        return joined(self.run(seconds))
-
-
-def command(action, system=255, target=(1, 25), number=mavlink.MAV_CMD_USER_1):
-    """A MAVLink action of QGroundControl (src/QmlControls/MavlinkAction.cc): COMMAND_LONG to a component."""
-    message = mavlink.MAVLink_command_long_message(*target, number, 0, action, 0, 0, 0, 0, 0, 0)
-    return Somebody(system).frame(message)
+from companion.config import load_config
+from companion.records import PilotAction, State
+from dashboard.web.cockpit import ACTIONS, COMPONENT, extras
 
 
 def test_a_dive_is_told_from_ready_to_engaged_to_a_fault_and_its_end():
@@ -129,10 +97,6 @@ class Hands:
             self.forwarded += frame
 
 
-def results(messages):
-    return [message.result for message in messages if message.get_type() == "COMMAND_ACK"]
-
-
 @pytest.mark.parametrize("behind", [True, False], ids=["behind Holdfast", "with a link of its own"])
 def test_commands_of_the_ground_station_engage_hold_and_release(behind):
     dive = Dive(pilot=behind, engage=False)
@@ -182,6 +146,15 @@ def test_a_command_that_is_for_another_or_of_another_does_nothing(behind, other)
     assert dive.state is State.ACTIVE
 
 
+def test_the_actions_for_qgroundcontrol_are_those_that_holdfast_takes():
+    """The file in docs/displays.md; command() makes its bytes."""
+    page = (ROOT / "docs" / "displays.md").read_text(encoding="utf-8")
+    actions = json.loads(page.split("```json")[1].split("```")[0])["actions"]
+    assert [(action["compId"], action["mavCmd"], action["param1"]) for action in actions] == [
+        (COMPONENT, mavlink.MAV_CMD_USER_1, number) for number in PilotAction
+    ]
+
+
 def test_an_engage_that_is_refused_says_why_at_the_ground_station():
     dive = Dive(pilot=True, engage=False, arm=False)
     shown, hands = Shown(dive), Hands(dive, behind=True)
@@ -193,6 +166,38 @@ def test_an_engage_that_is_refused_says_why_at_the_ground_station():
     assert severity == mavlink.MAV_SEVERITY_WARNING
     assert text.startswith("Holdfast: engage by button: refused: the vehicle is disarmed; to do: arm")
     assert dive.state is State.IDLE
+
+
+def by_cockpit(name):
+    """The bytes of an action in Cockpit: the text's inputs filled in, then JSON to MAVLink from (255, 240).
+
+    bluerobotics/cockpit: src/libs/utils-data-lake.ts, src/libs/actions/mavlink-message-actions.ts and
+    src/libs/communication/mavlink.ts.
+    """
+    offered = extras({"depth": "Depth"}, "http://192.168.2.2:8600", "1.0")["actions"]
+    [action] = [action for action in offered if action["name"] == f"Holdfast: {name}"]
+    assert (action["type"], action["config"]["message_type"]) == ("mavlink-message", "COMMAND_LONG")
+    text = action["config"]["message_config"].replace('"{{autopilotSystemId}}"', "1")
+    fields = json.loads(text)
+    fields["command"] = getattr(mavlink, fields["command"]["type"])
+    return Somebody(255, 240).frame(mavlink.MAVLink_command_long_message(**fields))
+
+
+def test_the_actions_that_cockpit_finds_engage_hold_and_release():
+    dive = Dive(pilot=True, engage=False)
+    shown, hands = Shown(dive), Hands(dive, behind=True)
+    shown.run(4.0)
+    dive.tap.may_engage = True
+    for name, holds in (("engage", True), ("hold here", True), ("release", False)):
+        hands.send(by_cockpit(name))
+        assert results(shown.run(3.0)) == [mavlink.MAV_RESULT_ACCEPTED]
+        assert (dive.state is State.ACTIVE) == holds
+    assert {name: PilotAction(number).name for name, number in ACTIONS.items()} == {
+        "engage": "ENGAGE",
+        "release": "RELEASE",
+        "hold here": "HOLD",
+    }
+    assert load_config().link.component == COMPONENT
 
 
 @pytest.mark.parametrize("action", [0, 4, 1.5, float("nan"), 1e9])

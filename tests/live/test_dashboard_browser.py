@@ -403,7 +403,10 @@ def test_strangers_are_kept_out(dive: Dive) -> None:
     status, text = _request(dive.port, "GET", "/cockpit_extras.json", {"Host": ours})
     assert status == 200
     for widget in json.loads(text)["widgets"]:
-        assert _request(dive.port, "GET", widget["iframe_url"], {"Host": ours})[0] == 200
+        for address in (widget["iframe_url"], widget["iframe_icon"]):
+            assert address.startswith(f"http://{ours}/")
+            path = address.removeprefix(f"http://{ours}")
+            assert _request(dive.port, "GET", path, {"Host": ours})[0] == 200
     assert json.loads(_request(dive.port, "GET", "/register_service", {"Host": ours})[1])["extras"]
 
 

@@ -4,6 +4,7 @@ import math
 from types import SimpleNamespace
 
 import pytest
+from pilot_station import joined
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from companion.mavlink.codec import Packer
@@ -45,19 +46,6 @@ def sampled(t_s, state=State.ACTIVE, reason="engaged", remedy="", authority=1.0,
         dofs=SimpleNamespace(e=(0.0, 0.0, 0.01, 0.0), engaged=(False, False, engaged, engaged)),
         refused=refused,
     )
-
-
-def joined(messages):
-    texts, parts = [], []
-    for message in messages:
-        if message.get_type() == "STATUSTEXT":
-            assert message.chunk_seq == len(parts)
-            parts.append(message.text)
-            if not message.id or len(message.text) < 50:
-                texts.append((message.severity, "".join(parts)))
-                parts = []
-    assert not parts, "a text that does not end"
-    return texts
 
 
 def event(kind, severity, text):
