@@ -48,7 +48,8 @@ def results(messages):
 
 def joined(messages):
     """Return (severity, text) of the STATUSTEXTs, chunks put together as MAVLink says."""
-    texts, parts = [], []
+    texts: list[tuple[int, str]] = []
+    parts: list[str] = []
     for message in messages:
         if message.get_type() == "STATUSTEXT":
             assert message.chunk_seq == len(parts)

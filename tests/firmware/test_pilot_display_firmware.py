@@ -8,6 +8,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from virtual import Dive, Somebody, hold
 
 from companion.records import State
+from lab.loop.firmware import Firmware
 
 OURS, PILOTS = 1, 2
 
@@ -58,6 +59,7 @@ class Pilot(Shown):
 def pilot(ardusub):
     dive = Dive("initial.eta=[0,0,2,0,0,0]", setpoint=hold(z=2.0, psi=0.0), engage=False, firmware=ardusub)
     dive.tap.may_engage = True
+    assert isinstance(dive.vehicle, Firmware)
     with dive.vehicle:
         yield Pilot(dive)
 

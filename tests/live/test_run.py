@@ -381,9 +381,7 @@ def test_a_fault_in_telemetry_ends_the_process_with_neutral(
                 heard += vehicle.recv(4096)
     before, _, last = heard.partition(b"neutral" * 5)
     assert b"neutral" not in before
-    assert b"Holdfast ended: it was not steering" in last, (
-        "the pilot reads it, after the thrusters have stopped"
-    )
+    assert b"Holdfast ended: it was not steering" in last, "after the thrusters have stopped"
 
 
 def test_a_timer_that_never_fires_ends_the_process(
