@@ -7,7 +7,6 @@ import sys
 from collections import Counter
 from contextlib import suppress
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 
 GRACE_S = 4.0
@@ -95,9 +94,7 @@ class Crew:
         """Start none yet."""
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """End all."""
         self.close()
 

@@ -41,7 +41,6 @@ def identified():
     )
 
 
-@pytest.mark.timeout(300)
 def test_it_takes_a_minute_and_stays_within_its_bounds(identified):
     assert identified.manoeuvre.failure == ""
     assert [one.dof for one in identified.manoeuvre.stretches] == [Z, PSI]
@@ -217,7 +216,6 @@ def test_without_permission_it_gives_up(monkeypatch):
     assert dive.motors_rest()
 
 
-@pytest.mark.timeout(300)
 def test_with_a_position_surge_sway_roll_and_pitch_are_identified_too(tmp_path):
     """The vehicle of the tank, whose motors start late: without their start every axis was wrong."""
     levers = "thrusters.horizontal_m=[0.156,0.111,0.04]"

@@ -63,7 +63,6 @@ scenarios.four = search.four = short
 """Every process of the commands runs this first: what they say does not depend on how long they dive."""
 
 
-@pytest.mark.timeout(600)
 def test_the_commands_of_the_page_give_what_it_says(folder):
     (folder / "sitecustomize.py").write_text(SHORT, encoding="utf-8")
     path, load, *dives = (SHELL[0].splitlines()[0], SHELL[0].splitlines()[1], *SHELL[1:])

@@ -7,6 +7,7 @@ import time
 from contextlib import ExitStack, asynccontextmanager
 
 import pytest
+from waiting import in_a_loop
 
 from companion.endpoint import Endpoint
 from companion.io import links
@@ -92,37 +93,33 @@ class Server:
         await asyncio.sleep(0.01)
 
 
-def test_tcp_is_tried_again_until_somebody_listens_and_again_after_a_hang_up():
-    async def main():
-        server = Server(free_port())
-        async with linked(f"tcp:127.0.0.1:{server.port}") as (link, heard):
-            await asyncio.sleep(0.1)
-            link.send(b"nobody hears this")
-            for number in (b"one", b"two"):
-                await server.start()
-                await until(lambda: server.writers)
-                server.writers[-1].write(b"vehicle " + number)
-                await until(lambda number=number: received(heard).endswith(number))
-                link.send(b"companion " + number)
-                await until(lambda number=number: server.heard.endswith(number))
-                await server.stop()
-            assert server.heard == b"companion onecompanion two"
-
-    asyncio.run(main())
+@in_a_loop
+async def test_tcp_is_tried_again_until_somebody_listens_and_again_after_a_hang_up():
+    server = Server(free_port())
+    async with linked(f"tcp:127.0.0.1:{server.port}") as (link, heard):
+        await asyncio.sleep(0.1)
+        link.send(b"nobody hears this")
+        for number in (b"one", b"two"):
+            await server.start()
+            await until(lambda: server.writers)
+            server.writers[-1].write(b"vehicle " + number)
+            await until(lambda number=number: received(heard).endswith(number))
+            link.send(b"companion " + number)
+            await until(lambda number=number: server.heard.endswith(number))
+            await server.stop()
+        assert server.heard == b"companion onecompanion two"
 
 
-def test_a_tcp_peer_that_takes_nothing_costs_no_memory():
-    async def main():
-        port = free_port()
-        with socket.create_server(("127.0.0.1", port)) as server:
-            async with linked(f"tcp:127.0.0.1:{port}") as (link, _):
-                await until(lambda: link.transport is not None)
-                for _ in range(2000):
-                    link.send(bytes(8192))
-                assert link.transport.get_write_buffer_size() <= links.MAX_UNSENT_BYTES + 8192
-            server.close()
-
-    asyncio.run(main())
+@in_a_loop
+async def test_a_tcp_peer_that_takes_nothing_costs_no_memory():
+    port = free_port()
+    with socket.create_server(("127.0.0.1", port)) as server:
+        async with linked(f"tcp:127.0.0.1:{port}") as (link, _):
+            await until(lambda: link.transport is not None)
+            for _ in range(2000):
+                link.send(bytes(8192))
+            assert link.transport.get_write_buffer_size() <= links.MAX_UNSENT_BYTES + 8192
+        server.close()
 
 
 class Line:
@@ -154,41 +151,37 @@ EVERY_BYTE = bytes(range(256))
 """Among them those that a terminal would eat, turn round or echo: ^C, ^D, ^S, CR, LF."""
 
 
-def test_serial_carries_every_byte_both_ways_and_survives_being_unplugged(tmp_path):
-    async def main():
-        line = Line(tmp_path / "ttyROV")
-        async with linked(f"serial:{line.name}:115200") as (link, heard):
-            for _ in range(2):
-                heard.clear()
-                await until(lambda: link.transport is not None)
-                os.write(line.master, EVERY_BYTE)
-                await until(lambda: received(heard) == EVERY_BYTE)
-                link.send(EVERY_BYTE)
-                back = b""
-                async with asyncio.timeout(WAIT_S):
-                    while len(back) < 256:
-                        back += line.read()
-                        await asyncio.sleep(0.005)
-                assert back == EVERY_BYTE
-                line.unplug()
-                await until(lambda: link.transport is None)
-                link.send(b"into the void")
-                await asyncio.sleep(0.1)
-                line.plug()
-        line.unplug()
-
-    asyncio.run(main())
+@in_a_loop
+async def test_serial_carries_every_byte_both_ways_and_survives_being_unplugged(tmp_path):
+    line = Line(tmp_path / "ttyROV")
+    async with linked(f"serial:{line.name}:115200") as (link, heard):
+        for _ in range(2):
+            heard.clear()
+            await until(lambda: link.transport is not None)
+            os.write(line.master, EVERY_BYTE)
+            await until(lambda: received(heard) == EVERY_BYTE)
+            link.send(EVERY_BYTE)
+            back = b""
+            async with asyncio.timeout(WAIT_S):
+                while len(back) < 256:
+                    back += line.read()
+                    await asyncio.sleep(0.005)
+            assert back == EVERY_BYTE
+            line.unplug()
+            await until(lambda: link.transport is None)
+            link.send(b"into the void")
+            await asyncio.sleep(0.1)
+            line.plug()
+    line.unplug()
 
 
-def test_what_is_no_serial_line_is_said_and_tried_again(tmp_path, caplog):
-    async def main():
-        plain = tmp_path / "file"
-        plain.write_text("")
-        async with linked(f"serial:{plain}:115200"):
-            await until(lambda: "Inappropriate ioctl" in caplog.text)
-            await asyncio.sleep(0.2)
-
-    asyncio.run(main())
+@in_a_loop
+async def test_what_is_no_serial_line_is_said_and_tried_again(tmp_path, caplog):
+    plain = tmp_path / "file"
+    plain.write_text("")
+    async with linked(f"serial:{plain}:115200"):
+        await until(lambda: "Inappropriate ioctl" in caplog.text)
+        await asyncio.sleep(0.2)
     assert caplog.text.count("Inappropriate ioctl") == 1
 
 
@@ -205,116 +198,101 @@ def senders():
         yield port, sockets
 
 
-def test_a_udp_listener_turns_to_another_peer_only_when_the_first_falls_silent(monkeypatch, senders):
+@in_a_loop
+async def test_a_udp_listener_turns_to_another_peer_only_when_the_first_falls_silent(monkeypatch, senders):
     monkeypatch.setattr(links, "PEER_SILENT_NS", 200_000_000)
     port, (first, second, _) = senders
-
-    async def main():
-        async with linked(f"udp-listen:127.0.0.1:{port}") as (link, heard):
-            await until(lambda: link.transport is not None)
-            link.send(b"to nobody")
-            began = time.monotonic_ns()
-            first.send(b"vehicle 1")
-            await until(lambda: heard)
-            second.send(b"vehicle 2")
-            await until(lambda: link.strangers == 1)
-            link.send(b"answer")
-            await until(lambda: _got(first) == b"answer")
-            assert [data for _, data in heard] == [b"vehicle 1"]
-            assert began <= heard[0][0] <= time.monotonic_ns()
-            assert not link.changes
-            await asyncio.sleep(0.25)
-            second.send(b"vehicle 2")
-            await until(lambda: len(heard) == 2)
-            link.send(b"new answer")
-            await until(lambda: _got(second) == b"new answer")
-            assert _got(first) == b""
-            (change,) = link.changes
-            assert f"127.0.0.2:{second.getsockname()[1]} speaks now" in change
-            assert f"127.0.0.1:{first.getsockname()[1]} no more" in change
-
-    asyncio.run(main())
+    async with linked(f"udp-listen:127.0.0.1:{port}") as (link, heard):
+        await until(lambda: link.transport is not None)
+        link.send(b"to nobody")
+        began = time.monotonic_ns()
+        first.send(b"vehicle 1")
+        await until(lambda: heard)
+        second.send(b"vehicle 2")
+        await until(lambda: link.strangers == 1)
+        link.send(b"answer")
+        await until(lambda: _got(first) == b"answer")
+        assert [data for _, data in heard] == [b"vehicle 1"]
+        assert began <= heard[0][0] <= time.monotonic_ns()
+        assert not link.changes
+        await asyncio.sleep(0.25)
+        second.send(b"vehicle 2")
+        await until(lambda: len(heard) == 2)
+        link.send(b"new answer")
+        await until(lambda: _got(second) == b"new answer")
+        assert _got(first) == b""
+        (change,) = link.changes
+        assert f"127.0.0.2:{second.getsockname()[1]} speaks now" in change
+        assert f"127.0.0.1:{first.getsockname()[1]} no more" in change
 
 
-def test_no_byte_of_a_stranger_takes_the_link_and_none_arrives(senders):
+@in_a_loop
+async def test_no_byte_of_a_stranger_takes_the_link_and_none_arrives(senders):
     """Before the vehicle calls anybody may send anything; it is counted, and the vehicle is heard at once."""
     port, (stranger, vehicle, _) = senders
-
-    async def main():
-        async with linked(f"udp-listen:127.0.0.1:{port}") as (link, heard):
-            await until(lambda: link.transport is not None)
-            stranger.send(b"\0")
-            await until(lambda: link.strangers == 1)
-            link.send(b"to nobody")
-            vehicle.send(b"vehicle")
-            stranger.send(b"\0")
-            await until(lambda: link.strangers == 2 and heard)
-            assert received(heard) == b"vehicle"
-            link.send(b"answer")
-            await until(lambda: _got(vehicle) == b"answer")
-            assert _got(stranger) == b""
-
-    asyncio.run(main())
+    async with linked(f"udp-listen:127.0.0.1:{port}") as (link, heard):
+        await until(lambda: link.transport is not None)
+        stranger.send(b"\0")
+        await until(lambda: link.strangers == 1)
+        link.send(b"to nobody")
+        vehicle.send(b"vehicle")
+        stranger.send(b"\0")
+        await until(lambda: link.strangers == 2 and heard)
+        assert received(heard) == b"vehicle"
+        link.send(b"answer")
+        await until(lambda: _got(vehicle) == b"answer")
+        assert _got(stranger) == b""
 
 
-def test_whose_clock_is_behind_is_told_the_time_and_does_not_take_the_link(senders):
+@in_a_loop
+async def test_whose_clock_is_behind_is_told_the_time_and_does_not_take_the_link(senders):
     """A replay gets no more than that heartbeat."""
     port, (lagging, vehicle, _) = senders
-
-    async def main():
-        async with linked(f"udp-listen:127.0.0.1:{port}") as (link, heard):
-            await until(lambda: link.transport is not None)
-            lagging.send(b"lagging")
-            await until(lambda: _got(lagging) == b"hello")
-            assert not heard
-            vehicle.send(b"vehicle")
-            await until(lambda: heard)
-            lagging.send(b"lagging")
-            await until(lambda: link.strangers == 2)
-            await asyncio.sleep(0.05)
-            assert _got(lagging) == b""
-
-    asyncio.run(main())
+    async with linked(f"udp-listen:127.0.0.1:{port}") as (link, heard):
+        await until(lambda: link.transport is not None)
+        lagging.send(b"lagging")
+        await until(lambda: _got(lagging) == b"hello")
+        assert not heard
+        vehicle.send(b"vehicle")
+        await until(lambda: heard)
+        lagging.send(b"lagging")
+        await until(lambda: link.strangers == 2)
+        await asyncio.sleep(0.05)
+        assert _got(lagging) == b""
 
 
-def test_a_peer_that_only_makes_noise_loses_the_link(monkeypatch, senders):
+@in_a_loop
+async def test_a_peer_that_only_makes_noise_loses_the_link(monkeypatch, senders):
     monkeypatch.setattr(links, "PEER_SILENT_NS", 200_000_000)
     port, (first, second, _) = senders
-
-    async def main():
-        async with linked(f"udp-listen:127.0.0.1:{port}") as (link, heard):
-            await until(lambda: link.transport is not None)
-            first.send(b"vehicle")
-            await until(lambda: heard)
-            async with asyncio.timeout(WAIT_S):
-                while not link.changes:
-                    first.send(b"\0")
-                    second.send(b"vehicle")
-                    await asyncio.sleep(0.02)
-            count = len(heard)
-            first.send(b"\0")
-            second.send(b"vehicle")
-            await until(lambda: len(heard) > count)
-            assert heard[-1][1] == b"vehicle"
-
-    asyncio.run(main())
+    async with linked(f"udp-listen:127.0.0.1:{port}") as (link, heard):
+        await until(lambda: link.transport is not None)
+        first.send(b"vehicle")
+        await until(lambda: heard)
+        async with asyncio.timeout(WAIT_S):
+            while not link.changes:
+                first.send(b"\0")
+                second.send(b"vehicle")
+                await asyncio.sleep(0.02)
+        count = len(heard)
+        first.send(b"\0")
+        second.send(b"vehicle")
+        await until(lambda: len(heard) > count)
+        assert heard[-1][1] == b"vehicle"
 
 
-def test_addresses_that_are_not_allowed_never_take_the_link(senders):
+@in_a_loop
+async def test_addresses_that_are_not_allowed_never_take_the_link(senders):
     port, (first, second, third) = senders
-
-    async def main():
-        admission = ANYBODY._replace(allow=["127.0.0.2/31", "10.0.0.0/8"])
-        async with linked(f"udp-listen:127.0.0.1:{port}", admission) as (link, heard):
-            await until(lambda: link.transport is not None)
-            first.send(b"vehicle 1")
-            await until(lambda: link.strangers == 1)
-            third.send(b"vehicle 3")
-            second.send(b"vehicle 2")
-            await until(lambda: link.strangers == 2)
-            assert received(heard) == b"vehicle 3"
-
-    asyncio.run(main())
+    admission = ANYBODY._replace(allow=["127.0.0.2/31", "10.0.0.0/8"])
+    async with linked(f"udp-listen:127.0.0.1:{port}", admission) as (link, heard):
+        await until(lambda: link.transport is not None)
+        first.send(b"vehicle 1")
+        await until(lambda: link.strangers == 1)
+        third.send(b"vehicle 3")
+        second.send(b"vehicle 2")
+        await until(lambda: link.strangers == 2)
+        assert received(heard) == b"vehicle 3"
 
 
 def _got(peer):
@@ -324,12 +302,10 @@ def _got(peer):
         return b""
 
 
-def test_a_port_that_is_taken_stops_the_process():
-    async def main():
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
-            taken.bind(("127.0.0.1", 0))
-            endpoint = Endpoint.parse(f"udp-listen:127.0.0.1:{taken.getsockname()[1]}")
-            with pytest.raises(OSError, match="is taken by"):
-                await MavlinkLink(endpoint, "test", lambda t_ns, data: None, ANYBODY).run()
-
-    asyncio.run(main())
+@in_a_loop
+async def test_a_port_that_is_taken_stops_the_process():
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        taken.bind(("127.0.0.1", 0))
+        endpoint = Endpoint.parse(f"udp-listen:127.0.0.1:{taken.getsockname()[1]}")
+        with pytest.raises(OSError, match="is taken by"):
+            await MavlinkLink(endpoint, "test", lambda t_ns, data: None, ANYBODY).run()

@@ -67,7 +67,6 @@ def later(wheel: Path) -> Path:
     return changed
 
 
-@pytest.mark.timeout(300)
 def test_a_life_of_the_services(machine: Machine, python: str) -> None:
     before = set(ours(machine))
     wheel = next(name for name in machine.run("ls", "/mnt").split() if name.startswith("holdfast_rov-0"))
