@@ -61,9 +61,9 @@ DOUBTED = 0.6
 LEAST_NM = 0.07
 """RMS of what hypothesis 0 leaves, below which it is not doubted."""
 
-TILTS = 0.4
-"""So much of the moment by which the horizontal motors tilt the vehicle its motion through the water may make
-as well (Munk's), besides that their lever is not exactly known."""
+TILTS, WATER_M = 0.4, 0.034
+"""The water may tilt a moving vehicle (Munk's moment), and the lever of the horizontal motors is not exactly
+known: so much of the moment that they make with this lever counts for both, and no less than by WATER_M."""
 
 OFF_CENTRE_M = 0.02
 """So far the centre of drag may be aside of the horizontal motors' force."""
@@ -198,6 +198,7 @@ def step(
     X = _moments(across, 0, horizontal, across.levers[0], 0.0)
     Y = _moments(across, 1, horizontal, across.levers[1], 0.0)
     by_sway, by_surge = -lever_m * Y[0], lever_m * X[0]
+    tilts_m = max(TILTS * abs(lever_m), WATER_M)
     K = _moments(upright, 1, vertical, upright.levers[1], by_sway - state.bias[0])
     M = _moments(upright, 2, vertical, upright.levers[2], by_surge - state.bias[1])
     N = _moments(across, 2, horizontal, across.levers[2], -state.bias[2])
@@ -216,8 +217,8 @@ def step(
         state.bias[2] + slowly * N[0],
     )
     keep = math.exp(-dt_s / MEMORY_S)
-    by_roll = _summed(state.roll, K, y_roll, slow_roll, TILTS * by_sway, keep)
-    by_pitch = _summed(state.pitch, M, y_pitch, slow_pitch, TILTS * by_surge, keep)
+    by_roll = _summed(state.roll, K, y_roll, slow_roll, tilts_m * Y[0], keep)
+    by_pitch = _summed(state.pitch, M, y_pitch, slow_pitch, tilts_m * X[0], keep)
     by_yaw = _summed(state.yaw, N, y_yaw, slow_r, OFF_CENTRE_M * math.sqrt(X[0] * X[0] + Y[0] * Y[0]), keep)
     tipped = _summed(state.tipped, tip, y_roll, slow_roll, 0.0, keep)
     pitches = 1.0 if upright.shares[2] > 0.0 else 0.0

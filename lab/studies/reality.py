@@ -27,7 +27,7 @@ from companion.config import load_config
 from companion.engine import Engine
 from companion.records import Request, Setpoint, Z
 from lab.loop.firmware import vehicle_of
-from lab.loop.lockstep import LinkDelay, Lockstep
+from lab.loop.lockstep import LinkDelay, Lockstep, Step
 from lab.loop.scenarios import raised_cosine
 from lab.options import add_bench
 from lab.studies.courses import LINK, recorded, survey
@@ -141,21 +141,25 @@ class Unlike(Study[RealDive]):
             for seed in range(FIRST_SEED, FIRST_SEED + self._seeds)
         ]
 
+    def steps(self, case: RealDive, lasts_s: float = ENDS_S) -> list[Step]:
+        """Dive a case."""
+        config = load_config(overrides=[f'vehicle.preset="{case.preset}"', *self._settings])
+        situation = self.situation(case)
+        with vehicle_of(situation.plant, case.seed, self._firmware) as vehicle:
+            survey(vehicle)
+            engine = Engine(config, situation.target(0.0), arm=True)
+            loop = Lockstep(vehicle, engine, situation.link, case.seed, config.loop.rate_hz)
+            loop.requests = [Request.ENGAGE]
+            return list(loop.run(lasts_s, situation.target))
+
     def dive(self, cases: Sequence[RealDive]) -> Iterator[Row]:
         for case in cases:
-            config = load_config(overrides=[f'vehicle.preset="{case.preset}"', *self._settings])
-            situation = self.situation(case)
-            with vehicle_of(situation.plant, case.seed, self._firmware) as vehicle:
-                survey(vehicle)
-                engine = Engine(config, situation.target(0.0), arm=True)
-                loop = Lockstep(vehicle, engine, situation.link, case.seed, config.loop.rate_hz)
-                loop.requests = [Request.ENGAGE]
-                steps = list(loop.run(ENDS_S, situation.target))
+            steps = self.steps(case)
             turned_over = math.degrees(float(recorded(steps).tilt.max())) > TURNED_OVER_DEG
             counted = recorded([step for step in steps if step.t_s >= COUNTS_S])
             depth_m = (counted.truth - counted.reference)[:, Z]
             figures = counted.figures() | {"depth_sd_mm": 1e3 * float(depth_m.std())}
-            if not situation.plant.sensors.dvl:
+            if not self.situation(case).plant.sensors.dvl:
                 figures["place_rms_mm"] = math.nan
             outcome = TURNED_OVER if turned_over else HELD if counted.held else GIVEN_UP
             yield {key: figures[key] for key in FIGURES} | {"outcome": outcome}

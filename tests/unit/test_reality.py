@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from companion.records import State
 from lab.studies.reality import FIRST_SEED, HELD, TURNED_OVER, Axes, Light, RealDive, Reality, Tank, path
 from lab.study import parser_of
 
@@ -69,3 +70,10 @@ def test_what_was_not_held_has_no_figure():
     bench = study(Light, "--seeds", "1")
     assert not bench.situation(bench.cases()[0]).plant.sensors.dvl
     assert math.isnan(Light.goals["heavy", "waves"]["depth_sd_mm"][1])
+
+
+def test_a_vehicle_whose_horizontal_motors_have_no_lever_misses_no_motor():
+    """A moment of the water was taken for a dead motor; the allocation around it turned the vehicle over."""
+    steps = study(Tank).steps(RealDive("tank-heavy", "place", 0.0, 9005), lasts_s=8.0)
+    assert steps[-1].sample.verdict.state is State.ACTIVE
+    assert not any(step.sample.state.dead_motor for step in steps)
