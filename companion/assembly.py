@@ -58,7 +58,7 @@ def levelling(config: Config) -> tuple[Levelling, Levelling]:
     """Return what keeps roll and pitch level, where that is ours."""
     if not config.levels:
         return NO_LEVELLING, NO_LEVELLING
-    chosen, lag_s = config.levelling, config.thrusters.late_s
+    chosen, lag_s = config.levelling, config.thrusters.lag_s
     roll, pitch = (
         levelling_of(
             inertia, chosen.frequency_radps, lever_m, chosen.max_moment_nm, lag_s, munk_m(config, along)
@@ -87,7 +87,7 @@ def tilt_limit(config: Config) -> TiltLimit:
 
 def gains(config: Config, axis: Axis) -> Gains:
     """Return λ and κ of an axis, and the delays that they and d̂ tolerate."""
-    d_hat_tolerated_s = D_HAT_TOLERATED_S + config.thrusters.late_s
+    d_hat_tolerated_s = D_HAT_TOLERATED_S + config.thrusters.lag_s
     return Gains(axis.lambda_per_s, axis.kappa_per_s, config.delays.gains_bear_s, d_hat_tolerated_s)
 
 
@@ -106,7 +106,7 @@ def observers(config: Config) -> Observers:
         hidden_delay_parameters(config, nominal),
         finds_hidden=True,
         hidden_s=config.thrusters.delay_s,
-        lag_s=config.thrusters.late_s,
+        lag_s=config.thrusters.lag_s,
         adapts=config.vehicle.adapts,
         sensor_delay_s=vector([axis.sensor_delay_s for axis in config.axes]),
         tick_s=1.0 / config.loop.rate_hz,
@@ -155,7 +155,7 @@ def refuse_fast_gains(config: Config, delay_s: float | None = None, old: Config 
     """
     if delay_s is None:
         delay_s = config.delays.telemetry_s + config.delays.command_s
-    late_s = delay_s + max(config.thrusters.late_s - config.thrusters.lead_s, 0.0)
+    late_s = delay_s + max(config.thrusters.from_rest_s - config.thrusters.lead_s, 0.0)
     now = _times_s(config, delay_s)
     before = now if old is None else _times_s(old, delay_s)
     for what, found_s in now.items():
@@ -173,7 +173,7 @@ def _times_s(config: Config, delay_s: float) -> dict[str, list[float]]:
     """Return for each axis the times that have to exceed what is late, by what they are."""
     laws, settling = [], []
     for axis in config.axes:
-        lam, kappa, learning_scale, *_ = scheduled(gains(config, axis), delay_s, 1.0, config.thrusters.late_s)
+        lam, kappa, learning_scale, *_ = scheduled(gains(config, axis), delay_s, 1.0, config.thrusters.lag_s)
         learners = compensators(config, axis) if axis.law == LYAPUNOV else []
         K = sum(integral_gain for _, integral_gain in learners)
         laws.append(1.0 / lam + 1.0 / kappa if axis.law == LYAPUNOV else math.inf)
@@ -225,7 +225,7 @@ def compensators(config: Config, axis: Axis) -> list[tuple[ChosenCompensator, fl
 def law(config: Config, axis: Axis) -> ChosenLaw:
     """Return the law of an axis."""
     functions = registry.laws(config.laws)[axis.law]
-    shared = {"lag_s": config.thrusters.late_s, "lead_s": config.thrusters.lead_s}
+    shared = {"lag_s": config.thrusters.lag_s, "lead_s": config.thrusters.lead_s}
     values = asdict(axis) | shared | config.laws.get(axis.law, {})
     return ChosenLaw(functions.initial, functions.step, parameters_of(functions, values, axis.law))
 

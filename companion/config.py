@@ -244,8 +244,8 @@ class ThrusterLag(Section, frozen=True):
     ] = 0.0
 
     @property
-    def late_s(self) -> float:
-        """Lag and start together, the lag that the control reckons with: near no thrust motors often rest."""
+    def from_rest_s(self) -> float:
+        """Lag and start together: how late a push from rest is."""
         return self.lag_s + self.start_s
 
 

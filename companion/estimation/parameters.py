@@ -45,7 +45,7 @@ def thruster_watch_parameters(config: Config, thrusters: Thrusters) -> thruster_
         levelling.pitch_inertia,
         config.yaw.mass,
         levelling.lever_m,
-        config.thrusters.late_s,
+        config.thrusters.lag_s,
     )
 
 
@@ -53,7 +53,7 @@ def hidden_delay_parameters(config: Config, model: Model) -> ObserverParameters:
     """Return the parameters of the observer that looks for hidden delay."""
     drag = model.d1[Z] + TYPICAL_RATE * model.d2[Z]
     tick_s = 1.0 / config.loop.rate_hz
-    return observer_parameters(model.m[Z], drag, config.thrusters.late_s, noise(config, Z, QUIET_N), tick_s)
+    return observer_parameters(model.m[Z], drag, config.thrusters.lag_s, noise(config, Z, QUIET_N), tick_s)
 
 
 def table_of(config: Config, model: Model, dof: int, disturbance: float) -> ObserverTable:
@@ -74,7 +74,7 @@ def _vehicle(
     """Return inertia, drag, lag of the thrust, noises and interval of the tick."""
     drag = model.d1[dof] + TYPICAL_RATE * model.d2[dof]
     noises = noise(config, dof, disturbance)
-    return model.m[dof], drag, config.thrusters.late_s, noises, 1.0 / config.loop.rate_hz
+    return model.m[dof], drag, config.thrusters.lag_s, noises, 1.0 / config.loop.rate_hz
 
 
 def noise(config: Config, dof: int, disturbance: float) -> Noise:

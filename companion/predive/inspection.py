@@ -213,7 +213,7 @@ class Inspection:
             samples,
             starts_s,
             inertia={"w": self._config.heave.mass, "r": self._config.yaw.mass},
-            lag_s=self._config.thrusters.late_s,
+            lag_s=self._config.thrusters.from_rest_s,
             delay_s=delays.total_s,
         )
         asked, came = np.array(echoes or [(1.0, 0.0)]).T

@@ -141,7 +141,7 @@ class Unlike(Study[RealDive]):
             for seed in range(FIRST_SEED, FIRST_SEED + self._seeds)
         ]
 
-    def steps(self, case: RealDive, lasts_s: float = ENDS_S) -> list[Step]:
+    def ticks(self, case: RealDive, lasts_s: float = ENDS_S) -> list[Step]:
         """Dive a case."""
         config = load_config(overrides=[f'vehicle.preset="{case.preset}"', *self._settings])
         situation = self.situation(case)
@@ -154,7 +154,7 @@ class Unlike(Study[RealDive]):
 
     def dive(self, cases: Sequence[RealDive]) -> Iterator[Row]:
         for case in cases:
-            steps = self.steps(case)
+            steps = self.ticks(case)
             turned_over = math.degrees(float(recorded(steps).tilt.max())) > TURNED_OVER_DEG
             counted = recorded([step for step in steps if step.t_s >= COUNTS_S])
             depth_m = (counted.truth - counted.reference)[:, Z]

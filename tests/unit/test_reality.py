@@ -74,6 +74,6 @@ def test_what_was_not_held_has_no_figure():
 
 def test_a_vehicle_whose_horizontal_motors_have_no_lever_misses_no_motor():
     """A moment of the water was taken for a dead motor; the allocation around it turned the vehicle over."""
-    steps = study(Tank).steps(RealDive("tank-heavy", "place", 0.0, 9005), lasts_s=8.0)
+    steps = study(Tank).ticks(RealDive("tank-heavy", "place", 0.0, 9005), lasts_s=8.0)
     assert steps[-1].sample.verdict.state is State.ACTIVE
     assert not any(step.sample.state.dead_motor for step in steps)
