@@ -3,8 +3,12 @@
 import os
 import shutil
 import sys
+from argparse import Namespace
+from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
+from sysconfig import get_path
+from tempfile import TemporaryDirectory
 
 from holdfast import DONE, FAILED, RefusedError
 from holdfast.arguments import command_parser
@@ -37,6 +41,8 @@ examples:
   sudo holdfast uninstall --purge --apply                     keep nothing
 """
 
+NUMPY = (2, 2)
+"""The oldest that will do, as in pyproject.toml."""
 HIDDEN = ("/home/", "/root/")
 """Folders that the services do not see (ProtectHome=)."""
 
@@ -66,6 +72,11 @@ def install(argv: list[str]) -> int:
     parser.add_argument("--apply", action="store_true", help="do it; needs root")
     arguments = parser.parse_args(argv)
     _refuse_without_systemd()
+    with TemporaryDirectory(prefix="holdfast-") as folder:
+        return _installed(arguments, Path(folder))
+
+
+def _installed(arguments: Namespace, folder: Path) -> int:
     found = look()
     if arguments.rollback:
         if arguments.wheel or arguments.wheels:
@@ -74,9 +85,9 @@ def install(argv: list[str]) -> int:
     elif arguments.wheel is None and found.current and _runs_from(CURRENT):
         release = installed(found.current)
     else:
-        release = from_wheel(arguments.wheel or own_wheel())
+        release = from_wheel(arguments.wheel or own_wheel(folder))
     if release.wheel is not None:
-        _refuse_unfit_python()
+        _refuse_unfit_python(found)
     wheels = arguments.wheels.resolve(strict=True) if arguments.wheels else None
     steps = plan.install(found, release, sys.executable, wheels, back=arguments.rollback)
     status = _done(found, steps, f"{release.name} is in use", "install", apply=arguments.apply)
@@ -148,7 +159,7 @@ def _refuse_without_systemd() -> None:
         raise RefusedError("there is no systemd here. On BlueOS use the extension: docs/install.md")
 
 
-def _refuse_unfit_python() -> None:
+def _refuse_unfit_python(found: Found) -> None:
     if find_spec("ensurepip") is None:
         raise RefusedError("this Python makes no virtual environments: sudo apt-get install python3-venv")
     base = str(Path(sys.base_prefix).resolve()) + "/"
@@ -157,3 +168,18 @@ def _refuse_unfit_python() -> None:
             f"this Python is in {base}, which the services cannot read; use the system's: "
             "sudo env PYTHONPATH=WHEEL /usr/bin/python3 -m holdfast install"
         )
+    if found.bits == 32 and not _has_what_debian_brings():
+        raise RefusedError(
+            "a 32-bit system needs packages of Debian 13 or Raspberry Pi OS 13, or a newer one: sudo apt-get "
+            "install gcc python3-dev python3-numpy python3-lz4 python3-zstandard python3-cffi-backend"
+        )
+
+
+def _has_what_debian_brings() -> bool:
+    modules = ("numpy", "lz4", "zstandard", "_cffi_backend")
+    return (
+        all(find_spec(name) for name in modules)
+        and tuple(map(int, version("numpy").split(".")[:2])) >= NUMPY
+        and shutil.which("gcc") is not None
+        and (Path(get_path("include")) / "Python.h").exists()
+    )

@@ -1,6 +1,7 @@
 """Where an installation has its files, and what of it is on this machine."""
 
 import pwd
+import struct
 import subprocess
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -50,6 +51,8 @@ class Found:
     """Whether systemd runs; in an image that is being built it does not."""
     status: str = ""
     """What holdfast.service says of itself."""
+    bits: int = 64
+    """Of this Python: a 32-bit Raspberry Pi OS has a 64-bit kernel."""
 
 
 def look() -> Found:
@@ -68,6 +71,7 @@ def look() -> Found:
         user=_is_user(USER),
         running=running,
         status=service_status() if running else "",
+        bits=8 * struct.calcsize("P"),
     )
 
 

@@ -25,6 +25,8 @@ from holdfast.install.steps import LookAgain, Remove, Run, Step, Symlink, Write
 
 ENABLED = ("holdfast.service", "holdfast-record.service", "holdfast-dashboard.service")
 ALL = "holdfast*.service"
+FROM_DEBIAN = ("cffi", "lz4", "numpy", "pycparser", "zstandard")
+"""Of the lock, what the package index has no 32-bit files of."""
 IMPORTS = "import holdfast, companion.app, dashboard.recording.record, dashboard.web.app, sim_bridge.app"
 
 
@@ -131,17 +133,25 @@ def _version(found: Found, release: Release, python: str, wheels: Path | None) -
         "--no-compile",
     )
     source = () if wheels is None else ("--no-index", "--find-links", str(wheels))
+    narrow = found.bits == 32
+    binary = () if narrow else ("--only-binary", ":all:")  # msgspec and pymavlink are sources there
+    share = ("--system-site-packages",) if narrow else ()
     return [
         *([Remove(folder)] if release.name in found.versions else []),
-        Run((python, "-m", "venv", str(folder)), "make a virtual environment"),
+        Run((python, "-m", "venv", *share, str(folder)), "make a virtual environment"),
         Run((*pip, "--no-index", str(release.wheel)), "install Holdfast"),  # first: it says which Pythons fit
-        Write(lock, release.lock),
+        Write(lock, _without(release.lock, FROM_DEBIAN) if narrow else release.lock),
         Run(
-            (*pip, *source, "--require-hashes", "--only-binary", ":all:", "-r", str(lock)),
+            (*pip, *source, "--require-hashes", *binary, "-r", str(lock)),
             "install what it needs, each file known by its hash",
         ),
         Run((inside, "-c", IMPORTS), "try and compile what the services import"),
     ]
+
+
+def _without(lock: str, names: tuple[str, ...]) -> str:
+    """Return a lock without some packages; each has a line of its own, and one for each hash."""
+    return re.sub(rf"^(?:{'|'.join(names)})==(?:.*\\\n)*.*\n", "", lock, flags=re.MULTILINE)
 
 
 def _files(release: Release, configuration: str) -> dict[Path, str]:

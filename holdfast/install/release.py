@@ -4,16 +4,18 @@ import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
-from importlib.metadata import distribution
+from importlib.metadata import Distribution, distribution
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
-from zipfile import BadZipFile, ZipFile
+from zipfile import ZIP_DEFLATED, BadZipFile, ZipFile, ZipInfo
 from zipfile import Path as ZipPath
 
 from holdfast import DISTRIBUTION, RefusedError
 
 PROJECT = DISTRIBUTION.replace("-", "_")
 """What a wheel's name begins with."""
+BY_PIP = ("INSTALLER", "REQUESTED", "direct_url.json")
+"""What pip adds to a wheel's files."""
 
 
 @dataclass(frozen=True)
@@ -67,8 +69,12 @@ def _read(package: Path | ZipPath, name: str, wheel: Path | None) -> Release:
     )
 
 
-def own_wheel() -> Path:
-    """Return the wheel that this program runs from, or was installed from; raise RefusedError if none."""
+def own_wheel(folder: Path) -> Path:
+    """Return the wheel that this program runs from, or was installed from.
+
+    If that is not known, as after an installation from the package index, it is made again in `folder` of the
+    files that are installed. Raises RefusedError in a checkout, which is no wheel.
+    """
     own = distribution(DISTRIBUTION)
     place = Path(str(own.locate_file("")))
     if place.suffix == ".whl":
@@ -77,7 +83,26 @@ def own_wheel() -> Path:
     wheel = Path(unquote(url.path))
     if url.scheme == "file" and wheel.suffix == ".whl" and wheel.is_file():
         return wheel
+    if (place / "holdfast" / "requirements.lock").exists():
+        return packed(own, folder)
     raise RefusedError(
-        "this installation's wheel is not known: name it, as in `holdfast install "
-        f"{PROJECT}-VERSION-py3-none-any.whl`; in a checkout `make wheel` builds dist/*.whl"
+        "this is a checkout: name the wheel to install, as in `holdfast install "
+        f"{PROJECT}-VERSION-py3-none-any.whl`; `make wheel` builds dist/*.whl"
     )
+
+
+def packed(installed: Distribution, folder: Path) -> Path:
+    """Make a wheel of what is installed; the same files give the same bytes."""
+    wheel = folder / f"{PROJECT}-{installed.version}-py3-none-any.whl"
+    files = {
+        str(file): file.read_binary()
+        for file in installed.files or ()
+        if ".." not in file.parts and file.suffix != ".pyc" and file.name not in BY_PIP
+    }
+    (record,) = (name for name in files if name.endswith(".dist-info/RECORD"))
+    rows = files[record].decode().splitlines(keepends=True)
+    files[record] = "".join(row for row in rows if row.partition(",")[0] in files).encode()
+    with ZipFile(wheel, "w", ZIP_DEFLATED) as archive:
+        for name, data in sorted(files.items()):
+            archive.writestr(ZipInfo(name), data, ZIP_DEFLATED)
+    return wheel

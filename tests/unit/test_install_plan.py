@@ -1,13 +1,17 @@
 """What `holdfast install` and `uninstall` would do to which machine."""
 
+import re
 import shutil
+import tomllib
 from dataclasses import replace
+from importlib.metadata import PathDistribution
 from pathlib import Path
 from zipfile import ZipFile
 
 import pytest
 
 from holdfast import RefusedError
+from holdfast.install import commands
 from holdfast.install.machine import (
     CONFIGURATION,
     CURRENT,
@@ -20,10 +24,11 @@ from holdfast.install.machine import (
     VERSIONS,
     Found,
 )
-from holdfast.install.plan import ENABLED, install, uninstall, version_before
-from holdfast.install.release import Release, from_wheel
+from holdfast.install.plan import ENABLED, FROM_DEBIAN, install, uninstall, version_before
+from holdfast.install.release import Release, from_wheel, packed
 from holdfast.install.steps import LookAgain, Remove, Run, StepError, Symlink, Write, carry_out
 
+ROOT = Path(__file__).parents[2]
 NEW = Release(
     name="2.0-aaaa",
     wheel=Path("/media/holdfast_rov-2.0-py3-none-any.whl"),
@@ -288,6 +293,40 @@ def test_every_file_that_comes_from_an_index_is_known_by_its_hash():
     assert "--require-hashes" in pip
 
 
+def test_a_32_bit_system_takes_from_debian_what_the_index_has_not():
+    lock = (ROOT / "requirements.lock").read_text()
+    steps = install(replace(Found(), bits=32), replace(NEW, lock=lock), "python3")
+    (written,) = [step.text for step in steps if isinstance(step, Write) and step.path.suffix == ".lock"]
+    names = [set(re.findall(r"^([a-z0-9-]+)==", text, flags=re.MULTILINE)) for text in (lock, written)]
+    assert names[0] - names[1] == set(FROM_DEBIAN)
+    assert set(written.splitlines()) < set(lock.splitlines())
+    assert [line for line in written.splitlines() if not line.endswith("\\")][-1].startswith("    --hash=")
+    venv, _, pip, *_ = ran(steps)
+    assert venv == ("python3", "-m", "venv", "--system-site-packages", str(VERSIONS / NEW.name))
+    assert "--require-hashes" in pip
+    assert "--only-binary" not in pip
+
+
+def test_a_32_bit_system_without_debians_packages_is_told_which(monkeypatch):
+    monkeypatch.setattr(commands, "look", lambda: Found(bits=32))
+    monkeypatch.setattr(commands, "from_wheel", lambda wheel: NEW)
+    monkeypatch.setattr(commands, "HIDDEN", ())
+    monkeypatch.setattr("shutil.which", lambda name: None if name == "gcc" else f"/bin/{name}")
+    with pytest.raises(RefusedError, match=r"apt-get install gcc python3-dev python3-numpy"):
+        commands.install([str(NEW.wheel)])
+
+
+def test_the_image_and_the_installer_take_the_same_from_debian():
+    dockerfile = (ROOT / "blueos" / "Dockerfile").read_text()
+    (names,) = re.findall(r"'/\^\((cffi\|[^)]*)\)==/", dockerfile)
+    assert set(names.split("|")) == {*FROM_DEBIAN, "pymavlink"}
+
+
+def test_the_oldest_numpy_is_that_of_the_project():
+    dependencies = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["dependencies"]
+    assert f"numpy>={'.'.join(map(str, commands.NUMPY))}" in dependencies
+
+
 def test_a_serial_line_gets_its_drop_in_and_loses_it_again():
     line = '[link]\nendpoint = "serial:/dev/ttyAMA0:921600"\n'
     steps = install(replace(INSTALLED, configuration=line), NEW, "python3")
@@ -352,6 +391,31 @@ def test_two_builds_of_a_version_are_two_names(tmp_path):
         assert release.units == {"holdfast.service": unit}
         names.add(release.name)
     assert len(names) == 2
+
+
+def test_what_pip_installed_from_an_index_is_a_wheel_again(tmp_path):
+    """`pipx install` keeps no wheel, and `holdfast install` needs one."""
+    there, info = tmp_path / "site-packages", "holdfast_rov-2.0.dist-info"
+    files = {
+        "holdfast/requirements.lock": "numpy==2\n",
+        f"{info}/METADATA": "Name: holdfast-rov\nVersion: 2.0\n",
+    }
+    rows = "".join(f"{name},sha256=0,9\n" for name in files)
+    by_pip = {"holdfast/__pycache__/a.pyc": "", f"{info}/INSTALLER": "pip", "../../bin/holdfast": "#!"}
+    record = rows + "".join(f"{name},,\n" for name in by_pip) + f"{info}/RECORD,,\n"
+    for name, text in (files | by_pip | {f"{info}/RECORD": record}).items():
+        (there / name).parent.mkdir(parents=True, exist_ok=True)
+        (there / name).write_text(text)
+    made = []
+    for folder in (tmp_path / "one", tmp_path / "two"):
+        folder.mkdir()
+        made.append(packed(PathDistribution(there / info), folder))
+    assert made[0].name == "holdfast_rov-2.0-py3-none-any.whl"
+    assert made[0].read_bytes() == made[1].read_bytes()
+    with ZipFile(made[0]) as wheel:
+        assert {name: wheel.read(name).decode() for name in wheel.namelist()} == files | {
+            f"{info}/RECORD": rows + f"{info}/RECORD,,\n"
+        }
 
 
 def test_steps_change_files_and_can_be_repeated(tmp_path):
