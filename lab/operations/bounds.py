@@ -127,7 +127,7 @@ def process(duration_s: float = 20.0) -> list[Bound]:
                 time.sleep(0.2)
                 decoded = (telemetry.decode(message.key, message.payload) for message in samples.take())
                 ticks += [record for record in decoded if isinstance(record, telemetry.Loop)]
-            rss_mb = _resident_mb(run.pid)
+            rss_mb = resident_mb(run.pid)
             assert empty.stdout is not None
             empty_ms = float(empty.stdout.readline())
     lateness_ms = float(np.percentile([tick.lateness_ms for tick in ticks], 99))
@@ -229,7 +229,8 @@ def running(
             child.stdout.close()
 
 
-def _resident_mb(pid: int) -> float:
+def resident_mb(pid: int) -> float:
+    """Return the memory that a process has in use."""
     status = Path(f"/proc/{pid}/status").read_text(encoding="ascii")
     line = next(line for line in status.splitlines() if line.startswith("VmRSS"))
     return float(line.split()[1]) / 1024.0

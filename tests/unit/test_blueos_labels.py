@@ -9,7 +9,13 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 TEXT = (ROOT / "blueos" / "Dockerfile").read_text()
-LABELS = dict(re.findall(r"""^LABEL (\w+)=["'](.*?)["']$""", TEXT.replace("\\\n", ""), flags=re.MULTILINE))
+QUOTED = {
+    name: (quote, value)
+    for name, quote, value in re.findall(
+        r"""^LABEL (\w+)=(["'])(.*)\2$""", TEXT.replace("\\\n", ""), flags=re.MULTILINE
+    )
+}
+LABELS = {name: value.replace(r"\"", '"') for name, (_, value) in QUOTED.items()}
 
 
 def test_the_version_is_the_projects():
@@ -19,16 +25,25 @@ def test_the_version_is_the_projects():
 
 @pytest.mark.parametrize(
     ("label", "kind"),
-    [("permissions", dict), ("authors", list), ("company", dict), ("tags", list)],
+    [("permissions", dict), ("authors", list), ("company", dict), ("links", dict), ("tags", list)],
 )
 def test_what_should_be_json_is_json(label, kind):
     assert isinstance(json.loads(LABELS[label]), kind)
 
 
-def test_no_label_has_a_variable():
-    """Nothing is put in for it within single quotes: the image that was built had `$OWNER` in a link."""
+def test_a_variable_of_a_label_is_put_in():
+    """Nothing is put in within single quotes: the image that was built had `$OWNER` in a link."""
     assert LABELS.keys() == set(re.findall(r"^LABEL (\w+)", TEXT, flags=re.MULTILINE))
-    assert not [name for name, value in LABELS.items() if "$" in value]
+    assert {quote for quote, value in QUOTED.values() if "$" in value} == {'"'}
+    given = set(re.findall(r"^ARG (\w+)", TEXT.rpartition("\nFROM ")[2], flags=re.MULTILINE))
+    assert given == set(re.findall(r"\$(\w+)", "".join(LABELS.values())))
+
+
+def test_the_stores_metadata_are_complete():
+    metadata = json.loads((ROOT / "blueos" / "store" / "holdfast" / "metadata.json").read_text())
+    assert metadata.keys() == {"name", "website", "docker", "description"}
+    for logo in ("company_logo.png", "holdfast/extension_logo.png"):
+        assert (ROOT / "blueos" / "store" / logo).read_bytes().startswith(b"\x89PNG")
 
 
 def test_the_store_knows_the_type_and_takes_the_tags():
@@ -58,7 +73,9 @@ def test_it_asks_for_no_privilege():
 
 def test_the_image_gets_what_the_dockerfile_copies_and_nothing_else():
     copied = {
-        name for line in re.findall(r"^COPY (.+) /\S+$", TEXT, flags=re.MULTILINE) for name in line.split()
+        name
+        for line in re.findall(r"^COPY (?!--from)(.+) \S+$", TEXT, flags=re.MULTILINE)
+        for name in line.split()
     }
     ignored = (ROOT / "blueos" / "Dockerfile.dockerignore").read_text().split()
     assert ignored == [

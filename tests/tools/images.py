@@ -1,0 +1,247 @@
+"""Builds the BlueOS extension's image for each architecture, and dives each in this machine's simulator.
+
+usage: sudo .venv/bin/python -m tests.tools.images [--base IMAGE] [armhf] [arm64] [amd64]
+
+Needs the wheel in dist/ (`make wheel`), buildah, and for a foreign architecture qemu-user-static. Without
+--base, debootstrap makes a Debian 13 from the mirror of this machine's apt, and the next run takes it again.
+The line "here" is this checkout without an image. Exit status 1: an image is too large, or does not hold.
+"""
+
+import argparse
+import os
+import shutil
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import NamedTuple
+
+import msgspec
+import numpy as np
+
+from companion.telemetry import schemas as telemetry
+from dashboard.zenoh_client import Subscription
+from lab.operations.bounds import HOLDFAST, resident_mb, running
+from lab.ports import free_port
+
+PLATFORMS = {"armhf": "linux/arm/v7", "arm64": "linux/arm64", "amd64": "linux/amd64"}
+QEMU = {"armhf": "qemu-arm", "arm64": "qemu-aarch64"}
+SUITE = "trixie"
+UNREAD = ("usr/share/doc", "usr/share/info", "usr/share/locale", "usr/share/man")
+UNUSED = (*UNREAD, "var/cache/apt", "var/lib/apt/lists")
+"""Of a base: what Debian's slim images leave out."""
+CERTIFICATES = "/usr/local/share/ca-certificates"
+"""Certificates of this machine's owner, for pip while an image is built."""
+BINFMT = Path("/proc/sys/fs/binfmt_misc")
+
+DEPTH_M = 3.0
+START_S, SETTLE_S, HOLD_S = 120.0, 30.0, 60.0
+MAX_SIZE_MB = 250.0
+MAX_DEPTH_SD_MM = 10.0
+
+
+class Dive(NamedTuple):
+    """What one dive in waves cost and reached."""
+
+    depth_sd_mm: float
+    tick_ms: float
+    """Median; 95 % take at most `tick95_ms`."""
+    tick95_ms: float
+    cpu_ms: float
+    """Processor time of all threads, a tick."""
+    late: float
+    """Part of the ticks that was skipped."""
+    memory_mb: float
+    """Of the emulator too, where there is one."""
+
+
+def main(argv: list[str]) -> int:
+    """Build and dive; return 1 if a bound is missed."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--base", metavar="IMAGE", help="of a registry, such as debian:trixie-slim")
+    parser.add_argument("architectures", nargs="*", metavar="ARCH", help="default: all three")
+    options = parser.parse_args(argv)
+    names = options.architectures or list(PLATFORMS)
+    if unknown := set(names) - set(PLATFORMS):
+        parser.error(f"{', '.join(sorted(unknown))}: known are {', '.join(PLATFORMS)}")
+    missed = 0
+    say(f"{'size':>16}{'depth SD':>10}{'tick, median / 95 %':>21}{'CPU/tick':>12}{'skipped':>9}{'memory':>9}")
+    show("here", None, dive(HOLDFAST))
+    for name in names:
+        emulate(name)
+        image = build(name, options.base or debian(name))
+        with container(image) as (root, command):
+            size_mb, seen = size(root), dive(command)
+        show(name, size_mb, seen)
+        missed += size_mb > MAX_SIZE_MB or not seen.depth_sd_mm < MAX_DEPTH_SD_MM
+    return int(missed > 0)
+
+
+def show(name: str, size_mb: float | None, seen: Dive) -> None:
+    """Print one line of the table."""
+    image = f"{size_mb:5.0f} MB" if size_mb else ""
+    say(
+        f"{name:8}{image:>8}{seen.depth_sd_mm:7.1f} mm{seen.tick_ms:10.2f} / {seen.tick95_ms:5.2f} ms"
+        f"{seen.cpu_ms:9.2f} ms{seen.late:8.1%}{seen.memory_mb:6.0f} MB"
+    )
+
+
+def say(line: str) -> None:
+    """Print a line at once."""
+    sys.stdout.write(line + "\n")
+    sys.stdout.flush()
+
+
+def emulate(name: str) -> None:
+    """Let the kernel start programs of this architecture."""
+    if name not in QEMU or (BINFMT / QEMU[name]).exists():
+        return
+    if not (BINFMT / "register").exists():
+        call("mount", "-t", "binfmt_misc", "binfmt_misc", str(BINFMT))
+    (BINFMT / "register").write_text(Path(f"/usr/lib/binfmt.d/{QEMU[name]}.conf").read_text())
+
+
+def debian(name: str) -> str:
+    """Return the base image that debootstrap makes; one that is there is taken again."""
+    image = f"localhost/holdfast-debian:{name}"
+    if subprocess.run(["buildah", "inspect", "--type", "image", image], capture_output=True).returncode == 0:
+        return image
+    mirrors = call(
+        "apt-get", "indextargets", "--format", "$(REPO_URI)", "Created-By: Packages", "Origin: Debian"
+    )
+    with tempfile.TemporaryDirectory(prefix="holdfast-") as folder:
+        root = Path(folder) / name
+        call("debootstrap", "--variant=minbase", f"--arch={name}", SUITE, str(root), mirrors.split()[0])
+        return from_folder(root, name, image)
+
+
+def from_folder(root: Path, name: str, image: str) -> str:
+    """Make a base image of a Debian in a folder."""
+    (root / "etc/dpkg/dpkg.cfg.d/slim").write_text(
+        "".join(f"path-exclude /{folder}/*\n" for folder in UNREAD)
+    )
+    (root / "etc/apt/apt.conf.d/slim").write_text('Acquire::Languages "none";\n')
+    for unused in UNUSED:
+        for path in (root / unused).iterdir():
+            shutil.rmtree(path) if path.is_dir() else path.unlink()
+    _, architecture, *variant = PLATFORMS[name].split("/")
+    new = call("buildah", "from", "scratch").strip()
+    call("buildah", "copy", new, str(root), "/")
+    call(
+        "buildah",
+        "config",
+        f"--arch={architecture}",
+        *(f"--variant={word}" for word in variant),
+        "--cmd=sh",
+        new,
+    )
+    call("buildah", "commit", "--rm", new, image)
+    return image
+
+
+def build(name: str, base: str) -> str:
+    """Return the extension's image on a base."""
+    image = f"localhost/holdfast:{name}"
+    call(
+        *("buildah", "bud", "--isolation=chroot", "--layers", f"--platform={PLATFORMS[name]}"),
+        *([f"--volume={CERTIFICATES}:{CERTIFICATES}:ro"] if Path(CERTIFICATES).exists() else []),
+        *(f"--build-arg=BASE={base}", "--file=blueos/Dockerfile", f"--tag={image}", "."),
+    )
+    return image
+
+
+@contextmanager
+def container(image: str) -> Iterator[tuple[Path, tuple[str, ...]]]:
+    """Yield the files of an image, and how to run `holdfast` on them; its loopback is this machine's."""
+    name = call("buildah", "from", "--pull-never", image).strip()
+    try:
+        root = call("buildah", "mount", name).strip()
+        yield Path(root), ("chroot", root, "/opt/holdfast/bin/holdfast")
+    finally:
+        call("buildah", "rm", name)
+
+
+def size(root: Path) -> float:
+    """Return what all files take, in MB."""
+    return int(call("du", "-s", "--block-size=1", str(root)).split()[0]) / 1e6
+
+
+def dive(holdfast: tuple[str, ...]) -> Dive:
+    """Hold a depth in waves."""
+    link, zenoh = f"127.0.0.1:{free_port(socket.SOCK_DGRAM)}", f"tcp/127.0.0.1:{free_port()}"
+    tcp = f"127.0.0.1:{free_port()}"
+    simulator = ("sim", "--udp-connect", link, "--tcp", tcp, "--zenoh", zenoh, "--set", "waves.enabled=true")
+    companion = (
+        *("run", "--engage", "--arm", "--depth", str(DEPTH_M)),
+        *("--set", f"link.endpoint=udp-listen:{link}", "--set", f"telemetry.endpoint={zenoh}"),
+    )
+    with (
+        running(*HOLDFAST, *simulator),
+        running(*holdfast, *companion) as run,
+        Subscription("**", zenoh) as samples,
+    ):
+        until_s = time.monotonic() + START_S
+        while not any(abs(depth_m - DEPTH_M) < 0.1 for depth_m in taken(samples).depths_m):
+            if run.poll() is not None or time.monotonic() > until_s:
+                raise SystemExit(f"{' '.join(holdfast)} did not reach {DEPTH_M:g} m in {START_S:g} s")
+            time.sleep(0.5)
+        time.sleep(SETTLE_S)
+        taken(samples)
+        before, held = cpu_s(run.pid), Taken([], [])
+        until_s = time.monotonic() + HOLD_S
+        while time.monotonic() < until_s:
+            time.sleep(0.2)
+            new = taken(samples)
+            held.depths_m.extend(new.depths_m)
+            held.loops.extend(new.loops)
+        used_s, memory_mb = cpu_s(run.pid) - before, resident_mb(run.pid)
+    first, last = held.loops[0], held.loops[-1]
+    ticks, skipped = last.tick - first.tick, last.late_ticks - first.late_ticks
+    compute_ms = np.array([loop.compute_us for loop in held.loops]) / 1e3
+    return Dive(
+        depth_sd_mm=1e3 * float(np.std(held.depths_m)),
+        tick_ms=float(np.median(compute_ms)),
+        tick95_ms=float(np.percentile(compute_ms, 95)),
+        cpu_ms=1e3 * used_s / ticks,
+        late=skipped / (ticks + skipped),
+        memory_mb=memory_mb,
+    )
+
+
+class Taken(NamedTuple):
+    """What came since the last look: the simulator's true depths, and the health of the control loop."""
+
+    depths_m: list[float]
+    loops: list[telemetry.Loop]
+
+
+def taken(samples: Subscription) -> Taken:
+    """Sort what came."""
+    new = Taken([], [])
+    for key, payload in samples.take():
+        if key.endswith("/truth"):
+            new.depths_m.append(msgspec.json.decode(payload)["eta"][2])
+        elif key.endswith("/loop"):
+            new.loops.append(msgspec.json.decode(payload, type=telemetry.Loop))
+    return new
+
+
+def cpu_s(pid: int) -> float:
+    """Return the processor time of a process and its threads."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def call(*command: str) -> str:
+    """Run a program and return what it prints; its complaints go to the terminal."""
+    return subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True).stdout
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
