@@ -37,7 +37,7 @@ SEVERITIES: Final = {
 }
 STATE_SEVERITIES: Final = {**SEVERITIES, "info": mavlink.MAV_SEVERITY_NOTICE}
 CHUNK: Final = 50
-MAX_CHUNKS: Final = 5
+MAX_BYTES: Final = 6 * CHUNK - 1
 MOST, MOST_S = 8, 10.0
 """Of texts, within so many seconds."""
 REPEAT_S: Final = {"state": 0.0, "condition": 30.0, "command": 5.0}
@@ -171,7 +171,9 @@ class PilotDisplay:
 
         The last one is never full: by that the receiver knows that it is the last.
         """
-        raw = words.replace("°", " deg").encode("ascii", "replace")[: MAX_CHUNKS * CHUNK - 1]
+        raw = words.replace("°", " deg").encode("ascii", "replace")
+        if len(raw) > MAX_BYTES:
+            raw = raw[: MAX_BYTES - 3] + b"..."
         if len(raw) <= CHUNK:
             return [STATUSTEXT(severity=severity, text=raw.decode())]
         raw += b" " * (len(raw) % CHUNK == 0)

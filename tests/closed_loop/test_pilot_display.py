@@ -1,5 +1,6 @@
 """What a pilot reads, plots and presses at the ground station during a dive, decoded by pymavlink."""
 
+import hashlib
 import json
 from itertools import pairwise
 
@@ -9,6 +10,9 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from virtual import ROOT, Dive, Somebody, active, hold, message_id
 
 from companion.config import load_config
+from companion.mavlink.codec import Packer
+from companion.mavlink.messages import message_type
+from companion.mavlink.signing import Signing
 from companion.records import PilotAction, State
 from dashboard.web.cockpit import ACTIONS, COMPONENT, extras
 
@@ -144,6 +148,31 @@ def test_a_command_that_is_for_another_or_of_another_does_nothing(behind, other)
     hands.send(command(RELEASE, **other))
     assert results(shown.run(1.0)) == []
     assert dive.state is State.ACTIVE
+
+
+@pytest.mark.parametrize("behind", [True, False], ids=["behind Holdfast", "with a link of its own"])
+def test_where_there_is_a_key_commands_and_words_are_signed(behind):
+    key = hashlib.sha256(b"kelp").digest()
+    dive = active(
+        'signing_passphrase="kelp"',
+        signing=Signing(key, 25, 1.8e9),
+        pilot=behind,
+        companion=["ground_station.on_loss=hold"],
+    )
+    shown, hands = Shown(dive), Hands(dive, behind)
+    shown.parser.signing.secret_key = key
+    assert {m.get_type() for m in shown.run(1.0)} == {"NAMED_VALUE_FLOAT"}, "signed, or none came"
+    refused = dive.step.sample.counters.refused
+    hands.send(command(RELEASE))
+    assert results(shown.run(1.0)) == []
+    assert dive.state is State.ACTIVE
+    assert dive.step.sample.counters.refused == refused + (not behind)
+    release = message_type(mavlink.MAVLINK_MSG_ID_COMMAND_LONG)(
+        target_system=1, target_component=25, command=mavlink.MAV_CMD_USER_1, param1=float(RELEASE)
+    )
+    hands.send(Packer(255, 190, Signing(key, 7, 1.8e9 + 60.0)).encode(release))
+    assert results(shown.run(1.0)) == [mavlink.MAV_RESULT_ACCEPTED]
+    assert dive.state is not State.ACTIVE
 
 
 def test_the_actions_for_qgroundcontrol_are_those_that_holdfast_takes():
