@@ -332,8 +332,10 @@ class Estimator:
         """Report a reset of the EKF; samples of this tick from before it are left out."""
         for dof in (X, Y, PSI):
             self._measured[dof] = NOTHING
-        told = self._frame_shift or FrameShift(0.0, 0.0, 0.0)
-        self._frame_shift = FrameShift(told.turn_rad + turn_rad, told.north_m + north_m, told.east_m + east_m)
+        reported = self._frame_shift or FrameShift(0.0, 0.0, 0.0)
+        self._frame_shift = FrameShift(
+            reported.turn_rad + turn_rad, reported.north_m + north_m, reported.east_m + east_m
+        )
 
     def _on_attitude(self, event: Attitude) -> None:
         self._attitude = event

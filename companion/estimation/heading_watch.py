@@ -3,7 +3,7 @@
 Against the gyro: D is how far the heading has turned without the gyro. A compass that iron or motors bend
 turns the heading, and no gyro sees it; a bias that the autopilot has not found turns it as well.
 
-    D' = ψ' − r − D/GYRO_MEMORY_S       told beyond GYRO_TOLD_RAD and GYRO_SCALE of what was turned
+    D' = ψ' − r − D/GYRO_MEMORY_S       reported beyond GYRO_REPORTED_RAD and GYRO_SCALE of what was turned
 
 Against the course: thrust pushes along the true heading, and is sent along the believed one. The velocity
 over ground is v = v₀ + e^{iθ} u, where u is what the thrust of the model makes by the believed heading,
@@ -31,7 +31,7 @@ from companion.control.positioning import Model
 from companion.records import HeadingCheck, Vector, VehicleModel
 
 GYRO_MEMORY_S = 120.0
-GYRO_TOLD_RAD = math.radians(10.0)
+GYRO_REPORTED_RAD = math.radians(10.0)
 GYRO_SCALE = 0.02
 """How well the gyro's scale is known."""
 
@@ -40,8 +40,8 @@ COURSE_MEMORY_S = 10.0
 LEAST_MPS = 0.15
 """RMS of what the thrust should make of the velocity, below which it says nothing."""
 
-COURSE_TOLD_RAD, COURSE_LOST_RAD = math.radians(30.0), math.radians(40.0)
-"""From where the course is told to differ, and from where a place is not held."""
+COURSE_REPORTED_RAD, COURSE_LOST_RAD = math.radians(30.0), math.radians(40.0)
+"""From where the course is reported to differ, and from where a place is not held."""
 
 LEAST_COHERENCE = 0.05
 LASTS_S = 2.0
@@ -89,7 +89,7 @@ class HeadingWatch:
         self._pushed = self._moved = _Filter(0j, 0j)
         self._gap_s = self._seconds = self._uu = self._vv = 0.0
         self._uv = 0j
-        self._told_s = self._lost_s = 0.0
+        self._reported_s = self._lost_s = 0.0
         self._course_rad = math.nan
 
     def step(
@@ -131,10 +131,13 @@ class HeadingWatch:
             self._push(complex(*velocity), heading, tau, nominal, model, delay_s, dt_s)
         else:
             self._rest_course()
-        gyro_told = abs(self._gyro_rad) > GYRO_TOLD_RAD + GYRO_SCALE * abs(self._turned_rad)
+        gyro_reported = abs(self._gyro_rad) > GYRO_REPORTED_RAD + GYRO_SCALE * abs(self._turned_rad)
         self._lost = self._lost or self._lost_s > LASTS_S
         return HeadingCheck(
-            self._gyro_rad, self._course_rad, gyro_told or self._lost or self._told_s > LASTS_S, self._lost
+            self._gyro_rad,
+            self._course_rad,
+            gyro_reported or self._lost or self._reported_s > LASTS_S,
+            self._lost,
         )
 
     def _turn(self, psi: float, rate: float, dt_s: float) -> None:
@@ -181,7 +184,7 @@ class HeadingWatch:
         elif self._gap_s > GAP_S:
             self._rest_course()
         off_rad = self._off_rad()
-        self._told_s = self._told_s + dt_s if off_rad > COURSE_TOLD_RAD else 0.0
+        self._reported_s = self._reported_s + dt_s if off_rad > COURSE_REPORTED_RAD else 0.0
         self._lost_s = self._lost_s + dt_s if off_rad > COURSE_LOST_RAD else 0.0
 
     def _off_rad(self) -> float:

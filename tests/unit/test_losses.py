@@ -16,7 +16,7 @@ from dashboard.zenoh_client import Stamped
 
 MakeSample = Callable[..., ControlSample]
 KEYS = len(telemetry.EVERY_TICK)
-TOLD = [
+REPORTED = [
     pytest.param([1, 2, 3, 4], {}, 0, id="all"),
     pytest.param([900, 901, 1, 2, 3], {}, 0, id="a companion that starts anew"),
     pytest.param([1, 2, 5], {}, 2 * KEYS, id="two whole ticks"),
@@ -26,7 +26,7 @@ TOLD = [
 ]
 
 
-@pytest.mark.parametrize(("ticks", "missing", "lost"), TOLD)
+@pytest.mark.parametrize(("ticks", "missing", "lost"), REPORTED)
 def test_they_are_counted(ticks: list[int], missing: dict[int, set[str]], lost: int) -> None:
     losses = Losses()
     for tick in ticks:
@@ -44,7 +44,7 @@ def test_what_a_radio_link_leaves_out_is_not_lost() -> None:
     assert losses.lost == KEYS
 
 
-@pytest.mark.parametrize(("ticks", "missing", "lost"), TOLD)
+@pytest.mark.parametrize(("ticks", "missing", "lost"), REPORTED)
 def test_they_are_reported(
     ticks: list[int], missing: dict[int, set[str]], lost: int, tmp_path: Path, make_sample: MakeSample
 ) -> None:

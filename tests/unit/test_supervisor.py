@@ -65,7 +65,7 @@ BLOCKING = (
     C.CLOCK_INCONSISTENT,
     C.THRUSTER_MISSED,
 )
-ONLY_TOLD = (
+ONLY_REPORTED = (
     C.POSITION_STALE,
     C.THRUSTER_DEAD,
     C.SATURATED,
@@ -95,7 +95,9 @@ EXPECTED = {
             (C.RAMPED_DOWN, C.HAND_OVER_HELD, C.HANDED_OVER, C.HAND_OVER_REFUSED, C.SURFACED), State.READY
         ),
         C.FAILSAFE_SURFACES: State.READY,
-        **dict.fromkeys((*ONLY_TOLD, C.OFF_TRACK, C.AUTOPILOT_FAILSAFE, C.PILOT_LOST_SURFACE), State.READY),
+        **dict.fromkeys(
+            (*ONLY_REPORTED, C.OFF_TRACK, C.AUTOPILOT_FAILSAFE, C.PILOT_LOST_SURFACE), State.READY
+        ),
         C.TILT_PERSISTS: State.READY,
     },
     State.READY: {
@@ -404,7 +406,7 @@ def test_every_condition_has_a_test_whose_keys_are_in_the_configuration(conditio
 
 def test_what_is_only_reported_is_reported_and_freezes_where_it_should():
     supervisor = brought_to(State.ACTIVE)
-    for condition in (*ONLY_TOLD, C.BATTERY_LOW, C.DEPTH_JUMPED):
+    for condition in (*ONLY_REPORTED, C.BATTERY_LOW, C.DEPTH_JUMPED):
         verdict = supervisor.step(condition, TICK_S)
         assert verdict.state is State.ACTIVE
         assert verdict.warnings == condition
