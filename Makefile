@@ -25,15 +25,14 @@ demo: $(DEMO)  ## a dive in the simulator, about a minute; leaves out/demo.png a
 	$(BIN)/holdfast demo
 
 test: $(STAMP)  ## everything that must hold, `make check` included
-	@$(MAKE) --no-print-directory --jobs --output-sync check clients $(WHEELS)/.downloaded
 	@$(MAKE) --no-print-directory --jobs --output-sync virtual live
 	$(BIN)/pytest tests/live -m alone  # a stalled clock fails them
 
-virtual: $(STAMP)
+virtual: $(STAMP) clients
 	nice -n 19 $(BIN)/pytest -n auto --dist worksteal --ignore tests/live
 
-live: $(STAMP)
-	$(BIN)/pytest tests/live -m 'not alone' -n 4 --dist worksteal  # on real clocks, but they mostly wait
+live: check clients $(WHEELS)/.downloaded
+	$(BIN)/pytest tests/live -m 'not alone' -n 2 --dist worksteal  # on real clocks, but they mostly wait
 
 quick: $(STAMP)  ## unit and property tests, without those that compile: about a minute
 	$(BIN)/pytest -n auto --dist worksteal --hypothesis-profile quick -m 'not compiles' tests/unit tests/property
