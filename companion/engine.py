@@ -172,7 +172,10 @@ class Engine:
 
         It goes to the ground station's link, and without one to the vehicle's, which forwards it.
         """
-        left = reserve(self.parameters.actuation.thrusters, self.applied, self._reach(sample.state))
+
+        def left() -> float:
+            return reserve(self.parameters.actuation.thrusters, self.applied, self._reach(sample.state))
+
         return self._autopilot.displayed(self._display.step(sample, events, self._now.reports, left))
 
     def last_words(self, words: str) -> list[bytes]:

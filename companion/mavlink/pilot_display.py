@@ -6,7 +6,7 @@ else commands is left out.
 
 import math
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Final, NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -125,12 +125,12 @@ class PilotDisplay:
         sample: ControlSample,
         events: Sequence[schemas.Event],
         reports: Sequence[Event],
-        reserve: float,
+        reserve: Callable[[], float],
     ) -> list[Message]:
         """Return answers, texts and, every VALUES_S, the numbers.
 
-        `events` are what happened in this tick, `reports` what came in, `reserve` is the share of the thrust
-        that is left.
+        `events` are what happened in this tick, `reports` what came in; `reserve` gives the share of the
+        thrust that is left.
         """
         now_s = sample.state.t_s
         messages = [answer(report, sample) for report in reports if isinstance(report, PilotCommand)]
@@ -147,7 +147,7 @@ class PilotDisplay:
             messages += self.text(text.severity, text.words)
         if now_s - self._values_s >= VALUES_S:
             self._values_s = now_s
-            messages += values(sample, reserve)
+            messages += values(sample, reserve())
         return messages
 
     def _tell(self, verdict: Verdict, events: Sequence[schemas.Event]) -> None:

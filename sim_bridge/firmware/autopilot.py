@@ -169,11 +169,8 @@ class Autopilot:
             kind = message.get_type()
             if kind == "BAD_DATA" or kind.startswith("UNKNOWN"):
                 continue
-            self._links[link].heard.add(message.get_srcSystem())
-            target = getattr(message, "target_system", getattr(message, "target", 0))
-            if target != self.system:
-                self._forward(link, target, message)
-            if target in (0, self.system) and (handler := self._handlers.get(kind)):
+            self._links[link].heard.add((message.get_srcSystem(), message.get_srcComponent()))
+            if self._routed(link, message) and (handler := self._handlers.get(kind)):
                 handler(link, message)
 
     def update(self, boot_s: float, dt: float) -> list[int]:
@@ -524,11 +521,25 @@ class Autopilot:
         if altered is not None:
             self._out.append((link, self._links[link].pack(altered, self.system)))
 
-    def _forward(self, source: int, target: int, message: Message) -> None:
-        """To other links: broadcasts to all that have been heard, others to where their target was heard."""
+    def _routed(self, source: int, message: Message) -> bool:
+        """Forward a message to other links; tell whether the autopilot takes it too.
+
+        Broadcasts go to all links that have been heard, others to where their target was heard. What is for
+        a component of our system that nobody has heard of is the autopilot's.
+        """
+        system = getattr(message, "target_system", getattr(message, "target", 0))
+        component = getattr(message, "target_component", 0)
+        ours = system == self.system
+        if ours and component == mavlink.MAV_COMP_ID_AUTOPILOT1:
+            return True
+        forwarded = False
         for number, link in self._links.items():
-            if number != source and (link.heard if target == 0 else target in link.heard):
+            if number != source and any(
+                system in (0, heard) and (not ours or component in (0, part)) for heard, part in link.heard
+            ):
                 self._out.append((number, bytes(message.get_msgbuf())))
+                forwarded = True
+        return system == 0 or (ours and (component == 0 or not forwarded))
 
     def estimate(self) -> Estimate:
         """Return what the EKF makes of the sensors."""

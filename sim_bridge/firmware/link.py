@@ -22,7 +22,7 @@ class Link:
         self.packer = mavlink.MAVLink(None, srcComponent=COMPONENT)
         self.streams = Streams()
         self.parameters: deque[str] = deque()
-        self.heard: set[int] = set()
+        self.heard: set[tuple[int, int]] = set()
 
     def sign(self, keys: KeyStore, number: int) -> None:
         """Sign, and demand signatures, from now on; neither where there is no key."""

@@ -5,6 +5,11 @@ import json
 from itertools import pairwise
 
 import pytest
+from forwarding_tests import (
+    begun,
+    test_the_autopilot_keeps_its_own_counsel,  # noqa: F401 - they run here
+    test_words_numbers_commands_and_answers_pass_the_vehicle,  # noqa: F401
+)
 from pilot_station import ENGAGE, HOLD, RELEASE, Shown, command, joined, results
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from virtual import ROOT, Dive, Somebody, active, hold, message_id
@@ -15,6 +20,11 @@ from companion.mavlink.messages import message_type
 from companion.mavlink.signing import Signing
 from companion.records import PilotAction, State
 from dashboard.web.cockpit import ACTIONS, COMPONENT, extras
+
+
+@pytest.fixture
+def pilot():
+    return begun()
 
 
 def test_a_dive_is_told_from_ready_to_engaged_to_a_fault_and_its_end():
