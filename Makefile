@@ -8,6 +8,7 @@ DEMO := .venv/.installed-demo
 DOCS := .venv/.installed-docs
 CLIENTS := build/clients
 WHEELS := build/wheels
+REAL_CLOCKS := tests/live tests/firmware/test_processes.py tests/firmware/test_clients_firmware.py
 PIP := python -m pip install --quiet --disable-pip-version-check --no-deps
 INSTALL := $(BIN)/$(PIP)
 COMPILE := uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --no-annotate
@@ -29,10 +30,10 @@ test: $(STAMP)  ## everything that must hold, `make check` included
 	$(BIN)/pytest tests/live -m alone  # a stalled clock fails them
 
 virtual: $(STAMP) clients
-	nice -n 19 $(BIN)/pytest -n auto --dist worksteal --ignore tests/live
+	nice -n 19 $(BIN)/pytest -n auto --dist worksteal $(REAL_CLOCKS:%=--ignore %)
 
 live: check clients $(WHEELS)/.downloaded
-	$(BIN)/pytest tests/live -m 'not alone' -n 2 --dist worksteal  # on real clocks, but they mostly wait
+	$(BIN)/pytest $(REAL_CLOCKS) -m 'not alone' -n 2 --dist worksteal  # they mostly wait
 
 quick: $(STAMP)  ## unit and property tests, without those that compile: about a minute
 	$(BIN)/pytest -n auto --dist worksteal --hypothesis-profile quick -m 'not compiles' tests/unit tests/property
@@ -50,7 +51,7 @@ check: $(STAMP)  ## style, types, and which package imports which
 	$(BIN)/lint-imports --no-logo
 
 coverage: $(STAMP)  ## which branches of companion/ the tests in virtual time take; a floor stands in pyproject.toml
-	$(BIN)/pytest -n auto --dist worksteal --ignore tests/live --cov
+	$(BIN)/pytest -n auto --dist worksteal $(REAL_CLOCKS:%=--ignore %) --cov
 
 clients: $(CLIENTS)/.installed  ## other people's ground stations, which tests/live connects to the simulator
 
