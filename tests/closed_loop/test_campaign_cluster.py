@@ -38,7 +38,8 @@ def test_a_local_cluster(monkeypatch):
     assert workers == 1
 
 
-def test_a_scheduler_and_a_worker_started_by_hand(tmp_path):
+def test_a_scheduler_and_a_worker_started_by_hand(tmp_path, monkeypatch):
+    monkeypatch.setattr("lab.study.CONNECT_S", 100.0)  # Dask starts slowly on a busy machine
     with socket.create_server(("127.0.0.1", 0)) as free:
         address = f"tcp://127.0.0.1:{free.getsockname()[1]}"
     dask = [sys.executable, "-m", "dask"]
