@@ -20,7 +20,7 @@ def test_nothing_raises_for_inputs_that_coverage_leads_to(tmp_path):
         cwd=tmp_path,
         capture_output=True,
         text=True,
-        timeout=110,
+        timeout=380,
         check=False,
     )
     assert done.returncode == 0, done.stderr[-3000:]

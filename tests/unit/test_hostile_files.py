@@ -155,7 +155,7 @@ def all_refused(file: Path, contents: dict[str, bytes], *commands: tuple[str, ..
         capture_output=True,
         text=True,
         preexec_fn=limited,
-        timeout=500,
+        timeout=380,
         check=False,
     )
     ends = [json.loads(line) for line in done.stdout.splitlines()]
