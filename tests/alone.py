@@ -134,4 +134,4 @@ class Learner:
         return self.memory.model
 
     def parameters(self, dof):
-        return self.memory.scheduled[dof].control
+        return self.memory.scheduled[dof].control[0]

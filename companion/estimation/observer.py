@@ -1,7 +1,7 @@
 """The delay-compensating observer of one degree of freedom: position, rate, thrust and disturbance.
 
 It lives in the past, at the moment its newest measurement was true, runs there on the commands that were then
-in force, and predicts forward through the commands on their way. A stationary Kalman filter on
+in force, and predicts forward through the commands on their way. A Kalman filter with tabled gains on
 
     q' = v      v' = (f − c v − d)/m      f' = (u − f)/T      d' = 0      s' = −s/T_n      p' = −p/T_n
 
@@ -18,7 +18,8 @@ measured as q + s and v + p, where s and p are the slow noise that an EKF's dept
 | h        | a step                             | s           |                                         |
 | T, T_n   | thrust lag, time of the slow noise | s           |                                         |
 | e_q, e_v | innovation: measured − expected    | m, m/s; rad | x₁ = x + K (e_q, e_v)ᵀ                  |
-| K        | Kalman gain, two columns           |             | Riccati equation                        |
+| K        | Kalman gain, a column each for     |             | Riccati equation, for the time since    |
+|          | position and rate                  |             | each was measured last                  |
 """
 
 import functools
@@ -36,6 +37,10 @@ from companion.steps import Steps, finish
 DOUBLINGS = 40
 LEAST_LAG_S = 0.02
 """Shortest thruster lag of a table."""
+
+INTERVALS = (1, 4, 12, 25)
+"""Ticks between two measurements for which Kalman gains are computed. With the gain of one tick the observers
+of heave and yaw diverge where the rate comes every tenth."""
 
 Motion = tuple[float, float, float]
 """q, v and f: a plain tuple, for it is made in every step of every prediction."""
@@ -77,6 +82,9 @@ class ObserverParameters(NamedTuple):
     by_position: ObserverState
     by_rate: ObserverState
 
+
+ByInterval = tuple[ObserverParameters, ObserverParameters, ObserverParameters, ObserverParameters]
+"""For each of INTERVALS."""
 
 FiveNodes = tuple[float, float, float, float, float]
 
@@ -167,17 +175,21 @@ def rates(state: ObserverState, m: float, c: float) -> tuple[float, float]:
     return (state.v, (state.f - c * state.v - state.d) / m)
 
 
-@functools.lru_cache(maxsize=1024)
+@functools.lru_cache(maxsize=2048)
 def observer_parameters(
-    m: float, c: float, thrust_lag_s: float, noise: Noise, dt_s: float
+    m: float, c: float, thrust_lag_s: float, noise: Noise, dt_s: float, interval: int = 1
 ) -> ObserverParameters:
-    """Return the parameters for inertia `m`, drag `c` and a measurement of each kind every `dt_s`.
+    """Return the parameters for inertia `m`, drag `c` and a measurement of each kind every `interval` ticks.
+
+    A tick takes `dt_s`.
 
     Raises ConfigError where no finite gain follows: no estimate would be finite from then on.
     """
     try:
         with np.errstate(all="ignore"):
-            gain = _stationary_gain(np.float64(m), np.float64(c), thrust_lag_s, Noise(*np.array(noise)), dt_s)
+            gain = _stationary_gain(
+                np.float64(m), np.float64(c), thrust_lag_s, Noise(*np.array(noise)), dt_s, interval
+            )
     except np.linalg.LinAlgError:
         gain = np.full((6, 2), np.nan)
     if not np.isfinite(gain).all():
@@ -188,6 +200,39 @@ def observer_parameters(
         )
     by_position, by_rate = (ObserverState(*column) for column in gain.T.tolist())
     return ObserverParameters(thrust_lag_s, noise.slow_time_s, by_position, by_rate)
+
+
+def at_intervals(parameters: ByInterval, of_position: float, of_rate: float) -> ObserverParameters:
+    """Return the parameters for a position and a rate that were last measured so many ticks ago."""
+    every_tick = parameters[0]
+    if of_position <= 1.0 and of_rate <= 1.0:
+        return every_tick
+    i, share_q = _between_intervals(of_position)
+    j, share_v = _between_intervals(of_rate)
+    return ObserverParameters(
+        every_tick.thrust_lag_s,
+        every_tick.slow_time_s,
+        _mixed(parameters[i].by_position, parameters[i + 1].by_position, share_q),
+        _mixed(parameters[j].by_rate, parameters[j + 1].by_rate, share_v),
+    )
+
+
+def _between_intervals(ticks: float) -> tuple[int, float]:
+    i = 0
+    while i < len(INTERVALS) - 2 and INTERVALS[i + 1] < ticks:
+        i += 1
+    return i, clamped((ticks - INTERVALS[i]) / (INTERVALS[i + 1] - INTERVALS[i]), 0.0, 1.0)
+
+
+def _mixed(one: ObserverState, other: ObserverState, share: float) -> ObserverState:
+    return ObserverState(
+        one.q + share * (other.q - one.q),
+        one.v + share * (other.v - one.v),
+        one.f + share * (other.f - one.f),
+        one.d + share * (other.d - one.d),
+        one.s + share * (other.s - one.s),
+        one.p + share * (other.p - one.p),
+    )
 
 
 def scheduled_parameters(table: ObserverTable, log_gain: float, lag_s: float) -> ObserverParameters:
@@ -226,7 +271,7 @@ def _share(nodes: FiveNodes, at: float) -> tuple[int, float]:
     return i, clamped((at - nodes[i]) / width, 0.0, 1.0) if width > 0.0 else 0.0
 
 
-@functools.lru_cache(maxsize=64)
+@functools.lru_cache(maxsize=128)
 def observer_table(
     m: float,
     c: float,
@@ -235,12 +280,13 @@ def observer_table(
     dt_s: float,
     most_log_gain: float,
     most_lag_s: float,
+    interval: int = 1,
 ) -> ObserverTable:
     """Return the parameters for inertia `m`, drag `c` and vehicles unlike it, with it in the middle.
 
     Raises ConfigError as `observer_parameters` does.
     """
-    return finish(table_in_steps(m, c, thrust_lag_s, noise, dt_s, most_log_gain, most_lag_s))
+    return finish(table_in_steps(m, c, thrust_lag_s, noise, dt_s, most_log_gain, most_lag_s, interval))
 
 
 def table_in_steps(
@@ -251,6 +297,7 @@ def table_in_steps(
     dt_s: float,
     most_log_gain: float,
     most_lag_s: float,
+    interval: int,
 ) -> Steps[ObserverTable]:
     """Return the same; whoever asks `observer_table` for it then does not wait."""
     least_s, most_s = min(LEAST_LAG_S, thrust_lag_s), max(most_lag_s, 2.0 * thrust_lag_s)
@@ -267,13 +314,15 @@ def table_in_steps(
     for log_gain in log_gains:
         g = math.exp(log_gain)
         for lag_s in lags_s:
-            found = observer_parameters(m / g, c / g, lag_s, noise, dt_s)
+            found = observer_parameters(m / g, c / g, lag_s, noise, dt_s, interval)
             rows.append((*found.by_position, *found.by_rate))
             yield 16
     return ObserverTable(log_gains, lags_s, noise.slow_time_s, tuple(rows))
 
 
-def _stationary_gain(m: np.float64, c: np.float64, lag_s: float, noise: Noise, dt_s: float) -> Array:
+def _stationary_gain(
+    m: np.float64, c: np.float64, lag_s: float, noise: Noise, dt_s: float, interval: int
+) -> Array:
     """Return the Kalman gain (6, 2) to which the Riccati recursion settles (Simon 2006, ch. 7.3)."""
     A = np.zeros((6, 6))
     A[0, 0] = A[3, 3] = 1.0
@@ -297,7 +346,10 @@ def _stationary_gain(m: np.float64, c: np.float64, lag_s: float, noise: Noise, d
     R = np.diag((noise.position**2, noise.rate**2))
     C = np.zeros((2, 6))
     C[0, 0] = C[0, 4] = C[1, 1] = C[1, 5] = 1.0
-    P = stationary_covariance(A, C, Q, R)
+    between, added = A, Q
+    for _ in range(interval - 1):
+        between, added = A @ between, A @ added @ A.T + Q
+    P = stationary_covariance(between, C, added, R)
     return P @ C.T @ np.linalg.inv(C @ P @ C.T + R)
 
 

@@ -21,7 +21,7 @@ from companion.estimation import command_history, hidden_delay, model_learner, o
 from companion.estimation.command_history import SentCommand
 from companion.estimation.hidden_delay import HiddenDelayState
 from companion.estimation.model_learner import LearnerMemory, Seen
-from companion.estimation.observer import ObserverParameters, ObserverState
+from companion.estimation.observer import ByInterval, ObserverParameters, ObserverState
 from companion.estimation.resets import MAX_GAP_S
 from companion.estimation.vehicle_model import NO_EVIDENCE, ModelState, Tables, Used
 from companion.records import PSI, ZERO, Flags, Vector, X, Y, Z
@@ -54,6 +54,17 @@ NOTHING = Measured(math.nan, math.nan, math.nan, math.nan)
 FourMeasured = tuple[Measured, Measured, Measured, Measured]
 
 
+class Interval(NamedTuple):
+    """Ticks since position and rate of one degree of freedom were measured."""
+
+    position: float
+    rate: float
+
+
+EACH_TICK = Interval(0.0, 0.0)
+FourIntervals = tuple[Interval, Interval, Interval, Interval]
+
+
 class Observers(NamedTuple):
     """What is known of the vehicle and its sensors beforehand."""
 
@@ -78,6 +89,7 @@ class ObserversMemory(NamedTuple):
     observed_s: Vector
     """When each was last observed; −∞ before the first time."""
     mean_d: Vector
+    since: FourIntervals
     hidden: HiddenDelayState
     learner: LearnerMemory
     eta: Vector
@@ -130,7 +142,7 @@ class Vehicle(NamedTuple):
 class Observing(NamedTuple):
     """One degree of freedom: its observers, what was found of it, and what is known from before."""
 
-    control: ObserverParameters
+    control: ByInterval
     here: ObserverParameters
     found: Used
     gain: float
@@ -140,6 +152,7 @@ class Observing(NamedTuple):
     from_s: float
     to_s: float
     mean_d: float
+    since: Interval
     q: float
 
 
@@ -155,6 +168,7 @@ class One(NamedTuple):
     q_dot_ahead: float
     disturbance: float
     mean_d: float
+    since: Interval
 
 
 def start(observers: Observers) -> ObserversMemory:
@@ -171,6 +185,7 @@ def restarted(hidden: HiddenDelayState, learner: LearnerMemory) -> ObserversMemo
         (rest, rest, rest, rest),
         (never, never, never, never),
         ZERO,
+        (EACH_TICK, EACH_TICK, EACH_TICK, EACH_TICK),
         hidden_delay.start(0.0, hidden.hidden_s),
         model_learner.begun(learner, (True, True, True, True), ZERO),
         ZERO,
@@ -221,6 +236,7 @@ def step(
         (x.state, y.state, z.state, psi.state),
         to_s,
         (x.mean_d, y.mean_d, z.mean_d, psi.mean_d),
+        (x.since, y.since, z.since, psi.since),
         z.hidden,
         learner,
         (x.q, y.q, z.q, psi.q),
@@ -306,6 +322,7 @@ def _one(
         vehicle.from_s[dof],
         vehicle.to_s[dof],
         memory.mean_d[dof],
+        memory.since[dof],
         memory.eta[dof],
     )
     return _observed(
@@ -353,7 +370,7 @@ def _observed(
     """Bring one degree of freedom on under the thrust that was in force, correct it, and predict."""
     if stale:
         mean_d = mean_disturbance(at.mean_d, 0.0, tick_s)
-        return One(state, hidden, 0.0, at.q, 0.0, at.q, 0.0, 0.0, mean_d), Seen(seen, NO_EVIDENCE)
+        return One(state, hidden, 0.0, at.q, 0.0, at.q, 0.0, 0.0, mean_d, EACH_TICK), Seen(seen, NO_EVIDENCE)
     to_go_s = _to_go(now_s, ahead_s, at.to_s)
     step_s, since_s = to_go_s / steps, at.to_s - command_s
     edges_s = [at.from_s - command_s]
@@ -363,7 +380,9 @@ def _observed(
     thrust, dt_s = thrusts[0], at.to_s - at.from_s
 
     m_eff, c_eff = at.m / at.gain, at.c / at.gain
-    state = observer.advance(at.control, state, thrust, m_eff, c_eff, dt_s)
+    state = observer.advance(at.control[0], state, thrust, m_eff, c_eff, dt_s)
+    since = Interval(at.since.position + 1.0, at.since.rate + 1.0)
+    gains = observer.at_intervals(at.control, since.position, since.rate)
     expected, rates = observer.expected(state), observer.rates(state, m_eff, c_eff)
     most_s = MAX_EXTRAPOLATION_S[dof]
     position, rate, missed, missed_rate = math.nan, math.nan, 0.0, 0.0
@@ -380,10 +399,16 @@ def _observed(
     if not math.isnan(sample.rate):
         rate = sample.rate + rates[1] * clamped(at.to_s - sample.rate_s, -most_s, most_s)
         missed_rate = rate - expected[1]
-    state = observer.correct(at.control, state, missed, missed_rate)
+    state = observer.correct(gains, state, missed, missed_rate)
+    since = Interval(
+        since.position if math.isnan(sample.position) else 0.0,
+        since.rate if math.isnan(sample.rate) else 0.0,
+    )
     if not is_believable(state):
         lost = math.nan
-        return One(state, hidden, missed, lost, lost, lost, lost, lost, at.mean_d), Seen(seen, NO_EVIDENCE)
+        return One(state, hidden, missed, lost, lost, lost, lost, lost, at.mean_d, since), Seen(
+            seen, NO_EVIDENCE
+        )
     evidence = NO_EVIDENCE
     if dt_s > 0.0:
         seen, evidence = model_learner.seen_by(
@@ -393,14 +418,14 @@ def _observed(
             hidden = hidden_delay.step(of_hidden, hidden, thrust, m_eff, c_eff, dt_s, position, rate)
 
     mean_d = mean_disturbance(at.mean_d, state.d, tick_s)
-    model = observer.coefficients(at.control, m_eff, c_eff, step_s)
+    model = observer.coefficients(at.control[0], m_eff, c_eff, step_s)
     d_hat = scaled_disturbance(mean_d, state.d, d_share)
     trajectory = observer.predict(model, state, thrusts[1:], d_hat)
     q, q_dot = interpolate(trajectory, (now_s - at.to_s) / max(step_s, SHORTEST_S))
     q_ahead, q_dot_ahead, _ = trajectory[-1]
     # What of k + h the observer's diagonal drag leaves out it takes for disturbance.
     left_out = at.force / at.gain - c_eff * state.v if positioned else 0.0
-    one = One(state, hidden, missed, q, q_dot, q_ahead, q_dot_ahead, state.d - left_out, mean_d)
+    one = One(state, hidden, missed, q, q_dot, q_ahead, q_dot_ahead, state.d - left_out, mean_d, since)
     return one, Seen(seen, evidence)
 
 
@@ -427,6 +452,7 @@ def _with_commands(memory: ObserversMemory, commands: list[SentCommand]) -> Obse
         memory.states,
         memory.observed_s,
         memory.mean_d,
+        memory.since,
         memory.hidden,
         memory.learner,
         memory.eta,
@@ -455,6 +481,7 @@ def without(memory: ObserversMemory, tau_ned: Vector) -> ObserversMemory:
             mean_d[Z] - tau_ned[Z],
             mean_d[PSI] - tau_ned[PSI],
         ),
+        memory.since,
         memory.hidden,
         memory.learner,
         memory.eta,

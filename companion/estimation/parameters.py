@@ -5,6 +5,7 @@ from companion.control.allocation import Thrusters
 from companion.control.positioning import Model
 from companion.estimation import thruster_watch
 from companion.estimation.observer import (
+    INTERVALS,
     Noise,
     ObserverParameters,
     ObserverTable,
@@ -25,15 +26,14 @@ QUIET_N = 1.0
 
 def model_tables(config: Config, model: Model) -> list[Tables]:
     """Return the observers of each degree of freedom, by gain and lag."""
-    return [
-        Tables(
-            *(
-                table_of(config, model, dof, ratio * axis.disturbance_noise)
-                for ratio in (1.0, DISTURBANCE_RATIO)
-            )
+    found = []
+    for dof, axis in enumerate(config.axes):
+        one, two, three, four = (
+            table_of(config, model, dof, axis.disturbance_noise, interval) for interval in INTERVALS
         )
-        for dof, axis in enumerate(config.axes)
-    ]
+        here = table_of(config, model, dof, DISTURBANCE_RATIO * axis.disturbance_noise, 1)
+        found.append(Tables((one, two, three, four), here))
+    return found
 
 
 def thruster_watch_parameters(config: Config, thrusters: Thrusters) -> thruster_watch.Parameters:
@@ -56,16 +56,16 @@ def hidden_delay_parameters(config: Config, model: Model) -> ObserverParameters:
     return observer_parameters(model.m[Z], drag, config.thrusters.lag_s, noise(config, Z, QUIET_N), tick_s)
 
 
-def table_of(config: Config, model: Model, dof: int, disturbance: float) -> ObserverTable:
+def table_of(config: Config, model: Model, dof: int, disturbance: float, interval: int) -> ObserverTable:
     """Return a degree of freedom's observers that expect so much `disturbance` noise."""
-    return observer_table(*_vehicle(config, model, dof, disturbance), MOST_LOG_GAIN, MOST_LAG_S)
+    return observer_table(*_vehicle(config, model, dof, disturbance), MOST_LOG_GAIN, MOST_LAG_S, interval)
 
 
 def tables_in_steps(config: Config, model: Model, dof: int) -> Steps[None]:
     """Make a degree of freedom's tables; `model_tables` then takes no time."""
-    for ratio in (1.0, DISTURBANCE_RATIO):
+    for ratio, interval in ((DISTURBANCE_RATIO, 1), *((1.0, interval) for interval in INTERVALS)):
         vehicle = _vehicle(config, model, dof, ratio * config.axes[dof].disturbance_noise)
-        yield from table_in_steps(*vehicle, MOST_LOG_GAIN, MOST_LAG_S)
+        yield from table_in_steps(*vehicle, MOST_LOG_GAIN, MOST_LAG_S, interval)
 
 
 def _vehicle(

@@ -28,6 +28,7 @@ from typing import NamedTuple
 
 from companion.control.bounds import clamped, limited, square_root
 from companion.estimation.observer import (
+    ByInterval,
     ObserverParameters,
     ObserverState,
     ObserverTable,
@@ -305,9 +306,10 @@ def follow(used: Used, found: Found) -> Used:
 
 
 class Tables(NamedTuple):
-    """Observers of one degree of freedom by gain and lag: that of the control, and the one in here."""
+    """Observers of one degree of freedom by gain and lag: those of the control, and the one in here."""
 
-    control: ObserverTable
+    control: tuple[ObserverTable, ObserverTable, ObserverTable, ObserverTable]
+    """For each of `observer.INTERVALS`."""
     here: ObserverTable
 
 
@@ -315,15 +317,21 @@ class Scheduled(NamedTuple):
     """Both observers' parameters, and the model for which they were looked up."""
 
     at: Used
-    control: ObserverParameters
+    control: ByInterval
     here: ObserverParameters
 
 
 def schedule(tables: Tables, used: Used) -> Scheduled:
     """Look up both observers for a model."""
+    one, two, three, four = tables.control
     return Scheduled(
         used,
-        scheduled_parameters(tables.control, used.log_gain, used.lag_s),
+        (
+            scheduled_parameters(one, used.log_gain, used.lag_s),
+            scheduled_parameters(two, used.log_gain, used.lag_s),
+            scheduled_parameters(three, used.log_gain, used.lag_s),
+            scheduled_parameters(four, used.log_gain, used.lag_s),
+        ),
         scheduled_parameters(tables.here, used.log_gain, used.lag_s),
     )
 

@@ -147,11 +147,11 @@ def test_reset_forgets_and_retune_does_not():
     of.reset()
     assert of.model.gain == of.model.found_gain == (1.0,) * 4
     of.turn(NORTH)
-    assert of.parameters(Z) == scheduled_parameters(TABLES[Z].control, 0.0, LAG_S)
+    assert of.parameters(Z) == scheduled_parameters(TABLES[Z].control[0], 0.0, LAG_S)
 
 
 def test_the_nominal_observer_is_in_the_table():
-    table, axis = TABLES[Z].control, CONFIG.heave
+    table, axis = TABLES[Z].control[0], CONFIG.heave
     assert scheduled_parameters(table, 0.0, LAG_S).by_rate == pytest.approx(table.rows[12][6:])
     beyond = scheduled_parameters(table, 9.0, 9.0)
     assert beyond.by_position == pytest.approx(table.rows[24][:6])
@@ -164,7 +164,7 @@ def test_between_its_nodes_the_table_is_near_the_riccati_equation():
     for log_gain, lag_s in ((0.35, 0.12), (-1.0, 0.2), (0.9, 0.06)):
         g = math.exp(log_gain)
         exact = observer_parameters(MODEL.m[Z] / g, drag / g, lag_s, noises, DT_S)
-        found = scheduled_parameters(TABLES[Z].control, log_gain, lag_s)
+        found = scheduled_parameters(TABLES[Z].control[0], log_gain, lag_s)
         assert found.by_rate.v == pytest.approx(exact.by_rate.v, rel=0.1)
         assert found.by_rate.d == pytest.approx(exact.by_rate.d, rel=0.2)
 
