@@ -23,7 +23,7 @@ from companion.records import (
     Verdict,
     Z,
 )
-from companion.telemetry import schemas
+from companion.telemetry import modes, schemas
 from companion.telemetry.conditions import ENDED
 
 STATUSTEXT: Final = message_type(mavlink.MAVLINK_MSG_ID_STATUSTEXT)
@@ -77,6 +77,11 @@ class Texts:
     def put(self, text: Text) -> None:
         """Let a text wait, instead of an older one on its subject."""
         self._waiting[text.subject] = text
+
+    def put_again(self, text: Text) -> None:
+        """Let a text wait that is news also where its words were the last on the subject."""
+        self.forget(text.subject)
+        self.put(text)
 
     def end(self, text: Text) -> None:
         """Let the end of something wait, if its beginning was told."""
@@ -141,7 +146,8 @@ class PilotDisplay:
         if any(isinstance(report, PilotHeartbeat) for report in reports):
             if now_s - self._heard_s > AWAY_S:
                 self._texts.forget("state")
-                self._put_state(f"{sample.verdict.state}: {sample.verdict.reason}", "info", "")
+                state, reason = sample.verdict.state, sample.verdict.reason
+                self._put_state(f"{state}: {reason}", modes.SEVERITIES[state], sample.verdict.remedy)
             self._heard_s = now_s
         for text in self._texts.due(now_s):
             messages += self.text(text.severity, text.words)
@@ -164,7 +170,8 @@ class PilotDisplay:
             if event.kind == "state":
                 self._put_state(event.text, event.severity, verdict.remedy)
             elif event.kind == "command" and event.severity != "info":
-                self._texts.put(_text("command", SEVERITIES[event.severity], "command", f": {event.text}"))
+                severity = SEVERITIES[event.severity]
+                self._texts.put_again(_text("command", severity, "command", f": {event.text}"))
 
     def text(self, severity: int, words: str) -> list[Message]:
         """Return STATUSTEXTs, in chunks with a common id if the words are longer than one.
@@ -190,18 +197,21 @@ class PilotDisplay:
     def _put_state(self, words: str, severity: str, remedy: str) -> None:
         """Tell a new state, or a new course."""
         state, _, _ = words.partition(":")
-        subject = "state" if state in STATES else "course"
         todo = remedy if severity != "info" else ""
-        self._texts.put(_text(subject, STATE_SEVERITIES[severity], "state", f" {words}", todo))
+        if state in STATES:
+            self._texts.put(_text("state", STATE_SEVERITIES[severity], "state", f" {words}", todo))
+        else:
+            self._texts.put_again(_text("course", STATE_SEVERITIES[severity], "state", f" {words}", todo))
 
     def _put_condition(self, event: schemas.Event, *, steers: bool) -> None:
         """Tell a condition that begins while Holdfast `steers`, and its end."""
         words, severity = event.text, SEVERITIES[event.severity]
         if words in ENDED:
             self._texts.end(_text(ENDED[words], severity, "condition", f": {words}"))
+        elif steers and words in REMEDIES:
+            self._texts.put(_text(words, severity, "condition", f": {words}", REMEDIES[words]))
         elif steers:
-            subject = words if words in REMEDIES else "condition"
-            self._texts.put(_text(subject, severity, "condition", f": {words}", REMEDIES.get(words, "")))
+            self._texts.put_again(_text("condition", severity, "condition", f": {words}"))
 
 
 def _text(subject: str, severity: int, kind: str, words: str, remedy: str = "") -> Text:

@@ -122,6 +122,25 @@ def test_a_refused_button_says_why():
     ]
 
 
+@pytest.mark.parametrize(
+    "again",
+    [
+        event("command", "warning", "engage by button: refused: the vehicle is disarmed"),
+        event("condition", "warning", "another companion of this name came: instance 1"),
+        event("state", "info", "follows the path wall"),
+    ],
+    ids=lambda event: event.kind,
+)
+def test_what_happens_again_is_told_again_and_not_at_every_press(again):
+    screen = Screen()
+    assert len(screen.tick(again)) == 1
+    if again.kind != "state":
+        assert screen.tick(again) == []
+        assert len(screen.wait(30.1)) == 1, "once, however often it was pressed"
+        assert screen.wait(30.0) == []
+    assert len(screen.tick(again)) == 1
+
+
 def test_a_condition_that_flickers_is_told_once_in_30_s():
     screen = Screen()
     texts = []
@@ -201,6 +220,10 @@ def test_a_ground_station_that_comes_later_is_told_the_state_and_one_that_stays_
     assert screen.wait(6.0) == []
     assert screen.tick(reports=beat) == [(mavlink.MAV_SEVERITY_NOTICE, "Holdfast ACTIVE: engaged")]
     assert screen.tick(reports=beat) == []
+    assert screen.wait(6.0) == []
+    assert screen.tick(reports=beat, state=State.FAULT, reason="no fresh depth", remedy="look") == [
+        (mavlink.MAV_SEVERITY_CRITICAL, "Holdfast FAULT: no fresh depth; to do: look")
+    ]
 
 
 def test_numbers_come_twice_a_second_in_names_that_fit():
