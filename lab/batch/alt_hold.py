@@ -35,11 +35,11 @@ from sim_bridge.config import SimConfig
 from sim_bridge.firmware import depth_hold
 from sim_bridge.firmware.depth_hold import GAINS, DepthGains
 from sim_bridge.firmware.params import DEFAULTS
-from sim_bridge.physics import plant, thrusters
-from sim_bridge.physics.body import STEP_S
+from sim_bridge.physics import thrusters
+from sim_bridge.physics.body import NOT_DRIVEN, STEP_S, moved
 from sim_bridge.physics.plant import ned_velocity
 from sim_bridge.physics.sensors import ACCEL_FILTER_DELAY_S
-from sim_bridge.physics.thrusters import CURVE_US, NO_THRUST
+from sim_bridge.physics.thrusters import CURVE_US
 
 START_S = 3.2
 FASTEST_M_S = 0.01 * DEFAULTS["PILOT_SPEED_UP"].default
@@ -113,7 +113,7 @@ def dive(
     for i in range(len(past)):
         remember(past, i, vehicle.start)
     slow = np.zeros((1, drawn.slow.shape[1]))
-    state, thrust, hold = vehicle.start, NO_THRUST, depth_hold.AT_REST
+    state, driven, hold = vehicle.start, NOT_DRIVEN, depth_hold.AT_REST
     squares, changes, asked_before, count = 0.0, 0.0, 0.0, 0
     for tick in range(len(depths) - 1):
         go_on_slow(drawn, slow, tick)
@@ -129,12 +129,10 @@ def dive(
                 gains, hold, depth - depths[tick, 1], depth_hold.STILL, FASTEST_M_S, climb, rise, STEP_S
             )
             axes = (0.0, 0.0, -hold.throttle, 0.0, 0.0, 0.0)
-            thrust = thrusters.lagged(thrust, motors(vehicle, axes), vehicle.follow)
-            tau = thrusters.wrench(vehicle.thrusters, thrust)
-            state, _ = plant.step(vehicle.body, state, tau, force, flow, STEP_S)
+            driven, state, _ = moved(vehicle.hull, driven, state, motors(vehicle, axes), force, flow, 1.0)
             remember(past, now + 1, state)
         if tick >= since_tick:
-            asked = thrusters.wrench(nominal.thrusters, motors(nominal, axes))[2]
+            asked = thrusters.wrench(nominal.hull.thrusters, motors(nominal, axes))[2]
             squares += (state[2] - depths[tick + 1, 0]) ** 2
             changes += (asked - asked_before) ** 2 if count > 0 else 0.0
             asked_before = asked

@@ -31,7 +31,7 @@ from lab.batch.stand_in import (
     water,
 )
 from sim_bridge.physics import plant, thrusters
-from sim_bridge.physics.body import STEP_S
+from sim_bridge.physics.body import NOT_DRIVEN, moved
 from sim_bridge.physics.thrusters import NO_THRUST
 
 LOST_M = 5.0
@@ -91,7 +91,7 @@ def dive(
     slow = np.zeros((1, drawn.slow.shape[1]))
     go_on_slow(drawn, slow, 0)
 
-    state, thrust, static, axes, last = vehicle.start, NO_THRUST, NO_THRUST, NO_AXES, NO_AXES
+    state, driven, static, axes, last = vehicle.start, NOT_DRIVEN, NO_THRUST, NO_AXES, NO_AXES
     first = read(vehicle, past, 0, slow, drawn.normals, 0)
     sensor_delay_s, lead_s = parameters.observers.sensor_delay_s, companion.lead_s
     depth_sum, heading_sum, thrust_sum, change_sum, tail_sum = 0.0, 0.0, 0.0, 0.0, 0.0
@@ -105,9 +105,7 @@ def dive(
             since = step - vehicle.to_motor_steps
             if since >= 0 and since % STEPS == 0:
                 static = taken(flying, since // STEPS)
-            thrust = thrusters.lagged(thrust, static, vehicle.follow)
-            tau = thrusters.wrench(vehicle.thrusters, thrust)
-            state, _ = plant.step(vehicle.body, state, tau, force, flow, STEP_S)
+            driven, state, _ = moved(vehicle.hull, driven, state, static, force, flow, 1.0)
             remember(past, step + 1, state)
 
         readings = read(vehicle, past, STEPS * (index + 1), slow, drawn.normals, index + 1)

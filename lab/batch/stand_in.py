@@ -20,21 +20,19 @@ from companion.records import Array
 from sim_bridge.config import Defects, SimConfig
 from sim_bridge.firmware.autopilot import INPUT_PERIOD_S
 from sim_bridge.firmware.mixer import mix_six_dof, mix_vectored
-from sim_bridge.physics.body import STEP_S
+from sim_bridge.physics.body import STEP_S, Hull, hull_of
 from sim_bridge.physics.environment import Environment
 from sim_bridge.physics.plant import (
     NO_WRENCH,
-    Body,
     Six,
     State,
     Three,
     between,
-    body_of,
     euler,
     ned_velocity,
     state_of,
 )
-from sim_bridge.physics.thrusters import HEALTHY, Eight, Thrusters, follow_of, static_thrust, thrusters_of
+from sim_bridge.physics.thrusters import HEALTHY, Eight, static_thrust
 
 ARMED_S, ENGAGED_S = 2.04, 3.04
 """When the full loop arms and engages, from boot: a dive begins engaged; its load counts from the arming."""
@@ -111,11 +109,9 @@ class Vehicle(NamedTuple):
     """What the equations need to know of a dive's vehicle and water."""
 
     start: State
-    body: Body
-    thrusters: Thrusters
+    hull: Hull
     six_dof: bool
     voltage_v: float
-    follow: float
     to_motor_steps: int
     depth_back: float
     """How old the depth is that a tick takes in, in steps; likewise the climb and the attitude."""
@@ -166,15 +162,12 @@ def vehicle_of(config: SimConfig, at: Timing) -> Vehicle:
     sensors, current, tether, load = config.sensors, config.current, config.tether, config.load
     direction, way = math.radians(current.direction_deg), math.radians(config.waves.direction_deg)
     speed = current.speed_m_s if current.enabled else 0.0
-    body = body_of(config.hull)
     return Vehicle(
         start=state_of(config.initial.eta, NO_WRENCH),
-        body=body,
-        thrusters=thrusters_of(config.thrusters),
+        hull=hull_of(config, STEP_S),
         six_dof=config.thrusters.frame == "vectored_6dof",
         voltage_v=config.battery.voltage_v,
-        follow=follow_of(config.thrusters.lag_s, STEP_S),
-        to_motor_steps=round(at.to_motor_s / STEP_S),
+        to_motor_steps=round(at.to_motor_s / STEP_S) + math.ceil(config.thrusters.delay_s / STEP_S - 1e-6),
         depth_back=(at.age_s + sensors.depth_delay_s) / STEP_S,
         climb_back=(at.age_s + sensors.climb_delay_s) / STEP_S,
         attitude_back=(at.age_s + sensors.attitude_delay_s) / STEP_S,
@@ -230,13 +223,9 @@ def go_on_slow(drawn: Drawn, slow: Rows, tick: int) -> None:
 
 def refuse(config: SimConfig) -> None:
     """Raise ValueError for what only the full loop can do."""
-    thrusters, sensors = config.thrusters, config.sensors
-    if thrusters.lag_s == 0.0:
-        raise ValueError("thrusters without lag need the full loop")
-    if thrusters.start_s or thrusters.delay_s:
-        raise ValueError("motors that start late and commands that come late need the full loop")
-    if thrusters.free_speed_m_s or thrusters.dry_height_m:
-        raise ValueError("thrusters that lose thrust to inflow or at the surface need the full loop")
+    sensors = config.sensors
+    if config.thrusters.dry_height_m:
+        raise ValueError("thrusters that lose thrust at the surface need the full loop")
     if config.faults or config.heave_force.enabled or sensors.positioned or sensors.wave_pressure:
         raise ValueError("faults, scripted heave forces, a position and wave pressure need the full loop")
     if config.steel.enabled or sensors.depth_defects != Defects() or sensors.attitude_defects != Defects():
@@ -262,7 +251,7 @@ def motors(vehicle: Vehicle, axes: Six) -> Eight:
         math.floor(1500.0 + 400.0 * g),
         math.floor(1500.0 + 400.0 * h),
     )
-    return static_thrust(vehicle.thrusters, HEALTHY, pwm, vehicle.voltage_v)
+    return static_thrust(vehicle.hull.thrusters, HEALTHY, pwm, vehicle.voltage_v)
 
 
 def water(vehicle: Vehicle, sea: Rows, slow: Rows, t_s: float, state: State) -> tuple[Three, Six]:

@@ -42,6 +42,8 @@ class Thrusters(NamedTuple):
     curve_us: Curve
     """CURVE_US with this dead band."""
     lag_s: float
+    start_s: float
+    free_speed_m_s: float
     gain: Eight
     horizontal_m: tuple[float, float, float]
     vertical_m: tuple[float, float, float]
@@ -59,6 +61,8 @@ def thrusters_of(config: ThrusterConfig) -> Thrusters:
         dead,
         (-400.0, -300.0, -200.0, -100.0, -60.0, -dead, dead, 60.0, 100.0, 200.0, 300.0, 400.0),
         config.lag_s,
+        config.start_s,
+        config.free_speed_m_s,
         (*gain, *(0.0,) * (8 - count)),  # type: ignore[arg-type]  # eight by count
         config.horizontal_m,
         config.vertical_m,
@@ -150,10 +154,11 @@ def started(starting: Starting, static: Eight, start_s: float, dt: float) -> tup
     A motor stops at once. One that is asked for less than `start_s` to turn another way stands still.
     """
     turns, asked_s, given = [], [], []
-    for way, waited_s, newtons in zip(starting.turns, starting.asked_s, static, strict=True):
-        asked = math.copysign(1.0, newtons) if newtons else 0.0
+    for i in range(len(static)):
+        way, waited_s, newtons = starting.turns[i], starting.asked_s[i], static[i]
+        asked = math.copysign(1.0, newtons) if newtons != 0.0 else 0.0
         waits_s = (waited_s if waited_s * asked > 0.0 else 0.0) + asked * dt if asked != way else 0.0
-        if not asked or abs(waits_s) >= start_s - 1e-9:
+        if asked == 0.0 or abs(waits_s) >= start_s - 1e-9:
             way, waits_s = asked, 0.0
         turns.append(way)
         asked_s.append(waits_s)
@@ -162,8 +167,7 @@ def started(starting: Starting, static: Eight, start_s: float, dt: float) -> tup
 
 
 def _eight(values: Sequence[float]) -> Eight:
-    a, b, c, d, e, f, g, h = values
-    return a, b, c, d, e, f, g, h
+    return values[0], values[1], values[2], values[3], values[4], values[5], values[6], values[7]
 
 
 def follow_of(lag_s: float, dt: float) -> float:
@@ -218,7 +222,7 @@ def in_water(thrust: Eight, inflow: Eight, free_speed_m_s: float, wet: float) ->
     speed. `wet` 0..1 is the part of the thrusters that is under water.
     """
     b = math.sqrt(FULL_N) / free_speed_m_s if free_speed_m_s > 0.0 else 0.0
-    return _eight([wet * (T - b * math.sqrt(abs(T)) * u) for T, u in zip(thrust, inflow, strict=True)])
+    return _eight([wet * (thrust[i] - b * math.sqrt(abs(thrust[i])) * inflow[i]) for i in range(len(thrust))])
 
 
 def current_a(thrust: Eight) -> float:
