@@ -13,12 +13,11 @@ from companion.control.controller import Target
 from companion.control.reference import Reference
 from companion.core.tick import Known, Outside, Permission, Sent, Wanted
 from companion.estimation.observers import Inputs, Measured
-from companion.records import PSI, Axes, Flags, Vector, Z
+from companion.records import PSI, Axes, Flags, Vector, X, Z
 from companion.supervision.guard import bounded
 from lab.batch.stand_in import OVERRIDE_SPAN_US, TICK_S, Readings, Timing
 
 NO_AXES: Axes = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-NO_SAMPLE = Measured(math.nan, math.nan, math.nan, math.nan)
 NOBODY: Flags = (False, False, False, False)
 NOTHING: Vector = (0.0, 0.0, 0.0, 0.0)
 
@@ -45,29 +44,31 @@ def inputs(
     hidden_s: float,
     tick: int,
 ) -> Inputs:
-    """Return what a tick of a batch knows before it observes: depth and heading alone are measured."""
+    """Return what a tick of a batch knows before it observes."""
     now_s = tick * TICK_S
     sampled_s = now_s - at.believed_age_s
-    z_s, psi_s = sampled_s - sensor_delay_s[Z] - hidden_s, sampled_s - sensor_delay_s[PSI]
+    place_s, psi_s = sampled_s - sensor_delay_s[X], sampled_s - sensor_delay_s[PSI]
+    z_s = sampled_s - sensor_delay_s[Z] - hidden_s
     begins = (math.nan, math.nan, math.nan, math.nan)
     if tick == 0:
-        begins = (math.nan, math.nan, readings.depth, readings.heading)
+        begins = (readings.north, readings.east, readings.depth, readings.heading)
+    positioned, learns = not math.isnan(readings.north), tick > 0
     return Inputs(
         now_s,
         (
-            NO_SAMPLE,
-            NO_SAMPLE,
+            Measured(readings.north, place_s, readings.north_rate, place_s),
+            Measured(readings.east, place_s, readings.east_rate, place_s),
             Measured(readings.depth, z_s, readings.sink, z_s),
             Measured(readings.heading, psi_s, readings.heading_rate, psi_s),
         ),
         begins,
-        (True, True, False, False),
+        (not positioned, not positioned, False, False),
         at.telemetry_s,
         at.command_s,
         at.command_s + lead_s,
         True,
-        False,
-        (False, False, tick > 0, tick > 0),
+        positioned,
+        (learns and positioned, learns and positioned, learns, learns),
         (readings.roll, readings.pitch, readings.p, readings.q, readings.r),
         voltage_v,
     )

@@ -12,7 +12,7 @@ import numpy as np
 from companion.control.bounds import clamped, wrap
 from companion.control.controller import Target
 from companion.core.tick import Parameters, start, tick
-from companion.records import Z
+from companion.records import ZERO, X, Y, Z
 from companion.supervision.guard import bounded
 from lab.batch.companion import NO_AXES, Script, inputs, outside
 from lab.batch.settings import Companion
@@ -41,6 +41,8 @@ LOST_M = 5.0
 class Figures(NamedTuple):
     """What came of a dive; see `lab.batch.simulate.simulate`."""
 
+    place_rms_mm: float
+    place_chatter_n: float
     depth_rms_mm: float
     depth_peak_mm: float
     heading_rms_deg: float
@@ -74,7 +76,7 @@ def dive(
         drawn: what it meets.
         companion: its configuration.
         at: where the delays fall.
-        targets: (ticks, 6): depth and heading with their rates and accelerations; NaN: where it began.
+        targets: (ticks, 12): x, y, z, psi, their rates and their accelerations; NaN: where it began.
         since_tick: from when on figures count.
         tail_tick: from when on those of the tail count.
         trace: (ticks, 2) takes depth error (m) and thrust asked for in heave (N); (0, 2) for none.
@@ -83,7 +85,7 @@ def dive(
     ticks = len(targets)
     parameters = built(companion.parameters)
     memory = start(parameters)
-    oldest = max(vehicle.depth_back, vehicle.climb_back, vehicle.attitude_back)
+    oldest = max(vehicle.depth_back, vehicle.climb_back, vehicle.attitude_back, vehicle.place_back)
     past = np.zeros((int(oldest) + STEPS + 2, 13))
     for i in range(len(past)):
         remember(past, i, vehicle.start)
@@ -95,7 +97,8 @@ def dive(
     first = read(vehicle, past, 0, slow, drawn.normals, 0)
     sensor_delay_s, lead_s = parameters.observers.sensor_delay_s, companion.lead_s
     depth_sum, heading_sum, thrust_sum, change_sum, tail_sum = 0.0, 0.0, 0.0, 0.0, 0.0
-    count, tail_count, peak, upright, last_thrust, lost_s = 0, 0, 0.0, 1.0, math.nan, math.nan
+    place_sum, place_change_sum = 0.0, 0.0
+    count, tail_count, peak, upright, lost_s, delivered = 0, 0, 0.0, 1.0, math.nan, ZERO
     for index in range(ticks):
         t_s = ENGAGED_S + index * TICK_S
         go_on_slow(drawn, slow, index + 1)
@@ -109,12 +112,19 @@ def dive(
             remember(past, step + 1, state)
 
         readings = read(vehicle, past, STEPS * (index + 1), slow, drawn.normals, index + 1)
-        row = targets[index]
-        depth = first.depth if math.isnan(row[0]) else row[0]
-        heading = first.heading if math.isnan(row[3]) else row[3]
+        wanted = targets[index]
         script = Script(
-            Target((0.0, 0.0, depth, heading), (0.0, 0.0, row[1], row[4]), (0.0, 0.0, row[2], row[5])),
-            (False, False, True, True),
+            Target(
+                (
+                    first.north if math.isnan(wanted[0]) else wanted[0],
+                    first.east if math.isnan(wanted[1]) else wanted[1],
+                    first.depth if math.isnan(wanted[2]) else wanted[2],
+                    first.heading if math.isnan(wanted[3]) else wanted[3],
+                ),
+                (wanted[4], wanted[5], wanted[6], wanted[7]),
+                (wanted[8], wanted[9], wanted[10], wanted[11]),
+            ),
+            (vehicle.positioned, vehicle.positioned, True, True),
             index == 0,
             companion.reach,
             companion.slew,
@@ -126,21 +136,26 @@ def dive(
         last = bounded(memory.actuated.wanted, last, companion.reach, companion.slew)
         axes = memory.actuated.command
 
-        depth_error, pushed = state[2] - row[0], memory.actuated.delivered[Z]
+        before, delivered = delivered, memory.actuated.delivered
+        depth_error = state[2] - wanted[2]
         if not abs(depth_error) < LOST_M:
             lost_s = t_s
             break
         if index < len(trace):
-            trace[index, 0], trace[index, 1] = depth_error, pushed
+            trace[index, 0], trace[index, 1] = depth_error, delivered[Z]
         if index >= since_tick:
             _, _, yaw = plant.euler(state)
-            heading_error = wrap(yaw - row[3])
+            heading_error = wrap(yaw - wanted[3])
+            north = state[0] - (vehicle.start[0] if math.isnan(wanted[0]) else wanted[0])
+            east = state[1] - (vehicle.start[1] if math.isnan(wanted[1]) else wanted[1])
+            place_sum += north * north + east * east
             depth_sum += depth_error * depth_error
             heading_sum += heading_error * heading_error
-            thrust_sum += pushed * pushed
+            thrust_sum += delivered[Z] * delivered[Z]
             if count > 0:
-                change_sum += (pushed - last_thrust) * (pushed - last_thrust)
-            last_thrust = pushed
+                x, y, z = delivered[X] - before[X], delivered[Y] - before[Y], delivered[Z] - before[Z]
+                place_change_sum += x * x + y * y
+                change_sum += z * z
             count += 1
             peak = max(peak, abs(depth_error))
             upright = min(upright, plant.down_axis(state)[2])
@@ -149,6 +164,8 @@ def dive(
                 tail_count += 1
     n = max(count, 1)
     return Figures(
+        1e3 * math.sqrt(place_sum / n),
+        math.sqrt(place_change_sum / max(n - 1, 1)),
         1e3 * math.sqrt(depth_sum / n),
         1e3 * peak,
         math.degrees(math.sqrt(heading_sum / n)),

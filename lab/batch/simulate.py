@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from companion.config import Config
-from companion.records import PSI, Array, Setpoint, Z
+from companion.records import Array, Setpoint
 from lab.batch.compiled import cached, slotted
 from lab.batch.loop import Figures, dive
 from lab.batch.settings import companion_of
@@ -48,8 +48,9 @@ def simulate(
         damps: whether an oscillation draws the gains back.
         traces: takes an array (ticks, 3) a dive: time (s), depth error (m), thrust asked for in heave (N).
 
-    Returns `Dive.figures`' depth_rms_mm, depth_peak_mm, heading_rms_deg, thrust_rms_n, chatter_n, and
-    tail_rms_mm (depth RMS of the last TAIL_S), tilt_deg (largest), hidden_s (hidden delay that was
+    Returns `Dive.figures`' place_rms_mm, depth_rms_mm, depth_peak_mm, heading_rms_deg, thrust_rms_n and
+    chatter_n, place_chatter_n (RMS change of the horizontal force in a tick), tail_rms_mm (depth RMS of the
+    last TAIL_S), tilt_deg (largest), hidden_s (hidden delay that was
     found at the end) and lost_s (since boot; NaN if never lost).
     Raises ValueError for what only the full loop can do.
 
@@ -85,9 +86,6 @@ def simulate(
 
 
 def _wanted(target: Callable[[float], Setpoint], times_s: list[float]) -> Rows:
-    """Return a target as the loop takes it, (ticks, 6)."""
-    rows = []
-    for t_s in times_s:
-        now = target(t_s)
-        rows.append([part[dof] for dof in (Z, PSI) for part in (now.eta_d, now.eta_d_dot, now.eta_d_ddot)])
-    return np.array(rows)
+    """Return a target as the loop takes it, (ticks, 12)."""
+    wanted = [target(t_s) for t_s in times_s]
+    return np.array([(*now.eta_d, *now.eta_d_dot, *now.eta_d_ddot) for now in wanted])

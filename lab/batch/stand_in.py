@@ -41,9 +41,12 @@ TICK_S = INPUT_PERIOD_S
 STEPS = round(TICK_S / STEP_S)
 """Of the plant, in a tick."""
 
-NORMALS = 13
-SLOW = 9
-"""Of them slow noise: depth, climb, drift, heading, current north and east, tether north, east and down."""
+NORMALS, OF_PLACE = 13, 6
+"""Drawn for a tick by two streams; of the second are the place's slow noise, and its white."""
+SLOW, SLOW_OF_PLACE = 9, 2
+"""Of them slow noise: depth, climb, drift, heading, current north and east, tether north, east and down; and
+place north and east."""
+PLACE_TAU_S = 60.0
 
 WIRE_PER_M = 1000.0
 OVERRIDE_SPAN_US = 400.0
@@ -114,12 +117,15 @@ class Vehicle(NamedTuple):
     voltage_v: float
     to_motor_steps: int
     depth_back: float
-    """How old the depth is that a tick takes in, in steps; likewise the climb and the attitude."""
+    """How old the depth is that a tick takes in, in steps; likewise the climb, the attitude and the place."""
     climb_back: float
     attitude_back: float
+    place_back: float
+    positioned: bool
+    """Whether it has a DVL."""
     depth_scale: float
-    white: tuple[float, float, float, float]
-    """White noise of depth (m), climb (m/s), heading (rad) and its rate (rad/s)."""
+    white: tuple[float, float, float, float, float]
+    """White noise of depth (m), climb (m/s), heading (rad), its rate (rad/s), place and velocity (m, m/s)."""
     current: tuple[float, float]
     """Mean velocity of the water, north and east (m/s)."""
     pull: Three
@@ -136,16 +142,20 @@ class Drawn(NamedTuple):
     """What is drawn from a dive's seed, and how it is used."""
 
     normals: Rows
-    """(ticks + 1, NORMALS): the first SLOW for slow noise, then white."""
+    """(ticks + 1, NORMALS + OF_PLACE): those for slow noise, then white."""
     slow: Rows
-    """(3, SLOW): σ of each slow noise, what it keeps of a tick, and what a new normal adds."""
+    """(3, all slow noise): σ, what it keeps of a tick, and what a new normal adds."""
     sea: Rows
     """(4, waves): ω a (m/s), ω (rad/s), k (1/m), phase (rad); no column in calm water."""
 
 
 class Readings(NamedTuple):
-    """What telemetry brings to a tick: m and m/s down, rad and rad/s."""
+    """What telemetry brings to a tick: m and m/s, NED, rad and rad/s; NaN for a place without a DVL."""
 
+    north: float
+    east: float
+    north_rate: float
+    east_rate: float
     depth: float
     sink: float
     roll: float
@@ -171,12 +181,15 @@ def vehicle_of(config: SimConfig, at: Timing) -> Vehicle:
         depth_back=(at.age_s + sensors.depth_delay_s) / STEP_S,
         climb_back=(at.age_s + sensors.climb_delay_s) / STEP_S,
         attitude_back=(at.age_s + sensors.attitude_delay_s) / STEP_S,
+        place_back=(at.age_s + sensors.dvl_delay_s) / STEP_S,
+        positioned=sensors.dvl,
         depth_scale=sensors.depth_scale,
         white=(
             sensors.depth_white_m,
             sensors.climb_white_m_s,
             sensors.attitude_white_rad,
             sensors.gyro_white_rad_s,
+            sensors.dvl_white_m,
         ),
         current=(speed * math.cos(direction), speed * math.sin(direction)),
         pull=tether.pull_n if tether.enabled else (0.0, 0.0, 0.0),
@@ -195,6 +208,7 @@ def drawn(config: SimConfig, seed: int, ticks: int) -> Drawn:
         (
             *(sensors.slow_tau_s, sensors.slow_tau_s, sensors.drift_tau_s, 5.0),
             *(current.tau_s, current.tau_s, tether.tau_s, tether.tau_s, tether.tau_s),
+            *(PLACE_TAU_S, PLACE_TAU_S),
         )
     )
     sigma = np.array(
@@ -202,10 +216,15 @@ def drawn(config: SimConfig, seed: int, ticks: int) -> Drawn:
             *(sensors.depth_slow_m, sensors.climb_slow_m_s, sensors.drift_m, sensors.attitude_slow_rad),
             *((current.sigma_m_s if current.enabled else 0.0,) * 2),
             *(tether.sigma_n if tether.enabled else (0.0, 0.0, 0.0)),
+            *(sensors.dvl_drift_m, sensors.dvl_drift_m),
         )
     )
     keep = np.exp(-TICK_S / tau_s)
     normals = np.random.default_rng((seed, 3)).standard_normal((ticks + 1, NORMALS))
+    of_place = np.random.default_rng((seed, 5)).standard_normal((ticks + 1, OF_PLACE))
+    normals = np.hstack(
+        (normals[:, :SLOW], of_place[:, :SLOW_OF_PLACE], normals[:, SLOW:], of_place[:, SLOW_OF_PLACE:])
+    )
     sea = np.zeros((4, 0))
     if config.waves.enabled:
         waves = Environment(config, STEP_S, np.random.default_rng(seed).spawn(4)[0]).sea
@@ -215,7 +234,7 @@ def drawn(config: SimConfig, seed: int, ticks: int) -> Drawn:
 
 
 def go_on_slow(drawn: Drawn, slow: Rows, tick: int) -> None:
-    """Bring slow noise, (1, SLOW), on by a tick to this one; tick 0 begins."""
+    """Bring slow noise, (1, all of it), on by a tick to this one; tick 0 begins."""
     for i in range(slow.shape[1]):
         keep, add = (0.0, drawn.slow[0, i]) if tick == 0 else (drawn.slow[1, i], drawn.slow[2, i])
         slow[0, i] = keep * slow[0, i] + add * drawn.normals[tick, i]
@@ -226,9 +245,12 @@ def refuse(config: SimConfig) -> None:
     sensors = config.sensors
     if config.thrusters.dry_height_m:
         raise ValueError("thrusters that lose thrust at the surface need the full loop")
-    if config.faults or config.heave_force.enabled or sensors.positioned or sensors.wave_pressure:
-        raise ValueError("faults, scripted heave forces, a position and wave pressure need the full loop")
-    if config.steel.enabled or sensors.depth_defects != Defects() or sensors.attitude_defects != Defects():
+    if config.faults or config.heave_force.enabled or sensors.wave_pressure:
+        raise ValueError("faults, scripted heave forces and wave pressure need the full loop")
+    if sensors.usbl.enabled or sensors.dvl_by_mavlink:
+        raise ValueError("a USBL, and a DVL that speaks MAVLink, need the full loop")
+    defects = (sensors.depth_defects, sensors.attitude_defects, sensors.dvl_defects)
+    if config.steel.enabled or any(one != Defects() for one in defects):
         raise ValueError("steel and defects of instruments need the full loop")
     if config.seabed.enabled or config.cable.enabled or config.current.profile or config.current.turn_deg_s:
         raise ValueError(
@@ -329,22 +351,34 @@ def _row(past: Rows, step: int) -> State:
 def read(vehicle: Vehicle, past: Rows, steps: int, slow: Rows, normals: Rows, tick: int) -> Readings:
     """Return what the telemetry reports that a tick takes in, `steps` steps after the start."""
     white = vehicle.white
+    north = east = north_rate = east_rate = math.nan
+    if vehicle.positioned:
+        place = recall(past, steps - vehicle.place_back)
+        velocity = ned_velocity(place)
+        north = place[0] + slow[0, 9] + white[4] * normals[tick, 15]
+        east = place[1] + slow[0, 10] + white[4] * normals[tick, 16]
+        north_rate = velocity[0] + white[4] * normals[tick, 17]
+        east_rate = velocity[1] + white[4] * normals[tick, 18]
     height = recall(past, steps - vehicle.depth_back)
     motion = recall(past, steps - vehicle.climb_back)
     attitude = recall(past, steps - vehicle.attitude_back)
-    depth = vehicle.depth_scale * height[2] + slow[0, 0] + slow[0, 2] + white[0] * normals[tick, 9]
-    sink = vehicle.depth_scale * ned_velocity(motion)[2] + slow[0, 1] + white[1] * normals[tick, 10]
+    depth = vehicle.depth_scale * height[2] + slow[0, 0] + slow[0, 2] + white[0] * normals[tick, 11]
+    sink = vehicle.depth_scale * ned_velocity(motion)[2] + slow[0, 1] + white[1] * normals[tick, 12]
     roll, pitch, yaw = euler(attitude)
     p, q, r = attitude[10], attitude[11], attitude[12]
     rate = (q * math.sin(roll) + r * math.cos(roll)) / max(math.cos(pitch), MIN_COS)
     return Readings(
+        north,
+        east,
+        north_rate,
+        east_rate,
         math.floor(WIRE_PER_M * depth + 0.5) / WIRE_PER_M,
         sink,
         roll,
         pitch,
-        yaw + slow[0, 3] + white[2] * normals[tick, 11],
+        yaw + slow[0, 3] + white[2] * normals[tick, 13],
         p,
         q,
         r,
-        rate + white[3] * normals[tick, 12],
+        rate + white[3] * normals[tick, 14],
     )
