@@ -164,7 +164,7 @@ def dive(
                 tail_count += 1
     n = max(count, 1)
     return Figures(
-        1e3 * math.sqrt(place_sum / n),
+        1e3 * math.sqrt(place_sum / n) if vehicle.positioned else math.nan,
         math.sqrt(place_change_sum / max(n - 1, 1)),
         1e3 * math.sqrt(depth_sum / n),
         1e3 * peak,

@@ -16,9 +16,10 @@ from companion.guidance.paths.shapes import build
 from companion.guidance.paths.time_law import limits
 from companion.records import Request, Setpoint, State
 from companion.telemetry.plan import Lemniscate, PathPlan
+from lab.loop.dive import survey
 from lab.loop.lockstep import LinkDelay, Lockstep
 from lab.rivals import poshold
-from lab.studies.courses import Track, by_autopilot, recorded, survey
+from lab.studies.courses import Track, by_autopilot, recorded
 from sim_bridge.commands import DEFAULT_CONFIG
 from sim_bridge.config import SimConfig
 from sim_bridge.config import load_config as load_plant

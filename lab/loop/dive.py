@@ -1,5 +1,6 @@
 """Run a scenario through the full loop and measure it against the truth."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,17 +12,19 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from companion.config import Config
 from companion.control.bounds import wrap
 from companion.engine import Engine
-from companion.records import PSI, Request, State, Z
+from companion.records import PSI, Request, State, Vector, X, Y, Z
 from lab.loop.firmware import vehicle_of
 from lab.loop.lockstep import LinkDelay, Lockstep, SteppedVehicle
 from lab.loop.scenarios import SETTLE_S, Scenario
 from sim_bridge.config import SimConfig
+from sim_bridge.vehicle import Vehicle
 
 PHI, THETA, TRUE_PSI = 3, 4, 5
 RECOVERED_M = 0.01
 RECOVERED_FOR_S = 2.0
 SMOOTHED_S = 0.5
 FIGURES = (
+    "place_rms_mm",
     "depth_rms_mm",
     "depth_mean_mm",
     "depth_sd_mm",
@@ -32,7 +35,11 @@ FIGURES = (
     "chatter_n",
     "recovery_s",
 )
-"""RMS, mean, standard deviation, peak; RMS of thrust and of its change in a tick; recovery from a load."""
+"""RMS of the horizontal distance from its place, NaN without a position; RMS, mean, standard deviation, peak;
+RMS of thrust and of its change in a tick; recovery from a load."""
+
+SURVEYOR = 2
+"""The link of whoever sets the EKF's origin."""
 
 
 @dataclass(frozen=True)
@@ -40,6 +47,7 @@ class Dive:
     """What was recorded, a row each tick: m, rad, N; errors are true − wanted."""
 
     t_s: NDArray[np.float64]
+    place_error_m: NDArray[np.float64]
     depth_error_m: NDArray[np.float64]
     heading_error_rad: NDArray[np.float64]
     thrust_n: NDArray[np.float64]
@@ -51,6 +59,7 @@ class Dive:
         on = self.t_s >= since_s
         depth, heading, thrust = self.depth_error_m[on], self.heading_error_rad[on], self.thrust_n[on]
         figures = (
+            1e3 * _rms(self.place_error_m[on]),
             1e3 * _rms(depth),
             1e3 * float(depth.mean()),
             1e3 * float(depth.std()),
@@ -88,31 +97,48 @@ def dive(
 
     The real `firmware` takes the place of our stand-in.
     """
-    engine = Engine(config, scenario.target(0.0), arm=True)
-    rows = []
-    with vehicle_of(scenario.plant(plant, scenario.seed), scenario.seed, firmware) as vehicle:
+    engine, plant = Engine(config, scenario.target(0.0), arm=True), scenario.plant(plant, scenario.seed)
+    rows, engaged_at = [], (math.nan, math.nan)
+    with vehicle_of(plant, scenario.seed, firmware) as vehicle:
+        if plant.sensors.positioned:
+            survey(vehicle)
         loop = Lockstep(vehicle, engine, link, scenario.seed, config.loop.rate_hz)
         loop.requests = [Request.ENGAGE]
         for step in loop.run(scenario.duration_s, scenario.target):
             wanted = scenario.target(step.t_s).eta_d
             eta = step.truth.eta
             active = step.sample.verdict.state is State.ACTIVE
+            if active and math.isnan(engaged_at[X]):
+                engaged_at = (eta[X], eta[Y])
+            place_m = _distance_m(eta, wanted, engaged_at) if plant.sensors.positioned else math.nan
             thrust_n = step.sample.delivered.tau[Z]
             depth_m, heading_rad = eta[Z] - wanted[Z], eta[TRUE_PSI] - wanted[PSI]
-            rows.append((step.t_s, depth_m, heading_rad, thrust_n, active, step.truth.load_on))
+            rows.append((step.t_s, place_m, depth_m, heading_rad, thrust_n, active, step.truth.load_on))
     return recorded(rows)
 
 
-def recorded(rows: Sequence[tuple[float, float, float, float, bool, bool]]) -> Dive:
-    """Make a Dive of a row each tick: time, depth error, heading error (any turn), thrust, active, load."""
-    t_s, depth, heading, thrust, active, load = np.array(rows).T
-    return Dive(
-        t_s, depth, np.array([*map(wrap, heading.tolist())]), thrust, active.astype(bool), load.astype(bool)
-    )
+def recorded(rows: Sequence[tuple[float, float, float, float, float, bool, bool]]) -> Dive:
+    """Make a Dive of a row each tick: time, errors of place, depth and heading (any turn), thrust, flags."""
+    t_s, place, depth, heading, thrust, active, load = np.array(rows).T
+    heading = np.array([*map(wrap, heading.tolist())])
+    return Dive(t_s, place, depth, heading, thrust, active.astype(bool), load.astype(bool))
+
+
+def _distance_m(eta: NDArray[np.float64], wanted: Vector, engaged_at: tuple[float, float]) -> float:
+    """Return the horizontal distance from where it should be: where it engaged, if no place is named."""
+    north, east = (there if math.isnan(x) else x for x, there in zip(wanted[:Z], engaged_at, strict=True))
+    return math.hypot(eta[X] - north, eta[Y] - east)
 
 
 def _rms(x: NDArray[np.float64]) -> float:
     return float(np.sqrt(np.mean(x * x)))
+
+
+def survey(vehicle: SteppedVehicle) -> None:
+    """Tell our simulated vehicle where on earth it is: without an origin its EKF gives no position."""
+    if isinstance(vehicle, Vehicle):
+        vehicle.open_link(SURVEYOR)
+        send_origin(vehicle, SURVEYOR)
 
 
 def send_origin(vehicle: SteppedVehicle, link: int) -> None:

@@ -87,6 +87,15 @@ def ensemble(base: SimConfig, seed: int) -> SimConfig:
     )
 
 
+def positioned(plant: SimConfig) -> SimConfig:
+    """Give a vehicle a DVL without drift, so that the error of its place is the loop's, and a current."""
+    return replace(
+        plant,
+        sensors=replace(plant.sensors, dvl=True, dvl_drift_m=0.0),
+        current=replace(plant.current, enabled=True),
+    )
+
+
 def _waves(base: SimConfig, seed: int) -> SimConfig:
     draw = np.random.default_rng((seed, 2)).uniform
     return replace(

@@ -5,6 +5,7 @@ moves the target by SET_POSITION_TARGET_GLOBAL_INT at 50 Hz and rests its sticks
 the depth loop itself runs on board at the vehicle's step, with the EKF's depth and no link in between.
 """
 
+import math
 from collections.abc import Callable, Generator, Iterable, Iterator
 from pathlib import Path
 
@@ -87,7 +88,9 @@ def dive(
         wanted = scenario.target(truth.t_s).eta_d
         depth_m, heading_rad = truth.eta[Z] - wanted[Z], truth.eta[TRUE_PSI] - wanted[PSI]
         active = truth.armed and truth.mode == ALT_HOLD
-        rows.append((truth.t_s, depth_m, heading_rad, commanded_n(truth, nominal), active, truth.load_on))
+        rows.append(
+            (truth.t_s, math.nan, depth_m, heading_rad, commanded_n(truth, nominal), active, truth.load_on)
+        )
     return recorded(rows)
 
 

@@ -1,6 +1,7 @@
 """`holdfast bench ablation`: the shipped controller less each part; the network where models are wrong.
 
-Batches of dives without MAVLink bytes (`lab.batch`), on vehicles that no search ever sees. Two questions:
+Batches of dives without MAVLink bytes (`lab.batch`), on vehicles that no search ever sees, with a DVL that
+does not drift. Two questions:
 
 - take one part away: what does it cost, as the vehicle is, with 80 ms that are measured, and with 40 ms that
   the autopilot's filter hides?
@@ -30,7 +31,7 @@ from companion.records import Setpoint
 from lab import style
 from lab.batch.stand_in import Links
 from lab.loop.dive import dive
-from lab.loop.scenarios import DEPTH_M, SETTLE_S, Scenario, ensemble, four, hold
+from lab.loop.scenarios import DEPTH_M, SETTLE_S, Scenario, ensemble, four, hold, positioned
 from lab.options import add_bench, seeds_of
 from lab.studies.competitors import FIRST_SEED, competitors, tuned, values_of
 from lab.studies.dives import HELD_FROM_S, LINKS, SCENARIOS, interval
@@ -50,6 +51,8 @@ PERIOD_S, PATH_M = 6.0, 0.25
 DEAD = 4
 """Index of the thruster that is dead: one of the four vertical ones."""
 
+FIGURES = ("depth_rms_mm", "place_rms_mm", "chatter_n", "lost_s")
+
 EARNED = 0.20
 """The share by which the network has to beat the observer alone, to earn its place there."""
 
@@ -64,13 +67,17 @@ class Part:
     damps: bool = True
 
 
+def _compensated(by: str) -> tuple[str, ...]:
+    return tuple(f"{axis}.compensator={by!r}" for axis in ("surge", "sway", "heave"))
+
+
 WHOLE = Part("shipped default")
 PARTS = (
     WHOLE,
-    Part("no network", ("heave.compensator='observer'",)),
-    Part("observer's d not fed back", ("heave.compensator='network'",)),
-    Part("no compensator", ("heave.compensator='none'",)),
-    Part("integrator for both", ("heave.compensator='integrator'",)),
+    Part("no network", _compensated("observer")),
+    Part("observer's d not fed back", _compensated("network")),
+    Part("no compensator", _compensated("none")),
+    Part("integrator for both", _compensated("integrator")),
     Part("thrusters' lag not undone", ("thrusters.lead_s=0.0",)),
     Part("gains not drawn back", ("delays.gains_bear_s=1.0",)),
     Part("hidden delay not looked for", finds_hidden=False),
@@ -192,7 +199,7 @@ class Ablation(Study[AblationDive]):
             return [self._with_firmware(config, scenarios[0], first.case)]
         found = simulate(
             config,
-            [scenario.plant(self._base, scenario.seed) for scenario in scenarios],
+            [positioned(scenario.plant(self._base, scenario.seed)) for scenario in scenarios],
             scenarios[0].target,
             scenarios[0].duration_s,
             [scenario.seed for scenario in scenarios],
@@ -200,18 +207,14 @@ class Ablation(Study[AblationDive]):
             finds_hidden=part.finds_hidden,
             damps=part.damps,
         )
-        figures = [found[key].tolist() for key in ("depth_rms_mm", "chatter_n", "lost_s")]
-        return [
-            dict(zip(("depth_rms_mm", "chatter_n", "lost_s"), values, strict=True))
-            for values in zip(*figures, strict=True)
-        ]
+        return [{key: float(found[key][i]) for key in FIGURES} for i in range(len(cases))]
 
     def _with_firmware(self, config: Config, scenario: Scenario, case: str) -> Row:
         dived = dive(scenario, config, self._base, BENCH_LINKS[case], self._firmware)
         figures = dived.figures()
         given_up = ~dived.active & (dived.t_s > HELD_FROM_S)
         lost_s = float(dived.t_s[np.argmax(given_up)]) if given_up.any() else math.nan
-        return {key: figures[key] for key in ("depth_rms_mm", "chatter_n")} | {"lost_s": lost_s}
+        return {key: figures[key] for key in FIGURES[:-1]} | {"lost_s": lost_s}
 
     def tables(self, rows: Sequence[Row]) -> Iterator[RenderableType]:
         """Return a table for each question, and what the network earned."""
@@ -219,8 +222,9 @@ class Ablation(Study[AblationDive]):
         if self._firmware:
             yield _table(f"The real firmware: mean of four scenarios × {self._count} vehicles, mm", less)
             return
-        yield _table(f"One part less: mean depth RMS of four scenarios × {self._count} vehicles, mm", less)
-        yield _table(f"Where the model is wrong: mean of {self._count} vehicles, mm", wrong)
+        title = f"One part less: mean RMS of four scenarios × {self._count} vehicles, depth / place, mm"
+        yield _table(title, less)
+        yield _table(f"Where the model is wrong: mean of {self._count} vehicles, depth / place, mm", wrong)
         yield from verdicts(wrong)
 
     def summary(self, rows: Sequence[Row]) -> dict[str, Any]:
@@ -254,12 +258,13 @@ class Ablation(Study[AblationDive]):
 
 
 def summaries(rows: Sequence[Row]) -> list[Row]:
-    """Return mean depth RMS (mm), chatter (N a tick) and lost dives of each variant in each case."""
+    """Return mean RMS (mm) of depth and place, chatter (N a tick) and lost dives of each variant and case."""
     return [
         {
             "variant": variant,
             "case": case,
             "rms_mm": float(np.mean([row["depth_rms_mm"] for row in some])),
+            "place_mm": float(np.mean([row["place_rms_mm"] for row in some])),
             "chatter_n": float(np.nanmean([row["chatter_n"] for row in some])),
             "lost": sum(not math.isnan(row["lost_s"]) for row in some),
         }
@@ -306,4 +311,5 @@ def _table(title: str, rows: Sequence[Row]) -> Table:
 
 def _cell(row: Row) -> str:
     lost = f" ({row['lost']} lost)" if row["lost"] else ""
-    return f"{row['rms_mm']:.2f}" + "!" * bool(row["chatter_n"] > CHATTER_N) + lost
+    place = "" if math.isnan(row["place_mm"]) else f" / {row['place_mm']:.1f}"
+    return f"{row['rms_mm']:.2f}{place}" + "!" * bool(row["chatter_n"] > CHATTER_N) + lost

@@ -33,6 +33,8 @@ class Competitor:
     knobs: Mapping[str, float]
     """Name and start of each."""
     settings: tuple[str, ...] = ()
+    place: bool = False
+    """Whether a search judges it by its place, with a DVL, and not by its depth."""
 
     @property
     def compensates(self) -> bool:
@@ -117,6 +119,15 @@ def knobs_of(config: Config) -> dict[str, float]:
     if registry.learners(heave.compensator, registry.compensators(config.compensators)):
         knobs["heave.learning_rate"] = heave.learning_rate
     return knobs
+
+
+def place_knobs_of(config: Config) -> dict[str, float]:
+    """Return what a search may turn of a configuration's own surge and sway, from where it stands."""
+    return {
+        f"{name}.{key}": getattr(axis, key)
+        for name, axis in (("surge", config.surge), ("sway", config.sway))
+        for key in ("lambda_per_s", "kappa_per_s", "disturbance_noise")
+    }
 
 
 def _own(group: str, name: str, module: ModuleType, config: Config) -> dict[str, float]:

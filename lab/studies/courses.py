@@ -29,7 +29,7 @@ from companion.guidance.paths.shapes import build
 from companion.guidance.paths.time_law import limits
 from companion.records import PSI, Array, Request, Setpoint, State, X, Y, Z
 from companion.telemetry.plan import Circle, Lemniscate, PathPlan
-from lab.loop.dive import TRUE_PSI, send_origin, tilt_rad
+from lab.loop.dive import TRUE_PSI, survey, tilt_rad
 from lab.loop.firmware import vehicle_of
 from lab.loop.lockstep import LinkDelay, Lockstep, Step, SteppedVehicle
 from lab.loop.scenarios import ensemble
@@ -44,7 +44,7 @@ from sim_bridge.config import SimConfig
 from sim_bridge.config import load_config as load_plant
 from sim_bridge.fault_kinds import Fault
 from sim_bridge.physics.thrusters import HEALTHY, each_motor, static_thrust, thrusters_of, wrench
-from sim_bridge.vehicle import Truth, Vehicle
+from sim_bridge.vehicle import Truth
 
 TUNED_FILE = Path(__file__).with_name("courses.toml")
 DEPTH_M = 2.0
@@ -57,9 +57,6 @@ SETTLES_S = 10.0
 LINK = LinkDelay()
 FULL_US = 399.0
 """A motor whose PWM is so far from neutral gives all it has."""
-
-SURVEYOR = 2
-"""The link of whoever sets the EKF's origin."""
 
 FIGURES = {
     "place_rms_mm": ("place RMS\nmm", ".0f"),
@@ -227,13 +224,6 @@ def sail(
         if alone:
             return _by_autopilot(vehicle, course, config, plant, seed, lasts_s, link)
         return _by_companion(vehicle, course, config, seed, lasts_s, link)
-
-
-def survey(vehicle: SteppedVehicle) -> None:
-    """Tell our simulated vehicle where on earth it is: POSHOLD asks for it."""
-    if isinstance(vehicle, Vehicle):
-        vehicle.open_link(SURVEYOR)
-        send_origin(vehicle, SURVEYOR)
 
 
 def _by_companion(

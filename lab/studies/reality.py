@@ -26,11 +26,12 @@ from rich.console import RenderableType
 from companion.config import load_config
 from companion.engine import Engine
 from companion.records import Request, Setpoint, Z
+from lab.loop.dive import survey
 from lab.loop.firmware import vehicle_of
 from lab.loop.lockstep import LinkDelay, Lockstep, Step
 from lab.loop.scenarios import raised_cosine
 from lab.options import add_bench
-from lab.studies.courses import LINK, recorded, survey
+from lab.studies.courses import LINK, recorded
 from lab.study import Row, Study, by, known, ruled
 from lab.style import BLUE, ORANGE, SMALL, save
 from sim_bridge.commands import DEFAULT_CONFIG

@@ -3,8 +3,8 @@
 Every candidate dives the four scenarios, shortened to TRAINING_S, with TRAINING_SEEDS vehicles that no bench
 ever sees, which meet the four CASES in turn: half of them 40 ms more delay each way, which is measured as in
 the full loop, half of them 15 % more thrust and 40 ms more in the autopilot's filter, which no stamp shows.
-What counts is the mean depth RMS (mm), and CHATTER_PRICE for each newton that the command moves by more than
-CHATTER_N a tick (RMS). All candidates of a generation dive at once (`lab.batch`).
+What counts is the mean RMS of the depth, or of the place (mm), and CHATTER_PRICE for each newton that the
+command moves by more than CHATTER_N a tick (RMS). All candidates of a generation dive at once (`lab.batch`).
 """
 
 import math
@@ -19,7 +19,7 @@ from companion.config import Config, ConfigError
 from companion.records import Array, Setpoint
 from lab.batch.stand_in import Links
 from lab.loop.lockstep import LinkDelay
-from lab.loop.scenarios import SETTLE_S, Scenario, ensemble, four, trajectory
+from lab.loop.scenarios import SETTLE_S, Scenario, ensemble, four, positioned, trajectory
 from lab.studies.competitors import WIDTH, Competitor
 from lab.studies.floor import CHATTER_N
 from sim_bridge.config import SimConfig
@@ -149,8 +149,10 @@ def _scores(
     dives: Sequence[tuple[Scenario, TrainingCase]],
 ) -> Array:
     figures = _dive(row, values, configs, base, dives)
-    rms = np.where(np.isnan(figures["depth_rms_mm"]), LOST_MM, figures["depth_rms_mm"])
-    price = CHATTER_PRICE * np.maximum(figures["chatter_n"] - CHATTER_N, 0.0)
+    of = ("place_rms_mm", "place_chatter_n") if row.place else ("depth_rms_mm", "chatter_n")
+    rms, chatter_n = figures[of[0]], figures[of[1]]
+    rms = np.where(np.isnan(rms), LOST_MM, rms)
+    price = CHATTER_PRICE * np.maximum(chatter_n - CHATTER_N, 0.0)
     lost = ~np.isnan(figures.get("lost_s", np.full(len(rms), np.nan)))
     mean: Array = np.where(lost, LOST_MM, rms + price).reshape(len(values), -1).mean(1)
     return mean
@@ -168,7 +170,7 @@ def _dive(
     from lab.batch.simulate import simulate
 
     of_one = [_stronger(scenario.plant(base, scenario.seed), case.thrust) for scenario, case in dives]
-    plants = of_one * len(values)
+    plants = [positioned(plant) if row.place else plant for plant in of_one] * len(values)
     seeds = [scenario.seed for scenario, _ in dives] * len(values)
     longer_s, hidden_s, _ = np.array([case for _, case in dives] * len(values)).T
     targets = [scenario.target for scenario, _ in dives] * len(values)

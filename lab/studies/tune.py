@@ -21,6 +21,7 @@ from lab.studies.competitors import (
     Competitor,
     competitors,
     knobs_of,
+    place_knobs_of,
     selected,
 )
 from lab.studies.own_vehicle import around, nominal, write_config
@@ -37,17 +38,17 @@ class Search(NamedTuple):
 
 
 class Tune(Study[Search]):
-    """Rows of the bench, or without any the configuration's own heave."""
+    """Rows of the bench, or without any the configuration's own heave, or its surge and sway."""
 
     command = "tune"
     about = (
-        "Searches gains of heave by CMA-ES over simulated dives: half of them with 40 ms more "
-        "delay each way, half with 15 % more thrust and 40 ms of hidden delay. Without ROW it tunes your "
-        "configuration for your vehicle and writes a configuration file. With ROW it tunes rows of `holdfast "
-        "bench`, for lab/studies/tuned.toml."
+        "Searches gains of heave, or of surge and sway, by CMA-ES over simulated dives: half of them with "
+        "40 ms more delay each way, half with 15 % more thrust and 40 ms of hidden delay. Without ROW it "
+        "tunes your configuration for your vehicle and writes a configuration file. With ROW it tunes rows "
+        "of `holdfast bench`, for lab/studies/tuned.toml."
     )
     unit = "searches"
-    recipe = ("set", "vehicle", "config", "evaluations", "seeds")
+    recipe = ("set", "vehicle", "config", "place", "evaluations", "seeds")
 
     @classmethod
     def options(cls, parser: argparse.ArgumentParser) -> None:
@@ -63,6 +64,9 @@ class Tune(Study[Search]):
             "--config", type=Path, default=DEFAULT_FILE, metavar="FILE", help="configuration of the companion"
         )
         add_settings(parser)
+        parser.add_argument(
+            "--place", action="store_true", help="surge and sway of your configuration, not heave; with a DVL"
+        )
         parser.add_argument(
             "--evaluations",
             type=positive,
@@ -80,7 +84,9 @@ class Tune(Study[Search]):
         parser.add_argument("--out", type=Path, metavar="FILE", help="default: out/tune/")
 
     def __init__(self, arguments: argparse.Namespace) -> None:
-        self._own = not arguments.rows
+        self._own, place = not arguments.rows, arguments.place
+        if place and not self._own:
+            raise RefusedError("--place: the rows of the bench are of heave; leave them out")
         self._plant = load_plant(arguments.vehicle)
         believed = nominal(self._plant) if self._own else {}
         self._file: Path = arguments.config
@@ -88,7 +94,8 @@ class Tune(Study[Search]):
         self._config = load_config(self._file, self._settings)
         if self._own:
             whole = selected([DEFAULT], self._config)[0]
-            chosen = [replace(whole, title="your heave", knobs=knobs_of(self._config))]
+            title, knobs = ("your surge and sway", place_knobs_of) if place else ("your heave", knobs_of)
+            chosen = [replace(whole, title=title, knobs=knobs(self._config), place=place)]
         else:
             chosen = selected(_searchable(arguments.rows, self._config), self._config)
         self._rows = {row.name: row for row in chosen}
@@ -121,7 +128,7 @@ class Tune(Study[Search]):
         columns = ("row", "values", "score before", "score", "evaluations")
         table = ruled("What the search found (score: mean RMS in mm, chatter priced in)", *columns, left=2)
         for row in rows:
-            values = ", ".join(f"{key.split('.')[-1]} {value:g}" for key, value in row["values"].items())
+            values = ", ".join(f"{key} {value:g}" for key, value in row["values"].items())
             scores = f"{row['start_score']:.2f}", f"{row['score']:.2f}"
             table.add_row(self._rows[row["row"]].title, values, *scores, str(row["evaluations"]))
         yield table

@@ -10,11 +10,12 @@ import pytest
 from msgspec.structs import replace
 
 from companion.config import load_config
+from companion.records import Setpoint
 from lab.batch.simulate import simulate
 from lab.batch.stand_in import Links
 from lab.loop.dive import dive
 from lab.loop.lockstep import LinkDelay
-from lab.loop.scenarios import SETTLE_S, four, hold
+from lab.loop.scenarios import SETTLE_S, ensemble, four, hold, positioned
 from lab.studies.grid import LONGEST_S, Cell, cycles_s, plant
 from sim_bridge.commands import DEFAULT_CONFIG
 from sim_bridge.config import load_config as load_plant
@@ -73,6 +74,32 @@ def test_a_batch_agrees_with_the_full_loop(scenario, link):
         assert batch[key].mean() == pytest.approx(expected, rel=tolerance), key
 
 
+@pytest.mark.parametrize("scenario", [0, 3])
+def test_a_batch_holds_its_place_as_the_full_loop_does(scenario):
+    """Mean over four vehicles, 15 s each, in a current, by a DVL without drift: within 20 %."""
+    scenarios = [
+        changed(
+            four(seed, lambda base, seed: positioned(ensemble(base, seed)))[scenario],
+            duration_s=SETTLE_S + 15.0,
+        )
+        for seed in range(4)
+    ]
+    full = [dive(one, CONFIG, BASE, LinkDelay()).figures() for one in scenarios]
+    plants = [one.plant(BASE, one.seed) for one in scenarios]
+    batch = simulate(CONFIG, plants, hold(), scenarios[0].duration_s, range(4))
+    for key in ("place_rms_mm", "depth_rms_mm"):
+        expected = np.mean([figures[key] for figures in full])
+        assert batch[key].mean() == pytest.approx(expected, rel=0.2), key
+
+
+def test_a_place_is_held_only_where_it_is_measured():
+    adrift = replace(rough(3), current=replace(BASE.current, enabled=True, speed_m_s=0.3))
+    there = Setpoint((0.4, -0.3, 2.5, 0.0))
+    found = simulate(CONFIG, [adrift, positioned(adrift)], lambda _: there, 20.0, [3, 3], since_s=15.0)
+    assert np.isnan(found["place_rms_mm"][0])
+    assert found["place_rms_mm"][1] < 40.0
+
+
 def test_a_delay_that_nobody_told_costs_more_than_a_known_one():
     plants, seeds = [rough(seed) for seed in SEEDS], SEEDS
     known = simulate(CONFIG, plants, seeds=seeds, links=Links(0.05, 0.05), **SHORT)
@@ -93,9 +120,11 @@ def test_what_a_batch_cannot_do_it_refuses():
     broken = replace(BASE, faults=(Fault("link_cut"),))
     with pytest.raises(ValueError, match="full loop"):
         simulate(CONFIG, [broken], seeds=[1], **SHORT)
-    prompt = replace(BASE, thrusters=replace(BASE.thrusters, lag_s=0.0))
-    with pytest.raises(ValueError, match="full loop"):
-        simulate(CONFIG, [prompt], seeds=[1], **SHORT)
+    dry = replace(BASE, thrusters=replace(BASE.thrusters, dry_height_m=0.3))
+    acoustic = replace(BASE, sensors=replace(BASE.sensors, usbl=replace(BASE.sensors.usbl, enabled=True)))
+    for unlike in (dry, acoustic):
+        with pytest.raises(ValueError, match="full loop"):
+            simulate(CONFIG, [unlike], seeds=[1], **SHORT)
     for name in ("sim-swell.toml", "sim-harbour.toml"):
         with pytest.raises(ValueError, match="full loop"):
             simulate(CONFIG, [load_plant(DEFAULT_CONFIG.with_name(name))], seeds=[1], **SHORT)
@@ -121,7 +150,6 @@ def test_a_dead_vertical_motor_is_allocated_around():
 def test_a_weak_vehicle_behind_a_long_delay_does_not_ring(gain):
     """150 ms, known, and thrusters that lag by 0.3 s: 0.5 Hz went on for 8 s and more."""
     vehicle = plant(BASE, Cell("all", gain, 0.3, 150, 0, "calm"), 1)
-    vehicle = replace(vehicle, sensors=replace(vehicle.sensors, dvl=False))
     traces: list[np.ndarray] = []
     simulate(CONFIG, [vehicle], hold(), 40.0, [1], Links(0.076, 0.076), traces=traces)
     largest = np.array([CONFIG.heave.max_force])
