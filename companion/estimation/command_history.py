@@ -4,8 +4,8 @@ from typing import NamedTuple
 
 from companion.records import ZERO, Vector
 
-COMMANDS = 128
-"""Kept: 2.5 s of them at 50 Hz."""
+KEPT_S = 1.5
+"""How long a command is kept: a loop that is as late is not steered."""
 
 LONG_AGO_S = -1e6
 
@@ -29,30 +29,37 @@ def appended(commands: list[SentCommand], t_s: float, tau: Vector) -> list[SentC
     dt_s = t_s - last.t_s
     (i_x, i_y, i_z, i_psi), (x, y, z, psi) = last.impulse, last.tau
     impulse = (i_x + x * dt_s, i_y + y * dt_s, i_z + z * dt_s, i_psi + psi * dt_s)
-    kept = commands[-(COMMANDS - 1) :]
+    first = 0
+    while first < len(commands) - 1 and commands[first + 1].t_s < t_s - KEPT_S:
+        first += 1
+    kept = commands[first:]
     kept.append(SentCommand(t_s, tau, impulse))
     return kept
 
 
-def mean_thrusts(commands: list[SentCommand], dof: int, t_s: list[float]) -> list[float]:
-    """Return the mean thrust of a degree of freedom between each two of the times.
+def mean_thrusts(
+    commands: list[SentCommand], dof: int, from_s: float, since_s: float, step_s: float, steps: int
+) -> list[float]:
+    """Return the mean thrust of a degree of freedom up to `since_s`, and in each of `steps` from there.
 
     The newest command holds. Zero where no time passes.
     """
     means = []
     i, last = len(commands) - 1, len(commands) - 1
-    before_s, previous = t_s[0], 0.0
-    for moment_s in t_s:
+    before_s, previous = from_s, 0.0
+    for k in range(-1, steps + 1):
+        moment_s = since_s + step_s * k if k >= 0 else from_s
         while i > 0 and commands[i].t_s > moment_s:
             i -= 1
         while i < last and commands[i + 1].t_s <= moment_s:
             i += 1
         command = commands[i]
         given = command.impulse[dof] + command.tau[dof] * (moment_s - command.t_s)
-        span_s = moment_s - before_s
-        means.append((given - previous) / span_s if span_s > 0.0 else 0.0)
+        if k >= 0:
+            span_s = moment_s - before_s
+            means.append((given - previous) / span_s if span_s > 0.0 else 0.0)
         before_s, previous = moment_s, given
-    return means[1:]
+    return means
 
 
 def without(commands: list[SentCommand], tau: Vector) -> list[SentCommand]:

@@ -22,7 +22,14 @@ import math
 from typing import NamedTuple
 
 from companion.control.bounds import clamped, limited
-from companion.estimation.observer import ObserverParameters, ObserverState, advance, at_rest, correct
+from companion.estimation.observer import (
+    ObserverParameters,
+    ObserverState,
+    at_rest,
+    coasted,
+    coefficients,
+    correct,
+)
 
 MEMORY_S = 20.0
 SPREAD_MEMORY_S = 10.0
@@ -79,8 +86,9 @@ def step(
     Without commands that vary `hidden_s` stays as it is.
     """
     u_slope = 0.0 if math.isnan(state.u) else (state.u - u) / dt_s
-    observed = advance(parameters, state.observer, u, m, c, dt_s)
-    slope = advance(parameters, state.slope, u_slope, m, c, dt_s)
+    model, slow = coefficients(parameters, m, c, dt_s), math.exp(dt_s / -parameters.slow_time_s)
+    observed = coasted(model, slow, state.observer, u)
+    slope = coasted(model, slow, state.slope, u_slope)
 
     nu_q, nu_v, psi_q, psi_v = 0.0, 0.0, 0.0, 0.0
     if not math.isnan(position):

@@ -139,9 +139,13 @@ def advance(
     parameters: ObserverParameters, state: ObserverState, u: float, m: float, c: float, dt_s: float
 ) -> ObserverState:
     """Run the model for `dt_s`, not below zero, under commanded thrust `u`."""
+    return coasted(coefficients(parameters, m, c, dt_s), math.exp(dt_s / -parameters.slow_time_s), state, u)
+
+
+def coasted(step: StepCoefficients, slow: float, state: ObserverState, u: float) -> ObserverState:
+    """Run the model for a step of these coefficients; `slow` is what is kept of the slow noise."""
     q, v, f, d, s, p = state
-    q, v, f = predict_step(coefficients(parameters, m, c, dt_s), (q, v, f), u, d)
-    slow = math.exp(dt_s / -parameters.slow_time_s)
+    q, v, f = predict_step(step, (q, v, f), u, d)
     return ObserverState(q, v, f, d, s * slow, p * slow)
 
 

@@ -373,10 +373,7 @@ def _observed(
         return One(state, hidden, 0.0, at.q, 0.0, at.q, 0.0, 0.0, mean_d, EACH_TICK), Seen(seen, NO_EVIDENCE)
     to_go_s = _to_go(now_s, ahead_s, at.to_s)
     step_s, since_s = to_go_s / steps, at.to_s - command_s
-    edges_s = [at.from_s - command_s]
-    for k in range(steps + 1):
-        edges_s.append(since_s + step_s * k)
-    thrusts = command_history.mean_thrusts(commands, dof, edges_s)
+    thrusts = command_history.mean_thrusts(commands, dof, at.from_s - command_s, since_s, step_s, steps)
     thrust, dt_s = thrusts[0], at.to_s - at.from_s
 
     m_eff, c_eff = at.m / at.gain, at.c / at.gain

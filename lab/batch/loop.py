@@ -95,6 +95,7 @@ def dive(
 
     state, driven, static, axes, last = vehicle.start, NOT_DRIVEN, NO_THRUST, NO_AXES, NO_AXES
     first = read(vehicle, past, 0, slow, drawn.normals, 0)
+    north, east = vehicle.start[0] + slow[0, 9], vehicle.start[1] + slow[0, 10]  # an estimate is not white
     sensor_delay_s, lead_s = parameters.observers.sensor_delay_s, companion.lead_s
     depth_sum, heading_sum, thrust_sum, change_sum, tail_sum = 0.0, 0.0, 0.0, 0.0, 0.0
     place_sum, place_change_sum = 0.0, 0.0
@@ -116,8 +117,8 @@ def dive(
         script = Script(
             Target(
                 (
-                    first.north if math.isnan(wanted[0]) else wanted[0],
-                    first.east if math.isnan(wanted[1]) else wanted[1],
+                    north if math.isnan(wanted[0]) else wanted[0],
+                    east if math.isnan(wanted[1]) else wanted[1],
                     first.depth if math.isnan(wanted[2]) else wanted[2],
                     first.heading if math.isnan(wanted[3]) else wanted[3],
                 ),
@@ -146,9 +147,9 @@ def dive(
         if index >= since_tick:
             _, _, yaw = plant.euler(state)
             heading_error = wrap(yaw - wanted[3])
-            north = state[0] - (vehicle.start[0] if math.isnan(wanted[0]) else wanted[0])
-            east = state[1] - (vehicle.start[1] if math.isnan(wanted[1]) else wanted[1])
-            place_sum += north * north + east * east
+            x = state[0] - (vehicle.start[0] if math.isnan(wanted[0]) else wanted[0])
+            y = state[1] - (vehicle.start[1] if math.isnan(wanted[1]) else wanted[1])
+            place_sum += x * x + y * y
             depth_sum += depth_error * depth_error
             heading_sum += heading_error * heading_error
             thrust_sum += delivered[Z] * delivered[Z]

@@ -26,6 +26,8 @@ def nominal(plant: SimConfig) -> dict[str, float | str]:
     believed: dict[str, float | str] = {
         "vehicle.frame": plant.thrusters.frame,
         "thrusters.lag_s": max(plant.thrusters.lag_s, LEAST_LAG_S),
+        "thrusters.start_s": plant.thrusters.start_s,
+        "thrusters.delay_s": plant.thrusters.delay_s,
     }
     for axis, i in AXES.items():
         inertia = hull.mass_kg if i < 3 else hull.inertia_kg_m2[2]

@@ -17,7 +17,7 @@ from companion.core.tick import tick
 from lab.batch import compiled as subject
 from lab.batch.compiled import cached, compiled, digest, slotted
 from sim_bridge.firmware import depth_hold, mixer
-from sim_bridge.physics import plant, thrusters
+from sim_bridge.physics import body, plant, thrusters
 
 
 class Parameters(NamedTuple):
@@ -110,7 +110,7 @@ def test_a_changed_or_new_source_changes_the_digest(tmp_path):
 EQUATIONS = [
     *(integrator.step, regressor.step, mixer.mix_six_dof, mixer.mix_vectored, depth_hold.step),
     *(plant.rotation, plant.down_axis, plant.ned_velocity, plant.euler, plant.derivative, plant.step),
-    *(thrusters.static_thrust, thrusters.lagged, thrusters.follow_of, thrusters.wrench),
+    *(thrusters.static_thrust, thrusters.follow_of, body.moved),
 ]
 """Those that the dive of test_compiled_core.py does not go through."""
 

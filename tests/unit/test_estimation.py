@@ -339,12 +339,13 @@ def test_between_the_steps_of_a_trajectory_it_is_a_straight_line(step_index, exp
 
 def test_command_history_gives_what_was_in_force():
     history = command_history.start()
-    assert mean_thrusts(history, X, [START_S, START_S + 1.0]) == [0.0]
+    assert mean_thrusts(history, X, START_S, START_S + 1.0, 0.0, 0) == [0.0]
     for k in range(300):
         history = command_history.appended(history, START_S + k * TICK_S, (10.0 * k, 0.0, 0.0, 0.0))
-    edges_s = [START_S + TICK_S * k for k in (249.0, 250.0, 251.5, 299.0, 310.0, 310.0)]
-    between = [2490.0, (2500.0 + 0.5 * 2510.0) / 1.5, 2747.7, 2990.0, 0.0]
-    assert mean_thrusts(history, X, edges_s) == pytest.approx(between, rel=1e-4)
-    assert mean_thrusts(history, Y, edges_s) == [0.0] * 5
+    from_s, since_s, end_s = (START_S + TICK_S * k for k in (249.0, 250.0, 310.0))
+    between = [2490.0, (2500.0 + 0.5 * 2510.0) / 1.5, (0.5 * 2510.0 + 2520.0) / 1.5]
+    assert mean_thrusts(history, X, from_s, since_s, 1.5 * TICK_S, 2) == pytest.approx(between, rel=1e-4)
+    assert mean_thrusts(history, Y, from_s, since_s, 1.5 * TICK_S, 2) == [0.0] * 3
+    assert mean_thrusts(history, X, START_S + TICK_S * 299.0, end_s, 0.0, 1) == pytest.approx([2990.0, 0.0])
     assert (np.diff([one.t_s for one in history]) > 0.0).all()
-    assert len(history) == command_history.COMMANDS
+    assert history[-1].t_s - history[0].t_s == pytest.approx(command_history.KEPT_S, abs=2.0 * TICK_S)
