@@ -25,6 +25,7 @@ from lab.studies.competitors import (
     WIDTH,
     Competitor,
     competitors,
+    place_knobs_of,
     selected,
     tuned,
     values_of,
@@ -192,6 +193,17 @@ def test_candidates_do_not_disturb_each_other(monkeypatch: pytest.MonkeyPatch) -
     alone = [tune.scores(row, [one], configured, BASE, dives)[0] for one in values]
     assert together == pytest.approx(alone, rel=0.02)
     assert together[0] != pytest.approx(together[1], rel=1e-3)
+
+
+@pytest.mark.compiles
+def test_a_search_for_the_place_judges_surge_and_sway(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tune, "TRAINING_S", 3.0)
+    shipped = place_knobs_of(load_config())
+    soft = {key: 0.25 * value for key, value in shipped.items()}
+    row = Competitor("place", "place", "companion", shipped, place=True)
+    dives = [dive for dive in tune.training(1, around) if dive[0].name == "calm"]
+    good, worse = tune.scores(row, [shipped, soft], configured, BASE, dives)
+    assert worse > 2.0 * good
 
 
 def test_own_vehicles_config_is_written_with_its_comments(tmp_path: Path) -> None:
