@@ -47,6 +47,7 @@ HELD, GIVEN_UP, TURNED_OVER = "held", "given up", "turned over"
 FIGURES = {
     "depth_sd_mm": "depth SD, mm",
     "place_rms_mm": "place RMS, mm",
+    "believed_rms_mm": "of it without the DVL's drift",
     "heading_rms_deg": "heading RMS, °",
     "tilt_deg": "tilt, largest, °",
 }
@@ -161,7 +162,7 @@ class Unlike(Study[RealDive]):
             depth_m = (counted.truth - counted.reference)[:, Z]
             figures = counted.figures() | {"depth_sd_mm": 1e3 * float(depth_m.std())}
             if not self.situation(case).plant.sensors.dvl:
-                figures["place_rms_mm"] = math.nan
+                figures["place_rms_mm"] = figures["believed_rms_mm"] = math.nan
             outcome = TURNED_OVER if turned_over else HELD if counted.held else GIVEN_UP
             yield {key: figures[key] for key in FIGURES} | {"outcome": outcome}
 

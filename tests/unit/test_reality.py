@@ -54,7 +54,7 @@ def test_one_vehicle_that_turned_over_fails_the_study_and_stands_in_the_table(ca
     rows = [
         RealDive("heavy", "place", 0.0, FIRST_SEED + i)._asdict()
         | {"depth_sd_mm": 3.0, "place_rms_mm": 30.0 + i, "heading_rms_deg": 0.1, "tilt_deg": 5.0}
-        | {"outcome": outcome}
+        | {"believed_rms_mm": 20.0, "outcome": outcome}
         for i, outcome in enumerate((HELD, TURNED_OVER))
     ]
     assert bench.failed(rows)
