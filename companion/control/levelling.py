@@ -177,7 +177,7 @@ def step(
     feedback = -inertia * (a + lead * (a - slow))
     trim = INTEGRAL * omega * omega * omega * dt_s * limited(ahead, MOST_TRIMMED_RAD)
     trimmed = state.integral + trim if learn else state.integral
-    lever_m = state.lever.lever_m + levelling.lever_m if adapts else levelling.lever_m
+    lever_m = lever_in_use_m(levelling, state, adapts)
     moment = lever_m * force + feedback - inertia * trimmed
     integral = trimmed if abs(moment) <= levelling.max_moment_nm else state.integral
     watched = state.oscillation
@@ -188,6 +188,11 @@ def step(
     return LevellingState(integral, slow, watched, pushed_n, lever), moment
 
 
+def lever_in_use_m(levelling: Levelling, state: LevellingState, adapts: bool) -> float:
+    """Return z, m."""
+    return state.lever.lever_m + levelling.lever_m if adapts else levelling.lever_m
+
+
 def levers(lever: Lever, moment: float, force: float, dt_s: float) -> Lever:
     """Take one tick's moment, less what the told z makes of the force, and find z by least squares."""
     new, weight, keep = 1.0 - math.exp(-dt_s / SLOW_S), dt_s / SLOW_S, math.exp(-dt_s / MEMORY_S)
@@ -196,10 +201,19 @@ def levers(lever: Lever, moment: float, force: float, dt_s: float) -> Lever:
     ones, f = keep * lever.ones + weight, keep * lever.f + weight * force
     ff, m = keep * lever.ff + weight * force * force, keep * lever.m + weight * moment
     mf = keep * lever.mf + weight * moment * force
+    found_m, doubt_m = _found(ones, f, ff, m, mf)
+    lever_m = limited(clamped(lever.lever_m, found_m - doubt_m, found_m + doubt_m), MOST_LEVER_M)
+    return Lever(lever_m, moment, force, ones, f, ff, m, mf)
+
+
+def lever_doubt_m(lever: Lever) -> float:
+    """Return the standard deviation of what was found of z."""
+    return _found(lever.ones, lever.f, lever.ff, lever.m, lever.mf)[1]
+
+
+def _found(ones: float, f: float, ff: float, m: float, mf: float) -> tuple[float, float]:
+    """Return z less what was told, and its standard deviation, m."""
     a = ff / (SLOW_NM * SLOW_NM) + 1.0 / (TOLD_M * TOLD_M)
     b, c = f / (SLOW_NM * SLOW_NM), ones / (SLOW_NM * SLOW_NM) + 1.0 / (ASKEW_NM * ASKEW_NM)
     determinant = a * c - b * b
-    found_m = (c * mf - b * m) / (SLOW_NM * SLOW_NM * determinant)
-    doubt_m = math.sqrt(c / determinant)
-    lever_m = limited(clamped(lever.lever_m, found_m - doubt_m, found_m + doubt_m), MOST_LEVER_M)
-    return Lever(lever_m, moment, force, ones, f, ff, m, mf)
+    return (c * mf - b * m) / (SLOW_NM * SLOW_NM * determinant), math.sqrt(c / determinant)

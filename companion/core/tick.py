@@ -8,7 +8,7 @@ import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from companion.control import actuation, controller
+from companion.control import actuation, controller, levelling
 from companion.control.actuation import Actuation, ActuationMemory, Limits, Tilting
 from companion.control.allocation import ByAxis
 from companion.control.controller import Ahead, Control, ControlMemory, Samples, Target
@@ -184,7 +184,14 @@ def tick(
     observed = observers.sent(observed, inputs.now_s, to_inertial(J, given))
     if parameters.actuation.levels:
         watch, ticks = watched(
-            parameters.watch, watch, ticks, inputs, permission, applied, parameters.observers.tick_s
+            parameters.watch,
+            watch,
+            ticks,
+            inputs,
+            permission,
+            applied,
+            levers(parameters.actuation, actuated, known.lean.adapts),
+            parameters.observers.tick_s,
         )
     outputs = Outputs(known, samples, target, engaged, saturated, requested, finite)
     return Memory(observed, controlled, actuated, limits, watch, ticks), outputs
@@ -268,6 +275,16 @@ def distance_m(eta: Vector, memory: ControlMemory) -> float:
     return math.sqrt(north * north + east * east)
 
 
+def levers(vehicle: Actuation, memory: ActuationMemory, adapts: bool) -> thruster_watch.Levers:
+    """Return how far below the centre of gravity the horizontal motors push, as levelling has it."""
+    return thruster_watch.Levers(
+        levelling.lever_in_use_m(vehicle.roll, memory.roll, adapts),
+        levelling.lever_doubt_m(memory.roll.lever),
+        -levelling.lever_in_use_m(vehicle.pitch, memory.pitch, adapts),
+        levelling.lever_doubt_m(memory.pitch.lever),
+    )
+
+
 def watched(
     parameters: thruster_watch.Parameters,
     watch: thruster_watch.State,
@@ -275,6 +292,7 @@ def watched(
     inputs: Inputs,
     permission: Permission,
     applied: Axes,
+    levers: thruster_watch.Levers,
     tick_s: float,
 ) -> tuple[thruster_watch.State, int]:
     """Look for a motor that gives no thrust, while the vehicle follows us."""
@@ -290,6 +308,7 @@ def watched(
             applied,
             inputs.voltage_v,
             inputs.attitude,
+            levers,
             inputs.telemetry_s + inputs.command_s,
             WATCH_TICKS * tick_s,
         )

@@ -44,7 +44,6 @@ def thruster_watch_parameters(config: Config, thrusters: Thrusters) -> thruster_
         levelling.roll_inertia,
         levelling.pitch_inertia,
         config.yaw.mass,
-        levelling.lever_m,
         config.thrusters.lag_s,
     )
 

@@ -2,10 +2,11 @@
 
 Hypothesis i says that motor i pushes nothing, hypothesis 0 that all push. About each axis of rotation
 
-    y = c v − k s       v = u − b_i f_i        (i = 0: v = u)
+    y = c v − k s − z h       v = u − b_i f_i        (i = 0: v = u)
 
 is fitted to the last seconds: c stands for an inertia, or thrusters, that all differ from the nominal
-ones by one factor; k for what rights a tilted vehicle, or brakes a turn. A dead motor is the one whose
+ones by one factor; k for what rights a tilted vehicle, or brakes a turn; z for a lever of the horizontal
+motors that is not the one that levelling found, within the doubt of that. A dead motor is the one whose
 hypothesis leaves less than EXPLAINS of the squares that hypothesis 0 and the three other motors of its
 group leave, and less than if it had kept half of its push: a motor that still pushes must not be taken
 for dead, because the allocation around a dead motor lets that motor's own demand go anywhere.
@@ -24,9 +25,10 @@ a motor has nothing to do its failure is not found, and does no harm.
 | y       | I ω', over SLOW_S                                                                | N·m        |
 | ω, I    | rate p, q or r, nominal inertia                                                  | rad/s      |
 | s       | roll, pitch; in yaw the rate                                                     | rad, rad/s |
-| c, k    | fitted, within bounds                                                            | 1, N·m     |
+| h       | force of the horizontal motors, over SLOW_S: sway for roll, surge for pitch      | N          |
+| c, k, z | fitted, within bounds                                                            | 1, N·m, m  |
 
-Products of pairs are averaged over MEMORY_S, from which the fit follows for any c and k. A motor that was
+Products of pairs are averaged over MEMORY_S, from which the fit follows for any c, k and z. A motor that was
 found dead is tested further, against hypothesis 0, and counts as sound again where that explains as much.
 """
 
@@ -61,9 +63,8 @@ DOUBTED = 0.6
 LEAST_NM = 0.07
 """RMS of what hypothesis 0 leaves, below which it is not doubted."""
 
-TILTS, WATER_M = 0.4, 0.034
-"""The water may tilt a moving vehicle (Munk's moment), and the lever of the horizontal motors is not exactly
-known: so much of the moment that they make with this lever counts for both, and no less than by WATER_M."""
+WATER_M = 0.034
+"""The moment by which the water may tilt a moving vehicle (Munk's), for a newton of the horizontal motors."""
 
 OFF_CENTRE_M = 0.02
 """So far the centre of drag may be aside of the horizontal motors' force."""
@@ -80,15 +81,22 @@ Five = tuple[float, float, float, float, float]
 
 
 class Parameters(NamedTuple):
-    """The vehicle as it is believed: thrusters, inertias (kg m²), lever (m) and the thrusters' lag (s)."""
+    """The vehicle as it is believed: thrusters, inertias (kg m²) and the thrusters' lag (s)."""
 
     thrusters: Thrusters
     roll_inertia: float
     pitch_inertia: float
     yaw_inertia: float
-    lever_m: float
-    """How far below the centre of gravity the horizontal motors push."""
     lag_s: float
+
+
+class Levers(NamedTuple):
+    """How far below the centre of gravity the horizontal motors push, as roll and as pitch show it, m."""
+
+    roll_m: float
+    roll_doubt_m: float
+    pitch_m: float
+    pitch_doubt_m: float
 
 
 Turning = tuple[float, float, float, float, float]
@@ -102,11 +110,17 @@ class Sums(NamedTuple):
     vu: Five
     vy: Five
     vs: Five
+    vh: Five
     yy: float
     ys: float
     ss: float
+    yh: float
+    sh: float
+    hh: float
     oo: float
     """Of the moment that the water may make while the horizontal motors push."""
+    most_z: float
+    """The lever's doubt, m."""
 
 
 class Suspect(NamedTuple):
@@ -138,7 +152,8 @@ class State(NamedTuple):
     excused_s: float
 
 
-NO_SUMS = Sums((0.0,) * 5, (0.0,) * 5, (0.0,) * 5, (0.0,) * 5, 0.0, 0.0, 0.0, 0.0)
+NONE = (0.0, 0.0, 0.0, 0.0, 0.0)
+NO_SUMS = Sums(NONE, NONE, NONE, NONE, NONE, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 NOBODY = Suspect(0, 0.0)
 IDLE: Motors = (0.0,) * 8
 STILL: Turning = (0.0,) * 5
@@ -170,15 +185,12 @@ def step(
     axes: Axes,
     voltage_v: float,
     turning: Turning,
+    levers: Levers,
     delay_s: float,
     dt_s: float,
 ) -> State:
     """Take the axes that went out, and how the vehicle turned before; `delay_s` from sensor to motor."""
-    across, upright, lever_m = (
-        parameters.thrusters.horizontal,
-        parameters.thrusters.vertical,
-        parameters.lever_m,
-    )
+    across, upright = parameters.thrusters.horizontal, parameters.thrusters.vertical
     new = 1.0 - math.exp(-dt_s / SLOW_S)
     late = 1.0 - math.exp(-dt_s / max(parameters.lag_s + delay_s, SHORTEST_S))
     lagged = _pushes(state.lagged, motors(parameters.thrusters, axes), thrust_at(voltage_v), late)
@@ -197,8 +209,8 @@ def step(
     horizontal, vertical = (f[0], f[1], f[2], f[3]), (f[4], f[5], f[6], f[7])
     X = _moments(across, 0, horizontal, across.levers[0], 0.0)
     Y = _moments(across, 1, horizontal, across.levers[1], 0.0)
-    by_sway, by_surge = -lever_m * Y[0], lever_m * X[0]
-    tilts_m = max(TILTS * abs(lever_m), WATER_M)
+    lever_m = levers.roll_m
+    by_sway, by_surge = -lever_m * Y[0], levers.pitch_m * X[0]
     K = _moments(upright, 1, vertical, upright.levers[1], by_sway - state.bias[0])
     M = _moments(upright, 2, vertical, upright.levers[2], by_surge - state.bias[1])
     N = _moments(across, 2, horizontal, across.levers[2], -state.bias[2])
@@ -217,10 +229,11 @@ def step(
         state.bias[2] + slowly * N[0],
     )
     keep = math.exp(-dt_s / MEMORY_S)
-    by_roll = _summed(state.roll, K, y_roll, slow_roll, tilts_m * Y[0], keep)
-    by_pitch = _summed(state.pitch, M, y_pitch, slow_pitch, tilts_m * X[0], keep)
-    by_yaw = _summed(state.yaw, N, y_yaw, slow_r, OFF_CENTRE_M * math.sqrt(X[0] * X[0] + Y[0] * Y[0]), keep)
-    tipped = _summed(state.tipped, tip, y_roll, slow_roll, 0.0, keep)
+    by_roll = _summed(state.roll, K, y_roll, slow_roll, Y[0], WATER_M * Y[0], levers.roll_doubt_m, keep)
+    by_pitch = _summed(state.pitch, M, y_pitch, slow_pitch, X[0], WATER_M * X[0], levers.pitch_doubt_m, keep)
+    aside = OFF_CENTRE_M * math.sqrt(X[0] * X[0] + Y[0] * Y[0])
+    by_yaw = _summed(state.yaw, N, y_yaw, slow_r, 0.0, aside, 0.0, keep)
+    tipped = _summed(state.tipped, tip, y_roll, slow_roll, 0.0, 0.0, 0.0, keep)
     pitches = 1.0 if upright.shares[2] > 0.0 else 0.0
 
     dead, excused_s = state.dead, max(state.excused_s - dt_s, 0.0)
@@ -290,7 +303,9 @@ def _moments(group: Group, axis: int, f: Four, lever_m: float, others: float) ->
     return (u, u - one, u - two, u - three, u - four)
 
 
-def _summed(before: Sums, v: Five, y: float, s: float, o: float, keep: float) -> Sums:
+def _summed(
+    before: Sums, v: Five, y: float, s: float, h: float, o: float, most_z: float, keep: float
+) -> Sums:
     """Return the means of the products after one more of each."""
     a, b, c, d, e = v
     new = 1.0 - keep
@@ -323,32 +338,61 @@ def _summed(before: Sums, v: Five, y: float, s: float, o: float, keep: float) ->
             keep * before.vs[3] + new * d * s,
             keep * before.vs[4] + new * e * s,
         ),
+        (
+            keep * before.vh[0] + new * a * h,
+            keep * before.vh[1] + new * b * h,
+            keep * before.vh[2] + new * c * h,
+            keep * before.vh[3] + new * d * h,
+            keep * before.vh[4] + new * e * h,
+        ),
         keep * before.yy + new * y * y,
         keep * before.ys + new * y * s,
         keep * before.ss + new * s * s,
+        keep * before.yh + new * y * h,
+        keep * before.sh + new * s * h,
+        keep * before.hh + new * h * h,
         keep * before.oo + new * o * o,
+        most_z,
     )
 
 
 def left(sums: Sums, hypothesis: int) -> float:
-    """Return the mean square of y − c v + k s for the c and k that make it least, within their bounds."""
-    return _left(sums, sums.vv[hypothesis], sums.vy[hypothesis], sums.vs[hypothesis])
+    """Return the mean square of y − c v + k s + z h for the c, k and z that make it least, within bounds."""
+    i = hypothesis
+    return _left(sums, sums.vv[i], sums.vy[i], sums.vs[i], sums.vh[i])
 
 
 def _left_weak(sums: Sums, motor: int) -> float:
     """Return what `left` does, for a motor that keeps half of its push: v = u − b f/2."""
     vv = 0.25 * (sums.vv[0] + 2.0 * sums.vu[motor] + sums.vv[motor])
-    return _left(sums, vv, 0.5 * (sums.vy[0] + sums.vy[motor]), 0.5 * (sums.vs[0] + sums.vs[motor]))
+    vy, vs = 0.5 * (sums.vy[0] + sums.vy[motor]), 0.5 * (sums.vs[0] + sums.vs[motor])
+    return _left(sums, vv, vy, vs, 0.5 * (sums.vh[0] + sums.vh[motor]))
 
 
-def _left(sums: Sums, own: float, vy: float, vs: float) -> float:
-    vv = max(own, TINY)
-    yy, ys, ss = sums.yy, sums.ys, max(sums.ss, TINY)
+def _left(sums: Sums, vv: float, vy: float, vs: float, vh: float) -> float:
+    """Fit c and k to what h does not explain, which gives z; within its bound, fit them again."""
+    yh, sh, hh = sums.yh, sums.sh, max(sums.hh, TINY)
+    c, k, _ = _fitted(
+        vv - vh * vh / hh,
+        vy - vh * yh / hh,
+        vs - vh * sh / hh,
+        sums.yy - yh * yh / hh,
+        sums.ys - yh * sh / hh,
+        sums.ss - sh * sh / hh,
+    )
+    z = clamped((c * vh - k * sh - yh) / hh, -sums.most_z, sums.most_z)
+    yy, vy, ys = sums.yy + 2.0 * z * yh + z * z * hh, vy + z * vh, sums.ys + z * sh
+    return _fitted(vv, vy, vs, yy, ys, sums.ss)[2]
+
+
+def _fitted(vv: float, vy: float, vs: float, yy: float, ys: float, ss: float) -> tuple[float, float, float]:
+    """Return c and k within their bounds, and the mean square of y − c v + k s that they leave."""
+    vv, ss = max(vv, TINY), max(ss, TINY)
     apart = max(vv * ss - vs * vs, TINY * vv)
     c = clamped((vy * ss - vs * ys) / apart, LEAST_GAIN, MOST_GAIN)
     k = clamped((c * vs - ys) / ss, 0.0, MOST_RIGHTING)
     c = clamped((vy + k * vs) / vv, LEAST_GAIN, MOST_GAIN)
-    return yy - 2.0 * c * vy + c * c * vv + 2.0 * k * ys - 2.0 * c * k * vs + k * k * ss
+    return c, k, yy - 2.0 * c * vy + c * c * vv + 2.0 * k * ys - 2.0 * c * k * vs + k * k * ss
 
 
 def _least(first: Sums, second: Sums) -> float:

@@ -7,11 +7,12 @@ import pytest
 
 from companion.control.allocation import FACTORS, PER_NEWTON, allocate, delivered, thrusters, without
 from companion.estimation import thruster_watch
-from companion.estimation.thruster_watch import EXCUSED_S, START, Parameters, rest
+from companion.estimation.thruster_watch import EXCUSED_S, START, Levers, Parameters, rest
 
 DT_S = 0.02
 HEAVY = thrusters("vectored_6dof", (1e6,) * 6, True)
-BELIEVED = Parameters(HEAVY, 0.45, 0.37, 0.5, 0.085, 0.15)
+BELIEVED = Parameters(HEAVY, 0.45, 0.37, 0.5, 0.15)
+LEVERS = Levers(0.085, 0.0, 0.085, 0.0)
 REACH = (1.0,) * 6
 
 
@@ -22,9 +23,9 @@ class Body:
     payload hangs that heave carries.
     """
 
-    def __init__(self, gain=1.0, offset_m=(0.0, 0.0), lag_s=0.08, keeps=0.0, stuck_n=0.0):
+    def __init__(self, gain=1.0, offset_m=(0.0, 0.0), lag_s=0.08, keeps=0.0, stuck_n=0.0, levers=LEVERS):
         self.gain, self.offset_m, self.lag_s, self.keeps = gain, offset_m, lag_s, keeps
-        self.stuck_n = stuck_n
+        self.stuck_n, self.levers = stuck_n, levers
         self.angle, self.rate, self.moment = np.zeros(3), np.zeros(3), np.zeros(3)
         self.watch, self.t_s, self.motor_s = START, 0.0, None
 
@@ -49,7 +50,9 @@ class Body:
             self.rate = self.rate + DT_S * acceleration
             self.angle = self.angle + DT_S * self.rate
             turning = (*self.angle[:2].tolist(), *self.rate.tolist())
-            self.watch = thruster_watch.step(BELIEVED, self.watch, axes, 16.0, turning, 0.0, DT_S)
+            self.watch = thruster_watch.step(
+                BELIEVED, self.watch, axes, 16.0, turning, self.levers, 0.0, DT_S
+            )
             if self.watch.dead and self.motor_s is None:
                 self.motor_s = self.t_s
         return self.watch.dead
