@@ -29,7 +29,8 @@ from dashboard.recording.mcap_file import Reader
 from holdfast import RefusedError
 
 OVERRIDE, MANUAL = mavlink.MAVLINK_MSG_ID_RC_CHANNELS_OVERRIDE, mavlink.MAVLINK_MSG_ID_MANUAL_CONTROL
-HEADER, SIGNED = 10, 0x01
+HEARTBEAT = mavlink.MAVLINK_MSG_ID_HEARTBEAT
+HEADER = 10
 
 
 class RerunError(RefusedError):
@@ -112,12 +113,11 @@ def configured(tape: Tape, overrides: Sequence[str] = (), file: Path | None = No
 def rerun(tape: Tape, config: Config, *, follow: bool = True, signing: Signing | None = None) -> Outcome:
     """Step today's engine through the ticks; without `follow` live retunes are left out.
 
-    `signing` as the dive began with: without it signatures are neither checked nor made, nor compared.
+    `signing` as the dive began with: without it signatures are neither checked nor made.
     """
     start = tape.ticks[0].start
     setpoint = Setpoint(vector(start.setpoint if start is not None else [math.nan] * 4))
     link = config.link if signing else msgspec.structs.replace(config.link, signing_key_file="")
-    compared = bytes if signing else _bare
     engine = Engine(
         msgspec.structs.replace(config, link=link),
         setpoint,
@@ -138,7 +138,7 @@ def rerun(tape: Tape, config: Config, *, follow: bool = True, signing: Signing |
         heard = [(t_ns, data) for t_ns, data in raw.heard]
         ground = [(t_ns, frame) for t_ns, frame in raw.ground]
         out, _ = engine.step(raw.now_s, heard, health, [Request[name] for name in raw.requests], ground)
-        if [*map(compared, out)] != [*map(compared, raw.out)]:
+        if [*map(_content, out)] != [*map(_content, raw.out)]:
             different.append(raw.tick)
         was.append(_command(raw.out))
         now.append(_command(out))
@@ -194,10 +194,16 @@ def _command(frames: Iterable[bytes]) -> list[float]:
     return found
 
 
-def _bare(frame: bytes) -> bytes:
-    """Return a frame; of a signed one what the signature does not touch."""
-    signed = len(frame) > HEADER and frame[2] & SIGNED
-    return frame[:2] + frame[3 : HEADER + frame[1]] if signed else frame
+def _content(frame: bytes) -> bytes:
+    """Return what a tick decides of a frame.
+
+    Signatures and the sequence numbers of heartbeats also count the frames that the pilot's ground station is
+    shown, which are no part of a tick.
+    """
+    if len(frame) <= HEADER:
+        return frame
+    heartbeat = int.from_bytes(frame[7:10], "little") == HEARTBEAT
+    return frame[:2] + frame[3 : 4 if heartbeat else 5] + frame[5 : HEADER + frame[1]]
 
 
 def _tree(table: Mapping[str, str]) -> dict[str, Any]:

@@ -18,7 +18,7 @@ from dashboard.recording.mcap_file import Item, Recording
 from dashboard.recording.record import flat
 from lab.loop.lockstep import LinkDelay, Lockstep
 from lab.rerun.command import main
-from lab.rerun.rerun import RerunError, configured, load, rerun
+from lab.rerun.rerun import HEARTBEAT, RerunError, configured, load, rerun
 from sim_bridge.config import load_config as load_plant
 from sim_bridge.vehicle import Vehicle
 
@@ -116,6 +116,23 @@ def test_what_the_operator_did_matters(dive: list[telemetry.Raw], tmp_path: Path
     different = rerun(tape, configured(tape)).different
     assert different
     assert first <= different[0] <= first + 120
+
+
+def test_what_the_pilot_was_shown_between_two_heartbeats_is_no_part_of_the_dive(
+    dive: list[telemetry.Raw], tmp_path: Path
+) -> None:
+    """Texts for the pilot share the sequence numbers of our heartbeat, and are not in the recording."""
+    at, known = 4, 7  # sequence number, message id
+
+    def counted_on(frame: bytes) -> bytes:
+        if frame[known] != HEARTBEAT:
+            return frame
+        return frame[:at] + bytes([(frame[at] + 3) % 256]) + frame[at + 1 :]
+
+    ticks = [msgspec.structs.replace(raw, out=tuple(map(counted_on, raw.out))) for raw in dive]
+    assert ticks != dive
+    tape = load([written(tmp_path / "x.mcap", ticks)])
+    assert rerun(tape, configured(tape)).different == []
 
 
 def test_one_datagram_less_is_seen(dive: list[telemetry.Raw], tmp_path: Path) -> None:
