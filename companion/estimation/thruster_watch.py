@@ -6,7 +6,8 @@ Hypothesis i says that motor i pushes nothing, hypothesis 0 that all push. About
 
 is fitted to the last seconds: c stands for an inertia, or thrusters, that all differ from the nominal
 ones by one factor; k for what rights a tilted vehicle, or brakes a turn; z for a lever of the horizontal
-motors that is not the one that levelling found, within the doubt of that. A dead motor is the one whose
+motors that is not the one that levelling found, within the doubt of that, or z = 0: a vertical motor is
+dead by both fits or not at all. A dead motor is the one whose
 hypothesis leaves less than EXPLAINS of the squares that hypothesis 0 and the three other motors of its
 group leave, and less than if it had kept half of its push: a motor that still pushes must not be taken
 for dead, because the allocation around a dead motor lets that motor's own demand go anywhere.
@@ -119,8 +120,6 @@ class Sums(NamedTuple):
     hh: float
     oo: float
     """Of the moment that the water may make while the horizontal motors push."""
-    most_z: float
-    """The lever's doubt, m."""
 
 
 class Suspect(NamedTuple):
@@ -153,7 +152,7 @@ class State(NamedTuple):
 
 
 NONE = (0.0, 0.0, 0.0, 0.0, 0.0)
-NO_SUMS = Sums(NONE, NONE, NONE, NONE, NONE, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+NO_SUMS = Sums(NONE, NONE, NONE, NONE, NONE, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 NOBODY = Suspect(0, 0.0)
 IDLE: Motors = (0.0,) * 8
 STILL: Turning = (0.0,) * 5
@@ -229,11 +228,11 @@ def step(
         state.bias[2] + slowly * N[0],
     )
     keep = math.exp(-dt_s / MEMORY_S)
-    by_roll = _summed(state.roll, K, y_roll, slow_roll, Y[0], WATER_M * Y[0], levers.roll_doubt_m, keep)
-    by_pitch = _summed(state.pitch, M, y_pitch, slow_pitch, X[0], WATER_M * X[0], levers.pitch_doubt_m, keep)
+    by_roll = _summed(state.roll, K, y_roll, slow_roll, Y[0], WATER_M * Y[0], keep)
+    by_pitch = _summed(state.pitch, M, y_pitch, slow_pitch, X[0], WATER_M * X[0], keep)
     aside = OFF_CENTRE_M * math.sqrt(X[0] * X[0] + Y[0] * Y[0])
-    by_yaw = _summed(state.yaw, N, y_yaw, slow_r, 0.0, aside, 0.0, keep)
-    tipped = _summed(state.tipped, tip, y_roll, slow_roll, 0.0, 0.0, 0.0, keep)
+    by_yaw = _summed(state.yaw, N, y_yaw, slow_r, 0.0, aside, keep)
+    tipped = _summed(state.tipped, tip, y_roll, slow_roll, 0.0, 0.0, keep)
     pitches = 1.0 if upright.shares[2] > 0.0 else 0.0
 
     dead, excused_s = state.dead, max(state.excused_s - dt_s, 0.0)
@@ -242,7 +241,9 @@ def step(
     elif dead == 0:
         suspected = _suspected(by_yaw, tipped, 1.0)
         if suspected == 0 and not _doubted(by_yaw) and not _turned_more(by_yaw, by_roll, by_pitch, pitches):
-            suspected = _suspected(by_roll, by_pitch, pitches)
+            suspected = _suspected(by_roll, by_pitch, pitches, levers.roll_doubt_m, levers.pitch_doubt_m)
+            if suspected != _suspected(by_roll, by_pitch, pitches):
+                suspected = 0
             suspected = suspected + 4 if suspected > 0 else 0
     elif dead > 4:
         suspected = dead if _given_up(by_roll, by_pitch, pitches, dead - 4) else 0
@@ -303,9 +304,7 @@ def _moments(group: Group, axis: int, f: Four, lever_m: float, others: float) ->
     return (u, u - one, u - two, u - three, u - four)
 
 
-def _summed(
-    before: Sums, v: Five, y: float, s: float, h: float, o: float, most_z: float, keep: float
-) -> Sums:
+def _summed(before: Sums, v: Five, y: float, s: float, h: float, o: float, keep: float) -> Sums:
     """Return the means of the products after one more of each."""
     a, b, c, d, e = v
     new = 1.0 - keep
@@ -352,24 +351,23 @@ def _summed(
         keep * before.sh + new * s * h,
         keep * before.hh + new * h * h,
         keep * before.oo + new * o * o,
-        most_z,
     )
 
 
-def left(sums: Sums, hypothesis: int) -> float:
+def left(sums: Sums, hypothesis: int, most_z: float = 0.0) -> float:
     """Return the mean square of y − c v + k s + z h for the c, k and z that make it least, within bounds."""
     i = hypothesis
-    return _left(sums, sums.vv[i], sums.vy[i], sums.vs[i], sums.vh[i])
+    return _left(sums, sums.vv[i], sums.vy[i], sums.vs[i], sums.vh[i], most_z)
 
 
-def _left_weak(sums: Sums, motor: int) -> float:
+def _left_weak(sums: Sums, motor: int, most_z: float) -> float:
     """Return what `left` does, for a motor that keeps half of its push: v = u − b f/2."""
     vv = 0.25 * (sums.vv[0] + 2.0 * sums.vu[motor] + sums.vv[motor])
     vy, vs = 0.5 * (sums.vy[0] + sums.vy[motor]), 0.5 * (sums.vs[0] + sums.vs[motor])
-    return _left(sums, vv, vy, vs, 0.5 * (sums.vh[0] + sums.vh[motor]))
+    return _left(sums, vv, vy, vs, 0.5 * (sums.vh[0] + sums.vh[motor]), most_z)
 
 
-def _left(sums: Sums, vv: float, vy: float, vs: float, vh: float) -> float:
+def _left(sums: Sums, vv: float, vy: float, vs: float, vh: float, most_z: float) -> float:
     """Fit c and k to what h does not explain, which gives z; within its bound, fit them again."""
     yh, sh, hh = sums.yh, sums.sh, max(sums.hh, TINY)
     c, k, _ = _fitted(
@@ -380,7 +378,7 @@ def _left(sums: Sums, vv: float, vy: float, vs: float, vh: float) -> float:
         sums.ys - yh * sh / hh,
         sums.ss - sh * sh / hh,
     )
-    z = clamped((c * vh - k * sh - yh) / hh, -sums.most_z, sums.most_z)
+    z = clamped((c * vh - k * sh - yh) / hh, -most_z, most_z)
     yy, vy, ys = sums.yy + 2.0 * z * yh + z * z * hh, vy + z * vh, sums.ys + z * sh
     return _fitted(vv, vy, vs, yy, ys, sums.ss)[2]
 
@@ -400,21 +398,23 @@ def _least(first: Sums, second: Sums) -> float:
     return LEAST_NM * LEAST_NM + first.oo + second.oo
 
 
-def _suspected(first: Sums, second: Sums, weight: float) -> int:
+def _suspected(
+    first: Sums, second: Sums, weight: float, most_z: float = 0.0, second_most_z: float = 0.0
+) -> int:
     """Return which motor of a group gives no thrust, 1 to 4; 0 for none. The second axis has a `weight`."""
-    whole = left(first, 0) + weight * left(second, 0)
+    whole = left(first, 0, most_z) + weight * left(second, 0, second_most_z)
     if not whole > _least(first, second):
         return 0
     found, least, others = 0, whole, whole
     for motor in range(1, 5):
-        one = left(first, motor) + weight * left(second, motor)
+        one = left(first, motor, most_z) + weight * left(second, motor, second_most_z)
         if one < least:
             found, least, others = motor, one, least
         elif one < others:
             others = one
     if found == 0 or not least < EXPLAINS * others:
         return 0
-    weak = _left_weak(first, found) + weight * _left_weak(second, found)
+    weak = _left_weak(first, found, most_z) + weight * _left_weak(second, found, second_most_z)
     return found if least < weak else 0
 
 

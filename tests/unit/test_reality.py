@@ -72,12 +72,19 @@ def test_what_was_not_held_has_no_figure():
     assert math.isnan(Light.goals["heavy", "waves"]["depth_sd_mm"][1])
 
 
-@pytest.mark.parametrize(("preset", "seed"), [("tank-heavy", 9005), ("heavy", 9007)])
-def test_a_vehicle_whose_horizontal_motors_have_no_lever_misses_no_motor(preset, seed):
+@pytest.mark.parametrize(
+    ("kind", "case"),
+    [
+        (Tank, RealDive("tank-heavy", "place", 0.0, 9005)),
+        (Tank, RealDive("heavy", "place", 0.0, 9007)),
+        (Reality, RealDive("heavy", "rough", 0.0, 9017)),
+    ],
+)
+def test_a_vehicle_whose_lever_is_another_one_misses_no_motor(kind, case):
     """A moment of the water, or of a lever that is not there, was taken for a dead motor.
 
     The allocation around a motor that pushes turned the vehicle over, or tilted it by 27°.
     """
-    steps = study(Tank).ticks(RealDive(preset, "place", 0.0, seed), lasts_s=8.0)
+    steps = study(kind).ticks(case, lasts_s=8.0)
     assert steps[-1].sample.verdict.state is State.ACTIVE
     assert not any(step.sample.state.dead_motor for step in steps)
