@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import pytest
 from clients import CLIENTS, mavproxy, needs_clients
 from pilot_station import ENGAGE, HOLD, RELEASE, joined
 from pymavlink import mavutil
@@ -82,6 +83,7 @@ def test_mavutil_reads_and_commands() -> None:
         pilot.close()
 
 
+@pytest.mark.alone
 @needs_clients
 def test_mavproxy_prints_what_holdfast_says_and_its_user_commands_it(tmp_path: Path) -> None:
     ground = free_port(socket.SOCK_DGRAM)

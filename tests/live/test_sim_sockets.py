@@ -86,7 +86,7 @@ def test_tcp_and_udp_clients_at_once_and_a_clean_end():
             packer = mavlink.MAVLink(None, 255, 190)
             ask = mavlink.MAVLink_timesync_message(0, 4711).pack(packer)
             called.sendto(ask, vehicle_address)
-            answers = listen(lambda: called.recvfrom(2048)[0], 1.0)
+            answers = listen(lambda: called.recvfrom(2048)[0], 5.0)
             assert 4711 in [m.ts1 for m in answers if m.get_type() == "TIMESYNC"]
 
             with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as caller:
