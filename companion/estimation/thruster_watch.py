@@ -241,10 +241,11 @@ def step(
     elif dead == 0:
         suspected = _suspected(by_yaw, tipped, 1.0)
         if suspected == 0 and not _doubted(by_yaw) and not _turned_more(by_yaw, by_roll, by_pitch, pitches):
-            suspected = _suspected(by_roll, by_pitch, pitches, levers.roll_doubt_m, levers.pitch_doubt_m)
-            if suspected != _suspected(by_roll, by_pitch, pitches):
-                suspected = 0
-            suspected = suspected + 4 if suspected > 0 else 0
+            found = _suspected(by_roll, by_pitch, pitches)
+            if found > 0 and found == _suspected(
+                by_roll, by_pitch, pitches, levers.roll_doubt_m, levers.pitch_doubt_m
+            ):
+                suspected = found + 4
     elif dead > 4:
         suspected = dead if _given_up(by_roll, by_pitch, pitches, dead - 4) else 0
     else:
@@ -369,6 +370,8 @@ def _left_weak(sums: Sums, motor: int, most_z: float) -> float:
 
 def _left(sums: Sums, vv: float, vy: float, vs: float, vh: float, most_z: float) -> float:
     """Fit c and k to what h does not explain, which gives z; within its bound, fit them again."""
+    if most_z == 0.0:
+        return _fitted(vv, vy, vs, sums.yy, sums.ys, sums.ss)[2]
     yh, sh, hh = sums.yh, sums.sh, max(sums.hh, TINY)
     c, k, _ = _fitted(
         vv - vh * vh / hh,
