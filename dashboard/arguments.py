@@ -13,3 +13,11 @@ def add_connect(parser: argparse.ArgumentParser) -> None:
         default=ENDPOINT,
         help="Zenoh endpoint of a companion or router, or a file of `holdfast keys` (default %(default)s)",
     )
+
+
+def listen_address(text: str) -> tuple[str, int]:
+    """Return host and port of `--listen`; raise ValueError, in words, for what is neither."""
+    host, _, port = text.rpartition(":")
+    if not host or not port.isdigit() or int(port) > 65535:
+        raise ValueError(f"--listen {text}: write HOST:PORT, such as 127.0.0.1:8600")
+    return host.strip("[]"), int(port)

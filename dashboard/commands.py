@@ -24,6 +24,13 @@ def dashboard(argv: list[str]) -> int:
     return main(wanted)
 
 
+def foxglove(argv: list[str]) -> int:
+    """Serve a vehicle's telemetry as a live Foxglove WebSocket."""
+    from dashboard.foxglove.live import main
+
+    return main(argv)
+
+
 def tell(argv: list[str]) -> int:
     """Send a command to a vehicle over Zenoh, and print the answer."""
     from dashboard.terminal.tell import main

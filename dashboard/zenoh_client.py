@@ -31,6 +31,7 @@ class Stamped(NamedTuple):
     key: str
     payload: bytes
     stamp_s: float | None
+    encoding: str = ""
 
 
 class Subscription(SessionThread):
@@ -63,7 +64,7 @@ class Subscription(SessionThread):
 
     def take(self) -> list[Message]:
         """Return what came since the last call, oldest first. Never blocks."""
-        return [Message(key, payload) for key, payload, _ in self.take_stamped()]
+        return [Message(key, payload) for key, payload, *_ in self.take_stamped()]
 
     def take_stamped(self) -> list[Stamped]:
         """Return the same with the senders' stamps."""
@@ -131,4 +132,4 @@ class Subscription(SessionThread):
 def _stamped(key: str, sample: zenoh.Sample) -> Stamped:
     stamp = sample.timestamp
     sent_s = None if stamp is None else stamp.get_time_as_ntp64().as_secs_f64()
-    return Stamped(key, sample.payload.to_bytes(), sent_s)
+    return Stamped(key, sample.payload.to_bytes(), sent_s, str(sample.encoding))

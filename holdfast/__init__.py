@@ -16,9 +16,8 @@ if (Path(__file__).parent / "companion").is_dir():
 
 ABOUT = """\
 Holdfast keeps an ArduSub ROV at a setpoint or on a path, against currents, waves, the pull of a
-tether and an unknown load. It runs on the companion computer, reads depth and attitude over
-MAVLink, and sends thrust commands. Start with `holdfast demo`: a simulated dive on this machine, in
-about a minute. `holdfast init` writes a configuration for your vehicle.
+tether and an unknown load. It runs on the companion computer and speaks MAVLink. Start with
+`holdfast demo`, a simulated dive. `holdfast init` writes a configuration for your vehicle.
 
   ArduSub, or `holdfast sim`  <-- MAVLink -->  `holdfast run`  -- Zenoh -->  `holdfast watch`
 """
@@ -41,6 +40,11 @@ def commands_by_name() -> dict[str, EntryPoint]:
     return {entry.name: entry for entry in entry_points(group="holdfast.commands")}
 
 
+def summary(entry: EntryPoint) -> str:
+    """Return what a command does, in one line."""
+    return (entry.load().__doc__ or "").strip().partition("\n")[0]
+
+
 def _help(commands: dict[str, EntryPoint]) -> str:
     lines = [ABOUT]
     package = ""
@@ -48,8 +52,7 @@ def _help(commands: dict[str, EntryPoint]) -> str:
         if entry.module.partition(".")[0] != package:
             package = entry.module.partition(".")[0]
             lines.append(f"{package}:")
-        summary = (entry.load().__doc__ or "").strip().partition("\n")[0]
-        lines.append(f"  holdfast {entry.name:<11} {summary}")
+        lines.append(f"  holdfast {entry.name:<11} {summary(entry)}")
     lines.append("`holdfast COMMAND --help` explains each command.")
     return "\n".join(lines)
 
@@ -124,7 +127,7 @@ def extra_of(module: str, command: str) -> str:
     every = [
         (match[1], match[2])
         for text in requires(DISTRIBUTION) or ()
-        if (match := re.match(r"""([\w-]+).*; extra == ["'](\w+)["']""", text))
+        if (match := re.match(r"""([\w-]+?)(?:-sdk)?(?![\w-]).*; extra == ["'](\w+)["']""", text))
     ]
     sizes = Counter(extra for _, extra in every)
     found = sorted((extra for brought, extra in every if brought == name), key=lambda extra: sizes[extra])
@@ -134,15 +137,16 @@ def extra_of(module: str, command: str) -> str:
 
 
 def completion(argv: list[str]) -> int:
-    """Print what makes bash or zsh complete commands and options."""
+    """Print what makes a shell complete commands and options."""
     from holdfast.arguments import command_parser
-    from holdfast.completion import EXAMPLES, script
+    from holdfast.shell_completion import EXAMPLES, SHELLS, script
 
     parser = command_parser(
         "completion",
-        "Prints a shell function that completes commands, their options, and files.",
+        "Prints a script that completes commands, their options, and files. Once it is loaded, no key starts "
+        "Holdfast. Write it again after an upgrade.",
         EXAMPLES,
     )
-    parser.add_argument("shell", choices=("bash", "zsh"), metavar="bash|zsh")
-    sys.stdout.write(script(parser.parse_args(argv).shell, sorted(commands_by_name())))
+    parser.add_argument("shell", choices=SHELLS)
+    sys.stdout.write(script(parser.parse_args(argv).shell))
     return DONE

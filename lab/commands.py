@@ -1,10 +1,9 @@
 """The subcommands that need companion and simulator. Heavy imports wait until a command is called."""
 
 import sys
-from argparse import ArgumentParser
 from pathlib import Path
 
-from holdfast.arguments import command_parser
+from holdfast.arguments import CommandParser, command_parser
 from lab.options import json_file
 
 BENCH_EXAMPLES = """\
@@ -95,7 +94,7 @@ def demo(argv: list[str]) -> int:
 
 def bench(argv: list[str]) -> int:
     """Measure control errors over many vehicles and seas, and the cost of a tick."""
-    finder = ArgumentParser(prog="holdfast bench", add_help=False)
+    finder = CommandParser(prog="holdfast bench", add_help=False)
     finder.add_argument("what", nargs="?", choices=tuple(BENCHES))
     for option in (
         "seeds",

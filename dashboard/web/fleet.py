@@ -240,7 +240,7 @@ class Fleet:
 
     def take(self, messages: Iterable[Stamped], now_s: float) -> None:
         """Take what arrived until `now_s`, a monotonic clock of this machine."""
-        for key, payload, stamp_s in messages:
+        for key, payload, stamp_s, _ in messages:
             root, name, tail = (*key.split("/", 2), "", "")[:3]
             try:
                 if root == "sim":

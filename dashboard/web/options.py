@@ -4,7 +4,7 @@ import secrets
 from dataclasses import dataclass
 from pathlib import Path
 
-from dashboard.arguments import add_connect
+from dashboard.arguments import add_connect, listen_address
 from holdfast.arguments import command_parser
 
 SHORTEST_TOKEN = 16
@@ -84,17 +84,15 @@ def settings(argv: list[str]) -> DashboardOptions:
         help="also record the first vehicle to DIR, as `holdfast record` does",
     )
     options = parser.parse_args(argv)
-    host, _, port = options.listen.rpartition(":")
-    if not host or not port.isdigit() or int(port) > 65535:
-        raise ValueError(f"--listen {options.listen}: write HOST:PORT, such as 127.0.0.1:8600")
+    host, port = listen_address(options.listen)
     if options.token_file and not options.allow_control:
         raise ValueError("--token-file: without --allow-control there is nothing to unlock")
     token = ""
     if options.allow_control:
         token = _token(options.token_file) if options.token_file else secrets.token_urlsafe(18)
     return DashboardOptions(
-        host.strip("[]"),
-        int(port),
+        host,
+        port,
         tuple(options.host),
         options.connect,
         token,

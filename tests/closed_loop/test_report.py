@@ -22,6 +22,8 @@ from companion.engine import Engine
 from companion.records import Array, ControlSample, LoopHealth, Request, vector
 from companion.telemetry import samples
 from companion.telemetry import schemas as telemetry
+from dashboard.foxglove.live import layout
+from dashboard.foxglove.poses import quaternion
 from dashboard.recording.mcap_file import Item, Recording
 from dashboard.recording.record import flat
 from lab.loop.lockstep import LinkDelay, Lockstep, Step
@@ -317,16 +319,23 @@ def test_the_notebook_runs_and_its_layouts_name_what_there_is(
     assert wanted - {None, "track", "reference"} <= ticks(log).keys()
 
 
-def test_the_layout_of_foxglove_names_what_there_is(log: Log) -> None:
-    layout = json.loads((ROOT / "docs" / "examples" / "foxglove.json").read_text())
-    panels = layout["configById"]
-    for path in (one["value"] for panel in panels.values() for one in panel.get("paths", ())):
-        topic, _, name = path.partition(".")
-        if topic == "/degrees":
-            assert f"degrees/{name}" in ticks(log)
-        elif topic != "/holdfast/bluerov2/supervisor":
-            assert name in log.keys[topic.removeprefix("/holdfast/bluerov2/")].of
-    assert set(re.findall(r'"(\w+!\w+)"', json.dumps(layout["layout"]))) == set(panels)
+def test_the_layout_of_foxglove_names_topics_and_fields_of_a_recording(dive: Path, tmp_path: Path) -> None:
+    foxglove.write([dive], tmp_path / "pose.mcap")
+    with (tmp_path / "pose.mcap").open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    fields = {
+        channel.topic: json.loads(summary.schemas[channel.schema_id].data)["properties"]
+        for channel in summary.channels.values()
+    }
+    shown = json.loads(layout("kelp"))
+    panels = shown["configById"]
+    paths = [path["value"].partition(".") for panel in panels.values() for path in panel.get("paths", ())]
+    assert len(paths) > 8
+    for topic, _, name in paths:
+        assert name in fields[topic]
+    assert {topic for panel in panels.values() for topic in panel.get("topics", ())} <= fields.keys()
+    assert set(re.findall(r'"(\w+!\w+)"', json.dumps(shown["layout"]))) == set(panels)
 
 
 def rotated(turn: dict[str, float], vector: tuple[float, float, float]) -> Array:
@@ -340,7 +349,7 @@ def test_forward_left_and_up_are_where_the_simulator_has_them(seed: int) -> None
     q = np.random.default_rng(seed).normal(size=4)
     state = (0.0, 0.0, 0.0, *(q / np.linalg.norm(q)), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     forward, right, down = np.reshape(rotation(state), (3, 3)).T
-    turn = foxglove.quaternion(*euler(state))
+    turn = quaternion(*euler(state))
     to_enu = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
     assert rotated(turn, (1.0, 0.0, 0.0)) == pytest.approx(to_enu @ forward)
     assert rotated(turn, (0.0, 1.0, 0.0)) == pytest.approx(to_enu @ -right)

@@ -7,7 +7,6 @@ import socket
 import subprocess
 import sys
 from importlib.metadata import EntryPoint
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -18,6 +17,8 @@ from companion.config import load_config as load_companion
 from companion.predive.check import CheckRow, Grade
 from companion.telemetry.status_line import delay_text
 from holdfast import port_holder
+from holdfast.arguments import DESCRIBE, DescribedError
+from holdfast.shell_completion import script
 from lab.ports import free_port
 from lab.report.figures import faults_of
 from lab.report.log import StateSpan
@@ -49,6 +50,7 @@ def test_the_version_has_a_short_option(capsys):
         ["watch", "--once", "--connect", "nowhere"],
         ["record", "--connect", "nowhere"],
         ["dashboard", "--connect", "nowhere"],
+        ["foxglove", "--connect", "nowhere"],
         ["tell", "bluerov2", "engage", "--connect", "nowhere"],
         ["goto", "bluerov2", "--depth", "2", "--connect", "nowhere"],
         ["follow", "bluerov2", "nowhere.toml"],
@@ -127,7 +129,8 @@ def test_ctrl_c_says_nothing(stand_in, capsys):
 
 
 @pytest.mark.parametrize(
-    ("module", "extra"), [("aiohttp", "dashboard"), ("cma", "lab"), ("mcap", "recording")]
+    ("module", "extra"),
+    [("aiohttp", "dashboard"), ("cma", "lab"), ("mcap", "recording"), ("foxglove", "foxglove")],
 )
 def test_what_is_not_installed_is_named_with_its_extra(stand_in, capsys, module, extra):
     stand_in(lambda argv: _raise(ModuleNotFoundError(f"No module named '{module}'", name=f"{module}.web")))
@@ -199,19 +202,41 @@ def test_a_reader_that_went_away_ends_it_without_a_word():
     assert (done.returncode, done.stderr) == (141, b"")
 
 
-def test_bash_completes_commands_and_their_options(tmp_path):
-    (tmp_path / "holdfast").write_text(f'#!/bin/sh\nexec {sys.executable} -m holdfast "$@"\n')
-    (tmp_path / "holdfast").chmod(0o755)
-    asked = """
-        eval "$(holdfast completion bash)"
-        COMP_WORDS=(holdfast reco); COMP_CWORD=1; _holdfast; echo "${COMPREPLY[@]}"
-        COMP_WORDS=(holdfast run --dep); COMP_CWORD=2; _holdfast; echo "${COMPREPLY[@]}"
+@pytest.fixture(scope="module")
+def bash_completion():
+    return script("bash")
+
+
+@pytest.mark.parametrize(
+    ("words", "offered"),
+    [
+        ("reco", "record recover"),
+        ("--vers", "--version"),
+        ("run --dep", "--depth --depth-only"),
+        ("bench ta", "tank"),
+        ("run --config comp", "companion.toml"),
+        ("follow kelp comp", "companion.toml"),
+        ("foxglove --lay", "--layout"),
+    ],
+)
+def test_bash_completes_commands_options_and_files_and_starts_nothing(
+    words, offered, bash_completion, tmp_path
+):
+    (tmp_path / "companion.toml").touch()
+    asked = f"""{bash_completion}
+        COMP_WORDS=(holdfast {words}); COMP_CWORD=$((${{#COMP_WORDS[@]}} - 1))
+        PATH=; _shtab_holdfast; printf "%s\n" "${{COMPREPLY[@]}}"
     """
-    environment = {**os.environ, "PATH": f"{tmp_path}:{os.environ['PATH']}"}
-    done = subprocess.run(
-        ["bash", "-c", asked], capture_output=True, text=True, check=True, env=environment, cwd=Path.cwd()
-    )
-    assert done.stdout == "record recover\n--depth --depth-only\n"
+    done = subprocess.run(["bash"], input=asked, capture_output=True, text=True, check=True, cwd=tmp_path)
+    assert sorted(done.stdout.split()) == offered.split()
+    assert "command not found" not in done.stderr
+
+
+def test_every_command_gives_its_parser_and_does_nothing():
+    for name, entry in holdfast.commands_by_name().items():
+        with pytest.raises(DescribedError) as described:
+            entry.load()([DESCRIBE])
+        assert described.value.parser.prog == f"holdfast {name}"
 
 
 @pytest.mark.parametrize("kind", ["udp", "tcp"])

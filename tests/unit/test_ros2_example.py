@@ -12,7 +12,7 @@ from unittest.mock import MagicMock
 
 import pytest
 
-from lab.report.foxglove import quaternion
+from dashboard.foxglove.poses import quaternion
 
 EXAMPLE = Path(__file__).parents[2] / "docs" / "examples" / "ros2_node.py"
 STATE = json.dumps(
