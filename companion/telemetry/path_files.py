@@ -1,23 +1,19 @@
-"""Files that hold a path: TOML as docs/guidance.md describes it, GeoJSON, and QGroundControl's plan.
+"""Files that hold a path: TOML as docs/guidance.md describes it, GeoJSON, KML, and QGroundControl's plan.
 
-The last two give latitude and longitude. They become metres north and east of an origin as ArduPilot computes
-them (libraries/AP_Common/Location.cpp): with the EKF's origin they are the vehicle's own x and y; without one
-the path begins where the vehicle is when it starts. Altitude is minus the depth.
+The last three give latitude and longitude, which become metres north and east of an origin (`degrees`).
+Without one the path begins where the vehicle is when it starts. Altitude is minus the depth.
 """
 
-import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import msgspec
 
-from companion.telemetry import ranges
+from companion.telemetry import kml, ranges
+from companion.telemetry.degrees import Degrees, metres
 from companion.telemetry.plan import PathPlan
 from holdfast import files
-
-METRES_PER_DEGREE = 111318.84502145034
-"""ArduPilot's LOCATION_SCALING_FACTOR, per degree."""
 
 NAV_WAYPOINT, LAST_NAV, CHANGE_SPEED = 16, 95, 178
 """MAV_CMD: of NAV commands, the numbers up to LAST_NAV, only waypoints are followed; others are left out."""
@@ -25,7 +21,7 @@ NAV_WAYPOINT, LAST_NAV, CHANGE_SPEED = 16, 95, 178
 WGS84_FRAMES = (0, 3)
 """MAV_FRAME_GLOBAL and MAV_FRAME_GLOBAL_RELATIVE_ALT: at sea both count from the surface."""
 
-Degrees = tuple[float, float]
+SAME_M = 0.001
 
 
 def read(path: Path, origin: Degrees | None = None) -> PathPlan:
@@ -39,7 +35,7 @@ def read(path: Path, origin: Degrees | None = None) -> PathPlan:
         raise ValueError(f"{path}: cannot be read: {error.strerror}") from error
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
-    readers = {".toml": _toml, ".geojson": _geojson, ".json": _geojson, ".plan": _plan}
+    readers = {".toml": _toml, ".geojson": _geojson, ".json": _geojson, ".kml": _kml, ".plan": _plan}
     reader = readers.get(path.suffix.lower())
     if reader is None:
         raise ValueError(f"{path}: want a file that ends in {', '.join(readers)}")
@@ -63,15 +59,52 @@ def _geojson(text: str, origin: Degrees | None) -> dict[str, Any]:
     if len(lines) != 1:
         raise ValueError(f"{len(lines)} lines or polygons: want one LineString or one Polygon")
     key, coordinates, closed, properties = lines[0]
-    if closed and len(coordinates) > 1 and coordinates[0] == coordinates[-1]:
-        coordinates = coordinates[:-1]
+    return _along(_places(key, coordinates), origin, properties, closed=closed)
+
+
+def _kml(text: str, origin: Degrees | None) -> dict[str, Any]:
+    """Take the one LineString or Polygon of a KML; its Placemark's data are keys of a plan."""
+    positions, closed, mode, properties = kml.line(text)
+    heights = [position[2] for position in positions if len(position) > 2]
+    if mode in kml.ABOVE_SEA:
+        return _along(_places("coordinates", positions), origin, properties, closed=closed)
+    if mode == kml.ABOVE_FLOOR:
+        if len(heights) != len(positions) or max(heights) - min(heights) > SAME_M:
+            raise ValueError(f"altitudeMode = {mode}: give all coordinates the same altitude over the ground")
+        properties = properties | {"altitude_m": heights[0]}
+    elif mode not in kml.CLAMPED:
+        known = ", ".join((*kml.ABOVE_SEA, kml.ABOVE_FLOOR, *kml.CLAMPED))
+        raise ValueError(f"altitudeMode = {mode:.40}: must be one of {known}")
+    elif any(heights):
+        raise ValueError(
+            f"altitudeMode = {mode}: altitudes do not count with it; write absolute, or no altitudes"
+        )
+    level = [position[:2] for position in positions]
+    return _along(_places("coordinates", level), origin, properties, closed=closed)
+
+
+def _places(key: str, positions: Sequence[Any]) -> list[tuple[float, float, float | None]]:
+    """Return latitude, longitude and depth of longitude, latitude and, where it is given, altitude."""
     places = []
-    for k, position in enumerate(coordinates):
+    for k, position in enumerate(positions):
         where = f"{key}[{k}]"
         if not isinstance(position, Sequence) or len(position) not in (2, 3):
-            raise ValueError(f"{where} = {position!r:.80}: want [longitude, latitude] or with altitude")
+            raise ValueError(f"{where} = {position!r:.80}: want longitude, latitude, or with altitude")
         depth = -_number(f"{where}[2]", position[2], -1e4, 0.0) if len(position) == 3 else None
         places.append((*_degrees(where, position[1], position[0]), depth))
+    return places
+
+
+def _along(
+    places: list[tuple[float, float, float | None]],
+    origin: Degrees | None,
+    properties: Mapping[str, Any],
+    *,
+    closed: bool,
+) -> dict[str, Any]:
+    """Return the plan of a line; of its properties those count that are keys of a plan."""
+    if closed and len(places) > 1 and places[0] == places[-1]:
+        places = places[:-1]
     known = PathPlan.__struct_fields__
     table = {name: value for name, value in properties.items() if name in known and value is not None}
     return table | _local(places, origin) | ({"closed": True} if closed else {})
@@ -156,18 +189,11 @@ def _local(places: Sequence[tuple[float, float, float | None]], origin: Degrees 
     """Return the waypoints, north and east of the origin, or else of the first of them."""
     if not places:
         raise ValueError("there is no waypoint in it")
-    latitude_0, longitude_0 = origin or places[0][:2]
+    zero = origin or places[0][:2]
     waypoints = []
     for latitude, longitude, depth in places:
-        scale = math.cos(math.radians(0.5 * (latitude + latitude_0)))
-        east_deg = (longitude - longitude_0 + 180.0) % 360.0 - 180.0
-        waypoints.append(
-            {
-                "x_m": (latitude - latitude_0) * METRES_PER_DEGREE,
-                "y_m": east_deg * METRES_PER_DEGREE * scale,
-                **({} if depth is None else {"depth_m": depth}),
-            }
-        )
+        x_m, y_m = metres((latitude, longitude), zero)
+        waypoints.append({"x_m": x_m, "y_m": y_m, **({} if depth is None else {"depth_m": depth})})
     return {"waypoint": waypoints, "relative": origin is None}
 
 

@@ -27,6 +27,7 @@ FOLLOW_EXAMPLES = """\
 examples:
   holdfast follow bluerov2 eight.toml                          a path in metres: docs/guidance.md
   holdfast follow bluerov2 reef.geojson --origin 47.40,8.55    a line or polygon in degrees
+  holdfast follow bluerov2 reef.kml --origin 47.40,8.55        one that was drawn in Google Earth
   holdfast follow bluerov2 dam.plan                            a plan of QGroundControl, from where it is
   holdfast follow bluerov2 --pause                             wait; --resume goes on, --hold ends it
 
@@ -83,12 +84,14 @@ def follow(argv: list[str]) -> int:
     """Send a vehicle along a path; returns 1 if it was not done."""
     parser = command_parser(
         "follow",
-        "Sends a vehicle along the path of a file: TOML, GeoJSON or a plan of QGroundControl.",
+        "Sends a vehicle along the path of a file: TOML, GeoJSON, KML or a plan of QGroundControl.",
         FOLLOW_EXAMPLES,
     )
     add_vehicle(parser)
     what = parser.add_mutually_exclusive_group(required=True)
-    what.add_argument("file", nargs="?", type=Path, metavar="FILE", help="ends in .toml, .geojson or .plan")
+    what.add_argument(
+        "file", nargs="?", type=Path, metavar="FILE", help="ends in .toml, .geojson, .kml or .plan"
+    )
     for action, purpose in (("pause", "wait"), ("resume", "go on"), ("hold", "end it, and hold here")):
         what.add_argument(f"--{action}", dest="action", action="store_const", const=action, help=purpose)
     parser.add_argument("--origin", type=position, metavar="LAT,LON", help="where x and y are 0, degrees")

@@ -1,4 +1,4 @@
-"""Paths from TOML, GeoJSON and QGroundControl's plans: read as meant, refused with file, key and value."""
+"""Paths of TOML, GeoJSON, KML and QGroundControl: read as meant, refused with file, key and value."""
 
 import json
 import math
@@ -32,6 +32,27 @@ def geojson(kind, places, **properties):
     geometry = {"type": kind, "coordinates": [coordinates] if kind == "Polygon" else coordinates}
     feature = {"type": "Feature", "properties": properties, "geometry": geometry}
     return {"type": "FeatureCollection", "features": [feature]}
+
+
+def kml(kind, places, mode="absolute", name="", data="", begin=""):
+    """Return a KML as Google Earth writes it; `places` are north, east and altitude or None."""
+    numbers = [(*reversed(at(north, east)), height) for north, east, height in places]
+    text = " ".join(",".join(f"{v:.9f}" for v in position if v is not None) for position in numbers)
+    text = f"<coordinates>\n{text}\n</coordinates>"
+    ring = f"<outerBoundaryIs><LinearRing>{text}</LinearRing></outerBoundaryIs>"
+    mode = (
+        f"<gx:altitudeMode>{mode}</gx:altitudeMode>"
+        if "Sea" in mode
+        else f"<altitudeMode>{mode}</altitudeMode>"
+    )
+    return (
+        f'<?xml version="1.0" encoding="UTF-8"?>{begin}<kml xmlns="http://www.opengis.net/kml/2.2" '
+        'xmlns:gx="http://www.google.com/kml/ext/2.2"><Document><name>mine</name>'
+        "<Placemark><name>pier</name><Point><coordinates>8.5,47.4,0</coordinates></Point></Placemark>"
+        f"<Folder><Placemark><name>{name}</name><ExtendedData>{data}</ExtendedData>"
+        f"<{kind}><tessellate>1</tessellate>{mode}{ring if kind == 'Polygon' else text}</{kind}>"
+        "</Placemark></Folder></Document></kml>"
+    )
 
 
 def qgc(*items):
@@ -86,6 +107,41 @@ def test_a_polygon_is_closed(tmp_path):
     assert build(plan, limits(load_config())).closed
 
 
+def test_a_line_of_a_kml_is_a_path_and_its_data_are_keys(tmp_path):
+    data = '<Data name="speed_mps"><value>0.1</value></Data><Data name="heading"><value>keep</value></Data>'
+    file = written(
+        tmp_path, "earth.kml", kml("LineString", [(3, 4, -2), (10, -5, -3)], name="the reef", data=data)
+    )
+    plan = read(file, ORIGIN)
+    assert places(plan) == [(3.0, 4.0, 2.0), (10.0, -5.0, 3.0)]
+    assert (plan.name, plan.speed_mps, plan.heading) == ("the reef", 0.1, "keep")
+    assert read(file).relative
+
+
+def test_a_polygon_of_a_kml_is_closed(tmp_path):
+    square = [(0, 0, -2), (4, 0, -2), (4, 4, -2), (0, 4, -2), (0, 0, -2)]
+    plan = read(written(tmp_path, "square.kml", kml("Polygon", square, name="square")), ORIGIN)
+    assert len(plan.waypoint) == 4
+    assert build(plan, limits(load_config())).closed
+
+
+@pytest.mark.parametrize("height", [None, 0.0])
+def test_a_kml_on_the_ground_has_no_depths(tmp_path, height):
+    line = [(0, 0, height), (4, 0, height)]
+    plan = read(written(tmp_path, "a.kml", kml("LineString", line, mode="clampToGround")), ORIGIN)
+    assert places(plan) == [(0.0, 0.0, msgspec.UNSET), (4.0, 0.0, msgspec.UNSET)]
+    assert plan.name == "a"
+
+
+def test_a_kml_over_the_sea_floor_keeps_an_altitude(tmp_path):
+    line = [(0, 0, 1.5), (4, 0, 1.5)]
+    plan = read(written(tmp_path, "a.kml", kml("LineString", line, mode="relativeToSeaFloor")), ORIGIN)
+    assert (plan.altitude_m, places(plan)[0]) == (1.5, (0.0, 0.0, msgspec.UNSET))
+
+
+LAUGHS = "".join(f'<!ENTITY l{i + 1} "{f"&l{i};" * 10}">' for i in range(9))
+
+
 def test_a_plan_of_qgroundcontrol_gives_waypoints_holds_radii_headings_and_speed(tmp_path):
     speed = {"type": "SimpleItem", "command": 178, "frame": 2, "params": [1, 0.15, -1, 0, 0, 0, 0]}
     survey = {"type": "ComplexItem", "TransectStyleComplexItem": {"Items": [item(8, 0, -2), item(8, 6, -2)]}}
@@ -127,6 +183,26 @@ def test_a_plan_of_qgroundcontrol_gives_waypoints_holds_radii_headings_and_speed
             geojson("LineString", [(0, 0, -5), (1, 1, 2)]),
             r"coordinates\[0\]\[2\] = 5.*: must be .* to 0",
         ),
+        ("a.kml", "<kml><Placemark>", "is not XML"),
+        ("a.kml", "<gpx/>", "<gpx>: want <kml>"),
+        ("a.kml", "<kml>" * 40, "is nested more than 32 deep"),
+        ("a.kml", "<kml/>", "0 lines or polygons"),
+        ("a.kml", kml("LineString", []), r"LineString.coordinates: missing"),
+        ("a.kml", kml("LineString", [(0, 0, 5), (1, 1, 5)]), r"coordinates\[0\]\[2\] = 5.0: must be"),
+        ("a.kml", kml("LineString", [(0, 0, -5)], mode="clampToGround"), "altitudes do not count.*absolute"),
+        ("a.kml", kml("LineString", [(0, 0, 1), (1, 0, 2)], mode="relativeToSeaFloor"), "the same altitude"),
+        ("a.kml", kml("LineString", [(0, 0, -5)], mode="above"), "altitudeMode = above: must be one of"),
+        (
+            "a.kml",
+            kml("LineString", [(0, 0, -5)], begin=f'<!DOCTYPE x [<!ENTITY l0 "ha">{LAUGHS}]>'),
+            "document type",
+        ),
+        (
+            "a.kml",
+            kml("LineString", [(0, 0, -5)], begin='<!DOCTYPE x SYSTEM "file:///etc/passwd">'),
+            "document type",
+        ),
+        ("a.kml", kml("LineString", [(0, 0, math.nan)]), r"coordinates\[0\] = .*want longitude,latitude"),
         ("a.plan", qgc(item(0, 0, 50)), r"mission.items\[0\].params\[6\] \(altitude; minus the depth\) = 50"),
         ("a.plan", qgc(item(0, 0, -1, command=20)), r"mission.items\[0\].command = 20: only waypoints"),
         ("a.plan", qgc(item(0, 0, -1, frame=10)), r"mission.items\[0\].frame = 10"),
