@@ -34,6 +34,7 @@ from companion.mavlink.timestamps import timestamps_of
 from companion.predive.table import as_json
 from companion.records import Condition, ControlSample, LoopHealth, Request, Setpoint
 from companion.steps import Task
+from companion.telemetry import samples
 from companion.telemetry.commands import Follow
 from companion.telemetry.event_log import EventLog
 from companion.telemetry.plan import PathPlan
@@ -269,7 +270,8 @@ class App:
             self._publisher.config = msgspec.json.encode(given.config)
         duplicates = _drained(self._publisher.duplicate_instances)
         events = self._event_log.step(sample, self._commands.results, duplicates, peers)
-        self._publisher.offer(sample, raw, events, self._plan(now_ns, sample))
+        triggers = [samples.trigger(sample)] if sample.trigger else []
+        self._publisher.offer(sample, raw, [*events, *triggers], self._plan(now_ns, sample))
         self._to_pilot(self._engine.displayed(sample, events))
         for event in events:
             if event.kind != "state":

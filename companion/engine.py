@@ -59,12 +59,14 @@ from companion.records import (
     Verdict,
     Wrench,
     X,
+    Y,
 )
 from companion.steps import Steps
 from companion.supervision.guard import guard
 from companion.supervision.situation import Observation
 from companion.supervision.supervision import Supervision
 from companion.telemetry import schemas
+from companion.telemetry.degrees import degrees
 
 MAX_DT_TICKS = 3.0
 RELEASING = (State.RAMP_DOWN, State.HAND_OVER)
@@ -94,6 +96,8 @@ class Engine:
         self._fitness = Fitness(self._autopilot)
         self._supervision = Supervision(config, self._autopilot.parameters, arm=arm)
         self._guidance = Guidance(config, setpoint)
+        self._triggers = 0
+        """Those of the path up to the tick before."""
         self.parameters = assembly.parameters(config)
         """What the core knows beforehand."""
         self.memory = start(self.parameters)
@@ -165,7 +169,18 @@ class Engine:
                 *[report for report in reports if isinstance(report, StatusText)],
             ),
             refused=self._supervision.refused,
+            **self._triggered(frame.now.outside(state.eta)),
         )
+
+    def _triggered(self, eta: Vector) -> dict[str, Any]:
+        """Return what the record says of the camera: the trigger of this tick, at this place."""
+        failure = {"camera_failure": self._autopilot.camera_failure}
+        if (number := self._guidance.trigger_count) == self._triggers:
+            return failure
+        self._triggers = number
+        origin = self._autopilot.origin
+        place = {} if origin is None else {"place_deg": degrees(eta[X], eta[Y], origin)}
+        return failure | place | {"trigger": number, "picture": self._guidance.takes_pictures}
 
     def displayed(self, sample: ControlSample, events: Sequence[schemas.Event]) -> list[bytes]:
         """Return what the pilot's ground station is to show of the last tick, and answers to its commands.
@@ -368,6 +383,8 @@ class Engine:
         self._out = autopilot.upkeep(state.t_s, reports, mode=mode, arm=arm, confirm=confirm)
         if self.steering:
             self._out.append(autopilot.steer(self._sent, state.pilot_gain, pilot))
+        if self._guidance.trigger_count > self._triggers and self._guidance.takes_pictures:
+            self._out.append(autopilot.take_picture(state.t_s))
         return Sent(self.applied, held)
 
     def _forget_motion(self) -> None:

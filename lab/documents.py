@@ -24,6 +24,7 @@ RATES = {
     "event": "when something happens",
     "recorder": "1 Hz, by `holdfast record`",
     "plan": "when it changes, and every 5 s",
+    "trigger": "at each trigger of a path",
 }
 ENCODINGS: dict[type[msgspec.Struct], str] = {
     Raw: "application/msgpack;holdfast.Raw.v1",

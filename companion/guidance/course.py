@@ -2,20 +2,23 @@
 
 import math
 from collections.abc import Sequence
-from itertools import chain, repeat
 from typing import Self
 
 from companion.control.bounds import wrap
 from companion.control.reference import ACCELERATION_LAG_S, RATE_LAG_S
 from companion.control.reference import State as ReferenceState
 from companion.guidance.paths.curve import straight
-from companion.guidance.paths.shapes import Leg, Path
+from companion.guidance.paths.shapes import Path
 from companion.guidance.paths.time_law import Limits, TimeLaw, profiled
+from companion.guidance.paths.triggers import APART_M
 from companion.records import ZERO, Setpoint, Vector, vector
 from companion.steps import finish
 
 FULL_PACE_M, NO_PACE_M = 0.15, 0.5
 """A vehicle this far from its place still gets the whole speed; this far, the path waits for it."""
+
+PACE_S, LEAST_PACE = 30.0, 0.05
+"""The time that is left is estimated by the mean pace of so long, and never by less than this."""
 
 
 def pace(reference_pace: Vector, distance_m: float) -> float:
@@ -59,17 +62,15 @@ class Course:
         self._approach: TimeLaw | None = None
         self._law: TimeLaw | None = None
         self._wait_s = 0.0
-        legs: tuple[Leg, ...] = () if path is None else path.legs
-        laps = 1 if path is None else path.plan.laps or math.inf
-        self._laps = 1.0
+        self._laps = path.laps if path is not None and path.legs[0].loops else 1.0
         """Of a leg: one that loops is travelled as a single curve of so many laps."""
-        if legs and legs[0].loops:
-            self._laps = float(laps)
-            self._legs = iter(legs)
-        else:
-            self._legs = chain.from_iterable(repeat(legs) if laps == math.inf else repeat(legs, int(laps)))
-        self._leg: Leg | None = None
-        self._passed_m = 0.0
+        self._number = -1
+        """Which leg, laps included."""
+        self._mean_pace = 1.0
+        self._trigger_m = -math.inf if path is None else path.trigger_after(-APART_M)
+        """Where along the path the next trigger is."""
+        self.triggered = False
+        """Whether the last step passed a trigger."""
 
     @classmethod
     def to(cls, place: Vector, limits: Limits, speed_mps: float, acceleration_mps2: float) -> Self:
@@ -91,7 +92,50 @@ class Course:
     @property
     def progress_m(self) -> float:
         """How far along the path it is, laps included."""
-        return self._passed_m + (self._law.s if self._law is not None else 0.0)
+        path = self.path
+        if path is None or self._number < 0:
+            return 0.0
+        lap, i = self._lap
+        passed_m = lap * path.length_m + (path.ends_m[i - 1] if i else 0.0)
+        if self.done:
+            return passed_m
+        return passed_m + (self._law.s if self._law is not None else path.legs[i].curve.length * self._laps)
+
+    @property
+    def left_m(self) -> float:
+        """How far it still is to the end, with the way to the path."""
+        approach_m = self._approach.left_m if self._approach is not None else 0.0
+        if self.path is None or self.done:
+            return approach_m
+        return approach_m + max(self.path.laps * self.path.length_m - self.progress_m, 0.0)
+
+    @property
+    def left_s(self) -> float:
+        """How long that takes, about, at the pace of late."""
+        approach_s = self._approach.left_s if self._approach is not None else 0.0
+        return (approach_s + self._path_left_s) / max(self._mean_pace, LEAST_PACE)
+
+    @property
+    def _path_left_s(self) -> float:
+        path = self.path
+        if path is None or self.done or math.isinf(path.laps):
+            return 0.0 if path is None or self.done else math.inf
+        if self._number < 0:
+            first = path.legs[0]
+            if first.loops:
+                return TimeLaw(first.profile, path.laps).left_s
+            return path.duration_s + path.laps_s(path.laps - 1.0)
+        lap, i = self._lap
+        leg_s = self._wait_s if self._law is None else self._law.left_s + path.legs[i].wait_s
+        laps_left = path.laps / self._laps - 1.0 - lap
+        return leg_s + path.duration_s - path.ends_s[i] + path.laps_s(laps_left)
+
+    @property
+    def _lap(self) -> tuple[float, int]:
+        """Return how many laps are behind it, and which leg it is of this one."""
+        count = 0 if self.path is None else len(self.path.legs)
+        lap, i = divmod(self._number, count)
+        return (lap * self._laps if lap else 0.0), i
 
     @property
     def speed_mps(self) -> float:
@@ -118,7 +162,9 @@ class Course:
     def resume(self, start: Vector) -> None:
         """Go on, from `start` if somebody else moved the target meanwhile."""
         if self.suspended and self.begun and not self.done:
-            place = self.place if self._law is None else self._moved(self._law.setpoint()).eta_d
+            place = self.place if self.path is None else self._at.eta_d
+            if self._law is not None:
+                place = self._moved(self._law.setpoint()).eta_d
             self._at = Setpoint(start)
             self._go_to(vector([s if math.isnan(p) else p for s, p in zip(start, place, strict=True)]))
         self.paused = self.suspended = False
@@ -127,6 +173,8 @@ class Course:
         """Advance by `dt_s` at `pace`; return where to be."""
         if self.paused:
             pace = 0.0
+        elif pace > 0.0:
+            self._mean_pace += (pace - self._mean_pace) * dt_s / PACE_S
         if self._approach is not None:
             self._at = self._approach.step(pace, dt_s)
             if self._approach.arrived:
@@ -134,23 +182,37 @@ class Course:
                 self.done = self.path is None
         elif self._law is not None:
             self._at = self._moved(self._law.step(pace, dt_s))
-            if self._law.arrived and self._leg is not None:
-                self._passed_m += self._law.s
-                self._wait_s, self._law = self._leg.wait_s, None
+            if self._law.arrived and self.path is not None:
+                self._wait_s, self._law = self.path.legs[self._lap[1]].wait_s, None
         elif self._wait_s > 0.0:
             self._wait_s -= dt_s if pace > 0.0 else 0.0
         else:
             self._next_leg()
         if self._approach is None and self._law is None:
             self._at = Setpoint(self._at.eta_d)
+        self._trigger()
         return self._at
 
+    def _trigger(self) -> None:
+        """Tell whether a trigger was passed. One where it waits is passed when the wait is over."""
+        self.triggered = False
+        if self.path is None or self._approach is not None or self._wait_s > 0.0:
+            return
+        progress_m = self.progress_m
+        if progress_m >= self._trigger_m:
+            self.triggered = True
+            self._trigger_m = self.path.trigger_after(progress_m)
+
     def _next_leg(self) -> None:
-        leg = self._leg = next(self._legs, None)
-        if leg is None:
+        if self.path is None:
             self.done = True
             return
-        self._law = TimeLaw(leg.profile, self._laps)
+        self._number += 1
+        lap, i = self._lap
+        if lap >= self.path.laps:
+            self.done = True
+            return
+        self._law = TimeLaw(self.path.legs[i].profile, self._laps)
         self._go_to(self._moved(self._law.setpoint()).eta_d)
 
     def _go_to(self, place: Vector) -> None:

@@ -72,6 +72,8 @@ class Guidance:
         self._course: Course | None = None
         self._course_number = 0
         """Which course it is: one more with each."""
+        self.trigger_count = 0
+        """How often a path has triggered the camera so far."""
         self._altitude: AltitudeHold | None = None
         self._frame = Frame()
         self._course_offset = Offset()
@@ -156,8 +158,25 @@ class Guidance:
             kind = "waiting"
         name = course.refused or (course.path.plan.name if course.path is not None else "")
         return Guided(
-            kind, number, name, course.progress_m, course.length_m, course.speed_mps, self._altitude_m
+            kind,
+            number,
+            name,
+            course.progress_m,
+            course.length_m,
+            course.speed_mps,
+            self._altitude_m,
+            course.left_m,
+            course.left_s,
         )
+
+    @property
+    def takes_pictures(self) -> bool:
+        """Whether a trigger of the path asks for a picture: else it is a marker alone."""
+        course = self._course
+        if course is None or course.path is None:
+            return False
+        trigger = course.path.plan.trigger
+        return isinstance(trigger, UnsetType) or trigger.camera
 
     @property
     def path(self) -> tuple[Path, Callable[[Vector], Vector]] | None:
@@ -349,6 +368,7 @@ class Guidance:
         if self._altitude is not None:
             behind_m = max(behind_m, self._altitude.lacks_m(state.ground))
         at = course.step(0.0 if rests else pace(reference.pace, behind_m), dt_s)
+        self.trigger_count += course.triggered
         self._target.now = self._course_offset.setpoint_inside(at)
 
     def _follow(self, path: Path, reference: Reference) -> None:

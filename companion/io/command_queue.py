@@ -54,6 +54,7 @@ from companion.telemetry.commands import (
 )
 from companion.telemetry.conditions import text
 from companion.telemetry.schemas import Reply
+from companion.telemetry.status_line import left_text
 
 REQUESTS: dict[type[Payload], Request] = {
     Engage: Request.ENGAGE,
@@ -363,6 +364,8 @@ class CommandQueue:
             said = f"{self._progress(engine, sample)}{f': {guided.name}' if guided.name else ''}"
             if guided.length_m:
                 said += f", {guided.length_m:.1f} m a lap"
+            if left := left_text(guided.left_m, guided.left_s):
+                said += f", {left}"
             return Reply(done=guided.kind != "refused", said=said, value=value)
         if isinstance(pending.command, SetSetpoint):
             said = self._progress(engine, sample, hold="on its way")

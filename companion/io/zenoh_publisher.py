@@ -12,7 +12,7 @@ import logging
 import queue
 import threading
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from ipaddress import ip_address
 from typing import Literal
@@ -83,7 +83,7 @@ class Publisher(SessionThread):
         self._check_list = check_list
         self._queue: queue.SimpleQueue[_Offered | None] = queue.SimpleQueue()
         self._last: dict[str, tuple[bytes, zenoh.Timestamp]] = {}
-        self._mail: deque[telemetry.Event | telemetry.Plan | _Answer] = deque(maxlen=_MAIL)
+        self._mail: deque[telemetry.Schema | _Answer] = deque(maxlen=_MAIL)
         self._name_checked = threading.Event()
         self._existing_instance = ""
         self._joined = False
@@ -111,7 +111,7 @@ class Publisher(SessionThread):
         self,
         sample: ControlSample,
         raw: telemetry.Raw | None = None,
-        events: Sequence[telemetry.Event] = (),
+        events: Sequence[telemetry.Schema] = (),
         plan: telemetry.Plan | None = None,
     ) -> None:
         """Queue one tick, which must not change any more. Never blocks; drops the oldest when full."""
@@ -185,7 +185,10 @@ class Publisher(SessionThread):
                 return
             publishers = {key: _publisher(session, key, encoding) for key, encoding in self._keys.items()}
             events = _history(session, *telemetry.event_key(self._vehicle), _EVENTS_KEPT)
-            plan = _publisher(session, *telemetry.plan_key(self._vehicle))
+            by_kind: dict[type[telemetry.Schema], zenoh.Publisher] = {
+                telemetry.Plan: _publisher(session, *telemetry.plan_key(self._vehicle)),
+                telemetry.Trigger: _publisher(session, *telemetry.trigger_key(self._vehicle)),
+            }
             raw = _history(session, *telemetry.raw_key(self._vehicle), _RAW_KEPT, recover=True)
             with (
                 session.info.declare_transport_events_listener(on_transport),
@@ -208,7 +211,7 @@ class Publisher(SessionThread):
                 while not (self._closing.is_set() or lost.is_set()):
                     with suppress(queue.Empty):
                         offered = self._queue.get(timeout=RETRY_S)
-                        self._deliver(session, events, plan)
+                        self._deliver(session, events, by_kind)
                         if offered is None:
                             continue
                         stamp = session.new_timestamp()
@@ -294,6 +297,7 @@ class Publisher(SessionThread):
             *self._keys.items(),
             telemetry.event_key(self._vehicle),
             telemetry.plan_key(self._vehicle),
+            telemetry.trigger_key(self._vehicle),
         ):
             answer_last(key, encoding)
         for name in COMMANDS:
@@ -303,11 +307,16 @@ class Publisher(SessionThread):
         self._mail.append((query, reply))
         self._queue.put(None)
 
-    def _deliver(self, session: zenoh.Session, events: ext.AdvancedPublisher, plan: zenoh.Publisher) -> None:
+    def _deliver(
+        self,
+        session: zenoh.Session,
+        events: ext.AdvancedPublisher,
+        by_kind: Mapping[type[telemetry.Schema], zenoh.Publisher],
+    ) -> None:
         while self._mail:
             item = self._mail.popleft()
-            if isinstance(item, telemetry.Event | telemetry.Plan):
-                publisher = events if isinstance(item, telemetry.Event) else plan
+            if not isinstance(item, tuple):
+                publisher = events if isinstance(item, telemetry.Event) else by_kind[type(item)]
                 payload = telemetry.to_json(item)
                 self._last[str(publisher.key_expr)] = payload, session.new_timestamp()
                 publisher.put(payload)

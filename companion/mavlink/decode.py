@@ -34,6 +34,7 @@ from companion.records import (
     EkfStatus,
     Event,
     Firmware,
+    GlobalOrigin,
     Heartbeat,
     Leak,
     LinkCounters,
@@ -176,6 +177,7 @@ class Decoder:
             mavlink.MAVLINK_MSG_ID_COMMAND_ACK: self._command_ack,
             mavlink.MAVLINK_MSG_ID_RC_CHANNELS: self._rc_channels,
             mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION: self._autopilot_version,
+            mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: self._global_origin,
             mavlink.MAVLINK_MSG_ID_STATUSTEXT: self._statustext,
             mavlink.MAVLINK_MSG_ID_MANUAL_CONTROL: self._manual_control,
             mavlink.MAVLINK_MSG_ID_RC_CHANNELS_OVERRIDE: self._rc_channels_override,
@@ -362,6 +364,12 @@ class Decoder:
 
     def _command_ack(self, m: Message, t_s: float) -> tuple[Event, ...]:
         return (CommandAck(t_s, m.command, m.result),)
+
+    def _global_origin(self, m: Message, t_s: float) -> tuple[Event, ...]:
+        latitude_deg, longitude_deg = m.latitude / 1e7, m.longitude / 1e7
+        if abs(latitude_deg) > 90.0 or abs(longitude_deg) > 180.0:
+            return self._implausible()
+        return (GlobalOrigin(t_s, latitude_deg, longitude_deg),)
 
     def _statustext(self, m: Message, t_s: float) -> tuple[Event, ...]:
         events: tuple[Event, ...] = ()

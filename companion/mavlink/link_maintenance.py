@@ -10,12 +10,14 @@ from companion.mavlink.ardusub import DIRECTIONS
 from companion.mavlink.encode import Commands
 from companion.mavlink.messages import Message
 from companion.mavlink.streams import Streams
-from companion.records import Event, Firmware, Heartbeat, Parameter, Reboot, StatusText
+from companion.records import Event, Firmware, GlobalOrigin, Heartbeat, Parameter, Reboot, StatusText
+from companion.telemetry.degrees import Degrees
 from companion.telemetry.modes import Mode
 
 HEARTBEAT_S: Final = 1.0
 TIMESYNC_S: Final = 0.25
 VERSION_S: Final = 5.0
+ORIGIN_S: Final = 10.0
 PARAMETER_S: Final = 0.1
 PARAMETER_AGAIN_S: Final = (2.0, 60.0)
 """A parameter that was not answered is requested again at growing intervals: a firmware may not have it."""
@@ -79,6 +81,11 @@ class LinkMaintenance:
         return self._firmware
 
     @property
+    def origin(self) -> Degrees | None:
+        """Where on earth the EKF's origin is, once it has reported one."""
+        return self._origin
+
+    @property
     def all_parameters_known(self) -> bool:
         """Whether every one of PARAMETERS was answered."""
         return {RENAMED.get(name, name) for name in PARAMETERS} <= self._parameters.keys()
@@ -117,6 +124,8 @@ class LinkMaintenance:
         out += [self._commands.message_interval(key, rate) for key, rate in asked.items()]
         if self._firmware is None and self._version.due(now_s):
             out.append(self._commands.request_message(mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION))
+        if self._origin is None and self._origin_due.due(now_s):
+            out.append(self._commands.request_message(mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN))
         if self._timesync.due(now_s):
             out.append(self._commands.timesync(now_s))
         if want_mode != self._wanted_mode:
@@ -141,7 +150,8 @@ class LinkMaintenance:
         self._missing = {name: (float("-inf"), PARAMETER_AGAIN_S[0]) for name in PARAMETERS}
         self._streams.restart()
         self._firmware: Firmware | None = None
-        self._version = _Timer(VERSION_S)
+        self._origin: Degrees | None = None
+        self._version, self._origin_due = _Timer(VERSION_S), _Timer(ORIGIN_S)
         self._timesync = _Timer(TIMESYNC_S)
         self._mode = _Timer(COMMAND_S)
         self._arming = _Timer(COMMAND_S)
@@ -160,6 +170,8 @@ class LinkMaintenance:
             self._answer(event)
         elif isinstance(event, Firmware):
             self._firmware = event
+        elif isinstance(event, GlobalOrigin):
+            self._origin = event.latitude_deg, event.longitude_deg
         elif isinstance(event, StatusText):
             self._streams.said(event.text)
 

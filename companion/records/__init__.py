@@ -34,6 +34,7 @@ from companion.records.events import (
     EkfStatus,
     Event,
     Firmware,
+    GlobalOrigin,
     Heartbeat,
     Leak,
     LinkCounters,

@@ -118,6 +118,13 @@ class EkfOrigin(Event, frozen=True, gc=False):
     known: bool
 
 
+class GlobalOrigin(Event, frozen=True, gc=False):
+    """Where on earth the EKF's origin is, WGS84."""
+
+    latitude_deg: float
+    longitude_deg: float
+
+
 class PilotInput(Event, frozen=True, gc=False):
     """Somebody else steers this vehicle: largest stick deflection, 0..1."""
 

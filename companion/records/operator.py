@@ -47,3 +47,6 @@ class Guided(msgspec.Struct, frozen=True):
     speed_mps: float = 0.0
     altitude_m: float = 0.0
     """Over the ground, that is kept; 0 for none, or none yet."""
+    left_m: float = 0.0
+    left_s: float = 0.0
+    """To the end of the path or the move; infinite where it has none. The time is estimated."""

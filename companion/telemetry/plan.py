@@ -37,6 +37,19 @@ class Waypoint(Table, frozen=True, kw_only=True):
         | Optional
     ) = msgspec.UNSET
     wait_s: Annotated[ranges.Hour, means("rest here")] = 0.0
+    trigger: Annotated[bool, means("trigger the camera here, after wait_s")] = False
+    trigger_every_m: (
+        Annotated[ranges.TriggerDistance, means("from here on, instead of trigger.every_m; 0: no more")]
+        | Optional
+    ) = msgspec.UNSET
+
+
+class TriggerPlan(Table, frozen=True, kw_only=True):
+    """When the camera is triggered: by distance along the path, at waypoints, or both."""
+
+    every_m: Annotated[ranges.Length, means("along the path, first at its start")] | Optional = msgspec.UNSET
+    at_waypoints: Annotated[bool, means("at each of them; at the ends of the lines of a lawn mower")] = False
+    camera: Annotated[bool, means("ask ArduSub for a picture; false: a marker in the recording alone")] = True
 
 
 class Centred(Table, frozen=True, kw_only=True):
@@ -96,6 +109,7 @@ class PathPlan(Table, frozen=True, kw_only=True):
     corner_m: Annotated[ranges.Corner, means("of waypoints that have none of their own")] = 0.5
     laps: Annotated[ranges.Laps, means("how often; 0: until stopped")] = 1
     closed: Annotated[bool, means("go back from the last waypoint to the first")] = False
+    trigger: TriggerPlan | Optional = msgspec.UNSET
     waypoint: tuple[Waypoint, ...] = ()
     circle: Circle | Optional = msgspec.UNSET
     lemniscate: Lemniscate | Optional = msgspec.UNSET

@@ -9,7 +9,18 @@ from functools import cache
 from typing import Any, get_type_hints
 
 from companion.records import AXES, DOFS, Condition, ControlSample
-from companion.telemetry.schemas import NEVER_S, Command, Dof, Loop, Schema, State, Supervisor, keys, to_json
+from companion.telemetry.schemas import (
+    NEVER_S,
+    Command,
+    Dof,
+    Loop,
+    Schema,
+    State,
+    Supervisor,
+    Trigger,
+    keys,
+    to_json,
+)
 
 _MEASURED = ("x", "x_dot", "e", "e_dot", "eps", "d_observer")
 _ANGLES = ("roll_rad", "pitch_rad", "roll_rate_radps", "pitch_rate_radps")
@@ -21,6 +32,8 @@ _STALE = (
     ("armed", "mode", "system_status", "voltage_v", "pilot_gain"),
 )
 """Fields of State by their source: position (two), depth, attitude, and the vehicle as a whole."""
+
+_PLACE = frozenset(Trigger.__struct_fields__)
 
 _DOFS = (("x", "m", "N"), ("y", "m", "N"), ("z", "m", "N"), ("psi", "rad", "N·m"))
 """Name, and the units of position and of force, of each degree of freedom."""
@@ -48,6 +61,12 @@ def records(sample: ControlSample) -> list[Schema]:
         _supervisor(sample),
         _loop(sample),
     ]
+
+
+def trigger(sample: ControlSample) -> Schema:
+    """Return where the vehicle was at a tick's trigger."""
+    stale = sample.state.stale
+    return _trigger(sample, absent=tuple(name for name in _stale_state(*stale, False) if name in _PLACE))
 
 
 @cache
@@ -81,6 +100,7 @@ def _maker(schema: type[Schema], place: str) -> Callable[..., Schema]:
 
 _state, _dof, _command = _maker(State, "state.{}"), _maker(Dof, "dofs.{}[i]"), _maker(Command, "command.{}")
 _supervisor, _loop = _maker(Supervisor, "verdict.{}"), _maker(Loop, "loop.{}")
+_trigger = _maker(Trigger, "{}")
 
 
 @cache

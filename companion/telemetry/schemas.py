@@ -110,6 +110,12 @@ class State(Record, frozen=True, kw_only=True):
         float, field("altitude that is kept; 0 where a depth is held", "guided.altitude_m")
     ] = 0.0
     path_speed_mps: Annotated[float, field("speed of the reference along the path", "guided.speed_mps")] = 0.0
+    path_left_m: Annotated[
+        float, field("to the end of the path or the move; absent if it has none", "guided.left_m")
+    ] = 0.0
+    path_left_s: Annotated[
+        float, field("to the end, estimated by the pace of the last half minute", "guided.left_s")
+    ] = 0.0
 
 
 class Dof(Record, frozen=True, kw_only=True):
@@ -239,6 +245,24 @@ class Recorder(Record, frozen=True, kw_only=True):
     left_out: Annotated[int, field("samples that no file can hold: too large, nested, of a wrong time")] = 0
 
 
+class Trigger(Record, frozen=True, kw_only=True):
+    """The camera was triggered, or a marker set: where the vehicle was then. NED."""
+
+    number: Annotated[int, field("counts the triggers of this companion; CAMERA_TRIGGER.seq", "trigger")]
+    picture: Annotated[bool, field("ArduSub was asked for a picture; false: a marker alone")]
+    path_number: Annotated[int, field("which path; `State.path_number`", "guided.number")]
+    path_progress_m: Annotated[float, field("along the path, laps included", "guided.progress_m")]
+    x_m: Annotated[float, field("north of the origin of the position source", "state.eta[x]")]
+    y_m: Annotated[float, field("east of this origin", "state.eta[y]")]
+    depth_m: Annotated[float, field("below the surface", "state.eta[z]")]
+    heading_rad: Annotated[float, field("-pi..pi", "state.eta[psi]")]
+    roll_rad: Annotated[float, field("right side down", "state.roll")]
+    pitch_rad: Annotated[float, field("bow up", "state.pitch")]
+    altitude_m: Annotated[float, field("over the ground; absent without an echo", "state.altitude_m")]
+    latitude_deg: Annotated[float, field("WGS84; absent without an origin of the EKF", "place_deg[0]")]
+    longitude_deg: Annotated[float, field("WGS84; absent without an origin of the EKF", "place_deg[1]")]
+
+
 class Plan(Record, frozen=True, kw_only=True):
     """What a map shows beside the vehicle: the path and the fence, NED, m."""
 
@@ -337,7 +361,7 @@ class Choices(msgspec.Struct, frozen=True, kw_only=True):
     compensator: Annotated[tuple[str, ...], field("what an axis's `compensator` can be")]
 
 
-Schema = State | Dof | Command | Supervisor | Loop | Event | Recorder | Plan
+Schema = State | Dof | Command | Supervisor | Loop | Event | Recorder | Plan | Trigger
 
 EVERY_TICK: dict[str, type[Schema]] = {
     "state": State,
@@ -346,7 +370,12 @@ EVERY_TICK: dict[str, type[Schema]] = {
     "supervisor": Supervisor,
     "loop": Loop,
 }
-NOW_AND_THEN: dict[str, type[Schema]] = {"event": Event, "recorder": Recorder, "plan": Plan}
+NOW_AND_THEN: dict[str, type[Schema]] = {
+    "event": Event,
+    "recorder": Recorder,
+    "plan": Plan,
+    "trigger": Trigger,
+}
 _DECODED = EVERY_TICK | NOW_AND_THEN
 _encoder = msgspec.json.Encoder(enc_hook=lambda scalar: scalar.item())
 _decoders = {schema: msgspec.json.Decoder(schema) for schema in set(_DECODED.values())}
@@ -405,6 +434,11 @@ def raw_key(vehicle: str) -> tuple[str, str]:
 def plan_key(vehicle: str) -> tuple[str, str]:
     """Return key and encoding of the vehicle's `Plan`."""
     return f"{_root(vehicle)}/plan", encoding(Plan)
+
+
+def trigger_key(vehicle: str) -> tuple[str, str]:
+    """Return key and encoding of the vehicle's `Trigger`."""
+    return f"{_root(vehicle)}/trigger", encoding(Trigger)
 
 
 def recorder_key(vehicle: str) -> tuple[str, str]:

@@ -1,20 +1,41 @@
 """One line that says how a dive goes: for the log."""
 
+import math
 from math import degrees
 
 from companion.records import PSI, ControlSample, Z
 
 
 def status_line(sample: ControlSample) -> str:
-    """Return depth, heading, delays and state; what has not been measured says so."""
+    """Return depth, heading, delays, state, and what is left of a path.
+
+    What has not been measured says so.
+    """
     state, (telemetry, command) = sample.state, delays(sample)
     depth = f"{state.eta[Z]:.3f} m (wanted {sample.eta_d[Z]:.3f})"
     heading = f"{degrees(state.eta[PSI]):.1f}° (wanted {degrees(sample.eta_d[PSI]):.1f})"
+    left = left_text(sample.guided.left_m, sample.guided.left_s)
     return (
         f"depth {'not measured' if state.stale[Z] else depth}, "
         f"heading {'not measured' if state.stale[PSI] else heading}, "
         f"delays {telemetry} + {command}, {sample.verdict.state}"
+        + (f", {sample.guided.kind}: {left}" if left else "")
     )
+
+
+def left_text(left_m: float, left_s: float) -> str:
+    """Return the way and the time that are left of a path or a move; empty where none is."""
+    if math.isinf(left_m):
+        return "until stopped"
+    return f"{left_m:.1f} m, about {duration_text(left_s)} left" if left_m > 0.0 or left_s > 0.0 else ""
+
+
+def duration_text(seconds: float) -> str:
+    """Return a time to go as a person says it."""
+    minutes = round(seconds / 60.0)
+    if seconds < 99.5:
+        return f"{seconds:.0f} s"
+    return f"{minutes} min" if minutes < 100 else f"{minutes // 60} h {minutes % 60:02d} min"
 
 
 def delays(sample: ControlSample) -> tuple[str, str]:

@@ -21,7 +21,7 @@ from companion.telemetry import schemas as telemetry
 from companion.telemetry.conditions import UNSAID, named
 from companion.telemetry.modes import MEANINGS, MODE_NAMES
 from companion.telemetry.schemas import Command, Dof, Event, Loop, Plan, Schema, State, Supervisor, printable
-from companion.telemetry.status_line import delay_text
+from companion.telemetry.status_line import delay_text, left_text
 from dashboard.arguments import add_connect
 from dashboard.rate import Rate
 from dashboard.silence import silence
@@ -531,6 +531,11 @@ def _from_above(view: View) -> list[RenderableType]:
     if isinstance(plan, Plan) and path and state.path_length_m > 0.0:
         laps = state.path_progress_m / state.path_length_m
         legend.append(Text(f"{plan.name or 'path'}: {laps:.0%}, {state.guidance}", "dim"))
+    left = (
+        math.inf if name in state.absent else getattr(state, name) for name in ("path_left_m", "path_left_s")
+    )
+    if text := left_text(*left):
+        legend.append(Text(text, "dim"))
     if isinstance(plan, Plan) and plan.fenced and len(plan.fence_north_m) == len(plan.fence_east_m) == 2:
         (south, north), (west, east) = plan.fence_north_m, plan.fence_east_m
         legend.append(Text(f"fence N {south:g} to {north:g}, E {west:g} to {east:g}", "dim"))

@@ -175,6 +175,8 @@ class VehicleHistory:
             "guidance": state.guidance if state else "",
             "path_progress_m": state.path_progress_m if state else 0.0,
             "path_length_m": state.path_length_m if state else 0.0,
+            "path_left_m": _left(state, "path_left_m"),
+            "path_left_s": _left(state, "path_left_s"),
             "model": self._model,
             "supervisor": supervisor,
             "loop": loop,
@@ -278,6 +280,14 @@ class Fleet:
                 return None
             self.vehicles[name] = VehicleHistory(name, self._ticks_per_sample)
         return self.vehicles[name]
+
+
+def _left(state: State | None, name: str) -> float | None:
+    """Return what is left of a path or a move; None where it has no end."""
+    if state is None:
+        return 0.0
+    value: float = getattr(state, name)
+    return None if name in state.absent else value
 
 
 def _finite(value: float) -> float | None:

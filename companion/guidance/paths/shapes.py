@@ -6,8 +6,10 @@ lines twice continuously differentiable, and passes the corner at a distance of 
 """
 
 import math
+from array import array
+from bisect import bisect_left
 from collections.abc import Callable, Iterator, Sequence
-from itertools import pairwise
+from itertools import accumulate, pairwise
 from typing import NamedTuple
 
 from msgspec import UNSET, UnsetType
@@ -19,10 +21,12 @@ from companion.guidance.paths.curve import (
     Point,
     between,
     sampled,
+    straight,
     turn_along,
     turn_between,
 )
 from companion.guidance.paths.time_law import LOOKS_AHEAD_S, Limits, Profile, profiled
+from companion.guidance.paths.triggers import APART_M, Station, triggers
 from companion.records import ZERO, Flags, Vector
 from companion.steps import Steps, finish
 from companion.telemetry.plan import MAX_SEGMENTS, Circle, Helix, LawnMower, Lemniscate, PathPlan, Waypoint
@@ -45,6 +49,8 @@ class Leg(NamedTuple):
     profile: Profile
     wait_s: float
     loops: bool
+    turn_s: float
+    """How long it takes to its start from the end of the one before, about: where that stopped, it turns."""
 
 
 class _Bare(NamedTuple):
@@ -68,11 +74,35 @@ class Path(NamedTuple):
     """One lap's."""
     extremes: tuple[Point, ...]
     """The places of the least and of the largest north, east and depth."""
+    ends_m: tuple[float, ...]
+    ends_s: tuple[float, ...]
+    """Where along a lap, and about when, each leg ends, with what it waits there."""
+    triggers: "array[float]"
+    """Where along a lap the camera is triggered, m."""
 
     @property
     def duration_s(self) -> float:
         """One lap's, about."""
-        return sum(leg.profile.duration_s + leg.wait_s for leg in self.legs)
+        return self.ends_s[-1]
+
+    def laps_s(self, laps: float) -> float:
+        """Return how long so many further laps take after one, about."""
+        return laps * (self.legs[0].turn_s + self.duration_s)
+
+    @property
+    def laps(self) -> float:
+        """How often it is travelled; infinite where it goes on until it is stopped."""
+        return self.plan.laps or math.inf
+
+    def trigger_after(self, progress_m: float) -> float:
+        """Return the next place of a trigger, laps included; infinite after the last."""
+        if not self.triggers:
+            return math.inf
+        lap, along_m = divmod(progress_m + APART_M, self.length_m)
+        i = bisect_left(self.triggers, along_m)
+        if i == len(self.triggers):
+            lap, i = lap + 1.0, 0
+        return lap * self.length_m + self.triggers[i] if lap < self.laps else math.inf
 
     @property
     def closed(self) -> bool:
@@ -118,19 +148,29 @@ def building(plan: PathPlan, limits: Limits) -> Steps[Path]:
     deep = not isinstance((plan.waypoint[0] if plan.waypoint else given[0]).depth_m, UnsetType)
     if deep and not isinstance(plan.altitude_m, UnsetType):
         raise ValueError("altitude_m: is over the ground; give no depths beside it")
+    stations: list[Station] = []
     if plan.waypoint:
-        legs = yield from _polyline(plan, plan.waypoint, closed=plan.closed)
+        legs = yield from _polyline(plan, plan.waypoint, stations, closed=plan.closed)
     else:
-        legs = yield from _shape(plan, given[0])
+        legs = yield from _shape(plan, given[0], stations)
     keeps = plan.heading == "keep" and isinstance(plan.heading_deg, UnsetType) and not _has_headings(plan)
     ready = []
+    speed, acceleration = plan.speed_mps, plan.acceleration_mps2
+    before = legs[-1].curve
     for curve, wait_s, loops in legs:
-        speed, acceleration = plan.speed_mps, plan.acceleration_mps2
         profile = yield from profiled(curve, speed, acceleration, limits, loops=loops and plan.laps != 1)
-        ready.append(Leg(curve, profile, wait_s, loops))
+        turn, turn_s = straight(before[-1].p, curve[0].p), 0.0
+        if turn is not None:
+            turn_s = (yield from profiled(turn, speed, acceleration, limits)).duration_s
+        ready.append(Leg(curve, profile, wait_s, loops, turn_s))
+        before = curve
     extremes = yield from _extremes([leg.curve for leg in legs])
-    length_m = sum(leg.curve.length for leg in legs)
-    return Path(plan, tuple(ready), (plan.relative, plan.relative, not deep, keeps), length_m, extremes)
+    ends_m = tuple(accumulate(leg.curve.length for leg in legs))
+    times_s = [leg.turn_s + leg.profile.duration_s + leg.wait_s for leg in ready]
+    ends_s = tuple(accumulate([times_s[0] - ready[0].turn_s, *times_s[1:]]))
+    places = yield from triggers(plan, stations, ends_m[-1])
+    relative = (plan.relative, plan.relative, not deep, keeps)
+    return Path(plan, tuple(ready), relative, ends_m[-1], extremes, ends_m, ends_s, places)
 
 
 def _extremes(curves: Sequence[Curve]) -> Steps[tuple[Point, ...]]:
@@ -149,11 +189,13 @@ def _extremes(curves: Sequence[Curve]) -> Steps[tuple[Point, ...]]:
     return (*low, *high)
 
 
-def _shape(plan: PathPlan, shape: Circle | Lemniscate | Helix | LawnMower) -> Steps[list[_Bare]]:
+def _shape(
+    plan: PathPlan, shape: Circle | Lemniscate | Helix | LawnMower, stations: list[Station]
+) -> Steps[list[_Bare]]:
     z = _depth(shape.depth_m)
     if isinstance(shape, LawnMower):
         lines = yield from _lines(shape)
-        return (yield from _polyline(plan, lines, closed=False))
+        return (yield from _polyline(plan, lines, stations, closed=False))
     loops = not isinstance(shape, Helix)
     if isinstance(shape, Helix):
         if isinstance(shape.depth_m, UnsetType):
@@ -237,8 +279,13 @@ def _lines(shape: LawnMower) -> Steps[list[Waypoint]]:
     return points
 
 
-def _polyline(plan: PathPlan, waypoints: Sequence[Waypoint], *, closed: bool) -> Steps[list[_Bare]]:
-    """Return the legs of a polyline: it stops at waypoints without a corner, and where it waits."""
+def _polyline(
+    plan: PathPlan, waypoints: Sequence[Waypoint], passed: list[Station], *, closed: bool
+) -> Steps[list[_Bare]]:
+    """Return the legs of a polyline: it stops at waypoints without a corner, and where it waits.
+
+    Its waypoints are put into `passed`, with where along the path they are.
+    """
     points: list[Point] = []
     for k in range(len(waypoints)):
         points.append(_place(waypoints, k))
@@ -264,6 +311,9 @@ def _polyline(plan: PathPlan, waypoints: Sequence[Waypoint], *, closed: bool) ->
     curve = Curve()
     here = _towards(points[0], edges[0][1], reach[0] or 0.0)
     stations = [(0.0, headings[0])]
+    done_m = 0.0
+    if not loops:
+        passed.append((0.0, waypoints[0]))
     for k, (previous, at) in enumerate(edges, start=1):
         k %= count
         d = reach[k]
@@ -282,7 +332,9 @@ def _polyline(plan: PathPlan, waypoints: Sequence[Waypoint], *, closed: bool) ->
             here = _towards(at, following, d)
         else:
             stations.append((curve.length, headings[k]))
+        passed.append((done_m + stations[-1][0], waypoints[k]))
         if d == 0.0 or (loops and k == 0):
+            done_m += curve.length
             stations.append((curve.length, headings[k]))
             psi = yield from _turn_by(plan, curve, stations, psi, loops=loops)
             legs.append(_Bare(curve, waypoints[k].wait_s, loops))

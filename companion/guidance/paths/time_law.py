@@ -13,7 +13,6 @@ than 1, where thrust saturates or the vehicle stays behind, slows it; 0 makes it
 import math
 from array import array
 from bisect import bisect_right
-from itertools import pairwise
 from operator import add
 from typing import NamedTuple
 
@@ -71,20 +70,30 @@ class Profile:
         curve: Curve,
         acceleration: float,
         max_speed: float,
-        grid: tuple["array[float]", "array[float]", "array[float]"],
+        grid: tuple["array[float]", "array[float]", "array[float]", "array[float]"],
         *,
         loops: bool,
     ) -> None:
-        """Take the points of a grid, the largest speed at each, and that from which later ones can be met."""
+        """Take the points of a grid, the largest speed at each, and that from which later ones can be met.
+
+        The last is when each is passed, in seconds since the start of a lap.
+        """
         self.curve, self.acceleration, self.max_speed, self.loops = curve, acceleration, max_speed, loops
-        self._grid, self._caps, self._braked = grid
+        self._grid, self._caps, self._braked, self._passed_s = grid
+        self.stop_s = self._braked[-1] / acceleration if loops else 0.0
+        """How much longer than that it takes to come to rest at the end, about."""
 
     @property
     def duration_s(self) -> float:
         """How long a lap takes, about, where nothing slows it."""
-        ends = pairwise(zip(self._grid, self._braked, strict=True))
-        lap_s = sum(2.0 * (s1 - s0) / (v0 + v1) for (s0, v0), (s1, v1) in ends)
-        return lap_s + (0.0 if self.loops else self.max_speed / self.acceleration)
+        return self._passed_s[-1] + self.stop_s
+
+    def passed_s(self, s: float) -> float:
+        """Return when it passes s, seconds since the start of its first lap."""
+        laps, s = divmod(s, self.curve.length) if self.loops else (0.0, s)
+        i = self._before(s)
+        (s0, s1), (t0, t1) = self._grid[i : i + 2], self._passed_s[i : i + 2]
+        return laps * self._passed_s[-1] + t0 + (t1 - t0) * min(max((s - s0) / (s1 - s0), 0.0), 1.0)
 
     def speed(self, s: float) -> float:
         """Return the speed at s: between two points of the grid, what braking to the next one leaves."""
@@ -115,11 +124,11 @@ class Profile:
 class TimeLaw:
     """One curve under way, from s = 0 to the end of its laps; `laps` may be infinite."""
 
-    def __init__(self, profile: Profile, laps: float = 1.0) -> None:
+    def __init__(self, profile: Profile, laps: float = 1.0, s: float = 0.0) -> None:
         self._profile = profile
         self._parameters = reference.Parameters(profile.max_speed, profile.acceleration, angular=False)
         self._end = laps * profile.curve.length
-        self._state = reference.State(0.0, 0.0, 0.0, 0.0, 0.0)
+        self._state = reference.State(min(s, self._end), 0.0, 0.0, 0.0, 0.0)
 
     @property
     def end(self) -> Vector:
@@ -135,6 +144,20 @@ class TimeLaw:
     def s_dot(self) -> float:
         """How fast it goes, m/s."""
         return self._state.x_d_dot
+
+    @property
+    def left_m(self) -> float:
+        """How far the end is; a turn on the spot is no way."""
+        metres = math.hypot(*self._profile.curve[0].dp[:3])
+        return max(self._end - self.s, 0.0) * metres
+
+    @property
+    def left_s(self) -> float:
+        """How long it takes to the end, about, at full pace."""
+        if math.isinf(self._end):
+            return math.inf
+        profile = self._profile
+        return max(profile.passed_s(self._end) - profile.passed_s(self.s), 0.0) + profile.stop_s
 
     @property
     def arrived(self) -> bool:
@@ -190,7 +213,34 @@ def profiled(
             way = grid[i + 1] - grid[i]
             braked[i] = min(braked[i], math.sqrt(braked[i + 1] ** 2 + 2.0 * ALONG * most * way))
             yield 1
-    return Profile(curve, ALONG * most, max_speed, (grid, caps, braked), loops=loops)
+    passed_s = yield from _times(grid, caps, braked, ALONG * most, loops=loops)
+    return Profile(curve, ALONG * most, max_speed, (grid, caps, braked, passed_s), loops=loops)
+
+
+def _times(
+    grid: "array[float]", caps: "array[float]", braked: "array[float]", acceleration: float, *, loops: bool
+) -> Steps["array[float]"]:
+    """Return when each point of a grid is passed, about.
+
+    Between two of them it speeds up, goes on, and brakes for the second; for the end, if it does not loop,
+    with half the acceleration, as the reference does (`control.reference`).
+    """
+    speed = braked[0] if loops else 0.0
+    passed_s = array("d", [0.0])
+    for i in range(len(grid) - 1):
+        way = grid[i + 1] - grid[i]
+        stops = math.inf if loops else math.sqrt(acceleration * (grid[-1] - grid[i + 1]))
+        braking = acceleration if braked[i + 1] < stops else 0.5 * acceleration
+        end = min(braked[i + 1], stops, math.sqrt(speed * speed + 2.0 * acceleration * way))
+        most = way + 0.5 * (speed * speed / acceleration + end * end / braking)
+        top = math.sqrt(2.0 * most / (1.0 / acceleration + 1.0 / braking))
+        top = max(min(top, 0.5 * (caps[i] + caps[i + 1])), speed, end)
+        faster, slower = (top - speed) / acceleration, (top - end) / braking
+        changing_m = 0.5 * ((top + speed) * faster + (top + end) * slower)
+        passed_s.append(passed_s[-1] + faster + slower + max(way - changing_m, 0.0) / top)
+        speed = end
+        yield 1
+    return passed_s
 
 
 def _cap(dp: Vector, ddp: Vector, speed: float, acceleration: float, limits: Limits) -> float:

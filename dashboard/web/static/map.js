@@ -1,7 +1,7 @@
 // From above, north up: where the vehicle was and should have been, the path, the fence, the current.
 import { colours, el, mark, say } from "./dom.js";
 import { GAP_S } from "./store.js";
-import { ageText } from "./words.js";
+import { ageText, leftText } from "./words.js";
 
 const POINTS = 600;
 const APART_MS = 100; // it changes slowly
@@ -97,8 +97,9 @@ export class FromAbove {
       view.set({});
     }
     mark(this.node, "known", known ? "yes" : "no");
-    const laps = status?.guidance === "path" && status.path_length_m > 0 ? status.path_progress_m / status.path_length_m : NaN;
-    const path = Number.isFinite(laps) ? ` · ${this.plan?.name || "path"}${laps > 1 ? `, lap ${Math.floor(laps) + 1}` : ""}, ${Math.floor(100 * (laps % 1))} %` : "";
+    const laps = ["path", "paused"].includes(status?.guidance) && status.path_length_m > 0 ? status.path_progress_m / status.path_length_m : NaN;
+    const done = Number.isFinite(laps) ? `${this.plan?.name || "path"}${laps > 1 ? `, lap ${Math.floor(laps) + 1}` : ""}, ${Math.floor(100 * (laps % 1))} %` : "";
+    const path = [done, status ? leftText(status) : ""].filter(Boolean).map((text) => ` · ${text}`).join("");
     const age = store.value("position_age_s", index);
     say(this.note, known ? `N ${north.toFixed(2)}, E ${east.toFixed(2)} m${path}` : Number.isFinite(age) ? `no position for ${ageText(age)}` : "no position");
   }

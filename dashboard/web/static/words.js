@@ -15,6 +15,18 @@ export function ageText(seconds) {
   return `${Math.round(seconds / 60)} min`;
 }
 
+// What is left of a path or a move; null where it has no end.
+export function leftText({ path_left_m: metres, path_left_s: seconds } = {}) {
+  if (metres === null) return "until stopped";
+  return metres > 0 || seconds > 0 ? `${metres.toFixed(1)} m, about ${durationText(seconds)} left` : "";
+}
+
+function durationText(seconds) {
+  if (seconds < 99.5) return `${Math.round(seconds)} s`;
+  const minutes = Math.round(seconds / 60);
+  return minutes < 100 ? `${minutes} min` : `${Math.floor(minutes / 60)} h ${String(minutes % 60).padStart(2, "0")} min`;
+}
+
 export function bytesText(bytes) {
   return bytes > 2e9 ? `${(bytes / 1e9).toFixed(1)} GB` : `${(bytes / 1e6).toFixed(1)} MB`;
 }

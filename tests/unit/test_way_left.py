@@ -1,0 +1,174 @@
+"""Way and time that are left of a path, and the triggers along it."""
+
+import math
+
+import pytest
+
+from companion.config import load_config
+from companion.guidance.course import Course
+from companion.guidance.paths.shapes import build as built
+from companion.guidance.paths.time_law import limits
+from companion.records import ZERO
+from companion.telemetry.plan import (
+    Circle,
+    Helix,
+    LawnMower,
+    Lemniscate,
+    PathPlan,
+    TriggerPlan,
+    Waypoint,
+)
+from companion.telemetry.status_line import duration_text, left_text
+
+DT_S = 0.02
+LIMITS = limits(load_config())
+SQUARE = ((0.0, 0.0), (4.0, 0.0), (4.0, 4.0), (0.0, 4.0))
+
+
+def polyline(*places, **keys):
+    return PathPlan(waypoint=tuple(Waypoint(x_m=x, y_m=y, depth_m=2.0) for x, y in places), **keys)
+
+
+PLANS = {
+    "circle": PathPlan(circle=Circle(radius_m=2.0), laps=3),
+    "eight": PathPlan(lemniscate=Lemniscate(length_m=4.0, width_m=2.0), acceleration_mps2=0.2),
+    "helix": PathPlan(helix=Helix(radius_m=1.5, depth_m=2.0, to_depth_m=5.0, pitch_m=1.0)),
+    "lawn mower": PathPlan(lawn_mower=LawnMower(length_m=20.0, width_m=6.0, spacing_m=1.5)),
+    "lawn mower that stops": PathPlan(
+        lawn_mower=LawnMower(length_m=4.0, width_m=3.0, spacing_m=0.5), corner_m=0.0
+    ),
+    "square": polyline(*SQUARE, closed=True, laps=2),
+    "stops": polyline(*SQUARE, closed=True, laps=2, corner_m=0.0),
+    "waits": PathPlan(
+        waypoint=(
+            Waypoint(x_m=0.0, y_m=0.0),
+            Waypoint(x_m=2.0, y_m=0.0, wait_s=7.0),
+            Waypoint(x_m=2.0, y_m=3.0),
+        )
+    ),
+    "fast": polyline((0.0, 0.0), (30.0, 0.0), (30.0, 9.0), speed_mps=1.0, acceleration_mps2=0.5),
+    "slow": polyline((0.0, 0.0), (2.0, 0.0), speed_mps=0.03),
+    "short lines": polyline(*((0.3 * i, 0.3 * (i % 2)) for i in range(20))),
+}
+
+
+def course(plan):
+    return Course(LIMITS, plan.speed_mps, plan.acceleration_mps2, path=built(plan, LIMITS))
+
+
+def begun(plan):
+    """Return the path's course, begun where the path begins."""
+    under_way = course(plan)
+    under_way.begin(under_way.path.legs[0].curve[0].p)
+    return under_way
+
+
+def travelled(under_way, pace=1.0, longest_s=3000.0):
+    """Return a row of time, way, and what was left of both, for each step until it has arrived."""
+    rows: list[tuple[float, float, float, float]] = []
+    while not under_way.done:
+        rows.append((len(rows) * DT_S, under_way.progress_m, under_way.left_m, under_way.left_s))
+        under_way.step(pace, DT_S)
+        assert len(rows) * DT_S < longest_s, "it never arrives"
+    return rows
+
+
+@pytest.mark.parametrize("name", PLANS)
+def test_the_time_left_is_what_it_takes(name):
+    plan = PLANS[name]
+    under_way = course(plan)
+    before_m, before_s = under_way.left_m, under_way.left_s
+    under_way.begin(under_way.path.legs[0].curve[0].p)
+    rows = travelled(under_way)
+    took_s = rows[-1][0]
+    assert before_m == pytest.approx(under_way.path.length_m * plan.laps)
+    assert before_s == pytest.approx(took_s, rel=0.05, abs=1.0)
+    for t_s, _, _, left_s in rows:
+        assert left_s == pytest.approx(took_s - t_s, abs=0.05 * took_s + 1.0)
+
+
+@pytest.mark.parametrize("name", PLANS)
+def test_way_and_way_left_add_up_and_never_go_back(name):
+    under_way = begun(PLANS[name])
+    rows = travelled(under_way)
+    whole_m = under_way.path.length_m * PLANS[name].laps
+    way = [progress_m for _, progress_m, _, _ in rows]
+    assert way == sorted(way)
+    assert all(progress_m + left_m == pytest.approx(whole_m, abs=0.01) for _, progress_m, left_m, _ in rows)
+    assert (under_way.progress_m, under_way.left_m, under_way.left_s) == (pytest.approx(whole_m), 0.0, 0.0)
+
+
+def test_the_time_left_follows_the_pace():
+    under_way = begun(PLANS["circle"])
+    rows = travelled(under_way, pace=0.5)
+    took_s = rows[-1][0]
+    t_s, _, _, left_s = next(row for row in rows if row[0] > 90.0)
+    assert left_s == pytest.approx(took_s - t_s, rel=0.06)
+
+
+def test_a_path_without_an_end_has_no_time_left():
+    under_way = course(PathPlan(circle=Circle(radius_m=1.0), laps=0))
+    assert (under_way.left_m, under_way.left_s) == (math.inf, math.inf)
+    under_way.begin(ZERO)
+    for _ in range(2000):
+        under_way.step(1.0, DT_S)
+    assert (under_way.left_m, under_way.left_s) == (math.inf, math.inf)
+    assert under_way.progress_m > 5.0
+
+
+@pytest.mark.parametrize(
+    ("seconds", "said"),
+    [(7.4, "7 s"), (99.0, "99 s"), (100.0, "2 min"), (5930.0, "99 min"), (7500.0, "2 h 05 min")],
+)
+def test_a_time_to_go_is_said_as_a_person_says_it(seconds, said):
+    assert duration_text(seconds) == said
+
+
+def test_what_is_left_in_words():
+    assert left_text(0.0, 0.0) == ""
+    assert left_text(12.34, 61.0) == "12.3 m, about 61 s left"
+    assert left_text(math.inf, math.inf) == "until stopped"
+
+
+def triggered(plan, pace=1.0):
+    """Return how far along the path each trigger was, and when."""
+    under_way = begun(plan)
+    found, t_s = [], 0.0
+    while not under_way.done:
+        under_way.step(pace, DT_S)
+        t_s += DT_S
+        if under_way.triggered:
+            found.append((under_way.progress_m, t_s))
+    return found
+
+
+def test_a_distance_triggers_from_the_start_to_the_end():
+    found = triggered(polyline((0.0, 0.0), (5.0, 0.0), trigger=TriggerPlan(every_m=0.5)))
+    assert [way for way, _ in found] == pytest.approx([0.5 * i for i in range(11)], abs=0.01)
+
+
+def test_each_lap_of_a_circle_has_the_same_triggers_and_the_seam_has_one():
+    plan = PathPlan(circle=Circle(radius_m=1.0), laps=2, trigger=TriggerPlan(every_m=math.tau / 4.0))
+    assert [way for way, _ in triggered(plan)] == pytest.approx(
+        [math.tau / 4.0 * i for i in range(8)], abs=0.02
+    )
+
+
+def test_waypoints_trigger_where_the_path_passes_them_and_after_a_wait():
+    places = [(0.0, 0.0), (3.0, 0.0), (3.0, 3.0), (6.0, 3.0)]
+    waits = (0.0, 0.0, 5.0, 0.0)
+    waypoints = tuple(
+        Waypoint(x_m=x, y_m=y, wait_s=wait_s) for (x, y), wait_s in zip(places, waits, strict=True)
+    )
+    plan = PathPlan(waypoint=waypoints, trigger=TriggerPlan(at_waypoints=True))
+    found = triggered(plan)
+    assert len(found) == 4
+    path = course(plan).path
+    ways = [way for way, _ in found]
+    assert (ways[0], ways[3]) == (pytest.approx(0.0, abs=0.01), pytest.approx(path.length_m, abs=0.01))
+    assert ways[2] == pytest.approx(path.ends_m[0], abs=0.01)
+    corner = path.legs[0].curve.at(ways[1]).p
+    assert math.dist(corner[:2], places[1]) < 0.14, "a corner of 0.5 m passes its waypoint at 0.27 of that"
+    rows = travelled(begun(plan))
+    arrives_s = next(t_s for t_s, way, *_ in rows if way >= path.ends_m[0])
+    assert found[2][1] - arrives_s == pytest.approx(5.0, abs=0.1)
