@@ -17,7 +17,7 @@ from companion.telemetry.modes import Mode
 HEARTBEAT_S: Final = 1.0
 TIMESYNC_S: Final = 0.25
 VERSION_S: Final = 5.0
-ORIGIN_S: Final = 10.0
+ORIGIN_S: Final = 2.0
 PARAMETER_S: Final = 0.1
 PARAMETER_AGAIN_S: Final = (2.0, 60.0)
 """A parameter that was not answered is requested again at growing intervals: a firmware may not have it."""

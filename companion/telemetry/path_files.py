@@ -18,6 +18,10 @@ from holdfast import files
 NAV_WAYPOINT, LAST_NAV, CHANGE_SPEED = 16, 95, 178
 """MAV_CMD: of NAV commands, the numbers up to LAST_NAV, only waypoints are followed; others are left out."""
 
+TRIGGER_DISTANCE, DIGICAM_CONTROL, TRIGGER_INTERVAL = 206, 203, 214
+IMAGE_START, IMAGE_STOP = 2000, 2001
+"""MAV_CMD that trigger the camera: they act where the waypoint before them is."""
+
 WGS84_FRAMES = (0, 3)
 """MAV_FRAME_GLOBAL and MAV_FRAME_GLOBAL_RELATIVE_ALT: at sea both count from the surface."""
 
@@ -145,11 +149,15 @@ def _plan(text: str, origin: Degrees | None) -> dict[str, Any]:
         raise ValueError('fileType, mission.items: want "Plan" and a list, as QGroundControl writes them')
     places: list[tuple[float, float, float | None]] = []
     more: list[dict[str, Any]] = []
+    first: dict[str, Any] = {}
+    """What was said before the first waypoint is about it."""
     speed = None
     for key, item in _simple_items(items, "mission.items"):
         command, params = item.get("command"), item.get("params")
         if command == CHANGE_SPEED and isinstance(params, list) and len(params) > 1 and speed is None:
             speed = params[1]
+        if triggered := _triggers(key, command, params):
+            (more[-1] if more else first).update(triggered)
         if command != NAV_WAYPOINT:
             if isinstance(command, int) and command < LAST_NAV:
                 raise ValueError(f"{key}.command = {command}: only waypoints ({NAV_WAYPOINT}) are followed")
@@ -161,7 +169,7 @@ def _plan(text: str, origin: Degrees | None) -> dict[str, Any]:
         hold, radius, _, yaw, latitude, longitude, altitude = params[:7]
         depth = -_number(f"{key}.params[6] (altitude; minus the depth)", altitude, -1e4, 0.0)
         places.append((*_degrees(f"{key}.params[4..5]", latitude, longitude), depth))
-        extra: dict[str, Any] = {}
+        extra: dict[str, Any] = {} if more else first
         if hold:
             extra["wait_s"] = _number(f"{key}.params[0] (hold)", hold, 0.0, 3600.0)
         if radius:
@@ -172,6 +180,21 @@ def _plan(text: str, origin: Degrees | None) -> dict[str, Any]:
     found = _local(places, origin)
     found["waypoint"] = [place | extra for place, extra in zip(found["waypoint"], more, strict=True)]
     return found | ({"speed_mps": speed} if speed else {})
+
+
+def _triggers(key: str, command: Any, params: Any) -> dict[str, Any]:
+    """Return what a camera's command means for the waypoint before it; empty for another command."""
+    if command not in (TRIGGER_DISTANCE, DIGICAM_CONTROL, TRIGGER_INTERVAL, IMAGE_START, IMAGE_STOP):
+        return {}
+    if not isinstance(params, list) or len(params) < 7:
+        raise ValueError(f"{key}.params: want seven numbers")
+    if command == TRIGGER_DISTANCE:
+        return {"trigger_every_m": _number(f"{key}.params[0] (distance)", params[0], 0.0, 1000.0)}
+    if command == IMAGE_STOP:
+        return {"trigger_every_m": 0.0}
+    if command == TRIGGER_INTERVAL or (command == IMAGE_START and params[2] != 1):
+        raise ValueError(f"{key}.command = {command}: triggers by time; plan it with a trigger distance")
+    return {"trigger": True} if command == IMAGE_START or params[4] == 1 else {}
 
 
 def _simple_items(items: Sequence[Any], key: str) -> Any:

@@ -7,11 +7,12 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from companion.mavlink.encode import Commands
 from companion.mavlink.link_maintenance import PARAMETERS, VOLATILE, LinkMaintenance
 from companion.mavlink.streams import streams
-from companion.records import Depth, Firmware, Heartbeat, Parameter, Reboot, StatusText
+from companion.records import Depth, Firmware, GlobalOrigin, Heartbeat, Parameter, Reboot, StatusText
 from companion.telemetry.modes import Mode
 
 TICK_S = 0.02
 STREAMS = streams("relative_alt")
+VERSION, ORIGIN = mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION, mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN
 
 
 def beat(t_s, *, armed=False, mode=Mode.MANUAL):
@@ -48,6 +49,10 @@ class Dive:
             for t_s, message in self.sent
             if wire.name(message) == kind and command in (None, getattr(message, "command", None))
         ]
+
+    def asked(self, message_id):
+        """Return when a message was asked for once."""
+        return [t_s for t_s, m in self.sent if getattr(m, "command", 0) == 512 and m.param1 == message_id]
 
     def names(self):
         return [m.param_id for _, m in self.sent if wire.name(m) == "PARAM_REQUEST_READ"]
@@ -124,16 +129,29 @@ def test_what_the_firmware_has_refused_is_not_asked_for_again_until_it_reboots(d
 
 def test_the_version_is_asked_for_until_it_is_reported_and_again_after_a_reboot(dive):
     dive.run(12.0)
-    assert len(dive.times("COMMAND_LONG", 512)) == 3
+    assert len(dive.asked(VERSION)) == 3
     firmware = Firmware(dive.now_s, "4.7.0 (dev)", (4, 7, 0))
     dive.step(firmware)
     assert dive.upkeep.firmware is firmware
     dive.sent.clear()
     dive.run(12.0)
-    assert not dive.times("COMMAND_LONG", 512)
+    assert not dive.asked(VERSION)
     dive.step(Reboot(dive.now_s))
     assert dive.upkeep.firmware is None
-    assert dive.times("COMMAND_LONG", 512)
+    assert dive.asked(VERSION)
+
+
+def test_the_origin_is_asked_for_until_it_is_reported_and_again_after_a_reboot(dive):
+    dive.run(5.0)
+    assert len(dive.asked(ORIGIN)) == 3
+    dive.step(GlobalOrigin(dive.now_s, 47.4, 8.55))
+    assert dive.upkeep.origin == (47.4, 8.55)
+    dive.sent.clear()
+    dive.run(5.0)
+    assert not dive.asked(ORIGIN)
+    dive.step(Reboot(dive.now_s))
+    assert dive.upkeep.origin is None
+    assert dive.asked(ORIGIN)
 
 
 def test_another_depth_source_adds_its_streams():

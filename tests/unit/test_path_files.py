@@ -158,6 +158,46 @@ def test_a_plan_of_qgroundcontrol_gives_waypoints_holds_radii_headings_and_speed
     )
 
 
+def command(number, *params):
+    return {
+        "type": "SimpleItem",
+        "command": number,
+        "frame": 2,
+        "params": [*params, *[0] * (7 - len(params))],
+    }
+
+
+def test_the_camera_of_a_plan_triggers_at_the_waypoint_before_it_and_from_it_on(tmp_path):
+    survey = {
+        "type": "ComplexItem",
+        "TransectStyleComplexItem": {
+            "Items": [
+                item(0, 0, -2),
+                item(2, 0, -2),
+                command(206, 0.5, 0, 1),
+                item(8, 0, -2),
+                command(206, 0.0, 0, 0),
+                item(8, 6, -2, hold=3),
+                command(2000, 0, 0, 1),
+                item(9, 6, -2),
+                command(203, 0, 0, 0, 0, 1),
+            ]
+        },
+    }
+    plan = read(written(tmp_path, "survey.plan", qgc(survey)), ORIGIN)
+    unset = msgspec.UNSET
+    assert [waypoint.trigger_every_m for waypoint in plan.waypoint] == [unset, 0.5, 0.0, unset, unset]
+    assert [waypoint.trigger for waypoint in plan.waypoint] == [False, False, False, True, True]
+    built = build(plan, limits(load_config()))
+    assert len(built.triggers) == 12 + 2, "the corner passes the end of the line before 6 m"
+    assert built.triggers[0] == pytest.approx(2.0)
+
+
+def test_a_camera_that_is_set_before_the_first_waypoint_triggers_from_there(tmp_path):
+    file = written(tmp_path, "a.plan", qgc(command(206, 1.0, 0, 1), item(0, 0, -2), item(4, 0, -2)))
+    assert read(file, ORIGIN).waypoint[0].trigger_every_m == 1.0
+
+
 @pytest.mark.parametrize(
     ("name", "content", "said"),
     [
@@ -206,6 +246,9 @@ def test_a_plan_of_qgroundcontrol_gives_waypoints_holds_radii_headings_and_speed
         ("a.plan", qgc(item(0, 0, 50)), r"mission.items\[0\].params\[6\] \(altitude; minus the depth\) = 50"),
         ("a.plan", qgc(item(0, 0, -1, command=20)), r"mission.items\[0\].command = 20: only waypoints"),
         ("a.plan", qgc(item(0, 0, -1, frame=10)), r"mission.items\[0\].frame = 10"),
+        ("a.plan", qgc(item(0, 0, -1), command(214, 2.0)), r"items\[1\].command = 214: triggers by time"),
+        ("a.plan", qgc(item(0, 0, -1), command(2000, 0, 2, 0)), r"command = 2000: triggers by time"),
+        ("a.plan", qgc(item(0, 0, -1), command(206, -1)), r"params\[0\] \(distance\) = -1"),
         ("a.plan", qgc(), "no waypoint"),
         ("a.plan", {"mission": {}}, "fileType, mission.items"),
     ],
