@@ -22,7 +22,9 @@ LINE = (Waypoint(x_m=0.0, y_m=0.0), Waypoint(x_m=2.0, y_m=0.0))
 
 def followed(seconds=16.0, **trigger):
     dive = Dive(*CALM, setpoint=hold(x=0.0, y=0.0, z=2.0, psi=0.0))
-    asked, events, log = [], [], EventLog()
+    asked: list[mavlink.MAVLink_command_long_message] = []
+    events: list[schemas.Event] = []
+    log = EventLog()
     parser = mavlink.MAVLink(None)
 
     def look(out, sample):
