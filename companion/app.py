@@ -37,6 +37,7 @@ from companion.steps import Task
 from companion.telemetry import samples
 from companion.telemetry.commands import Follow
 from companion.telemetry.event_log import EventLog
+from companion.telemetry.glossary import advised
 from companion.telemetry.plan import PathPlan
 from companion.telemetry.schemas import Choices, Plan, Raw, Reply, Start
 from companion.telemetry.status_line import status_line
@@ -331,7 +332,7 @@ class App:
     def _report(self, now_ns: int, sample: ControlSample) -> None:
         """Feed the watchdog; say what changed, and every few seconds how it goes."""
         verdict = sample.verdict
-        said = f"{verdict.state}: {verdict.reason}; to do: {verdict.remedy}"
+        said = advised(f"{verdict.state}: {verdict.reason}", verdict.remedy)
         if said != self._said:
             self._said = said
             log.info("%s", said)

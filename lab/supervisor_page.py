@@ -20,6 +20,7 @@ from companion.records import ENGAGE_S, Condition, State
 from companion.supervision.conditions import BLOCKING, FREEZES, NOTHING, RULES, TRANSITIONS, WARNS
 from companion.supervision.handover import KEEP_ALIVE_S, REFUSED_S, SETTLE_S
 from companion.supervision.supervisor import FAULT_CAUSES, transition
+from companion.telemetry.glossary import COURSES, STATES, title
 
 PAGE = Path(__file__).parent.parent / "docs" / "supervisor.md"
 
@@ -61,7 +62,7 @@ has sent neutral before, and the pilot-input failsafe follows.
 
 The failsafe FS_PILOT_INPUT acts 3 s after the last steering message; by default it disarms. Therefore
 Holdfast sends one neutral frame every {KEEP_ALIVE_S:g} s while ALT_HOLD holds depth; the state stays
-HAND_OVER, and its reason says "ALT_HOLD holds the depth until somebody steers". It stops after
+HAND_OVER, and its reason says "{Condition.HAND_OVER_HELD.text}". It stops after
 `keep_alt_hold_s`, or as soon as it sees somebody else's steering. Then it is silent in state PILOT, and
 the autopilot's failsafes act as if Holdfast were not there. A moved stick, a mode change or a `release`
 ends the neutral frames at once.
@@ -113,9 +114,27 @@ sends `release`; `keep_alt_hold_s` does not apply. Silence would disarm the vehi
 def page() -> str:
     """Return the whole page."""
     limits = load_config().supervisor
-    parts = [HEAD, "## States\n", *_diagram(), "## What each condition does\n", *_matrix()]
+    parts = [HEAD, "## States\n", *_states(), *_diagram(), "## What each condition does\n", *_matrix()]
     parts += ["## What each means\n", *_meanings(limits), TILT, HAND_OVER]
     return "\n".join(parts)
+
+
+def _states() -> Iterator[str]:
+    yield (
+        "Every screen, the log and the ground station have the same words. The last column is what they "
+        "advise where no condition says more.\n"
+    )
+    lines = ["| state | what it means | on entering | what to do |", "|---" * 4 + "|"]
+    lines += [
+        f"| {title(name)} | {words.text} | {words.severity} | {words.remedy} |"
+        for name, words in STATES.items()
+    ]
+    yield "\n".join([*lines, ""])
+    yield "While ACTIVE, they say what Holdfast does, by `guidance` of [State](telemetry.md#state):\n"
+    lines = ["| `guidance` | Holdfast |", "|---|---|"]
+    lines += [f"| `{kind}` | {words} |" for kind, words in COURSES.items()]
+    yield "\n".join([*lines, ""])
+    yield "The reason of a state is its condition, in the words of [the last table](#what-each-means):\n"
 
 
 def _diagram() -> Iterator[str]:
@@ -137,7 +156,7 @@ def _matrix() -> Iterator[str]:
     lines = ["| condition | " + " | ".join(State) + " |", "|---" * (len(State) + 1) + "|"]
     for condition in Condition:
         cells = (_cell(state, condition) for state in State)
-        lines.append(f"| {_words(condition)} | " + " | ".join(cells) + " |")
+        lines.append(f"| {title(condition.name or '')} | " + " | ".join(cells) + " |")
     yield "\n".join([*lines, ""])
 
 
@@ -167,9 +186,7 @@ def _meanings(limits: SupervisorLimits) -> Iterator[str]:
         keys = ", ".join(f"`{key}` = {getattr(limits, key):g}" for key in RULES[condition].keys) or "–"
         clears = condition & FAULT_CAUSES and condition.remedy
         remedy = f"{condition.remedy}; then clear the fault" if clears else condition.remedy or "–"
-        lines.append(f"| {_words(condition)} | {forms} | {condition.description} | {keys} | {remedy} |")
+        lines.append(
+            f"| {title(condition.name or '')} | {forms} | {condition.description} | {keys} | {remedy} |"
+        )
     yield "\n".join([*lines, ""])
-
-
-def _words(condition: Condition) -> str:
-    return (condition.name or "").replace("_", " ")

@@ -33,6 +33,7 @@ from companion.records import (
     Z,
     vector,
 )
+from companion.telemetry.glossary import advised
 
 ORDER: Final = (Z, PSI, X, Y)
 WAIT_S: Final = 120.0
@@ -156,9 +157,7 @@ class Manoeuvre:
         began_s = self._now_s
         while not self._held:
             verdict = self._sample.verdict
-            self.doing = f"waiting: {verdict.reason}" + (
-                f"; to do: {verdict.remedy}" if verdict.remedy else ""
-            )
+            self.doing = advised(f"waiting: {verdict.reason}", verdict.remedy)
             if self._now_s - began_s > WAIT_S:
                 yield from self._end(f"not permitted to engage: {verdict.reason}")
                 return

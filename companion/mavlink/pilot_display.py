@@ -23,8 +23,9 @@ from companion.records import (
     Verdict,
     Z,
 )
-from companion.telemetry import modes, schemas
+from companion.telemetry import schemas
 from companion.telemetry.conditions import ENDED
+from companion.telemetry.glossary import STATES, advised
 
 STATUSTEXT: Final = message_type(mavlink.MAVLINK_MSG_ID_STATUSTEXT)
 NAMED_VALUE_FLOAT: Final = message_type(mavlink.MAVLINK_MSG_ID_NAMED_VALUE_FLOAT)
@@ -46,8 +47,6 @@ REPEAT_S: Final = {"state": 0.0, "condition": 30.0, "command": 5.0}
 AWAY_S: Final = 5.0
 """A ground station that was silent for so long is told the state again."""
 VALUES_S: Final = 0.5
-STATES: Final = tuple(State)
-"""HfState is the place of the state here."""
 REMEDIES: Final = {condition.text: condition.remedy for condition in Condition}
 
 
@@ -151,7 +150,7 @@ class PilotDisplay:
             if now_s - self._heard_s > AWAY_S:
                 self._texts.forget("state")
                 state, reason = sample.verdict.state, sample.verdict.reason
-                self._put_state(f"{state}: {reason}", modes.SEVERITIES[state], sample.verdict.remedy)
+                self._put_state(f"{state}: {reason}", STATES[state].severity, sample.verdict.remedy)
             self._heard_s = now_s
         for text in self._texts.due(now_s):
             messages += self.text(text.severity, text.words)
@@ -219,9 +218,7 @@ class PilotDisplay:
 
 
 def _text(subject: str, severity: int, kind: str, words: str, remedy: str = "") -> Text:
-    return Text(
-        subject, severity, f"Holdfast{words}" + (f"; to do: {remedy}" if remedy else ""), REPEAT_S[kind]
-    )
+    return Text(subject, severity, advised(f"Holdfast{words}", remedy), REPEAT_S[kind])
 
 
 def answer(command: PilotCommand, sample: ControlSample) -> Message:
@@ -242,7 +239,7 @@ def values(sample: ControlSample, reserve: float) -> list[Message]:
     north, east, down, turning = state.disturbance
     boot_ms = int(1e3 * state.boot_s) & 0xFFFFFFFF if math.isfinite(state.boot_s) else 0
     numbers = {
-        "HfState": STATES.index(sample.verdict.state),
+        "HfState": tuple(State).index(sample.verdict.state),
         "HfDepthErr": sample.dofs.e[Z],
         "HfDistN": north,
         "HfDistE": east,

@@ -7,7 +7,8 @@ from typing import Any, Self
 class Condition(IntFlag):
     """What the supervisor tests every tick, one bit each; what comes first causes what comes later.
 
-    Log, events, pages and documents show these words; `companion.supervision.conditions` has the tests.
+    Log, events, screens, documents and the reasons of states have these words;
+    `companion.supervision.conditions` has the tests.
     """
 
     text: str
@@ -315,21 +316,21 @@ class Condition(IntFlag):
         "arm the vehicle",
     )
     WRONG_MODE = (
-        "another flight mode",
+        "the flight mode is not the one for steering",
         "the flight mode for steering",
         "the flight mode is right",
         "the flight mode is not vehicle.steering_mode",
         "engage: Holdfast then requests the mode",
     )
     RAMPED_DOWN = (
-        "the thrust is ramped down",
+        "ramped down to neutral",
         "the end of the ramp",
         "thrust is permitted",
         "the authority has reached 0",
         "",
     )
     HAND_OVER_HELD = (
-        "the autopilot holds depth after the hand-over",
+        "ALT_HOLD holds the depth until somebody steers",
         "ALT_HOLD",
         "the autopilot no longer holds depth after a hand-over",
         "the autopilot confirmed ALT_HOLD; neutral frames keep the vehicle armed until a pilot steers or "
@@ -337,14 +338,14 @@ class Condition(IntFlag):
         "",
     )
     HANDED_OVER = (
-        "the hand-over is complete",
+        "the autopilot holds depth",
         "the end of the hand-over",
         "no hand-over is complete",
         "the autopilot holds depth in ALT_HOLD, and a pilot steers or `keep_alt_hold_s` has passed",
         "",
     )
     SURFACED = (
-        "the vehicle is at the surface",
+        "surfaced; the autopilot holds depth",
         "the surface",
         "the ascent has ended",
         "the vehicle reached the surface, and the firmware changed from SURFACE to ALT_HOLD",
@@ -358,7 +359,7 @@ class Condition(IntFlag):
         "",
     )
     OPERATOR_STOP = (
-        "the operator asks to release",
+        "the operator released the vehicle",
         "a release",
         "the request to release has passed",
         "the operator asked to stop",
@@ -372,7 +373,7 @@ class Condition(IntFlag):
         "",
     )
     CLEAR_ASKED = (
-        "the operator asks to clear the fault",
+        "the operator cleared the fault",
         "a request to clear the fault",
         "the request to clear has passed",
         "the operator cleared the fault",

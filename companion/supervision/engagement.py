@@ -7,6 +7,7 @@ from companion.records import ENGAGE_S, Condition, Event, Parameter, Request, St
 from companion.supervision.conditions import BLOCKING
 from companion.supervision.supervisor import FAULT_CAUSES, first_remedy
 from companion.telemetry.conditions import text
+from companion.telemetry.glossary import advised
 from companion.telemetry.modes import Mode
 
 C = Condition
@@ -48,18 +49,18 @@ class Engagement:
         elif request is not Request.ENGAGE or state is State.ACTIVE:
             return ""
         elif state is State.FAULT:
-            return f"a fault is latched: {verdict.reason}; to do: {verdict.remedy}"
+            return advised(f"a fault is latched: {verdict.reason}", verdict.remedy)
         elif state is State.HAND_OVER:
             todo = first_remedy(held & BLOCKING) or "wait, or take over with a stick"
-            return (
-                f"the vehicle is being handed over to the autopilot: {verdict.reason}; to do: {todo}; then "
-                "release, and engage within 3 s: unsteered for longer, the autopilot disarms"
+            return advised(
+                f"the vehicle is being handed over to the autopilot: {verdict.reason}",
+                f"{todo}; then release, and engage within 3 s: unsteered for longer, the autopilot disarms",
             )
         else:
             held &= (BLOCKING_ARMED if self._arm else BLOCKING) & ~C.WRONG_MODE | C.PILOT_TAKEOVER
             if mode == Mode.SURFACE:
-                return "the vehicle surfaces; to do: choose another flight mode"
-        return f"{text(held, preflight_failure)}; to do: {first_remedy(held)}" if held else ""
+                return advised("the vehicle surfaces", "choose another flight mode")
+        return advised(text(held, preflight_failure), first_remedy(held)) if held else ""
 
     def accepted(
         self, requests: Sequence[Request], verdict: Verdict, mode: int, preflight_failure: str

@@ -15,6 +15,7 @@ from functools import cache
 from companion.records import Condition, State, Verdict
 from companion.supervision.conditions import BLOCKING, FREEZES, NOTHING, TRANSITIONS, WARNS, Transition
 from companion.telemetry.conditions import awaited
+from companion.telemetry.glossary import STATES
 
 C, S = Condition, State
 
@@ -40,23 +41,20 @@ FAULT_CAUSES = NOTHING
 for _row in TRANSITIONS:
     FAULT_CAUSES |= _row.when if _row.to is S.FAULT else NOTHING
 
-_BY = "(`holdfast tell`, button or dashboard)"
-CLEAR = f"clear the fault {_BY}"
-
 _LETTING_GO = (
     BLOCKING & ~(WARNS | C.DISARMED | C.WRONG_MODE) | C.OFF_TRACK | C.FAILSAFE_SURFACES | C.TILT_PERSISTS
 )
 
-_REMEDIES: dict[State, tuple[Condition, str]] = {
-    S.IDLE: (BLOCKING, f"engage {_BY}"),
-    S.READY: (C.PILOT_TAKEOVER, f"engage {_BY}"),
-    S.ACTIVE: (WARNS, "keep watch; a stick, a mode change or disarming gives the pilot control at once"),
-    S.RAMP_DOWN: (_LETTING_GO, "wait until the thrust is zero"),
-    S.HAND_OVER: (_LETTING_GO, f"wait, take over with a stick, or release {_BY}"),
-    S.PILOT: (BLOCKING | C.PILOT_TAKEOVER, f"engage again {_BY}"),
-    S.FAULT: (FAULT_CAUSES, CLEAR),
+_MATTERS: dict[State, Condition] = {
+    S.IDLE: BLOCKING,
+    S.READY: C.PILOT_TAKEOVER,
+    S.ACTIVE: WARNS,
+    S.RAMP_DOWN: _LETTING_GO,
+    S.HAND_OVER: _LETTING_GO,
+    S.PILOT: BLOCKING | C.PILOT_TAKEOVER,
+    S.FAULT: FAULT_CAUSES,
 }
-"""For each state: the conditions whose remedies count, and what to do if none of them holds."""
+"""For each state: the conditions whose remedies count."""
 
 
 @cache
@@ -72,11 +70,9 @@ def remedy(state: State, conditions: Condition) -> str:
     If several conditions hold, the first cause counts; LINK_LOST is first. A latched fault has to be
     cleared after its cause has gone, whatever else is missing.
     """
-    matters, otherwise = _REMEDIES[state]
-    held = conditions & (matters | C.LINK_LOST)
-    todo = first_remedy(held)
+    todo, otherwise = first_remedy(conditions & (_MATTERS[state] | C.LINK_LOST)), STATES[state].remedy
     if state is S.FAULT and todo:
-        return f"{todo}; then {CLEAR}"
+        return f"{todo}; then {otherwise}"
     return todo or otherwise
 
 

@@ -7,7 +7,7 @@ from typing import Literal
 from companion.records import Condition, ControlSample, FrameShift, Guided, State
 from companion.telemetry.commands import CommandResult
 from companion.telemetry.conditions import UNSAID
-from companion.telemetry.modes import SEVERITIES, Severity
+from companion.telemetry.glossary import DEAD_MOTOR, STATES, TRUSTED_MOTOR, Severity, course
 from companion.telemetry.schemas import Event, printable
 
 RESETS = Condition.YAW_RESET | Condition.POSITION_RESET
@@ -79,7 +79,7 @@ class EventLog:
         self._reason = verdict.reason
         if verdict.state is not self._state or goes_on:
             self._state = verdict.state
-            severity = SEVERITIES[verdict.state]
+            severity = STATES[verdict.state].severity
             happened.append((severity, "state", f"{verdict.state}: {verdict.reason}"))
         if not happened:
             return []
@@ -105,26 +105,16 @@ class EventLog:
         return happened
 
 
-COURSES = {
-    "move": "goes to its place",
-    "path": "follows the path",
-    "paused": "the path is paused",
-    "waiting": "the path waits: for authority, or for a position",
-    "hold": "holds its place",
-    "refused": "the path is refused:",
-}
-
-
 def _course(guided: Guided) -> tuple[Severity, Literal["state"], str]:
     """Tell what moves the vehicle now."""
-    text = f"{COURSES[guided.kind]} {printable(guided.name)}".rstrip()
+    text = course(guided.kind, printable(guided.name))
     return "warning" if guided.kind == "refused" else "info", "state", text
 
 
 def _motor(previous: int, now: int) -> tuple[Severity, Literal["condition"], str]:
     if now:
-        return "warning", "condition", f"motor {now} gives no thrust"
-    return "info", "condition", f"motor {previous} is trusted again"
+        return "warning", "condition", DEAD_MOTOR.format(now)
+    return "info", "condition", TRUSTED_MOTOR.format(previous)
 
 
 def _shift_words(shift: FrameShift) -> str:

@@ -19,7 +19,7 @@ from typing import Annotated, Any, Literal
 import msgspec
 
 from companion.records import DOFS
-from companion.telemetry.modes import MEANINGS, Severity
+from companion.telemetry.glossary import STATES, Severity
 
 ENDPOINT = "tcp/127.0.0.1:7447"  # where Zenoh is looked for, and listened on where nobody does
 NEVER_S = 1e6
@@ -183,7 +183,7 @@ class Command(Record, frozen=True, kw_only=True):
 class Supervisor(Record, frozen=True, kw_only=True):
     """State, authority and reason of the supervisor."""
 
-    state: Annotated[str, field(f"one of {', '.join(MEANINGS)}")]
+    state: Annotated[str, field(f"one of {', '.join(STATES)}")]
     conditions: Annotated[tuple[str, ...], field("names of the conditions that hold")]
     authority: Annotated[float, field("permitted share of the thrust, 0..1")]
     reason: Annotated[str, field("why this state was entered, or what engaging waits for")]

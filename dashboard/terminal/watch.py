@@ -19,12 +19,12 @@ from rich.text import Text
 
 from companion.telemetry import schemas as telemetry
 from companion.telemetry.conditions import UNSAID, named
-from companion.telemetry.modes import MEANINGS, MODE_NAMES
+from companion.telemetry.glossary import LINK_LOST, PAST, TO_DO, holder, silence, title
+from companion.telemetry.modes import MODE_NAMES
 from companion.telemetry.schemas import Command, Dof, Event, Loop, Plan, Schema, State, Supervisor, printable
 from companion.telemetry.status_line import delay_text, left_text
 from dashboard.arguments import add_connect
 from dashboard.rate import Rate
-from dashboard.silence import silence
 from dashboard.terminal.small_map import Point, chart, nice_length
 from dashboard.zenoh_client import Message, Subscription
 from holdfast.arguments import command_parser
@@ -227,7 +227,7 @@ def picture(views: Sequence[View], columns: int) -> RenderableType:
 def render_fleet(views: Sequence[View]) -> RenderableType:
     """Draw a line per vehicle. What is old is dim and says so."""
     table = Table(box=None, padding=(0, 1, 0, 0), header_style="dim", pad_edge=False)
-    for heading in ("vehicle", "state", "depth", "heading", "vehicle is", "battery", "data"):
+    for heading in ("vehicle", "state", "depth", "heading", "motors", "battery", "data"):
         table.add_column(
             heading, no_wrap=True, justify="right" if heading in ("depth", "heading") else "left"
         )
@@ -237,7 +237,7 @@ def render_fleet(views: Sequence[View]) -> RenderableType:
         style = _STYLES.get(name, "")
         table.add_row(
             Text(view.vehicle, "bold"),
-            Text(f" {name.replace('_', ' ')} ", "" if view.stale else style),
+            Text(f" {title(name)} ", "" if view.stale else style),
             *_whereabouts(view.latest.get("state")),
             Text(f"STALE {view.age_s:.0f} s", "reverse") if view.stale else Text("live"),
             style="dim" if view.stale else "",
@@ -261,7 +261,7 @@ def render(view: View, columns: int = _WIDTH) -> RenderableType:
     narrow = columns < _WIDTH
     if not view.latest:
         return Panel(_waiting(view), title="holdfast", title_align="left", box=box.ROUNDED)
-    past = Text(f" STALE: nothing new for {view.age_s:.1f} s; this is the past. ", "reverse")
+    past = Text(f" STALE: {PAST.format(view.age_s)}. ", "reverse")
     body = Group(
         _banner(view),
         past if view.stale else Text(),
@@ -413,6 +413,14 @@ def _event(event: Event, now_s: float, whose: str = "") -> Text:
     return line
 
 
+def _holder(name: str, state: Schema | None) -> str:
+    if not isinstance(state, State):
+        return holder(name, guidance="", armed=None, mode=None)
+    armed = None if "armed" in state.absent else state.armed
+    mode = None if "mode" in state.absent else state.mode
+    return holder(name, guidance=state.guidance, armed=armed, mode=mode)
+
+
 def _banner(view: View) -> RenderableType:
     supervisor, state = view.latest.get("supervisor"), view.latest.get("state")
     lines: list[Text] = []
@@ -421,20 +429,22 @@ def _banner(view: View) -> RenderableType:
         reason, remedy = silence(
             view.vehicle, view.endpoint, connected=view.connected, state=supervisor.state, armed=was_armed
         )
-        lines += [Text(reason, "bold"), Text(f"to do: {remedy}")]
+        lines += [Text(reason, "bold"), Text(f"{TO_DO}: {remedy}")]
     elif isinstance(supervisor, Supervisor):
-        style, meaning = _STYLES.get(supervisor.state, "reverse"), MEANINGS.get(supervisor.state, "")
-        name = supervisor.state.replace("_", " ")
+        style, name = _STYLES.get(supervisor.state, "reverse"), title(supervisor.state)
+        has = _holder(supervisor.state, state)
         if "LINK_LOST" in supervisor.conditions:
-            style, name, meaning = _STYLES["FAULT"], "LINK LOST", name
-        lines.append(
-            Text.assemble((f"  {name}  ", style), f"  {meaning}, authority {supervisor.authority:.0%}")
-        )
+            style, name, has = _STYLES["FAULT"], LINK_LOST, name
+        lines.append(Text.assemble((f"  {name}  ", style), f"  {has}, authority {supervisor.authority:.0%}"))
         shown = named(supervisor.conditions) & ~UNSAID
-        unsaid = [condition.text for condition in shown if condition.awaited not in supervisor.reason]
+        unsaid = [
+            condition.text
+            for condition in shown
+            if condition.awaited not in supervisor.reason and condition.text not in supervisor.reason
+        ]
         lines.append(Text("; ".join(filter(None, (supervisor.reason, ", ".join(unsaid)))), "dim"))
         if supervisor.remedy:
-            lines.append(Text(f"to do: {supervisor.remedy}"))
+            lines.append(Text(f"{TO_DO}: {supervisor.remedy}"))
     if isinstance(state, State):
         known = "armed" not in state.absent
         mode = MODE_NAMES.get(state.mode, f"mode {state.mode}") if known else "mode unknown"

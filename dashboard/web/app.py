@@ -17,9 +17,9 @@ from aiohttp import WSCloseCode, web
 
 from companion.telemetry import schemas as telemetry
 from companion.telemetry.commands import MAX_BYTES, parse
+from companion.telemetry.glossary import silence
 from companion.telemetry.schemas import Plan
 from companion.telemetry.session import SessionThread, ticks_per_sample
-from dashboard.silence import silence
 from dashboard.web import cockpit, gate, vocabulary
 from dashboard.web.columns import COLUMNS
 from dashboard.web.connections import BACKLOG, Connection, Connections, SparingFilter, most_crowded

@@ -10,7 +10,7 @@ import msgspec
 from msgspec.structs import replace
 
 from companion.telemetry import schemas as telemetry
-from companion.telemetry.modes import SEVERITIES
+from companion.telemetry.glossary import STATES, holder
 from companion.telemetry.schemas import Choices, Dof, Event, Loop, Plan, Recorder, Schema, State, Supervisor
 from dashboard.losses import Losses
 from dashboard.rate import Rate
@@ -162,6 +162,8 @@ class VehicleHistory:
         """Return what there is to say beside the rows."""
         state, supervisor, loop = self._state, self._supervisor, self._loop
         recorder = self._recorder if now_s - self._recorder_heard_s < RECORDER_SILENT_S else None
+        mode = state.mode if state and "mode" not in state.absent else None
+        guidance = state.guidance if state else ""
         return {
             "vehicle": self.name,
             "age_s": _finite(self.age_s(now_s)),
@@ -169,10 +171,11 @@ class VehicleHistory:
             "lost": self.losses.lost,
             "t_s": _finite(self._t_s),
             "armed": self.armed,
-            "mode": state.mode if state and "mode" not in state.absent else None,
+            "mode": mode,
+            "holder": holder(self.state, guidance=guidance, armed=self.armed, mode=mode),
             "pilot_gain": state.pilot_gain if state else None,
             "dead_motor": state.dead_motor if state else 0,
-            "guidance": state.guidance if state else "",
+            "guidance": guidance,
             "path_progress_m": state.path_progress_m if state else 0.0,
             "path_length_m": state.path_length_m if state else 0.0,
             "path_left_m": _left(state, "path_left_m"),
@@ -202,7 +205,7 @@ class VehicleHistory:
         previous = self._supervisor
         if previous is not None and previous.state != now.state and not self._tells_state:
             text = f"{previous.state} to {now.state}: {now.reason}"
-            self._note(now.t_s, SEVERITIES.get(now.state, "info"), "state", text)
+            self._note(now.t_s, STATES[now.state].severity if now.state in STATES else "info", "state", text)
 
     def _note(self, t_s: float, severity: str, kind: str, text: str) -> None:
         self.events.append({"t_s": t_s, "severity": severity, "kind": kind, "text": text[:500]})

@@ -2,27 +2,32 @@
 
 import msgspec
 
+from companion.telemetry import glossary
 from companion.telemetry.commands import COMMANDS, RECORDER_COMMANDS, fields
 from companion.telemetry.conditions import ENDED
-from companion.telemetry.modes import MEANINGS, MODE_NAMES
+from companion.telemetry.modes import MODE_NAMES
 
 ALL_COMMANDS = COMMANDS | RECORDER_COMMANDS
 """What the page may send: to the companion, and to whoever records."""
+
+SHARED = ("DEAD_MOTOR", "ELSEWHERE", "LATE", "LINK_LOST", "NO_DATA", "NO_VEHICLE", "SERVER_SILENT")
+"""Of the glossary, what the page says where the server cannot tell it."""
 
 
 def module() -> str:
     """Return the module: MODES by number, STATES by name, the fields of each of COMMANDS by name.
 
-    ENDED gives, for the words that a condition has ended, those of its beginning.
+    ENDED gives, for the words that a condition has ended, those of its beginning. WORDS are the others.
     """
     commands = {
         name: {field.name: field._asdict() for field in fields(kind)} for name, kind in ALL_COMMANDS.items()
     }
     tables = {
         "MODES": MODE_NAMES,
-        "STATES": MEANINGS,
+        "STATES": {name: words.text for name, words in glossary.STATES.items()},
         "COMMANDS": commands,
         "ENDED": ENDED,
+        "WORDS": {name: getattr(glossary, name) for name in SHARED},
     }
     return "".join(
         f"export const {name} = {msgspec.json.encode(value).decode()};\n" for name, value in tables.items()

@@ -137,7 +137,7 @@ def test_a_tilt_that_lasts_is_the_autopilots_and_is_kept_alive_for_good():
     """Silence after keep_alt_hold_s would disarm it, and what tilts it would take it down."""
     dive = lying_on_its_side(30.0, companion=("supervisor.max_tilt_deg=25", "supervisor.keep_alt_hold_s=2"))
     dive.until(State.HAND_OVER, within_s=12.0)
-    assert dive.step.sample.verdict.reason == "the vehicle stays tilted"
+    assert dive.step.sample.verdict.reason == "tilted too far for too long"
     dive.run(15.0)
     assert dive.state is State.HAND_OVER
     assert (dive.step.truth.mode, dive.step.truth.armed) == (2, True)

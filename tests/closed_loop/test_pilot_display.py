@@ -39,7 +39,7 @@ def test_a_dive_is_told_from_ready_to_engaged_to_a_fault_and_its_end():
     verdict = dive.step.sample.verdict
     assert fault == (
         mavlink.MAV_SEVERITY_CRITICAL,
-        "Holdfast FAULT: the vehicle fell silent; to do: check the cable, the router and link.endpoint; then "
+        "Holdfast FAULT: the vehicle is silent; to do: check the cable, the router and link.endpoint; then "
         "clear the fault (`holdfast tell`, button or dashboard)",
     )
     assert verdict.state is State.FAULT

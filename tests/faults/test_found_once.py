@@ -140,7 +140,7 @@ def test_the_reason_for_idle_is_reported():
     dive = active()
     dive.fault("disarm")
     dive.until(State.IDLE)
-    assert dive.step.sample.verdict.reason == "the vehicle was disarmed"
+    assert dive.step.sample.verdict.reason == "the vehicle is disarmed"
 
 
 def test_datagrams_from_a_routers_queue_are_no_reboot():

@@ -166,7 +166,7 @@ def test_alt_hold_holds_the_depth_is_kept_alive_and_then_left_alone():
 
 @pytest.mark.parametrize("lost", [False, True], ids=["heard", "heartbeats lost"])
 def test_a_hand_over_says_when_alt_hold_holds_and_how_long_it_lasts(lost):
-    """It lasts to keep the vehicle armed, and went on saying "a leak was reported"."""
+    """It lasts to keep the vehicle armed, and went on saying that there is a leak."""
     dive, log = active(companion=["supervisor.keep_alt_hold_s=12"], seconds=3.0), EventLog()
     leak(dive)
     dive.until(State.HAND_OVER)

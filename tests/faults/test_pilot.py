@@ -17,7 +17,7 @@ from companion.mavlink.messages import message_type
 from companion.mavlink.relay import Relay
 from companion.mavlink.signing import Signing
 from companion.records import Condition, Request, Sender, State
-from companion.supervision.supervisor import CLEAR
+from companion.telemetry.glossary import STATES
 
 HEAVE, YAW = 2, 3
 PITCH, ROLL, THROTTLE, TURN, FORWARD, LATERAL = range(6)
@@ -304,7 +304,7 @@ def test_the_button_clears_a_fault_whose_cause_has_gone_and_engages():
     assert "check the cable" in dive.step.sample.verdict.remedy
     dive.run(3.0)
     assert dive.state is State.FAULT
-    assert dive.step.sample.verdict.remedy == CLEAR
+    assert dive.step.sample.verdict.remedy == STATES[State.FAULT].remedy
     press(dive, ENGAGE)
     dive.until(State.ACTIVE)
 

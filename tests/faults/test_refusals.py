@@ -100,7 +100,10 @@ def test_an_engage_while_handing_over_leaves_it_handing_over():
     console = Console(dive)
     reply = console.tell("engage")
     assert not reply.done
-    assert "handed over to the autopilot: a leak was reported; to do: bring the vehicle up" in reply.said
+    assert (
+        "handed over to the autopilot: the autopilot reports a leak; to do: bring the vehicle up"
+        in reply.said
+    )
     dive.run(15.0)
     assert dive.state is State.HAND_OVER
     assert dive.step.truth.armed

@@ -44,7 +44,6 @@ _JUMP = "{t_s: %s, kind: 'condition', severity: 'warning', text: '%sclock jumped
 _STORE = (
     "{t: [0, 1, 2], start: 0, end: 3, number: 0, columns: ['a'], arrays: [[0, NaN, 0.5]], find: (t) => t}"
 )
-_PILOT = "m.holder('PILOT', {armed: %s, mode: '%s'})"
 
 
 def _proved(saturated: list[int], lambda_in_force: list[float]) -> str:
@@ -77,11 +76,6 @@ _CLIPPED = """[...document.querySelectorAll(".readouts, #commands, .words, .fact
 
 
 PURE: list[tuple[str, str, Any]] = [
-    ("words", _PILOT % ("true", "ALT_HOLD"), "ALT_HOLD has it"),
-    ("words", _PILOT % ("true", "STABILIZE"), "the pilot has it, STABILIZE"),
-    ("words", _PILOT % ("false", "MANUAL"), "disarmed: nobody has it"),
-    ("words", "m.holder('HAND_OVER', {armed: true, mode: 'MANUAL'})", "Holdfast has it till ALT_HOLD does"),
-    ("words", "m.holder('ACTIVE', {armed: true, guidance: 'path'})", "following the path"),
     (
         "words",
         f"m.collapsed([{_JUMP % (1, '')}, {_JUMP % (2, 'over: ')}, {_JUMP % (30, '')},"
@@ -267,7 +261,7 @@ def test_a_live_dive(opened: Callable[..., Page]) -> None:
     assert hosts == ["127.0.0.1"]  # no internet
     _wait(page, "/^\\d\\.\\d\\d m$/.test(document.querySelector('#depth-is').textContent)")
     assert re.fullmatch(r"\d\.\d\d m", page.locator("#depth-wanted").text_content() or "")
-    assert page.locator("#meaning").text_content() == "Holdfast holds it"
+    assert page.locator("#meaning").text_content() == "Holdfast holds here"
     assert page.locator("#panel-model td").first.text_content() == "× 1.00"
     with page.expect_download() as saved:
         page.locator("#save-csv").click()

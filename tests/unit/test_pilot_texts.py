@@ -96,7 +96,7 @@ def test_while_holdfast_does_not_steer_no_condition_begins_for_the_pilot():
 def test_a_fault_is_told_once_and_the_end_of_its_cause():
     """The reason says what the conditions of the same tick say."""
     screen = Screen()
-    fault = event("state", "fault", "FAULT: the vehicle fell silent")
+    fault = event("state", "fault", "FAULT: the vehicle is silent")
     begun = [begins(C.LINK_LOST), begins(C.DEPTH_STALE), fault]
     assert len(screen.tick(*begun, authority=0.0, remedy="look")) == 1
     assert screen.tick(ends(C.LINK_LOST), ends(C.DEPTH_STALE), authority=0.0) == [
@@ -130,7 +130,7 @@ def test_a_refused_button_says_why():
     [
         event("command", "warning", "engage by button: refused: the vehicle is disarmed"),
         event("condition", "warning", "another companion of this name came: instance 1"),
-        event("state", "info", "follows the path wall"),
+        event("state", "info", "follows the path: wall"),
     ],
     ids=lambda event: event.kind,
 )
@@ -208,8 +208,8 @@ def test_chunks_of_two_texts_have_two_ids():
 
 
 def test_foreign_letters_and_endless_names_cannot_break_a_text():
-    [(_, text)] = Screen().tick(event("state", "info", "follows the path Ωmega 90° " + 999 * "ß"))
-    assert text.startswith("Holdfast follows the path ?mega 90 deg ")
+    [(_, text)] = Screen().tick(event("state", "info", "follows the path: Ωmega 90° " + 999 * "ß"))
+    assert text.startswith("Holdfast follows the path: ?mega 90 deg ")
     assert len(text) < 300
     assert text.endswith("?...")
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from companion.records import Condition
 from companion.telemetry import schemas as telemetry
 from lab import commands
 from lab.operations.soak import Soak
@@ -53,7 +54,7 @@ def one_fault(monkeypatch: pytest.MonkeyPatch, spec: FaultSpec) -> Hour:
 def test_an_hour_recovers_from_its_fault(monkeypatch: pytest.MonkeyPatch) -> None:
     hour = one_fault(monkeypatch, FAULTS["mode changed"])
     assert hour.faults == {"it": 1}
-    assert hour.let_go == {"the flight mode was changed": 1}
+    assert hour.let_go == {Condition.WRONG_MODE.text: 1}
     assert (hour.broken, hour.stuck) == ([], [])
 
 

@@ -31,16 +31,18 @@ from companion.supervision.conditions import (
 from companion.supervision.guard import Envelope, guard
 from companion.supervision.situation import Observation, Situation, Watched
 from companion.supervision.supervisor import (
-    CLEAR,
     StateMachine,
     remedy,
     transition,
 )
+from companion.telemetry.glossary import STATES
 
 C = Condition
 TICK_S = 0.02
 RAMP_S = 0.5
 NOTHING = C(0)
+
+CLEAR = STATES[State.FAULT].remedy
 
 BLOCKING = (
     C.LINK_LOST,

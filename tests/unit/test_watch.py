@@ -15,7 +15,7 @@ from rich.console import Console, RenderableType
 from companion.records import Ages, Condition, ControlSample, State, Wrench, vector
 from companion.telemetry import samples
 from companion.telemetry import schemas as telemetry
-from companion.telemetry.modes import MEANINGS
+from companion.telemetry.glossary import STATES, holder
 from dashboard.terminal import watch
 from dashboard.terminal.small_map import Point, chart, nice_length
 from dashboard.terminal.watch import Feed, Feeds, View, picture, render
@@ -123,7 +123,9 @@ def test_every_state_has_its_word(make_sample: MakeSample, state: State) -> None
     sample = replace(sample, verdict=replace(sample.verdict, state=state, conditions=Condition(0), reason=""))
     screen = _screen(_view(sample))
     assert state.value.replace("_", " ") in screen
-    assert MEANINGS[state] in screen
+    said = sample.state
+    who = holder(state, guidance=sample.guided.kind, armed=said.armed, mode=said.mode)
+    assert f"  {who}, authority" in screen
 
 
 def test_a_condition_that_the_reason_names_is_not_repeated(make_sample: MakeSample) -> None:
@@ -145,7 +147,7 @@ def test_the_remedy_is_shown_and_a_lost_link_outranks_the_state(make_sample: Mak
     screen = _screen(_view(replace(sample, verdict=lost)))
     assert "to do: look at cable and router" in screen
     assert screen.splitlines()[1].split()[1:3] == ["LINK", "LOST"]
-    assert MEANINGS["PILOT"] not in screen
+    assert STATES["PILOT"].text not in screen
 
 
 def test_a_map_stands_below_where_the_position_is_known(make_sample: MakeSample) -> None:

@@ -2,7 +2,7 @@
 
 import pytest
 
-from dashboard.silence import silence
+from companion.telemetry.glossary import silence
 
 ENDPOINT = "tcp/127.0.0.1:7447"
 

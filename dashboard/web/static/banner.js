@@ -1,7 +1,7 @@
 // The strip at the top: state, depth, heading, faults, what to do, and the age of the data.
 import { $, mark, prose, say } from "./dom.js";
-import { MODES, STATES } from "./vocabulary.js"; // made by the server: dashboard/web/vocabulary.py
-import { ageText, bytesText, holder, sentence } from "./words.js";
+import { MODES, WORDS } from "./vocabulary.js"; // made by the server: dashboard/web/vocabulary.py
+import { ageText, bytesText, sentence } from "./words.js";
 
 export const STALE_S = 0.5;
 const DEG = 180 / Math.PI;
@@ -21,9 +21,8 @@ export class Banner {
     mark($("banner"), "lost", lost ? "yes" : "no");
     const name = state.replace("_", " ");
     const mode = MODES[status?.mode] ?? (Number.isFinite(status?.mode) ? `mode ${status.mode}` : "");
-    say($("state"), stale ? "NO DATA" : lost ? "LINK LOST" : name);
-    const has = stale || lost ? "" : holder(state, { ...status, mode });
-    say($("meaning"), stale ? (supervisor ? `was ${name}` : "") : lost ? `to the vehicle; ${name}` : has || STATES[state] || "");
+    say($("state"), stale ? WORDS.NO_DATA : lost ? WORDS.LINK_LOST : name);
+    say($("meaning"), stale ? (supervisor ? `was ${name}` : "") : lost ? name : status.holder);
     tile("depth", store, ["depth_m", "depth_desired_m", "z.engaged", "z.e"], (metres) => `${metres.toFixed(2).replace(/^-0.00$/, "0.00")} m`, (e) => `${signed(1e3 * e, 0)} mm`);
     tile("heading", store, ["heading_rad", "heading_desired_rad", "psi.engaged", "psi.e"], compass, (e) => `${signed(DEG * e, 1)}°`);
     const [reason, advice] = stale ? silence(link) : [supervisor.reason, sentence(supervisor.remedy ?? "")];
@@ -63,7 +62,7 @@ function fact(id, text, level) {
 
 // No age in it: a screen reader would read it again and again.
 function silence(link) {
-  if (link.silence > STALE_S) return ["The dashboard's server is silent. The vehicle may go on as it was.", "Look whether `holdfast dashboard` runs, and at the network. To release, use the joystick or the ground station."];
-  if (link.late > STALE_S) return ["What comes is old: the network is slow.", "To release, use the joystick or the ground station."];
+  if (link.silence > STALE_S) return WORDS.SERVER_SILENT;
+  if (link.late > STALE_S) return WORDS.LATE;
   return link.status?.silence ?? ["", ""];
 }

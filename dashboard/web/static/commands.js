@@ -1,6 +1,6 @@
 // The operator's commands, and the token that they need.
 import { $, el, mark, say } from "./dom.js";
-import { COMMANDS } from "./vocabulary.js"; // made by the server: dashboard/web/vocabulary.py
+import { COMMANDS, WORDS } from "./vocabulary.js"; // made by the server: dashboard/web/vocabulary.py
 
 const TOKEN = "holdfast-token";
 const SAID_MS = 12_000;
@@ -173,8 +173,8 @@ export class Commands extends EventTarget {
   async send(command, what = {}) {
     const vehicle = this.link.status?.vehicle || this.link.vehicle;
     if (!vehicle) {
-      this.tell("No vehicle is heard.", true);
-      return { done: false, said: "no vehicle is heard" };
+      this.tell(WORDS.NO_VEHICLE, true);
+      return { done: false, said: WORDS.NO_VEHICLE };
     }
     this.tell(`${command} …`);
     const { reply, unheard } = await this.post(`/api/${encodeURIComponent(vehicle)}/${command}`, what, this.token);
@@ -188,7 +188,7 @@ export class Commands extends EventTarget {
       if (response.status === 401) this.lock();
       return { ok: response.ok, reply: await response.json() };
     } catch (error) {
-      return { ok: false, unheard: true, reply: { done: false, said: `the dashboard's server did not answer (${error.message}). Use the joystick or the ground station`, value: {} } };
+      return { ok: false, unheard: true, reply: { done: false, said: `${WORDS.SERVER_SILENT[0]} ${WORDS.ELSEWHERE} (${error.message})`, value: {} } };
     }
   }
 

@@ -1,7 +1,7 @@
 // Lists in words: events, and the vehicle's estimated parameters.
 import { el, mark, say } from "./dom.js";
-import { ENDED, STATES } from "./vocabulary.js"; // made by the server: dashboard/web/vocabulary.py
-import { collapsed, DOFS, rowText } from "./words.js";
+import { ENDED, STATES, WORDS } from "./vocabulary.js"; // made by the server: dashboard/web/vocabulary.py
+import { collapsed, DOFS, rowText, sentence } from "./words.js";
 
 const FILTERS = {
   all: ["all", () => true],
@@ -61,7 +61,7 @@ export class Model {
     }
     const dead = status?.dead_motor;
     this.motor.hidden = !dead;
-    say(this.motor, dead ? `Motor ${dead} gives no thrust.` : "");
+    say(this.motor, dead ? sentence(WORDS.DEAD_MOTOR.replace("{}", dead)) : "");
     this.reset.hidden = !this.commands?.open;
   }
 }

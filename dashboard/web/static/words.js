@@ -31,18 +31,6 @@ export function bytesText(bytes) {
   return bytes > 2e9 ? `${(bytes / 1e9).toFixed(1)} GB` : `${(bytes / 1e6).toFixed(1)} MB`;
 }
 
-const GUIDED = { move: "moving to its place", path: "following the path", paused: "holding, path paused", waiting: "holding, path waits", refused: "holding, path refused" };
-
-// Who has the vehicle, by the supervisor's state and what the vehicle's own heartbeat says.
-export function holder(state, { armed, mode, guidance }) {
-  if (state === "ACTIVE") return GUIDED[guidance] ?? "Holdfast holds it";
-  if (state === "RAMP_DOWN") return "Holdfast lets go of it";
-  if (armed === false) return "disarmed: nobody has it";
-  const has = `${mode === "ALT_HOLD" ? "ALT_HOLD" : "the pilot"} has it${mode && mode !== "ALT_HOLD" ? `, ${mode}` : ""}`;
-  if (state === "HAND_OVER") return mode === "ALT_HOLD" ? has : "Holdfast has it till ALT_HOLD does";
-  return armed ? has : "";
-}
-
 const AGAIN_S = 60;
 const OVER = "over: "; // begins the text of a condition's end in recordings of older versions
 

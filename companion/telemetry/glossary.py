@@ -1,0 +1,125 @@
+"""The words of every screen, for states, for what moves the vehicle, and for silence.
+
+`Condition` has those of the conditions. Page, terminal, ground station, log and documents have no words of
+their own for these: the page gets them by `dashboard.web.vocabulary`, docs/supervisor.md is made from them.
+"""
+
+from typing import Literal, NamedTuple
+
+from companion.records import Condition, State
+from companion.telemetry.modes import MODE_NAMES, Mode
+
+Severity = Literal["info", "warning", "fault"]
+
+BY = "(`holdfast tell`, button or dashboard)"
+"""How an operator asks."""
+
+
+class StateWords(NamedTuple):
+    """What a state means, how grave entering it is, and what to do where no condition says more."""
+
+    text: str
+    severity: Severity
+    remedy: str
+
+
+STATES: dict[str, StateWords] = {
+    State.IDLE: StateWords("hands off", "info", f"engage {BY}"),
+    State.READY: StateWords("may engage", "info", f"engage {BY}"),
+    State.ACTIVE: StateWords(
+        "holding", "info", "keep watch; a stick, a mode change or disarming gives the pilot control at once"
+    ),
+    State.RAMP_DOWN: StateWords("letting go", "warning", "wait until the thrust is zero"),
+    State.HAND_OVER: StateWords(
+        "handing over to ALT_HOLD", "warning", f"wait, take over with a stick, or release {BY}"
+    ),
+    State.PILOT: StateWords("the pilot, or ALT_HOLD, has it", "warning", f"engage again {BY}"),
+    State.FAULT: StateWords("latched until the operator clears it", "fault", f"clear the fault {BY}"),
+}
+
+COURSES = {
+    "hold": "holds here",
+    "move": "goes to its place",
+    "path": "follows the path",
+    "paused": "pauses the path",
+    "waiting": "waits with the path for authority, or for a position",
+    "refused": "refuses the path",
+}
+"""What Holdfast does with the vehicle, by `State.guidance`."""
+
+TO_DO = "to do"
+NO_DATA = "NO DATA"
+"""In the place of a state, where nothing new comes from the companion."""
+PAST = "nothing new for {:.1f} s; this is the past"
+DEAD_MOTOR = "motor {} gives no thrust"
+TRUSTED_MOTOR = "motor {} is trusted again"
+
+ELSEWHERE = "To release, use the joystick or the ground station."
+SERVER_SILENT = (
+    "The dashboard's server is silent. The vehicle may go on as it was.",
+    f"Look whether `holdfast dashboard` runs, and at the network. {ELSEWHERE}",
+)
+LATE = "What comes is old: the network is slow.", ELSEWHERE
+NO_VEHICLE = "No vehicle is heard."
+_STEERING = (State.ACTIVE, State.RAMP_DOWN, State.HAND_OVER)
+
+
+def title(name: str) -> str:
+    """Return the name of a state or a condition as it is shown."""
+    return name.replace("_", " ")
+
+
+LINK_LOST = title(Condition.LINK_LOST.name or "")
+"""In the place of a state, where nothing comes from the vehicle."""
+
+
+def advised(said: str, remedy: str) -> str:
+    """Return words, and what to do."""
+    return f"{said}; {TO_DO}: {remedy}" if remedy else said
+
+
+def course(kind: str, name: str = "") -> str:
+    """Return what moves the vehicle; `name` is the path's, or why it is refused."""
+    return f"{COURSES[kind]}: {name}" if name else COURSES[kind]
+
+
+def holder(state: str, *, guidance: str, armed: bool | None, mode: int | None) -> str:
+    """Return who has the vehicle, by the supervisor's state and the vehicle's own heartbeat.
+
+    `armed` and `mode` are None where the vehicle did not say so lately.
+    """
+    if state == State.ACTIVE:
+        return f"Holdfast {COURSES.get(guidance, COURSES['hold'])}"
+    if state == State.RAMP_DOWN or armed is None:
+        return STATES[state].text if state in STATES else ""
+    if not armed:
+        return "disarmed: nobody has it"
+    if mode == Mode.ALT_HOLD:
+        return "ALT_HOLD has it"
+    if state == State.HAND_OVER:
+        return STATES[state].text
+    name = "" if mode is None else MODE_NAMES.get(mode, f"mode {mode}")
+    return f"the pilot has it, {name}" if name else "the pilot has it"
+
+
+def silence(
+    vehicle: str, endpoint: str, *, connected: bool, state: str = "", armed: bool | None = None
+) -> tuple[str, str]:
+    """Return what to say where nothing is heard, and the operator's next step.
+
+    `state` and `armed` are the last that were heard.
+    """
+    if not vehicle:
+        if connected:
+            return NO_VEHICLE, "Zenoh answers, but no companion publishes: start `holdfast run`."
+        return f"Nobody listens on {endpoint}.", "Start `holdfast run`, or name the endpoint by --connect."
+    if state in _STEERING:
+        return (
+            f"No news from {vehicle}. It was {title(state)}{' and armed' if armed else ''}.",
+            "If its companion has died, the autopilot disarms 3 s after the last frame (FS_PILOT_TIMEOUT). "
+            "Take over with the joystick or the ground station; then look at `holdfast run` and the network.",
+        )
+    return (
+        f"No news from {vehicle}: what you see is the past. Holdfast did not steer.",
+        "Look at its companion, `holdfast run`, and the network.",
+    )

@@ -1,0 +1,130 @@
+"""No screen has words of its own for a state, a condition, what moves the vehicle, or silence."""
+
+import ast
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from companion.records import Condition, State
+from companion.supervision.conditions import TRANSITIONS
+from companion.telemetry import glossary
+from companion.telemetry.modes import Mode
+from dashboard.web import vocabulary
+
+ROOT = Path(__file__).parents[2]
+SCREENS = sorted(
+    [
+        *(ROOT / "dashboard" / "web").glob("*.py"),
+        *(ROOT / "dashboard" / "web" / "static").glob("*.js"),
+        ROOT / "dashboard" / "web" / "static" / "index.html",
+        *(ROOT / "dashboard" / "terminal").glob("*.py"),
+        ROOT / "companion" / "mavlink" / "pilot_display.py",
+        ROOT / "companion" / "telemetry" / "event_log.py",
+    ]
+)
+HELP = ("EXAMPLES", "HEAD")
+TELLS = re.compile(
+    r"\b(vehicle|Holdfast|pilot|autopilot|companion|motor|path|nobody|server|ALT_HOLD)( \w+)? "
+    r"(is|was|has|may|does|did|can|holds|held|lets|gives|goes|follows|steers|waits|disarms|pauses|refuses)\b",
+    re.IGNORECASE,
+)
+"""A sentence that tells what somebody does."""
+
+
+def phrases() -> set[str]:
+    """Every wording of the glossary that has two words or more."""
+    words = [text for c in Condition for text in (c.text, c.awaited, c.ended, c.remedy)]
+    words += [text for state in glossary.STATES.values() for text in (state.text, state.remedy)]
+    words += [*glossary.COURSES.values(), *glossary.SERVER_SILENT, *glossary.LATE, glossary.NO_VEHICLE]
+    words += [glossary.LINK_LOST, glossary.NO_DATA, f"{glossary.TO_DO}:"]
+    return {text.rstrip(".").lower() for text in words if " " in text}
+
+
+def literals(file: Path) -> Iterator[str]:
+    """The texts that a screen may show: no comments, nothing of a command's help."""
+    source = file.read_text(encoding="utf-8")
+    if file.suffix == ".js":
+        code = re.sub(r"(^|\s)//.*$", "", re.sub(r"\$\{[^{}]*\}", "X", source), flags=re.MULTILINE)
+        yield from re.findall(r'"([^"\n]*)"', code) + re.findall(r"`([^`\n]*)`", code)
+    elif file.suffix == ".html":
+        yield from re.findall(r'[>"]([^<>"]+)[<"]', source)
+    else:
+        yield from _python(ast.parse(source))
+
+
+def _python(tree: ast.AST) -> Iterator[str]:
+    """String constants, but for docstrings, help, and what raises or is written to stderr."""
+    for node in ast.iter_child_nodes(tree):
+        called = ast.unparse(node.func) if isinstance(node, ast.Call) else ""
+        if called.endswith(("command_parser", "add_argument", "Error", "stderr.write")):
+            continue
+        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
+            continue
+        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]).endswith(HELP):
+            continue
+        if isinstance(node, ast.Constant) and isinstance(node.value, str):
+            yield node.value
+        yield from _python(node)
+
+
+@pytest.mark.parametrize("file", SCREENS, ids=lambda file: file.name)
+def test_no_screen_has_words_of_its_own(file: Path) -> None:
+    for text in literals(file):
+        assert not TELLS.search(text), text
+        assert not [phrase for phrase in phrases() if phrase in text.lower()], text
+
+
+def test_the_rule_finds_what_screens_once_said_themselves() -> None:
+    for said in (
+        "Holdfast lets go of it",
+        "disarmed: nobody has it",
+        "Motor 3 gives no thrust.",
+        "The dashboard's server is silent. The vehicle may go on as it was.",
+    ):
+        assert TELLS.search(said)
+    assert "link lost" in phrases()
+
+
+def test_every_state_and_course_has_its_words_and_the_page_has_the_same() -> None:
+    assert list(glossary.STATES) == list(State)
+    module = vocabulary.module()
+    for words in glossary.STATES.values():
+        assert f'"{words.text}"' in module
+    for name in vocabulary.SHARED:
+        first = getattr(glossary, name)
+        assert (first if isinstance(first, str) else first[0]) in module
+
+
+def test_no_two_words_mean_one_thing() -> None:
+    """The reason of a state is its condition in the condition's words; engaging alone has its own."""
+    own = {row.words for row in TRANSITIONS if row.words}
+    assert own == {"all conditions for engaging are met", "a condition for engaging is not met", "engaged"}
+    texts = [condition.text for condition in Condition]
+    assert len(set(texts)) == len(texts)
+
+
+@pytest.mark.parametrize(
+    ("state", "armed", "mode", "guidance", "who"),
+    [
+        (State.ACTIVE, True, Mode.MANUAL, "path", "Holdfast follows the path"),
+        (State.ACTIVE, True, Mode.MANUAL, "", "Holdfast holds here"),
+        (State.PILOT, True, Mode.ALT_HOLD, "", "ALT_HOLD has it"),
+        (State.PILOT, True, Mode.STABILIZE, "", "the pilot has it, STABILIZE"),
+        (State.PILOT, True, None, "", "the pilot has it"),
+        (State.PILOT, None, None, "", "the pilot, or ALT_HOLD, has it"),
+        (State.IDLE, False, Mode.MANUAL, "", "disarmed: nobody has it"),
+        (State.HAND_OVER, True, Mode.MANUAL, "", "handing over to ALT_HOLD"),
+        ("NEWER", None, None, "", ""),
+    ],
+)
+def test_who_has_the_vehicle(
+    state: str, armed: bool | None, mode: int | None, guidance: str, who: str
+) -> None:
+    assert glossary.holder(state, guidance=guidance, armed=armed, mode=mode) == who
+
+
+def test_troubleshooting_repeats_no_remedy() -> None:
+    page = (ROOT / "docs" / "troubleshooting.md").read_text(encoding="utf-8")
+    assert not [c.name for c in Condition if c.remedy and c.remedy in page]
