@@ -123,7 +123,17 @@ def actuation(config: Config) -> Actuation:
     """Return what makes axes of a wrench."""
     roll, pitch = levelling(config)
     max_force = (config.surge.max_force, config.sway.max_force)
-    return Actuation(thrusters(config), config.levels, roll, pitch, tilt_limit(config), max_force)
+    righting_nm = (config.levelling.roll_righting_nm, config.levelling.pitch_righting_nm)
+    return Actuation(
+        thrusters(config),
+        config.levels,
+        roll,
+        pitch,
+        tilt_limit(config),
+        max_force,
+        righting_nm,
+        config.yaw.mass,
+    )
 
 
 def envelope(config: Config) -> Envelope:

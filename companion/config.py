@@ -354,7 +354,7 @@ class SupervisorLimits(Section, frozen=True):
         ranges.Altitude, means("least altitude over the ground that can be asked for")
     ] = 0.5
     max_tilt_deg: Annotated[
-        ranges.TiltDeg, means("of roll or pitch; beyond, only heave and levelling remain")
+        ranges.TiltDeg, means("of roll or pitch from its held angle; beyond, only heave and levelling remain")
     ] = 60.0
     depth_margin_m: Annotated[
         ranges.DepthMargin,

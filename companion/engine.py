@@ -7,8 +7,9 @@ from msgspec.structs import replace
 
 from companion import assembly
 from companion.config import Config
+from companion.control import attitude
 from companion.control.actuation import FULL, NONE
-from companion.control.allocation import can_lose, reserve
+from companion.control.allocation import HORIZONTAL, can_lose, reserve
 from companion.control.axis import AxisSample
 from companion.control.controller import Target
 from companion.control.reference import Reference
@@ -39,6 +40,7 @@ from companion.mavlink.signing import Signing
 from companion.predive.check import CheckRow
 from companion.predive.fitness import Fitness
 from companion.records import (
+    LEVEL,
     NEUTRAL,
     SAMPLES,
     ZERO,
@@ -156,6 +158,7 @@ class Engine:
         return self._out, ControlSample(
             state=frame.reported_state(state),
             eta_d=eta_d,
+            angles_d=attitude.angles(actuated.held),
             dofs=frame.reported_dofs(dofs),
             command=self._sent,
             requested=Wrench(outputs.requested),
@@ -310,7 +313,8 @@ class Engine:
 
     def _learns(self) -> Flags:
         """Tell by axis whether what moves the vehicle was our command alone."""
-        steers = self.verdict.authority == 1.0 and not self.verdict.freeze
+        straight = attitude.is_straight(self.memory.actuated.held)
+        steers = self.verdict.authority == 1.0 and not self.verdict.freeze and straight
         surge, sway, heave, yaw = self._guidance.engaged
         return (steers and surge, steers and sway, steers and heave, steers and yaw)
 
@@ -327,6 +331,7 @@ class Engine:
         thrusters = self.parameters.actuation.thrusters
         observed = Observation(
             state=state,
+            angles=attitude.angles(self.memory.actuated.held),
             events=now.reports,
             requests=requests,
             loop=now.loop,
@@ -365,7 +370,14 @@ class Engine:
         now, verdict, guidance = self._now, self.verdict, self._guidance
         state, demand = self._state, self._demand
         target = guidance.step(demand, now.reports, verdict, state, reference, now.control_dt_s)
-        return Wanted(Target(target.eta_d, target.eta_d_dot, target.eta_d_ddot), guidance.engaged)
+        pitches = (
+            verdict.state is State.ACTIVE and verdict.authority >= 1.0 and known.dead_motor <= HORIZONTAL
+        )
+        return Wanted(
+            Target(target.eta_d, target.eta_d_dot, target.eta_d_ddot),
+            guidance.engaged,
+            guidance.angles if pitches else LEVEL,
+        )
 
     def _send(self, inputs: Inputs, wanted: Axes) -> Sent:
         """Guard what is wanted, make the frames of this tick, and return what the vehicle makes of them."""

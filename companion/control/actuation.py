@@ -3,7 +3,7 @@
 import math
 from typing import NamedTuple
 
-from companion.control import levelling, pace, tilt
+from companion.control import attitude, levelling, pace, tilt
 from companion.control.allocation import (
     HALVINGS,
     ByAxis,
@@ -13,11 +13,12 @@ from companion.control.allocation import (
     overloaded,
     without,
 )
+from companion.control.attitude import Deviation, Held
 from companion.control.bounds import limited
 from companion.control.levelling import Levelling, LevellingState
 from companion.control.positioning import by_dof
 from companion.control.tilt import TiltLimit, TiltState
-from companion.records import PSI, ZERO, Axes, Flags, Vector, X, Y, Z
+from companion.records import PSI, ZERO, Angles, Axes, Flags, Vector, X, Y, Z
 
 FULL: Vector = (1.0, 1.0, 1.0, 1.0)
 NONE: Flags = (False, False, False, False)
@@ -38,12 +39,18 @@ class Actuation(NamedTuple):
     tilt_limit: TiltLimit
     max_force: tuple[float, float]
     """Of surge and sway, N."""
+    righting_nm: tuple[float, float]
+    """Of roll and pitch; 0 where it is not known."""
+    yaw_inertia: float
+    """kg m²."""
 
 
 class ActuationMemory(NamedTuple):
     """What is remembered."""
 
     tilt: TiltState
+    held: Held
+    """The angles at which roll and pitch are held."""
     roll: LevellingState
     pitch: LevellingState
     pace: Vector
@@ -86,6 +93,8 @@ class Tilting(NamedTuple):
     pitch: float
     p: float
     q: float
+    turn_radps: float
+    """Rate of the heading."""
     voltage_v: float
     delay_s: float
     gain: float
@@ -109,6 +118,7 @@ def start(actuation: Actuation) -> ActuationMemory:
     """Return the memory of one that has sent nothing."""
     return ActuationMemory(
         tilt.start(actuation.tilt_limit),
+        attitude.HELD_LEVEL,
         levelling.START,
         levelling.START,
         FULL,
@@ -130,10 +140,13 @@ def step(
     requested: Vector,
     may: Permission,
     lean: Tilting,
+    angles: Angles,
     away_m: float,
     dt_s: float,
 ) -> tuple[ActuationMemory, Axes, Limits]:
-    """Return the axes for the body wrench `requested`, and what thrust and tilt leave of the reference.
+    """Return the axes for the level wrench `requested`, and what thrust and tilt leave of the reference.
+
+    Roll and pitch are to be held at `angles`; the tilt that counts is the deviation from them.
 
     The reference is `away_m` from the vehicle, horizontally: while the horizontal force is limited it stays
     near, and what is let go is not pulled at. Heave is always ours.
@@ -144,7 +157,9 @@ def step(
     roll = levelling.rested(memory.roll) if rests else memory.roll
     pitch = levelling.rested(memory.pitch) if rests else memory.pitch
 
-    angle = tilt.coming_tilt(lean.roll, lean.pitch, lean.p, lean.q)
+    held = attitude.HELD_LEVEL if rests else attitude.step(memory.held, angles, dt_s)
+    off = attitude.deviation(held, lean.roll, lean.pitch, lean.p, lean.q, lean.turn_radps)
+    angle = tilt.coming_tilt(off.roll, off.pitch, off.p, off.q)
     pushed_n, asked_n = _level(memory.delivered), _level(active_wrench)
     of_tilt = tilt.step(actuation.tilt_limit, of_tilt, angle, pushed_n, dt_s)
     most_n = tilt.allowed_n(of_tilt, angle)
@@ -153,13 +168,20 @@ def step(
     own_pace, limits = _limits(memory, angle, level < 1.0, upright == 0.0, away_m, dt_s)
 
     surge, sway, heave, N = active_wrench if may.releases else requested
-    force = tilt.body_force(lean.roll, lean.pitch, angle, (level * surge, level * sway, heave))
+    along_axes = attitude.body_force(held, (level * surge, level * sway, heave))
+    force = tilt.body_force(off.roll, off.pitch, angle, along_axes)
     K, M = 0.0, 0.0
     if actuation.levels:
-        roll, K = _levelled(actuation, memory, actuation.roll, roll, Y, force, may, lean, dt_s)
-        pitch, M = _levelled(actuation, memory, actuation.pitch, pitch, X, force, may, lean, dt_s)
+        turn = upright * N / actuation.yaw_inertia
+        inertia, (k_roll, k_pitch) = actuation.roll.inertia, actuation.righting_nm
+        beside = attitude.roll_moment(held, inertia / lean.gain, k_roll, inertia * turn)
+        roll, K = _levelled(actuation, memory, held, roll, Y, force, may, lean, off, beside, dt_s)
+        inertia = actuation.pitch.inertia
+        beside = attitude.pitch_moment(held, inertia / lean.gain, k_pitch, inertia * turn)
+        pitch, M = _levelled(actuation, memory, held, pitch, X, force, may, lean, off, beside, dt_s)
+    N = attitude.upright_share(held) * (upright * N)
     may_ = may.authority
-    asked = (may_ * force[X], may_ * force[Y], may_ * force[Z], may_ * (upright * N), may_ * K, may_ * M)
+    asked = (may_ * force[X], may_ * force[Y], may_ * force[Z], may_ * N, may_ * K, may_ * M)
     thrusters = without(actuation.thrusters, memory.dead_motor)
     wanted, short = allocate(thrusters, asked, lean.voltage_v, may.reach)
     yaw = wanted[PSI]
@@ -171,6 +193,7 @@ def step(
     return (
         ActuationMemory(
             of_tilt,
+            held,
             roll,
             pitch,
             own_pace,
@@ -205,6 +228,10 @@ def sent(
         over[2] or short[2] or abs(command[2] - wanted[2]) > CUT_OFF or share[2] < 1.0,
         over[3] or short[3] or abs(command[3] - wanted[3]) > CUT_OFF or share[3] < 1.0,
     )
+    if not attitude.is_straight(memory.held):
+        any_force = less[0] or less[1] or less[2]
+        less = (any_force, any_force, any_force, less[3])
+    N = N / attitude.upright_share(memory.held)
     beside = (
         0.0 if held[0] else command[0],
         0.0 if held[1] else command[1],
@@ -217,6 +244,7 @@ def sent(
     return (
         ActuationMemory(
             memory.tilt,
+            memory.held,
             memory.roll,
             memory.pitch,
             memory.pace,
@@ -251,10 +279,12 @@ def gone_on_without(
     if actuation.levels:
         roll = levelling.trimmed(roll, K / actuation.roll.inertia)
         pitch = levelling.trimmed(pitch, M / actuation.pitch.inertia)
+    N = N / attitude.upright_share(memory.held)
     x, y, z = tilt.level_force(lean.roll, lean.pitch, (surge, sway, heave))
     return (
         ActuationMemory(
             memory.tilt,
+            memory.held,
             roll,
             pitch,
             memory.pace,
@@ -298,23 +328,26 @@ def _limits(
 def _levelled(
     actuation: Actuation,
     memory: ActuationMemory,
-    axis: Levelling,
+    held: Held,
     state: LevellingState,
     along: int,
     force: tilt.Force,
     may: Permission,
     lean: Tilting,
+    off: Deviation,
+    beside: float,
     dt_s: float,
 ) -> tuple[LevellingState, float]:
-    """Return the moment that keeps roll or pitch level beside the force `along` sway or surge.
+    """Return the moment that keeps roll or pitch at its angle beside the force `along` sway or surge.
 
-    On an axis that is not held the pilot's force counts. The thrusters that level are those of heave: a
-    vehicle that answers more strongly or weakly there is taken to do so in roll and pitch.
+    `beside` is what the angle takes of it; the lever is found while the vehicle is level. On an axis that is
+    not held the pilot's force counts. The thrusters that level are those of heave: a vehicle that answers
+    more strongly or weakly there is taken to do so in roll and pitch.
     """
     push = force[along] if may.engaged[along] else memory.delivered[along]
-    angle, rate = (lean.roll, lean.p) if along == Y else (lean.pitch, lean.q)
-    return levelling.step(
-        axis,
+    angle, rate = (off.roll, off.p) if along == Y else (off.pitch, off.q)
+    new, moment = levelling.step(
+        actuation.roll if along == Y else actuation.pitch,
         state,
         angle,
         rate,
@@ -325,7 +358,11 @@ def _levelled(
         lean.gain,
         lean.lag_s,
         lean.adapts,
+        beside,
     )
+    if not attitude.is_straight(held):
+        new = levelling.with_lever(new, state.lever)
+    return new, moment
 
 
 def _yaw_beside(thrusters: Thrusters, beside: Axes, N: float, voltage_v: float, reach: float) -> float:

@@ -155,8 +155,11 @@ def step(
     gain: float,
     lag_s: float,
     adapts: bool,
+    beside: float = 0.0,
 ) -> tuple[LevellingState, float]:
     """Return K for φ, p and the force Y, or M for θ, q and X; `delay_s` from sensor to motor.
+
+    `beside` is a moment that is asked for beside these (`attitude`).
 
     `learn` allows the integral to move; it stands where the moment is at its bound. A roll or pitch that
     oscillates by itself lowers ω. A vehicle of `gain` times the nominal one has I/gain, and thrusters quicker
@@ -178,7 +181,7 @@ def step(
     trim = INTEGRAL * omega * omega * omega * dt_s * limited(ahead, MOST_TRIMMED_RAD)
     trimmed = state.integral + trim if learn else state.integral
     lever_m = lever_in_use_m(levelling, state, adapts)
-    moment = lever_m * force + feedback - inertia * trimmed
+    moment = lever_m * force + feedback - inertia * trimmed + beside
     integral = trimmed if abs(moment) <= levelling.max_moment_nm else state.integral
     watched = state.oscillation
     if learn:
@@ -186,6 +189,11 @@ def step(
     moment = limited(moment, levelling.max_moment_nm)
     lever = levers(state.lever, moment - levelling.lever_m * force, force, dt_s) if learn else state.lever
     return LevellingState(integral, slow, watched, pushed_n, lever), moment
+
+
+def with_lever(state: LevellingState, lever: Lever) -> LevellingState:
+    """Return the state with another memory of its lever."""
+    return LevellingState(state.integral, state.slow, state.oscillation, state.pushed_n, lever)
 
 
 def lever_in_use_m(levelling: Levelling, state: LevellingState, adapts: bool) -> float:

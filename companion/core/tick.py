@@ -16,7 +16,7 @@ from companion.control.positioning import Jacobian, jacobian, to_body, to_inerti
 from companion.control.reference import Reference
 from companion.estimation import observers, thruster_watch
 from companion.estimation.observers import Inputs, Motion, Observers, ObserversMemory
-from companion.records import PSI, Axes, Flags, Vector, VehicleModel, X, Y, Z, without
+from companion.records import PSI, Angles, Axes, Flags, Vector, VehicleModel, X, Y, Z, without
 
 WATCH_TICKS = 4
 """The thrusters are watched every so many ticks: it takes 70 µs, and what they turn is slow."""
@@ -65,10 +65,11 @@ class Permission(NamedTuple):
 
 
 class Wanted(NamedTuple):
-    """Where to go, and which degrees of freedom the law holds."""
+    """Where to go, which degrees of freedom the law holds, and at which angles roll and pitch."""
 
     target: Target
     engaged: Flags
+    angles: Angles
 
 
 class Sent(NamedTuple):
@@ -144,7 +145,7 @@ def tick(
 
     permission = outside.permit(outside.state, inputs, known)
     controlled = begun(parameters.control, controlled, permission, known.ahead)
-    target, engaged = outside.guide(outside.state, inputs, known, referred(controlled, limits))
+    target, engaged, angles = outside.guide(outside.state, inputs, known, referred(controlled, limits))
 
     J = jacobian(known.ahead.eta[PSI])
     full, saturated = permission.authority >= 1.0, actuated.saturated
@@ -172,6 +173,7 @@ def tick(
             permission.authority, permission.active, permission.releases, engaged, permission.reach
         ),
         known.lean,
+        angles,
         distance_m(known.ahead.eta, controlled),
         dt_s,
     )
@@ -224,6 +226,7 @@ def known_of(
         pitch,
         p if turns else 0.0,
         q if turns else 0.0,
+        motion.eta_dot_ahead[PSI],
         inputs.voltage_v,
         delay_s + model.dof_later_s[Z],
         levelling_gain(model) if adapts else 1.0,

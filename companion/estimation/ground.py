@@ -36,7 +36,8 @@ AGREEING = 5
 LOST_S = 1.0
 """Without a sample that was taken for longer than this, the ground is unknown."""
 
-MAX_TILT_COS = math.cos(math.radians(30.0))
+MAX_TILT_COS = math.cos(math.radians(60.0))
+"""A range further from the vertical is left out. The ground is taken for flat up to there."""
 MAX_SLOPE_MPS = 0.5
 UNKNOWN = Ground(math.nan, 0.0)
 

@@ -18,22 +18,27 @@ from collections.abc import Callable, Sequence
 from msgspec import UnsetType
 
 from companion.config import Config
-from companion.control.bounds import clamped, wrap
+from companion.control.bounds import clamped, limited, wrap
+from companion.control.positioning import jacobian, to_inertial
 from companion.control.reference import Reference
 from companion.estimation.frame import Frame, Offset
 from companion.guidance.altitude import AltitudeHold
+from companion.guidance.angles import HeldAngles
 from companion.guidance.course import Course, braked, pace
 from companion.guidance.fence import fence, refuse_depth
 from companion.guidance.held import HORIZONTAL, HeldDofs
-from companion.guidance.orders import Order, place
+from companion.guidance.orders import Order, angles, place
 from companion.guidance.paths.shapes import Path
 from companion.guidance.paths.time_law import limits
 from companion.guidance.pilot import NO_DEMAND, NONE, Pilot, PilotDemand
 from companion.guidance.reference_history import ReferenceHistory
 from companion.guidance.target import UNSET, Target, from_here, known, placed
 from companion.records import (
+    LEVEL,
     PSI,
     ZERO,
+    Angles,
+    AttitudeTarget,
     Event,
     Flags,
     Ground,
@@ -49,6 +54,7 @@ from companion.records import (
     Z,
     chosen,
     either,
+    vector,
 )
 from companion.telemetry.commands import Goto, SetVelocity
 
@@ -75,6 +81,9 @@ class Guidance:
         self.trigger_count = 0
         """How often a path has triggered the camera so far."""
         self._altitude: AltitudeHold | None = None
+        self._angles = HeldAngles(config)
+        self._carries_until_s = -math.inf
+        """Until then the target moves on by its own rate, which the ground station gave it."""
         self._frame = Frame()
         self._course_offset = Offset()
         """Of the frame in which the course's places are: the EKF's, as it was when the course began."""
@@ -88,6 +97,11 @@ class Guidance:
     def asked(self) -> Vector:
         """What the operator asked for, NaN where nothing: it holds again after engaging."""
         return self._target.asked.eta_d
+
+    @property
+    def angles(self) -> Angles:
+        """The angles of roll and pitch that were asked for."""
+        return self._angles.asked
 
     @property
     def engaged(self) -> Flags:
@@ -223,6 +237,8 @@ class Guidance:
             self._references.clear()
             held.rest()
             target.now = Setpoint(state.eta_ahead)
+            if previous.authority > 0.0:
+                self._angles.asked = LEVEL
             if self._altitude is not None:
                 self._altitude.rest()
             if verdict.state is State.FAULT:
@@ -276,6 +292,7 @@ class Guidance:
             return self._fenced(self._target.start)
         if verdict.state is State.ACTIVE:
             self._take_targets(events, reference)
+            self._carry_on(state.t_s, dt_s)
             self._follow_course(state, reference, dt_s)
             if self._altitude is not None and self.engaged[Z]:
                 self._keep_altitude(self._altitude, state.ground, dt_s)
@@ -295,9 +312,13 @@ class Guidance:
             pushed = max(abs(demand.sticks.sticks.surge), abs(demand.sticks.sticks.sway))
             held.moved_meanwhile |= pushed > self._config.supervisor.pilot_deflection
         steers = any(demand.nu) or any(demand.overridden)
+        if steers:
+            self._stop_carrying()
         if steers and course is not None and not (course.done or course.suspended):
             course.suspend()
             target.now = Setpoint(self._standing(reference))
+        if demand.sticks is not None:
+            self._angles.turn(demand.sticks.sticks, dt_s)
         if demand.hold and any(self.engaged):
             self._hold_here(reference)
         held.release(demand.overridden)
@@ -313,27 +334,71 @@ class Guidance:
         target.ask_places(taken, UNSET)
 
     def _take_targets(self, events: Sequence[Event], reference: Reference) -> None:
-        """Take the ground station's position targets.
+        """Take the ground station's targets.
 
-        A place replaces the target, no further than the fence. A velocity moves it until VELOCITY_LASTS_S
-        after the message.
+        A place replaces the target, no further than the fence; with a velocity beside it, it moves on. A
+        velocity moves it until VELOCITY_LASTS_S after the message. Angles are held as far as they can be.
         """
-        settled = self._frame.settled
         for event in events:
-            if not isinstance(event, PositionTarget):
-                continue
-            if any(known(event.place)):
-                here = settled.outside(self._standing(reference))
-                x, y, z, psi = from_here(here, event.place, body=event.body) if event.offset else event.place
-                place = (x, y, clamped(z, 0.0, self._config.supervisor.max_depth_m), psi)
-                self._course = None
-                if not math.isnan(z):
-                    self._altitude = None
-                self._target.ask_places(known(place), place)
-                self._target.now = Setpoint(placed(place, self.target.eta_d, settled))
-            else:
-                velocity = chosen(known(event.velocity), event.velocity, ZERO)
+            if isinstance(event, AttitudeTarget):
+                if not math.isnan(event.heading):
+                    self._angles.aim(event.angles)
+                    self._put((math.nan, math.nan, math.nan, event.heading), Setpoint(UNSET))
+                if event.climb:
+                    w = -event.climb * self._config.heave.max_rate
+                    self._ask_velocity(event.t_s + VELOCITY_LASTS_S, (0.0, 0.0, w, 0.0), body=False)
+            elif isinstance(event, PositionTarget):
+                self._take_position(event, reference)
+
+    def _take_position(self, event: PositionTarget, reference: Reference) -> None:
+        here = self._frame.settled.outside(self._standing(reference))
+        x, y, z, psi = event.place
+        if event.offset:
+            x, y, z, _ = from_here(here, (x, y, z, math.nan), body=event.body)
+        if event.turns:
+            psi = wrap(here[PSI] + psi)
+        place, said = (x, y, z, psi), any(known(event.velocity))
+        velocity = chosen(known(event.velocity), event.velocity, ZERO)
+        if any(known(place)[:PSI]):
+            J = jacobian(here[PSI] if event.body else 0.0)
+            acceleration = chosen(known(event.acceleration), event.acceleration, ZERO)
+            self._put(place, Setpoint(UNSET, to_inertial(J, velocity), to_inertial(J, acceleration)))
+            self._carries_until_s = event.t_s + VELOCITY_LASTS_S if said else -math.inf
+        else:
+            if not math.isnan(psi):
+                self._put(place, Setpoint(UNSET))
+            if said:
                 self._ask_velocity(event.t_s + VELOCITY_LASTS_S, velocity, body=event.body)
+
+    def _put(self, place: Vector, moving: Setpoint) -> None:
+        """Replace the target where a place is said, outside, with the rates of `moving` within the limits."""
+        settled, axes, a_max = self._frame.settled, self._config.axes, self._pilot.max_acceleration
+        x, y, z, psi = place
+        place = (x, y, clamped(z, 0.0, self._config.supervisor.max_depth_m), psi)
+        level = min(axes[X].max_rate, axes[Y].max_rate)
+        fastest = (level, level, axes[Z].max_rate, axes[PSI].max_rate)
+        rate, rise = settled.inward(moving.eta_d_dot), settled.inward(moving.eta_d_ddot)
+        self._course = None
+        if not math.isnan(z):
+            self._altitude = None
+        self._target.ask_places(known(place), place)
+        self._target.now = Setpoint(
+            placed(place, self.target.eta_d, settled),
+            vector(map(limited, rate, fastest)),
+            vector(map(limited, rise, a_max)),
+        )
+
+    def _carry_on(self, now_s: float, dt_s: float) -> None:
+        """Move a target on that came with a velocity, until it has said nothing for too long."""
+        if now_s < self._carries_until_s:
+            self._target.carry_on(dt_s)
+        else:
+            self._stop_carrying()
+
+    def _stop_carrying(self) -> None:
+        if self._carries_until_s > -math.inf:
+            self._carries_until_s = -math.inf
+            self._target.now = Setpoint(self.target.eta_d)
 
     def _keep_altitude(self, altitude: AltitudeHold, ground: Ground, dt_s: float) -> None:
         """Move the target's depth with the ground."""
@@ -379,10 +444,12 @@ class Guidance:
         """
         plan = path.plan
         self._permit_altitude(plan.altitude_m)
+        self._angles.permit(angles(plan))
         certain = any(self.engaged) or not any(path.relative[:PSI])
         start = self._frame.settled.outside(self._standing(reference))
         if certain and (refused := self._fence.left_by(path, start)):
             raise ValueError(refused)
+        self._angles.ask(angles(plan))
         self._altitude = None if isinstance(plan.altitude_m, UnsetType) else AltitudeHold(plan.altitude_m)
         self._set_course(Course(self._limits, plan.speed_mps, plan.acceleration_mps2, path=path), UNSET)
 
@@ -393,8 +460,9 @@ class Guidance:
         east, down, or "body" forward, right, down. Raises ValueError for a place beyond the fence, for north
         or east where there never was a position, and for an altitude that is too low, or beside a depth.
         """
-        goal = place(order)
+        goal, held = place(order), angles(order)
         self._permit_altitude(order.altitude_m)
+        self._angles.permit(held)
         if not isinstance(order.altitude_m, UnsetType) and not math.isnan(goal[Z]):
             raise ValueError("depth_m and altitude_m: name one of them")
         level = any(known(goal)[:Z])
@@ -410,6 +478,9 @@ class Guidance:
         self._checked(Setpoint(goal))
         if goal[Z] < 0.0:
             raise ValueError(f"depth_m: {goal[Z]:.2f} m is above the surface; must be 0 or more")
+        self._angles.ask(held)
+        if not any(known(goal)) and isinstance(order.altitude_m, UnsetType):
+            return
         asked = chosen(known(goal), UNSET, self.asked)
         if not isinstance(order.altitude_m, UnsetType):
             self._altitude = AltitudeHold(order.altitude_m)

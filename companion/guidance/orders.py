@@ -7,9 +7,10 @@ import msgspec
 from companion.config import Config
 from companion.guidance.paths.shapes import Path, building
 from companion.guidance.paths.time_law import limits
-from companion.records import Vector
+from companion.records import Angles, Vector
 from companion.steps import Steps, finish
 from companion.telemetry.commands import Follow, Goto, Payload, SetPath, SetSetpoint, SetVelocity, named
+from companion.telemetry.plan import PathPlan
 
 Order = Path | Goto | SetPath | SetVelocity
 
@@ -30,8 +31,15 @@ def ordering(command: Payload, config: Config) -> Steps[Order | None]:
 
 def place(order: Goto) -> Vector:
     """Return where a move goes, NaN where nothing is said. Raises ValueError where nothing is at all."""
+    keys = ("x_m", "y_m", "depth_m", "heading_deg", "altitude_m", "roll_deg", "pitch_deg")
     given = (order.x_m, order.y_m, order.depth_m, order.heading_deg)
-    if all(value is msgspec.UNSET for value in (*given, order.altitude_m)):
-        raise ValueError("name at least one of x_m, y_m, depth_m, heading_deg, altitude_m")
+    if not named(order).keys() & set(keys):
+        raise ValueError(f"name at least one of {', '.join(keys)}")
     x, y, z, psi = (math.nan if isinstance(v, msgspec.UnsetType) else v for v in given)
     return (x, y, z, math.remainder(math.radians(psi), math.tau) if math.isfinite(psi) else psi)
+
+
+def angles(order: Goto | PathPlan) -> Angles:
+    """Return the angles at which roll and pitch are to be held, NaN where nothing is said."""
+    given = (order.roll_deg, order.pitch_deg)
+    return Angles(*(math.nan if isinstance(v, msgspec.UnsetType) else math.radians(v) for v in given))

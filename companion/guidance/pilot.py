@@ -200,7 +200,7 @@ class Pilot:
         They are the sticks', or what is `asked` where those are at rest.
         """
         wanted = [
-            (_beyond(deflection, self._dead_zone) * axis.max_rate or limited(rate, axis.max_rate))
+            (beyond(deflection, self._dead_zone) * axis.max_rate or limited(rate, axis.max_rate))
             if is_held
             else 0.0
             for deflection, rate, axis, is_held in zip(deflections, asked, self._axes, held, strict=True)
@@ -237,6 +237,6 @@ class Pilot:
         return (horizontal, horizontal, w_s > long_s, r_s > long_s)
 
 
-def _beyond(deflection: float, dead_zone: float) -> float:
+def beyond(deflection: float, dead_zone: float) -> float:
     """Return how far a stick is out of its dead zone, -1..1."""
     return (deflection - limited(deflection, dead_zone)) / (1.0 - dead_zone)

@@ -14,7 +14,7 @@ from msgspec.structs import replace
 from companion.control.bounds import wrap
 from companion.control.positioning import jacobian, to_inertial
 from companion.estimation.frame import Offset
-from companion.records import PSI, ZERO, Flags, Setpoint, Vector, X, Y, Z, chosen
+from companion.records import PSI, ZERO, Flags, Setpoint, Vector, X, Y, Z, chosen, vector
 
 UNSET: Vector = (math.nan, math.nan, math.nan, math.nan)
 
@@ -53,6 +53,15 @@ class Target:
             is_engaged and asked for is_engaged, asked in zip(engaged, known(self.asked.eta_d), strict=True)
         ]
         self.ask_places((held[X], held[Y], held[Z], held[PSI]), offset.outside(self.now.eta_d))
+
+    def carry_on(self, dt_s: float) -> None:
+        """Move the target by its own rate and acceleration."""
+        rate, rise = self.now.eta_d_dot, self.now.eta_d_ddot
+        x, y, z, psi = (
+            at + dt_s * (v + 0.5 * dt_s * a) for at, v, a in zip(self.now.eta_d, rate, rise, strict=True)
+        )
+        faster = vector(v + dt_s * a for v, a in zip(rate, rise, strict=True))
+        self.now = Setpoint((x, y, z, wrap(psi)), faster, rise)
 
     def move_depth(self, depth_m: float, rate_mps: float, acceleration_mps2: float) -> None:
         """Replace the target's depth and its motion."""

@@ -24,7 +24,9 @@ from companion.mavlink.ardusub import (
 )
 from companion.mavlink.messages import Message
 from companion.records import (
+    Angles,
     Attitude,
+    AttitudeTarget,
     AxisCommand,
     Battery,
     CommandAck,
@@ -52,7 +54,6 @@ from companion.records import (
     ServoOutput,
     StatusText,
     TimeSync,
-    vector,
 )
 from companion.telemetry.schemas import printable
 
@@ -450,33 +451,62 @@ def override_deflection(m: Message) -> float | None:
     return min(1.0, max(offsets) / SPAN_US) if offsets else None
 
 
-IGNORES_X, IGNORES_V, IGNORES_YAW, IGNORES_YAW_RATE, IS_FORCE = 1, 1 << 3, 1 << 10, 1 << 11, 1 << 9
-"""Bits of POSITION_TARGET_TYPEMASK; those of y and z follow those of x."""
+POSITION, VELOCITY, ACCELERATION, DEPTH = 0b111, 0b111 << 3, 0b111 << 6, 1 << 2
+IGNORES_YAW, IGNORES_YAW_RATE, IS_FORCE = 1 << 10, 1 << 11, 1 << 9
+"""Bits of POSITION_TARGET_TYPEMASK. As in ArduSub one of three leaves out all; a depth may stand alone."""
+
+IGNORES_ATTITUDE, IGNORES_THRUST = 1 << 7, 1 << 6
+"""Bits of ATTITUDE_TARGET_TYPEMASK; ArduSub does not look at those of the rates."""
 
 TARGET_FRAMES: Final = {
-    mavlink.MAV_FRAME_LOCAL_NED: (False, False),
-    mavlink.MAV_FRAME_LOCAL_OFFSET_NED: (True, False),
-    mavlink.MAV_FRAME_BODY_OFFSET_NED: (True, True),
-    mavlink.MAV_FRAME_BODY_FRD: (True, True),
+    mavlink.MAV_FRAME_LOCAL_NED: (False, False, False),
+    mavlink.MAV_FRAME_LOCAL_OFFSET_NED: (True, False, False),
+    mavlink.MAV_FRAME_BODY_NED: (True, True, False),
+    mavlink.MAV_FRAME_BODY_OFFSET_NED: (True, True, True),
+    mavlink.MAV_FRAME_BODY_FRD: (True, True, False),
 }
-"""Whether a place counts from the vehicle, and whether axes are its own."""
+"""Whether places count from the vehicle, whether axes are its own, whether headings count from its own."""
+
+NOTHING_SAID = (math.nan, math.nan, math.nan)
 
 
 def position_target(m: Message, t_s: float) -> PositionTarget | None:
     """Convert SET_POSITION_TARGET_LOCAL_NED; None where it asks for what is not supported, or for nothing.
 
-    Accelerations are left out; a force is not followed.
+    A force is not followed, and an acceleration only beside a velocity.
     """
     frame, mask = TARGET_FRAMES.get(m.coordinate_frame), m.type_mask
     if frame is None or mask & IS_FORCE:
         return None
-    places = [math.nan if mask & IGNORES_X << i else v for i, v in enumerate((m.x, m.y, m.z))]
-    speeds = [math.nan if mask & IGNORES_V << i else v for i, v in enumerate((m.vx, m.vy, m.vz))]
-    places.append(math.nan if mask & IGNORES_YAW else m.yaw)
-    speeds.append(math.nan if mask & IGNORES_YAW_RATE else m.yaw_rate)
-    for values, most in ((places, MAX_DISTANCE_M), (speeds, MAX_SPEED_MPS)):
+    place, speed, acceleration = NOTHING_SAID, NOTHING_SAID, NOTHING_SAID
+    if not mask & POSITION:
+        place = (m.x, m.y, m.z)
+    elif not mask & DEPTH and mask & POSITION == POSITION & ~DEPTH:
+        place = (math.nan, math.nan, m.z)
+    if not mask & VELOCITY:
+        speed = (m.vx, m.vy, m.vz)
+        if not mask & ACCELERATION:
+            acceleration = (m.afx, m.afy, m.afz)
+    places = (*place, math.nan if mask & IGNORES_YAW else m.yaw)
+    speeds = (*speed, math.nan if mask & IGNORES_YAW_RATE else m.yaw_rate)
+    for values, most in ((places, MAX_DISTANCE_M), (speeds, MAX_SPEED_MPS), (acceleration, MAX_SPEED_MPS)):
         if any(abs(value) > most for value in values):
             return None
     if all(map(math.isnan, (*places, *speeds))):
         return None
-    return PositionTarget(t_s, vector(places), vector(speeds), *frame)
+    return PositionTarget(t_s, places, speeds, (*acceleration, math.nan), *frame)
+
+
+def attitude_target(m: Message, t_s: float) -> AttitudeTarget | None:
+    """Convert SET_ATTITUDE_TARGET; None where it says nothing. Half thrust keeps the depth, as in ArduSub."""
+    angles, heading, climb = Angles(math.nan, math.nan), math.nan, 0.0
+    w, x, y, z = m.q
+    if not m.type_mask & IGNORES_ATTITUDE and 0.9 < w * w + x * x + y * y + z * z < 1.1:
+        roll = math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
+        pitch = math.asin(clip(2.0 * (w * y - z * x)))
+        angles, heading = Angles(roll, pitch), math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    if not m.type_mask & IGNORES_THRUST and math.isfinite(m.thrust):
+        climb = clip(2.0 * m.thrust - 1.0)
+    if math.isnan(heading) and climb == 0.0:
+        return None
+    return AttitudeTarget(t_s, angles, heading, climb)

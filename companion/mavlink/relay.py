@@ -2,7 +2,8 @@
 
 While the engine steers, the pilot's steering does not reach the vehicle by itself: MANUAL_CONTROL and
 RC_CHANNELS_OVERRIDE overwrite each other in ArduSub, and two senders make phantom button presses. It goes to
-the engine, which sends one message for both. So does SET_POSITION_TARGET_LOCAL_NED, which moves the setpoint.
+the engine, which sends one message for both. So do SET_POSITION_TARGET_LOCAL_NED and SET_ATTITUDE_TARGET,
+which move the setpoint.
 A command to our own component never reaches the vehicle.
 Frames may be MAVLink 1 or 2, signed or not; they keep their
 signatures. Where there is a key the engine gets only what is signed with it: else anybody could steer by us.
@@ -16,7 +17,13 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from companion.config import Config
 from companion.endpoint import Endpoint
-from companion.mavlink.decode import override_deflection, pilot_commands, pilot_sticks, position_target
+from companion.mavlink.decode import (
+    attitude_target,
+    override_deflection,
+    pilot_commands,
+    pilot_sticks,
+    position_target,
+)
 from companion.mavlink.frames import HEADERS_OF_BOTH, Frame, Splitter, frame_at, leading_frames
 from companion.mavlink.signing import Signing
 from companion.records import Event, PilotHeartbeat, PilotInput, Sender
@@ -34,7 +41,10 @@ MAX_FRAMES_A_TICK: Final = 64
 HEARTBEAT: Final = mavlink.MAVLINK_MSG_ID_HEARTBEAT
 MANUAL_CONTROL: Final = mavlink.MAVLINK_MSG_ID_MANUAL_CONTROL
 OVERRIDE: Final = mavlink.MAVLINK_MSG_ID_RC_CHANNELS_OVERRIDE
-TARGET: Final = mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED
+TARGETS: Final = {
+    mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED: position_target,
+    mavlink.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET: attitude_target,
+}
 COMMAND: Final = mavlink.MAVLINK_MSG_ID_COMMAND_LONG
 
 
@@ -144,7 +154,7 @@ def _steers(frame: Frame, vehicle: int) -> bool:
     """Tell whether ArduSub would be steered by it: overrides that touch none of the six axes pass."""
     if frame.id == MANUAL_CONTROL:
         return bool(frame.message().target == vehicle)
-    if frame.id == TARGET:
+    if frame.id in TARGETS:
         return frame.message().target_system in (0, vehicle)
     return frame.id == OVERRIDE and override_deflection(frame.message()) is not None
 
@@ -163,8 +173,8 @@ def pilot_events(heard: Iterable[tuple[int, bytes]]) -> list[Event]:
             events.append(pilot_sticks(frame.message(), t_s))
         elif frame.id == COMMAND:
             events += pilot_commands(frame.message(), t_s)
-        elif frame.id == TARGET:
-            if (target := position_target(frame.message(), t_s)) is not None:
+        elif frame.id in TARGETS:
+            if (target := TARGETS[frame.id](frame.message(), t_s)) is not None:
                 events.append(target)
         elif frame.id == OVERRIDE:
             events.append(PilotInput(t_s, override_deflection(frame.message()) or 0.0))

@@ -10,8 +10,10 @@ from companion.records.control import NEUTRAL, Axes, AxisCommand, DofSample, Wre
 from companion.records.dof import (
     AXES,
     DOFS,
+    LEVEL,
     PSI,
     ZERO,
+    Angles,
     Array,
     Flags,
     Vector,
@@ -26,6 +28,7 @@ from companion.records.dof import (
 from companion.records.events import (
     SAMPLES,
     Attitude,
+    AttitudeTarget,
     Battery,
     CommandAck,
     Depth,

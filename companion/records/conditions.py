@@ -171,9 +171,9 @@ class Condition(IntFlag):
     )
     TILTED = (
         "tilted too far",
-        "a level vehicle",
+        "a vehicle at its angle",
         "no longer tilted too far",
-        "roll or pitch is too large: only heave and levelling remain; x, y and heading are released",
+        "roll or pitch is too far from its held angle, level if none: only heave and levelling remain; x, y and heading are released",
         "move slower, avoid the current or turn into it; look for a dead or reversed thruster",
     )
     TILT_PERSISTS = (

@@ -1,6 +1,7 @@
 """Degrees of freedom and axes: their names, their order, and the vectors that follow it."""
 
 from collections.abc import Iterable
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,16 @@ Vector = tuple[float, float, float, float]
 """A number of each degree of freedom, or of each axis."""
 
 ZERO: Vector = (0.0, 0.0, 0.0, 0.0)
+
+
+class Angles(NamedTuple):
+    """Roll and pitch, rad: right side down, bow up."""
+
+    roll: float
+    pitch: float
+
+
+LEVEL = Angles(0.0, 0.0)
 
 DOFS = ("x", "y", "z", "psi")
 AXES = ("surge", "sway", "heave", "yaw")

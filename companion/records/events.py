@@ -5,7 +5,7 @@ from enum import Enum, IntEnum, auto
 import msgspec
 
 from companion.records.control import AxisCommand
-from companion.records.dof import Vector
+from companion.records.dof import Angles, Vector
 
 
 class Event(msgspec.Struct, frozen=True, gc=False):
@@ -166,14 +166,25 @@ class PilotCommand(Event, frozen=True, gc=False):
 class PositionTarget(Event, frozen=True, gc=False):
     """The ground station's SET_POSITION_TARGET_LOCAL_NED; NaN where it says nothing, heading and rate last.
 
-    `place` counts from the origin, or with `offset` from where the vehicle is; with `body` both are forward,
-    right and down.
+    `place` counts from the origin, or with `offset` from where the vehicle is; with `body` all are forward,
+    right and down. With `turns` the heading counts from the vehicle's.
     """
 
     place: Vector
     velocity: Vector
+    acceleration: Vector
     offset: bool
     body: bool
+    turns: bool
+
+
+class AttitudeTarget(Event, frozen=True, gc=False):
+    """The ground station's SET_ATTITUDE_TARGET; angles and heading are NaN where it says nothing."""
+
+    angles: Angles
+    heading: float
+    climb: float
+    """Share of the largest climb rate, -1..1, up; 0 where nothing is said."""
 
 
 class Parameter(Event, frozen=True, gc=False):

@@ -5,7 +5,7 @@ import math
 import msgspec
 
 from companion.records.control import AxisCommand, DofSample, Wrench
-from companion.records.dof import Vector
+from companion.records.dof import LEVEL, Angles, Vector
 from companion.records.events import LinkCounters, StatusText
 from companion.records.operator import Guided
 from companion.records.state import VehicleState
@@ -43,6 +43,9 @@ class ControlSample(msgspec.Struct, frozen=True):
     counters: LinkCounters
     loop: LoopHealth
     guided: Guided = Guided("", 0)
+    angles_d: Angles = LEVEL
+    """Of roll and pitch, at which they are held."""
+
     texts: tuple[StatusText, ...] = ()
     """What the autopilot said since the tick before."""
 

@@ -135,7 +135,7 @@ RULES: dict[Condition, Rule] = {
         lambda now, _: now.observed.state.dead_motor > 0 and not now.observed.misses_motor, warns=True
     ),
     C.TILTED: Rule(
-        lambda now, limits: tilted(now.observed.state, limits),
+        lambda now, limits: tilted(now.observed, limits),
         ("max_tilt_deg",),
         blocks=True,
         warns=True,

@@ -113,7 +113,7 @@ class Monitor:
         recovers = now_s - self._without_since_s <= RECOVERS_S
         self._off_track_s = _lasting(self._off_track_s, dt_s, off_track and not recovers)
         depth_held = dofs is not None and steered and held[Z] and abs(dofs.e[Z]) <= DEPTH_HELD_M
-        self._tilted_s = _lasting(self._tilted_s, dt_s, tilted(state, limits) and not depth_held)
+        self._tilted_s = _lasting(self._tilted_s, dt_s, tilted(observed, limits) and not depth_held)
         new = dt_s / (dt_s + INNOVATION_MEMORY_S)
         innovations = zip(self._mean_innovation, state.innovation, strict=True)
         mean = [old + new * (abs(innovation) - old) for old, innovation in innovations]

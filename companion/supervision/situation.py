@@ -6,7 +6,17 @@ from collections.abc import Mapping, Sequence
 import msgspec
 
 from companion.config import GroundStation, SupervisorLimits
-from companion.records import DofSample, EkfStatus, Event, Flags, LoopHealth, Request, VehicleState
+from companion.records import (
+    LEVEL,
+    Angles,
+    DofSample,
+    EkfStatus,
+    Event,
+    Flags,
+    LoopHealth,
+    Request,
+    VehicleState,
+)
 from companion.supervision.handover import HandOverStep
 
 
@@ -18,6 +28,8 @@ class Observation(msgspec.Struct, frozen=True, kw_only=True):
     loop: LoopHealth
     held: Flags
     """The degrees of freedom that are held, or while nothing is those that would be."""
+    angles: Angles = LEVEL
+    """At which roll and pitch are held."""
     events: Sequence[Event] = ()
     requests: Sequence[Request] = ()
     awaits_position: bool = False
@@ -103,7 +115,8 @@ def voltage_is_low(voltage_v: float, limits: SupervisorLimits) -> bool:
     return voltage_v < limits.min_voltage_v
 
 
-def tilted(state: VehicleState, limits: SupervisorLimits) -> bool:
-    """Tell whether roll or pitch is too large; an unknown attitude counts as too large."""
+def tilted(observed: Observation, limits: SupervisorLimits) -> bool:
+    """Tell whether roll or pitch is too far from its held angle; an unknown one counts as too far."""
+    state, (roll_d, pitch_d) = observed.state, observed.angles
     most_rad = math.radians(limits.max_tilt_deg)
-    return not (abs(state.roll) <= most_rad and abs(state.pitch) <= most_rad)
+    return not (abs(state.roll - roll_d) <= most_rad and abs(state.pitch - pitch_d) <= most_rad)

@@ -79,7 +79,8 @@ class Goto(Payload, frozen=True):
 
     In the frame "offset" they count from where the vehicle is, north, east and down; in "body" forward, right
     and down, and the heading clockwise. It needs a position source for `x_m` and `y_m`, and a rangefinder
-    that looks down for `altitude_m`, which is kept until a depth is given.
+    that looks down for `altitude_m`, which is kept until a depth is given. `roll_deg` and `pitch_deg` are
+    held until others are given or the vehicle is released; they need a vehicle that can pitch (a Heavy).
     """
 
     order = "go to"
@@ -91,6 +92,10 @@ class Goto(Payload, frozen=True):
     altitude_m: Annotated[ranges.Altitude, means("over the ground, instead of a depth")] | Optional = (
         msgspec.UNSET
     )
+    roll_deg: Annotated[ranges.HeldAngle, means("angle to be held, right side down")] | Optional = (
+        msgspec.UNSET
+    )
+    pitch_deg: Annotated[ranges.HeldAngle, means("angle to be held, bow up")] | Optional = msgspec.UNSET
     frame: Annotated[Literal["local", "offset", "body"], means("what they count from")] = "local"
     speed_mps: Annotated[ranges.PathSpeed, means("slower where a limit asks for it")] = 0.2
     acceleration_mps2: ranges.PathAcceleration = 0.1

@@ -106,6 +106,10 @@ class PathPlan(Table, frozen=True, kw_only=True):
     altitude_m: Annotated[ranges.Altitude, means("over the ground, instead of depths")] | Optional = (
         msgspec.UNSET
     )
+    roll_deg: Annotated[ranges.HeldAngle, means("angle to be held, right side down")] | Optional = (
+        msgspec.UNSET
+    )
+    pitch_deg: Annotated[ranges.HeldAngle, means("angle to be held, bow up")] | Optional = msgspec.UNSET
     corner_m: Annotated[ranges.Corner, means("of waypoints that have none of their own")] = 0.5
     laps: Annotated[ranges.Laps, means("how often; 0: until stopped")] = 1
     closed: Annotated[bool, means("go back from the last waypoint to the first")] = False

@@ -71,6 +71,8 @@ class State(Record, frozen=True, kw_only=True):
     heading_rate_radps: Annotated[float, field("positive clockwise", "state.eta_dot[psi]")]
     roll_rad: Annotated[float, field("right side down", "state.roll")]
     pitch_rad: Annotated[float, field("bow up", "state.pitch")]
+    roll_desired_rad: Annotated[float, field("at which roll is held", "angles_d.roll")] = 0.0
+    pitch_desired_rad: Annotated[float, field("at which pitch is held", "angles_d.pitch")] = 0.0
     roll_rate_radps: Annotated[float, field("body rate p", "state.p")]
     pitch_rate_radps: Annotated[float, field("body rate q", "state.q")]
     armed: Annotated[bool, field("from the vehicle's heartbeat")]

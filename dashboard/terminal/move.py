@@ -16,10 +16,11 @@ examples:
   holdfast goto bluerov2 --offset --north 1 --speed 0.1        1 m further north than it is
   holdfast goto bluerov2 --body --forward 2 --right 0.5        as its pilot sees it
   holdfast goto bluerov2 --heading 90                          turn on the spot
+  holdfast goto bluerov2 --pitch 20                            hold the bow up by 20 degrees; 0 is level
   holdfast goto bluerov2 --altitude 1.5                        keep 1.5 m over the ground, until --depth
 
 What is not given stays. north and east need a position source, such as a DVL, and
-altitude a rangefinder that looks down.
+altitude a rangefinder that looks down. Roll and pitch need a frame that can pitch (vectored_6dof) in MANUAL.
 Exit status: 0 under way, 1 refused or no answer, 2 wrong arguments.
 """
 
@@ -54,6 +55,8 @@ def goto(argv: list[str]) -> int:
     parser.add_argument(
         "--altitude", dest="altitude_m", type=float, metavar="M", help="over the ground, instead of --depth"
     )
+    parser.add_argument("--roll", dest="roll_deg", type=float, metavar="DEG", help="held, right side down")
+    parser.add_argument("--pitch", dest="pitch_deg", type=float, metavar="DEG", help="held, bow up")
     frame = parser.add_mutually_exclusive_group()
     frame.add_argument(
         "--offset",

@@ -458,6 +458,7 @@ def _banner(view: View) -> RenderableType:
                 f" in {mode}   battery {volts}   stick gain ",
                 f"{state.pilot_gain:.0%}" if known else _DASH,
                 f"   roll {_angle(state, 'roll_rad')}   pitch {_angle(state, 'pitch_rad')}",
+                _held_angles(state),
             )
         )
     return Group(*lines)
@@ -607,6 +608,11 @@ def _place(value: float, dof: str) -> str:
 
 def _angle(state: State, name: str) -> str:
     return _DASH if name in state.absent else f"{math.degrees(getattr(state, name)):+.0f}°"
+
+
+def _held_angles(state: State) -> str:
+    held = math.degrees(state.roll_desired_rad), math.degrees(state.pitch_desired_rad)
+    return f"   held at {held[0]:+.0f}° and {held[1]:+.0f}°" if max(map(abs, held)) > 0.5 else ""
 
 
 def _error(value: float, dof: str) -> str:

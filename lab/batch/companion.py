@@ -13,7 +13,7 @@ from companion.control.controller import Target
 from companion.control.reference import Reference
 from companion.core.tick import Known, Outside, Permission, Sent, Wanted
 from companion.estimation.observers import Inputs, Measured
-from companion.records import PSI, Axes, Flags, Vector, X, Z
+from companion.records import LEVEL, PSI, Axes, Flags, Vector, X, Z
 from companion.supervision.guard import bounded
 from lab.batch.stand_in import OVERRIDE_SPAN_US, TICK_S, Readings, Timing
 
@@ -86,7 +86,7 @@ def permit(script: Script, inputs: Inputs, known: Known) -> Permission:
 
 def guide(script: Script, inputs: Inputs, known: Known, reference: Reference) -> Wanted:
     """Return the scripted target."""
-    return Wanted(script.target, script.engaged)
+    return Wanted(script.target, script.engaged, LEVEL)
 
 
 def send(script: Script, inputs: Inputs, wanted: Axes) -> Sent:

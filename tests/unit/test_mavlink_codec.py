@@ -1,12 +1,13 @@
 import math
 
 import mavlink_wire as wire
+import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from companion.mavlink import messages
 from companion.mavlink.codec import Codec
-from companion.mavlink.decode import position_target
+from companion.mavlink.decode import attitude_target, position_target
 from companion.mavlink.encode import Commands
 from companion.mavlink.frames import PARTIAL_TIMEOUT_S
 from companion.records import Sender
@@ -194,3 +195,46 @@ def test_a_position_target_says_what_its_mask_leaves_in():
 )
 def test_a_position_target_that_cannot_be_followed_is_none(asked):
     assert position_target_of(**asked) is None
+
+
+def test_one_of_three_leaves_out_all_three_as_in_ardusub():
+    depth = position_target_of(x=1.0, y=2.0, z=3.0, mask=0xDFB)
+    np.testing.assert_equal(depth.place, (math.nan, math.nan, 3.0, math.nan))
+    assert position_target_of(x=1.0, y=2.0, z=3.0, mask=0xDF9) is None
+    assert position_target_of(vx=1.0, mask=0xDCF) is None
+    moving = position_target_of(x=1.0, vx=0.3, afx=0.1, mask=0xC00)
+    assert moving.velocity[:3] == (0.3, 0.0, 0.0)
+    assert moving.acceleration[:3] == (0.1, 0.0, 0.0)
+    assert math.isnan(position_target_of(x=1.0, vx=0.3, afx=0.1, mask=0xC40).acceleration[0])
+
+
+@pytest.mark.parametrize(
+    ("mask", "q", "thrust", "said"),
+    [
+        (0x07, (1.0, 0.0, 0.0, 0.0), 0.5, (0.0, 0.0, 0.0, 0.0)),
+        (0x07, (math.cos(0.2), 0.0, math.sin(0.2), 0.0), 1.0, (0.0, 0.4, 0.0, 1.0)),
+        (0x47, (math.cos(0.2), math.sin(0.2), 0.0, 0.0), 1.0, (0.4, 0.0, 0.0, 0.0)),
+        (0x87, (1.0, 0.0, 0.0, 0.0), 0.0, (math.nan, math.nan, math.nan, -1.0)),
+    ],
+)
+def test_an_attitude_target_says_what_its_mask_leaves_in(mask, q, thrust, said):
+    found = attitude_target(attitude_message(mask, q, thrust), 5.0)
+    np.testing.assert_allclose((*found.angles, found.heading, found.climb), said, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("mask", "q", "thrust"),
+    [
+        (0xC7, (1.0, 0.0, 0.0, 0.0), 1.0),
+        (0x47, (0.0, 0.0, 0.0, 0.0), 1.0),
+        (0x47, (math.nan, 0.0, 0.0, 0.0), 1.0),
+        (0x87, (1.0, 0.0, 0.0, 0.0), math.nan),
+        (0x47, (30.0, 0.0, 0.0, 0.0), 1.0),
+    ],
+)
+def test_an_attitude_target_that_cannot_be_followed_is_none(mask, q, thrust):
+    assert attitude_target(attitude_message(mask, q, thrust), 5.0) is None
+
+
+def attitude_message(mask, q, thrust):
+    return mavlink.MAVLink_set_attitude_target_message(0, 1, 1, mask, q, 0.0, 0.0, 0.0, thrust)

@@ -12,6 +12,7 @@ from msgspec import structs
 from companion.config import load_config
 from companion.records import (
     NEUTRAL,
+    Angles,
     AxisCommand,
     Condition,
     Delays,
@@ -457,6 +458,8 @@ def test_nothing_holds_when_all_is_well():
         (aged(heartbeat_s=LIMITS.heartbeat_timeout_s + 0.01), {}, C.LINK_LOST),
         (structs.replace(RESTING, roll=math.radians(LIMITS.max_tilt_deg) + 0.01), {}, C.TILTED),
         (structs.replace(RESTING, pitch=-math.radians(LIMITS.max_tilt_deg) - 0.01), {}, C.TILTED),
+        (structs.replace(RESTING, pitch=-1.0), {"angles": Angles(0.0, -1.0)}, NOTHING),
+        (RESTING, {"angles": Angles(math.radians(LIMITS.max_tilt_deg) + 0.01, 0.0)}, C.TILTED),
         (at_depth(LIMITS.max_depth_m + LIMITS.depth_margin_m + 0.01), {}, C.DEPTH_OUT_OF_BOUNDS),
         (at_depth(-LIMITS.depth_margin_m - 0.01), {}, C.DEPTH_OUT_OF_BOUNDS),
         (structs.replace(RESTING, depth_refused=True), {}, C.DEPTH_JUMPED),

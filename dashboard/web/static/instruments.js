@@ -63,8 +63,12 @@ export class Attitude {
     move(this.bug, `rotate(${wanted.toFixed(1)})`);
     this.bug.style.display = value("psi.engaged") > 0 ? "" : "none";
     say(this.heading, `${((heading + 360) % 360).toFixed(1).padStart(5, "0")}°`);
-    say(this.rolled, `roll ${signed(roll)}°`);
-    say(this.pitched, `pitch ${signed(pitch)}°`);
+    const held = (name) => {
+      const angle = value(name) * DEG;
+      return Math.abs(angle) > 0.05 ? ` of ${signed(angle)}°` : "";
+    };
+    say(this.rolled, `roll ${signed(roll)}°${held("roll_desired_rad")}`);
+    say(this.pitched, `pitch ${signed(pitch)}°${held("pitch_desired_rad")}`);
   }
 }
 
