@@ -173,7 +173,8 @@ class Condition(IntFlag):
         "tilted too far",
         "a vehicle at its angle",
         "no longer tilted too far",
-        "roll or pitch is too far from its held angle, level if none: only heave and levelling remain; x, y and heading are released",
+        "roll or pitch is too far from its held angle, or from level: only heave and levelling remain; x, y "
+        "and heading are released",
         "move slower, avoid the current or turn into it; look for a dead or reversed thruster",
     )
     TILT_PERSISTS = (

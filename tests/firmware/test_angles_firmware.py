@@ -33,9 +33,8 @@ def test_depth_and_place_are_held_at_an_angle(ardusub, asked):
     assert steps[-1].sample.verdict.state is State.ACTIVE
     eta = np.array([step.truth.eta for step in steps])
     t_s = np.array([step.t_s for step in steps])
-    level, held = (15.0 < t_s) & (t_s < LEVEL_S), t_s > TURNED_S
+    level, held = (t_s > 15.0) & (t_s < LEVEL_S), t_s > TURNED_S
     np.testing.assert_allclose(np.degrees(eta[held, 3:5]).mean(axis=0), asked, atol=1.5)
     before_mm, after_mm = (1e3 * eta[during, 2].std() for during in (level, held))
-    print(f"{asked}: depth SD {before_mm:.1f} mm level, {after_mm:.1f} mm at the angle")
     assert after_mm < 1.6 * before_mm + 2.0
     assert np.hypot(*(eta[held, :2] - eta[level, :2].mean(axis=0)).T).max() < 0.25

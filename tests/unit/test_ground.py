@@ -72,9 +72,10 @@ def test_without_echoes_it_is_lost_and_scattered_ones_do_not_find_it():
 
 
 def test_the_range_is_along_the_hulls_own_axis():
-    cos = math.cos(math.radians(20.0))
-    assert over(GroundFinder(), [2.0 / cos] * 20, tilt_cos=cos)[-1].depth_m == pytest.approx(6.0)
-    assert not over(GroundFinder(), [2.0] * 20, tilt_cos=math.cos(math.radians(40.0)))[-1].known
+    for tilt in (20.0, 55.0):
+        cos = math.cos(math.radians(tilt))
+        assert over(GroundFinder(), [2.0 / cos] * 20, tilt_cos=cos)[-1].depth_m == pytest.approx(6.0)
+    assert not over(GroundFinder(), [2.0] * 20, tilt_cos=math.cos(math.radians(65.0)))[-1].known
     assert not over(GroundFinder(), [2.0] * 20, tilt_cos=math.nan)[-1].known
 
 
