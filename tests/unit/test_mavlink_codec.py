@@ -219,6 +219,7 @@ def test_one_of_three_leaves_out_all_three_as_in_ardusub():
 )
 def test_an_attitude_target_says_what_its_mask_leaves_in(mask, q, thrust, said):
     found = attitude_target(attitude_message(mask, q, thrust), 5.0)
+    assert found is not None
     np.testing.assert_allclose((*found.angles, found.heading, found.climb), said, atol=1e-6)
 
 
