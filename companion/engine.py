@@ -142,7 +142,8 @@ class Engine:
         dt_s = self._tick_s if self._last_s is None else now_s - self._last_s
         control_dt_s = min(max(dt_s, 0.0), MAX_DT_TICKS * self._tick_s)
         self._last_s = now_s
-        events = self.events = [*self._autopilot.receive(datagrams), *pilot_events(ground)]
+        heard = self._autopilot.receive(datagrams)
+        events = self.events = [*heard, *pilot_events(ground, self._autopilot.origin)]
         reports = [event for event in events if type(event) not in SAMPLES]
         requests = self._supervision.accepted(requests)
         memory, inputs = self._take(now_s, events, requests)
@@ -182,7 +183,7 @@ class Engine:
             return failure
         self._triggers = number
         origin = self._autopilot.origin
-        place = {} if origin is None else {"place_deg": degrees(eta[X], eta[Y], origin)}
+        place = {} if origin is None else {"place_deg": degrees(eta[X], eta[Y], origin.place_deg)}
         return failure | place | {"trigger": number, "picture": self._guidance.takes_pictures}
 
     def displayed(self, sample: ControlSample, events: Sequence[schemas.Event]) -> list[bytes]:

@@ -22,12 +22,12 @@ from companion.records import (
     Event,
     Firmware,
     Flags,
+    GlobalOrigin,
     LinkCounters,
     PilotSticks,
     Sender,
     ServoOutput,
 )
-from companion.telemetry.degrees import Degrees
 from companion.telemetry.modes import Mode
 
 NS_PER_S = 1e9
@@ -177,7 +177,7 @@ class Autopilot:
         return self._camera.failure
 
     @property
-    def origin(self) -> Degrees | None:
+    def origin(self) -> GlobalOrigin | None:
         """Where on earth the EKF's origin is, once it has reported one."""
         return self._maintenance.origin
 

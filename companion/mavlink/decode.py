@@ -54,7 +54,9 @@ from companion.records import (
     ServoOutput,
     StatusText,
     TimeSync,
+    Vector,
 )
+from companion.telemetry.degrees import metres
 from companion.telemetry.schemas import printable
 
 ARMED: Final = mavlink.MAV_MODE_FLAG_SAFETY_ARMED
@@ -370,7 +372,7 @@ class Decoder:
         latitude_deg, longitude_deg = m.latitude / 1e7, m.longitude / 1e7
         if abs(latitude_deg) > 90.0 or abs(longitude_deg) > 180.0:
             return self._implausible()
-        return (GlobalOrigin(t_s, latitude_deg, longitude_deg),)
+        return (GlobalOrigin(t_s, latitude_deg, longitude_deg, m.altitude / 1e3),)
 
     def _statustext(self, m: Message, t_s: float) -> tuple[Event, ...]:
         events: tuple[Event, ...] = ()
@@ -467,10 +469,16 @@ TARGET_FRAMES: Final = {
 }
 """Whether places count from the vehicle, whether axes are its own, whether headings count from its own."""
 
-NOTHING_SAID = (math.nan, math.nan, math.nan)
+GLOBAL_FRAMES: Final = {
+    mavlink.MAV_FRAME_GLOBAL: True,
+    mavlink.MAV_FRAME_GLOBAL_INT: True,
+    mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT: False,
+    mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT: False,
+}
+"""Whether an altitude is over the sea, not over the surface of the water that is dived in."""
 
 
-def position_target(m: Message, t_s: float) -> PositionTarget | None:
+def position_target(m: Message, t_s: float, origin: GlobalOrigin | None = None) -> PositionTarget | None:
     """Convert SET_POSITION_TARGET_LOCAL_NED; None where it asks for what is not supported, or for nothing.
 
     A force is not followed, and an acceleration only beside a velocity.
@@ -478,26 +486,49 @@ def position_target(m: Message, t_s: float) -> PositionTarget | None:
     frame, mask = TARGET_FRAMES.get(m.coordinate_frame), m.type_mask
     if frame is None or mask & IS_FORCE:
         return None
-    place, speed, acceleration = NOTHING_SAID, NOTHING_SAID, NOTHING_SAID
+    heading = math.nan if mask & IGNORES_YAW else m.yaw
+    rate = math.nan if mask & IGNORES_YAW_RATE else m.yaw_rate
+    return _target(m, t_s, (m.x, m.y, m.z, heading), rate, frame)
+
+
+def global_target(m: Message, t_s: float, origin: GlobalOrigin | None) -> PositionTarget | None:
+    """Convert SET_POSITION_TARGET_GLOBAL_INT, None as above and for a place while no origin is known.
+
+    As in ArduSub its heading is not read, and a depth that stands alone is under the EKF's origin.
+    """
+    over_the_sea, mask = GLOBAL_FRAMES.get(m.coordinate_frame), m.type_mask
+    if over_the_sea is None or mask & IS_FORCE:
+        return None
+    north_m, east_m, depth_m = math.nan, math.nan, -m.alt
     if not mask & POSITION:
-        place = (m.x, m.y, m.z)
-    elif not mask & DEPTH and mask & POSITION == POSITION & ~DEPTH:
-        place = (math.nan, math.nan, m.z)
-    if not mask & VELOCITY:
-        speed = (m.vx, m.vy, m.vz)
-        if not mask & ACCELERATION:
-            acceleration = (m.afx, m.afy, m.afz)
-    places = (*place, math.nan if mask & IGNORES_YAW else m.yaw)
-    speeds = (*speed, math.nan if mask & IGNORES_YAW_RATE else m.yaw_rate)
-    for values, most in ((places, MAX_DISTANCE_M), (speeds, MAX_SPEED_MPS), (acceleration, MAX_SPEED_MPS)):
+        if origin is None:
+            return None
+        place = m.lat_int / 1e7, m.lon_int / 1e7
+        north_m, east_m = metres(place, origin.place_deg)
+        depth_m += origin.altitude_m if over_the_sea else 0.0
+    return _target(m, t_s, (north_m, east_m, depth_m, math.nan), math.nan, (False, False, False))
+
+
+def _target(
+    m: Message, t_s: float, place: Vector, rate: float, frame: tuple[bool, bool, bool]
+) -> PositionTarget | None:
+    """Return what the mask leaves of a target."""
+    x, y, z, heading = place
+    mask, nan = m.type_mask, math.nan
+    if mask & POSITION:
+        x, y, z = nan, nan, z if mask & POSITION == POSITION & ~DEPTH else nan
+    u, v, w = (nan, nan, nan) if mask & VELOCITY else (m.vx, m.vy, m.vz)
+    a, b, c = (nan, nan, nan) if mask & (VELOCITY | ACCELERATION) else (m.afx, m.afy, m.afz)
+    places, speeds, accelerations = (x, y, z, heading), (u, v, w, rate), (a, b, c, nan)
+    for values, most in ((places, MAX_DISTANCE_M), (speeds, MAX_SPEED_MPS), (accelerations, MAX_SPEED_MPS)):
         if any(abs(value) > most for value in values):
             return None
     if all(map(math.isnan, (*places, *speeds))):
         return None
-    return PositionTarget(t_s, places, speeds, (*acceleration, math.nan), *frame)
+    return PositionTarget(t_s, places, speeds, accelerations, *frame)
 
 
-def attitude_target(m: Message, t_s: float) -> AttitudeTarget | None:
+def attitude_target(m: Message, t_s: float, origin: GlobalOrigin | None = None) -> AttitudeTarget | None:
     """Convert SET_ATTITUDE_TARGET; None where it says nothing. Half thrust keeps the depth, as in ArduSub."""
     angles, heading, climb = Angles(math.nan, math.nan), math.nan, 0.0
     w, x, y, z = m.q

@@ -11,7 +11,6 @@ from companion.mavlink.encode import Commands
 from companion.mavlink.messages import Message
 from companion.mavlink.streams import Streams
 from companion.records import Event, Firmware, GlobalOrigin, Heartbeat, Parameter, Reboot, StatusText
-from companion.telemetry.degrees import Degrees
 from companion.telemetry.modes import Mode
 
 HEARTBEAT_S: Final = 1.0
@@ -81,7 +80,7 @@ class LinkMaintenance:
         return self._firmware
 
     @property
-    def origin(self) -> Degrees | None:
+    def origin(self) -> GlobalOrigin | None:
         """Where on earth the EKF's origin is, once it has reported one."""
         return self._origin
 
@@ -150,7 +149,7 @@ class LinkMaintenance:
         self._missing = {name: (float("-inf"), PARAMETER_AGAIN_S[0]) for name in PARAMETERS}
         self._streams.restart()
         self._firmware: Firmware | None = None
-        self._origin: Degrees | None = None
+        self._origin: GlobalOrigin | None = None
         self._version, self._origin_due = _Timer(VERSION_S), _Timer(ORIGIN_S)
         self._timesync = _Timer(TIMESYNC_S)
         self._mode = _Timer(COMMAND_S)
@@ -171,7 +170,7 @@ class LinkMaintenance:
         elif isinstance(event, Firmware):
             self._firmware = event
         elif isinstance(event, GlobalOrigin):
-            self._origin = event.latitude_deg, event.longitude_deg
+            self._origin = event
         elif isinstance(event, StatusText):
             self._streams.said(event.text)
 

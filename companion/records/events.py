@@ -119,10 +119,16 @@ class EkfOrigin(Event, frozen=True, gc=False):
 
 
 class GlobalOrigin(Event, frozen=True, gc=False):
-    """Where on earth the EKF's origin is, WGS84."""
+    """Where on earth the EKF's origin is, WGS84, and how high over the sea."""
 
     latitude_deg: float
     longitude_deg: float
+    altitude_m: float
+
+    @property
+    def place_deg(self) -> tuple[float, float]:
+        """Latitude and longitude."""
+        return self.latitude_deg, self.longitude_deg
 
 
 class PilotInput(Event, frozen=True, gc=False):

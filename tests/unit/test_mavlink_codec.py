@@ -7,10 +7,10 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from companion.mavlink import messages
 from companion.mavlink.codec import Codec
-from companion.mavlink.decode import attitude_target, position_target
+from companion.mavlink.decode import attitude_target, global_target, position_target
 from companion.mavlink.encode import Commands
 from companion.mavlink.frames import PARTIAL_TIMEOUT_S
-from companion.records import Sender
+from companion.records import GlobalOrigin, Sender
 
 VEHICLE = (1, 1)
 US = (255, 191)
@@ -239,3 +239,35 @@ def test_an_attitude_target_that_cannot_be_followed_is_none(mask, q, thrust):
 
 def attitude_message(mask, q, thrust):
     return mavlink.MAVLink_set_attitude_target_message(0, 1, 1, mask, q, 0.0, 0.0, 0.0, thrust)
+
+
+ORIGIN = GlobalOrigin(0.0, 47.4, 8.55, 400.0)
+
+
+@pytest.mark.parametrize(
+    ("frame", "mask", "alt", "origin", "place"),
+    [
+        (mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT, 0xDF8, -3.0, ORIGIN, (11.13, 7.53, 3.0)),
+        (mavlink.MAV_FRAME_GLOBAL_INT, 0xDF8, 397.0, ORIGIN, (11.13, 7.53, 3.0)),
+        (mavlink.MAV_FRAME_GLOBAL_INT, 0xDFB, -3.0, None, (math.nan, math.nan, 3.0)),
+    ],
+)
+def test_a_global_target_is_a_place_from_the_ekfs_origin(frame, mask, alt, origin, place):
+    found = global_target(global_message(frame, mask, alt), 5.0, origin)
+    assert found is not None
+    np.testing.assert_allclose(found.place, (*place, math.nan), atol=0.02)
+    assert (found.offset, found.body, found.turns) == (False, False, False)
+
+
+def test_a_global_place_without_an_origin_in_another_frame_or_too_far_is_none():
+    relative = mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT
+    assert global_target(global_message(relative, 0xDF8, -3.0), 5.0, None) is None
+    assert global_target(global_message(mavlink.MAV_FRAME_LOCAL_NED, 0xDF8, -3.0), 5.0, ORIGIN) is None
+    elsewhere = GlobalOrigin(0.0, -20.0, 8.55, 0.0)
+    assert global_target(global_message(relative, 0xDF8, -3.0), 5.0, elsewhere) is None
+
+
+def global_message(frame, mask, alt):
+    return mavlink.MAVLink_set_position_target_global_int_message(
+        0, 1, 1, frame, mask, 474001000, 85501000, alt, *(0.0,) * 8
+    )

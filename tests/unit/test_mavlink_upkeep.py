@@ -144,8 +144,8 @@ def test_the_version_is_asked_for_until_it_is_reported_and_again_after_a_reboot(
 def test_the_origin_is_asked_for_until_it_is_reported_and_again_after_a_reboot(dive):
     dive.run(5.0)
     assert len(dive.asked(ORIGIN)) == 3
-    dive.step(GlobalOrigin(dive.now_s, 47.4, 8.55))
-    assert dive.upkeep.origin == (47.4, 8.55)
+    dive.step(GlobalOrigin(dive.now_s, 47.4, 8.55, 0.0))
+    assert dive.upkeep.origin.place_deg == (47.4, 8.55)
     dive.sent.clear()
     dive.run(5.0)
     assert not dive.asked(ORIGIN)
