@@ -105,7 +105,7 @@ def test_six_thrusters_hand_over_what_five_cannot_hold():
     dive.fault("thruster", thruster=6, value=0.0)
     dive.until(State.HAND_OVER, within_s=10.0)
     verdict = dive.step.sample.verdict
-    assert "a motor is dead" in verdict.reason
+    assert Condition.THRUSTER_MISSED.text in verdict.reason
     assert verdict.remedy == "bring the vehicle up, and repair it"
     dive.run(10.0)
     assert dive.step.truth.mode == ALT_HOLD
