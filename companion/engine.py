@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
+from msgspec import UNSET
 from msgspec.structs import replace
 
 from companion import assembly
@@ -68,7 +69,9 @@ from companion.supervision.guard import guard
 from companion.supervision.situation import Observation
 from companion.supervision.supervision import Supervision
 from companion.telemetry import schemas
+from companion.telemetry.commands import Follow
 from companion.telemetry.degrees import degrees
+from companion.telemetry.interruption import Datum
 
 MAX_DT_TICKS = 3.0
 RELEASING = (State.RAMP_DOWN, State.HAND_OVER)
@@ -254,6 +257,11 @@ class Engine:
         return self._guidance.asked
 
     @property
+    def unfinished(self) -> Follow | None:
+        """The path that is under way or was interrupted, as a command that goes on with it."""
+        return self._guidance.unfinished
+
+    @property
     def path(self) -> tuple[Path, Callable[[Vector], Vector]] | None:
         """The path that is followed, and what gives its places in the EKF's frame."""
         return self._guidance.path
@@ -350,6 +358,7 @@ class Engine:
         verdict = self._supervision.step(observed)
         engage = Request.ENGAGE in requests
         frame = self._estimator.frame
+        guidance.count_from(self._datum(state))
         regained = guidance.update(self._supervision.previous, verdict, state, frame, engage=engage)
         return Permission(
             authority=verdict.authority,
@@ -361,6 +370,18 @@ class Engine:
             trusts_thrusters=Request.CLEAR_FAULT in now.requests,
             reach=self._reach(state),
             excitation=self.excitation,
+        )
+
+    def _datum(self, state: VehicleState) -> Datum:
+        """Return what places count from now."""
+        autopilot, reported = self._autopilot, self._autopilot.parameters
+        primary = int(reported.get("BARO_PRIMARY", -1.0)) + 1
+        boots, surface_pa = reported.get("STAT_BOOTCNT"), reported.get(f"BARO{primary}_GND_PRESS")
+        return Datum(
+            boot_s=state.boot_s,
+            boots=UNSET if boots is None else int(boots),
+            origin_deg=UNSET if autopilot.origin is None else autopilot.origin,
+            surface_pa=UNSET if surface_pa is None else surface_pa,
         )
 
     def _reach(self, state: VehicleState) -> AxisCommand:

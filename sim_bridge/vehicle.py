@@ -289,6 +289,7 @@ class Vehicle:
     def _reboot(self) -> None:
         """Restart the firmware: parameters stay; origin, streams, mode and arming are lost."""
         self._boot_steps = self._steps
+        self._params.set("STAT_BOOTCNT", self._params["STAT_BOOTCNT"] + 1.0)
         for link in self._links:
             self._links[link] = Link()
             self._links[link].sign(self._keys, link)

@@ -1,6 +1,7 @@
 """What tests of several folders share."""
 
 import json
+import os
 from collections.abc import Callable, Iterator
 from itertools import count
 from pathlib import Path
@@ -35,6 +36,7 @@ from companion.records import (
 settings.register_profile("test", derandomize=True, database=None, deadline=None, max_examples=60)
 settings.register_profile("quick", settings.get_profile("test"), max_examples=20)  # make quick
 settings.register_profile("hunt", derandomize=False, deadline=None, max_examples=3000, print_blob=True)
+_states = count()
 settings.load_profile("test")  # everybody tries the same examples; make hunt draws new ones
 
 
@@ -49,6 +51,14 @@ def dives_of_its_own(request: pytest.FixtureRequest) -> Iterator[None]:
     SHARED.enabled = "monkeypatch" not in request.fixturenames
     yield
     SHARED.enabled = True
+
+
+@pytest.fixture(autouse=True)
+def state_of_its_own(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Let no test find what a companion of another one kept; a folder is made where one keeps something."""
+    os.environ["XDG_STATE_HOME"] = str(tmp_path_factory.getbasetemp() / f"state-{next(_states)}")
+    yield
+    del os.environ["XDG_STATE_HOME"]
 
 
 @pytest.fixture

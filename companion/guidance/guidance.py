@@ -56,7 +56,8 @@ from companion.records import (
     either,
     vector,
 )
-from companion.telemetry.commands import Goto, SetVelocity
+from companion.telemetry.commands import Follow, Goto, SetVelocity
+from companion.telemetry.interruption import Datum, Interruption, difference
 
 VELOCITY_LASTS_S = 1.0
 
@@ -84,9 +85,11 @@ class Guidance:
         self._angles = HeldAngles(config)
         self._carries_until_s = -math.inf
         """Until then the target moves on by its own rate, which the ground station gave it."""
+        self._interrupted: Course | None = None
+        """The path that a place or a move has replaced: `resume` takes it up again."""
         self._frame = Frame()
-        self._course_offset = Offset()
-        """Of the frame in which the course's places are: the EKF's, as it was when the course began."""
+        self._datum = Datum(boot_s=-math.inf)
+        """What places count from."""
 
     @property
     def target(self) -> Setpoint:
@@ -136,7 +139,7 @@ class Guidance:
         Raises ValueError for one that is infinite, deeper than `supervisor.max_depth_m`, or beyond the fence.
         """
         self._target.ask(self._checked(setpoint), self._frame.settled)
-        self._course = None
+        self._leave_course()
         if not math.isnan(setpoint.eta_d[Z]):
             self._altitude = None
 
@@ -150,27 +153,34 @@ class Guidance:
             self._move_at(order, now_s)
         elif order.action == "hold":
             self._hold_here(reference)
+        elif order.action == "resume":
+            self._resume(reference)
         elif self._course is None or self._course.done:
             raise ValueError("there is no path and no move under way")
-        elif order.action == "pause":
-            self._course.paused = True
         else:
-            self._course.resume(self._course_offset.outside(self._standing(reference)))
+            self._course.paused = True
 
     @property
     def guided(self) -> Guided:
         """What moves the target now."""
         course, number = self._course, self._course_number
-        if course is None:
-            return Guided("hold" if any(self.engaged) else "", number, altitude_m=self._altitude_m)
-        kind = "move" if course.path is None else "path"
-        if course.done:
+        rests = "hold" if any(self.engaged) else ""
+        if self._interrupted is not None and (course is None or (course.done and not course.refused)):
+            course = self._interrupted
+            kind = rests
+        elif course is None:
+            return Guided(rests, number, altitude_m=self._altitude_m)
+        elif course.done:
             kind = "refused" if course.refused else "hold"
         elif course.paused:
             kind = "paused"
         elif not course.begun or self.awaits_position:
             kind = "waiting"
+        else:
+            kind = "move" if course.path is None else "path"
         name = course.refused or (course.path.plan.name if course.path is not None else "")
+        if kind == "hold":
+            name = ""
         return Guided(
             kind,
             number,
@@ -195,12 +205,33 @@ class Guidance:
     @property
     def path(self) -> tuple[Path, Callable[[Vector], Vector]] | None:
         """The path, and what gives its places in the EKF's frame; None where there is none."""
-        course, began, now = self._course, self._course_offset, self._frame.now
+        course, now = self._course or self._interrupted, self._frame.now
         if course is None or course.path is None:
             return None
+        began = course.frame
         if not course.begun or began == now:
             return course.path, course.moved
         return course.path, lambda place: now.outside(began.inside(course.moved(place)))
+
+    @property
+    def unfinished(self) -> Follow | None:
+        """The path that is under way or was interrupted, as a command that goes on with it."""
+        for course in (self._course, self._interrupted):
+            if course is not None and course.path is not None and course.is_unfinished:
+                at = course.interruption(self._frame.settled, self._datum)
+                return Follow(path=course.path.plan, interrupted=at)
+        return None
+
+    def count_from(self, datum: Datum) -> None:
+        """Take what places count from now. A path of an earlier process is refused where that has changed."""
+        self._datum, course = datum, self._course
+        if course is None or course.done or not course.taken_up or course.datum is None:
+            return
+        why = difference(course.datum, datum)
+        course.unproved = why is None
+        if why:
+            course.refused = f"{why}: it cannot go on where it was interrupted. Follow it anew"
+            course.done = True
 
     def refuse(self, config: Config) -> None:
         """Raise ValueError where the present setpoint is not possible with `config`."""
@@ -242,9 +273,11 @@ class Guidance:
             if self._altitude is not None:
                 self._altitude.rest()
             if verdict.state is State.FAULT:
-                self._course = self._altitude = None
-            elif self._course is not None and self._course.begun:
+                self._altitude = None
+            if self._course is not None and self._course.begun:
                 self._course.suspend()
+            if verdict.state is State.FAULT and not (self._course and self._course.is_unfinished):
+                self._course = None
             return None
         if not previous.authority > 0.0:
             held.engage(self.holdable(state))
@@ -378,7 +411,7 @@ class Guidance:
         level = min(axes[X].max_rate, axes[Y].max_rate)
         fastest = (level, level, axes[Z].max_rate, axes[PSI].max_rate)
         rate, rise = settled.inward(moving.eta_d_dot), settled.inward(moving.eta_d_ddot)
-        self._course = None
+        self._leave_course()
         if not math.isnan(z):
             self._altitude = None
         self._target.ask_places(known(place), place)
@@ -415,15 +448,19 @@ class Guidance:
     def _follow_course(self, state: VehicleState, reference: Reference, dt_s: float) -> None:
         """Move the target along the course."""
         course = self._course
+        if course is not None and course.goes_on and not (course.done or course.unproved):
+            course.goes_on = False
+            self._resume(reference)
         if course is None or course.done or course.suspended:
             return
+        course.datum = self._datum
         held = self.engaged[X] and self.engaged[Y]
         rests = course.wants_position and not held
         if not course.begun:
             if rests:
                 return
-            self._course_offset = self._frame.settled
-            start = self._course_offset.outside(self._standing(reference))
+            course.frame = self._frame.settled
+            start = course.frame.outside(self._standing(reference))
             if course.path is not None and (refused := self._fence.left_by(course.path, start)):
                 course.refused, course.done = refused, True
                 return
@@ -434,7 +471,7 @@ class Guidance:
             behind_m = max(behind_m, self._altitude.lacks_m(state.ground))
         at = course.step(0.0 if rests else pace(reference.pace, behind_m), dt_s)
         self.trigger_count += course.triggered
-        self._target.now = self._course_offset.setpoint_inside(at)
+        self._target.now = course.frame.setpoint_inside(at)
 
     def _follow(self, path: Path, reference: Reference) -> None:
         """Follow a path, from where it is, as soon as it may.
@@ -442,16 +479,68 @@ class Guidance:
         Raises ValueError, with the place, for one that leaves the fence. One that counts from where it
         engages is checked then.
         """
-        plan = path.plan
+        plan, interrupted = path.plan, path.interrupted
         self._permit_altitude(plan.altitude_m)
         self._angles.permit(angles(plan))
-        certain = any(self.engaged) or not any(path.relative[:PSI])
+        certain = any(self.engaged) or interrupted is not None or not any(path.relative[:PSI])
         start = self._frame.settled.outside(self._standing(reference))
+        if interrupted is not None:
+            start = interrupted.start
         if certain and (refused := self._fence.left_by(path, start)):
             raise ValueError(refused)
+        course = Course(self._limits, plan.speed_mps, plan.acceleration_mps2, path=path)
+        if interrupted is not None:
+            self._take_up(course, interrupted)
+            return
         self._angles.ask(angles(plan))
-        self._altitude = None if isinstance(plan.altitude_m, UnsetType) else AltitudeHold(plan.altitude_m)
-        self._set_course(Course(self._limits, plan.speed_mps, plan.acceleration_mps2, path=path), UNSET)
+        self._altitude = _altitude_of(path)
+        self._set_course(course, UNSET)
+        self._interrupted = None
+
+    def _take_up(self, course: Course, at: Interruption) -> None:
+        """Have a path that was interrupted: it rests until it is resumed, or goes on by itself."""
+        course.take_up(at)
+        turn_rad, north_m, east_m = at.frame
+        x, y, _, psi = Offset(turn_rad, north_m, east_m).inside(self._frame.settled.outside(ZERO))
+        course.frame, course.goes_on = Offset(psi, x, y), at.goes_on
+        if any(self.engaged):
+            self._set_course(course, UNSET)
+        else:
+            self._course, self._course_number = course, self._course_number + 1
+        self._interrupted = None
+
+    def _resume(self, reference: Reference) -> None:
+        """Go on with what is paused, or with the path that something else has replaced.
+
+        Raises ValueError where there is none, and where its places are not where they were.
+        """
+        course = self._course
+        is_back = (course is None or course.done) and self._interrupted is not None
+        if is_back:
+            course = self._interrupted
+        if course is None or course.done:
+            raise ValueError("there is no path and no move under way")
+        why = "" if course.datum is None else difference(course.datum, self._datum)
+        if why is None:
+            raise ValueError("the autopilot has not told its boot count and origin yet: try again in seconds")
+        if why:
+            raise ValueError(f"{why}: it cannot go on where it was interrupted. Follow it anew")
+        if is_back:
+            self._set_course(course, UNSET)
+            self._interrupted = None
+        if course.path is not None and (is_back or course.taken_up):
+            self._angles.ask(angles(course.path.plan))
+        if course.path is not None and self._altitude is None:
+            self._altitude = _altitude_of(course.path)
+        course.resume(course.frame.outside(self._standing(reference)))
+
+    def _leave_course(self) -> None:
+        """End what moves the target; a path that is unfinished can be resumed."""
+        course = self._course
+        if course is not None and course.is_unfinished:
+            course.suspend()
+            self._interrupted = course
+        self._course = None
 
     def _go_to(self, order: Goto, reference: Reference) -> None:
         """Go to a place in a straight line; coordinates that it does not name stay.
@@ -487,6 +576,7 @@ class Guidance:
             asked = chosen((False, False, True, False), UNSET, asked)
         elif not math.isnan(goal[Z]):
             self._altitude = None
+        self._leave_course()
         self._set_course(Course.to(goal, self._limits, order.speed_mps, order.acceleration_mps2), asked)
 
     def _move_at(self, order: SetVelocity, now_s: float) -> None:
@@ -503,7 +593,8 @@ class Guidance:
 
     def _hold_here(self, reference: Reference) -> None:
         """Stop, and hold this place, also north and east where a position has come."""
-        self._course = self._altitude = None
+        self._leave_course()
+        self._altitude = None
         if self.offers_position:
             self._held.want_here()
         self._target.hold(self._standing(reference))
@@ -551,3 +642,8 @@ class Guidance:
         if refused := self._fence.outside(setpoint.eta_d):
             raise ValueError(f"setpoint beyond the fence: {refused}")
         return setpoint
+
+
+def _altitude_of(path: Path) -> AltitudeHold | None:
+    altitude_m = path.plan.altitude_m
+    return None if isinstance(altitude_m, UnsetType) else AltitudeHold(altitude_m)

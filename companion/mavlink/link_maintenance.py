@@ -44,6 +44,7 @@ PARAMETERS: Final = (
     "BARO_SPEC_GRAV",
     "BARO1_GND_PRESS",
     "BARO2_GND_PRESS",
+    "STAT_BOOTCNT",
     *RENAMED.keys(),
 )
 

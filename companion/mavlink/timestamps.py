@@ -5,7 +5,6 @@ believed by then: after a crash nothing can be replayed that was believed since 
 """
 
 import logging
-import os
 import threading
 from collections.abc import Mapping
 from pathlib import Path
@@ -15,6 +14,7 @@ import msgspec
 
 from companion.config import Config
 from companion.mavlink.signing import MAX_TIMESTAMP, UNITS_PER_S, Signing, Stream
+from holdfast.state import state_directory
 
 PERIOD_S = 1.0
 AHEAD = round(2.0 * UNITS_PER_S)
@@ -121,14 +121,8 @@ class TimestampFile:
 
 
 def timestamp_path(vehicle: str) -> Path:
-    """Return where the timestamps of a vehicle's links are kept: systemd's state directory, or the user's."""
-    systemd = os.environ.get("STATE_DIRECTORY", "").partition(":")[0]
-    if systemd:
-        directory = Path(systemd)
-    else:
-        home = Path(os.environ.get("HOME", "/")) / ".local" / "state"
-        directory = Path(os.environ.get("XDG_STATE_HOME") or home) / "holdfast"
-    return directory / f"signing-{vehicle}.json"
+    """Return where the timestamps of a vehicle's links are kept."""
+    return state_directory() / f"signing-{vehicle}.json"
 
 
 def _later(timestamp: int, ahead: int) -> int:

@@ -30,7 +30,8 @@ examples:
   holdfast follow bluerov2 reef.geojson --origin 47.40,8.55    a line or polygon in degrees
   holdfast follow bluerov2 reef.kml --origin 47.40,8.55        one that was drawn in Google Earth
   holdfast follow bluerov2 dam.plan                            a plan of QGroundControl, from where it is
-  holdfast follow bluerov2 --pause                             wait; --resume goes on, --hold ends it
+  holdfast follow bluerov2 --pause                             wait; --resume goes on, after --hold, goto,
+                                                               a fault and a restart, too
 
 --origin is where x and y are 0: the EKF's origin, such as `holdfast check --set-origin` sets. Without it a
 path in degrees begins where the vehicle is. A stick pauses a path, too.
@@ -95,7 +96,11 @@ def follow(argv: list[str]) -> int:
     what.add_argument(
         "file", nargs="?", type=Path, metavar="FILE", help="ends in .toml, .geojson, .kml or .plan"
     )
-    for action, purpose in (("pause", "wait"), ("resume", "go on"), ("hold", "end it, and hold here")):
+    for action, purpose in (
+        ("pause", "wait"),
+        ("resume", "go on"),
+        ("hold", "stop and hold here; --resume goes on"),
+    ):
         what.add_argument(f"--{action}", dest="action", action="store_const", const=action, help=purpose)
     parser.add_argument("--origin", type=position, metavar="LAT,LON", help="where x and y are 0, degrees")
     options = parser.parse_args(argv)

@@ -29,6 +29,7 @@ from companion.guidance.paths.time_law import LOOKS_AHEAD_S, Limits, Profile, pr
 from companion.guidance.paths.triggers import APART_M, Station, triggers
 from companion.records import ZERO, Flags, Vector
 from companion.steps import Steps, finish
+from companion.telemetry.interruption import Interruption
 from companion.telemetry.plan import MAX_SEGMENTS, Circle, Helix, LawnMower, Lemniscate, PathPlan, Waypoint
 
 CORNER_NODES = 12
@@ -79,6 +80,8 @@ class Path(NamedTuple):
     """Where along a lap, and about when, each leg ends, with what it waits there."""
     triggers: "array[float]"
     """Where along a lap the camera is triggered, m."""
+    interrupted: Interruption | None = None
+    """Where it is to go on; None for its start."""
 
     @property
     def duration_s(self) -> float:

@@ -32,7 +32,7 @@ export class Commands extends EventTarget {
     on("release", () => this.release());
     on("clear", () => this.send("clear_fault"));
     on("hold", () => this.send("path", { action: "hold" }));
-    on("wait", () => this.send("path", { action: this.status?.guidance === "paused" ? "resume" : "pause" }));
+    on("wait", () => this.send("path", { action: $("wait").textContent === "Go on" ? "resume" : "pause" }));
     on("go", () => this.openGoto());
     on("record", () => this.send("record", { on: !this.status?.recorder?.recording }));
     on("said", () => this.tell(""));
@@ -62,7 +62,7 @@ export class Commands extends EventTarget {
     const { open, status } = this;
     const { guidance, recorder, supervisor } = status ?? {};
     const state = supervisor?.state;
-    const paused = guidance === "paused";
+    const paused = guidance === "paused" || (guidance === "hold" && status.path_left_m !== 0);
     mark($("commands"), "lock", !this.allowed ? "read-only" : open ? "open" : "locked");
     $("release").disabled = !open;
     $("engage").hidden = state === "FAULT";

@@ -97,7 +97,7 @@ export class FromAbove {
       view.set({});
     }
     mark(this.node, "known", known ? "yes" : "no");
-    const laps = ["path", "paused"].includes(status?.guidance) && status.path_length_m > 0 ? status.path_progress_m / status.path_length_m : NaN;
+    const laps = status?.path_length_m > 0 && status.path_left_m !== 0 ? status.path_progress_m / status.path_length_m : NaN;
     const done = Number.isFinite(laps) ? `${this.plan?.name || "path"}${laps > 1 ? `, lap ${Math.floor(laps) + 1}` : ""}, ${Math.floor(100 * (laps % 1))} %` : "";
     const path = [done, status ? leftText(status) : ""].filter(Boolean).map((text) => ` · ${text}`).join("");
     const age = store.value("position_age_s", index);
