@@ -20,22 +20,25 @@ FORCE_ARMING, FORCE_REBOOT = (2989, 21196), 20190226
 
 
 class Commands:
-    """Carries out commands for an autopilot. A handler takes the link and seven parameters."""
+    """Carries out commands for an autopilot. A handler takes the link and seven parameters.
+
+    It is a method: a closure would keep the autopilot of a vehicle that was copied.
+    """
 
     def __init__(self, autopilot: Board) -> None:
         self._autopilot = autopilot
         self._handlers: dict[int, Callable[[int, list[float]], int]] = {
             mavlink.MAV_CMD_COMPONENT_ARM_DISARM: self._arm,
             mavlink.MAV_CMD_DO_SET_MODE: self._set_mode,
-            mavlink.MAV_CMD_NAV_LOITER_UNLIM: lambda _link, _p: autopilot.set_mode(modes.POSHOLD),
-            mavlink.MAV_CMD_NAV_LAND: lambda _link, _p: autopilot.set_mode(modes.SURFACE),
+            mavlink.MAV_CMD_NAV_LOITER_UNLIM: self._loiter,
+            mavlink.MAV_CMD_NAV_LAND: self._land,
             mavlink.MAV_CMD_SET_MESSAGE_INTERVAL: self._set_interval,
             mavlink.MAV_CMD_GET_MESSAGE_INTERVAL: self._get_interval,
-            mavlink.MAV_CMD_REQUEST_MESSAGE: lambda link, p: autopilot.request(link, _whole(p[0])),
+            mavlink.MAV_CMD_REQUEST_MESSAGE: self._request,
             mavlink.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES: self._request_version,
             mavlink.MAV_CMD_GET_HOME_POSITION: self._get_home,
             mavlink.MAV_CMD_DO_SET_HOME: self._set_home,
-            mavlink.MAV_CMD_CONDITION_YAW: lambda _link, p: targets.condition_yaw(autopilot, p),
+            mavlink.MAV_CMD_CONDITION_YAW: self._condition_yaw,
             mavlink.MAV_CMD_DO_SET_SERVO: self._set_servo,
             mavlink.MAV_CMD_DO_MOTOR_TEST: self._test_motor,
             mavlink.MAV_CMD_DO_SET_MISSION_CURRENT: self._set_mission_current,
@@ -52,6 +55,18 @@ class Commands:
         if command in SAYS:
             self._autopilot.say(*SAYS[command])
         return WITHOUT_EFFECT.get(command, UNSUPPORTED)
+
+    def _loiter(self, _: int, __: list[float]) -> int:
+        return self._autopilot.set_mode(modes.POSHOLD)
+
+    def _land(self, _: int, __: list[float]) -> int:
+        return self._autopilot.set_mode(modes.SURFACE)
+
+    def _request(self, link: int, p: list[float]) -> int:
+        return self._autopilot.request(link, _whole(p[0]))
+
+    def _condition_yaw(self, _: int, p: list[float]) -> int:
+        return targets.condition_yaw(self._autopilot, p)
 
     def _arm(self, _: int, p: list[float]) -> int:
         autopilot = self._autopilot
