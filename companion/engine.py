@@ -375,12 +375,12 @@ class Engine:
     def _datum(self, state: VehicleState) -> Datum:
         """Return what places count from now."""
         autopilot, reported = self._autopilot, self._autopilot.parameters
-        primary = int(reported.get("BARO_PRIMARY", -1.0)) + 1
+        origin, primary = autopilot.origin, int(reported.get("BARO_PRIMARY", -1.0)) + 1
         boots, surface_pa = reported.get("STAT_BOOTCNT"), reported.get(f"BARO{primary}_GND_PRESS")
         return Datum(
             boot_s=state.boot_s,
             boots=UNSET if boots is None else int(boots),
-            origin_deg=UNSET if autopilot.origin is None else autopilot.origin,
+            origin_deg=UNSET if origin is None else origin.place_deg,
             surface_pa=UNSET if surface_pa is None else surface_pa,
         )
 
