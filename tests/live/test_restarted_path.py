@@ -6,6 +6,8 @@ import signal
 import time
 from pathlib import Path
 
+import pytest
+
 from lab.operations.bounds import HOLDFAST, running
 from lab.ports import free_port
 
@@ -36,6 +38,7 @@ def until(what, timeout_s: float = 60.0) -> None:
         time.sleep(0.1)
 
 
+@pytest.mark.alone  # a late tick releases the vehicle, and pauses the path
 def test_killed_on_a_path_it_goes_on_where_it_was(tmp_path: Path) -> None:
     os.environ["XDG_STATE_HOME"] = str(tmp_path)  # taken away again by tests/conftest.py
     path, file = tmp_path / "line.toml", tmp_path / "holdfast" / "path-kelp.json"
