@@ -126,7 +126,7 @@ class Autopilot:
         self.ekf_doubt: float | None = None
         """The EKF's variance while it has no solution."""
         self.failsafes = Failsafes(self, rc_receiver, rebooted=rebooted)
-        self.pilot = Pilot(params, self._button, lambda text: self.say(INFO, text))
+        self.pilot = Pilot(params, self._button, self._say_info)
         self.control = FlightControl(params)
         self._delta_s = -math.inf
         """When the EKF last took a VISION_POSITION_DELTA."""
@@ -144,11 +144,11 @@ class Autopilot:
             "TIMESYNC": self._on_timesync,
             "SET_GPS_GLOBAL_ORIGIN": self._on_set_origin,
             **dict.fromkeys(MISSION_PROTOCOL, self._on_mission),
-            "FILE_TRANSFER_PROTOCOL": lambda link, m: self._files.handle(link, m, self.boot_s),
+            "FILE_TRANSFER_PROTOCOL": self._on_file_transfer,
             "LOG_REQUEST_LIST": self._on_log_request_list,
             "AUTOPILOT_VERSION_REQUEST": self._on_version_request,
-            "SET_POSITION_TARGET_GLOBAL_INT": lambda _, m: targets.take_global(self, m),
-            "SET_POSITION_TARGET_LOCAL_NED": lambda _, m: targets.take_local(self, m),
+            "SET_POSITION_TARGET_GLOBAL_INT": self._on_global_target,
+            "SET_POSITION_TARGET_LOCAL_NED": self._on_local_target,
             "SETUP_SIGNING": self._on_setup_signing,
             "VISION_POSITION_DELTA": self._on_vision_position_delta,
         }
@@ -450,6 +450,18 @@ class Autopilot:
         if configured and sound and self.boot_s - self._delta_s >= LEAST_APART_S:
             self._delta_s = self.boot_s
             self._sensors.hear_odometry(tuple(message.position_delta), lasted_s)
+
+    def _say_info(self, text: str) -> None:
+        self.say(INFO, text)
+
+    def _on_file_transfer(self, link: int, message: Message) -> None:
+        self._files.handle(link, message, self.boot_s)
+
+    def _on_global_target(self, _: int, message: Message) -> None:
+        targets.take_global(self, message)
+
+    def _on_local_target(self, _: int, message: Message) -> None:
+        targets.take_local(self, message)
 
     def _on_mission(self, link: int, message: Message) -> None:
         if message.get_type() != "MISSION_SET_CURRENT":

@@ -1,6 +1,7 @@
 """The ArduSub double does what the firmware was seen to do: steering, arming, modes, failsafes, commands."""
 
 import math
+from copy import deepcopy
 
 import numpy as np
 import pytest
@@ -542,6 +543,20 @@ def test_surface_climbs_to_the_surface():
 def test_a_depth_target_moves_alt_hold():
     station = Station(vehicle(DEEP)).arm(STABILIZE)
     set_mode(station, ALT_HOLD)
+    station.say(
+        mavlink.MAVLink_set_position_target_global_int_message(
+            0, 1, 1, 5, 0b110111111011, 0, 0, -7.0, 0, 0, 0, 0, 0, 0, 0, 0
+        )
+    )
+    station.run(10.0, override())
+    assert station.rov.truth().eta[2] == pytest.approx(7.0, abs=0.15)
+
+
+def test_a_copied_vehicle_obeys_what_it_is_told_and_the_other_does_not():
+    station = Station(vehicle(DEEP)).arm(STABILIZE)
+    set_mode(station, ALT_HOLD)
+    other = station.rov
+    station.rov = deepcopy(other)
     station.say(
         mavlink.MAVLink_set_position_target_global_int_message(
             0, 1, 1, 5, 0b110111111011, 0, 0, -7.0, 0, 0, 0, 0, 0, 0, 0, 0
