@@ -1,4 +1,4 @@
-"""docs/telemetry.md, configuration.md, supervisor.md and schemas/*.json, made of the code.
+"""docs/telemetry.md, configuration.md, supervisor.md, schemas/*.json and tables of results.md, as made.
 
 A page's first part, up to MARK, is written by hand; what follows is made here, and a test fails when stale.
 """
@@ -15,7 +15,7 @@ from companion.telemetry import schemas as telemetry
 from companion.telemetry.commands import COMMANDS, RECORDER_COMMANDS
 from companion.telemetry.fields import fields_of
 from companion.telemetry.schemas import Choices, Raw, Reply, Truth
-from lab import supervisor_page
+from lab import results_page, supervisor_page
 
 DOCS = Path(__file__).parents[1] / "docs"
 MARK = "<!-- made by `holdfast schema --write`; write nothing below -->\n"
@@ -49,7 +49,7 @@ def pages() -> dict[str, str]:
 
 def write() -> list[Path]:
     """Write pages and schemas into docs/ and return what changed."""
-    wanted = {supervisor_page.PAGE: supervisor_page.page().encode()}
+    wanted = {page.PAGE: page.page().encode() for page in (supervisor_page, results_page)}
     for name, made in pages().items():
         head, mark, _ = (DOCS / name).read_text(encoding="utf-8").partition(MARK)
         wanted[DOCS / name] = (head + mark + made).encode()

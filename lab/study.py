@@ -5,7 +5,6 @@ continuation after a stop, CSV, Parquet and JSON, and the provenance of what the
 """
 
 import argparse
-import hashlib
 import json
 import math
 import os
@@ -43,10 +42,10 @@ from holdfast import FAILED, REFUSED, RefusedError, how_to_install, own_version
 from holdfast.arguments import command_parser
 from lab.loop.firmware import FirmwareError
 from lab.options import find_firmware, positive
+from lab.sources import MEASURED, ROOT, digest_of
 from lab.tables import add_files, plain, write_json, write_table
 
-ROOT = Path(__file__).parents[1]
-CODE = ("companion/**/*.py", "sim_bridge/**/*.py", "lab/**/*.py", "config/*.toml", "lab/**/*.toml")
+CODE = (*MEASURED, "lab/**/*.py", "lab/**/*.toml")
 """The files under ROOT on which a dive depends."""
 
 CONNECT_S = 5.0
@@ -347,10 +346,7 @@ def _with_nan(record: Row) -> Row:
 
 def recipe(study: Study[Any], arguments: argparse.Namespace) -> str:
     """Return a digest of the code, and of the options that change a dive."""
-    digest = hashlib.sha256()
-    for pattern in CODE:
-        for path in sorted(ROOT.glob(pattern)):
-            digest.update(path.read_bytes())
+    digest = digest_of(CODE)
     options = {name: getattr(arguments, name, None) for name in study.recipe}
     for value in options.values():
         if isinstance(value, Path):
@@ -360,7 +356,7 @@ def recipe(study: Study[Any], arguments: argparse.Namespace) -> str:
 
 
 def provenance(command: str) -> dict[str, str]:
-    """Return what a result's reader needs to repeat it: command, version, commit, date and machine."""
+    """Return what a result's reader needs to repeat it, and a digest of the code that was measured."""
     commit = ""
     if (ROOT / ".git").exists():
         git = ["git", "-C", str(ROOT), "describe", "--always", "--dirty", "--exclude=*", "--abbrev=12"]
@@ -369,6 +365,7 @@ def provenance(command: str) -> dict[str, str]:
         "command": command,
         "version": own_version(),
         "commit": commit,
+        "code": digest_of(MEASURED).hexdigest()[:16],
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
         "machine": f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}",
     }

@@ -16,10 +16,11 @@ from abc import abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from matplotlib import pyplot as plt
+from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 from msgspec.structs import replace
 from rich.console import RenderableType
 
@@ -166,8 +167,12 @@ class Unlike(Study[RealDive]):
             outcome = TURNED_OVER if turned_over else HELD if counted.held else GIVEN_UP
             yield {key: figures[key] for key in FIGURES} | {"outcome": outcome}
 
+    @property
+    def _part_names(self) -> list[str]:
+        return ["most" if part == 100.0 else f"{part:g} %" for part in self.parts]
+
     def tables(self, rows: Sequence[Row]) -> Iterable[RenderableType]:
-        parts = ["most" if part == 100.0 else f"{part:g} %" for part in self.parts]
+        parts = self._part_names
         table = ruled(f"True errors from {COUNTS_S:g} s on", "", "", *parts, "goal", left=2)
         for (preset, name, start_s), some in by(rows, "preset", "water", "start_s").items():
             held = sum(row["outcome"] == HELD for row in some)
@@ -187,13 +192,33 @@ class Unlike(Study[RealDive]):
                     group = ""
         yield table
 
+    def summary(self, rows: Sequence[Row]) -> dict[str, Any]:
+        """Return the table for docs/results.md: a row for each preset, water and start."""
+        keys = _measured(rows, FIGURES)
+        parts = " / ".join(self._part_names).replace("50 %", "median")
+        lines = []
+        for (preset, name, start_s), some in by(rows, "preset", "water", "start_s").items():
+            held = sum(row["outcome"] == HELD for row in some)
+            line = [
+                f"{preset}, {name}" + (f", start {start_s:g} s" if start_s else ""),
+                f"{held} of {len(some)}",
+            ]
+            for key in keys:
+                values = np.percentile([row[key] for row in some], self.parts)
+                goals = self.goals.get((preset, name), {}).get(key, ())
+                line.append(" / ".join(_or_dash(value, ".1f") for value in values))
+                if goals:
+                    line[-1] += f" (goal {' / '.join(_or_dash(goal, 'g') for goal in goals)})"
+            lines.append(line)
+        return {"columns": [parts, "held", *(FIGURES[key] for key in keys)], "rows": lines}
+
     def failed(self, rows: Sequence[Row]) -> bool:
         """Return whether a vehicle was given up or turned over."""
         return any(row["outcome"] != HELD for row in rows)
 
     def draw(self, rows: Sequence[Row], folder: Path) -> Sequence[Path]:
         """Draw each figure's distribution, a line for each preset, water and start."""
-        keys = ("depth_sd_mm", "place_rms_mm", "tilt_deg")
+        keys = _measured(rows, ("depth_sd_mm", "place_rms_mm", "tilt_deg"))
         groups = [*by(rows, "preset", "water", "start_s").items()]
         figure, panels = plt.subplots(
             1, len(keys), figsize=(11.0, 1.4 + 0.35 * len(groups)), sharey=True, layout="constrained"
@@ -207,6 +232,9 @@ class Unlike(Study[RealDive]):
                 for goal in self.goals.get((preset, name), {}).get(key, ())[-1:]:
                     panel.plot([goal, goal], [y - 0.35, y + 0.35], color="0.3", linewidth=2)
             panel.set_xscale("log")
+            panel.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 3.0, 5.0)))
+            panel.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+            panel.xaxis.set_minor_formatter(NullFormatter())
             panel.set_xlabel(FIGURES[key])
             panel.grid(axis="x", alpha=0.3)
         panels[0].set_yticks(
@@ -215,6 +243,15 @@ class Unlike(Study[RealDive]):
         panels[0].invert_yaxis()
         figure.suptitle("each dot a dive; cross: given up or turned over; grey line: goal", fontsize=10)
         return [save(figure, folder / f"{self.command.split()[-1]}.png", dpi=130)]
+
+
+def _measured(rows: Sequence[Row], keys: Iterable[str]) -> list[str]:
+    """Return the keys of which any dive has a value."""
+    return [key for key in keys if np.isfinite([row[key] for row in rows]).any()]
+
+
+def _or_dash(value: float, how: str) -> str:
+    return format(value, how) if math.isfinite(value) else "–"
 
 
 NONE = math.nan

@@ -85,7 +85,7 @@ def test_check_finds_it_fit_once_the_origin_is_set(autopilot, link_port):
 def test_the_stock_vehicle_is_held_ten_seconds_after_boot(autopilot, companion):
     """It answers 2.5 times as strongly as the nominal one, and its EKF aligns its yaw about now.
 
-    The bounds are those of a busy machine, whose clock the firmware cannot keep; docs/results.md has the
+    The bounds are those of a busy machine, whose clock the firmware cannot keep; docs/validation.md has the
     figures of a quiet one.
     """
     companion(*ENGAGE)

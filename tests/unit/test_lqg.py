@@ -145,7 +145,7 @@ def test_slices_carry_the_seas_energy() -> None:
     [(LinkDelay(), 2.7, 3.4), (LinkDelay(0.041, 0.041), 3.0, 3.7)],
 )
 def test_floor_is_that_of_the_paper(link: LinkDelay, low_mm: float, high_mm: float) -> None:
-    """docs/theory.md, 7: 2.9 / 2.9 / 2.9 / 2.8, at +80 ms 3.2 / 3.2 / 3.1 / 3.0."""
+    """docs/decisions/0020: 2.9 / 2.9 / 2.9 / 2.8, at +80 ms 3.2 / 3.2 / 3.1 / 3.0."""
     for scenario in range(4):
         reached = [floor(four(seed)[scenario], BASE, link) for seed in range(1000, 1004)]
         assert low_mm < np.mean([one.depth_rms_mm for one in reached]) < high_mm
@@ -153,7 +153,7 @@ def test_floor_is_that_of_the_paper(link: LinkDelay, low_mm: float, high_mm: flo
 
 
 def test_who_foresees_the_waves_is_hardly_better_in_depth() -> None:
-    """docs/results.md, "Waves": what is left is the sensors' noise and the readiness for a load."""
+    """docs/decisions/0019: what is left is the sensors' noise and the readiness for a load."""
     waves = [four(seed)[0] for seed in range(3)]
     as_is, best = (
         np.mean([floor(one, BASE, LinkDelay(), foreseen=known).depth_rms_mm for one in waves])

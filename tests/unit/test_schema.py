@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable
+from pathlib import Path
 
 import msgspec
 
@@ -10,7 +11,10 @@ from companion.records import ControlSample
 from companion.telemetry import samples
 from companion.telemetry import schemas as telemetry
 from lab import documents as schema
+from lab import results_page
 from lab.commands import schema as command
+from lab.sources import MEASURED, digest_of
+from lab.study import provenance
 from sim_bridge.commands import DEFAULT_CONFIG
 from sim_bridge.config import load_config
 from sim_bridge.vehicle import Vehicle
@@ -27,6 +31,28 @@ def test_the_pages_are_not_stale() -> None:
 def test_the_schemas_are_not_stale() -> None:
     there = {path.name: path.read_bytes() for path in (schema.DOCS / "schemas").iterdir()}
     assert there == schema.schemas(), "stale: run `holdfast schema --write`"
+
+
+def test_the_tables_of_results_are_those_of_their_files() -> None:
+    written = results_page.PAGE.read_text(encoding="utf-8")
+    assert written == results_page.page(), "docs/results.md is stale: run `holdfast schema --write`"
+    shown = {name for _, _, name, _ in results_page.MARKED.findall(written)}
+    assert shown == {path.stem for path in results_page.FOLDER.glob("*.json")}
+
+
+def test_a_table_says_whether_the_code_that_it_measured_has_changed(tmp_path: Path) -> None:
+    source = tmp_path / "companion" / "control" / "law.py"
+    source.parent.mkdir(parents=True)
+    source.write_text("KAPPA = 3.5\n", encoding="utf-8")
+    measured = provenance("holdfast bench tank") | {"code": digest_of(MEASURED, tmp_path).hexdigest()[:16]}
+    for line, said in (
+        ("KAPPA = 3.5\n", "same code"),
+        ("KAPPA = 4.0\n", "**older code**"),
+    ):
+        source.write_text(line, encoding="utf-8")
+        assert results_page.made(measured, digest_of(MEASURED, tmp_path).hexdigest()[:16]).endswith(
+            f"{said}\n"
+        )
 
 
 def test_every_field_that_is_published_is_described() -> None:
