@@ -48,7 +48,7 @@ HELD, GIVEN_UP, TURNED_OVER = "held", "given up", "turned over"
 FIGURES = {
     "depth_sd_mm": "depth SD, mm",
     "place_rms_mm": "place RMS, mm",
-    "believed_rms_mm": "of it without the DVL's drift",
+    "believed_rms_mm": "place without the DVL's drift, mm",
     "heading_rms_deg": "heading RMS, °",
     "tilt_deg": "tilt, largest, °",
 }
