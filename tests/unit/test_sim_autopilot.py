@@ -552,7 +552,7 @@ def test_a_depth_target_moves_alt_hold():
     assert station.rov.truth().eta[2] == pytest.approx(7.0, abs=0.15)
 
 
-def test_a_copied_vehicle_obeys_what_it_is_told_and_the_other_does_not():
+def test_a_copied_vehicle_obeys_what_it_is_told():
     station = Station(vehicle(DEEP)).arm(STABILIZE)
     set_mode(station, ALT_HOLD)
     other = station.rov
