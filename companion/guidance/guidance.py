@@ -528,7 +528,7 @@ class Guidance:
         if is_back:
             self._set_course(course, UNSET)
             self._interrupted = None
-        if course.path is not None and (is_back or course.taken_up):
+        if course.path is not None:
             self._angles.ask(angles(course.path.plan))
         if course.path is not None and self._altitude is None:
             self._altitude = _altitude_of(course.path)

@@ -10,7 +10,7 @@ from virtual import Dive, Somebody, hold, shared
 from companion.guidance.paths.shapes import build
 from companion.guidance.paths.time_law import limits
 from companion.records import Condition, Request, State
-from companion.telemetry.commands import Goto
+from companion.telemetry.commands import Goto, SetPath
 from companion.telemetry.plan import Circle, PathPlan
 
 ROUGH = ("sensors.dvl=true", "sensors.dvl_drift_m=0.0", "current.speed_m_s=0.3", "waves.enabled=true")
@@ -81,6 +81,22 @@ def test_a_path_may_name_an_angle():
     assert np.abs(e[:, 2]).max() < 0.02
     assert np.hypot(e[:, 0], e[:, 1]).max() < 0.1
     assert np.abs(np.degrees(e[:, 3])).max() < 4.0
+
+
+def test_a_path_that_goes_on_after_a_release_has_its_angle_again():
+    dive = held(*ROUGH)
+    plan = PathPlan(circle=Circle(radius_m=1.0, depth_m=2.5), speed_mps=0.2, pitch_deg=20.0)
+    dive.engine.guide(build(plan, limits(dive.engine.config)))
+    dive.run(5.0)
+    dive.ask(Request.STOP)
+    dive.run(2.0)
+    dive.ask(Request.ENGAGE)
+    dive.until(State.ACTIVE)
+    dive.run(3.0)
+    np.testing.assert_allclose(dive.step.sample.angles_d, 0.0)
+    dive.engine.guide(SetPath(action="resume"))
+    dive.run(4.0)
+    np.testing.assert_allclose(np.degrees(dive.step.sample.angles_d), (0.0, 20.0), atol=0.5)
 
 
 def quaternion(roll, pitch, heading):
