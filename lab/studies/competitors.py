@@ -50,9 +50,9 @@ def _compensator(name: str) -> tuple[str, ...]:
     return (f"heave.compensator={name!r}",)
 
 
-def _rival(name: str) -> tuple[str, ...]:
+def _rival(name: str, compensator: str = "none") -> tuple[str, ...]:
     module = f"laws.{name}.module='lab.rivals.{name}'"
-    return (f"heave.law={name!r}", module, *_compensator("none"))
+    return (f"heave.law={name!r}", module, *_compensator(compensator))
 
 
 _OBSERVED = {"heave.disturbance_noise": 6.0, "thrusters.lead_s": 0.04, "delays.gains_bear_s": 0.1}
@@ -63,6 +63,8 @@ _AUTOPILOT = {"PSC_POSZ_P": 3.0, "PSC_VELZ_P": 8.0, "PSC_ACCZ_P": 0.5, "PSC_ACCZ
 _PPI = {"laws.ppi.k_p": 4.0, "laws.ppi.k_v": 8.0, "laws.ppi.k_i": 4.0} | _OBSERVED
 _L1 = _LAW | {"laws.l1.omega": 3.0}
 _TWIST = _LAW | {"laws.super_twisting.k_1": 0.3, "laws.super_twisting.k_2": 0.6}
+_INDI = _LAW | {"laws.indi.omega": 6.0}
+_MPC = {"laws.mpc.rate_s": 0.1, "laws.mpc.change_mm_per_n": 0.3} | _OBSERVED
 
 DEFAULT = "default"
 COMPETITORS: tuple[Competitor, ...] = (
@@ -79,6 +81,8 @@ COMPETITORS: tuple[Competitor, ...] = (
     ),
     Competitor("l1", "L1 adaptive", "companion", _L1, _rival("l1")),
     Competitor("super_twisting", "super-twisting", "companion", _TWIST, _rival("super_twisting")),
+    Competitor("indi", "INDI", "companion", _INDI, _rival("indi")),
+    Competitor("mpc", "MPC + observer", "companion", _MPC, _rival("mpc", "observer")),
     Competitor(DEFAULT, "shipped default", "companion", {}),
 )
 """Those whose knobs `tuned.toml` has."""

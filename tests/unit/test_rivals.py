@@ -11,7 +11,7 @@ from companion.records import Setpoint, Z
 from lab.batch import alt_hold as batch
 from lab.loop.lockstep import LinkDelay, Lockstep
 from lab.loop.scenarios import Scenario, four, hold
-from lab.rivals import alt_hold, l1, ppi, super_twisting
+from lab.rivals import alt_hold, indi, l1, mpc, ppi, super_twisting
 from sim_bridge.commands import DEFAULT_CONFIG
 from sim_bridge.config import load_config as load_plant
 from sim_bridge.vehicle import Vehicle
@@ -21,6 +21,7 @@ DT_S, MASS_KG = 0.02, 30.0
 LAWS = {
     "ppi": (ppi, ppi.Parameters(3.0, 8.0, 4.0, 60.0)),
     "l1": (l1, l1.Parameters(3.0, 60.0, 100.0, 0.15, 0.0)),
+    "indi": (indi, indi.Parameters(6.0, 60.0, 100.0, 0.15, 0.0)),
     "super_twisting": (super_twisting, super_twisting.Parameters(0.2, 0.5, 60.0)),
 }
 
@@ -79,6 +80,45 @@ def test_a_late_loop_is_steered_more_softly(name):
     full = sum(Held(name).step(motion(0.05, 0.1)))
     late = sum(Held(name).step(motion(0.05, 0.1, share=0.5)))
     assert 0.2 * abs(full) < abs(late) < 0.8 * abs(full)
+
+
+def test_mpc_plans_what_the_quadratic_programme_asks_for():
+    """Without bounds that act, its first thrust is that of the least-squares problem."""
+    parameters = mpc.Parameters(0.15, 0.3, 1e4, 0.15, 0.0)
+    state, asked = mpc.initial(parameters), 0.0
+    for _ in range(40):  # the plan is warm, and the motion stands still
+        state, terms = mpc.step(parameters, state._replace(asked=5.0, thrust=5.0), motion(0.05, 0.1), 1e-9)
+        asked = sum(terms)
+    n, keep = mpc.STEPS, np.exp(-mpc.STEP_S / 0.15)
+
+    def flown(plan):
+        f, e_dot, e, found = 5.0, 0.1, 0.05, []
+        for u in plan:
+            f = u + (f - u) * keep
+            e_dot += mpc.STEP_S * f / MASS_KG
+            e += mpc.STEP_S * e_dot
+            found += [e, 0.15 * e_dot]
+        changes = 0.3e-3 * np.diff([5.0, *plan])
+        return np.array([*found, *changes])
+
+    free = flown(np.zeros(n))
+    A = np.array([flown(unit) - free for unit in np.eye(n)]).T
+    best = np.linalg.lstsq(A, -free, rcond=None)[0]
+    assert asked == pytest.approx(best[0], rel=0.02)
+
+
+def test_mpc_stays_within_the_largest_force_and_stops_on_its_mark():
+    parameters = mpc.Parameters(0.15, 0.05, 40.0, 0.15, 0.0)
+    state, z, w, f, most = mpc.initial(parameters), 0.2, 0.0, 0.0, 0.0
+    for _ in range(500):
+        state, terms = mpc.step(parameters, state, motion(z, w), DT_S)
+        most = max(most, abs(sum(terms)))
+        f += (sum(terms) - f) * (1.0 - np.exp(-DT_S / 0.15))
+        w += DT_S * f / MASS_KG
+        z += DT_S * w
+        assert z > -0.02
+    assert most == pytest.approx(40.0)
+    assert abs(z) < 2e-3
 
 
 def test_a_law_of_ones_own_steers_the_axes_that_chose_it_and_no_others():
