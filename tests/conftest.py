@@ -2,6 +2,7 @@
 
 import json
 import os
+import signal
 from collections.abc import Callable, Iterator
 from itertools import count
 from pathlib import Path
@@ -36,6 +37,8 @@ from companion.records import (
 settings.register_profile("test", derandomize=True, database=None, deadline=None, max_examples=60)
 settings.register_profile("quick", settings.get_profile("test"), max_examples=20)  # make quick
 settings.register_profile("hunt", derandomize=False, deadline=None, max_examples=3000, print_blob=True)
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # a job in the background; so would its children
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 _states = count()
 settings.load_profile("test")  # everybody tries the same examples; make hunt draws new ones
 

@@ -63,9 +63,10 @@ def served(endpoint: str, *options: str) -> Iterator[str]:
             assert process.stdout is not None
             said = process.stdout.readline()
             yield re.findall(r"ws://127\.0\.0\.1:\d+", said)[0]
-        finally:
             process.send_signal(signal.SIGINT)
             assert process.wait(10) == 130
+        finally:
+            process.kill()
 
 
 async def texts(client: aiohttp.ClientWebSocketResponse) -> dict[str, Any]:
