@@ -346,7 +346,7 @@ def _levelled(
     """
     push = force[along] if may.engaged[along] else memory.delivered[along]
     angle, rate = (off.roll, off.p) if along == Y else (off.pitch, off.q)
-    new, moment = levelling.step(
+    return levelling.step(
         actuation.roll if along == Y else actuation.pitch,
         state,
         angle,
@@ -359,10 +359,8 @@ def _levelled(
         lean.lag_s,
         lean.adapts,
         beside,
+        attitude.is_straight(held),
     )
-    if not attitude.is_straight(held):
-        new = levelling.with_lever(new, state.lever)
-    return new, moment
 
 
 def _yaw_beside(thrusters: Thrusters, beside: Axes, N: float, voltage_v: float, reach: float) -> float:

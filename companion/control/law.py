@@ -117,6 +117,20 @@ class Motion(NamedTuple):
     free: bool
 
 
+def law_with(motion: Motion, d_hat: float) -> Terms:
+    """Return the terms of `rov_law` for a motion, with a d̂ of one's own."""
+    return rov_law(
+        motion.k_plus_h,
+        d_hat,
+        motion.m,
+        motion.x_d_ddot,
+        motion.e,
+        motion.e_dot,
+        motion.lam,
+        motion.kappa,
+    )
+
+
 class ChosenLaw(NamedTuple):
     """A law as an axis uses it: its functions and its parameters."""
 
@@ -140,13 +154,4 @@ def initial(parameters: Parameters) -> State:
 
 def step(parameters: Parameters, state: State, motion: Motion, dt_s: float) -> tuple[State, Terms]:
     """Return the terms of `rov_law`."""
-    return state, rov_law(
-        motion.k_plus_h,
-        motion.d_hat,
-        motion.m,
-        motion.x_d_ddot,
-        motion.e,
-        motion.e_dot,
-        motion.lam,
-        motion.kappa,
-    )
+    return state, law_with(motion, motion.d_hat)

@@ -156,10 +156,11 @@ def step(
     lag_s: float,
     adapts: bool,
     beside: float = 0.0,
+    level: bool = True,
 ) -> tuple[LevellingState, float]:
     """Return K for φ, p and the force Y, or M for θ, q and X; `delay_s` from sensor to motor.
 
-    `beside` is a moment that is asked for beside these (`attitude`).
+    `beside` is a moment that is asked for beside these (`attitude`); the lever is found while it is `level`.
 
     `learn` allows the integral to move; it stands where the moment is at its bound. A roll or pitch that
     oscillates by itself lowers ω. A vehicle of `gain` times the nominal one has I/gain, and thrusters quicker
@@ -187,13 +188,12 @@ def step(
     if learn:
         watched = oscillation.step(levelling.oscillation, watched, feedback, dt_s, 0.0)
     moment = limited(moment, levelling.max_moment_nm)
-    lever = levers(state.lever, moment - levelling.lever_m * force, force, dt_s) if learn else state.lever
+    lever = (
+        levers(state.lever, moment - levelling.lever_m * force, force, dt_s)
+        if learn and level
+        else state.lever
+    )
     return LevellingState(integral, slow, watched, pushed_n, lever), moment
-
-
-def with_lever(state: LevellingState, lever: Lever) -> LevellingState:
-    """Return the state with another memory of its lever."""
-    return LevellingState(state.integral, state.slow, state.oscillation, state.pushed_n, lever)
 
 
 def lever_in_use_m(levelling: Levelling, state: LevellingState, adapts: bool) -> float:

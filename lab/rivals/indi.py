@@ -4,7 +4,7 @@
     v_f' = ω (ẋ − v_f) = a_f    f_f' = ω (f − f_f)      one filter for both, so that they stay synchronous
 
 (Sieberling, Chu and Mulder, J. Guid. Control Dyn. 2010, 33, 1732.) What f_f − m a_f differs from the model's
-k + h is told as d̂, with the paper's sign: so the force is that of `rov_law` with this d̂.
+k + h is told as d̂, with the paper's sign: so the force is that of the law with this d̂.
 
 | symbol | meaning                                                  | key, or unit                          |
 |--------|----------------------------------------------------------|---------------------------------------|
@@ -19,7 +19,8 @@ import math
 from typing import NamedTuple
 
 from companion.control.bounds import limited
-from companion.control.law import Motion, Terms, rov_law
+from companion.control.law import Motion, Terms, law_with
+from lab.rivals.thrust import there
 
 
 class Parameters(NamedTuple):
@@ -52,23 +53,13 @@ def initial(parameters: Parameters) -> State:
 
 def step(parameters: Parameters, state: State, motion: Motion, dt_s: float) -> tuple[State, Terms]:
     """Return the force for this tick; where the command was cut off the filters begin again."""
-    m, lag_s = motion.m, parameters.lag_s
-    lagging = state.asked + (state.thrust - state.asked) * math.exp(-dt_s / lag_s)
-    thrust = state.asked + (lagging - state.asked) * math.exp(-parameters.lead_s / lag_s)
+    m = motion.m
+    lagging, thrust = there(state.asked, state.thrust, parameters.lag_s, parameters.lead_s, dt_s)
     v, f, d_hat = motion.x_dot, thrust, state.d_hat
     if state.started and motion.free and dt_s > 0.0:
         new = 1.0 - math.exp(-parameters.omega * motion.share * motion.share * dt_s)
         v, f = state.v + new * (motion.x_dot - state.v), state.f + new * (thrust - state.f)
         d_hat = limited(f - m * (v - state.v) / dt_s - motion.k_plus_h, parameters.max_disturbance)
-    terms = rov_law(
-        motion.k_plus_h,
-        d_hat,
-        m,
-        motion.x_d_ddot,
-        motion.e,
-        motion.e_dot,
-        motion.lam,
-        motion.kappa,
-    )
+    terms = law_with(motion, d_hat)
     asked = limited(terms.feedforward + terms.feedback + d_hat, parameters.max_force)
     return State(motion.free, v, f, asked, lagging, d_hat), terms

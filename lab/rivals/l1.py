@@ -20,7 +20,8 @@ import math
 from typing import NamedTuple
 
 from companion.control.bounds import limited
-from companion.control.law import Motion, Terms, rov_law
+from companion.control.law import Motion, Terms, law_with
+from lab.rivals.thrust import there
 
 PREDICTOR_PER_S = 1.0
 
@@ -55,9 +56,8 @@ def initial(parameters: Parameters) -> State:
 
 def step(parameters: Parameters, state: State, motion: Motion, dt_s: float) -> tuple[State, Terms]:
     """Return the force for this tick; where the command was cut off the predictor only follows."""
-    m, lag_s = motion.m, parameters.lag_s
-    lagging = state.asked + (state.thrust - state.asked) * math.exp(-dt_s / lag_s)
-    thrust = state.asked + (lagging - state.asked) * math.exp(-parameters.lead_s / lag_s)
+    m = motion.m
+    lagging, thrust = there(state.asked, state.thrust, parameters.lag_s, parameters.lead_s, dt_s)
     v_hat = motion.x_dot
     if state.started and motion.free:
         v_hat = state.v + dt_s * (thrust / m + state.pull)
@@ -68,16 +68,7 @@ def step(parameters: Parameters, state: State, motion: Motion, dt_s: float) -> t
     if motion.free:
         let_in = 1.0 - math.exp(-parameters.omega * motion.share * motion.share * dt_s)
         d_hat = limited(d_hat + let_in * (sigma - d_hat), parameters.max_disturbance)
-    terms = rov_law(
-        motion.k_plus_h,
-        d_hat,
-        m,
-        motion.x_d_ddot,
-        motion.e,
-        motion.e_dot,
-        motion.lam,
-        motion.kappa,
-    )
+    terms = law_with(motion, d_hat)
     pull = -(motion.k_plus_h + sigma) / m - PREDICTOR_PER_S * ahead
     asked = limited(terms.feedforward + terms.feedback + d_hat, parameters.max_force)
     return State(True, v_hat, pull, asked, lagging, d_hat), terms

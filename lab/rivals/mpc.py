@@ -22,6 +22,7 @@ from typing import NamedTuple
 
 from companion.control.bounds import limited
 from companion.control.law import Motion, Terms
+from lab.rivals.thrust import there
 
 STEPS, STEP_S, ROUNDS = 20, 0.06, 3
 
@@ -55,8 +56,7 @@ def initial(parameters: Parameters) -> State:
 def step(parameters: Parameters, state: State, motion: Motion, dt_s: float) -> tuple[State, Terms]:
     """Return the force for this tick: the first of the plan. A late loop weighs a change more."""
     lag_s, m, rate_s = parameters.lag_s, motion.m, parameters.rate_s
-    lagging = state.asked + (state.thrust - state.asked) * math.exp(-dt_s / lag_s)
-    thrust = state.asked + (lagging - state.asked) * math.exp(-parameters.lead_s / lag_s)
+    lagging, thrust = there(state.asked, state.thrust, parameters.lag_s, parameters.lead_s, dt_s)
     change = 1e-3 * parameters.change_mm_per_n / max(motion.share * motion.share, 1e-3)
     pull = -(motion.k_plus_h + motion.d_hat) / m - motion.x_d_ddot
     bends = state.bends if len(state.bends) > 1 else _bends(rate_s, lag_s, m)
