@@ -74,6 +74,7 @@ BENCHES = {
     "ablation": "lab.studies.ablation:Ablation",
     "tank": "lab.studies.reality:Tank",
     "reality": "lab.studies.reality:Reality",
+    "rivals": "lab.studies.rivals:Rivals",
     "axes": "lab.studies.reality:Axes",
     "light": "lab.studies.reality:Light",
     "firmware": "lab.studies.fidelity:Fidelity",

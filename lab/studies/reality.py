@@ -299,6 +299,46 @@ class Tank(Unlike):
         return Situation(here, target=path) if case.water == "path" else Situation(here)
 
 
+def rough(seed: int) -> SimConfig:
+    """Draw a vehicle between the published models and the tank's, in current, waves and a jerking tether."""
+    base, draw = load_plant(DEFAULT_CONFIG), np.random.default_rng((seed, 32)).uniform
+    hull, thrusters = base.hull, base.thrusters
+    share = float(np.exp(draw(math.log(0.4), math.log(1.1))))
+    damping = np.exp(draw(math.log(0.6), math.log(1.2), 6))
+    drawn = replace(
+        base,
+        hull=replace(
+            hull,
+            added_mass=tuple(np.multiply(hull.added_mass, draw(0.7, 1.2, 6)).tolist()),
+            linear_damping=tuple(
+                np.multiply((8.0, 6.0, 19.0, 0.1, 0.8, 0.1), share * damping * draw(0.5, 2.0, 6)).tolist()
+            ),
+            quadratic_damping=tuple(
+                np.multiply((95.0, 130.0, 113.0, 1.2, 0.5, 1.0), share * damping).tolist()
+            ),
+            net_buoyancy_n=draw(0.0, 4.0),
+            coriolis_share=(draw(0.3, 1.0), draw(0.3, 1.0), draw(0.0, 1.0)),
+        ),
+        thrusters=replace(
+            thrusters,
+            gain=(share,),
+            lag_s=draw(0.05, 0.2),
+            start_s=draw(0.0, 0.25),
+            horizontal_m=(*thrusters.horizontal_m[:2], draw(0.0, 0.1)),
+        ),
+    )
+    return water(
+        drawn,
+        dvl=True,
+        current_m_s=draw(0.05, 0.3),
+        direction_deg=draw(0.0, 360.0),
+        height_m=draw(0.1, 0.4),
+        period_s=draw(3.5, 6.0),
+        waves_deg=draw(0.0, 360.0),
+        tether_n=draw(0.0, 6.0) * share,
+    )
+
+
 class Reality(Unlike):
     """Vehicles between the published models and the tank's, in current, waves and a jerking tether."""
 
@@ -315,43 +355,7 @@ class Reality(Unlike):
     }
 
     def situation(self, case: RealDive) -> Situation:
-        base, draw = load_plant(DEFAULT_CONFIG), np.random.default_rng((case.seed, 32)).uniform
-        hull, thrusters = base.hull, base.thrusters
-        share = float(np.exp(draw(math.log(0.4), math.log(1.1))))
-        damping = np.exp(draw(math.log(0.6), math.log(1.2), 6))
-        drawn = replace(
-            base,
-            hull=replace(
-                hull,
-                added_mass=tuple(np.multiply(hull.added_mass, draw(0.7, 1.2, 6)).tolist()),
-                linear_damping=tuple(
-                    np.multiply((8.0, 6.0, 19.0, 0.1, 0.8, 0.1), share * damping * draw(0.5, 2.0, 6)).tolist()
-                ),
-                quadratic_damping=tuple(
-                    np.multiply((95.0, 130.0, 113.0, 1.2, 0.5, 1.0), share * damping).tolist()
-                ),
-                net_buoyancy_n=draw(0.0, 4.0),
-                coriolis_share=(draw(0.3, 1.0), draw(0.3, 1.0), draw(0.0, 1.0)),
-            ),
-            thrusters=replace(
-                thrusters,
-                gain=(share,),
-                lag_s=draw(0.05, 0.2),
-                start_s=draw(0.0, 0.25),
-                horizontal_m=(*thrusters.horizontal_m[:2], draw(0.0, 0.1)),
-            ),
-        )
-        rough = water(
-            drawn,
-            dvl=True,
-            current_m_s=draw(0.05, 0.3),
-            direction_deg=draw(0.0, 360.0),
-            height_m=draw(0.1, 0.4),
-            period_s=draw(3.5, 6.0),
-            waves_deg=draw(0.0, 360.0),
-            tether_n=draw(0.0, 6.0) * share,
-        )
-        return Situation(rough)
+        return Situation(rough(case.seed))
 
 
 class Axes(Unlike):

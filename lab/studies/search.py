@@ -19,7 +19,7 @@ from companion.config import Config, ConfigError
 from companion.records import Array, Setpoint
 from lab.batch.stand_in import Links
 from lab.loop.lockstep import LinkDelay
-from lab.loop.scenarios import SETTLE_S, Scenario, ensemble, four, positioned, trajectory
+from lab.loop.scenarios import SETTLE_S, Scenario, four, positioned, trajectory
 from lab.studies.competitors import WIDTH, Competitor
 from lab.studies.floor import CHATTER_N
 from sim_bridge.config import SimConfig
@@ -68,17 +68,15 @@ def search(
     row: Competitor,
     load: Callable[[Sequence[str]], Config],
     base: SimConfig,
+    dives: Sequence[tuple[Scenario, TrainingCase]],
     *,
     evaluations: int = EVALUATIONS,
-    seeds: int = TRAINING_SEEDS,
-    vary: Callable[[SimConfig, int], SimConfig] = ensemble,
     done: Callable[[int], object] = lambda count: None,
 ) -> Found:
-    """Search the knobs of `row`; `load` makes a configuration of overrides, `vary` draws the vehicles.
+    """Search the knobs of `row` over `dives` (`training`); `load` makes a configuration of overrides.
 
     Deterministic for the same arguments. `done` is told after each generation how many were evaluated.
     """
-    dives = training(seeds, vary)
     return minimised(
         row.knobs, lambda candidates: scores(row, candidates, load, base, dives), evaluations, done
     )
@@ -182,7 +180,7 @@ def _dive(
     candidates = [config for config in configs for _ in dives]
     up_s = link.up_s + longer_s + hidden_s
     links = Links(up_s, link.down_s + longer_s, untold_up_s=hidden_s)
-    return simulate(candidates, plants, targets, duration_s, seeds, links)
+    return simulate(candidates, plants, targets, duration_s, seeds, links, since_s=duration_s - TRAINING_S)
 
 
 def training(seeds: int, vary: Callable[[SimConfig, int], SimConfig]) -> list[tuple[Scenario, TrainingCase]]:

@@ -25,7 +25,7 @@ from lab.studies.competitors import (
     selected,
 )
 from lab.studies.own_vehicle import around, nominal, write_config
-from lab.studies.search import CASES, EVALUATIONS, TRAINING_S, TRAINING_SEEDS, search
+from lab.studies.search import CASES, EVALUATIONS, TRAINING_S, TRAINING_SEEDS, search, training
 from lab.study import Row, Study, ruled
 from sim_bridge.commands import DEFAULT_CONFIG, vehicle_file
 from sim_bridge.config import load_config as load_plant
@@ -49,6 +49,7 @@ class Tune(Study[Search]):
     )
     unit = "searches"
     recipe = ("set", "vehicle", "config", "place", "evaluations", "seeds")
+    variants = {"reality": "lab.studies.rivals:Searches"}  # noqa: RUF012
 
     @classmethod
     def options(cls, parser: argparse.ArgumentParser) -> None:
@@ -66,6 +67,9 @@ class Tune(Study[Search]):
         add_settings(parser)
         parser.add_argument(
             "--place", action="store_true", help="surge and sway of your configuration, not heave; with a DVL"
+        )
+        parser.add_argument(
+            "--reality", action="store_true", help="ROW is one of `holdfast bench rivals`: depth, then place"
         )
         parser.add_argument(
             "--evaluations",
@@ -116,9 +120,8 @@ class Tune(Study[Search]):
                 self._rows[case.row],
                 lambda overrides: load_config(self._file, [*self._settings, *overrides]),
                 self._plant,
+                training(self._seeds, around if self._own else ensemble),
                 evaluations=self.steps,
-                seeds=self._seeds,
-                vary=around if self._own else ensemble,
                 done=self.advance,
             )
             yield found._asdict()

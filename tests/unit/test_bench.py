@@ -15,7 +15,7 @@ from companion.config import DEFAULT_FILE, Config, load_config, vehicle_of
 from holdfast import RefusedError
 from lab import commands
 from lab.loop.dive import FIGURES
-from lab.loop.scenarios import four
+from lab.loop.scenarios import ensemble, four
 from lab.studies import search as tune
 from lab.studies.competitors import (
     COMPETITORS,
@@ -175,7 +175,7 @@ def test_what_is_not_shipped_has_rows_that_start_where_the_configuration_stands(
 def test_a_search_gets_better_and_prices_chatter_and_loss(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(tune, "TRAINING_S", 12.0)
     row = selected(["alt_hold"], load_config())[0]
-    found = tune.search(row, configured, BASE, evaluations=12, seeds=1)
+    found = tune.search(row, configured, BASE, tune.training(1, ensemble), evaluations=12)
     assert found.score < 0.8 * found.start_score
     assert set(found.values) == set(row.knobs)
     wild = {"PSC_POSZ_P": 18.0, "PSC_VELZ_P": 48.0, "PSC_ACCZ_P": 3.0, "PSC_ACCZ_I": 0.6}
