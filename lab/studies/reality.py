@@ -135,6 +135,10 @@ class Unlike(Study[RealDive]):
     def situation(self, case: RealDive) -> Situation:
         """Draw what a case dives."""
 
+    def overrides(self, preset: str) -> list[str]:
+        """Return what sets the companion apart in this row."""
+        return [f'vehicle.preset="{preset}"']
+
     def cases(self) -> Sequence[RealDive]:
         return [
             RealDive(preset, water, start_s, seed)
@@ -146,7 +150,7 @@ class Unlike(Study[RealDive]):
 
     def ticks(self, case: RealDive, lasts_s: float = ENDS_S) -> list[Step]:
         """Dive a case."""
-        config = load_config(overrides=[f'vehicle.preset="{case.preset}"', *self._settings])
+        config = load_config(overrides=[*self.overrides(case.preset), *self._settings])
         situation = self.situation(case)
         with vehicle_of(situation.plant, case.seed, self._firmware) as vehicle:
             survey(vehicle)

@@ -3,7 +3,7 @@
 The vehicles are those of `bench reality`. Every rival has our estimator, delay compensation and thruster
 curve, and the model that Holdfast has. `holdfast tune --reality` searches each as it does Holdfast itself:
 first its depth, then with that its place, with equal budget and width of bounds. The dives are batches
-without MAVLink bytes; `bench reality --rows` dives the same rows in the full loop.
+without MAVLink bytes; with --messages the full loop.
 """
 
 import argparse
@@ -13,7 +13,7 @@ import time  # noqa: TID251 - what a step costs
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from matplotlib import pyplot as plt
@@ -28,7 +28,7 @@ from lab.loop.scenarios import Scenario, positioned
 from lab.options import add_bench, seeds_of
 from lab.studies.competitors import DEFAULT, WIDTH, Competitor, knobs_of, place_knobs_of, tuned
 from lab.studies.dives import interval
-from lab.studies.reality import COUNTS_S, DEPTH_M, ENDS_S, rough
+from lab.studies.reality import COUNTS_S, DEPTH_M, ENDS_S, Reality, rough
 from lab.studies.reality import FIRST_SEED as FIRST
 from lab.studies.search import CASES, TRAINING_S, Found, TrainingCase, search
 from lab.studies.tune import Search, values_table
@@ -220,9 +220,16 @@ class Rivals(Study[RivalDive]):
         "(holdfast tune --reality)."
     )
 
+    variants: ClassVar = {"messages": "lab.studies.rivals:WithMessages"}
+
     @classmethod
     def options(cls, parser: argparse.ArgumentParser) -> None:
         add_bench(parser, "default indi mpc")
+        parser.add_argument(
+            "--messages",
+            action="store_true",
+            help="the full loop, with MAVLink bytes; the DVL drifts",
+        )
 
     def __init__(self, arguments: argparse.Namespace) -> None:
         if arguments.firmware is not None:
@@ -303,6 +310,21 @@ class Rivals(Study[RivalDive]):
         panels[0].invert_yaxis()
         figure.suptitle("each dot a vehicle, diamond: mean", fontsize=10)
         return [save(figure, folder / "rivals.png", dpi=130)]
+
+
+class WithMessages(Reality):
+    """`bench rivals --messages`: the same rows in the full loop."""
+
+    command = "bench rivals"
+    presets = (DEFAULT, *RIVALS)
+    goals: ClassVar = {}
+
+    def __init__(self, arguments: argparse.Namespace) -> None:
+        arguments.seeds, arguments.scenarios = seeds_of(arguments), None
+        super().__init__(arguments)
+
+    def overrides(self, preset: str) -> list[str]:
+        return overrides(preset, load_config(overrides=self._settings), tuned(TUNED_FILE))
 
 
 def title_of(name: str) -> str:
