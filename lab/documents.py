@@ -49,7 +49,8 @@ def pages() -> dict[str, str]:
 
 def write() -> list[Path]:
     """Write pages and schemas into docs/ and return what changed."""
-    wanted = {page.PAGE: page.page().encode() for page in (supervisor_page, results_page)}
+    wanted = {page: results_page.filled(page).encode() for page in results_page.PAGES}
+    wanted[supervisor_page.PAGE] = supervisor_page.page().encode()
     for name, made in pages().items():
         head, mark, _ = (DOCS / name).read_text(encoding="utf-8").partition(MARK)
         wanted[DOCS / name] = (head + mark + made).encode()

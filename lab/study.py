@@ -367,8 +367,16 @@ def provenance(command: str) -> dict[str, str]:
         "commit": commit,
         "code": digest_of(MEASURED).hexdigest()[:16],
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
-        "machine": f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}",
+        "machine": f"{_processor()}, {os.cpu_count()} cores, Python {platform.python_version()}",
     }
+
+
+def _processor() -> str:
+    path = Path("/proc/cpuinfo")
+    lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
+    return next(
+        (line.partition(": ")[2] for line in lines if line.startswith("model name")), platform.machine()
+    )
 
 
 def ruled(title: str, *columns: str, left: int = 1, caption: str | None = None, padding: int = 1) -> Table:
