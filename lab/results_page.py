@@ -33,8 +33,8 @@ def filled(page: Path) -> str:
 def table(content: Mapping[str, Any]) -> str:
     """Return a table in Markdown."""
     columns = content["columns"]
-    lines = [columns, ["---"] * len(columns), *content["rows"]]
-    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
+    head, *lines = (f"| {' | '.join(line)} |\n" for line in (columns, *content["rows"]))
+    return head + "|---" * len(columns) + "|\n" + "".join(lines)
 
 
 def made(provenance: Mapping[str, str], code: str) -> str:

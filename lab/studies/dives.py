@@ -178,9 +178,9 @@ class Dives(Study[BenchDive]):
     def summary(self, rows: Sequence[Row]) -> dict[str, Any]:
         """Return the table for docs/results.md: depth RMS at each delay, and less that of the default."""
         cases, ours, lines = summaries(rows), by_vehicle(rows, DEFAULT), []
-        for (name,), mine in by(cases, "row").items():
+        for (name,), mine in sorted(by(cases, "row").items(), key=lambda row: row[0] != (DEFAULT,)):
             cells = [
-                " / ".join(f"{case['depth_rms_mm']:.1f}" + "†" * case["gave_up"] for case in of_scenario)
+                "/".join(f"{case['depth_rms_mm']:.1f}" + "†" * case["gave_up"] for case in of_scenario)
                 for of_scenario in by(mine, "scenario").values()
             ]
             difference = "–"
@@ -188,13 +188,13 @@ class Dives(Study[BenchDive]):
                 apart = by_vehicle(rows, name) - ours
                 difference = f"{apart.mean():+.2f}"
                 if len(apart) > 1:
-                    difference += f" ± {interval(apart)[1] - apart.mean():.2f}"
+                    difference += f"±{interval(apart)[1] - apart.mean():.2f}"
             chatter_n = np.mean([case["chatter_n"] for case in mine])
             lines.append([self.titles[name], *cells, difference, f"{chatter_n:.1f}"])
-        delays = " / ".join(_delay(delay_ms) for (delay_ms,) in by(cases, "delay_ms"))
+        delays = "/".join(_delay(delay_ms) for (delay_ms,) in by(cases, "delay_ms"))
         scenarios = [name for (name,) in by(cases, "scenario")]
         return {
-            "columns": [f"depth RMS, mm: {delays}", *scenarios, "less Holdfast, 95 %", "chatter, N"],
+            "columns": [f"depth RMS, mm ({delays})", *scenarios, "minus Holdfast's", "chatter, N"],
             "rows": lines,
         }
 

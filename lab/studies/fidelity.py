@@ -96,9 +96,9 @@ class Fidelity(Dives):
                 f"{pair['sd_mm'][1]:.1f}" + "†" * pair["gave_up"][1] + f" ({pair['sd_mm'][0]:.1f})"
                 for pair in mine
             ]
-            for (name,), mine in measured.items()
+            for (name,), mine in sorted(measured.items(), key=lambda row: row[0] != (DEFAULT,))
         ]
-        return {"columns": ["depth SD, mm: ArduSub (our simulator)", *self._scenarios], "rows": lines}
+        return {"columns": ["depth SD, mm (in our simulator)", *self._scenarios], "rows": lines}
 
 
 def pairs(rows: Sequence[Row]) -> list[Row]:

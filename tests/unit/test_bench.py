@@ -108,10 +108,10 @@ def test_differences_are_taken_dive_by_dive() -> None:
     assert "P-PI (4 lost)" in text
     assert "…" not in text
     shown = study(Dives, "--seeds", "4").summary(made)
-    assert shown["columns"][:2] == ["depth RMS, mm: as is / +80 ms", "waves"]
+    assert shown["columns"][:2] == ["depth RMS, mm (as is/+80 ms)", "waves"]
     lines = {line[0]: line[1:] for line in shown["rows"]}
-    assert lines["law"] == ["6.5 / 6.5"] * 4 + ["+2.00 ± 0.00", "4.0"]
-    assert lines["P-PI"][0] == "8.5†††† / 8.5††††"
+    assert lines["law"] == ["6.5/6.5"] * 4 + ["+2.00±0.00", "4.0"]
+    assert lines["P-PI"][0] == "8.5††††/8.5††††"
     assert lines["Holdfast"][-2] == "–"
 
 
