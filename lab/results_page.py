@@ -1,7 +1,7 @@
 """The tables of docs/results.md and README.md, from the files in docs/results/.
 
-On a page a table stands between `<!-- table NAME -->` and `<!-- end -->`, or, for a picture, what made it
-between `<!-- made NAME -->` and `<!-- end -->`. Its file, docs/results/NAME.json,
+On a page a table stands between `<!--table:NAME-->` and `<!--end-->`, or, for a picture, what made it
+between `<!--made:NAME-->` and `<!--end-->`. Its file, docs/results/NAME.json,
 has `columns`, `rows` and the `provenance` of `lab.study`; `holdfast bench tank --out docs/results` makes it.
 """
 
@@ -15,7 +15,7 @@ from lab.sources import MEASURED, ROOT, digest_of
 
 FOLDER = ROOT / "docs" / "results"
 PAGES = (FOLDER.with_suffix(".md"), ROOT / "README.md")
-MARKED = re.compile(r"(<!-- (table|made) (\S+) -->\n).*?(<!-- end -->)", re.DOTALL)
+MARKED = re.compile(r"(<!--(table|made):(\S+)-->\n).*?(<!--end-->)", re.DOTALL)
 
 
 def filled(page: Path) -> str:
