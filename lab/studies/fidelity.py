@@ -98,7 +98,7 @@ class Fidelity(Dives):
             ]
             for (name,), mine in sorted(measured.items(), key=lambda row: row[0] != (DEFAULT,))
         ]
-        return {"columns": ["depth SD, mm (in our simulator)", *self._scenarios], "rows": lines}
+        return {"columns": ["depth SD, mm: real ArduSub (our simulator)", *self._scenarios], "rows": lines}
 
 
 def pairs(rows: Sequence[Row]) -> list[Row]:
