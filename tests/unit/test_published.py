@@ -18,7 +18,9 @@ from lab.studies.published import (
     Published,
     PublishedDive,
     Pushed,
+    believable,
     circle,
+    constant,
     eight,
     extra_thruster,
     gym_current,
@@ -85,7 +87,7 @@ def test_the_periodic_force_is_of_three_to_six_newton():
 
 def test_a_push_begins_with_the_reference():
     scene = scenes()["circle"]
-    sea = Pushed(scene.plant, FIRST_SEED, scene.outside)
+    sea = Pushed(scene.plant, FIRST_SEED, constant)
     assert sea.step(START_S - 0.01, 0.0, LEVEL)[0] == (0.0, 0.0, 0.0)
     assert sea.step(START_S, 0.0, LEVEL)[0] == (10.0, 10.0, 10.0)
 
@@ -112,13 +114,25 @@ def test_without_noise_the_known_delays_stay():
     assert exact.dvl_delay_s == ours.dvl_delay_s > 0.0
 
 
+def test_thrust_of_seven_tenths_is_believed_to_be_more_mass():
+    plant = scenes()["path"].plant
+    (gain,) = plant.thrusters.gain
+    assert gain == pytest.approx(40.0 / 51.5)
+    assert believable(plant).hull.mass_kg == pytest.approx(15.22 / gain)
+    assert believable(plant).hull.quadratic_damping[2] == pytest.approx(73.37135 / gain)
+
+
 def test_a_short_dive_is_held_and_stands_in_the_table():
     bench = study("--scenarios", "thruster-60", "--rows", "sensors")
     steps = bench.ticks(PublishedDive("thruster-60", "sensors", FIRST_SEED), -18.0)
     assert steps[-1].t_s == pytest.approx(START_S - 18.0, abs=0.1)
     assert steps[-1].sample.verdict.reason == "engaged"
-    rows = [PublishedDive("thruster-60", "sensors", 1)._asdict() | {DEPTH: 5.0, "held": True}]
+    rows = [
+        PublishedDive("thruster-60", "sensors", 1)._asdict() | {DEPTH: 5.0, "accused": False, "held": True}
+    ]
     (line,) = bench.summary(rows)["rows"]
     assert line[1:6] == ["least 10, most 40", "**5**", "–", "–", "0.50, 0.12"]
+    accused = bench.summary([rows[0] | {"accused": True}])["rows"]
+    assert accused[0][2] == "**5 †**"
     assert not bench.failed(rows)
     assert bench.failed([rows[0] | {"held": False}])
