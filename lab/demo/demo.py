@@ -1,9 +1,9 @@
 """`holdfast demo`: what each part of Holdfast is worth, beside ALT_HOLD, which the pilot has today.
 
-Four dives in virtual time, with the same vehicle, water, path and load: ALT_HOLD, the law alone, the law with
-the observer's disturbance, and Holdfast. Then Holdfast once more in real time: a simulated vehicle and the
-controller, in processes of their own, talk MAVLink over UDP, and what is shown and counted is what a stranger
-hears over Zenoh.
+Holdfast dives first in real time, for people to watch: a simulated vehicle and the controller, in processes
+of their own, talk MAVLink over UDP, and what is shown and counted is what a stranger hears over Zenoh. Then
+come four dives in virtual time, with the same vehicle, water, path and load: the law alone, the law with
+the observer's disturbance, Holdfast, and ALT_HOLD.
 """
 
 import argparse
@@ -129,13 +129,13 @@ def _parser() -> argparse.ArgumentParser:
         "demo",
         "Shows what each part of Holdfast is worth: a simulated vehicle with a payload skid and weed in a "
         "motor keeps depth and heading in a current and waves, moves half a metre down and up again "
-        "twice, and a load is hung on and dropped. It dives four times in virtual time: by ArduSub's "
-        "depth hold, ALT_HOLD, with its default gains; by the control law alone; by the law with the "
-        "observer; by Holdfast, which adds the network. Then Holdfast dives once more in real time, for "
-        "you to watch; the table shows both. Takes a minute; Ctrl-C ends it at any moment. With "
-        "--firmware the four dives are on the real ArduSub, without the one in real time. With --dvl the "
-        "vehicle keeps a place in a turning current and waves, by ArduSub's POSHOLD and by Holdfast, "
-        "which then follows a path: in virtual time, in less than a minute.",
+        "twice, and a load is hung on and dropped. Holdfast dives in real time, for you to watch. Then "
+        "the same dive is repeated in virtual time: by the control law alone; by the law with the "
+        "observer; by Holdfast, which adds the network; by ArduSub's depth hold, ALT_HOLD, with its "
+        "default gains. Takes a minute; Ctrl-C ends it at any moment. With --firmware the four dives are "
+        "on the real ArduSub, without the one in real time. With --dvl the vehicle keeps a place in a "
+        "turning current and waves, by ArduSub's POSHOLD and by Holdfast, which then follows a path: in "
+        "virtual time, in less than a minute.",
         EXAMPLES,
     )
     parser.add_argument(
@@ -161,13 +161,13 @@ def _parser() -> argparse.ArgumentParser:
 
 def _dive_all(story: Story, teller: "_Teller", firmware: Path | None) -> dict[str, DemoDive]:
     """Dive; return the dives in the order of the table."""
+    live = {} if firmware else {"live": arrange(_dive_live(story, teller))}
     parts: dict[str, DemoDive] = {}
     for name, compensator in PARTS.items():
         teller.begin(name)
         parts[name] = dive_holdfast(story, compensator, firmware, teller.tell_virtual)
     teller.begin("alt_hold")
     alt_hold = dive_alt_hold(story, parts["holdfast"], firmware, teller.tell_virtual)
-    live = {} if firmware else {"live": arrange(_dive_live(story, teller))}
     return {"alt_hold": alt_hold, **parts, **live}
 
 

@@ -35,11 +35,11 @@ _STYLES = {
     "live": "bright_cyan",
 }
 _MEANING = {
+    "live": "Holdfast in real time",
     "law": "the control law alone",
     "observer": "the law and its observer",
     "holdfast": "Holdfast: law, observer, network",
     "alt_hold": "what the pilot has today",
-    "live": "Holdfast once more, in real time",
 }
 """In the order of the dives."""
 _LABEL = 15
@@ -154,7 +154,7 @@ def table(results: Mapping[str, DemoFigures], story: Story, *, about_mean: bool)
     about = ", of the depth about their mean" if about_mean else ""
     return compared(
         f"Errors, RMS, {story.waves_s:g} to {story.end_s:g} s after arming{about}",
-        "Errors and thrust are the simulator's truth. Live: Holdfast once more, in real time.",
+        "Errors and thrust are the simulator's truth. Live: Holdfast in real time.",
         [(NAMES[name], _STYLES[name]) for name in results],
         rows,
     )

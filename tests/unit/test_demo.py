@@ -254,7 +254,7 @@ def test_a_frame_fits_the_terminal(width: int, now: Now | None) -> None:
     assert len(lines) <= 22  # of the 24 that any terminal has
     assert {len(text.rstrip()) for text in lines} == {min(width, demo_screen.WIDTH)}
     assert "…" not in capture.get()
-    assert "dive 5 of 5" in lines[0]
+    assert "dive 1 of 5" in lines[0]
     assert ("SATURATED" in capture.get()) == (now is not None)
 
 
