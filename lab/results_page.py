@@ -23,7 +23,10 @@ def filled(page: Path) -> str:
     code = digest_of(MEASURED).hexdigest()[:16]
 
     def shown(marked: re.Match[str]) -> str:
-        content = json.loads((FOLDER / f"{marked[3]}.json").read_text(encoding="utf-8"))
+        path = FOLDER / f"{marked[3]}.json"
+        if not path.exists():
+            return f"{marked[1]}\n*Not measured yet.*\n\n{marked[4]}"
+        content = json.loads(path.read_text(encoding="utf-8"))
         lines = table(content) + "\n" if marked[2] == "table" else ""
         return f"{marked[1]}\n{lines}{made(content['provenance'], code)}\n{marked[4]}"
 

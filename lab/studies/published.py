@@ -530,10 +530,11 @@ class Published(Study[PublishedDive]):
                     _figures(scene),
                     *cells,
                     _ratios(scene, some),
-                    scene.about,
                 ]
             )
-        return {"columns": ["scenario, mm", "theirs", *ROWS, "ours / theirs", "comparable"], "rows": lines}
+        comparable = {scenes()[name].title: scenes()[name].about for name in self._names}
+        columns = ["scenario, mm", "theirs", *ROWS, "ours / theirs"]
+        return {"columns": columns, "rows": lines, "comparable": comparable}
 
     def failed(self, rows: Sequence[Row]) -> bool:
         """Return whether the supervisor gave up a dive."""
