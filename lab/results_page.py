@@ -36,7 +36,7 @@ def filled(page: Path) -> str:
 def table(content: Mapping[str, Any]) -> str:
     """Return a table in Markdown."""
     columns = content["columns"]
-    head, *lines = (f"| {' | '.join(line)} |\n" for line in (columns, *content["rows"]))
+    head, *lines = (f"|{'|'.join(line)}|\n" for line in (columns, *content["rows"]))
     return head + "|---" * len(columns) + "|\n" + "".join(lines)
 
 

@@ -303,4 +303,4 @@ def test_the_search_ends_with_the_command_that_dives_its_result(tmp_path):
 
 def test_scenarios_have_the_names_of_the_documents():
     text = (Path(__file__).parents[2] / "docs" / "results.md").read_text(encoding="utf-8")
-    assert [name for name in SCENARIOS if f"\n| {name} |" in text] == [one.name for one in four(1)]
+    assert [name for name in SCENARIOS if f"\n|{name}|" in text] == [one.name for one in four(1)]
