@@ -546,9 +546,10 @@ class Published(Study[PublishedDive]):
         with mpl.rc_context(PRINTED):
             figure, panel = plt.subplots(figsize=(8.0, 1.2 + 0.45 * len(groups)))
             for y, (scene, some) in enumerate(groups):
-                for method, theirs_mm in scene.theirs.items():
+                for i, (method, theirs_mm) in enumerate(scene.theirs.items()):
+                    at = (0, 6 + 9 * (i % 2))
                     panel.plot(theirs_mm, y, "D", color=BLACK, markerfacecolor="none", zorder=3)
-                    panel.annotate(method, (theirs_mm, y), (0, 6), textcoords="offset points", ha="center")
+                    panel.annotate(method, (theirs_mm, y), at, textcoords="offset points", ha="center")
                 for i, (row, colour) in enumerate(ROWS.items()):
                     values = [dive[scene.metric] for dive in some if dive["row"] == row]
                     panel.plot(values, [y + 0.12 * i] * len(values), "o", color=colour, markersize=5)
