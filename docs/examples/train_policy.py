@@ -78,7 +78,12 @@ class Evaluation(BaseCallback):
         line = [self.num_timesteps, time.monotonic() - self.began_s, time.process_time(), *found]
         with (self.out / "curve.csv").open("a") as curve:
             curve.write(",".join(f"{value:.5g}" for value in line) + "\n")
-        print("{:9.0f} steps {:6.0f} s (CPU {:6.0f} s): reward {:.4f}  depth {:.2f} mm  chatter {:.2f} N".format(*line), flush=True)
+        steps, wall_s, cpu_s, reward, depth_mm, chatter_n = line
+        print(
+            f"{steps:9} steps {wall_s:6.0f} s (CPU {cpu_s:6.0f} s):"
+            f" reward {reward:.4f}  depth {depth_mm:.2f} mm  chatter {chatter_n:.2f} N",
+            flush=True,
+        )
         if found[0] > self.best:
             self.best = found[0]
             np.savez(self.out / "ppo.npz", **net)

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 import gymnasium
 import numpy as np
+import numpy.typing as npt
 from gymnasium import spaces
 
 from companion.config import Config, load_config
@@ -26,6 +27,8 @@ from lab.training import loop
 from sim_bridge.commands import DEFAULT_CONFIG
 from sim_bridge.config import SimConfig
 from sim_bridge.config import load_config as load_plant
+
+Single = npt.NDArray[np.float32]
 
 TRAINING, HELD_OUT = range(900), range(900, 1000)
 """Seeds to train with and to choose by; those from 1000 on are the bench's: to judge by."""
@@ -62,11 +65,11 @@ def bench(seed: int) -> Dive:
     return Dive(plant, scenario.target, scenario.duration_s, 0.001 + extra_s, 0.001 + extra_s)
 
 
-class HoldfastEnv(gymnasium.Env[Array, Array]):
+class HoldfastEnv(gymnasium.Env[Single, Single]):
     """An episode a dive, a step a tick of 20 ms.
 
-    Action, by steered axis: the law's feedback, −1..1 of `policy.SHARE` max_force (north, east, down, yaw); the
-    model's forces and the observer's d̂ are added. Observation: `policy.observation` of each steered axis.
+    Action, by steered axis: the law's feedback, −1..1 of `policy.SHARE` max_force (north, east, down, yaw).
+    The model's forces and the observer's d̂ are added. Observation: `policy.observation` of each steered axis.
     Reward, the mean over the axes: `near` of the true error, and with the share STEADY of the force's change.
     """
 
@@ -96,10 +99,10 @@ class HoldfastEnv(gymnasium.Env[Array, Array]):
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Array, dict[str, Any]]:
+    ) -> tuple[Single, dict[str, Any]]:
         """Begin a dive, engaged and at rest; info has its seed and its length in steps."""
         super().reset(seed=seed)
-        chosen = int(self._seeds[self.np_random.integers(len(self._seeds))])
+        chosen = self._seeds[int(self.np_random.integers(len(self._seeds)))]
         dive = self._dives(chosen)
         plant = positioned(dive.plant) if self._places else dive.plant
         refuse(plant)
@@ -115,7 +118,7 @@ class HoldfastEnv(gymnasium.Env[Array, Array]):
         next(self._dive)
         return self._observation(), {"seed": chosen, "steps": self._last}
 
-    def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, Any]]:
+    def step(self, action: Single) -> tuple[Single, float, bool, bool, dict[str, Any]]:
         """Steer for a tick; info has the true errors (m, rad) and the forces asked for (N, N·m)."""
         before = self._told[1, self._dofs]
         self._actions[0, self._dofs] = action
@@ -126,7 +129,7 @@ class HoldfastEnv(gymnasium.Env[Array, Array]):
         lost = not bool((np.abs(error) < LOST).all())
         return self._observation(), reward, lost, index == self._last, {"error": error, "force": force}
 
-    def _observation(self) -> Array:
+    def _observation(self) -> Single:
         return self._seen[self._dofs].astype(np.float32).ravel()
 
 

@@ -40,26 +40,26 @@ def ticks(
         companion: its configuration; its laws are `handed`.
         at: where the delays fall.
         targets: (ticks, 12): as `lab.batch.loop.dive`'s.
-        actions: (1, 4), read after each tick's yield: the action of each degree of freedom; NaN: the law's own.
+        actions: (1, 4), read after each tick's yield: by degree of freedom the action; NaN: the law's own.
         seen: (4, OBSERVED), written before each yield: the observations.
         told: (2, 4), written likewise: the true error, m and rad, and the force asked for in the tick before.
 
     """
-    parameters = built(companion.parameters)
-    memory = start(parameters)
+    memory = start(built(companion.parameters))
     afloat = begun(vehicle, drawn)
     first = read(vehicle, afloat.past, 0, afloat.slow, drawn.normals, 0)
     north, east = begins(afloat)
     axes, last = NO_AXES, NO_AXES
-    sensor_delay_s, lead_s = parameters.observers.sensor_delay_s, companion.lead_s
     for index in range(len(targets)):
         afloat = went_on(vehicle, drawn, afloat, index, axes)
         state, wanted = afloat.state, targets[index]
         readings = read(vehicle, afloat.past, STEPS * (index + 1), afloat.slow, drawn.normals, index + 1)
         script = scripted(vehicle, companion, wanted, north, east, first, index, last)
         hidden_s = memory.observed.hidden.hidden_s
-        known = inputs(at, readings, vehicle.voltage_v, lead_s, sensor_delay_s, hidden_s, index)
+        sensor_delay_s = built(companion.parameters).observers.sensor_delay_s
+        known = inputs(at, readings, vehicle.voltage_v, companion.lead_s, sensor_delay_s, hidden_s, index)
         for acts in range(2):
+            parameters = built(companion.parameters)  # what lives over a yield takes long to compile
             if acts == 1:
                 memory = with_actions(memory, actions)
             after, _ = tick(parameters, memory, known, outside(script), TICK_S)
