@@ -16,6 +16,8 @@ from lab.training.environment import GOOD, HELD_OUT, LOST, TRAINING, Dive, Holdf
 from sim_bridge.commands import DEFAULT_CONFIG
 from sim_bridge.config import load_config as load_plant
 
+pytestmark = pytest.mark.timeout(1200)  # beside others it compiles for long
+
 BASE = load_plant(DEFAULT_CONFIG)
 PARAMETERS = policy.Parameters(100.0, 0.15, 0.02)
 OWN = np.full(1, np.nan)
