@@ -44,7 +44,7 @@ from companion.telemetry.glossary import advised
 from companion.telemetry.plan import PathPlan
 from companion.telemetry.schemas import Choices, Plan, Raw, Reply, Start
 from companion.telemetry.status_line import status_line
-from holdfast import own_version
+from holdfast import own_version, version
 
 if TYPE_CHECKING:
     from companion.identify.manoeuvre import Manoeuvre  # no part of `holdfast run`
@@ -126,6 +126,7 @@ class App:
     async def run(self) -> int:
         """Run until a signal or an exception ends it; leave neutral what we steer; return the exit status."""
         loop = asyncio.get_running_loop()
+        log.info("holdfast %s", version.running())
         self._publisher.start()
         try:
             self._publisher.claim(NAME_PATIENCE_S)

@@ -8,7 +8,8 @@ import os
 import re
 import sys
 from collections import Counter
-from importlib.metadata import EntryPoint, entry_points, requires, version
+from importlib.metadata import EntryPoint, entry_points, requires
+from importlib.metadata import version as version_of
 from pathlib import Path
 
 if (Path(__file__).parent / "companion").is_dir():
@@ -94,7 +95,9 @@ def _dispatch(arguments: list[str]) -> int:
         return DONE
     name, *rest = arguments
     if name in ("-V", "--version"):
-        sys.stdout.write(f"holdfast {own_version()}\n")
+        from holdfast.version import about
+
+        sys.stdout.write(about())
         return DONE
     if name not in commands:
         known = ", ".join(sorted(commands))
@@ -110,7 +113,7 @@ def _say(command: str, what: str) -> None:
 
 def own_version() -> str:
     """Return the version of this installation."""
-    return version(DISTRIBUTION)
+    return version_of(DISTRIBUTION)
 
 
 def how_to_install(extra: str) -> str:

@@ -20,6 +20,7 @@ further benches, each with its own --help:
   reality     vehicles between the published models and that one, in current, waves, tether
   axes        vehicles with a gain of their own on each axis
   light       a light vehicle whose thrusters answer at once
+  published   published figures of a BlueROV2, and ours in a port of their scenarios
   firmware    our simulator beside the real ArduSub
 
 examples:
@@ -77,6 +78,7 @@ BENCHES = {
     "rivals": "lab.studies.rivals:Rivals",
     "axes": "lab.studies.reality:Axes",
     "light": "lab.studies.reality:Light",
+    "published": "lab.studies.published:Published",
     "firmware": "lab.studies.fidelity:Fidelity",
     "process": "lab.operations.operations:Process",
     "zenoh": "lab.operations.operations:Subscribers",

@@ -4,7 +4,7 @@ A page's first part, up to MARK, is written by hand; what follows is made here, 
 """
 
 import inspect
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import msgspec
@@ -13,8 +13,8 @@ from companion.config import Config, Section, YawModel
 from companion.records import AXES
 from companion.telemetry import schemas as telemetry
 from companion.telemetry.commands import COMMANDS, RECORDER_COMMANDS
-from companion.telemetry.fields import fields_of
-from companion.telemetry.schemas import Choices, Raw, Reply, Truth
+from companion.telemetry.fields import Field, fields_of
+from companion.telemetry.schemas import Choices, Raw, Record, Reply, Truth
 from lab import results_page, supervisor_page
 
 DOCS = Path(__file__).parents[1] / "docs"
@@ -26,10 +26,7 @@ RATES = {
     "plan": "when it changes, and every 5 s",
     "trigger": "at each trigger of a path",
 }
-ENCODINGS: dict[type[msgspec.Struct], str] = {
-    Raw: "application/msgpack;holdfast.Raw.v1",
-    Truth: telemetry.TRUTH_ENCODING,
-}
+RAW_ENCODING = "application/msgpack;holdfast.Raw.v1"
 
 
 def schemas() -> dict[str, bytes]:
@@ -49,7 +46,8 @@ def pages() -> dict[str, str]:
 
 def write() -> list[Path]:
     """Write pages and schemas into docs/ and return what changed."""
-    wanted = {page.PAGE: page.page().encode() for page in (supervisor_page, results_page)}
+    wanted = {page: results_page.filled(page).encode() for page in results_page.PAGES}
+    wanted[supervisor_page.PAGE] = supervisor_page.page().encode()
     for name, made in pages().items():
         head, mark, _ = (DOCS / name).read_text(encoding="utf-8").partition(MARK)
         wanted[DOCS / name] = (head + mark + made).encode()
@@ -86,42 +84,40 @@ def _configuration() -> Iterator[str]:
         records = [getattr(shipped, axis) for axis in AXES] if section in AXES else [record]
         heads = [f"`[{axis}]`" for axis in AXES] if section in AXES else ["default"]
         yield f"\n## {', '.join(AXES) if section in AXES else section}\n\n{_words(type(record))}\n"
-        yield f"| key | {' | '.join(heads)} | allowed | unit | what |"
-        yield "|---" * (len(heads) + 4) + "|"
+        yield f"| key | {' | '.join(heads)} | allowed | what |"
+        yield "|---" * (len(heads) + 3) + "|"
         for key, field in fields_of(type(record)).items():
             values = " | ".join(
                 f"`{msgspec.json.encode(getattr(record, key)).decode()}`" for record in records
             )
-            yield f"| `{key}` | {values} | {field.type} | {field.unit} | {field.what} |"
+            yield f"| `{key}` | {values} | {_kind(field)} | {field.what} |"
     yield "\nThe model of yaw is in rad, N·m and kg·m²:\n"
     yield from _table(YawModel)
 
 
 def _telemetry() -> Iterator[str]:
     yield "\n## Published\n"
-    yield "| key | schema | rate | what |"
-    yield "|---|---|---|---|"
-    for tail, record in (telemetry.EVERY_TICK | telemetry.NOW_AND_THEN).items():
-        rate = RATES.get(tail, "every tick, `loop.rate_hz`: 50 Hz")
-        yield f"| `holdfast/{{vehicle}}/{tail}` | {_link(record)} | {rate} | {_first(record)} |"
-    raw = "every tick, only with `telemetry.raw`"
-    yield f"| `holdfast/{{vehicle}}/raw` | {_link(Raw)} | {raw} | {_first(Raw)} |"
-    truth = "50 Hz, by `holdfast sim`"
-    yield f"| `sim/{{vehicle}}/truth` | {_link(Truth)} | {truth} | {_first(Truth)} |"
-    alive = "`holdfast/{vehicle}/alive/{instance}`"
-    yield f"| {alive} | liveliness token | | exists while the companion runs |"
-    every: list[type[msgspec.Struct]] = [
-        *telemetry.EVERY_TICK.values(),
-        *telemetry.NOW_AND_THEN.values(),
-        Raw,
-        Truth,
-    ]
-    structs: dict[type[msgspec.Struct], None] = dict.fromkeys(every)
-    for struct in structs:
-        yield f"\n### {struct.__name__}\n"
-        what = ENCODINGS.get(struct) or telemetry.encoding(struct)
-        yield f"{_words(struct)}\n\nEncoding `{what}`.\n"
-        yield from _table(struct)
+    yield "Where no rate is given, a key is published in every tick (`loop.rate_hz`: 50 Hz). The encoding is"
+    yield f"`{telemetry.encoding(telemetry.State)}` for State, and so on; that of Raw is `{RAW_ENCODING}`,"
+    yield f"that of Truth `{telemetry.TRUTH_ENCODING}`.\n"
+    yield "| key | schema | what |"
+    yield "|---|---|---|"
+    keys: dict[type[msgspec.Struct], list[str]] = {}
+    for tail, published in (telemetry.EVERY_TICK | telemetry.NOW_AND_THEN).items():
+        keys.setdefault(published, []).append(tail)
+    for struct, (tail, *more) in keys.items():
+        shown = "`, `".join([tail, *more])
+        rate = f"; {RATES[tail]}" if tail in RATES else ""
+        yield f"| `holdfast/{{vehicle}}/{shown}` | {_link(struct)} | {_first(struct)}{rate} |"
+    yield f"| `holdfast/{{vehicle}}/raw` | {_link(Raw)} | {_first(Raw)}; only with `telemetry.raw` |"
+    yield f"| `sim/{{vehicle}}/truth` | {_link(Truth)} | {_first(Truth)}; 50 Hz, by `holdfast sim` |"
+    yield "| `holdfast/{vehicle}/alive/{instance}` | | a liveliness token while the companion runs |"
+    yield "\nEach has these fields, all but Raw and Truth:\n"
+    yield from _table(Record)
+    for struct in keys | {Raw: [], Truth: []}:
+        more_words = _words(struct).removeprefix(_first(struct)).removeprefix(".").strip()
+        yield f"\n### {struct.__name__}\n" + (f"\n{more_words}\n" if more_words else "")
+        yield from _table(struct, () if struct in (Raw, Truth) else Record.__struct_fields__)
     yield "\n## Answered\n"
     yield "A query for `holdfast/{vehicle}/config` returns the configuration in force, a JSON object with the"
     yield "sections of `config/companion.toml` ([schema](schemas/Config.json)); a query for"
@@ -132,18 +128,26 @@ def _telemetry() -> Iterator[str]:
     yield "Send a query to `holdfast/{vehicle}/command/{name}`. Its payload is a JSON object (`{}` for a"
     yield "command without fields), its answer a Reply. `holdfast record` answers `command/record`."
     for name, command in (COMMANDS | RECORDER_COMMANDS).items():
-        yield f"\n### {name}\n\n{_words(command)}\n"
+        yield f"\n### {name}\n\n{_words(command)}"
         if command.__struct_fields__:
+            yield ""
             yield from _table(command)
     yield "\n### Reply\n\n" + _words(Reply) + "\n"
     yield from _table(Reply)
 
 
-def _table(struct: type[msgspec.Struct]) -> Iterator[str]:
-    yield "| field | type | unit | what |"
-    yield "|---|---|---|---|"
+def _table(struct: type[msgspec.Struct], without: Sequence[str] = ()) -> Iterator[str]:
+    yield "| field | type | what |"
+    yield "|---|---|---|"
     for name, field in fields_of(struct).items():
-        yield f"| `{name}` | {field.type} | {field.unit} | {field.what} |"
+        if name not in without:
+            yield f"| `{name}` | {_kind(field)} | {field.what} |"
+
+
+def _kind(field: Field) -> str:
+    """Return type or range, and unit: "0 to 1000 m"."""
+    kind = field.type.removeprefix("number, ")
+    return field.unit if kind == "number" and field.unit else f"{kind} {field.unit}".rstrip()
 
 
 def _words(struct: type[msgspec.Struct]) -> str:

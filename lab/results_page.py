@@ -1,7 +1,7 @@
-"""The tables of docs/results.md, from the files in docs/results/.
+"""The tables of docs/results.md and README.md, from the files in docs/results/.
 
-On the page a table stands between `<!-- table NAME -->` and `<!-- end -->`, or, for a picture, what made it
-between `<!-- made NAME -->` and `<!-- end -->`. Its file, docs/results/NAME.json,
+On a page a table stands between `<!--table:NAME-->` and `<!--end-->`, or, for a picture, what made it
+between `<!--made:NAME-->` and `<!--end-->`. Its file, docs/results/NAME.json,
 has `columns`, `rows` and the `provenance` of `lab.study`; `holdfast bench tank --out docs/results` makes it.
 """
 
@@ -11,33 +11,36 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from lab.sources import MEASURED, digest_of
+from lab.sources import MEASURED, ROOT, digest_of
 
-PAGE = Path(__file__).parents[1] / "docs" / "results.md"
-FOLDER = PAGE.with_suffix("")
-MARKED = re.compile(r"(<!-- (table|made) (\S+) -->\n).*?(<!-- end -->)", re.DOTALL)
+FOLDER = ROOT / "docs" / "results"
+PAGES = (FOLDER.with_suffix(".md"), ROOT / "README.md")
+MARKED = re.compile(r"(<!--(table|made):(\S+)-->\n).*?(<!--end-->)", re.DOTALL)
 
 
-def page() -> str:
-    """Return the page with the tables of today's files."""
+def filled(page: Path) -> str:
+    """Return a page with the tables of today's files."""
     code = digest_of(MEASURED).hexdigest()[:16]
 
-    def filled(marked: re.Match[str]) -> str:
-        content = json.loads((FOLDER / f"{marked[3]}.json").read_text(encoding="utf-8"))
-        shown = table(content) + "\n" if marked[2] == "table" else ""
-        return f"{marked[1]}\n{shown}{made(content['provenance'], code)}\n{marked[4]}"
+    def shown(marked: re.Match[str]) -> str:
+        path = FOLDER / f"{marked[3]}.json"
+        if not path.exists():
+            return f"{marked[1]}\n*Not measured yet.*\n\n{marked[4]}"
+        content = json.loads(path.read_text(encoding="utf-8"))
+        lines = table(content) + "\n" if marked[2] == "table" else ""
+        return f"{marked[1]}\n{lines}{made(content['provenance'], code)}\n{marked[4]}"
 
-    return MARKED.sub(filled, PAGE.read_text(encoding="utf-8"))
+    return MARKED.sub(shown, page.read_text(encoding="utf-8"))
 
 
 def table(content: Mapping[str, Any]) -> str:
     """Return a table in Markdown."""
     columns = content["columns"]
-    lines = [columns, ["---"] * len(columns), *content["rows"]]
-    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
+    head, *lines = (f"|{'|'.join(line)}|\n" for line in (columns, *content["rows"]))
+    return head + "|---" * len(columns) + "|\n" + "".join(lines)
 
 
 def made(provenance: Mapping[str, str], code: str) -> str:
     """Return what made a table, and whether the code that it measured is still that of the digest `code`."""
     age = "same code" if provenance["code"] == code else "**older code**"
-    return "`{command}`, commit {commit}, {date:.10}, ".format_map(provenance) + f"{age}\n"
+    return "`{command}`, {commit}, {date:.10}, ".format_map(provenance) + f"{age}\n"

@@ -11,7 +11,6 @@ import os
 import platform
 import shlex
 import signal
-import subprocess
 import sys
 import time
 from abc import ABC, abstractmethod
@@ -40,9 +39,10 @@ from rich.table import Table
 
 from holdfast import FAILED, REFUSED, RefusedError, how_to_install, own_version
 from holdfast.arguments import command_parser
+from holdfast.version import revision
 from lab.loop.firmware import FirmwareError
 from lab.options import find_firmware, positive
-from lab.sources import MEASURED, ROOT, digest_of
+from lab.sources import MEASURED, digest_of
 from lab.tables import add_files, plain, write_json, write_table
 
 CODE = (*MEASURED, "lab/**/*.py", "lab/**/*.toml")
@@ -357,18 +357,22 @@ def recipe(study: Study[Any], arguments: argparse.Namespace) -> str:
 
 def provenance(command: str) -> dict[str, str]:
     """Return what a result's reader needs to repeat it, and a digest of the code that was measured."""
-    commit = ""
-    if (ROOT / ".git").exists():
-        git = ["git", "-C", str(ROOT), "describe", "--always", "--dirty", "--exclude=*", "--abbrev=12"]
-        commit = subprocess.run(git, capture_output=True, text=True, check=False).stdout.strip()
     return {
         "command": command,
         "version": own_version(),
-        "commit": commit,
+        "commit": revision(),
         "code": digest_of(MEASURED).hexdigest()[:16],
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
-        "machine": f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}",
+        "machine": f"{_processor()}, {os.cpu_count()} cores, Python {platform.python_version()}",
     }
+
+
+def _processor() -> str:
+    path = Path("/proc/cpuinfo")
+    lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
+    return next(
+        (line.partition(": ")[2] for line in lines if line.startswith("model name")), platform.machine()
+    )
 
 
 def ruled(title: str, *columns: str, left: int = 1, caption: str | None = None, padding: int = 1) -> Table:

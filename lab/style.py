@@ -36,9 +36,9 @@ def zero(panel: Axes) -> None:
     panel.axhline(0.0, color=BLACK, linewidth=0.7, zorder=0)
 
 
-def name(panel: Axes, title: str, unit: str) -> None:
-    """Say what a panel shows, and in which unit."""
-    panel.set_title(title, loc="left", fontweight="bold", fontsize=11)
+def name(panel: Axes, title: str, unit: str, pad: float | None = None) -> None:
+    """Say what a panel shows, `pad` points above it, and in which unit."""
+    panel.set_title(title, loc="left", fontweight="bold", fontsize=11, pad=pad)
     panel.set_ylabel(unit, fontsize=SMALL)
 
 

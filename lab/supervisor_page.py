@@ -19,7 +19,7 @@ from companion.control.tilt import (
 from companion.records import ENGAGE_S, Condition, State
 from companion.supervision.conditions import BLOCKING, FREEZES, NOTHING, RULES, TRANSITIONS, WARNS
 from companion.supervision.handover import KEEP_ALIVE_S, REFUSED_S, SETTLE_S
-from companion.supervision.supervisor import FAULT_CAUSES, transition
+from companion.supervision.supervisor import transition
 from companion.telemetry.glossary import COURSES, STATES, title
 
 PAGE = Path(__file__).parent.parent / "docs" / "supervisor.md"
@@ -114,9 +114,8 @@ sends `release`; `keep_alt_hold_s` does not apply. Silence would disarm the vehi
 def page() -> str:
     """Return the whole page."""
     limits = load_config().supervisor
-    parts = [HEAD, "## States\n", *_states(), *_diagram(), "## What each condition does\n", *_matrix()]
-    parts += ["## What each means\n", *_meanings(limits), TILT, HAND_OVER]
-    return "\n".join(parts)
+    parts = [HEAD, "## States\n", *_states(), *_diagram(), "## Conditions\n", *_conditions(limits)]
+    return "\n".join([*parts, TILT, HAND_OVER])
 
 
 def _states() -> Iterator[str]:
@@ -134,59 +133,49 @@ def _states() -> Iterator[str]:
     lines = ["| `guidance` | Holdfast |", "|---|---|"]
     lines += [f"| `{kind}` | {words} |" for kind, words in COURSES.items()]
     yield "\n".join([*lines, ""])
-    yield "The reason of a state is its condition, in the words of [the last table](#what-each-means):\n"
 
 
 def _diagram() -> Iterator[str]:
-    ways: dict[tuple[State, State], list[str]] = {}
-    for row in TRANSITIONS:
-        ways.setdefault((row.at, row.to), []).append(row.because)
+    yield "The reason of a state is its [condition](#conditions).\n"
     lines = ["```mermaid", "stateDiagram-v2", "    [*] --> IDLE"]
-    for (at, to), reasons in ways.items():
-        lines.append(f"    {at} --> {to}: {'<br/>'.join(dict.fromkeys(reasons))}")
+    lines += [f"    {at} --> {to}" for at, to in dict.fromkeys((row.at, row.to) for row in TRANSITIONS)]
     yield "\n".join([*lines, "```", ""])
 
 
-def _matrix() -> Iterator[str]:
+def _conditions(limits: SupervisorLimits) -> Iterator[str]:
     yield (
-        "The table shows the next state, or the effect, of each condition alone, in each state. A dot means "
-        "no effect; `waits` means that engaging is refused. If several conditions hold, the first matching "
-        "row of `TRANSITIONS` counts.\n"
+        "What comes first in this table causes what comes later: of several conditions the first is named "
+        "first, and its remedy is the one that is shown. *Effect* is that of the condition alone; of several "
+        "the first matching row of `TRANSITIONS` counts. After a FAULT, remove the cause and "
+        "[clear the fault](wiring.md#how-to-engage-release-and-clear-a-fault).\n"
     )
-    lines = ["| condition | " + " | ".join(State) + " |", "|---" * (len(State) + 1) + "|"]
+    lines = ["| condition | what is said | effect | it holds when | what to do |", "|---" * 5 + "|"]
     for condition in Condition:
-        cells = (_cell(state, condition) for state in State)
-        lines.append(f"| {title(condition.name or '')} | " + " | ".join(cells) + " |")
+        keys = ", ".join(f"`{key}` = {getattr(limits, key):g}" for key in RULES[condition].keys)
+        when = f"{condition.description} ({keys})" if keys else condition.description
+        name, remedy = title(condition.name or ""), condition.remedy or "–"
+        lines.append(f"| {name} | {condition.text} | {_effect(condition)} | {when} | {remedy} |")
     yield "\n".join([*lines, ""])
+
+
+def _effect(condition: Condition) -> str:
+    """Return what a condition alone does: each effect with the states in which it has it."""
+    states: dict[str, list[str]] = {}
+    for state in State:
+        if (effect := _cell(state, condition)) and not (state is State.READY and effect == State.IDLE):
+            states.setdefault(effect, []).append(title(state))
+    return "; ".join(
+        effect if effect[0].islower() else f"{', '.join(at)} → {title(effect)}"
+        for effect, at in states.items()
+    )
 
 
 def _cell(state: State, condition: Condition) -> str:
     row = transition(state, condition)
-    if state is State.IDLE and row is transition(State.IDLE, NOTHING):
-        return "·"
-    if row is not None:
+    if row is not None and not (state is State.IDLE and row is transition(State.IDLE, NOTHING)):
         return str(row.to)
     if state is State.IDLE and condition & BLOCKING:
-        return "waits"
+        return "no engaging"
     if state is State.ACTIVE and condition & WARNS:
         return "warns, freezes learning" if condition & FREEZES else "warns"
-    return "·"
-
-
-def _meanings(limits: SupervisorLimits) -> Iterator[str]:
-    yield (
-        "What comes first in this table causes what comes later: of several conditions the first is named "
-        "first, and its remedy is the one that is shown. After a FAULT, remove the cause and "
-        "[clear the fault](wiring.md#how-to-engage-release-and-clear-a-fault).\n"
-    )
-    lines = ["| condition | begins, awaited, ends | it holds when | keys of `[supervisor]` | what to do |"]
-    lines.append("|---" * 5 + "|")
-    for condition in Condition:
-        forms = f"{condition.text}; waiting for: {condition.awaited}; {condition.ended}"
-        keys = ", ".join(f"`{key}` = {getattr(limits, key):g}" for key in RULES[condition].keys) or "–"
-        clears = condition & FAULT_CAUSES and condition.remedy
-        remedy = f"{condition.remedy}; then clear the fault" if clears else condition.remedy or "–"
-        lines.append(
-            f"| {title(condition.name or '')} | {forms} | {condition.description} | {keys} | {remedy} |"
-        )
-    yield "\n".join([*lines, ""])
+    return ""

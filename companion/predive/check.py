@@ -21,12 +21,12 @@ from companion.supervision.situation import (
     pilot_failsafe_acts,
     voltage_is_low,
 )
+from holdfast.version import OLDEST_ARDUSUB
 
 PRESET_OF = {"vectored": "bluerov2", "vectored_6dof": "heavy"}
 """The shipped vehicle of each frame."""
 
 SUBMARINE = 12
-OLDEST = (4, 5, 0)
 MIN_REACH = 0.3
 """With a smaller pilot gain MANUAL_CONTROL reaches less than a third of the thrust."""
 
@@ -146,7 +146,7 @@ def _firmware(seen: Observed, config: Config) -> Finding:
         return Finding(REFUSED, found, "set link.vehicle_system to that of an ArduSub vehicle")
     if seen.firmware is None:
         return Finding(WARNING, "the version was not reported", "reduce the load of the link")
-    grade = GOOD if seen.firmware.version >= OLDEST else WARNING
+    grade = GOOD if seen.firmware.version >= OLDEST_ARDUSUB else WARNING
     return Finding(grade, f"ArduSub {seen.firmware.text}", "update to ArduSub 4.5 or newer")
 
 

@@ -52,9 +52,7 @@ def _type(field: Mapping[str, Any]) -> str:
     each = [_type(item) for item in field.get("prefixItems", ())]
     if len(set(each)) == 1:
         kind = f"array of {len(each)} {each[0]}"
-    signs = (("minimum", "≥"), ("exclusiveMinimum", ">"), ("maximum", "≤"), ("exclusiveMaximum", "<"))
-    limits = ", ".join(f"{sign} {field[key]:g}" for key, sign in signs if key in field)
-    return f"{kind}, {limits}" if limits else kind
+    return f"{kind}, {field['minimum']:g} to {field['maximum']:g}" if "minimum" in field else kind
 
 
 def _unit(name: str, field: Mapping[str, Any]) -> str:

@@ -21,6 +21,7 @@ from companion.telemetry.schemas import (
     keys,
     to_json,
 )
+from holdfast.version import running
 
 _MEASURED = ("x", "x_dot", "e", "e_dot", "eps", "d_observer")
 _ANGLES = ("roll_rad", "pitch_rad", "roll_rate_radps", "pitch_rate_radps")
@@ -59,7 +60,7 @@ def records(sample: ControlSample) -> list[Schema]:
         ],
         _command(sample),
         _supervisor(sample),
-        _loop(sample),
+        _loop(sample, version=running()),
     ]
 
 

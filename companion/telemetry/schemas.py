@@ -231,6 +231,7 @@ class Loop(Record, frozen=True, kw_only=True):
     refused: Annotated[
         int, field("frames with a wrong, missing or replayed MAVLink signature", "counters.refused")
     ] = 0
+    version: Annotated[str, field("of Holdfast, in a checkout with its commit", None)] = ""
 
 
 class Recorder(Record, frozen=True, kw_only=True):

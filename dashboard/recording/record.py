@@ -5,7 +5,6 @@ import logging
 import os
 import platform
 import signal
-import subprocess
 import sys
 import tempfile
 import threading
@@ -29,6 +28,7 @@ from dashboard.arguments import add_connect
 from dashboard.recording.recorder import DiveRecorder, FileLimits
 from holdfast import own_version
 from holdfast.arguments import command_parser
+from holdfast.version import revision
 
 QUEUE = 32_768
 """Messages that may wait for the disk: over a minute of one vehicle. What comes when it is full is lost."""
@@ -295,19 +295,12 @@ class _Memory:
 def about() -> dict[str, str]:
     """Return what wrote the file: versions and git revision, "unknown" outside a checkout."""
     packages = {"holdfast": own_version()} | {name: version(name) for name in ("eclipse-zenoh", "mcap")}
-    return {**packages, "git": revision(), "python": platform.python_version(), "system": platform.platform()}
-
-
-def revision() -> str:
-    """Return the git revision of this code, with "-dirty" after it where it was changed since."""
-    command = ("git", "describe", "--always", "--abbrev=40", "--dirty", "--exclude=*")
-    try:
-        result = subprocess.run(
-            command, cwd=Path(__file__).parent, capture_output=True, text=True, timeout=5.0, check=True
-        )
-    except (OSError, subprocess.SubprocessError):
-        return "unknown"
-    return result.stdout.strip()
+    return {
+        **packages,
+        "git": revision() or "unknown",
+        "python": platform.python_version(),
+        "system": platform.platform(),
+    }
 
 
 def flat(payload: bytes) -> dict[str, str]:

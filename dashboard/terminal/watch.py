@@ -261,6 +261,8 @@ def render(view: View, columns: int = _WIDTH) -> RenderableType:
     narrow = columns < _WIDTH
     if not view.latest:
         return Panel(_waiting(view), title="holdfast", title_align="left", box=box.ROUNDED)
+    loop = view.latest.get("loop")
+    version = loop.version if isinstance(loop, Loop) else ""
     past = Text(f" STALE: {PAST.format(view.age_s)}. ", "reverse")
     body = Group(
         _banner(view),
@@ -276,7 +278,7 @@ def render(view: View, columns: int = _WIDTH) -> RenderableType:
         notes.append(Text(view.trouble, "italic"))
     return Panel(
         Group(body, *notes, *_from_above(view)),
-        title=Text.assemble(("holdfast", "bold"), f" {view.vehicle}"),
+        title=Text.assemble(("holdfast", "bold"), f" {view.vehicle}", (f"  {version}", "dim")),
         title_align="left",
         subtitle=_freshness(view),
         subtitle_align="right",

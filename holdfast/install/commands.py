@@ -10,21 +10,22 @@ from pathlib import Path
 from sysconfig import get_path
 from tempfile import TemporaryDirectory
 
-from holdfast import DONE, FAILED, RefusedError
+from holdfast import DONE, FAILED, RefusedError, own_version
 from holdfast.arguments import command_parser
 from holdfast.install import plan
 from holdfast.install.machine import CONFIGURATION, CURRENT, Found, installed, look
 from holdfast.install.release import PROJECT, from_wheel, own_wheel
 from holdfast.install.steps import Step, StepError, carry_out
 
+WHEEL = f"{PROJECT}-{own_version()}-py3-none-any.whl"
 INSTALL_EXAMPLES = f"""\
 examples:
   holdfast install                                            what it would do
-  sudo holdfast install {PROJECT}-0.1.0-py3-none-any.whl --apply
+  sudo holdfast install {WHEEL} --apply
                                                               install it, or change to it
-  sudo env PYTHONPATH={PROJECT}-0.1.0-py3-none-any.whl python3 -m holdfast install --apply
+  sudo env PYTHONPATH={WHEEL} python3 -m holdfast install --apply
                                                               the same where no holdfast is installed
-  sudo holdfast install {PROJECT}-0.1.0-py3-none-any.whl --wheels wheels --apply
+  sudo holdfast install {WHEEL} --wheels wheels --apply
                                                               without internet: docs/install.md
   sudo holdfast install --rollback --apply                    back to the version before
   sudo holdfast install --apply                               after link.endpoint became a serial line

@@ -12,7 +12,7 @@ import numpy as np
 from companion.control.bounds import clamped, wrap
 from companion.control.controller import Target
 from companion.core.tick import Parameters, start, tick
-from companion.records import ZERO, X, Y, Z
+from companion.records import ZERO, Array, Axes, X, Y, Z
 from companion.supervision.guard import bounded
 from lab.batch.companion import NO_AXES, Script, inputs, outside
 from lab.batch.settings import Companion
@@ -21,6 +21,7 @@ from lab.batch.stand_in import (
     STEPS,
     TICK_S,
     Drawn,
+    Readings,
     Rows,
     Timing,
     Vehicle,
@@ -31,7 +32,7 @@ from lab.batch.stand_in import (
     water,
 )
 from sim_bridge.physics import plant, thrusters
-from sim_bridge.physics.body import NOT_DRIVEN, moved
+from sim_bridge.physics.body import NOT_DRIVEN, Motors, moved
 from sim_bridge.physics.thrusters import NO_THRUST
 
 LOST_M = 5.0
@@ -85,52 +86,19 @@ def dive(
     ticks = len(targets)
     parameters = built(companion.parameters)
     memory = start(parameters)
-    oldest = max(vehicle.depth_back, vehicle.climb_back, vehicle.attitude_back, vehicle.place_back)
-    past = np.zeros((int(oldest) + STEPS + 2, 13))
-    for i in range(len(past)):
-        remember(past, i, vehicle.start)
-    flying = np.zeros((vehicle.to_motor_steps // STEPS + 2, 8))
-    slow = np.zeros((1, drawn.slow.shape[1]))
-    go_on_slow(drawn, slow, 0)
-
-    state, driven, static, axes, last = vehicle.start, NOT_DRIVEN, NO_THRUST, NO_AXES, NO_AXES
-    first = read(vehicle, past, 0, slow, drawn.normals, 0)
-    north, east = vehicle.start[0] + slow[0, 9], vehicle.start[1] + slow[0, 10]  # an estimate is not white
+    afloat = begun(vehicle, drawn)
+    first = read(vehicle, afloat.past, 0, afloat.slow, drawn.normals, 0)
+    north, east = begins(afloat)
+    axes, last = NO_AXES, NO_AXES
     sensor_delay_s, lead_s = parameters.observers.sensor_delay_s, companion.lead_s
     depth_sum, heading_sum, thrust_sum, change_sum, tail_sum = 0.0, 0.0, 0.0, 0.0, 0.0
     place_sum, place_change_sum = 0.0, 0.0
     count, tail_count, peak, upright, lost_s, delivered = 0, 0, 0.0, 1.0, math.nan, ZERO
     for index in range(ticks):
-        t_s = ENGAGED_S + index * TICK_S
-        go_on_slow(drawn, slow, index + 1)
-        put(flying, index, motors(vehicle, axes))
-        force, flow = water(vehicle, drawn.sea, slow, t_s, state)
-        for step in range(STEPS * index, STEPS * (index + 1)):
-            since = step - vehicle.to_motor_steps
-            if since >= 0 and since % STEPS == 0:
-                static = taken(flying, since // STEPS)
-            driven, state, _ = moved(vehicle.hull, driven, state, static, force, flow, 1.0)
-            remember(past, step + 1, state)
-
-        readings = read(vehicle, past, STEPS * (index + 1), slow, drawn.normals, index + 1)
-        wanted = targets[index]
-        script = Script(
-            Target(
-                (
-                    north if math.isnan(wanted[0]) else wanted[0],
-                    east if math.isnan(wanted[1]) else wanted[1],
-                    first.depth if math.isnan(wanted[2]) else wanted[2],
-                    first.heading if math.isnan(wanted[3]) else wanted[3],
-                ),
-                (wanted[4], wanted[5], wanted[6], wanted[7]),
-                (wanted[8], wanted[9], wanted[10], wanted[11]),
-            ),
-            (vehicle.positioned, vehicle.positioned, True, True),
-            index == 0,
-            companion.reach,
-            companion.slew,
-            last,
-        )
+        afloat = went_on(vehicle, drawn, afloat, index, axes)
+        state, wanted = afloat.state, targets[index]
+        readings = read(vehicle, afloat.past, STEPS * (index + 1), afloat.slow, drawn.normals, index + 1)
+        script = scripted(vehicle, companion, wanted, north, east, first, index, last)
         hidden_s = memory.observed.hidden.hidden_s
         known = inputs(at, readings, vehicle.voltage_v, lead_s, sensor_delay_s, hidden_s, index)
         memory, _ = tick(parameters, memory, known, outside(script), TICK_S)
@@ -140,7 +108,7 @@ def dive(
         before, delivered = delivered, memory.actuated.delivered
         depth_error = state[2] - wanted[2]
         if not abs(depth_error) < LOST_M:
-            lost_s = t_s
+            lost_s = ENGAGED_S + index * TICK_S
             break
         if index < len(trace):
             trace[index, 0], trace[index, 1] = depth_error, delivered[Z]
@@ -176,6 +144,81 @@ def dive(
         math.degrees(math.acos(clamped(upright, -1.0, 1.0))),
         memory.observed.hidden.hidden_s,
         lost_s,
+    )
+
+
+class Afloat(NamedTuple):
+    """The vehicle of a dive, and what is remembered of it."""
+
+    past: Rows
+    """A ring of its states, a row each step."""
+    flying: Rows
+    """A ring of the steady thrust of the commands on their way, a row each tick."""
+    slow: Rows
+    state: plant.State
+    driven: Motors
+    static: thrusters.Eight
+
+
+def begun(vehicle: Vehicle, drawn: Drawn) -> Afloat:
+    """Return the vehicle at rest where it starts."""
+    oldest = max(vehicle.depth_back, vehicle.climb_back, vehicle.attitude_back, vehicle.place_back)
+    past = np.zeros((int(oldest) + STEPS + 2, 13))
+    for i in range(len(past)):
+        remember(past, i, vehicle.start)
+    flying = np.zeros((vehicle.to_motor_steps // STEPS + 2, 8))
+    slow = np.zeros((1, drawn.slow.shape[1]))
+    go_on_slow(drawn, slow, 0)
+    return Afloat(past, flying, slow, vehicle.start, NOT_DRIVEN, NO_THRUST)
+
+
+def begins(afloat: Afloat) -> tuple[float, float]:
+    """Return the place of a vehicle that has just begun as an estimate has it: without white noise."""
+    return afloat.state[0] + afloat.slow[0, 9], afloat.state[1] + afloat.slow[0, 10]
+
+
+def went_on(vehicle: Vehicle, drawn: Drawn, afloat: Afloat, index: int, axes: Axes) -> Afloat:
+    """Return the vehicle after the next tick; `axes` is the command that leaves at its beginning."""
+    past, flying, slow, state, driven, static = afloat
+    go_on_slow(drawn, slow, index + 1)
+    put(flying, index, motors(vehicle, axes))
+    force, flow = water(vehicle, drawn.sea, slow, ENGAGED_S + index * TICK_S, state)
+    for step in range(STEPS * index, STEPS * (index + 1)):
+        since = step - vehicle.to_motor_steps
+        if since >= 0 and since % STEPS == 0:
+            static = taken(flying, since // STEPS)
+        driven, state, _ = moved(vehicle.hull, driven, state, static, force, flow, 1.0)
+        remember(past, step + 1, state)
+    return Afloat(past, flying, slow, state, driven, static)
+
+
+def scripted(
+    vehicle: Vehicle,
+    companion: Companion,
+    wanted: Array,
+    north: float,
+    east: float,
+    first: Readings,
+    index: int,
+    last: Axes,
+) -> Script:
+    """Return what a tick does, from its row of targets; NaN: `north`, `east` and what was read at `first`."""
+    return Script(
+        Target(
+            (
+                north if math.isnan(wanted[0]) else wanted[0],
+                east if math.isnan(wanted[1]) else wanted[1],
+                first.depth if math.isnan(wanted[2]) else wanted[2],
+                first.heading if math.isnan(wanted[3]) else wanted[3],
+            ),
+            (wanted[4], wanted[5], wanted[6], wanted[7]),
+            (wanted[8], wanted[9], wanted[10], wanted[11]),
+        ),
+        (vehicle.positioned, vehicle.positioned, True, True),
+        index == 0,
+        companion.reach,
+        companion.slew,
+        last,
     )
 
 

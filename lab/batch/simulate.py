@@ -62,7 +62,7 @@ def simulate(
     since, tail = (
         int(np.searchsorted(ends_s, at_s - 1e-9)) for at_s in (since_s, duration_s - TAIL_S + 1e-6)
     )
-    wanted = {target: _wanted(target, ends_s.tolist()) for target in dict.fromkeys(targets)}
+    wanted = {target: targets_of(target, ends_s.tolist()) for target in dict.fromkeys(targets)}
     links = links or Links()
     delays = [
         np.broadcast_to(delay_s, len(plants))
@@ -85,7 +85,7 @@ def simulate(
     return {name: np.array(column) for name, column in zip(Figures._fields, np.array(figures).T, strict=True)}
 
 
-def _wanted(target: Callable[[float], Setpoint], times_s: list[float]) -> Rows:
+def targets_of(target: Callable[[float], Setpoint], times_s: list[float]) -> Rows:
     """Return a target as the loop takes it, (ticks, 12)."""
     wanted = [target(t_s) for t_s in times_s]
     return np.array([(*now.eta_d, *now.eta_d_dot, *now.eta_d_ddot) for now in wanted])

@@ -38,12 +38,11 @@ class Crew:
         """Start `holdfast COMMAND ARGUMENTS`; what it says goes to a log."""
         self.run(command, [sys.executable, "-P", "-c", _PROGRAM, str(os.getpid()), command, *arguments])
 
-    def run(self, name: str, line: list[str], directory: Path | None = None) -> None:
-        """Start a program in `directory`; what it says goes to a log."""
+    def run(self, name: str, line: list[str]) -> None:
+        """Start a program; what it says goes to a log."""
         with self._log(name).open("wb") as log:
             child = subprocess.Popen(
                 line,
-                cwd=directory,
                 stdin=subprocess.DEVNULL,
                 stdout=log,
                 stderr=log,

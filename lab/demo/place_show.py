@@ -63,7 +63,9 @@ def _table(results: dict[str, PlaceFigures], story: PlaceStory) -> Table:
         f"At {story.depth_m:g} m, with a DVL, in {story.sea}",
         f"The simulator's truth. Places from {story.counts_s:g} to {story.path_s:g} s after boot; "
         "POSHOLD's errors are about its mean.\nThe path is a lemniscate of 3 × 1.5 m.",
-        results,
-        {name: (NAMES[name], "") for name in results},
-        ROWS,
+        [(NAMES[name], "") for name in results],
+        [
+            (name, unit, [f"{getattr(result, field):.{digits}f}" for result in results.values()])
+            for name, unit, field, digits in ROWS
+        ],
     )

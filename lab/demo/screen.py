@@ -11,24 +11,38 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
+from lab.demo.story import Story
 from lab.demo.timeline import DemoFigures
 
-FULL_ERROR_MM = 40.0
+FULL_ERROR_MM = 20.0
 FULL_THRUST_N = 100.0
 FULL_DISTURBANCE_N = 40.0
 WIDTH = 100
-ROWS = 2
-"""Lines of the error's history for each dive."""
 
 _EIGHTHS = " ▁▂▃▄▅▆▇█"
-NAMES = {"alt_hold": "ALT_HOLD", "off": "plain law", "on": "Holdfast"}
-_STYLES = {"alt_hold": "bright_magenta", "off": "bright_yellow", "on": "bright_cyan"}
-_MEANING = {
-    "alt_hold": "what the pilot has today",
-    "off": "Holdfast, its compensator off",
-    "on": "Holdfast: it learns while it dives",
+NAMES = {
+    "alt_hold": "ALT_HOLD",
+    "law": "law",
+    "observer": "law + observer",
+    "holdfast": "Holdfast",
+    "live": "live",
 }
-_LABEL = 10
+_STYLES = {
+    "alt_hold": "bright_magenta",
+    "law": "bright_yellow",
+    "observer": "bright_green",
+    "holdfast": "bright_cyan",
+    "live": "bright_cyan",
+}
+_MEANING = {
+    "live": "Holdfast in real time",
+    "law": "the control law alone",
+    "observer": "the law and its observer",
+    "holdfast": "Holdfast: law, observer, network",
+    "alt_hold": "what the pilot has today",
+}
+"""In the order of the dives."""
+_LABEL = 15
 
 
 @dataclass(frozen=True)
@@ -91,14 +105,15 @@ def render(view: DemoView, width: int) -> RenderableType:
             _numbers(view.now, inner),
             Text(),
             Text(
-                f"depth error, largest in each column's time; a full column is {FULL_ERROR_MM:.0f} mm", "dim"
+                f"depth error, largest in each column's time; a full column: {FULL_ERROR_MM:.0f} mm",
+                "dim",
             ),
             *(_history(name, view, inner) for name in _MEANING),
             _axis(view, inner),
         ),
         title=f"[bold]holdfast demo[/]  dive {number} of {len(_MEANING)}, {_MEANING[view.dive]}",
         title_align="left",
-        subtitle=f"look in: holdfast watch --connect {view.endpoint}",
+        subtitle=f"look in: holdfast watch --connect {view.endpoint}" if view.endpoint else None,
         subtitle_align="right",
         box=box.ROUNDED,
         width=width,
@@ -107,7 +122,7 @@ def render(view: DemoView, width: int) -> RenderableType:
 
 def line(view: DemoView) -> str:
     """Say the same in one line, for a log."""
-    head = f"{NAMES[view.dive]:<9} {max(0.0, view.t_s):5.1f} s  {view.phase:<42}"
+    head = f"{NAMES[view.dive]:<14} {max(0.0, view.t_s):5.1f} s  {view.phase:<42}"
     if view.now is None:
         return head.rstrip()
     now = view.now
@@ -118,36 +133,40 @@ def line(view: DemoView) -> str:
     )
 
 
-def table(results: Mapping[str, DemoFigures], span: tuple[float, float], depth_m: float) -> Table:
+def table(results: Mapping[str, DemoFigures], story: Story, *, about_mean: bool) -> Table:
     """Set the dives side by side."""
+    every = results.values()
+    rows = [
+        (f"depth, {phase}", "mm", [f"{result.phase_rms_mm[phase]:.1f}" for result in every])
+        for phase in story.phases
+    ]
+    whole = "depth_sd_mm" if about_mean else "depth_rms_mm"
+    rows += [
+        (name, unit, [f"{getattr(result, field):.{digits}f}" for result in every])
+        for name, unit, field, digits in (
+            ("depth, all of these", "mm", whole, 1),
+            ("depth, largest", "mm", "depth_peak_mm", 1),
+            ("heading", "°", "heading_rms_deg", 2),
+            ("heave thrust", "N", "thrust_rms_n", 1),
+            ("heave chatter", "N/tick", "chatter_n", 2),
+        )
+    ]
+    about = ", of the depth about their mean" if about_mean else ""
     return compared(
-        f"Holding {depth_m:g} m, {span[0]:.1f} to {span[1]:.1f} s after arming",
-        "Errors, thrust and disturbance are the simulator's truth.",
-        results,
-        {name: (NAMES[name], _STYLES[name]) for name in results},
-        (
-            ("depth error, RMS", "mm", "depth_rms_mm", 1),
-            ("depth error about its mean, RMS", "mm", "depth_sd_mm", 1),
-            ("depth error, peak", "mm", "depth_peak_mm", 1),
-            ("heading error, RMS", "°", "heading_rms_deg", 3),
-            ("heave thrust, RMS", "N", "thrust_rms_n", 1),
-            ("heave chatter, RMS", "N/tick", "chatter_n", 2),
-            ("disturbance about its mean, RMS", "N", "disturbance_rms_n", 1),
-            ("its estimate's error, RMS", "N", "d_hat_error_rms_n", 1),
-            ("depth error, going down, RMS", "mm", "way_down_rms_mm", 1),
-            ("depth error, going down, peak", "mm", "way_down_peak_mm", 1),
-        ),
+        f"Errors, RMS, {story.waves_s:g} to {story.end_s:g} s after arming{about}",
+        "Errors and thrust are the simulator's truth. Live: Holdfast in real time.",
+        [(NAMES[name], _STYLES[name]) for name in results],
+        rows,
     )
 
 
 def compared(
     title: str,
     caption: str,
-    results: Mapping[str, object],
-    columns: Mapping[str, tuple[str, str]],
-    rows: Sequence[tuple[str, str, str, int]],
+    columns: Sequence[tuple[str, str]],
+    rows: Sequence[tuple[str, str, Sequence[str]]],
 ) -> Table:
-    """Set results side by side: heading and style of each, and of each row title, unit, field and digits."""
+    """Set results side by side: heading and style of each, and of each row title, unit and cells."""
     grid = Table(
         title=title,
         title_justify="left",
@@ -158,18 +177,16 @@ def compared(
     )
     grid.add_column("", no_wrap=True)
     grid.add_column("", style="dim")
-    for name in results:
-        heading, style = columns[name]
-        grid.add_column(heading, no_wrap=True, justify="right", style=style)
-    for name, unit, field, digits in rows:
-        values = [getattr(result, field) for result in results.values()]
-        grid.add_row(name, unit, *("–" if value is None else f"{value:.{digits}f}" for value in values))
+    for heading, style in columns:
+        grid.add_column(heading, justify="right", style=style)
+    for name, unit, cells in rows:
+        grid.add_row(name, unit, *cells)
     return grid
 
 
 def _numbers(now: Now | None, inner: int) -> Table:
     grid = Table.grid(padding=(0, 1))
-    grid.add_column(style="dim", width=_LABEL - 1)
+    grid.add_column(style="dim", width=9)
     grid.add_column(justify="right", width=11)
     grid.add_column(no_wrap=True)
     half = (inner - 44) // 2
@@ -207,22 +224,17 @@ def _gauge(value: float, full: float, half: int, unit: str) -> Text:
 
 
 def _history(name: str, view: DemoView, inner: int) -> Text:
-    """Draw |error| over the dive, `ROWS` lines high."""
+    """Draw |error| over the dive."""
     columns = inner - _LABEL
     peaks = [-1.0] * columns
     for t_s, error_mm in view.errors.get(name, ()):
         if 0.0 <= t_s < view.end_s:
             column = int(columns * t_s / view.end_s)
             peaks[column] = max(peaks[column], abs(error_mm))
-    lines: list[Text] = []
-    for row in reversed(range(ROWS)):
-        cells = ""
-        for peak in peaks:
-            eighths = math.ceil(8 * ROWS * peak / FULL_ERROR_MM) - 8 * row
-            cells += _EIGHTHS[max(0, min(8, eighths))] if peak >= 0 else ("·" if row == 0 else " ")
-        label = NAMES[name] if row == 0 else ""
-        lines.append(Text.assemble((f"{label:<{_LABEL}}", "bold"), (cells, _STYLES[name])))
-    return Text("\n").join(lines)
+    cells = "".join(
+        "·" if peak < 0 else _EIGHTHS[min(8, math.ceil(8 * peak / FULL_ERROR_MM))] for peak in peaks
+    )
+    return Text.assemble((f"{NAMES[name]:<{_LABEL}}", "bold"), (cells, _STYLES[name]))
 
 
 def _axis(view: DemoView, inner: int) -> Text:

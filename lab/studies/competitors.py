@@ -83,7 +83,8 @@ COMPETITORS: tuple[Competitor, ...] = (
     Competitor("super_twisting", "super-twisting", "companion", _TWIST, _rival("super_twisting")),
     Competitor("indi", "INDI", "companion", _INDI, _rival("indi")),
     Competitor("mpc", "MPC + observer", "companion", _MPC, _rival("mpc", "observer")),
-    Competitor(DEFAULT, "shipped default", "companion", {}),
+    Competitor("ppo", "PPO + observer", "companion", {}, _rival("ppo", "observer")),
+    Competitor(DEFAULT, "Holdfast", "companion", {}),
 )
 """Those whose knobs `tuned.toml` has."""
 

@@ -388,6 +388,19 @@ class Courses(Study[CourseDive]):
                 table.add_row(self._rows[row].title + (f" ({lost} lost)" if lost else ""), *cells)
             yield table
 
+    def summary(self, rows: Sequence[Row]) -> dict[str, Any]:
+        """Return the table for docs/results.md: the mean RMS of the place."""
+        lines = [
+            [self._rows[row].title]
+            + [
+                f"{np.mean([dive['place_rms_mm'] for dive in dives]):.0f}"
+                + "†" * sum(not dive["held"] for dive in dives)
+                for dives in by(mine, "course").values()
+            ]
+            for (row,), mine in by(rows, "row").items()
+        ]
+        return {"columns": ["place RMS, mm", *self._courses], "rows": lines}
+
     def failed(self, rows: Sequence[Row]) -> bool:
         """Return whether the supervisor gave up a dive."""
         return not all(row["held"] for row in rows)

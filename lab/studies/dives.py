@@ -176,7 +176,27 @@ class Dives(Study[BenchDive]):
         return table
 
     def summary(self, rows: Sequence[Row]) -> dict[str, Any]:
-        return {"seeds": len(self._seeds), "first_seed": FIRST_SEED, "rows": summaries(rows)}
+        """Return the table for docs/results.md: depth RMS at each delay, and less that of the default."""
+        cases, ours, lines = summaries(rows), by_vehicle(rows, DEFAULT), []
+        for (name,), mine in sorted(by(cases, "row").items(), key=lambda row: row[0] != (DEFAULT,)):
+            cells = [
+                "/".join(f"{case['depth_rms_mm']:.1f}" + "†" * case["gave_up"] for case in of_scenario)
+                for of_scenario in by(mine, "scenario").values()
+            ]
+            difference = "–"
+            if name != DEFAULT and len(ours):
+                apart = by_vehicle(rows, name) - ours
+                difference = f"{apart.mean():+.2f}"
+                if len(apart) > 1:
+                    difference += f"±{interval(apart)[1] - apart.mean():.2f}"
+            chatter_n = np.mean([case["chatter_n"] for case in mine])
+            lines.append([self.titles[name], *cells, difference, f"{chatter_n:.1f}"])
+        delays = "/".join(_delay(delay_ms) for (delay_ms,) in by(cases, "delay_ms"))
+        scenarios = [name for (name,) in by(cases, "scenario")]
+        return {
+            "columns": [f"depth RMS, mm ({delays})", *scenarios, "minus Holdfast's", "chatter, N"],
+            "rows": lines,
+        }
 
     def draw(self, rows: Sequence[Row], folder: Path) -> Sequence[Path]:
         """Draw every scenario: depth error and chatter of each competitor."""
@@ -251,6 +271,12 @@ def summaries(rows: Sequence[Row]) -> list[Row]:
                 | {key: float(np.mean([row[key] for row in some])) for key in FIGURES}
             )
     return result
+
+
+def by_vehicle(rows: Sequence[Row], name: str) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+    """Return a row's mean depth RMS with each vehicle."""
+    mine = by([row for row in rows if row["row"] == name], "seed")
+    return np.array([np.mean([dive["depth_rms_mm"] for dive in dives]) for dives in mine.values()])
 
 
 def interval(

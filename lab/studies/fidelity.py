@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from rich.table import Table
 
-from lab.studies.competitors import DEFAULT, FIRST_SEED
+from lab.studies.competitors import DEFAULT
 from lab.studies.dives import BenchDive, Dives
 from lab.study import Row, by, ruled
 
@@ -88,7 +88,17 @@ class Fidelity(Dives):
         return ()
 
     def summary(self, rows: Sequence[Row]) -> dict[str, Any]:
-        return {"seeds": len(self._seeds), "first_seed": FIRST_SEED, "firmware": pairs(rows)}
+        """Return the table for docs/results.md: deviations with the firmware, and in brackets with ours."""
+        measured = by(pairs(rows), "row")
+        lines = [
+            [self.titles[name]]
+            + [
+                f"{pair['sd_mm'][1]:.1f}" + "†" * pair["gave_up"][1] + f" ({pair['sd_mm'][0]:.1f})"
+                for pair in mine
+            ]
+            for (name,), mine in sorted(measured.items(), key=lambda row: row[0] != (DEFAULT,))
+        ]
+        return {"columns": ["depth SD, mm: real ArduSub (our simulator)", *self._scenarios], "rows": lines}
 
 
 def pairs(rows: Sequence[Row]) -> list[Row]:

@@ -199,7 +199,7 @@ class Unlike(Study[RealDive]):
     def summary(self, rows: Sequence[Row]) -> dict[str, Any]:
         """Return the table for docs/results.md: a row for each preset, water and start."""
         keys = _measured(rows, FIGURES)
-        parts = " / ".join(self._part_names).replace("50 %", "median")
+        parts = "/".join(self._part_names).replace("50 %", "median")
         lines = []
         for (preset, name, start_s), some in by(rows, "preset", "water", "start_s").items():
             held = sum(row["outcome"] == HELD for row in some)
@@ -210,9 +210,9 @@ class Unlike(Study[RealDive]):
             for key in keys:
                 values = np.percentile([row[key] for row in some], self.parts)
                 goals = self.goals.get((preset, name), {}).get(key, ())
-                line.append(" / ".join(_or_dash(value, ".1f") for value in values))
+                line.append("/".join(_or_dash(value, ".1f") for value in values))
                 if goals:
-                    line[-1] += f" (goal {' / '.join(_or_dash(goal, 'g') for goal in goals)})"
+                    line[-1] += f" (goal {'/'.join(_or_dash(goal, 'g') for goal in goals)})"
             lines.append(line)
         return {"columns": [parts, "held", *(FIGURES[key] for key in keys)], "rows": lines}
 

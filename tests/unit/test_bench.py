@@ -36,7 +36,6 @@ from lab.studies.floor import CHATTER_N
 from lab.studies.own_vehicle import around, nominal, write_config
 from lab.studies.tune import next_step
 from lab.study import Row, by, parser_of
-from lab.tables import plain
 from sim_bridge.commands import DEFAULT_CONFIG
 from sim_bridge.config import load_config as load_plant
 from sim_bridge.firmware.params import DEFAULTS
@@ -108,10 +107,12 @@ def test_differences_are_taken_dive_by_dive() -> None:
     assert "6.5!" in text
     assert "P-PI (4 lost)" in text
     assert "…" not in text
-    record = plain(study(Dives, "--seeds", "4").summary(made))["rows"][0]
-    assert record["row"] == "law"
-    assert record["recovery_s"] is None
-    assert record["depth_rms_mm"] == pytest.approx(6.5)
+    shown = study(Dives, "--seeds", "4").summary(made)
+    assert shown["columns"][:2] == ["depth RMS, mm (as is/+80 ms)", "waves"]
+    lines = {line[0]: line[1:] for line in shown["rows"]}
+    assert lines["law"] == ["6.5/6.5"] * 4 + ["+2.00±0.00", "4.0"]
+    assert lines["P-PI"][0] == "8.5††††/8.5††††"
+    assert lines["Holdfast"][-2] == "–"
 
 
 def test_a_picture_for_every_scenario(tmp_path: Path) -> None:
@@ -261,6 +262,8 @@ def test_the_simulator_beside_the_firmware_is_marked_where_they_differ() -> None
     assert "3.0 | 5.0 (2)" in text
     assert "1.67*" in text
     assert "1.10 " in text
+    (line,) = study(Fidelity).summary(rows)["rows"]
+    assert line == ["Holdfast", "3.3 (3.0)", "3.3 (3.0)", "5.0†† (3.0)", "3.3 (3.0)"]
 
 
 def test_without_a_firmware_the_command_says_what_to_set(
@@ -299,9 +302,5 @@ def test_the_search_ends_with_the_command_that_dives_its_result(tmp_path):
 
 
 def test_scenarios_have_the_names_of_the_documents():
-    text = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
-    header = next(line for line in text.splitlines() if line.startswith("| | waves"))
-    named = {cell.strip() for cell in header.split("|")} - {""}
-    assert named == {"waves", "path", "added load", "calm water"}
-    assert SCENARIOS == ("waves", "path", "load", "calm")
-    assert [one.name for one in four(1)] == list(SCENARIOS)
+    text = (Path(__file__).parents[2] / "docs" / "results.md").read_text(encoding="utf-8")
+    assert [name for name in SCENARIOS if f"\n|{name}|" in text] == [one.name for one in four(1)]

@@ -80,6 +80,23 @@ def study(*options):
     return Courses(parser_of(Courses).parse_args(options))
 
 
+def test_the_table_for_the_results_says_what_was_given_up():
+    rows = [
+        {
+            "row": "pid",
+            "course": course.name,
+            "seed": FIRST_SEED + i,
+            "held": held,
+            "place_rms_mm": 20.0 + 10 * i,
+        }
+        for course in COURSES[:2]
+        for i, held in enumerate((True, course.name != "station"))
+    ]
+    table = study("--scenarios", "station", "lemniscate").summary(rows)
+    assert table["columns"] == ["place RMS, mm", "station", "lemniscate"]
+    assert table["rows"] == [["PID", "25†", "25"]]
+
+
 def test_a_picture_is_drawn(tmp_path):
     rows = [
         {"row": row.name, "course": COURSES[0].name, "seed": FIRST_SEED, "trace": track(0.02).seen()}

@@ -127,7 +127,7 @@ def test_every_key_is_shown_with_its_range_and_where_it_comes_from(here, capsys)
     rows = {line.split()[0]: " ".join(line.split()[1:]) for line in capsys.readouterr().out.splitlines()}
     sections = msgspec.to_builtins(load_config()).items()
     assert list(rows) == [f"{section}.{key}" for section, keys in sections for key in keys]
-    assert rows["heave.kappa_per_s"] == "8.0 number, ≥ 0.05, ≤ 50 1/s mine.toml"
-    assert rows["heave.mass"] == f"24.6 number, ≥ 1, ≤ 1000 kg {PRESETS / 'bluerov2.toml'}"
-    assert rows["yaw.max_rate"] == "0.5 number, ≥ 0.01, ≤ 3 m/s or rad/s --set"
+    assert rows["heave.kappa_per_s"] == "8.0 number, 0.05 to 50 1/s mine.toml"
+    assert rows["heave.mass"] == f"24.6 number, 1 to 1000 kg {PRESETS / 'bluerov2.toml'}"
+    assert rows["yaw.max_rate"] == "0.5 number, 0.01 to 3 m/s or rad/s --set"
     assert rows["heave.lambda_per_s"].endswith(" default")

@@ -1,5 +1,6 @@
 """`holdfast --help` lists every command, and imports no package that is not used."""
 
+import platform
 import subprocess
 import sys
 from importlib.metadata import entry_points
@@ -7,6 +8,7 @@ from importlib.metadata import entry_points
 import pytest
 
 import holdfast
+from holdfast import version
 
 
 def test_help_is_a_screenful_that_lists_every_command(capsys: pytest.CaptureFixture[str]) -> None:
@@ -34,7 +36,23 @@ def test_an_unknown_command_gets_advice(capsys: pytest.CaptureFixture[str]) -> N
 
 def test_version(capsys: pytest.CaptureFixture[str]) -> None:
     assert holdfast.main(["--version"]) == 0
-    assert capsys.readouterr().out.startswith("holdfast 0.")
+    first, python, ardusub = capsys.readouterr().out.splitlines()
+    assert first == f"holdfast {version.running()}"
+    assert python.startswith(f"Python {platform.python_version()}")
+    assert ardusub == "for ArduSub 4.5 and newer, tested with 4.7"
+
+
+def test_a_checkout_says_its_commit_and_whether_it_was_changed(tmp_path, monkeypatch):
+    git = ["git", "-C", str(tmp_path), "-c", "user.name=a", "-c", "user.email=a@b"]
+    (tmp_path / "law.py").write_text("KAPPA = 1\n")
+    monkeypatch.setattr(version, "CHECKOUT", tmp_path)
+    assert version.revision.__wrapped__() == "", "an installation"
+    for arguments in (["init", "-q"], ["add", "."], ["commit", "-qm", "one"]):
+        subprocess.run([*git, *arguments], check=True)
+    clean = version.revision.__wrapped__()
+    assert len(clean) == 12
+    (tmp_path / "law.py").write_text("KAPPA = 2\n")
+    assert version.revision.__wrapped__() == f"{clean}-dirty"
 
 
 def test_a_command_gets_the_other_arguments_and_gives_the_status() -> None:

@@ -61,7 +61,7 @@ def test_one_vehicle_that_turned_over_fails_the_study_and_stands_in_the_table(ca
     assert not bench.failed(rows[:1])
     (line,) = bench.summary(rows)["rows"]
     assert line[:2] == ["heavy, place", "1 of 2"]
-    assert line[3] == "30.5 / 31.0 (goal – / 40)"
+    assert line[3] == "30.5/31.0 (goal –/40)"
     Console(width=120).print(*bench.tables(rows))
     printed = capsys.readouterr().out
     assert "heavy, place: 1 of 2 held, 1 turned over" in printed

@@ -22,7 +22,11 @@ VERSION = PROJECT["version"]
 
 @pytest.mark.parametrize(
     ("file", "line"),
-    [("CITATION.cff", f"\nversion: {VERSION}\n"), ("SECURITY.md", f"Today that is {VERSION}.")],
+    [
+        ("CITATION.cff", f"\nversion: {VERSION}\n"),
+        ("docs/install.md", f"export WHEEL=holdfast_rov-{VERSION}-py3-none-any.whl\n"),
+        ("docs/install.md", f"NAME/holdfast:{VERSION} --push"),
+    ],
 )
 def test_the_version_is_the_same_everywhere(file: str, line: str) -> None:
     assert line in (ROOT / file).read_text()

@@ -13,4 +13,4 @@ def test_every_condition_and_state_is_on_it():
     for state in State:
         assert f" {state} " in text
     for condition in Condition:
-        assert text.count(f"\n| {(condition.name or '').replace('_', ' ')} |") == 2
+        assert text.count(f"\n| {(condition.name or '').replace('_', ' ')} |") == 1
