@@ -32,6 +32,13 @@ def test_the_version_is_the_same_everywhere(file: str, line: str) -> None:
     assert line in (ROOT / file).read_text()
 
 
+def test_a_version_takes_thirty_lines_of_the_changelog() -> None:
+    _, *versions = (ROOT / "CHANGELOG.md").read_text().split("\n## ")
+    assert versions[0].startswith("[Unreleased]")
+    assert versions[1].startswith(f"[{VERSION}] - ")
+    assert all(len(text.splitlines()) <= 30 for text in versions)
+
+
 def test_no_document_or_hint_installs_the_project_that_is_called_holdfast() -> None:
     """In the package index that name is somebody else's."""
     assert PROJECT["name"] == DISTRIBUTION
