@@ -439,8 +439,10 @@ class Config(Section, frozen=True):
     delays: Delays = Delays()
     thrusters: Thrusters = Thrusters()
     levelling: Levelling = Levelling()
-    surge: Axis = Axis()
-    sway: Axis = Axis(mass=18.0, linear_damping=6.0, quadratic_damping=130.0, max_disturbance=70.0)
+    surge: Axis = Axis(kappa_per_s=8.0)
+    sway: Axis = Axis(
+        mass=18.0, linear_damping=6.0, quadratic_damping=130.0, kappa_per_s=8.0, max_disturbance=70.0
+    )
     heave: Axis = Axis(
         mass=28.5,
         linear_damping=19.0,

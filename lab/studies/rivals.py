@@ -61,7 +61,7 @@ class Rival:
 
 
 RIVALS: Mapping[str, Rival] = {
-    "holdfast": Rival("Holdfast, searched"),
+    "holdfast": Rival("searched anew"),
     "observer": Rival("law + observer", compensator="observer"),
     "pid": Rival(
         "P-PI", "ppi", "none", False,
@@ -199,15 +199,19 @@ class RivalDive(NamedTuple):
     seed: int
 
 
-FIGURES = {
-    "depth_rms_mm": ("depth\nmm", ".2f"),
-    "place_rms_mm": ("place\nmm", ".1f"),
-    "tilt_deg": ("tilt, most\n°", ".1f"),
-    "chatter_n": ("chatter,\nheave, N", ".2f"),
-    "place_chatter_n": ("chatter,\nplace, N", ".2f"),
-    "thrust_rms_n": ("thrust,\nheave, N", ".1f"),
-}
-"""Means of all vehicles; of the tilt the largest."""
+FIGURES = ("depth_rms_mm", "place_rms_mm", "chatter_n", "place_chatter_n", "thrust_rms_n")
+COLUMNS = (
+    "depth\nmm",
+    "less,\n%",
+    "place\nmm",
+    "less,\n%",
+    "tilt\n°",
+    "chatter, N\nheave",
+    "\nplace",
+    "thrust\nN",
+    "step\nµs",
+)
+"""Means of all vehicles, less that of the default; of the tilt the largest; chatter of the command."""
 
 
 class Rivals(Study[RivalDive]):
@@ -264,9 +268,7 @@ class Rivals(Study[RivalDive]):
             yield {key: float(values[i]) for key, values in figures.items()}
 
     def tables(self, rows: Sequence[Row]) -> Iterator[RenderableType]:
-        columns = (title for title, _ in FIGURES.values())
-        title = f"{self._seeds} vehicles of `bench reality`; difference to the default with 95 % interval"
-        table = ruled(title, "", *columns, "depth less\ndefault, %", "place less\ndefault, %", "step\nµs")
+        table = ruled(f"{self._seeds} vehicles of `bench reality`; ±: 95 %", "", *COLUMNS, padding=0)
         for line in self._lines(rows):
             table.add_row(*line)
         yield table
@@ -276,19 +278,30 @@ class Rivals(Study[RivalDive]):
         shipped = of_row.get(DEFAULT)
         for name, some in of_row.items():
             lost = sum(not math.isnan(row["lost_s"]) for row in some)
-            line = [title_of(name) + (f" ({lost} lost)" if lost else "")]
-            for key, (_, form) in FIGURES.items():
-                values = [row[key] for row in some]
-                line.append(f"{max(values) if key == 'tilt_deg' else np.mean(values):{form}}")
-            for key in ("depth_rms_mm", "place_rms_mm"):
-                line.append("" if name == DEFAULT or not shipped else _difference(some, shipped, key))
-            yield [*line, f"{step_us(self._configs[name]):.1f}"]
+            mean = {key: float(np.mean([row[key] for row in some])) for key in FIGURES}
+            less = {
+                key: "" if name == DEFAULT or not shipped else _less(some, shipped, key) for key in FIGURES
+            }
+            yield [
+                title_of(name) + (f" ({lost} lost)" if lost else ""),
+                f"{mean['depth_rms_mm']:.2f}",
+                less["depth_rms_mm"],
+                f"{mean['place_rms_mm']:.1f}",
+                less["place_rms_mm"],
+                f"{max(row['tilt_deg'] for row in some):.0f}",
+                f"{mean['chatter_n']:.1f}",
+                f"{mean['place_chatter_n']:.1f}",
+                f"{mean['thrust_rms_n']:.1f}",
+                f"{step_us(self._configs[name]):.0f}",
+            ]
 
     def summary(self, rows: Sequence[Row]) -> dict[str, Any]:
         """Return the table for docs/results.md."""
-        names = [title.replace("\n", " ") for title, _ in FIGURES.values()]
-        columns = ["", *names, "depth less default, %", "place less default, %", "step µs"]
-        return {"columns": columns, "rows": [*self._lines(rows)]}
+        columns = (
+            *("depth, mm", "depth less, %", "place, mm", "place less, %", "tilt, °"),
+            *("chatter in depth, N", "chatter in place, N", "thrust, N", "step, µs"),
+        )
+        return {"columns": ["", *columns], "rows": [*self._lines(rows)]}
 
     def draw(self, rows: Sequence[Row], folder: Path) -> Sequence[Path]:
         """Draw depth and place of each row, every dive a dot."""
@@ -329,14 +342,14 @@ class WithMessages(Reality):
 
 def title_of(name: str) -> str:
     """Return the row's title."""
-    return "shipped default" if name == DEFAULT else RIVALS[name].title
+    return "Holdfast" if name == DEFAULT else RIVALS[name].title
 
 
-def _difference(some: Sequence[Row], shipped: Sequence[Row], key: str) -> str:
+def _less(some: Sequence[Row], shipped: Sequence[Row], key: str) -> str:
     less = np.array([row[key] for row in some]) - np.array([row[key] for row in shipped])
     mean = float(np.mean([row[key] for row in shipped]))
     low, high = interval(less)
-    return f"{100.0 * less.mean() / mean:+.1f} ± {50.0 * (high - low) / mean:.1f}"
+    return f"{100.0 * less.mean() / mean:+.0f} ± {50.0 * (high - low) / mean:.0f}"
 
 
 def step_us(config: Config) -> float:

@@ -76,8 +76,8 @@ def test_differences_are_taken_vehicle_by_vehicle_and_the_lost_are_counted():
     console.print(*bench.tables(rows))
     text = console.export_text()
     assert "MPC + observer (3 lost)" in text
-    assert "-10.0 ± " in text
-    assert "+0.0 ± 0.0" in text
+    assert "-10 ± 5" in text
+    assert "+0 ± 0" in text
     line = bench.summary(rows)["rows"][1]
     assert len(line) == len(bench.summary(rows)["columns"])
 
