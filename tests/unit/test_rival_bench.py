@@ -20,7 +20,7 @@ from lab.studies.rivals import (
     step_us,
     training,
 )
-from lab.study import parser_of
+from lab.study import Row, parser_of
 
 CONFIG = load_config()
 
@@ -64,7 +64,7 @@ def test_no_search_sees_a_vehicle_of_the_bench():
 
 
 def test_differences_are_taken_vehicle_by_vehicle_and_the_lost_are_counted():
-    figures = {"place_rms_mm": 20.0, "tilt_deg": 4.0, "chatter_n": 3.0, "place_chatter_n": 1.0}
+    figures: Row = {"place_rms_mm": 20.0, "tilt_deg": 4.0, "chatter_n": 3.0, "place_chatter_n": 1.0}
     rows = [
         {"row": row, "seed": seed, "depth_rms_mm": (4.0 + seed) * factor, "thrust_rms_n": 5.0, "lost_s": lost}
         | figures
