@@ -23,10 +23,7 @@ def filled(page: Path) -> str:
     code = digest_of(MEASURED).hexdigest()[:16]
 
     def shown(marked: re.Match[str]) -> str:
-        path = FOLDER / f"{marked[3]}.json"
-        if not path.exists():
-            return f"{marked[1]}\n*Not measured yet.*\n\n{marked[4]}"
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = json.loads((FOLDER / f"{marked[3]}.json").read_text(encoding="utf-8"))
         lines = table(content) + "\n" if marked[2] == "table" else ""
         return f"{marked[1]}\n{lines}{made(content['provenance'], code)}\n{marked[4]}"
 
@@ -42,5 +39,6 @@ def table(content: Mapping[str, Any]) -> str:
 
 def made(provenance: Mapping[str, str], code: str) -> str:
     """Return what made a table, and whether the code that it measured is still that of the digest `code`."""
+    command = re.sub(r" --(out|table|workers) \S+", "", provenance["command"])
     age = "same code" if provenance["code"] == code else "**older code**"
-    return "`{command}`, {commit}, {date:.10}, ".format_map(provenance) + f"{age}\n"
+    return f"`{command}`, {provenance['commit']}, {provenance['date']:.10}, {age}\n"
