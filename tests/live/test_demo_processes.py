@@ -53,6 +53,7 @@ def start(mark: str, tmp_path: Path) -> Start:
     return run
 
 
+@pytest.mark.alone  # a dive in real time
 def test_the_whole_story(tmp_path: Path, mark: str, capsys: pytest.CaptureFixture[str]) -> None:
     png, json = tmp_path / "demo.png", tmp_path / "figures" / "demo.json"
     assert demo.perform(SHORT, png, json) == 0, capsys.readouterr().err
@@ -107,6 +108,7 @@ def test_the_kernel_clears_up_after_a_demo_that_was_killed(start: Start, mark: s
     until(lambda: not _alive(mark))
 
 
+@pytest.mark.alone
 @pytest.mark.parametrize("command", ["sim", "run"])
 def test_a_child_that_dies_is_reported_with_its_last_words(start: Start, mark: str, command: str) -> None:
     process = start()
