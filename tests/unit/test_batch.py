@@ -76,7 +76,7 @@ def test_a_batch_agrees_with_the_full_loop(scenario, link):
 
 @pytest.mark.parametrize("scenario", [0, 3])
 def test_a_batch_holds_its_place_as_the_full_loop_does(scenario):
-    """Mean over four vehicles, 15 s each, in a current, by a DVL without drift: within 20 %."""
+    """Mean over four vehicles, 15 s each, in a current, by a DVL without drift: within 20 %, or 0.3 mm in calm water."""
     scenarios = [
         changed(
             four(seed, lambda base, seed: positioned(ensemble(base, seed)))[scenario],
@@ -88,7 +88,7 @@ def test_a_batch_holds_its_place_as_the_full_loop_does(scenario):
     plants = [one.plant(BASE, one.seed) for one in scenarios]
     batch = simulate(CONFIG, plants, hold(), scenarios[0].duration_s, range(4))
     expected = np.mean([figures["place_rms_mm"] for figures in full])
-    assert batch["place_rms_mm"].mean() == pytest.approx(expected, rel=0.2)
+    assert batch["place_rms_mm"].mean() == pytest.approx(expected, rel=0.2, abs=0.3)
 
 
 def test_a_place_is_held_only_where_it_is_measured():

@@ -28,7 +28,7 @@ from sim_bridge.config import load_config
 
 def test_the_version_has_a_short_option(capsys):
     assert holdfast.main(["-V"]) == 0
-    assert capsys.readouterr().out.startswith("holdfast 0.")
+    assert capsys.readouterr().out.startswith("holdfast 1.")
 
 
 @pytest.mark.parametrize(
