@@ -76,7 +76,7 @@ def test_a_batch_agrees_with_the_full_loop(scenario, link):
 
 @pytest.mark.parametrize("scenario", [0, 3])
 def test_a_batch_holds_its_place_as_the_full_loop_does(scenario):
-    """Mean over four vehicles, 15 s each, in a current, by a DVL without drift: within 20 %, or 0.3 mm in calm water."""
+    """Mean over four vehicles, 15 s each, in a current, by a DVL without drift: within 20 %, or 0.3 mm."""
     scenarios = [
         changed(
             four(seed, lambda base, seed: positioned(ensemble(base, seed)))[scenario],
