@@ -61,14 +61,14 @@ EXPLAINS = 0.4
 DOUBTED = 0.6
 """A dead motor's hypothesis that leaves more than this share of what hypothesis 0 leaves is given up."""
 
-LEAST_NM = 0.07
-"""RMS of what hypothesis 0 leaves, below which it is not doubted."""
+LEAST_NM = 0.13
+"""RMS of what hypothesis 0 leaves, below which it is not doubted: half a newton of one motor."""
 
 WATER_M = 0.034
 """The moment by which the water may tilt a moving vehicle (Munk's), for a newton of the horizontal motors."""
 
-OFF_CENTRE_M = 0.02
-"""So far the centre of drag may be aside of the horizontal motors' force."""
+OFF_CENTRE_M = 0.025
+"""So far the water may act aside of the horizontal motors' force: centre of drag, and Munk's moment."""
 
 HOLDS_S = 0.8
 EXCUSED_S = 20.0

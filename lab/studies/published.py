@@ -509,7 +509,8 @@ class Published(Study[PublishedDive]):
 
     def tables(self, rows: Sequence[Row]) -> Iterable[Table]:
         title = (
-            "mm, mean of the dives; ours / theirs: with the star; †: a healthy motor was taken for a dead one"
+            "mm, mean of the dives; ours / theirs: with the star; †: the supervisor handed over to ALT_HOLD; "
+            "‡: a healthy motor was taken for a dead one"
         )
         table = ruled(title, "", "theirs", "metric", *ROWS, "ours / theirs", left=3, padding=0)
         for (name,), some in by(rows, "scene").items():
@@ -567,10 +568,10 @@ class Published(Study[PublishedDive]):
 
 
 def _cells(rows: Sequence[Row]) -> dict[str, str]:
-    """Return the mean of a scene's metric for each row, with a mark if a healthy motor was accused."""
+    """Return the mean of a scene's metric for each row, marked if a motor was accused or a dive given up."""
     metric, cells = scenes()[rows[0]["scene"]].metric, dict.fromkeys(ROWS, "–")
     for (row,), some in by(rows, "row").items():
-        mark = " †" if any(dive["accused"] for dive in some) else ""
+        mark = " †" * (not all(dive["held"] for dive in some)) + " ‡" * any(dive["accused"] for dive in some)
         cells[row] = f"{np.mean([dive[metric] for dive in some]):.3g}{mark}"
     return cells
 

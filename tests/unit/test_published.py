@@ -133,6 +133,15 @@ def test_a_short_dive_is_held_and_stands_in_the_table():
     (line,) = bench.summary(rows)["rows"]
     assert line[1:6] == ["least 10, most 40", "**5**", "–", "–", "0.50, 0.12"]
     accused = bench.summary([rows[0] | {"accused": True}])["rows"]
-    assert accused[0][2] == "**5 †**"
+    assert accused[0][2] == "**5 ‡**"
+    handed_over = bench.summary([rows[0] | {"held": False}])["rows"]
+    assert handed_over[0][2] == "**5 †**"
     assert not bench.failed(rows)
     assert bench.failed([rows[0] | {"held": False}])
+
+
+@pytest.mark.parametrize(("row", "lasts_s"), [("no noise", 5.0), ("true model", 68.0)])
+def test_the_water_of_the_path_is_no_dead_motor(row, lasts_s):
+    """Motor 2 was found dead: the inertia was 14 times the believed one; Munk's moment turned the vehicle."""
+    steps = study().ticks(PublishedDive("path", row, 9002), lasts_s)
+    assert not any(step.sample.state.dead_motor for step in steps)
