@@ -18,6 +18,10 @@ Axes4 = tuple[Axis, Axis, Axis, Axis]
 Memories = tuple[AxisMemory, AxisMemory, AxisMemory, AxisMemory]
 Samples = tuple[AxisSample, AxisSample, AxisSample, AxisSample]
 
+LEAST_GAIN = (0.5, 0.5, 0.0, 0.0)
+"""The law takes no vehicle for weaker. A current that turns with the vehicle looks like weak surge and sway,
+and the law that made up for it oscillated (docs/decisions/0026)."""
+
 
 class Control(NamedTuple):
     """The model, how each degree of freedom is controlled, and how long after engaging nothing is learnt."""
@@ -168,14 +172,14 @@ def _stepped(
 ) -> tuple[AxisMemory, AxisSample]:
     if at.idle[i]:
         return axis.idle(axis_, memory, dt_s)
-    ahead = at.ahead
+    ahead, least = at.ahead, LEAST_GAIN[i]
     point = Point(
         ahead.eta[i],
         ahead.eta_dot[i],
         ahead.disturbance[i],
         at.m[i],
         at.k_plus_h[i],
-        ahead.gain[i],
+        least if ahead.gain[i] < least else ahead.gain[i],
         ahead.delay_s + ahead.later_s[i],
         at.engaged[i],
         at.free[i],

@@ -61,14 +61,14 @@ EXPLAINS = 0.4
 DOUBTED = 0.6
 """A dead motor's hypothesis that leaves more than this share of what hypothesis 0 leaves is given up."""
 
-LEAST_NM = 0.13
-"""RMS of what hypothesis 0 leaves, below which it is not doubted: half a newton of one motor."""
+LEAST_NM = 0.07
+"""RMS of what hypothesis 0 leaves, below which it is not doubted."""
 
 WATER_M = 0.034
 """The moment by which the water may tilt a moving vehicle (Munk's), for a newton of the horizontal motors."""
 
-OFF_CENTRE_M = 0.025
-"""So far the water may act aside of the horizontal motors' force: centre of drag, and Munk's moment."""
+OFF_CENTRE_M, EDDIES_NM = 0.025, 0.11
+"""The water may turn a vehicle by so much for a newton of the horizontal motors, and by so much without."""
 
 HOLDS_S = 0.8
 EXCUSED_S = 20.0
@@ -230,7 +230,8 @@ def step(
     keep = math.exp(-dt_s / MEMORY_S)
     by_roll = _summed(state.roll, K, y_roll, slow_roll, Y[0], WATER_M * Y[0], keep)
     by_pitch = _summed(state.pitch, M, y_pitch, slow_pitch, X[0], WATER_M * X[0], keep)
-    aside = OFF_CENTRE_M * math.sqrt(X[0] * X[0] + Y[0] * Y[0])
+    off_centre = OFF_CENTRE_M * OFF_CENTRE_M * (X[0] * X[0] + Y[0] * Y[0])
+    aside = math.sqrt(off_centre + EDDIES_NM * EDDIES_NM)
     by_yaw = _summed(state.yaw, N, y_yaw, slow_r, 0.0, aside, keep)
     tipped = _summed(state.tipped, tip, y_roll, slow_roll, 0.0, 0.0, keep)
     pitches = 1.0 if upright.shares[2] > 0.0 else 0.0

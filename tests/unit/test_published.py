@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from companion.records import PSI
-from lab.studies.courses import Track
+from lab.studies.courses import Track, recorded
 from lab.studies.published import (
     DEPTH,
     FIRST_SEED,
@@ -140,8 +140,14 @@ def test_a_short_dive_is_held_and_stands_in_the_table():
     assert bench.failed([rows[0] | {"held": False}])
 
 
-@pytest.mark.parametrize(("row", "lasts_s"), [("no noise", 5.0), ("true model", 68.0)])
-def test_the_water_of_the_path_is_no_dead_motor(row, lasts_s):
-    """Motor 2 was found dead: the inertia was 14 times the believed one; Munk's moment turned the vehicle."""
-    steps = study().ticks(PublishedDive("path", row, 9002), lasts_s)
+def test_the_water_of_the_path_is_no_dead_motor():
+    """Motor 2 was found dead: the vehicle's inertia is 14 times the believed one."""
+    steps = study().ticks(PublishedDive("path", "no noise", 9002), 5.0)
     assert not any(step.sample.state.dead_motor for step in steps)
+
+
+def test_a_current_that_turns_with_the_vehicle_does_not_mislead():
+    """Motor 2 was found dead, and a gain of 0.37 found for surge and sway, with which they oscillated."""
+    steps = study().ticks(PublishedDive("path", "true model", 9001), 68.0)
+    assert not any(step.sample.state.dead_motor for step in steps)
+    assert scenes()["path"].figures(recorded(steps[-2000:]))[RMS] < 8.0
