@@ -141,7 +141,7 @@ def test_a_short_dive_is_held_and_stands_in_the_table():
 
 
 def test_the_water_of_the_path_is_no_dead_motor():
-    """Motor 2 was found dead: the vehicle's inertia is 14 times the believed one."""
+    """Motor 2 was found dead: the vehicle's inertia is 25 times the believed one."""
     steps = study().ticks(PublishedDive("path", "no noise", 9002), 5.0)
     assert not any(step.sample.state.dead_motor for step in steps)
 
