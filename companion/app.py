@@ -10,11 +10,10 @@ import asyncio
 import gc
 import logging
 import math
-import os
 import time
 from collections import deque
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING
 
 import msgspec
 from msgspec import UNSET
@@ -414,16 +413,10 @@ def main(
     arm: bool,
     requests: Sequence[Request],
     path: PathPlan | None = None,
-) -> NoReturn:
-    """Run the companion, which follows `path` once it is engaged; leave the process with its exit status.
-
-    Everything is closed by then, and the interpreter's own tear-down is skipped: a thread of Zenoh's that
-    asks for the GIL just then is unwound through foreign frames, and aborts the process.
-    """
+) -> int:
+    """Run the companion, which follows `path` once it is engaged; return its exit status."""
 
     async def run() -> int:
         return await App(config, setpoint, arm=arm, requests=requests, path=path).run()
 
-    status = asyncio.run(run())
-    logging.shutdown()
-    os._exit(status)
+    return asyncio.run(run())

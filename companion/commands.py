@@ -181,7 +181,7 @@ def run(argv: list[str]) -> int:
                 "`holdfast tell %s engage`",
                 config.vehicle.name,
             )
-        main(config, setpoint, arm=arguments.arm, requests=requests, path=path)
+        return main(config, setpoint, arm=arguments.arm, requests=requests, path=path)
     except ValueError as error:
         sys.stderr.write(f"holdfast run: {error}\n")
         return 2

@@ -8,9 +8,11 @@ import os
 import re
 import sys
 from collections import Counter
+from contextlib import suppress
 from importlib.metadata import EntryPoint, entry_points, requires
 from importlib.metadata import version as version_of
 from pathlib import Path
+from typing import NoReturn
 
 if (Path(__file__).parent / "companion").is_dir():
     sys.path.insert(0, str(Path(__file__).parent))
@@ -86,6 +88,23 @@ def main(argv: list[str] | None = None) -> int:
         _say(arguments[0], f"{error.filename}: {error.strerror}" if error.filename else str(error))
         return REFUSED if error.filename else FAILED
     return status
+
+
+def run() -> NoReturn:
+    """Run the command of this process, and leave with its exit status.
+
+    Where Zenoh is loaded, the interpreter's own tear-down is skipped: a thread of Zenoh's that asks for the
+    GIL just then is unwound through foreign frames, and aborts the process.
+    """
+    status = main()
+    if "zenoh" in sys.modules:
+        import logging
+
+        logging.shutdown()
+        with suppress(BrokenPipeError):
+            sys.stdout.flush()
+        os._exit(status)
+    sys.exit(status)
 
 
 def _dispatch(arguments: list[str]) -> int:

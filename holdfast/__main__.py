@@ -1,7 +1,5 @@
 """`python -m holdfast`."""
 
-import sys
+from holdfast import run
 
-from holdfast import main
-
-sys.exit(main())
+run()

@@ -160,6 +160,5 @@ class StandIn(Autopilot):
         super().__init__(Path(sys.executable), link_port)
 
     def _command_line(self, link: str, console: str) -> list[str]:
-        command = "import sys; from sim_bridge.commands import sim; sys.exit(sim(sys.argv[1:]))"
         endpoints = (f"--udp-connect={link}", f"--udp-connect={console}", "--no-zenoh")
-        return [str(self._program), "-c", command, *endpoints, "--set", "current.enabled=false"]
+        return [str(self._program), "-m", "holdfast", "sim", *endpoints, "--set", "current.enabled=false"]

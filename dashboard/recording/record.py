@@ -2,7 +2,6 @@
 
 import argparse
 import logging
-import os
 import platform
 import signal
 import sys
@@ -15,7 +14,7 @@ from contextlib import ExitStack
 from importlib.metadata import version
 from pathlib import Path
 from types import FrameType
-from typing import NamedTuple, NoReturn
+from typing import NamedTuple
 
 import msgspec
 import zenoh
@@ -401,15 +400,7 @@ def main(argv: list[str]) -> int:
             pass
     if recorder.failure is not None:
         sys.stderr.write(f"holdfast record: the recorder failed: {recorder.failure!r}\n")
-    leave(1 if recorder.failure is not None else 0)
-
-
-def leave(status: int) -> NoReturn:
-    """Leave the process when all is closed: Zenoh's threads can abort the interpreter's own tear-down."""
-    logging.shutdown()
-    sys.stdout.flush()
-    sys.stderr.flush()
-    os._exit(status)
+    return 1 if recorder.failure is not None else 0
 
 
 def _positive(text: str) -> float:

@@ -16,7 +16,6 @@ from companion.telemetry import schemas as telemetry
 from companion.telemetry.session import client_configuration, configuration
 from dashboard.arguments import add_connect
 from dashboard.recording.mcap_file import MAX_CHANNELS, Item, Reader
-from dashboard.recording.record import leave
 from holdfast.arguments import command_parser
 
 EXAMPLES = """\
@@ -68,7 +67,7 @@ def main(argv: list[str]) -> int:
     except ValueError as error:
         sys.stderr.write(f"holdfast replay: {error}\n")
         status = 2
-    leave(status)
+    return status
 
 
 def renamed(key: str, suffix: str) -> tuple[str, str]:

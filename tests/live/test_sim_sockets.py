@@ -25,9 +25,11 @@ START_S = 15.0
 
 @contextlib.contextmanager
 def simulator(*arguments):
-    command = "import sys; from sim_bridge.commands import sim; sys.exit(sim(sys.argv[1:]))"
     process = subprocess.Popen(
-        [sys.executable, "-c", command, *arguments], stderr=subprocess.PIPE, text=True, env=os.environ
+        [sys.executable, "-m", "holdfast", "sim", *arguments],
+        stderr=subprocess.PIPE,
+        text=True,
+        env=os.environ,
     )
     try:
         yield process
@@ -207,8 +209,9 @@ def test_physics_only_answers_the_frames_of_the_real_firmware_and_nothing_else()
 
 
 def test_physics_only_refuses_endpoints_of_our_own_vehicle():
-    command = "import sys; from sim_bridge.commands import sim; sys.exit(sim(sys.argv[1:]))"
     arguments = ("--physics-only", "--tcp", "127.0.0.1:5760")
-    done = subprocess.run([sys.executable, "-c", command, *arguments], capture_output=True, text=True)
+    done = subprocess.run(
+        [sys.executable, "-m", "holdfast", "sim", *arguments], capture_output=True, text=True
+    )
     assert done.returncode == 2
     assert "--serial0" in done.stderr

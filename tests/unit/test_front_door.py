@@ -26,6 +26,21 @@ def test_no_arguments_is_a_question_for_help(capsys: pytest.CaptureFixture[str])
     assert "holdfast demo" in capsys.readouterr().out
 
 
+def test_no_thread_of_zenoh_can_abort_the_end_of_a_command() -> None:
+    program = """
+import atexit, sys, holdfast
+def command(arguments):
+    import zenoh
+    print("done")
+    return 3
+holdfast._dispatch = command
+atexit.register(print, "torn down")
+holdfast.run()
+"""
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert (done.returncode, done.stdout, done.stderr) == (3, "done\n", "")
+
+
 def test_an_unknown_command_gets_advice(capsys: pytest.CaptureFixture[str]) -> None:
     assert holdfast.main(["swim"]) == 2
     complaint = capsys.readouterr().err
