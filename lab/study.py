@@ -42,10 +42,10 @@ from holdfast.arguments import command_parser
 from holdfast.version import revision
 from lab.loop.firmware import FirmwareError
 from lab.options import find_firmware, positive
-from lab.sources import MEASURED, digest_of
+from lab.sources import MEASURED, PROGRAMS, digest_of
 from lab.tables import add_files, plain, write_json, write_table
 
-CODE = (*MEASURED, "lab/**/*.py", "lab/**/*.toml")
+CODE = (*PROGRAMS, "lab/**/*.py", "lab/**/*.toml")
 """The files under ROOT on which a dive depends."""
 
 CONNECT_S = 5.0

@@ -111,8 +111,9 @@ class TiltLimit(NamedTuple):
     most_n: float
     alarm_rad: float
     again_n_per_s: float
-    by_push_now: bool = False
-    """Whether the limit is a share of what is pushed now, where that is more: on engaging the mean is low."""
+    levelled: bool = False
+    """Then the limit is a share of what is pushed now, where that is more (on engaging the mean is low), and
+    never below the mean: that is what a current takes, and the vehicle was level with it."""
 
 
 class TiltState(NamedTuple):
@@ -133,11 +134,12 @@ def start(limit: TiltLimit) -> TiltState:
 
 def step(limit: TiltLimit, state: TiltState, tilt: float, pushed_n: float, dt_s: float) -> TiltState:
     """Take one tick's tilt (rad) and the force that was pushed."""
-    now_n = pushed_n if limit.by_push_now else 0.0
+    now_n = pushed_n if limit.levelled else 0.0
     pushed_n = state.pushed_n + (pushed_n - state.pushed_n) * dt_s / (dt_s + MEMORY_S)
     limit_n, borne_n = state.limit_n, state.borne_n
     if tilt > limit.alarm_rad and not state.alarmed:
-        borne_n = CUT * min(limit_n, max(now_n, pushed_n, LEAST_N))
+        least_n = min(limit_n, pushed_n) if limit.levelled else 0.0
+        borne_n = max(CUT * min(limit_n, max(now_n, pushed_n, LEAST_N)), least_n)
         limit_n = borne_n
     alarmed = tilt > limit.alarm_rad * (CALM if state.alarmed else 1.0)
     if not alarmed:

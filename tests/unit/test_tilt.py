@@ -7,6 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from companion.assembly import tilt_limit
+from companion.config import load_config
 from companion.control import pace
 from companion.control.tilt import (
     CUT,
@@ -119,6 +121,14 @@ def test_one_tilt_cuts_once():
 
 def test_a_levelled_vehicle_has_all_its_force_from_the_start():
     assert after(Found(99.0, 99.0, 0.2, FAST_N_PER_S), TICK_S, tilt=0.05, pushed_n=90.0) == 99.0
+
+
+def test_a_wave_that_tilts_a_levelled_vehicle_leaves_the_force_that_holds_a_current():
+    """In 3 s with a limit below the current's 12 N it drifted by 0.1 m."""
+    found = Found(*tilt_limit(load_config()))
+    after(found, 10.0, tilt=0.05, pushed_n=12.0)
+    after(found, 0.6, tilt=math.radians(17.0), pushed_n=12.0)
+    assert after(found, TICK_S, tilt=0.05) > 11.5
 
 
 def test_what_saturates_is_slowed_and_comes_back():
