@@ -51,11 +51,12 @@ def cached(entry: Slotted) -> Any:
     """Return a function of the lab, compiled for the types that it is called with.
 
     What is compiled stays on disk, unless it is made of sources other than PACKAGES. Another process that
-    compiles meanwhile is waited for.
+    compiles the same meanwhile is waited for.
     """
     body = _with_callees(*entry)
     keeps = _ours(entry)
-    body.__qualname__ += "_" + hashlib.sha256(_described(entry).encode()).hexdigest()[:12]
+    name = hashlib.sha256(_described(entry).encode()).hexdigest()[:12]
+    body.__qualname__ += f"_{name}"
     folder = cache_folder()
     if keeps:
         numba.config.CACHE_DIR = str(folder)
@@ -63,7 +64,7 @@ def cached(entry: Slotted) -> Any:
     compile_alone = dispatcher.compile
 
     def compile_in_turn(types: Any) -> Any:
-        with (folder / "lock").open("w") as lock:
+        with (folder / f"{name}.lock").open("w") as lock:
             fcntl.flock(lock, fcntl.LOCK_EX)
             gc.disable()  # millions of objects that stay: it takes a tenth of the time
             try:

@@ -240,13 +240,9 @@ class Rivals(Study[RivalDive]):
             raise RefusedError("bench rivals dives without MAVLink bytes: leave --firmware out")
         self._rows: list[str] = arguments.rows or [DEFAULT, *RIVALS]
         known(self._rows, [DEFAULT, *RIVALS], "row")
-        self._seeds, config, found = (
-            seeds_of(arguments),
-            load_config(overrides=arguments.set),
-            tuned(TUNED_FILE),
-        )
+        self._seeds, config, found = seeds_of(arguments), load_config(), tuned(TUNED_FILE)
         self._configs = {
-            row: load_config(overrides=[*arguments.set, *overrides(row, config, found)]) for row in self._rows
+            row: load_config(overrides=[*overrides(row, config, found), *arguments.set]) for row in self._rows
         }
 
     def cases(self) -> Sequence[RivalDive]:
