@@ -36,6 +36,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from itertools import chain
 from pathlib import Path
 from typing import Any, Self
 
@@ -110,6 +111,18 @@ DVL: dict[str, float] = {
 """A DVL reaches the EKF as external navigation, by VISION_POSITION_ESTIMATE and VISION_SPEED_ESTIMATE; their
 simulated source, the firmware's own, reads our position, 25 to 124 ms late."""
 
+LATER_NAMES = {
+    "PSC_POSZ_P": ("PSC_D_POS_P", 1.0),
+    "PSC_VELZ_P": ("PSC_D_VEL_P", 1.0),
+    "PSC_ACCZ_P": ("PSC_D_ACC_P", 0.1),
+    "PSC_ACCZ_I": ("PSC_D_ACC_I", 0.1),
+    "PSC_POSXY_P": ("PSC_NE_POS_P", 1.0),
+    "PSC_VELXY_P": ("PSC_NE_VEL_P", 1.0),
+    "PSC_VELXY_I": ("PSC_NE_VEL_I", 1.0),
+    "PSC_VELXY_FLTE": ("PSC_NE_VEL_FLTE", 1.0),
+}
+"""What ArduSub calls these parameters since the end of 2025, and by what it multiplied their values."""
+
 # The kernel kills the firmware when this process is gone, however it went: PR_SET_PDEATHSIG is 1.
 _START = """\
 import ctypes, os, signal, sys
@@ -155,7 +168,10 @@ def parameters_of(config: SimConfig) -> dict[str, float]:
         "SIM_BATT_VOLTAGE": config.battery.voltage_v,
         "BARO_SPEC_GRAV": SEA_WATER * given.pop("BARO_SPEC_GRAV", 1.0) / sensors.depth_scale,
     }
-    return NEEDED | (DVL if sensors.dvl else {}) | own | given
+    later = {
+        name: share * given[earlier] for earlier, (name, share) in LATER_NAMES.items() if earlier in given
+    }
+    return NEEDED | (DVL if sensors.dvl else {}) | own | given | later
 
 
 def command_line(
@@ -380,11 +396,12 @@ class Firmware:
     def _settle(self) -> None:
         """Boot at the surface, set the origin, lower the body, and let the EKF settle."""
         self._wait(lambda: self._held_s >= 0.5 * self._boot_s and self._mode >= 0, self._boot_s + 10.0)
-        for name in self._config.parameters:
+        names = {name: (name, LATER_NAMES.get(name, (name, 1.0))[0]) for name in self._config.parameters}
+        for name in chain.from_iterable(names.values()):
             self._say(mavlink.MAVLink_param_request_read_message(SYSTEM, COMPONENT, name.encode("ascii"), -1))
         self._say(mavlink.MAVLink_set_gps_global_origin_message(SYSTEM, *ORIGIN_DEG_E7, 0))
         self._wait(lambda: self._held_s >= self._boot_s + LOWERING_S + SETTLED_S, self._boot_s + 60.0)
-        if unknown := set(self._config.parameters) - set(self._heard_parameters):
+        if unknown := [name for name, of in names.items() if self._heard_parameters.keys().isdisjoint(of)]:
             raise FirmwareError(f"the firmware does not know the parameter {', '.join(sorted(unknown))}")
         self._free = True
 
