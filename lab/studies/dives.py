@@ -194,7 +194,7 @@ class Dives(Study[BenchDive]):
         delays = "/".join(_delay(delay_ms) for (delay_ms,) in by(cases, "delay_ms"))
         scenarios = [name for (name,) in by(cases, "scenario")]
         return {
-            "columns": [f"depth RMS, mm ({delays})", *scenarios, "minus Holdfast's", "chatter, N"],
+            "columns": [f"depth RMS, mm ({delays})", *scenarios, "less Holdfast's, mm", "chatter, N"],
             "rows": lines,
         }
 
