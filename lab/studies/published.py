@@ -572,7 +572,8 @@ def _cells(rows: Sequence[Row]) -> dict[str, str]:
     metric, cells = scenes()[rows[0]["scene"]].metric, dict.fromkeys(ROWS, "–")
     for (row,), some in by(rows, "row").items():
         mark = " †" * (not all(dive["held"] for dive in some)) + " ‡" * any(dive["accused"] for dive in some)
-        cells[row] = f"{np.mean([dive[metric] for dive in some]):.3g}{mark}"
+        mean_mm = float(np.mean([dive[metric] for dive in some]))
+        cells[row] = f"{mean_mm:.{3 if mean_mm < 1000.0 else 4}g}{mark}"
     return cells
 
 
