@@ -27,7 +27,9 @@ STATES: dict[str, StateWords] = {
     State.IDLE: StateWords("hands off", "info", f"engage {BY}"),
     State.READY: StateWords("may engage", "info", f"engage {BY}"),
     State.ACTIVE: StateWords(
-        "holding", "info", "keep watch; a stick, a mode change or disarming gives the pilot control at once"
+        "holding",
+        "info",
+        "keep watch; a full stick, a mode change or disarming gives the pilot control at once",
     ),
     State.RAMP_DOWN: StateWords("letting go", "warning", "wait until the thrust is zero"),
     State.HAND_OVER: StateWords(
