@@ -16,7 +16,6 @@ from sim_bridge.config import SimConfig
 LEAST_LAG_S, _ = ranges.bounds(ranges.Lag) or (0.0, 0.0)
 """Thrusters that answer at once, as those of ArduSub's own simulated vehicle, are believed to lag by this."""
 
-VEHICLE_NAME = "vehicle.toml"
 AXES = {"surge": 0, "sway": 1, "heave": 2, "yaw": 5}
 
 
@@ -70,15 +69,16 @@ def around(base: SimConfig, seed: int) -> SimConfig:
 def write_config(source: Path, vehicle: VehicleFile, gains: Mapping[str, float], out: Path) -> None:
     """Copy the companion's configuration with these gains in place of its own; comments stay.
 
-    The vehicle goes to `vehicle.toml` beside `out`, which names it; or into `out` itself if `source` holds
-    its vehicle too. A key that the file does not have is added.
+    The vehicle goes into a file beside `out`, which names it: mine-vehicle.toml beside mine.toml; or into
+    `out` itself if `source` holds its vehicle too. A key that the file does not have is added.
     """
     text = source.read_text(encoding="utf-8")
     values: dict[str, float | str] = dict(gains)
     if "preset" in tomllib.loads(text)["vehicle"]:
-        values[PRESET_KEY] = VEHICLE_NAME
-        about = ("The vehicle for which `holdfast tune` searched the gains of companion.toml beside it.",)
-        out.with_name(VEHICLE_NAME).write_text(vehicle_text(vehicle, about), encoding="utf-8")
+        beside = out.with_name(f"{out.stem}-vehicle.toml")
+        values[PRESET_KEY] = beside.name
+        about = (f"The vehicle for which `holdfast tune` searched the gains of {out.name} beside it.",)
+        beside.write_text(vehicle_text(vehicle, about), encoding="utf-8")
     else:
         for section, keys in msgspec.to_builtins(vehicle).items():
             values |= {f"{section}.{key}": value for key, value in keys.items()}

@@ -186,7 +186,7 @@ def next_step(out: Path, names: Sequence[str], *, own: bool) -> str:
             f"  holdfast run --engage --arm --depth 3 --config {shlex.quote(str(out))}"
         )
     return (
-        f"Dive it: copy it over {TUNED_FILE.relative_to(Path(__file__).parents[2])}, then\n"
+        f"Dive it: put its values into {TUNED_FILE.relative_to(Path(__file__).parents[2])}, then\n"
         f"  holdfast bench dives --rows {shlex.join(names)}"
     )
 

@@ -210,7 +210,10 @@ def test_a_search_for_the_place_judges_surge_and_sway(monkeypatch: pytest.Monkey
 def test_own_vehicles_config_is_written_with_its_comments(tmp_path: Path) -> None:
     settings = [f"{key}={value}" for key, value in nominal(SIX_THRUSTERS).items()]
     vehicle = vehicle_of(load_config(overrides=settings))
+    identified = tmp_path / "vehicle.toml"
+    identified.write_text("of `holdfast identify`")
     write_config(DEFAULT_FILE, vehicle, {"heave.kappa_per_s": 7.25}, tmp_path / "mine.toml")
+    assert identified.read_text() == "of `holdfast identify`"
     mine, text = load_config(tmp_path / "mine.toml"), (tmp_path / "mine.toml").read_text()
     assert mine == load_config(overrides=[*settings, "heave.kappa_per_s=7.25"])
     hull = SIX_THRUSTERS.hull
@@ -228,7 +231,7 @@ def test_own_vehicles_config_stays_one_file_where_it_was_one(tmp_path: Path, com
     assert load_config(tmp_path / "mine.toml") == load_config(
         overrides=["heave.mass=31", "heave.kappa_per_s=7.25"]
     )
-    assert not (tmp_path / "vehicle.toml").exists()
+    assert not [*tmp_path.glob("*-vehicle.toml")]
 
 
 def test_vehicles_are_drawn_around_ones_own() -> None:
