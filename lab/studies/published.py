@@ -31,7 +31,7 @@ from typing import Any, NamedTuple
 import matplotlib as mpl
 import numpy as np
 from matplotlib import pyplot as plt
-from matplotlib.ticker import StrMethodFormatter
+from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 from msgspec.structs import asdict, replace
 from rich.table import Table
 
@@ -559,7 +559,9 @@ class Published(Study[PublishedDive]):
                 face = "none" if mark == "D" else colour
                 panel.plot([], [], mark, color=colour, markerfacecolor=face, label=label)
             panel.set_xscale("log")
+            panel.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
             panel.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+            panel.xaxis.set_minor_formatter(NullFormatter())
             panel.set_xlabel("error, mm")
             panel.set_yticks(range(len(groups)), [f"{s.title}\n{METRICS[s.metric]}" for s, _ in groups])
             panel.set_ylim(len(groups) - 0.4, -0.7)
