@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from lab.sources import MEASURED, ROOT, digest_of
+from lab.sources import ROOT, measured_code
 
 FOLDER = ROOT / "docs" / "results"
 PAGES = (FOLDER.with_suffix(".md"), ROOT / "README.md")
@@ -20,7 +20,7 @@ MARKED = re.compile(r"(<!--(table|made):(\S+)-->\n).*?(<!--end-->)", re.DOTALL)
 
 def filled(page: Path) -> str:
     """Return a page with the tables of today's files."""
-    code = digest_of(MEASURED).hexdigest()[:16]
+    code = measured_code()
 
     def shown(marked: re.Match[str]) -> str:
         content = json.loads((FOLDER / f"{marked[3]}.json").read_text(encoding="utf-8"))

@@ -42,7 +42,7 @@ from holdfast.arguments import command_parser
 from holdfast.version import revision
 from lab.loop.firmware import FirmwareError
 from lab.options import find_firmware, positive
-from lab.sources import MEASURED, PROGRAMS, digest_of
+from lab.sources import PROGRAMS, digest_of, measured_code
 from lab.tables import add_files, plain, write_json, write_table
 
 CODE = (*PROGRAMS, "lab/**/*.py", "lab/**/*.toml")
@@ -361,7 +361,7 @@ def provenance(command: str) -> dict[str, str]:
         "command": command,
         "version": own_version(),
         "commit": revision(),
-        "code": digest_of(MEASURED).hexdigest()[:16],
+        "code": measured_code(),
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
         "machine": f"{_processor()}, {os.cpu_count()} cores, Python {platform.python_version()}",
     }

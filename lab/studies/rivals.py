@@ -333,7 +333,7 @@ class WithMessages(Reality):
         super().__init__(arguments)
 
     def overrides(self, preset: str) -> list[str]:
-        return overrides(preset, load_config(overrides=self._settings), tuned(TUNED_FILE))
+        return overrides(preset, load_config(), tuned(TUNED_FILE))
 
 
 def title_of(name: str) -> str:

@@ -13,7 +13,7 @@ from companion.telemetry import schemas as telemetry
 from lab import documents as schema
 from lab import results_page
 from lab.commands import schema as command
-from lab.sources import MEASURED, digest_of
+from lab.sources import measured_code
 from lab.study import provenance
 from sim_bridge.commands import DEFAULT_CONFIG
 from sim_bridge.config import load_config
@@ -43,18 +43,18 @@ def test_the_tables_of_the_pages_are_those_of_their_files() -> None:
 
 
 def test_a_table_says_whether_the_code_that_it_measured_has_changed(tmp_path: Path) -> None:
-    source = tmp_path / "companion" / "control" / "law.py"
-    source.parent.mkdir(parents=True)
-    source.write_text("KAPPA = 3.5\n", encoding="utf-8")
-    measured = provenance("holdfast bench tank") | {"code": digest_of(MEASURED, tmp_path).hexdigest()[:16]}
+    source, words = tmp_path / "companion/control/law.py", tmp_path / "companion/telemetry/glossary.py"
+    for file in (source, words):
+        file.parent.mkdir(parents=True)
+        file.write_text("KAPPA = 3.5\n", encoding="utf-8")
+    measured = provenance("holdfast bench tank") | {"code": measured_code(tmp_path)}
+    words.write_text("KAPPA = 4.0\n", encoding="utf-8")
     for line, said in (
         ("KAPPA = 3.5\n", "same code"),
         ("KAPPA = 4.0\n", "**older code**"),
     ):
         source.write_text(line, encoding="utf-8")
-        assert results_page.made(measured, digest_of(MEASURED, tmp_path).hexdigest()[:16]).endswith(
-            f"{said}\n"
-        )
+        assert results_page.made(measured, measured_code(tmp_path)).endswith(f"{said}\n")
 
 
 def test_every_field_that_is_published_is_described() -> None:
