@@ -122,7 +122,6 @@ class Unlike(Study[RealDive]):
         parser.set_defaults(seeds=cls.seeds)
 
     def __init__(self, arguments: argparse.Namespace) -> None:
-        load_config(overrides=arguments.set)
         known(arguments.rows or (), self.presets, "row")
         known(arguments.scenarios or (), self.waters, "scenario")
         self._presets = arguments.rows or self.presets
@@ -130,6 +129,10 @@ class Unlike(Study[RealDive]):
         self._seeds: int = arguments.seeds
         self._settings: list[str] = arguments.set
         self._firmware: Path | None = arguments.firmware
+        self._configs = {
+            preset: load_config(overrides=[*self.overrides(preset), *self._settings])
+            for preset in self._presets
+        }
 
     @abstractmethod
     def situation(self, case: RealDive) -> Situation:
@@ -150,7 +153,7 @@ class Unlike(Study[RealDive]):
 
     def ticks(self, case: RealDive, lasts_s: float = ENDS_S) -> list[Step]:
         """Dive a case."""
-        config = load_config(overrides=[*self.overrides(case.preset), *self._settings])
+        config = self._configs[case.preset]
         situation = self.situation(case)
         with vehicle_of(situation.plant, case.seed, self._firmware) as vehicle:
             survey(vehicle)
