@@ -44,11 +44,12 @@ hunt: $(STAMP)  ## look for new examples of what must hold for any input; takes 
 	    echo 'see that the test fails without --hypothesis-profile, and then mend the fault.'; \
 	    exit 1; }
 
-check: $(STAMP)  ## style, types, and which package imports which
+check: $(STAMP)  ## style, types, which package imports which, and the size of each
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-logo
+	$(BIN)/python -m tests.tools.budget
 
 coverage: $(STAMP)  ## which branches of companion/ the tests in virtual time take; a floor stands in pyproject.toml
 	$(BIN)/pytest -n auto --dist worksteal $(REAL_CLOCKS:%=--ignore %) --cov
