@@ -1,8 +1,9 @@
 """Holds the size of each package: `python -m tests.tools.budget`, which `make check` calls.
 
 `[tool.holdfast.budget]` of pyproject.toml names folders with their largest number of lines of Python. A
-folder named there counts for itself, not for the one around it. `docs` counts the words of Markdown. `--lower`
-writes today's sizes where they are smaller, for the commit that deletes, and drops a folder that is gone.
+folder named there counts for itself, not for the one around it. `docs` counts the words of Markdown.
+`--lower` writes today's sizes where they are smaller, for the commit that deletes; a folder that is gone
+leaves the table.
 """
 
 import argparse
