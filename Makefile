@@ -63,7 +63,7 @@ wheel: $(STAMP)  ## build dist/*.whl, try it in a venv of its own, and there wit
 	rm -rf dist build/wheel
 	$(BIN)/python -m hatchling build -t wheel
 	$(BIN)/python -m venv build/wheel
-	build/wheel/bin/$(PIP) --require-hashes --only-binary :all: -r requirements.lock
+	build/wheel/bin/$(PIP) --require-hashes --only-binary :all: -r requirements/vehicle.lock
 	build/wheel/bin/$(PIP) dist/*.whl
 	build/wheel/bin/holdfast --help
 	build/wheel/bin/python -m pip uninstall --quiet --yes aiohttp cryptography mcap rich  # what extras bring
@@ -72,41 +72,41 @@ wheel: $(STAMP)  ## build dist/*.whl, try it in a venv of its own, and there wit
 	    --set link.endpoint=udp-connect:127.0.0.1:14599 --set telemetry.endpoint=tcp/127.0.0.1:7459
 
 lock:  ## refresh what is missing in the locks, of all platforms, with hashes (needs uv)
-	$(COMPILE) pyproject.toml --extra dev -o requirements-dev.lock
-	$(COMPILE) pyproject.toml --extra dashboard --extra keys -c requirements-dev.lock -o requirements.lock
+	$(COMPILE) pyproject.toml --extra dev -o requirements/dev.lock
+	$(COMPILE) pyproject.toml --extra dashboard --extra keys -c requirements/dev.lock -o requirements/vehicle.lock
 	printf '%s\n' 'hatchling>=1.27' 'editables>=0.5' | \
-	    $(COMPILE) pyproject.toml - --extra demo -c requirements-dev.lock -o requirements-demo.lock
-	$(COMPILE) pyproject.toml --extra docs --extra parquet -c requirements-dev.lock -o requirements-docs.lock
-	printf '%s\n' mavproxy mavsdk pyserial | $(COMPILE) --no-deps - -o requirements-clients.lock
+	    $(COMPILE) pyproject.toml - --extra demo -c requirements/dev.lock -o requirements/demo.lock
+	$(COMPILE) pyproject.toml --extra docs --extra parquet -c requirements/dev.lock -o requirements/docs.lock
+	printf '%s\n' mavproxy mavsdk pyserial | $(COMPILE) --no-deps - -o requirements/clients.lock
 
 clean:  ## remove .venv, caches and out/
 	rm -rf .venv out build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache .coverage
 	find . -name __pycache__ -prune -exec rm -rf {} +
 
 # Without what MAVProxy needs for a screen, such as VTK and OpenCV; pymavlink and numpy are those of .venv.
-$(CLIENTS)/.installed: requirements-clients.lock $(STAMP)
+$(CLIENTS)/.installed: requirements/clients.lock $(STAMP)
 	rm -rf $(CLIENTS)
-	$(INSTALL) --no-compile --require-hashes --only-binary :all: --target $(CLIENTS) -r requirements-clients.lock
+	$(INSTALL) --no-compile --require-hashes --only-binary :all: --target $(CLIENTS) -r requirements/clients.lock
 	@touch $@
 
 # As for a vehicle without internet: docs/install.md.
-$(WHEELS)/.downloaded: requirements.lock $(STAMP)
+$(WHEELS)/.downloaded: requirements/vehicle.lock $(STAMP)
 	rm -rf $(WHEELS)
 	$(BIN)/python -m pip download --quiet --disable-pip-version-check --no-deps --require-hashes \
-	    --only-binary :all: --dest $(WHEELS) -r requirements.lock
+	    --only-binary :all: --dest $(WHEELS) -r requirements/vehicle.lock
 	@touch $@
 
 # What a pilot needs; `make test` adds the tools of development to the same .venv.
-$(DEMO): .venv/pyvenv.cfg pyproject.toml requirements-demo.lock
-	$(call set_up,requirements-demo.lock)
+$(DEMO): .venv/pyvenv.cfg pyproject.toml requirements/demo.lock
+	$(call set_up,requirements/demo.lock)
 	@touch $@
 
-$(STAMP): .venv/pyvenv.cfg pyproject.toml requirements-dev.lock
-	$(call set_up,requirements-dev.lock)
+$(STAMP): .venv/pyvenv.cfg pyproject.toml requirements/dev.lock
+	$(call set_up,requirements/dev.lock)
 	@touch $@ $(DEMO)
 
-$(DOCS): $(STAMP) requirements-docs.lock
-	$(INSTALL) --require-hashes --only-binary :all: -r requirements-docs.lock
+$(DOCS): $(STAMP) requirements/docs.lock
+	$(INSTALL) --require-hashes --only-binary :all: -r requirements/docs.lock
 	@touch $@
 
 # The interpreter behind the first fitting one of some Pythons, which may be those of venvs.

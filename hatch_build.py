@@ -8,7 +8,7 @@ from typing import Any
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
 INSIDE = ("companion", "sim_bridge", "lab", "dashboard", "config")
-FOR_INSTALL = ("systemd", "requirements.lock")
+FOR_INSTALL = ("systemd", "requirements/vehicle.lock")
 
 
 class Layout(BuildHookInterface):  # type: ignore[type-arg]  # generic in its stubs, not at run time

@@ -65,7 +65,7 @@ def _read(package: Path | ZipPath, name: str, wheel: Path | None) -> Release:
             if unit.name.endswith(".service")
         },
         configuration=(package / "config" / "companion.toml").read_text(encoding="utf-8"),
-        lock=(package / "requirements.lock").read_text(encoding="utf-8"),
+        lock=(package / "requirements" / "vehicle.lock").read_text(encoding="utf-8"),
     )
 
 
@@ -83,7 +83,7 @@ def own_wheel(folder: Path) -> Path:
     wheel = Path(unquote(url.path))
     if url.scheme == "file" and wheel.suffix == ".whl" and wheel.is_file():
         return wheel
-    if (place / "holdfast" / "requirements.lock").exists():
+    if (place / "holdfast" / "requirements" / "vehicle.lock").exists():
         return packed(own, folder)
     raise RefusedError(
         "this is a checkout: name the wheel to install, as in `holdfast install "

@@ -80,7 +80,7 @@ def test_the_image_gets_what_the_dockerfile_copies_and_nothing_else():
     ignored = (ROOT / "blueos" / "Dockerfile.dockerignore").read_text().split()
     assert ignored == [
         "*",
-        *(f"!{name}" for name in ("requirements.lock", "dist/holdfast_rov-*.whl", "blueos/start.py")),
+        *(f"!{name}" for name in ("requirements/vehicle.lock", "dist/holdfast_rov-*.whl", "blueos/start.py")),
     ]
     assert {f"!{name}" for name in copied} == set(ignored) - {"*"}
 

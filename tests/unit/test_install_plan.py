@@ -294,7 +294,7 @@ def test_every_file_that_comes_from_an_index_is_known_by_its_hash():
 
 
 def test_a_32_bit_system_takes_from_debian_what_the_index_has_not():
-    lock = (ROOT / "requirements.lock").read_text()
+    lock = (ROOT / "requirements" / "vehicle.lock").read_text()
     steps = install(replace(Found(), bits=32), replace(NEW, lock=lock), "python3")
     (written,) = [step.text for step in steps if isinstance(step, Write) and step.path.suffix == ".lock"]
     names = [set(re.findall(r"^([a-z0-9-]+)==", text, flags=re.MULTILINE)) for text in (lock, written)]
@@ -386,7 +386,7 @@ def test_two_builds_of_a_version_are_two_names(tmp_path):
         with ZipFile(wheel, "w") as file:
             file.writestr("holdfast/systemd/holdfast.service", unit)
             file.writestr("holdfast/config/companion.toml", "")
-            file.writestr("holdfast/requirements.lock", "")
+            file.writestr("holdfast/requirements/vehicle.lock", "")
         release = from_wheel(wheel)
         assert release.units == {"holdfast.service": unit}
         names.add(release.name)
@@ -397,7 +397,7 @@ def test_what_pip_installed_from_an_index_is_a_wheel_again(tmp_path):
     """`pipx install` keeps no wheel, and `holdfast install` needs one."""
     there, info = tmp_path / "site-packages", "holdfast_rov-2.0.dist-info"
     files = {
-        "holdfast/requirements.lock": "numpy==2\n",
+        "holdfast/requirements/vehicle.lock": "numpy==2\n",
         f"{info}/METADATA": "Name: holdfast-rov\nVersion: 2.0\n",
     }
     rows = "".join(f"{name},sha256=0,9\n" for name in files)
