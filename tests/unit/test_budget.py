@@ -2,7 +2,7 @@
 
 import subprocess
 
-from tests.tools.budget import lowered, over, sizes
+from tools.budget import lowered, over, sizes
 
 BUDGET = {"lab": 10, "lab/studies": 3, "docs": 4}
 PROJECT = '[tool.holdfast.budget]\n"lab" = 10\n"lab/studies" = 3\n"docs" = 4\n'
