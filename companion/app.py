@@ -16,8 +16,6 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import msgspec
-from msgspec import UNSET
-from msgspec.structs import replace
 
 from companion import registry
 from companion.config import Config
@@ -27,7 +25,6 @@ from companion.guidance.drawing import drawing
 from companion.io.command_queue import COST, CommandQueue, EngineInput, ReceivedCommand
 from companion.io.links import Admission, MavlinkLink
 from companion.io.process import NS_PER_S, Ticker, notify, on_ending_signal
-from companion.io.unfinished_path import UnfinishedPath, unfinished_path
 from companion.io.zenoh_publisher import NameTakenError, Publisher
 from companion.mavlink.inbox import MAX_LOOKS, Inbox
 from companion.mavlink.relay import Relay
@@ -36,7 +33,6 @@ from companion.mavlink.timestamps import timestamps_of
 from companion.predive.table import as_json
 from companion.records import Condition, ControlSample, LoopHealth, Request, Setpoint
 from companion.steps import Task
-from companion.telemetry import samples
 from companion.telemetry.commands import Follow
 from companion.telemetry.event_log import EventLog
 from companion.telemetry.glossary import advised
@@ -51,7 +47,6 @@ if TYPE_CHECKING:
 SHUTDOWN_REPEATS = 5
 STATUS_PERIOD_S = 5.0
 PLAN_PERIOD_S = 5.0
-UNFINISHED_PERIOD_S = 1.0
 WATCHDOG_PERIOD_S = 0.5
 NAME_PATIENCE_S = 3.0
 TICK_PATIENCE_S = 1.0
@@ -92,9 +87,8 @@ class App:
         self._peer_changes = 0
         telemetry = config.telemetry
         self._commands = CommandQueue(config)
-        self._unfinished = unfinished_path(config.vehicle.name) if manoeuvre is None else None
-        if follow := _to_follow(path, self._unfinished):
-            payload = msgspec.json.encode(follow)
+        if path is not None:
+            payload = msgspec.json.encode(Follow(path=path))
             self._commands.put(ReceivedCommand("follow", payload, _log_reply), trusted=True)
         self._event_log = EventLog()
         self._publisher = Publisher(
@@ -114,7 +108,7 @@ class App:
         self._late_ticks = 0
         self._compute_ns = 0
         self._said = ""
-        self._said_ns = self._fed_ns = self._drawn_ns = self._offered_ns = 0
+        self._said_ns = self._fed_ns = self._drawn_ns = 0
         self._drawn = (-1, "")
         self._drawing: Task[Plan] | None = None
         self._works_between = self._catches_up = False
@@ -133,9 +127,8 @@ class App:
             log.error("refused to start: %s", error)
             return 1
         on_ending_signal(loop, self._stop.set)
-        for file in (self._timestamps, self._unfinished):
-            if file is not None:
-                file.start()
+        if self._timestamps is not None:
+            self._timestamps.start()
         running = [loop.create_task(link.run()) for link in self._links]
         for task in running:
             task.add_done_callback(self._link_ended)
@@ -161,11 +154,8 @@ class App:
             self._to_pilot(self._engine.last_words(f"ended: {self._parting}"))
             for link in self._links:
                 link.close()
-            if self._unfinished is not None:
-                self._unfinished.offer(self._engine.unfinished)
-            for file in (self._timestamps, self._unfinished):
-                if file is not None:
-                    file.close()
+            if self._timestamps is not None:
+                self._timestamps.close()
             self._publisher.close()
         if self._failure is not None:
             of_the_system = isinstance(self._failure, OSError)
@@ -280,16 +270,12 @@ class App:
             self._publisher.config = msgspec.json.encode(given.config)
         duplicates = _drained(self._publisher.duplicate_instances)
         events = self._event_log.step(sample, self._commands.results, duplicates, peers)
-        triggers = [samples.trigger(sample)] if sample.trigger else []
-        self._publisher.offer(sample, raw, [*events, *triggers], self._plan(now_ns, sample))
+        self._publisher.offer(sample, raw, events, self._plan(now_ns, sample))
         self._to_pilot(self._engine.displayed(sample, events))
         for event in events:
             if event.kind != "state":
                 log.info("%s: %s", event.kind, event.text)
         self._report(now_ns, sample)
-        if self._unfinished is not None and now_ns - self._offered_ns > UNFINISHED_PERIOD_S * NS_PER_S:
-            self._offered_ns = now_ns
-            self._unfinished.offer(self._engine.unfinished)
 
     def _to_pilot(self, frames: Sequence[bytes]) -> None:
         link = self._ground or self._link
@@ -360,19 +346,6 @@ class App:
         if not task.cancelled():
             self._failure = task.exception()
             self._stop.set()
-
-
-def _to_follow(path: PathPlan | None, kept: UnfinishedPath | None) -> Follow | None:
-    """Return the path to follow: where an earlier process has left it, it goes on there.
-
-    One that nobody asks for now is paused until it is resumed.
-    """
-    left = None if kept is None else kept.recall()
-    if left is None or (path is not None and left.path != path):
-        return None if path is None else Follow(path=path)
-    if path is None or left.interrupted is UNSET:
-        return left
-    return Follow(path=path, interrupted=replace(left.interrupted, goes_on=True))
 
 
 def parting(*, steering: bool, silent: bool) -> str:

@@ -131,7 +131,7 @@ def run(argv: list[str]) -> int:
         "--path",
         type=Path,
         metavar="FILE",
-        help="follow this path once engaged: TOML, GeoJSON, KML or QGroundControl's plan; docs/guidance.md",
+        help="follow this path once engaged: TOML or QGroundControl's plan; docs/guidance.md",
     )
     parser.add_argument(
         "--origin",

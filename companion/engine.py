@@ -3,7 +3,6 @@
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
-from msgspec import UNSET
 from msgspec.structs import replace
 
 from companion import assembly
@@ -30,6 +29,7 @@ from companion.core.tick import (
 from companion.estimation import observers
 from companion.estimation.observers import Inputs
 from companion.estimation.parameters import tables_in_steps
+from companion.guidance.datum import Datum
 from companion.guidance.guidance import Guidance
 from companion.guidance.orders import Order
 from companion.guidance.paths.shapes import Path
@@ -62,16 +62,12 @@ from companion.records import (
     Verdict,
     Wrench,
     X,
-    Y,
 )
 from companion.steps import Steps
 from companion.supervision.guard import guard
 from companion.supervision.situation import Observation
 from companion.supervision.supervision import Supervision
 from companion.telemetry import schemas
-from companion.telemetry.commands import Follow
-from companion.telemetry.degrees import degrees
-from companion.telemetry.interruption import Datum
 
 MAX_DT_TICKS = 3.0
 RELEASING = (State.RAMP_DOWN, State.HAND_OVER)
@@ -101,8 +97,6 @@ class Engine:
         self._fitness = Fitness(self._autopilot)
         self._supervision = Supervision(config, self._autopilot.parameters, arm=arm)
         self._guidance = Guidance(config, setpoint)
-        self._triggers = 0
-        """Those of the path up to the tick before."""
         self.parameters = assembly.parameters(config)
         """What the core knows beforehand."""
         self.memory = start(self.parameters)
@@ -176,18 +170,7 @@ class Engine:
                 *[report for report in reports if isinstance(report, StatusText)],
             ),
             refused=self._supervision.refused,
-            **self._triggered(frame.now.outside(state.eta)),
         )
-
-    def _triggered(self, eta: Vector) -> dict[str, Any]:
-        """Return what the record says of the camera: the trigger of this tick, at this place."""
-        failure = {"camera_failure": self._autopilot.camera_failure}
-        if (number := self._guidance.trigger_count) == self._triggers:
-            return failure
-        self._triggers = number
-        origin = self._autopilot.origin
-        place = {} if origin is None else {"place_deg": degrees(eta[X], eta[Y], origin.place_deg)}
-        return failure | place | {"trigger": number, "picture": self._guidance.takes_pictures}
 
     def displayed(self, sample: ControlSample, events: Sequence[schemas.Event]) -> list[bytes]:
         """Return what the pilot's ground station is to show of the last tick, and answers to its commands.
@@ -255,11 +238,6 @@ class Engine:
     def asked(self) -> Vector:
         """What was asked for, NaN where nothing was."""
         return self._guidance.asked
-
-    @property
-    def unfinished(self) -> Follow | None:
-        """The path that is under way or was interrupted, as a command that goes on with it."""
-        return self._guidance.unfinished
 
     @property
     def path(self) -> tuple[Path, Callable[[Vector], Vector]] | None:
@@ -379,9 +357,9 @@ class Engine:
         boots, surface_pa = reported.get("STAT_BOOTCNT"), reported.get(f"BARO{primary}_GND_PRESS")
         return Datum(
             boot_s=state.boot_s,
-            boots=UNSET if boots is None else int(boots),
-            origin_deg=UNSET if origin is None else origin.place_deg,
-            surface_pa=UNSET if surface_pa is None else surface_pa,
+            boots=None if boots is None else int(boots),
+            origin_deg=None if origin is None else origin.place_deg,
+            surface_pa=surface_pa,
         )
 
     def _reach(self, state: VehicleState) -> AxisCommand:
@@ -417,8 +395,6 @@ class Engine:
         self._out = autopilot.upkeep(state.t_s, reports, mode=mode, arm=arm, confirm=confirm)
         if self.steering:
             self._out.append(autopilot.steer(self._sent, state.pilot_gain, pilot))
-        if self._guidance.trigger_count > self._triggers and self._guidance.takes_pictures:
-            self._out.append(autopilot.take_picture(state.t_s))
         return Sent(self.applied, held)
 
     def _forget_motion(self) -> None:

@@ -24,7 +24,6 @@ RATES = {
     "event": "when something happens",
     "recorder": "1 Hz, by `holdfast record`",
     "plan": "when it changes, and every 5 s",
-    "trigger": "at each trigger of a path",
 }
 RAW_ENCODING = "application/msgpack;holdfast.Raw.v1"
 

@@ -8,13 +8,12 @@ from companion.control.bounds import wrap
 from companion.control.reference import ACCELERATION_LAG_S, RATE_LAG_S
 from companion.control.reference import State as ReferenceState
 from companion.estimation.frame import Offset
+from companion.guidance.datum import Datum
 from companion.guidance.paths.curve import straight
 from companion.guidance.paths.shapes import Path
 from companion.guidance.paths.time_law import Limits, TimeLaw, profiled
-from companion.guidance.paths.triggers import APART_M
 from companion.records import ZERO, Setpoint, Vector, vector
 from companion.steps import finish
-from companion.telemetry.interruption import Datum, Interruption
 
 FULL_PACE_M, NO_PACE_M = 0.15, 0.5
 """A vehicle this far from its place still gets the whole speed; this far, the path waits for it."""
@@ -62,10 +61,6 @@ class Course:
         """In which its places are: the EKF's, as it was when the course began."""
         self.datum: Datum | None = None
         """What its places counted from when it was last under way; None before."""
-        self.taken_up = self.unproved = False
-        """Whether an earlier process began it, and whether its places may not be where they were."""
-        self.goes_on = False
-        """Whether it then resumes by itself, once it may."""
         self._offset = ZERO
         self._at = Setpoint(ZERO)
         """Where it is now; moves and paths end here."""
@@ -77,10 +72,6 @@ class Course:
         self._number = -1
         """Which leg, laps included."""
         self._mean_pace = 1.0
-        self._trigger_m = -math.inf if path is None else path.trigger_after(-APART_M)
-        """Where along the path the next trigger is."""
-        self.triggered = False
-        """Whether the last step passed a trigger."""
 
     @classmethod
     def to(cls, place: Vector, limits: Limits, speed_mps: float, acceleration_mps2: float) -> Self:
@@ -168,35 +159,6 @@ class Course:
             self._offset = self.path.start(start)
             self._next_leg()
 
-    def take_up(self, at: Interruption) -> None:
-        """Rest where the path was interrupted, until it is resumed. Raises ValueError for no place of it."""
-        path = self.path
-        if path is None or at.leg >= len(path.legs) * path.laps / self._laps:
-            raise ValueError(f"interrupted.leg = {at.leg}: the path has fewer legs")
-        self.begun = self.paused = self.suspended = self.taken_up = self.unproved = True
-        self.datum, self._offset, self._number = at.datum, at.start, at.leg
-        self._law = TimeLaw(path.legs[self._lap[1]].profile, self._laps, at.along_m)
-        self._at = Setpoint(self._moved(self._law.setpoint()).eta_d)
-        self._trigger_m = path.trigger_after(self.progress_m - APART_M)
-
-    @property
-    def leg_m(self) -> float:
-        """How far along its leg it is."""
-        if self._law is not None or self.path is None:
-            return 0.0 if self._law is None else self._law.s
-        return self.path.legs[self._lap[1]].curve.length * self._laps
-
-    def interruption(self, frame: Offset, datum: Datum) -> Interruption:
-        """Return where an unfinished path is, and where it lies in the EKF's frame, which is `frame` now."""
-        north_m, east_m, _, turn_rad = frame.outside(self.frame.inside(ZERO))
-        return Interruption(
-            leg=self._number,
-            along_m=self.leg_m,
-            start=self._offset,
-            frame=(turn_rad, north_m, east_m),
-            datum=self.datum or datum,
-        )
-
     def suspend(self) -> None:
         """Let somebody else move the target."""
         self.paused = self.suspended = True
@@ -211,7 +173,7 @@ class Course:
                 place = self._moved(self._law.setpoint()).eta_d
             self._at = Setpoint(start)
             self._go_to(vector([s if math.isnan(p) else p for s, p in zip(start, place, strict=True)]))
-        self.paused = self.suspended = self.taken_up = False
+        self.paused = self.suspended = False
 
     def step(self, pace: float, dt_s: float) -> Setpoint:
         """Advance by `dt_s` at `pace`; return where to be."""
@@ -234,18 +196,7 @@ class Course:
             self._next_leg()
         if self._approach is None and self._law is None:
             self._at = Setpoint(self._at.eta_d)
-        self._trigger()
         return self._at
-
-    def _trigger(self) -> None:
-        """Tell whether a trigger was passed. One where it waits is passed when the wait is over."""
-        self.triggered = False
-        if self.path is None or self._approach is not None or self._wait_s > 0.0:
-            return
-        progress_m = self.progress_m
-        if progress_m >= self._trigger_m:
-            self.triggered = True
-            self._trigger_m = self.path.trigger_after(progress_m)
 
     def _next_leg(self) -> None:
         if self.path is None:

@@ -21,10 +21,11 @@ from companion.config import Config
 from companion.control.bounds import clamped, limited, wrap
 from companion.control.positioning import jacobian, to_inertial
 from companion.control.reference import Reference
-from companion.estimation.frame import Frame, Offset
+from companion.estimation.frame import Frame
 from companion.guidance.altitude import AltitudeHold
 from companion.guidance.angles import HeldAngles
 from companion.guidance.course import Course, braked, pace
+from companion.guidance.datum import Datum, difference
 from companion.guidance.fence import fence, refuse_depth
 from companion.guidance.held import HORIZONTAL, HeldDofs
 from companion.guidance.orders import Order, angles, place
@@ -56,8 +57,7 @@ from companion.records import (
     either,
     vector,
 )
-from companion.telemetry.commands import Follow, Goto, SetVelocity
-from companion.telemetry.interruption import Datum, Interruption, difference
+from companion.telemetry.commands import Goto, SetVelocity
 
 VELOCITY_LASTS_S = 1.0
 
@@ -79,8 +79,6 @@ class Guidance:
         self._course: Course | None = None
         self._course_number = 0
         """Which course it is: one more with each."""
-        self.trigger_count = 0
-        """How often a path has triggered the camera so far."""
         self._altitude: AltitudeHold | None = None
         self._angles = HeldAngles(config)
         self._carries_until_s = -math.inf
@@ -88,7 +86,7 @@ class Guidance:
         self._interrupted: Course | None = None
         """The path that a place or a move has replaced: `resume` takes it up again."""
         self._frame = Frame()
-        self._datum = Datum(boot_s=-math.inf)
+        self._datum = Datum()
         """What places count from."""
 
     @property
@@ -194,15 +192,6 @@ class Guidance:
         )
 
     @property
-    def takes_pictures(self) -> bool:
-        """Whether a trigger of the path asks for a picture: else it is a marker alone."""
-        course = self._course
-        if course is None or course.path is None:
-            return False
-        trigger = course.path.plan.trigger
-        return isinstance(trigger, UnsetType) or trigger.camera
-
-    @property
     def path(self) -> tuple[Path, Callable[[Vector], Vector]] | None:
         """The path, and what gives its places in the EKF's frame; None where there is none."""
         course, now = self._course or self._interrupted, self._frame.now
@@ -213,25 +202,9 @@ class Guidance:
             return course.path, course.moved
         return course.path, lambda place: now.outside(began.inside(course.moved(place)))
 
-    @property
-    def unfinished(self) -> Follow | None:
-        """The path that is under way or was interrupted, as a command that goes on with it."""
-        for course in (self._course, self._interrupted):
-            if course is not None and course.path is not None and course.is_unfinished:
-                at = course.interruption(self._frame.settled, self._datum)
-                return Follow(path=course.path.plan, interrupted=at)
-        return None
-
     def count_from(self, datum: Datum) -> None:
-        """Take what places count from now. A path of an earlier process is refused where that has changed."""
-        self._datum, course = datum, self._course
-        if course is None or course.done or not course.taken_up or course.datum is None:
-            return
-        why = difference(course.datum, datum)
-        course.unproved = why is None
-        if why:
-            course.refused = f"{why}: it cannot go on where it was interrupted. Follow it anew"
-            course.done = True
+        """Take what places count from now: a path whose places are others is not resumed."""
+        self._datum = datum
 
     def refuse(self, config: Config) -> None:
         """Raise ValueError where the present setpoint is not possible with `config`."""
@@ -448,9 +421,6 @@ class Guidance:
     def _follow_course(self, state: VehicleState, reference: Reference, dt_s: float) -> None:
         """Move the target along the course."""
         course = self._course
-        if course is not None and course.goes_on and not (course.done or course.unproved):
-            course.goes_on = False
-            self._resume(reference)
         if course is None or course.done or course.suspended:
             return
         course.datum = self._datum
@@ -470,7 +440,6 @@ class Guidance:
         if self._altitude is not None:
             behind_m = max(behind_m, self._altitude.lacks_m(state.ground))
         at = course.step(0.0 if rests else pace(reference.pace, behind_m), dt_s)
-        self.trigger_count += course.triggered
         self._target.now = course.frame.setpoint_inside(at)
 
     def _follow(self, path: Path, reference: Reference) -> None:
@@ -479,34 +448,17 @@ class Guidance:
         Raises ValueError, with the place, for one that leaves the fence. One that counts from where it
         engages is checked then.
         """
-        plan, interrupted = path.plan, path.interrupted
+        plan = path.plan
         self._permit_altitude(plan.altitude_m)
         self._angles.permit(angles(plan))
-        certain = any(self.engaged) or interrupted is not None or not any(path.relative[:PSI])
+        certain = any(self.engaged) or not any(path.relative[:PSI])
         start = self._frame.settled.outside(self._standing(reference))
-        if interrupted is not None:
-            start = interrupted.start
         if certain and (refused := self._fence.left_by(path, start)):
             raise ValueError(refused)
         course = Course(self._limits, plan.speed_mps, plan.acceleration_mps2, path=path)
-        if interrupted is not None:
-            self._take_up(course, interrupted)
-            return
         self._angles.ask(angles(plan))
         self._altitude = _altitude_of(path)
         self._set_course(course, UNSET)
-        self._interrupted = None
-
-    def _take_up(self, course: Course, at: Interruption) -> None:
-        """Have a path that was interrupted: it rests until it is resumed, or goes on by itself."""
-        course.take_up(at)
-        turn_rad, north_m, east_m = at.frame
-        x, y, _, psi = Offset(turn_rad, north_m, east_m).inside(self._frame.settled.outside(ZERO))
-        course.frame, course.goes_on = Offset(psi, x, y), at.goes_on
-        if any(self.engaged):
-            self._set_course(course, UNSET)
-        else:
-            self._course, self._course_number = course, self._course_number + 1
         self._interrupted = None
 
     def _resume(self, reference: Reference) -> None:

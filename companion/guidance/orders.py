@@ -25,9 +25,7 @@ def ordering(command: Payload, config: Config) -> Steps[Order | None]:
     if isinstance(command, SetSetpoint) and command.altitude_m is not msgspec.UNSET:
         return Goto(**named(command))
     if isinstance(command, Follow):
-        path = yield from building(command.path, limits(config))
-        given = command.interrupted
-        return path if isinstance(given, msgspec.UnsetType) else path._replace(interrupted=given)
+        return (yield from building(command.path, limits(config)))
     return command if isinstance(command, Goto | SetPath | SetVelocity) else None
 
 

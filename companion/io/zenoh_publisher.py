@@ -187,7 +187,6 @@ class Publisher(SessionThread):
             events = _history(session, *telemetry.event_key(self._vehicle), _EVENTS_KEPT)
             by_kind: dict[type[telemetry.Schema], zenoh.Publisher] = {
                 telemetry.Plan: _publisher(session, *telemetry.plan_key(self._vehicle)),
-                telemetry.Trigger: _publisher(session, *telemetry.trigger_key(self._vehicle)),
             }
             raw = _history(session, *telemetry.raw_key(self._vehicle), _RAW_KEPT, recover=True)
             with (
@@ -297,7 +296,6 @@ class Publisher(SessionThread):
             *self._keys.items(),
             telemetry.event_key(self._vehicle),
             telemetry.plan_key(self._vehicle),
-            telemetry.trigger_key(self._vehicle),
         ):
             answer_last(key, encoding)
         for name in COMMANDS:

@@ -7,7 +7,6 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from companion.config import Config
 from companion.endpoint import Endpoint
 from companion.mavlink.ardusub import FRAMES, manual_control_reach, quantise, stick_demand, unmirrored
-from companion.mavlink.camera import Camera
 from companion.mavlink.codec import Codec, Packer
 from companion.mavlink.decode import Decoder
 from companion.mavlink.encode import Commands
@@ -43,7 +42,6 @@ class Autopilot:
         self._commands = Commands(link.vehicle_system, link.vehicle_component)
         self._rates_hz = streams(vehicle.depth_source)
         self._maintenance = LinkMaintenance(self._commands, self._rates_hz)
-        self._camera = Camera(self._commands)
         self._decoder = Decoder(
             counters,
             depth_source=vehicle.depth_source,
@@ -107,7 +105,6 @@ class Autopilot:
         """
         if self._signing is not None:
             self._signing.advance(now_s)
-        self._camera.take(now_s, events)
         asked = self._maintenance.step(now_s, events, want_mode=mode, want_armed=arm, confirm=confirm)
         return [self._encode(message) for message in asked]
 
@@ -166,15 +163,6 @@ class Autopilot:
             surge, sway, heave, yaw, _, _ = manual_control_reach(pilot_gain, self._throttle_gain)
             reach = (surge, sway, heave, yaw, 1.0, 1.0)
         return AxisCommand(*(share * axis for axis in reach))
-
-    def take_picture(self, now_s: float) -> bytes:
-        """Return the frame that asks for a picture."""
-        return self._encode(self._camera.ask(now_s))
-
-    @property
-    def camera_failure(self) -> str:
-        """Why the last picture was not taken; empty where it was, or is not known."""
-        return self._camera.failure
 
     @property
     def origin(self) -> GlobalOrigin | None:

@@ -113,15 +113,6 @@ class Commands:
             longitude=round(longitude_deg * 1e7),
         )
 
-    def take_picture(self, *, old: bool = False) -> Message:
-        """Ask for one picture of every camera that ArduSub knows; `old` as before ArduPilot 4.4.
-
-        Source: docs/ardusub.md, "Camera".
-        """
-        if old:
-            return self._command(mavlink.MAV_CMD_DO_DIGICAM_CONTROL, 0.0, 0.0, 0.0, 0.0, 1.0)
-        return self._command(mavlink.MAV_CMD_IMAGE_START_CAPTURE, 0.0, 0.0, 1.0)
-
     def timesync(self, now_s: float) -> Message:
         """Ask for the autopilot's clock; the answer carries our `now_s` back."""
         return TIMESYNC(ts1=round(now_s * 1e9))

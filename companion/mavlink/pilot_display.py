@@ -29,7 +29,6 @@ from companion.telemetry.glossary import STATES, advised
 
 STATUSTEXT: Final = message_type(mavlink.MAVLINK_MSG_ID_STATUSTEXT)
 NAMED_VALUE_FLOAT: Final = message_type(mavlink.MAVLINK_MSG_ID_NAMED_VALUE_FLOAT)
-CAMERA_TRIGGER: Final = message_type(mavlink.MAVLINK_MSG_ID_CAMERA_TRIGGER)
 COMMAND_ACK: Final = message_type(mavlink.MAVLINK_MSG_ID_COMMAND_ACK)
 
 SEVERITIES: Final = {
@@ -139,9 +138,6 @@ class PilotDisplay:
         """
         now_s = sample.state.t_s
         messages = [answer(report, sample) for report in reports if isinstance(report, PilotCommand)]
-        if sample.trigger:
-            stamp_us = max(round(1e6 * sample.state.boot_s), 0) if math.isfinite(sample.state.boot_s) else 0
-            messages.append(CAMERA_TRIGGER(time_usec=stamp_us, seq=sample.trigger))
         if math.isnan(self._heard_s):
             self._heard_s = now_s  # the first tick: what it still waits for comes within seconds
         else:

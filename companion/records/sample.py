@@ -1,7 +1,5 @@
 """Everything of one tick, as it leaves for telemetry."""
 
-import math
-
 import msgspec
 
 from companion.records.control import AxisCommand, DofSample, Wrench
@@ -51,15 +49,6 @@ class ControlSample(msgspec.Struct, frozen=True):
 
     refused: str = ""
     """Why the pilot's engage button was refused in this tick."""
-
-    trigger: int = 0
-    """Number of the trigger of this tick, the first is 1; 0 for none."""
-    picture: bool = False
-    """Whether it asked for a picture."""
-    place_deg: tuple[float, float] = (math.nan, math.nan)
-    """Latitude and longitude of this trigger; NaN without an origin."""
-    camera_failure: str = ""
-    """Why the last picture that was asked for was not taken, as far as it is known."""
 
     @property
     def foreign(self) -> int:

@@ -9,7 +9,6 @@ from typing import Annotated, Any, Literal, NamedTuple, get_type_hints
 import msgspec
 
 from companion.telemetry import ranges
-from companion.telemetry.interruption import Interruption
 from companion.telemetry.plan import MAX_SEGMENTS, PathPlan
 from companion.telemetry.schemas import Reply, printable
 from companion.telemetry.words import means
@@ -17,8 +16,8 @@ from companion.telemetry.words import means
 MAX_BYTES = 4096
 MAX_PATH_BYTES = 1 << 18
 """A longer payload is refused unread."""
-MAX_VALUES = 9 * MAX_SEGMENTS + 100
-"""So is one of more values and brackets; a waypoint has eight. Reading it takes less than a tick may."""
+MAX_VALUES = 7 * MAX_SEGMENTS + 100
+"""So is one of more values and brackets; a waypoint has six. Reading it takes less than a tick may."""
 
 AxisName = Literal["surge", "sway", "heave", "yaw"]
 Optional = msgspec.UnsetType
@@ -108,9 +107,6 @@ class Follow(Payload, frozen=True):
     order = "follow the path"
 
     path: Annotated[PathPlan, means("as in docs/guidance.md")]
-    interrupted: Annotated[Interruption, means("where it is to go on, instead of its start")] | Optional = (
-        msgspec.UNSET
-    )
 
 
 class SetVelocity(Payload, frozen=True):

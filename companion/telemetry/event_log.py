@@ -23,7 +23,6 @@ class EventLog:
         self._conditions = Condition(0)
         self._dead_motor = 0
         self._guided = (0, "")
-        self._camera_failure = ""
         self._resets = 0
         self._turned_rad = 0.0
 
@@ -71,9 +70,6 @@ class EventLog:
             self._guided = guided
             if sample.guided.number and sample.guided.kind:
                 happened.append(_course(sample.guided))
-        if sample.camera_failure not in ("", self._camera_failure):
-            happened.append(("warning", "autopilot", sample.camera_failure))
-        self._camera_failure = sample.camera_failure
         happened += self._reset(sample)
         goes_on = verdict.state is State.HAND_OVER and verdict.reason != self._reason
         self._reason = verdict.reason

@@ -1,4 +1,4 @@
-"""A path as an operator writes it: waypoints, or one of four shapes, with speed, corners and heading.
+"""A path as an operator writes it: waypoints, or one of three shapes, with speed, corners and heading.
 
 The same tables in a TOML file (`holdfast follow FILE`), in the `follow` command and in the recorded dive.
 docs/guidance.md explains them with examples. x is north, y is east, in metres.
@@ -12,7 +12,7 @@ from companion.telemetry import ranges
 from companion.telemetry.words import means
 
 MAX_SEGMENTS = 1000
-"""Of a path: straight lines with their corners, or half turns of a helix. More take longer than a dive."""
+"""Of a path: straight lines with their corners. More take longer than a dive."""
 
 Optional = msgspec.UnsetType
 Depth = Annotated[ranges.Depth, means("below the surface; without it, the depth of the start")]
@@ -37,19 +37,6 @@ class Waypoint(Table, frozen=True, kw_only=True):
         | Optional
     ) = msgspec.UNSET
     wait_s: Annotated[ranges.Hour, means("rest here")] = 0.0
-    trigger: Annotated[bool, means("trigger the camera here, after wait_s")] = False
-    trigger_every_m: (
-        Annotated[ranges.TriggerDistance, means("from here on, instead of trigger.every_m; 0: no more")]
-        | Optional
-    ) = msgspec.UNSET
-
-
-class TriggerPlan(Table, frozen=True, kw_only=True):
-    """When the camera is triggered: by distance along the path, at waypoints, or both."""
-
-    every_m: Annotated[ranges.Length, means("along the path, first at its start")] | Optional = msgspec.UNSET
-    at_waypoints: Annotated[bool, means("at each of them; at the ends of the lines of a lawn mower")] = False
-    camera: Annotated[bool, means("ask ArduSub for a picture; false: a marker in the recording alone")] = True
 
 
 class Centred(Table, frozen=True, kw_only=True):
@@ -76,13 +63,6 @@ class Lemniscate(Centred, frozen=True, kw_only=True):
     direction_deg: Bearing = 0.0
 
 
-class Helix(Circle, frozen=True, kw_only=True):
-    """A circle that goes down, or up, by `pitch_m` a turn until `to_depth_m`."""
-
-    to_depth_m: Annotated[ranges.Depth, means("depth of the end")]
-    pitch_m: Annotated[ranges.Length, means("change of depth a turn")]
-
-
 class LawnMower(Centred, frozen=True, kw_only=True):
     """Parallel lines over a rectangle, from its first corner: `x_m`, `y_m`."""
 
@@ -93,7 +73,7 @@ class LawnMower(Centred, frozen=True, kw_only=True):
 
 
 class PathPlan(Table, frozen=True, kw_only=True):
-    """A path: waypoints, a circle, a lemniscate, a helix or a lawn-mower pattern, exactly one of them."""
+    """A path: waypoints, a circle, a lemniscate or a lawn-mower pattern, exactly one of them."""
 
     name: Annotated[str, msgspec.Meta(max_length=64)] = ""
     relative: Annotated[bool, means("x_m and y_m count from where the vehicle starts")] = False
@@ -113,9 +93,7 @@ class PathPlan(Table, frozen=True, kw_only=True):
     corner_m: Annotated[ranges.Corner, means("of waypoints that have none of their own")] = 0.5
     laps: Annotated[ranges.Laps, means("how often; 0: until stopped")] = 1
     closed: Annotated[bool, means("go back from the last waypoint to the first")] = False
-    trigger: TriggerPlan | Optional = msgspec.UNSET
     waypoint: tuple[Waypoint, ...] = ()
     circle: Circle | Optional = msgspec.UNSET
     lemniscate: Lemniscate | Optional = msgspec.UNSET
-    helix: Helix | Optional = msgspec.UNSET
     lawn_mower: LawnMower | Optional = msgspec.UNSET

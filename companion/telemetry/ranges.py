@@ -99,8 +99,6 @@ VelocityTime = Annotated[float, Meta(ge=0.1, le=10.0)]
 # Paths.
 Length = Annotated[float, Meta(ge=0.1, le=1000.0)]
 Corner = Annotated[float, Meta(ge=0.0, le=100.0)]
-AlongPath = Annotated[float, Meta(ge=0.0, le=1e9)]
-TriggerDistance = Annotated[float, Meta(ge=0.0, le=1000.0)]
 PathSpeed = Annotated[float, Meta(ge=0.01, le=3.0)]
 PathAcceleration = Annotated[float, Meta(ge=0.01, le=1.0)]
 

@@ -17,7 +17,6 @@ from companion.telemetry.schemas import (
     Schema,
     State,
     Supervisor,
-    Trigger,
     keys,
     to_json,
 )
@@ -33,8 +32,6 @@ _STALE = (
     ("armed", "mode", "system_status", "voltage_v", "pilot_gain"),
 )
 """Fields of State by their source: position (two), depth, attitude, and the vehicle as a whole."""
-
-_PLACE = frozenset(Trigger.__struct_fields__)
 
 _DOFS = (("x", "m", "N"), ("y", "m", "N"), ("z", "m", "N"), ("psi", "rad", "N·m"))
 """Name, and the units of position and of force, of each degree of freedom."""
@@ -62,12 +59,6 @@ def records(sample: ControlSample) -> list[Schema]:
         _supervisor(sample),
         _loop(sample, version=running()),
     ]
-
-
-def trigger(sample: ControlSample) -> Schema:
-    """Return where the vehicle was at a tick's trigger."""
-    stale = sample.state.stale
-    return _trigger(sample, absent=tuple(name for name in _stale_state(*stale, False) if name in _PLACE))
 
 
 @cache
@@ -101,7 +92,6 @@ def _maker(schema: type[Schema], place: str) -> Callable[..., Schema]:
 
 _state, _dof, _command = _maker(State, "state.{}"), _maker(Dof, "dofs.{}[i]"), _maker(Command, "command.{}")
 _supervisor, _loop = _maker(Supervisor, "verdict.{}"), _maker(Loop, "loop.{}")
-_trigger = _maker(Trigger, "{}")
 
 
 @cache

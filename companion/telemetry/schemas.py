@@ -248,24 +248,6 @@ class Recorder(Record, frozen=True, kw_only=True):
     left_out: Annotated[int, field("samples that no file can hold: too large, nested, of a wrong time")] = 0
 
 
-class Trigger(Record, frozen=True, kw_only=True):
-    """The camera was triggered, or a marker set: where the vehicle was then. NED."""
-
-    number: Annotated[int, field("counts the triggers of this companion; CAMERA_TRIGGER.seq", "trigger")]
-    picture: Annotated[bool, field("ArduSub was asked for a picture; false: a marker alone")]
-    path_number: Annotated[int, field("which path; `State.path_number`", "guided.number")]
-    path_progress_m: Annotated[float, field("along the path, laps included", "guided.progress_m")]
-    x_m: Annotated[float, field("north of the origin of the position source", "state.eta[x]")]
-    y_m: Annotated[float, field("east of this origin", "state.eta[y]")]
-    depth_m: Annotated[float, field("below the surface", "state.eta[z]")]
-    heading_rad: Annotated[float, field("-pi..pi", "state.eta[psi]")]
-    roll_rad: Annotated[float, field("right side down", "state.roll")]
-    pitch_rad: Annotated[float, field("bow up", "state.pitch")]
-    altitude_m: Annotated[float, field("over the ground; absent without an echo", "state.altitude_m")]
-    latitude_deg: Annotated[float, field("WGS84; absent without an origin of the EKF", "place_deg[0]")]
-    longitude_deg: Annotated[float, field("WGS84; absent without an origin of the EKF", "place_deg[1]")]
-
-
 class Plan(Record, frozen=True, kw_only=True):
     """What a map shows beside the vehicle: the path and the fence, NED, m."""
 
@@ -364,7 +346,7 @@ class Choices(msgspec.Struct, frozen=True, kw_only=True):
     compensator: Annotated[tuple[str, ...], field("what an axis's `compensator` can be")]
 
 
-Schema = State | Dof | Command | Supervisor | Loop | Event | Recorder | Plan | Trigger
+Schema = State | Dof | Command | Supervisor | Loop | Event | Recorder | Plan
 
 EVERY_TICK: dict[str, type[Schema]] = {
     "state": State,
@@ -377,7 +359,6 @@ NOW_AND_THEN: dict[str, type[Schema]] = {
     "event": Event,
     "recorder": Recorder,
     "plan": Plan,
-    "trigger": Trigger,
 }
 _DECODED = EVERY_TICK | NOW_AND_THEN
 _encoder = msgspec.json.Encoder(enc_hook=lambda scalar: scalar.item())
@@ -437,11 +418,6 @@ def raw_key(vehicle: str) -> tuple[str, str]:
 def plan_key(vehicle: str) -> tuple[str, str]:
     """Return key and encoding of the vehicle's `Plan`."""
     return f"{_root(vehicle)}/plan", encoding(Plan)
-
-
-def trigger_key(vehicle: str) -> tuple[str, str]:
-    """Return key and encoding of the vehicle's `Trigger`."""
-    return f"{_root(vehicle)}/trigger", encoding(Trigger)
 
 
 def recorder_key(vehicle: str) -> tuple[str, str]:

@@ -27,11 +27,10 @@ Exit status: 0 under way, 1 refused or no answer, 2 wrong arguments.
 FOLLOW_EXAMPLES = """\
 examples:
   holdfast follow bluerov2 eight.toml                          a path in metres: docs/guidance.md
-  holdfast follow bluerov2 reef.geojson --origin 47.40,8.55    a line or polygon in degrees
-  holdfast follow bluerov2 reef.kml --origin 47.40,8.55        one that was drawn in Google Earth
+  holdfast follow bluerov2 reef.plan --origin 47.40,8.55       waypoints of QGroundControl
   holdfast follow bluerov2 dam.plan                            a plan of QGroundControl, from where it is
-  holdfast follow bluerov2 --pause                             wait; --resume goes on, after --hold, goto,
-                                                               a fault and a restart, too
+  holdfast follow bluerov2 --pause                             wait; --resume goes on, after --hold, goto
+                                                               and a fault, too
 
 --origin is where x and y are 0: the EKF's origin, such as `holdfast check --set-origin` sets. Without it a
 path in degrees begins where the vehicle is. A stick pauses a path, too.
@@ -88,14 +87,12 @@ def follow(argv: list[str]) -> int:
     """Send a vehicle along a path; returns 1 if it was not done."""
     parser = command_parser(
         "follow",
-        "Sends a vehicle along the path of a file: TOML, GeoJSON, KML or a plan of QGroundControl.",
+        "Sends a vehicle along the path of a file: TOML or a plan of QGroundControl.",
         FOLLOW_EXAMPLES,
     )
     add_vehicle(parser)
     what = parser.add_mutually_exclusive_group(required=True)
-    what.add_argument(
-        "file", nargs="?", type=Path, metavar="FILE", help="ends in .toml, .geojson, .kml or .plan"
-    )
+    what.add_argument("file", nargs="?", type=Path, metavar="FILE", help="ends in .toml or .plan")
     for action, purpose in (
         ("pause", "wait"),
         ("resume", "go on"),

@@ -34,10 +34,6 @@ COSTLIEST: dict[str, tuple[str, dict[str, Any]]] = {
     "waypoints": ("follow", {"path": {"waypoint": ZIGZAG}}),
     "waypoints, round and round": ("follow", {"path": {"waypoint": ZIGZAG, "closed": True, "laps": 1000}}),
     "stops": ("follow", {"path": {"waypoint": ZIGZAG, "corner_m": 0.0, "laps": 1000}}),
-    "helix": (
-        "follow",
-        {"path": {"helix": {"radius_m": 0.1, "depth_m": 1.0, "to_depth_m": 51.0, "pitch_m": 0.1}}},
-    ),
     "lawn-mower": (
         "follow",
         {"path": {"lawn_mower": {"depth_m": 2.0, "length_m": 9.0, "width_m": 49.9, "spacing_m": 0.1}}},
@@ -113,7 +109,7 @@ def test_no_order_costs_a_tick_more_than_a_millisecond(console, order):
     assert instructions(lambda: drawn.advance(16)) < MILLISECOND
 
 
-@pytest.mark.parametrize("order", ["waypoints", "stops", "helix", "lawn-mower", "noise"])
+@pytest.mark.parametrize("order", ["waypoints", "stops", "lawn-mower", "noise"])
 def test_what_takes_longer_is_done_between_ticks_less_than_a_millisecond_at_a_time(console, order):
     name, what = COSTLIEST[order]
     if order == "noise":
@@ -131,7 +127,7 @@ def test_what_takes_longer_is_done_between_ticks_less_than_a_millisecond_at_a_ti
     console.dive.run(0.1)
 
 
-@pytest.mark.parametrize("order", ["waypoints", "stops", "helix"])
+@pytest.mark.parametrize("order", ["waypoints", "stops"])
 def test_a_path_is_dropped_at_once(order):
     """Memory is given back block by block, 25 ns each."""
     _, what = COSTLIEST[order]
@@ -152,7 +148,7 @@ def test_a_command_of_more_values_than_a_path_has_is_refused_unread(value):
 
 def test_a_release_does_not_wait_for_a_path_to_be_built(console):
     """What came before it is withdrawn: nothing moves the vehicle after it was released."""
-    name, what = COSTLIEST["helix"]
+    name, what = COSTLIEST["lawn-mower"]
     answers = [console.ask(name, **what), console.ask("engage")]
     console.ask("release")
     console.commands.prepare(console.engine)

@@ -255,7 +255,7 @@ ABSURD: tuple[Any, ...] = (
     {},
 )
 POINTS = (1, 2, 2, 3, 4, 8, 30, 300, 900, 4000)
-SHAPES = {"waypoint", "circle", "lemniscate", "helix", "lawn_mower"}
+SHAPES = {"waypoint", "circle", "lemniscate", "lawn_mower"}
 TICK_RATES_HZ = (10.0, 20.0, 50.0, 100.0)
 """Of which the vehicle's step is a whole part."""
 

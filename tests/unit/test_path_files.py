@@ -1,4 +1,4 @@
-"""Paths of TOML, GeoJSON, KML and QGroundControl: read as meant, refused with file, key and value."""
+"""Paths of TOML and QGroundControl: read as meant, refused with file, key and value."""
 
 import json
 import math
@@ -10,8 +10,9 @@ import pytest
 from companion.config import load_config
 from companion.guidance.paths.shapes import build
 from companion.guidance.paths.time_law import limits
+from companion.telemetry.commands import Follow, parse
 from companion.telemetry.path_files import read
-from companion.telemetry.plan import Lemniscate, PathPlan
+from companion.telemetry.plan import MAX_SEGMENTS, Lemniscate, PathPlan, Waypoint
 
 ORIGIN = (47.4, 8.55)
 METRE = 1.0 / 111318.84502145034
@@ -25,34 +26,6 @@ def written(tmp_path, name, content):
     file = tmp_path / name
     file.write_text(content if isinstance(content, str) else json.dumps(content), encoding="utf-8")
     return file
-
-
-def geojson(kind, places, **properties):
-    coordinates = [[*reversed(at(north, east)), -depth] for north, east, depth in places]
-    geometry = {"type": kind, "coordinates": [coordinates] if kind == "Polygon" else coordinates}
-    feature = {"type": "Feature", "properties": properties, "geometry": geometry}
-    return {"type": "FeatureCollection", "features": [feature]}
-
-
-def kml(kind, places, mode="absolute", name="", data="", begin=""):
-    """Return a KML as Google Earth writes it; `places` are north, east and altitude or None."""
-    numbers = [(*reversed(at(north, east)), height) for north, east, height in places]
-    text = " ".join(",".join(f"{v:.9f}" for v in position if v is not None) for position in numbers)
-    text = f"<coordinates>\n{text}\n</coordinates>"
-    ring = f"<outerBoundaryIs><LinearRing>{text}</LinearRing></outerBoundaryIs>"
-    mode = (
-        f"<gx:altitudeMode>{mode}</gx:altitudeMode>"
-        if "Sea" in mode
-        else f"<altitudeMode>{mode}</altitudeMode>"
-    )
-    return (
-        f'<?xml version="1.0" encoding="UTF-8"?>{begin}<kml xmlns="http://www.opengis.net/kml/2.2" '
-        'xmlns:gx="http://www.google.com/kml/ext/2.2"><Document><name>mine</name>'
-        "<Placemark><name>pier</name><Point><coordinates>8.5,47.4,0</coordinates></Point></Placemark>"
-        f"<Folder><Placemark><name>{name}</name><ExtendedData>{data}</ExtendedData>"
-        f"<{kind}><tessellate>1</tessellate>{mode}{ring if kind == 'Polygon' else text}</{kind}>"
-        "</Placemark></Folder></Document></kml>"
-    )
 
 
 def qgc(*items):
@@ -88,63 +61,11 @@ depth_m = 2.5
     assert build(plan, limits(load_config())).length_m > 8.0
 
 
-def test_a_line_string_is_metres_from_the_origin_and_its_properties_are_keys(tmp_path):
-    file = written(
-        tmp_path, "reef.geojson", geojson("LineString", [(3, 4, 2), (10, -5, 3)], speed_mps=0.1, colour=1)
-    )
-    plan = read(file, ORIGIN)
-    assert places(plan) == [(3.0, 4.0, 2.0), (10.0, -5.0, 3.0)]
-    assert (plan.speed_mps, plan.relative, plan.closed) == (0.1, False, False)
-    without = read(file)
-    assert places(without) == [(0.0, 0.0, 2.0), (7.0, -9.0, 3.0)]
-    assert without.relative
-
-
-def test_a_polygon_is_closed(tmp_path):
-    square = [(0, 0, 2), (4, 0, 2), (4, 4, 2), (0, 4, 2), (0, 0, 2)]
-    plan = read(written(tmp_path, "square.json", geojson("Polygon", square)), ORIGIN)
-    assert len(plan.waypoint) == 4
-    assert build(plan, limits(load_config())).closed
-
-
-def test_a_line_of_a_kml_is_a_path_and_its_data_are_keys(tmp_path):
-    data = '<Data name="speed_mps"><value>0.1</value></Data><Data name="heading"><value>keep</value></Data>'
-    file = written(
-        tmp_path, "earth.kml", kml("LineString", [(3, 4, -2), (10, -5, -3)], name="the reef", data=data)
-    )
-    plan = read(file, ORIGIN)
-    assert places(plan) == [(3.0, 4.0, 2.0), (10.0, -5.0, 3.0)]
-    assert (plan.name, plan.speed_mps, plan.heading) == ("the reef", 0.1, "keep")
-    assert read(file).relative
-
-
-def test_a_polygon_of_a_kml_is_closed(tmp_path):
-    square = [(0, 0, -2), (4, 0, -2), (4, 4, -2), (0, 4, -2), (0, 0, -2)]
-    plan = read(written(tmp_path, "square.kml", kml("Polygon", square, name="square")), ORIGIN)
-    assert len(plan.waypoint) == 4
-    assert build(plan, limits(load_config())).closed
-
-
-@pytest.mark.parametrize("height", [None, 0.0])
-def test_a_kml_on_the_ground_has_no_depths(tmp_path, height):
-    line = [(0, 0, height), (4, 0, height)]
-    plan = read(written(tmp_path, "a.kml", kml("LineString", line, mode="clampToGround")), ORIGIN)
-    assert places(plan) == [(0.0, 0.0, msgspec.UNSET), (4.0, 0.0, msgspec.UNSET)]
-    assert plan.name == "a"
-
-
-def test_a_kml_over_the_sea_floor_keeps_an_altitude(tmp_path):
-    line = [(0, 0, 1.5), (4, 0, 1.5)]
-    plan = read(written(tmp_path, "a.kml", kml("LineString", line, mode="relativeToSeaFloor")), ORIGIN)
-    assert (plan.altitude_m, places(plan)[0]) == (1.5, (0.0, 0.0, msgspec.UNSET))
-
-
-LAUGHS = "".join(f'<!ENTITY l{i + 1} "{f"&l{i};" * 10}">' for i in range(9))
-
-
 def test_a_plan_of_qgroundcontrol_gives_waypoints_holds_radii_headings_and_speed(tmp_path):
     speed = {"type": "SimpleItem", "command": 178, "frame": 2, "params": [1, 0.15, -1, 0, 0, 0, 0]}
-    survey = {"type": "ComplexItem", "TransectStyleComplexItem": {"Items": [item(8, 0, -2), item(8, 6, -2)]}}
+    camera = {"type": "SimpleItem", "command": 206, "frame": 2, "params": [0.5, 0, 1, 0, 0, 0, 0]}
+    items = [item(8, 0, -2), camera, item(8, 6, -2)]
+    survey = {"type": "ComplexItem", "TransectStyleComplexItem": {"Items": items}}
     file = written(
         tmp_path, "dam.plan", qgc(speed, item(0, 0, -2, hold=4), item(5, 0, -2, radius=1.5, yaw=90), survey)
     )
@@ -156,46 +77,8 @@ def test_a_plan_of_qgroundcontrol_gives_waypoints_holds_radii_headings_and_speed
         1.5,
         90.0,
     )
-
-
-def command(number, *params):
-    return {
-        "type": "SimpleItem",
-        "command": number,
-        "frame": 2,
-        "params": [*params, *[0] * (7 - len(params))],
-    }
-
-
-def test_the_camera_of_a_plan_triggers_at_the_waypoint_before_it_and_from_it_on(tmp_path):
-    survey = {
-        "type": "ComplexItem",
-        "TransectStyleComplexItem": {
-            "Items": [
-                item(0, 0, -2),
-                item(2, 0, -2),
-                command(206, 0.5, 0, 1),
-                item(8, 0, -2),
-                command(206, 0.0, 0, 0),
-                item(8, 6, -2, hold=3),
-                command(2000, 0, 0, 1),
-                item(9, 6, -2),
-                command(203, 0, 0, 0, 0, 1),
-            ]
-        },
-    }
-    plan = read(written(tmp_path, "survey.plan", qgc(survey)), ORIGIN)
-    unset = msgspec.UNSET
-    assert [waypoint.trigger_every_m for waypoint in plan.waypoint] == [unset, 0.5, 0.0, unset, unset]
-    assert [waypoint.trigger for waypoint in plan.waypoint] == [False, False, False, True, True]
-    built = build(plan, limits(load_config()))
-    assert len(built.triggers) == 12 + 2, "the corner passes the end of the line before 6 m"
-    assert built.triggers[0] == pytest.approx(2.0)
-
-
-def test_a_camera_that_is_set_before_the_first_waypoint_triggers_from_there(tmp_path):
-    file = written(tmp_path, "a.plan", qgc(command(206, 1.0, 0, 1), item(0, 0, -2), item(4, 0, -2)))
-    assert read(file, ORIGIN).waypoint[0].trigger_every_m == 1.0
+    assert read(file).relative
+    assert places(read(file))[:2] == [(0.0, 0.0, 2.0), (5.0, 0.0, 2.0)]
 
 
 @pytest.mark.parametrize(
@@ -211,44 +94,15 @@ def test_a_camera_that_is_set_before_the_first_waypoint_triggers_from_there(tmp_
         ("a.toml", "speed = ", "is not TOML"),
         ("a.toml", 'heading = "north"\n[circle]\nradius_m = 1.0', "heading = 'north'"),
         ("a.csv", "1,2", "want a file that ends in"),
-        ("a.geojson", "[1", "is not JSON"),
-        ("a.geojson", {"type": "Point", "coordinates": [1, 2]}, "0 lines or polygons"),
-        (
-            "a.geojson",
-            {"type": "LineString", "coordinates": [[8.0, 91.0]]},
-            r"coordinates\[0\] \(latitude\) = 91",
-        ),
-        (
-            "a.geojson",
-            geojson("LineString", [(0, 0, -5), (1, 1, 2)]),
-            r"coordinates\[0\]\[2\] = 5.*: must be .* to 0",
-        ),
-        ("a.kml", "<kml><Placemark>", "is not XML"),
-        ("a.kml", "<gpx/>", "<gpx>: want <kml>"),
-        ("a.kml", "<kml>" * 40, "is nested more than 32 deep"),
-        ("a.kml", "<kml/>", "0 lines or polygons"),
-        ("a.kml", kml("LineString", []), r"LineString.coordinates: missing"),
-        ("a.kml", kml("LineString", [(0, 0, 5), (1, 1, 5)]), r"coordinates\[0\]\[2\] = 5.0: must be"),
-        ("a.kml", kml("LineString", [(0, 0, -5)], mode="clampToGround"), "altitudes do not count.*absolute"),
-        ("a.kml", kml("LineString", [(0, 0, 1), (1, 0, 2)], mode="relativeToSeaFloor"), "the same altitude"),
-        ("a.kml", kml("LineString", [(0, 0, -5)], mode="above"), "altitudeMode = above: must be one of"),
-        (
-            "a.kml",
-            kml("LineString", [(0, 0, -5)], begin=f'<!DOCTYPE x [<!ENTITY l0 "ha">{LAUGHS}]>'),
-            "document type",
-        ),
-        (
-            "a.kml",
-            kml("LineString", [(0, 0, -5)], begin='<!DOCTYPE x SYSTEM "file:///etc/passwd">'),
-            "document type",
-        ),
-        ("a.kml", kml("LineString", [(0, 0, math.nan)]), r"coordinates\[0\] = .*want longitude,latitude"),
+        ("a.kml", "<kml/>", "KML is not read: save the path as a .plan in QGroundControl, or write TOML"),
+        ("a.GeoJSON", "{}", "GeoJSON is not read: save the path as a .plan"),
+        ("a.toml", "[helix]\nradius_m = 1.0", "helix: is not followed: write a circle for each depth"),
+        ("a.toml", "[trigger]\nevery_m = 0.5", "trigger: no camera is triggered: let the camera"),
+        ("a.toml", "[[waypoint]]\nx_m = 1.0\ntrigger = true", "waypoint.trigger: no camera is triggered"),
+        ("a.plan", "[1", "is not JSON"),
         ("a.plan", qgc(item(0, 0, 50)), r"mission.items\[0\].params\[6\] \(altitude; minus the depth\) = 50"),
         ("a.plan", qgc(item(0, 0, -1, command=20)), r"mission.items\[0\].command = 20: only waypoints"),
         ("a.plan", qgc(item(0, 0, -1, frame=10)), r"mission.items\[0\].frame = 10"),
-        ("a.plan", qgc(item(0, 0, -1), command(214, 2.0)), r"items\[1\].command = 214: triggers by time"),
-        ("a.plan", qgc(item(0, 0, -1), command(2000, 0, 2, 0)), r"command = 2000: triggers by time"),
-        ("a.plan", qgc(item(0, 0, -1), command(206, -1)), r"params\[0\] \(distance\) = -1"),
         ("a.plan", qgc(), "no waypoint"),
         ("a.plan", {"mission": {}}, "fileType, mission.items"),
     ],
@@ -257,6 +111,12 @@ def test_what_cannot_be_followed_is_refused_with_file_and_key(tmp_path, name, co
     with pytest.raises(ValueError, match=said) as refused:
         read(written(tmp_path, name, content), ORIGIN)
     assert str(refused.value).startswith(str(tmp_path / name))
+
+
+def test_the_longest_path_is_no_command_of_too_many_values():
+    waypoint = Waypoint(x_m=1.0, y_m=1.0, depth_m=2.0, heading_deg=3.0, corner_m=1.0, wait_s=1.0)
+    follow = Follow(path=PathPlan(waypoint=(waypoint,) * MAX_SEGMENTS))
+    assert parse("follow", msgspec.json.encode(follow)) == follow
 
 
 def test_a_file_that_is_not_there_is_named(tmp_path):

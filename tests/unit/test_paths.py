@@ -14,7 +14,7 @@ from companion.guidance.paths.curve import straight
 from companion.guidance.paths.shapes import build as built
 from companion.guidance.paths.time_law import TimeLaw, limits, profiled
 from companion.steps import finish
-from companion.telemetry.plan import Circle, Helix, LawnMower, Lemniscate, PathPlan, Waypoint
+from companion.telemetry.plan import Circle, LawnMower, Lemniscate, PathPlan, Waypoint
 
 DT_S = 0.02
 LIMITS = limits(load_config())
@@ -34,7 +34,6 @@ PLANS = {
     "circle": PathPlan(circle=Circle(radius_m=2.0, depth_m=3.0)),
     "counter-clockwise": PathPlan(circle=Circle(radius_m=1.0, clockwise=False), heading="keep"),
     "lemniscate": PathPlan(lemniscate=Lemniscate(length_m=4.0, width_m=2.0, depth_m=2.0, direction_deg=30.0)),
-    "helix": PathPlan(helix=Helix(radius_m=1.5, depth_m=2.0, to_depth_m=5.0, pitch_m=1.0)),
     "lawn-mower": PathPlan(lawn_mower=LawnMower(length_m=6.0, width_m=3.0, spacing_m=1.5, depth_m=2.0)),
     "square": polyline(*SQUARE, closed=True),
     "open": polyline((0, 0, 2), (5, 0, 2), (5, 3, 4), (8, 3, 4), corner_m=1.0),
@@ -128,9 +127,6 @@ def test_shapes_are_where_they_should_be():
     eight = places("lemniscate")
     along = eight[:, 0] * math.cos(math.radians(30)) + eight[:, 1] * math.sin(math.radians(30))
     assert (along.min(), along.max()) == pytest.approx((-2.0, 2.0), abs=1e-3)
-    helix = places("helix")
-    assert (helix[0, 2], helix[-1, 2]) == pytest.approx((2.0, 5.0), abs=0.01)
-    np.testing.assert_allclose(np.hypot(helix[:, 0], helix[:, 1]), 1.5, atol=1e-4)
     mower = places("lawn-mower")
     assert (mower[:, 0].max(), mower[:, 1].max()) == pytest.approx((6.0, 3.0), abs=0.01)
 
@@ -203,8 +199,6 @@ def test_a_straight_line_turns_the_short_way_and_rests_at_both_ends():
             r"waypoint\[1\].depth_m",
         ),
         (PathPlan(circle=Circle(radius_m=1.0), lemniscate=Lemniscate(length_m=1.0, width_m=1.0)), "2 shapes"),
-        (PathPlan(helix=Helix(radius_m=1.0, depth_m=2.0, to_depth_m=2.0, pitch_m=1.0)), "helix.to_depth_m"),
-        (PathPlan(helix=Helix(radius_m=1.0, to_depth_m=2.0, pitch_m=1.0)), "helix.depth_m: missing"),
         (PathPlan(lawn_mower=LawnMower(length_m=1.0, width_m=900.0, spacing_m=0.1)), "lawn_mower.spacing_m"),
     ],
 )

@@ -39,15 +39,12 @@ class Screen:
         return [text for _ in range(round(seconds / 0.02)) for text in self.tick(**sample)]
 
 
-def sampled(
-    t_s, state=State.ACTIVE, reason="engaged", remedy="", authority=1.0, refused="", engaged=True, trigger=0
-):
+def sampled(t_s, state=State.ACTIVE, reason="engaged", remedy="", authority=1.0, refused="", engaged=True):
     return SimpleNamespace(
         state=SimpleNamespace(t_s=t_s, boot_s=t_s, disturbance=(1.0, 2.0, 3.0, 0.5)),
         verdict=SimpleNamespace(state=state, reason=reason, remedy=remedy, authority=authority),
         dofs=SimpleNamespace(e=(0.0, 0.0, 0.01, 0.0), engaged=(False, False, engaged, engaged)),
         refused=refused,
-        trigger=trigger,
     )
 
 
@@ -271,8 +268,3 @@ def test_a_command_is_answered(action, sample, result):
         if message.get_type() == "COMMAND_ACK"
     ]
     assert (ack.command, ack.result) == (mavlink.MAV_CMD_USER_1, result)
-
-
-def test_a_trigger_is_told_as_camera_trigger_with_number_and_time_since_boot():
-    (message,) = (m for m in Screen().heard(trigger=7) if m.get_type() == "CAMERA_TRIGGER")
-    assert (message.seq, message.time_usec) == (7, 40_000)

@@ -1,4 +1,4 @@
-"""Way and time that are left of a path, and the triggers along it."""
+"""Way and time that are left of a path."""
 
 import math
 
@@ -11,11 +11,9 @@ from companion.guidance.paths.time_law import limits
 from companion.records import ZERO
 from companion.telemetry.plan import (
     Circle,
-    Helix,
     LawnMower,
     Lemniscate,
     PathPlan,
-    TriggerPlan,
     Waypoint,
 )
 from companion.telemetry.status_line import duration_text, left_text
@@ -32,7 +30,6 @@ def polyline(*places, **keys):
 PLANS = {
     "circle": PathPlan(circle=Circle(radius_m=2.0), laps=3),
     "eight": PathPlan(lemniscate=Lemniscate(length_m=4.0, width_m=2.0), acceleration_mps2=0.2),
-    "helix": PathPlan(helix=Helix(radius_m=1.5, depth_m=2.0, to_depth_m=5.0, pitch_m=1.0)),
     "lawn mower": PathPlan(lawn_mower=LawnMower(length_m=20.0, width_m=6.0, spacing_m=1.5)),
     "lawn mower that stops": PathPlan(
         lawn_mower=LawnMower(length_m=4.0, width_m=3.0, spacing_m=0.5), corner_m=0.0
@@ -128,47 +125,3 @@ def test_what_is_left_in_words():
     assert left_text(0.0, 0.0) == ""
     assert left_text(12.34, 61.0) == "12.3 m, about 61 s left"
     assert left_text(math.inf, math.inf) == "until stopped"
-
-
-def triggered(plan, pace=1.0):
-    """Return how far along the path each trigger was, and when."""
-    under_way = begun(plan)
-    found, t_s = [], 0.0
-    while not under_way.done:
-        under_way.step(pace, DT_S)
-        t_s += DT_S
-        if under_way.triggered:
-            found.append((under_way.progress_m, t_s))
-    return found
-
-
-def test_a_distance_triggers_from_the_start_to_the_end():
-    found = triggered(polyline((0.0, 0.0), (5.0, 0.0), trigger=TriggerPlan(every_m=0.5)))
-    assert [way for way, _ in found] == pytest.approx([0.5 * i for i in range(11)], abs=0.01)
-
-
-def test_each_lap_of_a_circle_has_the_same_triggers_and_the_seam_has_one():
-    plan = PathPlan(circle=Circle(radius_m=1.0), laps=2, trigger=TriggerPlan(every_m=math.tau / 4.0))
-    assert [way for way, _ in triggered(plan)] == pytest.approx(
-        [math.tau / 4.0 * i for i in range(8)], abs=0.02
-    )
-
-
-def test_waypoints_trigger_where_the_path_passes_them_and_after_a_wait():
-    places = [(0.0, 0.0), (3.0, 0.0), (3.0, 3.0), (6.0, 3.0)]
-    waits = (0.0, 0.0, 5.0, 0.0)
-    waypoints = tuple(
-        Waypoint(x_m=x, y_m=y, wait_s=wait_s) for (x, y), wait_s in zip(places, waits, strict=True)
-    )
-    plan = PathPlan(waypoint=waypoints, trigger=TriggerPlan(at_waypoints=True))
-    found = triggered(plan)
-    assert len(found) == 4
-    path = course(plan).path
-    ways = [way for way, _ in found]
-    assert (ways[0], ways[3]) == (pytest.approx(0.0, abs=0.01), pytest.approx(path.length_m, abs=0.01))
-    assert ways[2] == pytest.approx(path.ends_m[0], abs=0.01)
-    corner = path.legs[0].curve.at(ways[1]).p
-    assert math.dist(corner[:2], places[1]) < 0.14, "a corner of 0.5 m passes its waypoint at 0.27 of that"
-    rows = travelled(begun(plan))
-    arrives_s = next(t_s for t_s, way, *_ in rows if way >= path.ends_m[0])
-    assert found[2][1] - arrives_s == pytest.approx(5.0, abs=0.1)

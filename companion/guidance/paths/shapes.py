@@ -6,8 +6,6 @@ lines twice continuously differentiable, and passes the corner at a distance of 
 """
 
 import math
-from array import array
-from bisect import bisect_left
 from collections.abc import Callable, Iterator, Sequence
 from itertools import accumulate, pairwise
 from typing import NamedTuple
@@ -26,11 +24,9 @@ from companion.guidance.paths.curve import (
     turn_between,
 )
 from companion.guidance.paths.time_law import LOOKS_AHEAD_S, Limits, Profile, profiled
-from companion.guidance.paths.triggers import APART_M, Station, triggers
 from companion.records import ZERO, Flags, Vector
 from companion.steps import Steps, finish
-from companion.telemetry.interruption import Interruption
-from companion.telemetry.plan import MAX_SEGMENTS, Circle, Helix, LawnMower, Lemniscate, PathPlan, Waypoint
+from companion.telemetry.plan import MAX_SEGMENTS, Circle, LawnMower, Lemniscate, PathPlan, Waypoint
 
 CORNER_NODES = 12
 TURN_NODES = 24
@@ -78,10 +74,6 @@ class Path(NamedTuple):
     ends_m: tuple[float, ...]
     ends_s: tuple[float, ...]
     """Where along a lap, and about when, each leg ends, with what it waits there."""
-    triggers: "array[float]"
-    """Where along a lap the camera is triggered, m."""
-    interrupted: Interruption | None = None
-    """Where it is to go on; None for its start."""
 
     @property
     def duration_s(self) -> float:
@@ -96,16 +88,6 @@ class Path(NamedTuple):
     def laps(self) -> float:
         """How often it is travelled; infinite where it goes on until it is stopped."""
         return self.plan.laps or math.inf
-
-    def trigger_after(self, progress_m: float) -> float:
-        """Return the next place of a trigger, laps included; infinite after the last."""
-        if not self.triggers:
-            return math.inf
-        lap, along_m = divmod(progress_m + APART_M, self.length_m)
-        i = bisect_left(self.triggers, along_m)
-        if i == len(self.triggers):
-            lap, i = lap + 1.0, 0
-        return lap * self.length_m + self.triggers[i] if lap < self.laps else math.inf
 
     @property
     def closed(self) -> bool:
@@ -141,21 +123,20 @@ def build(plan: PathPlan, limits: Limits) -> Path:
 
 def building(plan: PathPlan, limits: Limits) -> Steps[Path]:
     """Do the same in steps: a long path takes a second."""
-    shapes = [plan.circle, plan.lemniscate, plan.helix, plan.lawn_mower]
+    shapes = [plan.circle, plan.lemniscate, plan.lawn_mower]
     given = [shape for shape in shapes if not isinstance(shape, UnsetType)]
     count = len(given) + bool(plan.waypoint)
     if count != 1:
-        raise ValueError(f"{count} shapes: give waypoints, or one of circle, lemniscate, helix, lawn_mower")
+        raise ValueError(f"{count} shapes: give waypoints, or one of circle, lemniscate, lawn_mower")
     if len(plan.waypoint) > MAX_SEGMENTS:
         raise ValueError(f"waypoint: {len(plan.waypoint)} of them; {MAX_SEGMENTS} at most: divide the path")
     deep = not isinstance((plan.waypoint[0] if plan.waypoint else given[0]).depth_m, UnsetType)
     if deep and not isinstance(plan.altitude_m, UnsetType):
         raise ValueError("altitude_m: is over the ground; give no depths beside it")
-    stations: list[Station] = []
     if plan.waypoint:
-        legs = yield from _polyline(plan, plan.waypoint, stations, closed=plan.closed)
+        legs = yield from _polyline(plan, plan.waypoint, closed=plan.closed)
     else:
-        legs = yield from _shape(plan, given[0], stations)
+        legs = yield from _shape(plan, given[0])
     keeps = plan.heading == "keep" and isinstance(plan.heading_deg, UnsetType) and not _has_headings(plan)
     ready = []
     speed, acceleration = plan.speed_mps, plan.acceleration_mps2
@@ -171,9 +152,8 @@ def building(plan: PathPlan, limits: Limits) -> Steps[Path]:
     ends_m = tuple(accumulate(leg.curve.length for leg in legs))
     times_s = [leg.turn_s + leg.profile.duration_s + leg.wait_s for leg in ready]
     ends_s = tuple(accumulate([times_s[0] - ready[0].turn_s, *times_s[1:]]))
-    places = yield from triggers(plan, stations, ends_m[-1])
     relative = (plan.relative, plan.relative, not deep, keeps)
-    return Path(plan, tuple(ready), relative, ends_m[-1], extremes, ends_m, ends_s, places)
+    return Path(plan, tuple(ready), relative, ends_m[-1], extremes, ends_m, ends_s)
 
 
 def _extremes(curves: Sequence[Curve]) -> Steps[tuple[Point, ...]]:
@@ -192,47 +172,30 @@ def _extremes(curves: Sequence[Curve]) -> Steps[tuple[Point, ...]]:
     return (*low, *high)
 
 
-def _shape(
-    plan: PathPlan, shape: Circle | Lemniscate | Helix | LawnMower, stations: list[Station]
-) -> Steps[list[_Bare]]:
+def _shape(plan: PathPlan, shape: Circle | Lemniscate | LawnMower) -> Steps[list[_Bare]]:
     z = _depth(shape.depth_m)
     if isinstance(shape, LawnMower):
         lines = yield from _lines(shape)
-        return (yield from _polyline(plan, lines, stations, closed=False))
-    loops = not isinstance(shape, Helix)
-    if isinstance(shape, Helix):
-        if isinstance(shape.depth_m, UnsetType):
-            raise ValueError("helix.depth_m: missing; it is the depth of the start")
-        drop = shape.to_depth_m - z
-        turns = abs(drop) / shape.pitch_m
-        if turns < 0.05:
-            raise ValueError(f"helix.to_depth_m = {shape.to_depth_m:g}: must differ from depth_m = {z:g}")
-        if 2.0 * turns > MAX_SEGMENTS:
-            raise ValueError(
-                f"helix.pitch_m = {shape.pitch_m:g}: makes {turns:.0f} turns; {MAX_SEGMENTS // 2} at most: "
-                "choose a larger one, or divide the path"
-            )
-        count = max(math.ceil(TURN_NODES * turns), 2)
-        nodes = sampled(_round(shape, z, drop / (math.tau * turns)), 0.0, math.tau * turns, count)
-    elif isinstance(shape, Circle):
-        nodes = sampled(_round(shape, z, 0.0), 0.0, math.tau, TURN_NODES)
+        return (yield from _polyline(plan, lines, closed=False))
+    if isinstance(shape, Circle):
+        nodes = sampled(_round(shape, z), 0.0, math.tau, TURN_NODES)
     else:
         nodes = sampled(_eight(shape, z), 0.0, math.tau, LEMNISCATE_NODES)
     curve = Curve()
     yield from curve.join(nodes)
-    yield from _turn(plan, curve, loops=loops)
-    return [_Bare(curve, 0.0, loops)]
+    yield from _turn(plan, curve, loops=True)
+    return [_Bare(curve, 0.0, loops=True)]
 
 
-def _round(shape: Circle, z: float, climb: float) -> Callable[[float], tuple[Point, Point, Point]]:
+def _round(shape: Circle, z: float) -> Callable[[float], tuple[Point, Point, Point]]:
     begin, way = math.radians(shape.start_deg), 1.0 if shape.clockwise else -1.0
     r = shape.radius_m
 
     def point(t: float) -> tuple[Point, Point, Point]:
         c, s = math.cos(begin + way * t), math.sin(begin + way * t)
         return (
-            (shape.x_m + r * c, shape.y_m + r * s, z + climb * t),
-            (-way * r * s, way * r * c, climb),
+            (shape.x_m + r * c, shape.y_m + r * s, z),
+            (-way * r * s, way * r * c, 0.0),
             (-r * c, -r * s, 0.0),
         )
 
@@ -282,13 +245,8 @@ def _lines(shape: LawnMower) -> Steps[list[Waypoint]]:
     return points
 
 
-def _polyline(
-    plan: PathPlan, waypoints: Sequence[Waypoint], passed: list[Station], *, closed: bool
-) -> Steps[list[_Bare]]:
-    """Return the legs of a polyline: it stops at waypoints without a corner, and where it waits.
-
-    Its waypoints are put into `passed`, with where along the path they are.
-    """
+def _polyline(plan: PathPlan, waypoints: Sequence[Waypoint], *, closed: bool) -> Steps[list[_Bare]]:
+    """Return the legs of a polyline: it stops at waypoints without a corner, and where it waits."""
     points: list[Point] = []
     for k in range(len(waypoints)):
         points.append(_place(waypoints, k))
@@ -314,9 +272,6 @@ def _polyline(
     curve = Curve()
     here = _towards(points[0], edges[0][1], reach[0] or 0.0)
     stations = [(0.0, headings[0])]
-    done_m = 0.0
-    if not loops:
-        passed.append((0.0, waypoints[0]))
     for k, (previous, at) in enumerate(edges, start=1):
         k %= count
         d = reach[k]
@@ -335,9 +290,7 @@ def _polyline(
             here = _towards(at, following, d)
         else:
             stations.append((curve.length, headings[k]))
-        passed.append((done_m + stations[-1][0], waypoints[k]))
         if d == 0.0 or (loops and k == 0):
-            done_m += curve.length
             stations.append((curve.length, headings[k]))
             psi = yield from _turn_by(plan, curve, stations, psi, loops=loops)
             legs.append(_Bare(curve, waypoints[k].wait_s, loops))
