@@ -316,7 +316,7 @@ class Delays(Section, frozen=True):
     ] = 0.012
     range_s: Annotated[
         ranges.RangeDelay,
-        means("age of a range to the ground when it is sent, until heave has shown it; a Ping: up to 0.8 s"),
+        means("age of a range to the ground when it is sent; a Ping behind BlueOS: up to 0.8 s"),
     ] = 0.3
     gains_bear_s: Annotated[
         ranges.BorneDelay, means("if the sum of both delays is longer, the gains are reduced")

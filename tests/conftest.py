@@ -28,7 +28,6 @@ from companion.records import (
     Ground,
     LinkCounters,
     LoopHealth,
-    PositionDoubt,
     State,
     Verdict,
     Wrench,
@@ -108,7 +107,6 @@ def _make_sample(**state: Any) -> ControlSample:
         delays=Delays(0.05, 0.06, True, False),
         ground=Ground(7.0, 0.0),
         current=Current(0.2, -0.1, 0.05),
-        position_doubt=PositionDoubt(0.3, 0.1, 0.7),
     )
     return ControlSample(
         state=structs.replace(believed, **state),

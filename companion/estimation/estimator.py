@@ -20,7 +20,6 @@ from companion.estimation.frame import Frame
 from companion.estimation.ground import GroundFinder
 from companion.estimation.heading_watch import HeadingWatch
 from companion.estimation.observers import NOTHING, Inputs, Motion, ObserversMemory
-from companion.estimation.position_doubt import PositionDoubtModel
 from companion.estimation.resets import MAX_GAP_S, POSITION_WARNED_M, position_resets, yaw_resets
 from companion.estimation.water import Water
 from companion.mavlink.ardusub import motor_demand
@@ -33,7 +32,6 @@ from companion.records import (
     Battery,
     Depth,
     DepthRate,
-    EkfStatus,
     Event,
     Flags,
     FrameShift,
@@ -102,7 +100,6 @@ class Estimator:
             Heartbeat: self._on_heartbeat,
             Battery: self._on_battery,
             PilotGain: self._on_pilot_gain,
-            EkfStatus: self._on_ekf_status,
             Reboot: lambda _: self.restart(),
         }
         self.restart()
@@ -111,7 +108,6 @@ class Estimator:
         """Go on from the present estimate with another model, other noises and sensor delays."""
         self._sensor_delay_s = vector([axis.sensor_delay_s for axis in config.axes])
         self._model = model
-        self._position_noise_m = max(config.surge.position_noise_slow, config.sway.position_noise_slow)
 
     def limit(self, limits: SupervisorLimits) -> None:
         """Take what the supervisor's configuration says of jumps and ages."""
@@ -132,8 +128,6 @@ class Estimator:
         self._ranges: list[Range] = []
         self._water = Water()
         self._heading_watch = HeadingWatch()
-        self._position_doubt = PositionDoubtModel(self._position_noise_m)
-        self._aided = True
         self._refusing = False
         self._yaw_resets, self._x_resets, self._y_resets = yaw_resets(), position_resets(), position_resets()
         self._yaw_reset_t_s = self._position_reset_t_s = -math.inf
@@ -223,10 +217,6 @@ class Estimator:
         )
         self._ranges.clear()
         shift = self._frame_shift
-        jump_m = 0.0 if shift is None else math.hypot(shift.north_m, shift.east_m)
-        doubt = self._position_doubt.step(
-            (eta[X], eta[Y]), jump_m, stale=stale[X], aided=self._aided, dt_s=self._tick_s
-        )
         seen = learns[X] and learns[Y] and not (stale[X] or stale[Y] or stale[PSI])
         J = jacobian(eta[PSI])
         current = self._water.step(self._model, J, eta_dot, disturbance, model.dof_gain, self._tick_s, seen)
@@ -282,7 +272,6 @@ class Estimator:
             model=model,
             ground=ground,
             current=current,
-            position_doubt=doubt,
             heading_check=heading_check,
         )
 
@@ -387,9 +376,6 @@ class Estimator:
 
     def _on_range(self, event: Range) -> None:
         self._ranges.append(event)
-
-    def _on_ekf_status(self, event: EkfStatus) -> None:
-        self._aided = event.position
 
     def _on_servo_output(self, event: ServoOutput) -> None:
         count = self._thrusters.motor_count

@@ -135,7 +135,7 @@ class Frame(NamedTuple):
 
     def reported_state(self, state: VehicleState) -> VehicleState:
         """Return in the EKF's frame what the estimator believes."""
-        now, current, doubt = self.now, state.current, state.position_doubt
+        now, current = self.now, state.current
         if now == HERE:
             return state
         north_mps, east_mps, _, _ = now.outward((current.north_mps, current.east_mps, 0.0, 0.0))
@@ -147,7 +147,6 @@ class Frame(NamedTuple):
             eta_dot_ahead=now.outward(state.eta_dot_ahead),
             disturbance=now.outward(state.disturbance),
             current=Current(north_mps, east_mps, current.doubt_mps),
-            position_doubt=replace(doubt, direction_rad=doubt.direction_rad + now.turn_rad),
         )
 
     def reported_dofs(self, dofs: DofSample) -> DofSample:

@@ -5,17 +5,14 @@
 | g      | depth of the ground: depth + range · cos(roll) cos(pitch), of the range's time | m    |
 | v      | how fast it falls under the vehicle that moves over it                         | m/s  |
 | θ      | exp(−ω dt): what is left of a deviation after dt                               |      |
-| T      | delay of the range, beyond that of telemetry                                   | s    |
-| J(T)   | sum of e² of a filter that assumes T, over MEMORY_S                            | m²   |
+| T      | delay of the range, beyond that of telemetry: `delays.range_s`                 | s    |
 
 A fading-memory filter with a double pole: g += (1 − θ²) e, v += (1 − θ)² e / dt, e = sample − (g + v dt). It
 follows a slope without lag. A sample that jumps is left out. Only a row of samples that agree with each other
 is believed: a rise soon, because the vehicle might hit it, and a fall later.
 
 A range that is added to a depth of another time moves the ground with the vehicle, and an altitude that is
-held then oscillates. T is where J(T)/(2σ²) + (T − T₀)²/(2 PRIOR_S²) is least: T₀ is the configured delay, σ²
-is CORRELATED times (the least J by sample + LEAST_SPREAD_M²). A vehicle that keeps its depth makes J flat,
-and T stays near T₀.
+held then oscillates. So it is added to the depth of T before it was sent.
 """
 
 import math
@@ -41,41 +38,22 @@ MAX_TILT_COS = math.cos(math.radians(60.0))
 MAX_SLOPE_MPS = 0.5
 UNKNOWN = Ground(math.nan, 0.0)
 
-STEP_S = 0.1
-DELAYS_S = tuple(STEP_S * i for i in range(13))
-"""The delays that are compared; a sonar was seen with 0.8 s."""
-
-PRIOR_S = 0.3
-"""How well the configured delay is known: standard deviation."""
-
-MEMORY_S = 60.0
-CORRELATED = 15.0
-"""Samples that count as one: what a ground that is not even adds to them is correlated."""
-
-LEAST_SPREAD_M = 0.01
-"""Of a range that is told in centimetres."""
-
-HISTORY_S = DELAYS_S[-1] + 1.0
+HISTORY_S = 1.0
+"""How much longer than the range's delay the vehicle's depth is kept: telemetry is late too."""
 
 
 class Track(NamedTuple):
-    """A filter's ground, the rate at which it falls, and the sum of its squared errors."""
+    """The filter's ground, and the rate at which it falls."""
 
     depth_m: float
     rate_mps: float
-    cost_m2: float = 0.0
 
 
 class GroundFinder:
-    """Takes each tick's ranges; says where the ground is, and how late the ranges are."""
+    """Takes each tick's ranges, which are `range_delay_s` late; says where the ground is."""
 
     def __init__(self, range_delay_s: float = 0.0) -> None:
-        self._configured_s = self.delay_s = range_delay_s
-        """`delay_s`: how late a range is, as far as is known."""
-        self.doubt_s = PRIOR_S
-        """Its standard deviation."""
-        self._tracks: list[Track] = []
-        self._samples = 0.0
+        self._delay_s = range_delay_s
         self._times_s: list[float] = []
         self._poses: list[tuple[float, float]] = []
         self._track = Track(math.nan, 0.0)
@@ -96,26 +74,26 @@ class GroundFinder:
         """
         self._times_s.append(now_s)
         self._poses.append((depth_m, tilt_cos))
-        while self._times_s[0] < now_s - HISTORY_S:
+        while self._times_s[0] < now_s - self._delay_s - HISTORY_S:
             del self._times_s[0], self._poses[0]
         for one in ranges:
             self._take(one, one.t_s - telemetry_s)
         if not now_s - self._came_s <= LOST_S:
             return UNKNOWN
-        _, rate_mps, _ = self._track
-        return Ground(self._track.depth_m + rate_mps * max(now_s - self._at_s, 0.0), rate_mps)
+        depth_m, rate_mps = self._track
+        return Ground(depth_m + rate_mps * max(now_s - self._at_s, 0.0), rate_mps)
 
     def _take(self, one: Range, sent_s: float) -> None:
-        sample_m = self._sample_m(one.range_m, sent_s - self.delay_s)
+        measured_s = sent_s - self._delay_s
+        sample_m = self._sample_m(one.range_m, measured_s)
         gap_s = one.t_s - self._came_s
         if math.isnan(sample_m) or gap_s <= 0.0:
             return
-        at_s = max(sent_s - self.delay_s, self._at_s + 0.5 * gap_s if gap_s <= LOST_S else -math.inf)
+        at_s = max(measured_s, self._at_s + 0.5 * gap_s if gap_s <= LOST_S else -math.inf)
         error_m = sample_m - (self._track.depth_m + self._track.rate_mps * (at_s - self._at_s))
         if gap_s <= LOST_S and abs(error_m) <= JUMP_M:
             self._track = _followed(self._track, sample_m, at_s - self._at_s)
             self._came_s, self._at_s, self._agreeing = one.t_s, at_s, 0
-            self._compare(one.range_m, sent_s, gap_s)
         else:
             self._doubt(one.t_s, at_s, sample_m)
 
@@ -135,33 +113,6 @@ class GroundFinder:
         (z, tilt), (z_after, tilt_after) = poses[before], poses[after]
         return z + part * (z_after - z), tilt + part * (tilt_after - tilt)
 
-    def _compare(self, range_m: float, sent_s: float, gap_s: float) -> None:
-        """Find the delay with which the ground is evenest."""
-        samples_m = [self._sample_m(range_m, sent_s - delay_s) for delay_s in DELAYS_S]
-        if any(map(math.isnan, samples_m)) or not self._tracks:
-            self._tracks = [Track(sample_m, 0.0) for sample_m in samples_m]
-            self._samples = 0.0
-            return
-        kept = math.exp(-gap_s / MEMORY_S)
-        self._samples = kept * self._samples + 1.0
-        self._tracks = [
-            _followed(track._replace(cost_m2=kept * track.cost_m2), sample_m, gap_s)
-            for track, sample_m in zip(self._tracks, samples_m, strict=True)
-        ]
-        least_m2 = min(track.cost_m2 for track in self._tracks)
-        spread_m2 = CORRELATED * (least_m2 / self._samples + LEAST_SPREAD_M**2)
-        prior = 1.0 / PRIOR_S**2
-        costs = [
-            0.5 * (track.cost_m2 / spread_m2 + prior * (delay_s - self._configured_s) ** 2)
-            for track, delay_s in zip(self._tracks, DELAYS_S, strict=True)
-        ]
-        best = min(range(1, len(costs) - 1), key=costs.__getitem__)
-        before, there, after = costs[best - 1 : best + 2]
-        curvature = max((before - 2.0 * there + after) / STEP_S**2, prior)
-        self.doubt_s = 1.0 / math.sqrt(curvature)
-        off_s = 0.5 * (before - after) / STEP_S / curvature
-        self.delay_s = DELAYS_S[best] + max(-STEP_S, min(off_s, STEP_S))
-
     def _doubt(self, t_s: float, at_s: float, sample_m: float) -> None:
         """Count the samples that agree with each other and not with the filter; believe enough of them."""
         if not self._agreeing or abs(sample_m - self._other_m) > JUMP_M:
@@ -171,7 +122,7 @@ class GroundFinder:
         long_s = RISE_BELIEVED_S if rises else FALL_BELIEVED_S
         if t_s - self._other_since_s >= long_s and self._agreeing >= AGREEING:
             self._track, self._came_s, self._at_s = Track(sample_m, 0.0), t_s, at_s
-            self._tracks, self._agreeing = [], 0
+            self._agreeing = 0
 
 
 def _followed(track: Track, sample_m: float, gap_s: float) -> Track:
@@ -180,4 +131,4 @@ def _followed(track: Track, sample_m: float, gap_s: float) -> Track:
     theta = math.exp(-OMEGA_RADPS * gap_s)
     rate_mps = track.rate_mps + (1.0 - theta) ** 2 * error_m / gap_s
     rate_mps = max(-MAX_SLOPE_MPS, min(rate_mps, MAX_SLOPE_MPS))
-    return Track(sample_m - theta**2 * error_m, rate_mps, track.cost_m2 + error_m * error_m)
+    return Track(sample_m - theta**2 * error_m, rate_mps)

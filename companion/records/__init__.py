@@ -68,7 +68,6 @@ from companion.records.state import (
     FrameShift,
     Ground,
     HeadingCheck,
-    PositionDoubt,
     VehicleModel,
     VehicleState,
 )

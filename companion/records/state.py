@@ -108,17 +108,6 @@ class HeadingCheck(NamedTuple):
     lost: bool = False
 
 
-class PositionDoubt(msgspec.Struct, frozen=True):
-    """The ellipse of one standard deviation of the position: half axes (m), NaN where it is not known.
-
-    `direction_rad` is that of the longer one, clockwise from north.
-    """
-
-    major_m: float
-    minor_m: float
-    direction_rad: float
-
-
 class VehicleState(msgspec.Struct, frozen=True):
     """What the estimator believes. Vectors in DOF order, NED: inside, or as reported (`estimation.frame`).
 
@@ -159,7 +148,6 @@ class VehicleState(msgspec.Struct, frozen=True):
     """Number of the motor that gives no thrust (`thruster_watch`); 0 for none."""
     model: VehicleModel = NOMINAL
     ground: Ground = Ground(math.nan, 0.0)
-    position_doubt: PositionDoubt = PositionDoubt(math.nan, math.nan, 0.0)
     current: Current = Current(math.nan, math.nan, math.nan)
     heading_check: HeadingCheck = HeadingCheck()
 

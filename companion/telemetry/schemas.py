@@ -98,15 +98,6 @@ class State(Record, frozen=True, kw_only=True):
         0.0
     )
     current_doubt_mps: Annotated[float, field("its standard deviation", "state.current.doubt_mps")] = 0.0
-    position_doubt_major_m: Annotated[
-        float, field("longer half axis of the ellipse of 1 sigma", "state.position_doubt.major_m")
-    ] = 0.0
-    position_doubt_minor_m: Annotated[
-        float, field("its shorter half axis", "state.position_doubt.minor_m")
-    ] = 0.0
-    position_doubt_direction_rad: Annotated[
-        float, field("of the longer half axis, from north", "state.position_doubt.direction_rad")
-    ] = 0.0
     altitude_m: Annotated[float, field("over the ground; absent without an echo")] = 0.0
     altitude_desired_m: Annotated[
         float, field("altitude that is kept; 0 where a depth is held", "guided.altitude_m")

@@ -11,7 +11,6 @@ _STATE = (
     *("x_desired_m", "y_desired_m", "depth_desired_m", "heading_desired_rad"),
     *("roll_rad", "pitch_rad", "roll_desired_rad", "pitch_desired_rad", "voltage_v"),
     *("current_north_mps", "current_east_mps", "current_doubt_mps"),
-    *("position_doubt_major_m", "position_doubt_minor_m", "position_doubt_direction_rad"),
 )
 _DOF = (
     *("e", "e_dot", "eps", "tau", "feedforward", "feedback", "d_hat", "d_observer", "weight_norm"),

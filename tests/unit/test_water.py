@@ -1,11 +1,10 @@
-"""The current and the doubt of the position: right where the answer is known, else unknown."""
+"""The current: right where the answer is known, else unknown."""
 
 import math
 
 import pytest
 
 from companion.control.positioning import Model, jacobian, to_inertial
-from companion.estimation.position_doubt import HEADING_RAD, SCALE, UNAIDED_MPS, PositionDoubtModel
 from companion.estimation.water import KEPT_S, TAKES_S, Water
 
 MODEL = Model((20.0, 20.0, 32.0, 0.6), (13.7, 0.0, 33.0, 0.1), (141.0, 217.0, 190.0, 1.5))
@@ -50,35 +49,3 @@ def test_it_is_unknown_until_there_is_a_mean_and_after_a_while_without_one():
     assert math.isfinite(flowing(water, seconds=1.0).north_mps)
     assert math.isfinite(flowing(water, seconds=KEPT_S - 1.0, seen=False).north_mps)
     assert math.isnan(flowing(water, seconds=2.0, seen=False).north_mps)
-
-
-def travelled(doubt, way, steps=100, **state):
-    state = {"stale": False, "aided": True} | state
-    return [
-        doubt.step((way[0] * i / steps, way[1] * i / steps), 0.0, dt_s=DT_S, **state)
-        for i in range(steps + 1)
-    ][-1]
-
-
-def test_dead_reckoning_is_off_by_its_scale_along_the_way_and_by_its_heading_across():
-    found = travelled(PositionDoubtModel(0.0), (0.0, 30.0))
-    assert found.minor_m == pytest.approx(30.0 * SCALE)
-    assert found.major_m == pytest.approx(30.0 * HEADING_RAD)
-    assert math.remainder(found.direction_rad, math.pi) == pytest.approx(0.0, abs=1e-9)
-
-
-def test_a_fix_begins_anew_and_its_size_is_the_doubt_that_is_left():
-    doubt = PositionDoubtModel(0.01)
-    travelled(doubt, (30.0, 0.0))
-    fixed = doubt.step((30.4, 0.3), 0.5, stale=False, aided=True, dt_s=DT_S)
-    assert fixed.major_m == pytest.approx(math.sqrt(0.5 * 0.25 + 1e-4))
-    assert fixed.major_m == pytest.approx(fixed.minor_m)
-
-
-def test_without_the_velocitys_source_it_grows_and_without_a_position_it_is_unknown():
-    doubt = PositionDoubtModel(0.01)
-    assert math.isnan(doubt.step((0.0, 0.0), 0.0, stale=True, aided=True, dt_s=DT_S).major_m)
-    found = travelled(doubt, (0.0, 0.0), steps=500, aided=False)
-    assert found.major_m == pytest.approx(
-        math.hypot(0.01, UNAIDED_MPS * 10.0**1.5 / math.sqrt(3.0)), rel=0.01
-    )

@@ -7,7 +7,6 @@ const POINTS = 600;
 const APART_MS = 100; // it changes slowly
 const LEAST_M = 1; // from the middle to the nearer edge
 const FOLLOW_M = 3;
-const SIGMAS = 2.45; // 95 % of places in a plane
 const CURRENT_PX = 80; // a m/s
 const MOST_CURRENT_PX = 70;
 const LEAST_CURRENT_MPS = 0.02;
@@ -150,7 +149,6 @@ export class FromAbove {
     line(was, colours.measured, 2);
     if (engaged[index] > 0 && Number.isFinite(aim[0] + aim[1])) this.cross(context, place(aim), ratio);
     if (Number.isFinite(here[0] + here[1])) {
-      this.doubt(context, place(here), index, k, ratio);
       this.current(context, place(here), index, ratio);
       this.craft(context, place(here), store.value("heading_rad", index), Math.max(9 * ratio, 0.23 * k));
     }
@@ -201,17 +199,6 @@ export class FromAbove {
     context.fill();
     context.stroke();
     context.restore();
-  }
-
-  // The 95 % ellipse of the position.
-  doubt(context, [x, y], index, k, ratio) {
-    const [major, minor, direction] = ["major_m", "minor_m", "direction_rad"].map((name) => this.store.value(`position_doubt_${name}`, index));
-    if (!Number.isFinite(major + minor + direction)) return;
-    context.strokeStyle = colours.measured;
-    context.lineWidth = ratio;
-    context.beginPath();
-    context.ellipse(x, y, SIGMAS * major * k, SIGMAS * minor * k, direction - Math.PI / 2, 0, 2 * Math.PI);
-    context.stroke();
   }
 
   // The estimated current, where it exceeds its noise.
