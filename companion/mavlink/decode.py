@@ -29,7 +29,6 @@ from companion.records import (
     AttitudeTarget,
     AxisCommand,
     Battery,
-    CommandAck,
     Depth,
     DepthRate,
     EkfOrigin,
@@ -177,7 +176,6 @@ class Decoder:
             mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT: self._ekf_status,
             mavlink.MAVLINK_MSG_ID_NAMED_VALUE_FLOAT: self._named_value,
             mavlink.MAVLINK_MSG_ID_PARAM_VALUE: self._param_value,
-            mavlink.MAVLINK_MSG_ID_COMMAND_ACK: self._command_ack,
             mavlink.MAVLINK_MSG_ID_RC_CHANNELS: self._rc_channels,
             mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION: self._autopilot_version,
             mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: self._global_origin,
@@ -364,9 +362,6 @@ class Decoder:
         major, minor, patch, release = m.flight_sw_version.to_bytes(4, "big")
         kind = f" ({RELEASES[release]})" if release in RELEASES else ""
         return (Firmware(t_s, f"{major}.{minor}.{patch}{kind}", (major, minor, patch)),)
-
-    def _command_ack(self, m: Message, t_s: float) -> tuple[Event, ...]:
-        return (CommandAck(t_s, m.command, m.result),)
 
     def _global_origin(self, m: Message, t_s: float) -> tuple[Event, ...]:
         latitude_deg, longitude_deg = m.latitude / 1e7, m.longitude / 1e7

@@ -30,7 +30,6 @@ from companion.records.events import (
     Attitude,
     AttitudeTarget,
     Battery,
-    CommandAck,
     Depth,
     DepthRate,
     EkfOrigin,

@@ -200,13 +200,6 @@ class Parameter(Event, frozen=True, gc=False):
     value: float
 
 
-class CommandAck(Event, frozen=True, gc=False):
-    """The autopilot's answer to a command; `result` is MAV_RESULT. It can lie: the heartbeat is the truth."""
-
-    command: int
-    result: int
-
-
 class StatusText(Event, frozen=True, gc=False):
     """A line the autopilot wants a human to read; `severity` is MAV_SEVERITY."""
 

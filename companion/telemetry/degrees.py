@@ -1,4 +1,4 @@
-"""Metres north and east of an origin from degrees, and back, as ArduPilot computes them.
+"""Metres north and east of an origin from degrees, as ArduPilot computes them.
 
 Source: ArduPilot's libraries/AP_Common/Location.cpp. From the EKF's origin they are the vehicle's x and y.
 """
@@ -17,11 +17,3 @@ def metres(place: Degrees, origin: Degrees) -> tuple[float, float]:
     scale = math.cos(math.radians(0.5 * (place[0] + origin[0])))
     east_deg = (place[1] - origin[1] + 180.0) % 360.0 - 180.0
     return (place[0] - origin[0]) * METRES_PER_DEGREE, east_deg * METRES_PER_DEGREE * scale
-
-
-def degrees(north_m: float, east_m: float, origin: Degrees) -> Degrees:
-    """Return the place that is so far north and east of the origin."""
-    latitude = origin[0] + north_m / METRES_PER_DEGREE
-    scale = math.cos(math.radians(0.5 * (latitude + origin[0])))
-    longitude = origin[1] + east_m / METRES_PER_DEGREE / scale
-    return latitude, (longitude + 180.0) % 360.0 - 180.0

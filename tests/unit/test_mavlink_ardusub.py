@@ -12,7 +12,6 @@ from companion.records import (
     Attitude,
     AxisCommand,
     Battery,
-    CommandAck,
     Depth,
     DepthRate,
     EkfOrigin,
@@ -165,11 +164,9 @@ class TestSignsAndScales:
         assert convert(decoder, named(b"InputHold", NAN)) == ()
         assert counters.implausible == 2
 
-    def test_parameter_and_acknowledgement(self, decoder):
+    def test_parameter(self, decoder):
         value = mavlink.MAVLink_param_value_message(b"FS_PILOT_INPUT", 2.0, 2, 1370, 7)
         assert convert(decoder, value) == (Parameter(T, "FS_PILOT_INPUT", 2.0),)
-        ack = mavlink.MAVLink_command_ack_message(400, 4)
-        assert convert(decoder, ack) == (CommandAck(T, 400, 4),)
 
     @pytest.mark.parametrize(
         ("version", "text"), [(0x04070000, "4.7.0 (dev)"), (0x040501FF, "4.5.1"), (0x040601C0, "4.6.1 (rc)")]
