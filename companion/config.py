@@ -424,9 +424,7 @@ class Telemetry(Section, frozen=True):
             "with file (run --allow-control)"
         ),
     ] = "local"
-    raw: Annotated[
-        bool, means("publish every datagram too, for `holdfast record --tlog` and `holdfast rerun`")
-    ] = False
+    raw: Annotated[bool, means("publish every datagram too, for `holdfast rerun`")] = False
 
 
 class Config(Section, frozen=True):

@@ -24,13 +24,6 @@ def dashboard(argv: list[str]) -> int:
     return main(wanted)
 
 
-def foxglove(argv: list[str]) -> int:
-    """Serve a vehicle's telemetry as a live Foxglove WebSocket."""
-    from dashboard.foxglove.live import main
-
-    return main(argv)
-
-
 def tell(argv: list[str]) -> int:
     """Send a command to a vehicle over Zenoh, and print the answer."""
     from dashboard.terminal.tell import main
@@ -55,13 +48,6 @@ def follow(argv: list[str]) -> int:
 def record(argv: list[str]) -> int:
     """Record everything that a vehicle publishes, as MCAP."""
     from dashboard.recording.record import main
-
-    return main(argv)
-
-
-def recover(argv: list[str]) -> int:
-    """Repair a truncated recording."""
-    from dashboard.recording.recover import main
 
     return main(argv)
 

@@ -9,7 +9,7 @@ import tempfile
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from importlib.metadata import version
 from pathlib import Path
@@ -25,7 +25,8 @@ from companion.telemetry.commands import SetRecording
 from companion.telemetry.session import SessionThread, client_configuration, ticks_per_sample
 from dashboard.arguments import add_connect
 from dashboard.recording.recorder import DiveRecorder, FileLimits
-from holdfast import own_version
+from dashboard.recording.repair import repair
+from holdfast import DONE, REFUSED, own_version
 from holdfast.arguments import command_parser
 from holdfast.version import revision
 
@@ -50,13 +51,13 @@ EXAMPLES = """\
 examples:
   holdfast record                               everything that the first vehicle publishes, to ./dives
   holdfast record --name kelp --out /data       a new file every hour or 1000 MB; 500 MB stay free
-  holdfast run --set telemetry.raw=true &       publish every datagram; then record them, for `holdfast
-  holdfast record --tlog                        rerun` and, as .tlog, for any ground station
+  holdfast run --set telemetry.raw=true         publish every datagram too, for `holdfast rerun`
+  holdfast record --repair dives/cut.mcap       write dives/cut.repaired.mcap, with the index
 
-Foxglove and Lichtblick open and plot the files. Other commands read them:
+Foxglove and Lichtblick open and plot the files. Other commands read them, truncated ones too:
   holdfast report FILE    write a report                  holdfast replay FILE   show it on a dashboard
-  holdfast rerun FILE     compare the present code        holdfast recover FILE  repair a truncated file
-Ctrl-C closes the file. After a power cut at most the last second is missing.
+  holdfast rerun FILE     compare the present code
+Ctrl-C closes the file. After a power cut at most the last second is missing, and the index.
 """
 
 
@@ -340,9 +341,6 @@ def main(argv: list[str]) -> int:
         "--out", type=Path, default=Path("dives"), metavar="DIR", help="default: ./%(default)s"
     )
     parser.add_argument(
-        "--tlog", action="store_true", help="also write raw MAVLink as .tlog: see the examples"
-    )
-    parser.add_argument(
         "--max-mb",
         type=_positive,
         default=1000.0,
@@ -367,7 +365,16 @@ def main(argv: list[str]) -> int:
         "--allow-control", action="store_true", help="accept the command record of `holdfast tell`"
     )
     parser.add_argument("--wait", action="store_true", help="wait for that command")
+    parser.add_argument(
+        "--repair",
+        nargs="+",
+        type=Path,
+        metavar="FILE",
+        help="do not record: copy what can be read of truncated recordings, and end",
+    )
     options = parser.parse_args(argv)
+    if options.repair:
+        return _repair(options.repair)
     try:
         options.out.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=options.out):
@@ -380,7 +387,6 @@ def main(argv: list[str]) -> int:
         round(options.max_mb * _MB),
         60.0 * options.max_minutes,
         round(options.reserve_mb * _MB),
-        options.tlog,
     )
     ended = threading.Event()
 
@@ -401,6 +407,20 @@ def main(argv: list[str]) -> int:
     if recorder.failure is not None:
         sys.stderr.write(f"holdfast record: the recorder failed: {recorder.failure!r}\n")
     return 1 if recorder.failure is not None else 0
+
+
+def _repair(files: Sequence[Path]) -> int:
+    status = DONE
+    for file in files:
+        try:
+            sys.stdout.write(f"{file}: {repair(file)}\n")
+        except ValueError as error:
+            sys.stderr.write(f"holdfast record: {error}\n")
+            status = REFUSED
+        except OSError as error:  # the other files may be there
+            sys.stderr.write(f"holdfast record: {error.filename}: {error.strerror}\n")
+            status = REFUSED
+    return status
 
 
 def _positive(text: str) -> float:

@@ -16,8 +16,7 @@ import msgspec
 
 from companion.telemetry import schemas as telemetry
 from dashboard.losses import Losses
-from dashboard.recording import tlog
-from dashboard.recording.mcap_file import Disk, Item, Recording, TooManyChannelsError, is_time
+from dashboard.recording.mcap_file import Disk, Item, Recording, TooManyChannelsError
 from holdfast import files
 
 RESTART_S = 5.0
@@ -28,6 +27,8 @@ RAW_KEPT_S = 90.0
 """Raw ticks from so long ago come a second time when a companion is heard again; it keeps a minute."""
 EVENTS_KEPT = 1000
 NS_PER_S = 1e9
+
+REPAIR = "`holdfast record --repair FILE` adds its index"
 
 _MB = 1_000_000
 
@@ -41,7 +42,6 @@ class _Times(msgspec.Struct):
 
 _json_times = msgspec.json.Decoder(_Times)
 _raw_times = msgspec.msgpack.Decoder(_Times)
-_raw = msgspec.msgpack.Decoder(telemetry.Raw)
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,6 @@ class FileLimits:
     max_bytes: int = 1000 * _MB
     max_age_s: float = 3600.0
     reserve_bytes: int = 500 * _MB
-    tlog: bool = False
 
 
 class DiveRecorder:
@@ -74,8 +73,6 @@ class DiveRecorder:
         self._free = free_bytes or _free_bytes
         self._disk = disk or Disk
         self._file: Recording | None = None
-        self._tlog: Disk | None = None
-        self._frames = (tlog.Frames(), tlog.Frames())
         self._tables: dict[str, Mapping[str, str]] = {}
         self._began_s = 0.0
         self._messages = self._left_out = 0
@@ -108,12 +105,10 @@ class DiveRecorder:
         name = self._file.path.name
         try:
             self._file.close()
-            if self._tlog is not None:
-                self._tlog.close()
         except OSError as error:
             self._give_up(error)
             return
-        self._file = self._tlog = None
+        self._file = None
         left_out = f", but for {self._left_out} bad samples left out" if self._left_out else ""
         self.said = f"{why}; {name} is complete{left_out}"
 
@@ -140,8 +135,6 @@ class DiveRecorder:
                 return
             self._file.add(Item(key, encoding, payload, log_ns, publish_ns))
             self._messages += 1
-            if self._tlog is not None and key == self._raw_key:
-                self._log(self._tlog, payload)
         except OSError as error:
             self._give_up(error)
         except ValueError as error:
@@ -155,8 +148,6 @@ class DiveRecorder:
             return
         try:
             self._file.sync()
-            if self._tlog is not None:
-                self._tlog.sync()
         except OSError as error:
             self._give_up(error)
             return
@@ -235,34 +226,17 @@ class DiveRecorder:
             self._file.describe("holdfast", {**self._about, "began_utc": _utc(utc_ns).isoformat()})
             for name, table in self._tables.items():
                 self._file.describe(name, table)
-            if limits.tlog:
-                self._tlog = self._disk(path.with_suffix(".tlog"))
             self.said = f"recording to {path.name}"
         except OSError as error:
             self._give_up(error)
 
-    def _log(self, log: Disk, payload: bytes) -> None:
-        try:
-            raw = _raw.decode(payload)
-        except msgspec.MsgspecError:
-            return
-        heard, sent = self._frames
-        frames = [(t_ns / NS_PER_S, frame) for t_ns, data in raw.heard for frame in heard.take(data)]
-        frames += [(t_ns / NS_PER_S, frame) for t_ns, frame in raw.ground]
-        frames += [(raw.now_s, frame) for data in raw.out for frame in sent.take(data)]
-        stamped = ((self._clock.utc_ns(t_s), frame) for t_s, frame in frames)
-        log.write(b"".join(tlog.stamped(utc_ns, frame) for utc_ns, frame in stamped if is_time(utc_ns)))
-
     def _give_up(self, error: OSError) -> None:
-        file, log = self._file, self._tlog
-        self._file = self._tlog = None
+        file, self._file = self._file, None
         self.said = f"not recording: {error.strerror or error}: {error.filename or self._limits.directory}"
         if file is not None:
-            self.said = f"stopped: {error.strerror or error}; {file.path.name} was cut: `holdfast recover` it"
-        for part in (file, log):
+            self.said = f"stopped: {error.strerror or error}; {file.path.name} is truncated, {REPAIR}"
             with suppress(OSError):
-                if part is not None:
-                    part.give_up()
+                file.give_up()
 
 
 class _Clock:

@@ -22,7 +22,6 @@ from companion.engine import Engine
 from companion.records import Array, ControlSample, LoopHealth, Request, vector
 from companion.telemetry import samples
 from companion.telemetry import schemas as telemetry
-from dashboard.foxglove.live import layout
 from dashboard.foxglove.poses import quaternion
 from dashboard.recording.mcap_file import Item, Recording
 from dashboard.recording.record import flat
@@ -328,7 +327,8 @@ def test_the_layout_of_foxglove_names_topics_and_fields_of_a_recording(dive: Pat
         channel.topic: json.loads(summary.schemas[channel.schema_id].data)["properties"]
         for channel in summary.channels.values()
     }
-    shown = json.loads(layout("kelp"))
+    layout = Path(__file__).parents[2] / "docs" / "examples" / "foxglove.json"
+    shown = json.loads(layout.read_text())
     panels = shown["configById"]
     paths = [path["value"].partition(".") for panel in panels.values() for path in panel.get("paths", ())]
     assert len(paths) > 8

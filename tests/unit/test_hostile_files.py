@@ -172,10 +172,10 @@ def test_hostile_plans(tmp_path: Path) -> None:
     all_refused(tmp_path / "in" / "hostile.plan", encoded(JSONS), ("follow", "kelp", "FILE"))
 
 
-@pytest.mark.parametrize("command", ["recover", "report", "rerun", "replay"])
+@pytest.mark.parametrize("command", ["record --repair", "report", "rerun", "replay"])
 def test_hostile_recordings(tmp_path: Path, command: str) -> None:
     files = {name: MAGIC + content for name, content in RECORDINGS.items()}
-    all_refused(tmp_path / "in" / "hostile.mcap", files, (command, "FILE"))
+    all_refused(tmp_path / "in" / "hostile.mcap", files, (*command.split(), "FILE"))
 
 
 def test_hostile_telemetry_logs(tmp_path: Path) -> None:

@@ -19,8 +19,7 @@ from dashboard.recording.json_schema import schema_of
 from dashboard.recording.mcap_file import FREE_BYTES, MAGIC, MAX_RATIO, Disk, Item, Reader, Recording
 from dashboard.recording.record import main as record_main
 from dashboard.recording.recorder import DiveRecorder, FileLimits
-from dashboard.recording.recover import main as recover_main
-from dashboard.recording.recover import recover
+from dashboard.recording.repair import repair
 
 MakeSample = Callable[..., ControlSample]
 UTC_NS = 1_795_000_000_000_000_000
@@ -164,15 +163,17 @@ def test_a_cut_file_gives_all_whole_chunks(written: Path, tmp_path: Path, kept: 
     data = written.read_bytes()
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(data[: int(kept * len(data))])
-    count, reader = recover(cut, tmp_path / "again.mcap")
-    again = Reader(tmp_path / "again.mcap")
-    assert list(again) == whole[:count]
+    said = repair(cut)
+    reader, again = Reader(cut), Reader(tmp_path / "cut.repaired.mcap")
+    items = list(again)
+    assert items == list(reader) == whole[: len(items)]
     assert again.whole
     assert again.metadata["config"] == {"heave.kappa_per_s": "11.0"}
-    assert again.metadata["recovered"]["lost_bytes"] == str(reader.lost_bytes)
+    assert again.metadata["repaired"]["lost_bytes"] == str(reader.lost_bytes)
+    assert f"{len(items)} samples are in {again.path}; {reader.lost_bytes} bytes" in said
     assert not reader.whole
-    assert count > 0.9 * kept * len(whole) - 200
-    with (tmp_path / "again.mcap").open("rb") as file:
+    assert len(items) > 0.9 * kept * len(whole) - 200
+    with again.path.open("rb") as file:
         assert make_reader(file).get_summary() is not None
 
 
@@ -215,28 +216,23 @@ def test_a_chunk_with_a_flipped_bit_is_left_out(written: Path, tmp_path: Path) -
     assert reader.broken_chunks == 1
 
 
-def test_recover_leaves_the_original_alone_unless_told(
-    written: Path, capsys: pytest.CaptureFixture[str]
+def test_a_repair_leaves_the_original_and_a_whole_file_alone(
+    written: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    cut, nothing, none = tmp_path / "cut.mcap", tmp_path / "x.mcap", tmp_path / "none.mcap"
     data = written.read_bytes()[:-2000]
-    written.write_bytes(data)
-    assert recover_main([str(written)]) == 0
-    assert written.read_bytes() == data
-    assert recover_main([str(written)]) == 2  # what was recovered is there
-    assert "recovered.mcap: File exists" in capsys.readouterr().err
-    written.with_suffix(".recovered.mcap").unlink()
-    assert recover_main(["--in-place", str(written)]) == 0
-    assert sum(1 for _ in Reader(written)) > 3500
-    assert recover_main([str(written)]) == 0
-    assert "is whole" in capsys.readouterr().out
-
-
-def test_what_is_no_recording_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (tmp_path / "x.mcap").write_bytes(b"hello")
-    assert recover_main([str(tmp_path / "x.mcap"), str(tmp_path / "none.mcap")]) == 2
+    cut.write_bytes(data)
+    nothing.write_bytes(b"hello")
+    assert record_main(["--repair", str(written), str(cut)]) == 0
+    assert "kelp.mcap: is whole" in capsys.readouterr().out
+    assert record_main(["--repair", str(cut), str(nothing), str(none)]) == 2
     said = capsys.readouterr().err
-    assert "is no MCAP file" in said
-    assert "none.mcap" in said
+    assert "cut.repaired.mcap: File exists" in said
+    assert "x.mcap: is no MCAP file" in said
+    assert "none.mcap: No such file" in said
+    assert cut.read_bytes() == data
+    repaired = tmp_path / "cut.repaired.mcap"
+    assert set(tmp_path.glob("*.mcap")) == {written, cut, nothing, repaired}
 
 
 # --- The recorder -----------------------------------------------------------------------------------------
@@ -270,8 +266,8 @@ def test_a_companion_that_starts_anew_gets_new_times(tmp_path: Path, make_sample
     assert times == pytest.approx([0.0, 0.02, 2.0, 2.02], abs=1e-3)
 
 
-def test_a_raw_tick_that_comes_twice_is_kept_once_and_logged_as_tlog(tmp_path: Path) -> None:
-    kept = recorder(tmp_path, tlog=True)
+def test_a_raw_tick_that_comes_twice_is_kept_once(tmp_path: Path) -> None:
+    kept = recorder(tmp_path)
     kept.start(UTC_NS, 0.0)
     key, encoding = telemetry.raw_key("kelp")
     frame = b"\xfd\x02\x00\x00\x07\x01\x01\x00\x00\x00ab\x00\x00"
@@ -281,7 +277,6 @@ def test_a_raw_tick_that_comes_twice_is_kept_once_and_logged_as_tlog(tmp_path: P
     kept.stop()
     (path,) = tmp_path.glob("*.mcap")
     assert len(list(Reader(path))) == 4
-    assert path.with_suffix(".tlog").stat().st_size == 4 * 2 * (8 + len(frame))
 
 
 def test_a_new_file_begins_by_size_and_by_age(
@@ -324,16 +319,14 @@ class FullDisk(Disk):
 def test_a_full_disk_ends_the_recording_and_nothing_else(
     tmp_path: Path, ticks: list[list[tuple[str, str, bytes]]]
 ) -> None:
-    kept = DiveRecorder(
-        "kelp", FileLimits(tmp_path, tlog=True), {}, free_bytes=lambda _: PLENTY, disk=FullDisk
-    )
+    kept = DiveRecorder("kelp", FileLimits(tmp_path), {}, free_bytes=lambda _: PLENTY, disk=FullDisk)
     kept.start(UTC_NS, 0.0)
     for second in range(10):
         feed(kept, ticks[50 * second : 50 * second + 50], 50 * second)
         kept.each_second(0, float(second))
     assert not kept.recording
     assert "No space left on device" in kept.said
-    assert "recover" in kept.said
+    assert "record --repair" in kept.said
     status = kept.status(10.0, 0)
     assert not status.recording
     assert status.said == kept.said
