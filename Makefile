@@ -22,7 +22,7 @@ unexport PYTHONDONTWRITEBYTECODE
 help:  ## list what there is
 	@sed -n 's/^\([a-z]*\):.*## \(.*\)/  make \1	\2/p' Makefile | expand -t 18
 
-demo: $(DEMO)  ## a dive in the simulator, about a minute; leaves out/demo.png and out/demo.json
+demo: $(DEMO)  ## dives in the simulator, half a minute; leaves out/demo.png and out/demo.json
 	$(BIN)/holdfast demo
 
 test: $(STAMP)  ## everything that must hold, `make check` included

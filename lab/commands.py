@@ -9,11 +9,7 @@ from lab.options import json_file
 BENCH_EXAMPLES = """\
 further benches, each with its own --help:
   position    places and paths in a current, with a DVL, beside a PID and ArduSub's POSHOLD and GUIDED
-  process     the process against its limits: memory, tick, lateness
-  zenoh       what slow, stopped and killed subscribers cost the tick; six minutes
-  fleet       what many vehicles at one router with TLS cost (--vehicles N); two minutes
   soak        everything live for hours (--minutes MIN): memory, lateness, lost records
-  dashboard   what the dashboard costs for each browser (--seconds S); two minutes
   ablation    one part of the controller less at a time; the network beside the observer
   grid        vehicles of a third to three times the nominal gain (--cells SET ...): limit cycles
   tank        a real BlueROV2 Heavy as it was measured, with the nominal preset and with its own
@@ -27,10 +23,8 @@ examples:
   holdfast bench dives --seeds 4                             a quick look: all rows, 4 vehicles
   holdfast bench dives --rows default ppi --scenarios waves  compare two rows in one scenario
   holdfast bench position --seeds 4                          places and paths, beside a PID
-  holdfast bench process                                     only the process: memory, tick, jitter
   holdfast bench dives --set heave.kappa_per_s=8             the shipped default with another gain
   holdfast bench dives --seeds 4 --table out/dives.csv       also a table with one row for each dive
-  holdfast bench fleet --vehicles 10                         ten vehicles at one router
   holdfast bench soak --minutes 120                          two hours, everything live
   holdfast bench firmware                                    our simulator beside the real ArduSub
 """
@@ -80,30 +74,47 @@ BENCHES = {
     "light": "lab.studies.reality:Light",
     "published": "lab.studies.published:Published",
     "firmware": "lab.studies.fidelity:Fidelity",
-    "process": "lab.operations.operations:Process",
-    "zenoh": "lab.operations.operations:Subscribers",
-    "fleet": "lab.operations.operations:Fleet",
-    "soak": "lab.operations.operations:Soak",
-    "dashboard": "lab.operations.operations:Dashboard",
+    "soak": "lab.operations.soak:Soak",
 }
+
+GONE = {
+    "bench process": "`holdfast bench soak` measures memory and lateness; decision 38 keeps the figures",
+    "bench zenoh": "decision 38 keeps its figures; tests/live tries bad subscribers",
+    "bench fleet": "decision 38 keeps its figures; docs/telemetry.md describes several vehicles",
+    "bench dashboard": "`holdfast bench soak` runs the dashboard; decision 38 keeps the figures",
+    "demo --dvl": "`holdfast bench position` runs places and paths with a DVL",
+}
+"""What was deleted, and what a user is told instead."""
+
+
+def _gone(command: str, argv: list[str]) -> bool:
+    """Say it if `argv` asks for what is in GONE."""
+    for word in argv:
+        asked = f"{command} {word.partition('=')[0]}"
+        if asked in GONE:
+            sys.stderr.write(f"holdfast {asked} was removed: {GONE[asked]}\n")
+            return True
+    return False
 
 
 def demo(argv: list[str]) -> int:
     """Dive a minute: what the pilot has today, beside Holdfast."""
+    if _gone("demo", argv):
+        return 2
     from lab.demo.demo import main
 
     return main(argv)
 
 
 def bench(argv: list[str]) -> int:
-    """Measure control errors over many vehicles and seas, and the cost of a tick."""
+    """Measure control errors over many vehicles and seas."""
+    if _gone("bench", argv[:1]):
+        return 2
     finder = CommandParser(prog="holdfast bench", add_help=False)
     finder.add_argument("what", nargs="?", choices=tuple(BENCHES))
     for option in (
         "seeds",
-        "vehicles",
         "minutes",
-        "seconds",
         "set",
         "json",
         "table",
@@ -119,12 +130,7 @@ def bench(argv: list[str]) -> int:
     rest = [word for i, word in enumerate(argv) if what is None or i != argv.index(what)]
     from lab.study import load, start
 
-    status = start(load(BENCHES[what or "dives"]), rest, BENCH_EXAMPLES)
-    if what or status == 2:
-        return status
-    from lab.operations.operations import after_dives
-
-    return max(status, after_dives(rest))
+    return start(load(BENCHES[what or "dives"]), rest, BENCH_EXAMPLES)
 
 
 def schema(argv: list[str]) -> int:

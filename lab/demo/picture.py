@@ -7,20 +7,17 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from lab import style
-from lab.demo.screen import NAMES
+from lab.demo.dives import NAMES, PARTS, Array, DemoDive, DemoFigures
 from lab.demo.story import Story
-from lab.demo.timeline import Array, DemoDive, DemoFigures
 from lab.style import SMALL
 
-# Dashes and widths tell the dives apart once more.
-COLOURS = {
-    "alt_hold": style.VERMILLION,
-    "law": style.ORANGE,
-    "observer": style.GREEN,
-    "holdfast": style.BLUE,
+LINES: dict[str, tuple[str, tuple[float, ...]]] = {
+    "alt_hold": (style.VERMILLION, (4.0, 1.5)),
+    "law": (style.ORANGE, (1.2, 1.2)),
+    "observer": (style.GREEN, (5.0, 1.2, 1.2, 1.2)),
+    "holdfast": (style.BLUE, (1.0, 0.0)),
 }
-DASHES = {"alt_hold": (4.0, 1.5), "law": (1.2, 1.2), "observer": (5.0, 1.2, 1.2, 1.2), "holdfast": (1.0, 0.0)}
-OURS = ("law", "observer", "holdfast")
+"""Colours, and dashes, which tell the dives apart once more."""
 SIZE_IN, DPI = (12.8, 7.6), 150
 
 
@@ -29,12 +26,9 @@ def draw(
     results: Mapping[str, DemoFigures],
     story: Story,
     said: Sequence[str],
-    caption: str,
+    vehicle: str,
 ) -> Figure:
-    """Draw the dives of COLOURS over the time since arming, and their errors in each phase.
-
-    `said` is what the parts are worth, `caption` how the picture was made.
-    """
+    """Draw the dives of `vehicle` and their errors; `said` is what the parts of Holdfast are worth."""
     figure = Figure(figsize=SIZE_IN, dpi=DPI, layout="constrained")
     figure.get_layout_engine().set(w_pad=0.1, h_pad=0.08)  # type: ignore[union-attr, call-arg]  # a constrained layout
     grid = figure.add_gridspec(2, 12, height_ratios=(1.0, 1.25))
@@ -53,6 +47,10 @@ def draw(
         fontweight="bold",
     )
     figure.text(0.5, 0.955, "\n".join(said), ha="center", va="top", fontsize=11)
+    caption = (
+        f"{story.words}\nVehicle, water, path and load are the same in each dive, in virtual time with "
+        f"{vehicle}. ALT_HOLD has its default gains and gets the same path."
+    )
     figure.supxlabel(caption, fontsize=SMALL, color="0.35")
     return figure
 
@@ -72,10 +70,10 @@ def _depth(panel: Axes, dives: Mapping[str, DemoDive]) -> None:
 def _bars(panel: Axes, results: Mapping[str, DemoFigures], story: Story) -> None:
     """Draw the errors of all four in each phase; the scale is logarithmic, ALT_HOLD's are much larger."""
     width = 0.2
-    for index, name in enumerate(COLOURS):
+    for index, name in enumerate(NAMES):
         values = [results[name].phase_rms_mm[phase] for phase in story.phases]
         places = np.arange(len(values)) + width * (index - 1.5)
-        bars = panel.bar(places, values, width, color=COLOURS[name], label=NAMES[name])
+        bars = panel.bar(places, values, width, color=LINES[name][0], label=NAMES[name])
         panel.bar_label(bars, fmt="%.1f", fontsize=7)
     panel.set_yscale("log")
     panel.set_yticks([1, 10, 100], ["1", "10", "100"])
@@ -88,7 +86,7 @@ def _bars(panel: Axes, results: Mapping[str, DemoFigures], story: Story) -> None
 
 def _error(panel: Axes, dives: Mapping[str, DemoDive], story: Story) -> None:
     """Draw the errors of Holdfast and of its parts; ALT_HOLD's would leave the panel."""
-    for name in OURS:
+    for name in PARTS:
         _line(panel, name, dives[name].t_s, dives[name].depth_error_mm)
     style.zero(panel)
     style.name(panel, "Depth error, without ALT_HOLD", "true depth minus reference (mm)", pad=18.0)
@@ -97,7 +95,8 @@ def _error(panel: Axes, dives: Mapping[str, DemoDive], story: Story) -> None:
 
 
 def _line(panel: Axes, name: str, t_s: Array, values: Array) -> None:
-    panel.plot(t_s, values, color=COLOURS[name], linewidth=1.5, dashes=DASHES[name], label=NAMES[name])
+    colour, dashes = LINES[name]
+    panel.plot(t_s, values, color=colour, linewidth=1.5, dashes=dashes, label=NAMES[name])
 
 
 def _frame(panel: Axes, story: Story) -> None:

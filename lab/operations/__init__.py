@@ -1,1 +1,1 @@
-"""What only measures the process: memory, lateness, subscribers, many vehicles, hours."""
+"""What only measures the processes: memory, lateness and lost records, for hours."""

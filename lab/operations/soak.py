@@ -1,300 +1,258 @@
 """`holdfast bench soak`: everything at once, live, for as long as asked, and whether anything grows.
 
-Simulator, companion with a ground station behind it, dashboard with one browser, recorder. Once a minute a
-new Zenoh client comes, moves the setpoint, engages again if the companion let go, and leaves.
+Simulator, companion, dashboard with one browser, recorder. Once a minute a new Zenoh client comes, moves the
+setpoint, engages again if the companion let go, and leaves.
 """
 
+import argparse
 import asyncio
 import math
-import socket
-import sys
+import subprocess
 import tempfile
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator
-from contextlib import suppress
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import NamedTuple
+from socket import SOCK_DGRAM
+from typing import Any, NamedTuple
 
 import aiohttp
 import numpy as np
-from mcap.reader import make_reader
-from pymavlink.dialects.v20 import ardupilotmega as mavlink
-from rich.console import Console, Group, RenderableType
+from rich.console import RenderableType
 
 from companion.telemetry import schemas as telemetry
-from dashboard.losses import Losses
 from dashboard.zenoh_client import Subscription
-from lab.demo.crew import ChildError, Crew
-from lab.operations.bounds import Bound
+from holdfast import RefusedError
+from lab.operations.processes import HOLDFAST, running
+from lab.options import add_out, positive
 from lab.ports import free_port
-from lab.study import ruled
-from lab.usage import Memory, Slope, cpu_s, memory_kb, slope
+from lab.study import Row, Study, ruled
+from lab.usage import Memory, memory_kb, slope
 
 VEHICLE = "soak"
-WARM_UP_S = 600.0
-"""Buffers fill and caches grow: the slope of the memory counts from here, or from a tenth of a short run."""
+STEERS = "ACTIVE"
 DEPTHS_M = (2.0, 5.0)
 START_S = 60.0
-EMPTY_LOOP = "from lab.operations.bounds import empty_loop\nwhile True: empty_loop(60.0)"
-EMPTY = "empty loop"
+WARM_UP_S = 600.0
+"""Buffers fill and caches grow: the slope of the memory counts from here, or from a tenth of a short run."""
 LOOK_S = 0.1
-MINUTE_S = 60.0
-STEERS = "ACTIVE"
+LAST_LINES = 15
+
+
+class Duration(NamedTuple):
+    """How long a soak lasts."""
+
+    minutes: int
 
 
 class Minute(NamedTuple):
     """What a minute was like."""
 
     at_s: float
-    memory_kb: dict[str, Memory]
-    lateness_ms: tuple[float, float, float]
-    """Of the ticks: median, p99, largest."""
-    empty_ms: float
-    """p99 of a timer loop that does nothing, at the same time."""
-    load: float
-    """The machine's processes that wanted a core, on average."""
+    memory_kb: Mapping[str, Memory]
+    lateness_ms: Sequence[float]
+    """Of each tick."""
+
+
+class ChildError(Exception):
+    """A process ended, or nothing is held; the message holds the last lines of its log."""
 
 
 @dataclass
-class Soak:
-    """What was measured so far."""
+class Heard:
+    """What came over Zenoh."""
 
-    minutes: list[Minute] = field(default_factory=list)
-    cpu: dict[str, float] = field(default_factory=dict)
-    """Share of a core."""
+    lateness_ms: list[float] = field(default_factory=list)
+    """Of the ticks since somebody emptied it."""
+    state: str = ""
     let_go: Counter[str] = field(default_factory=Counter)
     """How often the companion left ACTIVE, by its reason."""
-    missed: Losses = field(default_factory=Losses)
-    """Samples that did not come to us."""
     loop: telemetry.Loop | None = None
-    supervisor: telemetry.Supervisor | None = None
     recorder: telemetry.Recorder | None = None
-    commands: int = 0
-    refused: Counter[str] = field(default_factory=Counter)
-    tracebacks: Counter[str] = field(default_factory=Counter)
-    late_ms: list[float] = field(default_factory=list)
+    not_done: int = 0
+    """Commands."""
 
     def take(self, key: str, payload: bytes) -> None:
         """Take a sample."""
-        tail = key.split("/", 2)[2]
-        if tail not in ("loop", "supervisor", "recorder"):
-            self.missed.take(tail, 0)
+        if not key.endswith(("/loop", "/supervisor", "/recorder")):
             return
         record = telemetry.decode(key, payload)
-        self.missed.take(tail, record.tick if isinstance(record, telemetry.Loop) else 0)
         if isinstance(record, telemetry.Loop):
             self.loop = record
-            self.late_ms.append(record.lateness_ms)
+            self.lateness_ms.append(record.lateness_ms)
         elif isinstance(record, telemetry.Recorder):
             self.recorder = record
         elif isinstance(record, telemetry.Supervisor):
-            previous, self.supervisor = self.supervisor, record
-            if previous is not None and previous.state == STEERS != record.state:
+            if self.state == STEERS != record.state:
                 self.let_go[record.reason] += 1
+            self.state = record.state
 
-    def lateness_ms(self) -> tuple[float, float, float]:
-        """Return median, p99 and largest of the ticks since the last call."""
-        late, self.late_ms = self.late_ms, []
-        if not late:
-            return math.nan, math.nan, math.nan
-        p50, p99 = np.percentile(late, [50, 99])
-        return float(p50), float(p99), max(late)
-
-    def typical_p99_ms(self) -> tuple[float, float]:
-        """Return the median of the minutes' p99: of the ticks, and of the loop that does nothing."""
-        late = np.median([row.lateness_ms[1] for row in self.minutes])
-        return float(late), float(np.median([row.empty_ms for row in self.minutes[1:] or self.minutes]))
-
-    def slopes(self, minutes: float) -> dict[str, Slope]:
-        """Return how what each process allocated grew, kB/h, since `counts_from_s`."""
-        counted = [row for row in self.minutes if row.at_s >= counts_from_s(minutes)]
-        hours = [row.at_s / 3600.0 for row in counted]
-        return {
-            name: slope(hours, [row.memory_kb[name].own for row in counted])
-            for name in self.minutes[0].memory_kb
-        }
+    def listen(self, seen: Subscription, seconds: float) -> None:
+        """Take all that comes for so long."""
+        until_s = time.monotonic() + seconds
+        while time.monotonic() < until_s:
+            for key, payload in seen.take():
+                self.take(key, payload)
+            time.sleep(LOOK_S)
 
 
-def soak(minutes: int, advance: Callable[[], object]) -> list[Bound]:
-    """Run, print the summary every minute, and return the figures. Raises ChildError if a process ended."""
-    found, console = Soak(), Console()
-    with tempfile.TemporaryDirectory(prefix="holdfast-soak-") as folder, Crew(Path(folder)) as crew:
-        dives = Path(folder) / "dives"
-        try:
-            for _ in _run(60.0 * minutes, crew, dives, found):
-                console.print(summary(found, minutes))
-                advance()
-        except KeyboardInterrupt:
-            console.print(summary(found, minutes), "stopped: these are the figures until now")
-            raise
-        crew.close()
-        found.tracebacks = crew.count("Traceback")
-        written = sum(_messages(file) for file in dives.glob("*.mcap"))
-    recorder = found.recorder
-    lost = math.inf if recorder is None else recorder.lost + recorder.dropped
-    late_ms, empty_ms = found.typical_p99_ms()
-    return [
-        *(Bound(f"memory slope, {name}", line.slope, "kB/h") for name, line in found.slopes(minutes).items()),
-        *(Bound(f"processor, {name}", 100.0 * share, "% of a core") for name, share in found.cpu.items()),
-        Bound("tick lateness, median of the minutes' p99", late_ms, "ms"),
-        Bound("empty timerfd loop: the same", empty_ms, "ms"),
-        Bound("let go", found.let_go.total(), "x"),
-        Bound("commands not done", found.refused.total(), f"of {found.commands}"),
-        Bound("records in the recorder's files, read again", written, ""),
-        Bound("records lost", lost, "", limit=0),
-        Bound("Traceback in the logs", found.tracebacks.total(), "x", limit=0),
-    ]
+class Soak(Study[Duration]):
+    """Everything live for hours, in the command's own process."""
 
+    command = "bench soak"
+    about = "Runs everything live for hours, and measures memory, lateness and lost records."
+    unit = rows_key = "minutes"
 
-def counts_from_s(minutes: float) -> float:
-    """Return from when on the slope of the memory counts."""
-    return min(WARM_UP_S, 6.0 * minutes)
-
-
-def summary(found: Soak, minutes: float) -> RenderableType:
-    """Return the figures so far, for a terminal or a log."""
-    rows = found.minutes
-    if not rows:
-        return "starting"
-    passed = rows[-1].at_s / 60.0
-    memory = ruled(
-        f"{passed:.0f} of {minutes:g} minutes",
-        "process", "% of\na core", "memory MB\nfirst", "\nnow",
-        "allocated\nMB, now", "slope\nkB/h", "± standard\nerror",
-    )  # fmt: skip
-    for name, line in found.slopes(minutes).items():
-        memory.add_row(
-            name,
-            f"{100.0 * found.cpu.get(name, math.nan):.1f}",
-            f"{rows[0].memory_kb[name].share / 1024.0:.1f}",
-            f"{rows[-1].memory_kb[name].share / 1024.0:.1f}",
-            f"{rows[-1].memory_kb[name].own / 1024.0:.1f}",
-            f"{line.slope:.0f}",
-            f"{line.error:.0f}",
+    @classmethod
+    def options(cls, parser: argparse.ArgumentParser) -> None:
+        """Add --out and --minutes."""
+        add_out(parser, "out/bench")
+        parser.add_argument(
+            "--minutes", type=positive, default=120, metavar="MIN", help="of the soak; default %(default)s"
         )
-    loop, recorder, last = found.loop, found.recorder, rows[-1]
-    late_ms, empty_ms = found.typical_p99_ms()
-    lines = [
-        f"slopes count from minute {counts_from_s(minutes) / 60.0:.0f}; "
-        f"load of the machine now {last.load:.1f}, mean {np.mean([row.load for row in rows]):.1f}",
-        f"tick lateness ms, last minute: median {last.lateness_ms[0]:.2f}, p99 {last.lateness_ms[1]:.2f} "
-        f"(a loop that does nothing: {last.empty_ms:.2f})",
-        f"  median of all minutes' p99 {late_ms:.2f} ({empty_ms:.2f}), "
-        f"worst tick {max(row.lateness_ms[2] for row in rows):.0f}",
-    ]
-    if loop is not None:
-        lines.append(
-            f"ticks {loop.tick}, skipped {loop.late_ticks}; samples dropped before Zenoh "
-            f"{loop.samples_dropped}; missing here {found.missed.lost}"
-        )
-    if recorder is not None:
-        lines.append(
-            f"recorder: {recorder.messages} records, lost {recorder.lost}, dropped {recorder.dropped}"
-        )
-    state = found.supervisor.state if found.supervisor else "unknown"
-    lines.append(f"state {state}; commands {found.commands}, not done {found.refused.total()}")
-    lines += [f"  not done {count} x: {said}" for said, count in found.refused.items()]
-    lines.append(f"let go {found.let_go.total()} x")
-    lines += [f"  {count} x: {reason}" for reason, count in found.let_go.most_common()]
-    lines += [f"Traceback in the log of {name}: {count} x" for name, count in found.tracebacks.items()]
-    return Group(memory, *lines)
+
+    def __init__(self, arguments: argparse.Namespace) -> None:
+        """Raise RefusedError for another machine."""
+        if arguments.scheduler is not None:
+            raise RefusedError("--scheduler: it measures this machine")
+        self.steps = arguments.minutes
+
+    def cases(self) -> Sequence[Duration]:
+        """Return the one soak."""
+        return [Duration(self.steps)]
+
+    def dive(self, cases: Sequence[Duration]) -> Iterator[Row]:
+        """Soak; `error` says why it ended early."""
+        for case in cases:
+            heard, minutes, error = Heard(), list[Minute](), ""
+            with tempfile.TemporaryDirectory(prefix="holdfast-soak-") as logs:
+                try:
+                    for minute in _minutes(60.0 * case.minutes, Path(logs), heard):
+                        minutes.append(minute)
+                        self.advance(1)
+                except (ChildError, KeyboardInterrupt) as raised:
+                    error = str(raised) or "stopped"
+                said = [log.read_text(errors="replace") for log in Path(logs).glob("*.log")]
+            tracebacks = sum(text.count("Traceback") for text in said)
+            yield {"error": error, "tracebacks": tracebacks, **figures(heard, minutes)}
+
+    def tables(self, rows: Sequence[Row]) -> Iterable[RenderableType]:
+        """Lay out the figures."""
+        for row in rows:
+            shown = ruled("The soak", "figure", "measured")
+            for name, value in row.items():
+                shown.add_row(name, f"{value:.4g}" if isinstance(value, float) else str(value))
+            yield shown
+
+    def failed(self, rows: Sequence[Row]) -> bool:
+        """Return whether a process ended or said Traceback, or a record was lost."""
+        return any(row["error"] or row["tracebacks"] or row.get("records_lost") != 0 for row in rows)
+
+    def summary(self, rows: Sequence[Row]) -> dict[str, Any]:
+        """Return every figure."""
+        return {"soak": rows}
 
 
-def _run(seconds: float, crew: Crew, dives: Path, found: Soak) -> Iterator[None]:
-    """Keep everything running, and come back every minute."""
-    endpoint, port = f"tcp/127.0.0.1:{free_port()}", free_port()
-    _start(crew, dives, endpoint, port, ground := _GroundStation())
-    with Subscription(f"holdfast/{VEHICLE}/**", endpoint) as seen, ground:
+def _minutes(seconds: float, logs: Path, heard: Heard) -> Iterator[Minute]:
+    """Run everything for so long, and come back every minute. Raises ChildError if a process ended."""
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    with ExitStack() as stack:
+        children = _start(stack, logs, endpoint)
+        seen = stack.enter_context(Subscription(f"holdfast/{VEHICLE}/**", endpoint))
         begun_s = time.monotonic()
-        while not (found.supervisor is not None and found.supervisor.state == STEERS):
-            crew.check()
+        while heard.state != STEERS:
+            _check(children, logs)
             if time.monotonic() - begun_s > START_S:
-                raise ChildError(f"the companion did not engage within {START_S:g} s\n{crew.last_lines()}")
-            _listen(seen, found, LOOK_S)
-        found.let_go.clear()
-        threading.Thread(target=asyncio.run, args=(browse(port),), daemon=True).start()
-        pids = {name: pid for name, pid in crew.pids().items() if name != EMPTY}
-        begun_s, cpu = time.monotonic(), {name: cpu_s(pid) for name, pid in pids.items()}
-        while (now_s := time.monotonic() - begun_s) < seconds:
-            _listen(seen, found, min(MINUTE_S, seconds - now_s))
-            crew.check()
-            at_s = time.monotonic() - begun_s
-            found.cpu = {name: (cpu_s(pid) - cpu[name]) / at_s for name, pid in pids.items()}
-            found.minutes.append(
-                Minute(
-                    at_s,
-                    {name: memory_kb(pid) for name, pid in pids.items()},
-                    found.lateness_ms(),
-                    _last_number(crew.last_lines(EMPTY)),
-                    float(Path("/proc/loadavg").read_text(encoding="ascii").split()[0]),
-                )
-            )
-            _visit(endpoint, found)
-            yield
+                raise ChildError(f"nothing was engaged in {START_S:g} s\n{_last(logs, 'run')}")
+            heard.listen(seen, LOOK_S)
+        begun_s, count, heard.lateness_ms = time.monotonic(), 0, []
+        while (at_s := time.monotonic() - begun_s) < seconds:
+            heard.listen(seen, min(60.0, seconds - at_s))
+            _check(children, logs)
+            memory = {name: memory_kb(child.pid) for name, child in children.items()}
+            yield Minute(time.monotonic() - begun_s, memory, heard.lateness_ms)
+            count, heard.lateness_ms = count + 1, []
+            _visit(endpoint, heard, DEPTHS_M[count % len(DEPTHS_M)])
 
 
-def _start(crew: Crew, dives: Path, endpoint: str, port: int, ground: "_GroundStation") -> None:
-    link = f"127.0.0.1:{free_port(socket.SOCK_DGRAM)}"
-    settings = {
-        "vehicle.name": VEHICLE,
-        "link.endpoint": f"udp-listen:{link}",
-        "vehicle.thrust_path": "manual_control",  # as a ground station behind us asks for
-        "ground_station.endpoint": f"udp-connect:127.0.0.1:{ground.port}",
-        "telemetry.endpoint": endpoint,
+def figures(heard: Heard, minutes: Sequence[Minute]) -> Row:
+    """Return memory (MB, and its slope in kB/h with its standard error), lateness (ms), and counts."""
+    if not minutes:
+        return {}
+    counted = [minute for minute in minutes if minute.at_s >= min(WARM_UP_S, 0.1 * minutes[-1].at_s)]
+    hours = [minute.at_s / 3600.0 for minute in counted]
+    found: Row = {}
+    for name, now in minutes[-1].memory_kb.items():
+        line = slope(hours, [minute.memory_kb[name].own for minute in counted])
+        found[f"{name}_memory_mb"] = now.share / 1024.0
+        found[f"{name}_slope_kb_h"], found[f"{name}_slope_error_kb_h"] = line
+    late_ms = [ms for minute in minutes for ms in minute.lateness_ms] or [math.nan]
+    p50, p99 = np.percentile(late_ms, [50, 99])
+    found |= {"lateness_p50_ms": float(p50), "lateness_p99_ms": float(p99), "lateness_max_ms": max(late_ms)}
+    loop, recorder = heard.loop, heard.recorder
+    return found | {
+        "ticks": loop.tick if loop else 0,
+        "ticks_skipped": loop.late_ticks if loop else 0,
+        "let_go": heard.let_go.total(),
+        "let_go_why": "; ".join(heard.let_go),
+        "commands_not_done": heard.not_done,
+        "records": recorder.messages if recorder else 0,
+        "records_lost": recorder.lost + recorder.dropped if recorder else math.inf,
     }
-    set_all = [f"--set={key}={value}" for key, value in settings.items()]
-    crew.start("run", "--engage", "--arm", "--depth", str(DEPTHS_M[0]), *set_all)
+
+
+def _start(stack: ExitStack, logs: Path, endpoint: str) -> dict[str, subprocess.Popen[str]]:
+    link, port = f"127.0.0.1:{free_port(SOCK_DGRAM)}", free_port()
+    settings = (
+        f"vehicle.name={VEHICLE}",
+        f"link.endpoint=udp-listen:{link}",
+        f"telemetry.endpoint={endpoint}",
+    )
     sea = ("--set=waves.enabled=true", "--set=current.enabled=true")
-    crew.start("sim", "--udp-connect", link, "--zenoh", endpoint, "--name", VEHICLE, *sea)
-    crew.start("dashboard", "--connect", endpoint, "--listen", f"127.0.0.1:{port}")
-    crew.start("record", "--connect", endpoint, "--name", VEHICLE, "--out", str(dives))
-    crew.run(EMPTY, [sys.executable, "-u", "-c", EMPTY_LOOP])
+    arguments = {
+        "run": ("--engage", "--arm", "--depth", str(DEPTHS_M[0]), *(f"--set={text}" for text in settings)),
+        "sim": ("--udp-connect", link, "--zenoh", endpoint, "--name", VEHICLE, *sea),
+        "dashboard": ("--connect", endpoint, "--listen", f"127.0.0.1:{port}"),
+        "record": ("--connect", endpoint, "--name", VEHICLE, "--out", str(logs / "dives")),
+    }
+    children = {}
+    for name, words in arguments.items():
+        log = stack.enter_context((logs / f"{name}.log").open("wb"))
+        children[name] = stack.enter_context(running(*HOLDFAST, name, *words, errors=log))
+    threading.Thread(target=asyncio.run, args=(_browse(port),), daemon=True).start()
+    return children
 
 
-def _listen(seen: Subscription, found: Soak, seconds: float) -> None:
-    until_s = time.monotonic() + seconds
-    while time.monotonic() < until_s:
-        for key, payload in seen.take():
-            found.take(key, payload)
-        time.sleep(LOOK_S)
+def _check(children: Mapping[str, subprocess.Popen[str]], logs: Path) -> None:
+    """Raise ChildError if one has ended."""
+    for name, child in children.items():
+        if child.poll() is not None:
+            raise ChildError(f"`holdfast {name}` ended with status {child.returncode}\n{_last(logs, name)}")
 
 
-def _visit(endpoint: str, found: Soak) -> None:
+def _last(logs: Path, name: str) -> str:
+    return "\n".join((logs / f"{name}.log").read_text(errors="replace").splitlines()[-LAST_LINES:])
+
+
+def _visit(endpoint: str, heard: Heard, depth_m: float) -> None:
     """Come as a new client, say where to be and, if it let go, to engage; and leave."""
-    depth_m = DEPTHS_M[len(found.minutes) % len(DEPTHS_M)]
     wishes: list[tuple[str, dict[str, object]]] = [("setpoint", {"depth_m": depth_m})]
-    state = found.supervisor.state if found.supervisor else STEERS
-    if state == "FAULT":
+    if heard.state == "FAULT":
         wishes.append(("clear_fault", {}))
-    if state != STEERS:
+    if heard.state != STEERS:
         wishes.append(("engage", {}))
     with Subscription(f"holdfast/{VEHICLE}/event", endpoint) as client:
         until_s = time.monotonic() + 5.0
         while not client.connected and time.monotonic() < until_s:
             time.sleep(LOOK_S)
         for command, what in wishes:
-            reply = client.tell(VEHICLE, command, what)
-            found.commands += 1
-            if not reply.done:
-                found.refused[f"{command}: {reply.said}"] += 1
+            heard.not_done += not client.tell(VEHICLE, command, what).done
 
 
-def _last_number(text: str) -> float:
-    with suppress(ValueError, IndexError):
-        return float(text.split()[-1])
-    return math.nan
-
-
-def _messages(file: Path) -> int:
-    with file.open("rb") as stream:
-        found = make_reader(stream).get_summary()
-    return found.statistics.message_count if found is not None and found.statistics is not None else 0
-
-
-async def browse(port: int) -> None:
+async def _browse(port: int) -> None:
     """Read the page's WebSocket, as a browser does."""
     origin = f"http://127.0.0.1:{port}"
     async with aiohttp.ClientSession(headers={"Origin": origin}) as session:
@@ -304,35 +262,3 @@ async def browse(port: int) -> None:
                     async for _ in line:
                         pass
             await asyncio.sleep(1.0)
-
-
-class _GroundStation:
-    """The pilot's, behind the companion: says a heartbeat a second, and takes what is relayed."""
-
-    def __init__(self) -> None:
-        self._end = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._end.bind(("127.0.0.1", 0))
-        self._end.settimeout(0.5)
-        self.port: int = self._end.getsockname()[1]
-        self._closing = threading.Event()
-        self._thread = threading.Thread(target=self._serve, daemon=True)
-
-    def __enter__(self) -> "_GroundStation":
-        self._thread.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._closing.set()
-        self._thread.join()
-        self._end.close()
-
-    def _serve(self) -> None:
-        packer, said_s = mavlink.MAVLink(None, 255, 190), 0.0
-        heartbeat = mavlink.MAVLink_heartbeat_message(mavlink.MAV_TYPE_GCS, 8, 0, 0, 4, 3)
-        while not self._closing.is_set():
-            with suppress(OSError):
-                _, companion = self._end.recvfrom(65535)
-                if time.monotonic() - said_s > 1.0:
-                    said_s = time.monotonic()
-                    packer.seq = (packer.seq + 1) & 0xFF
-                    self._end.sendto(bytes(heartbeat.pack(packer)), companion)

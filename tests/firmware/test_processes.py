@@ -13,7 +13,7 @@ from autopilot import Autopilot
 
 from companion.config import load_config
 from dashboard.zenoh_client import Subscription
-from lab.operations.bounds import HOLDFAST, running
+from lab.operations.processes import HOLDFAST, running
 from lab.ports import free_port
 
 VEHICLE = load_config().vehicle.name

@@ -7,7 +7,7 @@ import subprocess
 
 import pytest
 
-from lab.operations.bounds import HOLDFAST, running
+from lab.operations.processes import HOLDFAST, running
 from lab.ports import free_port
 
 

@@ -8,7 +8,7 @@ import time
 import pytest
 from pymavlink import mavutil
 
-from lab.operations.bounds import HOLDFAST, running
+from lab.operations.processes import HOLDFAST, running
 from lab.ports import free_port
 
 TIMEOUT_S = 20.0

@@ -16,7 +16,7 @@ from pilot_station import ENGAGE, HOLD, RELEASE, joined
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from lab.operations.bounds import HOLDFAST, running
+from lab.operations.processes import HOLDFAST, running
 from lab.ports import free_port
 
 PATIENCE_S = 30.0

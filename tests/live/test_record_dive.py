@@ -26,7 +26,7 @@ from dashboard.recording.mcap_file import Disk, Reader
 from dashboard.recording.record import RecorderThread
 from dashboard.recording.recorder import FileLimits
 from dashboard.zenoh_client import Subscription
-from lab.operations.bounds import HOLDFAST, running
+from lab.operations.processes import HOLDFAST, running
 from lab.ports import free_port
 
 RESERVE = ("--reserve-mb", "1")

@@ -24,7 +24,7 @@ from companion.engine import Engine
 from companion.io.process import Ticker
 from companion.mavlink.signing import EPOCH_S, UNITS_PER_S
 from companion.records import Request, Setpoint
-from lab.operations.bounds import HOLDFAST, running
+from lab.operations.processes import HOLDFAST, running
 from lab.ports import free_port
 
 NEUTRAL = (1500, 1500, 1500, 1500)

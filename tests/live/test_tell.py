@@ -15,7 +15,7 @@ from companion.config import load_config
 from companion.telemetry import schemas as telemetry
 from dashboard.terminal import move, tell
 from dashboard.zenoh_client import Subscription
-from lab.operations.bounds import HOLDFAST, running
+from lab.operations.processes import HOLDFAST, running
 from lab.ports import free_port
 
 VEHICLE = load_config().vehicle.name

@@ -14,7 +14,6 @@ from itertools import pairwise
 from pathlib import Path
 
 import msgspec
-import numpy as np
 import pytest
 import zenoh
 from waiting import until
@@ -29,9 +28,6 @@ from companion.telemetry import schemas as telemetry
 from companion.telemetry.session import client_configuration
 from dashboard.zenoh_client import Message, Subscription
 from holdfast import RefusedError
-from lab.operations.bounds import running
-from lab.operations.subscribers import COMPANION, Reader
-from lab.ports import free_port
 
 Feed = Callable[[Publisher], None]
 
@@ -331,17 +327,6 @@ def test_a_stopped_subscriber_holds_nobody_up(
         finally:
             stopped.kill()
             stopped.communicate()
-
-
-def test_the_benchs_reader_waits_for_its_companion(endpoint: str, tmp_path: Path) -> None:
-    link, file = f"127.0.0.1:{free_port(socket.SOCK_DGRAM)}", f"{tmp_path}/ticks.npy"
-    program = COMPANION.format(link=link, endpoint=endpoint, file=file)
-    late = f"import time; time.sleep(1.0); {program}"
-    with running(sys.executable, "-c", late):
-        reader = Reader(endpoint, 0.0)
-        until(lambda: reader.count > 400)
-        reader.end()
-    assert len(np.load(file)) > 50
 
 
 def test_it_closes_from_any_state_and_ignores_what_comes_after(

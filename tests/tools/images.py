@@ -25,7 +25,7 @@ import msgspec
 
 from companion.telemetry import schemas as telemetry
 from dashboard.zenoh_client import Subscription
-from lab.operations.bounds import HOLDFAST, resident_mb, running
+from lab.operations.processes import HOLDFAST, running
 from lab.ports import free_port
 
 PLATFORMS = {"armhf": "linux/arm/v7", "arm64": "linux/arm64", "amd64": "linux/amd64"}
@@ -240,6 +240,13 @@ def cpu_s(pid: int) -> float:
     """Return the processor time of a process and its threads."""
     fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def resident_mb(pid: int) -> float:
+    """Return the memory that a process has in use."""
+    status = Path(f"/proc/{pid}/status").read_text(encoding="ascii")
+    line = next(line for line in status.splitlines() if line.startswith("VmRSS"))
+    return float(line.split()[1]) / 1024.0
 
 
 def call(*command: str) -> str:

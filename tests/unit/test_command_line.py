@@ -46,7 +46,6 @@ def test_the_version_has_a_short_option(capsys):
         ["record", "--repair", "nowhere"],
         ["keys", "/proc/nowhere", "--host", "blueos.local"],
         ["campaign", "--set", "nowhere.x=1"],
-        ["bench", "process", "--set", "nowhere.x=1"],
         ["watch", "--once", "--connect", "nowhere"],
         ["record", "--connect", "nowhere"],
         ["dashboard", "--connect", "nowhere"],

@@ -1,20 +1,20 @@
-"""The soaks' own sums, and that they would notice."""
+"""The soak's own sums, and that it would notice."""
 
+import json
 import math
 import os
+from collections.abc import Iterator
 from pathlib import Path
 
 import msgspec
 import pytest
 
-from companion.records import Condition
+import holdfast
 from companion.telemetry import schemas as telemetry
 from lab import commands
-from lab.operations.soak import Soak
-from lab.studies import fault_hours
-from lab.studies.breaking import FAULTS, FaultSpec
-from lab.studies.fault_hours import Hour, soak_hour
-from lab.usage import cpu_s, memory_kb, slope
+from lab.operations import soak
+from lab.operations.soak import ChildError, Heard, Minute, figures
+from lab.usage import Memory, memory_kb, slope
 
 
 def test_the_slope_of_a_line_is_found_and_how_sure_it_is() -> None:
@@ -26,59 +26,74 @@ def test_the_slope_of_a_line_is_found_and_how_sure_it_is() -> None:
 
 
 def test_what_a_process_allocates_is_seen() -> None:
-    before, begun_s = memory_kb(os.getpid()), cpu_s(os.getpid())
+    before = memory_kb(os.getpid())
     kept = os.urandom(40_000_000)
     assert memory_kb(os.getpid()).own - before.own == pytest.approx(39_000.0, abs=8_000.0)
-    assert cpu_s(os.getpid()) >= begun_s
     del kept
 
 
 def test_leaving_active_is_counted_by_its_reason() -> None:
-    found = Soak()
+    heard = Heard()
     for state, reason in (("READY", ""), ("ACTIVE", "engaged"), ("PILOT", "a stick"), ("ACTIVE", "engaged")):
         record = telemetry.Supervisor(
             t_s=1.0, boot_s=1.0, state=state, conditions=(), authority=0.0, reason=reason
         )
-        found.take("holdfast/soak/supervisor", msgspec.json.encode(record))
-    assert found.let_go == {"a stick": 1}
+        heard.take("holdfast/soak/supervisor", msgspec.json.encode(record))
+    assert heard.let_go == {"a stick": 1}
 
 
-def one_fault(monkeypatch: pytest.MonkeyPatch, spec: FaultSpec) -> Hour:
-    monkeypatch.setattr(fault_hours, "FAULTS", {"it": spec})
-    monkeypatch.setitem(FAULTS, "it", spec)
-    monkeypatch.setattr(fault_hours, "QUIET_S", (0.1, 0.2))
-    monkeypatch.setattr(fault_hours, "LASTS_S", (4.0, 4.1))
-    return soak_hour(0, 1.0)
+def _minute(number: int) -> Minute:
+    return Minute(60.0 * number, {"run": Memory(51_200.0, 1_000.0 * number)}, [0.1] * 99 + [float(number)])
 
 
-def test_an_hour_recovers_from_its_fault(monkeypatch: pytest.MonkeyPatch) -> None:
-    hour = one_fault(monkeypatch, FAULTS["mode changed"])
-    assert hour.faults == {"it": 1}
-    assert hour.let_go == {Condition.WRONG_MODE.text: 1}
-    assert (hour.broken, hour.stuck) == ([], [])
-
-
-def test_an_hour_tells_what_raised_and_what_pushed_too_long(monkeypatch: pytest.MonkeyPatch) -> None:
-    def fails(*_: object) -> None:
-        raise ZeroDivisionError("somewhere")
-
-    assert (
-        "ZeroDivisionError: somewhere" in one_fault(monkeypatch, FaultSpec(fails, lambda _: None)).broken[0]
+def _recorder(lost: int) -> telemetry.Recorder:
+    return telemetry.Recorder(
+        t_s=1.0,
+        boot_s=1.0,
+        recording=True,
+        file="",
+        size_bytes=0,
+        messages=9,
+        dropped=0,
+        free_bytes=0,
+        said="",
+        lost=lost,
     )
-    nothing = FaultSpec(lambda *_: None, lambda _: 1.0)
-    assert "it: still pushing" in one_fault(monkeypatch, nothing).broken[0]
 
 
-def test_the_same_command_continues(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+def test_memory_and_lateness_are_told_of_the_whole_soak() -> None:
+    found = figures(Heard(recorder=_recorder(0)), [_minute(number) for number in range(1, 31)])
+    assert found["run_memory_mb"] == 50.0
+    assert found["run_slope_kb_h"] == pytest.approx(60_000.0)
+    assert (found["lateness_p50_ms"], found["lateness_max_ms"]) == (0.1, 30.0)
+    assert (found["records"], found["records_lost"]) == (9, 0)
+
+
+@pytest.mark.parametrize(("lost", "dies", "status"), [(0, False, 0), (3, False, 1), (0, True, 1)])
+def test_a_lost_record_or_a_dead_process_ends_with_1(
+    lost: int, dies: bool, status: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def dived(number: int) -> Hour:
-        return Hour(number, "heavy", simulated_s=9.0, broken=["it: broke"] * number)
+    def minutes(seconds: float, logs: Path, heard: Heard) -> Iterator[Minute]:
+        assert seconds == 60.0
+        heard.recorder = _recorder(lost)
+        yield _minute(1)
+        if dies:
+            raise ChildError("`holdfast sim` ended with status 1")
 
-    monkeypatch.setattr(fault_hours, "soak_hour", dived)
-    command = ["--out", str(tmp_path / "soak.jsonl"), "--workers", "1", "--hours"]
-    assert commands.faults([*command, "2"]) == 1
-    monkeypatch.setattr(fault_hours, "soak_hour", None)  # nothing is missing
-    assert commands.faults([*command, "2"]) == 1
-    assert "hour 1: BROKEN: it: broke" in capsys.readouterr().out
-    assert commands.faults([*command, "1"]) == 0
+    monkeypatch.setattr(soak, "_minutes", minutes)
+    command = ["soak", "--minutes", "1", "--out", str(tmp_path)]
+    assert commands.bench(command) == status
+    written = json.loads((tmp_path / "soak.json").read_text(encoding="utf-8"))["soak"][0]
+    assert written["records_lost"] == lost
+    assert written["lateness_max_ms"] == 1.0
+    assert ("ended" in written["error"]) == dies
+
+
+def test_another_machine_is_refused() -> None:
+    assert holdfast.main(["bench", "soak", "--scheduler", "tcp://127.0.0.1:1"]) == 2
+
+
+@pytest.mark.parametrize("command", ["bench process", "bench zenoh", "bench fleet", "bench dashboard"])
+def test_a_bench_that_went_says_what_to_use(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert holdfast.main([*command.split(), "--seconds", "3"]) == 2
+    assert f"holdfast {command} was removed" in capsys.readouterr().err
