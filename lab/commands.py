@@ -30,7 +30,7 @@ examples:
 """
 PAPER_EXAMPLES = """\
 examples:
-  holdfast paper                          print the tables; write figures and plots to out/paper
+  holdfast paper                          print tables and checks; draw the four figures in out/paper
   holdfast paper --json out/paper.json    also write the numbers
 """
 TUNE_EXAMPLES = """\
@@ -166,9 +166,9 @@ def paper(argv: list[str]) -> int:
     """Repeat the paper's simulations and check its claims."""
     parser = command_parser(
         "paper",
-        "Repeats the paper's three simulations, and compares law, integrator and network for "
-        "five disturbances, four wrong models and ten sets of initial weights. Exit status 1 if a result "
-        "differs from the expected one.",
+        "Repeats the paper's simulations: both forms of its law, alone, with an integrator and with the "
+        "network, in five disturbances, and draws its four figures. Exit status 1 if a result differs from "
+        "the expected one.",
         PAPER_EXAMPLES,
     )
     parser.add_argument(

@@ -1,70 +1,61 @@
-"""The paper's four figures and three more, drawn from the dives. Okabe-Ito colours, one line style each."""
+"""The paper's four figures. Okabe-Ito colours, one line style each."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from lab.paper import third_order
-from lab.paper.rows import Rows
-from lab.paper.simulation import CANONICAL, CORNERS, DISTURBANCES, PERIOD_S, TICK_MS, PaperCase, Trace
-from lab.style import BLACK, BLUE, GREEN, ORANGE, PRINTED, SKY, VERMILLION
+from lab.paper.results import LATE, LAW, NETWORK, Results, middle
+from lab.paper.simulation import PERIOD_S, SEEDS, TICK_MS, Trace, dive
+from lab.style import BLACK, BLUE, GREEN, PRINTED, SKY, VERMILLION
 
 LOOKS: dict[str, dict[str, Any]] = {
     "law": {"color": BLACK, "linestyle": "-"},
-    "integrator": {"color": ORANGE, "linestyle": "--"},
     "network": {"color": BLUE, "linestyle": "-"},
     "network after 2 s": {"color": VERMILLION, "linestyle": "-"},
     "desired": {"color": GREEN, "linestyle": "--"},
 }
-MARKS = dict(zip(CORNERS, "vs^D", strict=True))
 WIDE = (8.6, 3.3)
 
-Traces = dict[PaperCase, tuple[Trace, Trace]]
 
-
-def canonical(compensator: str, wait_s: float = 0.0, law: str = "derived", seed: int = 0) -> PaperCase:
-    """Return a canonical case without disturbance: m̂ = 1.1 m, ĥ = 0.9 h."""
-    return PaperCase("none", law, compensator, *CANONICAL, seed, wait_s)
-
-
-def watched(seeds: Sequence[int]) -> list[PaperCase]:
-    """Return the cases that the figures show; of the networks those of all `seeds`."""
-    plain = [canonical("none"), canonical("none", law="printed")]
-    return [*plain, *(canonical("network", wait_s, seed=seed) for wait_s in (0.0, 2.0) for seed in seeds)]
-
-
-def draw(folder: Path, traces: Traces, rows: Rows) -> None:
-    """Write figure1.png … figure7.png into `folder`."""
+def draw(folder: Path, results: Results) -> None:
+    """Write figure1.png … figure4.png into `folder`; the network drawn is the one nearest to the medians."""
+    folder.mkdir(parents=True, exist_ok=True)
+    seed = _typical_seed(results)
+    network, late = (dive(replace(case, seed=seed)) for case in (NETWORK, LATE))
+    law, others = dive(LAW), [dive(replace(NETWORK, seed=other))[0] for other in SEEDS]
     with plt.rc_context(PRINTED):
-        seed = rows.typical_seed()
         figures = (
-            _tracking(traces, seed),
-            _portrait(traces[canonical("network", seed=seed)][1], "network"),
-            _portrait(traces[canonical("none")][1], "law"),
-            _portrait(traces[canonical("network", 2.0, seed=seed)][1], "network after 2 s"),
-            _printed(traces),
-            _compared(rows),
-            _ball(third_order.converge()),
+            _tracking(law[0], network[0], others),
+            _portrait(network[1], "network"),
+            _portrait(law[1], "law"),
+            _portrait(late[1], "network after 2 s"),
         )
         for number, figure in enumerate(figures, start=1):
             figure.savefig(folder / f"figure{number}.png")
             plt.close(figure)
 
 
-def _tracking(traces: Traces, typical: int) -> Figure:
+def _typical_seed(results: Results) -> int:
+    """Return the seed whose network comes closest to the medians."""
+    medians = {name: middle(results, name, NETWORK) for name in ("rms_mm", "orbit_mm", "peak_rate_mm_s")}
+
+    def distance(seed: int) -> float:
+        found = results[replace(NETWORK, seed=seed)]
+        return float(sum(abs(getattr(found, name) / value - 1.0) for name, value in medians.items()))
+
+    return min(SEEDS, key=distance)
+
+
+def _tracking(law: Trace, network: Trace, others: Sequence[Trace]) -> Figure:
     figure, (error, thrust) = plt.subplots(1, 2, figsize=WIDE)
-    law = traces[canonical("none")][0]
     error.plot(law.t_s, 1000.0 * law.e, **LOOKS["law"], label="without network")
-    for case, (trace, _) in traces.items():
-        if case.compensator != "network" or case.wait_s:
-            continue
+    for trace in others:
         error.plot(trace.t_s, 1000.0 * trace.e, color=SKY, linewidth=0.5, alpha=0.7)
-    network = traces[canonical("network", seed=typical)][0]
     error.plot(network.t_s, 1000.0 * network.e, **LOOKS["network"], label="with network")
     error.plot([], [], color=SKY, linewidth=0.8, label="other first weights")
     error.set(xlabel="time (s)", ylabel="tracking error e (mm)", title="(a) Tracking error", ylim=(-1.1, 1.9))
@@ -107,89 +98,4 @@ def _portrait(trace: Trace, look: str) -> Figure:
     orbit.set(xlim=(-1.1, 1.1), ylim=(-0.8, 0.8))
     orbit.set_title("the last 20 s: the orbit", fontsize=7)
     orbit.tick_params(labelsize=6)
-    return figure
-
-
-def _printed(traces: Traces) -> Figure:
-    figure, axes = plt.subplots(1, 2, figsize=WIDE)
-    titles = ("(a) From e(0) = 0: the orbit", "(b) From e(0) = 0.1 m: the approach")
-    for start, (panel, title) in enumerate(zip(axes, titles, strict=True)):
-        for law, color, line, name in (
-            ("printed", VERMILLION, "--", "−κε, as printed"),
-            ("derived", BLACK, "-", "−m̄κε, as derived"),
-        ):
-            trace = traces[canonical("none", law=law)][start]
-            panel.plot(trace.t_s, 1000.0 * trace.e, color=color, linestyle=line, label=name)
-        panel.set(xlabel="time (s)", ylabel="tracking error e (mm)", title=title)
-    axes[1].legend(loc="upper right", fontsize=8)
-    return figure
-
-
-def _compared(rows: Rows) -> Figure:
-    figure, axes = plt.subplots(figsize=(8.6, 3.6))
-    compensators = (("none", "law"), ("integrator", "integrator"), ("network", "network"))
-    for place, disturbance in enumerate(DISTURBANCES):
-        for shift, (compensator, look) in zip((-0.22, 0.0, 0.22), compensators, strict=True):
-            for corner, mark in MARKS.items():
-                face = LOOKS[look]["color"] if corner == CANONICAL else "none"
-                axes.plot(
-                    place + shift + 0.035 * (CORNERS.index(corner) - 1.5),
-                    rows.median(
-                        "rms_mm",
-                        disturbance=disturbance,
-                        compensator=compensator,
-                        mass_ratio=corner[0],
-                        damping_ratio=corner[1],
-                    ),
-                    mark,
-                    color=LOOKS[look]["color"],
-                    markerfacecolor=face,
-                    markersize=5,
-                )
-    axes.set_yscale("log")
-    ticks = (0.1, 0.2, 0.5, 1, 2, 5, 10)
-    axes.set_yticks(ticks, [f"{tick:g}" for tick in ticks])
-    axes.set_xticks(range(len(DISTURBANCES)), ["mismatch only", *DISTURBANCES[1:]])
-    axes.set(ylabel="RMS of e (mm), from e(0) = 0")
-    axes.grid(axis="x", visible=False)
-    _compared_legends(axes)
-    return figure
-
-
-def _compared_legends(axes: Axes) -> None:
-    names = (("law", "law"), ("integrator", "law + integrator"), ("network", "law + network"))
-    colors = [axes.plot([], [], "o", color=LOOKS[look]["color"], label=name)[0] for look, name in names]
-    corners = [
-        axes.plot(
-            [],
-            [],
-            mark,
-            color="0.3",
-            markerfacecolor="0.3" if corner == CANONICAL else "none",
-            label=f"m̂/m {corner[0]}, ĥ/h {corner[1]}",
-        )[0]
-        for corner, mark in MARKS.items()
-    ]
-    first = axes.legend(handles=colors, loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize=8)
-    axes.add_artist(first)
-    axes.legend(handles=corners, loc="lower left", bbox_to_anchor=(1.0, 0.0), fontsize=8)
-
-
-def _ball(run: third_order.Convergence) -> Figure:
-    figure, (path, error) = plt.subplots(1, 2, figsize=WIDE)
-    ms = 1000.0 * run.t_s
-    path.plot(ms, 1000.0 * (run.x_d[:, None] + run.x_tilde[..., 0]), color=SKY, linewidth=0.8)
-    path.plot(ms, 1000.0 * run.x_d, **LOOKS["desired"], label="desired x_d")
-    path.plot([], [], color=SKY, label="x, twelve starts")
-    path.set(xlabel="time (ms)", ylabel="gap under the magnet (mm)", title="(a) Trajectory", ylim=(6.0, 15.5))
-    path.legend(loc="upper right", ncols=2, fontsize=8)
-    error.semilogy(ms, np.abs(run.eps / run.eps[0]), color=SKY, linewidth=2.5, alpha=0.8)
-    error.semilogy(ms, np.abs(run.x_tilde[..., 0] / run.x_tilde[0, :, 0]), color="0.55", linewidth=0.5)
-    error.semilogy(
-        ms, np.exp(-third_order.KAPPA * run.t_s), color=BLACK, linestyle="--", label="theorem: exp(−κt)"
-    )
-    error.plot([], [], color=SKY, linewidth=2.5, label="|ε|/|ε(0)|")
-    error.plot([], [], color="0.55", linewidth=0.7, label="|x̃|/|x̃(0)|")
-    error.set(xlabel="time (ms)", ylabel="relative to the start", title="(b) Convergence", ylim=(1e-6, 30.0))
-    error.legend(loc="lower left", fontsize=8)
     return figure

@@ -1,11 +1,10 @@
-"""The paper's simulations: one degree of freedom, all dives of the table in one array.
+"""The paper's simulation: one degree of freedom, 60 s, from e(0) = 0 (tracking) and 0.1 m (phase portrait).
 
     m z̈ = τ − h (ż − v_c)|ż − v_c| − d             the plant (eq. rov); v_c is the current
     z_d = 0.5 (1 − cos 0.1πt)                       the reference (sec. 5)
 
-The controller knows m and h up to ±10 %; it is the one of the vehicle: `rov_law`, `network`, `integrator`,
-compiled as they stand and called case by case.
-Each case dives twice: from e(0) = 0 (tracking) and from e(0) = 0.1 m (phase portrait).
+The controller assumes m̂ and ĥ. Law, network and integrator are those of the vehicle: `rov_law`, `network`,
+`integrator`, compiled as they stand. The thrust is held for a tick, the plant moves by RK4 at 1 ms.
 
 | symbol | meaning                  | unit   |
 |--------|--------------------------|--------|
@@ -14,9 +13,10 @@ Each case dives twice: from e(0) = 0 (tracking) and from e(0) = 0.1 m (phase por
 | tau    | thrust                   | N      |
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import groupby, product
+from functools import cache
+from itertools import product
 from math import cos, exp, inf, pi, sin, sqrt
 from typing import Any
 
@@ -36,7 +36,7 @@ INPUTS = 3
 ETA, ETA_V = 200.0, 2.0
 INTEGRAL_GAIN = ETA * UNITS / 4.0  # what η‖σ‖² is at rest, where each logistic unit gives 1/2
 
-TICK_MS, TICK_S = 10, 0.01
+TICK_MS, TICK_S, STEP_S = 10, 0.01, 0.001
 DURATION_S = 60
 PERIOD_S = 20  # of the reference, and so of the orbit
 SWING = 0.1 * pi  # rad/s, the reference's
@@ -45,28 +45,35 @@ STARTS_M = (0.0, 0.1)
 DISTURBANCES = ("none", "constant", "sine", "tether", "current")
 LAWS = ("derived", "printed")
 COMPENSATORS = (("none", 0.0), ("integrator", 0.0), ("network", 0.0), ("network", 2.0))
-CORNERS = tuple(product((0.9, 1.1), (0.9, 1.1)))
-CANONICAL = (1.1, 0.9)
 SEEDS = range(10)
 
 
 @dataclass(frozen=True, slots=True)
 class PaperCase:
-    """One row: what disturbs, which law with which compensator, how wrong its model is, and the seed.
+    """What disturbs, which law with which compensator, how wrong its model is, and the seed.
 
-    The seed draws the network's first weights and the tether's pull. `mass_ratio` is m̂/m, `damping_ratio`
-    ĥ/h; the network learns from `wait_s` on.
-    `delay_ms` lets every command arrive late; the paper has none.
+    The seed draws the network's first weights and the tether's pull; the network learns from `wait_s` on.
+    `mass_ratio` is m̂/m, `damping_ratio` ĥ/h.
     """
 
-    disturbance: str
-    law: str
-    compensator: str
-    mass_ratio: float
-    damping_ratio: float
-    seed: int
-    wait_s: float
-    delay_ms: int = 0
+    disturbance: str = "none"
+    law: str = "derived"
+    compensator: str = "none"
+    wait_s: float = 0.0
+    seed: int = 0
+    mass_ratio: float = 1.1
+    damping_ratio: float = 0.9
+
+
+@dataclass(frozen=True, slots=True)
+class Trace:
+    """One dive: arrays of shape (ticks,), s, m, m/s and N."""
+
+    t_s: Array
+    z_d: Array
+    e: Array
+    e_dot: Array
+    tau: Array
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,224 +91,111 @@ class Figures:
     thrust_rms_n: float
 
 
-@dataclass(frozen=True, slots=True)
-class Trace:
-    """One dive as drawn: arrays of shape (ticks,), s, m, m/s and N."""
-
-    t_s: Array
-    z_d: Array
-    e: Array
-    e_dot: Array
-    tau: Array
-
-
-@dataclass(frozen=True, slots=True)
-class PaperResult:
-    """Figures of every case, in order, and traces of the watched ones: one from each of STARTS_M."""
-
-    figures: list[Figures]
-    traces: dict[PaperCase, tuple[Trace, Trace]]
-
-
 def table() -> list[PaperCase]:
-    """Return every row of the table; 10 seeds each, which without network or tether only repeat."""
+    """Return every case of the table; 10 seeds each, which without network or tether only repeat."""
+    rows = product(DISTURBANCES, LAWS, COMPENSATORS, SEEDS)
     return [
-        PaperCase(disturbance, law, compensator, *corner, seed, wait_s)
-        for (compensator, wait_s), law, corner, disturbance, seed in product(
-            COMPENSATORS, LAWS, CORNERS, DISTURBANCES, SEEDS
-        )
+        PaperCase(water, law, compensator, wait_s, seed) for water, law, (compensator, wait_s), seed in rows
     ]
 
 
-def dive(
-    cases: Sequence[PaperCase],
-    watched: Sequence[PaperCase] = (),
-    second_passed: Callable[[], None] = lambda: None,
-) -> PaperResult:
-    """Dive all `cases` at once; `second_passed` is called after each simulated second."""
-    order = sorted(range(len(cases)), key=lambda i: (cases[i].compensator, cases[i].seed))
-    fleet = _Fleet([cases[i] for i in order], {case: order.index(cases.index(case)) for case in watched})
-    for second in range(DURATION_S):
-        for tick in range(second * 1000, second * 1000 + 1000, TICK_MS):
-            fleet.command(tick)
-            fleet.move(tick)
-        second_passed()
-    figures = fleet.figures()
-    return PaperResult([figures[order.index(i)] for i in range(len(cases))], fleet.traces())
+def dive(case: PaperCase) -> tuple[Trace, Trace]:
+    """Simulate a case from each of STARTS_M."""
+    m_hat = case.mass_ratio * MASS_KG
+    estimate, parameters, memory = _compensator(case.compensator, case.seed)
+    loop = cached(slotted(_dive, estimated=estimate))
+    traces = []
+    t_s: Array = TICK_S * np.arange(DURATION_S * 1000 // TICK_MS, dtype=np.float64)
+    z_d = 0.5 * (1.0 - np.cos(SWING * t_s))
+    for start_m in STARTS_M:
+        found = np.zeros((3, len(t_s)))
+        # −κε is −m̂ κ' ε with κ' = κ/m̂.
+        kappa = KAPPA / m_hat if case.law == "printed" else KAPPA
+        model = (m_hat, case.damping_ratio * DAMPING, kappa, case.wait_s)
+        loop(parameters, memory.copy(), *model, start_m, *_water(case.disturbance, case.seed), found)
+        traces.append(Trace(t_s, z_d, *found))
+    return traces[0], traces[1]
 
 
-def reference(t_s: float) -> tuple[float, float, float]:
-    """Return z_d, ż_d, z̈_d (m, m/s, m/s²)."""
-    c, s = cos(SWING * t_s), sin(SWING * t_s)
-    return 0.5 * (1.0 - c), 0.5 * SWING * s, 0.5 * SWING**2 * c
+def figures(traces: tuple[Trace, Trace]) -> Figures:
+    """Work out what came of a case."""
+    tracking, portrait = traces
+    last = portrait.e[-PERIOD_S * 1000 // TICK_MS :]
+    return Figures(
+        rms_mm=1000.0 * sqrt(np.mean(tracking.e**2)),
+        peak_mm=1000.0 * float(np.abs(tracking.e).max()),
+        orbit_mm=500.0 * float(np.ptp(last)),
+        peak_rate_mm_s=1000.0 * float((-portrait.e_dot).max()),
+        thrust_rms_n=sqrt(np.mean(tracking.tau**2)),
+    )
 
 
-class _Sea:
-    """Forces d (N) and currents v_c (m/s) that each case feels."""
-
-    def __init__(self, cases: Sequence[PaperCase]) -> None:
-        self._seeds = sorted({case.seed for case in cases})
-        self._row = np.array(
-            [
-                DISTURBANCES.index(case.disturbance) * len(self._seeds) + self._seeds.index(case.seed)
-                for case in cases
-            ]
-        )
-        # The tether's pull: an Ornstein-Uhlenbeck process, σ = 5 N, τ = 2 s, new every millisecond.
-        draws = [np.random.default_rng((1, seed)) for seed in self._seeds]
-        noise = 5.0 * np.array([draw.standard_normal(DURATION_S * 1000 + 1) for draw in draws]).T
-        self._tether, self._gusts = noise[0], noise[1:]
-        self._kept = exp(-0.001 / 2.0)
-        self._force = np.zeros((len(DISTURBANCES), len(self._seeds)))
-        self._flow = np.zeros_like(self._force)
-
-    def blow(self, ms: int) -> None:
-        """Let a millisecond pass for the tether."""
-        self._tether = self._kept * self._tether + sqrt(1.0 - self._kept**2) * self._gusts[ms]
-
-    def force_and_current(self, t_s: float) -> tuple[Array, Array]:
-        """Return d and v_c, each of shape (cases,)."""
-        self._force[DISTURBANCES.index("constant")] = 5.0
-        self._force[DISTURBANCES.index("sine")] = 5.0 * sin(2.0 * pi * t_s / 10.0)
-        self._force[DISTURBANCES.index("tether")] = self._tether
-        self._flow[DISTURBANCES.index("current")] = 0.05 + 0.1 * sin(2.0 * pi * t_s / 15.0)
-        return self._force.take(self._row), self._flow.take(self._row)
+@cache
+def _water(disturbance: str, seed: int) -> tuple[Array, Array]:
+    """Return the force d (N) and the current v_c (m/s) every half millisecond."""
+    t_s = 0.5 * STEP_S * np.arange(2000 * DURATION_S + 1)
+    force, current = np.zeros_like(t_s), np.zeros_like(t_s)
+    if disturbance == "constant":
+        force += 5.0
+    elif disturbance == "sine":
+        force = 5.0 * np.sin(2.0 * pi * t_s / 10.0)
+    elif disturbance == "current":
+        current = 0.05 + 0.1 * np.sin(2.0 * pi * t_s / 15.0)
+    elif disturbance == "tether":
+        # An Ornstein-Uhlenbeck process, σ = 5 N, τ = 2 s.
+        kept = exp(-0.5 * STEP_S / 2.0)
+        noise = 5.0 * np.random.default_rng((1, seed)).standard_normal(len(t_s))
+        force[0] = noise[0]
+        for i in range(1, len(t_s)):
+            force[i] = kept * force[i - 1] + sqrt(1.0 - kept**2) * noise[i]
+    return force, current
 
 
-class _Fleet:
-    """Plants, laws and compensators of all cases: arrays of shape (starts, cases)."""
-
-    def __init__(self, cases: Sequence[PaperCase], watched: dict[PaperCase, int]) -> None:
-        shape = (len(STARTS_M), len(cases))
-        self._sea = _Sea(cases)
-        self._z = np.array(STARTS_M)[:, None] + np.zeros(shape)
-        self._w = np.zeros(shape)
-        self._m_hat = MASS_KG * np.array([case.mass_ratio for case in cases])
-        self._h_hat = DAMPING * np.array([case.damping_ratio for case in cases])
-        printed = np.array([case.law == "printed" for case in cases])
-        self._kappa = np.where(printed, KAPPA / self._m_hat, KAPPA)  # −κε is −m κ' ε with κ' = κ/m
-        self._wait_ms = np.array([1000.0 * case.wait_s for case in cases])
-        self._compensators = list(_compensators(cases))
-
-        self._delay_ms = np.array([case.delay_ms for case in cases])
-        self._delayed = bool(self._delay_ms.any())
-        self._sent = np.zeros((int(self._delay_ms.max()) // TICK_MS + 2, *shape))
-
-        self._square, self._thrust_square = np.zeros(shape), np.zeros(shape)
-        self._peak, self._peak_rate = np.zeros(shape), np.zeros(shape)
-        self._low, self._high = np.full(shape, np.inf), np.full(shape, -np.inf)
-        self._watched = watched
-        self._seen: list[tuple[float, float, Array, Array, Array]] = []
-
-    def command(self, ms: int) -> None:
-        """Look, learn, and set the thrust that is held for the next tick."""
-        t_s = ms / 1000.0
-        z_d, z_d_dot, z_d_ddot = reference(t_s)
-        e, e_dot = self._z - z_d, self._w - z_d_dot
-        adapt = ms >= self._wait_ms
-        tau = np.zeros_like(e)
-        for columns, asked, parameters, memory in self._compensators:
-            asked(
-                *(parameters, memory, self._m_hat[columns], self._h_hat[columns], self._kappa[columns]),
-                *(adapt[columns], z_d_ddot, self._w[:, columns], e[:, columns], e_dot[:, columns]),
-                tau[:, columns],
-            )
-        self._sent[ms // TICK_MS % len(self._sent)] = tau
-        self._note(t_s, z_d, e, e_dot, tau)
-
-    def move(self, start_ms: int) -> None:
-        """Move the plants through one tick: RK4 at 1 ms, the thrust held."""
-        dt = 0.001
-        tau = self._sent[start_ms // TICK_MS % len(self._sent)]
-        for ms in range(start_ms, start_ms + TICK_MS):
-            if self._delayed:
-                slot = (ms - self._delay_ms) // TICK_MS % len(self._sent)
-                tau = np.take_along_axis(self._sent, slot[None, None], axis=0)[0]
-            w, drive_now, flow_now = self._w, *self._drive(tau, ms)
-            drive_mid, flow_mid = self._drive(tau, ms + 0.5)
-            drive_end, flow_end = self._drive(tau, ms + 1.0)
-            a1 = _acceleration(w - flow_now, drive_now)
-            a2 = _acceleration(w + (0.5 * dt) * a1 - flow_mid, drive_mid)
-            a3 = _acceleration(w + (0.5 * dt) * a2 - flow_mid, drive_mid)
-            a4 = _acceleration(w + dt * a3 - flow_end, drive_end)
-            middle = a2 + a3
-            self._z = self._z + dt * w + (dt * dt / 6.0) * (a1 + middle)
-            self._w = w + (dt / 6.0) * (a1 + 2.0 * middle + a4)
-            self._sea.blow(ms)
-
-    def figures(self) -> list[Figures]:
-        """Return what came of each case."""
-        ticks = DURATION_S * 1000 / TICK_MS
-        columns = (
-            1000.0 * np.sqrt(self._square[0] / ticks),
-            1000.0 * self._peak[0],
-            500.0 * (self._high[1] - self._low[1]),
-            1000.0 * self._peak_rate[1],
-            np.sqrt(self._thrust_square[0] / ticks),
-        )
-        return [Figures(*map(float, row)) for row in zip(*columns, strict=True)]
-
-    def traces(self) -> dict[PaperCase, tuple[Trace, Trace]]:
-        """Return the watched dives, from e(0) = 0 and from e(0) = 0.1 m."""
-        if not self._watched:
-            return {}
-        t_s, z_d, e, e_dot, tau = (np.array(column) for column in zip(*self._seen, strict=True))
-        return {
-            case: (
-                Trace(t_s, z_d, e[:, 0, i], e_dot[:, 0, i], tau[:, 0, i]),
-                Trace(t_s, z_d, e[:, 1, i], e_dot[:, 1, i], tau[:, 1, i]),
-            )
-            for i, case in enumerate(self._watched)
-        }
-
-    def _drive(self, tau: Array, ms: float) -> tuple[Array, Array]:
-        force, flow = self._sea.force_and_current(ms / 1000.0)
-        return (tau - force) / MASS_KG, flow
-
-    def _note(self, t_s: float, z_d: float, e: Array, e_dot: Array, tau: Array) -> None:
-        self._square += e * e
-        self._thrust_square += tau * tau
-        np.maximum(self._peak, np.abs(e), out=self._peak)
-        np.maximum(self._peak_rate, -e_dot, out=self._peak_rate)
-        if t_s >= DURATION_S - PERIOD_S:
-            np.maximum(self._high, e, out=self._high)
-            np.minimum(self._low, e, out=self._low)
-        if self._watched:
-            columns = list(self._watched.values())
-            self._seen.append((t_s, z_d, e[:, columns], e_dot[:, columns], tau[:, columns]))
-
-
-def _acceleration(relative: Array, drive: Array) -> Array:
-    """Return z̈ of the plant for the speed through the water and (τ − d)/m."""
-    return drive - (DAMPING / MASS_KG) * relative * np.abs(relative)
-
-
-def asked(
+def _dive(
     parameters: Any,
     memory: Array,
-    m_hat: Array,
-    h_hat: Array,
-    kappa: Array,
-    adapt: Array,
-    z_d_ddot: float,
-    w: Array,
-    e: Array,
-    e_dot: Array,
-    tau: Array,
+    m_hat: float,
+    h_hat: float,
+    kappa: float,
+    wait_s: float,
+    z: float,
+    force: Array,
+    current: Array,
+    found: Array,
 ) -> None:
-    """Write the thrust of all starts and cases to `tau`; `memory` (starts, cases, n) is what is learnt."""
-    for start in range(tau.shape[0]):
-        for i in range(tau.shape[1]):
-            now, rate, speed = e[start, i], e_dot[start, i], w[start, i]
-            theta = (1.0, 10.0 * now, 3.0 * rate, 0.0, 0.0, 0.0)
-            d_hat = estimated(parameters, memory[start, i], theta, rate + LAM * now, adapt[i])
-            drag = h_hat[i] * speed * abs(speed)
-            terms = rov_law(drag, d_hat, m_hat[i], z_d_ddot, now, rate, LAM, kappa[i])
-            tau[start, i] = terms.feedforward + terms.feedback + d_hat
+    """Write e, ė and τ of every tick to the rows of `found`; `memory` is what the compensator learns."""
+    w = 0.0
+    for tick in range(found.shape[1]):
+        t_s = tick * TICK_S
+        c, s = cos(SWING * t_s), sin(SWING * t_s)
+        e, e_dot, z_d_ddot = z - 0.5 * (1.0 - c), w - 0.5 * SWING * s, 0.5 * SWING**2 * c
+        theta = (1.0, 10.0 * e, 3.0 * e_dot, 0.0, 0.0, 0.0)
+        d_hat = estimated(parameters, memory, theta, e_dot + LAM * e, t_s >= wait_s)
+        terms = rov_law(h_hat * w * abs(w), d_hat, m_hat, z_d_ddot, e, e_dot, LAM, kappa)
+        tau = terms.feedforward + terms.feedback + d_hat
+        found[0, tick], found[1, tick], found[2, tick] = e, e_dot, tau
+        for ms in range(tick * TICK_MS, (tick + 1) * TICK_MS):
+            z, w = _moved(z, w, tau, 2 * ms, force, current)
+
+
+def _moved(z: float, w: float, tau: float, at: int, force: Array, current: Array) -> tuple[float, float]:
+    """Return z and w after a millisecond (RK4); `at` is the row of `force` and `current` at its beginning."""
+    dt = STEP_S
+    a1 = _acceleration(w, tau - force[at], current[at])
+    a2 = _acceleration(w + 0.5 * dt * a1, tau - force[at + 1], current[at + 1])
+    a3 = _acceleration(w + 0.5 * dt * a2, tau - force[at + 1], current[at + 1])
+    a4 = _acceleration(w + dt * a3, tau - force[at + 2], current[at + 2])
+    return z + dt * w + dt * dt / 6.0 * (a1 + a2 + a3), w + dt / 6.0 * (a1 + 2.0 * (a2 + a3) + a4)
+
+
+def _acceleration(w: float, push: float, current: float) -> float:
+    """Return z̈ of the plant; `push` is τ − d."""
+    relative = w - current
+    return (push - DAMPING * relative * abs(relative)) / MASS_KG
 
 
 def estimated(parameters: Any, memory: Array, theta: Inputs, eps: float, adapt: bool) -> float:
-    """Return d̂ of one case, having learnt for a tick: a slot."""
+    """Return d̂, having learnt for a tick: a slot for one of the three below."""
     raise NotImplementedError
 
 
@@ -337,28 +231,16 @@ def by_network(
     return d_hat
 
 
-ESTIMATES = {"none": by_nothing, "integrator": by_integrator, "network": by_network}
+def _compensator(kind: str, seed: int) -> tuple[Callable[..., float], Any, Array]:
+    """Return what estimates d̂, its parameters, and what it remembers at the start: W = 0 and V ~ N(0, 1).
 
-
-def _compensators(cases: Sequence[PaperCase]) -> Iterator[tuple[slice, Callable[..., None], Any, Array]]:
-    """Give what compensates which columns, its parameters and what it remembers of each start and case.
-
-    Without leak a network's V(0) is where it starts and nothing else, so that one serves all seeds.
+    Without leak a network's V(0) is where it starts and nothing else, so that its parameters need no seed.
     """
-    gains = integrator.Parameters(INTEGRAL_GAIN, 0.0, 0.0, inf)
-    learning = network.Parameters(ETA, ETA_V, 0.0, 0.0, inf, ((0.0,) * 6,) * UNITS, (0.0,) * UNITS)
-    parameters = {"none": 0.0, "integrator": gains, "network": learning}
-    start = 0
-    for kind, group in groupby(cases, key=lambda case: case.compensator):
-        first = [_first_weights(case.seed) if kind == "network" else np.zeros(1) for case in group]
-        stop = start + len(first)
-        loop = cached(slotted(asked, estimated=ESTIMATES[kind]))
-        yield slice(start, stop), loop, parameters[kind], np.array([first] * len(STARTS_M))
-        start = stop
-
-
-def _first_weights(seed: int) -> Array:
-    """Return W = 0 and V(0) as `by_network` remembers them."""
-    units = np.zeros((UNITS, 7))
-    units[:, 1 : 1 + INPUTS] = np.random.default_rng(seed).standard_normal((INPUTS, UNITS)).T
-    return units.reshape(-1)
+    if kind == "integrator":
+        return by_integrator, integrator.Parameters(INTEGRAL_GAIN, 0.0, 0.0, inf), np.zeros(1)
+    if kind == "network":
+        units = np.zeros((UNITS, 7))
+        units[:, 1 : 1 + INPUTS] = np.random.default_rng(seed).standard_normal((INPUTS, UNITS)).T
+        parameters = network.Parameters(ETA, ETA_V, 0.0, 0.0, inf, ((0.0,) * 6,) * UNITS, (0.0,) * UNITS)
+        return by_network, parameters, units.reshape(-1)
+    return by_nothing, 0.0, np.zeros(1)

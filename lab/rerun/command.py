@@ -1,32 +1,25 @@
-"""`holdfast rerun`: a recorded dive once more through today's engine, or a ground station's .tlog."""
+"""`holdfast rerun`: a recorded dive once more through today's engine."""
 
+import math
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
-from companion.config import load_config
-from companion.predive.table import show
-from dashboard.recording.mcap_file import Reader
+from companion.records import AXES
 from holdfast.arguments import command_parser
-from lab.logs import readers, telemetry_log
-from lab.logs.dive_log import LogError
 from lab.options import add_settings
-from lab.rerun import differences, ground_log, ground_log_picture, log_frames
-from lab.rerun.rerun import configured, load, report, rerun
+from lab.rerun.rerun import Outcome, Tape, configured, load, rerun
 
 EXAMPLES = """\
 examples:
   holdfast run --set telemetry.raw=true          together with `holdfast record`: then the dive can be rerun
   holdfast rerun dives/kelp-*.mcap               the files of one dive, in any order
   holdfast rerun FILE --set heave.kappa_per_s=8  the commands that other gains would have given
-  holdfast rerun FILE.tlog                       how Holdfast would have judged a dive without it
-  holdfast rerun FILE.BIN                        the same from any log that `holdfast identify --from` reads
 
 Exit status: 0 every byte is the same, 1 some bytes differ, 2 the dive cannot be rerun.
 """
-FOREIGN = (".tlog", ".bin", ".csv", ".bag", ".db3")
 
 
 def main(argv: list[str]) -> int:
@@ -34,77 +27,57 @@ def main(argv: list[str]) -> int:
     parser = command_parser(
         "rerun",
         "Runs a recorded dive through the present code: the same datagrams, configuration, requests and "
-        "retunes. It compares the bytes that the engine sends with the recorded ones. From the .tlog of a "
-        "ground station, or another log, it prints the states, their reasons and the pre-dive list.",
+        "retunes. It compares the bytes that the engine sends with the recorded ones.",
         EXAMPLES,
     )
-    parser.add_argument(
-        "files", nargs="+", type=Path, metavar="FILE", help="files of one dive, or other logs"
-    )
+    parser.add_argument("files", nargs="+", type=Path, metavar="FILE", help="files of one dive, MCAP")
     parser.add_argument(
         "--config", type=Path, metavar="FILE", help="use FILE instead of the recorded configuration"
     )
     add_settings(parser)
-    parser.add_argument(
-        "--out",
-        type=Path,
-        default=Path("out/rerun.png"),
-        metavar="FILE",
-        help="the plot, drawn if something differs; default %(default)s",
-    )
     options = parser.parse_args(argv)
     try:
-        if any(map(_is_foreign, options.files)):
-            return _think(options.files, options.set, options.out)
         tape = load(options.files)
         config = configured(tape, options.set, options.config)
         changed = bool(options.set or options.config)
-        retuned = sum(raw.config is not None for raw in tape.ticks)
-        if changed and retuned:
-            tape.notes.append(
-                f"{retuned} retunes of the dive were left out, for the configuration is another"
-            )
         outcome = rerun(tape, config, follow=not changed)
     except (ValueError, KeyError) as error:
         sys.stderr.write(f"holdfast rerun: {error}\n")
         return 2
-    sys.stdout.write("\n".join(report(tape, outcome)) + "\n")
-    if not outcome.different:
-        return 0
-    if np.nan_to_num(outcome.was - outcome.now).any():
-        options.out.parent.mkdir(parents=True, exist_ok=True)
-        differences.draw(outcome).savefig(options.out)
-        sys.stdout.write(f"the difference over time: {options.out}\n")
-    return 1
+    sys.stdout.write("\n".join(lines(tape, outcome, changed)) + "\n")
+    return 1 if outcome.different else 0
 
 
-def _is_foreign(file: Path) -> bool:
-    """Tell whether a file is a log of somebody else's: by its suffix, or BlueOS' topics."""
-    if file.is_dir() or file.suffix.lower() in FOREIGN:
-        return True
-    first = next(iter(Reader(file)), None)
-    return first is not None and first.key.startswith("mavlink/")
-
-
-def _records(file: Path, overrides: Sequence[str]) -> Iterator[telemetry_log.TlogRecord]:
-    if file.suffix == ".tlog":
-        return telemetry_log.read(file)
-    frame = load_config(overrides=overrides).vehicle.frame
-    try:
-        return log_frames.frames_of(readers.read(file, frame), frame)
-    except LogError as error:
-        raise LogError(f"{file}: {error}") from error
-
-
-def _think(files: Sequence[Path], overrides: Sequence[str], out: Path) -> int:
-    """Say and draw what Holdfast would have thought of telemetry logs, one after the other."""
-    out.parent.mkdir(parents=True, exist_ok=True)
-    for file in files:
-        thoughts = ground_log.think(_records(file, overrides), overrides)
-        if file.suffix != ".tlog":
-            thoughts.notes.append(log_frames.NOTE)
-        picture = out.with_stem(file.stem) if len(files) > 1 else out
-        ground_log_picture.draw(thoughts, file.name).savefig(picture)
-        sys.stdout.write("\n".join([f"{file.name}:", *ground_log.lines(thoughts), ""]))
-        show(thoughts.checked, [f"picture: {picture}"])
-    return 0
+def lines(tape: Tape, outcome: Outcome, changed: bool) -> Iterator[str]:
+    """Give what came of it in lines; `changed`: the configuration is not the recorded one."""
+    count, different = len(tape.ticks), outcome.different
+    asked = sum(len(raw.requests) for raw in tape.ticks)
+    aimed = sum(raw.setpoint is not None for raw in tape.ticks)
+    retuned = sum(raw.config is not None for raw in tape.ticks)
+    yield (
+        f"{count} ticks, {outcome.t_s[-1] - outcome.t_s[0]:.1f} s of diving, "
+        f"at {outcome.speed:.0f} times real time; {asked} requests, {aimed} setpoints and {retuned} retunes "
+        "by the operator"
+    )
+    yield from (f"note: {note}" for note in tape.notes)
+    if changed and retuned:
+        yield f"note: {retuned} retunes of the dive were left out, for the configuration is another"
+    if not different:
+        yield "every byte sent is the same"
+        return
+    first = next(raw for raw in tape.ticks if raw.tick == different[0])
+    yield (
+        f"{len(different)} ticks ({len(different) / count:.1%}) sent other bytes, the first is tick "
+        f"{first.tick}, {first.now_s - tape.ticks[0].now_s:.2f} s into it"
+    )
+    steered = np.isfinite(outcome.was[:, 0]), np.isfinite(outcome.now[:, 0])
+    if (only := int(np.sum(steered[0] != steered[1]))) > 0:
+        yield f"in {only} ticks only one of the two steered"
+    yield f"{'command':8}{'ticks':>8}{'RMS':>10}{'largest':>10}{'at, s':>10}   of full"
+    for axis, difference in zip(AXES, (outcome.now - outcome.was).T, strict=True):
+        apart = np.abs(np.nan_to_num(difference))
+        known = apart[np.isfinite(difference)]
+        rms = math.sqrt(float(np.mean(known**2))) if known.size else 0.0
+        largest = int(apart.argmax())
+        at_s = outcome.t_s[largest] - outcome.t_s[0]
+        yield f"{axis:8}{np.count_nonzero(known):8d}{rms:10.2%}{apart[largest]:10.2%}{at_s:10.1f}"

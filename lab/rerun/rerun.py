@@ -7,7 +7,7 @@ have sent at that moment, not where the vehicle would have gone.
 
 import math
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
@@ -22,7 +22,7 @@ from companion.config import DEFAULT_FILE, REPLACED, Config, load_config
 from companion.engine import Engine
 from companion.guidance.orders import order_of
 from companion.mavlink.signing import Signing
-from companion.records import AXES, LoopHealth, Request, Setpoint, vector
+from companion.records import LoopHealth, Request, Setpoint, vector
 from companion.telemetry.commands import parse
 from companion.telemetry.schemas import Raw
 from dashboard.recording.mcap_file import Reader
@@ -31,6 +31,7 @@ from holdfast import RefusedError
 OVERRIDE, MANUAL = mavlink.MAVLINK_MSG_ID_RC_CHANNELS_OVERRIDE, mavlink.MAVLINK_MSG_ID_MANUAL_CONTROL
 HEARTBEAT = mavlink.MAVLINK_MSG_ID_HEARTBEAT
 HEADER = 10
+FOREIGN = (".tlog", ".bin", ".csv", ".bag", ".db3")
 
 
 class RerunError(RefusedError):
@@ -70,6 +71,10 @@ def load(files: Sequence[Path]) -> Tape:
     decoder = msgspec.msgpack.Decoder(Raw)
     notes: list[str] = []
     for file in files:
+        if file.suffix.lower() in FOREIGN:
+            raise RerunError(
+                f"{file}: is no recording of Holdfast; `holdfast identify --from` reads such logs"
+            )
         reader = Reader(file)
         for item in reader:
             if item.key.startswith("holdfast/") and item.key.endswith("/raw"):
@@ -145,37 +150,6 @@ def rerun(tape: Tape, config: Config, *, follow: bool = True, signing: Signing |
     wall_s = time.perf_counter() - begun_s
     t_s = np.array([raw.now_s for raw in tape.ticks])
     return Outcome(t_s, np.array(was), np.array(now), different, wall_s)
-
-
-def report(tape: Tape, outcome: Outcome) -> Iterator[str]:
-    """Say in lines what came of it."""
-    count, different = len(tape.ticks), outcome.different
-    asked = sum(len(raw.requests) for raw in tape.ticks)
-    aimed = sum(raw.setpoint is not None for raw in tape.ticks)
-    retuned = sum(raw.config is not None for raw in tape.ticks)
-    yield (
-        f"{count} ticks, {outcome.t_s[-1] - outcome.t_s[0]:.1f} s of diving, "
-        f"at {outcome.speed:.0f} times real time; {asked} requests, {aimed} setpoints and {retuned} retunes "
-        "by the operator"
-    )
-    yield from (f"note: {note}" for note in tape.notes)
-    if not different:
-        yield "every byte sent is the same"
-        return
-    first = next(raw for raw in tape.ticks if raw.tick == different[0])
-    yield (
-        f"{len(different)} ticks ({len(different) / count:.1%}) sent other bytes, the first is tick "
-        f"{first.tick}, {first.now_s - tape.ticks[0].now_s:.2f} s into it"
-    )
-    steered = np.isfinite(outcome.was[:, 0]), np.isfinite(outcome.now[:, 0])
-    if (only := int(np.sum(steered[0] != steered[1]))) > 0:
-        yield f"in {only} ticks only one of the two steered"
-    yield f"{'command':8}{'ticks':>8}{'RMS':>10}{'largest':>10}   of full"
-    for axis, difference in zip(AXES, (outcome.now - outcome.was).T, strict=True):
-        known = difference[np.isfinite(difference)]
-        rms = math.sqrt(float(np.mean(known**2))) if known.size else 0.0
-        peak = float(np.abs(known).max()) if known.size else 0.0
-        yield f"{axis:8}{np.count_nonzero(known):8d}{rms:10.2%}{peak:10.2%}"
 
 
 def _command(frames: Iterable[bytes]) -> list[float]:

@@ -41,7 +41,6 @@ def test_the_version_has_a_short_option(capsys):
         ["tune", "--config", "nowhere"],
         ["report", "nowhere"],
         ["rerun", "nowhere"],
-        ["rerun", "nowhere.tlog"],
         ["replay", "nowhere"],
         ["record", "--repair", "nowhere"],
         ["keys", "/proc/nowhere", "--host", "blueos.local"],

@@ -29,7 +29,6 @@ from lab.logs import dive_fit
 from lab.logs.dive_log import LogError, reported
 from lab.logs.model import Track, parameters, score
 from lab.logs.readers import read
-from lab.rerun.command import main as rerun
 
 FRAME = "vectored_6dof"
 SHORT = dive(20.0)
@@ -189,23 +188,6 @@ def test_help_of_the_logs_part_is_shown_though_no_file_is_named(capsys):
         commands.identify(["--from", "--help"])
     assert ended.value.code == 0
     assert "examples:" in capsys.readouterr().out
-
-
-@pytest.mark.parametrize("name", ["dive.BIN", "dive.csv", "blueos.mcap"])
-def test_rerun_judges_any_log(name, tmp_path, capsys):
-    path = WRITERS[name](SHORT, tmp_path / name)
-    assert rerun([str(path), "--out", str(tmp_path / "judged.png")]) == 0
-    said = capsys.readouterr().out
-    assert "depth" in said
-    assert "samples missed the estimate" in said
-    assert (tmp_path / "judged.png").stat().st_size > 10_000
-
-
-def test_rerun_of_a_foreign_file_is_refused_in_one_line(tmp_path, capsys):
-    path = tmp_path / "what.BIN"
-    path.write_bytes(b"no log at all")
-    assert rerun([str(path)]) == 2
-    assert capsys.readouterr().err.count("\n") == 1
 
 
 def test_a_large_log_says_how_far_it_is(tmp_path, capsys, monkeypatch):

@@ -180,7 +180,8 @@ def test_hostile_recordings(tmp_path: Path, command: str) -> None:
 
 def test_hostile_telemetry_logs(tmp_path: Path) -> None:
     contents = (b"", b"\xfd" * 100_000, bytes(1_000_000), b"\xfe\xff" * 50_000)
-    all_refused(tmp_path / "in" / "hostile.tlog", dict(zip("abcd", contents, strict=True)), ("rerun", "FILE"))
+    files = dict(zip("abcd", contents, strict=True))
+    all_refused(tmp_path / "in" / "hostile.tlog", files, ("identify", "--from", "FILE"))
 
 
 def test_hostile_configurations_of_zenoh(tmp_path: Path) -> None:
