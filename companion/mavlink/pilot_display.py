@@ -230,7 +230,7 @@ def answer(command: PilotCommand, sample: ControlSample) -> Message:
 
 
 def values(sample: ControlSample, reserve: float) -> list[Message]:
-    """Return the numbers to plot, as docs/displays.md lists them."""
+    """Return the numbers to plot, as docs/wiring.md lists them."""
     state = sample.state
     north, east, down, turning = state.disturbance
     boot_ms = int(1e3 * state.boot_s) & 0xFFFFFFFF if math.isfinite(state.boot_s) else 0
