@@ -24,6 +24,28 @@ def dashboard(argv: list[str]) -> int:
     return main(wanted)
 
 
+def engage(argv: list[str]) -> int:
+    """Let Holdfast take control, and hold the vehicle where it is."""
+    from dashboard.terminal.tell import order
+
+    return order("engage", "Takes control of the vehicle, and holds it where it is.", argv, "engage")
+
+
+def release(argv: list[str]) -> int:
+    """Give every axis back to the pilot, at once."""
+    from dashboard.terminal.tell import order
+
+    return order("release", "Gives every axis back to the pilot, at once.", argv, "release")
+
+
+def hold(argv: list[str]) -> int:
+    """Stop a path or a move, and hold the vehicle here."""
+    from dashboard.terminal.tell import order
+
+    purpose = "Stops a path or a move, and holds the vehicle here; `holdfast follow --resume` goes on."
+    return order("hold", purpose, argv, "path", {"action": "hold"})
+
+
 def tell(argv: list[str]) -> int:
     """Send a command to a vehicle over Zenoh, and print the answer."""
     from dashboard.terminal.tell import main

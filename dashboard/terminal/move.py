@@ -7,17 +7,18 @@ from pathlib import Path
 import msgspec
 
 from companion.telemetry import path_files
+from dashboard.arguments import add_connect
 from dashboard.terminal.tell import add_vehicle, send
 from holdfast.arguments import command_parser, position
 
 GOTO_EXAMPLES = """\
 examples:
-  holdfast goto bluerov2 --north 3 --east -1.5 --depth 2       3 m north, 1.5 m west of the origin
-  holdfast goto bluerov2 --offset --north 1 --speed 0.1        1 m further north than it is
-  holdfast goto bluerov2 --body --forward 2 --right 0.5        as its pilot sees it
-  holdfast goto bluerov2 --heading 90                          turn on the spot
-  holdfast goto bluerov2 --pitch 20                            hold the bow up by 20 degrees; 0 is level
-  holdfast goto bluerov2 --altitude 1.5                        keep 1.5 m over the ground, until --depth
+  holdfast goto --north 3 --east -1.5 --depth 2       3 m north, 1.5 m west of the origin
+  holdfast goto --offset --north 1 --speed 0.1        1 m further north than it is
+  holdfast goto --body --forward 2 --right 0.5        as its pilot sees it
+  holdfast goto --heading 90                          turn on the spot
+  holdfast goto --pitch 20                            hold the bow up by 20 degrees; 0 is level
+  holdfast goto --altitude 1.5                        keep 1.5 m over the ground, until --depth
 
 What is not given stays. north and east need a position source, such as a DVL, and
 altitude a rangefinder that looks down. Roll and pitch need a frame that can pitch (vectored_6dof) in MANUAL.
@@ -26,11 +27,11 @@ Exit status: 0 under way, 1 refused or no answer, 2 wrong arguments.
 
 FOLLOW_EXAMPLES = """\
 examples:
-  holdfast follow bluerov2 eight.toml                          a path in metres: docs/guidance.md
-  holdfast follow bluerov2 reef.plan --origin 47.40,8.55       waypoints of QGroundControl
-  holdfast follow bluerov2 dam.plan                            a plan of QGroundControl, from where it is
-  holdfast follow bluerov2 --pause                             wait; --resume goes on, after --hold, goto
-                                                               and a fault, too
+  holdfast follow eight.toml                          a path in metres: docs/guidance.md
+  holdfast follow reef.plan --origin 47.40,8.55       waypoints of QGroundControl
+  holdfast follow dam.plan                            a plan of QGroundControl, from where it is
+  holdfast follow --pause                             wait; --resume goes on, after --hold, goto
+                                                      and a fault, too
 
 --origin is where x and y are 0: the EKF's origin, such as `holdfast check --set-origin` sets. Without it a
 path in degrees begins where the vehicle is. A stick pauses a path, too.
@@ -73,7 +74,7 @@ def goto(argv: list[str]) -> int:
         help="counted from where it is: forward, right, down, and clockwise",
     )
     parser.add_argument("--speed", dest="speed_mps", type=float, metavar="M/S", help="default: 0.2")
-    options = vars(parser.parse_args(argv))
+    options = vars(parser.parse_intermixed_args(argv))
     vehicle, connect = options.pop("vehicle"), options.pop("connect")
     what = {key: value for key, value in options.items() if value is not None}
     for key, value in what.items():
@@ -90,22 +91,28 @@ def follow(argv: list[str]) -> int:
         "Sends a vehicle along the path of a file: TOML or a plan of QGroundControl.",
         FOLLOW_EXAMPLES,
     )
-    add_vehicle(parser)
-    what = parser.add_mutually_exclusive_group(required=True)
-    what.add_argument("file", nargs="?", type=Path, metavar="FILE", help="ends in .toml or .plan")
-    for action, purpose in (
+    add_connect(parser)
+    parser.add_argument("words", nargs="*", metavar="[VEHICLE] FILE", help="ends in .toml or .plan")
+    action = parser.add_mutually_exclusive_group()
+    for name, purpose in (
         ("pause", "wait"),
         ("resume", "go on"),
         ("hold", "stop and hold here; --resume goes on"),
     ):
-        what.add_argument(f"--{action}", dest="action", action="store_const", const=action, help=purpose)
+        action.add_argument(f"--{name}", dest="action", action="store_const", const=name, help=purpose)
     parser.add_argument("--origin", type=position, metavar="LAT,LON", help="where x and y are 0, degrees")
-    options = parser.parse_args(argv)
-    if options.file is None:
-        return send("follow", options.vehicle, "path", {"action": options.action}, options.connect)
+    options = parser.parse_intermixed_args(argv)
+    if not options.words and not options.action:
+        parser.error("which FILE? Or --pause, --resume, --hold")
+    *vehicle, file = (*options.words, "") if options.action else options.words
+    if len(vehicle) > 1:
+        parser.error(f"one file, and at most one vehicle before it: {' '.join(options.words)}")
+    name = "".join(vehicle)
+    if options.action:
+        return send("follow", name, "path", {"action": options.action}, options.connect)
     try:
-        path = path_files.read(options.file, options.origin)
+        path = path_files.read(Path(file), options.origin)
     except ValueError as error:
         sys.stderr.write(f"holdfast follow: {error}\n")
         return 2
-    return send("follow", options.vehicle, "follow", {"path": msgspec.to_builtins(path)}, options.connect)
+    return send("follow", name, "follow", {"path": msgspec.to_builtins(path)}, options.connect)

@@ -1,10 +1,10 @@
-"""`holdfast tell`: one command to one vehicle from a terminal, and the vehicle's own words about it."""
+"""`holdfast tell`, `engage`, `release`, `hold`: a command to one vehicle, and what it answers."""
 
 import argparse
 import sys
 import textwrap
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import msgspec
@@ -17,6 +17,8 @@ from dashboard.zenoh_client import Subscription
 from holdfast.arguments import command_parser
 
 PATIENCE_S = 5.0
+ALONE_S = 0.3
+"""For so long after the first vehicle others are listened for: each publishes its state 50 times a second."""
 
 KNOWN = (*COMMANDS, *RECORDER_COMMANDS, "config")
 
@@ -25,10 +27,10 @@ EXAMPLES = """\
   config                  Print the present settings; needs no permission.
 
 examples:
-  holdfast tell bluerov2 engage                                take control, and hold
-  holdfast tell bluerov2 setpoint depth_m=5 heading_deg=90     move to a depth and a heading
-  holdfast tell bluerov2 gains axis=heave kappa_per_s=8        change one gain
-  holdfast tell bluerov2 config                                print the present settings
+  holdfast tell setpoint depth_m=5 heading_deg=90     move to a depth and a heading
+  holdfast tell gains axis=heave kappa_per_s=8        change one gain
+  holdfast tell config                                print the present settings
+  holdfast tell kelp clear_fault                      to the one that is called kelp
 
 By default a companion accepts commands only from its own machine; commands over a network need `holdfast run
 --allow-control`. The supervisor decides on every command.
@@ -36,33 +38,68 @@ Exit status: 0 done, 1 refused or no answer.
 """
 
 
+ORDER_EXAMPLES = """\
+examples:
+  holdfast {name}
+  holdfast {name} kelp                                the one that is called kelp
+
+VEHICLE may be left out where one vehicle is heard. The supervisor decides on every command.
+Exit status: 0 done, 1 refused or no answer.
+"""
+
+
 def main(argv: list[str]) -> int:
-    """Run the command; returns 1 if it was not done."""
-    options = _parser().parse_args(argv)
+    """Run `holdfast tell`; returns 1 if it was not done."""
+    parser = command_parser(
+        "tell", "Sends a command to a vehicle over Zenoh, and prints the answer.", _epilog()
+    )
+    add_connect(parser)
+    parser.add_argument(
+        "words",
+        nargs="+",
+        metavar="[VEHICLE] COMMAND [KEY=VALUE ...]",
+        help="see the list below; `holdfast watch` shows the names of vehicles",
+    )
+    options = parser.parse_args(argv)
+    words: list[str] = options.words
+    vehicle = words.pop(0) if words[0] not in KNOWN and len(words) > 1 else ""
+    command, *fields_given = words
     try:
-        what = dict(_pair(text) for text in options.what)
-        if options.command not in KNOWN:
-            raise ValueError(f"there is no command '{options.command}'. Known: {', '.join(KNOWN)}")
+        if command not in KNOWN:
+            raise ValueError(f"there is no command '{command}'. Known: {', '.join(KNOWN)}")
+        what = dict(_pair(text) for text in fields_given)
     except ValueError as error:
         sys.stderr.write(f"holdfast tell: {error}\n")
         return 2
-    return send("tell", options.vehicle, options.command, what, options.connect)
+    return send("tell", vehicle, command, what, options.connect)
+
+
+def order(
+    name: str, purpose: str, argv: list[str], command: str, what: Mapping[str, object] | None = None
+) -> int:
+    """Run a command of one word, such as `holdfast release`; returns 1 if it was not done."""
+    parser = command_parser(name, purpose, ORDER_EXAMPLES.format(name=name))
+    add_vehicle(parser)
+    options = parser.parse_args(argv)
+    return send(name, options.vehicle, command, what or {}, options.connect)
 
 
 def send(program: str, vehicle: str, command: str, what: Mapping[str, object], connect: str) -> int:
-    """Send a command and print the answer; return 1 if it was not done, 2 for what can be no command."""
+    """Send a command and print the answer; return 1 if it was not done, 2 for what can be no command.
+
+    Without a vehicle's name it is the only one that is heard.
+    """
     try:
-        key = telemetry.command_key(vehicle, command)
-        with Subscription(key, connect) as seen:
-            until_s = time.monotonic() + PATIENCE_S
-            while not seen.connected and time.monotonic() < until_s:
-                time.sleep(0.02)
-            if not seen.connected:
+        if vehicle:
+            telemetry.command_key(vehicle, command)  # raises ValueError for what can be no name
+        with Subscription(f"holdfast/{vehicle or '*'}/supervisor", connect) as seen:
+            if not _wait(lambda: seen.connected, PATIENCE_S):
                 sys.stderr.write(
                     f"holdfast {program}: nobody listens on {connect}. Start `holdfast run`, or "
                     "give its address with --connect.\n"
                 )
                 return 1
+            vehicle = vehicle or _only_one(seen)
             if command == "config":
                 return _config(seen, vehicle)
             reply = seen.tell(vehicle, command, what)
@@ -80,21 +117,37 @@ def send(program: str, vehicle: str, command: str, what: Mapping[str, object], c
 def add_vehicle(parser: argparse.ArgumentParser) -> None:
     """Add who is told, and where it is found."""
     parser.add_argument(
-        "vehicle", metavar="VEHICLE", help="name of the vehicle; `holdfast watch` shows the names"
+        "vehicle",
+        nargs="?",
+        default="",
+        metavar="VEHICLE",
+        help="its name, if more than one vehicle is heard",
     )
     add_connect(parser)
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = command_parser(
-        "tell",
-        "Sends a command to a vehicle over Zenoh, and prints the answer.",
-        _epilog(),
-    )
-    add_vehicle(parser)
-    parser.add_argument("command", metavar="COMMAND", help="see the list below")
-    parser.add_argument("what", nargs="*", default=[], metavar="KEY=VALUE", help="fields of the command")
-    return parser
+def _only_one(seen: Subscription) -> str:
+    """Return the name of the vehicle that is heard; raise ValueError if none or several are."""
+    names: set[str] = set()
+
+    def heard() -> bool:
+        names.update(key.split("/")[1] for key, _ in seen.take())
+        return bool(names)
+
+    if _wait(heard, PATIENCE_S):
+        _wait(lambda: heard() and len(names) > 1, ALONE_S)
+    if len(names) != 1:
+        found = f"these are heard: {', '.join(sorted(names))}" if names else "none is heard"
+        raise ValueError(f"which vehicle? {found}; name it before the command")
+    return names.pop()
+
+
+def _wait(until: Callable[[], bool], patience_s: float) -> bool:
+    """Wait until something is so; return whether it is."""
+    end_s = time.monotonic() + patience_s
+    while not (so := until()) and time.monotonic() < end_s:
+        time.sleep(0.02)
+    return so
 
 
 def _epilog() -> str:
