@@ -74,7 +74,9 @@ def test_what_is_not_there_is_named_in_one_line_with_status_2(arguments, capsys,
         (["sim", "--speed", "fast"], "'fast' is not a number above 0, up to 100"),
         (["sim", "--seed", "-1"], "'-1' is not a whole number of 0 or more"),
         (["keys", "k", "--host", ""], "'' is neither an address nor a name"),
-        (["tell", "bluerov2"], "the following arguments are required: COMMAND\n"),
+        (["tell"], "the following arguments are required: [VEHICLE] COMMAND"),
+        (["follow", "kelp", "a.toml", "b.toml"], "one file, and at most one vehicle before it"),
+        (["follow"], "which FILE?"),
     ],
 )
 def test_a_number_that_makes_no_sense_is_refused(arguments, says, capsys):
