@@ -1,6 +1,5 @@
 """How all figures look: Okabe and Ito's colours, which colour-blind people tell apart, and quiet frames."""
 
-from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -8,7 +7,6 @@ import matplotlib as mpl
 from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.transforms import Bbox
 
 mpl.use("Agg")  # files, no screen
 
@@ -54,21 +52,3 @@ def plain(panel: Axes) -> None:
     panel.grid(color="0.88", linewidth=0.6)
     panel.spines[["top", "right"]].set_visible(False)
     panel.tick_params(labelsize=SMALL)
-
-
-def table(
-    panel: Axes,
-    cells: Sequence[Sequence[str]],
-    rows: Sequence[str],
-    columns: Mapping[str, str],
-    box: Bbox,
-    size: float = SMALL,
-) -> None:
-    """Set a table into a panel, in `box` of it; `columns` gives the colour of each column's title."""
-    grid = panel.table(cells, rowLabels=rows, colLabels=list(columns), bbox=box, edges="horizontal")
-    grid.auto_set_font_size(False)
-    grid.set_fontsize(size)
-    for cell in grid.get_celld().values():
-        cell.set_edgecolor("0.8")
-    for index, colour in enumerate(columns.values()):
-        grid[0, index].get_text().set(color=colour, fontweight="bold")

@@ -74,8 +74,7 @@ def dive_holdfast(story: Story, compensator: str, firmware: Path | None, tell: T
 
     Raises ValueError where the vehicle does not arm or the engine let go of it.
     """
-    chosen = [f"{axis}.compensator={compensator!r}" for axis in AXES] if compensator else []
-    config = load_config(overrides=chosen)
+    config = load_config(overrides=[f"{axis}.compensator={compensator!r}" for axis in AXES if compensator])
     truths: list[Truth] = []
     rows: list[tuple[float, float, float]] = []
     with vehicle_of(story.plant(), story.seed, firmware) as vehicle:

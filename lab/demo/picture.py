@@ -59,9 +59,7 @@ def _depth(panel: Axes, dives: Mapping[str, DemoDive]) -> None:
     for name in ("alt_hold", "holdfast"):
         _line(panel, name, dives[name].t_s, dives[name].depth_m)
     wanted = dives["holdfast"]
-    panel.plot(
-        wanted.t_s, wanted.depth_desired_m, color=style.BLACK, linewidth=1.2, linestyle=":", label="reference"
-    )
+    panel.plot(wanted.t_s, wanted.depth_desired_m, ":", color=style.BLACK, linewidth=1.2, label="reference")
     panel.invert_yaxis()
     style.name(panel, "Depth", "depth (m)", pad=18.0)
     panel.legend(frameon=False, loc="lower left", fontsize=SMALL)
