@@ -66,14 +66,14 @@ wheel: $(STAMP)  ## build dist/*.whl, try it in a venv of its own, and there wit
 	build/wheel/bin/$(PIP) --require-hashes --only-binary :all: -r requirements/vehicle.lock
 	build/wheel/bin/$(PIP) dist/*.whl
 	build/wheel/bin/holdfast --help
-	build/wheel/bin/python -m pip uninstall --quiet --yes aiohttp cryptography mcap rich  # what extras bring
+	build/wheel/bin/python -m pip uninstall --quiet --yes aiohttp mcap rich  # what extras bring
 	build/wheel/bin/holdfast watch --once 2>&1 | grep -F "pip install 'holdfast-rov[dashboard]'"
 	timeout --preserve-status -s INT 3 build/wheel/bin/holdfast run \
 	    --set link.endpoint=udp-connect:127.0.0.1:14599 --set telemetry.endpoint=tcp/127.0.0.1:7459
 
 lock:  ## refresh what is missing in the locks, of all platforms, with hashes (needs uv)
 	$(COMPILE) pyproject.toml --extra dev -o requirements/dev.lock
-	$(COMPILE) pyproject.toml --extra dashboard --extra keys -c requirements/dev.lock -o requirements/vehicle.lock
+	$(COMPILE) pyproject.toml --extra dashboard -c requirements/dev.lock -o requirements/vehicle.lock
 	printf '%s\n' 'hatchling>=1.27' 'editables>=0.5' | \
 	    $(COMPILE) pyproject.toml - --extra demo -c requirements/dev.lock -o requirements/demo.lock
 	$(COMPILE) pyproject.toml --extra docs --extra parquet -c requirements/dev.lock -o requirements/docs.lock

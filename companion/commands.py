@@ -34,17 +34,6 @@ examples:
 Stop with Ctrl-C; Holdfast then sends neutral frames. `holdfast watch` shows the state.
 """
 
-KEYS_EXAMPLES = """\
-examples:
-  holdfast keys keys --host 192.168.2.2                       subscribe only
-  holdfast keys keys --host 192.168.2.2 --host blueos.local --allow-control
-  holdfast keys keys --host 10.0.0.7 --radio                  5 samples a second of each key for the laptop
-  holdfast keys keys --host 10.0.0.1 --vehicle kelp --vehicle reed    a router at 10.0.0.1 for two vehicles
-
-The private key of the authority is not stored, so no further certificates can be issued: for a second laptop
-create all files again. The certificates are valid for a year.
-"""
-
 THRUSTERS_MOVE = """\
 The vehicle will move: pulses of a fifth of the thrust on each axis in turn, for eight seconds. If nobody has
 armed it, it is armed for that. It must be dived, with a metre of free water around it.
@@ -207,77 +196,6 @@ def _overrides(arguments: argparse.Namespace) -> list[str]:
     """Return the overrides of `_add_config`'s options."""
     chosen = {"vehicle.preset": arguments.vehicle, "vehicle.name": arguments.name}
     return [*(f"{key}={json.dumps(name)}" for key, name in chosen.items() if name), *arguments.set]
-
-
-def keys(argv: list[str]) -> int:
-    """Create certificates for a laptop that connects over the network."""
-    parser = command_parser(
-        "keys",
-        "Creates a temporary certificate authority and Zenoh configurations. With "
-        "DIR/vehicle.json5 the vehicle listens on loopback, and by TLS for this laptop only; "
-        "DIR/laptop.json5 is for the laptop. With --vehicle it creates DIR/router.json5 for a "
-        "Zenoh router, to which laptop and vehicles connect, and a file for each vehicle. "
-        "Each file contains a private key: protect it like a password.",
-        KEYS_EXAMPLES,
-    )
-    parser.add_argument("directory", type=Path, metavar="DIR", help="where to write the files")
-    parser.add_argument(
-        "--host",
-        action="append",
-        type=_host,
-        required=True,
-        metavar="NAME",
-        help="address or name of the vehicle or the router, as seen from the laptop; may be repeated",
-    )
-    parser.add_argument(
-        "--vehicle",
-        action="append",
-        default=[],
-        metavar="NAME",
-        help="a vehicle that connects to the router, by its vehicle.name; may be repeated",
-    )
-    parser.add_argument(
-        "--allow-control",
-        action="store_true",
-        help="let the laptop send commands; the companion must allow them too",
-    )
-    parser.add_argument(
-        "--radio",
-        action="store_true",
-        help="for a slow link: send the laptop every tenth tick, and no raw ticks; processes on the vehicle, "
-        "such as a recorder, get every tick",
-    )
-    arguments = parser.parse_args(argv)
-    from companion.io.certificates import make
-
-    now = datetime.datetime.now(datetime.UTC)
-    try:
-        centre, laptop, *vehicles = make(
-            arguments.directory,
-            arguments.host,
-            allow_control=arguments.allow_control,
-            now=now,
-            vehicles=arguments.vehicle,
-            radio=arguments.radio,
-        )
-    except ValueError as error:
-        sys.stderr.write(f"holdfast keys: {error}\n")
-        return 2
-    except FileExistsError as error:
-        sys.stderr.write(
-            f"holdfast keys: {error.filename} is there already; remove it or choose another DIR\n"
-        )
-        return 2
-    run = "holdfast run --allow-control" if arguments.allow_control else "holdfast run"
-    if vehicles:
-        sys.stdout.write(f"on the router:   zenohd --config {centre}\n")
-    for vehicle in vehicles or [centre]:
-        name = f" --name {vehicle.stem}" if vehicles else ""
-        sys.stdout.write(
-            f"on the vehicle:  {run}{name} --set telemetry.mode=file --set telemetry.endpoint={vehicle}\n"
-        )
-    sys.stdout.write(f"on the laptop:   holdfast watch --connect {laptop}\n")
-    return 0
 
 
 def check(argv: list[str]) -> int:
@@ -505,9 +423,3 @@ def config(argv: list[str]) -> int:
             f"  telemetry at {found.telemetry.endpoint}, commands: {found.telemetry.allow_control}\n"
         )
     return 0
-
-
-def _host(text: str) -> str:
-    if not re.fullmatch(r"[\w.:-]+", text):
-        raise argparse.ArgumentTypeError(f"'{text}' is neither an address nor a name, such as 192.168.2.2")
-    return text

@@ -411,7 +411,7 @@ class Telemetry(Section, frozen=True):
         Literal["peer", "client", "file"],
         means(
             "peer: connect to the endpoint, else listen there (on loopback only); client: only connect, as "
-            "to BlueOS's router; file: see `holdfast keys`"
+            "to BlueOS's router; file: docs/examples/zenoh"
         ),
     ] = "peer"
     endpoint: Annotated[str, means("of Zenoh; with file the path of a Zenoh configuration")] = (

@@ -11,7 +11,7 @@ def add_connect(parser: argparse.ArgumentParser) -> None:
         "--connect",
         metavar="ENDPOINT",
         default=ENDPOINT,
-        help="Zenoh endpoint of a companion or router, or a file of `holdfast keys` (default %(default)s)",
+        help="Zenoh endpoint of a companion or router, or a Zenoh configuration (default %(default)s)",
     )
 
 

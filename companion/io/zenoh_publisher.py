@@ -4,7 +4,7 @@ The tick only offers; a thread of its own encodes, publishes, replies and cares 
 joins the router or peer that listens on the endpoint; if there is none, it listens there itself, on loopback
 only: the first process of a host listens, and all others are clients.
 As "client" it only joins: a router that starts after us finds its port free. As "file" it opens what a Zenoh
-configuration file says, such as one of `holdfast keys`.
+configuration file says, such as those of docs/examples/zenoh.
 """
 
 import json

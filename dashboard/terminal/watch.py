@@ -31,12 +31,12 @@ from holdfast.arguments import command_parser
 
 EXAMPLES = """\
 examples:
-  holdfast watch                                    the vehicles that publish on this machine
-  holdfast watch --connect keys/laptop.json5        a vehicle on the network, by a file of `holdfast keys`
+  holdfast watch                                 the vehicles that publish on this machine
+  holdfast watch --connect laptop.json5          a vehicle on the network, by TLS: docs/telemetry.md, "Where"
   holdfast watch --name kelp --once              one snapshot of one vehicle
-  holdfast watch --once --json                      for scripts
+  holdfast watch --once --json                   for scripts
 
-By default a companion listens on its own machine alone; `holdfast keys` opens it to a laptop. With a Zenoh
+By default a companion listens on its own machine alone; a Zenoh configuration opens it by TLS. With a Zenoh
 router on the vehicle and telemetry.mode = "client" in the companion's configuration, --connect
 tcp/192.168.2.2:7447 reaches it too, without encryption.
 """

@@ -14,13 +14,12 @@ examples:
   holdfast dashboard                            then open http://127.0.0.1:8600/
   holdfast dashboard --allow-control            also engage, release, aim and tune, with the token it prints
   holdfast dashboard --record dives             and keep what it sees
-  holdfast dashboard --connect keys/laptop.json5
-                                                on a laptop: a vehicle, by a file of `holdfast keys`
+  holdfast dashboard --connect laptop.json5     on a laptop, by TLS: docs/telemetry.md, "Where"
   holdfast dashboard --listen 0.0.0.0:8600 --host blueos.local
                                                 for others on the network too; by number or by that name
 By default a companion listens on its own machine alone: run the dashboard there, or open it to a laptop by
-`holdfast keys`. With a Zenoh router on the vehicle and telemetry.mode = "client" in the companion's
-configuration, --connect tcp/192.168.2.2:7447 reaches it too, without encryption.
+TLS. With a Zenoh router on the vehicle and telemetry.mode = "client" in the companion's configuration,
+--connect tcp/192.168.2.2:7447 reaches it too, without encryption.
 
 It opens with the pilot's view; /engineer has plots and gains. It needs no internet. Press ? there for the
 keys. Each panel also stands alone, as /panel/depth; Cockpit finds them as widgets by /register_service.

@@ -1,7 +1,8 @@
-"""The files of `holdfast keys`, live on loopback: who has the certificate gets in, and gets what it may."""
+"""The Zenoh configurations of docs/examples/zenoh, with certificates made as docs/telemetry.md says, on loopback."""
 
-import datetime
 import json
+import re
+import subprocess
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -12,8 +13,6 @@ import pytest
 import zenoh
 from waiting import until
 
-from companion.io import certificates as keys
-from companion.io.access_control import RADIO_TICKS
 from companion.io.command_queue import ReceivedCommand
 from companion.io.zenoh_publisher import Publisher
 from companion.records import ControlSample
@@ -23,23 +22,46 @@ from companion.telemetry.session import client_configuration, ticks_per_sample
 from dashboard.zenoh_client import Subscription
 from lab.ports import free_port
 
-NOW = datetime.datetime.now(datetime.UTC)
+DOCS = Path(__file__).parents[2] / "docs"
+EXAMPLES = DOCS / "examples" / "zenoh"
+TLS_PORT, LOCAL = "7448", "tcp/127.0.0.1:7447"
+RECIPE = re.search(r"```\n(NEW=.*?)```", (DOCS / "telemetry.md").read_text(), re.DOTALL)[1]  # type: ignore[index]
+
+
+def certificates(directory: Path, *names: str) -> None:
+    """Run the page's commands, for 127.0.0.1; and the vehicle's also for further names."""
+    directory.mkdir()
+    recipe = RECIPE.replace("192.168.2.2", "127.0.0.1")
+    (vehicle,) = [line for line in recipe.splitlines() if "vehicle" in line]
+    further = "\n".join(vehicle.replace("vehicle", name) for name in names)
+    subprocess.run(["sh", "-ec", recipe + further], cwd=directory, capture_output=True, check=True)
+    assert (directory / "ca.key").stat().st_mode & 0o777 == 0o600
+
+
+def example(name: str, directory: Path, **changes: str) -> Path:
+    """An example's text for certificates in `directory`, with changes; those of texts that are not there fail."""
+    text = re.sub(r'"(?:/etc/holdfast/)?([a-z]+\.(?:pem|key))"', rf'"{directory}/\1"', (EXAMPLES / name).read_text())
+    text = re.sub(r"192\.168\.2\.2|10\.0\.0\.1", "127.0.0.1", text)
+    for old, new in changes.items():
+        assert old in text
+        text = text.replace(old, new)
+    file = directory / name
+    file.write_text(text)
+    return file
 
 
 class Vehicle:
     """A companion's publisher by vehicle.json5, and the commands that reached it."""
 
-    def __init__(self, directory: Path, *, allow_control: bool, radio: bool = False) -> None:
-        self.local = f"tcp/127.0.0.1:{free_port()}"
-        self.file, self.laptop = keys.make(
-            directory,
-            ["127.0.0.1"],
-            allow_control=allow_control,
-            now=NOW,
-            radio=radio,
-            port=free_port(),
-            local=self.local,
-        )
+    def __init__(self, directory: Path, *, allow_control: bool = False, slow: bool = False) -> None:
+        certificates(directory)
+        port, self.local = str(free_port()), f"tcp/127.0.0.1:{free_port()}"
+        changes = {LOCAL: self.local, TLS_PORT: port}
+        permit = {', "no commands"]': "]"} if allow_control else {}
+        self.file = example("vehicle.json5", directory, **changes, **permit)
+        self.laptop = example("laptop.json5", directory, **{TLS_PORT: port})
+        for file in (self.file, self.laptop) if slow else ():
+            file.write_text(re.sub(r"(?m)^  //  ", "    ", file.read_text()))
         self.commands: list[str] = []
         self.publisher = Publisher("kelp", str(self.file), "file", self._take)
 
@@ -49,11 +71,11 @@ class Vehicle:
 
 
 @pytest.fixture
-def diving(make_sample: Callable[..., ControlSample], tmp_path: Path) -> Iterator[Callable[..., Vehicle]]:
+def diving(tmp_path: Path) -> Iterator[Callable[..., Vehicle]]:
     vehicles: list[Vehicle] = []
 
-    def start(*, allow_control: bool, radio: bool = False) -> Vehicle:
-        vehicle = Vehicle(tmp_path / "keys", allow_control=allow_control, radio=radio)
+    def start(**options: bool) -> Vehicle:
+        vehicle = Vehicle(tmp_path / "keys", **options)
         vehicle.publisher.start()
         vehicle.publisher.claim(5.0)
         vehicles.append(vehicle)
@@ -74,15 +96,10 @@ def comes(seen: Subscription, vehicle: Vehicle, sample: ControlSample, within_s:
     return False
 
 
-def tell(seen: Subscription, vehicle: Vehicle) -> Reply:
-    """Tell while the publisher is being fed, as it always is."""
-    return seen.tell("kelp", "setpoint", {"depth_m": 3.0})
-
-
 def test_the_laptop_sees_and_may_not_command(
     diving: Callable[..., Vehicle], make_sample: Callable[..., ControlSample]
 ) -> None:
-    vehicle = diving(allow_control=False)
+    vehicle = diving()
     with Subscription("holdfast/**", str(vehicle.laptop)) as seen:
         assert comes(seen, vehicle, make_sample(), 10.0)
         assert seen.ask(telemetry.config_key("kelp"), timeout_s=2.0) == b"{}"
@@ -101,7 +118,7 @@ def test_the_laptop_commands_where_it_was_allowed_and_publishes_nothing(
     vehicle = diving(allow_control=True)
     with Subscription("holdfast/**", str(vehicle.laptop)) as seen:
         assert comes(seen, vehicle, make_sample(), 10.0)
-        assert tell(seen, vehicle).done
+        assert seen.tell("kelp", "setpoint", {"depth_m": 3.0}).done
     assert vehicle.commands == ["setpoint"]
     with (
         Subscription("holdfast/other/**", vehicle.local) as local,
@@ -116,10 +133,10 @@ def test_the_laptop_commands_where_it_was_allowed_and_publishes_nothing(
 
 
 @pytest.mark.alone
-def test_over_a_radio_whole_ticks_come_and_few_of_them(
+def test_over_a_slow_link_whole_ticks_come_and_few_of_them(
     diving: Callable[..., Vehicle], make_sample: Callable[..., ControlSample]
 ) -> None:
-    vehicle = diving(allow_control=False, radio=True)
+    vehicle = diving(slow=True)
     with (
         Subscription("holdfast/**", str(vehicle.laptop)) as laptop,
         Subscription("holdfast/**", vehicle.local) as local,
@@ -129,50 +146,42 @@ def test_over_a_radio_whole_ticks_come_and_few_of_them(
         time.sleep(0.5)
         laptop.take(), local.take()
         for tick in range(50):
-            vehicle.publisher.offer(
-                make_sample(t_s=float(tick)), telemetry.Raw(tick=tick, now_s=1.0, heard=[], out=[])
-            )
+            vehicle.publisher.offer(make_sample(t_s=float(tick)))
             time.sleep(0.02)
         until(lambda: any(b'"t_s":49.0' in payload for _, payload in local.take()))
         keys_of = Counter(json.loads(payload)["t_s"] for _, payload in laptop.take())
     assert 3 <= len(keys_of) <= 8
     assert set(keys_of.values()) == {len(telemetry.EVERY_TICK)}
-    assert ticks_per_sample(str(vehicle.laptop)) == RADIO_TICKS
+    assert ticks_per_sample(str(vehicle.laptop)) == 10
     assert ticks_per_sample(vehicle.local) == 1
 
 
 def test_at_a_router_each_vehicle_speaks_for_itself_alone(
     make_sample: Callable[..., ControlSample], tmp_path: Path
 ) -> None:
-    local = f"tcp/127.0.0.1:{free_port()}"
-    names = ["kelp", "reed"]
-    router, laptop, *vehicles = keys.make(
-        tmp_path, ["127.0.0.1"], allow_control=True, now=NOW, vehicles=names, port=free_port(), local=local
-    )
-
+    local, port = f"tcp/127.0.0.1:{free_port()}", {TLS_PORT: str(free_port())}
+    directory = tmp_path / "keys"
+    certificates(directory, "router", "kelp", "reed")
+    router = example("router.json5", directory, **port, **{LOCAL: local, ', "no commands"]': "]"})
+    laptop = example("laptop.json5", directory, **port)
     kelps = f"tcp/127.0.0.1:{free_port()}"
-    for file, listens in zip(vehicles, ([kelps], []), strict=True):  # the two are on one machine
-        config = json.loads(file.read_text())
-        assert config["listen"]["endpoints"] == [telemetry.ENDPOINT]
-        config["listen"]["endpoints"] = listens
-        file.write_text(json.dumps(config))
+    kelp_file = example("vehicle-at-router.json5", directory, **port, **{LOCAL: kelps}).rename(directory / "kelp.json5")
+    nowhere = {f'endpoints: ["{LOCAL}"]': "endpoints: []"}  # the two are on one machine
+    reed_file = example("vehicle-at-router.json5", directory, **port, **nowhere, kelp="reed")
 
     def command(received: ReceivedCommand) -> None:
         received.answer(Reply(done=True, said="aye"))
 
     with ExitStack() as stack:
         enter = stack.enter_context
-        publishers = [
-            enter(Publisher(name, str(file), "file", command))
-            for name, file in zip(names, vehicles, strict=True)
-        ]
-        for publisher in publishers:
+        for name, file in (("kelp", kelp_file), ("reed", reed_file)):
+            publisher = enter(Publisher(name, str(file), "file", command))
             publisher.claim(10.0)
             publisher.offer(make_sample())
         aboard = enter(Subscription("holdfast/**", kelps))
         seen = enter(Subscription("holdfast/**", str(laptop)))
         here = enter(Subscription("holdfast/**", local))
-        tails = {f"{name}/{tail}" for name in names for tail in telemetry.EVERY_TICK}
+        tails = {f"{name}/{tail}" for name in ("kelp", "reed") for tail in telemetry.EVERY_TICK}
 
         def last(client: Subscription) -> set[str]:
             return {message.key.partition("/")[2] for message in client.last()}
@@ -182,37 +191,26 @@ def test_at_a_router_each_vehicle_speaks_for_itself_alone(
         until(lambda: last(seen) >= tails, 10.0)
         until(lambda: last(here) >= tails, 10.0)
         assert seen.tell("reed", "setpoint", {"depth_m": 3.0}).done
-        config["listen"]["endpoints"] = []
-        config["transport"] = json.loads(vehicles[0].read_text())["transport"]
-        vehicles[1].write_text(json.dumps(config))
-        kelp = enter(zenoh.open(client_configuration(str(vehicles[1]))))
+        again = kelp_file.read_text().replace(kelps, f"tcp/127.0.0.1:{free_port()}")
+        (directory / "again.json5").write_text(again)
+        kelp = enter(zenoh.open(client_configuration(str(directory / "again.json5"))))
         assert not _put_seen(kelp, enter(Subscription("holdfast/other/**", local)))
         assert [reply.ok for reply in kelp.get("holdfast/reed/command/setpoint", timeout=1.0)] == []
-
-
-def test_a_fleets_names_are_vehicles_names(tmp_path: Path) -> None:
-    for names in (["kelp", "kelp"], ["router"], ["a/b"]):
-        with pytest.raises(ValueError, match="vehicle name"):
-            keys.make(tmp_path, ["10.0.0.1"], allow_control=False, now=NOW, vehicles=names)
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_another_authoritys_certificate_and_none_are_refused(
     diving: Callable[..., Vehicle], make_sample: Callable[..., ControlSample], tmp_path: Path
 ) -> None:
     vehicle = diving(allow_control=True)
-    right = json.loads(vehicle.laptop.read_text())
-    tls = right["transport"]["link"]["tls"]
-    _, strangers = keys.make(tmp_path / "stranger", ["127.0.0.1"], allow_control=True, now=NOW)
-    wrong = json.loads(strangers.read_text())["transport"]["link"]["tls"]
-    authority = "root_ca_certificate_base64"
-    for name, presented in {
-        "other": {**wrong, authority: tls[authority]},
-        "none": {authority: tls[authority]},
-    }.items():
-        right["transport"]["link"]["tls"] = presented
+    certificates(tmp_path / "stranger")
+    right = vehicle.laptop.read_text()
+    mine = str(tmp_path / "keys" / "laptop")
+    of_another = right.replace(mine, str(tmp_path / "stranger" / "laptop"))
+    none = re.sub(r"connect_(certificate|private_key): .*", "", right)
+    assert right != of_another != none != right
+    for name, text in (("other", of_another), ("none", none)):
         file = tmp_path / f"{name}.json5"
-        file.write_text(json.dumps(right))
+        file.write_text(text)
         with Subscription("holdfast/**", str(file)) as seen:
             assert not comes(seen, vehicle, make_sample(), 2.0), name
 
@@ -221,20 +219,10 @@ def test_a_vehicle_that_is_not_the_one_meant_is_refused(
     diving: Callable[..., Vehicle], make_sample: Callable[..., ControlSample], tmp_path: Path
 ) -> None:
     vehicle = diving(allow_control=True)
-    laptop = json.loads(vehicle.laptop.read_text())
-    laptop["connect"]["endpoints"] = [laptop["connect"]["endpoints"][0].replace("127.0.0.1", "localhost")]
     file = tmp_path / "elsewhere.json5"
-    file.write_text(json.dumps(laptop))
+    file.write_text(vehicle.laptop.read_text().replace("tls/127.0.0.1", "tls/localhost"))
     with Subscription("holdfast/**", str(file)) as seen:
         assert not comes(seen, vehicle, make_sample(), 2.0)
-
-
-def test_keys_in_use_are_not_written_over(tmp_path: Path) -> None:
-    files = keys.make(tmp_path, ["rov.local", "fe80::1"], allow_control=False, now=NOW)
-    assert all(file.stat().st_mode & 0o777 == 0o600 for file in files)
-    assert "tls/[fe80::1]:7448" in files[1].read_text()
-    with pytest.raises(FileExistsError):
-        keys.make(tmp_path, ["rov.local"], allow_control=False, now=NOW)
 
 
 def _put_seen(session: zenoh.Session, seen: Subscription) -> bool:

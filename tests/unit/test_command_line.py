@@ -43,7 +43,6 @@ def test_the_version_has_a_short_option(capsys):
         ["rerun", "nowhere"],
         ["replay", "nowhere"],
         ["record", "--repair", "nowhere"],
-        ["keys", "/proc/nowhere", "--host", "blueos.local"],
         ["campaign", "--set", "nowhere.x=1"],
         ["watch", "--once", "--connect", "nowhere"],
         ["record", "--connect", "nowhere"],
@@ -73,7 +72,6 @@ def test_what_is_not_there_is_named_in_one_line_with_status_2(arguments, capsys,
         (["sim", "--speed", "0"], "'0' is not a number above 0, up to 100"),
         (["sim", "--speed", "fast"], "'fast' is not a number above 0, up to 100"),
         (["sim", "--seed", "-1"], "'-1' is not a whole number of 0 or more"),
-        (["keys", "k", "--host", ""], "'' is neither an address nor a name"),
         (["tell"], "the following arguments are required: [VEHICLE] COMMAND"),
         (["follow", "kelp", "a.toml", "b.toml"], "one file, and at most one vehicle before it"),
         (["follow"], "which FILE?"),
@@ -140,7 +138,7 @@ def test_what_is_not_installed_is_named_with_its_extra(stand_in, capsys, module,
 def test_a_base_installation_checks_without_rich_and_says_what_watch_needs():
     program = """if True:
         import sys
-        for name in ("rich", "aiohttp", "matplotlib", "mcap", "numba", "cryptography"):
+        for name in ("rich", "aiohttp", "matplotlib", "mcap", "numba"):
             sys.modules[name] = None
         import companion.app, companion.predive.app, holdfast
         from companion.predive.check import CheckRow, Grade

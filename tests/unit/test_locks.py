@@ -42,8 +42,8 @@ def test_every_version_is_pinned_with_its_hashes_and_nothing_else_is_there(lock)
 
 
 def test_all_that_the_project_names_is_there():
-    assert wanted("dashboard", "lab", "cluster", "keys", "recording", "dev") <= pins("dev").keys()
-    assert wanted("dashboard", "recording", "keys") <= pins("vehicle").keys()
+    assert wanted("dashboard", "lab", "cluster", "recording", "dev") <= pins("dev").keys()
+    assert wanted("dashboard", "recording") <= pins("vehicle").keys()
     assert wanted("docs", "parquet") <= pins("docs").keys()
     assert wanted("dashboard", "demo") | {"hatchling", "editables"} <= pins("demo").keys()
 
