@@ -7,7 +7,6 @@ STAMP := .venv/.installed
 DEMO := .venv/.installed-demo
 DOCS := .venv/.installed-docs
 CLIENTS := build/clients
-WHEELS := build/wheels
 REAL_CLOCKS := tests/live tests/firmware/test_processes.py tests/firmware/test_clients_firmware.py
 PIP := python -m pip install --quiet --disable-pip-version-check --no-deps
 INSTALL := $(BIN)/$(PIP)
@@ -32,7 +31,7 @@ test: $(STAMP)  ## everything that must hold, `make check` included
 virtual: $(STAMP) clients
 	nice -n 19 $(BIN)/pytest -n auto --dist worksteal $(REAL_CLOCKS:%=--ignore %)
 
-live: check clients $(WHEELS)/.downloaded
+live: check clients
 	$(BIN)/pytest $(REAL_CLOCKS) -m 'not alone' -n 2 --dist worksteal  # they mostly wait
 
 quick: $(STAMP)  ## unit and property tests, without those that compile: about a minute
@@ -87,13 +86,6 @@ clean:  ## remove .venv, caches and out/
 $(CLIENTS)/.installed: requirements/clients.lock $(STAMP)
 	rm -rf $(CLIENTS)
 	$(INSTALL) --no-compile --require-hashes --only-binary :all: --target $(CLIENTS) -r requirements/clients.lock
-	@touch $@
-
-# As for a vehicle without internet: docs/install.md.
-$(WHEELS)/.downloaded: requirements/vehicle.lock $(STAMP)
-	rm -rf $(WHEELS)
-	$(BIN)/python -m pip download --quiet --disable-pip-version-check --no-deps --require-hashes \
-	    --only-binary :all: --dest $(WHEELS) -r requirements/vehicle.lock
 	@touch $@
 
 # What a pilot needs; `make test` adds the tools of development to the same .venv.

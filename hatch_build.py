@@ -7,8 +7,7 @@ from typing import Any
 
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
-INSIDE = ("companion", "sim_bridge", "lab", "dashboard", "config")
-FOR_INSTALL = ("systemd", "requirements/vehicle.lock")
+INSIDE = ("companion", "sim_bridge", "lab", "dashboard", "config", "systemd")
 
 
 class Layout(BuildHookInterface):  # type: ignore[type-arg]  # generic in its stubs, not at run time
@@ -17,4 +16,4 @@ class Layout(BuildHookInterface):  # type: ignore[type-arg]  # generic in its st
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
         """Say which folder goes where."""
         if version != "editable":
-            build_data["force_include"] |= {name: f"holdfast/{name}" for name in INSIDE + FOR_INSTALL}
+            build_data["force_include"] |= {name: f"holdfast/{name}" for name in INSIDE}

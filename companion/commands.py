@@ -5,7 +5,6 @@ import datetime
 import json
 import logging
 import math
-import re
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING

@@ -38,8 +38,8 @@ class Subscription(SessionThread):
     """Everything that is published under a key expression, from whenever somebody listens on `endpoint`.
 
     Of events also the last ones before that. `endpoint` is Zenoh's, such as tcp/127.0.0.1:7447, or the path
-    of a Zenoh configuration, such as those of docs/examples/zenoh. Raises ValueError for a key expression that is
-    none, RefusedError for such an endpoint; trouble with the network is never raised.
+    of a Zenoh configuration, such as those of docs/examples/zenoh. Raises ValueError for a key expression
+    that is none, RefusedError for such an endpoint; trouble with the network is never raised.
     """
 
     def __init__(self, key_expression: str, endpoint: str) -> None:

@@ -118,12 +118,29 @@ def _dispatch(arguments: list[str]) -> int:
 
         sys.stdout.write(about())
         return DONE
+    if name == "--print-completion":
+        _print_completion(commands, arguments)
     if name not in commands:
         known = ", ".join(sorted(commands))
         sys.stderr.write(f"holdfast: there is no command '{name}'. Known: {known}. See `holdfast --help`.\n")
         return REFUSED
     status: int = commands[name].load()(rest)
     return status
+
+
+def _print_completion(commands: dict[str, EntryPoint], arguments: list[str]) -> NoReturn:
+    """Print what makes a shell complete commands, and end."""
+    import argparse
+
+    import shtab
+
+    parser = argparse.ArgumentParser(prog="holdfast")
+    names = parser.add_subparsers()
+    for name, entry in sorted(commands.items()):
+        names.add_parser(name, help=summary(entry), add_help=False)
+    shtab.add_argument_to(parser)
+    parser.parse_args(arguments)
+    raise AssertionError("shtab ends the process")
 
 
 def _say(command: str, what: str) -> None:
@@ -156,19 +173,3 @@ def extra_of(module: str, command: str) -> str:
     entry = commands_by_name().get(command)
     package = entry.module.partition(".")[0] if entry else ""
     return next((extra for extra in (command, package, *found) if extra in found), "")
-
-
-def completion(argv: list[str]) -> int:
-    """Print what makes a shell complete commands and options."""
-    from holdfast.arguments import command_parser
-    from holdfast.shell_completion import EXAMPLES, SHELLS, script
-
-    parser = command_parser(
-        "completion",
-        "Prints a script that completes commands, their options, and files. Once it is loaded, no key starts "
-        "Holdfast. Write it again after an upgrade.",
-        EXAMPLES,
-    )
-    parser.add_argument("shell", choices=SHELLS)
-    sys.stdout.write(script(parser.parse_args(argv).shell))
-    return DONE

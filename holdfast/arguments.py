@@ -5,43 +5,11 @@ import re
 import textwrap
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, TypeVar
-
-DESCRIBE = "--_parser"
-"""What a command is called with, alone, by whoever wants its parser and not its work."""
-FILES = "FILE", "DIR", "PATH", "WHEEL"
-"""Metavariables that a shell completes to the names of files."""
 
 
-A = TypeVar("A", bound=argparse.Action)
-
-
-class DescribedError(Exception):
-    """Ends a command that was called with `DESCRIBE`."""
-
-    def __init__(self, parser: argparse.ArgumentParser) -> None:
-        super().__init__(parser.prog)
-        self.parser = parser
-
-
-class CommandParser(argparse.ArgumentParser):
-    """A parser that also tells a shell what it takes."""
-
-    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """Parse; raise DescribedError for `DESCRIBE`."""
-        if args == [DESCRIBE]:
-            raise DescribedError(self)
-        return super().parse_known_args(args, namespace)
-
-    def _add_action(self, action: A) -> A:
-        if any(name in str(action.metavar) for name in FILES):
-            action.complete = "file"  # type: ignore[attr-defined]  # shtab looks for it
-        return super()._add_action(action)
-
-
-def command_parser(command: str, description: str, examples: str) -> CommandParser:
+def command_parser(command: str, description: str, examples: str) -> argparse.ArgumentParser:
     """Make the parser of a command; its help ends with `examples`, as they stand."""
-    return CommandParser(
+    return argparse.ArgumentParser(
         prog=f"holdfast {command}",
         description=textwrap.fill(description, 100),
         epilog=examples,

@@ -1,9 +1,10 @@
 """The subcommands that need companion and simulator. Heavy imports wait until a command is called."""
 
+import argparse
 import sys
 from pathlib import Path
 
-from holdfast.arguments import CommandParser, command_parser
+from holdfast.arguments import command_parser
 from lab.options import json_file
 
 BENCH_EXAMPLES = """\
@@ -110,7 +111,7 @@ def bench(argv: list[str]) -> int:
     """Measure control errors over many vehicles and seas."""
     if _gone("bench", argv[:1]):
         return 2
-    finder = CommandParser(prog="holdfast bench", add_help=False)
+    finder = argparse.ArgumentParser(prog="holdfast bench", add_help=False)
     finder.add_argument("what", nargs="?", choices=tuple(BENCHES))
     for option in (
         "seeds",

@@ -93,7 +93,7 @@ def configuration(
             raise RefusedError(f"{endpoint}: is no Zenoh configuration: {said}") from error
     if not re.fullmatch(r"[a-z0-9_-]+/[^/?#]+.*", endpoint):
         raise RefusedError(
-            f"'{endpoint}' is no Zenoh endpoint, such as tcp/192.168.2.2:7447, and no file of Zenoh's configuration"
+            f"'{endpoint}' is no Zenoh endpoint, such as tcp/192.168.2.2:7447, and no such file"
         )
     config = zenoh.Config()
     config.insert_json5(*_MAX_MESSAGE)

@@ -24,7 +24,7 @@ if shutil.which("systemd-analyze") is None and not os.environ.get("CI"):
 @pytest.fixture(params=COMMANDS)
 def unit(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
     """A unit with a program that exists here in place of the one that exists on the vehicle."""
-    installed = "/opt/holdfast/current/bin/holdfast"
+    installed = "/opt/holdfast/bin/holdfast"
     text = (UNITS / request.param).read_text()
     assert f"ExecStart={installed} {COMMANDS[request.param]}" in text
     copy: Path = tmp_path / request.param

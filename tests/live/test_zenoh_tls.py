@@ -1,4 +1,4 @@
-"""The Zenoh configurations of docs/examples/zenoh, with certificates made as docs/telemetry.md says, on loopback."""
+"""The Zenoh configurations of docs/examples/zenoh, with certificates by the recipe of docs/telemetry.md."""
 
 import json
 import re
@@ -39,8 +39,10 @@ def certificates(directory: Path, *names: str) -> None:
 
 
 def example(name: str, directory: Path, **changes: str) -> Path:
-    """An example's text for certificates in `directory`, with changes; those of texts that are not there fail."""
-    text = re.sub(r'"(?:/etc/holdfast/)?([a-z]+\.(?:pem|key))"', rf'"{directory}/\1"', (EXAMPLES / name).read_text())
+    """An example for certificates in `directory`, with changes of texts, each of which must be there."""
+    text = re.sub(
+        r'"(?:/etc/holdfast/)?([a-z]+\.(?:pem|key))"', rf'"{directory}/\1"', (EXAMPLES / name).read_text()
+    )
     text = re.sub(r"192\.168\.2\.2|10\.0\.0\.1", "127.0.0.1", text)
     for old, new in changes.items():
         assert old in text
@@ -165,7 +167,9 @@ def test_at_a_router_each_vehicle_speaks_for_itself_alone(
     router = example("router.json5", directory, **port, **{LOCAL: local, ', "no commands"]': "]"})
     laptop = example("laptop.json5", directory, **port)
     kelps = f"tcp/127.0.0.1:{free_port()}"
-    kelp_file = example("vehicle-at-router.json5", directory, **port, **{LOCAL: kelps}).rename(directory / "kelp.json5")
+    kelp_file = example("vehicle-at-router.json5", directory, **port, **{LOCAL: kelps}).rename(
+        directory / "kelp.json5"
+    )
     nowhere = {f'endpoints: ["{LOCAL}"]': "endpoints: []"}  # the two are on one machine
     reed_file = example("vehicle-at-router.json5", directory, **port, **nowhere, kelp="reed")
 

@@ -19,7 +19,8 @@ from dashboard.rate import MAX_COUNTS, Rate
 from dashboard.recording.mcap_file import MAX_CHANNELS, MAX_SAMPLE_BYTES, Reader
 from dashboard.recording.record import flat
 from dashboard.recording.recorder import DiveRecorder, FileLimits
-from dashboard.terminal.watch import Feed, picture
+from dashboard.terminal.feed import Feed
+from dashboard.terminal.watch import picture
 from dashboard.web.app import MOST_BEHIND, message_text
 from dashboard.web.fleet import Fleet
 from dashboard.zenoh_client import Message, Stamped
@@ -64,12 +65,13 @@ def wild(genuine: list[Sample]) -> Iterator[list[Sample]]:
 
 
 def test_watch_goes_on(genuine: list[Sample]) -> None:
-    feed = Feed("kelp", "here")
+    feed = Feed("kelp")
     console = Console(file=StringIO(), width=80)
 
     def take(some: list[Sample]) -> None:
         feed.take([Message(key, payload) for key, _, payload in some], now_s=1.0)
-        console.print(picture([feed.view(1.0, connected=True)], 80))
+        feed.look(1.0, connected=True)
+        console.print(picture([feed], ""))
 
     for some in wild(genuine):
         take(some)

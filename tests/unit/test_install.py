@@ -1,0 +1,190 @@
+"""What `holdfast install` does to a machine in a folder, whose systemd only notes what it is told."""
+
+import subprocess
+import sys
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import pytest
+
+import holdfast
+from companion.config import DEFAULT_FILE
+from holdfast import install as installing
+
+SERIAL = '[link]\nendpoint = "serial:/dev/ttyAMA0:921600"\n'
+ROOTS = ("UNITS", "CONFIGURATION", "LINK", "RUNNING")
+
+
+@dataclass
+class Machine:
+    root: Path
+    status: str = "READY"
+    users: set[str] = field(default_factory=set)
+    told: list[tuple[str, ...]] = field(default_factory=list)
+
+    def run(self, *argv: str) -> str:
+        if argv[1] == "show":
+            return self.status
+        self.told.append(argv)
+        if argv[0] == "useradd":
+            self.users.add(argv[-1])
+        elif argv[0] == "userdel":
+            self.users.remove(argv[-1])
+        return ""
+
+    def files(self) -> set[str]:
+        return {str(path.relative_to(self.root)) for path in self.root.rglob("*") if not path.is_dir()}
+
+    def text(self, path: Path) -> str:
+        return (self.root / path.relative_to("/")).read_text()
+
+
+@pytest.fixture
+def machine(tmp_path, monkeypatch):
+    machine = Machine(tmp_path)
+    for name in ROOTS:
+        monkeypatch.setattr(installing, name, tmp_path / getattr(installing, name).relative_to("/"))
+    installing.RUNNING.mkdir(parents=True)
+    installing.LINK.parent.mkdir(parents=True)
+    monkeypatch.setattr(installing, "HIDDEN", ())
+    monkeypatch.setattr(installing, "_run", machine.run)
+    monkeypatch.setattr(installing, "_is_user", machine.users.__contains__)
+    monkeypatch.setattr("os.geteuid", lambda: 0)
+    monkeypatch.setattr("shutil.which", lambda name: f"/bin/{name}")
+    return machine
+
+
+def install(*argv: str) -> int:
+    return holdfast.main(["install", *argv])
+
+
+def test_an_empty_machine_gets_everything_and_what_to_do_next(machine, capsys):
+    assert install() == 0
+    units = {
+        f"usr/local/lib/systemd/system/{name}" for name in (*installing.ENABLED, "holdfast-sim@.service")
+    }
+    assert machine.files() == units | {"etc/holdfast/companion.toml", "usr/local/bin/holdfast"}
+    assert installing.CONFIGURATION.read_text() == DEFAULT_FILE.read_text()
+    assert (
+        f"ExecStart={sys.prefix}/bin/holdfast run --config "
+        in (installing.UNITS / "holdfast.service").read_text()
+    )
+    assert all(path.stat().st_mode & 0o777 == 0o644 for path in installing.UNITS.iterdir())
+    assert machine.users == {"holdfast-record"}
+    assert machine.told[1:] == [
+        ("systemctl", "daemon-reload"),
+        ("systemctl", "enable", *installing.ENABLED),
+        ("systemctl", "start", *installing.ENABLED),
+    ]
+    said = capsys.readouterr().out
+    assert f"upgrade: `{sys.prefix}/bin/pip install -U WHEEL`" in said
+    assert "holdfast tell NAME engage" in said
+
+
+def test_again_it_keeps_the_configuration_and_what_was_disabled_and_starts_afresh_what_runs(machine):
+    install()
+    mine = "# mine\n" + installing.CONFIGURATION.read_text()
+    installing.CONFIGURATION.write_text(mine)
+    (installing.UNITS / "holdfast.service").write_text("of another version")
+    machine.told.clear()
+    assert install() == 0
+    assert installing.CONFIGURATION.read_text() == mine
+    assert "ExecStart" in (installing.UNITS / "holdfast.service").read_text()
+    assert machine.told == [("systemctl", "daemon-reload"), ("systemctl", "try-restart", "holdfast*.service")]
+
+
+def test_a_configuration_that_cannot_be_is_refused_before_anything_changes(machine, capsys):
+    installing.CONFIGURATION.parent.mkdir(parents=True)
+    installing.CONFIGURATION.write_text("[heave]\nkappa_per_s = -1\n")
+    assert install() == 2
+    said = capsys.readouterr().err
+    assert "companion.toml" in said
+    assert "heave.kappa_per_s" in said
+    assert machine.files() == {"etc/holdfast/companion.toml"}
+    assert machine.told == []
+
+
+@pytest.mark.parametrize("state", ["ACTIVE: held", "RAMP_DOWN: released", "HAND_OVER: position lost"])
+@pytest.mark.parametrize("what", [(), ("--remove",)])
+def test_a_vehicle_that_is_held_is_left_alone(machine, capsys, state, what):
+    install()
+    before = machine.files()
+    machine.told.clear()
+    machine.status = state
+    assert install(*what) == 2
+    assert "First: holdfast tell NAME release" in capsys.readouterr().err
+    assert (machine.files(), machine.told) == (before, [])
+
+
+@pytest.mark.parametrize("what", [(), ("--remove",)])
+def test_a_vehicle_that_was_engaged_meanwhile_is_not_restarted(machine, monkeypatch, what):
+    install()
+    machine.told.clear()
+    answers = iter(["READY", "ACTIVE: held"])
+    monkeypatch.setattr(
+        installing, "_run", lambda *argv: next(answers) if argv[1] == "show" else machine.run(*argv)
+    )
+    assert install(*what) == 2
+    assert not {"try-restart", "stop"} & {word for argv in machine.told for word in argv}
+
+
+def test_a_serial_line_gets_its_drop_in_and_loses_it_again(machine):
+    installing.CONFIGURATION.parent.mkdir(parents=True)
+    installing.CONFIGURATION.write_text(SERIAL)
+    install()
+    drop_in = installing.UNITS / installing.SERIAL
+    assert "DeviceAllow=/dev/ttyAMA0 rw\n" in drop_in.read_text()
+    installing.CONFIGURATION.write_text(DEFAULT_FILE.read_text())
+    install()
+    assert not drop_in.exists()
+
+
+def test_an_image_without_a_running_systemd_gets_services_that_start_at_boot(machine):
+    installing.RUNNING.rmdir()
+    assert install() == 0
+    assert machine.told[1:] == [("systemctl", "enable", *installing.ENABLED)]
+
+
+def test_removing_leaves_what_is_the_owners_and_can_be_repeated(machine, capsys):
+    installing.CONFIGURATION.parent.mkdir(parents=True)
+    installing.CONFIGURATION.write_text(SERIAL)
+    install()
+    assert install("--remove") == 0
+    assert machine.files() == {"etc/holdfast/companion.toml"}
+    assert machine.users == set()
+    assert ("systemctl", "stop", "holdfast*.service") in machine.told
+    assert "Left are " in capsys.readouterr().out
+    assert install("--remove") == 0
+
+
+def test_a_command_of_somebody_else_stays(machine):
+    installing.LINK.write_text("another program")
+    install()
+    install("--remove")
+    assert installing.LINK.read_text() == "another program"
+
+
+def test_where_it_cannot_be_it_says_why(machine, monkeypatch, capsys):
+    monkeypatch.setattr("os.geteuid", lambda: 1000)
+    assert install() == 2
+    assert "type sudo before it" in capsys.readouterr().err
+    monkeypatch.setattr(installing, "HIDDEN", (f"{sys.prefix}/",))
+    assert install() == 2
+    assert "venv /opt/holdfast" in capsys.readouterr().err
+    monkeypatch.setattr("shutil.which", lambda name: None)
+    assert install() == 2
+    assert "On BlueOS use the extension" in capsys.readouterr().err
+    assert machine.files() == set()
+
+
+def test_a_step_that_fails_says_which_and_why_in_one_line(machine, monkeypatch, capsys):
+    def fail(*argv: str) -> str:
+        if argv[1] == "show":
+            return ""
+        raise subprocess.CalledProcessError(1, argv, "", "no room\n")
+
+    monkeypatch.setattr(installing, "_run", fail)
+    assert install() == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("holdfast install: `useradd ")
+    assert "no room" in line
