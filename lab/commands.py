@@ -11,13 +11,9 @@ BENCH_EXAMPLES = """\
 further benches, each with its own --help:
   position    places and paths in a current, with a DVL, beside a PID and ArduSub's POSHOLD and GUIDED
   soak        everything live for hours (--minutes MIN): memory, lateness, lost records
-  ablation    one part of the controller less at a time; the network beside the observer
-  grid        vehicles of a third to three times the nominal gain (--cells SET ...): limit cycles
   tank        a real BlueROV2 Heavy as it was measured, with the nominal preset and with its own
-  reality     vehicles between the published models and that one, in current, waves, tether
-  axes        vehicles with a gain of their own on each axis
-  light       a light vehicle whose thrusters answer at once
-  published   published figures of a BlueROV2, and ours in a port of their scenarios
+  reality     vehicles between the published models and that one, in current, waves, tether;
+              --scenarios axes: a gain of its own on each axis; light-waves, light-path: light ones
   firmware    our simulator beside the real ArduSub
 
 examples:
@@ -47,6 +43,7 @@ examples:
   holdfast campaign                                         all 6000 dives; the same command continues
   holdfast campaign --table out/campaign.parquet            the same rows as a Parquet file
   holdfast campaign --replay 1234                           one dive again, in the batch and in the full loop
+  holdfast campaign --corners                               vehicles of a third and three times the gain
   holdfast campaign --scheduler tcp://192.168.2.10:8786     on a Dask cluster, whose workers were started
                                                             with `dask worker --preload holdfast`
 """
@@ -58,27 +55,27 @@ examples:
   holdfast faults --first 417 --dives 1   one dive again
   holdfast faults --firmware --dives 50   against the real ArduSub
   holdfast faults --thrusters --dives 5   five dives with each failure of each motor, on both frames
-  holdfast faults --hours 24              a day of faults; the same command continues it
 
 Exit status: 0 every dive kept every promise, 1 one did not.
 """
 
 BENCHES = {
     "dives": "lab.studies.dives:Dives",
-    "position": "lab.studies.courses:Courses",
-    "grid": "lab.studies.grid:Grid",
-    "ablation": "lab.studies.ablation:Ablation",
-    "tank": "lab.studies.reality:Tank",
+    "position": "lab.studies.position:Courses",
+    "tank": "lab.studies.tank:Tank",
     "reality": "lab.studies.reality:Reality",
     "rivals": "lab.studies.rivals:Rivals",
-    "axes": "lab.studies.reality:Axes",
-    "light": "lab.studies.reality:Light",
-    "published": "lab.studies.published:Published",
     "firmware": "lab.studies.fidelity:Fidelity",
     "soak": "lab.operations.soak:Soak",
 }
 
 GONE = {
+    "bench ablation": "`holdfast bench dives --rows law observer network default` compares the parts",
+    "bench axes": "use `holdfast bench reality --scenarios axes`",
+    "bench grid": "use `holdfast campaign --corners`",
+    "bench light": "use `holdfast bench reality --scenarios light-waves light-path`",
+    "bench published": "docs/decisions/0030-published-figures.md keeps its figures",
+    "faults --hours": "`holdfast bench soak` measures the memory, `holdfast faults` keeps the promises",
     "bench process": "`holdfast bench soak` measures memory and lateness; decision 38 keeps the figures",
     "bench zenoh": "decision 38 keeps its figures; tests/live tries bad subscribers",
     "bench fleet": "decision 38 keeps its figures; docs/telemetry.md describes several vehicles",
@@ -124,7 +121,7 @@ def bench(argv: list[str]) -> int:
         "scheduler",
     ):
         finder.add_argument(f"--{option}")
-    for option in ("rows", "scenarios", "cells"):
+    for option in ("rows", "scenarios"):
         finder.add_argument(f"--{option}", nargs="+")
     finder.add_argument("--firmware", nargs="?")
     what: str | None = finder.parse_known_args(argv)[0].what
@@ -200,6 +197,8 @@ def campaign(argv: list[str]) -> int:
 
 def faults(argv: list[str]) -> int:
     """Inject faults into thousands of simulated dives, and check every tick."""
+    if _gone("faults", argv):
+        return 2
     from lab.studies.fault_dives import FaultDives
     from lab.study import start
 

@@ -112,9 +112,15 @@ class Study(ABC, Generic[C]):
     def dive(self, cases: Sequence[C]) -> Iterable[Row]:
         """Dive one group; return the results of each case, without the case's own fields."""
 
-    @abstractmethod
     def tables(self, rows: Sequence[Row]) -> Iterable[RenderableType]:
-        """Return what to print."""
+        """Return what to print: the table of `summary`, unless a study has another."""
+        made = self.summary(rows)
+        table = ruled("", *made["columns"], padding=0)
+        for column in table.columns:
+            column.no_wrap, column.overflow = False, "fold"
+        for line in made["rows"]:
+            table.add_row(*line)
+        return [table]
 
     def draw(self, rows: Sequence[Row], folder: Path) -> Sequence[Path]:
         """Draw, or write what else the study makes, into a folder that exists; return the files."""

@@ -4,7 +4,6 @@ numba keeps on disk what it compiled for numbers, not for functions: so a compan
 `companion.core.tick.Parameters` are made of them inside, with the functions of its laws and compensators.
 """
 
-import math
 from collections.abc import Callable
 from functools import cache
 from typing import Any, NamedTuple
@@ -13,7 +12,6 @@ import numpy as np
 
 from companion import assembly
 from companion.config import Config
-from companion.control import oscillation
 from companion.core.tick import Parameters
 from companion.records import Axes
 from lab.batch.stand_in import TICK_S
@@ -32,37 +30,21 @@ class Companion(NamedTuple):
     lead_s: float
 
 
-def companion_of(
-    config: Config, finds_hidden: bool = True, damps: bool = True
-) -> tuple[Companion, Callable[[Any], Parameters]]:
+def companion_of(config: Config) -> tuple[Companion, Callable[[Any], Parameters]]:
     """Return a configured companion as numbers, and what makes its parameters of them.
 
-    Without `finds_hidden` no hidden delay is looked for; without `damps` no oscillation draws gains back.
     Raises ValueError for what only the full loop can do.
     """
     if config.vehicle.thrust_path != "rc_override":
         raise ValueError("a batch steers by rc_override: set vehicle.thrust_path")
     if abs(1.0 / config.loop.rate_hz - TICK_S) > 1e-9:
         raise ValueError(f"a batch ticks as the autopilot's input loop does, in {TICK_S} s")
-    parameters = assembly.parameters(config)
-    parameters = parameters._replace(
-        observers=parameters.observers._replace(finds_hidden=finds_hidden),
-        control=parameters.control if damps else _undamped(parameters).control,
-    )
     limits = config.thrusters
     tilts = config.levelling.max_axis if config.levels else 0.0
-    numbers, built = numbers_of(parameters)
+    numbers, built = numbers_of(assembly.parameters(config))
     return Companion(
         numbers, (limits.max_axis,) * 4 + (tilts,) * 2, limits.max_slew_per_s * TICK_S, limits.lead_s
     ), built
-
-
-def _undamped(parameters: Parameters) -> Parameters:
-    x, y, z, psi = (
-        axis._replace(oscillation=oscillation.Parameters(axis.oscillation.max_force, math.inf))
-        for axis in parameters.control.axes
-    )
-    return parameters._replace(control=parameters.control._replace(axes=(x, y, z, psi)))
 
 
 def numbers_of(tree: Any) -> tuple[Any, Callable[[Any], Any]]:

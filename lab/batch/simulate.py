@@ -30,8 +30,6 @@ def simulate(
     links: Links | None = None,
     *,
     since_s: float = SETTLE_S,
-    finds_hidden: bool = True,
-    damps: bool = True,
     traces: list[Rows] | None = None,
 ) -> dict[str, Array]:
     """Dive once with each of `plants`, one after the other, and return figures, (dives,) each.
@@ -44,8 +42,6 @@ def simulate(
         seeds: of each dive's sea, noise and the phase of its autopilot's input loop; as in the full loop.
         links: delays, known to the controller except for what `untold_*` says.
         since_s: figures count from here.
-        finds_hidden: whether hidden delay is looked for.
-        damps: whether an oscillation draws the gains back.
         traces: takes an array (ticks, 3) a dive: time (s), depth error (m), thrust asked for in heave (N).
 
     Returns `Dive.figures`' place_rms_mm, depth_rms_mm, depth_peak_mm, heading_rms_deg, thrust_rms_n and
@@ -70,7 +66,7 @@ def simulate(
     ]
     companions = {}
     for settings in {id(settings): settings for settings in configs}.values():
-        numbers, built = companion_of(settings, finds_hidden, damps)
+        numbers, built = companion_of(settings)
         companions[id(settings)] = cached(slotted(dive, built=built)), numbers
     figures = []
     for i, (settings, plant, seed) in enumerate(zip(configs, plants, seeds, strict=True)):

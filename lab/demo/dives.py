@@ -14,7 +14,7 @@ from companion.config import load_config
 from companion.engine import Engine
 from companion.records import PSI, Request, State, Z
 from lab.demo.story import Story
-from lab.loop.dive import TRUE_PSI
+from lab.loop.dive import TRUE_PSI, commanded
 from lab.loop.firmware import vehicle_of
 from lab.loop.lockstep import LinkDelay, Lockstep
 from lab.loop.scenarios import Scenario
@@ -119,7 +119,7 @@ def dive_alt_hold(story: Story, reference: DemoDive, firmware: Path | None, tell
         for truth in truths:
             if truth.armed:
                 dived.append(truth)
-                command_n.append(alt_hold.commanded_n(truth, nominal))
+                command_n.append(commanded(truth, nominal)[Z])
                 tell(truth.t_s - dived[0].t_s)
     desired_m = np.array([depth_m(truth.t_s) for truth in dived])
     return _dive(dived, desired_m, np.full(len(dived), story.heading_rad), np.array(command_n))

@@ -1,9 +1,11 @@
-"""Run a scenario through the full loop and measure it against the truth."""
+"""Run a vehicle through the full loop and measure it against the truth."""
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,65 +14,121 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from companion.config import Config
 from companion.control.bounds import wrap
 from companion.engine import Engine
-from companion.records import PSI, Request, State, Vector, X, Y, Z
+from companion.records import PSI, Array, Request, Setpoint, State, X, Y, Z
 from lab.loop.firmware import vehicle_of
-from lab.loop.lockstep import LinkDelay, Lockstep, SteppedVehicle
+from lab.loop.lockstep import LinkDelay, Lockstep, Step, SteppedVehicle
 from lab.loop.scenarios import SETTLE_S, Scenario
 from sim_bridge.config import SimConfig
-from sim_bridge.vehicle import Vehicle
+from sim_bridge.physics.thrusters import (
+    HEALTHY,
+    Thrusters,
+    each_motor,
+    static_thrust,
+    thrusters_of,
+    wrench,
+)
+from sim_bridge.vehicle import Truth, Vehicle
 
 PHI, THETA, TRUE_PSI = 3, 4, 5
 RECOVERED_M = 0.01
 RECOVERED_FOR_S = 2.0
 SMOOTHED_S = 0.5
-FIGURES = (
-    "place_rms_mm",
-    "depth_rms_mm",
-    "depth_mean_mm",
-    "depth_sd_mm",
-    "depth_peak_mm",
-    "heading_rms_deg",
-    "heading_sd_deg",
-    "thrust_rms_n",
-    "chatter_n",
-    "recovery_s",
-)
-"""RMS of the horizontal distance from its place, NaN without a position; RMS, mean, standard deviation, peak;
-RMS of thrust and of its change in a tick; recovery from a load."""
+FULL_US = 399.0
+"""A motor whose PWM is so far from neutral gives all it has."""
 
 SURVEYOR = 2
 """The link of whoever sets the EKF's origin."""
 
+EXACT = LinkDelay()
+
 
 @dataclass(frozen=True)
 class Dive:
-    """What was recorded, a row each tick: m, rad, N; errors are true − wanted."""
+    """What was recorded, a row each tick: s since boot, m, rad, N.
 
-    t_s: NDArray[np.float64]
-    place_error_m: NDArray[np.float64]
-    depth_error_m: NDArray[np.float64]
-    heading_error_rad: NDArray[np.float64]
-    thrust_n: NDArray[np.float64]
+    Rows of `reference` and `truth` are north, east, down and heading, of `force` what was asked for in
+    surge, sway and heave. `believed` is the place as the companion estimates it, NaN without a companion; a
+    reference without a place is NaN there.
+    """
+
+    t_s: Array
+    reference: Array
+    truth: Array
+    tilt: Array
+    believed: Array
+    force: Array
+    saturated: NDArray[np.bool_]
     active: NDArray[np.bool_]
     load_on: NDArray[np.bool_]
 
+    def part(self, of: Any) -> "Dive":
+        """Return the ticks that a slice or a mask names."""
+        return Dive(*(getattr(self, column.name)[of] for column in fields(self)))
+
+    def within(self, begin_s: float, end_s: float) -> "Dive":
+        """Return the part between two times."""
+        return self.part((self.t_s >= begin_s) & (self.t_s < end_s))
+
+    @property
+    def held(self) -> bool:
+        """Whether it was steered in every tick."""
+        return bool(self.active.all())
+
+    @property
+    def place_error_m(self) -> Array:
+        """Return the horizontal distance from the reference."""
+        return np.asarray(np.hypot(*self.error_m[:, :Z].T))
+
+    @property
+    def error_m(self) -> Array:
+        """Return true − wanted: north, east and down."""
+        return self.truth[:, :PSI] - self.reference[:, :PSI]
+
+    @property
+    def depth_error_m(self) -> Array:
+        """Return true − wanted depth."""
+        return self.error_m[:, Z]
+
+    @property
+    def heading_error_rad(self) -> Array:
+        """Return true − wanted heading, within ±π."""
+        return np.array([*map(wrap, (self.truth[:, PSI] - self.reference[:, PSI]).tolist())])
+
+    @property
+    def thrust_n(self) -> Array:
+        """Return what was asked for in heave."""
+        return self.force[:, Z]
+
     def figures(self, since_s: float = SETTLE_S) -> dict[str, float]:
-        """Return FIGURES; a load took `recovery_s` to be held, NaN without one."""
-        on = self.t_s >= since_s
-        depth, heading, thrust = self.depth_error_m[on], self.heading_error_rad[on], self.thrust_n[on]
-        figures = (
-            1e3 * _rms(self.place_error_m[on]),
-            1e3 * _rms(depth),
-            1e3 * float(depth.mean()),
-            1e3 * float(depth.std()),
-            1e3 * float(np.abs(depth).max()),
-            float(np.degrees(_rms(heading))),
-            float(np.degrees(heading.std())),
-            _rms(thrust),
-            _rms(np.diff(thrust)),
-            self.recovery_s(),
-        )
-        return dict(zip(FIGURES, figures, strict=True))
+        """Return what is measured from a time on; NaN for a place without a reference or an estimate.
+
+        RMS and largest distance from the place, RMS as the estimate believes it; RMS, mean, standard
+        deviation and peak of the depth; of the heading RMS and deviation; largest tilt; share of the time in
+        which a force was cut off; RMS of the thrust in heave, and of its change and that of the horizontal
+        force in a tick; recovery from a load.
+        """
+        dive = self.part(self.t_s >= since_s)
+        depth, heading = dive.depth_error_m, dive.heading_error_rad
+        place = dive.place_error_m
+        believed = np.hypot(*(dive.believed - dive.reference[:, :Z]).T)
+        moved = np.linalg.norm(np.diff(dive.force[:, :Z], axis=0), axis=1)
+        return {
+            "place_rms_mm": 1e3 * rms(place),
+            "place_peak_mm": 1e3 * float(place.max()),
+            "believed_rms_mm": 1e3 * rms(believed),
+            "depth_rms_mm": 1e3 * rms(depth),
+            "depth_mean_mm": 1e3 * float(depth.mean()),
+            "depth_sd_mm": 1e3 * float(depth.std()),
+            "depth_peak_mm": 1e3 * float(np.abs(depth).max()),
+            "heading_rms_deg": math.degrees(rms(heading)),
+            "heading_sd_deg": math.degrees(float(heading.std())),
+            "tilt_deg": math.degrees(float(dive.tilt.max())),
+            "saturated_percent": 100.0 * float(dive.saturated.mean()),
+            "thrust_rms_n": rms(dive.thrust_n),
+            "chatter_n": rms(np.diff(dive.thrust_n)),
+            "place_chatter_n": rms(moved),
+            "recovery_s": self.recovery_s(),
+        }
 
     def recovery_s(self) -> float:
         """Return the time from the load's coming on to two seconds within ±1 cm, averaged over 0.5 s.
@@ -78,7 +136,7 @@ class Dive:
         NaN without a load; the rest of the dive if it never came to that.
         """
         if not self.load_on.any():
-            return float("nan")
+            return math.nan
         t_s = self.t_s[self.load_on]
         ticks = [round(span_s / (t_s[1] - t_s[0])) for span_s in (SMOOTHED_S, RECOVERED_FOR_S)]
         smooth = np.convolve(self.depth_error_m[self.load_on], np.full(ticks[0], 1.0 / ticks[0]), "valid")
@@ -86,52 +144,98 @@ class Dive:
         return float(t_s[np.argmax(held)] if held.any() else t_s[-1]) - float(t_s[0])
 
 
-def dive(
-    scenario: Scenario,
+def rms(x: Array) -> float:
+    """Return the root of the mean square."""
+    return float(np.sqrt(np.mean(x * x)))
+
+
+@contextmanager
+def engaging(
     config: Config,
     plant: SimConfig,
-    link: LinkDelay,
+    setpoint: Setpoint,
+    seed: int,
+    link: LinkDelay = EXACT,
     firmware: Path | None = None,
-) -> Dive:
-    """Dive `scenario` with the companion's real engine; `plant` is the base that the scenario disturbs.
+    *,
+    surveyed: bool = False,
+) -> Iterator[Lockstep]:
+    """Give a vehicle and its companion in virtual time; the companion is asked to engage.
 
-    The real `firmware` takes the place of our stand-in.
+    The real `firmware` takes the place of our stand-in. Where `surveyed`, the EKF is told its origin.
     """
-    engine, plant = Engine(config, scenario.target(0.0), arm=True), scenario.plant(plant, scenario.seed)
-    rows, engaged_at = [], (math.nan, math.nan)
-    with vehicle_of(plant, scenario.seed, firmware) as vehicle:
-        if plant.sensors.positioned:
+    with vehicle_of(plant, seed, firmware) as vehicle:
+        if surveyed:
             survey(vehicle)
-        loop = Lockstep(vehicle, engine, link, scenario.seed, config.loop.rate_hz)
+        loop = Lockstep(vehicle, Engine(config, setpoint, arm=True), link, seed, config.loop.rate_hz)
         loop.requests = [Request.ENGAGE]
-        for step in loop.run(scenario.duration_s, scenario.target):
-            wanted = scenario.target(step.t_s).eta_d
-            eta = step.truth.eta
-            active = step.sample.verdict.state is State.ACTIVE
-            if active and math.isnan(engaged_at[X]):
-                engaged_at = (eta[X], eta[Y])
-            place_m = _distance_m(eta, wanted, engaged_at) if plant.sensors.positioned else math.nan
-            thrust_n = step.sample.delivered.tau[Z]
-            depth_m, heading_rad = eta[Z] - wanted[Z], eta[TRUE_PSI] - wanted[PSI]
-            rows.append((step.t_s, place_m, depth_m, heading_rad, thrust_n, active, step.truth.load_on))
-    return recorded(rows)
+        yield loop
 
 
-def recorded(rows: Sequence[tuple[float, float, float, float, float, bool, bool]]) -> Dive:
-    """Make a Dive of a row each tick: time, errors of place, depth and heading (any turn), thrust, flags."""
-    t_s, place, depth, heading, thrust, active, load = np.array(rows).T
-    heading = np.array([*map(wrap, heading.tolist())])
-    return Dive(t_s, place, depth, heading, thrust, active.astype(bool), load.astype(bool))
+def dive(
+    scenario: Scenario, config: Config, plant: SimConfig, link: LinkDelay, firmware: Path | None = None
+) -> Dive:
+    """Dive `scenario`; `plant` is the base that the scenario disturbs. Errors count from its target.
+
+    A place that the target leaves open is where it engaged.
+    """
+    plant, seed = scenario.plant(plant, scenario.seed), scenario.seed
+    positioned = plant.sensors.positioned
+    with engaging(config, plant, scenario.target(0.0), seed, link, firmware, surveyed=positioned) as loop:
+        steps = list(loop.run(scenario.duration_s, scenario.target))
+    dived = recorded(steps)
+    wanted = np.array([scenario.target(step.t_s).eta_d for step in steps])
+    here = dived.truth[np.argmax(dived.active), :Z] if dived.active.any() else math.nan
+    wanted[:, :Z] = np.where(np.isnan(wanted[:, :Z]), here, wanted[:, :Z]) if positioned else math.nan
+    return replace(dived, reference=wanted)
 
 
-def _distance_m(eta: NDArray[np.float64], wanted: Vector, engaged_at: tuple[float, float]) -> float:
-    """Return the horizontal distance from where it should be: where it engaged, if no place is named."""
-    north, east = (there if math.isnan(x) else x for x, there in zip(wanted[:Z], engaged_at, strict=True))
-    return math.hypot(eta[X] - north, eta[Y] - east)
+def recorded(steps: Sequence[Step]) -> Dive:
+    """Make a Dive of its ticks; errors count from the companion's own reference."""
+    samples = [step.sample for step in steps]
+    return Dive(
+        t_s=np.array([step.t_s for step in steps]),
+        reference=np.array([sample.eta_d for sample in samples]),
+        **_true([step.truth for step in steps]),
+        believed=np.array([sample.state.eta[:Z] for sample in samples]),
+        force=np.array([sample.delivered.tau[:PSI] for sample in samples]),
+        saturated=np.array([any(sample.dofs.saturated) for sample in samples]),
+        active=np.array([sample.verdict.state is State.ACTIVE for sample in samples]),
+    )
 
 
-def _rms(x: NDArray[np.float64]) -> float:
-    return float(np.sqrt(np.mean(x * x)))
+def by_autopilot(truths: Sequence[Truth], plant: SimConfig, mode: int, reference: Array) -> Dive:
+    """Make a Dive of what the autopilot steered by itself in this flight mode.
+
+    The force is what `plant`'s thrusters would make of the motors' PWM without lag.
+    """
+    nominal = thrusters_of(plant.thrusters)
+    return Dive(
+        t_s=np.array([truth.t_s for truth in truths]),
+        reference=reference,
+        **_true(truths),
+        believed=np.full((len(truths), 2), math.nan),
+        force=np.array([commanded(truth, nominal) for truth in truths]),
+        saturated=np.abs(np.array([truth.motor_pwm for truth in truths]) - 1500.0).max(1) > FULL_US,
+        active=np.array([truth.armed and truth.mode == mode for truth in truths]),
+    )
+
+
+def commanded(truth: Truth, nominal: Thrusters) -> tuple[float, float, float]:
+    """Return surge, sway and heave (N) that the motors' PWM asks of thrusters without lag."""
+    surge, sway, heave, *_ = wrench(
+        nominal, static_thrust(nominal, HEALTHY, each_motor(truth.motor_pwm), truth.voltage_v)
+    )
+    return surge, sway, heave
+
+
+def _true(truths: Sequence[Truth]) -> dict[str, Any]:
+    eta = np.array([truth.eta for truth in truths])
+    return {
+        "truth": eta[:, [X, Y, Z, TRUE_PSI]],
+        "tilt": tilt_rad(eta),
+        "load_on": np.array([truth.load_on for truth in truths]),
+    }
 
 
 def survey(vehicle: SteppedVehicle) -> None:
@@ -148,7 +252,7 @@ def send_origin(vehicle: SteppedVehicle, link: int) -> None:
     vehicle.step([(link, origin.pack(station))])
 
 
-def tilt_rad(eta: NDArray[np.float64]) -> NDArray[np.float64]:
+def tilt_rad(eta: Array) -> Array:
     """Return the angle between the vehicle's vertical and the water's, of true poses, a row each."""
-    tilt: NDArray[np.float64] = np.arccos(np.cos(eta[:, PHI]) * np.cos(eta[:, THETA]))
+    tilt: Array = np.arccos(np.cos(eta[:, PHI]) * np.cos(eta[:, THETA]))
     return tilt

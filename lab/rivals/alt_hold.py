@@ -5,7 +5,6 @@ moves the target by SET_POSITION_TARGET_GLOBAL_INT at 50 Hz and rests its sticks
 the depth loop itself runs on board at the vehicle's step, with the EKF's depth and no link in between.
 """
 
-import math
 from collections.abc import Callable, Generator, Iterable, Iterator
 from pathlib import Path
 
@@ -13,14 +12,13 @@ import numpy as np
 from msgspec.structs import replace
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from companion.records import PSI, Z
-from lab.loop.dive import TRUE_PSI, Dive, recorded
+from companion.records import Z
+from lab.loop.dive import Dive, by_autopilot
 from lab.loop.firmware import vehicle_of
 from lab.loop.lockstep import COMPANION_LINK, LinkDelay, SteppedVehicle, Wire
 from lab.loop.scenarios import Scenario
 from sim_bridge.config import SimConfig
 from sim_bridge.firmware.modes import ALT_HOLD, STABILIZE
-from sim_bridge.physics import thrusters
 from sim_bridge.vehicle import Truth
 
 TICK_S = 0.02
@@ -82,24 +80,9 @@ def dive(
     firmware: Path | None = None,
 ) -> Dive:
     """Dive `scenario` in ALT_HOLD with these parameters; thrust is what `plant`'s curve makes of the PWM."""
-    nominal = thrusters.thrusters_of(plant.thrusters)
-    rows = []
-    for truth in truths(scenario, plant, link, parameters, firmware):
-        wanted = scenario.target(truth.t_s).eta_d
-        depth_m, heading_rad = truth.eta[Z] - wanted[Z], truth.eta[TRUE_PSI] - wanted[PSI]
-        active = truth.armed and truth.mode == ALT_HOLD
-        rows.append(
-            (truth.t_s, math.nan, depth_m, heading_rad, commanded_n(truth, nominal), active, truth.load_on)
-        )
-    return recorded(rows)
-
-
-def commanded_n(truth: Truth, nominal: thrusters.Thrusters) -> float:
-    """Return the heave thrust (N, + down) that the motors' PWM asks of thrusters without lag."""
-    static = thrusters.static_thrust(
-        nominal, thrusters.HEALTHY, thrusters.each_motor(truth.motor_pwm), truth.voltage_v
-    )
-    return thrusters.wrench(nominal, static)[Z]
+    found = list(truths(scenario, plant, link, parameters, firmware))
+    reference = np.array([scenario.target(truth.t_s).eta_d for truth in found])
+    return by_autopilot(found, plant, ALT_HOLD, reference)
 
 
 def truths(

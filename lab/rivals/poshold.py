@@ -5,13 +5,17 @@ heading by SET_POSITION_TARGET_LOCAL_NED at 50 Hz. POSHOLD takes no place: it ho
 comes to rest.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 
+import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from companion.records import PSI, Setpoint, X, Y, Z
+from lab.loop.dive import Dive, by_autopilot
 from lab.loop.lockstep import LinkDelay, SteppedVehicle
 from lab.rivals.alt_hold import HOLD_S, TICK_S, VEHICLE, GroundStation, steered
+from sim_bridge.config import SimConfig
 from sim_bridge.firmware.modes import GUIDED, POSHOLD
 from sim_bridge.vehicle import Truth
 
@@ -35,6 +39,24 @@ def truths(
             yield station.pack(_target(tick, path(tick * TICK_S)))
 
     yield from steered(vehicle, link, seed, duration_s, say)
+
+
+def recorded(
+    found: Sequence[Truth],
+    plant: SimConfig,
+    since_s: float,
+    path: Callable[[float], Setpoint] | None = None,
+) -> Dive:
+    """Make a Dive of these truths.
+
+    Its reference without a path is where it was on the mean from `since_s` on: nobody named POSHOLD's place.
+    """
+    dived = by_autopilot(found, plant, POSHOLD if path is None else GUIDED, np.zeros((len(found), 4)))
+    if path is None:
+        reference = np.tile(dived.truth[dived.t_s >= since_s].mean(0), (len(found), 1))
+    else:
+        reference = np.array([path(truth.t_s).eta_d for truth in found])
+    return replace(dived, reference=reference)
 
 
 def _target(tick: int, to: Setpoint) -> mavlink.MAVLink_message:

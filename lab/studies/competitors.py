@@ -36,11 +36,6 @@ class Competitor:
     place: bool = False
     """Whether a search judges it by its place, with a DVL, and not by its depth."""
 
-    @property
-    def compensates(self) -> bool:
-        """Whether heave has the paper's law, with this row's own compensator or none."""
-        return len(self.settings) == 1 and self.settings[0].startswith("heave.compensator=")
-
     def overrides(self, values: Mapping[str, float]) -> list[str]:
         """Return what of `values` belongs into the companion's configuration, beside `settings`."""
         return [*self.settings, *(f"{key}={value!r}" for key, value in values.items() if "." in key)]
@@ -83,7 +78,6 @@ COMPETITORS: tuple[Competitor, ...] = (
     Competitor("super_twisting", "super-twisting", "companion", _TWIST, _rival("super_twisting")),
     Competitor("indi", "INDI", "companion", _INDI, _rival("indi")),
     Competitor("mpc", "MPC + observer", "companion", _MPC, _rival("mpc", "observer")),
-    Competitor("ppo", "PPO + observer", "companion", {}, _rival("ppo", "observer")),
     Competitor(DEFAULT, "Holdfast", "companion", {}),
 )
 """Those whose knobs `tuned.toml` has."""

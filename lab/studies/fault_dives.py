@@ -23,7 +23,7 @@ import numpy as np
 from rich.console import RenderableType
 
 from companion.records import Request, State
-from lab.options import add_firmware, json_file, not_negative, positive
+from lab.options import add_firmware, add_out, not_negative, positive
 from lab.studies.breaking import (
     AFTER_S,
     FAULTS,
@@ -189,16 +189,13 @@ class FaultDives(Study[FaultDive]):
         "every state, in virtual time, and checks the promises of the supervisor in every tick. The number "
         "of a dive is its seed."
     )
-    variants = {  # noqa: RUF012
-        "hours": "lab.studies.fault_hours:FaultHours",
-        "thrusters": "lab.studies.motor_failures:MotorFailures",
-    }
+    variants = {"thrusters": "lab.studies.motors:MotorFailures"}  # noqa: RUF012
     recipe = ("firmware",)
     forks = True
 
     @classmethod
     def options(cls, parser: argparse.ArgumentParser) -> None:
-        """Add the range of numbers, and the options of the two studies beside this one."""
+        """Add the range of numbers, and the option of the study beside this one."""
         parser.add_argument("--dives", type=positive, default=2000, metavar="N", help="default %(default)s")
         parser.add_argument(
             "--first", type=not_negative, default=0, metavar="ID", help="number of the first dive; default 0"
@@ -209,28 +206,12 @@ class FaultDives(Study[FaultDive]):
             help="let each motor die, keep 40 %% of its thrust, or stick instead, in waves and current, N "
             "dives each, and measure depth, heading and tilt; exit status 1 if one was wrongly found dead",
         )
-        parser.add_argument(
-            "--hours",
-            type=positive,
-            metavar="N",
-            help="simulate N hours instead, in which one fault follows the other and the operator engages "
-            "again, and measure the memory; an hour takes about five minutes of one core",
-        )
-        parser.add_argument(
-            "--out",
-            type=json_file,
-            default=Path("out/soak.jsonl"),
-            metavar="FILE",
-            help="a row for each of these hours; default %(default)s",
-        )
+        add_out(parser, "out/faults")
         add_firmware(parser)
 
     def __init__(self, arguments: argparse.Namespace) -> None:
         self._numbers = range(arguments.first, arguments.first + arguments.dives)
         self._firmware: Path | None = arguments.firmware
-
-    def journal(self, out: Path) -> Path:
-        return out.with_name("faults.jsonl")
 
     def cases(self) -> Sequence[FaultDive]:
         return [FaultDive(number) for number in self._numbers]

@@ -11,6 +11,7 @@ from msgspec.structs import replace
 from companion.config import PRESET_KEY, VehicleFile, vehicle_text
 from companion.config_text import with_values
 from companion.telemetry import ranges
+from lab.loop.scenarios import DEPTH_M, water
 from sim_bridge.config import SimConfig
 
 LEAST_LAG_S, _ = ranges.bounds(ranges.Lag) or (0.0, 0.0)
@@ -46,7 +47,7 @@ def around(base: SimConfig, seed: int) -> SimConfig:
     linear[2] *= draw(0.5, 1.5)
     quadratic[2] *= draw(0.5, 1.5)
     strength = draw(0.8, 1.1)
-    return replace(
+    drawn = replace(
         base,
         hull=replace(
             hull,
@@ -61,9 +62,8 @@ def around(base: SimConfig, seed: int) -> SimConfig:
             lag_s=thrusters.lag_s * draw(0.7, 1.3),
             dead_band_us=min(50.0, max(0.0, thrusters.dead_band_us + draw(-6.0, 6.0))),
         ),
-        current=replace(base.current, enabled=False),
-        initial=replace(base.initial, eta=(0.0, 0.0, 2.5, 0.0, 0.0, 0.0)),
     )
+    return water(drawn, depth_m=DEPTH_M, current_m_s=0.0)
 
 
 def write_config(source: Path, vehicle: VehicleFile, gains: Mapping[str, float], out: Path) -> None:

@@ -7,7 +7,6 @@ without MAVLink bytes; with --messages the full loop.
 """
 
 import argparse
-import json
 import math
 import time  # noqa: TID251 - what a step costs
 from collections.abc import Iterator, Mapping, Sequence
@@ -16,26 +15,20 @@ from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
-from matplotlib import pyplot as plt
-from rich.console import RenderableType
 
 from companion import assembly
 from companion.config import Config, load_config
 from companion.control.law import Motion
-from companion.records import Setpoint, Z
+from companion.records import Z
 from holdfast import RefusedError
-from lab.loop.scenarios import Scenario, positioned
+from lab.loop.scenarios import positioned
 from lab.options import add_bench, seeds_of
-from lab.studies.competitors import DEFAULT, WIDTH, Competitor, knobs_of, place_knobs_of, tuned
+from lab.studies.competitors import DEFAULT, Competitor, knobs_of, place_knobs_of, tuned
 from lab.studies.dives import interval
-from lab.studies.reality import COUNTS_S, DEPTH_M, ENDS_S, Reality, rough
-from lab.studies.reality import FIRST_SEED as FIRST
-from lab.studies.search import CASES, TRAINING_S, Found, TrainingCase, search
-from lab.studies.tune import Search, values_table
-from lab.study import Row, Study, by, known, ruled
-from lab.style import BLUE, ORANGE, save
-from sim_bridge.commands import DEFAULT_CONFIG
-from sim_bridge.config import load_config as load_plant
+from lab.studies.reality import Reality, rough
+from lab.studies.unlike import COUNTS_S, ENDS_S, hold
+from lab.studies.unlike import FIRST_SEED as FIRST
+from lab.study import Row, Study, by, known
 
 TUNED_FILE = Path(__file__).with_name("rivals.toml")
 PLACE = ("surge", "sway")
@@ -101,97 +94,6 @@ def overrides(name: str, config: Config, found: Mapping[str, Mapping[str, float]
     return [text for half in both for text in half.overrides({key: found[name][key] for key in half.knobs})]
 
 
-def training(vehicles: int) -> list[tuple[Scenario, TrainingCase]]:
-    """Return the dives of a score, on vehicles that no bench dives."""
-    return [
-        (Scenario("rough", lambda base, seed: rough(seed), _hold, COUNTS_S + TRAINING_S, seed), CASES[0])
-        for seed in range(vehicles)
-    ]
-
-
-def _hold(t_s: float) -> Setpoint:
-    return Setpoint((0.0, 0.0, DEPTH_M, 0.0))
-
-
-class Searches(Study[Search]):
-    """`holdfast tune --reality`: the depth of each row, and with what it found its place."""
-
-    command = "tune"
-    about = "Searches the rows of `holdfast bench rivals`."
-    unit = "searches"
-    recipe = ("set", "evaluations", "seeds")
-
-    @classmethod
-    def options(cls, parser: argparse.ArgumentParser) -> None:
-        """Add none: `holdfast tune` has them."""
-
-    def __init__(self, arguments: argparse.Namespace) -> None:
-        self._rows: list[str] = list(RIVALS) if arguments.rows in ([], ["all"]) else arguments.rows
-        known(self._rows, list(RIVALS), "row")
-        self._settings: list[str] = arguments.set
-        self._vehicles: int = arguments.seeds
-        self._evaluations: int = arguments.evaluations
-        self._command: str = arguments.command
-        self._out: Path | None = arguments.out
-        self.steps = 2 * self._evaluations
-
-    def journal(self, out: Path | None) -> Path:
-        return (out.parent if out else Path("out/tune")) / "tune-reality.jsonl"
-
-    def cases(self) -> Sequence[Search]:
-        return [Search(row) for row in self._rows]
-
-    def dive(self, cases: Sequence[Search]) -> Iterator[Row]:
-        for (row,) in cases:
-            depth = self._found(row, place=False, fixed=())
-            heave = competitor(row, load_config(overrides=self._settings), place=False)
-            place = self._found(row, place=True, fixed=heave.overrides(depth.values))
-            yield {
-                "values": depth.values | place.values,
-                "scores": [depth.start_score, depth.score, place.start_score, place.score],
-                "evaluations": depth.evaluations,
-            }
-
-    def _found(self, row: str, *, place: bool, fixed: Sequence[str]) -> Found:
-        return search(
-            competitor(row, load_config(overrides=self._settings), place=place),
-            lambda overrides: load_config(overrides=[*self._settings, *fixed, *overrides]),
-            load_plant(DEFAULT_CONFIG),
-            training(self._vehicles),
-            evaluations=self._evaluations,
-            done=self.advance,
-        )
-
-    def tables(self, rows: Sequence[Row]) -> Iterator[RenderableType]:
-        """Return the scores before and after."""
-        title = "Scores: mean RMS in mm, chatter priced in"
-        table = ruled(title, "", "depth\nbefore", "depth", "place\nbefore", "place")
-        for row in rows:
-            table.add_row(RIVALS[row["row"]].title, *(f"{score:.2f}" for score in row["scores"]))
-        yield table
-
-    def draw(self, rows: Sequence[Row], folder: Path) -> Sequence[Path]:
-        """Write the values, with what produced them."""
-        out = self._out or folder / TUNED_FILE.name
-        lines = [
-            "# Gains of the rows of `holdfast bench rivals`: one search for all. Not by hand.",
-            "",
-            "[search]",
-            f"command = {json.dumps(self._command)}",
-            f"evaluations_of_depth_and_of_place = {max(row['evaluations'] for row in rows)}",
-            f'training_seeds = "0..{self._vehicles - 1}"',
-            f"seconds_a_dive = {TRAINING_S}",
-            f"bounds_factor = {WIDTH}",
-            "",
-            "[score]  # mean RMS in mm, chatter priced in: depth before and after, place before and after",
-            *(f"{row['row']} = {[round(score, 3) for score in row['scores']]}" for row in rows),
-        ]
-        for row in rows:
-            lines += ["", *values_table(row)]
-        out.write_text("\n".join(lines) + "\n", encoding="utf-8")
-        return [out]
-
-
 class RivalDive(NamedTuple):
     """One dive of one row."""
 
@@ -200,18 +102,6 @@ class RivalDive(NamedTuple):
 
 
 FIGURES = ("depth_rms_mm", "place_rms_mm", "chatter_n", "place_chatter_n", "thrust_rms_n")
-COLUMNS = (
-    "depth\nmm",
-    "less,\n%",
-    "place\nmm",
-    "less,\n%",
-    "tilt\n°",
-    "chatter, N\nheave",
-    "\nplace",
-    "thrust\nN",
-    "step\nµs",
-)
-"""Means of all vehicles, less that of the default; of the tilt the largest; chatter of the command."""
 
 
 class Rivals(Study[RivalDive]):
@@ -259,15 +149,9 @@ class Rivals(Study[RivalDive]):
 
         seeds = [case.seed for case in cases]
         plants = [positioned(rough(seed)) for seed in seeds]
-        figures = simulate(self._configs[cases[0].row], plants, _hold, ENDS_S, seeds, since_s=COUNTS_S)
+        figures = simulate(self._configs[cases[0].row], plants, hold, ENDS_S, seeds, since_s=COUNTS_S)
         for i in range(len(cases)):
             yield {key: float(values[i]) for key, values in figures.items()}
-
-    def tables(self, rows: Sequence[Row]) -> Iterator[RenderableType]:
-        table = ruled(f"{self._seeds} vehicles of `bench reality`; ±: 95 %", "", *COLUMNS, padding=0)
-        for line in self._lines(rows):
-            table.add_row(*line)
-        yield table
 
     def _lines(self, rows: Sequence[Row]) -> Iterator[list[str]]:
         of_row = {name: some for (name,), some in by(rows, "row").items()}
@@ -299,33 +183,13 @@ class Rivals(Study[RivalDive]):
         )
         return {"columns": ["", *columns], "rows": [*self._lines(rows)]}
 
-    def draw(self, rows: Sequence[Row], folder: Path) -> Sequence[Path]:
-        """Draw depth and place of each row, every dive a dot."""
-        of_row = {name: some for (name,), some in by(rows, "row").items()}
-        figure, panels = plt.subplots(
-            1, 2, figsize=(10.0, 1.4 + 0.4 * len(of_row)), sharey=True, layout="constrained"
-        )
-        for panel, key, label in zip(
-            panels, ("depth_rms_mm", "place_rms_mm"), ("depth RMS (mm)", "place RMS (mm)"), strict=True
-        ):
-            for y, some in enumerate(of_row.values()):
-                values = np.array([row[key] for row in some])
-                panel.plot(values, np.full(len(values), y), ".", color=BLUE, alpha=0.4)
-                panel.plot(values.mean(), y, "D", color=ORANGE, markeredgecolor="black")
-            panel.set_xscale("log")
-            panel.set_xlabel(label)
-            panel.grid(axis="x", which="both", alpha=0.3)
-        panels[0].set_yticks(range(len(of_row)), [title_of(name) for name in of_row])
-        panels[0].invert_yaxis()
-        figure.suptitle("each dot a vehicle, diamond: mean", fontsize=10)
-        return [save(figure, folder / "rivals.png", dpi=130)]
-
 
 class WithMessages(Reality):
     """`bench rivals --messages`: the same rows in the full loop."""
 
     command = "bench rivals"
     presets = (DEFAULT, *RIVALS)
+    waters = ("rough",)
     goals: ClassVar = {}
 
     def __init__(self, arguments: argparse.Namespace) -> None:

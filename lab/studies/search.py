@@ -4,7 +4,8 @@ Every candidate dives the four scenarios, shortened to TRAINING_S, with TRAINING
 ever sees, which meet the four CASES in turn: half of them 40 ms more delay each way, which is measured as in
 the full loop, half of them 15 % more thrust and 40 ms more in the autopilot's filter, which no stamp shows.
 What counts is the mean RMS of the depth, or of the place (mm), and CHATTER_PRICE for each newton that the
-command moves by more than CHATTER_N a tick (RMS). All candidates of a generation dive at once (`lab.batch`).
+command moves by more than CHATTER_N a tick (RMS). All candidates of a generation dive at once
+(`lab.batch`); those of ALT_HOLD in the full loop, which takes ten times as long.
 """
 
 import math
@@ -20,6 +21,7 @@ from companion.records import Array, Setpoint
 from lab.batch.stand_in import Links
 from lab.loop.lockstep import LinkDelay
 from lab.loop.scenarios import SETTLE_S, Scenario, four, positioned, trajectory
+from lab.rivals import alt_hold
 from lab.studies.competitors import WIDTH, Competitor
 from lab.studies.floor import CHATTER_N
 from sim_bridge.config import SimConfig
@@ -164,7 +166,9 @@ def _dive(
     dives: Sequence[tuple[Scenario, TrainingCase]],
 ) -> dict[str, Array]:
     """Dive all with each of `values`: figures of shape (values · dives,)."""
-    from lab.batch import alt_hold
+    if row.steers == "autopilot":
+        each = [_by_autopilot(gains, *dived, base) for gains in values for dived in dives]
+        return {key: np.array([figures[key] for figures in each]) for key in ("depth_rms_mm", "chatter_n")}
     from lab.batch.simulate import simulate
 
     of_one = [_stronger(scenario.plant(base, scenario.seed), case.thrust) for scenario, case in dives]
@@ -173,14 +177,20 @@ def _dive(
     longer_s, hidden_s, _ = np.array([case for _, case in dives] * len(values)).T
     targets = [scenario.target for scenario, _ in dives] * len(values)
     duration_s, link = dives[0][0].duration_s, LinkDelay()
-    if row.steers == "autopilot":
-        late_s = longer_s + link.down_s + 0.5 * link.jitter_s
-        gains = {key: np.repeat([value[key] for value in values], len(dives)) for key in row.knobs}
-        return alt_hold.simulate(plants, targets, duration_s, seeds, late_s, gains)
     candidates = [config for config in configs for _ in dives]
     up_s = link.up_s + longer_s + hidden_s
     links = Links(up_s, link.down_s + longer_s, untold_up_s=hidden_s)
     return simulate(candidates, plants, targets, duration_s, seeds, links, since_s=duration_s - TRAINING_S)
+
+
+def _by_autopilot(
+    gains: Mapping[str, float], scenario: Scenario, case: TrainingCase, base: SimConfig
+) -> dict[str, float]:
+    """Dive once in the full loop with these parameters of the autopilot; return its figures."""
+    plant = _stronger(scenario.plant(base, scenario.seed), case.thrust)
+    met = Scenario(scenario.name, lambda *_: plant, scenario.target, scenario.duration_s, scenario.seed)
+    link = LinkDelay(down_s=LinkDelay().down_s + case.longer_s)
+    return alt_hold.dive(met, base, link, dict(gains)).figures()
 
 
 def training(seeds: int, vary: Callable[[SimConfig, int], SimConfig]) -> list[tuple[Scenario, TrainingCase]]:

@@ -49,7 +49,7 @@ class Tune(Study[Search]):
     )
     unit = "searches"
     recipe = ("set", "vehicle", "config", "place", "evaluations", "seeds")
-    variants = {"reality": "lab.studies.rivals:Searches"}  # noqa: RUF012
+    variants = {"reality": "lab.studies.tune_rivals:Searches"}  # noqa: RUF012
 
     @classmethod
     def options(cls, parser: argparse.ArgumentParser) -> None:
@@ -143,39 +143,36 @@ class Tune(Study[Search]):
         if self._own:
             write_config(self._file, vehicle_of(self._config), rows[0]["values"], out)
         else:
-            out.write_text(self._tuned_text(rows), encoding="utf-8")
+            about = {
+                "command": self._command,
+                "optimiser": "CMA-ES (cma), seed 1",
+                "evaluations_each": max(row["evaluations"] for row in rows),
+                "training_seeds": f"0..{self._seeds - 1}",
+                "cases": [str(case) for case in CASES],
+                "dives_an_evaluation": 4 * self._seeds,
+                "seconds_a_dive": TRAINING_S,
+            }
+            scores = {row["row"]: round(row["score"], 3) for row in rows}
+            title = "mean RMS in mm over scenarios, chatter priced in"
+            out.write_text(tuned_text(about, title, scores, rows), encoding="utf-8")
         return [out]
 
     def _result(self, folder: Path) -> Path:
         return self._out or folder / ("companion.toml" if self._own else "tuned.toml")
 
-    def _tuned_text(self, rows: Sequence[Row]) -> str:
-        """Return values with the command, seeds and budget that produced them."""
-        lines = [
-            "# Gains of the bench's rows: one search for all, equal budget and width of bounds. Not by hand.",
-            "",
-            "[search]",
-            f"command = {json.dumps(self._command)}",
-            'optimiser = "CMA-ES (cma), seed 1"',
-            f"evaluations_each = {max(row['evaluations'] for row in rows)}",
-            f'training_seeds = "0..{self._seeds - 1}"',
-            f"cases = {json.dumps([str(case) for case in CASES])}",
-            f"dives_an_evaluation = {4 * self._seeds}",
-            f"seconds_a_dive = {TRAINING_S}",
-            f"bounds_factor = {WIDTH}",
-            "",
-            "[score]  # mean RMS in mm over scenarios, chatter priced in",
-            *(f'"{row["row"]}" = {row["score"]:.3f}' for row in rows),
-        ]
-        for row in rows:
-            lines += ["", *values_table(row)]
-        return "\n".join(lines) + "\n"
 
-
-def values_table(row: Row) -> list[str]:
-    """Return the lines of a row's table of values, as TUNED_FILE has them."""
-    values: Mapping[str, float] = row["values"]
-    return [f'[values."{row["row"]}"]', *(f'"{key}" = {value!r}' for key, value in values.items())]
+def tuned_text(
+    about: Mapping[str, object], scored: str, scores: Mapping[str, object], rows: Sequence[Row]
+) -> str:
+    """Return the file of values that a search found: what it was, its scores, the values of each row."""
+    lines = ["# Gains of a bench's rows: one search for all, equal budget and width. Not by hand."]
+    lines += ["", "[search]", *(f"{key} = {json.dumps(value)}" for key, value in about.items())]
+    lines += [f"bounds_factor = {WIDTH}", "", f"[score]  # {scored}"]
+    lines += [f'"{name}" = {score}' for name, score in scores.items()]
+    for row in rows:
+        values: Mapping[str, float] = row["values"]
+        lines += ["", f'[values."{row["row"]}"]', *(f'"{key}" = {value!r}' for key, value in values.items())]
+    return "\n".join(lines) + "\n"
 
 
 def next_step(out: Path, names: Sequence[str], *, own: bool) -> str:

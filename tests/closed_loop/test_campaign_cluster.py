@@ -8,7 +8,8 @@ import pytest
 
 from holdfast import RefusedError
 from lab.studies import campaign
-from lab.studies.campaign import Campaign, case
+from lab.studies.campaign import Campaign
+from lab.studies.campaign_cases import case
 from lab.study import dived as on_workers
 from lab.study import parser_of, workforce
 

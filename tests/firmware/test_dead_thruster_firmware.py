@@ -9,7 +9,7 @@ from companion.engine import Engine
 from companion.records import Request, Setpoint, State, Z
 from lab.loop.firmware import Firmware
 from lab.loop.lockstep import LinkDelay, Lockstep
-from lab.studies.motor_failures import DEAD, HEAVY, MotorFailure, dive
+from lab.studies.motors import DEAD, HEAVY, MotorFailure, dive
 from sim_bridge.commands import DEFAULT_CONFIG
 from sim_bridge.config import load_config as load_plant
 from sim_bridge.fault_kinds import Fault

@@ -16,7 +16,8 @@ from lab.batch.stand_in import Links
 from lab.loop.dive import dive
 from lab.loop.lockstep import LinkDelay
 from lab.loop.scenarios import SETTLE_S, ensemble, four, hold, positioned
-from lab.studies.grid import LONGEST_S, Cell, cycles_s, plant
+from lab.studies.corners import LONGEST_S, Cell, plant
+from lab.studies.limit_cycles import cycles_s
 from sim_bridge.commands import DEFAULT_CONFIG
 from sim_bridge.config import load_config as load_plant
 from sim_bridge.fault_kinds import Fault
@@ -148,7 +149,7 @@ def test_a_dead_vertical_motor_is_allocated_around():
 @pytest.mark.parametrize("gain", [1 / 3, 1 / 2])
 def test_a_weak_vehicle_behind_a_long_delay_does_not_ring(gain):
     """150 ms, known, and thrusters that lag by 0.3 s: 0.5 Hz went on for 8 s and more."""
-    vehicle = plant(BASE, Cell("all", gain, 0.3, 150, 0, "calm"), 1)
+    vehicle = plant(BASE, Cell(gain, 0.3, 150, 0, "calm"), 1)
     traces: list[np.ndarray] = []
     simulate(CONFIG, [vehicle], hold(), 40.0, [1], Links(0.076, 0.076), traces=traces)
     largest = np.array([CONFIG.heave.max_force])

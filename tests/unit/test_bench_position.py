@@ -7,8 +7,10 @@ import pytest
 
 from companion.config import load_config
 from holdfast import RefusedError
+from lab.loop.dive import Dive
 from lab.studies.competitors import FIRST_SEED, tuned, values_of
-from lab.studies.courses import COURSES, ROWS, TUNED_FILE, Courses, Track, sail
+from lab.studies.courses import COURSES, ROWS, TUNED_FILE, sail
+from lab.studies.position import Courses
 from lab.study import parser_of
 from sim_bridge.commands import DEFAULT_CONFIG
 from sim_bridge.config import load_config as load_plant
@@ -17,24 +19,27 @@ from sim_bridge.config import load_config as load_plant
 def track(north_m, heading_rad=0.0):
     still = np.zeros((100, 4))
     truth = np.tile([north_m, 0.0, 0.0, heading_rad], (100, 1))
-    force = np.tile([[0.0, 0.0], [3.0, 4.0]], (50, 1))
+    force = np.tile([[0.0, 0.0, 0.0], [3.0, 4.0, 1.0]], (50, 1))
+    always = np.full(100, True)
     t_s = np.linspace(0.02, 2.0, 100)
     believed, saturated = truth[:, :2] * 0.5, np.arange(100) < 25
-    return Track(t_s, still, truth, believed, np.full(100, 0.1), force, saturated, held=True)
+    return Dive(t_s, still, truth, np.full(100, 0.1), believed, force, saturated, always, ~always)
 
 
 def test_errors_count_from_the_reference_in_the_units_they_are_named_by():
-    figures = track(0.02, 2.0 * math.pi - math.radians(1.0)).figures()
+    figures = track(0.02, 2.0 * math.pi - math.radians(1.0)).figures(0.0)
     assert figures["place_rms_mm"] == figures["place_peak_mm"] == pytest.approx(20.0)
     assert figures["believed_rms_mm"] == pytest.approx(10.0)
     assert figures["heading_rms_deg"] == pytest.approx(1.0)
     assert figures["tilt_deg"] == pytest.approx(math.degrees(0.1))
     assert figures["saturated_percent"] == 25.0
-    assert figures["chatter_n"] == pytest.approx(5.0)
+    assert figures["place_chatter_n"] == pytest.approx(5.0)
+    assert figures["chatter_n"] == pytest.approx(1.0)
 
 
 def test_what_was_before_a_tick_does_not_count():
-    assert track(0.02).figures(25)["saturated_percent"] == 0.0
+    assert track(0.02).part(slice(25, None)).figures(0.0)["saturated_percent"] == 0.0
+    assert track(0.02).within(1.0, 9.0).t_s.min() >= 1.0
 
 
 def test_the_rival_steers_surge_and_sway_with_what_was_found():
@@ -76,6 +81,10 @@ def test_unknown_names_are_refused():
         study("--scenarios", "calm")
 
 
+def seen(dived):
+    return {"true": dived.truth[:, :2].tolist(), "reference": dived.reference[:, :2].tolist()}
+
+
 def study(*options):
     return Courses(parser_of(Courses).parse_args(options))
 
@@ -99,7 +108,7 @@ def test_the_table_for_the_results_says_what_was_given_up():
 
 def test_a_picture_is_drawn(tmp_path):
     rows = [
-        {"row": row.name, "course": COURSES[0].name, "seed": FIRST_SEED, "trace": track(0.02).seen()}
+        {"row": row.name, "course": COURSES[0].name, "seed": FIRST_SEED, "trace": seen(track(0.02))}
         for row in ROWS
     ]
     (picture,) = study().draw(rows, tmp_path)

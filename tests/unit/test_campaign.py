@@ -9,7 +9,8 @@ import pytest
 import holdfast
 from lab import commands
 from lab.studies import campaign
-from lab.studies.campaign import BLUEROV2, DISTURBANCES, VEHICLES, Campaign, batches, case, plant
+from lab.studies.campaign import Campaign, batches
+from lab.studies.campaign_cases import BLUEROV2, DISTURBANCES, VEHICLES, case, plant
 from lab.study import dived, parser_of
 
 CASES = [case(number) for number in range(360)]
@@ -88,8 +89,9 @@ def test_every_dive_comes_back_once():
 def test_one_dive_is_repeated_in_the_batch_and_in_the_full_loop(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(campaign, "DURATION_S", 14.0)
     assert commands.campaign(["--replay", "3", "--out", str(tmp_path)]) == 0
-    assert (tmp_path / "replay-3.png").stat().st_size > 10_000
-    assert "inside the envelope" in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert "depth_rms_mm" in printed
+    assert "inside the envelope" in printed
 
 
 @pytest.mark.compiles
@@ -107,7 +109,6 @@ def test_the_command_continues_where_it_stopped(tmp_path, capsys):
     outside = summary["outside"]["dives"]
     assert summary["dives"] == 6
     assert summary["speed"]["dives"] == 3
-    assert (tmp_path / "worst.png").stat().st_size > 10_000
     printed = capsys.readouterr().out
     assert "The envelope" in printed
     assert "holdfast campaign --replay" in printed

@@ -9,7 +9,6 @@ from companion import assembly
 from companion.config import load_config
 from holdfast import RefusedError
 from lab.studies.competitors import DEFAULT, WIDTH, tuned
-from lab.studies.reality import FIRST_SEED, RealDive
 from lab.studies.rivals import (
     RIVALS,
     TUNED_FILE,
@@ -18,8 +17,9 @@ from lab.studies.rivals import (
     competitor,
     overrides,
     step_us,
-    training,
 )
+from lab.studies.tune_rivals import training
+from lab.studies.unlike import FIRST_SEED, RealDive
 from lab.study import Row, parser_of
 
 CONFIG = load_config()

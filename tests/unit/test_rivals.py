@@ -8,9 +8,8 @@ from companion.config import load_config
 from companion.control.law import Motion
 from companion.engine import Engine
 from companion.records import Setpoint, Z
-from lab.batch import alt_hold as batch
 from lab.loop.lockstep import LinkDelay, Lockstep
-from lab.loop.scenarios import Scenario, four, hold
+from lab.loop.scenarios import Scenario, hold
 from lab.rivals import alt_hold, indi, l1, mpc, ppi, super_twisting
 from sim_bridge.commands import DEFAULT_CONFIG
 from sim_bridge.config import load_config as load_plant
@@ -145,20 +144,6 @@ def test_alt_hold_keeps_depth_and_heading_and_takes_its_target_from_the_station(
     assert np.abs(dived.depth_error_m[late]).max() < 0.05
     assert np.abs(dived.heading_error_rad[late]).max() < 0.05
     assert np.mean(dived.thrust_n[late]) == pytest.approx(BASE.hull.net_buoyancy_n, abs=1.0)
-
-
-@pytest.mark.compiles
-@pytest.mark.parametrize("scenario", [0, 2])
-def test_a_batch_of_alt_hold_agrees_with_the_full_loop(scenario):
-    gains = {"PSC_POSZ_P": 5.0, "PSC_VELZ_P": 20.0, "PSC_ACCZ_P": 1.0, "PSC_ACCZ_I": 0.3}
-    dives = [four(seed)[scenario] for seed in (1, 2)]
-    duration_s = 32.0
-    short = [Scenario(one.name, one.plant, one.target, duration_s, one.seed) for one in dives]
-    full = [alt_hold.dive(one, BASE, LinkDelay(), gains).figures() for one in short]
-    plants, seeds = [one.plant(BASE, one.seed) for one in short], [one.seed for one in short]
-    fast = batch.simulate(plants, [one.target for one in short], duration_s, seeds, np.full(2, 0.003), gains)
-    for figure in ("depth_rms_mm", "chatter_n"):
-        assert fast[figure].mean() == pytest.approx(np.mean([one[figure] for one in full]), rel=0.1)
 
 
 def _calm(base):

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 import holdfast
-from lab.studies.ablation import verdicts
 from lab.tables import plain, table_file, write_columns, write_json, write_table
 
 RECORDS = [
@@ -51,11 +50,3 @@ def test_a_table_that_cannot_be_written_is_refused_before_the_first_dive(monkeyp
     monkeypatch.setattr(holdfast, "requires", lambda _: ["pyarrow>=23; extra == 'parquet'"])
     assert holdfast.main(["bench", "dives", "--table", "dives.parquet"]) == 2
     assert "pip install 'holdfast-rov[parquet]'" in capsys.readouterr().err
-
-
-def test_one_vehicle_has_no_interval():
-    wrong = [
-        {"variant": name, "case": "damping × 3", "depth_rms_mm": rms_mm}
-        for name, rms_mm in (("observer", 4.0), ("network", 2.0), ("network+observer", 3.0))
-    ]
-    assert [*verdicts(wrong)] == ["damping × 3: network against observer +50%: does not earn 20 %"]

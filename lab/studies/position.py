@@ -1,0 +1,141 @@
+"""`holdfast bench position`: how well each competitor holds the places and follows the paths of `courses`."""
+
+import argparse
+from collections.abc import Iterator, Sequence
+from itertools import product
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib import pyplot as plt
+
+from companion.config import load_config
+from lab.options import add_bench, seeds_of
+from lab.rivals.alt_hold import TICK_S
+from lab.studies.competitors import DEFAULT, FIRST_SEED, tuned, values_of
+from lab.studies.courses import COURSES, ROWS, SETTLES_S, TUNED_FILE, sail
+from lab.study import Row, Study, by, known
+from lab.style import BLACK, BLUE, GREEN, ORANGE, PRINTED, SMALL, VERMILLION, save
+from sim_bridge.commands import DEFAULT_CONFIG
+from sim_bridge.config import load_config as load_plant
+
+FIGURES = {
+    "place_rms_mm": ("place RMS\nmm", ".0f"),
+    "place_peak_mm": ("peak, most\nmm", ".0f"),
+    "believed_rms_mm": ("as believed\nmm", ".0f"),
+    "depth_rms_mm": ("depth RMS\nmm", ".1f"),
+    "heading_rms_deg": ("heading RMS\n°", ".2f"),
+    "tilt_deg": ("tilt, most\n°", ".1f"),
+    "saturated_percent": ("saturated\n%", ".0f"),
+    "place_chatter_n": ("chatter\nN/tick", ".2f"),
+}
+"""Of `Dive.figures`, each with its column."""
+
+LOOKS = {
+    DEFAULT: (BLUE, "-"),
+    "pid": (VERMILLION, "-."),
+    "poshold": (GREEN, "--"),
+    "poshold_stock": (ORANGE, ":"),
+}
+SEEN_EVERY = 5
+
+
+class CourseDive(NamedTuple):
+    """One dive of one competitor."""
+
+    row: str
+    course: str
+    seed: int
+
+
+class Courses(Study[CourseDive]):
+    """Every course with every competitor and vehicle."""
+
+    command = "bench position"
+    about = (
+        "Holds a place and follows paths in a current, with a DVL, beside a PID and ArduSub's POSHOLD and "
+        "GUIDED. "
+        "Exit status 1 if the supervisor gave up a dive."
+    )
+
+    @classmethod
+    def options(cls, parser: argparse.ArgumentParser) -> None:
+        add_bench(parser, "default pid", "station, lemniscate, circle, thruster")
+
+    def __init__(self, arguments: argparse.Namespace) -> None:
+        load_config(overrides=arguments.set)
+        known(arguments.rows or (), [row.name for row in ROWS], "row")
+        known(arguments.scenarios or (), [course.name for course in COURSES], "scenario")
+        self._rows = {row.name: row for row in ROWS if row.name in (arguments.rows or row.name)}
+        self._courses = {
+            kind.name: kind for kind in COURSES if not arguments.scenarios or kind.name in arguments.scenarios
+        }
+        self._seeds = seeds_of(arguments)
+        self._settings: list[str] = arguments.set
+        self._firmware: Path | None = arguments.firmware
+        self._base, self._tuned = load_plant(DEFAULT_CONFIG), tuned(TUNED_FILE)
+
+    def cases(self) -> Sequence[CourseDive]:
+        seeds = range(FIRST_SEED, FIRST_SEED + self._seeds)
+        return [
+            CourseDive(row, course, seed) for course, row, seed in product(self._courses, self._rows, seeds)
+        ]
+
+    def dive(self, cases: Sequence[CourseDive]) -> Iterator[Row]:
+        """Dive courses; the first vehicle's way serves the picture."""
+        for case in cases:
+            row, course = self._rows[case.row], self._courses[case.course]
+            values = values_of(row, self._tuned)
+            dived = sail(
+                row, course, values, self._base, case.seed, settings=self._settings, firmware=self._firmware
+            )
+            figures = dived.part(slice(round(SETTLES_S / TICK_S) if course.dead else 0, None)).figures()
+            seen = {"true": dived.truth, "reference": dived.reference}
+            trace = {name: line[::SEEN_EVERY, :2].round(3).tolist() for name, line in seen.items()}
+            yield (
+                {"held": dived.held}
+                | {key: figures[key] for key in FIGURES}
+                | ({"trace": trace} if case.seed == FIRST_SEED else {})
+            )
+
+    def summary(self, rows: Sequence[Row]) -> dict[str, Any]:
+        """Return the table for docs/results.md: the mean RMS of the place."""
+        lines = [
+            [self._rows[row].title]
+            + [
+                f"{np.mean([dive['place_rms_mm'] for dive in dives]):.0f}"
+                + "†" * sum(not dive["held"] for dive in dives)
+                for dives in by(mine, "course").values()
+            ]
+            for (row,), mine in by(rows, "row").items()
+        ]
+        return {"columns": ["place RMS, mm", *self._courses], "rows": lines}
+
+    def failed(self, rows: Sequence[Row]) -> bool:
+        """Return whether the supervisor gave up a dive."""
+        return not all(row["held"] for row in rows)
+
+    def draw(self, rows: Sequence[Row], folder: Path) -> Sequence[Path]:
+        """Draw the first vehicle of every course from above."""
+        courses = by([row for row in rows if "trace" in row], "course")
+        with mpl.rc_context(PRINTED):
+            figure, panels = plt.subplots(1, len(courses), figsize=(3.3 * len(courses), 3.6), squeeze=False)
+            for panel, ((name,), shown) in zip(panels[0], courses.items(), strict=True):
+                for row in shown:
+                    north, east = np.transpose(row["trace"]["true"])
+                    colour, line = LOOKS[row["row"]]
+                    title = self._rows[row["row"]].title
+                    panel.plot(east, north, color=colour, linestyle=line, linewidth=1.0, label=title)
+                north, east = np.transpose(shown[0]["trace"]["reference"])
+                still = np.ptp(north) + np.ptp(east) < 0.1
+                look: dict[str, Any] = {"linestyle": "none", "marker": "+"} if still else {"linestyle": ":"}
+                until = 1 if still else len(east)
+                panel.plot(east[:until], north[:until], color=BLACK, markersize=12, label="reference", **look)
+                panel.set_aspect("equal", adjustable="datalim")
+                panel.set_xlabel("east (m)")
+                panel.set_title(self._courses[name].title.replace(", ", ",\n", 1), fontsize=SMALL)
+            panels[0][0].set_ylabel("north (m)")
+            handles, labels = panels[0][0].get_legend_handles_labels()
+            figure.legend(handles, labels, loc="outside lower center", ncols=len(handles), frameon=False)
+            return [save(figure, folder / "position.png")]
