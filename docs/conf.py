@@ -3,7 +3,6 @@
 project = "Holdfast"
 project_copyright = "The Holdfast authors"
 extensions = ["myst_parser"]
-exclude_patterns = ["schemas", "layouts"]
 nitpicky = True
 highlight_language = "none"
 

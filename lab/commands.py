@@ -138,16 +138,19 @@ def schema(argv: list[str]) -> int:
         "Prints the generated part of docs/telemetry.md: all keys, schemas and commands.",
         "examples:\n"
         "  holdfast schema            print all keys, fields, units and commands\n"
-        "  holdfast schema --write    update the documents after a change of schemas or configuration\n",
+        "  holdfast schema --write    update the documents after a change of schemas or configuration\n"
+        "  holdfast schema --json DIR write JSON Schemas of the configuration, all samples and commands\n",
     )
-    parser.add_argument(
-        "--write",
-        action="store_true",
-        help="update the generated pages and schemas of docs/",
-    )
+    parser.add_argument("--write", action="store_true", help="update the generated pages of docs/")
+    parser.add_argument("--json", type=Path, metavar="DIR", help="write JSON Schemas there")
     arguments = parser.parse_args(argv)
-    from lab.documents import pages, write
+    from lab.documents import pages, schemas, write
 
+    if arguments.json:
+        arguments.json.mkdir(parents=True, exist_ok=True)
+        for name, content in schemas().items():
+            (arguments.json / name).write_bytes(content)
+        return 0
     if not arguments.write:
         sys.stdout.write(pages()["telemetry.md"])
         return 0

@@ -1,4 +1,4 @@
-"""docs/telemetry.md, configuration.md, supervisor.md, schemas/*.json and tables of results.md, as made.
+"""docs/telemetry.md, configuration.md, supervisor.md and tables of results.md, as made; and the JSON Schemas.
 
 A page's first part, up to MARK, is written by hand; what follows is made here, and a test fails when stale.
 """
@@ -44,21 +44,15 @@ def pages() -> dict[str, str]:
 
 
 def write() -> list[Path]:
-    """Write pages and schemas into docs/ and return what changed."""
+    """Write the pages into docs/ and return what changed."""
     wanted = {page: results_page.filled(page).encode() for page in results_page.PAGES}
     wanted[supervisor_page.PAGE] = supervisor_page.page().encode()
     for name, made in pages().items():
         head, mark, _ = (DOCS / name).read_text(encoding="utf-8").partition(MARK)
         wanted[DOCS / name] = (head + mark + made).encode()
-    wanted |= {DOCS / "schemas" / name: content for name, content in schemas().items()}
     changed = [path for path, content in wanted.items() if not path.exists() or path.read_bytes() != content]
     for path in changed:
-        path.parent.mkdir(exist_ok=True)
         path.write_bytes(wanted[path])
-    for path in (DOCS / "schemas").glob("*.json"):
-        if path not in wanted:
-            path.unlink()
-            changed.append(path)
     return changed
 
 
@@ -119,8 +113,8 @@ def _telemetry() -> Iterator[str]:
         yield from _table(struct, () if struct in (Raw, Truth) else Record.__struct_fields__)
     yield "\n## Answered\n"
     yield "A query for `holdfast/{vehicle}/config` returns the configuration in force, a JSON object with the"
-    yield "sections of `config/companion.toml` ([schema](schemas/Config.json)); a query for"
-    yield "`holdfast/{vehicle}/choices` returns Choices; a query for a published key returns its last sample."
+    yield "sections of `config/companion.toml`; a query for `holdfast/{vehicle}/choices` returns Choices; a"
+    yield "query for a published key returns its last sample. `holdfast schema --json DIR` writes schemas."
     yield f"\n### Choices\n\n{_words(Choices)}\n"
     yield from _table(Choices)
     yield "\n## Commands\n"
