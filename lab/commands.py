@@ -225,7 +225,7 @@ def rerun(argv: list[str]) -> int:
 
 
 def report(argv: list[str]) -> int:
-    """Write a report of a recorded dive: control errors, events and advice."""
+    """Write a report of a recorded dive: warnings, control errors and events."""
     from lab.report.report import main
 
     return main(argv)

@@ -1,10 +1,10 @@
 """A recorded dive as columns: one array for each number of each key, over the time since it began."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TypeVar
 
-import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,17 +13,13 @@ from companion.telemetry.schemas import Event, Plan, Record, Recorder, Superviso
 from dashboard.recording.mcap_file import Reader
 
 Array = NDArray[np.float64]
+RecordT = TypeVar("RecordT", bound=Record)
 GAP_S = 2.0
+SAME_TICK_S = 1e-3
+"""Samples of one tick have one time."""
 ABSURD = 1e12
 """No number of a dive is larger: it was spoiled, and counts as absent."""
-
-
-class TruthRecord(msgspec.Struct):
-    """What the report wants of the simulator's truth."""
-
-    t_s: float
-    eta: tuple[float, float, float, float, float, float]
-    disturbance: tuple[float, float, float, float, float, float]
+ANGLES = ("heading", "heading_desired", "roll", "pitch")
 
 
 @dataclass
@@ -42,10 +38,6 @@ class Columns:
         rows = slice(*np.searchsorted(self.at_s, (begin_s, end_s)))
         return Columns(self.at_s[rows], {name: column[rows] for name, column in self.of.items()})
 
-    def at(self, name: str, at_s: Array) -> Array:
-        """Return a column at other times."""
-        return np.interp(at_s, self.at_s, self.of[name])
-
 
 @dataclass(frozen=True)
 class StateSpan:
@@ -60,7 +52,7 @@ class StateSpan:
 
 @dataclass
 class Log:
-    """A dive. `keys` by tail: state, dof/z, command, loop; `truth` only from the simulator."""
+    """A dive. `keys` by tail: state, dof/z, command, loop; `dropped` messages were lost by the recorder."""
 
     vehicle: str
     began_ns: int
@@ -68,11 +60,10 @@ class Log:
     keys: dict[str, Columns]
     spans: list[StateSpan]
     events: list[tuple[float, Event]]
-    recorder: list[Recorder]
-    truth: Columns | None
+    plans: list[Plan]
+    dropped: int
     metadata: dict[str, dict[str, str]]
-    notes: list[str] = field(default_factory=list)
-    plans: list[Plan] = field(default_factory=list)
+    notes: list[str]
 
     def config(self, key: str, otherwise: float) -> float:
         """Return a number of the configuration that was recorded."""
@@ -81,12 +72,40 @@ class Log:
         except (KeyError, ValueError):
             return otherwise
 
+    def engaged(self, at_s: Array) -> NDArray[np.bool_]:
+        """Tell for each time whether the supervisor's state was ACTIVE."""
+        on = np.zeros(at_s.size, np.bool_)
+        for span in self.spans:
+            if span.state == "ACTIVE":
+                on |= (at_s >= span.begin_s) & (at_s < span.end_s)
+        return on
+
+    def ticks(self) -> dict[str, Array | list[str]]:
+        """Return columns with a row for each tick: `at_s`, then KEY/FIELD, angles in degrees too.
+
+        `supervisor/state` is text; the rest are numbers, NaN where a sample or its field is missing.
+        """
+        state = self.keys["state"]
+        states = [
+            next((span.state for span in self.spans if span.begin_s <= at_s <= span.end_s), "")
+            for at_s in state.at_s
+        ]
+        columns: dict[str, Array | list[str]] = {"at_s": state.at_s, "supervisor/state": states}
+        columns |= {f"degrees/{angle}": np.degrees(state[f"{angle}_rad"]) for angle in ANGLES}
+        for key, samples in self.keys.items():
+            rows = np.searchsorted(samples.at_s, state.at_s - SAME_TICK_S).clip(0, samples.at_s.size - 1)
+            there = np.abs(samples.at_s[rows] - state.at_s) < SAME_TICK_S
+            for name, values in samples.of.items():
+                columns[f"{key}/{name}"] = np.where(there, values[rows], np.nan)
+        return columns
+
 
 def load(files: Sequence[Path]) -> Log:
-    """Read the files of one vehicle. Raises ValueError where there is no dive in them, OSError."""
+    """Read the files of one vehicle, a truncated one as far as it goes.
+
+    Raises ValueError where there is no dive in them, OSError.
+    """
     rows: dict[str, list[tuple[int, Record]]] = {}
-    truths: list[tuple[int, TruthRecord]] = []
-    decode_truth = msgspec.json.Decoder(TruthRecord).decode
     vehicle = ""
     metadata: dict[str, dict[str, str]] = {}
     notes: list[str] = []
@@ -96,15 +115,10 @@ def load(files: Sequence[Path]) -> Log:
             root, _, rest = item.key.partition("/")
             name, _, tail = rest.partition("/")
             vehicle = vehicle or name
-            if name != vehicle or "json" not in item.encoding:
+            if name != vehicle or root == "sim" or "json" not in item.encoding:
                 continue
             try:
-                if root == "sim":
-                    truth = decode_truth(item.payload)
-                    telemetry.check_numbers(truth)
-                    truths.append((item.log_ns, truth))
-                else:
-                    rows.setdefault(tail, []).append((item.log_ns, telemetry.decode(item.key, item.payload)))
+                rows.setdefault(tail, []).append((item.log_ns, telemetry.decode(item.key, item.payload)))
             except (ValueError, RecursionError) as error:
                 notes = notes or [f"left out what could not be read, such as {error}"]
         metadata = {**reader.metadata, **metadata}
@@ -113,6 +127,11 @@ def load(files: Sequence[Path]) -> Log:
     if lacking := [tail for tail in telemetry.EVERY_TICK if not rows.get(tail)]:
         raise ValueError(f"{', '.join(map(str, files))}: no dive in it, for there is no {lacking[0]}")
     began_ns = rows["state"][0][0]
+
+    def timed(tail: str, kind: type[RecordT]) -> list[tuple[float, RecordT]]:
+        samples = rows.get(tail, [])
+        return [((ns - began_ns) / 1e9, record) for ns, record in samples if isinstance(record, kind)]
+
     keys = {
         tail: _columns(samples, began_ns)
         for tail, samples in rows.items()
@@ -123,66 +142,38 @@ def load(files: Sequence[Path]) -> Log:
         began_ns=began_ns,
         duration_s=float(keys["state"].at_s[-1]),
         keys=keys,
-        spans=_spans(rows["supervisor"], began_ns),
-        events=[
-            ((stamp - began_ns) / 1e9, event)
-            for stamp, event in rows.get("event", [])
-            if isinstance(event, Event)
-        ],
-        recorder=[status for _, status in rows.get("recorder", []) if isinstance(status, Recorder)],
-        truth=_truth(truths, keys["state"]),
+        spans=_spans(timed("supervisor", Supervisor)),
+        events=timed("event", Event),
+        plans=[plan for _, plan in timed("plan", Plan)],
+        dropped=max((status.dropped for _, status in timed("recorder", Recorder)), default=0),
         metadata=metadata,
         notes=notes,
-        plans=[plan for _, plan in rows.get("plan", []) if isinstance(plan, Plan)],
     )
 
 
 def _columns(samples: list[tuple[int, Record]], began_ns: int) -> Columns:
-    at_s = (np.array([stamp for stamp, _ in samples], np.int64) - began_ns) / 1e9
-    order = np.argsort(at_s, kind="stable")
-    names = samples[0][1].__struct_fields__
-    values = list(zip(*(msgspec.structs.astuple(record) for _, record in samples), strict=True))
+    """Sort samples by time and turn their numbers into arrays."""
+    samples = sorted(samples, key=lambda sample: sample[0])
+    first = samples[0][1]
     columns = {
-        name: np.array(column, float)[order]
-        for name, column in zip(names, values, strict=True)
-        if isinstance(column[0], int | float)
+        name: np.array([getattr(record, name) for _, record in samples], np.float64)
+        for name in first.__struct_fields__
+        if isinstance(getattr(first, name), int | float)
     }
-    place = {int(row): i for i, row in enumerate(order)}
     for row, (_, record) in enumerate(samples):
         for name in record.absent:
             if name in columns:
-                columns[name][place[row]] = np.nan
+                columns[name][row] = np.nan
     for column in columns.values():
         column[np.abs(column) > ABSURD] = np.nan
-    return Columns(at_s[order], columns)
+    return Columns((np.array([stamp for stamp, _ in samples], np.int64) - began_ns) / 1e9, columns)
 
 
-def _truth(samples: list[tuple[int, TruthRecord]], state: Columns) -> Columns | None:
-    """Lay the truth on the recording's time by the vehicle's own clock, which both carry."""
-    if len(samples) < 2:
-        return None
-    t_s = np.array([truth.t_s for _, truth in samples])
-    apart_s = float(np.median(state.at_s - state["boot_s"]))
-    eta = np.array([truth.eta for _, truth in samples])
-    force = np.array([truth.disturbance for _, truth in samples])
-    return Columns(
-        t_s + apart_s,
-        {"depth_m": eta[:, 2], "heading_rad": np.unwrap(eta[:, 5]), "heave_disturbance_n": force[:, 2]},
-    )
-
-
-def _spans(samples: list[tuple[int, Record]], began_ns: int) -> list[StateSpan]:
+def _spans(samples: list[tuple[float, Supervisor]]) -> list[StateSpan]:
     spans: list[StateSpan] = []
-    state, begin_s, last_s, reason = "", 0.0, 0.0, ""
-    conditions: dict[str, None] = {}
-    for stamp, record in sorted(samples, key=lambda sample: sample[0]):
-        if not isinstance(record, Supervisor):
-            continue
-        at_s = (stamp - began_ns) / 1e9
-        if record.state != state or at_s - last_s > GAP_S:
-            if state:
-                spans.append(StateSpan(state, begin_s, max(last_s, begin_s), reason, tuple(conditions)))
-            state, begin_s, reason, conditions = record.state, at_s, record.reason, {}
-        conditions |= dict.fromkeys(record.conditions)
-        last_s = at_s
-    return [*spans, StateSpan(state, begin_s, last_s, reason, tuple(conditions))]
+    for at_s, record in sorted(samples, key=lambda sample: sample[0]):
+        if not spans or record.state != spans[-1].state or at_s - spans[-1].end_s > GAP_S:
+            spans.append(StateSpan(record.state, at_s, at_s, record.reason, ()))
+        seen = dict.fromkeys((*spans[-1].conditions, *record.conditions))
+        spans[-1] = replace(spans[-1], end_s=at_s, conditions=tuple(seen))
+    return spans

@@ -2,232 +2,143 @@
 
 import base64
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from datetime import UTC, datetime
 from html import escape
 
-from lab.report.figures import AXIS_OF, NAMES, DiveFigures, Held
+from lab.report.figures import AXES, LOOP, DiveFigures, Held
 from lab.report.log import Log
 
 STYLE = """
-:root { color-scheme: light dark; --faint: #666; --line: #ddd; --mark: #0072B2; --ground: #fff; --text: #111 }
+:root { color-scheme: light dark; --faint: #666; --line: #ddd; --mark: #D55E00; --ground: #fff; --text: #111 }
 @media (prefers-color-scheme: dark) {
-  :root { --faint: #aaa; --line: #444; --mark: #56B4E9; --ground: #161616; --text: #eee }
+  :root { --faint: #aaa; --line: #444; --ground: #161616; --text: #eee }
 }
 body { font: 15px/1.45 system-ui, sans-serif; max-width: 1100px; margin: 1.5rem auto; padding: 0 1rem;
   background: var(--ground); color: var(--text) }
 h1 { font-size: 1.5rem; margin: 0 } h2 { font-size: 1.1rem; margin: 1.8rem 0 .4rem }
-p.under { color: var(--faint); margin: .2rem 0 1rem }
+p { color: var(--faint); margin: .2rem 0 1rem }
 img { width: 100%; background: #fff; border-radius: 4px }
-img.above { max-width: 640px; display: block }
-.wide { overflow-x: auto }
+div { overflow-x: auto }
 table { border-collapse: collapse; font-variant-numeric: tabular-nums }
-th, td { padding: .25rem .8rem .25rem 0; text-align: right; border-bottom: 1px solid var(--line);
-  white-space: nowrap }
+th, td { padding: .25rem .8rem .25rem 0; text-align: left; border-bottom: 1px solid var(--line) }
 th { font-weight: 600; color: var(--faint) }
-td.text, th.text { text-align: left; white-space: normal }
-ul.advice li { margin: .35rem 0 } ul.advice { border-left: 3px solid var(--mark); padding-left: 1.6rem }
-details { margin-top: 1rem } summary { cursor: pointer; color: var(--faint) }
+ul { border-left: 3px solid var(--mark); padding-left: 1.6rem } li { margin: .35rem 0 }
 """
+HELD = (
+    *("phase", "from", "for", "", "held", "RMS", "p95", "peak", "bias", "moving"),
+    *("thrust, RMS", "mean", "chatter", "saturated", "ended"),
+)
+ERRORS = """
+<p>Errors are measured minus desired, while the reference rested, from 3 s after engaging; <i>moving</i> is
+the RMS while it did not. Thrust is that of the thruster curve; chatter is its RMS change a tick.</p>"""
+MODEL = """
+<p>Fitted over the longest phase, from recorded thrust and rate, with the desired motion as instrument. ± is
+one standard deviation, without the errors of the thruster curve and the lag.</p>"""
 
 
-def page(
-    log: Log, figures: DiveFigures, advice: Sequence[str], picture: bytes, above: bytes | None = None
-) -> str:
-    """Return the page; `picture` is a PNG, and so is `above`, the map, if there is one."""
+def page(log: Log, figures: DiveFigures, picture: bytes) -> str:
+    """Return the page; `picture` is a PNG."""
     began = datetime.fromtimestamp(log.began_ns / 1e9, UTC)
-    loop = figures.loop
     about = log.metadata.get("holdfast", {})
-    picture64 = base64.b64encode(picture).decode()
-    voltage = (
-        f", battery down to {figures.voltage_min_v:.1f} V" if math.isfinite(figures.voltage_min_v) else ""
-    )
-    return f"""<!doctype html>
-<html lang="en"><meta charset="utf-8"><meta name="viewport" content="width=device-width">
-<title>{escape(log.vehicle)}, {began:%Y-%m-%d %H:%M} UTC</title><style>{STYLE}</style>
-<h1>{escape(log.vehicle)}: the dive of {began:%Y-%m-%d %H:%M} UTC</h1>
-<p class="under">{_time(log.duration_s)} recorded, engaged {len(figures.phases)} times, down to
-{figures.depth_max_m:.1f} m{voltage}. Holdfast {escape(about.get("holdfast", "of unknown version"))},
-{escape(about.get("git", "revision unknown")[:18])}.</p>
-{_list("note", log.notes)}
-<img alt="Depth, heading, errors, thrust, disturbance and loop over time"
- src="data:image/png;base64,{picture64}">
-{_above(above)}<h2>What to look at</h2>
-{_list("advice", advice or ["No rule found anything that stands out."])}
-<h2>How well it was held</h2>
-{_held(figures)}
-<p class="under">Errors are measured minus desired, now. RMS, p95 and peak while the reference rested, from
-3 s after engaging; <i>moving</i> is the RMS while it did not. <i>True</i> is the simulator's, less its mean:
-a sensor's zero is no error of the controller.</p>
-<h2>What it took</h2>
-{_took(figures)}
-<p class="under">Delivered thrust, as the thruster curve has it; the mean is that while the
-reference rested; chatter is its RMS change a tick.</p>
-<h2>States</h2>
-{
-        _table(
-            ("at", "state", "for", "because", "conditions seen"),
-            (
-                (
-                    _time(span.begin_s),
-                    span.state,
-                    _time(span.end_s - span.begin_s),
-                    span.reason,
-                    _words(span.conditions),
-                )
-                for span in log.spans
-            ),
-            text=(1, 3, 4),
-        )
-    }
-<h2>Events</h2>
-{_events(log)}
-<h2>Model</h2>
-{_models(log, figures)}
-<h2>Loop and link</h2>
-{
-        _table(
-            ("", "median", "p99", "worst"),
-            (
-                (
-                    "tick lateness (ms)",
-                    f"{loop.lateness_p50_ms:.2f}",
-                    f"{loop.lateness_p99_ms:.2f}",
-                    f"{loop.lateness_max_ms:.1f}",
-                ),
-                ("tick compute (µs)", "", f"{loop.compute_p99_us:.0f}", ""),
-                ("telemetry delay (ms)", f"{loop.telemetry_delay_ms:.0f}", "", ""),
-                ("command delay (ms)", f"{loop.command_delay_ms:.0f}", "", ""),
-                ("age of the link while engaged (s)", "", f"{loop.link_age_p99_s:.2f}", ""),
-                ("age of depth while engaged (s)", "", f"{loop.depth_age_p99_s:.2f}", ""),
-            ),
-            text=(0,),
-        )
-    }
-<p class="under">{loop.ticks} ticks in the file, {loop.late_ticks} left out by the loop, {
-        loop.ticks_missing
-    } lost
-on the way to the file, {figures.recorder_dropped} messages dropped by the recorder. The delays were measured
-{loop.delay_known:.0%} of the time; a telemetry delay is known up to a constant that TIMESYNC cannot see.</p>
-<details><summary>About the recording, and the configuration</summary>
-{
-        _table(
-            ("", "", ""),
-            ((table, key, value) for table, rows in log.metadata.items() for key, value in rows.items()),
-            text=(0, 1, 2),
-        )
-    }
-</details></html>
-"""
-
-
-def lines(figures: DiveFigures, advice: Sequence[str]) -> list[str]:
-    """Return the same in a few lines for the terminal."""
-    said = []
-    for phase in figures.phases:
-        said.append(
-            f"phase {phase.number}, {_time(phase.begin_s)} to {_time(phase.end_s)}, ended: {phase.ended}"
-        )
-        said += [
-            f"  {NAMES[hold.dof]:8} RMS {_number(hold.rms)} {hold.unit}, p95 {_number(hold.p95)}, "
-            f"peak {_number(hold.peak)}; moving {_number(hold.moving_rms)}; chatter {hold.chatter:.2f} "
-            f"{hold.thrust_unit}; saturated {hold.saturated:.1%}"
-            for hold in phase.held
-        ]
-    said += [f"* {line}" for line in advice] or ["no rule found anything that stands out"]
-    return said
-
-
-def _held(figures: DiveFigures) -> str:
-    rows: list[Sequence[str]] = []
-    for phase in figures.phases:
-        for i, hold in enumerate(phase.held):
-            first = (str(phase.number), _time(phase.begin_s), _time(phase.end_s - phase.begin_s))
-            errors = (_with(value, hold.unit) for value in _errors(hold))
-            rows.append(
-                (
-                    *(first if i == 0 else ("", "", "")),
-                    *(NAMES[hold.dof], _time(hold.hold_s), *errors, phase.ended if i == 0 else ""),
-                )
-            )
-    head = ("phase", "from", "for", "", "held", "RMS", "p95", "peak", "bias", "moving", "true", "ended")
-    return _table(head, rows, text=(3, 11)) if rows else "<p>It never engaged.</p>"
-
-
-def _took(figures: DiveFigures) -> str:
-    rows = (
+    title = f"{log.vehicle}: the dive of {began:%Y-%m-%d %H:%M} UTC"
+    said = [
+        f"{_time(log.duration_s)} recorded, engaged {len(figures.phases)} times",
+        f"down to {figures.depth_max_m:.1f} m",
+        *([f"battery down to {figures.voltage_min_v:.1f} V"] if figures.voltage_min_v > 0.0 else []),
+        f"Holdfast {about.get('holdfast', 'of unknown version')}",
+        about.get("git", "revision unknown")[:18],
+    ]
+    warnings = "".join(f"<li>{escape(warning)}</li>\n" for warning in figures.warnings)
+    image = base64.b64encode(picture).decode()
+    states = (
         (
-            str(phase.number),
-            AXIS_OF[hold.dof],
-            *(_with(value, hold.thrust_unit) for value in (hold.thrust_rms, hold.thrust_mean, hold.chatter)),
-            f"{hold.saturated:.1%}",
+            _time(span.begin_s),
+            span.state,
+            _time(span.end_s - span.begin_s),
+            span.reason,
+            _words(span.conditions),
         )
-        for phase in figures.phases
-        for hold in phase.held
+        for span in log.spans
     )
-    return _table(("phase", "", "thrust, RMS", "mean", "chatter", "saturated"), rows, text=(1,))
+    events = ((_time(at_s), event.severity, event.kind, event.text) for at_s, event in log.events)
+    loop = ((LOOP[column][0], *map(_number, values)) for column, values in figures.loop.items())
+    config = ((part, key, value) for part, table in log.metadata.items() for key, value in table.items())
+    return "\n".join(
+        (
+            '<!doctype html>\n<html lang="en"><meta charset="utf-8">',
+            f"<title>{escape(title)}</title><style>{STYLE}</style>",
+            f"<h1>{escape(title)}</h1>\n<p>{escape(', '.join(said))}.</p>",
+            f"<h2>Warnings</h2>\n<ul>{warnings or '<li>none</li>'}</ul>",
+            f'<img alt="States, each axis, and the loop over time" src="data:image/png;base64,{image}">',
+            _table("How well it was held", HELD, _held(figures)) + ERRORS,
+            _table("States", ("at", "state", "for", "because", "conditions seen"), states),
+            _table("Events", ("at", "severity", "kind", "what"), events),
+            _table("Model", ("", "this dive", "configured", ""), _models(log, figures)) + MODEL,
+            _table("Loop and link", ("", "median", "p99", "worst"), loop),
+            f"<details><summary>Configuration</summary>{_rows(('', '', ''), config)}</details></html>\n",
+        )
+    )
 
 
-def _errors(hold: Held) -> tuple[float, ...]:
-    return (hold.rms, hold.p95, hold.peak, hold.bias, hold.moving_rms, hold.true_rms)
+def lines(figures: DiveFigures) -> Iterator[str]:
+    """Give the same in a few lines for the terminal."""
+    yield from (f"* {warning}" for warning in figures.warnings)
+    for phase in figures.phases:
+        yield f"phase {phase.number}, {_time(phase.begin_s)} to {_time(phase.end_s)}, ended: {phase.ended}"
+        for hold in phase.held:
+            axis = AXES[hold.dof]
+            yield (
+                f"  {axis.name:8} RMS {_number(hold.rms)} {axis.unit}, p95 {_number(hold.p95)}, peak "
+                f"{_number(hold.peak)}; moving {_number(hold.moving_rms)}; chatter {_number(hold.chatter)} "
+                f"{axis.force_unit}; saturated {hold.saturated:.1%}"
+            )
 
 
-def _events(log: Log) -> str:
-    if not log.events:
-        return "<p class='under'>None were recorded.</p>"
-    rows = ((_time(at_s), event.severity, event.kind, event.text) for at_s, event in log.events)
-    return _table(("at", "severity", "kind", "what"), rows, text=(1, 2, 3))
+def _held(figures: DiveFigures) -> Iterator[Sequence[str]]:
+    for phase in figures.phases:
+        first = (str(phase.number), _time(phase.begin_s), _time(phase.end_s - phase.begin_s))
+        for i, hold in enumerate(phase.held):
+            yield (*(first if i == 0 else ("", "", "")), *_row(hold), phase.ended if i == 0 else "")
 
 
-def _models(log: Log, figures: DiveFigures) -> str:
-    rows = []
+def _row(hold: Held) -> Iterator[str]:
+    axis = AXES[hold.dof]
+    yield from (axis.name, _time(hold.hold_s))
+    for value in (hold.rms, hold.p95, hold.peak, hold.bias, hold.moving_rms):
+        yield _with(value, axis.unit)
+    for value in (hold.thrust_rms, hold.thrust_mean, hold.chatter):
+        yield _with(value, axis.force_unit)
+    yield f"{hold.saturated:.1%}"
+
+
+def _models(log: Log, figures: DiveFigures) -> Iterator[Sequence[str]]:
     for dof, model in figures.models.items():
-        if model is None:
-            continue
-        axis = {"z": "heave", "psi": "yaw"}[dof]
-        mass_unit, force_unit = ("kg m²", "N·m") if dof == "psi" else ("kg", "N")
-        rows.append(
-            (
-                f"{axis} mass with added mass",
-                f"{model.mass.value:.3g} ± {model.mass.sigma:.2g} {mass_unit}",
-                _with(log.config(f"{axis}.mass", math.nan), mass_unit),
-                "" if model.mass.identified else "too little motion to tell",
-            )
+        axis = AXES[dof].body
+        mass_unit, force_unit, rate = ("kg m²", "N·m", "rad/s") if dof == "psi" else ("kg", "N", "m/s")
+        mass, linear, quadratic = (
+            log.config(f"{axis}.{key}", math.nan) for key in ("mass", "linear_damping", "quadratic_damping")
         )
-        believed = log.config(f"{axis}.linear_damping", math.nan) * model.speed
-        believed += log.config(f"{axis}.quadratic_damping", math.nan) * model.speed**2
-        rows.append(
-            (
-                f"{axis} damping at {model.speed:.2g} {'rad/s' if dof == 'psi' else 'm/s'}",
-                f"{model.damping_at.value:.2g} ± {model.damping_at.sigma:.2g} {force_unit}",
-                _with(believed, force_unit),
-                "" if model.damping_at.identified else "too little motion to tell",
-            )
-        )
-    if not rows:
-        return "<p class='under'>No phase was long enough (12 s) to tell mass and damping.</p>"
-    note = (
-        "<p class='under'>Two-stage least squares over the longest phase, from recorded thrust and rate, "
-        "with the desired motion as instrument; ± is one standard deviation by block bootstrap. The thrust "
-        "is what the curve says, not measured: an error of curve or lag shows as one of mass, and ± knows "
-        "nothing of it (in the simulator 10 %).</p>"
-    )
-    return _table(("", "this dive", "configured", ""), rows, text=(0, 3)) + note
+        drag = linear * model.speed + quadratic * model.speed**2
+        for name, found, configured, unit in (
+            (f"{axis} mass with added mass", model.mass, mass, mass_unit),
+            (f"{axis} damping at {model.speed:.2g} {rate}", model.damping_at, drag, force_unit),
+        ):
+            doubt = "" if found.identified else "too little motion to tell"
+            yield name, f"{found.value:.3g} ± {found.sigma:.2g} {unit}", _with(configured, unit), doubt
 
 
-def _table(head: Sequence[str], rows: Iterable[Sequence[str]], text: Sequence[int] = ()) -> str:
-    def cells(tag: str, row: Sequence[str]) -> str:
-        return "".join(
-            f"<{tag}{' class=text' if i in text else ''}>{escape(cell)}</{tag}>" for i, cell in enumerate(row)
-        )
-
-    body = "\n".join(f"<tr>{cells('td', row)}</tr>" for row in rows)
-    return f"<div class=wide><table><tr>{cells('th', head)}</tr>\n{body}\n</table></div>"
+def _table(title: str, head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    return f"<h2>{title}</h2>\n{_rows(head, rows)}"
 
 
-def _list(kind: str, items: Iterable[str]) -> str:
-    inside = "\n".join(f"<li>{escape(item)}</li>" for item in items)
-    return f"<ul class={kind}>{inside}</ul>" if inside else ""
+def _rows(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    body = "\n".join(_cells("td", row) for row in rows)
+    return f"<div><table>{_cells('th', head)}\n{body}\n</table></div>" if body else "<p>None.</p>"
+
+
+def _cells(tag: str, row: Sequence[str]) -> str:
+    return f"<tr>{''.join(f'<{tag}>{escape(cell)}</{tag}>' for cell in row)}</tr>"
 
 
 def _words(conditions: Sequence[str]) -> str:
@@ -247,13 +158,3 @@ def _number(value: float) -> str:
 
 def _with(value: float, unit: str) -> str:
     return "–" if math.isnan(value) else f"{_number(value)} {unit}"
-
-
-def _above(picture: bytes | None) -> str:
-    if picture is None:
-        return ""
-    encoded = base64.b64encode(picture).decode()
-    return (
-        '<h2>From above</h2>\n<img class="above" alt="Map: estimate, reference, path and fence, north up"\n'
-        f' src="data:image/png;base64,{encoded}">\n'
-    )

@@ -1,314 +1,176 @@
-"""The picture after a dive: what was asked, how well it was held, with how much thrust."""
+"""The picture after a dive: what was asked of each axis, how well it was held, with how much force."""
+
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
+from matplotlib import rc_context
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import Patch
-from matplotlib.ticker import FuncFormatter, MaxNLocator
+from matplotlib.patches import Patch, Rectangle
 
 from lab import style
-from lab.report.figures import DiveFigures, error, true_error
-from lab.report.log import Array, Columns, Log
+from lab.report.figures import AXES, DiveFigures, error
+from lab.report.log import GAP_S, Array, Log
 
-SIZE_IN, DPI = (12.8, 9.6), 130
-POINTS = 3000
+WIDTH_IN, AXIS_IN, REST_IN, MAP_IN, DPI = 12.8, 2.3, 3.2, 5.0, 130
 COLOURS = {
     "IDLE": "0.90",
     "READY": "0.78",
     "ACTIVE": style.BLUE,
     "RAMP_DOWN": style.YELLOW,
+    "HAND_OVER": style.ORANGE,
     "PILOT": style.SKY,
     "FAULT": style.VERMILLION,
 }
-HATCHES = {"FAULT": "////", "PILOT": "....", "RAMP_DOWN": "xxxx"}
 SEVERITY = {"warning": "v", "fault": "X"}
-LIMIT = 1.25
+FENCE_SEEN = 3.0
+"""A fence larger than so many times what is inside it is not drawn: the rest would be small."""
 
 
 def draw(log: Log, figures: DiveFigures) -> Figure:
-    """Draw a dive on one page: states above, left what was held, right what it took."""
-    figure = Figure(figsize=SIZE_IN, dpi=DPI, layout="constrained")
-    figure.get_layout_engine().set(w_pad=0.12, h_pad=0.05)  # type: ignore[union-attr, call-arg]
-    panels = figure.subplot_mosaic(
-        [
-            ["states", "states"],
-            ["depth", "thrust"],
-            ["depth error", "disturbance"],
-            ["heading", "yaw"],
-            ["heading error", "loop"],
-        ],
-        height_ratios=(0.28, 1.0, 1.0, 0.9, 0.9),
-    )
-    state, unit = log.keys["state"], _unit(log.duration_s)
-    _states(panels["states"], log, unit)
-    _depth(panels["depth"], log, state)
-    _error(panels["depth error"], log, "z", "Depth error", "measured minus\ndesired (mm)")
-    _heading(panels["heading"], log, state)
-    _error(panels["heading error"], log, "psi", "Heading error", "measured minus\ndesired (°)")
-    _thrust(panels["thrust"], log, "z", "heave_delivered_n", "Heave thrust", "delivered (N, + down)")
-    _thrust(panels["yaw"], log, "psi", "yaw_delivered_nm", "Yaw moment", "delivered (N·m, + right)")
-    _disturbance(panels["disturbance"], log)
-    _loop(panels["loop"], log, figures)
+    """Draw states, a row for each axis that was held (value, error, force), the loop, and the map."""
+    held = {hold.dof for phase in figures.phases for hold in phase.held} or {"z", "psi"}
+    axes = [dof for dof in AXES if dof in held]
+    mapped = int(np.isfinite(log.keys["state"]["x_m"] + log.keys["state"]["y_m"]).sum()) > 1
+    height_in = REST_IN + AXIS_IN * len(axes) + MAP_IN * mapped
+    rows: list[Any] = [["states"] * 3, *([f"{dof} {what}" for what in "vef"] for dof in axes), ["loop"] * 3]
+    rows += [["map"] * 3] * mapped
+    with rc_context({"agg.path.chunksize": 20_000}):
+        figure = Figure(figsize=(WIDTH_IN, height_in), dpi=DPI, layout="constrained")
+        panels = figure.subplot_mosaic(
+            rows,
+            height_ratios=[0.7, *[AXIS_IN] * len(axes), REST_IN - 0.7, *[MAP_IN] * mapped],
+        )
+    _states(panels["states"], log)
+    for dof in axes:
+        _axis(panels[f"{dof} v"], panels[f"{dof} e"], panels[f"{dof} f"], log, dof)
+    _loop(panels["loop"], log)
+    if mapped:
+        draw_map(panels["map"], log)
     for name, panel in panels.items():
-        panel.set_xlim(0.0, log.duration_s)
-        _seconds(panel, unit)
-        if name == "states":
-            continue
         style.plain(panel)
-        for phase in figures.phases:
-            panel.axvspan(phase.begin_s, phase.end_s, color=style.WINDOW, linewidth=0, zorder=-10)
-        for span in figures.faults:
-            panel.axvline(span.begin_s, color=style.VERMILLION, linewidth=1.2, linestyle="--", zorder=-1)
-        if name in ("heading error", "loop"):
-            panel.set_xlabel(f"time since the recording began ({unit[1]})", fontsize=style.SMALL)
-    figure.suptitle(_title(log, figures), fontsize=14, fontweight="bold")
+        if name != "map":
+            panel.set_xlim(0.0, log.duration_s)
+        if name == "states":
+            panel.tick_params(labelbottom=False)
+        elif name != "map":
+            for phase in figures.phases:
+                panel.axvspan(phase.begin_s, phase.end_s, color=style.WINDOW, linewidth=0, zorder=-10)
+            for span in figures.faults:
+                panel.axvline(span.begin_s, color=style.VERMILLION, linewidth=1.2, linestyle="--", zorder=-1)
+    panels["loop"].set_xlabel("time since the recording began (s)", fontsize=style.SMALL)
     return figure
 
 
-def _title(log: Log, figures: DiveFigures) -> str:
-    held = [hold for phase in figures.phases for hold in phase.held if hold.dof == "z" and hold.hold_s > 0.0]
-    if not held:
-        return f"{log.vehicle}: {log.duration_s:.0f} s, never engaged"
-    total_s = sum(hold.hold_s for hold in held)
-    rms = np.sqrt(sum(hold.hold_s * hold.rms**2 for hold in held) / total_s)
-    return f"{log.vehicle}: depth held {_clock(total_s)} within {rms:.1f} mm RMS"
-
-
-def _states(panel: Axes, log: Log, unit: tuple[float, str]) -> None:
-    """Draw the supervisor's states as a band with their names, and marks for what the pilot should know."""
+def _states(panel: Axes, log: Log) -> None:
+    """Draw the supervisor's states as a band, and marks for warnings and faults."""
     for span in log.spans:
         wide = max(span.end_s - span.begin_s, 0.002 * log.duration_s)
-        panel.broken_barh(
-            [(span.begin_s, wide)],
-            (0.0, 1.0),
-            facecolor=COLOURS.get(span.state, "0.5"),
-            hatch=HATCHES.get(span.state, ""),
-            edgecolor="white",
-            linewidth=0.5,
-        )
-        if wide > 0.012 * log.duration_s * len(span.state):
-            light = span.state in ("ACTIVE", "FAULT")
-            panel.text(
-                *(span.begin_s + wide / 2, 0.5, span.state.replace("_", " ")),
-                ha="center",
-                va="center",
-                fontsize=8,
-                fontweight="bold",
-                color="white" if light else "black",
-                bbox={
-                    "boxstyle": "round,pad=0.15",
-                    "linewidth": 0,
-                    "facecolor": COLOURS.get(span.state, "0.5"),
-                },
-            )
+        colour = COLOURS.get(span.state, "0.5")
+        panel.broken_barh([(span.begin_s, wide)], (0.0, 1.0), facecolor=colour, edgecolor="white")
+    known = dict.fromkeys(span.state for span in log.spans)
+    handles: list[Artist] = [Patch(facecolor=COLOURS.get(name, "0.5"), label=name) for name in known]
     for severity, marker in SEVERITY.items():
         times = [at_s for at_s, event in log.events if event.severity == severity]
-        panel.plot(
-            times,
-            [LIMIT] * len(times),
-            marker,
-            color=style.BLACK if severity == "fault" else style.VERMILLION,
-            markersize=6,
-            label=severity,
-            linestyle="none",
-        )
+        if times:
+            handles += panel.plot(times, [1.3] * len(times), marker, color=style.BLACK, label=severity)
     panel.set_ylim(0.0, 1.6)
     panel.set_yticks([])
-    panel.spines[["top", "right", "left"]].set_visible(False)
-    panel.tick_params(labelsize=style.SMALL)
-    known = {span.state for span in log.spans}
-    handles: list[object] = [
-        Patch(facecolor=COLOURS[name], hatch=HATCHES.get(name, ""), label=name.replace("_", " "))
-        for name in COLOURS
-        if name in known
-    ]
-    panel.legend(
-        handles=[*handles, *panel.get_lines()],
-        ncols=8,
-        frameon=False,
-        fontsize=8,
-        loc="lower right",
-        bbox_to_anchor=(1.0, 0.95),
-        borderaxespad=0.0,
-    )
-    panel.set_title("What it did", loc="left", fontweight="bold", fontsize=11)
+    style.name(panel, "What it did", "")
+    _legend(panel, handles)
 
 
-def _depth(panel: Axes, log: Log, state: Columns) -> None:
-    _line(panel, state.at_s, state["depth_m"], style.BLUE, "measured", 1.6)
-    _line(panel, *_engaged(log, state, "depth_desired_m"), style.BLACK, "desired", 1.2, ":")
-    panel.invert_yaxis()
-    style.name(panel, "Depth", "depth (m)")
-    _legend(panel)
+def _axis(value: Axes, apart: Axes, force: Axes, log: Log, dof: str) -> None:
+    """Draw one degree of freedom; error, demand and disturbance only while the vehicle was engaged."""
+    axis, state, law = AXES[dof], log.keys["state"], log.keys[f"dof/{dof}"]
+    name, on = axis.name.capitalize(), log.engaged(state.at_s)
+    scale, unit = (axis.scale, axis.unit) if dof == "psi" else (1.0, "m")
+    measured, error_now = state[axis.value], error(state, dof)
+    if dof == "psi":
+        measured = np.unwrap(np.nan_to_num(measured))
+    desired = scale * measured - error_now * (1.0 if dof == "psi" else 1e-3)
+    value.plot(state.at_s, scale * measured, color=style.BLUE, linewidth=1.6, label="measured")
+    value.plot(state.at_s, np.where(on, desired, np.nan), "k:", linewidth=1.2, label="desired")
+    if dof == "z":
+        value.invert_yaxis()
+    style.name(value, name, f"{axis.name} ({unit})")
+    _legend(value)
 
+    apart.plot(state.at_s, np.where(on, error_now, np.nan), color=style.BLUE, linewidth=0.9)
+    style.zero(apart)
+    style.name(apart, f"{name} error", f"measured minus desired ({axis.unit})")
+    shown = np.abs(error_now[on & np.isfinite(error_now)])
+    if shown.size:  # the scale of holding: a step does not flatten it
+        limit = 1.25 * max(float(np.percentile(shown, 99.0)), 1e-3)
+        apart.set_ylim(-limit, limit)
 
-def _heading(panel: Axes, log: Log, state: Columns) -> None:
-    measured = np.degrees(np.unwrap(np.nan_to_num(state["heading_rad"])))
-    wanted_at_s, wanted = _engaged(log, state, "heading_desired_rad")
-    apart = np.degrees(np.nan_to_num(wanted)) - np.interp(wanted_at_s, state.at_s, measured)
-    _line(panel, state.at_s, measured, style.BLUE, "measured", 1.6)
-    near = np.degrees(wanted) - 360.0 * np.round(apart / 360.0)
-    _line(panel, wanted_at_s, near, style.BLACK, "desired", 1.2, ":")
-    style.name(panel, "Heading", "heading (°)")
-    _legend(panel)
-
-
-def _error(panel: Axes, log: Log, dof: str, title: str, unit: str) -> None:
-    """Draw the error while engaged; the axis is that of holding, so that a step does not flatten it."""
-    shown: list[Array] = []
-    for span in log.spans:
-        if span.state != "ACTIVE":
-            continue
-        state = log.keys["state"].between(span.begin_s, span.end_s)
-        if state.at_s.size < 2:
-            continue
-        first = not shown
-        true = true_error(log, state, dof)
-        if true is not None:
-            label = "true, less its mean" if first else ""
-            _line(panel, state.at_s, true, style.BLACK, label, 2.2, alpha=0.35)
-        _line(panel, state.at_s, error(state, dof), style.BLUE, "measured" if first else "", 0.9)
-        shown += [error(state, dof)] if true is None else [error(state, dof), true]
-    style.zero(panel)
-    style.name(panel, title, unit)
-    if shown:
-        every = np.abs(np.concatenate(shown))
-        panel.set_ylim(*(np.array([-1.0, 1.0]) * LIMIT * max(float(np.nanpercentile(every, 99.5)), 1e-3)))
-        _legend(panel)
-
-
-def _thrust(panel: Axes, log: Log, dof: str, column: str, title: str, unit: str) -> None:
-    command, law = log.keys["command"], log.keys[f"dof/{dof}"]
-    _line(panel, command.at_s, command[column], style.BLUE, "", 0.9)
-    saturated = law["saturated"] * law["engaged"] > 0.0
-    for begin_s, end_s in _runs(law.at_s, saturated, 0.003 * log.duration_s):
-        panel.axvspan(begin_s, end_s, color=style.YELLOW, linewidth=0, zorder=-5)
-    style.zero(panel)
-    style.name(panel, title, unit)
     held = law["engaged"] > 0.0
-    share = float(saturated[held].mean()) if held.any() else 0.0
-    text = f"saturated ({share:.1%} of the held time)" if share else "never saturated"
-    handle = Patch(color=style.YELLOW) if share else Patch(visible=False)
-    _legend(panel, [handle], [text])
+    for column, colour, label in (("tau", style.BLUE, "demand"), ("d_hat", style.ORANGE, r"$\hat d$")):
+        force.plot(law.at_s, np.where(held, law[column], np.nan), color=colour, linewidth=0.9, label=label)
+    full = held & (law["saturated"] > 0.0)
+    if full.any():
+        label = f"saturated {full.sum() / held.sum():.1%}"
+        top = np.where(full, np.nanmax(np.abs(law["tau"][held])), np.nan)
+        force.plot(law.at_s, top, color=style.VERMILLION, linewidth=3.0, label=label)
+    style.zero(force)
+    style.name(force, "Moment" if dof == "psi" else "Force", f"{axis.name} ({axis.force_unit})")
+    _legend(force)
 
 
-def _disturbance(panel: Axes, log: Log) -> None:
-    law = log.keys["dof/z"]
-    if log.truth is not None:
-        # The paper's sign: a pull down is a negative d.
-        truth = log.truth
-        _line(panel, truth.at_s, -truth["heave_disturbance_n"], style.BLACK, "true $d$", 2.8, alpha=0.3)
-    held = law["engaged"] > 0.0
-    _line(panel, law.at_s, np.where(held, law["d_hat"], np.nan), style.BLUE, r"$\hat d$ compensated", 1.2)
-    observed = np.where(held, law["d_observer"], np.nan)
-    _line(panel, law.at_s, observed, style.GREEN, "$d$ of the observer", 0.9, "--")
-    style.zero(panel)
-    style.name(panel, "Heave disturbance", "force (N, + up)")
-    _legend(panel)
-
-
-def _loop(panel: Axes, log: Log, figures: DiveFigures) -> None:
+def _loop(panel: Axes, log: Log) -> None:
     loop = log.keys["loop"]
-    for column, scale, colour, label, dash in (
-        ("telemetry_delay_s", 1e3, style.GREEN, "telemetry delay", "--"),
-        ("command_delay_s", 1e3, style.VERMILLION, "command delay", "-."),
+    for column, scale, colour, label in (
+        ("lateness_ms", 1.0, style.BLUE, "lateness of the tick"),
+        ("telemetry_delay_s", 1e3, style.GREEN, "telemetry delay"),
+        ("command_delay_s", 1e3, style.VERMILLION, "command delay"),
     ):
-        _line(panel, loop.at_s, scale * loop[column], colour, label, 1.2, dash)
-    at_s, late = _peaks(loop.at_s, loop["lateness_ms"])
-    panel.plot(at_s, late, color=style.BLUE, linewidth=0.9, label="lateness, peaks")
-    top = max(
-        float(np.nanmax(1e3 * loop["command_delay_s"])),
-        float(np.nanmax(1e3 * loop["telemetry_delay_s"])),
-        3.0 * figures.loop.lateness_p99_ms,
-    )
-    panel.set_ylim(min(0.0, 1.2e3 * float(np.nanmin(loop["telemetry_delay_s"]))), 1.1 * top)
+        panel.plot(loop.at_s, scale * loop[column], color=colour, linewidth=1.0, label=label)
     style.name(panel, "Loop", "ms")
     _legend(panel)
 
 
-def _legend(panel: Axes, *handles_and_labels: list[Patch] | list[str]) -> None:
+def draw_map(panel: Axes, log: Log) -> None:
+    """Draw where the dive was, where it should have been, its paths, and the fence; north up."""
+    state = log.keys["state"]
+    gap = np.diff(state.at_s, append=state.at_s[-1]) > GAP_S
+    on = log.engaged(state.at_s)
+
+    def between_gaps(column: str, shown: np.ndarray) -> Array:
+        return np.where(shown & ~gap, state[column], np.nan)
+
+    for name, x_m, y_m in sorted({(plan.name, plan.x_m, plan.y_m) for plan in log.plans if plan.x_m}):
+        panel.plot(y_m, x_m, color=style.FAINT, linewidth=3.0, alpha=0.4, label=f"path {name}")
+    wanted = between_gaps("y_desired_m", on), between_gaps("x_desired_m", on)
+    panel.plot(*wanted, color=style.ORANGE, linewidth=1.4, linestyle="--", label="reference")
+    trail = between_gaps("y_m", ~gap), between_gaps("x_m", ~gap)
+    panel.plot(*trail, color=style.BLUE, linewidth=1.2, label="estimate")
+    known = np.flatnonzero(np.isfinite(state["x_m"] + state["y_m"]))
+    for row, marker, label in ((known[0], "o", "first"), (known[-1], "s", "last")):
+        panel.plot(state["y_m"][row], state["x_m"][row], marker, color=style.BLUE, label=label)
+    if log.plans and log.plans[-1].fenced:
+        (south, north), (west, east) = log.plans[-1].fence_north_m, log.plans[-1].fence_east_m
+        inside = panel.dataLim
+        if north - south <= FENCE_SEEN * inside.height and east - west <= FENCE_SEEN * inside.width:
+            fence = Rectangle((west, south), east - west, north - south, linestyle="--", label="fence")
+            fence.set(fill=False, edgecolor=style.VERMILLION)
+            panel.add_patch(fence)
+    panel.set_aspect("equal", adjustable="datalim")
+    panel.set_xlabel("east (m)", fontsize=style.SMALL)
+    style.name(panel, "From above", "north (m)")
+    _legend(panel)
+
+
+def _legend(panel: Axes, handles: Sequence[Artist] | None = None) -> None:
     """Put the legend beside the title, where no line can be."""
     panel.legend(
-        *handles_and_labels,
-        ncols=3,
+        handles=handles or panel.get_legend_handles_labels()[0],
+        ncols=8,
         frameon=False,
         fontsize=style.SMALL,
         loc="lower right",
         bbox_to_anchor=(1.0, 0.99),
         borderaxespad=0.0,
-        borderpad=0.2,
         columnspacing=1.2,
     )
-
-
-def _engaged(log: Log, state: Columns, name: str) -> tuple[Array, Array]:
-    """Return a column, NaN while nothing is held."""
-    on = np.zeros(state.at_s.size, bool)
-    for span in log.spans:
-        if span.state == "ACTIVE":
-            on |= (state.at_s >= span.begin_s) & (state.at_s < span.end_s)
-    return state.at_s, np.where(on, state[name], np.nan)
-
-
-def _line(
-    panel: Axes,
-    at_s: Array,
-    values: Array,
-    colour: str,
-    label: str,
-    width: float,
-    dash: str = "-",
-    alpha: float = 1.0,
-) -> None:
-    x, y = thinned(at_s, values)
-    panel.plot(x, y, color=colour, linewidth=width, linestyle=dash, alpha=alpha, label=label or "_nolegend_")
-
-
-def thinned(at_s: Array, values: Array) -> tuple[Array, Array]:
-    """Return at most about POINTS points that look the same: of each stretch its least and its greatest."""
-    if at_s.size <= 2 * POINTS:
-        return at_s, values
-    length = at_s.size // POINTS
-    count = at_s.size // length
-    x = at_s[: count * length].reshape(count, length)
-    y = values[: count * length].reshape(count, length)
-    low, high = np.nan_to_num(y, nan=np.inf).argmin(1), np.nan_to_num(y, nan=-np.inf).argmax(1)
-    pick = np.sort(np.column_stack((low, high)), axis=1)
-    rows = np.arange(count)[:, None]
-    return x[rows, pick].ravel(), y[rows, pick].ravel()
-
-
-def _peaks(at_s: Array, values: Array) -> tuple[Array, Array]:
-    """Return the greatest of each of some 300 stretches."""
-    length = max(1, at_s.size // 300)
-    count = at_s.size // length
-    cut = count * length
-    return at_s[:cut].reshape(count, length)[:, 0], values[:cut].reshape(count, length).max(1)
-
-
-def _runs(at_s: Array, on: np.ndarray, least_s: float) -> list[tuple[float, float]]:
-    edges = np.diff(np.concatenate(([0], on.astype(int), [0])))
-    begins, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
-    return [
-        (float(at_s[i]), max(float(at_s[j]), float(at_s[i]) + least_s))
-        for i, j in zip(begins, ends, strict=True)
-    ]
-
-
-def _unit(duration_s: float) -> tuple[float, str]:
-    return (60.0, "min") if duration_s > 600.0 else (1.0, "s")
-
-
-def _seconds(panel: Axes, unit: tuple[float, str]) -> None:
-    scale = unit[0]
-    panel.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value / scale:g}"))
-    if scale > 1.0:
-        limit = panel.get_xlim()[1]
-        step = next(s for s in (60, 120, 300, 600, 900, 1800, 3600, 7200, 1e9) if limit / s <= 12)
-        panel.set_xticks(np.arange(0.0, limit, step))
-    else:
-        panel.xaxis.set_major_locator(MaxNLocator(8))
-
-
-def _clock(duration_s: float) -> str:
-    return f"{duration_s:.0f} s" if duration_s < 120.0 else f"{duration_s / 60.0:.0f} min"

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from companion.records import AXES
-from holdfast.arguments import command_parser
+from holdfast.arguments import command_parser, removed_option
 from lab.options import add_settings
 from lab.rerun.rerun import Outcome, Tape, configured, load, rerun
 
@@ -35,6 +35,7 @@ def main(argv: list[str]) -> int:
         "--config", type=Path, metavar="FILE", help="use FILE instead of the recorded configuration"
     )
     add_settings(parser)
+    removed_option(parser, "--out", "the table says when and by how much the commands differ")
     options = parser.parse_args(argv)
     try:
         tape = load(options.files)

@@ -72,9 +72,7 @@ def load(files: Sequence[Path]) -> Tape:
     notes: list[str] = []
     for file in files:
         if file.suffix.lower() in FOREIGN:
-            raise RerunError(
-                f"{file}: is no recording of Holdfast; `holdfast identify --from` reads such logs"
-            )
+            raise RerunError(f"{file}: is no recording of Holdfast; `holdfast identify --from` reads it")
         reader = Reader(file)
         for item in reader:
             if item.key.startswith("holdfast/") and item.key.endswith("/raw"):

@@ -1,1 +1,0 @@
-"""What Foxglove and Lichtblick can draw, of a recording and of a vehicle that is live."""
