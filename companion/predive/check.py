@@ -83,21 +83,15 @@ class Finding(NamedTuple):
 Judge = Callable[[Observed, Config], Finding | None]
 
 
-class _Row(NamedTuple):
-    name: str
-    why: str
-    judge: Judge
-
-
-_ROWS: list[_Row] = []
-"""In the order of the list, which is that of this file."""
+_ROWS: list[tuple[str, str, Judge]] = []
+"""Name, why it matters, and judge of each row, in the order of the list, which is that of this file."""
 
 
 def _row(name: str, why: str) -> Callable[[Judge], Judge]:
     """Make a function a row of the list; it returns None for what was not tested."""
 
     def add(judge: Judge) -> Judge:
-        _ROWS.append(_Row(name, why, judge))
+        _ROWS.append((name, why, judge))
         return judge
 
     return add
@@ -105,8 +99,8 @@ def _row(name: str, why: str) -> Callable[[Judge], Judge]:
 
 def rows(seen: Observed, config: Config) -> list[CheckRow]:
     """Return the list, without the rows of what was not tested."""
-    found = ((row, row.judge(seen, config)) for row in _ROWS)
-    return [CheckRow(row.name, it.grade, it.found, row.why, it.fix) for row, it in found if it is not None]
+    found = ((name, why, judge(seen, config)) for name, why, judge in _ROWS)
+    return [CheckRow(name, it.grade, it.found, why, it.fix) for name, why, it in found if it is not None]
 
 
 WATCHED = frozenset({"pilot failsafe", "depth", "battery"})
@@ -167,11 +161,8 @@ def _steering_id(seen: Observed, config: Config) -> Finding:
     if value is None:
         return _not_reported("MAV_GCS_SYSID")
     if value != ours:
-        found, fix = (
-            f"it accepts {value:g}, Holdfast is {ours}",
-            f"link.system = {value:g}, or MAV_GCS_SYSID = {ours}",
-        )
-        return Finding(REFUSED, found, fix)
+        fix = f"link.system = {value:g}, or MAV_GCS_SYSID = {ours}"
+        return Finding(REFUSED, f"it accepts {value:g}, Holdfast is {ours}", fix)
     tried = seen.directions
     if tried is None or tried.refused:
         return Finding(GOOD, f"MAV_GCS_SYSID is {value:g}, as Holdfast's")
@@ -202,11 +193,9 @@ def _pilot_gain(seen: Observed, config: Config) -> Finding:
         return Finding(GOOD, "not used: RC_CHANNELS_OVERRIDE is not scaled")
     gain, throttle = seen.pilot_gain, seen.parameters.get("JS_THR_GAIN")
     if gain is None or throttle is None:
-        name = "PilotGain" if gain is None else "JS_THR_GAIN"
-        return _not_reported(name)
-    found = (
-        f"{gain:g}, throttle x {throttle:g}: full stick is {100.0 * min(1.0, gain * throttle):.0f} % thrust"
-    )
+        return _not_reported("PilotGain" if gain is None else "JS_THR_GAIN")
+    full = min(1.0, gain * throttle)
+    found = f"{gain:g}, throttle x {throttle:g}: full stick is {100.0 * full:.0f} % thrust"
     grade = GOOD if min(gain, gain * throttle) >= MIN_REACH else WARNING
     fix = 'raise the gain by joystick, or JS_GAIN_DEFAULT and reboot, or thrust_path = "rc_override"'
     return Finding(grade, found, fix)
@@ -283,8 +272,7 @@ def _pressure_parameters(seen: Observed) -> tuple[str, ...]:
 def _origin(seen: Observed, config: Config) -> Finding:
     if seen.origin_known:
         return Finding(GOOD, "set")
-    fix = "at the surface: holdfast check --set-origin LAT,LON"
-    return Finding(WARNING, "not set", fix)
+    return Finding(WARNING, "not set", "at the surface: holdfast check --set-origin LAT,LON")
 
 
 @_row("EKF", "attitude, heading and depth come from the autopilot's EKF, which settles after boot")
@@ -315,8 +303,7 @@ def _compass(seen: Observed, config: Config) -> Finding:
     aligned_s = min(state.ages.yaw_reset_s, state.t_s - seen.yaw_aligned_t_s)
     if aligned_s <= RESET_SETTLE_S:
         found = f"the EKF aligned its yaw less than {RESET_SETTLE_S:g} s ago: wait"
-        fix = "wait; calibrate the compass if this continues"
-        return Finding(REFUSED, found, fix)
+        return Finding(REFUSED, found, "wait; calibrate the compass if this continues")
     return Finding(GOOD, "yaw is steady")
 
 
@@ -350,8 +337,9 @@ def _leak(seen: Observed, config: Config) -> Finding:
     if action is None:
         return Finding(WARNING, "FS_LEAK_ENABLE was not reported", "reduce the load of the link")
     if action == 0.0:
-        fix = "FS_LEAK_ENABLE = 1 to warn, 2 to surface"
-        return Finding(WARNING, "not detected: FS_LEAK_ENABLE is 0", fix)
+        return Finding(
+            WARNING, "not detected: FS_LEAK_ENABLE is 0", "FS_LEAK_ENABLE = 1 to warn, 2 to surface"
+        )
     does = {1.0: "warns", 2.0: "surfaces"}.get(action, f"does {action:g}")
     return Finding(GOOD, f"no leak; the autopilot {does} if one is detected")
 
