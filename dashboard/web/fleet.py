@@ -4,13 +4,13 @@ import math
 from bisect import bisect_left
 from collections import deque
 from collections.abc import Iterable
-from typing import Any
+from typing import Any, TypeVar
 
 import msgspec
 from msgspec.structs import replace
 
 from companion.telemetry import schemas as telemetry
-from companion.telemetry.glossary import STATES, holder
+from companion.telemetry.glossary import holder
 from companion.telemetry.schemas import Choices, Dof, Event, Loop, Plan, Recorder, Schema, State, Supervisor
 from dashboard.losses import Losses
 from dashboard.rate import Rate
@@ -27,10 +27,12 @@ MODEL = tuple(name for name in Dof.__struct_fields__ if name.startswith("model_"
 """What a Dof tells of the vehicle as found: gain and lag, in use, found, and their doubts."""
 
 _RESTART_S = 1.0
-_SAME_EVENT_S = 0.5
 _TRUTHS = 64
 _TRUTH_APART_S = 0.5
 _FORGET_S = 60.0
+
+
+S = TypeVar("S", bound=Schema)
 
 
 class TrueDisturbance(msgspec.Struct, frozen=True):
@@ -78,24 +80,28 @@ class VehicleHistory:
         self._heard_s = -math.inf
         self._lag = Lag()
         self._lag_s = 0.0
-        self._state: State | None = None
-        self._supervisor: Supervisor | None = None
-        self._loop: Loop | None = None
+        self._latest: dict[type[Schema], Schema] = {}
         self._rate = Rate()
         self._model: dict[str, dict[str, float | None]] = {}
         self.plan: Plan | None = None
-        self._recorder: Recorder | None = None
         self._recorder_heard_s = -math.inf
-        self._tells_state = False
         self._truths: deque[TrueDisturbance] = deque(maxlen=_TRUTHS)
 
     def take(self, record: Schema, now_s: float, stamp_s: float | None) -> None:
         """Take a record that came at `now_s`, this machine's clock; `stamp_s` is when its sender sent it."""
         if isinstance(record, Recorder):
-            self._recorder, self._recorder_heard_s = record, now_s
+            self._latest[Recorder], self._recorder_heard_s = record, now_s
             return
         if isinstance(record, Event):
-            self._take_event(record)
+            self.events.append(
+                {
+                    "t_s": record.t_s,
+                    "severity": record.severity,
+                    "kind": record.kind,
+                    "text": record.text[:500],
+                }
+            )
+            self.event_count += 1
             return
         if isinstance(record, Plan):
             previous = self.plan
@@ -110,17 +116,12 @@ class VehicleHistory:
             self._flush()
             self._row_t_s = record.t_s
         fill(self._row, record)
-        if isinstance(record, State):
-            self._state = record
-        elif isinstance(record, Dof):
+        self._latest[type(record)] = record
+        if isinstance(record, Dof):
             self._model[record.dof] = {
                 name: None if name in record.absent else getattr(record, name) for name in MODEL
             }
-        elif isinstance(record, Supervisor):
-            self._derive(record)
-            self._supervisor = record
         elif isinstance(record, Loop):  # the last of a tick
-            self._loop = record
             self._rate.add(record.t_s, record.tick)
             self._true(record.boot_s)
             self._flush()
@@ -147,21 +148,26 @@ class VehicleHistory:
         """Return the vehicle as it stands in a list of several."""
         return {"name": self.name, "state": self.state, "age_s": _finite(self.age_s(now_s))}
 
+    def get(self, kind: type[S]) -> S | None:
+        """Return the newest record of a kind."""
+        record = self._latest.get(kind)
+        return record if isinstance(record, kind) else None
+
     @property
     def state(self) -> str:
         """The supervisor's; empty before the first."""
-        return self._supervisor.state if self._supervisor else ""
+        supervisor = self.get(Supervisor)
+        return supervisor.state if supervisor else ""
 
     @property
     def armed(self) -> bool | None:
         """Whether the motors may turn; None where the vehicle did not say so lately."""
-        state = self._state
+        state = self.get(State)
         return state.armed if state and "armed" not in state.absent else None
 
     def status(self, now_s: float) -> dict[str, Any]:
         """Return what there is to say beside the rows."""
-        state, supervisor, loop = self._state, self._supervisor, self._loop
-        recorder = self._recorder if now_s - self._recorder_heard_s < RECORDER_SILENT_S else None
+        state, loop = self.get(State), self.get(Loop)
         mode = state.mode if state and "mode" not in state.absent else None
         guidance = state.guidance if state else ""
         return {
@@ -181,35 +187,16 @@ class VehicleHistory:
             "path_left_m": _left(state, "path_left_m"),
             "path_left_s": _left(state, "path_left_s"),
             "model": self._model,
-            "supervisor": supervisor,
+            "supervisor": self.get(Supervisor),
             "loop": loop,
             "rate_hz": self._rate.per_s if loop else None,
-            "recorder": recorder,
+            "recorder": self.get(Recorder) if now_s - self._recorder_heard_s < RECORDER_SILENT_S else None,
         }
 
     def events_from(self, number: int) -> list[dict[str, Any]]:
         """Return the events from the one numbered `number` on that are still kept."""
         count = min(self.event_count - number, len(self.events))
         return list(self.events)[len(self.events) - count :] if count > 0 else []
-
-    def _take_event(self, event: Event) -> None:
-        if event.kind == "state" and not self._tells_state:
-            self._tells_state = True
-            if self.events and self.events[-1]["t_s"] > event.t_s - _SAME_EVENT_S:
-                self.events.pop()
-                self.event_count -= 1
-        self._note(event.t_s, event.severity, event.kind, event.text)
-
-    def _derive(self, now: Supervisor) -> None:
-        """Note a change of state ourselves, for a companion that does not tell."""
-        previous = self._supervisor
-        if previous is not None and previous.state != now.state and not self._tells_state:
-            text = f"{previous.state} to {now.state}: {now.reason}"
-            self._note(now.t_s, STATES[now.state].severity if now.state in STATES else "info", "state", text)
-
-    def _note(self, t_s: float, severity: str, kind: str, text: str) -> None:
-        self.events.append({"t_s": t_s, "severity": severity, "kind": kind, "text": text[:500]})
-        self.event_count += 1
 
     def _true(self, boot_s: float) -> None:
         if self._truths:

@@ -8,9 +8,8 @@ import msgspec
 import numpy as np
 import pytest
 from builders import plan
-from msgspec.structs import replace
 
-from companion.records import ControlSample, State, Verdict
+from companion.records import ControlSample
 from companion.telemetry import samples
 from companion.telemetry import schemas as telemetry
 from dashboard.rate import Rate
@@ -120,18 +119,16 @@ def test_a_lag_forgets_the_clocks_of_before() -> None:
     assert lag.add(90.0, 101.0) == 0.0
 
 
-def test_a_change_of_state_is_an_event_unless_the_companion_tells(make_sample: MakeSample) -> None:
+def test_events_are_kept_and_numbered(make_sample: MakeSample) -> None:
     seen = Fleet()
-    for t_s, state in ((1.0, State.READY), (2.0, State.ACTIVE), (3.0, State.ACTIVE), (4.0, State.FAULT)):
-        seen.take(_messages(_in_state(make_sample(t_s=t_s), state)), now_s=t_s)
+    seen.take(_messages(make_sample()), now_s=4.0)
+    for text in ("first", "second"):
+        event = telemetry.Event(t_s=4.0, boot_s=0.0, severity="fault", kind="state", text=text)
+        seen.take([Stamped("holdfast/kelp/event", msgspec.json.encode(event), None)], now_s=4.1)
     vehicle = seen.vehicles["kelp"]
-    reported = vehicle.events_from(0)
-    assert [(event["t_s"], event["severity"]) for event in reported] == [(2.0, "info"), (4.0, "fault")]
-    assert reported[1]["text"] == "ACTIVE to FAULT: because"
-    event = telemetry.Event(t_s=4.0, boot_s=0.0, severity="fault", kind="state", text="told")
-    seen.take([Stamped("holdfast/kelp/event", msgspec.json.encode(event), None)], now_s=4.1)
-    seen.take(_messages(_in_state(make_sample(t_s=5.0), State.IDLE)), now_s=5.0)
-    assert [event["text"] for event in vehicle.events_from(1)] == ["told"]
+    assert [event["text"] for event in vehicle.events_from(0)] == ["first", "second"]
+    assert vehicle.events_from(1) == [{"t_s": 4.0, "severity": "fault", "kind": "state", "text": "second"}]
+    assert vehicle.event_count == 2
 
 
 def test_the_rate_is_that_of_the_last_seconds() -> None:
@@ -223,10 +220,6 @@ _PREFIXES = ("", "x.", "y.", "z.", "psi.", "", "", "")
 
 def _messages(sample: ControlSample, vehicle: str = "kelp", stamp_s: float | None = None) -> list[Stamped]:
     return [Stamped(key, payload, stamp_s) for key, _, payload in samples.encode(sample, vehicle)]
-
-
-def _in_state(sample: ControlSample, state: State) -> ControlSample:
-    return replace(sample, verdict=Verdict(state, sample.verdict.conditions, 0.0, "because"))
 
 
 def _unpack(
