@@ -5,6 +5,7 @@ import math
 import sys
 import time
 from collections.abc import Sequence
+from typing import Literal
 
 import msgspec
 from rich import box
@@ -18,7 +19,7 @@ from companion.telemetry import schemas as telemetry
 from companion.telemetry.conditions import UNSAID, named
 from companion.telemetry.glossary import LINK_LOST, PAST, TO_DO, holder, silence, title
 from companion.telemetry.modes import MODE_NAMES
-from companion.telemetry.schemas import Command, Dof, Event, Loop, State, Supervisor
+from companion.telemetry.schemas import Dof, Event, Loop, State, Supervisor
 from companion.telemetry.status_line import delay_text
 from dashboard.arguments import add_connect
 from dashboard.terminal.feed import STALE_S, Feed, Feeds
@@ -53,9 +54,6 @@ _STYLES = {
 }
 _DOFS = {"x": "north", "y": "east", "z": "depth", "psi": "heading"}
 _AGES = {"x": "position_age_s", "y": "position_age_s", "z": "depth_age_s", "psi": "attitude_age_s"}
-_AXES = {"surge": "N", "sway": "N", "heave": "N", "yaw": "N·m"}
-_ROUNDED = {"N": 0.5, "N·m": 0.1}
-"""A frame carries whole microseconds: so much less or more than was asked is no saturation."""
 _DASH = "–"
 
 # --- The picture ------------------------------------------------------------------------------------------
@@ -73,7 +71,7 @@ def picture(feeds: Sequence[Feed], nobody: str) -> RenderableType:
         return Panel(body, title=heading, title_align="left", box=box.ROUNDED, width=_WIDTH)
     (feed,) = feeds
     loop = feed.get(Loop, "loop")
-    parts = [_banner(feed), Text(), _degrees_of_freedom(feed), Text(), _thrust(feed), Text()]
+    parts = [_banner(feed), Text(), _degrees_of_freedom(feed), Text()]
     if loop is not None:
         parts.append(_health(loop, feed.rate_hz))
     parts += [_event(event, feed.now_s) for event in feed.events]
@@ -191,24 +189,6 @@ def _degrees_of_freedom(feed: Feed) -> Table:
     return table
 
 
-def _thrust(feed: Feed) -> Table:
-    table = _table("", "demand", "asked", "given", "")
-    command = feed.get(Command, "command")
-    for axis, unit in _AXES.items() if command else ():
-        suffix = "nm" if unit == "N·m" else "n"
-        asked = getattr(command, f"{axis}_requested_{suffix}")
-        given = getattr(command, f"{axis}_delivered_{suffix}")
-        limited = abs(asked - given) > _ROUNDED[unit] + 0.02 * abs(asked)
-        table.add_row(
-            axis,
-            f"{100 * getattr(command, axis):+.0f} %",
-            f"{asked:+.1f} {unit}",
-            f"{given:+.1f} {unit}",
-            Text("SATURATED", "bold yellow") if limited else "",
-        )
-    return table
-
-
 def _health(loop: Loop, rate_hz: float) -> Table:
     grid = Table.grid(padding=(0, 2))
     grid.add_column(style="dim", no_wrap=True)
@@ -225,32 +205,15 @@ def _health(loop: Loop, rate_hz: float) -> Table:
         f"{rate_hz or loop.rate_hz:.1f} Hz   {loop.lateness_ms:.2f} ms late   "
         f"{loop.compute_us:.0f} µs a tick   {loop.late_ticks} late ticks   {loop.samples_dropped} dropped",
     )
-    flood = f"   {loop.left_out_bytes} bytes of a flood left out" if loop.left_out_bytes else ""
-    grid.add_row(
-        "mavlink",
-        f"{loop.messages} messages   {loop.garbage} garbage   {loop.foreign} foreign   "
-        f"{loop.implausible} implausible{flood}",
-    )
     return grid
 
 
 def _table(*headings: str) -> Table:
     table = Table(box=None, padding=(0, 1, 0, 0), header_style="dim", pad_edge=False)
     for heading in headings:
-        number = heading in (
-            "is",
-            "should be",
-            "error",
-            "learnt",
-            "demand",
-            "asked",
-            "given",
-            "depth",
-            "heading",
-        )
-        table.add_column(
-            heading, justify="right" if number else "left", min_width=9 if number else 7, no_wrap=True
-        )
+        right = heading in ("is", "should be", "error", "learnt", "depth", "heading")
+        justify: Literal["left", "right"] = "right" if right else "left"
+        table.add_column(heading, justify=justify, min_width=9 if right else 7, no_wrap=True)
     return table
 
 

@@ -80,7 +80,7 @@ class VehicleHistory:
         self._heard_s = -math.inf
         self._lag = Lag()
         self._lag_s = 0.0
-        self._latest: dict[type[Schema], Schema] = {}
+        self._latest: dict[type[object], Schema] = {}
         self._rate = Rate()
         self._model: dict[str, dict[str, float | None]] = {}
         self.plan: Plan | None = None

@@ -9,7 +9,7 @@ import pytest
 from msgspec.structs import replace
 from rich.console import Console
 
-from companion.records import Ages, Condition, ControlSample, State, Wrench, vector
+from companion.records import Ages, Condition, ControlSample, State, vector
 from companion.telemetry import samples
 from companion.telemetry import schemas as telemetry
 from companion.telemetry.glossary import STATES, holder
@@ -28,7 +28,6 @@ def test_a_sample_is_on_the_screen_and_nothing_is_cut_off(make_sample: MakeSampl
     assert max(map(len, lines)) == 80
     for words in (
         "learnt",
-        "given",
         "SATURATED",
         "holdfast kelp",
         "ACTIVE",
@@ -76,30 +75,6 @@ def test_what_is_stale_is_reported_with_its_age(make_sample: MakeSample) -> None
     assert "never came" in _rows(screen, "north")[0]
     assert "armed or not: unknown in mode unknown" in screen
     assert max(map(len, screen.splitlines())) <= 80
-
-
-def test_thrust_that_was_not_delivered_is_marked(make_sample: MakeSample) -> None:
-    screen = _screen(_feed(make_sample()))
-    (heave,) = _rows(screen, "heave")
-    assert "+40.0 N" in heave
-    assert "+30.0 N" in heave
-    assert "SATURATED" in heave
-    (surge,) = _rows(screen, "surge")
-    assert "SATURATED" not in surge
-
-
-def test_what_a_frame_rounds_away_is_no_saturation(make_sample: MakeSample) -> None:
-    forces = {"requested": Wrench((0.0, 0.0, 5.4, 0.05)), "delivered": Wrench((0.0, 0.0, 5.2, 0.0))}
-    screen = _screen(_feed(replace(make_sample(), **forces)))
-    assert "+5.2 N" in _rows(screen, "heave")[0]
-    assert not [row for axis in ("heave", "yaw") for row in _rows(screen, axis) if "SATURATED" in row]
-
-
-def test_a_flood_is_shown_where_there_was_one(make_sample: MakeSample) -> None:
-    sample = make_sample()
-    assert "flood" not in _screen(_feed(sample))
-    sample = replace(sample, loop=replace(sample.loop, left_out_bytes=4711))
-    assert "4711 bytes of" in _screen(_feed(sample))
 
 
 def test_what_never_came_is_no_zero(make_sample: MakeSample) -> None:
@@ -246,7 +221,6 @@ def test_nothing_that_is_published_reaches_the_terminal_as_a_control_character(
 def test_a_wild_sample_is_drawn_too(make_sample: MakeSample) -> None:
     nowhere = vector([math.nan] * 4)
     sample = make_sample(eta=nowhere, boot_s=math.nan, roll=math.inf, mode=77)
-    sample = replace(sample, requested=Wrench(nowhere), delivered=Wrench(nowhere))
     assert "mode 77" in _screen(_feed(sample))
 
 
