@@ -19,7 +19,6 @@ from holdfast.arguments import command_parser
 from lab.demo.dives import (
     NAMES,
     PARTS,
-    DemoDive,
     DemoFigures,
     Tell,
     dive_alt_hold,
@@ -28,6 +27,7 @@ from lab.demo.dives import (
     worth,
 )
 from lab.demo.story import Story
+from lab.loop.dive import Dive
 from lab.loop.firmware import FirmwareError
 from lab.options import add_firmware, add_out, find_firmware, json_file
 from lab.study import ruled
@@ -94,7 +94,7 @@ def perform(story: Story, png: Path, json: Path, firmware: Path | None = None) -
     return 0
 
 
-def _dive_all(story: Story, firmware: Path | None, console: Console) -> dict[str, DemoDive]:
+def _dive_all(story: Story, firmware: Path | None, console: Console) -> dict[str, Dive]:
     """Dive, with a line of progress for each dive; return the dives in the order of the table."""
     columns = TextColumn("{task.description}"), BarColumn(), TextColumn("{task.completed:.0f} s")
     with Progress(*columns, TimeElapsedColumn(), console=console) as progress:
@@ -113,7 +113,7 @@ def table(results: Mapping[str, DemoFigures], story: Story, *, about_mean: bool)
     about = ", of the depth about their mean" if about_mean else ""
     title = f"Errors, RMS, {story.waves_s:g} to {story.end_s:g} s after arming{about}"
     headings = ["", "", *(NAMES[name] for name in results)]
-    shown = ruled(title, *headings, left=2, caption="Errors and thrust are the simulator's truth.")
+    shown = ruled(title, *headings, left=2, caption="Errors are the simulator's truth.")
     every = results.values()
     for phase in story.phases:
         shown.add_row(f"depth, {phase}", "mm", *(f"{result.phase_rms_mm[phase]:.1f}" for result in every))

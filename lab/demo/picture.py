@@ -6,9 +6,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from companion.records import Array, Z
 from lab import style
-from lab.demo.dives import NAMES, PARTS, Array, DemoDive, DemoFigures
+from lab.demo.dives import NAMES, PARTS, DemoFigures
 from lab.demo.story import Story
+from lab.loop.dive import Dive
 from lab.style import SMALL
 
 LINES: dict[str, tuple[str, tuple[float, ...]]] = {
@@ -22,7 +24,7 @@ SIZE_IN, DPI = (12.8, 7.6), 150
 
 
 def draw(
-    dives: Mapping[str, DemoDive],
+    dives: Mapping[str, Dive],
     results: Mapping[str, DemoFigures],
     story: Story,
     said: Sequence[str],
@@ -55,11 +57,11 @@ def draw(
     return figure
 
 
-def _depth(panel: Axes, dives: Mapping[str, DemoDive]) -> None:
+def _depth(panel: Axes, dives: Mapping[str, Dive]) -> None:
     for name in ("alt_hold", "holdfast"):
-        _line(panel, name, dives[name].t_s, dives[name].depth_m)
+        _line(panel, name, dives[name].t_s, dives[name].truth[:, Z])
     wanted = dives["holdfast"]
-    panel.plot(wanted.t_s, wanted.depth_desired_m, ":", color=style.BLACK, linewidth=1.2, label="reference")
+    panel.plot(wanted.t_s, wanted.reference[:, Z], ":", color=style.BLACK, linewidth=1.2, label="reference")
     panel.invert_yaxis()
     style.name(panel, "Depth", "depth (m)", pad=18.0)
     panel.legend(frameon=False, loc="lower left", fontsize=SMALL)
@@ -82,10 +84,10 @@ def _bars(panel: Axes, results: Mapping[str, DemoFigures], story: Story) -> None
     panel.legend(frameon=False, loc="upper right", fontsize=SMALL, ncols=4, columnspacing=1.0)
 
 
-def _error(panel: Axes, dives: Mapping[str, DemoDive], story: Story) -> None:
+def _error(panel: Axes, dives: Mapping[str, Dive], story: Story) -> None:
     """Draw the errors of Holdfast and of its parts; ALT_HOLD's would leave the panel."""
     for name in PARTS:
-        _line(panel, name, dives[name].t_s, dives[name].depth_error_mm)
+        _line(panel, name, dives[name].t_s, 1e3 * dives[name].depth_error_m)
     style.zero(panel)
     style.name(panel, "Depth error, without ALT_HOLD", "true depth minus reference (mm)", pad=18.0)
     panel.set_xlabel("time since arming (s)", fontsize=SMALL)

@@ -11,10 +11,12 @@ from msgspec.structs import replace
 from rich.console import Console
 
 import holdfast
+from companion.records import Array, Z
 from lab.demo import demo
-from lab.demo.dives import NAMES, DemoDive, dive_alt_hold, dive_holdfast, figures, worth
+from lab.demo.dives import NAMES, dive_alt_hold, dive_holdfast, figures, worth
 from lab.demo.picture import draw
 from lab.demo.story import Story
+from lab.loop.dive import Dive
 
 ERROR_M, WAVE_RADPS = 0.010, 2 * math.pi
 PHASES = {"waves": (10.0, 16.0), "load": (16.0, 18.0)}
@@ -37,48 +39,57 @@ SHORT = Short()
 
 
 @pytest.fixture
-def dive() -> DemoDive:
-    """10 mm sine of depth error, 2° of heading error, 7 N of thrust up, a command that alternates by 6 N."""
+def dive() -> Dive:
+    """10 mm sine of depth error, 2° of heading error across the wrap, a command that alternates by 6 N."""
     t_s = np.arange(0.0, 20.0, 0.02)
-    asked_m = np.minimum(5.0, 0.5 * t_s)
-    return DemoDive(
+    count = len(t_s)
+    zero, nothing = np.zeros(count), np.zeros(count, dtype=bool)
+    asked_m, heading_rad = np.minimum(5.0, 0.5 * t_s), np.full(count, math.pi - math.radians(1.0))
+    depth_m = asked_m + ERROR_M * np.sin(WAVE_RADPS * t_s)
+    return Dive(
         t_s=t_s,
-        depth_m=asked_m + ERROR_M * np.sin(WAVE_RADPS * t_s),
-        depth_desired_m=asked_m,
-        heading_error_rad=np.full_like(t_s, math.radians(2.0)),
-        thrust_n=np.full_like(t_s, -7.0),
-        command_n=np.where(np.arange(len(t_s)) % 2, -3.0, 3.0),
+        reference=np.column_stack([zero, zero, asked_m, heading_rad]),
+        truth=np.column_stack([zero, zero, depth_m, math.radians(2.0) + heading_rad - 2.0 * math.pi]),
+        tilt=zero,
+        believed=np.zeros((count, 2)),
+        force=np.column_stack([zero, zero, np.where(np.arange(count) % 2, -3.0, 3.0)]),
+        saturated=nothing,
+        active=~nothing,
+        load_on=nothing,
     )
 
 
-def test_figures_are_those_of_the_dive(dive: DemoDive) -> None:
+def _deeper(dive: Dive, by_m: Array) -> Dive:
+    return dataclasses.replace(dive, truth=dive.truth + np.outer(by_m, np.arange(4) == Z))
+
+
+def test_figures_are_those_of_the_dive(dive: Dive) -> None:
     result = figures(dive, PHASES)
     rms_mm = 1e3 * ERROR_M / math.sqrt(2)
     assert result.phase_rms_mm == pytest.approx({"waves": rms_mm, "load": rms_mm}, rel=0.01)
     assert result.depth_rms_mm == pytest.approx(rms_mm, rel=0.01)
     assert result.depth_peak_mm == pytest.approx(1e3 * ERROR_M, rel=0.01)
     assert result.heading_rms_deg == pytest.approx(2.0)
-    assert result.thrust_rms_n == pytest.approx(7.0)
+    assert result.thrust_rms_n == pytest.approx(3.0)
     assert result.chatter_n == pytest.approx(6.0)
 
 
-def test_a_phase_counts_alone(dive: DemoDive) -> None:
+def test_a_phase_counts_alone(dive: Dive) -> None:
     worse_m = np.where((dive.t_s >= 16.0) & (dive.t_s < 18.0), 0.1, 0.0)
-    result = figures(dataclasses.replace(dive, depth_m=dive.depth_desired_m + worse_m), PHASES)
+    result = figures(_deeper(dive, worse_m - dive.depth_error_m), PHASES)
     assert result.phase_rms_mm == pytest.approx({"waves": 0.0, "load": 100.0})
     assert result.depth_rms_mm == pytest.approx(100.0 * math.sqrt(0.25), rel=0.01)
 
 
-def test_a_shifted_zero_is_in_the_rms_and_not_about_the_mean(dive: DemoDive) -> None:
-    shifted = dataclasses.replace(dive, depth_m=dive.depth_m + 0.03)
-    assert figures(shifted, PHASES).depth_rms_mm > 30.0
-    assert figures(shifted, PHASES).phase_rms_mm["waves"] > 30.0
-    about_mean = figures(shifted, PHASES, about_mean=True)
-    assert about_mean.depth_rms_mm == pytest.approx(1e3 * ERROR_M / math.sqrt(2), rel=0.01)
-    assert about_mean.phase_rms_mm["waves"] == pytest.approx(1e3 * ERROR_M / math.sqrt(2), rel=0.01)
+def test_a_shifted_zero_is_in_the_rms_and_not_about_the_mean(dive: Dive) -> None:
+    shifted = _deeper(dive, np.full_like(dive.t_s, 0.03))
+    plain, about_mean = (figures(shifted, PHASES, about_mean=about) for about in (False, True))
+    assert min(plain.depth_rms_mm, plain.phase_rms_mm["waves"]) > 30.0
+    for about_mm in (about_mean.depth_rms_mm, about_mean.phase_rms_mm["waves"]):
+        assert about_mm == pytest.approx(1e3 * ERROR_M / math.sqrt(2), rel=0.01)
 
 
-def test_what_a_part_is_worth_comes_from_the_figures(dive: DemoDive) -> None:
+def test_what_a_part_is_worth_comes_from_the_figures(dive: Dive) -> None:
     without = replace(figures(dive, PHASES), phase_rms_mm={"a": 10.0, "b": 10.0, "c": 10.0, "d": 10.0})
     with_it = replace(without, phase_rms_mm={"a": 8.0, "b": 9.6, "c": 10.4, "d": 12.0})
     assert worth("The network", without, with_it) == (
@@ -108,10 +119,10 @@ def test_all_dives_meet_the_same_water_and_load() -> None:
         assert all(0.0 < rms_mm < 300.0 for rms_mm in result.phase_rms_mm.values())
         assert result.heading_rms_deg < 5.0
     assert ticks == list(law.t_s)
-    assert max(law.depth_desired_m) == pytest.approx(SHORT.depth_m + SHORT.step_m, abs=0.25)
+    assert law.reference[:, Z].max() == pytest.approx(SHORT.depth_m + SHORT.step_m, abs=0.25)
     # ALT_HOLD is sent the path that Holdfast made of the steps: the same at the same time since arming.
-    asked_m = np.interp(law.t_s, alt_hold.t_s, alt_hold.depth_desired_m)
-    assert np.abs(asked_m - law.depth_desired_m).max() < 0.05
+    asked_m = np.interp(law.t_s, alt_hold.t_s, alt_hold.reference[:, Z])
+    assert np.abs(asked_m - law.reference[:, Z]).max() < 0.05
 
 
 def test_a_vehicle_that_is_let_go_ends_the_demo_with_the_reason() -> None:
@@ -120,7 +131,7 @@ def test_a_vehicle_that_is_let_go_ends_the_demo_with_the_reason() -> None:
         dive_holdfast(storm, "", None, lambda _: None)
 
 
-def test_the_picture_shows_everything_with_units(dive: DemoDive) -> None:
+def test_the_picture_shows_everything_with_units(dive: Dive) -> None:
     story = Story(waves_s=2.0, path_s=5.0, load_on_s=12.0, load_off_s=15.0, end_s=18.0)
     result = figures(dive, story.phases)
     results = {name: replace(result, depth_rms_mm=1.23 + i) for i, name in enumerate(NAMES)}
@@ -142,7 +153,7 @@ def test_the_picture_shows_everything_with_units(dive: DemoDive) -> None:
     assert len(bars.containers) == len(NAMES)
 
 
-def test_the_table_sets_them_side_by_side(dive: DemoDive) -> None:
+def test_the_table_sets_them_side_by_side(dive: Dive) -> None:
     story = Story(waves_s=2.0, path_s=5.0, load_on_s=12.0, load_off_s=15.0, end_s=18.0)
     result = figures(dive, story.phases)
     results = {"alt_hold": replace(result, phase_rms_mm=dict.fromkeys(story.phases, 112.34))}
@@ -176,8 +187,3 @@ def test_a_short_demo_leaves_table_picture_and_figures(
     said = capsys.readouterr().out
     assert "depth, load hung on" in said
     assert all(sentence in " ".join(said.split()) for sentence in content["worth"])
-
-
-def test_the_place_that_went_says_what_to_use(capsys: pytest.CaptureFixture[str]) -> None:
-    assert holdfast.main(["demo", "--dvl"]) == 2
-    assert "`holdfast bench position`" in capsys.readouterr().err

@@ -93,7 +93,10 @@ def test_another_machine_is_refused() -> None:
     assert holdfast.main(["bench", "soak", "--scheduler", "tcp://127.0.0.1:1"]) == 2
 
 
-@pytest.mark.parametrize("command", ["bench process", "bench zenoh", "bench fleet", "bench dashboard"])
-def test_a_bench_that_went_says_what_to_use(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+GONE = ("bench process", "bench zenoh", "bench fleet", "bench dashboard", "demo --dvl")
+
+
+@pytest.mark.parametrize("command", GONE)
+def test_what_went_says_what_to_use(command: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert holdfast.main([*command.split(), "--seconds", "3"]) == 2
     assert f"holdfast {command} was removed" in capsys.readouterr().err
