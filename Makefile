@@ -53,7 +53,7 @@ check: $(STAMP)  ## style, types, which package imports which, and the size of e
 coverage: $(STAMP)  ## which branches of companion/ the tests in virtual time take; a floor stands in pyproject.toml
 	$(BIN)/pytest -n auto --dist worksteal $(REAL_CLOCKS:%=--ignore %) --cov
 
-clients: $(CLIENTS)/.installed  ## other people's ground stations, which tests/live connects to the simulator
+clients: $(CLIENTS)/.installed  ## MAVProxy, which tests/live connects to the simulator
 
 docs: $(DOCS)  ## the documents as a site, build/site/index.html; a broken link is an error
 	$(BIN)/sphinx-build -nW --keep-going -q docs build/site
@@ -76,7 +76,7 @@ lock:  ## refresh what is missing in the locks, of all platforms, with hashes (n
 	printf '%s\n' 'hatchling>=1.27' 'editables>=0.5' | \
 	    $(COMPILE) pyproject.toml - --extra demo -c requirements/dev.lock -o requirements/demo.lock
 	$(COMPILE) pyproject.toml --extra docs --extra parquet -c requirements/dev.lock -o requirements/docs.lock
-	printf '%s\n' mavproxy mavsdk pyserial | $(COMPILE) --no-deps - -o requirements/clients.lock
+	printf '%s\n' mavproxy pyserial | $(COMPILE) --no-deps - -o requirements/clients.lock
 
 clean:  ## remove .venv, caches and out/
 	rm -rf .venv out build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache .coverage

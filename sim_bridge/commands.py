@@ -3,7 +3,7 @@
 import argparse
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from holdfast.arguments import command_parser
 
@@ -41,36 +41,15 @@ the vehicle keeps its position.
 
 def sim(argv: list[str]) -> int:
     """Simulate an ArduSub vehicle that speaks MAVLink."""
-    parser = command_parser(
-        "sim",
-        "Simulate an ArduSub vehicle in the water: MAVLink over UDP and TCP, in real time.",
-        EXAMPLES,
-    )
+    about = "Simulate an ArduSub vehicle in the water: MAVLink over UDP and TCP, in real time."
+    parser = command_parser("sim", about, EXAMPLES)
     add = parser.add_argument
-    add(
-        "--udp-connect",
-        metavar="HOST:PORT",
-        type=_endpoint,
-        action="append",
-        default=[],
-        help="send to this address",
-    )
-    add(
-        "--udp-listen",
-        metavar="HOST:PORT",
-        type=_endpoint,
-        action="append",
-        default=[],
-        help="listen, and answer any sender",
-    )
-    add(
-        "--tcp",
-        metavar="HOST:PORT",
-        type=_endpoint,
-        action="append",
-        default=[],
-        help="listen for TCP clients",
-    )
+    endpoint: dict[str, Any] = {"metavar": "HOST:PORT", "type": _endpoint}
+    several: dict[str, Any] = {"action": "append", "default": []}
+    fault: dict[str, Any] = {"metavar": "KIND[,KEY=VALUE...]", "type": _fault}
+    add("--udp-connect", **endpoint, **several, help="send to this address")
+    add("--udp-listen", **endpoint, **several, help="listen, and answer any sender")
+    add("--tcp", **endpoint, **several, help="listen for TCP clients")
     add(
         "--vehicle",
         "--config",
@@ -80,65 +59,30 @@ def sim(argv: list[str]) -> int:
         default=DEFAULT_CONFIG,
         help="a vehicle or a dive of --list, such as bluerov2, or a file (default: heavy)",
     )
-    add(
-        "--set",
-        metavar="KEY=VALUE",
-        action="append",
-        default=[],
-        help="override a key of the configuration; VALUE is TOML",
-    )
+    add("--set", metavar="KEY=VALUE", **several, help="override a key of the configuration; VALUE is TOML")
     add(
         "--fault",
-        metavar="KIND[,KEY=VALUE...]",
-        type=_fault,
-        action="append",
-        default=[],
+        **fault,
+        **several,
         help="add a fault to those of the configuration; --list names the kinds",
     )
-    add(
-        "--live-faults",
-        action="store_true",
-        help="take faults over Zenoh while it runs, from everybody at the endpoint",
-    )
-    add(
-        "--inject",
-        metavar="KIND[,KEY=VALUE...]",
-        type=_fault,
-        help="send a fault to a running simulator with --live-faults, and end",
-    )
+    said = "take faults over Zenoh while it runs, from everybody at the endpoint"
+    add("--live-faults", action="store_true", help=said)
+    add("--inject", **fault, help="send a fault to a running simulator with --live-faults, and end")
     add("--list", action="store_true", help="list vehicles, dives and kinds of faults, and end")
-    add(
-        "--seed",
-        metavar="N",
-        type=_seed,
-        default=1,
-        help="random seed of sea and noise (default: %(default)s)",
-    )
-    add(
-        "--speed",
-        metavar="X",
-        type=_speed,
-        default=1.0,
-        help="speed relative to real time (default: %(default)s)",
-    )
-    add(
-        "--zenoh",
-        metavar="ENDPOINT",
-        default="tcp/127.0.0.1:7447",
-        help="Zenoh router or peer (default: %(default)s)",
-    )
+    said = "random seed of sea and noise (default: %(default)s)"
+    add("--seed", metavar="N", type=_seed, default=1, help=said)
+    said = "speed relative to real time (default: %(default)s)"
+    add("--speed", metavar="X", type=_speed, default=1.0, help=said)
+    said = "Zenoh router or peer (default: %(default)s)"
+    add("--zenoh", metavar="ENDPOINT", default="tcp/127.0.0.1:7447", help=said)
     add("--no-zenoh", action="store_true", help="do not publish the true state")
-    add(
-        "--name",
-        metavar="NAME",
-        default="bluerov2",
-        help="name in the Zenoh key, as `holdfast run --name` (default: %(default)s)",
-    )
+    said = "name in the Zenoh key, as `holdfast run --name` (default: %(default)s)"
+    add("--name", metavar="NAME", default="bluerov2", help=said)
     add(
         "--physics-only",
-        metavar="HOST:PORT",
+        **endpoint,
         nargs="?",
-        type=_endpoint,
         const=("127.0.0.1", 9002),
         help="serve as external physics for the real ArduSub (JSON backend) at this address "
         "(default: 127.0.0.1:9002, for instance 0)",

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 
-from sim_bridge.firmware.modes import MODES
+from sim_bridge.firmware.modes import NAMES
 from sim_bridge.vehicle import Truth
 
 MAX_WIDTH = 200
@@ -12,7 +12,7 @@ MAX_WIDTH = 200
 def status_line(truth: Truth, current_a: float, faults: Sequence[str], clients: int) -> str:
     """Return true depth and heading, mode, battery, faults that hold and number of clients, in one line."""
     eta = truth.eta
-    mode = MODES[truth.mode].name if truth.mode in MODES else "?"
+    mode = NAMES.get(truth.mode, "?")
     return "  ".join(
         (
             f"{truth.t_s:7.1f} s",

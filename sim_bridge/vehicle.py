@@ -266,7 +266,6 @@ class Vehicle:
             self.autopilot.yaw_was_reset(turn_rad)
         elif fault.kind == "position_reset":
             self._sensors.reset_position(fault.value)
-            self.autopilot.control.navigation.shift(fault.value, 0.0)
 
     def _boot(self, *, rebooted: bool) -> Autopilot:
         config = self._config

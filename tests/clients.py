@@ -1,4 +1,4 @@
-"""Ground stations that others wrote: where `make clients` puts them, and MAVProxy as a process."""
+"""MAVProxy, a ground station that others wrote: where `make clients` puts it, and it as a process."""
 
 import os
 import re
@@ -16,9 +16,9 @@ ROOT = Path(__file__).parents[1]
 CLIENTS = ROOT / "build" / "clients"
 needs_clients = pytest.mark.skipif(
     not CLIENTS.is_dir() and not os.environ.get("CI"),
-    reason="MAVProxy and MAVSDK are not installed: `make clients`",
+    reason="MAVProxy is not installed: `make clients`",
 )
-"""CI has them, or fails."""
+"""CI has it, or fails."""
 
 MODULES = "log,wp,rally,fence,ftp,param,arm,mode,rc,relay,misc,cmdlong"
 PATIENCE_S = 20.0
@@ -97,16 +97,3 @@ def mavproxy(port: int, directory: Path) -> Iterator[MavProxy]:
         yield client
     finally:
         client.close()
-
-
-def mavsdk(port: int) -> None:
-    """Hold the dialogue of MAVSDK with the vehicle that calls a port. A process: it is native code."""
-    done = subprocess.run(
-        [sys.executable, str(ROOT / "tests" / "dialogue_mavsdk.py"), str(port)],
-        env=os.environ | {"PYTHONPATH": str(CLIENTS)},
-        capture_output=True,
-        text=True,
-        timeout=90.0,
-        check=False,
-    )
-    assert done.returncode == 0, done.stdout + done.stderr

@@ -11,7 +11,7 @@ from sim_bridge.vehicle import Vehicle
 
 CONFIG = Path(__file__).parent.parent / "config" / "sim.toml"
 CALM = ("current.enabled=false", "hull.net_buoyancy_n=0.0")
-STABILIZE, ALT_HOLD, GUIDED, SURFACE, POSHOLD, MANUAL = 0, 2, 4, 9, 16, 19
+STABILIZE, ALT_HOLD, SURFACE, MANUAL = 0, 2, 9, 19
 ARM, SET_MODE, SET_INTERVAL, REQUEST = 400, 176, 511, 512
 
 

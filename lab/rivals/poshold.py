@@ -2,7 +2,7 @@
 
 A ground station arms in STABILIZE, sets the mode and rests its sticks. In GUIDED it sends place, velocity and
 heading by SET_POSITION_TARGET_LOCAL_NED at 50 Hz. POSHOLD takes no place: it holds the one where the vehicle
-comes to rest.
+comes to rest. Only the real firmware has these modes; our simulator refuses them.
 """
 
 from collections.abc import Callable, Iterator, Sequence

@@ -1,7 +1,7 @@
 """The courses of `holdfast bench position`: places and paths in a current, in the full loop, with a DVL.
 
 The PID steers surge and sway in Holdfast's place, between the same estimator and the same allocation; ArduSub
-itself holds a place in POSHOLD and follows a path in GUIDED. All dive the same vehicles, seas and noise. An
+itself, with --firmware, holds a place in POSHOLD and follows a path in GUIDED. All have the same water. An
 error is true − reference, at the same time; that of the position estimate (a DVL drifts) is part of it and is
 told beside it. POSHOLD is told no place: its reference is the mean of where it was, which favours it.
 """

@@ -11,6 +11,7 @@ import numpy as np
 from matplotlib import pyplot as plt
 
 from companion.config import load_config
+from holdfast import RefusedError
 from lab.options import add_bench, seeds_of
 from lab.rivals.alt_hold import TICK_S
 from lab.studies.competitors import DEFAULT, FIRST_SEED, tuned, values_of
@@ -39,6 +40,9 @@ LOOKS = {
     "poshold_stock": (ORANGE, ":"),
 }
 SEEN_EVERY = 5
+WITH_FIRMWARE = (
+    "our simulator has no POSHOLD and GUIDED; use the real ArduSub: --firmware PATH (docs/sitl.md)"
+)
 
 
 class CourseDive(NamedTuple):
@@ -54,8 +58,8 @@ class Courses(Study[CourseDive]):
 
     command = "bench position"
     about = (
-        "Holds a place and follows paths in a current, with a DVL, beside a PID and ArduSub's POSHOLD and "
-        "GUIDED. "
+        "Holds a place and follows paths in a current, with a DVL, beside a PID and, with --firmware, "
+        "ArduSub's POSHOLD and GUIDED. "
         "Exit status 1 if the supervisor gave up a dive."
     )
 
@@ -68,6 +72,11 @@ class Courses(Study[CourseDive]):
         known(arguments.rows or (), [row.name for row in ROWS], "row")
         known(arguments.scenarios or (), [course.name for course in COURSES], "scenario")
         self._rows = {row.name: row for row in ROWS if row.name in (arguments.rows or row.name)}
+        if arguments.firmware is None:
+            for name in [name for name, row in self._rows.items() if row.steers == "autopilot"]:
+                if arguments.rows:
+                    raise RefusedError(f"row {name}: {WITH_FIRMWARE}")
+                del self._rows[name]
         self._courses = {
             kind.name: kind for kind in COURSES if not arguments.scenarios or kind.name in arguments.scenarios
         }

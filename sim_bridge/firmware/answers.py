@@ -24,8 +24,12 @@ BOOT_TEXTS: tuple[tuple[float, str], ...] = (
 """Seconds after the boot, and what is said then."""
 
 WITHOUT_EFFECT: dict[int, int] = {
+    mavlink.MAV_CMD_CONDITION_YAW: ACCEPTED,
     mavlink.MAV_CMD_DO_CHANGE_SPEED: DENIED,
+    mavlink.MAV_CMD_DO_SET_MISSION_CURRENT: DENIED,
+    mavlink.MAV_CMD_DO_SET_HOME: FAILED,
     mavlink.MAV_CMD_DO_SET_RELAY: ACCEPTED,
+    mavlink.MAV_CMD_DO_SET_SERVO: FAILED,
     mavlink.MAV_CMD_DO_REPEAT_RELAY: ACCEPTED,
     mavlink.MAV_CMD_DO_REPEAT_SERVO: FAILED,
     mavlink.MAV_CMD_DO_SET_ROI_LOCATION: ACCEPTED,
@@ -42,6 +46,7 @@ WITHOUT_EFFECT: dict[int, int] = {
     mavlink.MAV_CMD_DO_SPRAYER: FAILED,
     mavlink.MAV_CMD_DO_AUX_FUNCTION: FAILED,
     mavlink.MAV_CMD_PREFLIGHT_STORAGE: DENIED,
+    mavlink.MAV_CMD_GET_HOME_POSITION: FAILED,
     mavlink.MAV_CMD_MISSION_START: FAILED,
     mavlink.MAV_CMD_RUN_PREARM_CHECKS: ACCEPTED,
     mavlink.MAV_CMD_START_RX_PAIR: ACCEPTED,

@@ -7,7 +7,7 @@ from operator import attrgetter
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from sim_bridge.firmware import arming, messages, modes, targets, telemetry
+from sim_bridge.firmware import absent, arming, instruments, messages, modes
 from sim_bridge.firmware.answers import (
     ACCEPTED,
     BANNER,
@@ -18,19 +18,16 @@ from sim_bridge.firmware.answers import (
     INFO,
     WARNING,
 )
-from sim_bridge.firmware.commands import LOCATED, Commands
+from sim_bridge.firmware.commands import Commands
 from sim_bridge.firmware.failsafes import Failsafes
-from sim_bridge.firmware.files import Files
 from sim_bridge.firmware.link import Link
-from sim_bridge.firmware.messages import Message, Origin, Snapshot
-from sim_bridge.firmware.missions import Missions
+from sim_bridge.firmware.messages import Message, Origin
 from sim_bridge.firmware.mixer import mix, motor_pwm
-from sim_bridge.firmware.modes import MODES, FlightControl
-from sim_bridge.firmware.motor_test import MotorTest
+from sim_bridge.firmware.modes import NAMES, NEED_POSITION, FlightControl
 from sim_bridge.firmware.params import DEFAULTS, Parameters
 from sim_bridge.firmware.pilot import FN_ARM, FN_ARM_TOGGLE, FN_DISARM, FN_MODES, NEUTRAL, Pilot
 from sim_bridge.firmware.signing import KeyStore
-from sim_bridge.firmware.streams import REQUESTED, TRANSFER_SLOWDOWN, Streams
+from sim_bridge.firmware.streams import STREAMED, TRANSFER_SLOWDOWN, Streams
 from sim_bridge.physics.plant import State, state_of
 from sim_bridge.physics.sensors import Estimate, Sensors
 
@@ -49,17 +46,9 @@ STANDBY, ACTIVE, FAILSAFE = 3, 4, 5
 DIRECTIONS = tuple(f"MOT_{motor}_DIRECTION" for motor in range(1, 9))
 CHANNELS_RAW = attrgetter(*(f"chan{channel}_raw" for channel in range(1, 19)))
 PARAMETERS = tuple(f"param{number}" for number in range(1, 8))
-MISSION_PROTOCOL = (
-    "MISSION_REQUEST_LIST",
-    "MISSION_REQUEST_INT",
-    "MISSION_REQUEST",
-    "MISSION_COUNT",
-    "MISSION_ITEM_INT",
-    "MISSION_ITEM",
-    "MISSION_WRITE_PARTIAL_LIST",
-    "MISSION_CLEAR_ALL",
-    "MISSION_SET_CURRENT",
-)
+DEEPEST_M = 1000.0
+NO_POSITION, NO_Z = 0b111, 1 << 2
+"""Bits of a type_mask: what to ignore."""
 
 
 class Autopilot:
@@ -100,10 +89,10 @@ class Autopilot:
         self.state: State = state_of((0.0,) * 6, (0.0,) * 6)
         self.alter: Callable[[Message], Message | None] | None = None
         """Set by the vehicle while a fault falsifies telemetry."""
-        self._sensors = sensors
+        self.sensors = sensors
         self._frame = frame
-        self._has_position = has_position and sensors.aided
-        self._rc_receiver = rc_receiver
+        self.has_position = has_position and sensors.aided
+        self.rc_receiver = rc_receiver
         self._links = links
         self._keys = keys
         self._out: list[tuple[int, bytes]] = []
@@ -114,12 +103,7 @@ class Autopilot:
         self.origin = Origin(0, 0, 0) if has_position else None  # a DVL's driver sets it as it starts
         self._withheld: Origin | None = None
         """What the origin will be once it may be set."""
-        self.home: Origin | None = None
-        self.servo_9 = 0
         self._boot_texts = deque(BOOT_TEXTS if rebooted else ())
-        self.missions = Missions(self.send, self.say)
-        self._files = Files(params, self.missions, self.send, self.say, self.say_banner)
-        self._motor_test = MotorTest(self)
         self._commands = Commands(self)
         self._demand: tuple[float, ...] | None = None
         self._input_is_new = True
@@ -143,12 +127,11 @@ class Autopilot:
             "PARAM_SET": self._on_param_set,
             "TIMESYNC": self._on_timesync,
             "SET_GPS_GLOBAL_ORIGIN": self._on_set_origin,
-            **dict.fromkeys(MISSION_PROTOCOL, self._on_mission),
+            **dict.fromkeys(absent.MISSION_PROTOCOL, self._on_mission),
             "FILE_TRANSFER_PROTOCOL": self._on_file_transfer,
             "LOG_REQUEST_LIST": self._on_log_request_list,
             "AUTOPILOT_VERSION_REQUEST": self._on_version_request,
             "SET_POSITION_TARGET_GLOBAL_INT": self._on_global_target,
-            "SET_POSITION_TARGET_LOCAL_NED": self._on_local_target,
             "SETUP_SIGNING": self._on_setup_signing,
             "VISION_POSITION_DELTA": self._on_vision_position_delta,
         }
@@ -162,6 +145,23 @@ class Autopilot:
     def system(self) -> int:
         """Our MAVLink system id."""
         return int(self.params["MAV_SYSID"]) & 0xFF
+
+    @property
+    def boot_ms(self) -> int:
+        """Milliseconds since boot, as uint32."""
+        return round(self.boot_s * 1000) & 0xFFFFFFFF
+
+    @property
+    def boot_us(self) -> int:
+        """Microseconds since boot."""
+        return round(self.boot_s * 1e6)
+
+    @property
+    def system_status(self) -> int:
+        """MAV_STATE."""
+        if self.failsafes.active:
+            return FAILSAFE
+        return ACTIVE if self.armed else STANDBY
 
     def receive(self, link: int, data: bytes) -> None:
         """Take in bytes from a link. Garbage is skipped; messages for others are forwarded."""
@@ -181,13 +181,9 @@ class Autopilot:
             self.pilot.input_loop()
             self._input_is_new = True
             self.failsafes.check()
-            self.missions.step(boot_s)
             self._say_what_is_due()
         if not self.armed:
             self.motor_pwm, self._demand = self.idle, None
-            return self.motor_pwm
-        if (tested := self._motor_test.step(boot_s)) is not None:
-            self.motor_pwm, self._demand = tested, None
             return self.motor_pwm
         if self.mode == modes.SURFACE and self.estimate().depth_m < -self.params["SURFACE_DEPTH"] / 100.0:
             self.set_mode(modes.ALT_HOLD)
@@ -204,13 +200,9 @@ class Autopilot:
 
     def telemetry(self) -> list[tuple[int, bytes]]:
         """All that leaves after a step: answers first, then what the streams owe."""
-        snapshot: Snapshot | None = None
         for number, link in self._links.items():
-            transfers = (link.parameters, self.missions.asks(number), self._files.is_busy(self.boot_s))
-            slowdown = TRANSFER_SLOWDOWN ** sum(map(bool, transfers))
-            for message in link.streams.due(self.boot_s, slowdown):
-                snapshot = snapshot or self.snapshot()
-                for built in telemetry.build(message, snapshot):
+            for message in link.streams.due(self.boot_s, TRANSFER_SLOWDOWN if link.parameters else 1.0):
+                for built in instruments.build(message, self):
                     self.send(number, built)
             for _ in range(min(PARAMETERS_PER_STEP, len(link.parameters))):
                 self.send(number, self._param_value(link.parameters.popleft(), listed=True))
@@ -219,35 +211,6 @@ class Autopilot:
             self._broadcast(mavlink.MAVLink_timesync_message(0, self._boot_ns()))
         out, self._out = self._out, []
         return out
-
-    def snapshot(self) -> Snapshot:
-        """Take down what telemetry would tell now."""
-        return Snapshot(
-            self.boot_s,
-            self.armed,
-            self.mode,
-            self._system_status(),
-            self.motor_pwm,
-            self.pilot.channels,
-            self.pilot.gain,
-            self.pilot.input_hold,
-            self.pilot.roll_pitch,
-            self.estimate(),
-            self.origin,
-            self._has_position,
-            self.voltage_v,
-            self.current_a,
-            self.consumed_mah,
-            self.capacity_mah,
-            self.state,
-            self.ekf_doubt,
-            self._rc_receiver,
-            self.home,
-            self.servo_9,
-            (self.missions.current, self.missions.total),
-            self._sensors.dead_reckons,
-            self._sensors.range_limits_m,
-        )
 
     def arm(self, *, forced: bool = False) -> int:
         """Arm the motors, without any check if `forced`; the MAV_RESULT."""
@@ -262,7 +225,7 @@ class Autopilot:
             return FAILED
         self.say(INFO, "Arming motors")
         self.armed = self._input_is_new = True
-        self._sensors.rezero()
+        self.sensors.rezero()
         self.control.rest(self.estimate(), self.boot_s)
         return ACCEPTED
 
@@ -277,25 +240,25 @@ class Autopilot:
         """Change the flight mode; the MAV_RESULT. The present mode again is a success that does nothing."""
         if number == self.mode:
             return ACCEPTED
-        if number not in MODES:
+        if number not in NAMES:
             self.say(WARNING, f"No such mode {number}")
             return FAILED
-        if MODES[number].needs_position and not (self._has_position and self.origin):
-            self.say(WARNING, f"Mode change failed: {MODES[number].name} requires position")
-            return FAILED
-        if number == modes.AUTO:
-            self.say(WARNING, "Mode change failed: AUTO requires a mission")
+        if number in NEED_POSITION:
+            name = NAMES[number]
+            self.say(WARNING, f"Mode change failed: {name} requires position")
+            if self.has_position and self.origin:
+                self.say(WARNING, f"The stand-in has no {name}; ArduSub: docs/sitl.md")
             return FAILED
         if number == modes.SURFTRAK:
             self.say(INFO, "waiting for a rangefinder reading")
         self.neutralise()
         throttle = self._demand[THROTTLE_DEMAND] if self._demand else 0.0
         self.control.enter(number, self.estimate(), throttle)
-        self._broadcast(messages.heartbeat(self.snapshot()))
+        self._broadcast(messages.heartbeat(self))
         return ACCEPTED
 
     def yaw_was_reset(self, turn_rad: float) -> None:
-        """Say so, and hold the same true heading and place."""
+        """Say so, and hold the same true heading."""
         self.say(INFO, "EKF3 IMU0 MAG0 in-flight yaw alignment complete")
         self.control.yaw_was_reset(turn_rad)
 
@@ -309,10 +272,10 @@ class Autopilot:
 
     def aid(self, aided: bool) -> None:
         """Lose the horizontal position, or have it again, and say so."""
-        if aided != self._has_position:
-            self._has_position = self.control.located = aided
+        if aided != self.has_position:
+            self.has_position = aided
             if aided:
-                relative = self._sensors.dead_reckons
+                relative = self.sensors.dead_reckons
                 self.say(
                     INFO,
                     f"EKF3 IMU0 {'started relative aiding' if relative else 'is using external nav data'}",
@@ -324,11 +287,6 @@ class Autopilot:
         """Centre the sticks at once."""
         self.pilot.neutralise()
         self._input_is_new = True
-
-    def _system_status(self) -> int:
-        if self.failsafes.active:
-            return FAILSAFE
-        return ACTIVE if self.armed else STANDBY
 
     # Steering
 
@@ -364,36 +322,20 @@ class Autopilot:
     # Commands
 
     def _on_command(self, link: int, message: Message) -> None:
-        if message.command == mavlink.MAV_CMD_DO_REPOSITION:
-            self._acknowledge(link, message, message.command, targets.reposition(self, message))
-            return
         p = [float(getattr(message, name, math.nan)) for name in PARAMETERS]
         if message.get_type() == "COMMAND_INT":
-            scale = 1e-7 if message.command in LOCATED else 1.0
-            p[4:] = [message.x * scale, message.y * scale, message.z]
-        self._acknowledge(link, message, message.command, self._commands.obey(link, message.command, p))
-
-    def _acknowledge(self, link: int, message: Message, command: int, result: int) -> None:
-        self.send(
-            link,
-            mavlink.MAVLink_command_ack_message(
-                command, result, 0, 0, message.get_srcSystem(), message.get_srcComponent()
-            ),
-        )
+            p[4:] = [message.x, message.y, message.z]
+        result = self._commands.obey(link, message.command, p)
+        peer = (message.get_srcSystem(), message.get_srcComponent())
+        self.send(link, mavlink.MAVLink_command_ack_message(message.command, result, 0, 0, *peer))
 
     def request(self, link: int, number: int) -> int:
         """Send a message once; the MAV_RESULT. One without anything to tell is accepted, and not sent."""
-        if number not in REQUESTED:
+        if number not in STREAMED:
             return FAILED
-        for message in telemetry.build(number, self.snapshot()):
+        for message in instruments.build(number, self):
             self.send(link, message)
         return ACCEPTED
-
-    def set_home(self, place: Origin) -> None:
-        """Take a place as home, and tell everybody."""
-        self.home = place
-        for message in telemetry.build(mavlink.MAVLINK_MSG_ID_HOME_POSITION, self.snapshot()):
-            self._broadcast(message)
 
     def say_banner(self, link: int) -> None:
         """Say on a link which firmware and frame this is."""
@@ -404,11 +346,7 @@ class Autopilot:
 
     def calibrate_barometer(self) -> None:
         """Take the present pressure for that of the surface."""
-        self._sensors.rezero()
-
-    def test_motor(self, motor: int, kind: float, throttle: float) -> int:
-        """Run one motor (DO_MOTOR_TEST); the MAV_RESULT."""
-        return self._motor_test.ask(motor, kind, throttle)
+        self.sensors.rezero()
 
     def streams(self, link: int) -> Streams:
         """Return the intervals of a link."""
@@ -437,7 +375,7 @@ class Autopilot:
 
     def _set_origin(self, origin: Origin) -> None:
         if self.estimate().depth_m > 0.2:
-            self._sensors.shift_relative(ORIGIN_SHIFT_M)
+            self.sensors.shift_relative(ORIGIN_SHIFT_M)
         self.origin = origin
         self._broadcast(mavlink.MAVLink_gps_global_origin_message(*origin, round(self.boot_s * 1e6)))
 
@@ -449,25 +387,29 @@ class Autopilot:
         sound = lasted_s >= LEAST_DELTA_S and all(map(math.isfinite, numbers))
         if configured and sound and self.boot_s - self._delta_s >= LEAST_APART_S:
             self._delta_s = self.boot_s
-            self._sensors.hear_odometry(tuple(message.position_delta), lasted_s)
+            self.sensors.hear_odometry(tuple(message.position_delta), lasted_s)
 
     def _say_info(self, text: str) -> None:
         self.say(INFO, text)
 
     def _on_file_transfer(self, link: int, message: Message) -> None:
-        self._files.handle(link, message, self.boot_s)
-
-    def _on_global_target(self, _: int, message: Message) -> None:
-        targets.take_global(self, message)
-
-    def _on_local_target(self, _: int, message: Message) -> None:
-        targets.take_local(self, message)
+        if answer := absent.file_answer(message):
+            self.send(link, answer)
 
     def _on_mission(self, link: int, message: Message) -> None:
-        if message.get_type() != "MISSION_SET_CURRENT":
-            self.missions.handle(link, message, self.boot_s)
-        elif self.missions.set_current(message.seq):
-            self.request(link, mavlink.MAVLINK_MSG_ID_MISSION_CURRENT)
+        answer = absent.mission_answer(message)
+        self.send(link, answer)
+        if getattr(answer, "type", None) == mavlink.MAV_MISSION_NO_SPACE:
+            self.say(WARNING, absent.NO_SPACE_TEXT)
+
+    def _on_global_target(self, _: int, message: Message) -> None:
+        """Take a depth over the EKF's origin in ALT_HOLD, where it comes alone."""
+        altitude_m = message.alt - (self.origin.alt_mm / 1000.0 if self.origin else 0.0)
+        is_depth_alone = message.coordinate_frame == mavlink.MAV_FRAME_GLOBAL_INT and (
+            message.type_mask & NO_POSITION == NO_POSITION & ~NO_Z
+        )
+        if self.mode == modes.ALT_HOLD and is_depth_alone and math.isfinite(altitude_m):
+            self.control.depth_target = max(0.0, min(DEEPEST_M, -altitude_m))
 
     def _on_log_request_list(self, link: int, _: Message) -> None:
         """Tell that there is no log."""
@@ -555,7 +497,7 @@ class Autopilot:
 
     def estimate(self) -> Estimate:
         """Return what the EKF makes of the sensors."""
-        return self._sensors.estimate(max(0.1, self.params["BARO_SPEC_GRAV"]))
+        return self.sensors.estimate(max(0.1, self.params["BARO_SPEC_GRAV"]))
 
     def _boot_ns(self) -> int:
         return round(self.boot_s * 1e9)

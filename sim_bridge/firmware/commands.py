@@ -2,19 +2,26 @@
 
 import math
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from sim_bridge.firmware import messages, modes, targets
-from sim_bridge.firmware.answers import ACCEPTED, DENIED, FAILED, INFO, SAYS, UNSUPPORTED, WITHOUT_EFFECT
-from sim_bridge.firmware.board import Board
-from sim_bridge.firmware.messages import Origin
+from sim_bridge.firmware import modes
+from sim_bridge.firmware.answers import (
+    ACCEPTED,
+    DENIED,
+    FAILED,
+    INFO,
+    SAYS,
+    UNSUPPORTED,
+    WARNING,
+    WITHOUT_EFFECT,
+)
 from sim_bridge.firmware.streams import FASTEST_INTERVAL_US, STREAMED
 
-FREE_SERVO = 9
-"""The one output that drives neither a motor nor the camera."""
-LOCATED = frozenset({mavlink.MAV_CMD_DO_SET_HOME})
-"""Commands whose COMMAND_INT has a place, in degrees·1e7."""
+if TYPE_CHECKING:
+    from sim_bridge.firmware.autopilot import Autopilot
+
 FORCE_ARMING, FORCE_REBOOT = (2989, 21196), 20190226
 """Numbers in a parameter that switch off the checks."""
 
@@ -25,7 +32,7 @@ class Commands:
     It is a method: a closure would keep the autopilot of a vehicle that was copied.
     """
 
-    def __init__(self, autopilot: Board) -> None:
+    def __init__(self, autopilot: "Autopilot") -> None:
         self._autopilot = autopilot
         self._handlers: dict[int, Callable[[int, list[float]], int]] = {
             mavlink.MAV_CMD_COMPONENT_ARM_DISARM: self._arm,
@@ -36,12 +43,7 @@ class Commands:
             mavlink.MAV_CMD_GET_MESSAGE_INTERVAL: self._get_interval,
             mavlink.MAV_CMD_REQUEST_MESSAGE: self._request,
             mavlink.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES: self._request_version,
-            mavlink.MAV_CMD_GET_HOME_POSITION: self._get_home,
-            mavlink.MAV_CMD_DO_SET_HOME: self._set_home,
-            mavlink.MAV_CMD_CONDITION_YAW: self._condition_yaw,
-            mavlink.MAV_CMD_DO_SET_SERVO: self._set_servo,
             mavlink.MAV_CMD_DO_MOTOR_TEST: self._test_motor,
-            mavlink.MAV_CMD_DO_SET_MISSION_CURRENT: self._set_mission_current,
             mavlink.MAV_CMD_DO_SEND_BANNER: self._send_banner,
             mavlink.MAV_CMD_DO_FLIGHTTERMINATION: self._terminate,
             mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN: self._reboot,
@@ -64,9 +66,6 @@ class Commands:
 
     def _request(self, link: int, p: list[float]) -> int:
         return self._autopilot.request(link, _whole(p[0]))
-
-    def _condition_yaw(self, _: int, p: list[float]) -> int:
-        return targets.condition_yaw(self._autopilot, p)
 
     def _arm(self, _: int, p: list[float]) -> int:
         autopilot = self._autopilot
@@ -100,42 +99,12 @@ class Commands:
             self._autopilot.request(link, mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION) if p[0] == 1 else FAILED
         )
 
-    def _get_home(self, link: int, _: list[float]) -> int:
-        if self._autopilot.home is None:
-            return FAILED
-        return self._autopilot.request(link, mavlink.MAVLINK_MSG_ID_HOME_POSITION)
-
-    def _set_home(self, _: int, p: list[float]) -> int:
-        """Take the place that is given; the present one is not known without a position."""
-        here, (latitude, longitude, altitude) = p[0] == 1, p[4:]
-        given = all(map(math.isfinite, p[4:])) and (latitude or longitude)
-        if here or not given or self._autopilot.origin is None:
-            return FAILED
-        self._autopilot.set_home(
-            Origin(
-                messages.int32(latitude * 1e7),
-                messages.int32(longitude * 1e7),
-                messages.int32(altitude * 1e3),
-            )
-        )
-        return ACCEPTED
-
-    def _set_servo(self, _: int, p: list[float]) -> int:
-        number, pwm = _whole(p[0]), _whole(p[1])
-        if number == FREE_SERVO and 0 < pwm <= 65535:
-            self._autopilot.servo_9 = pwm
-            return ACCEPTED
-        if number > 0 and number != FREE_SERVO:
-            self._autopilot.say(INFO, f"ServoRelayEvent: Channel {number} is already in use")
+    def _test_motor(self, _: int, __: list[float]) -> int:
+        """Refuse: which motor turns which way is asked of the real ArduSub."""
+        if not self._autopilot.armed:
+            self._autopilot.say(WARNING, "Arm motors before testing motors.")
+        self._autopilot.say(WARNING, "motor test initialization failed!")
         return FAILED
-
-    def _test_motor(self, _: int, p: list[float]) -> int:
-        return self._autopilot.test_motor(_whole(p[0]), p[1], p[2])
-
-    def _set_mission_current(self, link: int, p: list[float]) -> int:
-        if not self._autopilot.missions.set_current(_whole(p[0])):
-            return DENIED
-        return self._autopilot.request(link, mavlink.MAVLINK_MSG_ID_MISSION_CURRENT)
 
     def _send_banner(self, link: int, _: list[float]) -> int:
         self._autopilot.say_banner(link)

@@ -1,10 +1,13 @@
 """What ArduSub does when the pilot or the ground station falls silent, and when a leak detector is wet."""
 
 import math
+from typing import TYPE_CHECKING
 
 from sim_bridge.firmware import modes
 from sim_bridge.firmware.answers import ACCEPTED, CRITICAL, WARNING
-from sim_bridge.firmware.board import Board
+
+if TYPE_CHECKING:
+    from sim_bridge.firmware.autopilot import Autopilot
 
 GCS_WARNING_PERIOD_S = 30.0
 LEAK_WARNING_PERIOD_S = 20.0
@@ -13,7 +16,7 @@ LEAK_WARNING_PERIOD_S = 20.0
 class Failsafes:
     """Watches for an autopilot; `check` is called with each input loop."""
 
-    def __init__(self, autopilot: Board, rc_receiver: bool, *, rebooted: bool) -> None:
+    def __init__(self, autopilot: "Autopilot", rc_receiver: bool, *, rebooted: bool) -> None:
         self._autopilot = autopilot
         self._params = autopilot.params
         self._rc_receiver = rc_receiver

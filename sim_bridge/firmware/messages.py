@@ -1,19 +1,27 @@
-"""From a snapshot of the vehicle to MAVLink telemetry, with ArduSub's units, signs and gaps."""
+"""What the firmware tells of its control and sensors, with ArduSub's units, signs and gaps.
+
+In each builder `s` is the autopilot that tells.
+"""
 
 import math
-from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple, TypeAlias
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from sim_bridge.firmware.modes import GUIDED_FLAG_MODES
-from sim_bridge.physics.plant import GRAVITY, State, euler, ned_velocity
-from sim_bridge.physics.sensors import SURFACE_PRESSURE_HPA, Estimate
+from sim_bridge.physics.plant import GRAVITY
+from sim_bridge.physics.sensors import SURFACE_PRESSURE_HPA
+
+if TYPE_CHECKING:
+    from sim_bridge.firmware.autopilot import Autopilot
 
 Message: TypeAlias = Any
 """A pymavlink message object; the dialect carries no types that mypy --strict accepts."""
 
-AUTOPILOT_CAPABILITIES = 0xF9E7
+AUTOPILOT_CAPABILITIES = 0xF9C7
+"""Those of the firmware without MAVLink FTP."""
+DISARMED = 81
+"""base_mode of a disarmed vehicle."""
 FLIGHT_VERSION_4_7_DEV = 0x04070000
 M_PER_DEGREE = 111_319.5
 WATER_CENTIDEGREES = 1500
@@ -39,310 +47,167 @@ class Origin(NamedTuple):
     alt_mm: int
 
 
-class Snapshot(NamedTuple):
-    """All that telemetry tells, at one moment."""
-
-    boot_s: float
-    armed: bool
-    mode: int
-    system_status: int
-    motor_pwm: Sequence[int]
-    channels: Sequence[int]
-    gain: float
-    input_hold: bool
-    roll_pitch: bool
-    estimate: Estimate
-    origin: Origin | None
-    has_position: bool
-    voltage_v: float
-    current_a: float
-    consumed_mah: float
-    capacity_mah: float
-    state: State
-    """The plant's 13 components: for SIM_STATE alone."""
-    ekf_doubt: float | None
-    """The EKF's variance where it has no solution."""
-    rc_receiver: bool
-    home: Origin | None
-    servo_9: int
-    """PWM of the one output that is free (µs); 0 until it is set."""
-    mission: tuple[int, int]
-    """Number of the present item, and of items beside home."""
-    dead_reckons: bool
-    """Whether the EKF has velocities alone."""
-    range_limits_m: tuple[float, float]
-    """Of the rangefinder; 0 for none."""
-
-    @property
-    def boot_ms(self) -> int:
-        """Milliseconds since boot, as uint32."""
-        return round(self.boot_s * 1000) & 0xFFFFFFFF
-
-    @property
-    def boot_us(self) -> int:
-        """Microseconds since boot."""
-        return round(self.boot_s * 1e6)
-
-    @property
-    def base_mode(self) -> int:
-        """81 disarmed, 209 armed, +8 in the guided modes."""
-        return 81 | (128 if self.armed else 0) | (8 if self.mode in GUIDED_FLAG_MODES else 0)
-
-    @property
-    def ekf_flags(self) -> int:
-        """EKF_STATUS_FLAGS."""
-        if self.ekf_doubt is not None:
-            return EKF_UNINITIALIZED
-        if not self.has_position:
-            return EKF_WITHOUT_POSITION
-        return EKF_DEAD_RECKONING if self.dead_reckons else EKF_WITH_POSITION
-
-    @property
-    def battery_remaining(self) -> int:
-        """In percent."""
-        return round(max(0.0, 100.0 * (1.0 - self.consumed_mah / self.capacity_mah)))
+NOWHERE = Origin(0, 0, 0)
 
 
-def heartbeat(boot: Snapshot) -> Message:
+def heartbeat(s: "Autopilot") -> Message:
     """Type, mode, arming and status."""
-    return mavlink.MAVLink_heartbeat_message(
-        mavlink.MAV_TYPE_SUBMARINE,
-        mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA,
-        boot.base_mode,
-        boot.mode,
-        boot.system_status,
-        3,
-    )
+    kind = (mavlink.MAV_TYPE_SUBMARINE, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA)
+    base_mode = DISARMED | mavlink.MAV_MODE_FLAG_SAFETY_ARMED if s.armed else DISARMED
+    return mavlink.MAVLink_heartbeat_message(*kind, base_mode, s.mode, s.system_status, 3)
 
 
-def _attitude(s: Snapshot) -> Message:
-    e = s.estimate
+def _attitude(s: "Autopilot") -> Message:
+    e = s.estimate()
     return mavlink.MAVLink_attitude_message(
         s.boot_ms, e.roll, e.pitch, e.yaw, e.rollspeed, e.pitchspeed, e.yawspeed
     )
 
 
-def _ahrs2(s: Snapshot) -> Message:
-    e = s.estimate
+def _ahrs2(s: "Autopilot") -> Message:
+    e = s.estimate()
     lat, lon = place(s) if s.has_position else (0, 0)
     return mavlink.MAVLink_ahrs2_message(e.roll, e.pitch, e.yaw, round(e.raw_altitude_m, 2), lat, lon)
 
 
-def _vfr_hud(s: Snapshot) -> Message:
-    e = s.estimate
+def _vfr_hud(s: "Autopilot") -> Message:
+    e = s.estimate()
     speed = math.hypot(e.position[2], e.position[3])
-    throttle = round(abs(s.channels[2] - 1500) / 4.0) if s.armed else 0
+    throttle = round(abs(s.pilot.channels[2] - 1500) / 4.0) if s.armed else 0
     return mavlink.MAVLink_vfr_hud_message(
         speed, speed, heading_cdeg(e.yaw) // 100, min(100, throttle), _absolute_m(s), e.climb_m_s
     )
 
 
-def _global_position_int(s: Snapshot) -> Message:
-    e = s.estimate
-    lat, lon = place(s)
+def _global_position_int(s: "Autopilot") -> Message:
+    e = s.estimate()
+    heights = (int32(_absolute_m(s) * 1000), int32(-e.depth_m * 1000))
+    speeds = (int16(speed * 100) for speed in (*e.position[2:], -e.climb_m_s))
     return mavlink.MAVLink_global_position_int_message(
-        s.boot_ms,
-        lat,
-        lon,
-        int32(_absolute_m(s) * 1000),
-        int32(-e.depth_m * 1000),
-        int16(e.position[2] * 100),
-        int16(e.position[3] * 100),
-        int16(-e.climb_m_s * 100),
-        heading_cdeg(e.yaw),
+        s.boot_ms, *place(s), *heights, *speeds, heading_cdeg(e.yaw)
     )
 
 
-def _local_position_ned(s: Snapshot) -> Message:
+def _local_position_ned(s: "Autopilot") -> Message:
     if not s.has_position or s.origin is None:
         return None
-    x, y, vx, vy = s.estimate.position
+    x, y, vx, vy = s.estimate().position
     return mavlink.MAVLink_local_position_ned_message(
-        s.boot_ms, x, y, -s.estimate.altitude_m, vx, vy, -s.estimate.climb_m_s
+        s.boot_ms, x, y, -s.estimate().altitude_m, vx, vy, -s.estimate().climb_m_s
     )
 
 
-def _servo_output_raw(s: Snapshot) -> Message:
+def _servo_output_raw(s: "Autopilot") -> Message:
     motors = [*s.motor_pwm, *[0] * (8 - len(s.motor_pwm))]
     return mavlink.MAVLink_servo_output_raw_message(
-        s.boot_us & 0xFFFFFFFF, 0, *motors, s.servo_9, CAMERA_TILT_PWM, 0, 0, 0, 0, 0, 0
+        s.boot_us & 0xFFFFFFFF, 0, *motors, 0, CAMERA_TILT_PWM, 0, 0, 0, 0, 0, 0
     )
 
 
-def _rc_channels(s: Snapshot) -> Message:
+def _rc_channels(s: "Autopilot") -> Message:
     """Tell eight channels; without a receiver none counts, and its signal is unknown."""
     count = RECEIVER_CHANNELS if s.rc_receiver else 0
-    return mavlink.MAVLink_rc_channels_message(s.boot_ms, count, *s.channels[:8], *[0] * 10, 255)
+    return mavlink.MAVLink_rc_channels_message(s.boot_ms, count, *s.pilot.channels[:8], *[0] * 10, 255)
 
 
-def body_field_mg(s: Snapshot) -> tuple[int, int, int]:
+def body_field_mg(s: "Autopilot") -> tuple[int, int, int]:
     """Earth's magnetic field as a level compass reads it."""
-    yaw = s.estimate.yaw
-    return (
-        round(FIELD_NORTH_MG * math.cos(yaw)),
-        round(-FIELD_NORTH_MG * math.sin(yaw)),
-        round(FIELD_DOWN_MG),
-    )
+    yaw = s.estimate().yaw
+    ahead, right = FIELD_NORTH_MG * math.cos(yaw), -FIELD_NORTH_MG * math.sin(yaw)
+    return round(ahead), round(right), round(FIELD_DOWN_MG)
 
 
-def quaternion(e: Estimate) -> tuple[float, float, float, float]:
-    """Return w, x, y, z of roll, pitch and yaw."""
-    (cr, sr), (cp, sp), (cy, sy) = (
-        (math.cos(0.5 * angle), math.sin(0.5 * angle)) for angle in (e.roll, e.pitch, e.yaw)
-    )
-    return (
-        cr * cp * cy + sr * sp * sy,
-        sr * cp * cy - cr * sp * sy,
-        cr * sp * cy + sr * cp * sy,
-        cr * cp * sy - sr * sp * cy,
-    )
-
-
-def inertial(s: Snapshot) -> tuple[int, ...]:
+def inertial(s: "Autopilot") -> tuple[int, ...]:
     """Accelerometer (mg), gyro (mrad/s) and compass (mGauss), as all IMU messages have them."""
-    e = s.estimate
+    e = s.estimate()
     accel = (int16(a / GRAVITY * 1000) for a in e.accel)
     gyro = (int16(rate * 1000) for rate in (e.rollspeed, e.pitchspeed, e.yawspeed))
     return (*accel, *gyro, *body_field_mg(s))
 
 
-def _raw_imu(s: Snapshot) -> Message:
+def _raw_imu(s: "Autopilot") -> Message:
     return mavlink.MAVLink_raw_imu_message(s.boot_us, *inertial(s), 0, IMU_CENTIDEGREES)
 
 
-def _scaled_pressure(s: Snapshot) -> Message:
+def _scaled_pressure(s: "Autopilot") -> Message:
     """Tell the hull's own barometer, which sees no water."""
     return mavlink.MAVLink_scaled_pressure_message(s.boot_ms, SURFACE_PRESSURE_HPA, 0.0, 2500)
 
 
-def _scaled_pressure2(s: Snapshot) -> Message:
+def _scaled_pressure2(s: "Autopilot") -> Message:
     """Tell the depth sensor, as a BlueROV2 has it."""
     return mavlink.MAVLink_scaled_pressure2_message(
-        s.boot_ms, s.estimate.pressure_hpa, 0.0, WATER_CENTIDEGREES
+        s.boot_ms, s.estimate().pressure_hpa, 0.0, WATER_CENTIDEGREES
     )
 
 
-def _sys_status(s: Snapshot) -> Message:
-    return mavlink.MAVLink_sys_status_message(
-        SENSORS_PRESENT,
-        SENSORS_ENABLED,
-        SENSORS_HEALTHY,
-        0,
-        _uint16(s.voltage_v * 1000),
-        int16(s.current_a * 100),
-        s.battery_remaining,
-        0,
-        0,
-        0,
-        0,
-        0,
-        0,
-    )
+def _battery(s: "Autopilot") -> tuple[int, int, int]:
+    """Voltage (mV), current (cA), and what remains (%)."""
+    remaining = round(max(0.0, 100.0 * (1.0 - s.consumed_mah / s.capacity_mah)))
+    return round(max(0.0, min(65535.0, s.voltage_v * 1000))), int16(s.current_a * 100), remaining
 
 
-def _battery_status(s: Snapshot) -> Message:
-    return mavlink.MAVLink_battery_status_message(
-        0,
-        0,
-        0,
-        32767,
-        [_uint16(s.voltage_v * 1000), *[65535] * 9],
-        int16(s.current_a * 100),
-        int32(s.consumed_mah),
-        int32(s.consumed_mah * s.voltage_v * 0.036),
-        s.battery_remaining,
-        0,
-        1,
-    )
+def _sys_status(s: "Autopilot") -> Message:
+    sensors = (SENSORS_PRESENT, SENSORS_ENABLED, SENSORS_HEALTHY)
+    return mavlink.MAVLink_sys_status_message(*sensors, 0, *_battery(s), *[0] * 6)
 
 
-def _system_time(s: Snapshot) -> Message:
+def _battery_status(s: "Autopilot") -> Message:
+    """Tell one cell's voltage for all, and no temperature."""
+    millivolts, current, remaining = _battery(s)
+    used = (int32(s.consumed_mah), int32(s.consumed_mah * s.voltage_v * 0.036))
+    cells = [millivolts, *[65535] * 9]
+    return mavlink.MAVLink_battery_status_message(0, 0, 0, 32767, cells, current, *used, remaining, 0, 1)
+
+
+def _system_time(s: "Autopilot") -> Message:
     """Tell no UTC: there is no GPS."""
     return mavlink.MAVLink_system_time_message(0, s.boot_ms)
 
 
-def _ekf_status_report(s: Snapshot) -> Message:
+def _ekf_flags(s: "Autopilot") -> int:
+    if s.ekf_doubt is not None:
+        return EKF_UNINITIALIZED
+    if not s.has_position:
+        return EKF_WITHOUT_POSITION
+    return EKF_DEAD_RECKONING if s.sensors.dead_reckons else EKF_WITH_POSITION
+
+
+def _ekf_status_report(s: "Autopilot") -> Message:
     doubt = s.ekf_doubt
     variances = (0.0, 0.0, 0.001, 0.0) if doubt is None else (doubt,) * 4
-    return mavlink.MAVLink_ekf_status_report_message(s.ekf_flags, *variances, 0.0, 0.0)
+    return mavlink.MAVLink_ekf_status_report_message(_ekf_flags(s), *variances, 0.0, 0.0)
 
 
-def _named_value_floats(s: Snapshot) -> list[Message]:
+def _named_value_floats(s: "Autopilot") -> list[Message]:
     values = (
         (b"CamTilt", 1.0 - (CAMERA_TILT_PWM - 1100) / 800),
         (b"CamPan", 0.5),
         (b"TetherTrn", 0.0),
         (b"Lights1", 0.5),
         (b"Lights2", 0.5),
-        (b"PilotGain", s.gain),
-        (b"InputHold", float(s.input_hold)),
-        (b"RollPitch", float(s.roll_pitch)),
+        (b"PilotGain", s.pilot.gain),
+        (b"InputHold", float(s.pilot.input_hold)),
+        (b"RollPitch", float(s.pilot.roll_pitch)),
         (b"RFTarget", -0.01),
     )
     return [mavlink.MAVLink_named_value_float_message(s.boot_ms, name, value) for name, value in values]
 
 
-def _sim_state(s: Snapshot) -> Message:
-    roll, pitch, yaw = euler(s.state)
-    p, q, rate = s.state[10:]
-    origin = s.origin or Origin(0, 0, 0)
-    lat = origin.lat / 1e7 + s.state[0] / M_PER_DEGREE
-    lon = origin.lon / 1e7 + s.state[1] / M_PER_DEGREE
-    ax, ay, az = s.estimate.accel
-    return mavlink.MAVLink_sim_state_message(
-        *s.state[3:7],
-        roll,
-        pitch,
-        yaw,
-        ax,
-        ay,
-        az,
-        p,
-        q,
-        rate,
-        lat,
-        lon,
-        -s.state[2],
-        0.0,
-        0.0,
-        *ned_velocity(s.state),
-        int32(lat * 1e7),
-        int32(lon * 1e7),
-    )
-
-
-def _autopilot_version(_: Snapshot) -> Message:
+def _autopilot_version(_: "Autopilot") -> Message:
     none = [0] * 8
     return mavlink.MAVLink_autopilot_version_message(
         AUTOPILOT_CAPABILITIES, FLIGHT_VERSION_4_7_DEV, 0, 0, 0, none, none, none, 0, 0, 1
     )
 
 
-def _home_position(s: Snapshot) -> Message:
-    if s.home is None:
-        return None
-    north, east = _from_origin(s, s.home)
-    unknown = [math.nan] * 4
-    return mavlink.MAVLink_home_position_message(*s.home, north, east, 0.0, unknown, 0.0, 0.0, 0.0, s.boot_us)
-
-
-def _from_origin(s: Snapshot, there: Origin) -> tuple[float, float]:
-    """Return how far north and east of the EKF's origin a place is, m."""
-    origin = s.origin or there
-    shrink = math.cos(math.radians(origin.lat / 1e7))
-    return (
-        (there.lat - origin.lat) / 1e7 * M_PER_DEGREE,
-        (there.lon - origin.lon) / 1e7 * M_PER_DEGREE * shrink,
-    )
-
-
-def _gps_global_origin(s: Snapshot) -> Message:
+def _gps_global_origin(s: "Autopilot") -> Message:
     if s.origin is None:
         return None
     return mavlink.MAVLink_gps_global_origin_message(*s.origin, s.boot_us)
 
 
-BUILDERS: dict[int, Callable[[Snapshot], Message]] = {
+BUILDERS: dict[int, Callable[["Autopilot"], Message]] = {
     mavlink.MAVLINK_MSG_ID_HEARTBEAT: heartbeat,
     mavlink.MAVLINK_MSG_ID_ATTITUDE: _attitude,
     mavlink.MAVLINK_MSG_ID_AHRS2: _ahrs2,
@@ -359,9 +224,7 @@ BUILDERS: dict[int, Callable[[Snapshot], Message]] = {
     mavlink.MAVLINK_MSG_ID_SYSTEM_TIME: _system_time,
     mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT: _ekf_status_report,
     mavlink.MAVLINK_MSG_ID_NAMED_VALUE_FLOAT: _named_value_floats,
-    mavlink.MAVLINK_MSG_ID_SIM_STATE: _sim_state,
     mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION: _autopilot_version,
-    mavlink.MAVLINK_MSG_ID_HOME_POSITION: _home_position,
     mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: _gps_global_origin,
 }
 
@@ -387,25 +250,21 @@ def int32(value: float) -> int:
     return round(max(-2147483648.0, min(2147483647.0, value)))
 
 
-def _uint16(value: float) -> int:
-    return round(max(0.0, min(65535.0, value)))
-
-
 def heading_cdeg(yaw: float) -> int:
     """Heading in hundredths of a degree, 0..35999."""
     return round(math.degrees(yaw) * 100) % 36000
 
 
-def _absolute_m(s: Snapshot) -> float:
+def _absolute_m(s: "Autopilot") -> float:
     """Altitude above the sea: exactly 0 until the EKF has an origin."""
-    return 0.0 if s.origin is None else s.origin.alt_mm / 1000.0 + s.estimate.altitude_m
+    return 0.0 if s.origin is None else s.origin.alt_mm / 1000.0 + s.estimate().altitude_m
 
 
-def place(s: Snapshot) -> tuple[int, int]:
+def place(s: "Autopilot") -> tuple[int, int]:
     """Latitude and longitude, degrees·1e7; 0 without an origin."""
     if s.origin is None:
         return 0, 0
-    x, y = s.estimate.position[:2]
+    x, y = s.estimate().position[:2]
     shrink = max(0.01, math.cos(math.radians(s.origin.lat / 1e7)))
     return (
         int32(s.origin.lat + x / M_PER_DEGREE * 1e7),

@@ -1,55 +1,27 @@
 """ArduSub's flight modes: what each needs, and how it turns sticks and estimates into six demands."""
 
 import math
-from typing import NamedTuple
 
 from sim_bridge.firmware import attitude, depth_hold
 from sim_bridge.firmware.depth_hold import GAINS, DepthGains
 from sim_bridge.firmware.mixer import Demand
-from sim_bridge.firmware.navigation import Navigation
 from sim_bridge.firmware.params import Parameters
 from sim_bridge.firmware.pilot import FORWARD, LATERAL, PITCH, ROLL, THROTTLE, YAW, Pilot
 from sim_bridge.firmware.shaping import clip
 from sim_bridge.physics.sensors import Estimate
 
-STABILIZE, ACRO, ALT_HOLD, AUTO, GUIDED, CIRCLE, SURFACE, POSHOLD, MANUAL, MOTOR_DETECT, SURFTRAK = (
-    0,
-    1,
-    2,
-    3,
-    4,
-    7,
-    9,
-    16,
-    19,
-    20,
-    21,
-)
+STABILIZE, ACRO, ALT_HOLD, AUTO, GUIDED, CIRCLE = 0, 1, 2, 3, 4, 7
+SURFACE, POSHOLD, MANUAL, MOTOR_DETECT, SURFTRAK = 9, 16, 19, 20, 21
 
 
-class Mode(NamedTuple):
-    """A row of the table of modes."""
-
-    name: str
-    needs_position: bool
-    holds_depth: bool
-
-
-MODES: dict[int, Mode] = {
-    STABILIZE: Mode("STABILIZE", False, False),
-    ACRO: Mode("ACRO", False, False),
-    ALT_HOLD: Mode("ALT_HOLD", False, True),
-    AUTO: Mode("AUTO", True, True),
-    GUIDED: Mode("GUIDED", True, True),
-    CIRCLE: Mode("CIRCLE", True, True),
-    SURFACE: Mode("SURFACE", False, True),
-    POSHOLD: Mode("POSHOLD", True, True),
-    MANUAL: Mode("MANUAL", False, False),
-    MOTOR_DETECT: Mode("MOTOR_DETECT", False, False),
-    SURFTRAK: Mode("SURFTRAK", False, True),
+NAMES = {
+    **{STABILIZE: "STABILIZE", ACRO: "ACRO", ALT_HOLD: "ALT_HOLD", AUTO: "AUTO", GUIDED: "GUIDED"},
+    **{CIRCLE: "CIRCLE", SURFACE: "SURFACE", POSHOLD: "POSHOLD", MANUAL: "MANUAL"},
+    **{MOTOR_DETECT: "MOTOR_DETECT", SURFTRAK: "SURFTRAK"},
 }
-GUIDED_FLAG_MODES = (AUTO, GUIDED, CIRCLE, POSHOLD)
-"""Those that set the GUIDED bit of the heartbeat's base_mode."""
+HOLD_DEPTH = (ALT_HOLD, SURFACE, SURFTRAK)
+NEED_POSITION = (AUTO, GUIDED, CIRCLE, POSHOLD)
+"""Modes that steer to a place: the stand-in refuses them as ArduSub does without a position."""
 
 YAW_SETTLE_S = 0.25
 THROTTLE_MIDDLE = 0.5
@@ -59,7 +31,7 @@ AXES = ("RLL", "PIT", "YAW")
 
 
 class FlightControl:
-    """The controllers behind the modes: attitude, depth, position."""
+    """The controllers behind the modes: attitude and depth."""
 
     def __init__(self, params: Parameters) -> None:
         self._params = params
@@ -75,12 +47,9 @@ class FlightControl:
         self._throttle_in = 0.0
         """0..1: what the attitude controller was last given; MANUAL leaves it as it was."""
         self._integral_limit = params["PSC_ACCZ_IMAX"] / 500.0
-        self.navigation = Navigation(params)
-        self.located = True
-        """Whether the EKF has a horizontal position."""
 
     def enter(self, mode: int, estimate: Estimate, throttle: float) -> None:
-        """Start a mode at the present depth and place; `throttle` (-1..1) is what the motors have now.
+        """Start a mode at the present depth; `throttle` (-1..1) is what the motors have now.
 
         The integral of the depth loop starts from the attitude controller's throttle: after arming in MANUAL
         that is full down, and ALT_HOLD dips; less in the first dive, before the loop has widened its limit.
@@ -92,16 +61,6 @@ class FlightControl:
             estimate.climb_m_s, clip(estimate.rise_m_s2, depth_hold.MAX_ACCELERATION_M_S2)
         )
         self._depth_hold = depth_hold.State(0.0, 0.0, self._initial_integral(), throttle)
-        if mode == POSHOLD:
-            self._relax(estimate)
-            self._depth_hold = depth_hold.State(0.0, 0.0, 0.0, throttle)
-        if MODES[mode].needs_position:
-            self.navigation.enter(estimate, guided=mode == GUIDED)
-
-    @property
-    def heading_target(self) -> float:
-        """The heading that the attitude loop is after now (rad)."""
-        return self._attitude[2].angle
 
     def rest(self, estimate: Estimate, t_s: float) -> None:
         """Put targets to where the vehicle is, integrals to zero: done all the time while disarmed."""
@@ -109,15 +68,10 @@ class FlightControl:
         self._heading = estimate.yaw
         self._yaw_moved_s = t_s - YAW_SETTLE_S
         self._relax(estimate)
-        holds_depth = MODES[self.mode].holds_depth and self.mode not in (SURFACE, GUIDED)
+        holds_depth = self.mode in (ALT_HOLD, SURFTRAK)
         self._throttle_in = THROTTLE_MIDDLE if holds_depth else 0.0
         self._depth_hold = depth_hold.AT_REST
-        if self.mode == GUIDED:
-            self._depth_hold = depth_hold.State(0.0, 0.0, self._initial_integral(), 0.0)
         self._wanted = depth_hold.STILL
-        self.navigation.settle_lean(self._throttle_in)
-        if MODES[self.mode].needs_position:
-            self.navigation.enter(estimate, guided=self.mode == GUIDED)
 
     def yaw_was_reset(self, turn_rad: float) -> None:
         """Go on holding the same true heading."""
@@ -138,15 +92,9 @@ class FlightControl:
             roll, pitch, yaw = self._turn(pilot, estimate, dt)
         else:
             roll, pitch, yaw = self._level(pilot, estimate, t_s, dt)
-        if self.mode == GUIDED:
-            forward, lateral = self.navigation.guide(estimate, t_s, dt)
-            throttle = self._guided_depth(estimate, dt)
-        elif MODES[self.mode].holds_depth:
+        if self.mode in HOLD_DEPTH:
             throttle = self._depth(pilot, estimate, dt)
         self._throttle_in = 0.5 * (throttle + 1.0)
-        self.navigation.follow_throttle(self._throttle_in, dt)
-        if MODES[self.mode].needs_position and self.mode != GUIDED:
-            forward, lateral = self.navigation.hold(pilot, estimate, self.located, dt)
         return roll, pitch, yaw, throttle, forward, lateral
 
     def _gains(self) -> list[attitude.Gains]:
@@ -197,11 +145,6 @@ class FlightControl:
     def _turning(self, pilot: Pilot, estimate: Estimate, t_s: float) -> float | None:
         """Return the yaw rate that is wanted (rad/s); None where `_heading` is held."""
         full = INPUT_ANGLE * self._params["ACRO_YAW_P"]
-        if self.mode == GUIDED:
-            if by_pilot := pilot.angle_stick(YAW) * full:
-                return by_pilot
-            self._heading, rate = self.navigation.turn.now(estimate.yaw)
-            return rate
         rate = pilot.yaw_stick() * full
         if rate:
             self._yaw_moved_s = t_s
@@ -227,31 +170,19 @@ class FlightControl:
         if abs(self._depth_hold.throttle) < 1.0:
             self.depth_target -= self._wanted.climb_m_s * dt
         self._wanted = depth_hold.toward_climb(self._wanted, climb, dt)
-        self._hold_depth(estimate, up, dt)
-        near_surface = clip(max(0.0, estimate.depth_m - surface_m), 1.0)
-        least = params["SURFACE_MAX_THR"]
-        return clip(self._depth_hold.throttle, least + (1.0 - least) * near_surface)
-
-    def _guided_depth(self, estimate: Estimate, dt: float) -> float:
-        """Throttle that follows GUIDED's target, which is a height over the EKF's origin."""
-        self._integral_limit = 1.0
-        height, climb, rise = self.navigation.vertical
-        self.depth_target = estimate.depth_m + estimate.altitude_m - height
-        self._wanted = depth_hold.Wanted(climb, rise)
-        self._hold_depth(estimate, self._params["WPNAV_SPEED_UP"] / 100.0, dt)
-        return clip(self._depth_hold.throttle, 1.0)
-
-    def _hold_depth(self, estimate: Estimate, fastest_m_s: float, dt: float) -> None:
         self._depth_hold = depth_hold.step(
-            DepthGains(*(self._params[name] for name in GAINS)),
+            DepthGains(*(params[name] for name in GAINS)),
             self._depth_hold,
             estimate.depth_m - self.depth_target,
             self._wanted,
-            fastest_m_s,
+            up,
             estimate.climb_m_s,
             estimate.rise_m_s2,
             dt,
         )
+        near_surface = clip(max(0.0, estimate.depth_m - surface_m), 1.0)
+        least = params["SURFACE_MAX_THR"]
+        return clip(self._depth_hold.throttle, least + (1.0 - least) * near_surface)
 
     def _initial_integral(self) -> float:
         return clip(2.0 * (self._throttle_in - THROTTLE_MIDDLE), self._integral_limit)

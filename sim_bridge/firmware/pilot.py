@@ -8,14 +8,12 @@ from sim_bridge.firmware.params import Parameters
 NEUTRAL = 1500
 CHANNELS = 18
 PITCH, ROLL, THROTTLE, YAW, FORWARD, LATERAL, PAN, TILT = range(8)
-LIGHTS1, LIGHTS2 = 8, 9
 
 FN_SHIFT, FN_ARM_TOGGLE, FN_ARM, FN_DISARM = 1, 2, 3, 4
 FN_MODES = {5: 19, 6: 0, 7: 2, 8: 16, 9: 3, 10: 7, 11: 4, 12: 1}
 """Button functions that set a mode, and the mode's number."""
 FN_GAIN_TOGGLE, FN_GAIN_INC, FN_GAIN_DEC = 41, 42, 43
 FN_INPUT_HOLD, FN_ROLL_PITCH = 48, 49
-FN_LIGHTS_UP, FN_LIGHTS_DOWN = 32, 33
 
 
 class Pilot:
@@ -34,7 +32,6 @@ class Pilot:
         self._say = say
         self.gain = max(params["JS_GAIN_MIN"], min(params["JS_GAIN_MAX"], params["JS_GAIN_DEFAULT"]))
         self.channels = [NEUTRAL] * CHANNELS
-        self.channels[LIGHTS1] = self.channels[LIGHTS2] = 1100
         self.pending: dict[int, int] = {}
         self.input_hold = False
         self.roll_pitch = False
@@ -115,11 +112,6 @@ class Pilot:
             return up_m_s * (stick - top) / (1000.0 - top)
         return down_m_s * (stick - bottom) / bottom if stick < bottom else 0.0
 
-    def horizontal_rate(self, channel: int, dead_band: float, fastest_m_s: float) -> float:
-        """Velocity (m/s) that a stick asks for in POSHOLD, outside THR_DZ (µs) times the gain."""
-        stick, dead = self.stick(channel), dead_band / 400.0 * self.gain
-        return fastest_m_s * math.copysign(max(0.0, abs(stick) - dead), stick)
-
     def off_centre(self, channel: int) -> bool:
         """Whether a channel is outside its dead zone (RCn_DZ)."""
         return abs(self.channels[channel] - NEUTRAL) > self._params[f"RC{channel + 1}_DZ"]
@@ -154,9 +146,6 @@ class Pilot:
         elif function == FN_ROLL_PITCH:
             self.roll_pitch = not self.roll_pitch
             self._say(f"#{'Attitude Control' if self.roll_pitch else 'Movement Control'}")
-        elif function in (FN_LIGHTS_UP, FN_LIGHTS_DOWN):
-            change = 100 if function == FN_LIGHTS_UP else -100
-            self.channels[LIGHTS1] = max(1100, min(1900, self.channels[LIGHTS1] + change))
         else:
             self._press(function)
 

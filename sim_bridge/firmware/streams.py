@@ -4,7 +4,7 @@ import math
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from sim_bridge.firmware import instruments, telemetry
+from sim_bridge.firmware.instruments import TOLD
 
 ATTITUDE, AHRS2, VFR_HUD = (
     mavlink.MAVLINK_MSG_ID_ATTITUDE,
@@ -62,10 +62,8 @@ GROUPS: dict[int, tuple[float, tuple[int, ...]]] = {
 """REQUEST_DATA_STREAM's groups: the rate in Hz with nobody asking, and the messages."""
 
 DEFAULT_RATE_HZ = {message: rate for rate, group in GROUPS.values() for message in group} | {HEARTBEAT: 1.0}
-REQUESTED = (frozenset(telemetry.BUILDERS) | instruments.SILENT) - {mavlink.MAVLINK_MSG_ID_NAMED_VALUE_FLOAT}
-"""What REQUEST_MESSAGE takes. NAMED_VALUE_FLOAT streams with its group, and has no number of its own."""
-STREAMED = REQUESTED - {mavlink.MAVLINK_MSG_ID_MESSAGE_INTERVAL}
-"""What SET_MESSAGE_INTERVAL takes."""
+STREAMED = TOLD - {mavlink.MAVLINK_MSG_ID_NAMED_VALUE_FLOAT}
+"""What REQUEST_MESSAGE and SET_MESSAGE_INTERVAL take. NAMED_VALUE_FLOAT streams with its group."""
 
 FASTEST_INTERVAL_US = 3125
 """0.8 of the firmware's 400 Hz loop; what is asked faster is refused."""

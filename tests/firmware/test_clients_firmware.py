@@ -1,4 +1,4 @@
-"""The same dialogues with the real firmware as tests/live/test_clients.py has with our stand-in."""
+"""The same dialogue with the real firmware as tests/live/test_clients.py has with our stand-in."""
 
 import socket
 from collections.abc import Iterator
@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 from autopilot import Autopilot
-from client_tests import test_mavproxy, test_mavsdk, test_mavutil  # noqa: F401 - they run here
+from client_tests import test_mavproxy  # noqa: F401 - it runs here
 
 from lab.ports import free_port
 

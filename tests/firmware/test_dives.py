@@ -13,6 +13,7 @@ from lab.loop.dive import dive as scenario_dive
 from lab.loop.firmware import Firmware
 from lab.loop.lockstep import LinkDelay
 from lab.loop.scenarios import four
+from lab.studies.courses import COURSES, ROWS, sail
 from sim_bridge.commands import DEFAULT_CONFIG
 from sim_bridge.config import load_config as load_plant
 
@@ -252,3 +253,22 @@ def test_a_drained_battery_is_reported(holding):
     dive.fault("voltage", value=12.0)
     dive.run(12.0)
     assert Condition.BATTERY_LOW in dive.step.sample.verdict.conditions
+
+
+# --- ArduSub's own position modes ---------------------------------------------------------------------------
+
+
+def test_ardusub_goes_after_the_path_in_guided_and_stays_in_poshold(ardusub):
+    """It is late and drifts, but it goes where it is told: not another way round, and not away."""
+    stock = next(row for row in ROWS if row.name == "poshold_stock")
+    place, eight = COURSES[:2]
+    base = load_plant(DEFAULT_CONFIG)
+    held = sail(stock, place, {}, base, 1, lasts_s=1.0, firmware=ardusub)
+    followed = sail(stock, eight, {}, base, 1, lasts_s=8.0, firmware=ardusub)
+    assert held.held
+    assert followed.held
+    assert np.ptp(held.reference, axis=0).max() == 0.0
+    moved = followed.reference[-1] - followed.reference[0]
+    assert np.hypot(*moved[:2]) > 0.4
+    assert 0.05 < followed.figures()["place_rms_mm"] / 1e3 < 0.6
+    assert math.isnan(followed.figures()["believed_rms_mm"])

@@ -4,15 +4,17 @@ from pathlib import Path
 
 import pytest
 from sim_wire import vehicle
+from test_parity import PLANT
 from tools.uplink import LOGS, replay
 
 from lab.loop.firmware import Firmware
-from lab.parity.__main__ import plant
+from sim_bridge.commands import DEFAULT_CONFIG
+from sim_bridge.config import load_config
 
 
 @pytest.mark.parametrize("log", LOGS)
 def test_the_firmware_answers_as_our_stand_in(log: str, ardusub: Path) -> None:
-    with Firmware(ardusub, plant("streams"), seed=1) as firmware:
+    with Firmware(ardusub, load_config(DEFAULT_CONFIG, PLANT), seed=1) as firmware:
         theirs = replay(firmware, log)
     ours = replay(vehicle(), log)
     assert ours["answered"] == theirs["answered"]

@@ -16,7 +16,7 @@ from typing import Any, TypedDict
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from lab.logs.telemetry_log import TlogRecord, read
-from lab.parity.partner import SteppedVehicle
+from lab.loop.lockstep import SteppedVehicle
 
 DATA = Path(__file__).parents[1] / "data"
 STATION, VEHICLE = 255, (1, 1)

@@ -1,6 +1,7 @@
 """The ArduSub double does what the firmware was seen to do: steering, arming, modes, failsafes, commands."""
 
 import math
+import struct
 from copy import deepcopy
 
 import numpy as np
@@ -9,14 +10,13 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from sim_wire import (
     ALT_HOLD,
     ARM,
-    GUIDED,
     MANUAL,
-    POSHOLD,
     REQUEST,
     SET_INTERVAL,
     SET_MODE,
     STABILIZE,
     SURFACE,
+    Heard,
     Station,
     manual,
     override,
@@ -345,24 +345,16 @@ def test_commands_are_obeyed_from_any_system():
     assert station.rov.truth().armed
 
 
-@pytest.mark.parametrize(("mode", "name"), [(POSHOLD, "POSHOLD"), (GUIDED, "GUIDED"), (3, "AUTO")])
-def test_position_modes_are_refused_without_a_position(mode, name):
+@pytest.mark.parametrize(("mode", "name"), [(16, "POSHOLD"), (4, "GUIDED"), (3, "AUTO"), (7, "CIRCLE")])
+def test_position_modes_are_refused_in_ardusubs_words(mode, name):
     heard = set_mode(Station(vehicle()), mode)
     assert heard.result(SET_MODE) == 4
-    assert f"Mode change failed: {name} requires position" in heard.texts()
-
-
-@pytest.mark.parametrize("heading", [0.0, 2.0])
-def test_poshold_holds_with_a_dvl_and_an_origin(heading):
-    place = f"initial.eta=[0, 0, 8, 0, 0, {heading}]"
-    station = Station(vehicle("sensors.dvl=true", "current.enabled=true", "current.speed_m_s=0.2", place))
-    station.say(mavlink.MAVLink_set_gps_global_origin_message(1, 0, 0, 0))
-    station.arm(POSHOLD).run(25.0, override())
-    held = station.rov.truth().eta[:2]
-    station.run(8.0, override())
-    assert np.hypot(*(station.rov.truth().eta[:2] - held)) < 0.15
-    assert station.run(1.0, override()).last("HEARTBEAT").base_mode == 209 + 8
-    assert station.run(1.0, override()).of("LOCAL_POSITION_NED")
+    assert heard.texts() == [f"Mode change failed: {name} requires position"]
+    located = Station(vehicle("sensors.dvl=true"))
+    heard = set_mode(located, mode)
+    assert heard.result(SET_MODE) == 4
+    assert heard.texts()[1] == f"The stand-in has no {name}; ArduSub: docs/sitl.md"
+    assert located.rov.truth().mode == MANUAL
 
 
 @pytest.mark.parametrize("mode", [STABILIZE, ALT_HOLD, SURFACE, MANUAL, 1, 21])
@@ -620,24 +612,69 @@ def test_motor_direction_reverses_a_motor():
     assert station.rov.truth().motor_pwm[:4] == (1400, 1400, 1400, 1600)
 
 
-def test_autopilot_version_and_home():
+def test_autopilot_version_and_no_home():
     station = Station(vehicle())
-    assert station.command(REQUEST, 148).run(0.05).last("AUTOPILOT_VERSION").capabilities == 0xF9E7
+    assert station.command(REQUEST, 148).run(0.05).last("AUTOPILOT_VERSION").capabilities == 0xF9C7
     assert station.command(520, 1).run(0.05).of("AUTOPILOT_VERSION")
     unknown = station.command(REQUEST, 242).run(0.05)
     assert unknown.result(REQUEST) == 0
     assert not unknown.of("HOME_POSITION"), "known to the firmware, and nothing to tell"
-    station.say(mavlink.MAVLink_set_gps_global_origin_message(1, 5, 6, 7)).run(0.05)
-    assert station.command(179, 0, 0, 0, 0, 47.5, -2.5, 0).run(0.05).result(179) == 0
-    assert station.command(REQUEST, 242).run(0.05).last("HOME_POSITION").latitude == 475000000
+    for number in (
+        mavlink.MAV_CMD_DO_SET_HOME,
+        mavlink.MAV_CMD_GET_HOME_POSITION,
+        mavlink.MAV_CMD_DO_SET_SERVO,
+    ):
+        assert station.command(number, 9, 1600, 0, 0, 47.5, -2.5, 0).run(0.05).result(number) == 4
     assert station.command(REQUEST, 99999).run(0.05).result(REQUEST) == 4
 
 
-def test_an_empty_mission_counts_none_and_still_has_a_home():
-    station = Station(vehicle()).say(mavlink.MAVLink_mission_request_list_message(1, 1))
+@pytest.mark.parametrize("kind", [0, 1, 2])
+def test_missions_have_no_items_and_take_none(kind):
+    station = Station(vehicle())
+    station.say(mavlink.MAVLink_mission_request_list_message(1, 1, kind))
     assert station.run(0.05).last("MISSION_COUNT").count == 0
-    station.say(mavlink.MAVLink_mission_request_int_message(1, 1, 0))
-    assert station.run(0.05).last("MISSION_ITEM_INT").command == 16
+    for message, result in (
+        (mavlink.MAVLink_mission_request_int_message(1, 1, 0, kind), 13),
+        (mavlink.MAVLink_mission_count_message(1, 1, 2, kind), 4),
+        (mavlink.MAVLink_mission_count_message(1, 1, 0, kind), 0),
+        (mavlink.MAVLink_mission_item_int_message(1, 1, 0, 3, 16, 0, 1, 0, 0, 0, 0, 0, 0, 0, kind), 1),
+        (mavlink.MAVLink_mission_clear_all_message(1, 1, kind), 0),
+    ):
+        acknowledged = station.say(message).run(0.05).last("MISSION_ACK")
+        assert (acknowledged.type, acknowledged.mission_type) == (result, kind)
+    assert Heard(station.heard).texts() == ["Only 0 items are supported; ArduSub: docs/sitl.md"]
+
+
+def test_no_list_of_items_of_another_kind():
+    station = Station(vehicle()).say(mavlink.MAVLink_mission_request_list_message(1, 1, 9))
+    assert station.run(0.05).last("MISSION_ACK").type == 3
+
+
+@pytest.mark.parametrize(
+    ("operation", "answer"), [(4, (129, b"\x0a")), (3, (129, b"\x0a")), (2, (128, b"")), (128, None)]
+)
+def test_there_are_no_files(operation, answer):
+    """Open and list are refused, a reset is not, and another's answer gets none."""
+    path = b"@PARAM/param.pck"
+    asked = struct.pack("<HBBBBBBI", 65535, 3, operation, len(path), 0, 0, 0, 0) + path
+    station = Station(vehicle())
+    station.say(mavlink.MAVLink_file_transfer_protocol_message(0, 1, 1, asked.ljust(251, b"\0")))
+    replies = [bytes(reply.payload) for reply in station.run(0.05).of("FILE_TRANSFER_PROTOCOL")]
+    assert [(reply[3], reply[12 : 12 + reply[4]]) for reply in replies] == ([answer] if answer else [])
+    assert all(struct.unpack_from("<HB", reply) == (0, 3) and reply[5] == operation for reply in replies)
+
+
+def test_a_motor_test_is_refused():
+    station = Station(vehicle()).arm()
+    heard = station.command(mavlink.MAV_CMD_DO_MOTOR_TEST, 1, 1, 1600, 1, 1).run(0.1, override())
+    assert heard.result(mavlink.MAV_CMD_DO_MOTOR_TEST) == 4
+    assert heard.texts() == ["motor test initialization failed!"]
+    assert set(station.rov.truth().motor_pwm) == {1500}
+
+
+def test_the_version_by_the_request_of_old():
+    station = Station(vehicle()).say(mavlink.MAVLink_autopilot_version_request_message(1, 1))
+    assert station.run(0.05).of("AUTOPILOT_VERSION")
 
 
 def test_a_reboot_forgets_arming_mode_origin_and_intervals():

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
-from sim_wire import ARM, REQUEST, SET_INTERVAL, SET_MODE, STABILIZE, Station, override, vehicle
+from sim_wire import ARM, SET_INTERVAL, SET_MODE, STABILIZE, Station, override, vehicle
 
 from sim_bridge.firmware.messages import statustexts
 
@@ -243,12 +243,9 @@ def test_local_position_needs_a_dvl():
     assert (position.x, position.y, position.z) == pytest.approx((3, 4, 5), abs=0.15)
 
 
-def test_sim_state_comes_on_request():
+def test_the_truth_of_the_simulator_is_told():
     station = Station(vehicle("initial.eta=[0, 0, 5, 0.1, 0, 1.0]"))
-    assert not station.run(1.0).of("SIM_STATE")
-    state = station.command(REQUEST, mavlink.MAVLINK_MSG_ID_SIM_STATE).run(0.05).last("SIM_STATE")
-    assert state.alt == pytest.approx(-station.rov.truth().eta[2], abs=1e-3)
-    assert state.yaw == pytest.approx(1.0, abs=0.05)
+    assert station.run(1.0).last("SIMSTATE").yaw == pytest.approx(1.0, abs=0.05)
 
 
 def test_battery_sags_under_load():
