@@ -1,6 +1,9 @@
-"""Options that several commands of the dashboard share."""
+"""Options of several commands of the dashboard, and how those that run until they are stopped end."""
 
 import argparse
+import signal
+import threading
+from types import FrameType
 
 from companion.telemetry.schemas import ENDPOINT
 
@@ -21,3 +24,15 @@ def listen_address(text: str) -> tuple[str, int]:
     if not host or not port.isdigit() or int(port) > 65535:
         raise ValueError(f"--listen {text}: write HOST:PORT, such as 127.0.0.1:8600")
     return host.strip("[]"), int(port)
+
+
+def until_ended() -> threading.Event:
+    """Return what is set by Ctrl-C, and by systemd's SIGTERM."""
+    ended = threading.Event()
+
+    def end(number: int, frame: FrameType | None) -> None:
+        ended.set()
+
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, end)
+    return ended

@@ -18,13 +18,13 @@ def command_parser(command: str, description: str, examples: str) -> argparse.Ar
 
 
 def removed_option(parser: argparse.ArgumentParser, option: str, instead: str) -> None:
-    """Let `option VALUE`, which is no more, end the command with what to do `instead`."""
+    """Let `option`, which is no more, end the command with what to do `instead`."""
 
     class Removed(argparse.Action):
         def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
             parser.error(f"{option} is no more: {instead}")
 
-    parser.add_argument(option, action=Removed, help=argparse.SUPPRESS)
+    parser.add_argument(option, nargs="?", action=Removed, help=argparse.SUPPRESS)
 
 
 def source_of(file: Path, overrides: Sequence[str], said: str) -> str:

@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 from holdfast import DONE, FAILED, RefusedError
-from holdfast.arguments import command_parser
+from holdfast.arguments import command_parser, removed_option
 
 EXAMPLES = """\
 examples:
@@ -53,6 +53,9 @@ def install(argv: list[str]) -> int:
         EXAMPLES,
     )
     parser.add_argument("--remove", action="store_true", help="stop the services and remove their units")
+    removed_option(parser, "--apply", "it acts at once")
+    removed_option(parser, "--rollback", "pip installs the version before")
+    removed_option(parser, "--wheels", "pip install --no-index --find-links DIR, before this command")
     remove = parser.parse_args(argv).remove
     _refuse_what_cannot_be(remove=remove)
     _refuse_while_held()

@@ -3,7 +3,6 @@
 import argparse
 import logging
 import platform
-import signal
 import sys
 import tempfile
 import threading
@@ -13,7 +12,6 @@ from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from importlib.metadata import version
 from pathlib import Path
-from types import FrameType
 from typing import NamedTuple
 
 import msgspec
@@ -23,11 +21,11 @@ from zenoh import ext
 from companion.telemetry import schemas as telemetry
 from companion.telemetry.commands import SetRecording
 from companion.telemetry.session import SessionThread, client_configuration, ticks_per_sample
-from dashboard.arguments import add_connect
+from dashboard.arguments import add_connect, until_ended
 from dashboard.recording.recorder import DiveRecorder, FileLimits
 from dashboard.recording.repair import repair
 from holdfast import DONE, REFUSED, own_version
-from holdfast.arguments import command_parser
+from holdfast.arguments import command_parser, removed_option
 from holdfast.version import revision
 
 QUEUE = 32_768
@@ -372,6 +370,7 @@ def main(argv: list[str]) -> int:
         metavar="FILE",
         help="do not record: copy what can be read of truncated recordings, and end",
     )
+    removed_option(parser, "--tlog", "the ground station writes a .tlog")
     options = parser.parse_args(argv)
     if options.repair:
         return _repair(options.repair)
@@ -388,13 +387,7 @@ def main(argv: list[str]) -> int:
         60.0 * options.max_minutes,
         round(options.reserve_mb * _MB),
     )
-    ended = threading.Event()
-
-    def end(number: int, frame: FrameType | None) -> None:
-        ended.set()
-
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, end)
+    ended = until_ended()
     with RecorderThread(
         options.name,
         options.connect,

@@ -1,20 +1,18 @@
 """`holdfast replay`: an old dive over Zenoh, under the keys of a vehicle that is not there."""
 
 import argparse
-import signal
 import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, suppress
 from pathlib import Path
-from types import FrameType
 
 import zenoh
 
 from companion.telemetry import schemas as telemetry
 from companion.telemetry.session import client_configuration, configuration
-from dashboard.arguments import add_connect
+from dashboard.arguments import add_connect, until_ended
 from dashboard.recording.mcap_file import MAX_CHANNELS, Item, Reader
 from holdfast.arguments import command_parser
 
@@ -55,13 +53,7 @@ def main(argv: list[str]) -> int:
     )
     add_connect(parser)
     options = parser.parse_args(argv)
-    ended = threading.Event()
-
-    def end(number: int, frame: FrameType | None) -> None:
-        ended.set()
-
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, end)
+    ended = until_ended()
     try:
         status = _replay(options, ended)
     except ValueError as error:

@@ -73,9 +73,13 @@ def test_what_is_not_there_is_named_in_one_line_with_status_2(arguments, capsys,
         (["tell"], "the following arguments are required: [VEHICLE] COMMAND"),
         (["follow", "kelp", "a.toml", "b.toml"], "one file, and at most one vehicle before it"),
         (["follow"], "which FILE?"),
+        (["install", "--apply"], "--apply is no more: it acts at once"),
+        (["install", "--rollback"], "--rollback is no more: pip installs the version before"),
+        (["install", "--wheels", "DIR"], "--wheels is no more: pip install --no-index"),
+        (["record", "--tlog"], "--tlog is no more: the ground station writes"),
     ],
 )
-def test_a_number_that_makes_no_sense_is_refused(arguments, says, capsys):
+def test_what_makes_no_sense_is_refused(arguments, says, capsys):
     with pytest.raises(SystemExit) as leaving:
         holdfast.main(arguments)
     assert leaving.value.code == 2
