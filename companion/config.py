@@ -424,7 +424,7 @@ class Telemetry(Section, frozen=True):
             "with file (run --allow-control)"
         ),
     ] = "local"
-    raw: Annotated[bool, means("publish every datagram too, for `holdfast rerun`")] = False
+    raw: Annotated[bool, means("publish every datagram too, for `holdfast lab rerun`")] = False
 
 
 class Config(Section, frozen=True):

@@ -8,6 +8,7 @@ import os
 import re
 import sys
 from collections import Counter
+from collections.abc import Sequence
 from contextlib import suppress
 from importlib.metadata import EntryPoint, entry_points, requires
 from importlib.metadata import version as version_of
@@ -25,6 +26,10 @@ tether and an unknown load. It runs on the companion computer and speaks MAVLink
   ArduSub, or `holdfast sim`  <-- MAVLink -->  `holdfast run`  -- Zenoh -->  `holdfast watch`
 """
 
+LAB = """\
+`holdfast lab` measures Holdfast in virtual time and improves it: simulated dives, searches, comparisons.
+"""
+
 
 DISTRIBUTION = "holdfast-rov"
 """The name for pip and of the wheels. In the package index `holdfast` is somebody else's project."""
@@ -38,9 +43,30 @@ DONE, FAILED, REFUSED, INTERRUPTED, PIPE_CLOSED = 0, 1, 2, 130, 141
 """Exit statuses: 1 is a bad result, 2 what could not begin (usage, configuration, no such file, no extra)."""
 
 
+PILOT = (
+    "demo", "sim", "fault", "init", "config", "check", "run", "identify", "watch", "dashboard",
+    "engage", "release", "hold", "goto", "follow", "tell", "record", "replay", "report", "install",
+)  # fmt: skip
+"""The commands in the order in which a pilot meets them; others are under `holdfast lab`."""
+
+REPLACED = {
+    **{
+        name: f"`holdfast lab {name}`"
+        for name in ("bench", "campaign", "faults", "paper", "tune", "rerun", "schema")
+    },
+    "recover": "`holdfast record --repair`",
+    "uninstall": "`holdfast install --remove`",
+    "foxglove": "`holdfast record`: Foxglove opens its MCAP files",
+    "keys": "the recipe of docs/telemetry.md for openssl",
+    "completion": "`holdfast --print-completion SHELL`",
+}
+"""Commands of the version before, and what took their place."""
+
+
 def commands_by_name() -> dict[str, EntryPoint]:
-    """Return the subcommands that the installed packages register."""
-    return {entry.name: entry for entry in entry_points(group="holdfast.commands")}
+    """Return the subcommands that the installed packages register, `lab bench` and its like among them."""
+    found = {entry.name: entry for entry in entry_points(group="holdfast.commands")}
+    return found | {f"lab {entry.name}": entry for entry in entry_points(group="holdfast.lab")}
 
 
 def summary(entry: EntryPoint) -> str:
@@ -48,16 +74,9 @@ def summary(entry: EntryPoint) -> str:
     return (entry.load().__doc__ or "").strip().partition("\n")[0]
 
 
-def _help(commands: dict[str, EntryPoint]) -> str:
-    lines = [ABOUT]
-    package = ""
-    for entry in sorted(commands.values(), key=lambda entry: (entry.module, entry.name)):
-        if entry.module.partition(".")[0] != package:
-            package = entry.module.partition(".")[0]
-            lines.append(f"{package}:")
-        lines.append(f"  holdfast {entry.name:<11} {summary(entry)}")
-    lines.append("`holdfast COMMAND --help` explains each command.")
-    return "\n".join(lines)
+def _help(commands: dict[str, EntryPoint], names: Sequence[str]) -> str:
+    lines = [f"  holdfast {name:<13} {summary(commands[name])}" for name in names]
+    return "\n".join([*lines, "`holdfast COMMAND --help` explains each command."])
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -67,8 +86,9 @@ def main(argv: list[str] | None = None) -> int:
     reader of its output that went away.
     """
     arguments = sys.argv[1:] if argv is None else argv
+    command = " ".join(arguments[: 2 if arguments[:1] == ["lab"] else 1])
     try:
-        status = _dispatch(arguments)
+        status = _dispatch(arguments, command)
         sys.stdout.flush()
     except KeyboardInterrupt:
         return INTERRUPTED
@@ -76,16 +96,16 @@ def main(argv: list[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # for the flush at the exit
         return PIPE_CLOSED
     except ModuleNotFoundError as error:
-        extra = extra_of(error.name or "", arguments[0])
+        extra = extra_of(error.name or "", command)
         if not extra:
             raise
-        _say(arguments[0], f"needs {error.name}. Install the extra: {how_to_install(extra)}")
+        _say(command, f"needs {error.name}. Install the extra: {how_to_install(extra)}")
         return REFUSED
     except RefusedError as error:
-        _say(arguments[0], str(error))
+        _say(command, str(error))
         return REFUSED
     except OSError as error:
-        _say(arguments[0], f"{error.filename}: {error.strerror}" if error.filename else str(error))
+        _say(command, f"{error.filename}: {error.strerror}" if error.filename else str(error))
         return REFUSED if error.filename else FAILED
     return status
 
@@ -107,24 +127,33 @@ def run() -> NoReturn:
     sys.exit(status)
 
 
-def _dispatch(arguments: list[str]) -> int:
+def _dispatch(arguments: list[str], command: str) -> int:
     commands = commands_by_name()
     if not arguments or arguments[0] in ("-h", "--help"):
-        sys.stdout.write(_help(commands) + "\n")
+        lab = ", ".join(name.removeprefix("lab ") for name in commands if name not in PILOT)
+        sys.stdout.write(
+            f"{ABOUT}\n{_help(commands, PILOT)}\nTo measure and improve it: `holdfast lab`: {lab}.\n"
+        )
         return DONE
-    name, *rest = arguments
-    if name in ("-V", "--version"):
+    if arguments[0] in ("-V", "--version"):
         from holdfast.version import about
 
         sys.stdout.write(about())
         return DONE
-    if name == "--print-completion":
+    if command == "--print-completion":
         _print_completion(commands, arguments)
-    if name not in commands:
-        known = ", ".join(sorted(commands))
-        sys.stderr.write(f"holdfast: there is no command '{name}'. Known: {known}. See `holdfast --help`.\n")
+    if command in ("lab", "lab -h", "lab --help"):
+        sys.stdout.write(f"{LAB}\n{_help(commands, [name for name in commands if name not in PILOT])}\n")
+        return DONE
+    if command not in commands:
+        if command in REPLACED:
+            raise RefusedError(f"is now {REPLACED[command]}")
+        known = ", ".join(PILOT)
+        sys.stderr.write(
+            f"holdfast: there is no command '{command}'. Known: {known}. See `holdfast --help`.\n"
+        )
         return REFUSED
-    status: int = commands[name].load()(rest)
+    status: int = commands[command].load()(arguments[len(command.split()) :])
     return status
 
 
@@ -136,8 +165,8 @@ def _print_completion(commands: dict[str, EntryPoint], arguments: list[str]) -> 
 
     parser = argparse.ArgumentParser(prog="holdfast")
     names = parser.add_subparsers()
-    for name, entry in sorted(commands.items()):
-        names.add_parser(name, help=summary(entry), add_help=False)
+    for name in PILOT:
+        names.add_parser(name, help=summary(commands[name]), add_help=False)
     shtab.add_argument_to(parser)
     parser.parse_args(arguments)
     raise AssertionError("shtab ends the process")

@@ -1,6 +1,5 @@
 """The subcommands that need companion and simulator. Heavy imports wait until a command is called."""
 
-import argparse
 import sys
 from pathlib import Path
 
@@ -17,44 +16,44 @@ further benches, each with its own --help:
   firmware    our simulator beside the real ArduSub
 
 examples:
-  holdfast bench dives --seeds 4                             a quick look: all rows, 4 vehicles
-  holdfast bench dives --rows default ppi --scenarios waves  compare two rows in one scenario
-  holdfast bench position --seeds 4                          places and paths, beside a PID
-  holdfast bench dives --set heave.kappa_per_s=8             the shipped default with another gain
-  holdfast bench dives --seeds 4 --table out/dives.csv       also a table with one row for each dive
-  holdfast bench soak --minutes 120                          two hours, everything live
-  holdfast bench firmware                                    our simulator beside the real ArduSub
+  holdfast lab bench dives --seeds 4                             a quick look: all rows, 4 vehicles
+  holdfast lab bench dives --rows default ppi --scenarios waves  compare two rows in one scenario
+  holdfast lab bench position --seeds 4                          places and paths, beside a PID
+  holdfast lab bench dives --set heave.kappa_per_s=8             the shipped default with another gain
+  holdfast lab bench dives --seeds 4 --table out/dives.csv       also a table with one row for each dive
+  holdfast lab bench soak --minutes 120                          two hours, everything live
+  holdfast lab bench firmware                                    our simulator beside the real ArduSub
 """
 PAPER_EXAMPLES = """\
 examples:
-  holdfast paper                          print tables and checks; draw the four figures in out/paper
-  holdfast paper --json out/paper.json    also write the numbers
+  holdfast lab paper                          print tables and checks; draw the four figures in out/paper
+  holdfast lab paper --json out/paper.json    also write the numbers
 """
 TUNE_EXAMPLES = """\
 examples:
-  holdfast tune                                       tune the shipped configuration; half an hour
-  holdfast tune --vehicle bluerov2                    for another simulated vehicle
-  holdfast tune --evaluations 40 --seeds 4            a quick search
-  holdfast tune ppi l1                                two rows of the bench
+  holdfast lab tune                                       tune the shipped configuration; half an hour
+  holdfast lab tune --vehicle bluerov2                    for another simulated vehicle
+  holdfast lab tune --evaluations 40 --seeds 4            a quick search
+  holdfast lab tune ppi l1                                two rows of the bench
 """
 CAMPAIGN_EXAMPLES = """\
 examples:
-  holdfast campaign --dives 200                             a quick look, to out/campaign
-  holdfast campaign                                         all 6000 dives; the same command continues
-  holdfast campaign --table out/campaign.parquet            the same rows as a Parquet file
-  holdfast campaign --replay 1234                           one dive again, in the batch and in the full loop
-  holdfast campaign --corners                               vehicles of a third and three times the gain
-  holdfast campaign --scheduler tcp://192.168.2.10:8786     on a Dask cluster, whose workers were started
+  holdfast lab campaign --dives 200                             a quick look, to out/campaign
+  holdfast lab campaign                                         6000 dives; the same command continues
+  holdfast lab campaign --table out/campaign.parquet            the same rows as a Parquet file
+  holdfast lab campaign --replay 1234                           one again, in the batch and in the full loop
+  holdfast lab campaign --corners                               vehicles of a third and three times the gain
+  holdfast lab campaign --scheduler tcp://192.168.2.10:8786     on a Dask cluster, whose workers were started
                                                             with `dask worker --preload holdfast`
 """
 
 
 FAULTS_EXAMPLES = """\
 examples:
-  holdfast faults --dives 102             a quick look
-  holdfast faults --first 417 --dives 1   one dive again
-  holdfast faults --firmware --dives 50   against the real ArduSub
-  holdfast faults --thrusters --dives 5   five dives with each failure of each motor, on both frames
+  holdfast lab faults --dives 102             a quick look
+  holdfast lab faults --first 417 --dives 1   one dive again
+  holdfast lab faults --firmware --dives 50   against the real ArduSub
+  holdfast lab faults --thrusters --dives 5   five dives with each failure of each motor, on both frames
 
 Exit status: 0 every dive kept every promise, 1 one did not.
 """
@@ -70,17 +69,17 @@ BENCHES = {
 }
 
 GONE = {
-    "bench ablation": "`holdfast bench dives --rows law observer network default` compares the parts",
-    "bench axes": "use `holdfast bench reality --scenarios axes`",
-    "bench grid": "use `holdfast campaign --corners`",
-    "bench light": "use `holdfast bench reality --scenarios light-waves light-path`",
-    "bench published": "docs/decisions/0030-published-figures.md keeps its figures",
-    "faults --hours": "`holdfast bench soak` measures the memory, `holdfast faults` keeps the promises",
-    "bench process": "`holdfast bench soak` measures memory and lateness; decision 38 keeps the figures",
-    "bench zenoh": "decision 38 keeps its figures; tests/live tries bad subscribers",
-    "bench fleet": "decision 38 keeps its figures; docs/telemetry.md describes several vehicles",
-    "bench dashboard": "`holdfast bench soak` runs the dashboard; decision 38 keeps the figures",
-    "demo --dvl": "`holdfast bench position` runs places and paths with a DVL",
+    "lab bench ablation": "`holdfast lab bench dives --rows law observer network default` compares the parts",
+    "lab bench axes": "use `holdfast lab bench reality --scenarios axes`",
+    "lab bench grid": "use `holdfast lab campaign --corners`",
+    "lab bench light": "use `holdfast lab bench reality --scenarios light-waves light-path`",
+    "lab bench published": "docs/decisions/0030-published-figures.md keeps its figures",
+    "lab faults --hours": "`holdfast lab bench soak` measures the memory",
+    "lab bench process": "`holdfast lab bench soak` measures memory and lateness",
+    "lab bench zenoh": "decision 38 keeps its figures; tests/live tries bad subscribers",
+    "lab bench fleet": "decision 38 keeps its figures; docs/telemetry.md describes several vehicles",
+    "lab bench dashboard": "`holdfast lab bench soak` runs the dashboard; decision 38 keeps the figures",
+    "demo --dvl": "`holdfast lab bench position` runs places and paths with a DVL",
 }
 """What was deleted, and what a user is told instead."""
 
@@ -106,40 +105,26 @@ def demo(argv: list[str]) -> int:
 
 def bench(argv: list[str]) -> int:
     """Measure control errors over many vehicles and seas."""
-    if _gone("bench", argv[:1]):
+    if _gone("lab bench", argv[:1]):
         return 2
-    finder = argparse.ArgumentParser(prog="holdfast bench", add_help=False)
-    finder.add_argument("what", nargs="?", choices=tuple(BENCHES))
-    for option in (
-        "seeds",
-        "minutes",
-        "set",
-        "json",
-        "table",
-        "out",
-        "workers",
-        "scheduler",
-    ):
-        finder.add_argument(f"--{option}")
-    for option in ("rows", "scenarios"):
-        finder.add_argument(f"--{option}", nargs="+")
-    finder.add_argument("--firmware", nargs="?")
-    what: str | None = finder.parse_known_args(argv)[0].what
-    rest = [word for i, word in enumerate(argv) if what is None or i != argv.index(what)]
+    what, rest = (argv[0], argv[1:]) if argv and not argv[0].startswith("-") else ("dives", argv)
+    if what not in BENCHES:
+        sys.stderr.write(f"holdfast lab bench: there is no bench '{what}'. Known: {', '.join(BENCHES)}\n")
+        return 2
     from lab.study import load, start
 
-    return start(load(BENCHES[what or "dives"]), rest, BENCH_EXAMPLES)
+    return start(load(BENCHES[what]), rest, BENCH_EXAMPLES)
 
 
 def schema(argv: list[str]) -> int:
     """Print every telemetry key, field, unit and command; --write updates docs/."""
     parser = command_parser(
-        "schema",
+        "lab schema",
         "Prints the generated part of docs/telemetry.md: all keys, schemas and commands.",
         "examples:\n"
-        "  holdfast schema            print all keys, fields, units and commands\n"
-        "  holdfast schema --write    update the documents after a change of schemas or configuration\n"
-        "  holdfast schema --json DIR write JSON Schemas of the configuration, all samples and commands\n",
+        "  holdfast lab schema            print all keys, fields, units and commands\n"
+        "  holdfast lab schema --write    update the documents after a change of schemas or configuration\n"
+        "  holdfast lab schema --json DIR write the JSON Schemas of all these and of the configuration\n",
     )
     parser.add_argument("--write", action="store_true", help="update the generated pages of docs/")
     parser.add_argument("--json", type=Path, metavar="DIR", help="write JSON Schemas there")
@@ -157,7 +142,7 @@ def schema(argv: list[str]) -> int:
     try:
         changed = write()
     except FileNotFoundError as error:
-        sys.stderr.write(f"holdfast schema: {error.filename} is not there; --write needs a checkout\n")
+        sys.stderr.write(f"holdfast lab schema: {error.filename} is not there; --write needs a checkout\n")
         return 2
     sys.stdout.write("".join(f"{path}\n" for path in changed) or "nothing was stale\n")
     return 0
@@ -166,7 +151,7 @@ def schema(argv: list[str]) -> int:
 def paper(argv: list[str]) -> int:
     """Repeat the paper's simulations and check its claims."""
     parser = command_parser(
-        "paper",
+        "lab paper",
         "Repeats the paper's simulations: both forms of its law, alone, with an integrator and with the "
         "network, in five disturbances, and draws its four figures. Exit status 1 if a result differs from "
         "the expected one.",
@@ -200,7 +185,7 @@ def campaign(argv: list[str]) -> int:
 
 def faults(argv: list[str]) -> int:
     """Inject faults into thousands of simulated dives, and check every tick."""
-    if _gone("faults", argv):
+    if _gone("lab faults", argv):
         return 2
     from lab.studies.fault_dives import FaultDives
     from lab.study import start

@@ -18,7 +18,7 @@ from companion.telemetry.schemas import Choices, Raw, Record, Reply, Truth
 from lab import results_page, supervisor_page
 
 DOCS = Path(__file__).parents[1] / "docs"
-MARK = "<!-- made by `holdfast schema --write`; write nothing below -->\n"
+MARK = "<!-- made by `holdfast lab schema --write`; write nothing below -->\n"
 
 RATES = {
     "event": "when something happens",
@@ -114,7 +114,7 @@ def _telemetry() -> Iterator[str]:
     yield "\n## Answered\n"
     yield "A query for `holdfast/{vehicle}/config` returns the configuration in force, a JSON object with the"
     yield "sections of `config/companion.toml`; a query for `holdfast/{vehicle}/choices` returns Choices; a"
-    yield "query for a published key returns its last sample. `holdfast schema --json DIR` writes schemas."
+    yield "query for a published key returns its last sample."
     yield f"\n### Choices\n\n{_words(Choices)}\n"
     yield from _table(Choices)
     yield "\n## Commands\n"

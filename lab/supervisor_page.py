@@ -32,7 +32,7 @@ def _deg(rad: float) -> str:
 HEAD = f"""\
 # The supervisor
 
-<!-- Made by `holdfast schema --write` from companion/supervision/. -->
+<!-- Made by `holdfast lab schema --write` from companion/supervision/. -->
 
 The supervisor is a state machine. Every tick it tests all conditions and decides whether Holdfast may
 steer. Holdfast sends thrust only in ACTIVE, in RAMP_DOWN and at the start of HAND_OVER. The supervisor

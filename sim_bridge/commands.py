@@ -1,10 +1,11 @@
-"""`holdfast sim`. Imports nothing heavy before it is called."""
+"""`holdfast sim` and `holdfast fault`. Nothing heavy is imported before one is called."""
 
 import argparse
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from holdfast import RefusedError
 from holdfast.arguments import command_parser
 
 if TYPE_CHECKING:
@@ -20,7 +21,7 @@ examples:
   holdfast sim --fault message_frozen,message=ATTITUDE,at_s=30,duration_s=5 --fault leak,at_s=60
   holdfast sim --list                             vehicles, dives and kinds of faults, a line each
   holdfast sim --live-faults                      and, from another terminal:
-  holdfast sim --inject thruster,thruster=3,value=0.2,duration_s=20
+  holdfast fault thruster,thruster=3,value=0.2,duration_s=20
   holdfast sim --vehicle bluerov2 --name kelp     beside holdfast run --vehicle bluerov2 --name kelp
   holdfast sim --vehicle my-dive.toml --udp-listen 0.0.0.0:14551 --speed 4 --no-zenoh
   mavproxy.py --master tcp:127.0.0.1:5760         any MAVLink ground station can connect
@@ -30,7 +31,7 @@ examples:
 Endpoints may be repeated; if any is given, the default ones are not opened. The true state is published on
 the Zenoh key sim/NAME/truth, which no companion reads. With --live-faults the simulator takes faults on
 sim/NAME/fault, from everybody who reaches its Zenoh endpoint; without it, from nobody. The times of a
-load count from the first arming, those of faults from the start, those of --inject from their arrival.
+load count from the first arming, of faults from the start, of `holdfast fault` from their arrival.
 
 With --physics-only the real ArduSub provides MAVLink, parameters, sensors and speed; the simulator provides
 hull, thrusters, battery, seabed, current, waves, tether, cable, load and heave_force. Its time follows the
@@ -38,9 +39,19 @@ firmware's frames, and the times of a load count from the first motion of a moto
 the vehicle keeps its position.
 """
 
+FAULT_EXAMPLES = """\
+examples:
+  holdfast fault thruster,thruster=3,value=0.2,duration_s=20    a fifth of its thrust is left
+  holdfast fault leak --name kelp                               to the simulator of this name
+  holdfast fault clear                                          all faults end
+Exit status: 0 it begins, 1 no simulator takes faults there.
+"""
+
 
 def sim(argv: list[str]) -> int:
     """Simulate an ArduSub vehicle that speaks MAVLink."""
+    if any(word.startswith("--inject") for word in argv):
+        raise RefusedError("--inject is now `holdfast fault`")
     about = "Simulate an ArduSub vehicle in the water: MAVLink over UDP and TCP, in real time."
     parser = command_parser("sim", about, EXAMPLES)
     add = parser.add_argument
@@ -68,17 +79,13 @@ def sim(argv: list[str]) -> int:
     )
     said = "take faults over Zenoh while it runs, from everybody at the endpoint"
     add("--live-faults", action="store_true", help=said)
-    add("--inject", **fault, help="send a fault to a running simulator with --live-faults, and end")
     add("--list", action="store_true", help="list vehicles, dives and kinds of faults, and end")
     said = "random seed of sea and noise (default: %(default)s)"
     add("--seed", metavar="N", type=_seed, default=1, help=said)
     said = "speed relative to real time (default: %(default)s)"
     add("--speed", metavar="X", type=_speed, default=1.0, help=said)
-    said = "Zenoh router or peer (default: %(default)s)"
-    add("--zenoh", metavar="ENDPOINT", default="tcp/127.0.0.1:7447", help=said)
+    _add_zenoh(parser)
     add("--no-zenoh", action="store_true", help="do not publish the true state")
-    said = "name in the Zenoh key, as `holdfast run --name` (default: %(default)s)"
-    add("--name", metavar="NAME", default="bluerov2", help=said)
     add(
         "--physics-only",
         **endpoint,
@@ -94,12 +101,6 @@ def sim(argv: list[str]) -> int:
 
         sys.stdout.write(listing(shipped()))
         return 0
-    if arguments.inject:
-        from sim_bridge.zenoh_link import inject
-
-        reply = inject(arguments.zenoh, arguments.name, arguments.inject)
-        sys.stdout.write(f"{reply.said}\n")
-        return 0 if reply.done else 1
 
     from msgspec.structs import replace
 
@@ -129,6 +130,29 @@ def sim(argv: list[str]) -> int:
         live_faults=arguments.live_faults,
     )
     return run(config, arguments.seed, settings)
+
+
+def fault(argv: list[str]) -> int:
+    """Break something in a running simulator, and see what happens."""
+    about = "Sends a fault to `holdfast sim --live-faults`. No real vehicle can take one."
+    parser = command_parser("fault", about, FAULT_EXAMPLES)
+    parser.add_argument(
+        "fault", metavar="KIND[,KEY=VALUE...]", type=_fault, help="`holdfast sim --list` names the kinds"
+    )
+    _add_zenoh(parser)
+    arguments = parser.parse_args(argv)
+    from sim_bridge.zenoh_link import inject
+
+    reply = inject(arguments.zenoh, arguments.name, arguments.fault)
+    sys.stdout.write(f"{reply.said}\n")
+    return 0 if reply.done else 1
+
+
+def _add_zenoh(parser: argparse.ArgumentParser) -> None:
+    said = "Zenoh router or peer (default: %(default)s)"
+    parser.add_argument("--zenoh", metavar="ENDPOINT", default="tcp/127.0.0.1:7447", help=said)
+    said = "name in the Zenoh key, as `holdfast run --name` (default: %(default)s)"
+    parser.add_argument("--name", metavar="NAME", default="bluerov2", help=said)
 
 
 def shipped(folder: Path = DEFAULT_CONFIG.parent) -> dict[str, Path]:

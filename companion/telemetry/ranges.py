@@ -2,8 +2,8 @@
 
 One table for the configuration's file, `--set`, the command line, live commands and the dashboard.
 A range ends where a value says nothing of a vehicle that these thrusters can hold: it takes in what is
-shipped, what `holdfast tune` searches and the published BlueROV2 models with room to spare, and leaves out
-what switches a protection off. Units are m, N and kg; on the yaw axis rad, N·m and kg·m².
+shipped, what `holdfast lab tune` searches and the published BlueROV2 models with room to spare, and leaves
+out what switches a protection off. Units are m, N and kg; on the yaw axis rad, N·m and kg·m².
 """
 
 import re
@@ -37,7 +37,7 @@ Moment = Annotated[float, Meta(ge=0.1, le=100.0, extra_json_schema={"unit": "N·
 MaxRate = Annotated[float, Meta(ge=0.01, le=3.0)]
 MaxAcceleration = Annotated[float, Meta(ge=0.01, le=5.0)]
 
-# Gains: `holdfast tune` searches λ up to 24, κ up to 48 and learning rates up to 600.
+# Gains: `holdfast lab tune` searches λ up to 24, κ up to 48 and learning rates up to 600.
 Lambda = Annotated[float, Meta(ge=0.05, le=30.0)]
 Kappa = Annotated[float, Meta(ge=0.05, le=50.0)]
 LearningRate = Annotated[float, Meta(ge=0.0, le=1000.0)]

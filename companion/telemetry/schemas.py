@@ -1,6 +1,6 @@
 """What the companion publishes: the key space and its schemas. No Zenoh in here.
 
-docs/telemetry.md lists every key, field, unit and rate, and is made from this file by `holdfast schema`.
+docs/telemetry.md lists every key, field, unit and rate, and is made from this file by `holdfast lab schema`.
 
 One JSON object per key, with every field always present and the encoding `application/json;holdfast.Dof.v1`.
 A version may gain fields; a changed meaning makes a new one.
@@ -265,7 +265,7 @@ class Start(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Raw(msgspec.Struct, frozen=True, kw_only=True):
-    """All inputs and outputs of one tick, for `holdfast rerun`; MessagePack instead of JSON."""
+    """All inputs and outputs of one tick, for `holdfast lab rerun`; MessagePack instead of JSON."""
 
     tick: Annotated[int, field("number of this tick")]
     now_s: Annotated[float, field("the companion's monotonic clock")]

@@ -49,12 +49,12 @@ EXAMPLES = """\
 examples:
   holdfast record                               everything that the first vehicle publishes, to ./dives
   holdfast record --name kelp --out /data       a new file every hour or 1000 MB; 500 MB stay free
-  holdfast run --set telemetry.raw=true         publish every datagram too, for `holdfast rerun`
+  holdfast run --set telemetry.raw=true         publish every datagram too, for `holdfast lab rerun`
   holdfast record --repair dives/cut.mcap       write dives/cut.repaired.mcap, with the index
 
 Foxglove and Lichtblick open and plot the files. Other commands read them, truncated ones too:
   holdfast report FILE    write a report                  holdfast replay FILE   show it on a dashboard
-  holdfast rerun FILE     compare the present code
+  holdfast lab rerun FILE     compare the present code
 Ctrl-C closes the file. After a power cut at most the last second is missing, and the index.
 """
 

@@ -1,4 +1,4 @@
-"""`holdfast bench soak`: everything at once, live, for as long as asked, and whether anything grows.
+"""`holdfast lab bench soak`: everything at once, live, for as long as asked, and whether anything grows.
 
 Simulator, companion, dashboard with one browser, recorder. Once a minute a new Zenoh client comes, moves the
 setpoint, engages again if the companion let go, and leaves.
@@ -102,7 +102,7 @@ class Heard:
 class Soak(Study[Duration]):
     """Everything live for hours, in the command's own process."""
 
-    command = "bench soak"
+    command = "lab bench soak"
     about = "Runs everything live for hours, and measures memory, lateness and lost records."
     unit = rows_key = "minutes"
 

@@ -1,4 +1,4 @@
-"""`holdfast paper`: simulates the paper's cases, prints tables and checks, and draws the four figures."""
+"""`holdfast lab paper`: simulates the paper's cases, prints tables and checks, and draws the four figures."""
 
 import argparse
 from dataclasses import asdict

@@ -1,4 +1,4 @@
-"""`holdfast rerun`: a recorded dive once more through today's engine."""
+"""`holdfast lab rerun`: a recorded dive once more through today's engine."""
 
 import math
 import sys
@@ -15,8 +15,8 @@ from lab.rerun.rerun import Outcome, Tape, configured, load, rerun
 EXAMPLES = """\
 examples:
   holdfast run --set telemetry.raw=true          together with `holdfast record`: then the dive can be rerun
-  holdfast rerun dives/kelp-*.mcap               the files of one dive, in any order
-  holdfast rerun FILE --set heave.kappa_per_s=8  the commands that other gains would have given
+  holdfast lab rerun dives/kelp-*.mcap               the files of one dive, in any order
+  holdfast lab rerun FILE --set heave.kappa_per_s=8  the commands that other gains would have given
 
 Exit status: 0 every byte is the same, 1 some bytes differ, 2 the dive cannot be rerun.
 """
@@ -25,7 +25,7 @@ Exit status: 0 every byte is the same, 1 some bytes differ, 2 the dive cannot be
 def main(argv: list[str]) -> int:
     """Run the command."""
     parser = command_parser(
-        "rerun",
+        "lab rerun",
         "Runs a recorded dive through the present code: the same datagrams, configuration, requests and "
         "retunes. It compares the bytes that the engine sends with the recorded ones.",
         EXAMPLES,
@@ -43,7 +43,7 @@ def main(argv: list[str]) -> int:
         changed = bool(options.set or options.config)
         outcome = rerun(tape, config, follow=not changed)
     except (ValueError, KeyError) as error:
-        sys.stderr.write(f"holdfast rerun: {error}\n")
+        sys.stderr.write(f"holdfast lab rerun: {error}\n")
         return 2
     sys.stdout.write("\n".join(lines(tape, outcome, changed)) + "\n")
     return 1 if outcome.different else 0

@@ -1,4 +1,4 @@
-"""What breaks in the dives of `holdfast faults`, and the promises that every tick of them is held to.
+"""What breaks in the dives of `holdfast lab faults`, and the promises that every tick of them is held to.
 
 Whatever happens:
 

@@ -1,4 +1,4 @@
-"""`holdfast campaign`: thousands of dives, each with a vehicle, a link and a sea drawn from its number.
+"""`holdfast lab campaign`: thousands of dives, each with a vehicle, a link and a sea drawn from its number.
 
 `campaign_cases` draws them, `corners` and `replay` are studies of their own.
 """
@@ -63,7 +63,7 @@ def batches(cases: Iterable[CampaignCase]) -> list[list[CampaignCase]]:
 class Campaign(Study[CampaignCase]):
     """The dives of a range of numbers, in batches."""
 
-    command = "campaign"
+    command = "lab campaign"
     about = (
         "Simulates every published vehicle with a DVL, varied damping, mass and thrust, with delays, dead "
         "thrusters and disturbances. The number of a dive is its seed. Each dive appends a row to "
@@ -157,7 +157,7 @@ class Campaign(Study[CampaignCase]):
                 rms_mm, tilt_deg, number = row["depth_rms_mm"], row["tilt_deg"], row["number"]
                 yield (
                     f"  {case_of(row)}: {row['outcome']}, depth RMS {rms_mm:.1f} mm, tilt {tilt_deg:.0f}°  "
-                    f"·  holdfast campaign --replay {number}"
+                    f"·  holdfast lab campaign --replay {number}"
                 )
 
     def failed(self, rows: Sequence[Row]) -> bool:

@@ -1,4 +1,4 @@
-"""The dives of `holdfast campaign`: vehicle, link and sea drawn from a number, and where each must hold.
+"""The dives of `holdfast lab campaign`: vehicle, link and sea drawn from a number, and where each must hold.
 
 A dive's number is its seed: number 4711 is the same dive on any machine and in any batch.
 Published sets of the vehicle are varied beyond what was measured; `ENVELOPE` says where every dive must hold.

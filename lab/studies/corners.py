@@ -1,4 +1,4 @@
-"""`holdfast campaign --corners`: whether vehicles of a third and three times the nominal gain oscillate.
+"""`holdfast lab campaign --corners`: whether vehicles of a third and three times the nominal gain oscillate.
 
 The corners of gain of all axes, thruster lag, delay, hidden delay and water, in the full loop. `limit_cycles`
 says what oscillates.
@@ -109,12 +109,12 @@ def _engaged(dived: Iterator[Step], duration_s: float) -> tuple[list[Step], str]
 class Corners(Study[Cell]):
     """Every corner, one dive each."""
 
-    command = "campaign corners"
+    command = "lab campaign corners"
     about = "Dives vehicles of a third and three times the nominal gain, and lists limit cycles."
 
     @classmethod
     def options(cls, parser: argparse.ArgumentParser) -> None:
-        """Add none: `holdfast campaign` has them."""
+        """Add none: `holdfast lab campaign` has them."""
 
     def __init__(self, arguments: argparse.Namespace) -> None:
         self._config = load_companion(overrides=arguments.set)

@@ -1,4 +1,4 @@
-"""The courses of `holdfast bench position`: places and paths in a current, in the full loop, with a DVL.
+"""The courses of `holdfast lab bench position`: places and paths in a current, in the full loop, with a DVL.
 
 The PID steers surge and sway in Holdfast's place, between the same estimator and the same allocation; ArduSub
 itself, with --firmware, holds a place in POSHOLD and follows a path in GUIDED. All have the same water. An

@@ -1,4 +1,4 @@
-"""`holdfast bench dives`: how well every competitor holds, over the same dives in the full loop.
+"""`holdfast lab bench dives`: how well every competitor holds, over the same dives in the full loop.
 
 A case is a scenario and a delay. Within a case all competitors dive with the same vehicles, seas, loads and
 noise, so that differences are taken dive by dive. No search ever sees the seeds. The last row is computed,
@@ -62,7 +62,7 @@ class BenchDive(NamedTuple):
 class Dives(Study[BenchDive]):
     """Every scenario and delay with every competitor and vehicle."""
 
-    command = "bench dives"
+    command = "lab bench dives"
     about = (
         "Simulates four scenarios, without and with 80 ms more delay, with random vehicles, in virtual time "
         "and with real MAVLink bytes: the shipped default, other laws and compensators, ArduSub's depth "

@@ -1,4 +1,4 @@
-"""`holdfast faults`: thousands of dives in which something breaks, and what must hold in every tick of each.
+"""`holdfast lab faults`: dives in which something breaks, and what must hold in every tick of each.
 
 A dive's number is its seed: it draws a vehicle, a state to be in, one to three faults and sometimes an
 operator who presses every button. What must hold stands in `lab.studies.breaking`.
@@ -183,7 +183,7 @@ class FaultDive(NamedTuple):
 class FaultDives(Study[FaultDive]):
     """The dives of a range of numbers."""
 
-    command = "faults"
+    command = "lab faults"
     about = (
         "Injects a fault into every simulated dive (in bytes, telemetry, autopilot, process or vehicle), in "
         "every state, in virtual time, and checks the promises of the supervisor in every tick. The number "

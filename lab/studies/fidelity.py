@@ -1,4 +1,4 @@
-"""`holdfast bench firmware`: our simulator beside the real firmware with the same plants, seas and seeds."""
+"""`holdfast lab bench firmware`: our simulator beside the real firmware with the same plants and seeds."""
 
 import argparse
 from collections.abc import Iterator, Sequence
@@ -29,7 +29,7 @@ class FirmwareDive(NamedTuple):
 class Fidelity(Dives):
     """Every dive twice, without added delay."""
 
-    command = "bench firmware"
+    command = "lab bench firmware"
     about = (
         "Compares our simulator with the real ArduSub: depth hold, stock and tuned, and the shipped default. "
         f"An asterisk: the standard deviations differ by more than {ALIKE:.0%}."

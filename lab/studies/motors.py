@@ -1,4 +1,4 @@
-"""`holdfast faults --thrusters`: each motor dies, weakens or sticks in a held dive, in waves and current."""
+"""`holdfast lab faults --thrusters`: each motor dies, weakens or sticks in a dive, in waves and current."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -81,7 +81,7 @@ def dive(case: MotorFailure, firmware: Path | None = None) -> Row:
 class MotorFailures(FaultDives):
     """Every motor of both frames with every failure, and none."""
 
-    command = "faults thrusters"
+    command = "lab faults thrusters"
 
     def cases(self) -> Sequence[Any]:
         return [

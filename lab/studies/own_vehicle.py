@@ -77,7 +77,7 @@ def write_config(source: Path, vehicle: VehicleFile, gains: Mapping[str, float],
     if "preset" in tomllib.loads(text)["vehicle"]:
         beside = out.with_name(f"{out.stem}-vehicle.toml")
         values[PRESET_KEY] = beside.name
-        about = (f"The vehicle for which `holdfast tune` searched the gains of {out.name} beside it.",)
+        about = (f"The vehicle for which `holdfast lab tune` searched the gains of {out.name} beside it.",)
         beside.write_text(vehicle_text(vehicle, about), encoding="utf-8")
     else:
         for section, keys in msgspec.to_builtins(vehicle).items():

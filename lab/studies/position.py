@@ -1,4 +1,4 @@
-"""`holdfast bench position`: how well each competitor holds the places and follows the paths of `courses`."""
+"""`holdfast lab bench position`: how well each competitor holds places and follows paths of `courses`."""
 
 import argparse
 from collections.abc import Iterator, Sequence
@@ -56,7 +56,7 @@ class CourseDive(NamedTuple):
 class Courses(Study[CourseDive]):
     """Every course with every competitor and vehicle."""
 
-    command = "bench position"
+    command = "lab bench position"
     about = (
         "Holds a place and follows paths in a current, with a DVL, beside a PID and, with --firmware, "
         "ArduSub's POSHOLD and GUIDED. "

@@ -1,4 +1,4 @@
-"""`holdfast bench reality`: vehicles that are unlike the model.
+"""`holdfast lab bench reality`: vehicles that are unlike the model.
 
 | scenario    | vehicle                                                                              |
 |-------------|--------------------------------------------------------------------------------------|
@@ -110,7 +110,7 @@ def light(seed: int, *, rough: bool) -> SimConfig:
 class Reality(Unlike):
     """Vehicles between the published models and the tank's, with a gain on each axis, and light ones."""
 
-    command = "bench reality"
+    command = "lab bench reality"
     about = (
         "Holds vehicles between the published models and a real one, in four degrees of freedom at once; "
         "with --scenarios also those with a gain of its own on each axis, or light ones."

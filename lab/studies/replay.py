@@ -1,4 +1,4 @@
-"""`holdfast campaign --replay`: one dive of a campaign, as the batch and as the full loop have it."""
+"""`holdfast lab campaign --replay`: one dive of a campaign, as the batch and as the full loop have it."""
 
 import argparse
 from collections.abc import Iterator, Sequence
@@ -15,7 +15,7 @@ from lab.study import Row, ruled
 class Replay(campaign.Campaign):
     """One dive of a campaign, as the batch and as the full loop have it."""
 
-    command = "campaign replay"
+    command = "lab campaign replay"
     keeps_rows = False
     dive_min = 0.0
 

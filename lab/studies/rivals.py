@@ -1,7 +1,7 @@
-"""`holdfast bench rivals`: other laws on vehicles unlike the model, in depth and in place.
+"""`holdfast lab bench rivals`: other laws on vehicles unlike the model, in depth and in place.
 
 The vehicles are those of `bench reality`. Every rival has our estimator, delay compensation and thruster
-curve, and the model that Holdfast has. `holdfast tune --reality` searches each as it does Holdfast itself:
+curve, and the model that Holdfast has. `holdfast lab tune --reality` searches each as it does Holdfast:
 first its depth, then with that its place, with equal budget and width of bounds. The dives are batches
 without MAVLink bytes; with --messages the full loop.
 """
@@ -107,11 +107,11 @@ FIGURES = ("depth_rms_mm", "place_rms_mm", "chatter_n", "place_chatter_n", "thru
 class Rivals(Study[RivalDive]):
     """Every row with every vehicle."""
 
-    command = "bench rivals"
+    command = "lab bench rivals"
     about = (
         "Holds the vehicles of `bench reality` with other laws, in depth and in place: compiled dives "
         "without MAVLink bytes, the DVL without drift. The rows were tuned on other such vehicles "
-        "(holdfast tune --reality)."
+        "(holdfast lab tune --reality)."
     )
 
     variants: ClassVar = {"messages": "lab.studies.rivals:WithMessages"}
@@ -187,7 +187,7 @@ class Rivals(Study[RivalDive]):
 class WithMessages(Reality):
     """`bench rivals --messages`: the same rows in the full loop."""
 
-    command = "bench rivals"
+    command = "lab bench rivals"
     presets = (DEFAULT, *RIVALS)
     waters = ("rough",)
     goals: ClassVar = {}

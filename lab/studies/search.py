@@ -91,7 +91,7 @@ def minimised(
     done: Callable[[int], object] = lambda count: None,
 ) -> Found:
     """Search the `knobs`, from their values by up to the factor WIDTH, for the least that `judge` returns."""
-    import cma  # the help of `holdfast tune` needs neither this nor numba
+    import cma  # the help of `holdfast lab tune` needs neither this nor numba
 
     keys, start = list(knobs), np.log(list(knobs.values()))
 

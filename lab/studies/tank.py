@@ -1,4 +1,4 @@
-"""`holdfast bench tank`: a real BlueROV2 Heavy as it was measured in a tank (config/sim-tank-heavy.toml)."""
+"""`holdfast lab bench tank`: a real BlueROV2 Heavy as measured in a tank (config/sim-tank-heavy.toml)."""
 
 from typing import ClassVar
 
@@ -16,7 +16,7 @@ TANK = DEFAULT_CONFIG.with_name("sim-tank-heavy.toml")
 class Tank(Unlike):
     """The tank vehicle with the nominal preset, never identified, and with its own."""
 
-    command = "bench tank"
+    command = "lab bench tank"
     about = "Holds a real BlueROV2 Heavy as it was measured, without and with motors that start 0.16 s late."
     seeds = 10
     waters = ("calm", "waves", "path", "place")

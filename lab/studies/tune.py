@@ -1,4 +1,4 @@
-"""`holdfast tune`: a search of gains for the competitors of the bench, or for one's own vehicle."""
+"""`holdfast lab tune`: a search of gains for the competitors of the bench, or for one's own vehicle."""
 
 import argparse
 import json
@@ -40,12 +40,12 @@ class Search(NamedTuple):
 class Tune(Study[Search]):
     """Rows of the bench, or without any the configuration's own heave, or its surge and sway."""
 
-    command = "tune"
+    command = "lab tune"
     about = (
         "Searches gains of heave, or of surge and sway, by CMA-ES over simulated dives: half of them with "
         "40 ms more delay each way, half with 15 % more thrust and 40 ms of hidden delay. Without ROW it "
         "tunes your configuration for your vehicle and writes a configuration file. With ROW it tunes rows "
-        "of `holdfast bench`, for lab/studies/tuned.toml."
+        "of `holdfast lab bench`, for lab/studies/tuned.toml."
     )
     unit = "searches"
     recipe = ("set", "vehicle", "config", "place", "evaluations", "seeds")
@@ -69,7 +69,9 @@ class Tune(Study[Search]):
             "--place", action="store_true", help="surge and sway of your configuration, not heave; with a DVL"
         )
         parser.add_argument(
-            "--reality", action="store_true", help="ROW is one of `holdfast bench rivals`: depth, then place"
+            "--reality",
+            action="store_true",
+            help="ROW is one of `holdfast lab bench rivals`: depth, then place",
         )
         parser.add_argument(
             "--evaluations",
@@ -184,7 +186,7 @@ def next_step(out: Path, names: Sequence[str], *, own: bool) -> str:
         )
     return (
         f"Dive it: put its values into {TUNED_FILE.relative_to(Path(__file__).parents[2])}, then\n"
-        f"  holdfast bench dives --rows {shlex.join(names)}"
+        f"  holdfast lab bench dives --rows {shlex.join(names)}"
     )
 
 

@@ -1,4 +1,4 @@
-"""`holdfast tune --reality`: the search of the rows of `holdfast bench rivals`."""
+"""`holdfast lab tune --reality`: the search of the rows of `holdfast lab bench rivals`."""
 
 import argparse
 from collections.abc import Iterator, Sequence
@@ -27,16 +27,16 @@ def training(vehicles: int) -> list[tuple[Scenario, TrainingCase]]:
 
 
 class Searches(Study[Search]):
-    """`holdfast tune --reality`: the depth of each row, and with what it found its place."""
+    """`holdfast lab tune --reality`: the depth of each row, and with what it found its place."""
 
-    command = "tune"
-    about = "Searches the rows of `holdfast bench rivals`."
+    command = "lab tune"
+    about = "Searches the rows of `holdfast lab bench rivals`."
     unit = "searches"
     recipe = ("set", "evaluations", "seeds")
 
     @classmethod
     def options(cls, parser: argparse.ArgumentParser) -> None:
-        """Add none: `holdfast tune` has them."""
+        """Add none: `holdfast lab tune` has them."""
 
     def __init__(self, arguments: argparse.Namespace) -> None:
         self._rows: list[str] = list(RIVALS) if arguments.rows in ([], ["all"]) else arguments.rows

@@ -1,8 +1,8 @@
 """The main job, end to end: engine and vehicle exchange MAVLink bytes in virtual time.
 
 A scenario is data: what is changed in vehicle and companion, the link, how long, and what must hold
-of the truth. Bounds are about 1.5 times what was measured over 20 vehicles (`holdfast bench dives`), so that
-they fall to a wrong sign, a forgotten delay or a lost compensator and not to another seed.
+of the truth. Bounds are about 1.5 times what was measured over 20 vehicles (`holdfast lab bench dives`), so
+that they fall to a wrong sign, a forgotten delay or a lost compensator and not to another seed.
 """
 
 import math

@@ -1,4 +1,4 @@
-"""`holdfast paper`: the whole command once, against figures that another simulation found before it."""
+"""`holdfast lab paper`: the whole command once, against figures that another simulation found before it."""
 
 import json
 import math

@@ -188,8 +188,8 @@ def test_a_dive_without_raw_ticks_cannot_be_run_again(
     recording.close()
     with pytest.raises(RerunError, match=r"telemetry\.raw=true"):
         load([tmp_path / "x.mcap"])
-    assert holdfast.main(["rerun", str(tmp_path / "x.mcap")]) == 2
-    assert holdfast.main(["rerun", str(tmp_path / "none.mcap")]) == 2
+    assert holdfast.main(["lab", "rerun", str(tmp_path / "x.mcap")]) == 2
+    assert holdfast.main(["lab", "rerun", str(tmp_path / "none.mcap")]) == 2
     assert "none.mcap" in capsys.readouterr().err
 
 
@@ -197,7 +197,7 @@ def test_a_dive_without_raw_ticks_cannot_be_run_again(
 def test_a_log_of_somebody_else_is_refused_with_the_command_that_reads_it(
     name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert holdfast.main(["rerun", str(tmp_path / name)]) == 2
+    assert holdfast.main(["lab", "rerun", str(tmp_path / name)]) == 2
     assert "`holdfast identify --from`" in capsys.readouterr().err
 
 

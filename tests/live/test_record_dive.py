@@ -104,7 +104,7 @@ def test_a_dive_whose_recorder_was_killed(tmp_path: Path) -> None:
     assert summary.statistics is not None
     assert summary.statistics.message_count == len(items)
 
-    again = holdfast("rerun", str(path))
+    again = holdfast("lab", "rerun", str(path))
     assert again.returncode == 0, again.stdout + again.stderr
     assert "1 setpoints and 1 retunes" in again.stdout
     assert "every byte sent is the same" in again.stdout

@@ -279,7 +279,7 @@ def test_the_search_ends_with_the_command_that_dives_its_result(tmp_path):
     command = next_step(file, ["default"], own=True).splitlines()[-1].split()
     assert command[:2] == ["holdfast", "run"]
     assert load_config(Path(command[command.index("--config") + 1])).heave.kappa_per_s == 9.0
-    assert "holdfast bench dives --rows ppi law" in next_step(file, ["ppi", "law"], own=False)
+    assert "holdfast lab bench dives --rows ppi law" in next_step(file, ["ppi", "law"], own=False)
 
 
 def test_scenarios_have_the_names_of_the_documents():

@@ -1,4 +1,4 @@
-"""`holdfast bench position`: what is counted, who dives, and what is refused."""
+"""`holdfast lab bench position`: what is counted, who dives, and what is refused."""
 
 import math
 

@@ -71,7 +71,7 @@ def test_the_envelope_leaves_out_what_turns_over():
 
 def test_rows_of_an_older_version_are_not_overwritten(tmp_path, capsys):
     (tmp_path / "dives.csv").write_text("number\n1\n")
-    assert holdfast.main(["campaign", "--dives", "3", "--out", str(tmp_path)]) == 2
+    assert holdfast.main(["lab", "campaign", "--dives", "3", "--out", str(tmp_path)]) == 2
     assert "another configuration or version: choose another --out" in capsys.readouterr().err
 
 
@@ -111,5 +111,5 @@ def test_the_command_continues_where_it_stopped(tmp_path, capsys):
     assert summary["speed"]["dives"] == 3
     printed = capsys.readouterr().out
     assert "The envelope" in printed
-    assert "holdfast campaign --replay" in printed
+    assert "holdfast lab campaign --replay" in printed
     assert ("Worst outside:" in printed) == bool(outside)

@@ -36,12 +36,12 @@ def test_the_version_has_a_short_option(capsys):
         ["check", "--config", "nowhere"],
         ["identify", "--config", "nowhere", "--yes"],
         ["sim", "--vehicle", "nowhere.toml"],
-        ["tune", "--config", "nowhere"],
+        ["lab", "tune", "--config", "nowhere"],
         ["report", "nowhere"],
-        ["rerun", "nowhere"],
+        ["lab", "rerun", "nowhere"],
         ["replay", "nowhere"],
         ["record", "--repair", "nowhere"],
-        ["campaign", "--set", "nowhere.x=1"],
+        ["lab", "campaign", "--set", "nowhere.x=1"],
         ["watch", "--once", "--connect", "nowhere"],
         ["record", "--connect", "nowhere"],
         ["dashboard", "--connect", "nowhere"],
@@ -57,16 +57,17 @@ def test_what_is_not_there_is_named_in_one_line_with_status_2(arguments, capsys,
     monkeypatch.setattr("sys.stderr.isatty", lambda: False, raising=False)
     assert holdfast.main(arguments) == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert line.startswith(f"holdfast {arguments[0]}: ")
+    named = " ".join(arguments[: 2 if arguments[0] == "lab" else 1])
+    assert line.startswith(f"holdfast {named}: ")
     assert "nowhere" in line
 
 
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        (["campaign", "--dives", "0"], "'0' is not a whole number of 1 or more"),
-        (["campaign", "--first", "-1"], "'-1' is not a whole number of 0 or more"),
-        (["faults", "--dives", "many"], "'many' is not a whole number of 1 or more"),
+        (["lab", "campaign", "--dives", "0"], "'0' is not a whole number of 1 or more"),
+        (["lab", "campaign", "--first", "-1"], "'-1' is not a whole number of 0 or more"),
+        (["lab", "faults", "--dives", "many"], "'many' is not a whole number of 1 or more"),
         (["sim", "--speed", "0"], "'0' is not a number above 0, up to 100"),
         (["sim", "--speed", "fast"], "'fast' is not a number above 0, up to 100"),
         (["sim", "--seed", "-1"], "'-1' is not a whole number of 0 or more"),
@@ -161,8 +162,8 @@ def test_help_and_usage_need_nothing_that_the_demo_does_not_bring():
         for name in ("numba", "cma", "distributed", "pyarrow"):
             sys.modules[name] = None
         import holdfast
-        helps = [[name, "--help"] for name in holdfast.commands_by_name()]
-        for arguments in [*helps, ["campaign", "--dives", "0"]]:
+        helps = [[*name.split(), "--help"] for name in holdfast.commands_by_name()]
+        for arguments in [*helps, ["lab", "campaign", "--dives", "0"]]:
             try:
                 print(holdfast.main(arguments))
             except SystemExit as end:
@@ -175,7 +176,7 @@ def test_help_and_usage_need_nothing_that_the_demo_does_not_bring():
 
 def test_of_several_extras_the_commands_own_is_named():
     assert holdfast.extra_of("rich", "watch") == "dashboard"
-    assert holdfast.extra_of("rich", "bench") == "lab"
+    assert holdfast.extra_of("rich", "lab bench") == "lab"
     assert holdfast.extra_of("rich", "demo") == "demo"
 
 
@@ -195,7 +196,10 @@ def test_a_reader_that_went_away_ends_it_without_a_word():
     reading, writing = os.pipe()
     os.close(reading)
     done = subprocess.run(
-        [sys.executable, "-m", "holdfast", "schema"], stdout=writing, stderr=subprocess.PIPE, check=False
+        [sys.executable, "-m", "holdfast", "lab", "schema"],
+        stdout=writing,
+        stderr=subprocess.PIPE,
+        check=False,
     )
     os.close(writing)
     assert (done.returncode, done.stderr) == (141, b"")
@@ -293,8 +297,8 @@ def test_check_prints_json_or_writes_it_and_prints_the_table(capsys, monkeypatch
 
 
 def test_a_folder_for_figures_that_cannot_be_is_refused_before_hours_pass(capsys):
-    assert holdfast.main(["bench", "--json", "/proc/nowhere/figures.json"]) == 2
-    assert capsys.readouterr().err == "holdfast bench: /proc/nowhere: No such file or directory\n"
+    assert holdfast.main(["lab", "bench", "--json", "/proc/nowhere/figures.json"]) == 2
+    assert capsys.readouterr().err == "holdfast lab bench: /proc/nowhere: No such file or directory\n"
 
 
 def test_a_fault_that_lasts_over_a_gap_in_the_recording_is_one():

@@ -3,7 +3,6 @@
 import re
 from contextlib import redirect_stdout
 from functools import cache
-from importlib.metadata import entry_points
 from io import StringIO
 from pathlib import Path
 
@@ -53,20 +52,22 @@ def options(command):
     """The options that a command's help names."""
     said = StringIO()
     with redirect_stdout(said), pytest.raises(SystemExit):
-        holdfast.main([command, "--help"])
+        holdfast.main([*command.split(), "--help"])
     return set(re.findall(r"--[a-z][a-z-]*", said.getvalue()))
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_every_command_that_a_page_shows_exists_with_its_options(page):
-    if page.name == "CHANGELOG.md":
-        return
+    if page.name == "CHANGELOG.md" or page.parent.name == "decisions":
+        return  # they name the commands of their day
     text = page.read_text().replace("\\\n", " ")
     shown = [line for block in FENCE.findall(text) for line in block.splitlines()[1:-1]]
     shown += re.findall(r"`([^`\n]+)`", FENCE.sub("", text))
-    known = {entry.name for entry in entry_points(group="holdfast.commands")}
+    known = holdfast.commands_by_name().keys() | {"lab"}
     for line in shown:
-        for command, rest in re.findall(r"(?:^|[/ ])holdfast ([a-z]+)((?: [^|;#&]*)?)", line.split("  #")[0]):
+        for command, rest in re.findall(
+            r"(?:^|[/ ])holdfast ((?:lab )?[a-z]+)((?: [^|;#&]*)?)", line.split("  #")[0]
+        ):
             if not re.match(r"^(\$ |[A-Z_]+=\S+ |\S*/)?holdfast ", line.strip()):
                 continue
             assert command in known, line

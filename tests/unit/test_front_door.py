@@ -1,6 +1,7 @@
 """`holdfast --help` lists every command, and imports no package that is not used."""
 
 import platform
+import re
 import subprocess
 import sys
 from importlib.metadata import entry_points
@@ -16,9 +17,24 @@ def test_help_is_a_screenful_that_lists_every_command(capsys: pytest.CaptureFixt
     lines = capsys.readouterr().out.splitlines()
     assert len(lines) <= 40
     assert all(len(line) <= 100 for line in lines)
-    for command in entry_points(group="holdfast.commands"):
-        (line,) = [line for line in lines if line.startswith(f"  holdfast {command.name} ")]
-        assert line.split(maxsplit=2)[2:], f"{command.value} has no docstring to serve as its help"
+    listed = [line.split(maxsplit=2) for line in lines if line.startswith("  holdfast ")]
+    assert all(len(words) == 3 for words in listed), "no docstring to serve as its help"
+    assert len(listed) <= 20
+    assert {name for _, name, _ in listed} == {
+        entry.name for entry in entry_points(group="holdfast.commands")
+    }
+    assert holdfast.main(["lab"]) == 0
+    lab = capsys.readouterr().out
+    assert all(f"  holdfast lab {entry.name} " in lab for entry in entry_points(group="holdfast.lab"))
+
+
+@pytest.mark.parametrize("old", holdfast.REPLACED)
+def test_a_command_of_the_version_before_names_what_took_its_place(old, capsys):
+    assert holdfast.main([old, "--help"]) == 2
+    said = capsys.readouterr().err
+    assert said == f"holdfast {old}: is now {holdfast.REPLACED[old]}\n"
+    for new in re.findall(r"`holdfast (lab \w+|\w+)", said):
+        assert new in holdfast.commands_by_name()
 
 
 def test_no_arguments_is_a_question_for_help(capsys: pytest.CaptureFixture[str]) -> None:
@@ -76,11 +92,11 @@ def test_a_command_gets_the_other_arguments_and_gives_the_status() -> None:
     assert leaving.value.code == 2
 
 
-@pytest.mark.parametrize("command", [one.name for one in entry_points(group="holdfast.commands")])
+@pytest.mark.parametrize("command", holdfast.commands_by_name())
 def test_every_commands_help_has_examples_and_fits_the_screen(command, capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "110")
     with pytest.raises(SystemExit) as leaving:
-        holdfast.main([command, "--help"])
+        holdfast.main([*command.split(), "--help"])
     assert leaving.value.code == 0
     lines = capsys.readouterr().out.splitlines()
     assert max(map(len, lines)) <= 110

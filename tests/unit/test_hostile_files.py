@@ -172,7 +172,7 @@ def test_hostile_plans(tmp_path: Path) -> None:
     all_refused(tmp_path / "in" / "hostile.plan", encoded(JSONS), ("follow", "kelp", "FILE"))
 
 
-@pytest.mark.parametrize("command", ["record --repair", "report", "rerun", "replay"])
+@pytest.mark.parametrize("command", ["record --repair", "report", "lab rerun", "replay"])
 def test_hostile_recordings(tmp_path: Path, command: str) -> None:
     files = {name: MAGIC + content for name, content in RECORDINGS.items()}
     all_refused(tmp_path / "in" / "hostile.mcap", files, (*command.split(), "FILE"))

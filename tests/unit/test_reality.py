@@ -1,4 +1,4 @@
-"""`holdfast bench tank` and `reality`: what is drawn, and how a dive is judged."""
+"""`holdfast lab bench tank` and `reality`: what is drawn, and how a dive is judged."""
 
 import math
 

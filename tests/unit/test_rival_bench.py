@@ -1,4 +1,4 @@
-"""`holdfast bench rivals`: the rows, their search, and what the table says."""
+"""`holdfast lab bench rivals`: the rows, their search, and what the table says."""
 
 import tomllib
 

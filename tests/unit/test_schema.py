@@ -25,7 +25,7 @@ def test_the_pages_are_not_stale() -> None:
     for name, made in schema.pages().items():
         _, mark, generated = (schema.DOCS / name).read_text(encoding="utf-8").partition(schema.MARK)
         assert mark
-        assert generated == made, f"{name} is stale: run `holdfast schema --write`"
+        assert generated == made, f"{name} is stale: run `holdfast lab schema --write`"
 
 
 def test_json_schemas_are_written_where_they_are_asked_for(tmp_path: Path) -> None:
@@ -37,7 +37,7 @@ def test_the_tables_of_the_pages_are_those_of_their_files() -> None:
     results, _ = results_page.PAGES
     for page in results_page.PAGES:
         written = page.read_text(encoding="utf-8")
-        assert written == results_page.filled(page), f"{page} is stale: run `holdfast schema --write`"
+        assert written == results_page.filled(page), f"{page} is stale: run `holdfast lab schema --write`"
     shown = {name for _, _, name, _ in results_page.MARKED.findall(results.read_text(encoding="utf-8"))}
     assert shown >= {path.stem for path in results_page.FOLDER.glob("*.json")}
 
@@ -47,7 +47,7 @@ def test_a_table_says_whether_the_code_that_it_measured_has_changed(tmp_path: Pa
     for file in (source, words):
         file.parent.mkdir(parents=True)
         file.write_text("KAPPA = 3.5\n", encoding="utf-8")
-    measured = provenance("holdfast bench tank") | {"code": measured_code(tmp_path)}
+    measured = provenance("holdfast lab bench tank") | {"code": measured_code(tmp_path)}
     words.write_text("KAPPA = 4.0\n", encoding="utf-8")
     for line, said in (
         ("KAPPA = 3.5\n", "same code"),

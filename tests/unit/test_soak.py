@@ -90,7 +90,7 @@ def test_a_lost_record_or_a_dead_process_ends_with_1(
 
 
 def test_another_machine_is_refused() -> None:
-    assert holdfast.main(["bench", "soak", "--scheduler", "tcp://127.0.0.1:1"]) == 2
+    assert holdfast.main(["lab", "bench", "soak", "--scheduler", "tcp://127.0.0.1:1"]) == 2
 
 
 GONE = ("bench process", "bench zenoh", "bench fleet", "bench dashboard", "demo --dvl")

@@ -5,7 +5,7 @@ from lab.supervisor_page import PAGE, page
 
 
 def test_the_page_is_not_stale():
-    assert PAGE.read_text(encoding="utf-8") == page(), "run: holdfast schema --write"
+    assert PAGE.read_text(encoding="utf-8") == page(), "run: holdfast lab schema --write"
 
 
 def test_every_condition_and_state_is_on_it():

@@ -48,5 +48,5 @@ def test_a_table_that_cannot_be_written_is_refused_before_the_first_dive(monkeyp
         table_file("dives.xlsx")
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     monkeypatch.setattr(holdfast, "requires", lambda _: ["pyarrow>=23; extra == 'parquet'"])
-    assert holdfast.main(["bench", "dives", "--table", "dives.parquet"]) == 2
+    assert holdfast.main(["lab", "bench", "dives", "--table", "dives.parquet"]) == 2
     assert "pip install 'holdfast-rov[parquet]'" in capsys.readouterr().err
