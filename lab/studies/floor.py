@@ -36,7 +36,7 @@ LOAD_N, LOAD_PERIOD_S, FORGOTTEN_S = 15.0, 40.0, 1000.0
 SLICES = 10
 Z, W, F, LOAD = range(4)
 NOTHING: tuple[Array, Array, Array] = (np.zeros((0, 0)), np.zeros((0, 0)), np.zeros(0))
-"""A disturbance that there is not, or that is foreseen and so costs nothing: A, Q and its output row."""
+"""A disturbance that there is not: A, Q and its output row."""
 
 DEPTH_STEP_M = 1e-3
 
@@ -49,11 +49,11 @@ class Floor:
     chatter_n: float
 
 
-def floor(scenario: Scenario, base: SimConfig, link: LinkDelay, *, foreseen: bool = False) -> Floor:
-    """Return the floor of one dive; `foreseen` is that of one who knows every wave and pull beforehand."""
+def floor(scenario: Scenario, base: SimConfig, link: LinkDelay) -> Floor:
+    """Return the floor of one dive."""
     config = scenario.plant(base, scenario.seed)
-    ready = _plant(config, scenario, wandering=True, foreseen=foreseen)
-    truth = _plant(config, scenario, wandering=False, foreseen=foreseen)
+    ready = _plant(config, scenario, wandering=True)
+    truth = _plant(config, scenario, wandering=False)
     controller = LQG(ready, loop_delay_s(scenario.seed, link) + config.sensors.depth_delay_s, TICK_S)
     K = controller.tuned(ready, CHATTER_N)
     rms_m, chatter_n = controller.reached(truth, K)
@@ -70,13 +70,11 @@ def loop_delay_s(seed: int, link: LinkDelay) -> float:
     return at.age_s + at.to_motor_s
 
 
-def _plant(config: SimConfig, scenario: Scenario, *, wandering: bool, foreseen: bool) -> Plant:
+def _plant(config: SimConfig, scenario: Scenario, *, wandering: bool) -> Plant:
     """Return heave, what pushes it and what its sensors add: z, w, f, load, disturbance, slow noises."""
     hull, sensors = config.hull, config.sensors
     mass = hull.mass_kg + hull.added_mass[2]
     pushes, drag = _disturbance(config, scenario)
-    if foreseen:
-        pushes = NOTHING
     n = 4 + len(pushes[0]) + 3
     A, B, Q = np.zeros((n, n)), np.zeros(n), np.zeros((n, n))
     A[Z, W] = 1.0

@@ -150,13 +150,3 @@ def test_floor_is_that_of_the_paper(link: LinkDelay, low_mm: float, high_mm: flo
         reached = [floor(four(seed)[scenario], BASE, link) for seed in range(1000, 1004)]
         assert low_mm < np.mean([one.depth_rms_mm for one in reached]) < high_mm
         assert max(one.chatter_n for one in reached) <= CHATTER_N + 0.01
-
-
-def test_who_foresees_the_waves_is_hardly_better_in_depth() -> None:
-    """docs/decisions/0019: what is left is the sensors' noise and the readiness for a load."""
-    waves = [four(seed)[0] for seed in range(3)]
-    as_is, best = (
-        np.mean([floor(one, BASE, LinkDelay(), foreseen=known).depth_rms_mm for one in waves])
-        for known in (False, True)
-    )
-    assert 0.95 * as_is < best < as_is
