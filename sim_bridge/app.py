@@ -100,33 +100,36 @@ class Links:
                 sender(data)
 
 
-class _UdpCaller(asyncio.DatagramProtocol):
+class _Udp(asyncio.DatagramProtocol):
+    """Keeps its transport; nobody listening there, or a peer that went away, is no reason to stop."""
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        self._transport = cast(asyncio.DatagramTransport, transport)
+
+    def error_received(self, exc: Exception) -> None:
+        """Go on."""
+
+
+class _UdpCaller(_Udp):
     """Calls one peer, as a BlueROV2 calls its topside computer, and hears whoever answers on that socket."""
 
     def __init__(self, links: Links, name: str) -> None:
         self._links, self._name = links, name
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        self._number = self._links.open(
-            cast(asyncio.DatagramTransport, transport).sendto, f"udp, calling {self._name}"
-        )
+        super().connection_made(transport)
+        self._number = self._links.open(self._transport.sendto, f"udp, calling {self._name}")
 
     def datagram_received(self, data: bytes, addr: object) -> None:
         self._links.receive(self._number, data)
 
-    def error_received(self, exc: Exception) -> None:
-        """Nobody listens there yet; go on calling."""
 
-
-class _UdpListener(asyncio.DatagramProtocol):
+class _UdpListener(_Udp):
     """Every address that is heard becomes a link; one that falls silent is forgotten."""
 
     def __init__(self, links: Links) -> None:
         self._links = links
         self._peers: dict[Endpoint, tuple[int, float]] = {}
-
-    def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        self._transport = cast(asyncio.DatagramTransport, transport)
 
     def datagram_received(self, data: bytes, addr: Endpoint) -> None:
         now_s = asyncio.get_running_loop().time()
@@ -140,9 +143,6 @@ class _UdpListener(asyncio.DatagramProtocol):
         return self._links.open(
             lambda reply: self._transport.sendto(reply, addr), f"udp from {addr[0]}:{addr[1]}"
         )
-
-    def error_received(self, exc: Exception) -> None:
-        """Go on: a peer that went away is no reason to stop."""
 
 
 class _TcpClient(asyncio.Protocol):
@@ -253,7 +253,7 @@ async def serve(vehicle: Vehicle, settings: Settings, stop: asyncio.Event) -> No
         await _pace(vehicle, links, asked, publisher.put if publisher else None, settings.speed, stop)
 
 
-class _Physics(asyncio.DatagramProtocol):
+class _Physics(_Udp):
     """Answers the frames of the real firmware; whoever sends one gets the reply."""
 
     def __init__(self, body: DrivenBody, publish: Callable[[Truth], None] | None) -> None:
@@ -261,9 +261,6 @@ class _Physics(asyncio.DatagramProtocol):
         self._responder = Responder(body.move)
         self._published_s = 0.0
         self._restarts = -1
-
-    def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        self._transport = cast(asyncio.DatagramTransport, transport)
 
     def datagram_received(self, data: bytes, addr: Endpoint) -> None:
         responder, body = self._responder, self._body
@@ -281,9 +278,6 @@ class _Physics(asyncio.DatagramProtocol):
         if self._publish and time_s - self._published_s >= TRUTH_PERIOD_STEPS * STEP_S - 1e-9:
             self._published_s = time_s
             self._publish(truth_of(body.physics, time_s, body.pwm, body.turned_s is not None, UNKNOWN_MODE))
-
-    def error_received(self, exc: Exception) -> None:
-        """Go on: the firmware was stopped; another may start."""
 
 
 async def serve_physics(

@@ -72,6 +72,11 @@ class Faults:
         """Return the fault of this kind that holds now."""
         return next((fault for fault in self._active if fault.kind == kind), None)
 
+    def value(self, kind: str, otherwise: float = 0.0) -> float:
+        """Return the value of the fault of this kind that holds now."""
+        fault = self.holds(kind)
+        return otherwise if fault is None else fault.value
+
     @property
     def kinds(self) -> tuple[str, ...]:
         """Kinds of the faults that hold now."""

@@ -213,36 +213,22 @@ class Vehicle:
         """Battery and health of the thrusters, ten times a second."""
         if self._steps % SLOW_PERIOD_STEPS:
             return
-        physics, autopilot = self.physics, self.autopilot
-        drained, doubt = self._faults.holds("voltage"), self._faults.holds("ekf")
-        physics.drain(
-            self._config.battery.voltage_v if drained is None else drained.value, SLOW_PERIOD_STEPS * STEP_S
-        )
-        autopilot.failsafes.leaking = self._faults.holds("leak") is not None
-        autopilot.ekf_doubt = None if doubt is None else doubt.value
+        physics, autopilot, faults = self.physics, self.autopilot, self._faults
+        physics.drain(faults.value("voltage", self._config.battery.voltage_v), SLOW_PERIOD_STEPS * STEP_S)
+        autopilot.failsafes.leaking = faults.holds("leak") is not None
+        autopilot.ekf_doubt = faults.value("ekf") if faults.holds("ekf") else None
         autopilot.aid(self._sensors.aided)
         self._supply(autopilot)
-        physics.health, physics.stuck = self._faults.health(), self._faults.stuck()
-        autopilot.withhold_origin(self._faults.holds("origin_late") is not None)
+        physics.health, physics.stuck = faults.health(), faults.stuck()
+        autopilot.withhold_origin(faults.holds("origin_late") is not None)
+        false_range_m = faults.value("range_false") if faults.holds("range_false") else None
         self._sensors.disturb(
-            math.radians(self._value("compass")),
-            dvl_out=self._faults.holds("dvl_out") is not None,
-            false_range_m=self._false_range(),
-            depth_noise_m=self._value("depth_noise"),
-            depth_lag_s=self._value("depth_lag"),
+            math.radians(faults.value("compass")),
+            dvl_out=faults.holds("dvl_out") is not None,
+            false_range_m=math.nan if faults.holds("range_out") else false_range_m,
+            depth_noise_m=faults.value("depth_noise"),
+            depth_lag_s=faults.value("depth_lag"),
         )
-
-    def _value(self, kind: str) -> float:
-        """Return the value of a fault that holds; 0 without one."""
-        fault = self._faults.holds(kind)
-        return fault.value if fault else 0.0
-
-    def _false_range(self) -> float | None:
-        """Return what the rangefinder reads by a fault; NaN for no echo, None where it reads the truth."""
-        if self._faults.holds("range_out"):
-            return math.nan
-        fault = self._faults.holds("range_false")
-        return fault.value if fault else None
 
     def _supply(self, autopilot: Autopilot) -> None:
         physics = self.physics

@@ -344,10 +344,6 @@ class Autopilot:
             for message in messages.statustexts(INFO, text, self._text_id):
                 self.send(link, message)
 
-    def calibrate_barometer(self) -> None:
-        """Take the present pressure for that of the surface."""
-        self.sensors.rezero()
-
     def streams(self, link: int) -> Streams:
         """Return the intervals of a link."""
         return self._links[link].streams

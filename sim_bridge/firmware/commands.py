@@ -124,7 +124,7 @@ class Commands:
         if self._autopilot.armed:
             return FAILED
         if p[2] == 1:
-            self._autopilot.calibrate_barometer()
+            self._autopilot.sensors.rezero()
             for text in ("Calibrating barometer", *(f"Barometer {n} calibration complete" for n in (1, 2))):
                 self._autopilot.say(INFO, text)
             return ACCEPTED

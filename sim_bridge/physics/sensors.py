@@ -30,13 +30,11 @@ COMPASS_TAU_S = 12.5
 LAGGING_SHARE, LAGGING_FROM_S = 0.71, 20.0
 """With GPS the EKF's depth showed this share of the motion; how slow a motion it shows whole is assumed."""
 NEAREST_M = 0.3
+"""A dipole's field is not a dipole's nearer than this."""
 ODOMETRY_LASTS_S = 0.2
 """The firmware takes odometry that is older for none."""
 STEEPEST_ECHO = 0.5
 """Cosine of the tilt from which a rangefinder hears nothing."""
-"""A dipole's field is not a dipole's nearer than this."""
-
-
 NORMALS_OF_A_READING = 16
 """At most so many normal numbers go into a reading."""
 

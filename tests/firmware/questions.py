@@ -17,8 +17,6 @@ from sim_bridge.firmware.streams import STREAMED
 Answers = Iterator[tuple[str, Any]]
 REBOOT = mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN
 NAN = math.nan
-TIMES = ("time_boot_ms", "time_usec", "time_unix_usec")
-"""Fields that differ from moment to moment."""
 UNKNOWN_MESSAGE, UNKNOWN_COMMAND = 9999, 59999
 MODES = {
     **{"STABILIZE": 0, "ACRO": 1, "ALT_HOLD": 2, "AUTO": 3, "GUIDED": 4, "unknown mode 5": 5, "CIRCLE": 7},
@@ -131,8 +129,9 @@ def fields(partner: Partner) -> Answers:
         if kind == "NAMED_VALUE_FLOAT":
             seen[f"{kind}.{message.name}"].append(message.value)
         elif kind not in ("STATUSTEXT", "TIMESYNC"):
-            for name in set(message.get_fieldnames()) - set(TIMES):
-                seen[f"{kind}.{name}"].append(getattr(message, name))
+            for name in message.get_fieldnames():
+                if not name.startswith("time_"):
+                    seen[f"{kind}.{name}"].append(getattr(message, name))
     for name, values in sorted(seen.items()):
         if all(isinstance(value, int | float) for value in values):
             mean, spread = sum(values) / len(values), max(values) - min(values)
@@ -316,31 +315,14 @@ def routing(partner: Partner) -> Answers:
         mavlink.MAVLink_command_int_message(1, 1, 0, REQUEST, 0, 0, version, 0, 0, 0, 0, 0, 0)
     )
     yield "COMMAND_INT", result(heard, REQUEST)
-    for message in heard.of("AUTOPILOT_VERSION"):
-        files = mavlink.MAV_PROTOCOL_CAPABILITY_FTP
-        yield "capabilities but for files", message.capabilities & ~files
-        yield "version", message.flight_sw_version >> 16
+    found = heard.last("AUTOPILOT_VERSION")
+    yield "capabilities but for files", found.capabilities & ~mavlink.MAV_PROTOCOL_CAPABILITY_FTP
+    yield "version", found.flight_sw_version >> 16
     heard = partner.ask(mavlink.MAVLink_timesync_message(0, 123456789))
     yield "TIMESYNC", [m.ts1 for m in heard.of("TIMESYNC") if m.tc1]
     heard = partner.ask(mavlink.MAVLink_set_mode_message(1, 1, 0))
     beats = [m.custom_mode for m in heard.of("HEARTBEAT")][:1]
     yield "SET_MODE", (result(heard, mavlink.MAVLINK_MSG_ID_SET_MODE), beats)
-    for name, group, rate, start in (("all stopped", 0, 0, 0), ("position at 5 Hz", 6, 5, 1)):
-        partner.ask(mavlink.MAVLink_request_data_stream_message(1, 1, group, rate, start))
-        partner.listen(1.0)
-        counts = Counter(m.get_type() for _, m in partner.listen(4.0))
-        rates = {kind: round(number / 4.0) for kind, number in counts.items() if kind != "TIMESYNC"}
-        yield f"REQUEST_DATA_STREAM {name}", rates
-
-
-def reboot(partner: Partner) -> Answers:
-    """Reboot: the answer, and what the vehicle says in its first 20 s."""
-    heard = partner.order(REBOOT, 1, seconds=0.5)
-    yield "answer", result(heard, REBOOT)
-    heard += partner.listen(20.0)  # our stand-in is up again at once
-    for text in sorted(set(texts(heard))):
-        yield f"says {text}", True
-    yield "status after 20 s", heard.last("HEARTBEAT").system_status
 
 
 def dynamics(partner: Partner) -> Answers:
@@ -369,12 +351,6 @@ def dynamics(partner: Partner) -> Answers:
         yield f"ALT_HOLD, z = {z}: sinks, m/s", Near(sum(sinks) / len(sinks), 0.04)
         partner.sticks = manual()
         partner.listen(3.0)
-    partner.order(SET_MODE, 1, MANUAL)
-    partner.listen(2.0)
-    depth = partner.rov.truth().eta[2]
-    partner.order(SET_MODE, 1, MODES["ALT_HOLD"])
-    dips = max(z - depth for z in partner.sampled(4.0, lambda truth: truth.eta[2]))
-    yield "ALT_HOLD from MANUAL: dips, m", Near(dips, 0.15)
     partner.order(SET_MODE, 1, MODES["SURFACE"])
     partner.listen(1.0)
     yield "SURFACE: sinks, m/s", Near(min(partner.sampled(2.0, lambda truth: truth.nu[2])), 0.1)
@@ -405,6 +381,6 @@ QUESTIONS = {
     question.__name__: question
     for question in (
         *(streams, fields, requests, commands, parameters, arming, steering, failsafes),
-        *(routing, reboot, dynamics, entering),
+        *(routing, dynamics, entering),
     )
 }

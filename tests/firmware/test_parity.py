@@ -48,13 +48,14 @@ def test_answers_are_the_same_or_differ_for_a_known_reason(question, ardusub):
     ours = vehicle(*PLANT)
     Partner(ours).ask(mavlink.MAVLink_set_gps_global_origin_message(1, *ORIGIN_DEG_E7, 0), REST_S)
     ours = answers(question, ours)
-    set_at_start = {f"{name}: value" for name in parameters_of(config)} if question == "parameters" else set()
+    known = [pattern for where, pattern, _ in KNOWN if where == question]
+    if question == "parameters":  # set for the firmware's simulator at its start
+        known += [f"{name}: value" for name in parameters_of(config)]
     different = {
         name: (theirs.get(name), ours.get(name))
         for name in dict.fromkeys([*theirs, *ours])
         if not agree(theirs.get(name), ours.get(name))
-        and name not in set_at_start
-        and not is_known(question, name)
+        and not any(fnmatchcase(name, pattern) for pattern in known)
     }
     assert not different
 
@@ -71,7 +72,3 @@ def agree(theirs, ours):
             theirs.value, abs=max(theirs.tolerance, ours.tolerance), nan_ok=True
         )
     return theirs == ours
-
-
-def is_known(question, name):
-    return any(question == where and fnmatchcase(name, pattern) for where, pattern, _ in KNOWN)

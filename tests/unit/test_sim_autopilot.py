@@ -532,23 +532,13 @@ def test_surface_climbs_to_the_surface():
     assert list(dict.fromkeys(modes)) == [SURFACE, ALT_HOLD]
 
 
-def test_a_depth_target_moves_alt_hold():
+@pytest.mark.parametrize("copied", [False, True])
+def test_a_depth_target_moves_alt_hold(copied):
+    """A vehicle that was copied obeys too, itself."""
     station = Station(vehicle(DEEP)).arm(STABILIZE)
     set_mode(station, ALT_HOLD)
-    station.say(
-        mavlink.MAVLink_set_position_target_global_int_message(
-            0, 1, 1, 5, 0b110111111011, 0, 0, -7.0, 0, 0, 0, 0, 0, 0, 0, 0
-        )
-    )
-    station.run(10.0, override())
-    assert station.rov.truth().eta[2] == pytest.approx(7.0, abs=0.15)
-
-
-def test_a_copied_vehicle_obeys_what_it_is_told():
-    station = Station(vehicle(DEEP)).arm(STABILIZE)
-    set_mode(station, ALT_HOLD)
-    other = station.rov
-    station.rov = deepcopy(other)
+    if copied:
+        station.rov = deepcopy(station.rov)
     station.say(
         mavlink.MAVLink_set_position_target_global_int_message(
             0, 1, 1, 5, 0b110111111011, 0, 0, -7.0, 0, 0, 0, 0, 0, 0, 0, 0
