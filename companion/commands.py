@@ -1,7 +1,6 @@
 """The companion's subcommands. Heavy imports wait until a command is called."""
 
 import argparse
-import datetime
 import json
 import logging
 import math
@@ -9,11 +8,16 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from holdfast import how_to_install
 from holdfast.arguments import command_parser, position
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from companion.config import VehicleFile
     from companion.first_config import Question
+    from companion.identify.samples import Table
+
+    Conclude = Callable[[Table, VehicleFile, Path, Sequence[int]], int]
 
 EXAMPLES = """\
 examples:
@@ -263,8 +267,8 @@ def check(argv: list[str]) -> int:
     return int(worst(rows))
 
 
-def identify(argv: list[str]) -> int:
-    """Measure a vehicle by moving it, and write its file."""
+def identify(argv: list[str], conclude: "Conclude") -> int:
+    """Measure a vehicle by moving it; `conclude` fits a vehicle to the table, and writes it to the file."""
     parser = command_parser(
         "identify",
         "Holds the vehicle as `holdfast run` does, and moves each axis to and fro in turn, half "
@@ -283,43 +287,39 @@ def identify(argv: list[str]) -> int:
     arguments = parser.parse_args(argv)
 
     from companion import app
-    from companion.config import DEFAULT_FILE, ConfigError, load_config, vehicle_text
-    from companion.identify.fit import fit, fit_tilts
-    from companion.identify.identified import Progress, draw, show, vehicle
+    from companion.config import DEFAULT_FILE, ConfigError, load_config, vehicle_of
     from companion.identify.manoeuvre import Manoeuvre
     from companion.io.logs import log_to
 
     log_to(sys.stderr)
     logging.getLogger("holdfast").setLevel(logging.WARNING)
+    doing = ""
+
+    def show(manoeuvre: Manoeuvre) -> None:
+        nonlocal doing
+        if manoeuvre.doing != doing:
+            doing = manoeuvre.doing
+            sys.stdout.write(f"{manoeuvre.share_done:4.0%} {doing}\n")
+            sys.stdout.flush()
+
     try:
         config = load_config(arguments.config or DEFAULT_FILE, _overrides(arguments))
         if arguments.out.exists():
             raise ConfigError(f"{arguments.out} is there already; remove it or choose another --out")
         if not arguments.yes and not _agreed(IDENTIFY_MOVES):
             return 130
-        with Progress() as progress:
-            manoeuvre = Manoeuvre(progress.show)
-            status = app.identify(config, manoeuvre, arm=arguments.arm)
+        manoeuvre = Manoeuvre(show)
+        status = app.identify(config, manoeuvre, arm=arguments.arm)
+        if manoeuvre.failure or not (manoeuvre.done and manoeuvre.moved):
+            sys.stderr.write(
+                f"holdfast identify: broken off: {manoeuvre.failure or 'stopped'}; nothing was written\n"
+            )
+            return status or 1
+        table = manoeuvre.samples.table("the manoeuvre", config.vehicle.frame)
+        return conclude(table, vehicle_of(config), arguments.out, manoeuvre.moved)
     except ValueError as error:
         sys.stderr.write(f"holdfast identify: {error}\n")
         return 2
-    if manoeuvre.failure or not (manoeuvre.done and manoeuvre.stretches):
-        sys.stderr.write(
-            f"holdfast identify: broken off: {manoeuvre.failure or 'stopped'}; nothing was written\n"
-        )
-        return status or 1
-    found = fit(manoeuvre.stretches, config)
-    tilts = fit_tilts(manoeuvre.stretches, config, found["t200"])
-    show(config, found, tilts)
-    today = datetime.datetime.now(datetime.UTC).date()
-    arguments.out.write_text(vehicle_text(*vehicle(config, found, tilts, today)), encoding="utf-8")
-    sys.stdout.write(f"written: {arguments.out}; use it with holdfast run --vehicle {arguments.out}\n")
-    try:
-        draw(found, tilts, arguments.out.with_suffix(".png"))
-        sys.stdout.write(f"written: {arguments.out.with_suffix('.png')}\n")
-    except ImportError:
-        sys.stdout.write(f"no picture: matplotlib is missing; {how_to_install('lab')}\n")
-    return 0
 
 
 def _agreed(what: str) -> bool:

@@ -196,10 +196,13 @@ def faults(argv: list[str]) -> int:
 def identify(argv: list[str]) -> int:
     """Measure a vehicle by moving it, or from logs, and write its file."""
     if any(argument.partition("=")[0] in ("--from", "--test") for argument in argv):
-        from lab.logs.command import main
-    else:
-        from companion.commands import identify as main
-    return main(argv)
+        from lab.identify.command import main
+
+        return main(argv)
+    from companion.commands import identify as move
+    from lab.identify.outcome import conclude
+
+    return move(argv, lambda table, *others: conclude([table], *others))
 
 
 def rerun(argv: list[str]) -> int:

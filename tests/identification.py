@@ -10,10 +10,12 @@ from msgspec.structs import replace
 from companion.config import Config
 from companion.control.allocation import FACTORS, PER_NEWTON
 from companion.engine import Engine
-from companion.identify.fit import DELAY, LAG, LINEAR, MASS, QUADRATIC, STEADY, Fit
-from companion.identify.identified import pooled
-from companion.identify.manoeuvre import Manoeuvre, Stretch
-from companion.records import AXES, PSI, Array, Request, Setpoint, X, Y, Z
+from companion.identify.fit import Fit
+from companion.identify.manoeuvre import EXCITATIONS, LEAD_S, ORDER, Manoeuvre
+from companion.identify.manoeuvre import SETTLE_S as REST_S
+from companion.identify.model import DELAY, LAG, LATER, LINEAR, MASS, QUADRATIC, WEIGHT
+from companion.identify.samples import Sample, Streams
+from companion.records import AXES, PSI, Array, Request, Setpoint, Y, Z
 from lab.loop.lockstep import START_S, LinkDelay, Lockstep
 from lab.loop.scenarios import ensemble
 from sim_bridge.config import SimConfig
@@ -105,30 +107,52 @@ def manoeuvred(plant: SimConfig, config: Config, seed: int) -> tuple[Manoeuvre, 
     return manoeuvre, np.array(watched.log)
 
 
-def compare(
-    plant: SimConfig, stretches: Sequence[Stretch], fits: Sequence[Fit], log: Array
-) -> Iterator[Compared]:
+def compare(plant: SimConfig, manoeuvre: Manoeuvre, found: Fit, log: Array) -> Iterator[Compared]:
     """Say what is true beside what was found, in forces of T200 thrusters."""
     hull = plant.hull
-    lag = pooled([one.values[LAG] for one in fits])
-    yield Compared("all", "lag_s", plant.thrusters.lag_s, lag.value, lag.sigma)
-    for one in fits:
-        stretch = next(stretch for stretch in stretches if stretch.dof == one.dof)
-        i, name, strength = AXIS_OF_BODY[one.dof], AXES[one.dof], _strength(plant, one.dof)
+    yield Compared("all", "lag_s", plant.thrusters.lag_s, *found.sum_of(LAG))
+    for dof in (dof for dof in manoeuvre.moved if found.axes[dof]):
+        i, name, strength = AXIS_OF_BODY[dof], AXES[dof], _strength(plant, dof)
+        begin_s = _begin_s(manoeuvre, dof)
         inertia = (hull.mass_kg if i < 3 else hull.inertia_kg_m2[2]) + hull.added_mass[i]
-        yield Compared(name, "mass", inertia / strength, *one.values[MASS])
-        speed, found = one.damping_at[-1]
+        yield Compared(name, "mass", inertia / strength, *found.sum_of(MASS + dof))
+        rates = _rates(manoeuvre, dof, begin_s)
+        speed = float(np.quantile(np.abs([one.values[-1] for one in rates]), 0.95))
         drag = (hull.linear_damping[i] + hull.quadratic_damping[i] * speed) * speed
-        yield Compared(name, f"damping at {speed:.2f}", drag / strength, *found)
+        yield Compared(name, f"damping at {speed:.2f}", drag / strength, *found.damping_at(dof, speed))
         for number, values in ((LINEAR, hull.linear_damping), (QUADRATIC, hull.quadratic_damping)):
             what = "linear damping" if number == LINEAR else "quadratic damping"
-            yield Compared(name, what, values[i] / strength, *one.values[number])
-        delay_s = _motor_delay_s(plant, stretch, log) + _rate_age_s(stretch, log)
-        yield Compared(name, "delay_s", delay_s, *one.values[DELAY])
-        yield Compared(name, "lag + delay, s", plant.thrusters.lag_s + delay_s, *one.late_s)
-        if one.dof == Z:
-            steady, sigma = one.values[STEADY]
-            yield Compared(name, "buoyancy_n", hull.net_buoyancy_n / strength, -steady, sigma)
+            yield Compared(name, what, values[i] / strength, *found.sum_of(number + dof))
+        if dof in (PSI, Z):
+            late = (DELAY, LATER) if dof == Z else (DELAY,)
+            delay_s = _motor_delay_s(plant, manoeuvre.samples, begin_s, log) + _rate_age_s(dof, rates, log)
+            yield Compared(name, "delay_s", delay_s, *found.sum_of(*late))
+            true_s = plant.thrusters.lag_s + delay_s
+            yield Compared(name, "lag + delay, s", true_s, *found.sum_of(LAG, *late))
+        if dof == Z:
+            weight, sigma = found.sum_of(WEIGHT)
+            yield Compared(name, "buoyancy_n", hull.net_buoyancy_n / strength, -weight, sigma)
+
+
+def _rates(manoeuvre: Manoeuvre, dof: int, begin_s: float) -> list[Sample]:
+    """Return the rate of an axis while it moved; surge and sway along and across the heading of then."""
+    samples = manoeuvre.samples
+    if dof in (PSI, Z):
+        rates = samples.rates if dof == PSI else samples.down
+    else:
+        heading = next(one.values[-1] for one in samples.attitude if one.t_s >= begin_s)
+        course = heading + (0.5 * math.pi if dof == Y else 0.0)
+        along = np.array([one.values for one in samples.level]) @ (math.cos(course), math.sin(course))
+        rates = [Sample(one.t_s, (rate,)) for one, rate in zip(samples.level, along.tolist(), strict=True)]
+    return [one for one in rates if 0.0 <= one.t_s - begin_s < EXCITATIONS[dof].lasts_s]
+
+
+def _begin_s(manoeuvre: Manoeuvre, dof: int) -> float:
+    """Return when an axis began to move, on the engine's clock."""
+    before = [one for one in ORDER if one in manoeuvre.moved]
+    before = before[: before.index(dof)]
+    lasts_s = sum(REST_S + LEAD_S + EXCITATIONS[one].lasts_s for one in before)
+    return manoeuvre.samples.sticks[0].t_s + lasts_s + REST_S + LEAD_S
 
 
 def _strength(plant: SimConfig, dof: int) -> float:
@@ -140,16 +164,16 @@ def _strength(plant: SimConfig, dof: int) -> float:
     return float(gains @ shares / shares.sum()) * lever
 
 
-def _motor_delay_s(plant: SimConfig, stretch: Stretch, log: Array) -> float:
+def _motor_delay_s(plant: SimConfig, samples: Streams, begin_s: float, log: Array) -> float:
     """Return how long after a command was sent the motors had it.
 
     Half a step less: the simulator lets the thrust at the end of a step act during all of it.
     """
     factors = np.array(FACTORS[plant.thrusters.frame])
-    demands = np.array([one.axes for one in stretch.sent]) @ factors.T
-    sent_s = np.array([one.t_s for one in stretch.sent]) - START_S
+    demands = np.array([one.values for one in samples.sticks]) @ factors.T
+    sent_s = np.array([one.t_s for one in samples.sticks]) - START_S
     step_s = log[1, 0] - log[0, 0]
-    grid_s = np.arange(sent_s[0] + 1.0, sent_s[0] + 11.0, 0.0005)
+    grid_s = np.arange(begin_s - START_S, begin_s - START_S + 10.0, 0.0005)
     had = log[np.searchsorted(log[:, 0] - step_s, grid_s, "right") - 1, 7:]
     shifts_s, misses = SHIFTS_S[SHIFTS_S >= 0.0], []
     for shift_s in shifts_s:
@@ -158,28 +182,16 @@ def _motor_delay_s(plant: SimConfig, stretch: Stretch, log: Array) -> float:
     return float(shifts_s[np.isclose(misses, min(misses))].mean() - 0.5 * step_s)
 
 
-def _rate_age_s(stretch: Stretch, log: Array) -> float:
-    """Return how old a rate is at its stamp, on our clock: the shift that makes it the truth.
+def _rate_age_s(dof: int, rates: Sequence[Sample], log: Array) -> float:
+    """Return how old a rate of heave or yaw is at its stamp, on our clock: the shift that makes it the truth.
 
     Changes over DIFFERENCE samples are compared: they hold little of the sensors' slow noise.
     """
-    stamps_s, rates = np.array(stretch.rates).T
-    along = log[:, 1:7] @ _direction(stretch)
-    true = np.gradient(np.unwrap(along), log[:, 0])
-    at_s = stamps_s - START_S
+    values = np.array([one.values[-1] for one in rates])
+    at_s = np.array([one.t_s for one in rates]) - START_S
+    true = np.gradient(np.unwrap(log[:, 1 + AXIS_OF_BODY[dof]]), log[:, 0])
     misses = []
     for shift_s in SHIFTS_S:
-        miss = rates - np.interp(at_s - shift_s, log[:, 0], true)
+        miss = values - np.interp(at_s - shift_s, log[:, 0], true)
         misses.append(float(np.std(miss[DIFFERENCE:] - miss[:-DIFFERENCE])))
     return float(SHIFTS_S[int(np.argmin(misses))])
-
-
-def _direction(stretch: Stretch) -> Array:
-    """Return along which of the truth's north, east, down, roll, pitch and yaw an axis moves."""
-    towards = np.zeros(6)
-    if stretch.dof in (X, Y):
-        course = stretch.heading_rad + (0.5 * math.pi if stretch.dof == Y else 0.0)
-        towards[:2] = math.cos(course), math.sin(course)
-    else:
-        towards[AXIS_OF_BODY[stretch.dof]] = 1.0
-    return towards

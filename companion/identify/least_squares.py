@@ -8,6 +8,7 @@ import numpy as np
 from companion.records import Array
 
 Residuals = Callable[[Array], Array]
+Bounds = tuple[Array, Array]
 ROUNDS, TOLERANCE = 40, 1e-6
 """It ends once a round lowers the sum of squares by less than this share."""
 DAMPINGS: Final = (1e-3, 1e-1, 1e1, 1e3)
@@ -22,17 +23,17 @@ class Found(NamedTuple):
 
 
 def least_squares(
-    residuals_at: Callable[[Array], Residuals],
+    residuals: Residuals,
     theta: Array,
     free: Sequence[int],
     steps: Array,
-    bounds_at: Callable[[Array], tuple[Array, Array]],
+    bounds_at: Callable[[Array], Bounds],
     progress: Callable[[float], None] = lambda share: None,
 ) -> Found:
     """Search from `theta` on.
 
     Args:
-        residuals_at: gives the residuals' function of a round that begins at these parameters.
+        residuals: gives the residuals at parameters.
         theta: where it begins; what is not `free` stays.
         free: numbers of the parameters that are looked for.
         steps: small changes of each, for the slope.
@@ -40,21 +41,33 @@ def least_squares(
         progress: is told a share of 1.
 
     """
+    r = residuals(theta)
     for done in range(ROUNDS):
         progress(done / ROUNDS)
-        residuals, (least, most) = residuals_at(theta), bounds_at(theta)
-        r = residuals(theta)
-        better = _better(
-            residuals, Found(theta, _jacobian(residuals, theta, r, free, steps, most), r), free, least, most
-        )
+        least, most = bounds_at(theta)
+        at = Found(theta, _jacobian(residuals, theta, r, free, steps, most), r)
+        better = _better(residuals, at, free, least, most)
         if better is None:
+            return at
+        theta, r = better
+        if float(r @ r) > (1.0 - TOLERANCE) * float(at.r @ at.r):
             break
-        theta = better[0]
-        if float(better[1] @ better[1]) > (1.0 - TOLERANCE) * float(r @ r):
-            break
-    residuals, (_, most) = residuals_at(theta), bounds_at(theta)
-    r = residuals(theta)
-    return Found(theta, _jacobian(residuals, theta, r, free, steps, most), r)
+    return Found(theta, _jacobian(residuals, theta, r, free, steps, bounds_at(theta)[1]), r)
+
+
+def sandwich(found: Found, block: Array) -> Array:
+    """Return the covariance of the free parameters; errors within a block may be correlated as they like.
+
+    `block` numbers the block of each of the equally long parts that the residuals consist of. (White,
+    Econometrica, 1980; Liang and Zeger, Biometrika, 1986.)
+    """
+    free = found.J.shape[1]
+    scores = (found.J * found.r[:, None]).reshape(block.size, -1, free).sum(axis=1)
+    blocks, which = np.unique(block, return_inverse=True)
+    sums = np.zeros((blocks.size, free))
+    np.add.at(sums, which, scores)
+    inverse = np.linalg.pinv(found.J.T @ found.J, hermitian=True)
+    return np.asarray(inverse @ (sums.T @ sums) @ inverse)
 
 
 def _better(

@@ -7,17 +7,16 @@ to the law's force on the same axis, which show mass, lag and delay. It keeps wh
 
 import math
 from collections.abc import Callable, Generator, Iterator
-from dataclasses import dataclass, field
 from typing import Final, NamedTuple, Protocol
 
 from companion.control.bounds import wrap
+from companion.identify.samples import Sample, Streams
 from companion.records import (
     AXES,
     DOFS,
     PSI,
     ZERO,
     Attitude,
-    Axes,
     AxisCommand,
     ControlSample,
     Depth,
@@ -79,45 +78,6 @@ EXCITATIONS: Final = (
 """Surge, sway, heave, yaw."""
 
 
-class Measured(NamedTuple):
-    """One sample: when it was true by its stamp (s, our clock), and its value (m, rad or per s)."""
-
-    t_s: float
-    value: float
-
-
-class Tilt(NamedTuple):
-    """Roll and pitch (rad) and their rates p and q (rad/s), true by their stamp (s, our clock)."""
-
-    t_s: float
-    angles: tuple[float, float]
-    rates: tuple[float, float]
-
-
-class Sent(NamedTuple):
-    """One command: when it was sent, the six axes, and the battery's voltage."""
-
-    t_s: float
-    axes: Axes
-    voltage_v: float
-
-
-@dataclass
-class Stretch:
-    """What was recorded while one axis moved: commands, positions and rates of its degree of freedom.
-
-    Surge and sway count from where they began, along and across the heading of then.
-    """
-
-    dof: int
-    heading_rad: float
-    origin: Vector
-    sent: list[Sent] = field(default_factory=list)
-    positions: list[Measured] = field(default_factory=list)
-    rates: list[Measured] = field(default_factory=list)
-    tilts: list[Tilt] = field(default_factory=list)
-
-
 class Held(Protocol):
     """What the manoeuvre needs of the engine."""
 
@@ -135,13 +95,16 @@ class Manoeuvre:
     def __init__(self, report: Callable[["Manoeuvre"], None] = lambda _: None) -> None:
         """`report` is called after each step, to show how it goes."""
         self._report = report
-        self.stretches: list[Stretch] = []
+        self.samples = Streams()
+        """What was sent and measured since it began."""
+        self.moved: list[int] = []
+        """The axes that have been moved to the end."""
         self.done = False
         self.failure = ""
         """Why it was broken off; empty where it was not."""
         self.doing = "waiting for the permission to engage"
         self.share_done = 0.0
-        self._stretch: Stretch | None = None
+        self._noting = False
         self._script = self._manoeuvre()
 
     def step(self, engine: Held, sample: ControlSample) -> list[Request]:
@@ -168,7 +131,7 @@ class Manoeuvre:
             return
         dofs = [dof for dof in ORDER if self._sample.dofs.engaged[dof]]
         lasts_s = {dof: SETTLE_S + LEAD_S + EXCITATIONS[dof].lasts_s for dof in dofs}
-        before_s = 0.0
+        before_s, self._noting = 0.0, True
         for dof in dofs:
             self.doing = f"settling before {AXES[dof]}"
             stop = yield from self._wait(SETTLE_S, began.eta, dofs)
@@ -195,24 +158,21 @@ class Manoeuvre:
 
     def _excite(self, dof: int, home: Vector, dofs: list[int], before_s: float, length_s: float) -> Steps:
         began_s, kind = self._now_s + LEAD_S, EXCITATIONS[dof]
-        stretch = self._stretch = Stretch(dof, home[PSI], home)
         while (t_s := self._now_s - began_s) < kind.lasts_s:
             if stop := self._out_of_bounds(home, dofs):
-                self._stretch = None
                 return stop
             self.share_done = (before_s + t_s) / length_s
             self._engine.aim(_swept(home, dof, kind, t_s))
             force = kind.push * pushing(t_s, kind)
             self._engine.excitation = vector(force if axis == dof else 0.0 for axis in range(len(DOFS)))
             yield []
-        self.stretches.append(stretch)
-        self._stretch = None
+        self.moved.append(dof)
         self._engine.aim(Setpoint(home))
         return ""
 
     def _end(self, failure: str) -> Iterator[list[Request]]:
         """Ask the engine to let go, and wait until it has."""
-        self.failure, self._stretch = failure, None
+        self.failure, self._noting = failure, False
         self.doing = "releasing"
         began_s = self._now_s
         yield [Request.STOP]
@@ -238,11 +198,12 @@ class Manoeuvre:
         return ""
 
     def _note(self) -> None:
-        """Keep what was sent and measured while an axis moves."""
-        stretch, state = self._stretch, self._sample.state
-        if stretch is None:
+        """Keep what was sent and measured, by its stamp on our clock."""
+        if not self._noting:
             return
-        stretch.sent.append(Sent(state.t_s, self._engine.applied, state.voltage_v))
+        samples, state = self.samples, self._sample.state
+        samples.sticks.append(Sample(state.t_s, self._engine.applied))
+        samples.voltage.append(Sample(state.t_s, (state.voltage_v,)))
         ahead_s = state.boot_s - state.t_s
         for event in self._engine.events:
             if not isinstance(event, Depth | DepthRate | Attitude | Position):
@@ -250,18 +211,15 @@ class Manoeuvre:
             stamp_s = event.boot_s
             t_s = event.t_s - state.delays.telemetry_s if stamp_s is None else stamp_s - ahead_s
             if isinstance(event, Attitude):
-                stretch.tilts.append(Tilt(t_s, (event.roll, event.pitch), (event.p, event.q)))
-            if stretch.dof == Z and isinstance(event, Depth):
-                stretch.positions.append(Measured(t_s, event.z_m))
-            elif stretch.dof == Z and isinstance(event, DepthRate):
-                stretch.rates.append(Measured(t_s, event.w_mps))
-            elif stretch.dof == PSI and isinstance(event, Attitude):
-                stretch.positions.append(Measured(t_s, event.yaw))
-                stretch.rates.append(Measured(t_s, event.r))
-            elif stretch.dof in (X, Y) and isinstance(event, Position):
-                north_m, east_m = event.x_m - stretch.origin[X], event.y_m - stretch.origin[Y]
-                stretch.positions.append(Measured(t_s, _along(stretch, north_m, east_m)))
-                stretch.rates.append(Measured(t_s, _along(stretch, event.vx_mps, event.vy_mps)))
+                samples.attitude.append(Sample(t_s, (event.roll, event.pitch, event.yaw)))
+                samples.rates.append(Sample(t_s, (event.p, event.q, event.r)))
+            elif isinstance(event, Depth):
+                samples.depth.append(Sample(t_s, (event.z_m,)))
+            elif isinstance(event, DepthRate):
+                samples.down.append(Sample(t_s, (event.w_mps,)))
+            else:
+                samples.level.append(Sample(t_s, (event.vx_mps, event.vy_mps)))
+                samples.aided.append(Sample(t_s, (1.0,)))
 
     @property
     def _held(self) -> bool:
@@ -271,12 +229,6 @@ class Manoeuvre:
     @property
     def _now_s(self) -> float:
         return self._sample.state.t_s
-
-
-def _along(stretch: Stretch, north: float, east: float) -> float:
-    """Return the part along the stretch's axis of a horizontal vector."""
-    cos, sin = math.cos(stretch.heading_rad), math.sin(stretch.heading_rad)
-    return cos * north + sin * east if stretch.dof == X else cos * east - sin * north
 
 
 def sweeping(t_s: float, kind: Excitation) -> float:

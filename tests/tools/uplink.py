@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Any, TypedDict
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from tools.telemetry_log import TlogRecord, read
 
-from lab.logs.telemetry_log import TlogRecord, read
 from lab.loop.lockstep import SteppedVehicle
 
 DATA = Path(__file__).parents[1] / "data"

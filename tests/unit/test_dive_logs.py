@@ -12,7 +12,6 @@ from dive_logs import (
     QUADRATIC,
     START_S,
     dive,
-    write_bag,
     write_blueos_mcap,
     write_csv,
     write_dataflash,
@@ -22,13 +21,14 @@ from dive_logs import (
 )
 
 from companion.config import PRESETS, load_vehicle
+from companion.identify import fit, model
+from companion.identify.model import DELAY, LAG, START, Track, parameters, score
+from companion.identify.samples import NoDiveError
 from companion.records import AXES
 from holdfast import RefusedError
 from lab import commands
-from lab.logs import dive_fit
-from lab.logs.dive_log import LogError, reported
-from lab.logs.model import Track, parameters, score
-from lab.logs.readers import read
+from lab.identify.outcome import held
+from lab.identify.readers import read
 
 FRAME = "vectored_6dof"
 SHORT = dive(20.0)
@@ -70,9 +70,12 @@ def test_each_kind_of_log_gives_the_dive_that_was_written(name, tmp_path):
     check(read(WRITERS[name](SHORT, tmp_path / name), FRAME))
 
 
-def test_a_ros_2_bag_gives_it_too(tmp_path):
-    pytest.importorskip("rosbags", reason="the extra `rosbag` is not installed")
-    check(read(write_bag(SHORT, tmp_path / "bag"), FRAME))
+@pytest.mark.parametrize("name", ["bag", "dive.bag", "dive.db3"])
+def test_a_ros_bag_is_refused_with_what_to_do_instead(name, tmp_path):
+    path = tmp_path / name
+    path.mkdir() if name == "bag" else path.write_bytes(b"#ROSBAG V2.0")
+    with pytest.raises(RefusedError, match=r"docs/identify\.md has a script that makes a CSV"):
+        commands.identify(["--from", str(path)])
 
 
 @pytest.mark.parametrize("name", WRITERS)
@@ -119,7 +122,7 @@ def test_junk_in_the_middle_ends_in_words_and_prints_nothing(name, tmp_path, cap
 def test_a_foreign_file_is_refused_in_words(content, tmp_path):
     path = tmp_path / "what"
     path.write_bytes(content)
-    with pytest.raises(LogError):
+    with pytest.raises(NoDiveError):
         read(path, FRAME)
 
 
@@ -127,7 +130,7 @@ def test_a_foreign_file_is_refused_in_words(content, tmp_path):
 def test_without_a_measured_speed_heave_and_yaw_are_left(writer, tmp_path):
     log = read(writer(SHORT, tmp_path / "dive", speeds=False), FRAME)
     assert not np.isfinite(log.velocity[:, :2]).any()
-    assert "measured: vertical speed, turn rate;" in reported(log)[0]
+    assert "measured: vertical speed, turn rate;" in held(log)[0]
     row = score([Track(log, FRAME)], parameters(load_vehicle(PRESETS / "heavy.toml")), 1.0)
     assert row["surge"] is row["sway"] is None
     assert max(value for value in (row["heave"], row["yaw"]) if value is not None) < 1.0
@@ -136,7 +139,7 @@ def test_without_a_measured_speed_heave_and_yaw_are_left(writer, tmp_path):
 def test_the_vehicle_that_made_the_log_is_found(long_dive, tmp_path):
     log = read(write_csv(long_dive, tmp_path / "dive.csv"), FRAME)
     track = Track(log, FRAME)
-    found = dive_fit.fit([track], load_vehicle(PRESETS / "heavy.toml"))
+    found = fit.fit([track], load_vehicle(PRESETS / "heavy.toml"))
     for axis in range(4):
         assert found.theta[axis] == pytest.approx(MASS[axis], rel=0.05)
         assert abs(found.theta[axis] - MASS[axis]) < 4.0 * found.sigma[axis] + 0.02 * MASS[axis]
@@ -145,9 +148,9 @@ def test_the_vehicle_that_made_the_log_is_found(long_dive, tmp_path):
             LINEAR[axis] * speed + QUADRATIC[axis] * speed**2, rel=0.06
         )
         assert found.apart(axis)
-    assert found.theta[13] == pytest.approx(COUPLING, abs=0.2)
-    assert found.theta[14:17].sum() == pytest.approx(LAG_S + START_S, abs=0.02)
-    vehicle, notes = dive_fit.vehicle(found, load_vehicle(PRESETS / "heavy.toml"))
+    assert found.theta[model.COUPLING] == pytest.approx(COUPLING, abs=0.2)
+    assert found.theta[[LAG, START, DELAY]].sum() == pytest.approx(LAG_S + START_S, abs=0.02)
+    vehicle, notes = fit.vehicle(found, load_vehicle(PRESETS / "heavy.toml"))
     assert notes["surge.mass"].startswith("sd ")
     assert notes["levelling.roll_inertia"] == "not identified"
     fitted = score([track], parameters(vehicle), 2.0)
@@ -157,13 +160,15 @@ def test_the_vehicle_that_made_the_log_is_found(long_dive, tmp_path):
 def test_an_axis_that_did_not_move_keeps_the_base_and_is_named(tmp_path):
     log = read(write_csv(dive(60.0, axes=(2,)), tmp_path / "dive.csv"), FRAME)
     base = load_vehicle(PRESETS / "heavy.toml")
-    found = dive_fit.fit([Track(log, FRAME)], base)
-    vehicle, notes = dive_fit.vehicle(found, base)
+    found = fit.fit([Track(log, FRAME)], base)
+    vehicle, notes = fit.vehicle(found, base)
     assert found.axes == (False, False, True, False)
     assert vehicle.surge == base.surge
     assert vehicle.heave.mass == pytest.approx(MASS[2], rel=0.08)
     assert notes["surge.mass"] == "not identified"
-    assert any(line.startswith("surge: not measured, or it did not move") for line in dive_fit.said(found))
+    assert any(
+        line.startswith("surge: not measured, or it did not move") for line in fit.reported(found, base)
+    )
 
 
 def test_from_writes_a_file_that_test_gives_the_fitted_quality(long_dive, tmp_path, capsys):
@@ -191,8 +196,8 @@ def test_help_of_the_logs_part_is_shown_though_no_file_is_named(capsys):
 
 
 def test_a_large_log_says_how_far_it_is(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("lab.logs.command.SHOWN_BYTES", 1000)
+    monkeypatch.setattr("lab.identify.command.SHOWN_BYTES", 1000)
     path = write_tlog(SHORT, tmp_path / "dive.tlog")
-    monkeypatch.setattr("lab.logs.readers.EVERY", 50)
+    monkeypatch.setattr("lab.identify.readers.EVERY", 50)
     assert commands.identify(["--test", str(path), "--json"]) == 0
     assert [line[:9] for line in capsys.readouterr().err.splitlines()] == ["reading: "] * 3

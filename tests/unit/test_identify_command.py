@@ -5,8 +5,6 @@ import pytest
 import holdfast
 from companion import app
 
-SOMETHING = object()
-
 
 @pytest.fixture
 def driven(monkeypatch, tmp_path):
@@ -26,11 +24,11 @@ def driven(monkeypatch, tmp_path):
 
 
 def ctrl_c_after_the_first_axis(manoeuvre):
-    manoeuvre.stretches.append(SOMETHING)
+    manoeuvre.moved.append(2)
 
 
 def taken_over(manoeuvre):
-    manoeuvre.stretches.append(SOMETHING)
+    manoeuvre.moved.append(2)
     manoeuvre.failure, manoeuvre.done = "the pilot took an axis", True
 
 

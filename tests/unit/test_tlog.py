@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from tools.telemetry_log import MAX_GAP_S, TlogError, TlogRecord, read
 from virtual import ROOT, Somebody
 
 from companion.config import load_config
@@ -16,7 +17,6 @@ from companion.engine import Engine
 from companion.mavlink.relay import Relay
 from companion.predive.check import CheckRow
 from companion.records import ControlSample, LoopHealth, Setpoint, Z
-from lab.logs.telemetry_log import MAX_GAP_S, TlogError, TlogRecord, read
 from sim_bridge.config import load_config as load_plant
 from sim_bridge.vehicle import Vehicle
 

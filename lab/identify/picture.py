@@ -6,10 +6,9 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from companion.records import AXES
+from companion.identify.model import BODY, HORIZONS_S, Track, moved
+from companion.records import AXES, Array
 from lab import style
-from lab.logs.dive_log import Array
-from lab.logs.model import BODY, HORIZONS_S, Track, moved
 
 SHOWN_S = 40.0
 """So much of the log in which most moves is drawn."""
@@ -17,20 +16,22 @@ SHOWN_S = 40.0
 
 def draw(tracks: Sequence[Track], theta: Array) -> Figure:
     """Draw the axes that moved: recorded, and as each moment 1 and 2 s before predicted it."""
-    track = max(tracks, key=lambda one: int(moved([one], HORIZONS_S[-1]).sum()) * 1e6 + one.log.t_s.size)
-    axes = [i for i in range(4) if moved([track], HORIZONS_S[-1])[i]] or [2]
+    track = max(tracks, key=lambda one: int(moved([one])[-1].sum()) * 1e6 + one.table.t_s.size)
+    axes = [i for i in range(4) if moved([track])[-1][i]] or [2]
     begin_s = _liveliest(track, axes)
     figure = Figure(figsize=(12.8, 1.0 + 2.3 * len(axes)), dpi=110, layout="constrained")
     panels = figure.subplots(len(axes), 1, squeeze=False, sharex=True)[:, 0]
-    t_s = track.log.t_s
+    t_s = track.table.t_s
     for panel, axis in zip(panels, axes, strict=True):
-        recorded = track.log.velocity[:, BODY[axis]]
+        recorded = track.table.velocity[:, BODY[axis]]
         shown = (begin_s <= t_s) & (t_s <= begin_s + SHOWN_S)
         panel.plot(t_s[shown], recorded[shown], color=style.BLACK, linewidth=1.8, label="recorded")
-        for horizon_s, colour in zip(HORIZONS_S, (style.BLUE, style.VERMILLION), strict=True):
-            windows = track.windows[horizon_s]
-            ahead = windows.start[:, BODY[axis]] + track.predicted(theta, horizon_s)[:, axis]
-            at_s = t_s[windows.last]
+        predicted = track.predicted(theta)
+        for number, colour in enumerate((style.BLUE, style.VERMILLION)):
+            horizon_s, whole = HORIZONS_S[number], np.isfinite(track.changes[:, number]).any(axis=1)
+            first = track.first[whole]
+            ahead = recorded[first] + predicted[whole, number, axis]
+            at_s = t_s[first] + horizon_s
             drawn = (begin_s <= at_s) & (at_s <= begin_s + SHOWN_S)
             gaps = np.where(np.diff(at_s[drawn], prepend=at_s[drawn][:1]) > 1.0, np.nan, 1.0)
             panel.plot(
@@ -41,7 +42,7 @@ def draw(tracks: Sequence[Track], theta: Array) -> Figure:
                 label=f"predicted {horizon_s:g} s before",
             )
         unit = "rad/s" if axis == 3 else "m/s"
-        style.name(panel, f"{AXES[axis].capitalize()}: {Path(track.log.name).name}", unit)
+        style.name(panel, f"{AXES[axis].capitalize()}: {Path(track.table.name).name}", unit)
         style.zero(panel)
         style.plain(panel)
     panels[0].legend(frameon=False, fontsize=style.SMALL, loc="upper right", ncols=3)
@@ -51,9 +52,9 @@ def draw(tracks: Sequence[Track], theta: Array) -> Figure:
 
 def _liveliest(track: Track, axes: Sequence[int]) -> float:
     """Return where to begin: the stretch in which the axes move most, each by its own measure."""
-    velocity = np.nan_to_num(track.log.velocity[:, [BODY[axis] for axis in axes]])
+    velocity = np.nan_to_num(track.table.velocity[:, [BODY[axis] for axis in axes]])
     energy = np.concatenate(
         ((0.0,), np.cumsum((velocity**2 / np.maximum(velocity.var(axis=0), 1e-9)).sum(axis=1)))
     )
-    ends = np.searchsorted(track.log.t_s, track.log.t_s + SHOWN_S)
-    return float(track.log.t_s[int(np.argmax(energy[ends] - energy[:-1]))])
+    ends = np.searchsorted(track.table.t_s, track.table.t_s + SHOWN_S)
+    return float(track.table.t_s[int(np.argmax(energy[ends] - energy[:-1]))])

@@ -1,7 +1,6 @@
 """`holdfast identify --from` and `--test`: a vehicle's file from logs, and a score of one on logs."""
 
 import argparse
-import datetime
 import json
 import sys
 from collections.abc import Callable, Iterator
@@ -12,16 +11,16 @@ from typing import Final
 from rich import box
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-from rich.table import Table
+from rich.table import Table as Printed
 
-from companion.config import VehicleFile, load_vehicle, vehicle_file, vehicle_text
+from companion.config import VehicleFile, load_vehicle, vehicle_file
+from companion.identify.model import HORIZONS_S, Track, parameters, score
+from companion.identify.samples import Table
 from companion.records import AXES
 from holdfast import RefusedError
 from holdfast.arguments import command_parser
-from lab.logs import dive_fit, picture
-from lab.logs.dive_log import LogError, reported
-from lab.logs.model import HORIZONS_S, Track, parameters, score
-from lab.logs.readers import read
+from lab.identify.outcome import conclude
+from lab.identify.readers import read
 
 SHOWN_BYTES: Final = 4 << 20
 """Progress is shown for logs that are larger together."""
@@ -32,8 +31,7 @@ examples:
   holdfast identify --test other.BIN --vehicle vehicle.toml
   holdfast identify --test other.csv --vehicle heavy --json
 
-Logs: dataflash .BIN, .tlog, MCAP of Holdfast or BlueOS, ROS bags (with the extra `rosbag`), and CSV:
-docs/identify.md.
+Logs: dataflash .BIN, .tlog, MCAP of Holdfast or BlueOS, and CSV: docs/identify.md, also for ROS bags.
 """
 
 
@@ -64,70 +62,40 @@ def main(argv: list[str]) -> int:
     )
     arguments = parser.parse_args(["--help"] if {"-h", "--help"} & {*argv} else argv)
     base = load_vehicle(vehicle_file(Path("--vehicle"), arguments.vehicle, Path()))
-    return test(arguments, base) if arguments.test else identify(arguments, base)
+    if arguments.test:
+        return test(arguments, base)
+    if arguments.out.exists():
+        raise RefusedError(f"{arguments.out} is there already; remove it or choose another --out")
+    tables = tables_of(arguments.sources, base)
+    with shown("fitting", everything=sys.stderr.isatty()) as progress:
+        return conclude(tables, base, arguments.out, progress=progress)
 
 
 def test(arguments: argparse.Namespace, vehicle: VehicleFile) -> int:
     """Score a vehicle on logs."""
-    tracks = tracks_of(arguments.test, vehicle)
     theta = parameters(vehicle)
-    scores = {
-        track.log.name: {f"{horizon_s:g}": score([track], theta, horizon_s) for horizon_s in HORIZONS_S}
-        for track in tracks
-    }
+    scores = {}
+    for table in tables_of(arguments.test, vehicle):
+        track = Track(table, vehicle.vehicle.frame)
+        scores[table.name] = {f"{horizon_s:g}": score([track], theta, horizon_s) for horizon_s in HORIZONS_S}
     if arguments.json:
         sys.stdout.write(json.dumps(scores) + "\n")
         return 0
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, title="1 - R² of the change of velocity")
+    printed = Printed(box=box.SIMPLE_HEAD, pad_edge=False, title="1 - R² of the change of velocity")
     for column in ("log", "ahead", *AXES, "windows"):
-        table.add_column(column, justify="left" if column == "log" else "right")
+        printed.add_column(column, justify="left" if column == "log" else "right")
     for name, by_horizon in scores.items():
         for horizon, row in by_horizon.items():
             cells = ("-" if row[axis] is None else f"{row[axis]:.3f}" for axis in AXES)
-            table.add_row(name, f"{horizon} s", *cells, str(row["windows"]))
-    Console(width=None if sys.stdout.isatty() else 120).print(table)
+            printed.add_row(name, f"{horizon} s", *cells, str(row["windows"]))
+    Console(width=None if sys.stdout.isatty() else 120).print(printed)
     return 0
 
 
-def identify(arguments: argparse.Namespace, base: VehicleFile) -> int:
-    """Fit a vehicle to logs, and write it."""
-    if arguments.out.exists():
-        raise RefusedError(f"{arguments.out} is there already; remove it or choose another --out")
-    tracks = tracks_of(arguments.sources, base)
-    try:
-        with shown("fitting", everything=sys.stderr.isatty()) as progress:
-            found = dive_fit.fit(tracks, base, progress)
-    except LogError as error:
-        raise RefusedError(f"{', '.join(arguments.sources)}: {error}") from error
-    vehicle, notes = dive_fit.vehicle(found, base)
-    lines = [line for track in tracks for line in reported(track.log)] + [*dive_fit.said(found)]
-    if not any(map(found.known, range(len(AXES)))):
-        sys.stdout.write("\n".join([*lines, "no inertia is known well enough: nothing was written"]) + "\n")
-        return 1
-    theta = parameters(vehicle)
-    for horizon_s in HORIZONS_S:
-        row = score(tracks, theta, horizon_s)
-        quality = ", ".join(f"{axis} {row[axis]:.3f}" for axis in AXES if row[axis] is not None)
-        lines.append(f"1 - R² of the change of velocity over {horizon_s:g} s, on these logs: {quality}")
-    today = datetime.datetime.now(datetime.UTC).date()
-    about = [
-        f"Identified from logs by `holdfast identify --from` on {today.isoformat()}. sd: standard deviation.",
-        f"What no log told is that of {arguments.vehicle}. config/vehicles/custom.toml explains every key.",
-        *lines,
-    ]
-    arguments.out.parent.mkdir(parents=True, exist_ok=True)
-    arguments.out.write_text(vehicle_text(vehicle, about, notes), encoding="utf-8")
-    image = arguments.out.with_suffix(".png")
-    picture.draw(tracks, theta).savefig(image)
-    sys.stdout.write("\n".join([*lines, f"written: {arguments.out} and {image}"]) + "\n")
-    sys.stdout.write(f"use it with holdfast run --vehicle {arguments.out}\n")
-    return 0
-
-
-def tracks_of(files: list[str], vehicle: VehicleFile) -> list[Track]:
+def tables_of(files: list[str], vehicle: VehicleFile) -> list[Table]:
     """Read logs, and show how far it is; raise RefusedError for one that tells nothing, OSError."""
-    sizes = [_size(Path(file)) for file in files]
-    tracks = []
+    sizes = [Path(file).stat().st_size for file in files]
+    tables = []
     with shown("reading", everything=sum(sizes) > SHOWN_BYTES) as progress:
         for file, size, before in zip(files, sizes, (sum(sizes[:i]) for i in range(len(sizes))), strict=True):
 
@@ -135,18 +103,11 @@ def tracks_of(files: list[str], vehicle: VehicleFile) -> list[Track]:
                 progress((before + share * size) / max(sum(sizes), 1))
 
             try:
-                log = read(Path(file), vehicle.vehicle.frame, part)
+                tables.append(read(Path(file), vehicle.vehicle.frame, part))
             except ValueError as error:
                 text = " ".join(str(error).split())
                 raise RefusedError(text if text.startswith(file) else f"{file}: {text}") from error
-            tracks.append(Track(log, vehicle.vehicle.frame))
-    return tracks
-
-
-def _size(path: Path) -> int:
-    if path.is_dir():
-        return sum(file.stat().st_size for file in path.iterdir())
-    return path.stat().st_size
+    return tables
 
 
 @contextmanager

@@ -1,0 +1,286 @@
+"""Logs of whatever kind as the table of samples: told by their content, within limits of size and count.
+
+A reader collects `Streams`. Everything raises NoDiveError, in one line, for a file that tells nothing of a
+dive, and OSError.
+"""
+
+import contextlib
+import csv
+import math
+import os
+import struct
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any, Final
+
+import msgspec
+
+from companion.identify.samples import ABSURD, NoDiveError, Sample, Streams, Table
+from companion.mavlink.frames import frame_at
+from companion.mavlink.messages import is_known, message_name
+from companion.records import AXES
+from companion.telemetry.schemas import Raw
+from dashboard.recording.mcap_file import MAGIC, Reader
+from lab.identify.telemetry import USED, Telemetry, aided, motors_of
+
+Progress = Callable[[float], None]
+
+STICKS: Final = ("surge", "sway", "heave", "yaw", "roll", "pitch")
+MEASURED: Final = {
+    "depth": ("z_m",),
+    "attitude": ("phi_rad", "theta_rad", "psi_rad"),
+    "body": ("u_mps", "v_mps", "w_mps"),
+    "rates": ("p_radps", "q_radps", "r_radps"),
+}
+"""Columns of a CSV by the stream that they fill."""
+DATAFLASH: Final = b"\xa3\x95"
+DATAFLASH_USED: Final = ["ATT", "RATE", "IMU", "XKF1", "XKF4", "RCOU", "BAT", "PARM"]
+USED_IDS: Final = {number for number in range(1 << 10) if is_known(number) and message_name(number) in USED}
+MAX_ROWS: Final = 4_000_000
+MAX_LINE: Final = 4096
+MAX_TLOG_BYTES: Final = 1 << 31
+MAX_SILENCE_S: Final = 10.0
+"""A longer silence of a .tlog, or a jump of its UTC, is shortened to this."""
+EVERY: Final = 4096
+"""So many samples between two reports of progress."""
+KINDS: Final = ".BIN, .tlog, .mcap, or a CSV with a column t_s"
+ROS: Final = "ROS bags are not read: docs/identify.md has a script that makes a CSV of one"
+
+
+def read(path: Path, frame: str, progress: Progress = lambda share: None) -> Table:
+    """Read a log of any kind; `frame` says which motors serve which axis."""
+    if path.is_dir() or path.suffix in (".bag", ".db3"):
+        raise NoDiveError(ROS)
+    with path.open("rb") as file:
+        head = file.read(4096)
+    if not head:
+        raise NoDiveError("is empty")
+    if head.startswith(MAGIC):
+        streams = _mcap(path, progress)
+    elif head.startswith(DATAFLASH):
+        streams = _dataflash(path, progress)
+    elif b"t_s" in head.partition(b"\n")[0]:
+        streams = _csv(path, progress)
+    elif path.suffix == ".tlog" or (len(head) > 8 and head[8] in (0xFD, 0xFE)):
+        streams = _tlog(path, progress)
+    else:
+        raise NoDiveError(f"is no log that is known: {KINDS}")
+    return streams.table(str(path), frame)
+
+
+def _csv(path: Path, progress: Progress) -> Streams:
+    """Read the columns of docs/identify.md; a row has commands or measurements, or both."""
+    streams, size = Streams(), path.stat().st_size
+    with path.open(encoding="utf-8", errors="replace", newline="") as file:
+        lines = (line[:MAX_LINE] for line in iter(lambda: file.readline(MAX_LINE), ""))
+        reader = csv.DictReader(lines)
+        names = set(reader.fieldnames or ())
+        if not names & set(STICKS) or not any(names & set(columns) for columns in MEASURED.values()):
+            raise NoDiveError(
+                f"has no columns of commands ({', '.join(STICKS)}) or of measurements (z_m, u_mps, ...)"
+            )
+        number = 0
+        try:
+            for number, row in enumerate(reader):
+                if number > MAX_ROWS:
+                    raise NoDiveError(f"has more than {MAX_ROWS} rows: cut it into parts")
+                if number % EVERY == 0:
+                    progress(min(number * 90 / size, 1.0))
+                _take_row(streams, row)
+        except csv.Error as error:
+            raise NoDiveError(f"row {number + 2} cannot be read: {error}") from error
+    return streams
+
+
+def _take_row(streams: Streams, row: Mapping[str, Any]) -> None:
+    t_s = _number(row.get("t_s"))
+    if not math.isfinite(t_s):
+        return
+    sticks = [_number(row.get(name)) for name in STICKS]
+    if any(map(math.isfinite, sticks)):
+        streams.sticks.append(Sample(t_s, tuple(0.0 if x != x else x for x in sticks)))
+    for name, columns in MEASURED.items():
+        values = tuple(_number(row.get(column)) for column in columns)
+        if any(map(math.isfinite, values)):
+            getattr(streams, name).append(Sample(t_s, values))
+
+
+def _number(text: object) -> float:
+    try:
+        value = float(text) if isinstance(text, str) and text.strip() else math.nan
+    except ValueError:
+        return math.nan
+    return value if abs(value) < ABSURD * 100.0 else math.nan
+
+
+def _dataflash(path: Path, progress: Progress) -> Streams:
+    """Read a .BIN by pymavlink: RCOU, ATT, RATE or IMU, XKF1, XKF4, BAT, PARM."""
+    from pymavlink.DFReader import DFReader_binary
+
+    # The reader is made in two steps: one whose __init__ failed has a file to close.
+    reader = DFReader_binary.__new__(DFReader_binary)
+    try:
+        with Path(os.devnull).open("w") as nowhere, contextlib.redirect_stderr(nowhere):
+            with _silent():
+                reader.__init__(str(path), zero_time_base=True)
+            return _dataflash_streams(reader, progress)
+    except OSError:
+        raise
+    except Exception as error:  # pymavlink raises whatever a broken file makes it stumble over
+        raise NoDiveError(f"cannot be read as a dataflash log: {type(error).__name__}: {error}") from error
+    finally:
+        for opened in (getattr(reader, "data_map", None), getattr(reader, "filehandle", None)):
+            if opened is not None:
+                opened.close()
+
+
+@contextlib.contextmanager
+def _silent() -> Iterator[None]:
+    """Let nothing that C prints to stderr through: it prints each bad byte."""
+    kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 2)
+    try:
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(nowhere)
+
+
+def _dataflash_streams(reader: Any, progress: Progress) -> Streams:
+    streams, gyro, outputs = Streams(), [], []
+    parameters: dict[str, float] = {}
+    number = 0
+    while (message := reader.recv_match(type=DATAFLASH_USED)) is not None:
+        number += 1
+        if number % EVERY == 0:
+            progress(reader.percent / 100.0)
+        kind = message.get_type()
+        if kind == "PARM":
+            parameters[str(message.Name)] = float(message.Value)
+            continue
+        if any(getattr(message, name, 0) for name in ("I", "C", "Inst", "Instance")):
+            continue  # another sensor, core or battery than the first
+        t_s = message.TimeUS / 1e6
+        if kind == "ATT":
+            angles = (message.Roll, message.Pitch, message.Yaw)
+            streams.attitude.append(Sample(t_s, tuple(map(math.radians, angles))))
+        elif kind == "RATE":
+            streams.rates.append(Sample(t_s, tuple(map(math.radians, (message.R, message.P, message.Y)))))
+        elif kind == "IMU":
+            gyro.append(Sample(t_s, (message.GyrX, message.GyrY, message.GyrZ)))
+        elif kind == "XKF1":
+            streams.level.append(Sample(t_s, (message.VN, message.VE)))
+            streams.down.append(Sample(t_s, (message.VD,)))
+            streams.depth.append(Sample(t_s, (message.PD,)))
+        elif kind == "XKF4":
+            streams.aided.append(Sample(t_s, (aided(message.SS),)))
+        elif kind == "BAT":
+            streams.voltage.append(Sample(t_s, (message.Volt,)))
+        elif kind == "RCOU":
+            outputs.append(Sample(t_s, tuple(getattr(message, f"C{n}", 0) for n in range(1, 15))))
+    streams.rates = gyro or streams.rates
+    streams.motors = motors_of(outputs, parameters)
+    return streams
+
+
+def _tlog(path: Path, progress: Progress) -> Streams:
+    """Read a ground station's log by pymavlink."""
+    from pymavlink import mavutil
+
+    if path.stat().st_size > MAX_TLOG_BYTES:
+        raise NoDiveError(f"is larger than {MAX_TLOG_BYTES >> 20} MiB: cut it into parts")
+    telemetry = Telemetry()
+    file = mavutil.mavlogfile(str(path))
+    t_s, last_s, number = 0.0, None, 0
+    try:
+        while (message := file.recv_msg()) is not None:
+            number += 1
+            if number % EVERY == 0:
+                progress(file.percent / 100.0)
+            if message.get_type() in USED:
+                stamp_s = message._timestamp  # noqa: SLF001  # pymavlink's name for it
+                t_s += min(max(stamp_s - (stamp_s if last_s is None else last_s), 0.0), MAX_SILENCE_S)
+                last_s = stamp_s
+                telemetry.take(t_s, message.get_srcSystem(), message.get_type(), partial(getattr, message))
+    except OSError:
+        raise
+    except Exception as error:  # as above
+        raise NoDiveError(f"cannot be read as a telemetry log: {type(error).__name__}: {error}") from error
+    finally:
+        file.close()
+    return telemetry.collected()
+
+
+def _mcap(path: Path, progress: Progress) -> Streams:
+    """Read our recorder's file, with raw ticks or without, or that of BlueOS."""
+    telemetry, samples = Telemetry(), Streams()
+    decode, json = msgspec.msgpack.Decoder(Raw).decode, msgspec.json.Decoder().decode
+    reader, size = Reader(path), path.stat().st_size
+    ours, raws = False, False
+    for number, item in enumerate(reader):
+        if number % EVERY == 0:
+            progress(min(reader.unpacked_bytes / 6 / size, 1.0))
+        parts = item.key.split("/")
+        try:
+            if parts[0] == "holdfast" and parts[-1] == "raw":
+                raw, ours, raws = decode(item.payload), True, True
+                heard = [(t_ns / 1e9, data) for t_ns, data in raw.heard]
+                for t_s, data in [*heard, *((raw.now_s, data) for data in raw.out)]:
+                    _take_datagram(telemetry, t_s, data)
+            elif parts[0] == "holdfast" and parts[-1] in ("state", "command"):
+                ours = True
+                _take_sample(samples, parts[-1], json(item.payload))
+            elif parts[0] == "mavlink" and "json" in item.encoding:
+                _take_json(telemetry, item.log_ns / 1e9, parts, json(item.payload))
+        except (ValueError, KeyError, TypeError, AttributeError, struct.error, RecursionError):
+            continue
+    streams = telemetry.collected() if raws or telemetry.heard else samples
+    if not streams.attitude:
+        raise NoDiveError(f"holds no dive: neither holdfast/.../state nor mavlink/.../ATTITUDE; {ROS}")
+    if ours:
+        streams.notes.append(
+            "where Holdfast held it in waves, thrust that answers to them is taken for inertia"
+        )
+    if streams is samples:
+        streams.notes.append(
+            "speeds are Holdfast's estimates; a recording with telemetry.raw = true has the sensors'"
+        )
+    return streams
+
+
+def _take_datagram(telemetry: Telemetry, t_s: float, data: bytes) -> None:
+    at = 0
+    while at < len(data):
+        size, frame = frame_at(data, at)
+        if frame is not None and frame.id in USED_IDS:
+            get = partial(getattr, frame.message())
+            telemetry.take(t_s, frame.system, message_name(frame.id), get)
+        at += size or 1
+
+
+def _take_json(telemetry: Telemetry, t_s: float, parts: Sequence[str], record: Mapping[str, Any]) -> None:
+    """Take a message as mavlink-server publishes it: mavlink/SYSTEM/COMPONENT/NAME."""
+    message, header = record.get("message", record), record.get("header", {})
+    name = str(message.get("type", parts[-1]))
+    if name in USED:
+        telemetry.take(t_s, int(header.get("system_id", parts[1])), name, lambda key: message.get(key, 0))
+
+
+def _take_sample(samples: Streams, kind: str, record: Mapping[str, Any]) -> None:
+    def put(stream: list[Sample], *names: str) -> None:
+        stream.append(Sample(record["t_s"], tuple(record[name] for name in names)))
+
+    if kind == "command":
+        sticks = tuple(record[axis] for axis in AXES)
+        samples.sticks.append(Sample(record["t_s"], (*sticks, 0.0, 0.0)))
+        return
+    put(samples.attitude, "roll_rad", "pitch_rad", "heading_rad")
+    put(samples.rates, "roll_rate_radps", "pitch_rate_radps", "heading_rate_radps")
+    put(samples.level, "x_rate_mps", "y_rate_mps")
+    put(samples.down, "depth_rate_mps")
+    put(samples.depth, "depth_m")
+    put(samples.voltage, "voltage_v")
+    absent = {"x_m", "x_rate_mps"} & {*record.get("absent", ())}
+    samples.aided.append(Sample(record["t_s"], (0.0 if absent else 1.0,)))
