@@ -59,7 +59,7 @@ no steering without --thrusters.
 IDENTIFY_MOVES = """\
 The vehicle will move by itself for one to two minutes: 0.5 m on each held axis, 50° in heading.
 It needs 1.2 m of depth and 2 m of free water around it. A stick at full deflection, the release
-button, `holdfast tell NAME release`, a mode change or Ctrl-C ends it.
+button, `holdfast release`, a mode change or Ctrl-C ends it.
 """
 
 IDENTIFY_EXAMPLES = """\
@@ -169,9 +169,7 @@ def run(argv: list[str]) -> int:
         setpoint = Setpoint((math.nan, math.nan, depth_m, heading_rad))
         if arguments.arm and not arguments.engage:
             logging.getLogger("holdfast").info(
-                "--arm without --engage: it arms when it is told to engage, for example by "
-                "`holdfast tell %s engage`",
-                config.vehicle.name,
+                "--arm without --engage: it arms when it is told to engage, for example by `holdfast engage`"
             )
         return main(config, setpoint, arm=arguments.arm, requests=requests, path=path)
     except ValueError as error:

@@ -109,7 +109,7 @@ def _install() -> None:
     sys.stdout.write(
         f"{'started' if first else 'restarted'}: {PROGRAM} by {UNITS}/{ALL}\n"
         f"next: set link.endpoint and vehicle.preset in {CONFIGURATION}, `systemctl restart holdfast`\n"
-        "      `systemctl status holdfast` says what it waits for, `holdfast tell NAME engage` engages\n"
+        "      `systemctl status holdfast` says what it waits for, `holdfast engage` engages\n"
         f"upgrade: `{PROGRAM.with_name('pip')} install -U WHEEL`, then `holdfast install` again\n"
     )
 
@@ -157,7 +157,7 @@ def _refuse_while_held() -> None:
     status = _run("systemctl", "show", "--property=StatusText", "--value", "holdfast.service")
     if status.startswith(STEERS):
         raise RefusedError(
-            "Holdfast steers the vehicle now, and this would end it. First: holdfast tell NAME release; then "
+            "Holdfast steers the vehicle now, and this would end it. First: holdfast release; then "
             "repeat this command"
         )
 

@@ -111,7 +111,7 @@ class Condition(IntFlag):
         "x and y are held, or the position is gone",
         "Holdfast engaged without a position, and one has come since: x and y stay the pilot's until "
         "somebody asks for them",
-        "hold here (`holdfast follow NAME --hold`), engage again, or go to a place",
+        "hold here (`holdfast hold`), engage again, or go to a place",
     )
     GROUND_LOST = (
         "no fresh altitude over the ground",

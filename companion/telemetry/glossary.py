@@ -11,8 +11,10 @@ from companion.telemetry.modes import MODE_NAMES, Mode
 
 Severity = Literal["info", "warning", "fault"]
 
-BY = "(`holdfast tell`, button or dashboard)"
-"""How an operator asks."""
+BY = "(`holdfast {}`, button or dashboard)"
+ENGAGE, RELEASE = (f"{what} {BY.format(what)}" for what in ("engage", "release"))
+CLEAR = f"clear the fault {BY.format('tell clear_fault')}"
+"""What an operator asks for, and how."""
 
 
 class StateWords(NamedTuple):
@@ -24,8 +26,8 @@ class StateWords(NamedTuple):
 
 
 STATES: dict[str, StateWords] = {
-    State.IDLE: StateWords("hands off", "info", f"engage {BY}"),
-    State.READY: StateWords("may engage", "info", f"engage {BY}"),
+    State.IDLE: StateWords("hands off", "info", ENGAGE),
+    State.READY: StateWords("may engage", "info", ENGAGE),
     State.ACTIVE: StateWords(
         "holding",
         "info",
@@ -33,10 +35,10 @@ STATES: dict[str, StateWords] = {
     ),
     State.RAMP_DOWN: StateWords("letting go", "warning", "wait until the thrust is zero"),
     State.HAND_OVER: StateWords(
-        "handing over to ALT_HOLD", "warning", f"wait, take over with a stick, or release {BY}"
+        "handing over to ALT_HOLD", "warning", f"wait, take over with a stick, or {RELEASE}"
     ),
-    State.PILOT: StateWords("the pilot, or ALT_HOLD, has it", "warning", f"engage again {BY}"),
-    State.FAULT: StateWords("latched until the operator clears it", "fault", f"clear the fault {BY}"),
+    State.PILOT: StateWords("the pilot, or ALT_HOLD, has it", "warning", ENGAGE),
+    State.FAULT: StateWords("latched until the operator clears it", "fault", CLEAR),
 }
 
 COURSES = {

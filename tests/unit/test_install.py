@@ -75,7 +75,7 @@ def test_an_empty_machine_gets_everything_and_what_to_do_next(machine, capsys):
     ]
     said = capsys.readouterr().out
     assert f"upgrade: `{sys.prefix}/bin/pip install -U WHEEL`" in said
-    assert "holdfast tell NAME engage" in said
+    assert "holdfast engage" in said
 
 
 def test_again_it_keeps_the_configuration_and_what_was_disabled_and_starts_afresh_what_runs(machine):
@@ -108,7 +108,7 @@ def test_a_vehicle_that_is_held_is_left_alone(machine, capsys, state, what):
     machine.told.clear()
     machine.status = state
     assert install(*what) == 2
-    assert "First: holdfast tell NAME release" in capsys.readouterr().err
+    assert "First: holdfast release" in capsys.readouterr().err
     assert (machine.files(), machine.told) == (before, [])
 
 
