@@ -1,4 +1,4 @@
-"""What a dive comes to, in figures: phases, thrust, loop, faults, the model that it shows. No drawing."""
+"""What a dive comes to, in figures: phases, thrust, loop, faults. No drawing."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -6,7 +6,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from lab.report.identify import IdentifiedModel, identify
 from lab.report.log import Array, Columns, Log, StateSpan
 
 SETTLE_S = 3.0
@@ -84,7 +83,7 @@ class Phase:
 
 @dataclass(frozen=True)
 class DiveFigures:
-    """All of it. `models` by DOF, where the dive was long enough; `loop`: median, p99 and worst by LOOP.
+    """All of it. `loop`: median, p99 and worst by LOOP.
 
     `warnings` is what a pilot reads first.
     """
@@ -93,7 +92,6 @@ class DiveFigures:
     phases: list[Phase]
     faults: list[StateSpan]
     loop: dict[str, tuple[float, float, float]]
-    models: dict[str, IdentifiedModel]
     voltage_min_v: float
     depth_max_m: float
 
@@ -103,14 +101,12 @@ def figures(log: Log) -> DiveFigures:
     active = [span for span in log.spans if span.state == "ACTIVE" and span.end_s > span.begin_s]
     phases = [_phase(log, number, span) for number, span in enumerate(active, 1)]
     state = log.keys["state"]
-    models = {dof: _model(log, phases, dof) for dof in ("z", "psi")}
     voltage = state["voltage_v"]
     return DiveFigures(
         warnings=[*_warnings(log), *([] if phases else ["it never engaged: the table of states says why"])],
         phases=phases,
         faults=faults_of(log.spans),
         loop={column: _spread(log, column) for column in LOOP},
-        models={dof: model for dof, model in models.items() if model is not None},
         voltage_min_v=float(np.nanmin(voltage)) if np.isfinite(voltage).any() else np.nan,
         depth_max_m=float(np.nanmax(state["depth_m"])),
     )
@@ -192,20 +188,6 @@ def _spread(log: Log, column: str) -> tuple[float, float, float]:
         return (np.nan,) * 3
     median, p99, worst = LOOP[column][1] * np.percentile(values, (50.0, 99.0, 100.0))
     return float(median), float(p99), float(worst)
-
-
-def _model(log: Log, phases: list[Phase], dof: str) -> IdentifiedModel | None:
-    """Fit the longest phase in which it was held; body axes are the inertial ones only in heave and yaw."""
-    spans = [phase for phase in phases if any(held.dof == dof for held in phase.held)]
-    if not spans:
-        return None
-    longest = max(spans, key=lambda phase: phase.end_s - phase.begin_s)
-    law, state, command = _between(log, dof, longest.begin_s, longest.end_s)
-    rate = state["heading_rate_radps" if dof == "psi" else "depth_rate_mps"]
-    tau = np.interp(state.at_s, command.at_s, command[AXES[dof].force])
-    desired = np.interp(state.at_s, law.at_s, law["x_d_dot"])
-    delay_s = float(np.median(log.keys["loop"]["command_delay_s"]))
-    return identify(state.at_s, rate, desired, tau, delay_s, log.config("thrusters.lag_s", 0.15))
 
 
 def _between(log: Log, dof: str, begin_s: float, end_s: float) -> tuple[Columns, Columns, Columns]:

@@ -65,13 +65,6 @@ class Log:
     metadata: dict[str, dict[str, str]]
     notes: list[str]
 
-    def config(self, key: str, otherwise: float) -> float:
-        """Return a number of the configuration that was recorded."""
-        try:
-            return float(self.metadata.get("config", {})[key])
-        except (KeyError, ValueError):
-            return otherwise
-
     def engaged(self, at_s: Array) -> NDArray[np.bool_]:
         """Tell for each time whether the supervisor's state was ACTIVE."""
         on = np.zeros(at_s.size, np.bool_)

@@ -32,9 +32,6 @@ HELD = (
 ERRORS = """
 <p>Errors are measured minus desired, while the reference rested, from 3 s after engaging; <i>moving</i> is
 the RMS while it did not. Thrust is that of the thruster curve; chatter is its RMS change a tick.</p>"""
-MODEL = """
-<p>Fitted over the longest phase, from recorded thrust and rate, with the desired motion as instrument. ± is
-one standard deviation, without the errors of the thruster curve and the lag.</p>"""
 
 
 def page(log: Log, figures: DiveFigures, picture: bytes) -> str:
@@ -74,7 +71,6 @@ def page(log: Log, figures: DiveFigures, picture: bytes) -> str:
             _table("How well it was held", HELD, _held(figures)) + ERRORS,
             _table("States", ("at", "state", "for", "because", "conditions seen"), states),
             _table("Events", ("at", "severity", "kind", "what"), events),
-            _table("Model", ("", "this dive", "configured", ""), _models(log, figures)) + MODEL,
             _table("Loop and link", ("", "median", "p99", "worst"), loop),
             f"<details><summary>Configuration</summary>{_rows(('', '', ''), config)}</details></html>\n",
         )
@@ -110,22 +106,6 @@ def _row(hold: Held) -> Iterator[str]:
     for value in (hold.thrust_rms, hold.thrust_mean, hold.chatter):
         yield _with(value, axis.force_unit)
     yield f"{hold.saturated:.1%}"
-
-
-def _models(log: Log, figures: DiveFigures) -> Iterator[Sequence[str]]:
-    for dof, model in figures.models.items():
-        axis = AXES[dof].body
-        mass_unit, force_unit, rate = ("kg m²", "N·m", "rad/s") if dof == "psi" else ("kg", "N", "m/s")
-        mass, linear, quadratic = (
-            log.config(f"{axis}.{key}", math.nan) for key in ("mass", "linear_damping", "quadratic_damping")
-        )
-        drag = linear * model.speed + quadratic * model.speed**2
-        for name, found, configured, unit in (
-            (f"{axis} mass with added mass", model.mass, mass, mass_unit),
-            (f"{axis} damping at {model.speed:.2g} {rate}", model.damping_at, drag, force_unit),
-        ):
-            doubt = "" if found.identified else "too little motion to tell"
-            yield name, f"{found.value:.3g} ± {found.sigma:.2g} {unit}", _with(configured, unit), doubt
 
 
 def _table(title: str, head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:

@@ -16,14 +16,13 @@ from virtual import ROOT, hold
 
 from companion.config import load_config
 from companion.engine import Engine
-from companion.records import Array, ControlSample, Request, supervision
+from companion.records import ControlSample, Request, supervision
 from companion.telemetry import samples
 from companion.telemetry import schemas as telemetry
 from dashboard.recording.mcap_file import Item, Recording
 from dashboard.recording.record import flat
 from lab.loop.lockstep import LinkDelay, Lockstep, Step
 from lab.report.figures import figures
-from lab.report.identify import identify
 from lab.report.log import Columns, Log, load
 from lab.report.report import main
 from lab.tables import write_table
@@ -122,49 +121,6 @@ def test_the_figures_are_those_of_the_samples(log: Log) -> None:
     )
     assert found.loop["depth_age_s"][0] == pytest.approx(np.median(log.keys["loop"]["depth_age_s"]), rel=0.2)
     assert found.depth_max_m == pytest.approx(3.0, abs=0.1)
-
-
-def test_in_calm_water_the_mass_is_that_of_the_vehicle_and_in_waves_it_says_that_it_cannot_tell(
-    log: Log, tmp_path: Path
-) -> None:
-    """The true one: 13.5 + 18.68 kg. The nominal model has 28.5."""
-    calm = load([written(tmp_path / "kelp.mcap", steps("current.enabled=false"))])
-    model, drowned = figures(calm).models["z"], figures(log).models["z"]
-    assert model is not None
-    assert drowned is not None
-    assert model.mass.identified
-    assert model.mass.value == pytest.approx(32.2, rel=0.15)
-    assert model.mass.sigma < 2.0
-    assert not drowned.mass.identified
-
-
-def test_mass_comes_back_from_numbers_that_are_known() -> None:
-    rng = np.random.default_rng(1)
-    dt_s, mass, linear, quadratic = 0.02, 30.0, 20.0, 110.0
-    t_s: Array = np.arange(4000.0) * dt_s
-    tau = np.convolve(rng.normal(0.0, 60.0, t_s.size), np.ones(40) / 40, "same")
-    acting, rate, v = np.zeros(t_s.size), np.zeros(t_s.size), 0.0
-    for i in range(1, t_s.size):
-        acting[i] = acting[i - 1] + (tau[i - 1] - acting[i - 1]) * dt_s / 0.15
-        v += dt_s * (acting[i] - 5.0 - linear * v - quadratic * abs(v) * v) / mass
-        rate[i] = v
-    model = identify(t_s, rate + rng.normal(0.0, 0.002, t_s.size), rate, tau, 0.0, 0.15)
-    assert model is not None
-    for found, true in ((model.mass, mass), (model.bias, 5.0)):
-        assert found.value == pytest.approx(true, abs=max(3.0 * found.sigma, 0.04 * true))
-    assert model.mass.sigma < 0.05 * mass
-    assert model.damping_at.value == pytest.approx(
-        linear * model.speed + quadratic * model.speed**2, abs=3.0 * model.damping_at.sigma + 0.2
-    )
-
-
-def test_a_vehicle_that_rests_tells_no_mass() -> None:
-    rng = np.random.default_rng(2)
-    t_s: Array = np.arange(3000.0) * 0.02
-    noise = rng.normal(0.0, 0.002, t_s.size)
-    model = identify(t_s, noise, 0.0 * noise, rng.normal(8.0, 0.5, t_s.size), 0.01, 0.15)
-    assert model is None or not model.mass.identified
-    assert identify(t_s[:100], t_s[:100], t_s[:100], t_s[:100], 0.0, 0.1) is None
 
 
 def test_the_page_is_one_file_with_everything_and_nothing_from_elsewhere(
