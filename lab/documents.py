@@ -5,15 +5,16 @@ A page's first part, up to MARK, is written by hand; what follows is made here, 
 
 import inspect
 from collections.abc import Iterator, Sequence
+from itertools import groupby
 from pathlib import Path
 
 import msgspec
 
-from companion.config import Config, Section, YawModel
+from companion.config import Axis, Config, Section, YawModel
 from companion.records import AXES
 from companion.telemetry import schemas as telemetry
 from companion.telemetry.commands import COMMANDS, RECORDER_COMMANDS
-from companion.telemetry.fields import Field, fields_of
+from companion.telemetry.fields import UNITS, Field, fields_of
 from companion.telemetry.schemas import Choices, Raw, Record, Reply, Truth
 from lab import results_page, supervisor_page
 
@@ -25,7 +26,6 @@ RATES = {
     "recorder": "1 Hz, by `holdfast record`",
     "plan": "when it changes, and every 5 s",
 }
-RAW_ENCODING = "application/msgpack;holdfast.Raw.v1"
 
 
 def schemas() -> dict[str, bytes]:
@@ -89,52 +89,51 @@ def _configuration() -> Iterator[str]:
 
 
 def _telemetry() -> Iterator[str]:
-    yield "\n## Published\n"
-    yield "Where no rate is given, a key is published in every tick (`loop.rate_hz`: 50 Hz). The encoding is"
-    yield f"`{telemetry.encoding(telemetry.State)}` for State, and so on; that of Raw is `{RAW_ENCODING}`,"
-    yield f"that of Truth `{telemetry.TRUTH_ENCODING}`.\n"
-    yield "| key | schema | what |"
-    yield "|---|---|---|"
+    yield "\n| key | what |"
+    yield "|---|---|"
     keys: dict[type[msgspec.Struct], list[str]] = {}
     for tail, published in (telemetry.EVERY_TICK | telemetry.NOW_AND_THEN).items():
         keys.setdefault(published, []).append(tail)
     for struct, (tail, *more) in keys.items():
         shown = "`, `".join([tail, *more])
         rate = f"; {RATES[tail]}" if tail in RATES else ""
-        yield f"| `holdfast/{{vehicle}}/{shown}` | {_link(struct)} | {_first(struct)}{rate} |"
-    yield f"| `holdfast/{{vehicle}}/raw` | {_link(Raw)} | {_first(Raw)}; only with `telemetry.raw` |"
-    yield f"| `sim/{{vehicle}}/truth` | {_link(Truth)} | {_first(Truth)}; 50 Hz, by `holdfast sim` |"
-    yield "| `holdfast/{vehicle}/alive/{instance}` | | a liveliness token while the companion runs |"
+        yield f"| `holdfast/{{vehicle}}/{shown}` | {_link(struct)}: {_first(struct)}{rate} |"
+    yield f"| `holdfast/{{vehicle}}/raw` | {_link(Raw)}: {_first(Raw)}; only with `telemetry.raw` |"
+    yield f"| `sim/{{vehicle}}/truth` | {_link(Truth)}: {_first(Truth)}; 50 Hz, by `holdfast sim` |"
+    yield "| `holdfast/{vehicle}/alive/{instance}` | a liveliness token while the companion runs |"
     yield "\nEach has these fields, all but Raw and Truth:\n"
     yield from _table(Record)
     for struct in keys | {Raw: [], Truth: []}:
         more_words = _words(struct).removeprefix(_first(struct)).removeprefix(".").strip()
         yield f"\n### {struct.__name__}\n" + (f"\n{more_words}\n" if more_words else "")
         yield from _table(struct, () if struct in (Raw, Truth) else Record.__struct_fields__)
-    yield "\n## Answered\n"
-    yield "A query for `holdfast/{vehicle}/config` returns the configuration in force, a JSON object with the"
-    yield "sections of `config/companion.toml`; a query for `holdfast/{vehicle}/choices` returns Choices; a"
-    yield "query for a published key returns its last sample."
-    yield f"\n### Choices\n\n{_words(Choices)}\n"
-    yield from _table(Choices)
     yield "\n## Commands\n"
     yield "Send a query to `holdfast/{vehicle}/command/{name}`. Its payload is a JSON object (`{}` for a"
     yield "command without fields), its answer a Reply. `holdfast record` answers `command/record`."
     for name, command in (COMMANDS | RECORDER_COMMANDS).items():
         yield f"\n### {name}\n\n{_words(command)}"
+        of_axis = [key for key in fields_of(command) if key in fields_of(Axis)]
+        if len(of_axis) > 1:
+            yield f"It takes `{'`, `'.join(of_axis)}` of the [configuration](configuration.md)."
         if command.__struct_fields__:
             yield ""
-            yield from _table(command)
+            yield from _table(command, of_axis if len(of_axis) > 1 else ())
     yield "\n### Reply\n\n" + _words(Reply) + "\n"
     yield from _table(Reply)
 
 
 def _table(struct: type[msgspec.Struct], without: Sequence[str] = ()) -> Iterator[str]:
-    yield "| field | type | what |"
-    yield "|---|---|---|"
-    for name, field in fields_of(struct).items():
-        if name not in without:
-            yield f"| `{name}` | {_kind(field)} | {field.what} |"
+    """Give a row to each field, and one to neighbours of which the same is said."""
+    yield "| field | what |"
+    yield "|---|---|"
+    fields = [(name, field) for name, field in fields_of(struct).items() if name not in without]
+    for said, alike in groupby(fields, lambda named: _said(named[1])):
+        yield f"| {', '.join(f'`{name}`' for name, _ in alike)} | {said} |"
+
+
+def _said(field: Field) -> str:
+    plain = field.type in ("number", "integer", "string") and field.unit in ("", *UNITS.values())
+    return "; ".join(filter(None, (field.what, "" if plain else _kind(field))))
 
 
 def _kind(field: Field) -> str:
