@@ -140,6 +140,7 @@ def run(argv: list[str]) -> int:
     from companion.io.logs import log_to
     from companion.records import Request, Setpoint
     from companion.telemetry import path_files, ranges
+    from holdfast import validation
 
     depth_m = math.nan if arguments.depth is None else arguments.depth
     heading_rad = math.nan if arguments.heading is None else math.radians(arguments.heading)
@@ -155,7 +156,7 @@ def run(argv: list[str]) -> int:
             ("--depth", arguments.depth, ranges.Depth),
             ("--heading", arguments.heading, ranges.HeadingDeg),
         ):
-            if value is not None and (refused := ranges.refusal(name, value, kind)):
+            if value is not None and (refused := validation.refusal(name, value, kind)):
                 raise ConfigError(refused)
         config = load_config(arguments.config or DEFAULT_FILE, overrides)
         if arguments.heading is not None and not config.vehicle.holds_heading:

@@ -18,8 +18,9 @@ from companion.endpoint import Endpoint
 from companion.records import AXES
 from companion.telemetry import ranges
 from companion.telemetry.words import means
-from holdfast import RefusedError, files
+from holdfast import validation
 from holdfast.arguments import source_of
+from holdfast.validation import ConfigError as ConfigError
 
 DEFAULT_FILE = Path(__file__).parent.parent / "config" / "companion.toml"
 PRESETS = DEFAULT_FILE.parent / "vehicles"
@@ -41,10 +42,6 @@ FORMER_VALUES: Mapping[str, Mapping[bool | str, str]] = {
 """Values that keys had in older versions, and what takes their place."""
 
 Name = Annotated[str, msgspec.Meta(pattern="^[A-Za-z0-9_-]{1,32}$")]
-
-
-class ConfigError(RefusedError):
-    """A configuration that cannot be used; says file, key, value and what is allowed."""
 
 
 class Section(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -513,7 +510,7 @@ def load_with_origins(path: Path, overrides: Sequence[str] = ()) -> tuple[Config
         _check_together(config)
         check_choices(config)
     except msgspec.ValidationError as error:
-        said = ranges.explained(table, str(error), Config)
+        said = validation.explained(table, str(error), Config)
         raise ConfigError(f"{source_of(path, overrides, said)}: {said}") from error
     except ConfigError as error:
         raise ConfigError(f"{source_of(path, overrides, str(error))}: {error}") from error
@@ -522,9 +519,9 @@ def load_with_origins(path: Path, overrides: Sequence[str] = ()) -> tuple[Config
 
 def _layers(path: Path, overrides: Sequence[str]) -> list[tuple[str, dict[str, Any]]]:
     """Return the defaults, the vehicle's file, `path` and the overrides: each wins over those before."""
-    file, chosen = _read(path), dict[str, Any]()
+    file, chosen = validation.read(path), dict[str, Any]()
     for override in overrides:
-        _apply(chosen, override)
+        validation.override(chosen, override)
     layers = [(str(path), file), ("--set", chosen)]
     for source, table in layers:
         _follow(source, table)
@@ -636,7 +633,7 @@ def holds_a_vehicle_alone(path: Path) -> bool:
     known = msgspec.to_builtins(vehicle_of(Config()))
     keys = {
         (section, key)
-        for section, keys in _read(path).items()
+        for section, keys in validation.read(path).items()
         for key in (keys if isinstance(keys, dict) else [None])
     }
     return ("vehicle", "frame") in keys and all(key in known.get(section, ()) for section, key in keys)
@@ -644,7 +641,7 @@ def holds_a_vehicle_alone(path: Path) -> bool:
 
 def load_vehicle(path: Path) -> VehicleFile:
     """Read and validate a vehicle's file; raises ConfigError naming file, key, value and range."""
-    return _vehicle_of(path, _read(path))
+    return _vehicle_of(path, validation.read(path))
 
 
 def vehicle_text(
@@ -677,12 +674,12 @@ def _vehicle_of(path: Path, table: dict[str, Any]) -> VehicleFile:
     try:
         return msgspec.convert(whole, VehicleFile)
     except msgspec.ValidationError as error:
-        raise ConfigError(f"{path}: {ranges.explained(table, str(error), VehicleFile)}") from error
+        raise ConfigError(f"{path}: {validation.explained(table, str(error), VehicleFile)}") from error
 
 
 def _vehicle_beside(table: dict[str, Any], path: Path, file: Path) -> dict[str, Any]:
     """Return the vehicle's file as a table; raise ConfigError for a key that stands in `table` too."""
-    vehicle = _read(file)
+    vehicle = validation.read(file)
     _vehicle_of(file, vehicle)
     for section, values in vehicle.items():
         keys = table.get(section)
@@ -702,28 +699,3 @@ def _lay(table: dict[str, Any], layer: Mapping[str, Any]) -> None:
             _lay(there, value)
         else:
             table[key] = value
-
-
-def _read(path: Path) -> dict[str, Any]:
-    try:
-        return files.toml(files.text(path))
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
-    except ValueError as error:
-        raise ConfigError(f"{path}: {error}") from error
-
-
-def _apply(table: dict[str, Any], override: str) -> None:
-    key, equals, text = override.partition("=")
-    if not equals:
-        raise ConfigError(f"--set {override}: write it as section.key=value")
-    try:
-        value = files.toml(f"value = {text}")["value"]
-    except ValueError:
-        value = text
-    *sections, last = key.strip().split(".")
-    for section in sections:
-        table = table.setdefault(section, {})
-        if not isinstance(table, dict):
-            raise ConfigError(f"--set {override}: {section} is a value, not a section")
-    table[last] = value

@@ -1,16 +1,16 @@
 """TOML into frozen, validated records. Unknown keys are refused; errors name file, key, value and range."""
 
 import math
-import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_type_hints
+from typing import Annotated, Any, Literal
 
 import msgspec
 from msgspec import Meta, Struct
 
-from holdfast import RefusedError, files
+from holdfast import files, validation
 from holdfast.arguments import source_of
+from holdfast.validation import ConfigError as ConfigError
 from sim_bridge.fault_kinds import Fault
 
 Positive = Annotated[float, Meta(gt=0)]
@@ -22,10 +22,6 @@ Positive3 = tuple[Positive, Positive, Positive]
 NonNegative3 = tuple[NonNegative, NonNegative, NonNegative]
 NonNegative6 = tuple[NonNegative, NonNegative, NonNegative, NonNegative, NonNegative, NonNegative]
 Vector6 = tuple[float, float, float, float, float, float]
-
-
-class ConfigError(RefusedError, ValueError):
-    """A configuration that cannot be used; the message names file, key, value and what is allowed."""
 
 
 class _Record(Struct, frozen=True, forbid_unknown_fields=True):
@@ -336,19 +332,14 @@ def load_config(path: Path | str, overrides: Sequence[str] = ()) -> SimConfig:
 
     """
     path = Path(path)
-    try:
-        data = files.toml(files.text(path))
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
-    except ValueError as error:
-        raise ConfigError(f"{path}: {error}") from error
+    data = validation.read(path)
     for override in overrides:
-        _apply(data, override)
+        validation.override(data, override)
     try:
         _refuse_non_finite(data, "")
         return msgspec.convert(data, SimConfig)
     except msgspec.ValidationError as error:
-        said = _explained(data, error)
+        said = validation.explained(data, str(error), SimConfig)
         raise ConfigError(f"{source_of(path, overrides, said)}: {said}") from error
     except ConfigError as error:
         raise ConfigError(f"{source_of(path, overrides, str(error))}: {error}") from error
@@ -374,23 +365,6 @@ def fault_of(text: str) -> Fault:
         raise ConfigError(f"fault '{text}': {error}") from error
 
 
-def _apply(data: dict[str, Any], override: str) -> None:
-    key, equals, text = override.partition("=")
-    parts = key.strip().split(".")
-    if not equals or not all(parts):
-        raise ConfigError(f"override '{override}': expected dotted.key=value, such as waves.enabled=true")
-    try:
-        value = files.toml(f"value = {text}")["value"]
-    except ValueError:
-        value = text  # as `holdfast run` takes it: a word needs no quotes
-    table = data
-    for part in parts[:-1]:
-        table = table.setdefault(part, {})
-        if not isinstance(table, dict):
-            raise ConfigError(f"override '{override}': '{part}' is not a table")
-    table[parts[-1]] = value
-
-
 def _value(where: str, text: str) -> Any:
     try:
         return files.toml(f"value = {text}")["value"]
@@ -407,26 +381,3 @@ def _refuse_non_finite(value: object, key: str) -> None:
     elif isinstance(value, list):
         for index, item in enumerate(value):
             _refuse_non_finite(item, f"{key}[{index}]")
-
-
-def _explained(data: dict[str, Any], error: msgspec.ValidationError) -> str:
-    """Turn msgspec's `Expected ... - at `$.a.b`` into key, value and range."""
-    text, _, where = str(error).partition(" - at ")
-    key = where.strip("`").removeprefix("$").removeprefix(".")
-    if field := re.search(r"(?:unknown|required) field `(.+)`", text):
-        name = f"{key}.{field[1]}" if key else field[1]
-        if "unknown" not in text:
-            return f"{name}: missing"
-        kind = get_type_hints(SimConfig).get(key) if key else SimConfig
-        known = getattr(kind, "__struct_fields__", ())
-        return f"{name}: unknown key" + (f"; known here: {', '.join(known)}" if known else "")
-    value: Any = data
-    for part in re.findall(r"[^.\[\]]+", key):
-        value = (
-            value[int(part)]
-            if isinstance(value, list)
-            else value.get(part)
-            if isinstance(value, dict)
-            else None
-        )
-    return f"{key} = {value!r}: {text[0].lower()}{text[1:]}"

@@ -12,6 +12,7 @@ from companion.telemetry import ranges
 from companion.telemetry.plan import MAX_SEGMENTS, PathPlan
 from companion.telemetry.schemas import Reply, printable
 from companion.telemetry.words import means
+from holdfast import validation
 
 MAX_BYTES = 4096
 MAX_PATH_BYTES = 1 << 18
@@ -296,7 +297,7 @@ def parse(name: str, payload: bytes, known: Mapping[str, type[Payload]] = COMMAN
     try:
         command = msgspec.convert(table, kind)
     except msgspec.ValidationError as error:
-        said = ranges.explained(table, str(error), kind)
+        said = validation.explained(table, str(error), kind)
         raise ValueError(f"{said}. {name} takes {_form(kind)}") from error
     settable = [field for field in kind.__struct_fields__ if field not in ("axis", "confirm")]
     if settable and not named(command).keys() & set(settable):
@@ -314,11 +315,11 @@ def named(command: Payload) -> dict[str, Any]:
 def fields(kind: type[Payload]) -> Iterator[Field]:
     """Describe what a command takes."""
     for name, hint in get_type_hints(kind, include_extras=True).items():
-        metas = list(ranges.metas(hint))
+        metas = list(validation.metas(hint))
         title = next((meta.title for meta in metas if meta.title), name)
         description = next((meta.description for meta in metas if meta.description), "")
-        choices = ranges.choices(hint)
-        least, most = ranges.bounds(hint) or (None, None)
+        choices = validation.choices(hint)
+        least, most = validation.bounds(hint) or (None, None)
         yield Field(name, title, description, choices, least, most)
 
 

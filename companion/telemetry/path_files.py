@@ -10,10 +10,9 @@ from typing import Any
 
 import msgspec
 
-from companion.telemetry import ranges
 from companion.telemetry.degrees import Degrees, metres
 from companion.telemetry.plan import PathPlan
-from holdfast import files
+from holdfast import files, validation
 
 NAV_WAYPOINT, LAST_NAV, CHANGE_SPEED = 16, 95, 178
 """MAV_CMD: of NAV commands, the numbers up to LAST_NAV, only waypoints are followed; others are left out."""
@@ -56,7 +55,7 @@ def read(path: Path, origin: Degrees | None = None) -> PathPlan:
         table.setdefault("name", path.stem[:64])
         return msgspec.convert(table, PathPlan)
     except msgspec.ValidationError as error:
-        raise ValueError(f"{path}: {ranges.explained(table, str(error), PathPlan)}") from error
+        raise ValueError(f"{path}: {validation.explained(table, str(error), PathPlan)}") from error
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
 

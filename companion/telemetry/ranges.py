@@ -6,11 +6,9 @@ shipped, what `holdfast lab tune` searches and the published BlueROV2 models wit
 out what switches a protection off. Units are m, N and kg; on the yaw axis rad, N·m and kg·m².
 """
 
-import re
-from collections.abc import Iterator
-from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
+from typing import Annotated
 
-from msgspec import Meta, Struct
+from msgspec import Meta
 
 # The nominal model of an axis, in newtons of a T200: vehicles that exist, and room beyond. The lightest: 3
 # kg with 1.5 kg of water and thrusters three times as strong (T500) count as 1.5 kg. The heaviest: a work-
@@ -109,77 +107,3 @@ LinkId = Annotated[int, Meta(ge=0, le=255)]
 Button = Annotated[int, Meta(ge=-1, le=15)]
 Units = Annotated[int, Meta(ge=1, le=100)]
 Seed = Annotated[int, Meta(ge=0, le=2**63 - 1)]
-
-
-def bounds(hint: Any) -> tuple[float, float] | None:
-    """Return the least and the largest of a quantity's type; None where it has no range."""
-    for meta in metas(hint):
-        if meta.ge is not None and meta.le is not None:
-            return meta.ge, meta.le
-    return None
-
-
-def refusal(name: str, value: float, hint: Any) -> str | None:
-    """Return why `value` may not be `name`, or None where it may. NaN and infinities never may."""
-    found = bounds(hint)
-    if found is None or found[0] <= value <= found[1]:
-        return None
-    shown = f"{value:g}" if isinstance(value, float) else str(value)[:20]
-    remedy = next((f"; {meta.extra['remedy']}" for meta in metas(hint) if meta.extra), "")
-    return f"{name} = {shown}: must be {found[0]:g} to {found[1]:g}{remedy}"
-
-
-def explained(table: Any, error: str, kind: type[Struct]) -> str:
-    """Turn msgspec's "Expected … - at `$.heave.mass`" into key, value and what is allowed.
-
-    `table` is what was to become a `kind`.
-    """
-    message, _, where = error.partition(" - at `$")
-    place = where.strip("`").lstrip(".")
-    parts = [part for part in re.split(r"[.\[\]]", where.strip("`")) if part]
-    hint = _hint_at(kind, parts)
-    if field := re.search(r"(unknown|required) field `(.+)`", message):
-        name = f"{place}.{field[2]}" if place else field[2]
-        known = ", ".join(getattr(hint, "__struct_fields__", ()))
-        return f"{name}: unknown key; known here: {known}" if field[1] == "unknown" else f"{name}: missing"
-    value: Any = table
-    for part in parts:
-        if isinstance(value, dict):
-            value = value.get(part)
-        else:
-            value = value[int(part)] if isinstance(value, list) and part.isdigit() else None
-    name = place or "all of it"
-    if type(value) in (int, float) and (refused := refusal(name, value, hint)):
-        return refused
-    allowed = choices(hint) if "enum" in message else ()
-    said = "must be one of " + ", ".join(allowed) if allowed else message[0].lower() + message[1:]
-    return f"{name} = {value!r:.80}: {said}"
-
-
-def choices(hint: Any) -> tuple[str, ...]:
-    """Return the words that a quantity can be; none where it is no choice."""
-    if get_origin(hint) is Annotated:
-        hint = get_args(hint)[0]
-    return get_args(hint) if get_origin(hint) is Literal else ()
-
-
-def metas(hint: Any) -> Iterator[Meta]:
-    """Go through what annotates a type, and each part of a union."""
-    if isinstance(hint, Meta):
-        yield hint
-    for part in (*getattr(hint, "__metadata__", ()), *get_args(hint)):
-        yield from metas(part)
-
-
-def _hint_at(hint: Any, parts: list[str]) -> Any:
-    for part in parts:
-        if part.isdigit():
-            hint = next(iter(get_args(hint)), None)
-            continue
-        structs = [
-            kind for kind in (hint, *get_args(hint)) if isinstance(kind, type) and issubclass(kind, Struct)
-        ]
-        if not structs:
-            return None
-        hint = get_type_hints(structs[0], include_extras=True).get(part)
-    return hint

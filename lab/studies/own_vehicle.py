@@ -11,10 +11,11 @@ from msgspec.structs import replace
 from companion.config import PRESET_KEY, VehicleFile, vehicle_text
 from companion.config_text import with_values
 from companion.telemetry import ranges
+from holdfast import validation
 from lab.loop.scenarios import DEPTH_M, water
 from sim_bridge.config import SimConfig
 
-LEAST_LAG_S, _ = ranges.bounds(ranges.Lag) or (0.0, 0.0)
+LEAST_LAG_S, _ = validation.bounds(ranges.Lag) or (0.0, 0.0)
 """Thrusters that answer at once, as those of ArduSub's own simulated vehicle, are believed to lag by this."""
 
 AXES = {"surge": 0, "sway": 1, "heave": 2, "yaw": 5}

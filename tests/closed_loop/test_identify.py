@@ -15,7 +15,7 @@ from companion.identify.fit import LEAST, MOST, fit, reported, vehicle
 from companion.identify.manoeuvre import EXCITATIONS, SETTLE_S, Manoeuvre, pushing, sweeping
 from companion.identify.model import KEYS, MASS, QUADRATIC, START, Track
 from companion.records import PSI, ZERO, Request, State, X, Y, Z
-from companion.telemetry import ranges
+from holdfast import validation
 from lab.identify.outcome import conclude
 from sim_bridge.commands import DEFAULT_CONFIG
 from sim_bridge.config import load_config as load_plant
@@ -116,7 +116,7 @@ def test_a_mass_in_doubt_is_not_taken(identified):
 def test_what_no_vehicle_has_is_not_found(section, key):
     """A traceback after the manoeuvre would lose the rest."""
     kind = get_type_hints(get_type_hints(VehicleFile)[section], include_extras=True)[key]
-    least, most = ranges.bounds(kind) or (math.inf, -math.inf)
+    least, most = validation.bounds(kind) or (math.inf, -math.inf)
     number = KEYS.index((section, key))
     assert MOST[number] <= most
     assert least <= LEAST[number] or key == "delay_s"  # written as 0 where it is less

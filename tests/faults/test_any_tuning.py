@@ -12,8 +12,8 @@ from virtual import DEPTH_M, Dive, hold
 from companion.config import Config, ConfigError, load_config
 from companion.io.command_queue import CommandQueue, ReceivedCommand
 from companion.records import Condition
-from companion.telemetry import ranges
 from companion.telemetry.commands import COMMANDS
+from holdfast import validation
 
 SECTIONS = ("loop", "delays", "thrusters", "levelling", "surge", "heave", "yaw", "network", "supervisor")
 LASTS_S = 6
@@ -23,7 +23,7 @@ COMPENSATORS = ("none", "integrator", "regressor", "network", "observer", "netwo
 def numbers(kind):
     """Return each key of a section or a command with its range."""
     hints = get_type_hints(kind, include_extras=True)
-    found = ((key, ranges.bounds(hint)) for key, hint in hints.items())
+    found = ((key, validation.bounds(hint)) for key, hint in hints.items())
     return {key: ends for key, ends in found if ends}
 
 

@@ -62,11 +62,11 @@ from companion.records import (
 )
 from companion.steps import Task
 from companion.supervision.supervisor import CARRY_AUTHORITY
-from companion.telemetry import ranges
 from companion.telemetry.commands import COMMANDS
 from companion.telemetry.plan import PathPlan
 from companion.telemetry.samples import encode
 from companion.telemetry.schemas import Plan, Reply
+from holdfast import validation
 from lab.loop.lockstep import START_S, LinkDelay, Lockstep
 from lab.studies.breaking import steering
 from sim_bridge.config import load_config as load_plant
@@ -293,12 +293,12 @@ def drawn(rng: Random, hint: Any, strange: float = 0.0) -> Any:
     if get_origin(hint) is tuple:
         each = parts[1:2] * rng.choice(POINTS) if ... in parts else parts[1:]
         return [drawn(rng, one, strange) for one in each]
-    if words := ranges.choices(hint):
+    if words := validation.choices(hint):
         return rng.choice(words)
     for part in parts:
         if isinstance(part, type) and issubclass(part, msgspec.Struct):
             return _table(rng, part, strange)
-    if found := ranges.bounds(hint):
+    if found := validation.bounds(hint):
         return min(round(number(rng, *found)), found[1]) if int in parts else number(rng, *found)
     return rng.random() < 0.5 if bool in parts else rng.choice(registry.choices({}))
 

@@ -87,12 +87,14 @@ def test_what_makes_no_sense_is_refused(arguments, says, capsys):
     assert says in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("command", ["report", "record --repair", "rerun"])
+@pytest.mark.parametrize("command", ["report", "record --repair", "lab rerun"])
 def test_what_is_no_recording_is_refused_with_status_2(command, capsys, tmp_path):
     file = tmp_path / "notes.txt"
     file.write_text("no recording")
     assert holdfast.main([*command.split(), str(file)]) == 2
-    assert capsys.readouterr().err == f"holdfast {command.split()[0]}: {file}: is no MCAP file\n"
+    assert (
+        capsys.readouterr().err == f"holdfast {command.removesuffix(' --repair')}: {file}: is no MCAP file\n"
+    )
 
 
 def test_a_command_that_no_vehicle_knows_is_refused_with_the_known_ones(capsys):

@@ -23,7 +23,7 @@ from companion.config import (
     vehicle_text,
 )
 from companion.records import AXES
-from companion.telemetry import ranges
+from holdfast import validation
 
 
 @pytest.fixture
@@ -150,7 +150,7 @@ NUMBERS = [
 def test_every_number_has_a_range_whose_ends_are_the_last_that_are_taken(key, shipped):
     section, name = key.split(".")
     table = get_type_hints(type(getattr(load_config(), section)), include_extras=True)
-    found = ranges.bounds(table[name])
+    found = validation.bounds(table[name])
     assert found is not None
     least, most = found
     assert least <= shipped <= most

@@ -10,10 +10,10 @@ import pytest
 
 from companion.config import Axis
 from companion.records import State
-from companion.telemetry import ranges
 from companion.telemetry.commands import parse
 from dashboard.web import gate, vocabulary
 from dashboard.web.options import announcement, settings
+from holdfast import validation
 
 NAMES = ("localhost", "blueos.local")
 
@@ -182,7 +182,7 @@ def test_the_pages_fields_have_the_ranges_of_the_configuration() -> None:
     numbers = {name: field for name, field in tuned.items() if field["least"] is not None}
     assert len(numbers) == 12
     for name, field in numbers.items():
-        assert (field["least"], field["most"]) == ranges.bounds(configured[name])
+        assert (field["least"], field["most"]) == validation.bounds(configured[name])
         assert field["title"], "the form calls it nothing"
     assert commands["setpoint"]["depth_m"]["least"] == 0.0
     assert json.loads(said["export const MODES"])["19"] == "MANUAL"

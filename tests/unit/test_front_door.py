@@ -45,7 +45,7 @@ def test_no_arguments_is_a_question_for_help(capsys: pytest.CaptureFixture[str])
 def test_no_thread_of_zenoh_can_abort_the_end_of_a_command() -> None:
     program = """
 import atexit, sys, holdfast
-def command(arguments):
+def command(arguments, name):
     import zenoh
     print("done")
     return 3
@@ -165,7 +165,7 @@ def test_what_is_wrong_in_the_file_is_said_of_the_file(tmp_path, capsys):
     file = tmp_path / "sim.toml"
     file.write_text("waves = {height_m = -1.0}")
     assert holdfast.main(["sim", "--vehicle", str(file), "--set", "waves.enabled=true"]) == 2
-    assert f"holdfast sim: {file}: waves.height_m = -1.0" in capsys.readouterr().err
+    assert f"holdfast sim: {file}: waves.height_m = -1: must be 0 to 5" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("command", ["run", "check"])

@@ -25,7 +25,7 @@ def test_shipped_dives_run_and_stay_in_their_water(file):
     [
         ("hull.mass_kg=-1", ["hull.mass_kg", "-1", "> 0"]),
         ("hull.colour='blue'", ["hull.colour", "unknown"]),
-        ("waves.height_m=9.0", ["waves.height_m", "9.0", "<= 5"]),
+        ("waves.height_m=9.0", ["waves.height_m = 9", "must be 0 to 5"]),
         ("waves.height_m=nan", ["waves.height_m", "finite"]),
         ("current.profile=[[5, 1.0], [2, 0.5]]", ["current", "profile", "rise"]),
         ("thrusters.frame='octopus'", ["thrusters.frame", "octopus"]),
@@ -35,7 +35,7 @@ def test_shipped_dives_run_and_stay_in_their_water(file):
         ("faults=[{kind='gremlin'}]", ["faults[0]", "gremlin", "link_cut"]),
         ("faults=[{kind='parameter'}]", ["faults[0]", "parameter"]),
         ("faults=[{kind='link_lossy', value=3}]", ["faults[0]", "0..1"]),
-        ("speed", ["speed", "dotted.key=value"]),
+        ("speed", ["speed", "section.key=value"]),
         ("waves.enabled=yes", ["waves.enabled", "bool"]),
     ],
 )

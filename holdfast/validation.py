@@ -1,0 +1,115 @@
+"""TOML tables that become msgspec records: read, overridden, and what is wrong with one in words."""
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
+
+from msgspec import Meta, Struct
+
+from holdfast import RefusedError, files
+
+
+class ConfigError(RefusedError, ValueError):
+    """A configuration that cannot be used; the message names file, key, value and what is allowed."""
+
+
+def read(path: Path) -> dict[str, Any]:
+    """Return the table of a TOML file; raise ConfigError that names the file and what is wrong."""
+    try:
+        return files.toml(files.text(path))
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
+    except ValueError as error:
+        raise ConfigError(f"{path}: {error}") from error
+
+
+def override(table: dict[str, Any], text: str) -> None:
+    """Apply `section.key=value` to a table; what is no TOML value is a word. Raises ConfigError."""
+    key, equals, said = text.partition("=")
+    *sections, last = key.strip().split(".")
+    if not equals or not all((*sections, last)):
+        raise ConfigError(f"--set {text}: write it as section.key=value")
+    try:
+        value = files.toml(f"value = {said}")["value"]
+    except ValueError:
+        value = said
+    for section in sections:
+        table = table.setdefault(section, {})
+        if not isinstance(table, dict):
+            raise ConfigError(f"--set {text}: {section} is a value, not a section")
+    table[last] = value
+
+
+def bounds(hint: Any) -> tuple[float, float] | None:
+    """Return the least and the largest of a quantity's type; None where it has no range."""
+    for meta in metas(hint):
+        if meta.ge is not None and meta.le is not None:
+            return meta.ge, meta.le
+    return None
+
+
+def refusal(name: str, value: float, hint: Any) -> str | None:
+    """Return why `value` may not be `name`, or None where it may. NaN and infinities never may."""
+    found = bounds(hint)
+    if found is None or found[0] <= value <= found[1]:
+        return None
+    shown = f"{value:g}" if isinstance(value, float) else str(value)[:20]
+    remedy = next((f"; {meta.extra['remedy']}" for meta in metas(hint) if meta.extra), "")
+    return f"{name} = {shown}: must be {found[0]:g} to {found[1]:g}{remedy}"
+
+
+def explained(table: Any, error: str, kind: type[Struct]) -> str:
+    """Turn msgspec's "Expected … - at `$.heave.mass`" into key, value and what is allowed.
+
+    `table` is what was to become a `kind`.
+    """
+    message, _, where = error.partition(" - at `$")
+    place = where.strip("`").lstrip(".")
+    parts = [part for part in re.split(r"[.\[\]]", where.strip("`")) if part]
+    hint = _hint_at(kind, parts)
+    if field := re.search(r"(unknown|required) field `(.+)`", message):
+        name = f"{place}.{field[2]}" if place else field[2]
+        known = ", ".join(getattr(hint, "__struct_fields__", ()))
+        return f"{name}: unknown key; known here: {known}" if field[1] == "unknown" else f"{name}: missing"
+    value: Any = table
+    for part in parts:
+        if isinstance(value, dict):
+            value = value.get(part)
+        else:
+            value = value[int(part)] if isinstance(value, list) and part.isdigit() else None
+    name = place or "all of it"
+    if type(value) in (int, float) and (refused := refusal(name, value, hint)):
+        return refused
+    allowed = choices(hint) if "enum" in message else ()
+    said = "must be one of " + ", ".join(allowed) if allowed else message[0].lower() + message[1:]
+    return f"{name} = {value!r:.80}: {said}"
+
+
+def choices(hint: Any) -> tuple[str, ...]:
+    """Return the words that a quantity can be; none where it is no choice."""
+    if get_origin(hint) is Annotated:
+        hint = get_args(hint)[0]
+    return get_args(hint) if get_origin(hint) is Literal else ()
+
+
+def metas(hint: Any) -> Iterator[Meta]:
+    """Go through what annotates a type, and each part of a union."""
+    if isinstance(hint, Meta):
+        yield hint
+    for part in (*getattr(hint, "__metadata__", ()), *get_args(hint)):
+        yield from metas(part)
+
+
+def _hint_at(hint: Any, parts: list[str]) -> Any:
+    for part in parts:
+        if part.isdigit():
+            hint = next(iter(get_args(hint)), None)
+            continue
+        structs = [
+            kind for kind in (hint, *get_args(hint)) if isinstance(kind, type) and issubclass(kind, Struct)
+        ]
+        if not structs:
+            return None
+        hint = get_type_hints(structs[0], include_extras=True).get(part)
+    return hint
