@@ -35,15 +35,14 @@ HEAD = f"""\
 <!-- Made by `holdfast lab schema --write` from companion/supervision/. -->
 
 The supervisor is a state machine. Every tick it tests all conditions and decides whether Holdfast may
-steer. Holdfast sends thrust only in ACTIVE, in RAMP_DOWN and at the start of HAND_OVER. The supervisor
-scales this thrust by the *authority*, a number from 0 to 1. The authority rises over `ramp_up_s` after
-engaging and falls over `ramp_down_s` on release. A fault, a pilot's takeover or disarming sets it to 0 at
-once. The default is to refuse.
+steer. Holdfast sends thrust only in ACTIVE, in RAMP_DOWN and at the start of HAND_OVER, scaled by the
+*authority*, a number from 0 to 1, which rises over `ramp_up_s` after engaging and falls over `ramp_down_s` on
+release. A fault, a pilot's takeover or disarming sets it to 0 at once. The default is to refuse.
 
 A request that is refused is refused at once, in words, and changes nothing. A request to engage is accepted
 if only the flight mode is missing, or arming where `--arm` permits it. Holdfast then reads FS_PILOT_INPUT and
-FS_PILOT_TIMEOUT again and waits for the answers: an autopilot that does not answer is not engaged. A request
-by command or button that does not succeed within {ENGAGE_S:g} s is withdrawn; that of `run --engage` waits.
+FS_PILOT_TIMEOUT again: an autopilot that does not answer is not engaged. A request by command or button that
+does not succeed within {ENGAGE_S:g} s is withdrawn; that of `run --engage` waits.
 """
 
 HAND_OVER = f"""\
@@ -57,19 +56,18 @@ ALT_HOLD directly from MANUAL can sink by half a metre. Therefore the sequence i
 3. Send neutral for {SETTLE_S:g} s.
 4. Request ALT_HOLD until the heartbeat confirms it.
 
-If ALT_HOLD is not confirmed {REFUSED_S:g} s after the start, Holdfast goes to FAULT and falls silent. It
-has sent neutral before, and the pilot-input failsafe follows.
+If ALT_HOLD is not confirmed {REFUSED_S:g} s after the start, Holdfast goes to FAULT and falls silent; the
+pilot-input failsafe follows.
 
-The failsafe FS_PILOT_INPUT acts 3 s after the last steering message; by default it disarms. Therefore
-Holdfast sends one neutral frame every {KEEP_ALIVE_S:g} s while ALT_HOLD holds depth; the state stays
-HAND_OVER, and its reason says "{Condition.HAND_OVER_HELD.text}". It stops after
-`keep_alt_hold_s`, or as soon as it sees somebody else's steering. Then it is silent in state PILOT, and
-the autopilot's failsafes act as if Holdfast were not there. A moved stick, a mode change or a `release`
-ends the neutral frames at once.
+FS_PILOT_INPUT acts 3 s after the last steering message; by default it disarms. Therefore Holdfast sends one
+neutral frame every {KEEP_ALIVE_S:g} s while ALT_HOLD holds depth; the state stays HAND_OVER. It stops after
+`keep_alt_hold_s`, or as soon as it sees somebody else's steering. Then it is silent in state PILOT, and the
+autopilot's failsafes act as if Holdfast were not there. A moved stick, a mode change or a `release` ends the
+neutral frames at once.
 
 When the vehicle surfaces (the pilot was lost, or a failsafe of the autopilot surfaces), `keep_alt_hold_s`
-does not apply. At the surface the firmware changes from SURFACE to ALT_HOLD by itself. The state stays
-HAND_OVER, and the neutral frames continue until a pilot steers.
+does not apply. At the surface the firmware changes from SURFACE to ALT_HOLD by itself; the neutral frames
+continue until a pilot steers.
 
 Some conditions ramp down to neutral instead:
 
@@ -83,9 +81,9 @@ Without link, depth or attitude Holdfast cannot control a ramp: it sends neutral
 TILT = f"""\
 ## When it tilts
 
-Tilt alone does not release the vehicle. The cause of the tilt (a load, a tether, a dead thruster) may
-also sink it, and without our frames the autopilot would disarm it after 3 s. Holdfast first removes the
-forces that increase the tilt, and keeps the forces that hold the depth:
+Tilt alone does not release the vehicle. Its cause (a load, a tether, a dead thruster) may also sink it, and
+without our frames the autopilot would disarm it after 3 s. Holdfast first removes the forces that increase
+the tilt, and keeps those that hold the depth:
 
 | larger tilt of now and {AHEAD_S:g} s ahead | what Holdfast still controls |
 |---|---|
@@ -102,9 +100,8 @@ vertical.
 
 The frame with six thrusters cannot produce a pitch moment. For this frame the limit of the horizontal
 force starts at {UNLEVELLED_N:g} N and rises by {FAST_N_PER_S:g} N/s until the vehicle tilts by
-{_deg(UNLEVELLED_ALARM_RAD)}°. Then the limit stays below the force that caused this tilt. The vehicle
-stays level and keeps depth and heading, but may drift; SATURATED warns. It can hold more current from the
-side than from ahead.
+{_deg(UNLEVELLED_ALARM_RAD)}°. Then it stays below the force that caused this tilt. The vehicle stays level
+and keeps depth and heading, but may drift; SATURATED warns.
 
 After a hand-over because of tilt, the neutral frames continue until somebody steers, changes the mode or
 sends `release`; `keep_alt_hold_s` does not apply. Silence would disarm the vehicle, and it could sink.
@@ -120,8 +117,8 @@ def page() -> str:
 
 def _states() -> Iterator[str]:
     yield (
-        "Every screen, the log and the ground station have the same words. The last column is what they "
-        "advise where no condition says more.\n"
+        "Every screen, the log and the ground station have these words. The last column is their advice "
+        "where no condition says more.\n"
     )
     lines = ["| state | what it means | on entering | what to do |", "|---" * 4 + "|"]
     lines += [
@@ -144,14 +141,14 @@ def _diagram() -> Iterator[str]:
 
 def _conditions(limits: SupervisorLimits) -> Iterator[str]:
     yield (
-        "What comes first in this table causes what comes later: of several conditions the first is named "
-        "first, and its remedy is the one that is shown. *Effect* is that of the condition alone; of several "
-        "the first matching row of `TRANSITIONS` counts. After a FAULT, remove the cause and "
+        "Of several conditions the first of this table is named first, and its remedy is shown. *Effect* is "
+        "that of the condition alone; of several the first matching row of `TRANSITIONS` counts. After a "
+        "FAULT, remove the cause and "
         "[clear the fault](wiring.md#how-to-engage-release-and-clear-a-fault).\n"
     )
     lines = ["| condition | what is said | effect | it holds when | what to do |", "|---" * 5 + "|"]
     for condition in Condition:
-        keys = ", ".join(f"`{key}` = {getattr(limits, key):g}" for key in RULES[condition].keys)
+        keys = ", ".join(f"`{key}={getattr(limits, key):g}`" for key in RULES[condition].keys)
         when = f"{condition.description} ({keys})" if keys else condition.description
         name, remedy = title(condition.name or ""), condition.remedy or "–"
         lines.append(f"| {name} | {condition.text} | {_effect(condition)} | {when} | {remedy} |")

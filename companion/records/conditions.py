@@ -18,7 +18,7 @@ class Condition(IntFlag):
     ended: str
     """That it has ended."""
     description: str
-    """Exactly when it holds."""
+    """Exactly when it holds, beyond `text`."""
     remedy: str
     """The operator's next step; empty for none."""
 
@@ -45,21 +45,21 @@ class Condition(IntFlag):
         "the autopilot rebooted",
         "the autopilot's start",
         "the autopilot has started again",
-        "the autopilot's clock went backwards: it has rebooted",
+        "its clock went backwards",
         "find the cause, such as the power supply",
     )
     TICK_LATE = (
         "a tick was too late",
         "punctual ticks",
         "ticks are punctual",
-        "a tick of this process was too late",
+        "a tick of this process",
         "reduce the load of this computer",
     )
     NON_FINITE = (
         "a computed value was not finite",
         "finite values",
         "computed values are finite",
-        "a computed value was not finite: a bug",
+        "a bug",
         "keep the recording and report it to us",
     )
     CLOCK_INCONSISTENT = (
@@ -73,75 +73,72 @@ class Condition(IntFlag):
         "the delay is too long",
         "a shorter delay",
         "the delay is short enough",
-        "the delays of telemetry and commands together are too long for any gains",
+        "telemetry and commands together are too late for any gains",
         "reduce the load of the link; run Holdfast on the vehicle instead of topside",
     )
     DEPTH_JUMPED = (
         "the measured depth jumped",
         "a plausible depth",
         "the measured depth is plausible",
-        "a depth was too far from the predicted one and was rejected; if this continues, DEPTH STALE follows",
+        "it was too far from the predicted one and was rejected; if this continues, DEPTH STALE follows",
         "check the depth sensor",
     )
     DEPTH_STALE = (
         "no fresh depth",
         "a fresh depth",
         "fresh depth arrives",
-        "no new, plausible depth arrived in time",
+        "no new, plausible one arrived in time",
         "check that vehicle.depth_source is streamed and changes",
     )
     ATTITUDE_STALE = (
         "no fresh attitude",
         "a fresh attitude",
         "fresh attitude arrives",
-        "no new attitude arrived in time",
+        "no new one arrived in time",
         "check that ATTITUDE is streamed",
     )
     POSITION_STALE = (
         "no fresh position",
         "a fresh position",
         "fresh position arrives",
-        "x and y are wanted, and no new position arrived in time: they are released to the pilot, or to "
-        "neutral, and held again when it returns; depth and heading are held",
+        "x and y are wanted: they are released to the pilot, or to neutral, and held again when a position "
+        "returns; depth and heading are held",
         "check the DVL; steer by hand meanwhile",
     )
     POSITION_UNUSED = (
         "a position has come, and x and y are not held",
         "x and y that are held",
         "x and y are held, or the position is gone",
-        "Holdfast engaged without a position, and one has come since: x and y stay the pilot's until "
-        "somebody asks for them",
+        "Holdfast engaged without a position: x and y stay the pilot's until somebody asks for them",
         "hold here (`holdfast hold`), engage again, or go to a place",
     )
     GROUND_LOST = (
         "no fresh altitude over the ground",
         "a fresh altitude over the ground",
         "fresh altitude over the ground arrives",
-        "an altitude over the ground is to be kept, and no plausible echo came for a second: the depth is"
-        " held until the ground is found again",
+        "it is to be kept, and no plausible echo came for a second: the depth is held until the ground is "
+        "found again",
         "check the rangefinder or the DVL; command a depth",
     )
     YAW_RESET = (
         "the EKF reset its yaw",
         "a steady yaw of the EKF",
         "the EKF's yaw is steady",
-        "the autopilot's EKF reset its yaw less than 3 s ago; the heading setpoint was shifted with it, "
-        "so the vehicle does not turn",
+        "less than 3 s ago; the heading setpoint was shifted with it, so the vehicle does not turn",
         "command the heading again if you want another; calibrate the compass if this happens often",
     )
     POSITION_RESET = (
         "the EKF reset its position",
         "a steady position of the EKF",
         "the EKF's position is steady",
-        "the autopilot's EKF reset its position less than 3 s ago; the position setpoint was shifted with"
-        " it, so the vehicle does not move",
+        "less than 3 s ago; the position setpoint was shifted with it, so the vehicle does not move",
         "command the position again if you want another; check the DVL if this happens often",
     )
     HEADING_WRONG = (
         "the heading is wrong",
         "a heading that agrees with the gyro and the course over ground",
         "the heading agrees with the gyro and the course over ground",
-        "the heading turned by 10° without the gyro, or the vehicle surely moves 30° aside of its thrust; "
+        "it turned by 10° without the gyro, or the vehicle surely moves 30° aside of its thrust; "
         "from 40° on x and y are released until somebody engages again; depth and heading are held",
         "move away from steel, calibrate the compass, check its orientation; then engage again",
     )
@@ -149,23 +146,21 @@ class Condition(IntFlag):
         "the measured depth is out of bounds",
         "a depth within its bounds",
         "the measured depth is within its bounds",
-        "the measured depth is above the surface, or below max_depth_m, by more than the margin",
+        "it is above the surface, or below max_depth_m, by more than the margin",
         "take over; check the zero of the depth sensor, and max_depth_m",
     )
     THRUSTER_MISSED = (
         "a motor gives no thrust, and the others cannot do its work",
         "the thrust of the dead motor",
         "no motor is missed",
-        "a motor gives no thrust and the others cannot do its work, such as a vertical one of two; the "
-        "event and `dead_motor` give its number",
+        "such as a vertical one of two; the event and `dead_motor` give its number",
         "bring the vehicle up, and repair it",
     )
     THRUSTER_DEAD = (
         "a motor gives no thrust",
         "the thrust of the dead motor",
         "the others no longer do a motor's work",
-        "a motor gives no thrust, and the others of its group do its work with less force; the event and "
-        "`dead_motor` give its number",
+        "the others of its group do its work with less force; the event and `dead_motor` give its number",
         "go on with care: there is no second one to spare; if a horizontal one is dead and the vehicle "
         "drifts, turn it by 90°",
     )
@@ -181,44 +176,44 @@ class Condition(IntFlag):
         "tilted too far for too long",
         "a level vehicle",
         "the lasting tilt has ended",
-        "the vehicle stays tilted, and Holdfast can neither level it nor hold its depth within 0.3 m: the "
-        "autopilot tries, in STABILIZE and then ALT_HOLD",
+        "Holdfast can neither level the vehicle nor hold its depth within 0.3 m: the autopilot tries, in "
+        "STABILIZE and then ALT_HOLD",
         "look for the cause: an off-centre load, a snagged tether, a dead or reversed thruster",
     )
     EKF_UNHEALTHY = (
         "the autopilot's EKF is unhealthy",
         "a healthy EKF",
         "the autopilot's EKF is healthy",
-        "the autopilot's EKF reports no attitude or no depth, or its variance of compass, velocity or "
-        "depth has been too high for ekf_doubt_s",
+        "it reports no attitude or no depth, or its variance of compass, velocity or depth has been too "
+        "high for ekf_doubt_s",
         "wait until the EKF has settled; calibrate the compass, check the depth sensor",
     )
     LEAK = (
         "the autopilot reports a leak",
         "25 s without a report of a leak",
         "no leak has been reported for 25 s",
-        "the autopilot reported Leak Detected less than 25 s ago (it repeats this every 20 s)",
+        "Leak Detected less than 25 s ago (it repeats this every 20 s)",
         "bring the vehicle up",
     )
     BATTERY_LOW = (
         "the battery is low",
         "a charged battery",
         "the battery is no longer low",
-        "the battery voltage has been too low for battery_low_s",
+        "its voltage is too low for battery_low_s",
         "bring the vehicle up",
     )
     AUTOPILOT_FAILSAFE = (
         "a failsafe of the autopilot is latched",
         "the end of the autopilot's failsafe",
         "no failsafe of the autopilot is latched",
-        "the autopilot reports a latched failsafe (system status 5) while Holdfast steers",
+        "system status 5, while Holdfast steers",
         "read the autopilot's messages",
     )
     FAILSAFE_SURFACES = (
         "a failsafe of the autopilot surfaces the vehicle",
         "the end of the autopilot's failsafe",
         "no failsafe surfaces the vehicle",
-        "a failsafe of the autopilot (leak, battery) changed the flight mode to SURFACE",
+        "a leak, or the battery, changed the flight mode to SURFACE",
         "read the autopilot's messages",
     )
     FAILSAFE_UNSAFE = (
@@ -235,22 +230,21 @@ class Condition(IntFlag):
         "a row of the pre-dive list is refused",
         "the pre-dive list",
         "no row of the pre-dive list is refused",
-        "a row of the pre-dive list is refused (such as frame, steering id, InputHold); the reason names it",
+        "such as frame, steering id, InputHold; the reason names it",
         "run `holdfast check`: it says how to fix it",
     )
     SATURATED = (
         "not enough thrust",
         "enough thrust",
         "the thrust is enough again",
-        "an axis has been saturated for saturated_s: the vehicle may drift away",
+        "an axis has been saturated for saturated_s; the vehicle may drift away",
         "avoid the current, slow the path down, or raise max_force",
     )
     OFF_TRACK = (
         "too far from the setpoint",
         "a smaller error",
         "near the setpoint again",
-        "the vehicle is too far from its reference, and has been for off_track_s; the 5 s after a motor was "
-        "found dead do not count",
+        "the error is too large for off_track_s; the 5 s after a motor was found dead do not count",
         "look for the cause: tether, current, a dead thruster",
     )
     CLOCK_JUMPED = (
@@ -264,28 +258,28 @@ class Condition(IntFlag):
         "measurements miss the prediction",
         "measurements that match the prediction",
         "measurements match the prediction",
-        "in a held degree of freedom measurements keep missing the prediction: sensor, model or clock fails",
+        "in a held degree of freedom: sensor, model or clock fails",
         "check the noise of depth and heading, and the delays",
     )
     QUEUE_FULL = (
         "telemetry was dropped",
         "room for telemetry",
         "no telemetry is dropped",
-        "telemetry was dropped because Zenoh did not take it in time",
+        "Zenoh did not take it in time",
         "check the subscribers; control is not affected",
     )
     CONFIG_CHANGED = (
         "a setting changed",
         "settings that stay",
         "the settings stay as they are",
-        "the configuration or a parameter of the autopilot changed less than 2 s ago",
+        "less than 2 s ago: the configuration or a parameter of the autopilot",
         "find out who changed it, unless it was you",
     )
     PEER_CHANGED = (
         "a link got another peer",
         "links that keep their peers",
         "the links keep their peers",
-        "a listening link accepted another peer less than 2 s ago: the one before had fallen silent",
+        "less than 2 s ago: the one before had fallen silent",
         "unless you changed it, list addresses in link.allow or ground_station.allow, or set a signing key",
     )
     PILOT_TAKEOVER = (
@@ -299,7 +293,7 @@ class Condition(IntFlag):
         "no heartbeat of the pilot's ground station",
         "the ground station's heartbeat",
         "the pilot's ground station is heard",
-        "no heartbeat arrived from the ground station for ground_station.timeout_s",
+        "for ground_station.timeout_s",
         "check the tether and the ground station; when it returns, its sticks take effect at once",
     )
     PILOT_LOST_SURFACE = (
@@ -320,7 +314,7 @@ class Condition(IntFlag):
         "the flight mode is not the one for steering",
         "the flight mode for steering",
         "the flight mode is right",
-        "the flight mode is not vehicle.steering_mode",
+        "it is not vehicle.steering_mode",
         "engage: Holdfast then requests the mode",
     )
     RAMPED_DOWN = (
