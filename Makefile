@@ -75,7 +75,7 @@ lock:  ## refresh what is missing in the locks, of all platforms, with hashes (n
 	$(COMPILE) pyproject.toml --extra dashboard -c requirements/dev.lock -o requirements/vehicle.lock
 	printf '%s\n' 'hatchling>=1.27' 'editables>=0.5' | \
 	    $(COMPILE) pyproject.toml - --extra demo -c requirements/dev.lock -o requirements/demo.lock
-	$(COMPILE) pyproject.toml --extra docs --extra parquet -c requirements/dev.lock -o requirements/docs.lock
+	$(COMPILE) pyproject.toml --extra docs -c requirements/dev.lock -o requirements/docs.lock
 	printf '%s\n' mavproxy pyserial | $(COMPILE) --no-deps - -o requirements/clients.lock
 
 clean:  ## remove .venv, caches and out/

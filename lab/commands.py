@@ -40,11 +40,9 @@ CAMPAIGN_EXAMPLES = """\
 examples:
   holdfast lab campaign --dives 200                             a quick look, to out/campaign
   holdfast lab campaign                                         6000 dives; the same command continues
-  holdfast lab campaign --table out/campaign.parquet            the same rows as a Parquet file
+  holdfast lab campaign --table out/campaign.csv                also a table with one row for each dive
   holdfast lab campaign --replay 1234                           one again, in the batch and in the full loop
   holdfast lab campaign --corners                               vehicles of a third and three times the gain
-  holdfast lab campaign --scheduler tcp://192.168.2.10:8786     on a Dask cluster, whose workers were started
-                                                            with `dask worker --preload holdfast`
 """
 
 

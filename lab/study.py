@@ -1,7 +1,7 @@
 """Whatever the lab does many times is a study: its options, dives, tables, pictures and verdict.
 
-A study is a file in `lab/studies`. The runner gives all of them progress, processes or a Dask cluster,
-continuation after a stop, CSV, Parquet and JSON, and the provenance of what they write.
+A study is a file in `lab/studies`. The runner gives all of them progress, processes,
+continuation after a stop, CSV and JSON, and the provenance of what they write.
 """
 
 import argparse
@@ -20,7 +20,6 @@ from contextlib import contextmanager
 from datetime import UTC, datetime
 from functools import partial
 from importlib import import_module
-from importlib.util import find_spec
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, ClassVar, Generic, Protocol, TypeVar
@@ -37,8 +36,8 @@ from rich.progress import (
 )
 from rich.table import Table
 
-from holdfast import FAILED, REFUSED, RefusedError, how_to_install, own_version
-from holdfast.arguments import command_parser
+from holdfast import FAILED, REFUSED, RefusedError, own_version
+from holdfast.arguments import command_parser, removed_option
 from holdfast.version import revision
 from lab.loop.firmware import FirmwareError
 from lab.options import find_firmware, positive
@@ -47,8 +46,6 @@ from lab.tables import add_files, plain, write_json, write_table
 
 CODE = (*PROGRAMS, "lab/**/*.py", "lab/**/*.toml")
 """The files under ROOT on which a dive depends."""
-
-CONNECT_S = 5.0
 
 Row = dict[str, Any]
 """One dive: the fields of its case, then its results.
@@ -166,7 +163,7 @@ def parser_of(kind: type[Study[Any]], examples: str = "") -> argparse.ArgumentPa
     parser.add_argument(
         "--workers", type=positive, metavar="N", help="processes on this machine; default: its cores"
     )
-    parser.add_argument("--scheduler", metavar="ADDRESS", help="run on this Dask cluster, tcp://HOST:PORT")
+    removed_option(parser, "--scheduler", "use --workers; a campaign dives in parts with --first and --dives")
     add_files(parser, row=kind.unit.removesuffix("s"))
     return parser
 
@@ -206,7 +203,7 @@ def run(study: Study[Any], arguments: argparse.Namespace, console: Console) -> i
     if arguments.json:
         write_json(arguments.json, content | {study.rows_key: untraced})
     if arguments.table:
-        write_table(arguments.table, _flat(untraced), made)
+        write_table(arguments.table, _flat(untraced))
     return FAILED if study.failed(rows) else 0
 
 
@@ -221,10 +218,10 @@ def _dive(
     if not cases:
         return {}
     groups, began_s, core_s = study.groups(cases), time.monotonic(), 0.0
-    alone = len(groups) == 1 and arguments.scheduler is None and not study.forks
+    alone = len(groups) == 1 and not study.forks
     columns = BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn()
     with (
-        workforce(arguments.scheduler, 1 if alone else arguments.workers, study.forks) as (executor, workers),
+        workforce(1 if alone else arguments.workers, study.forks) as (executor, workers),
         Progress(TextColumn(study.unit), *columns, console=console) as progress,
     ):
         task = progress.add_task("", total=study.steps * len(cases))
@@ -277,36 +274,16 @@ def _timed(study: Study[C], cases: Sequence[C]) -> tuple[list[Row], float]:
 
 
 @contextmanager
-def workforce(
-    scheduler: str | None, workers: int | None, forks: bool = False
-) -> Iterator[tuple[Executor | None, int]]:
-    """Give an executor and how many dive at once: this machine's cores, or an existing Dask cluster's.
-
-    One worker on this machine needs no executor, unless its dives fork.
-    """
-    if scheduler is None:
-        count = workers or os.cpu_count() or 1
-        if count == 1 and not forks:
-            yield None, 1
-            return
-        # The terminal sends Ctrl-C to every process: workers die of it, and the command says the rest.
-        ends = signal.SIGINT, signal.SIG_DFL
-        with ProcessPoolExecutor(count, get_context("spawn"), signal.signal, ends) as pool:
-            yield pool, count
+def workforce(workers: int | None, forks: bool = False) -> Iterator[tuple[Executor | None, int]]:
+    """Give an executor and how many dive at once; one worker needs none, unless its dives fork."""
+    count = workers or os.cpu_count() or 1
+    if count == 1 and not forks:
+        yield None, 1
         return
-    if find_spec("distributed") is None:
-        raise RefusedError(f"--scheduler: install the extra: {how_to_install('cluster')}")
-    from distributed import Client
-
-    connect: Any = Client  # it carries no types that mypy --strict accepts
-    try:
-        client = connect(scheduler, timeout=CONNECT_S)
-    except OSError as error:
-        raise RefusedError(f"no Dask scheduler answers at {scheduler}: {error}") from error
-    with client:
-        client.wait_for_workers(1, timeout=30)
-        with client.get_executor(pure=False) as executor:
-            yield executor, sum(client.nthreads().values())
+    # The terminal sends Ctrl-C to every process: workers die of it, and the command says the rest.
+    ends = signal.SIGINT, signal.SIG_DFL
+    with ProcessPoolExecutor(count, get_context("spawn"), signal.signal, ends) as pool:
+        yield pool, count
 
 
 class Journal:

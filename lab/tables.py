@@ -1,6 +1,6 @@
-"""Figures on disk: JSON, and a table with a row for each dive as CSV or Parquet.
+"""Figures on disk: JSON, and a table with a row for each dive as CSV.
 
-What a dive does not have (NaN) is null in JSON and Parquet, and an empty cell in CSV.
+What a dive does not have (NaN) is null in JSON and an empty cell in CSV.
 """
 
 import argparse
@@ -8,26 +8,21 @@ import csv
 import json
 import math
 from collections.abc import Mapping, Sequence
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 from lab.options import json_file
 
-CSV, PARQUET = ".csv", ".parquet"
-
 
 def table_file(text: str) -> Path:
     """Read the path of a table, and make its folder.
 
-    Raises argparse.ArgumentTypeError for another ending than .csv and .parquet, and ModuleNotFoundError for
-    Parquet without pyarrow.
+    Raises argparse.ArgumentTypeError for another ending than .csv.
     """
-    path = Path(text)
-    if path.suffix not in (CSV, PARQUET):
-        raise argparse.ArgumentTypeError(f"'{text}': the name must end in {CSV} or {PARQUET}")
-    if path.suffix == PARQUET:
-        import_module("pyarrow")  # before the dives: hours later it would be too late
+    if Path(text).suffix != ".csv":
+        raise argparse.ArgumentTypeError(
+            f"'{text}': the name must end in .csv; pandas or pyarrow make other formats of that"
+        )
     return json_file(text)
 
 
@@ -38,7 +33,7 @@ def add_files(parser: argparse.ArgumentParser, row: str) -> None:
         "--table",
         type=table_file,
         metavar="FILE",
-        help=f"also write a table with one row for each {row} to FILE.csv or FILE.parquet",
+        help=f"also write a table with one row for each {row} to FILE.csv",
     )
 
 
@@ -47,22 +42,14 @@ def write_json(path: Path, content: Any) -> None:
     path.write_text(json.dumps(plain(content), indent=1, allow_nan=False) + "\n", encoding="utf-8")
 
 
-def write_table(
-    path: Path, records: Sequence[Mapping[str, Any]], about: Mapping[str, str] | None = None
-) -> None:
-    """Write flat records, which may differ in their keys, as the name's ending says. Raises OSError."""
+def write_table(path: Path, records: Sequence[Mapping[str, Any]]) -> None:
+    """Write flat records, which may differ in their keys, as CSV. Raises OSError."""
     names = dict.fromkeys(name for record in records for name in record)
-    write_columns(path, {name: [record.get(name) for record in records] for name in names}, about)
+    write_columns(path, {name: [record.get(name) for record in records] for name in names})
 
 
-def write_columns(path: Path, columns: Mapping[str, Any], about: Mapping[str, str] | None = None) -> None:
-    """Write columns of one length, as the name's ending says; Parquet takes `about`, too. Raises OSError."""
-    if path.suffix == PARQUET:
-        arrow, parquet = import_module("pyarrow"), import_module("pyarrow.parquet")
-        # from_pandas: a NaN is a null
-        table = {name: arrow.array(values, from_pandas=True) for name, values in columns.items()}
-        parquet.write_table(arrow.table(table, metadata=about), path)
-        return
+def write_columns(path: Path, columns: Mapping[str, Any]) -> None:
+    """Write columns of one length as CSV. Raises OSError."""
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(columns)

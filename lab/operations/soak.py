@@ -25,7 +25,6 @@ from rich.console import RenderableType
 
 from companion.telemetry import schemas as telemetry
 from dashboard.zenoh_client import Subscription
-from holdfast import RefusedError
 from lab.operations.processes import HOLDFAST, running
 from lab.options import add_out, positive
 from lab.ports import free_port
@@ -115,9 +114,6 @@ class Soak(Study[Duration]):
         )
 
     def __init__(self, arguments: argparse.Namespace) -> None:
-        """Raise RefusedError for another machine."""
-        if arguments.scheduler is not None:
-            raise RefusedError("--scheduler: it measures this machine")
         self.steps = arguments.minutes
 
     def cases(self) -> Sequence[Duration]:

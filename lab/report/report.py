@@ -40,7 +40,7 @@ def main(argv: list[str]) -> int:
         "--ticks",
         type=table_file,
         metavar="FILE",
-        help="also write every number of every tick to FILE.csv or FILE.parquet",
+        help="also write every number of every tick to FILE.csv",
     )
     removed_option(parser, "--table", "--json has the same figures")
     removed_option(parser, "--foxglove", "Foxglove opens the recording itself")

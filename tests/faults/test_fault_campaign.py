@@ -14,7 +14,7 @@ DIVES = 102
 
 def test_every_promise_is_kept():
     study = FaultDives(parser_of(FaultDives).parse_args(["--dives", str(DIVES)]))
-    with workforce(None, 2) as (executor, workers):
+    with workforce(2) as (executor, workers):
         found = list(dived(study, study.groups(study.cases()), executor, workers))
     rows = [
         (one.number, row["broken"]) for cases, rows, _ in found for one, row in zip(cases, rows, strict=True)

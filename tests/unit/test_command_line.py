@@ -161,7 +161,7 @@ def test_a_base_installation_checks_without_rich_and_says_what_watch_needs():
 def test_help_and_usage_need_nothing_that_the_demo_does_not_bring():
     program = """if True:
         import sys
-        for name in ("numba", "cma", "distributed", "pyarrow"):
+        for name in ("numba", "cma"):
             sys.modules[name] = None
         import holdfast
         helps = [[*name.split(), "--help"] for name in holdfast.commands_by_name()]

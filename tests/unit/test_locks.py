@@ -42,14 +42,14 @@ def test_every_version_is_pinned_with_its_hashes_and_nothing_else_is_there(lock)
 
 
 def test_all_that_the_project_names_is_there():
-    assert wanted("dashboard", "lab", "cluster", "recording", "dev") <= pins("dev").keys()
+    assert wanted("dashboard", "lab", "recording", "dev") <= pins("dev").keys()
     assert wanted("dashboard", "recording") <= pins("vehicle").keys()
-    assert wanted("docs", "parquet") <= pins("docs").keys()
+    assert wanted("docs") <= pins("docs").keys()
     assert wanted("dashboard", "demo") | {"hatchling", "editables"} <= pins("demo").keys()
 
 
 def test_the_demo_brings_no_tools_of_development():
-    large = {"atheris", "distributed", "llvmlite", "mypy", "numba", "playwright", "pytest"}
+    large = {"atheris", "llvmlite", "mypy", "numba", "playwright", "pytest"}
     assert large <= pins("dev").keys()
     assert not large & pins("demo").keys()
 

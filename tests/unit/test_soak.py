@@ -89,10 +89,6 @@ def test_a_lost_record_or_a_dead_process_ends_with_1(
     assert ("ended" in written["error"]) == dies
 
 
-def test_another_machine_is_refused() -> None:
-    assert holdfast.main(["lab", "bench", "soak", "--scheduler", "tcp://127.0.0.1:1"]) == 2
-
-
 GONE = ("bench process", "bench zenoh", "bench fleet", "bench dashboard", "demo --dvl")
 
 
