@@ -21,6 +21,7 @@ from lab import results_page, supervisor_page
 DOCS = Path(__file__).parents[1] / "docs"
 MARK = "<!-- made by `holdfast lab schema --write`; write nothing below -->\n"
 
+TOLD_BY_DEFAULT = ("string", "boolean", "array of string")
 RATES = {
     "event": "when something happens",
     "recorder": "1 Hz, by `holdfast record`",
@@ -77,20 +78,20 @@ def _configuration() -> Iterator[str]:
         records = [getattr(shipped, axis) for axis in AXES] if section in AXES else [record]
         heads = [f"`[{axis}]`" for axis in AXES] if section in AXES else ["default"]
         yield f"\n## {', '.join(AXES) if section in AXES else section}\n\n{_words(type(record))}\n"
-        yield f"| key | {' | '.join(heads)} | allowed | what |"
-        yield "|---" * (len(heads) + 3) + "|"
+        yield f"| key | {' | '.join(heads)} | what; allowed |"
+        yield "|---" * (len(heads) + 2) + "|"
         for key, field in fields_of(type(record)).items():
             values = " | ".join(
                 f"`{msgspec.json.encode(getattr(record, key)).decode()}`" for record in records
             )
-            yield f"| `{key}` | {values} | {_kind(field)} | {field.what} |"
+            allowed = "" if field.type in TOLD_BY_DEFAULT else f"; {_kind(field).removeprefix('integer, ')}"
+            yield f"| `{key}` | {values} | {field.what}{allowed} |"
     yield "\nThe model of yaw is in rad, N·m and kg·m²:\n"
     yield from _table(YawModel)
 
 
 def _telemetry() -> Iterator[str]:
-    yield "\n| key | what |"
-    yield "|---|---|"
+    yield "\n| key | what |\n|---|---|"
     keys: dict[type[msgspec.Struct], list[str]] = {}
     for tail, published in (telemetry.EVERY_TICK | telemetry.NOW_AND_THEN).items():
         keys.setdefault(published, []).append(tail)
@@ -124,8 +125,7 @@ def _telemetry() -> Iterator[str]:
 
 def _table(struct: type[msgspec.Struct], without: Sequence[str] = ()) -> Iterator[str]:
     """Give a row to each field, and one to neighbours of which the same is said."""
-    yield "| field | what |"
-    yield "|---|---|"
+    yield "| field | what |\n|---|---|"
     fields = [(name, field) for name, field in fields_of(struct).items() if name not in without]
     for said, alike in groupby(fields, lambda named: _said(named[1])):
         yield f"| {', '.join(f'`{name}`' for name, _ in alike)} | {said} |"
