@@ -12,7 +12,6 @@ import platform
 import shlex
 import signal
 import sys
-import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
@@ -77,8 +76,6 @@ class Study(ABC, Generic[C]):
     """Whether the rows stay in their file when the study is complete, so that a longer run continues them."""
     rows_key: ClassVar[str] = "dives"
     """Of the rows in the JSON file."""
-    dive_min: ClassVar[float] = 0.0
-    """Simulated minutes of a dive; without it no speed is measured."""
     variants: ClassVar[Mapping[str, str]] = {}
     """By the option that asks for it, another study of the same command: "module:class"."""
     forks: ClassVar[bool] = False
@@ -177,7 +174,7 @@ def run(study: Study[Any], arguments: argparse.Namespace, console: Console) -> i
     if len(missing) < len(cases):
         console.print(f"{path}: {len(cases) - len(missing)} of these {study.unit} are there already")
     try:
-        speed = _dive(study, journal, missing, arguments, console)
+        _dive(study, journal, missing, arguments, console)
     except FirmwareError as error:
         sys.stderr.write(f"holdfast {study.command}: {error}\n")
         return FAILED
@@ -192,13 +189,7 @@ def run(study: Study[Any], arguments: argparse.Namespace, console: Console) -> i
         write_table(path.with_suffix(".csv"), _flat([*journal.rows.values()]))
     else:
         path.unlink()
-    if speed:
-        console.print(
-            f"{len(missing)} {study.unit} in {speed['wall_s']:.0f} s, workers: {speed['workers']:.0f}; "
-            f"{speed['dives_per_core_s']:.1f} dives, {speed['dive_minutes_per_core_s']:.1f} dive-minutes per "
-            f"core-second; {speed['dive_minutes_per_s']:.1f} dive-minutes a second in all"
-        )
-    content = {"provenance": made, **study.summary(rows)} | ({"speed": speed} if study.dive_min else {})
+    content = {"provenance": made, **study.summary(rows)}
     write_json(path.with_name(f"{study.command.split()[-1]}.json"), content)
     if arguments.json:
         write_json(arguments.json, content | {study.rows_key: untraced})
@@ -213,11 +204,11 @@ def _flat(rows: Sequence[Row]) -> list[Row]:
 
 def _dive(
     study: Study[C], journal: "Journal", cases: Sequence[C], arguments: argparse.Namespace, console: Console
-) -> dict[str, float]:
-    """Dive the cases and note their rows; return how fast it went."""
+) -> None:
+    """Dive the cases and note their rows."""
     if not cases:
-        return {}
-    groups, began_s, core_s = study.groups(cases), time.monotonic(), 0.0
+        return
+    groups, done = study.groups(cases), 0
     alone = len(groups) == 1 and not study.forks
     columns = BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn()
     with (
@@ -227,50 +218,35 @@ def _dive(
         task = progress.add_task("", total=study.steps * len(cases))
         if executor is None:
             study.advance = partial(progress.advance, task)
-        done = 0
-        for group, found, spent_s in dived(study, groups, executor, workers):
+        for group, found in dived(study, groups, executor, workers):
             journal.append(case._asdict() | row for case, row in zip(group, found, strict=True))
-            done, core_s = done + len(group), core_s + spent_s
+            done += len(group)
             progress.update(task, completed=study.steps * done)
-    if not study.dive_min:
-        return {}
-    wall_s, minutes = time.monotonic() - began_s, len(cases) * study.dive_min
-    figures = {
-        "dives": len(cases),
-        "workers": workers,
-        "wall_s": wall_s,
-        "core_s": core_s,
-        "dives_per_core_s": len(cases) / core_s,
-        "dive_minutes_per_core_s": minutes / core_s,
-        "dive_minutes_per_s": minutes / wall_s,
-    }
-    return {key: round(value, 2) for key, value in figures.items()}
 
 
 def dived(
     study: Study[C], groups: Sequence[Sequence[C]], executor: Executor | None, workers: int
-) -> Iterator[tuple[Sequence[C], list[Row], float]]:
-    """Dive groups; give each with its results and its processor time (s) as it comes back.
+) -> Iterator[tuple[Sequence[C], list[Row]]]:
+    """Dive groups; give each with its results as it comes back.
 
     Without an executor they dive here, one after the other; otherwise two a worker are on their way.
     """
     if executor is None:
         for group in groups:
-            yield group, *_timed(study, group)
+            yield group, _rows(study, group)
         return
     waiting = list(reversed(groups))
-    flying: dict[Future[tuple[list[Row], float]], Sequence[C]] = {}
+    flying: dict[Future[list[Row]], Sequence[C]] = {}
     while waiting or flying:
         while waiting and len(flying) < 2 * workers:
             group = waiting.pop()
-            flying[executor.submit(_timed, study, group)] = group
+            flying[executor.submit(_rows, study, group)] = group
         for future in wait(flying, return_when=FIRST_COMPLETED).done:
-            yield flying.pop(future), *future.result()
+            yield flying.pop(future), future.result()
 
 
-def _timed(study: Study[C], cases: Sequence[C]) -> tuple[list[Row], float]:
-    began_s = time.thread_time()
-    return list(study.dive(cases)), time.thread_time() - began_s
+def _rows(study: Study[C], cases: Sequence[C]) -> list[Row]:
+    return list(study.dive(cases))
 
 
 @contextmanager

@@ -78,7 +78,6 @@ class Campaign(Study[CampaignCase]):
     recipe = ("set",)
     keeps_rows = True
     rows_key = "each"
-    dive_min = (DURATION_S - ENGAGED_S) / 60.0
 
     @classmethod
     def options(cls, parser: argparse.ArgumentParser) -> None:
@@ -134,7 +133,7 @@ class Campaign(Study[CampaignCase]):
     def tables(self, rows: Sequence[Row]) -> Iterator[RenderableType]:
         """Return the outcomes by vehicle and dead thruster, the envelope, and the worst dives."""
         table = ruled(
-            f"{len(rows)} dives of {60.0 * self.dive_min:.0f} s, from engaging on",
+            f"{len(rows)} dives of {DURATION_S - ENGAGED_S:.0f} s, from engaging on",
             "vehicle", "dead thruster", "dives", "held", "strays", "lost", "depth RMS mm", "99 % mm",
             "place RMS mm", "99 % mm", left=2,
         )  # fmt: skip

@@ -17,7 +17,6 @@ class Replay(campaign.Campaign):
 
     command = "lab campaign replay"
     keeps_rows = False
-    dive_min = 0.0
 
     def __init__(self, arguments: argparse.Namespace) -> None:
         super().__init__(arguments)

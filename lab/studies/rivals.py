@@ -3,7 +3,7 @@
 The vehicles are those of `bench reality`. Every rival has our estimator, delay compensation and thruster
 curve, and the model that Holdfast has. `holdfast lab tune --reality` searches each as it does Holdfast:
 first its depth, then with that its place, with equal budget and width of bounds. The dives are batches
-without MAVLink bytes; with --messages the full loop.
+without MAVLink bytes.
 """
 
 import argparse
@@ -12,7 +12,7 @@ import time  # noqa: TID251 - what a step costs
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -21,11 +21,12 @@ from companion.config import Config, load_config
 from companion.control.law import Motion
 from companion.records import Z
 from holdfast import RefusedError
+from holdfast.arguments import removed_option
 from lab.loop.scenarios import positioned
 from lab.options import add_bench, seeds_of
 from lab.studies.competitors import DEFAULT, Competitor, knobs_of, place_knobs_of, tuned
 from lab.studies.dives import interval
-from lab.studies.reality import Reality, rough
+from lab.studies.reality import rough
 from lab.studies.unlike import COUNTS_S, ENDS_S, hold
 from lab.studies.unlike import FIRST_SEED as FIRST
 from lab.study import Row, Study, by, known
@@ -114,16 +115,11 @@ class Rivals(Study[RivalDive]):
         "(holdfast lab tune --reality)."
     )
 
-    variants: ClassVar = {"messages": "lab.studies.rivals:WithMessages"}
-
     @classmethod
     def options(cls, parser: argparse.ArgumentParser) -> None:
         add_bench(parser, "default indi mpc")
-        parser.add_argument(
-            "--messages",
-            action="store_true",
-            help="the full loop, with MAVLink bytes; the DVL drifts",
-        )
+        instead = "`holdfast lab bench reality --set KEY=VALUE` dives any law in the full loop"
+        removed_option(parser, "--messages", instead)
 
     def __init__(self, arguments: argparse.Namespace) -> None:
         if arguments.firmware is not None:
@@ -182,22 +178,6 @@ class Rivals(Study[RivalDive]):
             *("chatter in depth, N", "chatter in place, N", "thrust, N", "step, µs"),
         )
         return {"columns": ["", *columns], "rows": [*self._lines(rows)]}
-
-
-class WithMessages(Reality):
-    """`bench rivals --messages`: the same rows in the full loop."""
-
-    command = "lab bench rivals"
-    presets = (DEFAULT, *RIVALS)
-    waters = ("rough",)
-    goals: ClassVar = {}
-
-    def __init__(self, arguments: argparse.Namespace) -> None:
-        arguments.seeds, arguments.scenarios = seeds_of(arguments), None
-        super().__init__(arguments)
-
-    def overrides(self, preset: str) -> list[str]:
-        return overrides(preset, load_config(), tuned(TUNED_FILE))
 
 
 def title_of(name: str) -> str:

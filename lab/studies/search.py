@@ -24,6 +24,8 @@ from lab.loop.scenarios import SETTLE_S, Scenario, four, positioned, trajectory
 from lab.rivals import alt_hold
 from lab.studies.competitors import WIDTH, Competitor
 from lab.studies.floor import CHATTER_N
+from lab.studies.reality import rough
+from lab.studies.unlike import COUNTS_S, hold
 from sim_bridge.config import SimConfig
 
 TRAINING_SEEDS = 8
@@ -75,28 +77,17 @@ def search(
     evaluations: int = EVALUATIONS,
     done: Callable[[int], object] = lambda count: None,
 ) -> Found:
-    """Search the knobs of `row` over `dives` (`training`); `load` makes a configuration of overrides.
+    """Search the knobs of `row`, each by up to the factor WIDTH; `load` makes a configuration of overrides.
 
     Deterministic for the same arguments. `done` is told after each generation how many were evaluated.
     """
-    return minimised(
-        row.knobs, lambda candidates: scores(row, candidates, load, base, dives), evaluations, done
-    )
-
-
-def minimised(
-    knobs: Mapping[str, float],
-    judge: Callable[[Sequence[Mapping[str, float]]], list[float]],
-    evaluations: int,
-    done: Callable[[int], object] = lambda count: None,
-) -> Found:
-    """Search the `knobs`, from their values by up to the factor WIDTH, for the least that `judge` returns."""
     import cma  # the help of `holdfast lab tune` needs neither this nor numba
 
-    keys, start = list(knobs), np.log(list(knobs.values()))
+    keys, start = list(row.knobs), np.log(list(row.knobs.values()))
 
     def of(candidates: Sequence[Array]) -> list[float]:
-        return judge([dict(zip(keys, np.exp(start + x).tolist(), strict=True)) for x in candidates])
+        values = [dict(zip(keys, np.exp(start + x).tolist(), strict=True)) for x in candidates]
+        return scores(row, values, load, base, dives)
 
     width = math.log(WIDTH)
     options = {"bounds": [-width, width], "seed": 1, "verbose": -9, "popsize": GENERATION}
@@ -202,6 +193,14 @@ def training(seeds: int, vary: Callable[[SimConfig, int], SimConfig]) -> list[tu
             short = Scenario(whole.name, whole.plant, target, SETTLE_S + TRAINING_S, seed)
             dives.append((short, CASES[seed % len(CASES)]))
     return dives
+
+
+def training_of_reality(seeds: int) -> list[tuple[Scenario, TrainingCase]]:
+    """Return the dives of a score on vehicles of `bench reality`, which no bench dives."""
+    return [
+        (Scenario("rough", lambda base, seed: rough(seed), hold, COUNTS_S + TRAINING_S, seed), CASES[0])
+        for seed in range(seeds)
+    ]
 
 
 def _fast_trajectory(t_s: float) -> Setpoint:

@@ -17,7 +17,7 @@ def test_every_promise_is_kept():
     with workforce(2) as (executor, workers):
         found = list(dived(study, study.groups(study.cases()), executor, workers))
     rows = [
-        (one.number, row["broken"]) for cases, rows, _ in found for one, row in zip(cases, rows, strict=True)
+        (one.number, row["broken"]) for cases, rows in found for one, row in zip(cases, rows, strict=True)
     ]
     assert [row for row in rows if row[1]] == []
     assert len(rows) == DIVES

@@ -276,10 +276,10 @@ def test_a_candidate_that_the_companion_refuses_is_lost() -> None:
 def test_the_search_ends_with_the_command_that_dives_its_result(tmp_path):
     file = tmp_path / "companion.toml"
     write_config(DEFAULT_FILE, vehicle_of(load_config()), {"heave.kappa_per_s": 9.0}, file)
-    command = next_step(file, ["default"], own=True).splitlines()[-1].split()
+    command = next_step(file, ["default"], "").splitlines()[-1].split()
     assert command[:2] == ["holdfast", "run"]
     assert load_config(Path(command[command.index("--config") + 1])).heave.kappa_per_s == 9.0
-    assert "holdfast lab bench dives --rows ppi law" in next_step(file, ["ppi", "law"], own=False)
+    assert "holdfast lab bench dives --rows ppi law" in next_step(file, ["ppi", "law"], "dives")
 
 
 def test_scenarios_have_the_names_of_the_documents():

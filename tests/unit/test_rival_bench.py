@@ -8,18 +8,18 @@ from rich.console import Console
 from companion import assembly
 from companion.config import load_config
 from holdfast import RefusedError
+from lab.studies import tune
 from lab.studies.competitors import DEFAULT, WIDTH, tuned
 from lab.studies.rivals import (
     RIVALS,
     TUNED_FILE,
     Rivals,
-    WithMessages,
     competitor,
     overrides,
     step_us,
 )
-from lab.studies.tune_rivals import training
-from lab.studies.unlike import FIRST_SEED, RealDive
+from lab.studies.search import Found, training_of_reality
+from lab.studies.unlike import FIRST_SEED
 from lab.study import Row, parser_of
 
 CONFIG = load_config()
@@ -59,7 +59,7 @@ def test_a_rival_steers_depth_and_place_and_the_default_is_what_is_shipped():
 def test_no_search_sees_a_vehicle_of_the_bench():
     vehicles = tomllib.loads(TUNED_FILE.read_text())["search"]["training_seeds"]
     assert int(vehicles.removeprefix("0..")) < FIRST_SEED
-    assert {scenario.seed for scenario, _ in training(5)} == set(range(5))
+    assert {scenario.seed for scenario, _ in training_of_reality(5)} == set(range(5))
     assert min(case.seed for case in study().cases()) == FIRST_SEED
 
 
@@ -87,10 +87,25 @@ def test_a_step_of_mpc_costs_more_than_the_papers_law():
     assert step_us(config) > step_us(CONFIG) > 0.0
 
 
-def test_with_messages_the_same_rows_dive_in_the_full_loop():
-    bench = study("--messages", "--rows", "indi", "--seeds", "2", kind=WithMessages)
-    assert bench.cases() == [RealDive("indi", "rough", 0.0, FIRST_SEED + i) for i in range(2)]
-    assert "heave.law='indi_depth'" in bench.overrides("indi")
+def test_a_search_turns_the_depth_of_each_row_and_then_its_place(monkeypatch):
+    judged = []
+
+    def search(stage, load, *_, **__):
+        judged.append((stage.name, stage.place, load(()).laws.get("indi_depth", {}).get("omega")))
+        return Found({key: 1.5 * start for key, start in stage.knobs.items()}, 3.0, 4.0, 10)
+
+    monkeypatch.setattr(tune, "search", search)
+    arguments = parser_of(tune.Tune).parse_args(["indi", "--reality"])
+    arguments.command = "holdfast lab tune"
+    found = tune.Tune(arguments)
+    (row,) = found.dive(found.cases())
+    assert judged == [("indi", False, None), ("indi", True, 9.0)]
+    assert row["scores"] == [4.0, 3.0, 4.0, 3.0]
+    assert set(row["values"]) == set(tuned(TUNED_FILE)["indi"])
+    assert (
+        tomllib.loads(tune.tuned_text({"seeds": 1}, [{"row": "indi"} | row]))["values"]["indi"]
+        == row["values"]
+    )
 
 
 def test_an_unknown_row_and_a_firmware_are_refused():
