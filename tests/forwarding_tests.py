@@ -56,7 +56,7 @@ class Pilot(Shown):
 def begun(firmware=None):
     """Return the pilot of a dive that waits to be engaged."""
     dive = Dive("initial.eta=[0,0,2,0,0,0]", setpoint=hold(z=2.0, psi=0.0), engage=False, firmware=firmware)
-    dive.tap.may_engage = True
+    dive.tap.promises.asked_otherwise = True
     return Pilot(dive)
 
 

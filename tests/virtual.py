@@ -5,7 +5,7 @@ import gc
 import struct
 from copy import deepcopy
 from functools import wraps
-from math import isfinite, nan
+from math import nan
 from pathlib import Path
 from types import MappingProxyType
 from typing import cast
@@ -15,9 +15,10 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from companion.config import load_config
 from companion.engine import Engine
 from companion.mavlink.relay import Relay
-from companion.records import NEUTRAL, Request, Setpoint, State
+from companion.records import Request, Setpoint, State
 from lab.loop.firmware import Firmware
 from lab.loop.lockstep import START_S, LinkDelay, Lockstep, Step
+from lab.studies.promises import Promises
 from sim_bridge.config import load_config as load_plant
 from sim_bridge.fault_kinds import Fault
 from sim_bridge.vehicle import Vehicle
@@ -26,9 +27,7 @@ ROOT = Path(__file__).parent.parent
 CALM = ("current.enabled=false",)
 DEPTH_M, HEADING_RAD = 1.0, 0.3
 ARM = mavlink.MAV_CMD_COMPONENT_ARM_DISARM
-CARRY_AUTHORITY = (State.ACTIVE, State.RAMP_DOWN, State.HAND_OVER)
 WITH_PILOT = ("ground_station.endpoint=udp-listen:127.0.0.1:14551", "vehicle.thrust_path=manual_control")
-STEERING = {mavlink.MAVLINK_MSG_ID_MANUAL_CONTROL, mavlink.MAVLINK_MSG_ID_RC_CHANNELS_OVERRIDE}
 
 
 def hold(z=DEPTH_M, psi=HEADING_RAD, x=nan, y=nan):
@@ -37,21 +36,6 @@ def hold(z=DEPTH_M, psi=HEADING_RAD, x=nan, y=nan):
 
 def message_id(frame):
     return frame[7] | frame[8] << 8 | frame[9] << 16
-
-
-def steering(frame):
-    """Surge, sway, heave (up), yaw in -1..1, read from the bytes of a frame that steers; else None."""
-    payload = frame[10 : 10 + frame[1]].ljust(40, b"\0")
-    if message_id(frame) == mavlink.MAVLINK_MSG_ID_RC_CHANNELS_OVERRIDE:
-        channels = struct.unpack_from("<8H", payload)
-        assert set(channels[6:8]) == {65535}, "the camera is to be left alone"
-        assert set(channels[:2]) == {65535} or all(abs(us - 1500) < 200 for us in channels[:2])
-        heave, yaw, surge, sway = ((us - 1500) / 400 for us in channels[2:6])
-        return surge, sway, heave, yaw
-    if message_id(frame) == mavlink.MAVLINK_MSG_ID_MANUAL_CONTROL:
-        x, y, z, r = struct.unpack_from("<4h", payload)
-        return x / 1000, y / 1000, (z - 500) / 500, r / 1000
-    return None
 
 
 class Somebody:
@@ -121,22 +105,23 @@ class Cockpit(Somebody):
 class Tap:
     """Stands where the engine is: spoils what comes, adds to what goes, holds every tick to account."""
 
-    def __init__(self, engine, config):
+    def __init__(self, engine, config, cockpit=None):
         self.engine = engine
-        self.cockpit = None
-        self.max_axis, self.slew = config.thrusters.max_axis, config.thrusters.max_slew_per_s
-        self.tick_s = 1.0 / config.loop.rate_hz
+        self.cockpit = cockpit
+        self.promises = Promises(config, pilot=cockpit is not None)
         self.spoil = lambda now_s, inbox: inbox
         self.to_vehicle = []
         self.after = lambda out, sample: None
         """Called after each tick, with what the engine sent."""
         self.asleep_until_s = 0.0
-        self.may_engage = False
-        self.last_thrust_s = 0.0
         self.frames = []
         self.history = []
         self._inbox, self._requests, self._sample = [], [], None
-        self._command = NEUTRAL
+
+    @property
+    def last_thrust_s(self):
+        """When a frame last demanded thrust, 0 if none did."""
+        return max(self.promises.last_thrust_s, 0.0)
 
     def aim(self, setpoint):
         self.engine.aim(setpoint)
@@ -150,7 +135,6 @@ class Tap:
             return extra, self._sample
         inbox, self._inbox = self._inbox, []
         requests, self._requests = self._requests, []
-        self.may_engage |= Request.ENGAGE in requests
         passed = []
         if self.cockpit is None:
             out, sample = self.engine.step(now_s, inbox, health, requests)
@@ -161,29 +145,9 @@ class Tap:
         self._sample = sample
         self.after(out, sample)
         self.history.append((t_s, sample.verdict.state))
-        self._hold_to_account(t_s, out, sample)
+        self.promises.hold(t_s, out, sample, requests, steers=self.engine.steering)
+        self.frames += [(t_s, axes) for axes in self.promises.frames]
         return passed + out + extra, sample
-
-    def _hold_to_account(self, t_s, out, sample):
-        state, command = sample.verdict.state, sample.command
-        frames = [axes for axes in map(steering, out) if axes is not None]
-        self.frames += [(t_s, axes) for axes in frames]
-        most = 1.0 if self.cockpit else self.max_axis
-        assert all(isfinite(axis) and abs(axis) <= most for axis in command)
-        assert all(abs(axis) <= 1.0 for axes in frames for axis in axes)
-        assert len(frames) <= 1
-        if sample.verdict.authority == 0.0 or state not in CARRY_AUTHORITY:
-            assert sample.verdict.authority == 0.0
-            assert self.cockpit or command == NEUTRAL
-            assert self.cockpit or not any(axis for axes in frames for axis in axes)
-        else:
-            assert self.may_engage
-            for now, before in zip(command, self._command, strict=True):
-                slow = abs(now - before) <= self.slew * self.tick_s + 1e-9
-                assert slow or self.cockpit or not any(command)
-        if any(axis for axes in frames for axis in axes):
-            self.last_thrust_s = t_s
-        self._command = sample.command
 
 
 class Dive:
@@ -195,6 +159,7 @@ class Dive:
         self,
         *plant,
         companion=(),
+        config=None,
         setpoint=None,
         arm=True,
         engage=True,
@@ -205,13 +170,14 @@ class Dive:
         pilot=False,
         firmware=None,
     ):
-        config = load_config(overrides=(*companion, *(WITH_PILOT if pilot else ())))
+        config = config or load_config(overrides=(*companion, *(WITH_PILOT if pilot else ())))
         body = load_plant(ROOT / "config" / base, (*CALM, *plant))
         self.vehicle = Firmware(firmware, body, seed) if firmware else Vehicle(body, seed)
         self.engine = Engine(config, setpoint or hold(), arm=arm, signing=signing)
-        self.tap = Tap(self.engine, config)
-        if pilot:
-            self.cockpit = self.tap.cockpit = Cockpit(config, signing)
+        cockpit = Cockpit(config, signing) if pilot else None
+        if cockpit is not None:
+            self.cockpit = cockpit
+        self.tap = Tap(self.engine, config, cockpit)
         self.loop = Lockstep(
             self.vehicle, cast(Engine, self.tap), link or LinkDelay(), seed, config.loop.rate_hz
         )

@@ -1,18 +1,11 @@
-"""What breaks in the dives of `holdfast lab faults`, and the promises that every tick of them is held to.
+"""What breaks in the dives of `holdfast lab faults`; every tick keeps `lab.studies.promises`.
 
-Whatever happens:
-
-- nothing raises;
-- what is sent is finite, in range and at most one steering frame a tick;
-- without authority every frame is neutral, and authority goes only with ACTIVE, RAMP_DOWN and HAND_OVER;
-- ACTIVE is entered from READY alone, after somebody asked, with nothing against it;
-- after a fault that must end steering, thrust is neutral within the time that `FAULTS` states.
+After a fault that must end steering, thrust is neutral within the time that `FAULTS` states.
 """
 
-import struct
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from math import isfinite, nan
+from math import nan
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -21,11 +14,10 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from companion.config import load_config
 from companion.engine import Engine
-from companion.records import Condition, ControlSample, LoopHealth, Request, Setpoint, State
-from companion.supervision.conditions import BLOCKING
-from companion.supervision.supervisor import CARRY_AUTHORITY
+from companion.records import ControlSample, LoopHealth, Request, Setpoint, State
 from lab.loop.firmware import Firmware
 from lab.loop.lockstep import START_S, LinkDelay, Lockstep
+from lab.studies.promises import Promises, hold_telemetry
 from sim_bridge.config import load_config as load_plant
 from sim_bridge.fault_kinds import FAULT_KINDS, Fault
 from sim_bridge.vehicle import Vehicle
@@ -68,10 +60,6 @@ class Broken:
     value: float
 
 
-class PromiseBrokenError(AssertionError):
-    """Something happened that must never happen."""
-
-
 class CheckedEngine(Engine):
     """The real engine between a spoilt inbox and somebody who checks every tick."""
 
@@ -81,9 +69,7 @@ class CheckedEngine(Engine):
         self.spoils: list[Callable[[float, Inbox], Inbox]] = []
         self.to_vehicle: list[bytes] = []
         self.asleep_until_s = 0.0
-        self.last_thrust_s = -1.0
-        self._asked = False
-        self._was = State.IDLE
+        self.promises = Promises(config)
         self._kept: Inbox = []
         self._wishes: list[Request] = []
         self._sample: ControlSample | None = None
@@ -107,54 +93,11 @@ class CheckedEngine(Engine):
         others, self.to_vehicle = self.to_vehicle, []
         inbox, self._kept = self._kept, []
         wishes, self._wishes = self._wishes, []
-        self._asked |= Request.ENGAGE in wishes
         out, sample = super().step(now_s, inbox, loop, wishes, ground)
-        self._hold_to_account(t_s, out, sample)
-        if Request.STOP in wishes:
-            self._asked = False
+        self.promises.hold(t_s, out, sample, wishes, steers=self.steering)
+        hold_telemetry(sample)
         self._sample = sample
         return out + others, sample
-
-    def _hold_to_account(self, t_s: float, out: Sequence[bytes], sample: ControlSample) -> None:
-        verdict, command = sample.verdict, sample.command
-        frames = [axes for axes in map(steering, out) if axes is not None]
-        promise(all(map(isfinite, command)), "a command that is not finite")
-        promise(all(abs(axis) <= 1.0 for axis in command), "a command out of range")
-        promise(all(abs(axis) <= 1.0 for axes in frames for axis in axes), "a frame out of range")
-        promise(len(frames) <= 1, "two steering frames in a tick")
-        promise(0.0 <= verdict.authority <= 1.0, "an absurd authority")
-        promise(verdict.authority == 0.0 or verdict.state in CARRY_AUTHORITY, "authority without permission")
-        pushing = any(axis for axes in frames for axis in axes)
-        promise(verdict.authority > 0.0 or not (pushing or any(command)), "thrust without authority")
-        if verdict.state is State.ACTIVE and self._was is not State.ACTIVE:
-            against = BLOCKING | Condition.PILOT_TAKEOVER | Condition.OPERATOR_STOP
-            promise(self._was is State.READY, f"engaged from {self._was}")
-            promise(self._asked, "engaged without being asked")
-            promise(not verdict.conditions & against, f"engaged against {verdict.conditions & against!r}")
-        if self._was is State.ACTIVE and verdict.state is not State.ACTIVE:
-            self._asked = False
-        if pushing:
-            self.last_thrust_s = t_s
-        self._was = verdict.state
-
-
-def promise(kept: bool, said: str) -> None:
-    """Raise PromiseBrokenError unless kept."""
-    if not kept:
-        raise PromiseBrokenError(said)
-
-
-def steering(frame: bytes) -> tuple[float, ...] | None:
-    """Return what the bytes of a steering frame demand of each axis, -1..1; None for other frames."""
-    number = frame[7] | frame[8] << 8 | frame[9] << 16
-    payload = frame[10 : 10 + frame[1]].ljust(40, b"\0")
-    if number == mavlink.MAVLINK_MSG_ID_RC_CHANNELS_OVERRIDE:
-        channels = struct.unpack_from("<8H", payload)
-        return tuple((us - 1500) / 400 for us in channels if us != 65535)
-    if number == mavlink.MAVLINK_MSG_ID_MANUAL_CONTROL:
-        x, y, z, r = struct.unpack_from("<4h", payload)
-        return x / 1000, y / 1000, (z - 500) / 500, r / 1000
-    return None
 
 
 class Diving:

@@ -1,7 +1,7 @@
 """`holdfast lab faults`: dives in which something breaks, and what must hold in every tick of each.
 
 A dive's number is its seed: it draws a vehicle, a state to be in, one to three faults and sometimes an
-operator who presses every button. What must hold stands in `lab.studies.breaking`.
+operator who presses every button. What must hold stands in `lab.studies.promises` and `lab.studies.breaking`.
 
 A prepared vehicle is forked for each of its dives, so that only what follows the fault is computed again.
 With the real firmware each dive has a process of its own, and what cannot be done to it is left out:
@@ -31,10 +31,9 @@ from lab.studies.breaking import (
     VARIANTS,
     Broken,
     Diving,
-    PromiseBrokenError,
     draw,
-    promise,
 )
+from lab.studies.promises import PromiseBrokenError, promise
 from lab.study import Row, Study, ruled
 
 SLACK_S = 3.7
@@ -142,7 +141,7 @@ def dive(dive: Diving, faulty: FaultCase) -> Row:
         broken = str(error)
     except Exception:
         broken = "raised: " + traceback.format_exc().strip().splitlines()[-1]
-    ended, thrust_s = dive.engine.verdict.state, dive.engine.last_thrust_s
+    ended, thrust_s = dive.engine.verdict.state, dive.engine.promises.last_thrust_s
     pushed = thrust_s > since_s and ended is not State.ACTIVE
     return _row(faulty, ended, thrust_s - begun[0][0] if begun and pushed else nan, broken)
 
@@ -170,7 +169,7 @@ def _in_time(dive: Diving, faulty: FaultCase, begun: Sequence[tuple[float, Broke
         if within_s is None:
             continue
         allowed_s = within_s + (SLACK_S if len(begun) > 1 else 0.02)
-        took_s = dive.engine.last_thrust_s - at_s
+        took_s = dive.engine.promises.last_thrust_s - at_s
         promise(took_s <= allowed_s, f"{fault.kind}: still pushing {took_s:.2f} s later, not {allowed_s:.2f}")
 
 

@@ -5,11 +5,12 @@ import math
 import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
-from virtual import CALM, DEPTH_M, Dive, Somebody, active, hold, message_id, steering
+from virtual import CALM, DEPTH_M, Dive, Somebody, active, hold, message_id
 
 from companion.config import load_config
 from companion.engine import Engine
 from companion.records import NEUTRAL, LoopHealth, Request, Setpoint, State, vector
+from lab.studies.promises import steering
 
 HEALTH = LoopHealth(1, 50.0, 0.0, 0.0, 0, 0)
 TICK_S = 0.02
@@ -68,7 +69,7 @@ def test_what_a_dead_companion_left_in_force_is_neutral_soon_after_the_next_one_
     assert dive.step.truth.armed, "its own failsafe is still to come"
     assert dive.motors_rest()
     times = [t_s for t_s, _ in dive.tap.frames]
-    assert all(axes == (0.0, 0.0, 0.0, 0.0) for _, axes in dive.tap.frames)
+    assert all(axes == (0.0,) * 6 for _, axes in dive.tap.frames)
     assert times[-1] - times[0] == pytest.approx(BURST_S, abs=0.05)
 
 
@@ -76,7 +77,7 @@ def test_what_a_dead_companion_left_in_force_is_neutral_soon_after_the_next_one_
 def test_farewell_is_neutral_while_it_steers(path):
     dive = active(companion=[f"vehicle.thrust_path={path}"])
     assert any(dive.tap.frames[-1][1])
-    assert steering(dive.engine.shutdown_frames()) == (0.0, 0.0, 0.0, 0.0)
+    assert steering(dive.engine.shutdown_frames()) == (0.0,) * 6
 
 
 def watched(dive, seconds):
@@ -125,7 +126,7 @@ def test_who_crashes_leaves_neutral_if_it_steered(monkeypatch):
     monkeypatch.setattr("companion.control.controller.step", None)
     with pytest.raises(TypeError):
         dive.run(0.02)
-    assert steering(dive.engine.shutdown_frames()) == (0.0, 0.0, 0.0, 0.0)
+    assert steering(dive.engine.shutdown_frames()) == (0.0,) * 6
 
 
 @pytest.mark.parametrize("path", PATHS)
@@ -135,7 +136,7 @@ def test_after_steering_neutral_goes_on_for_a_while(path):
     dive.run(2.0)
     stopped = dive.tap.last_thrust_s
     after = [(t_s, axes) for t_s, axes in dive.tap.frames if t_s > stopped + 0.001]
-    assert all(axes == (0.0, 0.0, 0.0, 0.0) for _, axes in after)
+    assert all(axes == (0.0,) * 6 for _, axes in after)
     assert after[-1][0] - stopped == pytest.approx(BURST_S, abs=0.06)
 
 

@@ -4,12 +4,13 @@ from pathlib import Path
 
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
-from virtual import ROOT, Somebody, steering
+from virtual import ROOT, Somebody
 
 from companion.config import load_config
 from companion.predive.check import Grade
 from companion.predive.inspection import Inspection
 from lab.loop.lockstep import COMPANION_LINK, START_S
+from lab.studies.promises import steering
 from sim_bridge.config import load_config as load_plant
 from sim_bridge.vehicle import Vehicle
 

@@ -119,7 +119,7 @@ def test_commands_of_the_ground_station_engage_hold_and_release(behind):
     assert dive.state is not State.ACTIVE
     hands.send(command(HOLD))
     assert results(shown.run(0.5)) == [mavlink.MAV_RESULT_TEMPORARILY_REJECTED]
-    dive.tap.may_engage = True
+    dive.tap.promises.asked_otherwise = True
     hands.send(command(ENGAGE))
     assert results(shown.run(3.0)) == [mavlink.MAV_RESULT_ACCEPTED]
     assert dive.state is State.ACTIVE
@@ -226,7 +226,7 @@ def test_the_actions_that_cockpit_finds_engage_hold_and_release():
     dive = Dive(pilot=True, engage=False)
     shown, hands = Shown(dive), Hands(dive, behind=True)
     shown.run(4.0)
-    dive.tap.may_engage = True
+    dive.tap.promises.asked_otherwise = True
     for name, holds in (("engage", True), ("hold here", True), ("release", False)):
         hands.send(by_cockpit(name))
         assert results(shown.run(3.0)) == [mavlink.MAV_RESULT_ACCEPTED]

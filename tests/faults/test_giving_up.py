@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
-from virtual import DEPTH_M, Dive, Somebody, active, hold
+from virtual import DEPTH_M, Dive, Somebody, active, hold, shared
 
 from companion.records import Condition, Request, State
 from companion.supervision.handover import KEEP_ALIVE_S, REFUSED_S
@@ -46,11 +47,6 @@ def ekf_bad(dive):
     dive.fault("ekf", value=2.0)
 
 
-def _with(section, **changes):
-    values = {name: getattr(section, name) for name in section.__struct_fields__}
-    return type(section)(**(values | changes))
-
-
 class OneThatWarns(Failsafes):
     """One of them holds, and only warns."""
 
@@ -62,16 +58,20 @@ def own_failsafe(dive):
     autopilot.failsafes = OneThatWarns(autopilot, rc_receiver=False, rebooted=False)
 
 
-def rebooted(dive):
-    dive.fault("reboot")
-
-
 HANDED_OVER = {
     leak: (Condition.LEAK, 0.5),
     too_late: (Condition.DELAY_TOO_LONG | Condition.INNOVATION_LARGE, 8.0),
+    carried_off: (Condition.OFF_TRACK, 25.0),
 }
-HANDED_OVER |= {carried_off: (Condition.OFF_TRACK, 25.0)}
 RAMPED = {ekf_bad: (Condition.EKF_UNHEALTHY, 0.6), own_failsafe: (Condition.AUTOPILOT_FAILSAFE, 2.1)}
+
+
+@shared
+def handing_over(*companion):
+    """A dive that a leak has just ended."""
+    dive = active(companion=companion, seconds=3.0)
+    leak(dive)
+    return dive.until(State.HAND_OVER)
 
 
 def what_ended(dive, act, within_s):
@@ -138,7 +138,7 @@ def test_a_reboot_ends_it():
     """By its disarmed heartbeat, or by its clock, whichever comes first."""
     dive = active(seconds=3.0)
     since_s = dive.t_s
-    rebooted(dive)
+    dive.fault("reboot")
     steps = dive.run(2.0)
     assert dive.state in (State.IDLE, State.FAULT)
     assert any(step.sample.verdict.conditions & Condition.REBOOTED for step in steps)
@@ -167,9 +167,7 @@ def test_alt_hold_holds_the_depth_is_kept_alive_and_then_left_alone():
 @pytest.mark.parametrize("lost", [False, True], ids=["heard", "heartbeats lost"])
 def test_a_hand_over_says_when_alt_hold_holds_and_how_long_it_lasts(lost):
     """It lasts to keep the vehicle armed, and went on saying that there is a leak."""
-    dive, log = active(companion=["supervisor.keep_alt_hold_s=12"], seconds=3.0), EventLog()
-    leak(dive)
-    dive.until(State.HAND_OVER)
+    dive, log = handing_over("supervisor.keep_alt_hold_s=12"), EventLog()
     if lost:
         dive.run(1.0)
         dive.fault("message_stopped", 2.4, message="HEARTBEAT")
@@ -185,18 +183,20 @@ def test_a_hand_over_says_when_alt_hold_holds_and_how_long_it_lasts(lost):
     assert "ALT_HOLD holds" not in steps[0].sample.verdict.reason
 
 
-def test_a_pilot_who_steers_relieves_it():
-    dive = active(seconds=3.0)
-    leak(dive)
-    dive.until(State.HAND_OVER)
+@pytest.mark.parametrize("relieved", ["a pilot steers", "the operator stops it"])
+def test_whoever_relieves_it_ends_it(relieved):
+    dive, somebody = handing_over(), Somebody()
     dive.run(5.0)
-    somebody = Somebody()
-    dive.tap.spoil = lambda t_s, inbox: [*inbox, (round((1000.0 + t_s) * 1e9), somebody.stick(1500))]
+    if relieved == "a pilot steers":
+        dive.tap.spoil = lambda t_s, inbox: [*inbox, (round((1000.0 + t_s) * 1e9), somebody.stick(1500))]
+    else:
+        dive.ask(Request.STOP)
     dive.run(0.2)
     assert dive.state is State.PILOT
     relieved_s = dive.t_s
     dive.run(2.0)
     assert max(t_s for t_s, _ in dive.tap.frames) <= relieved_s
+    assert not any(dive.tap.frames[-1][1])
 
 
 def test_refused_is_a_fault_and_silence():
@@ -216,9 +216,7 @@ def test_refused_is_a_fault_and_silence():
 @pytest.mark.parametrize(("mode", "after_s"), [(SURFACE, 1.5), (SURFACE, 5.0), (1, 0.3), (1, 1.5), (1, 5.0)])
 def test_somebody_elses_mode_ends_it(mode, after_s):
     """SURFACE before any heartbeat told of the leak's failsafe looks like that failsafe's own doing."""
-    dive = active(seconds=3.0)
-    leak(dive)
-    dive.until(State.HAND_OVER)
+    dive = handing_over()
     dive.run(after_s)
     dive.fault("mode", value=mode)
     dive.run(0.2)
@@ -251,16 +249,6 @@ def test_a_failsafe_that_surfaces_while_handing_over_goes_first():
     assert dive.step.truth.mode == SURFACE
     assert dive.state is State.HAND_OVER
     assert dive.step.truth.armed
-
-
-def test_stop_while_handing_over_is_the_pilots():
-    dive = active(seconds=3.0)
-    leak(dive)
-    dive.until(State.HAND_OVER)
-    dive.ask(Request.STOP)
-    dive.run(0.1)
-    assert dive.state is State.PILOT
-    assert not any(dive.tap.frames[-1][1])
 
 
 def warned(dive, condition, seconds):
@@ -335,12 +323,8 @@ def test_a_parameter_that_somebody_changes_is_reported_for_a_while():
 def test_our_own_change_is_told_too():
     dive = active(seconds=1.0)
     config = dive.engine.config
-    dive.engine.retune(type(config)(**{**_fields(config), "heave": _with(config.heave, kappa_per_s=9.0)}))
+    dive.engine.retune(replace(config, heave=replace(config.heave, kappa_per_s=9.0)))
     assert warned(dive, Condition.CONFIG_CHANGED, 1.0)
-
-
-def _fields(config):
-    return {name: getattr(config, name) for name in config.__struct_fields__}
 
 
 def test_a_failsafe_switched_off_is_seen_even_if_the_notice_of_it_was_lost():

@@ -26,7 +26,7 @@ PITCH, ROLL, THROTTLE, TURN, FORWARD, LATERAL = range(6)
 GAIN = 0.5
 """ArduSub's own at boot."""
 
-LIGHTS_UP = 14
+GAIN_UP = 11
 SURFACE, ALT_HOLD, STABILIZE, MANUAL = 9, 2, 0, 19
 
 
@@ -133,15 +133,7 @@ def test_a_stick_stops_a_way_that_has_only_begun():
     assert dive.step.sample.eta_d[2] < z + 0.2
 
 
-def test_a_stick_within_the_dead_zone_moves_nothing():
-    dive = holding()
-    dive.cockpit.push(heave=0.09, yaw=-0.09)
-    wanted = dive.step.sample.eta_d
-    dive.run(2.0)
-    np.testing.assert_allclose(dive.step.sample.eta_d[2:], wanted[2:], atol=0.03)
-
-
-def test_full_deflection_takes_its_axis_back_and_no_other():
+def test_full_deflection_takes_one_axis_back_and_the_operator_has_it_held_again_where_it_is():
     dive = holding(depth_m=5.0)
     dive.cockpit.push(heave=-1.0)
     dive.run(0.5)
@@ -153,10 +145,6 @@ def test_full_deflection_takes_its_axis_back_and_no_other():
     assert engaged(dive) == [False, False, False, True]
     assert channels(dive)[THROTTLE] == 1500 - 400 * GAIN * 0.2
     assert dive.step.truth.eta[5] == pytest.approx(0.3, abs=0.05)
-
-
-def test_the_operator_can_have_the_axis_held_again_where_it_is():
-    dive = holding(depth_m=5.0)
     dive.cockpit.push(heave=-1.0)
     dive.run(3.0)
     dive.cockpit.push()
@@ -169,8 +157,12 @@ def test_the_operator_can_have_the_axis_held_again_where_it_is():
     assert dive.step.truth.eta[2] == pytest.approx(z, abs=0.1)
 
 
-def test_a_short_knock_at_the_stick_takes_nothing():
+def test_a_stick_within_the_dead_zone_moves_nothing_and_a_short_knock_takes_nothing():
     dive = holding()
+    wanted = dive.step.sample.eta_d
+    dive.cockpit.push(heave=0.09, yaw=-0.09)
+    dive.run(2.0)
+    np.testing.assert_allclose(dive.step.sample.eta_d[2:], wanted[2:], atol=0.03)
     dive.cockpit.push(heave=1.0)
     dive.run(0.2)
     dive.cockpit.push()
@@ -213,7 +205,7 @@ def at_the_stick(*plant, arm=True, depth_m=1.0, **arguments):
     """A companion as the service starts it, that only watches, and a pilot who has armed."""
     start = f"initial.eta=[0,0,{depth_m},0,0,0.3]"
     dive = Dive(start, *plant, pilot=True, companion=BUTTONS, arm=False, engage=False, **arguments)
-    dive.tap.may_engage = True
+    dive.tap.promises.asked_otherwise = True
     dive.cockpit.push()
     dive.run(2.5)
     if arm:
@@ -252,12 +244,15 @@ def test_a_press_engages_once_and_holding_the_button_does_not_engage_again():
     assert dive.state is State.READY
 
 
-def test_a_button_that_was_down_before_it_was_heard_of_engages_nothing():
-    dive = Dive(pilot=True, companion=BUTTONS, arm=False, engage=False)
-    dive.cockpit.push(buttons=ENGAGE)
+@pytest.mark.parametrize("chosen", [True, False], ids=["down before it was heard of", "none chosen"])
+def test_a_button_that_was_down_before_or_is_not_chosen_engages_nothing(chosen):
+    dive = Dive(pilot=True, companion=BUTTONS if chosen else (), arm=False, engage=False)
+    dive.cockpit.push(buttons=ENGAGE if chosen else 0)
     dive.run(2.5)
     dive.cockpit.extra.append(dive.cockpit.arm())
-    dive.run(3.0)
+    dive.run(1.5)
+    dive.cockpit.push(buttons=ENGAGE if chosen else ENGAGE | RELEASE)
+    dive.run(2.0)
     assert dive.step.truth.armed
     assert Condition.ENGAGE_ASKED not in dive.step.sample.verdict.conditions
 
@@ -309,17 +304,6 @@ def test_the_button_clears_a_fault_whose_cause_has_gone_and_engages():
     dive.until(State.ACTIVE)
 
 
-def test_where_no_button_is_chosen_none_engages():
-    dive = Dive(pilot=True, arm=False, engage=False)
-    dive.cockpit.push()
-    dive.run(2.5)
-    dive.cockpit.extra.append(dive.cockpit.arm())
-    dive.run(1.5)
-    dive.cockpit.push(buttons=ENGAGE | RELEASE)
-    dive.run(2.0)
-    assert Condition.ENGAGE_ASKED not in dive.step.sample.verdict.conditions
-
-
 def toggled_on(t_s, inbox):
     packer = mavlink.MAVLink(None, 1, 1)
     toggle = mavlink.MAVLink_named_value_float_message(round(1e3 * t_s), b"InputHold", 1.0)
@@ -338,15 +322,15 @@ def test_an_override_without_deflection_is_withheld_and_one_that_touches_no_axis
 
 
 def test_buttons_reach_the_vehicle_even_pressed_between_two_ticks_and_count_once():
-    dive = holding("parameters.BTN14_FUNCTION=32")
-    lights = channels(dive)[8]
-    for _ in range(3):
-        dive.cockpit.push(buttons=1 << LIGHTS_UP)
+    dive = holding()
+    pilot = dive.vehicle.autopilot.pilot
+    for gain in (0.75, 1.0):
+        dive.cockpit.push(buttons=1 << GAIN_UP)
         pressed = dive.cockpit.frame(dive.cockpit.sticks)
         dive.cockpit.push()
         dive.cockpit.extra += [pressed, dive.cockpit.frame(dive.cockpit.sticks)]
         dive.run(0.3)
-    assert channels(dive)[8] == lights + 300
+        assert pilot.gain == gain
     assert dive.state is State.ACTIVE
 
 
@@ -371,7 +355,7 @@ def test_a_mode_change_by_a_button_gives_the_pilot_everything():
 
 def test_sticks_that_stop_coming_are_released():
     dive = holding()
-    dive.cockpit.push(surge=0.3, buttons=1 << LIGHTS_UP)
+    dive.cockpit.push(surge=0.3, buttons=1 << GAIN_UP)
     dive.run(1.0)
     dive.cockpit.sticks = None
     dive.run(0.7)
@@ -379,15 +363,12 @@ def test_sticks_that_stop_coming_are_released():
     assert dive.state is State.ACTIVE
 
 
-@pytest.mark.parametrize("gain_steps", [0, 2])
-def test_what_the_law_wants_arrives_whatever_the_pilots_gain(gain_steps):
-    """The same depth is held at every gain; what cannot be reached is told as saturated."""
+def test_what_the_law_wants_arrives_whatever_the_pilots_gain():
+    """The same depth is held at full gain."""
     dive = holding("load={enabled=true, weight_n=10, on_s=0, off_s=1e6}")
-    for _ in range(gain_steps):  # button 10 with shift unset: the default gain up
-        dive.cockpit.push(buttons=1 << 10)
-        dive.run(0.3)
-        dive.cockpit.push()
-        dive.run(0.3)
+    for _ in range(2):
+        press(dive, 1 << GAIN_UP)
+    assert dive.vehicle.autopilot.pilot.gain == 1.0
     dive.run(4.0)
     assert dive.step.truth.eta[2] == pytest.approx(1.0, abs=0.03)
 
@@ -507,10 +488,16 @@ def test_lost_and_told_to_surface_it_comes_up_on_its_own():
     assert not any(axis for t_s, axes in dive.tap.frames if t_s > dive.t_s - 10.0 for axis in axes)
 
 
-def test_a_pilot_who_comes_back_gets_the_vehicle():
+@shared
+def surfacing():
     dive = lost("surface", depth_m=6.0)
     dive.run(8.0)
     assert dive.step.truth.mode == SURFACE
+    return dive
+
+
+def test_a_pilot_who_comes_back_gets_the_vehicle():
+    dive = surfacing()
     dive.cockpit.alive = True
     dive.cockpit.push(surge=0.5)
     dive.run(2.0)
@@ -524,8 +511,7 @@ def test_a_pilot_who_comes_back_gets_the_vehicle():
 
 def test_a_ground_station_that_comes_back_without_sticks_lets_it_surface():
     """Nobody else steers: were we silent now, it would be disarmed on its way."""
-    dive = lost("surface", depth_m=6.0)
-    dive.run(8.0)
+    dive = surfacing()
     dive.cockpit.alive = True
     dive.run(5.0)
     assert dive.state is State.HAND_OVER
@@ -535,8 +521,7 @@ def test_a_ground_station_that_comes_back_without_sticks_lets_it_surface():
 
 
 def test_surfacing_that_somebody_ends_is_not_begun_again():
-    dive = lost("surface", depth_m=6.0)
-    dive.run(8.0)
+    dive = surfacing()
     dive.fault("mode", value=ALT_HOLD)
     dive.run(2.0)
     assert dive.step.truth.mode == ALT_HOLD
@@ -565,15 +550,6 @@ def test_a_flood_is_cut_off_and_the_control_goes_on(flood):
     assert dive.step.truth.eta[2] == pytest.approx(1.0, abs=0.05)
 
 
-def test_thousands_of_sticks_in_one_tick_are_no_more_than_the_last():
-    dive = holding(seconds=1.0)
-    dive.cockpit.push(surge=0.2)
-    frame = dive.cockpit.frame(dive.cockpit.sticks)
-    dive.cockpit.extra += [frame * 300]
-    dive.run(0.1)
-    assert channels(dive)[FORWARD] == 1540
-
-
 def test_sticks_of_another_system_and_for_another_vehicle_are_none_of_our_business():
     dive = holding()
     frames = [
@@ -587,8 +563,13 @@ def test_sticks_of_another_system_and_for_another_vehicle_are_none_of_our_busine
     assert dive.state is State.ACTIVE
 
 
-def test_sticks_in_mavlink_1_are_blended_too():
-    dive = holding()
+def test_thousands_of_sticks_in_one_tick_are_no_more_than_the_last_and_mavlink_1_is_blended_too():
+    dive = holding(seconds=1.0)
+    dive.cockpit.push(surge=0.2)
+    dive.cockpit.extra += [dive.cockpit.frame(dive.cockpit.sticks) * 300]
+    dive.run(0.1)
+    assert channels(dive)[FORWARD] == 1540
+    dive.cockpit.sticks = None
     message = mavlink.MAVLink_manual_control_message(1, 400, 0, 500, 0, 0)
     dive.cockpit.extra.append(message.pack(mavlink.MAVLink(None, 255, 190), force_mavlink1=True))
     dive.run(0.1)

@@ -97,13 +97,9 @@ def test_an_engage_while_handing_over_leaves_it_handing_over():
     dive = active()
     dive.fault("leak", 8.0)
     dive.until(State.HAND_OVER)
-    console = Console(dive)
-    reply = console.tell("engage")
+    reply = Console(dive).tell("engage")
     assert not reply.done
-    assert (
-        "handed over to the autopilot: the autopilot reports a leak; to do: bring the vehicle up"
-        in reply.said
-    )
+    assert "the autopilot reports a leak; to do: bring the vehicle up" in reply.said
     dive.run(15.0)
     assert dive.state is State.HAND_OVER
     assert dive.step.truth.armed
@@ -168,12 +164,3 @@ def test_it_engages_only_on_a_failsafe_that_was_read_since(answers):
         assert "FS_PILOT_INPUT and FS_PILOT_TIMEOUT were not answered" in reply.said
     dive.run(0.1)
     assert Condition.ENGAGE_ASKED not in dive.step.sample.verdict.conditions
-
-
-def test_a_failsafe_that_was_never_read_engages_nothing():
-    dive = Dive(engage=False)
-    dive.fault("message_stopped", message="PARAM_VALUE")
-    dive.run(3.0)
-    reply = Console(dive).tell("engage")
-    assert not reply.done
-    assert "the pilot-input failsafe does not act" in reply.said

@@ -84,18 +84,6 @@ def test_any_messages(hostile):
     assert all(1100 <= pwm <= 1900 for pwm in rov.truth().motor_pwm)
 
 
-@given(messages, st.binary(min_size=1, max_size=3), st.integers(0, 200))
-def test_damaged_messages(hostile, damage, where):
-    rov = vehicle()
-    station = Station(rov)
-    for message in hostile:
-        data = bytearray(message.pack(station.packer))
-        place = where % len(data)
-        data[place : place + len(damage)] = damage
-        rov.step([(0, bytes(data))])
-    assert is_finite(rov)
-
-
 @given(
     st.sampled_from([0, 1, 2, 19]),
     st.lists(st.lists(st.integers(1100, 1900), min_size=6, max_size=6), min_size=1, max_size=6),

@@ -8,19 +8,14 @@ Every fifth dive has no vehicle: messages alone, wholly random. Every second has
 the types' own ranges, their ends included. Commands are drawn from their types too: paths of every kind,
 gains and noises, with absurd values and broken JSON among them; they go through the queue, as in the process.
 
-Held in every tick: nothing raises; the command is finite and inside the envelope; at most one steering frame,
-none while not steering, and none with thrust unless the verdict permits it; the authority is in 0..1; the
-telemetry is JSON without NaN. Held after a long calm: the estimator has found depth and heading again.
-
-Measured, in processor time without garbage collection: every tick, from the next command to its answer; its
-part that gives a command to the engine; each piece of what is done between ticks; the reading of a command.
+Held in every tick: nothing raises, and `lab.studies.promises`. Held after a long calm: the estimator has
+found depth and heading again.
 
 A dive's number is its seed: `--first N --dives 1` repeats it.
 """
 
 import argparse
 import contextlib
-import gc
 import json
 import math
 import re
@@ -28,8 +23,8 @@ import struct
 import sys
 import time
 import traceback
-from collections import Counter, defaultdict
-from collections.abc import Callable, Iterator, Sequence
+from collections import Counter
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from random import Random
@@ -49,7 +44,6 @@ from companion.mavlink.link_maintenance import PARAMETERS
 from companion.mavlink.relay import Relay
 from companion.records import (
     AXES,
-    NEUTRAL,
     PSI,
     ControlSample,
     LinkCounters,
@@ -61,14 +55,12 @@ from companion.records import (
     vector,
 )
 from companion.steps import Task
-from companion.supervision.supervisor import CARRY_AUTHORITY
 from companion.telemetry.commands import COMMANDS
 from companion.telemetry.plan import PathPlan
-from companion.telemetry.samples import encode
 from companion.telemetry.schemas import Plan, Reply
 from holdfast import validation
 from lab.loop.lockstep import START_S, LinkDelay, Lockstep
-from lab.studies.breaking import steering
+from lab.studies.promises import Promises, hold_telemetry, promise
 from sim_bridge.config import load_config as load_plant
 from sim_bridge.vehicle import Vehicle
 
@@ -86,9 +78,6 @@ NEAR_M, NEAR_RAD = 0.2, 0.1
 PIECES = 20
 """Of what is done between two ticks."""
 
-SLOW_NS = 5_000_000
-"""A dive with a tick that took longer, and longer than any before, is told."""
-
 VEHICLE, US, GROUND = (1, 1), (255, 25), (255, 190)
 
 Inbox = list[tuple[int, bytes]]
@@ -104,16 +93,6 @@ VARIANTS: tuple[tuple[str, tuple[str, ...], tuple[str, ...]], ...] = (
     (SIX, (), ('vehicle.frame="vectored"',)),
 )
 WITH_GROUND = ('ground_station.endpoint="udp-listen:127.0.0.1:14551"', 'vehicle.thrust_path="manual_control"')
-
-
-class BrokenPromiseError(AssertionError):
-    """Something happened that must never happen."""
-
-
-def promise(kept: bool, said: str) -> None:
-    """Raise BrokenPromiseError unless kept."""
-    if not kept:
-        raise BrokenPromiseError(said)
 
 
 # --- Messages ---------------------------------------------------------------------------------------------
@@ -312,9 +291,12 @@ def _table(rng: Random, kind: type[msgspec.Struct], strange: float) -> dict[str,
     return {name: drawn(rng, hint, strange) for name, hint in hints.items() if name in wanted}
 
 
-def order(rng: Random) -> tuple[str, bytes]:
+TUNINGS = ("gains", "estimator", "compensator")
+
+
+def order(rng: Random, names: Sequence[str] = (*COMMANDS, "follow", "follow", "goto")) -> tuple[str, bytes]:
     """Return a command's name and payload, mostly one that is permitted."""
-    name = rng.choice((*COMMANDS, "follow", "follow", "goto"))
+    name = rng.choice(names)
     text = json.dumps(drawn(rng, COMMANDS[name], rng.choice((0.0, 0.0, 0.02))))
     if rng.random() < 0.05:
         cut = rng.randrange(len(text))
@@ -565,16 +547,12 @@ class Fuzzed:
         self._rng = rng
         self._kept: Inbox = []
         self._sample: ControlSample | None = None
-        self._command = NEUTRAL
-        limits = config.thrusters
-        tilt = config.levelling.max_axis if config.levels else 0.0
-        self._most = (limits.max_axis,) * 4 + (tilt,) * 2
-        self._step = limits.max_slew_per_s / config.loop.rate_hz + 1e-9
+        self._promises = Promises(config, pilot=ground)
 
     def step(
         self, now_s: float, datagrams: Inbox, loop: LoopHealth, requests: Sequence[Request] = ()
     ) -> tuple[list[bytes], ControlSample]:
-        """Advance one tick, unless asleep; raise BrokenPromiseError."""
+        """Advance one tick, unless asleep; raise PromiseBrokenError."""
         inbox = list(datagrams)
         if not self.spoils:
             self.heard |= {known[0].id: known[1] for _, data in inbox if (known := opened(data))}
@@ -587,23 +565,22 @@ class Fuzzed:
         inbox, self._kept = self._kept, []
         presses, self.presses = [*requests, *self.presses], []
         pilot, passed = self._heard_from_ground()
-        with self._tally.timed("tick"):
-            with self._tally.timed("command given in a tick"):
-                given = self._queue.before_tick(self.engine, now_s)
-            out, sample = self.engine.step(now_s, inbox, loop, (*presses, *given.requests), pilot)
-            self._queue.after_tick(self.engine, sample, now_s)
+        given = self._queue.before_tick(self.engine, now_s)
+        asked = (*presses, *given.requests)
+        out, sample = self.engine.step(now_s, inbox, loop, asked, pilot)
+        self._queue.after_tick(self.engine, sample, now_s)
         self._between_ticks(sample)
         if self._relay is not None:
             self._relay.withhold = self.engine.steering
         self._tally.states[sample.verdict.state] += 1
-        self._hold_to_account(out, sample)
+        self._promises.hold(now_s, out, sample, asked, steers=self.engine.steering)
+        hold_telemetry(sample)
         self._sample = sample
         return [*passed, *out], sample
 
     def order(self, asked: tuple[str, bytes]) -> None:
         """Put a command into the queue, as a session of this machine does."""
-        with self._tally.timed("command read"):
-            self._queue.put(ReceivedCommand(*asked, self._answered, local=True))
+        self._queue.put(ReceivedCommand(*asked, self._answered, local=True))
 
     def _between_ticks(self, sample: ControlSample) -> None:
         """Do what the process does until the next tick."""
@@ -612,8 +589,7 @@ class Fuzzed:
             self._guided = guided
             self._drawing = Task(drawing(self.engine.path, guided[0], self.engine.config, sample.state))
         for _ in range(PIECES):
-            with self._tally.timed("piece between ticks"):
-                more = self._queue.prepare(self.engine) | (not self._drawing.advance(COST))
+            more = self._queue.prepare(self.engine) | (not self._drawing.advance(COST))
             if not more:
                 break
 
@@ -627,28 +603,6 @@ class Fuzzed:
         passed = [data for t_ns, frame in said for data in self._relay.to_vehicle(t_ns, frame)]
         return self._relay.take(), passed
 
-    def _hold_to_account(self, out: Sequence[bytes], sample: ControlSample) -> None:
-        verdict, command = sample.verdict, sample.command
-        promise(all(map(math.isfinite, command)), f"a command that is not finite: {command}")
-        inside = all(abs(axis) <= most for axis, most in zip(command, self._most, strict=True))
-        promise(inside, f"a command outside the envelope: {command}")
-        steps = [abs(now - last) for now, last in zip(command, self._command, strict=True)]
-        promise(not any(command) or max(steps) <= self._step, f"a command that jumps by {max(steps)}")
-        promise(0.0 <= verdict.authority <= 1.0, f"an authority of {verdict.authority}")
-        permitted = verdict.state in CARRY_AUTHORITY and verdict.authority > 0.0
-        promise(permitted or not any(command), "a command without permission")
-        frames = [axes for axes in map(steering, out) if axes is not None]
-        promise(len(frames) <= int(self.engine.steering), f"{len(frames)} steering frames in a tick")
-        promise(all(abs(axis) <= 1.0 for axes in frames for axis in axes), f"a frame out of range: {frames}")
-        pushes = any(axis for axes in frames for axis in axes)
-        promise(permitted or self._relay is not None or not pushes, "thrust without permission")
-        for key, _, payload in encode(sample, "fuzzed"):
-            promise(
-                not (b"NaN" in payload or b"Infinity" in payload or b":null" in payload),
-                f"telemetry that is no number: {key} {payload!r}",
-            )
-        self._command = sample.command
-
 
 @dataclass
 class Tally:
@@ -658,17 +612,8 @@ class Tally:
     recovered: int = 0
     broken: int = 0
     ticks: int = 0
-    took_ns: dict[str, list[int]] = field(default_factory=lambda: defaultdict(list))
-    """Processor time by what took it."""
     answers: Counter[str] = field(default_factory=Counter)
     states: Counter[State] = field(default_factory=Counter)
-
-    @contextlib.contextmanager
-    def timed(self, what: str) -> Iterator[None]:
-        """Note how long something takes."""
-        began_ns = time.thread_time_ns()
-        yield
-        self.took_ns[what].append(time.thread_time_ns() - began_ns)
 
 
 def storm(rng: Random, dive: Fuzzed) -> list[Spoil]:
@@ -740,13 +685,6 @@ def _dive(rng: Random, fuzzed: Fuzzed, loop: Lockstep, tally: Tally, sound: Conf
             promise(bool(missed_rad <= NEAR_RAD), f"heading {believed[PSI]} rad where it is {true[5]} rad")
 
 
-def spread(took_ns: Sequence[int]) -> str:
-    """Return median, 99 % and largest of times, in words."""
-    in_order = sorted(took_ns)
-    at = [in_order[min(int(share * len(in_order)), len(in_order) - 1)] / 1e6 for share in (0.5, 0.99, 1.0)]
-    return "median {:.3f} ms, 99 % {:.3f} ms, largest {:.3f} ms of {}".format(*at, len(in_order))
-
-
 def tell(text: str) -> None:
     """Write a line at once."""
     sys.stdout.write(text + "\n")
@@ -755,7 +693,6 @@ def tell(text: str) -> None:
 
 def main() -> int:
     """Fuzz until so many ticks are done; say what came of it."""
-    gc.disable()
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--ticks", type=int, default=20_000)
     parser.add_argument("--first", type=int, default=1)
@@ -765,8 +702,7 @@ def main() -> int:
     for number in range(chosen.first, chosen.first + chosen.dives):
         if tally.ticks >= chosen.ticks:
             break
-        at, slowest_ns = tally.ticks, max(tally.took_ns["tick"], default=SLOW_NS)
-        gc.collect()
+        at = tally.ticks
         try:
             fuzz(number, tally)
         except Exception as error:  # the finding is told, and the next dive begins
@@ -778,8 +714,6 @@ def main() -> int:
             )
             if chosen.dives == 1:
                 traceback.print_exception(error)
-        if (longest_ns := max(tally.took_ns["tick"], default=0)) > slowest_ns:
-            tell(f"dive {number}: a tick of {longest_ns / 1e6:.2f} ms")
     shares = ", ".join(f"{state} {tally.states[state]}" for state in State if tally.states[state])
     took_s = time.monotonic() - since_s
     tell(
@@ -787,8 +721,6 @@ def main() -> int:
         f"looked {tally.recovered} times for depth and heading after a storm; {tally.broken} promises broken"
     )
     tell("commands: " + ", ".join(f"{count} {answer}" for answer, count in sorted(tally.answers.items())))
-    for what, took_ns in tally.took_ns.items():
-        tell(f"{what}: {spread(took_ns)}")
     return int(tally.broken > 0)
 
 

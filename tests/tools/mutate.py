@@ -1,9 +1,9 @@
 """Mutation testing, small and sampled: `python tests/tools/mutate.py supervisor --sample 60 --seed 1`.
 
 A mutant is the source with one change: a comparison, an operator, a number, a truth value or a condition
-turned round, a statement left out. It is written into a copy of the repository, where the tests that are
-meant to hold that file are run; a mutant that they let pass is a survivor, and is shown. Annotations, texts
-and the lines of `__all__`-like bookkeeping are left alone. Neither mutmut nor cosmic-ray is needed.
+turned round, a statement or a row of a table left out. It is written into a copy of the repository, where the
+tests that are meant to hold that file are run; a mutant that they let pass is a survivor, and is shown.
+Annotations and texts are left alone. Neither mutmut nor cosmic-ray is needed.
 """
 
 import argparse
@@ -14,173 +14,100 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
 ROOT = Path(__file__).parent.parent.parent
 TIMEOUT_S = 180.0
+ROW = 3
+"""A tuple of at least as many calls is a table."""
 
-SUPERVISOR = ("unit/test_supervisor.py", "unit/test_watching.py", "property/test_guard.py")
-CONTROL = tuple(
-    f"unit/test_{name}.py"
-    for name in (
-        "levelling",
-        "law",
-        "network",
-        "integrator",
-        "regressor",
-        "positioning",
-        "reference",
-        "controller",
-    )
-)
+LAWS = ("levelling", "law", "network", "integrator", "regressor", "positioning", "reference", "controller")
 GROUPS = {
     "supervisor": (
-        (
-            "companion/supervision/supervisor.py",
-            "companion/supervision/conditions.py",
-            "companion/supervision/monitor.py",
-            "companion/supervision/handover.py",
-        ),
-        SUPERVISOR,
+        [f"companion/supervision/{name}.py" for name in ("supervisor", "conditions", "monitor", "handover")],
+        ["unit/test_supervisor.py", "unit/test_watching.py", "unit/test_guard.py"],
     ),
     "control": (
-        tuple(str(path.relative_to(ROOT)) for path in sorted((ROOT / "companion/control").glob("[a-z]*.py"))),
-        (
-            *CONTROL,
+        [str(path.relative_to(ROOT)) for path in sorted((ROOT / "companion/control").glob("[a-z]*.py"))],
+        [
+            *(f"unit/test_{name}.py" for name in (*LAWS, "taking_over")),
             "property/test_control_any.py",
             "property/test_reference_any.py",
-            "unit/test_taking_over.py",
-        ),
+        ],
     ),
     "ardusub": (
-        ("companion/mavlink/ardusub.py", "companion/mavlink/decode.py", "companion/mavlink/encode.py"),
-        ("unit/test_mavlink_ardusub.py", "property/test_mavlink_axes.py", "property/test_mavlink_bytes.py"),
+        [f"companion/mavlink/{name}.py" for name in ("ardusub", "decode", "encode")],
+        ["unit/test_mavlink_ardusub.py", "property/test_mavlink_axes.py", "property/test_mavlink_bytes.py"],
     ),
 }
-
-COMPARISONS = {
-    ast.Lt: ast.LtE,
-    ast.LtE: ast.Lt,
-    ast.Gt: ast.GtE,
-    ast.GtE: ast.Gt,
-    ast.Eq: ast.NotEq,
-    ast.NotEq: ast.Eq,
-    ast.Is: ast.IsNot,
-    ast.IsNot: ast.Is,
-    ast.In: ast.NotIn,
-    ast.NotIn: ast.In,
-}
-OPERATORS = {
-    ast.Add: ast.Sub,
-    ast.Sub: ast.Add,
-    ast.Mult: ast.Div,
-    ast.Div: ast.Mult,
-    ast.BitAnd: ast.BitOr,
-    ast.BitOr: ast.BitAnd,
-}
+PAIRS: tuple[tuple[Any, Any], ...] = (
+    (ast.Lt, ast.LtE),
+    (ast.Gt, ast.GtE),
+    (ast.Eq, ast.NotEq),
+    (ast.Is, ast.IsNot),
+    (ast.In, ast.NotIn),
+    (ast.Add, ast.Sub),
+    (ast.Mult, ast.Div),
+    (ast.BitAnd, ast.BitOr),
+    (ast.And, ast.Or),
+)
+OTHER = {one: other for pair in PAIRS for one, other in (pair, pair[::-1])}
 
 
-def sites(tree: ast.AST) -> Iterator[ast.AST]:
-    """Give the nodes that may be changed, in the order of the source."""
-    for node in ast.iter_child_nodes(tree):
-        if isinstance(tree, ast.AnnAssign) and node is tree.annotation:
-            continue
-        if isinstance(node, ast.AnnAssign):
-            if node.value is not None:
-                yield from sites(ast.Expression(node.value))
-            continue
-        if isinstance(node, ast.arguments):
-            for default in (*node.defaults, *(d for d in node.kw_defaults if d is not None)):
-                yield from sites(ast.Expression(default))
-            continue
-        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
-            continue
-        yield node
-        if isinstance(node, ast.FunctionDef):
-            for default in (*node.args.defaults, *filter(None, node.args.kw_defaults)):
-                yield from sites(ast.Expression(default))
-            for part in node.body:
-                if not (isinstance(part, ast.Expr) and isinstance(part.value, ast.Constant)):
-                    yield part
-                yield from sites(part)
-            continue
-        yield from sites(node)
-
-
-def changes(node: ast.AST) -> list[str]:
-    """Return the names of the changes that `node` allows."""
-    match node:
-        case ast.Compare(ops=[op]) if type(op) in COMPARISONS:
-            return ["compare"]
-        case ast.BinOp(op=op) | ast.AugAssign(op=op) if type(op) in OPERATORS:
-            return ["operator"]
-        case ast.BoolOp():
-            return ["and/or"]
+def changes(node: ast.AST) -> list[ast.AST]:
+    """Return the changed copies of a node, without those of its parts."""
+    new: Any = copy.deepcopy(node)
+    match new:
+        case ast.Compare(ops=[op]) if type(op) in OTHER:
+            new.ops = [OTHER[type(op)]()]
+        case ast.BinOp(op=op) | ast.AugAssign(op=op) | ast.BoolOp(op=op) if type(op) in OTHER:
+            new.op = OTHER[type(op)]()
         case ast.UnaryOp(op=ast.Not() | ast.USub()):
-            return ["drop sign"]
+            return [new.operand]
         case ast.Constant(value=bool()):
-            return ["flip"]
-        case ast.Constant(value=int() | float()):
-            return ["number"]
+            new.value = not new.value
+        case ast.Constant(value=int() | float() as value):
+            new.value = value + 1 if value == 0 or isinstance(value, int) else value * 1.5
         case ast.If() | ast.IfExp():
-            return ["condition"]
+            new.test = ast.UnaryOp(ast.Not(), new.test)
         case ast.Expr(value=ast.Call()):
-            return ["leave out"]
+            return [ast.Pass()]
+        case ast.Tuple(elts=rows) if len(rows) >= ROW and all(isinstance(row, ast.Call) for row in rows):
+            return [ast.Tuple([*rows[:i], *rows[i + 1 :]], new.ctx) for i in range(len(rows))]
         case _:
             return []
+    return [new]
 
 
-def changed(node: ast.AST, change: str) -> ast.AST:
-    """Return a changed copy of `node`."""
-    new: Any = copy.deepcopy(node)
-    match change:
-        case "compare":
-            new.ops = [COMPARISONS[type(new.ops[0])]()]
-        case "operator":
-            new.op = OPERATORS[type(new.op)]()
-        case "and/or":
-            new.op = ast.Or() if isinstance(new.op, ast.And) else ast.And()
-        case "drop sign":
-            return cast(ast.AST, new.operand)
-        case "flip":
-            new.value = not new.value
-        case "number":
-            new.value = new.value + 1 if new.value == 0 or isinstance(new.value, int) else new.value * 1.5
-        case "condition":
-            new.test = ast.UnaryOp(ast.Not(), new.test)
-        case "leave out":
-            return ast.Pass()
-    return cast(ast.AST, new)
+class Mutation(ast.NodeTransformer):
+    """Makes change number `wanted` of a source, in its order; counts all of them."""
 
+    def __init__(self, wanted: int = -1) -> None:
+        self.count, self.said = 0, ""
+        self._wanted = wanted
 
-class Swap(ast.NodeTransformer):
-    """Puts one node in another's place."""
+    def visit(self, node: ast.AST) -> Any:
+        """Change a node, or go on to its parts."""
+        found = changes(node)
+        at = self._wanted - self.count
+        self.count += len(found)
+        if 0 <= at < len(found):
+            self.said = f"{getattr(node, 'lineno', 0)}: {_short(node)}  ->  {_short(found[at])}"
+            return found[at]
+        return super().visit(node)
 
-    def __init__(self, old: ast.AST, new: ast.AST) -> None:
-        self._old, self._new = old, new
+    def visit_AnnAssign(self, node: ast.AnnAssign) -> ast.AST:
+        """Leave annotations alone."""
+        if node.value is not None:
+            node.value = self.visit(node.value)
+        return node
 
-    def visit(self, node: ast.AST) -> ast.AST:
-        return self._new if node is self._old else super().visit(node)
-
-
-def mutants(workshop: Path, path: str) -> list[tuple[str, int]]:
-    """Return every mutant of a file as (path, index)."""
-    tree = ast.parse((workshop / path).read_text(encoding="utf-8"))
-    return [(path, i) for i in range(sum(len(changes(node)) for node in sites(tree)))]
-
-
-def mutant(workshop: Path, path: str, index: int) -> tuple[str, str]:
-    """Return the mutant's source and what was changed."""
-    tree = ast.parse((workshop / path).read_text(encoding="utf-8"))
-    every = [(node, change) for node in sites(tree) for change in changes(node)]
-    node, change = every[index]
-    new = changed(node, change)
-    said = f"{path}:{getattr(node, 'lineno', 0)}: {_short(node)}  ->  {_short(new)}"
-    return ast.unparse(ast.fix_missing_locations(Swap(node, new).visit(tree))), said
+    def visit_arg(self, node: ast.arg) -> ast.AST:
+        """Leave annotations alone."""
+        return node
 
 
 def _short(node: ast.AST) -> str:
@@ -188,19 +115,15 @@ def _short(node: ast.AST) -> str:
     return text if len(text) < 90 else text[:87] + "..."
 
 
-def survives(workshop: Path, path: str, source: str, tests: list[str]) -> bool:
-    """Run the tests against the mutant; one that hangs is killed."""
-    target = workshop / path
-    original = target.read_text(encoding="utf-8")
-    target.write_text(source, encoding="utf-8")
-    try:
-        return pass_all(workshop, tests)
-    finally:
-        target.write_text(original, encoding="utf-8")
+def mutant(source: str, wanted: int) -> tuple[str, Mutation]:
+    """Return the source with change number `wanted`, and what was changed."""
+    mutation = Mutation(wanted)
+    tree = mutation.visit(ast.parse(source))
+    return ast.unparse(ast.fix_missing_locations(tree)), mutation
 
 
 def pass_all(workshop: Path, tests: list[str]) -> bool:
-    """Tell whether the tests pass."""
+    """Tell whether the tests pass; what hangs does not."""
     environment = {**os.environ, "PYTHONDONTWRITEBYTECODE": "1", "PYTHONPATH": str(workshop)}
     command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *tests]
     try:
@@ -212,12 +135,8 @@ def pass_all(workshop: Path, tests: list[str]) -> bool:
     return run.returncode == 0
 
 
-def say(text: str) -> None:
-    sys.stdout.write(text + "\n")
-    sys.stdout.flush()
-
-
 def main() -> int:
+    """Try a sample of a group's mutants; show those that survive."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -232,22 +151,23 @@ def main() -> int:
         workshop = Path(folder) / "repository"
         kept = shutil.ignore_patterns(".git", ".venv", "out", "__pycache__", ".*_cache", ".hypothesis")
         shutil.copytree(ROOT, workshop, ignore=kept)
-        every = [one for path in files if arguments.file in (None, path) for one in mutants(workshop, path)]
+        sources = {path: (workshop / path).read_text() for path in files if arguments.file in (None, path)}
+        every = [(path, i) for path, source in sources.items() for i in range(mutant(source, -1)[1].count)]
         picked = np.random.default_rng(arguments.seed).permutation(len(every))[: arguments.sample]
-        chosen = [every[i] for i in sorted(picked)]
         if not pass_all(workshop, tests):
-            say("the tests fail without any mutant")
-            return 2
-        survivors = []
-        for count, (path, index) in enumerate(chosen, 1):
-            source, said = mutant(workshop, path, index)
-            if survives(workshop, path, source, tests):
-                survivors.append(said)
-                say(f"[{count}/{len(chosen)}] survived: {said}")
-    killed = len(chosen) - len(survivors)
-    say(
-        f"{arguments.group}: {killed} of {len(chosen)} mutants killed ({killed / len(chosen):.0%}), "
-        f"{len(every)} possible, seed {arguments.seed}"
+            raise SystemExit("the tests fail without any mutant")
+        survived = 0
+        for path, index in (every[i] for i in sorted(picked)):
+            changed, mutation = mutant(sources[path], index)
+            (workshop / path).write_text(changed)
+            if pass_all(workshop, tests):
+                survived += 1
+                sys.stdout.write(f"survived: {path}:{mutation.said}\n")
+                sys.stdout.flush()
+            (workshop / path).write_text(sources[path])
+    sys.stdout.write(
+        f"{arguments.group}: {len(picked) - survived} of {len(picked)} mutants killed, "
+        f"{len(every)} possible, seed {arguments.seed}\n"
     )
     return 0
 

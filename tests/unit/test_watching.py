@@ -99,20 +99,13 @@ def test_the_ekf_may_doubt_itself_for_a_moment(seen, over, doubt):
     assert seen.step(EkfStatus(0.0, True, True, 0.1)).ekf_doubt_s == 0.0
 
 
-def test_a_new_peer_is_reported_for_a_while():
-    seen = Seen()
-    assert not seen.step().peer_changed
-    assert seen.step(peers=1).peer_changed
-    assert seen.later(ANNOUNCED_S - 0.01, peers=1).peer_changed
-    assert not seen.later(0.02, peers=1).peer_changed
-    assert seen.step(peers=2).peer_changed
-
-
-def test_dropped_samples_are_reported_for_a_while_each_time(seen):
-    assert seen.step(dropped=3).samples_dropped
-    assert seen.later(ANNOUNCED_S - 0.01, dropped=3).samples_dropped
-    assert not seen.later(0.02, dropped=3).samples_dropped
-    assert seen.step(dropped=4).samples_dropped
+@pytest.mark.parametrize(("count", "field"), [("peers", "peer_changed"), ("dropped", "samples_dropped")])
+def test_what_is_counted_is_reported_for_a_while_each_time(seen, count, field):
+    assert not getattr(seen.step(), field)
+    assert getattr(seen.step(**{count: 1}), field)
+    assert getattr(seen.later(ANNOUNCED_S - 0.01, **{count: 1}), field)
+    assert not getattr(seen.later(0.02, **{count: 1}), field)
+    assert getattr(seen.step(**{count: 2}), field)
 
 
 def test_changes_are_reported_reading_is_not_one(seen):

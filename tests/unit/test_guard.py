@@ -1,51 +1,37 @@
 """Whatever comes in, what leaves is finite, bounded and slow, and neutral unless permitted."""
 
 import math
+from functools import reduce
+from operator import or_
 
+import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
+from test_supervisor import EXPECTED, FORBIDS_ENGAGING
 
 from companion.records import NEUTRAL, AxisCommand, Condition, State, Verdict
 from companion.supervision.guard import Envelope, guard
 from companion.supervision.supervisor import StateMachine
 
 C = Condition
+PERMITTED = Verdict(State.ACTIVE, C(0), 1.0, "")
 CARRY_AUTHORITY = (State.ACTIVE, State.RAMP_DOWN, State.HAND_OVER)
 
-any_command = st.builds(AxisCommand, *[st.floats()] * 6)
-any_verdict = st.builds(Verdict, st.sampled_from(list(State)), st.just(C(0)), st.floats(), st.just(""))
+axes = st.floats() | st.floats(-2.0, 2.0)
+any_command = st.builds(AxisCommand, *[axes] * 6)
+authorities = st.floats() | st.floats(0.0, 1.0)
+any_verdict = st.builds(Verdict, st.sampled_from(list(State)), st.just(C(0)), authorities, st.just(""))
 envelopes = st.builds(Envelope, st.floats(0.01, 1.0), st.floats(0.01, 100.0))
-EVERY_BIT = C(0)
-for bit in C:
-    EVERY_BIT |= bit
-any_conditions = st.integers(0, EVERY_BIT.value).map(C)
+any_conditions = st.integers(0, reduce(or_, C).value).map(C)
 few_conditions = st.one_of(st.just(C(0)), st.just(C.ENGAGE_ASKED), st.sampled_from(list(C)), any_conditions)
-ENDS_ACTIVE = (
-    C.LINK_LOST
-    | C.DEPTH_STALE
-    | C.ATTITUDE_STALE
-    | C.DISARMED
-    | C.WRONG_MODE
-    | C.FAILSAFE_UNSAFE
-    | C.NON_FINITE
-    | C.TICK_LATE
-    | C.DEPTH_OUT_OF_BOUNDS
-    | C.EKF_UNHEALTHY
-    | C.LEAK
-    | C.REBOOTED
-    | C.DELAY_TOO_LONG
-    | C.CLOCK_INCONSISTENT
-    | C.INNOVATION_LARGE
-    | C.THRUSTER_MISSED
-    | C.PREFLIGHT_FAILURE
-    | C.PILOT_LOST
-    | C.PILOT_TAKEOVER
-    | C.OPERATOR_STOP
+ONLY_WHILE_IT_LASTS = (
+    C.OFF_TRACK | C.AUTOPILOT_FAILSAFE | C.FAILSAFE_SURFACES | C.TILT_PERSISTS | C.PILOT_LOST_SURFACE
 )
-FORBIDS_ENGAGING = ENDS_ACTIVE | C.BATTERY_LOW | C.DEPTH_JUMPED | C.TILTED
-ONLY_WHILE_IT_LASTS = C.OFF_TRACK | C.AUTOPILOT_FAILSAFE | C.FAILSAFE_SURFACES | C.TILT_PERSISTS
-"""Need not forbid engaging: they come only of steering, or with WRONG_MODE or TILTED, which forbid it."""
+"""Need not forbid engaging: they come only of steering, or with another condition that forbids it."""
+ENDS_ACTIVE = reduce(or_, EXPECTED[State.ACTIVE]) & ~ONLY_WHILE_IT_LASTS
+ENGAGING_FORBIDDEN = reduce(or_, FORBIDS_ENGAGING)
 
 
 @given(any_command, any_verdict, envelopes, st.floats(0.001, 0.1), st.data())
@@ -85,13 +71,37 @@ def test_the_guard_has_the_last_word_on_the_pilots_axes_too(
             assert now == 0.0
 
 
+@pytest.mark.parametrize("axis", AxisCommand._fields[:4])
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_guard_lets_a_fair_command_pass_and_bounds_and_slows_each_axis_alone(axis, sign):
+    fair = NEUTRAL._replace(**{axis: sign * 0.1})
+    assert guard(fair, PERMITTED, NEUTRAL, Envelope(0.8, 5.0), 0.02) == fair
+    command, seen = NEUTRAL, []
+    for _ in range(20):
+        command = guard(NEUTRAL._replace(**{axis: sign * 9.0}), PERMITTED, command, Envelope(0.8, 5.0), 0.02)
+        seen.append(getattr(command, axis))
+        assert command._replace(**{axis: 0.0}) == NEUTRAL
+    np.testing.assert_allclose(seen, sign * np.minimum(0.1 * np.arange(1, 21), 0.8), atol=1e-12)
+
+
+def test_a_previous_command_that_is_not_finite_counts_as_rest():
+    previous, fair = AxisCommand(math.nan), AxisCommand(0.1, 0.1, 0.1, 0.1)
+    assert guard(fair, PERMITTED, previous, Envelope(1.0, 5.0), 0.02) == fair
+
+
+@pytest.mark.parametrize("axis", AxisCommand._fields)
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+def test_one_axis_that_is_not_finite_makes_all_neutral(axis, value):
+    wanted = AxisCommand(0.1, 0.1, 0.1, 0.1)
+    assert guard(wanted._replace(**{axis: value}), PERMITTED, wanted, Envelope(0.8, 5.0), 0.02) == NEUTRAL
+
+
 def test_an_axis_that_the_pilot_gives_back_starts_from_his_stick():
-    permitted = Verdict(State.ACTIVE, C(0), 1.0, "")
     sticks, at_rest = AxisCommand(heave=0.9), (True, True, False, True, True, True)
     envelope = Envelope(0.8, 4.0, 0.4)
-    sent = guard(NEUTRAL, permitted, NEUTRAL, envelope, 0.02, sticks, at_rest)
+    sent = guard(NEUTRAL, PERMITTED, NEUTRAL, envelope, 0.02, sticks, at_rest)
     assert sent.heave == 0.9
-    sent = guard(NEUTRAL, permitted, sent, envelope, 0.02, sticks)
+    sent = guard(NEUTRAL, PERMITTED, sent, envelope, 0.02, sticks)
     assert sent.heave == 0.9 - 4.0 * 0.02
 
 
@@ -133,7 +143,7 @@ class Permission(RuleBasedStateMachine):
         if self.verdict.state is State.ACTIVE and self.was.state is not State.ACTIVE:
             assert self.was.state is State.READY
             assert self.conditions & C.ENGAGE_ASKED
-            assert not self.conditions & FORBIDS_ENGAGING
+            assert not self.conditions & ENGAGING_FORBIDDEN
 
     @invariant()
     def active_ends_when_anything_needed_is_missing(self):
