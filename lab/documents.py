@@ -13,7 +13,7 @@ import msgspec
 from companion.config import Axis, Config, Section, YawModel
 from companion.records import AXES
 from companion.telemetry import schemas as telemetry
-from companion.telemetry.commands import COMMANDS, RECORDER_COMMANDS
+from companion.telemetry.commands import COMMANDS
 from companion.telemetry.fields import UNITS, Field, fields_of
 from companion.telemetry.schemas import Choices, Raw, Record, Reply, Truth
 from lab import results_page, supervisor_page
@@ -34,7 +34,7 @@ def schemas() -> dict[str, bytes]:
     published = {*telemetry.EVERY_TICK.values(), *telemetry.NOW_AND_THEN.values(), Raw, Truth}
     records: set[type[msgspec.Struct]] = {*published, Choices, Config, Reply}
     named: dict[str, type[msgspec.Struct]] = {record.__name__: record for record in records}
-    named |= {f"command.{name}": command for name, command in (COMMANDS | RECORDER_COMMANDS).items()}
+    named |= {f"command.{name}": command for name, command in COMMANDS.items()}
     return {f"{name}.json": _schema(name, struct) for name, struct in sorted(named.items())}
 
 
@@ -110,8 +110,8 @@ def _telemetry() -> Iterator[str]:
         yield from _table(struct, () if struct in (Raw, Truth) else Record.__struct_fields__)
     yield "\n## Commands\n"
     yield "Send a query to `holdfast/{vehicle}/command/{name}`. Its payload is a JSON object (`{}` for a"
-    yield "command without fields), its answer a Reply. `holdfast record` answers `command/record`."
-    for name, command in (COMMANDS | RECORDER_COMMANDS).items():
+    yield "command without fields), its answer a Reply."
+    for name, command in COMMANDS.items():
         yield f"\n### {name}\n\n{_words(command)}"
         of_axis = [key for key in fields_of(command) if key in fields_of(Axis)]
         if len(of_axis) > 1:

@@ -196,7 +196,7 @@ class SetEstimator(Payload, frozen=True):
 
 
 class SetRecording(Payload, frozen=True):
-    """Start or stop the recorder."""
+    """Start or stop the recorder of the dashboard, which alone takes this."""
 
     order = "record"
 
@@ -218,9 +218,6 @@ COMMANDS: dict[str, type[Payload]] = {
     "reset_model": ResetModel,
 }
 """The companion's commands by the last part of their key."""
-
-RECORDER_COMMANDS: dict[str, type[Payload]] = {"record": SetRecording}
-"""Those of `holdfast record`."""
 
 
 class CommandResult(NamedTuple):

@@ -138,7 +138,7 @@ class Recording:
         return self._disk.tell()
 
     def add(self, item: Item) -> None:
-        """Write a sample, under a schema of its own where it is JSON.
+        """Write a sample, under its schema where it is one of ours.
 
         Raises ValueError, and leaves the file as it is, for a sample that no recording holds.
         """
@@ -172,12 +172,8 @@ class Recording:
         if len(self._channels) >= MAX_CHANNELS and (item.key, item.encoding) not in self._reserved:
             raise TooManyChannelsError(f"of more than {MAX_CHANNELS} keys the others are left out")
         item.key.encode()
-        try:
-            schema = schema_of(item.encoding, item.payload)
-        except ValueError:
-            schema = None
-        written = item.encoding.partition(";")[0].rpartition("/")[2] or "bytes"
-        encoding = "json" if schema and "json" in item.encoding else written
+        schema = schema_of(item.encoding)
+        encoding = item.encoding.partition(";")[0].rpartition("/")[2] or "bytes"
         number = 0
         if schema:
             number = self._schemas.get(schema) or self._writer.register_schema(

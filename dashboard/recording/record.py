@@ -1,6 +1,7 @@
 """`holdfast record`: a thread that hears one vehicle over Zenoh and lets a DiveRecorder keep it."""
 
 import argparse
+import json
 import logging
 import platform
 import sys
@@ -9,6 +10,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
+from concurrent.futures import Future
 from contextlib import ExitStack
 from importlib.metadata import version
 from pathlib import Path
@@ -19,12 +21,11 @@ import zenoh
 from zenoh import ext
 
 from companion.telemetry import schemas as telemetry
-from companion.telemetry.commands import SetRecording
 from companion.telemetry.session import SessionThread, client_configuration, ticks_per_sample
 from dashboard.arguments import add_connect, until_ended
 from dashboard.recording.recorder import DiveRecorder, FileLimits
 from dashboard.recording.repair import repair
-from holdfast import DONE, REFUSED, own_version
+from holdfast import DONE, REFUSED, files, own_version
 from holdfast.arguments import command_parser, removed_option
 from holdfast.version import revision
 
@@ -33,14 +34,13 @@ QUEUE = 32_768
 QUEUE_BYTES = 1 << 26
 """The same for their size."""
 
-MAX_LEVELS = 8
-
 _DRAIN_S = 0.1
 _SYNC_S = 0.9
 _ASK_S = 5.0
 _CLOSE_S = 10.0
 _LOOK_S = 0.5
-_QUERIES = 64
+_REPLIES = 64
+_ANSWER_S = 8.0
 _MB = 1_000_000
 
 _log = logging.getLogger(__name__)
@@ -48,7 +48,7 @@ _log = logging.getLogger(__name__)
 EXAMPLES = """\
 examples:
   holdfast record                               everything that the first vehicle publishes, to ./dives
-  holdfast record --name kelp --out /data       a new file every hour or 1000 MB; 500 MB stay free
+  holdfast record --name kelp --out /data       a new file every 250 MB; 500 MB stay free
   holdfast run --set telemetry.raw=true         publish every datagram too, for `holdfast lab rerun`
   holdfast record --repair dives/cut.mcap       write dives/cut.repaired.mcap, with the index
 
@@ -70,35 +70,24 @@ class _Came(NamedTuple):
 class RecorderThread(SessionThread):
     """Records `vehicle`, or the first one heard where that is empty, from `start` to `close`.
 
-    Publishes its state once a second and, with `allow_control`, obeys `command/record`. Trouble with network
-    or disk is never raised: see `said`. The dashboard runs one of these; so does `holdfast record`.
+    Publishes its state once a second. Trouble with network or disk is never raised: see `said`. The dashboard
+    runs one of these; so does `holdfast record`.
     """
 
-    def __init__(
-        self,
-        vehicle: str,
-        endpoint: str,
-        limits: FileLimits,
-        *,
-        recording: bool = True,
-        allow_control: bool = False,
-    ) -> None:
+    def __init__(self, vehicle: str, endpoint: str, limits: FileLimits) -> None:
         super().__init__("recorder", _CLOSE_S)
         client_configuration(endpoint)  # refused here, not in the thread
-        self._vehicle = vehicle
+        self.vehicle = vehicle
         self._endpoint = endpoint
         self._limits = limits
-        self._wanted = recording
-        self._allow_control = allow_control
         self._queue: deque[_Came] = deque()
         self._came_bytes = self._taken_bytes = self._dropped = 0
         self._keeping = threading.Lock()
         """Held by threads of Zenoh's, of which there are several."""
-        self._queries: deque[zenoh.Query] = deque(maxlen=_QUERIES)
-        self._replies: deque[bytes] = deque(maxlen=_QUERIES)
+        self._switched: deque[tuple[bool, Future[telemetry.Reply]]] = deque()
+        self._replies: deque[bytes] = deque(maxlen=_REPLIES)
         self._alive = threading.Event()
         self._appeared = threading.Event()
-        self._status = b"{}"
         self.said = ""
 
     def start(self) -> None:
@@ -106,12 +95,21 @@ class RecorderThread(SessionThread):
         self._say(f"waiting for {self._endpoint}")
         super().start()
 
+    def switch(self, *, on: bool) -> telemetry.Reply:
+        """Begin a file or finish it, and return what came of it. Blocks; any thread may call it."""
+        answer: Future[telemetry.Reply] = Future()
+        self._switched.append((on, answer))
+        try:
+            return answer.result(_ANSWER_S)
+        except TimeoutError:
+            return telemetry.Reply(done=False, said=f"the recorder does not answer: {self.said}")
+
     def _open(self) -> zenoh.Session:
         return zenoh.open(client_configuration(self._endpoint))
 
     def _serve(self, session: zenoh.Session) -> None:
-        self._vehicle = self._vehicle or self._first_vehicle(session)
-        if self._vehicle:
+        self.vehicle = self.vehicle or self._first_vehicle(session)
+        if self.vehicle:
             self._record(session)
 
     def _first_vehicle(self, session: zenoh.Session) -> str:
@@ -130,7 +128,7 @@ class RecorderThread(SessionThread):
 
     def _record(self, session: zenoh.Session) -> None:
         """Serve one vehicle until closed: this thread alone touches the recorder."""
-        vehicle = self._vehicle
+        vehicle = self.vehicle
         every = ticks_per_sample(self._endpoint)
         recorder = DiveRecorder(vehicle, self._limits, about(), ticks_per_sample=every)
         key, encoding = telemetry.recorder_key(vehicle)
@@ -152,12 +150,9 @@ class RecorderThread(SessionThread):
                     telemetry.alive_key(vehicle), self._on_alive, history=True
                 )
             )
-            enter(session.declare_queryable(telemetry.command_key(vehicle, "record"), self._on_command))
-            enter(session.declare_queryable(key, self._on_query))
             publisher = enter(session.declare_publisher(key, encoding=zenoh.Encoding(encoding)))
             ask_s = sync_s = 0.0
-            if self._wanted:
-                recorder.start(time.time_ns(), time.monotonic())
+            recorder.start(time.time_ns())
             while not self._closing.wait(_DRAIN_S):
                 now_s = time.monotonic()
                 self._drain(recorder)
@@ -170,9 +165,8 @@ class RecorderThread(SessionThread):
                     session.get(telemetry.config_key(vehicle), self._on_config)
                 if now_s >= sync_s:
                     sync_s = now_s + _SYNC_S
-                    recorder.each_second(time.time_ns(), now_s)
-                    self._status = msgspec.json.encode(recorder.status(now_s, self._dropped))
-                    publisher.put(self._status)
+                    recorder.each_second(time.time_ns())
+                    publisher.put(msgspec.json.encode(recorder.status(now_s, self._dropped)))
                 self._say(recorder.said)
             self._drain(recorder)
             recorder.stop()
@@ -198,17 +192,6 @@ class RecorderThread(SessionThread):
             self._came_bytes += len(came.payload)
             self._queue.append(came)
 
-    def _on_command(self, query: zenoh.Query) -> None:
-        if "*" in str(query.key_expr):  # whoever asks for all that there is commands nothing
-            query.drop()  # type: ignore[no-untyped-call]
-        else:
-            self._queries.append(query)
-
-    def _on_query(self, query: zenoh.Query) -> None:
-        key, encoding = telemetry.recorder_key(self._vehicle)
-        with query:
-            query.reply(key, self._status, encoding=zenoh.Encoding(encoding))
-
     def _on_alive(self, sample: zenoh.Sample) -> None:
         if sample.kind == zenoh.SampleKind.PUT:
             self._alive.set()
@@ -221,39 +204,23 @@ class RecorderThread(SessionThread):
 
     def _drain(self, recorder: DiveRecorder) -> None:
         while self._replies:
-            if table := flat(self._replies.popleft()):
-                recorder.describe("config", table)
+            if text := readable(self._replies.popleft()):
+                recorder.describe("config", {"json": text})
         for _ in range(len(self._queue)):
             came = self._queue.popleft()
             self._taken_bytes += len(came.payload)
             recorder.take(*came)
-            if self._queries:  # whoever waits for an answer does not wait for a slow disk
-                self._answer(self._queries.popleft(), recorder)
-        for _ in range(len(self._queries)):
-            self._answer(self._queries.popleft(), recorder)
+            self._answer(recorder)  # whoever waits for it does not wait for a slow disk
+        self._answer(recorder)
 
-    def _answer(self, query: zenoh.Query, recorder: DiveRecorder) -> None:
-        now_s = time.monotonic()
-        try:
-            payload = query.payload.to_bytes() if query.payload else b"{}"
-            wanted = msgspec.json.decode(payload, type=SetRecording).on
-        except (msgspec.MsgspecError, RecursionError) as error:
-            done, said = False, f'want {{"on": true}} or {{"on": false}}: {error}'
-        else:
-            if not self._allow_control:
-                done, said = False, "refused: `holdfast record` was started without --allow-control"
-            elif wanted:
-                done, said = recorder.start(time.time_ns(), now_s), recorder.said
+    def _answer(self, recorder: DiveRecorder) -> None:
+        while self._switched:
+            on, answer = self._switched.popleft()
+            if on:
+                recorder.start(time.time_ns())
             else:
                 recorder.stop()
-                done, said = not recorder.recording, recorder.said
-        value = recorder.status(now_s, self._dropped)
-        query.reply(
-            query.key_expr,
-            msgspec.json.encode(telemetry.Reply(done=done, said=said, value=msgspec.to_builtins(value))),
-            encoding=zenoh.Encoding(telemetry.encoding(telemetry.Reply)),
-        )
-        query.drop()  # type: ignore[no-untyped-call]
+            answer.set_result(telemetry.Reply(done=recorder.recording is on, said=recorder.said))
 
     def _say(self, said: str) -> None:
         if said != self.said:
@@ -301,26 +268,13 @@ def about() -> dict[str, str]:
     }
 
 
-def flat(payload: bytes) -> dict[str, str]:
-    """Return a JSON object of objects as section.key: JSON value; empty for anything else.
-
-    What is nested more deeply than `MAX_LEVELS` stays one value.
-    """
-    table: dict[str, str] = {}
-
-    def walk(node: object, path: str) -> None:
-        if isinstance(node, dict) and path.count(".") < MAX_LEVELS:
-            for name, value in node.items():
-                walk(value, f"{path}.{name}" if path else str(name))
-        else:
-            table[path] = msgspec.json.encode(node).decode()
-
+def readable(payload: bytes) -> str:
+    """Return a JSON object with a line for each key; "" for what is none, or nested too deeply."""
     try:
-        tree = msgspec.json.decode(payload)
-        walk(tree, "")
-    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
-        return {}
-    return table if isinstance(tree, dict) else {}
+        table = files.from_json(payload.decode())
+    except ValueError:
+        return ""
+    return json.dumps(table, indent=1) if isinstance(table, dict) else ""
 
 
 def main(argv: list[str]) -> int:
@@ -341,16 +295,9 @@ def main(argv: list[str]) -> int:
     parser.add_argument(
         "--max-mb",
         type=_positive,
-        default=1000.0,
+        default=250.0,
         metavar="MB",
-        help="start a new file after MB; default %(default)g",
-    )
-    parser.add_argument(
-        "--max-minutes",
-        type=_positive,
-        default=60.0,
-        metavar="MIN",
-        help="and after MIN; default %(default)g",
+        help="start a new file after MB; default %(default)g, an hour or more",
     )
     parser.add_argument(
         "--reserve-mb",
@@ -360,10 +307,6 @@ def main(argv: list[str]) -> int:
         help="stop when less is free; default %(default)g",
     )
     parser.add_argument(
-        "--allow-control", action="store_true", help="accept the command record of `holdfast tell`"
-    )
-    parser.add_argument("--wait", action="store_true", help="wait for that command")
-    parser.add_argument(
         "--repair",
         nargs="+",
         type=Path,
@@ -371,6 +314,9 @@ def main(argv: list[str]) -> int:
         help="do not record: copy what can be read of truncated recordings, and end",
     )
     removed_option(parser, "--tlog", "the ground station writes a .tlog")
+    removed_option(parser, "--max-minutes", "--max-mb begins a new file")
+    for option in ("--allow-control", "--wait"):
+        removed_option(parser, option, "`holdfast dashboard --record DIR` has a button that stops and starts")
     options = parser.parse_args(argv)
     if options.repair:
         return _repair(options.repair)
@@ -381,20 +327,9 @@ def main(argv: list[str]) -> int:
     except OSError as error:
         parser.error(f"--out {options.out}: {error.strerror}; name a folder that takes files")
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(message)s", stream=sys.stderr)
-    limits = FileLimits(
-        options.out,
-        round(options.max_mb * _MB),
-        60.0 * options.max_minutes,
-        round(options.reserve_mb * _MB),
-    )
+    limits = FileLimits(options.out, round(options.max_mb * _MB), round(options.reserve_mb * _MB))
     ended = until_ended()
-    with RecorderThread(
-        options.name,
-        options.connect,
-        limits,
-        recording=not options.wait,
-        allow_control=options.allow_control,
-    ) as recorder:
+    with RecorderThread(options.name, options.connect, limits) as recorder:
         while recorder.failure is None and not ended.wait(_LOOK_S):
             pass
     if recorder.failure is not None:
@@ -402,9 +337,9 @@ def main(argv: list[str]) -> int:
     return 1 if recorder.failure is not None else 0
 
 
-def _repair(files: Sequence[Path]) -> int:
+def _repair(paths: Sequence[Path]) -> int:
     status = DONE
-    for file in files:
+    for file in paths:
         try:
             sys.stdout.write(f"{file}: {repair(file)}\n")
         except ValueError as error:

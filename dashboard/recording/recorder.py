@@ -46,11 +46,10 @@ _raw_times = msgspec.msgpack.Decoder(_Times)
 
 @dataclass(frozen=True)
 class FileLimits:
-    """Where recordings go, when a new file begins (bytes, seconds), and what stays free on the disk."""
+    """Where recordings go, when a new file begins, and what stays free on the disk."""
 
     directory: Path
-    max_bytes: int = 1000 * _MB
-    max_age_s: float = 3600.0
+    max_bytes: int = 250 * _MB
     reserve_bytes: int = 500 * _MB
 
 
@@ -74,7 +73,6 @@ class DiveRecorder:
         self._disk = disk or Disk
         self._file: Recording | None = None
         self._tables: dict[str, Mapping[str, str]] = {}
-        self._began_s = 0.0
         self._messages = self._left_out = 0
         self._ticks_per_sample = ticks_per_sample
         self._losses = Losses(ticks_per_sample)
@@ -91,11 +89,11 @@ class DiveRecorder:
         """Whether a file is open."""
         return self._file is not None
 
-    def start(self, utc_ns: int, now_s: float) -> bool:
+    def start(self, utc_ns: int) -> bool:
         """Begin a file, unless one is open; tell whether one is open now, and in `said` why not."""
         if self._file is None:
             self._messages, self._left_out, self._losses = 0, 0, Losses(self._ticks_per_sample)
-            self._open(utc_ns, now_s)
+            self._open(utc_ns)
         return self._file is not None
 
     def stop(self, why: str = "stopped when asked") -> None:
@@ -142,7 +140,7 @@ class DiveRecorder:
             if isinstance(error, TooManyChannelsError) and self._file is not None:
                 self.said = f"recording to {self._file.path.name}; {error}"
 
-    def each_second(self, utc_ns: int, now_s: float) -> None:
+    def each_second(self, utc_ns: int) -> None:
         """Put all on the disk, begin a new file where it is time, and stop where the disk is nearly full."""
         if self._file is None:
             return
@@ -154,9 +152,9 @@ class DiveRecorder:
         limits, free = self._limits, self._free(self._limits.directory)
         if free < limits.reserve_bytes:
             self.stop(f"stopped: {free // _MB} MB free, and {limits.reserve_bytes // _MB} MB stay free")
-        elif self._file.size_bytes >= limits.max_bytes or now_s - self._began_s >= limits.max_age_s:
+        elif self._file.size_bytes >= limits.max_bytes:
             self.stop()
-            self._open(utc_ns, now_s)
+            self._open(utc_ns)
 
     def status(self, now_s: float, dropped: int) -> telemetry.Recorder:
         """Return what goes out once a second; `t_s` and `boot_s` are the vehicle's, as far as heard."""
@@ -209,7 +207,7 @@ class DiveRecorder:
             raise ValueError("a clock that cannot be")
         return times.t_s, times.boot_s if (key, encoding) in self._channels else math.nan, times.tick
 
-    def _open(self, utc_ns: int, now_s: float) -> None:
+    def _open(self, utc_ns: int) -> None:
         limits = self._limits
         try:
             limits.directory.mkdir(parents=True, exist_ok=True)
@@ -222,7 +220,6 @@ class DiveRecorder:
                 return
             path = _unused(limits.directory, self.vehicle, utc_ns)
             self._file = Recording(path, self._disk(path), self._channels)
-            self._began_s = now_s
             self._file.describe("holdfast", {**self._about, "began_utc": _utc(utc_ns).isoformat()})
             for name, table in self._tables.items():
                 self._file.describe(name, table)

@@ -10,7 +10,7 @@ from typing import Any
 import msgspec
 
 from companion.telemetry import schemas as telemetry
-from companion.telemetry.commands import COMMANDS, RECORDER_COMMANDS, fields
+from companion.telemetry.commands import COMMANDS, fields
 from companion.telemetry.schemas import printable
 from dashboard.arguments import add_connect
 from dashboard.zenoh_client import Subscription
@@ -20,7 +20,7 @@ PATIENCE_S = 5.0
 ALONE_S = 0.3
 """For so long after the first vehicle others are listened for: each publishes its state 50 times a second."""
 
-KNOWN = (*COMMANDS, *RECORDER_COMMANDS, "config")
+KNOWN = (*COMMANDS, "config")
 
 HEAD = "commands and their fields (the vehicle answers with the values that are now in force):"
 EXAMPLES = """\
@@ -62,6 +62,8 @@ def main(argv: list[str]) -> int:
     )
     options = parser.parse_args(argv)
     words: list[str] = options.words
+    if "record" in words[:2]:
+        parser.error("record is no more: `holdfast dashboard --record DIR` has a button")
     vehicle = words.pop(0) if words[0] not in KNOWN and len(words) > 1 else ""
     command, *fields_given = words
     try:
@@ -153,7 +155,7 @@ def _wait(until: Callable[[], bool], patience_s: float) -> bool:
 def _epilog() -> str:
     """Return the list of commands, made from their payloads, and the examples."""
     lines = [HEAD]
-    for name, kind in (COMMANDS | RECORDER_COMMANDS).items():
+    for name, kind in COMMANDS.items():
         purpose = (kind.__doc__ or "").partition("\n")[0]
         lines += textwrap.wrap(f"{name:22}  {purpose}", 106, initial_indent="  ", subsequent_indent=" " * 26)
         taken = "  ".join(f"{field.name}={'|'.join(field.choices)}" for field in fields(kind))

@@ -16,10 +16,12 @@ import msgspec
 from aiohttp import WSCloseCode, web
 
 from companion.telemetry import schemas as telemetry
-from companion.telemetry.commands import MAX_BYTES, parse
+from companion.telemetry.commands import MAX_BYTES, SetRecording, parse
 from companion.telemetry.glossary import silence
 from companion.telemetry.schemas import Plan
-from companion.telemetry.session import SessionThread, ticks_per_sample
+from companion.telemetry.session import ticks_per_sample
+from dashboard.recording.record import RecorderThread
+from dashboard.recording.recorder import FileLimits
 from dashboard.web import cockpit, gate, vocabulary
 from dashboard.web.columns import COLUMNS
 from dashboard.web.connections import BACKLOG, Connection, Connections, SparingFilter, most_crowded
@@ -67,8 +69,9 @@ Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 class Dashboard:
     """Zenoh in, web pages out."""
 
-    def __init__(self, settings: DashboardOptions) -> None:
+    def __init__(self, settings: DashboardOptions, recorder: RecorderThread | None = None) -> None:
         self._settings = settings
+        self._recorder = recorder
         self._names = ("localhost", *settings.names)
         self._fleet = Fleet(ticks_per_sample(settings.endpoint))
         self._telemetry = Subscription("holdfast/*/**", settings.endpoint)
@@ -202,6 +205,7 @@ class Dashboard:
                     "columns": COLUMNS,
                     "history_s": HISTORY_S,
                     "control": bool(self._settings.token),
+                    "records": self._recorder is not None,
                     "version": own_version(),
                 }
             )
@@ -281,6 +285,10 @@ class Dashboard:
             wanted = parse(command, await request.read() or b"{}", vocabulary.ALL_COMMANDS)
         except ValueError as error:
             return _reply(400, str(error))
+        if isinstance(wanted, SetRecording):
+            if self._recorder is None or self._recorder.vehicle != name:
+                return _reply(404, f"this dashboard does not record '{name}': start it with --record DIR")
+            return _reply_as(200, await asyncio.to_thread(self._recorder.switch, on=wanted.on))
         key = telemetry.command_key(name, command)
         answer = await asyncio.to_thread(self._telemetry.ask, key, msgspec.json.encode(wanted))
         self._config_asked_s.pop(name, None)
@@ -349,9 +357,14 @@ def _reply_as(status: int, reply: telemetry.Reply) -> web.Response:
     return web.Response(status=status, body=msgspec.json.encode(reply), content_type="application/json")
 
 
-async def serve(settings: DashboardOptions, stop: asyncio.Event, listening: Callable[[int], None]) -> None:
+async def serve(
+    settings: DashboardOptions,
+    stop: asyncio.Event,
+    listening: Callable[[int], None],
+    recorder: RecorderThread | None = None,
+) -> None:
     """Serve until `stop`; tell `listening` the port. Raises OSError where it is taken."""
-    runner = web.AppRunner(Dashboard(settings).application(), access_log=None, shutdown_timeout=1.0)
+    runner = web.AppRunner(Dashboard(settings, recorder).application(), access_log=None, shutdown_timeout=1.0)
     await runner.setup()
     assert runner.server is not None
     connections = Connections(runner.server)
@@ -378,7 +391,7 @@ def _listeners(host: str, port: int) -> Iterator[socket.socket]:
         yield listener
 
 
-async def _serve(settings: DashboardOptions, recorder: SessionThread | None) -> None:
+async def _serve(settings: DashboardOptions, recorder: RecorderThread | None) -> None:
     stop = asyncio.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         asyncio.get_running_loop().add_signal_handler(number, stop.set)
@@ -393,7 +406,7 @@ async def _serve(settings: DashboardOptions, recorder: SessionThread | None) -> 
         stop.set()
 
     looking = asyncio.create_task(stop_with_recorder())
-    await serve(settings, stop, announce)
+    await serve(settings, stop, announce, recorder)
     looking.cancel()
 
 
@@ -416,12 +429,7 @@ def main(settings: DashboardOptions) -> int:
     return 0
 
 
-def _recorder(settings: DashboardOptions) -> AbstractContextManager[SessionThread | None]:
+def _recorder(settings: DashboardOptions) -> AbstractContextManager[RecorderThread | None]:
     if settings.record is None:
         return nullcontext()
-    from dashboard.recording.record import RecorderThread
-    from dashboard.recording.recorder import FileLimits
-
-    return RecorderThread(
-        "", settings.endpoint, FileLimits(settings.record), allow_control=bool(settings.token)
-    )
+    return RecorderThread("", settings.endpoint, FileLimits(settings.record))

@@ -3,12 +3,12 @@
 import msgspec
 
 from companion.telemetry import glossary
-from companion.telemetry.commands import COMMANDS, RECORDER_COMMANDS, fields
+from companion.telemetry.commands import COMMANDS, SetRecording, fields
 from companion.telemetry.conditions import ENDED
 from companion.telemetry.modes import MODE_NAMES
 
-ALL_COMMANDS = COMMANDS | RECORDER_COMMANDS
-"""What the page may send: to the companion, and to whoever records."""
+ALL_COMMANDS = COMMANDS | {"record": SetRecording}
+"""What the page may send: to the companion, and to the dashboard's recorder."""
 
 SHARED = ("DEAD_MOTOR", "ELSEWHERE", "LATE", "LINK_LOST", "NO_DATA", "NO_VEHICLE", "SERVER_SILENT")
 """Of the glossary, what the page says where the server cannot tell it."""

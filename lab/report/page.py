@@ -22,7 +22,7 @@ img { width: 100%; background: #fff; border-radius: 4px }
 div { overflow-x: auto }
 table { border-collapse: collapse; font-variant-numeric: tabular-nums }
 th, td { padding: .25rem .8rem .25rem 0; text-align: left; border-bottom: 1px solid var(--line) }
-th { font-weight: 600; color: var(--faint) }
+th { font-weight: 600; color: var(--faint) } details td { white-space: pre-wrap; vertical-align: top }
 ul { border-left: 3px solid var(--mark); padding-left: 1.6rem } li { margin: .35rem 0 }
 """
 HELD = (

@@ -67,7 +67,7 @@ class Outcome:
 def load(files: Sequence[Path]) -> Tape:
     """Read the raw ticks of a dive's files. Raises RerunError where there are none, OSError, ValueError."""
     ticks: dict[int, Raw] = {}
-    table: dict[str, str] = {}
+    config: Mapping[str, Any] = {}
     decoder = msgspec.msgpack.Decoder(Raw)
     notes: list[str] = []
     for file in files:
@@ -83,7 +83,8 @@ def load(files: Sequence[Path]) -> Tape:
                 old = ticks.setdefault(raw.tick, raw)
                 if old.now_s != raw.now_s:
                     raise RerunError(f"{file}: holds more than one run of the companion (tick {raw.tick})")
-        table = table or reader.metadata.get("config", {})
+        if not config and (text := reader.metadata.get("config", {}).get("json")):
+            config = msgspec.json.decode(text, type=dict[str, dict[str, Any]])
         if not reader.whole:
             notes.append(f"{file.name} was cut; what is whole of it was used")
     if not ticks:
@@ -96,7 +97,7 @@ def load(files: Sequence[Path]) -> Tape:
         )
     for previous, following in gaps[:5]:
         notes.append(f"ticks {previous + 1} to {following - 1} are missing: what follows may differ by that")
-    return Tape([ticks[number] for number in numbers], _tree(table), notes)
+    return Tape([ticks[number] for number in numbers], config, notes)
 
 
 def configured(tape: Tape, overrides: Sequence[str] = (), file: Path | None = None) -> Config:
@@ -176,17 +177,6 @@ def _content(frame: bytes) -> bytes:
         return frame
     heartbeat = int.from_bytes(frame[7:10], "little") == HEARTBEAT
     return frame[:2] + frame[3 : 4 if heartbeat else 5] + frame[5 : HEADER + frame[1]]
-
-
-def _tree(table: Mapping[str, str]) -> dict[str, Any]:
-    tree: dict[str, Any] = {}
-    for path, value in table.items():
-        *sections, key = path.split(".")
-        node = tree
-        for section in sections:
-            node = node.setdefault(section, {})
-        node[key] = msgspec.json.decode(value)
-    return tree
 
 
 def _overlay(recorded: Mapping[str, Any], notes: list[str]) -> list[str]:

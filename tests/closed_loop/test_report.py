@@ -20,7 +20,7 @@ from companion.records import ControlSample, Request, supervision
 from companion.telemetry import samples
 from companion.telemetry import schemas as telemetry
 from dashboard.recording.mcap_file import Item, Recording
-from dashboard.recording.record import flat
+from dashboard.recording.record import readable
 from lab.loop.lockstep import LinkDelay, Lockstep, Step
 from lab.report.figures import figures
 from lab.report.log import Columns, Log, load
@@ -54,7 +54,7 @@ def written(path: Path, dive: list[Step], change: Change | None = None) -> Path:
     """Record a dive; `change` spoils the samples."""
     recording = Recording(path)
     recording.describe("holdfast", {"holdfast": "0.1.0", "git": "abc<script>", "vehicle": "kelp"})
-    recording.describe("config", flat(msgspec.json.encode(load_config())))
+    recording.describe("config", {"json": readable(msgspec.json.encode(load_config()))})
     for step in dive:
         sample = step.sample if change is None else change(step.t_s, step.sample)
         stamp = UTC_NS + round(step.t_s * 1e9)

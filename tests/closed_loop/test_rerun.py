@@ -15,7 +15,7 @@ from companion.records import Request
 from companion.telemetry import schemas as telemetry
 from companion.telemetry.commands import Goto
 from dashboard.recording.mcap_file import Item, Recording
-from dashboard.recording.record import flat
+from dashboard.recording.record import readable
 from lab.loop.lockstep import LinkDelay, Lockstep
 from lab.rerun.command import main
 from lab.rerun.rerun import HEARTBEAT, RerunError, configured, load, rerun
@@ -87,7 +87,7 @@ def dive() -> list[telemetry.Raw]:
 def written(path: Path, ticks: list[telemetry.Raw], config: Config | None = None) -> Path:
     recording = Recording(path)
     if config is not None:
-        recording.describe("config", flat(msgspec.json.encode(config)))
+        recording.describe("config", {"json": readable(msgspec.json.encode(config))})
     key, encoding = telemetry.raw_key("kelp")
     for raw in ticks:
         recording.add(Item(key, encoding, msgspec.msgpack.encode(raw), raw.tick, raw.tick))

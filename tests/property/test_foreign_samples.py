@@ -17,7 +17,7 @@ from companion.telemetry import schemas as telemetry
 from dashboard.losses import Losses
 from dashboard.rate import MAX_COUNTS, Rate
 from dashboard.recording.mcap_file import MAX_CHANNELS, MAX_SAMPLE_BYTES, Reader
-from dashboard.recording.record import flat
+from dashboard.recording.record import readable
 from dashboard.recording.recorder import DiveRecorder, FileLimits
 from dashboard.terminal.feed import Feed
 from dashboard.terminal.watch import picture
@@ -110,7 +110,7 @@ def test_the_recorder_goes_on(genuine: list[Sample], tmp_path: Path) -> None:
     for some in [*wild(genuine), sides]:
         for sample in (*some, *genuine[:1]):
             kept.take(*sample, UTC_NS, 0.0)
-        kept.each_second(UTC_NS, 0.0)
+        kept.each_second(UTC_NS)
         status = kept.status(0.0, 0)
         msgspec.json.encode(status)
         assert status.recording, status.said
@@ -126,7 +126,7 @@ def test_the_recorder_goes_on(genuine: list[Sample], tmp_path: Path) -> None:
 
 def recorder(directory: Path) -> DiveRecorder:
     kept = DiveRecorder("kelp", FileLimits(directory), {}, free_bytes=lambda _: 10**12)
-    assert kept.start(UTC_NS, 0.0)
+    assert kept.start(UTC_NS)
     return kept
 
 
@@ -187,15 +187,9 @@ def test_a_stranger_s_clock_is_not_the_vehicle_s(tmp_path: Path, genuine: list[S
     assert [item.log_ns for item in Reader(path)] == [UTC_NS, UTC_NS + 5]
 
 
-@pytest.mark.parametrize("payload", [DEEP, '{"a":' * 100_000, '{"a":1e400}', '{"a":"\ud800"}', "[1]"])
+@pytest.mark.parametrize("payload", [DEEP, '{"a":' * 100_000, '{"a":NaN}', '{"a":"\ud800"}', "[1]"])
 def test_a_configuration_that_nobody_can_read_is_none(payload: str) -> None:
-    assert flat(payload.encode(errors="surrogatepass")) == {}
-
-
-def test_a_deep_configuration_does_not_grow() -> None:
-    payload = '{"aaaaaaaaa":' * 300 + "{" + ",".join(f'"{i}":1' for i in range(1000)) + "}" * 301
-    ((key, value),) = flat(payload.encode()).items()
-    assert len(key) + len(value) <= len(payload)
+    assert readable(payload.encode(errors="surrogatepass")) == ""
 
 
 @pytest.mark.parametrize("payload", [DEEP, '{"kind":' + DEEP, '{"kind":"leak","at_s":1e400}', "\xff"])

@@ -49,7 +49,7 @@ def test_they_are_reported(
     ticks: list[int], missing: dict[int, set[str]], lost: int, tmp_path: Path, make_sample: MakeSample
 ) -> None:
     recorder = DiveRecorder("kelp", FileLimits(tmp_path, reserve_bytes=1), {})
-    recorder.start(0, 0.0)
+    recorder.start(0)
     fleet = Fleet()
     for tick in ticks:
         sample = make_sample()

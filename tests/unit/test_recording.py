@@ -98,7 +98,7 @@ def test_no_chunk_is_larger_than_64_kb(written: Path) -> None:
     "name", ["State", "Dof", "Command", "Supervisor", "Loop", "Event", "Recorder", "Plan"]
 )
 def test_foxglove_understands_every_schema(name: str) -> None:
-    said, schema = schema_of(f"application/json;holdfast.{name}.v1", b"")
+    said, schema = schema_of(f"application/json;holdfast.{name}.v1") or ("", b"")
     assert said == f"holdfast.{name}.v1"
     plotted(json.loads(schema))
     assert {"t_s", "boot_s"} <= json.loads(schema)["properties"].keys()
@@ -126,16 +126,8 @@ def test_truth_and_raw_ticks_have_a_schema_in_the_file(tmp_path: Path) -> None:
     assert json.loads(schema.data)["properties"]["eta"]["items"]["type"] == "number"
 
 
-def test_a_stranger_s_object_gets_the_schema_it_shows() -> None:
-    payload = b'{"t_s": 1.5, "eta": [1.0, 2], "armed": true, "mode": 19, "who": "x", "in": {"a": []}}'
-    name, schema = schema_of("application/json;somebody.Else.v1", payload)
-    assert name == "somebody.Else.v1"
-    plotted(json.loads(schema))
-    assert json.loads(schema)["properties"]["eta"] == {"type": "array", "items": {"type": "number"}}
-
-
-@pytest.mark.parametrize("payload", [b"", b"\xff", b"[1]", b"3", b"{"])
-def test_what_is_no_object_is_kept_without_a_schema(tmp_path: Path, payload: bytes) -> None:
+@pytest.mark.parametrize("payload", [b"", b"\xff", b"[1]", b'{"t_s": 1.0}'])
+def test_a_stranger_s_sample_is_kept_without_a_schema(tmp_path: Path, payload: bytes) -> None:
     recording = Recording(tmp_path / "a.mcap")
     recording.add(Item("holdfast/kelp/odd", "application/json", payload, 1, 1))
     recording.close()
@@ -240,7 +232,7 @@ def test_a_repair_leaves_the_original_and_a_whole_file_alone(
 
 def test_the_log_time_is_the_sample_s_own(tmp_path: Path, ticks: list[list[tuple[str, str, bytes]]]) -> None:
     kept = recorder(tmp_path)
-    assert kept.start(UTC_NS, 0.0)
+    assert kept.start(UTC_NS)
     delay_ns = iter([0, 5, 400, 3, 2, 70] * 1000)
     for i, tick in enumerate(ticks[:100]):
         for key, encoding, payload in tick:
@@ -256,7 +248,7 @@ def test_the_log_time_is_the_sample_s_own(tmp_path: Path, ticks: list[list[tuple
 
 def test_a_companion_that_starts_anew_gets_new_times(tmp_path: Path, make_sample: MakeSample) -> None:
     kept = recorder(tmp_path)
-    kept.start(UTC_NS, 0.0)
+    kept.start(UTC_NS)
     for i, t_s in enumerate((1000.0, 1000.02, 3.0, 3.02)):
         for key, encoding, payload in samples.encode(make_sample(t_s=t_s), "kelp")[:1]:
             kept.take(key, encoding, payload, UTC_NS + i * 1_000_000_000, 0.0)
@@ -268,7 +260,7 @@ def test_a_companion_that_starts_anew_gets_new_times(tmp_path: Path, make_sample
 
 def test_a_raw_tick_that_comes_twice_is_kept_once(tmp_path: Path) -> None:
     kept = recorder(tmp_path)
-    kept.start(UTC_NS, 0.0)
+    kept.start(UTC_NS)
     key, encoding = telemetry.raw_key("kelp")
     frame = b"\xfd\x02\x00\x00\x07\x01\x01\x00\x00\x00ab\x00\x00"
     for tick in (1, 2, 3, 1, 2, 3, 4):
@@ -279,15 +271,13 @@ def test_a_raw_tick_that_comes_twice_is_kept_once(tmp_path: Path) -> None:
     assert len(list(Reader(path))) == 4
 
 
-def test_a_new_file_begins_by_size_and_by_age(
-    tmp_path: Path, ticks: list[list[tuple[str, str, bytes]]]
-) -> None:
-    kept = recorder(tmp_path, max_bytes=30_000, max_age_s=1000.0)
+def test_a_new_file_begins_by_size(tmp_path: Path, ticks: list[list[tuple[str, str, bytes]]]) -> None:
+    kept = recorder(tmp_path, max_bytes=30_000)
     kept.describe("config", {"a": "1"})
-    kept.start(UTC_NS, 0.0)
+    kept.start(UTC_NS)
     for second in range(10):
         feed(kept, ticks[50 * second : 50 * second + 50], 50 * second)
-        kept.each_second(UTC_NS + second * 1_000_000_000, float(second))
+        kept.each_second(UTC_NS + second * 1_000_000_000)
     kept.stop()
     files = sorted(tmp_path.glob("*.mcap"))
     assert len(files) >= 3
@@ -296,13 +286,6 @@ def test_a_new_file_begins_by_size_and_by_age(
     assert all(reader.whole for reader in readers)
     assert all(reader.metadata["config"] == {"a": "1"} for reader in readers)
     assert all(reader.metadata["holdfast"]["git"] == "abc" for reader in readers)
-
-    aged = recorder(tmp_path / "aged", max_age_s=3.0)
-    aged.start(UTC_NS, 0.0)
-    for second in range(10):
-        aged.each_second(UTC_NS + second * 1_000_000_000, float(second))
-    aged.stop()
-    assert len(list((tmp_path / "aged").glob("*.mcap"))) == 4
 
 
 class FullDisk(Disk):
@@ -320,10 +303,10 @@ def test_a_full_disk_ends_the_recording_and_nothing_else(
     tmp_path: Path, ticks: list[list[tuple[str, str, bytes]]]
 ) -> None:
     kept = DiveRecorder("kelp", FileLimits(tmp_path), {}, free_bytes=lambda _: PLENTY, disk=FullDisk)
-    kept.start(UTC_NS, 0.0)
+    kept.start(UTC_NS)
     for second in range(10):
         feed(kept, ticks[50 * second : 50 * second + 50], 50 * second)
-        kept.each_second(0, float(second))
+        kept.each_second(0)
     assert not kept.recording
     assert "No space left on device" in kept.said
     assert "record --repair" in kept.said
@@ -340,23 +323,23 @@ def test_a_full_disk_ends_the_recording_and_nothing_else(
 def test_a_reserve_stays_free(tmp_path: Path, ticks: list[list[tuple[str, str, bytes]]]) -> None:
     free = 1_000_000_000
     kept = DiveRecorder("kelp", FileLimits(tmp_path), {}, free_bytes=lambda _: free)
-    assert kept.start(UTC_NS, 0.0)
+    assert kept.start(UTC_NS)
     feed(kept, ticks)
     free = 499_000_000
-    kept.each_second(UTC_NS, 1.0)
+    kept.each_second(UTC_NS)
     assert "499 MB free, and 500 MB stay free" in kept.said
     (path,) = tmp_path.glob("*.mcap")
     reader = Reader(path)
     assert len(list(reader)) == 4000
     assert reader.whole  # there was room for its index
-    assert not kept.start(UTC_NS, 2.0)
+    assert not kept.start(UTC_NS)
     assert "not recording" in kept.said
 
 
 def test_a_directory_that_cannot_be_made_is_said(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     kept = recorder(tmp_path / "file" / "dives")
-    assert not kept.start(UTC_NS, 0.0)
+    assert not kept.start(UTC_NS)
     assert "not recording" in kept.said
 
 

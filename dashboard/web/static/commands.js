@@ -47,8 +47,9 @@ export class Commands extends EventTarget {
   }
 
   // The server may be another one than before, with another token.
-  hello({ control }) {
+  hello({ control, records }) {
     this.allowed = control;
+    this.records = records;
     if (control && this.token) this.unlock(this.token);
     else this.lock();
   }
@@ -74,9 +75,9 @@ export class Commands extends EventTarget {
     $("go").disabled = !open || !state;
     $("wait").disabled = !open || !(paused || GUIDED.includes(guidance));
     say($("wait"), paused ? "Go on" : "Pause");
-    $("record").disabled = !open || !recorder;
-    say($("record"), recorder?.recording ? "■ Stop recording" : recorder || !status ? "● Record" : "● Record: needs --record");
-    $("record").title = recorder ? "" : "no recorder is heard: start the dashboard with --record DIR, or `holdfast record --allow-control`";
+    $("record").disabled = !open || !recorder || !this.records;
+    say($("record"), recorder?.recording ? "■ Stop recording" : (recorder && this.records) || !status ? "● Record" : "● Record: needs --record");
+    $("record").title = this.records ? "" : "this dashboard does not record: start it with --record DIR";
     this.dispatchEvent(new Event("change"));
   }
 
