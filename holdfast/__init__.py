@@ -181,6 +181,14 @@ def own_version() -> str:
     return version_of(DISTRIBUTION)
 
 
+def port_taken(kind: str, port: int) -> str:
+    """Return what to do where a "udp" or "tcp" port is taken."""
+    return (
+        f"{kind} port {port} is taken by another process, which `sudo ss -{kind[0]}lnp sport = :{port}` "
+        "names; end that, or choose another port"
+    )
+
+
 def how_to_install(extra: str) -> str:
     """Return the command that adds an extra to this installation."""
     return f"{sys.executable} -m pip install '{DISTRIBUTION}[{extra}]'"

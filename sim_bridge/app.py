@@ -18,7 +18,7 @@ from typing import cast
 
 from msgspec.structs import replace
 
-from holdfast.port_holder import taken
+from holdfast import port_taken
 from sim_bridge.config import SimConfig
 from sim_bridge.fault_kinds import Fault
 from sim_bridge.physics.body import STEP_S, Physics
@@ -212,7 +212,7 @@ def _binding(kind: str, port: int) -> Iterator[None]:
     except OSError as error:
         if error.errno != errno.EADDRINUSE:
             raise
-        raise OSError(taken(kind, port)) from error
+        raise OSError(port_taken(kind, port)) from error
 
 
 async def serve(vehicle: Vehicle, settings: Settings, stop: asyncio.Event) -> None:

@@ -20,7 +20,7 @@ from typing import NamedTuple, cast
 
 from companion.endpoint import Endpoint
 from companion.records import Sender
-from holdfast.port_holder import taken
+from holdfast import port_taken
 
 PEER_SILENT_NS = 2_500_000_000
 """Longest silence of a peer: of a ground station that sends heartbeats alone, two may be lost."""
@@ -95,7 +95,7 @@ class MavlinkLink(asyncio.DatagramProtocol, asyncio.Protocol):
                 await self._open()
             except OSError as error:
                 if error.errno == errno.EADDRINUSE and self.endpoint.kind == "udp-listen":
-                    raise OSError(f"{self.endpoint}: {taken('udp', self.endpoint.number)}") from error
+                    raise OSError(f"{self.endpoint}: {port_taken('udp', self.endpoint.number)}") from error
                 if self.endpoint.kind == "udp-listen":
                     raise OSError(f"{self.endpoint}: {error.strerror}") from error
                 if str(error) != said:

@@ -8,8 +8,7 @@ from typing import TypeVar
 import msgspec
 
 from companion.telemetry import schemas as telemetry
-from companion.telemetry.schemas import Event, Loop, Schema, printable
-from dashboard.rate import Rate
+from companion.telemetry.schemas import Event, Schema, printable
 from dashboard.zenoh_client import Message
 
 STALE_S = 0.5
@@ -36,7 +35,6 @@ class Feed:
         self.age_s = math.inf
         self._t_s = -math.inf
         self._clocks_apart_s = math.inf
-        self._ticks = Rate()
 
     @property
     def complete(self) -> bool:
@@ -52,11 +50,6 @@ class Feed:
     def now_s(self) -> float:
         """The vehicle's clock at the last `look`."""
         return self._t_s + self.age_s
-
-    @property
-    def rate_hz(self) -> float:
-        """That of the ticks in the last seconds; 0 before there are two."""
-        return self._ticks.per_s
 
     def get(self, kind: type[S], tail: str) -> S | None:
         """Return the newest record of a key, None if there is none of this kind."""
@@ -78,8 +71,6 @@ class Feed:
                 continue
             self.latest[key.split("/", 2)[2]] = record
             self._mark_time(record.t_s, now_s)
-            if isinstance(record, Loop):
-                self._ticks.add(record.t_s, record.tick)
 
     def look(self, now_s: float, *, connected: bool) -> None:
         """Say how old all is at `now_s`."""
@@ -89,7 +80,7 @@ class Feed:
     def _mark_time(self, t_s: float, now_s: float) -> None:
         """Learn how far the two clocks are apart from the fastest message: then what was held up is old."""
         if t_s < self._t_s - _RESTART_S:
-            self._t_s, self._clocks_apart_s, self._ticks = -math.inf, math.inf, Rate()
+            self._t_s, self._clocks_apart_s = -math.inf, math.inf
         self._t_s = max(self._t_s, t_s)
         self._clocks_apart_s = min(self._clocks_apart_s, now_s - t_s)
 

@@ -20,9 +20,8 @@ from companion.telemetry.conditions import UNSAID, named
 from companion.telemetry.glossary import LINK_LOST, PAST, TO_DO, holder, silence, title
 from companion.telemetry.modes import MODE_NAMES
 from companion.telemetry.schemas import Dof, Event, Loop, State, Supervisor
-from companion.telemetry.status_line import delay_text
 from dashboard.arguments import add_connect
-from dashboard.terminal.feed import STALE_S, Feed, Feeds
+from dashboard.terminal.feed import Feed, Feeds
 from dashboard.zenoh_client import Subscription
 from holdfast.arguments import command_parser
 
@@ -35,7 +34,8 @@ examples:
 
 By default a companion listens on its own machine alone; a Zenoh configuration opens it by TLS. With a Zenoh
 router on the vehicle and telemetry.mode = "client" in the companion's configuration, --connect
-tcp/192.168.2.2:7447 reaches it too, without encryption. `holdfast dashboard` has maps and plots.
+tcp/192.168.2.2:7447 reaches it too, without encryption. `holdfast dashboard` has maps, plots, delays
+and the loop.
 """
 
 PATIENCE_S = 5.0
@@ -72,8 +72,6 @@ def picture(feeds: Sequence[Feed], nobody: str) -> RenderableType:
     (feed,) = feeds
     loop = feed.get(Loop, "loop")
     parts = [_banner(feed), Text(), _degrees_of_freedom(feed), Text()]
-    if loop is not None:
-        parts.append(_health(loop, feed.rate_hz))
     parts += [_event(event, feed.now_s) for event in feed.events]
     if feed.trouble:
         parts.append(Text(feed.trouble, "italic"))
@@ -189,25 +187,6 @@ def _degrees_of_freedom(feed: Feed) -> Table:
     return table
 
 
-def _health(loop: Loop, rate_hz: float) -> Table:
-    grid = Table.grid(padding=(0, 2))
-    grid.add_column(style="dim", no_wrap=True)
-    grid.add_column()
-    ages = (_age(name, getattr(loop, f"{name}_age_s")) for name in ("link", "depth", "attitude", "position"))
-    grid.add_row("signals", Text("   ").join(ages))
-    grid.add_row(
-        "delays",
-        f"telemetry {delay_text(loop.telemetry_delay_s, loop.telemetry_delay_known)}   "
-        f"command {delay_text(loop.command_delay_s, loop.command_delay_known)}",
-    )
-    grid.add_row(
-        "loop",
-        f"{rate_hz or loop.rate_hz:.1f} Hz   {loop.lateness_ms:.2f} ms late   "
-        f"{loop.compute_us:.0f} µs a tick   {loop.late_ticks} late ticks   {loop.samples_dropped} dropped",
-    )
-    return grid
-
-
 def _table(*headings: str) -> Table:
     table = Table(box=None, padding=(0, 1, 0, 0), header_style="dim", pad_edge=False)
     for heading in headings:
@@ -234,12 +213,6 @@ def _place(value: float, dof: str) -> str:
 
 def _error(value: float, dof: str) -> str:
     return f"{math.degrees(value):+.2f}°" if dof == "psi" else f"{1000 * value:+.0f} mm"
-
-
-def _age(name: str, age_s: float) -> Text:
-    if age_s >= telemetry.NEVER_S:
-        return Text(f"{name} never", "dim")
-    return Text(f"{name} {age_s:.2f} s", "bold yellow" if age_s > STALE_S else "")
 
 
 # --- The command ------------------------------------------------------------------------------------------

@@ -19,7 +19,6 @@ from companion.telemetry import schemas as telemetry
 from companion.telemetry.commands import MAX_BYTES, SetRecording, parse
 from companion.telemetry.glossary import silence
 from companion.telemetry.schemas import Plan
-from companion.telemetry.session import ticks_per_sample
 from dashboard.recording.record import RecorderThread
 from dashboard.recording.recorder import FileLimits
 from dashboard.web import cockpit, gate, vocabulary
@@ -29,8 +28,7 @@ from dashboard.web.fleet import HISTORY_S, Fleet, VehicleHistory
 from dashboard.web.options import DashboardOptions, announcement
 from dashboard.web.ring import next_row
 from dashboard.zenoh_client import Subscription
-from holdfast import own_version
-from holdfast.port_holder import taken
+from holdfast import own_version, port_taken
 
 BEAT_S = 0.025
 STATUS_S = 0.15
@@ -73,7 +71,7 @@ class Dashboard:
         self._settings = settings
         self._recorder = recorder
         self._names = ("localhost", *settings.names)
-        self._fleet = Fleet(ticks_per_sample(settings.endpoint))
+        self._fleet = Fleet()
         self._telemetry = Subscription("holdfast/*/**", settings.endpoint)
         self._truth = Subscription("sim/*/truth", settings.endpoint)
         self._beat = asyncio.Event()
@@ -424,7 +422,7 @@ def main(settings: DashboardOptions) -> int:
     except OSError as error:
         if error.errno != errno.EADDRINUSE:
             raise
-        sys.stderr.write(f"holdfast dashboard: {taken('tcp', settings.port)} with --listen\n")
+        sys.stderr.write(f"holdfast dashboard: {port_taken('tcp', settings.port)} with --listen\n")
         return 1
     return 0
 

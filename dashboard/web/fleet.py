@@ -12,8 +12,6 @@ from msgspec.structs import replace
 from companion.telemetry import schemas as telemetry
 from companion.telemetry.glossary import holder
 from companion.telemetry.schemas import Choices, Dof, Event, Loop, Plan, Recorder, Schema, State, Supervisor
-from dashboard.losses import Losses
-from dashboard.rate import Rate
 from dashboard.web.columns import COLUMNS, empty_row, fill, fill_truth
 from dashboard.web.ring import Ring
 from dashboard.zenoh_client import Stamped
@@ -65,7 +63,7 @@ class Lag:
 class VehicleHistory:
     """One vehicle: the last two minutes of rows, its events, and the newest of all that is no number."""
 
-    def __init__(self, name: str, ticks_per_sample: int = 1) -> None:
+    def __init__(self, name: str) -> None:
         self.name = name
         self.ring = Ring(ROWS, len(COLUMNS))
         self.events: deque[dict[str, Any]] = deque(maxlen=EVENTS)
@@ -73,7 +71,6 @@ class VehicleHistory:
         self.config: dict[str, Any] | None = None
         self.choices = Choices(compensator=())
         self.config_version = 0
-        self.losses = Losses(ticks_per_sample)
         self._row = empty_row()
         self._row_t_s = math.nan
         self._t_s = -math.inf
@@ -81,7 +78,6 @@ class VehicleHistory:
         self._lag = Lag()
         self._lag_s = 0.0
         self._latest: dict[type[object], Schema] = {}
-        self._rate = Rate()
         self._model: dict[str, dict[str, float | None]] = {}
         self.plan: Plan | None = None
         self._recorder_heard_s = -math.inf
@@ -122,7 +118,6 @@ class VehicleHistory:
                 name: None if name in record.absent else getattr(record, name) for name in MODEL
             }
         elif isinstance(record, Loop):  # the last of a tick
-            self._rate.add(record.t_s, record.tick)
             self._true(record.boot_s)
             self._flush()
             if stamp_s is not None:
@@ -167,14 +162,13 @@ class VehicleHistory:
 
     def status(self, now_s: float) -> dict[str, Any]:
         """Return what there is to say beside the rows."""
-        state, loop = self.get(State), self.get(Loop)
+        state = self.get(State)
         mode = state.mode if state and "mode" not in state.absent else None
         guidance = state.guidance if state else ""
         return {
             "vehicle": self.name,
             "age_s": _finite(self.age_s(now_s)),
             "lag_s": self._lag_s,
-            "lost": self.losses.lost,
             "t_s": _finite(self._t_s),
             "armed": self.armed,
             "mode": mode,
@@ -188,8 +182,7 @@ class VehicleHistory:
             "path_left_s": _left(state, "path_left_s"),
             "model": self._model,
             "supervisor": self.get(Supervisor),
-            "loop": loop,
-            "rate_hz": self._rate.per_s if loop else None,
+            "loop": self.get(Loop),
             "recorder": self.get(Recorder) if now_s - self._recorder_heard_s < RECORDER_SILENT_S else None,
         }
 
@@ -218,15 +211,14 @@ class VehicleHistory:
         self._row, self._row_t_s = empty_row(), math.nan
         self._t_s = -math.inf
         self._lag, self._lag_s = Lag(), 0.0
-        self._rate, self._model, self.plan = Rate(), {}, None
+        self._model, self.plan = {}, None
         self.config, self.config_version = None, self.config_version + 1
 
 
 class Fleet:
     """Every vehicle that was heard, at most `MOST_VEHICLES`. What cannot be read is reported in `trouble`."""
 
-    def __init__(self, ticks_per_sample: int = 1) -> None:
-        self._ticks_per_sample = ticks_per_sample
+    def __init__(self) -> None:
         self.vehicles: dict[str, VehicleHistory] = {}
         self.trouble = ""
 
@@ -249,7 +241,6 @@ class Fleet:
                 continue
             vehicle = self._vehicle(name)
             if vehicle is not None:
-                vehicle.losses.take(tail, record.tick if isinstance(record, Loop) else 0)
                 vehicle.take(record, now_s, stamp_s)
 
     def get(self, name: str) -> VehicleHistory | None:
@@ -268,7 +259,7 @@ class Fleet:
             if len(self.vehicles) >= MOST_VEHICLES:
                 self.trouble = f"'{name}' is one vehicle too many: {MOST_VEHICLES} are shown"
                 return None
-            self.vehicles[name] = VehicleHistory(name, self._ticks_per_sample)
+            self.vehicles[name] = VehicleHistory(name)
         return self.vehicles[name]
 
 

@@ -15,7 +15,6 @@ from companion.records import ControlSample
 from companion.telemetry import samples
 from companion.telemetry import schemas as telemetry
 from dashboard.losses import Losses
-from dashboard.rate import MAX_COUNTS, Rate
 from dashboard.recording.mcap_file import MAX_CHANNELS, MAX_SAMPLE_BYTES, Reader
 from dashboard.recording.record import readable
 from dashboard.recording.recorder import DiveRecorder, FileLimits
@@ -195,13 +194,6 @@ def test_a_configuration_that_nobody_can_read_is_none(payload: str) -> None:
 @pytest.mark.parametrize("payload", [DEEP, '{"kind":' + DEEP, '{"kind":"leak","at_s":1e400}', "\xff"])
 def test_a_fault_that_nobody_can_read_is_answered(payload: str) -> None:
     assert not answer(payload.encode("latin-1"), lambda fault: None).done
-
-
-def test_a_rate_of_a_time_that_stands_still_does_not_grow() -> None:
-    rate = Rate()
-    for count in range(3 * MAX_COUNTS):
-        rate.add(1.0, count)
-    assert len(rate.counts) == MAX_COUNTS
 
 
 def test_a_number_that_jumps_by_years_is_a_new_start() -> None:

@@ -12,7 +12,6 @@ from builders import plan
 from companion.records import ControlSample
 from companion.telemetry import samples
 from companion.telemetry import schemas as telemetry
-from dashboard.rate import Rate
 from dashboard.web import fleet
 from dashboard.web.columns import COLUMNS
 from dashboard.web.fleet import Fleet, Lag
@@ -96,7 +95,7 @@ def test_a_new_time_that_began_with_a_part_of_a_tick_has_a_status(make_sample: M
     seen = Fleet()
     seen.take(_messages(make_sample(t_s=1000.0)), now_s=1.0)
     seen.take([m for m in _messages(make_sample(t_s=3.0)) if m.key.endswith("/state")], now_s=2.0)
-    assert seen.vehicles["kelp"].status(2.0)["rate_hz"] == 0.0
+    assert seen.vehicles["kelp"].status(2.0)["loop"] is not None
 
 
 def test_ages_are_of_arrival_and_of_the_way(make_sample: MakeSample) -> None:
@@ -129,16 +128,6 @@ def test_events_are_kept_and_numbered(make_sample: MakeSample) -> None:
     assert [event["text"] for event in vehicle.events_from(0)] == ["first", "second"]
     assert vehicle.events_from(1) == [{"t_s": 4.0, "severity": "fault", "kind": "state", "text": "second"}]
     assert vehicle.event_count == 2
-
-
-def test_the_rate_is_that_of_the_last_seconds() -> None:
-    rate = Rate()
-    for tick in range(100):
-        rate.add(0.02 * tick, tick)
-    assert rate.per_s == pytest.approx(50.0)
-    for tick in range(100, 200):
-        rate.add(2.0 + 0.1 * (tick - 100), tick)
-    assert rate.per_s == pytest.approx(10.0)
 
 
 def test_the_plan_is_kept_until_another_comes(make_sample: MakeSample) -> None:

@@ -1,4 +1,4 @@
-"""Samples that never came are counted by the ticks' numbers, for the recorder's status and the page."""
+"""Samples that never came are counted by the ticks' numbers, for the recorder's status."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -11,8 +11,6 @@ from companion.telemetry import samples
 from companion.telemetry import schemas as telemetry
 from dashboard.losses import Losses
 from dashboard.recording.recorder import DiveRecorder, FileLimits
-from dashboard.web.fleet import Fleet
-from dashboard.zenoh_client import Stamped
 
 MakeSample = Callable[..., ControlSample]
 KEYS = len(telemetry.EVERY_TICK)
@@ -50,14 +48,11 @@ def test_they_are_reported(
 ) -> None:
     recorder = DiveRecorder("kelp", FileLimits(tmp_path, reserve_bytes=1), {})
     recorder.start(0)
-    fleet = Fleet()
     for tick in ticks:
         sample = make_sample()
         sample = replace(sample, loop=replace(sample.loop, tick=tick))
         for key, encoding, payload in samples.encode(sample, "kelp"):
             if key.split("/", 2)[2] not in missing.get(tick, set()):
                 recorder.take(key, encoding, payload, 0, 0.0)
-                fleet.take([Stamped(key, payload, None)], 0.0)
     assert recorder.status(0.0, 0).lost == lost
-    assert fleet.vehicles["kelp"].status(0.0)["lost"] == lost
     recorder.stop()

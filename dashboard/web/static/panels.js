@@ -162,7 +162,7 @@ export const PLOTS = [
     columns: () => ["lateness_ms", "compute_us"],
     make: ([late, compute]) => ({ lines: [late, scaled(compute, 1e-3)] }),
     span: () => 1, read: (value) => value.toFixed(2),
-    note: (_, { status }) => (status?.loop ? `ms · ${status.rate_hz.toFixed(1)} Hz · ${status.loop.late_ticks} ticks left out${status.lost ? ` · ${status.lost} samples lost` : ""}` : "ms"),
+    note: (_, { status }) => (status?.loop ? `ms · ${status.loop.rate_hz.toFixed(1)} Hz · ${status.loop.late_ticks} ticks left out` : "ms"),
   },
   {
     name: "battery", title: "Battery",
