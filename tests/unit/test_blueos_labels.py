@@ -2,7 +2,6 @@
 
 import json
 import re
-import tomllib
 from pathlib import Path
 
 import pytest
@@ -16,11 +15,6 @@ QUOTED = {
     )
 }
 LABELS = {name: value.replace(r"\"", '"') for name, (_, value) in QUOTED.items()}
-
-
-def test_the_version_is_the_projects():
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    assert LABELS["version"] == project["version"]
 
 
 @pytest.mark.parametrize(

@@ -23,11 +23,6 @@ from sim_bridge.commands import vehicle_file
 from sim_bridge.config import load_config
 
 
-def test_the_version_has_a_short_option(capsys):
-    assert holdfast.main(["-V"]) == 0
-    assert capsys.readouterr().out.startswith("holdfast 1.")
-
-
 @pytest.mark.parametrize(
     "arguments",
     [

@@ -53,12 +53,6 @@ def test_the_shipped_file_says_what_the_defaults_are():
     assert config.heave.compensator == "network+observer"
 
 
-def test_an_empty_file_is_the_shipped_one(tmp_path):
-    path = tmp_path / "empty.toml"
-    path.write_text("")
-    assert load_config(path) == load_config()
-
-
 def test_the_nominal_model_is_wrong_on_purpose():
     """At least 10 % in mass and 30 % in damping from the stand-in vehicle, so that no test flatters us."""
     from sim_bridge.config import load_config as load_sim
@@ -77,39 +71,25 @@ def test_the_record_is_frozen():
         config.heave.mass = 1.0  # type: ignore[misc]
 
 
-def test_every_key_of_the_file_is_a_field_and_every_field_a_key():
-    assert load_config() == msgspec.convert(msgspec.to_builtins(load_config()), type(load_config()))
-
-
 @pytest.mark.parametrize(
     ("override", "said"),
     [
         ("heave.mass=0", ["heave.mass = 0:", "1 to 1000"]),
-        ("heave.mass=-3.5", ["heave.mass = -3.5", "1 to 1000"]),
-        ("heave.mass=nan", ["heave.mass = nan", "1 to 1000"]),
-        ("heave.mass=inf", ["heave.mass = inf", "1 to 1000"]),
-        ("heave.mass=1e9", ["heave.mass = 1e+09", "1 to 1000"]),
-        ("surge.mass=0.01", ["surge.mass = 0.01", "1 to 1000", "divide masses, inertias and damping"]),
         ("yaw.mass=1000", ["yaw.mass = 1000", "0.02 to 100"]),
         ("surge.quadratic_damping=5000", ["surge.quadratic_damping = 5000", "0 to 1000"]),
         ("levelling.roll_inertia=0.01", ["levelling.roll_inertia = 0.01", "0.02 to 100"]),
-        ("heave.kappa_per_s=1e6", ["heave.kappa_per_s = 1e+06", "0.05 to 50"]),
-        ("heave.lambda_per_s=nan", ["heave.lambda_per_s", "nan"]),
+        ("heave.kappa_per_s=nan", ["heave.kappa_per_s = nan", "0.05 to 50"]),
         ("yaw.leak_per_s=-0.1", ["yaw.leak_per_s", "-0.1", "0 to 1"]),
-        ("yaw.leak_per_s=nan", ["yaw.leak_per_s", "nan"]),
-        ("delays.command_s=-inf", ["delays.command_s", "-inf"]),
         ("delays.command_s=61", ["delays.command_s", "61", "0 to 1"]),
         ("loop.rate_hz=5", ["loop.rate_hz", "5", "10"]),
         ("loop.rate_hz=201", ["loop.rate_hz", "201", "200"]),
-        ("loop.rate_hz='fast'", ["loop.rate_hz", "fast", "float"]),
         ("thrusters.max_axis=1.01", ["thrusters.max_axis", "1.01", "0.05 to 1"]),
-        ("thrusters.max_axis=0", ["thrusters.max_axis = 0", "0.05 to 1"]),
         ("supervisor.max_pilot_timeout_s=3.5", ["supervisor.max_pilot_timeout_s", "3.5", "0.1 to 3"]),
-        ("network.units=0", ["network.units", "0", "1"]),
+        ("link.system=256", ["link.system", "256", "255"]),
+        ("surge.mass=0.01", ["surge.mass = 0.01", "1 to 1000", "divide masses, inertias and damping"]),
+        ("loop.rate_hz='fast'", ["loop.rate_hz", "fast", "float"]),
         ("network.units=2.5", ["network.units", "2.5", "int"]),
         ("network.units=true", ["network.units", "True", "int"]),
-        ("link.system=256", ["link.system", "256", "255"]),
-        ("link.system=0", ["link.system", "0", "1"]),
         ("vehicle.frame=octo", ["vehicle.frame", "octo"]),
         ("vehicle.thrust_path=telepathy", ["vehicle.thrust_path", "telepathy"]),
         ("vehicle.name='a/b'", ["vehicle.name", "a/b"]),
@@ -173,20 +153,11 @@ def test_an_unknown_key_in_the_file_is_refused(edited):
     assert "deadband" in message
 
 
-def test_an_unknown_section_is_named(edited):
-    message = refusal(edited("[telemetry]", "[telemetrie]"))
-    assert "telemetrie" in message
-
-
 def test_a_file_that_is_not_there(tmp_path):
     message = refusal(tmp_path / "nowhere.toml")
     assert "nowhere.toml" in message
     assert "cannot be read" in message
     assert "No such file" in message
-
-
-def test_a_directory_is_no_file(tmp_path):
-    assert "cannot be read" in refusal(tmp_path)
 
 
 @pytest.mark.parametrize("data", [b"[heave\nmass = 1", b"mass = ", b"\xff\xfe\x00", b"a = 1\na = 2\n"])
@@ -230,15 +201,6 @@ def test_an_override_without_a_value_says_how_to_write_it(override):
 
 def test_an_override_below_a_value_says_so():
     assert "heave.mass.x" in refusal(overrides=["heave.mass.x=1"])
-
-
-def test_no_float_of_the_shipped_file_is_absurd():
-    def floats(value):
-        if isinstance(value, dict):
-            return [x for item in value.values() for x in floats(item)]
-        return [value] if isinstance(value, float) else []
-
-    assert all(math.isfinite(x) for x in floats(msgspec.to_builtins(load_config())))
 
 
 HEAVY = PRESETS / "heavy.toml"
@@ -300,10 +262,6 @@ class TestPresets:
         config = load_config(overrides=["thrusters.lag_s=0.05", "thrusters.start_s=0.16"])
         assert observers(config).lag_s == pytest.approx(0.05)
         assert config.thrusters.from_rest_s == pytest.approx(0.21)
-
-    def test_the_frames_are_those_of_the_firmware(self):
-        frames = {name: load_vehicle(PRESETS / f"{name}.toml").vehicle.frame for name in presets()}
-        assert [name for name, frame in frames.items() if frame == "vectored"] == ["bluerov2"]
 
     def test_the_template_is_the_default_vehicle(self):
         assert load_vehicle(PRESETS / "custom.toml") == load_vehicle(HEAVY) == vehicle_of(Config())

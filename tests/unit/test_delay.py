@@ -105,12 +105,6 @@ def test_jitter_hardly_moves_offset_and_sum():
     assert m.delays.telemetry_s == pytest.approx(0.03, abs=0.006)
 
 
-def test_local_undoes_the_offset():
-    m = meter()
-    exchange(m, 0.02, 0.02)
-    assert m.clock.local(1234.0 + BOOT_S) == pytest.approx(1234.0, abs=1e-6)
-
-
 def test_before_the_first_timesync_stamps_are_read_with_the_start_value():
     m = meter()
     for t_s in np.arange(1000.0, 1001.0, 0.02):

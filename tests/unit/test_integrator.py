@@ -23,13 +23,6 @@ def test_a_positive_error_asks_for_a_smaller_d_hat():
     assert steps(one(), 0.02, 50) == pytest.approx(-100.0 * 0.02 * 0.5)
 
 
-def test_it_starts_as_the_plain_law():
-    learner = one()
-    assert steps(learner, 0.0, 1) == 0.0
-    steps(learner, 0.1, 10)
-    assert learner.weight_norm == pytest.approx(1.0)
-
-
 def test_leak_ends_where_it_balances_the_error():
     assert steps(one(leak_per_s=2.0), -0.1, 2000) == pytest.approx(100.0 * 0.1 / 2.0)
 
@@ -46,13 +39,6 @@ def test_the_projection_holds_and_lets_go():
     assert not learner.learning
     assert steps(learner, 0.1, 1) == pytest.approx(3.0 - 100.0 * 0.1 * DT_S)
     assert learner.learning
-
-
-def test_frozen_it_neither_learns_nor_leaks():
-    learner = one(leak_per_s=1.0)
-    kept = steps(learner, -0.1, 10)
-    assert steps(learner, -0.1, 100, adapt=False) == kept
-    assert not learner.learning
 
 
 def test_a_network_whose_units_rest_at_one_half_is_an_integrator_of_eta_n_over_4():

@@ -1,10 +1,7 @@
-"""What is only late is dropped, what started anew is noticed, mirrored motors are read the right way."""
+"""What is only late is dropped, and what started anew is noticed."""
 
-import pytest
-
-from companion.mavlink.ardusub import unmirrored
 from companion.mavlink.freshness import MESSAGES, Freshness
-from companion.records import Attitude, Depth, DepthRate, Heartbeat, Reboot, ServoOutput, TimeSync
+from companion.records import Attitude, Depth, DepthRate, Heartbeat, Reboot, TimeSync
 from companion.records.events import Event
 
 
@@ -77,10 +74,3 @@ def test_a_clock_that_stays_back_is_a_reboot() -> None:
     assert isinstance(after[0], Reboot)
     assert after[1:] == [depth(1.0 + 0.02 * i) for i in range(MESSAGES - 1, MESSAGES + 5)]
     assert fresh.drop_stale([attitude(2.0)]) == [attitude(2.0)]
-
-
-@pytest.mark.parametrize("pwm", [1100, 1499, 1900, 0])
-def test_mirrored_motors_are_turned_round_and_silent_ones_left(pwm: int) -> None:
-    servo = ServoOutput(0.0, 1.0, (pwm, 1600))
-    turned = unmirrored(servo, {"MOT_1_DIRECTION": -1.0, "MOT_2_DIRECTION": 1.0})
-    assert turned.pwm_us == ((3000 - pwm) if pwm else 0, 1600)

@@ -33,13 +33,6 @@ def test_inputs_in_their_order_and_scale():
     assert len(theta) == INPUTS
 
 
-def test_untrained_it_is_the_plain_law():
-    net, rng = net_of(), np.random.default_rng(0)
-    for _ in range(20):
-        assert net.step(drawn(rng, rng.normal()), adapt=False) == 0.0
-    assert net.weight_norm == 0.0
-
-
 def test_output_is_w_sigma_of_v_theta():
     net, rng = net_of(hidden_learning_rate=2.0), np.random.default_rng(2)
     for _ in range(5):
@@ -57,7 +50,7 @@ def test_a_positive_error_asks_for_a_smaller_d_hat(eps):
     assert np.sign(d_hat) == -np.sign(eps)
 
 
-def hold(d, *, flip=1.0, seconds=30.0):
+def hold(d, *, seconds=30.0):
     """The paper's plant m z'' = tau - d held at z = 0 by law and network; return eps and d_hat over time."""
     m, lam, kappa = 28.5, 4.7, 8.0
     net = net_of()
@@ -65,7 +58,7 @@ def hold(d, *, flip=1.0, seconds=30.0):
     seen = []
     for _ in range(round(seconds / DT)):
         eps = w + lam * z
-        d_hat = net.step(Signals(z, w, flip * eps, w, 0.0, 0.0))
+        d_hat = net.step(Signals(z, w, eps, w, 0.0, 0.0))
         tau = sum(rov_law(0.0, d_hat, m, 0.0, z, w, lam, kappa))
         w = w + DT * (tau - d) / m
         z = z + DT * w
@@ -81,12 +74,6 @@ def test_a_constant_disturbance_is_learnt_until_the_error_is_gone(d):
     assert np.abs(eps[:10]).max() > 0.1 * untrained
     assert np.abs(eps[-250:]).max() < 1e-3 * untrained
     assert d_hat[-1] == pytest.approx(d, rel=1e-3)
-
-
-def test_the_other_sign_fails():
-    eps, d_hat = hold(20.0, flip=-1.0)
-    assert np.abs(eps[-250:]).min() > 20.0 / (28.5 * 8.0)
-    assert d_hat[-1] < 0.0
 
 
 def test_the_update_follows_eq_w_dot():
@@ -176,24 +163,6 @@ def test_d_hat_stays_within_d_max_and_comes_back_at_once():
     below = net.step(signals._replace(eps=1.0))
     assert net.learning
     assert net.step(signals._replace(eps=1.0)) < min(below, 5.0)
-
-
-def test_the_projection_holds_on_the_other_side_too():
-    net, signals = net_of(max_disturbance=5.0), drawn(np.random.default_rng(10), 1.0)
-    for _ in range(100):
-        d_hat = net.step(signals)
-    assert d_hat == -5.0
-    assert not net.learning
-
-
-def test_frozen_it_keeps_what_it_knows_and_says_so():
-    net, rng = net_of(), np.random.default_rng(11)
-    net.step(drawn(rng, 0.5))
-    assert net.learning
-    kept = net.state
-    net.step(drawn(rng, 0.5), adapt=False)
-    assert not net.learning
-    assert net.state == kept
 
 
 def test_a_step_leaves_the_state_before_it_as_it_was():

@@ -8,7 +8,7 @@ from builders import RESTING
 from companion.control import controller
 from companion.control.reference import Parameters, start
 from companion.control.reference import step as advance
-from companion.records import ZERO, Setpoint, vector
+from companion.records import Setpoint, vector
 
 TICK_S = 0.02
 RATE = np.array([0.4, 0.4, 0.45, 0.8])
@@ -103,13 +103,6 @@ def test_a_target_that_stops_or_starts_in_one_tick_steps_no_position(before_mps)
         np.testing.assert_allclose(moved - x, 0.5 * TICK_S * (now + before), atol=2e-4)
 
 
-def test_degrees_of_freedom_do_not_mix():
-    alone, _, _ = walk(model(), [0.0, 0.0, 1.0, 0.0], 8.0)
-    together, _, _ = walk(model(), [5.0, -1.0, 1.0, 2.0], 8.0)
-    np.testing.assert_array_equal(alone[:, 2], together[:, 2])
-    assert not alone[:, [0, 1, 3]].any()
-
-
 @pytest.mark.parametrize(
     ("start", "target", "change"),
     [
@@ -124,11 +117,6 @@ def test_the_heading_takes_the_short_way(start, target, change):
     gone = x[:, 3] - start
     assert gone[-1] == pytest.approx(change, abs=2e-3)
     assert np.abs(gone).max() <= abs(change) + 0.02
-
-
-def test_a_position_never_takes_the_short_way():
-    x, _, _ = walk(model(), [0.0, 0.0, 7.0, 0.0], 40.0)
-    assert x[-1, 2] == pytest.approx(7.0, abs=1e-3)
 
 
 def test_half_a_turn_is_made_one_way_or_the_other():
@@ -174,15 +162,6 @@ def test_the_first_tick_of_a_reset_is_no_step():
 
 def test_a_reset_faster_than_allowed_is_brought_within_the_limits():
     assert (np.abs(motion(model(STILL, [5.0, -5.0, 5.0, -5.0]))[1]) <= RATE).all()
-
-
-def test_a_reset_keeps_nothing_of_the_path_before():
-    reference = model()
-    for k in range(100):
-        step(reference, *paths(k * TICK_S))
-    reference.reset(ZERO, ZERO)
-    step(reference, STILL)
-    assert reference.x_d == ZERO
 
 
 def test_a_slower_pace_is_never_passed_by_much():

@@ -23,6 +23,7 @@ VERSION = PROJECT["version"]
 @pytest.mark.parametrize(
     ("file", "line"),
     [
+        ("blueos/Dockerfile", f'LABEL version="{VERSION}"'),
         ("CITATION.cff", f"\nversion: {VERSION}\n"),
         ("docs/install.md", f"export WHEEL=holdfast_rov-{VERSION}-py3-none-any.whl\n"),
         ("docs/install.md", f"NAME/holdfast:{VERSION} --push"),
@@ -91,12 +92,15 @@ def notes(tmp_path: Path) -> Path:
     return Path(shutil.copy(ROOT / ".ci" / "notes", tmp_path / ".ci"))
 
 
-def test_the_notes_are_the_section_of_the_version(notes: Path) -> None:
-    assert _run(notes, "v1.2.3") == (0, "- now\n", "")
-
-
-def test_a_tag_that_is_not_the_projects_version_is_refused(notes: Path) -> None:
-    assert _run(notes, "v1.2.2") == (1, "", "pyproject.toml has another version than v1.2.2\n")
+@pytest.mark.parametrize(
+    ("tag", "said"),
+    [
+        ("v1.2.3", (0, "- now\n", "")),
+        ("v1.2.2", (1, "", "pyproject.toml has another version than v1.2.2\n")),
+    ],
+)
+def test_the_notes_are_the_section_of_the_version(notes: Path, tag: str, said: tuple[int, str, str]) -> None:
+    assert _run(notes, tag) == said
 
 
 def test_a_version_that_the_changelog_does_not_tell_is_refused(notes: Path) -> None:

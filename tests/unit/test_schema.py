@@ -87,7 +87,3 @@ def test_the_configuration_has_a_schema_with_its_ranges() -> None:
     parts = json.loads(schema.schemas()["Config.json"])["$defs"]
     assert set(parts["Config"]["properties"]) == set(Config.__struct_fields__)
     assert parts["LoopSection"]["properties"]["rate_hz"]["maximum"] == 200.0
-
-
-def test_it_is_printed(capsys: object) -> None:
-    assert command([]) == 0

@@ -37,15 +37,6 @@ def test_energy_peaks_at_the_peak_period():
     assert np.sum(spectrum * frequency) / np.sum(spectrum) == pytest.approx(0.28, abs=0.05)
 
 
-def test_flow_decays_with_depth_as_deep_water_does():
-    single = sea(components=1)
-    k = float(single.k[0])
-    shallow = np.hypot(*np.array(single.flow(3.0, 0, 0, 1.0))[[0, 2]])
-    deep = np.hypot(*np.array(single.flow(3.0, 0, 0, 3.0))[[0, 2]])
-    assert deep / shallow == pytest.approx(math.exp(-2 * k))
-    assert k == pytest.approx(float(single.omega[0]) ** 2 / GRAVITY)
-
-
 def test_the_regular_wave_has_its_height_and_period_and_decays():
     wave = sea(spectrum="regular", height_m=0.4, period_s=5.0)
     k = (2 * math.pi / 5.0) ** 2 / GRAVITY
@@ -81,14 +72,6 @@ def test_over_a_seabed_water_is_conserved_and_its_pressure_moves_it():
     assert shallow.flow(3.0, *place)[3:] == pytest.approx(-GRAVITY * np.array(slopes), abs=1e-6)
 
 
-def test_far_below_the_waves_a_seabed_changes_nothing():
-    deep, bounded = sea(), sea(depth_m=200.0)
-    assert bounded.flow(7.0, 3.0, 1.0, 2.0) == pytest.approx(deep.flow(7.0, 3.0, 1.0, 2.0), abs=1e-12)
-    assert bounded.elevation(7.0, 3.0, 1.0, 2.0) == pytest.approx(
-        deep.elevation(7.0, 3.0, 1.0, 2.0), abs=1e-12
-    )
-
-
 def test_acceleration_is_the_derivative_of_velocity():
     surface = sea(direction_deg=40.0)
     before, now, after = (np.array(surface.flow(t, 1.0, 2.0, 2.0)) for t in (4.999, 5.0, 5.001))
@@ -100,12 +83,6 @@ def test_the_pressure_beside_the_flow_is_that_of_the_elevation(depth_m):
     surface = sea(depth_m=depth_m, direction_deg=70.0)
     surface.flow(8.0, 2.0, -3.0, 2.5)
     assert surface.pressure_m == pytest.approx(surface.elevation(8.0, 2.0, -3.0, 2.5), abs=1e-12)
-
-
-def test_water_at_the_surface_moves_with_it():
-    surface = sea()
-    rise = (surface.elevation(5.001, 0, 0, 0) - surface.elevation(4.999, 0, 0, 0)) / 0.002
-    assert surface.flow(5.0, 0, 0, 0)[2] == pytest.approx(-rise, abs=1e-5)
 
 
 def test_ornstein_uhlenbeck_has_its_sigma_and_correlation_time():
@@ -212,12 +189,3 @@ def test_switching_one_disturbance_leaves_the_others_as_they_were():
     one = environment("tether.enabled=true")
     for t in np.arange(0, 2, DT):
         assert both.step(t, 0, at(3))[0] == one.step(t, 0, at(3))[0]
-
-
-def test_waves_push_a_neutral_vehicle_about_at_depth():
-    rov = vehicle("waves.enabled=true", "initial.eta=[0,0,2.5,0,0,0]")
-    forces = []
-    for _ in range(4000):
-        rov.step()
-        forces.append(rov.truth().disturbance[2])
-    assert 1.0 < np.std(forces) < 20.0

@@ -38,10 +38,6 @@ def fall(model, state, seconds, tau=STILL, force=(0.0, 0.0, 0.0), flow=STILL, dt
     return state
 
 
-def test_still_neutral_vehicle_stays_still():
-    assert fall(plant(), at(), 5.0) == at()
-
-
 def test_first_acceleration_is_force_over_mass_plus_added_mass():
     acceleration = derivative(plant(), at(), (0, 0, 10.0, 0, 0, 0), (0, 0, 0), STILL)[9]
     assert acceleration == pytest.approx(10.0 / (MASS + ADDED))
@@ -148,13 +144,6 @@ def test_energy_decays_with_damping_and_stays_without():
         last = energy(damped, state)
 
 
-def test_free_body_is_carried_by_the_current():
-    state = fall(plant(), at((0, 0, 5, 0, 0, 0.7)), 120.0, flow=(0.3, -0.1, 0.0, 0, 0, 0))
-    before = state
-    after = fall(plant(), state, 1.0, flow=(0.3, -0.1, 0.0, 0, 0, 0))
-    assert np.subtract(after[:2], before[:2]) == pytest.approx((0.3, -0.1), abs=0.01)
-
-
 def test_water_that_accelerates_moves_a_neutral_body_with_it():
     # Froude-Krylov and added mass together: (B/g + Za) a = (m + Za) w'
     acceleration = derivative(plant(), at(), STILL, (0, 0, 0), (0, 0, 0, 0, 0, 0.4))[9]
@@ -181,21 +170,10 @@ def test_righting_moment_and_its_sign():
     assert pitch == pytest.approx(-0.02 * weight * math.sin(0.05) / (0.23 + 0.135))
 
 
-def test_a_floating_vehicle_comes_to_rest_where_buoyancy_meets_weight():
-    model = plant(net_buoyancy_n=20.0)
-    z = fall(model, at(), 60.0)[2]
-    assert z == pytest.approx(-0.25 * 20.0 / model.B, abs=1e-3)
-
-
 def test_tumbling_through_the_vertical_stays_finite_and_normalised():
     state = fall(plant(), at(), 20.0, tau=(20.0, 5.0, 0.0, 1.0, 8.0, 0.5))
     assert np.isfinite(state).all()
     assert np.linalg.norm(state[3:7]) == pytest.approx(1.0)
-
-
-def test_euler_angles_round_trip():
-    angles = (0.3, -1.2, 2.9)
-    assert euler(at((1, 2, 3, *angles))) == pytest.approx(angles)
 
 
 def test_disturbance_is_what_the_still_water_model_lacks():

@@ -50,11 +50,6 @@ def test_between_its_points_the_curve_is_straight():
     )
 
 
-def test_thrust_goes_with_voltage_squared():
-    set_ = thrusters()
-    assert steady(set_, [1700] * 8, 14.0) == pytest.approx(steady(set_, [1700] * 8) * (14 / 16) ** 2)
-
-
 def test_dead_band_is_dead_to_its_edges_and_configurable():
     assert not steady(thrusters(), [1472, 1528, 1473, 1527, 1490, 1510, 1500, 1500]).any()
     narrow = thrusters("vectored_6dof", "thrusters.dead_band_us=10.0")

@@ -163,13 +163,6 @@ def test_beyond_its_reach_heave_alone_is_scaled(vehicle):
     np.testing.assert_array_equal(short[[0, 1, 3]], free[[0, 1, 3]])
 
 
-def test_no_horizontal_motor_is_asked_for_more_than_it_has(vehicle):
-    """Three axes share four motors: their sum counts."""
-    axes, saturated = vehicle.allocate([60.0, 60.0, 0.0, 10.0])
-    np.testing.assert_array_equal(saturated, [True, True, False, False])
-    assert np.abs(axes[[0, 1, 3]]).sum() <= 1.0 + 1e-9
-
-
 def test_axes_from_motors_undoes_the_firmwares_mixing(frame, vehicle):
     """From PWM as the stand-in autopilot mixes it, so neither side can cheat."""
     rng = np.random.default_rng(2)

@@ -9,7 +9,7 @@ import pytest
 from msgspec.structs import replace
 from rich.console import Console
 
-from companion.records import Ages, Condition, ControlSample, State, vector
+from companion.records import Ages, Condition, ControlSample, State
 from companion.telemetry import samples
 from companion.telemetry import schemas as telemetry
 from companion.telemetry.glossary import STATES, holder
@@ -202,12 +202,6 @@ def test_nothing_that_is_published_reaches_the_terminal_as_a_control_character(
     for screen in (_screen(feed), _drawn([feed, feed])):
         assert all(line.isprintable() for line in screen.split("\n"))
         assert "\\x1b[2J" in screen
-
-
-def test_a_wild_sample_is_drawn_too(make_sample: MakeSample) -> None:
-    nowhere = vector([math.nan] * 4)
-    sample = make_sample(eta=nowhere, boot_s=math.nan, roll=math.inf, mode=77)
-    assert "mode 77" in _screen(_feed(sample))
 
 
 def test_a_snapshot_in_numbers(make_sample: MakeSample) -> None:
