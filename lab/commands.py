@@ -51,7 +51,6 @@ examples:
   holdfast lab faults --dives 102             a quick look
   holdfast lab faults --first 417 --dives 1   one dive again
   holdfast lab faults --firmware --dives 50   against the real ArduSub
-  holdfast lab faults --thrusters --dives 5   five dives with each failure of each motor, on both frames
 
 Exit status: 0 every dive kept every promise, 1 one did not.
 """
@@ -72,6 +71,7 @@ GONE = {
     "lab bench grid": "use `holdfast lab campaign --corners`",
     "lab bench light": "use `holdfast lab bench reality --scenarios light-waves light-path`",
     "lab bench published": "docs/decisions/0030-published-figures.md keeps its figures",
+    "lab faults --thrusters": "decision 35 keeps its figures; tests/faults let each motor fail",
     "lab faults --hours": "`holdfast lab bench soak` measures the memory",
     "lab bench process": "`holdfast lab bench soak` measures memory and lateness",
     "lab bench zenoh": "decision 38 keeps its figures; tests/live tries bad subscribers",

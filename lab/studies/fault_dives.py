@@ -188,22 +188,15 @@ class FaultDives(Study[FaultDive]):
         "every state, in virtual time, and checks the promises of the supervisor in every tick. The number "
         "of a dive is its seed."
     )
-    variants = {"thrusters": "lab.studies.motors:MotorFailures"}  # noqa: RUF012
     recipe = ("firmware",)
     forks = True
 
     @classmethod
     def options(cls, parser: argparse.ArgumentParser) -> None:
-        """Add the range of numbers, and the option of the study beside this one."""
+        """Add the range of numbers."""
         parser.add_argument("--dives", type=positive, default=2000, metavar="N", help="default %(default)s")
         parser.add_argument(
             "--first", type=not_negative, default=0, metavar="ID", help="number of the first dive; default 0"
-        )
-        parser.add_argument(
-            "--thrusters",
-            action="store_true",
-            help="let each motor die, keep 40 %% of its thrust, or stick instead, in waves and current, N "
-            "dives each, and measure depth, heading and tilt; exit status 1 if one was wrongly found dead",
         )
         add_out(parser, "out/faults")
         add_firmware(parser)

@@ -2,28 +2,47 @@
 
 import math
 
+import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from companion.config import load_config
 from companion.engine import Engine
 from companion.records import Request, Setpoint, State, Z
+from lab.loop.dive import engaging, recorded
 from lab.loop.firmware import Firmware
 from lab.loop.lockstep import LinkDelay, Lockstep
-from lab.studies.motors import DEAD, HEAVY, MotorFailure, dive
+from lab.loop.scenarios import DEPTH_M, ensemble, water
 from sim_bridge.commands import DEFAULT_CONFIG
 from sim_bridge.config import load_config as load_plant
 from sim_bridge.fault_kinds import Fault
 
+DIES_S = 20.0
+
 
 @pytest.mark.parametrize("motor", [1, 5, 8])
 def test_depth_and_heading_are_held_without_it(ardusub, motor):
-    row = dive(MotorFailure(HEAVY, motor, DEAD, 3), ardusub)
-    assert row["ended"] == "held"
-    assert row["found"] == (motor if motor > 4 else 0), "horizontal ones have nothing to do"
-    assert row["rms_mm"] < 30.0
-    assert row["peak_mm"] < 100.0
-    assert row["heading_deg"] < 5.0
-    assert row["tilt_deg"] < 30.0
+    draw = np.random.default_rng((3, 8)).uniform
+    dies = Fault(kind="thruster", at_s=DIES_S, thruster=motor, value=0.0)
+    plant = water(
+        replace(ensemble(load_plant(DEFAULT_CONFIG), 3), faults=(dies,)),
+        depth_m=DEPTH_M,
+        waves_m=draw(0.2, 0.4),
+        period_s=draw(3.5, 5.0),
+        current_m_s=draw(0.1, 0.5),
+        current_deg=draw(0.0, 360.0),
+    )
+    here = Setpoint((math.nan, math.nan, DEPTH_M, 0.0))
+    with engaging(load_config(), plant, here, 3, firmware=ardusub) as loop:
+        steps = list(loop.run(80.0))
+    found = next((step.sample.state.dead_motor for step in steps if step.sample.state.dead_motor), 0)
+    since = recorded(steps).within(DIES_S, math.inf)
+    assert since.active[-1]
+    assert found == (motor if motor > 4 else 0), "horizontal ones have nothing to do"
+    assert since.figures(DIES_S + 10.0)["depth_rms_mm"] < 30.0
+    assert since.figures()["depth_peak_mm"] < 100.0
+    assert np.degrees(np.abs(np.unwrap(since.truth[:, 3]))).max() < 5.0
+    assert since.figures()["tilt_deg"] < 30.0
 
 
 def test_a_vehicle_that_stays_tilted_is_kept_while_its_depth_is_held(ardusub):
