@@ -40,14 +40,20 @@ def test_the_heavy_holds_depth_and_heading(motor):
         assert dive.step.sample.verdict.warnings == Condition.THRUSTER_DEAD
 
 
-def test_the_heavy_holds_its_place_in_a_current_without_a_horizontal_motor():
-    """It turned by more than 90° and was handed over: the commands on their way kept the motor's thrust."""
-    current = ("current.enabled=true", "current.speed_m_s=0.3", "current.direction_deg=75")
+def without_motor_1(direction_deg, *plant):
+    """A dive that holds its place in a current of 0.3 m/s, and loses its first motor now."""
+    current = ("current.enabled=true", "current.speed_m_s=0.3", f"current.direction_deg={direction_deg}")
     start = ("sensors.dvl=true", f"initial.eta=[0,0,{DEPTH_M},0,0,0]")
-    dive = Dive(*start, *current, setpoint=hold(x=0.0, y=0.0, z=DEPTH_M, psi=0.0))
+    dive = Dive(*plant, *start, *current, setpoint=hold(x=0.0, y=0.0, z=DEPTH_M, psi=0.0))
     dive.tap.to_vehicle.append(Somebody().origin())
     dive.until(State.ACTIVE).run(16.0)
     dive.fault("thruster", thruster=1, value=0.0)
+    return dive
+
+
+def test_the_heavy_holds_its_place_in_a_current_without_a_horizontal_motor():
+    """It turned by more than 90° and was handed over: the commands on their way kept the motor's thrust."""
+    dive = without_motor_1(75)
     steps = dive.run(12.0)
     assert {step.sample.verdict.state for step in steps} == {State.ACTIVE}
     assert dive.step.sample.state.dead_motor == 1
@@ -59,12 +65,7 @@ def test_the_heavy_holds_its_place_in_a_current_without_a_horizontal_motor():
 
 def test_a_vehicle_that_is_turned_across_the_dead_motors_diagonal_holds_its_place_again():
     """It was handed over for a heading that was on its way back, 2.5 s after the motor was found."""
-    current = ("current.enabled=true", "current.speed_m_s=0.3", "current.direction_deg=315")
-    weak = ("thrusters.gain=[0.85]", "sensors.dvl=true", f"initial.eta=[0,0,{DEPTH_M},0,0,0]")
-    dive = Dive(*weak, *current, setpoint=hold(x=0.0, y=0.0, z=DEPTH_M, psi=0.0))
-    dive.tap.to_vehicle.append(Somebody().origin())
-    dive.until(State.ACTIVE).run(16.0)
-    dive.fault("thruster", thruster=1, value=0.0)
+    dive = without_motor_1(315, "thrusters.gain=[0.85]")
     steps = dive.run(5.0)
     dive.engine.aim(hold(x=0.0, y=0.0, z=DEPTH_M, psi=0.5 * np.pi))
     steps += dive.run(30.0)

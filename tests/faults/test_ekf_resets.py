@@ -184,49 +184,35 @@ def test_after_a_reset_steps_velocities_fence_and_map_are_in_the_new_frame():
     assert {round(np.hypot(x - 3.0, y), 2) for x, y, *_ in drawn} == {1.0}, "it went north with the frame"
 
 
-def test_the_setpoint_turns_with_the_frame_and_the_next_one_is_in_the_new_frame():
-    dive = active(*QUIET, setpoint=hold(psi=0.5), seconds=10.0)
-    dive.fault(**FORTY)
-    dive.run(3.0)
-    psi = dive.step.truth.eta[5]
-    assert dive.engine.target[3] == pytest.approx(0.5 + np.radians(40.0), abs=0.01)
-    dive.tap.aim(hold(z=1.5, psi=nan))
-    assert heading_errors_deg(dive.run(6.0), psi).max() < 2.0
-
-
-def test_a_new_depth_after_a_reset_turns_nothing_back():
-    """The operator's last heading was given in the old frame."""
+def test_the_setpoint_turns_with_the_frame_and_the_next_order_turns_nothing_back():
+    """The operator's last heading was given in the old frame; a new depth or no heading leaves it alone."""
     dive = active(*QUIET, setpoint=hold(psi=0.5), seconds=10.0)
     commands = CommandQueue(dive.engine.config)
     dive.fault(**FORTY)
     for step in dive.run(3.0):
         commands.after_tick(dive.engine, step.sample, dive.t_s)
+    psi = dive.step.truth.eta[5]
+    assert dive.engine.target[3] == pytest.approx(0.5 + np.radians(40.0), abs=0.01)
     commands.put(ReceivedCommand("setpoint", b'{"depth_m": 1.4}', lambda reply: None, local=True))
     commands.before_tick(dive.engine, dive.t_s)
-    psi = dive.step.truth.eta[5]
     assert heading_errors_deg(dive.run(6.0), psi).max() < 2.0
     assert dive.step.truth.eta[2] == pytest.approx(1.4, abs=0.05)
+    dive.tap.aim(hold(z=1.5, psi=nan))
+    assert heading_errors_deg(dive.run(6.0), psi).max() < 2.0
 
 
-def test_a_blow_that_turns_it_is_no_reset_and_is_brought_back():
-    """The rates show it: 40° within about 0.3 s."""
+@pytest.mark.parametrize(("gap", "knock_radps", "most_deg"), [(False, 4.0, 4.0), (True, 3.0, 2.0)])
+def test_a_blow_that_turns_it_is_no_reset_and_is_brought_back(gap, knock_radps, most_deg):
+    """The rates show it, 40° within about 0.3 s; or it turns behind a gap in the telemetry."""
     dive = active(*QUIET, seconds=10.0)
     psi = dive.step.truth.eta[5]
-    dive.knock(4.0)
+    if gap:
+        dive.fault("message_stopped", 0.4, message="ATTITUDE")
+    dive.knock(knock_radps)
     steps = dive.run(8.0)
-    assert heading_errors_deg(steps[:16], psi).max() > 30.0
+    assert gap or heading_errors_deg(steps[:16], psi).max() > 30.0
     assert not any(step.sample.state.frame_shift for step in steps)
-    assert heading_errors_deg(steps[-50:], psi).max() < 4.0
-
-
-def test_a_vehicle_that_turns_behind_a_gap_in_the_telemetry_was_not_reset():
-    dive = active(*QUIET, seconds=10.0)
-    psi = dive.step.truth.eta[5]
-    dive.fault("message_stopped", 0.4, message="ATTITUDE")
-    dive.knock(3.0)
-    steps = dive.run(8.0)
-    assert not any(step.sample.state.frame_shift for step in steps)
-    assert heading_errors_deg(steps[-50:], psi).max() < 2.0
+    assert heading_errors_deg(steps[-50:], psi).max() < most_deg
 
 
 def test_the_operator_hears_of_one_and_of_a_burst():

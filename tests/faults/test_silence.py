@@ -39,21 +39,17 @@ def test_after_the_link_is_lost_nothing_is_invented():
 
 
 def test_only_what_is_silent_is_absent():
+    never = active("current.enabled=true")
+    assert not any(any(step.sample.state.eta[:2]) for step in never.run(3.0)), "a place that never came"
     dive = active(*DVL)
     dive.fault("message_stopped", 20.0, message="LOCAL_POSITION_NED")
     dive.run(3.0)
-    assert reported(dive.step).absent == ("x_m", "x_rate_mps", "y_m", "y_rate_mps")
+    for one in (never, dive):
+        assert reported(one.step).absent == ("x_m", "x_rate_mps", "y_m", "y_rate_mps")
     dive.fault("message_stopped", 20.0, message="ATTITUDE")
     dive.run(3.0)
     assert "heading_rad" in reported(dive.step).absent
     assert "depth_m" not in reported(dive.step).absent
-
-
-def test_a_position_that_never_came_is_absent_and_stands_still():
-    dive = active("current.enabled=true")
-    steps = dive.run(3.0)
-    assert reported(dive.step).absent == ("x_m", "x_rate_mps", "y_m", "y_rate_mps")
-    assert not any(any(step.sample.state.eta[:2]) for step in steps)
 
 
 def test_a_short_silence_is_predicted_over():

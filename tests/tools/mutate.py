@@ -59,7 +59,7 @@ OTHER = {one: other for pair in PAIRS for one, other in (pair, pair[::-1])}
 
 def changes(node: ast.AST) -> list[ast.AST]:
     """Return the changed copies of a node, without those of its parts."""
-    new: Any = copy.deepcopy(node)
+    new: Any = copy.copy(node)
     match new:
         case ast.Compare(ops=[op]) if type(op) in OTHER:
             new.ops = [OTHER[type(op)]()]
