@@ -26,6 +26,13 @@ def held(*plant, **arguments):
     return dive
 
 
+@shared
+def level():
+    """A dive of which ten seconds held level are known: it, and the RMS of its depth, mm."""
+    dive = held(*ROUGH)
+    return dive, depth_mm(dive.run(10.0))
+
+
 def angles(steps):
     """Roll and pitch of the true vehicle in degrees, (n, 2)."""
     return np.degrees([step.truth.eta[3:5] for step in steps])
@@ -35,19 +42,16 @@ def depth_mm(steps):
     return 1e3 * float(np.sqrt(np.mean([(step.truth.eta[2] - 2.5) ** 2 for step in steps])))
 
 
-@pytest.mark.parametrize(
-    "asked", [(0.0, 30.0), (-30.0, 0.0), (0.0, -55.0), (55.0, 0.0), (25.0, 35.0)], ids=str
-)
+@pytest.mark.parametrize("asked", [(0.0, -55.0), (55.0, 0.0), (-25.0, 35.0)], ids=str)
 def test_depth_and_place_are_held_at_an_angle_as_level(asked):
-    dive = held(*ROUGH)
-    level = dive.run(10.0)
+    dive, level_mm = level()
     roll, pitch = asked
     dive.engine.guide(Goto(roll_deg=roll, pitch_deg=pitch))
     moving, steps = dive.run(5.0), dive.run(20.0)
     np.testing.assert_allclose(angles(steps).mean(axis=0), asked, atol=1.0)
     assert angles(steps).std(axis=0).max() < 3.5
     assert depth_mm(moving) < 8.0
-    assert depth_mm(steps) < 1.6 * depth_mm(level) + 1.0
+    assert depth_mm(steps) < 1.6 * level_mm + 1.0
     places = np.array([step.truth.eta[:2] for step in steps])
     assert np.hypot(*places.T).max() < 0.1
     assert not any(step.sample.verdict.conditions & Condition.TILTED for step in [*moving, *steps])

@@ -274,10 +274,9 @@ def test_by_stick_it_stops_before_the_fence():
     smooth(steps)
 
 
-@pytest.mark.parametrize("current_deg", [0.0, 135.0])
-def test_the_vehicle_stays_inside_the_fence(current_deg):
+def test_the_vehicle_stays_inside_the_fence():
     """Fast, along the fence and into its corners, in 0.3 m/s of current."""
-    current = ("current.speed_m_s=0.3", f"current.direction_deg={current_deg}")
+    current = ("current.speed_m_s=0.3", "current.direction_deg=135")
     dive = held(*DVL, *current, companion=FENCED, pilot=True)
     dive.cockpit.push(heave=-0.6, sway=0.6)
     steps = dive.run(9.0)

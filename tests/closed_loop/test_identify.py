@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from identification import Compared, compare, drawn, manoeuvred
 from msgspec.structs import replace
-from virtual import Dive, hold
+from virtual import Dive, hold, shared
 
 from companion.config import PRESETS, VehicleFile, load_config, load_vehicle, vehicle_of
 from companion.identify.fit import LEAST, MOST, fit, reported, vehicle
@@ -151,12 +151,19 @@ class Identifying(Dive):
         return self
 
 
-MOVING_S = 6.0 + SETTLE_S + 6.0
+@shared
+def moving(**arguments):
+    """A dive whose heave is being excited."""
+    dive = Identifying(**arguments)
+    if dive.tap.cockpit:
+        dive.cockpit.push()
+    dive.go(6.0 + SETTLE_S + 6.0)
+    assert dive.manoeuvre.doing == "heave"
+    return dive
 
 
 def test_a_release_ends_it_with_neutral():
-    dive = Identifying().go(MOVING_S)
-    assert dive.manoeuvre.doing == "heave"
+    dive = moving()
     assert dive.engine.excitation != ZERO
     dive.ask(Request.STOP)
     dive.go(5.0)
@@ -169,10 +176,7 @@ def test_a_release_ends_it_with_neutral():
 
 
 def test_a_stick_at_full_deflection_ends_it():
-    dive = Identifying(pilot=True)
-    dive.cockpit.push()
-    dive.go(MOVING_S)
-    assert dive.manoeuvre.doing == "heave"
+    dive = moving(pilot=True)
     dive.cockpit.push(heave=-1.0)
     dive.go(3.0)
     assert dive.manoeuvre.failure == "the pilot took an axis"
@@ -180,7 +184,7 @@ def test_a_stick_at_full_deflection_ends_it():
 
 
 def test_a_disarmed_vehicle_ends_it():
-    dive = Identifying().go(MOVING_S)
+    dive = moving()
     dive.fault("disarm", 0.1)
     dive.go(3.0)
     assert dive.manoeuvre.done

@@ -1,7 +1,7 @@
 """A path that was interrupted goes on where it was, and says so where it cannot."""
 
 import pytest
-from virtual import Dive, hold
+from virtual import Dive, hold, shared
 
 from companion.guidance.orders import order_of
 from companion.records import Reboot, Request, State
@@ -25,6 +25,7 @@ def follow(dive, command):
     dive.engine.guide(order)
 
 
+@shared
 def under_way():
     dive = Dive(*CALM, setpoint=hold(x=0.0, y=0.0, z=2.0, psi=0.0))
     dive.until(State.ACTIVE)
@@ -45,7 +46,7 @@ def test_a_path_that_something_else_replaced_goes_on_where_it_was(interruption):
     guided = meanwhile[-1].sample.guided
     assert (guided.kind, guided.left_m) == ("hold", pytest.approx(3.0 - was_m, abs=0.05))
     dive.engine.guide(RESUME)
-    after = dive.run(20.0)
+    after = dive.run(14.0)
     assert after[5].sample.guided.kind == "path"
     assert after[5].sample.guided.progress_m == pytest.approx(was_m, abs=0.05)
     assert after[-1].truth.eta[0] == pytest.approx(3.0, abs=0.05)
@@ -75,7 +76,7 @@ def test_a_fault_pauses_a_path():
     dive.run(2.0)
     assert dive.step.sample.guided.kind == "paused"
     dive.engine.guide(RESUME)
-    steps = dive.run(25.0)
+    steps = dive.run(16.0)
     assert was_m - 0.05 < steps[10].sample.guided.progress_m < was_m + 0.5
     assert steps[-1].truth.eta[0] == pytest.approx(3.0, abs=0.05)
 

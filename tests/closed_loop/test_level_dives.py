@@ -97,7 +97,7 @@ def test_a_load_is_brought_up_level(vehicle, most_deg):
 def test_six_thrusters_that_cannot_pitch_drift_level_rather_than_capsize():
     """Head-on, a current of 0.4 m/s with waves is more than its weight rights."""
     dive = engaged(*SEA, *current(0.4), **SIX)
-    steps = dive.run(40.0)
+    steps = dive.run(25.0)
     assert states(steps) == {State.ACTIVE}
     assert tilt_deg(steps).max() < 15.0
     assert np.sqrt(np.mean(np.square(off_mm(steps[-500:], 3.0)))) < 8.0

@@ -20,7 +20,6 @@ DIES_WITHIN_S = 3.0
 WINDOW_S = 0.5
 TICK_S = 0.02
 TRUE_PSI = 5
-QUIET, ROUGH = (), ("waves.enabled=true",)
 MAX_FORCE = np.array([axis.max_force for axis in load_config().axes])
 
 
@@ -60,11 +59,8 @@ def spread(steps, since_s=SETTLED_S):
     return 1e3 * eta[:, Z].std(), np.degrees(np.unwrap(eta[:, TRUE_PSI]).std())
 
 
-@pytest.mark.parametrize(
-    ("plant", "knock", "seed"), [(QUIET, 0.0, 1), (ROUGH, 2.0, 2)], ids=["calm", "unquiet"]
-)
-def test_the_vehicle_of_the_firmware_s_own_simulator_is_held(plant, knock, seed):
-    steps = dived(*plant, seconds=40.0, knock=knock, base=FIRMWARE, seed=seed)
+def test_the_vehicle_of_the_firmware_s_own_simulator_is_held_in_waves():
+    steps = dived("waves.enabled=true", seconds=40.0, knock=2.0, base=FIRMWARE, seed=2)
     depth_mm, heading_deg = spread(steps)
     assert {step.sample.verdict.state for step in steps} == {State.ACTIVE}
     assert (cycles_s(steps) < DIES_WITHIN_S).all()
@@ -74,7 +70,7 @@ def test_the_vehicle_of_the_firmware_s_own_simulator_is_held(plant, knock, seed)
     assert abs(steps[-1].truth.eta[TRUE_PSI]) < np.radians(3.0)
 
 
-def test_it_is_held_in_its_place_too():
+def test_in_calm_water_it_is_held_in_its_place_too():
     """Surge answers 2.4 times as strongly, sway and heave likewise."""
     dive = Dive(
         *("initial.eta=[0,0,0.5,0,0,0]", "sensors.dvl=true"),
@@ -87,18 +83,18 @@ def test_it_is_held_in_its_place_too():
     eta = np.array([step.truth.eta for step in steps if step.t_s - steps[0].t_s >= SETTLED_S])
     assert {step.sample.verdict.state for step in steps} == {State.ACTIVE}
     assert (cycles_s(steps) < DIES_WITHIN_S).all()
-    assert spread(steps)[0] <= 10.0
+    depth_mm, heading_deg = spread(steps)
+    assert depth_mm <= 10.0
+    assert heading_deg <= 1.0
     assert np.abs(eta[:, :2] - (0.5, -0.3)).max() < 0.1
 
 
 @pytest.mark.parametrize(
     ("gain", "lag_s", "delay_s"),
     [
-        (3.0, 0.0, 0.05),
         (3.0, 0.15, 0.15),
         (2.5, 0.0, 0.0),
         (2.0, 0.0, 0.15),
-        (0.5, 0.3, 0.05),
         (0.333, 0.15, 0.0),
     ],
 )

@@ -19,6 +19,14 @@ from companion.telemetry.schemas import Reply
 from lab.loop.lockstep import LinkDelay
 
 
+@pytest.fixture
+def console():
+    """An operator at a vehicle that waits."""
+    dive, console = at_console()
+    dive.run(0.2)
+    return console
+
+
 def test_engage_is_answered_when_it_is_so_and_release_when_thrust_is_gone():
     dive, console = at_console()
     dive.run(2.0)
@@ -65,18 +73,12 @@ def test_a_setpoint_moves_what_it_names_and_is_read_back():
     assert (reply.done, reply.said) == (True, "on its way")
     assert (reply.value["depth_m"], reply.value["heading_deg"]) == (1.5, pytest.approx(270.0))
     assert "x_m" not in reply.value, "it is not held"
+    idle = console.tell("setpoint", x_m=3.0)
+    assert idle.done
+    assert "not held" in idle.said
     dive.run(12.0)
     assert dive.step.truth.eta[2] == pytest.approx(1.5, abs=0.06)
     assert math.remainder(dive.step.truth.eta[5] + math.pi / 2, math.tau) == pytest.approx(0.0, abs=0.06)
-
-
-def test_x_without_a_position_is_kept_and_said_to_be_idle():
-    dive, console = at_console()
-    dive.run(2.0)
-    console.tell("engage")
-    reply = console.tell("setpoint", x_m=3.0)
-    assert reply.done
-    assert "not held" in reply.said
 
 
 @pytest.mark.parametrize(
@@ -116,19 +118,19 @@ def test_a_latched_fault_is_cleared_only_when_there_is_one():
     assert dive.state is not State.FAULT
 
 
-@pytest.mark.parametrize("name", COMMANDS)
 @pytest.mark.parametrize(
     ("allow", "local", "says"),
     [("local", False, "--allow-control"), ("never", True, "read-only"), ("never", False, "read-only")],
 )
-def test_without_permission_nothing_happens(name, allow, local, says):
+def test_without_permission_nothing_happens(allow, local, says):
     dive, console = at_console(local=local, companion=[f"telemetry.allow_control={allow}"])
     dive.run(0.1)
     before = dive.engine.config
-    reply = console.tell(name, axis="heave", kappa_per_s=8.0, depth_m=3.0)
-    assert not reply.done
-    assert says in reply.said
-    assert console.given[-1] == ([], None, None, None)
+    for name in COMMANDS:
+        reply = console.tell(name, axis="heave", kappa_per_s=8.0, depth_m=3.0)
+        assert not reply.done
+        assert says in reply.said
+        assert console.given[-1] == ([], None, None, None)
     assert dive.engine.config is before
 
 
@@ -151,19 +153,14 @@ def test_with_permission_it_is_done(allow, local):
         ("gains", {"axis": "roll", "kappa_per_s": 1.0}, "surge, sway, heave, yaw"),
         ("gains", {"axis": "heave"}, "at least one"),
         ("gains", {"axis": "heave", "kappa_per_s": 100.0}, "kappa_per_s = 100: must be 0.05 to 50"),
-        ("gains", {"axis": "heave", "learning_rate": 1e6, "max_disturbance": 1e6}, "0 to 1000"),
-        ("gains", {"axis": "heave", "max_disturbance": 1e6, "confirm": True}, "0.1 to 500"),
         ("estimator", {"axis": "heave", "rate_noise": 1e-160, "confirm": True}, "1e-05 to 1"),
         ("estimator", {"axis": "heave", "confirm": True}, "at least one"),
-        ("gains", {"axis": "heave", "learning_rate": -1.0}, "learning_rate = -1: must be 0 to 1000"),
         ("gains", {"axis": "heave", "mass": 20.0}, "mass: unknown key"),
         ("compensator", {"axis": "heave", "compensator": "magic"}, "joined by +"),
         ("engage", {"now": True}, "now: unknown key"),
     ],
 )
-def test_what_is_refused_says_what_is_allowed(name, what, says):
-    dive, console = at_console()
-    dive.run(0.2)
+def test_what_is_refused_says_what_is_allowed(console, name, what, says):
     reply = console.tell(name, **what)
     assert not reply.done
     assert says in reply.said
@@ -173,15 +170,13 @@ def test_what_is_refused_says_what_is_allowed(name, what, says):
     ("name", "key", "now", "wanted"),
     [
         ("gains", "kappa_per_s", 10.0, 20.1),
-        ("gains", "lambda_per_s", 7.0, 3.4),
         ("gains", "leak_per_s", 0.002, 0.0),
         ("gains", "hidden_learning_rate", 0.0, 0.1),
         ("estimator", "rate_noise", 0.0008, 0.01),
     ],
 )
-def test_more_than_twofold_at_once_has_to_be_confirmed(name, key, now, wanted):
-    dive, console = at_console()
-    dive.run(0.2)
+def test_more_than_twofold_at_once_has_to_be_confirmed(console, name, key, now, wanted):
+    dive = console.dive
     assert getattr(dive.engine.config.heave, key) == now
     reply = console.tell(name, axis="heave", **{key: wanted})
     assert not reply.done
@@ -192,12 +187,10 @@ def test_more_than_twofold_at_once_has_to_be_confirmed(name, key, now, wanted):
     assert getattr(dive.engine.config.heave, key) == wanted
 
 
-def test_twofold_and_twofold_again_needs_no_confirmation():
-    dive, console = at_console()
-    dive.run(0.2)
+def test_twofold_and_twofold_again_needs_no_confirmation(console):
     for kappa in (5.0, 2.5):
         assert console.tell("gains", axis="heave", kappa_per_s=kappa).done
-    assert dive.engine.config.heave.kappa_per_s == 2.5
+    assert console.engine.config.heave.kappa_per_s == 2.5
 
 
 @pytest.mark.parametrize(("delay_s", "done"), [(0.0, True), (0.04, False)])

@@ -1,4 +1,4 @@
-"""A ground station that nobody here wrote, mavutil, behind `holdfast run`, before `holdfast sim`."""
+"""Ground stations that others wrote, mavutil and MAVProxy, behind `holdfast run`, before `holdfast sim`."""
 
 import contextlib
 import hashlib
@@ -6,6 +6,7 @@ import socket
 import time
 
 import pytest
+from clients import mavproxy, needs_clients
 from pymavlink import mavutil
 
 from lab.operations.processes import HOLDFAST, running
@@ -15,9 +16,9 @@ TIMEOUT_S = 20.0
 
 
 @contextlib.contextmanager
-def station(*companion, plant=()):
-    """Simulator, companion and a connected ground station: (station, companion's process)."""
-    link, ground = free_port(socket.SOCK_DGRAM), free_port(socket.SOCK_DGRAM)
+def flying(ground, *companion, plant=()):
+    """Simulator, and a companion that calls a ground station at port `ground`: its process."""
+    link = free_port(socket.SOCK_DGRAM)
     simulator = (
         *("sim", "--udp-connect", f"127.0.0.1:{link}", "--no-zenoh", "--set", "current.enabled=false"),
         *("--set", "initial.eta=[0,0,2,0,0,0.3]", *plant),
@@ -28,9 +29,17 @@ def station(*companion, plant=()):
         *("--set", "vehicle.thrust_path=manual_control"),
         *("--set", f"telemetry.endpoint=tcp/127.0.0.1:{free_port()}", *companion),
     )
+    with running(*HOLDFAST, *simulator), running(*HOLDFAST, *run) as process:
+        yield process
+
+
+@contextlib.contextmanager
+def station(*companion, plant=()):
+    """A connected ground station, and the companion's process before it."""
+    ground = free_port(socket.SOCK_DGRAM)
     pilot = mavutil.mavlink_connection(f"udpin:127.0.0.1:{ground}", source_system=255, source_component=190)
     try:
-        with running(*HOLDFAST, *simulator), running(*HOLDFAST, *run) as process:
+        with flying(ground, *companion, plant=plant) as process:
             assert pilot.wait_heartbeat(timeout=TIMEOUT_S) is not None
             yield pilot, process
     finally:
@@ -113,3 +122,14 @@ def test_signed_from_end_to_end_with_a_foreign_ground_station(tmp_path, monkeypa
         pilot.mav.param_request_read_send(1, 1, b"FS_PILOT_TIMEOUT", -1)
         flight.until(lambda m: m.get_type() == "PARAM_VALUE" and m.param_id == "FS_PILOT_TIMEOUT")
         assert pilot.mav.signing.badsig_count == 0
+
+
+@pytest.mark.alone
+@needs_clients
+def test_mavproxy_prints_what_holdfast_says_and_its_user_commands_it(tmp_path):
+    ground = free_port(socket.SOCK_DGRAM)
+    with mavproxy(ground, tmp_path) as station, flying(ground, "--arm"):
+        station.expect(r"Detected vehicle 1:1", r"Received (\d+) parameters")
+        station.type("set target_component 25")
+        station.type("long MAV_CMD_USER_1 1", r"Holdfast ACTIVE: engaged")
+        station.type("long MAV_CMD_USER_1 2", r"Holdfast PILOT: ")

@@ -10,9 +10,9 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from itertools import pairwise
+from itertools import count, pairwise
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 import pytest
@@ -110,14 +110,8 @@ class Tap(threading.Thread):
 def diving(errors: int = subprocess.DEVNULL) -> Iterator[tuple[Tap, "subprocess.Popen[str]"]]:
     tap = Tap()
     tap.start()
-    simulator = (
-        "sim",
-        "--udp-connect",
-        f"127.0.0.1:{tap.sim_port}",
-        "--no-zenoh",
-        "--set",
-        "waves.enabled=true",
-    )
+    here = ("--udp-connect", f"127.0.0.1:{tap.sim_port}", "--no-zenoh")
+    simulator = ("sim", *here, "--set", "waves.enabled=true")
     companion = (
         *("run", "--engage", "--arm", "--depth", "3"),
         *("--set", f"link.endpoint=udp-listen:127.0.0.1:{tap.run_port}"),
@@ -201,25 +195,6 @@ def test_a_terminal_that_takes_nothing_does_not_stop_the_tick() -> None:
     finally:
         os.close(reader)
         os.close(writer)
-
-
-def test_after_sigkill_the_firmwares_failsafe_disarms() -> None:
-    with diving() as (tap, run):
-        assert tap.armed
-        run.kill()
-        run.wait()
-        tap.until("disarmed", timeout_s=6.0)
-
-
-def test_stopped_for_a_second_it_lets_go_when_it_wakes() -> None:
-    with diving() as (tap, run):
-        run.send_signal(signal.SIGSTOP)
-        time.sleep(1.0)
-        before = len(tap.steering)
-        run.send_signal(signal.SIGCONT)
-        time.sleep(2.0)
-        assert len(tap.steering) > before
-        assert tap.steering[-5:] == [NEUTRAL] * 5
 
 
 def test_stopped_for_long_the_firmware_disarms_and_it_does_not_arm_again() -> None:
@@ -310,52 +285,69 @@ def test_signed_frames_of_before_a_crash_do_not_take_the_link_after_it(
     vehicle.socket.close()
 
 
-@pytest.mark.parametrize("steering", [True, False])
-def test_an_exception_in_the_tick_sends_neutral_if_it_steered_and_fails(
-    monkeypatch: pytest.MonkeyPatch, steering: bool
-) -> None:
-    """Whatever breaks inside the engine: neutral frames go out and the exit status says so."""
-    step = Engine.step
-    ticks = 0
+def ran(link: str, *requests: Request) -> int:
+    """Run the companion's process in this one; return its exit status."""
+    zenoh = f"tcp/127.0.0.1:{free_port()}"
+    config = load_config(overrides=[f"link.endpoint={link}", f"telemetry.endpoint={zenoh}"])
 
-    def breaks(self: Engine, *arguments: object, **more: object) -> object:
-        nonlocal ticks
-        ticks += 1
-        if ticks > 20:
-            self.steering = steering
-            raise ZeroDivisionError("planted")
-        return step(self, *arguments, **more)  # type: ignore[arg-type]
+    async def run() -> int:
+        app = App(config, Setpoint((np.nan,) * 4), arm=False, requests=list(requests))
+        return await asyncio.wait_for(app.run(), timeout=10.0)
 
-    monkeypatch.setattr(Engine, "step", breaks)
+    return asyncio.run(run())
+
+
+@pytest.fixture
+def vehicle() -> Iterator[socket.socket]:
+    """A socket that the companion calls."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as vehicle:
         vehicle.bind(("127.0.0.1", 0))
-        vehicle.settimeout(1.0)
-        endpoint = f"udp-connect:127.0.0.1:{vehicle.getsockname()[1]}"
-        zenoh = f"tcp/127.0.0.1:{free_port()}"
-        config = load_config(overrides=[f"link.endpoint={endpoint}", f"telemetry.endpoint={zenoh}"])
-        setpoint = Setpoint((np.nan,) * 4)
+        yield vehicle
 
-        async def run() -> int:
-            return await App(config, setpoint, arm=False, requests=[Request.ENGAGE]).run()
 
-        assert asyncio.run(run()) == 1
-        parser = mavlink.MAVLink(None, 1, 1)
-        overrides = []
-        vehicle.settimeout(0.1)
-        try:
-            while True:
-                for message in parser.parse_buffer(vehicle.recv(4096)) or ():
-                    if message.get_type() == "RC_CHANNELS_OVERRIDE":
-                        overrides.append(message.chan3_raw)
-        except TimeoutError:
-            pass
-        assert overrides == ([1500] * 5 if steering else [])
+def link_to(vehicle: socket.socket) -> str:
+    return f"udp-connect:127.0.0.1:{vehicle.getsockname()[1]}"
+
+
+def heard_by(vehicle: socket.socket) -> list[bytes]:
+    """Return all datagrams that have come."""
+    heard = []
+    vehicle.settimeout(0.1)
+    with suppress(TimeoutError):
+        while True:
+            heard.append(vehicle.recv(4096))
+    return heard
+
+
+def messages_of(heard: list[bytes]) -> list[Any]:
+    parser = mavlink.MAVLink(None, 1, 1)
+    return [message for data in heard for message in parser.parse_buffer(data) or ()]
+
+
+@pytest.mark.parametrize("steering", [True, False])
+def test_an_exception_in_the_tick_sends_neutral_if_it_steered_and_fails(
+    monkeypatch: pytest.MonkeyPatch, vehicle: socket.socket, steering: bool
+) -> None:
+    """Whatever breaks inside the engine: neutral frames go out and the exit status says so."""
+    step, ticks = Engine.step, count(1)
+
+    def breaks(self: Engine, *arguments: Any, **more: Any) -> object:
+        if next(ticks) > 20:
+            self.steering = steering
+            raise ZeroDivisionError("planted")
+        return step(self, *arguments, **more)
+
+    monkeypatch.setattr(Engine, "step", breaks)
+    assert ran(link_to(vehicle), Request.ENGAGE) == 1
+    messages = messages_of(heard_by(vehicle))
+    overrides = [m.chan3_raw for m in messages if m.get_type() == "RC_CHANNELS_OVERRIDE"]
+    assert overrides == ([1500] * 5 if steering else [])
 
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
 @pytest.mark.parametrize("what", ["companion.app.EventLog.step", "companion.io.zenoh_publisher.encode"])
 def test_a_fault_in_telemetry_ends_the_process_with_neutral(
-    monkeypatch: pytest.MonkeyPatch, what: str
+    monkeypatch: pytest.MonkeyPatch, vehicle: socket.socket, what: str
 ) -> None:
     """A condition without words raised KeyError in every tick, for ever, and nothing was published."""
 
@@ -364,22 +356,8 @@ def test_a_fault_in_telemetry_ends_the_process_with_neutral(
 
     monkeypatch.setattr(what, breaks)
     monkeypatch.setattr(Engine, "shutdown_frames", lambda engine: b"neutral")
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as vehicle:
-        vehicle.bind(("127.0.0.1", 0))
-        link, zenoh = f"udp-connect:127.0.0.1:{vehicle.getsockname()[1]}", f"tcp/127.0.0.1:{free_port()}"
-        config = load_config(overrides=[f"link.endpoint={link}", f"telemetry.endpoint={zenoh}"])
-
-        async def run() -> int:
-            app = App(config, Setpoint((np.nan,) * 4), arm=False, requests=[])
-            return await asyncio.wait_for(app.run(), timeout=10.0)
-
-        assert asyncio.run(run()) == 1
-        heard = b""
-        with suppress(TimeoutError):
-            vehicle.settimeout(0.1)
-            while True:
-                heard += vehicle.recv(4096)
-    before, _, last = heard.partition(b"neutral" * 5)
+    assert ran(link_to(vehicle)) == 1
+    before, _, last = b"".join(heard_by(vehicle)).partition(b"neutral" * 5)
     assert b"neutral" not in before
     assert b"Holdfast ended: it was not steering" in last, "after the thrusters have stopped"
 
@@ -389,16 +367,7 @@ def test_a_timer_that_never_fires_ends_the_process(
 ) -> None:
     """On a 32-bit system the timer took its start for a time in years; the process never ticked."""
     monkeypatch.setattr("companion.app.Ticker", lambda period_ns: Ticker(1_000_000 * period_ns))
-    link = f"udp-connect:127.0.0.1:{free_port(socket.SOCK_DGRAM)}"
-    config = load_config(
-        overrides=[f"link.endpoint={link}", f"telemetry.endpoint=tcp/127.0.0.1:{free_port()}"]
-    )
-
-    async def run() -> int:
-        app = App(config, Setpoint((np.nan,) * 4), arm=False, requests=[])
-        return await asyncio.wait_for(app.run(), timeout=10.0)
-
-    assert asyncio.run(run()) == 1
+    assert ran(f"udp-connect:127.0.0.1:{free_port(socket.SOCK_DGRAM)}") == 1
     assert "has not fired" in caplog.text
 
 
@@ -406,62 +375,42 @@ def test_a_late_tick_reads_first_what_waits_in_the_socket(monkeypatch: pytest.Mo
     """What arrived while the process did not run is judged with the rest, not found missing."""
     port = free_port(socket.SOCK_DGRAM)
     step, taken = Engine.step, []
-    vehicle = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
 
     def stalls(self: Engine, now_s: float, datagrams: Any, *more: Any) -> object:
         taken.append(len(datagrams))
         if len(taken) == 20:
             for _ in range(40):
-                vehicle.send(HEARTBEAT.pack(PARSER))
+                calling.send(HEARTBEAT.pack(PARSER))
             time.sleep(0.1)
         if len(taken) == 30:
             os.kill(os.getpid(), signal.SIGTERM)
         return step(self, now_s, datagrams, *more)
 
     monkeypatch.setattr(Engine, "step", stalls)
-    config = load_config(
-        overrides=[
-            f"link.endpoint=udp-listen:127.0.0.1:{port}",
-            f"telemetry.endpoint=tcp/127.0.0.1:{free_port()}",
-        ]
-    )
-
-    async def run() -> int:
-        return await App(config, Setpoint((np.nan,) * 4), arm=False, requests=[]).run()
-
-    with vehicle:
-        vehicle.connect(("127.0.0.1", port))
-        assert asyncio.run(run()) == 0
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as calling:
+        calling.connect(("127.0.0.1", port))
+        assert ran(f"udp-listen:127.0.0.1:{port}") == 0
     assert taken[20] == 40
 
 
-def test_who_only_watched_leaves_without_a_word() -> None:
+def test_who_only_watched_leaves_without_a_word(vehicle: socket.socket) -> None:
     """A vehicle that somebody armed and nobody steers: neutral frames would get it disarmed 3 s later."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as vehicle:
-        vehicle.bind(("127.0.0.1", 0))
-        station = mavlink.MAVLink(None, 1, 1)
-        beat = mavlink.MAVLink_heartbeat_message(12, 3, 209, 19, 5, 3).pack(station)
-        companion = (
-            *("run", "--set", f"link.endpoint=udp-connect:127.0.0.1:{vehicle.getsockname()[1]}"),
-            *("--set", f"telemetry.endpoint=tcp/127.0.0.1:{free_port()}"),
-        )
-        with subprocess.Popen([*HOLDFAST, *companion], stderr=subprocess.PIPE, text=True) as run:
-            try:
-                vehicle.settimeout(10.0)
-                _, address = vehicle.recvfrom(4096)
-                vehicle.settimeout(0.1)
-                vehicle.sendto(beat, address)
-                time.sleep(1.0)
-            finally:
-                run.send_signal(signal.SIGTERM)
-            _, said = run.communicate(timeout=5.0)
-        assert run.returncode == 0
-        heard: list[Any] = []
-        with suppress(TimeoutError):
-            while True:
-                heard += station.parse_buffer(vehicle.recv(4096)) or ()
+    beat = mavlink.MAVLink_heartbeat_message(12, 3, 209, 19, 5, 3).pack(PARSER)
+    zenoh = f"telemetry.endpoint=tcp/127.0.0.1:{free_port()}"
+    command = (*HOLDFAST, "run", "--set", f"link.endpoint={link_to(vehicle)}", "--set", zenoh)
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as run:
+        try:
+            vehicle.settimeout(10.0)
+            _, address = vehicle.recvfrom(4096)
+            vehicle.sendto(beat, address)
+            time.sleep(1.0)
+        finally:
+            run.send_signal(signal.SIGTERM)
+        _, said = run.communicate(timeout=5.0)
+    assert run.returncode == 0
+    heard = {message.get_type() for message in messages_of(heard_by(vehicle))}
     assert heard, "it asked for its streams"
-    assert not {"RC_CHANNELS_OVERRIDE", "MANUAL_CONTROL"} & {message.get_type() for message in heard}
+    assert not {"RC_CHANNELS_OVERRIDE", "MANUAL_CONTROL"} & heard
     assert "stopped" in said
     assert "neutral" not in said
 
@@ -486,10 +435,9 @@ def test_tcp_dives_and_comes_back_after_a_restart_of_the_vehicle() -> None:
             run.communicate(timeout=5.0)
 
 
-def _read_until(stream: "object", text: str, timeout_s: float = 30.0) -> None:
+def _read_until(stream: IO[str], text: str, timeout_s: float = 30.0) -> None:
     until_s = time.monotonic() + timeout_s
     while time.monotonic() < until_s:
-        line = stream.readline()  # type: ignore[attr-defined]
-        if text in line:
+        if text in stream.readline():
             return
     raise AssertionError(f"'{text}' was never said")

@@ -125,18 +125,6 @@ def test_samples_come_in_order_and_lose_nobody(
     assert publisher.dropped == 0
 
 
-@pytest.mark.parametrize("publisher_first", [True, False])
-def test_the_order_of_starting_does_not_matter(endpoint: str, feed: Feed, publisher_first: bool) -> None:
-    publisher, seen = Publisher("kelp", endpoint), Subscription("holdfast/kelp/**", endpoint)
-    first, second = (publisher, seen) if publisher_first else (seen, publisher)
-    feed(publisher)
-    with first:
-        time.sleep(0.5)
-        with second:
-            until(lambda: bool(seen.take()))
-            assert seen.connected
-
-
 def test_a_dashboard_outlives_a_restart_of_the_companion(endpoint: str, feed: Feed) -> None:
     with Subscription("holdfast/kelp/**", endpoint) as seen:
         for _ in range(2):
@@ -178,7 +166,7 @@ def test_a_router_is_joined_and_given_time_to_come_back(
     assert f"zenoh: listening on {endpoint}" not in caplog.messages
 
 
-@pytest.mark.parametrize("attempt", range(4))  # it may be gone before or after we listen for that
+@pytest.mark.parametrize("attempt", range(2))  # it may be gone before or after we listen for that
 def test_a_router_that_stays_away_is_replaced(
     endpoint: str, feed: Feed, monkeypatch: pytest.MonkeyPatch, attempt: int
 ) -> None:
@@ -225,24 +213,12 @@ def test_a_command_is_local_unless_a_router_or_another_way_in_is_there(
         assert not asked(opened)
 
 
-@pytest.mark.parametrize(
-    ("endpoint_", "loopback"),
-    [
-        ("tcp/127.0.0.1:7447", True),
-        ("tcp/127.1.2.3:7447", True),
-        ("tcp/[::1]:7447", True),
-        ("tcp/localhost:7447", True),
-        ("tcp/127.evil.example:7447", False),
-        ("tcp/localhost.example:7447", False),
-        ("tcp/0.0.0.0:7447", False),
-        ("tcp/[::]:7447", False),
-        ("tcp/192.168.2.2:7447", False),
-        ("unixsock-stream//tmp/x", False),
-        ("nonsense", False),
-    ],
-)
-def test_only_loopback_is_this_machine(endpoint_: str, loopback: bool) -> None:
-    assert zenoh_io.is_loopback(endpoint_) is loopback
+def test_only_loopback_is_this_machine() -> None:
+    for ours in ("127.0.0.1", "127.1.2.3", "[::1]", "localhost"):
+        assert zenoh_io.is_loopback(f"tcp/{ours}:7447")
+    foreign = ("127.evil.example", "localhost.example", "0.0.0.0", "[::]", "192.168.2.2")
+    for other in (*(f"tcp/{host}:7447" for host in foreign), "unixsock-stream//tmp/x", "nonsense"):
+        assert not zenoh_io.is_loopback(other)
 
 
 def test_the_token_tells_who_lives(endpoint: str) -> None:
@@ -257,7 +233,7 @@ def test_the_token_tells_who_lives(endpoint: str) -> None:
             until(lambda: reported == [zenoh.SampleKind.PUT, zenoh.SampleKind.DELETE])
 
 
-@pytest.mark.parametrize("attempt", range(3))
+@pytest.mark.parametrize("attempt", range(2))
 def test_of_two_that_start_at_once_under_one_name_one_gives_way(endpoint: str, attempt: int) -> None:
     with _stranger("router", endpoint):
         two = [Publisher("kelp", endpoint) for _ in range(2)]
