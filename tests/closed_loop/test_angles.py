@@ -59,20 +59,6 @@ def test_depth_and_place_are_held_at_an_angle_as_level(asked):
     np.testing.assert_allclose(np.degrees(reported), asked, atol=0.1)
 
 
-def test_released_and_engaged_again_it_is_level():
-    dive = held(*ROUGH)
-    dive.engine.guide(Goto(roll_deg=30.0))
-    dive.run(5.0)
-    dive.ask(Request.STOP)
-    dive.run(3.0)
-    assert dive.engine.verdict.authority == 0.0
-    dive.ask(Request.ENGAGE)
-    dive.until(State.ACTIVE)
-    steps = dive.run(8.0)[-200:]
-    assert np.abs(angles(steps)).max() < 8.0
-    np.testing.assert_allclose(dive.step.sample.angles_d, 0.0)
-
-
 def test_a_path_may_name_an_angle():
     dive = held(*ROUGH)
     circle = Circle(radius_m=1.0, depth_m=2.5)
@@ -87,16 +73,18 @@ def test_a_path_may_name_an_angle():
     assert np.abs(np.degrees(e[:, 3])).max() < 4.0
 
 
-def test_a_path_that_goes_on_after_a_release_has_its_angle_again():
+def test_engaged_again_it_is_level_and_a_path_that_goes_on_has_its_angle_again():
     dive = held(*ROUGH)
     plan = PathPlan(circle=Circle(radius_m=1.0, depth_m=2.5), speed_mps=0.2, pitch_deg=20.0)
     dive.engine.guide(build(plan, limits(dive.engine.config)))
     dive.run(5.0)
     dive.ask(Request.STOP)
-    dive.run(2.0)
+    dive.run(3.0)
+    assert dive.engine.verdict.authority == 0.0
     dive.ask(Request.ENGAGE)
     dive.until(State.ACTIVE)
-    dive.run(3.0)
+    steps = dive.run(8.0)[-200:]
+    assert np.abs(angles(steps)).max() < 8.0
     np.testing.assert_allclose(dive.step.sample.angles_d, 0.0)
     dive.engine.guide(SetPath(action="resume"))
     dive.run(4.0)
