@@ -6,6 +6,7 @@ that they fall to a wrong sign, a forgotten delay or a lost compensator and not 
 """
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -56,6 +57,13 @@ def fly(case: Case, seed: int = 1) -> list[Step]:
     loop = Lockstep(Vehicle(plant, seed), engine, case.link, seed, config.loop.rate_hz)
     loop.requests = [Request.ENGAGE]
     return list(loop.run(case.duration_s))
+
+
+@pytest.fixture(scope="module", autouse=True)
+def forgotten() -> Iterator[None]:
+    """Give the memory of the dives back."""
+    yield
+    fly.cache_clear()
 
 
 def rms(x: NDArray[np.float64]) -> float:
