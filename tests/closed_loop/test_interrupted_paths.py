@@ -46,7 +46,7 @@ def test_a_path_that_something_else_replaced_goes_on_where_it_was(interruption):
     guided = meanwhile[-1].sample.guided
     assert (guided.kind, guided.left_m) == ("hold", pytest.approx(3.0 - was_m, abs=0.05))
     dive.engine.guide(RESUME)
-    after = dive.run(14.0)
+    after = dive.run(18.0)
     assert after[5].sample.guided.kind == "path"
     assert after[5].sample.guided.progress_m == pytest.approx(was_m, abs=0.05)
     assert after[-1].truth.eta[0] == pytest.approx(3.0, abs=0.05)
