@@ -53,6 +53,8 @@ async def linked(endpoint, admission=ANYBODY):
     link = Watched(Endpoint.parse(endpoint), "test", lambda t_ns, data: heard.append((t_ns, data)), admission)
     task = asyncio.create_task(link.run())
     try:
+        if endpoint.startswith("udp"):
+            await until(lambda: link.transport is not None)
         yield link, heard
     finally:
         task.cancel()
@@ -203,7 +205,6 @@ async def test_a_udp_listener_turns_to_another_peer_only_when_the_first_falls_si
     monkeypatch.setattr(links, "PEER_SILENT_NS", 200_000_000)
     port, (first, second, _) = senders
     async with linked(f"udp-listen:127.0.0.1:{port}") as (link, heard):
-        await until(lambda: link.transport is not None)
         link.send(b"to nobody")
         began = time.monotonic_ns()
         first.send(b"vehicle 1")
@@ -231,7 +232,6 @@ async def test_no_byte_of_a_stranger_takes_the_link_and_none_arrives(senders):
     """Before the vehicle calls anybody may send anything; it is counted, and the vehicle is heard at once."""
     port, (stranger, vehicle, _) = senders
     async with linked(f"udp-listen:127.0.0.1:{port}") as (link, heard):
-        await until(lambda: link.transport is not None)
         stranger.send(b"\0")
         await until(lambda: link.strangers == 1)
         link.send(b"to nobody")
@@ -249,7 +249,6 @@ async def test_whose_clock_is_behind_is_told_the_time_and_does_not_take_the_link
     """A replay gets no more than that heartbeat."""
     port, (lagging, vehicle, _) = senders
     async with linked(f"udp-listen:127.0.0.1:{port}") as (link, heard):
-        await until(lambda: link.transport is not None)
         lagging.send(b"lagging")
         await until(lambda: _got(lagging) == b"hello")
         assert not heard
@@ -266,7 +265,6 @@ async def test_a_peer_that_only_makes_noise_loses_the_link(monkeypatch, senders)
     monkeypatch.setattr(links, "PEER_SILENT_NS", 200_000_000)
     port, (first, second, _) = senders
     async with linked(f"udp-listen:127.0.0.1:{port}") as (link, heard):
-        await until(lambda: link.transport is not None)
         first.send(b"vehicle")
         await until(lambda: heard)
         async with asyncio.timeout(WAIT_S):
@@ -286,7 +284,6 @@ async def test_addresses_that_are_not_allowed_never_take_the_link(senders):
     port, (first, second, third) = senders
     admission = ANYBODY._replace(allow=["127.0.0.2/31", "10.0.0.0/8"])
     async with linked(f"udp-listen:127.0.0.1:{port}", admission) as (link, heard):
-        await until(lambda: link.transport is not None)
         first.send(b"vehicle 1")
         await until(lambda: link.strangers == 1)
         third.send(b"vehicle 3")
