@@ -25,15 +25,6 @@ class Message(NamedTuple):
     payload: bytes
 
 
-class Stamped(NamedTuple):
-    """What came, and when its sender sent it (s, the sender's clock; None where nobody stamps)."""
-
-    key: str
-    payload: bytes
-    stamp_s: float | None
-    encoding: str = ""
-
-
 class Subscription(SessionThread):
     """Everything that is published under a key expression, from whenever somebody listens on `endpoint`.
 
@@ -64,19 +55,15 @@ class Subscription(SessionThread):
 
     def take(self) -> list[Message]:
         """Return what came since the last call, oldest first. Never blocks."""
-        return [Message(key, payload) for key, payload, *_ in self.take_stamped()]
-
-    def take_stamped(self) -> list[Stamped]:
-        """Return the same with the senders' stamps."""
-        messages: list[Stamped] = []
+        messages: list[Message] = []
         if self._events is not None:
             while len(messages) < _RING and (sample := self._events.try_recv()) is not None:
-                messages.append(_stamped(str(sample.key_expr), sample))
+                messages.append(Message(str(sample.key_expr), sample.payload.to_bytes()))
         if self._subscriber is not None:
             while len(messages) < _RING and (sample := self._subscriber.try_recv()) is not None:
                 key = str(sample.key_expr)
                 if self._events is None or not key.endswith("/event"):
-                    messages.append(_stamped(key, sample))
+                    messages.append(Message(key, sample.payload.to_bytes()))
         return messages
 
     def last(self) -> list[Message]:
@@ -127,9 +114,3 @@ class Subscription(SessionThread):
         self._session = session
         self._closing.wait()
         self._session = self._subscriber = self._events = None
-
-
-def _stamped(key: str, sample: zenoh.Sample) -> Stamped:
-    stamp = sample.timestamp
-    sent_s = None if stamp is None else stamp.get_time_as_ntp64().as_secs_f64()
-    return Stamped(key, sample.payload.to_bytes(), sent_s, str(sample.encoding))

@@ -9,6 +9,7 @@ import msgspec
 
 from companion.telemetry import schemas as telemetry
 from companion.telemetry.schemas import Event, Schema, printable
+from dashboard.lag import Lag
 from dashboard.zenoh_client import Message
 
 STALE_S = 0.5
@@ -33,8 +34,8 @@ class Feed:
         self.trouble = ""
         self.connected = False
         self.age_s = math.inf
-        self._t_s = -math.inf
-        self._clocks_apart_s = math.inf
+        self._t_s = self._heard_s = -math.inf
+        self._lag, self._lag_s = Lag(), 0.0
 
     @property
     def complete(self) -> bool:
@@ -75,14 +76,14 @@ class Feed:
     def look(self, now_s: float, *, connected: bool) -> None:
         """Say how old all is at `now_s`."""
         self.connected = connected
-        self.age_s = max(0.0, now_s - self._t_s - self._clocks_apart_s) if self.latest else math.inf
+        self.age_s = max(0.0, now_s - self._heard_s + self._lag_s)
 
     def _mark_time(self, t_s: float, now_s: float) -> None:
-        """Learn how far the two clocks are apart from the fastest message: then what was held up is old."""
+        """Learn when the newest tick came and how much too late: what was held up is old."""
         if t_s < self._t_s - _RESTART_S:
-            self._t_s, self._clocks_apart_s = -math.inf, math.inf
-        self._t_s = max(self._t_s, t_s)
-        self._clocks_apart_s = min(self._clocks_apart_s, now_s - t_s)
+            self._t_s, self._lag = -math.inf, Lag()
+        if t_s > self._t_s:
+            self._t_s, self._heard_s, self._lag_s = t_s, now_s, self._lag.add(t_s, now_s)
 
 
 class Feeds(dict[str, Feed]):

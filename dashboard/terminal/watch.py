@@ -34,8 +34,7 @@ examples:
 
 By default a companion listens on its own machine alone; a Zenoh configuration opens it by TLS. With a Zenoh
 router on the vehicle and telemetry.mode = "client" in the companion's configuration, --connect
-tcp/192.168.2.2:7447 reaches it too, without encryption. `holdfast dashboard` has maps, plots, delays
-and the loop.
+tcp/192.168.2.2:7447 reaches it too, without encryption. `holdfast dashboard` has maps and plots.
 """
 
 PATIENCE_S = 5.0

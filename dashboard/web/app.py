@@ -111,8 +111,8 @@ class Dashboard:
         """Take what Zenoh brought, and wake whoever waits for it."""
         while True:
             now_s = time.monotonic()
-            self._fleet.take(self._truth.take_stamped(), now_s)
-            self._fleet.take(self._telemetry.take_stamped(), now_s)
+            self._fleet.take(self._truth.take(), now_s)
+            self._fleet.take(self._telemetry.take(), now_s)
             for vehicle in self._fleet.vehicles.values():
                 self._keep_config(vehicle, now_s)
             self._beat.set()

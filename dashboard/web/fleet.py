@@ -12,9 +12,10 @@ from msgspec.structs import replace
 from companion.telemetry import schemas as telemetry
 from companion.telemetry.glossary import holder
 from companion.telemetry.schemas import Choices, Dof, Event, Loop, Plan, Recorder, Schema, State, Supervisor
+from dashboard.lag import Lag
 from dashboard.web.columns import COLUMNS, empty_row, fill, fill_truth
 from dashboard.web.ring import Ring
-from dashboard.zenoh_client import Stamped
+from dashboard.zenoh_client import Message
 
 HISTORY_S = 120.0
 ROWS = round(HISTORY_S * 50.0)
@@ -27,7 +28,6 @@ MODEL = tuple(name for name in Dof.__struct_fields__ if name.startswith("model_"
 _RESTART_S = 1.0
 _TRUTHS = 64
 _TRUTH_APART_S = 0.5
-_FORGET_S = 60.0
 
 
 S = TypeVar("S", bound=Schema)
@@ -41,23 +41,6 @@ class TrueDisturbance(msgspec.Struct, frozen=True):
 
 
 _truth = msgspec.json.Decoder(TrueDisturbance)
-
-
-class Lag:
-    """How much later than the fastest of the last minute something came, by its sender's clock and ours."""
-
-    def __init__(self) -> None:
-        self._fastest: deque[tuple[float, float]] = deque(maxlen=ROWS)  # (when, apart), apart rising
-
-    def add(self, sent_s: float, now_s: float) -> float:
-        """Take one message; return its lag in s."""
-        apart = now_s - sent_s
-        while self._fastest and self._fastest[-1][1] >= apart:
-            self._fastest.pop()
-        self._fastest.append((now_s, apart))
-        while now_s - self._fastest[0][0] > _FORGET_S:
-            self._fastest.popleft()
-        return apart - self._fastest[0][1]
 
 
 class VehicleHistory:
@@ -83,8 +66,8 @@ class VehicleHistory:
         self._recorder_heard_s = -math.inf
         self._truths: deque[TrueDisturbance] = deque(maxlen=_TRUTHS)
 
-    def take(self, record: Schema, now_s: float, stamp_s: float | None) -> None:
-        """Take a record that came at `now_s`, this machine's clock; `stamp_s` is when its sender sent it."""
+    def take(self, record: Schema, now_s: float) -> None:
+        """Take a record that came at `now_s`, this machine's clock."""
         if isinstance(record, Recorder):
             self._latest[Recorder], self._recorder_heard_s = record, now_s
             return
@@ -120,8 +103,7 @@ class VehicleHistory:
         elif isinstance(record, Loop):  # the last of a tick
             self._true(record.boot_s)
             self._flush()
-            if stamp_s is not None:
-                self._lag_s = self._lag.add(stamp_s, now_s)
+            self._lag_s = self._lag.add(record.t_s, now_s)
 
     def take_truth(self, truth: TrueDisturbance) -> None:
         """Take a sample of the simulator's."""
@@ -222,9 +204,9 @@ class Fleet:
         self.vehicles: dict[str, VehicleHistory] = {}
         self.trouble = ""
 
-    def take(self, messages: Iterable[Stamped], now_s: float) -> None:
+    def take(self, messages: Iterable[Message], now_s: float) -> None:
         """Take what arrived until `now_s`, a monotonic clock of this machine."""
-        for key, payload, stamp_s, _ in messages:
+        for key, payload in messages:
             root, name, tail = (*key.split("/", 2), "", "")[:3]
             try:
                 if root == "sim":
@@ -241,7 +223,7 @@ class Fleet:
                 continue
             vehicle = self._vehicle(name)
             if vehicle is not None:
-                vehicle.take(record, now_s, stamp_s)
+                vehicle.take(record, now_s)
 
     def get(self, name: str) -> VehicleHistory | None:
         """Return the vehicle of this name or, for no name, the first one."""

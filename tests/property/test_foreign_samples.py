@@ -22,7 +22,7 @@ from dashboard.terminal.feed import Feed
 from dashboard.terminal.watch import picture
 from dashboard.web.app import MOST_BEHIND, message_text
 from dashboard.web.fleet import Fleet
-from dashboard.zenoh_client import Message, Stamped
+from dashboard.zenoh_client import Message
 from sim_bridge.zenoh_link import answer
 
 MakeSample = Callable[..., ControlSample]
@@ -83,8 +83,8 @@ def test_the_dashboard_goes_on(genuine: list[Sample]) -> None:
 
     def take(some: list[Sample]) -> None:
         truth = '{"t_s":%s,"disturbance":[%s,0,0,0,0,0]}'
-        messages = [Stamped(key, payload, 1.0) for key, _, payload in some]
-        messages += [Stamped("sim/kelp/truth", (truth % (value, value)).encode(), 1.0) for value in WILD]
+        messages = [Message(key, payload) for key, _, payload in some]
+        messages += [Message("sim/kelp/truth", (truth % (value, value)).encode()) for value in WILD]
         fleet.take(messages, now_s=1.0)
 
     for some in wild(genuine):
