@@ -108,7 +108,7 @@ def test_asked_for_armed_and_dived_it_tries_every_motor_and_ends_neutral():
     assert look.row("thrusters").grade is Grade.GOOD
     assert "all 8 push in the right direction" in look.row("thrusters").found
     assert "100 %" in look.row("steering id").found
-    assert look.steered[-1] == (0.0, 0.0, 0.0, 0.0)
+    assert look.steered[-1] == (0.0,) * 6
     assert max(abs(axis) for axes in look.steered for axis in axes) <= 0.2
     assert abs(look.vehicle.truth().eta[3:]).max() < 0.5
     assert look.inspection.notes == [
