@@ -109,7 +109,7 @@ def test_the_command_continues_where_it_stopped(tmp_path, capsys):
     outside = summary["outside"]["dives"]
     assert summary["dives"] == 6
     printed = capsys.readouterr().out
-    assert "3 of these dives are there already" in printed
+    assert "3 of these dives are there already" in " ".join(printed.split())
     assert "The envelope" in printed
     assert "holdfast lab campaign --replay" in printed
     assert ("Worst outside:" in printed) == bool(outside)
