@@ -110,15 +110,19 @@ def _telemetry() -> Iterator[str]:
         yield from _table(struct, () if struct in (Raw, Truth) else Record.__struct_fields__)
     yield "\n## Commands\n"
     yield "Send a query to `holdfast/{vehicle}/command/{name}`. Its payload is a JSON object (`{}` for a"
-    yield "command without fields), its answer a Reply."
+    yield "command without fields), its answer a [Reply](#reply). These have no fields:\n"
     for name, command in COMMANDS.items():
+        if not command.__struct_fields__:
+            yield f"- `{name}`: {_words(command)}"
+    for name, command in COMMANDS.items():
+        if not command.__struct_fields__:
+            continue
         yield f"\n### {name}\n\n{_words(command)}"
         of_axis = [key for key in fields_of(command) if key in fields_of(Axis)]
         if len(of_axis) > 1:
             yield f"It takes `{'`, `'.join(of_axis)}` of the [configuration](configuration.md)."
-        if command.__struct_fields__:
-            yield ""
-            yield from _table(command, of_axis if len(of_axis) > 1 else ())
+        yield ""
+        yield from _table(command, of_axis if len(of_axis) > 1 else ())
     yield "\n### Reply\n\n" + _words(Reply) + "\n"
     yield from _table(Reply)
 

@@ -17,7 +17,7 @@ from companion.control.tilt import (
     YAW_STEEP_RAD,
 )
 from companion.records import ENGAGE_S, Condition, State
-from companion.supervision.conditions import BLOCKING, FREEZES, NOTHING, RULES, TRANSITIONS, WARNS
+from companion.supervision.conditions import BLOCKING, FREEZES, NOTHING, RULES, WARNS
 from companion.supervision.handover import KEEP_ALIVE_S, REFUSED_S, SETTLE_S
 from companion.supervision.supervisor import transition
 from companion.telemetry.glossary import COURSES, STATES, title
@@ -34,47 +34,40 @@ HEAD = f"""\
 
 <!-- Made by `holdfast lab schema --write` from companion/supervision/. -->
 
-The supervisor is a state machine. Every tick it tests all conditions and decides whether Holdfast may
-steer. Holdfast sends thrust only in ACTIVE, in RAMP_DOWN and at the start of HAND_OVER, scaled by the
-*authority*, a number from 0 to 1, which rises over `ramp_up_s` after engaging and falls over `ramp_down_s` on
-release. A fault, a pilot's takeover or disarming sets it to 0 at once. The default is to refuse.
+Every tick the supervisor tests all conditions and decides whether Holdfast may steer. Holdfast sends thrust
+only in ACTIVE, in RAMP_DOWN and at the start of HAND_OVER, scaled by the *authority*, a number from 0 to 1,
+which rises over `ramp_up_s` after engaging and falls over `ramp_down_s` on release. A fault, a pilot's
+takeover or disarming sets it to 0 at once. The default is to refuse.
 
-A request that is refused is refused at once, in words, and changes nothing. A request to engage is accepted
-if only the flight mode is missing, or arming where `--arm` permits it. Holdfast then reads FS_PILOT_INPUT and
-FS_PILOT_TIMEOUT again: an autopilot that does not answer is not engaged. A request by command or button that
-does not succeed within {ENGAGE_S:g} s is withdrawn; that of `run --engage` waits.
+A request to engage is accepted if only the flight mode is missing, or arming where `--arm` permits it;
+otherwise it is refused at once, in words. Holdfast then reads FS_PILOT_INPUT and FS_PILOT_TIMEOUT again: an
+autopilot that does not answer is not engaged. A request by command or button that does not succeed within
+{ENGAGE_S:g} s is withdrawn; that of `run --engage` waits.
 """
 
 HAND_OVER = f"""\
 ## Handing over to ALT_HOLD
 
-Holdfast hands over when it cannot continue but the autopilot can still hold depth. A vehicle that enters
-ALT_HOLD directly from MANUAL can sink by half a metre. Therefore the sequence is:
+Holdfast hands over when it cannot continue but the autopilot can still hold depth:
 
 1. Ramp the thrust down over `ramp_down_s`.
-2. Request STABILIZE until the heartbeat confirms it.
+2. Request STABILIZE until the heartbeat confirms it: from MANUAL directly the vehicle could sink.
 3. Send neutral for {SETTLE_S:g} s.
 4. Request ALT_HOLD until the heartbeat confirms it.
 
 If ALT_HOLD is not confirmed {REFUSED_S:g} s after the start, Holdfast goes to FAULT and falls silent; the
 pilot-input failsafe follows.
 
-FS_PILOT_INPUT acts 3 s after the last steering message; by default it disarms. Therefore Holdfast sends one
-neutral frame every {KEEP_ALIVE_S:g} s while ALT_HOLD holds depth; the state stays HAND_OVER. It stops after
-`keep_alt_hold_s`, or as soon as it sees somebody else's steering. Then it is silent in state PILOT, and the
-autopilot's failsafes act as if Holdfast were not there. A moved stick, a mode change or a `release` ends the
-neutral frames at once.
+FS_PILOT_INPUT by default disarms 3 s after the last steering message. Therefore Holdfast sends a neutral
+frame every {KEEP_ALIVE_S:g} s while ALT_HOLD holds depth; the state stays HAND_OVER. A moved stick, any other
+steering that it sees, a mode change, a `release` or `keep_alt_hold_s` ends this. Then Holdfast is silent in
+state PILOT, and the autopilot's failsafes act as if it were not there.
 
 When the vehicle surfaces (the pilot was lost, or a failsafe of the autopilot surfaces), `keep_alt_hold_s`
 does not apply. At the surface the firmware changes from SURFACE to ALT_HOLD by itself; the neutral frames
 continue until a pilot steers.
 
-Some conditions ramp down to neutral instead:
-
-- The autopilot uses the same sensors and could do no better: EKF UNHEALTHY, DEPTH OUT OF BOUNDS.
-- A failsafe of the autopilot is already active: AUTOPILOT FAILSAFE.
-- This process is late and might not complete the sequence: TICK LATE.
-
+EKF UNHEALTHY, DEPTH OUT OF BOUNDS, AUTOPILOT FAILSAFE and TICK LATE ramp down to neutral instead.
 Without link, depth or attitude Holdfast cannot control a ramp: it sends neutral at once.
 """
 
@@ -103,22 +96,23 @@ force starts at {UNLEVELLED_N:g} N and rises by {FAST_N_PER_S:g} N/s until the v
 {_deg(UNLEVELLED_ALARM_RAD)}°. Then it stays below the force that caused this tilt. The vehicle stays level
 and keeps depth and heading, but may drift; SATURATED warns.
 
-After a hand-over because of tilt, the neutral frames continue until somebody steers, changes the mode or
-sends `release`; `keep_alt_hold_s` does not apply. Silence would disarm the vehicle, and it could sink.
+After a hand-over because of tilt `keep_alt_hold_s` does not apply: silence would disarm the vehicle, and it
+could sink. The neutral frames continue until somebody steers, changes the mode or sends `release`.
 """
 
 
 def page() -> str:
     """Return the whole page."""
     limits = load_config().supervisor
-    parts = [HEAD, "## States\n", *_states(), *_diagram(), "## Conditions\n", *_conditions(limits)]
+    parts = [HEAD, "## States\n", *_states(), "## Conditions\n", *_conditions(limits)]
     return "\n".join([*parts, TILT, HAND_OVER])
 
 
 def _states() -> Iterator[str]:
     yield (
-        "Every screen, the log and the ground station have these words. The last column is their advice "
-        "where no condition says more.\n"
+        "Every screen, the log and the ground station have these words. The reason of a state is its "
+        "[condition](#conditions), and so is what to do; the last column is the advice where none says more. "
+        "IDLE becomes READY while no condition forbids engaging.\n"
     )
     lines = ["| state | what it means | on entering | what to do |", "|---" * 4 + "|"]
     lines += [
@@ -126,32 +120,22 @@ def _states() -> Iterator[str]:
         for name, words in STATES.items()
     ]
     yield "\n".join([*lines, ""])
-    yield "While ACTIVE, they say what Holdfast does, by `guidance` of [State](telemetry.md#state):\n"
-    lines = ["| `guidance` | Holdfast |", "|---|---|"]
-    lines += [f"| `{kind}` | {words} |" for kind, words in COURSES.items()]
-    yield "\n".join([*lines, ""])
-
-
-def _diagram() -> Iterator[str]:
-    yield "The reason of a state is its [condition](#conditions).\n"
-    lines = ["```mermaid", "stateDiagram-v2", "    [*] --> IDLE"]
-    lines += [f"    {at} --> {to}" for at, to in dict.fromkeys((row.at, row.to) for row in TRANSITIONS)]
-    yield "\n".join([*lines, "```", ""])
+    courses = "; ".join(f"`{kind}`: {words}" for kind, words in COURSES.items())
+    yield f"While ACTIVE, `guidance` of [State](telemetry.md#state) says what Holdfast does: {courses}.\n"
 
 
 def _conditions(limits: SupervisorLimits) -> Iterator[str]:
     yield (
         "Of several conditions the first of this table is named first, and its remedy is shown. *Effect* is "
-        "that of the condition alone; of several the first matching row of `TRANSITIONS` counts. After a "
-        "FAULT, remove the cause and "
+        "that of the condition alone. After a FAULT, remove the cause and "
         "[clear the fault](wiring.md#how-to-engage-release-and-clear-a-fault).\n"
     )
-    lines = ["| condition | what is said | effect | it holds when | what to do |", "|---" * 5 + "|"]
+    lines = ["| condition | what is said: when | effect | what to do |", "|---" * 4 + "|"]
     for condition in Condition:
         keys = ", ".join(f"`{key}={getattr(limits, key):g}`" for key in RULES[condition].keys)
         when = f"{condition.description} ({keys})" if keys else condition.description
         name, remedy = title(condition.name or ""), condition.remedy or "–"
-        lines.append(f"| {name} | {condition.text} | {_effect(condition)} | {when} | {remedy} |")
+        lines.append(f"| {name} | {condition.text}: {when} | {_effect(condition)} | {remedy} |")
     yield "\n".join([*lines, ""])
 
 
