@@ -77,6 +77,13 @@ def test_what_is_lost_on_the_way_leaves_holes_not_wrong_numbers(make_sample: Mak
     assert np.isnan(rows[:, COLUMNS.index("depth_m")]).tolist() == [False, False, False]
 
 
+def test_a_number_that_was_not_finite_is_absent(make_sample: MakeSample) -> None:
+    seen = Fleet()
+    seen.take(_messages(make_sample(voltage_v=math.nan)), now_s=1.0)
+    row = _unpack(seen.vehicles["kelp"].ring.frame(0, MOST))[3][0]
+    assert math.isnan(row[COLUMNS.index("voltage_v")])
+
+
 def test_time_that_begins_anew_begins_an_epoch(make_sample: MakeSample) -> None:
     seen = Fleet()
     seen.take(_messages(make_sample(t_s=1000.0)), now_s=1.0)

@@ -60,10 +60,6 @@ def moments(
     return np.array([moment for _, moment in found])
 
 
-def test_level_and_at_rest_it_does_nothing():
-    np.testing.assert_array_equal(moments(delay_s=0.1), 0.0)
-
-
 def test_it_turns_back_and_brakes():
     assert (moments(np.array([0.1, -0.1])) * [1, -1] < 0.0).all()
     assert (moments(rates=np.array([0.1, -0.1])) * [1, -1] < 0.0).all()

@@ -54,6 +54,10 @@ class Dive:
         """Return when a message was asked for once."""
         return [t_s for t_s, m in self.sent if getattr(m, "command", 0) == 512 and m.param1 == message_id]
 
+    def intervals(self):
+        """Return the ids of the streams that were asked for."""
+        return [m.param1 for _, m in self.sent if getattr(m, "command", 0) == 511]
+
     def names(self):
         return [m.param_id for _, m in self.sent if wire.name(m) == "PARAM_REQUEST_READ"]
 
@@ -90,8 +94,7 @@ def test_a_stream_that_slows_down_is_asked_for_again_and_the_others_are_not(dive
     dive.run(5.0)
     dive.sent.clear()
     dive.run(4.0, share=0.25, only=attitude)
-    asked = [m.param1 for _, m in dive.sent if wire.name(m) == "COMMAND_LONG" and m.command == 511]
-    assert set(asked) == {attitude}
+    assert set(dive.intervals()) == {attitude}
     assert dive.upkeep.measured_hz[attitude] == pytest.approx(12.5, abs=1.5)
     assert dive.upkeep.measured_hz[mavlink.MAVLINK_MSG_ID_VFR_HUD] == pytest.approx(50.0, abs=1.5)
     dive.run(3.0)
@@ -108,8 +111,7 @@ def test_asking_does_not_press(dive):
 
 def test_a_stream_that_never_came_is_asked_for_again_within_seconds(dive):
     dive.run(3.5, share=0.0, only=mavlink.MAVLINK_MSG_ID_ATTITUDE)
-    asked = [m.param1 for _, m in dive.sent if wire.name(m) == "COMMAND_LONG" and m.command == 511]
-    assert asked.count(mavlink.MAVLINK_MSG_ID_ATTITUDE) >= 2
+    assert dive.intervals().count(mavlink.MAVLINK_MSG_ID_ATTITUDE) >= 2
 
 
 def test_what_the_firmware_has_refused_is_not_asked_for_again_until_it_reboots(dive):
@@ -119,9 +121,8 @@ def test_what_the_firmware_has_refused_is_not_asked_for_again_until_it_reboots(d
     dive.step(StatusText(dive.now_s, 6, "No ap_message for mavlink id (77777)"))
     dive.sent.clear()
     dive.run(60.0, share=0.0, only=battery)
-    asked = [m.param1 for _, m in dive.sent if wire.name(m) == "COMMAND_LONG" and m.command == 511]
-    assert battery not in asked
-    assert mavlink.MAVLINK_MSG_ID_ATTITUDE in asked
+    assert battery not in dive.intervals()
+    assert mavlink.MAVLINK_MSG_ID_ATTITUDE in dive.intervals()
     dive.sent.clear()
     dive.step(Reboot(dive.now_s))
     assert battery in [m.param1 for _, m in dive.sent if wire.name(m) == "COMMAND_LONG"]
@@ -235,20 +236,20 @@ def test_other_parameters_are_not_kept(dive):
     assert dive.upkeep.parameters == {}
 
 
-def test_a_mode_is_asked_once_a_second_until_the_heartbeat_confirms(dive):
-    dive.run(5.0, want_mode=Mode.STABILIZE)
-    asked = dive.times("COMMAND_LONG", 176)
+@pytest.mark.parametrize(
+    ("command", "want", "answer"),
+    [
+        (176, {"want_mode": Mode.STABILIZE}, {"mode": Mode.STABILIZE}),
+        (400, {"want_armed": True}, {"armed": True}),
+    ],
+    ids=["mode", "arming"],
+)
+def test_what_is_wanted_is_asked_once_a_second_until_the_heartbeat_confirms(dive, command, want, answer):
+    dive.run(5.0, **want)
+    asked = dive.times("COMMAND_LONG", command)
     assert 4 <= len(asked) <= 5
-    dive.run(5.0, answer={"mode": Mode.STABILIZE}, want_mode=Mode.STABILIZE)
-    assert dive.times("COMMAND_LONG", 176) == asked
-
-
-def test_arming_is_asked_once_a_second_until_the_heartbeat_confirms(dive):
-    dive.run(5.0, want_armed=True)
-    asked = dive.times("COMMAND_LONG", 400)
-    assert 4 <= len(asked) <= 5
-    dive.run(5.0, answer={"armed": True}, want_armed=True)
-    assert dive.times("COMMAND_LONG", 400) == asked
+    dive.run(5.0, answer=answer, **want)
+    assert dive.times("COMMAND_LONG", command) == asked
 
 
 def test_what_is_not_wanted_is_left_alone(dive):

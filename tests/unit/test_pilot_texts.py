@@ -13,6 +13,8 @@ from companion.records import Condition, PilotAction, PilotCommand, PilotHeartbe
 from companion.telemetry.schemas import Event
 
 C = Condition
+WARNING = mavlink.MAV_SEVERITY_WARNING
+REFUSED = "engage by button: refused: the vehicle is disarmed"
 
 
 class Screen:
@@ -76,12 +78,18 @@ def test_a_state_has_its_severity_its_reason_and_what_to_do(severity, shown):
     ]
 
 
-def test_a_condition_is_told_in_the_words_of_the_table_and_so_is_its_end():
-    screen = Screen()
-    assert screen.tick(begins(C.SATURATED)) == [
-        (mavlink.MAV_SEVERITY_WARNING, f"Holdfast: {C.SATURATED.text}; to do: {C.SATURATED.remedy}")
-    ]
-    assert screen.tick(ends(C.SATURATED)) == [(mavlink.MAV_SEVERITY_INFO, f"Holdfast: {C.SATURATED.ended}")]
+@pytest.mark.parametrize(
+    ("happened", "told"),
+    [
+        (begins(C.SATURATED), [(WARNING, f"Holdfast: {C.SATURATED.text}; to do: {C.SATURATED.remedy}")]),
+        (event("command", "warning", REFUSED), [(WARNING, f"Holdfast: {REFUSED}")]),
+        (event("autopilot", "fault", "Leak Detected"), []),
+        (event("command", "info", "hold depth 5 m: on its way"), []),
+    ],
+    ids=["condition", "refused button", "told by the autopilot", "told by who commands"],
+)
+def test_conditions_and_refusals_are_told_and_what_the_pilot_has_from_elsewhere_is_not(happened, told):
+    assert Screen().tick(happened) == told
 
 
 def test_while_holdfast_does_not_steer_no_condition_begins_for_the_pilot():
@@ -102,30 +110,9 @@ def test_a_fault_is_told_once_and_the_end_of_its_cause():
 
 
 @pytest.mark.parametrize(
-    "silent",
-    [
-        event("autopilot", "fault", "Leak Detected"),
-        event("command", "info", "hold depth 5 m: on its way"),
-    ],
-)
-def test_what_the_pilot_has_from_elsewhere_is_not_repeated(silent):
-    assert Screen().tick(silent) == []
-
-
-def test_a_refused_button_says_why():
-    refused = event("command", "warning", "engage by button: refused: the vehicle is disarmed")
-    assert Screen().tick(refused) == [
-        (
-            mavlink.MAV_SEVERITY_WARNING,
-            "Holdfast: engage by button: refused: the vehicle is disarmed",
-        )
-    ]
-
-
-@pytest.mark.parametrize(
     "again",
     [
-        event("command", "warning", "engage by button: refused: the vehicle is disarmed"),
+        event("command", "warning", REFUSED),
         event("condition", "warning", "another companion of this name came: instance 1"),
         event("state", "info", "follows the path: wall"),
     ],
@@ -184,24 +171,15 @@ def test_what_has_ended_before_it_could_be_told_is_not_told():
 
 @pytest.mark.parametrize("length", [10, 49, 50, 51, 99, 100, 101, 150, 240])
 def test_long_words_come_in_chunks_of_50_whose_last_is_not_full(length):
-    words = "x" * (length - len("Holdfast "))
-    messages = [
-        message
-        for message in Screen().heard(event("state", "info", words))
-        if message.get_type() == "STATUSTEXT"
-    ]
-    assert [text.rstrip() for _, text in joined(messages)] == [f"Holdfast {words}"]
-    assert len({message.id for message in messages}) == 1
-    assert (messages[0].id == 0) == (length <= 50)
-
-
-def test_chunks_of_two_texts_have_two_ids():
-    screen = Screen()
-    first, second = (
-        {m.id for m in screen.heard(event("state", "info", f"{name}: {60 * 'x'}")) if hasattr(m, "chunk_seq")}
-        for name in ("READY", "ACTIVE")
-    )
-    assert not first & second
+    screen, ids = Screen(), set()
+    for letter in "xy":
+        words = letter * (length - len("Holdfast "))
+        heard = screen.heard(event("state", "info", words))
+        messages = [message for message in heard if message.get_type() == "STATUSTEXT"]
+        assert [text.rstrip() for _, text in joined(messages)] == [f"Holdfast {words}"]
+        (identity,) = {message.id for message in messages}
+        ids.add(identity)
+    assert ids == {0} if length <= 50 else len(ids - {0}) == 2, "two texts have two ids"
 
 
 def test_foreign_letters_and_endless_names_cannot_break_a_text():

@@ -81,14 +81,13 @@ def test_a_delayed_link_delays_both_ways():
     assert answer == pytest.approx(0.2, abs=0.011)
 
 
-def test_a_lossy_link_loses_its_share():
-    station = station_with({"kind": "link_lossy", "at_s": 0.0, "value": 0.3})
-    assert len(attitudes(station, 20.0)) == pytest.approx(700, abs=70)
-
-
-def test_a_duplicating_link_says_things_twice():
-    station = station_with({"kind": "link_duplicating", "at_s": 0.0, "value": 1.0})
-    assert len(attitudes(station, 1.0)) == pytest.approx(100, abs=4)
+@pytest.mark.parametrize(
+    ("kind", "share", "seconds", "heard", "within"),
+    [("link_lossy", 0.3, 20.0, 700, 70), ("link_duplicating", 1.0, 1.0, 100, 4)],
+)
+def test_a_link_loses_its_share_or_says_things_twice(kind, share, seconds, heard, within):
+    station = station_with({"kind": kind, "at_s": 0.0, "value": share})
+    assert len(attitudes(station, seconds)) == pytest.approx(heard, abs=within)
 
 
 def test_reboot_disarm_mode_and_parameter_happen_once():
