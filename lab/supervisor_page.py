@@ -120,7 +120,7 @@ def _states() -> Iterator[str]:
         for name, words in STATES.items()
     ]
     yield "\n".join([*lines, ""])
-    courses = "; ".join(f"`{kind}`: {words}" for kind, words in COURSES.items())
+    courses = "; ".join(f"{words} (`{kind}`)" for kind, words in COURSES.items())
     yield f"While ACTIVE, `guidance` of [State](telemetry.md#state) says what Holdfast does: {courses}.\n"
 
 
