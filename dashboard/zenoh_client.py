@@ -77,6 +77,17 @@ class Subscription(SessionThread):
                         messages.append(Message(str(reply.ok.key_expr), reply.ok.payload.to_bytes()))
         return messages
 
+    def companions(self) -> set[str]:
+        """Return the names of the vehicles whose companions run, as their liveliness tokens say. Blocks."""
+        session = self._session
+        names: set[str] = set()
+        if session is not None:
+            with suppress(zenoh.ZError):
+                for reply in session.liveliness().get("holdfast/*/alive/*", timeout=_LAST_S):
+                    if reply.ok is not None:
+                        names.add(str(reply.ok.key_expr).split("/")[1])
+        return names
+
     def ask(self, key: str, payload: bytes = b"", timeout_s: float = _ANSWER_S) -> bytes | None:
         """Return the answer to a query; None if nobody gave one in time. Blocks."""
         session = self._session

@@ -107,12 +107,12 @@ def follow(argv: list[str]) -> int:
     *vehicle, file = (*options.words, "") if options.action else options.words
     if len(vehicle) > 1:
         parser.error(f"one file, and at most one vehicle before it: {' '.join(options.words)}")
-    name = "".join(vehicle)
+    whom = vehicle[0] if vehicle else None
     if options.action:
-        return send("follow", name, "path", {"action": options.action}, options.connect)
+        return send("follow", whom, "path", {"action": options.action}, options.connect)
     try:
         path = path_files.read(Path(file), options.origin)
     except ValueError as error:
         sys.stderr.write(f"holdfast follow: {error}\n")
         return 2
-    return send("follow", name, "follow", {"path": msgspec.to_builtins(path)}, options.connect)
+    return send("follow", whom, "follow", {"path": msgspec.to_builtins(path)}, options.connect)

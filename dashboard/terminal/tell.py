@@ -18,7 +18,8 @@ from holdfast.arguments import command_parser
 
 PATIENCE_S = 5.0
 ALONE_S = 0.3
-"""For so long after the first vehicle others are listened for: each publishes its state 50 times a second."""
+"""For so long after the first companion others are looked for: a router tells of all of them at once."""
+MOST_NAMED = 8
 
 KNOWN = (*COMMANDS, "config")
 
@@ -64,7 +65,7 @@ def main(argv: list[str]) -> int:
     words: list[str] = options.words
     if "record" in words[:2]:
         parser.error("record is no more: `holdfast dashboard --record DIR` has a button")
-    vehicle = words.pop(0) if words[0] not in KNOWN and len(words) > 1 else ""
+    vehicle = words.pop(0) if words[0] not in KNOWN and len(words) > 1 else None
     command, *fields_given = words
     try:
         if command not in KNOWN:
@@ -86,29 +87,32 @@ def order(
     return send(name, options.vehicle, command, what or {}, options.connect)
 
 
-def send(program: str, vehicle: str, command: str, what: Mapping[str, object], connect: str) -> int:
+def send(program: str, vehicle: str | None, command: str, what: Mapping[str, object], connect: str) -> int:
     """Send a command and print the answer; return 1 if it was not done, 2 for what can be no command.
 
     Without a vehicle's name it is the only one that is heard.
     """
     try:
-        if vehicle:
+        if vehicle is not None:
             telemetry.command_key(vehicle, command)  # raises ValueError for what can be no name
-        with Subscription(f"holdfast/{vehicle or '*'}/supervisor", connect) as seen:
+        with Subscription("holdfast/*/alive/none", connect) as seen:
             if not _wait(lambda: seen.connected, PATIENCE_S):
                 sys.stderr.write(
                     f"holdfast {program}: nobody listens on {connect}. Start `holdfast run`, or "
                     "give its address with --connect.\n"
                 )
                 return 1
-            vehicle = vehicle or _only_one(seen)
+            guessed = ""
+            if vehicle is None:
+                vehicle = _only_one(seen)
+                guessed = f" by {printable(vehicle)}"
             if command == "config":
                 return _config(seen, vehicle)
             reply = seen.tell(vehicle, command, what)
     except ValueError as error:
         sys.stderr.write(f"holdfast {program}: {error}\n")
         return 2
-    sys.stdout.write(f"{'done' if reply.done else 'NOT done'}: {printable(reply.said)}\n")
+    sys.stdout.write(f"{'done' if reply.done else 'NOT done'}{guessed}: {printable(reply.said)}\n")
     for name, value in reply.value.items():
         if what and name not in what:
             continue
@@ -121,7 +125,6 @@ def add_vehicle(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "vehicle",
         nargs="?",
-        default="",
         metavar="VEHICLE",
         help="its name, if more than one vehicle is heard",
     )
@@ -129,18 +132,20 @@ def add_vehicle(parser: argparse.ArgumentParser) -> None:
 
 
 def _only_one(seen: Subscription) -> str:
-    """Return the name of the vehicle that is heard; raise ValueError if none or several are."""
+    """Return the name of the vehicle whose companion runs; raise ValueError if none or several do."""
     names: set[str] = set()
 
     def heard() -> bool:
-        names.update(key.split("/")[1] for key, _ in seen.take())
+        names.update(seen.companions())
         return bool(names)
 
     if _wait(heard, PATIENCE_S):
         _wait(lambda: heard() and len(names) > 1, ALONE_S)
     if len(names) != 1:
-        found = f"these are heard: {', '.join(sorted(names))}" if names else "none is heard"
-        raise ValueError(f"which vehicle? {found}; name it before the command")
+        listed = ", ".join(map(printable, sorted(names)[:MOST_NAMED]))
+        raise ValueError(
+            f"which vehicle? {f'these are heard: {listed}' if names else 'none is heard'}; name it"
+        )
     return names.pop()
 
 

@@ -5,7 +5,6 @@ import pytest
 from companion.telemetry.schemas import Reply
 from dashboard import commands
 from dashboard.terminal import tell
-from dashboard.zenoh_client import Message
 
 
 @pytest.fixture
@@ -26,8 +25,8 @@ def sea(monkeypatch):
         def __exit__(self, *_):
             pass
 
-        def take(self):
-            return [Message(f"holdfast/{name}/supervisor", b"") for name in heard]
+        def companions(self):
+            return set(heard)
 
         def tell(self, vehicle, command, what):
             told.append((vehicle, command, what))
@@ -53,6 +52,22 @@ def test_the_only_vehicle_needs_no_name(sea):
     assert told[2][2] == {"action": "hold"}
 
 
+def test_whoever_was_meant_is_named_in_the_answer(sea, capsys):
+    sea[0].append("kelp")
+    commands.release([])
+    assert capsys.readouterr().out == "done by kelp: so it is\n"
+    commands.release(["kelp"])
+    assert capsys.readouterr().out == "done: so it is\n"
+
+
+def test_a_name_that_is_empty_is_no_missing_name(sea, capsys):
+    """A shell's variable that is not set."""
+    heard, told = sea
+    heard.append("kelp")
+    assert commands.engage([""]) == commands.tell(["", "engage"]) == commands.follow(["--pause", ""]) == 2
+    assert not told
+
+
 def test_of_several_one_is_named_before_or_after_the_options(sea):
     heard, told = sea
     heard += ["kelp", "wrack"]
@@ -64,7 +79,11 @@ def test_of_several_one_is_named_before_or_after_the_options(sea):
 
 @pytest.mark.parametrize(
     ("names", "says"),
-    [(["kelp", "wrack"], "these are heard: kelp, wrack"), ([], "none is heard")],
+    [
+        (["kelp", "wrack"], "these are heard: kelp, wrack"),
+        (["\x1b[31mkelp", "wrack"], "these are heard: \\x1b[31mkelp, wrack"),
+        ([], "none is heard"),
+    ],
 )
 def test_which_vehicle_is_asked_where_it_is_not_clear(sea, capsys, names, says):
     heard, told = sea
