@@ -32,6 +32,8 @@ UNITS = Path("/usr/local/lib/systemd/system")
 """systemd's folder for what no package brings; changes of the machine's owner are in /etc/systemd/system."""
 SERIAL = Path("holdfast.service.d/serial.conf")
 CONFIGURATION = Path("/etc/holdfast/companion.toml")
+BEGUN = CONFIGURATION.with_name("installing")
+"""There until a first installation is finished: a repeated one then enables and starts the services too."""
 RUNNING = Path("/run/systemd/system")
 """There while systemd runs; in an image that is being built it is not."""
 USER = "holdfast-record"
@@ -58,9 +60,9 @@ def install(argv: list[str]) -> int:
     removed_option(parser, "--wheels", "pip install --no-index --find-links DIR, before this command")
     remove = parser.parse_args(argv).remove
     _refuse_what_cannot_be(remove=remove)
-    _refuse_while_held()
     os.umask(0o022)
     try:
+        _refuse_while_held()
         if remove:
             _remove()
         else:
@@ -87,7 +89,9 @@ def _install() -> None:
             f"# From link.endpoint in {CONFIGURATION}, by `holdfast install`.\n"
             f"[Service]\nPrivateDevices=no\nDeviceAllow={match[1]} rw\nSupplementaryGroups=dialout\n"
         )
-    first = not any((UNITS / name).exists() for name in ENABLED)
+    first = BEGUN.exists() or not any((UNITS / name).exists() for name in ENABLED)
+    if first:
+        _write(BEGUN, "`holdfast install` was cut off: repeat it\n")
     if not CONFIGURATION.exists():
         _write(CONFIGURATION, DEFAULT_FILE.read_text(encoding="utf-8"))
     if not _is_user(USER):
@@ -106,6 +110,7 @@ def _install() -> None:
     if RUNNING.is_dir():
         _refuse_while_held()  # somebody may have engaged it meanwhile
         _run("systemctl", *(("start", *ENABLED) if first else ("try-restart", ALL)))
+    BEGUN.unlink(missing_ok=True)
     sys.stdout.write(
         f"{'started' if first else 'restarted'}: {PROGRAM} by {UNITS}/{ALL}\n"
         f"next: set link.endpoint and vehicle.preset in {CONFIGURATION}, `systemctl restart holdfast`\n"
@@ -124,6 +129,7 @@ def _remove() -> None:
         path.unlink(missing_ok=True)
     if (UNITS / SERIAL).parent.is_dir():
         (UNITS / SERIAL).parent.rmdir()
+    BEGUN.unlink(missing_ok=True)
     if LINK.is_symlink() and LINK.readlink() == PROGRAM:
         LINK.unlink()
     if RUNNING.is_dir():

@@ -4,6 +4,7 @@ A plan gives latitude and longitude, which become metres north and east of an or
 Without one the path begins where the vehicle is when it starts. Altitude is minus the depth.
 """
 
+import logging
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ from companion.telemetry.degrees import Degrees, metres
 from companion.telemetry.plan import PathPlan
 from holdfast import files, validation
 
+LOG = logging.getLogger("holdfast")
 NAV_WAYPOINT, LAST_NAV, CHANGE_SPEED = 16, 95, 178
 """MAV_CMD: of NAV commands, the numbers up to LAST_NAV, only waypoints are followed; others are left out."""
 
@@ -87,6 +89,8 @@ def _plan(text: str, origin: Degrees | None) -> dict[str, Any]:
         if command != NAV_WAYPOINT:
             if isinstance(command, int) and command < LAST_NAV:
                 raise ValueError(f"{key}.command = {command}: only waypoints ({NAV_WAYPOINT}) are followed")
+            if command != CHANGE_SPEED:
+                LOG.warning("%s.command = %s: is no waypoint, and is left out", key, command)
             continue
         if item.get("frame") not in WGS84_FRAMES:
             raise ValueError(f"{key}.frame = {item.get('frame')!r}: must be one of {WGS84_FRAMES}")

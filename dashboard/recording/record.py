@@ -102,6 +102,7 @@ class RecorderThread(SessionThread):
         try:
             return answer.result(_ANSWER_S)
         except TimeoutError:
+            answer.cancel()  # it shall not act on this later
             return telemetry.Reply(done=False, said=f"the recorder does not answer: {self.said}")
 
     def _open(self) -> zenoh.Session:
@@ -216,6 +217,8 @@ class RecorderThread(SessionThread):
     def _answer(self, recorder: DiveRecorder) -> None:
         while self._switched:
             on, answer = self._switched.popleft()
+            if not answer.set_running_or_notify_cancel():
+                continue
             if on:
                 recorder.start(time.time_ns())
             else:

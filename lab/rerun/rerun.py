@@ -83,8 +83,8 @@ def load(files: Sequence[Path]) -> Tape:
                 old = ticks.setdefault(raw.tick, raw)
                 if old.now_s != raw.now_s:
                     raise RerunError(f"{file}: holds more than one run of the companion (tick {raw.tick})")
-        if not config and (text := reader.metadata.get("config", {}).get("json")):
-            config = msgspec.json.decode(text, type=dict[str, dict[str, Any]])
+        if not config:
+            config = _recorded(reader.metadata.get("config", {}))
         if not reader.whole:
             notes.append(f"{file.name} was cut; what is whole of it was used")
     if not ticks:
@@ -98,6 +98,17 @@ def load(files: Sequence[Path]) -> Tape:
     for previous, following in gaps[:5]:
         notes.append(f"ticks {previous + 1} to {following - 1} are missing: what follows may differ by that")
     return Tape([ticks[number] for number in numbers], config, notes)
+
+
+def _recorded(table: Mapping[str, str]) -> dict[str, dict[str, Any]]:
+    """Return the configuration that a file holds: one JSON text, or in older files a text for each key."""
+    if text := table.get("json"):
+        return msgspec.json.decode(text, type=dict[str, dict[str, Any]])
+    config: dict[str, dict[str, Any]] = {}
+    for key, text in table.items():
+        section, _, name = key.partition(".")
+        config.setdefault(section, {})[name] = msgspec.json.decode(text)
+    return config
 
 
 def configured(tape: Tape, overrides: Sequence[str] = (), file: Path | None = None) -> Config:

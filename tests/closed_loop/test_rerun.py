@@ -153,6 +153,19 @@ def test_other_gains_are_a_table(
     assert float(rows["heave"][3].rstrip("%")) > 1.0
 
 
+def test_the_configuration_of_an_older_file_has_a_text_for_each_key(
+    dive: list[telemetry.Raw], tmp_path: Path
+) -> None:
+    recording = Recording(tmp_path / "x.mcap")
+    recording.describe("config", {"heave.kappa_per_s": "7.5", "vehicle.frame": '"vectored_6dof"'})
+    key, encoding = telemetry.raw_key("kelp")
+    recording.add(Item(key, encoding, msgspec.msgpack.encode(dive[20]), 1, 1))
+    recording.close()
+    tape = load([tmp_path / "x.mcap"])
+    assert configured(tape).heave.kappa_per_s == 7.5
+    assert not [note for note in tape.notes if "no configuration" in note]
+
+
 def test_what_is_missing_is_said(dive: list[telemetry.Raw], tmp_path: Path) -> None:
     path = written(tmp_path / "x.mcap", [*dive[50:100], *dive[110:]], load_config())
     path.write_bytes(path.read_bytes()[:-500])

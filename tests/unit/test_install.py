@@ -12,7 +12,7 @@ from companion.config import DEFAULT_FILE
 from holdfast import install as installing
 
 SERIAL = '[link]\nendpoint = "serial:/dev/ttyAMA0:921600"\n'
-ROOTS = ("UNITS", "CONFIGURATION", "LINK", "RUNNING")
+ROOTS = ("UNITS", "CONFIGURATION", "BEGUN", "LINK", "RUNNING")
 
 
 @dataclass
@@ -88,6 +88,24 @@ def test_again_it_keeps_the_configuration_and_what_was_disabled_and_starts_afres
     assert installing.CONFIGURATION.read_text() == mine
     assert "ExecStart" in (installing.UNITS / "holdfast.service").read_text()
     assert machine.told == [("systemctl", "daemon-reload"), ("systemctl", "try-restart", "holdfast*.service")]
+
+
+@pytest.mark.parametrize("fails", ["daemon-reload", "enable", "start"])
+def test_an_installation_that_was_cut_off_is_finished_by_repeating_it(machine, monkeypatch, capsys, fails):
+    def run(*argv):
+        if fails in argv:
+            raise subprocess.CalledProcessError(1, argv, "", "no memory")
+        return machine.run(*argv)
+
+    monkeypatch.setattr(installing, "_run", run)
+    assert install() == 1
+    assert "repeat this command" in capsys.readouterr().err
+    monkeypatch.setattr(installing, "_run", machine.run)
+    machine.told.clear()
+    assert install() == 0
+    assert ("systemctl", "enable", *installing.ENABLED) in machine.told
+    assert ("systemctl", "start", *installing.ENABLED) in machine.told
+    assert not installing.BEGUN.exists()
 
 
 def test_a_configuration_that_cannot_be_is_refused_before_anything_changes(machine, capsys):

@@ -61,7 +61,7 @@ depth_m = 2.5
     assert build(plan, limits(load_config())).length_m > 8.0
 
 
-def test_a_plan_of_qgroundcontrol_gives_waypoints_holds_radii_headings_and_speed(tmp_path):
+def test_a_plan_of_qgroundcontrol_gives_waypoints_holds_radii_headings_and_speed(tmp_path, caplog):
     speed = {"type": "SimpleItem", "command": 178, "frame": 2, "params": [1, 0.15, -1, 0, 0, 0, 0]}
     camera = {"type": "SimpleItem", "command": 206, "frame": 2, "params": [0.5, 0, 1, 0, 0, 0, 0]}
     items = [item(8, 0, -2), camera, item(8, 6, -2)]
@@ -70,6 +70,7 @@ def test_a_plan_of_qgroundcontrol_gives_waypoints_holds_radii_headings_and_speed
         tmp_path, "dam.plan", qgc(speed, item(0, 0, -2, hold=4), item(5, 0, -2, radius=1.5, yaw=90), survey)
     )
     plan = read(file, ORIGIN)
+    assert ["command = 206: is no waypoint" in text for text in caplog.messages] == [True]
     assert places(plan) == [(0.0, 0.0, 2.0), (5.0, 0.0, 2.0), (8.0, 0.0, 2.0), (8.0, 6.0, 2.0)]
     assert plan.speed_mps == 0.15
     assert (plan.waypoint[0].wait_s, plan.waypoint[1].corner_m, plan.waypoint[1].heading_deg) == (
