@@ -16,7 +16,7 @@ from holdfast import DONE, FAILED, REFUSED
 from holdfast.arguments import command_parser, removed_option
 
 EXAMPLES = """\
-example:
+examples:
   holdfast replay dives/kelp-20261121T101500Z.mcap        then open holdfast dashboard and choose kelp-replay
 
 The replay has another name, so that nobody takes it for a live vehicle: kelp becomes kelp-replay. The command

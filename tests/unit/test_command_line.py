@@ -232,17 +232,18 @@ def test_a_port_that_is_taken_is_named(command, capsys):
     assert "Traceback" not in said
 
 
-def test_run_names_who_has_its_port_and_leaves_no_traceback():
+def test_run_says_what_names_who_has_its_port_and_leaves_no_traceback():
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as held:
         held.bind(("127.0.0.1", 0))
         settings = (
             f"link.endpoint=udp-listen:127.0.0.1:{held.getsockname()[1]}",
             f"telemetry.endpoint=tcp/127.0.0.1:{free_port()}",
         )
+        port = held.getsockname()[1]
         command = [sys.executable, "-m", "holdfast", "run", *(f"--set={setting}" for setting in settings)]
         done = subprocess.run(command, capture_output=True, text=True, timeout=30, check=False)
     assert done.returncode == 1
-    assert f"(process {os.getpid()}); end that, or choose another port" in done.stderr
+    assert f"`sudo ss -ulnp sport = :{port}` names; end that, or choose another port" in done.stderr
     assert "Traceback" not in done.stderr
 
 

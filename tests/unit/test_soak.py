@@ -89,7 +89,7 @@ def test_a_lost_record_or_a_dead_process_ends_with_1(
     assert ("ended" in written["error"]) == dies
 
 
-GONE = ("bench process", "bench zenoh", "bench fleet", "bench dashboard", "demo --dvl")
+GONE = ("lab bench process", "lab bench zenoh", "lab bench fleet", "lab bench dashboard", "demo --dvl")
 
 
 @pytest.mark.parametrize("command", GONE)
