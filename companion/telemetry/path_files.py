@@ -82,6 +82,7 @@ def _plan(text: str, origin: Degrees | None) -> dict[str, Any]:
     places: list[tuple[float, float, float | None]] = []
     more: list[dict[str, Any]] = []
     speed = None
+    left_out: set[int] = set()
     for key, item in _simple_items(items, "mission.items"):
         command, params = item.get("command"), item.get("params")
         if command == CHANGE_SPEED and isinstance(params, list) and len(params) > 1 and speed is None:
@@ -89,8 +90,8 @@ def _plan(text: str, origin: Degrees | None) -> dict[str, Any]:
         if command != NAV_WAYPOINT:
             if isinstance(command, int) and command < LAST_NAV:
                 raise ValueError(f"{key}.command = {command}: only waypoints ({NAV_WAYPOINT}) are followed")
-            if command != CHANGE_SPEED:
-                LOG.warning("%s.command = %s: is no waypoint, and is left out", key, command)
+            if isinstance(command, int) and command != CHANGE_SPEED:
+                left_out.add(command)
             continue
         if item.get("frame") not in WGS84_FRAMES:
             raise ValueError(f"{key}.frame = {item.get('frame')!r}: must be one of {WGS84_FRAMES}")
@@ -109,6 +110,8 @@ def _plan(text: str, origin: Degrees | None) -> dict[str, Any]:
         more.append(extra)
     found = _local(places, origin)
     found["waypoint"] = [place | extra for place, extra in zip(found["waypoint"], more, strict=True)]
+    if left_out:
+        LOG.warning("mission.items: commands %s are no waypoints, and are left out", sorted(left_out)[:9])
     return found | ({"speed_mps": speed} if speed else {})
 
 

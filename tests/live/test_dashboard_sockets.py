@@ -103,7 +103,7 @@ async def test_who_reads_nothing_takes_little_memory_and_is_dropped(monkeypatch:
             made.append(self)
 
     monkeypatch.setattr(connections, "Connection", Noted)
-    monkeypatch.setattr(app, "Fleet", lambda _: seen)
+    monkeypatch.setattr(app, "Fleet", lambda: seen)
     async with served() as opened, AsyncExitStack() as stack:
         await opened(1)  # it reads
         assert made[0].transport is not None
