@@ -5,8 +5,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from holdfast import RefusedError
-from holdfast.arguments import command_parser
+from holdfast.arguments import command_parser, removed_option
 
 if TYPE_CHECKING:
     from sim_bridge.fault_kinds import Fault
@@ -50,8 +49,6 @@ Exit status: 0 it begins, 1 no simulator takes faults there.
 
 def sim(argv: list[str]) -> int:
     """Simulate an ArduSub vehicle that speaks MAVLink."""
-    if any(word.startswith("--inject") for word in argv):
-        raise RefusedError("--inject is now `holdfast fault`")
     about = "Simulate an ArduSub vehicle in the water: MAVLink over UDP and TCP, in real time."
     parser = command_parser("sim", about, EXAMPLES)
     add = parser.add_argument
@@ -79,6 +76,7 @@ def sim(argv: list[str]) -> int:
     )
     said = "take faults over Zenoh while it runs, from everybody at the endpoint"
     add("--live-faults", action="store_true", help=said)
+    removed_option(parser, "--inject", "`holdfast fault` sends one")
     add("--list", action="store_true", help="list vehicles, dives and kinds of faults, and end")
     said = "random seed of sea and noise (default: %(default)s)"
     add("--seed", metavar="N", type=_seed, default=1, help=said)

@@ -95,7 +95,7 @@ def send(program: str, vehicle: str | None, command: str, what: Mapping[str, obj
     try:
         if vehicle is not None:
             telemetry.command_key(vehicle, command)  # raises ValueError for what can be no name
-        with Subscription("holdfast/*/alive/none", connect) as seen:
+        with Subscription("holdfast/*/alive/none", connect) as seen:  # nothing comes there: it only asks
             if not _wait(lambda: seen.connected, PATIENCE_S):
                 sys.stderr.write(
                     f"holdfast {program}: nobody listens on {connect}. Start `holdfast run`, or "
