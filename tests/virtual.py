@@ -169,10 +169,11 @@ class Dive:
         signing=None,
         pilot=False,
         firmware=None,
+        surveyed=True,
     ):
         config = config or load_config(overrides=(*companion, *(WITH_PILOT if pilot else ())))
         body = load_plant(ROOT / "config" / base, (*CALM, *plant))
-        self.vehicle = Firmware(firmware, body, seed) if firmware else Vehicle(body, seed)
+        self.vehicle = Firmware(firmware, body, seed, surveyed=surveyed) if firmware else Vehicle(body, seed)
         self.engine = Engine(config, setpoint or hold(), arm=arm, signing=signing)
         cockpit = Cockpit(config, signing) if pilot else None
         if cockpit is not None:

@@ -164,7 +164,7 @@ def engaging(
 
     The real `firmware` takes the place of our stand-in. Where `surveyed`, the EKF is told its origin.
     """
-    with vehicle_of(plant, seed, firmware) as vehicle:
+    with vehicle_of(plant, seed, firmware, surveyed=surveyed) as vehicle:
         if surveyed:
             survey(vehicle)
         loop = Lockstep(vehicle, Engine(config, setpoint, arm=True), link, seed, config.loop.rate_hz)

@@ -17,8 +17,9 @@ firmware advance together, as fast as the machine allows, and the same configura
 far as the firmware repeats itself.
 
 Boot: the body is held at the surface for BOOT_S while the firmware starts and its EKF settles, a ground
-station sets the EKF's origin, and the body is lowered to `initial.eta`. `time_s` is 0 after that, and so is
-the time of the sea: the same seed gives the sea that our stand-in gets.
+station sets the EKF's origin where the dive is `surveyed`, and the body is lowered to `initial.eta`. `time_s`
+is 0 after that, and so is the time of the sea: the same seed gives the sea that our stand-in gets. The usual
+BlueROV2 has neither origin nor home; relative_alt of ArduSub 4.5 is then the barometer.
 
 Parameters: those of NEEDED, of the configuration's frame, battery, water and DVL, and last its `parameters`.
 Faults: those that FAULT_KINDS allows on the firmware; the others are refused, because they would have to
@@ -94,8 +95,7 @@ NEEDED: dict[str, float] = {
     "AHRS_EKF_TYPE": 3,  # newer firmware in lockstep otherwise uses the simulated truth (10), and no EKF
     "LOG_BACKEND_TYPE": 0,
     "BATT_MONITOR": 4,
-    "SIM_GPS1_ENABLE": 0,
-    "GPS1_TYPE": 0,
+    **{"SIM_GPS1_ENABLE": 0, "GPS1_TYPE": 0, "SIM_GPS_DISABLE": 1, "GPS_TYPE": 0},  # the last two: 4.5
     "EK3_SRC1_POSXY": 0,
     "EK3_SRC1_VELXY": 0,
     "SERIAL2_PROTOCOL": 2,
@@ -205,8 +205,10 @@ class Firmware:
 
     step_s: float = STEP_S
 
-    def __init__(self, program: Path, config: SimConfig, seed: int) -> None:
+    def __init__(self, program: Path, config: SimConfig, seed: int, *, surveyed: bool = True) -> None:
         """Start it and wait until it has settled (see the module's text), disarmed, in its start-up mode.
+
+        Unless `surveyed` its EKF is told no origin, and it sets no home.
 
         Raises:
             FirmwareError: it does not start, stops, or does not know a parameter of the configuration.
@@ -215,6 +217,7 @@ class Firmware:
         self.time_s = 0.0
         self._steps = 0
         self._config = config
+        self._surveyed = surveyed
         self._body = DrivenBody(Physics(config, seed), config.battery.voltage_v)
         self._faults = Faults(config.faults, np.random.default_rng(seed).spawn(3)[2])
         for fault in config.faults:
@@ -395,12 +398,13 @@ class Firmware:
         raise FirmwareError("\n  ".join([f"the firmware {how}; it said last:", *last]))
 
     def _settle(self) -> None:
-        """Boot at the surface, set the origin, lower the body, and let the EKF settle."""
+        """Boot at the surface, set the origin if it is surveyed, lower the body, and let the EKF settle."""
         self._wait(lambda: self._held_s >= 0.5 * self._boot_s and self._mode >= 0, self._boot_s + 10.0)
         names = {name: (name, LATER_NAMES.get(name, (name, 1.0))[0]) for name in self._config.parameters}
         for name in chain.from_iterable(names.values()):
             self._say(mavlink.MAVLink_param_request_read_message(SYSTEM, COMPONENT, name.encode("ascii"), -1))
-        self._say(mavlink.MAVLink_set_gps_global_origin_message(SYSTEM, *ORIGIN_DEG_E7, 0))
+        if self._surveyed:
+            self._say(mavlink.MAVLink_set_gps_global_origin_message(SYSTEM, *ORIGIN_DEG_E7, 0))
         self._wait(lambda: self._held_s >= self._boot_s + LOWERING_S + SETTLED_S, self._boot_s + 60.0)
         if unknown := [name for name, of in names.items() if self._heard_parameters.keys().isdisjoint(of)]:
             raise FirmwareError(f"the firmware does not know the parameter {', '.join(sorted(unknown))}")
@@ -455,12 +459,14 @@ class Firmware:
 
 
 @contextmanager
-def vehicle_of(config: SimConfig, seed: int, firmware: Path | None) -> Iterator[Vehicle | Firmware]:
+def vehicle_of(
+    config: SimConfig, seed: int, firmware: Path | None, *, surveyed: bool = True
+) -> Iterator[Vehicle | Firmware]:
     """Give the vehicle of a dive: the real firmware in `firmware`, or our stand-in if that is None."""
     if firmware is None:
         yield Vehicle(config, seed)
         return
-    with Firmware(firmware, config, seed) as vehicle:
+    with Firmware(firmware, config, seed, surveyed=surveyed) as vehicle:
         yield vehicle
 
 

@@ -99,7 +99,7 @@ def truths(
     config = scenario.plant(plant, scenario.seed)
     config = replace(config, parameters=config.parameters | parameters)
     station = GroundStation()
-    with vehicle_of(config, scenario.seed, firmware) as vehicle:
+    with vehicle_of(config, scenario.seed, firmware, surveyed=config.sensors.positioned) as vehicle:
         yield from steered(
             vehicle,
             link,

@@ -8,10 +8,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from virtual import Dive
 
 from companion.config import load_config
 from companion.engine import Engine
-from companion.records import Request, Setpoint, State
+from companion.records import GlobalOrigin, Request, Setpoint, State
 from lab.loop import firmware
 from lab.loop.firmware import Firmware, FirmwareError, held, parameters_of, program
 from lab.loop.lockstep import LinkDelay, Lockstep
@@ -72,6 +73,15 @@ def test_a_dive_repeats_itself_even_when_frames_come_twice(fake, monkeypatch, wr
     monkeypatch.setenv("FAKE_ARDUSUB", wrong)
     again = dived(fake, 4.0)
     assert [step.truth.eta.tolist() for step in once] == [step.truth.eta.tolist() for step in again]
+
+
+@pytest.mark.parametrize("surveyed", [True, False])
+def test_its_ekf_has_an_origin_where_the_dive_is_surveyed_alone(fake, surveyed):
+    dive = Dive(engage=False, firmware=fake, surveyed=surveyed)
+    assert isinstance(dive.vehicle, Firmware)
+    with dive.vehicle:
+        events = [event for _ in range(200) for event in (dive.run(0.02), dive.engine.events)[1]]
+    assert any(isinstance(event, GlobalOrigin) for event in events) is surveyed
 
 
 def test_a_reboot_in_mid_dive_leaves_the_body_in_the_water_and_the_loop_running(fake):
