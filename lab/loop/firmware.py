@@ -405,8 +405,10 @@ class Firmware:
             self._say(mavlink.MAVLink_param_request_read_message(SYSTEM, COMPONENT, name.encode("ascii"), -1))
         if self._surveyed:
             self._say(mavlink.MAVLink_set_gps_global_origin_message(SYSTEM, *ORIGIN_DEG_E7, 0))
-            # 4.5 sets no home by itself where it has no position.
-            self._command(mavlink.MAV_CMD_DO_SET_HOME, 0, 0, 0, 0, *(1e-7 * value for value in ORIGIN_DEG_E7))
+            # 4.5 sets no home by itself where it has no position, and takes none before it has its origin.
+            self._wait(lambda: self._held_s >= self._boot_s, self._boot_s + 10.0)
+            home = (mavlink.MAV_FRAME_GLOBAL, mavlink.MAV_CMD_DO_SET_HOME, *[0] * 6, *ORIGIN_DEG_E7, 0)
+            self._say(mavlink.MAVLink_command_int_message(SYSTEM, COMPONENT, *home))
         self._wait(lambda: self._held_s >= self._boot_s + LOWERING_S + SETTLED_S, self._boot_s + 60.0)
         if unknown := [name for name, of in names.items() if self._heard_parameters.keys().isdisjoint(of)]:
             raise FirmwareError(f"the firmware does not know the parameter {', '.join(sorted(unknown))}")
