@@ -186,7 +186,9 @@ def parameters(partner: Partner) -> Answers:
 
 
 def _values(heard: Heard) -> list[tuple[str, float, int]]:
-    return [(m.param_id, round(m.param_value, 4), m.param_index) for m in heard.of("PARAM_VALUE")]
+    """Return what was told; the count of the board's hours is told by itself."""
+    told = (m for m in heard.of("PARAM_VALUE") if m.param_id != "STAT_RUNTIME")
+    return [(m.param_id, round(m.param_value, 4), m.param_index) for m in told]
 
 
 def arming(partner: Partner) -> Answers:
@@ -240,7 +242,9 @@ def steering(partner: Partner) -> Answers:
         partner.sticks = manual()
         partner.listen(0.3)
         partner.sticks = message
-        yield name, _outputs(partner.listen(0.4))
+        heard = partner.listen(0.4)
+        yield name, _outputs(heard)
+        yield f"{name}: channels", heard.last("RC_CHANNELS").chancount
     partner.sticks = None
     for name, message, system, component in (
         ("from system 254", manual(x=500), 254, 190),
@@ -265,7 +269,7 @@ def _outputs(heard: Heard) -> tuple[Any, ...]:
     return (
         [getattr(servos, f"servo{number}_raw") for number in range(1, 9)],
         [getattr(channels, f"chan{number}_raw") for number in range(1, 11)],
-        (channels.chancount, channels.rssi),
+        channels.rssi,
     )
 
 
@@ -317,7 +321,6 @@ def routing(partner: Partner) -> Answers:
     yield "COMMAND_INT", result(heard, REQUEST)
     found = heard.last("AUTOPILOT_VERSION")
     yield "capabilities but for files", found.capabilities & ~mavlink.MAV_PROTOCOL_CAPABILITY_FTP
-    yield "version", found.flight_sw_version >> 16
     heard = partner.ask(mavlink.MAVLink_timesync_message(0, 123456789))
     yield "TIMESYNC", [m.ts1 for m in heard.of("TIMESYNC") if m.tc1]
     heard = partner.ask(mavlink.MAVLink_set_mode_message(1, 1, 0))
