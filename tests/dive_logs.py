@@ -3,8 +3,10 @@
 import json
 import math
 import struct
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -99,10 +101,12 @@ def write_csv(one: Dive, path: Path, *, speeds: bool = True) -> Path:
     return path
 
 
-def frames(one: Dive, k: int, *, speeds: bool = True) -> list[bytes]:
+def frames(
+    one: Dive, k: int, *, speeds: bool = True, source: tuple[int, int] = (1, 1), boot_s: float = 5.0
+) -> list[bytes]:
     """Return the vehicle's MAVLink frames of row k."""
-    link = mavlink.MAVLink(None, 1, 1)
-    boot_ms = 5000 + round(1e3 * float(one.t_s[k]))
+    link = mavlink.MAVLink(None, *source)
+    boot_ms = round(1e3 * (boot_s + float(one.t_s[k])))
     r = float(one.velocity[k, 3])
     heading = math.remainder(float(one.heading[k]), 2.0 * math.pi)
     messages = [
@@ -131,6 +135,56 @@ def write_tlog(one: Dive, path: Path, *, speeds: bool = True) -> Path:
     return path
 
 
+SERVO_OUTPUT_RAW = 36
+ACTS: dict[str, Any] = {
+    "armed": True,
+    "mode": 19,
+    "gain": 0.5,
+    "sender": 255,
+    "target": 1,
+    "named": (),
+    "override": False,
+}
+
+
+def steering(one: Dive, k: int, *, throttle_gain: float = 1.0, **changed: Any) -> list[bytes]:
+    """Return what steers the vehicle in row k, and what it says of its own arming, mode and gains."""
+    how = ACTS | changed
+    vehicle, station = mavlink.MAVLink(None, 1, 1), mavlink.MAVLink(None, how["sender"], 190)
+    sent = []
+    if k % 10 == 0:
+        mode = 0x51 | (0x80 if how["armed"] else 0)
+        named = ([] if how["gain"] is None else [("PilotGain", how["gain"])]) + [*how["named"]]
+        sent = [
+            mavlink.MAVLink_heartbeat_message(12, 3, mode, how["mode"], 4, 3),
+            mavlink.MAVLink_param_value_message(b"JS_THR_GAIN", throttle_gain, 9, 1, 0),
+            *(mavlink.MAVLink_named_value_float_message(0, key.encode(), value) for key, value in named),
+        ]
+    u, v, w, r = one.sticks[k].tolist()
+    if how["override"]:
+        us = [round(1500 + 400 * x) for x in (0.0, 0.0, -w, r, u, v)]
+        steers = mavlink.MAVLink_rc_channels_override_message(how["target"], 1, *us, 65535, 65535)
+    else:
+        gain = how["gain"] or 1.0
+        x, y, z, turn = np.clip(np.array((u, v, w / throttle_gain, r)) / gain, -1.0, 1.0).tolist()
+        steers = mavlink.MAVLink_manual_control_message(
+            how["target"], round(1e3 * x), round(1e3 * y), round(500 - 500 * z), round(1e3 * turn), 0
+        )
+    return [*(bytes(one.pack(vehicle)) for one in sent), bytes(steers.pack(station))]
+
+
+def write_sticks(one: Dive, path: Path, late: Sequence[float] = (0.0,), **how: Any) -> Path:
+    """Write a ground station's log with outputs at 2 Hz; the vehicle's messages are `late` by turns, s."""
+    rows = []
+    for k, t_s in enumerate(one.t_s.tolist()):
+        rows += [(t_s, frame) for frame in steering(one, k, **how)]
+        told = [frame for frame in frames(one, k) if frame[7] != SERVO_OUTPUT_RAW or k % 10 == 0]
+        rows += [(t_s + late[k % len(late)], frame) for frame in told]
+    rows.sort(key=lambda row: row[0])
+    path.write_bytes(b"".join(struct.pack(">Q", round(1.7e15 + 1e6 * t_s)) + frame for t_s, frame in rows))
+    return path
+
+
 def write_raw_mcap(one: Dive, path: Path) -> Path:
     """Write our recorder's file with raw ticks."""
     recording = Recording(path)
@@ -145,7 +199,7 @@ def write_raw_mcap(one: Dive, path: Path) -> Path:
     return path
 
 
-def write_sample_mcap(one: Dive, path: Path) -> Path:
+def write_sample_mcap(one: Dive, path: Path, *, armed_at: float = 0.0, engaged_at: float = 0.0) -> Path:
     """Write our recorder's file without raw ticks."""
     recording = Recording(path)
     for k, t_s in enumerate(one.t_s.tolist()):
@@ -157,37 +211,54 @@ def write_sample_mcap(one: Dive, path: Path) -> Path:
             "heading_rate_radps": float(one.velocity[k, 3]),
         }
         state |= {"x_rate_mps": north, "y_rate_mps": east, "depth_rate_mps": down, "voltage_v": 16.0}
-        state |= {"depth_m": float(one.place[k, 2])}
+        state |= {"armed": t_s >= armed_at, "mode": 19, "depth_m": float(one.place[k, 2])}
         command = {
             "t_s": t_s,
             **dict(zip(("surge", "sway", "heave", "yaw"), one.sticks[k].tolist(), strict=True)),
         }
         time_ns = round(1e9 * (1.7e9 + t_s))
-        for key, record in (("state", state), ("command", command)):
+        supervisor = {"state": "ACTIVE" if t_s >= engaged_at else "READY"}
+        for key, record in (("state", state), ("supervisor", supervisor), ("command", command)):
             payload = json.dumps(record).encode()
             recording.add(Item(f"holdfast/kelp/{key}", "application/json", payload, time_ns, time_ns))
     recording.close()
     return path
 
 
-def write_blueos_mcap(one: Dive, path: Path) -> Path:
-    """Write what BlueOS' recorder makes of mavlink-server's JSON: a channel for each message."""
+def write_blueos_mcap(
+    one: Dive, path: Path, write: Callable[[dict[str, Any]], dict[str, Any]] = dict, *, whole: bool = True
+) -> Path:
+    """Write what BlueOS' recorder makes of mavlink-server's JSON: each message, in `whole` also its fields.
+
+    `write` is how it writes a message's fields.
+    """
     with path.open("wb") as file:
-        writer = Writer(file, chunk_size=50_000)
+        writer, channels = Writer(file, chunk_size=50_000), {}
         writer.start()
-        channels: dict[str, int] = {}
+
+        def put(topic: str, record: object, t_s: float) -> None:
+            if topic not in channels:
+                schema = writer.register_schema(topic, "jsonschema", b'{"type": "object"}')
+                channels[topic] = writer.register_channel(topic, "json", schema)
+            time_ns = round(1e9 * (1.7e9 + t_s))
+            writer.add_message(channels[topic], time_ns, json.dumps(record).encode(), time_ns)
+
+        if whole:
+            put("services/autopilot-manager/log", {"level": "INFO", "message": "armed"}, 0.0)
         for k, t_s in enumerate(one.t_s.tolist()):
             for frame in frames(one, k):
                 message = mavlink.MAVLink(None).parse_buffer(frame)[0]
                 name = message.get_type()
-                if name not in channels:
-                    schema = writer.register_schema(name, "jsonschema", b'{"type": "object"}')
-                    channels[name] = writer.register_channel(f"mavlink/1/1/{name}", "json", schema)
-                fields = {key: value for key, value in message.to_dict().items() if key != "mavpackettype"}
+                fields = write(
+                    {key: value for key, value in message.to_dict().items() if key != "mavpackettype"}
+                )
                 header = {"system_id": 1, "component_id": 1, "sequence": 0}
-                payload = json.dumps({"header": header, "message": {"type": name, **fields}}).encode()
-                time_ns = round(1e9 * (1.7e9 + t_s))
-                writer.add_message(channels[name], time_ns, payload, time_ns)
+                record = {"header": header, "message": {"type": name, **fields}}
+                if whole:
+                    put("mavlink/out", record, t_s)
+                    for key, value in fields.items():
+                        put(f"mavlink/1/1/{name}/{key}", value, t_s)
+                put(f"mavlink/1/1/{name}", record, t_s)
         writer.finish()
     return path
 
@@ -200,11 +271,12 @@ DATAFLASH = {
     "XKF4": (204, "QBI", "TimeUS,C,SS"),
     "RCOU": (205, "QHHHHHHHH", "TimeUS,C1,C2,C3,C4,C5,C6,C7,C8"),
     "BAT": (206, "QBf", "TimeUS,Inst,Volt"),
+    "ARM": (207, "QB", "TimeUS,ArmState"),
 }
 PACKED = {"Q": "Q", "f": "f", "B": "B", "I": "I", "H": "H", "N": "16s"}
 
 
-def write_dataflash(one: Dive, path: Path, *, speeds: bool = True) -> Path:
+def write_dataflash(one: Dive, path: Path, *, speeds: bool = True, armed_at: float = 0.0) -> Path:
     """Write a .BIN in which motor 1 is output 3 and the other way round, and motor 2 is reversed."""
     head = b"\xa3\x95"
     with path.open("wb") as file:
@@ -230,6 +302,8 @@ def write_dataflash(one: Dive, path: Path, *, speeds: bool = True) -> Path:
             t_us = round(1e6 * (2.0 + t_s))
             outputs = pwm_us(one.sticks[k])
             outputs[0], outputs[1], outputs[2] = outputs[2], 3000 - outputs[1], outputs[0]
+            if abs(t_s - armed_at) < STEP_S / 2:
+                put("ARM", t_us, 1)
             put("ATT", t_us, 0.0, 0.0, math.degrees(float(one.heading[k])) % 360.0)
             put("RATE", t_us, 0.0, 0.0, math.degrees(float(one.velocity[k, 3])))
             put("XKF1", t_us, 0, *north_east_down(one, k), float(one.place[k, 2]))

@@ -46,6 +46,8 @@ BODY: Final = (0, 1, 2, 5)
 MOVED: Final = 0.03
 """m/s or rad/s: an axis whose velocity changes by less (RMS over a window) did not move."""
 MIN_WINDOWS: Final = 5
+LEAD_S: Final = 0.6
+"""What was demanded so long before still shows: through lag, start and delay."""
 
 KEYS: Final = (
     *((axis, "mass") for axis in AXES),
@@ -90,13 +92,25 @@ class Track:
         for horizon_s in HORIZONS_S:
             whole = np.append(self._whole(horizon_s), np.zeros(self.table.t_s.size, bool))[self.first]
             last = np.where(whole, self.first + round(horizon_s / STEP_S), self.first)
-            changes.append(np.where(whole[:, None], velocity[last] - velocity[self.first], np.nan))
+            whole = whole[:, None] & self.steered(self.first, horizon_s)[:, :4]
+            changes.append(np.where(whole, velocity[last] - velocity[self.first], np.nan))
         return np.asarray(np.stack(changes, axis=1))
+
+    def steered(self, first: NDArray[np.int64], horizon_s: float) -> NDArray[np.bool_]:
+        """Tell of windows from these rows on which demands are known all along and LEAD_S before (n, 6)."""
+        t_s, command_s = self.table.t_s[first], self.table.command_s
+        unknown = np.cumsum(np.isnan(self.table.commands), axis=0)
+        begin = np.searchsorted(command_s, t_s - LEAD_S, "right") - 1
+        end = np.searchsorted(command_s, t_s + horizon_s, "right") - 1
+        before = np.where((begin > 0)[:, None], unknown[begin - 1], 0)
+        return np.asarray(unknown[np.maximum(end, 0)] == before)
 
     @cached_property
     def demands(self) -> Array:
         """What is asked of each motor from each command on, -1..1 (commands, motors)."""
-        return np.asarray(np.clip(self.table.commands @ np.array(FACTORS[self.frame]).T, -1.0, 1.0))
+        return np.asarray(
+            np.clip(np.nan_to_num(self.table.commands) @ np.array(FACTORS[self.frame]).T, -1.0, 1.0)
+        )
 
     def pushes(self, dead_band_us: float) -> Array:
         """Return the push of each motor that runs, from each command on, N (commands, motors)."""

@@ -17,8 +17,6 @@ MAX_GAP_S: Final = 0.6
 """Between two samples that are further apart nothing is known."""
 HOLDS_S: Final = 10.0
 """A battery's voltage, and whether the speed is measured, count for so long."""
-MIN_MOTOR_HZ: Final = 4.0
-"""Outputs of the motors that came more slowly give way to the sticks, where both are there."""
 SLOPE_STEPS: Final = 2
 """A speed from positions is a slope over so many steps to either side."""
 MIN_LENGTH_S, MAX_LENGTH_S = 3.0, 86400.0
@@ -47,7 +45,7 @@ class Table:
     command_s: Array
     """(n,) when each command was given."""
     commands: Array
-    """(n, 6) demands on surge, sway, heave (down), yaw, roll, pitch, -1..1, until the next one."""
+    """(n, 6) demands on surge, sway, heave (down), yaw, roll, pitch, -1..1, until the next; NaN: unknown."""
     voltage_v: Array
     """(n,) of the battery, 16 V where unknown."""
     t_s: Array
@@ -69,7 +67,7 @@ class Streams:
     sticks: list[Sample] = field(default_factory=list)
     """Surge, sway, heave (down), yaw, roll, pitch, -1..1."""
     motors: list[Sample] = field(default_factory=list)
-    """Demand on each motor, -1..1."""
+    """Demand on each motor, -1..1; instead of sticks."""
     voltage: list[Sample] = field(default_factory=list)
     attitude: list[Sample] = field(default_factory=list)
     rates: list[Sample] = field(default_factory=list)
@@ -119,13 +117,11 @@ class Streams:
 
     def _commands(self, frame: str) -> tuple[Array, Array]:
         """Return when there were commands, and which."""
-        sources = [samples for samples in (self.motors, self.sticks) if len(samples) > 1]
-        if not sources:
+        given = self.motors or self.sticks
+        if len(given) < 2:
             raise NoDiveError("holds no commands: neither outputs of the motors nor sticks")
-        if len(sources) == 2 and _rate_hz(self.motors) < MIN_MOTOR_HZ < _rate_hz(self.sticks):
-            sources.reverse()
-        table = np.array(sorted((sample.t_s, *sample.values) for sample in sources[0]))
-        if sources[0] is self.motors:
+        table = np.array(sorted((sample.t_s, *sample.values) for sample in given))
+        if self.motors:
             factors = np.array(FACTORS[frame])
             count = min(len(factors), table.shape[1] - 1)
             return table[:, 0], table[:, 1 : 1 + count] @ np.linalg.pinv(factors[:count]).T
@@ -149,11 +145,6 @@ class Streams:
         return np.column_stack(
             (np.where(aided, u, np.nan), np.where(aided, v, np.nan), np.where(aided, w, alone))
         )
-
-
-def _rate_hz(samples: Sequence[Sample]) -> float:
-    times = np.sort([sample.t_s for sample in samples])
-    return float(1.0 / max(np.median(np.diff(times)), 1e-3))
 
 
 def _on(t_s: Array, samples: Sequence[Sample], count: int, *, angles: bool = False) -> Array:

@@ -68,7 +68,8 @@ def _first(track: Track) -> NDArray[np.int64]:
     table, rows = track.table, round(LENGTH_S / STEP_S)
     state = np.column_stack((table.attitude[:, :2], table.velocity[:, 3:5]))
     good = np.isfinite(state).all(axis=1) & (np.abs(state[:, :2]).max(axis=1) < MAX_ROLL_RAD)
-    return np.flatnonzero(good[:-rows] & good[rows:])
+    first = np.flatnonzero(good[:-rows] & good[rows:])
+    return first[track.steered(first, LENGTH_S).all(axis=1)]
 
 
 def _rates_after(track: Track, first: NDArray[np.int64], wrench: Array, values: Array) -> Array:

@@ -19,7 +19,7 @@ from companion.identify.samples import Table
 from companion.records import AXES
 from holdfast import RefusedError
 from holdfast.arguments import command_parser
-from lab.identify.outcome import conclude
+from lab.identify.outcome import conclude, held
 from lab.identify.readers import read
 
 SHOWN_BYTES: Final = 4 << 20
@@ -75,12 +75,14 @@ def test(arguments: argparse.Namespace, vehicle: VehicleFile) -> int:
     """Score a vehicle on logs."""
     theta = parameters(vehicle)
     scores = {}
-    for table in tables_of(arguments.test, vehicle):
+    tables = tables_of(arguments.test, vehicle)
+    for table in tables:
         track = Track(table, vehicle.vehicle.frame)
         scores[table.name] = {f"{horizon_s:g}": score([track], theta, horizon_s) for horizon_s in HORIZONS_S}
     if arguments.json:
         sys.stdout.write(json.dumps(scores) + "\n")
         return 0
+    sys.stdout.write("\n".join(line for table in tables for line in held(table)) + "\n")
     printed = Printed(box=box.SIMPLE_HEAD, pad_edge=False, title="1 - R² of the change of velocity")
     for column in ("log", "ahead", *AXES, "windows"):
         printed.add_column(column, justify="left" if column == "log" else "right")

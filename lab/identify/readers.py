@@ -7,22 +7,26 @@ dive, and OSError.
 import contextlib
 import csv
 import math
+import operator
 import os
 import struct
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
 import msgspec
+import numpy as np
 
 from companion.identify.samples import ABSURD, NoDiveError, Sample, Streams, Table
 from companion.mavlink.frames import frame_at
 from companion.mavlink.messages import is_known, message_name
-from companion.records import AXES
+from companion.records import AXES, State
 from companion.telemetry.schemas import Raw
 from dashboard.recording.mcap_file import MAGIC, Reader
-from lab.identify.telemetry import USED, Telemetry, aided, motors_of
+from lab.identify.steering import DIRECT, MANUAL, UNKNOWN, latest
+from lab.identify.telemetry import EXTENSIONS, USED, Telemetry, aided, motors_of, not_read
 
 Progress = Callable[[float], None]
 
@@ -35,8 +39,12 @@ MEASURED: Final = {
 }
 """Columns of a CSV by the stream that they fill."""
 DATAFLASH: Final = b"\xa3\x95"
-DATAFLASH_USED: Final = ["ATT", "RATE", "IMU", "XKF1", "XKF4", "RCOU", "BAT", "PARM"]
+DATAFLASH_USED: Final = ["ATT", "RATE", "IMU", "XKF1", "XKF4", "RCOU", "BAT", "PARM", "ARM"]
 USED_IDS: Final = {number for number in range(1 << 10) if is_known(number) and message_name(number) in USED}
+STEERS: Final = {State.ACTIVE, State.RAMP_DOWN, State.HAND_OVER}
+"""States of the supervisor in which Holdfast's commands are sent."""
+MAX_TOPIC = 60
+"""So much of a topic is quoted."""
 MAX_ROWS: Final = 4_000_000
 MAX_LINE: Final = 4096
 MAX_TLOG_BYTES: Final = 1 << 31
@@ -45,33 +53,40 @@ MAX_SILENCE_S: Final = 10.0
 EVERY: Final = 4096
 """So many samples between two reports of progress."""
 KINDS: Final = ".BIN, .tlog, .mcap, or a CSV with a column t_s"
+ROS_MAGIC: Final = (b"#ROSBAG", b"SQLite format 3")
 ROS: Final = "ROS bags are not read: docs/identify.md has a script that makes a CSV of one"
 
 
-def read(path: Path, frame: str, progress: Progress = lambda share: None) -> Table:
-    """Read a log of any kind; `frame` says which motors serve which axis."""
-    if path.is_dir() or path.suffix in (".bag", ".db3"):
+def kind_of(path: Path) -> str:
+    """Return "MCAP", "dataflash", "CSV" or "telemetry" by a file's content, else raise NoDiveError."""
+    if path.is_dir() or path.suffix.lower() in (".bag", ".db3"):
         raise NoDiveError(ROS)
     with path.open("rb") as file:
         head = file.read(4096)
     if not head:
         raise NoDiveError("is empty")
+    if head.startswith(ROS_MAGIC):
+        raise NoDiveError(ROS)
     if head.startswith(MAGIC):
-        streams = _mcap(path, progress)
-    elif head.startswith(DATAFLASH):
-        streams = _dataflash(path, progress)
-    elif b"t_s" in head.partition(b"\n")[0]:
-        streams = _csv(path, progress)
-    elif path.suffix == ".tlog" or (len(head) > 8 and head[8] in (0xFD, 0xFE)):
-        streams = _tlog(path, progress)
-    else:
-        raise NoDiveError(f"is no log that is known: {KINDS}")
-    return streams.table(str(path), frame)
+        return "MCAP"
+    if head.startswith(DATAFLASH):
+        return "dataflash"
+    if b"t_s" in head.partition(b"\n")[0]:
+        return "CSV"
+    if path.suffix.lower() == ".tlog" or (len(head) > 8 and head[8] in (0xFD, 0xFE)):
+        return "telemetry"
+    raise NoDiveError(f"is no log that is known: {KINDS}")
+
+
+def read(path: Path, frame: str, progress: Progress = lambda share: None) -> Table:
+    """Read a log of any kind; `frame` says which motors serve which axis."""
+    readers = {"MCAP": _mcap, "dataflash": _dataflash, "CSV": _csv, "telemetry": _tlog}
+    return readers[kind_of(path)](path, progress).table(str(path), frame)
 
 
 def _csv(path: Path, progress: Progress) -> Streams:
     """Read the columns of docs/identify.md; a row has commands or measurements, or both."""
-    streams, size = Streams(), path.stat().st_size
+    streams, size, unread = Streams(), path.stat().st_size, Counter[str]()
     with path.open(encoding="utf-8", errors="replace", newline="") as file:
         lines = (line[:MAX_LINE] for line in iter(lambda: file.readline(MAX_LINE), ""))
         reader = csv.DictReader(lines)
@@ -87,29 +102,35 @@ def _csv(path: Path, progress: Progress) -> Streams:
                     raise NoDiveError(f"has more than {MAX_ROWS} rows: cut it into parts")
                 if number % EVERY == 0:
                     progress(min(number * 90 / size, 1.0))
-                _take_row(streams, row)
+                _take_row(streams, row, unread)
         except csv.Error as error:
             raise NoDiveError(f"row {number + 2} cannot be read: {error}") from error
+    streams.notes += not_read(unread)
     return streams
 
 
-def _take_row(streams: Streams, row: Mapping[str, Any]) -> None:
-    t_s = _number(row.get("t_s"))
+def _take_row(streams: Streams, row: Mapping[str, Any], unread: Counter[str]) -> None:
+    def numbers(*columns: str) -> tuple[float, ...]:
+        return tuple(_number(row.get(column), column, unread) for column in columns)
+
+    (t_s,) = numbers("t_s")
     if not math.isfinite(t_s):
         return
-    sticks = [_number(row.get(name)) for name in STICKS]
+    sticks = numbers(*STICKS)
     if any(map(math.isfinite, sticks)):
         streams.sticks.append(Sample(t_s, tuple(0.0 if x != x else x for x in sticks)))
     for name, columns in MEASURED.items():
-        values = tuple(_number(row.get(column)) for column in columns)
+        values = numbers(*columns)
         if any(map(math.isfinite, values)):
             getattr(streams, name).append(Sample(t_s, values))
 
 
-def _number(text: object) -> float:
+def _number(text: object, column: str, unread: Counter[str]) -> float:
+    """Return a cell's number, NaN for an empty one and, counted, for one that holds none."""
     try:
         value = float(text) if isinstance(text, str) and text.strip() else math.nan
     except ValueError:
+        unread[f"cells of {column}"] += 1
         return math.nan
     return value if abs(value) < ABSURD * 100.0 else math.nan
 
@@ -149,7 +170,7 @@ def _silent() -> Iterator[None]:
 
 
 def _dataflash_streams(reader: Any, progress: Progress) -> Streams:
-    streams, gyro, outputs = Streams(), [], []
+    streams, gyro, outputs, armed = Streams(), [], [], []
     parameters: dict[str, float] = {}
     number = 0
     while (message := reader.recv_match(type=DATAFLASH_USED)) is not None:
@@ -180,8 +201,17 @@ def _dataflash_streams(reader: Any, progress: Progress) -> Streams:
             streams.voltage.append(Sample(t_s, (message.Volt,)))
         elif kind == "RCOU":
             outputs.append(Sample(t_s, tuple(getattr(message, f"C{n}", 0) for n in range(1, 15))))
+        elif kind == "ARM":
+            armed.append((t_s, float(message.ArmState)))
+    whole = sum(count * reader.formats[kind].len for kind, count in enumerate(reader.counts) if count)
+    before = [(-math.inf, 1.0 - state) for _, state in armed[:1]]
+    is_armed = latest(np.array([one.t_s for one in outputs]), np.array([*before, *armed]), math.nan)
+    streams.motors = motors_of(outputs, parameters, is_armed)
+    streams.notes = [
+        f"commands: RCOU; motion: ATT, XKF1, {'IMU' if gyro else 'RATE'}, each of the first instance",
+        *not_read({"bytes": max(reader.data_len - whole, 0)}),
+    ]
     streams.rates = gyro or streams.rates
-    streams.motors = motors_of(outputs, parameters)
     return streams
 
 
@@ -199,11 +229,14 @@ def _tlog(path: Path, progress: Progress) -> Streams:
             number += 1
             if number % EVERY == 0:
                 progress(file.percent / 100.0)
-            if message.get_type() in USED:
+            if message.get_type() == "BAD_DATA":
+                telemetry.unread["pieces of broken data"] += 1
+            elif message.get_type() in USED:
                 stamp_s = message._timestamp  # noqa: SLF001  # pymavlink's name for it
                 t_s += min(max(stamp_s - (stamp_s if last_s is None else last_s), 0.0), MAX_SILENCE_S)
                 last_s = stamp_s
-                telemetry.take(t_s, message.get_srcSystem(), message.get_type(), partial(getattr, message))
+                source = message.get_srcSystem(), message.get_srcComponent()
+                telemetry.take(t_s, source, message.get_type(), partial(getattr, message))
     except OSError:
         raise
     except Exception as error:  # as above
@@ -214,36 +247,43 @@ def _tlog(path: Path, progress: Progress) -> Streams:
 
 
 def _mcap(path: Path, progress: Progress) -> Streams:
-    """Read our recorder's file, with raw ticks or without, or that of BlueOS."""
-    telemetry, samples = Telemetry(), Streams()
+    """Read our recorder's file, with raw ticks or without, or that of BlueOS.
+
+    BlueOS keeps each message under its own name and again as mavlink/out: the first counts where it is there.
+    """
+    topics, out, samples = Telemetry(), Telemetry(), _Samples()
     decode, json = msgspec.msgpack.Decoder(Raw).decode, msgspec.json.Decoder().decode
     reader, size = Reader(path), path.stat().st_size
-    ours, raws = False, False
+    ours, unread = False, Counter[str]()
     for number, item in enumerate(reader):
         if number % EVERY == 0:
             progress(min(reader.unpacked_bytes / 6 / size, 1.0))
         parts = item.key.split("/")
         try:
             if parts[0] == "holdfast" and parts[-1] == "raw":
-                raw, ours, raws = decode(item.payload), True, True
+                raw, ours = decode(item.payload), True
                 heard = [(t_ns / 1e9, data) for t_ns, data in raw.heard]
                 for t_s, data in [*heard, *((raw.now_s, data) for data in raw.out)]:
-                    _take_datagram(telemetry, t_s, data)
-            elif parts[0] == "holdfast" and parts[-1] in ("state", "command"):
+                    _take_datagram(topics, t_s, data)
+            elif parts[0] == "holdfast" and parts[-1] in ("state", "command", "supervisor"):
                 ours = True
-                _take_sample(samples, parts[-1], json(item.payload))
-            elif parts[0] == "mavlink" and "json" in item.encoding:
-                _take_json(telemetry, item.log_ns / 1e9, parts, json(item.payload))
+                samples.take(parts[-1], json(item.payload))
+            elif parts[0] == "mavlink" and parts[-1] in USED and len(parts) == 4:
+                _take_json(topics, item.log_ns / 1e9, json(item.payload), parts[-1])
+            elif item.key == "mavlink/out":
+                _take_json(out, item.log_ns / 1e9, json(item.payload), "")
         except (ValueError, KeyError, TypeError, AttributeError, struct.error, RecursionError):
-            continue
-    streams = telemetry.collected() if raws or telemetry.heard else samples
+            unread[item.key[:MAX_TOPIC]] += 1
+    telemetry = topics if topics.heard else out
+    streams = telemetry.collected() if telemetry.heard else samples.streams
     if not streams.attitude:
         raise NoDiveError(f"holds no dive: neither holdfast/.../state nor mavlink/.../ATTITUDE; {ROS}")
+    streams.notes += not_read(unread)
     if ours:
         streams.notes.append(
             "where Holdfast held it in waves, thrust that answers to them is taken for inertia"
         )
-    if streams is samples:
+    if streams is samples.streams:
         streams.notes.append(
             "speeds are Holdfast's estimates; a recording with telemetry.raw = true has the sensors'"
         )
@@ -256,31 +296,50 @@ def _take_datagram(telemetry: Telemetry, t_s: float, data: bytes) -> None:
         size, frame = frame_at(data, at)
         if frame is not None and frame.id in USED_IDS:
             get = partial(getattr, frame.message())
-            telemetry.take(t_s, frame.system, message_name(frame.id), get)
+            telemetry.take(t_s, (frame.system, frame.component), message_name(frame.id), get)
         at += size or 1
 
 
-def _take_json(telemetry: Telemetry, t_s: float, parts: Sequence[str], record: Mapping[str, Any]) -> None:
-    """Take a message as mavlink-server publishes it: mavlink/SYSTEM/COMPONENT/NAME."""
-    message, header = record.get("message", record), record.get("header", {})
-    name = str(message.get("type", parts[-1]))
+def _take_json(telemetry: Telemetry, t_s: float, record: Mapping[str, Any], topic: str) -> None:
+    """Take a message as mavlink-server publishes it; `topic` names one that does not name itself."""
+    message, header = record["message"], record["header"]
+    name = str(message.get("type", topic))
     if name in USED:
-        telemetry.take(t_s, int(header.get("system_id", parts[1])), name, lambda key: message.get(key, 0))
+        telemetry.take(
+            t_s,
+            (int(header["system_id"]), int(header["component_id"])),
+            name,
+            lambda key: message.get(key, 0) if key in EXTENSIONS else message[key],
+        )
 
 
-def _take_sample(samples: Streams, kind: str, record: Mapping[str, Any]) -> None:
-    def put(stream: list[Sample], *names: str) -> None:
-        stream.append(Sample(record["t_s"], tuple(record[name] for name in names)))
+class _Samples:
+    """What Holdfast published: its commands count while it steers an armed vehicle in MANUAL or STABILIZE."""
 
-    if kind == "command":
-        sticks = tuple(record[axis] for axis in AXES)
-        samples.sticks.append(Sample(record["t_s"], (*sticks, 0.0, 0.0)))
-        return
-    put(samples.attitude, "roll_rad", "pitch_rad", "heading_rad")
-    put(samples.rates, "roll_rate_radps", "pitch_rate_radps", "heading_rate_radps")
-    put(samples.level, "x_rate_mps", "y_rate_mps")
-    put(samples.down, "depth_rate_mps")
-    put(samples.depth, "depth_m")
-    put(samples.voltage, "voltage_v")
-    absent = {"x_m", "x_rate_mps"} & {*record.get("absent", ())}
-    samples.aided.append(Sample(record["t_s"], (0.0 if absent else 1.0,)))
+    def __init__(self) -> None:
+        self.streams = Streams()
+        self._acts, self._steers = DIRECT[MANUAL], True
+
+    def take(self, kind: str, record: Mapping[str, Any]) -> None:
+        """Take a record."""
+        streams = self.streams
+
+        def put(stream: list[Sample], *names: str) -> None:
+            stream.append(Sample(record["t_s"], tuple(record[name] for name in names)))
+
+        if kind == "supervisor":
+            self._steers = record["state"] in STEERS
+        elif kind == "command":
+            acts = self._acts if self._steers else UNKNOWN
+            demands = (*(record[axis] for axis in AXES), 0.0, 0.0)
+            streams.sticks.append(Sample(record["t_s"], tuple(map(operator.mul, demands, acts))))
+        else:
+            self._acts = DIRECT.get(record["mode"], UNKNOWN) if record["armed"] else UNKNOWN
+            put(streams.attitude, "roll_rad", "pitch_rad", "heading_rad")
+            put(streams.rates, "roll_rate_radps", "pitch_rate_radps", "heading_rate_radps")
+            put(streams.level, "x_rate_mps", "y_rate_mps")
+            put(streams.down, "depth_rate_mps")
+            put(streams.depth, "depth_m")
+            put(streams.voltage, "voltage_v")
+            absent = {"x_m", "x_rate_mps"} & {*record.get("absent", ())}
+            streams.aided.append(Sample(record["t_s"], (0.0 if absent else 1.0,)))

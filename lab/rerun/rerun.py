@@ -21,17 +21,19 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from companion.config import DEFAULT_FILE, REPLACED, Config, load_config
 from companion.engine import Engine
 from companion.guidance.orders import order_of
+from companion.identify.samples import NoDiveError
 from companion.mavlink.signing import Signing
 from companion.records import LoopHealth, Request, Setpoint, vector
 from companion.telemetry.commands import parse
 from companion.telemetry.schemas import Raw
 from dashboard.recording.mcap_file import Reader
 from holdfast import RefusedError
+from lab.identify.readers import kind_of
 
 OVERRIDE, MANUAL = mavlink.MAVLINK_MSG_ID_RC_CHANNELS_OVERRIDE, mavlink.MAVLINK_MSG_ID_MANUAL_CONTROL
 HEARTBEAT = mavlink.MAVLINK_MSG_ID_HEARTBEAT
 HEADER = 10
-FOREIGN = (".tlog", ".bin", ".csv", ".bag", ".db3")
+FOREIGN = "is no recording of Holdfast; `holdfast identify --from` finds the vehicle in it"
 
 
 class RerunError(RefusedError):
@@ -70,11 +72,17 @@ def load(files: Sequence[Path]) -> Tape:
     config: Mapping[str, Any] = {}
     decoder = msgspec.msgpack.Decoder(Raw)
     notes: list[str] = []
+    services: set[str] = set()
     for file in files:
-        if file.suffix.lower() in FOREIGN:
-            raise RerunError(f"{file}: is no recording of Holdfast; `holdfast identify --from` reads it")
+        try:
+            ours = kind_of(file) == "MCAP"
+        except NoDiveError as error:
+            raise RerunError(f"{file}: {error}") from error
+        if not ours:
+            raise RerunError(f"{file}: {FOREIGN}")
         reader = Reader(file)
         for item in reader:
+            services.add(item.key.partition("/")[0])
             if item.key.startswith("holdfast/") and item.key.endswith("/raw"):
                 try:
                     raw = decoder.decode(item.payload)
@@ -87,6 +95,8 @@ def load(files: Sequence[Path]) -> Tape:
             config = _recorded(reader.metadata.get("config", {}))
         if not reader.whole:
             notes.append(f"{file.name} was cut; what is whole of it was used")
+    if not ticks and "holdfast" not in services and "mavlink" in services:
+        raise RerunError(f"{files[0]}: {FOREIGN}")
     if not ticks:
         raise RerunError("no raw ticks in it: they are recorded with `holdfast run --set telemetry.raw=true`")
     numbers = sorted(ticks)

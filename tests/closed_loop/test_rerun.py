@@ -6,6 +6,8 @@ from typing import Any
 import msgspec
 import numpy as np
 import pytest
+from dive_logs import dive as logged_dive
+from dive_logs import write_blueos_mcap, write_csv, write_dataflash, write_tlog
 from virtual import ROOT, Somebody, hold
 
 import holdfast
@@ -206,10 +208,20 @@ def test_a_dive_without_raw_ticks_cannot_be_run_again(
     assert "none.mcap" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("name", ["pool.tlog", "00000042.BIN", "dive.csv"])
+@pytest.mark.parametrize(
+    ("write", "name"),
+    [
+        (write_tlog, "pool.tlog"),
+        (write_dataflash, "00000042.BIN"),
+        (write_csv, "dive.csv"),
+        (write_csv, "DIVE.TXT"),
+        (write_blueos_mcap, "recorder.mcap"),
+    ],
+)
 def test_a_log_of_somebody_else_is_refused_with_the_command_that_reads_it(
-    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    write: Any, name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    write(logged_dive(5.0), tmp_path / name)
     assert holdfast.main(["lab", "rerun", str(tmp_path / name)]) == 2
     assert "`holdfast identify --from`" in capsys.readouterr().err
 

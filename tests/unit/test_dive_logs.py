@@ -12,11 +12,14 @@ from dive_logs import (
     QUADRATIC,
     START_S,
     dive,
+    frames,
+    steering,
     write_blueos_mcap,
     write_csv,
     write_dataflash,
     write_raw_mcap,
     write_sample_mcap,
+    write_sticks,
     write_tlog,
 )
 
@@ -70,7 +73,165 @@ def test_each_kind_of_log_gives_the_dive_that_was_written(name, tmp_path):
     check(read(WRITERS[name](SHORT, tmp_path / name), FRAME))
 
 
-@pytest.mark.parametrize("name", ["bag", "dive.bag", "dive.db3"])
+def notes_of(log):
+    return "\n".join(log.notes)
+
+
+@pytest.mark.parametrize(
+    "how",
+    [
+        {},
+        {"gain": 1.0},
+        {"gain": 0.8, "throttle_gain": 0.7},
+        {"override": True},
+        {"override": True, "target": 0},
+    ],
+    ids=str,
+)
+def test_sticks_count_as_the_thrust_that_they_made(how, tmp_path):
+    log = read(write_sticks(SHORT, tmp_path / "dive.tlog", **how), FRAME)
+    check(log)
+    name = "RC_CHANNELS_OVERRIDE" if "override" in how else "MANUAL_CONTROL times PilotGain"
+    assert f"commands: not SERVO_OUTPUT_RAW at 2.0 Hz, but {name}" in log.notes
+
+
+@pytest.mark.parametrize(
+    ("how", "why"),
+    [
+        ({"armed": False}, "while it was not armed"),
+        ({"mode": 2}, "in another mode than MANUAL and STABILIZE"),
+        ({"sender": 245}, "from system 245, not MAV_GCS_SYSID"),
+        ({"target": 2}, "for system 2"),
+        ({"target": 0}, "for system 0"),
+        ({"target": 2, "override": True}, "for system 2"),
+        ({"gain": None}, "without a PilotGain"),
+        ({"named": [("InputHold", 1.0)]}, "with InputHold"),
+        ({"named": [("RollPitch", 1.0)]}, "with RollPitch"),
+    ],
+    ids=str,
+)
+def test_a_stick_that_did_not_act_is_no_command(how, why, tmp_path):
+    log = read(write_sticks(SHORT, tmp_path / "dive.tlog", **how), FRAME)
+    assert "commands: SERVO_OUTPUT_RAW at 2.0 Hz, too slow to tell delays" in notes_of(log)
+    assert why in notes_of(log)
+
+
+def test_where_no_command_acted_the_log_is_refused_with_the_reason(tmp_path):
+    path = tmp_path / "dive.tlog"
+    with path.open("wb") as file:
+        for k in range(SHORT.t_s.size):
+            for frame in (*steering(SHORT, k, armed=False), frames(SHORT, k)[0]):
+                file.write(round(1.7e15 + 5e4 * k).to_bytes(8) + frame)
+    with pytest.raises(NoDiveError, match=r"holds no commands that acted on the vehicle: .* not armed"):
+        read(path, FRAME)
+
+
+@pytest.mark.parametrize(
+    ("at_s", "how", "unknown"),
+    [
+        (10.0, {"armed": False}, [True] * 6),
+        (10.0, {"mode": 2}, [True] * 6),
+        (10.0, {"mode": 0}, [False, False, False, True, True, True]),
+        (10.0, {"gain": 0.25}, [False] * 6),
+    ],
+    ids=str,
+)
+def test_what_changes_in_mid_dive_counts_from_then_on(at_s, how, unknown, tmp_path):
+    rows = [(k, t_s, how if t_s >= at_s else {}) for k, t_s in enumerate(SHORT.t_s.tolist())]
+    path = tmp_path / "dive.tlog"
+    with path.open("wb") as file:
+        for k, t_s, now in rows:
+            for frame in (*steering(SHORT, k, **now), *frames(SHORT, k)[:3]):
+                file.write(round(1.7e15 + 1e6 * t_s).to_bytes(8) + frame)
+    log = read(path, FRAME)
+    later, before = log.command_s > at_s + 0.1, log.command_s < at_s - 1.0
+    assert np.isfinite(log.commands[before]).all()
+    assert np.isnan(log.commands[later]).all(axis=0).tolist() == unknown
+    assert np.isnan(log.commands[later]).any(axis=0).tolist() == unknown
+    known = later & np.isfinite(log.commands[:, 0])
+    rows = np.clip(np.searchsorted(SHORT.t_s, log.command_s[known] + 1e-3) - 1, 0, None)
+    expected = np.clip(SHORT.sticks[rows, 0], -how.get("gain", 1.0), how.get("gain", 1.0))
+    assert np.abs(log.commands[known, 0] - expected).max(initial=0.0) < 0.01
+    changes = Track(log, FRAME).changes
+    assert np.isfinite(changes[:10, :, 2:]).all()
+    assert np.isnan(changes[-10:, :, 3]).all() == unknown[3]
+
+
+@pytest.mark.parametrize(
+    ("write", "how"),
+    [
+        (write_dataflash, {"armed_at": 10.0}),
+        (write_sample_mcap, {"armed_at": 10.0}),
+        (write_sample_mcap, {"engaged_at": 10.0}),
+    ],
+)
+def test_what_is_sent_before_the_vehicle_is_armed_or_engaged_is_no_command(write, how, tmp_path):
+    log = read(write(SHORT, tmp_path / "dive", **how), FRAME)
+    assert np.isnan(log.commands[log.command_s < 9.9]).all()
+    assert np.isfinite(log.commands[log.command_s > 10.1]).all()
+
+
+def test_another_vehicle_and_another_component_are_left_out(tmp_path):
+    other, path = dive(20.0, seed=9), tmp_path / "dive.tlog"
+    with path.open("wb") as file:
+        for k in range(SHORT.t_s.size):
+            mixed = [*frames(other, k, source=(1, 100)), *steering(SHORT, k), *frames(SHORT, k)]
+            if k % 2:
+                mixed += frames(other, k, source=(2, 1))
+            for frame in mixed:
+                file.write(round(1.7e15 + 5e4 * k).to_bytes(8) + frame)
+    log = read(path, FRAME)
+    check(log)
+    assert (
+        "vehicle: system/component 1/1, not 1/100, 2/1; motion: ATTITUDE and LOCAL_POSITION_NED" in log.notes
+    )
+
+
+def words(fields):
+    """Write flags as mavlink-server 0.16 does."""
+    flags = {1: "EKF_ATTITUDE", 2: "EKF_VELOCITY_HORIZ", 4: "EKF_VELOCITY_VERT", 8: "EKF_POS_HORIZ_REL"}
+    if "flags" not in fields:
+        return fields
+    named = [name for bit, name in flags.items() if fields["flags"] & bit]
+    return fields | {"flags": " | ".join([*named, hex(fields["flags"] & ~15)])}
+
+
+@pytest.mark.parametrize(
+    "write",
+    [words, lambda fields: fields | ({"flags": {"bits": fields["flags"]}} if "flags" in fields else {})],
+)
+def test_blueos_writes_flags_as_words_or_as_bits(write, tmp_path):
+    log = read(write_blueos_mcap(SHORT, tmp_path / "dive.mcap", write), FRAME)
+    check(log)
+    assert "could not be read" not in notes_of(log)
+
+
+def test_a_message_that_cannot_be_read_is_counted_and_said(tmp_path):
+    def write(fields):
+        return fields | ({"flags": "EKF_SOMETHING_NEW"} if "flags" in fields else {})
+
+    log = read(write_blueos_mcap(SHORT, tmp_path / "dive.mcap", write), FRAME)
+    assert f"could not be read and left out: {SHORT.t_s.size // 20} EKF_STATUS_REPORT" in log.notes
+    path = write_csv(SHORT, tmp_path / "dive.csv")
+    path.write_text(path.read_text(encoding="utf-8").replace("\n0.050,", "\n0.050,x", 1), encoding="utf-8")
+    assert "could not be read and left out: 1 cells of surge" in read(path, FRAME).notes
+
+
+def test_the_quickest_message_ties_the_vehicle_s_clock_to_the_log_s(tmp_path):
+    late = [0.667, *np.random.default_rng(2).uniform(0.0, 0.3, 396), 0.0, 0.1, 0.2]
+    check(read(write_sticks(SHORT, tmp_path / "dive.tlog", late), FRAME))
+
+
+def test_a_stamp_of_the_outputs_that_begins_again_is_followed(tmp_path):
+    path = tmp_path / "dive.tlog"
+    with path.open("wb") as file:
+        for k in range(SHORT.t_s.size):
+            for frame in frames(SHORT, k, boot_s=2**32 / 1e6 - 7.0):
+                file.write(round(1.7e15 + 5e4 * k + 2e4 * (k % 9)).to_bytes(8) + frame)
+    check(read(path, FRAME))
+
+
+@pytest.mark.parametrize("name", ["bag", "dive.bag", "dive.db3", "DIVE.BAG", "dive"])
 def test_a_ros_bag_is_refused_with_what_to_do_instead(name, tmp_path):
     path = tmp_path / name
     path.mkdir() if name == "bag" else path.write_bytes(b"#ROSBAG V2.0")
@@ -113,7 +274,7 @@ def test_junk_in_the_middle_ends_in_words_and_prints_nothing(name, tmp_path, cap
     finally:
         assert capfd.readouterr() == ("", "")
     assert np.isfinite(log.t_s).all()
-    assert np.isfinite(log.commands).all()
+    assert not np.isinf(log.commands).any()
 
 
 @pytest.mark.parametrize(
@@ -185,7 +346,8 @@ def test_from_writes_a_file_that_test_gives_the_fitted_quality(long_dive, tmp_pa
     assert set(scores[str(log)]["2"]) == {*AXES, "windows"}
     assert all(scores[str(log)]["2"][axis] < 0.02 for axis in AXES)
     assert commands.identify(["--test", str(log), "--vehicle", "heavy"]) == 0
-    assert "windows" in capsys.readouterr().out
+    assert "windows" in (printed := capsys.readouterr().out)
+    assert "measured: speed over ground, vertical speed, turn rate" in printed
 
 
 def test_help_of_the_logs_part_is_shown_though_no_file_is_named(capsys):
