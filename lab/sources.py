@@ -1,5 +1,6 @@
 """The files that a study measures, and a digest of what they hold."""
 
+import ast
 import hashlib
 from collections.abc import Iterable
 from pathlib import Path
@@ -11,23 +12,45 @@ NOT_DIVED = (
     "companion/commands.py",
     "companion/identify/",
     "companion/io/",
-    "companion/telemetry/glossary.py",
+    "companion/mavlink/pilot_display.py",
+    *(f"companion/telemetry/{name}.py" for name in ("conditions", "degrees", "event_log", "fields")),
+    *(f"companion/telemetry/{name}.py" for name in ("glossary", "path_files", "samples", "schemas")),
+    *(f"companion/telemetry/{name}.py" for name in ("session", "status_line", "words")),
     "sim_bridge/app.py",
     "sim_bridge/commands.py",
     "sim_bridge/status.py",
     "sim_bridge/zenoh_link.py",
 )
-"""Of PROGRAMS what no study runs, and texts: how a dive goes does not depend on it."""
+"""Of PROGRAMS what no study runs, and what only tells: how a dive goes does not depend on it."""
 
 
 def digest_of(patterns: Iterable[str], root: Path = ROOT, without: tuple[str, ...] = ()) -> "hashlib._Hash":
-    """Return the SHA-256 of what these files under `root` hold, but not paths that begin as `without`."""
+    """Return the SHA-256 of the code in these files under `root`, but not in paths that begin as `without`.
+
+    Comments, blank lines and docstrings are not code.
+    """
     digest = hashlib.sha256()
     for pattern in patterns:
         for path in sorted(root.glob(pattern)):
             if not path.relative_to(root).as_posix().startswith(without):
-                digest.update(path.read_bytes())
+                digest.update(_code(path))
     return digest
+
+
+def _code(path: Path) -> bytes:
+    if path.suffix != ".py":
+        return path.read_bytes()
+    tree = ast.parse(path.read_bytes())
+    for node in ast.walk(tree):
+        if isinstance(body := getattr(node, "body", None), list):
+            node.body = [line for line in body if not _is_text(line)]  # type: ignore[attr-defined]
+    return ast.dump(tree).encode()
+
+
+def _is_text(line: ast.stmt) -> bool:
+    return (
+        isinstance(line, ast.Expr) and isinstance(line.value, ast.Constant) and type(line.value.value) is str
+    )
 
 
 def measured_code(root: Path = ROOT) -> str:

@@ -42,15 +42,15 @@ def test_the_tables_of_the_pages_are_those_of_their_files() -> None:
     assert shown >= {path.stem for path in results_page.FOLDER.glob("*.json")}
 
 
-def test_a_table_says_whether_the_code_that_it_measured_has_changed(tmp_path: Path) -> None:
-    source, words = tmp_path / "companion/control/law.py", tmp_path / "companion/telemetry/glossary.py"
-    for file in (source, words):
+def test_a_table_says_whether_what_decides_a_dive_has_changed(tmp_path: Path) -> None:
+    source, field = tmp_path / "companion/control/law.py", tmp_path / "companion/telemetry/schemas.py"
+    for file in (source, field):
         file.parent.mkdir(parents=True)
         file.write_text("KAPPA = 3.5\n", encoding="utf-8")
     measured = provenance("holdfast lab bench tank") | {"code": measured_code(tmp_path)}
-    words.write_text("KAPPA = 4.0\n", encoding="utf-8")
+    field.write_text("KAPPA = 3.5\nSALINITY = 35.0\n", encoding="utf-8")
     for line, said in (
-        ("KAPPA = 3.5\n", "same code"),
+        ('"""The law."""\nKAPPA  = 3.5  # per second\n', "same code"),
         ("KAPPA = 4.0\n", "**older code**"),
     ):
         source.write_text(line, encoding="utf-8")

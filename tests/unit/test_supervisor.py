@@ -529,9 +529,9 @@ def put(value, path, number):
     key, *rest = path
     if isinstance(value, Mapping):
         return {**value, key: put(value[key], rest, number)}
-    if isinstance(value, tuple) and isinstance(key, int):
+    if isinstance(key, int):
         return (*value[:key], put(value[key], rest, number), *value[key + 1 :])
-    if isinstance(value, tuple):
+    if hasattr(value, "_replace"):
         return value._replace(**{key: put(getattr(value, key), rest, number)})
     return structs.replace(value, **{key: put(getattr(value, key), rest, number)})
 

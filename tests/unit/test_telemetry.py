@@ -3,6 +3,7 @@
 import json
 import math
 from collections.abc import Callable
+from pathlib import Path
 
 import msgspec
 import numpy as np
@@ -16,6 +17,7 @@ from companion.records import DOFS, Ages, Condition, ControlSample
 from companion.telemetry import samples
 from companion.telemetry import schemas as telemetry
 
+DATA = Path(__file__).parents[1] / "data"
 MakeSample = Callable[..., ControlSample]
 
 
@@ -122,6 +124,18 @@ def test_a_newer_field_is_no_stumbling_block(make_sample: MakeSample) -> None:
     key, _, payload = samples.encode(make_sample(), "kelp")[0]
     longer = msgspec.json.encode({**json.loads(payload), "salinity_psu": 35.0})
     assert telemetry.decode(key, longer) == telemetry.decode(key, payload)
+
+
+def test_a_field_that_older_recordings_lack_has_a_default() -> None:
+    recorded = json.loads((DATA / "telemetry-v1-fields.json").read_bytes())
+    needed = {
+        kind.__name__: {field.name for field in msgspec.structs.fields(kind) if field.required}
+        for kind in vars(telemetry).values()
+        if isinstance(kind, type)
+        and issubclass(kind, msgspec.Struct)
+        and kind.__module__ == telemetry.__name__
+    }
+    assert {name: needed[name] - set(had) for name, had in recorded.items() if needed[name] - set(had)} == {}
 
 
 @pytest.mark.parametrize(
