@@ -20,7 +20,8 @@ def test_a_place_is_held_level_in_a_current_and_waves(ardusub):
     with Firmware(ardusub, plant, 1) as vehicle:
         loop = Lockstep(vehicle, Engine(config, Setpoint(GOAL), arm=True), LinkDelay(), 1)
         loop.requests = [Request.ENGAGE]
-        steps = [step for step in loop.run(40.0) if step.t_s > 10.0]
+        next(step for step in loop.run(6.0) if step.sample.verdict.state is State.ACTIVE)
+        steps = list(loop.run(40.0))[round(9.0 * config.loop.rate_hz) :]
     assert {step.sample.verdict.state for step in steps} == {State.ACTIVE}
     eta = np.array([step.truth.eta for step in steps])
     assert np.degrees(np.abs(eta[:, 3:5]).max()) < 12.0

@@ -10,6 +10,7 @@ from lab.loop.firmware import Firmware
 from lab.loop.lockstep import LinkDelay, Lockstep
 from sim_bridge.commands import DEFAULT_CONFIG
 from sim_bridge.config import load_config as load_plant
+from sim_bridge.fault_kinds import Fault
 
 DEPTH_M = 5.0
 WRONG_COMPASS = (
@@ -17,9 +18,10 @@ WRONG_COMPASS = (
     "parameters.SIM_MAG1_OFS_Y=100",
     "parameters.COMPASS_USE2=0",
     "parameters.COMPASS_USE3=0",
-    'faults=[{kind="parameter", parameter="SIM_MAG1_OFS_Y", value=0, at_s=3.5}]',
 )
 """A hundred milligauss turn the compass by 24°; they go before the vehicle has dived deep enough to align."""
+HELD_S = 2.4
+"""So long after engaging; 4.5 tells its parameters, and is engaged, two seconds later than 4.7."""
 
 
 @pytest.mark.parametrize("sea", [("current.enabled=false",), ("current.enabled=true", "sensors.dvl=true")])
@@ -29,8 +31,9 @@ def test_a_yaw_that_is_aligned_while_diving_moves_nothing(ardusub, sea):
         engine = Engine(config, Setpoint((np.nan, np.nan, DEPTH_M, np.nan)), arm=True)
         loop = Lockstep(vehicle, engine, LinkDelay(), 1, config.loop.rate_hz)
         loop.requests = [Request.ENGAGE]
-        steps = list(loop.run(20.0))
-    held = [step for step in steps if step.t_s > 3.5]
+        next(step for step in loop.run(6.0) if step.sample.verdict.state is State.ACTIVE)
+        vehicle.inject(Fault(kind="parameter", parameter="SIM_MAG1_OFS_Y", at_s=vehicle.time_s + HELD_S))
+        held = list(loop.run(18.0))[round(HELD_S * config.loop.rate_hz) :]
     assert {step.sample.verdict.state for step in held} == {State.ACTIVE}
     texts = [text.text for step in held for text in step.sample.texts]
     assert any("in-flight yaw alignment complete" in text for text in texts)
