@@ -240,6 +240,11 @@ class Engine:
         return self._guidance.asked
 
     @property
+    def destination(self) -> Vector:
+        """Where a move goes (`Guidance.destination`)."""
+        return self._guidance.destination
+
+    @property
     def path(self) -> tuple[Path, Callable[[Vector], Vector]] | None:
         """The path that is followed, and what gives its places in the EKF's frame."""
         return self._guidance.path

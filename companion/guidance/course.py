@@ -9,11 +9,15 @@ from companion.control.reference import ACCELERATION_LAG_S, RATE_LAG_S
 from companion.control.reference import State as ReferenceState
 from companion.estimation.frame import Offset
 from companion.guidance.datum import Datum
+from companion.guidance.orders import place
 from companion.guidance.paths.curve import straight
 from companion.guidance.paths.shapes import Path
 from companion.guidance.paths.time_law import Limits, TimeLaw, profiled
+from companion.guidance.target import from_here
 from companion.records import ZERO, Setpoint, Vector, vector
 from companion.steps import finish
+from companion.telemetry.commands import Follow, Goto, in_words
+from companion.telemetry.plan import PathPlan
 
 FULL_PACE_M, NO_PACE_M = 0.15, 0.5
 """A vehicle this far from its place still gets the whole speed; this far, the path waits for it."""
@@ -42,15 +46,17 @@ def braked(states: Sequence[ReferenceState], accelerations: Vector) -> Vector:
 class Course:
     """Under way once `begin` was called; before, it waits to be engaged.
 
-    `place` is where a move goes, a path's is that of its first leg. A NaN is where it starts.
+    `place` is where a move goes. A NaN is where it starts. Until it begins, it counts from `place_from`, as
+    `Goto.frame` says: a step from here is one from where the move begins.
     """
 
     def __init__(
-        self, limits: Limits, speed_mps: float, acceleration_mps2: float, *, path: Path | None = None
+        self, limits: Limits, order: Goto | PathPlan, *, words: str, path: Path | None = None
     ) -> None:
-        self._limits, self._speed, self._acceleration = limits, speed_mps, acceleration_mps2
-        self.path = path
+        self._limits, self._speed, self._acceleration = limits, order.speed_mps, order.acceleration_mps2
+        self.path, self.words = path, words
         self.place: Vector = (math.nan,) * 4
+        self.place_from = "local"
         self.begun = self.done = False
         self.paused = False
         self.suspended = False
@@ -74,11 +80,22 @@ class Course:
         self._mean_pace = 1.0
 
     @classmethod
-    def to(cls, place: Vector, limits: Limits, speed_mps: float, acceleration_mps2: float) -> Self:
-        """Return a move to a place."""
-        course = cls(limits, speed_mps, acceleration_mps2)
-        course.place = place
+    def to(cls, order: Goto, limits: Limits) -> Self:
+        """Return a move to a place. Raises ValueError where it names none."""
+        course = cls(limits, order, words=in_words(order))
+        course.place, course.place_from = place(order), order.frame
         return course
+
+    @classmethod
+    def along(cls, path: Path, limits: Limits) -> Self:
+        """Return a path as a course."""
+        return cls(limits, path.plan, words=in_words(Follow(path=path.plan)), path=path)
+
+    def goal(self, start: Vector) -> Vector:
+        """Return where a move that begins at `start` goes, NaN where it stays."""
+        if self.place_from == "local":
+            return self.place
+        return from_here(start, self.place, body=self.place_from == "body")
 
     @property
     def is_unfinished(self) -> bool:
@@ -154,6 +171,7 @@ class Course:
         self.begun = True
         self._at = Setpoint(start)
         if self.path is None:
+            self.place, self.place_from = self.goal(start), "local"
             self._go_to(vector([s if math.isnan(p) else p for s, p in zip(start, self.place, strict=True)]))
         else:
             self._offset = self.path.start(start)
@@ -168,11 +186,11 @@ class Course:
     def resume(self, start: Vector) -> None:
         """Go on, from `start` if somebody else moved the target meanwhile."""
         if self.suspended and self.begun and not self.done:
-            place = self.place if self.path is None else self._at.eta_d
+            goal = self.place if self.path is None else self._at.eta_d
             if self._law is not None:
-                place = self._moved(self._law.setpoint()).eta_d
+                goal = self._moved(self._law.setpoint()).eta_d
             self._at = Setpoint(start)
-            self._go_to(vector([s if math.isnan(p) else p for s, p in zip(start, place, strict=True)]))
+            self._go_to(vector([s if math.isnan(p) else p for s, p in zip(start, goal, strict=True)]))
         self.paused = self.suspended = False
 
     def step(self, pace: float, dt_s: float) -> Setpoint:

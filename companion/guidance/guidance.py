@@ -28,7 +28,7 @@ from companion.guidance.course import Course, braked, pace
 from companion.guidance.datum import Datum, difference
 from companion.guidance.fence import fence, refuse_depth
 from companion.guidance.held import HORIZONTAL, HeldDofs
-from companion.guidance.orders import Order, angles, place
+from companion.guidance.orders import Order, angles, place_words
 from companion.guidance.paths.shapes import Path
 from companion.guidance.paths.time_law import limits
 from companion.guidance.pilot import NO_DEMAND, NONE, Pilot, PilotDemand
@@ -167,7 +167,7 @@ class Guidance:
             course = self._interrupted
             kind = rests
         elif course is None:
-            return Guided(rests, number, altitude_m=self._altitude_m)
+            return Guided(rests, number, altitude_m=self._altitude_m, pending=self._pending)
         elif course.done:
             kind = "refused" if course.refused else "hold"
         elif course.paused:
@@ -189,7 +189,28 @@ class Guidance:
             self._altitude_m,
             course.left_m,
             course.left_s,
+            self._pending,
         )
+
+    @property
+    def destination(self) -> Vector:
+        """Where a move goes, NaN where none does, and of a step from here before it begins."""
+        course = self._course
+        known_now = course is not None and not course.done and course.place_from == "local"
+        return course.place if course is not None and known_now else UNSET
+
+    @property
+    def _pending(self) -> str:
+        """What it does as soon as it engages, in words; empty: it holds where it is."""
+        if any(self.engaged):
+            return ""
+        course = self._course
+        begins = course is not None and not (course.begun or course.done)
+        altitude_m = math.nan if begins or self._altitude is None else self._altitude.altitude_m
+        parts = [place_words(self.asked, altitude_m, self.angles)]
+        if course is not None and begins:
+            parts.append(f"{'wait, paused, to ' if course.paused else ''}{course.words}")
+        return "; ".join(filter(None, parts))
 
     @property
     def path(self) -> tuple[Path, Callable[[Vector], Vector]] | None:
@@ -243,6 +264,7 @@ class Guidance:
             target.now = Setpoint(state.eta_ahead)
             if previous.authority > 0.0:
                 self._angles.asked = LEVEL
+                self._pilot.ask(-math.inf, ZERO, body=True)
             if self._altitude is not None:
                 self._altitude.rest()
             if verdict.state is State.FAULT:
@@ -359,6 +381,8 @@ class Guidance:
     def _take_position(self, event: PositionTarget, reference: Reference) -> None:
         here = self._frame.settled.outside(self._standing(reference))
         x, y, z, psi = event.place
+        if event.offset and not (self.engaged[X] or self._has_position):
+            x, y = math.nan, math.nan
         if event.offset:
             x, y, z, _ = from_here(here, (x, y, z, math.nan), body=event.body)
         if event.turns:
@@ -431,8 +455,10 @@ class Guidance:
                 return
             course.frame = self._frame.settled
             start = course.frame.outside(self._standing(reference))
-            if course.path is not None and (refused := self._fence.left_by(course.path, start)):
-                course.refused, course.done = refused, True
+            try:
+                self._check_course(course, start)
+            except ValueError as error:
+                course.refused, course.done = str(error), True
                 return
             course.begin(start)
         first = X if held else Z
@@ -451,11 +477,9 @@ class Guidance:
         plan = path.plan
         self._permit_altitude(plan.altitude_m)
         self._angles.permit(angles(plan))
-        certain = any(self.engaged) or not any(path.relative[:PSI])
-        start = self._frame.settled.outside(self._standing(reference))
-        if certain and (refused := self._fence.left_by(path, start)):
-            raise ValueError(refused)
-        course = Course(self._limits, plan.speed_mps, plan.acceleration_mps2, path=path)
+        course = Course.along(path, self._limits)
+        if any(self.engaged) or not any(path.relative[:PSI]):
+            self._check_course(course, self._frame.settled.outside(self._standing(reference)))
         self._angles.ask(angles(plan))
         self._altitude = _altitude_of(path)
         self._set_course(course, UNSET)
@@ -472,6 +496,8 @@ class Guidance:
             course = self._interrupted
         if course is None or course.done:
             raise ValueError("there is no path and no move under way")
+        if course.begun and not any(self.engaged):
+            raise ValueError("nothing is held, and it goes on from where it is held: engage first")
         why = "" if course.datum is None else difference(course.datum, self._datum)
         if why is None:
             raise ValueError("the autopilot has not told its boot count and origin yet: try again in seconds")
@@ -497,13 +523,15 @@ class Guidance:
     def _go_to(self, order: Goto, reference: Reference) -> None:
         """Go to a place in a straight line; coordinates that it does not name stay.
 
-        In `order.frame` "local" it counts from the origin, else from where the vehicle is: "offset" north,
+        In `order.frame` "local" it counts from the origin, else from where the move begins: "offset" north,
         east, down, or "body" forward, right, down. Raises ValueError for a place beyond the fence, for north
         or east where there never was a position, and for an altitude that is too low, or beside a depth.
         """
-        goal, held = place(order), angles(order)
+        course, held = Course.to(order, self._limits), angles(order)
         self._permit_altitude(order.altitude_m)
         self._angles.permit(held)
+        here = self._frame.settled.outside(self._standing(reference))
+        goal = course.goal(here)
         if not isinstance(order.altitude_m, UnsetType) and not math.isnan(goal[Z]):
             raise ValueError("depth_m and altitude_m: name one of them")
         level = any(known(goal)[:Z])
@@ -513,12 +541,8 @@ class Guidance:
                 "there is no position: x and y are not held, and north and east mean nothing. Go by depth "
                 "and heading, or connect a DVL, a USBL or vision that the autopilot uses (docs/guidance.md)"
             )
-        if order.frame != "local":
-            here = self._frame.settled.outside(self._standing(reference))
-            goal = from_here(here, goal, body=order.frame == "body")
-        self._checked(Setpoint(goal))
-        if goal[Z] < 0.0:
-            raise ValueError(f"depth_m: {goal[Z]:.2f} m is above the surface; must be 0 or more")
+        if any(self.engaged) or order.frame == "local":
+            self._check_course(course, here)
         self._angles.ask(held)
         if not any(known(goal)) and isinstance(order.altitude_m, UnsetType):
             return
@@ -529,7 +553,7 @@ class Guidance:
         elif not math.isnan(goal[Z]):
             self._altitude = None
         self._leave_course()
-        self._set_course(Course.to(goal, self._limits, order.speed_mps, order.acceleration_mps2), asked)
+        self._set_course(course, asked)
 
     def _move_at(self, order: SetVelocity, now_s: float) -> None:
         """Move at a velocity; where it ends, the place is held. Raises ValueError while nothing is held."""
@@ -588,6 +612,17 @@ class Guidance:
         """Tell whether a place can be held; a wrong heading pushes away from it."""
         fresh = state.ages.position_s <= self._config.supervisor.position_timeout_s
         return fresh and not state.heading_check.lost
+
+    def _check_course(self, course: Course, start: Vector) -> None:
+        """Raise ValueError for a path or a move that leaves its bounds from `start`."""
+        if course.path is not None:
+            if refused := self._fence.left_by(course.path, start):
+                raise ValueError(refused)
+            return
+        goal = course.goal(start)
+        self._checked(Setpoint(goal))
+        if goal[Z] < 0.0:
+            raise ValueError(f"depth_m: {goal[Z]:.2f} m is above the surface; must be 0 or more")
 
     def _checked(self, setpoint: Setpoint) -> Setpoint:
         refuse_depth(setpoint, self._config)

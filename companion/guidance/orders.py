@@ -7,9 +7,18 @@ import msgspec
 from companion.config import Config
 from companion.guidance.paths.shapes import Path, building
 from companion.guidance.paths.time_law import limits
-from companion.records import Angles, Vector
+from companion.records import LEVEL, Angles, Vector
 from companion.steps import Steps, finish
-from companion.telemetry.commands import Follow, Goto, Payload, SetPath, SetSetpoint, SetVelocity, named
+from companion.telemetry.commands import (
+    Follow,
+    Goto,
+    Payload,
+    SetPath,
+    SetSetpoint,
+    SetVelocity,
+    in_words,
+    named,
+)
 from companion.telemetry.plan import PathPlan
 
 Order = Path | Goto | SetPath | SetVelocity
@@ -43,3 +52,13 @@ def angles(order: Goto | PathPlan) -> Angles:
     """Return the angles at which roll and pitch are to be held, NaN where nothing is said."""
     given = (order.roll_deg, order.pitch_deg)
     return Angles(*(math.nan if isinstance(v, msgspec.UnsetType) else math.radians(v) for v in given))
+
+
+def place_words(eta: Vector, altitude_m: float = math.nan, held: Angles = LEVEL) -> str:
+    """Return in words to go to a place, NaN where nothing is said; empty where nothing is at all."""
+    x, y, z, psi = eta
+    roll, pitch = (math.degrees(angle) or math.nan for angle in held)
+    said = {"x_m": x, "y_m": y, "depth_m": z, "heading_deg": math.degrees(psi) % 360.0}
+    said |= {"altitude_m": altitude_m, "roll_deg": roll, "pitch_deg": pitch}
+    given = {key: round(value, 2) for key, value in said.items() if math.isfinite(value)}
+    return in_words(Goto(**given)) if given else ""

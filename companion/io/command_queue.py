@@ -15,7 +15,8 @@ from typing import Any, NamedTuple, Protocol
 import msgspec
 
 from companion.config import Config, ConfigError, check_choices
-from companion.guidance.orders import Order, ordering
+from companion.guidance.orders import Order, ordering, place_words
+from companion.guidance.target import known
 from companion.records import (
     ENGAGE_S,
     PSI,
@@ -29,6 +30,7 @@ from companion.records import (
     X,
     Y,
     Z,
+    chosen,
     vector,
 )
 from companion.steps import Steps, Task
@@ -53,6 +55,7 @@ from companion.telemetry.commands import (
     parse,
 )
 from companion.telemetry.conditions import text
+from companion.telemetry.glossary import HOLD_HERE, PENDING
 from companion.telemetry.schemas import Reply
 from companion.telemetry.status_line import left_text
 
@@ -122,6 +125,10 @@ class Controllable(Protocol):
     def asked(self) -> Vector:
         """What was asked for, NaN where nothing was."""
 
+    @property
+    def destination(self) -> Vector:
+        """Where a move goes, NaN where none does, or where that is not known yet."""
+
     def refusal(self, request: Request) -> str:
         """Return why a request would be refused now, and what to do; empty where it is accepted."""
 
@@ -161,6 +168,8 @@ class CommandQueue:
     _inbox: deque[_Waiting] = field(default_factory=deque)
     _pending: list[_Pending] = field(default_factory=list)
     _withdraw: bool = False
+    _kept: str = ""
+    """What engaging does beside holding."""
 
     def put(self, received: ReceivedCommand, *, trusted: bool = False) -> None:
         """Take a command, from any thread, which parses it; answer at once where too many wait.
@@ -227,6 +236,8 @@ class CommandQueue:
                 self._pending.append(pending)
             else:
                 self._answer(pending.received, pending.command, reply)
+        if not any(sample.dofs.engaged):
+            self._kept = sample.guided.pending
 
     def _parsed(self, received: ReceivedCommand, *, trusted: bool) -> _Waiting:
         try:
@@ -330,7 +341,8 @@ class CommandQueue:
         if name == "engage":
             if verdict.state is State.ACTIVE:
                 value |= self._aimed(engine, sample)
-                return Reply(done=True, said=f"engaged; it was {pending.was}", value=value)
+                goes = f"; now: {self._kept}" if self._kept else ""
+                return Reply(done=True, said=f"engaged; it was {pending.was}{goes}", value=value)
             if Condition.FAILSAFE_UNSAFE in verdict.conditions and not pending.withdrawn:
                 pending.withdrawn = "refused"
                 self._withdraw = True
@@ -361,11 +373,12 @@ class CommandQueue:
         if isinstance(pending.command, Goto | Follow | SetPath | SetVelocity):
             guided = sample.guided
             value |= self._aimed(engine, sample) | {"guidance": guided.kind, "length_m": guided.length_m}
-            said = f"{self._progress(engine, sample)}{f': {guided.name}' if guided.name else ''}"
-            if guided.length_m:
-                said += f", {guided.length_m:.1f} m a lap"
-            if left := left_text(guided.left_m, guided.left_s):
-                said += f", {left}"
+            said = self._progress(engine, sample)
+            if any(sample.dofs.engaged):
+                said += f": {guided.name}" if guided.name else ""
+                said += f", {guided.length_m:.1f} m a lap" if guided.length_m else ""
+                left = left_text(guided.left_m, guided.left_s)
+                said += f": {left}" if left else ""
             return Reply(done=guided.kind != "refused", said=said, value=value)
         if isinstance(pending.command, SetSetpoint):
             said = self._progress(engine, sample, hold="on its way")
@@ -380,19 +393,20 @@ class CommandQueue:
     def _progress(self, engine: Controllable, sample: ControlSample, hold: str = "holds here") -> str:
         engaged = sample.dofs.engaged
         if not any(engaged):
-            return f"kept for when it engages; the state is {sample.verdict.state}"
+            pending = PENDING.format(sample.guided.pending or HOLD_HERE)
+            return f"kept, {pending}; the state is {sample.verdict.state}"
         awaited = Condition.POSITION_STALE in sample.verdict.conditions
         if not engaged[X] and (awaited or any(map(math.isfinite, engine.asked[:2]))):
             return "on its way; x and y are not held until there is a position"
         kinds = {"paused": "paused", "hold": hold, "refused": "refused"}
-        return kinds.get(sample.guided.kind, "on its way")
+        goal = place_words(engine.destination).replace("go to", " to", 1)
+        return kinds.get(sample.guided.kind, f"on its way{goal}")
 
     def _aimed(self, engine: Controllable, sample: ControlSample) -> dict[str, Any]:
-        """Return the target, read back; while it is not engaged, what is kept for then."""
-        engaged = sample.dofs.engaged
-        held = zip(engaged, engine.target, strict=True)
-        aimed = [place if is_held else math.nan for is_held, place in held] if any(engaged) else engine.asked
-        x, y, z, psi = aimed
+        """Return where it goes, or the target, read back; while it is not engaged, what is kept for then."""
+        engaged, goal = sample.dofs.engaged, engine.destination
+        asked = chosen(engaged, engine.target, goal) if any(engaged) else engine.asked
+        x, y, z, psi = chosen(known(goal), goal, asked)
         values = {"depth_m": z, "heading_deg": math.degrees(psi) % 360.0, "x_m": x, "y_m": y}
         return {key: value for key, value in values.items() if math.isfinite(value)}
 

@@ -25,7 +25,7 @@ from companion.records import (
 )
 from companion.telemetry import schemas
 from companion.telemetry.conditions import ENDED
-from companion.telemetry.glossary import STATES, advised
+from companion.telemetry.glossary import PENDING, STATES, advised
 
 STATUSTEXT: Final = message_type(mavlink.MAVLINK_MSG_ID_STATUSTEXT)
 NAMED_VALUE_FLOAT: Final = message_type(mavlink.MAVLINK_MSG_ID_NAMED_VALUE_FLOAT)
@@ -140,6 +140,7 @@ class PilotDisplay:
         messages = [answer(report, sample) for report in reports if isinstance(report, PilotCommand)]
         if math.isnan(self._heard_s):
             self._heard_s = now_s  # the first tick: what it still waits for comes within seconds
+            self._put_pending(sample)
         else:
             self._tell(sample.verdict, events)
         if any(isinstance(report, PilotHeartbeat) for report in reports):
@@ -147,6 +148,7 @@ class PilotDisplay:
                 self._texts.forget("state")
                 state, reason = sample.verdict.state, sample.verdict.reason
                 self._put_state(f"{state}: {reason}", STATES[state].severity, sample.verdict.remedy)
+                self._put_pending(sample)
             self._heard_s = now_s
         for text in self._texts.due(now_s):
             messages += self.text(text.severity, text.words)
@@ -201,6 +203,10 @@ class PilotDisplay:
             self._texts.put(_text("state", STATE_SEVERITIES[severity], "state", f" {words}", todo))
         else:
             self._texts.put_again(_text("course", STATE_SEVERITIES[severity], "state", f" {words}", todo))
+
+    def _put_pending(self, sample: ControlSample) -> None:
+        if sample.guided.pending:
+            self._put_state(PENDING.format(sample.guided.pending), "info", "")
 
     def _put_condition(self, event: schemas.Event, *, steers: bool) -> None:
         """Tell a condition that begins while Holdfast `steers`, and its end."""

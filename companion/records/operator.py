@@ -50,3 +50,5 @@ class Guided(msgspec.Struct, frozen=True):
     left_m: float = 0.0
     left_s: float = 0.0
     """To the end of the path or the move; infinite where it has none. The time is estimated."""
+    pending: str = ""
+    """What it does as soon as it engages, in words; empty: it holds where it is."""

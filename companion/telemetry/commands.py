@@ -244,6 +244,13 @@ _UNITS = {
 """What the end of a field's name says of its unit."""
 
 
+_STEPS = {
+    "offset": {"x_m": " m north", "y_m": " m east", "depth_m": " m down", "heading_deg": "° clockwise"},
+    "body": {"x_m": " m forward", "y_m": " m right", "depth_m": " m down", "heading_deg": "° clockwise"},
+}
+"""What each coordinate of a `Goto` means that counts from the vehicle."""
+
+
 def in_words(command: Payload) -> str:
     """Return a command as an order in words."""
     if isinstance(command, Follow):
@@ -253,13 +260,19 @@ def in_words(command: Payload) -> str:
     given = msgspec.to_builtins(command)
     given.pop("confirm", None)
     axis = given.pop("axis", "")
-    said = ", ".join(_in_words(key, value, command.order) for key, value in given.items())
-    return f"{command.order}{f' of {axis}:' if axis else ''} {said}".rstrip()
+    steps = _STEPS.get(given.pop("frame", ""), {}) if isinstance(command, Goto) else {}
+    said = ", ".join(
+        f"{value:g}{steps[key]}" if key in steps else _in_words(key, value, command.order)
+        for key, value in given.items()
+    )
+    words = f"{command.order.removesuffix(' to' if steps else '')}{f' of {axis}:' if axis else ''} {said}"
+    return f"{words.rstrip()}{' from where it is' if steps else ''}"
 
 
 def _in_words(key: str, value: object, order: str) -> str:
     suffix = next((suffix for suffix in _UNITS if key.endswith(suffix)), "")
     name = key.removesuffix(suffix).replace("_", " ")
+    name = {"x": "north", "y": "east"}.get(name, name)
     number = f"{value:g}" if isinstance(value, float) else str(value)
     return f"{'' if name in order else f'{name} '}{number}{_UNITS.get(suffix, '')}"
 

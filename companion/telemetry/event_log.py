@@ -7,7 +7,15 @@ from typing import Literal
 from companion.records import Condition, ControlSample, FrameShift, Guided, State
 from companion.telemetry.commands import CommandResult
 from companion.telemetry.conditions import UNSAID
-from companion.telemetry.glossary import DEAD_MOTOR, STATES, TRUSTED_MOTOR, Severity, course
+from companion.telemetry.glossary import (
+    DEAD_MOTOR,
+    HOLD_HERE,
+    PENDING,
+    STATES,
+    TRUSTED_MOTOR,
+    Severity,
+    course,
+)
 from companion.telemetry.schemas import Event, printable
 
 RESETS = Condition.YAW_RESET | Condition.POSITION_RESET
@@ -23,6 +31,7 @@ class EventLog:
         self._conditions = Condition(0)
         self._dead_motor = 0
         self._guided = (0, "")
+        self._pending = ""
         self._resets = 0
         self._turned_rad = 0.0
 
@@ -65,11 +74,11 @@ class EventLog:
         if sample.state.dead_motor != self._dead_motor:
             happened.append(_motor(self._dead_motor, sample.state.dead_motor))
             self._dead_motor = sample.state.dead_motor
-        guided = (sample.guided.number, sample.guided.kind)
-        if guided != self._guided:
-            self._guided = guided
-            if sample.guided.number and sample.guided.kind:
-                happened.append(_course(sample.guided))
+        guided = sample.guided
+        if (guided.number, guided.kind) != self._guided:
+            self._guided = guided.number, guided.kind
+            if guided.number and guided.kind and not guided.pending:
+                happened.append(_course(guided))
         happened += self._reset(sample)
         goes_on = verdict.state is State.HAND_OVER and verdict.reason != self._reason
         self._reason = verdict.reason
@@ -77,6 +86,10 @@ class EventLog:
             self._state = verdict.state
             severity = STATES[verdict.state].severity
             happened.append((severity, "state", f"{verdict.state}: {verdict.reason}"))
+        if guided.pending != self._pending:
+            self._pending = guided.pending
+            if not any(sample.dofs.engaged):
+                happened.append(("info", "state", PENDING.format(printable(guided.pending) or HOLD_HERE)))
         if not happened:
             return []
         state = sample.state

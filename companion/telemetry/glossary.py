@@ -47,9 +47,12 @@ COURSES = {
     "path": "follows the path",
     "paused": "pauses the path",
     "waiting": "waits with the path for authority, or for a position",
-    "refused": "refuses the path",
+    "refused": "refuses the path or the move",
 }
 """What Holdfast does with the vehicle, by `State.guidance`."""
+PENDING = "when it engages: {}"
+HOLD_HERE = "hold here"
+"""What is kept for engaging, and what that is where nothing is kept."""
 
 TO_DO = "to do"
 NO_DATA = "NO DATA"

@@ -109,6 +109,9 @@ class State(Record, frozen=True, kw_only=True):
     path_left_s: Annotated[
         float, field("to the end, estimated by the pace of the last half minute", "guided.left_s")
     ] = 0.0
+    pending: Annotated[
+        str, field("what it does as soon as it engages; empty: it holds where it is", "guided.pending")
+    ] = ""
 
 
 class Dof(Record, frozen=True, kw_only=True):

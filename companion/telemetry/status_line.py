@@ -4,22 +4,27 @@ import math
 from math import degrees
 
 from companion.records import PSI, ControlSample, Z
+from companion.telemetry.glossary import PENDING
 
 
 def status_line(sample: ControlSample) -> str:
     """Return depth, heading, delays, state, and what is left of a path.
 
-    What has not been measured says so.
+    What has not been measured says so. Nothing is wanted where nothing is held.
     """
     state, (telemetry, command) = sample.state, delays(sample)
-    depth = f"{state.eta[Z]:.3f} m (wanted {sample.eta_d[Z]:.3f})"
-    heading = f"{degrees(state.eta[PSI]):.1f}° (wanted {degrees(sample.eta_d[PSI]):.1f})"
+    depth, heading = f"{state.eta[Z]:.3f} m", f"{degrees(state.eta[PSI]):.1f}°"
+    if sample.dofs.engaged[Z]:
+        depth += f" (wanted {sample.eta_d[Z]:.3f})"
+    if sample.dofs.engaged[PSI]:
+        heading += f" (wanted {degrees(sample.eta_d[PSI]):.1f})"
     left = left_text(sample.guided.left_m, sample.guided.left_s)
     return (
         f"depth {'not measured' if state.stale[Z] else depth}, "
         f"heading {'not measured' if state.stale[PSI] else heading}, "
         f"delays {telemetry} + {command}, {sample.verdict.state}"
         + (f", {sample.guided.kind}: {left}" if left else "")
+        + (f", {PENDING.format(sample.guided.pending)}" if sample.guided.pending else "")
     )
 
 

@@ -17,7 +17,7 @@ from rich.text import Text
 
 from companion.telemetry import schemas as telemetry
 from companion.telemetry.conditions import UNSAID, named
-from companion.telemetry.glossary import LINK_LOST, PAST, TO_DO, holder, silence, title
+from companion.telemetry.glossary import LINK_LOST, PAST, PENDING, TO_DO, holder, silence, title
 from companion.telemetry.modes import MODE_NAMES
 from companion.telemetry.schemas import Dof, Event, Loop, State, Supervisor
 from dashboard.arguments import add_connect
@@ -141,6 +141,8 @@ def _banner(feed: Feed) -> RenderableType:
         lines.append(Text("; ".join(filter(None, (supervisor.reason, ", ".join(unsaid)))), "dim"))
         if supervisor.remedy:
             lines.append(Text(f"{TO_DO}: {supervisor.remedy}"))
+        if state and state.pending:
+            lines.append(Text(PENDING.format(state.pending), "bold"))
     if state:
         named_mode = MODE_NAMES.get(state.mode, f"mode {state.mode}") if known else "mode unknown"
         lines.append(

@@ -16,6 +16,7 @@ from companion.io.command_queue import MAX_WAITING, CommandQueue, ReceivedComman
 from companion.records import Condition, Setpoint, State, Verdict
 from companion.telemetry.commands import COMMANDS, MAX_BYTES, SetEstimator, SetGains, in_words, parse
 from companion.telemetry.schemas import Reply
+from companion.telemetry.status_line import status_line
 from lab.loop.lockstep import LinkDelay
 
 
@@ -260,7 +261,10 @@ def test_goto_and_follow_are_commands_that_are_answered_and_done():
     dive.run(2.0)
     reply = console.tell("goto", x_m=0.5, frame="offset")
     assert reply.done
-    assert reply.said.startswith("on its way, 0.5 m, about ")
+    goal = dive.engine.destination[0]
+    assert goal == pytest.approx(dive.step.truth.eta[0] + 0.5, abs=0.1)
+    assert reply.said.startswith(f"on its way to north {goal:.2g} m: 0.5 m, about ")
+    assert reply.value["x_m"] == goal, "where it goes, not where it is"
     plan = {"name": "ring", "relative": True, "circle": {"radius_m": 1.0}}
     reply = console.tell("follow", path=plan)
     assert reply.done
@@ -273,7 +277,95 @@ def test_goto_and_follow_are_commands_that_are_answered_and_done():
     assert "path.circle.radius_m = 0.01: must be 0.1 to 1000" in refused.said
     refused = console.tell("goto", frame="body")
     assert "at least one of x_m" in refused.said
-    assert console.results[-1].order == "go to frame body"
+    assert console.results[-1].order == "go from where it is"
+
+
+OUT = {"name": "out", "relative": True, "waypoint": [{"x_m": 0.0, "y_m": 0.0}, {"x_m": 0.4, "y_m": 0.0}]}
+FROM_HERE = [
+    (
+        "goto",
+        {"frame": "offset", "x_m": -0.4, "depth_m": 0.3},
+        "go -0.4 m north, 0.3 m down from",
+        (-0.4, 0.3),
+    ),
+    ("goto", {"frame": "body", "depth_m": 0.3, "heading_deg": 20}, "0.3 m down, 20° clockwise", (0.0, 0.3)),
+    ("follow", {"path": OUT}, "follow the path out", (0.4, 0.0)),
+]
+
+
+def drifting(*plant):
+    """An operator at a vehicle that nobody holds, and that drifts."""
+    dive, console = at_console(*DVL, *plant)
+    dive.tap.to_vehicle.append(Somebody().origin())
+    dive.run(4.0)
+    return dive, console
+
+
+@pytest.mark.parametrize(("name", "what", "words", "step_m"), FROM_HERE)
+def test_from_here_is_from_where_it_engages_and_every_screen_says_so(name, what, words, step_m):
+    dive, console = drifting()
+    reply = console.tell(name, **what)
+    assert reply.done
+    assert words in reply.said.partition("kept, when it engages: ")[2]
+    asked_at = dive.step.truth.eta
+    dive.run(8.0)
+    assert math.dist(asked_at[:3], dive.step.truth.eta[:3]) > 0.3
+    assert words in dive.step.sample.guided.pending
+    assert words in status_line(dive.step.sample)
+    console.tell("engage")
+    assert words in console.results[-1].reply.said
+    start = dive.engine.target
+    dive.run(10.0)
+    assert dive.step.sample.guided.pending == ""
+    x, _, z, _ = dive.step.sample.eta_d
+    assert (x - start[0], z - start[2]) == pytest.approx(step_m, abs=0.02)
+
+
+@pytest.mark.parametrize("again", [False, True], ids=["while it is let go", "as it engages"])
+def test_from_here_does_not_outlive_the_place_where_it_was_asked(again):
+    dive, console = drifting()
+    console.tell("engage")
+    if not again:
+        dive.run(2.0)
+        console.ask("release")
+        dive.run(0.3)
+    console.ask("goto", frame="offset", depth_m=0.3)
+    dive.run(0.1)
+    if again:
+        console.ask("release")
+    dive.run(2.0)
+    console.ask("engage")
+    dive.run(0.1)
+    start = dive.engine.target
+    dive.run(8.0)
+    assert dive.step.sample.eta_d[2] - start[2] == pytest.approx(0.3, abs=0.02)
+
+
+def test_a_move_that_its_beginning_forbids_is_refused_there():
+    dive, console = drifting()
+    assert console.tell("goto", frame="offset", depth_m=-5.0).done
+    console.tell("engage")
+    dive.run(2.0)
+    assert dive.step.sample.guided.kind == "refused"
+    assert "above the surface" in dive.step.sample.guided.name
+
+
+def test_what_waits_for_engaging_can_be_taken_back_and_nothing_goes_on_while_nothing_is_held():
+    dive, console = drifting()
+    console.tell("goto", frame="offset", depth_m=0.3)
+    assert "when it engages: hold here" in console.tell("path", action="hold").said
+    console.tell("engage")
+    console.tell("follow", path=OUT)
+    dive.run(2.0)
+    console.tell("velocity", forward_mps=0.2, lasts_s=10.0)
+    console.tell("release")
+    refused = console.tell("path", action="resume")
+    assert (refused.done, "engage first" in refused.said) == (False, True)
+    console.tell("engage")
+    dive.run(1.5)
+    held = dive.step.sample.eta_d
+    dive.run(1.0)
+    assert dive.step.sample.eta_d == pytest.approx(held, abs=0.02), "neither the path nor the velocity"
 
 
 @pytest.mark.parametrize(
@@ -282,7 +374,7 @@ def test_goto_and_follow_are_commands_that_are_answered_and_done():
         ("engage", {}, "engage"),
         ("clear_fault", {}, "clear the fault"),
         ("setpoint", {"depth_m": 5.0, "heading_deg": 90.0}, "hold depth 5 m, heading 90°"),
-        ("goto", {"x_m": 1.5, "frame": "body"}, "go to x 1.5 m, frame body"),
+        ("goto", {"x_m": 1.5, "frame": "body"}, "go 1.5 m forward from where it is"),
         ("follow", {"path": {"name": "ring", "circle": {"radius_m": 1.0}}}, "follow the path ring"),
         ("path", {"action": "pause"}, "pause the path"),
         ("velocity", {"forward_mps": 0.2, "lasts_s": 2.0}, "move forward 0.2 m/s, lasts 2 s"),

@@ -31,12 +31,14 @@ def pilot():
 def test_a_dive_is_told_from_ready_to_engaged_to_a_fault_and_its_end():
     dive = Dive()
     shown = Shown(dive)
+    kept = "Holdfast when it engages: go to depth 1 m, heading 17.19 deg"
     assert [text for _, text in shown.texts(5.0)] == [
+        kept,
         "Holdfast READY: all conditions for engaging are met",
         "Holdfast ACTIVE: engaged",
     ]
     dive.fault("link_cut", 1.5)
-    [fault, end] = shown.texts(4.0)
+    [fault, still, end] = shown.texts(4.0)
     verdict = dive.step.sample.verdict
     assert fault == (
         mavlink.MAV_SEVERITY_CRITICAL,
@@ -44,6 +46,7 @@ def test_a_dive_is_told_from_ready_to_engaged_to_a_fault_and_its_end():
         "clear the fault (`holdfast tell clear_fault`, button or dashboard)",
     )
     assert verdict.state is State.FAULT
+    assert still[1] == kept
     assert end == (mavlink.MAV_SEVERITY_INFO, "Holdfast: the vehicle is heard")
 
 
