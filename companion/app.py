@@ -46,6 +46,8 @@ if TYPE_CHECKING:
 
 SHUTDOWN_REPEATS = 5
 STATUS_PERIOD_S = 5.0
+SETTLED_S = 1.0
+"""Words that change within a state are said once they have stayed for so long."""
 PLAN_PERIOD_S = 5.0
 WATCHDOG_PERIOD_S = 0.5
 NAME_PATIENCE_S = 3.0
@@ -75,7 +77,7 @@ class App:
         engine = self._engine = Engine(config, setpoint, arm=arm, signing=signing)
         endpoint = Endpoint.parse(config.link.endpoint)
         self._inbox = Inbox(endpoint.is_stream)
-        admission = Admission(engine.sender, engine.hello, config.link.allow)
+        admission = Admission(engine.sender, engine.hello, config.link.allow, engine.heard.barred)
         self._link = MavlinkLink(endpoint, "vehicle", self._from_vehicle, admission)
         self._ground: MavlinkLink | None = None
         if config.ground_station.endpoint:
@@ -107,8 +109,9 @@ class App:
         self._ticks = 0
         self._late_ticks = 0
         self._compute_ns = 0
-        self._said = ""
-        self._said_ns = self._fed_ns = self._drawn_ns = 0
+        self._said = self._saying = ("", "")
+        """State and words: what was said last, and what is to be."""
+        self._said_ns = self._saying_ns = self._fed_ns = self._drawn_ns = 0
         self._drawn = (-1, "")
         self._drawing: Task[Plan] | None = None
         self._works_between = self._catches_up = False
@@ -330,11 +333,14 @@ class App:
     def _report(self, now_ns: int, sample: ControlSample) -> None:
         """Feed the watchdog; say what changed, and every few seconds how it goes."""
         verdict = sample.verdict
-        said = advised(f"{verdict.state}: {verdict.reason}", verdict.remedy)
-        if said != self._said:
+        said = str(verdict.state), advised(f"{verdict.state}: {verdict.reason}", verdict.remedy)
+        if said != self._saying:
+            self._saying, self._saying_ns = said, now_ns
+        settled = now_ns - self._saying_ns > SETTLED_S * NS_PER_S
+        if said != self._said and (settled or (said[0] != self._said[0] and self._said[0])):
             self._said = said
-            log.info("%s", said)
-            notify(f"STATUS={said}")
+            log.info("%s", said[1])
+            notify(f"STATUS={said[1]}")
         if now_ns - self._fed_ns > WATCHDOG_PERIOD_S * NS_PER_S:
             self._fed_ns = now_ns
             notify("WATCHDOG=1")
@@ -352,7 +358,7 @@ def parting(*, steering: bool, silent: bool) -> str:
     """Return what is known of the thrusters when the process ends."""
     if not steering:
         return "it was not steering"
-    return "neutral was sent, but the vehicle was silent" if silent else "the vehicle was left neutral"
+    return "neutral was sent, but the vehicle was not heard" if silent else "the vehicle was left neutral"
 
 
 def _drained(*queues: deque[str]) -> list[str]:

@@ -47,6 +47,7 @@ from companion.records import (
     ZERO,
     Axes,
     AxisCommand,
+    Condition,
     ControlSample,
     DofSample,
     Event,
@@ -68,6 +69,7 @@ from companion.supervision.guard import guard
 from companion.supervision.situation import Observation
 from companion.supervision.supervision import Supervision
 from companion.telemetry import schemas
+from companion.telemetry.conditions import Details
 
 MAX_DT_TICKS = 3.0
 RELEASING = (State.RAMP_DOWN, State.HAND_OVER)
@@ -93,6 +95,7 @@ class Engine:
         self._config = config
         self._tick_s = 1.0 / config.loop.rate_hz
         self._autopilot = Autopilot(config, signing)
+        self.heard = self._autopilot.heard
         self._estimator = assembly.estimator(config)
         self._fitness = Fitness(self._autopilot)
         self._supervision = Supervision(config, self._autopilot.parameters, arm=arm)
@@ -336,7 +339,7 @@ class Engine:
             finite=self._finite,
             full_override=demand.full_override,
             misses_motor=known.dead_motor > 0 and not can_lose(thrusters, known.dead_motor),
-            preflight_failure=self._fitness.step(self.events, state, self._config, holding=held),
+            details=self._details(self._fitness.step(self.events, state, self._config, holding=held), state),
         )
         verdict = self._supervision.step(observed)
         engage = Request.ENGAGE in requests
@@ -354,6 +357,13 @@ class Engine:
             reach=self._reach(state),
             excitation=self.excitation,
         )
+
+    def _details(self, failure: str, state: VehicleState) -> Details:
+        """Return what is known of a condition beyond its words."""
+        details = {Condition.PREFLIGHT_FAILURE: (failure, "")} if failure else {}
+        if not state.ages.heartbeat_s <= self._config.supervisor.heartbeat_timeout_s:
+            details[Condition.LINK_LOST] = self.heard.contact()
+        return details
 
     def _datum(self, state: VehicleState) -> Datum:
         """Return what places count from now."""

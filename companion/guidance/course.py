@@ -17,7 +17,6 @@ from companion.guidance.target import from_here
 from companion.records import ZERO, Setpoint, Vector, vector
 from companion.steps import finish
 from companion.telemetry.commands import Follow, Goto, in_words
-from companion.telemetry.plan import PathPlan
 
 FULL_PACE_M, NO_PACE_M = 0.15, 0.5
 """A vehicle this far from its place still gets the whole speed; this far, the path waits for it."""
@@ -51,10 +50,11 @@ class Course:
     """
 
     def __init__(
-        self, limits: Limits, order: Goto | PathPlan, *, words: str, path: Path | None = None
+        self, limits: Limits, speed_mps: float, acceleration_mps2: float, *, path: Path | None = None
     ) -> None:
-        self._limits, self._speed, self._acceleration = limits, order.speed_mps, order.acceleration_mps2
-        self.path, self.words = path, words
+        self._limits, self._speed, self._acceleration = limits, speed_mps, acceleration_mps2
+        self.path = path
+        self.words = "" if path is None else in_words(Follow(path=path.plan))
         self.place: Vector = (math.nan,) * 4
         self.place_from = "local"
         self.begun = self.done = False
@@ -82,14 +82,9 @@ class Course:
     @classmethod
     def to(cls, order: Goto, limits: Limits) -> Self:
         """Return a move to a place. Raises ValueError where it names none."""
-        course = cls(limits, order, words=in_words(order))
-        course.place, course.place_from = place(order), order.frame
+        course = cls(limits, order.speed_mps, order.acceleration_mps2)
+        course.place, course.place_from, course.words = place(order), order.frame, in_words(order)
         return course
-
-    @classmethod
-    def along(cls, path: Path, limits: Limits) -> Self:
-        """Return a path as a course."""
-        return cls(limits, path.plan, words=in_words(Follow(path=path.plan)), path=path)
 
     def goal(self, start: Vector) -> Vector:
         """Return where a move that begins at `start` goes, NaN where it stays."""

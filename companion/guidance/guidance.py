@@ -477,7 +477,7 @@ class Guidance:
         plan = path.plan
         self._permit_altitude(plan.altitude_m)
         self._angles.permit(angles(plan))
-        course = Course.along(path, self._limits)
+        course = Course(self._limits, plan.speed_mps, plan.acceleration_mps2, path=path)
         if any(self.engaged) or not any(path.relative[:PSI]):
             self._check_course(course, self._frame.settled.outside(self._standing(reference)))
         self._angles.ask(angles(plan))

@@ -1,6 +1,7 @@
 """What an operator orders beyond a setpoint, as the engine takes it: a path, a move, pause and resume."""
 
 import math
+from typing import Any
 
 import msgspec
 
@@ -60,5 +61,5 @@ def place_words(eta: Vector, altitude_m: float = math.nan, held: Angles = LEVEL)
     roll, pitch = (math.degrees(angle) or math.nan for angle in held)
     said = {"x_m": x, "y_m": y, "depth_m": z, "heading_deg": math.degrees(psi) % 360.0}
     said |= {"altitude_m": altitude_m, "roll_deg": roll, "pitch_deg": pitch}
-    given = {key: round(value, 2) for key, value in said.items() if math.isfinite(value)}
+    given: dict[str, Any] = {key: round(value, 2) for key, value in said.items() if math.isfinite(value)}
     return in_words(Goto(**given)) if given else ""

@@ -27,6 +27,7 @@ PEER_SILENT_NS = 2_500_000_000
 PEER_LOOK_NS = 100_000_000
 """The sender of a peer's datagrams is checked once in this time."""
 RECONNECT_S = (0.25, 4.0)
+HELLO_NS = 200_000_000
 MAX_DATAGRAM = 65507
 MAX_UNSENT_BYTES = 1 << 16
 """A stream with more unsent bytes gets nothing until it has caught up: old commands are worse than none."""
@@ -40,12 +41,13 @@ class Admission(NamedTuple):
     """Who may become the peer of a link that listens.
 
     `sender` says who sent a datagram; a sender that is BEHIND gets the time by `hello`. `allow` lists
-    addresses and networks; empty allows all.
+    addresses and networks; empty allows all; `barred` gets the others.
     """
 
     sender: Callable[[bytes], Sender]
     hello: Callable[[], bytes]
     allow: Sequence[str] = ()
+    barred: Callable[[str], None] = lambda _: None
 
     def allows(self, host: str) -> bool:
         """Tell whether an address is within `allow`."""
@@ -83,7 +85,7 @@ class MavlinkLink(asyncio.DatagramProtocol, asyncio.Protocol):
         self._reader: asyncio.BaseTransport | None = None
         self._datagrams: asyncio.DatagramTransport | None = None
         self._peer: tuple[str, int] | None = None
-        self._peer_heard_ns = 0
+        self._peer_heard_ns = self._hello_ns = 0
         self._lost = asyncio.Event()
 
     async def run(self) -> None:
@@ -170,11 +172,15 @@ class MavlinkLink(asyncio.DatagramProtocol, asyncio.Protocol):
                 self._peer_heard_ns = now_ns
             return True
         has_peer = self._peer is not None and silent_ns < PEER_SILENT_NS
-        if has_peer or not self._admission.allows(address[0]):
+        if has_peer:
+            return False
+        if not self._admission.allows(address[0]):
+            self._admission.barred(address[0])
             return False
         sender = self._admission.sender(data)
         if sender is not Sender.EXPECTED:
-            if sender is Sender.BEHIND and self._datagrams is not None:
+            if sender is Sender.BEHIND and self._datagrams and now_ns - self._hello_ns > HELLO_NS:
+                self._hello_ns = now_ns
                 self._datagrams.sendto(self._admission.hello(), address)
             return False
         if self._peer is None:

@@ -11,6 +11,7 @@ from companion.mavlink.codec import Codec, Packer
 from companion.mavlink.decode import Decoder
 from companion.mavlink.encode import Commands
 from companion.mavlink.freshness import Freshness
+from companion.mavlink.heard import Heard
 from companion.mavlink.link_maintenance import LinkMaintenance
 from companion.mavlink.messages import Message, message_name
 from companion.mavlink.signing import Signing
@@ -47,6 +48,8 @@ class Autopilot:
             depth_source=vehicle.depth_source,
             parameters=self._maintenance.parameters,
         )
+        self.heard = Heard(link)
+        """What arrives of others, where the heartbeat does not come."""
         self._codec = Codec(
             link.system,
             link.component,
@@ -56,6 +59,7 @@ class Autopilot:
             wanted=self._decoder.ids,
             counters=counters,
             signing=signing,
+            heard=self.heard,
         )
         self._onboard = Packer(link.vehicle_system, link.component, signing)
         behind_us = config.ground_station.endpoint
@@ -103,6 +107,7 @@ class Autopilot:
 
         The parameters in `confirm` are read again at once.
         """
+        self.heard.now_s = now_s
         if self._signing is not None:
             self._signing.advance(now_s)
         asked = self._maintenance.step(now_s, events, want_mode=mode, want_armed=arm, confirm=confirm)

@@ -6,7 +6,9 @@ from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from companion.config import LinkSection
 from companion.mavlink.frames import MARKER, SIGNED, Frame, Splitter, leading_frames
+from companion.mavlink.heard import OLD, OTHER_KEY, UNSIGNED, Heard
 from companion.mavlink.messages import CHECKSUM_BYTES, Message, checksum, pack
 from companion.mavlink.signing import Signing
 from companion.records import LinkCounters, Sender
@@ -65,7 +67,9 @@ class Codec:
         wanted: Container[int] | None = None,
         counters: LinkCounters | None = None,
         signing: Signing | None = None,
+        heard: Heard | None = None,
     ) -> None:
+        self.heard = heard or Heard(LinkSection())
         self.counters = counters or LinkCounters()
         self.encode = Packer(source_system, source_component, signing).encode
         self._signing = signing
@@ -85,23 +89,37 @@ class Codec:
         for frame, piece in self.splitter.cut(t_s, data):
             if frame is not None:
                 self._open(frame, piece, messages)
-            elif not self._in_junk:
-                self.counters.garbage += 1
+            else:
+                self.counters.garbage += not self._in_junk
+                self.heard.junk(piece)
             self._in_junk = frame is None
         return messages
 
     def sender(self, data: bytes) -> Sender:
         """Tell who sent a datagram. The vehicle's begins with sound frames, one of which is its own.
 
-        With `signing` that must be signed and new as well; `decode` will still find it new. Junk costs one
-        checksum.
+        With `signing` that must be signed and new as well; `decode` will still find it new. Junk costs two
+        checksums. An autopilot that speaks MAVLink 1 is BEHIND: many speak MAVLink 2 once they hear it.
         """
+        found, frame = Sender.STRANGER, None
         for frame, piece in leading_frames(data):
-            if frame.version == 2 and (frame.system, frame.component) == self._target:
+            ours = (frame.system, frame.component) == self._target
+            if ours and frame.version == 2:
                 sender = Sender.EXPECTED if self._signing is None else self._signing.sender(piece)
-                self.counters.refused += sender is not Sender.EXPECTED
+                if sender is not Sender.EXPECTED:
+                    self._refuse(frame, piece)
                 return sender
-        return Sender.STRANGER
+            self.heard.frame(frame)
+            if ours and self._signing is None:
+                found = Sender.BEHIND
+        if frame is None:
+            self.heard.junk(data)
+        return found
+
+    def _refuse(self, frame: Frame, piece: bytes) -> None:
+        self.counters.refused += 1
+        old = self._signing is not None and self._signing.sender(piece) is Sender.BEHIND
+        self.heard.frame(frame, OLD if old else OTHER_KEY if piece[2] & SIGNED else UNSIGNED)
 
     def _is_for_us(self, frame: Frame) -> bool:
         """Tell whether a frame of another sender is steering, or a ground station's command to us."""
@@ -116,8 +134,12 @@ class Codec:
         from_vehicle = sender == self._target
         rival = not from_vehicle and sender != self._source and self._is_for_us(frame)
         if self._signing and (rival or from_vehicle) and not self._signing.accepts(piece):
-            self.counters.refused += 1
+            self._refuse(frame, piece)
             return
+        if from_vehicle and frame.id == mavlink.MAVLINK_MSG_ID_HEARTBEAT:
+            self.heard.vehicle_signs = bool(piece[2] & SIGNED)
+        elif not rival:
+            self.heard.frame(frame)
         if not rival and not (from_vehicle and (self._wanted is None or frame.id in self._wanted)):
             if from_vehicle:
                 self.counters.messages += 1

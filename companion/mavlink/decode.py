@@ -211,7 +211,8 @@ class Decoder:
         return (Battery(t_s, voltage_v),) if voltage_v > 0.0 else ()
 
     def _heartbeat(self, m: Message, t_s: float) -> tuple[Event, ...]:
-        return (Heartbeat(t_s, bool(m.base_mode & ARMED), m.custom_mode, m.system_status, m.type),)
+        armed = bool(m.base_mode & ARMED)
+        return (Heartbeat(t_s, armed, m.custom_mode, m.system_status, m.type, m.autopilot),)
 
     def _attitude(self, m: Message, t_s: float) -> tuple[Event, ...]:
         roll, pitch, yaw, p, q, r = m.roll, m.pitch, m.yaw, m.rollspeed, m.pitchspeed, m.yawspeed

@@ -11,7 +11,7 @@ from companion.io.process import NS_PER_S, on_ending_signal
 from companion.mavlink.inbox import Inbox
 from companion.mavlink.signing import signing_of
 from companion.mavlink.timestamps import timestamps_of
-from companion.predive.check import CheckRow, Grade
+from companion.predive.check import CheckRow
 from companion.predive.inspection import Inspection
 
 
@@ -41,7 +41,7 @@ async def _inspect(
         endpoint,
         "vehicle",
         inbox.add,
-        Admission(inspection.sender, inspection.hello, config.link.allow),
+        Admission(inspection.sender, inspection.hello, config.link.allow, inspection.heard.barred),
     )
     if timestamps is not None:
         timestamps.start()
@@ -63,15 +63,4 @@ async def _inspect(
         link.close()
         if timestamps is not None:
             timestamps.close()
-    if not inspection.contact:
-        return [_nobody(config), *(row for row in inspection.rows if row.name == "signing")], []
     return inspection.rows, inspection.notes
-
-
-def _nobody(config: Config) -> CheckRow:
-    link = config.link
-    found = f"no heartbeat of system {link.vehicle_system}, component {link.vehicle_component}"
-    fix = "link.endpoint, link.vehicle_system; is it switched on?"
-    return CheckRow(
-        "link", Grade.REFUSED, f"{found} at {link.endpoint}", "nothing else can be looked at", fix
-    )

@@ -26,7 +26,7 @@ from holdfast.version import OLDEST_ARDUSUB
 PRESET_OF = {"vectored": "bluerov2", "vectored_6dof": "heavy"}
 """The shipped vehicle of each frame."""
 
-SUBMARINE = 12
+SUBMARINE, ARDUPILOT = 12, 3
 MIN_REACH = 0.3
 """With a smaller pilot gain MANUAL_CONTROL reaches less than a third of the thrust."""
 
@@ -98,12 +98,17 @@ def _row(name: str, why: str) -> Callable[[Judge], Judge]:
 
 
 def rows(seen: Observed, config: Config) -> list[CheckRow]:
-    """Return the list, without the rows of what was not tested."""
-    found = ((name, why, judge(seen, config)) for name, why, judge in _ROWS)
+    """Return the list, without the rows of what was not tested; of a vehicle that is not heard the first."""
+    judges = _ROWS if _is_heard(seen, config) else _ROWS[:1]
+    found = ((name, why, judge(seen, config)) for name, why, judge in judges)
     return [CheckRow(name, it.grade, it.found, why, it.fix) for name, why, it in found if it is not None]
 
 
-WATCHED = frozenset({"pilot failsafe", "depth", "battery"})
+def _is_heard(seen: Observed, config: Config) -> bool:
+    return seen.state.ages.heartbeat_s <= config.supervisor.heartbeat_timeout_s
+
+
+WATCHED = frozenset({"link", "pilot failsafe", "depth", "battery"})
 """Rows for which the supervisor has conditions, which it tests in every tick."""
 
 
@@ -117,26 +122,36 @@ def refusals(listed: Sequence[CheckRow], *, holding: bool = False) -> str:
     While `holding`, the rows of SETTLES are left out too.
     """
     ignored = WATCHED | SETTLES if holding else WATCHED
-    refused = [row for row in listed if row.grade is REFUSED and row.name not in ignored]
-    return "; ".join(f"{row.name}: {row.found}. Fix: {row.fix}" for row in refused)
+    found: dict[str, list[str]] = {}
+    for row in listed:
+        if row.grade is REFUSED and row.name not in ignored:
+            found.setdefault(row.fix, []).append(f"{row.name}: {row.found}")
+    return "; ".join(f"{', '.join(rows)}. Fix: {fix}" for fix, rows in found.items())
+
+
+@_row("link", "nothing else can be looked at without the autopilot's heartbeat")
+def _link(seen: Observed, config: Config) -> Finding:
+    link = config.link
+    whom = f"heartbeat of system {link.vehicle_system}, component {link.vehicle_component}"
+    if _is_heard(seen, config):
+        return Finding(GOOD, f"the {whom} arrives at {link.endpoint}")
+    found, fix = seen.contact
+    return Finding(REFUSED, f"no {whom}: {found}", fix)
 
 
 @_row("signing", "frames that are not signed with link.signing_key_file are dropped")
 def _signing(seen: Observed, config: Config) -> Finding | None:
-    if not config.link.signing_key_file:
-        return None
-    if seen.messages or not seen.refused:
-        found = "the vehicle signs with the same key" if seen.messages else "no frame arrived yet"
-        return Finding(GOOD, found)
-    found, fix = "no frame is signed with the same key", "use one key on both sides: docs/wiring.md"
-    return Finding(REFUSED, found, fix)
+    if config.link.signing_key_file:
+        return Finding(GOOD, "the vehicle signs with the same key")
+    fix = "link.signing_key_file: it ignores what is not signed with its key"
+    return Finding(WARNING, "the vehicle signs its frames, Holdfast has no key", fix) if seen.signs else None
 
 
 @_row("firmware", "Holdfast uses the signs, scales and failsafes of ArduSub 4.5 and newer")
 def _firmware(seen: Observed, config: Config) -> Finding:
-    kind = seen.heartbeat.vehicle_type if seen.heartbeat else None
-    if kind is not None and kind != SUBMARINE:
-        found = f"a vehicle of MAVLink type {kind}"
+    beat = seen.heartbeat
+    if beat and (beat.vehicle_type, beat.autopilot) != (SUBMARINE, ARDUPILOT):
+        found = f"a vehicle of MAVLink type {beat.vehicle_type} with autopilot {beat.autopilot}, not ArduSub"
         return Finding(REFUSED, found, "set link.vehicle_system to that of an ArduSub vehicle")
     if seen.firmware is None:
         return Finding(WARNING, "the version was not reported", "reduce the load of the link")

@@ -60,6 +60,7 @@ class Inspection:
     ) -> None:
         self._config = config
         self._autopilot = Autopilot(config, signing)
+        self.heard = self._autopilot.heard
         self._thrusters = assembly.thrusters(config)
         self._estimator = assembly.estimator(config)
         self._observers = assembly.observers(config)
@@ -78,7 +79,6 @@ class Inspection:
         self._state: VehicleState | None = None
         self._script = self._inspect()
         self.done = False
-        self.contact = False
         self.notes: list[str] = []
         """What was done besides listening, for people."""
 
@@ -122,8 +122,7 @@ class Inspection:
 
     def _inspect(self) -> Iterator[None]:
         yield from self._wait(CONTACT_S, lambda: self._seen.ages.heartbeat_s < CONTACT_S)
-        self.contact = self._seen.ages.heartbeat_s < CONTACT_S
-        if not self.contact:
+        if not self._seen.ages.heartbeat_s < CONTACT_S:
             return
         began_s = self._now_s
         yield from self._wait(LISTEN_S, lambda: self._now_s - began_s > SETTLE_S and self._heard_enough())

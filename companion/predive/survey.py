@@ -52,10 +52,11 @@ class Observed:
     parameters: Mapping[str, float] = field(default_factory=dict)
     measured_hz: Mapping[str, float] = field(default_factory=dict)
     asked_hz: Mapping[str, float] = field(default_factory=dict)
-    messages: int = 0
-    refused: int = 0
-    """Frames that were believed, and those that were not rightly signed."""
+    signs: bool = False
+    """Whether the vehicle's frames are signed."""
     heartbeat: Heartbeat | None = None
+    contact: tuple[str, str] = ("", "")
+    """What arrives where no heartbeat does, and what to do."""
     firmware: Firmware | None = None
     pilot_gain: float | None = None
     toggles: Mapping[str, bool] = field(default_factory=dict)
@@ -128,8 +129,8 @@ class Survey:
             parameters=autopilot.parameters,
             measured_hz=autopilot.measured_hz,
             asked_hz=autopilot.asked_hz,
-            messages=autopilot.counters.messages,
-            refused=autopilot.counters.refused,
+            signs=autopilot.heard.vehicle_signs,
+            contact=autopilot.heard.contact(),
             **self._seen,
             **tried,
         )

@@ -34,7 +34,7 @@ class Condition(IntFlag):
         return condition
 
     LINK_LOST = (
-        "the vehicle is silent",
+        "the vehicle is not heard",
         "the vehicle's heartbeat",
         "the vehicle is heard",
         "no message, or no heartbeat, arrived from the autopilot in time; or no message at all while "

@@ -22,6 +22,8 @@ class Heartbeat(Event, frozen=True, gc=False):
     system_status: int
     vehicle_type: int = 12
     """MAV_TYPE; 12 is a submarine."""
+    autopilot: int = 3
+    """MAV_AUTOPILOT; 3 is ArduPilot."""
 
 
 class Attitude(Event, frozen=True, gc=False):
@@ -237,7 +239,8 @@ class Sender(Enum):
 
     STRANGER = auto()
     BEHIND = auto()
-    """Rightly signed, and not new: a replay, or a sender whose clock has to learn the time from us."""
+    """To be greeted: rightly signed and not new, a replay or a clock that has to learn the time from us; or
+    our vehicle in MAVLink 1."""
     EXPECTED = auto()
 
 

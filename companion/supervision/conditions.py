@@ -159,7 +159,7 @@ RULES: dict[Condition, Rule] = {
         ("max_pilot_timeout_s",),
         blocks=True,
     ),
-    C.PREFLIGHT_FAILURE: Rule(lambda now, _: bool(now.observed.preflight_failure), blocks=True),
+    C.PREFLIGHT_FAILURE: Rule(lambda now, _: C.PREFLIGHT_FAILURE in now.observed.details, blocks=True),
     C.SATURATED: Rule(
         lambda now, limits: not now.watched.saturated_s <= limits.saturated_s,
         ("saturated_s",),

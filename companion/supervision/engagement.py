@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from companion.records import ENGAGE_S, Condition, Event, Parameter, Request, State, Verdict
 from companion.supervision.conditions import BLOCKING
 from companion.supervision.supervisor import FAULT_CAUSES, first_remedy
-from companion.telemetry.conditions import text
-from companion.telemetry.glossary import advised
+from companion.telemetry.conditions import NO_DETAILS, Details, text
+from companion.telemetry.glossary import ENGAGE, advised
 from companion.telemetry.modes import Mode
 
 C = Condition
@@ -34,7 +34,15 @@ class Engagement:
         """Whether engaging is requested, and the pilot-input failsafe is confirmed since."""
         return self._wanted and not self.unconfirmed
 
-    def refusal(self, request: Request, verdict: Verdict, mode: int, preflight_failure: str) -> str:
+    @property
+    def details(self) -> Details:
+        """What there is to do about a vehicle that is disarmed, beyond arming it."""
+        if not self._arm:
+            return NO_DETAILS
+        todo = "wait: Holdfast arms it" if self._wanted else f"{ENGAGE}: that arms it too"
+        return {C.DISARMED: ("", todo)}
+
+    def refusal(self, request: Request, verdict: Verdict, mode: int, details: Details) -> str:
         """Return why a request is refused and what to do; empty where it is accepted.
 
         ENGAGE is accepted where nothing is missing but what follows from it: the flight mode, and arming
@@ -60,23 +68,21 @@ class Engagement:
             held &= (BLOCKING_ARMED if self._arm else BLOCKING) & ~C.WRONG_MODE | C.PILOT_TAKEOVER
             if mode == Mode.SURFACE:
                 return advised("the vehicle surfaces", "choose another flight mode")
-        return advised(text(held, preflight_failure), first_remedy(held)) if held else ""
+        return advised(text(held, details), first_remedy(held, details)) if held else ""
 
     def accepted(
-        self, requests: Sequence[Request], verdict: Verdict, mode: int, preflight_failure: str
+        self, requests: Sequence[Request], verdict: Verdict, mode: int, details: Details
     ) -> list[Request]:
         """Return the requests that are not refused; ENGAGE waits in IDLE, as that of the start does."""
         kept: list[Request] = []
         for request in requests:
             waits = verdict.state is State.IDLE or Request.CLEAR_FAULT in kept
-            if (request is Request.ENGAGE and waits) or not self.refusal(
-                request, verdict, mode, preflight_failure
-            ):
+            if (request is Request.ENGAGE and waits) or not self.refusal(request, verdict, mode, details):
                 kept.append(request)
         return kept
 
     def pressed(
-        self, verdict: Verdict, mode: int, preflight_failure: str, now_s: float
+        self, verdict: Verdict, mode: int, details: Details, now_s: float
     ) -> tuple[list[Request], str]:
         """Return what the engage button asks for, and why it is refused.
 
@@ -84,7 +90,7 @@ class Engagement:
         """
         clears = verdict.state is State.FAULT and not verdict.conditions & FAULT_CAUSES
         judged = Verdict(State.IDLE, verdict.conditions, 0.0, "") if clears else verdict
-        refused = self.refusal(Request.ENGAGE, judged, mode, preflight_failure)
+        refused = self.refusal(Request.ENGAGE, judged, mode, details)
         if refused:
             return [], refused
         self._until_s = now_s + ENGAGE_S

@@ -18,6 +18,7 @@ from companion.records import (
     VehicleState,
 )
 from companion.supervision.handover import HandOverStep
+from companion.telemetry.conditions import NO_DETAILS, Details
 
 
 class Observation(msgspec.Struct, frozen=True, kw_only=True):
@@ -46,8 +47,8 @@ class Observation(msgspec.Struct, frozen=True, kw_only=True):
     """Whether the others cannot do the work of a motor that gives no thrust."""
     full_override: bool = False
     """Whether the pilot overrides all axes, by stick or button on the ground station's link."""
-    preflight_failure: str = ""
-    """The rows of `check` that forbid engaging, in words."""
+    details: Details = NO_DETAILS
+    """Of PREFLIGHT_FAILURE the rows of `check` that forbid engaging, of LINK_LOST what arrives instead."""
 
 
 class Watched(msgspec.Struct, frozen=True, kw_only=True):

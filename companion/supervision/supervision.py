@@ -20,6 +20,7 @@ from companion.supervision.monitor import Monitor
 from companion.supervision.situation import Observation, Situation
 from companion.supervision.steering_mode import STEERING_MODES
 from companion.supervision.supervisor import StateMachine
+from companion.telemetry.conditions import NO_DETAILS
 from companion.telemetry.modes import Mode
 
 
@@ -36,7 +37,7 @@ class Supervision:
         self._parameters = parameters
         self.previous = self.verdict = Verdict(State.IDLE, Condition(0), 0.0, "just started")
         self._mode = -1
-        self._preflight_failure = ""
+        self._details = NO_DETAILS
         self.refused = ""
         """Why the engage button was refused in this tick."""
 
@@ -50,11 +51,11 @@ class Supervision:
 
     def refusal(self, request: Request) -> str:
         """Return why a request is refused now, and what to do; empty where it is accepted."""
-        return self._engagement.refusal(request, self.verdict, self._mode, self._preflight_failure)
+        return self._engagement.refusal(request, self.verdict, self._mode, self._details)
 
     def accepted(self, requests: Sequence[Request]) -> list[Request]:
         """Return the requests that are not refused; ENGAGE waits in IDLE, as that of the start does."""
-        return self._engagement.accepted(requests, self.verdict, self._mode, self._preflight_failure)
+        return self._engagement.accepted(requests, self.verdict, self._mode, self._details)
 
     def with_buttons(
         self, requests: Sequence[Request], now_s: float, *, engage: bool, release: bool
@@ -62,9 +63,7 @@ class Supervision:
         """Return `requests` and what the pilot's buttons ask for; `refused` says why one is refused."""
         self.refused, pressed = "", [Request.STOP] if release else []
         if engage and not release:
-            pressed, self.refused = self._engagement.pressed(
-                self.verdict, self._mode, self._preflight_failure, now_s
-            )
+            pressed, self.refused = self._engagement.pressed(self.verdict, self._mode, self._details, now_s)
         return [*requests, *pressed]
 
     def step(self, observed: Observation) -> Verdict:
@@ -88,11 +87,12 @@ class Supervision:
             ramped_down=self._machine.ramped_down(dt_s),
             engage=self._engagement.asked,
         )
-        verdict = self._machine.step(assess(now, limits), dt_s, observed.preflight_failure)
+        self._details = {**observed.details, **self._engagement.details}
+        verdict = self._machine.step(assess(now, limits), dt_s, self._details)
         mode.update(previous, verdict, state)
         self._engagement.update(previous, verdict)
         self.previous, self.verdict = previous, verdict
-        self._mode, self._preflight_failure = state.mode, observed.preflight_failure
+        self._mode = state.mode
         return verdict
 
     def steers(self, state: VehicleState) -> bool:

@@ -14,7 +14,7 @@ from functools import cache
 
 from companion.records import Condition, State, Verdict
 from companion.supervision.conditions import BLOCKING, FREEZES, NOTHING, TRANSITIONS, WARNS, Transition
-from companion.telemetry.conditions import awaited
+from companion.telemetry.conditions import NO_DETAILS, Details, awaited, detailed
 from companion.telemetry.glossary import STATES
 
 C, S = Condition, State
@@ -57,20 +57,22 @@ _MATTERS: dict[State, Condition] = {
 """For each state: the conditions whose remedies count."""
 
 
-@cache
-def first_remedy(conditions: Condition) -> str:
+def first_remedy(conditions: Condition, details: Details = NO_DETAILS) -> str:
     """Return the remedy of the first cause among the conditions; empty where none has one."""
-    return next((condition.remedy for condition in conditions if condition.remedy), "")
+    remedies = (details.get(condition, ("", ""))[1] or condition.remedy for condition in conditions)
+    return next(filter(None, remedies), "")
 
 
-@cache
-def remedy(state: State, conditions: Condition) -> str:
+def remedy(state: State, conditions: Condition, details: Details = NO_DETAILS) -> str:
     """Return the operator's next step; log, `watch`, `tell` and dashboard all show this one.
 
     If several conditions hold, the first cause counts; LINK_LOST is first. A latched fault has to be
     cleared after its cause has gone, whatever else is missing.
     """
-    todo, otherwise = first_remedy(conditions & (_MATTERS[state] | C.LINK_LOST)), STATES[state].remedy
+    todo, otherwise = (
+        first_remedy(conditions & (_MATTERS[state] | C.LINK_LOST), details),
+        STATES[state].remedy,
+    )
     if state is S.FAULT and todo:
         return f"{todo}; then {otherwise}"
     return todo or otherwise
@@ -91,8 +93,8 @@ class StateMachine:
     def _fallen(self, dt_s: float) -> float:
         return max(0.0, self._verdict.authority - dt_s / self.ramp_down_s)
 
-    def step(self, conditions: Condition, dt_s: float, preflight_failure: str = "") -> Verdict:
-        """Take one tick's conditions and give the verdict; `preflight_failure` is its text.
+    def step(self, conditions: Condition, dt_s: float, details: Details = NO_DETAILS) -> Verdict:
+        """Take one tick's conditions and give the verdict; `details` are what is found of them.
 
         Authority rises to 1 over `ramp_up_s` in ACTIVE, falls to 0 over `ramp_down_s` in RAMP_DOWN and
         HAND_OVER, and is 0 everywhere else.
@@ -106,11 +108,12 @@ class StateMachine:
         elif state not in CARRY_AUTHORITY or conditions & C.FAILSAFE_SURFACES:
             authority = 0.0
         if state is previous.state is State.IDLE and (missing := conditions & BLOCKING):
-            reason = f"waiting for: {awaited(missing, preflight_failure)}"
-        elif row and row.when is Condition.PREFLIGHT_FAILURE:
-            reason = f"{row.because} ({preflight_failure})"
+            missing = missing & C.LINK_LOST or missing  # without it all others are unknown
+            reason = f"waiting for: {awaited(missing, details)}"
+        elif row and len(row.when) == 1:
+            reason = detailed(row.when, row.because, details)
         warnings, freeze = notices(conditions)
         self._verdict = Verdict(
-            state, conditions, authority, reason, warnings, freeze, remedy(state, conditions)
+            state, conditions, authority, reason, warnings, freeze, remedy(state, conditions, details)
         )
         return self._verdict

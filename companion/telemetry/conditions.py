@@ -1,6 +1,7 @@
 """Conditions in sentences: lists of what is awaited or so; the words of each stand in `Condition`."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from types import MappingProxyType
 
 from companion.records import Condition
 
@@ -14,19 +15,26 @@ ENDED = {condition.ended: condition.text for condition in C}
 """For the words that a condition has ended, those of its beginning."""
 
 
-def awaited(conditions: Condition, preflight_failure: str) -> str:
-    """Return what is awaited while these conditions hold; `preflight_failure` names rows of the list."""
-    return ", ".join(_detailed(condition, condition.awaited, preflight_failure) for condition in conditions)
+Details = Mapping[Condition, tuple[str, str]]
+"""What is found of a condition now, and a remedy in place of the usual one; either may be empty."""
+
+NO_DETAILS: Details = MappingProxyType({})
 
 
-def text(conditions: Condition, preflight_failure: str = "") -> str:
+def awaited(conditions: Condition, details: Details) -> str:
+    """Return what is awaited while these conditions hold."""
+    return ", ".join(detailed(condition, condition.awaited, details) for condition in conditions)
+
+
+def text(conditions: Condition, details: Details = NO_DETAILS) -> str:
     """Return what is so while these conditions hold."""
-    said = conditions & ~UNSAID
-    return ", ".join(_detailed(condition, condition.text, preflight_failure) for condition in said)
+    return ", ".join(detailed(condition, condition.text, details) for condition in conditions & ~UNSAID)
 
 
-def _detailed(condition: Condition, words: str, preflight_failure: str) -> str:
-    return f"{words} ({preflight_failure})" if condition is C.PREFLIGHT_FAILURE else words
+def detailed(condition: Condition, words: str, details: Details) -> str:
+    """Return the words of a condition, and what is found of it."""
+    found, _ = details.get(condition, ("", ""))
+    return f"{words} ({found})" if found else words
 
 
 def named(names: Iterable[str]) -> Condition:

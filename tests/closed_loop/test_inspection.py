@@ -164,7 +164,8 @@ def test_a_receiver_is_told_from_none():
 def test_nobody_there():
     look = VehicleInspection('faults=[{kind="link_cut"}]')
     assert look.inspection.done
-    assert not look.inspection.contact
+    (link,) = look.inspection.rows
+    assert (link.grade, "nothing arrives at" in link.found) == (Grade.REFUSED, True)
 
 
 @pytest.mark.parametrize("base", [HEAVY, ARDUSUB])

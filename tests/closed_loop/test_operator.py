@@ -458,7 +458,7 @@ class _Recorder:
     """An engine that only notes what it gets."""
 
     config = load_config()
-    target = asked = (0.0,) * 4
+    target = asked = destination = (0.0,) * 4
     verdict = Verdict(State.IDLE, Condition(0), 0.0, "just started")
 
     def __init__(self):

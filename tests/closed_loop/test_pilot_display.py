@@ -42,8 +42,8 @@ def test_a_dive_is_told_from_ready_to_engaged_to_a_fault_and_its_end():
     verdict = dive.step.sample.verdict
     assert fault == (
         mavlink.MAV_SEVERITY_CRITICAL,
-        "Holdfast FAULT: the vehicle is silent; to do: check the cable, the router and link.endpoint; then "
-        "clear the fault (`holdfast tell clear_fault`, button or dashboard)",
+        "Holdfast FAULT: the vehicle is not heard; to do: check the cable, the router and link.endpoint; "
+        "then clear the fault (`holdfast tell clear_fault`, button or dashboard)",
     )
     assert verdict.state is State.FAULT
     assert still[1] == kept

@@ -61,7 +61,7 @@ def test_it_would_notice_thrust_without_authority(diving, monkeypatch):
     assert "authority" in noticed(diving, "leak") or "thrust" in noticed(diving, "leak")
 
 
-def _powerless(self, conditions, dt_s, preflight_failure=""):
+def _powerless(self, conditions, dt_s, details=()):
     return Verdict(State.FAULT, Condition(0), 0.5, "")
 
 
@@ -76,7 +76,7 @@ def test_it_would_notice_engaging_unasked(monkeypatch):
     assert "engaged from IDLE" in noticed(diving, "doubled")
 
 
-def _holding(self, conditions, dt_s, preflight_failure=""):
+def _holding(self, conditions, dt_s, details=()):
     return Verdict(State.ACTIVE, Condition(0), 1.0, "")
 
 

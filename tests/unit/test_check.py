@@ -87,7 +87,7 @@ def reported(seen, **parameters):
 def test_all_good(good):
     listed = rows(good, load_config())
     assert {row.grade for row in listed} == {GOOD}
-    assert len(listed) == 17
+    assert len(listed) == 18
     assert all(row.found and row.why for row in listed)
     assert refusals(listed) == ""
     assert worst(listed) == 0
@@ -96,6 +96,7 @@ def test_all_good(good):
 # CheckRow, what is changed, overrides of our configuration, the grade, and words that have to be there.
 BAD = [
     ("firmware", {"heartbeat": Heartbeat(0.0, False, 19, 3, 2)}, (), REFUSED, ["type 2"]),
+    ("firmware", {"heartbeat": Heartbeat(0.0, False, 19, 3, 12, 12)}, (), REFUSED, ["autopilot 12"]),
     ("firmware", {"firmware": None}, (), WARNING, ["not reported"]),
     ("firmware", {"firmware": Firmware(0.0, "4.1.2", (4, 1, 2))}, (), WARNING, ["4.1.2"]),
     ("steering id", {"directions": Directions((1.0,) * 8, 0.1)}, (), REFUSED, ["10 %"]),
@@ -187,12 +188,16 @@ def test_rows_by_parameter(good, name, parameters, overrides, grade, words):
 
 def test_frames_that_are_not_signed_with_our_key_are_reported_where_there_is_one(good):
     assert all(row.name != "signing" for row in rows(good, load_config()))
-    key = "link.signing_key_file=/etc/holdfast/mavlink.key"
-    assert row("signing", replace(good, messages=1, refused=20), key).grade is GOOD, "a stranger's flood"
-    assert row("signing", replace(good, messages=0, refused=0), key).grade is GOOD
-    found = row("signing", replace(good, messages=0, refused=1), key)
-    assert found.grade is REFUSED
-    assert "docs/wiring.md" in found.fix
+    assert row("signing", good, "link.signing_key_file=/etc/holdfast/mavlink.key").grade is GOOD
+    assert row("signing", replace(good, signs=True)).grade is WARNING, "it drops what we send unsigned"
+
+
+def test_of_a_vehicle_that_is_not_heard_the_list_says_what_is_heard_instead(good):
+    silent = structs.replace(BLIND, heartbeat_s=4.0)
+    seen = replace(good, state=structs.replace(good.state, ages=silent), contact=("a fish", "fish"))
+    (found,) = rows(seen, load_config())
+    assert (found.name, found.grade, found.fix) == ("link", REFUSED, "fish")
+    assert "no heartbeat of system 1, component 1: a fish" in found.found
 
 
 def test_streams_that_not_every_vehicle_has_may_stay_away_but_not_slow_down(good):

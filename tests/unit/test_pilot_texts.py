@@ -9,7 +9,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from companion.mavlink.codec import Packer
 from companion.mavlink.pilot_display import MOST, MOST_S, PilotDisplay
-from companion.records import Condition, PilotAction, PilotCommand, PilotHeartbeat, State
+from companion.records import Condition, Guided, PilotAction, PilotCommand, PilotHeartbeat, State
 from companion.telemetry.schemas import Event
 
 C = Condition
@@ -46,6 +46,7 @@ def sampled(t_s, state=State.ACTIVE, reason="engaged", remedy="", authority=1.0,
         state=SimpleNamespace(t_s=t_s, boot_s=t_s, disturbance=(1.0, 2.0, 3.0, 0.5)),
         verdict=SimpleNamespace(state=state, reason=reason, remedy=remedy, authority=authority),
         dofs=SimpleNamespace(e=(0.0, 0.0, 0.01, 0.0), engaged=(False, False, engaged, engaged)),
+        guided=Guided("", 0),
         refused=refused,
     )
 
@@ -101,7 +102,7 @@ def test_while_holdfast_does_not_steer_no_condition_begins_for_the_pilot():
 def test_a_fault_is_told_once_and_the_end_of_its_cause():
     """The reason says what the conditions of the same tick say."""
     screen = Screen()
-    fault = event("state", "fault", "FAULT: the vehicle is silent")
+    fault = event("state", "fault", "FAULT: the vehicle is not heard")
     begun = [begins(C.LINK_LOST), begins(C.DEPTH_STALE), fault]
     assert len(screen.tick(*begun, authority=0.0, remedy="look")) == 1
     assert screen.tick(ends(C.LINK_LOST), ends(C.DEPTH_STALE), authority=0.0) == [

@@ -254,10 +254,12 @@ def test_waiting_says_for_what():
     verdict = StateMachine(RAMP_S).step(C.DISARMED | C.DEPTH_STALE, TICK_S)
     assert verdict.state is State.IDLE
     assert verdict.reason == "waiting for: a fresh depth, arming"
-    reported = StateMachine(RAMP_S).step(C.DISARMED | C.SATURATED | C.PREFLIGHT_FAILURE, TICK_S, "the frame")
+    found = {C.PREFLIGHT_FAILURE: ("the frame", ""), C.LINK_LOST: ("a fish", "fish")}
+    reported = StateMachine(RAMP_S).step(C.DISARMED | C.SATURATED | C.PREFLIGHT_FAILURE, TICK_S, found)
     assert reported.reason == "waiting for: the pre-dive list (the frame), arming"
-    silent = StateMachine(RAMP_S).step(C.DEPTH_STALE | C.ATTITUDE_STALE | C.LINK_LOST, TICK_S)
-    assert silent.reason == "waiting for: the vehicle's heartbeat, a fresh depth, a fresh attitude"
+    silent = StateMachine(RAMP_S).step(C.DEPTH_STALE | C.ATTITUDE_STALE | C.LINK_LOST, TICK_S, found)
+    assert silent.reason == "waiting for: the vehicle's heartbeat (a fish)", "nothing else is known then"
+    assert silent.remedy == "fish"
 
 
 # --- What to do --------------------------------------------------------------------------------------------

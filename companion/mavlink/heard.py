@@ -1,0 +1,101 @@
+"""What arrives that is not the vehicle which we look for: why there is no heartbeat, and what helps.
+
+`holdfast check`, `run` and every screen have these words. Silence is said only where nothing arrives.
+"""
+
+from typing import Final, NamedTuple
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from companion.config import LinkSection
+from companion.mavlink.frames import V1_MARKER, Frame, frame_at
+
+LATELY_S: Final = 5.0
+MOST: Final = 32
+"""Senders that are kept."""
+EXCERPT: Final = 12
+
+NOTHING: Final = "look at power, cable and link.endpoint; in BlueOS, MAVLink Endpoints says where it sends"
+ELSEWHERE: Final = "send the vehicle's MAVLink here (BlueOS: MAVLink Endpoints), or change link.endpoint"
+PROTOCOL: Final = "SERIALn_PROTOCOL = 2 in the autopilot, n = 0 for USB"
+UNSIGNED, OTHER_KEY, OLD, V1, AUTOPILOT, FRAMES, OTHER, GROUND, OURS, BARRED, JUNK = range(11)
+WORDS: Final = {
+    UNSIGNED: ("frames of {} that are not signed", "set the vehicle's key, or no link.signing_key_file"),
+    OTHER_KEY: ("frames of {} that are signed with another key", "link.signing_key_file: use one key"),
+    OLD: ("frames of {}, rightly signed, with time stamps of the past", "set the clocks: docs/wiring.md"),
+    V1: ("MAVLink 1 frames of {}", f"set {PROTOCOL}; {{ids}}"),
+    AUTOPILOT: ("heartbeats of another autopilot, {},", "set {ids}"),
+    FRAMES: ("frames of {}, and no heartbeat of the autopilot", "let the router pass HEARTBEAT; {ids}"),
+    OTHER: ("heartbeats of {}, which is no autopilot", "let the router pass the autopilot's frames"),
+    GROUND: ("only heartbeats of a ground station, {}", ELSEWHERE),
+    OURS: ("only our own frames", ELSEWHERE),
+    BARRED: ("datagrams of {}, which link.allow leaves out", "add it to link.allow"),
+    JUNK: ("bytes that are not MAVLink, {}", f"correct port or baud rate in link.endpoint, or {PROTOCOL}"),
+}
+"""By what arrives, the most telling first: what is said of it, and what helps."""
+
+
+class Contact(NamedTuple):
+    """Why there is no heartbeat, and what to do."""
+
+    found: str
+    fix: str
+
+
+class Heard:
+    """Takes what the link cannot use. `now_s` is the time of the last tick."""
+
+    def __init__(self, link: LinkSection) -> None:
+        self._link = link
+        self._wanted = (link.vehicle_system, link.vehicle_component)
+        self._seen: dict[tuple[int, bool, str, str], float] = {}
+        """When something came last: what, whether of another than is wanted, of whom, and the ids of that."""
+        self._looked_s = -1.0
+        self.now_s = 0.0
+        self.vehicle_signs = False
+        """Whether the vehicle's last heartbeat was signed."""
+
+    def frame(self, frame: Frame, kind: int = FRAMES) -> None:
+        """Note a sound frame; `kind` tells what is wrong with its signature."""
+        sender = (frame.system, frame.component)
+        if frame.version == 1:
+            kind = V1
+        elif sender[1] == self._link.component and sender[0] in (self._link.system, self._wanted[0]):
+            kind = OURS
+        elif kind == FRAMES and frame.id == mavlink.MAVLINK_MSG_ID_HEARTBEAT:
+            beat = frame.message()
+            other = OTHER if beat.autopilot == mavlink.MAV_AUTOPILOT_INVALID else AUTOPILOT
+            kind = GROUND if beat.type == mavlink.MAV_TYPE_GCS else other
+        names = ("link.vehicle_system", "link.vehicle_component")
+        triples = zip(names, sender, self._wanted, strict=True)
+        ids = ", ".join(f"{name} = {has}" for name, has, wanted in triples if has != wanted)
+        self._note(kind, "system {}, component {}".format(*sender), ids)
+
+    def junk(self, data: bytes) -> None:
+        """Note what is no MAVLink 2; the first of a tick is looked at for a frame of MAVLink 1."""
+        if self._looked_s == self.now_s:
+            return
+        self._looked_s, at = self.now_s, data.find(V1_MARKER)
+        if at >= 0 and (frame := frame_at(data, at)[1]) is not None:
+            self.frame(frame)
+        else:
+            known = next((whom for kind, _, whom, _ in self._seen if kind == JUNK), "")
+            self._note(JUNK, known or f"such as {ascii(data[:EXCERPT])[1:]}")
+
+    def barred(self, host: str) -> None:
+        """Note a sender that is not permitted."""
+        self._note(BARRED, host)
+
+    def _note(self, kind: int, whom: str, ids: str = "") -> None:
+        key = kind, bool(ids), whom, ids
+        if key in self._seen or len(self._seen) < MOST:
+            self._seen[key] = self.now_s
+
+    def contact(self) -> Contact:
+        """Return what is said where the heartbeat does not come."""
+        self._seen = {key: t_s for key, t_s in self._seen.items() if self.now_s - t_s <= LATELY_S}
+        if not self._seen:
+            return Contact(f"nothing arrives at {self._link.endpoint}", NOTHING)
+        kind, _, whom, ids = min(self._seen)
+        found, fix = (words.format(whom, ids=ids).rstrip("; ") for words in WORDS[kind])
+        return Contact(f"{found} arrive at {self._link.endpoint}", fix)
