@@ -73,3 +73,12 @@ def test_a_position_that_came_is_taken_up_by_whoever_asks(ask):
     assert not any(map(offered, steps))
     assert np.ptp(away, axis=0).max() < 0.05
     assert np.abs(away - [0.5 if ask == "go" else 0.0, 0.0]).max() < 0.35
+
+
+def test_a_position_that_is_silent_for_less_than_its_timeout_is_bridged_by_the_model():
+    silent = 'faults=[{kind="message_stopped", message="LOCAL_POSITION_NED", at_s=20.0, duration_s=0.9}]'
+    dive = current(0.3, 60.0, silent)
+    dive.run(19.9 - dive.t_s)
+    there = np.array(dive.step.truth.eta[:2])
+    moved = np.array([step.truth.eta[:2] for step in dive.run(5.0)]) - there
+    assert np.hypot(*moved.T).max() < 0.015
