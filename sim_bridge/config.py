@@ -217,6 +217,39 @@ class Defects(_Record, frozen=True):
     """Mean length of an outage."""
 
 
+class DvlReports(_Record, frozen=True):
+    """Single reports of a DVL, some late and some invalid; the EKF carries its velocity on in between.
+
+    Defaults: a Water Linked A50 in a pool, 1156 reports, github nschang/mr-dvl, commit 6dde9a8.
+    """
+
+    enabled: bool = False
+    period_s: Annotated[float, Meta(ge=0.02)] = 0.117
+    period_sigma_s: NonNegative = 0.015
+    late_every: Annotated[int, Meta(ge=2)] = 8
+    """Each eighth or ninth report comes so late after the last:"""
+    late_s: Annotated[float, Meta(ge=0.02)] = 0.39
+    late_sigma_s: NonNegative = 0.07
+    delay_s: Annotated[float, Meta(ge=0, le=0.5)] = 0.1
+    """Age of a velocity that the EKF takes for new. Assumed: about as long as a ping takes."""
+    outages_per_min: tuple[NonNegative, NonNegative] = (1.7, 22.0)
+    """Of the time in which it measures: on a straight line, and turning at `turning_rad_s` or faster (19.5 of
+    all time); linear between them."""
+    turning_rad_s: Positive = 0.5
+    """Turn rate in the circle. Assumed: the recording has none."""
+    long_share: Fraction = 0.25
+    """Of the outages; the others last for one report."""
+    long_s: Positive = 0.9
+    longest_s: Positive = 1.8
+    """From the first invalid report to the last at most."""
+    invalid_passed: Fraction = 0.0
+    """Share of invalid reports that somebody passes on as valid. The BlueOS extension drops all."""
+    invalid_sigma_m_s: NonNegative = 0.07
+    """How far off an invalid velocity is."""
+    unaided_m_s: NonNegative = 0.005
+    """As `SensorConfig.unaided_m_s`, between reports. Assumed: five times the white noise of an ICM-20602."""
+
+
 class Usbl(_Record, frozen=True):
     """Acoustic fixes of the position, which the EKF blends in."""
 
@@ -283,6 +316,7 @@ class SensorConfig(_Record, frozen=True):
     """rad; the bias is the heading's. While it is out, angles and rates keep their last values."""
     dvl_defects: Defects = Defects()
     """The walk is that of the position (m), the step that of the velocity (m/s)."""
+    dvl_reports: DvlReports = DvlReports()
     usbl: Usbl = Usbl()
     rangefinder: bool = False
     """A sonar that looks down, as a Ping or a DVL has it: DISTANCE_SENSOR and RANGEFINDER, over a seabed."""

@@ -306,12 +306,9 @@ class Estimator:
         return meter.clock.local(event.boot_s) - self._sensor_delay_s[dof]
 
     def _position(self, dof: int, value: float, t_s: float, at_s: float) -> None:
-        """Keep a position sample; a degree of freedom that was not measured for long begins again.
-
-        Until its timeout north and east go on by the model: outages of a DVL are as long.
-        """
-        gap_s, timeout_s = t_s - self._measured_t_s[dof], self._timeout_s[dof]
-        if gap_s > (timeout_s if dof in (X, Y) else min(MAX_GAP_S, timeout_s)):
+        """Keep a position sample. What was not measured for long begins again; x, y after their timeout."""
+        most_s = self._timeout_s[dof] if dof in (X, Y) else min(MAX_GAP_S, self._timeout_s[dof])
+        if t_s - self._measured_t_s[dof] > most_s:
             self._begins[dof] = value
             if dof == Z:
                 self._expected_depth_m = value

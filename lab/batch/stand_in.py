@@ -247,8 +247,8 @@ def refuse(config: SimConfig) -> None:
         raise ValueError("thrusters that lose thrust at the surface need the full loop")
     if config.faults or config.heave_force.enabled or sensors.wave_pressure:
         raise ValueError("faults, scripted heave forces and wave pressure need the full loop")
-    if sensors.usbl.enabled or sensors.dvl_by_mavlink:
-        raise ValueError("a USBL, and a DVL that speaks MAVLink, need the full loop")
+    if sensors.usbl.enabled or sensors.dvl_by_mavlink or sensors.dvl_reports.enabled:
+        raise ValueError("a USBL, and a DVL that speaks MAVLink or reports singly, need the full loop")
     defects = (sensors.depth_defects, sensors.attitude_defects, sensors.dvl_defects)
     if config.steel.enabled or any(one != Defects() for one in defects):
         raise ValueError("steel and defects of instruments need the full loop")

@@ -9,6 +9,7 @@ import numpy as np
 
 from sim_bridge.config import Seabed, SensorConfig, Steel
 from sim_bridge.physics.defects import Defective
+from sim_bridge.physics.dvl import DvlReporter
 from sim_bridge.physics.environment import OrnsteinUhlenbeck
 from sim_bridge.physics.plant import GRAVITY, State, Three, between, down_axis, down_of, euler, ned_velocity
 from sim_bridge.physics.position import PositionErrors
@@ -109,7 +110,7 @@ class Sensors:
         """
         self._config = config
         self._step_s = step_s
-        slow_rng, self._white_rng, offset_rng, *defect_rngs, range_rng = rng.spawn(9)
+        slow_rng, self._white_rng, offset_rng, *defect_rngs, range_rng, report_rng = rng.spawn(10)
         self._odometry: tuple[float, float] = (0.0, 0.0)
         self._odometry_age_s = math.inf
         self._seabed = seabed
@@ -132,6 +133,8 @@ class Sensors:
             )
         )
         self._errors = PositionErrors(config, NOISE_PERIOD_S, defect_rngs[3]) if config.positioned else None
+        reports = config.dvl_reports
+        self._reports = DvlReporter(reports, NOISE_PERIOD_S, report_rng) if reports.enabled else None
         self._white: list[float] = []
         self._history: deque[Sample] = deque(maxlen=int(HISTORY_S / step_s))
 
@@ -242,21 +245,31 @@ class Sensors:
             heading_error = self._heading_error()
             if heading_error and not (self._config.dvl_by_mavlink or self._config.dvl_knows_north):
                 north, east, _ = ned_velocity(state)
-                c, s = math.cos(heading_error), math.sin(heading_error)
-                misled = (c * north - s * east - north, s * north + c * east - east)
-            self._errors.step(misled, locked=self._is_locked(state))
+                seen_north, seen_east = self._as_measured(state, state[7:10])
+                misled = (seen_north - north, seen_east - east)
+            locked = self._is_locked(state)
+            if self._reports:
+                off = self._reports.step(math.hypot(*state[10:]))
+                if locked and off is not None:
+                    north, east, _ = ned_velocity(state)
+                    late = self._delayed(self._config.dvl_reports.delay_s)
+                    said_north, said_east = self._as_measured(state, late[7:10])
+                    self._errors.report((said_north - north + off[0], said_east - east + off[1]))
+            self._errors.step(misled, locked=locked and not self._reports)
 
     def hear_odometry(self, way_m: Three, lasted_s: float) -> None:
         """Take how far a DVL says the vehicle came in its own axes (m) in a time, as the EKF fuses it."""
         now, before = self._delayed(0.0), self._delayed(lasted_s)
-        north, east, _ = ned_velocity((*now[:7], *way_m, *now[10:]))
-        c, s = math.cos(self._heading_error()), math.sin(self._heading_error())
+        north, east = self._as_measured(now, way_m)
         came_north, came_east = now[0] - before[0], now[1] - before[1]
-        self._odometry = (
-            (c * north - s * east - came_north) / lasted_s,
-            (s * north + c * east - came_east) / lasted_s,
-        )
+        self._odometry = ((north - came_north) / lasted_s, (east - came_east) / lasted_s)
         self._odometry_age_s = 0.0
+
+    def _as_measured(self, state: State, body: Three) -> tuple[float, float]:
+        """Turn a velocity in the vehicle's axes to north and east, as the EKF does with a wrong heading."""
+        north, east, _ = ned_velocity((*state[:7], *body, *state[10:]))
+        c, s = math.cos(self._heading_error()), math.sin(self._heading_error())
+        return c * north - s * east, s * north + c * east
 
     def _heading_error(self) -> float:
         return self._attitude_defects.bias - self._deviation_rad

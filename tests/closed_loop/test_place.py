@@ -4,8 +4,11 @@ import numpy as np
 import pytest
 from virtual import Dive, Somebody, hold, shared
 
+from companion.guidance.paths.shapes import build
+from companion.guidance.paths.time_law import limits
 from companion.records import Condition, Request, State
 from companion.telemetry.commands import Goto, SetPath
+from companion.telemetry.plan import Circle, PathPlan
 
 PLACE = {"x": 0.0, "y": 0.0, "z": 2.0, "psi": 0.0}
 DVL = ("initial.eta=[0,0,2,0,0,0]", "sensors.dvl=true", "current.enabled=true", "current.sigma_m_s=0.02")
@@ -17,6 +20,13 @@ def current(speed_m_s, direction_deg, *plant):
     dive = Dive(*DVL, *water, *plant, setpoint=hold(**PLACE))
     dive.tap.to_vehicle.append(Somebody().origin())
     return dive.until(State.ACTIVE)
+
+
+A50 = (
+    *("current.speed_m_s=0.3", "waves.enabled=true", "waves.height_m=0.3", "waves.period_s=4"),
+    *("sensors.dvl_reports.enabled=true", "sensors.dvl_drift_m=0.0"),
+)
+"""A Water Linked A50 as it was recorded, in the water of config/sim-dvl-a50.toml."""
 
 
 def believed_error_m(steps):
@@ -73,6 +83,30 @@ def test_a_position_that_came_is_taken_up_by_whoever_asks(ask):
     assert not any(map(offered, steps))
     assert np.ptp(away, axis=0).max() < 0.05
     assert np.abs(away - [0.5 if ask == "go" else 0.0, 0.0]).max() < 0.35
+
+
+@pytest.mark.parametrize("base", ["sim-dvl-a50.toml", "sim-tank-heavy.toml"])
+@pytest.mark.parametrize(("circles", "bound_mm"), [(False, 30.0), (True, 80.0)])
+def test_with_a_dvl_as_one_was_recorded(base, circles, bound_mm):
+    """Late reports, invalid ones of which half are passed on, outages in which the EKF goes on without them.
+
+    Truth against the place that is wanted, less what the DVL was off before.
+    """
+    dive = Dive(*DVL, *A50, "sensors.dvl_reports.invalid_passed=0.5", setpoint=hold(**PLACE), base=base)
+    dive.tap.to_vehicle.append(Somebody().origin())
+    dive.until(State.ACTIVE)
+    dive.run(12.0)
+    if circles:
+        plan = PathPlan(circle=Circle(radius_m=1.5, x_m=-1.5, depth_m=2.0), laps=0, speed_mps=0.3)
+        dive.engine.guide(build(plan, limits(dive.engine.config)))
+    steps = dive.run(25.0)
+    truth, believed, wanted = np.transpose(
+        [(step.truth.eta[:2], step.sample.state.eta[:2], step.sample.eta_d[:2]) for step in steps], (1, 0, 2)
+    )
+    away_m = truth - wanted - (truth - believed)[0]
+    assert all(step.sample.verdict.state is State.ACTIVE for step in steps)
+    assert all(all(step.sample.dofs.engaged[:2]) for step in steps)
+    assert 1e3 * np.sqrt(np.mean(np.sum(away_m**2, axis=1))) < bound_mm
 
 
 def test_a_position_that_is_silent_for_less_than_its_timeout_is_bridged_by_the_model():

@@ -125,7 +125,7 @@ def test_what_a_batch_cannot_do_it_refuses():
     for unlike in (dry, acoustic):
         with pytest.raises(ValueError, match="full loop"):
             simulate(CONFIG, [unlike], seeds=[1], **SHORT)
-    for name in ("sim-swell.toml", "sim-harbour.toml"):
+    for name in ("sim-swell.toml", "sim-harbour.toml", "sim-dvl-a50.toml"):
         with pytest.raises(ValueError, match="full loop"):
             simulate(CONFIG, [load_plant(DEFAULT_CONFIG.with_name(name))], seeds=[1], **SHORT)
     for block in ("seabed", "cable", "steel"):

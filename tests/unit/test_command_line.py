@@ -296,9 +296,7 @@ def test_vehicle_means_the_preset_and_name_the_name_in_run_and_sim_alike(capsys,
 def test_a_simulated_vehicle_that_there_is_not_is_refused_with_those_there_are(capsys):
     with pytest.raises(SystemExit):
         holdfast.main(["sim", "--vehicle", "submarine"])
-    there_are = (
-        "neither one of heavy, ardusub, bluerov2, harbour, heavy-skid, swell, tank-heavy nor a .toml file"
-    )
+    there_are = "neither one of heavy, ardusub, bluerov2, dvl-a50, harbour, heavy-skid, swell, tank-heavy nor"
     assert there_are in capsys.readouterr().err
 
 

@@ -5,12 +5,14 @@ import math
 import numpy as np
 import pytest
 from builders import STILL_SENSORS
+from msgspec.structs import replace
 from sim_wire import Station, vehicle
 
-from sim_bridge.config import Defects, Seabed, SensorConfig, Steel, Usbl
+from sim_bridge.config import Defects, DvlReports, Seabed, SensorConfig, Steel, Usbl
 from sim_bridge.physics.defects import Defective
+from sim_bridge.physics.dvl import DvlReporter
 from sim_bridge.physics.plant import state_of
-from sim_bridge.physics.position import UNAIDED_S, PositionErrors
+from sim_bridge.physics.position import BELIEVED_M_S, ODOMETRY_SIGMA_M_S, UNAIDED_S, PositionErrors
 from sim_bridge.physics.sensors import COMPASS_TAU_S, EARTH_NORTH_UT, Sensors, deviation
 
 DT = 0.005
@@ -89,6 +91,50 @@ def test_without_a_dvl_the_speed_error_walks_and_the_position_is_given_up():
     for _ in range(round((UNAIDED_S - 10.0) / 0.05) + 1):
         errors.step((0.0, 0.0), locked=False)
     assert not errors.aided
+
+
+@pytest.mark.parametrize(
+    ("turn_rad_s", "outages_per_min", "share_out"),
+    [(0.0, 1.7, 0.008), (0.25, 10.0, 0.055), (0.5, 19.5, 0.105)],
+)
+def test_a_dvl_reports_as_one_was_recorded(turn_rad_s, outages_per_min, share_out):
+    """A Water Linked A50: 6.5 reports a second, one in ten over 0.3 s late, outages by how fast it turns."""
+    reporter, step_s, lasts_s = DvlReporter(DvlReports(), 0.002, np.random.default_rng(1)), 0.002, 1800.0
+    steps = [reporter.report(turn_rad_s) for _ in range(round(lasts_s / step_s))]
+    times_s, is_valid = zip(
+        *((i * step_s, one) for i, one in enumerate(steps) if one is not None), strict=True
+    )
+    intervals_s, out = np.diff(times_s), ~np.array(is_valid)[1:]
+    assert len(times_s) / lasts_s == pytest.approx(6.5, rel=0.05)
+    assert np.median(intervals_s) == pytest.approx(0.117, abs=0.003)
+    assert np.mean(intervals_s > 0.3) == pytest.approx(0.1, abs=0.02)
+    assert np.sum(np.diff(out.astype(int)) > 0) * 60.0 / lasts_s == pytest.approx(outages_per_min, rel=0.2)
+    assert np.sum(intervals_s[out]) / lasts_s == pytest.approx(share_out, rel=0.25)
+    assert 1.8 < np.max(np.diff(np.array(times_s)[list(is_valid)])) < 3.0
+
+
+def test_between_reports_the_ekf_carries_its_velocity_on_and_believes_them_as_the_firmware_does():
+    """Steady state: P is the variance of the errors where velocity and reports err as much as believed."""
+    config, squares, believed = DvlReports(enabled=True, unaided_m_s=BELIEVED_M_S), [], []
+    for seed in range(20):
+        rng = np.random.default_rng((seed, 1))
+        errors = PositionErrors(SensorConfig(dvl_reports=config), 0.01, np.random.default_rng(seed))
+        for step in range(3000):
+            if step % 15 == 0:
+                north, east = ODOMETRY_SIGMA_M_S * rng.standard_normal(2)
+                errors.report((north, east))
+            errors.step((0.0, 0.0), locked=False)
+            if step > 500:
+                squares += [v * v for v in errors.speed_error]
+                believed.append(errors.p_vv)
+    assert np.mean(squares) == pytest.approx(np.mean(believed), rel=0.15)
+
+
+@pytest.mark.parametrize("passed", [0.0, 1.0])
+def test_an_invalid_report_moves_the_position_only_where_somebody_passes_it_on(passed):
+    config = DvlReports(enabled=True, outages_per_min=(600.0, 600.0), long_share=0.0, invalid_passed=passed)
+    sensors = instruments(dvl=True, dvl_reports=replace(config, unaided_m_s=0.0))
+    assert (np.hypot(*reading(sensors, seconds=10.0).position[:2]) > 1e-3) == bool(passed)
 
 
 def test_fixes_bound_the_error_as_their_filter_says():
