@@ -35,7 +35,7 @@ from companion.records import Condition, ControlSample, LoopHealth, Request, Set
 from companion.steps import Task
 from companion.telemetry.commands import Follow
 from companion.telemetry.event_log import EventLog
-from companion.telemetry.glossary import advised
+from companion.telemetry.glossary import advised, whole
 from companion.telemetry.plan import PathPlan
 from companion.telemetry.schemas import Choices, Plan, Raw, Reply, Start
 from companion.telemetry.status_line import status_line
@@ -332,8 +332,11 @@ class App:
 
     def _report(self, now_ns: int, sample: ControlSample) -> None:
         """Feed the watchdog; say what changed, and every few seconds how it goes."""
-        verdict = sample.verdict
-        said = str(verdict.state), advised(f"{verdict.state}: {verdict.reason}", verdict.remedy)
+        verdict, vehicle, endpoint = sample.verdict, self._config.vehicle, self._config.telemetry.endpoint
+        said = (
+            str(verdict.state),
+            advised(f"{verdict.state}: {verdict.reason}", whole(verdict.remedy, vehicle.name, endpoint)),
+        )
         if said != self._saying:
             self._saying, self._saying_ns = said, now_ns
         settled = now_ns - self._saying_ns > SETTLED_S * NS_PER_S

@@ -173,6 +173,7 @@ class Engine:
                 *[report for report in reports if isinstance(report, StatusText)],
             ),
             refused=self._supervision.refused,
+            disarms_in_s=self._supervision.disarms_in_s(state),
         )
 
     def displayed(self, sample: ControlSample, events: Sequence[schemas.Event]) -> list[bytes]:
@@ -259,7 +260,7 @@ class Engine:
 
     def checked(self, state: VehicleState) -> list[CheckRow]:
         """Return the pre-dive list as far as it is known without trying anything."""
-        return self._fitness.checked(state, self._config)
+        return self._fitness.checked(state, self._config, self.verdict.conditions)
 
     @property
     def check_list(self) -> list[CheckRow]:
@@ -339,7 +340,7 @@ class Engine:
             finite=self._finite,
             full_override=demand.full_override,
             misses_motor=known.dead_motor > 0 and not can_lose(thrusters, known.dead_motor),
-            details=self._details(self._fitness.step(self.events, state, self._config, holding=held), state),
+            details=self._details(state, holding=held),
         )
         verdict = self._supervision.step(observed)
         engage = Request.ENGAGE in requests
@@ -358,10 +359,12 @@ class Engine:
             excitation=self.excitation,
         )
 
-    def _details(self, failure: str, state: VehicleState) -> Details:
-        """Return what is known of a condition beyond its words."""
+    def _details(self, state: VehicleState, *, holding: bool) -> Details:
+        """Return what is known of conditions beyond their words."""
+        config, conditions = self._config, self.verdict.conditions
+        failure = self._fitness.step(self.events, state, config, conditions, holding=holding)
         details = {Condition.PREFLIGHT_FAILURE: (failure, "")} if failure else {}
-        if not state.ages.heartbeat_s <= self._config.supervisor.heartbeat_timeout_s:
+        if not state.ages.heartbeat_s <= config.supervisor.heartbeat_timeout_s:
             details[Condition.LINK_LOST] = self.heard.contact()
         return details
 

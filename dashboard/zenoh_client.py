@@ -15,6 +15,7 @@ _RING = 4096  # messages: nine seconds of one vehicle
 _CLOSE_S = 3.0
 _ANSWER_S = 8.0  # an engaging takes five
 _LAST_S = 1.0
+_NAMED = 8
 _EVENTS = 100  # that happened before we came
 
 
@@ -88,6 +89,11 @@ class Subscription(SessionThread):
                         names.add(str(reply.ok.key_expr).split("/")[1])
         return names
 
+    def others(self) -> str:
+        """Return in words which vehicles there are; for one that does not answer. Blocks."""
+        names = sorted(self.companions())[:_NAMED]
+        return f"; these are heard: {', '.join(map(telemetry.printable, names))}" if names else "; nobody is"
+
     def ask(self, key: str, payload: bytes = b"", timeout_s: float = _ANSWER_S) -> bytes | None:
         """Return the answer to a query; None if nobody gave one in time. Blocks."""
         session = self._session
@@ -103,7 +109,9 @@ class Subscription(SessionThread):
         """Give a vehicle a command and return what came of it; `done` is false if nobody answered. Blocks."""
         answer = self.ask(telemetry.command_key(vehicle, command), msgspec.json.encode(what))
         if answer is None:
-            return telemetry.Reply(done=False, said=f"nobody takes '{command}' for '{vehicle}'")
+            return telemetry.Reply(
+                done=False, said=f"nobody takes '{command}' for '{vehicle}'{self.others()}"
+            )
         try:
             return msgspec.json.decode(answer, type=telemetry.Reply)
         except (msgspec.MsgspecError, RecursionError) as error:

@@ -55,7 +55,7 @@ from companion.telemetry.commands import (
     parse,
 )
 from companion.telemetry.conditions import text
-from companion.telemetry.glossary import HOLD_HERE, PENDING
+from companion.telemetry.glossary import HOLD_HERE, NOBODY, PENDING
 from companion.telemetry.schemas import Reply
 from companion.telemetry.status_line import left_text
 
@@ -363,7 +363,8 @@ class CommandQueue:
                 return None
             was_held = pending.was in (State.ACTIVE, State.RAMP_DOWN, State.HAND_OVER)
             said = "released" if was_held else "it was not engaged; a request to engage, if any, is withdrawn"
-            return Reply(done=verdict.authority == 0.0, said=f"{said}. {is_now}", value=value)
+            nobody = f"; {NOBODY.format(sample.disarms_in_s)}" if sample.disarms_in_s else ""
+            return Reply(done=verdict.authority == 0.0, said=f"{said}. {is_now}{nobody}", value=value)
         if name == "clear_fault":
             if verdict.state is State.FAULT and not late:
                 return None

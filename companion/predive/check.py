@@ -14,13 +14,16 @@ from companion.config import Config
 from companion.control.allocation import HORIZONTAL
 from companion.mavlink.ardusub import FRAMES
 from companion.predive.survey import Observed
-from companion.supervision.conditions import RESET_SETTLE_S
+from companion.records import Condition
+from companion.supervision.conditions import BLOCKING, RESET_SETTLE_S
 from companion.supervision.situation import (
     depth_is_fresh,
     ekf_is_doubtful,
     pilot_failsafe_acts,
     voltage_is_low,
 )
+from companion.supervision.supervisor import first_remedy
+from companion.telemetry.conditions import text
 from holdfast.version import OLDEST_ARDUSUB
 
 PRESET_OF = {"vectored": "bluerov2", "vectored_6dof": "heavy"}
@@ -108,7 +111,15 @@ def _is_heard(seen: Observed, config: Config) -> bool:
     return seen.state.ages.heartbeat_s <= config.supervisor.heartbeat_timeout_s
 
 
-WATCHED = frozenset({"link", "pilot failsafe", "depth", "battery"})
+C = Condition
+WITHOUT_ROW = (
+    (BLOCKING | C.PILOT_TAKEOVER)
+    & ~(C.LINK_LOST | C.DEPTH_STALE | C.EKF_UNHEALTHY | C.LEAK | C.BATTERY_LOW | C.FAILSAFE_UNSAFE)
+    & ~(C.PREFLIGHT_FAILURE | C.TICK_LATE | C.DISARMED | C.WRONG_MODE)
+)
+"""Conditions that forbid engaging a vehicle, and have no row of their own."""
+
+WATCHED = frozenset({"link", "pilot failsafe", "depth", "battery", "leak", "supervisor"})
 """Rows for which the supervisor has conditions, which it tests in every tick."""
 
 
@@ -355,6 +366,8 @@ def _leak(seen: Observed, config: Config) -> Finding:
         return Finding(
             WARNING, "not detected: FS_LEAK_ENABLE is 0", "FS_LEAK_ENABLE = 1 to warn, 2 to surface"
         )
+    if Condition.LEAK in seen.conditions:
+        return Finding(REFUSED, Condition.LEAK.text, Condition.LEAK.remedy)
     does = {1.0: "warns", 2.0: "surfaces"}.get(action, f"does {action:g}")
     return Finding(GOOD, f"no leak; the autopilot {does} if one is detected")
 
@@ -371,6 +384,12 @@ def _clock(seen: Observed, config: Config) -> Finding:
         found += f"; total delay {1e3 * total_s:.0f} ms, full gains up to {1e3 * tolerated_s:.0f} ms"
         return Finding(WARNING, found, "the gains are reduced; run on the vehicle, not topside")
     return Finding(GOOD, found)
+
+
+@_row("supervisor", "Holdfast refuses to engage meanwhile")
+def _supervisor(seen: Observed, config: Config) -> Finding | None:
+    held = seen.conditions & WITHOUT_ROW
+    return Finding(REFUSED, text(held), first_remedy(held)) if held else None
 
 
 @_row("thrusters", "one reversed motor turns every force into a rotation")

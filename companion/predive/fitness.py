@@ -7,7 +7,7 @@ from companion.config import Config
 from companion.mavlink.autopilot import Autopilot
 from companion.predive.check import CheckRow, refusals, rows
 from companion.predive.survey import Survey
-from companion.records import Event, StatusText, VehicleState
+from companion.records import Condition, Event, StatusText, VehicleState
 
 CHECK_S = 0.25
 MAV_SEVERITY_INFO = 6
@@ -26,18 +26,26 @@ class Fitness:
         self.failure = ""
         """The rows that forbid engaging, in words; empty where none does."""
 
-    def step(self, events: Sequence[Event], state: VehicleState, config: Config, *, holding: bool) -> str:
-        """Take one tick's events; return `failure`."""
+    def step(
+        self,
+        events: Sequence[Event],
+        state: VehicleState,
+        config: Config,
+        conditions: Condition,
+        *,
+        holding: bool,
+    ) -> str:
+        """Take one tick's events and the last one's conditions; return `failure`."""
         self._survey.take(events)
         if state.t_s - self._checked_s >= CHECK_S:
             self._checked_s = state.t_s
-            self.listed = self.checked(state, config)
+            self.listed = self.checked(state, config, conditions)
             self.failure = refusals(self.listed, holding=holding)
         return self.failure
 
-    def checked(self, state: VehicleState, config: Config) -> list[CheckRow]:
+    def checked(self, state: VehicleState, config: Config, conditions: Condition) -> list[CheckRow]:
         """Return the pre-dive list as far as it is known without trying anything."""
-        return rows(self._survey.observed(state), config)
+        return rows(self._survey.observed(state, conditions=conditions), config)
 
     def introduced(self, now_s: float) -> tuple[StatusText, ...]:
         """Say, once it is known and whenever it changes, which autopilot this is."""

@@ -6,10 +6,12 @@ armed it arms for that, and disarms again.
 
 from collections.abc import Callable, Iterator, Sequence
 
+import msgspec
 import numpy as np
 
 from companion import assembly
-from companion.config import Config
+from companion.config import Config, GroundStation
+from companion.control.actuation import NONE
 from companion.control.allocation import motors
 from companion.estimation import observers
 from companion.mavlink.ardusub import motor_demand
@@ -23,12 +25,16 @@ from companion.records import (
     NEUTRAL,
     Attitude,
     AxisCommand,
+    Condition,
     DepthRate,
     Event,
+    LoopHealth,
     Sender,
     ServoOutput,
     VehicleState,
 )
+from companion.supervision.situation import Observation
+from companion.supervision.supervision import Supervision
 from companion.telemetry.modes import Mode
 
 CONTACT_S = 10.0
@@ -66,6 +72,9 @@ class Inspection:
         self._observers = assembly.observers(config)
         self._observed = observers.start(self._observers)
         self._survey = Survey(self._autopilot)
+        alone = msgspec.structs.replace(config, ground_station=GroundStation())
+        self._supervision = Supervision(alone, self._autopilot.parameters, arm=False)
+        self._conditions = Condition(0)
         self._origin = origin
         self._tries_thrusters = thrusters
         self._modes: dict[str, bool] | None = None
@@ -90,6 +99,14 @@ class Inspection:
         self._observed, motion = observers.step(self._observers, observed, inputs)
         self._state = self._estimator.state(inputs, motion, self._observed.learner.model)
         self._survey.take(self._events)
+        observation = Observation(
+            state=self._state,
+            dt_s=1.0 / self._config.loop.rate_hz,
+            loop=LoopHealth(0, 0.0, 0.0, 0.0, 0, 0),
+            held=NONE,
+            events=self._events,
+        )
+        self._conditions = self._supervision.step(observation).conditions
         self._out = self._autopilot.upkeep(now_s, self._events, mode=None, arm=self._arms and self._pushing)
         if not self.done:
             self.done = next(self._script, True) is True
@@ -112,7 +129,9 @@ class Inspection:
     @property
     def rows(self) -> list[CheckRow]:
         """The list as far as it is known."""
-        seen = self._survey.observed(self._seen, modes=self._modes, directions=self._directions)
+        seen = self._survey.observed(
+            self._seen, modes=self._modes, directions=self._directions, conditions=self._conditions
+        )
         return rows(seen, self._config)
 
     @property

@@ -9,6 +9,7 @@ from typing import Any
 from companion.mavlink.autopilot import Autopilot
 from companion.records import (
     Battery,
+    Condition,
     Depth,
     EkfOrigin,
     EkfStatus,
@@ -23,6 +24,7 @@ from companion.records import (
     TimeSync,
     VehicleState,
 )
+from companion.supervision.conditions import NOTHING
 from companion.supervision.monitor import FAILSAFE
 
 DEPTH_WINDOW_S = 2.0
@@ -76,6 +78,8 @@ class Observed:
     modes: Mapping[str, bool] | None = None
     """Whether each mode that was tried came; None where none was."""
     directions: Directions | None = None
+    conditions: Condition = NOTHING
+    """What the supervisor finds."""
 
 
 KEPT: Mapping[type, tuple[str, Callable[[Any], Any]]] = {

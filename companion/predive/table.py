@@ -11,9 +11,10 @@ MARKS = {Grade.GOOD: "good", Grade.WARNING: "warning", Grade.REFUSED: "REFUSED"}
 
 
 def as_json(rows: Sequence[CheckRow], notes: Sequence[str]) -> str:
-    """Return {"grade", "rows": [{name, grade, found, why, fix}], "notes"}."""
+    """Return {"grade", "verdict", "rows": [{name, grade, found, why, fix}], "notes"}."""
     listed = [asdict(row) | {"grade": row.grade.name} for row in rows]
-    return json.dumps({"grade": worst(rows).name, "rows": listed, "notes": list(notes)}, indent=1)
+    found = {"grade": worst(rows).name, "verdict": verdict(rows), "rows": listed, "notes": list(notes)}
+    return json.dumps(found, indent=1)
 
 
 def from_json(text: bytes) -> list[CheckRow]:
@@ -30,8 +31,17 @@ def show(rows: Sequence[CheckRow], notes: Sequence[str]) -> None:
         sys.stdout.write(f"{MARKS[row.grade]:>8}  {row.name}: {row.found}\n")
         if row.grade is not Grade.GOOD:
             sys.stdout.write(f"          {row.why}. Fix: {row.fix}\n")
-    for note in notes:
+    for note in (*notes, verdict(rows)):
         sys.stdout.write(f"{note}\n")
+
+
+def verdict(rows: Sequence[CheckRow]) -> str:
+    """Return whether Holdfast may engage, and what speaks against it."""
+    refused = "; ".join(f"{row.name}: {row.found}" for row in rows if row.grade is Grade.REFUSED)
+    if refused or not rows:
+        return f"NOT ready: {refused or 'nothing is known'}"
+    doubtful = ", ".join(row.name for row in rows if row.grade is Grade.WARNING)
+    return f"ready: it may engage as soon as it is armed{f'; look at {doubtful}' if doubtful else ''}"
 
 
 def worst(rows: Sequence[CheckRow]) -> Grade:

@@ -110,7 +110,7 @@ class Condition(IntFlag):
         "x and y that are held",
         "x and y are held, or the position is gone",
         "Holdfast engaged without a position: x and y stay the pilot's until somebody asks for them",
-        "hold here (`holdfast hold`), engage again, or go to a place",
+        "hold here (`holdfast hold`), engage again (`holdfast engage`), or go to a place",
     )
     GROUND_LOST = (
         "no fresh altitude over the ground",
@@ -140,7 +140,8 @@ class Condition(IntFlag):
         "the heading agrees with the gyro and the course over ground",
         "it turned by 10° without the gyro, or the vehicle surely moves 30° aside of its thrust; "
         "from 40° on x and y are released until somebody engages again; depth and heading are held",
-        "move away from steel, calibrate the compass, check its orientation; then engage again",
+        "move away from steel, calibrate the compass, check its orientation; then engage again "
+        "(`holdfast engage`, button or dashboard)",
     )
     DEPTH_OUT_OF_BOUNDS = (
         "the measured depth is out of bounds",
@@ -287,7 +288,7 @@ class Condition(IntFlag):
         "the pilot's sticks at rest",
         "the pilot's sticks are at rest",
         "somebody else moves a stick, or the pilot overrides all axes",
-        "release the stick; engage again",
+        "release the stick; then engage again (`holdfast engage`, button or dashboard)",
     )
     PILOT_LOST = (
         "no heartbeat of the pilot's ground station",
@@ -315,7 +316,7 @@ class Condition(IntFlag):
         "the flight mode for steering",
         "the flight mode is right",
         "it is not vehicle.steering_mode",
-        "engage: Holdfast then requests the mode",
+        "engage (`holdfast engage`, button or dashboard): Holdfast then requests the mode",
     )
     RAMPED_DOWN = (
         "ramped down to neutral",

@@ -50,6 +50,9 @@ class ControlSample(msgspec.Struct, frozen=True):
     refused: str = ""
     """Why the pilot's engage button was refused in this tick."""
 
+    disarms_in_s: float = 0.0
+    """Until the autopilot disarms, as nobody steers; 0 where it does not."""
+
     @property
     def foreign(self) -> int:
         """Messages of other systems, and datagrams of others than the links' peers."""

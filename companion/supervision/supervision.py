@@ -3,6 +3,7 @@
 This package alone owns the state, the flight mode and the request to engage.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 
 from companion.config import Config
@@ -23,6 +24,11 @@ from companion.supervision.supervisor import StateMachine
 from companion.telemetry.conditions import NO_DETAILS
 from companion.telemetry.modes import Mode
 
+DISARM = 2.0
+"""FS_PILOT_INPUT."""
+TOLD_S, LEAST_S = 1.5, 1e-3
+"""Until the heartbeat tells that the vehicle was disarmed it is said to be disarmed at once."""
+
 
 class Supervision:
     """The only owner of state, permission and flight mode."""
@@ -37,6 +43,7 @@ class Supervision:
         self._parameters = parameters
         self.previous = self.verdict = Verdict(State.IDLE, Condition(0), 0.0, "just started")
         self._mode = -1
+        self._steered_s = -math.inf
         self._details = NO_DETAILS
         self.refused = ""
         """Why the engage button was refused in this tick."""
@@ -97,7 +104,19 @@ class Supervision:
 
     def steers(self, state: VehicleState) -> bool:
         """Tell whether a steering frame goes out this tick."""
-        return self._flight_mode.steers(self.verdict, state)
+        steers = self._flight_mode.steers(self.verdict, state)
+        self._steered_s = state.t_s if steers else self._steered_s
+        return steers
+
+    def disarms_in_s(self, state: VehicleState) -> float:
+        """Return how long after our last frame the autopilot still waits for a pilot; 0 where it does not."""
+        waits = state.armed and self.verdict.authority == 0.0 and self.verdict.state is not State.HAND_OVER
+        if not waits or self._parameters.get("FS_PILOT_INPUT") != DISARM:
+            return 0.0
+        if self._monitor.pilot_heard_s > self._steered_s:
+            return 0.0
+        left_s = self._steered_s + self._parameters.get("FS_PILOT_TIMEOUT", 0.0) - state.t_s
+        return max(left_s, LEAST_S) if left_s > -TOLD_S else 0.0
 
     def wanted_mode(self, state: VehicleState) -> Mode | None:
         """Return the flight mode to request; None for no request."""

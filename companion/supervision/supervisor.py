@@ -14,12 +14,15 @@ from functools import cache
 
 from companion.records import Condition, State, Verdict
 from companion.supervision.conditions import BLOCKING, FREEZES, NOTHING, TRANSITIONS, WARNS, Transition
-from companion.telemetry.conditions import NO_DETAILS, Details, awaited, detailed
+from companion.telemetry.conditions import NO_DETAILS, UNSAID, Details, awaited, detailed
 from companion.telemetry.glossary import STATES
 
 C, S = Condition, State
 
 CARRY_AUTHORITY = (S.ACTIVE, S.RAMP_DOWN, S.HAND_OVER)
+LATCHED = (S.FAULT, S.PILOT)
+"""States that outlast their cause."""
+FREE = (S.IDLE, S.READY)
 
 
 @cache
@@ -85,6 +88,10 @@ class StateMachine:
         self.ramp_down_s = ramp_down_s
         self.ramp_up_s = ramp_up_s
         self._verdict = Verdict(State.IDLE, NOTHING, 0.0, "just started")
+        self._reason, self._cause = self._verdict.reason, NOTHING
+        """Of the last transition: why, and the one condition that it was for."""
+        self._ended = ""
+        """Why control ended, until it begins again."""
 
     def ramped_down(self, dt_s: float) -> bool:
         """Tell whether the authority has reached 0, `dt_s` after the last step."""
@@ -102,16 +109,25 @@ class StateMachine:
         previous = self._verdict
         authority = self._fallen(dt_s)
         row = transition(previous.state, conditions)
-        state, reason = (row.to, row.because) if row else (previous.state, previous.reason)
+        state, reason = (row.to, row.because) if row else (previous.state, self._reason)
         if state is State.ACTIVE:
             authority = min(1.0, previous.authority + dt_s / self.ramp_up_s) if self.ramp_up_s > 0.0 else 1.0
         elif state not in CARRY_AUTHORITY or conditions & C.FAILSAFE_SURFACES:
             authority = 0.0
-        if state is previous.state is State.IDLE and (missing := conditions & BLOCKING):
+        if row:
+            self._cause = row.when if len(row.when) == 1 and not row.when & UNSAID else NOTHING
+            self._reason = reason = detailed(self._cause, reason, details)
+        elif state in LATCHED and self._cause and not self._cause & conditions:
+            reason = f"was: {reason}; now {self._cause.ended}"
+        elif state is State.IDLE and (missing := conditions & BLOCKING):
             missing = missing & C.LINK_LOST or missing  # without it all others are unknown
             reason = f"waiting for: {awaited(missing, details)}"
-        elif row and len(row.when) == 1:
-            reason = detailed(row.when, row.because, details)
+        if state is State.ACTIVE:
+            self._ended = ""
+        elif row and (previous.state is State.ACTIVE or state is State.FAULT):
+            self._ended = f"; control ended: {reason}"
+        elif state in FREE:
+            reason += self._ended
         warnings, freeze = notices(conditions)
         self._verdict = Verdict(
             state, conditions, authority, reason, warnings, freeze, remedy(state, conditions, details)

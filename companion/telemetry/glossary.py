@@ -4,6 +4,7 @@
 their own for these: the page gets them by `dashboard.web.vocabulary`, docs/supervisor.md is made from them.
 """
 
+import re
 from typing import Literal, NamedTuple
 
 from companion.records import Condition, State
@@ -11,10 +12,18 @@ from companion.telemetry.modes import MODE_NAMES, Mode
 
 Severity = Literal["info", "warning", "fault"]
 
+VEHICLE, ENDPOINT = "bluerov2", "tcp/127.0.0.1:7447"
+"""The usual name, and where Zenoh is looked for, and listened on where nobody does."""
+
 BY = "(`holdfast {}`, button or dashboard)"
 ENGAGE, RELEASE = (f"{what} {BY.format(what)}" for what in ("engage", "release"))
 CLEAR = f"clear the fault {BY.format('tell clear_fault')}"
 """What an operator asks for, and how."""
+
+
+BUTTONS = {"engage": "Engage", "release": "Release", "hold": "Hold here", "tell clear_fault": "Clear fault"}
+"""The page's button by the command that does the same."""
+_COMMAND = re.compile(r"`holdfast (engage|release|hold|tell)((?: clear_fault)?)`")
 
 
 class StateWords(NamedTuple):
@@ -54,6 +63,7 @@ PENDING = "when it engages: {}"
 HOLD_HERE = "hold here"
 """What is kept for engaging, and what that is where nothing is kept."""
 
+NOBODY = "nobody steers: the autopilot disarms in {:.0f} s unless a pilot does"
 TO_DO = "to do"
 NO_DATA = "NO DATA"
 """In the place of a state, where nothing new comes from the companion."""
@@ -80,6 +90,19 @@ LINK_LOST = title(Condition.LINK_LOST.name or "")
 """In the place of a state, where nothing comes from the vehicle."""
 
 
+def whole(text: str, vehicle: str, connect: str) -> str:
+    """Return a text whose commands say which vehicle, and where, unless both are the usual ones."""
+    name = f" {vehicle}" if vehicle != VEHICLE else ""
+    where = f" --connect {connect}" if connect != ENDPOINT else ""
+    return _COMMAND.sub(lambda found: f"`holdfast {found[1]}{name}{found[2]}{where}`", text)
+
+
+def on_page(text: str) -> str:
+    """Return a text that names buttons of the page in place of commands."""
+    named = _COMMAND.sub(lambda found: f"button {BUTTONS[found[1] + found[2]]}", text)
+    return named.replace(", button or dashboard", "")
+
+
 def advised(said: str, remedy: str) -> str:
     """Return words, and what to do."""
     return f"{said}; {TO_DO}: {remedy}" if remedy else said
@@ -90,10 +113,13 @@ def course(kind: str, name: str = "") -> str:
     return f"{COURSES[kind]}: {name}" if name else COURSES[kind]
 
 
-def holder(state: str, *, guidance: str, armed: bool | None, mode: int | None) -> str:
+def holder(
+    state: str, *, guidance: str, armed: bool | None, mode: int | None, disarms_in_s: float = 0.0
+) -> str:
     """Return who has the vehicle, by the supervisor's state and the vehicle's own heartbeat.
 
-    `armed` and `mode` are None where the vehicle did not say so lately.
+    `armed` and `mode` are None where the vehicle did not say so lately. It disarms in `disarms_in_s`, unless
+    that is 0.
     """
     if state == State.ACTIVE:
         return f"Holdfast {COURSES.get(guidance, COURSES['hold'])}"
@@ -101,6 +127,8 @@ def holder(state: str, *, guidance: str, armed: bool | None, mode: int | None) -
         return STATES[state].text if state in STATES else ""
     if not armed:
         return "disarmed: nobody has it"
+    if disarms_in_s > 0.0:
+        return NOBODY.format(disarms_in_s)
     if mode == Mode.ALT_HOLD:
         return "ALT_HOLD has it"
     if state == State.HAND_OVER:

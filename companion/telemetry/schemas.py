@@ -19,9 +19,9 @@ from typing import Annotated, Any, Literal
 import msgspec
 
 from companion.records import DOFS
+from companion.telemetry.glossary import ENDPOINT as ENDPOINT
 from companion.telemetry.glossary import STATES, Severity
 
-ENDPOINT = "tcp/127.0.0.1:7447"  # where Zenoh is looked for, and listened on where nobody does
 NEVER_S = 1e6
 MAX_NUMBER = 2**53
 """The largest number that is published: JavaScript's integers have gaps beyond it."""
@@ -184,6 +184,10 @@ class Supervisor(Record, frozen=True, kw_only=True):
     warnings: Annotated[tuple[str, ...], field("conditions that are only warnings")] = ()
     freeze: Annotated[bool, field("learning is frozen")] = False
     remedy: Annotated[str, field("the operator's next step")] = ""
+    disarms_in_s: Annotated[
+        float,
+        field("until the autopilot disarms, as nobody steers; 0 where it does not", "disarms_in_s"),
+    ] = 0.0
 
 
 class Loop(Record, frozen=True, kw_only=True):

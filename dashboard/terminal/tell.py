@@ -11,6 +11,7 @@ import msgspec
 
 from companion.telemetry import schemas as telemetry
 from companion.telemetry.commands import COMMANDS, fields
+from companion.telemetry.glossary import whole
 from companion.telemetry.schemas import printable
 from dashboard.arguments import add_connect
 from dashboard.zenoh_client import Subscription
@@ -112,11 +113,13 @@ def send(program: str, vehicle: str | None, command: str, what: Mapping[str, obj
     except ValueError as error:
         sys.stderr.write(f"holdfast {program}: {error}\n")
         return 2
-    sys.stdout.write(f"{'done' if reply.done else 'NOT done'}{guessed}: {printable(reply.said)}\n")
+    sys.stdout.write(
+        f"{'done' if reply.done else 'NOT done'}{guessed}: {whole(printable(reply.said), vehicle, connect)}\n"
+    )
     for name, value in reply.value.items():
         if what and name not in what:
             continue
-        sys.stdout.write(f"  {printable(name)} = {printable(_shown(value))}\n")
+        sys.stdout.write(f"  {printable(name)} = {whole(printable(_shown(value)), vehicle, connect)}\n")
     return 0 if reply.done else 1
 
 
@@ -171,7 +174,7 @@ def _epilog() -> str:
 def _config(seen: Subscription, vehicle: str) -> int:
     answer = seen.ask(telemetry.config_key(vehicle))
     if answer is None:
-        sys.stderr.write(f"holdfast tell: nobody answered for '{vehicle}'\n")
+        sys.stderr.write(f"holdfast tell: nobody answers for '{vehicle}'{seen.others()}\n")
         return 1
     shown = msgspec.json.format(answer).decode(errors="replace")
     sys.stdout.write("".join(f"{printable(line)}\n" for line in shown.split("\n")))

@@ -17,7 +17,17 @@ from rich.text import Text
 
 from companion.telemetry import schemas as telemetry
 from companion.telemetry.conditions import UNSAID, named
-from companion.telemetry.glossary import LINK_LOST, PAST, PENDING, TO_DO, holder, silence, title
+from companion.telemetry.glossary import (
+    ENDPOINT,
+    LINK_LOST,
+    PAST,
+    PENDING,
+    TO_DO,
+    holder,
+    silence,
+    title,
+    whole,
+)
 from companion.telemetry.modes import MODE_NAMES
 from companion.telemetry.schemas import Dof, Event, Loop, State, Supervisor
 from dashboard.arguments import add_connect
@@ -58,7 +68,7 @@ _DASH = "–"
 # --- The picture ------------------------------------------------------------------------------------------
 
 
-def picture(feeds: Sequence[Feed], nobody: str) -> RenderableType:
+def picture(feeds: Sequence[Feed], nobody: str, connect: str = ENDPOINT) -> RenderableType:
     """Draw one vehicle wholly, several as a line each; `nobody` where none is heard.
 
     Every colour has a word beside it; what is old is dim and says so.
@@ -70,7 +80,7 @@ def picture(feeds: Sequence[Feed], nobody: str) -> RenderableType:
         return Panel(body, title=heading, title_align="left", box=box.ROUNDED, width=_WIDTH)
     (feed,) = feeds
     loop = feed.get(Loop, "loop")
-    parts = [_banner(feed), Text(), _degrees_of_freedom(feed), Text()]
+    parts = [_banner(feed, connect), Text(), _degrees_of_freedom(feed), Text()]
     parts += [_event(event, feed.now_s) for event in feed.events]
     if feed.trouble:
         parts.append(Text(feed.trouble, "italic"))
@@ -114,7 +124,7 @@ def _event(event: Event, now_s: float, whose: str = "") -> Text:
     return line
 
 
-def _banner(feed: Feed) -> RenderableType:
+def _banner(feed: Feed, connect: str) -> RenderableType:
     """Draw who steers, why, and what to do; below it what the vehicle says of itself."""
     supervisor, state = feed.get(Supervisor, "supervisor"), feed.get(State, "state")
     known = state is not None and "armed" not in state.absent
@@ -129,7 +139,13 @@ def _banner(feed: Feed) -> RenderableType:
         lines += [Text(reason, "bold"), Text(f"{TO_DO}: {remedy}")]
     elif supervisor:
         style, name = _STYLES.get(supervisor.state, "reverse"), title(supervisor.state)
-        has = holder(supervisor.state, guidance=state.guidance if state else "", armed=armed, mode=mode)
+        has = holder(
+            supervisor.state,
+            guidance=state.guidance if state else "",
+            armed=armed,
+            mode=mode,
+            disarms_in_s=supervisor.disarms_in_s,
+        )
         if "LINK_LOST" in supervisor.conditions:
             style, name, has = _STYLES["FAULT"], LINK_LOST, name
         lines.append(Text.assemble((f"  {name}  ", style), f"  {has}, authority {supervisor.authority:.0%}"))
@@ -140,7 +156,7 @@ def _banner(feed: Feed) -> RenderableType:
         ]
         lines.append(Text("; ".join(filter(None, (supervisor.reason, ", ".join(unsaid)))), "dim"))
         if supervisor.remedy:
-            lines.append(Text(f"{TO_DO}: {supervisor.remedy}"))
+            lines.append(Text(f"{TO_DO}: {whole(supervisor.remedy, feed.vehicle, connect)}"))
         if state and state.pending:
             lines.append(Text(PENDING.format(state.pending), "bold"))
     if state:
@@ -258,7 +274,7 @@ def _nobody(options: argparse.Namespace, seen: Subscription) -> str:
 def _once(options: argparse.Namespace, seen: Subscription, console: Console) -> int:
     feeds, deadline_s = Feeds(), time.monotonic() + PATIENCE_S
     while not feeds.complete and time.monotonic() < deadline_s:
-        feeds.take(seen.last(), time.monotonic())
+        feeds.take([*seen.last(), *seen.take()], time.monotonic())  # a replay keeps nothing
         time.sleep(0.02)
     shown = feeds.look(time.monotonic(), connected=seen.connected)
     if not shown:
@@ -269,7 +285,7 @@ def _once(options: argparse.Namespace, seen: Subscription, console: Console) -> 
         figures = vehicles[0] if len(vehicles) == 1 else {"vehicles": vehicles}
         sys.stdout.write(msgspec.json.format(msgspec.json.encode(figures)).decode() + "\n")
     else:
-        console.print(picture(shown, ""))
+        console.print(picture(shown, "", options.connect))
     return 0
 
 
@@ -281,7 +297,8 @@ def _live(options: argparse.Namespace, seen: Subscription, console: Console) -> 
                 now_s = time.monotonic()
                 feeds.take(seen.take(), now_s)
                 shown = feeds.look(now_s, connected=seen.connected)
-                live.update(picture(shown, _nobody(options, seen)), refresh=True)
+                nobody = _nobody(options, seen)
+                live.update(picture(shown, nobody, options.connect), refresh=True)
                 time.sleep(_REFRESH_S)
         except KeyboardInterrupt:
             return 0 if feeds else 1

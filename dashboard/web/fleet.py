@@ -10,7 +10,7 @@ import msgspec
 from msgspec.structs import replace
 
 from companion.telemetry import schemas as telemetry
-from companion.telemetry.glossary import PENDING, holder
+from companion.telemetry.glossary import PENDING, holder, on_page
 from companion.telemetry.schemas import Choices, Dof, Event, Loop, Plan, Recorder, Schema, State, Supervisor
 from dashboard.lag import Lag
 from dashboard.web.columns import COLUMNS, empty_row, fill, fill_truth
@@ -147,6 +147,8 @@ class VehicleHistory:
         state = self.get(State)
         mode = state.mode if state and "mode" not in state.absent else None
         guidance = state.guidance if state else ""
+        supervisor = self.get(Supervisor)
+        disarms_in_s = supervisor.disarms_in_s if supervisor else 0.0
         return {
             "vehicle": self.name,
             "age_s": _finite(self.age_s(now_s)),
@@ -155,7 +157,10 @@ class VehicleHistory:
             "armed": self.armed,
             "mode": mode,
             "pending": PENDING.format(state.pending) if state and state.pending else "",
-            "holder": holder(self.state, guidance=guidance, armed=self.armed, mode=mode),
+            "holder": holder(
+                self.state, guidance=guidance, armed=self.armed, mode=mode, disarms_in_s=disarms_in_s
+            ),
+            "advice": on_page(supervisor.remedy) if supervisor else "",
             "pilot_gain": state.pilot_gain if state else None,
             "dead_motor": state.dead_motor if state else 0,
             "guidance": guidance,
@@ -164,7 +169,7 @@ class VehicleHistory:
             "path_left_m": _left(state, "path_left_m"),
             "path_left_s": _left(state, "path_left_s"),
             "model": self._model,
-            "supervisor": self.get(Supervisor),
+            "supervisor": supervisor,
             "loop": self.get(Loop),
             "recorder": self.get(Recorder) if now_s - self._recorder_heard_s < RECORDER_SILENT_S else None,
         }

@@ -9,6 +9,7 @@ from virtual import ROOT, Somebody
 from companion.config import load_config
 from companion.predive.check import Grade
 from companion.predive.inspection import Inspection
+from companion.predive.table import verdict
 from lab.loop.lockstep import COMPANION_LINK, START_S
 from lab.studies.promises import steering
 from sim_bridge.config import load_config as load_plant
@@ -159,6 +160,12 @@ def test_a_receiver_is_told_from_none():
     assert look.row("RC receiver").grade is Grade.WARNING
     look = VehicleInspection("rc_receiver=true", "parameters.RC_OVERRIDE_TIME=-1")
     assert look.row("RC receiver").grade is Grade.REFUSED
+
+
+def test_a_leak_and_a_tilt_are_no_good_start():
+    look = VehicleInspection(DIVED, 'faults=[{kind="leak"}]', "initial.eta=[0,0,1,1.2,0,0]")
+    assert look.row("leak").grade is Grade.REFUSED
+    assert verdict(look.inspection.rows).startswith("NOT ready: leak: the autopilot reports a leak")
 
 
 def test_nobody_there():

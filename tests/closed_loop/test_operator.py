@@ -40,6 +40,36 @@ def test_engage_is_answered_when_it_is_so_and_release_when_thrust_is_gone():
     assert dive.state is not State.ACTIVE
 
 
+@pytest.mark.parametrize("steered", [False, True], ids=["by nobody", "by a pilot"])
+def test_after_a_release_it_says_until_when_somebody_has_to_steer(steered):
+    dive, console = at_console()
+    dive.run(2.0)
+    console.tell("engage")
+    assert dive.step.sample.disarms_in_s == 0.0
+    reply = console.tell("release")
+    assert "nobody steers: the autopilot disarms in 3 s" in reply.said
+    assert "(wanted" not in status_line(dive.step.sample), "nothing is held"
+    left_s = []
+    for _ in range(6):
+        if steered:
+            dive.tap.to_vehicle.append(Somebody().stick(1600))
+        dive.run(1.0)
+        left_s.append((dive.step.sample.disarms_in_s, dive.step.sample.state.armed))
+    if not steered:
+        assert left_s[0][0] == pytest.approx(2.5, abs=0.1)
+        assert all(left > 0.0 or not armed for left, armed in left_s), "until it is so"
+    assert left_s[-1] == (0.0, steered)
+
+
+def test_a_companion_that_may_arm_does_not_ask_the_pilot_to():
+    dive, _ = at_console()
+    dive.run(2.0)
+    assert "that arms it too" in dive.step.sample.verdict.remedy
+    dive, _ = at_console(arm=False)
+    dive.run(2.0)
+    assert dive.step.sample.verdict.remedy == "arm the vehicle"
+
+
 def test_an_engage_that_is_not_permitted_says_why_and_leaves_no_request_behind():
     dive, console = at_console(arm=False)
     dive.run(2.0)

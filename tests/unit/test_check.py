@@ -15,6 +15,7 @@ from companion.predive.table import as_json, from_json, show, worst
 from companion.records import (
     Ages,
     Battery,
+    Condition,
     Delays,
     Depth,
     EkfOrigin,
@@ -190,6 +191,22 @@ def test_frames_that_are_not_signed_with_our_key_are_reported_where_there_is_one
     assert all(row.name != "signing" for row in rows(good, load_config()))
     assert row("signing", good, "link.signing_key_file=/etc/holdfast/mavlink.key").grade is GOOD
     assert row("signing", replace(good, signs=True)).grade is WARNING, "it drops what we send unsigned"
+
+
+@pytest.mark.parametrize(
+    ("name", "condition"),
+    [("leak", Condition.LEAK), ("supervisor", Condition.TILTED), ("supervisor", Condition.PILOT_TAKEOVER)],
+)
+def test_what_the_supervisor_finds_is_refused_and_the_last_line_says_so(good, capsys, name, condition):
+    show(rows(good, load_config()), ["a note"])
+    assert capsys.readouterr().out.endswith("a note\nready: it may engage as soon as it is armed\n")
+    seen = replace(good, conditions=condition | Condition.DISARMED, origin_known=False)
+    found = row(name, seen)
+    assert (found.grade, found.found, found.fix) == (REFUSED, condition.text, condition.remedy)
+    show(rows(seen, load_config()), [])
+    assert capsys.readouterr().out.endswith(f"NOT ready: {name}: {condition.text}\n")
+    show(rows(replace(good, origin_known=False), load_config()), [])
+    assert capsys.readouterr().out.endswith("as soon as it is armed; look at EKF origin\n")
 
 
 def test_of_a_vehicle_that_is_not_heard_the_list_says_what_is_heard_instead(good):

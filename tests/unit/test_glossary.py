@@ -6,6 +6,7 @@ import pytest
 
 from companion.records import Condition, State
 from companion.supervision.conditions import TRANSITIONS
+from companion.supervision.supervisor import remedy as remedy_of
 from companion.telemetry import glossary
 from companion.telemetry.modes import Mode
 from dashboard.web import vocabulary
@@ -74,6 +75,28 @@ def test_who_has_the_vehicle(
     state: str, armed: bool | None, mode: int | None, guidance: str, who: str
 ) -> None:
     assert glossary.holder(state, guidance=guidance, armed=armed, mode=mode) == who
+
+
+def test_a_vehicle_that_nobody_steers_is_said_to_be_disarmed_soon() -> None:
+    who = glossary.holder(State.READY, guidance="", armed=True, mode=Mode.ALT_HOLD, disarms_in_s=2.6)
+    assert who == "nobody steers: the autopilot disarms in 3 s unless a pilot does"
+
+
+def test_a_command_is_named_wholly_and_on_the_page_it_is_a_button() -> None:
+    remedy = remedy_of(State.FAULT, Condition.PILOT_TAKEOVER)
+    assert glossary.whole(remedy, "bluerov2", glossary.ENDPOINT) == remedy
+    told = glossary.whole(remedy, "kelp", "tcp/10.0.0.2:7447")
+    assert "`holdfast tell kelp clear_fault --connect tcp/10.0.0.2:7447`" in told
+    assert glossary.on_page(remedy) == "clear the fault (button Clear fault)"
+    page = (ROOT / "dashboard" / "web" / "static" / "index.html").read_text(encoding="utf-8")
+    for button in glossary.BUTTONS.values():
+        assert f">{button}</button>" in page
+
+
+@pytest.mark.parametrize("condition", list(Condition))
+def test_no_remedy_asks_to_engage_without_saying_how(condition: Condition) -> None:
+    for words in condition.remedy.split(";"):
+        assert "engage" not in words or "`holdfast" in words
 
 
 def test_troubleshooting_repeats_no_remedy() -> None:

@@ -262,6 +262,27 @@ def test_waiting_says_for_what():
     assert silent.remedy == "fish"
 
 
+def test_why_control_ended_stays_readable_until_it_begins_again():
+    supervisor = brought_to(State.RAMP_DOWN)
+    for conditions in (C.RAMPED_DOWN, NOTHING, NOTHING):
+        verdict = supervisor.step(conditions, TICK_S)
+    assert verdict.state is State.READY
+    assert verdict.reason.endswith("; control ended: the operator released the vehicle")
+    waits = [supervisor.step(C.DISARMED, TICK_S) for _ in range(3)][-1]
+    assert waits.reason == "waiting for: arming; control ended: the operator released the vehicle"
+    supervisor.step(NOTHING, TICK_S)
+    assert supervisor.step(C.ENGAGE_ASKED, TICK_S).reason == "engaged"
+
+
+@pytest.mark.parametrize("state", [State.FAULT, State.PILOT])
+def test_a_cause_that_is_over_is_named_as_past(state):
+    supervisor = brought_to(state)
+    cause = {State.FAULT: C.LINK_LOST, State.PILOT: C.PILOT_TAKEOVER}[state]
+    assert supervisor.step(cause, TICK_S).reason == cause.text
+    assert supervisor.step(C.DISARMED, TICK_S).reason == f"was: {cause.text}; now {cause.ended}"
+    assert supervisor.step(cause, TICK_S).reason == cause.text
+
+
 # --- What to do --------------------------------------------------------------------------------------------
 
 
@@ -465,7 +486,7 @@ SEEN = [
     (RESTING, {"offers_position": True}, C.POSITION_UNUSED),
     (RESTING, {"wants_ground": True}, C.GROUND_LOST),
     (structs.replace(RESTING, heading_check=HeadingCheck(doubtful=True)), {}, C.HEADING_WRONG),
-    (RESTING, {"preflight_failure": "the leak"}, C.PREFLIGHT_FAILURE),
+    (RESTING, {"details": {C.PREFLIGHT_FAILURE: ("the leak", "")}}, C.PREFLIGHT_FAILURE),
     (RESTING, {"ramped_down": True}, C.RAMPED_DOWN),
     (RESTING, {"hand_over": HandOverStep.HELD}, C.HAND_OVER_HELD),
     (RESTING, {"hand_over": HandOverStep.DONE}, C.HANDED_OVER),

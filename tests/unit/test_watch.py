@@ -221,6 +221,30 @@ def test_once_without_a_companion_is_a_failure_and_says_where_to_look(
     assert said.out == ""
 
 
+def test_once_sees_a_replay_which_keeps_no_last_sample(
+    make_sample: MakeSample, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    class Replayed:
+        def __init__(self, *_: str) -> None:
+            self.connected = True
+
+        def __enter__(self) -> "Replayed":
+            return self
+
+        def __exit__(self, *_: object) -> None:
+            pass
+
+        def last(self) -> list[Message]:
+            return []
+
+        def take(self) -> list[Message]:
+            return _messages(make_sample())
+
+    monkeypatch.setattr(watch, "Subscription", Replayed)
+    assert watch.main(["--once"]) == 0
+    assert "kelp" in capsys.readouterr().out
+
+
 def test_a_name_that_cannot_be_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
     assert watch.main(["--once", "--name", "a//b"]) == 2
     assert "key expression" in capsys.readouterr().err

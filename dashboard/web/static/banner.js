@@ -25,7 +25,7 @@ export class Banner {
     say($("meaning"), stale ? (supervisor ? `was ${name}` : "") : lost ? name : status.holder);
     tile("depth", store, ["depth_m", "depth_desired_m", "z.engaged", "z.e"], (metres) => `${metres.toFixed(2).replace(/^-0.00$/, "0.00")} m`, (e) => `${signed(1e3 * e, 0)} mm`);
     tile("heading", store, ["heading_rad", "heading_desired_rad", "psi.engaged", "psi.e"], compass, (e) => `${signed(DEG * e, 1)}°`);
-    const [reason, advice] = stale ? silence(link) : [supervisor.reason, [supervisor.remedy, status.pending].filter(Boolean).map(sentence).join(" ")];
+    const [reason, advice] = stale ? silence(link) : [supervisor.reason, [status.advice, status.pending].filter(Boolean).map(sentence).join(" ")];
     prose($("reason"), reason);
     mark($("reason"), "long", reason.length > 90 ? "yes" : "no");
     prose($("advice"), advice);
