@@ -1,7 +1,8 @@
 """What the BlueOS extension runs: controller, recorder and dashboard, each started again when it ends.
 
-Settings, token and dives are in the extension's volume. A controller whose control loop hangs is killed: it
-feeds this program as it feeds systemd's watchdog (sd_notify).
+Settings, token, state and dives are in the extension's volume. What a full disk does not take is in memory
+until the next start: the controller runs. One whose control loop hangs is killed: it feeds this program as it
+feeds systemd's watchdog (sd_notify).
 """
 
 import os
@@ -11,7 +12,7 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 WATCHDOG_S = 2.0
@@ -20,6 +21,7 @@ START_S = 20.0
 STOP_S = 5.0
 PERIOD_S = 0.1
 PORT = 8600
+MEMORY = Path("/dev/shm/holdfast")
 
 
 class Service:
@@ -63,19 +65,7 @@ class Service:
 
 def main(data: Path) -> None:
     """Run until SIGTERM, which reaches each service: the controller sends neutral first."""
-    configuration, token = data / "companion.toml", data / "dashboard.token"
-    data.mkdir(parents=True, exist_ok=True)
-    if not configuration.exists():
-        whole = data / "first.toml"
-        whole.unlink(missing_ok=True)
-        subprocess.run(["holdfast", "init", "--yes", "--where", "extension", "--out", str(whole)], check=True)
-        whole.replace(configuration)
-    if not token.exists() or not token.stat().st_size:
-        whole = data / "first.token"
-        whole.unlink(missing_ok=True)
-        whole.touch(mode=0o600)
-        whole.write_text(secrets.token_hex(16) + "\n", encoding="ascii")
-        whole.replace(token)
+    configuration, token = kept(data / "companion.toml", init), kept(data / "dashboard.token", new_token)
     words = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
     words.bind(f"\0holdfast-{os.getpid()}")
     words.setblocking(False)
@@ -83,7 +73,7 @@ def main(data: Path) -> None:
         "controller",
         ["holdfast", "run", "--config", str(configuration)],
         0.5,
-        {"NOTIFY_SOCKET": f"@holdfast-{os.getpid()}"},
+        {"NOTIFY_SOCKET": f"@holdfast-{os.getpid()}", "STATE_DIRECTORY": str(data / "state")},
     )
     page = ["holdfast", "dashboard", "--listen", f"0.0.0.0:{PORT}", "--host", "blueos.local", "--host"]
     page += ["blueos-wifi.local", "--allow-control", "--token-file", str(token)]
@@ -109,6 +99,34 @@ def main(data: Path) -> None:
         service.send(signal.SIGTERM)
     for service in services:
         service.wait()
+
+
+def kept(file: Path, make: Callable[[Path], object]) -> Path:
+    """Return a file, made if it is not there: in memory where a full or broken disk takes none."""
+    for place in (file, MEMORY / file.name):
+        whole = place.with_name(f"first{place.suffix}")
+        try:
+            if not place.exists() or not place.stat().st_size:
+                place.parent.mkdir(parents=True, exist_ok=True)
+                whole.unlink(missing_ok=True)
+                make(whole)
+                whole.replace(place)
+            return place
+        except (OSError, subprocess.CalledProcessError) as error:
+            _say(f"{place} cannot be written: {error}. Make room on the disk, and start the extension again")
+    return file
+
+
+def init(configuration: Path) -> None:
+    """Write a first configuration."""
+    where = ("--where", "extension", "--out", str(configuration))
+    subprocess.run(["holdfast", "init", "--yes", *where], check=True)
+
+
+def new_token(token: Path) -> None:
+    """Write a token that nobody knows."""
+    token.touch(mode=0o600)
+    token.write_text(secrets.token_hex(16) + "\n", encoding="ascii")
 
 
 def _heard(words: socket.socket) -> bool:

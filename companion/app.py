@@ -22,6 +22,7 @@ from companion.config import Config
 from companion.endpoint import Endpoint
 from companion.engine import Engine
 from companion.guidance.drawing import drawing
+from companion.io.beside import Beside
 from companion.io.command_queue import COST, CommandQueue, EngineInput, ReceivedCommand
 from companion.io.links import Admission, MavlinkLink
 from companion.io.process import NS_PER_S, Ticker, notify, on_ending_signal
@@ -37,7 +38,7 @@ from companion.telemetry.commands import Follow
 from companion.telemetry.event_log import EventLog
 from companion.telemetry.glossary import advised, whole
 from companion.telemetry.plan import PathPlan
-from companion.telemetry.schemas import Choices, Plan, Raw, Reply, Start
+from companion.telemetry.schemas import Choices, Event, Plan, Raw, Reply, Start
 from companion.telemetry.status_line import status_line
 from holdfast import own_version, version
 
@@ -87,6 +88,7 @@ class App:
             self._ground = MavlinkLink(endpoint, "ground station", self._from_ground, admission)
         self._links = [link for link in (self._link, self._ground) if link is not None]
         self._peer_changes = 0
+        self._beside = Beside()
         telemetry = config.telemetry
         self._commands = CommandQueue(config)
         if path is not None:
@@ -100,6 +102,7 @@ class App:
             on_command=self._commands.put,
             choices=Choices(compensator=registry.choices(config.compensators)),
             check_list=lambda: as_json(self._engine.check_list, []),
+            utc_s=time.time,
         )
         self._publisher.config = msgspec.json.encode(config)
         self._requests = list(requests)
@@ -207,13 +210,9 @@ class App:
 
     def _between_ticks(self) -> None:
         """Take some steps of what a tick has no time for; come again while there is more."""
-        try:
-            more = self._commands.prepare(self._engine)
-            if self._drawing is not None:
-                more |= not self._drawing.advance(COST)
-        except Exception as error:
-            self._fail(error)
-            return
+        more = self._commands.prepare(self._engine)
+        if self._drawing is not None and not self._drawing.done:
+            more |= self._beside.do("the map", self._draws)
         self._works_between = more
         if more:
             asyncio.get_running_loop().call_soon(self._between_ticks)
@@ -234,6 +233,7 @@ class App:
             strangers=sum(link.strangers for link in self._links),
             peer_changes=self._peer_changes,
             left_out_bytes=self._inbox.left_out + (self._relay.left_out if self._ground is not None else 0),
+            errors=self._beside.count + self._publisher.beside.count,
         )
         now_s = now_ns / NS_PER_S
         engine, commands = self._engine, self._commands
@@ -254,31 +254,38 @@ class App:
                 if self._manoeuvre.done:
                     self._stop.set()
             self._compute_ns = time.monotonic_ns() - now_ns
-            self._tell(
-                now_ns, sample, peers, self._raw(now_s, datagrams, ground, out, requests, given), given
-            )
         except Exception as error:
             self._fail(error)
-        else:
-            if not self._works_between:
-                self._between_ticks()
+            return
+        raw = self._raw(now_s, datagrams, ground, out, requests, given)
+        self._tell(now_ns, sample, peers, raw, given)
+        if not self._works_between:
+            self._between_ticks()
 
     def _tell(
         self, now_ns: int, sample: ControlSample, peers: Sequence[str], raw: Raw | None, given: EngineInput
     ) -> None:
-        """Publish and log this tick; raise what ended the publisher's thread."""
-        if self._publisher.failure is not None:
-            raise self._publisher.failure
+        """Publish and log this tick. What fails of it is told, and disturbs neither the rest nor the tick."""
         if given.config is not None:
             self._publisher.config = msgspec.json.encode(given.config)
         duplicates = _drained(self._publisher.duplicate_instances)
-        events = self._event_log.step(sample, self._commands.results, duplicates, peers)
-        self._publisher.offer(sample, raw, events, self._plan(now_ns, sample))
-        self._to_pilot(self._engine.displayed(sample, events))
+        told = [*peers, *_drained(self._beside.told, self._publisher.beside.told)]
+        events: list[Event] = []
+        beside, results = self._beside.do, self._commands.results
+        beside("events", lambda: events.extend(self._event_log.step(sample, results, duplicates, told)))
+        beside("telemetry", lambda: self._publisher.offer(sample, raw, events, self._plan(now_ns, sample)))
+        beside("the pilot's display", lambda: self._to_pilot(self._engine.displayed(sample, events)))
         for event in events:
             if event.kind != "state":
                 log.info("%s: %s", event.kind, event.text)
         self._report(now_ns, sample)
+
+    def _draws(self) -> bool:
+        """Take some steps of drawing the map; return whether there are more. One that fails is left out."""
+        drawing, self._drawing = self._drawing, None
+        more = drawing is not None and not drawing.advance(COST)
+        self._drawing = drawing
+        return more
 
     def _to_pilot(self, frames: Sequence[bytes]) -> None:
         link = self._ground or self._link
@@ -349,7 +356,7 @@ class App:
             notify("WATCHDOG=1")
         if now_ns - self._said_ns > STATUS_PERIOD_S * NS_PER_S:
             self._said_ns = now_ns
-            log.info("%s", status_line(sample))
+            self._beside.do("the status line", lambda: log.info("%s", status_line(sample)))
 
     def _link_ended(self, task: asyncio.Task[None]) -> None:
         if not task.cancelled():

@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from holdfast import files
 from holdfast.arguments import command_parser, position
 
 if TYPE_CHECKING:
@@ -286,7 +287,7 @@ def identify(argv: list[str], conclude: "Conclude") -> int:
     arguments = parser.parse_args(argv)
 
     from companion import app
-    from companion.config import DEFAULT_FILE, ConfigError, load_config, vehicle_of
+    from companion.config import DEFAULT_FILE, load_config, vehicle_of
     from companion.identify.manoeuvre import Manoeuvre
     from companion.io.logs import log_to
 
@@ -303,8 +304,7 @@ def identify(argv: list[str], conclude: "Conclude") -> int:
 
     try:
         config = load_config(arguments.config or DEFAULT_FILE, _overrides(arguments))
-        if arguments.out.exists():
-            raise ConfigError(f"{arguments.out} is there already; remove it or choose another --out")
+        files.refuse_existing(arguments.out)
         if not arguments.yes and not _agreed(IDENTIFY_MOVES):
             return 130
         manoeuvre = Manoeuvre(show)
@@ -350,8 +350,7 @@ def init(argv: list[str]) -> int:
         parser.add_argument(f"--{question.name}", metavar=words, help=question.text)
     parser.add_argument("--yes", action="store_true", help="ask nothing: the first choice of each question")
     arguments = parser.parse_args(argv)
-    if arguments.out.exists():
-        raise RefusedError(f"{arguments.out} is there already; remove it or choose another --out")
+    files.refuse_existing(arguments.out)
     if not arguments.yes and not sys.stdin.isatty():
         raise RefusedError("nobody can be asked here: say --yes, and answer by options what differs")
 

@@ -47,6 +47,9 @@ Name = Annotated[str, msgspec.Meta(pattern="^[A-Za-z0-9_-]{1,32}$")]
 class Section(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """A table of the file: frozen, and no key beyond its own."""
 
+    def __post_init__(self) -> None:
+        validation.check_beside_zero(self)
+
 
 class Frame(Section, frozen=True):
     """The vehicle's frame of thrusters."""

@@ -89,7 +89,7 @@ def _all(
     modules: dict[str, ModuleType] = {**shipped, **_installed(group)}
     for own, table in tables.items():
         if "module" in table:
-            modules[own] = _imported(f"{group}.{own}.module", table["module"])
+            modules[own] = _imported(f"{group}.{own}.module", str(table["module"]))
         if own not in modules:
             raise UnusableError(f"{group}.{own}: not installed; name its file: {group}.{own}.module")
     found = {name: _functions(kind, module) for name, module in modules.items()}
@@ -126,10 +126,10 @@ def _installed(group: str) -> dict[str, ModuleType]:
 
 
 @cache
-def _imported(key: str, name: Any) -> ModuleType:
+def _imported(key: str, name: str) -> ModuleType:
     try:
         return import_module(name)
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise UnusableError(f"{key} = {name!r}: cannot be imported: {error}") from error
 
 

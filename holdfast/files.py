@@ -9,6 +9,8 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
+from holdfast import RefusedError
+
 MAX_BYTES = 1 << 18
 """Of a text; the largest of our own have a fifth of it."""
 MAX_DEPTH = 32
@@ -28,6 +30,12 @@ def text(path: Path) -> str:
         return data.decode()
     except UnicodeDecodeError as error:
         raise ValueError(f"is not UTF-8 text: {error}") from error
+
+
+def refuse_existing(*paths: Path) -> None:
+    """Raise RefusedError where a file that is to be written is there: nobody's work is written over."""
+    if there := [path for path in paths if path.exists()]:
+        raise RefusedError(f"{there[0]} is there already; remove it or choose another --out")
 
 
 def toml(source: str) -> dict[str, Any]:

@@ -80,8 +80,15 @@ def _install() -> None:
     from companion.assembly import refuse_fast_gains
     from companion.config import DEFAULT_FILE, load_config
 
-    config = load_config(CONFIGURATION if CONFIGURATION.exists() else DEFAULT_FILE)
-    refuse_fast_gains(config)
+    try:
+        config = load_config(CONFIGURATION if CONFIGURATION.exists() else DEFAULT_FILE)
+        refuse_fast_gains(config)
+    except RefusedError:
+        raise
+    except Exception as error:  # a law or compensator of its owner's
+        raise RefusedError(
+            f"{CONFIGURATION}: leads to {error!r}: correct what it names, and repeat"
+        ) from error
     files = {Path(file.name): file.read_text(encoding="utf-8") for file in TEMPLATES.glob("*.service")}
     files = {name: text.replace(IN_TEMPLATES, str(PROGRAM)) for name, text in files.items()}
     if match := re.fullmatch(r"serial:(/[^\s:]+):\d+", config.link.endpoint):

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
@@ -52,11 +53,36 @@ def bounds(hint: Any) -> tuple[float, float] | None:
 def refusal(name: str, value: float, hint: Any) -> str | None:
     """Return why `value` may not be `name`, or None where it may. NaN and infinities never may."""
     found = bounds(hint)
-    if found is None or found[0] <= value <= found[1]:
+    least, remedy = least_beside_zero(hint), _extra(hint, "remedy")
+    if found is None or (value == 0.0 if 0.0 <= value < least else found[0] <= value <= found[1]):
         return None
     shown = f"{value:g}" if isinstance(value, float) else str(value)[:20]
-    remedy = next((f"; {meta.extra['remedy']}" for meta in metas(hint) if meta.extra), "")
-    return f"{name} = {shown}: must be {found[0]:g} to {found[1]:g}{remedy}"
+    allowed = f"0, or {least:g} to {found[1]:g}" if least else f"{found[0]:g} to {found[1]:g}"
+    return f"{name} = {shown}: must be {allowed}{f'; {remedy}' if remedy else ''}"
+
+
+def least_beside_zero(hint: Any) -> float:
+    """Return the least that a quantity may be where it is not 0; 0 where it may be any."""
+    return float(_extra(hint, "least") or 0.0)
+
+
+def _extra(hint: Any, key: str) -> Any:
+    every = ({**(meta.extra or {}), **(meta.extra_json_schema or {})} for meta in metas(hint))
+    return next((more[key] for more in every if key in more), None)
+
+
+def check_beside_zero(record: Struct) -> None:
+    """Raise ValueError for a quantity that is neither 0 nor enough: msgspec itself knows one range alone."""
+    for name, hint in _beside_zero(type(record)).items():
+        value = getattr(record, name)
+        if isinstance(value, float) and (refused := refusal(name, value, hint)):
+            raise ValueError(refused)
+
+
+@cache
+def _beside_zero(kind: type[Struct]) -> dict[str, Any]:
+    hints = get_type_hints(kind, include_extras=True)
+    return {name: hint for name, hint in hints.items() if least_beside_zero(hint)}
 
 
 def explained(table: Any, error: str, kind: type[Struct]) -> str:
@@ -66,6 +92,8 @@ def explained(table: Any, error: str, kind: type[Struct]) -> str:
     """
     message, _, where = error.partition(" - at `$")
     place = where.strip("`").lstrip(".")
+    if ": must be 0, or " in message:  # of `check_beside_zero`
+        return f"{place}.{message}".lstrip(".")
     parts = [part for part in re.split(r"[.\[\]]", where.strip("`")) if part]
     hint = _hint_at(kind, parts)
     if field := re.search(r"(unknown|required) field `(.+)`", message):

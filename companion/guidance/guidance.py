@@ -443,11 +443,18 @@ class Guidance:
         self._target.move_depth(altitude.depth_m, altitude.rate_mps, altitude.acceleration_mps2)
 
     def _follow_course(self, state: VehicleState, reference: Reference, dt_s: float) -> None:
-        """Move the target along the course."""
+        """Move the target along the course; one that leads nowhere ends here."""
         course = self._course
         if course is None or course.done or course.suspended:
             return
         course.datum = self._datum
+        try:
+            self._step_course(course, state, reference, dt_s)
+        except (ArithmeticError, ValueError) as error:
+            course.refused, course.done = f"it cannot be followed: {error}", True
+            self._target.now = Setpoint(self._standing(reference))
+
+    def _step_course(self, course: Course, state: VehicleState, reference: Reference, dt_s: float) -> None:
         held = self.engaged[X] and self.engaged[Y]
         rests = course.wants_position and not held
         if not course.begun:
@@ -466,6 +473,8 @@ class Guidance:
         if self._altitude is not None:
             behind_m = max(behind_m, self._altitude.lacks_m(state.ground))
         at = course.step(0.0 if rests else pace(reference.pace, behind_m), dt_s)
+        if not all(map(math.isfinite, (*at.eta_d, *at.eta_d_dot, *at.eta_d_ddot))):
+            raise ValueError("its numbers are not finite")
         self._target.now = course.frame.setpoint_inside(at)
 
     def _follow(self, path: Path, reference: Reference) -> None:

@@ -6,6 +6,7 @@ by; after the tick it answers with what came of it. A path is built between tick
 No Zenoh and no clock in here.
 """
 
+import logging
 import math
 from collections import deque
 from collections.abc import Callable
@@ -14,7 +15,7 @@ from typing import Any, NamedTuple, Protocol
 
 import msgspec
 
-from companion.config import Config, ConfigError, check_choices
+from companion.config import Config, check_choices
 from companion.guidance.orders import Order, ordering, place_words
 from companion.guidance.target import known
 from companion.records import (
@@ -58,6 +59,8 @@ from companion.telemetry.conditions import text
 from companion.telemetry.glossary import HOLD_HERE, NOBODY, PENDING
 from companion.telemetry.schemas import Reply
 from companion.telemetry.status_line import left_text
+
+log = logging.getLogger("holdfast")
 
 REQUESTS: dict[type[Payload], Request] = {
     Engage: Request.ENGAGE,
@@ -193,8 +196,8 @@ class CommandQueue:
             waiting.task = Task(self._preparing(waiting.command, engine))
         try:
             return not waiting.task.advance(cost)
-        except (ConfigError, ValueError, ArithmeticError) as error:
-            waiting.refused = str(error)
+        except Exception as error:
+            waiting.refused = _why(error)
             return False
 
     def before_tick(self, engine: Controllable, now_s: float) -> EngineInput:
@@ -220,8 +223,8 @@ class CommandQueue:
                 given = given._replace(config=engine.config)
             else:
                 given.requests.append(self._requested(engine, command))
-        except (ConfigError, ValueError) as error:
-            self._answer(received, command, Reply(done=False, said=f"refused: {error}"))
+        except Exception as error:
+            self._answer(received, command, Reply(done=False, said=f"refused: {_why(error)}"))
             return given
         wait_s = ENGAGE_S if received.name == "engage" else SETTLE_S + old.supervisor.ramp_down_s
         self._pending.append(_Pending(received, command, now_s + wait_s, was, old))
@@ -231,7 +234,10 @@ class CommandQueue:
         """Answer what has been settled by this tick."""
         waiting, self._pending = self._pending, []
         for pending in waiting:
-            reply = self._settled(pending, engine, sample, now_s)
+            try:
+                reply = self._settled(pending, engine, sample, now_s)
+            except Exception as error:
+                reply = Reply(done=False, said=f"what came of it cannot be said: {_why(error)}")
             if reply is None:
                 self._pending.append(pending)
             else:
@@ -244,8 +250,8 @@ class CommandQueue:
             if not trusted:
                 self._permit(received)
             return _Waiting(received, parse(received.name, received.payload))
-        except ValueError as error:
-            return _Waiting(received, refused=str(error))
+        except Exception as error:
+            return _Waiting(received, refused=_why(error))
 
     def _preparing(self, command: Payload, engine: Controllable) -> Steps[Order | None]:
         """Return the order that a command is; None for another command."""
@@ -416,6 +422,14 @@ class CommandQueue:
         order = in_words(command) if command else known.order if known else received.name[:40]
         self.results.append(CommandResult(order, reply))
         received.answer(reply)
+
+
+def _why(error: Exception) -> str:
+    """Return why a command is refused. What nobody has foreseen is logged with its place."""
+    if isinstance(error, ValueError):
+        return str(error)
+    log.error("a command failed: %r", error, exc_info=error)
+    return f"it leads to an error ({error!r:.200}): check its numbers, and report it"
 
 
 def _changes(command: Payload) -> tuple[str, dict[str, Any]]:

@@ -14,6 +14,7 @@ import threading
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+from functools import partial
 from ipaddress import ip_address
 from typing import Literal
 
@@ -21,6 +22,7 @@ import msgspec
 import zenoh
 from zenoh import ext
 
+from companion.io.beside import Beside
 from companion.io.command_queue import ReceivedCommand
 from companion.records import ControlSample
 from companion.telemetry import schemas as telemetry
@@ -37,6 +39,7 @@ _ASK_S = 1.0  # for the network to name the companions there are
 _GIVE_WAY_S = 0.5  # to one that started at the same moment
 _RAW_KEPT = 3000  # ticks that a recorder gets after the event: a minute
 _EVENTS_KEPT = 100  # for those who come later
+MOST_UTC_S = 2.0**32 - 86400.0  # in 2106: Zenoh's time stamps end there, and it panics
 
 _log = logging.getLogger(__name__)
 _Offered = tuple[ControlSample, telemetry.Raw | None]
@@ -55,8 +58,9 @@ class Publisher(SessionThread):
     well: nobody is there at the first one. A query for a key, or for all of them, returns the last sample of
     each. `on_command` is called with each command, on a thread of Zenoh's;
     without it there are none. Queries for them are answered with `config`,
-    `choices` and `check_list`. Raises ValueError
-    for a vehicle name that is no key and an endpoint that is none; trouble with the network is never raised.
+    `choices` and `check_list`. `utc_s` is this machine's clock: beyond `MOST_UTC_S` nothing is stamped.
+    Raises ValueError for a vehicle name that is no key and an endpoint that is none; trouble is never raised:
+    `beside` counts and tells it.
     """
 
     def __init__(
@@ -67,6 +71,7 @@ class Publisher(SessionThread):
         on_command: Callable[[ReceivedCommand], None] | None = None,
         choices: telemetry.Choices | None = None,
         check_list: Callable[[], str] = lambda: "",
+        utc_s: Callable[[], float] = lambda: 0.0,
     ) -> None:
         super().__init__("zenoh", _CLOSE_S)
         self.dropped = 0
@@ -81,8 +86,10 @@ class Publisher(SessionThread):
         self._on_command = on_command
         self._choices = choices or telemetry.Choices(compensator=())
         self._check_list = check_list
+        self._utc_s = utc_s
+        self.beside = Beside(zenoh.ZError)
         self._queue: queue.SimpleQueue[_Offered | None] = queue.SimpleQueue()
-        self._last: dict[str, tuple[bytes, zenoh.Timestamp]] = {}
+        self._last: dict[str, tuple[bytes, zenoh.Timestamp | None]] = {}
         self._mail: deque[telemetry.Schema | _Answer] = deque(maxlen=_MAIL)
         self._name_checked = threading.Event()
         self._existing_instance = ""
@@ -159,15 +166,25 @@ class Publisher(SessionThread):
         return session
 
     def _try(self, *, listen: bool) -> zenoh.Session | None:
-        more = {"timestamping/enabled": True, "transport/link/tx/queue/size": telemetry.BATCHES}
+        more = {"timestamping/enabled": self._stamps, "transport/link/tx/queue/size": telemetry.BATCHES}
         try:
             return zenoh.open(configuration(self._endpoint, listen=listen, more=more))
         except zenoh.ZError as error:
             _log.debug("zenoh: %s", error)
             return None
 
+    @property
+    def _stamps(self) -> bool:
+        return self._utc_s() < MOST_UTC_S
+
+    def _survives(self, error: BaseException) -> bool:
+        self.beside.fail("telemetry", error)
+        self._name_checked.set()  # nobody can be asked
+        return True
+
     def _serve(self, session: zenoh.Session) -> None:
         """Publish until closed or, where we joined a router or peer, until it has gone."""
+        stamps = self._stamps
         joined, lost, routed = self._joined, threading.Event(), threading.Event()
         if session.info.routers_zid():
             routed.set()
@@ -184,11 +201,11 @@ class Publisher(SessionThread):
             if not self._name_checked.is_set() and self._found(self._others(session, instance)):
                 return
             publishers = {key: _publisher(session, key, encoding) for key, encoding in self._keys.items()}
-            events = _history(session, *telemetry.event_key(self._vehicle), _EVENTS_KEPT)
+            events = _history(session, *telemetry.event_key(self._vehicle), _EVENTS_KEPT, counts=not stamps)
             by_kind: dict[type[telemetry.Schema], zenoh.Publisher] = {
                 telemetry.Plan: _publisher(session, *telemetry.plan_key(self._vehicle)),
             }
-            raw = _history(session, *telemetry.raw_key(self._vehicle), _RAW_KEPT, recover=True)
+            raw = _history(session, *telemetry.raw_key(self._vehicle), _RAW_KEPT, recover=True, counts=True)
             with (
                 session.info.declare_transport_events_listener(on_transport),
                 session.liveliness().declare_token(telemetry.alive_key(self._vehicle, instance)),
@@ -207,18 +224,15 @@ class Publisher(SessionThread):
                     self._name_checked.set()
                 self._answer_from(session, routed)
                 self._note_duplicates(session, instance)
-                while not (self._closing.is_set() or lost.is_set()):
+                while not (self._closing.is_set() or lost.is_set()) and self._stamps is stamps:
                     with suppress(queue.Empty):
                         offered = self._queue.get(timeout=RETRY_S)
-                        self._deliver(session, events, by_kind)
-                        if offered is None:
-                            continue
-                        stamp = session.new_timestamp()
-                        for key, _, payload in encode(offered[0], self._vehicle):
-                            self._last[key] = payload, stamp
-                            publishers[key].put(payload, timestamp=stamp)
-                        if offered[1] is not None:
-                            raw.put(msgspec.msgpack.encode(offered[1]))
+                        for _ in range(len(self._mail)):
+                            self.beside.do("telemetry", partial(self._deliver, session, events, by_kind))
+                        if offered is not None:
+                            self.beside.do(
+                                "telemetry", partial(self._publish, session, publishers, raw, *offered)
+                            )
         if not self._closing.is_set():
             _log.warning("zenoh: lost %s, trying again", self._endpoint)
 
@@ -305,24 +319,43 @@ class Publisher(SessionThread):
         self._mail.append((query, reply))
         self._queue.put(None)
 
+    def _stamp(self, session: zenoh.Session) -> zenoh.Timestamp | None:
+        return session.new_timestamp() if self._stamps else None
+
+    def _publish(
+        self,
+        session: zenoh.Session,
+        publishers: Mapping[str, zenoh.Publisher],
+        raw_publisher: ext.AdvancedPublisher,
+        sample: ControlSample,
+        raw: telemetry.Raw | None,
+    ) -> None:
+        """Publish a tick."""
+        stamp = self._stamp(session)
+        for key, _, payload in encode(sample, self._vehicle):
+            self._last[key] = payload, stamp
+            publishers[key].put(payload, timestamp=stamp)
+        if raw is not None:
+            raw_publisher.put(msgspec.msgpack.encode(raw))
+
     def _deliver(
         self,
         session: zenoh.Session,
         events: ext.AdvancedPublisher,
         by_kind: Mapping[type[telemetry.Schema], zenoh.Publisher],
     ) -> None:
-        while self._mail:
-            item = self._mail.popleft()
-            if not isinstance(item, tuple):
-                publisher = events if isinstance(item, telemetry.Event) else by_kind[type(item)]
-                payload = telemetry.to_json(item)
-                self._last[str(publisher.key_expr)] = payload, session.new_timestamp()
-                publisher.put(payload)
-            else:
-                query, reply = item
-                with suppress(zenoh.ZError), query:
-                    encoding = zenoh.Encoding(telemetry.encoding(telemetry.Reply))
-                    query.reply(str(query.key_expr), msgspec.json.encode(reply), encoding=encoding)
+        """Send one event, plan or answer."""
+        item = self._mail.popleft()
+        if not isinstance(item, tuple):
+            publisher = events if isinstance(item, telemetry.Event) else by_kind[type(item)]
+            payload = telemetry.to_json(item)
+            self._last[str(publisher.key_expr)] = payload, self._stamp(session)
+            publisher.put(payload)
+        else:
+            query, reply = item
+            with suppress(zenoh.ZError), query:
+                encoding = zenoh.Encoding(telemetry.encoding(telemetry.Reply))
+                query.reply(str(query.key_expr), msgspec.json.encode(reply), encoding=encoding)
 
 
 def _publisher(session: zenoh.Session, key: str, encoding: str) -> zenoh.Publisher:
@@ -335,11 +368,12 @@ def _publisher(session: zenoh.Session, key: str, encoding: str) -> zenoh.Publish
 
 
 def _history(
-    session: zenoh.Session, key: str, encoding: str, kept: int, *, recover: bool = False
+    session: zenoh.Session, key: str, encoding: str, kept: int, *, recover: bool = False, counts: bool
 ) -> ext.AdvancedPublisher:
     """Return a publisher whose last `kept` samples a late subscriber gets as well.
 
     With `recover` a subscriber can ask again for one that was dropped; such samples stay behind the others.
+    It `counts` its samples, or else stamps them.
     """
     missed = ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=None)
     return ext.declare_advanced_publisher(
@@ -349,7 +383,7 @@ def _history(
         congestion_control=zenoh.CongestionControl.DROP,
         priority=zenoh.Priority.DATA if recover else zenoh.Priority.REAL_TIME,
         cache=ext.CacheConfig(kept),
-        sample_miss_detection=missed if recover else None,
+        sample_miss_detection=missed if counts else None,
         publisher_detection=True,
     )
 

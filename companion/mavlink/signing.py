@@ -3,7 +3,8 @@
 A signed frame ends with the link's id, a timestamp and the first six bytes of SHA-256(key + all before). The
 timestamp counts 10 µs since 2015 and never goes back: that is what stops a replay. It need not be the time:
 whoever hears a later one, rightly signed, goes on from there, so a computer without a clock battery and one
-whose clock was set back both find their way to the present.
+whose clock was set back both find their way to the present. One beyond `LATEST` is a wrong clock, or wants to
+leave none to come after it: it is not believed.
 """
 
 import hashlib
@@ -22,6 +23,8 @@ MIN_SIGNED_BYTES = 25
 EPOCH_S = 1_420_070_400
 UNITS_PER_S = 100_000
 MAX_TIMESTAMP = (1 << 48) - 1
+LATEST = MAX_TIMESTAMP - round(10 * 365.25 * 86400 * UNITS_PER_S)
+"""In 2094: ten years before the six bytes of a timestamp end."""
 NEW_STREAM_UNITS = 60 * UNITS_PER_S
 """A sender not heard before may be so far behind our own timestamp."""
 
@@ -35,7 +38,8 @@ class Signing:
     def __init__(self, key: bytes, link_id: int = 0, utc_s: float = EPOCH_S) -> None:
         self.key = key
         self.link_id = link_id
-        self._start = self._timestamp = max(0, round((utc_s - EPOCH_S) * UNITS_PER_S))
+        since = max(0, round((utc_s - EPOCH_S) * UNITS_PER_S))
+        self._start = self._timestamp = since if since <= LATEST else 0
         self._start_s: float | None = None
         self._seen: dict[Stream, int] = {}
 
@@ -66,7 +70,7 @@ class Signing:
 
     def next_timestamp(self) -> int:
         """Return a timestamp later than all that were returned or believed before."""
-        self._timestamp += 1
+        self._timestamp = min(self._timestamp + 1, MAX_TIMESTAMP)
         return self._timestamp
 
     def signed(self, frame: bytes) -> bytes:
@@ -96,7 +100,7 @@ class Signing:
 
     def _is_new(self, frame: bytes) -> bool:
         stream, timestamp = _stamp(frame)
-        return timestamp > self._seen.get(stream, self._timestamp - NEW_STREAM_UNITS)
+        return self._seen.get(stream, self._timestamp - NEW_STREAM_UNITS) < timestamp <= LATEST
 
     def _is_signed(self, frame: bytes) -> bool:
         return hmac.compare_digest(self._signature(frame[:-6]), frame[-6:])

@@ -13,7 +13,7 @@ from typing import Annotated
 import msgspec
 
 from companion.config import Config
-from companion.mavlink.signing import MAX_TIMESTAMP, UNITS_PER_S, Signing, Stream
+from companion.mavlink.signing import LATEST, UNITS_PER_S, Signing, Stream
 from holdfast.state import state_directory
 
 PERIOD_S = 1.0
@@ -22,7 +22,7 @@ AHEAD = round(2.0 * UNITS_PER_S)
 
 LAST_WRITE_S = 0.5
 
-Timestamp = Annotated[int, msgspec.Meta(ge=0, le=MAX_TIMESTAMP)]
+Timestamp = Annotated[int, msgspec.Meta(ge=0, le=LATEST)]
 
 log = logging.getLogger("holdfast")
 
@@ -126,7 +126,7 @@ def timestamp_path(vehicle: str) -> Path:
 
 
 def _later(timestamp: int, ahead: int) -> int:
-    return min(timestamp + ahead, MAX_TIMESTAMP)
+    return min(timestamp + ahead, LATEST)
 
 
 def timestamps_of(config: Config, **signings: Signing | None) -> TimestampFile | None:

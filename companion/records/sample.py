@@ -24,6 +24,8 @@ class LoopHealth(msgspec.Struct, frozen=True):
     peer_changes: int = 0
     left_out_bytes: int = 0
     """Of floods on the links."""
+    errors: int = 0
+    """Of what runs beside the tick."""
 
 
 class ControlSample(msgspec.Struct, frozen=True):

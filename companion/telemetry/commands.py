@@ -30,6 +30,9 @@ class Payload(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
 
     order = ""
 
+    def __post_init__(self) -> None:
+        validation.check_beside_zero(self)
+
 
 class Engage(Payload, frozen=True):
     """Take control and hold. Refused at once if more is missing than the mode and a permitted arming.

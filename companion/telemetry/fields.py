@@ -52,7 +52,8 @@ def _type(field: Mapping[str, Any]) -> str:
     each = [_type(item) for item in field.get("prefixItems", ())]
     if len(set(each)) == 1:
         kind = f"array of {len(each)} {each[0]}"
-    return f"{kind}, {field['minimum']:g} to {field['maximum']:g}" if "minimum" in field else kind
+    least = f"0 or {field['least']:g}" if "least" in field else f"{field.get('minimum', 0.0):g}"
+    return f"{kind}, {least} to {field['maximum']:g}" if "minimum" in field else kind
 
 
 def _unit(name: str, field: Mapping[str, Any]) -> str:

@@ -10,6 +10,7 @@ import msgspec
 
 from companion.telemetry import ranges
 from companion.telemetry.words import means
+from holdfast import validation
 
 MAX_SEGMENTS = 1000
 """Of a path: straight lines with their corners. More take longer than a dive."""
@@ -23,6 +24,9 @@ Bearing = Annotated[ranges.HeadingDeg, means("clockwise from north")]
 
 class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, omit_defaults=True):
     """What every table of a plan has: no key beyond its own."""
+
+    def __post_init__(self) -> None:
+        validation.check_beside_zero(self)
 
 
 class Waypoint(Table, frozen=True, kw_only=True):

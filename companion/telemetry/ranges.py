@@ -3,7 +3,9 @@
 One table for the configuration's file, `--set`, the command line, live commands and the dashboard.
 A range ends where a value says nothing of a vehicle that these thrusters can hold: it takes in what is
 shipped, what `holdfast lab tune` searches and the published BlueROV2 models with room to spare, and leaves
-out what switches a protection off. Units are m, N and kg; on the yaw axis rad, N·m and kg·m².
+out what switches a protection off. Where 0 means that there is none, `least` is the least beside it: a number
+nearly 0 is a mistake in its unit, and what divides by it may be infinite. Units are m, N and kg; on the yaw
+axis rad, N·m and kg·m².
 """
 
 from typing import Annotated
@@ -38,14 +40,14 @@ MaxAcceleration = Annotated[float, Meta(ge=0.01, le=5.0)]
 # Gains: `holdfast lab tune` searches λ up to 24, κ up to 48 and learning rates up to 600.
 Lambda = Annotated[float, Meta(ge=0.05, le=30.0)]
 Kappa = Annotated[float, Meta(ge=0.05, le=50.0)]
-LearningRate = Annotated[float, Meta(ge=0.0, le=1000.0)]
-HiddenLearningRate = Annotated[float, Meta(ge=0.0, le=100.0)]
-Leak = Annotated[float, Meta(ge=0.0, le=1.0)]
-DeadZone = Annotated[float, Meta(ge=0.0, le=0.5)]
+LearningRate = Annotated[float, Meta(ge=0.0, le=1000.0, extra_json_schema={"least": 1e-3})]
+HiddenLearningRate = Annotated[float, Meta(ge=0.0, le=100.0, extra_json_schema={"least": 1e-3})]
+Leak = Annotated[float, Meta(ge=0.0, le=1.0, extra_json_schema={"least": 1e-6})]
+DeadZone = Annotated[float, Meta(ge=0.0, le=0.5, extra_json_schema={"least": 1e-6})]
 
 # Noise of a sample (never exactly none: the Kalman gain divides by it), and of the disturbance per √s.
 Noise = Annotated[float, Meta(ge=1e-5, le=1.0)]
-SlowNoise = Annotated[float, Meta(ge=0.0, le=1.0)]
+SlowNoise = Annotated[float, Meta(ge=0.0, le=1.0, extra_json_schema={"least": 1e-5})]
 DisturbanceNoise = Annotated[float, Meta(ge=0.01, le=100.0)]
 
 # Times, seconds.
@@ -61,7 +63,7 @@ PilotTimeout = Annotated[float, Meta(ge=0.5, le=60.0)]
 FailsafeTimeout = Annotated[float, Meta(ge=0.1, le=3.0)]
 Ramp = Annotated[float, Meta(ge=0.1, le=10.0)]
 Patience = Annotated[float, Meta(ge=0.0, le=60.0)]
-Hour = Annotated[float, Meta(ge=0.0, le=3600.0)]
+Hour = Annotated[float, Meta(ge=0.0, le=3600.0, extra_json_schema={"least": 0.01})]
 
 # Thrusters, sticks and levelling.
 Share = Annotated[float, Meta(ge=0.05, le=1.0)]
@@ -71,7 +73,9 @@ FullDeflection = Annotated[float, Meta(ge=0.5, le=1.0)]
 Slew = Annotated[float, Meta(ge=0.5, le=100.0)]
 TickRate = Annotated[float, Meta(ge=10.0, le=200.0)]
 LevellingFrequency = Annotated[float, Meta(ge=0.2, le=20.0)]
-Righting = Annotated[float, Meta(ge=0.0, le=300.0, extra=SCALE, extra_json_schema={"unit": "N·m/rad"})]
+Righting = Annotated[
+    float, Meta(ge=0.0, le=300.0, extra=SCALE, extra_json_schema={"unit": "N·m/rad", "least": 0.01})
+]
 Lever = Annotated[float, Meta(ge=-1.0, le=1.0)]
 TiltShare = Annotated[float, Meta(ge=0.01, le=0.49)]
 
@@ -96,7 +100,7 @@ VelocityTime = Annotated[float, Meta(ge=0.1, le=10.0)]
 
 # Paths.
 Length = Annotated[float, Meta(ge=0.1, le=1000.0)]
-Corner = Annotated[float, Meta(ge=0.0, le=100.0)]
+Corner = Annotated[float, Meta(ge=0.0, le=100.0, extra_json_schema={"least": 1e-3})]
 PathSpeed = Annotated[float, Meta(ge=0.01, le=3.0)]
 PathAcceleration = Annotated[float, Meta(ge=0.01, le=1.0)]
 

@@ -224,6 +224,7 @@ class Loop(Record, frozen=True, kw_only=True):
         float, field("since the ground station's last heartbeat", "state.ages.pilot_s")
     ] = NEVER_S
     left_out_bytes: Annotated[int, field("bytes dropped in a flood")] = 0
+    errors: Annotated[int, field("errors beside the tick: display, log, telemetry; the log has them")] = 0
     refused: Annotated[
         int, field("frames with a wrong, missing or replayed MAVLink signature", "counters.refused")
     ] = 0

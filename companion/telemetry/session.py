@@ -5,7 +5,6 @@ import re
 import threading
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from contextlib import suppress
 from pathlib import Path
 from typing import Self
 
@@ -60,18 +59,24 @@ class SessionThread(ABC):
         self.close()
 
     def _run(self) -> None:
-        try:
-            while not self._closing.is_set():
-                with suppress(zenoh.ZError):
-                    session = self._open()
-                    if session is not None:
-                        with session:
-                            self._serve(session)
-                        continue
-                self._closing.wait(RETRY_S)
-        except BaseException as error:  # Zenoh's PanicException is no Exception
-            self.failure = error if isinstance(error, Exception) else RuntimeError(str(error))
-            raise
+        while not self._closing.is_set():
+            try:
+                session = self._open()
+                if session is not None:
+                    with session:
+                        self._serve(session)
+                    continue
+            except zenoh.ZError:
+                pass
+            except BaseException as error:  # Zenoh's PanicException is no Exception
+                if not self._survives(error):
+                    raise
+            self._closing.wait(RETRY_S)
+
+    def _survives(self, error: BaseException) -> bool:
+        """Tell whether a new session follows an error that nobody has foreseen."""
+        self.failure = error if isinstance(error, Exception) else RuntimeError(str(error))
+        return False
 
 
 def configuration(

@@ -30,7 +30,7 @@ def status_line(sample: ControlSample) -> str:
 
 def left_text(left_m: float, left_s: float) -> str:
     """Return the way and the time that are left of a path or a move; empty where none is."""
-    if math.isinf(left_m):
+    if not math.isfinite(left_m + left_s):
         return "until stopped"
     return f"{left_m:.1f} m, about {duration_text(left_s)} left" if left_m > 0.0 or left_s > 0.0 else ""
 

@@ -236,15 +236,19 @@ class Reader:
             raise ValueError(f"{self.path}: no sample in it can be read: take another copy of it")
 
     def _records(self, file: BinaryIO) -> Iterator[tuple[int, bytes]]:
-        """Give each record outside and inside of chunks, as its opcode and its bytes."""
+        """Give each record outside and inside of chunks, as its opcode and its bytes.
+
+        A file that is still written is read as far as it went at the start.
+        """
         size = os.fstat(file.fileno()).st_size
         while True:
-            head = file.read(_HEAD.size)
+            left = size - file.tell()
+            head = file.read(_HEAD.size) if left >= _HEAD.size else b""
             if len(head) < _HEAD.size:
-                self.lost_bytes = len(head)
+                self.lost_bytes = left
                 return
             opcode, length = _HEAD.unpack(head)
-            rest = size - file.tell()
+            rest = left - _HEAD.size
             if not opcode:  # a file system that lost power leaves zeros
                 self.lost_bytes = rest + _HEAD.size
                 return

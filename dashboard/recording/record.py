@@ -95,7 +95,7 @@ class RecorderThread(SessionThread):
         self._say(f"waiting for {self._endpoint}")
         super().start()
 
-    def switch(self, *, on: bool) -> telemetry.Reply:
+    def switch(self, on: bool) -> telemetry.Reply:
         """Begin a file or finish it, and return what came of it. Blocks; any thread may call it."""
         answer: Future[telemetry.Reply] = Future()
         self._switched.append((on, answer))

@@ -8,9 +8,10 @@ import socket
 import sys
 import time
 from collections.abc import Awaitable, Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, nullcontext, suppress
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, TypeVar, cast
 
 import msgspec
 from aiohttp import WSCloseCode, web
@@ -21,10 +22,10 @@ from companion.telemetry.glossary import silence
 from companion.telemetry.schemas import Plan
 from dashboard.recording.record import RecorderThread
 from dashboard.recording.recorder import FileLimits
-from dashboard.web import cockpit, gate, vocabulary
+from dashboard.web import cockpit, connections, gate, vocabulary
 from dashboard.web.columns import COLUMNS
 from dashboard.web.connections import BACKLOG, Connection, Connections, SparingFilter, most_crowded
-from dashboard.web.fleet import HISTORY_S, Fleet, VehicleHistory
+from dashboard.web.fleet import HISTORY_S, MOST_VEHICLES, Fleet, VehicleHistory
 from dashboard.web.options import DashboardOptions, announcement
 from dashboard.web.ring import next_row
 from dashboard.zenoh_client import Subscription
@@ -61,6 +62,7 @@ PANELS = {
 _STATIC = Path(__file__).parent / "static"
 _READ_ONLY = "this dashboard is read-only: it was started without --allow-control"
 
+T = TypeVar("T")
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 
@@ -77,6 +79,8 @@ class Dashboard:
         self._beat = asyncio.Event()
         self._browsers: dict[Connection, web.WebSocketResponse] = {}
         """The oldest first."""
+        self._asked = ThreadPoolExecutor(connections.MOST + 2 * MOST_VEHICLES, "asked")
+        """A thread for all that is asked at once: no command waits behind a vehicle that does not answer."""
         self._config_asked_s: dict[str, float] = {}
         self._asking: set[asyncio.Task[None]] = set()
         self._leaving: set[asyncio.Task[bool]] = set()
@@ -127,11 +131,9 @@ class Dashboard:
             task.add_done_callback(self._asking.discard)
 
     async def _read_config(self, vehicle: VehicleHistory) -> None:
+        keys = telemetry.config_key(vehicle.name), telemetry.choices_key(vehicle.name)
         config, choices = await asyncio.gather(
-            *(
-                asyncio.to_thread(self._telemetry.ask, key, timeout_s=2.0)
-                for key in (telemetry.config_key(vehicle.name), telemetry.choices_key(vehicle.name))
-            )
+            *(self._ask(self._telemetry.ask, key, b"", 2.0) for key in keys)
         )
         with suppress(ValueError, RecursionError):
             if config is not None:
@@ -139,6 +141,9 @@ class Dashboard:
                 if choices is not None:
                     known = msgspec.json.decode(choices, type=telemetry.Choices)
                 vehicle.take_config(msgspec.json.decode(config, type=dict[str, Any]), known)
+
+    def _ask(self, what: Callable[..., T], *about: object) -> "asyncio.Future[T]":
+        return asyncio.get_running_loop().run_in_executor(self._asked, what, *about)
 
     @web.middleware
     async def _guarded(self, request: web.Request, handler: Handler) -> web.StreamResponse:
@@ -286,9 +291,9 @@ class Dashboard:
         if isinstance(wanted, SetRecording):
             if self._recorder is None or self._recorder.vehicle != name:
                 return _reply(404, f"this dashboard does not record '{name}': start it with --record DIR")
-            return _reply_as(200, await asyncio.to_thread(self._recorder.switch, on=wanted.on))
+            return _reply_as(200, await self._ask(self._recorder.switch, wanted.on))
         key = telemetry.command_key(name, command)
-        answer = await asyncio.to_thread(self._telemetry.ask, key, msgspec.json.encode(wanted))
+        answer = await self._ask(self._telemetry.ask, key, msgspec.json.encode(wanted))
         self._config_asked_s.pop(name, None)
         if answer is None:
             return _reply(504, f"nobody answered '{command}' for '{name}'")

@@ -17,7 +17,7 @@ from companion.config import VehicleFile, load_vehicle, vehicle_file
 from companion.identify.model import HORIZONS_S, Track, parameters, score
 from companion.identify.samples import Table
 from companion.records import AXES
-from holdfast import RefusedError
+from holdfast import RefusedError, files
 from holdfast.arguments import command_parser
 from lab.identify.outcome import conclude, held
 from lab.identify.readers import read
@@ -64,8 +64,7 @@ def main(argv: list[str]) -> int:
     base = load_vehicle(vehicle_file(Path("--vehicle"), arguments.vehicle, Path()))
     if arguments.test:
         return test(arguments, base)
-    if arguments.out.exists():
-        raise RefusedError(f"{arguments.out} is there already; remove it or choose another --out")
+    files.refuse_existing(arguments.out)
     tables = tables_of(arguments.sources, base)
     with shown("fitting", everything=sys.stderr.isatty()) as progress:
         return conclude(tables, base, arguments.out, progress=progress)

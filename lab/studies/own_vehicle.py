@@ -67,16 +67,21 @@ def around(base: SimConfig, seed: int) -> SimConfig:
     return water(drawn, depth_m=DEPTH_M, current_m_s=0.0)
 
 
+def vehicle_beside(out: Path) -> Path:
+    """Return the file of the vehicle that a configuration names: mine-vehicle.toml beside mine.toml."""
+    return out.with_name(f"{out.stem}-vehicle.toml")
+
+
 def write_config(source: Path, vehicle: VehicleFile, gains: Mapping[str, float], out: Path) -> None:
     """Copy the companion's configuration with these gains in place of its own; comments stay.
 
-    The vehicle goes into a file beside `out`, which names it: mine-vehicle.toml beside mine.toml; or into
-    `out` itself if `source` holds its vehicle too. A key that the file does not have is added.
+    The vehicle goes into a file beside `out`, which names it (`vehicle_beside`); or into `out` itself if
+    `source` holds its vehicle too. A key that the file does not have is added.
     """
     text = source.read_text(encoding="utf-8")
     values: dict[str, float | str] = dict(gains)
     if "preset" in tomllib.loads(text)["vehicle"]:
-        beside = out.with_name(f"{out.stem}-vehicle.toml")
+        beside = vehicle_beside(out)
         values[PRESET_KEY] = beside.name
         about = (f"The vehicle for which `holdfast lab tune` searched the gains of {out.name} beside it.",)
         beside.write_text(vehicle_text(vehicle, about), encoding="utf-8")

@@ -12,7 +12,7 @@ from typing import NamedTuple
 from rich.console import RenderableType
 
 from companion.config import DEFAULT_FILE, Config, load_config, vehicle_of
-from holdfast import RefusedError
+from holdfast import RefusedError, files
 from lab.loop.scenarios import Scenario, ensemble
 from lab.options import add_settings, positive
 from lab.sources import ROOT
@@ -27,7 +27,7 @@ from lab.studies.competitors import (
     place_knobs_of,
     selected,
 )
-from lab.studies.own_vehicle import around, nominal, write_config
+from lab.studies.own_vehicle import around, nominal, vehicle_beside, write_config
 from lab.studies.rivals import RIVALS, competitor
 from lab.studies.search import (
     EVALUATIONS,
@@ -117,6 +117,8 @@ class Tune(Study[Search]):
         self._rows = self._searched(arguments.rows, place=arguments.place)
         self._seeds: int = arguments.seeds
         self._out: Path | None = arguments.out
+        if self._out is not None:
+            files.refuse_existing(self._out, *([vehicle_beside(self._out)] if self._own else []))
         self._command: str = arguments.command
         self._evaluations: int = arguments.evaluations
         self.steps = self._evaluations * max(len(stages) for stages in self._rows.values())

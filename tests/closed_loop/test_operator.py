@@ -508,3 +508,61 @@ class _Recorder:
 
     def retune(self, config):
         self.got.append(config)
+
+
+PATH = {"laps": 0, "waypoint": [{"x_m": 0.0, "y_m": 0.0}, {"x_m": 1.0, "y_m": 0.0}], "relative": True}
+
+
+@pytest.mark.parametrize("error", [ZeroDivisionError, OverflowError, IndexError, RecursionError, MemoryError])
+@pytest.mark.parametrize(
+    ("where", "name", "what"),
+    [
+        ("companion.guidance.orders.building", "follow", {"path": PATH}),
+        ("companion.engine.Engine.guide", "goto", {"depth_m": 1.5}),
+        ("companion.engine.Engine.aim", "setpoint", {"depth_m": 1.5}),
+        ("companion.engine.Engine.retune", "gains", {"axis": "heave", "kappa_per_s": 5.0}),
+        ("companion.io.command_queue.parse", "release", {}),
+        ("companion.io.command_queue.CommandQueue._settled", "goto", {"depth_m": 1.5}),
+    ],
+)
+def test_an_error_that_nobody_foresaw_refuses_the_command_and_the_dive_goes_on(
+    monkeypatch, error, where, name, what
+):
+    dive, console = at_console()
+    dive.run(2.0)
+    console.tell("engage")
+
+    def fails(*_, **__):
+        raise error("of numbers that lead nowhere")
+
+    with monkeypatch.context() as broken:
+        broken.setattr(where, fails)
+        reply = console.tell(name, **what)
+    assert (reply.done, "of numbers that lead nowhere" in reply.said) == (False, True)
+    dive.run(0.5)
+    assert dive.state is State.ACTIVE
+    assert console.tell("setpoint", depth_m=1.2).done
+
+
+@pytest.mark.parametrize("wrong", [ZeroDivisionError("no way"), Setpoint((math.nan,) * 4)])
+def test_a_path_that_leads_nowhere_on_the_way_ends_and_the_place_is_held(monkeypatch, wrong):
+    dive, console = at_console("sensors.dvl=true")
+    dive.run(4.0)
+    console.tell("engage")
+    dive.run(2.0)
+    assert console.tell("follow", path=PATH).done
+    dive.run(1.0)
+
+    def leads_nowhere(*_):
+        if isinstance(wrong, Exception):
+            raise wrong
+        return wrong
+
+    monkeypatch.setattr("companion.guidance.course.Course.step", leads_nowhere)
+    dive.run(0.1)
+    assert dive.step.sample.guided.kind == "refused"
+    assert "cannot be followed" in dive.step.sample.guided.name
+    before = dive.step.truth.eta[:3]
+    dive.run(3.0)
+    assert dive.state is State.ACTIVE
+    assert np.linalg.norm(dive.step.truth.eta[:3] - before) < 0.15

@@ -14,10 +14,11 @@ from waiting import until
 START = Path(__file__).parents[2] / "blueos" / "start.py"
 HOLDFAST = f"""#!{sys.executable}
 import os, signal, socket, sys, time
-with open(os.environ["HOLDFAST_DATA"] + "/calls", "a") as file:
-    file.write(f"{{os.getpid()}} {{' '.join(sys.argv[1:])}}\\n")
+with open(os.environ["CALLS"], "a") as file:
+    state = os.environ.get("STATE_DIRECTORY", "")
+    file.write(f"{{os.getpid()}} {{' '.join(sys.argv[1:])}} {{state}}\\n")
 if sys.argv[1] == "init":
-    open(sys.argv[-1], "w").close()
+    open(sys.argv[-1], "w").write("# settings")
     sys.exit()
 address = os.environ.get("NOTIFY_SOCKET", "")
 words = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
@@ -35,9 +36,11 @@ class Extension:
         program = folder / "holdfast"
         program.write_text(HOLDFAST)
         program.chmod(0o755)
-        env = {**os.environ, "PATH": f"{folder}:{os.environ['PATH']}", "HOLDFAST_DATA": str(data)}
-        self._calls = data / "calls"
-        self.process = subprocess.Popen([sys.executable, str(START)], env=env)
+        self._calls = folder / "calls"
+        env = {**os.environ, "PATH": f"{folder}:{os.environ['PATH']}", "CALLS": str(self._calls)}
+        begin = f"import start, pathlib; start.MEMORY = pathlib.Path({str(folder / 'memory')!r})"
+        begin += f"; start.main(pathlib.Path({str(data)!r}))"
+        self.process = subprocess.Popen([sys.executable, "-c", begin], env=env, cwd=START.parent)
 
     def of(self, command: str) -> list[int]:
         """Return the processes that were started for a command, in order."""
@@ -56,7 +59,7 @@ def start(tmp_path: Path) -> Iterator[Callable[[], Extension]]:
     data = tmp_path / "data"
     started: list[Extension] = []
 
-    def begin() -> Extension:
+    def begin(data: Path = data) -> Extension:
         started.append(Extension(tmp_path / "bin", data))
         until(lambda: all(started[-1].of(name) for name in ("run", "record", "dashboard")))
         return started[-1]
@@ -73,6 +76,7 @@ def test_it_keeps_settings_and_token_in_its_volume(start: Callable[[], Extension
     assert (token.stat().st_mode & 0o777, len(token.read_text().strip())) == (0o600, 32)
     assert "--where extension" in first.words("init")
     assert f"--token-file {token}" in first.words("dashboard")
+    assert first.words("run").endswith(f" {tmp_path}/data/state"), "not in the container"
     before = token.read_text()
     first.process.terminate()
     assert first.process.wait(10.0) == 0
@@ -93,6 +97,18 @@ def test_a_first_start_that_was_cut_off_is_made_good(start: Callable[[], Extensi
     token = data / "dashboard.token"
     assert (token.stat().st_mode & 0o777, len(token.read_text().strip())) == (0o600, 32)
     assert not (data / "first.toml").exists()
+
+
+def test_a_disk_that_takes_nothing_keeps_the_controller_from_nothing(
+    start: Callable[..., Extension], tmp_path: Path
+) -> None:
+    """On a full disk nothing was started. What is in the volume already is used."""
+    (tmp_path / "broken").touch()
+    extension = start(tmp_path / "broken" / "data")
+    memory = tmp_path / "bin" / "memory"
+    assert f"--config {memory}/companion.toml" in extension.words("run")
+    assert f"--token-file {memory}/dashboard.token" in extension.words("dashboard")
+    assert len((memory / "dashboard.token").read_text().strip()) == 32
 
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])

@@ -2,18 +2,22 @@
 
 import asyncio
 import socket
+import time
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import AsyncExitStack, asynccontextmanager
 
 import aiohttp
+import msgspec
 import pytest
 from aiohttp import WSCloseCode, WSMsgType
 from waiting import in_a_loop
 
+from companion.telemetry.schemas import Reply
 from dashboard.web import app, connections
 from dashboard.web.columns import empty_row
-from dashboard.web.fleet import ROWS, Fleet, VehicleHistory
+from dashboard.web.fleet import MOST_VEHICLES, ROWS, Fleet, VehicleHistory
 from dashboard.web.options import DashboardOptions
+from dashboard.zenoh_client import Subscription
 from lab.ports import free_port
 
 WAIT_S = 10.0
@@ -26,9 +30,9 @@ Opened = Callable[[int], Awaitable[aiohttp.ClientWebSocketResponse]]
 
 
 @asynccontextmanager
-async def served() -> AsyncIterator[Opened]:
+async def served(token: str = "") -> AsyncIterator[Opened]:
     """A dashboard, and what opens a WebSocket of it from 127.0.0.N."""
-    settings = DashboardOptions("127.0.0.1", 0, (), f"tcp/127.0.0.1:{free_port()}", token="")
+    settings = DashboardOptions("127.0.0.1", 0, (), f"tcp/127.0.0.1:{free_port()}", token=token)
     stop = asyncio.Event()
     port: asyncio.Future[int] = asyncio.get_running_loop().create_future()
     serving = asyncio.create_task(app.serve(settings, stop, port.set_result))
@@ -76,6 +80,42 @@ async def test_one_more_takes_the_place_of_the_oldest_of_the_address_that_has_th
         assert await code == WSCloseCode.TRY_AGAIN_LATER
         alive = await live([ours, other, *crowd])
         assert alive == [True, True] + [False] * 4 + [True] * (app.MOST_BROWSERS - 2)
+
+
+@in_a_loop
+async def test_a_release_waits_behind_no_vehicle_that_does_not_answer(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """With 31 names on Zenoh it took 12 s."""
+    seen = Fleet()
+    seen.vehicles |= {f"v{number}": VehicleHistory(f"v{number}") for number in range(MOST_VEHICLES)}
+    answers = msgspec.json.encode(Reply(done=True, said="released"))
+    silent: list[str] = []
+
+    def ask(self: Subscription, key: str, payload: bytes = b"", timeout_s: float = 8.0) -> bytes | None:
+        if key.endswith("v7/command/release"):
+            return answers
+        silent.append(key)
+        time.sleep(timeout_s)
+        return None
+
+    monkeypatch.setattr(Subscription, "ask", ask)
+    monkeypatch.setattr(app, "Fleet", lambda: seen)
+    async with served(token="kelp") as opened, aiohttp.ClientSession() as client:
+        address = str((await opened(1))._response.url.origin())  # noqa: SLF001
+        headers = {"Origin": address, "Authorization": "Bearer kelp"}
+        async with asyncio.timeout(WAIT_S):
+            while len(silent) < 2 * MOST_VEHICLES:
+                await asyncio.sleep(0.05)
+        others = [
+            asyncio.create_task(client.post(f"{address}/api/v{number}/release", headers=headers))
+            for number in range(7)
+        ]
+        await asyncio.sleep(0.2)
+        async with asyncio.timeout(1.0), client.post(f"{address}/api/v7/release", headers=headers) as answer:
+            assert (await answer.json())["done"]
+        for other in others:
+            other.cancel()
 
 
 @in_a_loop

@@ -35,6 +35,10 @@ HEARTBEAT = mavlink.MAVLink_heartbeat_message(
 REST_S = 0.3
 
 
+class PanicError(BaseException):
+    """As Zenoh's PanicException, which is no Exception."""
+
+
 class Tap(threading.Thread):
     """Sits on the wire between `holdfast sim` and `holdfast run` and remembers what passed."""
 
@@ -344,22 +348,45 @@ def test_an_exception_in_the_tick_sends_neutral_if_it_steered_and_fails(
     assert overrides == ([1500] * 5 if steering else [])
 
 
-@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
-@pytest.mark.parametrize("what", ["companion.app.EventLog.step", "companion.io.zenoh_publisher.encode"])
-def test_a_fault_in_telemetry_ends_the_process_with_neutral(
-    monkeypatch: pytest.MonkeyPatch, vehicle: socket.socket, what: str
+@pytest.mark.parametrize(
+    ("what", "named"),
+    [
+        ("companion.app.EventLog.step", "events"),
+        ("companion.app.Publisher.offer", "telemetry"),
+        ("companion.io.zenoh_publisher.encode", "telemetry"),
+        ("companion.io.zenoh_publisher._publisher", "telemetry"),
+        ("companion.app.status_line", "the status line"),
+        ("companion.engine.PilotDisplay.step", "the pilot's display"),
+        ("companion.guidance.drawing.Plan", "the map"),
+    ],
+)
+@pytest.mark.parametrize("error", [OverflowError, PanicError])
+def test_a_fault_beside_the_tick_is_told_and_counted_and_ends_nothing(
+    monkeypatch: pytest.MonkeyPatch,
+    vehicle: socket.socket,
+    caplog: pytest.LogCaptureFixture,
+    what: str,
+    named: str,
+    error: type[BaseException],
 ) -> None:
-    """A condition without words raised KeyError in every tick, for ever, and nothing was published."""
+    """A number that became infinite in the status line ended the process, and the next one."""
 
-    def breaks(*arguments: object) -> object:
-        raise KeyError("planted")
+    def breaks(*arguments: object, **more: object) -> object:
+        raise error("planted")
 
+    step, counted = Engine.step, [0]
+
+    def stops_after_a_while(self: Engine, now_s: float, datagrams: Any, loop: Any, *more: Any) -> object:
+        counted.append(loop.errors)
+        if loop.tick == 60:
+            os.kill(os.getpid(), signal.SIGTERM)
+        return step(self, now_s, datagrams, loop, *more)
+
+    monkeypatch.setattr(Engine, "step", stops_after_a_while)
     monkeypatch.setattr(what, breaks)
-    monkeypatch.setattr(Engine, "shutdown_frames", lambda engine: b"neutral")
-    assert ran(link_to(vehicle)) == 1
-    before, _, last = b"".join(heard_by(vehicle)).partition(b"neutral" * 5)
-    assert b"neutral" not in before
-    assert b"Holdfast ended: it was not steering" in last, "after the thrusters have stopped"
+    assert ran(link_to(vehicle)) == 0
+    assert counted[-1] > 0
+    assert caplog.text.count(f"{named} failed") == 1
 
 
 def test_a_timer_that_never_fires_ends_the_process(

@@ -77,6 +77,26 @@ def test_a_stranger_gets_every_key_with_its_encoding_and_stamp(endpoint: str, fe
         telemetry.decode(key, samples[key].payload.to_bytes())
 
 
+def test_beyond_2106_it_publishes_without_stamps_and_so_it_does_after_the_clock_jumped_there_and_back(
+    endpoint: str, feed: Feed
+) -> None:
+    """Zenoh's stamps end there: it panics, and the process ended."""
+    utc_s = [2.0**32 + 9.0]
+    stamped: set[bool] = set()
+    with (
+        Publisher("kelp", endpoint, utc_s=lambda: utc_s[0]) as publisher,
+        _stranger("client", endpoint) as session,
+        session.declare_subscriber("holdfast/**", lambda sample: stamped.add(sample.timestamp is not None)),
+    ):
+        feed(publisher)
+        for now_s, wanted in ((utc_s[0], False), (1.8e9, True), (1e13, False)):
+            utc_s[0] = now_s
+            time.sleep(0.5)
+            stamped.clear()
+            until(lambda wanted=wanted: stamped == {wanted})  # type: ignore[misc]
+    assert publisher.beside.count == 0
+
+
 def test_a_query_returns_the_last_sample_of_every_key(
     endpoint: str, make_sample: Callable[..., ControlSample]
 ) -> None:

@@ -56,8 +56,10 @@ from companion.records import (
 )
 from companion.steps import Task
 from companion.telemetry.commands import COMMANDS
+from companion.telemetry.event_log import EventLog
 from companion.telemetry.plan import PathPlan
-from companion.telemetry.schemas import Plan, Reply
+from companion.telemetry.schemas import Plan, Reply, to_json
+from companion.telemetry.status_line import status_line
 from holdfast import validation
 from lab.loop.lockstep import START_S, LinkDelay, Lockstep
 from lab.studies.promises import Promises, hold_telemetry, promise
@@ -288,7 +290,29 @@ def _table(rng: Random, kind: type[msgspec.Struct], strange: float) -> dict[str,
     if kind is PathPlan and rng.random() < 0.95:
         wanted = wanted - SHAPES | {rng.choice(sorted(SHAPES))}
     hints = get_type_hints(kind, include_extras=True)
-    return {name: drawn(rng, hint, strange) for name, hint in hints.items() if name in wanted}
+    table = {name: drawn(rng, hint, strange) for name, hint in hints.items() if name in wanted}
+    return _buildable(rng, table) if kind is PathPlan and rng.random() < 0.9 else table
+
+
+def _buildable(rng: Random, plan: dict[str, Any]) -> dict[str, Any]:
+    """Take from a plan what its types allow and `building` mostly refuses: depths here and there, angles.
+
+    Half of them are as small as a pool, or as a mistake in the unit makes them.
+    """
+    for key in ("roll_deg", "pitch_deg", "altitude_m"):
+        if rng.random() < 0.9:
+            plan.pop(key, None)
+    deep = rng.random() < 0.5 and "altitude_m" not in plan
+    scale = rng.choice((1.0, 10.0 ** rng.uniform(-7.0, -2.0)))
+    waypoints = plan.get("waypoint")
+    for table in (*(waypoints if isinstance(waypoints, list) else ()), *plan.values()):
+        if isinstance(table, dict):
+            table.pop("depth_m", None)
+            table |= {"depth_m": rng.uniform(0.3, 3.0)} if deep else {}
+            for key in table.keys() & {"x_m", "y_m"}:
+                if isinstance(table[key], float):
+                    table[key] *= scale
+    return plan
 
 
 TUNINGS = ("gains", "estimator", "compensator")
@@ -547,6 +571,7 @@ class Fuzzed:
         self._rng = rng
         self._kept: Inbox = []
         self._sample: ControlSample | None = None
+        self._event_log = EventLog()
         self._promises = Promises(config, pilot=ground)
 
     def step(
@@ -575,8 +600,17 @@ class Fuzzed:
         self._tally.states[sample.verdict.state] += 1
         self._promises.hold(now_s, out, sample, asked, steers=self.engine.steering)
         hold_telemetry(sample)
+        self._tell(sample)
         self._sample = sample
         return [*passed, *out], sample
+
+    def _tell(self, sample: ControlSample) -> None:
+        """Do what the process does beside the tick: events, the pilot's display, the log's line."""
+        events = self._event_log.step(sample, self._queue.results)
+        for event in events:
+            to_json(event)
+        self.engine.displayed(sample, events)
+        status_line(sample)
 
     def order(self, asked: tuple[str, bytes]) -> None:
         """Put a command into the queue, as a session of this machine does."""

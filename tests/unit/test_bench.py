@@ -12,7 +12,7 @@ from rich.console import Console
 
 from companion import assembly
 from companion.config import DEFAULT_FILE, Config, load_config, vehicle_of
-from holdfast import RefusedError
+from holdfast import RefusedError, main
 from lab import commands
 from lab.loop.scenarios import ensemble, four
 from lab.studies import search as tune
@@ -285,3 +285,13 @@ def test_the_search_ends_with_the_command_that_dives_its_result(tmp_path):
 def test_scenarios_have_the_names_of_the_documents():
     text = (Path(__file__).parents[2] / "docs" / "results.md").read_text(encoding="utf-8")
     assert [name for name in SCENARIOS if f"\n|{name}|" in text] == [one.name for one in four(1)]
+
+
+@pytest.mark.parametrize("there", ["mine.toml", "mine-vehicle.toml"])
+def test_a_search_writes_over_no_file_that_is_there(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], there: str
+) -> None:
+    (tmp_path / there).write_text("mine", encoding="utf-8")
+    assert main(["lab", "tune", "--out", str(tmp_path / "mine.toml")]) == 2
+    assert f"{tmp_path / there} is there already" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == [there]

@@ -79,7 +79,7 @@ def test_the_record_is_frozen():
         ("surge.quadratic_damping=5000", ["surge.quadratic_damping = 5000", "0 to 1000"]),
         ("levelling.roll_inertia=0.01", ["levelling.roll_inertia = 0.01", "0.02 to 100"]),
         ("heave.kappa_per_s=nan", ["heave.kappa_per_s = nan", "0.05 to 50"]),
-        ("yaw.leak_per_s=-0.1", ["yaw.leak_per_s", "-0.1", "0 to 1"]),
+        ("yaw.leak_per_s=-0.1", ["yaw.leak_per_s", "-0.1", "0, or 1e-06 to 1"]),
         ("delays.command_s=61", ["delays.command_s", "61", "0 to 1"]),
         ("loop.rate_hz=5", ["loop.rate_hz", "5", "10"]),
         ("loop.rate_hz=201", ["loop.rate_hz", "201", "200"]),
@@ -134,15 +134,19 @@ def test_every_number_has_a_range_whose_ends_are_the_last_that_are_taken(key, sh
     assert found is not None
     least, most = found
     assert least <= shipped <= most
-    for end in (least, most):
+    beside_zero = validation.least_beside_zero(table[name])
+    for end in (least, beside_zero or least, most):
         load_config(overrides=[f"{key}={end!r}"])
     beyond = (
         (least - 1, most + 1) if type(shipped) is int else (np.nextafter(least, -9), np.nextafter(most, 1e9))
     )
-    for value in (*map(float if type(shipped) is float else int, beyond), math.nan, math.inf, -1e300, 1e300):
+    nearly_zero = (5e-324, np.nextafter(beside_zero, 0)) if beside_zero else ()
+    numbers = map(float if type(shipped) is float else int, (*beyond, *nearly_zero))
+    for value in (*numbers, math.nan, math.inf, -1e300, 1e300):
         message = refusal(overrides=[f"{key}={value!r}"])
         assert message.startswith(f"--set {key}={value!r}: {key} = ")
-        assert f"{least:g} to {most:g}" in message or "int" in message
+        allowed = f"0, or {beside_zero:g}" if beside_zero else f"{least:g}"
+        assert f"must be {allowed} to {most:g}" in message or "int" in message
 
 
 def test_an_unknown_key_in_the_file_is_refused(edited):

@@ -108,13 +108,28 @@ def test_an_installation_that_was_cut_off_is_finished_by_repeating_it(machine, m
     assert not installing.BEGUN.exists()
 
 
-def test_a_configuration_that_cannot_be_is_refused_before_anything_changes(machine, capsys):
+@pytest.mark.parametrize(
+    ("text", "named"),
+    [
+        ("[heave]\nkappa_per_s = -1\n", "heave.kappa_per_s"),
+        ("[compensators.mine]\nmodule = [1]\n", "compensators.mine.module"),
+        ('[compensators.mine]\nmodule = "leaves"\n', "compensators.mine.module"),
+        ('[laws.mine]\nmodule = "odd"\n[heave]\nlaw = "mine"\n', "TypeError"),
+    ],
+)
+def test_a_configuration_that_cannot_be_is_refused_before_anything_changes(
+    machine, capsys, monkeypatch, tmp_path_factory, text, named
+):
+    modules = tmp_path_factory.mktemp("modules")
+    (modules / "leaves.py").write_text("raise SystemExit(0)")
+    (modules / "odd.py").write_text("Parameters = State = initial = step = 1")
+    monkeypatch.syspath_prepend(modules)
     installing.CONFIGURATION.parent.mkdir(parents=True)
-    installing.CONFIGURATION.write_text("[heave]\nkappa_per_s = -1\n")
+    installing.CONFIGURATION.write_text(text)
     assert install() == 2
     said = capsys.readouterr().err
     assert "companion.toml" in said
-    assert "heave.kappa_per_s" in said
+    assert named in said
     assert (machine.files(), machine.told) == ({"etc/holdfast/companion.toml"}, [])
 
 

@@ -75,6 +75,17 @@ def test_a_replay_is_refused_and_so_is_a_changed_byte():
     assert ours.counters.refused == 7
 
 
+@pytest.mark.parametrize("utc_s", [EPOCH_S + (2**48 - 2) / UNITS_PER_S, 2.0**32 + 9.0, 1e12])
+def test_the_end_of_all_timestamps_is_not_believed_whether_heard_or_our_own_clock_s(utc_s):
+    """In 2104 six bytes are full: whoever went on from there could sign nothing more, and ended."""
+    ours, vehicle, late = Signing(KEY, 7, utc_s), Vehicle(), Vehicle()
+    late.mav.signing.timestamp = 2**48 - 2
+    assert not ours.accepts(late.says())
+    for _ in range(3):
+        assert ours.accepts(vehicle.says())
+        assert vehicle.takes(codec(ours).encode(heartbeat())) == ["HEARTBEAT"]
+
+
 def test_a_forged_future_locks_nobody_out():
     vehicle, ours = Vehicle(), Signing(KEY, 7, UTC_2026_S)
     forged = bytearray(vehicle.says())

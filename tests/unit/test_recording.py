@@ -227,6 +227,25 @@ def test_a_repair_leaves_the_original_and_a_whole_file_alone(
     assert set(tmp_path.glob("*.mcap")) == {written, cut, nothing, repaired}
 
 
+def test_a_recording_that_is_still_written_is_read_as_far_as_it_goes(tmp_path: Path) -> None:
+    """It grows while it is read: `--repair` failed."""
+    path = tmp_path / "now.mcap"
+    recording = Recording(path)
+
+    def more() -> None:
+        recording.add(Item("holdfast/kelp/state", "application/json", b"{}", 1, 1))
+        recording.sync()
+
+    more()
+    reader = Reader(path)
+    for item in reader:
+        assert item.payload == b"{}"
+        more()
+    assert (reader.lost_bytes, reader.broken_chunks, reader.whole) == (0, 0, False)
+    assert f"{recording.messages} samples are in" in repair(path)
+    recording.close()
+
+
 # --- The recorder -----------------------------------------------------------------------------------------
 
 

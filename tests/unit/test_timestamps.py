@@ -108,7 +108,7 @@ def test_the_first_start_says_that_nothing_is_known(path, caplog):
         b"\xff\x00",
         b"{}",
         b'{"key":"a","timestamp":-1,"seen":[]}',
-        b'{"key":"a","timestamp":281474976710656,"seen":[]}',
+        b'{"key":"a","timestamp":281474976710655,"seen":[]}',
         b'{"key":"a","timestamp":1,"seen":[{"link":"vehicle","stream":[1],"timestamp":1}]}',
     ],
 )

@@ -1,5 +1,6 @@
 """Way and time that are left of a path."""
 
+import itertools
 import math
 
 import pytest
@@ -68,6 +69,11 @@ def travelled(under_way, pace=1.0, longest_s=3000.0):
         under_way.step(pace, DT_S)
         assert len(rows) * DT_S < longest_s, "it never arrives"
     return rows
+
+
+@pytest.mark.parametrize("left", list(itertools.product((0.0, 3.0, math.inf, math.nan), repeat=2)))
+def test_whatever_is_left_can_be_said(left):
+    assert left_text(*left) == "until stopped" or all(map(math.isfinite, left))
 
 
 @pytest.mark.parametrize("name", PLANS)

@@ -23,6 +23,8 @@ from companion.records import ZERO, Vector, vector
 from companion.steps import Steps
 
 Point = tuple[float, float, float]
+APART_M = 1e-6
+"""Of two nodes; the places of a path are a thousand times further apart."""
 
 
 class Node(NamedTuple):
@@ -86,8 +88,14 @@ class Curve:
         self._values[12 * i + 3 : 12 * i + 12 : 4] = array("d", (psi, dpsi, ddpsi))
 
     def _add(self, node: Node) -> None:
+        """Take a node; raise ValueError for one that is no place, or not behind the one before."""
+        values, (x, y, z, _) = (*node.p, *node.dp, *node.ddp), node.p
+        if not all(map(math.isfinite, (node.s, *values))):
+            raise ValueError(f"no finite line leads to x {x:g}, y {y:g}, depth {z:g} m")
+        if self._s and node.s < self._s[-1] + APART_M:
+            raise ValueError(f"two places at x {x:g}, y {y:g} m are too close: leave one out")
         self._s.append(node.s)
-        self._values.extend((*node.p, *node.dp, *node.ddp))
+        self._values.extend(values)
 
 
 def between(a: Node, b: Node, s: float) -> Node:

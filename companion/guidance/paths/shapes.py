@@ -152,6 +152,8 @@ def building(plan: PathPlan, limits: Limits) -> Steps[Path]:
     ends_m = tuple(accumulate(leg.curve.length for leg in legs))
     times_s = [leg.turn_s + leg.profile.duration_s + leg.wait_s for leg in ready]
     ends_s = tuple(accumulate([times_s[0] - ready[0].turn_s, *times_s[1:]]))
+    if not math.isfinite(ends_m[-1] + ends_s[-1] + ready[0].turn_s):
+        raise ValueError(f"the path takes {ends_m[-1]:g} m and {ends_s[-1]:g} s: must be finite")
     relative = (plan.relative, plan.relative, not deep, keeps)
     return Path(plan, tuple(ready), relative, ends_m[-1], extremes, ends_m, ends_s)
 
