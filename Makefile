@@ -37,10 +37,14 @@ live: check clients
 quick: $(STAMP)  ## unit and property tests, without those that compile: about a minute
 	$(BIN)/pytest -n auto --dist worksteal --hypothesis-profile quick -m 'not compiles' tests/unit tests/property
 
-hunt: $(STAMP)  ## look for new examples of what must hold for any input; takes an hour
+hunt: $(STAMP)  ## look for new examples of what must hold for any input; takes hours
 	@$(BIN)/pytest -n auto --dist worksteal -m hypothesis --hypothesis-profile hunt --timeout 0 tests/unit tests/property || { \
 	    echo 'Keep what was found: put the "Falsifying example" above its test as @example(...),'; \
 	    echo 'see that the test fails without --hypothesis-profile, and then mend the fault.'; \
+	    exit 1; }
+	@n=$$(nproc); seq $$n | xargs -P $$n -I @ $(BIN)/python -m tests.tools.fuzz_engine \
+	    --ticks $$((1000000 / n)) --first @000001 || { \
+	    echo '`python -m tests.tools.fuzz_engine --first N --dives 1` repeats dive N: mend the fault.'; \
 	    exit 1; }
 
 check: $(STAMP)  ## style, types, which package imports which, and the size of each

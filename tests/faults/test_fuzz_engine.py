@@ -16,3 +16,4 @@ def test_nothing_that_is_heard_ordered_or_configured_breaks_a_promise() -> None:
     assert tally.states[State.ACTIVE] > 50
     assert tally.answers["done"] > 0
     assert tally.answers["refused"] > 0
+    assert tally.paths > 10

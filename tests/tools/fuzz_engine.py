@@ -7,9 +7,11 @@ Between storms it is calm, and the engine is asked to engage again, so that stor
 Every fifth dive has no vehicle: messages alone, wholly random. Every second has a configuration drawn from
 the types' own ranges, their ends included. Commands are drawn from their types too: paths of every kind,
 gains and noises, with absurd values and broken JSON among them; they go through the queue, as in the process.
+What the process does beside the tick is done too: map, events, the pilot's display, the log's lines, raw
+ticks, and the file of the signing's state.
 
-Held in every tick: nothing raises, and `lab.studies.promises`. Held after a long calm: the estimator has
-found depth and heading again.
+Held in every tick: nothing raises, no command leads to an error that nobody foresaw, and
+`lab.studies.promises`. Held after a long calm: the estimator has found depth and heading again.
 
 A dive's number is its seed: `--first N --dives 1` repeats it.
 """
@@ -21,6 +23,7 @@ import math
 import re
 import struct
 import sys
+import tempfile
 import time
 import traceback
 from collections import Counter
@@ -42,6 +45,8 @@ from companion.io.command_queue import COST, CommandQueue, ReceivedCommand
 from companion.mavlink.decode import Decoder
 from companion.mavlink.link_maintenance import PARAMETERS
 from companion.mavlink.relay import Relay
+from companion.mavlink.signing import EPOCH_S, MAX_TIMESTAMP, UNITS_PER_S, Signing
+from companion.mavlink.timestamps import AHEAD, TimestampFile
 from companion.records import (
     AXES,
     PSI,
@@ -58,7 +63,7 @@ from companion.steps import Task
 from companion.telemetry.commands import COMMANDS
 from companion.telemetry.event_log import EventLog
 from companion.telemetry.plan import PathPlan
-from companion.telemetry.schemas import Plan, Reply, to_json
+from companion.telemetry.schemas import Plan, Raw, Reply, to_json
 from companion.telemetry.status_line import status_line
 from holdfast import validation
 from lab.loop.lockstep import START_S, LinkDelay, Lockstep
@@ -72,6 +77,9 @@ DIVE_TICKS = 1500
 STORM_TICKS = (25, 200)
 CALM_TICKS = 250
 ORDER_TICKS = 100
+PATH_TICKS = 20
+STATE_TICKS = 50
+KEY = bytes(range(32))
 RECOVERED_TICKS = 700
 """After so long a calm depth and heading have to be found again: the observer lets go of an error of half
 a turn, which rates of 26 rad/s made, with a time constant of 2.6 s."""
@@ -552,7 +560,7 @@ def _count(rng: Random, mean: float) -> int:
 class Fuzzed:
     """Stands where the engine is: spoils what comes, holds every tick to account."""
 
-    def __init__(self, rng: Random, config: Config, tally: "Tally") -> None:
+    def __init__(self, rng: Random, config: Config, tally: "Tally", folder: Path) -> None:
         ground = bool(config.ground_station.endpoint)
         depth_m = math.nan if config.fence.enabled else min(1.0, config.supervisor.max_depth_m)
         self.engine = Engine(config, Setpoint((math.nan, math.nan, depth_m, 0.3)), arm=True)
@@ -572,6 +580,7 @@ class Fuzzed:
         self._kept: Inbox = []
         self._sample: ControlSample | None = None
         self._event_log = EventLog()
+        self._state = SigningState(rng, folder)
         self._promises = Promises(config, pilot=ground)
 
     def step(
@@ -600,7 +609,12 @@ class Fuzzed:
         self._tally.states[sample.verdict.state] += 1
         self._promises.hold(now_s, out, sample, asked, steers=self.engine.steering)
         hold_telemetry(sample)
+        self._tally.paths += given.order is not None and given.order[0] == "follow"
         self._tell(sample)
+        tick = Raw(tick=loop.tick, now_s=now_s, heard=inbox, ground=pilot, out=out, order=given.order)
+        msgspec.msgpack.encode(tick)
+        if loop.tick % STATE_TICKS == 0:
+            self._state.step(now_s)
         self._sample = sample
         return [*passed, *out], sample
 
@@ -609,8 +623,10 @@ class Fuzzed:
         events = self._event_log.step(sample, self._queue.results)
         for event in events:
             to_json(event)
+            promise(event.text.isprintable(), f"a line of the log that is none: {event.text!r}")
+        promise("cannot be followed" not in sample.guided.name, sample.guided.name)
         self.engine.displayed(sample, events)
-        status_line(sample)
+        promise(status_line(sample).isprintable(), "a status line that is none")
 
     def order(self, asked: tuple[str, bytes]) -> None:
         """Put a command into the queue, as a session of this machine does."""
@@ -628,6 +644,7 @@ class Fuzzed:
                 break
 
     def _answered(self, reply: Reply) -> None:
+        promise("leads to an error" not in reply.said, reply.said)
         self._tally.answers["done" if reply.done else "refused"] += 1
 
     def _heard_from_ground(self) -> tuple[Inbox, list[bytes]]:
@@ -638,6 +655,41 @@ class Fuzzed:
         return self._relay.take(), passed
 
 
+class SigningState:
+    """The file of the signing's timestamps, over restarts and whatever clock and sender there is.
+
+    Held: what is signed has room for its timestamp, and is later than all before.
+    """
+
+    def __init__(self, rng: Random, folder: Path) -> None:
+        self._rng, self._path = rng, folder / "signing.json"
+        self._other = Signing(KEY, 1)
+        self._last = -1
+        self._restart()
+
+    def step(self, now_s: float) -> None:
+        """Hear a frame, sign one and keep that; now and then break the file, or restart."""
+        rng, ours = self._rng, self._signing
+        ours.advance(now_s)
+        self._other.recall(rng.choice((0, ours.timestamp, rng.randrange(1 << 48), MAX_TIMESTAMP - 2)), {})
+        frame = b"\xfd\0\1\0\0" + bytes(rng.choice((VEHICLE, GROUND))) + bytes(5)
+        ours.accepts(self._other.signed(frame))
+        stamp = int.from_bytes(ours.signed(frame)[-12:-6], "little")
+        promise(stamp > self._last, f"a timestamp of {stamp} after {self._last}")
+        self._last = stamp
+        self._file.write(AHEAD)
+        if rng.random() < 0.2:
+            if rng.random() < 0.1:
+                self._path.write_bytes(rng.randbytes(rng.randrange(60)))
+                self._last = -1
+            self._restart()
+
+    def _restart(self) -> None:
+        utc_s = self._rng.choice((EPOCH_S, 1.8e9, 2.0**32, EPOCH_S + MAX_TIMESTAMP / UNITS_PER_S, -1e9, 1e15))
+        self._signing = Signing(KEY, 7, utc_s)
+        self._file = TimestampFile(self._path, {"vehicle": self._signing})
+
+
 @dataclass
 class Tally:
     """What came of all dives so far."""
@@ -646,6 +698,7 @@ class Tally:
     recovered: int = 0
     broken: int = 0
     ticks: int = 0
+    paths: int = 0
     answers: Counter[str] = field(default_factory=Counter)
     states: Counter[State] = field(default_factory=Counter)
 
@@ -664,14 +717,15 @@ def fuzz(number: int, tally: Tally) -> None:
         companion = WITH_GROUND
     ours = rng.random() < 0.5
     config = load_config(overrides=companion) if ours else configuration(rng, companion)
-    fuzzed = Fuzzed(rng, config, tally)
-    if rng.random() < 0.2:
-        _messages_alone(rng, fuzzed, tally)
-    else:
-        sea = ("current.enabled=false", *sea, *rng.choice(((), POSITIONED)))
-        vehicle = Vehicle(load_plant(CONFIG / plant, sea), number)
-        loop = Lockstep(vehicle, fuzzed, LinkDelay(), number, config.loop.rate_hz)  # type: ignore[arg-type]
-        _dive(rng, fuzzed, loop, tally, config if ours else None)
+    with tempfile.TemporaryDirectory() as folder:
+        fuzzed = Fuzzed(rng, config, tally, Path(folder))
+        if rng.random() < 0.2:
+            _messages_alone(rng, fuzzed, tally)
+        else:
+            sea = ("current.enabled=false", *sea, *rng.choice(((), POSITIONED)))
+            vehicle = Vehicle(load_plant(CONFIG / plant, sea), number)
+            loop = Lockstep(vehicle, fuzzed, LinkDelay(), number, config.loop.rate_hz)  # type: ignore[arg-type]
+            _dive(rng, fuzzed, loop, tally, config if ours else None)
 
 
 def _messages_alone(rng: Random, fuzzed: Fuzzed, tally: Tally) -> None:
@@ -705,6 +759,8 @@ def _dive(rng: Random, fuzzed: Fuzzed, loop: Lockstep, tally: Tally, sound: Conf
         tally.ticks += 1
         if calm % ORDER_TICKS == 1:
             fuzzed.order(order(rng))
+        elif calm % PATH_TICKS == 1:
+            fuzzed.order(order(rng, ("follow", "follow", "goto", "path", "velocity")))
         if calm == RECOVERED_TICKS and fuzzed.engine.config == sound and not fuzzed.by_pressure:
             believed, true = step.sample.state.eta, step.truth.eta
             missed_m, missed_rad = (
@@ -754,7 +810,8 @@ def main() -> int:
         f"{tally.dives} dives from {chosen.first}, {tally.ticks} ticks in {took_s:.0f} s: {shares}; "
         f"looked {tally.recovered} times for depth and heading after a storm; {tally.broken} promises broken"
     )
-    tell("commands: " + ", ".join(f"{count} {answer}" for answer, count in sorted(tally.answers.items())))
+    answers = ", ".join(f"{count} {answer}" for answer, count in sorted(tally.answers.items()))
+    tell(f"commands: {answers}; {tally.paths} paths were followed")
     return int(tally.broken > 0)
 
 
