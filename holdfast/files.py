@@ -1,8 +1,9 @@
-"""Files that somebody else made: a limit of size, depth and count stands in front of every reader.
+"""Texts that somebody else made: a limit of size, depth and count stands in front of every reader.
 
 A ValueError says what is wrong with a file; the reader's command adds which file, and ends with status 2.
 """
 
+import codecs
 import json
 import re
 import tomllib
@@ -13,6 +14,8 @@ from holdfast import RefusedError
 
 MAX_BYTES = 1 << 18
 """Of a text; the largest of our own have a fifth of it."""
+MARKS = {codecs.BOM_UTF8: "utf-8-sig", codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}
+"""Byte order marks, with which Windows and spreadsheets begin a text, and what they declare."""
 MAX_DEPTH = 32
 MAX_NUMBER = 2**63
 MAX_KEY_PARTS = 8
@@ -21,15 +24,25 @@ _LONG_KEY = re.compile(rf"(?<![\w-])(?:{_PART}){{{MAX_KEY_PARTS}}}", re.ASCII)
 
 
 def text(path: Path) -> str:
-    """Return the text of a file; raise ValueError for one that is too large or no UTF-8, OSError."""
+    """Return the text of a file; raise ValueError for one that is too large or no text, OSError."""
     with path.open("rb") as file:
         data = file.read(MAX_BYTES + 1)
     if len(data) > MAX_BYTES:
         raise ValueError(f"is larger than {MAX_BYTES} bytes: give a smaller file")
+    return decoded(data)
+
+
+def decoded(data: bytes) -> str:
+    """Return a text in UTF-8, or in what its byte order mark declares; raise ValueError for another.
+
+    The mark, and Windows' line ends, are taken away.
+    """
+    encoding = next((name for mark, name in MARKS.items() if data.startswith(mark)), "utf-8")
     try:
-        return data.decode()
+        return data.decode(encoding).replace("\r\n", "\n")
     except UnicodeDecodeError as error:
-        raise ValueError(f"is not UTF-8 text: {error}") from error
+        line = data.count(b"\n", 0, error.start) + 1
+        raise ValueError(f"line {line} is not {encoding.upper()} text: save it as UTF-8") from error
 
 
 def refuse_existing(*paths: Path) -> None:

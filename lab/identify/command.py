@@ -19,6 +19,7 @@ from companion.identify.samples import Table
 from companion.records import AXES
 from holdfast import RefusedError, files
 from holdfast.arguments import command_parser
+from holdfast.gate import bounded
 from lab.identify.outcome import conclude, held
 from lab.identify.readers import read
 
@@ -104,7 +105,7 @@ def tables_of(files: list[str], vehicle: VehicleFile) -> list[Table]:
                 progress((before + share * size) / max(sum(sizes), 1))
 
             try:
-                tables.append(read(Path(file), vehicle.vehicle.frame, part))
+                tables.append(bounded(read, [Path(file)], Path(file), vehicle.vehicle.frame, progress=part))
             except ValueError as error:
                 text = " ".join(str(error).split())
                 raise RefusedError(text if text.startswith(file) else f"{file}: {text}") from error

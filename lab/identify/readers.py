@@ -5,13 +5,11 @@ dive, and OSError.
 """
 
 import contextlib
-import csv
 import math
 import operator
-import os
 import struct
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any, Final
@@ -19,25 +17,18 @@ from typing import Any, Final
 import msgspec
 import numpy as np
 
-from companion.identify.samples import ABSURD, NoDiveError, Sample, Streams, Table
+from companion.identify.samples import NoDiveError, Sample, Streams, Table
 from companion.mavlink.frames import frame_at
 from companion.mavlink.messages import is_known, message_name
 from companion.records import AXES, State
 from companion.telemetry.schemas import Raw
 from dashboard.recording.mcap_file import MAGIC, Reader
+from lab.identify import spreadsheet
 from lab.identify.steering import DIRECT, MANUAL, UNKNOWN, latest
 from lab.identify.telemetry import EXTENSIONS, USED, Telemetry, aided, motors_of, not_read
 
 Progress = Callable[[float], None]
 
-STICKS: Final = ("surge", "sway", "heave", "yaw", "roll", "pitch")
-MEASURED: Final = {
-    "depth": ("z_m",),
-    "attitude": ("phi_rad", "theta_rad", "psi_rad"),
-    "body": ("u_mps", "v_mps", "w_mps"),
-    "rates": ("p_radps", "q_radps", "r_radps"),
-}
-"""Columns of a CSV by the stream that they fill."""
 DATAFLASH: Final = b"\xa3\x95"
 DATAFLASH_USED: Final = ["ATT", "RATE", "IMU", "XKF1", "XKF4", "RCOU", "BAT", "PARM", "ARM"]
 USED_IDS: Final = {number for number in range(1 << 10) if is_known(number) and message_name(number) in USED}
@@ -45,8 +36,6 @@ STEERS: Final = {State.ACTIVE, State.RAMP_DOWN, State.HAND_OVER}
 """States of the supervisor in which Holdfast's commands are sent."""
 MAX_TOPIC = 60
 """So much of a topic is quoted."""
-MAX_ROWS: Final = 4_000_000
-MAX_LINE: Final = 4096
 MAX_TLOG_BYTES: Final = 1 << 31
 MAX_SILENCE_S: Final = 10.0
 """A longer silence of a .tlog, or a jump of its UTC, is shortened to this."""
@@ -71,68 +60,17 @@ def kind_of(path: Path) -> str:
         return "MCAP"
     if head.startswith(DATAFLASH):
         return "dataflash"
-    if b"t_s" in head.partition(b"\n")[0]:
+    if spreadsheet.header(head):
         return "CSV"
     if path.suffix.lower() == ".tlog" or (len(head) > 8 and head[8] in (0xFD, 0xFE)):
         return "telemetry"
-    raise NoDiveError(f"is no log that is known: {KINDS}")
+    raise NoDiveError(f"is no log that is known: {KINDS}{spreadsheet.quoted(head)}")
 
 
 def read(path: Path, frame: str, progress: Progress = lambda share: None) -> Table:
     """Read a log of any kind; `frame` says which motors serve which axis."""
-    readers = {"MCAP": _mcap, "dataflash": _dataflash, "CSV": _csv, "telemetry": _tlog}
+    readers = {"MCAP": _mcap, "dataflash": _dataflash, "CSV": spreadsheet.read, "telemetry": _tlog}
     return readers[kind_of(path)](path, progress).table(str(path), frame)
-
-
-def _csv(path: Path, progress: Progress) -> Streams:
-    """Read the columns of docs/identify.md; a row has commands or measurements, or both."""
-    streams, size, unread = Streams(), path.stat().st_size, Counter[str]()
-    with path.open(encoding="utf-8", errors="replace", newline="") as file:
-        lines = (line[:MAX_LINE] for line in iter(lambda: file.readline(MAX_LINE), ""))
-        reader = csv.DictReader(lines)
-        names = set(reader.fieldnames or ())
-        if not names & set(STICKS) or not any(names & set(columns) for columns in MEASURED.values()):
-            raise NoDiveError(
-                f"has no columns of commands ({', '.join(STICKS)}) or of measurements (z_m, u_mps, ...)"
-            )
-        number = 0
-        try:
-            for number, row in enumerate(reader):
-                if number > MAX_ROWS:
-                    raise NoDiveError(f"has more than {MAX_ROWS} rows: cut it into parts")
-                if number % EVERY == 0:
-                    progress(min(number * 90 / size, 1.0))
-                _take_row(streams, row, unread)
-        except csv.Error as error:
-            raise NoDiveError(f"row {number + 2} cannot be read: {error}") from error
-    streams.notes += not_read(unread)
-    return streams
-
-
-def _take_row(streams: Streams, row: Mapping[str, Any], unread: Counter[str]) -> None:
-    def numbers(*columns: str) -> tuple[float, ...]:
-        return tuple(_number(row.get(column), column, unread) for column in columns)
-
-    (t_s,) = numbers("t_s")
-    if not math.isfinite(t_s):
-        return
-    sticks = numbers(*STICKS)
-    if any(map(math.isfinite, sticks)):
-        streams.sticks.append(Sample(t_s, tuple(0.0 if x != x else x for x in sticks)))
-    for name, columns in MEASURED.items():
-        values = numbers(*columns)
-        if any(map(math.isfinite, values)):
-            getattr(streams, name).append(Sample(t_s, values))
-
-
-def _number(text: object, column: str, unread: Counter[str]) -> float:
-    """Return a cell's number, NaN for an empty one and, counted, for one that holds none."""
-    try:
-        value = float(text) if isinstance(text, str) and text.strip() else math.nan
-    except ValueError:
-        unread[f"cells of {column}"] += 1
-        return math.nan
-    return value if abs(value) < ABSURD * 100.0 else math.nan
 
 
 def _dataflash(path: Path, progress: Progress) -> Streams:
@@ -142,10 +80,8 @@ def _dataflash(path: Path, progress: Progress) -> Streams:
     # The reader is made in two steps: one whose __init__ failed has a file to close.
     reader = DFReader_binary.__new__(DFReader_binary)
     try:
-        with Path(os.devnull).open("w") as nowhere, contextlib.redirect_stderr(nowhere):
-            with _silent():
-                reader.__init__(str(path), zero_time_base=True)
-            return _dataflash_streams(reader, progress)
+        reader.__init__(str(path), zero_time_base=True)
+        return _dataflash_streams(reader, progress)
     except OSError:
         raise
     except Exception as error:  # pymavlink raises whatever a broken file makes it stumble over
@@ -153,20 +89,8 @@ def _dataflash(path: Path, progress: Progress) -> Streams:
     finally:
         for opened in (getattr(reader, "data_map", None), getattr(reader, "filehandle", None)):
             if opened is not None:
-                opened.close()
-
-
-@contextlib.contextmanager
-def _silent() -> Iterator[None]:
-    """Let nothing that C prints to stderr through: it prints each bad byte."""
-    kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
-    os.dup2(nowhere, 2)
-    try:
-        yield
-    finally:
-        os.dup2(kept, 2)
-        os.close(kept)
-        os.close(nowhere)
+                with contextlib.suppress(BufferError):  # of what the reader of a damaged one still holds
+                    opened.close()
 
 
 def _dataflash_streams(reader: Any, progress: Progress) -> Streams:

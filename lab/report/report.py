@@ -6,6 +6,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from holdfast.arguments import command_parser, removed_option
+from holdfast.gate import bounded
 from lab.options import json_file
 from lab.report.figures import figures
 from lab.report.log import load
@@ -46,7 +47,7 @@ def main(argv: list[str]) -> int:
     removed_option(parser, "--foxglove", "Foxglove opens the recording itself")
     options = parser.parse_args(argv)
     try:
-        log = load(options.files)
+        log = bounded(load, options.files, options.files)
         found = figures(log)
         picture = io.BytesIO()
         draw(log, found).savefig(picture, format="png")

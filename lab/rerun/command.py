@@ -9,6 +9,7 @@ import numpy as np
 
 from companion.records import AXES
 from holdfast.arguments import command_parser, removed_option
+from holdfast.gate import bounded
 from lab.options import add_settings
 from lab.rerun.rerun import Outcome, Tape, configured, load, rerun
 
@@ -38,7 +39,7 @@ def main(argv: list[str]) -> int:
     removed_option(parser, "--out", "the table says when and by how much the commands differ")
     options = parser.parse_args(argv)
     try:
-        tape = load(options.files)
+        tape = bounded(load, options.files, options.files)
         config = configured(tape, options.set, options.config)
         changed = bool(options.set or options.config)
         outcome = rerun(tape, config, follow=not changed)

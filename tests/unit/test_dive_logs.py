@@ -29,6 +29,7 @@ from companion.identify.model import DELAY, LAG, START, Track, parameters, score
 from companion.identify.samples import NoDiveError
 from companion.records import AXES
 from holdfast import RefusedError
+from holdfast.gate import bounded
 from lab import commands
 from lab.identify.outcome import held
 from lab.identify.readers import read
@@ -268,7 +269,7 @@ def test_junk_in_the_middle_ends_in_words_and_prints_nothing(name, tmp_path, cap
         data[at : at + 8] = rng.bytes(8)
     path.write_bytes(data)
     try:
-        log = read(path, FRAME)
+        log = bounded(read, [path], path, FRAME)
     except ValueError:
         return
     finally:
@@ -357,9 +358,8 @@ def test_help_of_the_logs_part_is_shown_though_no_file_is_named(capsys):
     assert "examples:" in capsys.readouterr().out
 
 
-def test_a_large_log_says_how_far_it_is(tmp_path, capsys, monkeypatch):
+def test_a_large_log_says_how_far_it_is(long_dive, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr("lab.identify.command.SHOWN_BYTES", 1000)
-    path = write_tlog(SHORT, tmp_path / "dive.tlog")
-    monkeypatch.setattr("lab.identify.readers.EVERY", 50)
+    path = write_tlog(long_dive, tmp_path / "dive.tlog")
     assert commands.identify(["--test", str(path), "--json"]) == 0
     assert [line[:9] for line in capsys.readouterr().err.splitlines()] == ["reading: "] * 3

@@ -1,0 +1,89 @@
+"""Reading an untrusted file in a child process: what it does to its reader, it does to the child alone."""
+
+import multiprocessing
+import os
+import resource
+import signal
+from collections.abc import Callable, Sequence
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any, Final, TypeVar
+
+MEMORY_BYTES: Final = 2 << 30
+"""Of data; the libraries and the stacks of their threads take up to a quarter of it."""
+START_S, BYTES_PER_S = 20, 100_000
+"""Time of the processor that is allowed: to start, and for the files."""
+
+Progress = Callable[[float], None]
+T = TypeVar("T")
+
+
+class UnreadableError(ValueError):
+    """A file made its reader stumble; the message does not name it."""
+
+
+def bounded(
+    read: Callable[..., T], files: Sequence[Path], *arguments: Any, progress: Progress | None = None
+) -> T:
+    """Return `read(*arguments)`, done within bounds of time and memory.
+
+    With `progress` it takes, last, a function to which it reports the share that is done.
+
+    `files` are those that it reads. `read` is a function of a module, and what it takes and returns can be
+    pickled. Raises what it raises where that is a ValueError or an OSError, and ValueError, in words, for
+    everything else that a file makes it do.
+    """
+    name = ", ".join(map(str, files))
+    seconds = START_S + sum(file.stat().st_size for file in files) // BYTES_PER_S
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload([read.__module__])
+    ours, theirs = context.Pipe(duplex=False)
+    work = (theirs, read, arguments, progress is not None, seconds)
+    child = context.Process(target=_serve, args=work, daemon=True)
+    child.start()
+    theirs.close()
+    try:
+        while True:
+            kind, value = ours.recv()
+            if kind == "read":
+                return value  # type: ignore[no-any-return]
+            if kind == "error":
+                raise ValueError(f"{name}: {value}") if isinstance(value, UnreadableError) else value
+            if progress is not None:
+                progress(value)
+    except EOFError as error:
+        child.join()
+        if child.exitcode == -signal.SIGXCPU:
+            why = f"was not read in {seconds} s: it is damaged, or cut it into parts"
+            raise ValueError(f"{name}: {why}") from error
+        raise ValueError(f"{name}: cannot be read: it ended its reader") from error
+    finally:
+        child.kill()
+        child.join()
+        ours.close()
+
+
+def _serve(
+    pipe: Connection, read: Callable[..., Any], arguments: Sequence[Any], reports: bool, seconds: int
+) -> None:
+    nowhere = os.open(os.devnull, os.O_WRONLY)  # libraries print what they stumble over
+    os.dup2(nowhere, 1)
+    os.dup2(nowhere, 2)
+    for what, most in ((resource.RLIMIT_CPU, seconds), (resource.RLIMIT_DATA, MEMORY_BYTES)):
+        _, hard = resource.getrlimit(what)
+        resource.setrlimit(what, (most if hard == resource.RLIM_INFINITY else min(most, hard), hard))
+    more = [lambda share: pipe.send(("progress", share))] if reports else []
+    pipe.send(answer(read, *arguments, *more))
+
+
+def answer(read: Callable[..., Any], *arguments: Any) -> tuple[str, Any]:
+    """Return ("read", what was read), or ("error", the ValueError or OSError that says why not)."""
+    try:
+        return "read", read(*arguments)
+    except (ValueError, OSError) as error:
+        return "error", error
+    except MemoryError:
+        most = MEMORY_BYTES >> 20
+        return "error", UnreadableError(f"needs more than {most} MiB to be read: cut it into parts")
+    except Exception as error:  # a reader of others raises whatever a damaged file makes it stumble over
+        return "error", UnreadableError(f"cannot be read: {type(error).__name__}: {error}")

@@ -1,0 +1,139 @@
+"""A CSV as programs and spreadsheets save it: docs/identify.md has its columns.
+
+It is known by its header, the first line that has a column t_s. Before it may stand comments (#), empty lines
+and a spreadsheet's `sep=;`. Commas, semicolons, tabs or spaces part the columns; where no comma does, it may
+be the decimal sign. Times are seconds, milliseconds, microseconds or nanoseconds, since whenever.
+"""
+
+import csv
+import math
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from companion.identify.samples import ABSURD, NoDiveError, Sample, Streams
+from holdfast.files import MARKS
+from lab.identify.telemetry import not_read
+
+TIME: Final = "t_s"
+STICKS: Final = ("surge", "sway", "heave", "yaw", "roll", "pitch")
+MEASURED: Final = {
+    "depth": ("z_m",),
+    "attitude": ("phi_rad", "theta_rad", "psi_rad"),
+    "body": ("u_mps", "v_mps", "w_mps"),
+    "rates": ("p_radps", "q_radps", "r_radps"),
+}
+"""Columns by the stream that they fill."""
+SEPARATORS: Final = (";", "\t", ",", " ")
+UNITS: Final = ((2e6, 1e-9, "nanoseconds"), (2e3, 1e-6, "microseconds"), (2.0, 1e-3, "milliseconds"))
+"""By the least step between two rows: what it is in s, and its name. No vehicle is known by a row in 2 s."""
+MAX_ROWS: Final = 1_000_000
+MAX_BACKWARDS: Final = 0.01
+"""Share of rows that may be out of order, as where two tables were joined."""
+MAX_LINE, MAX_QUOTED, MAX_BEFORE = 4096, 200, 100
+EVERY: Final = 4096
+"""So many rows between two reports of progress."""
+
+
+def header(head: bytes) -> str:
+    """Return the header in the first bytes of a file, empty where it has none."""
+    lines = head.decode(_encoding(head), errors="replace").splitlines()
+    return next((line for line in lines[:MAX_BEFORE] if TIME in _names(line, _separator(line))), "")
+
+
+def quoted(head: bytes) -> str:
+    """Return what a refusal quotes of a text: its first line; nothing of what is no text."""
+    line = next(iter(head.decode(_encoding(head), errors="replace").splitlines()), "")
+    return f"; it begins with: {line[:MAX_QUOTED]}" if line.isprintable() and "\ufffd" not in line else ""
+
+
+def read(path: Path, progress: Callable[[float], None]) -> Streams:
+    """Read it; a row has commands or measurements, or both. Raises NoDiveError, OSError."""
+    streams, size, unread = Streams(), path.stat().st_size, Counter[str]()
+    with path.open("rb") as binary:
+        encoding = _encoding(binary.read(4))
+    with path.open(encoding=encoding, errors="replace", newline="") as file:
+        lines = (line[:MAX_LINE] for line in iter(lambda: file.readline(MAX_LINE), ""))
+        head = next(line for line in lines if TIME in _names(line, _separator(line)))
+        separator = _separator(head)
+        names = _names(head, separator)
+        if not {*names} & {*STICKS} or not any({*names} & {*columns} for columns in MEASURED.values()):
+            raise NoDiveError(
+                f"has no columns of commands ({', '.join(STICKS)}) or of measurements (z_m, u_mps, ...); "
+                f"its header is: {head.strip()[:MAX_QUOTED]}"
+            )
+        number, before_s, backwards = 0, -math.inf, 0
+        try:
+            for number, cells in enumerate(_rows(lines, separator)):
+                if number > MAX_ROWS:
+                    raise NoDiveError(f"has more than {MAX_ROWS} rows: cut it into parts")
+                if number % EVERY == 0:
+                    progress(min(number * 90 / size, 1.0))
+                t_s = _take(streams, dict(zip(names, cells, strict=False)), unread, comma=separator != ",")
+                before_s, backwards = t_s, backwards + (t_s < before_s)
+        except csv.Error as error:
+            raise NoDiveError(f"row {number + 2} cannot be read: {error}") from error
+    if backwards > MAX_BACKWARDS * number + 1:
+        raise NoDiveError(f"has {backwards} rows whose {TIME} is before the row above: sort or correct them")
+    _count_in_seconds(streams)
+    streams.notes += not_read(unread)
+    return streams
+
+
+def _encoding(head: bytes) -> str:
+    return next((name for mark, name in MARKS.items() if head.startswith(mark)), "utf-8")
+
+
+def _separator(line: str) -> str:
+    return max(SEPARATORS, key=line.count)
+
+
+def _names(line: str, separator: str) -> list[str]:
+    return [name.strip().strip('"').strip().lower() for name in line.strip().split(separator)]
+
+
+def _rows(lines: Iterator[str], separator: str) -> Iterator[list[str]]:
+    return csv.reader(lines, delimiter=separator, skipinitialspace=True)
+
+
+def _take(streams: Streams, row: Mapping[str, Any], unread: Counter[str], *, comma: bool) -> float:
+    """Take a row; return its time, NaN if it has none."""
+
+    def number(column: str) -> float:
+        """Return a cell's number, NaN for an empty one and, counted, for one that holds none."""
+        text = row.get(column, "").strip()
+        try:
+            return float(text.replace(",", ".") if comma else text) if text else math.nan
+        except ValueError:
+            unread[f"cells of {column}"] += 1
+            return math.nan
+
+    t_s = number(TIME)
+    if not math.isfinite(t_s):
+        return math.nan
+    sticks = [number(column) for column in STICKS]
+    if any(map(math.isfinite, sticks)):
+        streams.sticks.append(Sample(t_s, tuple(x if abs(x) < ABSURD else 0.0 for x in sticks)))
+    for name, columns in MEASURED.items():
+        values = tuple(number(column) for column in columns)
+        if any(abs(value) < ABSURD for value in values):
+            getattr(streams, name).append(Sample(t_s, values))
+    return t_s
+
+
+def _count_in_seconds(streams: Streams) -> None:
+    """Let the times begin at 0, in seconds; say so where they were in another unit."""
+    kinds = ("sticks", *MEASURED)
+    times = np.unique([sample.t_s for kind in kinds for sample in getattr(streams, kind)])
+    if times.size < 2:
+        return
+    step = float(np.median(np.diff(times)))
+    scale, unit = next(((scale, unit) for least, scale, unit in UNITS if step >= least), (1.0, ""))
+    if unit:
+        streams.notes.append(f"{TIME} counts {unit}")
+    for kind in kinds:
+        samples = [Sample((t_s - times[0]) * scale, values) for t_s, values in getattr(streams, kind)]
+        setattr(streams, kind, samples)

@@ -1,0 +1,59 @@
+"""What an untrusted file does to its reader ends in one line."""
+
+import os
+import signal
+import sys
+
+import pytest
+
+from holdfast import gate
+
+
+def endless():
+    while True:
+        pass
+
+
+def greedy():
+    return bytes(gate.MEMORY_BYTES)
+
+
+def stumbling():
+    return memoryview(b"").cast("d")[9]
+
+
+def ended():
+    os.kill(os.getpid(), signal.SIGSEGV)
+
+
+def refusing():
+    raise ValueError("is no dive")
+
+
+def talking(progress):
+    progress(0.5)
+    sys.stdout.write("DFFormat: unsupported\n")
+    return "read"
+
+
+@pytest.mark.parametrize(
+    ("reader", "says"),
+    [
+        (endless, "was not read in 1 s"),
+        (greedy, "needs more than 2048 MiB"),
+        (stumbling, "cannot be read: IndexError"),
+        (ended, "it ended its reader"),
+        (refusing, "^is no dive$"),
+    ],
+)
+def test_it_is_refused_in_words(reader, says, monkeypatch):
+    monkeypatch.setattr(gate, "START_S", 1)
+    with pytest.raises(ValueError, match=says):
+        gate.bounded(reader, [])
+
+
+def test_what_is_read_comes_back_with_its_progress_and_without_a_librarys_words(capfd):
+    shares: list[float] = []
+    assert gate.bounded(talking, [], progress=shares.append) == "read"
+    assert shares == [0.5]
+    assert capfd.readouterr().out == ""
