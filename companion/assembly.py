@@ -243,7 +243,9 @@ def law(config: Config, axis: Axis) -> ChosenLaw:
 def parameters_of(functions: Compensator | Law, values: Mapping[str, Any], name: str) -> Any:
     """Return the parameters of a compensator or a law; raise ConfigError where the values do not fit."""
     try:
-        return functions.parameters(values)
+        parameters = functions.parameters(values)
+        registry.refuse_misshapen(functions, parameters)
+        return parameters
     except registry.UnusableError as error:
         raise ConfigError(f"{name}: {error}") from error
 

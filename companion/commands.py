@@ -153,13 +153,14 @@ def run(argv: list[str]) -> int:
     ]
     log_to(sys.stderr)
     try:
-        for name, value, kind in (
-            ("--depth", arguments.depth, ranges.Depth),
-            ("--heading", arguments.heading, ranges.HeadingDeg),
-        ):
-            if value is not None and (refused := validation.refusal(name, value, kind)):
-                raise ConfigError(refused)
         config = load_config(arguments.config or DEFAULT_FILE, overrides)
+        deepest = config.supervisor.max_depth_m, "supervisor.max_depth_m"
+        for name, value, kind, limit in (
+            ("--depth", arguments.depth, ranges.Depth, deepest),
+            ("--heading", arguments.heading, ranges.HeadingDeg, validation.NO_LIMIT),
+        ):
+            if value is not None and (refused := validation.refusal(name, value, kind, limit)):
+                raise ConfigError(refused)
         if arguments.heading is not None and not config.vehicle.holds_heading:
             raise ConfigError(
                 "--heading: in STABILIZE the firmware keeps the heading; "

@@ -19,7 +19,7 @@ from companion.records import AXES
 from companion.telemetry import ranges
 from companion.telemetry.words import means
 from holdfast import validation
-from holdfast.arguments import source_of
+from holdfast.arguments import located
 from holdfast.validation import ConfigError as ConfigError
 
 DEFAULT_FILE = Path(__file__).parent.parent / "config" / "companion.toml"
@@ -514,9 +514,9 @@ def load_with_origins(path: Path, overrides: Sequence[str] = ()) -> tuple[Config
         check_choices(config)
     except msgspec.ValidationError as error:
         said = validation.explained(table, str(error), Config)
-        raise ConfigError(f"{source_of(path, overrides, said)}: {said}") from error
+        raise ConfigError(located(path, overrides, said)) from error
     except ConfigError as error:
-        raise ConfigError(f"{source_of(path, overrides, str(error))}: {error}") from error
+        raise ConfigError(located(path, overrides, str(error))) from error
     return config, origins
 
 
@@ -677,7 +677,8 @@ def _vehicle_of(path: Path, table: dict[str, Any]) -> VehicleFile:
     try:
         return msgspec.convert(whole, VehicleFile)
     except msgspec.ValidationError as error:
-        raise ConfigError(f"{path}: {validation.explained(table, str(error), VehicleFile)}") from error
+        said = validation.explained(table, str(error), VehicleFile)
+        raise ConfigError(located(path, (), said)) from error
 
 
 def _vehicle_beside(table: dict[str, Any], path: Path, file: Path) -> dict[str, Any]:

@@ -155,3 +155,39 @@ def _parameters(module: ModuleType, values: Mapping[str, Any]) -> Any:
     return kind(
         **{name: _converted(name, values[name], hint) for name, hint in hints.items() if name in values}
     )
+
+
+def refuse_misshapen(functions: Compensator | Law, parameters: Any) -> None:
+    """Try the functions of a file that is not shipped once.
+
+    Raises UnusableError, with the file, where one fails, or does not return what it should.
+    """
+    module, small = functions.module, 0.01
+    if module in (law, *SHIPPED.values()):
+        return
+    answers: dict[str, tuple[Any, Any]] = {}
+    try:
+        state = functions.initial(parameters)
+        answers["initial"] = state, module.State
+        if isinstance(functions, Compensator):
+            signals = Signals(*[small] * len(Signals._fields))
+            step = functions.step(parameters, state, signals, small, True)
+            answers["step"] = step, (module.State, float, bool)
+            answers["seed"] = functions.seed(parameters, state, signals, small), module.State
+            answers["weight_norm"] = functions.weight_norm(state), float
+        else:
+            ones: list[Any] = [1.0] * len(Motion._fields)
+            motion = Motion(*ones)
+            answers["step"] = functions.step(parameters, state, motion, small), (module.State, Terms)
+    except Exception as error:
+        raise UnusableError(f"{module.__file__}: {type(error).__name__}: {error}") from error
+    for name, (value, kind) in answers.items():
+        if not _fits(value, kind):
+            wanted = ", ".join(one.__name__ for one in (kind if isinstance(kind, tuple) else (kind,)))
+            raise UnusableError(f"{module.__file__}: {name} returns {value!r:.80}: must be {wanted}")
+
+
+def _fits(value: Any, kind: Any) -> bool:
+    if isinstance(kind, tuple):
+        return isinstance(value, tuple) and len(value) == len(kind) and all(map(_fits, value, kind))
+    return isinstance(value, (int, float) if kind is float else kind)

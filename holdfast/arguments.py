@@ -6,6 +6,8 @@ import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 
+from holdfast import files
+
 
 def command_parser(command: str, description: str, examples: str) -> argparse.ArgumentParser:
     """Make the parser of a command; its help ends with `examples`, as they stand."""
@@ -27,8 +29,8 @@ def removed_option(parser: argparse.ArgumentParser, option: str, instead: str) -
     parser.add_argument(option, nargs="?", action=Removed, help=argparse.SUPPRESS)
 
 
-def source_of(file: Path, overrides: Sequence[str], said: str) -> str:
-    """Return where a refused value stands: in a `--set KEY=VALUE`, or in the file.
+def located(file: Path, overrides: Sequence[str], said: str) -> str:
+    """Return what is wrong with where it stands: in a `--set KEY=VALUE`, or in the file and on which line.
 
     `said` begins with its key, or with that of the table it makes unusable.
     """
@@ -36,8 +38,9 @@ def source_of(file: Path, overrides: Sequence[str], said: str) -> str:
     for override in reversed(overrides):
         key = override.partition("=")[0].strip()
         if f"{refused}.".startswith(f"{key}.") or key.startswith(f"{refused}."):
-            return f"--set {override}"
-    return str(file)
+            return f"--set {override}: {said}"
+    line = files.line_of(file, re.split(r"[\s:]", said, maxsplit=1)[0])
+    return f"{file}: {said}{f' (line {line})' if line else ''}"
 
 
 def position(text: str) -> tuple[float, float]:

@@ -7,6 +7,7 @@ import codecs
 import json
 import re
 import tomllib
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ MAX_DEPTH = 32
 MAX_NUMBER = 2**63
 MAX_KEY_PARTS = 8
 _PART = r"""(?:[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*\.[ \t]*"""
+_HEAD = re.compile(r"\s*\[(\[?)\s*([\w.-]+)\s*\]")
 _LONG_KEY = re.compile(rf"(?<![\w-])(?:{_PART}){{{MAX_KEY_PARTS}}}", re.ASCII)
 
 
@@ -61,6 +63,21 @@ def toml(source: str) -> dict[str, Any]:
         raise ValueError(f"is not TOML: {error}") from error
     _check(table)
     return table
+
+
+def line_of(path: Path, key: str) -> int:
+    """Return the line of a TOML file in which a key such as "waypoint[2].x_m" stands; 0 if none does."""
+    section, counts = "", Counter[str]()
+    for number, line in enumerate(text(path).splitlines() if path.is_file() else (), start=1):
+        if head := _HEAD.match(line):
+            section = head[2]
+            if head[1]:
+                section += f"[{counts[head[2]]}]"
+                counts[head[2]] += 1
+        name = section if head else f"{section}.{line.partition('=')[0].strip()}".lstrip(".")
+        if name == key:
+            return number
+    return 0
 
 
 def from_json(source: str) -> Any:

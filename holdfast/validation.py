@@ -1,14 +1,18 @@
 """TOML tables that become msgspec records: read, overridden, and what is wrong with one in words."""
 
+import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from functools import cache
 from pathlib import Path
+from types import MappingProxyType
 from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
 from msgspec import Meta, Struct
 
 from holdfast import RefusedError, files
+
+NO_LIMIT = (math.inf, "")
 
 
 class ConfigError(RefusedError, ValueError):
@@ -50,15 +54,20 @@ def bounds(hint: Any) -> tuple[float, float] | None:
     return None
 
 
-def refusal(name: str, value: float, hint: Any) -> str | None:
-    """Return why `value` may not be `name`, or None where it may. NaN and infinities never may."""
+def refusal(name: str, value: float, hint: Any, limit: tuple[float, str] = NO_LIMIT) -> str | None:
+    """Return why `value` may not be `name`, or None where it may. NaN and infinities never may.
+
+    `limit` is that of the configuration, below that of the type, and its key.
+    """
     found = bounds(hint)
+    name_of_limit = f" ({limit[1]})" if found and limit[0] < found[1] else ""
+    found = found and (found[0], min(found[1], limit[0]))
     least, remedy = least_beside_zero(hint), _extra(hint, "remedy")
     if found is None or (value == 0.0 if 0.0 <= value < least else found[0] <= value <= found[1]):
         return None
     shown = f"{value:g}" if isinstance(value, float) else str(value)[:20]
     allowed = f"0, or {least:g} to {found[1]:g}" if least else f"{found[0]:g} to {found[1]:g}"
-    return f"{name} = {shown}: must be {allowed}{f'; {remedy}' if remedy else ''}"
+    return f"{name} = {shown}: must be {allowed}{name_of_limit}{f'; {remedy}' if remedy else ''}"
 
 
 def least_beside_zero(hint: Any) -> float:
@@ -85,10 +94,12 @@ def _beside_zero(kind: type[Struct]) -> dict[str, Any]:
     return {name: hint for name, hint in hints.items() if least_beside_zero(hint)}
 
 
-def explained(table: Any, error: str, kind: type[Struct]) -> str:
+def explained(
+    table: Any, error: str, kind: type[Struct], limits: Mapping[str, tuple[float, str]] = MappingProxyType({})
+) -> str:
     """Turn msgspec's "Expected … - at `$.heave.mass`" into key, value and what is allowed.
 
-    `table` is what was to become a `kind`.
+    `table` is what was to become a `kind`; `limits` are those of the configuration by key.
     """
     message, _, where = error.partition(" - at `$")
     place = where.strip("`").lstrip(".")
@@ -107,7 +118,7 @@ def explained(table: Any, error: str, kind: type[Struct]) -> str:
         else:
             value = value[int(part)] if isinstance(value, list) and part.isdigit() else None
     name = place or "all of it"
-    if type(value) in (int, float) and (refused := refusal(name, value, hint)):
+    if type(value) in (int, float) and (refused := refusal(name, value, hint, limits.get(name, NO_LIMIT))):
         return refused
     allowed = choices(hint) if "enum" in message else ()
     said = "must be one of " + ", ".join(allowed) if allowed else message[0].lower() + message[1:]

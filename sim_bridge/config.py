@@ -9,7 +9,7 @@ import msgspec
 from msgspec import Meta, Struct
 
 from holdfast import files, validation
-from holdfast.arguments import source_of
+from holdfast.arguments import located
 from holdfast.validation import ConfigError as ConfigError
 from sim_bridge.fault_kinds import Fault
 
@@ -374,9 +374,9 @@ def load_config(path: Path | str, overrides: Sequence[str] = ()) -> SimConfig:
         return msgspec.convert(data, SimConfig)
     except msgspec.ValidationError as error:
         said = validation.explained(data, str(error), SimConfig)
-        raise ConfigError(f"{source_of(path, overrides, said)}: {said}") from error
+        raise ConfigError(located(path, overrides, said)) from error
     except ConfigError as error:
-        raise ConfigError(f"{source_of(path, overrides, str(error))}: {error}") from error
+        raise ConfigError(located(path, overrides, str(error))) from error
 
 
 def fault_of(text: str) -> Fault:

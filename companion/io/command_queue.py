@@ -249,7 +249,8 @@ class CommandQueue:
         try:
             if not trusted:
                 self._permit(received)
-            return _Waiting(received, parse(received.name, received.payload))
+            max_depth_m = self.started_with.supervisor.max_depth_m
+            return _Waiting(received, parse(received.name, received.payload, max_depth_m=max_depth_m))
         except Exception as error:
             return _Waiting(received, refused=_why(error))
 

@@ -3,6 +3,7 @@
 One table for the companion, which obeys, and for all that ask: the web page, `holdfast tell`, the documents.
 """
 
+import math
 from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, Literal, NamedTuple, get_type_hints
 
@@ -14,6 +15,7 @@ from companion.telemetry.schemas import Reply, printable
 from companion.telemetry.words import means
 from holdfast import validation
 
+MAX_DEPTH = "supervisor.max_depth_m"
 MAX_BYTES = 4096
 MAX_PATH_BYTES = 1 << 18
 """A longer payload is refused unread."""
@@ -291,14 +293,16 @@ class Field(NamedTuple):
     most: float | None
 
 
-def parse(name: str, payload: bytes, known: Mapping[str, type[Payload]] = COMMANDS) -> Payload:
+def parse(
+    name: str, payload: bytes, known: Mapping[str, type[Payload]] = COMMANDS, max_depth_m: float = math.inf
+) -> Payload:
     """Return the payload of a command; raise ValueError, in words, for what cannot be one."""
     kind = known.get(name)
     if kind is None:
         raise ValueError(f"there is no command '{name}'. There are {', '.join(known)}")
-    most = MAX_PATH_BYTES if kind is Follow else MAX_BYTES
-    if len(payload) > most:
-        raise ValueError(f"{len(payload)} bytes are too many; {most} at most")
+    longest = MAX_PATH_BYTES if kind is Follow else MAX_BYTES
+    if len(payload) > longest:
+        raise ValueError(f"{len(payload)} bytes are too many; {longest} at most")
     if (values := sum(map(payload.count, b",[{"))) > MAX_VALUES:
         raise ValueError(
             f"{values} values are too many; a path has {MAX_SEGMENTS} waypoints at most: divide it"
@@ -310,7 +314,7 @@ def parse(name: str, payload: bytes, known: Mapping[str, type[Payload]] = COMMAN
     try:
         command = msgspec.convert(table, kind)
     except msgspec.ValidationError as error:
-        said = validation.explained(table, str(error), kind)
+        said = validation.explained(table, str(error), kind, {"depth_m": (max_depth_m, MAX_DEPTH)})
         raise ValueError(f"{said}. {name} takes {_form(kind)}") from error
     settable = [field for field in kind.__struct_fields__ if field not in ("axis", "confirm")]
     if settable and not named(command).keys() & set(settable):

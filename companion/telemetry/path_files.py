@@ -14,6 +14,7 @@ import msgspec
 from companion.telemetry.degrees import Degrees, metres
 from companion.telemetry.plan import PathPlan
 from holdfast import files, validation
+from holdfast.arguments import located
 
 LOG = logging.getLogger("holdfast")
 NAV_WAYPOINT, LAST_NAV, CHANGE_SPEED = 16, 95, 178
@@ -57,7 +58,8 @@ def read(path: Path, origin: Degrees | None = None) -> PathPlan:
         table.setdefault("name", path.stem[:64])
         return msgspec.convert(table, PathPlan)
     except msgspec.ValidationError as error:
-        raise ValueError(f"{path}: {validation.explained(table, str(error), PathPlan)}") from error
+        said = validation.explained(table, str(error), PathPlan)
+        raise ValueError(located(path, (), said)) from error
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
 

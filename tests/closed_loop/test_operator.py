@@ -177,9 +177,10 @@ def test_with_permission_it_is_done(allow, local):
     [
         ("fly", {}, "there is no command 'fly'"),
         ("setpoint", {}, "at least one"),
-        ("setpoint", {"depth_m": -1.0}, "depth_m = -1: must be 0 to 1000"),
         ("setpoint", {"depth_m": 101.0}, "max_depth_m"),
         ("setpoint", {"x_m": 10**400}, "must be -10000 to 10000"),
+        ("setpoint", {"depth_m": -1}, "depth_m = -1: must be 0 to 100 (supervisor.max_depth_m)"),
+        ("setpoint", {"depth_m": 101}, "supervisor.max_depth_m is 100"),
         ("setpoint", {"depth_m": "3"}, "depth_m"),
         ("gains", {"axis": "roll", "kappa_per_s": 1.0}, "surge, sway, heave, yaw"),
         ("gains", {"axis": "heave"}, "at least one"),

@@ -7,10 +7,11 @@ import sys
 import tomllib
 
 import pytest
-from virtual import ROOT
+from virtual import ROOT, hold
 
 from companion import registry
 from companion.config import DEFAULT_FILE, ConfigError, load_config
+from companion.engine import Engine
 
 PAGE = (ROOT / "docs" / "your-own-controller.md").read_text(encoding="utf-8")
 BLOCKS = re.findall(r"```(\w+)\n(.*?)```", PAGE, re.DOTALL)
@@ -126,3 +127,46 @@ def test_an_entry_point_makes_the_name_known_without_a_table(folder):
 def test_what_cannot_be_used_says_why(plugins, overrides, said):
     with pytest.raises(ConfigError, match=re.escape(said)):
         load_config(overrides=overrides)
+
+
+COMPENSATOR = """
+from typing import NamedTuple
+class Parameters(NamedTuple):
+    dead_zone: float
+class State(NamedTuple):
+    bias: float
+def initial(parameters): return State(0.0)
+def step(parameters, state, signals, learn_s, adapt): return state, 0.0, False
+def seed(parameters, state, signals, d_hat): return state
+def weight_norm(state): return 0.0
+def integral_gain(parameters): return 0.0
+"""
+
+
+@pytest.mark.parametrize(
+    ("sound", "wrong", "said"),
+    [
+        ("return state, 0.0, False", "return state, 0.0", "step returns (State(bias=0.0), 0.0): must"),
+        ("return state, 0.0, False", "return state, 0.0, None", "must be State, float, bool"),
+        ("return state, 0.0, False", "return 0.0, state, False", "must be State, float, bool"),
+        ("return state, 0.0, False", "return state.boas, 0.0, False", "AttributeError: 'State' object"),
+        ("return State(0.0)", "return 0.0", "initial returns 0.0: must be State"),
+        ("d_hat): return state", "d_hat): pass", "seed returns None: must be State"),
+        ("(state): return 0.0", "(state): return 'much'", "weight_norm returns 'much': must be float"),
+    ],
+)
+def test_a_function_of_the_wrong_shape_is_named_with_its_file(tmp_path, monkeypatch, sound, wrong, said):
+    assert sound in COMPENSATOR
+    for name, text in (("sound", COMPENSATOR), ("wrong", COMPENSATOR.replace(sound, wrong))):
+        (tmp_path / f"{name}_{tmp_path.name}.py").write_text(text)
+    monkeypatch.syspath_prepend(tmp_path)
+
+    def built(name):
+        overrides = [f"compensators.c.module={name}_{tmp_path.name}", "heave.compensator=c"]
+        return Engine(load_config(overrides=overrides), hold())
+
+    built("sound")
+    with pytest.raises(ConfigError) as refused:
+        built("wrong")
+    assert f"{tmp_path}/wrong_{tmp_path.name}.py: " in str(refused.value)
+    assert said in str(refused.value)

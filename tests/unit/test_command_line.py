@@ -81,6 +81,14 @@ def test_what_makes_no_sense_is_refused(arguments, says, capsys):
     assert says in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("depth", ["-1", "100.5", "nan"])
+def test_a_depth_is_refused_with_the_limit_that_is_in_force(depth, capsys):
+    assert holdfast.main(["run", "--depth", depth]) == 2
+    assert "must be 0 to 100 (supervisor.max_depth_m)\n" in capsys.readouterr().err
+    assert holdfast.main(["run", "--depth", depth, "--set", "supervisor.max_depth_m=30"]) == 2
+    assert "must be 0 to 30 (supervisor.max_depth_m)\n" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("command", ["report", "record --repair", "lab rerun"])
 def test_what_is_no_recording_is_refused_with_status_2(command, capsys, tmp_path):
     file = tmp_path / "notes.txt"
@@ -147,7 +155,13 @@ def test_a_base_installation_checks_without_rich_and_says_what_watch_needs():
         print(holdfast.main(["watch", "--once"]))
     """
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
-    assert done.stdout.splitlines() == [" REFUSED  link: none", "          why. Fix: fix", "2", "2"]
+    assert done.stdout.splitlines() == [
+        " REFUSED  link: none",
+        "          why. Fix: fix",
+        "NOT ready: link: none",
+        "2",
+        "2",
+    ]
     extra = f"{sys.executable} -m pip install 'holdfast-rov[dashboard]'"
     assert f"holdfast watch: needs rich. Install the extra: {extra}" in done.stderr
 
@@ -302,7 +316,7 @@ def test_a_simulated_vehicle_that_there_is_not_is_refused_with_those_there_are(c
 
 def test_neutral_is_claimed_of_a_vehicle_that_was_heard_alone():
     assert parting(steering=True, silent=False) == "the vehicle was left neutral"
-    assert "silent" in parting(steering=True, silent=True)
+    assert "not heard" in parting(steering=True, silent=True)
     assert parting(steering=False, silent=True) == "it was not steering"
 
 

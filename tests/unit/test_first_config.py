@@ -118,7 +118,38 @@ def test_a_wrong_vehicle_is_reported_by_key_and_range(here, capsys):
     text = (PRESETS / "heavy.toml").read_text()
     (here / "mine.toml").write_text(with_values(text, {"heave.mass": -1.0}))
     assert holdfast.main(["config", "check", "mine.toml"]) == 2
-    assert "mine.toml: heave.mass = -1: must be" in capsys.readouterr().err
+    (number,) = [
+        n for n, line in enumerate((here / "mine.toml").read_text().splitlines(), 1) if "mass = -1.0" in line
+    ]
+    said = capsys.readouterr().err
+    assert "mine.toml: heave.mass = -1: must be" in said
+    assert said.endswith(f"(line {number})\n")
+
+
+@pytest.mark.parametrize(
+    ("text", "line"),
+    [
+        ("[heave]\n# a word\nkappa_per_s = 800", 3),
+        ("heave.kappa_per_s = 800", 1),
+        ("\n[ heave ] # here\n  kappa_per_s=800", 3),
+        ("[surge]\nkappa_per_s = 4\n[heave]\nkapa_per_s = 4", 4),
+        ("[heave]\nkappa_per_s = 4 5", 2),
+    ],
+)
+def test_what_is_wrong_in_a_file_has_its_line(here, capsys, text, line):
+    (here / "mine.toml").write_text(text)
+    assert holdfast.main(["config", "check", "mine.toml"]) == 2
+    assert f"line {line}" in capsys.readouterr().err
+
+
+def test_no_comment_of_the_file_says_what_an_answer_has_changed(here):
+    assert holdfast.main(["init", "--yes", "--holds", "depth", "--control", "always"]) == 0
+    text = (here / "companion.toml").read_text()
+    assert "the value here" not in text
+    for line in text.splitlines():
+        _, _, comment = line.partition("#")
+        assert "Holdfast controls yaw" not in comment or '"manual": Holdfast controls yaw' in comment
+        assert "of this machine" not in comment or '"local": of this machine' in comment
 
 
 def test_every_key_is_shown_with_its_range_and_where_it_comes_from(here, capsys):

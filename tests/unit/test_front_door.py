@@ -117,9 +117,9 @@ def test_a_heading_for_a_depth_only_dive_is_refused_before_anything_starts(capsy
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        (["--depth", "-5"], "--depth = -5: must be 0 to 1000"),
-        (["--depth", "nan"], "--depth = nan: must be 0 to 1000"),
-        (["--depth", "inf"], "--depth = inf: must be 0 to 1000"),
+        (["--depth", "-5"], "--depth = -5: must be 0 to 100 (supervisor"),
+        (["--depth", "nan"], "--depth = nan: must be 0 to 100 (supervisor"),
+        (["--depth", "inf"], "--depth = inf: must be 0 to 100 (supervisor"),
         (["--depth", "150"], "max_depth_m"),
         (["--heading", "400"], "--heading = 400: must be -360 to 360"),
         (["--heading", "nan"], "--heading = nan: must be -360 to 360"),
