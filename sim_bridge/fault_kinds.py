@@ -1,14 +1,11 @@
 """What can break: one table of kinds, and the record of one fault."""
 
-from difflib import get_close_matches
 from math import inf, isfinite
 from typing import Annotated, NamedTuple
 
 import msgspec
 from msgspec import Meta
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
-
-from sim_bridge.firmware.params import DEFAULTS
 
 LARGEST_FLOAT = 3.4e38
 """Of 32 bits, as MAVLink has them."""
@@ -101,10 +98,8 @@ class Fault(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         kind = FAULT_KINDS.get(self.kind)
         if kind is None:
             raise ValueError(f"no fault of kind '{self.kind}'; there are {', '.join(FAULT_KINDS)}")
-        if self.kind == "parameter" and self.parameter not in DEFAULTS:
-            raise ValueError(
-                f"parameter = '{self.parameter}': ArduSub has none of this name{_near(self.parameter)}"
-            )
+        if self.kind == "parameter" and not self.parameter:
+            raise ValueError("a fault of kind 'parameter' needs its name in 'parameter'")
         if self.message and not hasattr(mavlink, f"MAVLINK_MSG_ID_{self.message}"):
             raise ValueError(f"message = '{self.message}': is no message of MAVLink")
         if abs(self.value) > LARGEST_FLOAT and isfinite(self.value):
@@ -113,8 +108,3 @@ class Fault(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             raise ValueError(
                 f"value of a fault of kind '{self.kind}' must be within {kind.low:g}..{kind.high:g}"
             )
-
-
-def _near(name: str) -> str:
-    near = get_close_matches(name.upper(), DEFAULTS, 3)
-    return f"; is it {' or '.join(near)}?" if near else ""

@@ -7,12 +7,14 @@ import copy
 import heapq
 import math
 from collections.abc import Iterable, Sequence
+from difflib import get_close_matches
 
 import msgspec
 import numpy as np
 
 from sim_bridge.fault_kinds import Fault
 from sim_bridge.firmware.messages import Message
+from sim_bridge.firmware.params import DEFAULTS
 from sim_bridge.physics.thrusters import Eight
 
 Datagram = tuple[int, bytes]
@@ -24,7 +26,7 @@ class Faults:
     """The script and its progress. Times are seconds of the simulation."""
 
     def __init__(self, script: Iterable[Fault], rng: np.random.Generator) -> None:
-        self._script = [part for fault in script for part in _each(fault)]
+        self._script = [part for fault in script for part in _each(checked(fault))]
         self._pending = sorted(self._script, key=lambda fault: fault.at_s)
         self._active: list[Fault] = []
         self._change_s = self._pending[0].at_s if self._pending else math.inf
@@ -125,6 +127,15 @@ class Faults:
 
     def _chance(self, probability: float) -> bool:
         return probability > 0.0 and bool(self._rng.random() < probability)
+
+
+def checked(fault: Fault) -> Fault:
+    """Return a fault; raise ValueError for a parameter that ArduSub does not have."""
+    if fault.kind == "parameter" and fault.parameter not in DEFAULTS:
+        near = " or ".join(get_close_matches(fault.parameter.upper(), DEFAULTS, 3))
+        said = f"parameter = '{fault.parameter}': ArduSub has none of this name"
+        raise ValueError(f"{said}{f'; is it {near}?' if near else ''}")
+    return fault
 
 
 def _each(fault: Fault) -> list[Fault]:

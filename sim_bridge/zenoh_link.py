@@ -12,6 +12,7 @@ import zenoh
 
 from holdfast import RefusedError
 from sim_bridge.fault_kinds import Fault
+from sim_bridge.faults import checked
 from sim_bridge.physics.plant import Six
 from sim_bridge.vehicle import Truth
 
@@ -55,8 +56,8 @@ class Reply(msgspec.Struct, frozen=True):
 def answer(payload: bytes, take: Callable[[Fault], None]) -> Reply:
     """Take a fault out of a query's payload, whatever the bytes."""
     try:
-        fault = msgspec.json.decode(payload, type=Fault)
-    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
+        fault = checked(msgspec.json.decode(payload, type=Fault))
+    except (msgspec.MsgspecError, ValueError, RecursionError) as error:
         return Reply(done=False, said=f"no fault: {error}")
     take(fault)
     return Reply(done=True, said=f"{fault.kind} begins in {fault.at_s:g} s")

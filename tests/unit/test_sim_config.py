@@ -34,7 +34,6 @@ def test_shipped_dives_run_and_stay_in_their_water(file):
         ("sensors.depth_scale='deep'", ["sensors.depth_scale", "deep"]),
         ("faults=[{kind='gremlin'}]", ["faults[0]", "gremlin", "link_cut"]),
         ("faults=[{kind='parameter'}]", ["faults[0]", "parameter"]),
-        ("faults=[{kind='parameter', parameter='FS_PILOT_INPT'}]", ["faults[0]", "is it FS_PILOT_INPUT"]),
         ("faults=[{kind='message_nan', message='ATTITUD'}]", ["faults[0]", "ATTITUD", "no message"]),
         ("faults=[{kind='link_lossy', value=3}]", ["faults[0]", "0..1"]),
         ("speed", ["speed", "section.key=value"]),

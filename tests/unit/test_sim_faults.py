@@ -220,6 +220,15 @@ def test_whatever_is_asked_for_live_the_vehicle_goes_on(payload):
     assert is_finite(rov)
 
 
+def test_a_parameter_that_ardusub_does_not_have_is_refused_with_the_nearest():
+    asked: list[Fault] = []
+    reply = answer(b'{"kind": "parameter", "parameter": "FS_PILOT_INPT", "value": 0}', asked.append)
+    assert (reply.done, asked) == (False, [])
+    assert "is it FS_PILOT_INPUT or " in reply.said
+    with pytest.raises(ValueError, match="ArduSub has none of this name"):
+        vehicle("faults=[{kind='parameter', parameter='SERIAL99'}]")
+
+
 def test_the_list_names_every_shipped_dive_and_every_fault():
     text = listing(shipped())
     assert all(f"\n  {name} " in text for name in shipped())
