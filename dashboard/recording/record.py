@@ -122,7 +122,7 @@ class RecorderThread(SessionThread):
             history=True,
         ):
             while not self._closing.wait(_DRAIN_S):
-                while heard:
+                for _ in range(len(heard)):
                     if (name := heard.popleft()).isprintable():  # a file is called by it
                         return name
         return ""
@@ -204,7 +204,7 @@ class RecorderThread(SessionThread):
             self._replies.append(reply.ok.payload.to_bytes())
 
     def _drain(self, recorder: DiveRecorder) -> None:
-        while self._replies:
+        for _ in range(len(self._replies)):
             if text := readable(self._replies.popleft()):
                 recorder.describe("config", {"json": text})
         for _ in range(len(self._queue)):
@@ -215,7 +215,7 @@ class RecorderThread(SessionThread):
         self._answer(recorder)
 
     def _answer(self, recorder: DiveRecorder) -> None:
-        while self._switched:
+        for _ in range(len(self._switched)):
             on, answer = self._switched.popleft()
             if not answer.set_running_or_notify_cancel():
                 continue

@@ -263,8 +263,10 @@ UNLEARNT = [f"{axis}.learning_rate=0" for axis in AXES]
 
 
 def number(rng: Random, least: float, most: float) -> float:
-    """Return a number of a range: an end of it, any, or any by its size."""
+    """Return a number of a range: an end of it, any, any by its size, or nearly 0."""
     draw = rng.random()
+    if draw > 0.97 and least <= 0.0:
+        return 10.0 ** rng.uniform(-323.0, -7.0)
     if draw < 0.25:
         return rng.choice((least, most))
     if draw < 0.5:

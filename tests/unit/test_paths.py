@@ -1,6 +1,7 @@
 """Geometry and time law of paths: continuous, within their limits, closed where they say so."""
 
 import math
+import re
 from itertools import pairwise
 
 import numpy as np
@@ -10,10 +11,12 @@ from hypothesis import strategies as st
 
 from companion.config import load_config
 from companion.control.reference import ACCELERATION_LAG_S
-from companion.guidance.paths.curve import straight
+from companion.guidance.paths.curve import Curve, Node, straight
 from companion.guidance.paths.shapes import build as built
 from companion.guidance.paths.time_law import TimeLaw, limits, profiled
+from companion.records import ZERO
 from companion.steps import finish
+from companion.telemetry.commands import parse
 from companion.telemetry.plan import Circle, LawnMower, Lemniscate, PathPlan, Waypoint
 
 DT_S = 0.02
@@ -247,3 +250,32 @@ def test_any_polyline_is_continuous_and_keeps_its_limits(points, corner_m, close
             assert math.hypot(*now.eta_d_ddot[:3]) <= plan.acceleration_mps2 * 1.05
             assert math.dist(now.eta_d[:3], before.eta_d[:3]) <= 0.5 * DT_S + 1e-6
             before = now
+
+
+@pytest.mark.parametrize(
+    ("s", "x"), [(math.nan, 1.0), (math.inf, 1.0), (1.0, math.inf), (1e-9, 1.0), (-1.0, 1.0)]
+)
+def test_a_curve_takes_no_node_that_is_nowhere_or_not_behind_the_one_before(s, x):
+    with pytest.raises(ValueError, match=r"no finite line|too close"):
+        Curve([Node(0.0, ZERO, ZERO, ZERO), Node(s, (x, 0.0, 0.0, 0.0), ZERO, ZERO)])
+
+
+@pytest.mark.parametrize(
+    ("name", "payload", "said"),
+    [
+        (
+            "follow",
+            '{"path":{"waypoint":[{"x_m":0,"y_m":0},{"x_m":1,"y_m":0,"corner_m":1e-320}]}}',
+            "path.waypoint[1].corner_m = 9.99989e-321: must be 0, or 0.001 to 100",
+        ),
+        (
+            "follow",
+            '{"path":{"corner_m":-1,"waypoint":[]}}',
+            "path.corner_m = -1: must be 0, or 0.001 to 100",
+        ),
+        ("gains", '{"axis":"yaw","dead_zone":1e-300}', "dead_zone = 1e-300: must be 0, or 1e-06 to 0.5"),
+    ],
+)
+def test_what_is_nearly_0_is_refused_where_0_means_none(name, payload, said):
+    with pytest.raises(ValueError, match=re.escape(said)):
+        parse(name, payload.encode())
